@@ -1,0 +1,58 @@
+//! Directions, orthonormal bases and singular values, safe at any scale.
+
+use glam::DVec3;
+
+/// `v` scaled to unit length at any magnitude (1e±300); zero stays zero.
+pub fn unit(v: DVec3) -> DVec3 {
+    let largest = v.abs().max_element();
+    if largest == 0.0 || !largest.is_finite() {
+        return DVec3::ZERO;
+    }
+    (v / largest).normalize()
+}
+
+/// An orthonormal pair (s, t) with s × t along `normal` (which may have any length but zero).
+///
+/// Source: Duff et al. 2017, "Building an Orthonormal Basis, Revisited": no branch on the direction, and no
+/// loss of precision near −z.
+pub fn orthonormal(normal: DVec3) -> (DVec3, DVec3) {
+    let n = unit(normal);
+    let sign = 1.0_f64.copysign(n.z);
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    (DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y))
+}
+
+/// The larger singular value of the 3×2 matrix [s t]: the larger semi-axis of the ellipse u·s + v·t.
+pub fn largest_singular_value(s: DVec3, t: DVec3) -> f64 {
+    let scale = s.abs().max_element().max(t.abs().max_element());
+    if scale == 0.0 {
+        return 0.0;
+    }
+    let (s, t) = (s / scale, t / scale);
+    let (a, b, c) = (s.dot(s), s.dot(t), t.dot(t));
+    scale * (0.5 * (a + c) + (0.5 * (a - c)).hypot(b)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn orthonormal_pairs_are_right_handed_for_every_direction() {
+        for i in 0..1000 {
+            let (a, b) = (f64::from(i) * 2.399_963, 1.0 - f64::from(i) / 499.5);
+            let n = DVec3::new(a.cos() * (1.0 - b * b).max(0.0).sqrt(), a.sin() * (1.0 - b * b).max(0.0).sqrt(), b);
+            let (s, t) = orthonormal(n * 1e-200);
+            assert!((s.cross(t) - n).length() < 1e-14 && s.dot(t).abs() < 1e-15, "{n}");
+            assert!((s.length() - 1.0).abs() < 1e-14 && (t.length() - 1.0).abs() < 1e-14, "{n}");
+        }
+    }
+
+    #[test]
+    fn largest_singular_value_of_a_sheared_pair() {
+        // [s t] = [[2, 3], [0, 2]]: singular values 4 and 1.
+        let value = largest_singular_value(DVec3::new(2.0, 0.0, 0.0), DVec3::new(3.0, 2.0, 0.0));
+        assert!((value - 4.0).abs() < 1e-14, "{value}");
+    }
+}

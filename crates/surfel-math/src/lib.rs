@@ -1,0 +1,4 @@
+//! The formulas of surface splatting.
+
+pub mod basis;
+pub mod srgb;

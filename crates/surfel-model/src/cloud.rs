@@ -1,0 +1,506 @@
+//! Splat clouds as structures of arrays: an attribute that isn't there costs nothing.
+
+use crate::column::retain;
+use crate::{Column3, ExtraColumn, ModelError, Up};
+use glam::DVec3;
+
+/// The splats' extent (rendering model §2).
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// Circular disks.
+    Disks {
+        /// Outward normals, of any length but zero.
+        normals: Column3,
+        /// Radii in object units, greater than 0.
+        radii: Vec<f32>,
+    },
+    /// Elliptical disks p + u·s + v·t, u² + v² ≤ 1, with outward normal s × t.
+    Ellipses {
+        /// Half-axes s (with `t`, any conjugate pair).
+        s: Column3,
+        /// Half-axes t.
+        t: Column3,
+    },
+}
+
+/// One rational quadratic Bézier clip curve a splat (rendering model §7), in the splat's own (u, v).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClipCurve {
+    /// Angle of P1 on the unit circle, radians.
+    pub theta1: f32,
+    /// Angle of P3 on the unit circle, radians.
+    pub theta3: f32,
+    /// u of P2.
+    pub u: f32,
+    /// v of P2.
+    pub v: f32,
+    /// Weight of P2, at least 0; NaN: no curve.
+    pub w: f32,
+}
+
+/// Keeps a·u + b·v + c ≥ 0; NaN: absent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(missing_docs, reason = "the coefficients of the type's own formula")]
+pub struct ClipLine {
+    pub a: f32,
+    pub b: f32,
+    pub c: f32,
+}
+
+/// How a splat's clip lines combine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClipMode {
+    /// Every line must keep (convex).
+    And,
+    /// One is enough (concave).
+    Or,
+}
+
+/// Clip columns of a cloud; each is there only if the file had it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ClipColumns {
+    /// One curve a splat.
+    pub curves: Option<Vec<ClipCurve>>,
+    /// Up to four lines a splat.
+    pub lines: Option<Vec<[ClipLine; 4]>>,
+    /// How the lines combine; all `And` when absent.
+    pub modes: Option<Vec<ClipMode>>,
+}
+
+/// What a cloud is built from: the same columns, not yet checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CloudData {
+    /// World offset of the centres, in object units (f64, so that georeferenced data keeps its detail).
+    pub origin: DVec3,
+    /// Centres relative to `origin`.
+    pub centers: Column3,
+    /// Extent and orientation.
+    pub shape: Shape,
+    /// Linear RGB albedo; white when absent.
+    pub colors: Option<Vec<[f32; 3]>>,
+    /// Alpha in [0, 1]; opaque when absent.
+    pub alphas: Option<Vec<f32>>,
+    /// Shading normals of any length but zero; the outward normal when absent.
+    pub shading_normals: Option<Column3>,
+    /// Clip curves and lines.
+    pub clips: Option<ClipColumns>,
+    /// Σw inside the cloud's own surface at cutoff 2 (rendering model §5, coverage), where it is known.
+    pub interior_weight: Option<f64>,
+    /// Which axis is up.
+    pub up: Option<Up>,
+    /// Properties that Surfel doesn't interpret.
+    pub extras: Vec<ExtraColumn>,
+    /// Comment lines of the file.
+    pub comments: Vec<String>,
+}
+
+impl CloudData {
+    /// Data with nothing but centres and shape.
+    pub fn new(origin: DVec3, centers: Column3, shape: Shape) -> Self {
+        Self {
+            origin,
+            centers,
+            shape,
+            colors: None,
+            alphas: None,
+            shading_normals: None,
+            clips: None,
+            interior_weight: None,
+            up: None,
+            extras: Vec::new(),
+            comments: Vec::new(),
+        }
+    }
+
+    fn retain(&mut self, keep: &[bool]) {
+        self.centers.retain(keep);
+        match &mut self.shape {
+            Shape::Disks { normals, radii } => {
+                normals.retain(keep);
+                retain(radii, keep);
+            }
+            Shape::Ellipses { s, t } => {
+                s.retain(keep);
+                t.retain(keep);
+            }
+        }
+        if let Some(c) = &mut self.colors {
+            retain(c, keep);
+        }
+        if let Some(c) = &mut self.alphas {
+            retain(c, keep);
+        }
+        if let Some(c) = &mut self.shading_normals {
+            c.retain(keep);
+        }
+        if let Some(clips) = &mut self.clips {
+            if let Some(c) = &mut clips.curves {
+                retain(c, keep);
+            }
+            if let Some(c) = &mut clips.lines {
+                retain(c, keep);
+            }
+            if let Some(c) = &mut clips.modes {
+                retain(c, keep);
+            }
+        }
+        for e in &mut self.extras {
+            e.values.retain(keep);
+        }
+    }
+
+    fn check_columns(&self) -> Result<(), ModelError> {
+        let expected = self.centers.len();
+        let clips = self.clips.as_ref();
+        let (shape, second) = match &self.shape {
+            Shape::Disks { normals, radii } => (("normals", normals.len()), ("radii", radii.len())),
+            Shape::Ellipses { s, t } => (("s", s.len()), ("t", t.len())),
+        };
+        let columns = [
+            Some(shape),
+            Some(second),
+            self.colors.as_ref().map(|c| ("colors", c.len())),
+            self.alphas.as_ref().map(|c| ("alphas", c.len())),
+            self.shading_normals.as_ref().map(|c| ("shading_normals", c.len())),
+            clips.and_then(|c| c.curves.as_ref()).map(|c| ("clip curves", c.len())),
+            clips.and_then(|c| c.lines.as_ref()).map(|c| ("clip lines", c.len())),
+            clips.and_then(|c| c.modes.as_ref()).map(|c| ("clip modes", c.len())),
+            self.extras.iter().map(|e| ("extras", e.values.len())).find(|c| c.1 != expected),
+        ];
+        match columns.into_iter().flatten().find(|c| c.1 != expected) {
+            Some((column, found)) => Err(ModelError::ColumnLength { column, found, expected }),
+            None => Ok(()),
+        }
+    }
+
+    /// What is wrong with splat `i`, if anything.
+    fn problem(&self, i: usize) -> Option<String> {
+        let p = self.centers.get(i);
+        if !p.is_finite() {
+            return Some(format!("its position ({}, {}, {}) is not finite", p.x, p.y, p.z));
+        }
+        match &self.shape {
+            Shape::Disks { normals, radii } => {
+                let (n, r) = (normals.get(i), radii[i]);
+                if !r.is_finite() || r <= 0.0 {
+                    return Some(format!("its radius is {r}, expected a finite number greater than 0"));
+                }
+                if !n.is_finite() || n == DVec3::ZERO {
+                    return Some(format!("its normal is ({}, {}, {}), expected finite and not zero", n.x, n.y, n.z));
+                }
+            }
+            Shape::Ellipses { s, t } => {
+                for (name, a) in [("s", s.get(i)), ("t", t.get(i))] {
+                    if !a.is_finite() || a == DVec3::ZERO {
+                        let expected = "expected finite and not zero";
+                        return Some(format!("its half-axis {name} is ({}, {}, {}), {expected}", a.x, a.y, a.z));
+                    }
+                }
+                let (a, b) = (s.get(i), t.get(i));
+                // Scaled to unit length first, so that tiny splats aren't mistaken for degenerate ones. Below
+                // 1e-12 the plane's direction is lost in the rounding of f32 axes at any usable aspect ratio.
+                let (a, b) = (a / a.abs().max_element(), b / b.abs().max_element());
+                if a.normalize().cross(b.normalize()).length() < 1e-12 {
+                    return Some("its half-axes are parallel, so it has no normal".into());
+                }
+            }
+        }
+        if let Some(n) = self.shading_normals.as_ref().map(|c| c.get(i)) {
+            if !n.is_finite() || n == DVec3::ZERO {
+                return Some(format!(
+                    "its shading normal is ({}, {}, {}), expected finite and not zero",
+                    n.x, n.y, n.z
+                ));
+            }
+        }
+        if let Some(c) = self.colors.as_ref().map(|c| c[i]) {
+            if c.iter().any(|c| !c.is_finite()) {
+                return Some(format!("its colour is {c:?}, expected finite numbers"));
+            }
+        }
+        if let Some(a) = self.alphas.as_ref().map(|a| a[i]) {
+            if !(0.0..=1.0).contains(&a) {
+                return Some(format!("its alpha is {a}, expected a number in [0, 1]"));
+            }
+        }
+        self.clip_problem(i)
+    }
+
+    fn clip_problem(&self, i: usize) -> Option<String> {
+        let clips = self.clips.as_ref()?;
+        if let Some(c) = clips.curves.as_ref().map(|c| c[i]).filter(|c| !c.w.is_nan()) {
+            if c.w < 0.0 || c.w.is_infinite() {
+                return Some(format!(
+                    "its clip_w is {}, expected a finite number of at least 0, or NaN for no clip",
+                    c.w
+                ));
+            }
+            if [c.theta1, c.theta3, c.u, c.v].iter().any(|x| !x.is_finite()) {
+                return Some("its clip curve has a coordinate that is not finite".into());
+            }
+        }
+        let lines = clips.lines.as_ref().map(|l| l[i])?;
+        lines
+            .iter()
+            .any(|l| [l.a, l.b, l.c].iter().any(|x| x.is_infinite()))
+            .then(|| "its clip line has an infinite coefficient".into())
+    }
+}
+
+/// What to do with splats that break the rules (rendering model §10).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OnInvalid {
+    /// Refuse the cloud.
+    Refuse,
+    /// Drop those splats and say how many.
+    Drop,
+}
+
+/// How many splats [`SplatCloud::new`] dropped, and why the first one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Repaired {
+    /// Number of splats dropped.
+    pub dropped: usize,
+    /// The first one's index in the input and its problem.
+    pub first: Option<(usize, String)>,
+}
+
+/// A validated splat cloud.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SplatCloud {
+    data: CloudData,
+}
+
+impl SplatCloud {
+    /// Checks `data` (rendering model §10) and makes a cloud of it.
+    ///
+    /// # Errors
+    /// [`ModelError`] naming the first invalid splat and how many there are, or a column of the wrong length.
+    pub fn new(mut data: CloudData, on_invalid: OnInvalid) -> Result<(Self, Repaired), ModelError> {
+        data.check_columns()?;
+        if data.clips.is_some() && matches!(data.shape, Shape::Disks { .. }) {
+            let message = "clip curves and lines need the half-axes s and t: a disk (normal and radius) has none to measure them in";
+            return Err(ModelError::Conflict(message.into()));
+        }
+        if !data.origin.is_finite() {
+            return Err(ModelError::range("origin", data.origin, "finite coordinates"));
+        }
+        if let Some(w) = data.interior_weight {
+            if !(w > 0.0 && w.is_finite()) {
+                return Err(ModelError::range("interior_weight", w, "a finite number greater than 0"));
+            }
+        }
+        let total = data.centers.len();
+        let mut repaired = Repaired::default();
+        let mut keep = Vec::new();
+        for i in 0..total {
+            if let Some(problem) = data.problem(i) {
+                if repaired.first.is_none() {
+                    keep = vec![true; total];
+                    repaired.first = Some((i, problem));
+                }
+                keep[i] = false;
+                repaired.dropped += 1;
+            }
+        }
+        match (&repaired.first, on_invalid) {
+            (None, _) => {}
+            (Some((index, problem)), OnInvalid::Refuse) => {
+                return Err(ModelError::InvalidElements {
+                    what: "splat",
+                    index: *index,
+                    problem: problem.clone(),
+                    count: repaired.dropped,
+                    total,
+                    advice: "--repair drops them",
+                });
+            }
+            (Some(_), OnInvalid::Drop) => data.retain(&keep),
+        }
+        Ok((Self { data }, repaired))
+    }
+
+    /// Number of splats.
+    pub fn len(&self) -> usize {
+        self.data.centers.len()
+    }
+
+    /// True when there is no splat.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The columns.
+    pub fn data(&self) -> &CloudData {
+        &self.data
+    }
+
+    /// Gives the columns back, to change and validate them again.
+    pub fn into_data(self) -> CloudData {
+        self.data
+    }
+
+    /// Sets what the cloud's Σw is inside its own surface (must be finite and greater than 0, else ignored).
+    pub fn set_interior_weight(&mut self, weight: f64) {
+        if weight.is_finite() && weight > 0.0 {
+            self.data.interior_weight = Some(weight);
+        }
+    }
+
+    /// Sets which axis is up.
+    pub fn set_up(&mut self, up: Up) {
+        self.data.up = Some(up);
+    }
+
+    /// Centre of splat `i` in object space, in f64.
+    #[inline]
+    pub fn center(&self, i: usize) -> DVec3 {
+        self.data.origin + self.data.centers.get(i)
+    }
+
+    /// Half-axes of splat `i` in object space. A disk's are an arbitrary orthogonal pair with s × t along its normal.
+    pub fn axes(&self, i: usize) -> (DVec3, DVec3) {
+        match &self.data.shape {
+            Shape::Ellipses { s, t } => (s.get(i), t.get(i)),
+            Shape::Disks { normals, radii } => {
+                let (s, t) = surfel_math::basis::orthonormal(normals.get(i));
+                let r = f64::from(radii[i]);
+                (s * r, t * r)
+            }
+        }
+    }
+
+    /// Unit outward normal of splat `i` in object space.
+    pub fn normal(&self, i: usize) -> DVec3 {
+        match &self.data.shape {
+            Shape::Disks { normals, .. } => surfel_math::basis::unit(normals.get(i)),
+            Shape::Ellipses { s, t } => {
+                surfel_math::basis::unit(surfel_math::basis::unit(s.get(i)).cross(surfel_math::basis::unit(t.get(i))))
+            }
+        }
+    }
+
+    /// Unit shading normal of splat `i` in object space.
+    pub fn shading_normal(&self, i: usize) -> DVec3 {
+        match &self.data.shading_normals {
+            Some(n) => surfel_math::basis::unit(n.get(i)),
+            None => self.normal(i),
+        }
+    }
+
+    /// Linear RGB albedo of splat `i`.
+    pub fn color(&self, i: usize) -> [f32; 3] {
+        self.data.colors.as_ref().map_or([1.0; 3], |c| c[i])
+    }
+
+    /// Alpha of splat `i`.
+    pub fn alpha(&self, i: usize) -> f32 {
+        self.data.alphas.as_ref().map_or(1.0, |a| a[i])
+    }
+
+    /// Larger semi-axis of splat `i`: the largest singular value of [s t].
+    pub fn radius_max(&self, i: usize) -> f64 {
+        match &self.data.shape {
+            Shape::Disks { radii, .. } => f64::from(radii[i]),
+            Shape::Ellipses { s, t } => surfel_math::basis::largest_singular_value(s.get(i), t.get(i)),
+        }
+    }
+
+    /// Axis-aligned bounds of the splats (not only of their centres), in object space; `None` for an empty cloud.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        let mut bounds: Option<(DVec3, DVec3)> = None;
+        for i in 0..self.len() {
+            let (p, (s, t)) = (self.center(i), self.axes(i));
+            let e = (s * s + t * t).map(f64::sqrt);
+            let (lo, hi) = bounds.unwrap_or((p - e, p + e));
+            bounds = Some((lo.min(p - e), hi.max(p + e)));
+        }
+        bounds
+    }
+
+    /// True if any splat has an alpha below 1.
+    pub fn is_transparent(&self) -> bool {
+        self.data.alphas.as_ref().is_some_and(|a| a.iter().any(|&a| a < 1.0))
+    }
+
+    /// Bytes of heap memory that the columns use.
+    pub fn bytes(&self) -> usize {
+        let d = &self.data;
+        let shape = match &d.shape {
+            Shape::Disks { normals, radii } => normals.bytes() + size_of_val(radii.as_slice()),
+            Shape::Ellipses { s, t } => s.bytes() + t.bytes(),
+        };
+        let clips = d.clips.as_ref().map_or(0, |c| {
+            c.curves.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+                + c.lines.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+                + c.modes.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+        });
+        d.centers.bytes()
+            + shape
+            + d.colors.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+            + d.alphas.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+            + d.shading_normals.as_ref().map_or(0, Column3::bytes)
+            + clips
+            + d.extras.iter().map(|e| e.values.bytes()).sum::<usize>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    fn disks(radii: Vec<f32>) -> CloudData {
+        let n = radii.len();
+        let normals = Column3::from_f32(vec![Vec3::Z; n]);
+        CloudData::new(DVec3::ZERO, Column3::from_f32(vec![Vec3::ZERO; n]), Shape::Disks { normals, radii })
+    }
+
+    #[test]
+    fn an_absent_attribute_costs_nothing() {
+        let (cloud, _) = SplatCloud::new(disks(vec![1.0; 100]), OnInvalid::Refuse).unwrap();
+        assert_eq!(cloud.bytes(), 100 * (12 + 12 + 4));
+    }
+
+    #[test]
+    fn invalid_splats_are_named_and_counted() {
+        let error = SplatCloud::new(disks(vec![1.0, -2.0, f32::NAN, 1.0]), OnInvalid::Refuse).unwrap_err();
+        let text = error.to_string();
+        assert!(text.starts_with("splat 1 is invalid: its radius is -2"), "{text}");
+        assert!(text.contains("2 of 4"), "{text}");
+    }
+
+    #[test]
+    fn repair_drops_them_and_says_how_many() {
+        let (cloud, repaired) = SplatCloud::new(disks(vec![1.0, -2.0, f32::NAN, 3.0]), OnInvalid::Drop).unwrap();
+        assert_eq!((cloud.len(), repaired.dropped), (2, 2));
+        assert_eq!(cloud.radius_max(1), 3.0);
+    }
+
+    #[test]
+    fn each_rule_of_section_10_is_enforced() {
+        let with = |change: fn(&mut CloudData)| {
+            let mut data = disks(vec![1.0]);
+            change(&mut data);
+            SplatCloud::new(data, OnInvalid::Refuse)
+        };
+        assert!(with(|_| ()).is_ok());
+        assert!(with(|d| d.centers = Column3::from_f32(vec![Vec3::INFINITY])).is_err());
+        assert!(with(|d| d.alphas = Some(vec![1.5])).is_err());
+        assert!(with(|d| d.colors = Some(vec![[f32::NAN, 0.0, 0.0]])).is_err());
+        assert!(with(|d| d.shading_normals = Some(Column3::from_f32(vec![Vec3::ZERO]))).is_err());
+        assert!(with(|d| d.colors = Some(vec![])).is_err());
+        assert!(with(|d| d.clips = Some(ClipColumns::default())).is_err());
+        let ellipse = |s: Vec3, t: Vec3| {
+            let data = CloudData::new(
+                DVec3::ZERO,
+                Column3::from_f32(vec![Vec3::ZERO]),
+                Shape::Ellipses { s: Column3::from_f32(vec![s]), t: Column3::from_f32(vec![t]) },
+            );
+            SplatCloud::new(data, OnInvalid::Refuse)
+        };
+        assert!(ellipse(Vec3::X * 1e-15, Vec3::Y * 1e-15).is_ok());
+        assert!(ellipse(Vec3::X, Vec3::ZERO).is_err());
+        assert!(ellipse(Vec3::X, Vec3::X * 2.0).is_err());
+    }
+}

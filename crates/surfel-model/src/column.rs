@@ -1,0 +1,217 @@
+//! Columns of vectors: f32 with an f64 origin, and a residual only where f32 loses something.
+
+use glam::{DVec3, Vec3};
+
+/// A column of 3-vectors in f32, with the part that f32 rounded away kept beside it when there is any.
+///
+/// `value = high + low`. Fast backends read [`Column3::high`]; the f64 reference reads [`Column3::get`].
+/// A column whose source was f32 has no low part, and costs 12 bytes an element.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Column3 {
+    high: Vec<Vec3>,
+    low: Option<Vec<Vec3>>,
+}
+
+impl Column3 {
+    /// A column of f32 values, kept exactly.
+    pub fn from_f32(high: Vec<Vec3>) -> Self {
+        Self { high, low: None }
+    }
+
+    /// A column of f64 values, kept to about 48 bits. The low part is dropped when it is zero everywhere.
+    pub fn from_f64(values: &[DVec3]) -> Self {
+        let high: Vec<Vec3> = values.iter().map(|v| v.as_vec3()).collect();
+        let low: Vec<Vec3> = values
+            .iter()
+            .zip(&high)
+            .map(|(v, h)| if h.is_finite() { (*v - h.as_dvec3()).as_vec3() } else { Vec3::ZERO })
+            .collect();
+        let exact = low.iter().all(|l| *l == Vec3::ZERO);
+        Self { high, low: (!exact).then_some(low) }
+    }
+
+    /// Splits points into an f64 origin and offsets from it, so that georeferenced data keeps its detail.
+    ///
+    /// Points that f32 holds exactly keep the origin at zero. Otherwise the origin is the centre of the
+    /// finite points' bounds, rounded to a whole power of two no finer than the extent needs, and offsets
+    /// are exact to about 48 bits of the extent. Non-finite points stay non-finite.
+    pub fn with_origin(points: &[DVec3]) -> (DVec3, Self) {
+        let direct = Self::from_f64(points);
+        if direct.low.is_none() {
+            return (DVec3::ZERO, direct);
+        }
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for p in points.iter().filter(|p| p.is_finite()) {
+            (min, max) = (min.min(*p), max.max(*p));
+        }
+        let extent = (max - min).max_element();
+        // Close to the coordinate origin an offset gains nothing.
+        if min.x > max.x || min.abs().max(max.abs()).max_element() <= 4.0 * extent {
+            return (DVec3::ZERO, direct);
+        }
+        let grid = extent.max(f64::MIN_POSITIVE).log2().ceil().exp2();
+        let origin = ((min + max) * (0.5 / grid)).round() * grid;
+        let offsets: Vec<DVec3> = points.iter().map(|p| *p - origin).collect();
+        (origin, Self::from_f64(&offsets))
+    }
+
+    /// Number of elements.
+    pub fn len(&self) -> usize {
+        self.high.len()
+    }
+
+    /// True when there is no element.
+    pub fn is_empty(&self) -> bool {
+        self.high.is_empty()
+    }
+
+    /// The element as exactly as it is stored.
+    #[inline]
+    pub fn get(&self, index: usize) -> DVec3 {
+        let high = self.high[index].as_dvec3();
+        match &self.low {
+            Some(low) => high + low[index].as_dvec3(),
+            None => high,
+        }
+    }
+
+    /// The f32 part: the value rounded to nearest.
+    pub fn high(&self) -> &[Vec3] {
+        &self.high
+    }
+
+    /// What the f32 part rounded away, where that is anything.
+    pub fn low(&self) -> Option<&[Vec3]> {
+        self.low.as_deref()
+    }
+
+    /// Drops the low part.
+    pub fn discard_low(&mut self) {
+        self.low = None;
+    }
+
+    /// Bytes of heap memory in use.
+    pub fn bytes(&self) -> usize {
+        (self.high.len() + self.low.as_ref().map_or(0, Vec::len)) * size_of::<Vec3>()
+    }
+
+    /// Keeps the elements whose flag is set.
+    pub fn retain(&mut self, keep: &[bool]) {
+        retain(&mut self.high, keep);
+        if let Some(low) = &mut self.low {
+            retain(low, keep);
+        }
+    }
+
+    /// The elements at `indices`, in that order.
+    pub fn select(&self, indices: &[u32]) -> Self {
+        let pick = |v: &[Vec3]| indices.iter().map(|&i| v[i as usize]).collect();
+        Self { high: pick(&self.high), low: self.low.as_deref().map(pick) }
+    }
+}
+
+/// Keeps the elements of `values` whose flag is set.
+pub(crate) fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
+    let mut flags = keep.iter();
+    values.retain(|_| *flags.next().unwrap_or(&true));
+}
+
+/// A property that Surfel doesn't interpret, carried so that a round trip loses nothing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExtraColumn {
+    /// The property's name in its file.
+    pub name: String,
+    /// Its values, one an element.
+    pub values: ExtraValues,
+}
+
+/// Values of an [`ExtraColumn`], in the file's own type.
+#[derive(Clone, Debug, PartialEq)]
+#[expect(missing_docs, reason = "the variants are the PLY scalar types")]
+pub enum ExtraValues {
+    I8(Vec<i8>),
+    U8(Vec<u8>),
+    I16(Vec<i16>),
+    U16(Vec<u16>),
+    I32(Vec<i32>),
+    U32(Vec<u32>),
+    F32(Vec<f32>),
+    F64(Vec<f64>),
+}
+
+macro_rules! each_extra {
+    ($self:expr, $values:ident => $body:expr) => {
+        match $self {
+            ExtraValues::I8($values) => $body,
+            ExtraValues::U8($values) => $body,
+            ExtraValues::I16($values) => $body,
+            ExtraValues::U16($values) => $body,
+            ExtraValues::I32($values) => $body,
+            ExtraValues::U32($values) => $body,
+            ExtraValues::F32($values) => $body,
+            ExtraValues::F64($values) => $body,
+        }
+    };
+}
+
+impl ExtraValues {
+    /// Number of values.
+    pub fn len(&self) -> usize {
+        each_extra!(self, v => v.len())
+    }
+
+    /// True when there is no value.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Bytes of heap memory in use.
+    pub fn bytes(&self) -> usize {
+        each_extra!(self, v => size_of_val(v.as_slice()))
+    }
+
+    /// Keeps the values whose flag is set.
+    pub fn retain(&mut self, keep: &[bool]) {
+        each_extra!(self, v => retain(v, keep));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn georeferenced_points_keep_sub_millimetre_detail_in_f32() {
+        let points: Vec<DVec3> = (0..1000)
+            .map(|i| {
+                DVec3::new(
+                    4.5e6 + f64::from(i) * 1.234_567e-3,
+                    -7.1e6 + f64::from(i) * 3e-4,
+                    312.0 + f64::from(i) * 1e-4,
+                )
+            })
+            .collect();
+        let (origin, column) = Column3::with_origin(&points);
+        for (i, p) in points.iter().enumerate() {
+            let fast = origin + column.high()[i].as_dvec3();
+            assert!((fast - *p).abs().max_element() < 1e-4, "{i}: {fast} {p}");
+            assert!((origin + column.get(i) - *p).abs().max_element() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn f32_data_has_no_low_part_and_no_origin() {
+        let points: Vec<DVec3> = (0..10).map(|i| DVec3::splat(f64::from(0.1_f32 * i as f32))).collect();
+        let (origin, column) = Column3::with_origin(&points);
+        assert_eq!(origin, DVec3::ZERO);
+        assert!(column.low().is_none());
+        assert_eq!(column.bytes(), 120);
+    }
+
+    #[test]
+    fn non_finite_points_stay_non_finite() {
+        let (_, column) = Column3::with_origin(&[DVec3::new(1e6 + 0.1, 0.0, 0.0), DVec3::NAN, DVec3::splat(1e300)]);
+        assert!(!column.get(1).is_finite());
+        assert!(!column.get(2).is_finite());
+    }
+}

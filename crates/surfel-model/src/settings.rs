@@ -1,0 +1,227 @@
+//! Render settings: what trades speed for accuracy, and how the surface is shaded.
+
+use crate::ModelError;
+use serde::{Deserialize, Serialize};
+
+/// Everything about a render that is neither scene nor camera. The defaults are the scene file's and never change.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Screen-space filter.
+    pub filter: Filter,
+    /// Kernel cutoff c: the weight is exp(−c·ρ²). Greater than 0.
+    pub cutoff: f64,
+    /// Least half-width of a filtered footprint, in pixels (h). At least 0; 0 switches the filter off.
+    pub prefilter_radius_px: f64,
+    /// How a splat is mapped to the screen.
+    pub mapping: Mapping,
+    /// How much farther than the nearest surface a fragment may be and still blend with it.
+    pub depth_tolerance: DepthTolerance,
+    /// How pixels are shaded.
+    pub shader: Shader,
+    /// Edge antialiasing by coverage.
+    pub edge_aa: bool,
+    /// How transparent splats are drawn.
+    pub transparency: Transparency,
+    /// How clip curves and lines are evaluated.
+    pub clip: ClipPolicy,
+    /// Precision of accumulation.
+    pub accumulate: Accumulate,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            filter: Filter::Principal,
+            cutoff: 2.0,
+            prefilter_radius_px: std::f64::consts::FRAC_1_SQRT_2,
+            mapping: Mapping::Exact,
+            depth_tolerance: DepthTolerance::Relative(1.0),
+            shader: Shader::Unlit,
+            edge_aa: false,
+            transparency: Transparency::Off,
+            clip: ClipPolicy::Exact,
+            accumulate: Accumulate::F32,
+        }
+    }
+}
+
+impl Settings {
+    /// Checks that every number is in its range.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] naming the field.
+    pub fn validate(&self) -> Result<(), ModelError> {
+        if !(self.cutoff > 0.0 && self.cutoff <= 100.0) {
+            return Err(ModelError::range("settings.cutoff", self.cutoff, "a number in (0, 100]"));
+        }
+        if !(self.prefilter_radius_px >= 0.0 && self.prefilter_radius_px <= 1e4) {
+            let found = self.prefilter_radius_px;
+            return Err(ModelError::range("settings.prefilter_radius_px", found, "a number of pixels in [0, 10000]"));
+        }
+        let (DepthTolerance::Relative(t) | DepthTolerance::Absolute(t)) = self.depth_tolerance;
+        if !(t >= 0.0 && t.is_finite()) {
+            return Err(ModelError::range("settings.depth_tolerance", t, "a finite number, at least 0"));
+        }
+        if let Transparency::Peel { layers: 0, .. } | Transparency::ABuffer { layers: 0 } = self.transparency {
+            return Err(ModelError::range("settings.transparency", self.transparency, "at least one layer"));
+        }
+        Ok(())
+    }
+}
+
+/// Screen-space filters (rendering model §4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Filter {
+    /// The object kernel alone.
+    None,
+    /// Botsch 2005 §5: the larger of the object kernel and a disk of radius h.
+    Clamp,
+    /// Guennebaud 2006 §4.1: tangent vectors lengthened one by one.
+    Adjust,
+    /// Lengthened along the projected ellipse's own axes, weighted by area (ours).
+    Principal,
+    /// Zwicker 2001: affine projection convolved with a Gaussian.
+    Ewa,
+}
+
+impl Filter {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::None, Self::Clamp, Self::Adjust, Self::Principal, Self::Ewa];
+
+    /// The name used in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Clamp => "clamp",
+            Self::Adjust => "adjust",
+            Self::Principal => "principal",
+            Self::Ewa => "ewa",
+        }
+    }
+}
+
+/// How a splat is mapped to the screen (rendering model §3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mapping {
+    /// The projective mapping of the splat's plane (Guennebaud 2006 §3).
+    Exact,
+    /// Its affine approximation about the projected centre (Zwicker 2001).
+    Affine,
+}
+
+/// How much farther than the nearest surface a fragment may be and still blend with it (rendering model §5).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DepthTolerance {
+    /// A multiple of the splat's larger radius.
+    Relative(f64),
+    /// World units.
+    Absolute(f64),
+}
+
+/// How pixels are shaded (rendering model §5).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Shader {
+    /// Albedo as it is.
+    Unlit,
+    /// Ambient, diffuse and specular light.
+    Phong,
+    /// Quantised diffuse with outlines.
+    Toon,
+    /// World normals as colours.
+    Normal,
+    /// Stored depth as grey.
+    Depth,
+}
+
+/// How transparent splats are drawn (rendering model §8). Written `off`, `peel:N`, `peel:N:drop` or `abuffer:L`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum Transparency {
+    /// Every splat is opaque.
+    Off,
+    /// Depth peeling (Guennebaud 2006 §6).
+    Peel {
+        /// Number of layers, the last one included.
+        layers: u32,
+        /// Leaves out the last layer, which blends everything that remains.
+        drop_last: bool,
+    },
+    /// Zwicker 2001 §6.
+    ABuffer {
+        /// Fragments a pixel.
+        layers: u32,
+    },
+}
+
+impl std::fmt::Display for Transparency {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Off => f.write_str("off"),
+            Self::Peel { layers, drop_last } => write!(f, "peel:{layers}{}", if *drop_last { ":drop" } else { "" }),
+            Self::ABuffer { layers } => write!(f, "abuffer:{layers}"),
+        }
+    }
+}
+
+impl std::str::FromStr for Transparency {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        let layers = |n: &str| {
+            n.parse::<u32>()
+                .ok()
+                .filter(|n| (1..=64).contains(n))
+                .ok_or_else(|| format!("'{s}': the number of layers must be a whole number from 1 to 64"))
+        };
+        match s.split(':').collect::<Vec<_>>()[..] {
+            ["off"] => Ok(Self::Off),
+            ["peel", n] => Ok(Self::Peel { layers: layers(n)?, drop_last: false }),
+            ["peel", n, "drop"] => Ok(Self::Peel { layers: layers(n)?, drop_last: true }),
+            ["abuffer", n] => Ok(Self::ABuffer { layers: layers(n)? }),
+            _ => Err(format!("'{s}' is not one of off, peel:N, peel:N:drop, abuffer:L")),
+        }
+    }
+}
+
+impl TryFrom<String> for Transparency {
+    type Error = String;
+
+    fn try_from(s: String) -> Result<Self, String> {
+        s.parse()
+    }
+}
+
+impl From<Transparency> for String {
+    fn from(t: Transparency) -> Self {
+        t.to_string()
+    }
+}
+
+/// How clip curves and lines are evaluated (rendering model §7).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ClipPolicy {
+    /// The curve's implicit form.
+    Exact,
+    /// Equation 7 of the 2012 paper, numerically repaired.
+    Paper,
+    /// The chord of each curve.
+    Line,
+    /// No clipping.
+    Off,
+}
+
+/// Precision in which weighted attributes are summed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Accumulate {
+    /// 32-bit floats.
+    F32,
+    /// 16-bit floats.
+    F16,
+}
