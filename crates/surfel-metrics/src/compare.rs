@@ -1,0 +1,133 @@
+//! The comparison of two pictures.
+
+use crate::error::{MetricsError, check_length};
+use crate::flip::{self, FlipMap, FlipOptions};
+use crate::image::Image;
+use crate::plane::{abs_difference, check_tolerance, psnr_of_rmse, root_mean};
+
+/// Linear value of the sRGB level ½.
+pub const MID_GREY: f32 = 0.214_041_14;
+
+/// What [`compare`] measures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CompareOptions<'a> {
+    /// One flag a pixel, row by row from the top, `true` where it counts; `None`: all count.
+    pub mask: Option<&'a [bool]>,
+    /// A pixel *differs* where a channel's absolute difference is larger than this (linear). Default 0.
+    pub tolerance: f64,
+    /// The signal's peak for PSNR (linear). Default 1.
+    pub peak: f64,
+    /// FLIP's viewing conditions, or `None` to leave it out; the pictures are linear whatever
+    /// [`FlipOptions::encoding`] says. Default: its own default.
+    pub flip: Option<FlipOptions>,
+    /// Linear RGB behind transparent pixels for FLIP, which knows no alpha. Default [`MID_GREY`]: over black
+    /// (or white) a missing black (or white) shape would not be seen. Opaque pictures don't depend on it.
+    pub background: [f32; 3],
+}
+
+impl Default for CompareOptions<'_> {
+    fn default() -> Self {
+        Self { mask: None, tolerance: 0.0, peak: 1.0, flip: Some(FlipOptions::default()), background: [MID_GREY; 3] }
+    }
+}
+
+/// How far two pictures are apart. All but FLIP is about the four linear premultiplied channels.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Comparison {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// How many pixels were compared: those the mask lets through.
+    pub compared: usize,
+    /// Largest absolute difference of a channel; infinite as [`abs_difference`] says.
+    pub max_abs: f64,
+    /// Column and row of the first pixel that is `max_abs` away; `None` where the pictures are equal.
+    pub max_abs_at: Option<(u32, u32)>,
+    /// Root mean squared difference over all channels of the compared pixels.
+    pub rmse: f64,
+    /// Peak signal-to-noise ratio in dB; +∞ for equal pictures.
+    pub psnr: f64,
+    /// How many pixels differ by more than the tolerance in some channel.
+    pub differing: usize,
+    /// How many pixels hold a channel that is infinitely far off (one-sided infinities and NaN).
+    pub non_finite: usize,
+    /// Mean FLIP error of the compared pixels, in [0, 1]; `None` where it was left out.
+    pub flip_mean: Option<f64>,
+    /// FLIP error of every pixel; 0 or little where the mask hides one, as the filters reach there.
+    pub flip: Option<FlipMap>,
+}
+
+/// Compares `test` with `reference`, both linear premultiplied RGBA.
+///
+/// Pixels outside the mask count in no metric. For FLIP they are taken from the reference on both sides, so
+/// that a forgiven pixel doesn't spread to its neighbours through the filters.
+///
+/// # Errors
+/// [`MetricsError::Size`] for pictures of different sizes, [`MetricsError::Length`] for a mask of another one,
+/// [`MetricsError::OutOfRange`] for options out of their range.
+pub fn compare(reference: &Image, test: &Image, options: &CompareOptions) -> Result<Comparison, MetricsError> {
+    let (width, height) = (reference.width(), reference.height());
+    if (width, height) != (test.width(), test.height()) {
+        return Err(MetricsError::Size { a: (width, height), b: (test.width(), test.height()) });
+    }
+    let (a, _) = reference.rgba().as_chunks::<4>();
+    let (b, _) = test.rgba().as_chunks::<4>();
+    if let Some(mask) = options.mask {
+        check_length("the mask", mask.len(), a.len(), "one for each pixel")?;
+    }
+    check_tolerance(options.tolerance)?;
+
+    let counts = |i: usize| options.mask.is_none_or(|mask| mask[i]);
+    let mut result = Comparison {
+        width,
+        height,
+        compared: 0,
+        max_abs: 0.0,
+        max_abs_at: None,
+        rmse: 0.0,
+        psnr: f64::INFINITY,
+        differing: 0,
+        non_finite: 0,
+        flip_mean: None,
+        flip: None,
+    };
+    let mut squares = 0.0;
+    let mut worst = None;
+    for i in (0..a.len()).filter(|&i| counts(i)) {
+        let mut largest = 0.0f64;
+        for (&a, &b) in a[i].iter().zip(&b[i]) {
+            let difference = abs_difference(a, b);
+            squares += difference * difference;
+            largest = largest.max(difference);
+        }
+        result.compared += 1;
+        result.differing += usize::from(largest > options.tolerance);
+        result.non_finite += usize::from(largest.is_infinite());
+        if largest > result.max_abs {
+            result.max_abs = largest;
+            worst = Some(i);
+        }
+    }
+    result.max_abs_at = worst.map(|i| {
+        let width = width as usize;
+        ((i % width) as u32, (i / width) as u32)
+    });
+    result.rmse = root_mean(squares, result.compared * 4);
+    result.psnr = psnr_of_rmse(result.rmse, options.peak)?;
+
+    if let Some(flip_options) = &options.flip {
+        let flip_options = FlipOptions { encoding: flip::Encoding::Linear, ..*flip_options };
+        let behind = reference.over(options.background);
+        let mut front = test.over(options.background);
+        for i in (0..front.len()).filter(|&i| !counts(i)) {
+            front[i] = behind[i];
+        }
+        let map = flip::ldr(width, height, &behind, &front, &flip_options)?;
+        let sum: f64 = (0..map.error.len()).filter(|&i| counts(i)).map(|i| f64::from(map.error[i])).sum();
+        result.flip_mean = Some(if result.compared == 0 { 0.0 } else { sum / result.compared as f64 });
+        result.flip = Some(map);
+    }
+    Ok(result)
+}

@@ -1,0 +1,67 @@
+//! Why two pictures can't be compared.
+
+/// Why two pictures can't be compared. Differences, however large, are results and never errors.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MetricsError {
+    /// A slice has the wrong number of values.
+    #[error("{what} has {found} values, expected {expected}: {rule}")]
+    Length {
+        /// Which slice.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length it should have.
+        expected: usize,
+        /// Where the expected length comes from.
+        rule: &'static str,
+    },
+    /// Pictures of different sizes.
+    #[error(
+        "the pictures are {}x{} and {}x{} pixels, expected equal sizes: render or crop both alike",
+        a.0, a.1, b.0, b.1
+    )]
+    Size {
+        /// Width and height of the first, in pixels.
+        a: (u32, u32),
+        /// Width and height of the second, in pixels.
+        b: (u32, u32),
+    },
+    /// A picture whose values can't be addressed on this machine.
+    #[error("a picture of {width}x{height} pixels is too large to address here, expected fewer pixels: compare crops")]
+    TooLarge {
+        /// Width in pixels.
+        width: u32,
+        /// Height in pixels.
+        height: u32,
+    },
+    /// An option is out of its range.
+    #[error("{field} is {found}, expected {expected}")]
+    OutOfRange {
+        /// The option's name.
+        field: &'static str,
+        /// Its value.
+        found: f64,
+        /// The range.
+        expected: &'static str,
+    },
+}
+
+/// Number of pixels of a `width`×`height` picture, with room for `channels` values each.
+pub(crate) fn pixel_count(width: u32, height: u32, channels: usize) -> Result<usize, MetricsError> {
+    let count = usize::try_from(width).ok().zip(usize::try_from(height).ok()).and_then(|(w, h)| w.checked_mul(h));
+    match count {
+        Some(n) if n.checked_mul(channels).is_some() => Ok(n),
+        _ => Err(MetricsError::TooLarge { width, height }),
+    }
+}
+
+/// Refuses a slice whose length isn't `expected`.
+pub(crate) fn check_length(
+    what: &'static str,
+    found: usize,
+    expected: usize,
+    rule: &'static str,
+) -> Result<(), MetricsError> {
+    if found == expected { Ok(()) } else { Err(MetricsError::Length { what, found, expected, rule }) }
+}

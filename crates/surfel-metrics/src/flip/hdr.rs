@@ -1,0 +1,122 @@
+//! HDR-FLIP: the worst LDR-FLIP error over the exposures a viewer may choose.
+
+use super::{Encoding, FlipMap, FlipOptions, check, map_without_nan};
+use crate::error::MetricsError;
+
+/// The most exposures [`hdr`] looks at; a reference that spans more stops is sampled more coarsely.
+pub const MAX_EXPOSURES: usize = 32;
+
+/// HDR-FLIP's result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HdrFlip {
+    /// The largest error of every pixel over all exposures, and its mean.
+    pub map: FlipMap,
+    /// First exposure in stops: the reference's brightest pixel is tone-mapped to 0.85.
+    pub start_exposure: f64,
+    /// Last exposure in stops: the reference's median luminance is tone-mapped to 0.85.
+    pub stop_exposure: f64,
+    /// How many exposures, evenly spaced from start to stop.
+    pub exposures: usize,
+}
+
+/// HDR-FLIP between two pictures of opaque linear RGB pixels, row by row from the top, with the exposure range
+/// of the reference and the ACES tone mapper (Narkowicz's fit, pre-exposure 0.6 removed).
+///
+/// Negative values count as 0, infinite ones as the largest f32. Note: deviation from the paper: where the
+/// median luminance is 0 (half of the reference is black, common for an object before a black background), the
+/// median of the pixels that aren't black stands in; where all are black, the exposure is 0.
+///
+/// # Errors
+/// As [`ldr`](super::ldr()), and [`MetricsError::OutOfRange`] for an encoding other than linear.
+pub fn hdr(
+    width: u32,
+    height: u32,
+    reference: &[[f32; 3]],
+    test: &[[f32; 3]],
+    options: &FlipOptions,
+) -> Result<HdrFlip, MetricsError> {
+    check(width, height, reference, test, options)?;
+    if options.encoding != Encoding::Linear {
+        return Err(MetricsError::OutOfRange {
+            field: "encoding",
+            found: 1.0,
+            expected: "linear: high dynamic range isn't sRGB-encoded",
+        });
+    }
+    let (start, stop) = exposure_range(reference);
+    let exposures = ((stop - start).ceil().max(2.0) as usize).min(MAX_EXPOSURES);
+    let step = (stop - start) / (exposures - 1) as f64;
+    let mut worst = vec![0.0f32; reference.len()];
+    for i in 0..exposures {
+        let gain = (start + i as f64 * step).exp2();
+        let view = |pixels: &[[f32; 3]], i: usize| pixels[i].map(|v| aces(finite_light(v) * gain).clamp(0.0, 1.0));
+        let errors = map_without_nan(width, height, reference, test, options, view);
+        worst.iter_mut().zip(errors).for_each(|(worst, e)| *worst = worst.max(e));
+    }
+    let map = FlipMap::new(width, height, worst);
+    Ok(HdrFlip { map, start_exposure: start, stop_exposure: stop, exposures })
+}
+
+/// (n₂x² + n₁x)/(d₂x² + d₁x + d₀), highest power first.
+const ACES_NUMERATOR: [f64; 2] = [0.6 * 0.6 * 2.51, 0.6 * 0.03];
+const ACES_DENOMINATOR: [f64; 3] = [0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
+
+fn aces(x: f64) -> f64 {
+    let [n2, n1] = ACES_NUMERATOR;
+    let [d2, d1, d0] = ACES_DENOMINATOR;
+    (n2 * x + n1) * x / ((d2 * x + d1) * x + d0)
+}
+
+/// The value that [`aces`] maps to `target`, in (0, 1).
+fn aces_inverse(target: f64) -> f64 {
+    let [n2, n1] = ACES_NUMERATOR;
+    let [d2, d1, d0] = ACES_DENOMINATOR;
+    let (a, half_b, c) = (n2 - target * d2, 0.5 * (n1 - target * d1), -target * d0);
+    (-half_b + (half_b * half_b - a * c).sqrt()) / a
+}
+
+fn finite_light(v: f32) -> f64 {
+    f64::from(v.clamp(0.0, f32::MAX))
+}
+
+/// First and last exposure in stops, from the reference's brightest and median luminance.
+fn exposure_range(reference: &[[f32; 3]]) -> (f64, f64) {
+    let luminance = |p: &[f32; 3]| {
+        let [r, g, b] = p.map(|v| if v.is_nan() { 0.0 } else { finite_light(v) });
+        0.2126 * r + 0.7152 * g + 0.0722 * b
+    };
+    let mut sorted: Vec<f64> = reference.iter().map(luminance).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let lit = &sorted[sorted.partition_point(|&y| y <= 0.0)..];
+    let Some(&brightest) = lit.last() else { return (0.0, 0.0) };
+    // The upper one of an even number, as the authors' program has it.
+    let median = |sorted: &[f64]| sorted[sorted.len() / 2];
+    let all = median(&sorted);
+    let typical = if all > 0.0 { all } else { median(lit) };
+    let full = aces_inverse(0.85);
+    ((full / brightest).log2(), (full / typical).log2())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn aces_inverse_is_an_inverse() {
+        for target in [0.1, 0.5, 0.85, 0.95] {
+            // 1e-13: a few f64 roundings at values of about 1.
+            assert!((aces(aces_inverse(target)) - target).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn exposure_range_survives_black_bright_and_bad_references() {
+        assert_eq!(exposure_range(&[[0.0; 3]; 4]), (0.0, 0.0));
+        assert_eq!(exposure_range(&[]), (0.0, 0.0));
+        let mostly_black = [[0.0; 3], [0.0; 3], [0.0; 3], [1.0; 3], [f32::NAN; 3], [-1.0; 3]];
+        let (start, stop) = exposure_range(&mostly_black);
+        assert_eq!(start, stop);
+        let (start, stop) = exposure_range(&[[f32::INFINITY; 3], [f32::MIN_POSITIVE; 3], [f32::MIN_POSITIVE; 3]]);
+        assert!(start.is_finite() && stop.is_finite() && start < stop);
+    }
+}

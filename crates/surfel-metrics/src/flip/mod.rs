@@ -1,0 +1,143 @@
+//! ꟻLIP: how different two pictures look when flipped back and forth on one screen.
+//!
+//! - LDR ([`ldr`]): P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström, M. D. Fairchild,
+//!   *ꟻLIP: A Difference Evaluator for Alternating Images*, HPG 2020.
+//! - HDR ([`hdr`]): P. Andersson, J. Nilsson, P. Shirley, T. Akenine-Möller, *Visualizing Errors in Rendered
+//!   High Dynamic Range Images*, Eurographics 2021.
+//!
+//! Note: deviation from the papers: filters run separably, which gives the same sums (a Gaussian is separable,
+//! and the blue-yellow filter is a sum of two), in f64.
+//!
+//! NaN: a pixel where either picture holds NaN has error 1 and is black to the filters on both sides, so that
+//! it doesn't spread. Infinities and other values outside [0, 1] are clamped.
+
+mod color;
+mod filter;
+mod hdr;
+mod ldr;
+
+use crate::error::{MetricsError, check_length, pixel_count};
+pub use hdr::{HdrFlip, MAX_EXPOSURES, hdr};
+
+/// The papers' viewer: 0.7 m from a screen 0.7 m wide with 3840 pixels.
+pub const DEFAULT_PIXELS_PER_DEGREE: f64 = 0.7 * (3840.0 / 0.7) * (std::f64::consts::PI / 180.0);
+
+/// How colours are encoded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Encoding {
+    /// Linear light, Rec. 709 primaries.
+    #[default]
+    Linear,
+    /// sRGB-encoded.
+    Srgb,
+}
+
+/// How FLIP looks at its pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlipOptions {
+    /// Pixels in a degree of the visual angle, from 1 to 10 000. Default [`DEFAULT_PIXELS_PER_DEGREE`].
+    pub pixels_per_degree: f64,
+    /// Encoding of both pictures.
+    pub encoding: Encoding,
+}
+
+impl Default for FlipOptions {
+    fn default() -> Self {
+        Self { pixels_per_degree: DEFAULT_PIXELS_PER_DEGREE, encoding: Encoding::Linear }
+    }
+}
+
+/// FLIP's result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlipMap {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Error of every pixel in [0, 1], row by row from the top.
+    pub error: Vec<f32>,
+    /// Its mean, 0 for an empty picture.
+    pub mean: f64,
+}
+
+impl FlipMap {
+    fn new(width: u32, height: u32, error: Vec<f32>) -> Self {
+        let sum: f64 = error.iter().map(|&e| f64::from(e)).sum();
+        let mean = if error.is_empty() { 0.0 } else { sum / error.len() as f64 };
+        Self { width, height, error, mean }
+    }
+
+    /// The error map in [`magma`](crate::colormap::magma), sRGB-encoded, row by row from the top.
+    pub fn to_magma(&self) -> Vec<[u8; 3]> {
+        crate::colormap::magma_picture(&self.error, 1.0)
+    }
+}
+
+/// LDR-FLIP between two pictures of opaque RGB pixels, row by row from the top, values in [0, 1].
+///
+/// # Errors
+/// [`MetricsError::Length`] where a picture isn't `width`·`height` pixels, [`MetricsError::OutOfRange`] for
+/// pixels per degree outside [1, 10 000].
+pub fn ldr(
+    width: u32,
+    height: u32,
+    reference: &[[f32; 3]],
+    test: &[[f32; 3]],
+    options: &FlipOptions,
+) -> Result<FlipMap, MetricsError> {
+    check(width, height, reference, test, options)?;
+    let decode = decoder(options.encoding);
+    let view = |pixels: &[[f32; 3]], i: usize| pixels[i].map(|v| decode(f64::from(v).clamp(0.0, 1.0)));
+    let error = map_without_nan(width, height, reference, test, options, view);
+    Ok(FlipMap::new(width, height, error))
+}
+
+fn decoder(encoding: Encoding) -> fn(f64) -> f64 {
+    match encoding {
+        Encoding::Linear => |v| v,
+        Encoding::Srgb => surfel_math::srgb::decode,
+    }
+}
+
+/// The error map of what `view` shows (linear RGB in [0, 1]) of pixel `i` of each picture, with the crate's
+/// rule for NaN.
+fn map_without_nan(
+    width: u32,
+    height: u32,
+    reference: &[[f32; 3]],
+    test: &[[f32; 3]],
+    options: &FlipOptions,
+    view: impl Fn(&[[f32; 3]], usize) -> [f64; 3],
+) -> Vec<f32> {
+    let has_nan = |i: usize| reference[i].iter().chain(&test[i]).any(|v| v.is_nan());
+    let shown = |pixels: &[[f32; 3]], i: usize| if has_nan(i) { [0.0; 3] } else { view(pixels, i) };
+    let (width, height) = (width as usize, height as usize);
+    let kernels = filter::Kernels::new(options.pixels_per_degree);
+    let mut error = ldr::error_map(width, height, &kernels, |i| shown(reference, i), |i| shown(test, i));
+    for (_, e) in error.iter_mut().enumerate().filter(|&(i, _)| has_nan(i)) {
+        *e = 1.0;
+    }
+    error
+}
+
+fn check(
+    width: u32,
+    height: u32,
+    reference: &[[f32; 3]],
+    test: &[[f32; 3]],
+    options: &FlipOptions,
+) -> Result<(), MetricsError> {
+    let count = pixel_count(width, height, 3)?;
+    check_length("the reference picture", reference.len(), count, "width x height")?;
+    check_length("the test picture", test.len(), count, "width x height")?;
+    if (1.0..=10_000.0).contains(&options.pixels_per_degree) {
+        Ok(())
+    } else {
+        // Below 1 the derivative filters vanish; above, a filter is wider than any picture.
+        Err(MetricsError::OutOfRange {
+            field: "pixels_per_degree",
+            found: options.pixels_per_degree,
+            expected: "a number from 1 to 10000",
+        })
+    }
+}

@@ -1,0 +1,48 @@
+//! A borrowed picture.
+
+use crate::error::{MetricsError, check_length, pixel_count};
+
+/// A borrowed RGBA picture: linear light, premultiplied alpha, rows from the top, no padding.
+#[derive(Clone, Copy, Debug)]
+pub struct Image<'a> {
+    width: u32,
+    height: u32,
+    rgba: &'a [f32],
+}
+
+impl<'a> Image<'a> {
+    /// A view of `rgba`, 4 values a pixel, row by row from the top.
+    ///
+    /// # Errors
+    /// [`MetricsError::Length`] where `rgba` isn't `width`·`height`·4 long, [`MetricsError::TooLarge`] where
+    /// that product isn't a `usize`.
+    pub fn new(width: u32, height: u32, rgba: &'a [f32]) -> Result<Self, MetricsError> {
+        let pixels = pixel_count(width, height, 4)?;
+        check_length("the picture", rgba.len(), pixels * 4, "width x height x 4")?;
+        Ok(Self { width, height, rgba })
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// The values: 4 a pixel, row by row from the top.
+    pub fn rgba(&self) -> &'a [f32] {
+        self.rgba
+    }
+
+    /// Linear RGB of every pixel over an opaque linear `background`.
+    pub fn over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
+        let (pixels, _) = self.rgba.as_chunks::<4>();
+        pixels
+            .iter()
+            .map(|&[r, g, b, a]| [(r, 0), (g, 1), (b, 2)].map(|(c, i)| c + (1.0 - a) * background[i]))
+            .collect()
+    }
+}
