@@ -1,0 +1,73 @@
+//! The project's chores, run as `cargo xtask COMMAND`. Depends on none of our crates: it spawns cargo.
+
+mod ci;
+mod suites;
+mod tidy;
+mod vulkan;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+const HELP: &str = "\
+The project's chores.
+
+Usage: cargo xtask COMMAND
+
+Commands:
+  test    Run every test of the workspace, doc tests included, and sum up. Where a crate needs
+          Vulkan and there is no driver, install a software one (as root, with apt-get) or say
+          what is skipped
+  ci      Everything that must pass before a change is merged: formatting, clippy, docs,
+          tests, tidy, and cargo-deny where it is installed
+  tidy    Cheap checks of the tree: file sizes and lengths, leftovers, machine paths, crate
+          manifests, crates missing from docs/architecture.md
+  help    Print this
+
+Environment:
+  SURFEL_REQUIRE  Comma-separated list of what must not be skipped: vulkan, cargo-deny
+
+Exit codes: 0 all passed, 1 something failed, 2 usage";
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let root = workspace_root();
+    let passed = match words[..] {
+        ["test"] => suites::run(&root),
+        ["ci"] => ci::run(&root),
+        ["tidy"] => tidy::run(&root),
+        [] => {
+            eprintln!("{HELP}");
+            return ExitCode::from(2);
+        }
+        [.., "help" | "--help" | "-h"] => {
+            println!("{HELP}");
+            return ExitCode::SUCCESS;
+        }
+        _ => {
+            eprintln!("error: unknown command '{}'\n\n{HELP}", words.join(" "));
+            return ExitCode::from(2);
+        }
+    };
+    if passed { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// The folder of the workspace: the parent of this package's.
+fn workspace_root() -> PathBuf {
+    // Cargo sets it when it runs us too; then a moved checkout still finds itself.
+    let package =
+        std::env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
+    package.parent().map_or_else(|| package.clone(), Path::to_path_buf)
+}
+
+/// The cargo that runs us, in the workspace.
+fn cargo(root: &Path) -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.current_dir(root);
+    command
+}
+
+/// Whether the environment forbids skipping `what`.
+fn required(what: &str) -> bool {
+    std::env::var("SURFEL_REQUIRE").is_ok_and(|list| list.split(',').any(|word| word.trim() == what))
+}

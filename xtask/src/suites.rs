@@ -1,0 +1,245 @@
+//! `cargo xtask test`: runs every suite and sums up what cargo and the test harness print.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+
+use crate::{cargo, vulkan};
+
+pub(crate) fn run(root: &Path) -> bool {
+    let driver = vulkan::prepare(root);
+    if let Err(problem) = &driver {
+        eprintln!("error: {problem}");
+    }
+    let (summary, exit_ok) = match run_cargo(root) {
+        Ok(result) => result,
+        Err(error) => {
+            eprintln!("error: could not run cargo test: {error}");
+            return false;
+        }
+    };
+    let total = summary.total();
+    println!("\n== tests");
+    for suite in &summary.suites {
+        println!("{}", suite.line());
+    }
+    if let Ok(Some(skipped)) = &driver {
+        println!("vulkan: {skipped}");
+    }
+    if !exit_ok && total.failed == 0 {
+        println!("cargo test failed before or between the suites, see above");
+    }
+    println!("{} passed, {} failed, {} skipped", total.passed, total.failed, total.skipped);
+    exit_ok && total.failed == 0 && driver.is_ok()
+}
+
+/// Runs all tests, passing the output through, and whether cargo was content.
+fn run_cargo(root: &Path) -> std::io::Result<(Summary, bool)> {
+    // One pipe for both streams: cargo names a suite on stderr before the suite reports on stdout.
+    let (reader, writer) = std::io::pipe()?;
+    let mut command = cargo(root);
+    // --show-output, because a test that had nothing to work on says so and passes.
+    command.args(["test", "--workspace", "--locked", "--no-fail-fast", "--", "--show-output"]);
+    command.stdout(writer.try_clone()?).stderr(writer);
+    let mut child = command.spawn()?;
+    // It holds the writing ends, and the pipe would never end.
+    drop(command);
+    let summary = Summary::read(reader, &packages(root), &mut std::io::stdout())?;
+    Ok((summary, child.wait()?.success()))
+}
+
+/// Folders of the workspace's packages, by package name.
+fn packages(root: &Path) -> Vec<(String, PathBuf)> {
+    let crates = std::fs::read_dir(root.join("crates")).into_iter().flatten().flatten().map(|entry| entry.path());
+    let folders = crates.chain(std::fs::read_dir(root).into_iter().flatten().flatten().map(|entry| entry.path()));
+    let mut named: Vec<_> =
+        folders.filter_map(|folder| Some((crate::tidy::package_name(&folder.join("Cargo.toml"))?, folder))).collect();
+    named.sort();
+    named
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Suite {
+    name: String,
+    passed: usize,
+    failed: usize,
+    /// Ignored tests, and those that passed only because they had nothing to work on.
+    skipped: usize,
+    reported: bool,
+}
+
+impl Suite {
+    fn line(&self) -> String {
+        let Self { name, passed, failed, skipped, .. } = self;
+        let verdict = match (self.reported, failed) {
+            (false, _) => "FAILED (ended without a report)",
+            (true, 0) => "ok",
+            _ => "FAILED",
+        };
+        format!("{name}: {verdict}, {passed} passed, {failed} failed, {skipped} skipped")
+    }
+}
+
+#[derive(Debug, Default)]
+struct Summary {
+    suites: Vec<Suite>,
+}
+
+impl Summary {
+    /// Follows the output of `cargo test`, copying it to `echo`.
+    fn read(output: impl Read, packages: &[(String, PathBuf)], echo: &mut dyn Write) -> std::io::Result<Self> {
+        let mut parser =
+            Parser { packages, summary: Self::default(), package: None, excuse: Excuse::Outside, excuses: 0 };
+        let mut output = BufReader::new(output);
+        let mut line = Vec::new();
+        while output.read_until(b'\n', &mut line)? > 0 {
+            echo.write_all(&line)?;
+            parser.line(String::from_utf8_lossy(&line).trim());
+            line.clear();
+        }
+        let mut summary = parser.summary;
+        for suite in summary.suites.iter_mut().filter(|suite| !suite.reported) {
+            suite.failed += 1;
+        }
+        Ok(summary)
+    }
+
+    fn total(&self) -> Suite {
+        self.suites.iter().fold(Suite::default(), |sum, suite| Suite {
+            passed: sum.passed + suite.passed,
+            failed: sum.failed + suite.failed,
+            skipped: sum.skipped + suite.skipped,
+            ..sum
+        })
+    }
+}
+
+/// Where we are in the captured output of passed tests.
+#[derive(PartialEq)]
+enum Excuse {
+    Outside,
+    InBlock,
+    Counted,
+}
+
+struct Parser<'a> {
+    packages: &'a [(String, PathBuf)],
+    summary: Summary,
+    /// The package whose suite was named last.
+    package: Option<String>,
+    excuse: Excuse,
+    excuses: usize,
+}
+
+impl Parser<'_> {
+    fn line(&mut self, line: &str) {
+        if let Some(suite) = line.strip_prefix("Running ").and_then(|rest| self.suite_name(rest)) {
+            self.start(suite);
+        } else if let Some(package) = line.strip_prefix("Doc-tests ") {
+            self.start(format!("{package} doc tests"));
+        } else if let Some(counts) = line.strip_prefix("test result: ") {
+            self.finish(counts);
+        } else if line.starts_with("---- ") && line.ends_with(" stdout ----") {
+            self.excuse = Excuse::InBlock;
+        } else if line == "successes:" || line == "failures:" {
+            self.excuse = Excuse::Outside;
+        } else if self.excuse == Excuse::InBlock && line.get(..4).is_some_and(|s| s.eq_ignore_ascii_case("skip")) {
+            self.excuse = Excuse::Counted;
+            self.excuses += 1;
+        }
+    }
+
+    fn start(&mut self, name: String) {
+        self.excuse = Excuse::Outside;
+        self.excuses = 0;
+        self.summary.suites.push(Suite { name, ..Suite::default() });
+    }
+
+    /// Reads `ok. 3 passed; 0 failed; 1 ignored; ...`.
+    fn finish(&mut self, counts: &str) {
+        let count = |what: &str| {
+            let clause = counts.split(['.', ';']).map(str::trim).find_map(|clause| clause.strip_suffix(what));
+            clause.and_then(|n| n.trim().parse::<usize>().ok()).unwrap_or(0)
+        };
+        let (passed, failed, ignored) = (count("passed"), count("failed"), count("ignored"));
+        // A crate's doc tests may report twice (merged and standalone ones), and counts add up.
+        let Some(suite) = self.summary.suites.last_mut() else { return };
+        let excused = self.excuses.min(passed);
+        suite.passed += passed - excused;
+        suite.failed += failed;
+        suite.skipped += ignored + excused;
+        suite.reported = true;
+        (self.excuse, self.excuses) = (Excuse::Outside, 0);
+    }
+
+    /// Name of the suite in `unittests src/lib.rs (target/debug/deps/surfel_math-0123)`.
+    fn suite_name(&mut self, rest: &str) -> Option<String> {
+        let (source, binary) = rest.split_once(" (")?;
+        let source = source.replace('\\', "/");
+        let stem = Path::new(binary.trim_end_matches(')')).file_stem()?.to_str()?;
+        let target = stem.rsplit_once('-').map_or(stem, |(target, _hash)| target).replace('_', "-");
+        if let Some(main) = source.strip_prefix("unittests ") {
+            let package = self.packages.iter().map(|(name, _)| name).find(|name| **name == target);
+            self.package = package.cloned().or_else(|| self.package.take());
+            return Some(format!("{target} unit tests of {main}"));
+        }
+        // Cargo doesn't say whose suite this is: it goes by package, so the last one named comes first.
+        let has_it = |(_, folder): &&(String, PathBuf)| folder.join(&source).is_file();
+        let mut owners = self.packages.iter().filter(has_it).map(|(name, _)| name.as_str());
+        let last = self.package.as_deref();
+        let owner = owners.clone().find(|name| Some(*name) == last).or_else(|| owners.next());
+        Some(owner.map_or_else(|| source.clone(), |owner| format!("{owner} {source}")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn summary(output: &str) -> Summary {
+        let packages = [("xtask".to_string(), crate::workspace_root().join("xtask"))];
+        Summary::read(output.as_bytes(), &packages, &mut Vec::new()).unwrap()
+    }
+
+    #[test]
+    fn summary_names_suites_and_adds_up() {
+        let s = summary(
+            "   Compiling xtask v0.1.0\n     Running unittests src/main.rs (target/debug/deps/xtask-01ab)\n\
+             running 3 tests\ntest result: ok. 3 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; finished in 0.1s\n\
+                  Running tests/dependencies.rs (target/debug/deps/dependencies-23cd)\n\
+             test result: FAILED. 1 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.1s\n\
+             Doc-tests xtask\ntest result: ok. 0 passed; 0 failed; 0 ignored; 0 measured; 0 filtered out\n",
+        );
+        let lines: Vec<_> = s.suites.iter().map(Suite::line).collect();
+        assert_eq!(
+            lines,
+            [
+                "xtask unit tests of src/main.rs: ok, 3 passed, 0 failed, 1 skipped",
+                "xtask tests/dependencies.rs: FAILED, 1 passed, 2 failed, 0 skipped",
+                "xtask doc tests: ok, 0 passed, 0 failed, 0 skipped",
+            ]
+        );
+        let total = s.total();
+        assert_eq!((total.passed, total.failed, total.skipped), (4, 2, 1));
+    }
+
+    #[test]
+    fn summary_counts_a_passed_test_that_says_it_skipped_once() {
+        let s = summary(
+            "Running tests/a.rs (target/debug/deps/a-1)\ntest one ... ok\n\nsuccesses:\n\n\
+             ---- one stdout ----\nskipped: no models\nskipped: nothing at all\n\n\
+             ---- two stdout ----\nread 5 models\n\nsuccesses:\n    skipper\n    two\n\n\
+             test result: ok. 2 passed; 0 failed; 0 ignored; 0 measured\n",
+        );
+        assert_eq!((s.total().passed, s.total().skipped), (1, 1));
+    }
+
+    #[test]
+    fn summary_fails_a_suite_that_dies() {
+        let s = summary(
+            "Running tests/a.rs (target/debug/deps/a-1)\nrunning 2 tests\nerror: test failed\n\
+             Running tests/b.rs (target/debug/deps/b-1)\ntest result: ok. 1 passed; 0 failed; 0 ignored\n",
+        );
+        assert_eq!((s.total().passed, s.total().failed), (1, 1));
+        assert!(s.suites[0].line().contains("without a report"));
+    }
+}

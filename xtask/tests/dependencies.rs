@@ -1,0 +1,249 @@
+//! What may depend on what: invariant 1 of docs/architecture.md, held against `cargo metadata`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+
+/// Our packages from the bottom up. A package depends only on packages of a lower number; development
+/// dependencies are free.
+const LAYERS: [(&str, u32); 15] = [
+    ("surfel-math", 0),
+    ("surfel-model", 1),
+    ("surfel-metrics", 1),
+    ("surfel-io", 2),
+    ("surfel-sample", 2),
+    ("surfel-render", 2),
+    ("surfel-reference", 3),
+    ("surfel-cpu", 3),
+    ("surfel-shaders", 3),
+    ("surfel-wgpu", 4),
+    ("surfel-ash", 4),
+    ("surfel", 5),
+    ("surfel-cli", 6),
+    ("surfel-viewer", 6),
+    ("surfel-conformance", 7),
+];
+
+/// Packages whose dependencies reach no GPU, directly or not.
+const GPU_FREE: [&str; 8] = [
+    "surfel-math",
+    "surfel-model",
+    "surfel-metrics",
+    "surfel-render",
+    "surfel-cpu",
+    "surfel-reference",
+    "surfel-io",
+    "surfel-sample",
+];
+const GPU: [&str; 3] = ["wgpu", "ash", "naga"];
+
+/// A package of the dependency graph.
+#[derive(Clone, Debug, Default)]
+struct Package {
+    name: String,
+    version: String,
+    ours: bool,
+    /// Ids of what building it takes: normal and build dependencies on any platform.
+    needs: BTreeSet<String>,
+    /// Ids of development dependencies.
+    tests_with: BTreeSet<String>,
+}
+
+type Graph = BTreeMap<String, Package>;
+
+fn workspace_graph() -> Graph {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let metadata = |extra: &[&str]| {
+        let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        cargo.current_dir(root).args(["metadata", "--format-version", "1", "--locked"]).args(extra).output().unwrap()
+    };
+    let host = metadata_host();
+    // Offline where all is at hand. Packages for other platforms may not be, so online next, and where that
+    // fails too, this platform alone.
+    let tries: [&[&str]; 3] = [&["--offline"], &[], &["--offline", "--filter-platform", &host]];
+    let mut complaint = String::new();
+    for extra in tries {
+        let output = metadata(extra);
+        if output.status.success() {
+            return graph(&serde_json::from_slice(&output.stdout).unwrap());
+        }
+        complaint = String::from_utf8_lossy(&output.stderr).into_owned();
+    }
+    panic!("cargo metadata failed: {complaint}");
+}
+
+fn metadata_host() -> String {
+    let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let output = Command::new(rustc).arg("-vV").output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.lines().find_map(|line| line.strip_prefix("host: ")).unwrap().to_string()
+}
+
+fn graph(metadata: &Value) -> Graph {
+    let text = |value: &Value| value.as_str().unwrap().to_string();
+    let members: BTreeSet<String> = metadata["workspace_members"].as_array().unwrap().iter().map(text).collect();
+    let mut graph = Graph::new();
+    for package in metadata["packages"].as_array().unwrap() {
+        let id = text(&package["id"]);
+        let (name, version, ours) = (text(&package["name"]), text(&package["version"]), members.contains(&id));
+        graph.insert(id, Package { name, version, ours, ..Package::default() });
+    }
+    for node in metadata["resolve"]["nodes"].as_array().unwrap() {
+        let package = graph.get_mut(node["id"].as_str().unwrap()).unwrap();
+        for dependency in node["deps"].as_array().unwrap() {
+            for kind in dependency["dep_kinds"].as_array().unwrap() {
+                let into =
+                    if kind["kind"].as_str() == Some("dev") { &mut package.tests_with } else { &mut package.needs };
+                into.insert(text(&dependency["pkg"]));
+            }
+        }
+    }
+    graph
+}
+
+fn ours(graph: &Graph) -> impl Iterator<Item = &Package> {
+    graph.values().filter(|package| package.ours)
+}
+
+fn names<'a>(graph: &'a Graph, ids: &'a BTreeSet<String>) -> impl Iterator<Item = &'a Package> {
+    ids.iter().filter_map(|id| graph.get(id))
+}
+
+/// Names of all that building `package` takes, other packages' dependencies included.
+fn reach(graph: &Graph, package: &Package) -> BTreeSet<String> {
+    let mut open: Vec<&Package> = vec![package];
+    let mut seen = BTreeSet::new();
+    while let Some(package) = open.pop() {
+        open.extend(names(graph, &package.needs).filter(|next| seen.insert(next.name.clone())));
+    }
+    seen
+}
+
+fn layer_problems(graph: &Graph) -> Vec<String> {
+    let layer = |name: &str| LAYERS.iter().find(|(package, _)| *package == name).map(|(_, layer)| *layer);
+    let mut problems = Vec::new();
+    for package in ours(graph).filter(|package| package.name != "xtask") {
+        let name = &package.name;
+        let Some(own) = layer(name) else {
+            problems.push(format!("{name} has no layer: add it to LAYERS and to docs/architecture.md"));
+            continue;
+        };
+        for dependency in names(graph, &package.needs).filter(|dependency| dependency.ours) {
+            let below = layer(&dependency.name).is_some_and(|layer| layer < own);
+            let allowed = below && (name != "surfel-metrics" || dependency.name == "surfel-math");
+            if !allowed {
+                problems.push(format!("{name} depends on {}, which isn't below it", dependency.name));
+            }
+        }
+    }
+    for package in ours(graph).filter(|package| package.name == "xtask") {
+        for dependency in names(graph, &package.needs).chain(names(graph, &package.tests_with)).filter(|d| d.ours) {
+            problems.push(format!("xtask depends on {}, expected on none of ours", dependency.name));
+        }
+    }
+    problems
+}
+
+fn gpu_problems(graph: &Graph) -> Vec<String> {
+    let free = ours(graph).filter(|package| GPU_FREE.contains(&package.name.as_str()));
+    let reached = free.flat_map(|package| {
+        let reached = reach(graph, package);
+        GPU.into_iter().filter(move |gpu| reached.contains(*gpu)).map(|gpu| format!("{} reaches {gpu}", package.name))
+    });
+    reached.collect()
+}
+
+fn math_problems(graph: &Graph) -> Vec<String> {
+    let needs = ours(graph).filter(|package| package.name == "surfel-math").flat_map(|math| names(graph, &math.needs));
+    needs
+        .filter(|d| d.name != "glam")
+        .map(|d| format!("surfel-math depends on {}, expected glam alone", d.name))
+        .collect()
+}
+
+/// Dependencies that packages of ours take in several versions.
+fn version_problems(graph: &Graph) -> Vec<String> {
+    let mut versions: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for package in ours(graph) {
+        let direct = names(graph, &package.needs).chain(names(graph, &package.tests_with));
+        for dependency in direct.filter(|dependency| !dependency.ours) {
+            versions.entry(&dependency.name).or_default().insert(&dependency.version);
+        }
+    }
+    let several = versions.into_iter().filter(|(_, versions)| versions.len() > 1);
+    several.map(|(name, versions)| format!("{name} in versions {versions:?}, expected one")).collect()
+}
+
+type Check = fn(&Graph) -> Vec<String>;
+const CHECKS: [Check; 4] = [layer_problems, gpu_problems, math_problems, version_problems];
+
+#[test]
+fn workspace_keeps_its_layers_and_one_version_of_each_dependency() {
+    let graph = workspace_graph();
+    assert!(ours(&graph).any(|package| package.name == "surfel-math"), "the graph is not of this workspace");
+    let problems: Vec<String> = CHECKS.iter().flat_map(|check| check(&graph)).collect();
+    assert!(problems.is_empty(), "\n{}\n", problems.join("\n"));
+}
+
+/// A graph of packages written as `name version`, ours where the version is 0.1.0.
+fn made(packages: &[(&str, &[&str], &[&str])]) -> Graph {
+    let owned = |ids: &[&str]| ids.iter().map(ToString::to_string).collect();
+    let package = |(id, needs, tests_with): &(&str, &[&str], &[&str])| {
+        let (name, version) = id.split_once(' ').unwrap();
+        let (name, version, ours) = (name.to_string(), version.to_string(), version == "0.1.0");
+        (id.to_string(), Package { name, version, ours, needs: owned(needs), tests_with: owned(tests_with) })
+    };
+    packages.iter().map(package).collect()
+}
+
+fn good() -> Vec<(&'static str, &'static [&'static str], &'static [&'static str])> {
+    vec![
+        ("surfel-math 0.1.0", &["glam 1.0.0"], &["rand 1.0.0"]),
+        ("surfel-metrics 0.1.0", &["surfel-math 0.1.0", "rand 1.0.0"], &[]),
+        ("surfel-model 0.1.0", &["surfel-math 0.1.0"], &["surfel-io 0.1.0"]),
+        ("surfel-io 0.1.0", &["surfel-model 0.1.0", "png 1.0.0"], &[]),
+        ("surfel-wgpu 0.1.0", &["surfel-io 0.1.0", "wgpu 1.0.0"], &[]),
+        ("xtask 0.1.0", &[], &["rand 1.0.0"]),
+        ("glam 1.0.0", &[], &[]),
+        ("png 1.0.0", &["rand 2.0.0"], &["ash 1.0.0"]),
+        ("rand 1.0.0", &[], &[]),
+        ("rand 2.0.0", &[], &[]),
+        ("wgpu 1.0.0", &["naga 1.0.0"], &[]),
+        ("naga 1.0.0", &[], &[]),
+        ("ash 1.0.0", &[], &[]),
+    ]
+}
+
+#[test]
+fn checks_accept_a_good_graph() {
+    let graph = made(&good());
+    for (i, check) in CHECKS.iter().enumerate() {
+        assert_eq!(check(&graph), [""; 0], "check {i}");
+    }
+}
+
+#[test]
+fn checks_find_each_broken_rule() {
+    // Which check, the package that changes, what it then needs, what it tests with, and the complaint.
+    type Case<'a> = (Check, &'a str, &'a [&'a str], &'a [&'a str], &'a str);
+    let cases: [Case; 9] = [
+        (layer_problems, "surfel-model 0.1.0", &["surfel-io 0.1.0"], &[], "surfel-model depends on surfel-io"),
+        (layer_problems, "surfel-metrics 0.1.0", &["surfel-model 0.1.0"], &[], "surfel-metrics depends on"),
+        (layer_problems, "xtask 0.1.0", &[], &["surfel-math 0.1.0"], "xtask depends on surfel-math"),
+        (layer_problems, "surfel-new 0.1.0", &[], &[], "surfel-new has no layer"),
+        (gpu_problems, "png 1.0.0", &["wgpu 1.0.0"], &[], "surfel-io reaches naga"),
+        (gpu_problems, "surfel-math 0.1.0", &["ash 1.0.0"], &[], "surfel-model reaches ash"),
+        (math_problems, "surfel-math 0.1.0", &["glam 1.0.0", "rand 1.0.0"], &[], "surfel-math depends on rand"),
+        (version_problems, "surfel-io 0.1.0", &["rand 2.0.0"], &[], "rand in versions"),
+        (version_problems, "surfel-io 0.1.0", &[], &["rand 2.0.0"], "rand in versions"),
+    ];
+    for (check, id, needs, tests_with, complaint) in cases {
+        let mut packages = good();
+        packages.retain(|package| package.0 != id);
+        packages.push((id, needs, tests_with));
+        let problems = check(&made(&packages));
+        assert!(problems.iter().any(|problem| problem.contains(complaint)), "{complaint}: {problems:?}");
+    }
+}
