@@ -62,7 +62,7 @@ fn lengths_and_sizes_are_checked() {
     let (wide, tall) = (Image::new(2, 1, &pixels).unwrap(), Image::new(1, 2, &pixels).unwrap());
     let error = compare(&wide, &tall, &CompareOptions::default()).unwrap_err();
     assert!(error.to_string().contains("2x1 and 1x2"), "{error}");
-    for pixels_per_degree in [0.0, 0.5, 1e5, f64::NAN] {
+    for pixels_per_degree in [0.0, 0.5, 1001.0, f64::NAN] {
         let options = FlipOptions { pixels_per_degree, encoding: Encoding::Linear };
         assert!(flip::ldr(1, 1, &[[0.0; 3]], &[[0.0; 3]], &options).is_err(), "{pixels_per_degree}");
     }

@@ -35,7 +35,7 @@ pub enum Encoding {
 /// How FLIP looks at its pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlipOptions {
-    /// Pixels in a degree of the visual angle, from 1 to 10 000. Default [`DEFAULT_PIXELS_PER_DEGREE`].
+    /// Pixels in a degree of the visual angle, from 1 to 1000. Default [`DEFAULT_PIXELS_PER_DEGREE`].
     pub pixels_per_degree: f64,
     /// Encoding of both pictures.
     pub encoding: Encoding,
@@ -77,7 +77,7 @@ impl FlipMap {
 ///
 /// # Errors
 /// [`MetricsError::Length`] where a picture isn't `width`·`height` pixels, [`MetricsError::OutOfRange`] for
-/// pixels per degree outside [1, 10 000].
+/// pixels per degree outside [1, 1000].
 pub fn ldr(
     width: u32,
     height: u32,
@@ -114,9 +114,7 @@ fn map_without_nan(
     let (width, height) = (width as usize, height as usize);
     let kernels = filter::Kernels::new(options.pixels_per_degree);
     let mut error = ldr::error_map(width, height, &kernels, |i| shown(reference, i), |i| shown(test, i));
-    for (_, e) in error.iter_mut().enumerate().filter(|&(i, _)| has_nan(i)) {
-        *e = 1.0;
-    }
+    (0..error.len()).filter(|&i| has_nan(i)).for_each(|i| error[i] = 1.0);
     error
 }
 
@@ -130,14 +128,14 @@ fn check(
     let count = pixel_count(width, height, 3)?;
     check_length("the reference picture", reference.len(), count, "width x height")?;
     check_length("the test picture", test.len(), count, "width x height")?;
-    if (1.0..=10_000.0).contains(&options.pixels_per_degree) {
+    if (1.0..=1000.0).contains(&options.pixels_per_degree) {
         Ok(())
     } else {
-        // Below 1 the derivative filters vanish; above, a filter is wider than any picture.
+        // Below 1 the derivative filters vanish; the limit above bounds the rows that are kept in memory.
         Err(MetricsError::OutOfRange {
             field: "pixels_per_degree",
             found: options.pixels_per_degree,
-            expected: "a number from 1 to 10000",
+            expected: "a number from 1 to 1000",
         })
     }
 }
