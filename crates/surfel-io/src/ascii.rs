@@ -1,0 +1,90 @@
+//! Lines, words and numbers of text formats, from bytes that may be anything.
+
+/// Splits bytes into lines at LF, CRLF or lone CR, and counts them from 1.
+pub(crate) struct Lines<'a> {
+    rest: &'a [u8],
+    number: usize,
+}
+
+impl<'a> Lines<'a> {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), number: 0 }
+    }
+}
+
+impl<'a> Iterator for Lines<'a> {
+    type Item = (usize, &'a [u8]);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.rest.is_empty() {
+            return None;
+        }
+        let end = self.rest.iter().position(|&b| b == b'\n' || b == b'\r').unwrap_or(self.rest.len());
+        let (line, rest) = self.rest.split_at(end);
+        self.rest = match rest {
+            [b'\r', b'\n', rest @ ..] | [_, rest @ ..] => rest,
+            [] => rest,
+        };
+        self.number += 1;
+        Some((self.number, line))
+    }
+}
+
+/// Words of a line, separated by blanks.
+pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty())
+}
+
+/// A number as printed by any C library: also `nan`, `-nan(ind)`, `inf`, `1.#QNAN`.
+pub(crate) fn number(word: &[u8]) -> Option<f64> {
+    let text = std::str::from_utf8(word).ok()?;
+    text.parse().ok().or_else(|| odd_number(text))
+}
+
+/// As [`number`], rounded once to f32.
+pub(crate) fn number_f32(word: &[u8]) -> Option<f32> {
+    let text = std::str::from_utf8(word).ok()?;
+    text.parse().ok().or_else(|| odd_number(text).map(|v| v as f32))
+}
+
+fn odd_number(text: &str) -> Option<f64> {
+    let lower = text.to_ascii_lowercase();
+    let magnitude = lower.trim_start_matches(['+', '-']);
+    if magnitude.starts_with("nan") || magnitude.starts_with("1.#q") || magnitude.starts_with("1.#ind") {
+        return Some(f64::NAN);
+    }
+    magnitude.starts_with("1.#inf").then(|| if lower.starts_with('-') { f64::NEG_INFINITY } else { f64::INFINITY })
+}
+
+/// The line, counted from 1, that `offset` lies in.
+pub(crate) fn line_at(bytes: &[u8], offset: usize) -> usize {
+    let before = &bytes[..offset.min(bytes.len())];
+    1 + before
+        .iter()
+        .enumerate()
+        .filter(|&(i, &b)| b == b'\n' || (b == b'\r' && before.get(i + 1) != Some(&b'\n')))
+        .count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_end_in_any_of_the_three_ways() {
+        let lines: Vec<_> = Lines::new(b"a\r\nb\rc\n\nd").collect();
+        assert_eq!(lines, [(1, &b"a"[..]), (2, b"b"), (3, b"c"), (4, b""), (5, b"d")]);
+        assert_eq!(line_at(b"a\r\nb\rc\n\nd", 7), 4);
+    }
+
+    #[test]
+    fn numbers_of_every_c_library_are_read() {
+        assert_eq!(number(b"-1.5e3"), Some(-1500.0));
+        assert!(number(b"-nan(ind)").is_some_and(f64::is_nan));
+        assert!(number(b"1.#QNAN").is_some_and(f64::is_nan));
+        assert_eq!(number(b"-1.#INF"), Some(f64::NEG_INFINITY));
+        assert_eq!(number(b"1,5"), None);
+        // Halfway between two f32 in f64 rounding: parsing as f64 first would round twice.
+        assert_eq!(number_f32(b"1.00000017881393432617187499"), Some(1.000_000_1));
+    }
+}

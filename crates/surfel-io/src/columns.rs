@@ -1,0 +1,103 @@
+//! From stored scalars to the model's columns.
+
+use crate::color::{linear_of_8_bit, linear_of_16_bit};
+use glam::{DVec3, Vec3};
+use surfel_model::{Column3, ExtraValues};
+
+/// As f64.
+pub(crate) fn to_f64(values: &ExtraValues) -> Vec<f64> {
+    match values {
+        ExtraValues::I8(v) => v.iter().map(|&x| x.into()).collect(),
+        ExtraValues::U8(v) => v.iter().map(|&x| x.into()).collect(),
+        ExtraValues::I16(v) => v.iter().map(|&x| x.into()).collect(),
+        ExtraValues::U16(v) => v.iter().map(|&x| x.into()).collect(),
+        ExtraValues::I32(v) => v.iter().map(|&x| x.into()).collect(),
+        ExtraValues::U32(v) => v.iter().map(|&x| x.into()).collect(),
+        ExtraValues::F32(v) => v.iter().map(|&x| x.into()).collect(),
+        ExtraValues::F64(v) => v.clone(),
+    }
+}
+
+/// As f32, rounded to nearest.
+pub(crate) fn to_f32(values: ExtraValues) -> Vec<f32> {
+    match values {
+        ExtraValues::F32(v) => v,
+        other => to_f64(&other).into_iter().map(|x| x as f32).collect(),
+    }
+}
+
+/// True if every value of the type is an f32.
+fn fits_f32(values: &ExtraValues) -> bool {
+    !matches!(values, ExtraValues::I32(_) | ExtraValues::U32(_) | ExtraValues::F64(_))
+}
+
+fn zip3<A: Copy, T>(a: &[A], b: &[A], c: &[A], f: impl Fn(A, A, A) -> T) -> Vec<T> {
+    a.iter().zip(b).zip(c).map(|((&a, &b), &c)| f(a, b, c)).collect()
+}
+
+fn exact_f32(values: [ExtraValues; 3]) -> Result<Vec<Vec3>, Vec<DVec3>> {
+    if values.iter().all(fits_f32) {
+        let [x, y, z] = values.map(to_f32);
+        return Ok(zip3(&x, &y, &z, Vec3::new));
+    }
+    let [x, y, z] = values.map(|v| to_f64(&v));
+    Err(zip3(&x, &y, &z, DVec3::new))
+}
+
+/// Three scalar columns as one of vectors; f64 sources keep their detail.
+pub(crate) fn vectors(values: [ExtraValues; 3]) -> Column3 {
+    match exact_f32(values) {
+        Ok(v) => Column3::from_f32(v),
+        Err(v) => Column3::from_f64(&v),
+    }
+}
+
+/// Three scalar columns as positions, f64 ones relative to an origin.
+pub(crate) fn positions(values: [ExtraValues; 3]) -> (DVec3, Column3) {
+    match exact_f32(values) {
+        Ok(v) => (DVec3::ZERO, Column3::from_f32(v)),
+        Err(v) => Column3::with_origin(&v),
+    }
+}
+
+/// Positions from text or from a transformation, where the digits beyond f32 mean something only if f32 is
+/// coarse at the points' distance from the origin.
+pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
+    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for p in points.iter().filter(|p| p.is_finite()) {
+        (min, max) = (min.min(*p), max.max(*p));
+    }
+    // At 32 times the extent f32 still resolves 1/500,000 of it.
+    if min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element() {
+        return (DVec3::ZERO, Column3::from_f32(points.iter().map(|p| p.as_vec3()).collect()));
+    }
+    Column3::with_origin(points)
+}
+
+/// Stored colours as linear RGB: `uchar` and `ushort` are sRGB-encoded, floats are linear, other integers are
+/// sRGB-encoded levels from 0 to 255.
+pub(crate) fn colors(values: [ExtraValues; 3]) -> Vec<[f32; 3]> {
+    if let [ExtraValues::U8(r), ExtraValues::U8(g), ExtraValues::U8(b)] = &values {
+        let table = linear_of_8_bit();
+        return zip3(r, g, b, |r, g, b| [r, g, b].map(|c| table[usize::from(c)]));
+    }
+    let [r, g, b] = values.map(linear);
+    zip3(&r, &g, &b, |r, g, b| [r, g, b])
+}
+
+fn linear(values: ExtraValues) -> Vec<f32> {
+    match values {
+        ExtraValues::U16(v) => v.iter().map(|&c| linear_of_16_bit()[usize::from(c)]).collect(),
+        ExtraValues::F32(_) | ExtraValues::F64(_) => to_f32(values),
+        other => to_f64(&other).iter().map(|c| linear_of_8_bit()[c.clamp(0.0, 255.0) as usize]).collect(),
+    }
+}
+
+/// Stored alpha as a fraction: `ushort` counts to 65535, other integers to 255.
+pub(crate) fn alphas(values: ExtraValues) -> Vec<f32> {
+    match values {
+        ExtraValues::U16(v) => v.iter().map(|&a| f32::from(a) / 65_535.0).collect(),
+        ExtraValues::F32(_) | ExtraValues::F64(_) => to_f32(values),
+        other => to_f64(&other).iter().map(|a| (a / 255.0).clamp(0.0, 1.0) as f32).collect(),
+    }
+}

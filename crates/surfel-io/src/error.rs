@@ -1,0 +1,198 @@
+//! What can go wrong with files, said in terms of the file.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use surfel_model::ModelError;
+
+/// Why a file could not be read or written. Prints as at most four lines.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum IoError {
+    /// The operating system refused.
+    #[error("{}: cannot {action}: {source}", .path.display())]
+    System {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was attempted: "read it", "write it", …
+        action: &'static str,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A file of that name is already there.
+    #[error("{}: already exists\n  help: --force overwrites it; or choose another name", .path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file's content is not what its format asks for, or Surfel doesn't read it.
+    #[error("{}: {problem}", .path.display())]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, where, what was expected and what to do.
+        problem: Box<Problem>,
+    },
+    /// The file was read, but its data break the model's rules.
+    #[error("{}: {source}", .path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// The rule broken.
+        source: ModelError,
+    },
+}
+
+impl IoError {
+    /// The file that the error is about.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::System { path, .. }
+            | Self::Exists { path }
+            | Self::Invalid { path, .. }
+            | Self::Model { path, .. } => path,
+        }
+    }
+
+    /// True if the input itself is at fault: it isn't there, can't be read, or holds something else.
+    pub fn is_bad_input(&self) -> bool {
+        match self {
+            Self::Invalid { .. } | Self::Model { .. } => true,
+            Self::System { action, .. } => *action == READ,
+            Self::Exists { .. } => false,
+        }
+    }
+}
+
+/// The action of [`IoError::System`] when reading.
+pub(crate) const READ: &str = "read it";
+/// The action of [`IoError::System`] when writing.
+pub(crate) const WRITE: &str = "write it";
+
+/// Where in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Location {
+    /// Offset from the start, in bytes.
+    Byte(usize),
+    /// Line, counted from 1.
+    Line(usize),
+    /// Line and column, counted from 1.
+    LineColumn(usize, usize),
+}
+
+impl fmt::Display for Location {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Byte(offset) => write!(f, "byte {offset}"),
+            Self::Line(line) => write!(f, "line {line}"),
+            Self::LineColumn(line, column) => write!(f, "line {line}, column {column}"),
+        }
+    }
+}
+
+/// What is wrong with a file's content.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Problem {
+    /// What was found.
+    pub what: String,
+    /// Where.
+    pub location: Option<Location>,
+    /// What was expected instead.
+    pub expected: Option<String>,
+    /// What to do about it.
+    pub help: Option<String>,
+}
+
+impl Problem {
+    pub(crate) fn new(what: impl Into<String>) -> Self {
+        Self { what: what.into(), location: None, expected: None, help: None }
+    }
+
+    pub(crate) fn at(mut self, location: Location) -> Self {
+        self.location = Some(location);
+        self
+    }
+
+    pub(crate) fn expected(mut self, expected: impl Into<String>) -> Self {
+        self.expected = Some(expected.into());
+        self
+    }
+
+    pub(crate) fn help(mut self, help: impl Into<String>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.what)?;
+        if let Some(location) = self.location {
+            write!(f, " ({location})")?;
+        }
+        if let Some(expected) = &self.expected {
+            write!(f, "\n  expected: {expected}")?;
+        }
+        if let Some(help) = &self.help {
+            write!(f, "\n  help: {help}")?;
+        }
+        Ok(())
+    }
+}
+
+/// What readers return before the file's name is known: a fault of the content or of the data.
+#[derive(Debug)]
+pub(crate) enum Fault {
+    Problem(Box<Problem>),
+    Model(ModelError),
+}
+
+impl From<Problem> for Fault {
+    fn from(problem: Problem) -> Self {
+        Self::Problem(Box::new(problem))
+    }
+}
+
+impl From<ModelError> for Fault {
+    fn from(error: ModelError) -> Self {
+        Self::Model(error)
+    }
+}
+
+impl Fault {
+    pub(crate) fn of(self, path: &Path) -> IoError {
+        let path = path.to_path_buf();
+        match self {
+            Self::Problem(problem) => IoError::Invalid { path, problem },
+            Self::Model(source) => IoError::Model { path, source },
+        }
+    }
+}
+
+/// A file's own text in a message: quoted, on one line, without control characters, at most 60 characters.
+pub(crate) fn quote(text: impl AsRef<[u8]>) -> String {
+    let text = String::from_utf8_lossy(text.as_ref());
+    let mut shown: String = text.chars().take(60).flat_map(char::escape_debug).collect();
+    if text.chars().nth(60).is_some() {
+        shown.push('…');
+    }
+    format!("'{shown}'")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn error_prints_at_most_four_lines_and_no_control_characters() {
+        let problem = Problem::new(format!("found {}", quote("a\n\x1b[31mb".repeat(50))))
+            .at(Location::Line(3))
+            .expected("numbers")
+            .help("look");
+        let error = Fault::from(problem).of(Path::new("a.ply"));
+        let text = error.to_string();
+        assert!(text.lines().count() <= 4, "{text}");
+        assert!(!text.contains('\x1b'), "{text:?}");
+        assert!(text.starts_with("a.ply: found 'a\\n") && text.contains("(line 3)"), "{text}");
+    }
+}

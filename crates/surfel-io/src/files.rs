@@ -1,0 +1,64 @@
+//! Reading whole files without trusting their size, and the files that a file refers to.
+
+use crate::IoError;
+use crate::error::{Fault, Problem, READ};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+/// Largest file that is loaded, in bytes.
+pub(crate) const MAX_BYTES: u64 = 64 << 30;
+/// Most that is taken from something without a size, such as a pipe, in bytes.
+const MAX_STREAM_BYTES: u64 = 1 << 30;
+
+/// The whole of a file of at most `limit` bytes, or of a pipe.
+pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {
+    let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
+    let file = File::open(path).map_err(system)?;
+    let metadata = file.metadata().map_err(system)?;
+    if metadata.is_dir() {
+        return Err(system(io::Error::other("it is a folder")));
+    }
+    let limit = if metadata.is_file() { limit } else { limit.min(MAX_STREAM_BYTES) };
+    let mut bytes = Vec::new();
+    let expected = metadata.len().min(limit) as usize;
+    bytes.try_reserve_exact(expected).map_err(|_| system(io::ErrorKind::OutOfMemory.into()))?;
+    file.take(limit + 1).read_to_end(&mut bytes).map_err(system)?;
+    if bytes.len() as u64 > limit {
+        let problem = Problem::new(format!("is larger than {limit} bytes")).expected("a smaller file of this kind");
+        return Err(Fault::from(problem).of(path));
+    }
+    Ok(bytes)
+}
+
+/// Where the files that a file refers to (materials, textures, buffers) are looked for.
+#[derive(Clone, Debug)]
+pub(crate) enum Beside {
+    /// Nowhere: the bytes came without a place.
+    Nowhere,
+    /// In this folder.
+    Folder(PathBuf),
+}
+
+impl Beside {
+    pub(crate) fn of(path: &Path) -> Self {
+        Self::Folder(path.parent().map(Path::to_path_buf).unwrap_or_default())
+    }
+
+    /// A referenced file, at most 1 GiB and regular (a device would never end), or why it can't be had.
+    pub(crate) fn read(&self, reference: &str) -> Result<Vec<u8>, String> {
+        let Self::Folder(folder) = self else {
+            return Err("files beside the data are not available here".into());
+        };
+        // Exporters on Windows write backslashes, which elsewhere are part of a name.
+        let path = folder.join(reference.replace('\\', "/"));
+        let metadata = std::fs::metadata(&path).map_err(|e| e.to_string())?;
+        if !metadata.is_file() {
+            return Err("it is not a regular file".into());
+        }
+        read(&path, MAX_STREAM_BYTES).map_err(|e| match e {
+            IoError::System { source, .. } => source.to_string(),
+            other => other.to_string(),
+        })
+    }
+}

@@ -1,0 +1,188 @@
+//! OpenEXR: one part with unnamed R G B A, Z, normal.X/Y/Z and weight; ZIP, lossless.
+
+use super::{Planes, PlanesView};
+use crate::error::Problem;
+use crate::{IoError, atomic};
+use exr::meta::MetaData;
+use exr::prelude::{
+    AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
+    LineOrder, ReadChannels, ReadLayers, Text, WritableImage, read as read_exr,
+};
+use half::f16;
+use std::io::{self, Cursor, Write};
+use std::path::Path;
+use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
+
+/// How to write an EXR.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ExrOptions {
+    /// Colour in 32-bit floats; geometry always is.
+    pub f32_color: bool,
+    /// String attributes: name and value. Characters beyond Latin-1 become `?`.
+    pub metadata: Vec<(String, String)>,
+}
+
+/// Writes all planes that there are as one EXR part. The same planes give the same bytes.
+///
+/// # Errors
+/// [`io::Error`] if there is no plane, a plane has the wrong size, two have the same name, or `out` fails.
+pub fn write_exr(out: &mut dyn Write, planes: &PlanesView<'_>, options: &ExrOptions) -> io::Result<()> {
+    planes.pixels()?;
+    let mut channels: Vec<AnyChannel<FlatSamples>> = Vec::new();
+    if let Some(color) = planes.color {
+        for (i, name) in ["R", "G", "B", "A"].into_iter().enumerate() {
+            let values = color.iter().map(|c| c[i]);
+            let samples = if options.f32_color {
+                FlatSamples::F32(values.collect())
+            } else {
+                FlatSamples::F16(values.map(f16::from_f32).collect())
+            };
+            channels.push(AnyChannel::new(name, samples));
+        }
+    }
+    for (name, plane) in [("Z", planes.depth), ("weight", planes.weight)] {
+        channels.extend(plane.map(|p| AnyChannel::new(name, FlatSamples::F32(p.to_vec()))));
+    }
+    if let Some(normal) = planes.normal {
+        for (i, name) in ["normal.X", "normal.Y", "normal.Z"].into_iter().enumerate() {
+            channels.push(AnyChannel::new(name, FlatSamples::F32(normal.iter().map(|n| n[i]).collect())));
+        }
+    }
+    for (name, plane) in &planes.other {
+        channels.push(AnyChannel { name: latin(name), ..AnyChannel::new("", FlatSamples::F32(plane.to_vec())) });
+    }
+    let channels = AnyChannels::sort(channels.into_iter().collect());
+    let mut names: Vec<&Text> = channels.list.iter().map(|c| &c.name).collect();
+    names.dedup();
+    if names.len() != channels.list.len() || names.is_empty() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "planes need names, each a different one"));
+    }
+    let mut attributes = LayerAttributes::default();
+    for (name, value) in &options.metadata {
+        attributes.other.insert(attribute_name(name), AttributeValue::Text(latin(value)));
+    }
+    let encoding =
+        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let size = (planes.width as usize, planes.height as usize);
+    let image = Image::from_layer(Layer::new(size, attributes, encoding, channels));
+    let mut bytes = Cursor::new(Vec::new());
+    image.write().non_parallel().to_buffered(&mut bytes).map_err(io::Error::other)?;
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    out.write_all(&bytes)
+}
+
+/// As [`write_exr`], to a file that appears whole or not at all.
+///
+/// # Errors
+/// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
+pub fn save_exr(path: &Path, overwrite: bool, planes: &PlanesView<'_>, options: &ExrOptions) -> Result<(), IoError> {
+    atomic::write(path, overwrite, |out| write_exr(out, planes, options))
+}
+
+fn latin(text: &str) -> Text {
+    let ok = |c: char| u32::from(c) < 256 && c != '\0';
+    let text: String = text.chars().map(|c| if ok(c) { c } else { '?' }).collect();
+    Text::new_or_none(text).unwrap_or_else(|| Text::from(""))
+}
+
+/// Names of attributes have at most 31 characters in files that old readers open, and one at least.
+fn attribute_name(name: &str) -> Text {
+    let name: String = name.chars().map(|c| if c.is_ascii_graphic() { c } else { '_' }).take(31).collect();
+    Text::from(if name.is_empty() { "_" } else { name.as_str() })
+}
+
+/// Puts a header's attributes in the order of their names: the writer keeps them in a hash map, whose order is
+/// a different one in each run. Leaves anything it doesn't understand as it is.
+fn sort_attributes(bytes: &mut [u8]) {
+    const START: usize = 8; // magic number and version
+    let string = |from: usize| Some(from + bytes.get(from..)?.iter().position(|&b| b == 0)? + 1);
+    let mut attributes: Vec<&[u8]> = Vec::new();
+    let mut end = START;
+    while bytes.get(end).is_some_and(|&b| b != 0) {
+        let Some(data) = string(end).and_then(string) else { return };
+        let Some(&[a, b, c, d]) = bytes.get(data..data + 4) else { return };
+        let Some(next) = (data + 4).checked_add(u32::from_le_bytes([a, b, c, d]) as usize) else { return };
+        let Some(attribute) = bytes.get(end..next) else { return };
+        attributes.push(attribute);
+        end = next;
+    }
+    attributes.sort_unstable();
+    let sorted = attributes.concat();
+    if let Some(target) = bytes.get_mut(START..end) {
+        target.copy_from_slice(&sorted);
+    }
+}
+
+pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
+    let help = "copy or export the file again: it is damaged";
+    let problem = |e: exr::error::Error| {
+        let why: String = e.to_string().chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();
+        Problem::new(format!("can't be read as OpenEXR: {why}")).help(help)
+    };
+    let meta = MetaData::read_from_buffered(bytes, false).map_err(problem)?;
+    let header = meta.headers.iter().find(|h| !h.deep);
+    let header =
+        header.ok_or_else(|| Problem::new("has no flat image").expected("an OpenEXR part without deep data"))?;
+    let (width, height) = (header.layer_size.width(), header.layer_size.height());
+    let pixels = width.saturating_mul(height);
+    let side = MAX_IMAGE_SIDE as usize;
+    if width > side || height > side || pixels as u64 > MAX_IMAGE_PIXELS || pixels == 0 {
+        let what = format!("is a picture of {width}x{height} pixels");
+        return Err(Problem::new(what).expected(format!("at most {MAX_IMAGE_PIXELS} pixels, {side} a side")));
+    }
+    // No compression of the format does better than deflate's 1032 to 1, so more pixels can't be in the file.
+    let decoded = pixels.saturating_mul(header.channels.bytes_per_pixel);
+    if decoded > bytes.len().saturating_mul(1100).saturating_add(1 << 20) {
+        let what = format!("says that it has {width}x{height} pixels, but is {} bytes long", bytes.len());
+        return Err(Problem::new(what).help(help));
+    }
+    if header.channels.list.iter().any(|c| c.sampling.area() != 1) {
+        return Err(Problem::new("has subsampled channels").expected("a value for every pixel in each channel"));
+    }
+    let image = read_exr()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(problem)?;
+    let layer = image.layer_data;
+    let (width, height) = (layer.size.width(), layer.size.height());
+    let mut metadata: Vec<(String, String)> = (layer.attributes.other.iter().chain(&image.attributes.other))
+        .filter_map(|(name, value)| match value {
+            AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
+            _ => None,
+        })
+        .collect();
+    metadata.sort();
+    let mut channels: Vec<(String, Vec<f32>)> = layer
+        .channel_data
+        .list
+        .into_iter()
+        .map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect::<Vec<f32>>()))
+        .filter(|(_, values)| values.len() == width * height)
+        .collect();
+    let mut take = |name: &str| {
+        let index = channels.iter().position(|(n, _)| n == name)?;
+        Some(channels.remove(index).1)
+    };
+    let alpha = take("A");
+    let color = match (take("R"), take("G"), take("B")) {
+        (Some(r), Some(g), Some(b)) => Some((r, g, b)),
+        _ => take("Y").map(|y| (y.clone(), y.clone(), y)),
+    };
+    let color = color.map(|(r, g, b)| {
+        let a = alpha.as_deref();
+        (0..r.len()).map(|i| [r[i], g[i], b[i], a.map_or(1.0, |a| a[i])]).collect()
+    });
+    let depth = take("Z");
+    let weight = take("weight");
+    let normal = match (take("normal.X"), take("normal.Y"), take("normal.Z")) {
+        (Some(x), Some(y), Some(z)) => Some((0..x.len()).map(|i| [x[i], y[i], z[i]]).collect()),
+        _ => None,
+    };
+    Ok(Planes { width: width as u32, height: height as u32, color, depth, normal, weight, other: channels, metadata })
+}

@@ -1,0 +1,386 @@
+//! PLY data: every wanted property as a column of its own type. Nothing is allocated by a count that the
+//! bytes present don't back.
+
+use super::PlyEncoding;
+use super::header::{ElementDef, Header, Kind, ScalarType};
+use crate::ascii::{line_at, number, number_f32};
+use crate::error::{Fault, Location, Problem, quote};
+use std::ops::Range;
+use surfel_model::ExtraValues;
+
+/// The columns of one element.
+#[derive(Debug, Default)]
+pub(crate) struct Table {
+    pub(crate) scalars: Vec<(String, ExtraValues)>,
+    pub(crate) lists: Vec<(String, Lists)>,
+}
+
+impl Table {
+    /// Takes a column out.
+    pub(crate) fn take(&mut self, name: &str) -> Option<ExtraValues> {
+        let index = self.scalars.iter().position(|(n, _)| n == name)?;
+        Some(self.scalars.remove(index).1)
+    }
+
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.scalars.iter().any(|(n, _)| n == name)
+    }
+}
+
+/// A column of integer lists, end to end. Negative items are `u32::MAX`.
+#[derive(Debug, Default)]
+pub(crate) struct Lists {
+    pub(crate) lengths: Vec<u32>,
+    pub(crate) items: Vec<u32>,
+}
+
+/// What a reader wants of an element.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Want {
+    /// Nothing: it is skipped.
+    Nothing,
+    /// All scalar properties.
+    Scalars,
+    /// The integer lists of these names.
+    Lists(&'static [&'static str]),
+}
+
+/// Reads the wanted elements in the order of the file, and stops after the last of them.
+pub(crate) fn read(
+    bytes: &[u8],
+    header: &Header,
+    want: impl Fn(&ElementDef) -> Want,
+) -> Result<Vec<(String, Table)>, Fault> {
+    let last = header.elements.iter().rposition(|e| want(e) != Want::Nothing).map_or(0, |i| i + 1);
+    let mut tables = Vec::new();
+    let mut position = header.body;
+    for element in &header.elements[..last] {
+        let wanted = want(element);
+        let mut columns: Vec<Column> =
+            element.properties.iter().map(|p| Column::new(p.kind, &p.name, wanted)).collect();
+        let mut cursor = Cursor { bytes, position, element, row: 0, property: 0 };
+        match header.encoding {
+            PlyEncoding::Ascii => read_ascii(&mut cursor, &mut columns)?,
+            PlyEncoding::BinaryLittleEndian => read_binary::<false>(&mut cursor, &mut columns)?,
+            PlyEncoding::BinaryBigEndian => read_binary::<true>(&mut cursor, &mut columns)?,
+        }
+        position = cursor.position;
+        if wanted == Want::Nothing {
+            continue;
+        }
+        let mut table = Table::default();
+        for (column, property) in columns.into_iter().zip(&element.properties) {
+            match column {
+                Column::Scalar(values) => table.scalars.push((property.name.clone(), values)),
+                Column::List(lists) => table.lists.push((property.name.clone(), lists)),
+                Column::Skip => {}
+            }
+        }
+        tables.push((element.name.clone(), table));
+    }
+    Ok(tables)
+}
+
+enum Column {
+    Scalar(ExtraValues),
+    List(Lists),
+    Skip,
+}
+
+impl Column {
+    fn new(kind: Kind, name: &str, want: Want) -> Self {
+        match (kind, want) {
+            (Kind::Scalar(t), Want::Scalars) => Self::Scalar(match t {
+                ScalarType::I8 => ExtraValues::I8(Vec::new()),
+                ScalarType::U8 => ExtraValues::U8(Vec::new()),
+                ScalarType::I16 => ExtraValues::I16(Vec::new()),
+                ScalarType::U16 => ExtraValues::U16(Vec::new()),
+                ScalarType::I32 => ExtraValues::I32(Vec::new()),
+                ScalarType::U32 => ExtraValues::U32(Vec::new()),
+                ScalarType::F32 => ExtraValues::F32(Vec::new()),
+                ScalarType::F64 => ExtraValues::F64(Vec::new()),
+            }),
+            (Kind::List { item, .. }, Want::Lists(names)) if item.is_integer() && names.contains(&name) => {
+                Self::List(Lists::default())
+            }
+            _ => Self::Skip,
+        }
+    }
+}
+
+macro_rules! each {
+    ($column:expr, $values:ident => $body:expr) => {
+        match $column {
+            ExtraValues::I8($values) => $body,
+            ExtraValues::U8($values) => $body,
+            ExtraValues::I16($values) => $body,
+            ExtraValues::U16($values) => $body,
+            ExtraValues::I32($values) => $body,
+            ExtraValues::U32($values) => $body,
+            ExtraValues::F32($values) => $body,
+            ExtraValues::F64($values) => $body,
+        }
+    };
+}
+
+/// Where reading is, for reading and for saying so.
+struct Cursor<'a> {
+    bytes: &'a [u8],
+    position: usize,
+    element: &'a ElementDef,
+    row: usize,
+    property: usize,
+}
+
+impl Cursor<'_> {
+    fn place(&self) -> String {
+        let property = self.element.properties.get(self.property).map_or("", |p| p.name.as_str());
+        format!("property {} of element {} number {}", quote(property), quote(&self.element.name), self.row)
+    }
+
+    fn truncated(&self, needed: u64) -> Fault {
+        let count = self.element.count;
+        let what = format!(
+            "the file ends at byte {}, within element {} number {} of {count}",
+            self.bytes.len(),
+            quote(&self.element.name),
+            self.row
+        );
+        let expected = format!("at least {needed} more bytes there, as the header says");
+        let help = "copy or export the file again: it is incomplete, or its header counts too many";
+        Problem::new(what).expected(expected).help(help).into()
+    }
+
+    fn remaining(&self) -> usize {
+        self.bytes.len() - self.position
+    }
+}
+
+/// A scalar that PLY can hold.
+trait Scalar: Copy {
+    fn read<const BIG: bool>(bytes: &[u8]) -> Self;
+    fn parse(word: &[u8]) -> Option<Self>;
+}
+
+macro_rules! scalar {
+    ($($t:ty, $parse:expr;)*) => {$(
+        impl Scalar for $t {
+            #[inline]
+            fn read<const BIG: bool>(bytes: &[u8]) -> Self {
+                let mut raw = [0; size_of::<$t>()];
+                // The caller hands exactly as many bytes.
+                raw.copy_from_slice(bytes);
+                if BIG { <$t>::from_be_bytes(raw) } else { <$t>::from_le_bytes(raw) }
+            }
+
+            fn parse(word: &[u8]) -> Option<Self> {
+                $parse(word)
+            }
+        }
+    )*};
+}
+
+scalar! {
+    i8, integer; u8, integer; i16, integer; u16, integer; i32, integer; u32, integer;
+    f32, number_f32; f64, number;
+}
+
+/// A whole number, also one written as `255.0`.
+fn integer<T: TryFrom<i64>>(word: &[u8]) -> Option<T> {
+    let value = match std::str::from_utf8(word).ok()?.parse::<i64>() {
+        Ok(value) => value,
+        Err(_) => number(word).filter(|v| v.fract() == 0.0 && v.abs() < 1e15)? as i64,
+    };
+    T::try_from(value).ok()
+}
+
+fn read_binary<const BIG: bool>(cursor: &mut Cursor<'_>, columns: &mut [Column]) -> Result<(), Fault> {
+    let properties = &cursor.element.properties;
+    // What a row takes at least: of a list its count.
+    let least: usize = properties
+        .iter()
+        .map(|p| match p.kind {
+            Kind::Scalar(t) | Kind::List { count: t, .. } => t.bytes(),
+        })
+        .sum();
+    let count = cursor.element.count;
+    if least == 0 {
+        cursor.row = usize::try_from(count).unwrap_or(usize::MAX);
+        return Ok(());
+    }
+    let needed = count.saturating_mul(least as u64);
+    if needed > cursor.remaining() as u64 {
+        cursor.row = cursor.remaining() / least;
+        return Err(cursor.truncated(needed - cursor.remaining() as u64));
+    }
+    let rows = count as usize;
+    if properties.iter().all(|p| matches!(p.kind, Kind::Scalar(_))) {
+        read_rows::<BIG>(cursor, columns, rows, least);
+        return Ok(());
+    }
+    for row in 0..rows {
+        cursor.row = row;
+        for (i, column) in columns.iter_mut().enumerate() {
+            cursor.property = i;
+            match cursor.element.properties[i].kind {
+                Kind::Scalar(t) => {
+                    let raw = take(cursor, t.bytes())?;
+                    if let Column::Scalar(values) = column {
+                        each!(values, v => v.push(Scalar::read::<BIG>(raw)));
+                    }
+                }
+                Kind::List { count, item } => {
+                    let length = to_i64::<BIG>(count, take(cursor, count.bytes())?);
+                    let length = usize::try_from(length).map_err(|_| {
+                        Problem::new(format!("a list has {length} items: {}", cursor.place()))
+                            .at(Location::Byte(cursor.position))
+                            .expected("0 or more")
+                    })?;
+                    let raw = take(cursor, length.saturating_mul(item.bytes()))?;
+                    if let Column::List(lists) = column {
+                        // An item takes at least a byte, so the file backs these.
+                        lists.lengths.push(u32::try_from(length).unwrap_or(u32::MAX));
+                        let items = raw.chunks_exact(item.bytes());
+                        lists.items.extend(items.map(|r| u32::try_from(to_i64::<BIG>(item, r)).unwrap_or(u32::MAX)));
+                    }
+                }
+            }
+        }
+    }
+    cursor.row = rows;
+    Ok(())
+}
+
+fn take<'a>(cursor: &mut Cursor<'a>, length: usize) -> Result<&'a [u8], Fault> {
+    if length > cursor.remaining() {
+        return Err(cursor.truncated((length - cursor.remaining()) as u64));
+    }
+    let raw = &cursor.bytes[cursor.position..cursor.position + length];
+    cursor.position += length;
+    Ok(raw)
+}
+
+fn to_i64<const BIG: bool>(kind: ScalarType, raw: &[u8]) -> i64 {
+    match kind {
+        ScalarType::I8 => i8::read::<BIG>(raw).into(),
+        ScalarType::U8 => u8::read::<BIG>(raw).into(),
+        ScalarType::I16 => i16::read::<BIG>(raw).into(),
+        ScalarType::U16 => u16::read::<BIG>(raw).into(),
+        ScalarType::I32 => i32::read::<BIG>(raw).into(),
+        ScalarType::U32 => u32::read::<BIG>(raw).into(),
+        ScalarType::F32 | ScalarType::F64 => -1,
+    }
+}
+
+/// Rows of fixed length, a block at a time: a block stays in cache while its columns are picked out of it.
+fn read_rows<const BIG: bool>(cursor: &mut Cursor<'_>, columns: &mut [Column], rows: usize, stride: usize) {
+    const BLOCK_ROWS: usize = 512;
+    let data = &cursor.bytes[cursor.position..cursor.position + rows * stride];
+    for column in columns.iter_mut() {
+        if let Column::Scalar(values) = column {
+            each!(values, v => v.reserve_exact(rows));
+        }
+    }
+    for block in data.chunks(BLOCK_ROWS * stride) {
+        let mut offset = 0;
+        for (column, property) in columns.iter_mut().zip(&cursor.element.properties) {
+            let Kind::Scalar(kind) = property.kind else { continue };
+            let end = offset + kind.bytes();
+            if let Column::Scalar(values) = column {
+                each!(values, v => pick::<_, BIG>(v, block, stride, offset..end));
+            }
+            offset = end;
+        }
+    }
+    cursor.position += data.len();
+    cursor.row = rows;
+}
+
+/// Appends one column of a block of rows.
+fn pick<T: Scalar, const BIG: bool>(column: &mut Vec<T>, block: &[u8], stride: usize, bytes: Range<usize>) {
+    column.extend(block.chunks_exact(stride).map(|row| T::read::<BIG>(&row[bytes.clone()])));
+}
+
+fn read_ascii(cursor: &mut Cursor<'_>, columns: &mut [Column]) -> Result<(), Fault> {
+    if columns.is_empty() {
+        return Ok(());
+    }
+    let rows = usize::try_from(cursor.element.count).unwrap_or(usize::MAX);
+    // A value takes at least two bytes, itself and a separator: more rows than that can't be there.
+    let backed = rows.min(cursor.remaining() / (2 * columns.len()) + 1);
+    for column in columns.iter_mut() {
+        if let Column::Scalar(values) = column {
+            each!(values, v => v.reserve_exact(backed));
+        }
+    }
+    for row in 0..rows {
+        cursor.row = row;
+        for (i, column) in columns.iter_mut().enumerate() {
+            cursor.property = i;
+            let word = next_word(cursor, i == 0)?;
+            match column {
+                Column::Scalar(values) => each!(values, v => v.push(parse_word(cursor, word)?)),
+                _ => {
+                    let Kind::List { .. } = cursor.element.properties[i].kind else { continue };
+                    let length: i64 = parse_list_word(cursor, word)?;
+                    let length = usize::try_from(length).map_err(|_| bad_word(cursor, word, "0 or more list items"))?;
+                    if length > cursor.remaining() {
+                        return Err(cursor.truncated(length as u64 * 2 - 1));
+                    }
+                    for _ in 0..length {
+                        let word = next_word(cursor, false)?;
+                        if let Column::List(lists) = column {
+                            let item = parse_list_word(cursor, word)?;
+                            lists.items.push(u32::try_from(item).unwrap_or(u32::MAX));
+                        }
+                    }
+                    if let Column::List(lists) = column {
+                        lists.lengths.push(u32::try_from(length).unwrap_or(u32::MAX));
+                    }
+                }
+            }
+        }
+    }
+    cursor.row = rows;
+    Ok(())
+}
+
+/// The next blank-separated word. The first of a row must be the first of a line, else rows and header disagree.
+fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault> {
+    let bytes = cursor.bytes;
+    let mut start = cursor.position;
+    let mut new_line = cursor.row == 0 && first;
+    while let Some(b) = bytes.get(start).filter(|b| b.is_ascii_whitespace()) {
+        new_line |= matches!(b, b'\n' | b'\r');
+        start += 1;
+    }
+    if start == bytes.len() {
+        cursor.position = start;
+        let values = (cursor.element.properties.len() - cursor.property) as u64;
+        return Err(cursor.truncated(2 * values - 1));
+    }
+    if first && !new_line {
+        let (row, element) = (cursor.row.saturating_sub(1), quote(&cursor.element.name));
+        let what = format!("element {element} number {row} has more values than the header has properties");
+        let location = Location::Line(line_at(bytes, start));
+        let expected = format!("{} values on a line", cursor.element.properties.len());
+        return Err(Problem::new(what).at(location).expected(expected).into());
+    }
+    let length = bytes[start..].iter().position(u8::is_ascii_whitespace).unwrap_or(bytes.len() - start);
+    cursor.position = start + length;
+    Ok(&bytes[start..start + length])
+}
+
+fn parse_word<T: Scalar>(cursor: &Cursor<'_>, word: &[u8]) -> Result<T, Fault> {
+    T::parse(word).ok_or_else(|| bad_word(cursor, word, "a number of the type that the header gives"))
+}
+
+fn parse_list_word(cursor: &Cursor<'_>, word: &[u8]) -> Result<i64, Fault> {
+    // Items of lists that aren't used may be anything; those that are, are integers by their type.
+    integer(word).ok_or_else(|| bad_word(cursor, word, "a whole number"))
+}
+
+fn bad_word(cursor: &Cursor<'_>, word: &[u8], expected: &str) -> Fault {
+    let what = format!("found {} as {}", quote(word), cursor.place());
+    Problem::new(what).at(Location::Line(line_at(cursor.bytes, cursor.position))).expected(expected).into()
+}

@@ -1,0 +1,58 @@
+//! Gaussian-splat PLY files, recognised by their properties (2DGS: two scales, 3DGS: three).
+
+use super::body::Table;
+use super::{interpret_comments, require, take, take_positions};
+use crate::columns::{to_f32, to_f64};
+use crate::error::Fault;
+use crate::gaussians::{Gaussians, Kind, SH_C0};
+use crate::load::{Content, Context};
+use glam::{DQuat, DVec3};
+
+const REQUIRED: [&str; 10] =
+    ["scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0", "f_dc_1", "f_dc_2"];
+
+/// True for a Gaussian-splat file; an error for one that lacks a part. A file with a radius or half-axes is ours.
+pub(super) fn recognise(table: &Table) -> Result<bool, Fault> {
+    if table.has("radius") || table.has("su") || !["scale_0", "rot_0", "f_dc_0"].iter().any(|n| table.has(n)) {
+        return Ok(false);
+    }
+    match require(table, &REQUIRED) {
+        Ok(()) => Ok(true),
+        Err(Fault::Problem(mut problem)) => {
+            problem.what = format!("looks like Gaussian splats, but {}", problem.what);
+            problem.help = Some("export it again with all properties of 2DGS or 3DGS".into());
+            Err(Fault::Problem(problem))
+        }
+        Err(other) => Err(other),
+    }
+}
+
+pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Context<'_>) -> Result<Content, Fault> {
+    let (up, _) = interpret_comments(&comments)?;
+    let (origin, centers) = take_positions(&mut table)?;
+    let third = table.take("scale_2").map(|v| to_f64(&v));
+    let [s0, s1, r0, r1, r2, r3, opacity, red, green, blue] = take(&mut table, REQUIRED)?;
+    let [s0, s1, w, x, y, z, opacity] = [s0, s1, r0, r1, r2, r3, opacity].map(|v| to_f64(&v));
+    let [red, green, blue] = [red, green, blue].map(to_f32);
+    let n = centers.len();
+    let rest = table.scalars.iter().filter(|(name, _)| name.starts_with("f_rest_")).count();
+    if rest > 0 {
+        context
+            .note(format!("used the splats' base colours only: {rest} spherical-harmonics coefficients are ignored"));
+    }
+    let display = |dc: f32| 0.5 + SH_C0 * f64::from(dc);
+    context.gaussians(Gaussians {
+        origin,
+        centers,
+        kind: if third.is_some() { Kind::Solid } else { Kind::Flat },
+        sigmas: (0..n)
+            .map(|i| DVec3::new(s0[i].exp(), s1[i].exp(), third.as_ref().map_or(0.0, |s| s[i].exp())))
+            .collect(),
+        rotations: (0..n).map(|i| DQuat::from_xyzw(x[i], y[i], z[i], w[i])).collect(),
+        alphas: opacity.iter().map(|o| (1.0 / (1.0 + (-o).exp())) as f32).collect(),
+        display_colors: (0..n).map(|i| [display(red[i]), display(green[i]), display(blue[i])]).collect(),
+        linear_colors: false,
+        up,
+        comments,
+    })
+}

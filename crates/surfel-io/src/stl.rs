@@ -1,0 +1,141 @@
+//! STL: loose triangles, text or binary. Corners at exactly the same place become one vertex.
+
+use crate::ascii::{Lines, number_f32, words};
+use crate::error::{Fault, Location, Problem, quote};
+use crate::load::{Content, Context};
+use glam::{DVec3, Vec3};
+use std::collections::HashMap;
+use surfel_model::{Column3, Mesh};
+
+/// Bytes before a binary file's triangles: a free header and their number.
+const HEADER_BYTES: usize = 84;
+/// Bytes of a binary triangle: normal, three corners, attribute.
+const TRIANGLE_BYTES: usize = 50;
+
+/// True if the content shows that this is STL.
+pub(crate) fn looks_like(bytes: &[u8]) -> bool {
+    is_text(bytes) || binary_count(bytes).is_some_and(|n| bytes.len() == HEADER_BYTES + n * TRIANGLE_BYTES)
+}
+
+fn binary_count(bytes: &[u8]) -> Option<usize> {
+    let count = bytes.get(80..HEADER_BYTES)?;
+    Some(u32::from_le_bytes(count.try_into().ok()?) as usize)
+}
+
+/// Binary files may start with "solid", too; text has "facet" or "endsolid" soon after.
+fn is_text(bytes: &[u8]) -> bool {
+    let head = bytes[..bytes.len().min(1024)].trim_ascii_start();
+    let has = |word: &[u8]| head.windows(word.len()).any(|w| w.eq_ignore_ascii_case(word));
+    head.len() >= 5 && head[..5].eq_ignore_ascii_case(b"solid") && (has(b"facet") || has(b"endsolid"))
+}
+
+pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
+    let mut corners = Corners::default();
+    if is_text(bytes) {
+        read_text(bytes, &mut corners)?;
+    } else {
+        read_binary(bytes, &mut corners, context)?;
+    }
+    if corners.triangles.is_empty() {
+        return Err(Problem::new("holds no triangle").expected("STL facets").into());
+    }
+    let positions = Column3::from_f32(corners.positions);
+    context.mesh(Mesh { origin: DVec3::ZERO, positions, triangles: corners.triangles, ..Mesh::default() })
+}
+
+#[derive(Default)]
+struct Corners {
+    index: HashMap<[u32; 3], u32>,
+    positions: Vec<Vec3>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl Corners {
+    fn vertex(&mut self, p: [f32; 3]) -> u32 {
+        let next = self.positions.len() as u32;
+        // −0 and +0 are one place; adding +0 leaves every other number as it is.
+        let p = p.map(|x| x + 0.0);
+        *self.index.entry(p.map(f32::to_bits)).or_insert_with(|| {
+            self.positions.push(p.into());
+            next
+        })
+    }
+
+    fn triangle(&mut self, p: [[f32; 3]; 3]) {
+        let triangle = p.map(|p| self.vertex(p));
+        self.triangles.push(triangle);
+    }
+}
+
+fn read_binary(bytes: &[u8], corners: &mut Corners, context: &mut Context<'_>) -> Result<(), Fault> {
+    let Some(count) = binary_count(bytes) else {
+        let what = format!("is too short for STL: {} bytes", bytes.len());
+        return Err(Problem::new(what).expected("text from 'solid' on, or at least 84 bytes").into());
+    };
+    let body = &bytes[HEADER_BYTES..];
+    if body.len() / TRIANGLE_BYTES < count {
+        let what = format!("the STL file ends within triangle {} of {count}", body.len() / TRIANGLE_BYTES);
+        let expected = format!("{} bytes, found {}", HEADER_BYTES as u64 + count as u64 * 50, bytes.len());
+        let help = "copy or export the file again: it is incomplete, or not STL";
+        return Err(Problem::new(what).at(Location::Byte(bytes.len())).expected(expected).help(help).into());
+    }
+    let rest = body.len() - count * TRIANGLE_BYTES;
+    if rest > 0 {
+        context.note(format!("ignored {rest} bytes after the last triangle"));
+    }
+    corners.triangles.reserve_exact(count);
+    corners.index.reserve(count / 2);
+    for raw in body.chunks_exact(TRIANGLE_BYTES).take(count) {
+        let number = |i: usize| f32::from_le_bytes([raw[i], raw[i + 1], raw[i + 2], raw[i + 3]]);
+        corners.triangle([12, 24, 36].map(|i| [number(i), number(i + 4), number(i + 8)]));
+    }
+    Ok(())
+}
+
+fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), Fault> {
+    let (mut polygon, mut complete) = (Vec::with_capacity(3), false);
+    for (line_number, line) in Lines::new(bytes) {
+        let at = Location::Line(line_number);
+        let mut words = words(line);
+        let Some(first) = words.next() else { continue };
+        match first.to_ascii_lowercase().as_slice() {
+            b"vertex" => {
+                let mut p = [0.0; 3];
+                for x in &mut p {
+                    let word = words.next().unwrap_or(b"");
+                    *x = number_f32(word).ok_or_else(|| {
+                        Problem::new(format!("found {} as a coordinate", quote(word))).at(at).expected("a number")
+                    })?;
+                }
+                if polygon.len() == 3 {
+                    return Err(Problem::new("a facet has more than three vertices").at(at).expected("three").into());
+                }
+                polygon.push(p);
+            }
+            b"endloop" | b"endfacet" if !polygon.is_empty() => {
+                let [a, b, c] = polygon[..] else {
+                    let what = format!("a facet has {} vertices", polygon.len());
+                    return Err(Problem::new(what).at(at).expected("three").into());
+                };
+                corners.triangle([a, b, c]);
+                polygon.clear();
+            }
+            b"endsolid" => complete = true,
+            b"solid" | b"facet" | b"outer" | b"endloop" | b"endfacet" | b"color" => {}
+            // The solid's name may run over lines before the first facet.
+            _ if corners.triangles.is_empty() && polygon.is_empty() => {}
+            _ => {
+                let problem = Problem::new(format!("found {}", quote(first))).at(at);
+                return Err(problem.expected("facet, outer loop, vertex, endloop, endfacet or endsolid").into());
+            }
+        }
+    }
+    if !polygon.is_empty() || !complete {
+        let problem = Problem::new(format!("the STL file ends within facet {}", corners.triangles.len()));
+        return Err(problem
+            .expected("a line 'endsolid'")
+            .help("copy or export the file again: it is incomplete")
+            .into());
+    }
+    Ok(())
+}
