@@ -88,7 +88,7 @@ mod tests {
     fn scene_file_unknown_key_is_named_with_its_place_and_the_known_ones() {
         let text = SCENE.replace("\"splats\"", "\"splat\"");
         let error = parse(text.as_bytes(), Path::new("s.json")).unwrap_err().to_string();
-        assert!(error.starts_with("s.json: unknown field `splat` (line 3, column 22)"), "{error}");
+        assert!(error.starts_with("s.json: unknown field `splat` (line 3, column 21)"), "{error}");
         assert!(error.contains("expected: one of `splats`, `mesh`, `matrix`"), "{error}");
         assert!(error.lines().count() <= 4);
     }

@@ -2,7 +2,7 @@
 
 use super::Gltf;
 use super::document::{Accessor, BufferView};
-use crate::error::Problem;
+use crate::error::{Problem, quote};
 
 /// The raw elements of an accessor or of its sparse part.
 struct Elements<'a> {
@@ -85,7 +85,8 @@ impl Gltf<'_> {
         let found = components(&accessor.kind).filter(|&n| n == N || (n == 3 && N == 4));
         let bytes = component_bytes(accessor.component_type);
         let (Some(found), Some(bytes)) = (found, bytes) else {
-            let what = format!("accessor {index} is {} of type {}", accessor.kind, accessor.component_type);
+            let kind = quote(&accessor.kind);
+            let what = format!("accessor {index} is {kind} of type {}", accessor.component_type);
             return Err(Problem::new(what).expected(format!("{N} numbers an element")));
         };
         let decode = |raw: &[u8]| -> [f32; N] {

@@ -1,0 +1,458 @@
+//! Points as text, OBJ, STL and glTF, and how formats are told apart.
+
+use glam::DVec3;
+use std::fs;
+use std::path::{Path, PathBuf};
+use surfel_io::{Content, Format, LoadOptions, Loaded, load as load_file, load_bytes};
+use surfel_model::{ExtraValues, Mesh, PointCloud, SplatCloud, Up};
+
+fn try_load(format: Format, bytes: impl AsRef<[u8]>) -> Result<Loaded, String> {
+    load_bytes(bytes.as_ref(), Some(format), Path::new("t"), &LoadOptions::default())
+        .map_err(|e| e.to_string())
+        .inspect_err(|e| assert!(e.lines().count() <= 4 && e.starts_with("t: "), "{e}"))
+}
+
+fn load(format: Format, bytes: impl AsRef<[u8]>) -> Loaded {
+    try_load(format, bytes).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn points(loaded: Loaded) -> PointCloud {
+    match loaded.content {
+        Content::Points(p) => p,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn mesh(loaded: Loaded) -> Mesh {
+    match loaded.content {
+        Content::Mesh(m) => m,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn splats(loaded: Loaded) -> SplatCloud {
+    match loaded.content {
+        Content::Splats(s) => s,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Linear value of sRGB ½, computed in f64.
+const HALF: f32 = 0.214_041_14;
+
+#[test]
+fn points_columns_are_recognised_by_number_and_content() {
+    for (text, attributes) in [
+        ("1 2 3\n", "position"),
+        ("# x y z i\n1,2,3,0.5\n4;5;6;0.25\n", "position intensity"),
+        ("1 2 3 255 0 128\n", "position colour"),
+        ("1 2 3 0.5 0.5 0.25\n", "position colour"),
+        ("1 2 3 0 0.6 -0.8\n1 2 3 0 0 0\n", "position normal"),
+        ("1 2 3 0.6 0 0.8 10 20 30\n", "position normal colour"),
+        ("1\t2\t3\t10\t20\t30\t0.6\t0\t0.8\n", "position normal colour"),
+        ("1 2 3 77 10 20 30 0.6 0 0.8\n", "position normal colour intensity"),
+        ("1 2 3 -50 10 20 30\n", "position colour intensity"),
+        ("1 2 3 4 5\n", "position column_4 column_5"),
+        ("x,y,z,blue,green,red\n1,2,3,255,0,0\n", "position colour"),
+        ("//X Y Z\n1 2 3\n", "position"),
+    ] {
+        assert_eq!(load(Format::Xyz, text).attributes.join(" "), attributes, "{text}");
+    }
+    let cloud = points(load(Format::Xyz, "x,y,z,blue,green,red\n1,2,3,255,0,0\n"));
+    assert_eq!(cloud.colors.unwrap()[0], [0.0, 0.0, 1.0]);
+    let cloud = points(load(Format::Xyz, "1 2 3 0.5 0 1\n"));
+    assert_eq!(cloud.colors.unwrap()[0], [HALF, 0.0, 1.0]);
+}
+
+#[test]
+fn points_pts_counts_are_not_points() {
+    let loaded = load(Format::Pts, "2\n1 2 3 -1203 255 0 0\n4 5 6 10 0 255 0\r\n1\n7 8 9 0 0 0 255");
+    assert_eq!(loaded.up, Up::PlusZ);
+    let cloud = points(loaded);
+    assert_eq!((cloud.len(), cloud.positions.get(2)), (3, DVec3::new(7.0, 8.0, 9.0)));
+    assert_eq!(cloud.extras[0].values, ExtraValues::F32(vec![-1203.0, 10.0, 0.0]));
+}
+
+#[test]
+fn points_far_from_the_origin_keep_their_detail() {
+    let cloud = points(load(Format::Xyz, "4500000.123 5 6\n4500001.456 5 6\n"));
+    let x = |i: usize| (cloud.origin + cloud.positions.get(i)).x;
+    // The last digit of an f64 at 4.5e6.
+    assert!((x(0) - 4_500_000.123).abs() < 1e-9 && (x(1) - 4_500_001.456).abs() < 1e-9);
+    let near = points(load(Format::Xyz, "0.1 0.2 0.3\n1 2 3\n"));
+    assert!(near.positions.low().is_none(), "decimals near the origin are measurements in f32");
+}
+
+#[test]
+fn points_faults_name_the_line() {
+    for (text, expected) in [
+        ("hello world\n", "found 'hello' where points were expected (line 1)"),
+        ("1 2 3\n4 5\n", "found 2 numbers (line 2)"),
+        ("1 2 3\n4 x 6\n", "found 'x' (line 2)"),
+        ("1 2\n", "at least x y z"),
+        ("# nothing\n", "holds no point"),
+        ("", "is empty"),
+    ] {
+        let error = try_load(Format::Xyz, text).unwrap_err();
+        assert!(error.contains(expected), "{error}");
+    }
+    assert!(try_load(Format::Xyz, "1 ".repeat(100_000)).is_err());
+}
+
+#[test]
+fn obj_indices_of_every_form() {
+    let text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/1/1 \\\n4/2/1\nf -4//1 -3//1 -2//1\n";
+    let m = mesh(load(Format::Obj, text));
+    assert_eq!(m.triangles.len(), 3);
+    assert_eq!(m.triangles[..2], [[0, 1, 2], [0, 2, 3]]);
+    // Without a texture coordinate a corner is another vertex.
+    assert_eq!((m.positions.len(), m.triangles[2]), (7, [4, 5, 6]));
+    assert_eq!(m.positions.get(5), DVec3::X);
+    assert_eq!((m.uvs.unwrap()[1], m.normals.unwrap()[6]), ([1.0, 0.0], [0.0, 0.0, 1.0]));
+}
+
+#[test]
+fn obj_without_texture_keeps_its_vertices_as_they_are() {
+    let loaded = load(Format::Obj, "# made by hand\nv 0.1 0 0 1 0.5 0\nv 1 0 0\nv 1 1 0\nv 9 9 9\nf 3 2 1\nf 1 2\n");
+    assert_eq!(loaded.notes, ["skipped 1 faces with fewer than 3 corners"]);
+    let m = mesh(loaded);
+    assert_eq!((m.positions.len(), &m.triangles[..]), (4, &[[2, 1, 0]][..]));
+    // Every decimal is kept, though not in f32: to 48 bits.
+    assert!((m.positions.get(0).x - 0.1).abs() < 1e-15);
+    assert_eq!(m.colors.unwrap()[..2], [[1.0, HALF, 0.0], [1.0; 3]]);
+    assert_eq!(m.comments, ["made by hand"]);
+}
+
+#[test]
+fn obj_faults_name_the_line() {
+    for (text, expected) in [
+        ("v 0 0 0\nf 1 2 3\n", "a face refers to vertex '2' of 1 (line 2)"),
+        ("v 0 0 0\nf 0 1 1\n", "a face refers to vertex '0' of 1 (line 2)"),
+        ("v 0 0 0\nf 1 1 -2\n", "a face refers to vertex '-2' of 1 (line 2)"),
+        ("v 0 0 0\nf 1/1 1 1\n", "texture coordinate '1' of 0 (line 2)"),
+        ("v 0 zero 0\n", "found 'zero', which is not a number (line 1)"),
+        ("v 0 0\n", "found 2 numbers (line 1)"),
+        ("vn 0 0 1\n", "holds no vertex"),
+        ("v nan 0 0\nv 0 0 0\nf 1 2 2\n", "vertex 0 is invalid"),
+    ] {
+        let error = try_load(Format::Obj, text).unwrap_err();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn obj_without_faces_is_a_point_cloud() {
+    let cloud = points(load(Format::Obj, "v 1 2 3 0 0 1\nv 4 5 6 1 1 1\nvn 0 0 1\nvn 0 1 0\n"));
+    assert_eq!((cloud.len(), cloud.normals.unwrap().get(1)), (2, DVec3::Y));
+    assert_eq!(cloud.colors.unwrap()[0], [0.0, 0.0, 1.0]);
+}
+
+/// A folder that is removed again.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("surfel-io-formats-{name}-{}", std::process::id()));
+        fs::create_dir_all(path.join("sub")).unwrap();
+        Self(path)
+    }
+
+    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+        fs::write(self.0.join(name), bytes).unwrap();
+        self.0.join(name)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+fn png(texels: &[[u8; 3]]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, texels.len() as u32, 1);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.write_header().unwrap().write_image_data(texels.as_flattened()).unwrap();
+    bytes
+}
+
+#[test]
+fn obj_materials_keep_one_texture_and_bake_several() {
+    let folder = Folder::new("mtl");
+    let shape = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.5\nusemtl red one\nf 1/1 2/1 3/1\n";
+    folder.write("sub/r.png", png(&[[255, 0, 0], [0, 0, 255]]));
+    folder.write("g.png", png(&[[0, 255, 0]]));
+    folder.write(
+        "a.mtl",
+        "newmtl red one\nKd 0 0 0\nmap_Kd -s 1 1 1 -blendu on sub\\r.png\nnewmtl green\nKd 0.5 0.5 0.5\nmap_Kd g.png\n",
+    );
+    let one =
+        mesh(load_file(&folder.write("one.obj", format!("mtllib a.mtl\n{shape}")), &LoadOptions::default()).unwrap());
+    let texture = one.texture.unwrap();
+    assert_eq!((texture.width, texture.srgba8[1]), (2, [0, 0, 255, 255]));
+    assert!(one.uvs.is_some() && one.colors.is_none());
+    let two = format!("mtllib a.mtl\n{shape}usemtl green\nf 1/1 2/1 3/1\n");
+    let loaded = load_file(&folder.write("two.obj", two), &LoadOptions::default()).unwrap();
+    assert!(loaded.notes[0].starts_with("baked 2 textures"), "{:?}", loaded.notes);
+    let two = mesh(loaded);
+    // The left texel's centre, and the green image times Kd.
+    assert_eq!(
+        two.colors.unwrap(),
+        [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.5, 0.0], [0.0, 0.5, 0.0]]
+    );
+    assert!(two.texture.is_none() && two.uvs.is_none());
+}
+
+#[test]
+fn obj_missing_library_or_texture_is_a_note() {
+    let folder = Folder::new("missing");
+    let shape = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n";
+    let load = |text: String| load_file(&folder.write("a.obj", text), &LoadOptions::default()).unwrap();
+    assert!(load(format!("mtllib no.mtl\n{shape}")).notes[0].starts_with("left out the material library 'no.mtl'"));
+    folder.write("a.mtl", "newmtl m\nKd 1 0.5 0.25\nd 0.5\nmap_Kd no.png\n");
+    let loaded = load(format!("mtllib a.mtl\n{shape}"));
+    assert!(loaded.notes[0].starts_with("left out the texture 'no.png'"), "{:?}", loaded.notes);
+    let m = mesh(loaded);
+    assert_eq!((m.colors.unwrap()[0], m.alphas.unwrap()[0]), ([1.0, 0.5, 0.25], 0.5));
+    folder.write("no.png", b"this is no picture");
+    assert!(load(format!("mtllib a.mtl\n{shape}")).notes[0].starts_with("left out the texture 'no.png'"));
+    folder.write("yes.png", png(&[[9, 9, 9]]));
+    let options = LoadOptions { texture: Some(folder.0.join("yes.png")), ..LoadOptions::default() };
+    let given = mesh(load_file(&folder.write("a.obj", shape), &options).unwrap());
+    assert_eq!(given.texture.unwrap().srgba8, [[9, 9, 9, 255]]);
+}
+
+fn binary_stl(triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
+    let mut bytes = b"solid but binary".to_vec();
+    bytes.resize(80, 0);
+    bytes.extend((triangles.len() as u32).to_le_bytes());
+    for t in triangles {
+        bytes.extend([0; 12]);
+        t.as_flattened().iter().for_each(|x| bytes.extend(x.to_le_bytes()));
+        bytes.extend([0; 2]);
+    }
+    bytes
+}
+
+#[test]
+fn stl_text_and_binary_merge_equal_corners() {
+    let square =
+        [[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]], [[-0.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]];
+    let mut text = "solid a square\n".to_owned();
+    for t in square {
+        text += "facet normal 0 0 1\n outer loop\n";
+        t.iter().for_each(|p| text += &format!("  vertex {} {} {}\n", p[0], p[1], p[2]));
+        text += " endloop\nendfacet\n";
+    }
+    text += "endsolid a square\n";
+    let binary = binary_stl(&square);
+    for bytes in [text.as_bytes(), &binary] {
+        // Also without an extension.
+        let loaded = load_bytes(bytes, None, Path::new("t"), &LoadOptions::default()).unwrap();
+        assert_eq!((loaded.format, loaded.up), (Format::Stl, Up::PlusZ));
+        let m = mesh(loaded);
+        assert_eq!((m.positions.len(), &m.triangles[..]), (4, &[[0, 1, 2], [0, 2, 3]][..]));
+    }
+    for end in 0..binary.len() {
+        assert!(try_load(Format::Stl, &binary[..end]).is_err(), "{end}");
+    }
+    let error = try_load(Format::Stl, &binary[..150]).unwrap_err();
+    assert!(error.contains("ends within triangle 1 of 2 (byte 150)"), "{error}");
+    let error = try_load(Format::Stl, text.replace("endsolid a square", "")).unwrap_err();
+    assert!(error.contains("ends within facet 2"), "{error}");
+    let error = try_load(Format::Stl, text.replace("1 1 0", "1 one 0")).unwrap_err();
+    assert!(error.contains("found 'one' as a coordinate (line 6)"), "{error}");
+}
+
+/// A glTF document whose one buffer holds `data`, with accessors (offset, count, componentType, type) into it.
+fn gltf(data: &[u8], accessors: &[(usize, usize, u32, &str)], rest: &str) -> String {
+    let hex: String = data.iter().map(|b| format!("%{b:02x}")).collect();
+    let n = data.len();
+    let accessors: Vec<String> = accessors
+        .iter()
+        .map(|(offset, count, component, kind)| {
+            format!(r#"{{"bufferView": 0, "byteOffset": {offset}, "count": {count}, "componentType": {component}, "type": "{kind}"}}"#)
+        })
+        .collect();
+    format!(
+        r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{"uri": "data:,{hex}", "byteLength": {n}}}],
+        "bufferViews": [{{"buffer": 0, "byteLength": {n}}}], "accessors": [{}], {rest}}}"#,
+        accessors.join(", ")
+    )
+}
+
+fn floats(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+const QUAD: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
+
+#[test]
+fn gltf_placements_multiply_and_mirrors_keep_the_outside_out() {
+    let mut data = floats(&QUAD);
+    data.extend(floats(&[0.0, 0.0, 1.0].repeat(4)));
+    data.extend([0, 1, 2]);
+    let text = gltf(
+        &data,
+        &[(0, 4, 5126, "VEC3"), (48, 4, 5126, "VEC3"), (96, 3, 5121, "SCALAR")],
+        r#""meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2},
+            {"attributes": {"POSITION": 0, "NORMAL": 1}, "mode": 5},
+            {"attributes": {"POSITION": 0, "NORMAL": 1}, "mode": 6}, {"attributes": {"POSITION": 0}, "mode": 1}]}],
+          "nodes": [{"mesh": 0, "scale": [1, 1, -2]}, {"children": [0], "translation": [10, 0, 0], "rotation": [0, 0, 1, 0]}, {"mesh": 0}],
+          "scenes": [{"nodes": []}, {"nodes": [1]}], "scene": 1"#,
+    );
+    let loaded = load(Format::Gltf, text);
+    assert_eq!((loaded.up, loaded.notes.len()), (Up::PlusY, 1));
+    let m = mesh(loaded);
+    // One list triangle, two of the strip and two of the fan.
+    assert_eq!((m.positions.len(), m.triangles.len()), (12, 5));
+    // Half a turn about z, then 10 along x.
+    assert!((m.origin + m.positions.get(1) - DVec3::new(9.0, 0.0, 0.0)).length() < 1e-6);
+    let normals = m.normals.unwrap();
+    for t in &m.triangles[..3] {
+        let [a, b, c] = t.map(|i| m.positions.get(i as usize));
+        let n = DVec3::from(normals[t[0] as usize].map(f64::from));
+        assert!((b - a).cross(c - a).dot(n) > 0.9, "{t:?}");
+        assert!((n - DVec3::NEG_Z).length() < 1e-6);
+    }
+}
+
+#[test]
+fn gltf_materials_color_and_texture() {
+    let mut data = floats(&QUAD);
+    data.extend(floats(&[0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]));
+    data.extend([255, 0, 0, 128].repeat(4));
+    let image = png(&[[0, 255, 0], [0, 0, 255]]);
+    let hex: String = image.iter().map(|b| format!("%{b:02x}")).collect();
+    let text = gltf(
+        &data,
+        &[(0, 4, 5126, "VEC3"), (48, 4, 5126, "VEC2"), (80, 4, 5121, "VEC4")],
+        &format!(
+            r#""meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0, "TEXCOORD_0": 1, "COLOR_0": 2}}, "mode": 5, "material": 0}}]}}],
+          "materials": [{{"alphaMode": "BLEND", "pbrMetallicRoughness": {{"baseColorFactor": [0.5, 1, 1, 0.5], "baseColorTexture":
+             {{"index": 0, "extensions": {{"KHR_texture_transform": {{"offset": [0.5, 0]}}}}}}}}}}],
+          "textures": [{{"source": 0}}], "images": [{{"uri": "data:image/png,{hex}"}}], "nodes": [{{"mesh": 0}}]"#
+        ),
+    )
+    .replace(r#""componentType": 5121, "type": "VEC4""#, r#""componentType": 5121, "normalized": true, "type": "VEC4""#);
+    let m = mesh(load(Format::Gltf, text));
+    assert_eq!(m.texture.unwrap().srgba8, [[0, 255, 0, 255], [0, 0, 255, 255]]);
+    assert_eq!(m.uvs.unwrap()[0], [0.75, 0.0]);
+    assert_eq!(m.colors.unwrap()[0], [0.5, 0.0, 0.0]);
+    // 128/255 times ½.
+    assert!((m.alphas.unwrap()[0] - 0.250_980_4).abs() < 1e-6);
+}
+
+#[test]
+fn gltf_points_and_glb() {
+    let json = r#"{"asset": {"version": "2.0"}, "buffers": [{"byteLength": 24}], "bufferViews": [{"buffer": 0, "byteLength": 24}],
+        "accessors": [{"bufferView": 0, "count": 2, "componentType": 5126, "type": "VEC3"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 0}]}], "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}]}"#;
+    let json = format!("{json:<width$}", width = json.len().next_multiple_of(4));
+    let data = floats(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    let mut glb = b"glTF\x02\0\0\0".to_vec();
+    glb.extend((28 + json.len() as u32 + 24).to_le_bytes());
+    glb.extend((json.len() as u32).to_le_bytes());
+    glb.extend(b"JSON");
+    glb.extend(json.as_bytes());
+    glb.extend(24_u32.to_le_bytes());
+    glb.extend(b"BIN\0");
+    glb.extend(&data);
+    let loaded = load_bytes(&glb, None, Path::new("t"), &LoadOptions::default()).unwrap();
+    assert_eq!(loaded.format, Format::Glb);
+    assert_eq!(points(loaded).positions.get(1), DVec3::new(4.0, 5.0, 6.0));
+    for end in 4..glb.len() {
+        assert!(try_load(Format::Glb, &glb[..end]).is_err(), "{end}");
+    }
+    // The same with an external buffer.
+    let folder = Folder::new("gltf");
+    folder.write("a b.bin", &data);
+    let text = json.replace(r#"{"byteLength": 24}"#, r#"{"byteLength": 24, "uri": "a%20b.bin"}"#);
+    let cloud = points(load_file(&folder.write("a.gltf", &text), &LoadOptions::default()).unwrap());
+    assert_eq!(cloud.len(), 2);
+    assert!(try_load(Format::Gltf, text).unwrap_err().contains("keep the .bin file beside"));
+}
+
+#[test]
+fn gltf_gaussian_splats_are_lifted() {
+    let mut data = floats(&[1.0, 2.0, 3.0]); // position
+    data.extend(floats(&[0.0, 0.0, 0.0, 1.0])); // rotation, at 12
+    data.extend(floats(&[0.1, 0.2, 0.0])); // scale, at 28
+    data.extend(floats(&[0.75])); // opacity, at 40
+    data.extend(floats(&[0.0, 9.0, -9.0])); // colour, at 44
+    let text = gltf(
+        &data,
+        &[
+            (0, 1, 5126, "VEC3"),
+            (12, 1, 5126, "VEC4"),
+            (28, 1, 5126, "VEC3"),
+            (40, 1, 5126, "SCALAR"),
+            (44, 1, 5126, "VEC3"),
+        ],
+        r#""extensionsUsed": ["KHR_gaussian_splatting"], "nodes": [{"mesh": 0, "scale": [2, 2, 2]}],
+          "meshes": [{"primitives": [{"mode": 0, "attributes": {"POSITION": 0, "KHR_gaussian_splatting:ROTATION": 1,
+             "KHR_gaussian_splatting:SCALE": 2, "KHR_gaussian_splatting:OPACITY": 3, "KHR_gaussian_splatting:SH_DEGREE_0_COEF_0": 4},
+             "extensions": {"KHR_gaussian_splatting": {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}}}]}]"#,
+    );
+    let cloud = splats(load(Format::Gltf, &text));
+    let (s, t) = cloud.axes(0);
+    // Two standard deviations, doubled by the node; stored in f32.
+    assert!((s - DVec3::X * 0.4).length() < 1e-7 && (t - DVec3::Y * 0.8).length() < 1e-7, "{s} {t}");
+    assert_eq!((cloud.color(0), cloud.alpha(0)), ([HALF, 1.0, 0.0], 0.75));
+    let error = try_load(Format::Gltf, text.replace(":SCALE", ":SIZE")).unwrap_err();
+    assert!(error.contains("without KHR_gaussian_splatting:SCALE"), "{error}");
+}
+
+#[test]
+fn gltf_faults_are_errors() {
+    let ok = gltf(
+        &floats(&QUAD),
+        &[(0, 4, 5126, "VEC3")],
+        r#""meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "nodes": [{"mesh": 0}]"#,
+    );
+    assert!(try_load(Format::Gltf, &ok).is_ok());
+    for (from, to, expected) in [
+        (r#""2.0""#, r#""1.0""#, "version is '1.0'"),
+        (r#""count": 4"#, r#""count": 5"#, "reaches beyond bufferView 0"),
+        (r#""count": 4"#, r#""count": 18446744073709551615"#, "reaches beyond bufferView 0"),
+        (r#""count": 4"#, r#""count": -4"#, "not a valid glTF document"),
+        (r#""byteOffset": 0"#, r#""byteOffset": 18446744073709551615"#, "reaches beyond bufferView 0"),
+        (r#""bufferView": 0, "#, r#""bufferView": 7, "#, "bufferView 7 does not exist"),
+        (r#""bufferView": 0, "byteOffset": 0, "count": 4"#, r#""count": 4000000000"#, "and no data"),
+        (r#""POSITION": 0"#, r#""POSITION": 3"#, "accessor 3 does not exist"),
+        (r#""VEC3""#, r#""MAT4""#, "is 'MAT4' of type 5126"),
+        (r#"{"mesh": 0}"#, r#"{"mesh": 0, "children": [1]}, {"children": [0]}"#, "nothing to draw"),
+        (r#"{"mesh": 0}"#, r#"{"children": [1, 1]}, {"mesh": 0}"#, "node 1 appears twice"),
+        (r#"{"mesh": 0}"#, r#"{"mesh": 9}"#, "mesh 9 does not exist"),
+        (r#""POSITION": 0}"#, r#""POSITION": 0}, "mode": 9"#, "mode 9"),
+        (r#""POSITION": 0}"#, r#""POSITION": 0}, "indices": 0"#, "no plain indices"),
+        (
+            r#""meshes""#,
+            r#""extensionsRequired": ["KHR_draco_mesh_compression"], "meshes""#,
+            "requires the glTF extension",
+        ),
+        ("}", "", "not a valid glTF document"),
+    ] {
+        let error = try_load(Format::Gltf, ok.replacen(from, to, 1)).unwrap_err();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn format_is_told_by_content_before_the_extension() {
+    let detect = |bytes: &[u8]| load_bytes(bytes, None, Path::new("t"), &LoadOptions::default()).map(|l| l.format);
+    assert_eq!(detect(b"# c\n\nv 0 0 0\n").unwrap(), Format::Obj);
+    assert_eq!(detect(b"\n# c\n 1 2 3\n").unwrap(), Format::Xyz);
+    let ply = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3";
+    assert_eq!(load(Format::Obj, ply).format, Format::Ply);
+    for (bytes, expected) in
+        [(&b"LASF..."[..], "LAS/LAZ"), (b"\x89PNG", "PNG image"), (b"\x00\x01\x02", "in no format")]
+    {
+        let error = detect(bytes).unwrap_err();
+        assert!(error.is_bad_input() && error.to_string().contains(expected), "{error}");
+    }
+    let error = load_file(Path::new("no/such/file.ply"), &LoadOptions::default()).unwrap_err();
+    assert!(error.is_bad_input() && error.to_string().starts_with("no/such/file.ply: cannot read it: "), "{error}");
+    assert_eq!(Format::from_extension(Path::new("a/B.GLB")), Some(Format::Glb));
+}

@@ -1,0 +1,229 @@
+//! Damaged files of every format: no reader panics, hangs, or takes much memory. Seeded, so that each run is the
+//! same; `fuzz/` holds the same readers for a coverage-guided fuzzer, and `finds/` what has been found.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+use surfel_io::{ExrOptions, Planes, PngOptions};
+use surfel_io::{Format, LoadOptions, load_bytes, read_image_bytes, scene_file, write_exr, write_png};
+
+/// SplitMix64 (Steele, Lea, Flood 2014).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, n: usize) -> usize {
+        (self.next() % n.max(1) as u64) as usize
+    }
+}
+
+/// Texts that steer parsers somewhere else than random bytes do.
+const WORDS: [&[u8]; 24] = [
+    b"-1",
+    b"0",
+    b"99999999999999999999",
+    b"4294967295",
+    b"-2147483648",
+    b"nan",
+    b"inf",
+    b"1e999",
+    b"\n",
+    b" ",
+    b"\r",
+    b"{",
+    b"}",
+    b"[",
+    b"]",
+    b"\"",
+    b",",
+    b"end_header\n",
+    b"property list uchar int vertex_indices\n",
+    b"element vertex 1000000000\n",
+    b"\0\0\0\0",
+    b"\xff\xff\xff\xff",
+    b"\xff\xff\xff\x7f",
+    b"#",
+];
+
+fn mutate(random: &mut Random, seed: &[u8]) -> Vec<u8> {
+    let mut bytes = seed.to_vec();
+    for _ in 0..=random.below(6) {
+        let at = random.below(bytes.len() + 1);
+        match random.below(7) {
+            0 if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
+            1 if at < bytes.len() => bytes[at] = random.next() as u8,
+            2 => bytes.truncate(at),
+            3 => {
+                let word = WORDS[random.below(WORDS.len())];
+                bytes.splice(at..at, word.iter().copied());
+            }
+            4 => {
+                let word = WORDS[random.below(WORDS.len())];
+                let end = bytes.len().min(at + word.len());
+                bytes.splice(at..end, word.iter().copied());
+            }
+            5 => {
+                let end = at + random.below((bytes.len() - at).min(40) + 1);
+                bytes.drain(at..end);
+            }
+            _ => {
+                let end = at + random.below((bytes.len() - at).min(40) + 1);
+                let copy = bytes[at..end].to_vec();
+                let to = random.below(bytes.len() + 1);
+                bytes.splice(to..to, copy);
+            }
+        }
+    }
+    bytes
+}
+
+fn damage(seeds: &[Vec<u8>], rounds: usize, read: impl Fn(&[u8])) {
+    let mut random = Random(7);
+    for seed in seeds {
+        read(seed);
+        for _ in 0..rounds {
+            let bytes = mutate(&mut random, seed);
+            let start = Instant::now();
+            read(&bytes);
+            // These inputs have a few hundred bytes: whatever takes seconds is bound to a number, not to the data.
+            assert!(start.elapsed() < Duration::from_secs(2), "slow: {:?}", String::from_utf8_lossy(&bytes));
+        }
+    }
+}
+
+fn load_as(format: Option<Format>) -> impl Fn(&[u8]) {
+    move |bytes| {
+        for repair in [false, true] {
+            let options = LoadOptions { repair, ..LoadOptions::default() };
+            match load_bytes(bytes, format, Path::new("t"), &options) {
+                Ok(loaded) => drop(loaded),
+                Err(error) => {
+                    let text = error.to_string();
+                    let printable = text.chars().all(|c| c == '\n' || !c.is_control());
+                    assert!(text.lines().count() <= 4 && printable, "{text:?}");
+                }
+            }
+        }
+    }
+}
+
+fn ply_seeds() -> Vec<Vec<u8>> {
+    let text = |properties: &str, rest: &str| {
+        let properties: String = properties.split(' ').map(|p| format!("property float {p}\n")).collect();
+        format!("ply\nformat ascii 1.0\ncomment up +z\nelement vertex 2\n{properties}{rest}").into_bytes()
+    };
+    let mut seeds = vec![
+        text("x y z nx ny nz radius", "end_header\n0 0 0 0 0 1 1\n1 2 3 1 0 0 0.5\n"),
+        text(
+            "x y z su sv sw tu tv tw clip_line0_a clip_line0_b clip_line0_c clip_mode",
+            "end_header\n0 0 0 1 0 0 0 1 0 1 0 0 1\n0 0 0 1 0 0 0 1 0 1 0 0 0\n",
+        ),
+        text("x y z", "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 1 1\n3 0 1 0\n"),
+        text(
+            "x y z",
+            "element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 1 1\n5 0 1 0 -1 1\n",
+        ),
+        text(
+            "x y z opacity scale_0 scale_1 rot_0 rot_1 rot_2 rot_3 f_dc_0 f_dc_1 f_dc_2",
+            "end_header\n0 0 0 1 -1 -1 1 0 0 0 0 0 0\n1 1 1 1 -1 -1 1 0 0 0 0 0 0\n",
+        ),
+    ];
+    let mut binary = b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty double y\nproperty ushort z\nelement face 2\nproperty list uchar uint vertex_index\nend_header\n".to_vec();
+    binary.extend([0; 3 * 14]);
+    binary.extend([3, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0]);
+    seeds.push(binary);
+    seeds
+}
+
+#[test]
+fn mutations_of_ply() {
+    damage(&ply_seeds(), 20_000, load_as(Some(Format::Ply)));
+}
+
+#[test]
+fn mutations_of_points_obj_and_stl() {
+    damage(
+        &[
+            b"# c\n1 2 3 10 255 0 0 0 0 1\n4 5 6 10 255 0 0 0 0 1\n".to_vec(),
+            b"2\n1,2,3\n4;5;6\n".to_vec(),
+            b"x,y,z,nx,ny,nz,i\n1 2 3 0 0 1 5\n".to_vec(),
+        ],
+        4000,
+        load_as(Some(Format::Pts)),
+    );
+    damage(
+        &[b"mtllib a.mtl\nv 0 0 0 1 0 1\nv 1 0 0\nv 0 1 0\nvt 0 1\nvn 0 0 1\nusemtl a\nf 1/1/1 2/1/1 3/1/1\nf -1 -2 \\\n-3\n".to_vec()],
+        8000,
+        load_as(Some(Format::Obj)),
+    );
+    let mut binary = vec![0; 80];
+    binary.extend(2_u32.to_le_bytes());
+    binary.extend((0..100_u8).map(|i| i.wrapping_mul(5)));
+    damage(
+        &[b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n".to_vec(), binary],
+        4000,
+        load_as(Some(Format::Stl)),
+    );
+}
+
+#[test]
+fn mutations_of_gltf() {
+    let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"children":[1],"scale":[1,2,3]},{"rotation":[0,0,0,1]}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0,"COLOR_0":2,"TEXCOORD_0":3},"indices":1,"material":0,"mode":4}]}],
+"materials":[{"pbrMetallicRoughness":{"baseColorFactor":[1,1,1,0.5],"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],"images":[{"bufferView":1}],
+"accessors":[{"bufferView":0,"count":3,"componentType":5126,"type":"VEC3"},{"bufferView":1,"count":3,"componentType":5121,"type":"SCALAR"},
+{"bufferView":0,"count":3,"componentType":5121,"normalized":true,"type":"VEC4"},
+{"count":3,"componentType":5126,"type":"VEC2","sparse":{"count":1,"indices":{"bufferView":1,"componentType":5121},"values":{"bufferView":0}}}],
+"bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":4}],
+"buffers":[{"byteLength":40,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAECAA=="}]}"#;
+    damage(&[json.as_bytes().to_vec()], 12_000, load_as(Some(Format::Gltf)));
+    let mut glb = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
+    glb.extend((json.len() as u32).to_le_bytes());
+    glb.extend(b"JSON");
+    glb.extend(json.as_bytes());
+    damage(&[glb], 4000, load_as(None));
+}
+
+#[test]
+fn mutations_of_scene_files() {
+    let json = br#"{"camera":{"eye":[0,0,5],"target":[0,0,0],"projection":{"orthographic":{"height":2}},"far":9,"size":[64,48]},
+"lights":[{"spot":{"position":[0,3,0],"direction":[0,-1,0],"inner_deg":20,"outer_deg":30}}],"objects":[{"splats":"a.ply"}],"settings":{"transparency":"peel:3"}}"#;
+    damage(&[json.to_vec()], 10_000, |bytes| drop(scene_file::parse(bytes, Path::new("t"))));
+}
+
+#[test]
+fn mutations_of_pictures() {
+    let n = 12 * 9;
+    let planes = Planes {
+        width: 12,
+        height: 9,
+        color: Some((0..n).map(|i| [i as f32 * 0.01; 4]).collect()),
+        depth: Some((0..n).map(|i| i as f32).collect()),
+        ..Planes::default()
+    };
+    let (mut exr, mut png) = (Vec::new(), Vec::new());
+    write_exr(&mut exr, &planes.view(), &ExrOptions::default()).unwrap();
+    write_png(&mut png, &planes.view(), &PngOptions::default()).unwrap();
+    damage(&[exr, png], 4000, |bytes| drop(read_image_bytes(bytes, Path::new("t"))));
+}
+
+#[test]
+fn mutations_found_before_stay_fixed() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/finds");
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let bytes = std::fs::read(&path).unwrap();
+        for format in [Format::Ply, Format::Obj, Format::Stl, Format::Gltf, Format::Xyz, Format::Pts] {
+            load_as(Some(format))(&bytes);
+        }
+        load_as(None)(&bytes);
+        drop(read_image_bytes(&bytes, &path));
+        drop(scene_file::parse(&bytes, &path));
+    }
+}

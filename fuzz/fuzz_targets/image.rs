@@ -1,0 +1,14 @@
+//! Reads any bytes as a picture: EXR, PNG or JPEG.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use std::path::Path;
+
+fuzz_target!(|bytes: &[u8]| {
+    if let Ok(planes) = surfel_io::read_image_bytes(bytes, Path::new("t")) {
+        let pixels = planes.width as usize * planes.height as usize;
+        assert!(planes.color.is_none_or(|c| c.len() == pixels));
+        assert!(planes.depth.is_none_or(|d| d.len() == pixels));
+    }
+});
