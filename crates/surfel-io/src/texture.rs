@@ -18,6 +18,13 @@ pub(crate) fn limits(max_side: u32, max_bytes: u64) -> Limits {
     limits
 }
 
+/// True if `bytes` bytes of PNG or JPEG can hold that many pixels: decoders allocate by the header's word.
+///
+/// Deflate packs at most 1032 bytes into one, which is 8256 pixels of one bit; JPEG less.
+pub(crate) fn can_hold(bytes: usize, width: u32, height: u32) -> bool {
+    u64::from(width) * u64::from(height) <= bytes as u64 * 8256 + (1 << 16)
+}
+
 /// Decodes PNG or JPEG images of one file, as long as they stay within what it may use together.
 #[derive(Debug)]
 pub(crate) struct Decoder {
@@ -35,6 +42,9 @@ impl Decoder {
         let open = || ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string());
         let (width, height) = open()?.into_dimensions().map_err(|e| e.to_string())?;
         let texels = u64::from(width) * u64::from(height);
+        if !can_hold(bytes.len(), width, height) {
+            return Err(format!("{} bytes can't hold its {width}x{height} texels", bytes.len()));
+        }
         if texels > self.texels_left {
             return Err(format!("its {width}x{height} texels are more than the file's textures may have together"));
         }

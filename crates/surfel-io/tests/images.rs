@@ -124,6 +124,22 @@ fn png_is_straight_srgb_and_reads_back_within_half_a_code() {
 }
 
 #[test]
+fn png_truncated_or_lying_is_an_error() {
+    let mut bytes = Vec::new();
+    write_png(&mut bytes, &planes().view(), &PngOptions::default()).unwrap();
+    // All but the end chunk has to be there.
+    for end in (0..bytes.len() - 12).step_by(53) {
+        assert!(read_image_bytes(&bytes[..end], Path::new("t")).is_err(), "{end}");
+    }
+    let mut lying = Vec::new();
+    let mut encoder = png::Encoder::new(&mut lying, 16_384, 16_384);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.write_header().unwrap().write_chunk(png::chunk::IDAT, &[0x78, 0x9c]).unwrap();
+    let error = read_image_bytes(&lying, Path::new("t")).unwrap_err().to_string();
+    assert!(error.contains("16384x16384"), "{error}");
+}
+
+#[test]
 fn png_of_other_color_types_is_read() {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, 2, 1);

@@ -92,6 +92,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
         let what = format!("is a picture of {width}x{height} pixels");
         return Err(Problem::new(what).expected(format!("at most {MAX_IMAGE_PIXELS} pixels")));
     }
+    if !texture::can_hold(bytes.len(), width, height) {
+        let what = format!("says that it has {width}x{height} pixels, but is {} bytes long", bytes.len());
+        return Err(Problem::new(what).help("copy or export the file again: it is damaged"));
+    }
     let mut reader = open().map_err(|e| problem(&e))?;
     // 16 bytes a pixel while decoding, and 16 for the result.
     reader.limits(texture::limits(MAX_IMAGE_SIDE, 8 << 30));
