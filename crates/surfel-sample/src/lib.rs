@@ -1,1 +1,33 @@
-//! Not built yet.
+//! Makes splats of point clouds and triangle meshes: normals, local spacing, radii, surface sampling.
+//!
+//! - [`splats_from_points`]: normals by PCA where they are missing, oriented by a minimum spanning tree, and
+//!   radii from each point's Voronoi cell in its tangent plane, so that the surface closes.
+//! - [`splats_from_mesh`]: one splat a face, one a vertex, or blue-noise samples.
+//! - [`interior_weight`]: the Σw that a cloud has inside its own surface (rendering model §5, coverage).
+//!
+//! Work runs in whatever rayon pool the caller installed; results don't depend on the number of threads.
+//!
+//! Neighbours come from a small k-d tree of our own rather than a crate's: it never allocates in a query, breaks
+//! ties of equal distance in a fixed order, takes any number of coincident points, and cannot panic on them.
+
+mod assemble;
+mod cell;
+mod eigen;
+mod error;
+mod interior;
+mod mesh;
+mod neighbours;
+mod normals;
+mod options;
+mod orient;
+mod points;
+mod progress;
+mod radii;
+mod tree;
+
+pub use error::SampleError;
+pub use interior::interior_weight;
+pub use mesh::{MeshMethod, MeshOptions, MeshReport, points_from_mesh, splats_from_mesh};
+pub use options::{Outliers, PointOptions, PointReport};
+pub use points::splats_from_points;
+pub use progress::{NoProgress, Progress};

@@ -1,0 +1,32 @@
+//! From working units back to a cloud's columns.
+
+use glam::{DVec3, Vec3};
+use surfel_model::{Column3, Shape};
+
+/// Half-axes as f32 columns.
+pub(crate) fn ellipses(axes: &[(DVec3, DVec3)]) -> Shape {
+    Shape::Ellipses {
+        s: Column3::from_f32(axes.iter().map(|a| a.0.as_vec3()).collect()),
+        t: Column3::from_f32(axes.iter().map(|a| a.1.as_vec3()).collect()),
+    }
+}
+
+/// A radius in f32, kept inside what the model accepts.
+pub(crate) fn radius32(radius: f64) -> f32 {
+    (radius as f32).clamp(f32::MIN_POSITIVE, f32::MAX)
+}
+
+/// Normals in f32.
+pub(crate) fn normals32(normals: &[DVec3]) -> Column3 {
+    Column3::from_f32(normals.iter().map(|n| n.as_vec3()).collect::<Vec<Vec3>>())
+}
+
+/// Colours and alphas, dropped where they say nothing: all white, all opaque.
+pub(crate) type Paint = (Option<Vec<[f32; 3]>>, Option<Vec<f32>>);
+
+/// Splits RGBA into the columns that say something.
+pub(crate) fn paint(rgba: Option<Vec<[f32; 4]>>) -> Paint {
+    let Some(rgba) = rgba else { return (None, None) };
+    let alphas = rgba.iter().any(|c| c[3] < 1.0).then(|| rgba.iter().map(|c| c[3].clamp(0.0, 1.0)).collect());
+    (Some(rgba.iter().map(|c| [c[0], c[1], c[2]]).collect()), alphas)
+}

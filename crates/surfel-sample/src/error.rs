@@ -1,0 +1,79 @@
+//! Why no splats could be made.
+
+use surfel_model::ModelError;
+
+/// Why no splats could be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SampleError {
+    /// There is nothing to make splats of.
+    #[error("the {what} has no {missing}, expected at least one: check that the file is complete")]
+    Empty {
+        /// "point cloud" or "mesh".
+        what: &'static str,
+        /// "points", "vertices" or "triangles".
+        missing: &'static str,
+    },
+    /// Every triangle of a mesh has zero area.
+    #[error(
+        "all {triangles} triangles have zero area, expected a surface: convert the vertices (--per-vertex) instead"
+    )]
+    NoArea {
+        /// Number of triangles.
+        triangles: usize,
+    },
+    /// Positions that are not finite; `PointCloud::drop_non_finite` removes them.
+    #[error("point {index} has a position that is not finite, and so have {count} of {total}: drop them first")]
+    NotFinite {
+        /// The first one, counted from 0.
+        index: usize,
+        /// How many there are.
+        count: usize,
+        /// Out of how many.
+        total: usize,
+    },
+    /// More elements than indices can name.
+    #[error("{found} {what} are too many, expected at most {limit}: thin the data or split it into several files")]
+    TooMany {
+        /// What there is too much of.
+        what: &'static str,
+        /// How many.
+        found: usize,
+        /// The limit.
+        limit: usize,
+    },
+    /// An option is out of its range.
+    #[error("{option} is {found}, expected {expected}")]
+    Option {
+        /// The option's name.
+        option: &'static str,
+        /// The value found.
+        found: String,
+        /// The range expected.
+        expected: &'static str,
+    },
+    /// The data breaks a rule of the model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+/// Most elements in one call: neighbour tables index 16 slots an element with 32 bits to spare.
+pub(crate) const MAX_ELEMENTS: usize = u32::MAX as usize / 16;
+
+impl SampleError {
+    pub(crate) fn option(option: &'static str, found: impl std::fmt::Display, expected: &'static str) -> Self {
+        Self::Option { option, found: found.to_string(), expected }
+    }
+
+    pub(crate) fn check_count(what: &'static str, found: usize) -> Result<(), Self> {
+        if found > MAX_ELEMENTS { Err(Self::TooMany { what, found, limit: MAX_ELEMENTS }) } else { Ok(()) }
+    }
+
+    pub(crate) fn check_scale(radius_scale: f64) -> Result<(), Self> {
+        if radius_scale > 0.0 && radius_scale <= 1e6 {
+            Ok(())
+        } else {
+            Err(Self::option("radius_scale", radius_scale, "a number greater than 0, at most 1000000"))
+        }
+    }
+}

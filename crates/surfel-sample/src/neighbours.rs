@@ -1,0 +1,141 @@
+//! Points in working coordinates, without duplicates, each with its nearest neighbours.
+
+use crate::SampleError;
+use crate::progress::Progress;
+use crate::tree::{KdTree, Nearest};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Steps between two calls of [`Progress::advance`].
+const STEPS: usize = 4096;
+
+/// `work` of 0..count, in parallel, in order, with one `state` a thread's run.
+pub(crate) fn map_each<T: Send, S>(
+    count: usize,
+    progress: &dyn Progress,
+    state: impl Fn() -> S + Sync + Send,
+    work: impl Fn(&mut S, usize) -> T + Sync + Send,
+) -> Vec<T> {
+    let run = (0..count).into_par_iter().with_min_len(512).map_init(state, |state, i| {
+        let result = work(state, i);
+        if i % STEPS == STEPS - 1 {
+            progress.advance(STEPS as u64);
+        } else if i + 1 == count {
+            progress.advance((count % STEPS) as u64);
+        }
+        result
+    });
+    run.collect()
+}
+
+/// Distinct points, scaled into the unit cube so that no square over- or underflows, and their neighbours.
+///
+/// Everything is addressed by the tree's slots.
+#[derive(Debug)]
+pub(crate) struct Neighbours {
+    pub(crate) tree: KdTree,
+    /// The working origin, in object coordinates.
+    pub(crate) center: DVec3,
+    /// Object units of one working unit.
+    pub(crate) scale: f64,
+    /// Neighbours a point has in the table: fewer than asked for where the cloud is smaller.
+    pub(crate) degree: usize,
+    table: Vec<u32>,
+    /// The slot of each input point.
+    pub(crate) slot_of: Vec<u32>,
+    /// The first input point of each slot.
+    pub(crate) first_of: Vec<u32>,
+}
+
+impl Neighbours {
+    /// Finds the `degree` nearest neighbours of each of the distinct `positions`.
+    ///
+    /// # Errors
+    /// [`SampleError::NotFinite`] or [`SampleError::TooMany`].
+    pub(crate) fn new(positions: &[DVec3], degree: usize, progress: &dyn Progress) -> Result<Self, SampleError> {
+        let total = positions.len();
+        SampleError::check_count("points", total)?;
+        if let Some(index) = positions.iter().position(|p| !p.is_finite()) {
+            let count = positions.iter().filter(|p| !p.is_finite()).count();
+            return Err(SampleError::NotFinite { index, count, total });
+        }
+        progress.stage("neighbours", total as u64);
+        let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for p in positions {
+            (lo, hi) = (lo.min(*p), hi.max(*p));
+        }
+        // Halves first: hi − lo may overflow where neither does.
+        let (center, half) = (0.5 * lo + 0.5 * hi, (0.5 * hi - 0.5 * lo).max_element());
+        let scale = if half > 0.0 { half } else { 1.0 };
+        // Adding zero turns −0 into 0, so that equal means equal in every bit.
+        let unit: Vec<DVec3> = positions.par_iter().map(|p| (*p - center) / scale + DVec3::ZERO).collect();
+
+        let mut order: Vec<u32> = (0..total as u32).collect();
+        let key = |i: u32| unit[i as usize];
+        order.par_sort_unstable_by(|&a, &b| {
+            let (p, q) = (key(a), key(b));
+            p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)).then(p.z.total_cmp(&q.z)).then(a.cmp(&b))
+        });
+        let mut group_of = vec![0_u32; total];
+        let (mut distinct, mut first): (Vec<DVec3>, Vec<u32>) = (Vec::new(), Vec::new());
+        for &i in &order {
+            if distinct.last() != Some(&key(i)) {
+                distinct.push(key(i));
+                first.push(i);
+            }
+            group_of[i as usize] = distinct.len() as u32 - 1;
+        }
+        drop((order, unit));
+
+        let tree = KdTree::new(&distinct);
+        drop(distinct);
+        let mut slot_of_group = vec![0_u32; tree.len()];
+        let mut first_of = vec![0_u32; tree.len()];
+        for slot in 0..tree.len() {
+            slot_of_group[tree.index(slot)] = slot as u32;
+            first_of[slot] = first[tree.index(slot)];
+        }
+        let slot_of = group_of.into_iter().map(|g| slot_of_group[g as usize]).collect();
+        let degree = degree.min(tree.len().saturating_sub(1));
+        let mut table = vec![0_u32; degree * tree.len()];
+        if degree > 0 {
+            table.par_chunks_mut(degree * STEPS).enumerate().for_each(|(chunk, rows)| {
+                let mut found = Nearest::new(degree + 1);
+                for (row, slots) in rows.chunks_mut(degree).enumerate() {
+                    tree.nearest(tree.point(chunk * STEPS + row), &mut found);
+                    // Points are distinct, so that the first is the point itself.
+                    for (slot, (_, neighbour)) in slots.iter_mut().zip(&found.items()[1..]) {
+                        *slot = *neighbour;
+                    }
+                }
+                progress.advance((rows.len() / degree) as u64);
+            });
+        }
+        Ok(Self { tree, center, scale, degree, table, slot_of, first_of })
+    }
+
+    /// Number of distinct points.
+    pub(crate) fn len(&self) -> usize {
+        self.tree.len()
+    }
+
+    pub(crate) fn point(&self, slot: usize) -> DVec3 {
+        self.tree.point(slot)
+    }
+
+    /// The neighbours of the point at `slot`, nearest first, without itself.
+    pub(crate) fn of(&self, slot: usize) -> &[u32] {
+        &self.table[slot * self.degree..(slot + 1) * self.degree]
+    }
+
+    /// More neighbours than the table has, into `wide`.
+    pub(crate) fn widen(&self, slot: usize, found: &mut Nearest, wide: &mut Vec<u32>) {
+        self.tree.nearest(self.point(slot), found);
+        wide.clear();
+        wide.extend(found.items().iter().skip(1).map(|f| f.1));
+    }
+}
+
+/// Neighbours that a second look takes, where those of the table don't surround a point. 48 reach the adjacent
+/// scan line up to a spacing ratio of 1:20.
+pub(crate) const WIDE: usize = 48;

@@ -1,0 +1,69 @@
+//! What can be chosen when splats are made of points, and what is reported about it.
+
+use crate::SampleError;
+use glam::DVec3;
+
+/// What to do with isolated points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Outliers {
+    /// Keep them with a radius no larger than the cloud's typical one.
+    #[default]
+    Cap,
+    /// Drop them.
+    Drop,
+}
+
+/// How splats are made of points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointOptions {
+    /// Multiplies every radius; greater than 0, default 1.
+    pub radius_scale: f64,
+    /// Neighbours that normals and spacing come from; 6 to 64, default 16.
+    pub neighbours: usize,
+    /// Where estimated normals point to, in world coordinates; `None`: outward, as well as that can be told.
+    pub viewpoint: Option<DVec3>,
+    /// What to do with isolated points.
+    pub outliers: Outliers,
+    /// Makes elliptical splats where the sampling is anisotropic (scan lines); default true.
+    pub ellipses: bool,
+}
+
+impl Default for PointOptions {
+    fn default() -> Self {
+        Self { radius_scale: 1.0, neighbours: 16, viewpoint: None, outliers: Outliers::Cap, ellipses: true }
+    }
+}
+
+impl PointOptions {
+    pub(crate) fn check(&self) -> Result<(), SampleError> {
+        SampleError::check_scale(self.radius_scale)?;
+        if !(6..=64).contains(&self.neighbours) {
+            return Err(SampleError::option("neighbours", self.neighbours, "a whole number from 6 to 64"));
+        }
+        match self.viewpoint {
+            Some(v) if !v.is_finite() => Err(SampleError::option("viewpoint", v, "finite coordinates")),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// What was found while splats were made of points.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PointReport {
+    /// Splats made.
+    pub splats: usize,
+    /// Points whose own normal was kept.
+    pub normals_given: usize,
+    /// Points whose normal was estimated.
+    pub normals_estimated: usize,
+    /// Points that coincide with an earlier one; they are kept.
+    pub duplicates: usize,
+    /// Isolated points; capped or dropped as the options say.
+    pub outliers: usize,
+    /// Splats that are ellipses with an axis ratio above 1.5; 0 when the cloud came out as disks.
+    pub ellipses: usize,
+    /// Median of the larger semi-axes, in object units.
+    pub median_radius: f64,
+    /// The cloud's interior weight, as stored in it.
+    pub interior_weight: Option<f64>,
+}

@@ -1,0 +1,20 @@
+//! How far a long conversion has come.
+
+/// Told how far a long conversion has come. Calls come from several threads.
+pub trait Progress: Sync {
+    /// A new stage begins, with `total` steps.
+    fn stage(&self, name: &str, total: u64);
+
+    /// `steps` more steps of the current stage are done.
+    fn advance(&self, steps: u64);
+}
+
+/// Listens to nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NoProgress;
+
+impl Progress for NoProgress {
+    fn stage(&self, _name: &str, _total: u64) {}
+
+    fn advance(&self, _steps: u64) {}
+}

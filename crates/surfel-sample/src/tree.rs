@@ -1,0 +1,259 @@
+//! A k-d tree over fixed points: exact nearest neighbours and range queries, deterministic to the last tie.
+
+use glam::DVec3;
+
+/// Points a leaf holds at most. Measured on 1 M points: 8 to 16 are within 5 % of each other.
+const LEAF: usize = 12;
+/// Ranges smaller than this are built by one thread.
+const PARALLEL: usize = 8192;
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Node {
+    split: f64,
+    axis: u8,
+}
+
+/// A point in tree order, with its index in the input.
+#[derive(Clone, Copy, Debug)]
+struct Item {
+    point: DVec3,
+    index: u32,
+}
+
+/// A balanced k-d tree. Its items are addressed by *slot*, their place in tree order, where neighbours lie close
+/// together in memory; [`KdTree::index`] leads back to the input.
+#[derive(Debug)]
+pub(crate) struct KdTree {
+    items: Vec<Item>,
+    /// Preorder: a node, its left subtree, its right subtree. Every leaf has the same depth.
+    nodes: Vec<Node>,
+}
+
+impl KdTree {
+    /// Builds the tree; coordinates must be finite and there must be at most `u32::MAX` points.
+    pub(crate) fn new(points: &[DVec3]) -> Self {
+        let mut items: Vec<Item> = points.iter().zip(0..).map(|(point, index)| Item { point: *point, index }).collect();
+        let leaves = points.len().div_ceil(LEAF).max(1).next_power_of_two();
+        let mut nodes = vec![Node::default(); leaves - 1];
+        build(&mut items, &mut nodes);
+        Self { items, nodes }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.items.len()
+    }
+
+    pub(crate) fn point(&self, slot: usize) -> DVec3 {
+        self.items[slot].point
+    }
+
+    /// Index in the input of the item at `slot`.
+    pub(crate) fn index(&self, slot: usize) -> usize {
+        self.items[slot].index as usize
+    }
+
+    /// Fills `found` with the `found.limit` items nearest to `query`, nearest first, equal distances by slot.
+    pub(crate) fn nearest(&self, query: DVec3, found: &mut Nearest) {
+        found.items.clear();
+        self.search(0, self.nodes.len(), 0, self.items.len(), query, DVec3::ZERO, found);
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "the recursion's whole state, kept in registers")]
+    fn search(&self, node: usize, size: usize, lo: usize, hi: usize, query: DVec3, offset: DVec3, found: &mut Nearest) {
+        if size == 0 {
+            for (slot, item) in self.items[lo..hi].iter().enumerate() {
+                found.offer(item.point.distance_squared(query), (lo + slot) as u32);
+            }
+            return;
+        }
+        let Node { split, axis } = self.nodes[node];
+        let (mid, half) = (lo + (hi - lo) / 2, (size - 1) / 2);
+        let distance = query[axis as usize] - split;
+        let left = (node + 1, lo, mid);
+        let right = (node + 1 + half, mid, hi);
+        let (near, far) = if distance < 0.0 { (left, right) } else { (right, left) };
+        self.search(near.0, half, near.1, near.2, query, offset, found);
+        let mut offset = offset;
+        offset[axis as usize] = distance;
+        if offset.length_squared() <= found.farthest() {
+            self.search(far.0, half, far.1, far.2, query, offset, found);
+        }
+    }
+
+    /// For each node the largest of `reach` (one an item, in input order) below it.
+    pub(crate) fn largest_below(&self, reach: &[f64]) -> Vec<f64> {
+        let mut largest = vec![0.0; self.nodes.len()];
+        self.fill_largest(0, self.nodes.len(), 0, self.items.len(), reach, &mut largest);
+        largest
+    }
+
+    fn fill_largest(&self, node: usize, size: usize, lo: usize, hi: usize, reach: &[f64], out: &mut [f64]) -> f64 {
+        if size == 0 {
+            return self.items[lo..hi].iter().map(|i| reach[i.index as usize]).fold(0.0, f64::max);
+        }
+        let (mid, half) = (lo + (hi - lo) / 2, (size - 1) / 2);
+        let left = self.fill_largest(node + 1, half, lo, mid, reach, out);
+        let right = self.fill_largest(node + 1 + half, half, mid, hi, reach, out);
+        out[node] = left.max(right);
+        out[node]
+    }
+
+    /// Visits a superset, leaf by leaf, of the slots whose item is within `radius` plus its own reach of `query`;
+    /// `largest` comes from [`KdTree::largest_below`], or is empty for items without reach.
+    pub(crate) fn near(&self, query: DVec3, radius: f64, largest: &[f64], visit: &mut impl FnMut(usize)) {
+        self.walk(0, self.nodes.len(), 0, self.items.len(), query, DVec3::ZERO, radius, largest, visit);
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "the recursion's whole state, kept in registers")]
+    fn walk(
+        &self,
+        node: usize,
+        size: usize,
+        lo: usize,
+        hi: usize,
+        query: DVec3,
+        offset: DVec3,
+        radius: f64,
+        largest: &[f64],
+        visit: &mut impl FnMut(usize),
+    ) {
+        if size == 0 {
+            (lo..hi).for_each(visit);
+            return;
+        }
+        let reach = radius + largest.get(node).copied().unwrap_or(0.0);
+        if offset.length_squared() > reach * reach {
+            return;
+        }
+        let Node { split, axis } = self.nodes[node];
+        let (mid, half) = (lo + (hi - lo) / 2, (size - 1) / 2);
+        let distance = query[axis as usize] - split;
+        let mut beyond = offset;
+        beyond[axis as usize] = distance;
+        let far_is_near = beyond.length_squared() <= reach * reach;
+        if distance < 0.0 || far_is_near {
+            let offset = if distance < 0.0 { offset } else { beyond };
+            self.walk(node + 1, half, lo, mid, query, offset, radius, largest, visit);
+        }
+        if distance >= 0.0 || far_is_near {
+            let offset = if distance >= 0.0 { offset } else { beyond };
+            self.walk(node + 1 + half, half, mid, hi, query, offset, radius, largest, visit);
+        }
+    }
+}
+
+fn build(items: &mut [Item], nodes: &mut [Node]) {
+    let Some((node, below)) = nodes.split_first_mut() else { return };
+    let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for i in items.iter() {
+        (lo, hi) = (lo.min(i.point), hi.max(i.point));
+    }
+    let axis = (hi - lo).max_position();
+    let mid = items.len() / 2;
+    let order = |a: &Item, b: &Item| a.point[axis].total_cmp(&b.point[axis]).then(a.index.cmp(&b.index));
+    let (_, median, _) = items.select_nth_unstable_by(mid, order);
+    *node = Node { split: median.point[axis], axis: axis as u8 };
+    let half = below.len() / 2;
+    let ((left, right), (left_nodes, right_nodes)) = (items.split_at_mut(mid), below.split_at_mut(half));
+    if left.len() < PARALLEL {
+        build(left, left_nodes);
+        build(right, right_nodes);
+    } else {
+        rayon::join(|| build(left, left_nodes), || build(right, right_nodes));
+    }
+}
+
+/// The nearest items found so far, nearest first. Kept between queries so that none allocates.
+#[derive(Clone, Debug)]
+pub(crate) struct Nearest {
+    /// How many to look for; at least 1.
+    limit: usize,
+    /// Squared distance beyond which nothing counts.
+    bound: f64,
+    items: Vec<(f64, u32)>,
+}
+
+impl Nearest {
+    pub(crate) fn new(limit: usize) -> Self {
+        Self::within(limit, f64::INFINITY)
+    }
+
+    /// Looks for the `limit` nearest items, none farther than `distance`.
+    pub(crate) fn within(limit: usize, distance: f64) -> Self {
+        let limit = limit.max(1);
+        Self { limit, bound: distance * distance, items: Vec::with_capacity(limit) }
+    }
+
+    /// (squared distance, slot), nearest first.
+    pub(crate) fn items(&self) -> &[(f64, u32)] {
+        &self.items
+    }
+
+    fn farthest(&self) -> f64 {
+        if self.items.len() < self.limit { self.bound } else { self.items[self.limit - 1].0 }
+    }
+
+    #[inline]
+    fn offer(&mut self, distance: f64, slot: u32) {
+        if distance > self.bound {
+            return;
+        }
+        let nearer = |a: &(f64, u32)| a.0 < distance || (a.0 == distance && a.1 < slot);
+        if self.items.len() == self.limit {
+            if nearer(&self.items[self.limit - 1]) {
+                return;
+            }
+            self.items.pop();
+        }
+        let mut at = self.items.len();
+        while at > 0 && !nearer(&self.items[at - 1]) {
+            at -= 1;
+        }
+        self.items.insert(at, (distance, slot));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::random::Random;
+
+    fn scattered(count: usize, levels: f64) -> Vec<DVec3> {
+        let mut random = Random::new(7);
+        let mut coordinate = || (random.unit() * levels).floor() / levels;
+        (0..count).map(|_| DVec3::new(coordinate(), coordinate(), coordinate())).collect()
+    }
+
+    #[test]
+    fn nearest_agrees_with_brute_force_with_and_without_duplicates() {
+        // Few levels: most coordinates are shared and most distances tie. Tree of 1 to 3000 points.
+        for (count, levels) in [(1, 1e9), (2, 1.0), (13, 3.0), (400, 4.0), (3000, 1e9), (3000, 9.0), (500, 1.0)] {
+            let points = scattered(count, levels);
+            let tree = KdTree::new(&points);
+            let mut found = Nearest::new(10);
+            for q in scattered(40, 17.0) {
+                tree.nearest(q, &mut found);
+                let mut all: Vec<(f64, u32)> =
+                    (0..count).map(|s| (tree.point(s).distance_squared(q), s as u32)).collect();
+                all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+                all.truncate(10);
+                assert_eq!(found.items(), all, "{count} points, {levels} levels");
+            }
+        }
+    }
+
+    #[test]
+    fn near_visits_everything_within_reach() {
+        let points = scattered(2000, 1e9);
+        let reach: Vec<f64> = (0..2000).map(|i| if i % 500 == 3 { 0.6 } else { 0.01 }).collect();
+        let tree = KdTree::new(&points);
+        let largest = tree.largest_below(&reach);
+        for q in scattered(30, 11.0) {
+            let mut visited = vec![false; 2000];
+            tree.near(q, 0.05, &largest, &mut |s| visited[tree.index(s)] = true);
+            let missed = (0..2000).find(|&i| points[i].distance(q) <= 0.05 + reach[i] && !visited[i]);
+            assert_eq!(missed, None);
+            assert!(visited.iter().filter(|v| **v).count() < 1600, "nothing was pruned");
+        }
+    }
+}

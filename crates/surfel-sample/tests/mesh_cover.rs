@@ -1,0 +1,249 @@
+//! Splats made of meshes leave no hole, and hardly hang over creases.
+
+mod common;
+
+use common::{Lcg, coverage};
+use glam::{DVec3, Vec3};
+use surfel_model::{Column3, Mesh, Shape, SplatCloud};
+use surfel_sample::{MeshMethod, MeshOptions, NoProgress, SampleError, points_from_mesh, splats_from_mesh};
+
+fn mesh(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
+    Mesh { positions: Column3::from_f64(positions), triangles, ..Mesh::default() }
+}
+
+fn cube() -> Mesh {
+    let positions: Vec<DVec3> =
+        (0..8).map(|i| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2))).collect();
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    mesh(&positions, quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect())
+}
+
+/// A sphere of unit radius with `rows` rows, poles included.
+fn globe(rows: u32) -> Mesh {
+    let (columns, mut positions, mut triangles) = (2 * rows, Vec::new(), Vec::new());
+    for j in 0..=rows {
+        for i in 0..columns {
+            let (a, b) = (
+                std::f64::consts::TAU * f64::from(i) / f64::from(columns),
+                std::f64::consts::PI * f64::from(j) / f64::from(rows),
+            );
+            positions.push(DVec3::new(b.sin() * a.cos(), b.sin() * a.sin(), b.cos()));
+            if j < rows {
+                let (p, q) = (j * columns + i, j * columns + (i + 1) % columns);
+                triangles.extend([[p, p + columns, q], [q, p + columns, q + columns]]);
+            }
+        }
+    }
+    mesh(&positions, triangles)
+}
+
+/// Uniform points of a mesh with face normals.
+fn places(mesh: &Mesh, count: usize) -> Vec<(DVec3, DVec3)> {
+    let mut random = Lcg(77);
+    let corners = |t: &[u32; 3]| t.map(|i| mesh.positions.get(i as usize));
+    let areas: Vec<f64> = mesh.triangles.iter().map(corners).map(|[a, b, c]| (b - a).cross(c - a).length()).collect();
+    let most = areas.iter().fold(0.0, |m: f64, a| m.max(*a));
+    let mut all = Vec::new();
+    while all.len() < count {
+        let i = (random.unit() * areas.len() as f64) as usize;
+        if random.unit() * most > areas[i] {
+            continue;
+        }
+        let [a, b, c] = corners(&mesh.triangles[i]);
+        let (mut u, mut v) = (random.unit(), random.unit());
+        if u + v > 1.0 {
+            (u, v) = (1.0 - u, 1.0 - v);
+        }
+        all.push((a + (b - a) * u + (c - a) * v, (b - a).cross(c - a).normalize()));
+    }
+    all
+}
+
+fn sampled(mesh: &Mesh, method: MeshMethod) -> SplatCloud {
+    splats_from_mesh(mesh, &MeshOptions::new(method), &NoProgress).unwrap().0
+}
+
+#[test]
+fn count_covers_a_cube_to_its_edges_and_stays_on_it() {
+    for count in [600, 5000, 30_000] {
+        let cube = cube();
+        let (cloud, report) =
+            splats_from_mesh(&cube, &MeshOptions::new(MeshMethod::Count(count)), &NoProgress).unwrap();
+        assert_eq!((cloud.len(), report.splats, report.feature_edges), (count, count, 12));
+        let c = coverage(&cloud, &places(&cube, 100_000));
+        println!("cube, {count}: {c:?}, {:?}", report.interior_weight);
+        assert_eq!(c.holes, 0, "{count}: {c:?}");
+        assert!(c.twice > 0.97, "{count}: {c:?}");
+        let spacing = (6.0 / count as f64).sqrt();
+        for i in 0..count {
+            let ((s, t), p) = (cloud.axes(i), cloud.center(i));
+            let e = (s * s + t * t).map(f64::sqrt);
+            let over = (p + e - DVec3::ONE).max(e - p).max_element();
+            // OVERHANG × radius, radius ≤ 2.5·DENSITY·spacing at the very most; typically 0.33 spacings.
+            assert!(over <= 0.8 * spacing, "{count}: splat {i} hangs over by {} spacings", over / spacing);
+            let n = cloud.normal(i).abs();
+            assert!(n.max_element() > 1.0 - 1e-6, "normals don't average across creases");
+        }
+    }
+}
+
+#[test]
+fn count_covers_a_smooth_globe_with_smooth_normals() {
+    let globe = globe(24);
+    for count in [2000, 20_000] {
+        let (cloud, report) =
+            splats_from_mesh(&globe, &MeshOptions::new(MeshMethod::Count(count)), &NoProgress).unwrap();
+        assert_eq!((report.feature_edges, report.degenerate), (0, 96));
+        assert!(matches!(cloud.data().shape, Shape::Disks { .. }));
+        let c = coverage(&cloud, &places(&globe, 50_000));
+        println!("globe, {count}: {c:?}, {:?}", report.interior_weight);
+        assert_eq!(c.holes, 0, "{count}: {c:?}");
+        assert!((3.0..6.0).contains(&report.interior_weight.unwrap()));
+        // Interpolated vertex normals of a sphere are its own to a fraction of the 7.5° between vertices.
+        for i in 0..count {
+            assert!(cloud.normal(i).dot(cloud.center(i).normalize()) > 0.999);
+        }
+    }
+}
+
+#[test]
+fn stratified_samples_cover_too() {
+    // Above the limit of elimination; one sheet only, to keep the count of places low.
+    let plane = mesh(&[DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 0.0)], vec![[0, 1, 3], [0, 3, 2]]);
+    let cloud = sampled(&plane, MeshMethod::Count(1_000_001));
+    let c = coverage(&cloud, &places(&plane, 20_000));
+    println!("stratified: {c:?}, {:?}", cloud.data().interior_weight);
+    assert_eq!(c.holes, 0, "{c:?}");
+}
+
+#[test]
+fn per_face_and_per_vertex_cover_a_globe() {
+    let globe = globe(40);
+    for method in [MeshMethod::PerFace, MeshMethod::PerVertex] {
+        let cloud = sampled(&globe, method);
+        let c = coverage(&cloud, &places(&globe, 50_000));
+        println!("{method:?}: {c:?}, {:?}", cloud.data().interior_weight);
+        assert_eq!(c.holes, 0, "{method:?}: {c:?}");
+        assert!((0..cloud.len()).all(|i| cloud.normal(i).dot(cloud.center(i)) > 0.9));
+    }
+    // The poles are 80 vertices each, in two places; rows 1 to 39 have 80.
+    assert_eq!(sampled(&globe, MeshMethod::PerVertex).len(), 39 * 80 + 2);
+    assert_eq!(sampled(&globe, MeshMethod::PerFace).len(), 2 * 39 * 80);
+}
+
+#[test]
+fn colors_come_from_the_texture_and_the_vertices() {
+    let square = mesh(&[DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y], vec![[0, 1, 2], [0, 2, 3]]);
+    // Left half black, right half white, times a vertex colour.
+    let texture = surfel_model::Texture {
+        width: 64,
+        height: 1,
+        srgba8: (0..64).map(|x| if x < 32 { [0, 0, 0, 255] } else { [255; 4] }).collect(),
+    };
+    let painted = Mesh {
+        uvs: Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
+        texture: Some(std::sync::Arc::new(texture)),
+        colors: Some(vec![[0.5, 1.0, 0.25]; 4]),
+        ..square
+    };
+    let cloud = sampled(&painted, MeshMethod::Count(500));
+    assert!(cloud.data().alphas.is_none());
+    for i in 0..500 {
+        let (x, c) = (cloud.center(i).x, cloud.color(i));
+        if (x - 0.5).abs() > 0.02 && x > 0.02 && x < 0.98 {
+            let expected = if x > 0.5 { [0.5, 1.0, 0.25] } else { [0.0; 3] };
+            assert!(c.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{x}: {c:?}");
+        }
+    }
+    let mut faceless = painted.clone();
+    faceless.triangles.clear();
+    assert_eq!(points_from_mesh(&faceless).unwrap().len(), 4);
+    assert_eq!(MeshOptions::auto(&faceless).method, MeshMethod::PerVertex);
+}
+
+#[test]
+fn given_vertex_normals_shade_and_crease_corners_do_not_average() {
+    let tilted = Vec3::new(0.0, 0.6, 0.8);
+    let mut square = mesh(&[DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y], vec![[0, 1, 2], [0, 2, 3]]);
+    square.normals = Some(vec![tilted.to_array(); 4]);
+    for method in [MeshMethod::Count(50), MeshMethod::PerFace] {
+        let cloud = sampled(&square, method);
+        for i in 0..cloud.len() {
+            // 37° off the face: the disk keeps to the face's plane.
+            assert!((cloud.normal(i) - DVec3::Z).length() < 1e-6, "{method:?}");
+            assert!((cloud.shading_normal(i) - tilted.as_dvec3()).length() < 1e-6, "{method:?}");
+        }
+    }
+}
+
+#[test]
+fn texture_seams_weld_and_hard_edges_do_not() {
+    // The cube with its own vertices for each face, as a file with face normals has it.
+    let shared = cube();
+    let mut split = Mesh::default();
+    let (mut positions, mut normals) = (Vec::new(), Vec::new());
+    for t in &shared.triangles {
+        let [a, b, c] = t.map(|i| shared.positions.get(i as usize));
+        split.triangles.push([0, 1, 2].map(|k| positions.len() as u32 + k));
+        positions.extend([a, b, c]);
+        normals.extend([(b - a).cross(c - a).normalize().as_vec3().to_array(); 3]);
+    }
+    split.positions = Column3::from_f64(&positions);
+    let smooth = points_from_mesh(&split).unwrap();
+    assert_eq!(smooth.len(), 8);
+    assert!(smooth.normals.unwrap().get(0).distance(-DVec3::ONE / 3.0_f64.sqrt()) < 0.1);
+    split.normals = Some(normals);
+    // Each corner three times, once a face; the first vertex of a corner stays, and those that differ from it.
+    assert_eq!(points_from_mesh(&split).unwrap().len(), 8 * 3 + split_doubles(&split));
+    let (_, report) = splats_from_mesh(&split, &MeshOptions::new(MeshMethod::Count(100)), &NoProgress).unwrap();
+    assert_eq!(report.feature_edges, 12, "the diagonals are no creases");
+}
+
+/// Vertices that repeat another's place and normal, but not the first one's there.
+fn split_doubles(mesh: &Mesh) -> usize {
+    let normals = mesh.normals.as_ref().unwrap();
+    let place = |i: usize| mesh.positions.get(i);
+    (0..mesh.positions.len())
+        .filter(|&i| {
+            let first = (0..i).find(|&j| place(j) == place(i));
+            let twin = (0..i).any(|j| place(j) == place(i) && normals[j] == normals[i]);
+            first.is_some_and(|f| normals[f] != normals[i]) && twin
+        })
+        .count()
+}
+
+#[test]
+fn degenerate_meshes_are_refused_or_skipped_with_a_reason() {
+    let options = MeshOptions::new(MeshMethod::PerFace);
+    let empty = splats_from_mesh(&Mesh::default(), &options, &NoProgress).unwrap_err();
+    assert_eq!(empty, SampleError::Empty { what: "mesh", missing: "vertices" });
+    let line = mesh(&[DVec3::ZERO, DVec3::X, DVec3::X * 2.0], vec![[0, 1, 2], [1, 1, 0]]);
+    for method in [MeshMethod::PerFace, MeshMethod::Count(10)] {
+        let error = splats_from_mesh(&line, &MeshOptions::new(method), &NoProgress).unwrap_err();
+        assert_eq!(error, SampleError::NoArea { triangles: 2 });
+    }
+    assert_eq!(MeshOptions::auto(&line).method, MeshMethod::PerVertex);
+    assert_eq!(sampled(&line, MeshMethod::PerVertex).len(), 3);
+    let mut bad = line.clone();
+    bad.triangles.push([0, 1, 9]);
+    assert!(matches!(splats_from_mesh(&bad, &options, &NoProgress), Err(SampleError::Model(_))));
+    let _ = MeshOptions::auto(&bad);
+    assert!(splats_from_mesh(&cube(), &MeshOptions::new(MeshMethod::Count(0)), &NoProgress).is_err());
+    let scale = MeshOptions { radius_scale: f64::NAN, ..options };
+    assert!(splats_from_mesh(&cube(), &scale, &NoProgress).is_err());
+    // A sheet with many layers in one place: the neighbours of elimination are bounded.
+    let mut layers = cube();
+    layers.triangles = vec![layers.triangles[0]; 3000];
+    assert_eq!(sampled(&layers, MeshMethod::Count(2000)).len(), 2000);
+    for count in [1, 2, 3] {
+        assert_eq!(sampled(&cube(), MeshMethod::Count(count)).len(), count);
+    }
+}
+
+#[test]
+fn auto_chooses_by_density() {
+    assert_eq!(MeshOptions::auto(&globe(240)).method, MeshMethod::PerVertex);
+    let MeshMethod::Count(count) = MeshOptions::auto(&globe(24)).method else { panic!("a coarse globe is sampled") };
+    // 4π / (2·2/1024)² = 823,550, capped.
+    assert_eq!(count, 500_000);
+}

@@ -1,0 +1,181 @@
+//! Small, degenerate and hostile clouds; normals; outliers; determinism.
+
+mod common;
+
+use common::{Lcg, points};
+use glam::DVec3;
+use surfel_model::{ExtraColumn, ExtraValues, PointCloud, Shape, Up};
+use surfel_sample::{NoProgress, Outliers, PointOptions, SampleError, splats_from_points};
+
+fn disk(count: usize, seed: u64) -> Vec<DVec3> {
+    let mut random = Lcg(seed);
+    (0..count).map(|_| DVec3::new(random.unit(), random.unit(), 0.0)).collect()
+}
+
+#[test]
+fn small_and_degenerate_clouds_get_sensible_radii() {
+    let options = PointOptions::default();
+    let line: Vec<DVec3> = (0..100).map(|i| DVec3::new(1.0, 2.0, 3.0) * f64::from(i)).collect();
+    let step = 14.0_f64.sqrt();
+    let cases = [
+        ("one", vec![DVec3::ONE], 1.0, 1.0),
+        ("coincident", vec![DVec3::splat(1e6); 500], 1.0, 1.0),
+        ("two", vec![DVec3::ZERO, DVec3::X * 1e-3], 1e-3, 2e-3),
+        ("three", vec![DVec3::ZERO, DVec3::X, DVec3::Y], 1.0, 2.5),
+        ("collinear", line, step, 4.0 * step),
+        ("tiny", disk(400, 3).iter().map(|p| *p * 1e-30).collect(), 0.04e-30, 0.3e-30),
+        ("huge", disk(400, 3).iter().map(|p| *p * 1e30).collect(), 0.04e30, 0.3e30),
+    ];
+    for (name, positions, least, most) in cases {
+        let (cloud, report) = splats_from_points(&points(&positions, None), &options, &NoProgress).unwrap();
+        assert_eq!(cloud.len(), positions.len(), "{name}");
+        assert!((least..=most).contains(&report.median_radius), "{name}: {}", report.median_radius);
+        assert!(report.interior_weight.is_some(), "{name}");
+    }
+}
+
+#[test]
+fn duplicates_get_their_neighbours_radius() {
+    let mut positions = disk(2000, 1);
+    let (alone, _) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
+    // Every tenth point forty times: more copies than neighbours looked at.
+    for i in (0..2000).step_by(10) {
+        positions.extend([positions[i]; 39]);
+    }
+    let (cloud, report) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
+    assert_eq!(report.duplicates, 200 * 39);
+    for i in 0..2000 {
+        assert_eq!(cloud.radius_max(i), alone.radius_max(i), "{i}");
+    }
+    assert_eq!(cloud.radius_max(2000), cloud.radius_max(0));
+}
+
+#[test]
+fn given_normals_are_kept_and_decide_the_others() {
+    let mut random = Lcg(4);
+    let positions: Vec<DVec3> = (0..3000).map(|_| random.sphere()).collect();
+    // Inward, of odd lengths, and unknown (zero or not a number) for nine in ten.
+    let normals: Vec<DVec3> = positions
+        .iter()
+        .enumerate()
+        .map(|(i, p)| match i % 10 {
+            0 => *p * -2.5,
+            1 => DVec3::NAN,
+            _ => DVec3::ZERO,
+        })
+        .collect();
+    let (cloud, report) =
+        splats_from_points(&points(&positions, Some(&normals)), &PointOptions::default(), &NoProgress).unwrap();
+    assert_eq!((report.normals_given, report.normals_estimated), (300, 2700));
+    for (i, p) in positions.iter().enumerate() {
+        assert!(cloud.normal(i).dot(*p) < -0.9, "{i}");
+        if let (0, Shape::Disks { normals: kept, .. }) = (i % 10, &cloud.data().shape) {
+            assert_eq!(kept.high()[i], normals[i].as_vec3());
+        }
+    }
+}
+
+#[test]
+fn orientation_outward_on_a_torus_and_on_separate_parts() {
+    let mut random = Lcg(6);
+    let (mut positions, mut outward) = (Vec::new(), Vec::new());
+    for i in 0..12_000 {
+        let (a, b) = (std::f64::consts::TAU * random.unit(), std::f64::consts::TAU * random.unit());
+        let n = DVec3::new(a.cos() * b.cos(), a.sin() * b.cos(), b.sin());
+        // Three tori, each its own component.
+        positions.push(DVec3::new(a.cos(), a.sin(), 0.0) + 0.4 * n + DVec3::X * 10.0 * f64::from(i % 3));
+        outward.push(n);
+    }
+    let (cloud, _) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
+    let wrong = outward.iter().enumerate().filter(|(i, n)| cloud.normal(*i).dot(**n) < 0.7).count();
+    // PCA over a random sampling is rarely more than 45° off, never by a sign here.
+    assert!(wrong <= 12, "{wrong} of 12000");
+    let flipped = outward.iter().enumerate().filter(|(i, n)| cloud.normal(*i).dot(**n) < 0.0).count();
+    assert_eq!(flipped, 0);
+}
+
+#[test]
+fn orientation_of_a_sheet_is_up_or_toward_the_viewpoint() {
+    let sheet = |up| PointCloud { up, ..points(&disk(1000, 2), None) };
+    let normal = |cloud: &PointCloud, viewpoint| {
+        let options = PointOptions { viewpoint, ..PointOptions::default() };
+        splats_from_points(cloud, &options, &NoProgress).unwrap().0.normal(500)
+    };
+    assert!(normal(&sheet(None), None).z > 0.99);
+    assert!(normal(&sheet(Some(Up::MinusZ)), None).z < -0.99);
+    assert!(normal(&sheet(None), Some(DVec3::new(0.5, 0.5, -9.0))).z < -0.99);
+    // The viewpoint is in world coordinates, also for a cloud with an origin.
+    let far: Vec<DVec3> = disk(1000, 2).iter().map(|p| *p + DVec3::new(4.5e6, 1.1, 300.1)).collect();
+    let cloud = points(&far, None);
+    assert_ne!(cloud.origin, DVec3::ZERO);
+    assert!(normal(&cloud, Some(DVec3::new(4.5e6, 1.0, 299.0))).z < -0.99);
+}
+
+#[test]
+fn outliers_are_capped_or_dropped_with_their_columns() {
+    let mut positions = disk(2000, 9);
+    positions.extend([DVec3::new(0.5, 0.5, 3.0), DVec3::new(9.0, 0.0, 0.0)]);
+    let mut cloud = points(&positions, None);
+    let values: Vec<i32> = (0..2002).collect();
+    cloud.extras = vec![ExtraColumn { name: "id".into(), values: ExtraValues::I32(values) }];
+    let options = PointOptions::default();
+    let (capped, report) = splats_from_points(&cloud, &options, &NoProgress).unwrap();
+    assert_eq!((report.outliers, capped.len()), (2, 2002));
+    for i in [2000, 2001] {
+        assert!(capped.radius_max(i) < 1.5 * report.median_radius, "{}", capped.radius_max(i));
+    }
+    let options = PointOptions { outliers: Outliers::Drop, ..options };
+    let (dropped, report) = splats_from_points(&cloud, &options, &NoProgress).unwrap();
+    assert_eq!((report.outliers, dropped.len()), (2, 2000));
+    assert_eq!(dropped.data().extras[0].values, ExtraValues::I32((0..2000).collect()));
+}
+
+#[test]
+fn what_cannot_work_is_refused_with_a_reason() {
+    let options = PointOptions::default();
+    let error =
+        |cloud: &PointCloud, options: &PointOptions| splats_from_points(cloud, options, &NoProgress).unwrap_err();
+    assert_eq!(
+        error(&PointCloud::default(), &options).to_string(),
+        "the point cloud has no points, expected at least one: check that the file is complete"
+    );
+    let holey = points(&[DVec3::ZERO, DVec3::NAN, DVec3::INFINITY], None);
+    assert_eq!(error(&holey, &options), SampleError::NotFinite { index: 1, count: 2, total: 3 });
+    let fine = points(&disk(50, 1), None);
+    for bad in [
+        PointOptions { radius_scale: 0.0, ..options },
+        PointOptions { radius_scale: f64::NAN, ..options },
+        PointOptions { neighbours: 2, ..options },
+        PointOptions { neighbours: usize::MAX, ..options },
+        PointOptions { viewpoint: Some(DVec3::NAN), ..options },
+    ] {
+        assert!(matches!(error(&fine, &bad), SampleError::Option { .. }), "{bad:?}");
+    }
+    let uneven = PointCloud { colors: Some(vec![]), ..fine.clone() };
+    assert!(matches!(error(&uneven, &options), SampleError::Model(_)));
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let mut random = Lcg(13);
+    let positions: Vec<DVec3> = (0..30_000).map(|_| random.sphere()).collect();
+    let cloud = points(&positions, None);
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| splats_from_points(&cloud, &PointOptions::default(), &NoProgress).unwrap())
+    };
+    let one = with(1);
+    for threads in [2, 5] {
+        assert!(with(threads) == one, "{threads} threads");
+    }
+}
+
+#[test]
+fn radius_scale_scales() {
+    let cloud = points(&disk(300, 5), None);
+    let radius = |radius_scale| {
+        let options = PointOptions { radius_scale, ..PointOptions::default() };
+        splats_from_points(&cloud, &options, &NoProgress).unwrap().0.radius_max(7)
+    };
+    assert!((radius(2.0) / radius(1.0) - 2.0).abs() < 1e-6);
+}
