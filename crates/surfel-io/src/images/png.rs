@@ -42,6 +42,8 @@ pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOpti
         BitDepth::Eight => png::BitDepth::Eight,
         BitDepth::Sixteen => png::BitDepth::Sixteen,
     });
+    // Ten times as fast as the default (measured: 60 ms instead of 700 ms for 2 MP); files are 1.2 to 2.5 times as large.
+    encoder.set_compression(png::Compression::Fast);
     encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
     for (key, text) in &options.metadata {
         let key: String = key.chars().filter(|c| matches!(c, ' '..='~')).take(79).collect();
@@ -49,8 +51,8 @@ pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOpti
     }
     let mut writer = encoder.write_header().map_err(io::Error::other)?;
     let data: Vec<u8> = match options.depth {
-        BitDepth::Eight => color.iter().flat_map(|&c| to_8_bit(c)).collect(),
-        BitDepth::Sixteen => color.iter().flat_map(|&c| to_16_bit(c)).collect(),
+        BitDepth::Eight => color.iter().map(|&c| to_8_bit(c)).collect::<Vec<_>>().into_flattened(),
+        BitDepth::Sixteen => color.iter().map(|&c| to_16_bit(c)).collect::<Vec<_>>().into_flattened(),
     };
     writer.write_image_data(&data).map_err(io::Error::other)?;
     writer.finish().map_err(io::Error::other)
