@@ -1,4 +1,28 @@
-//! The formulas of surface splatting.
+//! The formulas of surface splatting, written once over [`Real`]: f64 for the reference, f32 and SIMD
+//! lanes for the fast backends.
+//!
+//! A splat passes through these modules in order:
+//!
+//! 1. [`projection`]: pixels of view-space points; [`project`]: a splat's centre, affine projection J,
+//!    depth slope and classification;
+//! 2. [`filter`]: the footprint that a screen-space filter leaves, as linear forms over pixels ([`mapping`]);
+//! 3. [`bounds`]: the pixels it can touch;
+//! 4. [`depth`]: depth of a fragment, tolerance of visibility; [`kernel`]: its weight and coverage.
+//!
+//! Section numbers (§) refer to `docs/rendering-model.md`. Nothing here allocates or does I/O.
 
 pub mod basis;
+pub mod bounds;
+pub mod depth;
+pub mod filter;
+pub mod kernel;
+pub mod mapping;
+pub mod project;
+pub mod projection;
+pub mod real;
 pub mod srgb;
+pub mod svd;
+pub mod vector;
+
+pub use real::Real;
+pub use vector::{V2, V3};

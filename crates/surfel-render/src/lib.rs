@@ -1,1 +1,22 @@
-//! Not built yet.
+//! The contract that every Surfel backend keeps: what it is given ([`View`], [`Settings`]), what it must do
+//! ([`plan()`]), and what it gives back ([`Frame`], [`Stats`], [`RenderError`]).
+//!
+//! Data flows one way: scene → plan → passes → frame. Every per-frame decision is made once, in [`plan()`]; backends
+//! execute it and decide nothing.
+
+mod error;
+mod frame;
+mod plan;
+mod preset;
+mod renderer;
+mod stats;
+mod view;
+
+pub use error::RenderError;
+pub use frame::{Frame, Planes};
+pub use plan::{Attributes, FramePlan, Pass, SceneSummary, SplatFilter, plan};
+pub use preset::Preset;
+pub use renderer::{Capabilities, Renderer, RendererInfo};
+pub use stats::{PassTime, Stats};
+pub use surfel_model::Settings;
+pub use view::{Region, View};

@@ -1,0 +1,93 @@
+//! Depth of a fragment and how far apart two fragments of one surface may be (§3, §5).
+
+use crate::project::ViewSplat;
+use crate::projection::{Projection, ProjectionKind};
+use crate::{Real, V2};
+
+/// The splat's own plane over pixels, clamped to the disk's own depth range (§3).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthPlane<R> {
+    /// Depth at the anchor (or the numerator of a plane through the near plane).
+    pub scale: R,
+    /// Gradient over pixels, see [`DepthForm`].
+    pub gradient: V2<R>,
+    /// Value of the form at the anchor for [`DepthForm::Reciprocal`]; 1 for an ordinary splat.
+    pub at_anchor: R,
+    /// Nearest depth of the disk.
+    pub z_min: R,
+    /// Farthest depth of the disk.
+    pub z_max: R,
+}
+
+/// How depth varies over pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DepthForm {
+    /// z = scale/(at_anchor + gradient·d): the plane in perspective. A denominator of at most 0 gives `z_max`.
+    Reciprocal,
+    /// z = scale + gradient·d: orthographic, or perspective under the affine mapping.
+    Linear,
+}
+
+impl<R: Real> DepthPlane<R> {
+    /// Planar depth at offset `d`, within the disk's own range.
+    ///
+    /// The clamp is made on 1/z, so that a plane that turns away behind the eye gives the far end.
+    #[inline(always)]
+    pub fn at(&self, d: V2<R>, form: DepthForm) -> R {
+        let value = self.gradient.x.mul_add(d.x, self.gradient.y * d.y);
+        match form {
+            DepthForm::Reciprocal => {
+                let w = self.at_anchor + value;
+                let z = self.scale / R::select(w.zero().lt(w), w, w.one());
+                R::select(w.zero().lt(w), z.min(self.z_max).max(self.z_min), self.z_max)
+            }
+            DepthForm::Linear => (self.scale + value).min(self.z_max).max(self.z_min),
+        }
+    }
+}
+
+/// Depth tolerance setting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Tolerance {
+    /// Multiple of the larger radius.
+    Relative(f64),
+    /// World units.
+    Absolute(f64),
+}
+
+/// Pixels beyond the filter radius that the slope term allows for: half a pixel's diagonal.
+const SLOPE_MARGIN_PX: f64 = 0.7;
+
+/// ε of a splat (§5): how much deeper than it a fragment may be and still blend with it, world units.
+///
+/// `h_px` is the filter radius, 0 for a splat drawn without a filter. The slope term is ours: without it a surface
+/// seen at a grazing angle rejects half of its own filter.
+#[inline(always)]
+pub fn tolerance<R: Real>(
+    splat: &ViewSplat<R>,
+    radius_max: R,
+    h_px: R,
+    setting: Tolerance,
+    projection: &Projection,
+) -> R {
+    let ViewSplat { p, n, .. } = *splat;
+    let k = |value: f64| p.x.constant(value);
+    let per_pixel = V2::new(n.x / k(projection.focal_px[0]), n.y / k(projection.focal_px[1])).length();
+    let (z, slope) = match projection.kind {
+        ProjectionKind::Perspective => {
+            let inverse = p.x.one() / p.z.abs().max(p.x.abs()).max(p.y.abs()).max(k(f64::MIN_POSITIVE));
+            // n·p and |p| relative to p's largest coordinate: no overflow at 1e±15.
+            let (x, y, z) = (p.x * inverse, p.y * inverse, p.z * inverse);
+            let facing = n.x.mul_add(x, n.y.mul_add(y, n.z * z)).abs();
+            let length = x.mul_add(x, y.mul_add(y, z * z)).sqrt();
+            let slope = per_pixel * (z * p.z) / facing.max(k(0.02) * length);
+            (p.z.max(k(projection.near)), slope)
+        }
+        ProjectionKind::Orthographic { height, .. } => (k(height), per_pixel / n.z.abs().max(k(0.02))),
+    };
+    let slope = (h_px + k(SLOPE_MARGIN_PX)) * slope;
+    match setting {
+        Tolerance::Relative(factor) => (k(0.2) * z).min((k(factor) * radius_max).min(k(0.1) * z) + slope),
+        Tolerance::Absolute(distance) => k(distance) + slope,
+    }
+}

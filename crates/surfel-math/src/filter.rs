@@ -1,0 +1,146 @@
+//! Screen-space filters (§4): what a splat's footprint and weight become so that it covers a pixel.
+
+use crate::basis;
+use crate::mapping::{Footprint, Linear};
+use crate::project::{Projected, ViewSplat};
+use crate::svd::Svd2;
+use crate::{Real, V2, V3};
+
+/// What a filter made of a splat.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Filtered<R> {
+    /// The filtered footprint.
+    pub footprint: Footprint<R>,
+    /// Factor of the weight: the area ratio where the filter carries it in the weight, else 1.
+    pub weight_scale: R,
+    /// Area ratio a of §5's coverage where the weight doesn't carry it, else 1.
+    pub coverage_scale: R,
+}
+
+impl<R: Real> Filtered<R> {
+    /// A splat that its filter leaves alone, or that has none.
+    #[inline(always)]
+    pub fn plain(footprint: Footprint<R>) -> Self {
+        let one = footprint.w.c.one();
+        Self { footprint, weight_scale: one, coverage_scale: one }
+    }
+}
+
+/// `principal` (ours): the projected ellipse's axes are lengthened to at least h pixels; weight × ∏ min(1, ℓ/h).
+///
+/// Source: §4; the elliptic-splat filter that G06 §8 leaves as future work. An axis of at least h stays exact, also
+/// in perspective; a lengthened one becomes parallel to the screen (G06 eq. 9).
+#[inline(always)]
+pub fn principal<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
+    let one = h_px.one();
+    let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);
+    let (major, minor) = (svd.major_axis, svd.minor_axis());
+    let (long, short) = (svd.major.max(h_px), svd.minor.max(h_px));
+    let u = major * (one / long);
+    let v = minor * (one / short);
+    let zero = h_px.zero();
+    let gradient = if projective {
+        // The depth gradient's share along each axis that keeps its length: −a'_i/ℓ_i = g·axis.
+        let g = projected.depth_gradient;
+        let along = R::select(svd.major.lt(h_px), zero, g.dot(major));
+        let across = R::select(svd.minor.lt(h_px), zero, g.dot(minor));
+        -(major * along + minor * across)
+    } else {
+        V2::new(zero, zero)
+    };
+    Filtered {
+        footprint: Footprint { u: Linear::new(zero, u), v: Linear::new(zero, v), w: Linear::new(one, gradient) },
+        weight_scale: (svd.major / long) * (svd.minor / short),
+        coverage_scale: one,
+    }
+}
+
+/// `ewa` (Z01 eq. 6–9): the affine projection convolved with a Gaussian of standard deviation h/√(2c).
+///
+/// ρ² = β/c = dᵀ(JJᵀ + h²I)⁻¹d, whatever the cutoff; evaluated along the ellipse's axes, of half-length √(ℓ² + h²), so
+/// that no covariance matrix is ever inverted. Weight √(det JJᵀ/det(JJᵀ + h²I)) = ∏ ℓ/√(ℓ² + h²).
+#[inline(always)]
+pub fn ewa<R: Real>(projected: &Projected<R>, h_px: R) -> Filtered<R> {
+    let (zero, one) = (h_px.zero(), h_px.one());
+    let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);
+    let widen = |l: R| l.mul_add(l, h_px * h_px).sqrt();
+    let (long, short) = (widen(svd.major), widen(svd.minor));
+    let u = svd.major_axis * (one / long);
+    let v = svd.minor_axis() * (one / short);
+    let flat = Linear::new(one, V2::new(zero, zero));
+    Filtered {
+        footprint: Footprint { u: Linear::new(zero, u), v: Linear::new(zero, v), w: flat },
+        weight_scale: (svd.major / long) * (svd.minor / short),
+        coverage_scale: one,
+    }
+}
+
+/// ∏ ℓ/max(ℓ, h): the area ratio that `clamp` and `adjust` leave to the coverage (§5).
+#[inline(always)]
+pub fn area_ratio<R: Real>(projected: &Projected<R>, h_px: R) -> R {
+    let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);
+    (svd.major / svd.major.max(h_px)) * (svd.minor / svd.minor.max(h_px))
+}
+
+/// `adjust` (G06 §4.1, eq. 8–9), given the half-axes that [`adjust_axes`] chose: each is lengthened by itself where
+/// the half-length of its projected diameter is below h.
+///
+/// Eq. 8 divides by p_z² − t_z², which is zero or negative for a disk that reaches the eye plane; here both sides
+/// are multiplied by it, factored as (1 − a)(1 + a).
+#[inline(always)]
+pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
+    let (zero, one) = (h_px.zero(), h_px.one());
+    let lengthen = |j: V2<R>, other: V2<R>, a: R| {
+        let length = j.length();
+        let limit = h_px * ((one - a) * (one + a));
+        let short = length.lt(limit);
+        // Along j; where that is zero along the perpendicular of the other axis.
+        let none = length.le(zero);
+        let direction = V2::select(none, V2::new(-other.y, other.x), j);
+        let norm = direction.length();
+        let unit = direction * (one / R::select(zero.lt(norm), norm, one));
+        (V2::select(short, unit * h_px, j), R::select(short, zero, a), short)
+    };
+    let (s, t) = (projected.j_s, projected.j_t);
+    let (new_s, slope_s, short_s) = lengthen(s, t, projected.slope.x);
+    let (new_t, slope_t, short_t) = lengthen(t, s, projected.slope.y);
+    let unchanged = !(short_s | short_t);
+    let determinant = R::select(unchanged, projected.det_j, new_s.cross(new_t));
+    let slope = if projective { V2::new(slope_s, slope_t) } else { V2::new(zero, zero) };
+    Filtered {
+        footprint: Footprint::about_center(new_s, new_t, determinant, slope),
+        weight_scale: one,
+        coverage_scale: area_ratio(projected, h_px),
+    }
+}
+
+/// The half-axes that `adjust` works on (§4): an ellipse's principal ones; for a disk (axes equal within 1e-3) those of
+/// G06 eq. 10, s along p × n, t along n × s, with p the view direction in an orthographic projection.
+///
+/// Eq. 10 prints neither the scale nor what to do for p ∥ n: any pair serves there.
+pub fn adjust_axes(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>, V3<f64>) {
+    let (s, t) = (splat.s, splat.t);
+    // Right singular vectors of [s t]: the angle that makes the turned pair orthogonal.
+    let scale = basis::largest_singular_value(glam::DVec3::new(s.x, s.y, s.z), glam::DVec3::new(t.x, t.y, t.z));
+    let (s1, t1) = (s * (1.0 / scale), t * (1.0 / scale));
+    let (a, b, c) = (s1.dot(s1), s1.dot(t1), t1.dot(t1));
+    let angle = 0.5 * (2.0 * b).atan2(a - c);
+    let turn = |angle: f64| {
+        let (sin, cos) = angle.sin_cos();
+        (s * cos + t * sin, t * cos - s * sin)
+    };
+    let (major, minor) = turn(angle);
+    let minor_length = minor.length();
+    if scale - minor_length > 1e-3 * scale {
+        return (major, minor);
+    }
+    let p = if perspective { splat.p } else { V3::new(0.0, 0.0, 1.0) };
+    let along = p.cross(splat.n);
+    // Turn the pair so that s lies along p × n: (s·along, t·along) is that direction in (u, v).
+    let (u, v) = (along.dot(major), along.dot(minor));
+    if along.length() <= 1e-12 * p.length() || (u == 0.0 && v == 0.0) {
+        return (major, minor);
+    }
+    let (sin, cos) = v.atan2(u).sin_cos();
+    (major * cos + minor * sin, minor * cos - major * sin)
+}

@@ -1,0 +1,117 @@
+//! Footprints as linear forms over pixels: the exact (projective) and the affine mapping (§3).
+
+use crate::project::{Projected, ViewSplat};
+use crate::projection::{Projection, ProjectionKind};
+use crate::{Real, V2, V3};
+
+/// c + x·d_x + y·d_y over pixel offsets d from an anchor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Linear<R> {
+    /// Value at the anchor.
+    pub c: R,
+    /// Change a pixel to the right.
+    pub x: R,
+    /// Change a pixel down.
+    pub y: R,
+}
+
+impl<R: Real> Linear<R> {
+    /// A form from its gradient and its value at the anchor.
+    #[inline(always)]
+    pub fn new(c: R, gradient: V2<R>) -> Self {
+        Self { c, x: gradient.x, y: gradient.y }
+    }
+
+    /// Value at offset `d`.
+    #[inline(always)]
+    pub fn at(&self, d: V2<R>) -> R {
+        self.x.mul_add(d.x, self.y.mul_add(d.y, self.c))
+    }
+}
+
+/// The splat's plane seen through pixels: at offset d from the anchor, (u·w, v·w, w) = (U(d), V(d), W(d)).
+///
+/// Inside ⇔ W > 0 and U² + V² ≤ W² (no division). W ≡ 1 for an affine footprint. Scaled so that W = 1 at the anchor
+/// of an ordinary splat.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Footprint<R> {
+    /// u·w.
+    pub u: Linear<R>,
+    /// v·w.
+    pub v: Linear<R>,
+    /// w.
+    pub w: Linear<R>,
+}
+
+impl<R: Real> Footprint<R> {
+    /// (U, V, W) at an offset.
+    #[inline(always)]
+    pub fn at(&self, d: V2<R>) -> (R, R, R) {
+        (self.u.at(d), self.v.at(d), self.w.at(d))
+    }
+
+    /// True where the unit disk is hit.
+    #[inline(always)]
+    pub fn contains(&self, d: V2<R>) -> R::Mask {
+        let (u, v, w) = self.at(d);
+        w.zero().lt(w) & u.mul_add(u, v * v).le(w * w)
+    }
+
+    /// The footprint of half-axes whose affine projections are `j_s` and `j_t` (pixels) and whose slopes
+    /// s_z/p_z, t_z/p_z are `slope` (zero: affine), about the projected centre.
+    #[inline(always)]
+    pub fn about_center(j_s: V2<R>, j_t: V2<R>, det_j: R, slope: V2<R>) -> Self {
+        let (zero, one) = (det_j.zero(), det_j.one());
+        let inverse = one / det_j;
+        let u = V2::new(j_t.y * inverse, -(j_t.x * inverse));
+        let v = V2::new(-(j_s.y * inverse), j_s.x * inverse);
+        let w = -(u * slope.x + v * slope.y);
+        Self { u: Linear::new(zero, u), v: Linear::new(zero, v), w: Linear::new(one, w) }
+    }
+
+    /// The unfiltered footprint: projective, or affine (W ≡ 1; always so in an orthographic projection).
+    #[inline(always)]
+    pub fn unfiltered(projected: &Projected<R>, projective: bool) -> Self {
+        let zero = projected.det_j.zero();
+        let mut footprint = Self::about_center(projected.j_s, projected.j_t, projected.det_j, V2::new(zero, zero));
+        if projective {
+            // The plane's own gradient, from the normal: better than combining U and V near edge-on.
+            footprint.w = Linear::new(zero.one(), -projected.depth_gradient);
+        }
+        footprint
+    }
+}
+
+/// A footprint that need not have its centre in front of the eye, with the plane's depth: z = `depth_scale`/W.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThroughNear {
+    /// Forms about `anchor_px`.
+    pub footprint: Footprint<f64>,
+    /// Pixel position of the anchor: the optical axis.
+    pub anchor_px: V2<f64>,
+    /// z = depth_scale/W where W > 0.
+    pub depth_scale: f64,
+}
+
+/// The exact mapping of a splat anywhere, the eye's own plane included (G06 §3: adj(M) without division by
+/// det(M), times its sign). Perspective only. Few splats need it, so it is f64 for every backend.
+pub fn through_near(splat: &ViewSplat<f64>, projection: &Projection) -> ThroughNear {
+    debug_assert!(projection.kind == ProjectionKind::Perspective);
+    let ViewSplat { p, s, t, .. } = *splat;
+    // A power of two keeps every product within range and changes no bit of the quotients.
+    let largest = [p, s, t].iter().flat_map(|v| [v.x, v.y, v.z]).fold(0.0f64, |a, b| a.max(b.abs()));
+    let k = if largest > 0.0 && largest.is_finite() { (-largest.log2().floor()).exp2() } else { 1.0 };
+    let (p, s, t) = (p * k, s * k, t * k);
+    let rows = [t.cross(p), p.cross(s), s.cross(t)];
+    let determinant = rows[2].dot(p);
+    let sign = if determinant < 0.0 { -1.0 } else { 1.0 };
+    let form = |row: V3<f64>| {
+        let gradient = V2::new(row.x / projection.focal_px[0], row.y / projection.focal_px[1]);
+        Linear::new(row.z * sign, gradient * sign)
+    };
+    ThroughNear {
+        footprint: Footprint { u: form(rows[0]), v: form(rows[1]), w: form(rows[2]) },
+        anchor_px: V2::new(projection.principal_px[0], projection.principal_px[1]),
+        depth_scale: determinant.abs() / k,
+    }
+}

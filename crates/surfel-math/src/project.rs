@@ -1,0 +1,137 @@
+//! A splat's first-order projection: what filters, bounds and depth all start from (§3, §4).
+
+use crate::projection::ProjectionKind;
+use crate::{Real, V2, V3, projection::Projection};
+
+/// |n·p| ≤ this times |p| is edge-on (§2): such a splat takes part in no pass.
+pub const EDGE_ON: f64 = 1e-5;
+
+/// A splat in view space (x right, y down, z forward, eye at the origin).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewSplat<R> {
+    /// Centre.
+    pub p: V3<R>,
+    /// First half-axis.
+    pub s: V3<R>,
+    /// Second half-axis.
+    pub t: V3<R>,
+    /// Unit outward normal: along ±(s × t), the sign by the object's placement.
+    pub n: V3<R>,
+}
+
+/// What follows from a [`ViewSplat`] and the projection, whatever the filter.
+///
+/// With a = (s_z, t_z)/p_z (orthographic: 0), the exact mapping is linear about the projected centre:
+/// (u·w', v·w') = J⁻¹·d and w' = p_z/z = 1 − a·J⁻¹·d, where d is the pixel offset. This is G06 §3's adj(M)/det(M) times
+/// p_z: its constant terms are exactly 0, 0, 1, and no term is a difference of screen coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Projected<R> {
+    /// Affine projections of s and t at the centre, in pixels: the columns of J (§4).
+    pub j_s: V2<R>,
+    /// See `j_s`.
+    pub j_t: V2<R>,
+    /// det J, from the normal where that is better conditioned than J's columns.
+    pub det_j: R,
+    /// s_z/p_z and t_z/p_z; zero in an orthographic projection.
+    pub slope: V2<R>,
+    /// Gradient of the plane's depth over pixels: perspective p_z/z = 1 − g·d (dimensionless a pixel),
+    /// orthographic z = p_z + g·d (world units a pixel).
+    pub depth_gradient: V2<R>,
+    /// Half the disk's depth range, √(s_z² + t_z²), world units.
+    pub depth_extent: R,
+    /// n·p (orthographic: n_z): negative for a splat that faces the eye, as for the sign only; see `facing_cosine`.
+    pub facing: R,
+    /// |n·p|/|p| (orthographic: |n_z|): 0 is edge-on.
+    pub facing_cosine: R,
+}
+
+impl<R: Real> Projected<R> {
+    /// Projects a splat. Perspective needs p_z > 0: splats nearer than z_near go through [`crate::mapping::through_near`].
+    #[inline(always)]
+    pub fn new(splat: &ViewSplat<R>, projection: &Projection) -> Self {
+        let ViewSplat { p, s, t, n } = *splat;
+        let one = p.x.one();
+        let zero = p.x.zero();
+        let focal = V2::new(p.x.constant(projection.focal_px[0]), p.x.constant(projection.focal_px[1]));
+        let area = s.cross(t).length();
+        let depth_extent = s.z.mul_add(s.z, t.z * t.z).sqrt();
+        match projection.kind {
+            ProjectionKind::Perspective => {
+                let inverse = one / p.z;
+                let center = V2::new(p.x * inverse, p.y * inverse);
+                // f∘(s_xy·p_z − s_z·p_xy)/p_z², in the scale-free form s' = s/p_z.
+                let column = |a: V3<R>| {
+                    let (ax, ay, az) = (a.x * inverse, a.y * inverse, a.z * inverse);
+                    V2::new((-az).mul_add(center.x, ax), (-az).mul_add(center.y, ay)).scale_by(focal)
+                };
+                let facing = n.dot(V3::new(center.x, center.y, one));
+                let length = center.x.mul_add(center.x, center.y.mul_add(center.y, one)).sqrt();
+                let signed_area = R::select(same_side(s.cross(t), n), area, -area) * inverse * inverse;
+                let per_pixel = one / facing;
+                Self {
+                    j_s: column(s),
+                    j_t: column(t),
+                    det_j: signed_area * facing * focal.x * focal.y,
+                    slope: V2::new(s.z * inverse, t.z * inverse),
+                    depth_gradient: V2::new(-(n.x / focal.x) * per_pixel, -(n.y / focal.y) * per_pixel),
+                    depth_extent,
+                    facing,
+                    facing_cosine: facing.abs() / length,
+                }
+            }
+            ProjectionKind::Orthographic { .. } => {
+                let signed_area = R::select(same_side(s.cross(t), n), area, -area);
+                let per_pixel = one / n.z;
+                Self {
+                    j_s: s.xy().scale_by(focal),
+                    j_t: t.xy().scale_by(focal),
+                    det_j: signed_area * n.z * focal.x * focal.y,
+                    slope: V2::new(zero, zero),
+                    depth_gradient: V2::new(-(n.x / focal.x) * per_pixel, -(n.y / focal.y) * per_pixel),
+                    depth_extent,
+                    facing: n.z,
+                    facing_cosine: n.z.abs(),
+                }
+            }
+        }
+    }
+
+    /// True for a splat that takes part in no pass (§2).
+    #[inline(always)]
+    pub fn is_edge_on(&self) -> R::Mask {
+        self.facing_cosine.le(self.facing_cosine.constant(EDGE_ON))
+    }
+}
+
+#[inline(always)]
+fn same_side<R: Real>(a: V3<R>, n: V3<R>) -> R::Mask {
+    a.x.zero().le(a.dot(n))
+}
+
+/// How a splat has to be drawn, because of where it stands (§3, last paragraph).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Placement {
+    /// In front: filters and mapping as set.
+    Ordinary,
+    /// Centre at or beyond z_near but e ≥ p_z/2 in perspective: exact, without a filter.
+    Close,
+    /// Centre nearer than z_near: exact, without a filter; left out under the affine mapping.
+    CenterBeforeNear,
+    /// Nothing of it is at or beyond z_near (or all beyond an orthographic far plane).
+    Outside,
+}
+
+impl Placement {
+    /// Classifies a splat by its centre's depth and its depth extent.
+    pub fn of(p_z: f64, depth_extent: f64, projection: &Projection) -> Self {
+        if p_z + depth_extent < projection.near || p_z - depth_extent > projection.far() {
+            Self::Outside
+        } else if p_z < projection.near {
+            Self::CenterBeforeNear
+        } else if projection.is_perspective() && depth_extent >= 0.5 * p_z {
+            Self::Close
+        } else {
+            Self::Ordinary
+        }
+    }
+}

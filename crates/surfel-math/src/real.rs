@@ -1,0 +1,115 @@
+//! The numbers that formulas are written over.
+
+use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
+
+/// What a comparison of [`Real`]s gives: one truth value a lane.
+pub trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {}
+
+impl<M: Copy + BitAnd<Output = M> + BitOr<Output = M> + Not<Output = M>> Mask for M {}
+
+/// A real number, or several in SIMD lanes.
+///
+/// Formulas over `Real` are free of branches on data: they compute both sides and [`Real::select`]. Every operation is
+/// correctly rounded (IEEE 754), the fused multiply-add included, so a formula gives the same bits in f32 and in any
+/// lane of any SIMD level.
+pub trait Real:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+{
+    /// Result of a comparison.
+    type Mask: Mask;
+
+    /// `value` in every lane of a number like `self`.
+    fn constant(self, value: f64) -> Self;
+    /// self·b + c, rounded once.
+    fn mul_add(self, b: Self, c: Self) -> Self;
+    /// Square root, correctly rounded.
+    fn sqrt(self) -> Self;
+    /// Absolute value.
+    fn abs(self) -> Self;
+    /// The lesser; neither may be NaN.
+    fn min(self, other: Self) -> Self;
+    /// The greater; neither may be NaN.
+    fn max(self, other: Self) -> Self;
+    /// self < other; false where either is NaN.
+    fn lt(self, other: Self) -> Self::Mask;
+    /// self ≤ other; false where either is NaN.
+    fn le(self, other: Self) -> Self::Mask;
+    /// `a` where the mask is set, else `b`.
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
+
+    /// Zero in every lane of a number like `self`.
+    #[inline(always)]
+    fn zero(self) -> Self {
+        self.constant(0.0)
+    }
+
+    /// One in every lane of a number like `self`.
+    #[inline(always)]
+    fn one(self) -> Self {
+        self.constant(1.0)
+    }
+
+    /// a·b − c·d with an error of at most 1.5 ulp of the result, however much cancels.
+    ///
+    /// Source: Kahan; bound by Jeannerod, Louvet and Muller 2013.
+    #[inline(always)]
+    fn difference_of_products(a: Self, b: Self, c: Self, d: Self) -> Self {
+        let cd = c * d;
+        let rounding = (-c).mul_add(d, cd);
+        a.mul_add(b, -cd) + rounding
+    }
+
+    /// a·b + c·d with an error of at most 1.5 ulp of the result.
+    #[inline(always)]
+    fn sum_of_products(a: Self, b: Self, c: Self, d: Self) -> Self {
+        Self::difference_of_products(a, b, -c, d)
+    }
+}
+
+macro_rules! scalar {
+    ($t:ty) => {
+        impl Real for $t {
+            type Mask = bool;
+
+            #[inline(always)]
+            fn constant(self, value: f64) -> Self {
+                value as $t
+            }
+            #[inline(always)]
+            fn mul_add(self, b: Self, c: Self) -> Self {
+                self.mul_add(b, c)
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                self.sqrt()
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                self.abs()
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                if self < other { self } else { other }
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                if self > other { self } else { other }
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> bool {
+                self < other
+            }
+            #[inline(always)]
+            fn le(self, other: Self) -> bool {
+                self <= other
+            }
+            #[inline(always)]
+            fn select(mask: bool, a: Self, b: Self) -> Self {
+                if mask { a } else { b }
+            }
+        }
+    };
+}
+
+scalar!(f32);
+scalar!(f64);

@@ -1,0 +1,49 @@
+//! Why a picture could not be made.
+
+use surfel_model::ModelError;
+
+/// Errors that every backend shares.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RenderError {
+    /// The scene, view or settings break a rule of the model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The scene or settings ask for something that this version, or this backend, doesn't draw.
+    #[error("{feature} {found_where}, which backend '{backend}' does not draw yet; {advice}")]
+    Unsupported {
+        /// The backend's name.
+        backend: &'static str,
+        /// What is asked for.
+        feature: &'static str,
+        /// Where it was found.
+        found_where: String,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// Coverage needs every cloud's interior weight.
+    #[error(
+        "object {object} has no interior weight, which edge antialiasing needs; estimate it \
+         (surfel_sample::interior_weight) or set material.interior_weight"
+    )]
+    NoInteriorWeight {
+        /// Index of the object.
+        object: usize,
+    },
+    /// More memory than the limit would be needed.
+    #[error("the frame needs {needed} bytes, more than the {limit} allowed; render it by --region")]
+    TooLarge {
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes allowed.
+        limit: u64,
+    },
+    /// The backend failed.
+    #[error("{backend}: {message}")]
+    Backend {
+        /// The backend's name.
+        backend: &'static str,
+        /// What it said.
+        message: String,
+    },
+}

@@ -1,0 +1,58 @@
+//! What every backend offers.
+
+use crate::{Frame, Planes, RenderError, Stats, View};
+use surfel_model::{Scene, Settings};
+
+/// What a backend can do, as far as planning depends on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Capabilities {
+    /// Name used in messages and on the command line.
+    pub backend: &'static str,
+    /// Draws edge antialiasing.
+    pub edge_aa: bool,
+    /// Gives the decision margin plane.
+    pub margin: bool,
+}
+
+/// Who draws.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RendererInfo {
+    /// Backend name: `reference`, `cpu`, `wgpu`, `ash`.
+    pub backend: &'static str,
+    /// The device, in its driver's words.
+    pub adapter: String,
+    /// Driver name and version.
+    pub driver: String,
+    /// Threads that a CPU backend uses; 0 for others.
+    pub threads: usize,
+    /// What it can do.
+    pub capabilities: Capabilities,
+}
+
+/// The methods that every backend's `Renderer` has.
+pub trait Renderer {
+    /// Resident copy of a scene.
+    type Scene;
+
+    /// Who draws.
+    fn info(&self) -> &RendererInfo;
+
+    /// Makes a scene resident.
+    ///
+    /// # Errors
+    /// [`RenderError`] if the scene is invalid or can't be drawn by this backend.
+    fn upload(&mut self, scene: &Scene) -> Result<Self::Scene, RenderError>;
+
+    /// Renders `planes` of the view's region into `frame`.
+    ///
+    /// # Errors
+    /// [`RenderError`] if settings are out of range or ask for what this backend doesn't draw.
+    fn render(
+        &mut self,
+        scene: &Self::Scene,
+        view: &View,
+        settings: &Settings,
+        planes: Planes,
+        frame: &mut Frame,
+    ) -> Result<Stats, RenderError>;
+}

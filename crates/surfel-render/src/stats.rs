@@ -1,0 +1,31 @@
+//! What a render cost.
+
+/// Time of one stage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PassTime {
+    /// Its name.
+    pub name: &'static str,
+    /// Milliseconds.
+    pub ms: f64,
+}
+
+/// Counts and times of one frame. Loading and writing files is never in them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Stats {
+    /// Milliseconds for the whole frame.
+    pub frame_ms: f64,
+    /// Milliseconds by stage.
+    pub passes: Vec<PassTime>,
+    /// Splats in the scene.
+    pub splats: u64,
+    /// Splats that were rasterised (not culled).
+    pub drawn: u64,
+    /// Fragments that contributed to a pixel.
+    pub fragments: u64,
+    /// Resident bytes a splat.
+    pub bytes_per_splat: f64,
+    /// Threads used.
+    pub threads: usize,
+    /// Further counters, by name, in a backend's own words.
+    pub counters: Vec<(&'static str, f64)>,
+}

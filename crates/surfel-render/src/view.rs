@@ -1,0 +1,190 @@
+//! From a camera to the numbers of a frame.
+
+use glam::{DMat3, DVec3};
+use surfel_math::basis::unit;
+use surfel_math::projection::{Projection, ProjectionKind};
+use surfel_model::{Camera, MAX_IMAGE_PIXELS, ModelError};
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// Left column.
+    pub x: u32,
+    /// Top row.
+    pub y: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+/// A validated camera as renderers use it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// Position of the eye, world space.
+    pub eye: DVec3,
+    /// Rotation from world to view axes (x right, y down, z forward): v_view = R·(v_world − eye).
+    pub view_from_world: DMat3,
+    /// Projection of the whole image.
+    pub projection: Projection,
+    /// Size of the whole image, pixels.
+    pub size: [u32; 2],
+    /// The part of the image that is rendered.
+    pub region: Region,
+}
+
+impl View {
+    /// The view of a camera: the whole image.
+    ///
+    /// # Errors
+    /// [`ModelError`] naming the field of the camera that is out of range, or an image of more than 2^28 pixels.
+    pub fn new(camera: &Camera) -> Result<Self, ModelError> {
+        let view = Self::of_region(camera, None)?;
+        Ok(view)
+    }
+
+    /// The view of a camera, cropped to `region` (the whole image without one).
+    ///
+    /// # Errors
+    /// As [`View::new`]; also a region that is empty or leaves the image.
+    pub fn of_region(camera: &Camera, region: Option<Region>) -> Result<Self, ModelError> {
+        camera.validate()?;
+        let [width, height] = camera.size;
+        let region = region.unwrap_or(Region { x: 0, y: 0, width, height });
+        let fits = |start: u32, length: u32, limit: u32| {
+            length > 0 && u64::from(start) + u64::from(length) <= u64::from(limit)
+        };
+        if !fits(region.x, region.width, width) || !fits(region.y, region.height, height) {
+            return Err(ModelError::OutOfRange {
+                field: "region".into(),
+                found: format!("{},{},{},{}", region.x, region.y, region.width, region.height),
+                expected: "a rectangle X,Y,W,H of at least one pixel inside the image",
+            });
+        }
+        if u64::from(region.width) * u64::from(region.height) > MAX_IMAGE_PIXELS {
+            return Err(ModelError::OutOfRange {
+                field: "camera.size".into(),
+                found: format!("{}x{}", region.width, region.height),
+                expected: "at most 268435456 pixels at a time (render larger images by regions)",
+            });
+        }
+        let (eye, target) = (DVec3::from(camera.eye), DVec3::from(camera.target));
+        let forward = unit(target - eye);
+        let right = unit(forward.cross(unit(DVec3::from(camera.up))));
+        let down = forward.cross(right);
+        let (w, h) = (f64::from(width), f64::from(height));
+        let center = [0.5 * w, 0.5 * h];
+        use surfel_model::Projection as P;
+        let (kind, focal_px, principal_px) = match camera.projection {
+            P::Perspective { fov_y_deg } => {
+                let f = h / (2.0 * (0.5 * fov_y_deg.to_radians()).tan());
+                (ProjectionKind::Perspective, [f, f], center)
+            }
+            P::Intrinsics { fx, fy, cx, cy } => (ProjectionKind::Perspective, [fx, fy], [cx, cy]),
+            P::Orthographic { height } => {
+                let far = camera.far.unwrap_or(f64::INFINITY);
+                (ProjectionKind::Orthographic { height, far }, [h / height, h / height], center)
+            }
+        };
+        Ok(Self {
+            eye,
+            view_from_world: DMat3::from_cols(right, down, forward).transpose(),
+            projection: Projection { kind, focal_px, principal_px, near: camera.near },
+            size: camera.size,
+            region,
+        })
+    }
+
+    /// World direction in which the camera looks.
+    pub fn forward(&self) -> DVec3 {
+        self.view_from_world.row(2)
+    }
+
+    /// Number of pixels rendered.
+    pub fn pixels(&self) -> usize {
+        self.region.width as usize * self.region.height as usize
+    }
+
+    /// The view rendered at `factor` times the resolution, for supersampling.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] if that is too large.
+    pub fn supersampled(&self, factor: u32) -> Result<Self, ModelError> {
+        let k = f64::from(factor);
+        let size = self.size.map(|s| s.checked_mul(factor));
+        let r = self.region;
+        let region = [r.x, r.y, r.width, r.height].map(|v| v.checked_mul(factor));
+        let ([Some(w), Some(h)], [Some(x), Some(y), Some(width), Some(height)]) = (size, region) else {
+            return Err(too_many_samples(factor));
+        };
+        if factor == 0 || u64::from(width) * u64::from(height) > MAX_IMAGE_PIXELS {
+            return Err(too_many_samples(factor));
+        }
+        let p = self.projection;
+        Ok(Self {
+            projection: Projection {
+                focal_px: p.focal_px.map(|f| f * k),
+                principal_px: p.principal_px.map(|c| c * k),
+                ..p
+            },
+            size: [w, h],
+            region: Region { x, y, width, height },
+            ..self.clone()
+        })
+    }
+}
+
+fn too_many_samples(factor: u32) -> ModelError {
+    ModelError::OutOfRange {
+        field: "samples".into(),
+        found: factor.to_string(),
+        expected: "at least 1, and samples² x pixels of at most 268435456",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::Projection as P;
+
+    fn camera() -> Camera {
+        Camera {
+            eye: [1e6, 0.0, 5.0],
+            target: [1e6, 0.0, 0.0],
+            up: [0.0, 1.0, 0.0],
+            projection: P::Perspective { fov_y_deg: 90.0 },
+            near: 0.1,
+            far: None,
+            size: [200, 100],
+        }
+    }
+
+    #[test]
+    fn view_axes_are_right_down_forward() {
+        let view = View::new(&camera()).unwrap();
+        let to_view = |v: DVec3| view.view_from_world * v;
+        assert!((to_view(DVec3::X) - DVec3::X).length() < 1e-15);
+        assert!((to_view(DVec3::Y) - DVec3::NEG_Y).length() < 1e-15);
+        assert!((to_view(DVec3::NEG_Z) - DVec3::Z).length() < 1e-15);
+        assert!((view.projection.focal_px[0] - 50.0).abs() < 1e-12);
+        assert_eq!(view.projection.principal_px, [100.0, 50.0]);
+    }
+
+    #[test]
+    fn a_region_outside_the_image_is_refused() {
+        let region = |x, y, width, height| View::of_region(&camera(), Some(Region { x, y, width, height }));
+        assert!(region(0, 0, 200, 100).is_ok());
+        assert!(region(199, 99, 1, 1).is_ok());
+        assert!(region(199, 99, 2, 1).is_err());
+        assert!(region(0, 0, 0, 1).is_err());
+        assert!(region(u32::MAX, 0, 2, 1).is_err());
+    }
+
+    #[test]
+    fn supersampling_scales_pixels_and_refuses_what_cannot_fit() {
+        let view = View::new(&camera()).unwrap().supersampled(4).unwrap();
+        assert_eq!((view.size, view.region.height), ([800, 400], 400));
+        assert!((view.projection.focal_px[1] - 200.0).abs() < 1e-12);
+        assert!(View::new(&camera()).unwrap().supersampled(10_000).is_err());
+    }
+}
