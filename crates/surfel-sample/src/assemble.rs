@@ -27,6 +27,8 @@ pub(crate) type Paint = (Option<Vec<[f32; 3]>>, Option<Vec<f32>>);
 /// Splits RGBA into the columns that say something.
 pub(crate) fn paint(rgba: Option<Vec<[f32; 4]>>) -> Paint {
     let Some(rgba) = rgba else { return (None, None) };
-    let alphas = rgba.iter().any(|c| c[3] < 1.0).then(|| rgba.iter().map(|c| c[3].clamp(0.0, 1.0)).collect());
+    // Interpolation weights don't sum to one exactly; an alpha below 1 costs a transparent pass.
+    let alpha = |c: &[f32; 4]| if c[3] > 0.9999 { 1.0 } else { c[3].max(0.0) };
+    let alphas = rgba.iter().any(|c| alpha(c) < 1.0).then(|| rgba.iter().map(alpha).collect());
     (Some(rgba.iter().map(|c| [c[0], c[1], c[2]]).collect()), alphas)
 }

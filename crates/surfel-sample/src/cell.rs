@@ -59,6 +59,11 @@ impl Cell {
         self.corners.iter().zip(before).filter(|(c, before)| c.1 && *before).map(|(c, _)| c.0)
     }
 
+    /// Distance of the farthest of [`Cell::corners`], 0 when there is none.
+    pub(crate) fn reach(&self) -> f64 {
+        self.corners().map(DVec2::length).fold(0.0, f64::max)
+    }
+
     /// Area, and the second moments xx, xy, yy about the centroid divided by the area.
     pub(crate) fn moments(&self) -> (f64, [f64; 3]) {
         let (mut area, mut first, mut second) = (0.0, DVec2::ZERO, [0.0; 3]);
@@ -103,7 +108,7 @@ mod tests {
         // A rectangle's variances are side² / 12.
         assert!((area - 4.0).abs() < 1e-13 && (xx - 1.0 / 12.0).abs() < 1e-13, "{area} {xx}");
         assert!((yy - 16.0 / 12.0).abs() < 1e-13 && xy.abs() < 1e-13, "{yy} {xy}");
-        let reach = cell.corners().map(DVec2::length).fold(0.0, f64::max);
+        let reach = cell.reach();
         assert!((reach - 4.25_f64.sqrt()).abs() < 1e-13, "{reach}");
     }
 

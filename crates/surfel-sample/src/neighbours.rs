@@ -8,6 +8,8 @@ use rayon::prelude::*;
 
 /// Steps between two calls of [`Progress::advance`].
 const STEPS: usize = 4096;
+/// Positions are rounded to this many steps a working unit: far below what f32 data or any spacing can tell.
+const SNAP: f64 = 4_294_967_296.0;
 
 /// `work` of 0..count, in parallel, in order, with one `state` a thread's run.
 pub(crate) fn map_each<T: Send, S>(
@@ -67,8 +69,10 @@ impl Neighbours {
         // Halves first: hi − lo may overflow where neither does.
         let (center, half) = (0.5 * lo + 0.5 * hi, (0.5 * hi - 0.5 * lo).max_element());
         let scale = if half > 0.0 { half } else { 1.0 };
+        // Points nearer to each other than 2⁻³² of the cloud count as one: dozens of them would see nobody else.
         // Adding zero turns −0 into 0, so that equal means equal in every bit.
-        let unit: Vec<DVec3> = positions.par_iter().map(|p| (*p - center) / scale + DVec3::ZERO).collect();
+        let snap = |p: &DVec3| ((*p - center) / scale * SNAP).round() / SNAP + DVec3::ZERO;
+        let unit: Vec<DVec3> = positions.par_iter().map(snap).collect();
 
         let mut order: Vec<u32> = (0..total as u32).collect();
         let key = |i: u32| unit[i as usize];

@@ -112,7 +112,14 @@ fn sorted(buckets: &[u16]) -> impl Iterator<Item = usize> {
 fn bridge(cloud: &Neighbours, normals: &[DVec3], sets: &mut SignedSets) {
     let roots: Vec<u32> = (0..cloud.len() as u32).map(|i| sets.find(i).0).collect();
     let state = || (Nearest::new(WIDE + 1), Vec::new());
+    // The largest component is found by the others: looking from it would cost far more.
+    let mut sizes = vec![0_u32; cloud.len()];
+    roots.iter().for_each(|r| sizes[*r as usize] += 1);
+    let largest = (0..sizes.len()).max_by_key(|r| (sizes[*r], std::cmp::Reverse(*r))).unwrap_or(0);
     let found = map_each(cloud.len(), progress_none(), state, |(found, wide), slot| {
+        if roots[slot] as usize == largest {
+            return None;
+        }
         cloud.widen(slot, found, wide);
         wide.iter().find(|&&j| roots[j as usize] != roots[slot]).copied()
     });

@@ -1,7 +1,7 @@
 //! Points to splats.
 
 use crate::neighbours::Neighbours;
-use crate::radii::{self, Sizes, median};
+use crate::radii::{self, Sizes, Spacing, median};
 use crate::{Outliers, PointOptions, PointReport, Progress, SampleError};
 use crate::{assemble, interior, normals, orient};
 use glam::DVec3;
@@ -44,7 +44,8 @@ pub fn splats_from_points(
     report.normals_given = (0..points.len()).filter(|i| given.get(*i).is_some()).count();
     report.normals_estimated = points.len() - report.normals_given;
     let unit_normals = complete_normals(points, &given, &cloud, options, progress);
-    let sizes = radii::sizes(&cloud, &unit_normals, LONE_RADIUS / radii::DENSITY, options.ellipses, progress);
+    let sizes =
+        radii::sizes(&cloud, &unit_normals, Spacing::Unknown(LONE_RADIUS / radii::DENSITY), options.ellipses, progress);
 
     report.outliers = cloud.slot_of.iter().filter(|s| sizes.isolated[**s as usize]).count();
     let mut source = Cow::Borrowed(points);

@@ -22,12 +22,19 @@ pub(crate) const DENSITY: f64 = 1.65;
 const COVER: f64 = 1.15;
 /// No radius exceeds this times that of the density rule: beyond it a gap is one of the scan, not of the sampling.
 const LARGEST: f64 = 2.5;
+/// The same at a border, where the corners of a cell may lie far outside the surface.
+const LARGEST_AT_BORDER: f64 = 1.5;
 /// Axis ratio from which sampling counts as anisotropic.
 pub(crate) const STRETCHED: f64 = 1.5;
 /// Axis ratio of the longest ellipse.
 const MOST_STRETCHED: f64 = 16.0;
 /// Share of stretched points from which a cloud gets ellipses: random samplings have about 5 % by chance.
 const STRETCHED_SHARE: f64 = 0.1;
+/// A closed cell is believed when its corners are no farther than this share of the farthest neighbour: at a border,
+/// where points jut out by chance, cells close far outside the surface. Shares for the table's neighbours and for
+/// the wider look, which is more generous in itself; half the spacing of scan lines must pass.
+const BELIEVED: f64 = 0.75;
+const BELIEVED_WIDE: f64 = 0.55;
 /// Neighbours take part in a point's cell when their normals agree within 60°, and they are seen within 60° of its
 /// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
 const AGREE: f64 = 0.5;
@@ -77,27 +84,38 @@ impl Work {
     }
 }
 
-/// Measures sizes for points with unit `normals` (one a slot). `fallback` is the spacing, in working units, of a
-/// cloud that has none (one point); ellipses only if `ellipses`.
+/// What is known about the spacing of points beforehand, in working units.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Spacing {
+    /// Nothing; a cloud that has none (one point) gets this.
+    Unknown(f64),
+    /// It is this on average everywhere: the density rule takes it instead of measuring.
+    Known(f64),
+}
+
+/// Measures sizes for points with unit `normals` (one a slot); ellipses only if `ellipses`.
 pub(crate) fn sizes(
     cloud: &Neighbours,
     normals: &[DVec3],
-    fallback: f64,
+    spacing: Spacing,
     ellipses: bool,
     progress: &dyn Progress,
 ) -> Sizes {
+    let (Spacing::Unknown(fallback) | Spacing::Known(fallback)) = spacing;
+    let known = if let Spacing::Known(s) = spacing { Some(s) } else { None };
     let count = cloud.len();
     progress.stage("radii", 2 * count as u64);
-    let measure = Measure { cloud, normals };
+    let measure = Measure { cloud, normals, known };
     let summaries = map_each(count, progress, Work::new, |work, slot| measure.summary(slot, work));
     let results = map_each(count, progress, Work::new, |work, slot| measure.size(slot, &summaries, work));
 
     let typical = median(&mut results.iter().map(|r| r.spacing).filter(|s| *s > 0.0).collect::<Vec<_>>());
     let typical = typical.unwrap_or(fallback);
-    let radius = |own: f64, r: &Size| match (own > 0.0, r.isolated) {
-        (false, _) => DENSITY * typical,
-        (true, true) => own.min(DENSITY * typical),
-        (true, false) => own,
+    let radius = |own: f64, r: &Size| match (own > 0.0, r.isolated, r.is_loose) {
+        (false, ..) => DENSITY * typical,
+        (true, true, _) => own.min(DENSITY * typical),
+        (true, false, true) => own.min(LARGEST * DENSITY * typical),
+        (true, false, false) => own,
     };
     let stretched = results.iter().filter(|r| r.ellipse.is_some()).count();
     let isolated = results.iter().map(|r| r.isolated).collect();
@@ -126,6 +144,8 @@ struct Size {
     spacing: f64,
     ellipse: Option<Ellipse>,
     isolated: bool,
+    /// Neither it nor any neighbour is surrounded: a few stray points are, and they must not become large.
+    is_loose: bool,
 }
 
 struct Ellipse {
@@ -140,6 +160,7 @@ struct Ellipse {
 struct Measure<'a> {
     cloud: &'a Neighbours,
     normals: &'a [DVec3],
+    known: Option<f64>,
 }
 
 impl Measure<'_> {
@@ -148,8 +169,9 @@ impl Measure<'_> {
     }
 
     /// Builds the cell of `slot` among `neighbours`, unrolled into its tangent plane: directions are projected,
-    /// distances are kept, as on the surface itself.
-    fn cell(&self, slot: usize, neighbours: &[u32], cell: &mut Cell, offsets: &mut Vec<DVec2>) {
+    /// distances are kept, as on the surface itself. True if it is closed, with corners within the `believed` share
+    /// of the farthest neighbour's distance.
+    fn cell(&self, slot: usize, neighbours: &[u32], believed: f64, cell: &mut Cell, offsets: &mut Vec<DVec2>) -> bool {
         let (p, n) = (self.cloud.point(slot), self.normals[slot]);
         let (u, v) = orthonormal(n);
         offsets.clear();
@@ -164,30 +186,35 @@ impl Measure<'_> {
             }
         }
         cell.build(offsets, limit);
+        // Where half of the neighbours are another sheet's, the farthest of this one's would be farther.
+        let share = offsets.len() as f64 / neighbours.len().max(1) as f64;
+        cell.is_closed() && cell.reach() * share.sqrt() <= believed * limit
     }
 
-    /// Builds the cell of `slot`, among more neighbours when those of the table don't close it.
-    fn best_cell(&self, slot: usize, work: &mut Work) {
+    /// Builds the cell of `slot`, among more neighbours when those of the table don't close it; true if it is closed.
+    fn best_cell(&self, slot: usize, work: &mut Work) -> bool {
         let near = self.cloud.of(slot);
-        self.cell(slot, near, &mut work.cell, &mut work.offsets);
-        if work.cell.is_closed() || self.cloud.len() <= near.len() + 1 {
-            return;
+        if self.cell(slot, near, BELIEVED, &mut work.cell, &mut work.offsets) {
+            return true;
         }
-        self.cloud.widen(slot, &mut work.found, &mut work.wide);
-        self.cell(slot, &work.wide, &mut work.cell, &mut work.offsets);
-        if !work.cell.is_closed() {
-            // At a border the wider view only adds slivers along it.
-            self.cell(slot, near, &mut work.cell, &mut work.offsets);
+        if self.cloud.len() > near.len() + 1 {
+            self.cloud.widen(slot, &mut work.found, &mut work.wide);
+            if self.cell(slot, &work.wide, BELIEVED_WIDE, &mut work.cell, &mut work.offsets) {
+                return true;
+            }
         }
+        // At a border the wider view only adds slivers along it.
+        self.cell(slot, near, BELIEVED, &mut work.cell, &mut work.offsets);
+        false
     }
 
     fn summary(&self, slot: usize, work: &mut Work) -> Summary {
         let near = self.cloud.of(slot);
         let Some(&ring) = near.get(RING - 1).or(near.last()) else { return Summary::default() };
         let spacing = self.cloud.point(ring as usize).distance(self.cloud.point(slot)) as f32;
-        self.best_cell(slot, work);
-        let reach = work.cell.corners().map(DVec2::length).fold(0.0, f64::max) as f32;
-        if !work.cell.is_closed() {
+        let is_closed = self.best_cell(slot, work);
+        let reach = work.cell.reach() as f32;
+        if !is_closed {
             return Summary { reach, spacing, ..Summary::default() };
         }
         let (area, [xx, xy, yy]) = work.cell.moments();
@@ -233,12 +260,14 @@ impl Measure<'_> {
             // Nothing is surrounded here: a line, a pair, a sliver. Its neighbours' distances are all there is.
             let p = self.cloud.point(slot);
             let near = near.iter().take(2).map(|j| self.cloud.point(*j as usize).distance(p)).fold(0.0, f64::max);
-            return Size { radius: DENSITY * near, spacing: near, ellipse: None, isolated };
+            return Size { radius: DENSITY * near, spacing: near, ellipse: None, isolated, is_loose: true };
         };
-        let spacing = area.sqrt();
-        let bounded = |reach: f64| (COVER * reach).clamp(DENSITY * spacing, LARGEST * DENSITY * spacing);
+        let spacing = self.known.unwrap_or(area.sqrt());
+        let largest = if all[slot].area > 0.0 { LARGEST } else { LARGEST_AT_BORDER };
+        let bounded = |reach: f64| (COVER * reach).clamp(DENSITY * spacing, largest * DENSITY * spacing);
         let radius = bounded(f64::from(all[slot].reach));
-        Size { radius, spacing, ellipse: self.ellipse(slot, moments, bounded, work), isolated }
+        let ellipse = self.ellipse(slot, moments, bounded, work);
+        Size { radius, spacing, ellipse, isolated, is_loose: false }
     }
 
     fn ellipse(&self, slot: usize, m: [f64; 6], bounded: impl Fn(f64) -> f64, work: &mut Work) -> Option<Ellipse> {

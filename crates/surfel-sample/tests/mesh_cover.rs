@@ -27,7 +27,9 @@ fn globe(rows: u32) -> Mesh {
                 std::f64::consts::TAU * f64::from(i) / f64::from(columns),
                 std::f64::consts::PI * f64::from(j) / f64::from(rows),
             );
-            positions.push(DVec3::new(b.sin() * a.cos(), b.sin() * a.sin(), b.cos()));
+            // Exactly one place a pole.
+            let r = if j % rows == 0 { 0.0 } else { b.sin() };
+            positions.push(DVec3::new(r * a.cos(), r * a.sin(), b.cos()));
             if j < rows {
                 let (p, q) = (j * columns + i, j * columns + (i + 1) % columns);
                 triangles.extend([[p, p + columns, q], [q, p + columns, q + columns]]);
@@ -79,8 +81,12 @@ fn count_covers_a_cube_to_its_edges_and_stays_on_it() {
             let ((s, t), p) = (cloud.axes(i), cloud.center(i));
             let e = (s * s + t * t).map(f64::sqrt);
             let over = (p + e - DVec3::ONE).max(e - p).max_element();
-            // OVERHANG × radius, radius ≤ 2.5·DENSITY·spacing at the very most; typically 0.33 spacings.
-            assert!(over <= 0.8 * spacing, "{count}: splat {i} hangs over by {} spacings", over / spacing);
+            // OVERHANG × DENSITY = 0.33 spacings along edges, CORNER_OVERHANG × DENSITY = 0.66 within a radius of a
+            // corner, plus f32 rounding; an untrimmed disk hangs over by up to 1.65.
+            let to_edges = p.min(DVec3::ONE - p).to_array();
+            let is_corner = to_edges.iter().filter(|d| **d < 1.7 * spacing).count() == 3;
+            let most = if is_corner { 0.6601 } else { 0.3301 };
+            assert!(over <= most * spacing, "{count}: splat {i} hangs over by {} spacings", over / spacing);
             let n = cloud.normal(i).abs();
             assert!(n.max_element() > 1.0 - 1e-6, "normals don't average across creases");
         }

@@ -6,6 +6,7 @@ use super::features::Features;
 use super::geometry::Geometry;
 use super::random::Random;
 use crate::neighbours::{Neighbours, map_each};
+use crate::radii::Spacing;
 use crate::tree::KdTree;
 use crate::{Progress, SampleError, assemble, radii};
 use glam::DVec3;
@@ -67,13 +68,14 @@ pub(crate) fn splats(
         })
         .collect();
 
-    let cloud = Neighbours::new(&positions, 16, progress)?;
-    let slot_normals: Vec<DVec3> = cloud.first_of.iter().map(|i| planes[*i as usize]).collect();
     let spacing = (area / count as f64).sqrt();
-    let sizes = radii::sizes(&cloud, &slot_normals, spacing / cloud.scale, false, progress);
-    let radii: Vec<f64> = cloud.slot_of.iter().map(|s| sizes.radii[*s as usize] * cloud.scale * radius_scale).collect();
-    drop((sizes, slot_normals, cloud));
-
+    let mut radii = if count > MOST_ELIMINATED {
+        measured_radii(&positions, &planes, spacing, progress)?
+    } else {
+        // Blue noise of known density: gaps of more than a spacing don't occur, and the density rule covers 1.65.
+        vec![radii::DENSITY * spacing; count]
+    };
+    radii.iter_mut().for_each(|r| *r *= radius_scale);
     let shape = shape(&positions, &planes, &radii, &features, radii::DENSITY * spacing * radius_scale, progress);
     let mut data = CloudData::new(mesh.origin, super::centers(mesh, &positions), shape);
     if planes != smooth {
@@ -89,6 +91,19 @@ pub(crate) fn splats(
     });
     (data.colors, data.alphas) = assemble::paint(rgba);
     Ok(data)
+}
+
+/// Radii that cover the gaps that stratified samples leave.
+fn measured_radii(
+    positions: &[DVec3],
+    planes: &[DVec3],
+    spacing: f64,
+    progress: &dyn Progress,
+) -> Result<Vec<f64>, SampleError> {
+    let cloud = Neighbours::new(positions, 16, progress)?;
+    let normals: Vec<DVec3> = cloud.first_of.iter().map(|i| planes[*i as usize]).collect();
+    let sizes = radii::sizes(&cloud, &normals, Spacing::Known(spacing / cloud.scale), false, progress);
+    Ok(cloud.slot_of.iter().map(|s| sizes.radii[*s as usize] * cloud.scale).collect())
 }
 
 /// Disks, or ellipses where the surface has features to trim them to.

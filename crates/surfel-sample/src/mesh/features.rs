@@ -8,6 +8,10 @@ use surfel_math::basis::orthonormal;
 /// How far a trimmed splat reaches past an edge, over its untrimmed radius. Enough for the next splats along the
 /// edge to meet on it: see the test that no point of a cube is bare.
 const OVERHANG: f64 = 0.2;
+/// The same where edges of different directions meet: an ellipse pressed flat twice is blunt, and a corner sharp.
+const CORNER_OVERHANG: f64 = 0.4;
+/// Edges are of different directions from 30°.
+const CORNER_COS: f64 = 0.866;
 /// Edges seen at more than 30° from a splat's plane belong to another part of the surface.
 const STEEPEST: f64 = 0.5;
 /// Edge pieces looked at for one splat.
@@ -44,13 +48,22 @@ impl Features {
         let (u, v) = orthonormal(normal);
         // The ellipse {x: xᵀE⁻¹x ≤ 1} of the tangent plane as E = ssᵀ + ttᵀ: its extent along m is √(mᵀEm).
         let (mut xx, mut xy, mut yy) = (radius * radius, 0.0, radius * radius);
+        let near: Vec<(DVec2, f64)> = found
+            .items()
+            .iter()
+            .filter_map(|(_, slot)| {
+                let [a, b] = self.pieces[self.tree.index(*slot as usize)];
+                let (direction, distance) = facing(p, normal, a, b).filter(|f| f.1 < radius)?;
+                Some((DVec2::new(direction.dot(u), direction.dot(v)).normalize_or_zero(), distance))
+            })
+            .collect();
+        let first = near.first()?.0;
+        let is_corner = near.iter().any(|(m, _)| m.dot(first) < CORNER_COS);
+        let overhang = if is_corner { CORNER_OVERHANG } else { OVERHANG };
         let mut trimmed = false;
-        for (_, slot) in found.items() {
-            let [a, b] = self.pieces[self.tree.index(*slot as usize)];
-            let Some((direction, distance)) = facing(p, normal, a, b) else { continue };
-            let m = DVec2::new(direction.dot(u), direction.dot(v)).normalize_or_zero();
+        for (m, distance) in near {
             let along = DVec2::new(xx * m.x + xy * m.y, xy * m.x + yy * m.y);
-            let (extent2, limit) = (m.dot(along), distance + OVERHANG * radius);
+            let (extent2, limit) = (m.dot(along), distance + overhang * radius);
             if limit * limit < extent2 {
                 // Presses the ellipse flat along m and leaves the conjugate direction as it is.
                 let k = (1.0 - limit * limit / extent2) / extent2;

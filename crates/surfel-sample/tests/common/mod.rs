@@ -96,6 +96,9 @@ pub(crate) fn coverage(cloud: &SplatCloud, places: &[(DVec3, DVec3)]) -> Coverag
     let over: Vec<(usize, f64)> = places.iter().map(|(x, n)| index.over(*x, *n)).collect();
     let mut weights: Vec<f64> = over.iter().map(|o| o.1).collect();
     weights.sort_by(f64::total_cmp);
+    for (place, _) in places.iter().zip(&over).filter(|p| p.1.0 == 0).take(5) {
+        println!("bare: {place:?}");
+    }
     Coverage {
         holes: over.iter().filter(|o| o.0 == 0).count(),
         twice: over.iter().filter(|o| o.0 >= 2).count() as f64 / over.len() as f64,
