@@ -1,0 +1,41 @@
+//! Decision margins: fragments whose inside, depth or facing test rounding could flip.
+//!
+//! Comparisons of backends forgive the pixels marked here, and no others.
+
+use crate::raster::Kept;
+use crate::splat::ScreenSplat;
+use surfel_math::V2;
+use surfel_math::mapping::Footprint;
+use surfel_render::View;
+
+/// Pixels to a footprint's rim within which a test may flip.
+const RIM_PX: f64 = 1e-3;
+/// Relative distance from equality within which any other test may flip.
+const RELATIVE: f64 = 1e-4;
+
+/// True if offset `d` is within the margin of a footprint's rim.
+pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>) -> bool {
+    let (u, v, w) = footprint.at(d);
+    let value = u * u + v * v - w * w;
+    let gradient = |fu: f64, fv: f64, fw: f64| 2.0 * (u * fu + v * fv - w * fw);
+    let slope = gradient(footprint.u.x, footprint.v.x, footprint.w.x).hypot(gradient(
+        footprint.u.y,
+        footprint.v.y,
+        footprint.w.y,
+    ));
+    value.abs() <= RIM_PX * slope || value.abs() <= RELATIVE * w * w
+}
+
+/// True if a fragment of the attribute pass is within the margin of any of its tests, and would matter.
+pub(crate) fn is_marginal(splat: &ScreenSplat, pixel: V2<f64>, z: f64, kept: &Kept, view: &View) -> bool {
+    let near = (z - view.projection.near).abs() <= RELATIVE * view.projection.near;
+    let depth = (z - kept.value).abs() <= RELATIVE * z.abs();
+    if z > kept.value && !depth {
+        return false;
+    }
+    let d = pixel - splat.anchor;
+    let rim = on_rim(&splat.filtered, d)
+        || splat.clamp_radius.is_some_and(|h| (d.length() - h).abs() <= RIM_PX.max(RELATIVE * h));
+    let inside = splat.rho_squared_at(pixel).is_some();
+    rim || (inside && (depth || near || splat.facing_margin <= RELATIVE))
+}

@@ -1,0 +1,121 @@
+//! Once a pixel: divide by Σw and light (§5).
+
+use crate::raster::Sums;
+use glam::DVec3;
+use surfel_math::V2;
+use surfel_math::basis::unit;
+use surfel_model::{Light, Shader};
+use surfel_render::{FramePlan, View};
+
+/// Everything that lights a scene.
+pub(crate) struct Lighting<'a> {
+    pub view: &'a View,
+    pub plan: &'a FramePlan,
+    pub lights: &'a [Light],
+    pub ambient: DVec3,
+    /// Ambient, diffuse, specular, shininess where all objects share them.
+    pub material: [f64; 4],
+}
+
+/// A shaded pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Surface {
+    pub color: DVec3,
+    pub depth: f64,
+    /// Unit world normal, or zero.
+    pub normal: DVec3,
+    pub weight: f64,
+}
+
+impl Lighting<'_> {
+    /// Resolves and lights a pixel; `None` where Σw = 0.
+    pub(crate) fn shade(&self, sums: &Sums, pixel: V2<f64>) -> Option<Surface> {
+        if sums.weight <= 0.0 {
+            return None;
+        }
+        let inverse = 1.0 / sums.weight;
+        let wants = self.plan.attributes;
+        let albedo = if wants.color { DVec3::from(sums.color) / sums.weight } else { DVec3::ONE };
+        let normal = unit(sums.normal);
+        let depth = sums.depth * inverse;
+        let material = if wants.material { sums.material.map(|m| m * inverse) } else { self.material };
+        let color = match self.plan.shader {
+            Shader::Unlit | Shader::Toon => albedo,
+            Shader::Normal if normal == DVec3::ZERO => DVec3::ZERO,
+            Shader::Normal => normal * 0.5 + 0.5,
+            Shader::Depth => DVec3::splat(self.view.projection.stored_depth(depth)),
+            Shader::Phong => self.phong(albedo, normal, depth, pixel, material),
+        };
+        Some(Surface { color, depth, normal, weight: sums.weight })
+    }
+
+    fn phong(&self, albedo: DVec3, normal: DVec3, depth: f64, pixel: V2<f64>, material: [f64; 4]) -> DVec3 {
+        let [ambient, diffuse, specular, shininess] = material;
+        let mut matte = self.ambient * ambient;
+        let mut gloss = DVec3::ZERO;
+        if normal != DVec3::ZERO {
+            // Relative to the eye, so that scenes far from the origin lose nothing.
+            let (origin, direction) = self.view.projection.ray(pixel);
+            let at = origin + direction * depth;
+            let world_from_view = self.view.view_from_world.transpose();
+            let position = world_from_view * DVec3::new(at.x, at.y, at.z);
+            let to_eye = if self.view.projection.is_perspective() { -unit(position) } else { -self.view.forward() };
+            for light in self.lights {
+                let (to_light, color) = self.incident(light, position);
+                let cosine = normal.dot(to_light);
+                if cosine > 0.0 {
+                    matte += color * (diffuse * cosine);
+                    let reflected = normal * (2.0 * cosine) - to_light;
+                    gloss += color * (specular * reflected.dot(to_eye).max(0.0).powf(shininess));
+                }
+            }
+        }
+        albedo * matte + gloss
+    }
+
+    /// Unit vector to the light and its colour at a position relative to the eye.
+    fn incident(&self, light: &Light, position: DVec3) -> (DVec3, DVec3) {
+        match light {
+            Light::Directional { direction, color, .. } => (-unit(DVec3::from(*direction)), DVec3::from(*color)),
+            Light::Point { position: at, color } => {
+                (unit(DVec3::from(*at) - self.view.eye - position), DVec3::from(*color))
+            }
+            Light::Spot { position: at, direction, color, inner_deg, outer_deg, .. } => {
+                let to_light = unit(DVec3::from(*at) - self.view.eye - position);
+                let angle = angle_between(-to_light, unit(DVec3::from(*direction))).to_degrees();
+                (to_light, DVec3::from(*color) * smooth_fade(angle, *inner_deg, *outer_deg))
+            }
+        }
+    }
+}
+
+/// Angle between unit vectors, accurate at both ends.
+fn angle_between(a: DVec3, b: DVec3) -> f64 {
+    2.0 * (a - b).length().atan2((a + b).length())
+}
+
+/// 1 up to `inner`, 0 from `outer` on, smoothstep in the angle between.
+fn smooth_fade(angle: f64, inner: f64, outer: f64) -> f64 {
+    if angle <= inner {
+        return 1.0;
+    }
+    if angle >= outer {
+        return 0.0;
+    }
+    let x = (outer - angle) / (outer - inner);
+    x * x * (3.0 - 2.0 * x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spot_fades_smoothly_between_its_half_angles() {
+        assert_eq!(smooth_fade(10.0, 20.0, 30.0), 1.0);
+        assert_eq!(smooth_fade(30.0, 20.0, 30.0), 0.0);
+        assert!((smooth_fade(25.0, 20.0, 30.0) - 0.5).abs() < 1e-15);
+        assert_eq!(smooth_fade(20.0, 20.0, 20.0), 1.0);
+        assert!((angle_between(DVec3::X, DVec3::Y).to_degrees() - 90.0).abs() < 1e-13);
+    }
+}

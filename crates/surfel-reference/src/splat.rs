@@ -1,0 +1,250 @@
+//! From a splat of the scene to its footprints on the screen (§2–§4).
+
+use crate::renderer::ResidentObject;
+use glam::{DMat3, DVec3};
+use surfel_math::basis::{largest_singular_value, unit};
+use surfel_math::bounds::{self, Extent};
+use surfel_math::depth::{DepthForm, DepthPlane, tolerance};
+use surfel_math::filter::{self, Filtered};
+use surfel_math::kernel::interior_weight_at_cutoff;
+use surfel_math::mapping::{Footprint, through_near};
+use surfel_math::project::{EDGE_ON, Placement, Projected, ViewSplat};
+use surfel_math::{V2, V3};
+use surfel_model::{Cull, Filter, SplatCloud};
+use surfel_render::{FramePlan, View};
+
+/// A splat ready to be rasterised.
+pub(crate) struct ScreenSplat {
+    /// Index over the whole scene: objects in order, splats in order.
+    pub index: u32,
+    /// Pixel position that the forms are about.
+    pub anchor: V2<f64>,
+    /// Unfiltered footprint, for visibility.
+    pub visible: Footprint<f64>,
+    /// Filtered footprint, for attributes.
+    pub filtered: Footprint<f64>,
+    /// Radius of the disk that `clamp` adds to the filtered footprint, pixels.
+    pub clamp_radius: Option<f64>,
+    /// Factor of the weight.
+    pub weight_scale: f64,
+    /// a/W0: what a unit of weight counts for in the coverage.
+    pub coverage_per_weight: f64,
+    /// Depth of fragments.
+    pub depth: DepthPlane<f64>,
+    /// How depth varies.
+    pub depth_form: DepthForm,
+    /// ε.
+    pub epsilon: f64,
+    /// Pixels that the unfiltered footprint may touch.
+    pub visible_box: Extent<f64>,
+    /// Pixels that the filtered footprint may touch.
+    pub filtered_box: Extent<f64>,
+    /// Linear albedo.
+    pub color: [f64; 3],
+    /// Unit world shading normal, turned to the eye where the material is two-sided.
+    pub normal: DVec3,
+    /// Ambient, diffuse, specular, shininess.
+    pub material: [f64; 4],
+    /// How far facing (n·p/|p|) is from the decisions that hang on it.
+    pub facing_margin: f64,
+}
+
+/// What is the same for all splats of an object in a view.
+pub(crate) struct ObjectView {
+    /// Object to view directions.
+    linear: DMat3,
+    /// View position of the object's origin.
+    origin: DVec3,
+    /// Object to world normals: inverse transpose up to scale, with the right sign.
+    normals: DMat3,
+}
+
+impl ObjectView {
+    pub(crate) fn new(object: &ResidentObject, view: &View) -> Self {
+        let m = object.world_from_object.matrix3;
+        // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
+        let origin = view.view_from_world * (object.world_from_object.translation - view.eye);
+        // The cofactor matrix is det(A)·A⁻ᵀ: no inverse, no singularity; the sign of det(A) turns it outside-out.
+        let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
+        let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
+        let sign = 1.0f64.copysign(m.determinant());
+        Self { linear: view.view_from_world * m, origin, normals: cofactors * (sign / scale) }
+    }
+}
+
+/// Projects splat `i` of an object; `None` if it takes part in no pass.
+pub(crate) fn project(
+    object: &ResidentObject,
+    object_view: &ObjectView,
+    i: usize,
+    view: &View,
+    plan: &FramePlan,
+) -> Option<ScreenSplat> {
+    let cloud: &SplatCloud = &object.cloud;
+    let projection = &view.projection;
+    let settings = &plan.splat_filter;
+    let linear = object_view.linear;
+    let p = object_view.origin + linear * cloud.center(i);
+    let (s, t) = cloud.axes(i);
+    let (s, t) = (linear * s, linear * t);
+    let world_normal = unit(object_view.normals * cloud.normal(i));
+    let n = view.view_from_world * world_normal;
+    let perspective = projection.is_perspective();
+    let (facing, cosine) = if perspective { (n.dot(p), n.dot(unit(p))) } else { (n.z, n.z) };
+    if cosine.abs() <= EDGE_ON {
+        return None;
+    }
+    let back_facing = facing >= 0.0;
+    if object.material.cull == Cull::Back && back_facing {
+        return None;
+    }
+    let radius_max = largest_singular_value(s, t);
+    let mut splat = ViewSplat { p: V3::from(p), s: V3::from(s), t: V3::from(t), n: V3::from(n) };
+    let extent = splat.s.z.hypot(splat.t.z);
+    let placement = Placement::of(p.z, extent, projection);
+    let unfiltered = match placement {
+        Placement::Outside => return None,
+        Placement::CenterBeforeNear if settings.drop_before_near => return None,
+        Placement::CenterBeforeNear | Placement::Close => true,
+        Placement::Ordinary => settings.filter == Filter::None,
+    };
+    let radius_px = if unfiltered { 0.0 } else { settings.radius_px };
+    let epsilon = tolerance(&splat, radius_max, radius_px, settings.tolerance, projection);
+    if !unfiltered && settings.filter == Filter::Adjust {
+        (splat.s, splat.t) = filter::adjust_axes(&splat, perspective);
+    }
+    let range = (p.z - extent, p.z + extent);
+    let mut shape = if perspective && placement != Placement::Ordinary {
+        near_shape(&splat, range, view)?
+    } else {
+        ordinary_shape(&splat, range, radius_px, view, plan, unfiltered)
+    };
+    let mut normal = unit(object_view.normals * cloud.shading_normal(i));
+    if object.material.two_sided && back_facing {
+        normal = -normal;
+    }
+    let interior = object.interior_weight.map_or(1.0, |w| interior_weight_at_cutoff(w, settings.cutoff));
+    shape.index = object.first_splat + i as u32;
+    shape.coverage_per_weight /= interior;
+    shape.epsilon = epsilon;
+    shape.color = cloud.color(i).map(f64::from);
+    shape.normal = normal;
+    shape.material = object.material.factors();
+    let sided = object.material.two_sided || object.material.cull == Cull::Back;
+    let edge_margin = cosine.abs() - EDGE_ON;
+    shape.facing_margin = if sided { cosine.abs().min(edge_margin / EDGE_ON) } else { edge_margin / EDGE_ON };
+    Some(shape)
+}
+
+/// A splat that reaches or passes z_near, or spans much of its own distance: exact and unfiltered.
+fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<ScreenSplat> {
+    let mapped = through_near(splat, &view.projection);
+    let near_box = bounds::through_near(splat, &view.projection)?;
+    let w = mapped.footprint.w;
+    let depth = DepthPlane {
+        scale: mapped.depth_scale,
+        gradient: V2::new(w.x, w.y),
+        at_anchor: w.c,
+        z_min: range.0,
+        z_max: range.1,
+    };
+    Some(screen_splat(mapped.anchor_px, mapped.footprint, Filtered::plain(mapped.footprint), near_box, near_box, depth))
+}
+
+fn ordinary_shape(
+    splat: &ViewSplat<f64>,
+    range: (f64, f64),
+    radius_px: f64,
+    view: &View,
+    plan: &FramePlan,
+    unfiltered: bool,
+) -> ScreenSplat {
+    let projection = &view.projection;
+    let settings = &plan.splat_filter;
+    let projective = settings.projective;
+    let anchor = projection.pixel(splat.p);
+    let projected = Projected::new(splat, projection);
+    let visible = Footprint::unfiltered(&projected, projective);
+    let around = |e: Extent<f64>| Extent { min: e.min + anchor, max: e.max + anchor };
+    let visible_extent = bounds::unfiltered(&projected, projective);
+    let filtered = match settings.filter {
+        _ if unfiltered => Filtered::plain(visible),
+        Filter::None => Filtered::plain(visible),
+        Filter::Clamp => {
+            Filtered { coverage_scale: filter::area_ratio(&projected, radius_px), ..Filtered::plain(visible) }
+        }
+        Filter::Adjust => filter::adjust(&projected, radius_px, projective),
+        Filter::Principal => filter::principal(&projected, radius_px, projective),
+        Filter::Ewa => filter::ewa(&projected, radius_px),
+    };
+    let clamp_radius = (!unfiltered && settings.filter == Filter::Clamp).then_some(radius_px);
+    let filtered_extent = match clamp_radius {
+        Some(r) => visible_extent.union(Extent::symmetric(V2::new(r, r))),
+        None => bounds::footprint(&filtered.footprint),
+    };
+    let z = splat.p.z;
+    let linear = !projective;
+    let gradient = match (linear, projection.is_perspective()) {
+        (false, _) => -projected.depth_gradient,
+        (true, true) => projected.depth_gradient * z,
+        (true, false) => projected.depth_gradient,
+    };
+    let depth = DepthPlane { scale: z, gradient, at_anchor: 1.0, z_min: range.0, z_max: range.1 };
+    let mut shape = screen_splat(anchor, visible, filtered, around(visible_extent), around(filtered_extent), depth);
+    shape.clamp_radius = clamp_radius;
+    shape.depth_form = if linear { DepthForm::Linear } else { DepthForm::Reciprocal };
+    shape
+}
+
+fn screen_splat(
+    anchor: V2<f64>,
+    visible: Footprint<f64>,
+    filtered: Filtered<f64>,
+    visible_box: Extent<f64>,
+    filtered_box: Extent<f64>,
+    depth: DepthPlane<f64>,
+) -> ScreenSplat {
+    ScreenSplat {
+        index: 0,
+        anchor,
+        visible,
+        filtered: filtered.footprint,
+        clamp_radius: None,
+        weight_scale: filtered.weight_scale,
+        coverage_per_weight: filtered.coverage_scale,
+        depth,
+        depth_form: DepthForm::Reciprocal,
+        epsilon: 0.0,
+        visible_box,
+        filtered_box,
+        color: [1.0; 3],
+        normal: DVec3::ZERO,
+        material: [0.0; 4],
+        facing_margin: f64::INFINITY,
+    }
+}
+
+impl ScreenSplat {
+    /// Depth of the splat at a pixel, if it is drawn there at all: z_near ≤ z (≤ z_far).
+    pub(crate) fn depth_at(&self, pixel: V2<f64>, view: &View) -> Option<f64> {
+        let z = self.depth.at(pixel - self.anchor, self.depth_form);
+        (z >= view.projection.near && z <= view.projection.far()).then_some(z)
+    }
+
+    /// True where the unfiltered splat is hit.
+    pub(crate) fn is_visible_at(&self, pixel: V2<f64>) -> bool {
+        self.visible.contains(pixel - self.anchor)
+    }
+
+    /// ρ² of the filtered footprint, if inside.
+    pub(crate) fn rho_squared_at(&self, pixel: V2<f64>) -> Option<f64> {
+        let d = pixel - self.anchor;
+        let (u, v, w) = self.filtered.at(d);
+        let exact = if w > 0.0 { u.mul_add(u, v * v) / (w * w) } else { f64::INFINITY };
+        let rho_squared = match self.clamp_radius {
+            Some(h) => exact.min(d.dot(d) / (h * h)),
+            None => exact,
+        };
+        (rho_squared <= 1.0).then_some(rho_squared)
+    }
+}
