@@ -53,7 +53,10 @@ impl<R: Real> Projected<R> {
         let one = p.x.one();
         let zero = p.x.zero();
         let focal = V2::new(p.x.constant(projection.focal_px[0]), p.x.constant(projection.focal_px[1]));
-        let area = s.cross(t).length();
+        // |s × t| with both scaled to their largest coordinate: nothing overflows or vanishes at 1e±15.
+        let (k_s, k_t) = (largest(s), largest(t));
+        let cross = (s * (one / k_s)).cross(t * (one / k_t));
+        let sine = R::select(zero.le(cross.dot(n)), cross.length(), -cross.length());
         let depth_extent = s.z.mul_add(s.z, t.z * t.z).sqrt();
         match projection.kind {
             ProjectionKind::Perspective => {
@@ -66,12 +69,11 @@ impl<R: Real> Projected<R> {
                 };
                 let facing = n.dot(V3::new(center.x, center.y, one));
                 let length = center.x.mul_add(center.x, center.y.mul_add(center.y, one)).sqrt();
-                let signed_area = R::select(same_side(s.cross(t), n), area, -area) * inverse * inverse;
                 let per_pixel = one / facing;
                 Self {
                     j_s: column(s),
                     j_t: column(t),
-                    det_j: signed_area * facing * focal.x * focal.y,
+                    det_j: sine * facing * (k_s * inverse * focal.x) * (k_t * inverse * focal.y),
                     slope: V2::new(s.z * inverse, t.z * inverse),
                     depth_gradient: V2::new(-(n.x / focal.x) * per_pixel, -(n.y / focal.y) * per_pixel),
                     depth_extent,
@@ -80,12 +82,11 @@ impl<R: Real> Projected<R> {
                 }
             }
             ProjectionKind::Orthographic { .. } => {
-                let signed_area = R::select(same_side(s.cross(t), n), area, -area);
                 let per_pixel = one / n.z;
                 Self {
                     j_s: s.xy().scale_by(focal),
                     j_t: t.xy().scale_by(focal),
-                    det_j: signed_area * n.z * focal.x * focal.y,
+                    det_j: sine * n.z * (k_s * focal.x) * (k_t * focal.y),
                     slope: V2::new(zero, zero),
                     depth_gradient: V2::new(-(n.x / focal.x) * per_pixel, -(n.y / focal.y) * per_pixel),
                     depth_extent,
@@ -104,8 +105,21 @@ impl<R: Real> Projected<R> {
 }
 
 #[inline(always)]
-fn same_side<R: Real>(a: V3<R>, n: V3<R>) -> R::Mask {
-    a.x.zero().le(a.dot(n))
+fn largest<R: Real>(v: V3<R>) -> R {
+    v.x.abs().max(v.y.abs()).max(v.z.abs())
+}
+
+/// r_max (§2): the larger singular value of [s t], at any scale.
+#[inline(always)]
+pub fn radius_max<R: Real>(s: V3<R>, t: V3<R>) -> R {
+    let scale = largest(s).max(largest(t));
+    let inverse = s.x.one() / scale;
+    let (s, t) = (s * inverse, t * inverse);
+    let half = s.x.constant(0.5);
+    let (a, b, c) = (s.dot(s), s.dot(t), t.dot(t));
+    let difference = (a - c) * half;
+    let root = difference.mul_add(difference, b * b).sqrt();
+    scale * ((a + c).mul_add(half, root)).sqrt()
 }
 
 /// How a splat has to be drawn, because of where it stands (§3, last paragraph).
