@@ -1,0 +1,270 @@
+//! Where to look from: a camera that shows all of a scene, as large as the picture allows.
+
+use glam::{DQuat, DVec3};
+use surfel_math::basis::unit;
+use surfel_model::{Camera, Geometry, Projection, Scene, Up};
+
+/// Vertical field of view of automatic cameras, in degrees: that of a short telephoto lens, which distorts little.
+pub const DEFAULT_FOV_Y_DEG: f64 = 35.0;
+
+/// Views by name, from the scene's up axis. "Front" looks along −z where y is up, and along +y where z is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum NamedView {
+    /// From the front, 30° to its right and 20° above.
+    #[default]
+    Iso,
+    /// From the front.
+    Front,
+    /// From behind.
+    Back,
+    /// From the left of the front view.
+    Left,
+    /// From the right of the front view.
+    Right,
+    /// From above.
+    Top,
+    /// From below.
+    Bottom,
+}
+
+/// Directions of a view, unit vectors in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewAxes {
+    /// Toward the right of the picture.
+    pub right: DVec3,
+    /// Toward its upper edge.
+    pub up: DVec3,
+    /// Into the picture.
+    pub forward: DVec3,
+}
+
+impl ViewAxes {
+    /// Axes of a camera.
+    pub fn of(camera: &Camera) -> Self {
+        let forward = unit(DVec3::from(camera.target) - DVec3::from(camera.eye));
+        let right = unit(forward.cross(unit(DVec3::from(camera.up))));
+        Self { right, up: right.cross(forward), forward }
+    }
+
+    /// Axes of a named view.
+    pub fn named(view: NamedView, up: Up) -> Self {
+        let u = up.vector();
+        // The front is where people expect it: before a y-up model at +z, before a z-up model at −y, and before
+        // Gaussian splats, whose cameras look along +z with y down, at −z.
+        let front = match up {
+            Up::PlusX | Up::MinusX | Up::PlusY => DVec3::NEG_Z,
+            Up::MinusY => DVec3::Z,
+            Up::PlusZ => DVec3::Y,
+            Up::MinusZ => DVec3::NEG_Y,
+        };
+        let right = front.cross(u);
+        let looking = |forward: DVec3, up: DVec3| {
+            let right = unit(forward.cross(up));
+            Self { right, up: right.cross(forward), forward: unit(forward) }
+        };
+        match view {
+            NamedView::Front => looking(front, u),
+            NamedView::Back => looking(-front, u),
+            NamedView::Left => looking(right, u),
+            NamedView::Right => looking(-right, u),
+            NamedView::Top => looking(-u, front),
+            NamedView::Bottom => looking(u, -front),
+            NamedView::Iso => {
+                let (azimuth, elevation) = (30.0_f64.to_radians(), 20.0_f64.to_radians());
+                let level = front * azimuth.cos() - right * azimuth.sin();
+                looking(level * elevation.cos() - u * elevation.sin(), u)
+            }
+        }
+    }
+}
+
+/// Projection of a framed view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FrameProjection {
+    /// Perspective with this vertical field of view, in degrees.
+    Perspective(f64),
+    /// Parallel; the view's height is chosen.
+    Orthographic,
+}
+
+/// How a scene is framed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameOptions {
+    /// Where to look.
+    pub axes: ViewAxes,
+    /// Projection.
+    pub projection: FrameProjection,
+    /// Image width and height in pixels.
+    pub size: [u32; 2],
+    /// Share of the picture's width or height that the scene takes, in (0, 1].
+    pub fill: f64,
+    /// The scene fits also while it turns about this axis through its middle.
+    pub turning: Option<DVec3>,
+}
+
+/// Angles at which a turning scene must fit.
+const TURNS: u32 = 24;
+
+/// Least value over the scene of a linear function of position, for each of several functions.
+struct Support {
+    directions: Vec<DVec3>,
+    least: Vec<f64>,
+}
+
+impl Support {
+    fn new(directions: Vec<DVec3>) -> Self {
+        let least = vec![f64::INFINITY; directions.len()];
+        Self { directions, least }
+    }
+
+    fn add(&mut self, p: DVec3, s: DVec3, t: DVec3) {
+        for (g, least) in self.directions.iter().zip(&mut self.least) {
+            // An ellipse p + u·s + v·t reaches |(g·s, g·t)| to either side.
+            *least = least.min(g.dot(p) - g.dot(s).hypot(g.dot(t)));
+        }
+    }
+}
+
+/// Calls `f` with centre and half-axes of every splat, in world space; vertices of meshes have none.
+fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, DVec3, DVec3)) {
+    for object in &scene.objects {
+        let m = object.world_from_object;
+        match &object.geometry {
+            Geometry::Splats(cloud) => {
+                for i in 0..cloud.len() {
+                    let (s, t) = cloud.axes(i);
+                    f(m.transform_point3(cloud.center(i)), m.transform_vector3(s), m.transform_vector3(t));
+                }
+            }
+            Geometry::Mesh(mesh) => {
+                for i in 0..mesh.positions.len() {
+                    f(m.transform_point3(mesh.origin + mesh.positions.get(i)), DVec3::ZERO, DVec3::ZERO);
+                }
+            }
+        }
+    }
+}
+
+fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool) -> Option<(DVec3, DVec3)> {
+    let mut bounds: Option<(DVec3, DVec3)> = None;
+    for_each_splat(scene, |p, s, t| {
+        if keep(p) {
+            let e = (s * s + t * t).map(f64::sqrt);
+            let (lo, hi) = bounds.unwrap_or((p - e, p + e));
+            bounds = Some((lo.min(p - e), hi.max(p + e)));
+        }
+    });
+    bounds.filter(|(lo, hi)| lo.is_finite() && hi.is_finite())
+}
+
+/// A sphere about the scene without its stray points: at most 1 splat in 200, each four times as far out as the
+/// rest. Everything, where there are no such points.
+fn trimmed(scene: &Scene, (lo, hi): (DVec3, DVec3)) -> (DVec3, f64) {
+    let mut coordinates: [Vec<f64>; 3] = Default::default();
+    let total: usize = scene.objects.iter().map(|o| o.geometry.len()).sum();
+    let step = (total / 20_000).max(1);
+    let mut index = 0;
+    for_each_splat(scene, |p, _, _| {
+        if index % step == 0 {
+            coordinates.iter_mut().zip(p.to_array()).for_each(|(c, x)| c.push(x));
+        }
+        index += 1;
+    });
+    let everything = ((lo + hi) * 0.5, f64::INFINITY);
+    let count = coordinates[0].len();
+    if count < 200 {
+        return everything;
+    }
+    let mut distances = vec![0.0; count];
+    let middle = coordinates.clone().map(|mut c| *c.select_nth_unstable_by(count / 2, f64::total_cmp).1);
+    let middle = DVec3::from(middle);
+    for (i, d) in distances.iter_mut().enumerate() {
+        *d = DVec3::new(coordinates[0][i], coordinates[1][i], coordinates[2][i]).distance(middle);
+    }
+    let core = *distances.select_nth_unstable_by(count - 1 - count / 200, f64::total_cmp).1;
+    let farthest = (hi - middle).abs().max((middle - lo).abs()).max_element();
+    if core > 0.0 && farthest > 4.0 * core { (middle, 4.0 * core) } else { everything }
+}
+
+trait Len {
+    fn len(&self) -> usize;
+}
+
+impl Len for Geometry {
+    fn len(&self) -> usize {
+        match self {
+            Self::Splats(cloud) => cloud.len(),
+            Self::Mesh(mesh) => mesh.positions.len(),
+        }
+    }
+}
+
+/// A camera that shows all of the scene, centred and as large as `options.fill` says: the ellipses themselves are
+/// fitted, not their bounding box. Stray points (at most 1 in 200, four times as far out as the rest) don't count.
+/// `None` if there is nothing to see.
+pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
+    let all = bounds(scene, |_| true)?;
+    let (middle, radius) = trimmed(scene, all);
+    let keep = |p: DVec3| p.distance(middle) <= radius;
+    let (lo, hi) = bounds(scene, keep)?;
+    let center = (lo + hi) * 0.5;
+    let ViewAxes { right, up, forward } = options.axes;
+    let [w, h] = options.size.map(f64::from);
+    let fill = options.fill.clamp(0.01, 1.0);
+
+    // Tangents of the half-angles that the scene may take; 0 makes the four functions below plain bounds.
+    let slope = match options.projection {
+        FrameProjection::Perspective(fov_y_deg) => (0.5 * fov_y_deg.to_radians()).tan() * fill,
+        FrameProjection::Orthographic => 0.0,
+    };
+    let (kx, ky) = (slope * w / h, slope);
+    let local = [forward * kx - right, forward * kx + right, forward * ky - up, forward * ky + up, forward, -forward];
+    let rotations: Vec<DQuat> = match options.turning {
+        Some(axis) => {
+            let angle = |i: u32| std::f64::consts::TAU * f64::from(i) / f64::from(TURNS);
+            (0..TURNS).map(|i| DQuat::from_axis_angle(unit(axis), angle(i))).collect()
+        }
+        None => vec![DQuat::IDENTITY],
+    };
+    let mut support = Support::new(rotations.iter().flat_map(|r| local.map(|g| *r * g)).collect());
+    for_each_splat(scene, |p, s, t| {
+        if keep(p) {
+            support.add(p - center, s, t);
+        }
+    });
+    let mut least = [f64::INFINITY; 6];
+    for values in support.least.chunks_exact(6) {
+        least.iter_mut().zip(values).for_each(|(l, v)| *l = l.min(*v));
+    }
+    let [a, b, c, d, z_first, z_last] = least;
+    let (z_first, z_last) = (z_first, -z_last);
+    // Flat or tiny scenes still need a distance.
+    let size = (hi - lo).length().max(f64::MIN_POSITIVE.sqrt());
+    let (x, y) = (0.5 * (b - a), 0.5 * (d - c));
+    let (z, projection) = match options.projection {
+        FrameProjection::Perspective(fov_y_deg) => {
+            // |x − x_eye| ≤ kx (z − z_eye) for all points: two planes a side, met at the eye (likewise for y).
+            let z = (0.5 * (a + b) / kx).min(0.5 * (c + d) / ky);
+            (z, Projection::Perspective { fov_y_deg })
+        }
+        FrameProjection::Orthographic => {
+            let (width, height) = (-(a + b), -(c + d));
+            let height = height.max(width * h / w).max(1e-9 * size) / fill;
+            (z_first - size, Projection::Orthographic { height })
+        }
+    };
+    let z = if z_first - z > 1e-6 * size { z } else { z_first - 1e-3 * size };
+    let eye = center + right * x + up * y + forward * z;
+    let target = eye + forward * (0.5 * (z_first + z_last) - z).max(1e-3 * size);
+    let far = matches!(projection, Projection::Orthographic { .. }).then(|| z_last - z + size);
+    let near = 0.5 * (z_first - z);
+    Some(Camera { eye: eye.into(), target: target.into(), up: up.into(), projection, near, far, size: options.size })
+}
+
+/// Least and largest planar depth of the scene from `eye` along the unit vector `forward`; `None` without objects.
+pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f64)> {
+    let mut support = Support::new(vec![forward, -forward]);
+    for_each_splat(scene, |p, s, t| support.add(p - eye, s, t));
+    let (first, last) = (support.least[0], -support.least[1]);
+    (first.is_finite() && last.is_finite()).then_some((first, last))
+}

@@ -1,0 +1,133 @@
+//! From a scene file to a scene.
+
+use crate::load::load_mesh;
+use crate::{Error, LoadOptions, Prepared, prepare};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use surfel_io::IoError;
+use surfel_model::{Geometry, Object, ObjectFile, Scene, SceneFile, Up};
+use surfel_sample::Progress;
+
+/// Largest scene file that is read, in bytes: far above any real one.
+const MAX_SCENE_BYTES: u64 = 64 << 20;
+
+/// Something the user should know about a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ObjectNote {
+    /// The file.
+    pub path: PathBuf,
+    /// A sentence without a full stop.
+    pub text: String,
+}
+
+/// A scene's objects, loaded.
+#[derive(Clone, Debug, Default)]
+pub struct LoadedObjects {
+    /// The objects, in the scene file's order.
+    pub objects: Vec<Object>,
+    /// Which axis is up in each object's file, and if some splats of it have colours.
+    pub facts: Vec<(Up, bool)>,
+    /// What was dropped, assumed or estimated, file by file.
+    pub notes: Vec<ObjectNote>,
+}
+
+/// Reads a scene file, and which keys its `settings` object has.
+///
+/// # Errors
+/// [`Error::Io`] if it can't be read or isn't a scene file, with line and column.
+pub fn read_scene_file(path: &Path) -> Result<(SceneFile, BTreeSet<String>), Error> {
+    let system = |source| IoError::System { path: path.to_path_buf(), action: "read it", source };
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(system)?;
+    // One byte more than is allowed: the parser then meets a cut-off file and says so.
+    file.take(MAX_SCENE_BYTES + 1).read_to_end(&mut bytes).map_err(system)?;
+    let scene = surfel_io::scene_file::parse(&bytes, path)?;
+    let json = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    let raw: serde_json::Value = serde_json::from_slice(json).unwrap_or_default();
+    let keys = raw.get("settings").and_then(|s| s.as_object()).map(|s| s.keys().cloned().collect());
+    Ok((scene, keys.unwrap_or_default()))
+}
+
+/// Loads the files of `objects`; each file once, however often it is used. Paths are relative to `base_dir`.
+///
+/// # Errors
+/// As [`prepare`], and [`Error::Model`] for a matrix that is no invertible affine map.
+pub fn load_objects(
+    objects: &[ObjectFile],
+    base_dir: &Path,
+    options: &LoadOptions,
+    progress: &dyn Progress,
+) -> Result<LoadedObjects, Error> {
+    let mut loaded = LoadedObjects::default();
+    let mut known: BTreeMap<(PathBuf, bool), (Geometry, Up)> = BTreeMap::new();
+    for object in objects {
+        let world_from_object = object.world_from_object()?;
+        let (file, as_mesh) = match (&object.splats, &object.mesh) {
+            (Some(file), _) => (file, false),
+            (None, Some(file)) => (file, true),
+            (None, None) => continue,
+        };
+        let path = base_dir.join(file);
+        let key = (path.clone(), as_mesh);
+        let (geometry, up) = match known.get(&key) {
+            Some(found) => found.clone(),
+            None => {
+                let (geometry, up, notes) = if as_mesh {
+                    let (mesh, up, notes) = load_mesh(&path, options)?;
+                    (Geometry::Mesh(mesh), up, notes)
+                } else {
+                    let Prepared { cloud, up, notes, .. } = prepare(&path, options, progress)?;
+                    (Geometry::Splats(Arc::new(cloud)), up, notes)
+                };
+                loaded.notes.extend(notes.into_iter().map(|text| ObjectNote { path: path.clone(), text }));
+                known.insert(key, (geometry.clone(), up));
+                (geometry, up)
+            }
+        };
+        let colored = match &geometry {
+            Geometry::Splats(cloud) => cloud.data().colors.is_some(),
+            Geometry::Mesh(mesh) => mesh.colors.is_some() || mesh.texture.is_some(),
+        };
+        loaded.facts.push((up, colored));
+        loaded.objects.push(Object { geometry, world_from_object, material: object.material });
+    }
+    Ok(loaded)
+}
+
+/// The scene that a scene file describes, with its objects already loaded (in the file's order).
+///
+/// # Errors
+/// [`Error::Model`] naming the number that is out of range.
+pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> {
+    let mut scene = Scene {
+        up: file.up,
+        background: file.background,
+        ambient: file.ambient,
+        lights: file.lights.clone(),
+        objects,
+    };
+    for (object, described) in scene.objects.iter_mut().zip(&file.objects) {
+        object.material = described.material;
+    }
+    scene.validate()?;
+    Ok(scene)
+}
+
+/// Loads everything that a scene file names. Interior weights are estimated only where its settings need them.
+///
+/// # Errors
+/// As [`load_objects`] and [`assemble`].
+pub fn load_scene(
+    file: &SceneFile,
+    base_dir: &Path,
+    options: &LoadOptions,
+    progress: &dyn Progress,
+) -> Result<(Scene, Vec<ObjectNote>), Error> {
+    let needed = options.interior_weight || file.settings.edge_aa;
+    let options = LoadOptions { interior_weight: needed, ..options.clone() };
+    let loaded = load_objects(&file.objects, base_dir, &options, progress)?;
+    Ok((assemble(file, loaded.objects)?, loaded.notes))
+}
