@@ -47,14 +47,13 @@ pub(crate) fn eliminate(tree: &KdTree, normals: &[DVec3], keep: usize, area: f64
 
 /// Halves 0..count as the tree does, until no part is larger than [`BLOCK`].
 fn blocks(count: usize) -> Vec<Range<usize>> {
-    let mut done = Vec::new();
-    let mut open = vec![0..count];
-    while let Some(range) = open.pop() {
-        if range.len() <= BLOCK {
-            done.push(range);
+    let (mut done, mut open) = (Vec::new(), vec![(0, count)]);
+    while let Some((start, end)) = open.pop() {
+        if end - start <= BLOCK {
+            done.push(start..end);
         } else {
-            let middle = range.start + range.len() / 2;
-            open.extend([middle..range.end, range.start..middle]);
+            let middle = start + (end - start) / 2;
+            open.extend([(middle, end), (start, middle)]);
         }
     }
     done

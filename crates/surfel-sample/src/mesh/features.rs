@@ -8,8 +8,12 @@ use surfel_math::basis::orthonormal;
 /// How far a trimmed splat reaches past an edge, over its untrimmed radius. Enough for the next splats along the
 /// edge to meet on it: see the test that no point of a cube is bare.
 const OVERHANG: f64 = 0.2;
-/// The same where edges of different directions meet: an ellipse pressed flat twice is blunt, and a corner sharp.
-const CORNER_OVERHANG: f64 = 0.4;
+/// Where edges of different directions meet, an ellipse pressed flat twice is blunt and would leave the corner bare.
+/// It is stretched until the corner has this ρ², where the disk itself covered the corner or nearly did: no sample
+/// beyond the edges helps it there.
+const CORNER_RHO2: f64 = 0.95;
+/// Distance, over the radius, up to which that is done.
+const CORNER_DISTANCE: f64 = 1.2;
 /// Edges are of different directions from 30°.
 const CORNER_COS: f64 = 0.866;
 /// Edges seen at more than 30° from a splat's plane belong to another part of the surface.
@@ -57,18 +61,25 @@ impl Features {
                 Some((DVec2::new(direction.dot(u), direction.dot(v)).normalize_or_zero(), distance))
             })
             .collect();
-        let first = near.first()?.0;
-        let is_corner = near.iter().any(|(m, _)| m.dot(first) < CORNER_COS);
-        let overhang = if is_corner { CORNER_OVERHANG } else { OVERHANG };
+        let first = *near.first()?;
+        let corner = near.iter().find(|(m, _)| m.dot(first.0) < CORNER_COS).and_then(|second| meet(first, *second));
         let mut trimmed = false;
         for (m, distance) in near {
             let along = DVec2::new(xx * m.x + xy * m.y, xy * m.x + yy * m.y);
-            let (extent2, limit) = (m.dot(along), distance + overhang * radius);
+            let (extent2, limit) = (m.dot(along), distance + OVERHANG * radius);
             if limit * limit < extent2 {
                 // Presses the ellipse flat along m and leaves the conjugate direction as it is.
                 let k = (1.0 - limit * limit / extent2) / extent2;
                 (xx, xy, yy) = (xx - k * along.x * along.x, xy - k * along.x * along.y, yy - k * along.y * along.y);
                 trimmed = true;
+            }
+        }
+        if let Some(q) = corner.filter(|q| trimmed && q.length() < CORNER_DISTANCE * radius) {
+            let rho2 = (yy * q.x * q.x - 2.0 * xy * q.x * q.y + xx * q.y * q.y) / (xx * yy - xy * xy);
+            if rho2 > CORNER_RHO2 {
+                // By Sherman and Morrison, E + k·qqᵀ makes it ρ² / (1 + k·ρ²).
+                let k = 1.0 / CORNER_RHO2 - 1.0 / rho2;
+                (xx, xy, yy) = (xx + k * q.x * q.x, xy + k * q.x * q.y, yy + k * q.y * q.y);
             }
         }
         let ([large, small], d) = symmetric2(xx, xy, yy);
@@ -78,6 +89,12 @@ impl Features {
             ((u * d.x + v * d.y) * large.sqrt().max(least), (v * d.x - u * d.y) * small.max(0.0).sqrt().max(least))
         })
     }
+}
+
+/// Where two lines meet, each given by its unit normal and its distance along it; `None` where they hardly do.
+fn meet((m, d): (DVec2, f64), (n, e): (DVec2, f64)) -> Option<DVec2> {
+    let det = m.perp_dot(n);
+    (det.abs() > 0.1).then(|| DVec2::new(d * n.y - e * m.y, e * m.x - d * n.x) / det)
 }
 
 /// Unit direction and distance from `p` to the piece `a`–`b`, where the foot of the perpendicular lies on it and it
