@@ -1,5 +1,6 @@
 //! The project's chores, run as `cargo xtask COMMAND`. Depends on none of our crates: it spawns cargo.
 
+mod assets;
 mod ci;
 mod suites;
 mod tidy;
@@ -21,6 +22,8 @@ Commands:
           tests, tidy, and cargo-deny where it is installed
   tidy    Cheap checks of the tree: file sizes and lengths, leftovers, machine paths, crate
           manifests, crates missing from docs/architecture.md
+  assets  Write generated scenes (a checkerboard, a sphere, glass spheres, a CAD part) to
+          assets/generated
   help    Print this
 
 Environment:
@@ -36,6 +39,7 @@ fn main() -> ExitCode {
         ["test"] => suites::run(&root),
         ["ci"] => ci::run(&root),
         ["tidy"] => tidy::run(&root),
+        ["assets"] => assets::run(&root),
         [] => {
             eprintln!("{HELP}");
             return ExitCode::from(2);

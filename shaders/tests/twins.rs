@@ -1,0 +1,82 @@
+//! Every shader function has a twin in surfel-math, and constants that both have are equal.
+
+use std::collections::BTreeSet;
+
+use surfel_shaders::{FUNCTIONS, TWINS, WGSL};
+
+/// Paths of surfel-math's functions. That they exist is checked by the compiler: each is used as a value.
+macro_rules! paths {
+    ($($module:ident $(:: $name:ident)+ $(, as $value:expr)?);+ $(;)?) => {
+        [$({
+            let _ = paths!(@value $module $(:: $name)+ $(, $value)?);
+            concat!(stringify!($module) $(, "::", stringify!($name))+)
+        }),+]
+    };
+    (@value $module:ident $(:: $name:ident)+) => { surfel_math::$module$(::$name)+::<f32> };
+    (@value $module:ident $(:: $name:ident)+, $value:expr) => { $value };
+}
+
+fn rust_paths() -> BTreeSet<&'static str> {
+    use surfel_math::{depth, filter, kernel, mapping, project, real, svd, vector};
+    BTreeSet::from(paths! {
+        real::Real::difference_of_products, as <f32 as real::Real>::difference_of_products;
+        real::Real::sum_of_products, as <f32 as real::Real>::sum_of_products;
+        vector::V2::dot, as vector::V2::<f32>::dot;
+        vector::V2::cross, as vector::V2::<f32>::cross;
+        vector::V2::length, as vector::V2::<f32>::length;
+        vector::V3::dot, as vector::V3::<f32>::dot;
+        vector::V3::cross, as vector::V3::<f32>::cross;
+        vector::V3::length, as vector::V3::<f32>::length;
+        svd::Svd2::of_columns, as svd::Svd2::<f32>::of_columns;
+        svd::Svd2::minor_axis, as svd::Svd2::<f32>::minor_axis;
+        project::Projected::new, as project::Projected::<f32>::new;
+        project::Projected::is_edge_on, as project::Projected::<f32>::is_edge_on;
+        projection::Projection::offset_from;
+        mapping::Linear::new, as mapping::Linear::<f32>::new;
+        mapping::Linear::at, as mapping::Linear::<f32>::at;
+        mapping::Footprint::at, as mapping::Footprint::<f32>::at;
+        mapping::Footprint::contains, as mapping::Footprint::<f32>::contains;
+        mapping::Footprint::about_center, as mapping::Footprint::<f32>::about_center;
+        mapping::Footprint::unfiltered, as mapping::Footprint::<f32>::unfiltered;
+        filter::Filtered::plain, as filter::Filtered::<f32>::plain;
+        filter::principal;
+        filter::ewa;
+        filter::area_ratio;
+        depth::DepthPlane::at, as depth::DepthPlane::<f32>::at;
+        depth::tolerance;
+        kernel::weight, as kernel::weight;
+    })
+}
+
+#[test]
+fn every_shader_function_is_in_the_table_once() {
+    let listed: Vec<&str> = TWINS.iter().map(|twin| twin.wgsl).collect();
+    let unique: BTreeSet<&str> = listed.iter().copied().collect();
+    assert_eq!(listed.len(), unique.len(), "a function is listed twice");
+    assert_eq!(unique, FUNCTIONS.iter().copied().collect::<BTreeSet<_>>());
+}
+
+#[test]
+fn every_function_in_the_table_exists_in_rust_under_the_name_of_its_twin() {
+    let paths = rust_paths();
+    assert_eq!(TWINS.iter().map(|twin| twin.rust).collect::<BTreeSet<_>>(), paths);
+    for twin in TWINS {
+        // A method `Type::name` is called type_name, a free function by its own name.
+        let name = twin.rust.rsplit("::").next().unwrap();
+        assert!(twin.wgsl == name || twin.wgsl.ends_with(&format!("_{name}")), "{twin:?}");
+    }
+}
+
+#[test]
+fn functions_are_written_out_in_the_text() {
+    assert!(!FUNCTIONS.is_empty());
+    for name in FUNCTIONS {
+        assert!(WGSL.contains(&format!("fn {name}(")), "{name}");
+    }
+}
+
+#[test]
+fn edge_on_is_the_same_number_in_both() {
+    let line = WGSL.lines().find_map(|line| line.strip_prefix("const EDGE_ON: f32 = ")).unwrap();
+    assert_eq!(line.trim_end_matches(';').parse::<f64>().unwrap(), surfel_math::project::EDGE_ON);
+}

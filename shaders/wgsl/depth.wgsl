@@ -1,0 +1,63 @@
+// Depth of a fragment, and how far apart two fragments of one surface may be (rendering model §3, §5).
+// Twin: surfel-math, depth.rs.
+
+// z = scale/(at_anchor + gradient·d): the plane in perspective.
+const DEPTH_RECIPROCAL: u32 = 0u;
+// z = scale + gradient·d: orthographic, or perspective under the affine mapping.
+const DEPTH_LINEAR: u32 = 1u;
+
+const TOLERANCE_RELATIVE: u32 = 0u;
+const TOLERANCE_ABSOLUTE: u32 = 1u;
+
+// Pixels beyond the filter radius that the slope term allows for: half a pixel's diagonal.
+const SLOPE_MARGIN_PX: f32 = 0.7;
+
+struct DepthPlane {
+    gradient: vec2f,
+    scale: f32,
+    at_anchor: f32,
+    // The disk's own range.
+    z_min: f32,
+    z_max: f32,
+}
+
+// A multiple of the larger radius, or world units.
+struct Tolerance {
+    value: f32,
+    kind: u32,
+}
+
+// The splat's own plane at offset d, clamped to the disk's range on 1/z: a plane behind the eye gives the far end (§3).
+fn depth_plane_at(plane: DepthPlane, d: vec2f, form: u32) -> f32 {
+    let value = fma(plane.gradient.x, d.x, plane.gradient.y * d.y);
+    if form == DEPTH_LINEAR {
+        return max(min(plane.scale + value, plane.z_max), plane.z_min);
+    }
+    let w = plane.at_anchor + value;
+    let z = plane.scale / select(1.0, w, 0.0 < w);
+    return select(plane.z_max, max(min(z, plane.z_max), plane.z_min), 0.0 < w);
+}
+
+// ε (§5), world units; h_px is 0 for a splat drawn without a filter. The slope term is ours: without it a surface seen
+// at a grazing angle rejects half of its own filter.
+fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, projection: Projection) -> f32 {
+    let p = splat.p;
+    let n = splat.n;
+    let per_pixel = v2_length(vec2f(n.x / projection.focal_px.x, n.y / projection.focal_px.y));
+    var z = projection.height;
+    var slope = per_pixel / max(abs(n.z), 0.02);
+    if projection.kind == PERSPECTIVE {
+        // Relative to p's largest coordinate: no overflow. The last is the least normal f32.
+        let inverse = 1.0 / max(max(max(abs(p.z), abs(p.x)), abs(p.y)), 1.17549435e-38);
+        let q = p * inverse;
+        let facing = abs(fma(n.x, q.x, fma(n.y, q.y, n.z * q.z)));
+        let length = sqrt(fma(q.x, q.x, fma(q.y, q.y, q.z * q.z)));
+        slope = per_pixel * (q.z * p.z) / max(facing, 0.02 * length);
+        z = max(p.z, projection.near);
+    }
+    slope = (h_px + SLOPE_MARGIN_PX) * slope;
+    if setting.kind == TOLERANCE_ABSOLUTE {
+        return setting.value + slope;
+    }
+    return min(0.2 * z, min(setting.value * radius_max, 0.1 * z) + slope);
+}

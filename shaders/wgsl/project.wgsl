@@ -1,0 +1,117 @@
+// A splat's first-order projection (rendering model §3, §4). Twin: surfel-math, project.rs and projection.rs.
+//
+// Source: Guennebaud et al. 2006 §3, adj(M)/det(M), written about the projected centre, where its constant terms are
+// 0, 0, 1 and no term is a difference of screen coordinates.
+
+const PERSPECTIVE: u32 = 0u;
+const ORTHOGRAPHIC: u32 = 1u;
+
+// |n·p| at most this times |p| is edge-on (§2): such a splat takes part in no pass.
+const EDGE_ON: f32 = 1e-5;
+
+struct Projection {
+    // Pixels for a slope (perspective) or a world unit (orthographic).
+    focal_px: vec2f,
+    // Pixel coordinates of the optical axis.
+    principal_px: vec2f,
+    // Planar depth before which nothing is drawn.
+    near: f32,
+    // Planar depth beyond which an orthographic view draws nothing.
+    far: f32,
+    // Height of an orthographic view, world units.
+    height: f32,
+    // PERSPECTIVE or ORTHOGRAPHIC.
+    kind: u32,
+}
+
+// In view space: x right, y down, z forward, eye at the origin.
+struct ViewSplat {
+    // Centre.
+    p: vec3f,
+    // Half-axes.
+    s: vec3f,
+    t: vec3f,
+    // Unit outward normal.
+    n: vec3f,
+}
+
+struct Projected {
+    // Affine projections of s and t at the centre, pixels: the columns of J.
+    j_s: vec2f,
+    j_t: vec2f,
+    // det J, from the normal.
+    det_j: f32,
+    // s_z/p_z and t_z/p_z; zero in an orthographic projection.
+    slope: vec2f,
+    // Perspective: p_z/z = 1 − g·d; orthographic: z = p_z + g·d.
+    depth_gradient: vec2f,
+    // Half the disk's depth range, world units.
+    depth_extent: f32,
+    // n·p relative to p_z (orthographic: n_z); at least 0 is back-facing.
+    facing: f32,
+    // |n·p|/|p| (orthographic: |n_z|).
+    facing_cosine: f32,
+}
+
+// Perspective needs p.z > 0.
+fn projected_new(splat: ViewSplat, projection: Projection) -> Projected {
+    let p = splat.p;
+    let s = splat.s;
+    let t = splat.t;
+    let n = splat.n;
+    let focal = projection.focal_px;
+    let s_cross_t = v3_cross(s, t);
+    let area = v3_length(s_cross_t);
+    let side = select(-area, area, 0.0 <= v3_dot(s_cross_t, n));
+    let depth_extent = sqrt(fma(s.z, s.z, t.z * t.z));
+    if projection.kind == ORTHOGRAPHIC {
+        let per_pixel = 1.0 / n.z;
+        return Projected(
+            s.xy * focal,
+            t.xy * focal,
+            side * n.z * focal.x * focal.y,
+            vec2f(0.0, 0.0),
+            vec2f(-(n.x / focal.x) * per_pixel, -(n.y / focal.y) * per_pixel),
+            depth_extent,
+            n.z,
+            abs(n.z),
+        );
+    }
+    let inverse = 1.0 / p.z;
+    let center = vec2f(p.x * inverse, p.y * inverse);
+    // f∘(s_xy·p_z − s_z·p_xy)/p_z², in the scale-free form s' = s/p_z.
+    let a = s * inverse;
+    let b = t * inverse;
+    let facing = v3_dot(n, vec3f(center, 1.0));
+    let length = sqrt(fma(center.x, center.x, fma(center.y, center.y, 1.0)));
+    let signed_area = side * inverse * inverse;
+    let per_pixel = 1.0 / facing;
+    return Projected(
+        vec2f(fma(-a.z, center.x, a.x), fma(-a.z, center.y, a.y)) * focal,
+        vec2f(fma(-b.z, center.x, b.x), fma(-b.z, center.y, b.y)) * focal,
+        signed_area * facing * focal.x * focal.y,
+        vec2f(s.z * inverse, t.z * inverse),
+        vec2f(-(n.x / focal.x) * per_pixel, -(n.y / focal.y) * per_pixel),
+        depth_extent,
+        facing,
+        abs(facing) / length,
+    );
+}
+
+fn projected_is_edge_on(projected: Projected) -> bool {
+    return projected.facing_cosine <= EDGE_ON;
+}
+
+// Pixel offset of p's projection from base_px, without the cancellation of subtracting pixel coordinates (§3).
+fn projection_offset_from(projection: Projection, p: vec3f, base_px: vec2f) -> vec2f {
+    let b = base_px - projection.principal_px;
+    let focal = projection.focal_px;
+    if projection.kind == ORTHOGRAPHIC {
+        return vec2f(fma(focal.x, p.x, -b.x), fma(focal.y, p.y, -b.y));
+    }
+    let inverse = 1.0 / p.z;
+    return vec2f(
+        difference_of_products(focal.x, p.x, b.x, p.z) * inverse,
+        difference_of_products(focal.y, p.y, b.y, p.z) * inverse,
+    );
+}

@@ -1,0 +1,44 @@
+//! `cargo xtask assets`: scenes that are made rather than shipped, written to `assets/generated/`.
+//!
+//! Everything follows from formulas and one fixed seed, so that every machine makes the same files.
+
+mod clouds;
+mod part;
+mod ply;
+
+use std::io;
+use std::path::Path;
+
+/// Where the files go, relative to the workspace.
+const FOLDER: &str = "assets/generated";
+
+pub(crate) fn run(root: &Path) -> bool {
+    let folder = root.join(FOLDER);
+    let mut written = Vec::new();
+    let result = write(&folder, &mut |name, bytes| {
+        std::fs::write(folder.join(name), &bytes)?;
+        written.push((name, bytes.len()));
+        Ok(())
+    });
+    for (name, bytes) in &written {
+        println!("{FOLDER}/{name}: {bytes} bytes");
+    }
+    match result {
+        Ok(()) => true,
+        Err(error) => {
+            eprintln!("error: could not write to {}: {error}", folder.display());
+            false
+        }
+    }
+}
+
+type Sink<'a> = &'a mut dyn FnMut(&'static str, Vec<u8>) -> io::Result<()>;
+
+fn write(folder: &Path, sink: Sink<'_>) -> io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    sink("checkerboard.ply", clouds::checkerboard().to_ply())?;
+    sink("checkerboard.json", clouds::CHECKERBOARD_SCENE.into())?;
+    sink("sphere.ply", clouds::sphere().to_ply())?;
+    sink("glass-spheres.ply", clouds::glass_spheres().to_ply())?;
+    sink("part.obj", part::part().to_obj().into_bytes())
+}

@@ -1,0 +1,161 @@
+//! Splat clouds: a checkerboard to the horizon, a sphere, and spheres of coloured glass.
+
+use super::ply::{Cloud, Disk};
+
+/// Squares along a side of the checkerboard, and disks along a side of a square.
+const SQUARES: usize = 40;
+const DISKS_A_SQUARE: usize = 10;
+const SPHERE_DISKS: usize = 20_000;
+const GLASS_DISKS: usize = 2_000;
+
+/// The scene that filters are measured on (rendering model §5), as a scene file.
+pub(super) const CHECKERBOARD_SCENE: &str = r#"{
+  "up": "+y",
+  "camera": { "eye": [0, 0, 0], "target": [0, 0, -1], "up": [0, 1, 0],
+              "projection": { "perspective": { "fov_y_deg": 60 } }, "near": 0.01, "size": [512, 512] },
+  "objects": [ { "splats": "checkerboard.ply" } ],
+  "settings": { "shader": "unlit" }
+}
+"#;
+
+/// A square of side 2 about (0, 0, −1.2), turned by 80° out of the picture's plane, seen from the origin.
+pub(super) fn checkerboard() -> Cloud {
+    let n = SQUARES * DISKS_A_SQUARE;
+    let spacing = 2.0 / n as f64;
+    let (sin, cos) = 80f64.to_radians().sin_cos();
+    let disk = |i: usize| {
+        let (column, row) = (i % n, i / n);
+        let along = |k: usize| (k as f64 + 0.5) * spacing - 1.0;
+        let (x, v) = (along(column), along(row));
+        let white = (column / DISKS_A_SQUARE + row / DISKS_A_SQUARE).is_multiple_of(2);
+        let level = if white { 255 } else { 0 };
+        Disk {
+            position: [x, v * cos, -1.2 - v * sin],
+            normal: [0.0, sin, cos],
+            radius: spacing,
+            color: [level, level, level, 255],
+        }
+    };
+    Cloud { title: "checkerboard of disks, 80 degrees off the view", disks: (0..n * n).map(disk).collect() }
+}
+
+/// The unit sphere, its disks along a Fibonacci spiral, with bands of colour.
+pub(super) fn sphere() -> Cloud {
+    let color = |direction: [f64; 3]| {
+        let band = ((direction[1] + 1.0) * 4.0) as usize;
+        if band.is_multiple_of(2) { [214, 92, 60, 255] } else { [240, 232, 214, 255] }
+    };
+    let disks = fibonacci(SPHERE_DISKS, [0.0; 3], 1.0).map(|disk| Disk { color: color(disk.normal), ..disk });
+    Cloud { title: "unit sphere of disks on a Fibonacci spiral", disks: disks.collect() }
+}
+
+/// 27 spheres of different size, colour and alpha, none of which touches another.
+pub(super) fn glass_spheres() -> Cloud {
+    let mut random = SplitMix(2001);
+    let mut disks = Vec::new();
+    for i in 0..27 {
+        let cell = [i % 3, i / 3 % 3, i / 9].map(|k: usize| k as f64 - 1.0);
+        // A radius and a shift of the centre that together stay within the cell of side 1.
+        let radius = 0.3 + 0.1 * random.unit();
+        let center = cell.map(|c| c + (0.98 - 2.0 * radius) * (random.unit() - 0.5));
+        let level = |x: f64| (70.0 + 185.0 * x) as u8;
+        let color = [random.unit(), random.unit(), random.unit()].map(level);
+        let alpha = (64.0 + 128.0 * random.unit()) as u8;
+        let color = [color[0], color[1], color[2], alpha];
+        disks.extend(fibonacci(GLASS_DISKS, center, radius).map(|disk| Disk { color, ..disk }));
+    }
+    Cloud { title: "27 transparent spheres", disks }
+}
+
+/// Disks of a sphere at equal areas, each as wide as it is far from its neighbours.
+fn fibonacci(n: usize, center: [f64; 3], radius: f64) -> impl Iterator<Item = Disk> {
+    let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    let spacing = (4.0 * std::f64::consts::PI / n as f64).sqrt();
+    (0..n).map(move |i| {
+        let y = 1.0 - (2 * i + 1) as f64 / n as f64;
+        let (sin, cos) = (golden_angle * i as f64).sin_cos();
+        let level = (1.0 - y * y).sqrt();
+        let normal = [level * cos, y, level * sin];
+        let position = std::array::from_fn(|k| center[k] + radius * normal[k]);
+        Disk { position, normal, radius: spacing * radius, color: [255; 4] }
+    })
+}
+
+/// Source: Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators".
+struct SplitMix(u64);
+
+impl SplitMix {
+    /// Uniform in [0, 1).
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn length(v: [f64; 3]) -> f64 {
+        v.iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+
+    fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+        length(std::array::from_fn(|k| a[k] - b[k]))
+    }
+
+    #[test]
+    fn clouds_have_their_counts_and_unit_normals() {
+        let clouds = [(checkerboard(), 160_000), (sphere(), 20_000), (glass_spheres(), 54_000)];
+        for (cloud, count) in clouds {
+            assert_eq!(cloud.disks.len(), count, "{}", cloud.title);
+            for disk in &cloud.disks {
+                // A few roundings of numbers near 1.
+                assert!((length(disk.normal) - 1.0).abs() < 1e-14 && disk.radius > 0.0, "{}: {disk:?}", cloud.title);
+            }
+        }
+    }
+
+    #[test]
+    fn checkerboard_lies_in_its_plane_and_is_half_white() {
+        let disks = checkerboard().disks;
+        let off_plane = |d: &Disk| d.normal[1] * d.position[1] + d.normal[2] * (d.position[2] + 1.2);
+        assert!(disks.iter().all(|d| off_plane(d).abs() < 1e-14));
+        assert_eq!(disks.iter().filter(|d| d.color[0] == 255).count(), 80_000);
+    }
+
+    #[test]
+    fn sphere_has_no_hole() {
+        let disks = sphere().disks;
+        // Directions that have nothing to do with the spiral; each must be within a radius of a disk's centre.
+        for i in 0..500 {
+            let (y, angle) = (f64::from(i) / 250.0 - 0.998, f64::from(i) * 0.7);
+            let level = (1.0 - y * y).sqrt();
+            let at = [level * angle.cos(), y, level * angle.sin()];
+            let nearest = disks.iter().map(|d| distance(d.position, at) / d.radius).fold(f64::MAX, f64::min);
+            assert!(nearest < 0.9, "{at:?}: {nearest}");
+        }
+    }
+
+    #[test]
+    fn glass_spheres_are_transparent_and_apart() {
+        let disks = glass_spheres().disks;
+        let spheres: Vec<_> = disks.chunks(GLASS_DISKS).collect();
+        assert_eq!(spheres.len(), 27);
+        assert!(disks.iter().all(|d| (64..192).contains(&d.color[3])));
+        let ball = |sphere: &[Disk]| {
+            let mean = |k: usize| sphere.iter().map(|d| d.position[k]).sum::<f64>() / sphere.len() as f64;
+            let center = [mean(0), mean(1), mean(2)];
+            (center, distance(center, sphere[0].position))
+        };
+        for (i, a) in spheres.iter().enumerate() {
+            for b in &spheres[..i] {
+                let ((a, ra), (b, rb)) = (ball(a), ball(b));
+                assert!(distance(a, b) > ra + rb, "{a:?} {b:?}");
+            }
+        }
+    }
+}
