@@ -1,1 +1,70 @@
-fn main() {}
+//! `surfel`: renders, converts, inspects and compares from the command line.
+//!
+//! Results go to stdout, everything else to stderr. Exit codes: 0 ok, 1 failure, 2 usage, 3 bad input, 4 no such
+//! backend here, 5 comparison over a threshold.
+
+mod args;
+mod backends;
+mod camera;
+mod compare;
+mod config;
+mod console;
+mod convert;
+mod failure;
+mod info;
+mod output;
+mod pages;
+mod render;
+mod resolve;
+mod stats;
+mod values;
+
+use args::Command;
+use console::Console;
+use failure::Failure;
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    // A panic is a defect, but never a page of text: one line on stderr, exit code 1.
+    std::panic::set_hook(Box::new(|info| {
+        let place = info.location().map(|l| format!(" ({}:{})", l.file(), l.line())).unwrap_or_default();
+        console::error(&format!("this is a defect of surfel, not of your input{place}: please report it"));
+    }));
+    let arguments: Vec<OsString> = std::env::args_os().collect();
+    std::panic::catch_unwind(move || run(arguments)).unwrap_or(ExitCode::from(1))
+}
+
+fn run(arguments: Vec<OsString>) -> ExitCode {
+    let (cli, command_line) = match args::parse(arguments) {
+        Ok(parsed) => parsed,
+        Err(code) => return ExitCode::from(code),
+    };
+    let console = Console::new(cli.quiet, cli.verbose);
+    let threads = cli.threads.unwrap_or(0);
+    // Conversions use as many threads as the picture does.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let result = match pool {
+        Ok(pool) => pool.install(|| execute(cli.command, threads, &command_line, &console)),
+        Err(error) => Err(Failure::other(format!("can't start {threads} threads: {error}"))),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => ExitCode::from(failure.report()),
+    }
+}
+
+fn execute(command: Command, threads: usize, command_line: &str, console: &Console) -> Result<(), Failure> {
+    match command {
+        Command::Render(args) => render::run(&args, threads, command_line, console),
+        Command::Convert(args) => convert::run(&args, console),
+        Command::Info(args) => info::run(&args, console),
+        Command::Compare(args) => compare::run(&args),
+        Command::Backends(args) => backends::run(args.json),
+        Command::View(_) => {
+            Err(Failure::other("this version of surfel has no window\n  help: surfel INPUT -o OUT.png makes a picture"))
+        }
+        Command::Completions(args) => pages::completions(args.shell),
+        Command::Man => pages::man(),
+    }
+}

@@ -261,6 +261,12 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     Some(Camera { eye: eye.into(), target: target.into(), up: up.into(), projection, near, far, size: options.size })
 }
 
+/// The middle of the scene's bounds, without stray points, as [`frame_camera`] centres it; `None` without objects.
+pub fn scene_center(scene: &Scene) -> Option<DVec3> {
+    let (middle, radius) = trimmed(scene, bounds(scene, |_| true)?);
+    bounds(scene, |p| p.distance(middle) <= radius).map(|(lo, hi)| (lo + hi) * 0.5)
+}
+
 /// Least and largest planar depth of the scene from `eye` along the unit vector `forward`; `None` without objects.
 pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f64)> {
     let mut support = Support::new(vec![forward, -forward]);

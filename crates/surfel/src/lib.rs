@@ -36,7 +36,9 @@ pub use surfel_sample as sample;
 pub use auto::{AutoOptions, DEFAULT_SIZE, Opened, auto_scene, bare_object, is_scene_file, open, studio_lights};
 pub use backend::{Backend, BackendError, BackendInfo, BackendOptions, BackendScene, backends};
 pub use error::Error;
-pub use framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, NamedView, ViewAxes, depth_range, frame_camera};
+pub use framing::{
+    DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, NamedView, ViewAxes, depth_range, frame_camera, scene_center,
+};
 pub use load::{Conversion, LoadOptions, Prepared, prepare};
 pub use scene::{LoadedObjects, ObjectNote, assemble, load_objects, load_scene, read_scene_file};
 pub use surfel_model::{Camera, Light, Material, Scene, SceneFile, Settings, SplatCloud, Up};

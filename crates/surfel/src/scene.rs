@@ -102,13 +102,8 @@ pub fn load_objects(
 /// # Errors
 /// [`Error::Model`] naming the number that is out of range.
 pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> {
-    let mut scene = Scene {
-        up: file.up,
-        background: file.background,
-        ambient: file.ambient,
-        lights: file.lights.clone(),
-        objects,
-    };
+    let mut scene =
+        Scene { up: file.up, background: file.background, ambient: file.ambient, lights: file.lights.clone(), objects };
     for (object, described) in scene.objects.iter_mut().zip(&file.objects) {
         object.material = described.material;
     }

@@ -1,0 +1,374 @@
+//! The command line's grammar.
+
+use crate::values::{self, Threshold, UpChoice};
+use crate::{config, console};
+use clap::builder::TypedValueParser;
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap_complete::Shell;
+use std::ffi::OsString;
+use std::path::PathBuf;
+use surfel::model::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Shader, Transparency};
+use surfel::{NamedView, Preset, Region};
+
+/// Renders splats, scans, point clouds and meshes by surface splatting.
+///
+/// `surfel INPUT -o OUT` is short for `surfel render INPUT -o OUT`.
+#[derive(Debug, Parser)]
+#[command(name = "surfel", version, arg_required_else_help = true, subcommand_required = true)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+    /// Say nothing but errors.
+    #[arg(short, long, global = true)]
+    pub(crate) quiet: bool,
+    /// Say more on stderr.
+    #[arg(short, long, global = true)]
+    pub(crate) verbose: bool,
+    /// Threads to use; all by default.
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024).map(usize::from))]
+    pub(crate) threads: Option<usize>,
+    /// TOML file of flags: keys are the long flag names; flags on the command line win.
+    #[arg(long, global = true, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Render a picture.
+    Render(Box<RenderArgs>),
+    /// Make splats of points or a mesh.
+    Convert(ConvertArgs),
+    /// Say what a file holds.
+    Info(InfoArgs),
+    /// Measure how far two pictures are apart.
+    Compare(CompareArgs),
+    /// List what this machine can run.
+    Backends(BackendsArgs),
+    /// Show in a window (not in this version).
+    View(ViewArgs),
+    /// Print a completion script for a shell.
+    Completions(CompletionsArgs),
+    /// Print the manual page.
+    Man,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct RenderArgs {
+    /// A scene file (.json), or splats, points or meshes that make one scene.
+    #[arg(required = true, value_name = "INPUT")]
+    pub(crate) inputs: Vec<PathBuf>,
+    /// Picture to write: .png or .exr, - for PNG on stdout; may hold {backend} {frame} {input}.
+    #[arg(short, long, value_name = "OUT")]
+    pub(crate) output: Option<PathBuf>,
+    /// Overwrite existing files.
+    #[arg(short, long)]
+    pub(crate) force: bool,
+    /// Drop invalid splats instead of refusing the file.
+    #[arg(long)]
+    pub(crate) repair: bool,
+    /// Texture for meshes that have texture coordinates and name none themselves.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) texture: Option<PathBuf>,
+    /// Write the resolved scene file to stdout; without -o, render nothing.
+    #[arg(long)]
+    pub(crate) print_scene: bool,
+    /// Who draws.
+    #[arg(long, default_value = "auto", value_parser = ["auto", "cpu", "wgpu", "ash", "reference"])]
+    pub(crate) backend: String,
+    /// A part of the adapter's name.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) adapter: Option<String>,
+    /// Image size in pixels; 1024x1024 where nothing says it.
+    #[arg(long, value_name = "WxH", value_parser = values::size, help_heading = "Camera")]
+    pub(crate) size: Option<[u32; 2]>,
+    /// A scene file's camera object, alone in a file.
+    #[arg(long, value_name = "FILE", help_heading = "Camera")]
+    pub(crate) camera: Option<PathBuf>,
+    /// Frame the scene from this side.
+    #[arg(long, value_parser = values::view(), conflicts_with_all = ["camera", "eye", "target"], help_heading = "Camera")]
+    pub(crate) view: Option<NamedView>,
+    /// Position of the eye.
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true, help_heading = "Camera")]
+    pub(crate) eye: Option<[f64; 3]>,
+    /// Point to look at.
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true, help_heading = "Camera")]
+    pub(crate) target: Option<[f64; 3]>,
+    /// Direction that appears upward.
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::direction, allow_hyphen_values = true, help_heading = "Camera")]
+    pub(crate) camera_up: Option<[f64; 3]>,
+    /// The scene's up axis: auto, +x, -x, +y, -y, +z or -z.
+    #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true, help_heading = "Camera")]
+    pub(crate) up: Option<UpChoice>,
+    /// Render only this crop of the picture, in pixels.
+    #[arg(long, value_name = "X,Y,W,H", value_parser = values::region, help_heading = "Camera")]
+    pub(crate) region: Option<Region>,
+    /// Vertical field of view in degrees.
+    #[arg(long, value_name = "DEG", value_parser = values::fov, conflicts_with = "ortho", help_heading = "Camera")]
+    pub(crate) fov_y: Option<f64>,
+    /// Parallel projection.
+    #[arg(long, help_heading = "Camera")]
+    pub(crate) ortho: bool,
+    /// Named trade of speed for accuracy.
+    #[arg(long, value_parser = values::preset(), help_heading = "Settings")]
+    pub(crate) preset: Option<Preset>,
+    /// Screen-space filter.
+    #[arg(long, value_parser = values::filter(), help_heading = "Settings")]
+    pub(crate) filter: Option<Filter>,
+    /// How splats are mapped to the screen.
+    #[arg(long, value_parser = values::mapping(), help_heading = "Settings")]
+    pub(crate) mapping: Option<Mapping>,
+    /// Kernel cutoff.
+    #[arg(long, value_name = "C", value_parser = values::cutoff, help_heading = "Settings")]
+    pub(crate) cutoff: Option<f64>,
+    /// Least half-width of a filtered splat, in pixels.
+    #[arg(long, value_name = "PX", value_parser = values::prefilter, help_heading = "Settings")]
+    pub(crate) prefilter: Option<f64>,
+    /// How far behind the nearest surface splats still blend: K radii, or abs:D world units.
+    #[arg(long, value_name = "K|abs:D", value_parser = values::depth_tolerance, help_heading = "Settings")]
+    pub(crate) depth_tolerance: Option<DepthTolerance>,
+    /// Precision of sums.
+    #[arg(long, value_parser = values::accumulate(), help_heading = "Settings")]
+    pub(crate) accumulate: Option<Accumulate>,
+    /// How transparent splats are drawn: off, peel:N, peel:N:drop or abuffer:L.
+    #[arg(long, value_name = "MODE", value_parser = values::transparency, help_heading = "Settings")]
+    pub(crate) transparency: Option<Transparency>,
+    /// How clip curves are evaluated.
+    #[arg(long, value_parser = values::clip(), help_heading = "Settings")]
+    pub(crate) clip: Option<ClipPolicy>,
+    /// How pixels are shaded.
+    #[arg(long, value_parser = values::shader(), help_heading = "Settings")]
+    pub(crate) shader: Option<Shader>,
+    /// Lights cast shadows.
+    #[arg(long, help_heading = "Settings")]
+    pub(crate) shadows: bool,
+    /// Antialias edges by coverage.
+    #[arg(long, num_args = 0..=1, require_equals = true, default_missing_value = "on", value_parser = values::switch(),
+          value_name = "on|off", help_heading = "Settings")]
+    pub(crate) edge_aa: Option<bool>,
+    /// Background: linear R,G,B[,A] with straight alpha, or transparent.
+    #[arg(long, value_name = "R,G,B[,A]", value_parser = values::background, allow_hyphen_values = true,
+          help_heading = "Settings")]
+    pub(crate) background: Option<[f64; 4]>,
+    /// Average NxN unfiltered samples a pixel (backend reference only).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "Settings")]
+    pub(crate) samples: Option<u32>,
+    /// Number of pictures; OUT must hold {frame}.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9999), requires = "turntable",
+          help_heading = "Output")]
+    pub(crate) frames: Option<u32>,
+    /// Turn the scene about its up axis, once over all frames.
+    #[arg(long, requires = "frames", help_heading = "Output")]
+    pub(crate) turntable: bool,
+    /// Print times and counts as JSON on stdout.
+    #[arg(long, conflicts_with = "print_scene", help_heading = "Output")]
+    pub(crate) stats: bool,
+    /// Render N times after a warm-up; the statistics are medians.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Output")]
+    pub(crate) repeat: Option<u32>,
+    /// Colour in EXR files as 32-bit floats.
+    #[arg(long, help_heading = "Output")]
+    pub(crate) exr_f32: bool,
+    /// 16 bits a sample in PNG files.
+    #[arg(long, help_heading = "Output")]
+    pub(crate) png16: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct ConvertArgs {
+    /// Points, a mesh or splats.
+    #[arg(value_name = "INPUT")]
+    pub(crate) input: PathBuf,
+    /// Splat file to write: .ply, - for stdout.
+    #[arg(short, long, value_name = "OUT")]
+    pub(crate) output: PathBuf,
+    /// Overwrite an existing file.
+    #[arg(short, long)]
+    pub(crate) force: bool,
+    /// Drop invalid splats instead of refusing the file.
+    #[arg(long)]
+    pub(crate) repair: bool,
+    /// Texture for a mesh that has texture coordinates and names none itself.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) texture: Option<PathBuf>,
+    /// One splat for each vertex of a mesh.
+    #[arg(long, conflicts_with_all = ["per_face", "splats"])]
+    pub(crate) per_vertex: bool,
+    /// One splat for each triangle of a mesh.
+    #[arg(long, conflicts_with = "splats")]
+    pub(crate) per_face: bool,
+    /// This many splats spread evenly over a mesh.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=200_000_000))]
+    pub(crate) splats: Option<u32>,
+    /// Multiplies every radius.
+    #[arg(long, value_name = "K", value_parser = values::positive)]
+    pub(crate) radius_scale: Option<f64>,
+    /// Clip splats at creases (not in this version).
+    #[arg(long)]
+    pub(crate) sharp: bool,
+    /// Angle from which an edge is a crease (not in this version).
+    #[arg(long, value_name = "DEG", value_parser = values::angle, requires = "sharp")]
+    pub(crate) crease_angle: Option<f64>,
+    /// Largest error of clipped splats (not in this version).
+    #[arg(long, value_name = "E", value_parser = values::positive, requires = "sharp")]
+    pub(crate) error: Option<f64>,
+    /// Splats and polygons in an octree (not in this version).
+    #[arg(long)]
+    pub(crate) hybrid: bool,
+    /// Write text instead of binary PLY.
+    #[arg(long)]
+    pub(crate) ascii: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct InfoArgs {
+    /// Splats, points or a mesh.
+    #[arg(value_name = "INPUT")]
+    pub(crate) input: PathBuf,
+    /// As JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Drop invalid splats instead of refusing the file.
+    #[arg(long)]
+    pub(crate) repair: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct CompareArgs {
+    /// The reference picture, EXR or PNG.
+    #[arg(value_name = "A")]
+    pub(crate) a: PathBuf,
+    /// The picture to judge.
+    #[arg(value_name = "B")]
+    pub(crate) b: PathBuf,
+    /// As JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Write FLIP's error map.
+    #[arg(long, value_name = "D.png")]
+    pub(crate) diff: Option<PathBuf>,
+    /// Overwrite an existing error map.
+    #[arg(short, long)]
+    pub(crate) force: bool,
+    /// Exit with 5 if a metric (max_abs, rmse, psnr, flip) is above a value; may be given several times.
+    #[arg(long, value_name = "METRIC=V", value_parser = values::threshold)]
+    pub(crate) fail_above: Vec<Threshold>,
+    /// Exit with 5 if a metric is below a value; may be given several times.
+    #[arg(long, value_name = "METRIC=V", value_parser = values::threshold)]
+    pub(crate) fail_below: Vec<Threshold>,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct BackendsArgs {
+    /// As JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct ViewArgs {
+    /// A scene file, splats, points or meshes.
+    #[arg(required = true, value_name = "INPUT")]
+    pub(crate) inputs: Vec<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct CompletionsArgs {
+    /// The shell.
+    pub(crate) shell: Shell,
+}
+
+/// The grammar, for completions and the manual page.
+pub(crate) fn command() -> clap::Command {
+    Cli::command()
+}
+
+/// Parses a command line: the bare form gets its `render`, and the configuration file its say.
+///
+/// Also gives the command line as text. Errors (and help) are printed; then there is only the exit code.
+pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<(Cli, String), u8> {
+    let words: Vec<String> = arguments.iter().skip(1).map(|a| a.to_string_lossy().into_owned()).collect();
+    let text = format!("surfel {}", words.join(" "));
+    insert_render(&mut arguments, &words);
+    let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e))?;
+    let cli = Cli::from_arg_matches(&matches).map_err(|e| complain(&e))?;
+    let Some(path) = &cli.config else { return Ok((cli, text)) };
+    let extra = config::arguments(path, &matches).map_err(|failure| failure.report())?;
+    let end = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
+    arguments.splice(end..end, extra);
+    let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e))?;
+    let cli = Cli::from_arg_matches(&matches).map_err(|e| complain(&e))?;
+    Ok((cli, text))
+}
+
+/// `surfel INPUT …` is `surfel render INPUT …`: where the first word after global flags is no command.
+fn insert_render(arguments: &mut Vec<OsString>, words: &[String]) {
+    let commands: Vec<String> = command().get_subcommands().map(|s| s.get_name().to_owned()).collect();
+    let mut i = 0;
+    while let Some(word) = words.get(i).map(String::as_str) {
+        match word {
+            "-q" | "--quiet" | "-v" | "--verbose" => i += 1,
+            "--threads" | "--config" => i += 2,
+            _ if word.starts_with("--threads=") || word.starts_with("--config=") => i += 1,
+            "-h" | "--help" | "-V" | "--version" | "help" => return,
+            _ if commands.iter().any(|c| c == word) => return,
+            _ => break,
+        }
+    }
+    if !words.is_empty() {
+        arguments.insert(1, "render".into());
+    }
+}
+
+/// Prints clap's error in at most four lines (help and versions whole) and gives the exit code.
+fn complain(error: &clap::Error) -> u8 {
+    match error.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
+            // A closed pipe is no reason to complain.
+            let _ = error.print();
+            0
+        }
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            let _ = error.print();
+            2
+        }
+        _ => {
+            let text = error.render().to_string();
+            let lines = text.lines().map(str::trim_end).filter(|l| !l.trim().is_empty());
+            let lines = lines.take_while(|l| !l.starts_with("Usage:"));
+            let mut message: Vec<&str> = lines.filter(|l| !l.starts_with("For more information")).take(3).collect();
+            if let Some(first) = message.first_mut() {
+                *first = first.strip_prefix("error: ").unwrap_or(first);
+            }
+            message.push("  help: surfel --help, or surfel COMMAND --help");
+            console::error(&message.join("\n"));
+            2
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grammar_is_consistent() {
+        command().debug_assert();
+    }
+
+    #[test]
+    fn bare_form_gets_its_render() {
+        let inserted = |line: &str| {
+            let mut arguments: Vec<OsString> = line.split(' ').map(Into::into).collect();
+            let words: Vec<String> = line.split(' ').skip(1).map(Into::into).collect();
+            insert_render(&mut arguments, &words);
+            arguments.get(1).is_some_and(|a| a == "render") && arguments.len() > words.len() + 1
+        };
+        assert!(inserted("surfel a.ply -o x.png"));
+        assert!(inserted("surfel -o x.png a.ply"));
+        assert!(inserted("surfel -q --threads 2 a.ply -o x.png"));
+        assert!(!inserted("surfel info a.ply"));
+        assert!(!inserted("surfel -q --threads 2 info a.ply"));
+        assert!(!inserted("surfel --help"));
+    }
+}

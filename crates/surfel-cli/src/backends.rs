@@ -1,0 +1,35 @@
+//! `surfel backends`: what this machine can run.
+
+use crate::console;
+use crate::failure::Failure;
+use serde_json::json;
+use std::fmt::Write;
+
+pub(crate) fn run(as_json: bool) -> Result<(), Failure> {
+    let backends = surfel::backends();
+    if as_json {
+        let entry = |b: &surfel::BackendInfo| match &b.state {
+            Ok(info) => json!({
+                "name": b.name, "available": true, "adapter": info.adapter, "driver": info.driver,
+                "threads": info.threads, "reason": null,
+            }),
+            Err(reason) => json!({
+                "name": b.name, "available": false, "adapter": null, "driver": null, "threads": null, "reason": reason,
+            }),
+        };
+        return console::json_result(&backends.iter().map(entry).collect());
+    }
+    let mut text = String::new();
+    for backend in &backends {
+        let line = match &backend.state {
+            Ok(info) => {
+                let threads = if info.threads > 0 { format!(", {} threads", info.threads) } else { String::new() };
+                format!("{} ({}){threads}", info.adapter, info.driver)
+            }
+            Err(reason) => format!("not available: {reason}"),
+        };
+        // Writing to a string can't fail.
+        let _ = writeln!(text, "{:<10} {line}", backend.name);
+    }
+    console::result(text.as_bytes())
+}

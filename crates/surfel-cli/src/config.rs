@@ -1,0 +1,79 @@
+//! `--config FILE`: flags from a TOML file.
+
+use crate::args;
+use crate::failure::Failure;
+use clap::ArgMatches;
+use clap::parser::ValueSource;
+use std::ffi::OsString;
+use std::path::Path;
+use toml::Value;
+
+/// Flags that exclude each other: one on the command line silences the others of the file.
+const GROUPS: [&[&str]; 4] = [
+    &["ortho", "fov-y"],
+    &["view", "camera", "eye", "target"],
+    &["per-vertex", "per-face", "splats"],
+    &["stats", "print-scene"],
+];
+
+/// The file's flags as arguments, without those that the command line gives itself and those of other commands.
+pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsString>, Failure> {
+    let wrong = |what: String| Failure::usage(format!("{}: {what}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|e| wrong(format!("cannot read it: {e}")))?;
+    let table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
+        let line = e.span().map_or(1, |s| text[..s.start.min(text.len())].lines().count().max(1));
+        wrong(format!("is not a TOML file: {} (line {line})", e.message().replace('\n', " ")))
+    })?;
+    let grammar = args::command();
+    let Some((name, given)) = matches.subcommand() else { return Ok(Vec::new()) };
+    let Some(command) = grammar.find_subcommand(name) else { return Ok(Vec::new()) };
+    let find = |command: &clap::Command, key: &str| {
+        command.get_arguments().find(|a| a.get_long() == Some(key)).map(|a| (a.get_id().clone(), !takes_value(a)))
+    };
+    let on_command_line = |key: &str| {
+        let argument = find(command, key).or_else(|| find(&grammar, key));
+        argument.is_some_and(|(id, _)| {
+            let sources =
+                [given, matches].map(|m| m.try_contains_id(id.as_str()).ok().and(m.value_source(id.as_str())));
+            sources.contains(&Some(ValueSource::CommandLine))
+        })
+    };
+    let mut extra: Vec<OsString> = Vec::new();
+    for (key, value) in &table {
+        let key = key.replace('_', "-");
+        let silenced = on_command_line(&key)
+            || GROUPS.iter().any(|g| g.contains(&key.as_str()) && g.iter().any(|other| on_command_line(other)));
+        match find(command, &key).or_else(|| find(&grammar, &key)) {
+            Some(_) if silenced => {}
+            Some((_, is_switch)) => extra.extend(argument(&key, value, is_switch).map_err(&wrong)?),
+            None if grammar.get_subcommands().any(|s| find(s, &key).is_some()) => {}
+            None => return Err(wrong(format!("has the unknown key '{key}', expected long flag names without dashes"))),
+        }
+    }
+    Ok(extra)
+}
+
+fn takes_value(argument: &clap::Arg) -> bool {
+    argument.get_action().takes_values()
+}
+
+fn argument(key: &str, value: &Value, is_switch: bool) -> Result<Option<OsString>, String> {
+    let scalar = |value: &Value| match value {
+        Value::String(s) => Some(s.clone()),
+        Value::Integer(i) => Some(i.to_string()),
+        Value::Float(f) => Some(f.to_string()),
+        _ => None,
+    };
+    let wrong = || format!("has {key} = {value}, expected {}", if is_switch { "true or false" } else { "its value" });
+    let text = match value {
+        Value::Boolean(on) if is_switch => return Ok(on.then(|| format!("--{key}").into())),
+        Value::Boolean(on) => (if *on { "on" } else { "off" }).to_owned(),
+        _ if is_switch => return Err(wrong()),
+        Value::Array(values) => {
+            let parts: Option<Vec<String>> = values.iter().map(scalar).collect();
+            parts.ok_or_else(wrong)?.join(",")
+        }
+        value => scalar(value).ok_or_else(wrong)?,
+    };
+    Ok(Some(format!("--{key}={text}").into()))
+}

@@ -1,0 +1,115 @@
+//! `surfel convert`: splats of points and meshes.
+
+use crate::args::ConvertArgs;
+use crate::console::{self, Console};
+use crate::failure::Failure;
+use surfel::io::{IoError, PlyEncoding};
+use surfel::model::{Column3, OnInvalid, Shape};
+use surfel::sample::MeshMethod;
+use surfel::{Conversion, LoadOptions, SplatCloud, Up};
+
+pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
+    for (given, flag) in [(args.sharp, "--sharp"), (args.hybrid, "--hybrid")] {
+        if given {
+            let message = format!("{flag}: this version of surfel doesn't have it\n  help: leave it out");
+            return Err(Failure::other(message));
+        }
+    }
+    check_output(args)?;
+    let method = match args.splats {
+        Some(n) => Some(MeshMethod::Count(n as usize)),
+        None if args.per_face => Some(MeshMethod::PerFace),
+        None if args.per_vertex => Some(MeshMethod::PerVertex),
+        None => None,
+    };
+    let options = LoadOptions {
+        repair: args.repair,
+        texture: args.texture.clone(),
+        method,
+        radius_scale: args.radius_scale.unwrap_or(1.0),
+        interior_weight: true,
+    };
+    let progress = console.progress();
+    let prepared = surfel::prepare(&args.input, &options, &progress)?;
+    drop(progress);
+    let name = args.input.display();
+    for note in &prepared.notes {
+        console.note(&format!("{name}: {note}"));
+    }
+    let fits = match (&prepared.conversion, method) {
+        (_, None) | (Conversion::Mesh(_), _) => true,
+        (Conversion::Points(_), Some(method)) => method == MeshMethod::PerVertex,
+        (Conversion::None, Some(_)) => false,
+    };
+    if !fits {
+        let what = if prepared.conversion == Conversion::None { "splats" } else { "points" };
+        let message = format!("{name}: holds {what}, expected a mesh for --per-vertex, --per-face and --splats");
+        return Err(Failure::usage(message));
+    }
+    let mut cloud = prepared.cloud;
+    if let (Conversion::None, Some(scale)) = (&prepared.conversion, args.radius_scale) {
+        cloud = scaled(cloud, scale)?;
+    }
+    // PLY's own default needs no words.
+    if prepared.up != Up::PlusY || cloud.data().up.is_some() {
+        cloud.set_up(prepared.up);
+    }
+    let encoding = if args.ascii { PlyEncoding::Ascii } else { PlyEncoding::BinaryLittleEndian };
+    if args.output.as_os_str() == "-" {
+        let mut bytes = Vec::new();
+        let written = surfel::io::write_splat_ply(&mut bytes, &cloud, encoding);
+        written.map_err(|e| Failure::other(format!("can't encode the splats: {e}")))?;
+        console::result(&bytes)?;
+    } else {
+        surfel::io::save_splat_ply(&args.output, args.force, &cloud, encoding)?;
+    }
+    console.note(&format!("{}: {}", args.output.display(), summary(&cloud)));
+    Ok(())
+}
+
+fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
+    let output = &args.output;
+    let name = output.display();
+    let extension = output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    match extension.as_deref() {
+        _ if output.as_os_str() == "-" => return Ok(()),
+        Some("ply") => {}
+        Some("surfel") => {
+            let message = format!("{name}: this version of surfel doesn't write .surfel files, expected a .ply");
+            return Err(Failure::other(message));
+        }
+        _ => return Err(Failure::usage(format!("-o {name}: expected a name that ends in .ply, or - for stdout"))),
+    }
+    if output.is_file() && !args.force {
+        return Err(IoError::Exists { path: output.clone() }.into());
+    }
+    Ok(())
+}
+
+/// Splats with other radii, and the interior weight that goes with them.
+fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Failure> {
+    let mut data = cloud.into_data();
+    let column = |c: &Column3| Column3::from_f32(c.high().iter().map(|v| *v * scale as f32).collect());
+    match &mut data.shape {
+        Shape::Disks { radii, .. } => radii.iter_mut().for_each(|r| *r *= scale as f32),
+        Shape::Ellipses { s, t } => (*s, *t) = (column(s), column(t)),
+    }
+    data.interior_weight = None;
+    let (mut cloud, _) = SplatCloud::new(data, OnInvalid::Refuse).map_err(surfel::Error::from)?;
+    if let Some(weight) = surfel::sample::interior_weight(&cloud) {
+        cloud.set_interior_weight(weight);
+    }
+    Ok(cloud)
+}
+
+fn summary(cloud: &SplatCloud) -> String {
+    let shape = match cloud.data().shape {
+        Shape::Disks { .. } => "disks",
+        Shape::Ellipses { .. } => "ellipses",
+    };
+    let mut radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
+    radii.sort_unstable_by(f64::total_cmp);
+    let at = |share: usize| radii.get((radii.len().saturating_sub(1)) * share / 2).copied().unwrap_or(0.0);
+    let weight = cloud.data().interior_weight.map(|w| format!(", interior weight {w:.3}")).unwrap_or_default();
+    format!("{} {shape}, radii {:.4} to {:.4}, median {:.4}{weight}", cloud.len(), at(0), at(2), at(1))
+}

@@ -1,0 +1,138 @@
+//! Where pictures go: names, formats, metadata.
+
+use crate::console;
+use crate::failure::Failure;
+use std::path::{Path, PathBuf};
+use surfel::Frame;
+use surfel::io::{BitDepth, ExrOptions, IoError, PngOptions};
+
+/// A picture's format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Format {
+    Png { sixteen: bool },
+    Exr { f32_color: bool },
+}
+
+/// What `-o` says.
+#[derive(Clone, Debug)]
+pub(crate) struct Output {
+    /// Name with its placeholders; `None`: stdout.
+    template: Option<String>,
+    pub(crate) format: Format,
+    force: bool,
+}
+
+impl Output {
+    /// Checks name and format.
+    pub(crate) fn new(path: &Path, force: bool, png16: bool, exr_f32: bool) -> Result<Self, Failure> {
+        let png = Format::Png { sixteen: png16 };
+        let name = path.to_string_lossy().into_owned();
+        if name == "-" {
+            return Ok(Self { template: None, format: png, force });
+        }
+        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        let format = match extension.as_deref() {
+            Some("png") => png,
+            Some("exr") => Format::Exr { f32_color: exr_f32 },
+            _ => {
+                let what = "expected a name that ends in .png or .exr, or - for PNG on stdout";
+                return Err(Failure::usage(format!("-o {name}: {what}")));
+            }
+        };
+        Ok(Self { template: Some(name), format, force })
+    }
+
+    /// True if the pictures go to stdout.
+    pub(crate) fn is_stdout(&self) -> bool {
+        self.template.is_none()
+    }
+
+    /// True if every frame gets a name of its own.
+    pub(crate) fn names_frames(&self) -> bool {
+        self.template.as_ref().is_some_and(|t| t.contains("{frame}"))
+    }
+
+    /// The file of a frame; `None`: stdout.
+    pub(crate) fn path(&self, backend: &str, frame: u32, input: &Path) -> Option<PathBuf> {
+        let stem = input.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+        let frame = format!("{frame:04}");
+        // In one go, so that an input called "{frame}" stays what it is.
+        let mut rest = self.template.as_deref()?;
+        let mut name = String::new();
+        'next: while !rest.is_empty() {
+            for (key, value) in [("{backend}", backend), ("{frame}", &frame), ("{input}", &stem)] {
+                if let Some(after) = rest.strip_prefix(key) {
+                    name.push_str(value);
+                    rest = after;
+                    continue 'next;
+                }
+            }
+            name.extend(rest.chars().next());
+            rest = rest.get(rest.chars().next().map_or(0, char::len_utf8)..).unwrap_or_default();
+        }
+        Some(name.into())
+    }
+
+    /// Refuses what couldn't be written anyway, before the work is done.
+    pub(crate) fn check(&self, path: Option<&Path>) -> Result<(), Failure> {
+        let Some(path) = path else { return Ok(()) };
+        if path.is_file() && !self.force {
+            return Err(IoError::Exists { path: path.to_path_buf() }.into());
+        }
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if !folder.is_dir() {
+            let message = format!("{}: there is no folder {}: create it first", path.display(), folder.display());
+            return Err(Failure::other(message));
+        }
+        Ok(())
+    }
+
+    /// Writes a frame.
+    pub(crate) fn write(
+        &self,
+        path: Option<&Path>,
+        frame: &Frame,
+        metadata: Vec<(String, String)>,
+    ) -> Result<(), Failure> {
+        let planes = surfel::planes(frame);
+        let png = |sixteen: bool, metadata| {
+            let depth = if sixteen { BitDepth::Sixteen } else { BitDepth::Eight };
+            PngOptions { depth, metadata }
+        };
+        match (path, self.format) {
+            (Some(path), Format::Png { sixteen }) => {
+                surfel::io::save_png(path, self.force, &planes, &png(sixteen, metadata))?;
+            }
+            (Some(path), Format::Exr { f32_color }) => {
+                surfel::io::save_exr(path, self.force, &planes, &ExrOptions { f32_color, metadata })?;
+            }
+            (None, format) => {
+                let sixteen = matches!(format, Format::Png { sixteen: true });
+                let mut bytes = Vec::new();
+                let written = surfel::io::write_png(&mut bytes, &planes, &png(sixteen, metadata));
+                written.map_err(|e| Failure::other(format!("can't encode the picture: {e}")))?;
+                console::result(&bytes)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn templates_are_filled_once() {
+        let output = Output::new(Path::new("o_{input}_{backend}_{frame}_{x}.png"), false, false, false).unwrap();
+        let path = output.path("cpu", 7, Path::new("dir/{frame}.ply")).unwrap();
+        assert_eq!(path, Path::new("o_{frame}_cpu_0007_{x}.png"));
+    }
+
+    #[test]
+    fn other_formats_are_a_usage_error() {
+        for name in ["a.jpg", "a", "png", ".png/"] {
+            assert!(Output::new(Path::new(name), false, false, false).is_err(), "{name}");
+        }
+    }
+}

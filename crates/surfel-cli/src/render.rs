@@ -1,0 +1,170 @@
+//! `surfel render`.
+
+use crate::args::RenderArgs;
+use crate::camera;
+use crate::console::{self, Console};
+use crate::failure::Failure;
+use crate::output::{Format, Output};
+use crate::resolve::{Resolved, resolve};
+use crate::stats;
+use std::path::{Path, PathBuf};
+use surfel::{Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Renderer, Scene, SceneFile, Stats};
+
+pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Console) -> Result<(), Failure> {
+    let output = args.output.as_deref().map(|o| Output::new(o, args.force, args.png16, args.exr_f32)).transpose()?;
+    check(args, output.as_ref())?;
+    let renders = output.is_some() || args.stats;
+    let mut backend = if renders { Some(start(args, threads, console)?) } else { None };
+    let frames = args.frames.unwrap_or(1);
+    let input = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
+    let name_of = |backend: &Backend, frame: u32| output.as_ref()?.path(backend.info().backend, frame, input);
+    if let (Some(backend), Some(output)) = (&backend, &output) {
+        for frame in 0..frames {
+            output.check(name_of(backend, frame).as_deref())?;
+        }
+    }
+
+    let resolved = resolve(args, console)?;
+    camera::view(&resolved.file.camera, args)?;
+    if args.print_scene {
+        print_scene(args, &resolved.file, console)?;
+    }
+    let Some(backend) = &mut backend else { return Ok(()) };
+    let planes = match output.as_ref().map(|o| o.format) {
+        Some(Format::Exr { .. }) => Planes::ALL,
+        _ => Planes::COLOR,
+    };
+    let mut job = Job { args, planes, runs: Vec::new(), frame: Frame::default(), scene: None };
+    for index in 0..frames {
+        let (camera, moved) = turned(&resolved, index, frames);
+        job.render(backend, &resolved, &camera, moved)?;
+        if let Some(output) = &output {
+            let path = name_of(backend, index);
+            output.write(path.as_deref(), &job.frame, metadata(args, &camera, &resolved.file, command))?;
+            if let (Some(path), Some(last)) = (&path, job.runs.last()) {
+                console.detail(&format!("{}: {:.1} ms, {} splats", path.display(), last.frame_ms, last.splats));
+            }
+        }
+    }
+    if args.stats {
+        console::json_result(&stats::json(&job.runs, backend.info(), [job.frame.width, job.frame.height], frames))?;
+    }
+    Ok(())
+}
+
+/// Combinations that make no sense.
+fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
+    let stdout = output.is_some_and(Output::is_stdout);
+    if output.is_none() && !args.print_scene && !args.stats {
+        return Err(Failure::usage("no output is given, expected -o OUT.png or OUT.exr (or --print-scene, --stats)"));
+    }
+    if stdout && (args.stats || args.print_scene) {
+        let flag = if args.stats { "--stats" } else { "--print-scene" };
+        return Err(Failure::usage(format!("{flag} and the picture can't both go to stdout: give -o a file name")));
+    }
+    if args.frames.is_some_and(|n| n > 1) && output.is_some_and(|o| !o.names_frames()) {
+        return Err(Failure::usage(
+            "--frames writes several files, expected {frame} in the name, as in -o f_{frame}.png",
+        ));
+    }
+    if args.samples.is_some() && !matches!(args.backend.as_str(), "auto" | "reference") {
+        return Err(Failure::usage(format!("--samples needs --backend reference, found {}", args.backend)));
+    }
+    match output.map(|o| o.format) {
+        Some(Format::Exr { .. }) if args.png16 => Err(Failure::usage("--png16 is for PNG, but -o names an EXR file")),
+        Some(Format::Png { .. }) if args.exr_f32 => Err(Failure::usage("--exr-f32 is for EXR, but -o names a PNG")),
+        _ => Ok(()),
+    }
+}
+
+fn start(args: &RenderArgs, threads: usize, console: &Console) -> Result<Backend, Failure> {
+    let name = if args.samples.is_some() { "reference" } else { args.backend.as_str() };
+    let backend = Backend::by_name(name, &BackendOptions { threads, adapter: args.adapter.clone() })?;
+    let info = backend.info();
+    if name == "auto" && info.backend == "reference" {
+        console.note("no fast backend is built into this program: drawing with 'reference', which is exact and slow");
+    }
+    console.detail(&format!("backend {}: {} ({}), {} threads", info.backend, info.adapter, info.driver, info.threads));
+    Ok(backend)
+}
+
+/// The resolved scene file on stdout: it gives the same picture.
+fn print_scene(args: &RenderArgs, file: &SceneFile, console: &Console) -> Result<(), Failure> {
+    for (given, flag) in [(args.texture.is_some(), "--texture"), (args.repair, "--repair")] {
+        if given {
+            console.note(&format!("a scene file can't say {flag}: give it again when you render the file"));
+        }
+    }
+    let text = surfel::io::scene_file::to_json_pretty(file);
+    if text.trim().is_empty() {
+        return Err(Failure::other("the scene can't be written as JSON: an input's name is not UTF-8: rename it"));
+    }
+    console::result(text.as_bytes())
+}
+
+/// Camera of a frame, and the scene with its lights moved where they have to.
+fn turned(resolved: &Resolved, index: u32, frames: u32) -> (Camera, Option<Scene>) {
+    if index == 0 {
+        return (resolved.file.camera.clone(), None);
+    }
+    let lights = resolved.scene.lights.clone().unwrap_or_default();
+    let turn = f64::from(index) / f64::from(frames);
+    let (camera, lights) = resolved.turntable.at(turn, &resolved.file.camera, &lights);
+    let moved = (!lights.is_empty()).then(|| Scene { lights: Some(lights), ..resolved.scene.clone() });
+    (camera, moved)
+}
+
+/// What stays from frame to frame.
+struct Job<'a> {
+    args: &'a RenderArgs,
+    planes: Planes,
+    runs: Vec<Stats>,
+    frame: Frame,
+    scene: Option<BackendScene>,
+}
+
+impl Job<'_> {
+    fn render(
+        &mut self,
+        backend: &mut Backend,
+        resolved: &Resolved,
+        camera: &Camera,
+        moved: Option<Scene>,
+    ) -> Result<(), Failure> {
+        let view = camera::view(camera, self.args)?;
+        let resident = match (self.scene.take(), moved) {
+            (_, Some(moved)) => backend.upload(&moved)?,
+            (Some(resident), None) => resident,
+            (None, None) => backend.upload(&resolved.scene)?,
+        };
+        let settings = &resolved.file.settings;
+        let mut once = || match self.args.samples {
+            Some(n) => backend.render_supersampled(&resident, &view, settings, self.planes, n, &mut self.frame),
+            None => backend.render(&resident, &view, settings, self.planes, &mut self.frame),
+        };
+        if let Some(repeat) = self.args.repeat {
+            once()?;
+            for _ in 0..repeat {
+                self.runs.push(once()?);
+            }
+        } else {
+            self.runs.push(once()?);
+        }
+        self.scene = Some(resident);
+        Ok(())
+    }
+}
+
+fn metadata(args: &RenderArgs, camera: &Camera, file: &SceneFile, command: &str) -> Vec<(String, String)> {
+    let json = |value: Result<String, serde_json::Error>| value.unwrap_or_default();
+    let mut entries = vec![
+        ("surfel:version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("surfel:camera", json(serde_json::to_string(camera))),
+        ("surfel:settings", json(serde_json::to_string(&file.settings))),
+        ("surfel:command", command.to_owned()),
+    ];
+    if let Some(r) = args.region {
+        entries.push(("surfel:region", format!("{},{},{},{}", r.x, r.y, r.width, r.height)));
+    }
+    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}

@@ -1,0 +1,49 @@
+//! `--stats`: medians as JSON.
+
+use serde_json::{Map, Value, json};
+use surfel::{RendererInfo, Stats};
+
+fn median(mut values: Vec<f64>) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    let (_, m, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
+    *m
+}
+
+/// Medians over `runs` (at least one), as the object that `--stats` prints.
+pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: u32) -> Value {
+    let of = |f: fn(&Stats) -> f64| median(runs.iter().map(f).collect());
+    let mut passes = Map::new();
+    let mut counters = Map::new();
+    for pass in runs.iter().flat_map(|s| &s.passes) {
+        if !passes.contains_key(pass.name) {
+            let same = runs.iter().flat_map(|s| &s.passes).filter(|p| p.name == pass.name);
+            passes.insert(pass.name.to_owned(), json!(median(same.map(|p| p.ms).collect())));
+        }
+    }
+    for (name, _) in runs.iter().flat_map(|s| &s.counters) {
+        if !counters.contains_key(*name) {
+            let same = runs.iter().flat_map(|s| &s.counters).filter(|c| c.0 == *name);
+            counters.insert((*name).to_owned(), json!(median(same.map(|c| c.1).collect())));
+        }
+    }
+    json!({
+        "frame_ms": of(|s| s.frame_ms),
+        "passes": passes,
+        "splats": of(|s| s.splats as f64) as u64,
+        "drawn": of(|s| s.drawn as f64) as u64,
+        "fragments": of(|s| s.fragments as f64) as u64,
+        "bytes_per_splat": of(|s| s.bytes_per_splat),
+        "backend": info.backend,
+        "adapter": info.adapter,
+        "driver": info.driver,
+        "threads": of(|s| s.threads as f64) as u64,
+        "width": size[0],
+        "height": size[1],
+        "frames": frames,
+        "runs": runs.len(),
+        "counters": counters,
+    })
+}
