@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
+/// What the line before each module starts with.
+const MODULE: &str = "// ==== ";
+
 fn main() -> Result<(), Box<dyn Error>> {
     let folder = PathBuf::from(std::env::var("CARGO_MANIFEST_DIR")?).join("wgsl");
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
@@ -17,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     match functions(&text) {
         Ok(list) => Ok(std::fs::write(out.join("functions.rs"), list)?),
         Err(message) => {
-            // One warning a line is how cargo shows what a build script has to say.
+            // A build script is heard a line at a time.
             for line in message.lines() {
                 println!("cargo::error={line}");
             }
@@ -40,17 +43,31 @@ fn concatenate(folder: &Path) -> Result<String, Box<dyn Error>> {
     let mut text = String::new();
     for name in names() {
         let module = std::fs::read_to_string(folder.join(name)).map_err(|e| format!("wgsl/{name}: {e}"))?;
-        write!(text, "// ==== {name}\n{module}\n")?;
+        write!(text, "{MODULE}{name}\n{module}\n")?;
     }
     Ok(text)
 }
 
 /// Rust source of the sorted list of the shader's functions, or naga's message.
 fn functions(text: &str) -> Result<String, String> {
-    let module = naga::front::wgsl::parse_str(text).map_err(|e| e.emit_to_string_with_path(text, "surfel.wgsl"))?;
+    let module = naga::front::wgsl::parse_str(text).map_err(|e| {
+        let line = e.location(text).map(|at| at.line_number);
+        place(text, line) + &e.emit_to_string(text)
+    })?;
     let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
-    validator.validate(&module).map_err(|e| e.emit_to_string_with_path(text, "surfel.wgsl"))?;
+    validator.validate(&module).map_err(|e| {
+        let line = e.location(text).map(|at| at.line_number);
+        place(text, line) + &e.emit_to_string(text)
+    })?;
     let mut names: Vec<&str> = module.functions.iter().filter_map(|(_, f)| f.name.as_deref()).collect();
     names.sort_unstable();
     Ok(format!("&{names:?}"))
+}
+
+/// The module's file and line of a line of the whole text, counted from 1.
+fn place(text: &str, line: Option<u32>) -> String {
+    let Some(line) = line else { return String::new() };
+    let before = text.lines().take(line as usize).enumerate();
+    let module = before.filter_map(|(i, l)| Some((i as u32 + 1, l.strip_prefix(MODULE)?))).last();
+    module.map_or_else(String::new, |(start, name)| format!("in wgsl/{name}, line {}:\n", line - start))
 }
