@@ -1,0 +1,146 @@
+//! Runs the program on small inputs in a folder of its own.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// A folder that is removed afterwards.
+pub struct Folder(PathBuf);
+
+impl Folder {
+    pub fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("surfel-cli-{}-{name}", std::process::id()));
+        let _ = fs::remove_dir_all(&path);
+        fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) {
+        fs::write(self.0.join(name), content).unwrap();
+    }
+
+    pub fn read(&self, name: &str) -> Vec<u8> {
+        fs::read(self.0.join(name)).unwrap()
+    }
+
+    pub fn has(&self, name: &str) -> bool {
+        self.0.join(name).exists()
+    }
+
+    /// Names in the folder, sorted.
+    pub fn names(&self) -> Vec<String> {
+        let entries = fs::read_dir(&self.0).unwrap();
+        let mut names: Vec<String> =
+            entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    /// Runs `surfel` here with words separated by spaces.
+    pub fn run(&self, words: &str) -> Run {
+        let output = Command::new(env!("CARGO_BIN_EXE_surfel"))
+            .current_dir(&self.0)
+            .args(words.split_whitespace())
+            .env("NO_COLOR", "1")
+            .output()
+            .unwrap();
+        Run(output, words.to_owned())
+    }
+
+    /// The picture's planes.
+    pub fn image(&self, name: &str) -> surfel::io::Planes {
+        surfel::io::read_image(&self.0.join(name)).unwrap()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// What a run gave.
+pub struct Run(Output, String);
+
+impl Run {
+    pub fn stdout(&self) -> String {
+        String::from_utf8_lossy(&self.0.stdout).into_owned()
+    }
+
+    pub fn bytes(&self) -> &[u8] {
+        &self.0.stdout
+    }
+
+    pub fn stderr(&self) -> String {
+        String::from_utf8_lossy(&self.0.stderr).into_owned()
+    }
+
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::from_slice(&self.0.stdout).unwrap_or_else(|e| panic!("{e}: {}\n{}", self.stdout(), self.stderr()))
+    }
+
+    /// Asserts the exit code.
+    #[track_caller]
+    pub fn code(self, expected: i32) -> Self {
+        assert_eq!(self.0.status.code(), Some(expected), "surfel {}\n{}", self.1, self.stderr());
+        self
+    }
+
+    /// Asserts an exit code, and an error of one to four lines that holds `part`.
+    #[track_caller]
+    pub fn fails(self, expected: i32, part: &str) -> Self {
+        let run = self.code(expected);
+        let text = run.stderr();
+        let error: Vec<&str> = text.lines().skip_while(|l| !l.starts_with("error: ")).collect();
+        assert!((1..=4).contains(&error.len()), "surfel {}\n{text}", run.1);
+        assert!(error.join("\n").contains(part), "surfel {}: '{part}' is not in\n{text}", run.1);
+        run
+    }
+}
+
+/// A ball of disks with colours, as an ASCII splat PLY.
+pub fn ball() -> String {
+    let count = 200;
+    let mut text = format!(
+        "ply\nformat ascii 1.0\nelement vertex {count}\nproperty float x\nproperty float y\nproperty float z\n\
+         property float nx\nproperty float ny\nproperty float nz\nproperty float radius\nproperty uchar red\n\
+         property uchar green\nproperty uchar blue\nend_header\n"
+    );
+    for i in 0..count {
+        let [x, y, z] = on_sphere(i, count);
+        text += &format!("{x} {y} {z} {x} {y} {z} 0.25 {} {} 90\n", 55 + i, 255 - i);
+    }
+    text
+}
+
+/// Bare points of a sphere, as XYZ.
+pub fn points() -> String {
+    (0..300).map(|i| on_sphere(i, 300)).map(|[x, y, z]| format!("{x} {y} {z}\n")).collect()
+}
+
+/// A cube as OBJ.
+pub fn cube() -> String {
+    let mut text = String::new();
+    for i in 0..8 {
+        text += &format!("v {} {} {}\n", i & 1, i >> 1 & 1, i >> 2 & 1);
+    }
+    text + "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n"
+}
+
+fn on_sphere(i: usize, count: usize) -> [f64; 3] {
+    let (z, a) = (1.0 - (2.0 * i as f64 + 1.0) / count as f64, 2.399_963 * i as f64);
+    let r = (1.0 - z * z).sqrt();
+    [r * a.cos(), r * a.sin(), z]
+}
+
+/// A scene file of `a.ply` with `settings`.
+pub fn scene(settings: &str) -> String {
+    format!(
+        r#"{{"camera": {{"eye": [0,0,5], "target": [0,0,0], "projection": {{"perspective": {{"fov_y_deg": 30}}}},
+            "size": [40, 30]}}, "objects": [{{"splats": "a.ply"}}], "settings": {{{settings}}}}}"#
+    )
+}

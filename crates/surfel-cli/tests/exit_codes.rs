@@ -1,0 +1,134 @@
+//! Every exit code, messages of at most four lines, and nothing left behind by failed runs.
+
+mod common;
+
+use common::{Folder, ball, cube, scene};
+
+#[test]
+fn usage_errors_exit_with_2() {
+    let f = Folder::new("usage");
+    f.write("a.ply", ball());
+    f.write("s.json", scene(""));
+    for (words, part) in [
+        ("render a.ply -o x.png --size 0x5", "WxH"),
+        ("render a.ply -o x.png --fov-y 200", "degrees"),
+        ("render a.ply -o x.png --ortho --fov-y 30", "cannot be used with"),
+        ("render a.ply -o x.png --view top --eye 1,2,3", "cannot be used with"),
+        ("render a.ply -o x.png --eye 1,2", "X,Y,Z"),
+        ("render a.ply -o x.png --filter best", "principal"),
+        ("render a.ply -o x.png --frames 4", "--turntable"),
+        ("render a.ply -o x.png --frames 4 --turntable", "{frame}"),
+        ("render a.ply -o x.png --samples 2 --backend cpu", "--backend reference"),
+        ("render a.ply -o x.png --size 8x8 --region 4,4,8,8", "region"),
+        ("render a.ply -o x.png --eye 1,1,1 --target 1,1,1", "camera"),
+        ("render a.ply -o x.png --size 60000x60000", "pixels"),
+        ("render a.ply -o x.jpg", ".png or .exr"),
+        ("render a.ply -o x.png --exr-f32", "EXR"),
+        ("render a.ply -o - --stats", "stdout"),
+        ("render a.ply", "-o"),
+        ("render", "INPUT"),
+        ("render a.ply -o x.png --nonsense", "--nonsense"),
+        ("render s.json a.ply -o x.png", "goes alone"),
+        ("convert a.ply -o x.obj", ".ply"),
+        ("convert a.ply -o x.ply --per-face", "expected a mesh"),
+        ("convert a.ply -o x.ply --per-face --splats 5", "cannot be used with"),
+        ("compare a.png b.png --fail-above ssim=1", "METRIC=V"),
+        ("completions tcsh-like", "possible values"),
+    ] {
+        f.run(words).fails(2, part);
+    }
+    assert_eq!(f.names(), ["a.ply", "s.json"]);
+}
+
+#[test]
+fn bad_input_exits_with_3() {
+    let f = Folder::new("input");
+    f.write("empty.ply", "");
+    f.write("zero.ply", ball().replace("vertex 200", "vertex 0").split_inclusive("end_header\n").next().unwrap());
+    f.write("nan.ply", ball().replacen("0.25", "nan", 1));
+    f.write("short.ply", &ball()[..900]);
+    f.write("huge.ply", ball().replace("vertex 200", "vertex 99999999999"));
+    let binary = ball().replace("ascii", "binary_little_endian").replace("vertex 200", "vertex 18446744073709551615");
+    f.write("huge_binary.ply", binary);
+    f.write("noise.ply", [0xfeu8; 4096]);
+    f.write("nothing.obj", "v 0 0 nan\n");
+    f.write("bad.json", "{\"camera\": 1}");
+    f.write("key.json", scene("\"filtre\": \"ewa\""));
+    f.write("range.json", scene("").replace("[40, 30]", "[0, 30]"));
+    f.write("missing.json", scene("").replace("a.ply", "nowhere.ply"));
+    for name in ["empty.ply", "zero.ply", "nan.ply", "short.ply", "huge.ply", "huge_binary.ply", "noise.ply"] {
+        f.run(&format!("{name} -o x.png --size 8x8")).fails(3, name);
+        f.run(&format!("convert {name} -o x.ply")).fails(3, name);
+    }
+    for name in ["empty.ply", "nan.ply", "short.ply", "huge.ply", "huge_binary.ply", "noise.ply", "key.json"] {
+        f.run(&format!("info {name}")).fails(3, name);
+    }
+    for name in ["bad.json", "key.json", "range.json", "missing.json", "nothing.obj", "nowhere.ply", "."] {
+        f.run(&format!("render {name} -o x.png")).fails(3, name.strip_suffix("missing.json").unwrap_or(name));
+    }
+    assert!(!f.has("x.png") && !f.has("x.ply"));
+    f.run("nan.ply -o x.png --size 8x8 --repair").code(0);
+}
+
+#[test]
+fn backends_that_are_not_here_exit_with_4() {
+    let f = Folder::new("backend");
+    f.write("a.ply", ball());
+    for backend in ["wgpu", "ash"] {
+        f.run(&format!("a.ply -o x.png --backend {backend}")).fails(4, backend);
+    }
+    f.run("a.ply -o x.png --backend reference --adapter teapot").fails(4, "teapot");
+    assert!(!f.has("x.png"));
+    let list = f.run("backends --json").code(0).json();
+    let of = |name: &str| list.as_array().unwrap().iter().find(|b| b["name"] == name).unwrap().clone();
+    assert_eq!(of("reference")["available"], true);
+    assert_eq!(of("ash")["available"], false);
+    assert!(f.run("backends").code(0).stdout().contains("reference"));
+}
+
+#[test]
+fn what_this_version_does_not_have_exits_with_1() {
+    let f = Folder::new("later");
+    f.write("a.ply", ball());
+    f.write("b.obj", cube());
+    f.write("mesh.json", scene("").replace("\"splats\": \"a.ply\"", "\"mesh\": \"b.obj\""));
+    for words in [
+        "a.ply -o x.png --size 8x8 --shadows",
+        "mesh.json -o x.png",
+        "view a.ply",
+        "convert b.obj -o x.ply --sharp",
+        "convert b.obj -o x.ply --hybrid",
+        "convert b.obj -o x.surfel",
+    ] {
+        f.run(words).fails(1, "");
+    }
+    assert_eq!(f.names(), ["a.ply", "b.obj", "mesh.json"]);
+}
+
+#[test]
+fn existing_files_are_refused_without_force() {
+    let f = Folder::new("exists");
+    f.write("a.ply", ball());
+    f.write("x.png", "mine");
+    f.write("y.ply", "mine");
+    f.run("a.ply -o x.png --size 8x8").fails(1, "--force");
+    f.run("convert a.ply -o y.ply").fails(1, "--force");
+    assert_eq!((f.read("x.png"), f.read("y.ply")), (b"mine".to_vec(), b"mine".to_vec()));
+    f.run("a.ply -o x.png --size 8x8 --force").code(0);
+    f.run("convert a.ply -o y.ply --force").code(0);
+    assert!(f.read("x.png").starts_with(b"\x89PNG") && f.read("y.ply").starts_with(b"ply\n"));
+    f.run("a.ply -o nowhere/x.png").fails(1, "folder");
+}
+
+#[test]
+fn help_version_pages_and_completions_exit_with_0() {
+    let f = Folder::new("pages");
+    assert!(f.run("--help").code(0).stdout().contains("render"));
+    assert!(f.run("render --help").code(0).stdout().contains("--depth-tolerance"));
+    assert!(f.run("--version").code(0).stdout().starts_with("surfel "));
+    assert!(f.run("man").code(0).stdout().contains(".TH surfel"));
+    for shell in ["bash", "zsh", "fish"] {
+        assert!(f.run(&format!("completions {shell}")).code(0).stdout().contains("depth-tolerance"), "{shell}");
+    }
+    f.run("").code(2);
+}

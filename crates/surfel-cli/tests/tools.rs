@@ -1,0 +1,99 @@
+//! `compare`, `info` and `convert`.
+
+mod common;
+
+use common::{Folder, ball, cube, points};
+
+#[test]
+fn compare_measures_and_judges() {
+    let f = Folder::new("compare");
+    f.write("a.ply", ball());
+    f.run("a.ply -o a.exr --size 24x24").code(0);
+    f.run("a.ply -o a.png --size 24x24").code(0);
+    f.run("a.ply -o b.exr --size 24x24 --shader normal").code(0);
+    f.run("a.ply -o c.png --size 20x24").code(0);
+    let same = f.run("compare a.exr a.exr --json --fail-above max-abs=0 --fail-below psnr=200").code(0).json();
+    assert_eq!((&same["max_abs"], &same["rmse"], &same["flip"]), (&0.0.into(), &0.0.into(), &0.0.into()));
+    assert_eq!(same["psnr"], "inf");
+    let other = f.run("compare a.exr b.exr --json").code(0).json();
+    let number = |key: &str| other[key].as_f64().unwrap();
+    let rmse = number("rmse");
+    assert!(number("max_abs") > rmse && rmse > 0.01 && number("flip") > 0.01);
+    // 20·log10(1/RMSE), the definition; 1e-9 is far above rounding.
+    assert!((number("psnr") + 20.0 * rmse.log10()).abs() < 1e-9);
+    for plane in ["Z", "normal", "weight"] {
+        assert_eq!(other["planes"][plane]["max_abs"], 0.0, "{plane}");
+    }
+    f.run(&format!("compare a.exr b.exr --fail-above rmse={}", rmse * 1.01)).code(0);
+    f.run(&format!("compare a.exr b.exr --fail-above rmse={}", rmse * 0.99)).fails(5, "rmse");
+    f.run("compare a.exr b.exr --fail-below psnr=100 --diff d.png").fails(5, "psnr");
+    assert_eq!(f.image("d.png").width, 24);
+    f.run("compare a.exr b.exr --diff d.png").fails(1, "--force");
+    // 8 bits and half floats: half a level in the encoded picture, near white 1/510 · 2.2 in linear light.
+    f.run("compare a.exr a.png --fail-above max_abs=0.006").code(0);
+    f.run("compare a.exr c.png").fails(3, "24x24 and 20x24");
+    f.run("compare a.exr a.ply").fails(3, "a.ply");
+    f.run("compare a.exr nowhere.png").fails(3, "nowhere.png");
+    assert!(f.run("compare a.exr b.exr").code(0).stdout().contains("psnr"));
+}
+
+#[test]
+fn info_says_what_a_file_holds() {
+    let f = Folder::new("info");
+    f.write("a.ply", ball());
+    f.write("b.obj", cube());
+    f.write("p.xyz", points());
+    let splats = f.run("info a.ply --json").code(0).json();
+    assert_eq!((&splats["kind"], &splats["counts"]["splats"]), (&"splats".into(), &200.into()));
+    assert_eq!((&splats["radii"]["median"], &splats["radii"]["estimated"]), (&0.25.into(), &false.into()));
+    assert_eq!(splats["up"], "+y");
+    assert!(splats["attributes"].as_array().unwrap().contains(&"colour".into()));
+    let top = splats["bounds"]["max"][2].as_f64().unwrap();
+    assert!((1.0..1.1).contains(&top), "{top}");
+    let mesh = f.run("info b.obj --json").code(0).json();
+    assert_eq!((&mesh["counts"]["vertices"], &mesh["counts"]["triangles"]), (&8.into(), &12.into()));
+    assert_eq!(mesh["bounds"]["max"], serde_json::json!([1.0, 1.0, 1.0]));
+    let cloud = f.run("info p.xyz --json").code(0).json();
+    assert_eq!((&cloud["counts"]["points"], &cloud["up"]), (&300.into(), &"+z".into()));
+    assert_eq!(cloud["radii"]["estimated"], true);
+    assert!(cloud["memory_bytes"].as_u64().unwrap() >= 3600);
+    assert!(f.run("info p.xyz").code(0).stdout().contains("300 points"));
+}
+
+#[test]
+fn info_estimates_large_clouds_as_a_render_would() {
+    let f = Folder::new("large");
+    let grid = |n: usize| -> String { (0..n * n).map(|i| format!("{} {} 0\n", i % n, i / n)).collect() };
+    f.write("p.xyz", grid(150));
+    let median = f.run("info p.xyz --json").code(0).json()["radii"]["median"].as_f64().unwrap();
+    f.run("convert p.xyz -o p.ply").code(0);
+    let real = f.run("info p.ply --json").code(0).json()["radii"]["median"].as_f64().unwrap();
+    // A regular grid has one spacing, so that a sample of it has the same median; f32 radii.
+    assert!((median / real - 1.0).abs() < 1e-3, "{median} {real}");
+}
+
+#[test]
+fn convert_makes_splats_that_render_alike() {
+    let f = Folder::new("convert");
+    f.write("p.xyz", points());
+    f.write("b.obj", cube());
+    let said = f.run("convert p.xyz -o p.ply").code(0).stderr();
+    assert!(said.contains("300") && said.contains("estimated") && said.contains("interior weight"), "{said}");
+    f.run("p.xyz -o a.exr --size 24x24").code(0);
+    f.run("p.ply -o b.exr --size 24x24").code(0);
+    assert_eq!(f.image("a.exr").color, f.image("b.exr").color);
+    let count = |words: &str| {
+        f.run(&format!("convert b.obj -o x.ply --force {words}")).code(0);
+        f.run("info x.ply --json").code(0).json()
+    };
+    assert_eq!(count("--per-face")["counts"]["splats"], 12);
+    assert_eq!(count("--per-vertex")["counts"]["splats"], 8);
+    let one = count("--splats 500");
+    assert_eq!(one["counts"]["splats"], 500);
+    assert!(one["interior_weight"].as_f64().unwrap() > 1.0);
+    let two = count("--splats 500 --radius-scale 2 --ascii");
+    let ratio = two["radii"]["median"].as_f64().unwrap() / one["radii"]["median"].as_f64().unwrap();
+    assert!((1.5..=2.01).contains(&ratio), "{ratio}");
+    let stdout = f.run("convert b.obj -o - --per-face");
+    assert!(stdout.code(0).bytes().starts_with(b"ply\n"));
+}
