@@ -60,3 +60,8 @@ pub fn planes(frame: &Frame) -> surfel_io::PlanesView<'_> {
         other: Vec::new(),
     }
 }
+
+/// The README's example, compiled so that it stays true.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct Readme;
