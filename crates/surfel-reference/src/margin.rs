@@ -1,4 +1,4 @@
-//! Decision margins: fragments whose inside, depth or facing test rounding could flip.
+//! Decision margins: fragments whose inside, depth or facing test rounding could flip, edges and highlights.
 //!
 //! Comparisons of backends forgive the pixels marked here, and no others.
 
@@ -9,7 +9,7 @@ use surfel_math::mapping::Footprint;
 use surfel_render::View;
 
 /// Pixels to a footprint's rim within which a test may flip.
-const RIM_PX: f64 = 1e-3;
+pub(crate) const RIM_PX: f64 = 1e-3;
 /// Relative distance from equality within which any other test may flip.
 const RELATIVE: f64 = 1e-4;
 
@@ -24,6 +24,18 @@ pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>) -> bool {
         footprint.w.y,
     ));
     value.abs() <= RIM_PX * slope || value.abs() <= RELATIVE * w * w
+}
+
+/// True if rounding could flip whether `neighbour` steps back behind `own` (§5, edge antialiasing).
+pub(crate) fn on_step(own: Kept, neighbour: Kept) -> bool {
+    let (near, far) = (own.value + own.epsilon, neighbour.value - neighbour.epsilon);
+    // Infinities decide clearly, and an infinity less itself is NaN.
+    (far - near).abs() <= RELATIVE * near.abs().max(far.abs()) && near.is_finite() && far.is_finite()
+}
+
+/// True if the highlight of a light at cosine n·l could come or go by rounding (§5, `phong`).
+pub(crate) fn on_terminator(cosine: f64) -> bool {
+    cosine.abs() <= RELATIVE
 }
 
 /// True if a fragment of the attribute pass is within the margin of any of its tests, and would matter.

@@ -24,6 +24,15 @@ impl Kept {
     pub(crate) const NOTHING: Self = Self { value: f64::INFINITY, epsilon: 0.0 };
 }
 
+/// What visibility could keep of a pixel, however its marginal tests come out.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Possible {
+    /// If every fragment on a rim is inside.
+    pub nearest: Kept,
+    /// If none is.
+    pub farthest: Kept,
+}
+
 /// Weighted sums of a pixel.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sums {
@@ -42,6 +51,8 @@ pub(crate) struct Sums {
 pub(crate) struct Passes {
     pub kept: Vec<Kept>,
     pub sums: Vec<Sums>,
+    /// For the margin plane alone, else empty.
+    pub possible: Vec<Possible>,
     /// Fragments that contributed.
     pub fragments: u64,
 }
@@ -72,12 +83,13 @@ impl Bands {
     }
 }
 
-/// Columns and rows of `rect` whose pixel centres lie in `extent`, grown by a hair so that rounding loses none.
+/// Columns and rows of `rect` whose pixel centres lie in `extent`, grown by a hair so that neither rounding
+/// nor the margin loses one.
 fn pixels(extent: &Extent<f64>, rect: Region) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
     let range = |min: f64, max: f64, start: u32, length: u32| {
         let (lo, hi) = (f64::from(start), f64::from(start + length));
         // Saturating float-to-int casts: an infinite box is clipped to the rectangle.
-        let slack = 1e-6;
+        let slack = 2.0 * margin::RIM_PX;
         let first = (min - 0.5 - slack).ceil().clamp(lo, hi) as u32;
         let end = ((max - 0.5 + slack).floor() + 1.0).clamp(lo, hi) as u32;
         first..end.max(first)
@@ -103,22 +115,31 @@ pub(crate) fn run(
     let count = width * rect.height as usize;
     let mut kept = vec![Kept::NOTHING; count];
     let mut sums = vec![Sums::default(); count];
+    let unknown = Possible { nearest: Kept::NOTHING, farthest: Kept::NOTHING };
+    let mut possible = vec![unknown; if plan.planes.margin { count } else { 0 }];
     let band_pixels = width * BAND_ROWS as usize;
+    let mut possible_bands: Vec<&mut [Possible]> = possible.chunks_mut(band_pixels).collect();
+    possible_bands.resize_with(bands.lists.len(), Default::default);
     let fragments = kept
         .par_chunks_mut(band_pixels)
         .zip(sums.par_chunks_mut(band_pixels))
+        .zip(possible_bands)
         .zip(bands.lists.par_iter())
         .enumerate()
-        .map(|(band, ((kept, sums), list))| {
+        .map(|(band, (((kept, sums), possible), list))| {
             let y = rect.y + band as u32 * BAND_ROWS;
             let band_rect = Region { y, height: (kept.len() / width) as u32, ..rect };
             let behind = behind.map(|b| &b[band * band_pixels..band * band_pixels + kept.len()]);
             let pass = BandPass { splats, list, rect: band_rect, view, plan, behind };
             pass.visibility(kept);
-            pass.attributes(kept, sums)
+            let fragments = pass.attributes(kept, sums);
+            if plan.planes.margin {
+                pass.visibility_margin(kept, sums, possible);
+            }
+            fragments
         })
         .sum();
-    Passes { kept, sums, fragments }
+    Passes { kept, sums, possible, fragments }
 }
 
 struct BandPass<'a> {
@@ -194,17 +215,26 @@ impl BandPass<'_> {
             sum.coverage += w * splat.coverage_per_weight;
             fragments += 1;
         });
-        if self.plan.planes.margin {
-            self.visibility_margin(kept, sums);
-        }
         fragments
     }
 
     /// A visibility fragment on the rim of its splat matters only where it would be, or is, the nearest.
-    fn visibility_margin(&self, kept: &[Kept], sums: &mut [Sums]) {
+    fn visibility_margin(&self, kept: &[Kept], sums: &mut [Sums], possible: &mut [Possible]) {
+        let keep = |best: &mut Kept, own: Kept| {
+            if own.value < best.value {
+                *best = own;
+            }
+        };
         self.for_fragments(false, |splat, at, pixel, z| {
-            let nearest = z + splat.epsilon <= kept[at].value;
-            sums[at].marginal |= nearest && margin::on_rim(&splat.visible, pixel - splat.anchor);
+            let own = Kept { value: z + splat.epsilon, epsilon: splat.epsilon };
+            let rim = margin::on_rim(&splat.visible, pixel - splat.anchor);
+            sums[at].marginal |= rim && own.value <= kept[at].value;
+            if rim || splat.is_visible_at(pixel) {
+                keep(&mut possible[at].nearest, own);
+            }
+            if !rim && splat.is_visible_at(pixel) {
+                keep(&mut possible[at].farthest, own);
+            }
         });
     }
 }

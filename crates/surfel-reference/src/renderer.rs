@@ -1,6 +1,6 @@
 //! The backend: scenes in, frames out.
 
-use crate::edge::edge_pixels;
+use crate::edge::{edge_pixels, marginal_edges};
 use crate::raster::{self, Bands, Passes, Sums};
 use crate::shade::{Lighting, Surface};
 use crate::splat::{ObjectView, ScreenSplat, project};
@@ -215,6 +215,10 @@ fn resolve(
     };
     let region = view.region;
     frame.reset(region.width, region.height, plan.planes);
+    let edge_margin = match behind {
+        Some(_) if plan.planes.margin => marginal_edges(front, rect),
+        _ => Vec::new(),
+    };
     let over = |surface: Option<Surface>| match surface {
         Some(s) => [s.color.x, s.color.y, s.color.z, 1.0],
         None => scene.background,
@@ -227,13 +231,15 @@ fn resolve(
             let pixel = V2::new(f64::from(px) + 0.5, f64::from(py) + 0.5);
             let sums: &Sums = &front.sums[from];
             let surface = lighting.shade(sums, pixel);
+            let mut marginal = sums.marginal || surface.is_some_and(|s| s.marginal);
             if plan.planes.color {
                 let mut color = over(surface);
                 if let (Some((back, edges)), Some(_)) = (behind, surface) {
                     if edges[from] {
                         let q = sums.coverage.min(1.0);
-                        let back = over(lighting.shade(&back.sums[from], pixel));
-                        for (c, b) in color.iter_mut().zip(back) {
+                        let back = lighting.shade(&back.sums[from], pixel);
+                        marginal |= back.is_some_and(|s| s.marginal);
+                        for (c, b) in color.iter_mut().zip(over(back)) {
                             *c = q * *c + (1.0 - q) * b;
                         }
                     }
@@ -255,7 +261,8 @@ fn resolve(
                 frame.fragments[to] = sums.fragments;
             }
             if plan.planes.margin {
-                let marginal = sums.marginal || behind.is_some_and(|(b, _)| b.sums[from].marginal);
+                marginal |= behind.is_some_and(|(b, _)| b.sums[from].marginal);
+                marginal |= edge_margin.get(from).is_some_and(|&m| m);
                 frame.margin[to] = f32::from(u8::from(marginal));
             }
         }

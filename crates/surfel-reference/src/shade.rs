@@ -1,5 +1,6 @@
 //! Once a pixel: divide by Σw and light (§5).
 
+use crate::margin;
 use crate::raster::Sums;
 use glam::DVec3;
 use surfel_math::V2;
@@ -25,6 +26,8 @@ pub(crate) struct Surface {
     /// Unit world normal, or zero.
     pub normal: DVec3,
     pub weight: f64,
+    /// Rounding could make a highlight come or go.
+    pub marginal: bool,
 }
 
 impl Lighting<'_> {
@@ -39,20 +42,27 @@ impl Lighting<'_> {
         let normal = unit(sums.normal);
         let depth = sums.depth * inverse;
         let material = if wants.material { sums.material.map(|m| m * inverse) } else { self.material };
+        let mut marginal = false;
         let color = match self.plan.shader {
             Shader::Unlit | Shader::Toon => albedo,
             Shader::Normal if normal == DVec3::ZERO => DVec3::ZERO,
             Shader::Normal => normal * 0.5 + 0.5,
             Shader::Depth => DVec3::splat(self.view.projection.stored_depth(depth)),
-            Shader::Phong => self.phong(albedo, normal, depth, pixel, material),
+            Shader::Phong => {
+                let lit = self.phong(albedo, normal, depth, pixel, material);
+                marginal = lit.1;
+                lit.0
+            }
         };
-        Some(Surface { color, depth, normal, weight: sums.weight })
+        Some(Surface { color, depth, normal, weight: sums.weight, marginal })
     }
 
-    fn phong(&self, albedo: DVec3, normal: DVec3, depth: f64, pixel: V2<f64>, material: [f64; 4]) -> DVec3 {
+    /// The colour, and whether a highlight could come or go by rounding.
+    fn phong(&self, albedo: DVec3, normal: DVec3, depth: f64, pixel: V2<f64>, material: [f64; 4]) -> (DVec3, bool) {
         let [ambient, diffuse, specular, shininess] = material;
         let mut matte = self.ambient * ambient;
         let mut gloss = DVec3::ZERO;
+        let mut marginal = false;
         if normal != DVec3::ZERO {
             // Relative to the eye, so that scenes far from the origin lose nothing.
             let (origin, direction) = self.view.projection.ray(pixel);
@@ -63,14 +73,16 @@ impl Lighting<'_> {
             for light in self.lights {
                 let (to_light, color) = self.incident(light, position);
                 let cosine = normal.dot(to_light);
+                let reflected = normal * (2.0 * cosine) - to_light;
+                let highlight = color * (specular * reflected.dot(to_eye).max(0.0).powf(shininess));
                 if cosine > 0.0 {
                     matte += color * (diffuse * cosine);
-                    let reflected = normal * (2.0 * cosine) - to_light;
-                    gloss += color * (specular * reflected.dot(to_eye).max(0.0).powf(shininess));
+                    gloss += highlight;
                 }
+                marginal |= margin::on_terminator(cosine) && highlight != DVec3::ZERO;
             }
         }
-        albedo * matte + gloss
+        (albedo * matte + gloss, marginal)
     }
 
     /// Unit vector to the light and its colour at a position relative to the eye.
