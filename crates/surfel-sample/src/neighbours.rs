@@ -143,3 +143,37 @@ impl Neighbours {
 /// Neighbours that a second look takes, where those of the table don't surround a point. 48 reach the adjacent
 /// scan line up to a spacing ratio of 1:20.
 pub(crate) const WIDE: usize = 48;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::NoProgress;
+
+    #[test]
+    fn slots_lead_back_to_the_first_of_coincident_points() {
+        let mut random = crate::mesh::random::Random::new(2);
+        // A few hundred places for a thousand points, far from the origin.
+        let mut level = || (random.unit() * 8.0).floor() - 1000.0;
+        let positions: Vec<DVec3> = (0..1000).map(|_| DVec3::new(level(), level(), level())).collect();
+        let cloud = Neighbours::new(&positions, 16, &NoProgress).unwrap();
+        for (i, p) in positions.iter().enumerate() {
+            let slot = cloud.slot_of[i] as usize;
+            assert!((cloud.point(slot) * cloud.scale + cloud.center - *p).length() < 1e-6);
+            let first = positions.iter().position(|q| q == p).unwrap();
+            assert_eq!(cloud.first_of[slot] as usize, first);
+        }
+        for slot in 0..cloud.len() {
+            let near = cloud.of(slot);
+            assert_eq!(near.len(), 16);
+            let distance = |j: u32| cloud.point(j as usize).distance(cloud.point(slot));
+            assert!(near.iter().all(|j| *j as usize != slot) && near.is_sorted_by(|a, b| distance(*a) <= distance(*b)));
+        }
+    }
+
+    #[test]
+    fn points_closer_than_any_spacing_count_as_one() {
+        let mut positions = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+        positions.extend((0..100).map(|i| DVec3::splat(1e-13 * f64::from(i))));
+        assert_eq!(Neighbours::new(&positions, 16, &NoProgress).unwrap().len(), 3);
+    }
+}

@@ -57,12 +57,20 @@ fn interior_weight_of_zwickers_unit_grid() {
 #[test]
 fn interior_weight_agrees_with_its_definition() {
     let mut random = Lcg(8);
-    for (count, stretch, giants) in [(1, 0.3, false), (2, 1.0, false), (700, 0.3, false), (5000, 1.0, true)] {
+    // How far normals stray: 2 brings many pairs to either side of 60°.
+    let cases = [
+        (1, 0.3, false, 0.3),
+        (2, 1.0, false, 0.3),
+        (700, 0.3, false, 0.3),
+        (900, 0.8, false, 2.0),
+        (4500, 1.0, true, 0.3),
+    ];
+    for (count, stretch, giants, stray) in cases {
         let (mut centers, mut s, mut t) = (Vec::new(), Vec::new(), Vec::new());
         let size = (8.0 / f64::from(count)).sqrt();
         for i in 0..count {
             let n = random.sphere();
-            let (a, b) = surfel_math::basis::orthonormal((n + 0.3 * random.sphere()).normalize());
+            let (a, b) = surfel_math::basis::orthonormal((n + stray * random.sphere()).normalize());
             let size = if giants && i % 1000 == 7 { 0.7 } else { size * (0.5 + random.unit()) };
             centers.push(n);
             s.push((a * size + 0.2 * b * size).as_vec3());
@@ -76,4 +84,19 @@ fn interior_weight_agrees_with_its_definition() {
     }
     let empty = cloud(DVec3::ZERO, &[], Shape::Disks { normals: Column3::default(), radii: Vec::new() });
     assert_eq!(interior_weight(&empty), None);
+}
+
+#[test]
+fn interior_weight_counts_splats_within_60_degrees_only() {
+    for (degrees, counts) in [(59.0_f32, true), (61.0, false)] {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        // Two alike, whose sum is the lower median of three whatever the third's is, and one through their probe.
+        let normals = Column3::from_f32(vec![Vec3::Z, Vec3::Z, Vec3::new(sin, 0.0, cos)]);
+        let shape = Shape::Disks { normals, radii: vec![1.0; 3] };
+        let centers = [DVec3::ZERO, DVec3::ZERO, DVec3::new(0.5, 0.5, 0.0)];
+        let weight = interior_weight(&cloud(DVec3::ZERO, &centers, shape)).unwrap();
+        // ρ² = ½ at p + ½s + ½t, and 0 at the third's centre.
+        let expected = 2.0 * (-1.0_f64).exp() + if counts { 1.0 } else { 0.0 };
+        assert!((weight - expected).abs() < 1e-12, "{degrees}: {weight}");
+    }
 }

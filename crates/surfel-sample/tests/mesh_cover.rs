@@ -114,7 +114,7 @@ fn count_covers_a_smooth_globe_with_smooth_normals() {
 
 #[test]
 fn stratified_samples_cover_too() {
-    // Above the limit of elimination; one sheet only, to keep the count of places low.
+    // Above the limit of elimination; one sheet and few places only, to keep the test short.
     let plane = mesh(&[DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 0.0)], vec![[0, 1, 3], [0, 3, 2]]);
     let cloud = sampled(&plane, MeshMethod::Count(1_000_001));
     let c = coverage(&cloud, &places(&plane, 20_000));

@@ -179,3 +179,13 @@ fn radius_scale_scales() {
     };
     assert!((radius(2.0) / radius(1.0) - 2.0).abs() < 1e-6);
 }
+
+#[test]
+fn normals_of_exact_scan_lines_come_from_the_lines_beside() {
+    // 1:10, without jitter: the 16 nearest of every point lie on its own line and leave its normal open.
+    let turn = glam::DQuat::from_rotation_x(0.4) * glam::DQuat::from_rotation_z(0.3);
+    let positions: Vec<DVec3> =
+        (0..4000).map(|i| turn * DVec3::new(f64::from(i % 200), f64::from(i / 200) * 10.0, 0.0)).collect();
+    let (cloud, report) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
+    assert!((0..4000).all(|i| cloud.normal(i).dot(turn * DVec3::Z) > 0.999), "{report:?}");
+}
