@@ -66,8 +66,9 @@ impl MeshOptions {
         Self { method, radius_scale: 1.0 }
     }
 
-    /// What a user wants to see who asked for nothing: a dense and even mesh without a texture per vertex, any other
-    /// sampled so that splats are about 2 px apart in a picture of 1024² (20,000 to 500,000 of them), points as points.
+    /// What a user wants to see who asked for nothing. A mesh that is dense (above 50,000 vertices), even and without
+    /// a texture: its vertices. Any other: samples about 2 px apart in a picture of 1024², 20,000 to 500,000 of them.
+    /// One without triangles or area: its vertices.
     pub fn auto(mesh: &Mesh) -> Self {
         let bad = |i: &u32| *i as usize >= mesh.positions.len();
         if mesh.triangles.is_empty() || mesh.triangles.iter().flatten().any(bad) {
