@@ -1,0 +1,153 @@
+//! Building blocks of scenes: splats one by one, surfaces, cameras.
+
+use crate::random::Random;
+use glam::{DAffine3, DVec3};
+use std::sync::Arc;
+use surfel_math::basis::{orthonormal, unit};
+use surfel_model::{
+    Camera, CloudData, Column3, Geometry, Material, Object, OnInvalid, Projection, Scene, Shape, SplatCloud,
+};
+
+/// One ellipse: p + u·s + v·t.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Splat {
+    /// Centre.
+    pub p: DVec3,
+    /// First half-axis.
+    pub s: DVec3,
+    /// Second half-axis.
+    pub t: DVec3,
+    /// Linear albedo.
+    pub color: [f32; 3],
+}
+
+impl Splat {
+    /// A disk with outward normal `n`.
+    pub fn disk(p: DVec3, n: DVec3, radius: f64, color: [f32; 3]) -> Self {
+        let (s, t) = orthonormal(n);
+        Self { p, s: s * radius, t: t * radius, color }
+    }
+
+    /// Moved and turned by an affine map.
+    pub fn transformed(&self, by: &DAffine3) -> Self {
+        Self {
+            p: by.transform_point3(self.p),
+            s: by.transform_vector3(self.s),
+            t: by.transform_vector3(self.t),
+            ..*self
+        }
+    }
+}
+
+/// A cloud of ellipses.
+///
+/// # Panics
+/// If a splat is invalid: scenes are written here, not read.
+pub fn cloud(splats: &[Splat]) -> SplatCloud {
+    let column = |f: fn(&Splat) -> DVec3| Column3::from_f64(&splats.iter().map(f).collect::<Vec<_>>());
+    let centers: Vec<DVec3> = splats.iter().map(|s| s.p).collect();
+    let (origin, centers) = Column3::with_origin(&centers);
+    let shape = Shape::Ellipses { s: column(|s| s.s), t: column(|s| s.t) };
+    let mut data = CloudData::new(origin, centers, shape);
+    data.colors = Some(splats.iter().map(|s| s.color).collect());
+    SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
+}
+
+/// A cloud of disks, given as normals and radii: the other shape that a cloud can have.
+///
+/// # Panics
+/// As [`cloud`].
+pub fn disk_cloud(disks: &[(DVec3, DVec3, f64)], color: [f32; 3]) -> SplatCloud {
+    let centers: Vec<DVec3> = disks.iter().map(|d| d.0).collect();
+    let normals: Vec<DVec3> = disks.iter().map(|d| d.1).collect();
+    let radii = disks.iter().map(|d| d.2 as f32).collect();
+    let shape = Shape::Disks { normals: Column3::from_f64(&normals), radii };
+    let mut data = CloudData::new(DVec3::ZERO, Column3::from_f64(&centers), shape);
+    data.colors = Some(vec![color; disks.len()]);
+    SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
+}
+
+/// An object in its own coordinates, with the default material.
+pub fn object(cloud: SplatCloud) -> Object {
+    Object {
+        geometry: Geometry::Splats(Arc::new(cloud)),
+        world_from_object: DAffine3::IDENTITY,
+        material: Material::default(),
+    }
+}
+
+/// A scene of one cloud over a background that no splat has.
+pub fn scene(splats: &[Splat]) -> Scene {
+    Scene { background: [0.02, 0.03, 0.05, 0.5], ..Scene::of_cloud(cloud(splats)) }
+}
+
+/// A camera at (0, 0, distance) that looks at the origin, +y up.
+pub fn camera(distance: f64, fov_y_deg: f64, size: [u32; 2]) -> Camera {
+    Camera {
+        eye: [0.0, 0.0, distance],
+        target: [0.0; 3],
+        up: [0.0, 1.0, 0.0],
+        projection: Projection::Perspective { fov_y_deg },
+        near: 0.01,
+        far: None,
+        size,
+    }
+}
+
+/// `count` disks spread evenly over the unit sphere (Fibonacci), radius `overlap` times their spacing, in random colours
+/// of `seed`.
+pub fn sphere(count: usize, overlap: f64, seed: u64) -> Vec<Splat> {
+    let mut random = Random::new(seed);
+    let radius = overlap * (4.0 * std::f64::consts::PI / count as f64).sqrt();
+    let golden = std::f64::consts::PI * (3.0 - 5.0f64.sqrt());
+    (0..count)
+        .map(|i| {
+            let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
+            let (r, angle) = ((1.0 - z * z).sqrt(), golden * i as f64);
+            let n = DVec3::new(r * angle.cos(), r * angle.sin(), z);
+            Splat::disk(n, n, radius, random.color())
+        })
+        .collect()
+}
+
+/// `columns`×`rows` disks of radius `radius` on the parallelogram about `center` that ±`across` and ±`along` span, outward
+/// normal across × along, with colours by `color(column, row)`.
+pub fn sheet(
+    center: DVec3,
+    [across, along]: [DVec3; 2],
+    [columns, rows]: [usize; 2],
+    radius: f64,
+    mut color: impl FnMut(usize, usize) -> [f32; 3],
+) -> Vec<Splat> {
+    let normal = across.cross(along);
+    let at = |i: usize, n: usize| (2.0 * i as f64 + 1.0) / n as f64 - 1.0;
+    let mut splats = Vec::with_capacity(columns * rows);
+    for row in 0..rows {
+        for column in 0..columns {
+            let p = center + across * at(column, columns) + along * at(row, rows);
+            splats.push(Splat::disk(p, normal, radius, color(column, row)));
+        }
+    }
+    splats
+}
+
+/// `count` splats in the unit ball: random places, axes and colours, half-axes of `radius`·(1 … `aspect`).
+pub fn confetti(count: usize, radius: f64, aspect: f64, seed: u64) -> Vec<Splat> {
+    let mut random = Random::new(seed);
+    (0..count)
+        .map(|_| {
+            let p = random.direction() * random.range(0.0, 1.0).cbrt();
+            let (s, t) = orthonormal(random.direction());
+            let (sin, cos) = random.range(0.0, std::f64::consts::TAU).sin_cos();
+            let long = radius * aspect.powf(random.range(0.0, 1.0));
+            Splat { p, s: (s * cos + t * sin) * long, t: (t * cos - s * sin) * radius, color: random.color() }
+        })
+        .collect()
+}
+
+/// Directions of a camera's picture in world space: right, down, forward.
+pub fn axes(camera: &Camera) -> [DVec3; 3] {
+    let forward = unit(DVec3::from(camera.target) - DVec3::from(camera.eye));
+    let right = unit(forward.cross(DVec3::from(camera.up)));
+    [right, forward.cross(right), forward]
+}

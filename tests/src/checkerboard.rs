@@ -1,0 +1,147 @@
+//! A checkerboard to the horizon: how much detail a filter keeps, and how much it lets alias (§5).
+//!
+//! A square of side 2 centred at (0, 0, 1.2) in view space, turned 80° about x, 40×40 squares, 400×400 disks with
+//! r = spacing = 0.005, fov_y 60°, 512². The truth is the exact pattern under a box filter of one pixel, by 16×16 samples.
+
+use crate::build::{Splat, camera, scene};
+use crate::scenes::Case;
+use glam::DVec3;
+use surfel_model::{DepthTolerance, Filter, Scene, Settings};
+use surfel_reference::Renderer as Reference;
+use surfel_render::{Frame, Planes, RenderError, Renderer, View};
+
+/// Pixels a side.
+pub const SIZE: u32 = 512;
+const DISKS: usize = 400;
+const SPACING: f64 = 0.005;
+const SQUARES: f64 = 40.0;
+const DISTANCE: f64 = 1.2;
+const TURN_DEG: f64 = 80.0;
+const SAMPLES: u32 = 16;
+
+/// RMSE in the five bands, far to near: 1/16, 1/16, 1/8, 1/4 and 1/2 of the square's rows.
+pub type Bands = [f64; 5];
+
+/// A line of the table: what is set, and its name.
+pub fn variants() -> Vec<(&'static str, Settings)> {
+    let filter = |filter| Settings { filter, ..Settings::default() };
+    let papers = Settings {
+        cutoff: 1.0,
+        prefilter_radius_px: std::f64::consts::SQRT_2,
+        depth_tolerance: DepthTolerance::Absolute(SPACING),
+        ..filter(Filter::Ewa)
+    };
+    vec![
+        ("ewa, c 1, h sqrt 2, absolute r", papers),
+        ("none", filter(Filter::None)),
+        ("clamp", filter(Filter::Clamp)),
+        ("ewa", filter(Filter::Ewa)),
+        ("adjust", filter(Filter::Adjust)),
+        ("principal", filter(Filter::Principal)),
+    ]
+}
+
+/// The square's in-plane direction away from the eye and its normal, in view space.
+fn directions() -> (DVec3, DVec3) {
+    let (sin, cos) = TURN_DEG.to_radians().sin_cos();
+    (DVec3::new(0.0, -cos, sin), DVec3::new(0.0, -sin, -cos))
+}
+
+fn is_white(a: f64, b: f64) -> bool {
+    let index = |v: f64| ((v + 1.0) * 0.5 * SQUARES).floor() as i64;
+    (index(a) + index(b)).rem_euclid(2) == 0
+}
+
+/// The scene, filters as by default.
+pub fn case() -> Case {
+    let (away, normal) = directions();
+    // The camera at the origin looks along −z with +y up: y and z of view space are turned round.
+    let world = |v: DVec3| DVec3::new(v.x, -v.y, -v.z);
+    let at = |i: usize| (i as f64 + 0.5) * SPACING - 1.0;
+    let mut splats = Vec::with_capacity(DISKS * DISKS);
+    for j in 0..DISKS {
+        for i in 0..DISKS {
+            let (a, b) = (at(i), at(j));
+            let p = DVec3::new(a, 0.0, DISTANCE) + away * b;
+            let color = if is_white(a, b) { [1.0; 3] } else { [0.0; 3] };
+            splats.push(Splat::disk(world(p), world(normal), SPACING, color));
+        }
+    }
+    let mut camera = camera(0.0, 60.0, [SIZE, SIZE]);
+    camera.target = [0.0, 0.0, -1.0];
+    Case::new("checkerboard", Scene { background: [0.0; 4], ..scene(&splats) }, camera)
+}
+
+/// The exact picture: `None` for pixels not wholly inside the square.
+pub fn truth(view: &View) -> Vec<Option<f64>> {
+    let (away, normal) = directions();
+    let center = DVec3::new(0.0, 0.0, DISTANCE);
+    let on_square = |x: f64, y: f64| {
+        let (_, d) = view.projection.ray(surfel_math::V2::new(x, y));
+        let d = DVec3::new(d.x, d.y, d.z);
+        let distance = normal.dot(center) / normal.dot(d);
+        let q = d * distance - center;
+        let (a, b) = (q.x, q.dot(away));
+        (distance > 0.0 && a.abs() <= 1.0 && b.abs() <= 1.0).then_some((a, b))
+    };
+    let mut picture = Vec::with_capacity((SIZE * SIZE) as usize);
+    for y in 0..SIZE {
+        for x in 0..SIZE {
+            let (x, y) = (f64::from(x), f64::from(y));
+            // The projected square is convex: a pixel is inside when its corners are.
+            let inside = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
+            if !inside.iter().all(|(dx, dy)| on_square(x + dx, y + dy).is_some()) {
+                picture.push(None);
+                continue;
+            }
+            let offset = |i: u32| (f64::from(i) + 0.5) / f64::from(SAMPLES);
+            let hits = (0..SAMPLES * SAMPLES)
+                .filter_map(|i| on_square(x + offset(i % SAMPLES), y + offset(i / SAMPLES)))
+                .filter(|&(a, b)| is_white(a, b))
+                .count();
+            picture.push(Some(hits as f64 / f64::from(SAMPLES * SAMPLES)));
+        }
+    }
+    picture
+}
+
+/// RMSE of a picture's red channel by bands.
+pub fn errors(picture: &[[f32; 4]], truth: &[Option<f64>]) -> Bands {
+    let width = SIZE as usize;
+    let rows: Vec<usize> =
+        (0..width).filter(|y| truth[y * width..(y + 1) * width].iter().any(Option::is_some)).collect();
+    let n = rows.len();
+    let ends = [0, n / 16, n / 8, n / 4, n / 2, n];
+    std::array::from_fn(|band| {
+        let (mut sum, mut count) = (0.0, 0usize);
+        // Far rows are the upper ones.
+        for &y in &rows[ends[band]..ends[band + 1]] {
+            for at in y * width..(y + 1) * width {
+                if let Some(want) = truth[at] {
+                    sum += (f64::from(picture[at][0]) - want).powi(2);
+                    count += 1;
+                }
+            }
+        }
+        (sum / count.max(1) as f64).sqrt()
+    })
+}
+
+/// Measures variants on the reference.
+///
+/// # Errors
+/// [`RenderError`] if the reference can't render them.
+pub fn measure(variants: &[(&'static str, Settings)]) -> Result<Vec<(&'static str, Bands)>, RenderError> {
+    let case = case();
+    let view = case.view();
+    let truth = truth(&view);
+    let mut reference = Reference::new(0)?;
+    let resident = reference.upload(&case.scene)?;
+    let mut frame = Frame::default();
+    let mut table = Vec::new();
+    for (name, settings) in variants {
+        reference.render(&resident, &view, settings, Planes::COLOR, &mut frame)?;
+        table.push((*name, errors(&frame.color, &truth)));
+    }
+    Ok(table)
+}

@@ -1,0 +1,14 @@
+//! What holds every backend against the rendering model: scenes that catch one fault each, truths that don't
+//! come from a renderer, and the harness that compares a backend with the reference.
+//!
+//! - [`scenes`]: plain seeded functions, small pictures;
+//! - [`harness`]: [`harness::check_backend`] renders them all on a backend and on the reference and compares;
+//! - [`checkerboard`]: how well each filter reproduces a pattern that runs to the horizon (§5).
+//!
+//! Section numbers (§) refer to `docs/rendering-model.md`.
+
+pub mod build;
+pub mod checkerboard;
+pub mod harness;
+pub mod random;
+pub mod scenes;

@@ -1,0 +1,47 @@
+//! A small generator, the same on every machine.
+
+use glam::DVec3;
+
+/// SplitMix64 (Steele, Lea and Flood 2014).
+#[derive(Clone, Debug)]
+pub struct Random(u64);
+
+impl Random {
+    /// A generator that gives the same numbers for the same seed.
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// 64 uniform bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in [low, high).
+    pub fn range(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * (self.bits() >> 11) as f64 * (-53.0f64).exp2()
+    }
+
+    /// Uniform on the unit sphere.
+    pub fn direction(&mut self) -> DVec3 {
+        let (z, angle) = (self.range(-1.0, 1.0), self.range(0.0, std::f64::consts::TAU));
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        DVec3::new(r * angle.cos(), r * angle.sin(), z)
+    }
+
+    /// A colour with channels in [0.1, 1), so that none hides an error.
+    pub fn color(&mut self) -> [f32; 3] {
+        [0; 3].map(|_: i32| self.range(0.1, 1.0) as f32)
+    }
+
+    /// `items` in a random order (Fisher and Yates).
+    pub fn shuffle<T>(&mut self, items: &mut [T]) {
+        for i in (1..items.len()).rev() {
+            items.swap(i, (self.bits() % (i as u64 + 1)) as usize);
+        }
+    }
+}

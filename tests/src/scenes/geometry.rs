@@ -1,0 +1,170 @@
+//! Scenes about where splats land, and which of them are seen.
+
+use super::Case;
+use crate::build::{Splat, camera, confetti, disk_cloud, object, scene, sheet, sphere};
+use crate::random::Random;
+use glam::{DAffine3, DMat3, DVec3};
+use surfel_model::{Cull, DepthTolerance, Filter, Mapping, Projection, Scene};
+
+const RED: [f32; 3] = [0.9, 0.1, 0.1];
+const GREEN: [f32; 3] = [0.1, 0.8, 0.2];
+const BLUE: [f32; 3] = [0.1, 0.2, 0.9];
+
+pub(super) fn geometry_cases() -> Vec<Case> {
+    let mut cases = vec![
+        orientation(),
+        facing_splat(),
+        tilted_splat(),
+        tilted_splat().with("affine", |s| s.mapping = Mapping::Affine),
+        occluded_pair(),
+        occluded_pair().with("absolute", |s| s.depth_tolerance = DepthTolerance::Absolute(0.02)),
+        grazing_plane(),
+        orthographic(),
+        orthographic().with("adjust", |s| s.filter = Filter::Adjust),
+        intrinsics(),
+        mirrored_object(),
+        culled_sphere(),
+        disks(),
+        closed_sphere().with("edge-aa", |s| s.edge_aa = true),
+        sphere_before_plane(),
+        grid(60).with("affine", |s| s.mapping = Mapping::Affine),
+        single_pixel(),
+    ];
+    for filter in Filter::ALL {
+        cases.push(grid(60).with(filter.name(), |s| s.filter = filter));
+        cases.push(closed_sphere().with(filter.name(), |s| s.filter = filter));
+        cases.push(anisotropic().with(filter.name(), |s| s.filter = filter));
+        cases.push(grazing_plane().with(filter.name(), |s| s.filter = filter));
+    }
+    cases
+}
+
+/// Three splats right, up and near: a flipped or swapped axis, a mirrored picture, a wrong up.
+pub fn orientation() -> Case {
+    let splats = [
+        Splat::disk(DVec3::new(0.8, 0.0, 0.0), DVec3::Z, 0.3, RED),
+        Splat::disk(DVec3::new(0.0, 0.6, 0.0), DVec3::Z, 0.2, GREEN),
+        Splat::disk(DVec3::new(-0.3, -0.3, 0.5), DVec3::Z, 0.1, BLUE),
+    ];
+    Case::new("orientation", scene(&splats), camera(3.0, 50.0, [80, 56]))
+}
+
+/// One splat that faces the eye, a quarter pixel off centre: wrong kernel, cutoff or pixel centre.
+pub fn facing_splat() -> Case {
+    // 48 px high, fov 90°, distance 2: 12 px a unit. 0.25 px right, 0.125 px down.
+    let p = DVec3::new(0.25 / 12.0, -0.125 / 12.0, 0.0);
+    Case::new("facing-splat", scene(&[Splat::disk(p, DVec3::Z, 1.5, RED)]), camera(2.0, 90.0, [48, 48]))
+}
+
+/// One large splat tilted 60°: perspective of the footprint, depth of its plane, its clamp.
+pub fn tilted_splat() -> Case {
+    let n = DVec3::new(60f64.to_radians().sin(), 0.2, 60f64.to_radians().cos());
+    let splat = Splat::disk(DVec3::new(0.1, 0.05, 0.0), n, 0.9, GREEN);
+    Case::new("tilted-splat", scene(&[splat]), camera(2.5, 50.0, [64, 64]))
+}
+
+/// Two sheets, the gap between them growing across the picture through the tolerance: a wrong ε, or one of the wrong splat.
+pub fn occluded_pair() -> Case {
+    let back = sheet(DVec3::ZERO, [DVec3::X, DVec3::Y], [24, 24], 0.07, |_, _| BLUE);
+    let front =
+        sheet(DVec3::new(0.0, 0.0, 0.12), [DVec3::new(0.9, 0.0, 0.15), DVec3::Y * 0.6], [22, 16], 0.06, |c, _| {
+            if c % 2 == 0 { RED } else { GREEN }
+        });
+    Case::new("occluded-pair", scene(&[back, front].concat()), camera(3.0, 45.0, [72, 72]))
+}
+
+/// `n`×`n` splats in random colours, smaller than pixels at the far side: aliasing, splats that no pixel centre hits.
+pub fn grid(n: usize) -> Case {
+    let mut random = Random::new(7);
+    let axes = [DVec3::X, DVec3::new(0.0, 0.6, -0.8)];
+    let splats = sheet(DVec3::ZERO, axes, [n, n], 2.4 / n as f64, |_, _| random.color());
+    Case::new("grid", scene(&splats), camera(2.2, 50.0, [40, 40]))
+}
+
+/// A closed sphere: silhouettes, back sides, every tilt there is.
+pub fn closed_sphere() -> Case {
+    let mut scene = scene(&sphere(1500, 1.1, 11));
+    scene.objects[0].material.interior_weight = Some(2.0);
+    Case::new("sphere", scene, camera(3.0, 45.0, [72, 72]))
+}
+
+/// The sphere before a wall, edges antialiased: coverage, what lies behind.
+pub fn sphere_before_plane() -> Case {
+    let wall = sheet(DVec3::new(0.0, 0.0, -2.0), [DVec3::X * 3.0, DVec3::Y * 3.0], [40, 40], 0.2, |c, r| {
+        if (c / 4 + r / 4) % 2 == 0 { GREEN } else { BLUE }
+    });
+    let mut scene = scene(&[sphere(900, 1.1, 12), wall].concat());
+    scene.objects[0].material.interior_weight = Some(2.0);
+    Case::new("sphere-before-plane", scene, camera(3.0, 45.0, [64, 64])).with("edge-aa", |s| s.edge_aa = true)
+}
+
+/// Ellipses of aspect up to 6 at any angle: axes mixed up, a filter that holds for circles alone.
+pub fn anisotropic() -> Case {
+    Case::new("anisotropic", scene(&confetti(500, 0.02, 6.0, 13)), camera(3.0, 45.0, [56, 56]))
+}
+
+/// A floor that runs to a far horizon: the slope term of ε, depth far outside of disks.
+pub fn grazing_plane() -> Case {
+    let mut random = Random::new(17);
+    let axes = [DVec3::X * 2.0, DVec3::new(0.0, 0.0, -8.0)];
+    let splats = sheet(DVec3::new(0.0, -0.25, -6.5), axes, [40, 110], 0.13, |_, _| random.color());
+    Case::new("grazing-plane", scene(&splats), camera(2.0, 60.0, [64, 40]))
+}
+
+/// An orthographic view of tilted splats, some beyond z_far: constant scale, linear depth.
+pub fn orthographic() -> Case {
+    let mut camera = camera(4.0, 45.0, [60, 48]);
+    camera.projection = Projection::Orthographic { height: 2.2 };
+    camera.far = Some(4.4);
+    Case::new("orthographic", scene(&confetti(300, 0.06, 3.0, 19)), camera)
+}
+
+/// Unequal focal lengths and a principal point outside of the picture: f or c taken from the fov.
+pub fn intrinsics() -> Case {
+    let mut camera = camera(3.0, 45.0, [64, 48]);
+    camera.projection = Projection::Intrinsics { fx: 90.0, fy: 50.0, cx: -6.5, cy: 30.25 };
+    let mut splats = confetti(300, 0.05, 3.0, 23);
+    for splat in &mut splats {
+        splat.p.x += 1.1;
+    }
+    Case::new("intrinsics", scene(&splats), camera)
+}
+
+/// A mirrored, sheared object seen from outside with back faces culled: normals by the wrong matrix, inside-out.
+pub fn mirrored_object() -> Case {
+    let mut scene = scene(&sphere(900, 1.2, 29));
+    let columns = [DVec3::new(-0.8, 0.2, 0.0), DVec3::new(0.0, 0.6, 0.3), DVec3::new(0.1, 0.0, 1.0)];
+    let place =
+        DAffine3::from_mat3_translation(DMat3::from_cols_array_2d(&columns.map(|c| c.to_array())), DVec3::X * 0.1);
+    scene.objects[0].world_from_object = place;
+    scene.objects[0].material.cull = Cull::Back;
+    scene.objects[0].material.two_sided = false;
+    Case::new("mirrored-object", scene, camera(3.0, 45.0, [56, 56])).with("lit", |s| {
+        s.shader = surfel_model::Shader::Phong;
+    })
+}
+
+/// The far half of a sphere is all there is; culled, nothing may be left but its rim: the facing test's sign.
+pub fn culled_sphere() -> Case {
+    let far: Vec<Splat> = sphere(1200, 1.1, 31).into_iter().filter(|s| s.p.z < 0.5).collect();
+    let mut scene = scene(&far);
+    scene.objects[0].material.cull = Cull::Back;
+    Case::new("culled-sphere", scene, camera(3.0, 45.0, [56, 56]))
+}
+
+/// Disks given by normal and radius: a pair of axes that is not the radius long.
+pub fn disks() -> Case {
+    let mut random = Random::new(37);
+    let disks: Vec<_> = (0..250)
+        .map(|_| (random.direction() * 0.8, random.direction() * random.range(0.1, 9.0), random.range(0.02, 0.2)))
+        .collect();
+    let scene = Scene { objects: vec![object(disk_cloud(&disks, GREEN))], ..scene(&[]) };
+    Case::new("disks", scene, camera(3.0, 45.0, [56, 56])).with("adjust", |s| s.filter = Filter::Adjust)
+}
+
+/// A picture of one pixel: neighbours, tiles and regions that end at once.
+pub fn single_pixel() -> Case {
+    let mut scene = scene(&sphere(200, 1.2, 41));
+    scene.objects[0].material.interior_weight = Some(2.0);
+    Case::new("single-pixel", scene, camera(3.0, 30.0, [1, 1])).with("edge-aa", |s| s.edge_aa = true)
+}

@@ -1,0 +1,57 @@
+//! Scenes of one property each. What a scene is for is the fault that it catches.
+
+mod geometry;
+mod numeric;
+mod shading;
+
+pub use geometry::*;
+pub use numeric::*;
+pub use shading::*;
+
+use surfel_model::{Camera, Scene, Settings};
+use surfel_render::View;
+
+/// A picture to be made.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// Its name, for messages.
+    pub name: String,
+    /// What is drawn.
+    pub scene: Scene,
+    /// From where.
+    pub camera: Camera,
+    /// How.
+    pub settings: Settings,
+}
+
+impl Case {
+    /// A case with default settings.
+    pub fn new(name: &str, scene: Scene, camera: Camera) -> Self {
+        Self { name: name.into(), scene, camera, settings: Settings::default() }
+    }
+
+    /// The same with other settings, under the name `name/variant`.
+    #[must_use]
+    pub fn with(&self, variant: &str, change: impl FnOnce(&mut Settings)) -> Self {
+        let mut case = self.clone();
+        case.name = format!("{}/{variant}", self.name);
+        change(&mut case.settings);
+        case
+    }
+
+    /// The view of the whole picture.
+    ///
+    /// # Panics
+    /// If the camera is invalid: cases are written here, not read.
+    pub fn view(&self) -> View {
+        View::new(&self.camera).expect("cases have valid cameras")
+    }
+}
+
+/// Every scene, with every filter where filters matter: what a backend is held to.
+pub fn all() -> Vec<Case> {
+    let mut cases = geometry_cases();
+    cases.extend(numeric_cases());
+    cases.extend(shading_cases());
+    cases
+}

@@ -1,0 +1,115 @@
+//! Scenes about numbers: sizes, distances and shapes that rounding finds hard.
+
+use super::Case;
+use crate::build::{Splat, camera, confetti, scene, sphere};
+use crate::random::Random;
+use glam::{DAffine3, DVec3};
+use surfel_math::basis::orthonormal;
+use surfel_model::{Camera, Filter, Mapping};
+
+pub(super) fn numeric_cases() -> Vec<Case> {
+    let base = confetti_ball();
+    let mut cases = vec![
+        base.clone(),
+        edge_on(),
+        near_crossing(),
+        near_crossing().with("affine", |s| s.mapping = Mapping::Affine),
+        scaled(&base, 1e-4),
+        scaled(&base, 1e4),
+        moved(&base, DVec3::new(1e6, -1e6, 5e5)),
+        huge_splats(),
+    ];
+    // Without a filter no needle hits a pixel centre.
+    for filter in Filter::ALL.into_iter().filter(|f| *f != Filter::None) {
+        cases.push(needles().with(filter.name(), |s| s.filter = filter));
+    }
+    cases
+}
+
+/// Splats of all sizes and tilts in a ball: what [`scaled`] and [`moved`] change nothing of.
+pub fn confetti_ball() -> Case {
+    Case::new("confetti", scene(&confetti(400, 0.05, 3.0, 43)), camera(3.0, 45.0, [56, 56]))
+}
+
+/// Everything `factor` times as large, z_near included: the same picture but for Z. Absolute epsilons hide in few units.
+pub fn scaled(case: &Case, factor: f64) -> Case {
+    let mut case = placed(case, &DAffine3::from_scale(DVec3::splat(factor)), &format!("scaled-{factor:e}"));
+    case.camera.near *= factor;
+    case.camera.far = case.camera.far.map(|far| far * factor);
+    case
+}
+
+/// Scene and camera moved together: the same picture. World coordinates in f32 hide near the origin.
+pub fn moved(case: &Case, by: DVec3) -> Case {
+    placed(case, &DAffine3::from_translation(by), "moved")
+}
+
+/// Objects and camera placed by `world`; lights stay.
+pub fn placed(case: &Case, world: &DAffine3, variant: &str) -> Case {
+    let mut case = case.with(variant, |_| ());
+    for object in &mut case.scene.objects {
+        object.world_from_object = *world * object.world_from_object;
+    }
+    let point = |p: [f64; 3]| world.transform_point3(p.into()).to_array();
+    let Camera { eye, target, up, .. } = case.camera;
+    case.camera.eye = point(eye);
+    case.camera.target = point(target);
+    case.camera.up = world.transform_vector3(up.into()).to_array();
+    case
+}
+
+/// Ellipses of aspect 1e4 at any angle: covariances that lose their smaller eigenvalue.
+pub fn needles() -> Case {
+    let mut random = Random::new(47);
+    let splats: Vec<Splat> = (0..120)
+        .map(|_| {
+            let (s, t) = orthonormal(random.direction());
+            let long = random.range(0.1, 0.5);
+            let p = random.direction() * 0.7;
+            Splat { p, s: s * long, t: t * (long * 1e-4), color: random.color() }
+        })
+        .collect();
+    Case::new("needles", scene(&splats), camera(3.0, 45.0, [56, 56]))
+}
+
+/// Splats from 1° to 1e-6° off the view direction through their centres: division by n·p, the edge-on rule.
+pub fn edge_on() -> Case {
+    let mut random = Random::new(53);
+    let eye = DVec3::Z * 3.0;
+    let splats: Vec<Splat> = (0..160)
+        .map(|i| {
+            let p = DVec3::new(random.range(-0.9, 0.9), random.range(-0.9, 0.9), random.range(-0.5, 0.5));
+            let (a, b) = orthonormal(p - eye);
+            let (sin, cos) = random.range(0.0, std::f64::consts::TAU).sin_cos();
+            // Elevations 10^0 … 10^-6 degrees.
+            let elevation = 10f64.powf(-6.0 * f64::from(i) / 159.0).to_radians();
+            let across = a * cos + b * sin;
+            let normal = across * elevation.cos() + (p - eye).normalize() * elevation.sin();
+            Splat::disk(p, normal, random.range(0.03, 0.15), random.color())
+        })
+        .collect();
+    Case::new("edge-on", scene(&splats), camera(3.0, 45.0, [56, 56]))
+}
+
+/// Splats around the eye, through z_near and behind it: ghosts behind the eye, chopped boxes.
+pub fn near_crossing() -> Case {
+    let mut random = Random::new(59);
+    let eye = DVec3::Z * 2.0;
+    let splats: Vec<Splat> = (0..60)
+        .map(|_| {
+            let p = eye + random.direction() * random.range(0.05, 0.8);
+            Splat::disk(p, random.direction(), random.range(0.05, 0.9), random.color())
+        })
+        .collect();
+    let mut camera = camera(2.0, 70.0, [64, 48]);
+    camera.near = 0.1;
+    Case::new("near-crossing", scene(&splats), camera)
+}
+
+/// Splats many times the picture's size behind small ones: boxes that overflow integers.
+pub fn huge_splats() -> Case {
+    let mut splats = sphere(200, 1.0, 61);
+    splats.push(Splat::disk(DVec3::new(0.0, 0.0, -3e4), DVec3::Z, 1e9, [0.4, 0.5, 0.6]));
+    splats.push(Splat::disk(DVec3::new(0.0, -1.5, -1e3), DVec3::new(0.0, 1.0, 0.3), 1e3, [0.7, 0.5, 0.2]));
+    Case::new("huge-splats", scene(&splats), camera(3.0, 45.0, [56, 48]))
+}

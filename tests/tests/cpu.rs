@@ -1,0 +1,52 @@
+//! The processor backend: the reference's picture, and the same bits however it is made.
+
+use surfel_conformance::harness::{check_backend, render};
+use surfel_conformance::scenes;
+use surfel_cpu::{Options, Renderer as Cpu, SimdLevel};
+use surfel_render::{Frame, Planes, RenderError, Settings};
+
+fn renderer(threads: usize, simd: SimdLevel) -> Cpu {
+    Cpu::with_options(&Options { threads, simd }).unwrap()
+}
+
+/// Bits of a frame, so that NaN and the sign of zero count too.
+fn bits(frame: &Frame) -> Vec<u32> {
+    let floats = frame.color.as_flattened().iter().chain(frame.normal.as_flattened());
+    floats.chain(&frame.depth).chain(&frame.weight).map(|v| v.to_bits()).chain(frame.fragments.iter().copied()).collect()
+}
+
+#[test]
+fn cpu_agrees_with_the_reference_on_every_scene() {
+    let reports = check_backend(&mut renderer(0, SimdLevel::Best));
+    let failed: Vec<String> = reports.iter().filter(|r| !r.is_ok()).map(|r| format!("{r:?}")).collect();
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
+#[test]
+fn cpu_gives_the_same_bits_for_any_threads_and_simd_level() {
+    let mut variants = [
+        renderer(1, SimdLevel::Best),
+        renderer(3, SimdLevel::Best),
+        renderer(2, SimdLevel::Avx2),
+        renderer(1, SimdLevel::Baseline),
+    ];
+    let planes = Planes { fragments: true, ..Planes::ALL };
+    for case in scenes::all() {
+        let case = scenes::Case { settings: Settings { edge_aa: false, ..case.settings }, ..case };
+        let frames: Vec<Vec<u32>> =
+            variants.iter_mut().map(|v| bits(&render(v, &case, planes).unwrap())).collect();
+        assert!(frames.windows(2).all(|f| f[0] == f[1]), "{}", case.name);
+    }
+}
+
+#[test]
+fn cpu_refuses_what_it_does_not_draw() {
+    let case = scenes::all().remove(0).with("edges", |s| s.edge_aa = true);
+    let mut scene = case.scene.clone();
+    for object in &mut scene.objects {
+        object.material.interior_weight = Some(5.43);
+    }
+    let case = scenes::Case { scene, ..case };
+    let error = render(&mut renderer(1, SimdLevel::Best), &case, Planes::COLOR).unwrap_err();
+    assert!(matches!(error, RenderError::Unsupported { backend: "cpu", .. }), "{error}");
+}

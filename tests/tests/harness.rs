@@ -1,0 +1,194 @@
+//! The harness itself: right pictures pass, faulty ones don't.
+
+use surfel_conformance::harness::{Report, check_backend, compare_frames, reference_frame};
+use surfel_conformance::scenes;
+use surfel_model::{Geometry, Scene, Settings};
+use surfel_reference::{Renderer as Reference, ResidentScene};
+use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Stats, View};
+
+type ChangeView = fn(&mut View);
+type ChangeSettings = fn(&mut Settings);
+type ChangeFrame = fn(&mut Frame);
+
+/// The reference with something wrong.
+struct Faulty {
+    inner: Reference,
+    scene: fn(&mut Scene),
+    view: ChangeView,
+    settings: ChangeSettings,
+    frame: ChangeFrame,
+}
+
+impl Faulty {
+    fn new() -> Self {
+        Self { inner: Reference::new(0).unwrap(), scene: |_| (), view: |_| (), settings: |_| (), frame: |_| () }
+    }
+}
+
+impl Renderer for Faulty {
+    type Scene = ResidentScene;
+
+    fn info(&self) -> &RendererInfo {
+        self.inner.info()
+    }
+
+    fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
+        let mut scene = scene.clone();
+        (self.scene)(&mut scene);
+        self.inner.upload(&scene)
+    }
+
+    fn render(
+        &mut self,
+        scene: &ResidentScene,
+        view: &View,
+        settings: &Settings,
+        planes: Planes,
+        frame: &mut Frame,
+    ) -> Result<Stats, RenderError> {
+        let (mut view, mut settings) = (view.clone(), *settings);
+        (self.view)(&mut view);
+        (self.settings)(&mut settings);
+        let stats = self.inner.render(scene, &view, &settings, planes, frame)?;
+        (self.frame)(frame);
+        Ok(stats)
+    }
+}
+
+fn failures(faulty: &mut Faulty) -> Vec<String> {
+    check_backend(faulty).into_iter().filter(|r| !r.is_ok()).map(|r| r.name).collect()
+}
+
+#[test]
+fn harness_passes_the_reference_itself_without_forgiving_anything() {
+    let reports = check_backend(&mut Reference::new(1).unwrap());
+    assert!(reports.len() > 45, "{}", reports.len());
+    for report in &reports {
+        assert!(report.is_ok() && report.forgiven == 0, "{report}");
+        assert!(report.planes.len() == 4 && report.planes.iter().all(|p| p.worst == 0.0), "{report}");
+    }
+}
+
+/// Scenes that are all but empty, or all margin, hold nothing against a backend.
+#[test]
+fn harness_scenes_show_something_outside_of_the_margin() {
+    let mut reference = Reference::new(0).unwrap();
+    let mut marginal = Vec::new();
+    for case in scenes::all() {
+        let frame = reference_frame(&mut reference, &case).unwrap();
+        let covered = frame.weight.iter().filter(|w| **w > 0.0).count() as f64 / frame.weight.len() as f64;
+        let share = frame.margin.iter().sum::<f32>() / frame.margin.len() as f32;
+        println!("{:34} covered {:5.1} %, margin {:5.2} %", case.name, 100.0 * covered, 100.0 * share);
+        assert!(covered > 0.004, "{} covers {covered}", case.name);
+        if share > 0.15 {
+            marginal.push((case.name, share));
+        }
+    }
+    assert!(marginal.is_empty(), "{marginal:?}");
+}
+
+#[test]
+fn harness_passes_rounding_of_every_plane() {
+    let mut faulty = Faulty::new();
+    faulty.frame = |frame| {
+        let mut sign = 1.0f32;
+        let planes = [frame.color.as_flattened_mut(), frame.normal.as_flattened_mut(), &mut frame.depth];
+        for value in planes.into_iter().flatten().chain(&mut frame.weight) {
+            sign = -sign;
+            *value *= 1.0 + sign * 2e-5;
+        }
+    };
+    assert_eq!(failures(&mut faulty), Vec::<String>::new());
+}
+
+#[test]
+fn harness_fails_faults() {
+    let with = |change: fn(&mut Faulty)| {
+        let mut faulty = Faulty::new();
+        change(&mut faulty);
+        failures(&mut faulty)
+    };
+    let faults: [(&str, fn(&mut Faulty), &str); 12] = [
+        ("half a pixel off", |f| f.view = |v| v.projection.principal_px[0] += 0.5, "orientation"),
+        ("a hundredth of a pixel off", |f| f.view = |v| v.projection.principal_px[1] += 0.01, "confetti"),
+        ("cutoff", |f| f.settings = |s| s.cutoff *= 1.01, "facing-splat"),
+        ("filter radius", |f| f.settings = |s| s.prefilter_radius_px *= 1.02, "grid/principal"),
+        ("no filter", |f| f.settings = |s| s.prefilter_radius_px = 0.0, "grid/ewa"),
+        ("affine for exact", |f| f.settings = |s| s.mapping = surfel_model::Mapping::Affine, "tilted-splat"),
+        (
+            "tolerance",
+            |f| {
+                f.settings = |s| s.depth_tolerance = surfel_model::DepthTolerance::Relative(1.1);
+            },
+            "occluded-pair",
+        ),
+        ("near", |f| f.view = |v| v.projection.near *= 1.05, "near-crossing"),
+        (
+            "one material for all",
+            |f| {
+                f.scene = |s| {
+                    if let Some(first) = s.objects.first().map(|o| o.material) {
+                        s.objects.iter_mut().for_each(|o| o.material = first);
+                    }
+                };
+            },
+            "three-materials/lit",
+        ),
+        ("no lights", |f| f.scene = |s| s.lights = Some(Vec::new()), "spot-light/lit"),
+        (
+            "swapped axes",
+            |f| {
+                f.scene = |s| {
+                    for object in &mut s.objects {
+                        let Geometry::Splats(cloud) = &object.geometry else { continue };
+                        let mut data = cloud.data().clone();
+                        if let surfel_model::Shape::Ellipses { s, t } = &mut data.shape {
+                            std::mem::swap(s, t);
+                        }
+                        let refuse = surfel_model::OnInvalid::Refuse;
+                        let cloud = surfel_model::SplatCloud::new(data, refuse).unwrap().0;
+                        object.geometry = Geometry::Splats(cloud.into());
+                    }
+                };
+            },
+            "mirrored-object/lit",
+        ),
+        ("no edge antialiasing", |f| f.settings = |s| s.edge_aa = false, "sphere-before-plane/edge-aa"),
+    ];
+    for (fault, change, scene) in faults {
+        let failed = with(change);
+        println!("{fault}: {} scenes fail", failed.len());
+        assert!(failed.iter().any(|name| name == scene), "{fault} passes {scene}; fails {failed:?}");
+    }
+}
+
+fn compared(change: impl FnOnce(&mut Frame), margin: impl FnOnce(&mut Vec<f32>)) -> Report {
+    let want = reference_frame(&mut Reference::new(0).unwrap(), &scenes::closed_sphere()).unwrap();
+    let (mut got, mut mask) = (want.clone(), vec![0.0; want.margin.len()]);
+    change(&mut got);
+    margin(&mut mask);
+    compare_frames("test", &got, &want, &mask)
+}
+
+#[test]
+fn harness_forgives_few_outliers_and_only_within_the_margin() {
+    let pixels = 72 * 72;
+    let few = pixels / 41;
+    assert!(compared(|_| (), |_| ()).is_ok());
+    assert!(!compared(|f| f.color[100][1] += 0.01, |_| ()).is_ok());
+    assert!(compared(|f| f.color[100][1] += 0.01, |m| m[100] = 1.0).is_ok());
+    assert!(!compared(|f| f.color[100][1] += 0.01, |m| m[101] = 1.0).is_ok());
+    let spoil = |n: usize| move |f: &mut Frame| f.weight[..n].iter_mut().for_each(|w| *w += 1.0);
+    assert!(compared(spoil(few), |m| m.fill(1.0)).is_ok());
+    assert!(!compared(spoil(few + 10), |m| m.fill(1.0)).is_ok());
+}
+
+#[test]
+fn harness_fails_nan_infinity_and_missing_planes() {
+    let middle = 36 * 72 + 36;
+    assert!(!compared(|f| f.normal[middle][0] = f32::NAN, |m| m.fill(1.0)).is_ok());
+    assert!(!compared(|f| f.depth[middle] = f32::INFINITY, |_| ()).is_ok());
+    assert!(!compared(|f| f.depth[0] = 1.0, |_| ()).is_ok());
+    assert!(!compared(|f| f.weight.clear(), |_| ()).is_ok());
+    assert!(!compared(|f| f.width += 1, |_| ()).is_ok());
+}
