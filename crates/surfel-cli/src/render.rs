@@ -30,6 +30,18 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Co
         print_scene(args, &resolved.file, console)?;
     }
     let Some(backend) = &mut backend else { return Ok(()) };
+    let edge_aa = resolved.file.settings.edge_aa;
+    if args.backend == "auto" && edge_aa && !backend.info().capabilities.edge_aa {
+        let name = backend.info().backend;
+        console
+            .note(&format!("backend '{name}' has no edge antialiasing yet: drawing with 'reference', which is slow"));
+        *backend = start_named("reference", args, threads, console)?;
+        if let Some(output) = &output {
+            for frame in 0..frames {
+                output.check(name_of(backend, frame).as_deref())?;
+            }
+        }
+    }
     let planes = match output.as_ref().map(|o| o.format) {
         Some(Format::Exr { .. }) => Planes::ALL,
         _ => Planes::COLOR,
@@ -79,6 +91,10 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
 
 fn start(args: &RenderArgs, threads: usize, console: &Console) -> Result<Backend, Failure> {
     let name = if args.samples.is_some() { "reference" } else { args.backend.as_str() };
+    start_named(name, args, threads, console)
+}
+
+fn start_named(name: &str, args: &RenderArgs, threads: usize, console: &Console) -> Result<Backend, Failure> {
     let backend = Backend::by_name(name, &BackendOptions { threads, adapter: args.adapter.clone() })?;
     let info = backend.info();
     if name == "auto" && info.backend == "reference" {

@@ -63,7 +63,10 @@ fn flag_wins_over_scene_file_over_preset_over_default() {
 fn config_file_stands_below_the_command_line() {
     let f = Folder::new("config");
     f.write("a.ply", ball());
-    f.write("c.toml", "size = \"24x16\"\nfov-y = 20\nfilter = \"ewa\"\nedge-aa = true\nquiet = true\neye = [0, 1, 9.5]\n");
+    f.write(
+        "c.toml",
+        "size = \"24x16\"\nfov-y = 20\nfilter = \"ewa\"\nedge-aa = true\nquiet = true\neye = [0, 1, 9.5]\n",
+    );
     let scene = f.run("a.ply --config c.toml --print-scene --filter clamp").code(0).json();
     assert_eq!(scene["camera"]["size"], serde_json::json!([24, 16]));
     assert_eq!(scene["camera"]["eye"], serde_json::json!([0.0, 1.0, 9.5]));
@@ -99,11 +102,12 @@ fn automatic_frame_shows_everything_and_fills_the_picture() {
     let f = Folder::new("framing");
     f.write("a.ply", ball());
     f.write("b.obj", cube());
-    for flags in ["a.ply", "b.obj", "b.obj --ortho", "a.ply --view left --size 96x48", "a.ply --size 48x96 --fov-y 90"] {
-        f.run(&format!("{flags} -o x.exr --force --background transparent --size 96x96").replace(
-            "--size 96x96",
-            if flags.contains("--size") { "" } else { "--size 96x96" },
-        ))
+    for flags in ["a.ply", "b.obj", "b.obj --ortho", "a.ply --view left --size 96x48", "a.ply --size 48x96 --fov-y 90"]
+    {
+        f.run(
+            &format!("{flags} -o x.exr --force --background transparent --size 96x96")
+                .replace("--size 96x96", if flags.contains("--size") { "" } else { "--size 96x96" }),
+        )
         .code(0);
         let image = f.image("x.exr");
         let (w, h) = (image.width as usize, image.height as usize);
@@ -149,7 +153,9 @@ fn statistics_have_the_promised_keys() {
     let f = Folder::new("stats");
     f.write("a.ply", ball());
     let stats = f.run("a.ply -o x.png --size 16x16 --stats --repeat 2 --threads 1").code(0).json();
-    for key in ["frame_ms", "passes", "splats", "drawn", "fragments", "bytes_per_splat", "backend", "adapter", "threads"] {
+    for key in
+        ["frame_ms", "passes", "splats", "drawn", "fragments", "bytes_per_splat", "backend", "adapter", "threads"]
+    {
         assert!(!stats[key].is_null(), "{key}");
     }
     assert_eq!((&stats["splats"], &stats["runs"], &stats["threads"]), (&200.into(), &2.into(), &1.into()));
@@ -206,7 +212,10 @@ fn up_comes_from_the_format_and_is_printed() {
 fn camera_file_and_named_views_set_the_camera() {
     let f = Folder::new("camera");
     f.write("a.ply", ball());
-    f.write("c.json", r#"{"eye": [1,2,9], "target": [0,0,0], "projection": {"perspective": {"fov_y_deg": 25}}, "size": [20, 10]}"#);
+    f.write(
+        "c.json",
+        r#"{"eye": [1,2,9], "target": [0,0,0], "projection": {"perspective": {"fov_y_deg": 25}}, "size": [20, 10]}"#,
+    );
     let camera = |words: &str| f.run(&format!("a.ply --print-scene {words}")).code(0).json()["camera"].clone();
     let given = camera("--camera c.json --eye 2,2,9");
     assert_eq!((&given["eye"], &given["size"]), (&serde_json::json!([2.0, 2.0, 9.0]), &serde_json::json!([20, 10])));

@@ -61,8 +61,8 @@ pub fn studio_lights(camera: &Camera) -> Vec<Light> {
         Light::Directional { direction: travels.into(), color, shadow: false }
     };
     vec![
-        light(DVec3::new(-0.55, 0.7, 0.9), [0.78, 0.77, 0.75]),
-        light(DVec3::new(0.9, 0.1, 0.7), [0.2, 0.21, 0.22]),
+        light(DVec3::new(-0.55, 0.7, 0.9), [0.82, 0.81, 0.79]),
+        light(DVec3::new(0.9, 0.1, 0.7), [0.15, 0.16, 0.17]),
         light(DVec3::new(0.5, 0.6, -0.8), [0.22, 0.22, 0.24]),
     ]
 }
@@ -110,9 +110,9 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
 /// which leaves room for highlights.
 fn material(colored: bool) -> Material {
     if colored {
-        Material { ambient: 1.5, diffuse: 1.05, specular: 0.06, shininess: 24.0, ..Material::default() }
+        Material { ambient: 1.3, diffuse: 0.95, specular: 0.06, shininess: 24.0, ..Material::default() }
     } else {
-        Material { ambient: 0.6, diffuse: 0.6, specular: 0.12, shininess: 32.0, ..Material::default() }
+        Material { ambient: 0.55, diffuse: 0.66, specular: 0.14, shininess: 32.0, ..Material::default() }
     }
 }
 

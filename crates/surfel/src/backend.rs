@@ -5,6 +5,11 @@ use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Stats, V
 
 /// Names of backends, fastest first; `reference` is last.
 const NAMES: [&str; 4] = ["ash", "wgpu", "cpu", "reference"];
+/// Those that this program has.
+#[cfg(feature = "cpu")]
+const BUILT: [&str; 2] = ["cpu", "reference"];
+#[cfg(not(feature = "cpu"))]
+const BUILT: [&str; 1] = ["reference"];
 
 /// What is asked of a backend when it starts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -56,6 +61,9 @@ pub enum BackendError {
 /// A backend, started.
 #[non_exhaustive]
 pub enum Backend {
+    /// The processor, by SIMD on all threads.
+    #[cfg(feature = "cpu")]
+    Cpu(surfel_cpu::Renderer),
     /// The rendering model in executable form: exact and slow.
     Reference(surfel_reference::Renderer),
 }
@@ -63,6 +71,9 @@ pub enum Backend {
 /// A scene resident in a [`Backend`].
 #[non_exhaustive]
 pub enum BackendScene {
+    /// In the processor backend.
+    #[cfg(feature = "cpu")]
+    Cpu(<surfel_cpu::Renderer as Renderer>::Scene),
     /// In the reference renderer.
     Reference(<surfel_reference::Renderer as Renderer>::Scene),
 }
@@ -101,24 +112,30 @@ impl Backend {
     /// [`BackendError`] if there is no such backend, or not here.
     pub fn by_name(name: &str, options: &BackendOptions) -> Result<Self, BackendError> {
         match name {
-            "auto" | "reference" => Self::reference(options),
+            #[cfg(feature = "cpu")]
+            "auto" | "cpu" => Self::cpu(options),
+            #[cfg(not(feature = "cpu"))]
+            "auto" => Self::reference(options),
+            "reference" => Self::reference(options),
             _ if NAMES.contains(&name) => {
-                Err(BackendError::NotBuilt { name: name.to_owned(), available: "reference".to_owned() })
+                Err(BackendError::NotBuilt { name: name.to_owned(), available: BUILT.join(", ") })
             }
             _ => Err(BackendError::Unknown { name: name.to_owned() }),
         }
     }
 
+    #[cfg(feature = "cpu")]
+    fn cpu(options: &BackendOptions) -> Result<Self, BackendError> {
+        let start = surfel_cpu::Renderer::new(options.threads);
+        let renderer = start.map_err(|source| BackendError::NoStart { name: "cpu", source })?;
+        check_adapter(renderer.info(), options)?;
+        Ok(Self::Cpu(renderer))
+    }
+
     fn reference(options: &BackendOptions) -> Result<Self, BackendError> {
         let start = surfel_reference::Renderer::new(options.threads);
         let renderer = start.map_err(|source| BackendError::NoStart { name: "reference", source })?;
-        if let Some(wanted) = &options.adapter {
-            let found = &renderer.info().adapter;
-            if !found.to_lowercase().contains(&wanted.to_lowercase()) {
-                let (wanted, found) = (wanted.clone(), found.clone());
-                return Err(BackendError::NoAdapter { name: "reference", wanted, found });
-            }
-        }
+        check_adapter(renderer.info(), options)?;
         Ok(Self::Reference(renderer))
     }
 
@@ -144,7 +161,32 @@ impl Backend {
             (Self::Reference(renderer), BackendScene::Reference(scene)) => {
                 renderer.render_supersampled(scene, view, settings, planes, samples, frame)
             }
+            #[cfg(feature = "cpu")]
+            (Self::Cpu(_), _) => Err(RenderError::Unsupported {
+                backend: "cpu",
+                feature: "supersampling",
+                found_where: "is asked for".to_owned(),
+                advice: "use backend 'reference'",
+            }),
+            #[cfg(feature = "cpu")]
+            (backend, _) => Err(elsewhere(backend)),
         }
+    }
+}
+
+/// A scene that was uploaded to another backend.
+#[cfg(feature = "cpu")]
+fn elsewhere(backend: &Backend) -> RenderError {
+    let message = "the scene was uploaded to another backend: upload it to this one".to_owned();
+    RenderError::Backend { backend: backend.info().backend, message }
+}
+
+fn check_adapter(info: &RendererInfo, options: &BackendOptions) -> Result<(), BackendError> {
+    match &options.adapter {
+        Some(wanted) if !info.adapter.to_lowercase().contains(&wanted.to_lowercase()) => {
+            Err(BackendError::NoAdapter { name: info.backend, wanted: wanted.clone(), found: info.adapter.clone() })
+        }
+        _ => Ok(()),
     }
 }
 
@@ -153,12 +195,16 @@ impl Renderer for Backend {
 
     fn info(&self) -> &RendererInfo {
         match self {
+            #[cfg(feature = "cpu")]
+            Self::Cpu(renderer) => renderer.info(),
             Self::Reference(renderer) => renderer.info(),
         }
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<BackendScene, RenderError> {
         match self {
+            #[cfg(feature = "cpu")]
+            Self::Cpu(renderer) => renderer.upload(scene).map(BackendScene::Cpu),
             Self::Reference(renderer) => renderer.upload(scene).map(BackendScene::Reference),
         }
     }
@@ -175,6 +221,10 @@ impl Renderer for Backend {
             (Self::Reference(renderer), BackendScene::Reference(scene)) => {
                 renderer.render(scene, view, settings, planes, frame)
             }
+            #[cfg(feature = "cpu")]
+            (Self::Cpu(renderer), BackendScene::Cpu(scene)) => renderer.render(scene, view, settings, planes, frame),
+            #[cfg(feature = "cpu")]
+            (backend, _) => Err(elsewhere(backend)),
         }
     }
 }
