@@ -75,12 +75,13 @@ pub fn tolerance<R: Real>(
     let per_pixel = V2::new(n.x / k(projection.focal_px[0]), n.y / k(projection.focal_px[1])).length();
     let (z, slope) = match projection.kind {
         ProjectionKind::Perspective => {
-            let inverse = p.x.one() / p.z.abs().max(p.x.abs()).max(p.y.abs()).max(k(f64::MIN_POSITIVE));
+            let inverse = p.x.one() / p.z.abs().max(p.x.abs()).max(p.y.abs()).max(k(1e-37));
             // n·p and |p| relative to p's largest coordinate: no overflow at 1e±15.
             let (x, y, z) = (p.x * inverse, p.y * inverse, p.z * inverse);
             let facing = n.x.mul_add(x, n.y.mul_add(y, n.z * z)).abs();
             let length = x.mul_add(x, y.mul_add(y, z * z)).sqrt();
-            let slope = per_pixel * (z * p.z) / facing.max(k(0.02) * length);
+            // A splat at the eye itself has neither; its slope term is 0.
+            let slope = per_pixel * (z * p.z) / facing.max(k(0.02) * length).max(k(1e-30));
             (p.z.max(k(projection.near)), slope)
         }
         ProjectionKind::Orthographic { height, .. } => (k(height), per_pixel / n.z.abs().max(k(0.02))),
