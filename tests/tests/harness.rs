@@ -9,6 +9,7 @@ use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Stats, V
 type ChangeView = fn(&mut View);
 type ChangeSettings = fn(&mut Settings);
 type ChangeFrame = fn(&mut Frame);
+type Fault = fn(&mut Faulty);
 
 /// The reference with something wrong.
 struct Faulty {
@@ -108,7 +109,7 @@ fn harness_fails_faults() {
         change(&mut faulty);
         failures(&mut faulty)
     };
-    let faults: [(&str, fn(&mut Faulty), &str); 12] = [
+    let faults: [(&str, Fault, &str); 12] = [
         ("half a pixel off", |f| f.view = |v| v.projection.principal_px[0] += 0.5, "orientation"),
         ("a hundredth of a pixel off", |f| f.view = |v| v.projection.principal_px[1] += 0.01, "confetti"),
         ("cutoff", |f| f.settings = |s| s.cutoff *= 1.01, "facing-splat"),
