@@ -12,7 +12,12 @@ fn renderer(threads: usize, simd: SimdLevel) -> Cpu {
 /// Bits of a frame, so that NaN and the sign of zero count too.
 fn bits(frame: &Frame) -> Vec<u32> {
     let floats = frame.color.as_flattened().iter().chain(frame.normal.as_flattened());
-    floats.chain(&frame.depth).chain(&frame.weight).map(|v| v.to_bits()).chain(frame.fragments.iter().copied()).collect()
+    floats
+        .chain(&frame.depth)
+        .chain(&frame.weight)
+        .map(|v| v.to_bits())
+        .chain(frame.fragments.iter().copied())
+        .collect()
 }
 
 #[test]
@@ -33,8 +38,7 @@ fn cpu_gives_the_same_bits_for_any_threads_and_simd_level() {
     let planes = Planes { fragments: true, ..Planes::ALL };
     for case in scenes::all() {
         let case = scenes::Case { settings: Settings { edge_aa: false, ..case.settings }, ..case };
-        let frames: Vec<Vec<u32>> =
-            variants.iter_mut().map(|v| bits(&render(v, &case, planes).unwrap())).collect();
+        let frames: Vec<Vec<u32>> = variants.iter_mut().map(|v| bits(&render(v, &case, planes).unwrap())).collect();
         assert!(frames.windows(2).all(|f| f[0] == f[1]), "{}", case.name);
     }
 }

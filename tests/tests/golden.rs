@@ -42,14 +42,7 @@ struct Tolerance {
 
 /// Compares one plane outside the mask, equal infinities equal. Returns the worst error as a share of the tolerance, and its
 /// pixel.
-fn worst(
-    got: &[f32],
-    want: &[f32],
-    mask: &[f32],
-    channels: usize,
-    scale: f64,
-    tolerance: Tolerance,
-) -> (f64, usize) {
+fn worst(got: &[f32], want: &[f32], mask: &[f32], channels: usize, scale: f64, tolerance: Tolerance) -> (f64, usize) {
     let mut result = (0.0, 0);
     for (i, (a, b)) in got.iter().zip(want).enumerate() {
         if mask[i / channels] != 0.0 || a == b {

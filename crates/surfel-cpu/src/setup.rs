@@ -1,0 +1,409 @@
+//! From stored splats to records, sixteen at a time.
+
+use crate::lanes::{LANES, Lanes};
+use crate::near::NearSplat;
+use crate::record::Record;
+use crate::store::{CHUNK, Chunk, Soa3, StoredObject, StoredShape};
+use fearless_simd::Simd;
+use fearless_simd::prelude::SimdFloat;
+use glam::{DMat3, DVec3, Mat3};
+use surfel_math::bounds::{self, Extent};
+use surfel_math::depth::tolerance;
+use surfel_math::filter::{self, Filtered};
+use surfel_math::mapping::Footprint;
+use surfel_math::project::{Projected, ViewSplat, radius_max};
+use surfel_math::projection::ProjectionKind;
+use surfel_math::{Real, V2, V3};
+use surfel_model::{Cull, Filter};
+use surfel_render::{FramePlan, View};
+
+/// Slack of a record's pixel box: f32 rounding of box and anchor, many times over, and still far below a pixel.
+const BOX_SLACK_PX: f64 = 2e-3;
+
+/// What is the same for all splats of an object in a view.
+pub(crate) struct ObjectSetup<'a> {
+    pub object: &'a StoredObject,
+    pub index: u32,
+    /// Object to view directions, and view position of the object's origin.
+    linear: DMat3,
+    origin: DVec3,
+    /// Object to world normals up to scale: cofactors with the sign of the determinant.
+    normals: DMat3,
+    /// Factor by which the object's largest length grows.
+    stretch: f64,
+    view: &'a View,
+    plan: &'a FramePlan,
+}
+
+/// Records and rarer shapes of some chunks.
+#[derive(Default)]
+pub(crate) struct SetupOutput {
+    pub records: Vec<Record>,
+    pub near: Vec<NearSplat>,
+}
+
+impl<'a> ObjectSetup<'a> {
+    pub(crate) fn new(object: &'a StoredObject, index: u32, view: &'a View, plan: &'a FramePlan) -> Self {
+        let m = object.world_from_object.matrix3;
+        let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
+        let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
+        let sign = 1.0f64.copysign(m.determinant());
+        // The Frobenius norm bounds the largest singular value.
+        let stretch = m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
+        Self {
+            object,
+            index,
+            linear: view.view_from_world * m,
+            origin: view.view_from_world * (object.world_from_object.translation - view.eye),
+            normals: cofactors * (sign / scale),
+            stretch,
+            view,
+            plan,
+        }
+    }
+
+    /// True if no splat of the chunk can touch the picture.
+    fn is_outside(&self, center: DVec3, chunk: &Chunk) -> bool {
+        let ball = chunk.ball * self.stretch;
+        let projection = &self.view.projection;
+        if center.z + ball < projection.near || center.z - ball > projection.far() {
+            return true;
+        }
+        // An affine footprint leaves the splat's own outline, by less than half its distance from the centre
+        // (p_z/z < 3/2 on its far side); three times the ball is ample.
+        let affine = !self.plan.splat_filter.projective || self.plan.splat_filter.filter == Filter::Ewa;
+        let ball = if affine && projection.is_perspective() { 3.0 * ball } else { ball };
+        let r = self.view.region;
+        // A filtered footprint reaches past its splat: by h, or for ewa by no more than both together.
+        let margin = self.plan.splat_filter.radius_px + 1.0;
+        let x = [f64::from(r.x) - margin, f64::from(r.x + r.width) + margin];
+        let y = [f64::from(r.y) - margin, f64::from(r.y + r.height) + margin];
+        let side = |limit: f64, axis: usize, sign: f64| {
+            let f = projection.focal_px[axis];
+            let slope = (limit - projection.principal_px[axis]) / f;
+            let along = if axis == 0 { center.x } else { center.y };
+            match projection.kind {
+                // Signed distance beyond the plane through the eye and the picture's side.
+                ProjectionKind::Perspective => {
+                    center.z + ball > 0.0 && sign * (along - slope * center.z) > ball * slope.hypot(1.0)
+                }
+                ProjectionKind::Orthographic { .. } => sign * (along - slope) > ball,
+            }
+        };
+        // Sides of a ball about the eye tell nothing.
+        if projection.is_perspective() && center.z < 4.0 * ball {
+            return false;
+        }
+        side(x[0], 0, -1.0) || side(x[1], 0, 1.0) || side(y[0], 1, -1.0) || side(y[1], 1, 1.0)
+    }
+
+    /// Appends the records of a chunk.
+    #[inline(always)]
+    pub(crate) fn chunk<S: Simd>(&self, simd: S, chunk: &Chunk, out: &mut SetupOutput) {
+        let center = self.origin + self.linear * chunk.origin;
+        if self.is_outside(center, chunk) {
+            return;
+        }
+        let mut done = 0;
+        while done < chunk.count {
+            let active = (chunk.count - done).min(LANES);
+            self.sixteen(simd, chunk, center, chunk.first + done, active, out);
+            done += LANES;
+        }
+        debug_assert!(done <= CHUNK);
+    }
+
+    #[inline(always)]
+    fn sixteen<S: Simd>(&self, simd: S, chunk: &Chunk, center: DVec3, at: usize, active: usize, out: &mut SetupOutput) {
+        let load = |c: &Soa3| {
+            V3::new(Lanes::load(simd, &c.x[at..]), Lanes::load(simd, &c.y[at..]), Lanes::load(simd, &c.z[at..]))
+        };
+        let object = self.object;
+        let linear = self.linear.as_mat3();
+        let k = |v: f64| Lanes::splat(simd, v as f32);
+        let c = V3::new(k(center.x), k(center.y), k(center.z));
+        let p = transform(&linear, load(&object.centers)) + c;
+        let (s, t, normal) = match &object.shape {
+            StoredShape::Disks { normals, radii } => {
+                let n = load(normals);
+                let r = Lanes::load(simd, &radii[at..]);
+                let (s, t) = orthonormal(n);
+                (s * r, t * r, n)
+            }
+            StoredShape::Ellipses { s, t } => {
+                let (s, t) = (load(s), load(t));
+                let (a, b) = (largest(s), largest(t));
+                (s, t, (s * (a.one() / a)).cross(t * (b.one() / b)))
+            }
+        };
+        let (s, t) = (transform(&linear, s), transform(&linear, t));
+        let normals = self.normals.as_mat3();
+        let world_normal = unit(transform(&normals, normal));
+        let view_from_world = self.view.view_from_world.as_mat3();
+        let n = transform(&view_from_world, world_normal);
+        let splat = ViewSplat { p, s, t, n };
+        let shading = match &object.shading_normals {
+            Some(c) => unit(transform(&normals, load(c))),
+            None => world_normal,
+        };
+        let white = k(1.0);
+        let color = object.colors.as_ref().map_or(V3::new(white, white, white), load);
+        self.project(simd, &splat, shading, color, (chunk, at, active), out);
+    }
+
+    #[inline(always)]
+    fn project<S: Simd>(
+        &self,
+        simd: S,
+        splat: &ViewSplat<Lanes<S>>,
+        shading: V3<Lanes<S>>,
+        color: V3<Lanes<S>>,
+        (chunk, at, active): (&Chunk, usize, usize),
+        out: &mut SetupOutput,
+    ) {
+        let projection = &self.view.projection;
+        let settings = &self.plan.splat_filter;
+        let material = &self.object.material;
+        let k = |v: f64| Lanes::splat(simd, v as f32);
+        let (zero, one) = (k(0.0), k(1.0));
+        let perspective = projection.is_perspective();
+        let near = k(projection.near);
+        let z = splat.p.z;
+        let extent = splat.s.z.mul_add(splat.s.z, splat.t.z * splat.t.z).sqrt();
+        let inside = near.le(z + extent) & (z - extent).le(k(projection.far().min(f64::from(f32::MAX))));
+        let before_near = z.lt(near);
+        let close = if perspective { before_near | (z * k(0.5)).le(extent) } else { before_near };
+        let live = (1u64 << active) - 1;
+        let to_near = (inside & close).bits() & live;
+        if to_near != 0 {
+            self.push_near(chunk, at, to_near, out);
+        }
+        let ordinary = (inside & !close).bits() & live;
+        if ordinary == 0 {
+            return;
+        }
+        // Lanes that aren't ordinary go on with a harmless depth; their results are never read.
+        let z = Lanes::select(inside & !close, z, k(projection.near * 4.0));
+        let splat = &ViewSplat { p: V3::new(splat.p.x, splat.p.y, z), ..*splat };
+        let radius = radius_max(splat.s, splat.t);
+        let h = k(settings.radius_px);
+        let epsilon = tolerance(splat, radius, h, settings.tolerance, projection);
+        let adjusted = if settings.filter == Filter::Adjust { adjust_axes(splat, perspective) } else { *splat };
+        let projected = Projected::new(&adjusted, projection);
+        let back_facing = zero.le(projected.facing);
+        let mut keep = !projected.is_edge_on();
+        if material.cull == Cull::Back {
+            keep = keep & !back_facing;
+        }
+        let visible = Footprint::unfiltered(&projected, settings.projective);
+        let mut extent_px = bounds::unfiltered(&projected, settings.projective);
+        let filtered = match settings.filter {
+            Filter::None => Filtered::plain(visible),
+            Filter::Clamp => {
+                extent_px = extent_px.union(Extent::symmetric(V2::new(h, h)));
+                Filtered::plain(visible)
+            }
+            Filter::Adjust => filter::adjust(&projected, h, settings.projective),
+            Filter::Principal => filter::principal(&projected, h, settings.projective),
+            Filter::Ewa => filter::ewa(&projected, h),
+        };
+        if matches!(settings.filter, Filter::Adjust | Filter::Principal | Filter::Ewa) {
+            extent_px = extent_px.union(bounds::footprint(&filtered.footprint));
+        }
+        let extent_px = extent_px.grow(k(BOX_SLACK_PX));
+        let pixel = |p: Lanes<S>, axis: usize| {
+            let f = k(projection.focal_px[axis]);
+            let c = k(projection.principal_px[axis]);
+            Lanes((if perspective { (p / z).mul_add(f, c) } else { p.mul_add(f, c) }).0.floor())
+        };
+        let base = V2::new(pixel(splat.p.x, 0), pixel(splat.p.y, 1));
+        let fraction = projection.offset_from(splat.p, base);
+        let region = self.view.region;
+        let columns =
+            pixel_range(base.x, fraction.x + extent_px.min.x, fraction.x + extent_px.max.x, region.x, region.width);
+        let rows =
+            pixel_range(base.y, fraction.y + extent_px.min.y, fraction.y + extent_px.max.y, region.y, region.height);
+        let keep = (keep & columns.0.lt(columns.1) & rows.0.lt(rows.1)).bits() & ordinary;
+        if keep == 0 {
+            return;
+        }
+        let (gradient, range) = if settings.projective {
+            (-projected.depth_gradient, [z / (z + extent), z / (z - extent)])
+        } else if perspective {
+            (projected.depth_gradient * z, [z - extent, z + extent])
+        } else {
+            (projected.depth_gradient, [z - extent, z + extent])
+        };
+        let turn = if material.two_sided { Lanes::select(back_facing, -one, one) } else { one };
+        let f = &filtered.footprint;
+        let columns_of: [Lanes<S>; 30] = [
+            base.x,
+            base.y,
+            fraction.x,
+            fraction.y,
+            visible.u.x,
+            visible.u.y,
+            visible.v.x,
+            visible.v.y,
+            f.u.x,
+            f.u.y,
+            f.v.x,
+            f.v.y,
+            f.w.x,
+            f.w.y,
+            gradient.x,
+            gradient.y,
+            z,
+            range[0],
+            range[1],
+            epsilon,
+            filtered.weight_scale,
+            color.x,
+            color.y,
+            color.z,
+            columns.0,
+            rows.0,
+            columns.1,
+            rows.1,
+            zero,
+            zero,
+        ];
+        let normal = [shading.x * turn, shading.y * turn, shading.z * turn].map(Lanes::to_array);
+        let c = columns_of.map(Lanes::to_array);
+        let mut bits = keep;
+        while bits != 0 {
+            let i = bits.trailing_zeros() as usize;
+            bits &= bits - 1;
+            out.records.push(Record {
+                base: [c[0][i] as i32, c[1][i] as i32],
+                fraction: [c[2][i], c[3][i]],
+                visible_u: [c[4][i], c[5][i]],
+                visible_v: [c[6][i], c[7][i]],
+                u: [c[8][i], c[9][i]],
+                v: [c[10][i], c[11][i]],
+                w: [c[12][i], c[13][i]],
+                depth: [c[14][i], c[15][i]],
+                z: c[16][i],
+                range: [c[17][i], c[18][i]],
+                epsilon: c[19][i],
+                weight_scale: c[20][i],
+                color: [c[21][i], c[22][i], c[23][i]],
+                normal: [normal[0][i], normal[1][i], normal[2][i]],
+                object: self.index,
+                pixels: [c[24][i] as i32, c[25][i] as i32, c[26][i] as i32, c[27][i] as i32],
+            });
+        }
+    }
+
+    /// Splats that reach the near plane are set up one by one in f64.
+    #[cold]
+    fn push_near(&self, chunk: &Chunk, at: usize, mut bits: u64, out: &mut SetupOutput) {
+        while bits != 0 {
+            let i = at + bits.trailing_zeros() as usize;
+            bits &= bits - 1;
+            let get = |c: &Soa3| DVec3::new(c.x[i].into(), c.y[i].into(), c.z[i].into());
+            let object = self.object;
+            let p = self.origin + self.linear * (chunk.origin + get(&object.centers));
+            let (s, t, n) = match &object.shape {
+                StoredShape::Disks { normals, radii } => {
+                    let n = get(normals);
+                    let (s, t) = surfel_math::basis::orthonormal(n);
+                    (s * f64::from(radii[i]), t * f64::from(radii[i]), n)
+                }
+                StoredShape::Ellipses { s, t } => {
+                    let (s, t) = (get(s), get(t));
+                    (s, t, surfel_math::basis::unit(s).cross(surfel_math::basis::unit(t)))
+                }
+            };
+            let unit = surfel_math::basis::unit;
+            let world_normal = unit(self.normals * n);
+            let view_normal = self.view.view_from_world * world_normal;
+            let splat = ViewSplat {
+                p: V3::from(p),
+                s: V3::from(self.linear * s),
+                t: V3::from(self.linear * t),
+                n: V3::from(view_normal),
+            };
+            let shading = object.shading_normals.as_ref().map_or(world_normal, |c| unit(self.normals * get(c)));
+            let color = object.colors.as_ref().map_or(DVec3::ONE, get);
+            let near = NearSplat::new(&splat, shading, color, self.index, &object.material, self.view, self.plan);
+            out.near.extend(near);
+        }
+    }
+}
+
+/// The first pixel whose centre may lie in [min, max] from `base`, and the one past the last, within the region.
+#[inline(always)]
+fn pixel_range<S: Simd>(base: Lanes<S>, min: Lanes<S>, max: Lanes<S>, start: u32, length: u32) -> (Lanes<S>, Lanes<S>) {
+    let half = base.constant(0.5);
+    let (lo, hi) = (base.constant(f64::from(start)), base.constant(f64::from(start + length)));
+    let first = base + Lanes((min - half).0.ceil());
+    let end = base + Lanes((max - half).0.floor()) + base.one();
+    (first.max(lo).min(hi), end.max(lo).min(hi))
+}
+
+#[inline(always)]
+fn transform<S: Simd>(m: &Mat3, v: V3<Lanes<S>>) -> V3<Lanes<S>> {
+    let k = |c: f32| v.x.constant(f64::from(c));
+    let row = |a: f32, b: f32, c: f32| k(a).mul_add(v.x, k(b).mul_add(v.y, k(c) * v.z));
+    V3::new(
+        row(m.x_axis.x, m.y_axis.x, m.z_axis.x),
+        row(m.x_axis.y, m.y_axis.y, m.z_axis.y),
+        row(m.x_axis.z, m.y_axis.z, m.z_axis.z),
+    )
+}
+
+#[inline(always)]
+fn largest<R: Real>(v: V3<R>) -> R {
+    v.x.abs().max(v.y.abs()).max(v.z.abs())
+}
+
+#[inline(always)]
+fn unit<R: Real>(v: V3<R>) -> V3<R> {
+    let scale = v.x.one() / largest(v);
+    let v = v * scale;
+    v * (v.x.one() / v.length())
+}
+
+/// As `surfel_math::basis::orthonormal`, for unit normals in lanes.
+#[inline(always)]
+fn orthonormal<R: Real>(n: V3<R>) -> (V3<R>, V3<R>) {
+    let (zero, one) = (n.x.zero(), n.x.one());
+    let sign = R::select(n.z.lt(zero), -one, one);
+    let a = -(one / (sign + n.z));
+    let b = n.x * n.y * a;
+    (
+        V3::new((sign * n.x * n.x).mul_add(a, one), sign * b, -(sign * n.x)),
+        V3::new(b, (n.y * n.y).mul_add(a, sign), -n.y),
+    )
+}
+
+/// `surfel_math::filter::adjust_axes` for sixteen splats, in f64: its turns need arctangents.
+#[cold]
+fn adjust_axes<S: Simd>(splat: &ViewSplat<Lanes<S>>, perspective: bool) -> ViewSplat<Lanes<S>> {
+    let simd = splat.p.x.0.simd;
+    let arrays = |v: V3<Lanes<S>>| [v.x.to_array(), v.y.to_array(), v.z.to_array()];
+    let (p, mut s, mut t, n) = (arrays(splat.p), arrays(splat.s), arrays(splat.t), arrays(splat.n));
+    for i in 0..LANES {
+        let get = |a: &[[f32; LANES]; 3]| V3::new(a[0][i].into(), a[1][i].into(), a[2][i].into());
+        let one = ViewSplat { p: get(&p), s: get(&s), t: get(&t), n: get(&n) };
+        let (a, b) = filter::adjust_axes(&one, perspective);
+        (s[0][i], s[1][i], s[2][i]) = (a.x as f32, a.y as f32, a.z as f32);
+        (t[0][i], t[1][i], t[2][i]) = (b.x as f32, b.y as f32, b.z as f32);
+    }
+    let lanes =
+        |a: &[[f32; LANES]; 3]| V3::new(Lanes::load(simd, &a[0]), Lanes::load(simd, &a[1]), Lanes::load(simd, &a[2]));
+    ViewSplat { s: lanes(&s), t: lanes(&t), ..*splat }
+}
+
+/// Truth values of the lanes as bits.
+trait Bits {
+    fn bits(self) -> u64;
+}
+
+impl<S: Simd> Bits for fearless_simd::mask32x16<S> {
+    #[inline(always)]
+    fn bits(self) -> u64 {
+        fearless_simd::prelude::SimdMask::to_bitmask(self)
+    }
+}

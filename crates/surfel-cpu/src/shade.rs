@@ -1,0 +1,295 @@
+//! Dividing and lighting a tile (§5), sixteen pixels of a row at a time.
+
+use crate::lanes::{LANES, Lanes};
+use crate::tile::{TileBuffers, TileRect};
+use fearless_simd::Simd;
+use glam::{DVec3, Mat3, Vec3};
+use surfel_math::projection::ProjectionKind;
+use surfel_math::{Real, V3};
+use surfel_model::{Light, Shader};
+use surfel_render::{FramePlan, Planes, View};
+
+/// A light as the shader reads it: positions relative to the eye, so that nothing is lost far from the origin.
+pub(crate) enum FrameLight {
+    Directional { to_light: Vec3, color: Vec3 },
+    Point { position: Vec3, color: Vec3 },
+    Spot { position: Vec3, direction: Vec3, color: Vec3, inner: f64, outer: f64 },
+}
+
+/// Everything that lights a frame.
+pub(crate) struct Lighting {
+    pub shader: Shader,
+    pub planes: Planes,
+    pub wants_color: bool,
+    pub wants_material: bool,
+    pub lights: Vec<FrameLight>,
+    pub ambient: Vec3,
+    /// Ambient, diffuse, specular, shininess where all objects share them.
+    pub material: [f32; 4],
+    /// Linear, premultiplied.
+    pub background: [f32; 4],
+    world_from_view: Mat3,
+    forward: Vec3,
+    view: View,
+}
+
+impl Lighting {
+    pub(crate) fn new(
+        plan: &FramePlan,
+        view: &View,
+        lights: &[Light],
+        ambient: [f64; 3],
+        material: [f64; 4],
+        background: [f64; 4],
+    ) -> Self {
+        let unit = |v: &[f64; 3]| surfel_math::basis::unit(DVec3::from(*v)).as_vec3();
+        let relative = |p: &[f64; 3]| (DVec3::from(*p) - view.eye).as_vec3();
+        let color = |c: &[f64; 3]| DVec3::from(*c).as_vec3();
+        let lights = lights.iter().map(|light| match light {
+            Light::Directional { direction, color: c, .. } => {
+                FrameLight::Directional { to_light: -unit(direction), color: color(c) }
+            }
+            Light::Point { position, color: c } => FrameLight::Point { position: relative(position), color: color(c) },
+            Light::Spot { position, direction, color: c, inner_deg, outer_deg, .. } => FrameLight::Spot {
+                position: relative(position),
+                direction: unit(direction),
+                color: color(c),
+                inner: *inner_deg,
+                outer: *outer_deg,
+            },
+        });
+        Self {
+            shader: plan.shader,
+            planes: plan.planes,
+            wants_color: plan.attributes.color,
+            wants_material: plan.attributes.material,
+            lights: lights.collect(),
+            ambient: DVec3::from(ambient).as_vec3(),
+            material: material.map(|m| m as f32),
+            background: background.map(|c| c as f32),
+            world_from_view: view.view_from_world.transpose().as_mat3(),
+            forward: view.forward().as_vec3(),
+            view: view.clone(),
+        }
+    }
+}
+
+/// Rows of the frame's planes that a band of tiles writes.
+pub(crate) struct BandPlanes<'a> {
+    pub color: &'a mut [[f32; 4]],
+    pub depth: &'a mut [f32],
+    pub normal: &'a mut [[f32; 3]],
+    pub weight: &'a mut [f32],
+    pub fragments: &'a mut [u32],
+}
+
+/// Σw below this has lost its attributes to underflow: the pixel is empty. Only splats smaller than 1e-18 pixels weigh less.
+const LEAST_WEIGHT: f32 = 1e-36;
+
+/// Resolves a tile into its band; `left` is the region's first column, `width` its columns.
+#[inline(always)]
+pub(crate) fn resolve<S: Simd>(
+    simd: S,
+    lighting: &Lighting,
+    buffers: &TileBuffers,
+    rect: TileRect,
+    (left, width): (u32, usize),
+    out: &mut BandPlanes<'_>,
+) {
+    for y in rect.y..rect.end_y {
+        let row = (y - rect.y) as usize;
+        for x in (rect.x..rect.end_x).step_by(LANES) {
+            let at = (x - rect.x) as usize;
+            let count = (rect.end_x - x).min(LANES as i32) as usize;
+            let to = row * width + (x as u32 - left) as usize;
+            sixteen(simd, lighting, buffers, (row, at), (x, y), to..to + count, out);
+        }
+    }
+}
+
+#[inline(always)]
+fn sixteen<S: Simd>(
+    simd: S,
+    lighting: &Lighting,
+    buffers: &TileBuffers,
+    (row, at): (usize, usize),
+    (x, y): (i32, i32),
+    to: std::ops::Range<usize>,
+    out: &mut BandPlanes<'_>,
+) {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let (zero, one) = (k(0.0), k(1.0));
+    let planes = &lighting.planes;
+    let weight = Lanes::load(simd, &buffers.weight[row][at..]);
+    let covered = k(LEAST_WEIGHT).le(weight);
+    let inverse = one / Lanes::select(covered, weight, one);
+    let load = |plane: &crate::tile::TilePlane| Lanes::load(simd, &plane[row][at..]) * inverse;
+    let needs_normal = planes.normal || matches!(lighting.shader, Shader::Phong | Shader::Normal);
+    let normal =
+        if needs_normal { unit_or_zero(buffers.normal.each_ref().map(load)) } else { V3::new(zero, zero, zero) };
+    let needs_depth = planes.depth || matches!(lighting.shader, Shader::Phong | Shader::Depth);
+    let z = if needs_depth { load(&buffers.depth) } else { zero };
+    if planes.color {
+        let albedo = if lighting.wants_color {
+            let [r, g, b] = buffers.color.each_ref().map(load);
+            V3::new(r, g, b)
+        } else {
+            V3::new(one, one, one)
+        };
+        let color = match lighting.shader {
+            Shader::Unlit | Shader::Toon => albedo,
+            Shader::Normal => {
+                let half = k(0.5);
+                let there = zero.lt(normal.dot(normal));
+                let c = |n: Lanes<S>| Lanes::select(there, n.mul_add(half, half), zero);
+                V3::new(c(normal.x), c(normal.y), c(normal.z))
+            }
+            Shader::Depth => {
+                let near = k(lighting.view.projection.near as f32);
+                let d = match lighting.view.projection.kind {
+                    ProjectionKind::Perspective => near / Lanes::select(covered, z, one),
+                    ProjectionKind::Orthographic { far, .. } => {
+                        one - (z - near) * k((1.0 / (far - lighting.view.projection.near)) as f32)
+                    }
+                };
+                V3::new(d, d, d)
+            }
+            Shader::Phong => {
+                let material = if lighting.wants_material {
+                    buffers.material.each_ref().map(load)
+                } else {
+                    lighting.material.map(k)
+                };
+                phong(simd, lighting, albedo, normal, z, (x, y), material)
+            }
+        };
+        let [r, g, b, a] = lighting.background;
+        let over = |c: Lanes<S>, background: f32| Lanes::select(covered, c, k(background)).to_array();
+        let (r, g, b, a) = (over(color.x, r), over(color.y, g), over(color.z, b), over(one, a));
+        for (i, pixel) in out.color[to.clone()].iter_mut().enumerate() {
+            *pixel = [r[i], g[i], b[i], a[i]];
+        }
+    }
+    let store = |plane: &mut [f32], values: Lanes<S>| plane.copy_from_slice(&values.to_array()[..plane.len()]);
+    if planes.depth {
+        store(&mut out.depth[to.clone()], Lanes::select(covered, z, k(f32::INFINITY)));
+    }
+    if planes.weight {
+        store(&mut out.weight[to.clone()], Lanes::select(covered, weight, zero));
+    }
+    if planes.normal {
+        let n = [normal.x, normal.y, normal.z].map(|c| Lanes::select(covered, c, zero).to_array());
+        for (i, pixel) in out.normal[to.clone()].iter_mut().enumerate() {
+            *pixel = [n[0][i], n[1][i], n[2][i]];
+        }
+    }
+    if planes.fragments {
+        for (i, pixel) in out.fragments[to].iter_mut().enumerate() {
+            *pixel = buffers.fragments[row][at + i] as u32;
+        }
+    }
+}
+
+#[inline(always)]
+fn unit_or_zero<S: Simd>([x, y, z]: [Lanes<S>; 3]) -> V3<Lanes<S>> {
+    let square = x.mul_add(x, y.mul_add(y, z * z));
+    let (zero, one) = (x.zero(), x.one());
+    let there = x.constant(1e-30).lt(square);
+    let inverse = Lanes::select(there, one / Lanes::select(there, square, one).sqrt(), zero);
+    V3::new(x * inverse, y * inverse, z * inverse)
+}
+
+#[inline(always)]
+fn phong<S: Simd>(
+    simd: S,
+    lighting: &Lighting,
+    albedo: V3<Lanes<S>>,
+    normal: V3<Lanes<S>>,
+    z: Lanes<S>,
+    (x, y): (i32, i32),
+    [ambient, diffuse, specular, shininess]: [Lanes<S>; 4],
+) -> V3<Lanes<S>> {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let zero = k(0.0);
+    let vector = |v: Vec3| V3::new(k(v.x), k(v.y), k(v.z));
+    let (position, to_eye) = position(simd, lighting, z, (x, y));
+    let mut matte = vector(lighting.ambient) * ambient;
+    let mut gloss = V3::new(zero, zero, zero);
+    for light in &lighting.lights {
+        let (to_light, color) = match light {
+            FrameLight::Directional { to_light, color } => (vector(*to_light), vector(*color)),
+            FrameLight::Point { position: at, color } => (unit(vector(*at) - position), vector(*color)),
+            FrameLight::Spot { position: at, direction, color, inner, outer } => {
+                let to_light = unit(vector(*at) - position);
+                let strength = spot(simd, to_light, *direction, *inner, *outer);
+                (to_light, vector(*color) * strength)
+            }
+        };
+        let cosine = normal.dot(to_light);
+        let lit = zero.lt(cosine);
+        matte = matte + color * (diffuse * cosine.max(zero));
+        if lighting.wants_material || lighting.material[2] != 0.0 {
+            let reflected = normal * (cosine + cosine) - to_light;
+            let highlight = reflected.dot(to_eye).max(zero).min(k(1.0)).power(shininess);
+            gloss = gloss + color * Lanes::select(lit, specular * highlight, zero);
+        }
+    }
+    V3::new(albedo.x.mul_add(matte.x, gloss.x), albedo.y.mul_add(matte.y, gloss.y), albedo.z.mul_add(matte.z, gloss.z))
+}
+
+/// World position relative to the eye, and the unit vector to the eye.
+#[inline(always)]
+fn position<S: Simd>(simd: S, lighting: &Lighting, z: Lanes<S>, (x, y): (i32, i32)) -> (V3<Lanes<S>>, V3<Lanes<S>>) {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let p = &lighting.view.projection;
+    let slope = |first: f64, axis: usize| ((first + 0.5 - p.principal_px[axis]) / p.focal_px[axis]) as f32;
+    let step = k((1.0 / p.focal_px[0]) as f32);
+    let sx = Lanes::indices(simd).mul_add(step, k(slope(f64::from(x), 0)));
+    let sy = k(slope(f64::from(y), 1));
+    let m = &lighting.world_from_view;
+    let rotate = |v: V3<Lanes<S>>| {
+        let row = |a: f32, b: f32, c: f32| k(a).mul_add(v.x, k(b).mul_add(v.y, k(c) * v.z));
+        V3::new(
+            row(m.x_axis.x, m.y_axis.x, m.z_axis.x),
+            row(m.x_axis.y, m.y_axis.y, m.z_axis.y),
+            row(m.x_axis.z, m.y_axis.z, m.z_axis.z),
+        )
+    };
+    match p.kind {
+        ProjectionKind::Perspective => {
+            let ray = rotate(V3::new(sx, sy, k(1.0)));
+            (ray * z, -unit(ray))
+        }
+        ProjectionKind::Orthographic { .. } => {
+            let f = -lighting.forward;
+            (rotate(V3::new(sx, sy, z)), V3::new(k(f.x), k(f.y), k(f.z)))
+        }
+    }
+}
+
+#[inline(always)]
+fn unit<S: Simd>(v: V3<Lanes<S>>) -> V3<Lanes<S>> {
+    let length = v.length();
+    let zero = v.x.zero();
+    v * (v.x.one() / Lanes::select(zero.lt(length), length, v.x.one()))
+}
+
+/// Strength of a spot light: smoothstep between its half-angles. The angle needs an arctangent, so it is scalar.
+#[cold]
+fn spot<S: Simd>(simd: S, to_light: V3<Lanes<S>>, direction: Vec3, inner: f64, outer: f64) -> Lanes<S> {
+    let (x, y, z) = (to_light.x.to_array(), to_light.y.to_array(), to_light.z.to_array());
+    let strength: [f32; LANES] = std::array::from_fn(|i| {
+        let ray = -DVec3::new(x[i].into(), y[i].into(), z[i].into());
+        let axis = direction.as_dvec3();
+        let angle = (2.0 * (ray - axis).length().atan2((ray + axis).length())).to_degrees();
+        let t = if angle <= inner {
+            1.0
+        } else if angle >= outer {
+            0.0
+        } else {
+            (outer - angle) / (outer - inner)
+        };
+        (t * t * (3.0 - 2.0 * t)) as f32
+    });
+    Lanes::load(simd, &strength)
+}

@@ -1,0 +1,173 @@
+//! Splats as they stay resident: Morton order, chunks of 256, f32 about an f64 origin.
+
+use glam::{DAffine3, DVec3, Vec3};
+use rayon::prelude::*;
+use surfel_model::{Material, Shape, SplatCloud};
+
+/// Splats of a chunk. A multiple of the lane count.
+pub(crate) const CHUNK: usize = 256;
+
+/// A column of vectors in structure-of-arrays form, padded to whole chunks.
+#[derive(Default)]
+pub(crate) struct Soa3 {
+    pub x: Vec<f32>,
+    pub y: Vec<f32>,
+    pub z: Vec<f32>,
+}
+
+impl Soa3 {
+    fn with_capacity(n: usize) -> Self {
+        Self { x: Vec::with_capacity(n), y: Vec::with_capacity(n), z: Vec::with_capacity(n) }
+    }
+
+    fn push(&mut self, v: Vec3) {
+        self.x.push(v.x);
+        self.y.push(v.y);
+        self.z.push(v.z);
+    }
+
+    fn bytes(&self) -> usize {
+        3 * size_of_val(self.x.as_slice())
+    }
+}
+
+/// Extent and orientation of the splats.
+pub(crate) enum StoredShape {
+    /// Unit normals and radii.
+    Disks { normals: Soa3, radii: Vec<f32> },
+    /// Half-axes.
+    Ellipses { s: Soa3, t: Soa3 },
+}
+
+/// Up to 256 splats that lie close together.
+pub(crate) struct Chunk {
+    /// Object-space origin of the centres.
+    pub origin: DVec3,
+    /// Radius about `origin` of a ball that holds the splats (not only their centres), object units.
+    pub ball: f64,
+    /// First splat in the columns.
+    pub first: usize,
+    /// Number of splats.
+    pub count: usize,
+}
+
+/// One object's splats.
+pub(crate) struct StoredObject {
+    pub world_from_object: DAffine3,
+    pub material: Material,
+    pub chunks: Vec<Chunk>,
+    /// Centres about their chunks' origins.
+    pub centers: Soa3,
+    pub shape: StoredShape,
+    pub colors: Option<Soa3>,
+    pub shading_normals: Option<Soa3>,
+}
+
+impl StoredObject {
+    /// Orders and stores a cloud.
+    pub(crate) fn new(cloud: &SplatCloud, world_from_object: DAffine3, material: Material) -> Self {
+        let order = morton_order(cloud);
+        let padded = cloud.len().div_ceil(CHUNK) * CHUNK;
+        let data = cloud.data();
+        let mut stored = Self {
+            world_from_object,
+            material,
+            chunks: Vec::with_capacity(padded / CHUNK),
+            centers: Soa3::with_capacity(padded),
+            shape: match data.shape {
+                Shape::Disks { .. } => {
+                    StoredShape::Disks { normals: Soa3::with_capacity(padded), radii: Vec::with_capacity(padded) }
+                }
+                Shape::Ellipses { .. } => {
+                    StoredShape::Ellipses { s: Soa3::with_capacity(padded), t: Soa3::with_capacity(padded) }
+                }
+            },
+            colors: data.colors.as_ref().map(|_| Soa3::with_capacity(padded)),
+            shading_normals: data.shading_normals.as_ref().map(|_| Soa3::with_capacity(padded)),
+        };
+        for members in order.chunks(CHUNK) {
+            stored.push_chunk(cloud, members);
+        }
+        stored
+    }
+
+    fn push_chunk(&mut self, cloud: &SplatCloud, members: &[u32]) {
+        let centers: Vec<DVec3> = members.iter().map(|&i| cloud.center(i as usize)).collect();
+        let (min, max) =
+            centers.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
+        let origin = 0.5 * (min + max);
+        let mut ball = 0.0f64;
+        self.chunks.push(Chunk { origin, ball: 0.0, first: self.centers.x.len(), count: members.len() });
+        // The last splat fills the chunk up; setup ignores what lies past `count`.
+        for slot in 0..CHUNK {
+            let k = slot.min(members.len() - 1);
+            let i = members[k] as usize;
+            self.centers.push((centers[k] - origin).as_vec3());
+            ball = ball.max((centers[k] - origin).length() + cloud.radius_max(i));
+            match &mut self.shape {
+                StoredShape::Disks { normals, radii } => {
+                    normals.push(cloud.normal(i).as_vec3());
+                    radii.push(cloud.radius_max(i) as f32);
+                }
+                StoredShape::Ellipses { s, t } => {
+                    let (a, b) = cloud.axes(i);
+                    s.push(a.as_vec3());
+                    t.push(b.as_vec3());
+                }
+            }
+            if let Some(colors) = &mut self.colors {
+                colors.push(Vec3::from(cloud.color(i)));
+            }
+            if let Some(normals) = &mut self.shading_normals {
+                normals.push(cloud.shading_normal(i).as_vec3());
+            }
+        }
+        if let Some(chunk) = self.chunks.last_mut() {
+            chunk.ball = ball;
+        }
+    }
+
+    /// Bytes of heap memory in use.
+    pub(crate) fn bytes(&self) -> usize {
+        let shape = match &self.shape {
+            StoredShape::Disks { normals, radii } => normals.bytes() + size_of_val(radii.as_slice()),
+            StoredShape::Ellipses { s, t } => s.bytes() + t.bytes(),
+        };
+        shape
+            + self.centers.bytes()
+            + self.colors.as_ref().map_or(0, Soa3::bytes)
+            + self.shading_normals.as_ref().map_or(0, Soa3::bytes)
+            + size_of_val(self.chunks.as_slice())
+    }
+}
+
+/// Indices of the splats in Morton order of their centres; equal codes stay in index order.
+fn morton_order(cloud: &SplatCloud) -> Vec<u32> {
+    let n = cloud.len();
+    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for i in 0..n {
+        let p = cloud.center(i);
+        (min, max) = (min.min(p), max.max(p));
+    }
+    let extent = (max - min).max_element();
+    let scale = if extent > 0.0 { 1_048_575.0 / extent } else { 0.0 };
+    let mut keyed: Vec<(u64, u32)> = (0..n)
+        .into_par_iter()
+        .map(|i| {
+            let q = (cloud.center(i) - min) * scale;
+            (spread(q.x as u64) | spread(q.y as u64) << 1 | spread(q.z as u64) << 2, i as u32)
+        })
+        .collect();
+    keyed.par_sort_unstable();
+    keyed.into_iter().map(|(_, i)| i).collect()
+}
+
+/// Spreads the low 21 bits of `x` to every third bit.
+fn spread(x: u64) -> u64 {
+    let x = x & 0x1f_ffff;
+    let x = (x | x << 32) & 0x001f_0000_0000_ffff;
+    let x = (x | x << 16) & 0x001f_0000_ff00_00ff;
+    let x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
+    let x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
+    (x | x << 2) & 0x1249_2492_4924_9249
+}
