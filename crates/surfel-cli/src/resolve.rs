@@ -58,6 +58,15 @@ fn load(
 fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Resolved, Failure> {
     let (mut file, keys) = surfel::read_scene_file(path)?;
     file.settings = settings(preset_under(args.preset, file.settings, &keys), args);
+    if let Some(given) = camera_file(args)? {
+        file.camera = given;
+    }
+    // Numbers out of range are told before minutes go into loading.
+    let out_of_range = |e: surfel::model::ModelError| Failure::input(format!("{}: {e}", path.display()));
+    file.settings.validate().map_err(out_of_range)?;
+    if args.view.is_none() {
+        file.camera.validate().map_err(out_of_range)?;
+    }
     let base = path.parent().unwrap_or(Path::new(""));
     let loaded = load(&file.objects, base, &load_options(args, &file.settings), console)?;
     if let Some(choice) = args.up {
@@ -71,13 +80,10 @@ fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Re
     }
     let up = file.up.or_else(|| loaded.facts.first().map(|f| f.0)).unwrap_or(Up::PlusY);
     let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };
-    if let Some(given) = camera_file(args)? {
-        file.camera = given;
+    if let Some(framed) = camera::reframe(&file.camera, &objects_only, up, args) {
+        file.camera = framed;
     }
-    match camera::reframe(&file.camera, &objects_only, up, args) {
-        Some(framed) => file.camera = framed,
-        None => file.camera.validate().map_err(|e| Failure::input(format!("{}: {e}", path.display())))?,
-    }
+    file.camera.validate().map_err(out_of_range)?;
     camera::apply_flags(&mut file.camera, &objects_only, up, false, args);
     let scene =
         surfel::assemble(&file, loaded.objects).map_err(|e| Failure::input(format!("{}: {e}", path.display())))?;

@@ -1,5 +1,7 @@
 //! Runs the program on small inputs in a folder of its own.
 
+#![allow(dead_code, unreachable_pub, missing_docs, reason = "each test program uses a part of this")]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
