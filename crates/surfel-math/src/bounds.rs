@@ -86,7 +86,8 @@ pub fn footprint<R: Real>(f: &Footprint<R>) -> Extent<R> {
     let j_t = V2::new(-(u.y * inverse), u.x * inverse);
     // W = 1 − a·(U, V) gives a back.
     let g = V2::new(f.w.x, f.w.y);
-    ellipse(j_s, j_t, V2::new(-g.dot(j_s), -g.dot(j_t)))
+    // As products of the forms, not −g·j: near edge-on g is steep across j_s, whose rounding would show hundredfold.
+    ellipse(j_s, j_t, V2::new(-(g.cross(v) * inverse), g.cross(u) * inverse))
 }
 
 /// Box in pixel coordinates of the part of a disk at or beyond z_near, wherever its centre is (perspective), or `None` if

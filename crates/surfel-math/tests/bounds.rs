@@ -4,6 +4,7 @@ mod common;
 
 use common::{Exact, Q, Random, Spec, UHD, q, ray_coordinate, reach, single_splat};
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 use surfel_math::bounds::{self, Extent};
 use surfel_math::filter;
 use surfel_math::mapping::Footprint;
@@ -45,7 +46,7 @@ fn spec() -> impl Strategy<Value = Spec> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, rng_seed: RngSeed::Fixed(1), ..ProptestConfig::default() })]
 
     #[test]
     fn bounds_of_the_unfiltered_splat_hold_it_tightly(spec in spec()) {
@@ -73,8 +74,8 @@ proptest! {
             let extent = bounds::footprint(&f.footprint);
             for (axis, [min, max]) in [[extent.min.x, extent.max.x], [extent.min.y, extent.max.y]].into_iter().enumerate() {
                 let (min, max) = (f64::from(min), f64::from(max));
-                // A few roundings of the longer side, twice or four times as large where perspective leans by half.
-                let slack = 4e-6 * (max - min) + 1e-6;
+                // A few roundings of the longer side, twice as large where perspective leans by half.
+                let slack = 2e-6 * (max - min) + 1e-6;
                 prop_assert!(!form_meets(&f.footprint, axis, max + slack), "covered beyond {max}");
                 prop_assert!(!form_meets(&f.footprint, axis, min - slack), "covered before {min}");
                 let inset = slack + 1e-5 * (max - min);
