@@ -1,5 +1,7 @@
 //! Sixteen f32 in SIMD lanes as a [`Real`], and the functions that the hot loops need.
 
+#[cfg(target_arch = "x86_64")]
+use fearless_simd::Level;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, mask32x16};
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -121,6 +123,24 @@ impl<S: Simd> Lanes<S> {
     }
 }
 
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn has_fused_multiply_add<S: Simd>(simd: S) -> bool {
+    !matches!(simd.level(), Level::Sse2(_) | Level::Sse4_2(_))
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+#[inline(always)]
+fn has_fused_multiply_add<S: Simd>(_: S) -> bool {
+    true
+}
+
+/// The fused multiply-add of a processor without one. Kept out of line: inlined, it is most of the program.
+#[inline(never)]
+fn fused_one_by_one(a: &[f32; LANES], b: &[f32; LANES], c: &[f32; LANES]) -> [f32; LANES] {
+    std::array::from_fn(|i| a[i].mul_add(b[i], c[i]))
+}
+
 macro_rules! operator {
     ($trait:ident, $name:ident) => {
         impl<S: Simd> $trait for Lanes<S> {
@@ -155,7 +175,13 @@ impl<S: Simd> Real for Lanes<S> {
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
-        Self(self.0.mul_add_precise(b.0, c.0))
+        // Known when a level is compiled, so only one side remains.
+        if has_fused_multiply_add(self.0.simd) {
+            Self(self.0.mul_add_precise(b.0, c.0))
+        } else {
+            let sum = fused_one_by_one(&self.to_array(), &b.to_array(), &c.to_array());
+            Self(f32x16::load_array(self.0.simd, sum))
+        }
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
@@ -190,7 +216,7 @@ impl<S: Simd> Real for Lanes<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fearless_simd::{Level, dispatch};
+    use crate::level::{Instructions, SimdLevel, with_instructions};
 
     #[inline(always)]
     fn check<S: Simd>(simd: S) {
@@ -220,6 +246,9 @@ mod tests {
 
     #[test]
     fn reciprocal_exponential_and_power_against_f64() {
-        dispatch!(Level::new(), simd => check(simd));
+        for level in [SimdLevel::Best, SimdLevel::Avx2, SimdLevel::Baseline] {
+            let instructions = Instructions::new(level).unwrap();
+            with_instructions!(instructions, simd => check(simd));
+        }
     }
 }

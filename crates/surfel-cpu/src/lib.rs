@@ -14,6 +14,7 @@
 
 mod bins;
 mod lanes;
+mod level;
 mod near;
 mod record;
 mod renderer;
@@ -22,4 +23,5 @@ mod shade;
 mod store;
 mod tile;
 
-pub use renderer::{Options, Renderer, ResidentScene, SimdLevel};
+pub use level::SimdLevel;
+pub use renderer::{Options, Renderer, ResidentScene};

@@ -1,13 +1,14 @@
 //! The backend: scenes in, frames out.
 
 use crate::bins::{Grid, Segment, TILE};
+use crate::level::{Instructions, SimdLevel, with_instructions};
 use crate::near::NearSplat;
 use crate::record::Record;
 use crate::setup::{ObjectSetup, SetupOutput};
 use crate::shade::{self, BandPlanes, Lighting};
 use crate::store::StoredObject;
 use crate::tile::{self, TileBuffers, TileRect, Wants};
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::Simd;
 use rayon::prelude::*;
 use std::time::Instant;
 use surfel_model::{Geometry, Light, Material, Scene, Settings};
@@ -19,18 +20,6 @@ const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", edge_aa: false
 
 /// Chunks that one task sets up and bins: enough splats (64 × 256) to be worth a list per tile.
 const CHUNKS_PER_SEGMENT: usize = 64;
-
-/// Which SIMD instructions to use. Changes the speed and no bit of a picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum SimdLevel {
-    /// The best that the processor has.
-    #[default]
-    Best,
-    /// AVX2 where there is any better, else the best.
-    Avx2,
-    /// The least that this kind of processor always has.
-    Baseline,
-}
 
 /// How a [`Renderer`] works.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -45,7 +34,7 @@ pub struct Options {
 pub struct Renderer {
     info: RendererInfo,
     pool: rayon::ThreadPool,
-    level: Level,
+    instructions: Instructions,
 }
 
 /// A scene as this backend keeps it.
@@ -83,31 +72,19 @@ impl Renderer {
             .num_threads(options.threads)
             .build()
             .map_err(|e| RenderError::Backend { backend: "cpu", message: e.to_string() })?;
-        let best = Level::new();
-        let level = match options.simd {
-            SimdLevel::Best => best,
-            SimdLevel::Avx2 => avx2(best),
-            SimdLevel::Baseline => Level::baseline(),
-        };
+        let instructions = Instructions::new(options.simd).ok_or_else(|| RenderError::Backend {
+            backend: "cpu",
+            message: "this processor has no SIMD instructions that the backend knows; use the reference backend".into(),
+        })?;
         let info = RendererInfo {
             backend: "cpu",
-            adapter: format!("{level:?}").split('(').next().unwrap_or_default().to_owned(),
+            adapter: instructions.name().into(),
             driver: format!("surfel {}", env!("CARGO_PKG_VERSION")),
             threads: pool.current_num_threads(),
             capabilities: CAPABILITIES,
         };
-        Ok(Self { info, pool, level })
+        Ok(Self { info, pool, instructions })
     }
-}
-
-#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-fn avx2(best: Level) -> Level {
-    best.as_avx2().map_or(best, Level::Avx2)
-}
-
-#[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
-fn avx2(best: Level) -> Level {
-    best
 }
 
 impl surfel_render::Renderer for Renderer {
@@ -147,15 +124,22 @@ impl surfel_render::Renderer for Renderer {
         let start = Instant::now();
         let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
         let mut stats = Stats { splats: scene.summary.splats, threads: self.info.threads, ..Stats::default() };
-        let level = self.level;
-        self.pool.install(|| draw(level, scene, view, &plan, frame, &mut stats));
+        let instructions = self.instructions;
+        self.pool.install(|| draw(instructions, scene, view, &plan, frame, &mut stats));
         stats.bytes_per_splat = scene.bytes() as f64 / scene.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)
     }
 }
 
-fn draw(level: Level, scene: &ResidentScene, view: &View, plan: &FramePlan, frame: &mut Frame, stats: &mut Stats) {
+fn draw(
+    instructions: Instructions,
+    scene: &ResidentScene,
+    view: &View,
+    plan: &FramePlan,
+    frame: &mut Frame,
+    stats: &mut Stats,
+) {
     let mut last = Instant::now();
     let mut lap = |stats: &mut Stats, name| {
         let now = Instant::now();
@@ -178,7 +162,7 @@ fn draw(level: Level, scene: &ResidentScene, view: &View, plan: &FramePlan, fram
         .into_par_iter()
         .map(|(object, chunks)| {
             let mut out = SetupOutput::default();
-            dispatch!(level, simd => set_up(simd, &setups[object], chunks, &mut out));
+            with_instructions!(instructions, simd => set_up(simd, &setups[object], chunks, &mut out));
             Segment::new(out.records, out.near, &grid)
         })
         .collect();
@@ -197,7 +181,7 @@ fn draw(level: Level, scene: &ResidentScene, view: &View, plan: &FramePlan, fram
         lighting: Lighting::new(plan, view, lights, scene.ambient, material, scene.background),
     };
     frame.reset(view.region.width, view.region.height, plan.planes);
-    stats.fragments = job.run(level, frame);
+    stats.fragments = job.run(instructions, frame);
     lap(stats, "tiles");
     let bytes: usize =
         segments.iter().map(|s| size_of_val(s.records.as_slice()) + size_of_val(s.near.as_slice())).sum();
@@ -228,7 +212,7 @@ struct TileJob<'a> {
 
 impl TileJob<'_> {
     /// Draws band after band of tiles; each band writes its own rows of the frame.
-    fn run(&self, level: Level, frame: &mut Frame) -> u64 {
+    fn run(&self, instructions: Instructions, frame: &mut Frame) -> u64 {
         let width = self.grid.region.width as usize;
         let band = width * TILE as usize;
         let bands = self.grid.rows as usize;
@@ -254,7 +238,7 @@ impl TileJob<'_> {
             .with_max_len(1)
             .map_init(
                 TileBuffers::new,
-                |buffers, (row, mut out)| dispatch!(level, simd => self.band(simd, row as u32, buffers, &mut out)),
+                |buffers, (row, mut out)| with_instructions!(instructions, simd => self.band(simd, row as u32, buffers, &mut out)),
             )
             .sum()
     }
