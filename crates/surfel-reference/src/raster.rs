@@ -163,10 +163,10 @@ impl BandPass<'_> {
                 for x in columns.clone() {
                     let at = ((y - self.rect.y) * self.rect.width + x - self.rect.x) as usize;
                     let pixel = center(x, y);
-                    if let Some(z) = splat.depth_at(pixel, self.view) {
-                        if self.behind.is_none_or(|b| z > b[at]) {
-                            each(splat, at, pixel, z);
-                        }
+                    if let Some(z) = splat.depth_at(pixel, self.view)
+                        && self.behind.is_none_or(|b| z > b[at])
+                    {
+                        each(splat, at, pixel, z);
                     }
                 }
             }

@@ -234,14 +234,14 @@ fn resolve(
             let mut marginal = sums.marginal || surface.is_some_and(|s| s.marginal);
             if plan.planes.color {
                 let mut color = over(surface);
-                if let (Some((back, edges)), Some(_)) = (behind, surface) {
-                    if edges[from] {
-                        let q = sums.coverage.min(1.0);
-                        let back = lighting.shade(&back.sums[from], pixel);
-                        marginal |= back.is_some_and(|s| s.marginal);
-                        for (c, b) in color.iter_mut().zip(over(back)) {
-                            *c = q * *c + (1.0 - q) * b;
-                        }
+                if let (Some((back, edges)), Some(_)) = (behind, surface)
+                    && edges[from]
+                {
+                    let q = sums.coverage.min(1.0);
+                    let back = lighting.shade(&back.sums[from], pixel);
+                    marginal |= back.is_some_and(|s| s.marginal);
+                    for (c, b) in color.iter_mut().zip(over(back)) {
+                        *c = q * *c + (1.0 - q) * b;
                     }
                 }
                 frame.color[to] = color.map(|c| c as f32);
