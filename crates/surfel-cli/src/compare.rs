@@ -117,8 +117,10 @@ fn as_text(colors: &Comparison, planes: &[(String, PlaneComparison)]) -> String 
 }
 
 fn judge(args: &CompareArgs, colors: &Comparison) -> Result<(), Failure> {
-    let above = |t: &&Threshold| !(value(colors, t.metric) <= t.value);
-    let below = |t: &&Threshold| !(value(colors, t.metric) >= t.value);
+    // A value that is no number passes nothing.
+    let judged = |t: &Threshold| Some(value(colors, t.metric)).filter(|v| !v.is_nan());
+    let above = |t: &&Threshold| judged(t).is_none_or(|v| v > t.value);
+    let below = |t: &&Threshold| judged(t).is_none_or(|v| v < t.value);
     let say = |t: &Threshold, side: &str| format!("{} is {:.6}, {side} {}", t.metric, value(colors, t.metric), t.value);
     let mut broken: Vec<String> = args.fail_above.iter().filter(above).map(|t| say(t, "above")).collect();
     broken.extend(args.fail_below.iter().filter(below).map(|t| say(t, "below")));

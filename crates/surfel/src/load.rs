@@ -86,11 +86,12 @@ pub fn prepare(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> R
         let problem = "holds no splat, expected at least one: check that the file is complete".to_owned();
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
     }
-    if options.interior_weight && cloud.data().interior_weight.is_none() {
-        if let Some(weight) = surfel_sample::interior_weight(&cloud) {
-            cloud.set_interior_weight(weight);
-            notes.push(format!("the file says no interior weight: estimated {weight:.3}"));
-        }
+    if options.interior_weight
+        && cloud.data().interior_weight.is_none()
+        && let Some(weight) = surfel_sample::interior_weight(&cloud)
+    {
+        cloud.set_interior_weight(weight);
+        notes.push(format!("the file says no interior weight: estimated {weight:.3}"));
     }
     Ok(Prepared { cloud, format: loaded.format, up: loaded.up, conversion, notes })
 }
