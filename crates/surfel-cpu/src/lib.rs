@@ -2,7 +2,7 @@
 //!
 //! A frame passes through these modules in order:
 //!
-//! 1. [`store`]: splats in Morton order, in chunks of 256 with an f64 origin (once, at upload);
+//! 1. [`store`]: splats in Morton order, in chunks of up to 256 with an f64 origin (once, at upload);
 //! 2. [`setup`]: 16 splats at a time become [`record`]s: screen footprints, by `surfel-math`'s formulas over SIMD lanes;
 //!    [`near`] takes the few that reach the near plane, in f64;
 //! 3. [`bins`]: records are sorted stably into 32×32 pixel tiles;
