@@ -43,7 +43,8 @@ impl NearSplat {
         let extent = splat.s.z.hypot(splat.t.z);
         let placement = Placement::of(p.z, extent, projection);
         let dropped = placement == Placement::CenterBeforeNear && plan.splat_filter.drop_before_near;
-        let edge_on = !(cosine.abs() > EDGE_ON);
+        // A centre at the eye itself has no cosine (NaN), and is edge-on like any plane through the eye.
+        let edge_on = cosine.is_nan() || cosine.abs() <= EDGE_ON;
         if edge_on || dropped || placement == Placement::Outside || (back_facing && material.cull == Cull::Back) {
             return None;
         }

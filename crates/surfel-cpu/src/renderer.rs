@@ -264,5 +264,5 @@ impl TileJob<'_> {
 
 /// A plane cut into bands; a plane that wasn't asked for gives empty ones.
 fn bands_of<T>(plane: &mut [T], band: usize, bands: usize) -> impl Iterator<Item = &mut [T]> {
-    plane.chunks_mut(band.max(1)).chain(std::iter::repeat_with(|| Default::default())).take(bands)
+    plane.chunks_mut(band.max(1)).chain(std::iter::repeat_with(Default::default)).take(bands)
 }

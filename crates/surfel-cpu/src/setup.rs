@@ -193,7 +193,7 @@ impl<'a> ObjectSetup<'a> {
         let back_facing = zero.le(projected.facing);
         let mut keep = !projected.is_edge_on();
         if material.cull == Cull::Back {
-            keep = keep & !back_facing;
+            keep &= !back_facing;
         }
         let visible = Footprint::unfiltered(&projected, settings.projective);
         let mut extent_px = bounds::unfiltered(&projected, settings.projective);

@@ -170,9 +170,9 @@ struct RowEvaluator<'a, S: Simd> {
 impl<S: Simd> RowEvaluator<'_, S> {
     #[inline(always)]
     fn d_x(&self, x: i32) -> Lanes<S> {
-        // The whole part is exact; one rounding of an offset, not of a pixel coordinate.
-        let first = (x - self.record.base[0]) as f32 + (0.5 - self.record.fraction[0]);
-        Lanes::indices(self.simd) + Lanes::splat(self.simd, first)
+        // Whole pixels are exact, wherever the run starts; one rounding of an offset, not of a pixel coordinate.
+        let whole = Lanes::indices(self.simd) + Lanes::splat(self.simd, (x - self.record.base[0]) as f32);
+        whole + Lanes::splat(self.simd, 0.5 - self.record.fraction[0])
     }
 
     /// gradient·d + constant.
@@ -268,7 +268,7 @@ fn attributes<S: Simd>(
                 let disk = d_x.mul_add(d_x, Lanes::splat(simd, at_row.d_y * at_row.d_y)) * Lanes::splat(simd, clamp);
                 let exact = Lanes::select(inside, rho_squared, disk);
                 rho_squared = exact.min(disk);
-                inside = inside | disk.le(disk.one());
+                inside |= disk.le(disk.one());
             }
             let z = at_row.depth(d_x);
             let exists = Lanes::splat(simd, wants.near).le(z) & z.le(Lanes::splat(simd, wants.far));

@@ -205,23 +205,20 @@ impl CloudData {
                 }
             }
         }
-        if let Some(n) = self.shading_normals.as_ref().map(|c| c.get(i)) {
-            if !n.is_finite() || n == DVec3::ZERO {
-                return Some(format!(
-                    "its shading normal is ({}, {}, {}), expected finite and not zero",
-                    n.x, n.y, n.z
-                ));
-            }
+        if let Some(n) = self.shading_normals.as_ref().map(|c| c.get(i))
+            && (!n.is_finite() || n == DVec3::ZERO)
+        {
+            return Some(format!("its shading normal is ({}, {}, {}), expected finite and not zero", n.x, n.y, n.z));
         }
-        if let Some(c) = self.colors.as_ref().map(|c| c[i]) {
-            if c.iter().any(|c| !c.is_finite()) {
-                return Some(format!("its colour is {c:?}, expected finite numbers"));
-            }
+        if let Some(c) = self.colors.as_ref().map(|c| c[i])
+            && c.iter().any(|c| !c.is_finite())
+        {
+            return Some(format!("its colour is {c:?}, expected finite numbers"));
         }
-        if let Some(a) = self.alphas.as_ref().map(|a| a[i]) {
-            if !(0.0..=1.0).contains(&a) {
-                return Some(format!("its alpha is {a}, expected a number in [0, 1]"));
-            }
+        if let Some(a) = self.alphas.as_ref().map(|a| a[i])
+            && !(0.0..=1.0).contains(&a)
+        {
+            return Some(format!("its alpha is {a}, expected a number in [0, 1]"));
         }
         self.clip_problem(i)
     }
@@ -285,10 +282,10 @@ impl SplatCloud {
         if !data.origin.is_finite() {
             return Err(ModelError::range("origin", data.origin, "finite coordinates"));
         }
-        if let Some(w) = data.interior_weight {
-            if !(w > 0.0 && w.is_finite()) {
-                return Err(ModelError::range("interior_weight", w, "a finite number greater than 0"));
-            }
+        if let Some(w) = data.interior_weight
+            && !(w > 0.0 && w.is_finite())
+        {
+            return Err(ModelError::range("interior_weight", w, "a finite number greater than 0"));
         }
         let total = data.centers.len();
         let mut repaired = Repaired::default();

@@ -134,10 +134,10 @@ pub fn plan(
 ) -> Result<FramePlan, RenderError> {
     settings.validate()?;
     refuse_what_is_not_drawn(summary, settings, planes, capabilities)?;
-    if settings.edge_aa {
-        if let Some(object) = summary.without_interior_weight {
-            return Err(RenderError::NoInteriorWeight { object });
-        }
+    if settings.edge_aa
+        && let Some(object) = summary.without_interior_weight
+    {
+        return Err(RenderError::NoInteriorWeight { object });
     }
     let radius_px = if settings.filter == Filter::None { 0.0 } else { settings.prefilter_radius_px };
     let exact = settings.mapping == Mapping::Exact;
