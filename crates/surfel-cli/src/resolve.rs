@@ -78,7 +78,7 @@ fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Re
     if args.shadows {
         file.lights = Some(with_shadows(file.lights.take().unwrap_or_default()));
     }
-    let up = file.up.or_else(|| loaded.facts.first().map(|f| f.0)).unwrap_or(Up::PlusY);
+    let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
     let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };
     if let Some(framed) = camera::reframe(&file.camera, &objects_only, up, args) {
         file.camera = framed;
@@ -100,7 +100,7 @@ fn of_geometry(args: &RenderArgs, console: &Console) -> Result<Resolved, Failure
     let objects: Vec<ObjectFile> = args.inputs.iter().map(|path| surfel::bare_object(path)).collect();
     let loaded = load(&objects, Path::new(""), &load_options(args, &settings), console)?;
     let given = args.up.and_then(|choice| choice.0);
-    let format_up = loaded.facts.first().map_or(Up::PlusY, |f| f.0);
+    let format_up = loaded.facts.first().map_or(Up::PlusY, |f| f.up);
     let up = given.unwrap_or(format_up);
     if given.is_none() {
         console.note(&format!("up is {up} (by the file or its format; --up says otherwise)"));

@@ -27,7 +27,7 @@ mod tree;
 
 pub use error::SampleError;
 pub use interior::interior_weight;
-pub use mesh::{MeshMethod, MeshOptions, MeshReport, points_from_mesh, splats_from_mesh};
+pub use mesh::{MeshMethod, MeshOptions, MeshReport, is_closed, points_from_mesh, splats_from_mesh};
 pub use options::{Outliers, PointOptions, PointReport};
 pub use points::splats_from_points;
 pub use progress::{NoProgress, Progress};

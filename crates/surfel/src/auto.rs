@@ -1,11 +1,12 @@
 //! A scene for files that come without one: camera, lights and settings that show any data well.
 
 use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, NamedView, ViewAxes, frame_camera};
+use crate::scene::ObjectFacts;
 use crate::scene::{LoadedObjects, ObjectNote, assemble, load_objects, load_scene, read_scene_file};
 use crate::{Error, LoadOptions};
 use glam::DVec3;
 use std::path::Path;
-use surfel_model::{Camera, Light, Material, ObjectFile, Scene, SceneFile, Settings, Shader, Up};
+use surfel_model::{Camera, Cull, Light, Material, ObjectFile, Scene, SceneFile, Settings, Shader, Up};
 use surfel_render::Preset;
 use surfel_sample::Progress;
 
@@ -72,7 +73,7 @@ pub fn studio_lights(camera: &Camera) -> Vec<Light> {
 /// # Errors
 /// [`Error::Model`] for objects without extent that can be framed, and for options out of range.
 pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &AutoOptions) -> Result<SceneFile, Error> {
-    let up = options.up.or_else(|| loaded.facts.first().map(|f| f.0)).unwrap_or(Up::PlusY);
+    let up = options.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
     let scene = Scene { objects: loaded.objects.clone(), ..Scene::default() };
     let camera = match &options.camera {
         Some(camera) => camera.clone(),
@@ -92,8 +93,8 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
         }
     };
     let mut objects = objects;
-    for (object, (_, colored)) in objects.iter_mut().zip(&loaded.facts) {
-        object.material = material(*colored);
+    for (object, facts) in objects.iter_mut().zip(&loaded.facts) {
+        object.material = material(facts);
     }
     Ok(SceneFile {
         up: Some(up),
@@ -108,11 +109,14 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
 
 /// Colours are shown as bright as they are; what has none is white by definition, and shown as light grey clay,
 /// which leaves room for highlights.
-fn material(colored: bool) -> Material {
-    if colored {
-        Material { ambient: 1.3, diffuse: 0.95, specular: 0.06, shininess: 24.0, ..Material::default() }
+///
+/// The hidden side of a closed mesh is left out: its splats reach a little past the silhouette and would fringe it.
+fn material(facts: &ObjectFacts) -> Material {
+    let cull = if facts.closed { Cull::Back } else { Cull::None };
+    if facts.colored {
+        Material { ambient: 1.3, diffuse: 0.95, specular: 0.06, shininess: 24.0, cull, ..Material::default() }
     } else {
-        Material { ambient: 0.55, diffuse: 0.66, specular: 0.14, shininess: 32.0, ..Material::default() }
+        Material { ambient: 0.55, diffuse: 0.66, specular: 0.14, shininess: 32.0, cull, ..Material::default() }
     }
 }
 

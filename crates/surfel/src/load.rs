@@ -48,6 +48,8 @@ pub struct Prepared {
     pub format: Format,
     /// Which axis is up: as the file says, else the format's default.
     pub up: Up,
+    /// They cover a closed mesh from outside: nobody sees the back of one.
+    pub closed: bool,
     /// How the splats were made.
     pub conversion: Conversion,
     /// What the user should know, as sentences without a full stop: what was dropped, assumed or estimated.
@@ -64,6 +66,7 @@ pub fn prepare(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> R
     let loaded = surfel_io::load(path, &io_options)?;
     let sample = |source| Error::Sample { path: path.to_path_buf(), source };
     let mut notes = loaded.notes;
+    let mut closed = false;
     let (mut cloud, conversion) = match loaded.content {
         Content::Splats(cloud) => (cloud, Conversion::None),
         Content::Points(points) => {
@@ -75,6 +78,7 @@ pub fn prepare(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> R
         }
         Content::Mesh(mesh) => {
             let auto = MeshOptions::auto(&mesh);
+            closed = surfel_sample::is_closed(&mesh);
             let method = options.method.unwrap_or(auto.method);
             let mesh_options = MeshOptions { method, radius_scale: options.radius_scale };
             let (cloud, report) = surfel_sample::splats_from_mesh(&mesh, &mesh_options, progress).map_err(sample)?;
@@ -93,7 +97,7 @@ pub fn prepare(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> R
         cloud.set_interior_weight(weight);
         notes.push(format!("the file says no interior weight: estimated {weight:.3}"));
     }
-    Ok(Prepared { cloud, format: loaded.format, up: loaded.up, conversion, notes })
+    Ok(Prepared { cloud, format: loaded.format, up: loaded.up, closed, conversion, notes })
 }
 
 /// Loads a file that is drawn as polygons.

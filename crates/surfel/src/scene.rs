@@ -28,10 +28,21 @@ pub struct ObjectNote {
 pub struct LoadedObjects {
     /// The objects, in the scene file's order.
     pub objects: Vec<Object>,
-    /// Which axis is up in each object's file, and if some splats of it have colours.
-    pub facts: Vec<(Up, bool)>,
+    /// What is known of each object.
+    pub facts: Vec<ObjectFacts>,
     /// What was dropped, assumed or estimated, file by file.
     pub notes: Vec<ObjectNote>,
+}
+
+/// What automatic framing and lighting need to know of an object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ObjectFacts {
+    /// Which axis is up in its file.
+    pub up: Up,
+    /// It has colours.
+    pub colored: bool,
+    /// Its splats cover a closed mesh from outside.
+    pub closed: bool,
 }
 
 /// Reads a scene file, and which keys its `settings` object has.
@@ -62,7 +73,7 @@ pub fn load_objects(
     progress: &dyn Progress,
 ) -> Result<LoadedObjects, Error> {
     let mut loaded = LoadedObjects::default();
-    let mut known: BTreeMap<(PathBuf, bool), (Geometry, Up)> = BTreeMap::new();
+    let mut known: BTreeMap<(PathBuf, bool), (Geometry, Up, bool)> = BTreeMap::new();
     for object in objects {
         let world_from_object = object.world_from_object()?;
         let (file, as_mesh) = match (&object.splats, &object.mesh) {
@@ -72,26 +83,26 @@ pub fn load_objects(
         };
         let path = base_dir.join(file);
         let key = (path.clone(), as_mesh);
-        let (geometry, up) = match known.get(&key) {
+        let (geometry, up, closed) = match known.get(&key) {
             Some(found) => found.clone(),
             None => {
-                let (geometry, up, notes) = if as_mesh {
+                let (geometry, up, closed, notes) = if as_mesh {
                     let (mesh, up, notes) = load_mesh(&path, options)?;
-                    (Geometry::Mesh(mesh), up, notes)
+                    (Geometry::Mesh(mesh), up, false, notes)
                 } else {
-                    let Prepared { cloud, up, notes, .. } = prepare(&path, options, progress)?;
-                    (Geometry::Splats(Arc::new(cloud)), up, notes)
+                    let Prepared { cloud, up, closed, notes, .. } = prepare(&path, options, progress)?;
+                    (Geometry::Splats(Arc::new(cloud)), up, closed, notes)
                 };
                 loaded.notes.extend(notes.into_iter().map(|text| ObjectNote { path: path.clone(), text }));
-                known.insert(key, (geometry.clone(), up));
-                (geometry, up)
+                known.insert(key, (geometry.clone(), up, closed));
+                (geometry, up, closed)
             }
         };
         let colored = match &geometry {
             Geometry::Splats(cloud) => cloud.data().colors.is_some(),
             Geometry::Mesh(mesh) => mesh.colors.is_some() || mesh.texture.is_some(),
         };
-        loaded.facts.push((up, colored));
+        loaded.facts.push(ObjectFacts { up, colored, closed });
         loaded.objects.push(Object { geometry, world_from_object, material: object.material });
     }
     Ok(loaded)

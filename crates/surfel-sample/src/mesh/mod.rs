@@ -1,5 +1,6 @@
 //! Meshes to splats.
 
+mod closed;
 mod count;
 mod eliminate;
 mod features;
@@ -13,6 +14,7 @@ use geometry::Geometry;
 use glam::DVec3;
 use surfel_model::{CloudData, Column3, Mesh, OnInvalid, SplatCloud};
 
+pub use closed::is_closed;
 pub use vertices::points_from_mesh;
 
 /// How a mesh becomes splats.
