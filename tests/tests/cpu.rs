@@ -3,7 +3,7 @@
 use surfel_conformance::harness::{check_backend, render};
 use surfel_conformance::scenes;
 use surfel_cpu::{Options, Renderer as Cpu, SimdLevel};
-use surfel_render::{Frame, Planes, RenderError, Settings};
+use surfel_render::{Frame, Planes, Region, RenderError, Renderer, Settings, View};
 
 fn renderer(threads: usize, simd: SimdLevel) -> Cpu {
     Cpu::with_options(&Options { threads, simd }).unwrap()
@@ -53,4 +53,24 @@ fn cpu_refuses_what_it_does_not_draw() {
     let case = scenes::Case { scene, ..case };
     let error = render(&mut renderer(1, SimdLevel::Best), &case, Planes::COLOR).unwrap_err();
     assert!(matches!(error, RenderError::Unsupported { backend: "cpu", .. }), "{error}");
+}
+
+#[test]
+fn cpu_region_is_the_same_bits_as_that_part_of_the_whole() {
+    let mut cpu = renderer(2, SimdLevel::Best);
+    for case in scenes::all().iter().filter(|c| !c.settings.edge_aa) {
+        let [width, height] = case.camera.size;
+        // An odd corner, so that tiles and runs start elsewhere than in the whole picture.
+        let region = Region { x: width / 3, y: height / 4, width: width.div_ceil(2), height: height.div_ceil(2) };
+        let whole = render(&mut cpu, case, Planes::COLOR).unwrap();
+        let view = View::of_region(&case.camera, Some(region)).unwrap();
+        let resident = cpu.upload(&case.scene).unwrap();
+        let mut part = Frame::default();
+        cpu.render(&resident, &view, &case.settings, Planes::COLOR, &mut part).unwrap();
+        for (i, pixel) in part.color.iter().enumerate() {
+            let (x, y) = (region.x + i as u32 % region.width, region.y + i as u32 / region.width);
+            let same = whole.color[(y * width + x) as usize];
+            assert_eq!(pixel.map(f32::to_bits), same.map(f32::to_bits), "{} at {x},{y}", case.name);
+        }
+    }
 }

@@ -34,7 +34,7 @@ pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsStrin
         let argument = find(command, key).or_else(|| find(&grammar, key));
         argument.is_some_and(|(id, _)| {
             let sources =
-                [given, matches].map(|m| m.try_contains_id(id.as_str()).ok().and(m.value_source(id.as_str())));
+                [given, matches].map(|m| m.try_contains_id(id.as_str()).ok().and_then(|_| m.value_source(id.as_str())));
             sources.contains(&Some(ValueSource::CommandLine))
         })
     };

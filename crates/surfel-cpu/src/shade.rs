@@ -242,10 +242,13 @@ fn phong<S: Simd>(
 fn position<S: Simd>(simd: S, lighting: &Lighting, z: Lanes<S>, (x, y): (i32, i32)) -> (V3<Lanes<S>>, V3<Lanes<S>>) {
     let k = |v: f32| Lanes::splat(simd, v);
     let p = &lighting.view.projection;
-    let slope = |first: f64, axis: usize| ((first + 0.5 - p.principal_px[axis]) / p.focal_px[axis]) as f32;
-    let step = k((1.0 / p.focal_px[0]) as f32);
-    let sx = Lanes::indices(simd).mul_add(step, k(slope(f64::from(x), 0)));
-    let sy = k(slope(f64::from(y), 1));
+    // From whole pixel numbers, so that a pixel's ray doesn't depend on where its run starts.
+    let slope = |pixel: Lanes<S>, axis: usize| {
+        let step = k((1.0 / p.focal_px[axis]) as f32);
+        pixel.mul_add(step, k(((0.5 - p.principal_px[axis]) / p.focal_px[axis]) as f32))
+    };
+    let sx = slope(Lanes::indices(simd) + k(x as f32), 0);
+    let sy = slope(k(y as f32), 1);
     let m = &lighting.world_from_view;
     let rotate = |v: V3<Lanes<S>>| {
         let row = |a: f32, b: f32, c: f32| k(a).mul_add(v.x, k(b).mul_add(v.y, k(c) * v.z));

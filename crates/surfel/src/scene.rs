@@ -73,7 +73,7 @@ pub fn load_objects(
     progress: &dyn Progress,
 ) -> Result<LoadedObjects, Error> {
     let mut loaded = LoadedObjects::default();
-    let mut known: BTreeMap<(PathBuf, bool), (Geometry, Up, bool)> = BTreeMap::new();
+    let mut known: BTreeMap<(PathBuf, bool, bool), (Geometry, Up, bool)> = BTreeMap::new();
     for object in objects {
         let world_from_object = object.world_from_object()?;
         let (file, as_mesh) = match (&object.splats, &object.mesh) {
@@ -82,7 +82,10 @@ pub fn load_objects(
             (None, None) => continue,
         };
         let path = base_dir.join(file);
-        let key = (path.clone(), as_mesh);
+        // A material's own interior weight wins, so then none need be estimated.
+        let interior_weight = options.interior_weight && object.material.interior_weight.is_none();
+        let options = &LoadOptions { interior_weight, ..options.clone() };
+        let key = (path.clone(), as_mesh, interior_weight);
         let (geometry, up, closed) = match known.get(&key) {
             Some(found) => found.clone(),
             None => {
