@@ -2,12 +2,12 @@
 //!
 //! A frame passes through these modules in order:
 //!
-//! 1. [`store`]: splats in Morton order, in chunks of up to 256 with an f64 origin (once, at upload);
-//! 2. [`setup`]: 16 splats at a time become [`record`]s: screen footprints, by `surfel-math`'s formulas over SIMD lanes;
-//!    [`near`] takes the few that reach the near plane, in f64;
-//! 3. [`bins`]: records are sorted stably into 32×32 pixel tiles;
-//! 4. [`tile`]: per tile two loops over the same list, nearest depth, then weighted sums, in buffers that stay in cache;
-//! 5. [`shade`]: the tile is divided, lit and written while it is hot.
+//! 1. `store`: splats in Morton order, in chunks of up to 256 with an f64 origin (once, at upload);
+//! 2. `setup`: 16 splats at a time become `record`s: screen footprints, by `surfel-math`'s formulas over SIMD lanes;
+//!    `near` takes the few that reach the near plane, in f64;
+//! 3. `bins`: records are sorted stably into 32×32 pixel tiles;
+//! 4. `tile`: per tile two loops over the same list, nearest depth, then weighted sums, in buffers that stay in cache;
+//! 5. `shade`: the tile is divided, lit and written while it is hot.
 //!
 //! Output is bit-identical for any number of threads and any SIMD level: every sum is in splat order, every operation
 //! is correctly rounded, and nothing depends on lane width.

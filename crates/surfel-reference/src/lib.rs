@@ -4,8 +4,8 @@
 //! One splat after another, in index order, no culling but what the model says. Rows are rendered in parallel, which
 //! changes nothing: every pixel sums its fragments in the same order.
 //!
-//! [`splat`] turns splats into footprints, [`raster`] runs the visibility and attribute passes, [`shade`] lights a
-//! pixel, [`edge`] does edge antialiasing, [`margin`] finds decisions that rounding could flip.
+//! `splat` turns splats into footprints, `raster` runs the visibility and attribute passes, `shade` lights a
+//! pixel, `edge` does edge antialiasing, `margin` finds decisions that rounding could flip.
 
 mod edge;
 mod margin;
