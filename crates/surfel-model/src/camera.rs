@@ -1,0 +1,146 @@
+//! Cameras and projections, as the scene file describes them.
+
+use crate::ModelError;
+use crate::range::{finite, positive};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Largest image side, in pixels.
+pub const MAX_IMAGE_SIDE: u32 = 65_536;
+/// Largest number of pixels that one render allocates (the image, or its region).
+pub const MAX_IMAGE_PIXELS: u64 = 1 << 28;
+
+/// A camera as in the scene file. World space, world units, degrees.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Camera {
+    /// Position of the eye.
+    pub eye: [f64; 3],
+    /// The point looked at; differs from `eye`.
+    pub target: [f64; 3],
+    /// A direction that appears upward; not parallel to the view.
+    #[serde(default = "default_up")]
+    pub up: [f64; 3],
+    /// Projection.
+    pub projection: Projection,
+    /// Planar depth before which nothing is drawn, greater than 0.
+    #[serde(default = "default_near")]
+    pub near: f64,
+    /// Planar depth beyond which an orthographic view draws nothing. Perspective has no far plane.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub far: Option<f64>,
+    /// Image width and height in pixels.
+    pub size: [u32; 2],
+}
+
+fn default_up() -> [f64; 3] {
+    [0.0, 1.0, 0.0]
+}
+
+fn default_near() -> f64 {
+    0.01
+}
+
+/// Projections (rendering model §1).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Projection {
+    /// Centred perspective with square pixels.
+    Perspective {
+        /// Vertical field of view, degrees, in (0, 180).
+        fov_y_deg: f64,
+    },
+    /// Perspective by a calibrated camera, in pixels.
+    Intrinsics {
+        /// Focal length along x.
+        fx: f64,
+        /// Focal length along y.
+        fy: f64,
+        /// Principal point, x.
+        cx: f64,
+        /// Principal point, y.
+        cy: f64,
+    },
+    /// Parallel projection.
+    Orthographic {
+        /// Height of the view in world units.
+        height: f64,
+    },
+}
+
+impl Camera {
+    /// Checks every number and that the camera has a direction.
+    ///
+    /// # Errors
+    /// [`ModelError`] naming the field as it is called in the scene file.
+    pub fn validate(&self) -> Result<(), ModelError> {
+        finite("camera.eye", &self.eye)?;
+        finite("camera.target", &self.target)?;
+        finite("camera.up", &self.up)?;
+        positive("camera.near", self.near)?;
+        let (eye, target, up) = (DVec3::from(self.eye), DVec3::from(self.target), DVec3::from(self.up));
+        let forward = target - eye;
+        if forward == DVec3::ZERO || !forward.is_finite() {
+            return Err(ModelError::Conflict(
+                "camera.eye and camera.target are the same point: the camera has no direction".into(),
+            ));
+        }
+        if up == DVec3::ZERO {
+            return Err(ModelError::range("camera.up", up, "a direction that is not zero"));
+        }
+        let (f, u) = (surfel_math::basis::unit(forward), surfel_math::basis::unit(up));
+        if f.cross(u).length() < 1e-9 {
+            return Err(ModelError::Conflict("camera.up is parallel to the view direction: choose another up".into()));
+        }
+        let [w, h] = self.size;
+        if w == 0 || h == 0 || w > MAX_IMAGE_SIDE || h > MAX_IMAGE_SIDE {
+            return Err(ModelError::range("camera.size", format!("{w}x{h}"), "1 to 65536 pixels a side"));
+        }
+        match self.projection {
+            Projection::Perspective { fov_y_deg } => {
+                if !(fov_y_deg > 0.0 && fov_y_deg < 180.0) {
+                    return Err(ModelError::range(
+                        "camera.projection.perspective.fov_y_deg",
+                        fov_y_deg,
+                        "degrees in (0, 180)",
+                    ));
+                }
+            }
+            Projection::Intrinsics { fx, fy, cx, cy } => {
+                positive("camera.projection.intrinsics.fx", fx)?;
+                positive("camera.projection.intrinsics.fy", fy)?;
+                finite("camera.projection.intrinsics", &[cx, cy])?;
+            }
+            Projection::Orthographic { height } => {
+                positive("camera.projection.orthographic.height", height)?;
+                let Some(far) = self.far else {
+                    return Err(ModelError::Conflict("an orthographic camera needs camera.far".into()));
+                };
+                if !(far > self.near && far.is_finite()) {
+                    return Err(ModelError::range("camera.far", far, "a finite number greater than camera.near"));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_without_direction_or_with_its_up_along_the_view_is_refused() {
+        let text =
+            r#"{"eye": [0,0,5], "target": [0,0,0], "projection": {"perspective": {"fov_y_deg": 45}}, "size": [8, 8]}"#;
+        let camera: Camera = serde_json::from_str(text).unwrap();
+        assert!(camera.validate().is_ok());
+        assert!(Camera { target: camera.eye, ..camera.clone() }.validate().is_err());
+        assert!(Camera { up: [0.0, 0.0, 2.0], ..camera.clone() }.validate().is_err());
+        assert!(Camera { size: [0, 4], ..camera.clone() }.validate().is_err());
+        assert!(Camera { near: 0.0, ..camera.clone() }.validate().is_err());
+        let ortho = Projection::Orthographic { height: 2.0 };
+        assert!(Camera { projection: ortho, ..camera.clone() }.validate().is_err());
+        assert!(Camera { projection: ortho, far: Some(9.0), ..camera }.validate().is_ok());
+    }
+}

@@ -1,0 +1,93 @@
+//! Lights, as the scene file describes them.
+
+use crate::ModelError;
+use crate::range::finite;
+use serde::{Deserialize, Serialize};
+
+/// A light, in world space. Colours are linear RGB; nothing falls off with distance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Light {
+    /// Parallel light.
+    Directional {
+        /// Where the light travels; not zero.
+        direction: [f64; 3],
+        /// Linear RGB.
+        #[serde(default = "white")]
+        color: [f64; 3],
+        /// Casts shadows.
+        #[serde(default)]
+        shadow: bool,
+    },
+    /// Light from a point in all directions.
+    Point {
+        /// Where it is.
+        position: [f64; 3],
+        /// Linear RGB.
+        #[serde(default = "white")]
+        color: [f64; 3],
+    },
+    /// Light from a point into a cone.
+    Spot {
+        /// Where it is.
+        position: [f64; 3],
+        /// The cone's axis, where the light travels; not zero.
+        direction: [f64; 3],
+        /// Linear RGB.
+        #[serde(default = "white")]
+        color: [f64; 3],
+        /// Half-angle within which it is at its full strength, degrees.
+        inner_deg: f64,
+        /// Half-angle at which it has faded to nothing, degrees; at least `inner_deg`.
+        outer_deg: f64,
+        /// Casts shadows.
+        #[serde(default)]
+        shadow: bool,
+    },
+}
+
+fn white() -> [f64; 3] {
+    [1.0; 3]
+}
+
+impl Light {
+    pub(crate) fn validate(&self, i: usize) -> Result<(), ModelError> {
+        let direction_ok = |d: &[f64; 3]| {
+            finite(&format!("lights[{i}].direction"), d)?;
+            if *d == [0.0; 3] {
+                return Err(ModelError::range(
+                    format!("lights[{i}].direction"),
+                    "zero",
+                    "a direction that is not zero",
+                ));
+            }
+            Ok(())
+        };
+        let color = match self {
+            Self::Directional { direction, color, .. } => {
+                direction_ok(direction)?;
+                color
+            }
+            Self::Point { position, color } => {
+                finite(&format!("lights[{i}].position"), position)?;
+                color
+            }
+            Self::Spot { position, direction, color, inner_deg, outer_deg, .. } => {
+                finite(&format!("lights[{i}].position"), position)?;
+                direction_ok(direction)?;
+                if !(*inner_deg >= 0.0 && inner_deg <= outer_deg && *outer_deg <= 180.0) {
+                    let found = format!("{inner_deg}, {outer_deg}");
+                    let expected = "0 <= inner_deg <= outer_deg <= 180";
+                    return Err(ModelError::range(format!("lights[{i}].inner_deg, outer_deg"), found, expected));
+                }
+                color
+            }
+        };
+        finite(&format!("lights[{i}].color"), color)
+    }
+
+    /// True if the light asks for a shadow map.
+    pub fn casts_shadow(&self) -> bool {
+        matches!(self, Self::Directional { shadow: true, .. } | Self::Spot { shadow: true, .. })
+    }
+}
