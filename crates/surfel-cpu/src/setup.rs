@@ -132,7 +132,7 @@ impl<'a> ObjectSetup<'a> {
             }
             StoredShape::Ellipses { s, t } => {
                 let (s, t) = (load(s), load(t));
-                let (a, b) = (largest(s), largest(t));
+                let (a, b) = (s.max_abs(), t.max_abs());
                 (s, t, (s * (a.one() / a)).cross(t * (b.one() / b)))
             }
         };
@@ -354,13 +354,8 @@ fn transform<S: Simd>(m: &Mat3, v: V3<Lanes<S>>) -> V3<Lanes<S>> {
 }
 
 #[inline(always)]
-fn largest<R: Real>(v: V3<R>) -> R {
-    v.x.abs().max(v.y.abs()).max(v.z.abs())
-}
-
-#[inline(always)]
 fn unit<R: Real>(v: V3<R>) -> V3<R> {
-    let scale = v.x.one() / largest(v);
+    let scale = v.x.one() / v.max_abs();
     let v = v * scale;
     v * (v.x.one() / v.length())
 }

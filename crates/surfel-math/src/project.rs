@@ -54,7 +54,7 @@ impl<R: Real> Projected<R> {
         let zero = p.x.zero();
         let focal = V2::new(p.x.constant(projection.focal_px[0]), p.x.constant(projection.focal_px[1]));
         // |s × t| with both scaled to their largest coordinate: nothing overflows or vanishes at 1e±15.
-        let (k_s, k_t) = (largest(s), largest(t));
+        let (k_s, k_t) = (s.max_abs(), t.max_abs());
         let cross = (s * (one / k_s)).cross(t * (one / k_t));
         let sine = R::select(zero.le(cross.dot(n)), cross.length(), -cross.length());
         let depth_extent = s.z.mul_add(s.z, t.z * t.z).sqrt();
@@ -104,15 +104,10 @@ impl<R: Real> Projected<R> {
     }
 }
 
-#[inline(always)]
-fn largest<R: Real>(v: V3<R>) -> R {
-    v.x.abs().max(v.y.abs()).max(v.z.abs())
-}
-
 /// r_max (§2): the larger singular value of [s t], at any scale.
 #[inline(always)]
 pub fn radius_max<R: Real>(s: V3<R>, t: V3<R>) -> R {
-    let scale = largest(s).max(largest(t));
+    let scale = s.max_abs().max(t.max_abs());
     let inverse = s.x.one() / scale;
     let (s, t) = (s * inverse, t * inverse);
     let half = s.x.constant(0.5);

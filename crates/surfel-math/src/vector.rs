@@ -87,6 +87,12 @@ impl<R: Real> V3<R> {
         self.dot(self).sqrt()
     }
 
+    /// The largest absolute value of a coordinate.
+    #[inline(always)]
+    pub fn max_abs(self) -> R {
+        self.x.abs().max(self.y.abs()).max(self.z.abs())
+    }
+
     /// The first two coordinates.
     #[inline(always)]
     pub fn xy(self) -> V2<R> {
