@@ -8,6 +8,7 @@ use crate::output::{Format, Output};
 use crate::resolve::{Resolved, resolve};
 use crate::stats;
 use std::path::{Path, PathBuf};
+use surfel::render::{SceneSummary, unsupported};
 use surfel::{Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Renderer, Scene, SceneFile, Stats};
 
 pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Console) -> Result<(), Failure> {
@@ -30,11 +31,16 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Co
         print_scene(args, &resolved.file, console)?;
     }
     let Some(backend) = &mut backend else { return Ok(()) };
-    let edge_aa = resolved.file.settings.edge_aa;
-    if args.backend == "auto" && edge_aa && !backend.info().capabilities.edge_aa {
-        let name = backend.info().backend;
-        console
-            .note(&format!("backend '{name}' has no edge antialiasing yet: drawing with 'reference', which is slow"));
+    let planes = match output.as_ref().map(|o| o.format) {
+        Some(Format::Exr { .. }) => Planes::ALL,
+        _ => Planes::COLOR,
+    };
+    let capabilities = backend.info().capabilities;
+    if args.backend == "auto"
+        && let Some(missing) =
+            unsupported(&SceneSummary::of(&resolved.scene), &resolved.file.settings, planes, &capabilities)
+    {
+        console.note(&format!("{missing}: drawing with 'reference', which is exact and slow"));
         *backend = start_named("reference", args, threads, console)?;
         if let Some(output) = &output {
             for frame in 0..frames {
@@ -42,10 +48,6 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Co
             }
         }
     }
-    let planes = match output.as_ref().map(|o| o.format) {
-        Some(Format::Exr { .. }) => Planes::ALL,
-        _ => Planes::COLOR,
-    };
     let mut job = Job { args, planes, runs: Vec::new(), frame: Frame::default(), scene: None };
     for index in 0..frames {
         let (camera, moved) = turned(&resolved, index, frames);

@@ -16,7 +16,7 @@ use surfel_render::{
     Capabilities, Frame, FramePlan, PassTime, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan,
 };
 
-const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", edge_aa: false, margin: false };
+const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", features: &[] };
 
 /// Chunks that one task sets up and bins: enough splats (64 × 256) to be worth a list per tile.
 const CHUNKS_PER_SEGMENT: usize = 64;

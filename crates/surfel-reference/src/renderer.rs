@@ -12,11 +12,12 @@ use std::time::Instant;
 use surfel_math::V2;
 use surfel_model::{Geometry, Light, Material, Scene, Settings, SplatCloud};
 use surfel_render::{
-    Capabilities, Frame, FramePlan, Pass, PassTime, Planes, Region, RenderError, RendererInfo, SceneSummary, Stats,
-    View, plan,
+    Capabilities, Feature, Frame, FramePlan, Pass, PassTime, Planes, Region, RenderError, RendererInfo, SceneSummary,
+    Stats, View, plan,
 };
 
-const CAPABILITIES: Capabilities = Capabilities { backend: "reference", edge_aa: true, margin: true };
+const CAPABILITIES: Capabilities =
+    Capabilities { backend: "reference", features: &[Feature::EdgeAntialiasing, Feature::Margin] };
 
 /// The f64 reference backend.
 pub struct Renderer {

@@ -14,9 +14,9 @@ mod view;
 
 pub use error::RenderError;
 pub use frame::{Frame, Planes};
-pub use plan::{Attributes, FramePlan, Pass, SceneSummary, SplatFilter, plan};
+pub use plan::{Attributes, FramePlan, Pass, SceneSummary, SplatFilter, plan, unsupported};
 pub use preset::Preset;
-pub use renderer::{Capabilities, Renderer, RendererInfo};
+pub use renderer::{Capabilities, Feature, Renderer, RendererInfo};
 pub use stats::{PassTime, Stats};
 pub use surfel_model::Settings;
 pub use view::{Region, View};

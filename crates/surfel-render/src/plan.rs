@@ -1,6 +1,6 @@
 //! Every per-frame decision, made once: which passes, planes and variants a scene needs, and no others.
 
-use crate::{Capabilities, Planes, RenderError, View};
+use crate::{Capabilities, Feature, Planes, RenderError, View};
 use surfel_math::depth::Tolerance;
 use surfel_model::{
     Accumulate, ClipPolicy, DepthTolerance, Filter, Geometry, Light, Mapping, Scene, Settings, Shader, Transparency,
@@ -133,7 +133,9 @@ pub fn plan(
     capabilities: &Capabilities,
 ) -> Result<FramePlan, RenderError> {
     settings.validate()?;
-    refuse_what_is_not_drawn(summary, settings, planes, capabilities)?;
+    if let Some(error) = unsupported(summary, settings, planes, capabilities) {
+        return Err(error);
+    }
     if settings.edge_aa
         && let Some(object) = summary.without_interior_weight
     {
@@ -174,42 +176,51 @@ pub fn plan(
     })
 }
 
-fn refuse_what_is_not_drawn(
+/// What a scene and its settings need and a backend doesn't draw: the first of it, as an error that says where it is and
+/// what to do; `None` if the backend draws everything.
+pub fn unsupported(
     summary: &SceneSummary,
     settings: &Settings,
     planes: Planes,
     capabilities: &Capabilities,
-) -> Result<(), RenderError> {
-    let setting = || "is asked for by the settings".to_owned();
-    let scene = |what: &str| format!("is in the scene ({what})");
-    let missing: Option<(&'static str, String, &'static str)> = if summary.meshes {
-        Some((
+) -> Option<RenderError> {
+    let transparent = summary.transparent.then_some(settings.transparency);
+    let needs = [
+        (Feature::Meshes, summary.meshes),
+        (Feature::Clips, summary.clips && settings.clip != ClipPolicy::Off),
+        (Feature::Peel, matches!(transparent, Some(Transparency::Peel { .. }))),
+        (Feature::ABuffer, matches!(transparent, Some(Transparency::ABuffer { .. }))),
+        (Feature::Shadows, summary.shadows),
+        (Feature::Toon, settings.shader == Shader::Toon),
+        (Feature::F16, settings.accumulate == Accumulate::F16),
+        (Feature::EdgeAntialiasing, settings.edge_aa),
+        (Feature::Margin, planes.margin),
+    ];
+    let (missing, _) = needs.into_iter().find(|(feature, needed)| *needed && !capabilities.has(*feature))?;
+    let (feature, found_where, advice) = describe(missing);
+    let found_where = found_where.to_owned();
+    Some(RenderError::Unsupported { backend: capabilities.backend, feature, found_where, advice })
+}
+
+/// A feature's name in a message, where it comes from, and what to do without it.
+fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
+    let setting = "is asked for by the settings";
+    match feature {
+        Feature::Meshes => (
             "a polygon mesh among splats",
-            scene("an object with \"mesh\""),
+            "is in the scene (an object with \"mesh\")",
             "give it as \"splats\" to have it converted",
-        ))
-    } else if summary.clips && settings.clip != ClipPolicy::Off {
-        Some(("clipping of splats", scene("clip properties"), "--clip off draws the whole splats"))
-    } else if summary.transparent && settings.transparency != Transparency::Off {
-        Some(("transparency", setting(), "--transparency off draws every splat opaque"))
-    } else if summary.shadows {
-        Some(("a shadow", scene("a light with \"shadow\": true"), "set \"shadow\": false"))
-    } else if settings.shader == Shader::Toon {
-        Some(("shader 'toon'", setting(), "choose unlit, phong, normal or depth"))
-    } else if settings.accumulate == Accumulate::F16 {
-        Some(("f16 accumulation", setting(), "choose --accumulate f32"))
-    } else if settings.edge_aa && !capabilities.edge_aa {
-        Some(("edge antialiasing", setting(), "choose --backend reference or --edge-aa=off"))
-    } else if planes.margin && !capabilities.margin {
-        Some(("the decision margin plane", setting(), "choose --backend reference"))
-    } else {
-        None
-    };
-    match missing {
-        Some((feature, found_where, advice)) => {
-            Err(RenderError::Unsupported { backend: capabilities.backend, feature, found_where, advice })
+        ),
+        Feature::Clips => {
+            ("clipping of splats", "is in the scene (clip properties)", "--clip off draws the whole splats")
         }
-        None => Ok(()),
+        Feature::Peel => ("depth-peeled transparency", setting, "--transparency off draws every splat opaque"),
+        Feature::ABuffer => ("A-buffer transparency", setting, "--transparency off draws every splat opaque"),
+        Feature::Shadows => ("a shadow", "is in the scene (a light with \"shadow\": true)", "set \"shadow\": false"),
+        Feature::Toon => ("shader 'toon'", setting, "choose unlit, phong, normal or depth"),
+        Feature::F16 => ("f16 accumulation", setting, "choose --accumulate f32"),
+        Feature::EdgeAntialiasing => ("edge antialiasing", setting, "choose --backend reference or --edge-aa=off"),
+        Feature::Margin => ("the decision margin plane", setting, "choose --backend reference"),
     }
 }
 
@@ -218,7 +229,7 @@ mod tests {
     use super::*;
     use surfel_model::{Camera, Projection};
 
-    const ALL: Capabilities = Capabilities { backend: "test", edge_aa: true, margin: true };
+    const ALL: Capabilities = Capabilities { backend: "test", features: &[Feature::EdgeAntialiasing] };
 
     fn view() -> View {
         View::new(&Camera {

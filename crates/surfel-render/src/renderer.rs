@@ -3,15 +3,44 @@
 use crate::{Frame, Planes, RenderError, Stats, View};
 use surfel_model::{Scene, Settings};
 
+/// What only some backends draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Feature {
+    /// Edge antialiasing (§5).
+    EdgeAntialiasing,
+    /// Clip curves and lines (§7).
+    Clips,
+    /// Polygon meshes among splats (§6).
+    Meshes,
+    /// Depth-peeled transparency (§8).
+    Peel,
+    /// A-buffer transparency (§8).
+    ABuffer,
+    /// Shadow maps (§5).
+    Shadows,
+    /// The toon shader (§5).
+    Toon,
+    /// Sums in half precision.
+    F16,
+    /// The decision margin plane.
+    Margin,
+}
+
 /// What a backend can do, as far as planning depends on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capabilities {
     /// Name used in messages and on the command line.
     pub backend: &'static str,
-    /// Draws edge antialiasing.
-    pub edge_aa: bool,
-    /// Gives the decision margin plane.
-    pub margin: bool,
+    /// What it draws besides opaque splats.
+    pub features: &'static [Feature],
+}
+
+impl Capabilities {
+    /// True if the backend draws this.
+    pub fn has(&self, feature: Feature) -> bool {
+        self.features.contains(&feature)
+    }
 }
 
 /// Who draws.

@@ -1,7 +1,7 @@
 //! Which program draws: one enum over all backends that are built in.
 
 use surfel_model::{Scene, Settings};
-use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Stats, View};
+use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, View, unsupported};
 
 /// Names of backends, fastest first; `reference` is last.
 const NAMES: [&str; 4] = ["ash", "wgpu", "cpu", "reference"];
@@ -104,6 +104,23 @@ impl Backend {
     /// [`BackendError`] of the last one tried.
     pub fn auto() -> Result<Self, BackendError> {
         Self::by_name("auto", &BackendOptions::default())
+    }
+
+    /// The fastest backend that works here and draws all that the scene and its settings need.
+    ///
+    /// # Errors
+    /// [`BackendError`] of the last one tried.
+    pub fn auto_for(
+        scene: &Scene,
+        settings: &Settings,
+        planes: Planes,
+        options: &BackendOptions,
+    ) -> Result<Self, BackendError> {
+        let backend = Self::by_name("auto", options)?;
+        match unsupported(&SceneSummary::of(scene), settings, planes, &backend.info().capabilities) {
+            None => Ok(backend),
+            Some(_) => Self::reference(options),
+        }
     }
 
     /// Starts the backend `name`: `cpu`, `wgpu`, `ash`, `reference`, or `auto` for the fastest that works.

@@ -8,11 +8,12 @@
 //! use surfel::{Backend, Frame, NoProgress, Planes, Renderer, View};
 //! # fn main() -> Result<(), surfel::Error> {
 //! let opened = surfel::open(&["bunny.obj".as_ref()], &NoProgress)?;
-//! let mut backend = Backend::auto()?;
+//! let (settings, planes) = (&opened.file.settings, Planes::COLOR);
+//! let mut backend = Backend::auto_for(&opened.scene, settings, planes, &Default::default())?;
 //! let scene = backend.upload(&opened.scene)?;
 //! let view = View::new(&opened.file.camera)?;
 //! let mut frame = Frame::default();
-//! backend.render(&scene, &view, &opened.file.settings, Planes::COLOR, &mut frame)?;
+//! backend.render(&scene, &view, settings, planes, &mut frame)?;
 //! surfel::io::save_png("bunny.png".as_ref(), false, &surfel::planes(&frame), &Default::default())?;
 //! # Ok(())
 //! # }
