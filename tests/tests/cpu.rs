@@ -2,11 +2,12 @@
 
 use surfel_conformance::harness::{check_backend, render};
 use surfel_conformance::scenes;
-use surfel_cpu::{Options, Renderer as Cpu, SimdLevel};
-use surfel_render::{Frame, Planes, Region, RenderError, Renderer, Settings, View};
+use surfel_cpu::{Options, Renderer as Cpu, SimdLevel, Work};
+use surfel_model::Accumulate;
+use surfel_render::{Frame, Planes, Region, RenderError, Renderer, View};
 
 fn renderer(threads: usize, simd: SimdLevel) -> Cpu {
-    Cpu::with_options(&Options { threads, simd }).unwrap()
+    Cpu::with_options(&Options { threads, simd, ..Options::default() }).unwrap()
 }
 
 /// Bits of a frame, so that NaN and the sign of zero count too.
@@ -28,29 +29,38 @@ fn cpu_agrees_with_the_reference_on_every_scene() {
 }
 
 #[test]
-fn cpu_gives_the_same_bits_for_any_threads_and_simd_level() {
+fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_and_batch() {
+    let cut = |tile_px, batch_splats| {
+        let options = Options { threads: 2, simd: SimdLevel::Best, work: Work { tile_px, batch_splats } };
+        Cpu::with_options(&options).unwrap()
+    };
     let mut variants = [
         renderer(1, SimdLevel::Best),
         renderer(3, SimdLevel::Best),
         renderer(2, SimdLevel::Avx2),
         renderer(1, SimdLevel::Baseline),
+        cut(8, 1 << 19),
+        cut(16, 1 << 19),
+        // Every strip of tiles by itself.
+        cut(8, 0),
+        cut(32, 0),
     ];
     let planes = Planes { fragments: true, ..Planes::ALL };
     for case in scenes::all() {
-        let case = scenes::Case { settings: Settings { edge_aa: false, ..case.settings }, ..case };
         let frames: Vec<Vec<u32>> = variants.iter_mut().map(|v| bits(&render(v, &case, planes).unwrap())).collect();
         assert!(frames.windows(2).all(|f| f[0] == f[1]), "{}", case.name);
     }
 }
 
 #[test]
+fn cpu_refuses_tiles_that_are_not_whole_blocks() {
+    let options = Options { work: Work { tile_px: 12, ..Work::default() }, ..Options::default() };
+    assert!(matches!(Cpu::with_options(&options), Err(RenderError::Backend { .. })));
+}
+
+#[test]
 fn cpu_refuses_what_it_does_not_draw() {
-    let case = scenes::all().remove(0).with("edges", |s| s.edge_aa = true);
-    let mut scene = case.scene.clone();
-    for object in &mut scene.objects {
-        object.material.interior_weight = Some(5.43);
-    }
-    let case = scenes::Case { scene, ..case };
+    let case = scenes::all().remove(0).with("half precision", |s| s.accumulate = Accumulate::F16);
     let error = render(&mut renderer(1, SimdLevel::Best), &case, Planes::COLOR).unwrap_err();
     assert!(matches!(error, RenderError::Unsupported { backend: "cpu", .. }), "{error}");
 }
@@ -58,7 +68,7 @@ fn cpu_refuses_what_it_does_not_draw() {
 #[test]
 fn cpu_region_is_the_same_bits_as_that_part_of_the_whole() {
     let mut cpu = renderer(2, SimdLevel::Best);
-    for case in scenes::all().iter().filter(|c| !c.settings.edge_aa) {
+    for case in &scenes::all() {
         let [width, height] = case.camera.size;
         // An odd corner, so that tiles and runs start elsewhere than in the whole picture.
         let region = Region { x: width / 3, y: height / 4, width: width.div_ceil(2), height: height.div_ceil(2) };

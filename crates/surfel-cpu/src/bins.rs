@@ -2,106 +2,124 @@
 
 use crate::near::NearSplat;
 use crate::record::Record;
+use crate::setup::SetupOutput;
 use surfel_render::Region;
 
-/// Pixels along a tile's side.
-pub(crate) const TILE: u32 = 32;
+/// Pixels along the side of a block, the unit of rasterisation: sixteen pixels, one for each lane.
+pub(crate) const BLOCK: u32 = 4;
 
-/// The region cut into tiles.
-#[derive(Clone, Copy)]
+/// Blocks along a tile's side, at most: one bit each in a `u64`.
+pub(crate) const TILE_BLOCKS: u32 = 8;
+
+/// A region cut into tiles, whose corners are whole multiples of their size: what a block computes doesn't depend on
+/// the region.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Grid {
     pub region: Region,
+    /// Blocks along a tile's side: 2, 4 or 8.
+    pub tile_blocks: u32,
+    /// First column and row of the first tile, in pixels.
+    pub origin: [u32; 2],
     pub columns: u32,
     pub rows: u32,
 }
 
 impl Grid {
-    pub(crate) fn new(region: Region) -> Self {
-        Self { region, columns: region.width.div_ceil(TILE), rows: region.height.div_ceil(TILE) }
+    pub(crate) fn new(region: Region, tile_blocks: u32) -> Self {
+        let tile = tile_blocks * BLOCK;
+        let first = [region.x / tile, region.y / tile];
+        Self {
+            region,
+            tile_blocks,
+            origin: first.map(|i| i * tile),
+            columns: (region.x + region.width).div_ceil(tile) - first[0],
+            rows: (region.y + region.height).div_ceil(tile) - first[1],
+        }
     }
 
-    /// Tiles that a box of pixels touches: columns and rows.
-    fn tiles(&self, pixels: &[i32; 4]) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
-        let column = |x: i32| (x as u32 - self.region.x) / TILE;
-        let row = |y: i32| (y as u32 - self.region.y) / TILE;
-        (column(pixels[0])..column(pixels[2] - 1) + 1, row(pixels[1])..row(pixels[3] - 1) + 1)
+    pub(crate) fn tiles(&self) -> usize {
+        self.columns as usize * self.rows as usize
     }
+
+    /// Pixels along a tile's side.
+    pub(crate) fn tile_px(&self) -> u32 {
+        self.tile_blocks * BLOCK
+    }
+}
+
+/// A record in a tile.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Entry {
+    /// Blocks of the tile that it may touch, a bit each, row by row, eight bits a row.
+    pub blocks: u64,
+    /// Index of the record in its segment.
+    pub record: u32,
+    /// Index of the tile.
+    pub tile: u32,
 }
 
 /// Some chunks' records, with each tile's list of them in splat order.
 pub(crate) struct Segment {
     pub records: Vec<Record>,
-    pub near: Vec<NearSplat>,
-    record_lists: Lists,
-    near_lists: Lists,
+    near: Vec<NearSplat>,
+    /// Splats that were looked at one by one.
+    pub set_up: u64,
+    /// Where each tile's entries start; empty if there are none at all.
+    starts: Vec<u32>,
+    entries: Vec<Entry>,
 }
 
 impl Segment {
-    pub(crate) fn new(records: Vec<Record>, near: Vec<NearSplat>, grid: &Grid) -> Self {
-        let record_lists = Lists::new(records.iter().map(|r| &r.pixels), grid);
-        let near_lists = Lists::new(near.iter().map(|r| &r.pixels), grid);
-        Self { records, near, record_lists, near_lists }
-    }
-
-    /// Records that touch a tile.
-    pub(crate) fn records_of(&self, tile: usize) -> impl Iterator<Item = &Record> {
-        self.record_lists.of(tile).iter().map(|&i| &self.records[i as usize])
-    }
-
-    /// Near splats that touch a tile.
-    pub(crate) fn near_of(&self, tile: usize) -> impl Iterator<Item = &NearSplat> {
-        self.near_lists.of(tile).iter().map(|&i| &self.near[i as usize])
-    }
-
-    /// Pairs of record and tile.
-    pub(crate) fn pairs(&self) -> usize {
-        self.record_lists.entries.len() + self.near_lists.entries.len()
-    }
-}
-
-/// A counting sort by tile.
-struct Lists {
-    /// Where each tile's entries start; empty if there are none at all.
-    starts: Vec<u32>,
-    entries: Vec<u32>,
-}
-
-impl Lists {
-    fn new<'a>(boxes: impl Iterator<Item = &'a [i32; 4]> + Clone, grid: &Grid) -> Self {
-        let mut starts = vec![0u32; (grid.columns * grid.rows + 1) as usize];
-        let each = |pixels: &[i32; 4], visit: &mut dyn FnMut(usize)| {
-            let (columns, rows) = grid.tiles(pixels);
-            for row in rows {
-                for column in columns.clone() {
-                    visit((row * grid.columns + column) as usize);
-                }
-            }
-        };
-        for pixels in boxes.clone() {
-            each(pixels, &mut |tile| starts[tile + 1] += 1);
+    /// Sorts records into tiles, by counting.
+    pub(crate) fn new(out: SetupOutput, grid: &Grid) -> Self {
+        let SetupOutput { records, entries: unsorted, near, set_up } = out;
+        let mut segment = Self { records, near, set_up, starts: Vec::new(), entries: Vec::new() };
+        if unsorted.is_empty() {
+            return segment;
+        }
+        let mut starts = vec![0u32; grid.tiles() + 1];
+        for entry in &unsorted {
+            starts[entry.tile as usize + 1] += 1;
         }
         for i in 1..starts.len() {
             starts[i] += starts[i - 1];
         }
-        let total = starts[starts.len() - 1] as usize;
-        if total == 0 {
-            return Self { starts: Vec::new(), entries: Vec::new() };
-        }
-        let mut entries = vec![0u32; total];
         let mut next = starts.clone();
-        for (i, pixels) in boxes.enumerate() {
-            each(pixels, &mut |tile| {
-                entries[next[tile] as usize] = i as u32;
-                next[tile] += 1;
-            });
+        segment.entries = vec![Entry::default(); unsorted.len()];
+        for entry in unsorted {
+            let at = &mut next[entry.tile as usize];
+            segment.entries[*at as usize] = entry;
+            *at += 1;
         }
-        Self { starts, entries }
+        segment.starts = starts;
+        segment
     }
 
-    fn of(&self, tile: usize) -> &[u32] {
+    /// Moves the near splats to the end of `all`.
+    pub(crate) fn move_near(&mut self, all: &mut Vec<NearSplat>) {
+        if !self.near.is_empty() {
+            self.records.iter_mut().for_each(|record| record.renumber_near(all.len()));
+            all.append(&mut self.near);
+        }
+    }
+
+    /// The records that touch a tile, in splat order.
+    pub(crate) fn of(&self, tile: usize) -> &[Entry] {
         match self.starts.get(tile..tile + 2) {
             Some(range) => &self.entries[range[0] as usize..range[1] as usize],
             None => &[],
         }
+    }
+
+    /// Pairs of record and tile.
+    pub(crate) fn pairs(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Bytes of heap memory in use.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.records.as_slice())
+            + size_of_val(self.starts.as_slice())
+            + size_of_val(self.entries.as_slice())
     }
 }

@@ -13,15 +13,21 @@
 //! is correctly rounded, and nothing depends on lane width.
 
 mod bins;
+mod edge;
+mod frame;
+mod kernel;
 mod lanes;
 mod level;
+mod mask;
 mod near;
+mod raster;
 mod record;
 mod renderer;
 mod setup;
 mod shade;
 mod store;
+mod target;
 mod tile;
 
 pub use level::SimdLevel;
-pub use renderer::{Options, Renderer, ResidentScene};
+pub use renderer::{Options, Renderer, ResidentScene, Work};

@@ -1,5 +1,6 @@
 //! Splats that reach the near plane or span much of their distance: exact, unfiltered, in f64 (§3, last paragraph).
 
+use crate::record::Record;
 use glam::DVec3;
 use surfel_math::depth::{DepthForm, DepthPlane, tolerance};
 use surfel_math::mapping::{Footprint, through_near};
@@ -19,12 +20,10 @@ pub(crate) struct NearSplat {
     pub color: [f32; 3],
     pub normal: [f32; 3],
     pub object: u32,
-    /// First column, first row, end column, end row.
-    pub pixels: [i32; 4],
 }
 
 impl NearSplat {
-    /// Sets one up; `None` if it takes part in no pass.
+    /// Sets one up, with its pixels: first column, first row, end column, end row. `None` if it takes part in no pass.
     pub(crate) fn new(
         splat: &ViewSplat<f64>,
         shading: DVec3,
@@ -33,7 +32,7 @@ impl NearSplat {
         material: &Material,
         view: &View,
         plan: &FramePlan,
-    ) -> Option<Self> {
+    ) -> Option<(Self, [i32; 4])> {
         let projection = &view.projection;
         let perspective = projection.is_perspective();
         let (p, n) = (splat.p, splat.n);
@@ -77,7 +76,7 @@ impl NearSplat {
         }
         let epsilon = tolerance(splat, radius_max(splat.s, splat.t), 0.0, plan.splat_filter.tolerance, projection);
         let normal = if back_facing && material.two_sided { -shading } else { shading };
-        Some(Self {
+        let near = Self {
             anchor,
             footprint,
             depth,
@@ -87,8 +86,13 @@ impl NearSplat {
             color: color.as_vec3().to_array(),
             normal: normal.as_vec3().to_array(),
             object,
-            pixels: [columns[0], rows[0], columns[1], rows[1]],
-        })
+        };
+        Some((near, [columns[0], rows[0], columns[1], rows[1]]))
+    }
+
+    /// Stands for the splat in the tiles' lists.
+    pub(crate) fn record(&self, index: usize) -> Record {
+        Record::near(index, self.limits[0] as f32 * (1.0 - 1e-6), self.color, self.normal, self.epsilon)
     }
 
     /// ρ² and depth at a pixel, where the splat is hit.

@@ -1,35 +1,157 @@
 //! What a splat is on the screen, as the tile loops read it.
 
-/// A splat's footprint and attributes. All forms are about the anchor: base + fraction, in pixels.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Record {
-    /// Whole part of the anchor.
-    pub base: [i32; 2],
-    /// What remains of it, in [0, 1).
-    pub fraction: [f32; 2],
-    /// Gradients of the unfiltered (u·w', v·w').
-    pub visible_u: [f32; 2],
-    pub visible_v: [f32; 2],
-    /// Gradients of the filtered (u·w', v·w', w').
-    pub u: [f32; 2],
-    pub v: [f32; 2],
-    pub w: [f32; 2],
-    /// Gradient of the plane's depth: of p_z/z (reciprocal), or of z.
-    pub depth: [f32; 2],
+use crate::lanes::{LANES, Lanes};
+use fearless_simd::Simd;
+
+/// Which of the evaluators draws a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Class {
+    /// Filtered and unfiltered footprint are the same, no fragment lies before z_near or beyond z_far, and the depth
+    /// differs by less than a 64th over the disk.
+    Shallow,
+    /// The same but for the depth.
+    Plain,
+    /// Everything else that is set up in lanes.
+    General,
+    /// A splat near the eye, set up in f64: [`Record::object`] is its index among the segment's near splats.
+    Near,
+}
+
+/// Numbers of a record.
+pub(crate) const FIELDS: usize = 32;
+
+/// A splat's footprint and attributes, two cache lines. All forms are about the anchor, the projected centre, in pixels.
+///
+/// The first line is what a plain splat's footprint needs; fields are read by name through the methods.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub(crate) struct Record(pub(crate) [f32; FIELDS]);
+
+macro_rules! fields {
+    ($($(#[$doc:meta])* $name:ident = $at:literal;)*) => {
+        impl Record {
+            $($(#[$doc])* #[inline(always)] pub(crate) fn $name(&self) -> f32 { self.0[$at] })*
+        }
+
+        /// The lanes of sixteen records, field by field.
+        #[derive(Clone, Copy)]
+        pub(crate) struct RecordLanes<S: Simd> {
+            $(pub $name: Lanes<S>,)*
+        }
+
+        impl<S: Simd> RecordLanes<S> {
+            #[inline(always)]
+            fn to_fields(self) -> [[Lanes<S>; LANES]; 2] {
+                let zero = Lanes::splat(self.base_x.0.simd, 0.0);
+                let mut fields = [[zero; LANES]; 2];
+                $(fields[$at / LANES][$at % LANES] = self.$name;)*
+                fields
+            }
+        }
+    };
+}
+
+fields! {
+    /// Column of the anchor's pixel.
+    base_x = 0;
+    base_y = 1;
+    /// From the anchor to its pixel's centre: ½ less the anchor's fraction.
+    offset_x = 2;
+    offset_y = 3;
+    /// Gradients of the filtered (u·w', v·w').
+    u_x = 4;
+    u_y = 5;
+    v_x = 6;
+    v_y = 7;
+    /// Gradient of the plane's depth: of p_z/z (perspective), or of z.
+    depth_x = 8;
+    depth_y = 9;
     /// Depth at the anchor.
-    pub z: f32,
+    z = 10;
     /// Range of the depth form over the disk: of p_z/z, or of z.
-    pub range: [f32; 2],
+    range_min = 11;
+    range_max = 12;
     /// ε.
-    pub epsilon: f32,
-    /// Factor of the weight.
-    pub weight_scale: f32,
-    /// Linear albedo.
-    pub color: [f32; 3],
+    epsilon = 13;
+    /// No fragment of the splat is nearer.
+    z_min = 14;
+    /// [`Class`], as bits.
+    class_bits = 15;
+    red = 16;
+    green = 17;
+    blue = 18;
     /// World shading normal, turned to the eye where the material is two-sided.
-    pub normal: [f32; 3],
-    /// Index of the object, for its material.
-    pub object: u32,
-    /// Pixels that either footprint may touch: first column, first row, end column, end row.
-    pub pixels: [i32; 4],
+    normal_x = 19;
+    normal_y = 20;
+    normal_z = 21;
+    /// Gradients of the unfiltered (u·w', v·w').
+    visible_u_x = 22;
+    visible_u_y = 23;
+    visible_v_x = 24;
+    visible_v_y = 25;
+    /// Gradient of the filtered w'.
+    w_x = 26;
+    w_y = 27;
+    /// Factor of the weight.
+    weight_scale = 28;
+    /// Coverage of a unit of weight, but for the cloud's W0.
+    coverage_scale = 29;
+    /// Index of the object, for its material; of a near splat its own. As bits.
+    object_bits = 30;
+}
+
+impl Record {
+    #[inline(always)]
+    pub(crate) fn class(&self) -> Class {
+        match self.class_bits().to_bits() {
+            0 => Class::Shallow,
+            1 => Class::Plain,
+            2 => Class::General,
+            _ => Class::Near,
+        }
+    }
+
+    #[inline(always)]
+    pub(crate) fn object(&self) -> usize {
+        self.object_bits().to_bits() as usize
+    }
+
+    /// Moves a near splat's index by `first`.
+    pub(crate) fn renumber_near(&mut self, first: usize) {
+        if self.class() == Class::Near {
+            self.0[30] = f32::from_bits((self.object() + first) as u32);
+        }
+    }
+
+    /// Stands for a near splat in the tiles' lists.
+    pub(crate) fn near(index: usize, z_min: f32, color: [f32; 3], normal: [f32; 3], epsilon: f32) -> Self {
+        let mut fields = [0.0; FIELDS];
+        fields[13] = epsilon;
+        fields[14] = z_min;
+        fields[15] = f32::from_bits(3);
+        fields[16..19].copy_from_slice(&color);
+        fields[19..22].copy_from_slice(&normal);
+        fields[29] = 1.0;
+        fields[30] = f32::from_bits(index as u32);
+        Self(fields)
+    }
+}
+
+/// Blocks that a splat may touch: first column, first row, end column, end row, in blocks from the grid's origin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct BlockBox(pub [u16; 4]);
+
+impl<S: Simd> RecordLanes<S> {
+    /// The sixteen records.
+    #[inline(always)]
+    pub(crate) fn transposed(self) -> [Record; LANES] {
+        let [low, high] = self.to_fields();
+        let (low, high) = (Lanes::transpose(low), Lanes::transpose(high));
+        let mut records = [Record([0.0; FIELDS]); LANES];
+        for i in 0..LANES {
+            low[i].store(&mut records[i].0);
+            high[i].store(&mut records[i].0[LANES..]);
+        }
+        records
+    }
 }

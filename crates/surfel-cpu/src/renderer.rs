@@ -1,25 +1,14 @@
 //! The backend: scenes in, frames out.
 
-use crate::bins::{Grid, Segment, TILE};
-use crate::level::{Instructions, SimdLevel, with_instructions};
-use crate::near::NearSplat;
-use crate::record::Record;
-use crate::setup::{ObjectSetup, SetupOutput};
-use crate::shade::{self, BandPlanes, Lighting};
+use crate::bins::{BLOCK, TILE_BLOCKS};
+use crate::frame::draw;
+use crate::level::{Instructions, SimdLevel};
 use crate::store::StoredObject;
-use crate::tile::{self, TileBuffers, TileRect, Wants};
-use fearless_simd::Simd;
-use rayon::prelude::*;
 use std::time::Instant;
-use surfel_model::{Geometry, Light, Material, Scene, Settings};
-use surfel_render::{
-    Capabilities, Frame, FramePlan, PassTime, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan,
-};
+use surfel_model::{Geometry, Light, Scene, Settings};
+use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
 
-const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", features: &[] };
-
-/// Chunks that one task sets up and bins: enough splats (64 × 256) to be worth a list per tile.
-const CHUNKS_PER_SEGMENT: usize = 64;
+const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", features: &[Feature::EdgeAntialiasing] };
 
 /// How a [`Renderer`] works.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,6 +17,24 @@ pub struct Options {
     pub threads: usize,
     /// SIMD instructions.
     pub simd: SimdLevel,
+    /// How a frame is cut into work.
+    pub work: Work,
+}
+
+/// How a frame is cut into work. Changes the speed and memory, and no bit of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Work {
+    /// Side of a tile, pixels: 8, 16 or 32.
+    pub tile_px: u32,
+    /// Most splats that are set up at a time, as near as rows of the picture allow; 0 counts as 1. At 140 bytes each, this
+    /// bounds the memory of a frame.
+    pub batch_splats: usize,
+}
+
+impl Default for Work {
+    fn default() -> Self {
+        Self { tile_px: 32, batch_splats: 1 << 19 }
+    }
 }
 
 /// The processor backend. It has its own threads; the global thread pool is left alone.
@@ -35,16 +42,17 @@ pub struct Renderer {
     info: RendererInfo,
     pool: rayon::ThreadPool,
     instructions: Instructions,
+    work: Work,
 }
 
 /// A scene as this backend keeps it.
 pub struct ResidentScene {
-    summary: SceneSummary,
-    objects: Vec<StoredObject>,
-    lights: Option<Vec<Light>>,
-    ambient: [f64; 3],
+    pub(crate) summary: SceneSummary,
+    pub(crate) objects: Vec<StoredObject>,
+    pub(crate) lights: Option<Vec<Light>>,
+    pub(crate) ambient: [f64; 3],
     /// Linear, premultiplied.
-    background: [f64; 4],
+    pub(crate) background: [f64; 4],
 }
 
 impl ResidentScene {
@@ -66,8 +74,12 @@ impl Renderer {
     /// A renderer with these options.
     ///
     /// # Errors
-    /// [`RenderError::Backend`] if threads can't be started.
+    /// [`RenderError::Backend`] if threads can't be started, or for a tile size that there is not.
     pub fn with_options(options: &Options) -> Result<Self, RenderError> {
+        if ![8, 16, BLOCK * TILE_BLOCKS].contains(&options.work.tile_px) {
+            let message = format!("tile_px is {}, expected 8, 16 or 32", options.work.tile_px);
+            return Err(RenderError::Backend { backend: "cpu", message });
+        }
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(options.threads)
             .build()
@@ -83,7 +95,7 @@ impl Renderer {
             threads: pool.current_num_threads(),
             capabilities: CAPABILITIES,
         };
-        Ok(Self { info, pool, instructions })
+        Ok(Self { info, pool, instructions, work: options.work })
     }
 }
 
@@ -124,145 +136,10 @@ impl surfel_render::Renderer for Renderer {
         let start = Instant::now();
         let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
         let mut stats = Stats { splats: scene.summary.splats, threads: self.info.threads, ..Stats::default() };
-        let instructions = self.instructions;
-        self.pool.install(|| draw(instructions, scene, view, &plan, frame, &mut stats));
+        let (instructions, work) = (self.instructions, self.work);
+        self.pool.install(|| draw(instructions, work, scene, view, &plan, frame, &mut stats));
         stats.bytes_per_splat = scene.bytes() as f64 / scene.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)
     }
-}
-
-fn draw(
-    instructions: Instructions,
-    scene: &ResidentScene,
-    view: &View,
-    plan: &FramePlan,
-    frame: &mut Frame,
-    stats: &mut Stats,
-) {
-    let mut last = Instant::now();
-    let mut lap = |stats: &mut Stats, name| {
-        let now = Instant::now();
-        stats.passes.push(PassTime { name, ms: (now - last).as_secs_f64() * 1e3 });
-        last = now;
-    };
-    let grid = Grid::new(view.region);
-    let setups: Vec<ObjectSetup<'_>> =
-        scene.objects.iter().enumerate().map(|(i, o)| ObjectSetup::new(o, i as u32, view, plan)).collect();
-    let tasks: Vec<(usize, std::ops::Range<usize>)> = scene
-        .objects
-        .iter()
-        .enumerate()
-        .flat_map(|(i, object)| {
-            let n = object.chunks.len();
-            (0..n).step_by(CHUNKS_PER_SEGMENT).map(move |at| (i, at..(at + CHUNKS_PER_SEGMENT).min(n)))
-        })
-        .collect();
-    let segments: Vec<Segment> = tasks
-        .into_par_iter()
-        .map(|(object, chunks)| {
-            let mut out = SetupOutput::default();
-            with_instructions!(instructions, simd => set_up(simd, &setups[object], chunks, &mut out));
-            Segment::new(out.records, out.near, &grid)
-        })
-        .collect();
-    stats.drawn = segments.iter().map(|s| (s.records.len() + s.near.len()) as u64).sum();
-    let pairs: usize = segments.iter().map(Segment::pairs).sum();
-    lap(stats, "setup");
-    let headlight = [Light::Directional { direction: view.forward().to_array(), color: [1.0; 3], shadow: false }];
-    let lights = scene.lights.as_deref().unwrap_or(&headlight);
-    let factors: Vec<[f32; 4]> = scene.objects.iter().map(|o| o.material.factors().map(|f| f as f32)).collect();
-    let material = scene.objects.first().map_or(Material::default(), |o| o.material).factors();
-    let job = TileJob {
-        segments: &segments,
-        grid,
-        wants: Wants::new(plan, view),
-        factors,
-        lighting: Lighting::new(plan, view, lights, scene.ambient, material, scene.background),
-    };
-    frame.reset(view.region.width, view.region.height, plan.planes);
-    stats.fragments = job.run(instructions, frame);
-    lap(stats, "tiles");
-    let bytes: usize =
-        segments.iter().map(|s| size_of_val(s.records.as_slice()) + size_of_val(s.near.as_slice())).sum();
-    stats.counters.extend([("pairs", pairs as f64), ("record_bytes", bytes as f64)]);
-    debug_assert!(size_of::<Record>() <= 160 && size_of::<NearSplat>() <= 320);
-}
-
-#[inline(always)]
-fn set_up<S: Simd>(simd: S, setup: &ObjectSetup<'_>, chunks: std::ops::Range<usize>, out: &mut SetupOutput) {
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            for chunk in &setup.object.chunks[chunks] {
-                setup.chunk(simd, chunk, out);
-            }
-        },
-    );
-}
-
-/// All tiles of a frame.
-struct TileJob<'a> {
-    segments: &'a [Segment],
-    grid: Grid,
-    wants: Wants,
-    factors: Vec<[f32; 4]>,
-    lighting: Lighting,
-}
-
-impl TileJob<'_> {
-    /// Draws band after band of tiles; each band writes its own rows of the frame.
-    fn run(&self, instructions: Instructions, frame: &mut Frame) -> u64 {
-        let width = self.grid.region.width as usize;
-        let band = width * TILE as usize;
-        let bands = self.grid.rows as usize;
-        let (mut color, mut depth, mut normal, mut weight, mut fragments) = (
-            bands_of(&mut frame.color, band, bands),
-            bands_of(&mut frame.depth, band, bands),
-            bands_of(&mut frame.normal, band, bands),
-            bands_of(&mut frame.weight, band, bands),
-            bands_of(&mut frame.fragments, band, bands),
-        );
-        let planes: Vec<BandPlanes<'_>> = (0..bands)
-            .map(|_| BandPlanes {
-                color: color.next().unwrap_or_default(),
-                depth: depth.next().unwrap_or_default(),
-                normal: normal.next().unwrap_or_default(),
-                weight: weight.next().unwrap_or_default(),
-                fragments: fragments.next().unwrap_or_default(),
-            })
-            .collect();
-        planes
-            .into_par_iter()
-            .enumerate()
-            .with_max_len(1)
-            .map_init(
-                TileBuffers::new,
-                |buffers, (row, mut out)| with_instructions!(instructions, simd => self.band(simd, row as u32, buffers, &mut out)),
-            )
-            .sum()
-    }
-
-    #[inline(always)]
-    fn band<S: Simd>(&self, simd: S, row: u32, buffers: &mut TileBuffers, out: &mut BandPlanes<'_>) -> u64 {
-        simd.vectorize(
-            #[inline(always)]
-            || {
-                let mut fragments = 0;
-                for column in 0..self.grid.columns {
-                    let tile = (row * self.grid.columns + column) as usize;
-                    let rect = TileRect::new(&self.grid, column, row);
-                    fragments += tile::run(simd, self.segments, tile, rect, &self.wants, &self.factors, buffers);
-                    let at = (self.grid.region.x, self.grid.region.width as usize);
-                    shade::resolve(simd, &self.lighting, buffers, rect, at, out);
-                }
-                fragments
-            },
-        )
-    }
-}
-
-/// A plane cut into bands; a plane that wasn't asked for gives empty ones.
-fn bands_of<T>(plane: &mut [T], band: usize, bands: usize) -> impl Iterator<Item = &mut [T]> {
-    plane.chunks_mut(band.max(1)).chain(std::iter::repeat_with(Default::default)).take(bands)
 }

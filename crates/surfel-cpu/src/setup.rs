@@ -1,8 +1,10 @@
 //! From stored splats to records, sixteen at a time.
 
+use crate::bins::{BLOCK, Entry, Grid};
 use crate::lanes::{LANES, Lanes};
+use crate::mask::{self, MaskForm};
 use crate::near::NearSplat;
-use crate::record::Record;
+use crate::record::{BlockBox, Record, RecordLanes};
 use crate::store::{CHUNK, Chunk, Soa3, StoredObject, StoredShape};
 use fearless_simd::Simd;
 use fearless_simd::prelude::SimdFloat;
@@ -10,12 +12,15 @@ use glam::{DMat3, DVec3, Mat3};
 use surfel_math::bounds::{self, Extent};
 use surfel_math::depth::tolerance;
 use surfel_math::filter::{self, Filtered};
-use surfel_math::mapping::Footprint;
+use surfel_math::mapping::{Footprint, Linear};
 use surfel_math::project::{Projected, ViewSplat, radius_max};
 use surfel_math::projection::ProjectionKind;
 use surfel_math::{Real, V2, V3};
 use surfel_model::{Cull, Filter};
 use surfel_render::{FramePlan, View};
+
+/// Relative slack of a fragment's depth: several roundings.
+const RANGE_SLACK: f64 = 1e-6;
 
 /// Slack of a record's pixel box: f32 rounding of box and anchor, many times over, and still far below a pixel.
 const BOX_SLACK_PX: f64 = 2e-3;
@@ -31,39 +36,118 @@ pub(crate) struct ObjectSetup<'a> {
     normals: DMat3,
     /// Factor by which the object's largest length grows.
     stretch: f64,
+    /// The eye, or of an orthographic view the unit direction away from it, in object space.
+    eye_in_object: DVec3,
     view: &'a View,
     plan: &'a FramePlan,
+    grid: Grid,
 }
 
 /// Records and rarer shapes of some chunks.
 #[derive(Default)]
 pub(crate) struct SetupOutput {
     pub records: Vec<Record>,
+    pub entries: Vec<Entry>,
     pub near: Vec<NearSplat>,
+    /// Splats that were looked at one by one.
+    pub set_up: u64,
+}
+
+impl SetupOutput {
+    /// Room for this many records; memory that isn't written costs nothing.
+    pub(crate) fn with_capacity(splats: usize) -> Self {
+        Self { records: Vec::with_capacity(splats), entries: Vec::with_capacity(2 * splats), ..Self::default() }
+    }
+
+    #[inline(always)]
+    fn push<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, grid: &Grid, form: MaskForm) {
+        let index = self.records.len() as u32;
+        self.records.push(*record);
+        mask::for_tiles(
+            simd,
+            record,
+            index,
+            blocks,
+            grid,
+            form,
+            #[inline(always)]
+            |entry| self.entries.push(entry),
+        );
+    }
 }
 
 impl<'a> ObjectSetup<'a> {
-    pub(crate) fn new(object: &'a StoredObject, index: u32, view: &'a View, plan: &'a FramePlan) -> Self {
+    pub(crate) fn new(object: &'a StoredObject, index: u32, view: &'a View, plan: &'a FramePlan, grid: Grid) -> Self {
         let m = object.world_from_object.matrix3;
         let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
         let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
         let sign = 1.0f64.copysign(m.determinant());
         // The Frobenius norm bounds the largest singular value.
         let stretch = m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
+        let inverse = object.world_from_object.inverse();
+        let eye_in_object = if view.projection.is_perspective() {
+            inverse.transform_point3(view.eye)
+        } else {
+            surfel_math::basis::unit(inverse.transform_vector3(view.forward()))
+        };
         Self {
             object,
             index,
+            eye_in_object,
             linear: view.view_from_world * m,
             origin: view.view_from_world * (object.world_from_object.translation - view.eye),
             normals: cofactors * (sign / scale),
             stretch,
             view,
             plan,
+            grid,
         }
     }
 
+    /// View position of a chunk's origin.
+    pub(crate) fn center(&self, chunk: &Chunk) -> DVec3 {
+        self.origin + self.linear * chunk.origin
+    }
+
+    /// True if the material leaves back faces out and every splat of the chunk is one.
+    ///
+    /// Facing is affine invariant, so the eye is brought into the object's space: a normal within the cone faces away from
+    /// every ray through the chunk's ball if its angle to the axis of both stays below 90°.
+    pub(crate) fn is_turned_away(&self, chunk: &Chunk) -> bool {
+        if self.object.material.cull != Cull::Back {
+            return false;
+        }
+        let Some(cone) = &chunk.cone else { return false };
+        let (toward, spread_sine) = match self.view.projection.kind {
+            ProjectionKind::Perspective => {
+                let ray = chunk.origin - self.eye_in_object;
+                let distance = ray.length();
+                if distance <= chunk.ball {
+                    return false;
+                }
+                (ray / distance, chunk.ball / distance)
+            }
+            ProjectionKind::Orthographic { .. } => (self.eye_in_object, 0.0),
+        };
+        // cos(a) > sin(cone + spread), for both below 90° together; the slack is far above f32's rounding in setup.
+        let spread_cosine = (1.0 - spread_sine * spread_sine).max(0.0).sqrt();
+        let sine = cone.sine * spread_cosine + cone.cosine * spread_sine;
+        let cosine = cone.cosine * spread_cosine - cone.sine * spread_sine;
+        cosine > 0.0 && toward.dot(cone.axis) > sine + 1e-4
+    }
+
+    /// First and last row that a chunk may touch, roughly: it only shares out the work.
+    pub(crate) fn rows(&self, chunk: &Chunk) -> [f64; 2] {
+        let center = self.center(chunk);
+        let p = &self.view.projection;
+        let z = if p.is_perspective() { center.z.max(p.near) } else { 1.0 };
+        let row = p.focal_px[1] * center.y / z + p.principal_px[1];
+        let reach = p.focal_px[1] * chunk.ball * self.stretch / z;
+        [row - reach, row + reach]
+    }
+
     /// True if no splat of the chunk can touch the picture.
-    fn is_outside(&self, center: DVec3, chunk: &Chunk) -> bool {
+    pub(crate) fn is_outside(&self, center: DVec3, chunk: &Chunk) -> bool {
         let ball = chunk.ball * self.stretch;
         let projection = &self.view.projection;
         if center.z + ball < projection.near || center.z - ball > projection.far() {
@@ -100,10 +184,11 @@ impl<'a> ObjectSetup<'a> {
     /// Appends the records of a chunk.
     #[inline(always)]
     pub(crate) fn chunk<S: Simd>(&self, simd: S, chunk: &Chunk, out: &mut SetupOutput) {
-        let center = self.origin + self.linear * chunk.origin;
+        let center = self.center(chunk);
         if self.is_outside(center, chunk) {
             return;
         }
+        out.set_up += chunk.count as u64;
         let mut done = 0;
         while done < chunk.count {
             let active = (chunk.count - done).min(LANES);
@@ -176,7 +261,7 @@ impl<'a> ObjectSetup<'a> {
         let live = (1u64 << active) - 1;
         let to_near = (inside & close).bits() & live;
         if to_near != 0 {
-            self.push_near(chunk, at, to_near, out);
+            self.push_near(simd, chunk, at, to_near, out);
         }
         let ordinary = (inside & !close).bits() & live;
         if ordinary == 0 {
@@ -194,6 +279,9 @@ impl<'a> ObjectSetup<'a> {
         let mut keep = !projected.is_edge_on();
         if material.cull == Cull::Back {
             keep &= !back_facing;
+        }
+        if keep.bits() & ordinary == 0 {
+            return;
         }
         let visible = Footprint::unfiltered(&projected, settings.projective);
         let mut extent_px = bounds::unfiltered(&projected, settings.projective);
@@ -236,68 +324,92 @@ impl<'a> ObjectSetup<'a> {
         };
         let turn = if material.two_sided { Lanes::select(back_facing, -one, one) } else { one };
         let f = &filtered.footprint;
-        let columns_of: [Lanes<S>; 30] = [
-            base.x,
-            base.y,
-            fraction.x,
-            fraction.y,
-            visible.u.x,
-            visible.u.y,
-            visible.v.x,
-            visible.v.y,
-            f.u.x,
-            f.u.y,
-            f.v.x,
-            f.v.y,
-            f.w.x,
-            f.w.y,
-            gradient.x,
-            gradient.y,
+        let (z_min, z_max) = (z - extent, z + extent);
+        let unclipped = near.lt(z_min * k(1.0 - RANGE_SLACK))
+            & (z_max * k(1.0 + RANGE_SLACK)).lt(k(projection.far().min(f64::from(f32::MAX))));
+        let one_footprint = match settings.filter {
+            Filter::None => one.le(one),
+            // Both axes keep their length: the same ellipse, turned within the disk, with the same w.
+            Filter::Principal => one.le(filtered.weight_scale),
+            _ => one.lt(one),
+        };
+        let plain = one_footprint & unclipped;
+        let shallow = extent.le(z * k(1.0 / 64.0));
+        let (u, v) = (
+            V2::select(plain, gradient_of(&visible.u), gradient_of(&f.u)),
+            V2::select(plain, gradient_of(&visible.v), gradient_of(&f.v)),
+        );
+        let bits = |value: u32| Lanes::splat(simd, f32::from_bits(value));
+        let half = k(0.5);
+        let records = RecordLanes {
+            base_x: base.x,
+            base_y: base.y,
+            offset_x: half - fraction.x,
+            offset_y: half - fraction.y,
+            u_x: u.x,
+            u_y: u.y,
+            v_x: v.x,
+            v_y: v.y,
+            depth_x: gradient.x,
+            depth_y: gradient.y,
             z,
-            range[0],
-            range[1],
+            range_min: range[0],
+            range_max: range[1],
             epsilon,
-            filtered.weight_scale,
-            color.x,
-            color.y,
-            color.z,
-            columns.0,
-            rows.0,
-            columns.1,
-            rows.1,
-            zero,
-            zero,
-        ];
-        let normal = [shading.x * turn, shading.y * turn, shading.z * turn].map(Lanes::to_array);
-        let c = columns_of.map(Lanes::to_array);
+            z_min: z_min - z_max.abs() * k(RANGE_SLACK),
+            class_bits: Lanes::select(plain, Lanes::select(shallow, bits(0), bits(1)), bits(2)),
+            red: color.x,
+            green: color.y,
+            blue: color.z,
+            normal_x: shading.x * turn,
+            normal_y: shading.y * turn,
+            normal_z: shading.z * turn,
+            visible_u_x: visible.u.x,
+            visible_u_y: visible.u.y,
+            visible_v_x: visible.v.x,
+            visible_v_y: visible.v.y,
+            w_x: f.w.x,
+            w_y: f.w.y,
+            weight_scale: filtered.weight_scale,
+            coverage_scale: if settings.filter == Filter::Clamp {
+                filter::area_ratio(&projected, h)
+            } else {
+                filtered.coverage_scale
+            },
+            object_bits: bits(self.index),
+        };
+        let records = records.transposed();
+        let form = MaskForm { linear_depth: !settings.projective, whole_box: settings.filter == Filter::Clamp };
+        let boxes = self.block_boxes(columns, rows);
         let mut bits = keep;
         while bits != 0 {
             let i = bits.trailing_zeros() as usize;
             bits &= bits - 1;
-            out.records.push(Record {
-                base: [c[0][i] as i32, c[1][i] as i32],
-                fraction: [c[2][i], c[3][i]],
-                visible_u: [c[4][i], c[5][i]],
-                visible_v: [c[6][i], c[7][i]],
-                u: [c[8][i], c[9][i]],
-                v: [c[10][i], c[11][i]],
-                w: [c[12][i], c[13][i]],
-                depth: [c[14][i], c[15][i]],
-                z: c[16][i],
-                range: [c[17][i], c[18][i]],
-                epsilon: c[19][i],
-                weight_scale: c[20][i],
-                color: [c[21][i], c[22][i], c[23][i]],
-                normal: [normal[0][i], normal[1][i], normal[2][i]],
-                object: self.index,
-                pixels: [c[24][i] as i32, c[25][i] as i32, c[26][i] as i32, c[27][i] as i32],
-            });
+            out.push(simd, &records[i], boxes[i], &self.grid, form);
         }
+    }
+
+    /// Ranges of pixels as boxes of blocks from the grid's origin.
+    #[inline(always)]
+    fn block_boxes<S: Simd>(&self, columns: (Lanes<S>, Lanes<S>), rows: (Lanes<S>, Lanes<S>)) -> [BlockBox; LANES] {
+        let block = |first: Lanes<S>, axis: usize, add: f64| {
+            let origin = first.constant(-f64::from(self.grid.origin[axis]) + add);
+            Lanes(((first + origin) * first.constant(1.0 / f64::from(BLOCK))).0.floor()).to_array()
+        };
+        // The end is one past the block of the last pixel: (end − 1 + BLOCK)/BLOCK, rounded down.
+        let past = f64::from(BLOCK) - 1.0;
+        let (x0, x1) = (block(columns.0, 0, 0.0), block(columns.1, 0, past));
+        let (y0, y1) = (block(rows.0, 1, 0.0), block(rows.1, 1, past));
+        let mut boxes = [BlockBox([0; 4]); LANES];
+        for i in 0..LANES {
+            boxes[i].0 = [x0[i] as u16, y0[i] as u16, x1[i] as u16, y1[i] as u16];
+        }
+        boxes
     }
 
     /// Splats that reach the near plane are set up one by one in f64.
     #[cold]
-    fn push_near(&self, chunk: &Chunk, at: usize, mut bits: u64, out: &mut SetupOutput) {
+    fn push_near<S: Simd>(&self, simd: S, chunk: &Chunk, at: usize, mut bits: u64, out: &mut SetupOutput) {
         while bits != 0 {
             let i = at + bits.trailing_zeros() as usize;
             bits &= bits - 1;
@@ -327,7 +439,16 @@ impl<'a> ObjectSetup<'a> {
             let shading = object.shading_normals.as_ref().map_or(world_normal, |c| unit(self.normals * get(c)));
             let color = object.colors.as_ref().map_or(DVec3::ONE, get);
             let near = NearSplat::new(&splat, shading, color, self.index, &object.material, self.view, self.plan);
-            out.near.extend(near);
+            if let Some((near, pixels)) = near {
+                let [x, y] = self.grid.origin.map(|v| v as i32);
+                let [x0, y0, x1, y1] = pixels;
+                let block = |v: i32| (v / BLOCK as i32) as u16;
+                let past = BLOCK as i32 - 1;
+                let blocks = BlockBox([block(x0 - x), block(y0 - y), block(x1 - x + past), block(y1 - y + past)]);
+                let form = MaskForm { linear_depth: false, whole_box: true };
+                out.push(simd, &near.record(out.near.len()), blocks, &self.grid, form);
+                out.near.push(near);
+            }
         }
     }
 }
@@ -340,6 +461,11 @@ fn pixel_range<S: Simd>(base: Lanes<S>, min: Lanes<S>, max: Lanes<S>, start: u32
     let first = base + Lanes((min - half).0.ceil());
     let end = base + Lanes((max - half).0.floor()) + base.one();
     (first.max(lo).min(hi), end.max(lo).min(hi))
+}
+
+#[inline(always)]
+fn gradient_of<R: Real>(form: &Linear<R>) -> V2<R> {
+    V2::new(form.x, form.y)
 }
 
 #[inline(always)]

@@ -1,7 +1,7 @@
-//! Dividing and lighting a tile (§5), sixteen pixels of a row at a time.
+//! Dividing and lighting a block (§5), sixteen pixels of a block at a time.
 
 use crate::lanes::{LANES, Lanes};
-use crate::tile::{TileBuffers, TileRect};
+use crate::raster::Sums;
 use fearless_simd::Simd;
 use glam::{DVec3, Mat3, Vec3};
 use surfel_math::projection::ProjectionKind;
@@ -74,69 +74,40 @@ impl Lighting {
     }
 }
 
-/// Rows of the frame's planes that a band of tiles writes.
-pub(crate) struct BandPlanes<'a> {
-    pub color: &'a mut [[f32; 4]],
-    pub depth: &'a mut [f32],
-    pub normal: &'a mut [[f32; 3]],
-    pub weight: &'a mut [f32],
-    pub fragments: &'a mut [u32],
+/// Finished pixels of a block.
+pub(crate) struct Pixels<S: Simd> {
+    /// Linear, premultiplied.
+    pub color: [Lanes<S>; 4],
+    pub depth: Lanes<S>,
+    pub normal: [Lanes<S>; 3],
+    pub weight: Lanes<S>,
+    pub fragments: Lanes<S>,
 }
 
 /// Σw below this has lost its attributes to underflow: the pixel is empty. Only splats smaller than 1e-18 pixels weigh less.
 const LEAST_WEIGHT: f32 = 1e-36;
 
-/// Resolves a tile into its band; `left` is the region's first column, `width` its columns.
+/// Divides and lights the block whose first pixel is (x, y).
 #[inline(always)]
-pub(crate) fn resolve<S: Simd>(
-    simd: S,
-    lighting: &Lighting,
-    buffers: &TileBuffers,
-    rect: TileRect,
-    (left, width): (u32, usize),
-    out: &mut BandPlanes<'_>,
-) {
-    for y in rect.y..rect.end_y {
-        let row = (y - rect.y) as usize;
-        for x in (rect.x..rect.end_x).step_by(LANES) {
-            let at = (x - rect.x) as usize;
-            let count = (rect.end_x - x).min(LANES as i32) as usize;
-            let to = row * width + (x as u32 - left) as usize;
-            sixteen(simd, lighting, buffers, (row, at), (x, y), to..to + count, out);
-        }
-    }
-}
-
-#[inline(always)]
-fn sixteen<S: Simd>(
-    simd: S,
-    lighting: &Lighting,
-    buffers: &TileBuffers,
-    (row, at): (usize, usize),
-    (x, y): (i32, i32),
-    to: std::ops::Range<usize>,
-    out: &mut BandPlanes<'_>,
-) {
+pub(crate) fn resolve<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>, (x, y): (i32, i32)) -> Pixels<S> {
     let k = |v: f32| Lanes::splat(simd, v);
     let (zero, one) = (k(0.0), k(1.0));
     let planes = &lighting.planes;
-    let weight = Lanes::load(simd, &buffers.weight[row][at..]);
-    let covered = k(LEAST_WEIGHT).le(weight);
-    let inverse = one / Lanes::select(covered, weight, one);
-    let load = |plane: &crate::tile::TilePlane| Lanes::load(simd, &plane[row][at..]) * inverse;
+    let covered = k(LEAST_WEIGHT).le(sums.weight);
+    let inverse = one / Lanes::select(covered, sums.weight, one);
     let needs_normal = planes.normal || matches!(lighting.shader, Shader::Phong | Shader::Normal);
-    let normal =
-        if needs_normal { unit_or_zero(buffers.normal.each_ref().map(load)) } else { V3::new(zero, zero, zero) };
+    let normal = if needs_normal { unit_or_zero(scaled3(sums.normal, inverse)) } else { V3::new(zero, zero, zero) };
     let needs_depth = planes.depth || matches!(lighting.shader, Shader::Phong | Shader::Depth);
-    let z = if needs_depth { load(&buffers.depth) } else { zero };
+    let z = if needs_depth { sums.depth * inverse } else { zero };
+    let mut color = [zero; 4];
     if planes.color {
         let albedo = if lighting.wants_color {
-            let [r, g, b] = buffers.color.each_ref().map(load);
+            let [r, g, b] = scaled3(sums.color, inverse);
             V3::new(r, g, b)
         } else {
             V3::new(one, one, one)
         };
-        let color = match lighting.shader {
+        let lit = match lighting.shader {
             Shader::Unlit | Shader::Toon => albedo,
             Shader::Normal => {
                 let half = k(0.5);
@@ -155,39 +126,37 @@ fn sixteen<S: Simd>(
                 V3::new(d, d, d)
             }
             Shader::Phong => {
+                let m = &lighting.material;
                 let material = if lighting.wants_material {
-                    buffers.material.each_ref().map(load)
+                    let [a, d, s, n] = sums.material;
+                    [a * inverse, d * inverse, s * inverse, n * inverse]
                 } else {
-                    lighting.material.map(k)
+                    [k(m[0]), k(m[1]), k(m[2]), k(m[3])]
                 };
-                phong(simd, lighting, albedo, normal, z, (x, y), material)
+                let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
+                phong(simd, lighting, albedo, normal, z, at, material)
             }
         };
         let [r, g, b, a] = lighting.background;
-        let over = |c: Lanes<S>, background: f32| Lanes::select(covered, c, k(background)).to_array();
-        let (r, g, b, a) = (over(color.x, r), over(color.y, g), over(color.z, b), over(one, a));
-        for (i, pixel) in out.color[to.clone()].iter_mut().enumerate() {
-            *pixel = [r[i], g[i], b[i], a[i]];
-        }
+        let over = |c: Lanes<S>, background: f32| Lanes::select(covered, c, k(background));
+        color = [over(lit.x, r), over(lit.y, g), over(lit.z, b), over(one, a)];
     }
-    let store = |plane: &mut [f32], values: Lanes<S>| plane.copy_from_slice(&values.to_array()[..plane.len()]);
-    if planes.depth {
-        store(&mut out.depth[to.clone()], Lanes::select(covered, z, k(f32::INFINITY)));
+    Pixels {
+        color,
+        depth: Lanes::select(covered, z, k(f32::INFINITY)),
+        normal: [
+            Lanes::select(covered, normal.x, zero),
+            Lanes::select(covered, normal.y, zero),
+            Lanes::select(covered, normal.z, zero),
+        ],
+        weight: Lanes::select(covered, sums.weight, zero),
+        fragments: sums.fragments,
     }
-    if planes.weight {
-        store(&mut out.weight[to.clone()], Lanes::select(covered, weight, zero));
-    }
-    if planes.normal {
-        let n = [normal.x, normal.y, normal.z].map(|c| Lanes::select(covered, c, zero).to_array());
-        for (i, pixel) in out.normal[to.clone()].iter_mut().enumerate() {
-            *pixel = [n[0][i], n[1][i], n[2][i]];
-        }
-    }
-    if planes.fragments {
-        for (i, pixel) in out.fragments[to].iter_mut().enumerate() {
-            *pixel = buffers.fragments[row][at + i] as u32;
-        }
-    }
+}
+
+#[inline(always)]
+fn scaled3<S: Simd>([x, y, z]: [Lanes<S>; 3], by: Lanes<S>) -> [Lanes<S>; 3] {
+    [x * by, y * by, z * by]
 }
 
 #[inline(always)]
@@ -195,7 +164,7 @@ fn unit_or_zero<S: Simd>([x, y, z]: [Lanes<S>; 3]) -> V3<Lanes<S>> {
     let square = x.mul_add(x, y.mul_add(y, z * z));
     let (zero, one) = (x.zero(), x.one());
     let there = x.constant(1e-30).lt(square);
-    let inverse = Lanes::select(there, one / Lanes::select(there, square, one).sqrt(), zero);
+    let inverse = Lanes::select(there, Lanes::select(there, square, one).inverse_sqrt(), zero);
     V3::new(x * inverse, y * inverse, z * inverse)
 }
 
@@ -206,7 +175,7 @@ fn phong<S: Simd>(
     albedo: V3<Lanes<S>>,
     normal: V3<Lanes<S>>,
     z: Lanes<S>,
-    (x, y): (i32, i32),
+    (x, y): (Lanes<S>, Lanes<S>),
     [ambient, diffuse, specular, shininess]: [Lanes<S>; 4],
 ) -> V3<Lanes<S>> {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -239,7 +208,12 @@ fn phong<S: Simd>(
 
 /// World position relative to the eye, and the unit vector to the eye.
 #[inline(always)]
-fn position<S: Simd>(simd: S, lighting: &Lighting, z: Lanes<S>, (x, y): (i32, i32)) -> (V3<Lanes<S>>, V3<Lanes<S>>) {
+fn position<S: Simd>(
+    simd: S,
+    lighting: &Lighting,
+    z: Lanes<S>,
+    (x, y): (Lanes<S>, Lanes<S>),
+) -> (V3<Lanes<S>>, V3<Lanes<S>>) {
     let k = |v: f32| Lanes::splat(simd, v);
     let p = &lighting.view.projection;
     // From whole pixel numbers, so that a pixel's ray doesn't depend on where its run starts.
@@ -247,8 +221,7 @@ fn position<S: Simd>(simd: S, lighting: &Lighting, z: Lanes<S>, (x, y): (i32, i3
         let step = k((1.0 / p.focal_px[axis]) as f32);
         pixel.mul_add(step, k(((0.5 - p.principal_px[axis]) / p.focal_px[axis]) as f32))
     };
-    let sx = slope(Lanes::indices(simd) + k(x as f32), 0);
-    let sy = slope(k(y as f32), 1);
+    let (sx, sy) = (slope(x, 0), slope(y, 1));
     let m = &lighting.world_from_view;
     let rotate = |v: V3<Lanes<S>>| {
         let row = |a: f32, b: f32, c: f32| k(a).mul_add(v.x, k(b).mul_add(v.y, k(c) * v.z));
@@ -261,7 +234,7 @@ fn position<S: Simd>(simd: S, lighting: &Lighting, z: Lanes<S>, (x, y): (i32, i3
     match p.kind {
         ProjectionKind::Perspective => {
             let ray = rotate(V3::new(sx, sy, k(1.0)));
-            (ray * z, -unit(ray))
+            (ray * z, -ray * ray.dot(ray).inverse_sqrt())
         }
         ProjectionKind::Orthographic { .. } => {
             let f = -lighting.forward;
@@ -272,9 +245,12 @@ fn position<S: Simd>(simd: S, lighting: &Lighting, z: Lanes<S>, (x, y): (i32, i3
 
 #[inline(always)]
 fn unit<S: Simd>(v: V3<Lanes<S>>) -> V3<Lanes<S>> {
-    let length = v.length();
-    let zero = v.x.zero();
-    v * (v.x.one() / Lanes::select(zero.lt(length), length, v.x.one()))
+    // Relative to the largest coordinate: a square neither overflows nor vanishes.
+    let largest = v.max_abs();
+    let there = v.x.zero().lt(largest);
+    let one = v.x.one();
+    let v = v * (one / Lanes::select(there, largest, one));
+    v * Lanes::select(there, v.dot(v), one).inverse_sqrt()
 }
 
 /// Strength of a spot light: smoothstep between its half-angles. The angle needs an arctangent, so it is scalar.

@@ -3,6 +3,7 @@
 use crate::lanes::LANES;
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
+use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_model::{Material, Shape, SplatCloud};
 
 /// Most splats of a chunk. A multiple of the lane count.
@@ -55,6 +56,25 @@ pub(crate) struct Chunk {
     pub first: usize,
     /// Number of splats.
     pub count: usize,
+    /// A cone about all normals, if it is narrower than a half space.
+    pub cone: Option<Cone>,
+}
+
+/// Directions within an angle of an axis.
+pub(crate) struct Cone {
+    pub axis: DVec3,
+    pub sine: f64,
+    pub cosine: f64,
+}
+
+impl Cone {
+    /// The cone about the mean of some unit vectors.
+    fn about(normals: impl Iterator<Item = DVec3> + Clone) -> Option<Self> {
+        let axis = normals.clone().sum::<DVec3>().try_normalize()?;
+        // Rounding of the stored f32 normals, and some more.
+        let cosine = normals.map(|n| axis.dot(n)).fold(1.0, f64::min) - 1e-6;
+        (cosine > 0.0).then(|| Self { axis, sine: (1.0 - cosine * cosine).sqrt(), cosine })
+    }
 }
 
 /// One object's splats.
@@ -67,6 +87,8 @@ pub(crate) struct StoredObject {
     pub shape: StoredShape,
     pub colors: Option<Soa3>,
     pub shading_normals: Option<Soa3>,
+    /// W0 of the material, or of the cloud; 0 if neither says.
+    interior_weight: f64,
 }
 
 impl StoredObject {
@@ -90,6 +112,7 @@ impl StoredObject {
             },
             colors: data.colors.as_ref().map(|_| Soa3::with_capacity(padded)),
             shading_normals: data.shading_normals.as_ref().map(|_| Soa3::with_capacity(padded)),
+            interior_weight: material.interior_weight.or(data.interior_weight).unwrap_or(0.0),
         };
         let mut rest = order.as_slice();
         while !rest.is_empty() {
@@ -106,7 +129,8 @@ impl StoredObject {
             centers.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
         let origin = 0.5 * (min + max);
         let mut ball = 0.0f64;
-        self.chunks.push(Chunk { origin, ball: 0.0, first: self.centers.x.len(), count: members.len() });
+        let cone = Cone::about(members.iter().map(|&i| cloud.normal(i as usize)));
+        self.chunks.push(Chunk { origin, ball: 0.0, first: self.centers.x.len(), count: members.len(), cone });
         // The last splat fills the lanes up; setup ignores what lies past `count`.
         for slot in 0..members.len().next_multiple_of(LANES) {
             let k = slot.min(members.len() - 1);
@@ -133,6 +157,15 @@ impl StoredObject {
         }
         if let Some(chunk) = self.chunks.last_mut() {
             chunk.ball = ball;
+        }
+    }
+
+    /// 1/W0: coverage of a unit of weight inside the cloud's surface (§5). 1 where W0 is not known, and then not needed.
+    pub(crate) fn coverage_per_weight(&self, cutoff: f64) -> f32 {
+        if self.interior_weight > 0.0 {
+            (1.0 / interior_weight_at_cutoff(self.interior_weight, cutoff)) as f32
+        } else {
+            1.0
         }
     }
 

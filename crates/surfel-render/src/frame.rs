@@ -60,6 +60,19 @@ impl Frame {
         refill(&mut self.fragments, count(planes.fragments), 0);
         refill(&mut self.margin, count(planes.margin), 0.0);
     }
+
+    /// Sets size and planes; what the pixels hold is left open. For backends that write every pixel.
+    pub fn resize(&mut self, width: u32, height: u32, planes: Planes) {
+        let pixels = width as usize * height as usize;
+        let count = |wanted: bool| if wanted { pixels } else { 0 };
+        (self.width, self.height) = (width, height);
+        self.color.resize(count(planes.color), [0.0; 4]);
+        self.depth.resize(count(planes.depth), 0.0);
+        self.normal.resize(count(planes.normal), [0.0; 3]);
+        self.weight.resize(count(planes.weight), 0.0);
+        self.fragments.resize(count(planes.fragments), 0);
+        self.margin.resize(count(planes.margin), 0.0);
+    }
 }
 
 fn refill<T: Clone>(plane: &mut Vec<T>, count: usize, value: T) {

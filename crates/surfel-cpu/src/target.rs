@@ -1,0 +1,238 @@
+//! Where tiles write: planes cut into tiles that threads own, in safe Rust.
+
+use crate::bins::{BLOCK, Grid};
+use crate::lanes::{LANES, Lanes};
+use crate::shade::Pixels;
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, i32x16};
+use surfel_render::{Frame, Region};
+
+/// Pixels of an image: first column and row, end column and row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Rect {
+    pub x: i32,
+    pub y: i32,
+    pub end_x: i32,
+    pub end_y: i32,
+}
+
+impl Rect {
+    pub(crate) fn of(region: Region) -> Self {
+        let [x, y, w, h] = [region.x, region.y, region.width, region.height].map(|v| v as i32);
+        Self { x, y, end_x: x + w, end_y: y + h }
+    }
+
+    /// The part of a tile inside `region`; may be empty.
+    pub(crate) fn of_tile(grid: &Grid, tile: usize, region: Region) -> Self {
+        let size = grid.tile_px();
+        let column = tile as u32 % grid.columns;
+        let row = tile as u32 / grid.columns;
+        let [x, y] = [grid.origin[0] + column * size, grid.origin[1] + row * size].map(|v| v as i32);
+        let whole = Self { x, y, end_x: x + size as i32, end_y: y + size as i32 };
+        let r = Self::of(region);
+        Self {
+            x: whole.x.max(r.x),
+            y: whole.y.max(r.y),
+            end_x: whole.end_x.min(r.end_x),
+            end_y: whole.end_y.min(r.end_y),
+        }
+    }
+
+    /// 1 for a block's pixels inside the rectangle, else 0.
+    #[inline(always)]
+    pub(crate) fn lanes_inside<S: Simd>(&self, simd: S, (x, y): (i32, i32)) -> i32x16<S> {
+        if self.x <= x && x + 4 <= self.end_x && self.y <= y && y + 4 <= self.end_y {
+            return i32x16::splat(simd, 1);
+        }
+        let bits = self.lanes_of_block((x, y));
+        let mut inside = [0; LANES];
+        for (i, lane) in inside.iter_mut().enumerate() {
+            *lane = (bits >> i & 1) as i32;
+        }
+        i32x16::load_array(simd, inside)
+    }
+
+    /// Bits of a block's pixels inside the rectangle.
+    pub(crate) fn lanes_of_block(&self, (x, y): (i32, i32)) -> u64 {
+        let row = (0..4).filter(|i| (self.x..self.end_x).contains(&(x + i))).fold(0u64, |bits, i| bits | 1 << i);
+        let inside = |j: &i32| (self.y..self.end_y).contains(&(y + j));
+        (0..4).filter(inside).fold(0, |bits, j| bits | row << (4 * j))
+    }
+}
+
+/// The rows of a plane inside a tile.
+pub(crate) struct Rows<'a, T> {
+    rect: Rect,
+    rows: Vec<&'a mut [T]>,
+}
+
+impl<T: Copy> Rows<'_, T> {
+    /// Writes the part of a block's row that lies inside.
+    #[inline(always)]
+    pub(crate) fn put(&mut self, (x, y): (i32, i32), values: [T; 4]) {
+        let row = y - self.rect.y;
+        if row < 0 {
+            return;
+        }
+        let Some(row) = self.rows.get_mut(row as usize) else { return };
+        let at = x - self.rect.x;
+        if at >= 0
+            && let Some(four) = row.get_mut(at as usize..at as usize + 4)
+        {
+            four.copy_from_slice(&values);
+            return;
+        }
+        for (i, value) in values.into_iter().enumerate() {
+            let at = at + i as i32;
+            if at >= 0
+                && let Some(pixel) = row.get_mut(at as usize)
+            {
+                *pixel = value;
+            }
+        }
+    }
+
+    /// Value of a pixel inside.
+    pub(crate) fn get(&self, x: i32, y: i32) -> Option<T> {
+        let (column, row) = (usize::try_from(x - self.rect.x).ok()?, usize::try_from(y - self.rect.y).ok()?);
+        self.rows.get(row)?.get(column).copied()
+    }
+
+    fn fill(&mut self, value: T) {
+        self.rows.iter_mut().for_each(|row| row.fill(value));
+    }
+}
+
+/// Cuts a plane of `region`'s pixels, `stride` numbers a row from `first` on, into the grid's tiles. An empty plane gives
+/// tiles without rows.
+pub(crate) fn cut<'a, T>(
+    plane: &'a mut [T],
+    grid: &Grid,
+    region: Region,
+    first: usize,
+    stride: usize,
+) -> Vec<Rows<'a, T>> {
+    let mut tiles: Vec<Rows<'a, T>> =
+        (0..grid.tiles()).map(|i| Rows { rect: Rect::of_tile(grid, i, region), rows: Vec::new() }).collect();
+    if plane.is_empty() || region.width == 0 {
+        return tiles;
+    }
+    let width = region.width as usize;
+    let rows = plane.get_mut(first..).unwrap_or_default().chunks_mut(stride).take(region.height as usize);
+    for (row, mut numbers) in rows.enumerate() {
+        numbers = numbers.get_mut(..width).unwrap_or_default();
+        let tile_row = (region.y as usize + row) / grid.tile_px() as usize - (grid.origin[1] / grid.tile_px()) as usize;
+        for column in 0..grid.columns as usize {
+            let tile = &mut tiles[tile_row * grid.columns as usize + column];
+            let length = (tile.rect.end_x - tile.rect.x).max(0) as usize;
+            let (own, rest) = numbers.split_at_mut(length.min(numbers.len()));
+            tile.rows.push(own);
+            numbers = rest;
+        }
+    }
+    // Rows of tiles above the region's first are not pushed: the rectangle of a tile starts where its rows start.
+    tiles
+}
+
+/// The frame's planes inside a tile.
+pub(crate) struct TileTarget<'a> {
+    pub tile: usize,
+    pub rect: Rect,
+    pub color: Rows<'a, [f32; 4]>,
+    depth: Rows<'a, f32>,
+    normal: Rows<'a, [f32; 3]>,
+    weight: Rows<'a, f32>,
+    fragments: Rows<'a, u32>,
+}
+
+impl<'a> TileTarget<'a> {
+    /// Cuts the planes of `frame`, which holds `frame_region`, into tiles; `region` is the part that the grid draws, whole
+    /// rows of the frame.
+    pub(crate) fn cut(frame: &'a mut Frame, grid: &Grid, region: Region, frame_region: Region) -> Vec<Self> {
+        let stride = frame_region.width as usize;
+        let first = (region.y - frame_region.y) as usize * stride;
+        let color = cut(&mut frame.color, grid, region, first, stride);
+        let depth = cut(&mut frame.depth, grid, region, first, stride);
+        let normal = cut(&mut frame.normal, grid, region, first, stride);
+        let weight = cut(&mut frame.weight, grid, region, first, stride);
+        let fragments = cut(&mut frame.fragments, grid, region, first, stride);
+        let geometry = depth.into_iter().zip(normal).zip(weight).zip(fragments);
+        let tiles = color.into_iter().zip(geometry).enumerate();
+        let tiles = tiles.map(|(tile, (color, (((depth, normal), weight), fragments)))| Self {
+            tile,
+            rect: color.rect,
+            color,
+            depth,
+            normal,
+            weight,
+            fragments,
+        });
+        tiles.collect()
+    }
+
+    /// Fills the whole tile with what is where nothing is.
+    pub(crate) fn fill_empty(&mut self, background: [f32; 4]) {
+        self.color.fill(background);
+        self.depth.fill(f32::INFINITY);
+        self.normal.fill([0.0; 3]);
+        self.weight.fill(0.0);
+        self.fragments.fill(0);
+    }
+
+    /// Fills a block with what is where nothing is.
+    pub(crate) fn put_empty(&mut self, (x, y): (i32, i32), background: [f32; 4]) {
+        for j in 0..BLOCK as i32 {
+            self.color.put((x, y + j), [background; 4]);
+            self.depth.put((x, y + j), [f32::INFINITY; 4]);
+            self.normal.put((x, y + j), [[0.0; 3]; 4]);
+            self.weight.put((x, y + j), [0.0; 4]);
+            self.fragments.put((x, y + j), [0; 4]);
+        }
+    }
+
+    /// Writes a block's pixels.
+    #[inline(always)]
+    pub(crate) fn put<S: Simd>(&mut self, (x, y): (i32, i32), pixels: &Pixels<S>) {
+        if !self.color.rows.is_empty() {
+            for (j, row) in Lanes::interleave4(pixels.color).iter().enumerate() {
+                let row = row.to_array();
+                let (four, _) = row.as_chunks::<4>();
+                if let Some(four) = four.first_chunk::<4>() {
+                    self.color.put((x, y + j as i32), *four);
+                }
+            }
+        }
+        put_plane(&mut self.depth, (x, y), pixels.depth);
+        put_plane(&mut self.weight, (x, y), pixels.weight);
+        if !self.normal.rows.is_empty() {
+            let [nx, ny, nz] = pixels.normal;
+            let (nx, ny, nz) = (nx.to_array(), ny.to_array(), nz.to_array());
+            for j in 0..4 {
+                let mut values = [[0.0; 3]; 4];
+                for (i, value) in values.iter_mut().enumerate() {
+                    *value = [nx[4 * j + i], ny[4 * j + i], nz[4 * j + i]];
+                }
+                self.normal.put((x, y + j as i32), values);
+            }
+        }
+        if !self.fragments.rows.is_empty() {
+            let counts = pixels.fragments.to_array();
+            for j in 0..4 {
+                let four = [counts[4 * j], counts[4 * j + 1], counts[4 * j + 2], counts[4 * j + 3]];
+                self.fragments.put((x, y + j as i32), four.map(|count| count as u32));
+            }
+        }
+    }
+}
+
+/// Writes a block's numbers into a plane.
+#[inline(always)]
+pub(crate) fn put_plane<S: Simd>(plane: &mut Rows<'_, f32>, (x, y): (i32, i32), values: Lanes<S>) {
+    if plane.rows.is_empty() {
+        return;
+    }
+    let values: [f32; LANES] = values.to_array();
+    for j in 0..4 {
+        plane.put((x, y + j as i32), [values[4 * j], values[4 * j + 1], values[4 * j + 2], values[4 * j + 3]]);
+    }
+}
