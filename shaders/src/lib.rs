@@ -1,17 +1,77 @@
 //! Surfel's shaders: the only shader source there is, in WGSL.
 //!
-//! Each function is the twin of one in `surfel-math`: the same formula in the same order of operations, so that a
-//! difference between a GPU and the CPU is rounding and not algebra. [`TWINS`] says which belongs to which. The
-//! modules lie in `wgsl/`, one idea each; the build script puts them together by `wgsl/manifest.txt` and has naga
-//! parse and validate them, so a program that builds has valid shaders.
-//!
-//! The formulas are here; entry points and bindings come with the GPU backends.
+//! `wgsl/` holds the formulas. Each function is the twin of one in `surfel-math`: the same formula in the same order of
+//! operations, so that a difference between a GPU and the CPU is rounding and not algebra. [`TWINS`] says which belongs to
+//! which. `passes/` holds what is drawn with them: data, entry points, bindings. The build script puts the modules
+//! together by their manifests and has naga parse and validate them, so a program that builds has valid shaders; what
+//! buffers hold ([`layout`]) and what entry points bind ([`ENTRIES`]) is reflected, never written twice.
 
-/// All modules as one WGSL text without entry points, valid on its own.
-pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/surfel.wgsl"));
+/// The formulas as one WGSL text without entry points, valid on its own.
+pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/formulas.wgsl"));
+
+/// The formulas and the passes.
+pub const PASSES: &str = include_str!(concat!(env!("OUT_DIR"), "/passes.wgsl"));
 
 /// Names of the functions in [`WGSL`], sorted, as naga found them.
 pub const FUNCTIONS: &[&str] = include!(concat!(env!("OUT_DIR"), "/functions.rs"));
+
+/// Byte offsets of what buffers hold, and the shaders' constants.
+pub mod layout {
+    include!(concat!(env!("OUT_DIR"), "/layout.rs"));
+}
+
+/// Where an entry point runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Once a vertex.
+    Vertex,
+    /// Once a fragment.
+    Fragment,
+    /// In workgroups.
+    Compute,
+}
+
+/// What a binding is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BindingKind {
+    /// A uniform buffer.
+    Uniform,
+    /// A storage buffer that is read.
+    StorageRead,
+    /// A storage buffer that is written.
+    StorageWrite,
+    /// A two-dimensional texture of floats, read by texel.
+    Texture,
+    /// A two-dimensional depth texture, read by texel.
+    DepthTexture,
+}
+
+/// Something that an entry point reads or writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Binding {
+    /// Bind group, or descriptor set.
+    pub group: u32,
+    /// Number within the group.
+    pub binding: u32,
+    /// What it is.
+    pub kind: BindingKind,
+}
+
+/// An entry point of [`PASSES`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// Its name.
+    pub name: &'static str,
+    /// Where it runs.
+    pub stage: Stage,
+    /// Size of a workgroup; zeros for what isn't computed in workgroups.
+    pub workgroup: [u32; 3],
+    /// What it binds, by group and number.
+    pub bindings: &'static [Binding],
+}
+
+/// The entry points.
+pub const ENTRIES: &[Entry] = include!(concat!(env!("OUT_DIR"), "/entries.rs"));
 
 /// A function that is written twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,7 +86,7 @@ const fn twin(wgsl: &'static str, rust: &'static str) -> Twin {
     Twin { wgsl, rust }
 }
 
-/// Every function of [`WGSL`] and its twin in `surfel-math`, by module.
+/// Every function of [`WGSL`] but [`HELPERS`], and its twin in `surfel-math`, by module.
 pub const TWINS: &[Twin] = &[
     twin("difference_of_products", "real::Real::difference_of_products"),
     twin("sum_of_products", "real::Real::sum_of_products"),
@@ -36,10 +96,14 @@ pub const TWINS: &[Twin] = &[
     twin("v3_dot", "vector::V3::dot"),
     twin("v3_cross", "vector::V3::cross"),
     twin("v3_length", "vector::V3::length"),
+    twin("v3_max_abs", "vector::V3::max_abs"),
+    twin("unit", "basis::unit"),
+    twin("orthonormal", "basis::orthonormal"),
     twin("svd2_of_columns", "svd::Svd2::of_columns"),
     twin("svd2_minor_axis", "svd::Svd2::minor_axis"),
     twin("projected_new", "project::Projected::new"),
     twin("projected_is_edge_on", "project::Projected::is_edge_on"),
+    twin("radius_max", "project::radius_max"),
     twin("projection_offset_from", "projection::Projection::offset_from"),
     twin("linear_new", "mapping::Linear::new"),
     twin("linear_at", "mapping::Linear::at"),
@@ -51,7 +115,16 @@ pub const TWINS: &[Twin] = &[
     twin("principal", "filter::principal"),
     twin("ewa", "filter::ewa"),
     twin("area_ratio", "filter::area_ratio"),
+    twin("adjust", "filter::adjust"),
+    twin("adjust_axes", "filter::adjust_axes"),
+    twin("bounds_ellipse", "bounds::ellipse"),
+    twin("bounds_unfiltered", "bounds::unfiltered"),
+    twin("bounds_footprint", "bounds::footprint"),
     twin("depth_plane_at", "depth::DepthPlane::at"),
     twin("tolerance", "depth::tolerance"),
     twin("weight", "kernel::weight"),
 ];
+
+/// Functions of [`WGSL`] without a twin: parts of one, where WGSL has no closures or no fused multiply-add to rely on.
+pub const HELPERS: &[&str] =
+    &["upper_half", "product_head", "product_rest", "adjust_lengthen", "turn_by", "turned", "ellipse_extremes"];

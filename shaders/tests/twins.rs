@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use surfel_shaders::{FUNCTIONS, TWINS, WGSL};
+use surfel_shaders::{FUNCTIONS, HELPERS, TWINS, WGSL};
 
 /// Paths of surfel-math's functions. That they exist is checked by the compiler: each is used as a value.
 macro_rules! paths {
@@ -17,7 +17,7 @@ macro_rules! paths {
 }
 
 fn rust_paths() -> BTreeSet<&'static str> {
-    use surfel_math::{depth, filter, kernel, mapping, project, real, svd, vector};
+    use surfel_math::{basis, depth, filter, kernel, mapping, project, real, svd, vector};
     BTreeSet::from(paths! {
         real::Real::difference_of_products, as <f32 as real::Real>::difference_of_products;
         real::Real::sum_of_products, as <f32 as real::Real>::sum_of_products;
@@ -27,10 +27,14 @@ fn rust_paths() -> BTreeSet<&'static str> {
         vector::V3::dot, as vector::V3::<f32>::dot;
         vector::V3::cross, as vector::V3::<f32>::cross;
         vector::V3::length, as vector::V3::<f32>::length;
+        vector::V3::max_abs, as vector::V3::<f32>::max_abs;
+        basis::unit, as basis::unit;
+        basis::orthonormal, as basis::orthonormal;
         svd::Svd2::of_columns, as svd::Svd2::<f32>::of_columns;
         svd::Svd2::minor_axis, as svd::Svd2::<f32>::minor_axis;
         project::Projected::new, as project::Projected::<f32>::new;
         project::Projected::is_edge_on, as project::Projected::<f32>::is_edge_on;
+        project::radius_max;
         projection::Projection::offset_from;
         mapping::Linear::new, as mapping::Linear::<f32>::new;
         mapping::Linear::at, as mapping::Linear::<f32>::at;
@@ -42,6 +46,11 @@ fn rust_paths() -> BTreeSet<&'static str> {
         filter::principal;
         filter::ewa;
         filter::area_ratio;
+        filter::adjust;
+        filter::adjust_axes, as filter::adjust_axes;
+        bounds::ellipse;
+        bounds::unfiltered;
+        bounds::footprint;
         depth::DepthPlane::at, as depth::DepthPlane::<f32>::at;
         depth::tolerance;
         kernel::weight, as kernel::weight;
@@ -49,8 +58,8 @@ fn rust_paths() -> BTreeSet<&'static str> {
 }
 
 #[test]
-fn every_shader_function_is_in_the_table_once() {
-    let listed: Vec<&str> = TWINS.iter().map(|twin| twin.wgsl).collect();
+fn every_formula_is_in_the_tables_once() {
+    let listed: Vec<&str> = TWINS.iter().map(|twin| twin.wgsl).chain(HELPERS.iter().copied()).collect();
     let unique: BTreeSet<&str> = listed.iter().copied().collect();
     assert_eq!(listed.len(), unique.len(), "a function is listed twice");
     assert_eq!(unique, FUNCTIONS.iter().copied().collect::<BTreeSet<_>>());

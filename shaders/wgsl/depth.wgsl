@@ -47,12 +47,13 @@ fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, p
     var z = projection.height;
     var slope = per_pixel / max(abs(n.z), 0.02);
     if projection.kind == PERSPECTIVE {
-        // Relative to p's largest coordinate: no overflow. The last is the least normal f32.
-        let inverse = 1.0 / max(max(max(abs(p.z), abs(p.x)), abs(p.y)), 1.17549435e-38);
+        // n·p and |p| relative to p's largest coordinate: no overflow at 1e±15.
+        let inverse = 1.0 / max(max(max(abs(p.z), abs(p.x)), abs(p.y)), 1e-37);
         let q = p * inverse;
         let facing = abs(fma(n.x, q.x, fma(n.y, q.y, n.z * q.z)));
         let length = sqrt(fma(q.x, q.x, fma(q.y, q.y, q.z * q.z)));
-        slope = per_pixel * (q.z * p.z) / max(facing, 0.02 * length);
+        // A splat at the eye itself has neither; its slope term is 0.
+        slope = per_pixel * (q.z * p.z) / max(max(facing, 0.02 * length), 1e-30);
         z = max(p.z, projection.near);
     }
     slope = (h_px + SLOPE_MARGIN_PX) * slope;

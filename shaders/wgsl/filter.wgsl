@@ -51,3 +51,78 @@ fn area_ratio(projected: Projected, h_px: f32) -> f32 {
     let svd = svd2_of_columns(projected.j_s, projected.j_t, projected.det_j);
     return (svd.major / max(svd.major, h_px)) * (svd.minor / max(svd.minor, h_px));
 }
+
+struct Lengthened {
+    j: vec2f,
+    slope: f32,
+    short: bool,
+}
+
+// A projected half-axis whose diameter projects to less than 2h, made h long: along itself, or where it is zero along the
+// perpendicular of the other. Guennebaud et al. 2006 eq. 8 with both sides multiplied by p_z² − t_z², factored.
+fn adjust_lengthen(j: vec2f, other: vec2f, a: f32, h_px: f32) -> Lengthened {
+    let length = v2_length(j);
+    let limit = h_px * ((1.0 - a) * (1.0 + a));
+    let direction = select(j, vec2f(-other.y, other.x), length <= 0.0);
+    let norm = v2_length(direction);
+    let along = direction * (1.0 / select(1.0, norm, 0.0 < norm));
+    if length < limit {
+        return Lengthened(along * h_px, 0.0, true);
+    }
+    return Lengthened(j, a, false);
+}
+
+// Guennebaud et al. 2006 §4.1, eq. 8–9, given the half-axes that adjust_axes chose: each is lengthened by itself.
+fn adjust(projected: Projected, h_px: f32, projective: bool) -> Filtered {
+    let s = adjust_lengthen(projected.j_s, projected.j_t, projected.slope.x, h_px);
+    let t = adjust_lengthen(projected.j_t, projected.j_s, projected.slope.y, h_px);
+    let determinant = select(projected.det_j, v2_cross(s.j, t.j), s.short || t.short);
+    let slope = select(vec2f(0.0, 0.0), vec2f(s.slope, t.slope), projective);
+    return Filtered(footprint_about_center(s.j, t.j, determinant, slope), 1.0, area_ratio(projected, h_px));
+}
+
+// The half-axes that adjust works on (§4): an ellipse's principal ones; for a disk (axes equal within 1e-3) those of
+// Guennebaud et al. 2006 eq. 10, s along p × n, t along n × s, with p the view direction in an orthographic projection.
+// The twin turns by an arctangent; here half the angle comes from the larger of |cos| and |sin| of the whole.
+fn adjust_axes(splat: ViewSplat, perspective: bool) -> Pair {
+    let scale = radius_max(splat.s, splat.t);
+    let s = splat.s * (1.0 / scale);
+    let t = splat.t * (1.0 / scale);
+    let difference = v3_dot(s, s) - v3_dot(t, t);
+    let twice = 2.0 * v3_dot(s, t);
+    let length = sqrt(sum_of_products(difference, difference, twice, twice));
+    let turn = turn_by(vec2f(length + abs(difference), abs(twice)));
+    // (cos, sin) of half the angle of (difference, twice).
+    let half = select(
+        vec2f(turn.y, select(turn.x, -turn.x, twice < 0.0)),
+        vec2f(turn.x, select(turn.y, -turn.y, twice < 0.0)),
+        0.0 <= difference,
+    );
+    let pair = turned(splat.s, splat.t, half);
+    if scale - v3_length(pair.t) > 1e-3 * scale {
+        return pair;
+    }
+    let p = select(vec3f(0.0, 0.0, 1.0), unit(splat.p), perspective);
+    let along = v3_cross(p, splat.n);
+    let on_axes = vec2f(v3_dot(along, pair.s), v3_dot(along, pair.t)) * (1.0 / scale);
+    // f32 knows no direction of a smaller p × n, and a disk seen face-on needs none.
+    if v3_length(along) <= 1e-7 {
+        return pair;
+    }
+    return turned(pair.s, pair.t, turn_by(on_axes));
+}
+
+// Unit vector along v; (1, 0) for zero.
+fn turn_by(v: vec2f) -> vec2f {
+    let largest = max(abs(v.x), abs(v.y));
+    if !(0.0 < largest) {
+        return vec2f(1.0, 0.0);
+    }
+    let scaled = v * (1.0 / largest);
+    return scaled * (1.0 / v2_length(scaled));
+}
+
+// (s·cos + t·sin, t·cos − s·sin).
+fn turned(s: vec3f, t: vec3f, turn: vec2f) -> Pair {
+    return Pair(s * turn.x + t * turn.y, t * turn.x - s * turn.y);
+}

@@ -60,16 +60,19 @@ fn projected_new(splat: ViewSplat, projection: Projection) -> Projected {
     let t = splat.t;
     let n = splat.n;
     let focal = projection.focal_px;
-    let s_cross_t = v3_cross(s, t);
-    let area = v3_length(s_cross_t);
-    let side = select(-area, area, 0.0 <= v3_dot(s_cross_t, n));
+    // |s × t| with both scaled to their largest coordinate: nothing overflows or vanishes at 1e±15.
+    let k_s = v3_max_abs(s);
+    let k_t = v3_max_abs(t);
+    let s_cross_t = v3_cross(s * (1.0 / k_s), t * (1.0 / k_t));
+    let length = v3_length(s_cross_t);
+    let sine = select(-length, length, 0.0 <= v3_dot(s_cross_t, n));
     let depth_extent = sqrt(fma(s.z, s.z, t.z * t.z));
     if projection.kind == ORTHOGRAPHIC {
         let per_pixel = 1.0 / n.z;
         return Projected(
             s.xy * focal,
             t.xy * focal,
-            side * n.z * focal.x * focal.y,
+            sine * n.z * (k_s * focal.x) * (k_t * focal.y),
             vec2f(0.0, 0.0),
             vec2f(-(n.x / focal.x) * per_pixel, -(n.y / focal.y) * per_pixel),
             depth_extent,
@@ -83,23 +86,35 @@ fn projected_new(splat: ViewSplat, projection: Projection) -> Projected {
     let a = s * inverse;
     let b = t * inverse;
     let facing = v3_dot(n, vec3f(center, 1.0));
-    let length = sqrt(fma(center.x, center.x, fma(center.y, center.y, 1.0)));
-    let signed_area = side * inverse * inverse;
+    let distance = sqrt(fma(center.x, center.x, fma(center.y, center.y, 1.0)));
     let per_pixel = 1.0 / facing;
     return Projected(
         vec2f(fma(-a.z, center.x, a.x), fma(-a.z, center.y, a.y)) * focal,
         vec2f(fma(-b.z, center.x, b.x), fma(-b.z, center.y, b.y)) * focal,
-        signed_area * facing * focal.x * focal.y,
+        sine * facing * (k_s * inverse * focal.x) * (k_t * inverse * focal.y),
         vec2f(s.z * inverse, t.z * inverse),
         vec2f(-(n.x / focal.x) * per_pixel, -(n.y / focal.y) * per_pixel),
         depth_extent,
         facing,
-        abs(facing) / length,
+        abs(facing) / distance,
     );
 }
 
 fn projected_is_edge_on(projected: Projected) -> bool {
     return projected.facing_cosine <= EDGE_ON;
+}
+
+// r_max (§2): the larger singular value of [s t], at any scale.
+fn radius_max(s: vec3f, t: vec3f) -> f32 {
+    let scale = max(v3_max_abs(s), v3_max_abs(t));
+    let u = s * (1.0 / scale);
+    let v = t * (1.0 / scale);
+    let a = v3_dot(u, u);
+    let b = v3_dot(u, v);
+    let c = v3_dot(v, v);
+    let difference = (a - c) * 0.5;
+    let root = sqrt(fma(difference, difference, b * b));
+    return scale * sqrt(fma(a + c, 0.5, root));
 }
 
 // Pixel offset of p's projection from base_px, without the cancellation of subtracting pixel coordinates (§3).

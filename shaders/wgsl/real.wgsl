@@ -1,13 +1,34 @@
 // Exact differences of products. Twin: surfel-math, real.rs.
 //
-// Source: Kahan; bound by Jeannerod, Louvet and Muller 2013. The bound holds where fma rounds once. WGSL lets an
-// implementation round twice, which costs the last bits of what cancels and nothing else.
+// Source: Dekker 1971, products as a rounded head and an exact rest. The twin's fma (Kahan) isn't used: WGSL lets an
+// implementation round it twice, and lets it fuse a product and a sum that are written apart. Here every product whose
+// rounding matters is of 12-bit halves, so it is exact however it is evaluated, and heads are cut by integer arithmetic,
+// which no compiler fuses or reassociates. The error is below 2 ulp of the result, however much cancels.
+
+// The upper 12 bits of a's significand; a less this is exact and has 12 bits, too.
+fn upper_half(a: f32) -> f32 {
+    return bitcast<f32>(bitcast<u32>(a) & 0xfffff000u);
+}
+
+// a·b to 23 bits: an even last bit, so that the rest fits into a float.
+fn product_head(a: f32, b: f32) -> f32 {
+    return bitcast<f32>(bitcast<u32>(a * b) & 0xfffffffeu);
+}
+
+// a·b − head, exactly.
+fn product_rest(a: f32, b: f32, head: f32) -> f32 {
+    let a_upper = upper_half(a);
+    let b_upper = upper_half(b);
+    let a_lower = a - a_upper;
+    let b_lower = b - b_upper;
+    return (((a_upper * b_upper - head) + a_upper * b_lower) + a_lower * b_upper) + a_lower * b_lower;
+}
 
 // a·b − c·d.
 fn difference_of_products(a: f32, b: f32, c: f32, d: f32) -> f32 {
-    let cd = c * d;
-    let rounding = fma(-c, d, cd);
-    return fma(a, b, -cd) + rounding;
+    let ab = product_head(a, b);
+    let cd = product_head(c, d);
+    return (ab - cd) + (product_rest(a, b, ab) - product_rest(c, d, cd));
 }
 
 // a·b + c·d.

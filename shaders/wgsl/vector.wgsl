@@ -29,3 +29,8 @@ fn v3_cross(a: vec3f, b: vec3f) -> vec3f {
 fn v3_length(a: vec3f) -> f32 {
     return sqrt(v3_dot(a, a));
 }
+
+// The largest absolute value of a coordinate.
+fn v3_max_abs(a: vec3f) -> f32 {
+    return max(max(abs(a.x), abs(a.y)), abs(a.z));
+}

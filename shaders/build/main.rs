@@ -1,0 +1,86 @@
+//! Puts the WGSL modules together, parses and validates them with naga, and writes what the crate includes: the texts,
+//! and by reflection the formulas' names, offsets of struct members, constants, and what each entry point binds. An
+//! invalid shader fails the build with naga's own message, which points at the line.
+
+mod reflect;
+
+use std::error::Error;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use naga::Module;
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+
+/// What the line before each module starts with.
+const MODULE: &str = "// ==== ";
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let folder = PathBuf::from(std::env::var("CARGO_MANIFEST_DIR")?);
+    let out = PathBuf::from(std::env::var("OUT_DIR")?);
+    for part in ["build", "wgsl", "passes"] {
+        println!("cargo::rerun-if-changed={part}");
+    }
+    let formulas = concatenate(&folder, "wgsl")?;
+    let passes = formulas.clone() + &concatenate(&folder, "passes")?;
+    std::fs::write(out.join("formulas.wgsl"), &formulas)?;
+    std::fs::write(out.join("passes.wgsl"), &passes)?;
+    let (module, _) = heard(checked(&formulas))?;
+    std::fs::write(out.join("functions.rs"), reflect::functions(&module))?;
+    let (module, info) = heard(checked(&passes))?;
+    std::fs::write(out.join("layout.rs"), reflect::layouts(&module)?)?;
+    std::fs::write(out.join("entries.rs"), reflect::entries(&module, &info)?)?;
+    Ok(())
+}
+
+/// The modules that a folder's manifest names, in its order, each under a line that says where it is from.
+fn concatenate(root: &Path, folder: &str) -> Result<String, Box<dyn Error>> {
+    let manifest = std::fs::read_to_string(root.join(folder).join("manifest.txt"))?;
+    let names = || manifest.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+    for entry in std::fs::read_dir(root.join(folder))? {
+        let name = entry?.file_name();
+        let name = name.to_string_lossy();
+        if name.ends_with(".wgsl") && !names().any(|listed| listed == name) {
+            return Err(format!("{folder}/{name} is not in {folder}/manifest.txt: add it").into());
+        }
+    }
+    let mut text = String::new();
+    for name in names() {
+        let path = root.join(folder).join(name);
+        let module = std::fs::read_to_string(path).map_err(|e| format!("{folder}/{name}: {e}"))?;
+        write!(text, "{MODULE}{folder}/{name}\n{module}\n")?;
+    }
+    Ok(text)
+}
+
+/// Parses and validates, or gives naga's message.
+fn checked(text: &str) -> Result<(Module, ModuleInfo), String> {
+    let module = naga::front::wgsl::parse_str(text).map_err(|e| {
+        let line = e.location(text).map(|at| at.line_number);
+        place(text, line) + &e.emit_to_string(text)
+    })?;
+    let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+    let info = validator.validate(&module).map_err(|e| {
+        let line = e.location(text).map(|at| at.line_number);
+        place(text, line) + &e.emit_to_string(text)
+    })?;
+    Ok((module, info))
+}
+
+/// Says an error in a way that cargo shows.
+fn heard<T>(result: Result<T, String>) -> Result<T, Box<dyn Error>> {
+    result.map_err(|message| {
+        // A build script is heard a line at a time.
+        for line in message.lines() {
+            println!("cargo::error={line}");
+        }
+        "the shaders are not valid WGSL, see above".into()
+    })
+}
+
+/// The module's file and line of a line of the whole text, counted from 1.
+fn place(text: &str, line: Option<u32>) -> String {
+    let Some(line) = line else { return String::new() };
+    let before = text.lines().take(line as usize).enumerate();
+    let module = before.filter_map(|(i, l)| Some((i as u32 + 1, l.strip_prefix(MODULE)?))).last();
+    module.map_or_else(String::new, |(start, name)| format!("in {name}, line {}:\n", line - start))
+}

@@ -1,0 +1,101 @@
+// The attribute pass (rendering model §5): fragments of filtered footprints, not deeper than what is kept, add their
+// weighted attributes. Blending adds.
+
+@group(2) @binding(0) var kept: texture_depth_2d;
+
+struct AttributeVertex {
+    @builtin(position) position: vec4f,
+    @location(0) @interpolate(flat, either) base: vec2i,
+    // Fraction of the anchor, scale of the depth form, factor of the weight.
+    @location(1) @interpolate(flat, either) anchor: vec4f,
+    @location(2) @interpolate(flat, either) uv: vec4f,
+    @location(3) @interpolate(flat, either) depth: vec4f,
+    @location(4) @interpolate(flat, either) at_anchor: vec3f,
+    @location(5) @interpolate(flat, either) w: vec2f,
+    @location(6) @interpolate(flat, either) color: vec3f,
+    @location(7) @interpolate(flat, either) normal: vec3f,
+    @location(8) @interpolate(flat, either) flags: u32,
+}
+
+@vertex
+fn attribute_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> AttributeVertex {
+    let r = records[instance];
+    return AttributeVertex(
+        corner_of(r.filtered_box, vertex),
+        r.base,
+        vec4f(r.fraction, r.scale, r.weight_scale),
+        vec4f(r.u, r.v),
+        vec4f(r.depth, r.range),
+        vec3f(r.at_anchor, r.w_at_anchor),
+        r.w,
+        r.color,
+        r.normal,
+        r.flags,
+    );
+}
+
+struct Contribution {
+    weight: f32,
+    z: f32,
+    is_there: bool,
+}
+
+fn contribution(in: AttributeVertex) -> Contribution {
+    let d = offset_of(in.position, in.base, in.anchor.xy);
+    let u = form_at(in.uv.xy, d, in.at_anchor.x);
+    let v = form_at(in.uv.zw, d, in.at_anchor.y);
+    let w = form_at(in.w, d, in.at_anchor.z);
+    let square = fma(u, u, v * v);
+    var inside = 0.0 < w && square <= w * w;
+    var rho_squared = square / (select(1.0, w * w, inside));
+    if (in.flags & RECORD_CLAMP) != 0u {
+        let disk = fma(d.x, d.x, d.y * d.y) / (frame.radius_px * frame.radius_px);
+        rho_squared = min(select(disk, rho_squared, inside), disk);
+        inside = inside || disk <= 1.0;
+    }
+    let z = fragment_depth(d, in.depth, in.anchor.z, in.at_anchor.z, in.flags);
+    let nearest = textureLoad(kept, vec2i(floor(in.position.xy)), 0);
+    let is_there = inside && exists(z) && nearest <= comparable(z);
+    return Contribution(weight(rho_squared, frame.cutoff) * in.anchor.w, z, is_there);
+}
+
+// Σw·(colour, 1).
+@fragment
+fn color_fragment(in: AttributeVertex) -> @location(0) vec4f {
+    let c = contribution(in);
+    if !c.is_there {
+        discard;
+    }
+    return vec4f(in.color, 1.0) * c.weight;
+}
+
+struct SurfaceSums {
+    @location(0) color: vec4f,
+    @location(1) surface: vec4f,
+}
+
+// Σw·(colour, 1) and Σw·(normal, z).
+@fragment
+fn surface_fragment(in: AttributeVertex) -> SurfaceSums {
+    let c = contribution(in);
+    if !c.is_there {
+        discard;
+    }
+    return SurfaceSums(vec4f(in.color, 1.0) * c.weight, vec4f(in.normal, c.z) * c.weight);
+}
+
+struct FurtherSums {
+    @location(0) material: vec4f,
+    @location(1) count: f32,
+}
+
+// Σw·material factors, and how many fragments there are: a pass of its own, because both are rare and a sample of all
+// targets would be larger than the 32 bytes that every adapter has.
+@fragment
+fn further_fragment(in: AttributeVertex) -> FurtherSums {
+    let c = contribution(in);
+    if !c.is_there {
+        discard;
+    }
+    return FurtherSums(objects[in.flags >> RECORD_OBJECT].material * c.weight, 1.0);
+}

@@ -1,0 +1,183 @@
+// From stored splats to records (rendering model §2–§5), one invocation a splat. Splats that reach the near plane are
+// left out: the CPU sets them up in f64.
+
+@group(1) @binding(0) var<uniform> segment: Segment;
+@group(1) @binding(1) var<storage, read> splats: array<u32>;
+@group(1) @binding(2) var<storage, read> chunks: array<Chunk>;
+@group(1) @binding(3) var<storage, read> near_bits: array<u32>;
+@group(1) @binding(4) var<storage, read_write> records_out: array<Record>;
+@group(1) @binding(5) var<storage, read_write> drawn: atomic<u32>;
+
+// Slack of pixel boxes: f32 rounding of box and anchor, many times over, and still far below a pixel.
+const BOX_SLACK_PX: f32 = 2e-3;
+// A whole pixel that any anchor is cut to; i32 holds it and its offset to any pixel.
+const FARTHEST_PX: f32 = 1e9;
+
+fn stored_vector(at: u32) -> vec3f {
+    return vec3f(bitcast<f32>(splats[at]), bitcast<f32>(splats[at + 1u]), bitcast<f32>(splats[at + 2u]));
+}
+
+// Columns and rows of the tile whose pixel centres lie between two offsets of `base`: first, and one past the last.
+fn pixel_box(base: vec2f, extent: Extent) -> vec4f {
+    let limit = vec2f(frame.size_px);
+    let start = base - vec2f(frame.origin_px);
+    let first = start + ceil(extent.least - 0.5);
+    let end = start + floor(extent.greatest - 0.5) + 1.0;
+    return vec4f(clamp(first, vec2f(0.0, 0.0), limit), clamp(end, vec2f(0.0, 0.0), limit));
+}
+
+fn box_is_empty(pixels: vec4f) -> bool {
+    return !(pixels.x < pixels.z && pixels.y < pixels.w);
+}
+
+fn packed_box(pixels: vec4f) -> vec2u {
+    if box_is_empty(pixels) {
+        return vec2u(0u, 0u);
+    }
+    let p = vec4u(pixels);
+    return vec2u(p.x | (p.y << 16u), p.z | (p.w << 16u));
+}
+
+fn extent_union(a: Extent, b: Extent) -> Extent {
+    return Extent(min(a.least, b.least), max(a.greatest, b.greatest));
+}
+
+fn filtered_by(projected: Projected, visible: Footprint) -> Filtered {
+    let projective = frame.projective != 0u;
+    switch frame.filter_kind {
+        case FILTER_ADJUST: {
+            return adjust(projected, frame.radius_px, projective);
+        }
+        case FILTER_PRINCIPAL: {
+            return principal(projected, frame.radius_px, projective);
+        }
+        case FILTER_EWA: {
+            return ewa(projected, frame.radius_px);
+        }
+        default: {
+            return filtered_plain(visible);
+        }
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn setup(@builtin(global_invocation_id) id: vec3u) {
+    let i = id.x;
+    if i >= segment.count {
+        return;
+    }
+    records_out[i].visible_box = vec2u(0u, 0u);
+    records_out[i].filtered_box = vec2u(0u, 0u);
+    let at = i * segment.stride;
+    let chunk = chunks[splats[at] / CHUNK_SPLATS];
+    if chunk.state == CHUNK_OUTSIDE {
+        return;
+    }
+    if chunk.state != CHUNK_ORDINARY {
+        let in_chunk = splats[at] % CHUNK_SPLATS;
+        if (near_bits[chunk.state + in_chunk / 32u] & (1u << (in_chunk % 32u))) != 0u {
+            return;
+        }
+    }
+    let object = objects[segment.object];
+    var pair: Pair;
+    var outward: vec3f;
+    if segment.is_disk != 0u {
+        outward = stored_vector(at + 4u);
+        let radius = bitcast<f32>(splats[at + 7u]);
+        let axes = orthonormal(outward);
+        pair = Pair(axes.s * radius, axes.t * radius);
+    } else {
+        pair = Pair(stored_vector(at + 4u), stored_vector(at + 7u));
+        outward = v3_cross(pair.s * (1.0 / v3_max_abs(pair.s)), pair.t * (1.0 / v3_max_abs(pair.t)));
+    }
+    let world_normal = unit(object.normals * outward);
+    let p = object.linear * stored_vector(at + 1u) + chunk.center;
+    let n = frame.view_from_world * world_normal;
+    let splat = ViewSplat(p, object.linear * pair.s, object.linear * pair.t, n);
+    var shading = world_normal;
+    if segment.shading_normal_at != ABSENT {
+        shading = unit(object.normals * stored_vector(at + segment.shading_normal_at));
+    }
+    var color = vec3f(1.0, 1.0, 1.0);
+    if segment.color_at != ABSENT {
+        color = stored_vector(at + segment.color_at);
+    }
+    project(i, splat, shading, color, object);
+}
+
+// Writes the record of a splat whose centre is at or beyond z_near.
+fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Object) {
+    let projection = frame.projection;
+    let projective = frame.projective != 0u;
+    let perspective = projection.kind == PERSPECTIVE;
+    let z = splat.p.z;
+    let radius = radius_max(splat.s, splat.t);
+    let epsilon = tolerance(splat, radius, frame.radius_px, frame.tolerance, projection);
+    var adjusted = splat;
+    if frame.filter_kind == FILTER_ADJUST {
+        let axes = adjust_axes(splat, perspective);
+        adjusted.s = axes.s;
+        adjusted.t = axes.t;
+    }
+    let projected = projected_new(adjusted, projection);
+    let extent = projected.depth_extent;
+    let back_facing = 0.0 <= projected.facing;
+    let outside = z + extent < projection.near || projection.far < z - extent;
+    if outside || projected_is_edge_on(projected) || (back_facing && object.cull_back != 0u) {
+        return;
+    }
+    let visible = footprint_unfiltered(projected, projective);
+    let filtered = filtered_by(projected, visible);
+    let slack = Extent(vec2f(-BOX_SLACK_PX, -BOX_SLACK_PX), vec2f(BOX_SLACK_PX, BOX_SLACK_PX));
+    let visible_extent = bounds_unfiltered(projected, projective);
+    var filtered_extent = visible_extent;
+    if frame.filter_kind == FILTER_CLAMP {
+        let h = vec2f(frame.radius_px, frame.radius_px);
+        filtered_extent = extent_union(visible_extent, Extent(-h, h));
+    } else if frame.filter_kind != FILTER_NONE {
+        filtered_extent = bounds_footprint(filtered.footprint);
+    }
+    let along = select(splat.p.xy, splat.p.xy / z, perspective) * projection.focal_px + projection.principal_px;
+    let base = clamp(floor(along), vec2f(-FARTHEST_PX, -FARTHEST_PX), vec2f(FARTHEST_PX, FARTHEST_PX));
+    let fraction = projection_offset_from(projection, splat.p, base);
+    let about = Extent(fraction + slack.least, fraction + slack.greatest);
+    let visible_box =
+        pixel_box(base, Extent(about.least + visible_extent.least, about.greatest + visible_extent.greatest));
+    let filtered_box =
+        pixel_box(base, Extent(about.least + filtered_extent.least, about.greatest + filtered_extent.greatest));
+    if box_is_empty(visible_box) && box_is_empty(filtered_box) {
+        return;
+    }
+    var record: Record;
+    record.base = vec2i(base);
+    record.fraction = fraction;
+    record.visible_u = vec2f(visible.u.x, visible.u.y);
+    record.visible_v = vec2f(visible.v.x, visible.v.y);
+    record.scale = z;
+    if projective {
+        record.depth = -projected.depth_gradient;
+        record.range = vec2f(z / (z + extent), z / (z - extent));
+        record.flags = RECORD_RECIPROCAL;
+    } else {
+        record.depth = projected.depth_gradient * select(1.0, z, perspective);
+        record.range = vec2f(z - extent, z + extent);
+    }
+    if frame.filter_kind == FILTER_CLAMP {
+        record.flags |= RECORD_CLAMP;
+    }
+    record.flags |= segment.object << RECORD_OBJECT;
+    record.epsilon = epsilon;
+    record.weight_scale = filtered.weight_scale;
+    record.u = vec2f(filtered.footprint.u.x, filtered.footprint.u.y);
+    record.v = vec2f(filtered.footprint.v.x, filtered.footprint.v.y);
+    record.w = vec2f(filtered.footprint.w.x, filtered.footprint.w.y);
+    record.at_anchor = vec2f(0.0, 0.0);
+    record.w_at_anchor = 1.0;
+    record.color = color;
+    record.normal = shading * select(1.0, -1.0, back_facing && object.two_sided != 0u);
+    record.visible_box = packed_box(visible_box);
+    record.filtered_box = packed_box(filtered_box);
+    records_out[i] = record;
+    atomicAdd(&drawn, 1u);
+}

@@ -1,0 +1,23 @@
+// Directions and orthonormal bases. Twin: surfel-math, basis.rs.
+
+// v scaled to unit length at any magnitude; zero stays zero.
+fn unit(v: vec3f) -> vec3f {
+    let largest = v3_max_abs(v);
+    let scaled = v * (1.0 / select(1.0, largest, 0.0 < largest));
+    let length = v3_length(scaled);
+    return scaled * (1.0 / select(1.0, length, 0.0 < length));
+}
+
+struct Pair {
+    s: vec3f,
+    t: vec3f,
+}
+
+// An orthonormal pair with s × t along a unit normal. Source: Duff et al. 2017.
+fn orthonormal(n: vec3f) -> Pair {
+    let side = select(1.0, -1.0, n.z < 0.0);
+    let a = -1.0 / (side + n.z);
+    let b = n.x * n.y * a;
+    let s = vec3f(fma(side * n.x * n.x, a, 1.0), side * b, -side * n.x);
+    return Pair(s, vec3f(b, fma(n.y * n.y, a, side), -n.y));
+}
