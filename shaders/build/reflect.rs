@@ -22,7 +22,7 @@ pub(crate) fn layouts(module: &Module) -> Result<String, Box<dyn Error>> {
         }
     }
     let mut text = String::new();
-    for (handle, ty) in module.types.iter().filter(|(handle, _)| shared.contains(handle)) {
+    for (_, ty) in module.types.iter().filter(|(handle, _)| shared.contains(handle)) {
         let (Some(name), TypeInner::Struct { members, span }) = (&ty.name, &ty.inner) else { continue };
         writeln!(text, "/// Offsets of `{name}`, bytes.\npub mod {} {{", snake(name))?;
         // The stride in an array: a struct's size is a multiple of its alignment.
@@ -33,7 +33,6 @@ pub(crate) fn layouts(module: &Module) -> Result<String, Box<dyn Error>> {
             writeln!(text, "    pub const {}: usize = {};", field.to_uppercase(), member.offset)?;
         }
         writeln!(text, "}}")?;
-        debug_assert!(shared.contains(&handle));
     }
     for (_, constant) in module.constants.iter() {
         let Some(name) = &constant.name else { continue };
@@ -50,11 +49,9 @@ pub(crate) fn layouts(module: &Module) -> Result<String, Box<dyn Error>> {
 /// Adds `ty` and the structs inside of it.
 fn collect(module: &Module, ty: naga::Handle<naga::Type>, found: &mut Vec<naga::Handle<naga::Type>>) {
     match &module.types[ty].inner {
-        TypeInner::Struct { members, .. } => {
-            if !found.contains(&ty) {
-                found.push(ty);
-                members.iter().for_each(|member| collect(module, member.ty, found));
-            }
+        TypeInner::Struct { members, .. } if !found.contains(&ty) => {
+            found.push(ty);
+            members.iter().for_each(|member| collect(module, member.ty, found));
         }
         TypeInner::Array { base, .. } => collect(module, *base, found),
         _ => {}

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Our packages from the bottom up. A package depends only on packages of a lower number; development
 /// dependencies are free.
-const LAYERS: [(&str, u32); 15] = [
+const LAYERS: [(&str, u32); 16] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
@@ -18,12 +18,13 @@ const LAYERS: [(&str, u32); 15] = [
     ("surfel-reference", 3),
     ("surfel-cpu", 3),
     ("surfel-shaders", 3),
-    ("surfel-wgpu", 4),
-    ("surfel-ash", 4),
-    ("surfel", 5),
-    ("surfel-cli", 6),
-    ("surfel-viewer", 6),
-    ("surfel-conformance", 7),
+    ("surfel-gpu", 4),
+    ("surfel-wgpu", 5),
+    ("surfel-ash", 5),
+    ("surfel", 6),
+    ("surfel-cli", 7),
+    ("surfel-viewer", 7),
+    ("surfel-conformance", 8),
 ];
 
 /// Packages whose dependencies reach no GPU, directly or not.

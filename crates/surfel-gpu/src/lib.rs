@@ -1,1 +1,28 @@
-//! wip
+//! What Surfel's GPU backends share, whatever their API: how a scene lies in buffers ([`Upload`]), what each frame puts
+//! beside it ([`TileData`]), and how a picture is cut into tiles and passes ([`tiles()`], [`Sums`]).
+//!
+//! Everything that needs f64 happens here, on the CPU: origins of chunks relative to the eye, culling of chunks, and the
+//! few splats that reach the near plane. The rest is set up on the GPU by the twins of surfel-math's formulas. Buffers are
+//! filled by the offsets that `surfel-shaders` reflects from the shaders.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod bindings;
+mod chunk;
+mod culling;
+mod near;
+mod placement;
+mod planes;
+mod schedule;
+mod segment;
+mod tile;
+mod uniforms;
+mod words;
+
+pub use bindings::{Slot, slots};
+pub use chunk::Chunk;
+pub use planes::PlaneLayout;
+pub use schedule::{Step, Sums, schedule};
+pub use segment::{Segment, Upload, UploadLimits, UploadedScene};
+pub use tile::{SegmentData, TileData, tiles};
+pub use uniforms::FrameScene;

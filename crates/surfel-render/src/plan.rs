@@ -107,6 +107,8 @@ pub struct FramePlan {
     pub splat_filter: SplatFilter,
     /// What is accumulated.
     pub attributes: Attributes,
+    /// Precision of the sums.
+    pub accumulate: Accumulate,
     /// How pixels are shaded.
     pub shader: Shader,
     /// Planes of the frame.
@@ -171,6 +173,7 @@ pub fn plan(
             coverage: settings.edge_aa && planes.color,
         },
         passes,
+        accumulate: settings.accumulate,
         shader: settings.shader,
         planes,
     })

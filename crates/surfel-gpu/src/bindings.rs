@@ -1,0 +1,46 @@
+//! Bind group (descriptor set) layouts, from what the shaders' entry points bind.
+
+use surfel_shaders::{BindingKind, ENTRIES, Stage};
+
+/// One binding of a group.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Slot {
+    /// Its number.
+    pub binding: u32,
+    /// What it is.
+    pub kind: BindingKind,
+    /// Stages that use it.
+    pub stages: Vec<Stage>,
+}
+
+/// The bindings of a group that any of these entry points uses, by number.
+pub fn slots(entries: &[&str], group: u32) -> Vec<Slot> {
+    let mut slots: Vec<Slot> = Vec::new();
+    for entry in ENTRIES.iter().filter(|entry| entries.contains(&entry.name)) {
+        for used in entry.bindings.iter().filter(|used| used.group == group) {
+            let at = slots.iter().position(|slot| slot.binding == used.binding);
+            match at.and_then(|at| slots.get_mut(at)) {
+                Some(slot) if !slot.stages.contains(&entry.stage) => slot.stages.push(entry.stage),
+                Some(_) => {}
+                None => slots.push(Slot { binding: used.binding, kind: used.kind, stages: vec![entry.stage] }),
+            }
+        }
+    }
+    slots.sort_by_key(|slot| slot.binding);
+    slots
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_group_holds_what_its_entry_points_use_in_the_stages_that_use_it() {
+        let records = slots(&["visibility_vertex", "attribute_vertex"], 1);
+        assert_eq!(records, [Slot { binding: 0, kind: BindingKind::StorageRead, stages: vec![Stage::Vertex] }]);
+        let setup = slots(&["setup"], 1);
+        assert_eq!(setup.iter().map(|slot| slot.binding).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
+        assert_eq!(setup[4].kind, BindingKind::StorageWrite);
+        assert!(slots(&["setup"], 7).is_empty());
+    }
+}

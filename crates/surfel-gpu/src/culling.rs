@@ -1,0 +1,58 @@
+//! Which chunks of splats can touch a picture, and which of them may reach the near plane.
+
+use crate::chunk::Chunk;
+use crate::placement::Placement;
+use glam::DVec3;
+use surfel_math::projection::ProjectionKind;
+use surfel_model::Filter;
+use surfel_render::{FramePlan, Region, View};
+
+/// True if no splat of the chunk, whose origin is at `center` in view space, can touch the region.
+pub(crate) fn is_outside(
+    chunk: &Chunk,
+    center: DVec3,
+    placement: &Placement,
+    region: Region,
+    view: &View,
+    plan: &FramePlan,
+) -> bool {
+    let ball = chunk.ball * placement.stretch;
+    let projection = &view.projection;
+    if center.z + ball < projection.near || center.z - ball > projection.far() {
+        return true;
+    }
+    // Sides of a ball about the eye tell nothing.
+    if projection.is_perspective() && center.z < 4.0 * ball {
+        return false;
+    }
+    // An affine footprint leaves the splat's own outline, by less than half its distance from the centre (p_z/z < 3/2 on
+    // its far side); three times the ball is ample.
+    let affine = !plan.splat_filter.projective || plan.splat_filter.filter == Filter::Ewa;
+    let ball = if affine && projection.is_perspective() { 3.0 * ball } else { ball };
+    // A filtered footprint reaches past its splat: by h, or for ewa by no more than both together.
+    let margin = plan.splat_filter.radius_px + 1.0;
+    let side = |limit: f64, axis: usize, sign: f64| {
+        let f = projection.focal_px[axis];
+        let slope = (limit - projection.principal_px[axis]) / f;
+        let along = if axis == 0 { center.x } else { center.y };
+        match projection.kind {
+            // Signed distance beyond the plane through the eye and the picture's side.
+            ProjectionKind::Perspective => sign * (along - slope * center.z) > ball * slope.hypot(1.0),
+            ProjectionKind::Orthographic { .. } => sign * (along - slope) > ball,
+        }
+    };
+    let span = |start: u32, length: u32| {
+        let (start, length) = (f64::from(start), f64::from(length));
+        (start - margin, start + length + margin)
+    };
+    let (left, right) = span(region.x, region.width);
+    let (top, bottom) = span(region.y, region.height);
+    side(left, 0, -1.0) || side(right, 0, 1.0) || side(top, 1, -1.0) || side(bottom, 1, 1.0)
+}
+
+/// True if some splat of the chunk may have its centre before z_near or span half of its distance (§3, last paragraph).
+pub(crate) fn may_reach_near(chunk: &Chunk, center: DVec3, placement: &Placement, view: &View) -> bool {
+    let nearest = center.z - chunk.ball * placement.stretch;
+    let widest = 2.0 * chunk.largest_radius * placement.stretch;
+    nearest < view.projection.near || (view.projection.is_perspective() && nearest < widest)
+}

@@ -1,0 +1,204 @@
+//! Splats as they lie in GPU buffers.
+
+use crate::chunk::{Chunk, chunk_length, morton_order};
+use crate::words::Words;
+use glam::{DAffine3, DVec3};
+use std::sync::Arc;
+use surfel_model::{Geometry, Light, Material, Scene, Shape, SplatCloud};
+use surfel_render::{RenderError, SceneSummary};
+use surfel_shaders::layout;
+
+/// Most splats of a segment: 144 MiB of records.
+const SEGMENT_SPLATS: usize = 1 << 20;
+
+/// What a device can hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UploadLimits {
+    /// Largest buffer that a shader may read, bytes.
+    pub buffer_bytes: u64,
+}
+
+/// A part of an object's splats that one buffer holds. The CPU keeps what frames need of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Segment {
+    /// Index of the object among the scene's objects of splats.
+    pub object: u32,
+    /// Chunks in order.
+    pub chunks: Vec<Chunk>,
+    /// Which splat of the cloud each of the segment's is.
+    pub members: Vec<u32>,
+    /// The shaders' `Segment`.
+    pub uniform: Vec<u32>,
+}
+
+/// An object of splats.
+#[derive(Clone, Debug)]
+pub(crate) struct UploadedObject {
+    pub cloud: Arc<SplatCloud>,
+    pub world_from_object: DAffine3,
+    pub material: Material,
+}
+
+/// What the CPU keeps of a scene.
+#[derive(Clone, Debug)]
+pub struct UploadedScene {
+    /// What planning needs.
+    pub summary: SceneSummary,
+    /// In the order in which they were uploaded.
+    pub segments: Vec<Segment>,
+    pub(crate) objects: Vec<UploadedObject>,
+    pub(crate) lights: Option<Vec<Light>>,
+    pub(crate) ambient: [f64; 3],
+    /// Linear, premultiplied.
+    pub(crate) background: [f64; 4],
+}
+
+/// A scene on its way to the GPU, a segment at a time, so that no more than one is ever copied.
+pub struct Upload {
+    scene: UploadedScene,
+    segment_splats: usize,
+    object: usize,
+    /// Splats of the current object that are still to be uploaded.
+    order: Vec<u32>,
+    at: usize,
+}
+
+impl Upload {
+    /// Starts an upload.
+    ///
+    /// # Errors
+    /// [`RenderError::Model`] if the scene is invalid, [`RenderError::Backend`] if the device's buffers hold no splats.
+    pub fn new(scene: &Scene, limits: UploadLimits, backend: &'static str) -> Result<Self, RenderError> {
+        scene.validate()?;
+        let largest = layout::record::SIZE as u64;
+        let segment_splats = (limits.buffer_bytes / largest).min(SEGMENT_SPLATS as u64) as usize;
+        if segment_splats < layout::CHUNK_SPLATS as usize {
+            let message = format!("the device's storage buffers hold {} bytes, too few to draw from", limits.buffer_bytes);
+            return Err(RenderError::Backend { backend, message });
+        }
+        let [r, g, b, a] = scene.background;
+        let objects = scene.objects.iter().filter_map(|object| match &object.geometry {
+            Geometry::Splats(cloud) => Some(UploadedObject {
+                cloud: cloud.clone(),
+                world_from_object: object.world_from_object,
+                material: object.material,
+            }),
+            Geometry::Mesh(_) => None,
+        });
+        Ok(Self {
+            scene: UploadedScene {
+                summary: SceneSummary::of(scene),
+                segments: Vec::new(),
+                objects: objects.collect(),
+                lights: scene.lights.clone(),
+                ambient: scene.ambient,
+                background: [r * a, g * a, b * a, a],
+            },
+            segment_splats,
+            object: 0,
+            order: Vec::new(),
+            at: 0,
+        })
+    }
+
+    /// Bytes of all segments together.
+    pub fn total_bytes(&self) -> u64 {
+        self.scene.objects.iter().map(|o| o.cloud.len() as u64 * Columns::of(&o.cloud).stride as u64 * 4).sum()
+    }
+
+    /// Words of the next segment's splats, or `None` after the last.
+    pub fn next_segment(&mut self) -> Option<Vec<u32>> {
+        while self.at == self.order.len() {
+            let object = self.scene.objects.get(self.object)?;
+            self.order = morton_order(&object.cloud);
+            self.at = 0;
+            self.object += 1;
+        }
+        let index = self.object - 1;
+        let cloud = self.scene.objects.get(index)?.cloud.clone();
+        let columns = Columns::of(&cloud);
+        let mut segment = Segment { object: index as u32, chunks: Vec::new(), members: Vec::new(), uniform: Vec::new() };
+        let mut words = Vec::new();
+        while let Some(rest) = self.order.get(self.at..).filter(|rest| !rest.is_empty()) {
+            let (members, _) = rest.split_at(chunk_length(&cloud, rest));
+            if segment.members.len() + members.len() > self.segment_splats {
+                break;
+            }
+            let chunk = Chunk::new(&cloud, members, segment.members.len() as u32);
+            let code = segment.chunks.len() as u32 * layout::CHUNK_SPLATS;
+            for (k, &i) in members.iter().enumerate() {
+                columns.push(&cloud, i as usize, chunk.origin, code + k as u32, &mut words);
+            }
+            segment.chunks.push(chunk);
+            segment.members.extend_from_slice(members);
+            self.at += members.len();
+        }
+        segment.uniform = columns.uniform(index as u32, segment.members.len() as u32);
+        self.scene.segments.push(segment);
+        if self.at == self.order.len() {
+            (self.order, self.at) = (Vec::new(), 0);
+        }
+        Some(words)
+    }
+
+    /// What the CPU keeps, after the last segment.
+    pub fn finish(self) -> UploadedScene {
+        self.scene
+    }
+}
+
+/// Which words a cloud's splats have.
+struct Columns {
+    is_disk: bool,
+    stride: u32,
+    color_at: u32,
+    shading_normal_at: u32,
+}
+
+impl Columns {
+    fn of(cloud: &SplatCloud) -> Self {
+        let data = cloud.data();
+        let is_disk = matches!(data.shape, Shape::Disks { .. });
+        // The chunk, the centre, and normal and radius or s and t.
+        let mut stride = if is_disk { 8 } else { 10 };
+        let mut column = |there: bool| {
+            let at = if there { stride } else { layout::ABSENT };
+            stride += if there { 3 } else { 0 };
+            at
+        };
+        let (color_at, shading_normal_at) = (column(data.colors.is_some()), column(data.shading_normals.is_some()));
+        Self { is_disk, stride, color_at, shading_normal_at }
+    }
+
+    fn uniform(&self, object: u32, count: u32) -> Vec<u32> {
+        use layout::segment as at;
+        let mut words = Words::new(at::SIZE);
+        words.u32(at::OBJECT, object).u32(at::COUNT, count).u32(at::STRIDE, self.stride);
+        words.u32(at::IS_DISK, u32::from(self.is_disk)).u32(at::COLOR_AT, self.color_at);
+        words.u32(at::SHADING_NORMAL_AT, self.shading_normal_at);
+        words.into_vec()
+    }
+
+    fn push(&self, cloud: &SplatCloud, i: usize, origin: DVec3, code: u32, words: &mut Vec<u32>) {
+        let bits = |v: DVec3| v.as_vec3().to_array().map(f32::to_bits);
+        words.push(code);
+        words.extend(bits(cloud.center(i) - origin));
+        match &cloud.data().shape {
+            Shape::Disks { .. } => {
+                words.extend(bits(cloud.normal(i)));
+                words.push((cloud.radius_max(i) as f32).to_bits());
+            }
+            Shape::Ellipses { .. } => {
+                let (s, t) = cloud.axes(i);
+                words.extend(bits(s));
+                words.extend(bits(t));
+            }
+        }
+        if self.color_at != layout::ABSENT {
+            words.extend(cloud.color(i).map(f32::to_bits));
+        }
+        if self.shading_normal_at != layout::ABSENT {
+            words.extend(bits(cloud.shading_normal(i)));
+        }
+    }
+}

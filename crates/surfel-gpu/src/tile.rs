@@ -1,0 +1,162 @@
+//! A frame cut into tiles that fit the device, and what each needs beside the resident scene.
+
+use crate::culling::{is_outside, may_reach_near};
+use crate::near::{NearJob, NearSplats};
+use crate::planes::{PlaneLayout, floats_per_pixel};
+use crate::segment::{Segment, UploadedScene};
+use crate::uniforms::{FrameScene, frame_words};
+use crate::words::Words;
+use rayon::prelude::*;
+use surfel_render::{FramePlan, Region, View};
+use surfel_shaders::layout;
+
+/// Largest side of a tile: records count its pixels in 16 bits.
+const LARGEST_SIDE: u32 = u16::MAX as u32;
+
+/// Cuts the view's region into tiles of at most `texture_side` pixels a side whose planes fit into `buffer_bytes`.
+pub fn tiles(view: &View, plan: &FramePlan, texture_side: u32, buffer_bytes: u64) -> Vec<Region> {
+    let side = texture_side.clamp(1, LARGEST_SIDE);
+    let bytes = 4 * u64::from(floats_per_pixel(plan.planes).max(1));
+    let pixels = (buffer_bytes.min(u64::from(u32::MAX)) / bytes).max(1);
+    let width = view.region.width.min(side).min(pixels.min(u64::from(side)) as u32);
+    let height = view.region.height.min(side).min((pixels / u64::from(width.max(1))).min(u64::from(side)) as u32).max(1);
+    let mut tiles = Vec::new();
+    let r = view.region;
+    for y in (0..r.height).step_by(height as usize) {
+        for x in (0..r.width).step_by(width.max(1) as usize) {
+            tiles.push(Region {
+                x: r.x + x,
+                y: r.y + y,
+                width: width.min(r.width - x),
+                height: height.min(r.height - y),
+            });
+        }
+    }
+    tiles
+}
+
+/// What a segment needs for a tile.
+#[derive(Clone, Debug, Default)]
+pub struct SegmentData {
+    /// The shaders' `chunks`.
+    pub chunks: Vec<u32>,
+    /// The shaders' `near_bits`, one word at least.
+    pub near_bits: Vec<u32>,
+    /// No splat of it can touch the tile.
+    pub is_outside: bool,
+}
+
+/// What a tile needs beside the resident scene.
+#[derive(Clone, Debug)]
+pub struct TileData {
+    /// Its pixels of the image.
+    pub tile: Region,
+    /// The shaders' `frame`.
+    pub frame: Vec<u32>,
+    /// One for each segment of the scene.
+    pub segments: Vec<SegmentData>,
+    /// The shaders' `records` of the splats that reach the near plane.
+    pub near_records: Vec<u32>,
+    /// Where the tile's planes will be.
+    pub planes: PlaneLayout,
+}
+
+impl TileData {
+    /// Works out a tile of a frame.
+    pub fn new(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
+        let planes = PlaneLayout::new(plan.planes, tile.width * tile.height);
+        let job = NearJob { view, plan, tile };
+        let parts: Vec<(SegmentData, NearSplats)> =
+            scene.segments.par_iter().map(|segment| segment_data(scene, frame, segment, &job)).collect();
+        let mut near_records = Vec::new();
+        let mut segments = Vec::with_capacity(parts.len());
+        for (segment, near) in parts {
+            near_records.extend(near.records);
+            segments.push(segment);
+        }
+        Self { tile, frame: frame_words(scene, frame, view, plan, tile, &planes), segments, near_records, planes }
+    }
+
+    /// Number of near records.
+    pub fn near_count(&self) -> u32 {
+        (self.near_records.len() / (layout::record::SIZE / 4)) as u32
+    }
+}
+
+fn segment_data(
+    scene: &UploadedScene,
+    frame: &FrameScene,
+    segment: &Segment,
+    job: &NearJob<'_>,
+) -> (SegmentData, NearSplats) {
+    use layout::chunk as at;
+    let mut data = SegmentData { is_outside: true, ..SegmentData::default() };
+    let mut near = NearSplats::default();
+    let index = segment.object as usize;
+    let (Some(object), Some(placement)) = (scene.objects.get(index), frame.placements.get(index)) else {
+        return (data, near);
+    };
+    data.chunks.reserve(segment.chunks.len() * at::SIZE / 4);
+    for chunk in &segment.chunks {
+        let center = placement.point(chunk.origin);
+        let state = if is_outside(chunk, center, placement, job.tile, job.view, job.plan) {
+            layout::CHUNK_OUTSIDE
+        } else if may_reach_near(chunk, center, placement, job.view) {
+            let members = segment.members.get(chunk.first as usize..(chunk.first + chunk.count) as usize);
+            let bits = job.chunk(object, segment.object, placement, members.unwrap_or_default(), &mut near);
+            bits.map_or(layout::CHUNK_ORDINARY, |bits| {
+                let start = data.near_bits.len() as u32;
+                data.near_bits.extend(bits);
+                start
+            })
+        } else {
+            layout::CHUNK_ORDINARY
+        };
+        data.is_outside &= state == layout::CHUNK_OUTSIDE;
+        let mut words = Words::new(at::SIZE);
+        words.vec3(at::CENTER, center).u32(at::STATE, state);
+        data.chunks.extend(words.into_vec());
+    }
+    if data.near_bits.is_empty() {
+        data.near_bits.push(0);
+    }
+    (data, near)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Camera, Projection, Settings};
+    use surfel_render::{Capabilities, Planes, SceneSummary, plan};
+
+    fn view(size: [u32; 2]) -> View {
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0]);
+        View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap()
+    }
+
+    fn planned(view: &View, planes: Planes) -> FramePlan {
+        let capabilities = Capabilities { backend: "test", features: &[] };
+        plan(&SceneSummary::default(), view, &Settings::default(), planes, &capabilities).unwrap()
+    }
+
+    #[test]
+    fn tiles_cover_every_pixel_once_within_the_limits() {
+        let view = view([100, 70]);
+        let plan = planned(&view, Planes::ALL);
+        // 9 floats, 36 bytes a pixel: at most 277 pixels a tile.
+        let tiles = tiles(&view, &plan, 64, 10_000);
+        let mut hits = vec![0; 7000];
+        for t in &tiles {
+            assert!(t.width <= 64 && t.height <= 64 && t.width * t.height <= 277, "{t:?}");
+            for y in t.y..t.y + t.height {
+                for x in t.x..t.x + t.width {
+                    hits[(y * 100 + x) as usize] += 1;
+                }
+            }
+        }
+        assert!(hits.iter().all(|&h| h == 1));
+        assert_eq!(super::tiles(&view, &plan, 8192, 1 << 27).len(), 1);
+    }
+
+}

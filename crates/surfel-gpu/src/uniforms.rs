@@ -1,0 +1,147 @@
+//! The shaders' `Frame`, `Object`s and `Light`s of a view.
+
+use crate::placement::Placement;
+use crate::planes::PlaneLayout;
+use crate::segment::UploadedScene;
+use crate::words::Words;
+use glam::{DVec2, DVec3};
+use surfel_math::basis::unit;
+use surfel_math::depth::Tolerance;
+use surfel_math::projection::ProjectionKind;
+use surfel_model::{Cull, Filter, Light, Material, Shader};
+use surfel_render::{FramePlan, Region, View};
+use surfel_shaders::layout;
+
+/// What all tiles of a frame share.
+#[derive(Clone, Debug)]
+pub struct FrameScene {
+    /// Words of the shaders' `objects`, one at least.
+    pub objects: Vec<u32>,
+    /// Words of the shaders' `lights`, one at least.
+    pub lights: Vec<u32>,
+    pub(crate) light_count: u32,
+    pub(crate) placements: Vec<Placement>,
+}
+
+impl FrameScene {
+    /// A scene as a view sees it.
+    pub fn new(scene: &UploadedScene, view: &View) -> Self {
+        let placements: Vec<Placement> =
+            scene.objects.iter().map(|o| Placement::new(&o.world_from_object, view)).collect();
+        let mut objects: Vec<u32> =
+            scene.objects.iter().zip(&placements).flat_map(|(o, p)| object_words(&o.material, p)).collect();
+        if objects.is_empty() {
+            objects = vec![0; layout::object::SIZE / 4];
+        }
+        let headlight = [Light::Directional { direction: view.forward().to_array(), color: [1.0; 3], shadow: false }];
+        let given = scene.lights.as_deref().unwrap_or(&headlight);
+        let mut lights: Vec<u32> = given.iter().flat_map(|light| light_words(light, view)).collect();
+        if lights.is_empty() {
+            lights = vec![0; layout::light::SIZE / 4];
+        }
+        Self { objects, lights, light_count: given.len() as u32, placements }
+    }
+}
+
+fn object_words(material: &Material, placement: &Placement) -> Vec<u32> {
+    use layout::object as at;
+    let mut words = Words::new(at::SIZE);
+    words.mat3(at::LINEAR, placement.linear).mat3(at::NORMALS, placement.normals).all(at::MATERIAL, material.factors());
+    words.u32(at::CULL_BACK, u32::from(material.cull == Cull::Back));
+    words.u32(at::TWO_SIDED, u32::from(material.two_sided));
+    words.into_vec()
+}
+
+fn light_words(light: &Light, view: &View) -> Vec<u32> {
+    use layout::light as at;
+    let mut words = Words::new(at::SIZE);
+    let direction = |words: &mut Words, d: &[f64; 3]| {
+        words.vec3(at::DIRECTION, unit(DVec3::from(*d)));
+    };
+    // Relative to the eye, so that nothing is lost far from the origin.
+    let position = |words: &mut Words, p: &[f64; 3]| {
+        words.vec3(at::POSITION, DVec3::from(*p) - view.eye);
+    };
+    let (kind, color) = match light {
+        Light::Directional { direction: d, color, .. } => {
+            direction(&mut words, d);
+            (layout::LIGHT_DIRECTIONAL, color)
+        }
+        Light::Point { position: p, color } => {
+            position(&mut words, p);
+            (layout::LIGHT_POINT, color)
+        }
+        Light::Spot { position: p, direction: d, color, inner_deg, outer_deg, .. } => {
+            direction(&mut words, d);
+            position(&mut words, p);
+            words.f64(at::INNER, inner_deg.to_radians()).f64(at::OUTER, outer_deg.to_radians());
+            (layout::LIGHT_SPOT, color)
+        }
+    };
+    words.u32(at::KIND, kind).vec3(at::COLOR, DVec3::from(*color));
+    words.into_vec()
+}
+
+/// The shaders' `Frame` for a tile.
+pub(crate) fn frame_words(
+    scene: &UploadedScene,
+    frame: &FrameScene,
+    view: &View,
+    plan: &FramePlan,
+    tile: Region,
+    planes: &PlaneLayout,
+) -> Vec<u32> {
+    use layout::{frame as at, projection as pr, tolerance as tol};
+    let mut words = Words::new(at::SIZE);
+    let p = &view.projection;
+    let (focal, principal) = (DVec2::from(p.focal_px), DVec2::from(p.principal_px));
+    let (kind, height) = match p.kind {
+        ProjectionKind::Perspective => (layout::PERSPECTIVE, 0.0),
+        ProjectionKind::Orthographic { height, .. } => (layout::ORTHOGRAPHIC, height),
+    };
+    words.vec2(at::PROJECTION + pr::FOCAL_PX, focal).vec2(at::PROJECTION + pr::PRINCIPAL_PX, principal);
+    words.f64(at::PROJECTION + pr::NEAR, p.near).f64(at::PROJECTION + pr::FAR, p.far().min(f64::from(f32::MAX)));
+    words.f64(at::PROJECTION + pr::HEIGHT, height).u32(at::PROJECTION + pr::KIND, kind);
+    let filter = &plan.splat_filter;
+    let (tolerance_kind, tolerance) = match filter.tolerance {
+        Tolerance::Relative(k) => (layout::TOLERANCE_RELATIVE, k),
+        Tolerance::Absolute(d) => (layout::TOLERANCE_ABSOLUTE, d),
+    };
+    words.u32(at::TOLERANCE + tol::KIND, tolerance_kind).f64(at::TOLERANCE + tol::VALUE, tolerance);
+    words.f64(at::RADIUS_PX, filter.radius_px).f64(at::CUTOFF, filter.cutoff);
+    words.u32(at::PROJECTIVE, u32::from(filter.projective)).u32(at::FILTER_KIND, filter_kind(filter.filter));
+    words.mat3(at::VIEW_FROM_WORLD, view.view_from_world);
+    words.mat3(at::WORLD_FROM_VIEW, view.view_from_world.transpose());
+    words.i32x2(at::ORIGIN_PX, [tile.x.cast_signed(), tile.y.cast_signed()]);
+    words.u32(at::SIZE_PX, tile.width).u32(at::SIZE_PX + 4, tile.height);
+    words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
+    words.vec3(at::AMBIENT, DVec3::from(scene.ambient)).all(at::BACKGROUND, scene.background);
+    let material = scene.objects.first().map_or(Material::default(), |o| o.material);
+    words.all(at::MATERIAL, material.factors()).vec3(at::TO_EYE, -view.forward());
+    words.u32(at::SHADER_KIND, shader_kind(plan.shader)).f32(at::EMPTY_DEPTH, f32::INFINITY);
+    words.u32(at::HAS_COLORS, u32::from(plan.attributes.color));
+    words.u32(at::HAS_MATERIALS, u32::from(plan.attributes.material)).u32(at::LIGHT_COUNT, frame.light_count);
+    words.u32(at::COLOR_AT, planes.color_at).u32(at::DEPTH_AT, planes.depth_at).u32(at::NORMAL_AT, planes.normal_at);
+    words.u32(at::WEIGHT_AT, planes.weight_at).u32(at::FRAGMENTS_AT, planes.fragments_at);
+    words.into_vec()
+}
+
+fn filter_kind(filter: Filter) -> u32 {
+    match filter {
+        Filter::None => layout::FILTER_NONE,
+        Filter::Clamp => layout::FILTER_CLAMP,
+        Filter::Adjust => layout::FILTER_ADJUST,
+        Filter::Principal => layout::FILTER_PRINCIPAL,
+        Filter::Ewa => layout::FILTER_EWA,
+    }
+}
+
+/// Planning refuses what no shader draws yet (`toon`).
+fn shader_kind(shader: Shader) -> u32 {
+    match shader {
+        Shader::Unlit | Shader::Toon => layout::SHADER_UNLIT,
+        Shader::Phong => layout::SHADER_PHONG,
+        Shader::Normal => layout::SHADER_NORMAL,
+        Shader::Depth => layout::SHADER_DEPTH,
+    }
+}

@@ -1,0 +1,59 @@
+//! Structs as the shaders lay them out: words at reflected offsets.
+
+use glam::{DMat3, DVec2, DVec3};
+
+/// A struct of 32-bit words, zero where nothing was set.
+#[derive(Clone, Debug)]
+pub(crate) struct Words(Vec<u32>);
+
+impl Words {
+    /// `bytes` bytes of zeros, a multiple of four.
+    pub(crate) fn new(bytes: usize) -> Self {
+        Self(vec![0; bytes / 4])
+    }
+
+    /// Sets the word at a byte offset.
+    pub(crate) fn u32(&mut self, offset: usize, value: u32) -> &mut Self {
+        if let Some(word) = self.0.get_mut(offset / 4) {
+            *word = value;
+        }
+        self
+    }
+
+    pub(crate) fn f32(&mut self, offset: usize, value: f32) -> &mut Self {
+        self.u32(offset, value.to_bits())
+    }
+
+    /// A number of the frame, rounded to f32.
+    pub(crate) fn f64(&mut self, offset: usize, value: f64) -> &mut Self {
+        self.f32(offset, value as f32)
+    }
+
+    pub(crate) fn i32x2(&mut self, offset: usize, value: [i32; 2]) -> &mut Self {
+        self.u32(offset, value[0].cast_unsigned()).u32(offset + 4, value[1].cast_unsigned())
+    }
+
+    pub(crate) fn all<const N: usize>(&mut self, offset: usize, values: [f64; N]) -> &mut Self {
+        for (i, value) in values.into_iter().enumerate() {
+            self.f64(offset + 4 * i, value);
+        }
+        self
+    }
+
+    pub(crate) fn vec2(&mut self, offset: usize, v: DVec2) -> &mut Self {
+        self.all(offset, v.to_array())
+    }
+
+    pub(crate) fn vec3(&mut self, offset: usize, v: DVec3) -> &mut Self {
+        self.all(offset, v.to_array())
+    }
+
+    /// Columns, each padded to sixteen bytes.
+    pub(crate) fn mat3(&mut self, offset: usize, m: DMat3) -> &mut Self {
+        self.vec3(offset, m.x_axis).vec3(offset + 16, m.y_axis).vec3(offset + 32, m.z_axis)
+    }
+
+    pub(crate) fn into_vec(self) -> Vec<u32> {
+        self.0
+    }
+}
