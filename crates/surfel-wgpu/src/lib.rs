@@ -1,1 +1,36 @@
-//! wip
+//! Surfel's backend on wgpu: Vulkan, Metal, DX12, GL and WebGPU.
+//!
+//! A frame runs as `surfel-gpu` schedules it: records of splats are set up by a compute shader, their quads drawn twice
+//! (visibility into a depth buffer, attributes into float targets that blend by adding), and pixels shaded by a compute
+//! shader into an array that is read back. The shaders are `surfel-shaders`'.
+//!
+//! ```no_run
+//! use surfel_render::{Frame, Planes, Renderer as _, Settings};
+//! # fn main() -> Result<(), surfel_render::RenderError> {
+//! # let (scene, view): (surfel_model::Scene, surfel_render::View) = unreachable!();
+//! let mut renderer = surfel_wgpu::Renderer::new()?;
+//! let resident = renderer.upload(&scene)?;
+//! let mut frame = Frame::default();
+//! renderer.render(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame)?;
+//! # Ok(())
+//! # }
+//! ```
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod adapter;
+mod error;
+mod execute;
+mod pipelines;
+mod readback;
+mod renderer;
+mod scene;
+mod targets;
+mod timing;
+
+pub use adapter::{AdapterSummary, adapters};
+pub use renderer::{Options, Renderer};
+pub use scene::ResidentScene;
+
+/// Name used in messages and on the command line.
+const NAME: &str = "wgpu";

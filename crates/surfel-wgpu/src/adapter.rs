@@ -1,0 +1,112 @@
+//! Which device draws.
+
+use crate::error::failed;
+use crate::{NAME, Options};
+use surfel_render::{Capabilities, Feature, RenderError, RendererInfo};
+
+/// A device that wgpu found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AdapterSummary {
+    /// Its name, in its driver's words.
+    pub name: String,
+    /// The API it is reached by.
+    pub api: String,
+    /// It computes on the processor.
+    pub is_software: bool,
+}
+
+/// The devices that wgpu finds, real ones first.
+pub fn adapters() -> Vec<AdapterSummary> {
+    found(&instance(false)).iter().map(|adapter| summary(&adapter.get_info())).collect()
+}
+
+fn summary(info: &wgpu::AdapterInfo) -> AdapterSummary {
+    let is_software = info.device_type == wgpu::DeviceType::Cpu;
+    AdapterSummary { name: info.name.clone(), api: info.backend.to_string(), is_software }
+}
+
+fn instance(validation: bool) -> wgpu::Instance {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.flags = wgpu::InstanceFlags::empty();
+    if validation {
+        descriptor.flags |= wgpu::InstanceFlags::VALIDATION | wgpu::InstanceFlags::DEBUG;
+    }
+    wgpu::Instance::new(descriptor)
+}
+
+/// Adapters, the fastest kind first; within a kind, Vulkan, Metal and DX12 before GL.
+fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    adapters.sort_by_key(|adapter| {
+        let info = adapter.get_info();
+        let kind = match info.device_type {
+            wgpu::DeviceType::DiscreteGpu => 0,
+            wgpu::DeviceType::IntegratedGpu => 1,
+            wgpu::DeviceType::VirtualGpu => 2,
+            wgpu::DeviceType::Other => 3,
+            wgpu::DeviceType::Cpu => 4,
+        };
+        (kind, info.backend == wgpu::Backend::Gl)
+    });
+    adapters
+}
+
+/// A device and what is known of it.
+pub(crate) struct Opened {
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    pub info: wgpu::AdapterInfo,
+}
+
+/// Features that are used where there are any.
+fn wanted_features() -> wgpu::Features {
+    wgpu::Features::FLOAT32_BLENDABLE | wgpu::Features::TIMESTAMP_QUERY
+}
+
+pub(crate) fn open(options: &Options) -> Result<Opened, RenderError> {
+    // wgpu panics rather than giving an instance without any API.
+    if wgpu::Instance::enabled_backend_features().is_empty() {
+        return Err(failed("no graphics API of this platform is built in; build with feature vulkan, metal, dx12 or gles"));
+    }
+    let adapters = found(&instance(options.validation));
+    let names: Vec<String> = adapters.iter().map(|adapter| adapter.get_info().name).collect();
+    let wanted = options.adapter.as_ref().map(|name| name.to_lowercase());
+    let fits = |name: &str| wanted.as_ref().is_none_or(|wanted| name.to_lowercase().contains(wanted));
+    let adapter = adapters.iter().zip(&names).find(|(_, name)| fits(name)).map(|(adapter, _)| adapter);
+    let Some(adapter) = adapter else {
+        return Err(failed(match &options.adapter {
+            Some(wanted) if !names.is_empty() => format!("no adapter is called '{wanted}'; found: {}", names.join(", ")),
+            _ => "no adapter was found by Vulkan, Metal, DX12 or GL; install a graphics driver".to_owned(),
+        }));
+    };
+    let descriptor = wgpu::DeviceDescriptor {
+        label: Some("surfel"),
+        required_features: adapter.features() & wanted_features(),
+        required_limits: adapter.limits(),
+        ..wgpu::DeviceDescriptor::default()
+    };
+    let (device, queue) =
+        pollster::block_on(adapter.request_device(&descriptor)).map_err(|error| failed(error.to_string()))?;
+    Ok(Opened { device, queue, info: adapter.get_info() })
+}
+
+/// What sums can be blended in.
+pub(crate) fn blends_f32(device: &wgpu::Device) -> bool {
+    device.features().contains(wgpu::Features::FLOAT32_BLENDABLE)
+}
+
+pub(crate) fn renderer_info(info: &wgpu::AdapterInfo, f32_sums: bool) -> RendererInfo {
+    let words = [info.driver.as_str(), info.driver_info.as_str()];
+    let mut driver = words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" ");
+    driver = format!("{}: {driver}", info.backend);
+    if !f32_sums {
+        driver += "; sums in f16, for it can't blend f32";
+    }
+    RendererInfo {
+        backend: NAME,
+        adapter: info.name.clone(),
+        driver,
+        threads: 0,
+        capabilities: Capabilities { backend: NAME, features: &[Feature::F16] },
+    }
+}

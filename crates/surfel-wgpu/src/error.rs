@@ -1,0 +1,74 @@
+//! wgpu's errors as ours.
+
+use crate::NAME;
+use std::sync::{Arc, Mutex, PoisonError};
+use surfel_render::RenderError;
+
+pub(crate) fn failed(message: impl Into<String>) -> RenderError {
+    RenderError::Backend { backend: NAME, message: message.into() }
+}
+
+/// Errors that arrive outside of any call: of a lost device, or ones that no scope caught.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Mailbox(Arc<Mutex<Option<String>>>);
+
+impl Mailbox {
+    /// Listens to a device. Without a listener wgpu panics.
+    pub(crate) fn of(device: &wgpu::Device) -> Self {
+        let mailbox = Self::default();
+        let uncaptured = mailbox.clone();
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| uncaptured.put(error.to_string())));
+        let lost = mailbox.clone();
+        device.set_device_lost_callback(move |reason, message| {
+            // Destroying the device ourselves is no loss.
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                lost.put(format!("the device was lost: {message}"));
+            }
+        });
+        mailbox
+    }
+
+    fn put(&self, message: String) {
+        // The first error explains the others.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(message);
+    }
+
+    /// The first error since the last call.
+    pub(crate) fn check(&self) -> Result<(), RenderError> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), |message| Err(failed(message)))
+    }
+}
+
+/// What went wrong in [`scoped`].
+pub(crate) enum Caught {
+    /// The device has no more memory.
+    OutOfMemory,
+    /// Anything else.
+    Other(String),
+}
+
+impl From<Caught> for RenderError {
+    fn from(caught: Caught) -> Self {
+        match caught {
+            Caught::OutOfMemory => failed("the device is out of memory; render by --region or draw fewer splats"),
+            Caught::Other(message) => failed(message),
+        }
+    }
+}
+
+/// Runs `work` and gives the first error that wgpu found in it.
+pub(crate) fn scoped<T>(device: &wgpu::Device, work: impl FnOnce() -> T) -> Result<T, Caught> {
+    let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory];
+    let mut scopes = filters.map(|filter| Some(device.push_error_scope(filter)));
+    let result = work();
+    // Last in, first out.
+    let mut caught = None;
+    for scope in scopes.iter_mut().rev().filter_map(Option::take) {
+        caught = caught.or(pollster::block_on(scope.pop()));
+    }
+    match caught {
+        None => Ok(result),
+        Some(wgpu::Error::OutOfMemory { .. }) => Err(Caught::OutOfMemory),
+        Some(other) => Err(Caught::Other(other.to_string())),
+    }
+}

@@ -1,0 +1,190 @@
+//! Runs a tile's steps.
+
+use crate::pipelines::{Pipelines, Precision};
+use crate::scene::{ResidentScene, filled, records_group};
+use crate::targets::{Targets, groups};
+use crate::timing::Timer;
+use surfel_gpu::{FrameScene, Step, Sums, TileData};
+
+/// Everything that the steps of a tile read.
+pub(crate) struct Tile<'a> {
+    pub scene: &'a ResidentScene,
+    pub pipelines: &'a Pipelines,
+    pub targets: &'a Targets,
+    frame_group: wgpu::BindGroup,
+    /// Of each segment: its chunks and near splats, for counting and for uncounted setup.
+    setup_groups: Vec<Option<[wgpu::BindGroup; 2]>>,
+    near: Option<(wgpu::BindGroup, u32)>,
+    /// Splats that were set up and touch the tile.
+    pub drawn: wgpu::Buffer,
+    precision: Precision,
+}
+
+impl<'a> Tile<'a> {
+    pub(crate) fn new(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        (scene, pipelines, targets): (&'a ResidentScene, &'a Pipelines, &'a Targets),
+        frame: &FrameScene,
+        data: &TileData,
+    ) -> Self {
+        let storage = wgpu::BufferUsages::STORAGE;
+        let buffers = [
+            filled(device, queue, "frame", &data.frame, wgpu::BufferUsages::UNIFORM),
+            filled(device, queue, "objects", &frame.objects, storage),
+            filled(device, queue, "lights", &frame.lights, storage),
+        ];
+        let frame_group = bind(device, "frame", &pipelines.frame_group, &buffers.each_ref());
+        let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
+        let (drawn, again) = (counter("drawn"), counter("drawn again"));
+        let setup_groups = scene.segments.iter().zip(&data.segments).map(|(segment, data)| {
+            if data.is_outside {
+                return None;
+            }
+            let chunks = filled(device, queue, "chunks", &data.chunks, storage);
+            let near_bits = filled(device, queue, "near bits", &data.near_bits, storage);
+            Some([&drawn, &again].map(|counter| {
+                let buffers = [&segment.uniform, &segment.splats, &chunks, &near_bits, &segment.records, counter];
+                bind(device, "segment", &pipelines.setup_group, &buffers)
+            }))
+        });
+        let setup_groups = setup_groups.collect();
+        let near = (data.near_count() > 0).then(|| {
+            let records = filled(device, queue, "near records", &data.near_records, storage);
+            (records_group(device, pipelines, &records), data.near_count())
+        });
+        let precision = targets.key.precision;
+        Self { scene, pipelines, targets, frame_group, setup_groups, near, drawn, precision }
+    }
+
+    /// Segments that may touch the tile.
+    pub(crate) fn visible(data: &TileData) -> Vec<usize> {
+        let inside = data.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside);
+        inside.map(|(i, _)| i).collect()
+    }
+
+    /// Records a step.
+    pub(crate) fn step(&self, encoder: &mut wgpu::CommandEncoder, step: &Step, timer: Option<&mut Timer>) {
+        match step {
+            Step::Setup { segments, first } => self.setup(encoder, segments, *first, step.name(), timer),
+            Step::Visibility { segments, first } => {
+                let depth = wgpu::RenderPassDepthStencilAttachment {
+                    view: &self.targets.kept,
+                    // 0 is infinitely far: nothing is kept.
+                    depth_ops: Some(operations(*first, 0.0)),
+                    stencil_ops: None,
+                };
+                let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                    label: Some(step.name()),
+                    depth_stencil_attachment: Some(depth),
+                    timestamp_writes: timer.and_then(|timer| timer.render(step.name())),
+                    ..wgpu::RenderPassDescriptor::default()
+                });
+                pass.set_pipeline(&self.pipelines.visibility);
+                self.draw(&mut pass, segments, *first);
+            }
+            Step::Sums { sums, segments, first } => {
+                self.sums(encoder, *sums, segments, *first, (step.name(), timer));
+            }
+            Step::Shade => {
+                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                    label: Some(step.name()),
+                    timestamp_writes: timer.and_then(|timer| timer.compute(step.name())),
+                });
+                pass.set_pipeline(&self.pipelines.shade);
+                pass.set_bind_group(0, &self.frame_group, &[]);
+                pass.set_bind_group(1, &self.targets.shade_group, &[]);
+                let [width, height] = self.targets.key.size;
+                pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
+            }
+        }
+    }
+
+    fn setup(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        segments: &[usize],
+        first: bool,
+        name: &'static str,
+        timer: Option<&mut Timer>,
+    ) {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(name),
+            timestamp_writes: timer.and_then(|timer| timer.compute(name)),
+        });
+        pass.set_pipeline(&self.pipelines.setup);
+        pass.set_bind_group(0, &self.frame_group, &[]);
+        for &i in segments {
+            let (Some(segment), Some(Some([counted, uncounted]))) =
+                (self.scene.segments.get(i), self.setup_groups.get(i))
+            else {
+                continue;
+            };
+            pass.set_bind_group(1, if first { counted } else { uncounted }, &[]);
+            pass.dispatch_workgroups(groups(segment.count, "setup", 0), 1, 1);
+        }
+    }
+
+    fn sums(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        sums: Sums,
+        segments: &[usize],
+        first: bool,
+        (name, timer): (&'static str, Option<&mut Timer>),
+    ) {
+        let attachments: Vec<Option<wgpu::RenderPassColorAttachment<'_>>> = self
+            .targets
+            .of(sums)
+            .iter()
+            .map(|view| {
+                let ops = operations(first, wgpu::Color::TRANSPARENT);
+                Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
+            })
+            .collect();
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some(name),
+            color_attachments: &attachments,
+            timestamp_writes: timer.and_then(|timer| timer.render(name)),
+            ..wgpu::RenderPassDescriptor::default()
+        });
+        if let Some(pipeline) = self.pipelines.sums(sums, self.precision) {
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(2, &self.targets.kept_group, &[]);
+            self.draw(&mut pass, segments, first);
+        }
+    }
+
+    /// Draws records as quads; the near splats, too, where it is the first draw of its kind.
+    fn draw(&self, pass: &mut wgpu::RenderPass<'_>, segments: &[usize], first: bool) {
+        pass.set_bind_group(0, &self.frame_group, &[]);
+        for segment in segments.iter().filter_map(|&i| self.scene.segments.get(i)) {
+            pass.set_bind_group(1, &segment.draw_group, &[]);
+            pass.draw(0..4, 0..segment.count);
+        }
+        if let Some((group, count)) = self.near.as_ref().filter(|_| first) {
+            pass.set_bind_group(1, group, &[]);
+            pass.draw(0..4, 0..*count);
+        }
+    }
+}
+
+fn operations<V>(clear: bool, value: V) -> wgpu::Operations<V> {
+    let load = if clear { wgpu::LoadOp::Clear(value) } else { wgpu::LoadOp::Load };
+    wgpu::Operations { load, store: wgpu::StoreOp::Store }
+}
+
+/// A bind group of buffers, numbered from 0.
+fn bind(
+    device: &wgpu::Device,
+    label: &str,
+    layout: &wgpu::BindGroupLayout,
+    buffers: &[&wgpu::Buffer],
+) -> wgpu::BindGroup {
+    let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
+        .iter()
+        .enumerate()
+        .map(|(i, buffer)| wgpu::BindGroupEntry { binding: i as u32, resource: buffer.as_entire_binding() })
+        .collect();
+    device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
+}

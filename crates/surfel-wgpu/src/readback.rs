@@ -1,0 +1,53 @@
+//! Buffers of the device as words of the host.
+
+use crate::error::failed;
+use crate::scene::empty;
+use std::sync::mpsc;
+use surfel_render::RenderError;
+
+/// Parts of device buffers, gathered in one that the host can map.
+pub(crate) struct Readback {
+    buffer: wgpu::Buffer,
+    lengths: Vec<u64>,
+}
+
+impl Readback {
+    /// Records copies of the first bytes of each buffer.
+    pub(crate) fn record(
+        device: &wgpu::Device,
+        encoder: &mut wgpu::CommandEncoder,
+        parts: &[(&wgpu::Buffer, u64)],
+    ) -> Self {
+        let lengths: Vec<u64> = parts.iter().map(|part| part.1).collect();
+        let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;
+        let buffer = empty(device, "readback", lengths.iter().sum(), usage);
+        let mut at = 0;
+        for &(from, length) in parts.iter().filter(|part| part.1 > 0) {
+            encoder.copy_buffer_to_buffer(from, 0, &buffer, at, length);
+            at += length;
+        }
+        Self { buffer, lengths }
+    }
+
+    /// Waits for the device and hands the words of each part to `read`.
+    pub(crate) fn read<T>(self, device: &wgpu::Device, read: impl FnOnce(&[&[u32]]) -> T) -> Result<T, RenderError> {
+        let (sender, receiver) = mpsc::channel();
+        self.buffer.map_async(wgpu::MapMode::Read, .., move |result| {
+            // Nobody listens any more if waiting failed.
+            let _ = sender.send(result);
+        });
+        device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(error.to_string()))?;
+        let mapped = receiver.recv().map_err(|_| failed("the device gave no answer"))?;
+        mapped.map_err(|error| failed(error.to_string()))?;
+        let view = self.buffer.get_mapped_range(..).map_err(|error| failed(error.to_string()))?;
+        let words: &[u32] = bytemuck::try_cast_slice(&view).map_err(|error| failed(error.to_string()))?;
+        let mut rest = words;
+        let mut parts = Vec::with_capacity(self.lengths.len());
+        for &length in &self.lengths {
+            let (part, after) = rest.split_at_checked((length / 4) as usize).unwrap_or((rest, &[]));
+            parts.push(part);
+            rest = after;
+        }
+        Ok(read(&parts))
+    }
+}

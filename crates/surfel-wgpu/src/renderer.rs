@@ -1,0 +1,179 @@
+//! The backend: scenes in, frames out.
+
+use crate::adapter::{self, Opened, blends_f32, renderer_info};
+use crate::error::{Mailbox, scoped};
+use crate::execute::Tile;
+use crate::pipelines::{Pipelines, Precision};
+use crate::readback::Readback;
+use crate::scene::{self, ResidentScene, empty};
+use crate::targets::{TargetKey, Targets};
+use crate::timing::Timer;
+use std::time::Instant;
+use surfel_gpu::{FrameScene, Sums, TileData, schedule, tiles};
+use surfel_model::{Accumulate, Scene, Settings};
+use surfel_render::{
+    Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan,
+};
+
+/// How a [`Renderer`] is opened.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// A part of the adapter's name, in any case; `None`: the fastest kind of adapter there is.
+    pub adapter: Option<String>,
+    /// Has the API's own validation check every call, where it is installed. Messages go to the `log` crate.
+    pub validation: bool,
+}
+
+/// The wgpu backend.
+pub struct Renderer {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    info: RendererInfo,
+    is_software: bool,
+    /// The adapter blends f32.
+    f32_sums: bool,
+    errors: Mailbox,
+    pipelines: Pipelines,
+    targets: Option<Targets>,
+    timer: Option<Timer>,
+}
+
+impl Renderer {
+    /// A renderer on the fastest kind of adapter there is.
+    ///
+    /// # Errors
+    /// [`RenderError::Backend`] if there is no adapter, or it doesn't start.
+    pub fn new() -> Result<Self, RenderError> {
+        Self::with_options(&Options::default())
+    }
+
+    /// A renderer with these options.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`]; also if no adapter has that name.
+    pub fn with_options(options: &Options) -> Result<Self, RenderError> {
+        let Opened { device, queue, info } = adapter::open(options)?;
+        Self::start(device, queue, &info)
+    }
+
+    /// A renderer on a device that a program has anyway. `Features::FLOAT32_BLENDABLE` gives f32 sums,
+    /// `Features::TIMESTAMP_QUERY` times of passes; both are optional. The renderer takes over the device's handlers of
+    /// uncaptured errors and of its loss.
+    ///
+    /// # Errors
+    /// [`RenderError::Backend`] if the device refuses the shaders.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, RenderError> {
+        let info = device.adapter_info();
+        Self::start(device, queue, &info)
+    }
+
+    fn start(device: wgpu::Device, queue: wgpu::Queue, info: &wgpu::AdapterInfo) -> Result<Self, RenderError> {
+        let errors = Mailbox::of(&device);
+        let f32_sums = blends_f32(&device);
+        let (pipelines, timer) = scoped(&device, || (Pipelines::new(&device), Timer::new(&device, &queue)))?;
+        let is_software = info.device_type == wgpu::DeviceType::Cpu;
+        let info = renderer_info(info, f32_sums);
+        Ok(Self { device, queue, info, is_software, f32_sums, errors, pipelines, targets: None, timer })
+    }
+
+    /// True if the adapter computes on the processor: the `cpu` backend is faster.
+    pub fn is_software(&self) -> bool {
+        self.is_software
+    }
+
+    /// Draws one tile into the frame.
+    fn tile(
+        &mut self,
+        scene: &ResidentScene,
+        frame_scene: &FrameScene,
+        (view, plan, tile): (&View, &FramePlan, Region),
+        frame: &mut Frame,
+        stats: &mut Stats,
+    ) -> Result<(), RenderError> {
+        let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
+        let sums = Sums::of(plan);
+        let f32_sums = self.f32_sums && plan.accumulate == Accumulate::F32;
+        let key = TargetKey {
+            size: [tile.width, tile.height],
+            precision: if f32_sums { Precision::F32 } else { Precision::F16 },
+            surface: sums.contains(&Sums::Surface),
+            further: sums.contains(&Sums::Further),
+            floats: data.planes.floats,
+        };
+        let readback = scoped(&self.device, || {
+            for &sums in &sums {
+                self.pipelines.prepare(&self.device, sums, key.precision);
+            }
+            self.targets = self.targets.take().filter(|targets| targets.key == key);
+            let targets = self.targets.get_or_insert_with(|| Targets::new(&self.device, &self.pipelines, key));
+            let parts = (scene, &self.pipelines, &*targets);
+            let job = Tile::new(&self.device, &self.queue, parts, frame_scene, &data);
+            let mut encoder =
+                self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("tile") });
+            if let Some(timer) = &mut self.timer {
+                timer.restart();
+            }
+            for step in schedule(plan, &Tile::visible(&data), scene.shared_records) {
+                job.step(&mut encoder, &step, self.timer.as_mut());
+            }
+            let times = self.timer.as_ref().map(|timer| {
+                let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
+                let buffer = empty(&self.device, "pass times", timer.bytes(), usage);
+                timer.resolve(&mut encoder, &buffer);
+                (buffer, timer.bytes())
+            });
+            let mut parts = vec![(&targets.planes, 4 * u64::from(key.floats)), (&job.drawn, 4)];
+            parts.extend(times.as_ref().map(|(buffer, bytes)| (buffer, *bytes)));
+            let readback = Readback::record(&self.device, &mut encoder, &parts);
+            self.queue.submit([encoder.finish()]);
+            readback
+        })?;
+        let timer = self.timer.as_ref();
+        readback.read(&self.device, |parts| {
+            let [planes, drawn, times @ ..] = parts else { return };
+            stats.fragments += data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame);
+            stats.drawn += u64::from(drawn.first().copied().unwrap_or(0)) + u64::from(data.near_count());
+            if let (Some(timer), Some(words)) = (timer, times.first()) {
+                timer.add(words, &mut stats.passes);
+            }
+        })?;
+        self.errors.check()
+    }
+}
+
+impl surfel_render::Renderer for Renderer {
+    type Scene = ResidentScene;
+
+    fn info(&self) -> &RendererInfo {
+        &self.info
+    }
+
+    fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
+        let resident = scene::upload(&self.device, &self.queue, &self.pipelines, scene)?;
+        self.errors.check()?;
+        Ok(resident)
+    }
+
+    fn render(
+        &mut self,
+        scene: &ResidentScene,
+        view: &View,
+        settings: &Settings,
+        planes: Planes,
+        frame: &mut Frame,
+    ) -> Result<Stats, RenderError> {
+        let start = Instant::now();
+        let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
+        let limits = self.device.limits();
+        let buffer_bytes = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
+        frame.reset(view.region.width, view.region.height, plan.planes);
+        let frame_scene = FrameScene::new(&scene.cpu, view);
+        for tile in tiles(view, &plan, limits.max_texture_dimension_2d, buffer_bytes) {
+            self.tile(scene, &frame_scene, (view, &plan, tile), frame, &mut stats)?;
+        }
+        stats.bytes_per_splat = scene.bytes() as f64 / stats.splats.max(1) as f64;
+        stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
+        Ok(stats)
+    }
+}

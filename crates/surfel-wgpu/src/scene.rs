@@ -1,0 +1,122 @@
+//! A scene in the device's memory.
+
+use crate::error::{Caught, failed, scoped};
+use crate::pipelines::Pipelines;
+use surfel_gpu::{Upload, UploadLimits, UploadedScene};
+use surfel_model::Scene;
+use surfel_render::RenderError;
+use surfel_shaders::layout;
+
+/// Records of a scene that take more than this share one buffer, and are set up twice a frame.
+const RECORD_BUDGET: u64 = 512 << 20;
+
+/// A scene as this backend keeps it: splats in the device's memory, chunks and clouds in the host's.
+pub struct ResidentScene {
+    pub(crate) cpu: UploadedScene,
+    pub(crate) segments: Vec<ResidentSegment>,
+    /// All segments have the same buffer of records.
+    pub(crate) shared_records: bool,
+    pub(crate) bytes: u64,
+}
+
+pub(crate) struct ResidentSegment {
+    pub uniform: wgpu::Buffer,
+    pub splats: wgpu::Buffer,
+    pub records: wgpu::Buffer,
+    pub draw_group: wgpu::BindGroup,
+    pub count: u32,
+}
+
+impl ResidentScene {
+    /// Bytes of device memory that the splats use; records are beside that.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
+/// A buffer that holds these words.
+pub(crate) fn filled(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    label: &str,
+    words: &[u32],
+    usage: wgpu::BufferUsages,
+) -> wgpu::Buffer {
+    let bytes: &[u8] = bytemuck::cast_slice(words);
+    let buffer = empty(device, label, bytes.len() as u64, usage | wgpu::BufferUsages::COPY_DST);
+    queue.write_buffer(&buffer, 0, bytes);
+    buffer
+}
+
+/// A buffer of zeros.
+pub(crate) fn empty(device: &wgpu::Device, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    // A binding of nothing is an error.
+    let size = bytes.max(4);
+    device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
+}
+
+pub(crate) fn upload(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    pipelines: &Pipelines,
+    scene: &Scene,
+) -> Result<ResidentScene, RenderError> {
+    let limits = device.limits();
+    let buffer_bytes = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    let mut upload = Upload::new(scene, UploadLimits { buffer_bytes }, crate::NAME)?;
+    let bytes = upload.total_bytes();
+    let mut done = 0;
+    let mut splats = Vec::new();
+    while let Some(words) = upload.next_segment() {
+        let made = scoped(device, || {
+            let buffer = filled(device, queue, "splats", &words, wgpu::BufferUsages::STORAGE);
+            // Copies what was staged, so that no more than a segment ever is.
+            queue.submit([]);
+            buffer
+        });
+        splats.push(made.map_err(|caught| too_large(caught, bytes, done))?);
+        done += 4 * words.len() as u64;
+    }
+    let cpu = upload.finish();
+    let record_bytes = |count: usize| (count * layout::record::SIZE) as u64;
+    let counts: Vec<usize> = cpu.segments.iter().map(|segment| segment.members.len()).collect();
+    let shared_records = counts.iter().map(|&count| record_bytes(count)).sum::<u64>() > RECORD_BUDGET;
+    let usage = wgpu::BufferUsages::STORAGE;
+    let segments = scoped(device, || {
+        let largest = counts.iter().copied().max().unwrap_or(0);
+        let shared = shared_records.then(|| empty(device, "records", record_bytes(largest), usage));
+        let each = cpu.segments.iter().zip(splats).zip(&counts);
+        each.map(|((segment, splats), &count)| {
+            let records = shared.clone().unwrap_or_else(|| empty(device, "records", record_bytes(count), usage));
+            ResidentSegment {
+                uniform: filled(device, queue, "segment", &segment.uniform, wgpu::BufferUsages::UNIFORM),
+                splats,
+                draw_group: records_group(device, pipelines, &records),
+                records,
+                count: count as u32,
+            }
+        })
+        .collect()
+    });
+    let segments = segments.map_err(|caught| too_large(caught, bytes, done))?;
+    Ok(ResidentScene { cpu, segments, shared_records, bytes })
+}
+
+pub(crate) fn records_group(device: &wgpu::Device, pipelines: &Pipelines, records: &wgpu::Buffer) -> wgpu::BindGroup {
+    device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("records"),
+        layout: &pipelines.records_group,
+        entries: &[wgpu::BindGroupEntry { binding: 0, resource: records.as_entire_binding() }],
+    })
+}
+
+fn too_large(caught: Caught, needed: u64, done: u64) -> RenderError {
+    match caught {
+        Caught::OutOfMemory => failed(format!(
+            "the scene's splats need {needed} bytes of device memory, which ended after {done}: {} are missing; draw \
+             fewer splats, or choose --backend cpu",
+            needed - done.min(needed)
+        )),
+        other => other.into(),
+    }
+}
