@@ -2,6 +2,8 @@
 //!
 //! The samples live outside the project; without them the test says that it was skipped.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, LoadOptions};
@@ -108,8 +110,17 @@ fn golden_scenes_reference_agrees_to_f32_storage() {
     check(Reference::new(0).unwrap(), Tolerance { absolute: 1e-6, relative: 1e-6 }, 19);
 }
 
+/// The samples' figure for backends other than the reference.
+const OTHERS: Tolerance = Tolerance { absolute: 2e-4, relative: 1e-3 };
+
 #[test]
 fn golden_scenes_cpu_agrees() {
-    // The samples' figure for backends other than the reference.
-    check(surfel_cpu::Renderer::new(0).unwrap(), Tolerance { absolute: 2e-4, relative: 1e-3 }, 18);
+    check(surfel_cpu::Renderer::new(0).unwrap(), OTHERS, 18);
+}
+
+#[test]
+fn golden_scenes_wgpu_agrees() {
+    if let Some(wgpu) = common::wgpu() {
+        check(wgpu, OTHERS, 18);
+    }
 }

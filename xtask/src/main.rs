@@ -9,6 +9,8 @@ mod vulkan;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
+use suites::Gpu;
+
 const HELP: &str = "\
 The project's chores.
 
@@ -27,7 +29,7 @@ Commands:
   help    Print this
 
 Environment:
-  SURFEL_REQUIRE  Comma-separated list of what must not be skipped: vulkan, cargo-deny
+  SURFEL_REQUIRE  Comma-separated list of what must not be skipped: vulkan, wgpu, cargo-deny
 
 Exit codes: 0 all passed, 1 something failed, 2 usage";
 
@@ -36,7 +38,7 @@ fn main() -> ExitCode {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let root = workspace_root();
     let passed = match words[..] {
-        ["test"] => suites::run(&root),
+        ["test"] => suites::run(&root, Gpu::IfPresent),
         ["ci"] => ci::run(&root),
         ["tidy"] => tidy::run(&root),
         ["assets"] => assets::run(&root),

@@ -5,12 +5,25 @@ use std::path::{Path, PathBuf};
 
 use crate::{cargo, vulkan};
 
-pub(crate) fn run(root: &Path) -> bool {
+/// Backends whose tests need a driver.
+const GPU_BACKENDS: &str = "wgpu";
+
+/// Whether tests of GPU backends may be skipped.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Gpu {
+    /// Where there is no driver.
+    IfPresent,
+    /// Never.
+    Required,
+}
+
+pub(crate) fn run(root: &Path, gpu: Gpu) -> bool {
     let driver = vulkan::prepare(root);
     if let Err(problem) = &driver {
         eprintln!("error: {problem}");
     }
-    let (summary, exit_ok) = match run_cargo(root) {
+    let has_driver = cfg!(target_os = "linux") && matches!(driver, Ok(None));
+    let (summary, exit_ok) = match run_cargo(root, gpu == Gpu::Required || has_driver) {
         Ok(result) => result,
         Err(error) => {
             eprintln!("error: could not run cargo test: {error}");
@@ -33,12 +46,16 @@ pub(crate) fn run(root: &Path) -> bool {
 }
 
 /// Runs all tests, passing the output through, and whether cargo was content.
-fn run_cargo(root: &Path) -> std::io::Result<(Summary, bool)> {
+fn run_cargo(root: &Path, require_gpu: bool) -> std::io::Result<(Summary, bool)> {
     // One pipe for both streams: cargo names a suite on stderr before the suite reports on stdout.
     let (reader, writer) = std::io::pipe()?;
     let mut command = cargo(root);
     // --show-output, because a test that had nothing to work on says so and passes.
     command.args(["test", "--workspace", "--locked", "--no-fail-fast", "--", "--show-output"]);
+    if require_gpu {
+        let asked = std::env::var("SURFEL_REQUIRE").unwrap_or_default();
+        command.env("SURFEL_REQUIRE", format!("{asked},{GPU_BACKENDS}"));
+    }
     command.stdout(writer.try_clone()?).stderr(writer);
     let mut child = command.spawn()?;
     // It holds the writing ends, and the pipe would never end.

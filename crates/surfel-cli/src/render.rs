@@ -8,8 +8,8 @@ use crate::output::{Format, Output};
 use crate::resolve::{Resolved, resolve};
 use crate::stats;
 use std::path::{Path, PathBuf};
-use surfel::render::{SceneSummary, unsupported};
-use surfel::{Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Renderer, Scene, SceneFile, Stats};
+use surfel::render::{Capabilities, SceneSummary, unsupported};
+use surfel::{Backend, BackendOptions, BackendScene, Camera, Chosen, Frame, Planes, Renderer, Scene, SceneFile, Stats};
 
 pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Console) -> Result<(), Failure> {
     let output = args.output.as_deref().map(|o| Output::new(o, args.force, args.png16, args.exr_f32)).transpose()?;
@@ -35,13 +35,10 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Co
         Some(Format::Exr { .. }) => Planes::ALL,
         _ => Planes::COLOR,
     };
-    let capabilities = backend.info().capabilities;
-    if args.backend == "auto"
-        && let Some(missing) =
-            unsupported(&SceneSummary::of(&resolved.scene), &resolved.file.settings, planes, &capabilities)
-    {
-        console.note(&format!("{missing}: drawing with 'reference', which is exact and slow"));
-        *backend = start_named("reference", args, threads, console)?;
+    let summary = SceneSummary::of(&resolved.scene);
+    let refuses = |c: &Capabilities| unsupported(&summary, &resolved.file.settings, planes, c).map(|e| e.to_string());
+    if args.backend == "auto" && refuses(&backend.info().capabilities).is_some() {
+        *backend = choose(args, threads, console, refuses)?;
         if let Some(output) = &output {
             for frame in 0..frames {
                 output.check(name_of(backend, frame).as_deref())?;
@@ -93,17 +90,41 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
 
 fn start(args: &RenderArgs, threads: usize, console: &Console) -> Result<Backend, Failure> {
     let name = if args.samples.is_some() { "reference" } else { args.backend.as_str() };
-    start_named(name, args, threads, console)
+    if name == "auto" {
+        return choose(args, threads, console, |_| None);
+    }
+    let backend = Backend::by_name(name, &options(args, threads))?;
+    introduce(&backend, console);
+    Ok(backend)
 }
 
-fn start_named(name: &str, args: &RenderArgs, threads: usize, console: &Console) -> Result<Backend, Failure> {
-    let backend = Backend::by_name(name, &BackendOptions { threads, adapter: args.adapter.clone() })?;
-    let info = backend.info();
-    if name == "auto" && info.backend == "reference" {
+/// The fastest backend that nothing speaks against, and a line on why it isn't a faster one.
+fn choose(
+    args: &RenderArgs,
+    threads: usize,
+    console: &Console,
+    refuses: impl FnMut(&Capabilities) -> Option<String>,
+) -> Result<Backend, Failure> {
+    let Chosen { backend, passed_over } = Backend::choose(&options(args, threads), refuses)?;
+    let slow = if backend.info().backend == "reference" { ", which is exact and slow" } else { "" };
+    if !passed_over.is_empty() {
+        let reasons = passed_over.join("; ");
+        console.note(&format!("drawing with '{}'{slow} ({reasons})", backend.info().backend));
+    } else if !slow.is_empty() {
         console.note("no fast backend is built into this program: drawing with 'reference', which is exact and slow");
     }
-    console.detail(&format!("backend {}: {} ({}), {} threads", info.backend, info.adapter, info.driver, info.threads));
+    introduce(&backend, console);
     Ok(backend)
+}
+
+fn options(args: &RenderArgs, threads: usize) -> BackendOptions {
+    BackendOptions { threads, adapter: args.adapter.clone() }
+}
+
+fn introduce(backend: &Backend, console: &Console) {
+    let info = backend.info();
+    let threads = if info.threads > 0 { format!(", {} threads", info.threads) } else { String::new() };
+    console.detail(&format!("backend {}: {} ({}){threads}", info.backend, info.adapter, info.driver));
 }
 
 /// The resolved scene file on stdout: it gives the same picture.

@@ -73,7 +73,8 @@ impl Upload {
         let largest = layout::record::SIZE as u64;
         let segment_splats = (limits.buffer_bytes / largest).min(SEGMENT_SPLATS as u64) as usize;
         if segment_splats < layout::CHUNK_SPLATS as usize {
-            let message = format!("the device's storage buffers hold {} bytes, too few to draw from", limits.buffer_bytes);
+            let message =
+                format!("the device's storage buffers hold {} bytes, too few to draw from", limits.buffer_bytes);
             return Err(RenderError::Backend { backend, message });
         }
         let [r, g, b, a] = scene.background;
@@ -117,7 +118,8 @@ impl Upload {
         let index = self.object - 1;
         let cloud = self.scene.objects.get(index)?.cloud.clone();
         let columns = Columns::of(&cloud);
-        let mut segment = Segment { object: index as u32, chunks: Vec::new(), members: Vec::new(), uniform: Vec::new() };
+        let mut segment =
+            Segment { object: index as u32, chunks: Vec::new(), members: Vec::new(), uniform: Vec::new() };
         let mut words = Vec::new();
         while let Some(rest) = self.order.get(self.at..).filter(|rest| !rest.is_empty()) {
             let (members, _) = rest.split_at(chunk_length(&cloud, rest));

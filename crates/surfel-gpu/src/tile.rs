@@ -19,7 +19,8 @@ pub fn tiles(view: &View, plan: &FramePlan, texture_side: u32, buffer_bytes: u64
     let bytes = 4 * u64::from(floats_per_pixel(plan.planes).max(1));
     let pixels = (buffer_bytes.min(u64::from(u32::MAX)) / bytes).max(1);
     let width = view.region.width.min(side).min(pixels.min(u64::from(side)) as u32);
-    let height = view.region.height.min(side).min((pixels / u64::from(width.max(1))).min(u64::from(side)) as u32).max(1);
+    let height =
+        view.region.height.min(side).min((pixels / u64::from(width.max(1))).min(u64::from(side)) as u32).max(1);
     let mut tiles = Vec::new();
     let r = view.region;
     for y in (0..r.height).step_by(height as usize) {
@@ -158,5 +159,4 @@ mod tests {
         assert!(hits.iter().all(|&h| h == 1));
         assert_eq!(super::tiles(&view, &plan, 8192, 1 << 27).len(), 1);
     }
-
 }

@@ -29,6 +29,7 @@ fn instance(validation: bool) -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.flags = wgpu::InstanceFlags::empty();
     if validation {
+        // Without DEBUG, Vulkan's messages go nowhere.
         descriptor.flags |= wgpu::InstanceFlags::VALIDATION | wgpu::InstanceFlags::DEBUG;
     }
     wgpu::Instance::new(descriptor)
@@ -66,7 +67,9 @@ fn wanted_features() -> wgpu::Features {
 pub(crate) fn open(options: &Options) -> Result<Opened, RenderError> {
     // wgpu panics rather than giving an instance without any API.
     if wgpu::Instance::enabled_backend_features().is_empty() {
-        return Err(failed("no graphics API of this platform is built in; build with feature vulkan, metal, dx12 or gles"));
+        return Err(failed(
+            "no graphics API of this platform is built in; build with feature vulkan, metal, dx12 or gles",
+        ));
     }
     let adapters = found(&instance(options.validation));
     let names: Vec<String> = adapters.iter().map(|adapter| adapter.get_info().name).collect();
@@ -75,7 +78,9 @@ pub(crate) fn open(options: &Options) -> Result<Opened, RenderError> {
     let adapter = adapters.iter().zip(&names).find(|(_, name)| fits(name)).map(|(adapter, _)| adapter);
     let Some(adapter) = adapter else {
         return Err(failed(match &options.adapter {
-            Some(wanted) if !names.is_empty() => format!("no adapter is called '{wanted}'; found: {}", names.join(", ")),
+            Some(wanted) if !names.is_empty() => {
+                format!("no adapter is called '{wanted}'; found: {}", names.join(", "))
+            }
             _ => "no adapter was found by Vulkan, Metal, DX12 or GL; install a graphics driver".to_owned(),
         }));
     };

@@ -11,9 +11,7 @@ use crate::timing::Timer;
 use std::time::Instant;
 use surfel_gpu::{FrameScene, Sums, TileData, schedule, tiles};
 use surfel_model::{Accumulate, Scene, Settings};
-use surfel_render::{
-    Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan,
-};
+use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
 
 /// How a [`Renderer`] is opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -44,21 +44,13 @@ impl Timer {
     pub(crate) fn render(&mut self, name: &'static str) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
         let [beginning_of_pass_write_index, end_of_pass_write_index] = self.next(name)?;
         let query_set = &self.set;
-        Some(wgpu::RenderPassTimestampWrites {
-            query_set,
-            beginning_of_pass_write_index,
-            end_of_pass_write_index,
-        })
+        Some(wgpu::RenderPassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
     }
 
     pub(crate) fn compute(&mut self, name: &'static str) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
         let [beginning_of_pass_write_index, end_of_pass_write_index] = self.next(name)?;
         let query_set = &self.set;
-        Some(wgpu::ComputePassTimestampWrites {
-            query_set,
-            beginning_of_pass_write_index,
-            end_of_pass_write_index,
-        })
+        Some(wgpu::ComputePassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
     }
 
     /// Bytes of the timestamps taken.

@@ -1,15 +1,20 @@
 //! Which program draws: one enum over all backends that are built in.
 
 use surfel_model::{Scene, Settings};
-use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, View, unsupported};
+use surfel_render::{
+    Capabilities, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, View, unsupported,
+};
 
 /// Names of backends, fastest first; `reference` is last.
 const NAMES: [&str; 4] = ["ash", "wgpu", "cpu", "reference"];
 /// Those that this program has.
-#[cfg(feature = "cpu")]
-const BUILT: [&str; 2] = ["cpu", "reference"];
-#[cfg(not(feature = "cpu"))]
-const BUILT: [&str; 1] = ["reference"];
+const BUILT: &[&str] = &[
+    #[cfg(feature = "wgpu")]
+    "wgpu",
+    #[cfg(feature = "cpu")]
+    "cpu",
+    "reference",
+];
 
 /// What is asked of a backend when it starts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -61,6 +66,9 @@ pub enum BackendError {
 /// A backend, started.
 #[non_exhaustive]
 pub enum Backend {
+    /// A GPU, by wgpu.
+    #[cfg(feature = "wgpu")]
+    Wgpu(Box<surfel_wgpu::Renderer>),
     /// The processor, by SIMD on all threads.
     #[cfg(feature = "cpu")]
     Cpu(surfel_cpu::Renderer),
@@ -71,6 +79,9 @@ pub enum Backend {
 /// A scene resident in a [`Backend`].
 #[non_exhaustive]
 pub enum BackendScene {
+    /// In the memory of wgpu's device.
+    #[cfg(feature = "wgpu")]
+    Wgpu(Box<<surfel_wgpu::Renderer as Renderer>::Scene>),
     /// In the processor backend.
     #[cfg(feature = "cpu")]
     Cpu(<surfel_cpu::Renderer as Renderer>::Scene),
@@ -97,6 +108,14 @@ pub fn backends() -> Vec<BackendInfo> {
     NAMES.into_iter().map(|name| BackendInfo { name, state: state(name) }).collect()
 }
 
+/// The fastest backend that serves, and why those before it don't.
+pub struct Chosen {
+    /// The backend.
+    pub backend: Backend,
+    /// A line for each faster backend that this program has: its name and why it was passed over.
+    pub passed_over: Vec<String>,
+}
+
 impl Backend {
     /// The fastest backend that works here, with default options.
     ///
@@ -116,11 +135,39 @@ impl Backend {
         planes: Planes,
         options: &BackendOptions,
     ) -> Result<Self, BackendError> {
-        let backend = Self::by_name("auto", options)?;
-        match unsupported(&SceneSummary::of(scene), settings, planes, &backend.info().capabilities) {
-            None => Ok(backend),
-            Some(_) => Self::reference(options),
+        let summary = SceneSummary::of(scene);
+        let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|missing| missing.to_string());
+        Ok(Self::choose(options, refuses)?.backend)
+    }
+
+    /// The fastest backend that works here and that `refuses` gives no reason against. A GPU that is no faster than the
+    /// processor, because it computes on it, is passed over unless its adapter is asked for.
+    ///
+    /// # Errors
+    /// [`BackendError`] of the last one tried.
+    pub fn choose(
+        options: &BackendOptions,
+        mut refuses: impl FnMut(&Capabilities) -> Option<String>,
+    ) -> Result<Chosen, BackendError> {
+        let mut passed_over = Vec::new();
+        for &name in BUILT.iter().filter(|&&name| name != "reference") {
+            let reason = match has_device_for(name).then(|| Self::by_name(name, options)) {
+                None => "this machine has no GPU".to_owned(),
+                Some(Err(error)) => error.to_string(),
+                Some(Ok(backend)) => {
+                    let info = backend.info();
+                    match refuses(&info.capabilities) {
+                        Some(reason) => reason,
+                        None if backend.is_software() && options.adapter.is_none() => {
+                            format!("{} computes on the processor", info.adapter)
+                        }
+                        None => return Ok(Chosen { backend, passed_over }),
+                    }
+                }
+            };
+            passed_over.push(format!("{name}: {reason}"));
         }
+        Ok(Chosen { backend: Self::reference(options)?, passed_over })
     }
 
     /// Starts the backend `name`: `cpu`, `wgpu`, `ash`, `reference`, or `auto` for the fastest that works.
@@ -129,16 +176,25 @@ impl Backend {
     /// [`BackendError`] if there is no such backend, or not here.
     pub fn by_name(name: &str, options: &BackendOptions) -> Result<Self, BackendError> {
         match name {
+            "auto" => Ok(Self::choose(options, |_| None)?.backend),
+            #[cfg(feature = "wgpu")]
+            "wgpu" => Self::wgpu(options),
             #[cfg(feature = "cpu")]
-            "auto" | "cpu" => Self::cpu(options),
-            #[cfg(not(feature = "cpu"))]
-            "auto" => Self::reference(options),
+            "cpu" => Self::cpu(options),
             "reference" => Self::reference(options),
             _ if NAMES.contains(&name) => {
                 Err(BackendError::NotBuilt { name: name.to_owned(), available: BUILT.join(", ") })
             }
             _ => Err(BackendError::Unknown { name: name.to_owned() }),
         }
+    }
+
+    #[cfg(feature = "wgpu")]
+    fn wgpu(options: &BackendOptions) -> Result<Self, BackendError> {
+        let start = surfel_wgpu::Options { adapter: options.adapter.clone(), validation: false };
+        let start = surfel_wgpu::Renderer::with_options(&start);
+        let renderer = start.map_err(|source| BackendError::NoStart { name: "wgpu", source })?;
+        Ok(Self::Wgpu(Box::new(renderer)))
     }
 
     #[cfg(feature = "cpu")]
@@ -154,6 +210,17 @@ impl Backend {
         let renderer = start.map_err(|source| BackendError::NoStart { name: "reference", source })?;
         check_adapter(renderer.info(), options)?;
         Ok(Self::Reference(renderer))
+    }
+
+    /// True for a GPU backend whose device is software, as lavapipe and WARP are.
+    pub fn is_software(&self) -> bool {
+        match self {
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu(renderer) => renderer.is_software(),
+            #[cfg(feature = "cpu")]
+            Self::Cpu(_) => false,
+            Self::Reference(_) => false,
+        }
     }
 
     /// True for the backend that can render with several samples a pixel.
@@ -178,21 +245,31 @@ impl Backend {
             (Self::Reference(renderer), BackendScene::Reference(scene)) => {
                 renderer.render_supersampled(scene, view, settings, planes, samples, frame)
             }
-            #[cfg(feature = "cpu")]
-            (Self::Cpu(_), _) => Err(RenderError::Unsupported {
-                backend: "cpu",
+            #[cfg(any(feature = "cpu", feature = "wgpu"))]
+            (backend, _) if !backend.can_supersample() => Err(RenderError::Unsupported {
+                backend: backend.info().backend,
                 feature: "supersampling",
                 found_where: "is asked for".to_owned(),
                 advice: "use backend 'reference'",
             }),
-            #[cfg(feature = "cpu")]
+            #[cfg(any(feature = "cpu", feature = "wgpu"))]
             (backend, _) => Err(elsewhere(backend)),
         }
     }
 }
 
+/// False where starting a GPU backend could find nothing but software, and is not worth its time.
+fn has_device_for(name: &str) -> bool {
+    if name == "cpu" || !cfg!(target_os = "linux") {
+        return true;
+    }
+    let has = |path: &str| std::path::Path::new(path).exists();
+    // Kernel drivers: DRM, NVIDIA's own, Windows' GPU below WSL, and those of phones.
+    ["/dev/dri", "/dev/nvidiactl", "/dev/dxg", "/dev/kgsl-3d0", "/dev/mali0"].into_iter().any(has)
+}
+
 /// A scene that was uploaded to another backend.
-#[cfg(feature = "cpu")]
+#[cfg(any(feature = "cpu", feature = "wgpu"))]
 fn elsewhere(backend: &Backend) -> RenderError {
     let message = "the scene was uploaded to another backend: upload it to this one".to_owned();
     RenderError::Backend { backend: backend.info().backend, message }
@@ -212,6 +289,8 @@ impl Renderer for Backend {
 
     fn info(&self) -> &RendererInfo {
         match self {
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu(renderer) => renderer.info(),
             #[cfg(feature = "cpu")]
             Self::Cpu(renderer) => renderer.info(),
             Self::Reference(renderer) => renderer.info(),
@@ -220,6 +299,8 @@ impl Renderer for Backend {
 
     fn upload(&mut self, scene: &Scene) -> Result<BackendScene, RenderError> {
         match self {
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu(renderer) => renderer.upload(scene).map(|scene| BackendScene::Wgpu(Box::new(scene))),
             #[cfg(feature = "cpu")]
             Self::Cpu(renderer) => renderer.upload(scene).map(BackendScene::Cpu),
             Self::Reference(renderer) => renderer.upload(scene).map(BackendScene::Reference),
@@ -240,7 +321,9 @@ impl Renderer for Backend {
             }
             #[cfg(feature = "cpu")]
             (Self::Cpu(renderer), BackendScene::Cpu(scene)) => renderer.render(scene, view, settings, planes, frame),
-            #[cfg(feature = "cpu")]
+            #[cfg(feature = "wgpu")]
+            (Self::Wgpu(renderer), BackendScene::Wgpu(scene)) => renderer.render(scene, view, settings, planes, frame),
+            #[cfg(any(feature = "cpu", feature = "wgpu"))]
             (backend, _) => Err(elsewhere(backend)),
         }
     }

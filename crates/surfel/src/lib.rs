@@ -35,7 +35,7 @@ pub use surfel_render as render;
 pub use surfel_sample as sample;
 
 pub use auto::{AutoOptions, DEFAULT_SIZE, Opened, auto_scene, bare_object, is_scene_file, open, studio_lights};
-pub use backend::{Backend, BackendError, BackendInfo, BackendOptions, BackendScene, backends};
+pub use backend::{Backend, BackendError, BackendInfo, BackendOptions, BackendScene, Chosen, backends};
 pub use error::Error;
 pub use framing::{
     DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, NamedView, ViewAxes, depth_range, frame_camera, scene_center,
