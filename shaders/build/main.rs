@@ -3,6 +3,7 @@
 //! invalid shader fails the build with naga's own message, which points at the line.
 
 mod reflect;
+mod spirv;
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -27,6 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (module, _) = heard(checked(&formulas))?;
     std::fs::write(out.join("functions.rs"), reflect::functions(&module))?;
     let (module, info) = heard(checked(&passes))?;
+    std::fs::write(out.join("spirv.rs"), format!("&{:?}", spirv::words(&module, &info)?))?;
     std::fs::write(out.join("layout.rs"), reflect::layouts(&module)?)?;
     std::fs::write(out.join("entries.rs"), reflect::entries(&module, &info)?)?;
     Ok(())

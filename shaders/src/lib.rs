@@ -12,6 +12,9 @@ pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/formulas.wgsl"));
 /// The formulas and the passes.
 pub const PASSES: &str = include_str!(concat!(env!("OUT_DIR"), "/passes.wgsl"));
 
+/// [`PASSES`] as SPIR-V 1.3, for Vulkan 1.1: all entry points in one module, clip space with y up as in WebGPU.
+pub const SPIRV: &[u32] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
+
 /// Names of the functions in [`WGSL`], sorted, as naga found them.
 pub const FUNCTIONS: &[&str] = include!(concat!(env!("OUT_DIR"), "/functions.rs"));
 

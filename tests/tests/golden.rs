@@ -124,3 +124,10 @@ fn golden_scenes_wgpu_agrees() {
         check(wgpu, OTHERS, 18);
     }
 }
+
+#[test]
+fn golden_scenes_ash_agrees() {
+    if let Some(ash) = common::ash() {
+        check(ash, OTHERS, 18);
+    }
+}

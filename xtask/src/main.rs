@@ -29,7 +29,8 @@ Commands:
   help    Print this
 
 Environment:
-  SURFEL_REQUIRE  Comma-separated list of what must not be skipped: vulkan, wgpu, cargo-deny
+  SURFEL_REQUIRE  Comma-separated list of what must not be skipped: vulkan, wgpu, ash,
+                  cargo-deny
 
 Exit codes: 0 all passed, 1 something failed, 2 usage";
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::{cargo, vulkan};
 
 /// Backends whose tests need a driver.
-const GPU_BACKENDS: &str = "wgpu";
+const GPU_BACKENDS: &str = "wgpu,ash";
 
 /// Whether tests of GPU backends may be skipped.
 #[derive(Clone, Copy, PartialEq, Eq)]

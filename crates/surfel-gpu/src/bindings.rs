@@ -1,6 +1,6 @@
 //! Bind group (descriptor set) layouts, from what the shaders' entry points bind.
 
-use surfel_shaders::{BindingKind, ENTRIES, Stage};
+use surfel_shaders::{BindingKind, ENTRIES, Stage, layout};
 
 /// One binding of a group.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,6 +30,13 @@ pub fn slots(entries: &[&str], group: u32) -> Vec<Slot> {
     slots
 }
 
+/// Workgroups of a compute entry point that cover a length along an axis.
+pub fn groups(length: u32, entry: &str, axis: usize) -> u32 {
+    let entry = ENTRIES.iter().find(|e| e.name == entry);
+    let size = entry.and_then(|e| e.workgroup.get(axis).copied()).filter(|&size| size > 0);
+    length.div_ceil(size.unwrap_or(layout::WORKGROUP))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -42,5 +49,6 @@ mod tests {
         assert_eq!(setup.iter().map(|slot| slot.binding).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
         assert_eq!(setup[4].kind, BindingKind::StorageWrite);
         assert!(slots(&["setup"], 7).is_empty());
+        assert_eq!((groups(65, "setup", 0), groups(9, "shade", 1)), (2, 2));
     }
 }

@@ -19,7 +19,7 @@ mod tile;
 mod uniforms;
 mod words;
 
-pub use bindings::{Slot, slots};
+pub use bindings::{Slot, groups, slots};
 pub use chunk::Chunk;
 pub use planes::PlaneLayout;
 pub use schedule::{Step, Sums, schedule};

@@ -78,6 +78,12 @@ impl TileData {
         Self { tile, frame: frame_words(scene, frame, view, plan, tile, &planes), segments, near_records, planes }
     }
 
+    /// Segments that may touch the tile.
+    pub fn visible(&self) -> Vec<usize> {
+        let inside = self.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside);
+        inside.map(|(i, _)| i).collect()
+    }
+
     /// Number of near records.
     pub fn near_count(&self) -> u32 {
         (self.near_records.len() / (layout::record::SIZE / 4)) as u32

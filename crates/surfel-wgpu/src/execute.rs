@@ -2,9 +2,9 @@
 
 use crate::pipelines::{Pipelines, Precision};
 use crate::scene::{ResidentScene, filled, records_group};
-use crate::targets::{Targets, groups};
+use crate::targets::Targets;
 use crate::timing::Timer;
-use surfel_gpu::{FrameScene, Step, Sums, TileData};
+use surfel_gpu::{FrameScene, Step, Sums, TileData, groups};
 
 /// Everything that the steps of a tile read.
 pub(crate) struct Tile<'a> {
@@ -55,12 +55,6 @@ impl<'a> Tile<'a> {
         });
         let precision = targets.key.precision;
         Self { scene, pipelines, targets, frame_group, setup_groups, near, drawn, precision }
-    }
-
-    /// Segments that may touch the tile.
-    pub(crate) fn visible(data: &TileData) -> Vec<usize> {
-        let inside = data.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside);
-        inside.map(|(i, _)| i).collect()
     }
 
     /// Records a step.

@@ -111,7 +111,7 @@ impl Renderer {
             if let Some(timer) = &mut self.timer {
                 timer.restart();
             }
-            for step in schedule(plan, &Tile::visible(&data), scene.shared_records) {
+            for step in schedule(plan, &data.visible(), scene.shared_records) {
                 job.step(&mut encoder, &step, self.timer.as_mut());
             }
             let times = self.timer.as_ref().map(|timer| {

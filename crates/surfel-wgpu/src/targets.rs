@@ -3,7 +3,6 @@
 use crate::pipelines::{KEPT_FORMAT, Pipelines, Precision};
 use crate::scene::empty;
 use surfel_gpu::Sums;
-use surfel_shaders::layout;
 
 /// What a tile's targets have to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,11 +78,4 @@ impl Targets {
             Sums::Further => &self.sums[2..],
         }
     }
-}
-
-/// Workgroups that cover a length.
-pub(crate) fn groups(length: u32, entry: &str, axis: usize) -> u32 {
-    let entry = surfel_shaders::ENTRIES.iter().find(|e| e.name == entry);
-    let size = entry.and_then(|e| e.workgroup.get(axis).copied()).filter(|&size| size > 0);
-    length.div_ceil(size.unwrap_or(layout::WORKGROUP))
 }

@@ -9,6 +9,8 @@ use surfel_render::{
 const NAMES: [&str; 4] = ["ash", "wgpu", "cpu", "reference"];
 /// Those that this program has.
 const BUILT: &[&str] = &[
+    #[cfg(feature = "ash")]
+    "ash",
     #[cfg(feature = "wgpu")]
     "wgpu",
     #[cfg(feature = "cpu")]
@@ -66,6 +68,9 @@ pub enum BackendError {
 /// A backend, started.
 #[non_exhaustive]
 pub enum Backend {
+    /// A GPU, by Vulkan.
+    #[cfg(feature = "ash")]
+    Ash(Box<surfel_ash::Renderer>),
     /// A GPU, by wgpu.
     #[cfg(feature = "wgpu")]
     Wgpu(Box<surfel_wgpu::Renderer>),
@@ -79,6 +84,9 @@ pub enum Backend {
 /// A scene resident in a [`Backend`].
 #[non_exhaustive]
 pub enum BackendScene {
+    /// In the memory of Vulkan's device.
+    #[cfg(feature = "ash")]
+    Ash(Box<<surfel_ash::Renderer as Renderer>::Scene>),
     /// In the memory of wgpu's device.
     #[cfg(feature = "wgpu")]
     Wgpu(Box<<surfel_wgpu::Renderer as Renderer>::Scene>),
@@ -177,6 +185,8 @@ impl Backend {
     pub fn by_name(name: &str, options: &BackendOptions) -> Result<Self, BackendError> {
         match name {
             "auto" => Ok(Self::choose(options, |_| None)?.backend),
+            #[cfg(feature = "ash")]
+            "ash" => Self::ash(options),
             #[cfg(feature = "wgpu")]
             "wgpu" => Self::wgpu(options),
             #[cfg(feature = "cpu")]
@@ -187,6 +197,14 @@ impl Backend {
             }
             _ => Err(BackendError::Unknown { name: name.to_owned() }),
         }
+    }
+
+    #[cfg(feature = "ash")]
+    fn ash(options: &BackendOptions) -> Result<Self, BackendError> {
+        let start = surfel_ash::Options { adapter: options.adapter.clone(), validation: false };
+        let start = surfel_ash::Renderer::with_options(&start);
+        let renderer = start.map_err(|source| BackendError::NoStart { name: "ash", source })?;
+        Ok(Self::Ash(Box::new(renderer)))
     }
 
     #[cfg(feature = "wgpu")]
@@ -215,6 +233,8 @@ impl Backend {
     /// True for a GPU backend whose device is software, as lavapipe and WARP are.
     pub fn is_software(&self) -> bool {
         match self {
+            #[cfg(feature = "ash")]
+            Self::Ash(renderer) => renderer.is_software(),
             #[cfg(feature = "wgpu")]
             Self::Wgpu(renderer) => renderer.is_software(),
             #[cfg(feature = "cpu")]
@@ -245,14 +265,14 @@ impl Backend {
             (Self::Reference(renderer), BackendScene::Reference(scene)) => {
                 renderer.render_supersampled(scene, view, settings, planes, samples, frame)
             }
-            #[cfg(any(feature = "cpu", feature = "wgpu"))]
+            #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
             (backend, _) if !backend.can_supersample() => Err(RenderError::Unsupported {
                 backend: backend.info().backend,
                 feature: "supersampling",
                 found_where: "is asked for".to_owned(),
                 advice: "use backend 'reference'",
             }),
-            #[cfg(any(feature = "cpu", feature = "wgpu"))]
+            #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
             (backend, _) => Err(elsewhere(backend)),
         }
     }
@@ -269,7 +289,7 @@ fn has_device_for(name: &str) -> bool {
 }
 
 /// A scene that was uploaded to another backend.
-#[cfg(any(feature = "cpu", feature = "wgpu"))]
+#[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
 fn elsewhere(backend: &Backend) -> RenderError {
     let message = "the scene was uploaded to another backend: upload it to this one".to_owned();
     RenderError::Backend { backend: backend.info().backend, message }
@@ -289,6 +309,8 @@ impl Renderer for Backend {
 
     fn info(&self) -> &RendererInfo {
         match self {
+            #[cfg(feature = "ash")]
+            Self::Ash(renderer) => renderer.info(),
             #[cfg(feature = "wgpu")]
             Self::Wgpu(renderer) => renderer.info(),
             #[cfg(feature = "cpu")]
@@ -299,6 +321,8 @@ impl Renderer for Backend {
 
     fn upload(&mut self, scene: &Scene) -> Result<BackendScene, RenderError> {
         match self {
+            #[cfg(feature = "ash")]
+            Self::Ash(renderer) => renderer.upload(scene).map(|scene| BackendScene::Ash(Box::new(scene))),
             #[cfg(feature = "wgpu")]
             Self::Wgpu(renderer) => renderer.upload(scene).map(|scene| BackendScene::Wgpu(Box::new(scene))),
             #[cfg(feature = "cpu")]
@@ -321,9 +345,11 @@ impl Renderer for Backend {
             }
             #[cfg(feature = "cpu")]
             (Self::Cpu(renderer), BackendScene::Cpu(scene)) => renderer.render(scene, view, settings, planes, frame),
+            #[cfg(feature = "ash")]
+            (Self::Ash(renderer), BackendScene::Ash(scene)) => renderer.render(scene, view, settings, planes, frame),
             #[cfg(feature = "wgpu")]
             (Self::Wgpu(renderer), BackendScene::Wgpu(scene)) => renderer.render(scene, view, settings, planes, frame),
-            #[cfg(any(feature = "cpu", feature = "wgpu"))]
+            #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
             (backend, _) => Err(elsewhere(backend)),
         }
     }

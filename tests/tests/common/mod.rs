@@ -49,6 +49,12 @@ pub(crate) fn no_messages() {
     assert!(messages.is_empty(), "{}", messages.join("\n"));
 }
 
+/// The Vulkan backend, validated: whatever the layer says is an error of the call.
+pub(crate) fn ash() -> Option<surfel_ash::Renderer> {
+    let options = surfel_ash::Options { validation: true, ..surfel_ash::Options::default() };
+    started("ash", surfel_ash::Renderer::with_options(&options))
+}
+
 /// The wgpu backend, validated.
 pub(crate) fn wgpu() -> Option<surfel_wgpu::Renderer> {
     // A second test of the same program has installed it already.

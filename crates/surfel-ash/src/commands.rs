@@ -1,0 +1,99 @@
+//! Recording, submitting and waiting.
+
+use crate::device::Device;
+use crate::error::Failure;
+use crate::memory::{Image, whole};
+use crate::object::{Owned, destroy};
+use ash::vk;
+use std::sync::Arc;
+
+/// Commands that are being recorded.
+pub(crate) struct Commands<'a> {
+    pub device: &'a Arc<Device>,
+    pub raw: vk::CommandBuffer,
+}
+
+/// Records commands, submits them, and waits until the device has executed them.
+pub(crate) fn submit(
+    device: &Arc<Device>,
+    record: impl FnOnce(&Commands<'_>) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let vulkan = &device.raw;
+    let info = vk::CommandPoolCreateInfo::default()
+        .queue_family_index(device.family)
+        .flags(vk::CommandPoolCreateFlags::TRANSIENT);
+    // SAFETY: the family is the device's.
+    let pool = unsafe { vulkan.create_command_pool(&info, None) }?;
+    // Frees its command buffers, too.
+    let pool = Owned::new(device, pool, "commands", destroy!(destroy_command_pool));
+    let info = vk::CommandBufferAllocateInfo::default().command_pool(pool.raw).command_buffer_count(1);
+    // SAFETY: the pool is this device's, and only this function uses it.
+    let buffers = unsafe { vulkan.allocate_command_buffers(&info) }?;
+    let raw = *buffers.first().ok_or(Failure::OutOfMemory)?;
+    let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+    // SAFETY: the command buffer is new.
+    unsafe { vulkan.begin_command_buffer(raw, &info) }?;
+    record(&Commands { device, raw })?;
+    // SAFETY: it is being recorded; recorders end the render passes that they begin.
+    unsafe { vulkan.end_command_buffer(raw) }?;
+    // SAFETY: no requirement.
+    let fence = unsafe { vulkan.create_fence(&vk::FenceCreateInfo::default(), None) }?;
+    let fence = Owned::new(device, fence, "submitted", destroy!(destroy_fence));
+    let command_buffers = [raw];
+    let submission = vk::SubmitInfo::default().command_buffers(&command_buffers);
+    // SAFETY: the commands are recorded, the fence is new, and the queue is used by this thread alone: a renderer is
+    // borrowed mutably while it works.
+    unsafe { vulkan.queue_submit(device.queue, &[submission], fence.raw) }?;
+    let fences = [fence.raw];
+    // SAFETY: the fence is this device's. After an error the device is lost, and executes nothing any more.
+    unsafe { vulkan.wait_for_fences(&fences, true, u64::MAX) }?;
+    Ok(())
+}
+
+impl Commands<'_> {
+    /// All that was recorded is done, and seen by all that follows. A tile has a handful of steps, each of which needs
+    /// nearly all of the one before.
+    pub(crate) fn barrier(&self) {
+        let memory = vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
+            .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE);
+        let all = vk::PipelineStageFlags::ALL_COMMANDS;
+        let none = vk::DependencyFlags::empty();
+        // SAFETY: recorded outside of render passes.
+        unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, all, all, none, &[memory], &[], &[]) };
+    }
+
+    /// As [`Commands::barrier`], up to the host that reads.
+    pub(crate) fn barrier_to_host(&self) {
+        let memory = vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
+            .dst_access_mask(vk::AccessFlags::HOST_READ);
+        let (all, host) = (vk::PipelineStageFlags::ALL_COMMANDS, vk::PipelineStageFlags::HOST);
+        let none = vk::DependencyFlags::empty();
+        // SAFETY: recorded outside of render passes.
+        unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, all, host, none, &[memory], &[], &[]) };
+    }
+
+    /// Brings a new image into the layout in which shaders read it.
+    pub(crate) fn make_readable(&self, image: &Image) {
+        let barrier = vk::ImageMemoryBarrier::default()
+            .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE)
+            .old_layout(vk::ImageLayout::UNDEFINED)
+            .new_layout(image.read_layout())
+            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .image(image.raw())
+            .subresource_range(whole(image.aspect));
+        let (start, all) = (vk::PipelineStageFlags::TOP_OF_PIPE, vk::PipelineStageFlags::ALL_COMMANDS);
+        let none = vk::DependencyFlags::empty();
+        // SAFETY: recorded outside of render passes; the image is alive and has never been used.
+        unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, start, all, none, &[], &[], &[barrier]) };
+    }
+
+    /// Copies the first bytes of a buffer.
+    pub(crate) fn copy(&self, from: vk::Buffer, to: vk::Buffer, bytes: u64) {
+        let regions = [vk::BufferCopy::default().size(bytes)];
+        // SAFETY: both buffers have at least that many bytes and the usages of a copy; recorded outside of render passes.
+        unsafe { self.device.raw.cmd_copy_buffer(self.raw, from, to, &regions) };
+    }
+}

@@ -1,0 +1,123 @@
+//! Descriptor set layouts, and sets of buffers and images.
+
+use crate::device::Device;
+use crate::error::Failure;
+use crate::memory::{Buffer, Image};
+use crate::object::{Owned, destroy};
+use ash::vk;
+use std::sync::Arc;
+use surfel_gpu::slots;
+use surfel_shaders::{BindingKind, Stage};
+
+/// A layout, and what its bindings are, in order.
+pub(crate) struct SetLayout {
+    pub raw: Owned<vk::DescriptorSetLayout>,
+    /// Number and type of each binding.
+    bindings: Vec<(u32, vk::DescriptorType)>,
+}
+
+impl SetLayout {
+    /// Of a group of these entry points.
+    pub(crate) fn new(device: &Arc<Device>, name: &str, entries: &[&str], group: u32) -> Result<Self, Failure> {
+        let slots = slots(entries, group);
+        let raw: Vec<vk::DescriptorSetLayoutBinding<'_>> = slots
+            .iter()
+            .map(|slot| {
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(slot.binding)
+                    .descriptor_type(descriptor_type(slot.kind))
+                    .descriptor_count(1)
+                    .stage_flags(slot.stages.iter().fold(vk::ShaderStageFlags::empty(), |all, &s| all | stage(s)))
+            })
+            .collect();
+        let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&raw);
+        // SAFETY: binding numbers are distinct, as reflected.
+        let raw = unsafe { device.raw.create_descriptor_set_layout(&info, None) }?;
+        let raw = Owned::new(device, raw, name, destroy!(destroy_descriptor_set_layout));
+        let bindings = slots.iter().map(|slot| (slot.binding, descriptor_type(slot.kind))).collect();
+        Ok(Self { raw, bindings })
+    }
+}
+
+fn descriptor_type(kind: BindingKind) -> vk::DescriptorType {
+    match kind {
+        BindingKind::Uniform => vk::DescriptorType::UNIFORM_BUFFER,
+        BindingKind::StorageRead | BindingKind::StorageWrite => vk::DescriptorType::STORAGE_BUFFER,
+        BindingKind::Texture | BindingKind::DepthTexture => vk::DescriptorType::SAMPLED_IMAGE,
+    }
+}
+
+pub(crate) fn stage(stage: Stage) -> vk::ShaderStageFlags {
+    match stage {
+        Stage::Vertex => vk::ShaderStageFlags::VERTEX,
+        Stage::Fragment => vk::ShaderStageFlags::FRAGMENT,
+        Stage::Compute => vk::ShaderStageFlags::COMPUTE,
+    }
+}
+
+/// What a binding is given.
+#[derive(Clone, Copy)]
+pub(crate) enum Resource<'a> {
+    /// All of a buffer.
+    Buffer(&'a Buffer),
+    /// An image, in the layout in which shaders read it.
+    Image(&'a Image),
+}
+
+/// Descriptor sets that live as long as their pool.
+pub(crate) struct Sets {
+    device: Arc<Device>,
+    pool: Owned<vk::DescriptorPool>,
+}
+
+impl Sets {
+    /// Room for `sets` sets of any of our layouts.
+    pub(crate) fn new(device: &Arc<Device>, sets: u32) -> Result<Self, Failure> {
+        // No layout has more of a kind than these.
+        let size = |ty, count: u32| vk::DescriptorPoolSize { ty, descriptor_count: count.saturating_mul(sets).max(1) };
+        let sizes = [
+            size(vk::DescriptorType::UNIFORM_BUFFER, 1),
+            size(vk::DescriptorType::STORAGE_BUFFER, 5),
+            size(vk::DescriptorType::SAMPLED_IMAGE, 4),
+        ];
+        let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets.max(1)).pool_sizes(&sizes);
+        // SAFETY: sizes and sets are not 0.
+        let pool = unsafe { device.raw.create_descriptor_pool(&info, None) }?;
+        let pool = Owned::new(device, pool, "sets", destroy!(destroy_descriptor_pool));
+        Ok(Self { device: device.clone(), pool })
+    }
+
+    /// A set of these resources, one for each binding in order.
+    pub(crate) fn set(
+        &self,
+        layout: &SetLayout,
+        name: &str,
+        resources: &[Resource<'_>],
+    ) -> Result<vk::DescriptorSet, Failure> {
+        let layouts = [layout.raw.raw];
+        let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.pool.raw).set_layouts(&layouts);
+        // SAFETY: pool and layout are this device's; only this thread uses the pool.
+        let sets = unsafe { self.device.raw.allocate_descriptor_sets(&info) }?;
+        let set = *sets.first().ok_or(Failure::OutOfMemory)?;
+        self.device.name(set, name);
+        for (&(binding, ty), resource) in layout.bindings.iter().zip(resources) {
+            let write = vk::WriteDescriptorSet::default().dst_set(set).dst_binding(binding).descriptor_type(ty);
+            let buffer;
+            let image;
+            let write = match resource {
+                Resource::Buffer(it) => {
+                    buffer = [vk::DescriptorBufferInfo::default().buffer(it.raw()).range(vk::WHOLE_SIZE)];
+                    write.buffer_info(&buffer)
+                }
+                Resource::Image(it) => {
+                    image = [vk::DescriptorImageInfo::default().image_view(it.view()).image_layout(it.read_layout())];
+                    write.image_info(&image)
+                }
+            };
+            // SAFETY: the set is new and used by no command; binding and type are its layout's, the resource is alive and
+            // outlives the submission that reads it.
+            unsafe { self.device.raw.update_descriptor_sets(&[write], &[]) };
+        }
+        Ok(set)
+    }
+}

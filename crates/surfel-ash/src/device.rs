@@ -1,0 +1,159 @@
+//! The device, its queue and its memory.
+
+use crate::error::Failure;
+use crate::instance::{Candidate, Instance};
+use ash::{ext, vk};
+use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
+use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
+use std::ffi::CString;
+use std::mem::ManuallyDrop;
+use std::sync::{Arc, Mutex};
+
+/// A logical device. Everything that is made of it holds it.
+pub(crate) struct Device {
+    pub raw: ash::Device,
+    pub queue: vk::Queue,
+    pub family: u32,
+    pub facts: Facts,
+    pub instance: Arc<Instance>,
+    /// Dropped before the device.
+    pub allocator: ManuallyDrop<Mutex<Allocator>>,
+    names: Option<ext::debug_utils::Device>,
+    is_own: bool,
+}
+
+/// What a device can do, as far as anything here depends on it.
+#[derive(Clone, Debug)]
+pub(crate) struct Facts {
+    pub limits: vk::PhysicalDeviceLimits,
+    /// Largest allocation, bytes.
+    pub allocation_bytes: u64,
+    /// Sum of the heaps that are the device's own, bytes.
+    pub memory_bytes: u64,
+    /// f32 targets blend.
+    pub blends_f32: bool,
+    /// Nanoseconds of a timestamp's tick; 0 without timestamps.
+    pub timestamp_period: f64,
+    /// Samples that pass can be counted exactly.
+    pub counts_samples: bool,
+    /// Invocations of shaders can be counted.
+    pub counts_invocations: bool,
+}
+
+impl Facts {
+    fn of(instance: &ash::Instance, candidate: &Candidate, enabled: &vk::PhysicalDeviceFeatures) -> Self {
+        let physical = candidate.physical;
+        let mut maintenance = vk::PhysicalDeviceMaintenance3Properties::default();
+        let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut maintenance);
+        // SAFETY: the device is of Vulkan 1.1, which has these properties; the chain lives through the call.
+        unsafe { instance.get_physical_device_properties2(physical, &mut all) };
+        // SAFETY: the physical device is the instance's.
+        let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
+        let own = memory.memory_heaps_as_slice().iter();
+        let own = own.filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+        let blends = |format| {
+            // SAFETY: the physical device is the instance's.
+            let properties = unsafe { instance.get_physical_device_format_properties(physical, format) };
+            properties.optimal_tiling_features.contains(vk::FormatFeatureFlags::COLOR_ATTACHMENT_BLEND)
+        };
+        let limits = candidate.properties.limits;
+        Self {
+            limits,
+            allocation_bytes: maintenance.max_memory_allocation_size,
+            memory_bytes: own.map(|heap| heap.size).sum(),
+            blends_f32: blends(vk::Format::R32G32B32A32_SFLOAT) && blends(vk::Format::R32_SFLOAT),
+            timestamp_period: if candidate.timestamp_bits > 0 { limits.timestamp_period.into() } else { 0.0 },
+            counts_samples: enabled.occlusion_query_precise == vk::TRUE,
+            counts_invocations: enabled.pipeline_statistics_query == vk::TRUE,
+        }
+    }
+
+    /// Largest buffer that a shader can read, bytes.
+    pub(crate) fn buffer_bytes(&self) -> u64 {
+        u64::from(self.limits.max_storage_buffer_range).min(self.allocation_bytes)
+    }
+}
+
+impl Device {
+    /// Opens a device with one queue.
+    pub(crate) fn new(instance: Arc<Instance>, candidate: &Candidate) -> Result<Arc<Self>, Failure> {
+        // SAFETY: the physical device is the instance's.
+        let has = unsafe { instance.raw.get_physical_device_features(candidate.physical) };
+        let enabled = vk::PhysicalDeviceFeatures {
+            occlusion_query_precise: has.occlusion_query_precise,
+            pipeline_statistics_query: has.pipeline_statistics_query,
+            ..vk::PhysicalDeviceFeatures::default()
+        };
+        let priorities = [1.0];
+        let queue =
+            vk::DeviceQueueCreateInfo::default().queue_family_index(candidate.family).queue_priorities(&priorities);
+        let queues = [queue];
+        let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&enabled);
+        // SAFETY: the queue family is the device's, the features are among those that it has, and everything that `info`
+        // points to lives through the call.
+        let raw = unsafe { instance.raw.create_device(candidate.physical, &info, None) }?;
+        // SAFETY: the device was made with one queue of this family.
+        let queue = unsafe { raw.get_device_queue(candidate.family, 0) };
+        Self::wrap(instance, candidate, raw, queue, &enabled, true)
+    }
+
+    /// A device that a program has anyway, of whose features none is taken for granted. It stays the program's.
+    pub(crate) fn borrowed(
+        instance: Arc<Instance>,
+        candidate: &Candidate,
+        raw: ash::Device,
+        queue: vk::Queue,
+    ) -> Result<Arc<Self>, Failure> {
+        Self::wrap(instance, candidate, raw, queue, &vk::PhysicalDeviceFeatures::default(), false)
+    }
+
+    fn wrap(
+        instance: Arc<Instance>,
+        candidate: &Candidate,
+        raw: ash::Device,
+        queue: vk::Queue,
+        enabled: &vk::PhysicalDeviceFeatures,
+        is_own: bool,
+    ) -> Result<Arc<Self>, Failure> {
+        let facts = Facts::of(&instance.raw, candidate, enabled);
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.raw.clone(),
+            device: raw.clone(),
+            physical_device: candidate.physical,
+            debug_settings: AllocatorDebugSettings::default(),
+            buffer_device_address: false,
+            allocation_sizes: AllocationSizes::default(),
+        });
+        let allocator = match allocator {
+            Ok(allocator) => ManuallyDrop::new(Mutex::new(allocator)),
+            Err(error) => {
+                if is_own {
+                    // SAFETY: made by the caller for us; nothing else was made of it.
+                    unsafe { raw.destroy_device(None) };
+                }
+                return Err(error.into());
+            }
+        };
+        let names = instance.has_names.then(|| ext::debug_utils::Device::new(&instance.raw, &raw));
+        Ok(Arc::new(Self { raw, queue, family: candidate.family, facts, instance, allocator, names, is_own }))
+    }
+
+    /// Names an object for messages and debuggers.
+    pub(crate) fn name<H: vk::Handle>(&self, handle: H, name: &str) {
+        let (Some(names), Ok(name)) = (&self.names, CString::new(name)) else { return };
+        let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&name);
+        // SAFETY: the extension is enabled, and the object is alive and this device's. A name that isn't set is no loss.
+        let _ = unsafe { names.set_debug_utils_object_name(&info) };
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        // SAFETY: dropped once, here; all that was allocated from it holds the device and so is gone.
+        unsafe { ManuallyDrop::drop(&mut self.allocator) };
+        if self.is_own {
+            // SAFETY: everything made of the device holds it, and so is gone; every submission was waited for.
+            unsafe { self.raw.destroy_device(None) };
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! Vulkan's results as errors.
+
+use crate::NAME;
+use ash::vk;
+use gpu_allocator::AllocationError;
+use std::fmt::Display;
+use surfel_render::RenderError;
+
+/// A failed call.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// Host or device memory has ended.
+    OutOfMemory,
+    /// Anything else, in words.
+    Other(String),
+}
+
+impl Failure {
+    pub(crate) fn other(message: impl Display) -> Self {
+        Self::Other(message.to_string())
+    }
+}
+
+impl From<vk::Result> for Failure {
+    fn from(result: vk::Result) -> Self {
+        match result {
+            vk::Result::ERROR_OUT_OF_DEVICE_MEMORY
+            | vk::Result::ERROR_OUT_OF_HOST_MEMORY
+            | vk::Result::ERROR_OUT_OF_POOL_MEMORY => Self::OutOfMemory,
+            vk::Result::ERROR_DEVICE_LOST => Self::Other("the device was lost; start the renderer again".into()),
+            other => Self::Other(format!("Vulkan says {other}")),
+        }
+    }
+}
+
+impl From<AllocationError> for Failure {
+    fn from(error: AllocationError) -> Self {
+        match error {
+            AllocationError::OutOfMemory => Self::OutOfMemory,
+            other => Self::Other(other.to_string()),
+        }
+    }
+}
+
+impl From<Failure> for RenderError {
+    fn from(failure: Failure) -> Self {
+        let message = match failure {
+            Failure::OutOfMemory => "the device is out of memory; render by --region or draw fewer splats".to_owned(),
+            Failure::Other(message) => message,
+        };
+        Self::Backend { backend: NAME, message }
+    }
+}

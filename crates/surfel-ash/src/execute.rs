@@ -1,0 +1,227 @@
+//! Records a tile's steps.
+
+use crate::commands::Commands;
+use crate::descriptors::{Resource, Sets};
+use crate::device::Device;
+use crate::error::Failure;
+use crate::memory::Buffer;
+use crate::passes::Kind;
+use crate::pipelines::{Pipeline, Pipelines};
+use crate::queries::Queries;
+use crate::scene::ResidentScene;
+use crate::targets::Targets;
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use std::sync::Arc;
+use surfel_gpu::{FrameScene, Step, Sums, TileData, groups};
+
+/// Everything that the steps of a tile read. Dropped after they were executed.
+pub(crate) struct Tile<'a> {
+    scene: &'a ResidentScene,
+    pipelines: &'a Pipelines,
+    targets: &'a Targets,
+    queries: &'a Queries,
+    frame: vk::DescriptorSet,
+    kept: vk::DescriptorSet,
+    shade: vk::DescriptorSet,
+    segments: Vec<Option<SegmentSets>>,
+    near: Option<(vk::DescriptorSet, u32)>,
+    /// Splats that were set up and touch the tile, and where the host reads it.
+    drawn: Buffer,
+    pub drawn_readback: Buffer,
+    /// What the sets refer to, and the sets' pool.
+    _buffers: Vec<Buffer>,
+    _sets: Sets,
+}
+
+struct SegmentSets {
+    /// For counting and for uncounted setup.
+    setup: [vk::DescriptorSet; 2],
+    records: vk::DescriptorSet,
+}
+
+impl<'a> Tile<'a> {
+    pub(crate) fn new(
+        device: &Arc<Device>,
+        (scene, pipelines, targets, queries): (&'a ResidentScene, &'a Pipelines, &'a Targets, &'a Queries),
+        frame: &FrameScene,
+        data: &TileData,
+    ) -> Result<Self, Failure> {
+        let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
+        // Frame, kept, sums and near records; three of each segment.
+        let sets = Sets::new(device, 4 + 3 * scene.segments.len() as u32)?;
+        let mut buffers = Vec::new();
+        let frame_buffers = [
+            Buffer::filled(device, "frame", &data.frame, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
+            Buffer::filled(device, "objects", &frame.objects, storage)?,
+            Buffer::filled(device, "lights", &frame.lights, storage)?,
+        ];
+        let frame_set = sets.set(&pipelines.frame_set, "frame", &frame_buffers.each_ref().map(Resource::Buffer))?;
+        buffers.extend(frame_buffers);
+        let counter = |name| Buffer::filled(device, name, &[0], storage | vk::BufferUsageFlags::TRANSFER_SRC);
+        let (drawn, again) = (counter("drawn")?, counter("drawn again")?);
+        let to_host = vk::BufferUsageFlags::TRANSFER_DST;
+        let drawn_readback = Buffer::new(device, "drawn to read", 4, to_host, MemoryLocation::GpuToCpu)?;
+        let mut segments = Vec::with_capacity(scene.segments.len());
+        for (segment, data) in scene.segments.iter().zip(&data.segments) {
+            if data.is_outside {
+                segments.push(None);
+                continue;
+            }
+            let chunks = Buffer::filled(device, "chunks", &data.chunks, storage)?;
+            let near_bits = Buffer::filled(device, "near bits", &data.near_bits, storage)?;
+            let setup = |counter| {
+                let all = [&segment.uniform, &segment.splats, &chunks, &near_bits, &segment.records, counter];
+                sets.set(&pipelines.setup_set, "segment", &all.map(Resource::Buffer))
+            };
+            let setup = [setup(&drawn)?, setup(&again)?];
+            let records = sets.set(&pipelines.records_set, "records", &[Resource::Buffer(&segment.records)])?;
+            segments.push(Some(SegmentSets { setup, records }));
+            buffers.extend([chunks, near_bits]);
+        }
+        let near = if data.near_count() > 0 {
+            let records = Buffer::filled(device, "near records", &data.near_records, storage)?;
+            let set = sets.set(&pipelines.records_set, "near records", &[Resource::Buffer(&records)])?;
+            buffers.push(records);
+            Some((set, data.near_count()))
+        } else {
+            None
+        };
+        buffers.push(again);
+        let kept = sets.set(&pipelines.kept_set, "kept", &[Resource::Image(&targets.kept)])?;
+        let images = targets.sums.iter().map(Resource::Image);
+        let resources: Vec<Resource<'_>> = images.chain([Resource::Buffer(&targets.planes)]).collect();
+        let shade = sets.set(&pipelines.shade_set, "sums", &resources)?;
+        Ok(Self {
+            scene,
+            pipelines,
+            targets,
+            queries,
+            frame: frame_set,
+            kept,
+            shade,
+            segments,
+            near,
+            drawn,
+            drawn_readback,
+            _buffers: buffers,
+            _sets: sets,
+        })
+    }
+
+    /// Records all steps and what the host reads of them.
+    pub(crate) fn record(&self, commands: &Commands<'_>, steps: &[Step]) -> Result<(), Failure> {
+        self.queries.begin(commands);
+        for step in steps {
+            self.queries.timed(commands, step.name(), || self.step(commands, step))?;
+            commands.barrier();
+        }
+        self.queries.end(commands);
+        let floats = u64::from(self.targets.key.floats);
+        commands.copy(self.targets.planes.raw(), self.targets.readback.raw(), 4 * floats.max(1));
+        commands.copy(self.drawn.raw(), self.drawn_readback.raw(), 4);
+        commands.barrier_to_host();
+        Ok(())
+    }
+
+    fn step(&self, commands: &Commands<'_>, step: &Step) -> Result<(), Failure> {
+        match step {
+            Step::Setup { segments, first } => {
+                let pipeline = &self.pipelines.setup;
+                bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
+                for &i in segments {
+                    let (Some(segment), Some(Some(sets))) = (self.scene.segments.get(i), self.segments.get(i)) else {
+                        continue;
+                    };
+                    let [counted, uncounted] = sets.setup;
+                    let sets = [self.frame, if *first { counted } else { uncounted }];
+                    bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &sets);
+                    dispatch(commands, [groups(segment.count, "setup", 0), 1]);
+                }
+                Ok(())
+            }
+            Step::Visibility { segments, first } => self.draw(commands, Kind::Visibility, segments, *first, false),
+            Step::Sums { sums, segments, first } => {
+                let kind = Kind::Sums(*sums, self.targets.key.precision);
+                self.draw(commands, kind, segments, *first, *sums != Sums::Further)
+            }
+            Step::Shade => {
+                let pipeline = &self.pipelines.shade;
+                bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
+                bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &[self.frame, self.shade]);
+                let [width, height] = self.targets.key.size;
+                dispatch(commands, [groups(width, "shade", 0), groups(height, "shade", 1)]);
+                Ok(())
+            }
+        }
+    }
+
+    /// Draws records as quads; the near splats, too, where it is the first draw of its kind.
+    fn draw(
+        &self,
+        commands: &Commands<'_>,
+        kind: Kind,
+        segments: &[usize],
+        first: bool,
+        counts: bool,
+    ) -> Result<(), Failure> {
+        let vulkan = &commands.device.raw;
+        let draw = self.pipelines.draw(kind)?;
+        let [width, height] = self.targets.key.size;
+        let area = vk::Rect2D { offset: vk::Offset2D::default(), extent: vk::Extent2D { width, height } };
+        let clear_values = draw.pass.clear_values();
+        let info = vk::RenderPassBeginInfo::default()
+            .render_pass(draw.pass.raw(first))
+            .framebuffer(self.targets.framebuffer(kind)?)
+            .render_area(area)
+            .clear_values(&clear_values);
+        // SAFETY: pass and framebuffer are compatible, the images are in the pass's initial layouts; it is ended below.
+        unsafe { vulkan.cmd_begin_render_pass(commands.raw, &info, vk::SubpassContents::INLINE) };
+        bind_pipeline(commands, &draw.pipeline, vk::PipelineBindPoint::GRAPHICS);
+        // Clip space has y up, as in WebGPU: the viewport turns it over.
+        let (width, height) = (width as f32, height as f32);
+        let viewport = vk::Viewport { x: 0.0, y: height, width, height: -height, min_depth: 0.0, max_depth: 1.0 };
+        // SAFETY: Vulkan 1.1 takes viewports of negative height; the pipeline's viewport is dynamic.
+        unsafe { vulkan.cmd_set_viewport(commands.raw, 0, &[viewport]) };
+        // SAFETY: inside of the framebuffer; the pipeline's scissor is dynamic.
+        unsafe { vulkan.cmd_set_scissor(commands.raw, 0, &[area]) };
+        let quads = || {
+            let drawn = segments.iter().filter_map(|&i| Some((self.scene.segments.get(i)?, self.segments.get(i)?)));
+            let drawn = drawn.filter_map(|(segment, sets)| Some((sets.as_ref()?.records, segment.count)));
+            for (records, count) in drawn.chain(self.near.filter(|_| first)) {
+                let sets = match kind {
+                    Kind::Visibility => vec![self.frame, records],
+                    Kind::Sums(..) => vec![self.frame, records, self.kept],
+                };
+                bind_sets(commands, &draw.pipeline, vk::PipelineBindPoint::GRAPHICS, &sets);
+                // SAFETY: pipeline, sets, viewport and scissor are set; there are `count` records.
+                unsafe { vulkan.cmd_draw(commands.raw, 4, count, 0, 0) };
+            }
+        };
+        if counts {
+            self.queries.counted(commands, quads);
+        } else {
+            quads();
+        }
+        // SAFETY: begun above.
+        unsafe { vulkan.cmd_end_render_pass(commands.raw) };
+        Ok(())
+    }
+}
+
+fn bind_pipeline(commands: &Commands<'_>, pipeline: &Pipeline, point: vk::PipelineBindPoint) {
+    // SAFETY: the pipeline is of that bind point and outlives the submission.
+    unsafe { commands.device.raw.cmd_bind_pipeline(commands.raw, point, pipeline.raw.raw) };
+}
+
+fn bind_sets(commands: &Commands<'_>, pipeline: &Pipeline, point: vk::PipelineBindPoint, sets: &[vk::DescriptorSet]) {
+    let layout = pipeline.layout.raw;
+    // SAFETY: the sets were made with the layouts that the pipeline's is made of, from set 0 on.
+    unsafe { commands.device.raw.cmd_bind_descriptor_sets(commands.raw, point, layout, 0, sets, &[]) };
+}
+
+fn dispatch(commands: &Commands<'_>, [x, y]: [u32; 2]) {
+    // SAFETY: a compute pipeline and its sets are bound; every device takes 65535 groups an axis, and a segment or a tile
+    // has fewer.
+    unsafe { commands.device.raw.cmd_dispatch(commands.raw, x, y, 1) };
+}

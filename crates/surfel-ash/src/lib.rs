@@ -1,0 +1,43 @@
+//! Surfel's backend on raw Vulkan 1.1: the same shaders and the same schedule as `surfel-wgpu`, without a layer between.
+//!
+//! One file an object family. Every Vulkan object is owned by a value that destroys it (`object.rs`, `memory.rs`), carries a
+//! name where a debugger can see it, and keeps its device alive. Every submission is waited for before what it uses can
+//! go: a frame is read back anyway. No result is unwrapped; out of memory and a lost device are errors.
+//!
+//! ```no_run
+//! use surfel_render::{Frame, Planes, Renderer as _, Settings};
+//! # fn main() -> Result<(), surfel_render::RenderError> {
+//! # let (scene, view): (surfel_model::Scene, surfel_render::View) = unreachable!();
+//! let mut renderer = surfel_ash::Renderer::new()?;
+//! let resident = renderer.upload(&scene)?;
+//! let mut frame = Frame::default();
+//! renderer.render(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame)?;
+//! # Ok(())
+//! # }
+//! ```
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod commands;
+mod descriptors;
+mod device;
+mod error;
+mod execute;
+mod instance;
+mod memory;
+mod object;
+mod passes;
+mod pipelines;
+mod queries;
+mod renderer;
+mod scene;
+mod targets;
+
+pub use renderer::{Options, RawDevice, Renderer};
+pub use scene::ResidentScene;
+
+/// Vulkan's bindings, in the version that [`RawDevice`] is made of.
+pub use ash;
+
+/// Name used in messages and on the command line.
+const NAME: &str = "ash";

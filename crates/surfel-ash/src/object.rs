@@ -1,0 +1,38 @@
+//! Vulkan objects that destroy themselves.
+
+use crate::device::Device;
+use ash::vk;
+use std::sync::Arc;
+
+/// An object of a device, owned.
+pub(crate) struct Owned<H: Copy> {
+    pub raw: H,
+    device: Arc<Device>,
+    destroy: fn(&ash::Device, H),
+}
+
+impl<H: Copy + vk::Handle> Owned<H> {
+    /// Takes over an object that was just made of the device. `destroy` is called once, when nothing uses it any more.
+    pub(crate) fn new(device: &Arc<Device>, raw: H, name: &str, destroy: fn(&ash::Device, H)) -> Self {
+        device.name(raw, name);
+        Self { raw, device: device.clone(), destroy }
+    }
+}
+
+impl<H: Copy> Drop for Owned<H> {
+    fn drop(&mut self) {
+        (self.destroy)(&self.device.raw, self.raw);
+    }
+}
+
+/// A function that destroys a kind of object, for [`Owned::new`].
+macro_rules! destroy {
+    ($method:ident) => {
+        |device, raw| {
+            // SAFETY: `Owned` has the only copy of the handle that outlives a submission, made of this device, and calls
+            // this once; every submission is waited for before what it uses is dropped.
+            unsafe { device.$method(raw, None) }
+        }
+    };
+}
+pub(crate) use destroy;

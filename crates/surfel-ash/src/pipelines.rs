@@ -1,0 +1,206 @@
+//! Shaders, layouts and pipelines, built once for a device.
+
+use crate::descriptors::{SetLayout, stage};
+use crate::device::Device;
+use crate::error::Failure;
+use crate::object::{Owned, destroy};
+use crate::passes::{Kind, Pass};
+use ash::vk;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::ffi::CString;
+use std::sync::Arc;
+use surfel_gpu::Sums;
+use surfel_shaders::{ENTRIES, SPIRV, Stage};
+
+/// Everything about shaders that is built once for a device.
+pub(crate) struct Pipelines {
+    device: Arc<Device>,
+    module: Owned<vk::ShaderModule>,
+    cache: Owned<vk::PipelineCache>,
+    pub frame_set: SetLayout,
+    pub setup_set: SetLayout,
+    pub records_set: SetLayout,
+    pub kept_set: SetLayout,
+    pub shade_set: SetLayout,
+    pub setup: Pipeline,
+    pub shade: Pipeline,
+    visibility_layout: Arc<Owned<vk::PipelineLayout>>,
+    sums_layout: Arc<Owned<vk::PipelineLayout>>,
+    draws: HashMap<Kind, Draw>,
+}
+
+/// A pipeline and its layout.
+pub(crate) struct Pipeline {
+    pub raw: Owned<vk::Pipeline>,
+    pub layout: Arc<Owned<vk::PipelineLayout>>,
+}
+
+/// How records are drawn into targets of a kind.
+pub(crate) struct Draw {
+    pub pipeline: Pipeline,
+    pub pass: Pass,
+}
+
+const VERTICES: [&str; 2] = ["visibility_vertex", "attribute_vertex"];
+
+impl Pipelines {
+    pub(crate) fn new(device: &Arc<Device>) -> Result<Self, Failure> {
+        let info = vk::ShaderModuleCreateInfo::default().code(SPIRV);
+        // SAFETY: the code is SPIR-V 1.3, which Vulkan 1.1 takes, and naga has validated it.
+        let module = unsafe { device.raw.create_shader_module(&info, None) }?;
+        let module = Owned::new(device, module, "passes", destroy!(destroy_shader_module));
+        // SAFETY: no requirement.
+        let cache = unsafe { device.raw.create_pipeline_cache(&vk::PipelineCacheCreateInfo::default(), None) }?;
+        let cache = Owned::new(device, cache, "pipelines", destroy!(destroy_pipeline_cache));
+        let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
+        let fragments = [Sums::Color, Sums::Surface, Sums::Further].map(Sums::entry);
+        let frame_set = SetLayout::new(device, "frame", &all, 0)?;
+        let setup_set = SetLayout::new(device, "segment", &["setup"], 1)?;
+        let records_set = SetLayout::new(device, "records", &VERTICES, 1)?;
+        let kept_set = SetLayout::new(device, "kept", &fragments, 2)?;
+        let shade_set = SetLayout::new(device, "sums", &["shade"], 1)?;
+        let compute = |entry, sets: &[&SetLayout]| -> Result<Pipeline, Failure> {
+            let layout = Arc::new(pipeline_layout(device, entry, sets)?);
+            let raw = compute_pipeline(device, module.raw, cache.raw, layout.raw, entry)?;
+            Ok(Pipeline { raw, layout })
+        };
+        let setup = compute("setup", &[&frame_set, &setup_set])?;
+        let shade = compute("shade", &[&frame_set, &shade_set])?;
+        let visibility_layout = Arc::new(pipeline_layout(device, "visibility", &[&frame_set, &records_set])?);
+        let sums_layout = Arc::new(pipeline_layout(device, "attributes", &[&frame_set, &records_set, &kept_set])?);
+        Ok(Self {
+            device: device.clone(),
+            module,
+            cache,
+            frame_set,
+            setup_set,
+            records_set,
+            kept_set,
+            shade_set,
+            setup,
+            shade,
+            visibility_layout,
+            sums_layout,
+            draws: HashMap::new(),
+        })
+    }
+
+    /// Builds what draws into targets of this kind, if it hasn't been.
+    pub(crate) fn prepare(&mut self, kind: Kind) -> Result<(), Failure> {
+        let Entry::Vacant(place) = self.draws.entry(kind) else { return Ok(()) };
+        let (layout, entries) = match kind {
+            Kind::Visibility => (&self.visibility_layout, [VERTICES[0], "visibility_fragment"]),
+            Kind::Sums(sums, _) => (&self.sums_layout, [VERTICES[1], sums.entry()]),
+        };
+        let pass = Pass::new(&self.device, kind)?;
+        let shaders = (self.module.raw, entries);
+        let raw = draw_pipeline(&self.device, shaders, self.cache.raw, layout.raw, pass.raw(true), kind)?;
+        place.insert(Draw { pipeline: Pipeline { raw, layout: layout.clone() }, pass });
+        Ok(())
+    }
+
+    pub(crate) fn draw(&self, kind: Kind) -> Result<&Draw, Failure> {
+        self.draws.get(&kind).ok_or_else(|| Failure::other("a pass was recorded that was not prepared"))
+    }
+}
+
+fn pipeline_layout(
+    device: &Arc<Device>,
+    name: &str,
+    sets: &[&SetLayout],
+) -> Result<Owned<vk::PipelineLayout>, Failure> {
+    let sets: Vec<vk::DescriptorSetLayout> = sets.iter().map(|set| set.raw.raw).collect();
+    let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&sets);
+    // SAFETY: the set layouts are this device's; at most three, of which every device binds four.
+    let raw = unsafe { device.raw.create_pipeline_layout(&info, None) }?;
+    Ok(Owned::new(device, raw, name, destroy!(destroy_pipeline_layout)))
+}
+
+fn entry_name(entry: &str) -> Result<CString, Failure> {
+    CString::new(entry).map_err(Failure::other)
+}
+
+/// Takes over the pipelines of a call that makes one.
+fn made(
+    device: &Arc<Device>,
+    name: &str,
+    result: Result<Vec<vk::Pipeline>, (Vec<vk::Pipeline>, vk::Result)>,
+) -> Result<Owned<vk::Pipeline>, Failure> {
+    // After an error there is none: one was asked for.
+    let pipelines = result.map_err(|(_, error)| error)?;
+    let raw = *pipelines.first().ok_or(Failure::OutOfMemory)?;
+    Ok(Owned::new(device, raw, name, destroy!(destroy_pipeline)))
+}
+
+fn compute_pipeline(
+    device: &Arc<Device>,
+    module: vk::ShaderModule,
+    cache: vk::PipelineCache,
+    layout: vk::PipelineLayout,
+    entry: &str,
+) -> Result<Owned<vk::Pipeline>, Failure> {
+    let name = entry_name(entry)?;
+    let shader = vk::PipelineShaderStageCreateInfo::default().stage(stage(Stage::Compute)).module(module).name(&name);
+    let info = vk::ComputePipelineCreateInfo::default().stage(shader).layout(layout);
+    // SAFETY: the entry point is the module's, and the layout is made of its reflected bindings.
+    let result = unsafe { device.raw.create_compute_pipelines(cache, &[info], None) };
+    made(device, entry, result)
+}
+
+/// A pipeline that draws records as quads.
+fn draw_pipeline(
+    device: &Arc<Device>,
+    (module, [vertex, fragment]): (vk::ShaderModule, [&str; 2]),
+    cache: vk::PipelineCache,
+    layout: vk::PipelineLayout,
+    pass: vk::RenderPass,
+    kind: Kind,
+) -> Result<Owned<vk::Pipeline>, Failure> {
+    let (vertex, fragment_name) = (entry_name(vertex)?, entry_name(fragment)?);
+    let shader =
+        |which, name| vk::PipelineShaderStageCreateInfo::default().stage(stage(which)).module(module).name(name);
+    let stages = [shader(Stage::Vertex, &vertex), shader(Stage::Fragment, &fragment_name)];
+    let no_vertices = vk::PipelineVertexInputStateCreateInfo::default();
+    let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_STRIP);
+    let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
+    let raster = vk::PipelineRasterizationStateCreateInfo::default()
+        .polygon_mode(vk::PolygonMode::FILL)
+        .cull_mode(vk::CullModeFlags::NONE)
+        .line_width(1.0);
+    let samples = vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
+    let depth = vk::PipelineDepthStencilStateCreateInfo::default()
+        .depth_test_enable(kind == Kind::Visibility)
+        .depth_write_enable(kind == Kind::Visibility)
+        .depth_compare_op(vk::CompareOp::GREATER);
+    let add = vk::PipelineColorBlendAttachmentState::default()
+        .blend_enable(true)
+        .src_color_blend_factor(vk::BlendFactor::ONE)
+        .dst_color_blend_factor(vk::BlendFactor::ONE)
+        .color_blend_op(vk::BlendOp::ADD)
+        .src_alpha_blend_factor(vk::BlendFactor::ONE)
+        .dst_alpha_blend_factor(vk::BlendFactor::ONE)
+        .alpha_blend_op(vk::BlendOp::ADD)
+        .color_write_mask(vk::ColorComponentFlags::RGBA);
+    let targets = if kind == Kind::Visibility { 0 } else { kind.formats().len() };
+    let blends = vec![add; targets];
+    let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&blends);
+    let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
+    let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
+    let info = vk::GraphicsPipelineCreateInfo::default()
+        .stages(&stages)
+        .vertex_input_state(&no_vertices)
+        .input_assembly_state(&assembly)
+        .viewport_state(&viewport)
+        .rasterization_state(&raster)
+        .multisample_state(&samples)
+        .depth_stencil_state(&depth)
+        .color_blend_state(&blend)
+        .dynamic_state(&dynamic)
+        .layout(layout)
+        .render_pass(pass);
+    // SAFETY: entry points are the module's, the layout is made of their reflected bindings, the blend states are as many
+    // as the pass has colour targets, and all that `info` points to lives through the call.
+    let result = unsafe { device.raw.create_graphics_pipelines(cache, &[info], None) };
+    made(device, fragment, result)
+}

@@ -1,0 +1,219 @@
+//! The backend: scenes in, frames out.
+
+use crate::NAME;
+use crate::commands::submit;
+use crate::device::Device;
+use crate::error::Failure;
+use crate::execute::Tile;
+use crate::instance::{Candidate, Instance};
+use crate::passes::{Kind, Precision};
+use crate::pipelines::Pipelines;
+use crate::queries::Queries;
+use crate::scene::{self, ResidentScene};
+use crate::targets::{TargetKey, Targets};
+use ash::vk;
+use std::sync::Arc;
+use std::time::Instant;
+use surfel_gpu::{FrameScene, Sums, TileData, schedule, tiles};
+use surfel_model::{Accumulate, Scene, Settings};
+use surfel_render::{
+    Capabilities, Feature, Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan,
+};
+
+/// How a [`Renderer`] is opened.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// A part of the adapter's name, in any case; `None`: the fastest kind of adapter there is.
+    pub adapter: Option<String>,
+    /// Has the validation layer check every call. Whatever it says becomes an error.
+    pub validation: bool,
+}
+
+/// A device that a program has anyway.
+pub struct RawDevice {
+    /// The loader.
+    pub entry: ash::Entry,
+    /// An instance of Vulkan 1.1 or later.
+    pub instance: ash::Instance,
+    /// The device's physical one.
+    pub physical: vk::PhysicalDevice,
+    /// The device.
+    pub device: ash::Device,
+    /// A queue of it that draws and computes.
+    pub queue: vk::Queue,
+    /// The queue's family.
+    pub family: u32,
+}
+
+/// The Vulkan backend.
+pub struct Renderer {
+    // In the order of their destruction, though each holds the device.
+    targets: Option<Targets>,
+    pipelines: Pipelines,
+    device: Arc<Device>,
+    info: RendererInfo,
+    is_software: bool,
+}
+
+impl Renderer {
+    /// A renderer on the fastest kind of adapter there is.
+    ///
+    /// # Errors
+    /// [`RenderError::Backend`] if there is no loader or adapter, or it doesn't start.
+    pub fn new() -> Result<Self, RenderError> {
+        Self::with_options(&Options::default())
+    }
+
+    /// A renderer with these options.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`]; also if no adapter has that name, or validation is asked for and not installed.
+    pub fn with_options(options: &Options) -> Result<Self, RenderError> {
+        let instance = Arc::new(Instance::new(options.validation)?);
+        let candidates = instance.candidates()?;
+        let wanted = options.adapter.as_ref().map(|name| name.to_lowercase());
+        let fits = |c: &&Candidate| wanted.as_ref().is_none_or(|wanted| c.name.to_lowercase().contains(wanted));
+        let Some(candidate) = candidates.iter().find(fits) else {
+            let names: Vec<&str> = candidates.iter().map(|c| c.name.as_str()).collect();
+            return Err(Failure::Other(match &options.adapter {
+                Some(wanted) if !names.is_empty() => {
+                    format!("no adapter is called '{wanted}'; found: {}", names.join(", "))
+                }
+                _ => "no adapter with Vulkan 1.1 was found; install a graphics driver".to_owned(),
+            })
+            .into());
+        };
+        let device = Device::new(instance, candidate)?;
+        Self::start(device, candidate)
+    }
+
+    /// A renderer on a device that a program has anyway. None of its optional features is used, so no pass counts
+    /// fragments.
+    ///
+    /// # Safety
+    /// The handles are valid and belong together, stay so while the renderer lives, and no other thread submits to the
+    /// queue while the renderer is borrowed. The instance was made for Vulkan 1.1 or later.
+    ///
+    /// # Errors
+    /// [`RenderError::Backend`] if the device is of Vulkan 1.0 or refuses the shaders.
+    pub unsafe fn from_raw(raw: RawDevice) -> Result<Self, RenderError> {
+        let RawDevice { entry, instance, physical, device, queue, family } = raw;
+        let instance = Arc::new(Instance::borrowed(entry, instance));
+        // SAFETY: the physical device is the instance's, as the caller promises.
+        let families = unsafe { instance.raw.get_physical_device_queue_family_properties(physical) };
+        let timestamp_bits = families.get(family as usize).map_or(0, |family| family.timestamp_valid_bits);
+        let candidate = Candidate::with_family(&instance.raw, physical, family, timestamp_bits);
+        let candidate = candidate.ok_or_else(|| Failure::other("the device is of Vulkan 1.0, expected 1.1"))?;
+        let device = Device::borrowed(instance, &candidate, device, queue)?;
+        Self::start(device, &candidate)
+    }
+
+    fn start(device: Arc<Device>, candidate: &Candidate) -> Result<Self, RenderError> {
+        let pipelines = Pipelines::new(&device)?;
+        let mut driver = candidate.driver.clone();
+        if !device.facts.blends_f32 {
+            driver += "; sums in f16, for it can't blend f32";
+        }
+        let info = RendererInfo {
+            backend: NAME,
+            adapter: candidate.name.clone(),
+            driver,
+            threads: 0,
+            capabilities: Capabilities { backend: NAME, features: &[Feature::F16] },
+        };
+        let renderer = Self { targets: None, pipelines, device, info, is_software: candidate.is_software() };
+        renderer.check_messages()?;
+        Ok(renderer)
+    }
+
+    /// True if the adapter computes on the processor: the `cpu` backend is faster.
+    pub fn is_software(&self) -> bool {
+        self.is_software
+    }
+
+    /// Makes an error of what the validation layer said.
+    fn check_messages(&self) -> Result<(), RenderError> {
+        let messages = self.device.instance.take_messages();
+        if messages.is_empty() {
+            return Ok(());
+        }
+        Err(Failure::Other(format!("the validation layer says: {}", messages.join("\n"))).into())
+    }
+
+    /// Draws one tile into the frame.
+    fn tile(
+        &mut self,
+        scene: &ResidentScene,
+        frame_scene: &FrameScene,
+        (view, plan, tile): (&View, &FramePlan, Region),
+        frame: &mut Frame,
+        stats: &mut Stats,
+    ) -> Result<(), Failure> {
+        let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
+        let f32_sums = self.device.facts.blends_f32 && plan.accumulate == Accumulate::F32;
+        let precision = if f32_sums { Precision::F32 } else { Precision::F16 };
+        let sums = Sums::of(plan);
+        self.pipelines.prepare(Kind::Visibility)?;
+        for &sums in &sums {
+            self.pipelines.prepare(Kind::Sums(sums, precision))?;
+        }
+        let key = TargetKey { size: [tile.width, tile.height], precision, sums, floats: data.planes.floats };
+        let targets = match self.targets.take().filter(|targets| targets.key == key) {
+            Some(targets) => targets,
+            None => Targets::new(&self.device, &self.pipelines, key)?,
+        };
+        let targets = self.targets.insert(targets);
+        let queries = Queries::new(&self.device)?;
+        let job = Tile::new(&self.device, (scene, &self.pipelines, targets, &queries), frame_scene, &data)?;
+        let steps = schedule(plan, &data.visible(), scene.shared_records);
+        submit(&self.device, |commands| job.record(commands, &steps))?;
+        let planes = targets.readback.words(data.planes.floats as usize)?;
+        let counted = data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame);
+        let drawn = job.drawn_readback.words(1)?.first().copied().unwrap_or(0);
+        stats.drawn += u64::from(drawn) + u64::from(data.near_count());
+        queries.add(stats)?;
+        if !queries.counts_fragments() {
+            stats.fragments += counted;
+        }
+        Ok(())
+    }
+}
+
+impl surfel_render::Renderer for Renderer {
+    type Scene = ResidentScene;
+
+    fn info(&self) -> &RendererInfo {
+        &self.info
+    }
+
+    fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
+        let resident = scene::upload(&self.device, scene)?;
+        self.check_messages()?;
+        Ok(resident)
+    }
+
+    fn render(
+        &mut self,
+        scene: &ResidentScene,
+        view: &View,
+        settings: &Settings,
+        planes: Planes,
+        frame: &mut Frame,
+    ) -> Result<Stats, RenderError> {
+        let start = Instant::now();
+        let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
+        let facts = &self.device.facts;
+        let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
+        frame.reset(view.region.width, view.region.height, plan.planes);
+        let frame_scene = FrameScene::new(&scene.cpu, view);
+        let limits = &facts.limits;
+        let side = limits.max_image_dimension2_d.min(limits.max_framebuffer_width).min(limits.max_framebuffer_height);
+        for tile in tiles(view, &plan, side, facts.buffer_bytes()) {
+            self.tile(scene, &frame_scene, (view, &plan, tile), frame, &mut stats)?;
+        }
+        self.check_messages()?;
+        stats.bytes_per_splat = scene.bytes() as f64 / stats.splats.max(1) as f64;
+        stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
+        Ok(stats)
+    }
+}

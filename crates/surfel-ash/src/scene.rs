@@ -1,0 +1,116 @@
+//! A scene in the device's memory.
+
+use crate::commands::submit;
+use crate::device::Device;
+use crate::error::Failure;
+use crate::memory::Buffer;
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use std::sync::Arc;
+use surfel_gpu::{Upload, UploadLimits, UploadedScene};
+use surfel_model::Scene;
+use surfel_render::RenderError;
+use surfel_shaders::layout;
+
+/// Records of a scene that take more than this share one buffer, and are set up twice a frame.
+const RECORD_BUDGET: u64 = 512 << 20;
+
+/// A scene as this backend keeps it: splats in the device's memory, chunks and clouds in the host's.
+pub struct ResidentScene {
+    pub(crate) cpu: UploadedScene,
+    pub(crate) segments: Vec<ResidentSegment>,
+    /// All segments have the same buffer of records.
+    pub(crate) shared_records: bool,
+    pub(crate) bytes: u64,
+}
+
+pub(crate) struct ResidentSegment {
+    pub uniform: Buffer,
+    pub splats: Buffer,
+    pub records: Arc<Buffer>,
+    pub count: u32,
+}
+
+impl ResidentScene {
+    /// Bytes of device memory that the splats use; records are beside that.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
+pub(crate) fn upload(device: &Arc<Device>, scene: &Scene) -> Result<ResidentScene, RenderError> {
+    let mut upload = Upload::new(scene, UploadLimits { buffer_bytes: device.facts.buffer_bytes() }, crate::NAME)?;
+    let bytes = upload.total_bytes();
+    let memory = device.facts.memory_bytes;
+    if bytes > memory {
+        return Err(too_large(bytes, memory).into());
+    }
+    let mut done = 0;
+    let mut splats = Vec::new();
+    while let Some(words) = upload.next_segment() {
+        splats.push(resident(device, &words).map_err(|failure| missing(failure, bytes, done))?);
+        done += 4 * words.len() as u64;
+    }
+    let cpu = upload.finish();
+    let shared_records = cpu.segments.iter().map(|s| record_bytes(s.members.len())).sum::<u64>() > RECORD_BUDGET;
+    let segments = segments(device, &cpu, splats, shared_records).map_err(|failure| missing(failure, bytes, done))?;
+    Ok(ResidentScene { cpu, segments, shared_records, bytes })
+}
+
+fn record_bytes(count: usize) -> u64 {
+    (count * layout::record::SIZE) as u64
+}
+
+fn segments(
+    device: &Arc<Device>,
+    cpu: &UploadedScene,
+    splats: Vec<Buffer>,
+    shared_records: bool,
+) -> Result<Vec<ResidentSegment>, Failure> {
+    let records = |count: usize| -> Result<Arc<Buffer>, Failure> {
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER;
+        Ok(Arc::new(Buffer::new(device, "records", record_bytes(count), usage, MemoryLocation::GpuOnly)?))
+    };
+    let largest = cpu.segments.iter().map(|segment| segment.members.len()).max().unwrap_or(0);
+    let shared = if shared_records { Some(records(largest)?) } else { None };
+    let mut segments = Vec::with_capacity(splats.len());
+    for (segment, splats) in cpu.segments.iter().zip(splats) {
+        let count = segment.members.len();
+        segments.push(ResidentSegment {
+            uniform: Buffer::filled(device, "segment", &segment.uniform, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
+            splats,
+            records: shared.clone().map_or_else(|| records(count), Ok)?,
+            count: count as u32,
+        });
+    }
+    Ok(segments)
+}
+
+/// Words in the device's own memory, by way of the host's.
+fn resident(device: &Arc<Device>, words: &[u32]) -> Result<Buffer, Failure> {
+    let bytes = 4 * words.len() as u64;
+    let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
+    let buffer = Buffer::new(device, "splats", bytes, usage, MemoryLocation::GpuOnly)?;
+    let staged = Buffer::filled(device, "staged splats", words, vk::BufferUsageFlags::TRANSFER_SRC)?;
+    submit(device, |commands| {
+        commands.copy(staged.raw(), buffer.raw(), bytes);
+        commands.barrier();
+        Ok(())
+    })?;
+    Ok(buffer)
+}
+
+fn too_large(needed: u64, there: u64) -> Failure {
+    Failure::Other(format!(
+        "the scene's splats need {needed} bytes of device memory, which has {there}: {} are missing; draw fewer splats, or \
+         choose --backend cpu",
+        needed.saturating_sub(there)
+    ))
+}
+
+fn missing(failure: Failure, needed: u64, done: u64) -> RenderError {
+    match failure {
+        Failure::OutOfMemory => too_large(needed, done).into(),
+        other => other.into(),
+    }
+}

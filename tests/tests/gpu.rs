@@ -1,0 +1,142 @@
+//! The GPU backends: the reference's picture on whatever adapter there is, without a word from the validation layers, and
+//! each other's picture where both have the same driver.
+
+mod common;
+
+use surfel_conformance::harness::{ABSOLUTE, RELATIVE, Report, Verdict, check_backend, render};
+use surfel_conformance::scenes::{self, Case};
+use surfel_model::{Accumulate, DepthTolerance};
+use surfel_render::{Frame, Planes, Region, Renderer, View};
+
+/// Runs the same tests on each backend.
+macro_rules! on_each_backend {
+    ($($name:ident),+) => {
+        mod wgpu {
+            $(#[test] fn $name() {
+                if let Some(renderer) = super::common::wgpu() {
+                    super::$name(renderer);
+                    super::common::no_messages();
+                }
+            })+
+        }
+        mod ash {
+            $(#[test] fn $name() {
+                // What the layer says is an error of the call.
+                if let Some(renderer) = super::common::ash() {
+                    super::$name(renderer);
+                }
+            })+
+        }
+    };
+}
+
+on_each_backend!(
+    agrees_with_the_reference_on_every_scene,
+    region_is_that_part_of_the_whole,
+    fragment_is_kept_by_its_own_splat_without_tolerance,
+    fragments_are_counted_as_the_cpu_does,
+    sums_in_f16_are_close,
+    empty_scene_is_background
+);
+
+fn agrees_with_the_reference_on_every_scene(mut renderer: impl Renderer) {
+    let reports = check_backend(&mut renderer);
+    let failed: Vec<String> = reports.iter().filter(|r| !r.is_ok()).map(ToString::to_string).collect();
+    assert!(failed.is_empty(), "{}", failed.join("\n"));
+    // What is refused is edge antialiasing, and nothing else.
+    let skipped = |r: &&Report| matches!(r.verdict, Verdict::Skipped(_));
+    assert!(reports.iter().filter(skipped).all(|r| r.name.ends_with("edge-aa")));
+}
+
+fn region_is_that_part_of_the_whole(mut renderer: impl Renderer) {
+    for case in scenes::all().iter().filter(|c| !c.settings.edge_aa).step_by(5) {
+        let [width, height] = case.camera.size;
+        let region = Region { x: width / 3, y: height / 4, width: width.div_ceil(2), height: height.div_ceil(2) };
+        let whole = render(&mut renderer, case, Planes::COLOR).unwrap();
+        let view = View::of_region(&case.camera, Some(region)).unwrap();
+        let resident = renderer.upload(&case.scene).unwrap();
+        let mut part = Frame::default();
+        renderer.render(&resident, &view, &case.settings, Planes::COLOR, &mut part).unwrap();
+        for (i, pixel) in part.color.iter().enumerate() {
+            let (x, y) = (region.x + i as u32 % region.width, region.y + i as u32 / region.width);
+            let same = whole.color[(y * width + x) as usize];
+            // Forms of near splats have their anchor in the middle of what is seen of them, so last bits differ there.
+            let close = pixel.iter().zip(same).all(|(a, b)| (a - b).abs() <= 1e-5);
+            assert!(close, "{} at {x},{y}: {pixel:?} {same:?}", case.name);
+        }
+    }
+}
+
+fn fragment_is_kept_by_its_own_splat_without_tolerance(mut renderer: impl Renderer) {
+    // z ≤ z decides: the passes must come to the same depth, to the bit.
+    let planes = Planes { weight: true, ..Planes::COLOR };
+    for tolerance in [DepthTolerance::Relative(0.0), DepthTolerance::Absolute(0.0)] {
+        let case = scenes::facing_splat().with("no tolerance", |s| s.depth_tolerance = tolerance);
+        let ours = render(&mut renderer, &case, planes).unwrap();
+        let theirs = render(&mut surfel_cpu::Renderer::new(1).unwrap(), &case, planes).unwrap();
+        for (a, b) in ours.weight.iter().zip(theirs.weight) {
+            assert!(f64::from(a - b).abs() <= ABSOLUTE + RELATIVE * f64::from(b), "{a} {b}");
+        }
+    }
+}
+
+fn fragments_are_counted_as_the_cpu_does(mut renderer: impl Renderer) {
+    let case = scenes::closed_sphere();
+    let planes = Planes { fragments: true, ..Planes::COLOR };
+    let ours = render(&mut renderer, &case, planes).unwrap();
+    let theirs = render(&mut surfel_cpu::Renderer::new(1).unwrap(), &case, planes).unwrap();
+    let differ = ours.fragments.iter().zip(&theirs.fragments).filter(|(a, b)| a != b).count();
+    // A fragment on a rim may come or go by rounding.
+    assert!(differ * 100 < ours.fragments.len(), "{differ} of {}", ours.fragments.len());
+    let resident = renderer.upload(&case.scene).unwrap();
+    let stats = renderer.render(&resident, &case.view(), &case.settings, planes, &mut Frame::default()).unwrap();
+    assert_eq!(stats.fragments, ours.fragments.iter().map(|&n| u64::from(n)).sum::<u64>());
+    assert!(stats.drawn > 0 && stats.drawn <= stats.splats);
+}
+
+fn sums_in_f16_are_close(mut renderer: impl Renderer) {
+    let case = scenes::closed_sphere();
+    let halves = case.with("f16", |s| s.accumulate = Accumulate::F16);
+    let [full, half] = [&case, &halves].map(|case| render(&mut renderer, case, Planes::COLOR).unwrap());
+    let worst = full.color.as_flattened().iter().zip(half.color.as_flattened()).map(|(a, b)| (a - b).abs());
+    let worst = worst.fold(0.0, f32::max);
+    // Ten fragments of 2⁻¹¹ each; identical pictures would mean that nothing was done in f16.
+    assert!(worst > 1e-5 && worst < 5e-3, "{worst}");
+}
+
+fn empty_scene_is_background(mut renderer: impl Renderer) {
+    let case = scenes::facing_splat();
+    let mut scene = case.scene.clone();
+    scene.objects.clear();
+    let frame = render(&mut renderer, &Case { scene, ..case }, Planes::ALL).unwrap();
+    assert!(frame.color.iter().all(|c| *c == [0.01, 0.015, 0.025, 0.5]));
+    assert!(frame.depth.iter().all(|z| *z == f32::INFINITY) && frame.weight.iter().all(|w| *w == 0.0));
+}
+
+#[test]
+fn ash_and_wgpu_draw_the_same_picture_on_one_driver() {
+    let (Some(mut ash), Some(mut wgpu)) = (common::ash(), common::wgpu()) else { return };
+    if ash.info().adapter != wgpu.info().adapter {
+        println!("skipped: adapters differ: {} and {}", ash.info().adapter, wgpu.info().adapter);
+        return;
+    }
+    let mut worst = 0.0f32;
+    for case in scenes::all().iter().filter(|c| !c.settings.edge_aa) {
+        let ours = render(&mut ash, case, Planes::ALL).unwrap();
+        let theirs = render(&mut wgpu, case, Planes::ALL).unwrap();
+        let planes = [
+            (ours.color.as_flattened(), theirs.color.as_flattened()),
+            (ours.normal.as_flattened(), theirs.normal.as_flattened()),
+            (&ours.depth, &theirs.depth),
+            (&ours.weight, &theirs.weight),
+        ];
+        for (a, b) in planes.iter().flat_map(|(a, b)| a.iter().zip(b.iter())).filter(|(a, b)| a != b) {
+            // Relative above 1, so that scenes of 1e4 units count the same.
+            let error = (a - b).abs() / b.abs().max(1.0);
+            assert!(error <= 1e-5, "{}: {a} and {b}", case.name);
+            worst = worst.max(error);
+        }
+    }
+    println!("worst difference {worst:e}");
+    common::no_messages();
+}
