@@ -55,6 +55,8 @@ struct Frame {
     normal_at: u32,
     weight_at: u32,
     fragments_at: u32,
+    // A host's depth buffer holds x + y/z (perspective), or x + y·z (orthographic).
+    host_depth: vec2f,
     // A uniform buffer aligns structs so.
     @align(16) tolerance: Tolerance,
 }

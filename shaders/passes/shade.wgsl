@@ -99,3 +99,29 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
         planes[frame.fragments_at + at] = textureLoad(count_sums, pixel, 0).r;
     }
 }
+
+// Three corners that hold the whole target.
+@vertex
+fn composite_vertex(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4f {
+    let corner = vec2f(f32((vertex << 1u) & 2u), f32(vertex & 2u));
+    return vec4f(corner * 2.0 - 1.0, 0.0, 1.0);
+}
+
+struct Composite {
+    @location(0) color: vec4f,
+    @builtin(frag_depth) depth: f32,
+}
+
+// The picture as a part of a host's: its depth test decides where it shows.
+@fragment
+fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
+    let surface = shaded(vec2i(floor(position.xy)));
+    if !surface.is_there {
+        discard;
+    }
+    var along = 1.0 / surface.z;
+    if frame.projection.kind == ORTHOGRAPHIC {
+        along = surface.z;
+    }
+    return Composite(vec4f(surface.color, 1.0), fma(frame.host_depth.y, along, frame.host_depth.x));
+}

@@ -2,17 +2,18 @@
 //
 // Source: Dekker 1971, products as a rounded head and an exact rest. The twin's fma (Kahan) isn't used: WGSL lets an
 // implementation round it twice, and lets it fuse a product and a sum that are written apart. Here every product whose
-// rounding matters is of 12-bit halves, so it is exact however it is evaluated, and heads are cut by integer arithmetic,
-// which no compiler fuses or reassociates. The error is below 2 ulp of the result, however much cancels.
+// rounding matters is of 12-bit halves, so it is exact however it is evaluated, and heads pass through integer arithmetic,
+// which nothing is fused across. The error is below 2 ulp of the result, however much cancels.
 
 // The upper 12 bits of a's significand; a less this is exact and has 12 bits, too.
 fn upper_half(a: f32) -> f32 {
     return bitcast<f32>(bitcast<u32>(a) & 0xfffff000u);
 }
 
-// a·b to 23 bits: an even last bit, so that the rest fits into a float.
+// a·b, rounded. No product is as large as the bound, but no compiler knows, so it can't be fused into a sum.
 fn product_head(a: f32, b: f32) -> f32 {
-    return bitcast<f32>(bitcast<u32>(a * b) & 0xfffffffeu);
+    let product = a * b;
+    return bitcast<f32>(bitcast<u32>(product) ^ select(0u, 1u, abs(product) > 3.4e38));
 }
 
 // a·b − head, exactly.

@@ -78,6 +78,15 @@ impl TileData {
         Self { tile, frame: frame_words(scene, frame, view, plan, tile, &planes), segments, near_records, planes }
     }
 
+    /// Has the tile composed into a host's depth buffer, which holds `offset` + `scale`/z in a perspective projection, and
+    /// `offset` + `scale`·z in an orthographic one.
+    pub fn set_host_depth(&mut self, offset: f32, scale: f32) {
+        let at = layout::frame::HOST_DEPTH / 4;
+        for (word, value) in self.frame.iter_mut().skip(at).zip([offset, scale]) {
+            *word = value.to_bits();
+        }
+    }
+
     /// Segments that may touch the tile.
     pub fn visible(&self) -> Vec<usize> {
         let inside = self.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside);

@@ -1,6 +1,7 @@
 //! Runs a tile's steps.
 
-use crate::pipelines::{Pipelines, Precision};
+use crate::host::HostTarget;
+use crate::pipelines::{HostKey, Pipelines, Precision};
 use crate::scene::{ResidentScene, filled, records_group};
 use crate::targets::Targets;
 use crate::timing::Timer;
@@ -91,6 +92,30 @@ impl<'a> Tile<'a> {
                 let [width, height] = self.targets.key.size;
                 pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
             }
+        }
+    }
+
+    /// Composes the picture into a host's.
+    pub(crate) fn composite(&self, encoder: &mut wgpu::CommandEncoder, host: HostKey, target: &HostTarget<'_>) {
+        let load = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
+        let color =
+            wgpu::RenderPassColorAttachment { view: target.color, depth_slice: None, resolve_target: None, ops: load };
+        let depth = wgpu::RenderPassDepthStencilAttachment {
+            view: target.depth,
+            depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store }),
+            stencil_ops: None,
+        };
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("composite"),
+            color_attachments: &[Some(color)],
+            depth_stencil_attachment: Some(depth),
+            ..wgpu::RenderPassDescriptor::default()
+        });
+        if let Some(pipeline) = self.pipelines.composite(host) {
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &self.frame_group, &[]);
+            pass.set_bind_group(1, &self.targets.composite_group, &[]);
+            pass.draw(0..3, 0..1);
         }
     }
 

@@ -21,6 +21,7 @@
 mod adapter;
 mod error;
 mod execute;
+mod host;
 mod pipelines;
 mod readback;
 mod renderer;
@@ -29,6 +30,7 @@ mod targets;
 mod timing;
 
 pub use adapter::{AdapterSummary, adapters};
+pub use host::{HostDepth, HostTarget};
 pub use renderer::{Options, Renderer};
 pub use scene::ResidentScene;
 

@@ -45,6 +45,17 @@ pub(crate) struct Pipelines {
     pub visibility: wgpu::RenderPipeline,
     sums_layout: wgpu::PipelineLayout,
     sums: HashMap<(Sums, Precision), wgpu::RenderPipeline>,
+    pub composite_group: wgpu::BindGroupLayout,
+    composite_layout: wgpu::PipelineLayout,
+    composites: HashMap<HostKey, wgpu::RenderPipeline>,
+}
+
+/// What a pipeline that composes into a host's picture depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct HostKey {
+    pub color: wgpu::TextureFormat,
+    pub depth: wgpu::TextureFormat,
+    pub compare: wgpu::CompareFunction,
 }
 
 const VERTICES: [&str; 2] = ["visibility_vertex", "attribute_vertex"];
@@ -97,6 +108,7 @@ impl Pipelines {
         let records_group = group(device, "records", &VERTICES, 1);
         let kept_group = group(device, "kept", &fragments, 2);
         let shade_group = group(device, "sums", &["shade"], 1);
+        let composite_group = group(device, "sums to compose", &["composite_fragment"], 1);
         let layout = |label, groups: &[&wgpu::BindGroupLayout]| {
             let bind_group_layouts: Vec<Option<&wgpu::BindGroupLayout>> = groups.iter().copied().map(Some).collect();
             device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -118,16 +130,11 @@ impl Pipelines {
         let setup = compute("setup", &layout("setup", &[&frame_group, &setup_group]));
         let shade = compute("shade", &layout("shade", &[&frame_group, &shade_group]));
         let visibility_layout = layout("visibility", &[&frame_group, &records_group]);
-        let depth = wgpu::DepthStencilState {
-            format: KEPT_FORMAT,
-            depth_write_enabled: Some(true),
-            depth_compare: Some(wgpu::CompareFunction::Greater),
-            stencil: wgpu::StencilState::default(),
-            bias: wgpu::DepthBiasState::default(),
-        };
+        let depth = depth_state(KEPT_FORMAT, wgpu::CompareFunction::Greater);
         let entries = [VERTICES[0], "visibility_fragment"];
-        let visibility = quads(device, &module, &visibility_layout, entries, Some(depth), &[]);
+        let visibility = drawing(device, &module, &visibility_layout, entries, Some(depth), &[]);
         let sums_layout = layout("attributes", &[&frame_group, &records_group, &kept_group]);
+        let composite_layout = layout("composite", &[&frame_group, &composite_group]);
         Self {
             module,
             frame_group,
@@ -140,6 +147,9 @@ impl Pipelines {
             visibility,
             sums_layout,
             sums: HashMap::new(),
+            composite_group,
+            composite_layout,
+            composites: HashMap::new(),
         }
     }
 
@@ -161,8 +171,22 @@ impl Pipelines {
                 Sums::Surface => vec![four.clone(), four],
                 Sums::Further => vec![four, one],
             };
-            quads(device, &self.module, &self.sums_layout, [VERTICES[1], sums.entry()], None, &targets)
+            drawing(device, &self.module, &self.sums_layout, [VERTICES[1], sums.entry()], None, &targets)
         });
+    }
+
+    /// The pipeline that composes into a host's picture, built when it is first needed.
+    pub(crate) fn prepare_composite(&mut self, device: &wgpu::Device, host: HostKey) {
+        self.composites.entry(host).or_insert_with(|| {
+            let target = wgpu::ColorTargetState { format: host.color, blend: None, write_mask: wgpu::ColorWrites::ALL };
+            let entries = ["composite_vertex", "composite_fragment"];
+            let depth = depth_state(host.depth, host.compare);
+            drawing(device, &self.module, &self.composite_layout, entries, Some(depth), &[Some(target)])
+        });
+    }
+
+    pub(crate) fn composite(&self, host: HostKey) -> Option<&wgpu::RenderPipeline> {
+        self.composites.get(&host)
     }
 
     pub(crate) fn sums(&self, sums: Sums, precision: Precision) -> Option<&wgpu::RenderPipeline> {
@@ -175,8 +199,18 @@ fn compilation() -> wgpu::PipelineCompilationOptions<'static> {
     wgpu::PipelineCompilationOptions { constants: &[], zero_initialize_workgroup_memory: false }
 }
 
-/// A pipeline that draws records as quads.
-fn quads(
+fn depth_state(format: wgpu::TextureFormat, compare: wgpu::CompareFunction) -> wgpu::DepthStencilState {
+    wgpu::DepthStencilState {
+        format,
+        depth_write_enabled: Some(true),
+        depth_compare: Some(compare),
+        stencil: wgpu::StencilState::default(),
+        bias: wgpu::DepthBiasState::default(),
+    }
+}
+
+/// A pipeline that draws strips without vertex buffers: records as quads, or one triangle over everything.
+fn drawing(
     device: &wgpu::Device,
     module: &wgpu::ShaderModule,
     layout: &wgpu::PipelineLayout,

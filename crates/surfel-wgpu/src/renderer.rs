@@ -1,7 +1,7 @@
 //! The backend: scenes in, frames out.
 
 use crate::adapter::{self, Opened, blends_f32, renderer_info};
-use crate::error::{Mailbox, scoped};
+use crate::error::{Mailbox, failed, scoped};
 use crate::execute::Tile;
 use crate::pipelines::{Pipelines, Precision};
 use crate::readback::Readback;
@@ -24,15 +24,15 @@ pub struct Options {
 
 /// The wgpu backend.
 pub struct Renderer {
-    device: wgpu::Device,
-    queue: wgpu::Queue,
-    info: RendererInfo,
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    pub(crate) info: RendererInfo,
     is_software: bool,
     /// The adapter blends f32.
     f32_sums: bool,
-    errors: Mailbox,
-    pipelines: Pipelines,
-    targets: Option<Targets>,
+    pub(crate) errors: Mailbox,
+    pub(crate) pipelines: Pipelines,
+    pub(crate) targets: Option<Targets>,
     timer: Option<Timer>,
 }
 
@@ -79,6 +79,24 @@ impl Renderer {
         self.is_software
     }
 
+    /// Precision of a plan's sums on this adapter.
+    pub(crate) fn precision(&self, plan: &FramePlan) -> Precision {
+        let f32_sums = self.f32_sums && plan.accumulate == Accumulate::F32;
+        if f32_sums { Precision::F32 } else { Precision::F16 }
+    }
+
+    /// Makes pipelines and targets, where they aren't there from the frame before.
+    pub(crate) fn prepare(&mut self, sums: &[Sums], key: TargetKey) {
+        for &sums in sums {
+            self.pipelines.prepare(&self.device, sums, key.precision);
+        }
+        if self.targets.as_ref().is_none_or(|targets| targets.key != key) {
+            // The old ones go first: both may not fit.
+            self.targets = None;
+            self.targets = Some(Targets::new(&self.device, &self.pipelines, key));
+        }
+    }
+
     /// Draws one tile into the frame.
     fn tile(
         &mut self,
@@ -90,21 +108,18 @@ impl Renderer {
     ) -> Result<(), RenderError> {
         let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
         let sums = Sums::of(plan);
-        let f32_sums = self.f32_sums && plan.accumulate == Accumulate::F32;
         let key = TargetKey {
             size: [tile.width, tile.height],
-            precision: if f32_sums { Precision::F32 } else { Precision::F16 },
+            precision: self.precision(plan),
             surface: sums.contains(&Sums::Surface),
             further: sums.contains(&Sums::Further),
             floats: data.planes.floats,
         };
-        let readback = scoped(&self.device, || {
-            for &sums in &sums {
-                self.pipelines.prepare(&self.device, sums, key.precision);
-            }
-            self.targets = self.targets.take().filter(|targets| targets.key == key);
-            let targets = self.targets.get_or_insert_with(|| Targets::new(&self.device, &self.pipelines, key));
-            let parts = (scene, &self.pipelines, &*targets);
+        let device = self.device.clone();
+        let readback = scoped(&device, || {
+            self.prepare(&sums, key);
+            let targets = self.targets.as_ref()?;
+            let parts = (scene, &self.pipelines, targets);
             let job = Tile::new(&self.device, &self.queue, parts, frame_scene, &data);
             let mut encoder =
                 self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("tile") });
@@ -124,8 +139,9 @@ impl Renderer {
             parts.extend(times.as_ref().map(|(buffer, bytes)| (buffer, *bytes)));
             let readback = Readback::record(&self.device, &mut encoder, &parts);
             self.queue.submit([encoder.finish()]);
-            readback
+            Some(readback)
         })?;
+        let Some(readback) = readback else { return Err(failed("the targets were not made")) };
         let timer = self.timer.as_ref();
         readback.read(&self.device, |parts| {
             let [planes, drawn, times @ ..] = parts else { return };

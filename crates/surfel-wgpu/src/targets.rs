@@ -23,6 +23,8 @@ pub(crate) struct Targets {
     pub planes: wgpu::Buffer,
     pub kept_group: wgpu::BindGroup,
     pub shade_group: wgpu::BindGroup,
+    /// For composing into a host's picture.
+    pub composite_group: wgpu::BindGroup,
 }
 
 impl Targets {
@@ -67,7 +69,14 @@ impl Targets {
             layout: &pipelines.shade_group,
             entries: &entries,
         });
-        Self { key, kept, sums, planes, kept_group, shade_group }
+        // The first three: colour, surface and material.
+        let composed: Vec<wgpu::BindGroupEntry<'_>> = entries.iter().take(3).cloned().collect();
+        let composite_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("sums to compose"),
+            layout: &pipelines.composite_group,
+            entries: &composed,
+        });
+        Self { key, kept, sums, planes, kept_group, shade_group, composite_group }
     }
 
     /// The targets that a pass writes.

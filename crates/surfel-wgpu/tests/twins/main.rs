@@ -1,0 +1,80 @@
+//! Each WGSL formula against its twin in surfel-math, on a real driver: both are run on the same f32 inputs, and their errors
+//! are measured against the twin's f64 instantiation. The GPU's may be at most twice the CPU's plus 4 ulp.
+
+mod device;
+mod inputs;
+mod kernels;
+
+use device::Device;
+use kernels::{KERNELS, Kernel};
+use std::collections::BTreeSet;
+use surfel_shaders::TWINS;
+
+/// Samples of each kind of input.
+const SAMPLES: usize = 2048;
+
+/// Greatest error of a kernel's outputs, in ulp of its result's scale.
+#[derive(Clone, Copy, Debug, Default)]
+struct Error {
+    ulp: f64,
+    sample: usize,
+}
+
+/// Errors of `got` against f64. Infinities and NaN in the exact result are no sample.
+fn error(kernel: &Kernel, inputs: &[Vec<f32>], got: &[f32]) -> Error {
+    let mut worst = Error::default();
+    for (i, (x, got)) in inputs.iter().zip(got.chunks_exact(kernel.outputs)).enumerate() {
+        let wide: Vec<f64> = x.iter().map(|&v| v.into()).collect();
+        let exact = (kernel.exact)(&wide);
+        assert_eq!(exact.len(), kernel.outputs, "{}", kernel.name);
+        if exact.iter().any(|e| !e.is_finite() || e.abs() > f64::from(f32::MAX)) {
+            continue;
+        }
+        let mut at = 0;
+        for (index, &length) in kernel.groups.iter().enumerate() {
+            let group = &exact[at..at + length];
+            // The scale of a vector is its largest coordinate; a sum that may cancel says what its terms are.
+            let largest = group.iter().fold(0.0f64, |a, b| a.max(b.abs()));
+            let scale = kernel.scale.map_or(largest, |scale| scale(&wide, index).max(largest));
+            // Below the least normal number a GPU may give zero.
+            let ulp = scale.max(f64::from(f32::MIN_POSITIVE) * 16.0) * f64::from(f32::EPSILON);
+            for (g, e) in got[at..at + length].iter().zip(group) {
+                let error = (f64::from(*g) - e).abs() / ulp;
+                if error.is_nan() || error > worst.ulp {
+                    worst = Error { ulp: if error.is_nan() { f64::INFINITY } else { error }, sample: i };
+                }
+            }
+            at += length;
+        }
+    }
+    worst
+}
+
+#[test]
+fn formulas_on_the_gpu_err_at_most_twice_as_much_as_on_the_cpu() {
+    let Some(device) = Device::open() else { return };
+    let mut failures = Vec::new();
+    for kernel in KERNELS {
+        for (kind, make) in [("ordinary", kernel.ordinary), ("adversarial", kernel.adversarial)] {
+            let mut random = inputs::Random::new(kernel.name);
+            let inputs: Vec<Vec<f32>> = (0..SAMPLES).map(|_| make(&mut random)).collect();
+            let cpu: Vec<f32> = inputs.iter().flat_map(|x| (kernel.rounded)(x)).collect();
+            let gpu = device.run(kernel, &inputs);
+            let (cpu, gpu) = (error(kernel, &inputs, &cpu), error(kernel, &inputs, &gpu));
+            println!("{:24} {kind:11} cpu {:10.2} gpu {:10.2} ulp", kernel.name, cpu.ulp, gpu.ulp);
+            // Neither is NaN: that counts as infinite.
+            if gpu.ulp > 2.0 * cpu.ulp + 4.0 {
+                let x = &inputs[gpu.sample];
+                failures.push(format!("{} {kind}: cpu {}, gpu {} ulp at {x:?}", kernel.name, cpu.ulp, gpu.ulp));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn every_twin_is_measured() {
+    let measured: BTreeSet<&str> = KERNELS.iter().map(|kernel| kernel.name.split('/').next().unwrap()).collect();
+    let twins: BTreeSet<&str> = TWINS.iter().map(|twin| twin.wgsl).collect();
+    assert_eq!(measured, twins);
+}
