@@ -11,7 +11,8 @@ struct AttributeVertex {
     @location(2) @interpolate(flat, either) uv: vec4f,
     @location(3) @interpolate(flat, either) depth: vec4f,
     @location(4) @interpolate(flat, either) at_anchor: vec3f,
-    @location(5) @interpolate(flat, either) w: vec2f,
+    // Gradient of w, and coverage of a unit of weight.
+    @location(5) @interpolate(flat, either) w: vec3f,
     @location(6) @interpolate(flat, either) color: vec3f,
     @location(7) @interpolate(flat, either) normal: vec3f,
     @location(8) @interpolate(flat, either) flags: u32,
@@ -27,7 +28,7 @@ fn attribute_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index)
         vec4f(r.u, r.v),
         vec4f(r.depth, r.range),
         vec3f(r.at_anchor, r.w_at_anchor),
-        r.w,
+        vec3f(r.w, r.coverage),
         r.color,
         r.normal,
         r.flags,
@@ -44,7 +45,7 @@ fn contribution(in: AttributeVertex) -> Contribution {
     let d = offset_of(in.position, in.base, in.anchor.xy);
     let u = form_at(in.uv.xy, d, in.at_anchor.x);
     let v = form_at(in.uv.zw, d, in.at_anchor.y);
-    let w = form_at(in.w, d, in.at_anchor.z);
+    let w = form_at(in.w.xy, d, in.at_anchor.z);
     let square = fma(u, u, v * v);
     var inside = 0.0 < w && square <= w * w;
     var rho_squared = square / (select(1.0, w * w, inside));
@@ -86,16 +87,17 @@ fn surface_fragment(in: AttributeVertex) -> SurfaceSums {
 
 struct FurtherSums {
     @location(0) material: vec4f,
-    @location(1) count: f32,
+    // Number of fragments, and coverage.
+    @location(1) counts: vec2f,
 }
 
-// Σw·material factors, and how many fragments there are: a pass of its own, because both are rare and a sample of all
-// targets would be larger than the 32 bytes that every adapter has.
+// Σw·material factors, how many fragments there are and what they cover: a pass of its own, because all are rare and a
+// sample of all targets would be larger than the 32 bytes that every adapter has.
 @fragment
 fn further_fragment(in: AttributeVertex) -> FurtherSums {
     let c = contribution(in);
     if !c.is_there {
         discard;
     }
-    return FurtherSums(objects[in.flags >> RECORD_OBJECT].material * c.weight, 1.0);
+    return FurtherSums(objects[in.flags >> RECORD_OBJECT].material * c.weight, vec2f(1.0, c.weight * in.w.z));
 }

@@ -13,7 +13,8 @@ const SHADER_PHONG: u32 = 1u;
 const SHADER_NORMAL: u32 = 2u;
 const SHADER_DEPTH: u32 = 3u;
 
-// A frame, or one tile of it where it doesn't fit into a texture.
+// A frame, or one tile of it where it doesn't fit into a texture. Where edges are antialiased, targets have a border of one
+// pixel more than what is shaded, for neighbours.
 struct Frame {
     projection: Projection,
     // h, pixels; 0 for no filter.
@@ -23,7 +24,7 @@ struct Frame {
     // Rotation of view axes to world axes, and back.
     world_from_view: mat3x3f,
     view_from_world: mat3x3f,
-    // First pixel and size of the tile.
+    // First pixel and size of the targets.
     origin_px: vec2i,
     size_px: vec2u,
     // Slope (orthographic: offset) of the ray through the centre of pixel i: start + i·step.
@@ -49,12 +50,17 @@ struct Frame {
     has_colors: u32,
     has_materials: u32,
     light_count: u32,
+    // Edges are antialiased.
+    has_edges: u32,
     // First value of each plane in `planes`, or ABSENT.
     color_at: u32,
     depth_at: u32,
     normal_at: u32,
     weight_at: u32,
     fragments_at: u32,
+    // First pixel, counted within the targets, and size of what is shaded.
+    shade_origin_px: vec2u,
+    shade_size_px: vec2u,
     // A host's depth buffer holds x + y/z (perspective), or x + y·z (orthographic).
     host_depth: vec2f,
     // A uniform buffer aligns structs so.
@@ -73,6 +79,8 @@ struct Object {
     // Back-facing splats are left out; show the reverse of their shading normal.
     cull_back: u32,
     two_sided: u32,
+    // Coverage of a unit of weight: 1/W0 at the frame's cutoff.
+    coverage: f32,
 }
 
 // Up to 256 splats about one origin.
@@ -138,6 +146,8 @@ struct Record {
     w_at_anchor: f32,
     // World shading normal, turned to the eye where the material is two-sided.
     normal: vec3f,
+    // Coverage of a unit of weight, a/W0.
+    coverage: f32,
     // Pixels of the tile that the unfiltered and the filtered footprint may touch: first column | first row << 16, end
     // column | end row << 16.
     visible_box: vec2u,

@@ -68,8 +68,8 @@ fn visibility_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index
     );
 }
 
-@fragment
-fn visibility_fragment(in: VisibilityVertex) -> @builtin(frag_depth) f32 {
+// Depth of a fragment of the unfiltered splat; 0 where there is none.
+fn visible_depth(in: VisibilityVertex) -> f32 {
     let d = offset_of(in.position, in.base, in.anchor.xy);
     let u = form_at(in.uv.xy, d, in.at_anchor.x);
     let v = form_at(in.uv.zw, d, in.at_anchor.y);
@@ -78,8 +78,30 @@ fn visibility_fragment(in: VisibilityVertex) -> @builtin(frag_depth) f32 {
         w = form_at(in.depth.xy, d, in.at_anchor.z);
     }
     let z = fragment_depth(d, in.depth, in.anchor.z, in.at_anchor.z, in.flags);
-    if !(0.0 < w && fma(u, u, v * v) <= w * w && exists(z)) {
+    return select(0.0, z, 0.0 < w && fma(u, u, v * v) <= w * w && exists(z));
+}
+
+@fragment
+fn visibility_fragment(in: VisibilityVertex) -> @builtin(frag_depth) f32 {
+    let z = visible_depth(in);
+    if z <= 0.0 {
         discard;
     }
     return comparable(z + in.anchor.w);
+}
+
+struct Written {
+    @builtin(frag_depth) depth: f32,
+    // What is kept and its writer's ε, for finding edges.
+    @location(0) writer: vec2f,
+}
+
+@fragment
+fn writer_fragment(in: VisibilityVertex) -> Written {
+    let z = visible_depth(in);
+    if z <= 0.0 {
+        discard;
+    }
+    let kept_z = z + in.anchor.w;
+    return Written(comparable(kept_z), vec2f(kept_z, in.anchor.w));
 }

@@ -45,6 +45,9 @@ fn extent_union(a: Extent, b: Extent) -> Extent {
 fn filtered_by(projected: Projected, visible: Footprint) -> Filtered {
     let projective = frame.projective != 0u;
     switch frame.filter_kind {
+        case FILTER_CLAMP: {
+            return Filtered(visible, 1.0, area_ratio(projected, frame.radius_px));
+        }
         case FILTER_ADJUST: {
             return adjust(projected, frame.radius_px, projective);
         }
@@ -176,6 +179,7 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     record.w_at_anchor = 1.0;
     record.color = color;
     record.normal = shading * select(1.0, -1.0, back_facing && object.two_sided != 0u);
+    record.coverage = filtered.coverage_scale * object.coverage;
     record.visible_box = packed_box(visible_box);
     record.filtered_box = packed_box(filtered_box);
     records_out[i] = record;

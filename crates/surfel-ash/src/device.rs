@@ -61,7 +61,7 @@ impl Facts {
             limits,
             allocation_bytes: maintenance.max_memory_allocation_size,
             memory_bytes: own.map(|heap| heap.size).sum(),
-            blends_f32: blends(vk::Format::R32G32B32A32_SFLOAT) && blends(vk::Format::R32_SFLOAT),
+            blends_f32: blends(vk::Format::R32G32B32A32_SFLOAT) && blends(vk::Format::R32G32_SFLOAT),
             timestamp_period: if candidate.timestamp_bits > 0 { limits.timestamp_period.into() } else { 0.0 },
             counts_samples: enabled.occlusion_query_precise == vk::TRUE,
             counts_invocations: enabled.pipeline_statistics_query == vk::TRUE,

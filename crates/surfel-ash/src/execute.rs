@@ -5,15 +5,15 @@ use crate::descriptors::{Resource, Sets};
 use crate::device::Device;
 use crate::error::Failure;
 use crate::memory::Buffer;
-use crate::passes::Kind;
-use crate::pipelines::{Pipeline, Pipelines};
+use crate::pipelines::{DrawPipeline, Pipeline, Pipelines};
 use crate::queries::Queries;
 use crate::scene::ResidentScene;
 use crate::targets::Targets;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
+use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_gpu::{FrameScene, Step, Sums, TileData, groups};
+use surfel_gpu::{Draw, FrameScene, Layer, SHADE_READS, Step, Sums, TileData, groups};
 
 /// Everything that the steps of a tile read. Dropped after they were executed.
 pub(crate) struct Tile<'a> {
@@ -22,8 +22,11 @@ pub(crate) struct Tile<'a> {
     targets: &'a Targets,
     queries: &'a Queries,
     frame: vk::DescriptorSet,
-    kept: vk::DescriptorSet,
     shade: vk::DescriptorSet,
+    /// What draws read.
+    reads: HashMap<Draw, vk::DescriptorSet>,
+    /// Size of what is shaded.
+    shaded: [u32; 2],
     segments: Vec<Option<SegmentSets>>,
     near: Option<(vk::DescriptorSet, u32)>,
     /// Splats that were set up and touch the tile, and where the host reads it.
@@ -48,8 +51,9 @@ impl<'a> Tile<'a> {
         data: &TileData,
     ) -> Result<Self, Failure> {
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        // Frame, kept, sums and near records; three of each segment.
-        let sets = Sets::new(device, 4 + 3 * scene.segments.len() as u32)?;
+        // Frame, sums and near records; one of each draw; three of each segment.
+        let draws = &targets.key.draws;
+        let sets = Sets::new(device, (3 + draws.len() + 3 * scene.segments.len()) as u32)?;
         let mut buffers = Vec::new();
         let frame_buffers = [
             Buffer::filled(device, "frame", &data.frame, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
@@ -88,18 +92,29 @@ impl<'a> Tile<'a> {
             None
         };
         buffers.push(again);
-        let kept = sets.set(&pipelines.kept_set, "kept", &[Resource::Image(&targets.kept)])?;
-        let images = targets.sums.iter().map(Resource::Image);
-        let resources: Vec<Resource<'_>> = images.chain([Resource::Buffer(&targets.planes)]).collect();
-        let shade = sets.set(&pipelines.shade_set, "sums", &resources)?;
+        let bound = |reads| -> Vec<(u32, Resource<'_>)> {
+            targets.images(reads).into_iter().map(|(binding, image)| (binding, Resource::Image(image))).collect()
+        };
+        let only = |bound: &[(u32, Resource<'a>)]| -> Vec<Resource<'a>> { bound.iter().map(|entry| entry.1).collect() };
+        let mut reads = HashMap::new();
+        for &draw in draws.iter().filter(|draw| !draw.reads().is_empty()) {
+            let layout = &pipelines.draw(draw, targets.key.precision)?.reads_set;
+            reads.insert(draw, sets.set(layout, draw.name(), &only(&bound(draw.reads())))?);
+        }
+        let mut shade = bound(&SHADE_READS);
+        // The one binding that the images leave free.
+        shade.push((4, Resource::Buffer(&targets.planes)));
+        shade.sort_by_key(|entry| entry.0);
+        let shade = sets.set(&pipelines.shade_set, "sums", &only(&shade))?;
         Ok(Self {
             scene,
             pipelines,
             targets,
             queries,
             frame: frame_set,
-            kept,
             shade,
+            reads,
+            shaded: data.shaded,
             segments,
             near,
             drawn,
@@ -140,44 +155,32 @@ impl<'a> Tile<'a> {
                 }
                 Ok(())
             }
-            Step::Visibility { segments, first } => self.draw(commands, Kind::Visibility, segments, *first, false),
-            Step::Sums { sums, segments, first } => {
-                let kind = Kind::Sums(*sums, self.targets.key.precision);
-                self.draw(commands, kind, segments, *first, *sums != Sums::Further)
-            }
+            Step::Draw { draw, segments, first } => self.draw(commands, *draw, segments, *first),
             Step::Shade => {
                 let pipeline = &self.pipelines.shade;
                 bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                 bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &[self.frame, self.shade]);
-                let [width, height] = self.targets.key.size;
+                let [width, height] = self.shaded;
                 dispatch(commands, [groups(width, "shade", 0), groups(height, "shade", 1)]);
                 Ok(())
             }
         }
     }
 
-    /// Draws records as quads; the near splats, too, where it is the first draw of its kind.
-    fn draw(
-        &self,
-        commands: &Commands<'_>,
-        kind: Kind,
-        segments: &[usize],
-        first: bool,
-        counts: bool,
-    ) -> Result<(), Failure> {
+    fn draw(&self, commands: &Commands<'_>, draw: Draw, segments: &[usize], first: bool) -> Result<(), Failure> {
         let vulkan = &commands.device.raw;
-        let draw = self.pipelines.draw(kind)?;
+        let DrawPipeline { pipeline, pass, .. } = self.pipelines.draw(draw, self.targets.key.precision)?;
         let [width, height] = self.targets.key.size;
         let area = vk::Rect2D { offset: vk::Offset2D::default(), extent: vk::Extent2D { width, height } };
-        let clear_values = draw.pass.clear_values();
+        let clear_values = pass.clear_values();
         let info = vk::RenderPassBeginInfo::default()
-            .render_pass(draw.pass.raw(first))
-            .framebuffer(self.targets.framebuffer(kind)?)
+            .render_pass(pass.raw(first))
+            .framebuffer(self.targets.framebuffer(draw)?)
             .render_area(area)
             .clear_values(&clear_values);
         // SAFETY: pass and framebuffer are compatible, the images are in the pass's initial layouts; it is ended below.
         unsafe { vulkan.cmd_begin_render_pass(commands.raw, &info, vk::SubpassContents::INLINE) };
-        bind_pipeline(commands, &draw.pipeline, vk::PipelineBindPoint::GRAPHICS);
+        bind_pipeline(commands, pipeline, vk::PipelineBindPoint::GRAPHICS);
         // Clip space has y up, as in WebGPU: the viewport turns it over.
         let (width, height) = (width as f32, height as f32);
         let viewport = vk::Viewport { x: 0.0, y: height, width, height: -height, min_depth: 0.0, max_depth: 1.0 };
@@ -185,23 +188,25 @@ impl<'a> Tile<'a> {
         unsafe { vulkan.cmd_set_viewport(commands.raw, 0, &[viewport]) };
         // SAFETY: inside of the framebuffer; the pipeline's scissor is dynamic.
         unsafe { vulkan.cmd_set_scissor(commands.raw, 0, &[area]) };
+        let reads = self.reads.get(&draw).copied();
+        let strip = |records: Option<vk::DescriptorSet>, vertices: u32, count: u32| {
+            let sets: Vec<vk::DescriptorSet> = [Some(self.frame), records, reads].into_iter().flatten().collect();
+            bind_sets(commands, pipeline, vk::PipelineBindPoint::GRAPHICS, &sets);
+            // SAFETY: pipeline, sets, viewport and scissor are set; there are `count` records where records are drawn.
+            unsafe { vulkan.cmd_draw(commands.raw, vertices, count, 0, 0) };
+        };
         let quads = || {
             let drawn = segments.iter().filter_map(|&i| Some((self.scene.segments.get(i)?, self.segments.get(i)?)));
             let drawn = drawn.filter_map(|(segment, sets)| Some((sets.as_ref()?.records, segment.count)));
+            // The near splats have no segment: they go with the first.
             for (records, count) in drawn.chain(self.near.filter(|_| first)) {
-                let sets = match kind {
-                    Kind::Visibility => vec![self.frame, records],
-                    Kind::Sums(..) => vec![self.frame, records, self.kept],
-                };
-                bind_sets(commands, &draw.pipeline, vk::PipelineBindPoint::GRAPHICS, &sets);
-                // SAFETY: pipeline, sets, viewport and scissor are set; there are `count` records.
-                unsafe { vulkan.cmd_draw(commands.raw, 4, count, 0, 0) };
+                strip(Some(records), 4, count);
             }
         };
-        if counts {
-            self.queries.counted(commands, quads);
-        } else {
-            quads();
+        match draw {
+            Draw::Sums(Layer::Front, Sums::Color | Sums::Surface) => self.queries.counted(commands, quads),
+            Draw::Edges => strip(None, 3, 1),
+            _ => quads(),
         }
         // SAFETY: begun above.
         unsafe { vulkan.cmd_end_render_pass(commands.raw) };

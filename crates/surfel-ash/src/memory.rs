@@ -117,6 +117,7 @@ pub(crate) struct Image {
     view: Owned<vk::ImageView>,
     object: Owned<vk::Image>,
     _memory: Memory,
+    format: vk::Format,
     pub aspect: vk::ImageAspectFlags,
 }
 
@@ -161,7 +162,7 @@ impl Image {
         // SAFETY: the image is bound to memory and has this format, level and layer.
         let view = unsafe { device.raw.create_image_view(&info, None) }?;
         let view = Owned::new(device, view, name, destroy!(destroy_image_view));
-        Ok(Self { view, object, _memory: memory, aspect })
+        Ok(Self { view, object, _memory: memory, format, aspect })
     }
 
     pub(crate) fn view(&self) -> vk::ImageView {
@@ -174,13 +175,13 @@ impl Image {
 
     /// The layout in which shaders read it.
     pub(crate) fn read_layout(&self) -> vk::ImageLayout {
-        read_layout(self.aspect)
+        read_layout(self.format)
     }
 }
 
-/// The layout in which shaders read images of this aspect.
-pub(crate) fn read_layout(aspect: vk::ImageAspectFlags) -> vk::ImageLayout {
-    if aspect == vk::ImageAspectFlags::DEPTH {
+/// The layout in which shaders read images of this format.
+pub(crate) fn read_layout(format: vk::Format) -> vk::ImageLayout {
+    if format == vk::Format::D32_SFLOAT {
         vk::ImageLayout::DEPTH_STENCIL_READ_ONLY_OPTIMAL
     } else {
         vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL

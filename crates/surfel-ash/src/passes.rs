@@ -6,10 +6,7 @@ use crate::memory::{Image, read_layout};
 use crate::object::{Owned, destroy};
 use ash::vk;
 use std::sync::Arc;
-use surfel_gpu::Sums;
-
-/// Depth buffer of the visibility pass. Every device has it.
-pub(crate) const KEPT_FORMAT: vk::Format = vk::Format::D32_SFLOAT;
+use surfel_gpu::{Draw, Target, TargetFormat};
 
 /// Precision of the sums.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -19,43 +16,26 @@ pub(crate) enum Precision {
 }
 
 impl Precision {
-    /// Of a target of four.
-    pub(crate) fn four(self) -> vk::Format {
-        match self {
-            Self::F32 => vk::Format::R32G32B32A32_SFLOAT,
-            Self::F16 => vk::Format::R16G16B16A16_SFLOAT,
-        }
-    }
-
-    /// Of a target of one.
-    pub(crate) fn one(self) -> vk::Format {
-        match self {
-            Self::F32 => vk::Format::R32_SFLOAT,
-            Self::F16 => vk::Format::R16_SFLOAT,
+    /// The image format of a target.
+    pub(crate) fn format(self, target: Target) -> vk::Format {
+        match (target.format(), self) {
+            // Every device has it.
+            (TargetFormat::Depth, _) => vk::Format::D32_SFLOAT,
+            (TargetFormat::Sums4, Self::F32) => vk::Format::R32G32B32A32_SFLOAT,
+            (TargetFormat::Sums4, Self::F16) => vk::Format::R16G16B16A16_SFLOAT,
+            (TargetFormat::Sums2, Self::F32) | (TargetFormat::Exact2, _) => vk::Format::R32G32_SFLOAT,
+            (TargetFormat::Sums2, Self::F16) => vk::Format::R16G16_SFLOAT,
+            (TargetFormat::Exact1, _) => vk::Format::R32_SFLOAT,
         }
     }
 }
 
-/// What a pass over the splats draws into.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Kind {
-    Visibility,
-    Sums(Sums, Precision),
+/// Targets of a draw: colours, then depth.
+pub(crate) fn attachments(draw: Draw) -> impl Iterator<Item = Target> {
+    draw.colors().iter().copied().chain(draw.depth())
 }
 
-impl Kind {
-    /// Formats of its targets.
-    pub(crate) fn formats(self) -> Vec<vk::Format> {
-        match self {
-            Self::Visibility => vec![KEPT_FORMAT],
-            Self::Sums(Sums::Color, p) => vec![p.four()],
-            Self::Sums(Sums::Surface, p) => vec![p.four(), p.four()],
-            Self::Sums(Sums::Further, p) => vec![p.four(), p.one()],
-        }
-    }
-}
-
-/// A render pass that clears its targets, and a compatible one that adds to them.
+/// A render pass that clears its targets, and a compatible one that keeps what is there.
 pub(crate) struct Pass {
     clearing: Owned<vk::RenderPass>,
     loading: Owned<vk::RenderPass>,
@@ -63,10 +43,10 @@ pub(crate) struct Pass {
 }
 
 impl Pass {
-    pub(crate) fn new(device: &Arc<Device>, kind: Kind) -> Result<Self, Failure> {
-        let clearing = render_pass(device, kind, vk::AttachmentLoadOp::CLEAR)?;
-        let loading = render_pass(device, kind, vk::AttachmentLoadOp::LOAD)?;
-        Ok(Self { clearing, loading, targets: kind.formats().len() })
+    pub(crate) fn new(device: &Arc<Device>, draw: Draw, precision: Precision) -> Result<Self, Failure> {
+        let clearing = render_pass(device, draw, precision, vk::AttachmentLoadOp::CLEAR)?;
+        let loading = render_pass(device, draw, precision, vk::AttachmentLoadOp::LOAD)?;
+        Ok(Self { clearing, loading, targets: attachments(draw).count() })
     }
 
     /// Either is compatible with pipelines and framebuffers of the other.
@@ -80,17 +60,15 @@ impl Pass {
     }
 }
 
-fn render_pass(device: &Arc<Device>, kind: Kind, load: vk::AttachmentLoadOp) -> Result<Owned<vk::RenderPass>, Failure> {
-    let is_depth = kind == Kind::Visibility;
-    let (aspect, drawn_layout) = if is_depth {
-        (vk::ImageAspectFlags::DEPTH, vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL)
-    } else {
-        (vk::ImageAspectFlags::COLOR, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL)
-    };
-    let attachments: Vec<vk::AttachmentDescription> = kind
-        .formats()
-        .into_iter()
-        .map(|format| {
+fn render_pass(
+    device: &Arc<Device>,
+    draw: Draw,
+    precision: Precision,
+    load: vk::AttachmentLoadOp,
+) -> Result<Owned<vk::RenderPass>, Failure> {
+    let descriptions: Vec<vk::AttachmentDescription> = attachments(draw)
+        .map(|target| {
+            let format = precision.format(target);
             vk::AttachmentDescription::default()
                 .format(format)
                 .samples(vk::SampleCountFlags::TYPE_1)
@@ -98,19 +76,21 @@ fn render_pass(device: &Arc<Device>, kind: Kind, load: vk::AttachmentLoadOp) -> 
                 .store_op(vk::AttachmentStoreOp::STORE)
                 .stencil_load_op(vk::AttachmentLoadOp::DONT_CARE)
                 .stencil_store_op(vk::AttachmentStoreOp::DONT_CARE)
-                .initial_layout(read_layout(aspect))
-                .final_layout(read_layout(aspect))
+                .initial_layout(read_layout(format))
+                .final_layout(read_layout(format))
         })
         .collect();
-    let references: Vec<vk::AttachmentReference> = (0..attachments.len() as u32)
-        .map(|attachment| vk::AttachmentReference { attachment, layout: drawn_layout })
+    let colors: Vec<vk::AttachmentReference> = (0..draw.colors().len() as u32)
+        .map(|attachment| vk::AttachmentReference { attachment, layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL })
         .collect();
-    let subpass = vk::SubpassDescription::default().pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS);
-    let subpass = match references.first().filter(|_| is_depth) {
-        Some(depth) => subpass.depth_stencil_attachment(depth),
-        None => subpass.color_attachments(&references),
+    let depth = vk::AttachmentReference {
+        attachment: colors.len() as u32,
+        layout: vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
     };
-    let subpasses = [subpass];
+    let subpass = vk::SubpassDescription::default()
+        .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
+        .color_attachments(&colors);
+    let subpasses = [if draw.depth().is_some() { subpass.depth_stencil_attachment(&depth) } else { subpass }];
     // Layouts change after all that was before, and before all that follows.
     let (all, graphics) = (vk::PipelineStageFlags::ALL_COMMANDS, vk::PipelineStageFlags::ALL_GRAPHICS);
     let dependency = vk::SubpassDependency::default()
@@ -119,11 +99,13 @@ fn render_pass(device: &Arc<Device>, kind: Kind, load: vk::AttachmentLoadOp) -> 
     let before = dependency.src_subpass(vk::SUBPASS_EXTERNAL).src_stage_mask(all).dst_stage_mask(graphics);
     let after = dependency.dst_subpass(vk::SUBPASS_EXTERNAL).src_stage_mask(graphics).dst_stage_mask(all);
     let dependencies = [before, after];
-    let info =
-        vk::RenderPassCreateInfo::default().attachments(&attachments).subpasses(&subpasses).dependencies(&dependencies);
+    let info = vk::RenderPassCreateInfo::default()
+        .attachments(&descriptions)
+        .subpasses(&subpasses)
+        .dependencies(&dependencies);
     // SAFETY: references are to attachments of this pass, in layouts that fit their aspect.
     let raw = unsafe { device.raw.create_render_pass(&info, None) }?;
-    Ok(Owned::new(device, raw, "pass over the splats", destroy!(destroy_render_pass)))
+    Ok(Owned::new(device, raw, draw.name(), destroy!(destroy_render_pass)))
 }
 
 /// A framebuffer of images of one size.

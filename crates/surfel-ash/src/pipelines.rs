@@ -4,13 +4,13 @@ use crate::descriptors::{SetLayout, stage};
 use crate::device::Device;
 use crate::error::Failure;
 use crate::object::{Owned, destroy};
-use crate::passes::{Kind, Pass};
+use crate::passes::{Pass, Precision};
 use ash::vk;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::ffi::CString;
 use std::sync::Arc;
-use surfel_gpu::Sums;
+use surfel_gpu::Draw;
 use surfel_shaders::{ENTRIES, SPIRV, Stage};
 
 /// Everything about shaders that is built once for a device.
@@ -21,28 +21,25 @@ pub(crate) struct Pipelines {
     pub frame_set: SetLayout,
     pub setup_set: SetLayout,
     pub records_set: SetLayout,
-    pub kept_set: SetLayout,
     pub shade_set: SetLayout,
     pub setup: Pipeline,
     pub shade: Pipeline,
-    visibility_layout: Arc<Owned<vk::PipelineLayout>>,
-    sums_layout: Arc<Owned<vk::PipelineLayout>>,
-    draws: HashMap<Kind, Draw>,
+    draws: HashMap<(Draw, Precision), DrawPipeline>,
 }
 
 /// A pipeline and its layout.
 pub(crate) struct Pipeline {
     pub raw: Owned<vk::Pipeline>,
-    pub layout: Arc<Owned<vk::PipelineLayout>>,
+    pub layout: Owned<vk::PipelineLayout>,
 }
 
-/// How records are drawn into targets of a kind.
-pub(crate) struct Draw {
+/// How something is drawn.
+pub(crate) struct DrawPipeline {
     pub pipeline: Pipeline,
     pub pass: Pass,
+    /// The layout of what it reads.
+    pub reads_set: SetLayout,
 }
-
-const VERTICES: [&str; 2] = ["visibility_vertex", "attribute_vertex"];
 
 impl Pipelines {
     pub(crate) fn new(device: &Arc<Device>) -> Result<Self, Failure> {
@@ -54,21 +51,17 @@ impl Pipelines {
         let cache = unsafe { device.raw.create_pipeline_cache(&vk::PipelineCacheCreateInfo::default(), None) }?;
         let cache = Owned::new(device, cache, "pipelines", destroy!(destroy_pipeline_cache));
         let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
-        let fragments = [Sums::Color, Sums::Surface, Sums::Further].map(Sums::entry);
         let frame_set = SetLayout::new(device, "frame", &all, 0)?;
         let setup_set = SetLayout::new(device, "segment", &["setup"], 1)?;
-        let records_set = SetLayout::new(device, "records", &VERTICES, 1)?;
-        let kept_set = SetLayout::new(device, "kept", &fragments, 2)?;
+        let records_set = SetLayout::new(device, "records", &["visibility_vertex", "attribute_vertex"], 1)?;
         let shade_set = SetLayout::new(device, "sums", &["shade"], 1)?;
-        let compute = |entry, sets: &[&SetLayout]| -> Result<Pipeline, Failure> {
-            let layout = Arc::new(pipeline_layout(device, entry, sets)?);
+        let compute = |entry, set: &SetLayout| -> Result<Pipeline, Failure> {
+            let layout = pipeline_layout(device, entry, &[&frame_set, set])?;
             let raw = compute_pipeline(device, module.raw, cache.raw, layout.raw, entry)?;
             Ok(Pipeline { raw, layout })
         };
-        let setup = compute("setup", &[&frame_set, &setup_set])?;
-        let shade = compute("shade", &[&frame_set, &shade_set])?;
-        let visibility_layout = Arc::new(pipeline_layout(device, "visibility", &[&frame_set, &records_set])?);
-        let sums_layout = Arc::new(pipeline_layout(device, "attributes", &[&frame_set, &records_set, &kept_set])?);
+        let setup = compute("setup", &setup_set)?;
+        let shade = compute("shade", &shade_set)?;
         Ok(Self {
             device: device.clone(),
             module,
@@ -76,32 +69,31 @@ impl Pipelines {
             frame_set,
             setup_set,
             records_set,
-            kept_set,
             shade_set,
             setup,
             shade,
-            visibility_layout,
-            sums_layout,
             draws: HashMap::new(),
         })
     }
 
-    /// Builds what draws into targets of this kind, if it hasn't been.
-    pub(crate) fn prepare(&mut self, kind: Kind) -> Result<(), Failure> {
-        let Entry::Vacant(place) = self.draws.entry(kind) else { return Ok(()) };
-        let (layout, entries) = match kind {
-            Kind::Visibility => (&self.visibility_layout, [VERTICES[0], "visibility_fragment"]),
-            Kind::Sums(sums, _) => (&self.sums_layout, [VERTICES[1], sums.entry()]),
-        };
-        let pass = Pass::new(&self.device, kind)?;
-        let shaders = (self.module.raw, entries);
-        let raw = draw_pipeline(&self.device, shaders, self.cache.raw, layout.raw, pass.raw(true), kind)?;
-        place.insert(Draw { pipeline: Pipeline { raw, layout: layout.clone() }, pass });
+    /// Builds the pipeline of a draw, if it hasn't been.
+    pub(crate) fn prepare(&mut self, draw: Draw, precision: Precision) -> Result<(), Failure> {
+        let Entry::Vacant(place) = self.draws.entry((draw, precision)) else { return Ok(()) };
+        let [_, fragment] = draw.entries();
+        let reads_set = SetLayout::new(&self.device, fragment, &[fragment], draw.reads_group())?;
+        let mut sets = vec![&self.frame_set];
+        sets.extend(draw.is_of_records().then_some(&self.records_set));
+        sets.extend((!draw.reads().is_empty()).then_some(&reads_set));
+        let layout = pipeline_layout(&self.device, fragment, &sets)?;
+        let pass = Pass::new(&self.device, draw, precision)?;
+        let raw = draw_pipeline(&self.device, (self.module.raw, self.cache.raw), layout.raw, pass.raw(true), draw)?;
+        place.insert(DrawPipeline { pipeline: Pipeline { raw, layout }, pass, reads_set });
         Ok(())
     }
 
-    pub(crate) fn draw(&self, kind: Kind) -> Result<&Draw, Failure> {
-        self.draws.get(&kind).ok_or_else(|| Failure::other("a pass was recorded that was not prepared"))
+    pub(crate) fn draw(&self, draw: Draw, precision: Precision) -> Result<&DrawPipeline, Failure> {
+        let found = self.draws.get(&(draw, precision));
+        found.ok_or_else(|| Failure::other("a pass was recorded that was not prepared"))
     }
 }
 
@@ -148,15 +140,15 @@ fn compute_pipeline(
     made(device, entry, result)
 }
 
-/// A pipeline that draws records as quads.
+/// A pipeline that draws strips without vertex buffers: records as quads, or one triangle over everything.
 fn draw_pipeline(
     device: &Arc<Device>,
-    (module, [vertex, fragment]): (vk::ShaderModule, [&str; 2]),
-    cache: vk::PipelineCache,
+    (module, cache): (vk::ShaderModule, vk::PipelineCache),
     layout: vk::PipelineLayout,
     pass: vk::RenderPass,
-    kind: Kind,
+    draw: Draw,
 ) -> Result<Owned<vk::Pipeline>, Failure> {
+    let [vertex, fragment] = draw.entries();
     let (vertex, fragment_name) = (entry_name(vertex)?, entry_name(fragment)?);
     let shader =
         |which, name| vk::PipelineShaderStageCreateInfo::default().stage(stage(which)).module(module).name(name);
@@ -170,11 +162,11 @@ fn draw_pipeline(
         .line_width(1.0);
     let samples = vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
     let depth = vk::PipelineDepthStencilStateCreateInfo::default()
-        .depth_test_enable(kind == Kind::Visibility)
-        .depth_write_enable(kind == Kind::Visibility)
+        .depth_test_enable(draw.depth().is_some())
+        .depth_write_enable(draw.depth().is_some())
         .depth_compare_op(vk::CompareOp::GREATER);
     let add = vk::PipelineColorBlendAttachmentState::default()
-        .blend_enable(true)
+        .blend_enable(draw.adds())
         .src_color_blend_factor(vk::BlendFactor::ONE)
         .dst_color_blend_factor(vk::BlendFactor::ONE)
         .color_blend_op(vk::BlendOp::ADD)
@@ -182,8 +174,7 @@ fn draw_pipeline(
         .dst_alpha_blend_factor(vk::BlendFactor::ONE)
         .alpha_blend_op(vk::BlendOp::ADD)
         .color_write_mask(vk::ColorComponentFlags::RGBA);
-    let targets = if kind == Kind::Visibility { 0 } else { kind.formats().len() };
-    let blends = vec![add; targets];
+    let blends = vec![add; draw.colors().len()];
     let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&blends);
     let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);

@@ -6,7 +6,7 @@ use crate::device::Device;
 use crate::error::Failure;
 use crate::execute::Tile;
 use crate::instance::{Candidate, Instance};
-use crate::passes::{Kind, Precision};
+use crate::passes::Precision;
 use crate::pipelines::Pipelines;
 use crate::queries::Queries;
 use crate::scene::{self, ResidentScene};
@@ -14,7 +14,7 @@ use crate::targets::{TargetKey, Targets};
 use ash::vk;
 use std::sync::Arc;
 use std::time::Instant;
-use surfel_gpu::{FrameScene, Sums, TileData, schedule, tiles};
+use surfel_gpu::{Draw, FrameScene, TileData, schedule, tiles};
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{
     Capabilities, Feature, Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan,
@@ -119,7 +119,7 @@ impl Renderer {
             adapter: candidate.name.clone(),
             driver,
             threads: 0,
-            capabilities: Capabilities { backend: NAME, features: &[Feature::F16] },
+            capabilities: Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing] },
         };
         let renderer = Self { targets: None, pipelines, device, info, is_software: candidate.is_software() };
         renderer.check_messages()?;
@@ -152,12 +152,12 @@ impl Renderer {
         let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
         let f32_sums = self.device.facts.blends_f32 && plan.accumulate == Accumulate::F32;
         let precision = if f32_sums { Precision::F32 } else { Precision::F16 };
-        let sums = Sums::of(plan);
-        self.pipelines.prepare(Kind::Visibility)?;
-        for &sums in &sums {
-            self.pipelines.prepare(Kind::Sums(sums, precision))?;
+        let draws = Draw::of(plan);
+        for &draw in &draws {
+            self.pipelines.prepare(draw, precision)?;
         }
-        let key = TargetKey { size: [tile.width, tile.height], precision, sums, floats: data.planes.floats };
+        let size = [data.targets.width, data.targets.height];
+        let key = TargetKey { size, precision, draws, floats: data.planes.floats };
         let targets = match self.targets.take().filter(|targets| targets.key == key) {
             Some(targets) => targets,
             None => Targets::new(&self.device, &self.pipelines, key)?,
@@ -205,7 +205,7 @@ impl surfel_render::Renderer for Renderer {
         let facts = &self.device.facts;
         let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
         frame.reset(view.region.width, view.region.height, plan.planes);
-        let frame_scene = FrameScene::new(&scene.cpu, view);
+        let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let limits = &facts.limits;
         let side = limits.max_image_dimension2_d.min(limits.max_framebuffer_width).min(limits.max_framebuffer_height);
         for tile in tiles(view, &plan, side, facts.buffer_bytes()) {

@@ -3,6 +3,7 @@
 
 use crate::placement::Placement;
 use crate::segment::UploadedObject;
+use crate::uniforms::coverage;
 use crate::words::Words;
 use glam::{DVec2, DVec3};
 use surfel_math::basis::unit;
@@ -112,6 +113,7 @@ impl NearJob<'_> {
         let mut words = self.forms_words(&forms, p.z, extent, columns, rows, index);
         use layout::record as at;
         words.f64(at::EPSILON, epsilon).f32(at::WEIGHT_SCALE, 1.0).vec3(at::NORMAL, normal);
+        words.f64(at::COVERAGE, coverage(object, self.plan));
         for (i, c) in color.into_iter().enumerate() {
             words.f32(at::COLOR + 4 * i, c);
         }

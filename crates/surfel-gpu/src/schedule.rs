@@ -1,38 +1,7 @@
 //! The steps of a tile, in order, whatever API executes them.
 
-use surfel_render::FramePlan;
-
-/// A set of sums that one pass over the splats adds up. No set is wider than 32 bytes a sample, which every adapter has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Sums {
-    /// Colour and weight: one target of four.
-    Color,
-    /// Colour and weight, normal and depth: two targets of four.
-    Surface,
-    /// Material factors and the number of fragments: a target of four and one of one.
-    Further,
-}
-
-impl Sums {
-    /// The passes over the splats that a plan needs.
-    pub fn of(plan: &FramePlan) -> Vec<Self> {
-        let surface = plan.attributes.normal || plan.attributes.depth;
-        let mut sums = vec![if surface { Self::Surface } else { Self::Color }];
-        if plan.attributes.material || plan.planes.fragments {
-            sums.push(Self::Further);
-        }
-        sums
-    }
-
-    /// The fragment entry point.
-    pub fn entry(self) -> &'static str {
-        match self {
-            Self::Color => "color_fragment",
-            Self::Surface => "surface_fragment",
-            Self::Further => "further_fragment",
-        }
-    }
-}
+use crate::targets::{Draw, Layer, Sums};
+use surfel_render::{FramePlan, Pass};
 
 /// A step of a tile. Numbers are indices of the scene's segments.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,20 +13,13 @@ pub enum Step {
         /// Their splats have not been set up in this tile before, and count as drawn.
         first: bool,
     },
-    /// Keep the least z + ε.
-    Visibility {
-        /// Of these segments' records.
+    /// Draw.
+    Draw {
+        /// What.
+        draw: Draw,
+        /// These segments' records.
         segments: Vec<usize>,
-        /// The pass is the tile's first: it clears, and draws the near splats, too.
-        first: bool,
-    },
-    /// Add up attributes.
-    Sums {
-        /// Which.
-        sums: Sums,
-        /// Of these segments' records.
-        segments: Vec<usize>,
-        /// As for visibility.
+        /// It is the tile's first of its kind: it clears, and draws the near splats, too.
         first: bool,
     },
     /// Once a pixel.
@@ -69,35 +31,42 @@ impl Step {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Setup { .. } => "setup",
-            Self::Visibility { .. } => "visibility",
-            Self::Sums { .. } => "attributes",
+            Self::Draw { draw, .. } => draw.name(),
             Self::Shade => "shade",
         }
     }
 }
 
 /// The steps of a tile that these segments may touch. Records that fit into memory together are set up once; where one
-/// buffer serves all segments in turn (`shared_records`) they are set up again for the attributes.
+/// buffer serves all segments in turn (`shared_records`) they are set up again for each pass over the splats.
 pub fn schedule(plan: &FramePlan, visible: &[usize], shared_records: bool) -> Vec<Step> {
-    let sums = Sums::of(plan);
     let groups: Vec<Vec<usize>> = if shared_records && visible.len() > 1 {
         visible.iter().map(|&segment| vec![segment]).collect()
     } else {
         vec![visible.to_vec()]
     };
     let again = groups.len() > 1;
-    let mut steps = Vec::new();
-    for (i, segments) in groups.iter().enumerate() {
-        if !segments.is_empty() {
-            steps.push(Step::Setup { segments: segments.clone(), first: true });
-        }
-        steps.push(Step::Visibility { segments: segments.clone(), first: i == 0 });
+    let sums = |layer| -> Vec<Draw> { Sums::of(plan, layer).into_iter().map(|sums| Draw::Sums(layer, sums)).collect() };
+    let edges = plan.has(Pass::EdgeAntialiasing);
+    // What is drawn in one go over the splats, or where all has to be there before it goes on.
+    let mut rounds = vec![vec![if edges { Draw::Writers } else { Draw::Visibility }], sums(Layer::Front)];
+    if edges {
+        rounds.extend([vec![Draw::Edges], vec![Draw::VisibilityBehind], sums(Layer::Behind)]);
     }
-    for (i, segments) in groups.iter().enumerate() {
-        if again {
-            steps.push(Step::Setup { segments: segments.clone(), first: false });
+    let mut steps = Vec::new();
+    for (round, draws) in rounds.iter().enumerate() {
+        if draws.iter().any(|draw| !draw.is_of_records()) {
+            let everywhere = |&draw: &Draw| Step::Draw { draw, segments: Vec::new(), first: true };
+            steps.extend(draws.iter().map(everywhere));
+            continue;
         }
-        steps.extend(sums.iter().map(|&sums| Step::Sums { sums, segments: segments.clone(), first: i == 0 }));
+        for (i, segments) in groups.iter().enumerate() {
+            if !segments.is_empty() && (round == 0 || again) {
+                steps.push(Step::Setup { segments: segments.clone(), first: round == 0 });
+            }
+            let draw = |&draw: &Draw| Step::Draw { draw, segments: segments.clone(), first: i == 0 };
+            steps.extend(draws.iter().map(draw));
+        }
     }
     steps.push(Step::Shade);
     steps
@@ -107,38 +76,77 @@ pub fn schedule(plan: &FramePlan, visible: &[usize], shared_records: bool) -> Ve
 mod tests {
     use super::*;
     use surfel_model::{Camera, Projection, Settings};
-    use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
+    use surfel_render::{Capabilities, Feature, Planes, SceneSummary, View, plan};
 
-    fn planned(planes: Planes) -> FramePlan {
+    fn planned(planes: Planes, edge_aa: bool) -> FramePlan {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
         let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
         let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
-        let capabilities = Capabilities { backend: "test", features: &[] };
-        plan(&SceneSummary::default(), &view, &Settings::default(), planes, &capabilities).unwrap()
+        let capabilities = Capabilities { backend: "test", features: &[Feature::EdgeAntialiasing] };
+        let settings = Settings { edge_aa, ..Settings::default() };
+        plan(&SceneSummary::default(), &view, &settings, planes, &capabilities).unwrap()
+    }
+
+    fn draws(steps: &[Step]) -> Vec<Draw> {
+        let draw = |step: &Step| if let Step::Draw { draw, .. } = step { Some(*draw) } else { None };
+        steps.iter().filter_map(draw).collect()
+    }
+
+    fn setups(steps: &[Step]) -> usize {
+        steps.iter().filter(|s| matches!(s, Step::Setup { .. })).count()
     }
 
     #[test]
     fn an_unlit_picture_needs_one_pass_of_one_target() {
-        assert_eq!(Sums::of(&planned(Planes::COLOR)), [Sums::Color]);
-        assert_eq!(Sums::of(&planned(Planes::ALL)), [Sums::Surface]);
-        let counted = Planes { fragments: true, ..Planes::COLOR };
-        assert_eq!(Sums::of(&planned(counted)), [Sums::Color, Sums::Further]);
+        let front = |planes| Sums::of(&planned(planes, false), Layer::Front);
+        assert_eq!(front(Planes::COLOR), [Sums::Color]);
+        assert_eq!(front(Planes::ALL), [Sums::Surface]);
+        assert_eq!(front(Planes { fragments: true, ..Planes::COLOR }), [Sums::Color, Sums::Further]);
     }
 
     #[test]
-    fn records_of_their_own_are_set_up_once_and_shared_ones_twice() {
-        let setups = |steps: &[Step]| steps.iter().filter(|s| matches!(s, Step::Setup { .. })).count();
-        let plan = planned(Planes::COLOR);
+    fn records_of_their_own_are_set_up_once_and_shared_ones_for_each_pass() {
+        let plan = planned(Planes::COLOR, false);
         let own = schedule(&plan, &[0, 2, 5], false);
         assert_eq!((own.len(), setups(&own)), (4, 1));
         let shared = schedule(&plan, &[0, 2, 5], true);
         assert_eq!(setups(&shared), 6);
         // Visibility of all comes before the first sum.
-        let first_sum = shared.iter().position(|s| matches!(s, Step::Sums { .. })).unwrap();
-        assert!(!shared[first_sum..].iter().any(|s| matches!(s, Step::Visibility { .. })));
+        let first_sum = draws(&shared).iter().position(|d| d.adds()).unwrap();
+        assert!(!draws(&shared)[first_sum..].contains(&Draw::Visibility));
         assert_eq!(setups(&schedule(&plan, &[3], true)), 1);
         // A tile that nothing touches is cleared and shaded all the same.
         let empty = schedule(&plan, &[], false);
         assert_eq!(empty.iter().map(Step::name).collect::<Vec<_>>(), ["visibility", "attributes", "shade"]);
+    }
+
+    #[test]
+    fn edges_take_a_second_look_behind_the_first_and_nothing_else_does() {
+        let (front, behind) = (|s| Draw::Sums(Layer::Front, s), |s| Draw::Sums(Layer::Behind, s));
+        let plan = planned(Planes::COLOR, true);
+        let expected = [
+            Draw::Writers,
+            front(Sums::Color),
+            front(Sums::Further),
+            Draw::Edges,
+            Draw::VisibilityBehind,
+            behind(Sums::Color),
+        ];
+        assert_eq!(draws(&schedule(&plan, &[0], false)), expected);
+        assert_eq!(Draw::of(&plan), expected);
+        assert_eq!(setups(&schedule(&plan, &[0, 1], true)), 8);
+        assert_eq!(Draw::of(&planned(Planes::COLOR, false)), [Draw::Visibility, front(Sums::Color)]);
+    }
+
+    #[test]
+    fn no_pass_reads_what_it_draws_into_and_none_is_wider_than_32_bytes() {
+        for draw in Draw::of(&planned(Planes::ALL, true)) {
+            let drawn = draw.colors().iter().copied().chain(draw.depth());
+            for target in drawn {
+                assert!(draw.reads().iter().all(|read| read.1 != target), "{draw:?}");
+            }
+            let four = |target: &&crate::Target| target.format() == crate::TargetFormat::Sums4;
+            assert!(draw.colors().len() <= 2 && draw.colors().iter().filter(four).count() <= 2);
+        }
     }
 }

@@ -7,15 +7,30 @@ use crate::segment::{Segment, UploadedScene};
 use crate::uniforms::{FrameScene, frame_words};
 use crate::words::Words;
 use rayon::prelude::*;
-use surfel_render::{FramePlan, Region, View};
+use surfel_render::{FramePlan, Pass, Region, View};
 use surfel_shaders::layout;
 
 /// Largest side of a tile: records count its pixels in 16 bits.
 const LARGEST_SIDE: u32 = u16::MAX as u32;
 
-/// Cuts the view's region into tiles of at most `texture_side` pixels a side whose planes fit into `buffer_bytes`.
+/// Pixels around a tile that its targets have besides, where they are inside the image: neighbours of edge pixels.
+fn border(plan: &FramePlan) -> u32 {
+    u32::from(plan.has(Pass::EdgeAntialiasing))
+}
+
+/// A tile and its border.
+fn targets_of(tile: Region, view: &View, plan: &FramePlan) -> Region {
+    let by = border(plan);
+    let (x, y) = (tile.x.saturating_sub(by), tile.y.saturating_sub(by));
+    let end = |start: u32, length: u32, limit: u32| (start + length + by).min(limit);
+    let (right, bottom) = (end(tile.x, tile.width, view.size[0]), end(tile.y, tile.height, view.size[1]));
+    Region { x, y, width: right - x, height: bottom - y }
+}
+
+/// Cuts the view's region into tiles whose targets have at most `texture_side` pixels a side, and whose planes fit into
+/// `buffer_bytes`.
 pub fn tiles(view: &View, plan: &FramePlan, texture_side: u32, buffer_bytes: u64) -> Vec<Region> {
-    let side = texture_side.clamp(1, LARGEST_SIDE);
+    let side = texture_side.min(LARGEST_SIDE).saturating_sub(2 * border(plan)).max(1);
     let bytes = 4 * u64::from(floats_per_pixel(plan.planes).max(1));
     let pixels = (buffer_bytes.min(u64::from(u32::MAX)) / bytes).max(1);
     let width = view.region.width.min(side).min(pixels.min(u64::from(side)) as u32);
@@ -50,8 +65,10 @@ pub struct SegmentData {
 /// What a tile needs beside the resident scene.
 #[derive(Clone, Debug)]
 pub struct TileData {
-    /// Its pixels of the image.
-    pub tile: Region,
+    /// The pixels of the image that its targets hold: the tile and, where edges are antialiased, a border.
+    pub targets: Region,
+    /// Size of the tile itself, which is shaded.
+    pub shaded: [u32; 2],
     /// The shaders' `frame`.
     pub frame: Vec<u32>,
     /// One for each segment of the scene.
@@ -66,7 +83,8 @@ impl TileData {
     /// Works out a tile of a frame.
     pub fn new(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
         let planes = PlaneLayout::new(plan.planes, tile.width * tile.height);
-        let job = NearJob { view, plan, tile };
+        let targets = targets_of(tile, view, plan);
+        let job = NearJob { view, plan, tile: targets };
         let parts: Vec<(SegmentData, NearSplats)> =
             scene.segments.par_iter().map(|segment| segment_data(scene, frame, segment, &job)).collect();
         let mut near_records = Vec::new();
@@ -75,7 +93,8 @@ impl TileData {
             near_records.extend(near.records);
             segments.push(segment);
         }
-        Self { tile, frame: frame_words(scene, frame, view, plan, tile, &planes), segments, near_records, planes }
+        let frame = frame_words(scene, frame, (view, plan), (tile, targets), &planes);
+        Self { targets, shaded: [tile.width, tile.height], frame, segments, near_records, planes }
     }
 
     /// Has the tile composed into a host's depth buffer, which holds `offset` + `scale`/z in a perspective projection, and
@@ -173,5 +192,16 @@ mod tests {
         }
         assert!(hits.iter().all(|&h| h == 1));
         assert_eq!(super::tiles(&view, &plan, 8192, 1 << 27).len(), 1);
+    }
+
+    #[test]
+    fn targets_have_a_border_inside_the_image_for_edges_alone() {
+        let view = view([100, 70]);
+        let plain = planned(&view, Planes::COLOR);
+        let edges = FramePlan { passes: vec![Pass::EdgeAntialiasing], ..plain.clone() };
+        let tile = Region { x: 0, y: 30, width: 50, height: 40 };
+        assert_eq!(targets_of(tile, &view, &plain), tile);
+        assert_eq!(targets_of(tile, &view, &edges), Region { x: 0, y: 29, width: 51, height: 41 });
+        assert!(tiles(&view, &edges, 64, 1 << 27).iter().all(|t| targets_of(*t, &view, &edges).width <= 64));
     }
 }

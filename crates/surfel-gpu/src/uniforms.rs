@@ -2,14 +2,15 @@
 
 use crate::placement::Placement;
 use crate::planes::PlaneLayout;
-use crate::segment::UploadedScene;
+use crate::segment::{UploadedObject, UploadedScene};
 use crate::words::Words;
 use glam::{DVec2, DVec3};
 use surfel_math::basis::unit;
 use surfel_math::depth::Tolerance;
+use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_math::projection::ProjectionKind;
 use surfel_model::{Cull, Filter, Light, Material, Shader};
-use surfel_render::{FramePlan, Region, View};
+use surfel_render::{FramePlan, Pass, Region, View};
 use surfel_shaders::layout;
 
 /// What all tiles of a frame share.
@@ -25,11 +26,11 @@ pub struct FrameScene {
 
 impl FrameScene {
     /// A scene as a view sees it.
-    pub fn new(scene: &UploadedScene, view: &View) -> Self {
+    pub fn new(scene: &UploadedScene, view: &View, plan: &FramePlan) -> Self {
         let placements: Vec<Placement> =
             scene.objects.iter().map(|o| Placement::new(&o.world_from_object, view)).collect();
         let mut objects: Vec<u32> =
-            scene.objects.iter().zip(&placements).flat_map(|(o, p)| object_words(&o.material, p)).collect();
+            scene.objects.iter().zip(&placements).flat_map(|(o, p)| object_words(o, p, plan)).collect();
         if objects.is_empty() {
             objects = vec![0; layout::object::SIZE / 4];
         }
@@ -43,12 +44,19 @@ impl FrameScene {
     }
 }
 
-fn object_words(material: &Material, placement: &Placement) -> Vec<u32> {
+/// What a unit of an object's weight covers (§5); 1 where its interior weight isn't known, which no plan with coverage has.
+pub(crate) fn coverage(object: &UploadedObject, plan: &FramePlan) -> f64 {
+    let known = object.material.interior_weight.or(object.cloud.data().interior_weight);
+    known.map_or(1.0, |weight| 1.0 / interior_weight_at_cutoff(weight, plan.splat_filter.cutoff))
+}
+
+fn object_words(object: &UploadedObject, placement: &Placement, plan: &FramePlan) -> Vec<u32> {
     use layout::object as at;
+    let material = &object.material;
     let mut words = Words::new(at::SIZE);
     words.mat3(at::LINEAR, placement.linear).mat3(at::NORMALS, placement.normals).all(at::MATERIAL, material.factors());
     words.u32(at::CULL_BACK, u32::from(material.cull == Cull::Back));
-    words.u32(at::TWO_SIDED, u32::from(material.two_sided));
+    words.u32(at::TWO_SIDED, u32::from(material.two_sided)).f64(at::COVERAGE, coverage(object, plan));
     words.into_vec()
 }
 
@@ -86,9 +94,8 @@ fn light_words(light: &Light, view: &View) -> Vec<u32> {
 pub(crate) fn frame_words(
     scene: &UploadedScene,
     frame: &FrameScene,
-    view: &View,
-    plan: &FramePlan,
-    tile: Region,
+    (view, plan): (&View, &FramePlan),
+    (tile, targets): (Region, Region),
     planes: &PlaneLayout,
 ) -> Vec<u32> {
     use layout::{frame as at, projection as pr, tolerance as tol};
@@ -112,8 +119,11 @@ pub(crate) fn frame_words(
     words.u32(at::PROJECTIVE, u32::from(filter.projective)).u32(at::FILTER_KIND, filter_kind(filter.filter));
     words.mat3(at::VIEW_FROM_WORLD, view.view_from_world);
     words.mat3(at::WORLD_FROM_VIEW, view.view_from_world.transpose());
-    words.i32x2(at::ORIGIN_PX, [tile.x.cast_signed(), tile.y.cast_signed()]);
-    words.u32(at::SIZE_PX, tile.width).u32(at::SIZE_PX + 4, tile.height);
+    words.i32x2(at::ORIGIN_PX, [targets.x.cast_signed(), targets.y.cast_signed()]);
+    words.u32(at::SIZE_PX, targets.width).u32(at::SIZE_PX + 4, targets.height);
+    words.u32(at::SHADE_ORIGIN_PX, tile.x - targets.x).u32(at::SHADE_ORIGIN_PX + 4, tile.y - targets.y);
+    words.u32(at::SHADE_SIZE_PX, tile.width).u32(at::SHADE_SIZE_PX + 4, tile.height);
+    words.u32(at::HAS_EDGES, u32::from(plan.has(Pass::EdgeAntialiasing)));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
     words.vec3(at::AMBIENT, DVec3::from(scene.ambient)).all(at::BACKGROUND, scene.background);
     let material = scene.objects.first().map_or(Material::default(), |o| o.material);

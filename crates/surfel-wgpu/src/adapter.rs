@@ -112,6 +112,6 @@ pub(crate) fn renderer_info(info: &wgpu::AdapterInfo, f32_sums: bool) -> Rendere
         adapter: info.name.clone(),
         driver,
         threads: 0,
-        capabilities: Capabilities { backend: NAME, features: &[Feature::F16] },
+        capabilities: Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing] },
     }
 }

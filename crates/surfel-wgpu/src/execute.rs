@@ -1,11 +1,11 @@
 //! Runs a tile's steps.
 
 use crate::host::HostTarget;
-use crate::pipelines::{HostKey, Pipelines, Precision};
+use crate::pipelines::{HostKey, Pipelines};
 use crate::scene::{ResidentScene, filled, records_group};
 use crate::targets::Targets;
 use crate::timing::Timer;
-use surfel_gpu::{FrameScene, Step, Sums, TileData, groups};
+use surfel_gpu::{Draw, FrameScene, Step, TileData, groups};
 
 /// Everything that the steps of a tile read.
 pub(crate) struct Tile<'a> {
@@ -16,9 +16,10 @@ pub(crate) struct Tile<'a> {
     /// Of each segment: its chunks and near splats, for counting and for uncounted setup.
     setup_groups: Vec<Option<[wgpu::BindGroup; 2]>>,
     near: Option<(wgpu::BindGroup, u32)>,
+    /// Size of what is shaded.
+    shaded: [u32; 2],
     /// Splats that were set up and touch the tile.
     pub drawn: wgpu::Buffer,
-    precision: Precision,
 }
 
 impl<'a> Tile<'a> {
@@ -54,33 +55,14 @@ impl<'a> Tile<'a> {
             let records = filled(device, queue, "near records", &data.near_records, storage);
             (records_group(device, pipelines, &records), data.near_count())
         });
-        let precision = targets.key.precision;
-        Self { scene, pipelines, targets, frame_group, setup_groups, near, drawn, precision }
+        Self { scene, pipelines, targets, frame_group, setup_groups, near, shaded: data.shaded, drawn }
     }
 
     /// Records a step.
     pub(crate) fn step(&self, encoder: &mut wgpu::CommandEncoder, step: &Step, timer: Option<&mut Timer>) {
         match step {
             Step::Setup { segments, first } => self.setup(encoder, segments, *first, step.name(), timer),
-            Step::Visibility { segments, first } => {
-                let depth = wgpu::RenderPassDepthStencilAttachment {
-                    view: &self.targets.kept,
-                    // 0 is infinitely far: nothing is kept.
-                    depth_ops: Some(operations(*first, 0.0)),
-                    stencil_ops: None,
-                };
-                let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                    label: Some(step.name()),
-                    depth_stencil_attachment: Some(depth),
-                    timestamp_writes: timer.and_then(|timer| timer.render(step.name())),
-                    ..wgpu::RenderPassDescriptor::default()
-                });
-                pass.set_pipeline(&self.pipelines.visibility);
-                self.draw(&mut pass, segments, *first);
-            }
-            Step::Sums { sums, segments, first } => {
-                self.sums(encoder, *sums, segments, *first, (step.name(), timer));
-            }
+            Step::Draw { draw, segments, first } => self.draw(encoder, *draw, segments, *first, timer),
             Step::Shade => {
                 let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                     label: Some(step.name()),
@@ -89,7 +71,7 @@ impl<'a> Tile<'a> {
                 pass.set_pipeline(&self.pipelines.shade);
                 pass.set_bind_group(0, &self.frame_group, &[]);
                 pass.set_bind_group(1, &self.targets.shade_group, &[]);
-                let [width, height] = self.targets.key.size;
+                let [width, height] = self.shaded;
                 pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
             }
         }
@@ -144,43 +126,51 @@ impl<'a> Tile<'a> {
         }
     }
 
-    fn sums(
+    fn draw(
         &self,
         encoder: &mut wgpu::CommandEncoder,
-        sums: Sums,
+        draw: Draw,
         segments: &[usize],
         first: bool,
-        (name, timer): (&'static str, Option<&mut Timer>),
+        timer: Option<&mut Timer>,
     ) {
-        let attachments: Vec<Option<wgpu::RenderPassColorAttachment<'_>>> = self
-            .targets
-            .of(sums)
+        let colors: Vec<Option<wgpu::RenderPassColorAttachment<'_>>> = draw
+            .colors()
             .iter()
-            .map(|view| {
+            .map(|&target| {
                 let ops = operations(first, wgpu::Color::TRANSPARENT);
+                let view = self.targets.view(target)?;
                 Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
             })
             .collect();
+        let depth_stencil_attachment = draw.depth().and_then(|target| {
+            // 0 is infinitely far: nothing is kept.
+            let depth_ops = Some(operations(first, 0.0));
+            let view = self.targets.view(target)?;
+            Some(wgpu::RenderPassDepthStencilAttachment { view, depth_ops, stencil_ops: None })
+        });
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some(name),
-            color_attachments: &attachments,
-            timestamp_writes: timer.and_then(|timer| timer.render(name)),
+            label: Some(draw.name()),
+            color_attachments: &colors,
+            depth_stencil_attachment,
+            timestamp_writes: timer.and_then(|timer| timer.render(draw.name())),
             ..wgpu::RenderPassDescriptor::default()
         });
-        if let Some(pipeline) = self.pipelines.sums(sums, self.precision) {
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(2, &self.targets.kept_group, &[]);
-            self.draw(&mut pass, segments, first);
-        }
-    }
-
-    /// Draws records as quads; the near splats, too, where it is the first draw of its kind.
-    fn draw(&self, pass: &mut wgpu::RenderPass<'_>, segments: &[usize], first: bool) {
+        let Some(pipeline) = self.pipelines.draw(draw, self.targets.key.precision) else { return };
+        pass.set_pipeline(&pipeline.raw);
         pass.set_bind_group(0, &self.frame_group, &[]);
+        if let Some(reads) = self.targets.reads(draw) {
+            pass.set_bind_group(draw.reads_group(), reads, &[]);
+        }
+        if !draw.is_of_records() {
+            pass.draw(0..3, 0..1);
+            return;
+        }
         for segment in segments.iter().filter_map(|&i| self.scene.segments.get(i)) {
             pass.set_bind_group(1, &segment.draw_group, &[]);
             pass.draw(0..4, 0..segment.count);
         }
+        // The near splats have no segment: they go with the first.
         if let Some((group, count)) = self.near.as_ref().filter(|_| first) {
             pass.set_bind_group(1, group, &[]);
             pass.draw(0..4, 0..*count);

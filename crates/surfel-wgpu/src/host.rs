@@ -6,7 +6,7 @@ use crate::pipelines::HostKey;
 use crate::renderer::Renderer;
 use crate::scene::ResidentScene;
 use crate::targets::TargetKey;
-use surfel_gpu::{FrameScene, Step, Sums, TileData, schedule};
+use surfel_gpu::{FrameScene, Step, TileData, schedule};
 use surfel_model::Settings;
 use surfel_render::{Planes, RenderError, View, plan};
 
@@ -51,7 +51,7 @@ pub struct HostTarget<'a> {
 
 impl Renderer {
     /// Draws a scene into a host's picture: where its surface passes the depth test it replaces colour and depth, elsewhere
-    /// nothing changes. The scene's background is not drawn.
+    /// nothing changes. The scene's background is not drawn; antialiased edges blend over what the host has there.
     ///
     /// Records into `encoder`, which the host submits to the renderer's queue before the next call on this renderer.
     /// Nothing is read back, and no time is counted.
@@ -70,26 +70,21 @@ impl Renderer {
         let planes = Planes { depth: true, ..Planes::COLOR };
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
         let (region, side) = (view.region, self.device.limits().max_texture_dimension_2d);
+        // Edges have a border of a pixel.
+        let side = side.saturating_sub(2);
         if region.width > side || region.height > side {
             let (width, height) = (region.width, region.height);
             return Err(failed(format!("the view is of {width}x{height} pixels, expected at most {side} a side")));
         }
-        let frame_scene = FrameScene::new(&scene.cpu, view);
+        let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let mut data = TileData::new(&scene.cpu, &frame_scene, view, &plan, region);
         data.set_host_depth(target.mapping.offset, target.mapping.scale);
-        let sums = Sums::of(&plan);
-        let key = TargetKey {
-            size: [region.width, region.height],
-            precision: self.precision(&plan),
-            surface: sums.contains(&Sums::Surface),
-            further: sums.contains(&Sums::Further),
-            // The planes go nowhere.
-            floats: 1,
-        };
+        // The planes go nowhere.
+        let key = TargetKey { floats: 1, ..self.key(&plan, &data) };
         let host = HostKey { color: target.color_format, depth: target.depth_format, compare: target.mapping.compare };
         let device = self.device.clone();
         scoped(&device, || {
-            self.prepare(&sums, key);
+            self.prepare(key);
             self.pipelines.prepare_composite(&device, host);
             let Some(targets) = &self.targets else { return };
             let parts = (scene, &self.pipelines, targets);

@@ -1,11 +1,8 @@
 //! Layouts and pipelines, built once for each format of the sums.
 
 use std::collections::HashMap;
-use surfel_gpu::{Sums, slots};
+use surfel_gpu::{Draw, Target, TargetFormat, slots};
 use surfel_shaders::{BindingKind, ENTRIES, PASSES, Stage};
-
-/// Depth buffer of the visibility pass.
-pub(crate) const KEPT_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
 /// Precision of the sums.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -15,39 +12,17 @@ pub(crate) enum Precision {
 }
 
 impl Precision {
-    /// Of a target of four.
-    pub(crate) fn four(self) -> wgpu::TextureFormat {
-        match self {
-            Self::F32 => wgpu::TextureFormat::Rgba32Float,
-            Self::F16 => wgpu::TextureFormat::Rgba16Float,
+    /// The texture format of a target.
+    pub(crate) fn format(self, target: Target) -> wgpu::TextureFormat {
+        match (target.format(), self) {
+            (TargetFormat::Depth, _) => wgpu::TextureFormat::Depth32Float,
+            (TargetFormat::Sums4, Self::F32) => wgpu::TextureFormat::Rgba32Float,
+            (TargetFormat::Sums4, Self::F16) => wgpu::TextureFormat::Rgba16Float,
+            (TargetFormat::Sums2, Self::F32) | (TargetFormat::Exact2, _) => wgpu::TextureFormat::Rg32Float,
+            (TargetFormat::Sums2, Self::F16) => wgpu::TextureFormat::Rg16Float,
+            (TargetFormat::Exact1, _) => wgpu::TextureFormat::R32Float,
         }
     }
-
-    /// Of a target of one.
-    pub(crate) fn one(self) -> wgpu::TextureFormat {
-        match self {
-            Self::F32 => wgpu::TextureFormat::R32Float,
-            Self::F16 => wgpu::TextureFormat::R16Float,
-        }
-    }
-}
-
-/// Everything about shaders that is built once for a device.
-pub(crate) struct Pipelines {
-    module: wgpu::ShaderModule,
-    pub frame_group: wgpu::BindGroupLayout,
-    pub setup_group: wgpu::BindGroupLayout,
-    pub records_group: wgpu::BindGroupLayout,
-    pub kept_group: wgpu::BindGroupLayout,
-    pub shade_group: wgpu::BindGroupLayout,
-    pub setup: wgpu::ComputePipeline,
-    pub shade: wgpu::ComputePipeline,
-    pub visibility: wgpu::RenderPipeline,
-    sums_layout: wgpu::PipelineLayout,
-    sums: HashMap<(Sums, Precision), wgpu::RenderPipeline>,
-    pub composite_group: wgpu::BindGroupLayout,
-    composite_layout: wgpu::PipelineLayout,
-    composites: HashMap<HostKey, wgpu::RenderPipeline>,
 }
 
 /// What a pipeline that composes into a host's picture depends on.
@@ -58,7 +33,25 @@ pub(crate) struct HostKey {
     pub compare: wgpu::CompareFunction,
 }
 
-const VERTICES: [&str; 2] = ["visibility_vertex", "attribute_vertex"];
+/// Everything about shaders that is built once for a device.
+pub(crate) struct Pipelines {
+    module: wgpu::ShaderModule,
+    pub frame_group: wgpu::BindGroupLayout,
+    pub setup_group: wgpu::BindGroupLayout,
+    pub records_group: wgpu::BindGroupLayout,
+    pub shade_group: wgpu::BindGroupLayout,
+    pub composite_group: wgpu::BindGroupLayout,
+    pub setup: wgpu::ComputePipeline,
+    pub shade: wgpu::ComputePipeline,
+    draws: HashMap<(Draw, Precision), DrawPipeline>,
+    composites: HashMap<HostKey, wgpu::RenderPipeline>,
+}
+
+/// A pipeline that draws, and the layout of what it reads.
+pub(crate) struct DrawPipeline {
+    pub raw: wgpu::RenderPipeline,
+    pub reads_group: wgpu::BindGroupLayout,
+}
 
 fn group(device: &wgpu::Device, label: &str, entries: &[&str], number: u32) -> wgpu::BindGroupLayout {
     let entries: Vec<wgpu::BindGroupLayoutEntry> = slots(entries, number)
@@ -102,96 +95,94 @@ impl Pipelines {
             source: wgpu::ShaderSource::Wgsl(PASSES.into()),
         });
         let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
-        let fragments = [Sums::Color, Sums::Surface, Sums::Further].map(Sums::entry);
         let frame_group = group(device, "frame", &all, 0);
         let setup_group = group(device, "segment", &["setup"], 1);
-        let records_group = group(device, "records", &VERTICES, 1);
-        let kept_group = group(device, "kept", &fragments, 2);
+        let records_group = group(device, "records", &["visibility_vertex", "attribute_vertex"], 1);
         let shade_group = group(device, "sums", &["shade"], 1);
         let composite_group = group(device, "sums to compose", &["composite_fragment"], 1);
-        let layout = |label, groups: &[&wgpu::BindGroupLayout]| {
-            let bind_group_layouts: Vec<Option<&wgpu::BindGroupLayout>> = groups.iter().copied().map(Some).collect();
-            device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some(label),
-                bind_group_layouts: &bind_group_layouts,
-                immediate_size: 0,
-            })
-        };
-        let compute = |entry, layout: &wgpu::PipelineLayout| {
+        let compute = |entry, group: &wgpu::BindGroupLayout| {
             device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry),
-                layout: Some(layout),
+                layout: Some(&layout(device, entry, &[&frame_group, group])),
                 module: &module,
                 entry_point: Some(entry),
                 compilation_options: compilation(),
                 cache: None,
             })
         };
-        let setup = compute("setup", &layout("setup", &[&frame_group, &setup_group]));
-        let shade = compute("shade", &layout("shade", &[&frame_group, &shade_group]));
-        let visibility_layout = layout("visibility", &[&frame_group, &records_group]);
-        let depth = depth_state(KEPT_FORMAT, wgpu::CompareFunction::Greater);
-        let entries = [VERTICES[0], "visibility_fragment"];
-        let visibility = drawing(device, &module, &visibility_layout, entries, Some(depth), &[]);
-        let sums_layout = layout("attributes", &[&frame_group, &records_group, &kept_group]);
-        let composite_layout = layout("composite", &[&frame_group, &composite_group]);
+        let setup = compute("setup", &setup_group);
+        let shade = compute("shade", &shade_group);
         Self {
             module,
             frame_group,
             setup_group,
             records_group,
-            kept_group,
             shade_group,
+            composite_group,
             setup,
             shade,
-            visibility,
-            sums_layout,
-            sums: HashMap::new(),
-            composite_group,
-            composite_layout,
+            draws: HashMap::new(),
             composites: HashMap::new(),
         }
     }
 
-    /// The pipeline of a set of sums, built when it is first needed.
-    pub(crate) fn prepare(&mut self, device: &wgpu::Device, sums: Sums, precision: Precision) {
-        self.sums.entry((sums, precision)).or_insert_with(|| {
+    /// Builds the pipeline of a draw, if it hasn't been.
+    pub(crate) fn prepare(&mut self, device: &wgpu::Device, draw: Draw, precision: Precision) {
+        self.draws.entry((draw, precision)).or_insert_with(|| {
+            let [_, fragment] = draw.entries();
+            let reads_group = group(device, fragment, &[fragment], draw.reads_group());
+            let mut groups = vec![&self.frame_group];
+            groups.extend(draw.is_of_records().then_some(&self.records_group));
+            groups.extend((!draw.reads().is_empty()).then_some(&reads_group));
+            let depth = draw.depth().map(|t| depth_state(precision.format(t), wgpu::CompareFunction::Greater));
             let add = wgpu::BlendComponent {
                 src_factor: wgpu::BlendFactor::One,
                 dst_factor: wgpu::BlendFactor::One,
                 operation: wgpu::BlendOperation::Add,
             };
-            let target = |format| {
-                let blend = Some(wgpu::BlendState { color: add, alpha: add });
-                Some(wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL })
-            };
-            let (four, one) = (target(precision.four()), target(precision.one()));
-            let targets = match sums {
-                Sums::Color => vec![four],
-                Sums::Surface => vec![four.clone(), four],
-                Sums::Further => vec![four, one],
-            };
-            drawing(device, &self.module, &self.sums_layout, [VERTICES[1], sums.entry()], None, &targets)
+            let targets: Vec<Option<wgpu::ColorTargetState>> = draw
+                .colors()
+                .iter()
+                .map(|&target| {
+                    let blend = draw.adds().then_some(wgpu::BlendState { color: add, alpha: add });
+                    let format = precision.format(target);
+                    Some(wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL })
+                })
+                .collect();
+            let layout = layout(device, fragment, &groups);
+            let raw = drawing(device, &self.module, &layout, draw.entries(), depth, &targets);
+            DrawPipeline { raw, reads_group }
         });
     }
 
-    /// The pipeline that composes into a host's picture, built when it is first needed.
+    pub(crate) fn draw(&self, draw: Draw, precision: Precision) -> Option<&DrawPipeline> {
+        self.draws.get(&(draw, precision))
+    }
+
+    /// Builds the pipeline that composes into a host's picture, if it hasn't been.
     pub(crate) fn prepare_composite(&mut self, device: &wgpu::Device, host: HostKey) {
         self.composites.entry(host).or_insert_with(|| {
-            let target = wgpu::ColorTargetState { format: host.color, blend: None, write_mask: wgpu::ColorWrites::ALL };
-            let entries = ["composite_vertex", "composite_fragment"];
+            let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
+            let target = wgpu::ColorTargetState { format: host.color, blend, write_mask: wgpu::ColorWrites::ALL };
+            let entries = ["everywhere_vertex", "composite_fragment"];
             let depth = depth_state(host.depth, host.compare);
-            drawing(device, &self.module, &self.composite_layout, entries, Some(depth), &[Some(target)])
+            let layout = layout(device, "composite", &[&self.frame_group, &self.composite_group]);
+            drawing(device, &self.module, &layout, entries, Some(depth), &[Some(target)])
         });
     }
 
     pub(crate) fn composite(&self, host: HostKey) -> Option<&wgpu::RenderPipeline> {
         self.composites.get(&host)
     }
+}
 
-    pub(crate) fn sums(&self, sums: Sums, precision: Precision) -> Option<&wgpu::RenderPipeline> {
-        self.sums.get(&(sums, precision))
-    }
+fn layout(device: &wgpu::Device, label: &str, groups: &[&wgpu::BindGroupLayout]) -> wgpu::PipelineLayout {
+    let bind_group_layouts: Vec<Option<&wgpu::BindGroupLayout>> = groups.iter().copied().map(Some).collect();
+    device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(label),
+        bind_group_layouts: &bind_group_layouts,
+        immediate_size: 0,
+    })
 }
 
 /// No bounds are checked but those of buffers; every variable is written before it is read.

@@ -9,7 +9,7 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::{TargetKey, Targets};
 use crate::timing::Timer;
 use std::time::Instant;
-use surfel_gpu::{FrameScene, Sums, TileData, schedule, tiles};
+use surfel_gpu::{Draw, FrameScene, TileData, schedule, tiles};
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
 
@@ -80,15 +80,25 @@ impl Renderer {
     }
 
     /// Precision of a plan's sums on this adapter.
-    pub(crate) fn precision(&self, plan: &FramePlan) -> Precision {
+    fn precision(&self, plan: &FramePlan) -> Precision {
         let f32_sums = self.f32_sums && plan.accumulate == Accumulate::F32;
         if f32_sums { Precision::F32 } else { Precision::F16 }
     }
 
+    /// The targets of a tile.
+    pub(crate) fn key(&self, plan: &FramePlan, data: &TileData) -> TargetKey {
+        TargetKey {
+            size: [data.targets.width, data.targets.height],
+            precision: self.precision(plan),
+            draws: Draw::of(plan),
+            floats: data.planes.floats,
+        }
+    }
+
     /// Makes pipelines and targets, where they aren't there from the frame before.
-    pub(crate) fn prepare(&mut self, sums: &[Sums], key: TargetKey) {
-        for &sums in sums {
-            self.pipelines.prepare(&self.device, sums, key.precision);
+    pub(crate) fn prepare(&mut self, key: TargetKey) {
+        for &draw in &key.draws {
+            self.pipelines.prepare(&self.device, draw, key.precision);
         }
         if self.targets.as_ref().is_none_or(|targets| targets.key != key) {
             // The old ones go first: both may not fit.
@@ -107,17 +117,11 @@ impl Renderer {
         stats: &mut Stats,
     ) -> Result<(), RenderError> {
         let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
-        let sums = Sums::of(plan);
-        let key = TargetKey {
-            size: [tile.width, tile.height],
-            precision: self.precision(plan),
-            surface: sums.contains(&Sums::Surface),
-            further: sums.contains(&Sums::Further),
-            floats: data.planes.floats,
-        };
+        let key = self.key(plan, &data);
+        let floats = key.floats;
         let device = self.device.clone();
         let readback = scoped(&device, || {
-            self.prepare(&sums, key);
+            self.prepare(key);
             let targets = self.targets.as_ref()?;
             let parts = (scene, &self.pipelines, targets);
             let job = Tile::new(&self.device, &self.queue, parts, frame_scene, &data);
@@ -135,7 +139,7 @@ impl Renderer {
                 timer.resolve(&mut encoder, &buffer);
                 (buffer, timer.bytes())
             });
-            let mut parts = vec![(&targets.planes, 4 * u64::from(key.floats)), (&job.drawn, 4)];
+            let mut parts = vec![(&targets.planes, 4 * u64::from(floats)), (&job.drawn, 4)];
             parts.extend(times.as_ref().map(|(buffer, bytes)| (buffer, *bytes)));
             let readback = Readback::record(&self.device, &mut encoder, &parts);
             self.queue.submit([encoder.finish()]);
@@ -182,7 +186,7 @@ impl surfel_render::Renderer for Renderer {
         let buffer_bytes = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
         frame.reset(view.region.width, view.region.height, plan.planes);
-        let frame_scene = FrameScene::new(&scene.cpu, view);
+        let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         for tile in tiles(view, &plan, limits.max_texture_dimension_2d, buffer_bytes) {
             self.tile(scene, &frame_scene, (view, &plan, tile), frame, &mut stats)?;
         }

@@ -1,90 +1,90 @@
 //! Textures and buffers of a tile, kept from frame to frame while they fit.
 
-use crate::pipelines::{KEPT_FORMAT, Pipelines, Precision};
+use crate::pipelines::{Pipelines, Precision};
 use crate::scene::empty;
-use surfel_gpu::Sums;
+use std::collections::HashMap;
+use surfel_gpu::{Draw, SHADE_READS, Target, slots};
 
 /// What a tile's targets have to be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct TargetKey {
     pub size: [u32; 2],
     pub precision: Precision,
-    pub surface: bool,
-    pub further: bool,
+    /// What is drawn.
+    pub draws: Vec<Draw>,
     /// Floats of the planes.
     pub floats: u32,
 }
 
 pub(crate) struct Targets {
     pub key: TargetKey,
-    pub kept: wgpu::TextureView,
-    /// Colour, surface, material and count sums; 1×1 where they aren't needed.
-    pub sums: [wgpu::TextureView; 4],
+    views: HashMap<Target, wgpu::TextureView>,
+    reads: HashMap<Draw, wgpu::BindGroup>,
     pub planes: wgpu::Buffer,
-    pub kept_group: wgpu::BindGroup,
     pub shade_group: wgpu::BindGroup,
     /// For composing into a host's picture.
     pub composite_group: wgpu::BindGroup,
 }
 
 impl Targets {
+    /// The pipelines of the key's draws have been prepared.
     pub(crate) fn new(device: &wgpu::Device, pipelines: &Pipelines, key: TargetKey) -> Self {
-        let view = |label, format, needed: bool| {
-            let [width, height] = if needed { key.size } else { [1, 1] };
+        let view = |target: Target| {
+            // What no draw needs is of one pixel, for the shader has to bind something.
+            let is_needed = key.draws.iter().any(|d| d.colors().contains(&target) || d.depth() == Some(target));
+            let [width, height] = if is_needed { key.size } else { [1, 1] };
             let texture = device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
+                label: Some(target.name()),
                 size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
-                format,
+                format: key.precision.format(target),
                 usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
                 view_formats: &[],
             });
             texture.create_view(&wgpu::TextureViewDescriptor::default())
         };
-        let (four, one) = (key.precision.four(), key.precision.one());
-        let kept = view("kept depth", KEPT_FORMAT, true);
-        let sums = [
-            view("colour sums", four, true),
-            view("surface sums", four, key.surface),
-            view("material sums", four, key.further),
-            view("fragment counts", one, key.further),
-        ];
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-        let planes = empty(device, "planes", 4 * u64::from(key.floats), usage);
-        let kept_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("kept"),
-            layout: &pipelines.kept_group,
-            entries: &[wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&kept) }],
+        let views: HashMap<Target, wgpu::TextureView> =
+            Target::ALL.into_iter().map(|target| (target, view(target))).collect();
+        let planes = empty(
+            device,
+            "planes",
+            4 * u64::from(key.floats),
+            wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
+        );
+        let textures = |reads: &[(u32, Target)]| -> Vec<wgpu::BindGroupEntry<'_>> {
+            let entry = |&(binding, target): &(u32, Target)| {
+                let resource = wgpu::BindingResource::TextureView(views.get(&target)?);
+                Some(wgpu::BindGroupEntry { binding, resource })
+            };
+            reads.iter().filter_map(entry).collect()
+        };
+        let group = |label, layout: &wgpu::BindGroupLayout, entries: &[wgpu::BindGroupEntry<'_>]| {
+            device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries })
+        };
+        let reads = key.draws.iter().filter(|draw| !draw.reads().is_empty()).filter_map(|&draw| {
+            let layout = &pipelines.draw(draw, key.precision)?.reads_group;
+            Some((draw, group(draw.name(), layout, &textures(draw.reads()))))
         });
-        let textures = sums.iter().map(wgpu::BindingResource::TextureView);
-        let resources = textures.chain([planes.as_entire_binding()]);
-        let entries: Vec<wgpu::BindGroupEntry<'_>> = resources
-            .enumerate()
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding: binding as u32, resource })
-            .collect();
-        let shade_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("sums"),
-            layout: &pipelines.shade_group,
-            entries: &entries,
-        });
-        // The first three: colour, surface and material.
-        let composed: Vec<wgpu::BindGroupEntry<'_>> = entries.iter().take(3).cloned().collect();
-        let composite_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("sums to compose"),
-            layout: &pipelines.composite_group,
-            entries: &composed,
-        });
-        Self { key, kept, sums, planes, kept_group, shade_group, composite_group }
+        let reads = reads.collect();
+        let mut entries = textures(&SHADE_READS);
+        let used = slots(&["composite_fragment"], 1);
+        let composed: Vec<wgpu::BindGroupEntry<'_>> =
+            entries.iter().filter(|entry| used.iter().any(|slot| slot.binding == entry.binding)).cloned().collect();
+        let composite_group = group("sums to compose", &pipelines.composite_group, &composed);
+        // The one binding that the textures leave free.
+        entries.push(wgpu::BindGroupEntry { binding: 4, resource: planes.as_entire_binding() });
+        let shade_group = group("sums", &pipelines.shade_group, &entries);
+        Self { key, views, reads, planes, shade_group, composite_group }
     }
 
-    /// The targets that a pass writes.
-    pub(crate) fn of(&self, sums: Sums) -> &[wgpu::TextureView] {
-        match sums {
-            Sums::Color => &self.sums[..1],
-            Sums::Surface => &self.sums[..2],
-            Sums::Further => &self.sums[2..],
-        }
+    pub(crate) fn view(&self, target: Target) -> Option<&wgpu::TextureView> {
+        self.views.get(&target)
+    }
+
+    /// The textures that a draw reads.
+    pub(crate) fn reads(&self, draw: Draw) -> Option<&wgpu::BindGroup> {
+        self.reads.get(&draw)
     }
 }
