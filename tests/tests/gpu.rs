@@ -141,3 +141,31 @@ fn ash_and_wgpu_draw_the_same_picture_on_one_driver() {
     println!("worst difference {worst:e}");
     common::no_messages();
 }
+
+/// Room for 256 splats a buffer, a seventh of a picture a tile, and no record beyond the next pass.
+const LITTLE: surfel_ash::Limits = surfel_ash::Limits { buffer_bytes: 256 * 144, texture_side: 30, record_bytes: 0 };
+
+fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer) {
+    let planes = Planes { fragments: true, ..Planes::ALL };
+    let cases = scenes::all();
+    for case in cases.iter().step_by(6).chain(cases.iter().filter(|c| c.settings.edge_aa)) {
+        let [a, b] = [render(whole, case, planes).unwrap(), render(parts, case, planes).unwrap()];
+        let values = |f: &Frame| -> Vec<f32> { [f.color.as_flattened(), f.normal.as_flattened(), &f.weight].concat() };
+        for (a, b) in values(&a).iter().zip(values(&b)) {
+            // Sums in another order, and forms of near splats about another anchor.
+            assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{}: {a} {b}", case.name);
+        }
+        assert_eq!(a.fragments, b.fragments, "{}", case.name);
+    }
+}
+
+#[test]
+fn scenes_and_pictures_too_large_for_the_device_are_drawn_in_parts() {
+    if let (Some(mut whole), Some(mut parts)) = (common::ash(), common::ash_within(LITTLE)) {
+        draws_the_same_in_parts(&mut whole, &mut parts);
+    }
+    if let (Some(mut whole), Some(mut parts)) = (common::wgpu(), common::wgpu_within(LITTLE)) {
+        draws_the_same_in_parts(&mut whole, &mut parts);
+        common::no_messages();
+    }
+}

@@ -68,6 +68,12 @@ impl Facts {
         }
     }
 
+    /// Largest side of an image that is drawn into, pixels.
+    pub(crate) fn texture_side(&self) -> u32 {
+        let limits = &self.limits;
+        limits.max_image_dimension2_d.min(limits.max_framebuffer_width).min(limits.max_framebuffer_height)
+    }
+
     /// Largest buffer that a shader can read, bytes.
     pub(crate) fn buffer_bytes(&self) -> u64 {
         u64::from(self.limits.max_storage_buffer_range).min(self.allocation_bytes)

@@ -35,6 +35,7 @@ mod targets;
 
 pub use renderer::{Options, RawDevice, Renderer};
 pub use scene::ResidentScene;
+pub use surfel_gpu::Limits;
 
 /// Vulkan's bindings, in the version that [`RawDevice`] is made of.
 pub use ash;

@@ -14,7 +14,7 @@ use crate::targets::{TargetKey, Targets};
 use ash::vk;
 use std::sync::Arc;
 use std::time::Instant;
-use surfel_gpu::{Draw, FrameScene, TileData, schedule, tiles};
+use surfel_gpu::{Draw, FrameScene, Limits, TileData, schedule, tiles};
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{
     Capabilities, Feature, Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan,
@@ -27,6 +27,8 @@ pub struct Options {
     pub adapter: Option<String>,
     /// Has the validation layer check every call. Whatever it says becomes an error.
     pub validation: bool,
+    /// What may be used of the device.
+    pub limits: Limits,
 }
 
 /// A device that a program has anyway.
@@ -53,6 +55,8 @@ pub struct Renderer {
     device: Arc<Device>,
     info: RendererInfo,
     is_software: bool,
+    /// Of the device, and of those who opened it.
+    limits: Limits,
 }
 
 impl Renderer {
@@ -84,7 +88,7 @@ impl Renderer {
             .into());
         };
         let device = Device::new(instance, candidate)?;
-        Self::start(device, candidate)
+        Self::start(device, candidate, options.limits)
     }
 
     /// A renderer on a device that a program has anyway. None of its optional features is used, so no pass counts
@@ -105,10 +109,10 @@ impl Renderer {
         let candidate = Candidate::with_family(&instance.raw, physical, family, timestamp_bits);
         let candidate = candidate.ok_or_else(|| Failure::other("the device is of Vulkan 1.0, expected 1.1"))?;
         let device = Device::borrowed(instance, &candidate, device, queue)?;
-        Self::start(device, &candidate)
+        Self::start(device, &candidate, Limits::default())
     }
 
-    fn start(device: Arc<Device>, candidate: &Candidate) -> Result<Self, RenderError> {
+    fn start(device: Arc<Device>, candidate: &Candidate, limits: Limits) -> Result<Self, RenderError> {
         let pipelines = Pipelines::new(&device)?;
         let mut driver = candidate.driver.clone();
         if !device.facts.blends_f32 {
@@ -121,7 +125,9 @@ impl Renderer {
             threads: 0,
             capabilities: Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing] },
         };
-        let renderer = Self { targets: None, pipelines, device, info, is_software: candidate.is_software() };
+        let is_software = candidate.is_software();
+        let limits = limits.within(device.facts.buffer_bytes(), device.facts.texture_side());
+        let renderer = Self { targets: None, pipelines, device, info, is_software, limits };
         renderer.check_messages()?;
         Ok(renderer)
     }
@@ -187,7 +193,7 @@ impl surfel_render::Renderer for Renderer {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
-        let resident = scene::upload(&self.device, scene)?;
+        let resident = scene::upload(&self.device, scene, self.limits)?;
         self.check_messages()?;
         Ok(resident)
     }
@@ -202,13 +208,10 @@ impl surfel_render::Renderer for Renderer {
     ) -> Result<Stats, RenderError> {
         let start = Instant::now();
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
-        let facts = &self.device.facts;
         let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
         frame.reset(view.region.width, view.region.height, plan.planes);
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
-        let limits = &facts.limits;
-        let side = limits.max_image_dimension2_d.min(limits.max_framebuffer_width).min(limits.max_framebuffer_height);
-        for tile in tiles(view, &plan, side, facts.buffer_bytes()) {
+        for tile in tiles(view, &plan, self.limits) {
             self.tile(scene, &frame_scene, (view, &plan, tile), frame, &mut stats)?;
         }
         self.check_messages()?;

@@ -7,13 +7,9 @@ use crate::memory::Buffer;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
-use surfel_gpu::{Upload, UploadLimits, UploadedScene};
+use surfel_gpu::{Limits, Upload, UploadedScene};
 use surfel_model::Scene;
 use surfel_render::RenderError;
-use surfel_shaders::layout;
-
-/// Records of a scene that take more than this share one buffer, and are set up twice a frame.
-const RECORD_BUDGET: u64 = 512 << 20;
 
 /// A scene as this backend keeps it: splats in the device's memory, chunks and clouds in the host's.
 pub struct ResidentScene {
@@ -38,8 +34,8 @@ impl ResidentScene {
     }
 }
 
-pub(crate) fn upload(device: &Arc<Device>, scene: &Scene) -> Result<ResidentScene, RenderError> {
-    let mut upload = Upload::new(scene, UploadLimits { buffer_bytes: device.facts.buffer_bytes() }, crate::NAME)?;
+pub(crate) fn upload(device: &Arc<Device>, scene: &Scene, limits: Limits) -> Result<ResidentScene, RenderError> {
+    let mut upload = Upload::new(scene, limits, crate::NAME)?;
     let bytes = upload.total_bytes();
     let memory = device.facts.memory_bytes;
     if bytes > memory {
@@ -52,35 +48,32 @@ pub(crate) fn upload(device: &Arc<Device>, scene: &Scene) -> Result<ResidentScen
         done += 4 * words.len() as u64;
     }
     let cpu = upload.finish();
-    let shared_records = cpu.segments.iter().map(|s| record_bytes(s.members.len())).sum::<u64>() > RECORD_BUDGET;
-    let segments = segments(device, &cpu, splats, shared_records).map_err(|failure| missing(failure, bytes, done))?;
+    let (record_bytes, shared_records) = cpu.records(limits);
+    let segments = segments(device, &cpu, splats, &record_bytes, shared_records)
+        .map_err(|failure| missing(failure, bytes, done))?;
     Ok(ResidentScene { cpu, segments, shared_records, bytes })
-}
-
-fn record_bytes(count: usize) -> u64 {
-    (count * layout::record::SIZE) as u64
 }
 
 fn segments(
     device: &Arc<Device>,
     cpu: &UploadedScene,
     splats: Vec<Buffer>,
+    record_bytes: &[u64],
     shared_records: bool,
 ) -> Result<Vec<ResidentSegment>, Failure> {
-    let records = |count: usize| -> Result<Arc<Buffer>, Failure> {
+    let records = |bytes: u64| -> Result<Arc<Buffer>, Failure> {
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        Ok(Arc::new(Buffer::new(device, "records", record_bytes(count), usage, MemoryLocation::GpuOnly)?))
+        Ok(Arc::new(Buffer::new(device, "records", bytes, usage, MemoryLocation::GpuOnly)?))
     };
-    let largest = cpu.segments.iter().map(|segment| segment.members.len()).max().unwrap_or(0);
+    let largest = record_bytes.iter().copied().max().unwrap_or(0);
     let shared = if shared_records { Some(records(largest)?) } else { None };
     let mut segments = Vec::with_capacity(splats.len());
-    for (segment, splats) in cpu.segments.iter().zip(splats) {
-        let count = segment.members.len();
+    for ((segment, splats), &bytes) in cpu.segments.iter().zip(splats).zip(record_bytes) {
         segments.push(ResidentSegment {
             uniform: Buffer::filled(device, "segment", &segment.uniform, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
             splats,
-            records: shared.clone().map_or_else(|| records(count), Ok)?,
-            count: count as u32,
+            records: shared.clone().map_or_else(|| records(bytes), Ok)?,
+            count: segment.members.len() as u32,
         });
     }
     Ok(segments)

@@ -24,7 +24,7 @@ pub use bindings::{Slot, groups, slots};
 pub use chunk::Chunk;
 pub use planes::PlaneLayout;
 pub use schedule::{Step, schedule};
-pub use segment::{Segment, Upload, UploadLimits, UploadedScene};
+pub use segment::{Limits, Segment, Upload, UploadedScene};
 pub use targets::{Draw, Layer, SHADE_READS, Sums, Target, TargetFormat};
 pub use tile::{SegmentData, TileData, tiles};
 pub use uniforms::FrameScene;

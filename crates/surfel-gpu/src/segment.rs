@@ -11,11 +11,35 @@ use surfel_shaders::layout;
 /// Most splats of a segment: 144 MiB of records.
 const SEGMENT_SPLATS: usize = 1 << 20;
 
-/// What a device can hold.
+/// What may be used of a device. What doesn't fit at once is drawn in parts, to the same picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct UploadLimits {
-    /// Largest buffer that a shader may read, bytes.
+pub struct Limits {
+    /// Largest buffer that a shader reads, bytes.
     pub buffer_bytes: u64,
+    /// Largest side of a texture, pixels.
+    pub texture_side: u32,
+    /// Records of a scene that take more than this, in bytes, share one buffer and are set up anew for each pass: time for
+    /// memory.
+    pub record_bytes: u64,
+}
+
+impl Default for Limits {
+    /// All that there is; half a gibibyte of records.
+    fn default() -> Self {
+        Self { buffer_bytes: u64::MAX, texture_side: u32::MAX, record_bytes: 512 << 20 }
+    }
+}
+
+impl Limits {
+    /// These limits, and a device's own.
+    #[must_use]
+    pub fn within(self, buffer_bytes: u64, texture_side: u32) -> Self {
+        Self {
+            buffer_bytes: self.buffer_bytes.min(buffer_bytes),
+            texture_side: self.texture_side.min(texture_side),
+            ..self
+        }
+    }
 }
 
 /// A part of an object's splats that one buffer holds. The CPU keeps what frames need of it.
@@ -63,12 +87,22 @@ pub struct Upload {
     at: usize,
 }
 
+impl UploadedScene {
+    /// Bytes of each segment's records, and whether all segments share one buffer of them.
+    pub fn records(&self, limits: Limits) -> (Vec<u64>, bool) {
+        let each = self.segments.iter().map(|segment| (segment.members.len() * layout::record::SIZE) as u64);
+        let each: Vec<u64> = each.collect();
+        let shared = each.iter().sum::<u64>() > limits.record_bytes;
+        (each, shared)
+    }
+}
+
 impl Upload {
     /// Starts an upload.
     ///
     /// # Errors
     /// [`RenderError::Model`] if the scene is invalid, [`RenderError::Backend`] if the device's buffers hold no splats.
-    pub fn new(scene: &Scene, limits: UploadLimits, backend: &'static str) -> Result<Self, RenderError> {
+    pub fn new(scene: &Scene, limits: Limits, backend: &'static str) -> Result<Self, RenderError> {
         scene.validate()?;
         let largest = layout::record::SIZE as u64;
         let segment_splats = (limits.buffer_bytes / largest).min(SEGMENT_SPLATS as u64) as usize;

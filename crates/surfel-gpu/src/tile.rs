@@ -3,7 +3,7 @@
 use crate::culling::{is_outside, may_reach_near};
 use crate::near::{NearJob, NearSplats};
 use crate::planes::{PlaneLayout, floats_per_pixel};
-use crate::segment::{Segment, UploadedScene};
+use crate::segment::{Limits, Segment, UploadedScene};
 use crate::uniforms::{FrameScene, frame_words};
 use crate::words::Words;
 use rayon::prelude::*;
@@ -27,12 +27,11 @@ fn targets_of(tile: Region, view: &View, plan: &FramePlan) -> Region {
     Region { x, y, width: right - x, height: bottom - y }
 }
 
-/// Cuts the view's region into tiles whose targets have at most `texture_side` pixels a side, and whose planes fit into
-/// `buffer_bytes`.
-pub fn tiles(view: &View, plan: &FramePlan, texture_side: u32, buffer_bytes: u64) -> Vec<Region> {
-    let side = texture_side.min(LARGEST_SIDE).saturating_sub(2 * border(plan)).max(1);
+/// Cuts the view's region into tiles whose targets and planes are within the limits.
+pub fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region> {
+    let side = limits.texture_side.min(LARGEST_SIDE).saturating_sub(2 * border(plan)).max(1);
     let bytes = 4 * u64::from(floats_per_pixel(plan.planes).max(1));
-    let pixels = (buffer_bytes.min(u64::from(u32::MAX)) / bytes).max(1);
+    let pixels = (limits.buffer_bytes.min(u64::from(u32::MAX)) / bytes).max(1);
     let width = view.region.width.min(side).min(pixels.min(u64::from(side)) as u32);
     let height =
         view.region.height.min(side).min((pixels / u64::from(width.max(1))).min(u64::from(side)) as u32).max(1);
@@ -180,7 +179,8 @@ mod tests {
         let view = view([100, 70]);
         let plan = planned(&view, Planes::ALL);
         // 9 floats, 36 bytes a pixel: at most 277 pixels a tile.
-        let tiles = tiles(&view, &plan, 64, 10_000);
+        let limits = |side, bytes| Limits::default().within(bytes, side);
+        let tiles = tiles(&view, &plan, limits(64, 10_000));
         let mut hits = vec![0; 7000];
         for t in &tiles {
             assert!(t.width <= 64 && t.height <= 64 && t.width * t.height <= 277, "{t:?}");
@@ -191,7 +191,7 @@ mod tests {
             }
         }
         assert!(hits.iter().all(|&h| h == 1));
-        assert_eq!(super::tiles(&view, &plan, 8192, 1 << 27).len(), 1);
+        assert_eq!(super::tiles(&view, &plan, limits(8192, 1 << 27)).len(), 1);
     }
 
     #[test]
@@ -202,6 +202,10 @@ mod tests {
         let tile = Region { x: 0, y: 30, width: 50, height: 40 };
         assert_eq!(targets_of(tile, &view, &plain), tile);
         assert_eq!(targets_of(tile, &view, &edges), Region { x: 0, y: 29, width: 51, height: 41 });
-        assert!(tiles(&view, &edges, 64, 1 << 27).iter().all(|t| targets_of(*t, &view, &edges).width <= 64));
+        assert!(
+            tiles(&view, &edges, Limits::default().within(1 << 27, 64))
+                .iter()
+                .all(|t| targets_of(*t, &view, &edges).width <= 64)
+        );
     }
 }

@@ -69,7 +69,7 @@ impl Renderer {
     ) -> Result<(), RenderError> {
         let planes = Planes { depth: true, ..Planes::COLOR };
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
-        let (region, side) = (view.region, self.device.limits().max_texture_dimension_2d);
+        let (region, side) = (view.region, self.limits.texture_side);
         // Edges have a border of a pixel.
         let side = side.saturating_sub(2);
         if region.width > side || region.height > side {

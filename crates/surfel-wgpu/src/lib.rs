@@ -33,6 +33,7 @@ pub use adapter::{AdapterSummary, adapters};
 pub use host::{HostDepth, HostTarget};
 pub use renderer::{Options, Renderer};
 pub use scene::ResidentScene;
+pub use surfel_gpu::Limits;
 
 /// Name used in messages and on the command line.
 const NAME: &str = "wgpu";

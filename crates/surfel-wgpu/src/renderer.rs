@@ -9,7 +9,7 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::{TargetKey, Targets};
 use crate::timing::Timer;
 use std::time::Instant;
-use surfel_gpu::{Draw, FrameScene, TileData, schedule, tiles};
+use surfel_gpu::{Draw, FrameScene, Limits, TileData, schedule, tiles};
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
 
@@ -20,6 +20,8 @@ pub struct Options {
     pub adapter: Option<String>,
     /// Has the API's own validation check every call, where it is installed. Messages go to the `log` crate.
     pub validation: bool,
+    /// What may be used of the device.
+    pub limits: Limits,
 }
 
 /// The wgpu backend.
@@ -34,6 +36,8 @@ pub struct Renderer {
     pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
     timer: Option<Timer>,
+    /// Of the device, and of those who opened it.
+    pub(crate) limits: Limits,
 }
 
 impl Renderer {
@@ -51,7 +55,7 @@ impl Renderer {
     /// As [`Renderer::new`]; also if no adapter has that name.
     pub fn with_options(options: &Options) -> Result<Self, RenderError> {
         let Opened { device, queue, info } = adapter::open(options)?;
-        Self::start(device, queue, &info)
+        Self::start(device, queue, &info, options.limits)
     }
 
     /// A renderer on a device that a program has anyway. `Features::FLOAT32_BLENDABLE` gives f32 sums,
@@ -62,16 +66,24 @@ impl Renderer {
     /// [`RenderError::Backend`] if the device refuses the shaders.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, RenderError> {
         let info = device.adapter_info();
-        Self::start(device, queue, &info)
+        Self::start(device, queue, &info, Limits::default())
     }
 
-    fn start(device: wgpu::Device, queue: wgpu::Queue, info: &wgpu::AdapterInfo) -> Result<Self, RenderError> {
+    fn start(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        info: &wgpu::AdapterInfo,
+        limits: Limits,
+    ) -> Result<Self, RenderError> {
         let errors = Mailbox::of(&device);
         let f32_sums = blends_f32(&device);
         let (pipelines, timer) = scoped(&device, || (Pipelines::new(&device), Timer::new(&device, &queue)))?;
+        let own = device.limits();
+        let buffer_bytes = own.max_storage_buffer_binding_size.min(own.max_buffer_size);
+        let limits = limits.within(buffer_bytes, own.max_texture_dimension_2d);
         let is_software = info.device_type == wgpu::DeviceType::Cpu;
         let info = renderer_info(info, f32_sums);
-        Ok(Self { device, queue, info, is_software, f32_sums, errors, pipelines, targets: None, timer })
+        Ok(Self { device, queue, info, is_software, f32_sums, errors, pipelines, targets: None, timer, limits })
     }
 
     /// True if the adapter computes on the processor: the `cpu` backend is faster.
@@ -167,7 +179,7 @@ impl surfel_render::Renderer for Renderer {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
-        let resident = scene::upload(&self.device, &self.queue, &self.pipelines, scene)?;
+        let resident = scene::upload(&self.device, &self.queue, &self.pipelines, scene, self.limits)?;
         self.errors.check()?;
         Ok(resident)
     }
@@ -182,12 +194,10 @@ impl surfel_render::Renderer for Renderer {
     ) -> Result<Stats, RenderError> {
         let start = Instant::now();
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
-        let limits = self.device.limits();
-        let buffer_bytes = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
         frame.reset(view.region.width, view.region.height, plan.planes);
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
-        for tile in tiles(view, &plan, limits.max_texture_dimension_2d, buffer_bytes) {
+        for tile in tiles(view, &plan, self.limits) {
             self.tile(scene, &frame_scene, (view, &plan, tile), frame, &mut stats)?;
         }
         stats.bytes_per_splat = scene.bytes() as f64 / stats.splats.max(1) as f64;

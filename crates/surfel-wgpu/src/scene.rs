@@ -2,13 +2,9 @@
 
 use crate::error::{Caught, failed, scoped};
 use crate::pipelines::Pipelines;
-use surfel_gpu::{Upload, UploadLimits, UploadedScene};
+use surfel_gpu::{Limits, Upload, UploadedScene};
 use surfel_model::Scene;
 use surfel_render::RenderError;
-use surfel_shaders::layout;
-
-/// Records of a scene that take more than this share one buffer, and are set up twice a frame.
-const RECORD_BUDGET: u64 = 512 << 20;
 
 /// A scene as this backend keeps it: splats in the device's memory, chunks and clouds in the host's.
 pub struct ResidentScene {
@@ -60,10 +56,9 @@ pub(crate) fn upload(
     queue: &wgpu::Queue,
     pipelines: &Pipelines,
     scene: &Scene,
+    limits: Limits,
 ) -> Result<ResidentScene, RenderError> {
-    let limits = device.limits();
-    let buffer_bytes = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-    let mut upload = Upload::new(scene, UploadLimits { buffer_bytes }, crate::NAME)?;
+    let mut upload = Upload::new(scene, limits, crate::NAME)?;
     let bytes = upload.total_bytes();
     let mut done = 0;
     let mut splats = Vec::new();
@@ -78,22 +73,20 @@ pub(crate) fn upload(
         done += 4 * words.len() as u64;
     }
     let cpu = upload.finish();
-    let record_bytes = |count: usize| (count * layout::record::SIZE) as u64;
-    let counts: Vec<usize> = cpu.segments.iter().map(|segment| segment.members.len()).collect();
-    let shared_records = counts.iter().map(|&count| record_bytes(count)).sum::<u64>() > RECORD_BUDGET;
+    let (record_bytes, shared_records) = cpu.records(limits);
     let usage = wgpu::BufferUsages::STORAGE;
     let segments = scoped(device, || {
-        let largest = counts.iter().copied().max().unwrap_or(0);
-        let shared = shared_records.then(|| empty(device, "records", record_bytes(largest), usage));
-        let each = cpu.segments.iter().zip(splats).zip(&counts);
-        each.map(|((segment, splats), &count)| {
-            let records = shared.clone().unwrap_or_else(|| empty(device, "records", record_bytes(count), usage));
+        let largest = record_bytes.iter().copied().max().unwrap_or(0);
+        let shared = shared_records.then(|| empty(device, "records", largest, usage));
+        let each = cpu.segments.iter().zip(splats).zip(&record_bytes);
+        each.map(|((segment, splats), &bytes)| {
+            let records = shared.clone().unwrap_or_else(|| empty(device, "records", bytes, usage));
             ResidentSegment {
                 uniform: filled(device, queue, "segment", &segment.uniform, wgpu::BufferUsages::UNIFORM),
                 splats,
                 draw_group: records_group(device, pipelines, &records),
                 records,
-                count: count as u32,
+                count: segment.members.len() as u32,
             }
         })
         .collect()

@@ -201,7 +201,7 @@ impl Backend {
 
     #[cfg(feature = "ash")]
     fn ash(options: &BackendOptions) -> Result<Self, BackendError> {
-        let start = surfel_ash::Options { adapter: options.adapter.clone(), validation: false };
+        let start = surfel_ash::Options { adapter: options.adapter.clone(), ..Default::default() };
         let start = surfel_ash::Renderer::with_options(&start);
         let renderer = start.map_err(|source| BackendError::NoStart { name: "ash", source })?;
         Ok(Self::Ash(Box::new(renderer)))
@@ -209,7 +209,7 @@ impl Backend {
 
     #[cfg(feature = "wgpu")]
     fn wgpu(options: &BackendOptions) -> Result<Self, BackendError> {
-        let start = surfel_wgpu::Options { adapter: options.adapter.clone(), validation: false };
+        let start = surfel_wgpu::Options { adapter: options.adapter.clone(), ..Default::default() };
         let start = surfel_wgpu::Renderer::with_options(&start);
         let renderer = start.map_err(|source| BackendError::NoStart { name: "wgpu", source })?;
         Ok(Self::Wgpu(Box::new(renderer)))

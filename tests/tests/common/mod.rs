@@ -51,16 +51,26 @@ pub(crate) fn no_messages() {
 
 /// The Vulkan backend, validated: whatever the layer says is an error of the call.
 pub(crate) fn ash() -> Option<surfel_ash::Renderer> {
-    let options = surfel_ash::Options { validation: true, ..surfel_ash::Options::default() };
+    ash_within(surfel_ash::Limits::default())
+}
+
+/// The same, with less of the device.
+pub(crate) fn ash_within(limits: surfel_ash::Limits) -> Option<surfel_ash::Renderer> {
+    let options = surfel_ash::Options { validation: true, limits, ..surfel_ash::Options::default() };
     started("ash", surfel_ash::Renderer::with_options(&options))
 }
 
 /// The wgpu backend, validated.
 pub(crate) fn wgpu() -> Option<surfel_wgpu::Renderer> {
+    wgpu_within(surfel_wgpu::Limits::default())
+}
+
+/// The same, with less of the device.
+pub(crate) fn wgpu_within(limits: surfel_wgpu::Limits) -> Option<surfel_wgpu::Renderer> {
     // A second test of the same program has installed it already.
     if log::set_logger(&Listener).is_ok() {
         log::set_max_level(log::LevelFilter::Warn);
     }
-    let options = surfel_wgpu::Options { validation: true, ..surfel_wgpu::Options::default() };
+    let options = surfel_wgpu::Options { validation: true, limits, ..surfel_wgpu::Options::default() };
     started("wgpu", surfel_wgpu::Renderer::with_options(&options))
 }
