@@ -75,6 +75,11 @@ struct SurfaceSums {
     @location(1) surface: vec4f,
 }
 
+// w·(normal, z).
+fn surface_of(in: AttributeVertex, c: Contribution) -> vec4f {
+    return vec4f(in.normal, c.z * frame.per_depth_unit) * c.weight;
+}
+
 // Σw·(colour, 1) and Σw·(normal, z).
 @fragment
 fn surface_fragment(in: AttributeVertex) -> SurfaceSums {
@@ -82,7 +87,7 @@ fn surface_fragment(in: AttributeVertex) -> SurfaceSums {
     if !c.is_there {
         discard;
     }
-    return SurfaceSums(vec4f(in.color, 1.0) * c.weight, vec4f(in.normal, c.z) * c.weight);
+    return SurfaceSums(vec4f(in.color, 1.0) * c.weight, surface_of(in, c));
 }
 
 struct FurtherSums {

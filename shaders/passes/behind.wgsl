@@ -32,7 +32,7 @@ fn behind_surface_fragment(in: AttributeVertex) -> SurfaceSums {
     if !c.is_there || !is_behind(in.position, c.z) {
         discard;
     }
-    return SurfaceSums(vec4f(in.color, 1.0) * c.weight, vec4f(in.normal, c.z) * c.weight);
+    return SurfaceSums(vec4f(in.color, 1.0) * c.weight, surface_of(in, c));
 }
 
 @fragment

@@ -52,6 +52,10 @@ struct Frame {
     light_count: u32,
     // Edges are antialiased.
     has_edges: u32,
+    // Depths are summed in this unit, a power of two about as large as the farthest: f16 ends at 65504.
+    depth_unit: f32,
+    // Its reciprocal, for a GPU's division rounds.
+    per_depth_unit: f32,
     // First value of each plane in `planes`, or ABSENT.
     color_at: u32,
     depth_at: u32,

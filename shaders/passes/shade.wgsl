@@ -36,7 +36,7 @@ fn shaded(pixel: vec2i, sums: vec4f, surface_sum: vec4f, material_sum: vec4f) ->
     let inverse = 1.0 / sums.w;
     let surface = surface_sum * inverse;
     let normal = unit_or_zero(surface.xyz);
-    let z = surface.w;
+    let z = surface.w * frame.depth_unit;
     var albedo = vec3f(1.0, 1.0, 1.0);
     if frame.has_colors != 0u {
         albedo = sums.rgb * inverse;

@@ -103,6 +103,15 @@ fn sums_in_f16_are_close(mut renderer: impl Renderer) {
     let worst = worst.fold(0.0, f32::max);
     // Ten fragments of 2⁻¹¹ each; identical pictures would mean that nothing was done in f16.
     assert!(worst > 1e-5 && worst < 5e-3, "{worst}");
+    // Depths beyond f16's largest number, and below its least normal one.
+    for scale in [1e-5, 1e5] {
+        let case = scenes::scaled(&halves, scale);
+        let depth = |case: &Case, renderer: &mut _| render(renderer, case, Planes::ALL).unwrap().depth;
+        let exact = depth(&case.with("f32", |s| s.accumulate = Accumulate::F32), &mut renderer);
+        for (a, b) in depth(&case, &mut renderer).iter().zip(&exact) {
+            assert!(a == b || (a - b).abs() <= 5e-3 * b, "{a} {b}");
+        }
+    }
 }
 
 fn empty_scene_is_background(mut renderer: impl Renderer) {
@@ -148,7 +157,7 @@ const LITTLE: surfel_ash::Limits = surfel_ash::Limits { buffer_bytes: 256 * 144,
 fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer) {
     let planes = Planes { fragments: true, ..Planes::ALL };
     let cases = scenes::all();
-    for case in cases.iter().step_by(6).chain(cases.iter().filter(|c| c.settings.edge_aa)) {
+    for case in cases.iter().step_by(12).chain(cases.iter().filter(|c| c.settings.edge_aa)) {
         let [a, b] = [render(whole, case, planes).unwrap(), render(parts, case, planes).unwrap()];
         let values = |f: &Frame| -> Vec<f32> { [f.color.as_flattened(), f.normal.as_flattened(), &f.weight].concat() };
         for (a, b) in values(&a).iter().zip(values(&b)) {

@@ -51,3 +51,19 @@ impl From<Failure> for RenderError {
         Self::Backend { backend: NAME, message }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lost_devices_and_ended_memory_are_errors_that_say_what_to_do() {
+        let text = |result: vk::Result| RenderError::from(Failure::from(result)).to_string();
+        for result in [vk::Result::ERROR_OUT_OF_DEVICE_MEMORY, vk::Result::ERROR_OUT_OF_HOST_MEMORY] {
+            assert!(text(result).contains("out of memory; render by --region"), "{}", text(result));
+        }
+        assert!(text(vk::Result::ERROR_DEVICE_LOST).contains("device was lost; start"));
+        assert!(matches!(Failure::from(AllocationError::OutOfMemory), Failure::OutOfMemory));
+        assert!(text(vk::Result::ERROR_FORMAT_NOT_SUPPORTED).starts_with("ash: Vulkan says"));
+    }
+}

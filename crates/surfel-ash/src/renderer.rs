@@ -33,7 +33,7 @@ pub struct Options {
 
 /// A device that a program has anyway.
 pub struct RawDevice {
-    /// The loader.
+    /// The loader. A program that goes on with its device keeps a clone: with the last one its functions are unloaded.
     pub entry: ash::Entry,
     /// An instance of Vulkan 1.1 or later.
     pub instance: ash::Instance,
@@ -218,5 +218,42 @@ impl surfel_render::Renderer for Renderer {
         stats.bytes_per_splat = scene.bytes() as f64 / stats.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Camera, CloudData, Column3, OnInvalid, Projection, Shape, SplatCloud};
+    use surfel_render::Renderer as _;
+
+    #[test]
+    fn nothing_outlives_its_device() {
+        let options = Options { validation: true, ..Options::default() };
+        let mut renderer = match Renderer::with_options(&options) {
+            Ok(renderer) => renderer,
+            Err(error) => {
+                let required = std::env::var("SURFEL_REQUIRE").unwrap_or_default();
+                assert!(!required.split(',').any(|word| word.trim() == "ash"), "{error}");
+                println!("skipped: {error}");
+                return;
+            }
+        };
+        let z = Column3::from_f64(&[[0.0, 0.0, 1.0].into()]);
+        let shape = Shape::Disks { normals: z.clone(), radii: vec![0.5] };
+        let cloud = SplatCloud::new(CloudData::new([0.0; 3].into(), z, shape), OnInvalid::Refuse).unwrap().0;
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
+        let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
+        let resident = renderer.upload(&Scene::of_cloud(cloud)).unwrap();
+        let mut frame = Frame::default();
+        renderer.render(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame).unwrap();
+        assert!(frame.color[36][0] > 0.0);
+        // The layer counts what is left when the device goes. The scene may outlive the renderer.
+        let instance = renderer.device.instance.clone();
+        drop(renderer);
+        drop(resident);
+        assert_eq!(instance.take_messages(), [""; 0]);
+        assert_eq!(Arc::strong_count(&instance), 1);
     }
 }

@@ -59,6 +59,8 @@ pub struct SegmentData {
     pub near_bits: Vec<u32>,
     /// No splat of it can touch the tile.
     pub is_outside: bool,
+    /// Depth of the farthest chunk that can.
+    farthest: f64,
 }
 
 /// What a tile needs beside the resident scene.
@@ -92,7 +94,15 @@ impl TileData {
             near_records.extend(near.records);
             segments.push(segment);
         }
-        let frame = frame_words(scene, frame, (view, plan), (tile, targets), &planes);
+        let mut frame = frame_words(scene, frame, (view, plan), (tile, targets), &planes);
+        let farthest = segments.iter().map(|segment| segment.farthest).fold(view.projection.near, f64::max);
+        // Within what f32 holds, whatever the scene's scale.
+        let unit = farthest.log2().round().clamp(-100.0, 100.0).exp2() as f32;
+        for (offset, value) in [(layout::frame::DEPTH_UNIT, unit), (layout::frame::PER_DEPTH_UNIT, 1.0 / unit)] {
+            if let Some(word) = frame.get_mut(offset / 4) {
+                *word = value.to_bits();
+            }
+        }
         Self { targets, shaded: [tile.width, tile.height], frame, segments, near_records, planes }
     }
 
@@ -146,7 +156,10 @@ fn segment_data(
         } else {
             layout::CHUNK_ORDINARY
         };
-        data.is_outside &= state == layout::CHUNK_OUTSIDE;
+        if state != layout::CHUNK_OUTSIDE {
+            data.is_outside = false;
+            data.farthest = data.farthest.max(center.z);
+        }
         let mut words = Words::new(at::SIZE);
         words.vec3(at::CENTER, center).u32(at::STATE, state);
         data.chunks.extend(words.into_vec());

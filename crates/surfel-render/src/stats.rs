@@ -20,7 +20,7 @@ pub struct Stats {
     pub splats: u64,
     /// Splats that were rasterised (not culled).
     pub drawn: u64,
-    /// Fragments that contributed to a pixel.
+    /// Fragments that contributed to a pixel; 0 from a backend that doesn't count them (wgpu, unless the plane is asked for).
     pub fragments: u64,
     /// Resident bytes a splat.
     pub bytes_per_splat: f64,
