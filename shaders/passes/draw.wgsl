@@ -92,7 +92,8 @@ fn visibility_fragment(in: VisibilityVertex) -> @builtin(frag_depth) f32 {
 
 struct Written {
     @builtin(frag_depth) depth: f32,
-    // What is kept and its writer's ε, for finding edges.
+    // What is kept and its writer's ε, for finding edges. Of equal values the first drawn stays, in the order of the buffers
+    // rather than of the cloud.
     @location(0) writer: vec2f,
 }
 

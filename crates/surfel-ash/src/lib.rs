@@ -37,8 +37,14 @@ pub use renderer::{Options, RawDevice, Renderer};
 pub use scene::ResidentScene;
 pub use surfel_gpu::Limits;
 
+use surfel_render::{Capabilities, Feature};
+
 /// Vulkan's bindings, in the version that [`RawDevice`] is made of.
 pub use ash;
 
 /// Name used in messages and on the command line.
 const NAME: &str = "ash";
+
+/// What the backend draws, on any adapter.
+pub const CAPABILITIES: Capabilities =
+    Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing] };

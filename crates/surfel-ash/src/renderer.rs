@@ -1,6 +1,5 @@
 //! The backend: scenes in, frames out.
 
-use crate::NAME;
 use crate::commands::submit;
 use crate::device::Device;
 use crate::error::Failure;
@@ -11,14 +10,13 @@ use crate::pipelines::Pipelines;
 use crate::queries::Queries;
 use crate::scene::{self, ResidentScene};
 use crate::targets::{TargetKey, Targets};
+use crate::{CAPABILITIES, NAME};
 use ash::vk;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{Draw, FrameScene, Limits, TileData, schedule, tiles};
 use surfel_model::{Accumulate, Scene, Settings};
-use surfel_render::{
-    Capabilities, Feature, Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan,
-};
+use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
 
 /// How a [`Renderer`] is opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -123,7 +121,7 @@ impl Renderer {
             adapter: candidate.name.clone(),
             driver,
             threads: 0,
-            capabilities: Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing] },
+            capabilities: CAPABILITIES,
         };
         let is_software = candidate.is_software();
         let limits = limits.within(device.facts.buffer_bytes(), device.facts.texture_side());

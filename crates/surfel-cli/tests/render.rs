@@ -230,3 +230,29 @@ fn camera_file_and_named_views_set_the_camera() {
     f.write("bad.json", "{}");
     f.run("a.ply --print-scene --camera bad.json").fails(3, "bad.json");
 }
+
+#[test]
+fn gpu_backends_draw_what_the_processor_draws() {
+    let f = Folder::new("gpu");
+    f.write("a.ply", ball());
+    f.run("a.ply -o cpu.exr --size 48x40 --exr-f32 --backend cpu").code(0);
+    let there = f.run("backends --json").code(0).json();
+    for backend in ["ash", "wgpu"] {
+        if !there.as_array().unwrap().iter().any(|b| b["name"] == backend && b["available"] == true) {
+            let required = std::env::var("SURFEL_REQUIRE").unwrap_or_default();
+            assert!(
+                !required.split(',').any(|word| word.trim() == backend),
+                "SURFEL_REQUIRE asks for {backend}: {there}"
+            );
+            println!("skipped: no {backend}");
+            continue;
+        }
+        f.run(&format!("a.ply -o {backend}.exr --size 48x40 --exr-f32 --backend {backend}")).code(0);
+        // What two f32 programs may differ by where no decision does.
+        f.run(&format!("compare {backend}.exr cpu.exr --fail-below psnr=60")).code(0);
+        // A picture of its own, not the other backend's file.
+        let stats = f.run(&format!("a.ply --stats --size 8x8 --backend {backend}")).code(0).json();
+        assert_eq!(stats["backend"], backend);
+        assert!(stats["passes"]["visibility"].is_number() || stats["passes"].as_object().unwrap().is_empty());
+    }
+}

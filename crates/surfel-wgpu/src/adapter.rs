@@ -1,8 +1,8 @@
 //! Which device draws.
 
 use crate::error::failed;
-use crate::{NAME, Options};
-use surfel_render::{Capabilities, Feature, RenderError, RendererInfo};
+use crate::{CAPABILITIES, NAME, Options};
+use surfel_render::{RenderError, RendererInfo};
 
 /// A device that wgpu found.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -107,11 +107,5 @@ pub(crate) fn renderer_info(info: &wgpu::AdapterInfo, f32_sums: bool) -> Rendere
     if !f32_sums {
         driver += "; sums in f16, for it can't blend f32";
     }
-    RendererInfo {
-        backend: NAME,
-        adapter: info.name.clone(),
-        driver,
-        threads: 0,
-        capabilities: Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing] },
-    }
+    RendererInfo { backend: NAME, adapter: info.name.clone(), driver, threads: 0, capabilities: CAPABILITIES }
 }

@@ -35,5 +35,11 @@ pub use renderer::{Options, Renderer};
 pub use scene::ResidentScene;
 pub use surfel_gpu::Limits;
 
+use surfel_render::{Capabilities, Feature};
+
 /// Name used in messages and on the command line.
 const NAME: &str = "wgpu";
+
+/// What the backend draws, on any adapter.
+pub const CAPABILITIES: Capabilities =
+    Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing] };

@@ -159,10 +159,18 @@ impl Backend {
     ) -> Result<Chosen, BackendError> {
         let mut passed_over = Vec::new();
         for &name in BUILT.iter().filter(|&&name| name != "reference") {
-            let reason = match has_device_for(name).then(|| Self::by_name(name, options)) {
-                None => "this machine has no GPU".to_owned(),
-                Some(Err(error)) => error.to_string(),
-                Some(Ok(backend)) => {
+            if !has_device_for(name) {
+                passed_over.push(format!("{name}: this machine has no GPU"));
+                continue;
+            }
+            // A device takes time to start, and what draws on it is known before.
+            if let Some(reason) = capabilities_of(name).and_then(|capabilities| refuses(&capabilities)) {
+                passed_over.push(format!("{name}: {reason}"));
+                continue;
+            }
+            let reason = match Self::by_name(name, options) {
+                Err(error) => error.to_string(),
+                Ok(backend) => {
                     let info = backend.info();
                     match refuses(&info.capabilities) {
                         Some(reason) => reason,
@@ -275,6 +283,17 @@ impl Backend {
             #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
             (backend, _) => Err(elsewhere(backend)),
         }
+    }
+}
+
+/// What a backend draws, where that is known before it starts.
+fn capabilities_of(name: &str) -> Option<Capabilities> {
+    match name {
+        #[cfg(feature = "ash")]
+        "ash" => Some(surfel_ash::CAPABILITIES),
+        #[cfg(feature = "wgpu")]
+        "wgpu" => Some(surfel_wgpu::CAPABILITIES),
+        _ => None,
     }
 }
 
