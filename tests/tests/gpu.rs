@@ -3,9 +3,9 @@
 
 mod common;
 
-use surfel_conformance::harness::{ABSOLUTE, RELATIVE, Verdict, check_backend, render};
+use surfel_conformance::harness::{ABSOLUTE, RELATIVE, Verdict, check_backend, check_case, render};
 use surfel_conformance::scenes::{self, Case};
-use surfel_model::{Accumulate, DepthTolerance};
+use surfel_model::{Accumulate, DepthTolerance, Light, Projection};
 use surfel_render::{Frame, Planes, Region, Renderer, View};
 
 /// Runs the same tests on each backend.
@@ -36,7 +36,8 @@ on_each_backend!(
     fragment_is_kept_by_its_own_splat_without_tolerance,
     fragments_are_counted_as_the_cpu_does,
     sums_in_f16_are_close,
-    empty_scene_is_background
+    empty_scene_is_background,
+    scene_of_any_size_agrees_with_the_reference
 );
 
 fn agrees_with_the_reference_on_every_scene(mut renderer: impl Renderer) {
@@ -121,6 +122,28 @@ fn empty_scene_is_background(mut renderer: impl Renderer) {
     let frame = render(&mut renderer, &Case { scene, ..case }, Planes::ALL).unwrap();
     assert!(frame.color.iter().all(|c| *c == [0.01, 0.015, 0.025, 0.5]));
     assert!(frame.depth.iter().all(|z| *z == f32::INFINITY) && frame.weight.iter().all(|w| *w == 0.0));
+}
+
+fn scene_of_any_size_agrees_with_the_reference(mut renderer: impl Renderer) {
+    let mut reference = surfel_reference::Renderer::new(0).unwrap();
+    for case in scenes::all().iter().step_by(6) {
+        for scale in [1e-15, 1e15] {
+            let mut case = scenes::scaled(case, scale);
+            for light in case.scene.lights.iter_mut().flatten() {
+                if let Light::Point { position, .. } | Light::Spot { position, .. } = light {
+                    position.iter_mut().for_each(|p| *p *= scale);
+                }
+            }
+            if let Projection::Orthographic { height } = &mut case.camera.projection {
+                *height *= scale;
+            }
+            if let DepthTolerance::Absolute(distance) = &mut case.settings.depth_tolerance {
+                *distance *= scale;
+            }
+            let report = check_case(&mut renderer, &mut reference, &case);
+            assert!(report.is_ok(), "{report}");
+        }
+    }
 }
 
 #[test]
