@@ -2,7 +2,7 @@
 
 use surfel_conformance::harness::{Report, check_backend, compare_frames, reference_frame};
 use surfel_conformance::scenes;
-use surfel_model::{Geometry, Scene, Settings};
+use surfel_model::{Geometry, Scene, Settings, Transparency};
 use surfel_reference::{Renderer as Reference, ResidentScene};
 use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Stats, View};
 
@@ -109,7 +109,7 @@ fn harness_fails_faults() {
         change(&mut faulty);
         failures(&mut faulty)
     };
-    let faults: [(&str, Fault, &str); 12] = [
+    let faults: [(&str, Fault, &str); 16] = [
         ("half a pixel off", |f| f.view = |v| v.projection.principal_px[0] += 0.5, "orientation"),
         ("a hundredth of a pixel off", |f| f.view = |v| v.projection.principal_px[1] += 0.01, "confetti"),
         ("cutoff", |f| f.settings = |s| s.cutoff *= 1.01, "facing-splat"),
@@ -153,6 +153,40 @@ fn harness_fails_faults() {
                 };
             },
             "mirrored-object/lit",
+        ),
+        ("opaque", |f| f.settings = |s| s.transparency = Transparency::Off, "pane-through-sphere/peel-2"),
+        (
+            "a layer less",
+            |f| {
+                f.settings = |s| {
+                    if let Transparency::Peel { layers, .. } = &mut s.transparency {
+                        *layers = (*layers - 1).max(1);
+                    }
+                };
+            },
+            "panes/lit/peel-3",
+        ),
+        (
+            "last layer kept",
+            |f| {
+                f.settings = |s| {
+                    if let Transparency::Peel { drop_last, .. } = &mut s.transparency {
+                        *drop_last = false;
+                    }
+                };
+            },
+            "panes/lit/peel-3-drop",
+        ),
+        (
+            "peeled instead of gathered",
+            |f| {
+                f.settings = |s| {
+                    if let Transparency::ABuffer { .. } = s.transparency {
+                        s.transparency = Transparency::Peel { layers: 64, drop_last: true };
+                    }
+                };
+            },
+            "glass-spheres/lit/abuffer-6",
         ),
         ("no edge antialiasing", |f| f.settings = |s| s.edge_aa = false, "sphere-before-plane/edge-aa"),
     ];

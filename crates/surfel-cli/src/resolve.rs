@@ -35,7 +35,7 @@ fn load_options(args: &RenderArgs, settings: &Settings) -> LoadOptions {
     LoadOptions {
         repair: args.repair,
         texture: args.texture.clone(),
-        interior_weight: settings.edge_aa,
+        interior_weight: surfel::may_need_interior_weight(settings),
         ..LoadOptions::default()
     }
 }

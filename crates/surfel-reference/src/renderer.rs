@@ -1,23 +1,15 @@
 //! The backend: scenes in, frames out.
 
-use crate::edge::{edge_pixels, marginal_edges};
-use crate::raster::{self, Bands, Passes, Sums};
-use crate::shade::{Lighting, Surface};
-use crate::splat::{ObjectView, ScreenSplat, project};
-use crate::supersample;
+use crate::frame;
 use glam::{DAffine3, DVec3};
-use rayon::prelude::*;
 use std::sync::Arc;
-use std::time::Instant;
-use surfel_math::V2;
 use surfel_model::{Geometry, Light, Material, Scene, Settings, SplatCloud};
-use surfel_render::{
-    Capabilities, Feature, Frame, FramePlan, Pass, PassTime, Planes, Region, RenderError, RendererInfo, SceneSummary,
-    Stats, View, plan,
-};
+use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
 
-const CAPABILITIES: Capabilities =
-    Capabilities { backend: "reference", features: &[Feature::EdgeAntialiasing, Feature::Margin] };
+const CAPABILITIES: Capabilities = Capabilities {
+    backend: "reference",
+    features: &[Feature::EdgeAntialiasing, Feature::Peel, Feature::ABuffer, Feature::Margin],
+};
 
 /// The f64 reference backend.
 pub struct Renderer {
@@ -27,12 +19,12 @@ pub struct Renderer {
 
 /// A scene as the reference holds it: shared clouds and what belongs to their objects.
 pub struct ResidentScene {
-    summary: SceneSummary,
-    objects: Vec<ResidentObject>,
-    lights: Option<Vec<Light>>,
-    ambient: DVec3,
+    pub(crate) summary: SceneSummary,
+    pub(crate) objects: Vec<ResidentObject>,
+    pub(crate) lights: Option<Vec<Light>>,
+    pub(crate) ambient: DVec3,
     /// Linear, premultiplied.
-    background: [f64; 4],
+    pub(crate) background: [f64; 4],
 }
 
 /// One object of splats.
@@ -83,7 +75,7 @@ impl Renderer {
         let planes = Planes { margin: false, ..planes };
         let mut fine = Frame::default();
         let stats = surfel_render::Renderer::render(self, scene, &fine_view, &settings, planes, &mut fine)?;
-        supersample::average(&fine, samples, planes, frame);
+        crate::supersample::average(&fine, samples, planes, frame);
         Ok(stats)
     }
 }
@@ -136,136 +128,6 @@ impl surfel_render::Renderer for Renderer {
         frame: &mut Frame,
     ) -> Result<Stats, RenderError> {
         let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
-        Ok(self.pool.install(|| render(scene, view, &plan, frame, self.info.threads)))
-    }
-}
-
-/// The rectangle that passes run over: the region, and for edge antialiasing its neighbours inside the image.
-fn work_rect(view: &View, plan: &FramePlan) -> Region {
-    if !plan.has(Pass::EdgeAntialiasing) {
-        return view.region;
-    }
-    let r = view.region;
-    let (x, y) = (r.x.saturating_sub(1), r.y.saturating_sub(1));
-    let right = (r.x + r.width + 1).min(view.size[0]);
-    let bottom = (r.y + r.height + 1).min(view.size[1]);
-    Region { x, y, width: right - x, height: bottom - y }
-}
-
-fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame: &mut Frame, threads: usize) -> Stats {
-    let start = Instant::now();
-    let mut stats = Stats { splats: scene.summary.splats, threads, ..Stats::default() };
-    let mut lap = {
-        let mut last = start;
-        move |stats: &mut Stats, name| {
-            let now = Instant::now();
-            stats.passes.push(PassTime { name, ms: (now - last).as_secs_f64() * 1e3 });
-            last = now;
-        }
-    };
-    let splats: Vec<ScreenSplat> = scene
-        .objects
-        .iter()
-        .flat_map(|object| {
-            let object_view = ObjectView::new(object, view);
-            let each = |i| project(object, &object_view, i, view, plan);
-            (0..object.cloud.len()).into_par_iter().filter_map(each).collect::<Vec<_>>()
-        })
-        .collect();
-    stats.drawn = splats.len() as u64;
-    lap(&mut stats, "project");
-    let rect = work_rect(view, plan);
-    let bands = Bands::new(&splats, rect);
-    let front = raster::run(&splats, &bands, view, plan, None);
-    stats.fragments = front.fragments;
-    lap(&mut stats, "rasterise");
-    let behind = plan.has(Pass::EdgeAntialiasing).then(|| {
-        let edges = edge_pixels(&front, rect);
-        // Where nothing is kept, nothing lies behind either.
-        let limit: Vec<f64> =
-            front.kept.iter().zip(&edges).map(|(k, &edge)| if edge { k.value } else { f64::INFINITY }).collect();
-        (raster::run(&splats, &bands, view, plan, Some(&limit)), edges)
-    });
-    if behind.is_some() {
-        lap(&mut stats, "behind edges");
-    }
-    resolve(scene, view, plan, frame, rect, &front, behind.as_ref());
-    lap(&mut stats, "shade");
-    let bytes: usize = scene.objects.iter().map(|o| o.cloud.bytes()).sum();
-    stats.bytes_per_splat = bytes as f64 / (scene.summary.splats.max(1)) as f64;
-    stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
-    stats
-}
-
-fn resolve(
-    scene: &ResidentScene,
-    view: &View,
-    plan: &FramePlan,
-    frame: &mut Frame,
-    rect: Region,
-    front: &Passes,
-    behind: Option<&(Passes, Vec<bool>)>,
-) {
-    let headlight = [Light::Directional { direction: view.forward().to_array(), color: [1.0; 3], shadow: false }];
-    let lighting = Lighting {
-        view,
-        plan,
-        lights: scene.lights.as_deref().unwrap_or(&headlight),
-        ambient: scene.ambient,
-        material: scene.objects.first().map_or(Material::default(), |o| o.material).factors(),
-    };
-    let region = view.region;
-    frame.reset(region.width, region.height, plan.planes);
-    let edge_margin = match behind {
-        Some(_) if plan.planes.margin => marginal_edges(front, rect),
-        _ => Vec::new(),
-    };
-    let over = |surface: Option<Surface>| match surface {
-        Some(s) => [s.color.x, s.color.y, s.color.z, 1.0],
-        None => scene.background,
-    };
-    for y in 0..region.height {
-        for x in 0..region.width {
-            let (px, py) = (region.x + x, region.y + y);
-            let from = ((py - rect.y) * rect.width + px - rect.x) as usize;
-            let to = (y * region.width + x) as usize;
-            let pixel = V2::new(f64::from(px) + 0.5, f64::from(py) + 0.5);
-            let sums: &Sums = &front.sums[from];
-            let surface = lighting.shade(sums, pixel);
-            let mut marginal = sums.marginal || surface.is_some_and(|s| s.marginal);
-            if plan.planes.color {
-                let mut color = over(surface);
-                if let (Some((back, edges)), Some(_)) = (behind, surface)
-                    && edges[from]
-                {
-                    let q = sums.coverage.min(1.0);
-                    let back = lighting.shade(&back.sums[from], pixel);
-                    marginal |= back.is_some_and(|s| s.marginal);
-                    for (c, b) in color.iter_mut().zip(over(back)) {
-                        *c = q * *c + (1.0 - q) * b;
-                    }
-                }
-                frame.color[to] = color.map(|c| c as f32);
-            }
-            if let Some(s) = surface {
-                if plan.planes.depth {
-                    frame.depth[to] = s.depth as f32;
-                }
-                if plan.planes.normal {
-                    frame.normal[to] = s.normal.as_vec3().to_array();
-                }
-                if plan.planes.weight {
-                    frame.weight[to] = s.weight as f32;
-                }
-            }
-            if plan.planes.fragments {
-                frame.fragments[to] = sums.fragments;
-            }
-            if plan.planes.margin {
-                marginal |= behind.is_some_and(|(b, _)| b.sums[from].marginal);
-                marginal |= edge_margin.get(from).is_some_and(|&m| m);
-                frame.margin[to] = f32::from(u8::from(marginal));
-            }
-        }
+        Ok(self.pool.install(|| frame::render(scene, view, &plan, frame, self.info.threads)))
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::margin;
 use crate::raster::Sums;
+use crate::splat::ScreenSplat;
 use glam::DVec3;
 use surfel_math::V2;
 use surfel_math::basis::unit;
@@ -26,8 +27,21 @@ pub(crate) struct Surface {
     /// Unit world normal, or zero.
     pub normal: DVec3,
     pub weight: f64,
+    /// Σwα/Σw.
+    pub alpha: f64,
     /// Rounding could make a highlight come or go.
     pub marginal: bool,
+}
+
+/// What is lit.
+struct Point {
+    /// View position.
+    at: DVec3,
+    depth: f64,
+    /// Unit world normal, or zero.
+    normal: DVec3,
+    albedo: DVec3,
+    material: [f64; 4],
 }
 
 impl Lighting<'_> {
@@ -42,33 +56,64 @@ impl Lighting<'_> {
         let normal = unit(sums.normal);
         let depth = sums.depth * inverse;
         let material = if wants.material { sums.material.map(|m| m * inverse) } else { self.material };
-        let mut marginal = false;
-        let color = match self.plan.shader {
-            Shader::Unlit | Shader::Toon => albedo,
-            Shader::Normal if normal == DVec3::ZERO => DVec3::ZERO,
-            Shader::Normal => normal * 0.5 + 0.5,
-            Shader::Depth => DVec3::splat(self.view.projection.stored_depth(depth)),
-            Shader::Phong => {
-                let lit = self.phong(albedo, normal, depth, pixel, material);
-                marginal = lit.1;
-                lit.0
-            }
-        };
-        Some(Surface { color, depth, normal, weight: sums.weight, marginal })
+        let point = Point { at: self.position(pixel, depth), depth, normal, albedo, material };
+        let (color, marginal) = self.color(&point);
+        let alpha = sums.alpha * inverse;
+        Some(Surface { color, depth, normal, weight: sums.weight, alpha, marginal })
     }
 
-    /// The colour, and whether a highlight could come or go by rounding.
-    fn phong(&self, albedo: DVec3, normal: DVec3, depth: f64, pixel: V2<f64>, material: [f64; 4]) -> (DVec3, bool) {
-        let [ambient, diffuse, specular, shininess] = material;
+    /// Resolves a pixel whose fragments were lit before they were summed ([`Lighting::lit_splat`]); `None` where Σw = 0.
+    pub(crate) fn shade_lit(sums: &Sums) -> Option<Surface> {
+        (sums.weight > 0.0).then(|| {
+            let inverse = 1.0 / sums.weight;
+            Surface {
+                color: DVec3::from(sums.color) * inverse,
+                depth: sums.depth * inverse,
+                normal: unit(sums.normal),
+                weight: sums.weight,
+                alpha: sums.alpha * inverse,
+                marginal: false,
+            }
+        })
+    }
+
+    /// A splat lit at its centre: with the shaded colour for its albedo. Also whether rounding could change that.
+    pub(crate) fn lit_splat(&self, splat: &ScreenSplat) -> (ScreenSplat, bool) {
+        let albedo = DVec3::from(splat.color);
+        // The centre may lie before z_near, where the stored depth would exceed 1.
+        let depth = splat.center.z.max(self.view.projection.near);
+        let point = Point { at: splat.center, depth, normal: splat.normal, albedo, material: splat.material };
+        let (color, marginal) = self.color(&point);
+        (ScreenSplat { color: color.to_array(), ..splat.clone() }, marginal)
+    }
+
+    /// View position of depth z at a pixel.
+    fn position(&self, pixel: V2<f64>, depth: f64) -> DVec3 {
+        let (origin, direction) = self.view.projection.ray(pixel);
+        let at = origin + direction * depth;
+        DVec3::new(at.x, at.y, at.z)
+    }
+
+    /// The colour that the plan's shader gives a point, and whether a highlight could come or go by rounding.
+    fn color(&self, point: &Point) -> (DVec3, bool) {
+        match self.plan.shader {
+            Shader::Unlit | Shader::Toon => (point.albedo, false),
+            Shader::Normal if point.normal == DVec3::ZERO => (DVec3::ZERO, false),
+            Shader::Normal => (point.normal * 0.5 + 0.5, false),
+            Shader::Depth => (DVec3::splat(self.view.projection.stored_depth(point.depth)), false),
+            Shader::Phong => self.phong(point),
+        }
+    }
+
+    fn phong(&self, point: &Point) -> (DVec3, bool) {
+        let Point { normal, albedo, .. } = *point;
+        let [ambient, diffuse, specular, shininess] = point.material;
         let mut matte = self.ambient * ambient;
         let mut gloss = DVec3::ZERO;
         let mut marginal = false;
         if normal != DVec3::ZERO {
             // Relative to the eye, so that scenes far from the origin lose nothing.
-            let (origin, direction) = self.view.projection.ray(pixel);
-            let at = origin + direction * depth;
-            let world_from_view = self.view.view_from_world.transpose();
-            let position = world_from_view * DVec3::new(at.x, at.y, at.z);
+            let position = self.view.view_from_world.transpose() * point.at;
             let to_eye = if self.view.projection.is_perspective() { -unit(position) } else { -self.view.forward() };
             for light in self.lights {
                 let (to_light, color) = self.incident(light, position);

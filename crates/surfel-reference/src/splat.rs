@@ -14,6 +14,7 @@ use surfel_model::{Cull, Filter, SplatCloud};
 use surfel_render::{FramePlan, View};
 
 /// A splat ready to be rasterised.
+#[derive(Clone)]
 pub(crate) struct ScreenSplat {
     /// Index over the whole scene: objects in order, splats in order.
     pub index: u32,
@@ -39,8 +40,12 @@ pub(crate) struct ScreenSplat {
     pub visible_box: Extent<f64>,
     /// Pixels that the filtered footprint may touch.
     pub filtered_box: Extent<f64>,
+    /// View position of the centre.
+    pub center: DVec3,
     /// Linear albedo.
     pub color: [f64; 3],
+    /// Opacity.
+    pub alpha: f64,
     /// Unit world shading normal, turned to the eye where the material is two-sided.
     pub normal: DVec3,
     /// Ambient, diffuse, specular, shininess.
@@ -127,7 +132,9 @@ pub(crate) fn project(
     shape.index = object.first_splat + i as u32;
     shape.coverage_per_weight /= interior;
     shape.epsilon = epsilon;
+    shape.center = p;
     shape.color = cloud.color(i).map(f64::from);
+    shape.alpha = f64::from(cloud.alpha(i));
     shape.normal = normal;
     shape.material = object.material.factors();
     let sided = object.material.two_sided || object.material.cull == Cull::Back;
@@ -217,7 +224,9 @@ fn screen_splat(
         epsilon: 0.0,
         visible_box,
         filtered_box,
+        center: DVec3::ZERO,
         color: [1.0; 3],
+        alpha: 1.0,
         normal: DVec3::ZERO,
         material: [0.0; 4],
         facing_margin: f64::INFINITY,

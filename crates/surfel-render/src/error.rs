@@ -23,7 +23,7 @@ pub enum RenderError {
     },
     /// Coverage needs every cloud's interior weight.
     #[error(
-        "object {object} has no interior weight, which edge antialiasing needs; estimate it \
+        "object {object} has no interior weight, which edge antialiasing and the A-buffer need; estimate it \
          (surfel_sample::interior_weight) or set material.interior_weight"
     )]
     NoInteriorWeight {

@@ -10,13 +10,15 @@ mod plan;
 mod preset;
 mod renderer;
 mod stats;
+mod summary;
 mod view;
 
 pub use error::RenderError;
 pub use frame::{Frame, Planes};
-pub use plan::{Attributes, FramePlan, Pass, SceneSummary, SplatFilter, plan, unsupported};
+pub use plan::{Attributes, FramePlan, Pass, SplatFilter, needs_interior_weight, plan, unsupported};
 pub use preset::Preset;
 pub use renderer::{Capabilities, Feature, Renderer, RendererInfo};
 pub use stats::{PassTime, Stats};
+pub use summary::SceneSummary;
 pub use surfel_model::Settings;
 pub use view::{Region, View};

@@ -1,57 +1,8 @@
 //! Every per-frame decision, made once: which passes, planes and variants a scene needs, and no others.
 
-use crate::{Capabilities, Feature, Planes, RenderError, View};
+use crate::{Capabilities, Feature, Planes, RenderError, SceneSummary, View};
 use surfel_math::depth::Tolerance;
-use surfel_model::{
-    Accumulate, ClipPolicy, DepthTolerance, Filter, Geometry, Light, Mapping, Scene, Settings, Shader, Transparency,
-};
-
-/// What planning needs to know of a scene.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SceneSummary {
-    /// Number of splats.
-    pub splats: u64,
-    /// Some cloud has colours.
-    pub colors: bool,
-    /// Some splat has an alpha below 1.
-    pub transparent: bool,
-    /// Some cloud has clip curves or lines.
-    pub clips: bool,
-    /// Some object is drawn as polygons.
-    pub meshes: bool,
-    /// Objects differ in ambient, diffuse, specular or shininess.
-    pub materials_differ: bool,
-    /// Some light casts a shadow.
-    pub shadows: bool,
-    /// First object of splats whose interior weight is unknown.
-    pub without_interior_weight: Option<usize>,
-}
-
-impl SceneSummary {
-    /// Summarises a scene.
-    pub fn of(scene: &Scene) -> Self {
-        let mut summary = Self { shadows: scene.lights.iter().flatten().any(Light::casts_shadow), ..Self::default() };
-        let mut first_factors = None;
-        for (i, object) in scene.objects.iter().enumerate() {
-            match &object.geometry {
-                Geometry::Splats(cloud) => {
-                    let data = cloud.data();
-                    summary.splats += cloud.len() as u64;
-                    summary.colors |= data.colors.is_some();
-                    summary.transparent |= cloud.is_transparent();
-                    summary.clips |= data.clips.is_some();
-                    if object.material.interior_weight.or(data.interior_weight).is_none() {
-                        summary.without_interior_weight.get_or_insert(i);
-                    }
-                }
-                Geometry::Mesh(_) => summary.meshes = true,
-            }
-            let factors = object.material.factors();
-            summary.materials_differ |= *first_factors.get_or_insert(factors) != factors;
-        }
-        summary
-    }
-}
+use surfel_model::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Settings, Shader, Transparency};
 
 /// How splats are filtered and mapped.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,6 +34,8 @@ pub struct Attributes {
     pub material: bool,
     /// Coverage q.
     pub coverage: bool,
+    /// Alpha; of transparent splats alone.
+    pub alpha: bool,
 }
 
 /// A step of a frame.
@@ -96,6 +49,12 @@ pub enum Pass {
     Shade,
     /// What lies behind edge pixels, and its blend by coverage.
     EdgeAntialiasing,
+    /// One layer of transparent splats: visibility behind the layer before it, attributes, shading (§8).
+    PeelLayer,
+    /// All transparent fragments behind the layers before, lit per splat and blended into one (§8).
+    RemainingLayer,
+    /// Transparent fragments gathered into surfaces, pixel by pixel (§8).
+    ABuffer,
 }
 
 /// What a backend does for one frame. Plain data, no GPU types.
@@ -107,6 +66,10 @@ pub struct FramePlan {
     pub splat_filter: SplatFilter,
     /// What is accumulated.
     pub attributes: Attributes,
+    /// Splats with an alpha below 1 take no part in the opaque passes; layers of their own draw them, if any do.
+    pub separates_transparent: bool,
+    /// Most surfaces that [`Pass::ABuffer`] holds in a pixel; 0 without it.
+    pub abuffer_surfaces: u32,
     /// How pixels are shaded.
     pub shader: Shader,
     /// Planes of the frame.
@@ -117,6 +80,11 @@ impl FramePlan {
     /// True if the plan has this pass.
     pub fn has(&self, pass: Pass) -> bool {
         self.passes.contains(&pass)
+    }
+
+    /// Number of layers of transparent splats that are peeled, the remaining one not included.
+    pub fn peeled_layers(&self) -> usize {
+        self.passes.iter().filter(|pass| **pass == Pass::PeelLayer).count()
     }
 }
 
@@ -136,7 +104,7 @@ pub fn plan(
     if let Some(error) = unsupported(summary, settings, planes, capabilities) {
         return Err(error);
     }
-    if settings.edge_aa
+    if needs_interior_weight(summary, settings)
         && let Some(object) = summary.without_interior_weight
     {
         return Err(RenderError::NoInteriorWeight { object });
@@ -151,6 +119,20 @@ pub fn plan(
     if settings.edge_aa && planes.color {
         passes.push(Pass::EdgeAntialiasing);
     }
+    let transparency = if summary.transparent { settings.transparency } else { Transparency::Off };
+    let mut abuffer_surfaces = 0;
+    match transparency {
+        Transparency::Off => {}
+        Transparency::Peel { layers, drop_last } => {
+            passes.extend((1..layers).map(|_| Pass::PeelLayer));
+            passes.extend((!drop_last).then_some(Pass::RemainingLayer));
+        }
+        Transparency::ABuffer { layers } => {
+            passes.push(Pass::ABuffer);
+            abuffer_surfaces = layers;
+        }
+    }
+    let separates_transparent = transparency != Transparency::Off;
     Ok(FramePlan {
         splat_filter: SplatFilter {
             filter: if radius_px == 0.0 { Filter::None } else { settings.filter },
@@ -168,12 +150,21 @@ pub fn plan(
             normal: planes.normal || normal_shader || (planes.color && lit),
             depth: planes.depth || depth_shader || (planes.color && lit),
             material: planes.color && lit && summary.materials_differ,
-            coverage: settings.edge_aa && planes.color,
+            coverage: (settings.edge_aa && planes.color) || abuffer_surfaces > 0,
+            alpha: separates_transparent,
         },
+        separates_transparent,
+        abuffer_surfaces,
         passes,
         shader: settings.shader,
         planes,
     })
+}
+
+/// True if the picture needs the clouds' interior weights (§5, coverage): whoever loads a scene estimates them then.
+pub fn needs_interior_weight(summary: &SceneSummary, settings: &Settings) -> bool {
+    let abuffer = matches!(settings.transparency, Transparency::ABuffer { .. });
+    settings.edge_aa || (abuffer && summary.transparent)
 }
 
 /// What a scene and its settings need and a backend doesn't draw: the first of it, as an error that says where it is and
@@ -253,7 +244,8 @@ mod tests {
     #[test]
     fn an_unlit_white_cloud_accumulates_nothing_but_weight() {
         let plan = planned(&SceneSummary::default(), |_| (), Planes::COLOR);
-        let none = Attributes { color: false, normal: false, depth: false, material: false, coverage: false };
+        let none =
+            Attributes { color: false, normal: false, depth: false, material: false, coverage: false, alpha: false };
         assert_eq!(plan.attributes, none);
         assert_eq!(plan.passes, [Pass::Visibility, Pass::Attributes, Pass::Shade]);
     }
@@ -271,6 +263,30 @@ mod tests {
         let edges = planned(&differ, |s| s.edge_aa = true, Planes::COLOR);
         assert!(edges.has(Pass::EdgeAntialiasing) && edges.attributes.coverage);
         assert!(planned(&SceneSummary::default(), |_| (), Planes::ALL).attributes.normal);
+    }
+
+    #[test]
+    fn transparent_splats_get_the_layers_that_are_asked_for_and_opaque_scenes_none() {
+        let drawn = Capabilities { backend: "test", features: &[Feature::Peel, Feature::ABuffer] };
+        let planned = |transparent, transparency: &str| {
+            let summary = SceneSummary { transparent, ..SceneSummary::default() };
+            let settings = Settings { transparency: transparency.parse().unwrap(), ..Settings::default() };
+            plan(&summary, &view(), &settings, Planes::COLOR, &drawn).unwrap()
+        };
+        let opaque = planned(false, "off");
+        for setting in ["peel:4", "peel:4:drop", "abuffer:3"] {
+            assert_eq!(planned(false, setting), opaque, "{setting}");
+        }
+        assert_eq!(planned(true, "off"), opaque);
+        let peeled = planned(true, "peel:3");
+        assert_eq!(peeled.passes[3..], [Pass::PeelLayer, Pass::PeelLayer, Pass::RemainingLayer]);
+        assert!(peeled.separates_transparent && peeled.attributes.alpha && !peeled.attributes.coverage);
+        assert_eq!(planned(true, "peel:3:drop").passes[3..], [Pass::PeelLayer, Pass::PeelLayer]);
+        let alone = planned(true, "peel:1:drop");
+        assert!(alone.separates_transparent && alone.passes.len() == 3);
+        let gathered = planned(true, "abuffer:5");
+        assert_eq!((gathered.passes[3..].to_vec(), gathered.abuffer_surfaces), (vec![Pass::ABuffer], 5));
+        assert!(gathered.attributes.alpha && gathered.attributes.coverage && gathered.peeled_layers() == 0);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::IoError;
-use surfel_model::{Geometry, Object, ObjectFile, Scene, SceneFile, Up};
+use surfel_model::{Geometry, Object, ObjectFile, Scene, SceneFile, Settings, Transparency, Up};
 use surfel_sample::Progress;
 
 /// Largest scene file that is read, in bytes: far above any real one.
@@ -60,6 +60,11 @@ pub fn read_scene_file(path: &Path) -> Result<(SceneFile, BTreeSet<String>), Err
     let raw: serde_json::Value = serde_json::from_slice(json).unwrap_or_default();
     let keys = raw.get("settings").and_then(|s| s.as_object()).map(|s| s.keys().cloned().collect());
     Ok((scene, keys.unwrap_or_default()))
+}
+
+/// True if settings need interior weights in some scene ([`surfel_render::needs_interior_weight`] knows once it is loaded).
+pub fn may_need_interior_weight(settings: &Settings) -> bool {
+    settings.edge_aa || matches!(settings.transparency, Transparency::ABuffer { .. })
 }
 
 /// Loads the files of `objects`; each file once, however often it is used. Paths are relative to `base_dir`.
@@ -135,7 +140,7 @@ pub fn load_scene(
     options: &LoadOptions,
     progress: &dyn Progress,
 ) -> Result<(Scene, Vec<ObjectNote>), Error> {
-    let needed = options.interior_weight || file.settings.edge_aa;
+    let needed = options.interior_weight || may_need_interior_weight(&file.settings);
     let options = LoadOptions { interior_weight: needed, ..options.clone() };
     let loaded = load_objects(&file.objects, base_dir, &options, progress)?;
     Ok((assemble(file, loaded.objects)?, loaded.notes))

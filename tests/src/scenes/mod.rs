@@ -3,13 +3,15 @@
 mod geometry;
 mod numeric;
 mod shading;
+mod transparency;
 
 pub use geometry::*;
 pub use numeric::*;
 pub use shading::*;
+pub use transparency::*;
 
 use surfel_model::{Camera, Scene, Settings};
-use surfel_render::View;
+use surfel_render::{Capabilities, Planes, SceneSummary, View, unsupported};
 
 /// A picture to be made.
 #[derive(Clone, Debug)]
@@ -39,6 +41,11 @@ impl Case {
         case
     }
 
+    /// True if a backend says that it draws this.
+    pub fn is_drawn_by(&self, capabilities: &Capabilities) -> bool {
+        unsupported(&SceneSummary::of(&self.scene), &self.settings, Planes::ALL, capabilities).is_none()
+    }
+
     /// The view of the whole picture.
     ///
     /// # Panics
@@ -53,5 +60,6 @@ pub fn all() -> Vec<Case> {
     let mut cases = geometry_cases();
     cases.extend(numeric_cases());
     cases.extend(shading_cases());
+    cases.extend(transparency_cases());
     cases
 }

@@ -1,0 +1,193 @@
+//! One frame: the plan's passes in order, and what they give each pixel.
+
+use crate::edge::{edge_pixels, marginal_edges};
+use crate::raster::{Bands, Limits, Passes, Run};
+use crate::renderer::ResidentScene;
+use crate::shade::{Lighting, Surface};
+use crate::splat::{ObjectView, ScreenSplat, project};
+use crate::veil::Veil;
+use crate::{abuffer, layers};
+use rayon::prelude::*;
+use std::time::Instant;
+use surfel_math::V2;
+use surfel_model::{Light, Material};
+use surfel_render::{Frame, FramePlan, Pass, PassTime, Region, Stats, View};
+
+/// Draws a planned frame.
+pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame: &mut Frame, threads: usize) -> Stats {
+    let start = Instant::now();
+    let mut stats = Stats { splats: scene.summary.splats, threads, ..Stats::default() };
+    let mut lap = {
+        let mut last = start;
+        move |stats: &mut Stats, name| {
+            let now = Instant::now();
+            stats.passes.push(PassTime { name, ms: (now - last).as_secs_f64() * 1e3 });
+            last = now;
+        }
+    };
+    let splats = project_all(scene, view, plan);
+    stats.drawn = splats.len() as u64;
+    let is_transparent = |s: &ScreenSplat| plan.separates_transparent && s.alpha < 1.0;
+    let (transparent, opaque): (Vec<_>, Vec<_>) = splats.into_iter().partition(is_transparent);
+    lap(&mut stats, "project");
+
+    let headlight = [Light::Directional { direction: view.forward().to_array(), color: [1.0; 3], shadow: false }];
+    let lighting = Lighting {
+        view,
+        plan,
+        lights: scene.lights.as_deref().unwrap_or(&headlight),
+        ambient: scene.ambient,
+        material: scene.objects.first().map_or(Material::default(), |o| o.material).factors(),
+    };
+    let rect = work_rect(view, plan);
+    let bands = Bands::new(&opaque, rect);
+    let front = Run::new(&opaque, &bands, view, plan).passes();
+    stats.fragments = front.fragments;
+    lap(&mut stats, "rasterise");
+    let behind = plan.has(Pass::EdgeAntialiasing).then(|| {
+        let edges = edge_pixels(&front, rect);
+        // Where nothing is kept, nothing lies behind either.
+        let limit: Vec<f64> =
+            front.kept.iter().zip(&edges).map(|(k, &edge)| if edge { k.value } else { f64::INFINITY }).collect();
+        let limits = Limits { beyond: Some(&limit), ..Limits::default() };
+        (Run { limits, ..Run::new(&opaque, &bands, view, plan) }.passes(), edges)
+    });
+    if behind.is_some() {
+        lap(&mut stats, "behind edges");
+    }
+    let picture =
+        Picture { lighting: &lighting, rect, background: scene.background, front: &front, behind: behind.as_ref() };
+    let veils = if transparent.is_empty() {
+        Vec::new()
+    } else {
+        let bands = Bands::new(&transparent, rect);
+        let opaque_depth: Vec<f64> = front.sums.iter().map(crate::raster::Sums::resolved_depth).collect();
+        let through = layers::Through { splats: &transparent, bands: &bands, opaque_depth: &opaque_depth, rect };
+        let veils = match plan.has(Pass::ABuffer) {
+            true => abuffer::gather(&through, &lighting),
+            false => layers::peel(&through, &lighting),
+        };
+        stats.fragments += veils.iter().map(|v| u64::from(v.fragments)).sum::<u64>();
+        lap(&mut stats, "transparent");
+        veils
+    };
+    picture.resolve(&veils, frame);
+    lap(&mut stats, "shade");
+    let bytes: usize = scene.objects.iter().map(|o| o.cloud.bytes()).sum();
+    stats.bytes_per_splat = bytes as f64 / (scene.summary.splats.max(1)) as f64;
+    stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
+    stats
+}
+
+/// Every splat that takes part, in index order.
+fn project_all(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<ScreenSplat> {
+    let of_object = |object| {
+        let object_view = ObjectView::new(object, view);
+        let each = |i| project(object, &object_view, i, view, plan);
+        (0..object.cloud.len()).into_par_iter().filter_map(each).collect::<Vec<_>>()
+    };
+    scene.objects.iter().flat_map(of_object).collect()
+}
+
+/// The rectangle that passes run over: the region, and for edge antialiasing its neighbours inside the image.
+fn work_rect(view: &View, plan: &FramePlan) -> Region {
+    if !plan.has(Pass::EdgeAntialiasing) {
+        return view.region;
+    }
+    let r = view.region;
+    let (x, y) = (r.x.saturating_sub(1), r.y.saturating_sub(1));
+    let right = (r.x + r.width + 1).min(view.size[0]);
+    let bottom = (r.y + r.height + 1).min(view.size[1]);
+    Region { x, y, width: right - x, height: bottom - y }
+}
+
+/// What the passes found, ready to become pixels.
+struct Picture<'a> {
+    lighting: &'a Lighting<'a>,
+    rect: Region,
+    background: [f64; 4],
+    front: &'a Passes,
+    /// What lies behind edges, and which pixels are edges.
+    behind: Option<&'a (Passes, Vec<bool>)>,
+}
+
+impl Picture<'_> {
+    /// Fills the frame's planes. `veils` is what transparent splats add to each pixel; empty where there are none.
+    fn resolve(&self, veils: &[Veil], frame: &mut Frame) {
+        let (view, planes) = (self.lighting.view, self.lighting.plan.planes);
+        let (region, rect) = (view.region, self.rect);
+        frame.reset(region.width, region.height, planes);
+        let edge_margin = match self.behind {
+            Some(_) if planes.margin => marginal_edges(self.front, rect),
+            _ => Vec::new(),
+        };
+        for y in 0..region.height {
+            for x in 0..region.width {
+                let (px, py) = (region.x + x, region.y + y);
+                let from = ((py - rect.y) * rect.width + px - rect.x) as usize;
+                let to = (y * region.width + x) as usize;
+                let pixel = V2::new(f64::from(px) + 0.5, f64::from(py) + 0.5);
+                let veil = veils.get(from);
+                let mut opaque = self.opaque(from, pixel);
+                if let Some(veil) = veil {
+                    opaque.color = veil.over(opaque.color);
+                    opaque.surface = veil.nearest.or(opaque.surface);
+                    opaque.marginal |= veil.marginal;
+                }
+                if planes.color {
+                    frame.color[to] = opaque.color.map(|c| c as f32);
+                }
+                if let Some(s) = opaque.surface {
+                    if planes.depth {
+                        frame.depth[to] = s.depth as f32;
+                    }
+                    if planes.normal {
+                        frame.normal[to] = s.normal.as_vec3().to_array();
+                    }
+                    if planes.weight {
+                        frame.weight[to] = s.weight as f32;
+                    }
+                }
+                if planes.fragments {
+                    frame.fragments[to] = self.front.sums[from].fragments + veil.map_or(0, |v| v.fragments);
+                }
+                if planes.margin {
+                    let marginal = opaque.marginal || edge_margin.get(from).is_some_and(|&m| m);
+                    frame.margin[to] = f32::from(u8::from(marginal));
+                }
+            }
+        }
+    }
+
+    /// A pixel of the opaque picture.
+    fn opaque(&self, at: usize, pixel: V2<f64>) -> Pixel {
+        let over = |surface: Option<Surface>| match surface {
+            Some(s) => [s.color.x, s.color.y, s.color.z, 1.0],
+            None => self.background,
+        };
+        let sums = &self.front.sums[at];
+        let surface = self.lighting.shade(sums, pixel);
+        let mut marginal = sums.marginal || surface.is_some_and(|s| s.marginal);
+        let mut color = over(surface);
+        if let Some((behind, edges)) = self.behind {
+            marginal |= behind.sums[at].marginal;
+            if surface.is_some() && edges[at] {
+                let q = sums.coverage.min(1.0);
+                let back = self.lighting.shade(&behind.sums[at], pixel);
+                marginal |= back.is_some_and(|s| s.marginal);
+                for (c, b) in color.iter_mut().zip(over(back)) {
+                    *c = q * *c + (1.0 - q) * b;
+                }
+            }
+        }
+        Pixel { color, surface, marginal }
+    }
+}
+
+/// A pixel, resolved.
+struct Pixel {
+    /// Linear, premultiplied.
+    color: [f64; 4],
+    surface: Option<Surface>,
+    marginal: bool,
+}
