@@ -9,6 +9,8 @@
 //! 3. [`bounds`]: the pixels it can touch;
 //! 4. [`depth`]: depth of a fragment, tolerance of visibility; [`kernel`]: its weight and coverage.
 //!
+//! [`triangle`] does the same for polygons.
+//!
 //! Section numbers (§) refer to `docs/rendering-model.md`. Nothing here allocates or does I/O.
 
 pub mod basis;
@@ -22,6 +24,7 @@ pub mod projection;
 pub mod real;
 pub mod srgb;
 pub mod svd;
+pub mod triangle;
 pub mod vector;
 
 pub use real::Real;

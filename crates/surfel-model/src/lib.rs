@@ -15,6 +15,7 @@ mod points;
 mod range;
 mod scene;
 mod settings;
+mod texture;
 mod up;
 
 pub use camera::{Camera, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, Projection};
@@ -23,8 +24,9 @@ pub use cloud::{CloudData, OnInvalid, Repaired, Shape, SplatCloud};
 pub use column::{Column3, ExtraColumn, ExtraValues};
 pub use error::ModelError;
 pub use light::Light;
-pub use mesh::{Mesh, Texture};
+pub use mesh::Mesh;
 pub use points::PointCloud;
 pub use scene::{Cull, Geometry, Material, Object, ObjectFile, Scene, SceneFile};
 pub use settings::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Settings, Shader, Transparency};
+pub use texture::{Mipmaps, Texture};
 pub use up::Up;

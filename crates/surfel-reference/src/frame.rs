@@ -1,16 +1,18 @@
 //! One frame: the plan's passes in order, and what they give each pixel.
 
 use crate::edge::{edge_pixels, marginal_edges};
-use crate::raster::{Bands, Limits, Passes, Run};
+use crate::polygon::{Hit, Polygons};
+use crate::raster::{Bands, Kept, Limits, Passes, Run, Sums};
 use crate::renderer::ResidentScene;
 use crate::shade::{Lighting, Surface};
 use crate::splat::{ObjectView, ScreenSplat, project};
 use crate::veil::Veil;
-use crate::{abuffer, layers};
+use crate::{abuffer, layers, margin};
 use rayon::prelude::*;
 use std::time::Instant;
 use surfel_math::V2;
-use surfel_model::{Light, Material};
+use surfel_math::kernel::FULL_COVERAGE;
+use surfel_model::Light;
 use surfel_render::{Frame, FramePlan, Pass, PassTime, Region, Stats, View};
 
 /// Draws a planned frame.
@@ -37,31 +39,48 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
         plan,
         lights: scene.lights.as_deref().unwrap_or(&headlight),
         ambient: scene.ambient,
-        material: scene.objects.first().map_or(Material::default(), |o| o.material).factors(),
+        material: scene.material.factors(),
     };
     let rect = work_rect(view, plan);
     let bands = Bands::new(&opaque, rect);
-    let front = Run::new(&opaque, &bands, view, plan).passes();
+    let run = Run::new(&opaque, &bands, view, plan);
+    let kept = run.kept();
+    let mesh_layer = plan.has(Pass::Polygons).then(|| MeshLayer::new(scene, view, plan, rect, &kept));
+    let limits = Limits { polygon: mesh_layer.as_ref().map(|m| m.depth.as_slice()), ..Limits::default() };
+    let front = Run { limits, ..run }.passes(kept);
     stats.fragments = front.fragments;
     lap(&mut stats, "rasterise");
     let behind = plan.has(Pass::EdgeAntialiasing).then(|| {
-        let edges = edge_pixels(&front, rect);
+        let mut edges = edge_pixels(&front, rect);
+        if let Some(meshes) = &mesh_layer {
+            edges.iter_mut().zip(&meshes.depth).for_each(|(edge, z)| *edge &= z.is_infinite());
+        }
         // Where nothing is kept, nothing lies behind either.
         let limit: Vec<f64> =
             front.kept.iter().zip(&edges).map(|(k, &edge)| if edge { k.value } else { f64::INFINITY }).collect();
         let limits = Limits { beyond: Some(&limit), ..Limits::default() };
-        (Run { limits, ..Run::new(&opaque, &bands, view, plan) }.passes(), edges)
+        let run = Run { limits, ..Run::new(&opaque, &bands, view, plan) };
+        (run.passes(run.kept()), edges)
     });
     if behind.is_some() {
         lap(&mut stats, "behind edges");
     }
-    let picture =
-        Picture { lighting: &lighting, rect, background: scene.background, front: &front, behind: behind.as_ref() };
+    let picture = Picture {
+        lighting: &lighting,
+        rect,
+        background: scene.background,
+        front: &front,
+        behind: behind.as_ref(),
+        meshes: mesh_layer.as_ref(),
+    };
     let veils = if transparent.is_empty() {
         Vec::new()
     } else {
         let bands = Bands::new(&transparent, rect);
-        let opaque_depth: Vec<f64> = front.sums.iter().map(crate::raster::Sums::resolved_depth).collect();
+        let mut opaque_depth: Vec<f64> = front.sums.iter().map(Sums::resolved_depth).collect();
+        if let Some(meshes) = &mesh_layer {
+            opaque_depth.iter_mut().zip(&meshes.depth).for_each(|(z, polygon)| *z = z.min(*polygon));
+        }
         let through = layers::Through { splats: &transparent, bands: &bands, opaque_depth: &opaque_depth, rect };
         let veils = match plan.has(Pass::ABuffer) {
             true => abuffer::gather(&through, &lighting),
@@ -101,6 +120,28 @@ fn work_rect(view: &View, plan: &FramePlan) -> Region {
     Region { x, y, width: right - x, height: bottom - y }
 }
 
+/// Polygons of a frame, by pixel of the work rectangle.
+struct MeshLayer<'a> {
+    polygons: Polygons<'a>,
+    /// The nearest ones, whatever hides them.
+    hits: Vec<Hit>,
+    /// Depth of those that no splat hides; +∞ elsewhere.
+    depth: Vec<f64>,
+    /// Rounding could flip whether a splat hides one.
+    marginal: Vec<bool>,
+}
+
+impl<'a> MeshLayer<'a> {
+    fn new(scene: &'a ResidentScene, view: &'a View, plan: &FramePlan, rect: Region, kept: &[Kept]) -> Self {
+        let polygons = Polygons::new(&scene.meshes, view);
+        let hits = polygons.nearest(rect, plan.planes.margin);
+        let pairs = || hits.iter().zip(kept);
+        let depth = pairs().map(|(h, k)| if h.z <= k.value { h.z } else { f64::INFINITY }).collect();
+        let marginal = pairs().map(|(h, k)| h.marginal && h.z <= k.value || margin::on_depth(h.z, k.value)).collect();
+        Self { polygons, hits, depth, marginal }
+    }
+}
+
 /// What the passes found, ready to become pixels.
 struct Picture<'a> {
     lighting: &'a Lighting<'a>,
@@ -109,6 +150,7 @@ struct Picture<'a> {
     front: &'a Passes,
     /// What lies behind edges, and which pixels are edges.
     behind: Option<&'a (Passes, Vec<bool>)>,
+    meshes: Option<&'a MeshLayer<'a>>,
 }
 
 impl Picture<'_> {
@@ -166,14 +208,23 @@ impl Picture<'_> {
             None => self.background,
         };
         let sums = &self.front.sums[at];
-        let surface = self.lighting.shade(sums, pixel);
-        let mut marginal = sums.marginal || surface.is_some_and(|s| s.marginal);
+        let mut surface = self.lighting.shade(sums, pixel);
+        let mut marginal = sums.marginal;
+        if let Some(meshes) = self.meshes {
+            marginal |= meshes.marginal[at];
+            if meshes.depth[at].is_finite() {
+                let polygon = self.lighting.shade_polygon(&meshes.hits[at], &meshes.polygons, pixel);
+                let share = (sums.coverage / FULL_COVERAGE).min(1.0);
+                surface = Some(surface.map_or(polygon, |splats| splats.blended_over(&polygon, share)));
+            }
+        }
+        marginal |= surface.is_some_and(|s| s.marginal);
         let mut color = over(surface);
         if let Some((behind, edges)) = self.behind {
             marginal |= behind.sums[at].marginal;
             if surface.is_some() && edges[at] {
                 let q = sums.coverage.min(1.0);
-                let back = self.lighting.shade(&behind.sums[at], pixel);
+                let back = self.behind_edge(&behind.sums[at], at, pixel);
                 marginal |= back.is_some_and(|s| s.marginal);
                 for (c, b) in color.iter_mut().zip(over(back)) {
                     *c = q * *c + (1.0 - q) * b;
@@ -181,6 +232,21 @@ impl Picture<'_> {
             }
         }
         Pixel { color, surface, marginal }
+    }
+
+    /// What lies behind an edge pixel: the splats there or the nearest polygon, whichever is in front.
+    fn behind_edge(&self, sums: &Sums, at: usize, pixel: V2<f64>) -> Option<Surface> {
+        let splats = self.lighting.shade(sums, pixel);
+        // Nothing kept: the background.
+        let anything = self.front.kept[at].value.is_finite();
+        match self.meshes {
+            Some(meshes) if anything && meshes.hits[at].z < sums.resolved_depth() => {
+                let mut polygon = self.lighting.shade_polygon(&meshes.hits[at], &meshes.polygons, pixel);
+                polygon.marginal |= meshes.hits[at].marginal || margin::on_depth(polygon.depth, sums.resolved_depth());
+                Some(polygon)
+            }
+            _ => splats,
+        }
     }
 }
 

@@ -31,8 +31,9 @@ pub(crate) fn peel(through: &Through, lighting: &Lighting) -> Vec<Veil> {
     let mut veils = vec![Veil::default(); through.opaque_depth.len()];
     let mut beyond: Option<Vec<f64>> = None;
     for _ in 0..plan.peeled_layers() {
-        let limits = Limits { beyond: beyond.as_deref(), up_to: Some(through.opaque_depth) };
-        let layer = Run { limits, ..Run::new(through.splats, through.bands, lighting.view, plan) }.passes();
+        let limits = Limits { beyond: beyond.as_deref(), up_to: Some(through.opaque_depth), ..Limits::default() };
+        let run = Run { limits, ..Run::new(through.splats, through.bands, lighting.view, plan) };
+        let layer = run.passes(run.kept());
         add_layer(&mut veils, &layer, |at| lighting.shade(&layer.sums[at], through.center(at)));
         let kept = layer.kept.iter().map(|kept| kept.value).collect::<Vec<_>>();
         if kept.iter().all(|&value| value == Kept::NOTHING.value) {
@@ -61,16 +62,17 @@ fn remaining(through: &Through, lighting: &Lighting, beyond: Option<&[f64]>, vei
     let run = Run {
         attributes: Attributes { color: true, material: false, ..lighting.plan.attributes },
         visibility: false,
-        limits: Limits { beyond, up_to: Some(through.opaque_depth) },
+        limits: Limits { beyond, up_to: Some(through.opaque_depth), ..Limits::default() },
         ..Run::new(&lit, through.bands, lighting.view, lighting.plan)
     };
-    let layer = run.passes();
+    let layer = run.passes(run.kept());
     add_layer(veils, &layer, |at| Lighting::shade_lit(&layer.sums[at]));
     if lighting.plan.planes.margin && open.contains(&true) {
         // Drawn alone, the splats whose highlight could come or go show which pixels that changes.
         let open_splats: Vec<ScreenSplat> = lit.iter().zip(open).filter(|s| s.1).map(|s| s.0.clone()).collect();
         let bands = Bands::new(&open_splats, through.rect);
-        let touched = Run { splats: &open_splats, bands: &bands, ..run }.passes();
+        let run = Run { splats: &open_splats, bands: &bands, ..run };
+        let touched = run.passes(run.kept());
         for (veil, sums) in veils.iter_mut().zip(&touched.sums) {
             veil.marginal |= sums.fragments > 0;
         }

@@ -11,7 +11,7 @@ use surfel_render::View;
 /// Pixels to a footprint's rim within which a test may flip.
 pub(crate) const RIM_PX: f64 = 1e-3;
 /// Relative distance from equality within which any other test may flip.
-const RELATIVE: f64 = 1e-4;
+pub(crate) const RELATIVE: f64 = 1e-4;
 
 /// True if offset `d` is within the margin of a footprint's rim.
 pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>) -> bool {

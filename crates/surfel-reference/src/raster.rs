@@ -115,7 +115,7 @@ impl Bands {
 
 /// Columns and rows of `rect` whose pixel centres lie in `extent`, grown by a hair so that neither rounding
 /// nor the margin loses one.
-fn pixels(extent: &Extent<f64>, rect: Region) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
+pub(crate) fn pixels(extent: &Extent<f64>, rect: Region) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
     let range = |min: f64, max: f64, start: u32, length: u32| {
         let (lo, hi) = (f64::from(start), f64::from(start + length));
         // Saturating float-to-int casts: an infinite box is clipped to the rectangle.
@@ -138,16 +138,23 @@ pub(crate) struct Limits<'a> {
     pub beyond: Option<&'a [f64]>,
     /// Nor do fragments after this depth: something opaque hides them.
     pub up_to: Option<&'a [f64]>,
+    /// Depth of the polygon before which splats are blended (§6): their attributes count up to their own ε behind it.
+    pub polygon: Option<&'a [f64]>,
 }
 
 impl<'a> Limits<'a> {
     fn of_pixels(&self, pixels: std::ops::Range<usize>) -> Self {
         let part = |limit: Option<&'a [f64]>| limit.map(|l| &l[pixels.clone()]);
-        Self { beyond: part(self.beyond), up_to: part(self.up_to) }
+        Self { beyond: part(self.beyond), up_to: part(self.up_to), polygon: part(self.polygon) }
     }
 
     fn hold(&self, at: usize, z: f64) -> bool {
         self.beyond.is_none_or(|b| z > b[at]) && self.up_to.is_none_or(|u| z <= u[at])
+    }
+
+    /// True if the polygon leaves a fragment's attributes in.
+    fn reach(&self, at: usize, z: f64, epsilon: f64) -> bool {
+        self.polygon.is_none_or(|p| z - epsilon <= p[at])
     }
 
     /// True if rounding could flip whether they hold.
@@ -182,7 +189,7 @@ pub(crate) struct Run<'a> {
     pub plan: &'a FramePlan,
     /// What is accumulated.
     pub attributes: Attributes,
-    /// Fragments compete: without, every one that exists is accumulated.
+    /// Fragments compete for what is kept; without, every one that exists is accumulated.
     pub visibility: bool,
     pub limits: Limits<'a>,
 }
@@ -194,29 +201,36 @@ impl<'a> Run<'a> {
         Self { splats, bands, view, plan, attributes: plan.attributes, visibility: true, limits }
     }
 
-    /// Runs over the bands' rectangle.
-    pub(crate) fn passes(&self) -> Passes {
+    /// Visibility: what each pixel of the bands' rectangle keeps; nothing without it.
+    pub(crate) fn kept(&self) -> Vec<Kept> {
         let rect = self.bands.rect;
-        let width = rect.width as usize;
-        let count = width * rect.height as usize;
-        let mut kept = vec![Kept::NOTHING; count];
-        let mut sums = vec![Sums::default(); count];
+        let mut kept = vec![Kept::NOTHING; rect.width as usize * rect.height as usize];
+        if !self.visibility {
+            return kept;
+        }
+        kept.par_chunks_mut(rect.width as usize * BAND_ROWS as usize)
+            .zip(self.bands.lists.par_iter())
+            .enumerate()
+            .for_each(|(band, (kept, list))| self.band(band, list).visibility(kept));
+        kept
+    }
+
+    /// Attributes up to what is kept; [`Kept::NOTHING`] in a pixel lets all of its fragments pass.
+    pub(crate) fn passes(&self, kept: Vec<Kept>) -> Passes {
+        let mut sums = vec![Sums::default(); kept.len()];
         let unknown = Possible { nearest: Kept::NOTHING, farthest: Kept::NOTHING };
-        let mut possible = vec![unknown; if self.plan.planes.margin { count } else { 0 }];
-        let band_pixels = width * BAND_ROWS as usize;
+        let mut possible = vec![unknown; if self.plan.planes.margin { kept.len() } else { 0 }];
+        let band_pixels = self.bands.rect.width as usize * BAND_ROWS as usize;
         let mut possible_bands: Vec<&mut [Possible]> = possible.chunks_mut(band_pixels).collect();
         possible_bands.resize_with(self.bands.lists.len(), Default::default);
         let fragments = kept
-            .par_chunks_mut(band_pixels)
+            .par_chunks(band_pixels)
             .zip(sums.par_chunks_mut(band_pixels))
             .zip(possible_bands)
             .zip(self.bands.lists.par_iter())
             .enumerate()
             .map(|(band, (((kept, sums), possible), list))| {
                 let pass = self.band(band, list);
-                if self.visibility {
-                    pass.visibility(kept);
-                }
                 let fragments = pass.attributes(kept, sums);
                 if self.plan.planes.margin && self.visibility {
                     pass.visibility_margin(kept, sums, possible);
@@ -322,9 +336,10 @@ impl BandPass<'_> {
         let cutoff = self.run.plan.splat_filter.cutoff;
         let mut fragments = 0;
         self.for_fragments(Footprints::Filtered, |_, splat, at, pixel, z| {
-            let hold = self.limits.hold(at, z);
+            let hold = self.limits.hold(at, z) && self.limits.reach(at, z, splat.epsilon);
             if self.run.plan.planes.margin {
-                let near_limit = self.limits.are_near(at, z) && z <= kept[at].value;
+                let near_polygon = self.limits.polygon.is_some_and(|p| margin::on_depth(z - splat.epsilon, p[at]));
+                let near_limit = (self.limits.are_near(at, z) || near_polygon) && z <= kept[at].value;
                 sums[at].marginal |= (hold && margin::is_marginal(splat, pixel, z, &kept[at], self.run.view))
                     || (near_limit && splat.rho_squared_at(pixel).is_some());
             }

@@ -1,14 +1,14 @@
 //! The backend: scenes in, frames out.
 
 use crate::frame;
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use std::sync::Arc;
-use surfel_model::{Geometry, Light, Material, Scene, Settings, SplatCloud};
+use surfel_model::{Geometry, Light, Material, Mesh, Mipmaps, Object, Scene, Settings, SplatCloud};
 use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
 
 const CAPABILITIES: Capabilities = Capabilities {
     backend: "reference",
-    features: &[Feature::EdgeAntialiasing, Feature::Peel, Feature::ABuffer, Feature::Margin],
+    features: &[Feature::EdgeAntialiasing, Feature::Meshes, Feature::Peel, Feature::ABuffer, Feature::Margin],
 };
 
 /// The f64 reference backend.
@@ -21,6 +21,9 @@ pub struct Renderer {
 pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
     pub(crate) objects: Vec<ResidentObject>,
+    pub(crate) meshes: Vec<ResidentMesh>,
+    /// Of the first object.
+    pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: DVec3,
     /// Linear, premultiplied.
@@ -34,6 +37,24 @@ pub(crate) struct ResidentObject {
     pub material: Material,
     pub interior_weight: Option<f64>,
     pub first_splat: u32,
+}
+
+/// One object of polygons.
+pub(crate) struct ResidentMesh {
+    pub mesh: Arc<Mesh>,
+    pub world_from_object: DAffine3,
+    pub material: Material,
+    /// The mesh's texture and its smaller levels.
+    pub mipmaps: Option<Arc<Mipmaps>>,
+}
+
+/// Object to world normals: inverse transpose up to scale, with the right sign.
+pub(crate) fn normals_from_object(world_from_object: &DAffine3) -> DMat3 {
+    let m = world_from_object.matrix3;
+    // The cofactor matrix is det(A)·A⁻ᵀ: no inverse, no singularity; the sign of det(A) turns it outside-out.
+    let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
+    let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
+    cofactors * (1.0f64.copysign(m.determinant()) / scale)
 }
 
 impl Renderer {
@@ -90,17 +111,23 @@ impl surfel_render::Renderer for Renderer {
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
         scene.validate()?;
         let mut first_splat = 0u64;
-        let mut objects = Vec::new();
+        let (mut objects, mut meshes) = (Vec::new(), Vec::new());
         for object in &scene.objects {
-            if let Geometry::Splats(cloud) = &object.geometry {
-                objects.push(ResidentObject {
-                    cloud: cloud.clone(),
-                    world_from_object: object.world_from_object,
-                    material: object.material,
-                    interior_weight: object.material.interior_weight.or(cloud.data().interior_weight),
-                    first_splat: first_splat as u32,
-                });
-                first_splat += cloud.len() as u64;
+            match &object.geometry {
+                Geometry::Splats(cloud) => {
+                    objects.push(ResidentObject {
+                        cloud: cloud.clone(),
+                        world_from_object: object.world_from_object,
+                        material: object.material,
+                        interior_weight: object.material.interior_weight.or(cloud.data().interior_weight),
+                        first_splat: first_splat as u32,
+                    });
+                    first_splat += cloud.len() as u64;
+                }
+                Geometry::Mesh(mesh) => {
+                    mesh.validate()?;
+                    meshes.push(resident_mesh(object, mesh, &meshes));
+                }
             }
         }
         if first_splat > u64::from(u32::MAX) {
@@ -113,6 +140,8 @@ impl surfel_render::Renderer for Renderer {
         Ok(ResidentScene {
             summary: SceneSummary::of(scene),
             objects,
+            meshes,
+            material: scene.objects.first().map_or(Material::default(), |o| o.material),
             lights: scene.lights.clone(),
             ambient: DVec3::from(scene.ambient),
             background: [r * a, g * a, b * a, a],
@@ -130,4 +159,15 @@ impl surfel_render::Renderer for Renderer {
         let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
         Ok(self.pool.install(|| frame::render(scene, view, &plan, frame, self.info.threads)))
     }
+}
+
+/// A mesh as it is drawn; smaller levels of a texture that another object has are shared.
+fn resident_mesh(object: &Object, mesh: &Arc<Mesh>, others: &[ResidentMesh]) -> ResidentMesh {
+    let texture = mesh.texture.as_ref().filter(|_| mesh.uvs.is_some());
+    let mipmaps = texture.map(|texture| {
+        let same = |other: &&ResidentMesh| other.mesh.texture.as_ref().is_some_and(|t| Arc::ptr_eq(t, texture));
+        let shared = others.iter().find(same).and_then(|other| other.mipmaps.clone());
+        shared.unwrap_or_else(|| Arc::new(Mipmaps::new(texture.clone())))
+    });
+    ResidentMesh { mesh: mesh.clone(), world_from_object: object.world_from_object, material: object.material, mipmaps }
 }

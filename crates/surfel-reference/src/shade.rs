@@ -1,6 +1,7 @@
 //! Once a pixel: divide by Σw and light (§5).
 
 use crate::margin;
+use crate::polygon::{self, Polygons};
 use crate::raster::Sums;
 use crate::splat::ScreenSplat;
 use glam::DVec3;
@@ -44,6 +45,19 @@ struct Point {
     material: [f64; 4],
 }
 
+impl Surface {
+    /// This surface over another by a share: colour, Z and normal alike (§6).
+    pub(crate) fn blended_over(&self, behind: &Self, share: f64) -> Self {
+        Self {
+            color: self.color * share + behind.color * (1.0 - share),
+            depth: self.depth * share + behind.depth * (1.0 - share),
+            normal: unit(self.normal * share + behind.normal * (1.0 - share)),
+            marginal: self.marginal || behind.marginal,
+            ..*self
+        }
+    }
+}
+
 impl Lighting<'_> {
     /// Resolves and lights a pixel; `None` where Σw = 0.
     pub(crate) fn shade(&self, sums: &Sums, pixel: V2<f64>) -> Option<Surface> {
@@ -60,6 +74,14 @@ impl Lighting<'_> {
         let (color, marginal) = self.color(&point);
         let alpha = sums.alpha * inverse;
         Some(Surface { color, depth, normal, weight: sums.weight, alpha, marginal })
+    }
+
+    /// Lights a polygon at a pixel.
+    pub(crate) fn shade_polygon(&self, hit: &polygon::Hit, polygons: &Polygons, pixel: V2<f64>) -> Surface {
+        let polygon::Material { albedo, normal, factors } = polygons.material(hit, pixel);
+        let point = Point { at: self.position(pixel, hit.z), depth: hit.z, normal, albedo, material: factors };
+        let (color, marginal) = self.color(&point);
+        Surface { color, depth: hit.z, normal, weight: 0.0, alpha: 1.0, marginal }
     }
 
     /// Resolves a pixel whose fragments were lit before they were summed ([`Lighting::lit_splat`]); `None` where Σw = 0.

@@ -1,6 +1,6 @@
 //! From a splat of the scene to its footprints on the screen (§2–§4).
 
-use crate::renderer::ResidentObject;
+use crate::renderer::{ResidentObject, normals_from_object};
 use glam::{DMat3, DVec3};
 use surfel_math::basis::{largest_singular_value, unit};
 use surfel_math::bounds::{self, Extent};
@@ -69,11 +69,7 @@ impl ObjectView {
         let m = object.world_from_object.matrix3;
         // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
         let origin = view.view_from_world * (object.world_from_object.translation - view.eye);
-        // The cofactor matrix is det(A)·A⁻ᵀ: no inverse, no singularity; the sign of det(A) turns it outside-out.
-        let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
-        let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
-        let sign = 1.0f64.copysign(m.determinant());
-        Self { linear: view.view_from_world * m, origin, normals: cofactors * (sign / scale) }
+        Self { linear: view.view_from_world * m, origin, normals: normals_from_object(&object.world_from_object) }
     }
 }
 

@@ -41,6 +41,8 @@ pub struct Attributes {
 /// A step of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pass {
+    /// The nearest polygon of every pixel that no splat hides, into a target of its own (§6).
+    Polygons,
     /// Nearest depth plus tolerance of every pixel.
     Visibility,
     /// Weighted sums of attributes.
@@ -115,7 +117,12 @@ pub fn plan(
     let needs_color = planes.color && matches!(settings.shader, Shader::Unlit | Shader::Phong);
     let depth_shader = planes.color && settings.shader == Shader::Depth;
     let normal_shader = planes.color && settings.shader == Shader::Normal;
-    let mut passes = vec![Pass::Visibility, Pass::Attributes, Pass::Shade];
+    let splats = !summary.meshes || summary.splats > 0;
+    let mut passes = Vec::new();
+    passes.extend(splats.then_some(Pass::Visibility));
+    passes.extend(summary.meshes.then_some(Pass::Polygons));
+    passes.extend(splats.then_some(Pass::Attributes));
+    passes.push(Pass::Shade);
     if settings.edge_aa && planes.color {
         passes.push(Pass::EdgeAntialiasing);
     }
@@ -148,9 +155,9 @@ pub fn plan(
         attributes: Attributes {
             color: needs_color && summary.colors,
             normal: planes.normal || normal_shader || (planes.color && lit),
-            depth: planes.depth || depth_shader || (planes.color && lit),
+            depth: planes.depth || depth_shader || (planes.color && lit) || separates_transparent,
             material: planes.color && lit && summary.materials_differ,
-            coverage: (settings.edge_aa && planes.color) || abuffer_surfaces > 0,
+            coverage: (settings.edge_aa && planes.color) || abuffer_surfaces > 0 || (summary.meshes && splats),
             alpha: separates_transparent,
         },
         separates_transparent,
@@ -164,7 +171,7 @@ pub fn plan(
 /// True if the picture needs the clouds' interior weights (§5, coverage): whoever loads a scene estimates them then.
 pub fn needs_interior_weight(summary: &SceneSummary, settings: &Settings) -> bool {
     let abuffer = matches!(settings.transparency, Transparency::ABuffer { .. });
-    settings.edge_aa || (abuffer && summary.transparent)
+    settings.edge_aa || (abuffer && summary.transparent) || (summary.meshes && summary.splats > 0)
 }
 
 /// What a scene and its settings need and a backend doesn't draw: the first of it, as an error that says where it is and

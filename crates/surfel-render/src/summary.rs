@@ -7,7 +7,7 @@ use surfel_model::{Geometry, Light, Scene};
 pub struct SceneSummary {
     /// Number of splats.
     pub splats: u64,
-    /// Some cloud has colours.
+    /// Some cloud or mesh has colours.
     pub colors: bool,
     /// Some splat has an alpha below 1.
     pub transparent: bool,
@@ -40,7 +40,10 @@ impl SceneSummary {
                         summary.without_interior_weight.get_or_insert(i);
                     }
                 }
-                Geometry::Mesh(_) => summary.meshes = true,
+                Geometry::Mesh(mesh) => {
+                    summary.meshes = true;
+                    summary.colors |= mesh.colors.is_some() || mesh.texture.is_some();
+                }
             }
             let factors = object.material.factors();
             summary.materials_differ |= *first_factors.get_or_insert(factors) != factors;

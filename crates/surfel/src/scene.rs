@@ -67,7 +67,8 @@ pub fn may_need_interior_weight(settings: &Settings) -> bool {
     settings.edge_aa || matches!(settings.transparency, Transparency::ABuffer { .. })
 }
 
-/// Loads the files of `objects`; each file once, however often it is used. Paths are relative to `base_dir`.
+/// Loads the files of `objects`; each file once, however often it is used. Paths are relative to `base_dir`. Interior
+/// weights are estimated where the options ask for it and where there are meshes among splats.
 ///
 /// # Errors
 /// As [`prepare`], and [`Error::Model`] for a matrix that is no invertible affine map.
@@ -78,6 +79,8 @@ pub fn load_objects(
     progress: &dyn Progress,
 ) -> Result<LoadedObjects, Error> {
     let mut loaded = LoadedObjects::default();
+    // Splats are blended over polygons by their coverage (rendering model §6).
+    let among_meshes = objects.iter().any(|o| o.mesh.is_some());
     let mut known: BTreeMap<(PathBuf, bool, bool), (Geometry, Up, bool)> = BTreeMap::new();
     for object in objects {
         let world_from_object = object.world_from_object()?;
@@ -88,7 +91,7 @@ pub fn load_objects(
         };
         let path = base_dir.join(file);
         // A material's own interior weight wins, so then none need be estimated.
-        let interior_weight = options.interior_weight && object.material.interior_weight.is_none();
+        let interior_weight = (options.interior_weight || among_meshes) && object.material.interior_weight.is_none();
         let options = &LoadOptions { interior_weight, ..options.clone() };
         let key = (path.clone(), as_mesh, interior_weight);
         let (geometry, up, closed) = match known.get(&key) {
