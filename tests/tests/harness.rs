@@ -77,7 +77,7 @@ fn harness_scenes_show_something_outside_of_the_margin() {
     let mut marginal = Vec::new();
     for case in scenes::all() {
         let frame = reference_frame(&mut reference, &case).unwrap();
-        let covered = frame.weight.iter().filter(|w| **w > 0.0).count() as f64 / frame.weight.len() as f64;
+        let covered = frame.depth.iter().filter(|z| z.is_finite()).count() as f64 / frame.depth.len() as f64;
         let share = frame.margin.iter().sum::<f32>() / frame.margin.len() as f32;
         println!("{:34} covered {:5.1} %, margin {:5.2} %", case.name, 100.0 * covered, 100.0 * share);
         assert!(covered > 0.004, "{} covers {covered}", case.name);
@@ -109,7 +109,7 @@ fn harness_fails_faults() {
         change(&mut faulty);
         failures(&mut faulty)
     };
-    let faults: [(&str, Fault, &str); 16] = [
+    let faults: [(&str, Fault, &str); 19] = [
         ("half a pixel off", |f| f.view = |v| v.projection.principal_px[0] += 0.5, "orientation"),
         ("a hundredth of a pixel off", |f| f.view = |v| v.projection.principal_px[1] += 0.01, "confetti"),
         ("cutoff", |f| f.settings = |s| s.cutoff *= 1.01, "facing-splat"),
@@ -187,6 +187,29 @@ fn harness_fails_faults() {
                 };
             },
             "glass-spheres/lit/abuffer-6",
+        ),
+        (
+            "no polygons",
+            |f| f.scene = |s| s.objects.retain(|o| matches!(o.geometry, Geometry::Splats(_))),
+            "mesh-through-sphere/lit",
+        ),
+        (
+            "rough hand-over",
+            |f| f.scene = |s| s.objects.iter_mut().for_each(|o| o.material.interior_weight = Some(1e-6)),
+            "half-mesh-wall/lit",
+        ),
+        (
+            "texture stretched",
+            |f| {
+                f.scene = |s| {
+                    for object in &mut s.objects {
+                        let Geometry::Mesh(mesh) = &mut object.geometry else { continue };
+                        let mesh = std::sync::Arc::make_mut(mesh);
+                        mesh.uvs.iter_mut().flatten().for_each(|uv| *uv = uv.map(|c| c * 1.001));
+                    }
+                };
+            },
+            "textured-floor",
         ),
         ("no edge antialiasing", |f| f.settings = |s| s.edge_aa = false, "sphere-before-plane/edge-aa"),
     ];

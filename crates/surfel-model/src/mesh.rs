@@ -30,7 +30,7 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Checks columns' lengths, indices and that positions are finite.
+    /// Checks columns' lengths, indices and that positions and colours are finite.
     ///
     /// # Errors
     /// [`ModelError`] naming the first offender.
@@ -55,6 +55,17 @@ impl Mesh {
                 index,
                 problem: "its position is not finite".into(),
                 count,
+                total: expected,
+                advice: "remove them from the file",
+            });
+        }
+        let bad = |i: &usize| self.colors.as_ref().is_some_and(|c| c[*i].iter().any(|c| !c.is_finite()));
+        if let Some(index) = (0..expected).find(bad) {
+            return Err(ModelError::InvalidElements {
+                what: "vertex",
+                index,
+                problem: "its colour is not finite".into(),
+                count: (index..expected).filter(bad).count(),
                 total: expected,
                 advice: "remove them from the file",
             });

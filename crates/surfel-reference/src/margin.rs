@@ -35,7 +35,7 @@ pub(crate) fn on_step(own: Kept, neighbour: Kept) -> bool {
 
 /// True if rounding could flip which of two depths is the farther; infinities decide clearly.
 pub(crate) fn on_depth(z: f64, limit: f64) -> bool {
-    (z - limit).abs() <= RELATIVE * z.abs() && limit.is_finite()
+    (z - limit).abs() <= RELATIVE * z.abs() && z.is_finite()
 }
 
 /// True if the highlight of a light at cosine n·l could come or go by rounding (§5, `phong`).

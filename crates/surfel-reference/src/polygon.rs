@@ -143,7 +143,7 @@ impl<'a> Polygons<'a> {
             |column: &[[f32; 3]]| blend3(corners.map(|i| unit(to_world * DVec3::from(column[i].map(f64::from)))));
         let flat = || unit(to_world * outward(resident, t.index as usize));
         let mut normal = unit(mesh.normals.as_deref().map_or(DVec3::ZERO, smooth));
-        if normal == DVec3::ZERO {
+        if normal == DVec3::ZERO || !normal.is_finite() {
             normal = flat();
         }
         if resident.material.two_sided && t.back_facing {

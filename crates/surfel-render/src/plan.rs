@@ -297,6 +297,22 @@ mod tests {
     }
 
     #[test]
+    fn polygons_add_a_pass_and_coverage_only_where_there_are_splats_to_blend() {
+        let drawn = Capabilities { backend: "test", features: &[Feature::Meshes] };
+        let planned = |splats, without_interior_weight| {
+            let summary = SceneSummary { meshes: true, splats, without_interior_weight, ..SceneSummary::default() };
+            plan(&summary, &view(), &Settings::default(), Planes::COLOR, &drawn)
+        };
+        let alone = planned(0, None).unwrap();
+        assert_eq!(alone.passes, [Pass::Polygons, Pass::Shade]);
+        assert!(!alone.attributes.coverage);
+        let among = planned(5, None).unwrap();
+        assert_eq!(among.passes, [Pass::Visibility, Pass::Polygons, Pass::Attributes, Pass::Shade]);
+        assert!(among.attributes.coverage);
+        assert!(matches!(planned(5, Some(1)), Err(RenderError::NoInteriorWeight { object: 1 })));
+    }
+
+    #[test]
     fn what_is_not_drawn_is_refused() {
         let refused = |summary: SceneSummary, change: fn(&mut Settings)| {
             let mut settings = Settings::default();

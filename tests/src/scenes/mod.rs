@@ -1,11 +1,13 @@
 //! Scenes of one property each. What a scene is for is the fault that it catches.
 
 mod geometry;
+mod meshes;
 mod numeric;
 mod shading;
 mod transparency;
 
 pub use geometry::*;
+pub use meshes::*;
 pub use numeric::*;
 pub use shading::*;
 pub use transparency::*;
@@ -61,5 +63,6 @@ pub fn all() -> Vec<Case> {
     cases.extend(numeric_cases());
     cases.extend(shading_cases());
     cases.extend(transparency_cases());
+    cases.extend(mesh_cases());
     cases
 }
