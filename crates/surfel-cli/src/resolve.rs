@@ -76,7 +76,8 @@ fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Re
         file.background = background;
     }
     if args.shadows {
-        file.lights = Some(with_shadows(file.lights.take().unwrap_or_default()));
+        // Nobody sees the shadows of the default headlight.
+        file.lights = file.lights.take().map(with_shadows);
     }
     let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
     let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };

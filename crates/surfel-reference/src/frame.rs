@@ -5,9 +5,9 @@ use crate::polygon::{Hit, Polygons};
 use crate::raster::{Bands, Kept, Limits, Passes, Run, Sums};
 use crate::renderer::ResidentScene;
 use crate::shade::{Lighting, Surface};
-use crate::splat::{ObjectView, ScreenSplat, project};
+use crate::splat::{ScreenSplat, project_all};
 use crate::veil::Veil;
-use crate::{abuffer, layers, margin};
+use crate::{abuffer, layers, margin, outline, shadow};
 use rayon::prelude::*;
 use std::time::Instant;
 use surfel_math::V2;
@@ -27,16 +27,21 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
             last = now;
         }
     };
-    let splats = project_all(scene, view, plan);
+    let splats = project_all(&scene.objects, view, plan);
     stats.drawn = splats.len() as u64;
     let is_transparent = |s: &ScreenSplat| plan.separates_transparent && s.alpha < 1.0;
     let (transparent, opaque): (Vec<_>, Vec<_>) = splats.into_iter().partition(is_transparent);
     lap(&mut stats, "project");
 
     let headlight = [Light::Directional { direction: view.forward().to_array(), color: [1.0; 3], shadow: false }];
+    let shadows = shadow::draw(scene, plan);
+    if !shadows.is_empty() {
+        lap(&mut stats, "shadow maps");
+    }
     let lighting = Lighting {
         view,
         plan,
+        shadows: &shadows,
         lights: scene.lights.as_deref().unwrap_or(&headlight),
         ambient: scene.ambient,
         material: scene.material.factors(),
@@ -65,14 +70,6 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
     if behind.is_some() {
         lap(&mut stats, "behind edges");
     }
-    let picture = Picture {
-        lighting: &lighting,
-        rect,
-        background: scene.background,
-        front: &front,
-        behind: behind.as_ref(),
-        meshes: mesh_layer.as_ref(),
-    };
     let veils = if transparent.is_empty() {
         Vec::new()
     } else {
@@ -90,6 +87,17 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
         lap(&mut stats, "transparent");
         veils
     };
+    let (behind, meshes) = (behind.as_ref(), mesh_layer.as_ref());
+    let mut picture = Picture {
+        lighting: &lighting,
+        rect,
+        background: scene.background,
+        front: &front,
+        behind,
+        meshes,
+        pixels: Vec::new(),
+    };
+    picture.shade();
     picture.resolve(&veils, frame);
     lap(&mut stats, "shade");
     let bytes: usize = scene.objects.iter().map(|o| o.cloud.bytes()).sum();
@@ -98,19 +106,9 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
     stats
 }
 
-/// Every splat that takes part, in index order.
-fn project_all(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<ScreenSplat> {
-    let of_object = |object| {
-        let object_view = ObjectView::new(object, view);
-        let each = |i| project(object, &object_view, i, view, plan);
-        (0..object.cloud.len()).into_par_iter().filter_map(each).collect::<Vec<_>>()
-    };
-    scene.objects.iter().flat_map(of_object).collect()
-}
-
-/// The rectangle that passes run over: the region, and for edge antialiasing its neighbours inside the image.
+/// The rectangle that passes run over: the region, and where they look at neighbours, those inside the image.
 fn work_rect(view: &View, plan: &FramePlan) -> Region {
-    if !plan.has(Pass::EdgeAntialiasing) {
+    if !plan.has(Pass::EdgeAntialiasing) && !plan.has(Pass::Outlines) {
         return view.region;
     }
     let r = view.region;
@@ -118,6 +116,12 @@ fn work_rect(view: &View, plan: &FramePlan) -> Region {
     let right = (r.x + r.width + 1).min(view.size[0]);
     let bottom = (r.y + r.height + 1).min(view.size[1]);
     Region { x, y, width: right - x, height: bottom - y }
+}
+
+/// Centre of pixel `at` of a rectangle.
+pub(crate) fn center(rect: Region, at: usize) -> V2<f64> {
+    let (x, y) = (at as u32 % rect.width, at as u32 / rect.width);
+    V2::new(f64::from(rect.x + x) + 0.5, f64::from(rect.y + y) + 0.5)
 }
 
 /// Polygons of a frame, by pixel of the work rectangle.
@@ -151,9 +155,40 @@ struct Picture<'a> {
     /// What lies behind edges, and which pixels are edges.
     behind: Option<&'a (Passes, Vec<bool>)>,
     meshes: Option<&'a MeshLayer<'a>>,
+    /// Front surfaces of the work rectangle, and whether rounding could change them.
+    pixels: Vec<(Option<Surface>, bool)>,
 }
 
 impl Picture<'_> {
+    /// Shades the front surface of every pixel, and draws lines on it.
+    fn shade(&mut self) {
+        let rect = self.rect;
+        let count = rect.width as usize * rect.height as usize;
+        let this = &*self;
+        let mut pixels: Vec<_> =
+            (0..count).into_par_iter().map(|at| this.front_surface(at, center(rect, at))).collect();
+        if self.lighting.plan.has(Pass::Outlines) {
+            outline::draw(&mut pixels, rect, self.lighting.view);
+        }
+        self.pixels = pixels;
+    }
+
+    /// The front surface of a pixel: splats, polygon, or the ones blended over the other (§6).
+    fn front_surface(&self, at: usize, pixel: V2<f64>) -> (Option<Surface>, bool) {
+        let sums = &self.front.sums[at];
+        let mut surface = self.lighting.shade(sums, pixel);
+        let mut marginal = sums.marginal;
+        if let Some(meshes) = self.meshes {
+            marginal |= meshes.marginal[at];
+            if meshes.depth[at].is_finite() {
+                let polygon = self.lighting.shade_polygon(&meshes.hits[at], &meshes.polygons, pixel);
+                let share = (sums.coverage / FULL_COVERAGE).min(1.0);
+                surface = Some(surface.map_or(polygon, |splats| splats.blended_over(&polygon, share)));
+            }
+        }
+        (surface, marginal || surface.is_some_and(|s| s.marginal))
+    }
+
     /// Fills the frame's planes. `veils` is what transparent splats add to each pixel; empty where there are none.
     fn resolve(&self, veils: &[Veil], frame: &mut Frame) {
         let (view, planes) = (self.lighting.view, self.lighting.plan.planes);
@@ -168,7 +203,7 @@ impl Picture<'_> {
                 let (px, py) = (region.x + x, region.y + y);
                 let from = ((py - rect.y) * rect.width + px - rect.x) as usize;
                 let to = (y * region.width + x) as usize;
-                let pixel = V2::new(f64::from(px) + 0.5, f64::from(py) + 0.5);
+                let pixel = center(rect, from);
                 let veil = veils.get(from);
                 let mut opaque = self.opaque(from, pixel);
                 if let Some(veil) = veil {
@@ -207,23 +242,12 @@ impl Picture<'_> {
             Some(s) => [s.color.x, s.color.y, s.color.z, 1.0],
             None => self.background,
         };
-        let sums = &self.front.sums[at];
-        let mut surface = self.lighting.shade(sums, pixel);
-        let mut marginal = sums.marginal;
-        if let Some(meshes) = self.meshes {
-            marginal |= meshes.marginal[at];
-            if meshes.depth[at].is_finite() {
-                let polygon = self.lighting.shade_polygon(&meshes.hits[at], &meshes.polygons, pixel);
-                let share = (sums.coverage / FULL_COVERAGE).min(1.0);
-                surface = Some(surface.map_or(polygon, |splats| splats.blended_over(&polygon, share)));
-            }
-        }
-        marginal |= surface.is_some_and(|s| s.marginal);
+        let (surface, mut marginal) = self.pixels[at];
         let mut color = over(surface);
         if let Some((behind, edges)) = self.behind {
             marginal |= behind.sums[at].marginal;
             if surface.is_some() && edges[at] {
-                let q = sums.coverage.min(1.0);
+                let q = self.front.sums[at].coverage.min(1.0);
                 let back = self.behind_edge(&behind.sums[at], at, pixel);
                 marginal |= back.is_some_and(|s| s.marginal);
                 for (c, b) in color.iter_mut().zip(over(back)) {

@@ -20,8 +20,7 @@ pub(crate) struct Through<'a> {
 impl Through<'_> {
     /// Centre of pixel `at` of the rectangle.
     pub(crate) fn center(&self, at: usize) -> V2<f64> {
-        let (x, y) = (at as u32 % self.rect.width, at as u32 / self.rect.width);
-        V2::new(f64::from(self.rect.x + x) + 0.5, f64::from(self.rect.y + y) + 0.5)
+        crate::frame::center(self.rect, at)
     }
 }
 

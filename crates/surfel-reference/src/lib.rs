@@ -5,7 +5,7 @@
 //! changes nothing: every pixel sums its fragments in the same order.
 //!
 //! `splat` turns splats into footprints, `raster` runs the visibility and attribute passes, `shade` lights a
-//! pixel, `polygon` finds the polygons among them, `edge` does edge antialiasing, `layers` and `abuffer` draw transparent splats into `veil`s, `frame` runs the plan's
+//! pixel, `polygon` finds the polygons among them, `edge` does edge antialiasing, `layers` and `abuffer` draw transparent splats into `veil`s, `shadow` draws and reads shadow maps, `outline` draws lines, `frame` runs the plan's
 //! passes and puts pixels together, `margin` finds decisions that rounding could flip.
 
 mod abuffer;
@@ -13,10 +13,12 @@ mod edge;
 mod frame;
 mod layers;
 mod margin;
+mod outline;
 mod polygon;
 mod raster;
 mod renderer;
 mod shade;
+mod shadow;
 mod splat;
 mod supersample;
 mod veil;

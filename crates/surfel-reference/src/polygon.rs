@@ -115,6 +115,12 @@ impl<'a> Polygons<'a> {
         }
     }
 
+    /// Change of the hit polygon's depth over a pixel to the right and one down.
+    pub(crate) fn depth_gradient(&self, hit: &Hit, pixel: V2<f64>) -> V2<f64> {
+        let t = &self.triangles[hit.triangle as usize].triangle;
+        t.gradient(t.z, hit.z, pixel)
+    }
+
     /// The surface that a pixel hits.
     pub(crate) fn material(&self, hit: &Hit, pixel: V2<f64>) -> Material {
         let t = &self.triangles[hit.triangle as usize];

@@ -8,7 +8,15 @@ use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererI
 
 const CAPABILITIES: Capabilities = Capabilities {
     backend: "reference",
-    features: &[Feature::EdgeAntialiasing, Feature::Meshes, Feature::Peel, Feature::ABuffer, Feature::Margin],
+    features: &[
+        Feature::EdgeAntialiasing,
+        Feature::Meshes,
+        Feature::Peel,
+        Feature::ABuffer,
+        Feature::Shadows,
+        Feature::Toon,
+        Feature::Margin,
+    ],
 };
 
 /// The f64 reference backend.
@@ -31,6 +39,7 @@ pub struct ResidentScene {
 }
 
 /// One object of splats.
+#[derive(Clone)]
 pub(crate) struct ResidentObject {
     pub cloud: Arc<SplatCloud>,
     pub world_from_object: DAffine3,
@@ -40,6 +49,7 @@ pub(crate) struct ResidentObject {
 }
 
 /// One object of polygons.
+#[derive(Clone)]
 pub(crate) struct ResidentMesh {
     pub mesh: Arc<Mesh>,
     pub world_from_object: DAffine3,

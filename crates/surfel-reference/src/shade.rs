@@ -3,10 +3,12 @@
 use crate::margin;
 use crate::polygon::{self, Polygons};
 use crate::raster::Sums;
+use crate::shadow::{self, Shadow};
 use crate::splat::ScreenSplat;
 use glam::DVec3;
 use surfel_math::V2;
 use surfel_math::basis::unit;
+use surfel_math::toon;
 use surfel_model::{Light, Shader};
 use surfel_render::{FramePlan, View};
 
@@ -14,6 +16,7 @@ use surfel_render::{FramePlan, View};
 pub(crate) struct Lighting<'a> {
     pub view: &'a View,
     pub plan: &'a FramePlan,
+    pub shadows: &'a [Shadow<'a>],
     pub lights: &'a [Light],
     pub ambient: DVec3,
     /// Ambient, diffuse, specular, shininess where all objects share them.
@@ -30,7 +33,7 @@ pub(crate) struct Surface {
     pub weight: f64,
     /// Σwα/Σw.
     pub alpha: f64,
-    /// Rounding could make a highlight come or go.
+    /// Rounding could make a highlight or a shadow come or go.
     pub marginal: bool,
 }
 
@@ -116,18 +119,37 @@ impl Lighting<'_> {
         DVec3::new(at.x, at.y, at.z)
     }
 
-    /// The colour that the plan's shader gives a point, and whether a highlight could come or go by rounding.
+    /// The colour that the plan's shader gives a point, and whether rounding could change it.
     fn color(&self, point: &Point) -> (DVec3, bool) {
         match self.plan.shader {
-            Shader::Unlit | Shader::Toon => (point.albedo, false),
+            Shader::Unlit => (point.albedo, false),
             Shader::Normal if point.normal == DVec3::ZERO => (DVec3::ZERO, false),
             Shader::Normal => (point.normal * 0.5 + 0.5, false),
             Shader::Depth => (DVec3::splat(self.view.projection.stored_depth(point.depth)), false),
-            Shader::Phong => self.phong(point),
+            Shader::Phong => self.lit(point, |light| light, |strength, reaching| strength * reaching),
+            Shader::Toon => {
+                let (color, marginal) = self.lit(point, toon::ramp, |s, reaching| toon::highlight(s * reaching));
+                (color * toon::line(self.cosine_to_eye(point).abs()), marginal)
+            }
         }
     }
 
-    fn phong(&self, point: &Point) -> (DVec3, bool) {
+    /// n·v; 1 where there is no normal.
+    fn cosine_to_eye(&self, point: &Point) -> f64 {
+        let normal = self.view.view_from_world * point.normal;
+        let to_eye = if self.view.projection.is_perspective() { -unit(point.at) } else { DVec3::NEG_Z };
+        if normal == DVec3::ZERO { 1.0 } else { normal.dot(to_eye) }
+    }
+
+    /// Ambient, diffuse and specular light. `diffused` is what a diffuse amount in [0, 1] counts for, `highlighted` what a
+    /// highlight's strength and the share of light that reaches it do. Also whether a highlight or a shadow could come or go
+    /// by rounding.
+    fn lit(
+        &self,
+        point: &Point,
+        diffused: impl Fn(f64) -> f64,
+        highlighted: impl Fn(f64, f64) -> f64,
+    ) -> (DVec3, bool) {
         let Point { normal, albedo, .. } = *point;
         let [ambient, diffuse, specular, shininess] = point.material;
         let mut matte = self.ambient * ambient;
@@ -137,16 +159,19 @@ impl Lighting<'_> {
             // Relative to the eye, so that scenes far from the origin lose nothing.
             let position = self.view.view_from_world.transpose() * point.at;
             let to_eye = if self.view.projection.is_perspective() { -unit(position) } else { -self.view.forward() };
-            for light in self.lights {
+            for (i, light) in self.lights.iter().enumerate() {
                 let (to_light, color) = self.incident(light, position);
                 let cosine = normal.dot(to_light);
                 let reflected = normal * (2.0 * cosine) - to_light;
-                let highlight = color * (specular * reflected.dot(to_eye).max(0.0).powf(shininess));
+                let strength = reflected.dot(to_eye).max(0.0).powf(shininess);
+                marginal |=
+                    margin::on_terminator(cosine) && color * (specular * highlighted(strength, 1.0)) != DVec3::ZERO;
                 if cosine > 0.0 {
-                    matte += color * (diffuse * cosine);
-                    gloss += highlight;
+                    let (reaching, open) = shadow::visibility(self.shadows, i, self.view, position, normal);
+                    matte += color * (diffuse * diffused(cosine * reaching));
+                    gloss += color * (specular * highlighted(strength, reaching));
+                    marginal |= open;
                 }
-                marginal |= margin::on_terminator(cosine) && highlight != DVec3::ZERO;
             }
         }
         (albedo * matte + gloss, marginal)

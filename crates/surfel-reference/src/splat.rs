@@ -2,6 +2,7 @@
 
 use crate::renderer::{ResidentObject, normals_from_object};
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 use surfel_math::basis::{largest_singular_value, unit};
 use surfel_math::bounds::{self, Extent};
 use surfel_math::depth::{DepthForm, DepthPlane, tolerance};
@@ -73,8 +74,18 @@ impl ObjectView {
     }
 }
 
+/// Every splat that takes part, in index order.
+pub(crate) fn project_all(objects: &[ResidentObject], view: &View, plan: &FramePlan) -> Vec<ScreenSplat> {
+    let of_object = |object| {
+        let object_view = ObjectView::new(object, view);
+        let each = |i| project(object, &object_view, i, view, plan);
+        (0..object.cloud.len()).into_par_iter().filter_map(each).collect::<Vec<_>>()
+    };
+    objects.iter().flat_map(of_object).collect()
+}
+
 /// Projects splat `i` of an object; `None` if it takes part in no pass.
-pub(crate) fn project(
+fn project(
     object: &ResidentObject,
     object_view: &ObjectView,
     i: usize,

@@ -1,6 +1,6 @@
 //! Every per-frame decision, made once: which passes, planes and variants a scene needs, and no others.
 
-use crate::{Capabilities, Feature, Planes, RenderError, SceneSummary, View};
+use crate::{Capabilities, Feature, Planes, RenderError, SceneSummary, ShadowMap, View};
 use surfel_math::depth::Tolerance;
 use surfel_model::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Settings, Shader, Transparency};
 
@@ -41,6 +41,8 @@ pub struct Attributes {
 /// A step of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pass {
+    /// Visibility from a light: one of the plan's shadow maps (§5).
+    ShadowMap,
     /// The nearest polygon of every pixel that no splat hides, into a target of its own (§6).
     Polygons,
     /// Nearest depth plus tolerance of every pixel.
@@ -51,6 +53,8 @@ pub enum Pass {
     Shade,
     /// What lies behind edge pixels, and its blend by coverage.
     EdgeAntialiasing,
+    /// Lines where depth steps back from one pixel to the next (§5, `toon`).
+    Outlines,
     /// One layer of transparent splats: visibility behind the layer before it, attributes, shading (§8).
     PeelLayer,
     /// All transparent fragments behind the layers before, lit per splat and blended into one (§8).
@@ -70,6 +74,8 @@ pub struct FramePlan {
     pub attributes: Attributes,
     /// Splats with an alpha below 1 take no part in the opaque passes; layers of their own draw them, if any do.
     pub separates_transparent: bool,
+    /// Shadow maps, in the order of their lights.
+    pub shadow_maps: Vec<ShadowMap>,
     /// Most surfaces that [`Pass::ABuffer`] holds in a pixel; 0 without it.
     pub abuffer_surfaces: u32,
     /// How pixels are shaded.
@@ -113,19 +119,20 @@ pub fn plan(
     }
     let radius_px = if settings.filter == Filter::None { 0.0 } else { settings.prefilter_radius_px };
     let exact = settings.mapping == Mapping::Exact;
-    let lit = settings.shader == Shader::Phong;
-    let needs_color = planes.color && matches!(settings.shader, Shader::Unlit | Shader::Phong);
+    let lit = is_lit(settings, planes);
+    let needs_color = lit || (planes.color && settings.shader == Shader::Unlit);
     let depth_shader = planes.color && settings.shader == Shader::Depth;
     let normal_shader = planes.color && settings.shader == Shader::Normal;
     let splats = !summary.meshes || summary.splats > 0;
-    let mut passes = Vec::new();
+    let shadows = summary.shadows.as_ref().filter(|_| lit);
+    let shadow_maps = shadows.map_or_else(Vec::new, |s| s.maps(settings.cutoff));
+    let mut passes = vec![Pass::ShadowMap; shadow_maps.len()];
     passes.extend(splats.then_some(Pass::Visibility));
     passes.extend(summary.meshes.then_some(Pass::Polygons));
     passes.extend(splats.then_some(Pass::Attributes));
     passes.push(Pass::Shade);
-    if settings.edge_aa && planes.color {
-        passes.push(Pass::EdgeAntialiasing);
-    }
+    passes.extend((planes.color && settings.shader == Shader::Toon).then_some(Pass::Outlines));
+    passes.extend((planes.color && settings.edge_aa).then_some(Pass::EdgeAntialiasing));
     let transparency = if summary.transparent { settings.transparency } else { Transparency::Off };
     let mut abuffer_surfaces = 0;
     match transparency {
@@ -154,18 +161,24 @@ pub fn plan(
         },
         attributes: Attributes {
             color: needs_color && summary.colors,
-            normal: planes.normal || normal_shader || (planes.color && lit),
-            depth: planes.depth || depth_shader || (planes.color && lit) || separates_transparent,
-            material: planes.color && lit && summary.materials_differ,
+            normal: planes.normal || normal_shader || lit,
+            depth: planes.depth || depth_shader || lit || separates_transparent,
+            material: lit && summary.materials_differ,
             coverage: (settings.edge_aa && planes.color) || abuffer_surfaces > 0 || (summary.meshes && splats),
             alpha: separates_transparent,
         },
         separates_transparent,
+        shadow_maps,
         abuffer_surfaces,
         passes,
         shader: settings.shader,
         planes,
     })
+}
+
+/// True if lights make a difference to the picture.
+fn is_lit(settings: &Settings, planes: Planes) -> bool {
+    planes.color && matches!(settings.shader, Shader::Phong | Shader::Toon)
 }
 
 /// True if the picture needs the clouds' interior weights (§5, coverage): whoever loads a scene estimates them then.
@@ -188,7 +201,7 @@ pub fn unsupported(
         (Feature::Clips, summary.clips && settings.clip != ClipPolicy::Off),
         (Feature::Peel, matches!(transparent, Some(Transparency::Peel { .. }))),
         (Feature::ABuffer, matches!(transparent, Some(Transparency::ABuffer { .. }))),
-        (Feature::Shadows, summary.shadows),
+        (Feature::Shadows, summary.shadows.is_some() && is_lit(settings, planes)),
         (Feature::Toon, settings.shader == Shader::Toon),
         (Feature::F16, settings.accumulate == Accumulate::F16),
         (Feature::EdgeAntialiasing, settings.edge_aa),
@@ -225,7 +238,9 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel_model::{Camera, Projection};
+    use crate::ShadowScene;
+    use glam::DVec3;
+    use surfel_model::{Camera, Light, Projection};
 
     const ALL: Capabilities = Capabilities { backend: "test", features: &[Feature::EdgeAntialiasing] };
 
@@ -312,6 +327,44 @@ mod tests {
         assert!(matches!(planned(5, Some(1)), Err(RenderError::NoInteriorWeight { object: 1 })));
     }
 
+    fn spot(outer_deg: f64) -> Light {
+        let (position, direction) = ([0.0, 3.0, 0.0], [0.0, -1.0, 0.0]);
+        Light::Spot { position, direction, color: [1.0; 3], inner_deg: 5.0, outer_deg, shadow: true }
+    }
+
+    #[test]
+    fn shadows_add_maps_for_lights_that_cast_where_light_matters_and_none_else() {
+        let drawn = Capabilities { backend: "test", features: &[Feature::Shadows, Feature::Toon] };
+        let sun = Light::Directional { direction: [1.0, -1.0, 0.0], color: [1.0; 3], shadow: true };
+        let lights = vec![(1, sun), (3, spot(20.0)), (4, spot(90.0))];
+        let shadows = Some(ShadowScene { lights, center: DVec3::ZERO, radius: 1.0 });
+        let summary = SceneSummary { shadows, ..SceneSummary::default() };
+        let planned = |shader, planes| {
+            let settings = Settings { shader, ..Settings::default() };
+            plan(&summary, &view(), &settings, planes, &drawn).unwrap()
+        };
+        let lit = planned(Shader::Phong, Planes::COLOR);
+        // One for the sun, one for a spot, six for one that is too wide.
+        assert_eq!(lit.shadow_maps.iter().map(|m| m.light).collect::<Vec<_>>(), [1, 3, 4, 4, 4, 4, 4, 4]);
+        assert_eq!(lit.passes[..8], [Pass::ShadowMap; 8]);
+        assert!(planned(Shader::Toon, Planes::COLOR).has(Pass::ShadowMap));
+        assert!(planned(Shader::Unlit, Planes::COLOR).shadow_maps.is_empty());
+        assert!(planned(Shader::Phong, Planes { color: false, ..Planes::ALL }).shadow_maps.is_empty());
+    }
+
+    #[test]
+    fn toon_alone_has_outlines() {
+        let drawn = Capabilities { backend: "test", features: &[Feature::Toon] };
+        let planned = |shader, planes| {
+            let settings = Settings { shader, ..Settings::default() };
+            plan(&SceneSummary::default(), &view(), &settings, planes, &drawn).unwrap()
+        };
+        let toon = planned(Shader::Toon, Planes::COLOR);
+        assert!(toon.has(Pass::Outlines) && toon.attributes.normal && toon.attributes.depth);
+        assert!(!planned(Shader::Phong, Planes::COLOR).has(Pass::Outlines));
+        assert!(!planned(Shader::Toon, Planes { color: false, ..Planes::ALL }).has(Pass::Outlines));
+    }
+
     #[test]
     fn what_is_not_drawn_is_refused() {
         let refused = |summary: SceneSummary, change: fn(&mut Settings)| {
@@ -327,7 +380,8 @@ mod tests {
         assert!(refused(SceneSummary { transparent: true, ..s() }, peel));
         assert!(!refused(SceneSummary { transparent: true, ..s() }, |_| ()));
         assert!(!refused(s(), peel));
-        assert!(refused(SceneSummary { shadows: true, ..s() }, |_| ()));
+        let shadows = Some(ShadowScene { lights: vec![(0, spot(20.0))], center: DVec3::ZERO, radius: 1.0 });
+        assert!(refused(SceneSummary { shadows, ..s() }, |s| s.shader = Shader::Phong));
         assert!(refused(s(), |s| s.shader = Shader::Toon));
         assert!(refused(s(), |s| s.accumulate = Accumulate::F16));
     }

@@ -1,6 +1,7 @@
 //! What planning needs to know of a scene: counted once, when it is uploaded.
 
-use surfel_model::{Geometry, Light, Scene};
+use crate::ShadowScene;
+use surfel_model::{Geometry, Scene};
 
 /// What planning needs to know of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,8 +18,8 @@ pub struct SceneSummary {
     pub meshes: bool,
     /// Objects differ in ambient, diffuse, specular or shininess.
     pub materials_differ: bool,
-    /// Some light casts a shadow.
-    pub shadows: bool,
+    /// Lights that cast shadows, and what they fall on.
+    pub shadows: Option<ShadowScene>,
     /// First object of splats whose interior weight is unknown.
     pub without_interior_weight: Option<usize>,
 }
@@ -26,7 +27,7 @@ pub struct SceneSummary {
 impl SceneSummary {
     /// Summarises a scene.
     pub fn of(scene: &Scene) -> Self {
-        let mut summary = Self { shadows: scene.lights.iter().flatten().any(Light::casts_shadow), ..Self::default() };
+        let mut summary = Self { shadows: ShadowScene::of(scene), ..Self::default() };
         let mut first_factors = None;
         for (i, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
