@@ -2,7 +2,7 @@
 
 use surfel_conformance::harness::{Report, check_backend, compare_frames, reference_frame};
 use surfel_conformance::scenes;
-use surfel_model::{Geometry, Scene, Settings, Transparency};
+use surfel_model::{Geometry, Light, Scene, Settings, Shader, Transparency};
 use surfel_reference::{Renderer as Reference, ResidentScene};
 use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Stats, View};
 
@@ -102,6 +102,10 @@ fn harness_passes_rounding_of_every_plane() {
     assert_eq!(failures(&mut faulty), Vec::<String>::new());
 }
 
+fn toon_to_phong(shader: Shader) -> Shader {
+    if shader == Shader::Toon { Shader::Phong } else { shader }
+}
+
 #[test]
 fn harness_fails_faults() {
     let with = |change: fn(&mut Faulty)| {
@@ -109,7 +113,7 @@ fn harness_fails_faults() {
         change(&mut faulty);
         failures(&mut faulty)
     };
-    let faults: [(&str, Fault, &str); 19] = [
+    let faults: [(&str, Fault, &str); 22] = [
         ("half a pixel off", |f| f.view = |v| v.projection.principal_px[0] += 0.5, "orientation"),
         ("a hundredth of a pixel off", |f| f.view = |v| v.projection.principal_px[1] += 0.01, "confetti"),
         ("cutoff", |f| f.settings = |s| s.cutoff *= 1.01, "facing-splat"),
@@ -211,6 +215,33 @@ fn harness_fails_faults() {
             },
             "textured-floor",
         ),
+        (
+            "no shadows",
+            |f| {
+                f.scene = |s| {
+                    for light in s.lights.iter_mut().flatten() {
+                        if let Light::Directional { shadow, .. } | Light::Spot { shadow, .. } = light {
+                            *shadow = false;
+                        }
+                    }
+                };
+            },
+            "ball-over-floor/lit/wide-spot",
+        ),
+        (
+            "splats cast no shadow",
+            |f| {
+                f.scene = |s| {
+                    let glass = surfel_conformance::build::with_alpha;
+                    for object in &mut s.objects {
+                        let Geometry::Splats(cloud) = &object.geometry else { continue };
+                        object.geometry = Geometry::Splats(glass((**cloud).clone(), |_| 0.999).into());
+                    }
+                };
+            },
+            "glass-ball-over-floor/lit/peel-3",
+        ),
+        ("phong for toon", |f| f.settings = |s| s.shader = toon_to_phong(s.shader), "three-materials/lit/toon"),
         ("no edge antialiasing", |f| f.settings = |s| s.edge_aa = false, "sphere-before-plane/edge-aa"),
     ];
     for (fault, change, scene) in faults {

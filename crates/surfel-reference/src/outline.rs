@@ -10,7 +10,7 @@ use surfel_render::{Region, View};
 
 /// Blackens every pixel of `rect` beside which another surface, or nothing, lies farther back.
 pub(crate) fn draw(pixels: &mut [(Option<Surface>, bool)], rect: Region, view: &View) {
-    let depths: Vec<f64> = pixels.iter().map(|p| p.0.map_or(f64::INFINITY, |s| s.depth)).collect();
+    let depths: Vec<(f64, bool)> = pixels.iter().map(|p| (p.0.map_or(f64::INFINITY, |s| s.depth), p.1)).collect();
     let (width, height) = (rect.width as usize, rect.height as usize);
     for (at, (surface, marginal)) in pixels.iter_mut().enumerate() {
         let Some(surface) = surface else { continue };
@@ -21,8 +21,8 @@ pub(crate) fn draw(pixels: &mut [(Option<Surface>, bool)], rect: Region, view: &
             .flat_map(|ny| columns.clone().map(move |nx| ny * width + nx))
             .map(|neighbour| depths[neighbour]);
         let (mut line, mut sure, mut open) = (false, false, false);
-        for depth in neighbours {
-            let near = margin::on_depth(limit, depth);
+        for (depth, other_marginal) in neighbours {
+            let near = other_marginal || margin::on_depth(limit, depth);
             line |= depth > limit;
             sure |= depth > limit && !near;
             open |= near;

@@ -10,8 +10,9 @@ use surfel_model::{Filter, Geometry, Light, Scene};
 /// Texels on a side of a shadow map.
 pub const SHADOW_MAP_SIDE: u32 = 1024;
 
-/// Bias of a shadow map: the part of ε that is a multiple of r_max (k of §5), for the surface's own curvature.
-pub const SHADOW_BIAS_RADII: f64 = 0.5;
+/// Bias of a shadow map: k of §5's ε. Measured on a ball over a floor (`tests/tests/shadows.rs`): of the light that falls on
+/// surfaces that face it, k = 0 loses 7–15 %, ¼ 2–4·10⁻⁴, ½ 0.1–2·10⁻⁴, 1 at most 8·10⁻⁵; none lets light into the shadow.
+pub const SHADOW_BIAS_RADII: f64 = 1.0;
 
 /// Half-angle up to which a spot light has one map, degrees; beyond, six that look all around.
 const WIDEST_SINGLE_MAP_DEG: f64 = 60.0;

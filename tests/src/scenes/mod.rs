@@ -4,12 +4,14 @@ mod geometry;
 mod meshes;
 mod numeric;
 mod shading;
+mod shadows;
 mod transparency;
 
 pub use geometry::*;
 pub use meshes::*;
 pub use numeric::*;
 pub use shading::*;
+pub use shadows::*;
 pub use transparency::*;
 
 use surfel_model::{Camera, Scene, Settings};
@@ -64,5 +66,6 @@ pub fn all() -> Vec<Case> {
     cases.extend(shading_cases());
     cases.extend(transparency_cases());
     cases.extend(mesh_cases());
+    cases.extend(shadow_cases());
     cases
 }
