@@ -36,9 +36,11 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Co
         _ => Planes::COLOR,
     };
     let capabilities = backend.info().capabilities;
+    let mut summary = SceneSummary::of(&resolved.scene);
+    // Any frame may come close enough for polygons.
+    summary.meshes |= !resolved.hybrids.is_empty();
     if args.backend == "auto"
-        && let Some(missing) =
-            unsupported(&SceneSummary::of(&resolved.scene), &resolved.file.settings, planes, &capabilities)
+        && let Some(missing) = unsupported(&summary, &resolved.file.settings, planes, &capabilities)
     {
         console.note(&format!("{missing}: drawing with 'reference', which is exact and slow"));
         *backend = start_named("reference", args, threads, console)?;
@@ -150,6 +152,13 @@ impl Job<'_> {
         moved: Option<Scene>,
     ) -> Result<(), Failure> {
         let view = camera::view(camera, self.args)?;
+        let moved = match (resolved.hybrids.as_slice(), moved) {
+            ([], moved) => moved,
+            (hybrids, moved) => {
+                let whole = moved.as_ref().unwrap_or(&resolved.scene);
+                Some(surfel::at_detail(whole, hybrids, &view, self.args.lod_error)?)
+            }
+        };
         let resident = match (self.scene.take(), moved) {
             (_, Some(moved)) => backend.upload(&moved)?,
             (Some(resident), None) => resident,

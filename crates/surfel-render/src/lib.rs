@@ -6,6 +6,7 @@
 
 mod error;
 mod frame;
+mod lod;
 mod plan;
 mod preset;
 mod renderer;
@@ -16,6 +17,7 @@ mod view;
 
 pub use error::RenderError;
 pub use frame::{Frame, Planes};
+pub use lod::{Selection, select};
 pub use plan::{Attributes, FramePlan, Pass, SplatFilter, needs_interior_weight, plan, unsupported};
 pub use preset::Preset;
 pub use renderer::{Capabilities, Feature, Renderer, RendererInfo};

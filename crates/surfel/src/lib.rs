@@ -25,6 +25,7 @@ mod auto;
 mod backend;
 mod error;
 mod framing;
+mod hybrid;
 mod load;
 mod scene;
 
@@ -40,6 +41,7 @@ pub use error::Error;
 pub use framing::{
     DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, NamedView, ViewAxes, depth_range, frame_camera, scene_center,
 };
+pub use hybrid::{HybridObject, at_detail, prepare_hybrid};
 pub use load::{Conversion, LoadOptions, Prepared, prepare};
 pub use scene::{
     LoadedObjects, ObjectFacts, ObjectNote, assemble, load_objects, load_scene, may_need_interior_weight,
