@@ -34,8 +34,8 @@ impl Default for HybridOptions {
 /// above, and a leaf has its polygons besides. Edges between leaves get splats of their own, centred on them, and the leaf's
 /// splats within half a spacing of such an edge are left out; creases above 40° get none.
 ///
-/// Colours come from texture and vertices as in [`super::splats_from_mesh`]; the interior weight is that of the leaves'
-/// splats. Deterministic.
+/// A mesh without normals gets those that its splats are shaded with: smooth but for creases above 40°. Colours come from
+/// texture and vertices as in [`super::splats_from_mesh`]; the interior weight is that of the leaves' splats. Deterministic.
 ///
 /// # Errors
 /// As [`super::splats_from_mesh`] with [`MeshMethod::Count`]; [`SampleError::Option`] for an option of 0.
@@ -48,6 +48,8 @@ pub fn hybrid_from_mesh(mesh: &Mesh, options: &HybridOptions, progress: &dyn Pro
     if mesh.triangles.is_empty() {
         return Err(SampleError::Empty { what: "mesh", missing: "triangles" });
     }
+    let smooth = if mesh.normals.is_none() { Some(with_smooth_normals(mesh)) } else { None };
+    let mesh = smooth.as_ref().unwrap_or(mesh);
     let geometry = Geometry::new(mesh);
     let area = geometry.total_area();
     if area <= 0.0 || !area.is_finite() {
@@ -103,6 +105,34 @@ pub fn hybrid_from_mesh(mesh: &Mesh, options: &HybridOptions, progress: &dyn Pro
     let ordered = Mesh { triangles, ..mesh.clone() };
     let cloud = splats.cloud(mesh, geometry.is_painted())?;
     weighted(Hybrid::new(cloud, ordered, nodes, transitions)?)
+}
+
+/// The mesh with the normals that its splats are shaded with, so that both look alike. A vertex whose triangles meet at a
+/// crease becomes several.
+fn with_smooth_normals(mesh: &Mesh) -> Mesh {
+    let (corner_normals, _) = Geometry::new(mesh).smooth();
+    let mut vertex_of: BTreeMap<(u32, [u32; 3]), u32> = BTreeMap::new();
+    let (mut sources, mut normals): (Vec<u32>, Vec<[f32; 3]>) = (Vec::new(), Vec::new());
+    let mut place = |i: u32, normal: DVec3| {
+        let normal = normal.as_vec3().to_array();
+        *vertex_of.entry((i, normal.map(f32::to_bits))).or_insert_with(|| {
+            sources.push(i);
+            normals.push(normal);
+            sources.len() as u32 - 1
+        })
+    };
+    let corners = mesh.triangles.iter().zip(&corner_normals);
+    let triangles = corners.map(|(t, n)| [0, 1, 2].map(|k| place(t[k], n[k]))).collect();
+    let pick = |column: &Vec<[f32; 3]>| sources.iter().map(|&i| column[i as usize]).collect();
+    Mesh {
+        positions: mesh.positions.select(&sources),
+        triangles,
+        normals: Some(normals),
+        colors: mesh.colors.as_ref().map(pick),
+        alphas: mesh.alphas.as_ref().map(|column| sources.iter().map(|&i| column[i as usize]).collect()),
+        uvs: mesh.uvs.as_ref().map(|column| sources.iter().map(|&i| column[i as usize]).collect()),
+        ..mesh.clone()
+    }
 }
 
 /// Measures the interior weight where splats are finest.
