@@ -3,6 +3,21 @@
 //! Reeves, Salesin and Cook, *Rendering Antialiased Shadows with Depth Maps* (1987), with the taps' depths on the
 //! receiver's own plane ([`crate::depth::plane_gradient`]), and weights that move with the point, so that a penumbra has no steps.
 
+use crate::projection::{Projection, ProjectionKind};
+
+/// Bias of a lookup, as a share of the depth (orthographic: of the height of the view): five times the share of a depth
+/// that rounding may be off by, so that a surface that faces the light, whose own bias is nothing, doesn't shade itself.
+const LOOKUP_BIAS: f64 = 5e-4;
+
+/// How much nearer to the light than it is a point at depth `z` of a map counts.
+pub fn lookup_bias(z: f64, projection: &Projection) -> f64 {
+    LOOKUP_BIAS
+        * match projection.kind {
+            ProjectionKind::Perspective => z,
+            ProjectionKind::Orthographic { height, .. } => height,
+        }
+}
+
 /// Taps along one axis of the filter.
 pub const TAPS: usize = 4;
 

@@ -8,7 +8,7 @@ use crate::renderer::{ResidentMesh, ResidentObject, ResidentScene};
 use crate::splat::project_all;
 use glam::DVec3;
 use surfel_math::depth::{plane_gradient, slope_allowance};
-use surfel_math::shadow::taps;
+use surfel_math::shadow::{lookup_bias, taps};
 use surfel_math::{V2, V3};
 use surfel_model::{Cull, Material};
 use surfel_render::{FramePlan, Planes, ShadowMap, View};
@@ -104,6 +104,7 @@ impl Shadow<'_> {
         let at = projection.pixel(p);
         let gradient = plane_gradient(p, V3::from(normal), projection);
         let ((left, columns), (top, rows)) = (taps(at.x), taps(at.y));
+        let nearer = p.z - lookup_bias(p.z, projection);
         let (mut share, mut marginal) = (0.0, false);
         for (j, row_weight) in (0u8..).zip(rows) {
             for (i, column_weight) in (0u8..).zip(columns) {
@@ -113,7 +114,7 @@ impl Shadow<'_> {
                     share += weight;
                     continue;
                 };
-                let z = p.z + gradient.dot(V2::new(tap.x + 0.5 - at.x, tap.y + 0.5 - at.y));
+                let z = nearer + gradient.dot(V2::new(tap.x + 0.5 - at.x, tap.y + 0.5 - at.y));
                 if z <= texel.kept {
                     share += weight;
                 }
@@ -128,5 +129,50 @@ impl Shadow<'_> {
         let side = self.map.view.size[0];
         let inside = |v: f64| (0.0..f64::from(side)).contains(&v);
         (inside(at.x) && inside(at.y)).then(|| &self.texels[at.y as usize * side as usize + at.x as usize])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::Light;
+    use surfel_render::ShadowScene;
+
+    /// The middle of a map that looks along +x: all lit but for what `texel` says of column 512, row 512.
+    fn at_middle(texel: Texel, depth: f64) -> (f64, bool) {
+        let sun = Light::Directional { direction: [1.0, 0.0, 0.0], color: [1.0; 3], shadow: true };
+        let maps = ShadowScene { lights: vec![(0, sun)], center: DVec3::ZERO, radius: 1.0 }.maps(2.0);
+        let side = maps[0].view.size[0] as usize;
+        let open = Texel { kept: f64::INFINITY, possible: [f64::INFINITY; 2] };
+        let mut texels = vec![open; side * side];
+        texels[512 * side + 512] = texel;
+        let shadow = Shadow { map: &maps[0], texels };
+        // Half a texel right and below of the optical axis: the centre of that texel, and the middle of the filter.
+        let half_texel = 0.5 / maps[0].view.projection.focal_px[0];
+        shadow.visibility(DVec3::new(half_texel, half_texel, depth), DVec3::NEG_Z)
+    }
+
+    fn assert_share((share, marginal): (f64, bool), want: f64, open: bool) {
+        assert!((share - want).abs() < 1e-9 && marginal == open, "{share} {marginal}");
+    }
+
+    #[test]
+    fn shadow_of_a_texel_is_its_share_of_the_filter() {
+        let texel = |kept: f64| Texel { kept, possible: [kept; 2] };
+        assert_share(at_middle(texel(1.0), 1.5), 8.0 / 9.0, false);
+        assert_share(at_middle(texel(1.0), 0.5), 1.0, false);
+        // The view is 2.008 high, so that the bias of a lookup is 0.001004.
+        assert_share(at_middle(texel(1.0), 1.0008), 1.0, false);
+        assert_share(at_middle(texel(1.0), 1.0012), 8.0 / 9.0, false);
+        assert_share(at_middle(texel(1.0), 1.00095), 1.0, true);
+        assert_share(at_middle(texel(1.0), 1.00105), 8.0 / 9.0, true);
+    }
+
+    #[test]
+    fn shadow_of_a_rim_is_marginal_where_it_matters() {
+        let rim = Texel { kept: 1.0, possible: [1.0, 1.8] };
+        assert_share(at_middle(rim, 0.5), 1.0, false);
+        assert_share(at_middle(rim, 1.5), 8.0 / 9.0, true);
+        assert_share(at_middle(rim, 1.9), 8.0 / 9.0, false);
     }
 }
