@@ -78,16 +78,19 @@ impl<'a> Polygons<'a> {
     /// The nearest polygon of every pixel; of equally near ones the first.
     pub(crate) fn nearest(&self, rect: Region, with_margin: bool) -> Vec<Hit> {
         let mut hits = vec![Hit::NONE; rect.width as usize * rect.height as usize];
-        hits.par_chunks_mut(rect.width as usize).enumerate().for_each(|(row, hits)| {
-            let row = Region { y: rect.y + row as u32, height: 1, ..rect };
-            for (i, t) in self.triangles.iter().enumerate() {
-                let (columns, rows) = pixels(&t.extent, row);
-                if rows.is_empty() {
-                    continue;
-                }
-                for x in columns {
-                    let hit = &mut hits[(x - row.x) as usize];
-                    self.test(i as u32, V2::new(f64::from(x) + 0.5, f64::from(row.y) + 0.5), hit, with_margin);
+        let mut of_row = vec![Vec::new(); rect.height as usize];
+        for (i, t) in self.triangles.iter().enumerate() {
+            let (columns, rows) = pixels(&t.extent, rect);
+            if !columns.is_empty() {
+                rows.for_each(|y| of_row[(y - rect.y) as usize].push((i as u32, columns.clone())));
+            }
+        }
+        let rows = hits.par_chunks_mut(rect.width as usize).zip(&of_row).zip(rect.y..rect.y + rect.height);
+        rows.for_each(|((hits, triangles), y)| {
+            for (i, columns) in triangles {
+                for x in columns.clone() {
+                    let hit = &mut hits[(x - rect.x) as usize];
+                    self.test(*i, V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5), hit, with_margin);
                 }
             }
         });
