@@ -31,8 +31,8 @@ impl Default for HybridOptions {
 }
 
 /// Puts a mesh into an octree: every node has splats for its part of the surface, half as far apart as those of the node
-/// above, and a leaf has its polygons besides. Edges between leaves get splats of their own, centred on them, and the leaf's
-/// splats within half a spacing of such an edge are left out; creases above 40° get none.
+/// above, and a leaf has its polygons besides. Edges between leaves get splats of their own, centred on them and as large as
+/// the finer leaf's, whose splats within half a spacing of such an edge are left out; creases above 40° get none.
 ///
 /// A mesh without normals gets those that its splats are shaded with: smooth but for creases above 40°. Colours come from
 /// texture and vertices as in [`super::splats_from_mesh`]; the interior weight is that of the leaves' splats. Deterministic.
@@ -64,7 +64,10 @@ pub fn hybrid_from_mesh(mesh: &Mesh, options: &HybridOptions, progress: &dyn Pro
     };
     let mut edges_of: BTreeMap<u32, Vec<[DVec3; 2]>> = BTreeMap::new();
     for (leaves, shared) in &shared {
-        leaves.iter().for_each(|leaf| edges_of.entry(*leaf).or_default().extend(&shared.edges));
+        let depths = leaves.map(|leaf| octree.nodes[leaf as usize].depth);
+        // Where leaves differ, their edge has the finer one's splats, which can't stand for the coarser one's.
+        let finest = leaves.iter().zip(depths).filter(|(_, depth)| *depth == depths[0].max(depths[1]));
+        finest.for_each(|(leaf, _)| edges_of.entry(*leaf).or_default().extend(&shared.edges));
     }
     let mut splats = Collected::default();
     let mut nodes: Vec<HybridNode> = Vec::with_capacity(octree.nodes.len());
