@@ -183,3 +183,40 @@ fn octree_zoom_does_not_pop() {
     println!("{changes} of {frames} frames change the selection: largest step {worst:.4}, RMSE {worst_rmse:.4}");
     assert!(changes > 10 && worst_rmse < 0.01, "{worst} {worst_rmse}");
 }
+
+/// Leaves of different depth side by side, some of them slivers: no gaps beside their edges.
+#[test]
+fn octree_is_whole_where_coarse_leaves_meet_fine_ones() {
+    let mut mesh = mesh_sphere(6);
+    // Triangles that shrink toward one side of a tilted, flattened ball.
+    let squeezed = |p: DVec3| {
+        let q = DVec3::new(p.x + 0.3 * p.y, p.y, 0.4 * p.z + 0.2 * p.x);
+        q * (0.15 + 0.5 * (q.x + 1.2).powi(2))
+    };
+    let vertices: Vec<DVec3> = (0..mesh.positions.len()).map(|i| squeezed(mesh.positions.get(i))).collect();
+    mesh = surfel_conformance::polygons::mesh(&vertices, mesh.triangles);
+    let hybrid = hybrid_from_mesh(&mesh, &HybridOptions::default(), &NoProgress).unwrap();
+    let depths = |n: &surfel_model::HybridNode| (n.splat_radius / hybrid.nodes()[0].splat_radius).log2().round() as i32;
+    let leaves: std::collections::BTreeSet<i32> = hybrid.nodes().iter().filter(|n| n.is_leaf()).map(depths).collect();
+    assert!(leaves.len() >= 3, "{leaves:?}");
+    // Each leaf must cover its triangles by its own splats and those on its edges, whatever is drawn beside it.
+    let (mut bare, mut looked) = (0, 0);
+    for (i, leaf) in (0u32..).zip(hybrid.nodes()).filter(|(_, n)| n.is_leaf()) {
+        let edges = hybrid.transitions().iter().filter(|t| t.leaves.contains(&i)).flat_map(|t| t.splats.clone());
+        let splats: Vec<(DVec3, f64)> = leaf
+            .splats
+            .clone()
+            .chain(edges)
+            .map(|k| (hybrid.cloud().center(k as usize), hybrid.cloud().radius_max(k as usize)))
+            .collect();
+        for t in leaf.triangles.clone() {
+            let corners = hybrid.mesh().triangles[t as usize].map(|k| hybrid.mesh().positions.get(k as usize));
+            for b in [[1.0, 1.0, 1.0], [4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]] {
+                let p = (corners[0] * b[0] + corners[1] * b[1] + corners[2] * b[2]) / b.iter().sum::<f64>();
+                looked += 1;
+                bare += usize::from(!splats.iter().any(|(center, radius)| (p - *center).length() < *radius));
+            }
+        }
+    }
+    assert!(bare == 0 && looked > 10_000, "{bare} of {looked}");
+}
