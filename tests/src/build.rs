@@ -67,6 +67,16 @@ pub fn disk_cloud(disks: &[(DVec3, DVec3, f64)], color: [f32; 3]) -> SplatCloud 
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
+/// The cloud with these alphas.
+///
+/// # Panics
+/// If one is outside [0, 1].
+pub fn with_alpha(cloud: SplatCloud, alpha: impl Fn(usize) -> f32) -> SplatCloud {
+    let mut data = cloud.data().clone();
+    data.alphas = Some((0..cloud.len()).map(alpha).collect());
+    SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
+}
+
 /// An object in its own coordinates, with the default material.
 pub fn object(cloud: SplatCloud) -> Object {
     Object {

@@ -10,5 +10,6 @@
 pub mod build;
 pub mod checkerboard;
 pub mod harness;
+pub mod polygons;
 pub mod random;
 pub mod scenes;

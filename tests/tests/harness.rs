@@ -2,7 +2,7 @@
 
 use surfel_conformance::harness::{Report, check_backend, compare_frames, reference_frame};
 use surfel_conformance::scenes;
-use surfel_model::{Geometry, Scene, Settings};
+use surfel_model::{Geometry, Light, Scene, Settings, Shader, Transparency};
 use surfel_reference::{Renderer as Reference, ResidentScene};
 use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Stats, View};
 
@@ -77,7 +77,7 @@ fn harness_scenes_show_something_outside_of_the_margin() {
     let mut marginal = Vec::new();
     for case in scenes::all() {
         let frame = reference_frame(&mut reference, &case).unwrap();
-        let covered = frame.weight.iter().filter(|w| **w > 0.0).count() as f64 / frame.weight.len() as f64;
+        let covered = frame.depth.iter().filter(|z| z.is_finite()).count() as f64 / frame.depth.len() as f64;
         let share = frame.margin.iter().sum::<f32>() / frame.margin.len() as f32;
         println!("{:34} covered {:5.1} %, margin {:5.2} %", case.name, 100.0 * covered, 100.0 * share);
         assert!(covered > 0.004, "{} covers {covered}", case.name);
@@ -102,6 +102,10 @@ fn harness_passes_rounding_of_every_plane() {
     assert_eq!(failures(&mut faulty), Vec::<String>::new());
 }
 
+fn toon_to_phong(shader: Shader) -> Shader {
+    if shader == Shader::Toon { Shader::Phong } else { shader }
+}
+
 #[test]
 fn harness_fails_faults() {
     let with = |change: fn(&mut Faulty)| {
@@ -109,7 +113,7 @@ fn harness_fails_faults() {
         change(&mut faulty);
         failures(&mut faulty)
     };
-    let faults: [(&str, Fault, &str); 12] = [
+    let faults: [(&str, Fault, &str); 22] = [
         ("half a pixel off", |f| f.view = |v| v.projection.principal_px[0] += 0.5, "orientation"),
         ("a hundredth of a pixel off", |f| f.view = |v| v.projection.principal_px[1] += 0.01, "confetti"),
         ("cutoff", |f| f.settings = |s| s.cutoff *= 1.01, "facing-splat"),
@@ -154,6 +158,90 @@ fn harness_fails_faults() {
             },
             "mirrored-object/lit",
         ),
+        ("opaque", |f| f.settings = |s| s.transparency = Transparency::Off, "pane-through-sphere/peel-2"),
+        (
+            "a layer less",
+            |f| {
+                f.settings = |s| {
+                    if let Transparency::Peel { layers, .. } = &mut s.transparency {
+                        *layers = (*layers - 1).max(1);
+                    }
+                };
+            },
+            "panes/lit/peel-3",
+        ),
+        (
+            "last layer kept",
+            |f| {
+                f.settings = |s| {
+                    if let Transparency::Peel { drop_last, .. } = &mut s.transparency {
+                        *drop_last = false;
+                    }
+                };
+            },
+            "panes/lit/peel-3-drop",
+        ),
+        (
+            "peeled instead of gathered",
+            |f| {
+                f.settings = |s| {
+                    if let Transparency::ABuffer { .. } = s.transparency {
+                        s.transparency = Transparency::Peel { layers: 64, drop_last: true };
+                    }
+                };
+            },
+            "glass-spheres/lit/abuffer-6",
+        ),
+        (
+            "no polygons",
+            |f| f.scene = |s| s.objects.retain(|o| matches!(o.geometry, Geometry::Splats(_))),
+            "mesh-through-sphere/lit",
+        ),
+        (
+            "rough hand-over",
+            |f| f.scene = |s| s.objects.iter_mut().for_each(|o| o.material.interior_weight = Some(1e-6)),
+            "half-mesh-wall/lit",
+        ),
+        (
+            "texture stretched",
+            |f| {
+                f.scene = |s| {
+                    for object in &mut s.objects {
+                        let Geometry::Mesh(mesh) = &mut object.geometry else { continue };
+                        let mesh = std::sync::Arc::make_mut(mesh);
+                        mesh.uvs.iter_mut().flatten().for_each(|uv| *uv = uv.map(|c| c * 1.001));
+                    }
+                };
+            },
+            "textured-floor",
+        ),
+        (
+            "no shadows",
+            |f| {
+                f.scene = |s| {
+                    for light in s.lights.iter_mut().flatten() {
+                        if let Light::Directional { shadow, .. } | Light::Spot { shadow, .. } = light {
+                            *shadow = false;
+                        }
+                    }
+                };
+            },
+            "ball-over-floor/lit/wide-spot",
+        ),
+        (
+            "splats cast no shadow",
+            |f| {
+                f.scene = |s| {
+                    let glass = surfel_conformance::build::with_alpha;
+                    for object in &mut s.objects {
+                        let Geometry::Splats(cloud) = &object.geometry else { continue };
+                        object.geometry = Geometry::Splats(glass((**cloud).clone(), |_| 0.999).into());
+                    }
+                };
+            },
+            "glass-ball-over-floor/lit/peel-3",
+        ),
+        ("phong for toon", |f| f.settings = |s| s.shader = toon_to_phong(s.shader), "three-materials/lit/toon"),
         ("no edge antialiasing", |f| f.settings = |s| s.edge_aa = false, "sphere-before-plane/edge-aa"),
     ];
     for (fault, change, scene) in faults {

@@ -208,16 +208,20 @@ fn no_scene_gives_nan_or_colours_from_nowhere() {
         assert!(frame.color.as_flattened().iter().all(|c| c.is_finite()), "{}", case.name);
         assert!(frame.depth.iter().all(|z| *z >= case.camera.near as f32 * 0.999_999), "{}", case.name);
         assert!(frame.weight.iter().all(|w| w.is_finite() && *w >= 0.0), "{}", case.name);
-        for (n, w) in frame.normal.iter().zip(&frame.weight) {
+        for (n, z) in frame.normal.iter().zip(&frame.depth) {
             let length = DVec3::from(n.map(f64::from)).length();
             assert!(
-                if *w > 0.0 { (length - 1.0).abs() < 1e-6 || length == 0.0 } else { length == 0.0 },
+                if z.is_finite() { (length - 1.0).abs() < 1e-6 || length == 0.0 } else { length == 0.0 },
                 "{}",
                 case.name
             );
         }
         for object in &case.scene.objects {
-            assert!(matches!(&object.geometry, Geometry::Splats(c) if !c.is_empty()), "{}", case.name);
+            let empty = match &object.geometry {
+                Geometry::Splats(cloud) => cloud.is_empty(),
+                Geometry::Mesh(mesh) => mesh.triangles.is_empty(),
+            };
+            assert!(!empty, "{}", case.name);
         }
     }
 }

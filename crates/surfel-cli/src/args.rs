@@ -139,6 +139,9 @@ pub(crate) struct RenderArgs {
     /// How pixels are shaded.
     #[arg(long, value_parser = values::shader(), help_heading = "Settings")]
     pub(crate) shader: Option<Shader>,
+    /// Octrees (.surfel): draw splats of at most this many pixels, and polygons where even the finest are larger.
+    #[arg(long, value_name = "PX", value_parser = values::positive, default_value = "1")]
+    pub(crate) lod_error: f64,
     /// Lights cast shadows.
     #[arg(long, help_heading = "Settings")]
     pub(crate) shadows: bool,
@@ -212,8 +215,8 @@ pub(crate) struct ConvertArgs {
     /// Largest error of clipped splats (not in this version).
     #[arg(long, value_name = "E", value_parser = values::positive, requires = "sharp")]
     pub(crate) error: Option<f64>,
-    /// Splats and polygons in an octree (not in this version).
-    #[arg(long)]
+    /// Splats of every size and the mesh's own polygons, in an octree: -o OUT.surfel.
+    #[arg(long, conflicts_with_all = ["per_vertex", "per_face", "splats", "radius_scale", "ascii", "repair"])]
     pub(crate) hybrid: bool,
     /// Write text instead of binary PLY.
     #[arg(long)]

@@ -9,13 +9,14 @@ use surfel::sample::MeshMethod;
 use surfel::{Conversion, LoadOptions, SplatCloud, Up};
 
 pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
-    for (given, flag) in [(args.sharp, "--sharp"), (args.hybrid, "--hybrid")] {
-        if given {
-            let message = format!("{flag}: this version of surfel doesn't have it\n  help: leave it out");
-            return Err(Failure::other(message));
-        }
+    if args.sharp {
+        let message = "--sharp: this version of surfel doesn't have it\n  help: leave it out";
+        return Err(Failure::other(message.to_owned()));
     }
     check_output(args)?;
+    if args.hybrid {
+        return hybrid(args, console);
+    }
     let method = match args.splats {
         Some(n) => Some(MeshMethod::Count(n as usize)),
         None if args.per_face => Some(MeshMethod::PerFace),
@@ -67,16 +68,48 @@ pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> 
     Ok(())
 }
 
+/// An octree of splats and polygons.
+fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
+    let options = LoadOptions { texture: args.texture.clone(), ..LoadOptions::default() };
+    let progress = console.progress();
+    let (octree, notes) = surfel::prepare_hybrid(&args.input, &options, &progress)?;
+    drop(progress);
+    for note in &notes {
+        console.note(&format!("{}: {note}", args.input.display()));
+    }
+    if args.output.as_os_str() == "-" {
+        let mut bytes = Vec::new();
+        let written = surfel::io::write_hybrid(&mut bytes, &octree);
+        written.map_err(|e| Failure::other(format!("can't encode the octree: {e}")))?;
+        console::result(&bytes)?;
+    } else {
+        surfel::io::save_hybrid(&args.output, args.force, &octree)?;
+    }
+    let leaves = octree.nodes().iter().filter(|n| n.is_leaf()).count();
+    console.note(&format!(
+        "{}: {} nodes, {leaves} of them leaves with {} triangles; {} splats, {} of them on edges between leaves",
+        args.output.display(),
+        octree.nodes().len(),
+        octree.mesh().triangles.len(),
+        octree.cloud().len(),
+        octree.transitions().iter().map(|t| t.splats.len()).sum::<usize>()
+    ));
+    Ok(())
+}
+
 fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
     let output = &args.output;
     let name = output.display();
     let extension = output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     match extension.as_deref() {
         _ if output.as_os_str() == "-" => return Ok(()),
-        Some("ply") => {}
+        Some("ply") if !args.hybrid => {}
+        Some("surfel") if args.hybrid => {}
+        _ if args.hybrid => {
+            return Err(Failure::usage(format!("-o {name}: --hybrid needs a name that ends in .surfel")));
+        }
         Some("surfel") => {
-            let message = format!("{name}: this version of surfel doesn't write .surfel files, expected a .ply");
-            return Err(Failure::other(message));
+            return Err(Failure::usage(format!("-o {name}: only --hybrid writes .surfel files, expected a .ply")));
         }
         _ => return Err(Failure::usage(format!("-o {name}: expected a name that ends in .ply, or - for stdout"))),
     }

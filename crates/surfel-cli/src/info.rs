@@ -76,6 +76,16 @@ fn facts(args: &InfoArgs, loaded: &Loaded) -> Value {
             let bounds = bounds(points.origin, &points.positions);
             ("points", counts, bounds, radii_of_points(points), bytes_of_points(points), None)
         }
+        Content::Hybrid(octree) => {
+            let (cloud, mesh) = (octree.cloud(), octree.mesh());
+            let radii = Radii::of((0..cloud.len()).map(|i| cloud.radius_max(i)).collect(), "given");
+            let counts = json!({ "splats": cloud.len(), "vertices": mesh.positions.len(),
+                "triangles": mesh.triangles.len(), "nodes": octree.nodes().len(),
+                "transitions": octree.transitions().len() });
+            let bounds = bounds(mesh.origin, &mesh.positions);
+            let bytes = octree.bytes() + bytes_of_mesh(mesh);
+            ("octree", counts, bounds, radii, bytes, cloud.data().interior_weight)
+        }
         Content::Mesh(mesh) => {
             let counts = json!({ "vertices": mesh.positions.len(), "triangles": mesh.triangles.len() });
             let bounds = bounds(mesh.origin, &mesh.positions);

@@ -35,7 +35,9 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Co
         Some(Format::Exr { .. }) => Planes::ALL,
         _ => Planes::COLOR,
     };
-    let summary = SceneSummary::of(&resolved.scene);
+    let mut summary = SceneSummary::of(&resolved.scene);
+    // Any frame may come close enough for polygons.
+    summary.meshes |= !resolved.hybrids.is_empty();
     let refuses = |c: &Capabilities| unsupported(&summary, &resolved.file.settings, planes, c).map(|e| e.to_string());
     if args.backend == "auto" && refuses(&backend.info().capabilities).is_some() {
         *backend = choose(args, threads, console, refuses)?;
@@ -171,6 +173,13 @@ impl Job<'_> {
         moved: Option<Scene>,
     ) -> Result<(), Failure> {
         let view = camera::view(camera, self.args)?;
+        let moved = match (resolved.hybrids.as_slice(), moved) {
+            ([], moved) => moved,
+            (hybrids, moved) => {
+                let whole = moved.as_ref().unwrap_or(&resolved.scene);
+                Some(surfel::at_detail(whole, hybrids, &view, self.args.lod_error)?)
+            }
+        };
         let resident = match (self.scene.take(), moved) {
             (_, Some(moved)) => backend.upload(&moved)?,
             (Some(resident), None) => resident,

@@ -9,7 +9,8 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use surfel::model::{ObjectFile, Shader};
 use surfel::{
-    AutoOptions, Camera, DEFAULT_SIZE, Light, LoadOptions, LoadedObjects, Preset, Scene, SceneFile, Settings, Up,
+    AutoOptions, Camera, DEFAULT_SIZE, HybridObject, Light, LoadOptions, LoadedObjects, Preset, Scene, SceneFile,
+    Settings, Up,
 };
 
 /// A scene, and the scene file that gives the same picture.
@@ -17,6 +18,8 @@ pub(crate) struct Resolved {
     pub(crate) file: SceneFile,
     pub(crate) scene: Scene,
     pub(crate) turntable: Turntable,
+    /// Objects that are octrees.
+    pub(crate) hybrids: Vec<HybridObject>,
 }
 
 pub(crate) fn resolve(args: &RenderArgs, console: &Console) -> Result<Resolved, Failure> {
@@ -35,7 +38,7 @@ fn load_options(args: &RenderArgs, settings: &Settings) -> LoadOptions {
     LoadOptions {
         repair: args.repair,
         texture: args.texture.clone(),
-        interior_weight: settings.edge_aa,
+        interior_weight: surfel::may_need_interior_weight(settings),
         ..LoadOptions::default()
     }
 }
@@ -76,7 +79,8 @@ fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Re
         file.background = background;
     }
     if args.shadows {
-        file.lights = Some(with_shadows(file.lights.take().unwrap_or_default()));
+        // Nobody sees the shadows of the default headlight.
+        file.lights = file.lights.take().map(with_shadows);
     }
     let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
     let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };
@@ -85,13 +89,14 @@ fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Re
     }
     file.camera.validate().map_err(out_of_range)?;
     camera::apply_flags(&mut file.camera, &objects_only, up, false, args);
+    let hybrids = loaded.hybrids;
     let scene =
         surfel::assemble(&file, loaded.objects).map_err(|e| Failure::input(format!("{}: {e}", path.display())))?;
     absolute_paths(&mut file.objects, base)?;
     // A scene file's camera turns about what it looks at, about the scene's up axis or else its own.
     let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
     let turntable = Turntable { center: file.camera.target.into(), axis };
-    Ok(Resolved { file, scene, turntable })
+    Ok(Resolved { file, scene, turntable, hybrids })
 }
 
 fn of_geometry(args: &RenderArgs, console: &Console) -> Result<Resolved, Failure> {
@@ -128,9 +133,10 @@ fn of_geometry(args: &RenderArgs, console: &Console) -> Result<Resolved, Failure
     // The lights belong to the camera, wherever the flags have put it.
     let lights = surfel::studio_lights(&file.camera);
     file.lights = Some(if args.shadows { with_shadows(lights) } else { lights });
+    let hybrids = loaded.hybrids;
     let scene = surfel::assemble(&file, loaded.objects)?;
     absolute_paths(&mut file.objects, Path::new(""))?;
-    Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() } })
+    Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() }, hybrids })
 }
 
 fn camera_file(args: &RenderArgs) -> Result<Option<Camera>, Failure> {

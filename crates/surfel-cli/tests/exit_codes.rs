@@ -97,12 +97,10 @@ fn what_this_version_does_not_have_exits_with_1() {
     f.write("b.obj", cube());
     f.write("mesh.json", scene("").replace("\"splats\": \"a.ply\"", "\"mesh\": \"b.obj\""));
     for words in [
-        "a.ply -o x.png --size 8x8 --shadows",
-        "mesh.json -o x.png",
+        "a.ply -o x.png --size 8x8 --shadows --backend cpu",
+        "mesh.json -o x.png --backend cpu",
         "view a.ply",
         "convert b.obj -o x.ply --sharp",
-        "convert b.obj -o x.ply --hybrid",
-        "convert b.obj -o x.surfel",
     ] {
         f.run(words).fails(1, "");
     }

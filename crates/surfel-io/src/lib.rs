@@ -1,8 +1,8 @@
 //! Files of Surfel: splats, points and meshes in; pictures and splats out; scene files both ways.
 //!
 //! * [`load`]: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, STL, glTF and GLB,
-//!   XYZ and PTS.
-//! * [`save_splat_ply`]: a splat cloud, without loss.
+//!   XYZ and PTS, Surfel's octrees.
+//! * [`save_splat_ply`]: a splat cloud, without loss; [`save_hybrid`]: an octree of splats and polygons.
 //! * [`save_png`], [`save_exr`], [`read_image`]: the planes of a frame.
 //! * [`scene_file`]: scene and camera files.
 //! * [`atomic::write`]: any file, whole or not at all.
@@ -16,6 +16,7 @@ mod ascii;
 pub mod atomic;
 mod color;
 mod columns;
+mod container;
 mod error;
 mod files;
 mod gaussians;
@@ -30,6 +31,7 @@ pub mod scene_file;
 mod stl;
 mod texture;
 
+pub use container::{save_hybrid, write_hybrid};
 pub use error::{IoError, Location, Problem};
 pub use images::{
     BitDepth, ExrOptions, Planes, PlanesView, PngOptions, read_image, read_image_bytes, save_exr, save_png, write_exr,

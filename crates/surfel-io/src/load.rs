@@ -3,10 +3,10 @@
 use crate::error::{Fault, Problem};
 use crate::files::{self, Beside};
 use crate::texture::Decoder;
-use crate::{IoError, gltf, obj, ply, points, stl};
+use crate::{IoError, container, gltf, obj, ply, points, stl};
 use std::fmt;
 use std::path::{Path, PathBuf};
-use surfel_model::{CloudData, Mesh, OnInvalid, PointCloud, Shape, SplatCloud, Up};
+use surfel_model::{CloudData, Hybrid, Mesh, OnInvalid, PointCloud, Shape, SplatCloud, Up};
 
 /// How to load.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -26,6 +26,8 @@ pub enum Content {
     Points(PointCloud),
     /// Triangles; indices are in range and positions finite.
     Mesh(Mesh),
+    /// Splats and polygons in an octree.
+    Hybrid(Box<Hybrid>),
 }
 
 impl Content {
@@ -35,6 +37,7 @@ impl Content {
             Self::Splats(splats) => splats.data().up,
             Self::Points(points) => points.up,
             Self::Mesh(mesh) => mesh.up,
+            Self::Hybrid(hybrid) => hybrid.mesh().up,
         }
     }
 }
@@ -74,6 +77,8 @@ pub enum Format {
     Xyz,
     /// Leica PTS: a count, then x y z intensity r g b.
     Pts,
+    /// Surfel's own octree of splats and polygons.
+    Surfel,
 }
 
 impl Format {
@@ -87,6 +92,7 @@ impl Format {
             Self::Glb => "GLB",
             Self::Xyz => "XYZ",
             Self::Pts => "PTS",
+            Self::Surfel => "Surfel octree",
         }
     }
 
@@ -100,6 +106,7 @@ impl Format {
             "glb" => Self::Glb,
             "xyz" | "txt" | "csv" | "asc" | "xyzrgb" | "xyzn" => Self::Xyz,
             "pts" => Self::Pts,
+            "surfel" => Self::Surfel,
             _ => return None,
         })
     }
@@ -120,6 +127,14 @@ impl Format {
                 let problem = Problem::new(format!("is a {name} file, which can't be loaded as geometry"));
                 return Err(problem.expected(formats).help("convert it to PLY first"));
             }
+        }
+        if bytes.starts_with(container::SIGNATURE) {
+            return Ok(Self::Surfel);
+        }
+        if hint == Some(Self::Surfel) {
+            let found = crate::error::quote(&bytes[..bytes.len().min(12)]);
+            let problem = Problem::new(format!("is no octree of surfel: it starts with {found}"));
+            return Err(problem.expected("the signature SURFEL").help("the file is damaged, or named wrong"));
         }
         if bytes.starts_with(b"glTF") {
             return Ok(Self::Glb);
@@ -191,13 +206,14 @@ fn run(
             Format::Stl => stl::read(bytes, &mut context),
             Format::Gltf | Format::Glb => gltf::read(bytes, &mut context),
             Format::Xyz | Format::Pts => points::read(bytes, format == Format::Pts, &mut context),
+            Format::Surfel => container::read(bytes, &mut context),
         }?;
         Ok((format, content))
     };
     let (format, content) = read().map_err(|fault: Fault| fault.of(name))?;
     let default_up = match format {
         Format::Ply if context.gaussian => Up::MinusY,
-        Format::Ply | Format::Obj | Format::Gltf | Format::Glb => Up::PlusY,
+        Format::Ply | Format::Obj | Format::Gltf | Format::Glb | Format::Surfel => Up::PlusY,
         Format::Stl | Format::Xyz | Format::Pts => Up::PlusZ,
     };
     let up = content.own_up().unwrap_or(default_up);
@@ -255,6 +271,14 @@ impl Context<'_> {
     }
 }
 
+fn of_mesh(m: &Mesh, add: &mut impl FnMut(bool, &str)) {
+    add(m.normals.is_some(), "normal");
+    add(m.colors.is_some(), "colour");
+    add(m.alphas.is_some(), "alpha");
+    add(m.uvs.is_some(), "texture coordinates");
+    add(m.texture.is_some(), "texture");
+}
+
 fn attributes(content: &Content) -> Vec<String> {
     let mut found = vec!["position".to_owned()];
     let mut add = |there: bool, name: &str| {
@@ -284,12 +308,12 @@ fn attributes(content: &Content) -> Vec<String> {
             add(p.alphas.is_some(), "alpha");
             p.extras.as_slice()
         }
-        Content::Mesh(m) => {
-            add(m.normals.is_some(), "normal");
-            add(m.colors.is_some(), "colour");
-            add(m.alphas.is_some(), "alpha");
-            add(m.uvs.is_some(), "texture coordinates");
-            add(m.texture.is_some(), "texture");
+        Content::Mesh(mesh) => {
+            of_mesh(mesh, &mut add);
+            &[]
+        }
+        Content::Hybrid(hybrid) => {
+            of_mesh(hybrid.mesh(), &mut add);
             &[]
         }
     };

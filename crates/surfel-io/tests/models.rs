@@ -31,6 +31,7 @@ fn models_have_the_documented_sizes() {
             Content::Splats(s) => (s.len(), usize::MAX),
             Content::Points(p) => (p.len(), 0),
             Content::Mesh(m) => (m.positions.len(), m.triangles.len()),
+            Content::Hybrid(h) => (h.cloud().len(), h.mesh().triangles.len()),
         };
         assert_eq!(found, (vertices, triangles), "{name}");
         assert!(loaded.notes.is_empty(), "{name}: {:?}", loaded.notes);

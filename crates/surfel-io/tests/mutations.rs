@@ -219,7 +219,7 @@ fn mutations_found_before_stay_fixed() {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         let bytes = std::fs::read(&path).unwrap();
-        for format in [Format::Ply, Format::Obj, Format::Stl, Format::Gltf, Format::Xyz, Format::Pts] {
+        for format in [Format::Ply, Format::Obj, Format::Stl, Format::Gltf, Format::Xyz, Format::Pts, Format::Surfel] {
             load_as(Some(format))(&bytes);
         }
         load_as(None)(&bytes);

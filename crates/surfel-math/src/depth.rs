@@ -2,7 +2,7 @@
 
 use crate::project::ViewSplat;
 use crate::projection::{Projection, ProjectionKind};
-use crate::{Real, V2};
+use crate::{Real, V2, V3};
 
 /// The splat's own plane over pixels, clamped to the disk's own depth range (§3).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,6 +58,31 @@ pub enum Tolerance {
 /// Pixels beyond the filter radius that the slope term allows for: half a pixel's diagonal.
 const SLOPE_MARGIN_PX: f64 = 0.7;
 
+/// Change of planar depth over a pixel to the right and one down, on the plane through the view position `p` with unit view
+/// normal `n`; steepness is limited as that of ε is (§5).
+#[inline(always)]
+pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V2<R> {
+    let k = |value: f64| p.x.constant(value);
+    let across = V2::new(n.x / k(projection.focal_px[0]), n.y / k(projection.focal_px[1]));
+    let away_from_zero = |v: R, least: R| R::select(v.lt(v.zero()), -(-v).max(least), v.max(least));
+    let (steep, scale) = match projection.kind {
+        // n·(z·ray) stays n·p on the plane.
+        ProjectionKind::Perspective => (away_from_zero(n.dot(p), k(0.02) * p.length()), p.z * p.z),
+        ProjectionKind::Orthographic { .. } => (away_from_zero(n.z, k(0.02)), p.x.one()),
+    };
+    across * -(scale / steep)
+}
+
+/// How far behind a polygon's depth z its own surface may lie within a texel, from its depth's change over one (§5, shadow
+/// maps): the slope term of ε, with its cap.
+pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
+    let scale = match projection.kind {
+        ProjectionKind::Perspective => z,
+        ProjectionKind::Orthographic { height, .. } => height,
+    };
+    (SLOPE_MARGIN_PX * gradient.length()).min(0.2 * scale)
+}
+
 /// ε of a splat (§5): how much deeper than it a fragment may be and still blend with it, world units.
 ///
 /// `h_px` is the filter radius, 0 for a splat drawn without a filter. The slope term is ours: without it a surface
@@ -90,5 +115,41 @@ pub fn tolerance<R: Real>(
     match setting {
         Tolerance::Relative(factor) => (k(0.2) * z).min((k(factor) * radius_max).min(k(0.1) * z) + slope),
         Tolerance::Absolute(distance) => k(distance) + slope,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_plane_gradient_is_the_planes_own() {
+        let perspective = Projection {
+            kind: ProjectionKind::Perspective,
+            focal_px: [300.0, 250.0],
+            principal_px: [128.0, 120.0],
+            near: 0.1,
+        };
+        let orthographic = Projection {
+            kind: ProjectionKind::Orthographic { height: 4.0, far: 9.0 },
+            focal_px: [64.0; 2],
+            ..perspective
+        };
+        for projection in [perspective, orthographic] {
+            let (p, n) = (V3::new(0.4, -0.3, 2.5), V3::new(0.48, -0.36, -0.8));
+            let at = projection.pixel(p);
+            let depth = |dx: f64, dy: f64| {
+                let (o, d) = projection.ray(V2::new(at.x + dx, at.y + dy));
+                n.dot(p - o) / n.dot(d)
+            };
+            let h = 1e-4;
+            let want = [(depth(h, 0.0) - depth(-h, 0.0)) / (2.0 * h), (depth(0.0, h) - depth(0.0, -h)) / (2.0 * h)];
+            let got = plane_gradient(p, n, &projection);
+            assert!((got.x - want[0]).abs() < 1e-7 && (got.y - want[1]).abs() < 1e-7, "{got:?} {want:?}");
+            // The plane's other side is the same plane; one seen edge-on is no steeper than the limit.
+            assert_eq!(plane_gradient(p, -n, &projection), got);
+            let grazing = plane_gradient(p, V3::new(p.z, 0.0, -p.x) * (1.0 / p.length()), &projection);
+            assert!(grazing.x.is_finite() && grazing.x.abs() < 2.5, "{grazing:?}");
+        }
     }
 }

@@ -9,6 +9,9 @@
 //! 3. [`bounds`]: the pixels it can touch;
 //! 4. [`depth`]: depth of a fragment, tolerance of visibility; [`kernel`]: its weight and coverage.
 //!
+//! [`triangle`] does the same for polygons; [`shadow`] looks shadow maps up;
+//! [`toon`] is a drawing style.
+//!
 //! Section numbers (§) refer to `docs/rendering-model.md`. Nothing here allocates or does I/O.
 
 pub mod basis;
@@ -20,8 +23,11 @@ pub mod mapping;
 pub mod project;
 pub mod projection;
 pub mod real;
+pub mod shadow;
 pub mod srgb;
 pub mod svd;
+pub mod toon;
+pub mod triangle;
 pub mod vector;
 
 pub use real::Real;

@@ -11,7 +11,7 @@ use surfel_render::View;
 /// Pixels to a footprint's rim within which a test may flip.
 pub(crate) const RIM_PX: f64 = 1e-3;
 /// Relative distance from equality within which any other test may flip.
-const RELATIVE: f64 = 1e-4;
+pub(crate) const RELATIVE: f64 = 1e-4;
 
 /// True if offset `d` is within the margin of a footprint's rim.
 pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>) -> bool {
@@ -33,6 +33,11 @@ pub(crate) fn on_step(own: Kept, neighbour: Kept) -> bool {
     (far - near).abs() <= RELATIVE * near.abs().max(far.abs()) && near.is_finite() && far.is_finite()
 }
 
+/// True if rounding could flip which of two depths is the farther; infinities decide clearly.
+pub(crate) fn on_depth(z: f64, limit: f64) -> bool {
+    (z - limit).abs() <= RELATIVE * z.abs() && z.is_finite()
+}
+
 /// True if the highlight of a light at cosine n·l could come or go by rounding (§5, `phong`).
 pub(crate) fn on_terminator(cosine: f64) -> bool {
     cosine.abs() <= RELATIVE
@@ -41,7 +46,7 @@ pub(crate) fn on_terminator(cosine: f64) -> bool {
 /// True if a fragment of the attribute pass is within the margin of any of its tests, and would matter.
 pub(crate) fn is_marginal(splat: &ScreenSplat, pixel: V2<f64>, z: f64, kept: &Kept, view: &View) -> bool {
     let near = (z - view.projection.near).abs() <= RELATIVE * view.projection.near;
-    let depth = (z - kept.value).abs() <= RELATIVE * z.abs();
+    let depth = on_depth(z, kept.value);
     if z > kept.value && !depth {
         return false;
     }

@@ -1,10 +1,14 @@
 //! Once a pixel: divide by Σw and light (§5).
 
 use crate::margin;
+use crate::polygon::{self, Polygons};
 use crate::raster::Sums;
+use crate::shadow::{self, Shadow};
+use crate::splat::ScreenSplat;
 use glam::DVec3;
 use surfel_math::V2;
 use surfel_math::basis::unit;
+use surfel_math::toon;
 use surfel_model::{Light, Shader};
 use surfel_render::{FramePlan, View};
 
@@ -12,6 +16,7 @@ use surfel_render::{FramePlan, View};
 pub(crate) struct Lighting<'a> {
     pub view: &'a View,
     pub plan: &'a FramePlan,
+    pub shadows: &'a [Shadow<'a>],
     pub lights: &'a [Light],
     pub ambient: DVec3,
     /// Ambient, diffuse, specular, shininess where all objects share them.
@@ -26,8 +31,34 @@ pub(crate) struct Surface {
     /// Unit world normal, or zero.
     pub normal: DVec3,
     pub weight: f64,
-    /// Rounding could make a highlight come or go.
+    /// Σwα/Σw.
+    pub alpha: f64,
+    /// Rounding could make a highlight or a shadow come or go.
     pub marginal: bool,
+}
+
+/// What is lit.
+struct Point {
+    /// View position.
+    at: DVec3,
+    depth: f64,
+    /// Unit world normal, or zero.
+    normal: DVec3,
+    albedo: DVec3,
+    material: [f64; 4],
+}
+
+impl Surface {
+    /// This surface over another by a share: colour, Z and normal alike (§6).
+    pub(crate) fn blended_over(&self, behind: &Self, share: f64) -> Self {
+        Self {
+            color: self.color * share + behind.color * (1.0 - share),
+            depth: self.depth * share + behind.depth * (1.0 - share),
+            normal: unit(self.normal * share + behind.normal * (1.0 - share)),
+            marginal: self.marginal || behind.marginal,
+            ..*self
+        }
+    }
 }
 
 impl Lighting<'_> {
@@ -42,44 +73,105 @@ impl Lighting<'_> {
         let normal = unit(sums.normal);
         let depth = sums.depth * inverse;
         let material = if wants.material { sums.material.map(|m| m * inverse) } else { self.material };
-        let mut marginal = false;
-        let color = match self.plan.shader {
-            Shader::Unlit | Shader::Toon => albedo,
-            Shader::Normal if normal == DVec3::ZERO => DVec3::ZERO,
-            Shader::Normal => normal * 0.5 + 0.5,
-            Shader::Depth => DVec3::splat(self.view.projection.stored_depth(depth)),
-            Shader::Phong => {
-                let lit = self.phong(albedo, normal, depth, pixel, material);
-                marginal = lit.1;
-                lit.0
-            }
-        };
-        Some(Surface { color, depth, normal, weight: sums.weight, marginal })
+        let point = Point { at: self.position(pixel, depth), depth, normal, albedo, material };
+        let (color, marginal) = self.color(&point);
+        let alpha = sums.alpha * inverse;
+        Some(Surface { color, depth, normal, weight: sums.weight, alpha, marginal })
     }
 
-    /// The colour, and whether a highlight could come or go by rounding.
-    fn phong(&self, albedo: DVec3, normal: DVec3, depth: f64, pixel: V2<f64>, material: [f64; 4]) -> (DVec3, bool) {
-        let [ambient, diffuse, specular, shininess] = material;
+    /// Lights a polygon at a pixel.
+    pub(crate) fn shade_polygon(&self, hit: &polygon::Hit, polygons: &Polygons, pixel: V2<f64>) -> Surface {
+        let polygon::Material { albedo, normal, factors } = polygons.material(hit, pixel);
+        let point = Point { at: self.position(pixel, hit.z), depth: hit.z, normal, albedo, material: factors };
+        let (color, marginal) = self.color(&point);
+        Surface { color, depth: hit.z, normal, weight: 0.0, alpha: 1.0, marginal }
+    }
+
+    /// Resolves a pixel whose fragments were lit before they were summed ([`Lighting::lit_splat`]); `None` where Σw = 0.
+    pub(crate) fn shade_lit(sums: &Sums) -> Option<Surface> {
+        (sums.weight > 0.0).then(|| {
+            let inverse = 1.0 / sums.weight;
+            Surface {
+                color: DVec3::from(sums.color) * inverse,
+                depth: sums.depth * inverse,
+                normal: unit(sums.normal),
+                weight: sums.weight,
+                alpha: sums.alpha * inverse,
+                marginal: false,
+            }
+        })
+    }
+
+    /// A splat lit at its centre: with the shaded colour for its albedo. Also whether rounding could change that.
+    pub(crate) fn lit_splat(&self, splat: &ScreenSplat) -> (ScreenSplat, bool) {
+        let albedo = DVec3::from(splat.color);
+        // The centre may lie before z_near, where the stored depth would exceed 1.
+        let depth = splat.center.z.max(self.view.projection.near);
+        let point = Point { at: splat.center, depth, normal: splat.normal, albedo, material: splat.material };
+        let (color, marginal) = self.color(&point);
+        (ScreenSplat { color: color.to_array(), ..splat.clone() }, marginal)
+    }
+
+    /// View position of depth z at a pixel.
+    fn position(&self, pixel: V2<f64>, depth: f64) -> DVec3 {
+        let (origin, direction) = self.view.projection.ray(pixel);
+        let at = origin + direction * depth;
+        DVec3::new(at.x, at.y, at.z)
+    }
+
+    /// The colour that the plan's shader gives a point, and whether rounding could change it.
+    fn color(&self, point: &Point) -> (DVec3, bool) {
+        match self.plan.shader {
+            Shader::Unlit => (point.albedo, false),
+            Shader::Normal if point.normal == DVec3::ZERO => (DVec3::ZERO, false),
+            Shader::Normal => (point.normal * 0.5 + 0.5, false),
+            Shader::Depth => (DVec3::splat(self.view.projection.stored_depth(point.depth)), false),
+            Shader::Phong => self.lit(point, |light| light, |strength, reaching| strength * reaching),
+            Shader::Toon => {
+                let (color, marginal) = self.lit(point, toon::ramp, |s, reaching| toon::highlight(s * reaching));
+                (color * toon::line(self.cosine_to_eye(point).abs()), marginal)
+            }
+        }
+    }
+
+    /// n·v; 1 where there is no normal.
+    fn cosine_to_eye(&self, point: &Point) -> f64 {
+        let normal = self.view.view_from_world * point.normal;
+        let to_eye = if self.view.projection.is_perspective() { -unit(point.at) } else { DVec3::NEG_Z };
+        if normal == DVec3::ZERO { 1.0 } else { normal.dot(to_eye) }
+    }
+
+    /// Ambient, diffuse and specular light. `diffused` is what a diffuse amount in [0, 1] counts for, `highlighted` what a
+    /// highlight's strength and the share of light that reaches it do. Also whether a highlight or a shadow could come or go
+    /// by rounding.
+    fn lit(
+        &self,
+        point: &Point,
+        diffused: impl Fn(f64) -> f64,
+        highlighted: impl Fn(f64, f64) -> f64,
+    ) -> (DVec3, bool) {
+        let Point { normal, albedo, .. } = *point;
+        let [ambient, diffuse, specular, shininess] = point.material;
         let mut matte = self.ambient * ambient;
         let mut gloss = DVec3::ZERO;
         let mut marginal = false;
         if normal != DVec3::ZERO {
             // Relative to the eye, so that scenes far from the origin lose nothing.
-            let (origin, direction) = self.view.projection.ray(pixel);
-            let at = origin + direction * depth;
-            let world_from_view = self.view.view_from_world.transpose();
-            let position = world_from_view * DVec3::new(at.x, at.y, at.z);
+            let position = self.view.view_from_world.transpose() * point.at;
             let to_eye = if self.view.projection.is_perspective() { -unit(position) } else { -self.view.forward() };
-            for light in self.lights {
+            for (i, light) in self.lights.iter().enumerate() {
                 let (to_light, color) = self.incident(light, position);
                 let cosine = normal.dot(to_light);
                 let reflected = normal * (2.0 * cosine) - to_light;
-                let highlight = color * (specular * reflected.dot(to_eye).max(0.0).powf(shininess));
+                let strength = reflected.dot(to_eye).max(0.0).powf(shininess);
+                marginal |=
+                    margin::on_terminator(cosine) && color * (specular * highlighted(strength, 1.0)) != DVec3::ZERO;
                 if cosine > 0.0 {
-                    matte += color * (diffuse * cosine);
-                    gloss += highlight;
+                    let (reaching, open) = shadow::visibility(self.shadows, i, self.view, position, normal);
+                    matte += color * (diffuse * diffused(cosine * reaching));
+                    gloss += color * (specular * highlighted(strength, reaching));
+                    marginal |= open;
                 }
-                marginal |= margin::on_terminator(cosine) && highlight != DVec3::ZERO;
             }
         }
         (albedo * matte + gloss, marginal)

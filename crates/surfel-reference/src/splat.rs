@@ -1,7 +1,8 @@
 //! From a splat of the scene to its footprints on the screen (§2–§4).
 
-use crate::renderer::ResidentObject;
+use crate::renderer::{ResidentObject, normals_from_object};
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 use surfel_math::basis::{largest_singular_value, unit};
 use surfel_math::bounds::{self, Extent};
 use surfel_math::depth::{DepthForm, DepthPlane, tolerance};
@@ -14,6 +15,7 @@ use surfel_model::{Cull, Filter, SplatCloud};
 use surfel_render::{FramePlan, View};
 
 /// A splat ready to be rasterised.
+#[derive(Clone)]
 pub(crate) struct ScreenSplat {
     /// Index over the whole scene: objects in order, splats in order.
     pub index: u32,
@@ -39,8 +41,12 @@ pub(crate) struct ScreenSplat {
     pub visible_box: Extent<f64>,
     /// Pixels that the filtered footprint may touch.
     pub filtered_box: Extent<f64>,
+    /// View position of the centre.
+    pub center: DVec3,
     /// Linear albedo.
     pub color: [f64; 3],
+    /// Opacity.
+    pub alpha: f64,
     /// Unit world shading normal, turned to the eye where the material is two-sided.
     pub normal: DVec3,
     /// Ambient, diffuse, specular, shininess.
@@ -64,16 +70,22 @@ impl ObjectView {
         let m = object.world_from_object.matrix3;
         // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
         let origin = view.view_from_world * (object.world_from_object.translation - view.eye);
-        // The cofactor matrix is det(A)·A⁻ᵀ: no inverse, no singularity; the sign of det(A) turns it outside-out.
-        let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
-        let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
-        let sign = 1.0f64.copysign(m.determinant());
-        Self { linear: view.view_from_world * m, origin, normals: cofactors * (sign / scale) }
+        Self { linear: view.view_from_world * m, origin, normals: normals_from_object(&object.world_from_object) }
     }
 }
 
+/// Every splat that takes part, in index order.
+pub(crate) fn project_all(objects: &[ResidentObject], view: &View, plan: &FramePlan) -> Vec<ScreenSplat> {
+    let of_object = |object| {
+        let object_view = ObjectView::new(object, view);
+        let each = |i| project(object, &object_view, i, view, plan);
+        (0..object.cloud.len()).into_par_iter().filter_map(each).collect::<Vec<_>>()
+    };
+    objects.iter().flat_map(of_object).collect()
+}
+
 /// Projects splat `i` of an object; `None` if it takes part in no pass.
-pub(crate) fn project(
+fn project(
     object: &ResidentObject,
     object_view: &ObjectView,
     i: usize,
@@ -127,7 +139,9 @@ pub(crate) fn project(
     shape.index = object.first_splat + i as u32;
     shape.coverage_per_weight /= interior;
     shape.epsilon = epsilon;
+    shape.center = p;
     shape.color = cloud.color(i).map(f64::from);
+    shape.alpha = f64::from(cloud.alpha(i));
     shape.normal = normal;
     shape.material = object.material.factors();
     let sided = object.material.two_sided || object.material.cull == Cull::Back;
@@ -217,7 +231,9 @@ fn screen_splat(
         epsilon: 0.0,
         visible_box,
         filtered_box,
+        center: DVec3::ZERO,
         color: [1.0; 3],
+        alpha: 1.0,
         normal: DVec3::ZERO,
         material: [0.0; 4],
         facing_margin: f64::INFINITY,

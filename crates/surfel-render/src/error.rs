@@ -23,8 +23,8 @@ pub enum RenderError {
     },
     /// Coverage needs every cloud's interior weight.
     #[error(
-        "object {object} has no interior weight, which edge antialiasing needs; estimate it \
-         (surfel_sample::interior_weight) or set material.interior_weight"
+        "object {object} has no interior weight, which edge antialiasing, the A-buffer and meshes among splats need; \
+         estimate it (surfel_sample::interior_weight) or set material.interior_weight"
     )]
     NoInteriorWeight {
         /// Index of the object.

@@ -6,17 +6,23 @@
 
 mod error;
 mod frame;
+mod lod;
 mod plan;
 mod preset;
 mod renderer;
+mod shadow;
 mod stats;
+mod summary;
 mod view;
 
 pub use error::RenderError;
 pub use frame::{Frame, Planes};
-pub use plan::{Attributes, FramePlan, Pass, SceneSummary, SplatFilter, plan, unsupported};
+pub use lod::{Selection, select};
+pub use plan::{Attributes, FramePlan, Pass, SplatFilter, needs_interior_weight, plan, unsupported};
 pub use preset::Preset;
 pub use renderer::{Capabilities, Feature, Renderer, RendererInfo};
+pub use shadow::{SHADOW_BIAS_RADII, SHADOW_MAP_SIDE, ShadowMap, ShadowScene};
 pub use stats::{PassTime, Stats};
+pub use summary::SceneSummary;
 pub use surfel_model::Settings;
 pub use view::{Region, View};

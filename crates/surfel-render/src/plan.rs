@@ -1,57 +1,8 @@
 //! Every per-frame decision, made once: which passes, planes and variants a scene needs, and no others.
 
-use crate::{Capabilities, Feature, Planes, RenderError, View};
+use crate::{Capabilities, Feature, Planes, RenderError, SceneSummary, ShadowMap, View};
 use surfel_math::depth::Tolerance;
-use surfel_model::{
-    Accumulate, ClipPolicy, DepthTolerance, Filter, Geometry, Light, Mapping, Scene, Settings, Shader, Transparency,
-};
-
-/// What planning needs to know of a scene.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SceneSummary {
-    /// Number of splats.
-    pub splats: u64,
-    /// Some cloud has colours.
-    pub colors: bool,
-    /// Some splat has an alpha below 1.
-    pub transparent: bool,
-    /// Some cloud has clip curves or lines.
-    pub clips: bool,
-    /// Some object is drawn as polygons.
-    pub meshes: bool,
-    /// Objects differ in ambient, diffuse, specular or shininess.
-    pub materials_differ: bool,
-    /// Some light casts a shadow.
-    pub shadows: bool,
-    /// First object of splats whose interior weight is unknown.
-    pub without_interior_weight: Option<usize>,
-}
-
-impl SceneSummary {
-    /// Summarises a scene.
-    pub fn of(scene: &Scene) -> Self {
-        let mut summary = Self { shadows: scene.lights.iter().flatten().any(Light::casts_shadow), ..Self::default() };
-        let mut first_factors = None;
-        for (i, object) in scene.objects.iter().enumerate() {
-            match &object.geometry {
-                Geometry::Splats(cloud) => {
-                    let data = cloud.data();
-                    summary.splats += cloud.len() as u64;
-                    summary.colors |= data.colors.is_some();
-                    summary.transparent |= cloud.is_transparent();
-                    summary.clips |= data.clips.is_some();
-                    if object.material.interior_weight.or(data.interior_weight).is_none() {
-                        summary.without_interior_weight.get_or_insert(i);
-                    }
-                }
-                Geometry::Mesh(_) => summary.meshes = true,
-            }
-            let factors = object.material.factors();
-            summary.materials_differ |= *first_factors.get_or_insert(factors) != factors;
-        }
-        summary
-    }
-}
+use surfel_model::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Settings, Shader, Transparency};
 
 /// How splats are filtered and mapped.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,11 +34,17 @@ pub struct Attributes {
     pub material: bool,
     /// Coverage q.
     pub coverage: bool,
+    /// Alpha; of transparent splats alone.
+    pub alpha: bool,
 }
 
 /// A step of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pass {
+    /// Visibility from a light: one of the plan's shadow maps (§5).
+    ShadowMap,
+    /// The nearest polygon of every pixel that no splat hides, into a target of its own (§6).
+    Polygons,
     /// Nearest depth plus tolerance of every pixel.
     Visibility,
     /// Weighted sums of attributes.
@@ -96,6 +53,14 @@ pub enum Pass {
     Shade,
     /// What lies behind edge pixels, and its blend by coverage.
     EdgeAntialiasing,
+    /// Lines where depth steps back from one pixel to the next (§5, `toon`).
+    Outlines,
+    /// One layer of transparent splats: visibility behind the layer before it, attributes, shading (§8).
+    PeelLayer,
+    /// All transparent fragments behind the layers before, lit per splat and blended into one (§8).
+    RemainingLayer,
+    /// Transparent fragments gathered into surfaces, pixel by pixel (§8).
+    ABuffer,
 }
 
 /// What a backend does for one frame. Plain data, no GPU types.
@@ -109,6 +74,12 @@ pub struct FramePlan {
     pub attributes: Attributes,
     /// Precision of the sums.
     pub accumulate: Accumulate,
+    /// Splats with an alpha below 1 take no part in the opaque passes; layers of their own draw them, if any do.
+    pub separates_transparent: bool,
+    /// Shadow maps, in the order of their lights.
+    pub shadow_maps: Vec<ShadowMap>,
+    /// Most surfaces that [`Pass::ABuffer`] holds in a pixel; 0 without it.
+    pub abuffer_surfaces: u32,
     /// How pixels are shaded.
     pub shader: Shader,
     /// Planes of the frame.
@@ -119,6 +90,11 @@ impl FramePlan {
     /// True if the plan has this pass.
     pub fn has(&self, pass: Pass) -> bool {
         self.passes.contains(&pass)
+    }
+
+    /// Number of layers of transparent splats that are peeled, the remaining one not included.
+    pub fn peeled_layers(&self) -> usize {
+        self.passes.iter().filter(|pass| **pass == Pass::PeelLayer).count()
     }
 }
 
@@ -138,21 +114,41 @@ pub fn plan(
     if let Some(error) = unsupported(summary, settings, planes, capabilities) {
         return Err(error);
     }
-    if settings.edge_aa
+    if needs_interior_weight(summary, settings)
         && let Some(object) = summary.without_interior_weight
     {
         return Err(RenderError::NoInteriorWeight { object });
     }
     let radius_px = if settings.filter == Filter::None { 0.0 } else { settings.prefilter_radius_px };
     let exact = settings.mapping == Mapping::Exact;
-    let lit = settings.shader == Shader::Phong;
-    let needs_color = planes.color && matches!(settings.shader, Shader::Unlit | Shader::Phong);
+    let lit = is_lit(settings, planes);
+    let needs_color = lit || (planes.color && settings.shader == Shader::Unlit);
     let depth_shader = planes.color && settings.shader == Shader::Depth;
     let normal_shader = planes.color && settings.shader == Shader::Normal;
-    let mut passes = vec![Pass::Visibility, Pass::Attributes, Pass::Shade];
-    if settings.edge_aa && planes.color {
-        passes.push(Pass::EdgeAntialiasing);
+    let splats = !summary.meshes || summary.splats > 0;
+    let shadows = summary.shadows.as_ref().filter(|_| lit);
+    let shadow_maps = shadows.map_or_else(Vec::new, |s| s.maps(settings.cutoff));
+    let mut passes = vec![Pass::ShadowMap; shadow_maps.len()];
+    passes.extend(splats.then_some(Pass::Visibility));
+    passes.extend(summary.meshes.then_some(Pass::Polygons));
+    passes.extend(splats.then_some(Pass::Attributes));
+    passes.push(Pass::Shade);
+    passes.extend((planes.color && settings.shader == Shader::Toon).then_some(Pass::Outlines));
+    passes.extend((planes.color && settings.edge_aa).then_some(Pass::EdgeAntialiasing));
+    let transparency = if summary.transparent { settings.transparency } else { Transparency::Off };
+    let mut abuffer_surfaces = 0;
+    match transparency {
+        Transparency::Off => {}
+        Transparency::Peel { layers, drop_last } => {
+            passes.extend((1..layers).map(|_| Pass::PeelLayer));
+            passes.extend((!drop_last).then_some(Pass::RemainingLayer));
+        }
+        Transparency::ABuffer { layers } => {
+            passes.push(Pass::ABuffer);
+            abuffer_surfaces = layers;
+        }
     }
+    let separates_transparent = transparency != Transparency::Off;
     Ok(FramePlan {
         splat_filter: SplatFilter {
             filter: if radius_px == 0.0 { Filter::None } else { settings.filter },
@@ -167,16 +163,31 @@ pub fn plan(
         },
         attributes: Attributes {
             color: needs_color && summary.colors,
-            normal: planes.normal || normal_shader || (planes.color && lit),
-            depth: planes.depth || depth_shader || (planes.color && lit),
-            material: planes.color && lit && summary.materials_differ,
-            coverage: settings.edge_aa && planes.color,
+            normal: planes.normal || normal_shader || lit,
+            depth: planes.depth || depth_shader || lit || separates_transparent,
+            material: lit && summary.materials_differ,
+            coverage: (settings.edge_aa && planes.color) || abuffer_surfaces > 0 || (summary.meshes && splats),
+            alpha: separates_transparent,
         },
+        separates_transparent,
+        shadow_maps,
+        abuffer_surfaces,
         passes,
         accumulate: settings.accumulate,
         shader: settings.shader,
         planes,
     })
+}
+
+/// True if lights make a difference to the picture.
+fn is_lit(settings: &Settings, planes: Planes) -> bool {
+    planes.color && matches!(settings.shader, Shader::Phong | Shader::Toon)
+}
+
+/// True if the picture needs the clouds' interior weights (§5, coverage): whoever loads a scene estimates them then.
+pub fn needs_interior_weight(summary: &SceneSummary, settings: &Settings) -> bool {
+    let abuffer = matches!(settings.transparency, Transparency::ABuffer { .. });
+    settings.edge_aa || (abuffer && summary.transparent) || (summary.meshes && summary.splats > 0)
 }
 
 /// What a scene and its settings need and a backend doesn't draw: the first of it, as an error that says where it is and
@@ -193,7 +204,7 @@ pub fn unsupported(
         (Feature::Clips, summary.clips && settings.clip != ClipPolicy::Off),
         (Feature::Peel, matches!(transparent, Some(Transparency::Peel { .. }))),
         (Feature::ABuffer, matches!(transparent, Some(Transparency::ABuffer { .. }))),
-        (Feature::Shadows, summary.shadows),
+        (Feature::Shadows, summary.shadows.is_some() && is_lit(settings, planes)),
         (Feature::Toon, settings.shader == Shader::Toon),
         (Feature::F16, settings.accumulate == Accumulate::F16),
         (Feature::EdgeAntialiasing, settings.edge_aa),
@@ -230,7 +241,9 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel_model::{Camera, Projection};
+    use crate::ShadowScene;
+    use glam::DVec3;
+    use surfel_model::{Camera, Light, Projection};
 
     const ALL: Capabilities = Capabilities { backend: "test", features: &[Feature::EdgeAntialiasing] };
 
@@ -256,7 +269,8 @@ mod tests {
     #[test]
     fn an_unlit_white_cloud_accumulates_nothing_but_weight() {
         let plan = planned(&SceneSummary::default(), |_| (), Planes::COLOR);
-        let none = Attributes { color: false, normal: false, depth: false, material: false, coverage: false };
+        let none =
+            Attributes { color: false, normal: false, depth: false, material: false, coverage: false, alpha: false };
         assert_eq!(plan.attributes, none);
         assert_eq!(plan.passes, [Pass::Visibility, Pass::Attributes, Pass::Shade]);
     }
@@ -277,6 +291,84 @@ mod tests {
     }
 
     #[test]
+    fn transparent_splats_get_the_layers_that_are_asked_for_and_opaque_scenes_none() {
+        let drawn = Capabilities { backend: "test", features: &[Feature::Peel, Feature::ABuffer] };
+        let planned = |transparent, transparency: &str| {
+            let summary = SceneSummary { transparent, ..SceneSummary::default() };
+            let settings = Settings { transparency: transparency.parse().unwrap(), ..Settings::default() };
+            plan(&summary, &view(), &settings, Planes::COLOR, &drawn).unwrap()
+        };
+        let opaque = planned(false, "off");
+        for setting in ["peel:4", "peel:4:drop", "abuffer:3"] {
+            assert_eq!(planned(false, setting), opaque, "{setting}");
+        }
+        assert_eq!(planned(true, "off"), opaque);
+        let peeled = planned(true, "peel:3");
+        assert_eq!(peeled.passes[3..], [Pass::PeelLayer, Pass::PeelLayer, Pass::RemainingLayer]);
+        assert!(peeled.separates_transparent && peeled.attributes.alpha && !peeled.attributes.coverage);
+        assert_eq!(planned(true, "peel:3:drop").passes[3..], [Pass::PeelLayer, Pass::PeelLayer]);
+        let alone = planned(true, "peel:1:drop");
+        assert!(alone.separates_transparent && alone.passes.len() == 3);
+        let gathered = planned(true, "abuffer:5");
+        assert_eq!((gathered.passes[3..].to_vec(), gathered.abuffer_surfaces), (vec![Pass::ABuffer], 5));
+        assert!(gathered.attributes.alpha && gathered.attributes.coverage && gathered.peeled_layers() == 0);
+    }
+
+    #[test]
+    fn polygons_add_a_pass_and_coverage_only_where_there_are_splats_to_blend() {
+        let drawn = Capabilities { backend: "test", features: &[Feature::Meshes] };
+        let planned = |splats, without_interior_weight| {
+            let summary = SceneSummary { meshes: true, splats, without_interior_weight, ..SceneSummary::default() };
+            plan(&summary, &view(), &Settings::default(), Planes::COLOR, &drawn)
+        };
+        let alone = planned(0, None).unwrap();
+        assert_eq!(alone.passes, [Pass::Polygons, Pass::Shade]);
+        assert!(!alone.attributes.coverage);
+        let among = planned(5, None).unwrap();
+        assert_eq!(among.passes, [Pass::Visibility, Pass::Polygons, Pass::Attributes, Pass::Shade]);
+        assert!(among.attributes.coverage);
+        assert!(matches!(planned(5, Some(1)), Err(RenderError::NoInteriorWeight { object: 1 })));
+    }
+
+    fn spot(outer_deg: f64) -> Light {
+        let (position, direction) = ([0.0, 3.0, 0.0], [0.0, -1.0, 0.0]);
+        Light::Spot { position, direction, color: [1.0; 3], inner_deg: 5.0, outer_deg, shadow: true }
+    }
+
+    #[test]
+    fn shadows_add_maps_for_lights_that_cast_where_light_matters_and_none_else() {
+        let drawn = Capabilities { backend: "test", features: &[Feature::Shadows, Feature::Toon] };
+        let sun = Light::Directional { direction: [1.0, -1.0, 0.0], color: [1.0; 3], shadow: true };
+        let lights = vec![(1, sun), (3, spot(20.0)), (4, spot(90.0))];
+        let shadows = Some(ShadowScene { lights, center: DVec3::ZERO, radius: 1.0 });
+        let summary = SceneSummary { shadows, ..SceneSummary::default() };
+        let planned = |shader, planes| {
+            let settings = Settings { shader, ..Settings::default() };
+            plan(&summary, &view(), &settings, planes, &drawn).unwrap()
+        };
+        let lit = planned(Shader::Phong, Planes::COLOR);
+        // One for the sun, one for a spot, six for one that is too wide.
+        assert_eq!(lit.shadow_maps.iter().map(|m| m.light).collect::<Vec<_>>(), [1, 3, 4, 4, 4, 4, 4, 4]);
+        assert_eq!(lit.passes[..8], [Pass::ShadowMap; 8]);
+        assert!(planned(Shader::Toon, Planes::COLOR).has(Pass::ShadowMap));
+        assert!(planned(Shader::Unlit, Planes::COLOR).shadow_maps.is_empty());
+        assert!(planned(Shader::Phong, Planes { color: false, ..Planes::ALL }).shadow_maps.is_empty());
+    }
+
+    #[test]
+    fn toon_alone_has_outlines() {
+        let drawn = Capabilities { backend: "test", features: &[Feature::Toon] };
+        let planned = |shader, planes| {
+            let settings = Settings { shader, ..Settings::default() };
+            plan(&SceneSummary::default(), &view(), &settings, planes, &drawn).unwrap()
+        };
+        let toon = planned(Shader::Toon, Planes::COLOR);
+        assert!(toon.has(Pass::Outlines) && toon.attributes.normal && toon.attributes.depth);
+        assert!(!planned(Shader::Phong, Planes::COLOR).has(Pass::Outlines));
+        assert!(!planned(Shader::Toon, Planes { color: false, ..Planes::ALL }).has(Pass::Outlines));
+    }
+
+    #[test]
     fn what_is_not_drawn_is_refused() {
         let refused = |summary: SceneSummary, change: fn(&mut Settings)| {
             let mut settings = Settings::default();
@@ -291,7 +383,8 @@ mod tests {
         assert!(refused(SceneSummary { transparent: true, ..s() }, peel));
         assert!(!refused(SceneSummary { transparent: true, ..s() }, |_| ()));
         assert!(!refused(s(), peel));
-        assert!(refused(SceneSummary { shadows: true, ..s() }, |_| ()));
+        let shadows = Some(ShadowScene { lights: vec![(0, spot(20.0))], center: DVec3::ZERO, radius: 1.0 });
+        assert!(refused(SceneSummary { shadows, ..s() }, |s| s.shader = Shader::Phong));
         assert!(refused(s(), |s| s.shader = Shader::Toon));
         assert!(refused(s(), |s| s.accumulate = Accumulate::F16));
     }

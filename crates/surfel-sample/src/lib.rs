@@ -3,6 +3,7 @@
 //! - [`splats_from_points`]: normals by PCA where they are missing, oriented by a minimum spanning tree, and
 //!   radii from each point's Voronoi cell in its tangent plane, so that the surface closes.
 //! - [`splats_from_mesh`]: one splat a face, one a vertex, or blue-noise samples.
+//! - [`hybrid_from_mesh`]: splats of every size and the polygons themselves, in an octree.
 //! - [`interior_weight`]: the Σw that a cloud has inside its own surface (rendering model §5, coverage).
 //!
 //! Work runs in whatever rayon pool the caller installed; results don't depend on the number of threads.
@@ -27,7 +28,9 @@ mod tree;
 
 pub use error::SampleError;
 pub use interior::interior_weight;
-pub use mesh::{MeshMethod, MeshOptions, MeshReport, is_closed, points_from_mesh, splats_from_mesh};
+pub use mesh::{
+    HybridOptions, MeshMethod, MeshOptions, MeshReport, hybrid_from_mesh, is_closed, points_from_mesh, splats_from_mesh,
+};
 pub use options::{Outliers, PointOptions, PointReport};
 pub use points::splats_from_points;
 pub use progress::{NoProgress, Progress};

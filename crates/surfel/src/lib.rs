@@ -25,6 +25,7 @@ mod auto;
 mod backend;
 mod error;
 mod framing;
+mod hybrid;
 mod load;
 mod scene;
 
@@ -40,8 +41,12 @@ pub use error::Error;
 pub use framing::{
     DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, NamedView, ViewAxes, depth_range, frame_camera, scene_center,
 };
+pub use hybrid::{HybridObject, at_detail, prepare_hybrid};
 pub use load::{Conversion, LoadOptions, Prepared, prepare};
-pub use scene::{LoadedObjects, ObjectFacts, ObjectNote, assemble, load_objects, load_scene, read_scene_file};
+pub use scene::{
+    LoadedObjects, ObjectFacts, ObjectNote, assemble, load_objects, load_scene, may_need_interior_weight,
+    read_scene_file,
+};
 pub use surfel_model::{Camera, Light, Material, Scene, SceneFile, Settings, SplatCloud, Up};
 pub use surfel_render::{Frame, Planes, Preset, Region, RenderError, Renderer, RendererInfo, Stats, View};
 pub use surfel_sample::{NoProgress, Progress};

@@ -4,7 +4,7 @@ use crate::Error;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, Format};
-use surfel_model::{Mesh, SplatCloud, Up};
+use surfel_model::{Hybrid, Mesh, SplatCloud, Up};
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
 /// How files are loaded and made into splats.
@@ -52,6 +52,8 @@ pub struct Prepared {
     pub closed: bool,
     /// How the splats were made.
     pub conversion: Conversion,
+    /// The octree that the file holds; `cloud` is then its finest splats.
+    pub hybrid: Option<Arc<Hybrid>>,
     /// What the user should know, as sentences without a full stop: what was dropped, assumed or estimated.
     pub notes: Vec<String>,
 }
@@ -66,8 +68,16 @@ pub fn prepare(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> R
     let loaded = surfel_io::load(path, &io_options)?;
     let sample = |source| Error::Sample { path: path.to_path_buf(), source };
     let mut notes = loaded.notes;
-    let mut closed = false;
+    let (mut closed, mut octree) = (false, None);
     let (mut cloud, conversion) = match loaded.content {
+        Content::Hybrid(hybrid) => {
+            closed = surfel_sample::is_closed(hybrid.mesh());
+            let leaves = hybrid.nodes().iter().filter(|n| n.is_leaf()).map(|n| n.splats.clone());
+            let edges = hybrid.transitions().iter().map(|t| t.splats.clone());
+            let cloud = hybrid.cloud_of(&leaves.chain(edges).collect::<Vec<_>>())?;
+            octree = Some(Arc::from(hybrid));
+            (cloud, Conversion::None)
+        }
         Content::Splats(cloud) => (cloud, Conversion::None),
         Content::Points(points) => {
             let point_options = PointOptions { radius_scale: options.radius_scale, ..PointOptions::default() };
@@ -97,7 +107,7 @@ pub fn prepare(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> R
         cloud.set_interior_weight(weight);
         notes.push(format!("the file says no interior weight: estimated {weight:.3}"));
     }
-    Ok(Prepared { cloud, format: loaded.format, up: loaded.up, closed, conversion, notes })
+    Ok(Prepared { cloud, format: loaded.format, up: loaded.up, closed, conversion, hybrid: octree, notes })
 }
 
 /// Loads a file that is drawn as polygons.
@@ -109,6 +119,7 @@ pub(crate) fn load_mesh(path: &Path, options: &LoadOptions) -> Result<(Arc<Mesh>
     let loaded = surfel_io::load(path, &io_options)?;
     let found = match loaded.content {
         Content::Mesh(mesh) if !mesh.triangles.is_empty() => return Ok((Arc::new(mesh), loaded.up, loaded.notes)),
+        Content::Hybrid(hybrid) => return Ok((Arc::new(hybrid.mesh().clone()), loaded.up, loaded.notes)),
         Content::Mesh(_) => "a mesh without triangles",
         Content::Points(_) => "points",
         Content::Splats(_) => "splats",

@@ -1,14 +1,14 @@
 //! From a scene file to a scene.
 
 use crate::load::load_mesh;
-use crate::{Error, LoadOptions, Prepared, prepare};
+use crate::{Error, HybridObject, LoadOptions, Prepared, prepare};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::IoError;
-use surfel_model::{Geometry, Object, ObjectFile, Scene, SceneFile, Up};
+use surfel_model::{Geometry, Hybrid, Object, ObjectFile, Scene, SceneFile, Settings, Transparency, Up};
 use surfel_sample::Progress;
 
 /// Largest scene file that is read, in bytes: far above any real one.
@@ -28,6 +28,8 @@ pub struct ObjectNote {
 pub struct LoadedObjects {
     /// The objects, in the scene file's order.
     pub objects: Vec<Object>,
+    /// Those of the objects that are octrees; the objects themselves are their finest splats.
+    pub hybrids: Vec<HybridObject>,
     /// What is known of each object.
     pub facts: Vec<ObjectFacts>,
     /// What was dropped, assumed or estimated, file by file.
@@ -62,7 +64,22 @@ pub fn read_scene_file(path: &Path) -> Result<(SceneFile, BTreeSet<String>), Err
     Ok((scene, keys.unwrap_or_default()))
 }
 
-/// Loads the files of `objects`; each file once, however often it is used. Paths are relative to `base_dir`.
+/// True if settings need interior weights in some scene ([`surfel_render::needs_interior_weight`] knows once it is loaded).
+pub fn may_need_interior_weight(settings: &Settings) -> bool {
+    settings.edge_aa || matches!(settings.transparency, Transparency::ABuffer { .. })
+}
+
+/// What is known of a file that was loaded already.
+#[derive(Clone)]
+struct Known {
+    geometry: Geometry,
+    up: Up,
+    closed: bool,
+    hybrid: Option<Arc<Hybrid>>,
+}
+
+/// Loads the files of `objects`; each file once, however often it is used. Paths are relative to `base_dir`. Interior
+/// weights are estimated where the options ask for it and where there are meshes among splats.
 ///
 /// # Errors
 /// As [`prepare`], and [`Error::Model`] for a matrix that is no invertible affine map.
@@ -73,7 +90,9 @@ pub fn load_objects(
     progress: &dyn Progress,
 ) -> Result<LoadedObjects, Error> {
     let mut loaded = LoadedObjects::default();
-    let mut known: BTreeMap<(PathBuf, bool, bool), (Geometry, Up, bool)> = BTreeMap::new();
+    // Splats are blended over polygons by their coverage (rendering model §6).
+    let among_meshes = objects.iter().any(|o| o.mesh.is_some());
+    let mut known: BTreeMap<(PathBuf, bool, bool), Known> = BTreeMap::new();
     for object in objects {
         let world_from_object = object.world_from_object()?;
         let (file, as_mesh) = match (&object.splats, &object.mesh) {
@@ -83,28 +102,29 @@ pub fn load_objects(
         };
         let path = base_dir.join(file);
         // A material's own interior weight wins, so then none need be estimated.
-        let interior_weight = options.interior_weight && object.material.interior_weight.is_none();
+        let interior_weight = (options.interior_weight || among_meshes) && object.material.interior_weight.is_none();
         let options = &LoadOptions { interior_weight, ..options.clone() };
         let key = (path.clone(), as_mesh, interior_weight);
-        let (geometry, up, closed) = match known.get(&key) {
+        let Known { geometry, up, closed, hybrid } = match known.get(&key) {
             Some(found) => found.clone(),
             None => {
-                let (geometry, up, closed, notes) = if as_mesh {
+                let (found, notes) = if as_mesh {
                     let (mesh, up, notes) = load_mesh(&path, options)?;
-                    (Geometry::Mesh(mesh), up, false, notes)
+                    (Known { geometry: Geometry::Mesh(mesh), up, closed: false, hybrid: None }, notes)
                 } else {
-                    let Prepared { cloud, up, closed, notes, .. } = prepare(&path, options, progress)?;
-                    (Geometry::Splats(Arc::new(cloud)), up, closed, notes)
+                    let Prepared { cloud, up, closed, hybrid, notes, .. } = prepare(&path, options, progress)?;
+                    (Known { geometry: Geometry::Splats(Arc::new(cloud)), up, closed, hybrid }, notes)
                 };
                 loaded.notes.extend(notes.into_iter().map(|text| ObjectNote { path: path.clone(), text }));
-                known.insert(key, (geometry.clone(), up, closed));
-                (geometry, up, closed)
+                known.insert(key, found.clone());
+                found
             }
         };
         let colored = match &geometry {
             Geometry::Splats(cloud) => cloud.data().colors.is_some(),
             Geometry::Mesh(mesh) => mesh.colors.is_some() || mesh.texture.is_some(),
         };
+        loaded.hybrids.extend(hybrid.map(|hybrid| HybridObject { object: loaded.objects.len(), hybrid }));
         loaded.facts.push(ObjectFacts { up, colored, closed });
         loaded.objects.push(Object { geometry, world_from_object, material: object.material });
     }
@@ -135,7 +155,7 @@ pub fn load_scene(
     options: &LoadOptions,
     progress: &dyn Progress,
 ) -> Result<(Scene, Vec<ObjectNote>), Error> {
-    let needed = options.interior_weight || file.settings.edge_aa;
+    let needed = options.interior_weight || may_need_interior_weight(&file.settings);
     let options = LoadOptions { interior_weight: needed, ..options.clone() };
     let loaded = load_objects(&file.objects, base_dir, &options, progress)?;
     Ok((assemble(file, loaded.objects)?, loaded.notes))

@@ -1,15 +1,21 @@
 //! Scenes of one property each. What a scene is for is the fault that it catches.
 
 mod geometry;
+mod meshes;
 mod numeric;
 mod shading;
+mod shadows;
+mod transparency;
 
 pub use geometry::*;
+pub use meshes::*;
 pub use numeric::*;
 pub use shading::*;
+pub use shadows::*;
+pub use transparency::*;
 
 use surfel_model::{Camera, Scene, Settings};
-use surfel_render::View;
+use surfel_render::{Capabilities, Planes, SceneSummary, View, unsupported};
 
 /// A picture to be made.
 #[derive(Clone, Debug)]
@@ -39,6 +45,11 @@ impl Case {
         case
     }
 
+    /// True if a backend says that it draws this.
+    pub fn is_drawn_by(&self, capabilities: &Capabilities) -> bool {
+        unsupported(&SceneSummary::of(&self.scene), &self.settings, Planes::ALL, capabilities).is_none()
+    }
+
     /// The view of the whole picture.
     ///
     /// # Panics
@@ -53,5 +64,8 @@ pub fn all() -> Vec<Case> {
     let mut cases = geometry_cases();
     cases.extend(numeric_cases());
     cases.extend(shading_cases());
+    cases.extend(transparency_cases());
+    cases.extend(mesh_cases());
+    cases.extend(shadow_cases());
     cases
 }

@@ -35,6 +35,17 @@ pub(crate) fn splats(
     report: &mut MeshReport,
     progress: &dyn Progress,
 ) -> Result<CloudData, SampleError> {
+    splats_and_faces(mesh, count, radius_scale, report, progress).map(|(data, _)| data)
+}
+
+/// The same, with the triangle that each splat lies on.
+pub(crate) fn splats_and_faces(
+    mesh: &Mesh,
+    count: usize,
+    radius_scale: f64,
+    report: &mut MeshReport,
+    progress: &dyn Progress,
+) -> Result<(CloudData, Vec<u32>), SampleError> {
     if count == 0 {
         return Err(SampleError::option("the number of splats", count, "at least 1"));
     }
@@ -59,14 +70,8 @@ pub(crate) fn splats(
         })
         .collect();
     drop(corner_normals);
-    let planes: Vec<DVec3> = samples
-        .iter()
-        .zip(&smooth)
-        .map(|(s, n)| {
-            let face = geometry.normals[s.face as usize];
-            if face.dot(*n) >= MOST_TILTED { *n } else { face }
-        })
-        .collect();
+    let planes: Vec<DVec3> =
+        samples.iter().zip(&smooth).map(|(s, n)| plane_normal(geometry.normals[s.face as usize], *n)).collect();
 
     let spacing = (area / count as f64).sqrt();
     let mut radii = if count > MOST_ELIMINATED {
@@ -90,7 +95,12 @@ pub(crate) fn splats(
         )
     });
     (data.colors, data.alphas) = assemble::paint(rgba);
-    Ok(data)
+    Ok((data, samples.iter().map(|s| s.face).collect()))
+}
+
+/// Normal of a disk on a face: the smooth one, unless that leans too far.
+pub(crate) fn plane_normal(face: DVec3, smooth: DVec3) -> DVec3 {
+    if face.dot(smooth) >= MOST_TILTED { smooth } else { face }
 }
 
 /// Radii that cover the gaps that stratified samples leave.

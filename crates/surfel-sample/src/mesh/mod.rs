@@ -5,8 +5,11 @@ mod count;
 mod eliminate;
 mod features;
 mod geometry;
+mod hybrid;
+mod octree;
 mod per_face;
 pub(crate) mod random;
+mod transitions;
 mod vertices;
 
 use crate::{Progress, SampleError, interior};
@@ -15,6 +18,7 @@ use glam::DVec3;
 use surfel_model::{CloudData, Column3, Mesh, OnInvalid, SplatCloud};
 
 pub use closed::is_closed;
+pub use hybrid::{HybridOptions, hybrid_from_mesh};
 pub use vertices::points_from_mesh;
 
 /// How a mesh becomes splats.

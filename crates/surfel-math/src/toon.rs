@@ -1,0 +1,79 @@
+//! The shader `toon` (§5, after the drawing styles of B05 §6): light in steps, and lines where the surface turns away.
+//!
+//! Steps are short ramps, so that no pixel hangs on a rounding.
+
+use crate::projection::{Projection, ProjectionKind};
+use crate::{Real, V2};
+
+/// Diffuse light at which the next step begins; three steps of equal height.
+const STEPS: [f64; 3] = [0.05, 0.35, 0.7];
+/// Half-width of a step's ramp.
+const HALF_WIDTH: f64 = 0.02;
+/// Strength of a highlight at which it is drawn.
+const HIGHLIGHT: f64 = 0.5;
+/// |n·v| below which a line is drawn whole, and from which on there is none.
+const LINE: [f64; 2] = [0.12, 0.22];
+
+/// Distance from one pixel's surface to the next at which a line is drawn, as a share of the depth (orthographic: of the
+/// height of the view).
+const DEPTH_STEP: f64 = 0.02;
+/// Pixels over which the surface's own slope accounts for a step, beside that.
+const SLOPE_PX: f64 = 2.0;
+
+/// Depth beyond which a pixel's neighbour is another surface: a line is drawn on this side of it. `gradient` is that of the
+/// pixel's own plane ([`crate::depth::plane_gradient`]).
+#[inline(always)]
+pub fn step_back_limit<R: Real>(z: R, gradient: V2<R>, projection: &Projection) -> R {
+    let scale = match projection.kind {
+        ProjectionKind::Perspective => z,
+        ProjectionKind::Orthographic { height, .. } => z.constant(height),
+    };
+    let slope = z.constant(SLOPE_PX) * gradient.length();
+    z + (z.constant(DEPTH_STEP) * scale + slope)
+}
+
+/// 0 up to `low`, 1 from `high` on, 3x² − 2x³ between.
+#[inline(always)]
+pub fn smoothstep<R: Real>(x: R, low: f64, high: f64) -> R {
+    let share = (x - x.constant(low)) / x.constant(high - low);
+    let t = share.max(x.zero()).min(x.one());
+    t * t * (x.constant(3.0) - x.constant(2.0) * t)
+}
+
+/// Diffuse light, 0 to 1, in steps: 0, ⅓, ⅔ and 1.
+#[inline(always)]
+pub fn ramp<R: Real>(light: R) -> R {
+    let step = |at: f64| smoothstep(light, at - HALF_WIDTH, at + HALF_WIDTH);
+    (step(STEPS[0]) + step(STEPS[1]) + step(STEPS[2])) * light.constant(1.0 / 3.0)
+}
+
+/// A highlight of strength max(0, r·v)^shininess times what reaches it, as a spot with an edge.
+#[inline(always)]
+pub fn highlight<R: Real>(strength: R) -> R {
+    smoothstep(strength, HIGHLIGHT - HALF_WIDTH, HIGHLIGHT + HALF_WIDTH)
+}
+
+/// What a line leaves of the colour where the surface is seen at this |n·v|: 0 at grazing angles, else 1.
+#[inline(always)]
+pub fn line<R: Real>(cosine: R) -> R {
+    smoothstep(cosine, LINE[0], LINE[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn toon_ramp_has_four_levels_and_rises_without_jumps() {
+        for (light, want) in
+            [(0.0, 0.0), (0.03, 0.0), (0.1, 1.0 / 3.0), (0.33, 1.0 / 3.0), (0.5, 2.0 / 3.0), (1.0, 1.0)]
+        {
+            assert!((ramp(light) - want).abs() < 1e-15, "{light}: {}", ramp(light));
+        }
+        let values: Vec<f64> = (0..=1000).map(|i| ramp(f64::from(i) / 1000.0)).collect();
+        // The steepest slope of a smoothstep is 1.5 over its width of 0.04, a third high.
+        assert!(values.windows(2).all(|v| (0.0..=0.0126).contains(&(v[1] - v[0]))));
+        assert_eq!((highlight(0.4), highlight(0.5), highlight(0.6)), (0.0, 0.5, 1.0));
+        assert_eq!((line(0.1f32), line(0.3f32)), (0.0, 1.0));
+    }
+}

@@ -1,0 +1,189 @@
+//! Textures and their mipmaps.
+
+use std::sync::Arc;
+
+/// A base-colour image, linear RGB with straight alpha.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    /// Width in texels.
+    pub width: u32,
+    /// Height in texels.
+    pub height: u32,
+    /// sRGB-encoded texels as the file has them, row by row from the top.
+    pub srgba8: Vec<[u8; 4]>,
+}
+
+impl Texture {
+    /// Bilinear sample at `uv` with repeat addressing: linear RGB and alpha.
+    pub fn sample(&self, uv: [f32; 2]) -> [f32; 4] {
+        if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
+            return [1.0; 4];
+        }
+        bilinear(uv, self.width as usize, self.height as usize, |i| linear(self.srgba8[i]))
+    }
+}
+
+fn wrap(t: f32) -> f32 {
+    if t.is_finite() { t - t.floor() } else { 0.0 }
+}
+
+/// Linear RGB and alpha of a texel.
+fn linear(t: [u8; 4]) -> [f32; 4] {
+    let decode = |c: u8| surfel_math::srgb::decode(f64::from(c) / 255.0) as f32;
+    [decode(t[0]), decode(t[1]), decode(t[2]), f32::from(t[3]) / 255.0]
+}
+
+/// A texture in half, a quarter … of its size, for surfaces that are seen smaller (rendering model §6).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mipmaps {
+    texture: Arc<Texture>,
+    /// Level 1 and up.
+    levels: Vec<Level>,
+}
+
+/// A texture at a smaller size: linear RGB and alpha.
+#[derive(Clone, Debug, PartialEq)]
+struct Level {
+    width: usize,
+    height: usize,
+    texels: Vec<[f32; 4]>,
+}
+
+impl Mipmaps {
+    /// Every level down to one texel: each half the size of the one before (rounded down, at least 1), a texel the mean
+    /// of the area it covers, in linear light.
+    pub fn new(texture: Arc<Texture>) -> Self {
+        let mut levels: Vec<Level> = Vec::new();
+        let (mut width, mut height) = (texture.width as usize, texture.height as usize);
+        if texture.srgba8.len() < width * height {
+            return Self { texture, levels };
+        }
+        while width > 1 || height > 1 {
+            let next = match levels.last() {
+                Some(level) => halved(width, height, |i| level.texels[i]),
+                None => halved(width, height, |i| linear(texture.srgba8[i])),
+            };
+            (width, height) = (next.width, next.height);
+            levels.push(next);
+        }
+        Self { texture, levels }
+    }
+
+    /// The texture itself.
+    pub fn texture(&self) -> &Texture {
+        &self.texture
+    }
+
+    /// Heap memory of the smaller levels, in bytes.
+    pub fn bytes(&self) -> usize {
+        self.levels.iter().map(|l| size_of_val(l.texels.as_slice())).sum()
+    }
+
+    /// Trilinear sample at `uv` with repeat addressing: linear RGB and alpha. `footprint_texels` is how many texels of the
+    /// full size a pixel spans; levels are blended by its binary logarithm.
+    pub fn sample(&self, uv: [f32; 2], footprint_texels: f64) -> [f32; 4] {
+        let level = footprint_texels.log2().clamp(0.0, self.levels.len() as f64);
+        // NaN where the footprint isn't a number: the full size.
+        let level = if level.is_nan() { 0.0 } else { level };
+        let (lower, share) = (level.floor(), (level - level.floor()) as f32);
+        let fine = self.sample_level(uv, lower as usize);
+        if share == 0.0 {
+            return fine;
+        }
+        let coarse = self.sample_level(uv, lower as usize + 1);
+        std::array::from_fn(|c| fine[c] + (coarse[c] - fine[c]) * share)
+    }
+
+    fn sample_level(&self, uv: [f32; 2], level: usize) -> [f32; 4] {
+        match level.checked_sub(1).and_then(|i| self.levels.get(i)) {
+            Some(l) => bilinear(uv, l.width, l.height, |i| l.texels[i]),
+            None => self.texture.sample(uv),
+        }
+    }
+}
+
+/// Bilinear sample of a `width`×`height` image with repeat addressing.
+fn bilinear(uv: [f32; 2], width: usize, height: usize, texel: impl Fn(usize) -> [f32; 4]) -> [f32; 4] {
+    let (x, y) = (wrap(uv[0]) * width as f32 - 0.5, wrap(uv[1]) * height as f32 - 0.5);
+    let (x0, y0) = (x.floor(), y.floor());
+    let (fx, fy) = (x - x0, y - y0);
+    let column = |dx: i64| (x0 as i64 + dx).rem_euclid(width as i64) as usize;
+    let row = |dy: i64| (y0 as i64 + dy).rem_euclid(height as i64) as usize;
+    let corners = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| texel(row(dy) * width + column(dx)));
+    let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+    std::array::from_fn(|c| corners.iter().zip(weights).map(|(t, w)| t[c] * w).sum())
+}
+
+/// An image at half its size, each texel the mean of the area it covers.
+fn halved(width: usize, height: usize, texel: impl Fn(usize) -> [f32; 4]) -> Level {
+    let (w, h) = ((width / 2).max(1), (height / 2).max(1));
+    // Source texels of a target texel along one axis, with the length that each has in it: more than two for odd sizes.
+    let spans = |target: usize, from: usize, to: usize| {
+        let (start, end) = ((target * from) as f64 / to as f64, ((target + 1) * from) as f64 / to as f64);
+        (start.floor() as usize..(end.ceil() as usize).min(from))
+            .map(|i| (i, (end.min(i as f64 + 1.0) - start.max(i as f64)) * to as f64 / from as f64))
+            .collect::<Vec<_>>()
+    };
+    let columns: Vec<_> = (0..w).map(|x| spans(x, width, w)).collect();
+    let mut texels = Vec::with_capacity(w * h);
+    for y in 0..h {
+        let rows = spans(y, height, h);
+        for column in &columns {
+            let mut sum = [0.0f64; 4];
+            for &(row, b) in &rows {
+                for &(x, a) in column {
+                    for (s, t) in sum.iter_mut().zip(texel(row * width + x)) {
+                        *s += a * b * f64::from(t);
+                    }
+                }
+            }
+            texels.push(sum.map(|s| s as f32));
+        }
+    }
+    Level { width: w, height: h, texels }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn texture(width: u32, height: u32, texel: impl Fn(u32, u32) -> u8) -> Arc<Texture> {
+        let each = |i: u32| {
+            let v = texel(i % width, i / width);
+            [v, v, v, 255]
+        };
+        Arc::new(Texture { width, height, srgba8: (0..width * height).map(each).collect() })
+    }
+
+    #[test]
+    fn mipmaps_average_light_not_levels_whatever_the_size() {
+        for (w, h) in [(8, 8), (5, 3), (7, 1), (1, 6)] {
+            // Columns (or rows) of black and white.
+            let striped = texture(w, h, |x, y| if (x + y) % 2 == 0 { 255 } else { 0 });
+            let mean = striped.srgba8.iter().filter(|t| t[0] == 255).count() as f64 / f64::from(w * h);
+            let mipmaps = Mipmaps::new(striped);
+            let got = mipmaps.sample([0.3, 0.7], 1e9);
+            // f32 sums of a few levels.
+            assert!((f64::from(got[0]) - mean).abs() < 1e-6 && (got[3] - 1.0).abs() < 1e-6, "{w}x{h}: {got:?} {mean}");
+        }
+    }
+
+    #[test]
+    fn mipmaps_blend_levels_by_footprint() {
+        // Left half black, right half white: level 1 of 4×4 is 2×2, its texels pure.
+        let mipmaps = Mipmaps::new(texture(4, 4, |x, _| if x < 2 { 0 } else { 255 }));
+        let at = |u: f32, footprint| mipmaps.sample([u, 0.5], footprint)[0];
+        assert_eq!(at(0.625, 0.5), 1.0);
+        assert_eq!((at(0.75, 1.0), at(0.75, 2.0), at(0.25, 2.0), at(0.25, 4.0)), (1.0, 1.0, 0.0, 0.5));
+        // Half-way between level 1 (1) and level 2 (½).
+        assert!((at(0.75, 8f64.sqrt()) - 0.75).abs() < 1e-6);
+        assert_eq!(at(0.75, f64::NAN), 1.0);
+        assert_eq!(at(0.75, f64::INFINITY), 0.5);
+    }
+
+    #[test]
+    fn mipmaps_of_a_damaged_texture_are_white() {
+        let mipmaps = Mipmaps::new(Arc::new(Texture { width: 4, height: 4, srgba8: Vec::new() }));
+        assert_eq!(mipmaps.sample([0.5, 0.5], 4.0), [1.0; 4]);
+    }
+}

@@ -1,0 +1,200 @@
+//! Polygons among splats (§6): the nearest one in each pixel, and what it looks like there.
+
+use crate::margin;
+use crate::raster::pixels;
+use crate::renderer::{ResidentMesh, normals_from_object};
+use glam::DVec3;
+use rayon::prelude::*;
+use surfel_math::basis::unit;
+use surfel_math::bounds::Extent;
+use surfel_math::triangle::{self, Triangle, interpolate};
+use surfel_math::{V2, V3};
+use surfel_model::Cull;
+use surfel_render::{Region, View};
+
+/// A triangle of a mesh, projected.
+pub(crate) struct ScreenTriangle {
+    mesh: u32,
+    /// Index of the triangle in its mesh.
+    index: u32,
+    triangle: Triangle<f64>,
+    extent: Extent<f64>,
+    /// Faces away from the eye.
+    back_facing: bool,
+    /// How far facing is from flipping, where anything hangs on it.
+    facing_margin: f64,
+}
+
+/// The nearest polygon of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Hit {
+    /// Planar depth; +∞ where there is none.
+    pub z: f64,
+    /// Index into the screen triangles.
+    triangle: u32,
+    /// Rounding could make it another polygon, or none.
+    pub marginal: bool,
+}
+
+impl Hit {
+    const NONE: Self = Self { z: f64::INFINITY, triangle: u32::MAX, marginal: false };
+}
+
+/// A point of a polygon's surface, as it is lit.
+pub(crate) struct Material {
+    pub albedo: DVec3,
+    /// Unit world normal, turned to the eye where the material is two-sided; zero where it has none.
+    pub normal: DVec3,
+    /// Ambient, diffuse, specular, shininess.
+    pub factors: [f64; 4],
+}
+
+/// All triangles of a frame.
+pub(crate) struct Polygons<'a> {
+    meshes: &'a [ResidentMesh],
+    view: &'a View,
+    triangles: Vec<ScreenTriangle>,
+}
+
+/// View position of a vertex.
+fn vertex(mesh: &ResidentMesh, view: &View, i: u32) -> DVec3 {
+    let m = &mesh.mesh;
+    // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
+    let origin = mesh.world_from_object.transform_point3(m.origin) - view.eye;
+    view.view_from_world * (origin + mesh.world_from_object.matrix3 * m.positions.get(i as usize))
+}
+
+impl<'a> Polygons<'a> {
+    /// Projects every triangle.
+    pub(crate) fn new(meshes: &'a [ResidentMesh], view: &'a View) -> Self {
+        let of_mesh = |(i, mesh): (usize, &ResidentMesh)| {
+            let project = |k| project(mesh, i as u32, k, view);
+            (0..mesh.mesh.triangles.len()).into_par_iter().filter_map(project).collect::<Vec<_>>()
+        };
+        let triangles = meshes.iter().enumerate().flat_map(of_mesh).collect();
+        Self { meshes, view, triangles }
+    }
+
+    /// The nearest polygon of every pixel; of equally near ones the first.
+    pub(crate) fn nearest(&self, rect: Region, with_margin: bool) -> Vec<Hit> {
+        let mut hits = vec![Hit::NONE; rect.width as usize * rect.height as usize];
+        let mut of_row = vec![Vec::new(); rect.height as usize];
+        for (i, t) in self.triangles.iter().enumerate() {
+            let (columns, rows) = pixels(&t.extent, rect);
+            if !columns.is_empty() {
+                rows.for_each(|y| of_row[(y - rect.y) as usize].push((i as u32, columns.clone())));
+            }
+        }
+        let rows = hits.par_chunks_mut(rect.width as usize).zip(&of_row).zip(rect.y..rect.y + rect.height);
+        rows.for_each(|((hits, triangles), y)| {
+            for (i, columns) in triangles {
+                for x in columns.clone() {
+                    let hit = &mut hits[(x - rect.x) as usize];
+                    self.test(*i, V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5), hit, with_margin);
+                }
+            }
+        });
+        hits
+    }
+
+    fn test(&self, index: u32, pixel: V2<f64>, hit: &mut Hit, with_margin: bool) {
+        let t = &self.triangles[index as usize];
+        let (inside, on_rim) = (t.triangle.contains(pixel), with_margin && on_rim(&t.triangle, pixel));
+        if !inside && !on_rim {
+            return;
+        }
+        let z = t.triangle.depth(t.triangle.barycentric(pixel));
+        let projection = &self.view.projection;
+        let exists = z >= projection.near && z <= projection.far();
+        if with_margin {
+            let open = on_rim || margin::on_depth(z, projection.near) || t.facing_margin <= margin::RELATIVE;
+            hit.marginal |= open && z <= hit.z;
+            hit.marginal |= exists && margin::on_depth(z, hit.z);
+        }
+        if inside && exists && z < hit.z {
+            let marginal = with_margin && (hit.marginal && margin::on_depth(z, hit.z));
+            let open = on_rim || margin::on_depth(z, projection.near) || t.facing_margin <= margin::RELATIVE;
+            *hit = Hit { z, triangle: index, marginal: marginal || (with_margin && open) };
+        }
+    }
+
+    /// Change of the hit polygon's depth over a pixel to the right and one down.
+    pub(crate) fn depth_gradient(&self, hit: &Hit, pixel: V2<f64>) -> V2<f64> {
+        let t = &self.triangles[hit.triangle as usize].triangle;
+        t.gradient(t.z, hit.z, pixel)
+    }
+
+    /// The surface that a pixel hits.
+    pub(crate) fn material(&self, hit: &Hit, pixel: V2<f64>) -> Material {
+        let t = &self.triangles[hit.triangle as usize];
+        let resident = &self.meshes[t.mesh as usize];
+        let mesh = &*resident.mesh;
+        let corners = mesh.triangles[t.index as usize].map(|i| i as usize);
+        let b = t.triangle.barycentric(pixel);
+        let blend3 = |values: [DVec3; 3]| values[0] * b[0] + values[1] * b[1] + values[2] * b[2];
+        let color = |column: &[[f32; 3]]| blend3(corners.map(|i| DVec3::from(column[i].map(f64::from))));
+        let mut albedo = mesh.colors.as_deref().map_or(DVec3::ONE, color);
+        if let (Some(uvs), Some(mipmaps)) = (&mesh.uvs, &resident.mipmaps) {
+            let texture = mipmaps.texture();
+            let axis = |k: usize| {
+                let values = corners.map(|i| f64::from(uvs[i][k]));
+                let value = interpolate(b, values);
+                (value, t.triangle.gradient(values, value, pixel))
+            };
+            let ((u, du), (v, dv)) = (axis(0), axis(1));
+            let (w, h) = (f64::from(texture.width), f64::from(texture.height));
+            let footprint = (du.x * w).hypot(dv.x * h).max((du.y * w).hypot(dv.y * h));
+            let texel = mipmaps.sample([u as f32, v as f32], footprint);
+            albedo *= DVec3::new(texel[0].into(), texel[1].into(), texel[2].into());
+        }
+        let to_world = normals_from_object(&resident.world_from_object);
+        let smooth =
+            |column: &[[f32; 3]]| blend3(corners.map(|i| unit(to_world * DVec3::from(column[i].map(f64::from)))));
+        let flat = || unit(to_world * outward(resident, t.index as usize));
+        let mut normal = unit(mesh.normals.as_deref().map_or(DVec3::ZERO, smooth));
+        if normal == DVec3::ZERO || !normal.is_finite() {
+            normal = flat();
+        }
+        if resident.material.two_sided && t.back_facing {
+            normal = -normal;
+        }
+        Material { albedo, normal, factors: resident.material.factors() }
+    }
+}
+
+/// Outward normal of a triangle in object space: the side from which its corners run counter-clockwise.
+fn outward(mesh: &ResidentMesh, k: usize) -> DVec3 {
+    let [a, b, c] = mesh.mesh.triangles[k].map(|i| mesh.mesh.positions.get(i as usize));
+    (b - a).cross(c - a)
+}
+
+fn project(mesh: &ResidentMesh, mesh_index: u32, k: usize, view: &View) -> Option<ScreenTriangle> {
+    let corners = mesh.mesh.triangles[k].map(|i| vertex(mesh, view, i));
+    let normal = view.view_from_world * unit(normals_from_object(&mesh.world_from_object) * outward(mesh, k));
+    let (facing, cosine) = match view.projection.is_perspective() {
+        true => (normal.dot(corners[0]), normal.dot(unit(corners[0]))),
+        false => (normal.z, normal.z),
+    };
+    let back_facing = facing >= 0.0;
+    if mesh.material.cull == Cull::Back && back_facing {
+        return None;
+    }
+    let corners = corners.map(V3::from);
+    let extent = triangle::bounds(corners, &view.projection)?;
+    let sided = mesh.material.two_sided || mesh.material.cull == Cull::Back;
+    Some(ScreenTriangle {
+        mesh: mesh_index,
+        index: k as u32,
+        // One anchor for all, so that neighbours judge their edge by the same number.
+        triangle: Triangle::new(corners, V2::new(0.0, 0.0), &view.projection),
+        extent,
+        back_facing,
+        facing_margin: if sided { cosine.abs() } else { f64::INFINITY },
+    })
+}
+
+/// True if the pixel is within the margin of one edge of the triangle, and inside or within the margin of the others.
+fn on_rim(t: &Triangle<f64>, pixel: V2<f64>) -> bool {
+    let distances = t.edges.map(|e| e.at(pixel) / e.x.hypot(e.y));
+    distances.iter().all(|d| *d >= -margin::RIM_PX) && distances.iter().any(|d| d.abs() <= margin::RIM_PX)
+}

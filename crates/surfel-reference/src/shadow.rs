@@ -1,0 +1,178 @@
+//! Shadow maps (§5): the visibility pass from the lights, and whether a point is lit.
+
+use crate::frame::center;
+use crate::margin;
+use crate::polygon::Polygons;
+use crate::raster::{Bands, Run};
+use crate::renderer::{ResidentMesh, ResidentObject, ResidentScene};
+use crate::splat::project_all;
+use glam::DVec3;
+use surfel_math::depth::{plane_gradient, slope_allowance};
+use surfel_math::shadow::{lookup_bias, taps};
+use surfel_math::{V2, V3};
+use surfel_model::{Cull, Material};
+use surfel_render::{FramePlan, Planes, ShadowMap, View};
+
+/// A drawn shadow map.
+pub(crate) struct Shadow<'a> {
+    map: &'a ShadowMap,
+    texels: Vec<Texel>,
+}
+
+/// Depth, bias included, up to which a texel is lit.
+#[derive(Clone, Copy)]
+struct Texel {
+    kept: f64,
+    /// If every fragment on a rim casts, and if none does.
+    possible: [f64; 2],
+}
+
+/// Draws the plan's maps. Everything opaque casts, whichever side of it the light or the eye sees.
+pub(crate) fn draw<'a>(scene: &ResidentScene, plan: &'a FramePlan) -> Vec<Shadow<'a>> {
+    if plan.shadow_maps.is_empty() {
+        return Vec::new();
+    }
+    let whole = |material: Material| Material { cull: Cull::None, ..material };
+    let uncull = |o: &ResidentObject| ResidentObject { material: whole(o.material), ..o.clone() };
+    let objects: Vec<ResidentObject> = scene.objects.iter().map(uncull).collect();
+    let uncull = |m: &ResidentMesh| ResidentMesh { material: whole(m.material), ..m.clone() };
+    let meshes: Vec<ResidentMesh> = scene.meshes.iter().map(uncull).collect();
+    plan.shadow_maps.iter().map(|map| draw_map(&objects, &meshes, plan, map)).collect()
+}
+
+fn draw_map<'a>(
+    objects: &[ResidentObject],
+    meshes: &[ResidentMesh],
+    plan: &FramePlan,
+    map: &'a ShadowMap,
+) -> Shadow<'a> {
+    let with_margin = plan.planes.margin;
+    let planes = Planes { margin: with_margin, color: false, ..Planes::COLOR };
+    let plan = FramePlan { splat_filter: map.splat_filter, planes, ..plan.clone() };
+    let mut splats = project_all(objects, &map.view, &plan);
+    splats.retain(|s| !plan.separates_transparent || s.alpha >= 1.0);
+    let bands = Bands::new(&splats, map.view.region);
+    let run = Run::new(&splats, &bands, &map.view, &plan);
+    let kept = run.kept();
+    let mut texels: Vec<Texel> = if with_margin {
+        let passes = run.passes(kept);
+        let pairs = passes.kept.iter().zip(&passes.possible);
+        pairs.map(|(k, p)| Texel { kept: k.value, possible: [p.nearest.value, p.farthest.value] }).collect()
+    } else {
+        kept.iter().map(|k| Texel { kept: k.value, possible: [k.value; 2] }).collect()
+    };
+    let polygons = Polygons::new(meshes, &map.view);
+    let hits = if meshes.is_empty() { Vec::new() } else { polygons.nearest(map.view.region, with_margin) };
+    for (at, (hit, texel)) in hits.iter().zip(&mut texels).enumerate() {
+        if hit.z.is_finite() {
+            let z = hit.z
+                + slope_allowance(
+                    hit.z,
+                    polygons.depth_gradient(hit, center(map.view.region, at)),
+                    &map.view.projection,
+                );
+            texel.kept = texel.kept.min(z);
+            let possible = if hit.marginal { [z, f64::INFINITY] } else { [z, z] };
+            texel.possible = [0, 1].map(|i| texel.possible[i].min(possible[i]));
+        }
+    }
+    Shadow { map, texels }
+}
+
+/// Share of a light that reaches a point, and whether rounding could change it. `position` is relative to the eye of `view`,
+/// `normal` a unit vector, both in world space.
+pub(crate) fn visibility(shadows: &[Shadow], light: usize, view: &View, position: DVec3, normal: DVec3) -> (f64, bool) {
+    // Of several maps, the one that sees the point nearest to its axis.
+    let seen = shadows.iter().filter(|s| s.map.light == light).map(|s| {
+        let from_light = position + (view.eye - s.map.view.eye);
+        (s, s.map.view.view_from_world * from_light)
+    });
+    match seen.max_by(|(_, a), (_, b)| a.z.total_cmp(&b.z)) {
+        Some((shadow, p)) => shadow.visibility(p, shadow.map.view.view_from_world * normal),
+        None => (1.0, false),
+    }
+}
+
+impl Shadow<'_> {
+    /// The same for a point and a normal in the map's view.
+    fn visibility(&self, p: DVec3, normal: DVec3) -> (f64, bool) {
+        let projection = &self.map.view.projection;
+        if p.z < projection.near {
+            return (1.0, false);
+        }
+        let p = V3::from(p);
+        let at = projection.pixel(p);
+        let gradient = plane_gradient(p, V3::from(normal), projection);
+        let ((left, columns), (top, rows)) = (taps(at.x), taps(at.y));
+        let nearer = p.z - lookup_bias(p.z, projection);
+        let (mut share, mut marginal) = (0.0, false);
+        for (j, row_weight) in (0u8..).zip(rows) {
+            for (i, column_weight) in (0u8..).zip(columns) {
+                let tap = V2::new(left + f64::from(i), top + f64::from(j));
+                let weight = column_weight * row_weight;
+                let Some(texel) = self.texel(tap) else {
+                    share += weight;
+                    continue;
+                };
+                let z = nearer + gradient.dot(V2::new(tap.x + 0.5 - at.x, tap.y + 0.5 - at.y));
+                if z <= texel.kept {
+                    share += weight;
+                }
+                marginal |= margin::on_depth(z, texel.kept) || (z <= texel.possible[0]) != (z <= texel.possible[1]);
+            }
+        }
+        (share, marginal)
+    }
+
+    /// The texel in this column and row; `None` outside of the map, where nothing casts.
+    fn texel(&self, at: V2<f64>) -> Option<&Texel> {
+        let side = self.map.view.size[0];
+        let inside = |v: f64| (0.0..f64::from(side)).contains(&v);
+        (inside(at.x) && inside(at.y)).then(|| &self.texels[at.y as usize * side as usize + at.x as usize])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::Light;
+    use surfel_render::ShadowScene;
+
+    /// The middle of a map that looks along +x: all lit but for what `texel` says of column 512, row 512.
+    fn at_middle(texel: Texel, depth: f64) -> (f64, bool) {
+        let sun = Light::Directional { direction: [1.0, 0.0, 0.0], color: [1.0; 3], shadow: true };
+        let maps = ShadowScene { lights: vec![(0, sun)], center: DVec3::ZERO, radius: 1.0 }.maps(2.0);
+        let side = maps[0].view.size[0] as usize;
+        let open = Texel { kept: f64::INFINITY, possible: [f64::INFINITY; 2] };
+        let mut texels = vec![open; side * side];
+        texels[512 * side + 512] = texel;
+        let shadow = Shadow { map: &maps[0], texels };
+        // Half a texel right and below of the optical axis: the centre of that texel, and the middle of the filter.
+        let half_texel = 0.5 / maps[0].view.projection.focal_px[0];
+        shadow.visibility(DVec3::new(half_texel, half_texel, depth), DVec3::NEG_Z)
+    }
+
+    fn assert_share((share, marginal): (f64, bool), want: f64, open: bool) {
+        assert!((share - want).abs() < 1e-9 && marginal == open, "{share} {marginal}");
+    }
+
+    #[test]
+    fn shadow_of_a_texel_is_its_share_of_the_filter() {
+        let texel = |kept: f64| Texel { kept, possible: [kept; 2] };
+        assert_share(at_middle(texel(1.0), 1.5), 8.0 / 9.0, false);
+        assert_share(at_middle(texel(1.0), 0.5), 1.0, false);
+        // The view is 2.008 high, so that the bias of a lookup is 0.001004.
+        assert_share(at_middle(texel(1.0), 1.0008), 1.0, false);
+        assert_share(at_middle(texel(1.0), 1.0012), 8.0 / 9.0, false);
+        assert_share(at_middle(texel(1.0), 1.00095), 1.0, true);
+        assert_share(at_middle(texel(1.0), 1.00105), 8.0 / 9.0, true);
+    }
+
+    #[test]
+    fn shadow_of_a_rim_is_marginal_where_it_matters() {
+        let rim = Texel { kept: 1.0, possible: [1.0, 1.8] };
+        assert_share(at_middle(rim, 0.5), 1.0, false);
+        assert_share(at_middle(rim, 1.5), 8.0 / 9.0, true);
+        assert_share(at_middle(rim, 1.9), 8.0 / 9.0, false);
+    }
+}

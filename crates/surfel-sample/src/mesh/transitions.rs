@@ -1,0 +1,90 @@
+//! Splats on the edges that two leaves of an octree share (G06 §5.1–5.2).
+
+use super::geometry::Geometry;
+use crate::radii;
+use glam::DVec3;
+use std::collections::BTreeMap;
+use surfel_math::basis::unit;
+
+/// Cosine of the angle, 40°, from which an edge is a crease: what is drawn on either side of it differs anyway, and a
+/// splat centred on it would stand out.
+const CREASE_COS: f64 = 0.766_044_443_118_978;
+
+/// A splat to be.
+#[derive(Clone, Copy)]
+pub(crate) struct EdgeSplat {
+    pub(crate) center: DVec3,
+    pub(crate) normal: DVec3,
+    pub(crate) shading_normal: DVec3,
+    pub(crate) radius: f64,
+    pub(crate) color: [f32; 4],
+}
+
+/// The edges of a pair of leaves, and the splats on them.
+#[derive(Default)]
+pub(crate) struct Shared {
+    pub(crate) edges: Vec<[DVec3; 2]>,
+    pub(crate) splats: Vec<EdgeSplat>,
+}
+
+/// Pairs of leaves, the lower first, and what they share. `spacing_of` is the distance between a leaf's splats.
+pub(crate) fn shared_edges(
+    geometry: &Geometry,
+    corner_normals: &[[DVec3; 3]],
+    leaf_of_face: &[u32],
+    spacing_of: impl Fn(u32) -> f64,
+) -> BTreeMap<[u32; 2], Shared> {
+    let weld = geometry.weld();
+    // (welded ends, face, corner at which the edge starts).
+    let mut sides: Vec<([u32; 2], u32, u8)> = Vec::new();
+    for (face, t) in geometry.mesh.triangles.iter().enumerate().filter(|(face, _)| geometry.areas[*face] > 0.0) {
+        for k in 0..3u8 {
+            let (a, b) = (weld[t[usize::from(k)] as usize], weld[t[(usize::from(k) + 1) % 3] as usize]);
+            if a != b {
+                sides.push(([a.min(b), a.max(b)], face as u32, k));
+            }
+        }
+    }
+    sides.sort_unstable();
+    let mut shared: BTreeMap<[u32; 2], Shared> = BTreeMap::new();
+    for edge in sides.chunk_by(|a, b| a.0 == b.0) {
+        let (_, face, corner) = edge[0];
+        let leaf = |face: u32| leaf_of_face[face as usize];
+        let Some((_, other, _)) = edge.iter().find(|side| leaf(side.1) != leaf(face)) else { continue };
+        let normals = [face, *other].map(|f| geometry.normals[f as usize]);
+        if normals[0].dot(normals[1]) < CREASE_COS {
+            continue;
+        }
+        let leaves = [leaf(face).min(leaf(*other)), leaf(face).max(leaf(*other))];
+        let spacing = spacing_of(leaves[0]).min(spacing_of(leaves[1]));
+        let k = usize::from(corner);
+        let corners = geometry.corners(face as usize);
+        let (a, b) = (corners[k], corners[(k + 1) % 3]);
+        let entry = shared.entry(leaves).or_default();
+        entry.edges.push([a, b]);
+        let count = ((b - a).length() / spacing).ceil().max(1.0);
+        for i in 0..count as u64 {
+            let along = (i as f64 + 0.5) / count;
+            let mut barycentric = [0.0; 3];
+            (barycentric[k], barycentric[(k + 1) % 3]) = (1.0 - along, along);
+            let smooth: DVec3 = corner_normals[face as usize].iter().zip(barycentric).map(|(n, b)| *n * b).sum();
+            let between = unit(normals[0] + normals[1]);
+            let smooth = if smooth.length() > 1e-6 { unit(smooth) } else { between };
+            entry.splats.push(EdgeSplat {
+                center: a + (b - a) * along,
+                normal: super::count::plane_normal(between, smooth),
+                shading_normal: smooth,
+                radius: radii::DENSITY * spacing,
+                color: geometry.color(face as usize, barycentric),
+            });
+        }
+    }
+    shared
+}
+
+/// Distance of a point from a segment.
+pub(crate) fn distance_to_segment(p: DVec3, [a, b]: [DVec3; 2]) -> f64 {
+    let along = b - a;
+    let t = ((p - a).dot(along) / along.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    (p - (a + along * t)).length()
+}

@@ -1,0 +1,14 @@
+//! Reads any bytes as octrees.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use std::path::Path;
+use surfel_io::{Format, LoadOptions, load_bytes};
+
+fuzz_target!(|bytes: &[u8]| {
+    let options = LoadOptions { repair: bytes.len() % 2 == 1, ..LoadOptions::default() };
+    if let Err(error) = load_bytes(bytes, Some(Format::Surfel), Path::new("t"), &options) {
+        assert!(error.to_string().lines().count() <= 4);
+    }
+});

@@ -1,0 +1,71 @@
+//! Meshes that scenes are built of.
+
+use glam::DVec3;
+use std::sync::Arc;
+use surfel_model::{Column3, Geometry, Mesh, Object, Texture};
+
+/// An object drawn as polygons, with the default material.
+///
+/// # Panics
+/// If the mesh is invalid: scenes are written here, not read.
+pub fn mesh_object(mesh: Mesh) -> Object {
+    mesh.validate().expect("scenes hold valid meshes");
+    Object { geometry: Geometry::Mesh(Arc::new(mesh)), ..crate::build::object(crate::build::cloud(&[])) }
+}
+
+/// A mesh of vertices and triangles, outward where these run counter-clockwise.
+pub fn mesh(vertices: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
+    Mesh { positions: Column3::from_f64(vertices), triangles, ..Mesh::default() }
+}
+
+/// The parallelogram about `center` that ±`across` and ±`along` span, as two triangles, outward along across × along, with
+/// texture coordinates from 0 to `repeats`.
+pub fn quad(center: DVec3, [across, along]: [DVec3; 2], repeats: f32) -> Mesh {
+    let corner = |x: f64, y: f64| center + across * x + along * y;
+    let vertices = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+    let uvs = [[0.0, repeats], [repeats; 2], [repeats, 0.0], [0.0; 2]];
+    Mesh { uvs: Some(uvs.to_vec()), ..mesh(&vertices, vec![[0, 1, 2], [0, 2, 3]]) }
+}
+
+/// The unit sphere: an octahedron whose faces are divided `times` times, with vertex normals.
+pub fn mesh_sphere(times: usize) -> Mesh {
+    let axes = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
+    let mut faces: Vec<[DVec3; 3]> = Vec::new();
+    for i in 0..4 {
+        let (a, b) = (axes[i], axes[(i + 1) % 4]);
+        faces.extend([[a, b, DVec3::Z], [b, a, DVec3::NEG_Z]]);
+    }
+    for _ in 0..times {
+        faces = faces
+            .into_iter()
+            .flat_map(|[a, b, c]| {
+                let middle = |a: DVec3, b: DVec3| (a + b).normalize();
+                let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+                [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+            })
+            .collect();
+    }
+    // One vertex for each position, so that neighbours share their edges' ends to the bit.
+    let mut vertices: Vec<DVec3> = Vec::new();
+    let mut index = std::collections::BTreeMap::new();
+    let triangles = faces
+        .iter()
+        .map(|face| {
+            face.map(|p| {
+                let key = p.to_array().map(|c| (c + 0.0).to_bits());
+                *index.entry(key).or_insert_with(|| {
+                    vertices.push(p);
+                    vertices.len() as u32 - 1
+                })
+            })
+        })
+        .collect();
+    let normals = vertices.iter().map(|v| v.as_vec3().to_array()).collect();
+    Mesh { normals: Some(normals), ..mesh(&vertices, triangles) }
+}
+
+/// A texture of `side`×`side` texels, black and white in turn.
+pub fn checkers(side: u32) -> Arc<Texture> {
+    let texel = |i: u32| if (i % side + i / side).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] };
+    Arc::new(Texture { width: side, height: side, srgba8: (0..side * side).map(texel).collect() })
+}

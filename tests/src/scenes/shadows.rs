@@ -1,0 +1,112 @@
+//! Scenes of shadows and of the toon style.
+
+use super::Case;
+use crate::build::{Splat, camera, cloud, object, scene, sheet, sphere, with_alpha};
+use crate::polygons::{mesh_object, mesh_sphere, quad};
+use glam::{DAffine3, DVec3};
+use surfel_model::{Light, Object, Scene, Shader, Transparency};
+
+/// Radius of the ball of [`ball_over_floor`].
+pub const BALL_RADIUS: f64 = 0.7;
+/// Centre of the ball.
+pub const BALL_CENTER: DVec3 = DVec3::new(0.1, 0.35, 0.0);
+/// Height of the floor.
+pub const FLOOR_HEIGHT: f64 = -0.5;
+/// Where the sun of [`ball_over_floor`] shines.
+pub const SUN: [f64; 3] = [-0.5, -1.0, -0.35];
+
+pub(super) fn shadow_cases() -> Vec<Case> {
+    let splats = ball_over_floor(Parts::Splats, sun());
+    let peel = Transparency::Peel { layers: 3, drop_last: false };
+    vec![
+        splats.with("toon", |s| s.shader = Shader::Toon),
+        splats,
+        ball_over_floor(Parts::Meshes, sun()).with("meshes", |_| ()),
+        ball_over_floor(Parts::MeshOverSplats, spot(40.0)).with("spot", |_| ()),
+        ball_over_floor(Parts::SplatsOverMesh, spot(85.0)).with("wide-spot", |_| ()),
+        glass_ball_over_floor().with("peel-3", |s| s.transparency = peel),
+        super::three_materials().with("toon", |s| s.shader = Shader::Toon),
+        super::mesh_through_sphere().with("toon", |s| (s.shader, s.edge_aa) = (Shader::Toon, true)),
+    ]
+}
+
+/// What the ball and the floor are made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parts {
+    /// Both of splats.
+    Splats,
+    /// Both of polygons.
+    Meshes,
+    /// A ball of polygons, a floor of splats.
+    MeshOverSplats,
+    /// A ball of splats, a floor of polygons.
+    SplatsOverMesh,
+}
+
+/// A sun that casts shadows.
+pub fn sun() -> Light {
+    Light::Directional { direction: SUN, color: [1.0; 3], shadow: true }
+}
+
+/// A spot from above that casts shadows.
+pub fn spot(outer_deg: f64) -> Light {
+    Light::Spot {
+        position: [1.0, 2.6, 0.7],
+        direction: [-0.3, -1.0, -0.2],
+        color: [1.0, 0.9, 0.8],
+        inner_deg: 0.7 * outer_deg,
+        outer_deg,
+        shadow: true,
+    }
+}
+
+fn ball_of_splats() -> Object {
+    let scaled = |s: Splat| Splat {
+        p: s.p * BALL_RADIUS + BALL_CENTER,
+        s: s.s * BALL_RADIUS,
+        t: s.t * BALL_RADIUS,
+        color: [0.9, 0.5, 0.3],
+    };
+    object(cloud(&sphere(1500, 1.1, 0).into_iter().map(scaled).collect::<Vec<_>>()))
+}
+
+/// A ball above a floor under one light: a caster left out, the wrong side of a map, bias, filtering, a light's own
+/// coordinates.
+pub fn ball_over_floor(parts: Parts, light: Light) -> Case {
+    let across = [DVec3::Z * 1.6, DVec3::X * 1.6];
+    let floor_center = DVec3::Y * FLOOR_HEIGHT;
+    let floor = match parts {
+        Parts::Splats | Parts::MeshOverSplats => {
+            object(cloud(&sheet(floor_center, across, [50, 50], 0.075, |_, _| [0.6, 0.7, 0.9])))
+        }
+        Parts::Meshes | Parts::SplatsOverMesh => mesh_object(quad(floor_center, across, 1.0)),
+    };
+    let ball = match parts {
+        Parts::Splats | Parts::SplatsOverMesh => ball_of_splats(),
+        Parts::Meshes | Parts::MeshOverSplats => {
+            let mut ball = mesh_object(mesh_sphere(5));
+            ball.world_from_object =
+                DAffine3::from_translation(BALL_CENTER) * DAffine3::from_scale(DVec3::splat(BALL_RADIUS));
+            ball
+        }
+    };
+    let mut scene = Scene { objects: vec![ball, floor], lights: Some(vec![light]), ..scene(&[]) };
+    scene.ambient = [0.05, 0.05, 0.1];
+    for object in &mut scene.objects {
+        object.material.specular = 0.0;
+        object.material.interior_weight = Some(1.6);
+    }
+    let mut camera = camera(4.0, 40.0, [64, 64]);
+    camera.eye = [0.6, 1.8, 3.6];
+    Case::new("ball-over-floor", scene, camera).with("lit", |s| s.shader = Shader::Phong)
+}
+
+/// A glass ball casts no shadow; what is behind it stays in the shadow of what isn't glass.
+pub fn glass_ball_over_floor() -> Case {
+    let mut case = ball_over_floor(Parts::Splats, sun());
+    let surfel_model::Geometry::Splats(ball) = &case.scene.objects[0].geometry else { return case };
+    let glass = with_alpha((**ball).clone(), |i| if i % 1500 < 1200 { 0.5 } else { 1.0 });
+    case.scene.objects[0].geometry = surfel_model::Geometry::Splats(glass.into());
+    case.name = "glass-ball-over-floor/lit".into();
+    case
+}
