@@ -227,7 +227,7 @@ impl BandPass<'_> {
         };
         self.for_fragments(false, |splat, at, pixel, z| {
             let own = Kept { value: z + splat.epsilon, epsilon: splat.epsilon };
-            let rim = margin::on_rim(&splat.visible, pixel - splat.anchor);
+            let rim = margin::is_visibility_marginal(splat, pixel);
             sums[at].marginal |= rim && own.value <= kept[at].value;
             if rim || splat.is_visible_at(pixel) {
                 keep(&mut possible[at].nearest, own);

@@ -17,7 +17,7 @@ use surfel_render::{
 };
 
 const CAPABILITIES: Capabilities =
-    Capabilities { backend: "reference", features: &[Feature::EdgeAntialiasing, Feature::Margin] };
+    Capabilities { backend: "reference", features: &[Feature::EdgeAntialiasing, Feature::Clips, Feature::Margin] };
 
 /// The f64 reference backend.
 pub struct Renderer {

@@ -1,9 +1,11 @@
 //! Scenes of one property each. What a scene is for is the fault that it catches.
 
+mod clipping;
 mod geometry;
 mod numeric;
 mod shading;
 
+pub use clipping::*;
 pub use geometry::*;
 pub use numeric::*;
 pub use shading::*;
@@ -53,5 +55,6 @@ pub fn all() -> Vec<Case> {
     let mut cases = geometry_cases();
     cases.extend(numeric_cases());
     cases.extend(shading_cases());
+    cases.extend(clipping_cases());
     cases
 }
