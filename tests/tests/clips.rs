@@ -108,7 +108,10 @@ fn clip_by_the_papers_equation_is_the_same_picture() {
     }
 }
 
-fn with_data(case: &Case, change: fn(&mut CloudData)) -> Case {
+type ChangeData = fn(&mut CloudData);
+type ChangeSettings = fn(&mut Settings);
+
+fn with_data(case: &Case, change: ChangeData) -> Case {
     let mut case = case.clone();
     for object in &mut case.scene.objects {
         let Geometry::Splats(cloud) = &object.geometry else { continue };
@@ -129,7 +132,7 @@ fn lines(data: &mut CloudData) -> impl Iterator<Item = &mut ClipLine> {
 
 #[test]
 fn clip_scenes_catch_faults() {
-    let data: [(&str, fn(&mut CloudData), Case); 7] = [
+    let data: [(&str, ChangeData, Case); 7] = [
         (
             "ends swapped",
             |d| curves(d).iter_mut().for_each(|c| (c.theta1, c.theta3) = (c.theta3, c.theta1)),
@@ -146,7 +149,7 @@ fn clip_scenes_catch_faults() {
         ),
         ("no clip", |d| d.clips = None, scenes::clipped_near()),
     ];
-    let settings: [(&str, fn(&mut Settings), Case); 3] = [
+    let settings: [(&str, ChangeSettings, Case); 3] = [
         ("line", |s| s.clip = ClipPolicy::Line, scenes::clip_curves()),
         ("off", |s| s.clip = ClipPolicy::Off, scenes::clipped_confetti()),
         (
