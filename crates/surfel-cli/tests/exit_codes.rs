@@ -96,7 +96,6 @@ fn what_this_version_does_not_have_exits_with_1() {
         "a.ply -o x.png --size 8x8 --shadows",
         "mesh.json -o x.png",
         "view a.ply",
-        "convert b.obj -o x.ply --sharp",
         "convert b.obj -o x.ply --hybrid",
         "convert b.obj -o x.surfel",
     ] {

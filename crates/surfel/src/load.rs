@@ -68,7 +68,10 @@ pub fn prepare(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> R
     let mut notes = loaded.notes;
     let mut closed = false;
     let (mut cloud, conversion) = match loaded.content {
-        Content::Splats(cloud) => (cloud, Conversion::None),
+        Content::Splats(cloud) => {
+            closed = cloud.data().comments.iter().any(|c| c == surfel_sample::CLOSED_MESH);
+            (cloud, Conversion::None)
+        }
         Content::Points(points) => {
             let point_options = PointOptions { radius_scale: options.radius_scale, ..PointOptions::default() };
             let made = surfel_sample::splats_from_points(&points, &point_options, progress);
