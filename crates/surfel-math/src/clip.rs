@@ -98,7 +98,7 @@ impl<R: Real> Turn<R> {
 /// What a splat keeps of its disk: linear forms over (u, v), or over pixels once composed.
 ///
 /// The curve's forms are scaled so that its conic is chord² = side1·side3 (τ2² = 4w²·τ1·τ3 in barycentrics of its
-/// control triangle). `inside` of the curve is chord ≤ 0 or (side1 ≥ 0, side3 ≥ 0, chord² ≤ side1·side3).
+/// control triangle). `inside` of the curve is chord ≤ 0 or (side1 ≥ 0 and chord² ≤ side1·side3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clip<R> {
     /// ∝ τ2: positive on the side of P1 P3 that P2 is on.
@@ -226,7 +226,8 @@ impl<R: Real> Clip<R> {
     pub fn curve_keeps(&self, d: V2<R>) -> R::Mask {
         let (chord, side1, side3) = (self.chord.at(d), self.side1.at(d), self.side3.at(d));
         let zero = chord.zero();
-        let lens = zero.le(side1) & zero.le(side3) & (chord * chord).le(side1 * side3);
+        // A square at most their product leaves side3 the sign of side1.
+        let lens = zero.le(side1) & (chord * chord).le(side1 * side3);
         let inside = chord.le(zero) | lens;
         let outside = self.curve_sign.lt(zero);
         (inside & !outside) | (!inside & outside)

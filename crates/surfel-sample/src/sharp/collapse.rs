@@ -408,3 +408,62 @@ fn slenderness([a, b, c]: [DVec3; 3]) -> (f64, f64) {
     }
     ((b - a).cross(c - a).length() / (longest * longest), longest)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::NoProgress;
+    use crate::mesh::geometry::Geometry;
+    use glam::Vec3;
+    use surfel_model::{Column3, Mesh};
+
+    /// A disc with a border of `n` edges, in rings.
+    fn disc(n: u32, rings: u32) -> Mesh {
+        let (mut positions, mut triangles) = (vec![Vec3::ZERO], Vec::new());
+        for ring in 1..=rings {
+            let radius = ring as f32 / rings as f32;
+            positions.extend((0..n).map(|i| {
+                let (sin, cos) = (std::f32::consts::TAU * i as f32 / n as f32).sin_cos();
+                Vec3::new(radius * cos, radius * sin, 0.0)
+            }));
+            let (inner, outer) = (1 + (ring.max(2) - 2) * n, 1 + (ring - 1) * n);
+            for (i, j) in (0..n).map(|i| (i, (i + 1) % n)) {
+                if ring == 1 {
+                    triangles.push([0, outer + i, outer + j]);
+                } else {
+                    triangles.extend([[inner + i, outer + i, outer + j], [inner + i, outer + j, inner + j]]);
+                }
+            }
+        }
+        Mesh { positions: Column3::from_f32(positions), triangles, ..Mesh::default() }
+    }
+
+    #[test]
+    fn collapse_leaves_each_triangle_one_curved_ridge_that_its_splat_reaches() {
+        let mesh = disc(64, 6);
+        let mut surface = Surface::new(&Geometry::new(&mesh), 0.766);
+        let limits = Limits { faces: 6, error: f64::INFINITY, straight: 1e-4, crease_cos: 0.766 };
+        collapse(&mut surface, limits, &|_| 0.0, &NoProgress);
+        // Ears would have two pieces of the border.
+        assert!(surface.faces.len() < 40, "{}", surface.faces.len());
+        let mut border = 0;
+        for face in &surface.faces {
+            let corners = surface.corners(*face);
+            assert!(normal_of(corners).z > 0.999);
+            let mut curved = 0;
+            for k in 0..3 {
+                let Some(piece) = surface.pieces.get(&edge(face[k], face[(k + 1) % 3])) else { continue };
+                border += (piece.to - piece.from) as usize;
+                let chord = (corners[(k + 1) % 3] - corners[k]).normalize();
+                let off = |p: DVec3| (p - corners[k]).reject_from_normalized(chord).length();
+                let bulge = surface.line(piece).into_iter().map(off).fold(0.0, f64::max);
+                curved += usize::from(bulge > 1e-4);
+                // The ellipse reaches a third of the height beyond an edge.
+                assert!(bulge < off(corners[(k + 2) % 3]) / 3.0, "{bulge}");
+            }
+            assert!(curved <= 1);
+        }
+        // The border is whole.
+        assert_eq!(border, 64);
+    }
+}
