@@ -216,6 +216,18 @@ fn sharp_error_bounds_the_distance() {
 }
 
 #[test]
+fn sharp_result_scales_with_the_mesh() {
+    let unit = cube(4);
+    let (_, report) = convert(&unit, &splats(60));
+    for scale in [1e-18f32, 1e18] {
+        let positions = unit.positions.high().iter().map(|p| *p * scale).collect();
+        let (cloud, scaled) = convert(&mesh(positions, unit.triangles.clone()), &splats(60));
+        assert_eq!((cloud.len(), scaled.with_lines), (report.splats, report.with_lines), "{scale}");
+        assert!(scaled.errors.mesh_to_splats[1] < 1e-6 * f64::from(scale), "{scale}: {scaled:?}");
+    }
+}
+
+#[test]
 fn sharp_mesh_is_subdivided_for_more_splats() {
     let (cloud, report) = convert(&cube(2), &splats(1000));
     // 48 triangles, cut into four twice.
@@ -272,6 +284,8 @@ fn sharp_options_out_of_range_are_refused() {
     assert!(refused(SharpOptions { crease_angle_deg: 0.0, ..defaults }));
     assert!(refused(SharpOptions { crease_angle_deg: f64::NAN, ..defaults }));
     assert!(refused(splats(0)));
+    let many = sharp_splats_from_mesh(&mesh, &splats(usize::MAX), &NoProgress);
+    assert!(matches!(many, Err(SampleError::TooMany { .. })));
     assert!(refused(SharpOptions { error: Some(-1.0), ..defaults }));
     assert!(refused(SharpOptions { error: Some(f64::INFINITY), ..defaults }));
     assert!(refused(SharpOptions { radius_scale: 0.0, ..defaults }));

@@ -48,30 +48,50 @@ impl Boundable for Bounds {
     }
 }
 
-fn bounds_of(points: &[DVec3]) -> Bounds {
-    let mut aabb = Aabb::empty();
-    for p in points {
-        aabb.extend(p.as_vec3a());
-    }
-    // f32 bounds of f64 points: an ulp of the largest coordinate on each side.
-    let slack = Vec3A::splat(f32::EPSILON) * aabb.min.abs().max(aabb.max.abs());
-    Bounds(Aabb::new(aabb.min - slack, aabb.max + slack))
+/// The unit cube that boxes are kept in: f32 then neither overflows nor loses what lies far from the origin.
+#[derive(Clone, Copy)]
+struct Frame {
+    center: DVec3,
+    scale: f64,
 }
 
-/// Boxes to be searched by place.
-struct Boxes(Bvh2);
-
-impl Boxes {
-    fn new(bounds: &[Bounds]) -> Self {
-        Self(build_bvh2(bounds, BvhBuildParams::medium_build(), &mut Duration::default()))
+impl Frame {
+    fn of(geometry: &Geometry) -> Self {
+        let corner = geometry.positions.first().copied().unwrap_or_default();
+        Self { center: corner, scale: 1.0 / geometry.extent.max(f64::MIN_POSITIVE) }
     }
 
-    /// Calls `visit` for all boxes within `radius` of `p`; it may shrink the radius no further: each is asked once.
+    fn map(&self, p: DVec3) -> Vec3A {
+        ((p - self.center) * self.scale).as_vec3a()
+    }
+
+    fn bounds(&self, points: &[DVec3]) -> Bounds {
+        let mut aabb = Aabb::empty();
+        for p in points {
+            aabb.extend(self.map(*p));
+        }
+        Bounds(Aabb::new(aabb.min - SLACK, aabb.max + SLACK))
+    }
+}
+
+/// More than the rounding of f32 in and about the unit cube.
+const SLACK: Vec3A = Vec3A::splat(1e-6);
+
+/// Boxes to be searched by place.
+struct Boxes {
+    bvh: Bvh2,
+    frame: Frame,
+}
+
+impl Boxes {
+    fn new(bounds: &[Bounds], frame: Frame) -> Self {
+        Self { bvh: build_bvh2(bounds, BvhBuildParams::medium_build(), &mut Duration::default()), frame }
+    }
+
+    /// Calls `visit` for all boxes within `radius` of `p`, and perhaps for some more.
     fn near(&self, p: DVec3, radius: f64, mut visit: impl FnMut(usize)) {
-        let reach = Vec3A::splat(radius as f32 * (1.0 + 4.0 * f32::EPSILON));
-        let center = p.as_vec3a();
-        let slack = center.abs() * f32::EPSILON;
-        self.0.aabb_traverse(Aabb::new(center - reach - slack, center + reach + slack), |bvh, node| {
+        let (center, reach) = (self.frame.map(p), Vec3A::splat((radius * self.frame.scale) as f32) * 1.001 + SLACK);
+        self.bvh.aabb_traverse(Aabb::new(center - reach, center + reach), |bvh, node| {
             let node = &bvh.nodes[node as usize];
             for i in node.first_index..node.first_index + node.prim_count {
                 visit(bvh.primitive_indices[i as usize] as usize);
@@ -110,9 +130,10 @@ pub(crate) struct MeshIndex<'a> {
 impl<'a> MeshIndex<'a> {
     pub(crate) fn new(geometry: &'a Geometry<'a>) -> Self {
         let faces: Vec<usize> = (0..geometry.areas.len()).filter(|f| geometry.areas[*f] > 0.0).collect();
-        let bounds: Vec<Bounds> = faces.iter().map(|f| bounds_of(&geometry.corners(*f))).collect();
+        let frame = Frame::of(geometry);
+        let bounds: Vec<Bounds> = faces.iter().map(|f| frame.bounds(&geometry.corners(*f))).collect();
         let guess = (geometry.total_area() / faces.len().max(1) as f64).sqrt();
-        Self { geometry, boxes: Boxes::new(&bounds), faces, guess }
+        Self { geometry, boxes: Boxes::new(&bounds, frame), faces, guess }
     }
 
     /// Distance to the mesh, the nearest triangle, and barycentric coordinates there.
@@ -161,11 +182,12 @@ impl<'a> MeshIndex<'a> {
             forward.iter().fold((0.0, 0.0f64, 0.0, 0usize), |a, b| (a.0 + b.0, a.1.max(b.1), a.2 + b.2, a.3 + b.3));
         let count = total.3.max(1) as f64;
 
+        let frame = self.boxes.frame;
         let disks = |s: &ClippedSplat| {
             let reach = DVec3::from_array(std::array::from_fn(|k| s.s[k].hypot(s.t[k])));
-            bounds_of(&[s.center - reach, s.center + reach])
+            frame.bounds(&[s.center - reach, s.center + reach])
         };
-        let boxes = Boxes::new(&splats.iter().map(disks).collect::<Vec<_>>());
+        let boxes = Boxes::new(&splats.iter().map(disks).collect::<Vec<_>>(), frame);
         let step = self.faces.len().div_ceil(MESH_SAMPLES).max(1);
         let back: Vec<f64> = (0..self.faces.len())
             .into_par_iter()

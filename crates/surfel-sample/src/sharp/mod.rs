@@ -69,6 +69,7 @@ impl SharpOptions {
         if self.splats == Some(0) {
             return Err(SampleError::option("the number of splats", 0, "at least 1"));
         }
+        SampleError::check_count("splats", self.splats.unwrap_or(0))?;
         match self.error {
             Some(e) if !(e > 0.0 && e.is_finite()) => {
                 Err(SampleError::option("the largest error", e, "a finite number greater than 0"))
