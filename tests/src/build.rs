@@ -5,7 +5,8 @@ use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{
-    Camera, CloudData, Column3, Geometry, Material, Object, OnInvalid, Projection, Scene, Shape, SplatCloud,
+    Camera, ClipColumns, ClipCurve, ClipLine, ClipMode, CloudData, Column3, Geometry, Material, NO_LINE, Object,
+    OnInvalid, Projection, Scene, Shape, SplatCloud,
 };
 
 /// One ellipse: p + u·s + v·t.
@@ -50,6 +51,35 @@ pub fn cloud(splats: &[Splat]) -> SplatCloud {
     let shape = Shape::Ellipses { s: column(|s| s.s), t: column(|s| s.t) };
     let mut data = CloudData::new(origin, centers, shape);
     data.colors = Some(splats.iter().map(|s| s.color).collect());
+    SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
+}
+
+/// A splat and what clips it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Clipped {
+    /// The whole splat.
+    pub splat: Splat,
+    /// Its curve.
+    pub curve: Option<ClipCurve>,
+    /// Up to four lines.
+    pub lines: Vec<ClipLine>,
+    /// How the lines combine.
+    pub mode: ClipMode,
+}
+
+/// A cloud of clipped ellipses.
+///
+/// # Panics
+/// As [`cloud`].
+pub fn clipped_cloud(splats: &[Clipped]) -> SplatCloud {
+    let none = ClipCurve { theta1: 0.0, theta3: 0.0, u: 0.0, v: 0.0, w: f32::NAN };
+    let mut data = cloud(&splats.iter().map(|c| c.splat).collect::<Vec<_>>()).into_data();
+    let lines = |c: &Clipped| std::array::from_fn(|k| c.lines.get(k).copied().unwrap_or(NO_LINE));
+    data.clips = Some(ClipColumns {
+        curves: Some(splats.iter().map(|c| c.curve.unwrap_or(none)).collect()),
+        lines: Some(splats.iter().map(lines).collect()),
+        modes: Some(splats.iter().map(|c| c.mode).collect()),
+    });
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 

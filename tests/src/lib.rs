@@ -3,6 +3,7 @@
 //!
 //! - [`scenes`]: plain seeded functions, small pictures;
 //! - [`harness`]: [`harness::check_backend`] renders them all on a backend and on the reference and compares;
+//! - [`raycast`]: exact pictures of meshes, which splats made of them are held against;
 //! - [`checkerboard`]: how well each filter reproduces a pattern that runs to the horizon (§5).
 //!
 //! Section numbers (§) refer to `docs/rendering-model.md`.
@@ -12,4 +13,5 @@ pub mod checkerboard;
 pub mod harness;
 pub mod polygons;
 pub mod random;
+pub mod raycast;
 pub mod scenes;

@@ -21,6 +21,14 @@ fn bits(frame: &Frame) -> Vec<u32> {
         .collect()
 }
 
+/// The scenes whose content the processor backend draws.
+fn drawn() -> Vec<scenes::Case> {
+    let capabilities = renderer(1, SimdLevel::Best).info().capabilities;
+    let cases: Vec<scenes::Case> = scenes::all().into_iter().filter(|c| c.is_drawn_by(&capabilities)).collect();
+    assert!(cases.len() > 45, "{}", cases.len());
+    cases
+}
+
 #[test]
 fn cpu_agrees_with_the_reference_on_every_scene() {
     let reports = check_backend(&mut renderer(0, SimdLevel::Best));
@@ -46,10 +54,7 @@ fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_and_batch() {
         cut(32, 0),
     ];
     let planes = Planes { fragments: true, ..Planes::ALL };
-    for case in scenes::all() {
-        if !case.is_drawn_by(&variants[0].info().capabilities) {
-            continue;
-        }
+    for case in drawn() {
         let frames: Vec<Vec<u32>> = variants.iter_mut().map(|v| bits(&render(v, &case, planes).unwrap())).collect();
         assert!(frames.windows(2).all(|f| f[0] == f[1]), "{}", case.name);
     }
@@ -71,8 +76,7 @@ fn cpu_refuses_what_it_does_not_draw() {
 #[test]
 fn cpu_region_is_the_same_bits_as_that_part_of_the_whole() {
     let mut cpu = renderer(2, SimdLevel::Best);
-    let capabilities = cpu.info().capabilities;
-    for case in scenes::all().iter().filter(|c| c.is_drawn_by(&capabilities)) {
+    for case in &drawn() {
         let [width, height] = case.camera.size;
         // An odd corner, so that tiles and runs start elsewhere than in the whole picture.
         let region = Region { x: width / 3, y: height / 4, width: width.div_ceil(2), height: height.div_ceil(2) };

@@ -200,19 +200,19 @@ pub(crate) struct ConvertArgs {
     /// One splat for each triangle of a mesh.
     #[arg(long, conflicts_with = "splats")]
     pub(crate) per_face: bool,
-    /// This many splats spread evenly over a mesh.
+    /// This many splats spread evenly over a mesh; with --sharp, at most this many, where they are needed.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=200_000_000))]
     pub(crate) splats: Option<u32>,
     /// Multiplies every radius.
     #[arg(long, value_name = "K", value_parser = values::positive)]
     pub(crate) radius_scale: Option<f64>,
-    /// Clip splats at creases (not in this version).
-    #[arg(long)]
+    /// Clip a mesh's splats along its creases and borders: few splats with sharp edges.
+    #[arg(long, conflicts_with_all = ["per_vertex", "per_face"])]
     pub(crate) sharp: bool,
-    /// Angle from which an edge is a crease (not in this version).
+    /// Angle from which an edge is a crease, with --sharp (default 40).
     #[arg(long, value_name = "DEG", value_parser = values::angle, requires = "sharp")]
     pub(crate) crease_angle: Option<f64>,
-    /// Largest error of clipped splats (not in this version).
+    /// Largest distance from the mesh that simplification may cause, with --sharp.
     #[arg(long, value_name = "E", value_parser = values::positive, requires = "sharp")]
     pub(crate) error: Option<f64>,
     /// Splats of every size and the mesh's own polygons, in an octree: -o OUT.surfel.

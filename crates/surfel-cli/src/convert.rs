@@ -3,20 +3,59 @@
 use crate::args::ConvertArgs;
 use crate::console::{self, Console};
 use crate::failure::Failure;
-use surfel::io::{IoError, PlyEncoding};
+use surfel::io::{Content, IoError, PlyEncoding};
 use surfel::model::{Column3, OnInvalid, Shape};
-use surfel::sample::MeshMethod;
+use surfel::sample::{MeshMethod, SharpOptions};
 use surfel::{Conversion, LoadOptions, SplatCloud, Up};
 
 pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
-    if args.sharp {
-        let message = "--sharp: this version of surfel doesn't have it\n  help: leave it out";
-        return Err(Failure::other(message.to_owned()));
-    }
     check_output(args)?;
     if args.hybrid {
         return hybrid(args, console);
     }
+    let cloud = if args.sharp { sharp(args, console)? } else { spread(args, console)? };
+    save(args, &cloud, console)
+}
+
+/// Clipped splats of a mesh.
+fn sharp(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
+    let name = args.input.display();
+    let io_options = surfel::io::LoadOptions { repair: args.repair, texture: args.texture.clone() };
+    let loaded = surfel::io::load(&args.input, &io_options)?;
+    for note in &loaded.notes {
+        console.note(&format!("{name}: {note}"));
+    }
+    let Content::Mesh(mesh) = loaded.content else {
+        return Err(Failure::usage(format!("{name}: holds no mesh, expected triangles for --sharp")));
+    };
+    let defaults = SharpOptions::default();
+    let options = SharpOptions {
+        crease_angle_deg: args.crease_angle.unwrap_or(defaults.crease_angle_deg),
+        splats: args.splats.map(|n| n as usize),
+        error: args.error,
+        radius_scale: args.radius_scale.unwrap_or(1.0),
+    };
+    let progress = console.progress();
+    let made = surfel::sample::sharp_splats_from_mesh(&mesh, &options, &progress);
+    drop(progress);
+    let (mut cloud, r) = made.map_err(|source| surfel::Error::Sample { path: args.input.clone(), source })?;
+    let [ridges, edges] = r.ridges;
+    console.note(&format!(
+        "{name}: a mesh of {} triangles, {ridges} ridges of {edges} edges: {} splats, {} clipped by a curve, {} by lines",
+        mesh.triangles.len(),
+        r.splats,
+        r.with_curve,
+        r.with_lines
+    ));
+    console.note(&format!("{name}: {}", r.errors.comment()));
+    if loaded.up != Up::PlusY || cloud.data().up.is_some() {
+        cloud.set_up(loaded.up);
+    }
+    Ok(cloud)
+}
+
+/// Splats of points or of a mesh without clips, or of splats.
+fn spread(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
     let method = match args.splats {
         Some(n) => Some(MeshMethod::Count(n as usize)),
         None if args.per_face => Some(MeshMethod::PerFace),
@@ -55,16 +94,20 @@ pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> 
     if prepared.up != Up::PlusY || cloud.data().up.is_some() {
         cloud.set_up(prepared.up);
     }
+    Ok(cloud)
+}
+
+fn save(args: &ConvertArgs, cloud: &SplatCloud, console: &Console) -> Result<(), Failure> {
     let encoding = if args.ascii { PlyEncoding::Ascii } else { PlyEncoding::BinaryLittleEndian };
     if args.output.as_os_str() == "-" {
         let mut bytes = Vec::new();
-        let written = surfel::io::write_splat_ply(&mut bytes, &cloud, encoding);
+        let written = surfel::io::write_splat_ply(&mut bytes, cloud, encoding);
         written.map_err(|e| Failure::other(format!("can't encode the splats: {e}")))?;
         console::result(&bytes)?;
     } else {
-        surfel::io::save_splat_ply(&args.output, args.force, &cloud, encoding)?;
+        surfel::io::save_splat_ply(&args.output, args.force, cloud, encoding)?;
     }
-    console.note(&format!("{}: {}", args.output.display(), summary(&cloud)));
+    console.note(&format!("{}: {}", args.output.display(), summary(cloud)));
     Ok(())
 }
 

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use surfel::NoProgress;
 use surfel::io::{Content, Loaded};
 use surfel::model::{Column3, Mesh, PointCloud, SplatCloud};
-use surfel::sample::{MeshMethod, MeshOptions, PointOptions};
+use surfel::sample::{MeshMethod, MeshOptions, PointOptions, SharpErrors};
 
 /// Points up to which radii are estimated from all of them.
 const ALL: usize = 12_000;
@@ -101,6 +101,11 @@ fn facts(args: &InfoArgs, loaded: &Loaded) -> Value {
     });
     facts["memory_bytes"] = json!(memory);
     facts["interior_weight"] = json!(interior_weight);
+    if let Content::Splats(cloud) = &loaded.content {
+        // What `convert --sharp` measured against the mesh.
+        let errors = cloud.data().comments.iter().find_map(|c| c.strip_prefix(SharpErrors::PREFIX));
+        facts["sharp_errors"] = json!(errors);
+    }
     facts
 }
 
@@ -207,6 +212,9 @@ fn text(facts: &Value) -> String {
     lines.push(("memory", format!("{} bytes", facts["memory_bytes"])));
     if let Some(weight) = facts["interior_weight"].as_f64() {
         lines.push(("interior weight", format!("{weight}")));
+    }
+    if let Some(errors) = facts["sharp_errors"].as_str() {
+        lines.push(("sharp errors", errors.to_owned()));
     }
     lines.into_iter().map(|(name, value)| format!("{name:<16} {value}\n")).collect()
 }

@@ -135,3 +135,26 @@ fn what_the_processor_does_not_draw_the_reference_does() {
     let covered = f.image("mesh.png").color.unwrap().iter().filter(|c| c[3] > 0.5).count();
     assert!(covered > 100, "{covered}");
 }
+
+#[test]
+fn convert_sharp_clips_along_creases_and_says_how_far_off_it_is() {
+    let f = Folder::new("sharp");
+    f.write("b.obj", cube());
+    f.write("p.xyz", points());
+    let run = f.run("convert b.obj -o x.ply --sharp --splats 48 --crease-angle 30").code(0);
+    assert!(
+        run.stderr().contains("12 ridges of 12 edges") && run.stderr().contains("sharp errors"),
+        "{}",
+        run.stderr()
+    );
+    let info = f.run("info x.ply --json").code(0).json();
+    assert_eq!(info["counts"]["splats"], 48);
+    assert!(info["attributes"].as_array().unwrap().contains(&"clip lines".into()), "{info}");
+    assert!(info["sharp_errors"].as_str().unwrap().starts_with("splats to mesh"), "{info}");
+    assert!(f.run("info x.ply").code(0).stdout().contains("sharp errors"));
+    f.run("x.ply -o x.png --size 24x24").code(0);
+    f.run("convert p.xyz -o y.ply --sharp").fails(2, "p.xyz");
+    f.run("convert b.obj -o y.ply --crease-angle 30").fails(2, "--sharp");
+    f.run("convert b.obj -o y.ply --sharp --per-face").fails(2, "--per-face");
+    f.run("convert b.obj -o y.ply --sharp --error 0").fails(2, "");
+}

@@ -1,6 +1,7 @@
 //! Screen-space filters (§4): what a splat's footprint and weight become so that it covers a pixel.
 
 use crate::basis;
+use crate::clip::Turn;
 use crate::mapping::{Footprint, Linear};
 use crate::project::{Projected, ViewSplat};
 use crate::svd::Svd2;
@@ -15,6 +16,8 @@ pub struct Filtered<R> {
     pub weight_scale: R,
     /// Area ratio a of §5's coverage where the weight doesn't carry it, else 1.
     pub coverage_scale: R,
+    /// Brings the footprint's (u, v) back to the splat's own: only clips ask (§7).
+    pub turn: Turn<R>,
 }
 
 impl<R: Real> Filtered<R> {
@@ -22,7 +25,7 @@ impl<R: Real> Filtered<R> {
     #[inline(always)]
     pub fn plain(footprint: Footprint<R>) -> Self {
         let one = footprint.w.c.one();
-        Self { footprint, weight_scale: one, coverage_scale: one }
+        Self { footprint, weight_scale: one, coverage_scale: one, turn: Turn::none(one) }
     }
 }
 
@@ -52,6 +55,7 @@ pub fn principal<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -
         footprint: Footprint { u: Linear::new(zero, u), v: Linear::new(zero, v), w: Linear::new(one, gradient) },
         weight_scale: (svd.major / long) * (svd.minor / short),
         coverage_scale: one,
+        turn: principal_turn(projected, &svd),
     }
 }
 
@@ -72,7 +76,21 @@ pub fn ewa<R: Real>(projected: &Projected<R>, h_px: R) -> Filtered<R> {
         footprint: Footprint { u: Linear::new(zero, u), v: Linear::new(zero, v), w: flat },
         weight_scale: (svd.major / long) * (svd.minor / short),
         coverage_scale: one,
+        turn: principal_turn(projected, &svd),
     }
+}
+
+/// V of J = U·diag(ℓ)·Vᵀ: from the coordinates along the ellipse's axes on the screen to the splat's (u, v).
+#[inline(always)]
+fn principal_turn<R: Real>(projected: &Projected<R>, svd: &Svd2<R>) -> Turn<R> {
+    let (zero, one) = (projected.det_j.zero(), projected.det_j.one());
+    let axis = svd.major_axis;
+    // Jᵀ·u₁ = ℓ₁·v₁. The second column isn't divided by the smaller value: it is the quarter turn that has det J's sign.
+    let along = V2::new(projected.j_s.dot(axis), projected.j_t.dot(axis));
+    let length = along.length();
+    let first = along * (one / R::select(zero.lt(length), length, one));
+    let handedness = R::select(projected.det_j.lt(zero), -one, one);
+    Turn { first, second: V2::new(-first.y, first.x) * handedness }
 }
 
 /// ∏ ℓ/max(ℓ, h): the area ratio that `clamp` and `adjust` leave to the coverage (§5).
@@ -83,7 +101,7 @@ pub fn area_ratio<R: Real>(projected: &Projected<R>, h_px: R) -> R {
 }
 
 /// `adjust` (G06 §4.1, eq. 8–9), given the half-axes that [`adjust_axes`] chose: each is lengthened by itself where
-/// the half-length of its projected diameter is below h.
+/// the half-length of its projected diameter is below h. The result's `turn` is that of these half-axes: none.
 ///
 /// Eq. 8 divides by p_z² − t_z², which is zero or negative for a disk that reaches the eye plane; here both sides
 /// are multiplied by it, factored as (1 − a)(1 + a).
@@ -111,6 +129,7 @@ pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> F
         footprint: Footprint::about_center(new_s, new_t, determinant, slope),
         weight_scale: one,
         coverage_scale: area_ratio(projected, h_px),
+        turn: Turn::none(one),
     }
 }
 
@@ -119,28 +138,36 @@ pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> F
 ///
 /// Eq. 10 prints neither the scale nor what to do for p ∥ n: any pair serves there.
 pub fn adjust_axes(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>, V3<f64>) {
+    let (s, t, _) = adjust_axes_turned(splat, perspective);
+    (s, t)
+}
+
+/// [`adjust_axes`], and how their (u, v) turn back to the given ones: what a clip needs.
+pub fn adjust_axes_turned(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>, V3<f64>, Turn<f64>) {
     let (s, t) = (splat.s, splat.t);
     // Right singular vectors of [s t]: the angle that makes the turned pair orthogonal.
     let scale = basis::largest_singular_value(glam::DVec3::new(s.x, s.y, s.z), glam::DVec3::new(t.x, t.y, t.z));
     let (s1, t1) = (s * (1.0 / scale), t * (1.0 / scale));
     let (a, b, c) = (s1.dot(s1), s1.dot(t1), t1.dot(t1));
-    let angle = 0.5 * (2.0 * b).atan2(a - c);
-    let turn = |angle: f64| {
+    let by = |angle: f64| {
         let (sin, cos) = angle.sin_cos();
-        (s * cos + t * sin, t * cos - s * sin)
+        Turn { first: V2::new(cos, sin), second: V2::new(-sin, cos) }
     };
-    let (major, minor) = turn(angle);
-    let minor_length = minor.length();
-    if scale - minor_length > 1e-3 * scale {
-        return (major, minor);
+    let turned =
+        |s: V3<f64>, t: V3<f64>, by: &Turn<f64>| (s * by.first.x + t * by.first.y, s * by.second.x + t * by.second.y);
+    let principal = by(0.5 * (2.0 * b).atan2(a - c));
+    let (major, minor) = turned(s, t, &principal);
+    if scale - minor.length() > 1e-3 * scale {
+        return (major, minor, principal);
     }
     let p = if perspective { splat.p } else { V3::new(0.0, 0.0, 1.0) };
     let along = p.cross(splat.n);
     // Turn the pair so that s lies along p × n: (s·along, t·along) is that direction in (u, v).
     let (u, v) = (along.dot(major), along.dot(minor));
     if along.length() <= 1e-12 * p.length() || (u == 0.0 && v == 0.0) {
-        return (major, minor);
+        return (major, minor, principal);
     }
-    let (sin, cos) = v.atan2(u).sin_cos();
-    (major * cos + minor * sin, minor * cos - major * sin)
+    let to_view = by(v.atan2(u));
+    let (first, second) = turned(major, minor, &to_view);
+    (first, second, principal.after(&to_view))
 }

@@ -7,7 +7,8 @@
 //!    depth slope and classification;
 //! 2. [`filter`]: the footprint that a screen-space filter leaves, as linear forms over pixels ([`mapping`]);
 //! 3. [`bounds`]: the pixels it can touch;
-//! 4. [`depth`]: depth of a fragment, tolerance of visibility; [`kernel`]: its weight and coverage.
+//! 4. [`clip`]: what a clipped splat keeps of it ([`clip_paper`]: the same as C12 has it);
+//! 5. [`depth`]: depth of a fragment, tolerance of visibility; [`kernel`]: its weight and coverage.
 //!
 //! [`triangle`] does the same for polygons; [`shadow`] looks shadow maps up;
 //! [`toon`] is a drawing style.
@@ -16,6 +17,8 @@
 
 pub mod basis;
 pub mod bounds;
+pub mod clip;
+pub mod clip_paper;
 pub mod depth;
 pub mod filter;
 pub mod kernel;

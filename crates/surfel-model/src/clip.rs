@@ -1,5 +1,9 @@
 //! Clip curves and lines (rendering model §7).
 
+use crate::ClipPolicy;
+use surfel_math::V2;
+use surfel_math::clip::{Clip, Curve};
+
 /// One rational quadratic Bézier clip curve a splat (rendering model §7), in the splat's own (u, v).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClipCurve {
@@ -24,6 +28,9 @@ pub struct ClipLine {
     pub c: f32,
 }
 
+/// An absent line.
+pub const NO_LINE: ClipLine = ClipLine { a: f32::NAN, b: f32::NAN, c: f32::NAN };
+
 /// How a splat's clip lines combine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClipMode {
@@ -42,6 +49,38 @@ pub struct ClipColumns {
     pub lines: Option<Vec<[ClipLine; 4]>>,
     /// How the lines combine; all `And` when absent.
     pub modes: Option<Vec<ClipMode>>,
+}
+
+impl ClipColumns {
+    /// Splat `i`'s clip curve, if it has one.
+    pub fn curve(&self, i: usize) -> Option<Curve> {
+        let c = self.curves.as_ref().map(|c| c[i]).filter(|c| !c.w.is_nan())?;
+        let [theta1, theta3, u, v, w] = [c.theta1, c.theta3, c.u, c.v, c.w].map(f64::from);
+        Some(Curve::from_angles(theta1, theta3, V2::new(u, v), w))
+    }
+
+    /// What splat `i` keeps of its disk under a policy; `None` where nothing clips it. [`ClipPolicy::Paper`] is the same
+    /// picture as [`ClipPolicy::Exact`] and has the same forms.
+    pub fn clip(&self, i: usize, policy: ClipPolicy) -> Option<Clip<f64>> {
+        let lines: Vec<[f64; 3]> = self
+            .lines
+            .iter()
+            .flat_map(|lines| lines[i])
+            .map(|l| [l.a, l.b, l.c].map(f64::from))
+            .filter(|l| l.iter().all(|x| !x.is_nan()))
+            .collect();
+        let curve = self.curve(i);
+        if policy == ClipPolicy::Off || (curve.is_none() && lines.is_empty()) {
+            return None;
+        }
+        let any = self.modes.as_ref().is_some_and(|modes| modes[i] == ClipMode::Or);
+        let clip = Clip::nothing().with_lines(&lines, any);
+        Some(match (curve, policy) {
+            (None, _) => clip,
+            (Some(curve), ClipPolicy::Line) => clip.with_chord(&curve),
+            (Some(curve), _) => clip.with_curve(&curve),
+        })
+    }
 }
 
 #[cfg(test)]
@@ -65,6 +104,23 @@ mod tests {
         };
         assert!(curve(0.0, 0.5) && curve(1e9, 0.5) && curve(f32::NAN, f32::NAN));
         assert!(!curve(-1e-6, 0.5) && !curve(f32::INFINITY, 0.5) && !curve(1.0, f32::NAN));
+    }
+
+    #[test]
+    fn clip_is_absent_where_a_splat_has_none_or_the_policy_is_off() {
+        let curve = |w: f32| ClipCurve { theta1: 0.0, theta3: 1.5, u: 0.4, v: 0.4, w };
+        let (none, half) = ([NO_LINE; 4], ClipLine { a: 1.0, b: 0.0, c: 0.0 });
+        let clips = ClipColumns {
+            curves: Some(vec![curve(1.0), curve(f32::NAN), curve(f32::NAN)]),
+            lines: Some(vec![none, none, [half, NO_LINE, ClipLine { b: f32::NAN, ..half }, NO_LINE]]),
+            modes: Some(vec![ClipMode::Or; 3]),
+        };
+        assert!(clips.clip(0, ClipPolicy::Off).is_none() && clips.clip(1, ClipPolicy::Exact).is_none());
+        let at = |i, policy, u, v| clips.clip(i, policy).is_some_and(|c| c.keeps(V2::new(u, v)));
+        assert!(at(2, ClipPolicy::Exact, 0.1, 0.0) && !at(2, ClipPolicy::Line, -0.1, 0.0));
+        // Between curve and chord: P2 is to the chord's left, the curve removes more than its chord.
+        assert!(!at(0, ClipPolicy::Exact, 0.55, 0.45) && at(0, ClipPolicy::Line, 0.55, 0.45));
+        assert!(!at(0, ClipPolicy::Paper, 0.55, 0.45));
     }
 
     #[test]

@@ -20,7 +20,7 @@ mod texture;
 mod up;
 
 pub use camera::{Camera, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, Projection};
-pub use clip::{ClipColumns, ClipCurve, ClipLine, ClipMode};
+pub use clip::{ClipColumns, ClipCurve, ClipLine, ClipMode, NO_LINE};
 pub use cloud::{CloudData, OnInvalid, Repaired, Shape, SplatCloud};
 pub use column::{Column3, ExtraColumn, ExtraValues};
 pub use error::ModelError;

@@ -2,9 +2,11 @@
 //!
 //! Comparisons of backends forgive the pixels marked here, and no others.
 
+use crate::clip::SplatClip;
 use crate::raster::Kept;
 use crate::splat::ScreenSplat;
 use surfel_math::V2;
+use surfel_math::clip::Turn;
 use surfel_math::mapping::Footprint;
 use surfel_render::View;
 
@@ -24,6 +26,28 @@ pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>) -> bool {
         footprint.w.y,
     ));
     value.abs() <= RIM_PX * slope || value.abs() <= RELATIVE * w * w
+}
+
+/// True if rounding could flip whether offset `d` is inside a footprint and kept by its clip, given whether it is on the
+/// rim of the whole footprint, or inside.
+fn on_border(
+    [rim, inside]: [bool; 2],
+    clip: Option<&SplatClip>,
+    footprint: &Footprint<f64>,
+    turn: impl Fn(&SplatClip) -> &Turn<f64>,
+    d: V2<f64>,
+) -> bool {
+    let Some(clip) = clip else { return rim };
+    let turn = turn(clip);
+    let clipped = || clip.is_marginal_at(footprint, turn, d, [RIM_PX, 0.5 * RELATIVE]);
+    (rim && clip.keeps_at(footprint, turn, d)) || ((rim || inside) && clipped())
+}
+
+/// True if rounding could flip whether the unfiltered, clipped splat is hit at a pixel.
+pub(crate) fn is_visibility_marginal(splat: &ScreenSplat, pixel: V2<f64>) -> bool {
+    let d = pixel - splat.anchor;
+    let whole = [on_rim(&splat.visible, d), splat.visible.contains(d)];
+    on_border(whole, splat.clip.as_ref(), &splat.visible, |c| &c.visible_turn, d)
 }
 
 /// True if rounding could flip whether `neighbour` steps back behind `own` (§5, edge antialiasing).
@@ -53,6 +77,8 @@ pub(crate) fn is_marginal(splat: &ScreenSplat, pixel: V2<f64>, z: f64, kept: &Ke
     let d = pixel - splat.anchor;
     let rim = on_rim(&splat.filtered, d)
         || splat.clamp_radius.is_some_and(|h| (d.length() - h).abs() <= RIM_PX.max(RELATIVE * h));
+    let whole = [rim, splat.unclipped_rho_squared_at(d).is_some()];
+    let border = on_border(whole, splat.clip.as_ref(), &splat.filtered, |c| &c.filtered_turn, d);
     let inside = splat.rho_squared_at(pixel).is_some();
-    rim || (inside && (depth || near || splat.facing_margin <= RELATIVE))
+    border || (inside && (depth || near || splat.facing_margin <= RELATIVE))
 }

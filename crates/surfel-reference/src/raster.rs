@@ -367,7 +367,7 @@ impl BandPass<'_> {
                 return;
             }
             let own = Kept { value: z + splat.epsilon, epsilon: splat.epsilon };
-            let rim = margin::on_rim(&splat.visible, pixel - splat.anchor);
+            let rim = margin::is_visibility_marginal(splat, pixel);
             let visible = splat.is_visible_at(pixel);
             let open = rim || (near_limit && visible);
             sums[at].marginal |= open && own.value <= kept[at].value;

@@ -10,6 +10,7 @@ const CAPABILITIES: Capabilities = Capabilities {
     backend: "reference",
     features: &[
         Feature::EdgeAntialiasing,
+        Feature::Clips,
         Feature::Meshes,
         Feature::Peel,
         Feature::ABuffer,

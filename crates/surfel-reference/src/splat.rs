@@ -1,10 +1,12 @@
 //! From a splat of the scene to its footprints on the screen (§2–§4).
 
+use crate::clip::SplatClip;
 use crate::renderer::{ResidentObject, normals_from_object};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use surfel_math::basis::{largest_singular_value, unit};
 use surfel_math::bounds::{self, Extent};
+use surfel_math::clip::Turn;
 use surfel_math::depth::{DepthForm, DepthPlane, tolerance};
 use surfel_math::filter::{self, Filtered};
 use surfel_math::kernel::interior_weight_at_cutoff;
@@ -31,6 +33,8 @@ pub(crate) struct ScreenSplat {
     pub weight_scale: f64,
     /// a/W0: what a unit of weight counts for in the coverage.
     pub coverage_per_weight: f64,
+    /// What it keeps of its disk; `None` where nothing clips it.
+    pub clip: Option<SplatClip>,
     /// Depth of fragments.
     pub depth: DepthPlane<f64>,
     /// How depth varies.
@@ -122,15 +126,24 @@ fn project(
     };
     let radius_px = if unfiltered { 0.0 } else { settings.radius_px };
     let epsilon = tolerance(&splat, radius_max, radius_px, settings.tolerance, projection);
+    let mut clip = SplatClip::new(cloud, i, plan.clip);
     if !unfiltered && settings.filter == Filter::Adjust {
-        (splat.s, splat.t) = filter::adjust_axes(&splat, perspective);
+        let turn;
+        (splat.s, splat.t, turn) = filter::adjust_axes_turned(&splat, perspective);
+        if let Some(clip) = &mut clip {
+            (clip.visible_turn, clip.filtered_turn) = (turn, turn);
+        }
     }
     let range = (p.z - extent, p.z + extent);
-    let mut shape = if perspective && placement != Placement::Ordinary {
-        near_shape(&splat, range, view)?
+    let (mut shape, turn) = if perspective && placement != Placement::Ordinary {
+        (near_shape(&splat, range, view)?, Turn::none(1.0))
     } else {
         ordinary_shape(&splat, range, radius_px, view, plan, unfiltered)
     };
+    if let Some(clip) = &mut clip {
+        clip.filtered_turn = clip.filtered_turn.after(&turn);
+    }
+    shape.clip = clip;
     let mut normal = unit(object_view.normals * cloud.shading_normal(i));
     if object.material.two_sided && back_facing {
         normal = -normal;
@@ -165,6 +178,7 @@ fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<
     Some(screen_splat(mapped.anchor_px, mapped.footprint, Filtered::plain(mapped.footprint), near_box, near_box, depth))
 }
 
+/// The splat in front of the eye, and how its filtered footprint's (u, v) turn back to those of its axes.
 fn ordinary_shape(
     splat: &ViewSplat<f64>,
     range: (f64, f64),
@@ -172,7 +186,7 @@ fn ordinary_shape(
     view: &View,
     plan: &FramePlan,
     unfiltered: bool,
-) -> ScreenSplat {
+) -> (ScreenSplat, Turn<f64>) {
     let projection = &view.projection;
     let settings = &plan.splat_filter;
     let projective = settings.projective;
@@ -207,7 +221,7 @@ fn ordinary_shape(
     let mut shape = screen_splat(anchor, visible, filtered, around(visible_extent), around(filtered_extent), depth);
     shape.clamp_radius = clamp_radius;
     shape.depth_form = if linear { DepthForm::Linear } else { DepthForm::Reciprocal };
-    shape
+    (shape, filtered.turn)
 }
 
 fn screen_splat(
@@ -226,6 +240,7 @@ fn screen_splat(
         clamp_radius: None,
         weight_scale: filtered.weight_scale,
         coverage_per_weight: filtered.coverage_scale,
+        clip: None,
         depth,
         depth_form: DepthForm::Reciprocal,
         epsilon: 0.0,
@@ -247,14 +262,22 @@ impl ScreenSplat {
         (z >= view.projection.near && z <= view.projection.far()).then_some(z)
     }
 
-    /// True where the unfiltered splat is hit.
+    /// True where the unfiltered, clipped splat is hit.
     pub(crate) fn is_visible_at(&self, pixel: V2<f64>) -> bool {
-        self.visible.contains(pixel - self.anchor)
+        let d = pixel - self.anchor;
+        self.visible.contains(d) && self.clip.as_ref().is_none_or(|c| c.keeps_at(&self.visible, &c.visible_turn, d))
     }
 
-    /// ρ² of the filtered footprint, if inside.
+    /// ρ² of the filtered footprint, if inside and not clipped.
     pub(crate) fn rho_squared_at(&self, pixel: V2<f64>) -> Option<f64> {
         let d = pixel - self.anchor;
+        let clip = self.clip.as_ref();
+        self.unclipped_rho_squared_at(d)
+            .filter(|_| clip.is_none_or(|c| c.keeps_at(&self.filtered, &c.filtered_turn, d)))
+    }
+
+    /// ρ² of the filtered footprint at an offset, if inside it, whatever clips it.
+    pub(crate) fn unclipped_rho_squared_at(&self, d: V2<f64>) -> Option<f64> {
         let (u, v, w) = self.filtered.at(d);
         let exact = if w > 0.0 { u.mul_add(u, v * v) / (w * w) } else { f64::INFINITY };
         let rho_squared = match self.clamp_radius {

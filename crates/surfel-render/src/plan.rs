@@ -70,6 +70,8 @@ pub struct FramePlan {
     pub passes: Vec<Pass>,
     /// Filter and mapping.
     pub splat_filter: SplatFilter,
+    /// How clips are evaluated; [`ClipPolicy::Off`] also where the scene has none.
+    pub clip: ClipPolicy,
     /// What is accumulated.
     pub attributes: Attributes,
     /// Precision of the sums.
@@ -161,6 +163,7 @@ pub fn plan(
                 DepthTolerance::Absolute(d) => Tolerance::Absolute(d),
             },
         },
+        clip: if summary.clips { settings.clip } else { ClipPolicy::Off },
         attributes: Attributes {
             color: needs_color && summary.colors,
             normal: planes.normal || normal_shader || lit,
@@ -366,6 +369,18 @@ mod tests {
         assert!(toon.has(Pass::Outlines) && toon.attributes.normal && toon.attributes.depth);
         assert!(!planned(Shader::Phong, Planes::COLOR).has(Pass::Outlines));
         assert!(!planned(Shader::Toon, Planes { color: false, ..Planes::ALL }).has(Pass::Outlines));
+    }
+
+    #[test]
+    fn a_scene_without_clips_never_clips() {
+        let all = Capabilities { backend: "test", features: &[Feature::Clips] };
+        let clip_of = |clips, clip| {
+            let summary = SceneSummary { clips, ..SceneSummary::default() };
+            plan(&summary, &view(), &Settings { clip, ..Settings::default() }, Planes::COLOR, &all).unwrap().clip
+        };
+        assert_eq!(clip_of(false, ClipPolicy::Exact), ClipPolicy::Off);
+        assert_eq!(clip_of(true, ClipPolicy::Line), ClipPolicy::Line);
+        assert_eq!(clip_of(true, ClipPolicy::Off), ClipPolicy::Off);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //!   radii from each point's Voronoi cell in its tangent plane, so that the surface closes.
 //! - [`splats_from_mesh`]: one splat a face, one a vertex, or blue-noise samples.
 //! - [`hybrid_from_mesh`]: splats of every size and the polygons themselves, in an octree.
+//! - [`sharp_splats_from_mesh`]: few, large splats clipped along the mesh's creases and borders.
 //! - [`interior_weight`]: the Σw that a cloud has inside its own surface (rendering model §5, coverage).
 //!
 //! Work runs in whatever rayon pool the caller installed; results don't depend on the number of threads.
@@ -24,6 +25,7 @@ mod orient;
 mod points;
 mod progress;
 mod radii;
+mod sharp;
 mod tree;
 
 pub use error::SampleError;
@@ -34,3 +36,4 @@ pub use mesh::{
 pub use options::{Outliers, PointOptions, PointReport};
 pub use points::splats_from_points;
 pub use progress::{NoProgress, Progress};
+pub use sharp::{CLOSED_MESH, SharpErrors, SharpOptions, SharpReport, sharp_splats_from_mesh};

@@ -78,7 +78,10 @@ pub fn prepare(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> R
             octree = Some(Arc::from(hybrid));
             (cloud, Conversion::None)
         }
-        Content::Splats(cloud) => (cloud, Conversion::None),
+        Content::Splats(cloud) => {
+            closed = cloud.data().comments.iter().any(|c| c == surfel_sample::CLOSED_MESH);
+            (cloud, Conversion::None)
+        }
         Content::Points(points) => {
             let point_options = PointOptions { radius_scale: options.radius_scale, ..PointOptions::default() };
             let made = surfel_sample::splats_from_points(&points, &point_options, progress);

@@ -1,5 +1,6 @@
 //! Scenes of one property each. What a scene is for is the fault that it catches.
 
+mod clipping;
 mod geometry;
 mod meshes;
 mod numeric;
@@ -7,6 +8,7 @@ mod shading;
 mod shadows;
 mod transparency;
 
+pub use clipping::*;
 pub use geometry::*;
 pub use meshes::*;
 pub use numeric::*;
@@ -67,5 +69,6 @@ pub fn all() -> Vec<Case> {
     cases.extend(transparency_cases());
     cases.extend(mesh_cases());
     cases.extend(shadow_cases());
+    cases.extend(clipping_cases());
     cases
 }

@@ -4,11 +4,10 @@ use super::{body::Table, interpret_comments, require, take, take_positions, take
 use crate::columns;
 use crate::error::{Fault, Problem};
 use crate::load::{Content, Context};
-use surfel_model::{ClipColumns, ClipCurve, ClipLine, ClipMode, CloudData, ExtraColumn, PointCloud, Shape};
+use surfel_model::{ClipColumns, ClipCurve, ClipLine, ClipMode, CloudData, ExtraColumn, NO_LINE, PointCloud, Shape};
 
 const AXES: [&str; 6] = ["su", "sv", "sw", "tu", "tv", "tw"];
 const CURVE: [&str; 5] = ["clip_theta1", "clip_theta3", "clip_u", "clip_v", "clip_w"];
-const LINE: ClipLine = ClipLine { a: f32::NAN, b: f32::NAN, c: f32::NAN };
 
 pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let axes = AXES.iter().any(|n| table.has(n));
@@ -67,7 +66,7 @@ fn take_clips(table: &mut Table) -> Result<Option<ClipColumns>, Fault> {
         let [a, b, c] = ["a", "b", "c"].map(|x| format!("clip_line{k}_{x}"));
         let Some(columns) = take_set(table, [a.as_str(), b.as_str(), c.as_str()])? else { continue };
         let [a, b, c] = columns.map(columns::to_f32);
-        let lines = lines.get_or_insert_with(|| vec![[LINE; 4]; a.len()]);
+        let lines = lines.get_or_insert_with(|| vec![[NO_LINE; 4]; a.len()]);
         for (i, line) in lines.iter_mut().enumerate() {
             line[k] = ClipLine { a: a[i], b: b[i], c: c[i] };
         }

@@ -4,10 +4,10 @@ mod closed;
 mod count;
 mod eliminate;
 mod features;
-mod geometry;
+pub(crate) mod geometry;
 mod hybrid;
 mod octree;
-mod per_face;
+pub(crate) mod per_face;
 pub(crate) mod random;
 mod transitions;
 mod vertices;
@@ -166,7 +166,7 @@ fn finish(
 }
 
 /// A column of centres, as exact as the mesh's own positions are: f32 unless those have more.
-fn centers(mesh: &Mesh, centers: &[DVec3]) -> Column3 {
+pub(crate) fn centers(mesh: &Mesh, centers: &[DVec3]) -> Column3 {
     if mesh.positions.low().is_some() {
         Column3::from_f64(centers)
     } else {

@@ -1,0 +1,64 @@
+//! Clip curves by C12 eq. 6–8: where the line from a point to the chord's middle meets the curve.
+
+use crate::clip::Curve;
+use crate::{Real, V2};
+
+/// A curve as C12 §3.2 classifies against it, numerically repaired.
+///
+/// Kept for comparison: [`crate::clip::Clip`] gives the same picture without a root, and over pixels without a division.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PaperCurve<R> {
+    /// Where the curve starts.
+    pub p1: V2<R>,
+    /// Middle control point.
+    pub p2: V2<R>,
+    /// Where it ends.
+    pub p3: V2<R>,
+    /// Weight of `p2`.
+    pub w: R,
+    /// 1: the control polygon turns left, the inside of the curve is kept; −1: right, the outside; 0: the chord.
+    pub turn: R,
+}
+
+impl PaperCurve<f64> {
+    /// The curve's data, with its decisions made once.
+    pub fn new(curve: &Curve) -> Self {
+        let turn = if curve.is_chord() { 0.0 } else { 1f64.copysign(curve.turn()) };
+        Self { p1: curve.p1, p2: curve.p2, p3: curve.p3, w: curve.w, turn }
+    }
+}
+
+impl<R: Real> PaperCurve<R> {
+    /// True where the curve keeps the point q = (u, v); outside the control triangle the chord decides.
+    ///
+    /// Eq. 7 solves b(1−t)² + 2w·d2·(P2−q)·t(1−t) + d2·(P3−q)·t² = 0, and its denominator c may be zero. Because the line
+    /// goes through the chord's middle, d2·(P3−q) = −b: in r = t/(1−t) the roots' product is −1, so that exactly one lies
+    /// on the curve, and its t : (1−t) needs neither c nor a difference that cancels. The curve's point lies between q
+    /// and the middle (eq. 6) where it is not behind q.
+    #[inline(always)]
+    pub fn keeps(&self, q: V2<R>) -> R::Mask {
+        let zero = q.x.zero();
+        let area = |a: V2<R>, b: V2<R>| (a - q).cross(b - q);
+        let (a1, a2, a3) = (area(self.p2, self.p3), area(self.p3, self.p1), area(self.p1, self.p2));
+        let within = |a: R| zero.le(a * self.turn);
+        let straight = self.turn.abs().lt(zero.one());
+        let in_triangle = within(a1) & within(a2) & within(a3) & !straight;
+
+        let d = (self.p1 + self.p3) * q.x.constant(0.5) - q;
+        let d2 = V2::new(d.y, -d.x);
+        let b = d2.dot(self.p1 - q);
+        let pull = d2.dot(self.p2 - q) * self.w;
+        let root = R::sum_of_products(b, b, pull, pull).sqrt();
+        let pull = R::select(b.lt(zero), -pull, pull);
+        let (large, small) = (pull.abs() + root, b.abs());
+        let forward = zero.le(pull);
+        let (t, s) = (R::select(forward, large, small), R::select(forward, small, large));
+        let weight = (t + t) * s * self.w;
+        let along = (s * s).mul_add((self.p1 - q).dot(d), (t * t) * (self.p3 - q).dot(d));
+        let external = zero.lt(weight.mul_add((self.p2 - q).dot(d), along));
+        let keeps_inside = zero.lt(self.turn);
+        let lens_kept = (keeps_inside & !external) | (!keeps_inside & external);
+        // Right of P1→P3 is removed outside the triangle; P1 = P3 removes nothing.
+        (in_triangle & lens_kept) | (!in_triangle & a2.le(zero))
+    }
+}

@@ -1,0 +1,66 @@
+//! Clips of splats (§7), evaluated at the (u, v) of a pixel as the model says it.
+
+use surfel_math::V2;
+use surfel_math::clip::{Clip, Turn};
+use surfel_math::clip_paper::PaperCurve;
+use surfel_math::mapping::Footprint;
+use surfel_model::{ClipPolicy, SplatCloud};
+
+/// What a splat keeps of its disk, and how its footprints' (u, v) turn back to its own.
+#[derive(Clone)]
+pub(crate) struct SplatClip {
+    clip: Clip<f64>,
+    /// In place of the clip's curve where eq. 7 of C12 is asked for.
+    paper: Option<PaperCurve<f64>>,
+    /// Of the unfiltered footprint.
+    pub visible_turn: Turn<f64>,
+    /// Of the filtered footprint.
+    pub filtered_turn: Turn<f64>,
+}
+
+impl SplatClip {
+    /// The clip of splat `i` under a policy, if it has one; footprints in the splat's own (u, v).
+    pub(crate) fn new(cloud: &SplatCloud, i: usize, policy: ClipPolicy) -> Option<Self> {
+        let clips = cloud.data().clips.as_ref()?;
+        let clip = clips.clip(i, policy)?;
+        let paper = (policy == ClipPolicy::Paper).then(|| clips.curve(i)).flatten().map(|c| PaperCurve::new(&c));
+        let own = Turn::none(1.0);
+        Some(Self { clip, paper, visible_turn: own, filtered_turn: own })
+    }
+
+    fn keeps(&self, uv: V2<f64>) -> bool {
+        match &self.paper {
+            Some(curve) => curve.keeps(uv) && self.clip.lines_keep(uv),
+            None => self.clip.keeps(uv),
+        }
+    }
+
+    /// True if the pixel at offset `d` is kept, seen through a footprint and its turn.
+    pub(crate) fn keeps_at(&self, footprint: &Footprint<f64>, turn: &Turn<f64>, d: V2<f64>) -> bool {
+        self.keeps(own_coordinates(footprint, turn, d))
+    }
+
+    /// True if the decision at offset `d` comes out the other way within `reach_px` pixels or `reach_uv` of the disk.
+    pub(crate) fn is_marginal_at(
+        &self,
+        footprint: &Footprint<f64>,
+        turn: &Turn<f64>,
+        d: V2<f64>,
+        [reach_px, reach_uv]: [f64; 2],
+    ) -> bool {
+        let uv = own_coordinates(footprint, turn, d);
+        let kept = self.keeps(uv);
+        (0..16).any(|i| {
+            let (sin, cos) = (f64::from(i) * std::f64::consts::FRAC_PI_8).sin_cos();
+            let direction = V2::new(cos, sin);
+            self.keeps(uv + direction * reach_uv) != kept
+                || self.keeps_at(footprint, turn, d + direction * reach_px) != kept
+        })
+    }
+}
+
+/// (u, v) of the splat itself at offset `d`; where W ≤ 0, which only `clamp` reaches, the centre's.
+fn own_coordinates(footprint: &Footprint<f64>, turn: &Turn<f64>, d: V2<f64>) -> V2<f64> {
+    let (u, v, w) = footprint.at(d);
+    if w > 0.0 { turn.apply(V2::new(u / w, v / w)) } else { V2::new(0.0, 0.0) }
+}

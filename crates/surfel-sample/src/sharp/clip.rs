@@ -1,0 +1,392 @@
+//! What clips the splat of a triangle: the ridges that its ellipse reaches over.
+
+use super::conic::Conic;
+use super::surface::normal_of;
+use crate::mesh::per_face::steiner_axes;
+use crate::tree::KdTree;
+use glam::{DVec2, DVec3};
+use surfel_model::{ClipCurve, ClipLine, NO_LINE};
+
+/// How much larger than the ellipse through the triangle's corners a splat is, so that its corners don't lie on its rim.
+pub(crate) const REACH: f64 = 1.1;
+/// Largest splat, over the ellipse through the corners, where a bulging ridge asks for more.
+const MOST_REACH: f64 = 1.6;
+/// Directions tried for a line between the triangle and a ridge beyond it.
+const DIRECTIONS: u32 = 64;
+/// A ridge's points this near the rim, or this far over a line, are left as they are, in (u, v).
+const SLACK: f64 = 1e-4;
+/// Sizes tried for a cut to the triangle, over the triangle; a disk of [`REACH`] has no corner beyond twice its size.
+const CUTS: [f64; 5] = [1.6, 1.4, 1.25, 1.1, 1.03];
+/// The smallest, but for what the splat has to cover beyond its triangle.
+const LEAST_CUT: f64 = 1.0002;
+/// Directions in which a splat is looked at for what stands off the surface.
+const RING: u32 = 32;
+/// What a line leaves beyond what is to be kept, in (u, v), where both touch: many times the rounding of f32.
+const HAIR: f64 = 2e-5;
+/// A curve that leaves its chord by less than this, in (u, v), is a line.
+const STRAIGHT_UV: f64 = 1e-3;
+/// Points that stand for a piece of a ridge.
+pub(crate) const PIECE_SAMPLES: usize = 9;
+
+/// A piece of a ridge as it is clipped against, seen from the surface on one of its sides.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Border {
+    /// Runs with the surface on its left, seen from outside.
+    pub conic: Conic,
+    /// Which ridge it is part of.
+    pub ridge: u32,
+    /// Smooth part of the surface that it borders.
+    pub region: u32,
+    /// Unit normal of the triangle on this side.
+    pub normal: DVec3,
+    /// Its curve is its chord.
+    pub is_straight: bool,
+    /// How far both sides reach over it, because their planes don't meet in it exactly.
+    pub overlap: f64,
+}
+
+/// All borders, to be found by place.
+pub(crate) struct Borders {
+    pub all: Vec<Border>,
+    tree: KdTree,
+    /// Largest distance of neighbouring samples of a piece.
+    spacing: f64,
+}
+
+impl Borders {
+    pub(crate) fn new(all: Vec<Border>) -> Self {
+        let samples: Vec<DVec3> = all.iter().flat_map(|b| b.conic.even_points(PIECE_SAMPLES)).collect();
+        let spacing =
+            samples.chunks(PIECE_SAMPLES).flat_map(|c| c.windows(2)).map(|w| w[0].distance(w[1])).fold(0.0, f64::max);
+        Self { tree: KdTree::new(&samples), all, spacing }
+    }
+
+    /// Borders of a region that come within `radius` of `p`, in ascending order.
+    fn near(&self, p: DVec3, radius: f64, region: u32) -> Vec<usize> {
+        let mut found = Vec::new();
+        let reach = radius + self.spacing;
+        self.tree.near(p, reach, &[], &mut |slot| {
+            let border = self.tree.index(slot) / PIECE_SAMPLES;
+            if self.all[border].region == region && self.tree.point(slot).distance(p) <= reach {
+                found.push(border);
+            }
+        });
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+}
+
+/// A splat and its clip.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ClippedSplat {
+    pub center: DVec3,
+    pub s: DVec3,
+    pub t: DVec3,
+    pub curve: Option<ClipCurve>,
+    pub lines: [ClipLine; 4],
+    /// One curve and four lines couldn't keep all that is beyond out: it is cut to about its triangle.
+    pub is_cut_back: bool,
+}
+
+impl ClippedSplat {
+    pub(crate) fn is_clipped(&self) -> bool {
+        self.curve.is_some() || !self.lines[0].a.is_nan()
+    }
+}
+
+struct Clipper {
+    center: DVec3,
+    s: DVec3,
+    t: DVec3,
+    curve: Option<Conic>,
+    lines: Vec<[f64; 3]>,
+    /// The triangle's edge that the curve belongs to.
+    curved_edge: Option<usize>,
+    is_cut_back: bool,
+}
+
+impl Clipper {
+    fn uv(&self, p: DVec3) -> DVec2 {
+        let d = p - self.center;
+        DVec2::new(d.dot(self.s) / self.s.length_squared(), d.dot(self.t) / self.t.length_squared())
+    }
+
+    fn flat(&self, conic: &Conic) -> Conic {
+        conic.map(|p| self.uv(p).extend(0.0))
+    }
+
+    /// True if what there is so far keeps the point by more than the slack.
+    fn keeps(&self, q: DVec2) -> bool {
+        let by_lines = self.lines.iter().all(|[a, b, c]| a * q.x + b * q.y + c > SLACK);
+        by_lines && self.curve.is_none_or(|curve| keeps_inside(&curve, q, SLACK))
+    }
+
+    /// A line with what is left of a→b kept.
+    fn add_line_left_of(&mut self, a: DVec2, b: DVec2) {
+        let n = (b - a).perp().normalize_or_zero();
+        if n != DVec2::ZERO {
+            self.lines.push([n.x, n.y, -n.dot(a)]);
+        }
+    }
+}
+
+/// True if a point is kept by a flat curve (left of it) and at least `slack` from it.
+fn keeps_inside(curve: &Conic, q: DVec2, slack: f64) -> bool {
+    // The curve's nearest of 33 points and the side of its tangent there: enough for a decision with slack.
+    let at = |i: i32| curve.at(f64::from(i) / 32.0).truncate();
+    let nearest = (0..=32).min_by(|&i, &j| at(i).distance_squared(q).total_cmp(&at(j).distance_squared(q)));
+    let i = nearest.unwrap_or(0);
+    let tangent = at((i + 1).min(32)) - at((i - 1).max(0));
+    tangent.perp_dot(q - at(i)) > slack * tangent.length()
+}
+
+/// The splat of a triangle: the ellipse through its corners, a little larger, and its clip.
+///
+/// A ridge that is the triangle's own edge clips exactly: as the curve that both of its sides share, projected into the
+/// splat's plane and lengthened along its own conic to the rim, or as a line. One that the ellipse only reaches over is
+/// kept out by a line between it and the triangle: what lies beyond belongs to other splats. All of them must keep.
+pub(crate) fn clip(
+    corners: [DVec3; 3],
+    own: [Option<usize>; 3],
+    region: u32,
+    borders: &Borders,
+    scale: f64,
+    margin: f64,
+    outside: impl Fn(DVec3, f64) -> bool,
+) -> ClippedSplat {
+    let [a, b, c] = corners;
+    let (s, t) = steiner_axes(corners);
+    let center = a + ((b - a) + (c - a)) / 3.0;
+    let normal = normal_of(corners);
+    let mut clipper = Clipper { center, s, t, curve: None, lines: Vec::new(), curved_edge: None, is_cut_back: false };
+    // Large enough for its own ridges' bulges.
+    let own_borders = || own.iter().flatten().map(|i| &borders.all[*i]);
+    let farthest = own_borders()
+        .flat_map(|border| border.conic.even_points(PIECE_SAMPLES))
+        .map(|p| clipper.uv(p).length())
+        .fold(1.0, f64::max);
+    let reach = (farthest * 1.05).clamp(REACH, MOST_REACH) * scale;
+    (clipper.s, clipper.t) = (s * reach, t * reach);
+
+    // The most curved of its own ridges is the curve, the others are lines.
+    let mut mine: Vec<(f64, Conic, bool, usize)> = (0..3)
+        .filter_map(|k| own[k].map(|i| (k, &borders.all[i])))
+        .map(|(k, border)| {
+            let outward = (border.conic.p3 - border.conic.p1).cross(normal).normalize_or_zero() * border.overlap;
+            let flat = clipper.flat(&border.conic.map(|p| p + outward));
+            (flat.sagitta(), flat, border.is_straight, k)
+        })
+        .collect();
+    mine.sort_by(|x, y| y.0.total_cmp(&x.0));
+    for (sagitta, conic, is_straight, edge) in mine {
+        let straight = is_straight || sagitta < STRAIGHT_UV;
+        if !straight && clipper.curve.is_none() {
+            clipper.curve = lengthened(&conic);
+            if clipper.curve.is_some() {
+                clipper.curved_edge = Some(edge);
+                continue;
+            }
+        }
+        // A line in a curve's place keeps all that the curve keeps: better too much than a hole.
+        let chord = (conic.p3 - conic.p1).truncate();
+        let out = -chord.perp().normalize_or_zero();
+        let bulge = (1..8).map(|i| (conic.at(f64::from(i) / 8.0) - conic.p1).truncate().dot(out)).fold(0.0, f64::max);
+        let start = conic.p1.truncate() + out * bulge;
+        clipper.add_line_left_of(start, start + chord);
+    }
+
+    let own_lines = clipper.lines.len();
+    let triangle: Vec<DVec2> = corners.iter().map(|p| clipper.uv(*p)).collect();
+    // What is to be kept: the triangle and its own ridges, where they bulge.
+    let bulges = own_borders().flat_map(|border| border.conic.even_points(PIECE_SAMPLES)).map(|p| clipper.uv(p));
+    let kept: Vec<DVec2> = triangle.iter().copied().chain(bulges).collect();
+    let radius = clipper.s.length();
+    let mut beyond: Vec<(u32, usize, Vec<DVec2>)> = Vec::new();
+    for i in borders.near(center, radius, region) {
+        let border = &borders.all[i];
+        if own.contains(&Some(i)) || border.normal.dot(normal) < 0.3 {
+            continue;
+        }
+        let samples = border.conic.even_points(4 * PIECE_SAMPLES);
+        let is_near = |p: DVec3| (p - center).dot(normal).abs() < 0.5 * radius;
+        let flat: Vec<DVec2> = samples.iter().map(|p| clipper.uv(*p)).collect();
+        let is_over = |k: usize| is_near(samples[k]) && flat[k].length() < 1.0 - SLACK && clipper.keeps(flat[k]);
+        // The neighbours of what is kept as well: a line may meet the ridge between them.
+        let over: Vec<bool> = (0..flat.len()).map(is_over).collect();
+        let counts = |k: &usize| over[*k] || (*k > 0 && over[*k - 1]) || over.get(*k + 1).is_some_and(|o| *o);
+        let points: Vec<DVec2> = (0..flat.len()).filter(counts).map(|k| flat[k]).collect();
+        if points.is_empty() {
+            continue;
+        }
+        match beyond.iter_mut().find(|(ridge, ..)| *ridge == border.ridge) {
+            Some((.., all)) => all.extend(points),
+            None => beyond.push((border.ridge, i, points)),
+        }
+    }
+    // Those that reach farthest in come first: a line for them may serve the next.
+    beyond.sort_by(|x, y| nearest(&x.2).total_cmp(&nearest(&y.2)).then(x.1.cmp(&y.1)));
+    let mut unwanted = Vec::new();
+    for (.., points) in beyond {
+        unwanted.extend_from_slice(&points);
+        clipper.keep_out(&kept, &by_angle(points));
+    }
+    let stray = overhang(&clipper, &triangle, |p| outside(p, radius));
+    // A splat that was moved out of its triangle's plane covers the step to its neighbours.
+    let inradius = inradius(corners);
+    let least = LEAST_CUT.max(1.0 + margin / inradius.max(f64::MIN_POSITIVE));
+    let covering: Vec<DVec2> = triangle.iter().map(|p| *p * least).chain(kept.iter().copied()).collect();
+    clipper.keep_out(&covering, &by_angle(stray.clone()));
+    if clipper.is_cut_back {
+        unwanted.extend(stray);
+        clipper.cut_to(&triangle, own_lines, least, &unwanted);
+    }
+    clipper.finish()
+}
+
+/// Points that the splat keeps beyond its triangle where it stands off the surface, which bends away there.
+fn overhang(clipper: &Clipper, triangle: &[DVec2], outside: impl Fn(DVec3) -> bool) -> Vec<DVec2> {
+    let is_stray = |q: &DVec2| {
+        let beyond = (0..3).any(|k| (triangle[(k + 1) % 3] - triangle[k]).perp_dot(*q - triangle[k]) < -SLACK);
+        beyond && clipper.keeps(*q) && outside(clipper.center + clipper.s * q.x + clipper.t * q.y)
+    };
+    let ring = |radius: f64| {
+        (0..RING).map(move |i| DVec2::from_angle(std::f64::consts::TAU * f64::from(i) / f64::from(RING)) * radius)
+    };
+    let rim: Vec<DVec2> = ring(0.999).filter(is_stray).collect();
+    if rim.is_empty() {
+        return rim;
+    }
+    let inner = [0.9, 0.8, 0.7, 0.6].into_iter().flat_map(ring).filter(is_stray);
+    rim.iter().copied().chain(inner).collect()
+}
+
+/// Points in the order of their angle about the splat's centre, which lies within the triangle, from the widest gap on.
+fn by_angle(mut points: Vec<DVec2>) -> Vec<DVec2> {
+    points.sort_by(|p, q| p.to_angle().total_cmp(&q.to_angle()));
+    let gap = |i: usize| {
+        let (before, own) = (points[(i + points.len() - 1) % points.len()], points[i]);
+        (own.to_angle() - before.to_angle()).rem_euclid(std::f64::consts::TAU)
+    };
+    let first = (0..points.len()).max_by(|&i, &j| gap(i).total_cmp(&gap(j))).unwrap_or(0);
+    points.rotate_left(first);
+    points
+}
+
+fn inradius([a, b, c]: [DVec3; 3]) -> f64 {
+    let perimeter = a.distance(b) + b.distance(c) + c.distance(a);
+    if perimeter > 0.0 { (b - a).cross(c - a).length() / perimeter } else { 0.0 }
+}
+
+fn nearest(points: &[DVec2]) -> f64 {
+    points.iter().map(|q| q.length_squared()).fold(f64::INFINITY, f64::min)
+}
+
+/// A line that keeps `kept` and as little as possible of the points: among those that have the two on different sides, the
+/// one that keeps the most of the disk; where there is none, the one that comes closest, which keeps `kept`. Also the gap between the two, negative where they overlap.
+fn between(kept: &[DVec2], points: &[DVec2]) -> ([f64; 3], f64) {
+    let mut best = ([0.0, 0.0, 1.0], f64::NEG_INFINITY, f64::NEG_INFINITY);
+    // All around, and exactly along what is to be kept and what is not: both may touch in a corner.
+    let around =
+        (0..DIRECTIONS).map(|k| DVec2::from_angle(std::f64::consts::TAU * f64::from(k) / f64::from(DIRECTIONS)));
+    let sides = (0..3.min(kept.len())).map(|k| kept[(k + 1) % 3.min(kept.len())] - kept[k]);
+    let chord = points[points.len() - 1] - points[0];
+    let along = sides.chain([chord]).map(|d| d.perp().normalize_or_zero()).filter(|n| *n != DVec2::ZERO);
+    for n in around.chain(along.flat_map(|n| [n, -n])) {
+        let least = kept.iter().map(|p| n.dot(*p)).fold(f64::INFINITY, f64::min);
+        let most = points.iter().map(|q| n.dot(*q)).fold(f64::NEG_INFINITY, f64::max);
+        let gap = least - most;
+        // Keeps n·x ≥ offset; at a gap the points' own side of it.
+        let offset = most.min(least - HAIR);
+        let score = if gap >= -SLACK { -offset } else { -10.0 + gap };
+        if score > best.1 {
+            best = ([n.x, n.y, -offset], score, gap);
+        }
+    }
+    (best.0, best.2)
+}
+
+/// A flat conic within the unit disk lengthened along itself to the rim, both ends exactly on it.
+fn lengthened(conic: &Conic) -> Option<Conic> {
+    let start = 1.0 - to_rim(&conic.reversed())?;
+    let end = to_rim(conic)?;
+    let part = conic.part(start, end)?;
+    // The part's middle control point may be anywhere, but not where its weight lets it run away.
+    (part.p2.is_finite() && part.w < 1e3).then_some(part)
+}
+
+/// The parameter beyond 1 at which a conic that ends within the unit disk leaves it.
+fn to_rim(conic: &Conic) -> Option<f64> {
+    if conic.p3.length_squared() >= 1.0 {
+        return None;
+    }
+    let outside = |t: f64| {
+        let p = conic.at(t);
+        !p.is_finite() || p.length_squared() >= 1.0
+    };
+    // Marches a tenth of its length at a time, to no more than its own length: beyond that it isn't the ridge any more.
+    let first = (1..=10).map(|i| 1.0 + 0.1 * f64::from(i)).find(|t| outside(*t))?;
+    let (mut lo, mut hi) = (first - 0.1, first);
+    for _ in 0..60 {
+        let middle = 0.5 * (lo + hi);
+        if outside(middle) { hi = middle } else { lo = middle }
+    }
+    Some(lo)
+}
+
+impl Clipper {
+    /// Adds lines that keep points (in order of angle) out and what is to be kept in: one where that does, else one for each half.
+    fn keep_out(&mut self, kept: &[DVec2], points: &[DVec2]) {
+        if points.is_empty() || points.iter().all(|q| !self.keeps(*q)) {
+            return;
+        }
+        let (line, gap) = between(kept, points);
+        if gap < -SLACK && points.len() > 1 && self.lines.len() + 2 <= 4 {
+            let (first, second) = points.split_at(points.len() / 2);
+            self.keep_out(kept, first);
+            self.keep_out(kept, second);
+            return;
+        }
+        self.is_cut_back |= gap < -0.05 || self.lines.len() == 4;
+        if self.lines.len() < 4 {
+            self.lines.push(line);
+        }
+    }
+
+    /// Cuts to the triangle enlarged about its middle, where one curve and four lines can't keep all points out: as large as
+    /// keeps them out, and `least` times at the least, which misses nothing. The first `own` lines,
+    /// and the curve, are edges of the triangle already.
+    fn cut_to(&mut self, triangle: &[DVec2], own: usize, least: f64, points: &[DVec2]) {
+        self.lines.truncate(own);
+        let on_line = |[x, y, c]: &[f64; 3], p: DVec2| (x * p.x + y * p.y + c).abs() < 1e-9;
+        let edges: Vec<(DVec2, DVec2)> = (0..3)
+            .filter(|k| Some(*k) != self.curved_edge)
+            .map(|k| (triangle[k], triangle[(k + 1) % 3]))
+            .filter(|(a, b)| !self.lines.iter().any(|l| on_line(l, *a) && on_line(l, *b)))
+            .collect();
+        for enlarged in CUTS.into_iter().filter(|c| *c > least).chain([least]) {
+            self.lines.truncate(own);
+            for (a, b) in &edges {
+                self.add_line_left_of(*a * enlarged, *b * enlarged);
+            }
+            if points.iter().all(|q| !self.keeps(*q)) {
+                break;
+            }
+        }
+    }
+
+    fn finish(self) -> ClippedSplat {
+        let curve = self.curve.map(|c| ClipCurve {
+            theta1: c.p1.y.atan2(c.p1.x) as f32,
+            theta3: c.p3.y.atan2(c.p3.x) as f32,
+            u: c.p2.x as f32,
+            v: c.p2.y as f32,
+            w: c.w as f32,
+        });
+        let mut lines = [NO_LINE; 4];
+        for (line, [a, b, c]) in lines.iter_mut().zip(&self.lines) {
+            *line = ClipLine { a: *a as f32, b: *b as f32, c: *c as f32 };
+        }
+        ClippedSplat { center: self.center, s: self.s, t: self.t, curve, lines, is_cut_back: self.is_cut_back }
+    }
+}

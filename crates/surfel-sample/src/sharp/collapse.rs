@@ -1,0 +1,469 @@
+//! Fewer, larger triangles by edge collapse (Garland and Heckbert 1997) with C12 §5.2's two rules: a collapse is refused
+//! when a splat of the new triangles couldn't be clipped to its ridges, and a curve's error joins the priority.
+
+use super::conic::{even_points, parabola_error};
+use super::surface::{Edge, Kind, Piece, Surface, edge, normal_of};
+use crate::Progress;
+use glam::{DMat3, DVec3};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// What an edge's squared length adds to the squared error in the order of collapses. Where the surface is flat it makes
+/// the triangles even; elsewhere it is small beside a chord's error.
+const EVENNESS: f64 = 1e-5;
+/// Least cosine between a triangle's normal before and after.
+const LEAST_TURN: f64 = 0.7;
+/// Height over the longest edge below which a triangle is a sliver.
+const SLIVER: f64 = 0.1;
+/// Longest edge, over that of an even triangulation of as many triangles: a large splat's depth tolerance is large.
+const LONGEST: f64 = 2.2;
+/// How often all edges are looked at.
+const ROUNDS: usize = 8;
+/// Most that a ridge may leave the edge of its triangle, over the triangle's height: the splat reaches a third of it
+/// beyond the edge.
+const MOST_BULGE: f64 = 0.28;
+
+/// When to stop.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Limits {
+    /// Triangles to be left, at most.
+    pub faces: usize,
+    /// Largest error of a collapse, in units of the surface.
+    pub error: f64,
+    /// What a ridge may leave its chord and still count as straight.
+    pub straight: f64,
+    /// Cosine of the angle that makes a crease.
+    pub crease_cos: f64,
+}
+
+/// Sum of squared distances to planes, weighted by area.
+#[derive(Clone, Copy)]
+struct Quadric {
+    a: DMat3,
+    b: DVec3,
+    c: f64,
+    area: f64,
+}
+
+impl Quadric {
+    const ZERO: Self = Self { a: DMat3::ZERO, b: DVec3::ZERO, c: 0.0, area: 0.0 };
+
+    fn of_plane(n: DVec3, p: DVec3, area: f64) -> Self {
+        let d = -n.dot(p);
+        let outer = DMat3::from_cols(n * n.x, n * n.y, n * n.z);
+        Self { a: outer * area, b: n * (d * area), c: d * d * area, area }
+    }
+
+    fn plus(&self, o: &Self) -> Self {
+        Self { a: self.a + o.a, b: self.b + o.b, c: self.c + o.c, area: self.area + o.area }
+    }
+
+    /// Mean squared distance.
+    fn error(&self, p: DVec3) -> f64 {
+        let sum = p.dot(self.a * p) + 2.0 * self.b.dot(p) + self.c;
+        if self.area > 0.0 { (sum / self.area).max(0.0) } else { 0.0 }
+    }
+
+    /// Where the error is least, near `middle`: the pull toward it decides along flat directions.
+    fn best_near(&self, middle: DVec3) -> DVec3 {
+        let pull = 1e-3 * self.area;
+        let a = self.a + DMat3::from_diagonal(DVec3::splat(pull));
+        let solved = a.inverse() * (middle * pull - self.b);
+        if solved.is_finite() { solved } else { middle }
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Candidate {
+    keep: u32,
+    remove: u32,
+    target: DVec3,
+    /// Squared distance from the surface and its ridges.
+    error: f64,
+    cost: f64,
+}
+
+struct Collapser<'a> {
+    surface: &'a mut Surface,
+    limits: Limits,
+    /// From a point to the mesh.
+    distance: &'a dyn Fn(DVec3) -> f64,
+    alive: Vec<bool>,
+    /// Triangles at each vertex.
+    around: Vec<Vec<u32>>,
+    quadrics: Vec<Quadric>,
+    longest: f64,
+    heap: BinaryHeap<Reverse<(u64, u32, u32)>>,
+}
+
+/// Collapses edges of `surface`, cheapest first, until a limit is met. Returns the square root of the largest error that a
+/// collapse was taken for.
+pub(crate) fn collapse(
+    surface: &mut Surface,
+    limits: Limits,
+    distance: &dyn Fn(DVec3) -> f64,
+    progress: &dyn Progress,
+) -> f64 {
+    let mut around = vec![Vec::new(); surface.positions.len()];
+    let mut quadrics = vec![Quadric::ZERO; surface.positions.len()];
+    let mut total = 0.0;
+    for (i, face) in surface.faces.iter().enumerate() {
+        let corners = surface.corners(*face);
+        let area = 0.5 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+        let quadric = Quadric::of_plane(normal_of(corners), corners[0], area);
+        total += area;
+        for v in face {
+            around[*v as usize].push(i as u32);
+            quadrics[*v as usize] = quadrics[*v as usize].plus(&quadric);
+        }
+    }
+    let even = (4.0 / 3f64.sqrt() * total / limits.faces.max(1) as f64).sqrt();
+    let alive = vec![true; surface.faces.len()];
+    let mut collapser = Collapser {
+        surface,
+        limits,
+        distance,
+        alive,
+        around,
+        quadrics,
+        longest: LONGEST * even,
+        heap: BinaryHeap::new(),
+    };
+    let largest = collapser.run(progress);
+    collapser.compact();
+    largest.sqrt()
+}
+
+impl Collapser<'_> {
+    fn run(&mut self, progress: &dyn Progress) -> f64 {
+        let mut left = self.surface.faces.len();
+        progress.stage("edges", left.saturating_sub(self.limits.faces) as u64);
+        let mut largest = 0.0f64;
+        // What was refused may have become possible. Longer edges come last: better a few large splats than too many.
+        for _ in 0..ROUNDS {
+            let before = left;
+            self.offer_all();
+            largest = largest.max(self.round(&mut left, progress));
+            if left <= self.limits.faces {
+                break;
+            }
+            if 100 * (before - left) < before {
+                self.longest *= 1.5;
+            }
+        }
+        largest
+    }
+
+    fn offer_all(&mut self) {
+        for vertex in 0..self.surface.positions.len() as u32 {
+            for other in self.neighbours(vertex) {
+                if vertex < other {
+                    self.offer(vertex, other);
+                }
+            }
+        }
+    }
+
+    /// Collapses, cheapest first, until nothing is left to try; returns the largest squared error.
+    fn round(&mut self, left: &mut usize, progress: &dyn Progress) -> f64 {
+        let mut largest = 0.0f64;
+        while *left > self.limits.faces {
+            let Some(Reverse((bits, a, b))) = self.heap.pop() else { break };
+            // Entries aren't taken out when they change: what is popped is looked at again.
+            let Some(candidate) = self.candidate(a, b) else { continue };
+            if candidate.cost > f64::from_bits(bits) * (1.0 + 1e-9) {
+                self.heap.push(Reverse((candidate.cost.to_bits(), a, b)));
+                continue;
+            }
+            if candidate.error > self.limits.error * self.limits.error || !self.is_feasible(&candidate) {
+                continue;
+            }
+            // Quadrics dilute what only a small part of their planes says: the new triangles' own distance decides.
+            let measured = self.measured(&candidate);
+            if measured.cost > f64::from_bits(bits) * (1.0 + 1e-9) {
+                if measured.error <= self.limits.error * self.limits.error {
+                    self.heap.push(Reverse((measured.cost.to_bits(), a, b)));
+                }
+                continue;
+            }
+            let candidate = measured;
+            let removed = self.apply(&candidate);
+            *left -= removed;
+            largest = largest.max(candidate.error);
+            progress.advance(removed as u64);
+        }
+        largest
+    }
+
+    fn position(&self, v: u32) -> DVec3 {
+        self.surface.positions[v as usize]
+    }
+
+    fn kind(&self, v: u32) -> Kind {
+        self.surface.kinds[v as usize]
+    }
+
+    fn piece(&self, a: u32, b: u32) -> Option<Piece> {
+        self.surface.pieces.get(&edge(a, b)).copied()
+    }
+
+    /// Vertices that share an edge with `v`, in ascending order.
+    fn neighbours(&self, v: u32) -> Vec<u32> {
+        let faces = self.around[v as usize].iter().flat_map(|f| self.surface.faces[*f as usize]);
+        let mut all: Vec<u32> = faces.filter(|o| *o != v).collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
+    fn offer(&mut self, a: u32, b: u32) {
+        if let Some(candidate) = self.candidate(a, b) {
+            self.heap.push(Reverse((candidate.cost.to_bits(), a, b)));
+        }
+    }
+
+    /// The best collapse of an edge, if it may be collapsed at all.
+    fn candidate(&self, a: u32, b: u32) -> Option<Candidate> {
+        if !self.around[a as usize].iter().any(|f| self.surface.faces[*f as usize].contains(&b)) {
+            return None;
+        }
+        let quadric = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
+        let length2 = self.position(a).distance_squared(self.position(b));
+        let candidate = |keep: u32, remove: u32, target: DVec3, curve: f64| {
+            let error = quadric.error(target).max(curve * curve);
+            Candidate { keep, remove, target, error, cost: error + EVENNESS * length2 }
+        };
+        let onto = |keep: u32, remove: u32, curve: f64| candidate(keep, remove, self.position(keep), curve);
+        if self.piece(a, b).is_some() {
+            // Along the ridge, onto one of its own points.
+            let along = |keep: u32, remove: u32| {
+                let is_ridge = self.kind(remove) == Kind::Ridge;
+                let merged = is_ridge.then(|| self.merged(keep, remove)).flatten()?;
+                Some(onto(keep, remove, parabola_error(&self.surface.line(&merged.1))))
+            };
+            let (first, second) = (along(a, b), along(b, a));
+            return match (first, second) {
+                (Some(x), Some(y)) => Some(if y.cost < x.cost { y } else { x }),
+                (x, y) => x.or(y),
+            };
+        }
+        match (self.kind(a), self.kind(b)) {
+            (Kind::Smooth, Kind::Smooth) => {
+                let middle = 0.5 * (self.position(a) + self.position(b));
+                let best = quadric.best_near(middle);
+                let sound = best.distance_squared(middle) <= length2;
+                Some(candidate(a, b, if sound { best } else { middle }, 0.0))
+            }
+            (_, Kind::Smooth) => Some(onto(a, b, 0.0)),
+            (Kind::Smooth, _) => Some(onto(b, a, 0.0)),
+            _ => None,
+        }
+    }
+
+    /// The ridge vertex beyond `remove` seen from `keep`, and the piece from `keep` to it once `remove` is gone.
+    fn merged(&self, keep: u32, remove: u32) -> Option<(u32, Piece)> {
+        let first = self.piece(keep, remove)?;
+        let beyond = self.neighbours(remove).into_iter().find(|o| *o != keep && self.piece(remove, *o).is_some())?;
+        let second = self.piece(remove, beyond)?;
+        // A loop of three pieces can't lose another vertex.
+        if first.ridge != second.ridge || self.piece(keep, beyond).is_some() {
+            return None;
+        }
+        let piece = Piece { from: first.from.min(second.from), to: first.to.max(second.to), ..first };
+        Some((beyond, piece))
+    }
+
+    /// A candidate with the largest distance of the new triangles' middles and edges from the mesh.
+    fn measured(&self, c: &Candidate) -> Candidate {
+        let (keep_faces, remove_faces) = (&self.around[c.keep as usize], &self.around[c.remove as usize]);
+        let moves = c.target != self.position(c.keep);
+        let moved = keep_faces.iter().filter(|_| moves);
+        let mut largest = 0.0f64;
+        for face in remove_faces.iter().chain(moved) {
+            let t = self.surface.faces[*face as usize];
+            if t.contains(&c.keep) && t.contains(&c.remove) {
+                continue;
+            }
+            let [a, b, d] = t.map(|v| if v == c.keep || v == c.remove { c.target } else { self.position(v) });
+            let points = [(a + b + d) / 3.0, 0.5 * (a + b), 0.5 * (b + d), 0.5 * (d + a)];
+            largest = points.into_iter().map(self.distance).fold(largest, f64::max);
+        }
+        let error = c.error.max(largest * largest);
+        Candidate { error, cost: c.cost - c.error + error, ..*c }
+    }
+
+    fn is_feasible(&self, c: &Candidate) -> bool {
+        let (keep_faces, remove_faces) = (&self.around[c.keep as usize], &self.around[c.remove as usize]);
+        let shared = remove_faces.iter().filter(|f| keep_faces.contains(f)).count();
+        let (near, far) = (self.neighbours(c.keep), self.neighbours(c.remove));
+        let common = near.iter().filter(|v| far.contains(v)).count();
+        // Topology: every common neighbour is the third corner of a triangle that goes.
+        if common != shared || shared == 0 || shared > 2 || keep_faces.len() + remove_faces.len() <= 2 * shared {
+            return false;
+        }
+        let merged = self.piece(c.keep, c.remove).and_then(|_| self.merged(c.keep, c.remove));
+        let moves = c.target != self.position(c.keep);
+        let changed = remove_faces.iter().filter(|f| !keep_faces.contains(f));
+        let moved = keep_faces.iter().filter(|f| moves && !remove_faces.contains(f));
+        changed.chain(moved).all(|f| self.is_sound(c, *f, merged))
+    }
+
+    /// True if a triangle is well-shaped after the collapse, and its splat can be clipped.
+    fn is_sound(&self, c: &Candidate, face: u32, merged: Option<(u32, Piece)>) -> bool {
+        let old = self.surface.faces[face as usize];
+        let new = old.map(|v| if v == c.remove { c.keep } else { v });
+        let corners = new.map(|v| if v == c.keep { c.target } else { self.position(v) });
+        let before = self.surface.corners(old);
+        let (normal, old_normal) = (normal_of(corners), normal_of(before));
+        let (shape, old_shape) = (slenderness(corners), slenderness(before));
+        if normal.dot(old_normal) < LEAST_TURN || (shape.0 < SLIVER && shape.0 < old_shape.0) {
+            return false;
+        }
+        if shape.1 > self.longest && shape.1 > old_shape.1 {
+            return false;
+        }
+        let mut curved = 0;
+        for k in 0..3 {
+            let (a, b, opposite) = (new[k], new[(k + 1) % 3], corners[(k + 2) % 3]);
+            let of_merged = merged.filter(|(beyond, _)| edge(a, b) == edge(c.keep, *beyond));
+            let piece = of_merged.map(|m| m.1).or_else(|| self.piece(a, b));
+            let Some(piece) = piece else {
+                if !self.stays_smooth(c, face, (a, b), normal) {
+                    return false;
+                }
+                continue;
+            };
+            let (from, to) = (corners[k], corners[(k + 1) % 3]);
+            let direction = (to - from).normalize_or_zero();
+            let off = |p: &DVec3| (*p - from).reject_from_normalized(direction).length();
+            let bulge = even_points(&self.surface.line(&piece), 9).iter().map(off).fold(0.0, f64::max);
+            let height = (opposite - from).reject_from_normalized(direction).length();
+            curved += usize::from(bulge > self.limits.straight);
+            if bulge > self.limits.straight && bulge > MOST_BULGE * height {
+                return false;
+            }
+        }
+        // One curve a splat; its other ridges are lines.
+        curved <= 1
+    }
+
+    /// True if the triangle beyond edge (a, b), where it isn't changed itself, still meets this one smoothly.
+    fn stays_smooth(&self, c: &Candidate, face: u32, (a, b): Edge, normal: DVec3) -> bool {
+        let other = self.around[a as usize].iter().chain(&self.around[b as usize]).find(|f| {
+            let t = self.surface.faces[**f as usize];
+            **f != face && t.contains(&a) && t.contains(&b) && !t.contains(&c.remove) && !t.contains(&c.keep)
+        });
+        other.is_none_or(|f| {
+            let beyond = normal_of(self.surface.corners(self.surface.faces[*f as usize]));
+            normal.dot(beyond) >= self.limits.crease_cos
+        })
+    }
+
+    /// Collapses; returns how many triangles went.
+    fn apply(&mut self, c: &Candidate) -> usize {
+        if let Some((beyond, piece)) = self.piece(c.keep, c.remove).and_then(|_| self.merged(c.keep, c.remove)) {
+            self.surface.pieces.remove(&edge(c.keep, c.remove));
+            self.surface.pieces.remove(&edge(c.remove, beyond));
+            self.surface.pieces.insert(edge(c.keep, beyond), piece);
+        }
+        self.surface.positions[c.keep as usize] = c.target;
+        self.quadrics[c.keep as usize] = self.quadrics[c.keep as usize].plus(&self.quadrics[c.remove as usize]);
+        let mut removed = 0;
+        for face in std::mem::take(&mut self.around[c.remove as usize]) {
+            let t = &mut self.surface.faces[face as usize];
+            if t.contains(&c.keep) {
+                self.alive[face as usize] = false;
+                removed += 1;
+                for v in *t {
+                    self.around[v as usize].retain(|f| *f != face);
+                }
+            } else {
+                t.iter_mut().for_each(|v| *v = if *v == c.remove { c.keep } else { *v });
+                self.around[c.keep as usize].push(face);
+            }
+        }
+        for other in self.neighbours(c.keep) {
+            self.offer(c.keep, other);
+            // A ridge's next vertex now has another piece on this side.
+            if self.piece(c.keep, other).is_some() {
+                for further in self.neighbours(other).into_iter().filter(|f| *f != c.keep) {
+                    self.offer(other, further);
+                }
+            }
+        }
+        removed
+    }
+
+    fn compact(self) {
+        let mut alive = self.alive.iter();
+        self.surface.faces.retain(|_| *alive.next().unwrap_or(&false));
+    }
+}
+
+/// Height over the longest edge, and that edge.
+fn slenderness([a, b, c]: [DVec3; 3]) -> (f64, f64) {
+    let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+    if longest <= 0.0 {
+        return (0.0, 0.0);
+    }
+    ((b - a).cross(c - a).length() / (longest * longest), longest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::NoProgress;
+    use crate::mesh::geometry::Geometry;
+    use glam::Vec3;
+    use surfel_model::{Column3, Mesh};
+
+    /// A disc with a border of `n` edges, in rings.
+    fn disc(n: u32, rings: u32) -> Mesh {
+        let (mut positions, mut triangles) = (vec![Vec3::ZERO], Vec::new());
+        for ring in 1..=rings {
+            let radius = ring as f32 / rings as f32;
+            positions.extend((0..n).map(|i| {
+                let (sin, cos) = (std::f32::consts::TAU * i as f32 / n as f32).sin_cos();
+                Vec3::new(radius * cos, radius * sin, 0.0)
+            }));
+            let (inner, outer) = (1 + (ring.max(2) - 2) * n, 1 + (ring - 1) * n);
+            for (i, j) in (0..n).map(|i| (i, (i + 1) % n)) {
+                if ring == 1 {
+                    triangles.push([0, outer + i, outer + j]);
+                } else {
+                    triangles.extend([[inner + i, outer + i, outer + j], [inner + i, outer + j, inner + j]]);
+                }
+            }
+        }
+        Mesh { positions: Column3::from_f32(positions), triangles, ..Mesh::default() }
+    }
+
+    #[test]
+    fn collapse_leaves_each_triangle_one_curved_ridge_that_its_splat_reaches() {
+        let mesh = disc(64, 6);
+        let mut surface = Surface::new(&Geometry::new(&mesh), 0.766);
+        let limits = Limits { faces: 6, error: f64::INFINITY, straight: 1e-4, crease_cos: 0.766 };
+        collapse(&mut surface, limits, &|_| 0.0, &NoProgress);
+        // Ears would have two pieces of the border.
+        assert!(surface.faces.len() < 40, "{}", surface.faces.len());
+        let mut border = 0;
+        for face in &surface.faces {
+            let corners = surface.corners(*face);
+            assert!(normal_of(corners).z > 0.999);
+            let mut curved = 0;
+            for k in 0..3 {
+                let Some(piece) = surface.pieces.get(&edge(face[k], face[(k + 1) % 3])) else { continue };
+                border += (piece.to - piece.from) as usize;
+                let chord = (corners[(k + 1) % 3] - corners[k]).normalize();
+                let off = |p: DVec3| (p - corners[k]).reject_from_normalized(chord).length();
+                let bulge = surface.line(piece).into_iter().map(off).fold(0.0, f64::max);
+                curved += usize::from(bulge > 1e-4);
+                // The ellipse reaches a third of the height beyond an edge.
+                assert!(bulge < off(corners[(k + 2) % 3]) / 3.0, "{bulge}");
+            }
+            assert!(curved <= 1);
+        }
+        // The border is whole.
+        assert_eq!(border, 64);
+    }
+}

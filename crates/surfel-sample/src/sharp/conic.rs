@@ -1,0 +1,277 @@
+//! Rational quadratic Bézier curves in space, and how one is fitted to a part of a ridge (C12 §4).
+
+use glam::{DVec3, DVec4};
+
+/// Points that the error is averaged over (eq. 12).
+const SAMPLES: usize = 24;
+/// Parameters in the table from parameter to arc length.
+const TABLE: usize = 48;
+/// Bounds of the weight.
+const WEIGHT: (f64, f64) = (0.05, 20.0);
+/// Steps of the minimisation: four variables settle in fewer.
+const STEPS: usize = 160;
+
+/// A rational quadratic Bézier curve with end weights 1 (C12 eq. 3).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Conic {
+    pub p1: DVec3,
+    pub p2: DVec3,
+    pub p3: DVec3,
+    pub w: f64,
+}
+
+impl Conic {
+    /// The straight piece between two points.
+    pub(crate) fn straight(a: DVec3, b: DVec3) -> Self {
+        Self { p1: a, p2: 0.5 * (a + b), p3: b, w: 1.0 }
+    }
+
+    fn weights(&self, t: f64) -> [f64; 3] {
+        [(1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t) * self.w, t * t]
+    }
+
+    /// The point at `t`; outside [0, 1] on the same conic, while that is finite.
+    pub(crate) fn at(&self, t: f64) -> DVec3 {
+        let [a, b, c] = self.weights(t);
+        // Relative to P1, so that nothing is lost far from the origin.
+        self.p1 + ((self.p2 - self.p1) * b + (self.p3 - self.p1) * c) / (a + b + c)
+    }
+
+    /// The same curve from its other end.
+    pub(crate) fn reversed(&self) -> Self {
+        Self { p1: self.p3, p3: self.p1, ..*self }
+    }
+
+    /// Each control point moved by an affine map: the curve moves with them.
+    pub(crate) fn map(&self, f: impl Fn(DVec3) -> DVec3) -> Self {
+        Self { p1: f(self.p1), p2: f(self.p2), p3: f(self.p3), w: self.w }
+    }
+
+    /// The part of the same conic between parameters `t0` and `t1`, which may lie outside [0, 1]; `None` where that isn't
+    /// a Bézier curve of positive weights.
+    pub(crate) fn part(&self, t0: f64, t1: f64) -> Option<Self> {
+        let homogeneous = |p: DVec3, w: f64| DVec4::from((p * w, w));
+        let h = [homogeneous(self.p1, 1.0), homogeneous(self.p2, self.w), homogeneous(self.p3, 1.0)];
+        // The blossom: b(t, t) is the curve, b(t0, t1) the part's middle control point.
+        let blossom =
+            |s: f64, t: f64| h[0] * ((1.0 - s) * (1.0 - t)) + h[1] * ((1.0 - s) * t + s * (1.0 - t)) + h[2] * (s * t);
+        let [a, b, c] = [blossom(t0, t0), blossom(t0, t1), blossom(t1, t1)];
+        let sound = a.w > 1e-9 && b.w > 1e-9 && c.w > 1e-9;
+        let point = |p: DVec4| p.truncate() / p.w;
+        sound.then(|| Self { p1: point(a), p2: point(b), p3: point(c), w: b.w / (a.w * c.w).sqrt() })
+    }
+
+    /// `count` points evenly spaced in arc length, both ends among them.
+    pub(crate) fn even_points(&self, count: usize) -> Vec<DVec3> {
+        let line: Vec<DVec3> = (0..=TABLE).map(|i| self.at(i as f64 / TABLE as f64)).collect();
+        even_points(&line, count)
+    }
+
+    /// C12 eq. 12: mean distance between points evenly spaced on both curves; `targets` are the ridge's.
+    fn error(&self, targets: &[DVec3]) -> f64 {
+        let own = self.even_points(targets.len());
+        own.iter().zip(targets).map(|(a, b)| a.distance(*b)).sum::<f64>() / targets.len() as f64
+    }
+
+    /// How far the curve leaves its chord.
+    pub(crate) fn sagitta(&self) -> f64 {
+        let chord = (self.p3 - self.p1).normalize_or_zero();
+        let off = |p: DVec3| (p - self.p1).reject_from_normalized(chord).length();
+        if chord == DVec3::ZERO { 0.0 } else { (1..8).map(|i| off(self.at(f64::from(i) / 8.0))).fold(0.0, f64::max) }
+    }
+}
+
+/// `count` (at least 2) points evenly spaced in arc length on a polyline, both ends among them.
+pub(crate) fn even_points(line: &[DVec3], count: usize) -> Vec<DVec3> {
+    let total: f64 = line.windows(2).map(|w| w[0].distance(w[1])).sum();
+    let (mut at, mut before) = (0, 0.0);
+    let point = |i: usize| {
+        let target = total * i as f64 / (count - 1) as f64;
+        while at + 2 < line.len() {
+            let length = line[at].distance(line[at + 1]);
+            if before + length >= target {
+                break;
+            }
+            before += length;
+            at += 1;
+        }
+        let (a, b) = (line[at], line[(at + 1).min(line.len() - 1)]);
+        let length = a.distance(b);
+        if length > 0.0 { a.lerp(b, ((target - before) / length).clamp(0.0, 1.0)) } else { a }
+    };
+    (0..count).map(point).collect()
+}
+
+/// Largest distance between a polyline and its own best parabola, by least squares over P2: the quick figure for what one
+/// curve costs, before it is fitted.
+pub(crate) fn parabola_error(line: &[DVec3]) -> f64 {
+    let (Some(&a), Some(&b)) = (line.first(), line.last()) else { return 0.0 };
+    if line.len() < 3 {
+        return 0.0;
+    }
+    let points = even_points(line, 9);
+    let t = |i: usize| i as f64 / 8.0;
+    let (mut sum, mut squares) = (DVec3::ZERO, 0.0);
+    for (i, p) in points.iter().enumerate() {
+        let beta = 2.0 * t(i) * (1.0 - t(i));
+        sum += beta * ((*p - a) - (b - a) * t(i).powi(2));
+        squares += beta * beta;
+    }
+    let conic = Conic { p1: a, p2: a + sum / squares, p3: b, w: 1.0 };
+    points.iter().enumerate().map(|(i, p)| conic.at(t(i)).distance(*p)).fold(0.0, f64::max)
+}
+
+/// A curve fitted to a polyline.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fit {
+    pub conic: Conic,
+    /// Eq. 12 of the start, and of the fitted curve: at most the start's.
+    pub errors: [f64; 2],
+}
+
+/// Fits a curve through the ends of a polyline (C12 §4): from the parabola through the bisector's point, P2 = 2I − M with
+/// w = 1 (the paper's eq. 10 prints 2I + M), downhill in P2 and ln w over eq. 12.
+///
+/// Deterministic, bounded, and never worse than its start: the best curve met is the result.
+pub(crate) fn fit(line: &[DVec3]) -> Fit {
+    let (a, b) = (line[0], line[line.len() - 1]);
+    let chord = b - a;
+    let start = Conic { p1: a, p2: 2.0 * bisector_point(line) - 0.5 * (a + b), p3: b, w: 1.0 };
+    let targets = even_points(line, SAMPLES);
+    let first = start.error(&targets);
+    if line.len() < 3 || chord.length_squared() == 0.0 || first <= 1e-12 * chord.length() {
+        return Fit { conic: Conic::straight(a, b), errors: [first; 2] };
+    }
+    let size = chord.length();
+    let curve = |x: &[f64; 4]| Conic {
+        p2: start.p2 + size * DVec3::new(x[0], x[1], x[2]).clamp(DVec3::splat(-1.0), DVec3::ONE),
+        w: x[3].exp().clamp(WEIGHT.0, WEIGHT.1),
+        ..start
+    };
+    let best = downhill([0.05, 0.05, 0.05, 0.3], |x| curve(x).error(&targets));
+    let conic = curve(&best);
+    let last = conic.error(&targets);
+    if last < first { Fit { conic, errors: [first, last] } } else { Fit { conic: start, errors: [first; 2] } }
+}
+
+/// Where the polyline meets the plane that bisects its ends: nearest to the middle of its length if several times.
+fn bisector_point(line: &[DVec3]) -> DVec3 {
+    let (a, b) = (line[0], line[line.len() - 1]);
+    let (middle, normal) = (0.5 * (a + b), b - a);
+    let half = even_points(line, 3)[1];
+    let crossings = line.windows(2).filter_map(|w| {
+        let [from, to] = [w[0], w[1]].map(|p| (p - middle).dot(normal));
+        (from <= 0.0 && to > 0.0 || from >= 0.0 && to < 0.0).then(|| w[0].lerp(w[1], from / (from - to)))
+    });
+    crossings.min_by(|p, q| p.distance_squared(half).total_cmp(&q.distance_squared(half))).unwrap_or(half)
+}
+
+/// Nelder and Mead 1965 from zero with the given first steps; the best point met.
+fn downhill(step: [f64; 4], cost: impl Fn(&[f64; 4]) -> f64) -> [f64; 4] {
+    let mut simplex: Vec<([f64; 4], f64)> = (0..5)
+        .map(|i| {
+            let x = std::array::from_fn(|k| if i == k + 1 { step[k] } else { 0.0 });
+            (x, cost(&x))
+        })
+        .collect();
+    for _ in 0..STEPS {
+        simplex.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let worst = simplex[4];
+        let center: [f64; 4] = std::array::from_fn(|k| simplex[..4].iter().map(|s| s.0[k]).sum::<f64>() / 4.0);
+        let toward = |factor: f64| {
+            let x = std::array::from_fn(|k| center[k] + factor * (worst.0[k] - center[k]));
+            (x, cost(&x))
+        };
+        let reflected = toward(-1.0);
+        let better = if reflected.1 < simplex[0].1 {
+            let expanded = toward(-2.0);
+            Some(if expanded.1 < reflected.1 { expanded } else { reflected })
+        } else if reflected.1 < simplex[3].1 {
+            Some(reflected)
+        } else {
+            let contracted = toward(if reflected.1 < worst.1 { -0.5 } else { 0.5 });
+            (contracted.1 < worst.1.min(reflected.1)).then_some(contracted)
+        };
+        match better {
+            Some(vertex) => simplex[4] = vertex,
+            None => {
+                let best = simplex[0].0;
+                for s in &mut simplex[1..] {
+                    let x = std::array::from_fn(|k| 0.5 * (best[k] + s.0[k]));
+                    *s = (x, cost(&x));
+                }
+            }
+        }
+    }
+    simplex.iter().min_by(|a, b| a.1.total_cmp(&b.1)).map_or([0.0; 4], |s| s.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn arc(radius: f64, angle: f64, count: usize) -> Vec<DVec3> {
+        let at = |i: usize| angle * i as f64 / (count - 1) as f64;
+        (0..count).map(|i| DVec3::new(radius * at(i).cos(), radius * at(i).sin(), 0.3)).collect()
+    }
+
+    #[test]
+    fn fit_of_a_circular_arc_is_the_arc() {
+        // A conic holds it exactly: w = cos of half the angle, P2 where the tangents meet.
+        let line = arc(2.0, 1.2, 400);
+        let fit = fit(&line);
+        let p2 = DVec3::new(2.0, 2.0 * 0.6f64.tan(), 0.3);
+        assert!(fit.errors[1] < 0.05 * fit.errors[0] && fit.errors[1] < 1e-4, "{:?}", fit.errors);
+        assert!((fit.conic.w - 0.6f64.cos()).abs() < 0.02 && fit.conic.p2.distance(p2) < 0.02, "{fit:?} {p2}");
+    }
+
+    #[test]
+    fn fit_is_never_worse_than_its_start_and_bounded() {
+        let mut random = crate::mesh::random::Random::new(9);
+        for count in [2, 3, 5, 20] {
+            for _ in 0..50 {
+                let mut p = DVec3::ZERO;
+                let line: Vec<DVec3> = (0..count)
+                    .map(|_| {
+                        p += DVec3::new(random.unit(), random.unit() - 0.5, random.unit() - 0.5);
+                        p
+                    })
+                    .collect();
+                let fit = fit(&line);
+                assert!(fit.errors[1] <= fit.errors[0], "{fit:?}");
+                assert!(fit.conic.w >= WEIGHT.0 && fit.conic.w <= WEIGHT.1 && fit.conic.p2.is_finite());
+                assert_eq!(fit.conic.p1, line[0]);
+            }
+        }
+        // All points in one place, and a closed line.
+        for line in [vec![DVec3::ONE; 4], vec![DVec3::ZERO, DVec3::X, DVec3::ZERO]] {
+            assert!(fit(&line).conic.p2.is_finite());
+        }
+    }
+
+    #[test]
+    fn part_of_a_conic_is_the_same_curve() {
+        let conic = Conic { p1: DVec3::ZERO, p2: DVec3::new(1.0, 2.0, 0.5), p3: DVec3::X * 3.0, w: 0.7 };
+        for (t0, t1) in [(0.2, 0.9), (-0.15, 1.1)] {
+            let part = conic.part(t0, t1).unwrap();
+            assert!(part.p1.distance(conic.at(t0)) < 1e-14 && part.p3.distance(conic.at(t1)) < 1e-13);
+            // Each of its points is on the whole: the least distance to a fine sampling of it.
+            let fine: Vec<DVec3> = (0..=20_000).map(|i| conic.at(t0 + (t1 - t0) * f64::from(i) / 2e4)).collect();
+            for i in 0..20 {
+                let p = part.at(f64::from(i) / 20.0);
+                assert!(fine.iter().map(|q| q.distance(p)).fold(1.0, f64::min) < 3e-4);
+            }
+        }
+        assert!(conic.part(-50.0, 1.0).is_none_or(|p| p.w > 0.0));
+    }
+
+    #[test]
+    fn even_points_keep_ends_and_spacing() {
+        let line = [DVec3::ZERO, DVec3::X * 0.1, DVec3::X * 4.0];
+        let points = even_points(&line, 5);
+        for (i, p) in points.iter().enumerate() {
+            assert!((p.x - i as f64).abs() < 1e-14, "{points:?}");
+        }
+        assert!(parabola_error(&arc(1.0, 0.3, 30)) < 1e-3 && parabola_error(&line) < 1e-12);
+    }
+}

@@ -1,0 +1,278 @@
+//! How far clipped splats and the mesh that they were made of are apart.
+
+use super::clip::ClippedSplat;
+use crate::mesh::geometry::Geometry;
+use glam::{DVec3, Vec3A};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::{Boundable, BvhBuildParams};
+use rayon::prelude::*;
+use std::time::Duration;
+use surfel_math::V2;
+use surfel_math::clip::Clip;
+
+/// Points on the surface that distances to the splats are taken at, at most.
+const MESH_SAMPLES: usize = 40_000;
+/// Points of a splat, along a spiral of even density, that distances to the mesh are taken at.
+const SPLAT_SAMPLES: usize = 24;
+
+/// Splats against their mesh. Distances in object units.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SharpErrors {
+    /// From what splats keep of their disks to the mesh: mean and largest.
+    pub splats_to_mesh: [f64; 2],
+    /// From the mesh to what splats keep: mean and largest.
+    pub mesh_to_splats: [f64; 2],
+    /// Mean angle between a splat's normal and the mesh's where it is nearest, degrees.
+    pub normal_deg: f64,
+}
+
+impl SharpErrors {
+    /// What the comment begins with.
+    pub const PREFIX: &str = "sharp errors: ";
+
+    /// The figures as a line for a file's header, which `surfel info` shows.
+    pub fn comment(&self) -> String {
+        let ([a, b], [c, d]) = (self.splats_to_mesh, self.mesh_to_splats);
+        let distances = format!("splats to mesh {a:.3e} (largest {b:.3e}), mesh to splats {c:.3e} (largest {d:.3e})");
+        format!("{}{distances}, normals {:.2} degrees", Self::PREFIX, self.normal_deg)
+    }
+}
+
+struct Bounds(Aabb);
+
+impl Boundable for Bounds {
+    fn aabb(&self) -> Aabb {
+        self.0
+    }
+}
+
+/// The unit cube that boxes are kept in: f32 then neither overflows nor loses what lies far from the origin.
+#[derive(Clone, Copy)]
+struct Frame {
+    center: DVec3,
+    scale: f64,
+}
+
+impl Frame {
+    fn of(geometry: &Geometry) -> Self {
+        let corner = geometry.positions.first().copied().unwrap_or_default();
+        Self { center: corner, scale: 1.0 / geometry.extent.max(f64::MIN_POSITIVE) }
+    }
+
+    fn map(&self, p: DVec3) -> Vec3A {
+        ((p - self.center) * self.scale).as_vec3a()
+    }
+
+    fn bounds(&self, points: &[DVec3]) -> Bounds {
+        let mut aabb = Aabb::empty();
+        for p in points {
+            aabb.extend(self.map(*p));
+        }
+        Bounds(Aabb::new(aabb.min - SLACK, aabb.max + SLACK))
+    }
+}
+
+/// More than the rounding of f32 in and about the unit cube.
+const SLACK: Vec3A = Vec3A::splat(1e-6);
+
+/// Boxes to be searched by place.
+struct Boxes {
+    bvh: Bvh2,
+    frame: Frame,
+}
+
+impl Boxes {
+    fn new(bounds: &[Bounds], frame: Frame) -> Self {
+        Self { bvh: build_bvh2(bounds, BvhBuildParams::medium_build(), &mut Duration::default()), frame }
+    }
+
+    /// Calls `visit` for all boxes within `radius` of `p`, and perhaps for some more.
+    fn near(&self, p: DVec3, radius: f64, mut visit: impl FnMut(usize)) {
+        let (center, reach) = (self.frame.map(p), Vec3A::splat((radius * self.frame.scale) as f32) * 1.001 + SLACK);
+        self.bvh.aabb_traverse(Aabb::new(center - reach, center + reach), |bvh, node| {
+            let node = &bvh.nodes[node as usize];
+            for i in node.first_index..node.first_index + node.prim_count {
+                visit(bvh.primitive_indices[i as usize] as usize);
+            }
+            true
+        });
+    }
+
+    /// The least of `distance` (a box's index to a distance) about `p`, and whose it is: in growing boxes, from `guess` on.
+    fn nearest(&self, p: DVec3, guess: f64, extent: f64, distance: impl Fn(usize) -> f64) -> (f64, usize) {
+        let mut radius = guess.max(1e-12 * extent);
+        loop {
+            let mut best = (f64::INFINITY, usize::MAX);
+            self.near(p, radius, |i| {
+                let d = distance(i);
+                if d < best.0 || (d == best.0 && i < best.1) {
+                    best = (d, i);
+                }
+            });
+            if best.0 <= radius || radius > 4.0 * extent || !radius.is_finite() {
+                return best;
+            }
+            radius *= 2.0;
+        }
+    }
+}
+
+/// The mesh's triangles, to be found by place.
+pub(crate) struct MeshIndex<'a> {
+    geometry: &'a Geometry<'a>,
+    faces: Vec<usize>,
+    boxes: Boxes,
+    guess: f64,
+}
+
+impl<'a> MeshIndex<'a> {
+    pub(crate) fn new(geometry: &'a Geometry<'a>) -> Self {
+        let faces: Vec<usize> = (0..geometry.areas.len()).filter(|f| geometry.areas[*f] > 0.0).collect();
+        let frame = Frame::of(geometry);
+        let bounds: Vec<Bounds> = faces.iter().map(|f| frame.bounds(&geometry.corners(*f))).collect();
+        let guess = (geometry.total_area() / faces.len().max(1) as f64).sqrt();
+        Self { geometry, boxes: Boxes::new(&bounds, frame), faces, guess }
+    }
+
+    /// Distance to the mesh, the nearest triangle, and barycentric coordinates there.
+    fn nearest(&self, p: DVec3) -> (f64, usize, [f64; 3]) {
+        let at = |i: usize| closest(p, self.geometry.corners(self.faces[i]));
+        let (distance, i) = self.boxes.nearest(p, self.guess, self.geometry.extent, |i| at(i).0);
+        match self.faces.get(i) {
+            Some(face) => (distance, *face, at(i).1),
+            None => (f64::INFINITY, 0, [1.0, 0.0, 0.0]),
+        }
+    }
+
+    /// How far a point is from the mesh: positive outside of it.
+    pub(crate) fn signed_distance(&self, p: DVec3) -> f64 {
+        let (distance, face, [a, b, c]) = self.nearest(p);
+        let [x, y, z] = self.geometry.corners(face);
+        let out = (p - (x * a + y * b + z * c)).dot(self.geometry.normals[face]);
+        distance.copysign(out)
+    }
+
+    /// The mesh's colour nearest to a point.
+    pub(crate) fn color(&self, geometry: &Geometry, p: DVec3) -> [f32; 4] {
+        let (_, face, barycentric) = self.nearest(p);
+        geometry.color(face, barycentric)
+    }
+
+    /// Distances both ways and normals.
+    pub(crate) fn errors(&self, splats: &[ClippedSplat]) -> SharpErrors {
+        let clips: Vec<Option<Clip<f64>>> = splats.iter().map(clip_of).collect();
+        let forward: Vec<(f64, f64, f64, usize)> = splats
+            .par_iter()
+            .zip(&clips)
+            .map(|(splat, clip)| {
+                let normal = surfel_math::basis::unit(splat.s.cross(splat.t));
+                let (mut sum, mut largest, mut angle, mut count) = (0.0, 0.0f64, 0.0, 0);
+                for uv in spiral(SPLAT_SAMPLES).filter(|uv| clip.is_none_or(|c| c.keeps(*uv))) {
+                    let (distance, face, _) = self.nearest(splat.center + splat.s * uv.x + splat.t * uv.y);
+                    let cosine = normal.dot(self.geometry.normals[face]).clamp(-1.0, 1.0);
+                    (sum, largest, count) = (sum + distance, largest.max(distance), count + 1);
+                    angle += cosine.acos().to_degrees();
+                }
+                (sum, largest, angle, count)
+            })
+            .collect();
+        let total =
+            forward.iter().fold((0.0, 0.0f64, 0.0, 0usize), |a, b| (a.0 + b.0, a.1.max(b.1), a.2 + b.2, a.3 + b.3));
+        let count = total.3.max(1) as f64;
+
+        let frame = self.boxes.frame;
+        let disks = |s: &ClippedSplat| {
+            let reach = DVec3::from_array(std::array::from_fn(|k| s.s[k].hypot(s.t[k])));
+            frame.bounds(&[s.center - reach, s.center + reach])
+        };
+        let boxes = Boxes::new(&splats.iter().map(disks).collect::<Vec<_>>(), frame);
+        let step = self.faces.len().div_ceil(MESH_SAMPLES).max(1);
+        let back: Vec<f64> = (0..self.faces.len())
+            .into_par_iter()
+            .filter(|i| i % step == 0)
+            .map(|i| {
+                let [a, b, c] = self.geometry.corners(self.faces[i]);
+                let p = a + ((b - a) + (c - a)) / 3.0;
+                let distance = |i: usize| distance_to(&splats[i], clips[i].as_ref(), p);
+                boxes.nearest(p, 1e-2 * self.guess, self.geometry.extent, distance).0
+            })
+            .collect();
+        let largest = back.iter().fold(0.0f64, |a, b| a.max(*b));
+        SharpErrors {
+            splats_to_mesh: [total.0 / count, total.1],
+            mesh_to_splats: [back.iter().sum::<f64>() / back.len().max(1) as f64, largest],
+            normal_deg: total.2 / count,
+        }
+    }
+}
+
+fn clip_of(splat: &ClippedSplat) -> Option<Clip<f64>> {
+    let columns =
+        surfel_model::ClipColumns { curves: splat.curve.map(|c| vec![c]), lines: Some(vec![splat.lines]), modes: None };
+    columns.clip(0, surfel_model::ClipPolicy::Exact)
+}
+
+/// Points of the unit disk, evenly spread (Vogel 1979).
+fn spiral(count: usize) -> impl Iterator<Item = V2<f64>> {
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    (0..count).map(move |i| {
+        let radius = ((i as f64 + 0.5) / count as f64).sqrt();
+        let (sin, cos) = (golden * i as f64).sin_cos();
+        V2::new(radius * cos, radius * sin)
+    })
+}
+
+/// Distance of a point to what a splat keeps: to its foot on the plane where that is kept; else an upper bound, to where the
+/// way from the foot to the nearest kept point of the spiral meets what is kept.
+fn distance_to(splat: &ClippedSplat, clip: Option<&Clip<f64>>, p: DVec3) -> f64 {
+    let d = p - splat.center;
+    let foot = V2::new(d.dot(splat.s) / splat.s.length_squared(), d.dot(splat.t) / splat.t.length_squared());
+    let keeps = |uv: V2<f64>| clip.is_none_or(|c| c.keeps(uv));
+    let at = |uv: V2<f64>| splat.s * uv.x + splat.t * uv.y;
+    if foot.length() <= 1.0 && keeps(foot) {
+        return (d - at(foot)).length();
+    }
+    let to_foot = |uv: V2<f64>| (foot - uv).length();
+    let nearest = spiral(SPLAT_SAMPLES).filter(|uv| keeps(*uv)).min_by(|a, b| to_foot(*a).total_cmp(&to_foot(*b)));
+    let Some(inside) = nearest else { return f64::INFINITY };
+    let way = |share: f64| inside + (foot - inside) * share;
+    let (mut lo, mut hi) = (0.0, 1.0);
+    for _ in 0..20 {
+        let middle = 0.5 * (lo + hi);
+        if way(middle).length() <= 1.0 && keeps(way(middle)) { lo = middle } else { hi = middle }
+    }
+    (d - at(way(lo))).length()
+}
+
+/// Distance of a point to a triangle and the barycentric coordinates of its nearest point (Ericson, Real-Time Collision
+/// Detection, §5.1.5).
+fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    let (d3, d4) = (ab.dot(p - b), ac.dot(p - b));
+    let (d5, d6) = (ab.dot(p - c), ac.dot(p - c));
+    let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
+    let barycentric = if d1 <= 0.0 && d2 <= 0.0 {
+        [1.0, 0.0, 0.0]
+    } else if d3 >= 0.0 && d4 <= d3 {
+        [0.0, 1.0, 0.0]
+    } else if d6 >= 0.0 && d5 <= d6 {
+        [0.0, 0.0, 1.0]
+    } else if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        let v = d1 / (d1 - d3);
+        [1.0 - v, v, 0.0]
+    } else if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        let w = d2 / (d2 - d6);
+        [1.0 - w, 0.0, w]
+    } else if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        let w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        [0.0, 1.0 - w, w]
+    } else {
+        let sum = va + vb + vc;
+        [va / sum, vb / sum, vc / sum]
+    };
+    let nearest = a + ab * barycentric[1] + ac * barycentric[2];
+    (p.distance(nearest), barycentric)
+}

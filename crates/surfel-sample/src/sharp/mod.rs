@@ -1,0 +1,354 @@
+//! Meshes to clipped splats that keep sharp features (C12 §4, §5).
+//!
+//! 1. `surface`: creases by dihedral angle, and borders, chained into smooth ridges from corner to corner;
+//! 2. `collapse`: fewer triangles, no ridge lost and no splat that can't be clipped;
+//! 3. `conic`: one curve for each piece of a ridge, in space, so that both sides clip against the same;
+//! 4. `clip`: an ellipse a triangle, its own ridges clipped exactly and others kept out;
+//! 5. `measure`: how far splats and mesh are apart.
+
+mod clip;
+mod collapse;
+mod conic;
+mod measure;
+mod surface;
+
+use crate::mesh::geometry::Geometry;
+use crate::mesh::{centers, is_closed};
+use crate::neighbours::map_each;
+use crate::{Progress, SampleError, assemble, interior};
+use clip::{Border, Borders, ClippedSplat};
+use conic::Conic;
+use glam::DVec3;
+use measure::MeshIndex;
+use std::collections::HashMap;
+use surface::{Surface, edge, normal_of};
+use surfel_model::{ClipColumns, ClipCurve, ClipMode, CloudData, Mesh, OnInvalid, SplatCloud};
+
+pub use measure::SharpErrors;
+
+/// Comment of a cloud that covers a closed mesh from outside: nobody sees the back of one of its splats.
+pub const CLOSED_MESH: &str = "covers a closed mesh";
+/// What a ridge may leave its chord and still be clipped by a line, over the largest side of the bounds: a twentieth of a
+/// pixel of a picture 1000 px wide.
+const STRAIGHT: f64 = 5e-5;
+
+/// What both sides of a ridge reach over it at least, over the largest side of the bounds: 50 times the rounding of f32.
+const LEAST_OVERLAP: f64 = 5e-6;
+/// How far a splat may stand off the mesh beyond its own triangle before it is cut back, over the largest side of the
+/// bounds: half a pixel of a picture 1000 px wide.
+const STRAY: f64 = 5e-4;
+
+/// The same, over the splat's larger radius: where a surface is curved all over, splats have to overlap to blend.
+const STRAY_SHARE: f64 = 0.05;
+
+/// How a mesh becomes clipped splats.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SharpOptions {
+    /// Faces that meet at more than this angle, degrees, have a crease between them; 1 to 179, default 40.
+    pub crease_angle_deg: f64,
+    /// At most this many splats; `None`: one a triangle, unless `error` is given.
+    pub splats: Option<usize>,
+    /// Largest distance that simplification may put between splats and mesh, object units; `None`: no bound.
+    pub error: Option<f64>,
+    /// Multiplies every radius; greater than 0, default 1.
+    pub radius_scale: f64,
+}
+
+impl Default for SharpOptions {
+    fn default() -> Self {
+        Self { crease_angle_deg: 40.0, splats: None, error: None, radius_scale: 1.0 }
+    }
+}
+
+impl SharpOptions {
+    fn check(&self) -> Result<(), SampleError> {
+        SampleError::check_scale(self.radius_scale)?;
+        if !(1.0..=179.0).contains(&self.crease_angle_deg) {
+            return Err(SampleError::option("the crease angle", self.crease_angle_deg, "1 to 179 degrees"));
+        }
+        if self.splats == Some(0) {
+            return Err(SampleError::option("the number of splats", 0, "at least 1"));
+        }
+        SampleError::check_count("splats", self.splats.unwrap_or(0))?;
+        match self.error {
+            Some(e) if !(e > 0.0 && e.is_finite()) => {
+                Err(SampleError::option("the largest error", e, "a finite number greater than 0"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// What was found and made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SharpReport {
+    /// Splats made.
+    pub splats: usize,
+    /// Of them, clipped by a curve.
+    pub with_curve: usize,
+    /// Of them, clipped by lines (and perhaps a curve).
+    pub with_lines: usize,
+    /// Of them, cut back to about their triangle, because one curve and four lines couldn't keep the rest out.
+    pub cut_back: usize,
+    /// Ridges: smooth chains of creases and borders, and edges of the mesh that they consist of.
+    pub ridges: [usize; 2],
+    /// Mean distance between ridges and curves (C12 eq. 12) before and after fitting, object units.
+    pub curve_errors: [f64; 2],
+    /// Mean distance of curved ridges from the planes of the splats on their two sides (C12 fig. 11), object units: with
+    /// each splat in its triangle's plane, and with the plane moved to the ridge's mean height, as it is.
+    pub mismatch: [f64; 2],
+    /// Splats against mesh.
+    pub errors: SharpErrors,
+    /// Median of the larger semi-axes, in object units.
+    pub median_radius: f64,
+    /// The cloud's interior weight, as stored in it.
+    pub interior_weight: Option<f64>,
+}
+
+/// Makes clipped splats of a mesh: an ellipse a triangle, clipped along creases and borders, so that a few large splats
+/// have the mesh's edges.
+///
+/// With [`SharpOptions::splats`] or [`SharpOptions::error`] the mesh is simplified first; where it has fewer than half as
+/// many triangles as splats are asked for, its triangles are cut into four as long as they stay at most that many.
+/// Colours are those of the mesh at the splats' centres. Origin, up and comments carry over, the errors are added as a
+/// comment, and the cloud's `interior_weight` is set.
+///
+/// # Errors
+/// As [`crate::splats_from_mesh`].
+pub fn sharp_splats_from_mesh(
+    mesh: &Mesh,
+    options: &SharpOptions,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, SharpReport), SampleError> {
+    options.check()?;
+    mesh.validate()?;
+    if mesh.positions.is_empty() {
+        return Err(SampleError::Empty { what: "mesh", missing: "vertices" });
+    }
+    if mesh.triangles.is_empty() {
+        return Err(SampleError::Empty { what: "mesh", missing: "triangles" });
+    }
+    SampleError::check_count("triangles", mesh.triangles.len())?;
+    let geometry = Geometry::new(mesh);
+    let crease_cos = options.crease_angle_deg.to_radians().cos();
+    let mut surface = Surface::new(&geometry, crease_cos);
+    if surface.faces.is_empty() {
+        return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
+    }
+    let index = MeshIndex::new(&geometry);
+    let feature_edges = surface.pieces.len();
+    if let Some(count) = options.splats {
+        let mut times = 0;
+        while surface.faces.len() << (2 * (times + 1)) <= count {
+            times += 1;
+        }
+        if times > 0 {
+            surface.subdivide(times, crease_cos);
+        }
+    }
+    let straight = STRAIGHT * surface.extent;
+    if options.splats.is_some() || options.error.is_some() {
+        let limits = collapse::Limits {
+            faces: options.splats.unwrap_or(1),
+            error: options.error.unwrap_or(f64::INFINITY),
+            straight,
+            crease_cos,
+        };
+        let distance = |p: DVec3| index.signed_distance(p).abs();
+        collapse::collapse(&mut surface, limits, &distance, progress);
+    }
+    let (mut borders, own, regions, curve_errors) = borders(&surface, straight);
+    let stray = STRAY * surface.extent;
+    let (lifts, mismatch) = lift(&surface, &mut borders, &own, LEAST_OVERLAP * surface.extent);
+    progress.stage("clips", surface.faces.len() as u64);
+    let splats: Vec<ClippedSplat> = map_each(
+        surface.faces.len(),
+        progress,
+        || (),
+        |(), i| {
+            let outside = |p: DVec3, radius: f64| index.signed_distance(p) > stray.max(STRAY_SHARE * radius);
+            let corners = surface.corners(surface.faces[i]);
+            let lift = lifts[i] * normal_of(corners);
+            let margin = 4.0 * lifts[i].abs();
+            let moved = corners.map(|p| p + lift);
+            clip::clip(moved, own[i], regions[i], &borders, options.radius_scale, margin, outside)
+        },
+    );
+    progress.stage("errors", 1);
+    let errors = index.errors(&splats);
+    progress.advance(1);
+    let mut cloud = assemble_cloud(mesh, &geometry, &index, &splats, &errors)?;
+    let interior_weight = interior::interior_weight(&cloud);
+    if let Some(weight) = interior_weight {
+        cloud.set_interior_weight(weight);
+    }
+    let mut radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
+    let report = SharpReport {
+        splats: splats.len(),
+        with_curve: splats.iter().filter(|s| s.curve.is_some()).count(),
+        with_lines: splats.iter().filter(|s| !s.lines[0].a.is_nan()).count(),
+        cut_back: splats.iter().filter(|s| s.is_cut_back).count(),
+        ridges: [surface.ridges.len(), feature_edges],
+        curve_errors,
+        mismatch,
+        errors,
+        median_radius: crate::radii::median(&mut radii).unwrap_or(0.0),
+        interior_weight,
+    };
+    Ok((cloud, report))
+}
+
+type Sides = (Borders, Vec<[Option<usize>; 3]>, Vec<u32>, [f64; 2]);
+
+/// One curve for each piece of a ridge and a border for each of its sides; each triangle's own borders; the smooth region
+/// that each triangle belongs to; mean errors of the curves before and after fitting.
+fn borders(surface: &Surface, straight: f64) -> Sides {
+    let regions = regions(surface);
+    let mut pieces: Vec<_> = surface.pieces.iter().map(|(e, p)| (*e, *p)).collect();
+    pieces.sort_unstable_by_key(|(e, p)| (p.ridge, p.from, *e));
+    let fits: Vec<_> = map_each(
+        pieces.len(),
+        &crate::NoProgress,
+        || (),
+        |(), i| {
+            let line = surface.line(&pieces[i].1);
+            let fit = conic::fit(&line);
+            let chord = Conic::straight(fit.conic.p1, fit.conic.p3);
+            if fit.conic.sagitta() > straight { fit } else { conic::Fit { conic: chord, ..fit } }
+        },
+    );
+    let sum = |k: usize| fits.iter().map(|f| f.errors[k]).sum::<f64>() / fits.len().max(1) as f64;
+    let errors = [sum(0), sum(1)];
+    let curves: HashMap<_, _> = pieces.iter().zip(&fits).map(|((e, p), fit)| (*e, (*p, fit.conic))).collect();
+    let mut all = Vec::new();
+    let own = surface.faces.iter().enumerate().map(|(i, face)| {
+        std::array::from_fn(|k| {
+            let (a, b) = (face[k], face[(k + 1) % 3]);
+            let (piece, conic) = curves.get(&edge(a, b))?;
+            let starts_at_a = surface.ridges[piece.ridge as usize][piece.from as usize] == a;
+            all.push(Border {
+                conic: if starts_at_a { *conic } else { conic.reversed() },
+                ridge: piece.ridge,
+                region: regions[i],
+                normal: normal_of(surface.corners(*face)),
+                is_straight: conic.sagitta() <= straight,
+                overlap: 0.0,
+            });
+            Some(all.len() - 1)
+        })
+    });
+    let own = own.collect();
+    (Borders::new(all), own, regions, errors)
+}
+
+/// Numbers the parts of the surface that no ridge divides.
+fn regions(surface: &Surface) -> Vec<u32> {
+    let mut beyond: HashMap<_, Vec<u32>> = HashMap::new();
+    for (i, face) in surface.faces.iter().enumerate() {
+        for k in 0..3 {
+            beyond.entry(edge(face[k], face[(k + 1) % 3])).or_default().push(i as u32);
+        }
+    }
+    let mut regions = vec![u32::MAX; surface.faces.len()];
+    let mut next = 0;
+    for start in 0..surface.faces.len() {
+        if regions[start] != u32::MAX {
+            continue;
+        }
+        let mut open = vec![start];
+        regions[start] = next;
+        while let Some(face) = open.pop() {
+            for k in 0..3 {
+                let e = edge(surface.faces[face][k], surface.faces[face][(k + 1) % 3]);
+                if surface.pieces.contains_key(&e) {
+                    continue;
+                }
+                for &other in beyond.get(&e).into_iter().flatten() {
+                    if regions[other as usize] == u32::MAX {
+                        regions[other as usize] = next;
+                        open.push(other as usize);
+                    }
+                }
+            }
+        }
+        next += 1;
+    }
+    regions
+}
+
+/// How far each triangle's plane is moved along its normal toward its own curved borders, which bulge out of it where the
+/// surface is curved across the ridge, and the mean distance of those borders from the planes before and after (C12
+/// fig. 11). What is left opens a gap between the two sides of a ridge, so both overlap by as much there; everywhere by
+/// `least_overlap`, more than the rounding of f32 axes.
+fn lift(
+    surface: &Surface,
+    borders: &mut Borders,
+    own: &[[Option<usize>; 3]],
+    least_overlap: f64,
+) -> (Vec<f64>, [f64; 2]) {
+    let (mut sums, mut count) = ([0.0; 2], 0usize);
+    let mut gaps: HashMap<surface::Edge, f64> = HashMap::new();
+    let mut lifts = Vec::with_capacity(own.len());
+    for (face, own) in surface.faces.iter().zip(own) {
+        let (normal, p) = (normal_of(surface.corners(*face)), surface.positions[face[0] as usize]);
+        let heights = |border: &Border| {
+            let points = border.conic.even_points(clip::PIECE_SAMPLES);
+            points.into_iter().map(|q| (q - p).dot(normal)).collect::<Vec<f64>>()
+        };
+        let curved = |k: &usize| own[*k].map(|i| &borders.all[i]).filter(|b| !b.is_straight);
+        let all: Vec<f64> = (0..3).filter_map(|k| curved(&k)).flat_map(heights).collect();
+        let lift = all.iter().sum::<f64>() / all.len().max(1) as f64;
+        lifts.push(lift);
+        if !all.is_empty() {
+            let mean = |lift: f64| all.iter().map(|h| (h - lift).abs()).sum::<f64>() / all.len() as f64;
+            sums = [sums[0] + mean(0.0), sums[1] + mean(lift)];
+            count += 1;
+        }
+        for k in 0..3 {
+            let Some(border) = own[k].map(|i| &borders.all[i]) else { continue };
+            // Also a straight border leaves a plane that is lifted for another one's sake.
+            let gap = heights(border).into_iter().map(|h| (h - lift).abs()).fold(0.0, f64::max);
+            let entry = gaps.entry(edge(face[k], face[(k + 1) % 3])).or_default();
+            *entry = entry.max(gap);
+        }
+    }
+    for (face, own) in surface.faces.iter().zip(own) {
+        for k in 0..3 {
+            if let (Some(i), Some(gap)) = (own[k], gaps.get(&edge(face[k], face[(k + 1) % 3]))) {
+                borders.all[i].overlap = gap.max(least_overlap);
+            }
+        }
+    }
+    (lifts, sums.map(|s| s / count.max(1) as f64))
+}
+
+fn assemble_cloud(
+    mesh: &Mesh,
+    geometry: &Geometry,
+    index: &MeshIndex,
+    splats: &[ClippedSplat],
+    errors: &SharpErrors,
+) -> Result<SplatCloud, SampleError> {
+    let positions: Vec<DVec3> = splats.iter().map(|s| s.center).collect();
+    let axes: Vec<(DVec3, DVec3)> = splats.iter().map(|s| (s.s, s.t)).collect();
+    let mut data = CloudData::new(mesh.origin, centers(mesh, &positions), assemble::ellipses(&axes));
+    if splats.iter().any(ClippedSplat::is_clipped) {
+        let none = ClipCurve { theta1: 0.0, theta3: 0.0, u: 0.0, v: 0.0, w: f32::NAN };
+        let has_curves = splats.iter().any(|s| s.curve.is_some());
+        let has_lines = splats.iter().any(|s| !s.lines[0].a.is_nan());
+        data.clips = Some(ClipColumns {
+            curves: has_curves.then(|| splats.iter().map(|s| s.curve.unwrap_or(none)).collect()),
+            lines: has_lines.then(|| splats.iter().map(|s| s.lines).collect()),
+            modes: has_lines.then(|| vec![ClipMode::And; splats.len()]),
+        });
+    }
+    let rgba = geometry.is_painted().then(|| splats.iter().map(|s| index.color(geometry, s.center)).collect());
+    (data.colors, data.alphas) = assemble::paint(rgba);
+    data.up = mesh.up;
+    data.comments = mesh.comments.clone();
+    data.comments.push(errors.comment());
+    if is_closed(mesh) {
+        data.comments.push(CLOSED_MESH.into());
+    }
+    Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
+}

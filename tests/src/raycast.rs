@@ -1,0 +1,171 @@
+//! Exact pictures of meshes, by casting rays: the truth that splats made of a mesh are held against.
+
+use crate::build::axes;
+use glam::DVec3;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::ray::{Ray, RayHit};
+use obvhs::triangle::Triangle;
+use std::time::Duration;
+use surfel_model::{Camera, Mesh, Projection};
+use surfel_render::Frame;
+
+/// Vertical field of view of [`camera`].
+const FOV_Y_DEG: f64 = 30.0;
+/// Normals farther apart than this differ.
+const DIFFERENT_DEG: f64 = 20.0;
+
+/// A mesh as rays see it: traversal of f32 boxes, intersections in f64.
+pub struct Cast {
+    corners: Vec<[DVec3; 3]>,
+    bvh: Bvh2,
+}
+
+/// What the rays of a picture's pixels meet first: the unit normal there, turned to the eye as two-sided splats are.
+pub type Truth = Vec<Option<DVec3>>;
+
+impl Cast {
+    /// Sorts a valid mesh's triangles.
+    pub fn new(mesh: &Mesh) -> Self {
+        let at = |i: u32| mesh.positions.get(i as usize);
+        let corners: Vec<[DVec3; 3]> = mesh.triangles.iter().map(|t| t.map(at)).collect();
+        let triangle = |c: &[DVec3; 3]| Triangle { v0: c[0].as_vec3a(), v1: c[1].as_vec3a(), v2: c[2].as_vec3a() };
+        let triangles: Vec<Triangle> = corners.iter().map(triangle).collect();
+        let bvh = build_bvh2_from_tris(&triangles, obvhs::BvhBuildParams::medium_build(), &mut Duration::default());
+        Self { corners, bvh }
+    }
+
+    fn normal(&self, origin: DVec3, direction: DVec3) -> Option<DVec3> {
+        let mut best: (f64, Option<DVec3>) = (f64::INFINITY, None);
+        let ray = Ray::new_inf(origin.as_vec3a(), direction.as_vec3a());
+        self.bvh.ray_traverse(ray, &mut RayHit::none(), |_, i| {
+            let [a, b, c] = self.corners[self.bvh.primitive_indices[i] as usize];
+            // Möller and Trumbore 1997.
+            let (e, f, p) = (b - a, c - a, direction.cross(c - a));
+            let det = e.dot(p);
+            let s = origin - a;
+            let (u, q) = (s.dot(p) / det, s.cross(e));
+            let (v, t) = (direction.dot(q) / det, f.dot(q) / det);
+            if !(u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0) {
+                return f32::INFINITY;
+            }
+            if t < best.0 {
+                let normal = e.cross(f).normalize_or_zero();
+                best = (t, Some(if normal.dot(direction) > 0.0 { -normal } else { normal }));
+            }
+            // Rounded up, so that nothing nearer is left out.
+            (t as f32).next_up()
+        });
+        best.1
+    }
+
+    /// The picture of a perspective camera.
+    ///
+    /// # Panics
+    /// For other projections.
+    pub fn picture(&self, camera: &Camera) -> Truth {
+        let Projection::Perspective { fov_y_deg } = camera.projection else { panic!("perspective") };
+        let [right, down, forward] = axes(camera);
+        let [w, h] = camera.size;
+        let f = f64::from(h) / (2.0 * (0.5 * fov_y_deg).to_radians().tan());
+        let eye = DVec3::from(camera.eye);
+        let ray = |x: u32, y: u32| {
+            let across = (f64::from(x) + 0.5 - 0.5 * f64::from(w)) / f;
+            forward + right * across + down * ((f64::from(y) + 0.5 - 0.5 * f64::from(h)) / f)
+        };
+        (0..w * h).map(|i| self.normal(eye, ray(i % w, i / w))).collect()
+    }
+
+    /// A camera that looks at the mesh's middle along −`view` from where the mesh covers about `share` of the picture.
+    pub fn camera_covering(&self, view: DVec3, share: f64, size: u32) -> Camera {
+        let (mut near, mut far) = (1.2f64, 60.0f64);
+        for _ in 0..14 {
+            let middle = (near * far).sqrt();
+            let covered = self.picture(&self.camera(view, middle, 100)).iter().flatten().count() as f64 / 1e4;
+            if covered > share { near = middle } else { far = middle }
+        }
+        self.camera(view, (near * far).sqrt(), size)
+    }
+
+    /// A camera `distance` half-diagonals from the mesh's middle.
+    fn camera(&self, view: DVec3, distance: f64, size: u32) -> Camera {
+        let points = || self.corners.iter().flatten().copied();
+        let (lo, hi) = (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
+        let (middle, radius) = (0.5 * (lo + hi), 0.5 * (hi - lo).length());
+        Camera {
+            eye: (middle + view.normalize() * radius * distance).to_array(),
+            target: middle.to_array(),
+            up: [0.0, 1.0, 0.0],
+            projection: Projection::Perspective { fov_y_deg: FOV_Y_DEG },
+            near: 0.01 * radius,
+            far: None,
+            size: [size; 2],
+        }
+    }
+}
+
+/// How a pixel compares.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pixel {
+    /// Nothing in either picture.
+    Empty,
+    /// The same, normals within 20°.
+    Same,
+    /// Covered in the truth alone.
+    Missing,
+    /// Covered in the frame alone.
+    Extra,
+    /// Normals more than 20° apart.
+    Normal,
+}
+
+/// Compares a frame's coverage (Σw > 0) and normals with the truth.
+pub fn compare(truth: &Truth, frame: &Frame) -> Vec<Pixel> {
+    let cosine = DIFFERENT_DEG.to_radians().cos();
+    let pixel = |(hit, (weight, normal)): (&Option<DVec3>, (&f32, &[f32; 3]))| match (hit, *weight > 0.0) {
+        (None, false) => Pixel::Empty,
+        (None, true) => Pixel::Extra,
+        (Some(_), false) => Pixel::Missing,
+        (Some(hit), true) if DVec3::from(normal.map(f64::from)).dot(*hit) < cosine => Pixel::Normal,
+        (Some(_), true) => Pixel::Same,
+    };
+    truth.iter().zip(frame.weight.iter().zip(&frame.normal)).map(pixel).collect()
+}
+
+/// Counts of a comparison.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Difference {
+    /// Pixels that the mesh covers.
+    pub covered: usize,
+    /// Pixels whose coverage disagrees.
+    pub coverage: usize,
+    /// Pixels whose normals differ.
+    pub normals: usize,
+    /// Pixels without a splat in the middle of eight that the mesh covers: holes.
+    pub holes: usize,
+}
+
+impl Difference {
+    /// Counts the pixels of a picture `width` pixels wide.
+    pub fn of(pixels: &[Pixel], width: usize) -> Self {
+        let count = |kind: fn(&Pixel) -> bool| pixels.iter().filter(|p| kind(p)).count();
+        let height = pixels.len() / width.max(1);
+        let covered = |x: usize, y: usize| !matches!(pixels[y * width + x], Pixel::Empty | Pixel::Extra);
+        let is_hole = |at: &usize| {
+            let (x, y) = (at % width, at / width);
+            let inside = x > 0 && y > 0 && x + 1 < width && y + 1 < height;
+            inside && (y - 1..=y + 1).all(|y| (x - 1..=x + 1).all(|x| covered(x, y))) && pixels[*at] == Pixel::Missing
+        };
+        Self {
+            covered: count(|p| !matches!(p, Pixel::Empty | Pixel::Extra)),
+            coverage: count(|p| matches!(p, Pixel::Missing | Pixel::Extra)),
+            normals: count(|p| *p == Pixel::Normal),
+            holes: (0..pixels.len()).filter(is_hole).count(),
+        }
+    }
+
+    /// Differing pixels over covered ones.
+    pub fn share(&self) -> f64 {
+        (self.coverage + self.normals) as f64 / self.covered.max(1) as f64
+    }
+}

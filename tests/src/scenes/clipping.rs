@@ -1,0 +1,154 @@
+//! Scenes of clipped splats.
+
+use super::Case;
+use crate::build::{Clipped, Splat, camera, clipped_cloud, confetti, object, scene};
+use crate::random::Random;
+use glam::{DAffine3, DVec3};
+use surfel_model::{ClipCurve, ClipLine, ClipMode, ClipPolicy, Cull, Filter, Mapping, Scene};
+
+pub(super) fn clipping_cases() -> Vec<Case> {
+    let curves = clip_curves();
+    let mut cases = vec![
+        curves.with("paper", |s| s.clip = ClipPolicy::Paper),
+        curves.with("line", |s| s.clip = ClipPolicy::Line),
+        curves.with("affine", |s| s.mapping = Mapping::Affine),
+        clip_lines(),
+        clip_lines_mirrored(),
+        clipped_cube(),
+        clipped_confetti().with("edge-aa", |s| s.edge_aa = true),
+        clipped_near(),
+    ];
+    for filter in Filter::ALL {
+        // Wide filters, so that most of a footprint is what the filter made of it.
+        cases.push(curves.with(filter.name(), |s| s.filter = filter));
+        cases.push(clipped_confetti().with(filter.name(), |s| (s.filter, s.prefilter_radius_px) = (filter, 2.5)));
+    }
+    cases
+}
+
+fn random_curve(random: &mut Random) -> ClipCurve {
+    let theta1 = random.range(-7.0, 7.0);
+    let w = [0.0, 0.3, 1.0, 4.0, 1e9][random.range(0.0, 5.0) as usize];
+    let [u, v] = [random.range(-1.3, 1.3), random.range(-1.3, 1.3)].map(|x| x as f32);
+    ClipCurve { theta1: theta1 as f32, theta3: (theta1 + random.range(0.2, 6.0)) as f32, u, v, w }
+}
+
+fn random_line(random: &mut Random) -> ClipLine {
+    let (sin, cos) = random.range(0.0, std::f64::consts::TAU).sin_cos();
+    ClipLine { a: cos as f32, b: sin as f32, c: random.range(-0.2, 0.7) as f32 }
+}
+
+/// A grid of large, tilted ellipses, each cut by another curve: angles, sides, turns and weights mixed up; a corner kept whole.
+pub fn clip_curves() -> Case {
+    let mut random = Random::new(83);
+    let splats: Vec<Clipped> = (0..36)
+        .map(|i| {
+            let at = |k: i32| f64::from(k) * 0.38 - 0.95;
+            let p = DVec3::new(at(i % 6), at(i / 6), random.range(-0.1, 0.1));
+            let s = DVec3::new(0.24, random.range(-0.1, 0.1), random.range(-0.2, 0.2));
+            let t = DVec3::new(random.range(-0.1, 0.1), 0.2, random.range(-0.2, 0.2));
+            let splat = Splat { p, s, t, color: random.color() };
+            Clipped {
+                splat,
+                curve: (i % 9 != 0).then(|| random_curve(&mut random)),
+                lines: Vec::new(),
+                mode: ClipMode::And,
+            }
+        })
+        .collect();
+    Case::new(
+        "clip-curves",
+        Scene { objects: vec![object(clipped_cloud(&splats))], ..scene(&[]) },
+        camera(3.2, 45.0, [96, 96]),
+    )
+}
+
+/// One to four lines a splat, all or any of them, some with a curve as well: and for or, an absent line that counts.
+pub fn clip_lines() -> Case {
+    let mut random = Random::new(89);
+    let splats: Vec<Clipped> = (0..36)
+        .map(|i| {
+            let at = |k: i32| f64::from(k) * 0.38 - 0.95;
+            let p = DVec3::new(at(i % 6), at(i / 6), 0.0);
+            let s = DVec3::new(0.22, 0.0, random.range(-0.1, 0.1));
+            let splat = Splat { p, s, t: DVec3::new(0.05, 0.2, 0.0), color: random.color() };
+            let lines = (0..i % 5).map(|_| random_line(&mut random)).collect();
+            let mode = if i % 2 == 0 { ClipMode::And } else { ClipMode::Or };
+            Clipped { splat, curve: (i % 7 == 0).then(|| random_curve(&mut random)), lines, mode }
+        })
+        .collect();
+    Case::new(
+        "clip-lines",
+        Scene { objects: vec![object(clipped_cloud(&splats))], ..scene(&[]) },
+        camera(3.2, 45.0, [96, 96]),
+    )
+}
+
+/// The lines on a mirrored, sheared object: a clip that is turned the wrong way with its axes.
+pub fn clip_lines_mirrored() -> Case {
+    let mut case = clip_lines().with("mirrored", |s| s.prefilter_radius_px = 4.0);
+    let place = DAffine3::from_cols(DVec3::new(-0.8, 0.3, 0.0), DVec3::new(0.0, 0.6, 0.4), DVec3::Z, DVec3::ZERO);
+    case.scene.objects[0].world_from_object = place;
+    case
+}
+
+/// Half the edge of [`clipped_cube`].
+pub const CUBE_HALF: f64 = 0.5;
+
+/// A cube of six splats, each with the four lines of its face, back faces culled: a perfect cube.
+pub fn clipped_cube() -> Case {
+    // Beyond √2, so that the corners lie well inside of the disk.
+    let reach = 1.6;
+    let faces = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|n| [n, -n]);
+    let splats: Vec<Clipped> = faces
+        .map(|n| {
+            let t = n.any_orthonormal_vector();
+            let (s, t) = (t.cross(n), t);
+            let radius = CUBE_HALF * reach;
+            let splat =
+                Splat { p: n * CUBE_HALF, s: s * radius, t: t * radius, color: (n * 0.4 + 0.5).as_vec3().to_array() };
+            let c = (1.0 / reach) as f32;
+            let lines = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].map(|(a, b)| ClipLine { a, b, c }).to_vec();
+            Clipped { splat, curve: None, lines, mode: ClipMode::And }
+        })
+        .collect();
+    let mut cube = object(clipped_cloud(&splats));
+    cube.material.cull = Cull::Back;
+    let mut camera = camera(2.6, 45.0, [96, 96]);
+    camera.eye = [1.4, 1.1, 1.9];
+    Case::new("clipped-cube", Scene { objects: vec![cube], ..scene(&[]) }, camera)
+}
+
+/// A clip on every splat of a ball of confetti, smaller than pixels to many of them: filters that carry the clip.
+pub fn clipped_confetti() -> Case {
+    let mut random = Random::new(97);
+    let splats: Vec<Clipped> = confetti(300, 0.04, 4.0, 101)
+        .into_iter()
+        .enumerate()
+        .map(|(i, splat)| {
+            let curve = (i % 3 != 0).then(|| random_curve(&mut random));
+            let lines = if i % 3 == 1 { Vec::new() } else { vec![random_line(&mut random), random_line(&mut random)] };
+            Clipped { splat, curve, lines, mode: ClipMode::And }
+        })
+        .collect();
+    let mut scene = Scene { objects: vec![object(clipped_cloud(&splats))], ..scene(&[]) };
+    scene.objects[0].material.interior_weight = Some(1.5);
+    Case::new("clipped-confetti", scene, camera(3.0, 45.0, [64, 64]))
+}
+
+/// Clipped splats through z_near and behind the eye.
+pub fn clipped_near() -> Case {
+    let mut random = Random::new(103);
+    let eye = DVec3::Z * 2.0;
+    let splats: Vec<Clipped> = (0..40)
+        .map(|i| {
+            let p = eye + random.direction() * random.range(0.05, 0.8);
+            let splat = Splat::disk(p, random.direction(), random.range(0.05, 0.9), random.color());
+            let curve = (i % 2 == 0).then(|| random_curve(&mut random));
+            Clipped { splat, curve, lines: vec![random_line(&mut random)], mode: ClipMode::And }
+        })
+        .collect();
+    let mut camera = camera(2.0, 70.0, [64, 48]);
+    camera.near = 0.1;
+    Case::new("clipped-near", Scene { objects: vec![object(clipped_cloud(&splats))], ..scene(&[]) }, camera)
+}

@@ -1,0 +1,125 @@
+//! Splats made of meshes with `--sharp`, against exact ray casts of the meshes.
+
+use glam::{DVec3, Vec3};
+use std::path::Path;
+use surfel_conformance::build::object;
+use surfel_conformance::raycast::{Cast, Difference, compare};
+use surfel_model::{ClipPolicy, Column3, Cull, Mesh, Scene, Settings};
+use surfel_reference::Renderer as Reference;
+use surfel_render::{Frame, Planes, Renderer, View};
+use surfel_sample::{NoProgress, SharpOptions, sharp_splats_from_mesh};
+
+/// The paper's pictures.
+const SIZE: u32 = 800;
+const VIEWS: [DVec3; 3] = [DVec3::new(0.62, 0.52, 0.9), DVec3::new(0.1, 0.9, -0.4), DVec3::new(-0.6, -0.2, 0.4)];
+
+/// How splats of a closed mesh differ from it in pictures of 800², under each policy, one result a view.
+fn differences(mesh: &Mesh, splats: usize, policy: ClipPolicy) -> Vec<Difference> {
+    let options = SharpOptions { splats: Some(splats), ..SharpOptions::default() };
+    let (cloud, _) = sharp_splats_from_mesh(mesh, &options, &NoProgress).unwrap();
+    let mut object = object(cloud);
+    object.material.cull = Cull::Back;
+    let scene = Scene { up: None, background: [0.0; 4], ambient: [0.0; 3], lights: None, objects: vec![object] };
+    let cast = Cast::new(mesh);
+    let mut reference = Reference::new(0).unwrap();
+    let resident = reference.upload(&scene).unwrap();
+    let settings = Settings { clip: policy, ..Settings::default() };
+    let each = |view: &DVec3| {
+        let camera = cast.camera_covering(*view, 0.4, SIZE);
+        let mut frame = Frame::default();
+        let planes = Planes { color: false, ..Planes::ALL };
+        reference.render(&resident, &View::new(&camera).unwrap(), &settings, planes, &mut frame).unwrap();
+        let difference = Difference::of(&compare(&cast.picture(&camera), &frame), SIZE as usize);
+        println!("{splats} splats, {policy:?}: {:.3} %, {difference:?}", 100.0 * difference.share());
+        difference
+    };
+    VIEWS.iter().map(each).collect()
+}
+
+/// An L of two boxes with a round hole's half cut out of its foot and a quarter round on its back: plane and curved faces,
+/// convex and concave creases, straight and round, corners of all kinds; a profile pushed along z.
+fn part() -> Mesh {
+    let arc = |center: [f64; 2], radius: f64, from: f64, to: f64, count: u32| {
+        (0..=count).map(move |i| {
+            let angle = (from + (to - from) * f64::from(i) / f64::from(count)).to_radians();
+            [center[0] + radius * angle.cos(), center[1] + radius * angle.sin()]
+        })
+    };
+    // Counter-clockwise, star-shaped about (0.25, 0.3) so that a fan of rings fills it.
+    let mut profile: Vec<[f64; 2]> = vec![[0.0, 0.0]];
+    profile.extend(arc([1.0, 0.0], 0.35, 180.0, 90.0, 24));
+    profile.extend([[1.0, 0.6], [0.55, 0.6], [0.55, 1.2]]);
+    profile.extend(arc([0.3, 1.2], 0.25, 0.0, 180.0, 48));
+    // Every straight side in several pieces, as CAD programs mesh them.
+    let mut outline = Vec::new();
+    for (i, a) in profile.iter().enumerate() {
+        let b = profile[(i + 1) % profile.len()];
+        let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+        let pieces = (length / 0.06).ceil().max(1.0) as u32;
+        outline.extend((0..pieces).map(|k| {
+            let t = f64::from(k) / f64::from(pieces);
+            [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t]
+        }));
+    }
+    let (n, hub, rings) = (outline.len() as u32, [0.25, 0.3], 8u32);
+    let (mut positions, mut triangles): (Vec<Vec3>, Vec<[u32; 3]>) = (Vec::new(), Vec::new());
+    let place = |p: [f64; 2], z: f64| Vec3::new(p[0] as f32, p[1] as f32, z as f32);
+    let belt = |triangles: &mut Vec<[u32; 3]>, a: u32, b: u32, flip: bool| {
+        for i in 0..n {
+            let j = (i + 1) % n;
+            let pair = [[a + i, a + j, b + j], [a + i, b + j, b + i]];
+            triangles.extend(pair.map(|t| if flip { [t[0], t[2], t[1]] } else { t }));
+        }
+    };
+    for level in 0..=10 {
+        positions.extend(outline.iter().map(|p| place(*p, f64::from(level) * 0.07)));
+        if level > 0 {
+            belt(&mut triangles, (level - 1) * n, level * n, false);
+        }
+    }
+    for (z, rim, flip) in [(0.0, 0, true), (0.7, 10 * n, false)] {
+        let mut outer = rim;
+        for ring in 1..rings {
+            let (inner, t) = (positions.len() as u32, f64::from(ring) / f64::from(rings));
+            let shrunk = |p: &[f64; 2]| [p[0] + (hub[0] - p[0]) * t, p[1] + (hub[1] - p[1]) * t];
+            positions.extend(outline.iter().map(|p| place(shrunk(p), z)));
+            belt(&mut triangles, outer, inner, flip);
+            outer = inner;
+        }
+        let middle = positions.len() as u32;
+        positions.push(place(hub, z));
+        for i in 0..n {
+            let (a, b) = (outer + i, outer + (i + 1) % n);
+            triangles.push(if flip { [middle, b, a] } else { [middle, a, b] });
+        }
+    }
+    Mesh { positions: Column3::from_f32(positions), triangles, ..Mesh::default() }
+}
+
+#[test]
+fn sharp_part_of_two_thousand_splats_is_the_part() {
+    let mesh = part();
+    assert!(surfel_sample::is_closed(&mesh));
+    let clipped = differences(&mesh, 2000, ClipPolicy::Exact);
+    let whole = differences(&mesh, 2000, ClipPolicy::Off);
+    for (d, off) in clipped.iter().zip(&whole) {
+        // The bound for the fandisk: fewer than 0.5 % of the covered pixels.
+        assert!(d.covered > 200_000 && d.share() < 5e-3 && d.holes <= 1, "{d:?}");
+        assert!(off.share() > 10.0 * d.share(), "without clips it is another thing: {off:?}");
+    }
+}
+
+#[test]
+fn sharp_fandisk_of_2500_splats_is_the_fandisk() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/models/fandisk.obj");
+    if !path.is_file() {
+        println!("skipped: no models beside the project");
+        return;
+    }
+    let surfel_io::Content::Mesh(mesh) = surfel_io::load(&path, &Default::default()).unwrap().content else {
+        panic!("a mesh");
+    };
+    for d in differences(&mesh, 2500, ClipPolicy::Exact) {
+        assert!(d.covered > 200_000 && d.share() < 5e-3 && d.holes <= 3, "{d:?}");
+    }
+}
