@@ -1,5 +1,6 @@
 //! Records sorted stably into tiles, in segments that threads fill on their own.
 
+use crate::clip::ScreenClip;
 use crate::near::NearSplat;
 use crate::record::Record;
 use crate::setup::SetupOutput;
@@ -62,6 +63,7 @@ pub(crate) struct Entry {
 pub(crate) struct Segment {
     pub records: Vec<Record>,
     near: Vec<NearSplat>,
+    clips: Vec<ScreenClip>,
     /// Splats that were looked at one by one.
     pub set_up: u64,
     /// Where each tile's entries start; empty if there are none at all.
@@ -72,8 +74,8 @@ pub(crate) struct Segment {
 impl Segment {
     /// Sorts records into tiles, by counting.
     pub(crate) fn new(out: SetupOutput, grid: &Grid) -> Self {
-        let SetupOutput { records, entries: unsorted, near, set_up } = out;
-        let mut segment = Self { records, near, set_up, starts: Vec::new(), entries: Vec::new() };
+        let SetupOutput { records, entries: unsorted, near, clips, set_up } = out;
+        let mut segment = Self { records, near, clips, set_up, starts: Vec::new(), entries: Vec::new() };
         if unsorted.is_empty() {
             return segment;
         }
@@ -95,11 +97,12 @@ impl Segment {
         segment
     }
 
-    /// Moves the near splats to the end of `all`.
-    pub(crate) fn move_near(&mut self, all: &mut Vec<NearSplat>) {
-        if !self.near.is_empty() {
-            self.records.iter_mut().for_each(|record| record.renumber_near(all.len()));
-            all.append(&mut self.near);
+    /// Moves what few records have to the end of everyone's.
+    pub(crate) fn move_rare(&mut self, near: &mut Vec<NearSplat>, clips: &mut Vec<ScreenClip>) {
+        if !self.near.is_empty() || !self.clips.is_empty() {
+            self.records.iter_mut().for_each(|record| record.renumber(near.len(), clips.len()));
+            near.append(&mut self.near);
+            clips.append(&mut self.clips);
         }
     }
 

@@ -206,19 +206,23 @@ impl Drawing<'_> {
                 Segment::new(out, &grid)
             })
             .collect();
-        let mut near = Vec::new();
+        let (mut near, mut clips) = (Vec::new(), Vec::new());
         for segment in &mut segments {
-            segment.move_near(&mut near);
+            segment.move_rare(&mut near, &mut clips);
         }
         totals.batches += 1;
         totals.set_up += segments.iter().map(|s| s.set_up).sum::<u64>();
         totals.drawn += segments.iter().map(|s| s.records.len() as u64).sum::<u64>();
         totals.tile_pairs += segments.iter().map(|s| s.pairs() as u64).sum::<u64>();
-        totals.batch_bytes =
-            totals.batch_bytes.max(segments.iter().map(Segment::bytes).sum::<usize>() + size_of_val(near.as_slice()));
+        totals.batch_bytes = totals.batch_bytes.max(
+            segments.iter().map(Segment::bytes).sum::<usize>()
+                + size_of_val(near.as_slice())
+                + size_of_val(clips.as_slice()),
+        );
         let after_setup = Instant::now();
         totals.setup_ms += (after_setup - start).as_secs_f64() * 1e3;
-        let shared = Shared { wants: self.wants, near: &near, factors: &self.factors, coverage: &self.coverage };
+        let shared =
+            Shared { wants: self.wants, near: &near, clips: &clips, factors: &self.factors, coverage: &self.coverage };
         let job = TileJob { segments: &segments, grid, shared, lighting: &self.lighting };
         let order = heavy_first(&segments, &grid);
         if !has_edges {

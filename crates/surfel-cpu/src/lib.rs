@@ -13,9 +13,12 @@
 //! is correctly rounded, and nothing depends on lane width.
 
 mod bins;
+mod clip;
+mod column;
 mod edge;
 mod frame;
 mod kernel;
+mod lane_math;
 mod lanes;
 mod level;
 mod mask;
@@ -29,5 +32,6 @@ mod store;
 mod target;
 mod tile;
 
+pub use column::Storage;
 pub use level::SimdLevel;
 pub use renderer::{Options, Renderer, ResidentScene, Work};

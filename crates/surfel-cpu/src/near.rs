@@ -1,7 +1,16 @@
 //! Splats that reach the near plane or span much of their distance: exact, unfiltered, in f64 (§3, last paragraph).
 
+use crate::bins::BLOCK;
+use crate::lanes::{LANES, Lanes};
+use crate::mask::MaskForm;
+use crate::record::BlockBox;
 use crate::record::Record;
+use crate::setup::{ObjectSetup, SetupOutput};
+use crate::store::{Chunk, StoredShape};
+use fearless_simd::Simd;
 use glam::DVec3;
+use surfel_math::V3;
+use surfel_math::clip::{Clip, Turn};
 use surfel_math::depth::{DepthForm, DepthPlane, tolerance};
 use surfel_math::mapping::{Footprint, through_near};
 use surfel_math::project::{EDGE_ON, Placement, Projected, ViewSplat, radius_max};
@@ -20,6 +29,7 @@ pub(crate) struct NearSplat {
     pub color: [f32; 3],
     pub normal: [f32; 3],
     pub object: u32,
+    clip: Option<Clip<f64>>,
 }
 
 impl NearSplat {
@@ -86,6 +96,7 @@ impl NearSplat {
             color: color.as_vec3().to_array(),
             normal: normal.as_vec3().to_array(),
             object,
+            clip: None,
         };
         Some((near, [columns[0], rows[0], columns[1], rows[1]]))
     }
@@ -100,10 +111,65 @@ impl NearSplat {
         let d = V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - self.anchor;
         let (u, v, w) = self.footprint.at(d);
         let square = u.mul_add(u, v * v);
-        if !(w > 0.0 && square <= w * w) {
+        if !(w > 0.0 && square <= w * w) || self.clip.is_some_and(|clip| !clip.keeps(d)) {
             return None;
         }
         let z = self.depth.at(d, self.depth_form);
         (z >= self.limits[0] && z <= self.limits[1]).then_some(((square / (w * w)) as f32, z as f32))
+    }
+}
+
+impl ObjectSetup<'_> {
+    /// Splats that reach the near plane are set up one by one in f64.
+    #[cold]
+    pub(crate) fn push_near<S: Simd>(&self, simd: S, chunk: &Chunk, at: usize, mut bits: u64, out: &mut SetupOutput) {
+        while bits != 0 {
+            let i = at + bits.trailing_zeros() as usize;
+            bits &= bits - 1;
+            // As the lanes have them; slots begin with a chunk, at whole lanes.
+            let (lanes, lane) = (i - i % LANES, i % LANES);
+            let get = |v: V3<Lanes<S>>| DVec3::from([v.x, v.y, v.z].map(|c| f64::from(c.to_array()[lane])));
+            let scales = &chunk.scales;
+            let object = self.object;
+            let p = self.origin + self.linear * (chunk.origin + get(object.centers.load(simd, lanes, scales.center)));
+            let (s, t, n) = match &object.shape {
+                StoredShape::Disks { normals, radii } => {
+                    let n = get(normals.load(simd, lanes));
+                    let (s, t) = surfel_math::basis::orthonormal(n);
+                    let r = f64::from(radii.load(simd, lanes, scales.radius).to_array()[lane]);
+                    (s * r, t * r, n)
+                }
+                StoredShape::Ellipses { s, t } => {
+                    let (s, t) = (get(s.load(simd, lanes, 1.0)), get(t.load(simd, lanes, 1.0)));
+                    (s, t, surfel_math::basis::unit(s).cross(surfel_math::basis::unit(t)))
+                }
+            };
+            let unit = surfel_math::basis::unit;
+            let world_normal = unit(self.normals * n);
+            let view_normal = self.view.view_from_world * world_normal;
+            let splat = ViewSplat {
+                p: V3::from(p),
+                s: V3::from(self.linear * s),
+                t: V3::from(self.linear * t),
+                n: V3::from(view_normal),
+            };
+            let shading =
+                object.shading_normals.as_ref().map_or(world_normal, |c| unit(self.normals * get(c.load(simd, lanes))));
+            let color = object.colors.as_ref().map_or(DVec3::ONE, |c| get(c.load(simd, lanes, scales.color)));
+            let near = NearSplat::new(&splat, shading, color, self.index, &object.material, self.view, self.plan);
+            if let Some((mut near, pixels)) = near {
+                // Neither filter nor turn: the footprint's (u, v) are the splat's own.
+                let clip = object.clips.as_ref().and_then(|clips| clips.get(i, self.plan.clip));
+                near.clip = clip.map(|clip| clip.through(&near.footprint, &Turn::none(1.0)));
+                let [x, y] = self.grid.origin.map(|v| v as i32);
+                let [x0, y0, x1, y1] = pixels;
+                let block = |v: i32| (v / BLOCK as i32) as u16;
+                let past = BLOCK as i32 - 1;
+                let blocks = BlockBox([block(x0 - x), block(y0 - y), block(x1 - x + past), block(y1 - y + past)]);
+                let form = MaskForm { linear_depth: false, whole_box: true };
+                out.push(simd, &near.record(out.near.len()), blocks, &self.grid, form);
+                out.near.push(near);
+            }
+        }
     }
 }

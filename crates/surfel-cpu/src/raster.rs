@@ -1,13 +1,14 @@
 //! Visibility and attributes of one block of 4×4 pixels (§5), a lane for each: two loops over the same list of splats,
 //! with the block's sums in registers.
 
+use crate::clip::ScreenClip;
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes};
 use crate::near::NearSplat;
 use crate::record::{Class, Record};
 use fearless_simd::prelude::SimdMask;
 use fearless_simd::{Simd, mask32x16};
-use surfel_math::Real;
+use surfel_math::{Real, V2};
 use surfel_model::Filter;
 use surfel_render::{Attributes, FramePlan, Pass, View};
 
@@ -47,6 +48,7 @@ impl Wants {
 pub(crate) struct Shared<'a> {
     pub wants: Wants,
     pub near: &'a [NearSplat],
+    pub clips: &'a [ScreenClip],
     /// Ambient, diffuse, specular, shininess of every object.
     pub factors: &'a [[f32; 4]],
     /// 1/W0 of every object.
@@ -187,15 +189,46 @@ pub(crate) fn block<S: Simd>(
 fn fragment<S: Simd>(
     simd: S,
     record: &Record,
-    (columns, rows): (Lanes<S>, Lanes<S>),
+    at: (Lanes<S>, Lanes<S>),
+    first: (i32, i32),
+    shared: &Shared<'_>,
+) -> Fragment<S> {
+    let mut fragment = unclipped(simd, record, at, first, shared);
+    if let Some(index) = record.clip() {
+        let (d_x, d_y) = offsets(simd, record, at);
+        let (mut x, mut y) = (d_x, d_y);
+        if shared.wants.clamp.is_some() {
+            // The disk of `clamp` may reach beyond the horizon, where the centre decides.
+            let k = |v: f32| Lanes::splat(simd, v);
+            let before = k(0.0).lt(k(record.w_x()).mul_add(d_x, k(record.w_y()).mul_add(d_y, k(1.0))));
+            (x, y) = (Lanes::select(before, d_x, k(0.0)), Lanes::select(before, d_y, k(0.0)));
+        }
+        let [visible, inside] = shared.clips[index].keeps(V2::new(d_x, d_y), V2::new(x, y));
+        fragment.visible &= visible;
+        fragment.inside &= inside;
+    }
+    fragment
+}
+
+/// Offsets of a block's pixels from the anchor. Whole pixels are exact; one rounding of an offset, not of a pixel
+/// coordinate.
+#[inline(always)]
+fn offsets<S: Simd>(simd: S, record: &Record, (columns, rows): (Lanes<S>, Lanes<S>)) -> (Lanes<S>, Lanes<S>) {
+    let k = |v: f32| Lanes::splat(simd, v);
+    ((columns - k(record.base_x())) + k(record.offset_x()), (rows - k(record.base_y())) + k(record.offset_y()))
+}
+
+#[inline(always)]
+fn unclipped<S: Simd>(
+    simd: S,
+    record: &Record,
+    at: (Lanes<S>, Lanes<S>),
     first: (i32, i32),
     shared: &Shared<'_>,
 ) -> Fragment<S> {
     let wants = &shared.wants;
     let k = |v: f32| Lanes::splat(simd, v);
-    // Whole pixels are exact; one rounding of an offset, not of a pixel coordinate.
-    let d_x = (columns - k(record.base_x())) + k(record.offset_x());
-    let d_y = (rows - k(record.base_y())) + k(record.offset_y());
+    let (d_x, d_y) = offsets(simd, record, at);
     let form = |x: f32, y: f32, c: f32| k(x).mul_add(d_x, k(y).mul_add(d_y, k(c)));
     let form0 = |x: f32, y: f32| k(x).mul_add(d_x, k(y) * d_y);
     let class = record.class();

@@ -98,6 +98,8 @@ fields! {
     coverage_scale = 29;
     /// Index of the object, for its material; of a near splat its own. As bits.
     object_bits = 30;
+    /// 1 more than the index of the splat's clip, 0 without one. As bits.
+    clip_bits = 31;
 }
 
 impl Record {
@@ -116,10 +118,23 @@ impl Record {
         self.object_bits().to_bits() as usize
     }
 
-    /// Moves a near splat's index by `first`.
-    pub(crate) fn renumber_near(&mut self, first: usize) {
+    /// Index of the clip.
+    #[inline(always)]
+    pub(crate) fn clip(&self) -> Option<usize> {
+        (self.clip_bits().to_bits() as usize).checked_sub(1)
+    }
+
+    pub(crate) fn set_clip(&mut self, index: usize) {
+        self.0[31] = f32::from_bits(index as u32 + 1);
+    }
+
+    /// Moves the indices of a near splat and of a clip.
+    pub(crate) fn renumber(&mut self, first_near: usize, first_clip: usize) {
         if self.class() == Class::Near {
-            self.0[30] = f32::from_bits((self.object() + first) as u32);
+            self.0[30] = f32::from_bits((self.object() + first_near) as u32);
+        }
+        if let Some(clip) = self.clip() {
+            self.set_clip(clip + first_clip);
         }
     }
 

@@ -1,6 +1,7 @@
 //! The backend: scenes in, frames out.
 
 use crate::bins::{BLOCK, TILE_BLOCKS};
+use crate::column::Storage;
 use crate::frame::draw;
 use crate::level::{Instructions, SimdLevel};
 use crate::store::StoredObject;
@@ -8,7 +9,8 @@ use std::time::Instant;
 use surfel_model::{Geometry, Light, Scene, Settings};
 use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
 
-const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", features: &[Feature::EdgeAntialiasing] };
+const CAPABILITIES: Capabilities =
+    Capabilities { backend: "cpu", features: &[Feature::EdgeAntialiasing, Feature::Clips] };
 
 /// How a [`Renderer`] works.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,6 +21,8 @@ pub struct Options {
     pub simd: SimdLevel,
     /// How a frame is cut into work.
     pub work: Work,
+    /// How splats are kept in memory.
+    pub storage: Storage,
 }
 
 /// How a frame is cut into work. Changes the speed and memory, and no bit of a picture.
@@ -43,6 +47,7 @@ pub struct Renderer {
     pool: rayon::ThreadPool,
     instructions: Instructions,
     work: Work,
+    storage: Storage,
 }
 
 /// A scene as this backend keeps it.
@@ -95,7 +100,7 @@ impl Renderer {
             threads: pool.current_num_threads(),
             capabilities: CAPABILITIES,
         };
-        Ok(Self { info, pool, instructions, work: options.work })
+        Ok(Self { info, pool, instructions, work: options.work, storage: options.storage })
     }
 }
 
@@ -109,9 +114,12 @@ impl surfel_render::Renderer for Renderer {
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
         scene.validate()?;
         let [r, g, b, a] = scene.background;
+        let storage = self.storage;
         let objects = self.pool.install(|| {
             let splats = scene.objects.iter().filter_map(|object| match &object.geometry {
-                Geometry::Splats(cloud) => Some(StoredObject::new(cloud, object.world_from_object, object.material)),
+                Geometry::Splats(cloud) => {
+                    Some(StoredObject::new(cloud, object.world_from_object, object.material, storage))
+                }
                 Geometry::Mesh(_) => None,
             });
             splats.collect()

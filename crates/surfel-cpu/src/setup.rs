@@ -1,22 +1,25 @@
 //! From stored splats to records, sixteen at a time.
 
 use crate::bins::{BLOCK, Entry, Grid};
+use crate::clip::ScreenClip;
+use crate::lane_math::{Bits, adjust_axes, gradient_of, orthonormal, pixel_range, transform, unit};
 use crate::lanes::{LANES, Lanes};
 use crate::mask::{self, MaskForm};
 use crate::near::NearSplat;
 use crate::record::{BlockBox, Record, RecordLanes};
-use crate::store::{CHUNK, Chunk, Soa3, StoredObject, StoredShape};
+use crate::store::{CHUNK, Chunk, StoredObject, StoredShape};
 use fearless_simd::Simd;
 use fearless_simd::prelude::SimdFloat;
-use glam::{DMat3, DVec3, Mat3};
+use glam::{DMat3, DVec3};
 use surfel_math::bounds::{self, Extent};
+use surfel_math::clip::Turn;
 use surfel_math::depth::tolerance;
 use surfel_math::filter::{self, Filtered};
-use surfel_math::mapping::{Footprint, Linear};
+use surfel_math::mapping::Footprint;
 use surfel_math::project::{Projected, ViewSplat, radius_max};
 use surfel_math::projection::ProjectionKind;
 use surfel_math::{Real, V2, V3};
-use surfel_model::{Cull, Filter};
+use surfel_model::{ClipPolicy, Cull, Filter};
 use surfel_render::{FramePlan, View};
 
 /// Relative slack of a fragment's depth: several roundings.
@@ -30,17 +33,17 @@ pub(crate) struct ObjectSetup<'a> {
     pub object: &'a StoredObject,
     pub index: u32,
     /// Object to view directions, and view position of the object's origin.
-    linear: DMat3,
-    origin: DVec3,
+    pub linear: DMat3,
+    pub origin: DVec3,
     /// Object to world normals up to scale: cofactors with the sign of the determinant.
-    normals: DMat3,
+    pub normals: DMat3,
     /// Factor by which the object's largest length grows.
     stretch: f64,
     /// The eye, or of an orthographic view the unit direction away from it, in object space.
     eye_in_object: DVec3,
-    view: &'a View,
-    plan: &'a FramePlan,
-    grid: Grid,
+    pub view: &'a View,
+    pub plan: &'a FramePlan,
+    pub grid: Grid,
 }
 
 /// Records and rarer shapes of some chunks.
@@ -49,6 +52,7 @@ pub(crate) struct SetupOutput {
     pub records: Vec<Record>,
     pub entries: Vec<Entry>,
     pub near: Vec<NearSplat>,
+    pub clips: Vec<ScreenClip>,
     /// Splats that were looked at one by one.
     pub set_up: u64,
 }
@@ -59,8 +63,16 @@ impl SetupOutput {
         Self { records: Vec::with_capacity(splats), entries: Vec::with_capacity(2 * splats), ..Self::default() }
     }
 
+    /// Clips the last record.
+    fn clip(&mut self, clip: ScreenClip) {
+        if let Some(record) = self.records.last_mut() {
+            record.set_clip(self.clips.len());
+            self.clips.push(clip);
+        }
+    }
+
     #[inline(always)]
-    fn push<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, grid: &Grid, form: MaskForm) {
+    pub(crate) fn push<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, grid: &Grid, form: MaskForm) {
         let index = self.records.len() as u32;
         self.records.push(*record);
         mask::for_tiles(
@@ -200,23 +212,20 @@ impl<'a> ObjectSetup<'a> {
 
     #[inline(always)]
     fn sixteen<S: Simd>(&self, simd: S, chunk: &Chunk, center: DVec3, at: usize, active: usize, out: &mut SetupOutput) {
-        let load = |c: &Soa3| {
-            V3::new(Lanes::load(simd, &c.x[at..]), Lanes::load(simd, &c.y[at..]), Lanes::load(simd, &c.z[at..]))
-        };
         let object = self.object;
         let linear = self.linear.as_mat3();
         let k = |v: f64| Lanes::splat(simd, v as f32);
         let c = V3::new(k(center.x), k(center.y), k(center.z));
-        let p = transform(&linear, load(&object.centers)) + c;
+        let p = transform(&linear, object.centers.load(simd, at, chunk.scales.center)) + c;
         let (s, t, normal) = match &object.shape {
             StoredShape::Disks { normals, radii } => {
-                let n = load(normals);
-                let r = Lanes::load(simd, &radii[at..]);
+                let n = normals.load(simd, at);
+                let r = radii.load(simd, at, chunk.scales.radius);
                 let (s, t) = orthonormal(n);
                 (s * r, t * r, n)
             }
             StoredShape::Ellipses { s, t } => {
-                let (s, t) = (load(s), load(t));
+                let (s, t) = (s.load(simd, at, 1.0), t.load(simd, at, 1.0));
                 let (a, b) = (s.max_abs(), t.max_abs());
                 (s, t, (s * (a.one() / a)).cross(t * (b.one() / b)))
             }
@@ -228,11 +237,14 @@ impl<'a> ObjectSetup<'a> {
         let n = transform(&view_from_world, world_normal);
         let splat = ViewSplat { p, s, t, n };
         let shading = match &object.shading_normals {
-            Some(c) => unit(transform(&normals, load(c))),
+            Some(c) => unit(transform(&normals, c.load(simd, at))),
             None => world_normal,
         };
         let white = k(1.0);
-        let color = object.colors.as_ref().map_or(V3::new(white, white, white), load);
+        let color = match &object.colors {
+            Some(colors) => colors.load(simd, at, chunk.scales.color),
+            None => V3::new(white, white, white),
+        };
         self.project(simd, &splat, shading, color, (chunk, at, active), out);
     }
 
@@ -273,7 +285,8 @@ impl<'a> ObjectSetup<'a> {
         let radius = radius_max(splat.s, splat.t);
         let h = k(settings.radius_px);
         let epsilon = tolerance(splat, radius, h, settings.tolerance, projection);
-        let adjusted = if settings.filter == Filter::Adjust { adjust_axes(splat, perspective) } else { *splat };
+        let (adjusted, visible_turn) =
+            if settings.filter == Filter::Adjust { adjust_axes(splat, perspective) } else { (*splat, Turn::none(one)) };
         let projected = Projected::new(&adjusted, projection);
         let back_facing = zero.le(projected.facing);
         let mut keep = !projected.is_edge_on();
@@ -377,15 +390,21 @@ impl<'a> ObjectSetup<'a> {
                 filtered.coverage_scale
             },
             object_bits: bits(self.index),
+            clip_bits: bits(0),
         };
         let records = records.transposed();
         let form = MaskForm { linear_depth: !settings.projective, whole_box: settings.filter == Filter::Clamp };
         let boxes = self.block_boxes(columns, rows);
+        let clips = self.object.clips.as_ref().filter(|_| self.plan.clip != ClipPolicy::Off);
         let mut bits = keep;
         while bits != 0 {
             let i = bits.trailing_zeros() as usize;
             bits &= bits - 1;
             out.push(simd, &records[i], boxes[i], &self.grid, form);
+            if let Some(clip) = clips.and_then(|clips| clips.get(at + i, self.plan.clip)) {
+                let filtered_turn = visible_turn.after(&filtered.turn);
+                out.clip(ScreenClip::new(clip, i, (&visible, &visible_turn), (f, &filtered_turn)));
+            }
         }
     }
 
@@ -405,126 +424,5 @@ impl<'a> ObjectSetup<'a> {
             boxes[i].0 = [x0[i] as u16, y0[i] as u16, x1[i] as u16, y1[i] as u16];
         }
         boxes
-    }
-
-    /// Splats that reach the near plane are set up one by one in f64.
-    #[cold]
-    fn push_near<S: Simd>(&self, simd: S, chunk: &Chunk, at: usize, mut bits: u64, out: &mut SetupOutput) {
-        while bits != 0 {
-            let i = at + bits.trailing_zeros() as usize;
-            bits &= bits - 1;
-            let get = |c: &Soa3| DVec3::new(c.x[i].into(), c.y[i].into(), c.z[i].into());
-            let object = self.object;
-            let p = self.origin + self.linear * (chunk.origin + get(&object.centers));
-            let (s, t, n) = match &object.shape {
-                StoredShape::Disks { normals, radii } => {
-                    let n = get(normals);
-                    let (s, t) = surfel_math::basis::orthonormal(n);
-                    (s * f64::from(radii[i]), t * f64::from(radii[i]), n)
-                }
-                StoredShape::Ellipses { s, t } => {
-                    let (s, t) = (get(s), get(t));
-                    (s, t, surfel_math::basis::unit(s).cross(surfel_math::basis::unit(t)))
-                }
-            };
-            let unit = surfel_math::basis::unit;
-            let world_normal = unit(self.normals * n);
-            let view_normal = self.view.view_from_world * world_normal;
-            let splat = ViewSplat {
-                p: V3::from(p),
-                s: V3::from(self.linear * s),
-                t: V3::from(self.linear * t),
-                n: V3::from(view_normal),
-            };
-            let shading = object.shading_normals.as_ref().map_or(world_normal, |c| unit(self.normals * get(c)));
-            let color = object.colors.as_ref().map_or(DVec3::ONE, get);
-            let near = NearSplat::new(&splat, shading, color, self.index, &object.material, self.view, self.plan);
-            if let Some((near, pixels)) = near {
-                let [x, y] = self.grid.origin.map(|v| v as i32);
-                let [x0, y0, x1, y1] = pixels;
-                let block = |v: i32| (v / BLOCK as i32) as u16;
-                let past = BLOCK as i32 - 1;
-                let blocks = BlockBox([block(x0 - x), block(y0 - y), block(x1 - x + past), block(y1 - y + past)]);
-                let form = MaskForm { linear_depth: false, whole_box: true };
-                out.push(simd, &near.record(out.near.len()), blocks, &self.grid, form);
-                out.near.push(near);
-            }
-        }
-    }
-}
-
-/// The first pixel whose centre may lie in [min, max] from `base`, and the one past the last, within the region.
-#[inline(always)]
-fn pixel_range<S: Simd>(base: Lanes<S>, min: Lanes<S>, max: Lanes<S>, start: u32, length: u32) -> (Lanes<S>, Lanes<S>) {
-    let half = base.constant(0.5);
-    let (lo, hi) = (base.constant(f64::from(start)), base.constant(f64::from(start + length)));
-    let first = base + Lanes((min - half).0.ceil());
-    let end = base + Lanes((max - half).0.floor()) + base.one();
-    (first.max(lo).min(hi), end.max(lo).min(hi))
-}
-
-#[inline(always)]
-fn gradient_of<R: Real>(form: &Linear<R>) -> V2<R> {
-    V2::new(form.x, form.y)
-}
-
-#[inline(always)]
-fn transform<S: Simd>(m: &Mat3, v: V3<Lanes<S>>) -> V3<Lanes<S>> {
-    let k = |c: f32| v.x.constant(f64::from(c));
-    let row = |a: f32, b: f32, c: f32| k(a).mul_add(v.x, k(b).mul_add(v.y, k(c) * v.z));
-    V3::new(
-        row(m.x_axis.x, m.y_axis.x, m.z_axis.x),
-        row(m.x_axis.y, m.y_axis.y, m.z_axis.y),
-        row(m.x_axis.z, m.y_axis.z, m.z_axis.z),
-    )
-}
-
-#[inline(always)]
-fn unit<R: Real>(v: V3<R>) -> V3<R> {
-    let scale = v.x.one() / v.max_abs();
-    let v = v * scale;
-    v * (v.x.one() / v.length())
-}
-
-/// As `surfel_math::basis::orthonormal`, for unit normals in lanes.
-#[inline(always)]
-fn orthonormal<R: Real>(n: V3<R>) -> (V3<R>, V3<R>) {
-    let (zero, one) = (n.x.zero(), n.x.one());
-    let sign = R::select(n.z.lt(zero), -one, one);
-    let a = -(one / (sign + n.z));
-    let b = n.x * n.y * a;
-    (
-        V3::new((sign * n.x * n.x).mul_add(a, one), sign * b, -(sign * n.x)),
-        V3::new(b, (n.y * n.y).mul_add(a, sign), -n.y),
-    )
-}
-
-/// `surfel_math::filter::adjust_axes` for sixteen splats, in f64: its turns need arctangents.
-#[cold]
-fn adjust_axes<S: Simd>(splat: &ViewSplat<Lanes<S>>, perspective: bool) -> ViewSplat<Lanes<S>> {
-    let simd = splat.p.x.0.simd;
-    let arrays = |v: V3<Lanes<S>>| [v.x.to_array(), v.y.to_array(), v.z.to_array()];
-    let (p, mut s, mut t, n) = (arrays(splat.p), arrays(splat.s), arrays(splat.t), arrays(splat.n));
-    for i in 0..LANES {
-        let get = |a: &[[f32; LANES]; 3]| V3::new(a[0][i].into(), a[1][i].into(), a[2][i].into());
-        let one = ViewSplat { p: get(&p), s: get(&s), t: get(&t), n: get(&n) };
-        let (a, b) = filter::adjust_axes(&one, perspective);
-        (s[0][i], s[1][i], s[2][i]) = (a.x as f32, a.y as f32, a.z as f32);
-        (t[0][i], t[1][i], t[2][i]) = (b.x as f32, b.y as f32, b.z as f32);
-    }
-    let lanes =
-        |a: &[[f32; LANES]; 3]| V3::new(Lanes::load(simd, &a[0]), Lanes::load(simd, &a[1]), Lanes::load(simd, &a[2]));
-    ViewSplat { s: lanes(&s), t: lanes(&t), ..*splat }
-}
-
-/// Truth values of the lanes as bits.
-trait Bits {
-    fn bits(self) -> u64;
-}
-
-impl<S: Simd> Bits for fearless_simd::mask32x16<S> {
-    #[inline(always)]
-    fn bits(self) -> u64 {
-        fearless_simd::prelude::SimdMask::to_bitmask(self)
     }
 }

@@ -1,5 +1,7 @@
 //! Splats as they stay resident: Morton order, chunks of 256, f32 about an f64 origin.
 
+use crate::clip::StoredClips;
+use crate::column::{Column, Column3, Storage, Units};
 use crate::lanes::LANES;
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
@@ -14,36 +16,15 @@ pub(crate) const CHUNK: usize = 256;
 /// different size, and strays, get chunks of their own.
 const MAX_EXTENT_RADII: f64 = 512.0;
 
-/// A column of vectors in structure-of-arrays form. Every chunk is padded to whole lanes.
-#[derive(Default)]
-pub(crate) struct Soa3 {
-    pub x: Vec<f32>,
-    pub y: Vec<f32>,
-    pub z: Vec<f32>,
-}
-
-impl Soa3 {
-    fn with_capacity(n: usize) -> Self {
-        Self { x: Vec::with_capacity(n), y: Vec::with_capacity(n), z: Vec::with_capacity(n) }
-    }
-
-    fn push(&mut self, v: Vec3) {
-        self.x.push(v.x);
-        self.y.push(v.y);
-        self.z.push(v.z);
-    }
-
-    fn bytes(&self) -> usize {
-        3 * size_of_val(self.x.as_slice())
-    }
-}
+/// Largest radius of a quantised chunk in its smallest.
+const MAX_RADII: f64 = 16.0;
 
 /// Extent and orientation of the splats.
 pub(crate) enum StoredShape {
     /// Unit normals and radii.
-    Disks { normals: Soa3, radii: Vec<f32> },
+    Disks { normals: Units, radii: Column },
     /// Half-axes.
-    Ellipses { s: Soa3, t: Soa3 },
+    Ellipses { s: Column3, t: Column3 },
 }
 
 /// Up to 256 splats that lie close together.
@@ -56,8 +37,18 @@ pub(crate) struct Chunk {
     pub first: usize,
     /// Number of splats.
     pub count: usize,
+    /// Largest coordinate of a centre about `origin`, largest colour, largest radius: what 16 bits are relative to.
+    pub scales: Scales,
     /// A cone about all normals, if it is narrower than a half space.
     pub cone: Option<Cone>,
+}
+
+/// What a chunk's 16-bit numbers are relative to.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Scales {
+    pub center: f32,
+    pub color: f32,
+    pub radius: f32,
 }
 
 /// Directions within an angle of an axis.
@@ -83,17 +74,18 @@ pub(crate) struct StoredObject {
     pub material: Material,
     pub chunks: Vec<Chunk>,
     /// Centres about their chunks' origins.
-    pub centers: Soa3,
+    pub centers: Column3,
     pub shape: StoredShape,
-    pub colors: Option<Soa3>,
-    pub shading_normals: Option<Soa3>,
+    pub colors: Option<Column3>,
+    pub shading_normals: Option<Units>,
+    pub clips: Option<StoredClips>,
     /// W0 of the material, or of the cloud; 0 if neither says.
     interior_weight: f64,
 }
 
 impl StoredObject {
     /// Orders and stores a cloud.
-    pub(crate) fn new(cloud: &SplatCloud, world_from_object: DAffine3, material: Material) -> Self {
+    pub(crate) fn new(cloud: &SplatCloud, world_from_object: DAffine3, material: Material, storage: Storage) -> Self {
         let order = morton_order(cloud);
         let padded = cloud.len() + cloud.len() / LANES;
         let data = cloud.data();
@@ -101,22 +93,24 @@ impl StoredObject {
             world_from_object,
             material,
             chunks: Vec::with_capacity(padded / CHUNK),
-            centers: Soa3::with_capacity(padded),
+            centers: Column3::new(storage, padded),
             shape: match data.shape {
                 Shape::Disks { .. } => {
-                    StoredShape::Disks { normals: Soa3::with_capacity(padded), radii: Vec::with_capacity(padded) }
+                    StoredShape::Disks { normals: Units::new(storage, padded), radii: Column::new(storage, padded) }
                 }
-                Shape::Ellipses { .. } => {
-                    StoredShape::Ellipses { s: Soa3::with_capacity(padded), t: Soa3::with_capacity(padded) }
-                }
+                Shape::Ellipses { .. } => StoredShape::Ellipses {
+                    s: Column3::new(Storage::F32, padded),
+                    t: Column3::new(Storage::F32, padded),
+                },
             },
-            colors: data.colors.as_ref().map(|_| Soa3::with_capacity(padded)),
-            shading_normals: data.shading_normals.as_ref().map(|_| Soa3::with_capacity(padded)),
+            colors: data.colors.as_ref().map(|_| Column3::new(storage, padded)),
+            shading_normals: data.shading_normals.as_ref().map(|_| Units::new(storage, padded)),
+            clips: data.clips.as_ref().map(|_| StoredClips::default()),
             interior_weight: material.interior_weight.or(data.interior_weight).unwrap_or(0.0),
         };
         let mut rest = order.as_slice();
         while !rest.is_empty() {
-            let (members, after) = rest.split_at(chunk_length(cloud, rest));
+            let (members, after) = rest.split_at(chunk_length(cloud, rest, storage));
             stored.push_chunk(cloud, members);
             rest = after;
         }
@@ -128,35 +122,47 @@ impl StoredObject {
         let (min, max) =
             centers.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
         let origin = 0.5 * (min + max);
-        let mut ball = 0.0f64;
         let cone = Cone::about(members.iter().map(|&i| cloud.normal(i as usize)));
-        self.chunks.push(Chunk { origin, ball: 0.0, first: self.centers.x.len(), count: members.len(), cone });
+        let color =
+            |&i: &u32| cloud.data().colors.as_ref().map_or(0.0, |_| Vec3::from(cloud.color(i as usize)).max_element());
+        let scales = Scales {
+            center: centers.iter().fold(0.0, |a, p| a.max((*p - origin).as_vec3().abs().max_element())),
+            color: members.iter().map(color).fold(0.0, f32::max),
+            radius: members.iter().map(|&i| cloud.radius_max(i as usize) as f32).fold(0.0, f32::max),
+        };
+        let mut ball = 0.0f64;
+        let first = self.centers.len();
+        self.chunks.push(Chunk { origin, ball: 0.0, first, count: members.len(), scales, cone });
         // The last splat fills the lanes up; setup ignores what lies past `count`.
         for slot in 0..members.len().next_multiple_of(LANES) {
             let k = slot.min(members.len() - 1);
             let i = members[k] as usize;
-            self.centers.push((centers[k] - origin).as_vec3());
+            self.centers.push((centers[k] - origin).as_vec3(), scales.center);
             ball = ball.max((centers[k] - origin).length() + cloud.radius_max(i));
             match &mut self.shape {
                 StoredShape::Disks { normals, radii } => {
                     normals.push(cloud.normal(i).as_vec3());
-                    radii.push(cloud.radius_max(i) as f32);
+                    radii.push(cloud.radius_max(i) as f32, scales.radius);
                 }
                 StoredShape::Ellipses { s, t } => {
                     let (a, b) = cloud.axes(i);
-                    s.push(a.as_vec3());
-                    t.push(b.as_vec3());
+                    s.push(a.as_vec3(), 1.0);
+                    t.push(b.as_vec3(), 1.0);
                 }
             }
             if let Some(colors) = &mut self.colors {
-                colors.push(Vec3::from(cloud.color(i)));
+                colors.push(Vec3::from(cloud.color(i)), scales.color);
+            }
+            if let Some(clips) = &mut self.clips {
+                clips.push(cloud, i);
             }
             if let Some(normals) = &mut self.shading_normals {
                 normals.push(cloud.shading_normal(i).as_vec3());
             }
         }
         if let Some(chunk) = self.chunks.last_mut() {
-            chunk.ball = ball;
+            // Stored centres and radii are rounded, by 16 bits to 1e-4 of the ball at most.
+            chunk.ball = ball * (1.0 + 1e-4);
         }
     }
 
@@ -172,26 +178,29 @@ impl StoredObject {
     /// Bytes of heap memory in use.
     pub(crate) fn bytes(&self) -> usize {
         let shape = match &self.shape {
-            StoredShape::Disks { normals, radii } => normals.bytes() + size_of_val(radii.as_slice()),
+            StoredShape::Disks { normals, radii } => normals.bytes() + radii.bytes(),
             StoredShape::Ellipses { s, t } => s.bytes() + t.bytes(),
         };
         shape
             + self.centers.bytes()
-            + self.colors.as_ref().map_or(0, Soa3::bytes)
-            + self.shading_normals.as_ref().map_or(0, Soa3::bytes)
+            + self.colors.as_ref().map_or(0, Column3::bytes)
+            + self.shading_normals.as_ref().map_or(0, Units::bytes)
+            + self.clips.as_ref().map_or(0, StoredClips::bytes)
             + size_of_val(self.chunks.as_slice())
     }
 }
 
 /// How many of the splats, in order, make the next chunk.
-fn chunk_length(cloud: &SplatCloud, order: &[u32]) -> usize {
+fn chunk_length(cloud: &SplatCloud, order: &[u32], storage: Storage) -> usize {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let mut smallest = f64::INFINITY;
+    let (mut smallest, mut largest) = (f64::INFINITY, 0.0f64);
     for (count, &i) in order.iter().take(CHUNK).enumerate() {
         let p = cloud.center(i as usize);
         (min, max) = (min.min(p), max.max(p));
-        smallest = smallest.min(cloud.radius_max(i as usize));
-        if count > 0 && (max - min).max_element() > MAX_EXTENT_RADII * smallest {
+        let radius = cloud.radius_max(i as usize);
+        (smallest, largest) = (smallest.min(radius), largest.max(radius));
+        let uneven = storage == Storage::Quantised && largest > MAX_RADII * smallest;
+        if count > 0 && (uneven || (max - min).max_element() > MAX_EXTENT_RADII * smallest) {
             return count;
         }
     }

@@ -1,0 +1,211 @@
+//! Columns of numbers of stored splats: f32, or 16 bits relative to a scale of their chunk (B05 §7's halved memory, with
+//! the range of a chunk in place of a half float's).
+
+use crate::lanes::{LANES, Lanes};
+use fearless_simd::Simd;
+use glam::Vec3;
+use surfel_math::{Real, V3};
+
+/// How splats are kept in memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Storage {
+    /// Single precision.
+    #[default]
+    F32,
+    /// 16 bits for centres, colours, normals and disks' radii. Half-axes of ellipses stay f32: a needle's shorter one would
+    /// vanish beside its neighbours' longer ones.
+    ///
+    /// A centre moves by at most 1.5e-5 of its chunk's half extent, a colour by 1.5e-5 of the chunk's largest, a normal by
+    /// 1e-4, a radius by 1.5e-5 of the chunk's largest, which is at most sixteen times the smallest.
+    Quantised,
+}
+
+/// Largest 16-bit step from zero.
+const STEPS: f32 = 32767.0;
+/// What stands for zero.
+const ZERO: u16 = 32768;
+
+/// A column of numbers.
+pub(crate) enum Column {
+    F32(Vec<f32>),
+    Quantised(Vec<u16>),
+}
+
+impl Column {
+    pub(crate) fn new(storage: Storage, capacity: usize) -> Self {
+        match storage {
+            Storage::F32 => Self::F32(Vec::with_capacity(capacity)),
+            Storage::Quantised => Self::Quantised(Vec::with_capacity(capacity)),
+        }
+    }
+
+    /// Adds a number between −scale and scale.
+    pub(crate) fn push(&mut self, value: f32, scale: f32) {
+        match self {
+            Self::F32(values) => values.push(value),
+            Self::Quantised(steps) => steps.push(to_steps(value / scale)),
+        }
+    }
+
+    /// Sixteen numbers.
+    #[inline(always)]
+    pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> Lanes<S> {
+        match self {
+            Self::F32(values) => Lanes::load(simd, &values[at..]),
+            Self::Quantised(steps) => from_steps(simd, &steps[at..]) * Lanes::splat(simd, scale / STEPS),
+        }
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        match self {
+            Self::F32(values) => size_of_val(values.as_slice()),
+            Self::Quantised(steps) => size_of_val(steps.as_slice()),
+        }
+    }
+}
+
+fn to_steps(unit: f32) -> u16 {
+    // A scale of 0 gives NaN, which the cast makes 0.
+    let step = (unit * STEPS).round().clamp(-STEPS, STEPS) as i32;
+    (step + i32::from(ZERO)) as u16
+}
+
+#[inline(always)]
+fn from_steps<S: Simd>(simd: S, steps: &[u16]) -> Lanes<S> {
+    let mut values = [0.0; LANES];
+    if let Some(steps) = steps.first_chunk::<LANES>() {
+        for i in 0..LANES {
+            values[i] = (i32::from(steps[i]) - i32::from(ZERO)) as f32;
+        }
+    }
+    Lanes::load(simd, &values)
+}
+
+/// A column of vectors in structure-of-arrays form. Every chunk is padded to whole lanes.
+pub(crate) struct Column3([Column; 3]);
+
+impl Column3 {
+    pub(crate) fn new(storage: Storage, capacity: usize) -> Self {
+        Self([(); 3].map(|()| Column::new(storage, capacity)))
+    }
+
+    /// Adds a vector whose coordinates lie between −scale and scale.
+    pub(crate) fn push(&mut self, v: Vec3, scale: f32) {
+        self.0.iter_mut().zip(v.to_array()).for_each(|(column, value)| column.push(value, scale));
+    }
+
+    #[inline(always)]
+    pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> V3<Lanes<S>> {
+        let [x, y, z] = &self.0;
+        V3::new(x.load(simd, at, scale), y.load(simd, at, scale), z.load(simd, at, scale))
+    }
+
+    /// Number of vectors.
+    pub(crate) fn len(&self) -> usize {
+        match &self.0[0] {
+            Column::F32(values) => values.len(),
+            Column::Quantised(steps) => steps.len(),
+        }
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        self.0.iter().map(Column::bytes).sum()
+    }
+}
+
+/// A column of unit vectors: three f32, or two 16-bit coordinates of the octahedron (Meyer et al. 2010).
+pub(crate) enum Units {
+    F32(Column3),
+    Octahedral([Column; 2]),
+}
+
+impl Units {
+    pub(crate) fn new(storage: Storage, capacity: usize) -> Self {
+        match storage {
+            Storage::F32 => Self::F32(Column3::new(storage, capacity)),
+            Storage::Quantised => Self::Octahedral([(); 2].map(|()| Column::new(storage, capacity))),
+        }
+    }
+
+    pub(crate) fn push(&mut self, v: Vec3) {
+        match self {
+            Self::F32(column) => column.push(v, 1.0),
+            Self::Octahedral([x, y]) => {
+                let p = v / (v.x.abs() + v.y.abs() + v.z.abs());
+                let folded = |a: f32, b: f32| if p.z < 0.0 { (1.0 - b.abs()) * 1f32.copysign(a) } else { a };
+                x.push(folded(p.x, p.y), 1.0);
+                y.push(folded(p.y, p.x), 1.0);
+            }
+        }
+    }
+
+    #[inline(always)]
+    pub(crate) fn load<S: Simd>(&self, simd: S, at: usize) -> V3<Lanes<S>> {
+        match self {
+            Self::F32(column) => column.load(simd, at, 1.0),
+            Self::Octahedral([x, y]) => {
+                let (x, y) = (x.load(simd, at, 1.0), y.load(simd, at, 1.0));
+                let (zero, one) = (x.zero(), x.one());
+                let z = one - x.abs() - y.abs();
+                let below = (-z).max(zero);
+                let unfolded = |a: Lanes<S>| a + Lanes::select(a.lt(zero), below, -below);
+                let v = V3::new(unfolded(x), unfolded(y), z);
+                v * v.dot(v).inverse_sqrt()
+            }
+        }
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        match self {
+            Self::F32(column) => column.bytes(),
+            Self::Octahedral(columns) => columns.iter().map(Column::bytes).sum(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::level::{Instructions, SimdLevel, with_instructions};
+
+    #[test]
+    fn quantised_numbers_are_within_half_a_step() {
+        let mut column = Column::new(Storage::Quantised, 0);
+        let values: Vec<f32> = (0..LANES).map(|i| i as f32 * 0.37 - 3.0).collect();
+        values.iter().for_each(|&v| column.push(v, 3.0));
+        let mut zeros = Column::new(Storage::Quantised, 0);
+        (0..LANES).for_each(|_| zeros.push(0.0, 0.0));
+        let instructions = Instructions::new(SimdLevel::Best).unwrap();
+        with_instructions!(instructions, simd => {
+            let loaded = column.load(simd, 0, 3.0).to_array();
+            for (value, loaded) in values.iter().zip(loaded) {
+                // Half of 3/32767, and rounding.
+                assert!((value - loaded).abs() <= 4.6e-5, "{value} {loaded}");
+            }
+            assert_eq!(zeros.load(simd, 0, 0.0).to_array(), [0.0; LANES]);
+        });
+    }
+
+    #[test]
+    fn octahedral_normals_turn_by_less_than_their_bound() {
+        let mut units = Units::new(Storage::Quantised, 0);
+        let directions: Vec<Vec3> = (0..LANES * 64)
+            .map(|i| {
+                let (z, angle) = (1.0 - (i as f32 + 0.5) / (32 * LANES) as f32, i as f32 * 2.399_963);
+                let r = (1.0 - z * z).sqrt();
+                Vec3::new(r * angle.cos(), r * angle.sin(), z)
+            })
+            .chain([Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z])
+            .collect();
+        directions.iter().for_each(|&v| units.push(v));
+        (0..LANES).for_each(|_| units.push(Vec3::Z));
+        let instructions = Instructions::new(SimdLevel::Best).unwrap();
+        with_instructions!(instructions, simd => {
+            for (i, direction) in directions.iter().enumerate() {
+                let v = units.load(simd, i);
+                let loaded = Vec3::new(v.x.to_array()[0], v.y.to_array()[0], v.z.to_array()[0]);
+                assert!((loaded - *direction).length() < 1e-4, "{direction} {loaded}");
+            }
+        });
+    }
+}

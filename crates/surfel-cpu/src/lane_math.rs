@@ -1,0 +1,100 @@
+//! Small pieces of setup over lanes.
+
+use crate::lanes::{LANES, Lanes};
+use fearless_simd::Simd;
+use fearless_simd::prelude::SimdFloat;
+use glam::Mat3;
+use surfel_math::clip::Turn;
+use surfel_math::mapping::Linear;
+use surfel_math::project::ViewSplat;
+use surfel_math::{Real, V2, V3, filter};
+
+/// The first pixel whose centre may lie in [min, max] from `base`, and the one past the last, within the region.
+#[inline(always)]
+pub(crate) fn pixel_range<S: Simd>(
+    base: Lanes<S>,
+    min: Lanes<S>,
+    max: Lanes<S>,
+    start: u32,
+    length: u32,
+) -> (Lanes<S>, Lanes<S>) {
+    let half = base.constant(0.5);
+    let (lo, hi) = (base.constant(f64::from(start)), base.constant(f64::from(start + length)));
+    let first = base + Lanes((min - half).0.ceil());
+    let end = base + Lanes((max - half).0.floor()) + base.one();
+    (first.max(lo).min(hi), end.max(lo).min(hi))
+}
+
+#[inline(always)]
+pub(crate) fn gradient_of<R: Real>(form: &Linear<R>) -> V2<R> {
+    V2::new(form.x, form.y)
+}
+
+#[inline(always)]
+pub(crate) fn transform<S: Simd>(m: &Mat3, v: V3<Lanes<S>>) -> V3<Lanes<S>> {
+    let k = |c: f32| v.x.constant(f64::from(c));
+    let row = |a: f32, b: f32, c: f32| k(a).mul_add(v.x, k(b).mul_add(v.y, k(c) * v.z));
+    V3::new(
+        row(m.x_axis.x, m.y_axis.x, m.z_axis.x),
+        row(m.x_axis.y, m.y_axis.y, m.z_axis.y),
+        row(m.x_axis.z, m.y_axis.z, m.z_axis.z),
+    )
+}
+
+#[inline(always)]
+pub(crate) fn unit<R: Real>(v: V3<R>) -> V3<R> {
+    let scale = v.x.one() / v.max_abs();
+    let v = v * scale;
+    v * (v.x.one() / v.length())
+}
+
+/// As `surfel_math::basis::orthonormal`, for unit normals in lanes.
+#[inline(always)]
+pub(crate) fn orthonormal<R: Real>(n: V3<R>) -> (V3<R>, V3<R>) {
+    let (zero, one) = (n.x.zero(), n.x.one());
+    let sign = R::select(n.z.lt(zero), -one, one);
+    let a = -(one / (sign + n.z));
+    let b = n.x * n.y * a;
+    (
+        V3::new((sign * n.x * n.x).mul_add(a, one), sign * b, -(sign * n.x)),
+        V3::new(b, (n.y * n.y).mul_add(a, sign), -n.y),
+    )
+}
+
+/// `surfel_math::filter::adjust_axes_turned` for sixteen splats, in f64: its turns need arctangents.
+#[cold]
+pub(crate) fn adjust_axes<S: Simd>(
+    splat: &ViewSplat<Lanes<S>>,
+    perspective: bool,
+) -> (ViewSplat<Lanes<S>>, Turn<Lanes<S>>) {
+    let simd = splat.p.x.0.simd;
+    let arrays = |v: V3<Lanes<S>>| [v.x.to_array(), v.y.to_array(), v.z.to_array()];
+    let (p, mut s, mut t, n) = (arrays(splat.p), arrays(splat.s), arrays(splat.t), arrays(splat.n));
+    let mut turns = [[0.0; LANES]; 4];
+    for i in 0..LANES {
+        let get = |a: &[[f32; LANES]; 3]| V3::new(a[0][i].into(), a[1][i].into(), a[2][i].into());
+        let one = ViewSplat { p: get(&p), s: get(&s), t: get(&t), n: get(&n) };
+        let (a, b, turn) = filter::adjust_axes_turned(&one, perspective);
+        (s[0][i], s[1][i], s[2][i]) = (a.x as f32, a.y as f32, a.z as f32);
+        (t[0][i], t[1][i], t[2][i]) = (b.x as f32, b.y as f32, b.z as f32);
+        let turn = [turn.first.x, turn.first.y, turn.second.x, turn.second.y];
+        turns.iter_mut().zip(turn).for_each(|(lanes, value)| lanes[i] = value as f32);
+    }
+    let load = |a: &[f32; LANES]| Lanes::load(simd, a);
+    let lanes = |a: &[[f32; LANES]; 3]| V3::new(load(&a[0]), load(&a[1]), load(&a[2]));
+    let turn =
+        Turn { first: V2::new(load(&turns[0]), load(&turns[1])), second: V2::new(load(&turns[2]), load(&turns[3])) };
+    (ViewSplat { s: lanes(&s), t: lanes(&t), ..*splat }, turn)
+}
+
+/// Truth values of the lanes as bits.
+pub(crate) trait Bits {
+    fn bits(self) -> u64;
+}
+
+impl<S: Simd> Bits for fearless_simd::mask32x16<S> {
+    #[inline(always)]
+    fn bits(self) -> u64 {
+        fearless_simd::prelude::SimdMask::to_bitmask(self)
+    }
+}
