@@ -48,8 +48,8 @@ fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_and_batch() {
         renderer(3, SimdLevel::Best),
         renderer(2, SimdLevel::Avx2),
         renderer(1, SimdLevel::Baseline),
-        cut(8, 1 << 19),
-        cut(16, 1 << 19),
+        cut(8, 1 << 20),
+        cut(16, 1 << 20),
         // Every strip of tiles by itself.
         cut(8, 0),
         cut(32, 0),

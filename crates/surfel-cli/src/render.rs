@@ -120,7 +120,7 @@ fn choose(
 }
 
 fn options(args: &RenderArgs, threads: usize) -> BackendOptions {
-    BackendOptions { threads, adapter: args.adapter.clone() }
+    BackendOptions { threads, adapter: args.adapter.clone(), quantised: args.storage == "16" }
 }
 
 fn introduce(backend: &Backend, console: &Console) {

@@ -37,7 +37,7 @@ pub struct Work {
 
 impl Default for Work {
     fn default() -> Self {
-        Self { tile_px: 32, batch_splats: 1 << 19 }
+        Self { tile_px: 32, batch_splats: 1 << 20 }
     }
 }
 

@@ -25,6 +25,9 @@ pub struct BackendOptions {
     pub threads: usize,
     /// A part of the adapter's name, in any case; `None`: any adapter.
     pub adapter: Option<String>,
+    /// The processor backend keeps splats in 16 bits within a chunk: half the memory or less, and a measured error
+    /// (docs/accuracy.md). Others take no notice.
+    pub quantised: bool,
 }
 
 /// Why there is no such backend here.
@@ -225,7 +228,9 @@ impl Backend {
 
     #[cfg(feature = "cpu")]
     fn cpu(options: &BackendOptions) -> Result<Self, BackendError> {
-        let start = surfel_cpu::Renderer::new(options.threads);
+        let storage = if options.quantised { surfel_cpu::Storage::Quantised } else { surfel_cpu::Storage::F32 };
+        let cpu = surfel_cpu::Options { threads: options.threads, storage, ..surfel_cpu::Options::default() };
+        let start = surfel_cpu::Renderer::with_options(&cpu);
         let renderer = start.map_err(|source| BackendError::NoStart { name: "cpu", source })?;
         check_adapter(renderer.info(), options)?;
         Ok(Self::Cpu(renderer))
