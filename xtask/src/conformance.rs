@@ -1,0 +1,27 @@
+//! `cargo xtask conformance`: the backends against the reference, by the program of the package `surfel-conformance`.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use crate::{cargo, vulkan};
+
+pub(crate) fn run(root: &Path, options: &[&str]) -> ExitCode {
+    // What is missing is said again, backend by backend, by the program.
+    if let Err(problem) = vulkan::prepare(root) {
+        eprintln!("error: {problem}");
+        return ExitCode::FAILURE;
+    }
+    let mut command = cargo(root);
+    // Files are named from where the user is, not from the workspace.
+    if let Ok(here) = std::env::current_dir() {
+        command.current_dir(here).arg("run").arg("--manifest-path").arg(root.join("Cargo.toml"));
+    }
+    command.args(["--quiet", "--locked", "--package", "surfel-conformance", "--example", "conformance", "--"]);
+    match command.args(options).status() {
+        Ok(status) => status.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from),
+        Err(error) => {
+            eprintln!("error: could not run {}: {error}", command.get_program().display());
+            ExitCode::FAILURE
+        }
+    }
+}
