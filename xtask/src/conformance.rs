@@ -18,7 +18,13 @@ pub(crate) fn run(root: &Path, options: &[&str]) -> ExitCode {
     }
     command.args(["--quiet", "--locked", "--package", "surfel-conformance", "--example", "conformance", "--"]);
     match command.args(options).status() {
-        Ok(status) => status.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from),
+        Ok(status) => match status.code().map(u8::try_from) {
+            Some(Ok(code)) => ExitCode::from(code),
+            _ => {
+                eprintln!("error: the run ended early ({status}): a driver crashed, or someone stopped it");
+                ExitCode::FAILURE
+            }
+        },
         Err(error) => {
             eprintln!("error: could not run {}: {error}", command.get_program().display());
             ExitCode::FAILURE
