@@ -1,8 +1,10 @@
 //! Holds a backend against the reference, pixel by pixel.
 //!
 //! Every plane is compared linearly. A pixel that is farther off than the tolerance is an outlier; it is forgiven only
-//! where the reference says that a decision of the model is within its margin there, and only a few in a picture.
+//! where the reference says that a decision of the model is within its margin there, and only a few in a picture. What a
+//! backend is known to miss is listed in [`crate::expectations`].
 
+use crate::expectations::{self, EXPECTATIONS, Extent};
 use crate::scenes::{self, Case};
 use std::fmt;
 use surfel_reference::Renderer as Reference;
@@ -16,11 +18,36 @@ pub const RELATIVE: f64 = 1e-3;
 /// Share of a picture's pixels that may be outliers, all of them within their margin (rendering model, ties).
 pub const FORGIVEN_SHARE: f64 = 0.025;
 
+/// A compared plane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Plane {
+    /// Linear premultiplied RGBA.
+    Color,
+    /// Planar depth.
+    Z,
+    /// World normal.
+    Normal,
+    /// Sum of weights.
+    Weight,
+}
+
+impl Plane {
+    /// As in messages and EXR files: `color`, `Z`, `normal` or `weight`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Color => "color",
+            Self::Z => "Z",
+            Self::Normal => "normal",
+            Self::Weight => "weight",
+        }
+    }
+}
+
 /// How far one plane is off.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlaneError {
-    /// Name: `color`, `Z`, `normal` or `weight`.
-    pub plane: &'static str,
+    /// Which one.
+    pub plane: Plane,
     /// Greatest error outside of the margin as a multiple of the tolerance; above 1 is a failure.
     pub worst: f64,
     /// Where that is: column and row.
@@ -36,6 +63,8 @@ pub struct PlaneError {
 pub enum Verdict {
     /// Within tolerance.
     Passed,
+    /// Off by no more than an entry of [`EXPECTATIONS`] allows; why.
+    Expected(String),
     /// The backend says that it doesn't draw this.
     Skipped(String),
     /// Something is wrong, in words.
@@ -53,6 +82,8 @@ pub struct Report {
     pub forgiven: usize,
     /// Share of pixels within the margin.
     pub margin_share: f64,
+    /// What is wrong besides planes that are off: NaN, a missing plane, too much forgiven. No expectation excuses it.
+    pub broken: Vec<String>,
     /// Passed or not.
     pub verdict: Verdict,
 }
@@ -64,11 +95,31 @@ impl Report {
     }
 
     fn of_verdict(name: &str, verdict: Verdict) -> Self {
-        Self { name: name.into(), planes: Vec::new(), forgiven: 0, margin_share: 0.0, verdict }
+        Self { name: name.into(), planes: Vec::new(), forgiven: 0, margin_share: 0.0, broken: Vec::new(), verdict }
     }
 
-    fn failed(name: &str, message: impl fmt::Display) -> Self {
-        Self::of_verdict(name, Verdict::Failed(message.to_string()))
+    /// A failure without a picture.
+    pub fn failed(name: &str, message: impl fmt::Display) -> Self {
+        let message = message.to_string();
+        Self { broken: vec![message.clone()], ..Self::of_verdict(name, Verdict::Failed(message)) }
+    }
+
+    /// What is wrong where each plane may be off by so many times the tolerance.
+    pub(crate) fn faults(&self, allowed: impl Fn(Plane) -> f64) -> Vec<String> {
+        let off = self.planes.iter().filter(|p| p.worst > allowed(p.plane));
+        let words =
+            |p: &PlaneError| format!("{} pixels of {} are off outside of the margin", p.outliers, p.plane.name());
+        self.broken.iter().cloned().chain(off.map(words)).collect()
+    }
+
+    /// The plane that is farthest off.
+    pub fn worst_plane(&self) -> Option<&PlaneError> {
+        self.planes.iter().max_by(|a, b| a.worst.total_cmp(&b.worst))
+    }
+
+    /// Pixels outside of the margin that are off by more than the tolerance, in the plane that has most.
+    pub fn outliers(&self) -> usize {
+        self.planes.iter().map(|p| p.outliers).max().unwrap_or(0)
     }
 }
 
@@ -76,11 +127,12 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.verdict {
             Verdict::Passed => write!(f, "{}: passed", self.name)?,
+            Verdict::Expected(why) => write!(f, "{}: as expected: {why}", self.name)?,
             Verdict::Skipped(why) => write!(f, "skipped: {}: {why}", self.name)?,
             Verdict::Failed(why) => write!(f, "{}: FAILED: {why}", self.name)?,
         }
         for p in &self.planes {
-            write!(f, "\n  {:6} worst {:.3} of the tolerance at {:?}", p.plane, p.worst, p.at)?;
+            write!(f, "\n  {:6} worst {:.3} of the tolerance at {:?}", p.plane.name(), p.worst, p.at)?;
             write!(f, ": got {}, want {}; {} outliers", p.values[0], p.values[1], p.outliers)?;
         }
         write!(f, "\n  {} forgiven, {:.2} % within the margin", self.forgiven, 100.0 * self.margin_share)
@@ -101,62 +153,92 @@ pub fn compare_frames(name: &str, got: &Frame, want: &Frame, margin: &[f32]) -> 
         );
         return Report::failed(name, message);
     }
-    let mut finite: Vec<f32> = want.depth.iter().copied().filter(|z| z.is_finite()).map(f32::abs).collect();
-    finite.sort_by(f32::total_cmp);
-    let median = finite.get(finite.len() / 2).map_or(1.0, |&z| f64::from(z));
     let mut outliers = vec![false; pixels];
     let mut broken = Vec::new();
-    let planes: [(_, &[f32], &[f32], f64); 4] = [
-        ("color", got.color.as_flattened(), want.color.as_flattened(), ABSOLUTE),
-        ("Z", &got.depth, &want.depth, ABSOLUTE * median),
-        ("normal", got.normal.as_flattened(), want.normal.as_flattened(), ABSOLUTE),
-        ("weight", &got.weight, &want.weight, ABSOLUTE),
-    ];
     let mut errors = Vec::new();
-    for (plane, got, want_plane, absolute) in planes {
-        if got.len() != want_plane.len() {
-            broken.push(format!("plane {plane} has {} values, not {}", got.len(), want_plane.len()));
+    for planes in pairs(got, want) {
+        let Pair { plane, got, want: wanted, .. } = planes;
+        if got.len() != wanted.len() {
+            broken.push(format!("plane {} has {} values, not {}", plane.name(), got.len(), wanted.len()));
             continue;
         }
         if got.iter().any(|v| v.is_nan()) {
-            broken.push(format!("plane {plane} has NaN"));
+            broken.push(format!("plane {} has NaN", plane.name()));
         }
-        if !want_plane.is_empty() {
-            errors.push(compare_plane(plane, got, want_plane, absolute, want.width, margin, &mut outliers));
+        if !wanted.is_empty() {
+            errors.push(compare_plane(&planes, want.width, margin, &mut outliers));
         }
-    }
-    for e in errors.iter().filter(|e| e.outliers > 0) {
-        broken.push(format!("{} pixels of {} are off outside of the margin", e.outliers, e.plane));
     }
     let forgiven = outliers.iter().zip(margin).filter(|(o, m)| **o && **m != 0.0).count();
     if forgiven as f64 > FORGIVEN_SHARE * pixels as f64 {
         broken.push(format!("{forgiven} outliers within the margin, more than {FORGIVEN_SHARE} of {pixels} pixels"));
     }
     let margin_share = margin.iter().filter(|m| **m != 0.0).count() as f64 / pixels.max(1) as f64;
-    let verdict = if broken.is_empty() { Verdict::Passed } else { Verdict::Failed(broken.join("; ")) };
-    Report { name: name.into(), planes: errors, forgiven, margin_share, verdict }
+    let passed = Report::of_verdict(name, Verdict::Passed);
+    let mut report = Report { planes: errors, forgiven, margin_share, broken, ..passed };
+    let faults = report.faults(|_| 1.0);
+    if !faults.is_empty() {
+        report.verdict = Verdict::Failed(faults.join("; "));
+    }
+    report
 }
 
-fn compare_plane(
-    plane: &'static str,
-    got: &[f32],
-    want: &[f32],
+/// How far each pixel is off in the plane where it is farthest, as a multiple of the tolerance. Both frames have the same
+/// size; planes of different lengths are left out.
+pub fn pixel_errors(got: &Frame, want: &Frame) -> Vec<f64> {
+    let mut worst = vec![0.0f64; want.width as usize * want.height as usize];
+    for planes in pairs(got, want).iter().filter(|p| p.got.len() == p.want.len() && !p.want.is_empty()) {
+        let channels = planes.want.len() / worst.len().max(1);
+        for (i, worst) in worst.iter_mut().enumerate() {
+            *worst = planes.errors(i, channels).fold(*worst, |worst, (error, _)| worst.max(error));
+        }
+    }
+    worst
+}
+
+/// A plane of both frames, flat, with its absolute tolerance.
+struct Pair<'a> {
+    plane: Plane,
+    got: &'a [f32],
+    want: &'a [f32],
     absolute: f64,
-    width: u32,
-    margin: &[f32],
-    outliers: &mut [bool],
-) -> PlaneError {
-    let channels = want.len() / margin.len().max(1);
-    let mut worst = PlaneError { plane, worst: 0.0, at: [0; 2], values: [0.0; 2], outliers: 0 };
+}
+
+impl Pair<'_> {
+    /// Errors of a pixel's channels as multiples of the tolerance, with the values got and wanted.
+    fn errors(&self, pixel: usize, channels: usize) -> impl Iterator<Item = (f64, [f32; 2])> {
+        let of_pixel = pixel * channels..(pixel + 1) * channels;
+        self.got[of_pixel.clone()].iter().zip(&self.want[of_pixel]).map(|(&a, &b)| {
+            let tolerance = self.absolute + RELATIVE * f64::from(b).abs();
+            // Equal infinities are equal; one infinity, or a NaN, is infinitely off.
+            let error = if a == b { 0.0 } else { f64::from(a - b).abs() / tolerance };
+            (if error.is_finite() { error } else { f64::INFINITY }, [a, b])
+        })
+    }
+}
+
+fn pairs<'a>(got: &'a Frame, want: &'a Frame) -> [Pair<'a>; 4] {
+    let mut finite: Vec<f32> = want.depth.iter().copied().filter(|z| z.is_finite()).map(f32::abs).collect();
+    finite.sort_by(f32::total_cmp);
+    let median = finite.get(finite.len() / 2).map_or(1.0, |&z| f64::from(z));
+    let pair = |plane, got, want| Pair { plane, got, want, absolute: ABSOLUTE };
+    [
+        pair(Plane::Color, got.color.as_flattened(), want.color.as_flattened()),
+        Pair { absolute: ABSOLUTE * median, ..pair(Plane::Z, &got.depth, &want.depth) },
+        pair(Plane::Normal, got.normal.as_flattened(), want.normal.as_flattened()),
+        pair(Plane::Weight, &got.weight, &want.weight),
+    ]
+}
+
+fn compare_plane(planes: &Pair<'_>, width: u32, margin: &[f32], outliers: &mut [bool]) -> PlaneError {
+    let channels = planes.want.len() / margin.len().max(1);
+    let mut worst = PlaneError { plane: planes.plane, worst: 0.0, at: [0; 2], values: [0.0; 2], outliers: 0 };
     for (i, pixel) in outliers.iter_mut().enumerate() {
         let mut off = false;
-        for (&a, &b) in got[i * channels..].iter().zip(&want[i * channels..(i + 1) * channels]) {
-            // Equal infinities are equal; one infinity, or a NaN, is infinitely off.
-            let error = if a == b { 0.0 } else { f64::from(a - b).abs() / (absolute + RELATIVE * f64::from(b).abs()) };
-            let error = if error.is_finite() { error } else { f64::INFINITY };
+        for (error, values) in planes.errors(i, channels) {
             off |= error > 1.0;
             if margin[i] == 0.0 && error > worst.worst {
-                (worst.worst, worst.values) = (error, [a, b]);
+                (worst.worst, worst.values) = (error, values);
                 worst.at = [i as u32 % width.max(1), i as u32 / width.max(1)];
             }
         }
@@ -189,29 +271,79 @@ pub fn render<R: Renderer>(backend: &mut R, case: &Case, planes: Planes) -> Resu
     Ok(frame)
 }
 
-/// Renders one case on a backend and compares it with the reference.
-pub fn check_case<R: Renderer>(backend: &mut R, reference: &mut Reference, case: &Case) -> Report {
-    let want = match reference_frame(reference, case) {
-        Ok(frame) => frame,
-        Err(error) => return Report::failed(&case.name, format!("the reference refuses it: {error}")),
-    };
-    match render(backend, case, Planes::ALL) {
-        Ok(got) => compare_frames(&case.name, &got, &want, &want.margin),
-        Err(error @ RenderError::Unsupported { .. }) => {
-            Report::of_verdict(&case.name, Verdict::Skipped(error.to_string()))
-        }
-        Err(error) => Report::failed(&case.name, error),
+/// A case and what the reference makes of it.
+pub struct Truth {
+    /// The case.
+    pub case: Case,
+    /// The reference's picture, margin included, or why there is none.
+    pub want: Result<Frame, RenderError>,
+}
+
+impl Truth {
+    /// Has the reference draw a case.
+    pub fn of(reference: &mut Reference, case: Case) -> Self {
+        let want = reference_frame(reference, &case);
+        Self { case, want }
+    }
+
+    /// Has the reference draw every scene that is wanted, in the order of [`scenes::all`].
+    ///
+    /// # Errors
+    /// [`RenderError`] if there is no reference.
+    pub fn all(is_wanted: impl Fn(&str) -> bool) -> Result<Vec<Self>, RenderError> {
+        let mut reference = Reference::new(0)?;
+        let cases = scenes::all().into_iter().filter(|case| is_wanted(&case.name));
+        Ok(cases.map(|case| Self::of(&mut reference, case)).collect())
     }
 }
 
-/// Holds a backend against the reference in every scene.
-///
-/// One report a case, in the order of [`scenes::all`]. What the backend says it doesn't draw is skipped; it is for the
-/// caller to know which those may be.
-pub fn check_backend<R: Renderer>(backend: &mut R) -> Vec<Report> {
-    let mut reference = match Reference::new(0) {
-        Ok(reference) => reference,
-        Err(error) => return vec![Report::failed("reference", error)],
+/// A backend's picture and how it compares.
+pub struct Checked {
+    /// How it compares.
+    pub report: Report,
+    /// The picture, where the backend drew one.
+    pub got: Option<Frame>,
+}
+
+/// Renders one case on a backend and compares it with the reference.
+pub fn check<R: Renderer>(backend: &mut R, truth: &Truth) -> Checked {
+    let name = &truth.case.name;
+    let without = |report| Checked { report, got: None };
+    let want = match &truth.want {
+        Ok(frame) => frame,
+        Err(error) => return without(Report::failed(name, format!("the reference refuses it: {error}"))),
     };
-    scenes::all().iter().map(|case| check_case(backend, &mut reference, case)).collect()
+    match render(backend, &truth.case, Planes::ALL) {
+        Ok(got) => Checked { report: compare_frames(name, &got, want, &want.margin), got: Some(got) },
+        Err(error @ RenderError::Unsupported { .. }) => {
+            without(Report::of_verdict(name, Verdict::Skipped(error.to_string())))
+        }
+        Err(error) => without(Report::failed(name, error)),
+    }
+}
+
+/// As [`check`], by a reference that draws it now.
+pub fn check_case<R: Renderer>(backend: &mut R, reference: &mut Reference, case: &Case) -> Report {
+    check(backend, &Truth::of(reference, case.clone())).report
+}
+
+/// Holds a backend against scenes, expectations included.
+///
+/// One result a truth, in their order; then, without a picture, one for each expectation that nothing needed.
+pub fn check_all<R: Renderer>(backend: &mut R, truths: &[Truth], extent: Extent) -> Vec<Checked> {
+    let mut checked: Vec<Checked> = truths.iter().map(|truth| check(backend, truth)).collect();
+    let reports = checked.iter_mut().map(|c| &mut c.report);
+    let unused = expectations::apply(EXPECTATIONS, backend.info(), extent, reports);
+    checked.extend(unused.into_iter().map(|report| Checked { report, got: None }));
+    checked
+}
+
+/// Holds a backend against the reference in every scene, as [`check_all`].
+///
+/// What the backend says it doesn't draw is skipped; it is for the caller to know which those may be.
+pub fn check_backend<R: Renderer>(backend: &mut R) -> Vec<Report> {
+    match Truth::all(|_| true) {
+        Ok(truths) => check_all(backend, &truths, Extent::EveryScene).into_iter().map(|c| c.report).collect(),
+        Err(error) => vec![Report::failed("reference", error)],
+    }
 }

@@ -3,15 +3,21 @@
 //!
 //! - [`scenes`]: plain seeded functions, small pictures;
 //! - [`harness`]: [`harness::check_backend`] renders them all on a backend and on the reference and compares;
+//! - [`expectations`]: what backends are known to miss, and why;
+//! - [`backends`]: the backends by name, watched by validation layers;
+//! - [`report`]: what was found, as a table and as a page;
 //! - [`raycast`]: exact pictures of meshes, which splats made of them are held against;
 //! - [`checkerboard`]: how well each filter reproduces a pattern that runs to the horizon (§5).
 //!
 //! Section numbers (§) refer to `docs/rendering-model.md`.
 
+pub mod backends;
 pub mod build;
 pub mod checkerboard;
+pub mod expectations;
 pub mod harness;
 pub mod polygons;
 pub mod random;
 pub mod raycast;
+pub mod report;
 pub mod scenes;

@@ -64,8 +64,12 @@ pub fn mesh_sphere(times: usize) -> Mesh {
     Mesh { normals: Some(normals), ..mesh(&vertices, triangles) }
 }
 
-/// A texture of `side`×`side` texels, black and white in turn.
+/// A texture of `side`×`side` texels, black and white in turn; right of the diagonal blue for black, so that a swap of u and v
+/// shows.
 pub fn checkers(side: u32) -> Arc<Texture> {
-    let texel = |i: u32| if (i % side + i / side).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] };
+    let texel = |i: u32| match (i % side, i / side) {
+        (x, y) if (x + y).is_multiple_of(2) => [255; 4],
+        (x, y) => [0, 0, if x > y { 200 } else { 0 }, 255],
+    };
     Arc::new(Texture { width: side, height: side, srgba8: (0..side * side).map(texel).collect() })
 }

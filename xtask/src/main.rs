@@ -2,6 +2,7 @@
 
 mod assets;
 mod ci;
+mod conformance;
 mod suites;
 mod tidy;
 mod vulkan;
@@ -24,6 +25,9 @@ Commands:
           tests, tidy, and cargo-deny where it is installed
   tidy    Cheap checks of the tree: file sizes and lengths, leftovers, machine paths, crate
           manifests, crates missing from docs/architecture.md
+  conformance [OPTIONS]
+          Hold the backends against the reference and print a table; --report FILE writes a page
+          with pictures, --help says more
   assets  Write generated scenes (a checkerboard, a sphere, glass spheres, a CAD part) to
           assets/generated
   help    Print this
@@ -43,6 +47,7 @@ fn main() -> ExitCode {
         ["ci"] => ci::run(&root),
         ["tidy"] => tidy::run(&root),
         ["assets"] => assets::run(&root),
+        ["conformance", ref options @ ..] => return conformance::run(&root, options),
         [] => {
             eprintln!("{HELP}");
             return ExitCode::from(2);

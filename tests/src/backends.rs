@@ -1,0 +1,126 @@
+//! The backends by name, watched by validation layers.
+
+use crate::expectations::Extent;
+use crate::harness::{Checked, Report, Truth, check_all};
+use std::sync::{Mutex, PoisonError};
+use surfel_render::{RenderError, Renderer, RendererInfo};
+
+/// What is held against the reference.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Backend {
+    /// `surfel-cpu`.
+    Cpu,
+    /// `surfel-wgpu`.
+    Wgpu,
+    /// `surfel-ash`.
+    Ash,
+}
+
+impl Backend {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Cpu, Self::Wgpu, Self::Ash];
+
+    /// As on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Wgpu => "wgpu",
+            Self::Ash => "ash",
+        }
+    }
+}
+
+/// A backend that was held against the reference.
+pub struct Run {
+    /// Who drew.
+    pub info: RendererInfo,
+    /// What to know about it: that nothing was validated.
+    pub note: Option<String>,
+    /// One result a truth, in their order; then those without a picture.
+    pub checked: Vec<Checked>,
+}
+
+impl Run {
+    /// True if nothing failed.
+    pub fn is_ok(&self) -> bool {
+        self.checked.iter().all(|c| c.report.is_ok())
+    }
+
+    fn of<R: Renderer>(mut renderer: R, truths: &[Truth], extent: Extent) -> Self {
+        let checked = check_all(&mut renderer, truths, extent);
+        Self { info: renderer.info().clone(), note: None, checked }
+    }
+}
+
+/// Holds a backend against the reference, on the first adapter whose name contains `adapter` where it uses one.
+///
+/// # Errors
+/// [`RenderError`] if the backend doesn't start.
+pub fn run(backend: Backend, adapter: Option<&str>, truths: &[Truth], extent: Extent) -> Result<Run, RenderError> {
+    match backend {
+        Backend::Cpu => Ok(Run::of(surfel_cpu::Renderer::new(0)?, truths, extent)),
+        Backend::Wgpu => {
+            listen();
+            let adapter = adapter.map(str::to_owned);
+            let options = surfel_wgpu::Options { adapter, validation: true, ..surfel_wgpu::Options::default() };
+            let mut run = Run::of(surfel_wgpu::Renderer::with_options(&options)?, truths, extent);
+            let messages = take_messages();
+            let failure = |message: &String| Checked { report: Report::failed("validation", message), got: None };
+            run.checked.extend(messages.iter().map(failure));
+            Ok(run)
+        }
+        Backend::Ash => {
+            let adapter = adapter.map(str::to_owned);
+            let mut options = surfel_ash::Options { adapter, validation: true, ..surfel_ash::Options::default() };
+            // What the layer says is an error of the call.
+            match surfel_ash::Renderer::with_options(&options) {
+                Ok(renderer) => Ok(Run::of(renderer, truths, extent)),
+                Err(error) => {
+                    options.validation = false;
+                    let run = Run::of(surfel_ash::Renderer::with_options(&options)?, truths, extent);
+                    Ok(Run { note: Some(format!("not validated: {error}")), ..run })
+                }
+            }
+        }
+    }
+}
+
+/// True if `SURFEL_REQUIRE`, a list separated by commas, names `what`: then nothing of it may be skipped.
+pub fn is_required(what: &str) -> bool {
+    std::env::var("SURFEL_REQUIRE").is_ok_and(|list| list.split(',').any(|word| word.trim() == what))
+}
+
+/// Messages of validation layers, which wgpu passes to the `log` crate.
+static MESSAGES: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
+struct Listener;
+
+impl log::Log for Listener {
+    fn enabled(&self, metadata: &log::Metadata<'_>) -> bool {
+        metadata.level() <= log::Level::Warn && metadata.target().starts_with("wgpu")
+    }
+    fn log(&self, record: &log::Record<'_>) {
+        let text = record.args().to_string();
+        // naga's debug information names WGSL as its source language, which layers of before 2023 don't know. What a message
+        // is about follows it as a record of its own.
+        let is_known = text.contains("Invalid source language operand: 10") || text.trim().starts_with("objects:");
+        if self.enabled(record.metadata()) && !is_known {
+            let message = format!("{} {}", record.target(), record.args());
+            MESSAGES.lock().unwrap_or_else(PoisonError::into_inner).push(message);
+        }
+    }
+    fn flush(&self) {}
+}
+
+/// Keeps what wgpu and the layers below it say from now on.
+pub fn listen() {
+    // Whoever came first has installed it already.
+    if log::set_logger(&Listener).is_ok() {
+        log::set_max_level(log::LevelFilter::Warn);
+    }
+}
+
+/// What was said since [`listen`] and was not taken yet.
+pub fn take_messages() -> Vec<String> {
+    std::mem::take(&mut *MESSAGES.lock().unwrap_or_else(PoisonError::into_inner))
+}

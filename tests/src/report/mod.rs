@@ -1,0 +1,86 @@
+//! What was found, to be read: a table for the terminal, a page for the browser.
+
+mod html;
+mod table;
+
+pub use html::page;
+pub use table::table;
+
+use crate::backends::{Backend, Run};
+use crate::harness::{Report, Verdict};
+
+/// A backend that was asked for.
+pub enum Entry {
+    /// It drew.
+    Ran(Run),
+    /// It didn't start, and needn't.
+    Absent(Backend, String),
+    /// It didn't start, and `SURFEL_REQUIRE` asks for it.
+    Missing(Backend, String),
+}
+
+impl Entry {
+    /// True unless something failed.
+    pub fn is_ok(&self) -> bool {
+        match self {
+            Self::Ran(run) => run.is_ok(),
+            Self::Absent(..) => true,
+            Self::Missing(..) => false,
+        }
+    }
+
+    fn backend(&self) -> &'static str {
+        match self {
+            Self::Ran(run) => run.info.backend,
+            Self::Absent(backend, _) | Self::Missing(backend, _) => backend.name(),
+        }
+    }
+}
+
+/// Reports by verdict, and the worst of them.
+struct Sum<'a> {
+    passed: usize,
+    expected: usize,
+    skipped: usize,
+    failed: usize,
+    /// Pixels beyond the tolerance outside of the margin, all scenes together.
+    outliers: usize,
+    /// The same within the margin.
+    forgiven: usize,
+    /// The picture with the plane that is farthest off.
+    worst: Option<&'a Report>,
+}
+
+impl<'a> Sum<'a> {
+    fn of(run: &'a Run) -> Self {
+        let reports = || run.checked.iter().map(|c| &c.report);
+        let count = |kind: fn(&Verdict) -> bool| reports().filter(|r| kind(&r.verdict)).count();
+        let worst = |report: &&Report| report.worst_plane().map_or(-1.0, |p| p.worst);
+        Self {
+            passed: count(|v| *v == Verdict::Passed),
+            expected: count(|v| matches!(v, Verdict::Expected(_))),
+            skipped: count(|v| matches!(v, Verdict::Skipped(_))),
+            failed: count(|v| matches!(v, Verdict::Failed(_))),
+            outliers: reports().map(Report::outliers).sum(),
+            forgiven: reports().map(|r| r.forgiven).sum(),
+            worst: reports().max_by(|a, b| worst(a).total_cmp(&worst(b))),
+        }
+    }
+
+    fn scenes(&self) -> String {
+        let some = |count: usize, word: &str| if count == 0 { String::new() } else { format!(", {count} {word}") };
+        let Self { passed, expected, skipped, failed, .. } = *self;
+        let rest = [some(expected, "as expected"), some(skipped, "skipped"), some(failed, "failed")];
+        format!("{passed} passed{}", rest.concat())
+    }
+}
+
+/// The words of a verdict for a reader in a hurry.
+fn word(verdict: &Verdict) -> &'static str {
+    match verdict {
+        Verdict::Passed => "passed",
+        Verdict::Expected(_) => "as expected",
+        Verdict::Skipped(_) => "skipped",
+        Verdict::Failed(_) => "FAILED",
+    }
+}
