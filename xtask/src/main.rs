@@ -1,6 +1,7 @@
 //! The project's chores, run as `cargo xtask COMMAND`. Depends on none of our crates: it spawns cargo.
 
 mod assets;
+mod bench;
 mod ci;
 mod suites;
 mod tidy;
@@ -26,6 +27,7 @@ Commands:
           manifests, crates missing from docs/architecture.md
   assets  Write generated scenes (a checkerboard, a sphere, glass spheres, a CAD part) to
           assets/generated
+  bench   Time frames of known scenes on a backend: cargo xtask bench --help
   help    Print this
 
 Environment:
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
         ["ci"] => ci::run(&root),
         ["tidy"] => tidy::run(&root),
         ["assets"] => assets::run(&root),
+        ["bench", ref rest @ ..] => bench::run(&root, rest),
         [] => {
             eprintln!("{HELP}");
             return ExitCode::from(2);
