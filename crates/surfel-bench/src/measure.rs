@@ -1,12 +1,13 @@
 //! Draws every scene in turn, again and again.
 
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Instant;
 
 use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Renderer, Settings, View};
 use surfel_cpu::SimdLevel;
 
-use crate::machine::Machine;
+use crate::machine::{Machine, busy_ms};
 use crate::report::{BackendFacts, Report, Row, Samples, Subject};
 use crate::scenes::{Case, Loaded, Source};
 use crate::{Arguments, Failure, Simd};
@@ -81,22 +82,30 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
     };
     let (uploads, mut ready) = prepare(plan, cases, first)?;
     let mut frame = Frame::default();
-    // The first round warms up: pipelines, page faults, clocks.
+    let counted = Planes { weight: true, ..Planes::COLOR };
+    // The first round warms up (pipelines, page faults, clocks) and counts: weights say which pixels are covered, and
+    // some backends count fragments only where weights are wanted.
     for round in 0..=plan.runs {
         for (case, ready) in cases.iter().zip(&mut ready) {
-            eprint!("\rround {round} of {}: {:16}", plan.runs, case.name);
+            if std::io::stderr().is_terminal() {
+                eprint!("\rround {round} of {}: {:16}\r", plan.runs, case.name);
+            }
             for (i, backend) in backends.iter_mut().enumerate() {
                 let scene = &uploads[ready.upload];
-                let start = Instant::now();
-                let stats = backend.render(scene, &ready.view, &ready.settings, Planes::COLOR, &mut frame)?;
+                let planes = if round == 0 { counted } else { Planes::COLOR };
+                let (start, busy) = (Instant::now(), busy_ms());
+                let stats = backend.render(scene, &ready.view, &ready.settings, planes, &mut frame)?;
                 let ms = start.elapsed().as_secs_f64() * 1e3;
+                let busy = busy_ms().zip(busy).map(|(end, start)| end - start);
                 let samples = &mut ready.samples[i];
                 if round > 0 {
                     samples.frames_ms.push(ms);
+                    samples.busy_ms.extend(busy);
                     samples.stats.push(stats);
                     continue;
                 }
-                samples.covered_px = frame.color.iter().filter(|pixel| pixel[3] > 0.0).count() as u64;
+                samples.covered_px = frame.weight.iter().filter(|&&weight| weight > 0.0).count() as u64;
+                samples.fragments = stats.fragments;
                 if let Some(folder) = plan.pictures.as_ref().filter(|_| i == 0) {
                     std::fs::create_dir_all(folder)?;
                     let path = folder.join(format!("{}.png", case.name));
@@ -105,7 +114,6 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
             }
         }
     }
-    eprintln!("\r{:40}", "");
     let mut rows = Vec::new();
     for (case, ready) in cases.iter().zip(ready) {
         for (backend, samples) in backends.iter().zip(ready.samples) {

@@ -43,6 +43,8 @@ pub(crate) struct Row {
     pub frames_ms: Vec<f64>,
     pub median_ms: f64,
     pub min_ms: f64,
+    /// Time on processors, all threads together, median: what the frame would take one thread that is never interrupted.
+    pub busy_ms: Option<f64>,
     /// Milliseconds by stage, medians.
     pub stages_ms: BTreeMap<String, f64>,
     /// Splats of the scene, culled ones too.
@@ -81,8 +83,12 @@ pub(crate) struct Row {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Samples {
     pub frames_ms: Vec<f64>,
+    /// Time on processors, all threads together.
+    pub busy_ms: Vec<f64>,
     pub stats: Vec<Stats>,
     pub covered_px: u64,
+    /// 0 where the backend doesn't count them.
+    pub fragments: u64,
 }
 
 /// Which scene a row is of.
@@ -116,7 +122,7 @@ impl Report {
 
 impl Row {
     pub(crate) fn new(subject: Subject, samples: Samples) -> Self {
-        let Samples { frames_ms, stats, covered_px } = samples;
+        let Samples { frames_ms, busy_ms, stats, covered_px, fragments } = samples;
         let median_ms = median(&frames_ms);
         let seconds = median_ms * 1e-3;
         let one = stats.last().cloned().unwrap_or_default();
@@ -126,7 +132,7 @@ impl Row {
         };
         let counter = |name: &str| middle(&|s: &Stats| s.counters.iter().find(|c| c.0 == name).map(|c| c.1));
         let stage = |name: &str| middle(&|s: &Stats| s.passes.iter().find(|p| p.name == name).map(|p| p.ms));
-        let fragments = (one.fragments > 0).then_some(one.fragments);
+        let fragments = (fragments > 0).then_some(fragments);
         let over = |n: f64| fragments.filter(|_| n > 0.0).map(|f| f as f64 / n);
         let batch_bytes = counter("batch_bytes");
         let traffic = counter("set_up")
@@ -140,6 +146,7 @@ impl Row {
             threads: subject.threads,
             size: subject.size,
             median_ms,
+            busy_ms: (!busy_ms.is_empty()).then(|| median(&busy_ms)),
             min_ms: frames_ms.iter().copied().fold(f64::INFINITY, f64::min),
             frames_ms,
             stages_ms: one.passes.iter().filter_map(|p| Some((p.name.to_owned(), stage(p.name)?))).collect(),
@@ -201,12 +208,17 @@ mod tests {
         let stats = Stats {
             splats: 1000,
             drawn: 500,
-            fragments: 4000,
             bytes_per_splat: 40.0,
             counters: vec![("set_up", 600.0), ("batch_bytes", 1e6), ("batches", 2.0)],
             ..Stats::default()
         };
-        let samples = Samples { frames_ms: vec![30.0, 10.0, 20.0], stats: vec![stats; 3], covered_px: 400 };
+        let samples = Samples {
+            frames_ms: vec![30.0, 10.0, 20.0],
+            busy_ms: vec![15.0],
+            stats: vec![stats; 3],
+            covered_px: 400,
+            fragments: 4000,
+        };
         let subject =
             Subject { scene: "s".into(), about: String::new(), shader: "phong".into(), threads: 1, size: [8, 8] };
         let row = Row::new(subject, samples);

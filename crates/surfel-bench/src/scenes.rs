@@ -122,13 +122,13 @@ impl Source {
     }
 }
 
-/// A cloud with a camera on the z axis, as near as the whole height still fits, and the usual lights.
+/// A cloud with a camera on the z axis, as near as all of it still fits, and the usual lights.
 fn framed(cloud: SplatCloud, cull: Cull) -> Loaded {
     let slope = (0.5 * FOV_Y_DEG).to_radians().tan();
-    // |y| ≤ (eye − z)·slope for every centre.
+    // |x| and |y| ≤ (eye − z)·slope for every centre.
     let needs = |i: usize| {
         let p = cloud.center(i);
-        p.z + p.y.abs() / slope
+        p.z + p.x.abs().max(p.y.abs()) / slope
     };
     let eye_z = (0..cloud.len()).map(needs).fold(0.0, f64::max);
     let camera = Camera {

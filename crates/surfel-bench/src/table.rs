@@ -15,7 +15,9 @@ pub(crate) fn of(report: &Report) -> String {
         if backend.is_software { " — software Vulkan: the processor computes, this is no GPU" } else { "" };
     let _ = writeln!(text, "backend   {}: {} ({}){software}", backend.name, backend.adapter, backend.driver);
     let _ = writeln!(text, "commit    {}\n", machine.commit);
-    let head = ["scene", "thr", "median", "min ms", "splats", "Msplat/s", "drawn/s", "Mfrag/s", "fr/splat", "fr/px"];
+    let head = [
+        "scene", "thr", "median", "min ms", "busy ms", "splats", "Msplat/s", "drawn/s", "Mfrag/s", "fr/splat", "fr/px",
+    ];
     let more = ["pairs M", "ns/pair", "B/splat", "GB/s", "stages, ms"];
     let mut lines = vec![head.iter().chain(&more).map(ToString::to_string).collect::<Vec<_>>()];
     lines.extend(report.rows.iter().map(line));
@@ -36,6 +38,7 @@ fn line(row: &Row) -> Vec<String> {
         row.threads.to_string(),
         format!("{:.2}", row.median_ms),
         format!("{:.2}", row.min_ms),
+        number(row.busy_ms, 1.0, 2),
         row.splats.to_string(),
         number(Some(row.splats_per_s), 1e-6, 1),
         number(Some(row.drawn_per_s), 1e-6, 1),
