@@ -4,15 +4,20 @@ use crate::Failure;
 use crate::report::{Report, median, quantile};
 use crate::table::aligned;
 
-/// Ratios of medians, B over A, with what noise alone would do to them.
+/// Ratios of medians, B over A, with what noise alone would do to them. Of the time on processors where both runs know it,
+/// since other work on the machine doesn't lengthen that by much; else of the clock on the wall.
 pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
     let cells = |cells: [&str; 7]| cells.map(str::to_owned).to_vec();
     let mut lines = vec![cells(["scene", "thr", "A ms", "B ms", "B / A", "noise", ""])];
     for row in &a.rows {
         let same = |other: &&crate::report::Row| other.scene == row.scene && other.threads == row.threads;
         let Some(other) = b.rows.iter().find(same) else { continue };
-        let ratio = other.median_ms / row.median_ms;
-        let noise = 2.0 * standard_error(&row.frames_ms).hypot(standard_error(&other.frames_ms));
+        let (of_a, of_b) = match (row.busy_frames_ms.as_slice(), other.busy_frames_ms.as_slice()) {
+            ([], _) | (_, []) => (&row.frames_ms, &other.frames_ms),
+            _ => (&row.busy_frames_ms, &other.busy_frames_ms),
+        };
+        let ratio = median(of_b) / median(of_a);
+        let noise = 2.0 * standard_error(of_a).hypot(standard_error(of_b));
         let verdict = match ratio - 1.0 {
             change if change.abs() <= noise || noise.is_nan() => "within noise",
             change if change > 0.0 => "slower",
@@ -21,8 +26,8 @@ pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
         lines.push(vec![
             row.scene.clone(),
             row.threads.to_string(),
-            format!("{:.2}", row.median_ms),
-            format!("{:.2}", other.median_ms),
+            format!("{:.2}", median(of_a)),
+            format!("{:.2}", median(of_b)),
             format!("{ratio:.3}"),
             format!("±{noise:.3}"),
             verdict.to_owned(),

@@ -29,7 +29,7 @@ pub(crate) struct Plan {
 
 impl Plan {
     pub(crate) fn new(arguments: &Arguments) -> Self {
-        let on_processor = matches!(arguments.backend, crate::Backend::Cpu | crate::Backend::Reference);
+        let on_processor = is_on_processor(arguments.backend);
         let runs = if arguments.quick { QUICK_RUNS } else { RUNS };
         Self {
             backend: arguments.backend,
@@ -55,6 +55,11 @@ impl Plan {
         let options = BackendOptions { threads, adapter: self.adapter.clone() };
         Ok(Backend::by_name(self.backend.name(), &options)?)
     }
+}
+
+/// Not the GPU backends on software Vulkan: its threads aren't ours to set, and may not even be this process's.
+fn is_on_processor(backend: crate::Backend) -> bool {
+    matches!(backend, crate::Backend::Cpu | crate::Backend::Reference)
 }
 
 /// A scene that is ready to be drawn.
@@ -100,7 +105,7 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
                 let samples = &mut ready.samples[i];
                 if round > 0 {
                     samples.frames_ms.push(ms);
-                    samples.busy_ms.extend(busy);
+                    samples.busy_ms.extend(busy.filter(|_| is_on_processor(plan.backend)));
                     samples.stats.push(stats);
                     continue;
                 }

@@ -43,7 +43,9 @@ pub(crate) struct Row {
     pub frames_ms: Vec<f64>,
     pub median_ms: f64,
     pub min_ms: f64,
-    /// Time on processors, all threads together, median: what the frame would take one thread that is never interrupted.
+    /// Every frame's time on processors, all threads together; nothing for GPUs, and where the system doesn't say.
+    pub busy_frames_ms: Vec<f64>,
+    /// Their median: what the frame would take one thread that is never interrupted.
     pub busy_ms: Option<f64>,
     /// Milliseconds by stage, medians.
     pub stages_ms: BTreeMap<String, f64>,
@@ -147,6 +149,7 @@ impl Row {
             size: subject.size,
             median_ms,
             busy_ms: (!busy_ms.is_empty()).then(|| median(&busy_ms)),
+            busy_frames_ms: busy_ms,
             min_ms: frames_ms.iter().copied().fold(f64::INFINITY, f64::min),
             frames_ms,
             stages_ms: one.passes.iter().filter_map(|p| Some((p.name.to_owned(), stage(p.name)?))).collect(),

@@ -8,7 +8,7 @@ use std::time::Duration;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use surfel_cpu::{Options, Renderer};
 use surfel_model::Settings;
-use surfel_render::{Frame, Planes, Renderer as _};
+use surfel_render::{Frame, Planes, Renderer as _, Stats};
 
 #[path = "../examples/plane/scene.rs"]
 mod scene;
@@ -20,22 +20,22 @@ fn stages(criterion: &mut Criterion) {
     for stage in ["setup", "tiles"] {
         let mut group = criterion.benchmark_group(stage);
         for radius_px in RADII_PX {
-            let Ok((scene, view)) = scene::plane(radius_px) else { continue };
-            let Ok(mut renderer) = Renderer::with_options(&Options { threads: 1, ..Options::default() }) else {
-                return;
-            };
-            let Ok(resident) = renderer.upload(&scene) else { return };
+            let (scene, view) = scene::plane(radius_px).expect("the scene is valid");
+            let options = Options { threads: 1, ..Options::default() };
+            let mut renderer = Renderer::with_options(&options).expect("there is a thread");
+            let resident = renderer.upload(&scene).expect("the scene is uploaded");
             let (settings, mut frame) = (Settings::default(), Frame::default());
-            let mut stage_time = || {
-                let stats = renderer.render(&resident, &view, &settings, Planes::COLOR, &mut frame).ok()?;
-                stats.passes.iter().find(|pass| pass.name == stage).map(|pass| (pass.ms, stats.splats))
+            let mut draw = || {
+                let drawn = renderer.render(&resident, &view, &settings, Planes::COLOR, &mut frame);
+                drawn.expect("the frame is drawn")
             };
-            let Some((_, splats)) = stage_time() else { return };
+            let splats = draw().splats;
             group.throughput(Throughput::Elements(splats));
             group.bench_function(BenchmarkId::from_parameter(format!("{radius_px} px")), |bencher| {
                 bencher.iter_custom(|frames| {
-                    let ms: f64 = (0..frames).filter_map(|_| stage_time()).map(|(ms, _)| ms).sum();
-                    Duration::from_secs_f64(ms * 1e-3)
+                    let stage_ms =
+                        |stats: Stats| stats.passes.iter().filter(|p| p.name == stage).map(|p| p.ms).sum::<f64>();
+                    Duration::from_secs_f64((0..frames).map(|_| stage_ms(draw())).sum::<f64>() * 1e-3)
                 });
             });
         }

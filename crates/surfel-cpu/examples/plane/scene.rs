@@ -32,7 +32,7 @@ pub(crate) fn plane(radius_px: f64) -> Result<(Scene, View), ModelError> {
         up: [0.0, 1.0, 0.0],
         projection: Projection::Orthographic { height: f64::from(SIZE) },
         near: 1.0,
-        far: None,
+        far: Some(2000.0),
         size: [SIZE; 2],
     };
     // Pixels are world units.
