@@ -1,6 +1,7 @@
 //! The project's chores, run as `cargo xtask COMMAND`. Depends on none of our crates: it spawns cargo.
 
 mod assets;
+mod bench;
 mod ci;
 mod conformance;
 mod suites;
@@ -30,6 +31,7 @@ Commands:
           with pictures, --help says more
   assets  Write generated scenes (a checkerboard, a sphere, glass spheres, a CAD part) to
           assets/generated
+  bench   Time frames of known scenes on a backend: cargo xtask bench --help
   help    Print this
 
 Environment:
@@ -48,6 +50,7 @@ fn main() -> ExitCode {
         ["tidy"] => tidy::run(&root),
         ["assets"] => assets::run(&root),
         ["conformance", ref options @ ..] => return conformance::run(&root, options),
+        ["bench", ref rest @ ..] => bench::run(&root, rest),
         [] => {
             eprintln!("{HELP}");
             return ExitCode::from(2);

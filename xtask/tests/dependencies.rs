@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Our packages from the bottom up. A package depends only on packages of a lower number; development
 /// dependencies are free.
-const LAYERS: [(&str, u32); 16] = [
+const LAYERS: [(&str, u32); 17] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
@@ -23,6 +23,7 @@ const LAYERS: [(&str, u32); 16] = [
     ("surfel-ash", 5),
     ("surfel", 6),
     ("surfel-cli", 7),
+    ("surfel-bench", 7),
     ("surfel-viewer", 7),
     ("surfel-conformance", 8),
 ];

@@ -1,0 +1,124 @@
+//! Surfaces that are made rather than shipped. One formula and fixed seeds: every machine makes the same splats.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Vec3};
+use surfel::SplatCloud;
+use surfel::model::{CloudData, Column3, ModelError, OnInvalid, Shape};
+
+/// Radius of a splat over the distance to its neighbours. Disks on a hexagonal lattice cover the plane from 0.58 on; the
+/// rest is the overlap that blending needs, and makes 3.8 layers.
+const RADIUS_PER_SPACING: f64 = 1.1;
+
+/// Bumps of the ball, from coarse to fine: cycles about it and height over its radius.
+const OCTAVES: [(f64, f64); 4] = [(1.5, 0.12), (3.0, 0.06), (7.0, 0.02), (15.0, 0.006)];
+
+/// Bumps along different directions that an octave adds up.
+const WAVES_PER_OCTAVE: usize = 3;
+
+/// A closed, bumpy surface of genus 0 about the origin, of radius about 1: what a scanned head is to a renderer. `count`
+/// coloured disks on a Fibonacci lattice.
+pub(crate) fn ball(count: usize) -> Result<SplatCloud, ModelError> {
+    let waves = waves();
+    let golden = PI * (3.0 - 5f64.sqrt());
+    let solid_angle = 4.0 * PI / count as f64;
+    build(count, |i| {
+        let y = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
+        let (sine, cosine) = (golden * i as f64 % TAU).sin_cos();
+        let across = (1.0 - y * y).sqrt();
+        let direction = DVec3::new(across * cosine, y, across * sine);
+        let (mut radius, mut gradient) = (1.0, DVec3::ZERO);
+        for (wave, phase, height) in &waves {
+            let (sine, cosine) = (wave.dot(direction) + phase).sin_cos();
+            radius += height * sine;
+            gradient += *wave * (height * cosine);
+        }
+        // The normal of x = radius(direction)·direction.
+        let normal = (radius * direction - (gradient - direction * gradient.dot(direction))).normalize();
+        let area = solid_angle * radius * radius / normal.dot(direction);
+        (radius * direction, normal, area.sqrt())
+    })
+}
+
+/// A wavy sheet across the z axis, 2 wide and high, that faces +z with slopes up to about 60°: every splat is seen.
+pub(crate) fn sheet(count: usize) -> Result<SplatCloud, ModelError> {
+    let side = (count as f64).sqrt().ceil();
+    let spacing = 2.0 / side;
+    let waves = 9.0;
+    build(count, |i| {
+        let (row, column) = ((i as f64 / side).floor(), i as f64 % side);
+        let x = -1.0 + (column + 0.5 * (row % 2.0)) * spacing;
+        let y = -1.0 + (row + 0.5) * spacing;
+        let height = 0.15 / waves;
+        let (slope_x, slope_y) = (1.5 * (waves * x * TAU).cos(), 1.0 * (waves * y * TAU).cos());
+        let z = height * ((waves * x * TAU).sin() + (waves * y * TAU).sin());
+        let normal = DVec3::new(-slope_x, -slope_y, 1.0);
+        (DVec3::new(x, y, z), normal.normalize(), spacing * normal.length().sqrt())
+    })
+}
+
+/// A cloud of disks; `splat` gives centre, normal and the distance to its neighbours.
+fn build(count: usize, splat: impl Fn(usize) -> (DVec3, DVec3, f64)) -> Result<SplatCloud, ModelError> {
+    let (mut centers, mut normals): (Vec<Vec3>, Vec<Vec3>) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    let (mut radii, mut colors): (Vec<f32>, Vec<[f32; 3]>) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    for i in 0..count {
+        let (center, normal, spacing) = splat(i);
+        centers.push(center.as_vec3());
+        normals.push(normal.as_vec3());
+        radii.push((RADIUS_PER_SPACING * spacing) as f32);
+        colors.push((Vec3::splat(0.6) + 0.3 * (4.0 * center).map(f64::sin).as_vec3()).to_array());
+    }
+    let shape = Shape::Disks { normals: Column3::from_f32(normals), radii };
+    let data = CloudData { colors: Some(colors), ..CloudData::new(DVec3::ZERO, Column3::from_f32(centers), shape) };
+    Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
+}
+
+/// Wave vector, phase and height of each bump.
+fn waves() -> Vec<(DVec3, f64, f64)> {
+    let mut random = Random(7);
+    let mut waves = Vec::new();
+    for (cycles, height) in OCTAVES {
+        for _ in 0..WAVES_PER_OCTAVE {
+            let z = 2.0 * random.next() - 1.0;
+            let (sine, cosine) = (TAU * random.next()).sin_cos();
+            let across = (1.0 - z * z).sqrt();
+            let direction = DVec3::new(across * cosine, across * sine, z);
+            waves.push((cycles * direction, TAU * random.next(), height));
+        }
+    }
+    waves
+}
+
+/// A generator of numbers in [0, 1): Knuth's MMIX constants, the upper bits.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ball_normals_point_out_and_agree_with_its_neighbours() {
+        // Neighbours on the lattice are within 3 spacings; the direction between them is nearly tangent there.
+        let cloud = ball(20_000).unwrap();
+        for i in (100..19_900).step_by(97) {
+            let (center, normal) = (cloud.center(i), cloud.normal(i));
+            assert!(normal.dot(center) > 0.0, "splat {i} faces in");
+            // Fibonacci numbers apart on the index are neighbours.
+            let along = (cloud.center(i + 55) - center).normalize();
+            // 0.1: over 3 % of the radius the finest octave turns the surface by about that.
+            assert!(along.dot(normal).abs() < 0.1, "splat {i}: {}", along.dot(normal));
+        }
+    }
+
+    #[test]
+    fn ball_is_the_same_every_time() {
+        assert_eq!(ball(1000).unwrap(), ball(1000).unwrap());
+    }
+}

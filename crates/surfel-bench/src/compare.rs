@@ -1,0 +1,73 @@
+//! Two runs beside each other.
+
+use crate::Failure;
+use crate::report::{Report, median, quantile};
+use crate::table::aligned;
+
+/// Ratios of medians, B over A, with what noise alone would do to them. Of the time on processors where both runs know it,
+/// since other work on the machine doesn't lengthen that by much; else of the clock on the wall.
+pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
+    let cells = |cells: [&str; 7]| cells.map(str::to_owned).to_vec();
+    let mut lines = vec![cells(["scene", "thr", "A ms", "B ms", "B / A", "noise", ""])];
+    for row in &a.rows {
+        let same = |other: &&crate::report::Row| other.scene == row.scene && other.threads == row.threads;
+        let Some(other) = b.rows.iter().find(same) else { continue };
+        let (of_a, of_b) = match (row.busy_frames_ms.as_slice(), other.busy_frames_ms.as_slice()) {
+            ([], _) | (_, []) => (&row.frames_ms, &other.frames_ms),
+            _ => (&row.busy_frames_ms, &other.busy_frames_ms),
+        };
+        let ratio = median(of_b) / median(of_a);
+        let noise = 2.0 * standard_error(of_a).hypot(standard_error(of_b));
+        let verdict = match ratio - 1.0 {
+            change if change.abs() <= noise || noise.is_nan() => "within noise",
+            change if change > 0.0 => "slower",
+            _ => "faster",
+        };
+        lines.push(vec![
+            row.scene.clone(),
+            row.threads.to_string(),
+            format!("{:.2}", median(of_a)),
+            format!("{:.2}", median(of_b)),
+            format!("{ratio:.3}"),
+            format!("±{noise:.3}"),
+            verdict.to_owned(),
+        ]);
+    }
+    if lines.len() == 1 {
+        return Err("the two files have no scene and thread count in common".into());
+    }
+    let name = |r: &Report| {
+        format!("{} on {} ({}), commit {}", r.backend.name, r.machine.processor, r.backend.adapter, r.machine.commit)
+    };
+    let mut text = format!("A  {}\nB  {}\n\n{}", name(a), name(b), aligned(&lines));
+    if a.machine.processor != b.machine.processor {
+        text += "The machines differ: the ratios compare them too.\n";
+    }
+    Ok(text)
+}
+
+/// Relative standard error of a median: 1.2533·σ/√n, with σ from the quartiles so that a few disturbed frames don't count
+/// (both constants are the normal distribution's). What disturbs a whole run is not seen by it.
+fn standard_error(frames_ms: &[f64]) -> f64 {
+    if frames_ms.len() < 2 {
+        return f64::NAN;
+    }
+    let sigma = (quantile(frames_ms, 0.75) - quantile(frames_ms, 0.25)) / 1.349;
+    1.2533 * sigma / (frames_ms.len() as f64).sqrt() / median(frames_ms)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_falls_with_runs_and_ignores_an_outlier() {
+        let steady: Vec<f64> = (0..16).map(|i| 10.0 + f64::from(i % 4) * 0.1).collect();
+        let mut disturbed = steady.clone();
+        disturbed[3] = 500.0;
+        let few = standard_error(&steady[..4]);
+        assert!(standard_error(&steady) < few);
+        assert!(standard_error(&disturbed) < 2.0 * standard_error(&steady));
+        assert!(standard_error(&[1.0]).is_nan());
+    }
+}

@@ -1,0 +1,73 @@
+//! Where a run took place.
+
+use std::process::Command;
+
+use serde::{Deserialize, Serialize};
+
+/// The machine and the source. What isn't known is empty.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Machine {
+    pub processor: String,
+    /// Threads that the system offers.
+    pub threads: usize,
+    pub system: String,
+    /// Processes that wanted to run in the last minute, before the run: more than 0 is company.
+    pub load: Option<f64>,
+    /// The commit, with `+` where files differ from it.
+    pub commit: String,
+}
+
+impl Machine {
+    pub(crate) fn this() -> Self {
+        Self {
+            processor: processor(),
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+            load: load(),
+            commit: commit(),
+        }
+    }
+}
+
+/// Time that this process has spent on processors, milliseconds; none where the system doesn't say.
+///
+/// On a machine that is shared with others, this and not the clock on the wall is what a frame costs.
+#[cfg(unix)]
+pub(crate) fn busy_ms() -> Option<f64> {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    Some(time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6)
+}
+
+/// Time that this process has spent on processors, milliseconds; none where the system doesn't say.
+#[cfg(not(unix))]
+pub(crate) fn busy_ms() -> Option<f64> {
+    None
+}
+
+/// Linux's name of the processor: names alone don't tell virtual ones apart, so family and model are with it.
+fn processor() -> String {
+    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let field = |name: &str| {
+        let line = text.lines().find(|line| line.split(':').next().is_some_and(|key| key.trim() == name));
+        line.and_then(|line| line.split_once(':')).map(|(_, value)| value.trim().to_owned())
+    };
+    match (field("model name"), field("cpu family"), field("model")) {
+        (Some(name), Some(family), Some(model)) => format!("{name}, family {family} model {model}"),
+        (Some(name), ..) => name,
+        _ => String::new(),
+    }
+}
+
+fn load() -> Option<f64> {
+    std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
+}
+
+fn commit() -> String {
+    let git = |arguments: &[&str]| {
+        let output = Command::new("git").args(arguments).output().ok().filter(|o| o.status.success())?;
+        Some(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+    };
+    let Some(commit) = git(&["rev-parse", "--short=12", "HEAD"]) else { return String::new() };
+    let changed = git(&["status", "--porcelain", "--untracked-files=no"]).is_some_and(|text| !text.is_empty());
+    commit + if changed { "+" } else { "" }
+}

@@ -1,0 +1,128 @@
+//! Frames of known scenes, timed on any backend. Run it as `cargo xtask bench`, which builds it for release.
+
+mod clouds;
+mod compare;
+mod machine;
+mod measure;
+mod report;
+mod scenes;
+mod table;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Parser, ValueEnum};
+
+use crate::measure::Plan;
+use crate::report::Report;
+
+/// What goes wrong, said in one line.
+type Failure = Box<dyn std::error::Error>;
+
+/// Backends that can be timed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Backend {
+    Cpu,
+    Wgpu,
+    Ash,
+    Reference,
+}
+
+impl Backend {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Wgpu => "wgpu",
+            Self::Ash => "ash",
+            Self::Reference => "reference",
+        }
+    }
+}
+
+/// SIMD instructions of the processor backend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Simd {
+    Best,
+    Avx2,
+    Baseline,
+}
+
+/// Times frames of known scenes and prints a table.
+///
+/// Frames are drawn in turn, one of each scene and thread count, so that what disturbs the machine disturbs all alike;
+/// medians and minima are reported. Loading, uploading and writing files are not timed.
+#[derive(Debug, Parser)]
+#[command(name = "cargo xtask bench", bin_name = "cargo xtask bench")]
+pub(crate) struct Arguments {
+    /// What draws.
+    #[arg(long, value_enum, default_value = "cpu")]
+    backend: Backend,
+    /// A part of the GPU adapter's name.
+    #[arg(long)]
+    adapter: Option<String>,
+    /// Small scenes and few runs: a minute at most.
+    #[arg(long)]
+    quick: bool,
+    /// Thread count of the processor backends; several times for several.
+    #[arg(long, value_name = "N", default_values_t = [1, 2])]
+    threads: Vec<usize>,
+    /// Only scenes whose name has this in it; several times for several.
+    #[arg(long, value_name = "NAME")]
+    scene: Vec<String>,
+    /// Frames of each scene and thread count.
+    #[arg(long, value_name = "N")]
+    runs: Option<usize>,
+    /// SIMD instructions of the processor backend.
+    #[arg(long, value_enum, default_value = "best")]
+    simd: Simd,
+    /// Where the models igea.ply and lion_takanawa.ply are; without them their scenes are left out.
+    #[arg(long, value_name = "FOLDER", default_value = "../shared/models")]
+    models: PathBuf,
+    /// Write the figures as JSON, over what is there.
+    #[arg(short, long, value_name = "FILE.json")]
+    output: Option<PathBuf>,
+    /// Write a picture of every scene.
+    #[arg(long, value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
+    /// Print the names of the scenes and end.
+    #[arg(long)]
+    list: bool,
+    /// Compare two files that were written by `-o`, and measure nothing.
+    #[arg(long, num_args = 2, value_names = ["A.json", "B.json"])]
+    compare: Option<Vec<PathBuf>>,
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some([a, b]) = arguments.compare.as_deref() {
+        print!("{}", compare::table(&read(a)?, &read(b)?)?);
+        return Ok(());
+    }
+    let scenes = scenes::chosen(arguments)?;
+    if arguments.list {
+        scenes.iter().for_each(|scene| println!("{:12} {}", scene.name, scene.about));
+        return Ok(());
+    }
+    let report = measure::all(&Plan::new(arguments), &scenes)?;
+    print!("{}", table::of(&report));
+    if let Some(path) = &arguments.output {
+        let text = serde_json::to_string_pretty(&report)? + "\n";
+        surfel::io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
+        println!("\nwritten to {}", path.display());
+    }
+    Ok(())
+}
+
+fn read(path: &Path) -> Result<Report, Failure> {
+    let text = std::fs::read(path).map_err(|e| format!("could not read {}: {e}", path.display()))?;
+    Report::parse(&text).map_err(|e| format!("{}: {e}", path.display()).into())
+}

@@ -1,0 +1,162 @@
+//! Draws every scene in turn, again and again.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Renderer, Settings, View};
+use surfel_cpu::SimdLevel;
+
+use crate::machine::{Machine, busy_ms};
+use crate::report::{BackendFacts, Report, Row, Samples, Subject};
+use crate::scenes::{Case, Loaded, Source};
+use crate::{Arguments, Failure, Simd};
+
+/// Frames of each scene and thread count, unless something is said.
+const RUNS: usize = 11;
+const QUICK_RUNS: usize = 5;
+
+/// What is measured and how.
+pub(crate) struct Plan {
+    backend: crate::Backend,
+    adapter: Option<String>,
+    simd: SimdLevel,
+    threads: Vec<usize>,
+    runs: usize,
+    models: PathBuf,
+    pictures: Option<PathBuf>,
+}
+
+impl Plan {
+    pub(crate) fn new(arguments: &Arguments) -> Self {
+        let on_processor = is_on_processor(arguments.backend);
+        let runs = if arguments.quick { QUICK_RUNS } else { RUNS };
+        Self {
+            backend: arguments.backend,
+            adapter: arguments.adapter.clone(),
+            simd: match arguments.simd {
+                Simd::Best => SimdLevel::Best,
+                Simd::Avx2 => SimdLevel::Avx2,
+                Simd::Baseline => SimdLevel::Baseline,
+            },
+            // A GPU's threads aren't ours to set.
+            threads: if on_processor { arguments.threads.clone() } else { vec![0] },
+            runs: arguments.runs.unwrap_or(runs).max(1),
+            models: arguments.models.clone(),
+            pictures: arguments.pictures.clone(),
+        }
+    }
+
+    fn start(&self, threads: usize) -> Result<Backend, Failure> {
+        if self.backend == crate::Backend::Cpu {
+            let options = surfel_cpu::Options { threads, simd: self.simd, ..surfel_cpu::Options::default() };
+            return Ok(Backend::Cpu(surfel_cpu::Renderer::with_options(&options)?));
+        }
+        let options = BackendOptions { threads, adapter: self.adapter.clone(), ..BackendOptions::default() };
+        Ok(Backend::by_name(self.backend.name(), &options)?)
+    }
+}
+
+/// Not the GPU backends on software Vulkan: its threads aren't ours to set, and may not even be this process's.
+fn is_on_processor(backend: crate::Backend) -> bool {
+    matches!(backend, crate::Backend::Cpu | crate::Backend::Reference)
+}
+
+/// A scene that is ready to be drawn.
+struct Ready {
+    /// Its source's place among the uploads.
+    upload: usize,
+    view: View,
+    settings: Settings,
+    /// One for each backend.
+    samples: Vec<Samples>,
+}
+
+/// Measures all scenes.
+pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
+    let machine = Machine::this();
+    let mut backends = plan.threads.iter().map(|&n| plan.start(n)).collect::<Result<Vec<_>, _>>()?;
+    let Some(first) = backends.first_mut() else {
+        return Err("no thread count is given, expected at least one".into());
+    };
+    let facts = BackendFacts {
+        name: first.info().backend.to_owned(),
+        adapter: first.info().adapter.clone(),
+        driver: first.info().driver.clone(),
+        is_software: first.is_software(),
+    };
+    let (uploads, mut ready) = prepare(plan, cases, first)?;
+    let mut frame = Frame::default();
+    let counted = Planes { weight: true, ..Planes::COLOR };
+    // The first round warms up (pipelines, page faults, clocks) and counts: weights say which pixels are covered, and
+    // some backends count fragments only where weights are wanted.
+    for round in 0..=plan.runs {
+        for (case, ready) in cases.iter().zip(&mut ready) {
+            if std::io::stderr().is_terminal() {
+                eprint!("\rround {round} of {}: {:16}\r", plan.runs, case.name);
+            }
+            for (i, backend) in backends.iter_mut().enumerate() {
+                let scene = &uploads[ready.upload];
+                let planes = if round == 0 { counted } else { Planes::COLOR };
+                let (start, busy) = (Instant::now(), busy_ms());
+                let stats = backend.render(scene, &ready.view, &ready.settings, planes, &mut frame)?;
+                let ms = start.elapsed().as_secs_f64() * 1e3;
+                let busy = busy_ms().zip(busy).map(|(end, start)| end - start);
+                let samples = &mut ready.samples[i];
+                if round > 0 {
+                    samples.frames_ms.push(ms);
+                    samples.busy_ms.extend(busy.filter(|_| is_on_processor(plan.backend)));
+                    samples.stats.push(stats);
+                    continue;
+                }
+                samples.covered_px = frame.weight.iter().filter(|&&weight| weight > 0.0).count() as u64;
+                samples.fragments = stats.fragments;
+                if let Some(folder) = plan.pictures.as_ref().filter(|_| i == 0) {
+                    std::fs::create_dir_all(folder)?;
+                    let path = folder.join(format!("{}.png", case.name));
+                    surfel::io::save_png(&path, true, &surfel::planes(&frame), &Default::default())?;
+                }
+            }
+        }
+    }
+    let mut rows = Vec::new();
+    for (case, ready) in cases.iter().zip(ready) {
+        for (backend, samples) in backends.iter().zip(ready.samples) {
+            let subject = Subject {
+                scene: case.name.to_owned(),
+                about: case.about.to_owned(),
+                shader: format!("{:?}", case.shader).to_lowercase(),
+                threads: backend.info().threads,
+                size: ready.view.size,
+            };
+            rows.push(Row::new(subject, samples));
+        }
+    }
+    Ok(Report::new(machine, facts, rows))
+}
+
+/// Loads and uploads every source once; backends of one kind share what is uploaded.
+fn prepare(plan: &Plan, cases: &[Case], backend: &mut Backend) -> Result<(Vec<BackendScene>, Vec<Ready>), Failure> {
+    let mut sources: Vec<Source> = Vec::new();
+    for case in cases {
+        if !sources.contains(&case.source) {
+            sources.push(case.source);
+        }
+    }
+    let mut uploads = Vec::new();
+    let mut ready: Vec<Option<Ready>> = cases.iter().map(|_| None).collect();
+    for source in sources {
+        // The loaded scene goes as soon as it is uploaded.
+        let loaded: Loaded = source.load(&plan.models)?;
+        for (case, ready) in cases.iter().zip(&mut ready).filter(|(case, _)| case.source == source) {
+            *ready = Some(Ready {
+                upload: uploads.len(),
+                view: View::new(&case.camera(&loaded))?,
+                settings: case.settings(&loaded),
+                samples: vec![Samples::default(); plan.threads.len()],
+            });
+        }
+        uploads.push(backend.upload(&loaded.scene)?);
+    }
+    Ok((uploads, ready.into_iter().flatten().collect()))
+}

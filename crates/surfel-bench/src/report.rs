@@ -1,0 +1,233 @@
+//! The figures of a run, as they are written to JSON.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use surfel::Stats;
+
+use crate::machine::Machine;
+
+/// Version of the JSON. Raised whenever a field changes its meaning; new fields don't raise it.
+const VERSION: u32 = 1;
+
+/// A run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Report {
+    version: u32,
+    pub machine: Machine,
+    pub backend: BackendFacts,
+    pub rows: Vec<Row>,
+}
+
+/// What drew.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct BackendFacts {
+    pub name: String,
+    /// The GPU, or the SIMD instructions of the processor.
+    pub adapter: String,
+    pub driver: String,
+    /// A GPU interface computed by the processor: its times say nothing about GPUs.
+    pub is_software: bool,
+}
+
+/// One scene on one number of threads. Counts are of one frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Row {
+    pub scene: String,
+    /// What the scene is.
+    pub about: String,
+    pub shader: String,
+    pub threads: usize,
+    pub size: [u32; 2],
+    /// Every frame's time, in the order they were drawn, milliseconds.
+    pub frames_ms: Vec<f64>,
+    pub median_ms: f64,
+    pub min_ms: f64,
+    /// Every frame's time on processors, all threads together; nothing for GPUs, and where the system doesn't say.
+    pub busy_frames_ms: Vec<f64>,
+    /// Their median: what the frame would take one thread that is never interrupted.
+    pub busy_ms: Option<f64>,
+    /// Milliseconds by stage, medians.
+    pub stages_ms: BTreeMap<String, f64>,
+    /// Splats of the scene, culled ones too.
+    pub splats: u64,
+    pub drawn: u64,
+    /// Fragments that contributed to a pixel; none where the backend doesn't count them.
+    pub fragments: Option<u64>,
+    /// Pixels that show something.
+    pub covered_px: u64,
+    /// All splats of the scene, culled ones too, over the median.
+    pub splats_per_s: f64,
+    pub drawn_per_s: f64,
+    pub fragments_per_s: Option<f64>,
+    /// Fragments over drawn splats.
+    pub fragments_per_splat: Option<f64>,
+    /// Fragments over covered pixels.
+    pub fragments_per_px: Option<f64>,
+    /// Pairs of 4×4-pixel block and splat that were computed (processor backend).
+    pub block_pairs: Option<f64>,
+    /// Time of the tile loops by thread and pair, nanoseconds.
+    pub ns_per_pair: Option<f64>,
+    /// Resident bytes a splat.
+    pub bytes_per_splat: f64,
+    /// Resident bytes, 10⁶.
+    pub resident_mb: f64,
+    /// Records and lists of the largest batch, 10⁶ bytes: what a frame needs besides the scene and the picture.
+    pub batch_mb: Option<f64>,
+    /// Splats that were set up are read once, their records and lists written once and read once: 10⁹ bytes a second, at
+    /// most (every batch is taken for as large as the largest).
+    pub gb_per_s: Option<f64>,
+    /// All counters of the backend.
+    pub counters: BTreeMap<String, f64>,
+}
+
+/// What was seen of one scene on one number of threads.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Samples {
+    pub frames_ms: Vec<f64>,
+    /// Time on processors, all threads together.
+    pub busy_ms: Vec<f64>,
+    pub stats: Vec<Stats>,
+    pub covered_px: u64,
+    /// 0 where the backend doesn't count them.
+    pub fragments: u64,
+}
+
+/// Which scene a row is of.
+pub(crate) struct Subject {
+    pub scene: String,
+    pub about: String,
+    pub shader: String,
+    pub threads: usize,
+    pub size: [u32; 2],
+}
+
+impl Report {
+    pub(crate) fn new(machine: Machine, backend: BackendFacts, rows: Vec<Row>) -> Self {
+        Self { version: VERSION, machine, backend, rows }
+    }
+
+    /// Reads what `-o` wrote.
+    pub(crate) fn parse(text: &[u8]) -> Result<Self, String> {
+        let value: serde_json::Value = serde_json::from_slice(text).map_err(|e| format!("is no JSON: {e}"))?;
+        match value.get("version").and_then(serde_json::Value::as_u64) {
+            Some(version) if version == u64::from(VERSION) => {
+                serde_json::from_value(value).map_err(|e| format!("is no report of version {VERSION}: {e}"))
+            }
+            found => {
+                let found = found.map_or("none".to_owned(), |v| v.to_string());
+                Err(format!("has version {found}, expected {VERSION}: measure again with this program"))
+            }
+        }
+    }
+}
+
+impl Row {
+    pub(crate) fn new(subject: Subject, samples: Samples) -> Self {
+        let Samples { frames_ms, busy_ms, stats, covered_px, fragments } = samples;
+        let median_ms = median(&frames_ms);
+        let seconds = median_ms * 1e-3;
+        let one = stats.last().cloned().unwrap_or_default();
+        let middle = |value: &dyn Fn(&Stats) -> Option<f64>| {
+            let values: Vec<f64> = stats.iter().filter_map(value).collect();
+            (!values.is_empty()).then(|| median(&values))
+        };
+        let counter = |name: &str| middle(&|s: &Stats| s.counters.iter().find(|c| c.0 == name).map(|c| c.1));
+        let stage = |name: &str| middle(&|s: &Stats| s.passes.iter().find(|p| p.name == name).map(|p| p.ms));
+        let fragments = (fragments > 0).then_some(fragments);
+        let over = |n: f64| fragments.filter(|_| n > 0.0).map(|f| f as f64 / n);
+        let batch_bytes = counter("batch_bytes");
+        let traffic = counter("set_up")
+            .zip(batch_bytes)
+            .zip(counter("batches"))
+            .map(|((set_up, bytes), batches)| set_up * one.bytes_per_splat + 2.0 * bytes * batches);
+        Self {
+            scene: subject.scene,
+            about: subject.about,
+            shader: subject.shader,
+            threads: subject.threads,
+            size: subject.size,
+            median_ms,
+            busy_ms: (!busy_ms.is_empty()).then(|| median(&busy_ms)),
+            busy_frames_ms: busy_ms,
+            min_ms: frames_ms.iter().copied().fold(f64::INFINITY, f64::min),
+            frames_ms,
+            stages_ms: one.passes.iter().filter_map(|p| Some((p.name.to_owned(), stage(p.name)?))).collect(),
+            splats: one.splats,
+            drawn: one.drawn,
+            fragments,
+            covered_px,
+            splats_per_s: one.splats as f64 / seconds,
+            drawn_per_s: one.drawn as f64 / seconds,
+            fragments_per_s: over(seconds),
+            fragments_per_splat: over(one.drawn as f64),
+            fragments_per_px: over(covered_px as f64),
+            block_pairs: counter("block_pairs"),
+            ns_per_pair: counter("tile_ns_per_block_pair"),
+            bytes_per_splat: one.bytes_per_splat,
+            resident_mb: one.bytes_per_splat * one.splats as f64 * 1e-6,
+            batch_mb: batch_bytes.map(|b| b * 1e-6),
+            gb_per_s: traffic.map(|bytes| bytes * 1e-9 / seconds),
+            counters: one.counters.iter().filter_map(|c| Some((c.0.to_owned(), counter(c.0)?))).collect(),
+        }
+    }
+}
+
+/// The middle value, or the mean of the two in the middle; NaN of none.
+pub(crate) fn median(values: &[f64]) -> f64 {
+    0.5 * (quantile(values, 0.5 - 1e-12) + quantile(values, 0.5 + 1e-12))
+}
+
+/// The value that a part of the values lies below; NaN of none.
+pub(crate) fn quantile(values: &[f64], part: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = (part * sorted.len() as f64).floor().max(0.0) as usize;
+    sorted.get(at.min(sorted.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn median_of_few() {
+        assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.5);
+        assert_eq!(median(&[7.0]), 7.0);
+        assert!(median(&[]).is_nan());
+    }
+
+    #[test]
+    fn report_of_another_version_is_refused() {
+        let problem = Report::parse(br#"{"version": 99}"#).unwrap_err();
+        assert!(problem.contains("99") && problem.contains("measure again"), "{problem}");
+        assert!(Report::parse(b"{}").unwrap_err().contains("none"));
+        assert!(Report::parse(b"pixels").is_err());
+    }
+
+    #[test]
+    fn row_rates_follow_from_the_median() {
+        let stats = Stats {
+            splats: 1000,
+            drawn: 500,
+            bytes_per_splat: 40.0,
+            counters: vec![("set_up", 600.0), ("batch_bytes", 1e6), ("batches", 2.0)],
+            ..Stats::default()
+        };
+        let samples = Samples {
+            frames_ms: vec![30.0, 10.0, 20.0],
+            busy_ms: vec![15.0],
+            stats: vec![stats; 3],
+            covered_px: 400,
+            fragments: 4000,
+        };
+        let subject =
+            Subject { scene: "s".into(), about: String::new(), shader: "phong".into(), threads: 1, size: [8, 8] };
+        let row = Row::new(subject, samples);
+        assert_eq!((row.median_ms, row.min_ms, row.splats_per_s), (20.0, 10.0, 5e4));
+        assert_eq!((row.fragments_per_splat, row.fragments_per_px), (Some(8.0), Some(10.0)));
+        // (600·40 + 2·2·10⁶) bytes in 20 ms.
+        assert!((row.gb_per_s.unwrap() - 0.2012).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,168 @@
+//! What is drawn: Guennebaud's ladder, extremes of size, real models where there are any.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::DAffine3;
+use surfel::model::{Cull, Geometry, Object, Projection, Shader};
+use surfel::{Camera, Material, NoProgress, Scene, Settings, SplatCloud};
+
+use crate::{Arguments, Failure, clouds};
+
+/// Width and height of every picture, pixels.
+const SIZE: u32 = 1024;
+
+/// Vertical field of view, degrees.
+const FOV_Y_DEG: f64 = 30.0;
+
+/// What a scene is made of; scenes with the same source share one upload.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Source {
+    /// A bumpy ball of so many splats.
+    Ball(usize),
+    /// A wavy sheet of so many splats.
+    Sheet(usize),
+    /// A file of the models' folder.
+    Model(&'static str),
+}
+
+/// Where the eye is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Eye {
+    /// Where the surface fills the height.
+    Fits,
+    /// There, but with the height of the view so many times larger; less than 1 is a close-up.
+    Zoomed(f64),
+}
+
+/// A scene that can be timed.
+#[derive(Clone, Debug)]
+pub(crate) struct Case {
+    pub name: &'static str,
+    pub about: &'static str,
+    pub source: Source,
+    eye: Eye,
+    pub shader: Shader,
+    /// Part of `--quick`.
+    quick: bool,
+}
+
+/// A source, loaded.
+pub(crate) struct Loaded {
+    pub scene: Scene,
+    /// The camera that frames it.
+    pub camera: Camera,
+    pub settings: Settings,
+}
+
+const LADDER: &str = "closed surface, fills the height, back faces culled (Guennebaud 2006, table 1)";
+
+/// The far view's height over the surface's: it then takes about 5 % of the picture.
+const FAR: f64 = 3.7;
+
+/// All scenes.
+fn all() -> Vec<Case> {
+    use Eye::{Fits, Zoomed};
+    use Source::{Ball, Model, Sheet};
+    let case = |name, about, source, eye, quick| Case { name, about, source, eye, shader: Shader::Phong, quick };
+    let igea = Model("igea.ply");
+    let shader = |name, shader| Case { shader, ..case(name, "igea by another shader", igea, Fits, true) };
+    vec![
+        case("154k", LADDER, Ball(154_000), Fits, true),
+        case("460k", LADDER, Ball(460_000), Fits, true),
+        case("1.4M", LADDER, Ball(1_400_000), Fits, false),
+        case("2.5M", LADDER, Ball(2_500_000), Fits, false),
+        case("5M", LADDER, Ball(5_000_000), Fits, false),
+        case("igea", "a scanned head of 134 k points", igea, Fits, true),
+        shader("igea-normal", Shader::Normal),
+        shader("igea-unlit", Shader::Unlit),
+        case("lion", "a coloured scan of 273 k points", Model("lion_takanawa.ply"), Fits, false),
+        case("sheet", "a wavy sheet, all splats seen, about ten fragments each", Sheet(400_000), Fits, true),
+        case("radius-8", "the ladder's surface of splats of 8 pixels", Ball(63_000), Fits, true),
+        case("radius-32", "the ladder's surface of splats of 32 pixels", Ball(3_900), Fits, true),
+        case("near", "close-up of the 154k surface: few huge splats", Ball(154_000), Zoomed(1.0 / 16.0), true),
+        case("far", "5 M splats below a pixel on about 5 % of the picture", Ball(5_000_000), Zoomed(FAR), false),
+    ]
+}
+
+/// The scenes that are asked for and whose files are there.
+pub(crate) fn chosen(arguments: &Arguments) -> Result<Vec<Case>, Failure> {
+    let names = all().iter().map(|case| case.name).collect::<Vec<_>>().join(", ");
+    let wanted = |case: &Case| match arguments.scene.as_slice() {
+        [] => case.quick || !arguments.quick,
+        words => words.iter().any(|word| case.name.contains(word.as_str())),
+    };
+    let there = |case: &Case| match case.source {
+        Source::Model(file) => arguments.models.join(file).is_file(),
+        _ => true,
+    };
+    let (cases, missing): (Vec<Case>, Vec<Case>) = all().into_iter().filter(wanted).partition(there);
+    for case in missing {
+        eprintln!("left out: {} (no model in {})", case.name, arguments.models.display());
+    }
+    if cases.is_empty() {
+        return Err(format!("no scene is called {}, expected a part of: {names}", arguments.scene.join(" or ")).into());
+    }
+    Ok(cases)
+}
+
+impl Source {
+    /// Makes or reads it.
+    pub(crate) fn load(self, models: &Path) -> Result<Loaded, Failure> {
+        match self {
+            Self::Ball(count) => Ok(framed(clouds::ball(count)?, Cull::Back)),
+            Self::Sheet(count) => Ok(framed(clouds::sheet(count)?, Cull::None)),
+            Self::Model(file) => {
+                let path = models.join(file);
+                let opened = surfel::open(&[&path], &NoProgress)?;
+                let camera = Camera { size: [SIZE; 2], ..opened.file.camera };
+                Ok(Loaded { scene: opened.scene, camera, settings: opened.file.settings })
+            }
+        }
+    }
+}
+
+/// A cloud with a camera on the z axis, as near as all of it still fits, and the usual lights.
+fn framed(cloud: SplatCloud, cull: Cull) -> Loaded {
+    let slope = (0.5 * FOV_Y_DEG).to_radians().tan();
+    // |x| and |y| ≤ (eye − z)·slope for every centre.
+    let needs = |i: usize| {
+        let p = cloud.center(i);
+        p.z + p.x.abs().max(p.y.abs()) / slope
+    };
+    let eye_z = (0..cloud.len()).map(needs).fold(0.0, f64::max);
+    let camera = Camera {
+        eye: [0.0, 0.0, eye_z],
+        target: [0.0; 3],
+        up: [0.0, 1.0, 0.0],
+        projection: Projection::Perspective { fov_y_deg: FOV_Y_DEG },
+        near: 0.01,
+        far: None,
+        size: [SIZE; 2],
+    };
+    let object = Object {
+        geometry: Geometry::Splats(Arc::new(cloud)),
+        world_from_object: DAffine3::IDENTITY,
+        material: Material { cull, ..Material::default() },
+    };
+    let lights = Some(surfel::studio_lights(&camera));
+    let scene = Scene { ambient: [0.1; 3], lights, objects: vec![object], ..Scene::default() };
+    Loaded { scene, camera, settings: Settings::default() }
+}
+
+impl Case {
+    /// The loaded source's camera, moved for this scene.
+    pub(crate) fn camera(&self, loaded: &Loaded) -> Camera {
+        let mut camera = loaded.camera.clone();
+        if let (Eye::Zoomed(factor), Projection::Perspective { fov_y_deg }) = (self.eye, &mut camera.projection) {
+            let half = (0.5 * *fov_y_deg).to_radians().tan() * factor;
+            *fov_y_deg = 2.0 * half.atan().to_degrees();
+        }
+        camera
+    }
+
+    /// The loaded source's settings with this scene's shader.
+    pub(crate) fn settings(&self, loaded: &Loaded) -> Settings {
+        Settings { shader: self.shader, ..loaded.settings }
+    }
+}

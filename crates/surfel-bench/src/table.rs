@@ -1,0 +1,122 @@
+//! A run for readers.
+
+use std::fmt::Write;
+
+use crate::report::{Report, Row};
+
+/// The whole run as text.
+pub(crate) fn of(report: &Report) -> String {
+    let mut text = String::new();
+    let (machine, backend) = (&report.machine, &report.backend);
+    let load = machine.load.map_or("unknown".to_owned(), |load| format!("{load:.1}"));
+    let _ =
+        writeln!(text, "machine   {}, {} threads, {}, load {load}", machine.processor, machine.threads, machine.system);
+    let software =
+        if backend.is_software { " — software Vulkan: the processor computes, this is no GPU" } else { "" };
+    let _ = writeln!(text, "backend   {}: {} ({}){software}", backend.name, backend.adapter, backend.driver);
+    let _ = writeln!(text, "commit    {}\n", machine.commit);
+    let head = [
+        "scene", "thr", "median", "min ms", "busy ms", "splats", "Msplat/s", "drawn/s", "Mfrag/s", "fr/splat", "fr/px",
+    ];
+    let more = ["pairs M", "ns/pair", "B/splat", "GB/s", "stages, ms"];
+    let mut lines = vec![head.iter().chain(&more).map(ToString::to_string).collect::<Vec<_>>()];
+    lines.extend(report.rows.iter().map(line));
+    text += &aligned(&lines);
+    for note in shader_notes(&report.rows).into_iter().chain(scaling_note(&report.rows)) {
+        let _ = writeln!(text, "{note}");
+    }
+    text
+}
+
+fn line(row: &Row) -> Vec<String> {
+    let number = |value: Option<f64>, scale: f64, digits: usize| {
+        value.map_or("-".to_owned(), |value| format!("{:.digits$}", value * scale))
+    };
+    let stages = row.stages_ms.iter().map(|(name, ms)| format!("{name} {ms:.1}"));
+    vec![
+        row.scene.clone(),
+        row.threads.to_string(),
+        format!("{:.2}", row.median_ms),
+        format!("{:.2}", row.min_ms),
+        number(row.busy_ms, 1.0, 2),
+        row.splats.to_string(),
+        number(Some(row.splats_per_s), 1e-6, 1),
+        number(Some(row.drawn_per_s), 1e-6, 1),
+        number(row.fragments_per_s, 1e-6, 0),
+        number(row.fragments_per_splat, 1.0, 1),
+        number(row.fragments_per_px, 1.0, 1),
+        number(row.block_pairs, 1e-6, 2),
+        number(row.ns_per_pair, 1.0, 1),
+        number(Some(row.bytes_per_splat), 1.0, 0),
+        number(row.gb_per_s, 1.0, 1),
+        stages.collect::<Vec<_>>().join(", "),
+    ]
+}
+
+/// Columns as wide as their widest cell; the first and the last to the left, the others to the right.
+pub(crate) fn aligned(lines: &[Vec<String>]) -> String {
+    let columns = lines.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |i: usize| lines.iter().filter_map(|line| line.get(i)).map(|cell| cell.chars().count()).max();
+    let widths: Vec<usize> = (0..columns).map(|i| width(i).unwrap_or(0)).collect();
+    let mut text = String::new();
+    for line in lines {
+        for (i, cell) in line.iter().enumerate() {
+            let width = widths[i];
+            let _ = match i {
+                0 => write!(text, "{cell:width$}"),
+                i if i + 1 == columns => write!(text, "  {cell}"),
+                _ => write!(text, "  {cell:>width$}"),
+            };
+        }
+        text.truncate(text.trim_end().len());
+        text.push('\n');
+    }
+    text
+}
+
+/// Time on processors, where it is known: shaders differ by less than a shared machine's clock on the wall does.
+fn cost(row: &Row) -> f64 {
+    row.busy_ms.unwrap_or(row.median_ms)
+}
+
+/// What shading costs: the other shaders' scenes are named after the first one's.
+fn shader_notes(rows: &[Row]) -> Vec<String> {
+    let phong = rows.iter().filter(|row| row.shader == "phong");
+    let notes = phong.filter_map(|phong| {
+        let other = |shader: &str| {
+            let name = format!("{}-{shader}", phong.scene);
+            rows.iter().find(|row| row.scene == name && row.threads == phong.threads)
+        };
+        let (normal, unlit) = (other("normal")?, other("unlit")?);
+        Some(format!(
+            "{}, {} threads: phong over normal {:.3}, over unlit {:.3}",
+            phong.scene,
+            phong.threads,
+            cost(phong) / cost(normal),
+            cost(phong) / cost(unlit)
+        ))
+    });
+    notes.collect()
+}
+
+/// What a second thread brings.
+fn scaling_note(rows: &[Row]) -> Option<String> {
+    let gains = rows.iter().filter(|row| row.threads == 1).filter_map(|one| {
+        let two = rows.iter().find(|row| row.scene == one.scene && row.threads == 2)?;
+        Some(format!("{} {:.2}", one.scene, one.median_ms / two.median_ms))
+    });
+    let gains: Vec<String> = gains.collect();
+    (!gains.is_empty()).then(|| format!("two threads over one: {}", gains.join(", ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn table_columns_line_up() {
+        let line = |cells: [&str; 3]| cells.map(str::to_owned).to_vec();
+        let text = aligned(&[line(["a", "time", "note"]), line(["long", "1", "x"])]);
+        assert_eq!(text, "a     time  note\nlong     1  x\n");
+    }
+}

@@ -1,0 +1,31 @@
+//! Draws frames of one size of splat, for instruction counts: `plane RADIUS_PX FRAMES`, AVX2, one thread.
+//!
+//! Prints the block pairs of a frame. Counts for one frame and for eleven, subtracted and divided by ten, are those of a
+//! frame without start and upload; see docs/performance.md.
+
+use surfel_cpu::{Options, Renderer, SimdLevel};
+use surfel_model::{Settings, Shader};
+use surfel_render::{Frame, Planes, Renderer as _};
+
+mod scene;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<f64> = std::env::args().skip(1).map(|word| word.parse()).collect::<Result<_, _>>()?;
+    let [radius_px, frames] = arguments[..] else { return Err("expected two arguments: RADIUS_PX FRAMES".into()) };
+    if !(0.1..=256.0).contains(&radius_px) {
+        return Err("RADIUS_PX is out of range, expected 0.1 to 256".into());
+    }
+    let (scene, view) = scene::plane(radius_px)?;
+    let mut renderer = Renderer::with_options(&Options { threads: 1, simd: SimdLevel::Avx2, ..Options::default() })?;
+    let resident = renderer.upload(&scene)?;
+    let settings = Settings { shader: Shader::Phong, ..Settings::default() };
+    let mut frame = Frame::default();
+    for i in 0..frames as usize {
+        let stats = renderer.render(&resident, &view, &settings, Planes::COLOR, &mut frame)?;
+        if i == 0 {
+            println!("splats {} drawn {} fragments {}", stats.splats, stats.drawn, stats.fragments);
+            stats.counters.iter().for_each(|(name, value)| println!("{name} {value}"));
+        }
+    }
+    Ok(())
+}
