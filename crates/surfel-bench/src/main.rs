@@ -76,7 +76,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_enum, default_value = "best")]
     simd: Simd,
     /// Where the models igea.ply and lion_takanawa.ply are; without them their scenes are left out.
-    #[arg(long, value_name = "FOLDER", default_value = "../shared/models")]
+    #[arg(long, value_name = "FOLDER", default_value = "models")]
     models: PathBuf,
     /// Write the figures as JSON, over what is there.
     #[arg(short, long, value_name = "FILE.json")]
