@@ -1,5 +1,6 @@
 //! Dividing and lighting a block (§5), sixteen pixels of a block at a time.
 
+use crate::lane_math::transform;
 use crate::lanes::{LANES, Lanes};
 use crate::raster::Sums;
 use fearless_simd::Simd;
@@ -223,22 +224,14 @@ fn position<S: Simd>(
     };
     let (sx, sy) = (slope(x, 0), slope(y, 1));
     let m = &lighting.world_from_view;
-    let rotate = |v: V3<Lanes<S>>| {
-        let row = |a: f32, b: f32, c: f32| k(a).mul_add(v.x, k(b).mul_add(v.y, k(c) * v.z));
-        V3::new(
-            row(m.x_axis.x, m.y_axis.x, m.z_axis.x),
-            row(m.x_axis.y, m.y_axis.y, m.z_axis.y),
-            row(m.x_axis.z, m.y_axis.z, m.z_axis.z),
-        )
-    };
     match p.kind {
         ProjectionKind::Perspective => {
-            let ray = rotate(V3::new(sx, sy, k(1.0)));
+            let ray = transform(m, V3::new(sx, sy, k(1.0)));
             (ray * z, -ray * ray.dot(ray).inverse_sqrt())
         }
         ProjectionKind::Orthographic { .. } => {
             let f = -lighting.forward;
-            (rotate(V3::new(sx, sy, z)), V3::new(k(f.x), k(f.y), k(f.z)))
+            (transform(m, V3::new(sx, sy, z)), V3::new(k(f.x), k(f.y), k(f.z)))
         }
     }
 }

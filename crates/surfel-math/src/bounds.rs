@@ -48,22 +48,25 @@ pub fn ellipse<R: Real>(j_s: V2<R>, j_t: V2<R>, slope: V2<R>) -> Extent<R> {
     let one = slope.x.one();
     let length = slope.length();
     let d = (one - length) * (one + length);
-    let extremes = |j: V2<R>| {
-        let b = j.dot(slope);
-        let square = j.dot(j);
-        let root = R::sum_of_products(b, b, square, d).sqrt();
-        let zero = b.zero();
-        let q = root + b.abs();
-        let safe = R::select(zero.lt(q), q, one);
-        let far = q / d;
-        let near = square / safe;
-        // b > 0 leans the ellipse toward negative offsets.
-        let positive = zero.lt(b);
-        (-R::select(positive, far, near), R::select(positive, near, far))
-    };
-    let (x0, x1) = extremes(V2::new(j_s.x, j_t.x));
-    let (y0, y1) = extremes(V2::new(j_s.y, j_t.y));
+    let (x0, x1) = extremes(V2::new(j_s.x, j_t.x), slope, d);
+    let (y0, y1) = extremes(V2::new(j_s.y, j_t.y), slope, d);
     Extent { min: V2::new(x0, y0), max: V2::new(x1, y1) }
+}
+
+/// Least and greatest of one coordinate, `d` = 1 − |a|². A function of its own: as a closure it isn't inlined into SIMD code.
+#[inline(always)]
+fn extremes<R: Real>(j: V2<R>, slope: V2<R>, d: R) -> (R, R) {
+    let b = j.dot(slope);
+    let square = j.dot(j);
+    let root = R::sum_of_products(b, b, square, d).sqrt();
+    let zero = b.zero();
+    let q = root + b.abs();
+    let safe = R::select(zero.lt(q), q, q.one());
+    let far = q / d;
+    let near = square / safe;
+    // b > 0 leans the ellipse toward negative offsets.
+    let positive = zero.lt(b);
+    (-R::select(positive, far, near), R::select(positive, near, far))
 }
 
 /// Box of the unfiltered splat; needs the disk in front of the eye (e < p_z) if projective.
