@@ -4,7 +4,6 @@ use crate::clip::StoredClips;
 use crate::column::{Column, Column3, Storage, Units};
 use crate::lanes::LANES;
 use glam::{DAffine3, DVec3, Vec3};
-use rayon::prelude::*;
 use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_model::{Material, Shape, SplatCloud};
 
@@ -86,7 +85,7 @@ pub(crate) struct StoredObject {
 impl StoredObject {
     /// Orders and stores a cloud.
     pub(crate) fn new(cloud: &SplatCloud, world_from_object: DAffine3, material: Material, storage: Storage) -> Self {
-        let order = morton_order(cloud);
+        let order = cloud.morton_order();
         let padded = cloud.len() + cloud.len() / LANES;
         let data = cloud.data();
         let mut stored = Self {
@@ -205,35 +204,4 @@ fn chunk_length(cloud: &SplatCloud, order: &[u32], storage: Storage) -> usize {
         }
     }
     order.len().min(CHUNK)
-}
-
-/// Indices of the splats in Morton order of their centres; equal codes stay in index order.
-fn morton_order(cloud: &SplatCloud) -> Vec<u32> {
-    let n = cloud.len();
-    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for i in 0..n {
-        let p = cloud.center(i);
-        (min, max) = (min.min(p), max.max(p));
-    }
-    let extent = (max - min).max_element();
-    let scale = if extent > 0.0 { 1_048_575.0 / extent } else { 0.0 };
-    let mut keyed: Vec<(u64, u32)> = (0..n)
-        .into_par_iter()
-        .map(|i| {
-            let q = (cloud.center(i) - min) * scale;
-            (spread(q.x as u64) | spread(q.y as u64) << 1 | spread(q.z as u64) << 2, i as u32)
-        })
-        .collect();
-    keyed.par_sort_unstable();
-    keyed.into_iter().map(|(_, i)| i).collect()
-}
-
-/// Spreads the low 21 bits of `x` to every third bit.
-fn spread(x: u64) -> u64 {
-    let x = x & 0x1f_ffff;
-    let x = (x | x << 32) & 0x001f_0000_0000_ffff;
-    let x = (x | x << 16) & 0x001f_0000_ff00_00ff;
-    let x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
-    let x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & 0x1249_2492_4924_9249
 }

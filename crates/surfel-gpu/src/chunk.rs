@@ -1,7 +1,6 @@
 //! Splats in an order in which neighbours lie together, cut into chunks that f32 offsets describe well.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use surfel_model::SplatCloud;
 use surfel_shaders::layout;
 
@@ -60,37 +59,6 @@ pub(crate) fn chunk_length(cloud: &SplatCloud, order: &[u32]) -> usize {
     order.len().min(most)
 }
 
-/// Indices of the splats in Morton order of their centres; equal codes stay in index order.
-pub(crate) fn morton_order(cloud: &SplatCloud) -> Vec<u32> {
-    let n = cloud.len();
-    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for i in 0..n {
-        let p = cloud.center(i);
-        (min, max) = (min.min(p), max.max(p));
-    }
-    let extent = (max - min).max_element();
-    let scale = if extent > 0.0 { 2_097_151.0 / extent } else { 0.0 };
-    let mut keyed: Vec<(u64, u32)> = (0..n)
-        .into_par_iter()
-        .map(|i| {
-            let q = (cloud.center(i) - min) * scale;
-            (spread(q.x as u64) | spread(q.y as u64) << 1 | spread(q.z as u64) << 2, i as u32)
-        })
-        .collect();
-    keyed.par_sort_unstable();
-    keyed.into_iter().map(|(_, i)| i).collect()
-}
-
-/// Spreads the low 21 bits of `x` to every third bit.
-fn spread(x: u64) -> u64 {
-    let x = x & 0x1f_ffff;
-    let x = (x | x << 32) & 0x001f_0000_0000_ffff;
-    let x = (x | x << 16) & 0x001f_0000_ff00_00ff;
-    let x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
-    let x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & 0x1249_2492_4924_9249
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -101,19 +69,6 @@ mod tests {
         let normals = Column3::from_f32(vec![Vec3::Z; centers.len()]);
         let data = CloudData::new(DVec3::ZERO, Column3::from_f32(centers), Shape::Disks { normals, radii });
         SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
-    }
-
-    #[test]
-    fn every_splat_is_in_the_order_once_and_neighbours_follow_each_other() {
-        let centers: Vec<Vec3> = (0..64u32).map(|i| Vec3::new((i % 8) as f32, (i / 8) as f32, 0.0)).collect();
-        let order = morton_order(&cloud(centers.clone(), vec![1.0; 64]));
-        let mut sorted = order.clone();
-        sorted.sort_unstable();
-        assert_eq!(sorted, (0..64).collect::<Vec<u32>>());
-        let step = |w: &[u32]| (centers[w[0] as usize] - centers[w[1] as usize]).length();
-        let mean = order.windows(2).map(step).sum::<f32>() / 63.0;
-        // Row by row it would be 1 + 7·√50/63 = 1.8; at random about 4.
-        assert!(mean < 1.6, "{mean}");
     }
 
     #[test]

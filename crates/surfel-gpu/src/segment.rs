@@ -1,6 +1,6 @@
 //! Splats as they lie in GPU buffers.
 
-use crate::chunk::{Chunk, chunk_length, morton_order};
+use crate::chunk::{Chunk, chunk_length};
 use crate::words::Words;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
@@ -145,7 +145,7 @@ impl Upload {
     pub fn next_segment(&mut self) -> Option<Vec<u32>> {
         while self.at == self.order.len() {
             let object = self.scene.objects.get(self.object)?;
-            self.order = morton_order(&object.cloud);
+            self.order = object.cloud.morton_order();
             self.at = 0;
             self.object += 1;
         }

@@ -12,6 +12,7 @@ mod error;
 mod hybrid;
 mod light;
 mod mesh;
+mod morton;
 mod points;
 mod range;
 mod scene;
