@@ -21,6 +21,7 @@ mod kernel;
 mod lane_math;
 mod lanes;
 mod level;
+mod lists;
 mod mask;
 mod near;
 mod raster;

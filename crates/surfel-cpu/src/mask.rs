@@ -36,9 +36,19 @@ pub(crate) fn for_tiles<S: Simd>(
 ) {
     let [x0, y0, x1, y1] = [blocks.0[0] as u32, blocks.0[1] as u32, blocks.0[2] as u32, blocks.0[3] as u32];
     let size = grid.tile_blocks;
+    // Few splats reach over more than 4×4 blocks, so that one test serves all tiles.
+    let whole = (x1 - x0 <= 2 && y1 - y0 <= 2) || form.whole_box || record.class() == Class::Near;
+    let few = (!whole && x1 - x0 <= 4 && y1 - y0 <= 4)
+        .then(|| four_by_four(simd, record, [x0, y0], grid.origin, form.linear_depth));
     for row in y0 / size..=(y1 - 1) / size {
         for column in x0 / size..=(x1 - 1) / size {
-            let blocks = touched(simd, record, blocks, [column * size, row * size], grid, form);
+            let tile = [column * size, row * size];
+            let in_box = inside_box(blocks, tile, size);
+            let blocks = match few {
+                _ if whole => in_box,
+                Some(bits) => in_box & placed(bits, x0 as i32 - tile[0] as i32, y0 as i32 - tile[1] as i32),
+                None => in_box & touched(simd, record, blocks, tile, grid, form),
+            };
             if blocks != 0 {
                 visit(Entry { blocks, record: index, tile: row * grid.columns + column });
             }
@@ -46,31 +56,47 @@ pub(crate) fn for_tiles<S: Simd>(
     }
 }
 
-/// A bit for each block of a tile, row by row, eight bits a row; `tile` is the tile's first block.
+/// The part of a tile's range along one axis that a box covers, in blocks.
 #[inline(always)]
-fn touched<S: Simd>(simd: S, record: &Record, blocks: BlockBox, tile: [u32; 2], grid: &Grid, form: MaskForm) -> u64 {
-    let clip = |value: u16, axis: usize| (u32::from(value).max(tile[axis]) - tile[axis]).min(grid.tile_blocks);
-    let (x0, y0) = (clip(blocks.0[0], 0), clip(blocks.0[1], 1));
-    let (x1, y1) = (clip(blocks.0[2], 0), clip(blocks.0[3], 1));
+fn clipped(blocks: BlockBox, tile: [u32; 2], axis: usize, size: u32) -> (u32, u32) {
+    let clip = |value: u16| (u32::from(value).max(tile[axis]) - tile[axis]).min(size);
+    (clip(blocks.0[axis]), clip(blocks.0[axis + 2]))
+}
+
+/// A bit for each block of a tile inside a box, row by row, eight bits a row; `tile` is the tile's first block.
+#[inline(always)]
+fn inside_box(blocks: BlockBox, tile: [u32; 2], size: u32) -> u64 {
+    let ((x0, x1), (y0, y1)) = (clipped(blocks, tile, 0, size), clipped(blocks, tile, 1, size));
     let row = (1u64 << x1) - (1u64 << x0);
     // Bit 0 of every row from y0 up to y1.
     let rows = (0x0101_0101_0101_0101u64 >> (8 * (8 - (y1 - y0)))) << (8 * y0);
-    let inside_box = row.wrapping_mul(rows);
-    let small = x1 - x0 <= 2 && y1 - y0 <= 2;
-    if small || form.whole_box || record.class() == Class::Near {
-        return inside_box;
-    }
+    row.wrapping_mul(rows)
+}
+
+/// Bits of 4×4 blocks, four a row, from block (x, y) of a tile on, which may lie up to three before it. What runs over the
+/// tile's right side comes out in another row's unused columns: the caller knows which columns count.
+#[inline(always)]
+fn placed(bits: u64, x: i32, y: i32) -> u64 {
+    // Columns before the tile are shifted out row by row, before the rows get their distance.
+    let bits = if x < 0 { bits >> -x & (0x1111 * (0xf >> -x)) } else { bits };
+    let spread = (bits & 0xf) | (bits & 0xf0) << 4 | (bits & 0xf00) << 8 | (bits & 0xf000) << 12;
+    let at = TILE_BLOCKS as i32 * y + x.max(0);
+    if at < 0 { spread >> -at } else { spread << at }
+}
+
+/// A bit for each block of a tile that the record may touch, within its box.
+#[inline(always)]
+fn touched<S: Simd>(simd: S, record: &Record, blocks: BlockBox, tile: [u32; 2], grid: &Grid, form: MaskForm) -> u64 {
+    let size = grid.tile_blocks;
+    let ((x0, x1), (y0, y1)) = (clipped(blocks, tile, 0, size), clipped(blocks, tile, 1, size));
     let mut found = 0u64;
     for y in (y0..y1).step_by(4) {
         for x in (x0..x1).step_by(4) {
             let first = [tile[0] + x, tile[1] + y];
-            let bits = four_by_four(simd, record, first, grid.origin, form.linear_depth);
-            let spread = (bits & 0xf) | (bits & 0xf0) << 4 | (bits & 0xf00) << 8 | (bits & 0xf000) << 12;
-            // What runs over the tile's right side comes out in the next row, left of the box; below, it falls off.
-            found |= spread << (TILE_BLOCKS * y + x);
+            found |= placed(four_by_four(simd, record, first, grid.origin, form.linear_depth), x as i32, y as i32);
         }
     }
-    found & inside_box
+    found
 }
 
 /// The test for 4×4 blocks from `first` on: sixteen bits.

@@ -4,6 +4,7 @@
 use crate::clip::ScreenClip;
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes};
+use crate::lists::Listed;
 use crate::near::NearSplat;
 use crate::record::{Class, Record};
 use fearless_simd::prelude::SimdMask;
@@ -125,7 +126,7 @@ struct Fragment<S: Simd> {
 #[inline(always)]
 pub(crate) fn block<S: Simd>(
     simd: S,
-    list: &[&Record],
+    list: &[Listed<'_>],
     (x, y): (i32, i32),
     shared: &Shared<'_>,
     behind: Option<Lanes<S>>,
@@ -137,9 +138,9 @@ pub(crate) fn block<S: Simd>(
     let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
     let remembers = list.len() <= REMEMBERED;
     let mut count = 0;
-    for (i, &record) in list.iter().enumerate() {
+    for (i, &Listed { record, z_min }) in list.iter().enumerate() {
         // Nothing of a splat behind all that is kept matters, in either loop.
-        if sums.kept.lt(k(record.z_min())).all_true() {
+        if sums.kept.lt(k(z_min)).all_true() {
             continue;
         }
         let mut fragment = fragment(simd, record, at, (x, y), shared);
@@ -170,10 +171,10 @@ pub(crate) fn block<S: Simd>(
         for (i, [z, weight]) in scratch.splats[..count].iter().zip(&scratch.fragments) {
             let z = Lanes::load(simd, z);
             let mask = z.le(sums.kept);
-            accumulate(simd, &mut sums, list[*i as usize], mask, z, Lanes::load(simd, weight), shared);
+            accumulate(simd, &mut sums, list[*i as usize].record, mask, z, Lanes::load(simd, weight), shared);
         }
     } else {
-        for &record in list {
+        for &Listed { record, .. } in list {
             let mut fragment = fragment(simd, record, at, (x, y), shared);
             if let Some(behind) = behind {
                 fragment.inside &= behind.lt(fragment.z);

@@ -3,8 +3,8 @@
 use crate::bins::{BLOCK, Grid, Segment, TILE_BLOCKS};
 use crate::edge::EdgePlanes;
 use crate::lanes::{LANES, Lanes};
+use crate::lists::BlockLists;
 use crate::raster::{self, Scratch, Shared};
-use crate::record::Record;
 use crate::shade::{self, Lighting};
 use crate::target::{Rect, Rows, TileTarget, put_plane};
 use fearless_simd::prelude::*;
@@ -34,14 +34,13 @@ impl std::ops::AddAssign for Counters {
 
 /// What a thread reuses from tile to tile.
 pub(crate) struct TileScratch<'a> {
-    /// The splats of each block, in order.
-    lists: Vec<Vec<&'a Record>>,
+    lists: BlockLists<'a>,
     block: Box<Scratch>,
 }
 
 impl TileScratch<'_> {
     pub(crate) fn new() -> Self {
-        Self { lists: vec![Vec::new(); (TILE_BLOCKS * TILE_BLOCKS) as usize], block: Scratch::new() }
+        Self { lists: BlockLists::default(), block: Scratch::new() }
     }
 }
 
@@ -80,18 +79,15 @@ impl<'a> TileJob<'a> {
     }
 
     /// Fills the lists of the `wanted` blocks.
-    fn list(&self, tile: usize, wanted: u64, scratch: &mut TileScratch<'a>) {
-        scratch.lists.iter_mut().for_each(Vec::clear);
+    #[inline(always)]
+    fn list(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a>) {
+        lists.clear();
         for segment in self.segments {
             for entry in segment.of(tile) {
-                let record = &segment.records[entry.record as usize];
-                let mut bits = entry.blocks & wanted;
-                while bits != 0 {
-                    scratch.lists[bits.trailing_zeros() as usize].push(record);
-                    bits &= bits - 1;
-                }
+                lists.push(&segment.records[entry.record as usize], entry.blocks & wanted);
             }
         }
+        lists.finish();
     }
 
     /// Draws a tile.
@@ -111,12 +107,12 @@ impl<'a> TileJob<'a> {
         }
         let mut kept = i32x16::splat(simd, 0);
         let mut left = self.blocks(tile);
-        self.list(tile, left, scratch);
+        self.list(tile, left, &mut scratch.lists);
         while left != 0 {
             let block = left.trailing_zeros();
             left &= left - 1;
             let at = self.block_px(tile, block);
-            let list = &scratch.lists[block as usize];
+            let list = scratch.lists.of(block);
             if list.is_empty() {
                 target.put_empty(at, self.lighting.background);
                 continue;
@@ -124,8 +120,7 @@ impl<'a> TileJob<'a> {
             let sums = raster::block(simd, list, at, &self.shared, None, &mut scratch.block);
             counters.block_pairs += u64::from(sums.tested);
             counters.inside += u64::from(sums.inside);
-            let counts: i32x16<S> = sums.fragments.0.to_int();
-            kept += counts * target.rect.lanes_inside(simd, at);
+            kept += sums.fragments.0.to_int::<i32x16<S>>() * target.rect.lanes_inside(simd, at);
             let pixels = shade::resolve(simd, self.lighting, &sums, at);
             target.put(at, &pixels);
             if let Some(edges) = &mut edges {
@@ -166,12 +161,12 @@ impl<'a> TileJob<'a> {
         if wanted == 0 {
             return counters;
         }
-        self.list(tile, wanted, scratch);
+        self.list(tile, wanted, &mut scratch.lists);
         while wanted != 0 {
             let block = wanted.trailing_zeros();
             wanted &= wanted - 1;
             let at = self.block_px(tile, block);
-            let list = &scratch.lists[block as usize];
+            let list = scratch.lists.of(block);
             let behind = planes.kept(simd, at);
             let sums = raster::block(simd, list, at, &self.shared, Some(behind), &mut scratch.block);
             counters.block_pairs += u64::from(sums.tested);
