@@ -3,7 +3,6 @@
 use crate::clip::ScreenClip;
 use crate::near::NearSplat;
 use crate::record::Record;
-use crate::setup::SetupOutput;
 use surfel_render::Region;
 
 /// Pixels along the side of a block, the unit of rasterisation: sixteen pixels, one for each lane.
@@ -60,41 +59,50 @@ pub(crate) struct Entry {
 }
 
 /// Some chunks' records, with each tile's list of them in splat order.
+#[derive(Default)]
 pub(crate) struct Segment {
     pub records: Vec<Record>,
-    near: Vec<NearSplat>,
-    clips: Vec<ScreenClip>,
+    pub near: Vec<NearSplat>,
+    pub clips: Vec<ScreenClip>,
     /// Splats that were looked at one by one.
     pub set_up: u64,
     /// Where each tile's entries start; empty if there are none at all.
     starts: Vec<u32>,
+    /// Where each tile's next entry goes, while they are sorted.
+    next: Vec<u32>,
     entries: Vec<Entry>,
 }
 
 impl Segment {
-    /// Sorts records into tiles, by counting.
-    pub(crate) fn new(out: SetupOutput, grid: &Grid) -> Self {
-        let SetupOutput { records, entries: unsorted, near, clips, set_up } = out;
-        let mut segment = Self { records, near, clips, set_up, starts: Vec::new(), entries: Vec::new() };
+    /// Empties it but for what sorting overwrites, and keeps its memory.
+    pub(crate) fn clear(&mut self) {
+        self.records.clear();
+        self.near.clear();
+        self.clips.clear();
+        self.set_up = 0;
+    }
+
+    /// Sorts the records' entries into tiles, by counting.
+    pub(crate) fn sort(&mut self, unsorted: &[Entry], grid: &Grid) {
+        self.starts.clear();
+        // What is there is overwritten, all of it.
+        self.entries.resize(unsorted.len(), Entry::default());
         if unsorted.is_empty() {
-            return segment;
+            return;
         }
-        let mut starts = vec![0u32; grid.tiles() + 1];
-        for entry in &unsorted {
-            starts[entry.tile as usize + 1] += 1;
-        }
-        for i in 1..starts.len() {
-            starts[i] += starts[i - 1];
-        }
-        let mut next = starts.clone();
-        segment.entries = vec![Entry::default(); unsorted.len()];
+        self.starts.resize(grid.tiles() + 1, 0);
         for entry in unsorted {
-            let at = &mut next[entry.tile as usize];
-            segment.entries[*at as usize] = entry;
+            self.starts[entry.tile as usize + 1] += 1;
+        }
+        for i in 1..self.starts.len() {
+            self.starts[i] += self.starts[i - 1];
+        }
+        self.next.clone_from(&self.starts);
+        for &entry in unsorted {
+            let at = &mut self.next[entry.tile as usize];
+            self.entries[*at as usize] = entry;
             *at += 1;
         }
-        segment.starts = starts;
-        segment
     }
 
     /// Moves what few records have to the end of everyone's.

@@ -4,6 +4,7 @@ use crate::bins::{BLOCK, Grid, Segment};
 use crate::edge::EdgePlanes;
 use crate::level::{Instructions, with_instructions};
 use crate::raster::{Shared, Wants};
+use crate::recycle::Recycled;
 use crate::renderer::{ResidentScene, Work};
 use crate::setup::{ObjectSetup, SetupOutput};
 use crate::shade::Lighting;
@@ -34,9 +35,8 @@ struct Seen {
 pub(crate) fn draw(
     instructions: Instructions,
     work: Work,
-    scene: &ResidentScene,
-    view: &View,
-    plan: &FramePlan,
+    recycled: &Recycled,
+    (scene, view, plan): (&ResidentScene, &View, &FramePlan),
     frame: &mut Frame,
     stats: &mut Stats,
 ) {
@@ -48,6 +48,7 @@ pub(crate) fn draw(
     let drawing = Drawing {
         instructions,
         work,
+        recycled,
         scene,
         view,
         plan,
@@ -109,6 +110,7 @@ impl Totals {
 struct Drawing<'a> {
     instructions: Instructions,
     work: Work,
+    recycled: &'a Recycled,
     scene: &'a ResidentScene,
     view: &'a View,
     plan: &'a FramePlan,
@@ -201,9 +203,14 @@ impl Drawing<'_> {
             .par_chunks(per_task)
             .map(|chunks| {
                 let splats = chunks.iter().map(|s| setups[s.object as usize].object.chunks[s.chunk as usize].count);
-                let mut out = SetupOutput::with_capacity(splats.sum());
+                let (mut segment, mut entries) = (self.recycled.segment(), self.recycled.entries());
+                // Memory that isn't written costs nothing.
+                segment.records.reserve(splats.sum());
+                let mut out = SetupOutput { segment: &mut segment, entries: &mut entries };
                 with_instructions!(self.instructions, simd => set_up(simd, &setups, chunks, &mut out));
-                Segment::new(out, &grid)
+                segment.sort(&entries, &grid);
+                self.recycled.give_back_entries(entries);
+                segment
             })
             .collect();
         let (mut near, mut clips) = (Vec::new(), Vec::new());
@@ -232,6 +239,7 @@ impl Drawing<'_> {
             });
             totals.counters += counters;
             totals.tiles_ms += after_setup.elapsed().as_secs_f64() * 1e3;
+            self.recycled.give_back(segments);
             return;
         }
         let mut planes = EdgePlanes::new(region);
@@ -248,6 +256,7 @@ impl Drawing<'_> {
         });
         totals.edge_pixels += edges.edge_pixels;
         totals.edges_ms += after_tiles.elapsed().as_secs_f64() * 1e3;
+        self.recycled.give_back(segments);
     }
 
     /// Runs `each` on every tile, on all threads, in the order given.
@@ -295,7 +304,7 @@ fn sorted<T>(items: Vec<T>, order: &[usize]) -> Vec<T> {
 }
 
 #[inline(always)]
-fn set_up<S: Simd>(simd: S, setups: &[ObjectSetup<'_>], chunks: &[Seen], out: &mut SetupOutput) {
+fn set_up<S: Simd>(simd: S, setups: &[ObjectSetup<'_>], chunks: &[Seen], out: &mut SetupOutput<'_>) {
     simd.vectorize(
         #[inline(always)]
         || {

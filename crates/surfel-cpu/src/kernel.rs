@@ -60,25 +60,39 @@ impl Kernel {
     pub(crate) fn at<S: Simd>(&self, rho_squared: Lanes<S>) -> Lanes<S> {
         let c = &self.coefficients;
         let k = |c: f32| Lanes::splat(rho_squared.0.simd, c);
-        // Estrin's scheme: more operations than Horner's, but half as long a chain, and a loop waits for chains.
-        let square = rho_squared * rho_squared;
-        let low = k(c[1]).mul_add(rho_squared, k(c[0]));
-        let middle = k(c[3]).mul_add(rho_squared, k(c[2]));
-        let high = k(c[6]).mul_add(square, k(c[5]).mul_add(rho_squared, k(c[4])));
-        let mut p = high.mul_add(square, middle).mul_add(square, low);
+        // Horner's scheme: a loop over four splats at a time is bound by operations, not by the length of this chain.
+        let mut p = k(c[DEGREE]);
+        for &c in c[..DEGREE].iter().rev() {
+            p = p.mul_add(rho_squared, k(c));
+        }
         for _ in 0..self.squarings {
             p = p * p;
         }
         p
     }
 
+    /// [`Self::at`] four times, step by step together.
+    #[inline(always)]
+    pub(crate) fn at_four<S: Simd>(&self, rho_squared: [Lanes<S>; 4]) -> [Lanes<S>; 4] {
+        let c = &self.coefficients;
+        let k = |c: f32| Lanes::splat(rho_squared[0].0.simd, c);
+        let mut p = [k(c[DEGREE]); 4];
+        for &c in c[..DEGREE].iter().rev() {
+            for j in 0..4 {
+                p[j] = p[j].mul_add(rho_squared[j], k(c));
+            }
+        }
+        for _ in 0..self.squarings {
+            for p in &mut p {
+                *p = *p * *p;
+            }
+        }
+        p
+    }
+
     /// One weight, by the same polynomial.
     pub(crate) fn at_one(&self, rho_squared: f32) -> f32 {
-        let (c, x) = (&self.coefficients, rho_squared);
-        let square = x * x;
-        let (low, middle) = (c[1].mul_add(x, c[0]), c[3].mul_add(x, c[2]));
-        let high = c[6].mul_add(square, c[5].mul_add(x, c[4]));
-        let p = high.mul_add(square, middle).mul_add(square, low);
+        let p = self.coefficients.iter().rev().fold(0.0, |p: f32, &c| p.mul_add(rho_squared, c));
         (0..self.squarings).fold(p, |p, _| p * p)
     }
 }

@@ -32,13 +32,19 @@ pub(crate) fn gradient_of<R: Real>(form: &Linear<R>) -> V2<R> {
 
 #[inline(always)]
 pub(crate) fn transform<S: Simd>(m: &Mat3, v: V3<Lanes<S>>) -> V3<Lanes<S>> {
-    let k = |c: f32| v.x.constant(f64::from(c));
-    let row = |a: f32, b: f32, c: f32| k(a).mul_add(v.x, k(b).mul_add(v.y, k(c) * v.z));
     V3::new(
-        row(m.x_axis.x, m.y_axis.x, m.z_axis.x),
-        row(m.x_axis.y, m.y_axis.y, m.z_axis.y),
-        row(m.x_axis.z, m.y_axis.z, m.z_axis.z),
+        row([m.x_axis.x, m.y_axis.x, m.z_axis.x], v),
+        row([m.x_axis.y, m.y_axis.y, m.z_axis.y], v),
+        row([m.x_axis.z, m.y_axis.z, m.z_axis.z], v),
     )
+}
+
+/// A function, since a closure isn't inlined into SIMD code.
+#[inline(always)]
+fn row<S: Simd>([a, b, c]: [f32; 3], v: V3<Lanes<S>>) -> Lanes<S> {
+    let simd = v.x.0.simd;
+    let inner = Lanes::splat(simd, b).mul_add(v.y, Lanes::splat(simd, c) * v.z);
+    Lanes::splat(simd, a).mul_add(v.x, inner)
 }
 
 #[inline(always)]

@@ -26,6 +26,7 @@ mod mask;
 mod near;
 mod raster;
 mod record;
+mod recycle;
 mod renderer;
 mod setup;
 mod shade;

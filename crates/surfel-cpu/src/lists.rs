@@ -1,16 +1,19 @@
 //! The splats of each block of a tile, in splat order.
 
+use crate::bins::Entry;
+use crate::lanes::LANES;
 use crate::record::Record;
 
 /// Bits of a word, and blocks of a tile at most.
 const BITS: usize = 64;
 
-/// A splat in a block's list.
+/// The splats of a block.
 #[derive(Clone, Copy)]
-pub(crate) struct Listed<'a> {
-    pub record: &'a Record,
-    /// [`Record::z_min`]: a splat that lies behind what is kept isn't looked at.
-    pub z_min: f32,
+pub(crate) struct BlockList<'a, 'b> {
+    pub records: &'b [&'a Record],
+    /// [`Record::z_min`] of each, for looking at sixteen together: a splat that lies behind what is kept isn't looked at. As
+    /// many numbers as there are lanes follow.
+    pub z_min: &'b [f32],
 }
 
 /// Lists of all blocks of a tile, as a matrix of bits: splat by splat it is filled, block by block it is read.
@@ -20,11 +23,12 @@ pub(crate) struct Listed<'a> {
 /// at a time, where the blocks' loops would wait for one after another.
 #[derive(Default)]
 pub(crate) struct BlockLists<'a> {
-    splats: Vec<Listed<'a>>,
+    splats: Vec<(&'a Record, f32)>,
     /// Of each 64 splats: before they are full, the blocks of each splat; then the splats of each block.
     words: Vec<[u64; BITS]>,
     /// The list asked for last.
-    list: Vec<Listed<'a>>,
+    records: Vec<&'a Record>,
+    z_min: Vec<f32>,
 }
 
 impl<'a> BlockLists<'a> {
@@ -33,51 +37,53 @@ impl<'a> BlockLists<'a> {
         self.words.clear();
     }
 
-    /// Appends a splat to the lists of `blocks`, a bit each.
+    /// Appends the splats of a tile's entries to the lists of those of their blocks that are `wanted`.
     #[inline(always)]
-    pub(crate) fn push(&mut self, record: &'a Record, blocks: u64) {
-        if blocks == 0 {
-            return;
+    pub(crate) fn extend(&mut self, records: &'a [Record], entries: &[Entry], wanted: u64) {
+        let first = self.splats.len();
+        self.words.resize((first + entries.len()).div_ceil(BITS), [0; BITS]);
+        // Where a splat is found late, the next ones are looked for meanwhile.
+        self.splats.extend(entries.iter().map(|entry| {
+            let record = &records[entry.record as usize];
+            (record, record.z_min())
+        }));
+        for (mask, entry) in self.words.as_flattened_mut()[first..].iter_mut().zip(entries) {
+            *mask = entry.blocks & wanted;
         }
-        let at = self.splats.len() % BITS;
-        if at == 0 {
-            self.turn_last();
-            self.words.push([0; BITS]);
-        }
-        if let Some(word) = self.words.last_mut() {
-            word[at] = blocks;
-        }
-        self.splats.push(Listed { record, z_min: record.z_min() });
     }
 
     /// To be called after the last splat.
     #[inline(always)]
     pub(crate) fn finish(&mut self) {
-        self.turn_last();
-    }
-
-    #[inline(always)]
-    fn turn_last(&mut self) {
-        if let Some(word) = self.words.last_mut() {
-            transpose(word);
-        }
+        self.words.iter_mut().for_each(transpose);
     }
 
     /// The list of a block.
     #[inline(always)]
-    pub(crate) fn of(&mut self, block: u32) -> &[Listed<'a>] {
-        self.list.clear();
+    pub(crate) fn of(&mut self, block: u32) -> BlockList<'a, '_> {
+        let block = block as usize % BITS;
+        let count = self.words.iter().map(|word| word[block].count_ones() as usize).sum::<usize>();
+        if let Some(&(any, _)) = self.splats.first()
+            && self.records.len() < count
+        {
+            self.records.resize(count, any);
+        }
+        if self.z_min.len() < count + LANES {
+            self.z_min.resize(count + LANES, 0.0);
+        }
+        let mut slots = self.records.iter_mut().zip(&mut self.z_min);
         for (word, splats) in self.words.iter().zip(self.splats.chunks(BITS)) {
-            let mut bits = word[block as usize % BITS];
+            let mut bits = word[block];
             while bits != 0 {
-                // The last word has no bits past the last splat.
-                if let Some(&splat) = splats.get(bits.trailing_zeros() as usize) {
-                    self.list.push(splat);
+                // The last word has no bits past the last splat, and there are as many slots as bits.
+                if let (Some(&(record, z_min)), Some(slot)) = (splats.get(bits.trailing_zeros() as usize), slots.next())
+                {
+                    (*slot.0, *slot.1) = (record, z_min);
                 }
                 bits &= bits - 1;
             }
         }
-        &self.list
+        BlockList { records: &self.records[..count], z_min: &self.z_min[..count + LANES] }
     }
 }
 
@@ -125,16 +131,20 @@ mod tests {
             let masks: Vec<u64> =
                 (0..count).map(|i| if i % 3 == 0 { random() & random() } else { 1 << (random() % 64) }).collect();
             let masks: Vec<u64> = masks.iter().enumerate().map(|(i, &m)| if i % 7 == 3 { 0 } else { m }).collect();
+            let entries: Vec<Entry> =
+                (0..).zip(&masks).map(|(record, &blocks)| Entry { blocks, record, tile: 0 }).collect();
             lists.clear();
-            for (record, &mask) in records.iter().zip(&masks) {
-                lists.push(record, mask);
-            }
+            // From two segments.
+            lists.extend(&records, &entries[..count / 3], u64::MAX);
+            lists.extend(&records, &entries[count / 3..], u64::MAX);
             lists.finish();
             for block in 0..64 {
                 let expected: Vec<usize> = (0..count).filter(|&i| masks[i] >> block & 1 == 1).collect();
-                let found: Vec<usize> = lists.of(block).iter().map(|s| s.record.object()).collect();
+                let list = lists.of(block);
+                let found: Vec<usize> = list.records.iter().map(|r| r.object()).collect();
                 assert_eq!(found, expected, "{count} splats, block {block}");
-                assert!(lists.of(block).iter().all(|s| s.z_min == s.record.z_min()));
+                assert!(list.records.iter().zip(list.z_min).all(|(r, &z)| r.z_min() == z));
+                assert_eq!(list.z_min.len(), found.len() + LANES);
             }
         }
     }

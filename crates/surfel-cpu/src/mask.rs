@@ -1,11 +1,11 @@
 //! Which blocks of a tile a footprint may touch.
 
 use crate::bins::{BLOCK, Entry, Grid, TILE_BLOCKS};
-use crate::lanes::Lanes;
+use crate::lanes::{LANES, Lanes};
 use crate::record::{BlockBox, Class, Record};
-use fearless_simd::prelude::SimdMask;
-use fearless_simd::{Simd, mask32x16};
-use surfel_math::Real;
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, i32x16, mask32x16};
+use surfel_math::{Real, V2};
 
 /// Half of a block's extent between pixel centres.
 const HALF: f32 = 1.5;
@@ -23,31 +23,162 @@ pub(crate) struct MaskForm {
     pub whole_box: bool,
 }
 
-/// Calls `visit` with the entry of every tile that a record may touch.
+/// Boxes of blocks that sixteen splats may touch, and which blocks of small boxes they do.
+pub(crate) struct Masks {
+    /// First column, first row, end column, end row, in blocks from the grid's origin.
+    boxes: [[i32; LANES]; 4],
+    /// Sixteen bits for the 4×4 blocks from a box's first on. All set where they weren't tested.
+    bits: [i32; LANES],
+}
+
+/// A filtered footprint and an unfiltered one over pixels, about their anchors.
+pub(crate) struct MaskForms<S: Simd> {
+    /// From the anchor to its pixel's centre, and that pixel.
+    pub offset: V2<Lanes<S>>,
+    pub base: V2<Lanes<S>>,
+    /// Gradients of (u·w', v·w', w').
+    pub filtered: [V2<Lanes<S>>; 3],
+    pub visible: [V2<Lanes<S>>; 3],
+    /// Splats of which both footprints count, as bits.
+    pub general: u64,
+}
+
+/// Finds the blocks of the splats in `keep` from their ranges of pixels.
+#[inline(always)]
+pub(crate) fn masks<S: Simd>(
+    forms: &MaskForms<S>,
+    [first_column, end_column, first_row, end_row]: [Lanes<S>; 4],
+    keep: u64,
+    grid: &Grid,
+    form: MaskForm,
+) -> Masks {
+    let k = |v: f32| first_column.constant(f64::from(v));
+    let (x, y) = (k(grid.origin[0] as f32), k(grid.origin[1] as f32));
+    let (x0, y0) = (block_of(first_column - x), block_of(first_row - y));
+    // The end is one past the block of the last pixel: (end − 1 + BLOCK)/BLOCK, rounded down.
+    let past = k(BLOCK as f32 - 1.0);
+    let (x1, y1) = (block_of(end_column - x + past), block_of(end_row - y + past));
+    let side = (x1 - x0).max(y1 - y0);
+    let tested = k(2.0).lt(side) & side.le(k(4.0));
+    let all = k(65535.0);
+    let bits = if form.whole_box || tested.to_bitmask() & keep == 0 {
+        all
+    } else {
+        // Centre of the first block, from the anchor. Whole pixels are exact.
+        let center = V2::new(
+            (x0.mul_add(k(BLOCK as f32), x) - forms.base.x) + (forms.offset.x + k(HALF)),
+            (y0.mul_add(k(BLOCK as f32), y) - forms.base.y) + (forms.offset.y + k(HALF)),
+        );
+        let mut sum = four_by_four_each(&forms.filtered, center);
+        if forms.general & keep & tested.to_bitmask() != 0 {
+            sum = sum | four_by_four_each(&forms.visible, center);
+        }
+        let bits: i32x16<S> = all.0.to_int();
+        return Masks { boxes: boxes([x0, y0, x1, y1]), bits: tested.select(sum, bits).to_array() };
+    };
+    let bits: i32x16<S> = bits.0.to_int();
+    Masks { boxes: boxes([x0, y0, x1, y1]), bits: bits.to_array() }
+}
+
+#[inline(always)]
+fn block_of<S: Simd>(pixels: Lanes<S>) -> Lanes<S> {
+    Lanes((pixels * pixels.constant(1.0 / f64::from(BLOCK))).0.floor())
+}
+
+#[inline(always)]
+fn boxes<S: Simd>([x0, y0, x1, y1]: [Lanes<S>; 4]) -> [[i32; LANES]; 4] {
+    [int(x0), int(y0), int(x1), int(y1)]
+}
+
+#[inline(always)]
+fn int<S: Simd>(v: Lanes<S>) -> [i32; LANES] {
+    let v: i32x16<S> = v.0.to_int();
+    v.to_array()
+}
+
+/// Sixteen bits for sixteen splats: whether a footprint may reach a pixel of the 4×4 blocks of which the first has this
+/// centre.
+#[inline(always)]
+fn four_by_four_each<S: Simd>([u, v, w]: &[V2<Lanes<S>>; 3], center: V2<Lanes<S>>) -> i32x16<S> {
+    let simd = center.x.0.simd;
+    let k = |v: f32| Lanes::splat(simd, v);
+    let (zero, slack) = (k(0.0), k(1.0 + SLACK));
+    let (u_reach, v_reach) = (reach_each(u), reach_each(v));
+    let w_reach = reach_each(w) + k(1.0);
+    let step = k(BLOCK as f32);
+    let mut bits = i32x16::splat(simd, 0);
+    let mut y = center.y;
+    for row in 0..4 {
+        let (u_row, v_row, w_row) = (u.y * y, v.y * y, w.y.mul_add(y, w_reach));
+        let mut x = center.x;
+        for column in 0..4 {
+            let u = (u.x.mul_add(x, u_row).abs() - u_reach).max(zero);
+            let v = (v.x.mul_add(x, v_row).abs() - v_reach).max(zero);
+            let w = w.x.mul_add(x, w_row).max(zero);
+            let touches = u.mul_add(u, v * v).le(w * w * slack);
+            bits = touches.select(bits | i32x16::splat(simd, 1 << (4 * row + column)), bits);
+            x = x + step;
+        }
+        y = y + step;
+    }
+    bits
+}
+
+/// How far a form may move from a block's centre to its corners.
+#[inline(always)]
+fn reach_each<S: Simd>(gradient: &V2<Lanes<S>>) -> Lanes<S> {
+    (gradient.x.abs() + gradient.y.abs()) * gradient.x.constant(f64::from(HALF + SLACK))
+}
+
+impl Masks {
+    /// The box of one splat.
+    #[inline(always)]
+    fn of(&self, i: usize) -> (BlockBox, u64) {
+        let [x0, y0, x1, y1] = [self.boxes[0][i], self.boxes[1][i], self.boxes[2][i], self.boxes[3][i]];
+        (BlockBox([x0 as u32, y0 as u32, x1 as u32, y1 as u32]), self.bits[i] as u64)
+    }
+
+    /// Calls `visit` with the entry of every tile that splat `i` may touch.
+    #[inline(always)]
+    pub(crate) fn for_tiles<S: Simd>(
+        &self,
+        simd: S,
+        i: usize,
+        (record, index): (&Record, u32),
+        grid: &Grid,
+        form: MaskForm,
+        visit: impl FnMut(Entry),
+    ) {
+        let (blocks, bits) = self.of(i);
+        for_tiles(simd, (record, index), (blocks, bits), grid, form, visit);
+    }
+}
+
+/// Calls `visit` with the entry of every tile that a record may touch, given its box and the bits of the first 4×4 blocks.
 #[inline(always)]
 pub(crate) fn for_tiles<S: Simd>(
     simd: S,
-    record: &Record,
-    index: u32,
-    blocks: BlockBox,
+    (record, index): (&Record, u32),
+    (blocks, bits): (BlockBox, u64),
     grid: &Grid,
     form: MaskForm,
     mut visit: impl FnMut(Entry),
 ) {
-    let [x0, y0, x1, y1] = [blocks.0[0] as u32, blocks.0[1] as u32, blocks.0[2] as u32, blocks.0[3] as u32];
-    let size = grid.tile_blocks;
-    // Few splats reach over more than 4×4 blocks, so that one test serves all tiles.
-    let whole = (x1 - x0 <= 2 && y1 - y0 <= 2) || form.whole_box || record.class() == Class::Near;
-    let few = (!whole && x1 - x0 <= 4 && y1 - y0 <= 4)
-        .then(|| four_by_four(simd, record, [x0, y0], grid.origin, form.linear_depth));
-    for row in y0 / size..=(y1 - 1) / size {
-        for column in x0 / size..=(x1 - 1) / size {
+    let [x0, y0, x1, y1] = blocks.0;
+    // A tile has 2, 4 or 8 blocks a side: division by a number that isn't known when this is compiled takes long.
+    let (size, shift) = (grid.tile_blocks, grid.tile_blocks.trailing_zeros());
+    let large = (x1 - x0).max(y1 - y0) > 4;
+    let whole = large && (form.whole_box || record.class() == Class::Near);
+    for row in y0 >> shift..=(y1 - 1) >> shift {
+        for column in x0 >> shift..=(x1 - 1) >> shift {
             let tile = [column * size, row * size];
             let in_box = inside_box(blocks, tile, size);
-            let blocks = match few {
-                _ if whole => in_box,
-                Some(bits) => in_box & placed(bits, x0 as i32 - tile[0] as i32, y0 as i32 - tile[1] as i32),
-                None => in_box & touched(simd, record, blocks, tile, grid, form),
+            let blocks = if !large {
+                in_box & placed(bits, x0 as i32 - tile[0] as i32, y0 as i32 - tile[1] as i32)
+            } else if whole {
+                in_box
+            } else {
+                in_box & touched(simd, record, blocks, tile, grid, form)
             };
             if blocks != 0 {
                 visit(Entry { blocks, record: index, tile: row * grid.columns + column });
@@ -59,7 +190,7 @@ pub(crate) fn for_tiles<S: Simd>(
 /// The part of a tile's range along one axis that a box covers, in blocks.
 #[inline(always)]
 fn clipped(blocks: BlockBox, tile: [u32; 2], axis: usize, size: u32) -> (u32, u32) {
-    let clip = |value: u16| (u32::from(value).max(tile[axis]) - tile[axis]).min(size);
+    let clip = |value: u32| (value.max(tile[axis]) - tile[axis]).min(size);
     (clip(blocks.0[axis]), clip(blocks.0[axis + 2]))
 }
 

@@ -122,7 +122,14 @@ impl NearSplat {
 impl ObjectSetup<'_> {
     /// Splats that reach the near plane are set up one by one in f64.
     #[cold]
-    pub(crate) fn push_near<S: Simd>(&self, simd: S, chunk: &Chunk, at: usize, mut bits: u64, out: &mut SetupOutput) {
+    pub(crate) fn push_near<S: Simd>(
+        &self,
+        simd: S,
+        chunk: &Chunk,
+        at: usize,
+        mut bits: u64,
+        out: &mut SetupOutput<'_>,
+    ) {
         while bits != 0 {
             let i = at + bits.trailing_zeros() as usize;
             bits &= bits - 1;
@@ -163,12 +170,12 @@ impl ObjectSetup<'_> {
                 near.clip = clip.map(|clip| clip.through(&near.footprint, &Turn::none(1.0)));
                 let [x, y] = self.grid.origin.map(|v| v as i32);
                 let [x0, y0, x1, y1] = pixels;
-                let block = |v: i32| (v / BLOCK as i32) as u16;
+                let block = |v: i32| (v / BLOCK as i32) as u32;
                 let past = BLOCK as i32 - 1;
                 let blocks = BlockBox([block(x0 - x), block(y0 - y), block(x1 - x + past), block(y1 - y + past)]);
                 let form = MaskForm { linear_depth: false, whole_box: true };
-                out.push(simd, &near.record(out.near.len()), blocks, &self.grid, form);
-                out.near.push(near);
+                out.push_box(simd, &near.record(out.segment.near.len()), blocks, &self.grid, form);
+                out.segment.near.push(near);
             }
         }
     }

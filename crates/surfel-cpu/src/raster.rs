@@ -4,7 +4,7 @@
 use crate::clip::ScreenClip;
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes};
-use crate::lists::Listed;
+use crate::lists::BlockList;
 use crate::near::NearSplat;
 use crate::record::{Class, Record};
 use fearless_simd::prelude::SimdMask;
@@ -122,59 +122,104 @@ struct Fragment<S: Simd> {
     weight: Lanes<S>,
 }
 
-/// Runs both loops over the block whose first pixel is (x, y). With `behind`, fragments up to that depth don't exist.
-#[inline(always)]
-pub(crate) fn block<S: Simd>(
-    simd: S,
-    list: &[Listed<'_>],
-    (x, y): (i32, i32),
-    shared: &Shared<'_>,
+/// What the first loop carries along.
+struct FirstLoop<'a, S: Simd> {
+    sums: Sums<S>,
     behind: Option<Lanes<S>>,
-    scratch: &mut Scratch,
-) -> Sums<S> {
-    let wants = &shared.wants;
-    let k = |v: f32| Lanes::splat(simd, v);
-    let mut sums = Sums::new(simd);
-    let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
-    let remembers = list.len() <= REMEMBERED;
-    let mut count = 0;
-    for (i, &Listed { record, z_min }) in list.iter().enumerate() {
-        // Nothing of a splat behind all that is kept matters, in either loop.
-        if sums.kept.lt(k(z_min)).all_true() {
-            continue;
-        }
-        let mut fragment = fragment(simd, record, at, (x, y), shared);
-        if let Some(behind) = behind {
+    wants_epsilon: bool,
+    /// Whether fragments are remembered, and how many are.
+    remembers: bool,
+    count: usize,
+    scratch: &'a mut Scratch,
+}
+
+impl<S: Simd> FirstLoop<'_, S> {
+    /// Takes in splat `i` of the list.
+    #[inline(always)]
+    fn add(&mut self, simd: S, mut fragment: Fragment<S>, i: usize, record: &Record) {
+        let k = |v: f32| Lanes::splat(simd, v);
+        let sums = &mut self.sums;
+        if let Some(behind) = self.behind {
             let exists = behind.lt(fragment.z);
             fragment.visible &= exists;
             fragment.inside &= exists;
         }
-        sums.tested += 1;
         let hits = fragment.inside.to_bitmask();
         sums.inside += hits.count_ones();
         let value = fragment.z + k(record.epsilon());
         let closer = fragment.visible & value.lt(sums.kept);
         sums.kept = Lanes::select(closer, value, sums.kept);
-        if wants.epsilon {
+        if self.wants_epsilon {
             sums.kept_epsilon = Lanes::select(closer, k(record.epsilon()), sums.kept_epsilon);
         }
-        if remembers {
+        if self.remembers {
             // Written in any case and counted where there is something: a branch would often be guessed wrong.
-            let [z, weight] = &mut scratch.fragments[count];
+            let [z, weight] = &mut self.scratch.fragments[self.count];
             Lanes::select(fragment.inside, fragment.z, k(f32::NAN)).store(z);
             fragment.weight.store(weight);
-            scratch.splats[count] = i as u32;
-            count += usize::from(hits != 0);
+            self.scratch.splats[self.count] = i as u32;
+            self.count += usize::from(hits != 0);
         }
     }
+}
+
+/// Runs both loops over the block whose first pixel is (x, y). With `behind`, fragments up to that depth don't exist.
+#[inline(always)]
+pub(crate) fn block<S: Simd>(
+    simd: S,
+    list: BlockList<'_, '_>,
+    (x, y): (i32, i32),
+    shared: &Shared<'_>,
+    behind: Option<Lanes<S>>,
+    scratch: &mut Scratch,
+) -> Sums<S> {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
+    let remembers = list.records.len() <= REMEMBERED;
+    let wants_epsilon = shared.wants.epsilon;
+    let mut loop_1 = FirstLoop { sums: Sums::new(simd), behind, wants_epsilon, remembers, count: 0, scratch };
+    // Nothing of a splat behind all that is kept matters, in either loop. Sixteen are looked at together, with what was kept
+    // before them: a test splat by splat would wait for each result, and be guessed wrong.
+    let mut limit = None;
+    for first in (0..list.records.len()).step_by(LANES) {
+        let mut left = (1u64 << (list.records.len() - first).min(LANES)) - 1;
+        if let Some(limit) = limit {
+            left &= !k(limit).lt(Lanes::load(simd, &list.z_min[first..])).to_bitmask();
+        }
+        loop_1.sums.tested += left.count_ones();
+        let sixteen = &list.records[first..(first + LANES).min(list.records.len())];
+        for (quarter, records) in sixteen.chunks(4).enumerate() {
+            let bits = left >> (4 * quarter) & 0xf;
+            match *records {
+                [a, b, c, d] if bits == 0xf && [a, b, c, d].iter().all(|r| r.is_simple()) => {
+                    let fragments = four_simple(simd, [a, b, c, d], at, shared);
+                    for (j, fragment) in fragments.into_iter().enumerate() {
+                        loop_1.add(simd, fragment, first + 4 * quarter + j, records[j]);
+                    }
+                }
+                _ => {
+                    for (j, record) in records.iter().enumerate() {
+                        if bits >> j & 1 == 1 {
+                            let fragment = fragment(simd, record, at, (x, y), shared);
+                            loop_1.add(simd, fragment, first + 4 * quarter + j, record);
+                        }
+                    }
+                }
+            }
+        }
+        if first + LANES < list.records.len() {
+            limit = Some(largest(loop_1.sums.kept));
+        }
+    }
+    let FirstLoop { mut sums, count, scratch, .. } = loop_1;
     if remembers {
         for (i, [z, weight]) in scratch.splats[..count].iter().zip(&scratch.fragments) {
             let z = Lanes::load(simd, z);
             let mask = z.le(sums.kept);
-            accumulate(simd, &mut sums, list[*i as usize].record, mask, z, Lanes::load(simd, weight), shared);
+            accumulate(simd, &mut sums, list.records[*i as usize], mask, z, Lanes::load(simd, weight), shared);
         }
     } else {
-        for &Listed { record, .. } in list {
+        for &record in list.records {
             let mut fragment = fragment(simd, record, at, (x, y), shared);
             if let Some(behind) = behind {
                 fragment.inside &= behind.lt(fragment.z);
@@ -184,6 +229,63 @@ pub(crate) fn block<S: Simd>(
         }
     }
     sums
+}
+
+/// [`fragment`] of four simple splats, step by step together: a processor looks ahead over two or so, too few for the
+/// long chain of each.
+#[inline(always)]
+fn four_simple<S: Simd>(
+    simd: S,
+    records: [&Record; 4],
+    at: (Lanes<S>, Lanes<S>),
+    shared: &Shared<'_>,
+) -> [Fragment<S>; 4] {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let one = k(1.0);
+    let [mut d_x, mut d_y, mut square, mut inverse] = [[one; 4]; 4];
+    for j in 0..4 {
+        (d_x[j], d_y[j]) = offsets(simd, records[j], at);
+    }
+    for j in 0..4 {
+        let r = records[j];
+        let u = k(r.u_x()).mul_add(d_x[j], k(r.u_y()) * d_y[j]);
+        let v = k(r.v_x()).mul_add(d_x[j], k(r.v_y()) * d_y[j]);
+        square[j] = u.mul_add(u, v * v);
+    }
+    for j in 0..4 {
+        let e = k(records[j].depth_x()).mul_add(d_x[j], k(records[j].depth_y()) * d_y[j]);
+        inverse[j] = inverse_near_one(e);
+    }
+    for j in 0..4 {
+        square[j] = square[j] * (inverse[j] * inverse[j]);
+    }
+    let weights = shared.wants.kernel.at_four(square);
+    let fragment = |j: usize| {
+        let inside = square[j].le(one);
+        Fragment { visible: inside, inside, z: k(records[j].z()) * inverse[j], weight: weights[j] }
+    };
+    [fragment(0), fragment(1), fragment(2), fragment(3)]
+}
+
+/// 1/(1 + e) = (1 − e)(1 + e²)/(1 − e⁴), with |e| < 1/64 within a shallow disk and small enough all over its blocks.
+#[inline(always)]
+fn inverse_near_one<S: Simd>(e: Lanes<S>) -> Lanes<S> {
+    let one = e.one();
+    (one - e) * e.mul_add(e, one)
+}
+
+/// The largest lane; none is NaN.
+#[inline(always)]
+fn largest<S: Simd>(v: Lanes<S>) -> f32 {
+    let mut lanes = v.to_array();
+    let mut half = LANES / 2;
+    while half > 0 {
+        for i in 0..half {
+            lanes[i] = if lanes[i] > lanes[i + half] { lanes[i] } else { lanes[i + half] };
+        }
+        half /= 2;
+    }
+    lanes[0]
 }
 
 #[inline(always)]
@@ -234,29 +336,33 @@ fn unclipped<S: Simd>(
     let form0 = |x: f32, y: f32| k(x).mul_add(d_x, k(y) * d_y);
     let class = record.class();
     if class == Class::Near {
-        return near_fragment(simd, &shared.near[record.object()], first, &wants.kernel);
+        let [z, weight] = near_fragment(&shared.near[record.object()], first, &wants.kernel);
+        let (z, weight) = (Lanes::load(simd, &z), Lanes::load(simd, &weight));
+        let inside = z.le(z);
+        return Fragment { visible: inside, inside, z, weight };
     }
     let u = form0(record.u_x(), record.u_y());
     let v = form0(record.v_x(), record.v_y());
     let square = u.mul_add(u, v * v);
-    let (low, high) = (k(record.range_min()), k(record.range_max()));
     let one = k(1.0);
+    if class == Class::Shallow {
+        let inverse = inverse_near_one(form0(record.depth_x(), record.depth_y()));
+        let rho_squared = square * (inverse * inverse);
+        let inside = rho_squared.le(one);
+        let weight = wants.kernel.at(rho_squared);
+        return Fragment { visible: inside, inside, z: k(record.z()) * inverse, weight };
+    }
+    let (low, high) = (k(record.range_min()), k(record.range_max()));
     // The plane's depth within the disk's range, and p_z/z and z/p_z where that is what is linear. The disk ends just
     // where |(u, v)| reaches the clamped p_z/z, so that the test needs no look at the sign of w.
     let (z, ratio, inverse) = if wants.linear_depth {
         (form(record.depth_x(), record.depth_y(), record.z()).max(low).min(high), None, None)
     } else {
         let w = form(record.depth_x(), record.depth_y(), 1.0).max(low).min(high);
-        let inverse = if class == Class::Shallow {
-            // (1 − e)(1 + e²) = (1 − e⁴)/(1 + e), with |e| < 1/63.
-            let e = w - one;
-            (one - e) * e.mul_add(e, one)
-        } else {
-            w.reciprocal_near_one()
-        };
+        let inverse = w.reciprocal_near_one();
         (k(record.z()) * inverse, Some(w), Some(inverse))
     };
-    if matches!(class, Class::Shallow | Class::Plain) {
+    if class == Class::Plain {
         let (inside, rho_squared) = match (ratio, inverse) {
             (Some(w), Some(inverse)) => (square.le(w * w), square * (inverse * inverse)),
             _ => (square.le(one), square),
@@ -286,18 +392,19 @@ fn unclipped<S: Simd>(
     Fragment { visible, inside: inside & exists, z, weight }
 }
 
-/// Near splats are evaluated pixel by pixel in f64.
+/// Near splats are evaluated pixel by pixel in f64: depths, NaN where there is nothing, and weights.
+///
+/// Not lanes: what is returned through memory stays in memory, of ordinary splats too.
 #[cold]
-fn near_fragment<S: Simd>(simd: S, near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> Fragment<S> {
+#[inline(never)]
+fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32; LANES]; 2] {
     let (mut depths, mut weights) = ([f32::NAN; LANES], [0.0; LANES]);
     for i in 0..LANES {
         if let Some((rho_squared, z)) = near.hit(x + (i % 4) as i32, y + (i / 4) as i32) {
             (depths[i], weights[i]) = (z, kernel.at_one(rho_squared));
         }
     }
-    let (z, weight) = (Lanes::load(simd, &depths), Lanes::load(simd, &weights));
-    let inside = z.le(z);
-    Fragment { visible: inside, inside, z, weight }
+    [depths, weights]
 }
 
 /// Adds weighted attributes where `mask` says so.

@@ -6,8 +6,8 @@ use fearless_simd::Simd;
 /// Which of the evaluators draws a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Class {
-    /// Filtered and unfiltered footprint are the same, no fragment lies before z_near or beyond z_far, and the depth
-    /// differs by less than a 64th over the disk.
+    /// Filtered and unfiltered footprint are the same, no fragment lies before z_near or beyond z_far, and the depth, of the
+    /// exact mapping, differs by less than a 64th over the disk and by less than a 12th over its blocks.
     Shallow,
     /// The same but for the depth.
     Plain,
@@ -114,6 +114,12 @@ impl Record {
         }
     }
 
+    /// True for a shallow splat without a clip.
+    #[inline(always)]
+    pub(crate) fn is_simple(&self) -> bool {
+        self.class_bits().to_bits() | self.clip_bits().to_bits() == 0
+    }
+
     #[inline(always)]
     pub(crate) fn object(&self) -> usize {
         self.object_bits().to_bits() as usize
@@ -155,7 +161,7 @@ impl Record {
 
 /// Blocks that a splat may touch: first column, first row, end column, end row, in blocks from the grid's origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct BlockBox(pub [u16; 4]);
+pub(crate) struct BlockBox(pub [u32; 4]);
 
 impl<S: Simd> RecordLanes<S> {
     /// The sixteen records.

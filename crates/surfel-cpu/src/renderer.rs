@@ -4,6 +4,7 @@ use crate::bins::{BLOCK, TILE_BLOCKS};
 use crate::column::Storage;
 use crate::frame::draw;
 use crate::level::{Instructions, SimdLevel};
+use crate::recycle::Recycled;
 use crate::store::StoredObject;
 use std::time::Instant;
 use surfel_model::{Geometry, Light, Scene, Settings};
@@ -48,6 +49,7 @@ pub struct Renderer {
     instructions: Instructions,
     work: Work,
     storage: Storage,
+    recycled: Recycled,
 }
 
 /// A scene as this backend keeps it.
@@ -100,7 +102,14 @@ impl Renderer {
             threads: pool.current_num_threads(),
             capabilities: CAPABILITIES,
         };
-        Ok(Self { info, pool, instructions, work: options.work, storage: options.storage })
+        Ok(Self {
+            info,
+            pool,
+            instructions,
+            work: options.work,
+            storage: options.storage,
+            recycled: Recycled::default(),
+        })
     }
 }
 
@@ -144,8 +153,8 @@ impl surfel_render::Renderer for Renderer {
         let start = Instant::now();
         let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
         let mut stats = Stats { splats: scene.summary.splats, threads: self.info.threads, ..Stats::default() };
-        let (instructions, work) = (self.instructions, self.work);
-        self.pool.install(|| draw(instructions, work, scene, view, &plan, frame, &mut stats));
+        let (instructions, work, recycled) = (self.instructions, self.work, &self.recycled);
+        self.pool.install(|| draw(instructions, work, recycled, (scene, view, &plan), frame, &mut stats));
         stats.bytes_per_splat = scene.bytes() as f64 / scene.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)

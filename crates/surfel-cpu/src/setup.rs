@@ -1,11 +1,10 @@
 //! From stored splats to records, sixteen at a time.
 
-use crate::bins::{BLOCK, Entry, Grid};
+use crate::bins::{Entry, Grid, Segment};
 use crate::clip::ScreenClip;
 use crate::lane_math::{Bits, adjust_axes, gradient_of, orthonormal, pixel_range, transform, unit};
 use crate::lanes::{LANES, Lanes};
-use crate::mask::{self, MaskForm};
-use crate::near::NearSplat;
+use crate::mask::{self, MaskForm, MaskForms, Masks};
 use crate::record::{BlockBox, Record, RecordLanes};
 use crate::store::{CHUNK, Chunk, StoredObject, StoredShape};
 use fearless_simd::Simd;
@@ -16,7 +15,7 @@ use surfel_math::clip::Turn;
 use surfel_math::depth::tolerance;
 use surfel_math::filter::{self, Filtered};
 use surfel_math::mapping::Footprint;
-use surfel_math::project::{Projected, ViewSplat, radius_max};
+use surfel_math::project::{Area, Projected, ViewSplat, radius_max};
 use surfel_math::projection::ProjectionKind;
 use surfel_math::{Real, V2, V3};
 use surfel_model::{ClipPolicy, Cull, Filter};
@@ -37,6 +36,10 @@ pub(crate) struct ObjectSetup<'a> {
     pub origin: DVec3,
     /// Object to world normals up to scale: cofactors with the sign of the determinant.
     pub normals: DMat3,
+    /// Object to view normals; a rotation if `scale` is given, and `normals` then another.
+    view_normals: DMat3,
+    /// Factor of all lengths, of an object placed without distortion.
+    scale: Option<f64>,
     /// Factor by which the object's largest length grows.
     stretch: f64,
     /// The eye, or of an orthographic view the unit direction away from it, in object space.
@@ -46,45 +49,44 @@ pub(crate) struct ObjectSetup<'a> {
     pub grid: Grid,
 }
 
-/// Records and rarer shapes of some chunks.
-#[derive(Default)]
-pub(crate) struct SetupOutput {
-    pub records: Vec<Record>,
-    pub entries: Vec<Entry>,
-    pub near: Vec<NearSplat>,
-    pub clips: Vec<ScreenClip>,
-    /// Splats that were looked at one by one.
-    pub set_up: u64,
+/// Where setup puts records and rarer shapes of some chunks.
+pub(crate) struct SetupOutput<'a> {
+    pub segment: &'a mut Segment,
+    /// In splat order.
+    pub entries: &'a mut Vec<Entry>,
 }
 
-impl SetupOutput {
-    /// Room for this many records; memory that isn't written costs nothing.
-    pub(crate) fn with_capacity(splats: usize) -> Self {
-        Self { records: Vec::with_capacity(splats), entries: Vec::with_capacity(2 * splats), ..Self::default() }
-    }
-
+impl SetupOutput<'_> {
     /// Clips the last record.
     fn clip(&mut self, clip: ScreenClip) {
-        if let Some(record) = self.records.last_mut() {
-            record.set_clip(self.clips.len());
-            self.clips.push(clip);
+        let segment = &mut *self.segment;
+        if let Some(record) = segment.records.last_mut() {
+            record.set_clip(segment.clips.len());
+            segment.clips.push(clip);
         }
     }
 
+    /// Appends splat `i` of sixteen.
     #[inline(always)]
-    pub(crate) fn push<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, grid: &Grid, form: MaskForm) {
-        let index = self.records.len() as u32;
-        self.records.push(*record);
-        mask::for_tiles(
-            simd,
-            record,
-            index,
-            blocks,
-            grid,
-            form,
-            #[inline(always)]
-            |entry| self.entries.push(entry),
-        );
+    fn push<S: Simd>(&mut self, simd: S, record: &Record, (masks, i): (&Masks, usize), grid: &Grid, form: MaskForm) {
+        let index = self.segment.records.len() as u32;
+        self.segment.records.push(*record);
+        let visit = |entry| self.entries.push(entry);
+        masks.for_tiles(simd, i, (record, index), grid, form, visit);
+    }
+
+    /// Appends a splat of which every block of its box counts.
+    pub(crate) fn push_box<S: Simd>(
+        &mut self,
+        simd: S,
+        record: &Record,
+        blocks: BlockBox,
+        grid: &Grid,
+        form: MaskForm,
+    ) {
+        let index = self.segment.records.len() as u32;
+        self.segment.records.push(*record);
+        mask::for_tiles(simd, (record, index), (blocks, 0xffff), grid, form, |entry| self.entries.push(entry));
     }
 }
 
@@ -97,6 +99,8 @@ impl<'a> ObjectSetup<'a> {
         // The Frobenius norm bounds the largest singular value.
         let stretch = m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
         let inverse = object.world_from_object.inverse();
+        let uniform = uniform_scale(&m);
+        let normals = cofactors * (sign / uniform.map_or(scale, |length| length * length));
         let eye_in_object = if view.projection.is_perspective() {
             inverse.transform_point3(view.eye)
         } else {
@@ -108,7 +112,9 @@ impl<'a> ObjectSetup<'a> {
             eye_in_object,
             linear: view.view_from_world * m,
             origin: view.view_from_world * (object.world_from_object.translation - view.eye),
-            normals: cofactors * (sign / scale),
+            normals,
+            view_normals: view.view_from_world * normals,
+            scale: uniform,
             stretch,
             view,
             plan,
@@ -195,12 +201,12 @@ impl<'a> ObjectSetup<'a> {
 
     /// Appends the records of a chunk.
     #[inline(always)]
-    pub(crate) fn chunk<S: Simd>(&self, simd: S, chunk: &Chunk, out: &mut SetupOutput) {
+    pub(crate) fn chunk<S: Simd>(&self, simd: S, chunk: &Chunk, out: &mut SetupOutput<'_>) {
         let center = self.center(chunk);
         if self.is_outside(center, chunk) {
             return;
         }
-        out.set_up += chunk.count as u64;
+        out.segment.set_up += chunk.count as u64;
         let mut done = 0;
         while done < chunk.count {
             let active = (chunk.count - done).min(LANES);
@@ -211,30 +217,53 @@ impl<'a> ObjectSetup<'a> {
     }
 
     #[inline(always)]
-    fn sixteen<S: Simd>(&self, simd: S, chunk: &Chunk, center: DVec3, at: usize, active: usize, out: &mut SetupOutput) {
+    fn sixteen<S: Simd>(
+        &self,
+        simd: S,
+        chunk: &Chunk,
+        center: DVec3,
+        at: usize,
+        active: usize,
+        out: &mut SetupOutput<'_>,
+    ) {
         let object = self.object;
         let linear = self.linear.as_mat3();
         let k = |v: f64| Lanes::splat(simd, v as f32);
         let c = V3::new(k(center.x), k(center.y), k(center.z));
         let p = transform(&linear, object.centers.load(simd, at, chunk.scales.center)) + c;
-        let (s, t, normal) = match &object.shape {
-            StoredShape::Disks { normals, radii } => {
-                let n = normals.load(simd, at);
-                let r = radii.load(simd, at, chunk.scales.radius);
-                let (s, t) = orthonormal(n);
-                (s * r, t * r, n)
-            }
+        let normals = self.normals.as_mat3();
+        let normal = match &object.shape {
+            StoredShape::Disks { normals, .. } => normals.load(simd, at),
             StoredShape::Ellipses { s, t } => {
                 let (s, t) = (s.load(simd, at, 1.0), t.load(simd, at, 1.0));
                 let (a, b) = (s.max_abs(), t.max_abs());
-                (s, t, (s * (a.one() / a)).cross(t * (b.one() / b)))
+                (s * (a.one() / a)).cross(t * (b.one() / b))
             }
         };
-        let (s, t) = (transform(&linear, s), transform(&linear, t));
-        let normals = self.normals.as_mat3();
-        let world_normal = unit(transform(&normals, normal));
-        let view_from_world = self.view.view_from_world.as_mat3();
-        let n = transform(&view_from_world, world_normal);
+        let is_disk = matches!(object.shape, StoredShape::Disks { .. });
+        // A rotated unit normal is one.
+        let (world_normal, n) = if self.scale.is_some() && is_disk {
+            (transform(&normals, normal), transform(&self.view_normals.as_mat3(), normal))
+        } else {
+            let world_normal = unit(transform(&normals, normal));
+            (world_normal, transform(&self.view.view_from_world.as_mat3(), world_normal))
+        };
+        let (s, t, disk) = match (&object.shape, self.scale) {
+            // Any pair of half-axes serves a disk, unless a clip is given in them.
+            (StoredShape::Disks { radii, .. }, Some(scale)) if object.clips.is_none() => {
+                let r = radii.load(simd, at, chunk.scales.radius) * k(scale);
+                let (s, t) = orthonormal(n);
+                (s * r, t * r, Some(r))
+            }
+            (StoredShape::Disks { radii, .. }, _) => {
+                let r = radii.load(simd, at, chunk.scales.radius);
+                let (s, t) = orthonormal(normal);
+                (transform(&linear, s * r), transform(&linear, t * r), None)
+            }
+            (StoredShape::Ellipses { s, t }, _) => {
+                (transform(&linear, s.load(simd, at, 1.0)), transform(&linear, t.load(simd, at, 1.0)), None)
+            }
+        };
         let splat = ViewSplat { p, s, t, n };
         let shading = match &object.shading_normals {
             Some(c) => unit(transform(&normals, c.load(simd, at))),
@@ -245,18 +274,18 @@ impl<'a> ObjectSetup<'a> {
             Some(colors) => colors.load(simd, at, chunk.scales.color),
             None => V3::new(white, white, white),
         };
-        self.project(simd, &splat, shading, color, (chunk, at, active), out);
+        self.project(simd, (&splat, disk), shading, color, (chunk, at, active), out);
     }
 
     #[inline(always)]
     fn project<S: Simd>(
         &self,
         simd: S,
-        splat: &ViewSplat<Lanes<S>>,
+        (splat, disk): (&ViewSplat<Lanes<S>>, Option<Lanes<S>>),
         shading: V3<Lanes<S>>,
         color: V3<Lanes<S>>,
         (chunk, at, active): (&Chunk, usize, usize),
-        out: &mut SetupOutput,
+        out: &mut SetupOutput<'_>,
     ) {
         let projection = &self.view.projection;
         let settings = &self.plan.splat_filter;
@@ -282,12 +311,20 @@ impl<'a> ObjectSetup<'a> {
         // Lanes that aren't ordinary go on with a harmless depth; their results are never read.
         let z = Lanes::select(inside & !close, z, k(projection.near * 4.0));
         let splat = &ViewSplat { p: V3::new(splat.p.x, splat.p.y, z), ..*splat };
-        let radius = radius_max(splat.s, splat.t);
+        let radius = match disk {
+            Some(radius) => radius,
+            None => radius_max(splat.s, splat.t),
+        };
         let h = k(settings.radius_px);
         let epsilon = tolerance(splat, radius, h, settings.tolerance, projection);
         let (adjusted, visible_turn) =
             if settings.filter == Filter::Adjust { adjust_axes(splat, perspective) } else { (*splat, Turn::none(one)) };
-        let projected = Projected::new(&adjusted, projection);
+        let area = match disk {
+            // Turning the pair within the disk keeps its product.
+            Some(radius) => Area::of_disk(radius),
+            None => Area::of(&adjusted),
+        };
+        let projected = Projected::with_area(&adjusted, area, projection);
         let back_facing = zero.le(projected.facing);
         let mut keep = !projected.is_edge_on();
         if material.cull == Cull::Back {
@@ -298,7 +335,14 @@ impl<'a> ObjectSetup<'a> {
         }
         let visible = Footprint::unfiltered(&projected, settings.projective);
         let mut extent_px = bounds::unfiltered(&projected, settings.projective);
-        let filtered = match settings.filter {
+        let clips = self.object.clips.as_ref().filter(|_| self.plan.clip != ClipPolicy::Off);
+        // Where no splat of the sixteen is small, nothing is found out about how small.
+        let acts = match settings.filter {
+            Filter::Principal => !filter::is_surely_wide(&projected, h) & keep,
+            _ => keep,
+        };
+        let mut filtered = match settings.filter {
+            _ if acts.bits() & ordinary == 0 => Filtered::plain(visible),
             Filter::None => Filtered::plain(visible),
             Filter::Clamp => {
                 extent_px = extent_px.union(Extent::symmetric(V2::new(h, h)));
@@ -308,16 +352,18 @@ impl<'a> ObjectSetup<'a> {
             Filter::Principal => filter::principal(&projected, h, settings.projective),
             Filter::Ewa => filter::ewa(&projected, h),
         };
-        if matches!(settings.filter, Filter::Adjust | Filter::Principal | Filter::Ewa) {
+        if clips.is_none() {
+            filtered.turn = Turn::none(one);
+        }
+        if matches!(settings.filter, Filter::Adjust | Filter::Principal | Filter::Ewa) && acts.bits() & ordinary != 0 {
             extent_px = extent_px.union(bounds::footprint(&filtered.footprint));
         }
         let extent_px = extent_px.grow(k(BOX_SLACK_PX));
-        let pixel = |p: Lanes<S>, axis: usize| {
-            let f = k(projection.focal_px[axis]);
-            let c = k(projection.principal_px[axis]);
-            Lanes((if perspective { (p / z).mul_add(f, c) } else { p.mul_add(f, c) }).0.floor())
-        };
-        let base = V2::new(pixel(splat.p.x, 0), pixel(splat.p.y, 1));
+        let inverse_z = if perspective { one / z } else { one };
+        let base = V2::new(
+            pixel_of(splat.p.x * inverse_z, projection.focal_px[0], projection.principal_px[0]),
+            pixel_of(splat.p.y * inverse_z, projection.focal_px[1], projection.principal_px[1]),
+        );
         let fraction = projection.offset_from(splat.p, base);
         let region = self.view.region;
         let columns =
@@ -329,7 +375,10 @@ impl<'a> ObjectSetup<'a> {
             return;
         }
         let (gradient, range) = if settings.projective {
-            (-projected.depth_gradient, [z / (z + extent), z / (z - extent)])
+            // 1/(1 + e) and 1/(1 − e).
+            let e = extent * inverse_z;
+            let q = one / ((one - e) * (one + e));
+            (-projected.depth_gradient, [(one - e) * q, (one + e) * q])
         } else if perspective {
             (projected.depth_gradient * z, [z - extent, z + extent])
         } else {
@@ -347,7 +396,10 @@ impl<'a> ObjectSetup<'a> {
             _ => one.lt(one),
         };
         let plain = one_footprint & unclipped;
-        let shallow = extent.le(z * k(1.0 / 64.0));
+        // Over the disk; and over all of its blocks, which reach at most 12 pixels beyond.
+        let steepness = gradient.x.abs() + gradient.y.abs();
+        let shallow =
+            if settings.projective { extent.le(z * k(1.0 / 64.0)) & steepness.le(k(1.0 / 200.0)) } else { one.lt(one) };
         let (u, v) = (
             V2::select(plain, gradient_of(&visible.u), gradient_of(&f.u)),
             V2::select(plain, gradient_of(&visible.v), gradient_of(&f.v)),
@@ -394,35 +446,41 @@ impl<'a> ObjectSetup<'a> {
         };
         let records = records.transposed();
         let form = MaskForm { linear_depth: !settings.projective, whole_box: settings.filter == Filter::Clamp };
-        let boxes = self.block_boxes(columns, rows);
-        let clips = self.object.clips.as_ref().filter(|_| self.plan.clip != ClipPolicy::Off);
+        let wide = MaskForms {
+            offset: V2::new(half - fraction.x, half - fraction.y),
+            base,
+            filtered: [u, v, V2::select(plain, gradient_of(&visible.w), gradient_of(&f.w))],
+            visible: [gradient_of(&visible.u), gradient_of(&visible.v), gradient_of(&visible.w)],
+            general: !plain.bits(),
+        };
+        let masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &self.grid, form);
         let mut bits = keep;
         while bits != 0 {
             let i = bits.trailing_zeros() as usize;
             bits &= bits - 1;
-            out.push(simd, &records[i], boxes[i], &self.grid, form);
+            out.push(simd, &records[i], (&masks, i), &self.grid, form);
             if let Some(clip) = clips.and_then(|clips| clips.get(at + i, self.plan.clip)) {
                 let filtered_turn = visible_turn.after(&filtered.turn);
                 out.clip(ScreenClip::new(clip, i, (&visible, &visible_turn), (f, &filtered_turn)));
             }
         }
     }
+}
 
-    /// Ranges of pixels as boxes of blocks from the grid's origin.
-    #[inline(always)]
-    fn block_boxes<S: Simd>(&self, columns: (Lanes<S>, Lanes<S>), rows: (Lanes<S>, Lanes<S>)) -> [BlockBox; LANES] {
-        let block = |first: Lanes<S>, axis: usize, add: f64| {
-            let origin = first.constant(-f64::from(self.grid.origin[axis]) + add);
-            Lanes(((first + origin) * first.constant(1.0 / f64::from(BLOCK))).0.floor()).to_array()
-        };
-        // The end is one past the block of the last pixel: (end − 1 + BLOCK)/BLOCK, rounded down.
-        let past = f64::from(BLOCK) - 1.0;
-        let (x0, x1) = (block(columns.0, 0, 0.0), block(columns.1, 0, past));
-        let (y0, y1) = (block(rows.0, 1, 0.0), block(rows.1, 1, past));
-        let mut boxes = [BlockBox([0; 4]); LANES];
-        for i in 0..LANES {
-            boxes[i].0 = [x0[i] as u16, y0[i] as u16, x1[i] as u16, y1[i] as u16];
-        }
-        boxes
-    }
+/// The pixel that holds a point of this slope (orthographic: coordinate) along one axis.
+#[inline(always)]
+fn pixel_of<S: Simd>(slope: Lanes<S>, focal_px: f64, principal_px: f64) -> Lanes<S> {
+    Lanes(slope.mul_add(slope.constant(focal_px), slope.constant(principal_px)).0.floor())
+}
+
+/// The factor of all lengths, if the matrix is a rotation (or reflection) and that; within rounding of f32.
+fn uniform_scale(m: &DMat3) -> Option<f64> {
+    let columns = [m.x_axis, m.y_axis, m.z_axis];
+    let scale = m.x_axis.length();
+    let slack = 1e-9 * scale * scale;
+    let fits = (0..3).all(|i| {
+        (columns[i].length_squared() - scale * scale).abs() <= slack
+            && columns[i].dot(columns[(i + 1) % 3]).abs() <= slack
+    });
+    (fits && scale > 0.0).then_some(scale)
 }

@@ -191,18 +191,17 @@ fn phong<S: Simd>(
 ) -> V3<Lanes<S>> {
     let k = |v: f32| Lanes::splat(simd, v);
     let zero = k(0.0);
-    let vector = |v: Vec3| V3::new(k(v.x), k(v.y), k(v.z));
     let (position, to_eye) = position(simd, lighting, z, (x, y));
-    let mut matte = vector(lighting.ambient) * ambient;
+    let mut matte = vector(simd, lighting.ambient) * ambient;
     let mut gloss = V3::new(zero, zero, zero);
     for light in &lighting.lights {
         let (to_light, color) = match light {
-            FrameLight::Directional { to_light, color } => (vector(*to_light), vector(*color)),
-            FrameLight::Point { position: at, color } => (unit(vector(*at) - position), vector(*color)),
+            FrameLight::Directional { to_light, color } => (vector(simd, *to_light), vector(simd, *color)),
+            FrameLight::Point { position: at, color } => (unit(vector(simd, *at) - position), vector(simd, *color)),
             FrameLight::Spot { position: at, direction, color, inner, outer } => {
-                let to_light = unit(vector(*at) - position);
+                let to_light = unit(vector(simd, *at) - position);
                 let strength = spot(simd, to_light, *direction, *inner, *outer);
-                (to_light, vector(*color) * strength)
+                (to_light, vector(simd, *color) * strength)
             }
         };
         let cosine = normal.dot(to_light);
@@ -231,12 +230,7 @@ fn position<S: Simd>(
 ) -> (V3<Lanes<S>>, V3<Lanes<S>>) {
     let k = |v: f32| Lanes::splat(simd, v);
     let p = &lighting.view.projection;
-    // From whole pixel numbers, so that a pixel's ray doesn't depend on where its run starts.
-    let slope = |pixel: Lanes<S>, axis: usize| {
-        let step = k((1.0 / p.focal_px[axis]) as f32);
-        pixel.mul_add(step, k(((0.5 - p.principal_px[axis]) / p.focal_px[axis]) as f32))
-    };
-    let (sx, sy) = (slope(x, 0), slope(y, 1));
+    let (sx, sy) = (slope(x, p.focal_px[0], p.principal_px[0]), slope(y, p.focal_px[1], p.principal_px[1]));
     let m = &lighting.world_from_view;
     match p.kind {
         ProjectionKind::Perspective => {
@@ -248,6 +242,17 @@ fn position<S: Simd>(
             (transform(m, V3::new(sx, sy, z)), V3::new(k(f.x), k(f.y), k(f.z)))
         }
     }
+}
+
+/// A ray's slope along one axis, from whole pixel numbers, so that it doesn't depend on where a run of pixels starts.
+#[inline(always)]
+fn slope<S: Simd>(pixel: Lanes<S>, focal_px: f64, principal_px: f64) -> Lanes<S> {
+    pixel.mul_add(pixel.constant(1.0 / focal_px), pixel.constant((0.5 - principal_px) / focal_px))
+}
+
+#[inline(always)]
+fn vector<S: Simd>(simd: S, v: Vec3) -> V3<Lanes<S>> {
+    V3::new(Lanes::splat(simd, v.x), Lanes::splat(simd, v.y), Lanes::splat(simd, v.z))
 }
 
 #[inline(always)]

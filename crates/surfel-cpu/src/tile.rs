@@ -83,9 +83,7 @@ impl<'a> TileJob<'a> {
     fn list(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a>) {
         lists.clear();
         for segment in self.segments {
-            for entry in segment.of(tile) {
-                lists.push(&segment.records[entry.record as usize], entry.blocks & wanted);
-            }
+            lists.extend(&segment.records, segment.of(tile), wanted);
         }
         lists.finish();
     }
@@ -113,7 +111,7 @@ impl<'a> TileJob<'a> {
             left &= left - 1;
             let at = self.block_px(tile, block);
             let list = scratch.lists.of(block);
-            if list.is_empty() {
+            if list.records.is_empty() {
                 target.put_empty(at, self.lighting.background);
                 continue;
             }

@@ -97,7 +97,8 @@ pub fn tolerance<R: Real>(
 ) -> R {
     let ViewSplat { p, n, .. } = *splat;
     let k = |value: f64| p.x.constant(value);
-    let per_pixel = V2::new(n.x / k(projection.focal_px[0]), n.y / k(projection.focal_px[1])).length();
+    let per_focal = V2::new(k(1.0 / projection.focal_px[0]), k(1.0 / projection.focal_px[1]));
+    let per_pixel = n.xy().scale_by(per_focal).length();
     let (z, slope) = match projection.kind {
         ProjectionKind::Perspective => {
             let inverse = p.x.one() / p.z.abs().max(p.x.abs()).max(p.y.abs()).max(k(1e-37));

@@ -67,8 +67,7 @@ pub fn principal<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -
 pub fn ewa<R: Real>(projected: &Projected<R>, h_px: R) -> Filtered<R> {
     let (zero, one) = (h_px.zero(), h_px.one());
     let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);
-    let widen = |l: R| l.mul_add(l, h_px * h_px).sqrt();
-    let (long, short) = (widen(svd.major), widen(svd.minor));
+    let (long, short) = (widened(svd.major, h_px), widened(svd.minor, h_px));
     let u = svd.major_axis * (one / long);
     let v = svd.minor_axis() * (one / short);
     let flat = Linear::new(one, V2::new(zero, zero));
@@ -78,6 +77,20 @@ pub fn ewa<R: Real>(projected: &Projected<R>, h_px: R) -> Filtered<R> {
         coverage_scale: one,
         turn: principal_turn(projected, &svd),
     }
+}
+
+#[inline(always)]
+fn widened<R: Real>(length: R, h_px: R) -> R {
+    length.mul_add(length, h_px * h_px).sqrt()
+}
+
+/// True where both axes of the projected ellipse certainly reach h, so that `principal` leaves it as it is: found without
+/// them, since the smaller is |det J| over the larger, and that at most ‖J‖.
+#[inline(always)]
+pub fn is_surely_wide<R: Real>(projected: &Projected<R>, h_px: R) -> R::Mask {
+    let (s, t) = (projected.j_s, projected.j_t);
+    let norm = (s.dot(s) + t.dot(t)).sqrt();
+    (h_px * norm).le(projected.det_j.abs())
 }
 
 /// V of J = U·diag(ℓ)·Vᵀ: from the coordinates along the ellipse's axes on the screen to the splat's (u, v).
@@ -108,20 +121,9 @@ pub fn area_ratio<R: Real>(projected: &Projected<R>, h_px: R) -> R {
 #[inline(always)]
 pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
     let (zero, one) = (h_px.zero(), h_px.one());
-    let lengthen = |j: V2<R>, other: V2<R>, a: R| {
-        let length = j.length();
-        let limit = h_px * ((one - a) * (one + a));
-        let short = length.lt(limit);
-        // Along j; where that is zero along the perpendicular of the other axis.
-        let none = length.le(zero);
-        let direction = V2::select(none, V2::new(-other.y, other.x), j);
-        let norm = direction.length();
-        let unit = direction * (one / R::select(zero.lt(norm), norm, one));
-        (V2::select(short, unit * h_px, j), R::select(short, zero, a), short)
-    };
     let (s, t) = (projected.j_s, projected.j_t);
-    let (new_s, slope_s, short_s) = lengthen(s, t, projected.slope.x);
-    let (new_t, slope_t, short_t) = lengthen(t, s, projected.slope.y);
+    let (new_s, slope_s, short_s) = lengthen(s, t, projected.slope.x, h_px);
+    let (new_t, slope_t, short_t) = lengthen(t, s, projected.slope.y, h_px);
     let unchanged = !(short_s | short_t);
     let determinant = R::select(unchanged, projected.det_j, new_s.cross(new_t));
     let slope = if projective { V2::new(slope_s, slope_t) } else { V2::new(zero, zero) };
@@ -131,6 +133,21 @@ pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> F
         coverage_scale: area_ratio(projected, h_px),
         turn: Turn::none(one),
     }
+}
+
+/// One half-axis by eq. 8–9: what it becomes, its slope then, and whether it was too short.
+#[inline(always)]
+fn lengthen<R: Real>(j: V2<R>, other: V2<R>, a: R, h_px: R) -> (V2<R>, R, R::Mask) {
+    let (zero, one) = (h_px.zero(), h_px.one());
+    let length = j.length();
+    let limit = h_px * ((one - a) * (one + a));
+    let short = length.lt(limit);
+    // Along j; where that is zero along the perpendicular of the other axis.
+    let none = length.le(zero);
+    let direction = V2::select(none, V2::new(-other.y, other.x), j);
+    let norm = direction.length();
+    let unit = direction * (one / R::select(zero.lt(norm), norm, one));
+    (V2::select(short, unit * h_px, j), R::select(short, zero, a), short)
 }
 
 /// The half-axes that `adjust` works on (§4): an ellipse's principal ones; for a disk (axes equal within 1e-3) those of

@@ -49,33 +49,32 @@ impl<R: Real> Projected<R> {
     /// Projects a splat. Perspective needs p_z > 0: splats nearer than z_near go through [`crate::mapping::through_near`].
     #[inline(always)]
     pub fn new(splat: &ViewSplat<R>, projection: &Projection) -> Self {
+        Self::with_area(splat, Area::of(splat), projection)
+    }
+
+    /// [`Projected::new`] of a splat whose area is known.
+    #[inline(always)]
+    pub fn with_area(splat: &ViewSplat<R>, area: Area<R>, projection: &Projection) -> Self {
         let ViewSplat { p, s, t, n } = *splat;
         let one = p.x.one();
         let zero = p.x.zero();
         let focal = V2::new(p.x.constant(projection.focal_px[0]), p.x.constant(projection.focal_px[1]));
-        // |s × t| with both scaled to their largest coordinate: nothing overflows or vanishes at 1e±15.
-        let (k_s, k_t) = (s.max_abs(), t.max_abs());
-        let cross = (s * (one / k_s)).cross(t * (one / k_t));
-        let sine = R::select(zero.le(cross.dot(n)), cross.length(), -cross.length());
+        let per_focal = V2::new(p.x.constant(1.0 / projection.focal_px[0]), p.x.constant(1.0 / projection.focal_px[1]));
+        let Area { sine, k_s, k_t } = area;
         let depth_extent = s.z.mul_add(s.z, t.z * t.z).sqrt();
         match projection.kind {
             ProjectionKind::Perspective => {
                 let inverse = one / p.z;
                 let center = V2::new(p.x * inverse, p.y * inverse);
-                // f∘(s_xy·p_z − s_z·p_xy)/p_z², in the scale-free form s' = s/p_z.
-                let column = |a: V3<R>| {
-                    let (ax, ay, az) = (a.x * inverse, a.y * inverse, a.z * inverse);
-                    V2::new((-az).mul_add(center.x, ax), (-az).mul_add(center.y, ay)).scale_by(focal)
-                };
                 let facing = n.dot(V3::new(center.x, center.y, one));
                 let length = center.x.mul_add(center.x, center.y.mul_add(center.y, one)).sqrt();
                 let per_pixel = one / facing;
                 Self {
-                    j_s: column(s),
-                    j_t: column(t),
+                    j_s: column(s * inverse, center).scale_by(focal),
+                    j_t: column(t * inverse, center).scale_by(focal),
                     det_j: sine * facing * (k_s * inverse * focal.x) * (k_t * inverse * focal.y),
                     slope: V2::new(s.z * inverse, t.z * inverse),
-                    depth_gradient: V2::new(-(n.x / focal.x) * per_pixel, -(n.y / focal.y) * per_pixel),
+                    depth_gradient: n.xy().scale_by(per_focal) * -per_pixel,
                     depth_extent,
                     facing,
                     facing_cosine: facing.abs() / length,
@@ -88,7 +87,7 @@ impl<R: Real> Projected<R> {
                     j_t: t.xy().scale_by(focal),
                     det_j: sine * n.z * (k_s * focal.x) * (k_t * focal.y),
                     slope: V2::new(zero, zero),
-                    depth_gradient: V2::new(-(n.x / focal.x) * per_pixel, -(n.y / focal.y) * per_pixel),
+                    depth_gradient: n.xy().scale_by(per_focal) * -per_pixel,
                     depth_extent,
                     facing: n.z,
                     facing_cosine: n.z.abs(),
@@ -101,6 +100,42 @@ impl<R: Real> Projected<R> {
     #[inline(always)]
     pub fn is_edge_on(&self) -> R::Mask {
         self.facing_cosine.le(self.facing_cosine.constant(EDGE_ON))
+    }
+}
+
+/// (a_xy·p_z − a_z·p_xy)/p_z² from a/p_z and p_xy/p_z: a column of J but for the focal lengths.
+#[inline(always)]
+fn column<R: Real>(a: V3<R>, center: V2<R>) -> V2<R> {
+    V2::new((-a.z).mul_add(center.x, a.x), (-a.z).mul_add(center.y, a.y))
+}
+
+/// s × t = sine·k_s·k_t·n, in factors: nothing overflows or vanishes at 1e±15.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Area<R> {
+    /// Signed length of the product of the half-axes, each divided by its scale.
+    pub sine: R,
+    /// Scale of s: its largest coordinate, or the radius of a disk.
+    pub k_s: R,
+    /// Scale of t.
+    pub k_t: R,
+}
+
+impl<R: Real> Area<R> {
+    /// Of any splat.
+    #[inline(always)]
+    pub fn of(splat: &ViewSplat<R>) -> Self {
+        let ViewSplat { s, t, n, .. } = *splat;
+        let (one, zero) = (s.x.one(), s.x.zero());
+        let (k_s, k_t) = (s.max_abs(), t.max_abs());
+        let cross = (s * (one / k_s)).cross(t * (one / k_t));
+        let length = cross.length();
+        Self { sine: R::select(zero.le(cross.dot(n)), length, -length), k_s, k_t }
+    }
+
+    /// Of a disk whose s × t lies along n.
+    #[inline(always)]
+    pub fn of_disk(radius: R) -> Self {
+        Self { sine: radius.one(), k_s: radius, k_t: radius }
     }
 }
 
