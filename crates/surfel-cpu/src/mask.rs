@@ -60,8 +60,9 @@ pub(crate) fn masks<S: Simd>(
     let (x1, y1) = (block_of(end_column - x + past), block_of(end_row - y + past));
     let side = (x1 - x0).max(y1 - y0);
     let tested = k(2.0).lt(side) & side.le(k(4.0));
-    let all = k(65535.0);
-    let bits = if form.whole_box || tested.to_bitmask() & keep == 0 {
+    let all = i32x16::splat(first_column.0.simd, 0xffff);
+    let wanted = tested.to_bitmask() & keep;
+    let bits = if form.whole_box || wanted == 0 {
         all
     } else {
         // Centre of the first block, from the anchor. Whole pixels are exact.
@@ -69,25 +70,18 @@ pub(crate) fn masks<S: Simd>(
             (x0.mul_add(k(BLOCK as f32), x) - forms.base.x) + (forms.offset.x + k(HALF)),
             (y0.mul_add(k(BLOCK as f32), y) - forms.base.y) + (forms.offset.y + k(HALF)),
         );
-        let mut sum = four_by_four_each(&forms.filtered, center);
-        if forms.general & keep & tested.to_bitmask() != 0 {
-            sum = sum | four_by_four_each(&forms.visible, center);
+        let mut bits = four_by_four_each(&forms.filtered, center);
+        if forms.general & wanted != 0 {
+            bits |= four_by_four_each(&forms.visible, center);
         }
-        let bits: i32x16<S> = all.0.to_int();
-        return Masks { boxes: boxes([x0, y0, x1, y1]), bits: tested.select(sum, bits).to_array() };
+        tested.select(bits, all)
     };
-    let bits: i32x16<S> = bits.0.to_int();
-    Masks { boxes: boxes([x0, y0, x1, y1]), bits: bits.to_array() }
+    Masks { boxes: [int(x0), int(y0), int(x1), int(y1)], bits: bits.to_array() }
 }
 
 #[inline(always)]
 fn block_of<S: Simd>(pixels: Lanes<S>) -> Lanes<S> {
     Lanes((pixels * pixels.constant(1.0 / f64::from(BLOCK))).0.floor())
-}
-
-#[inline(always)]
-fn boxes<S: Simd>([x0, y0, x1, y1]: [Lanes<S>; 4]) -> [[i32; LANES]; 4] {
-    [int(x0), int(y0), int(x1), int(y1)]
 }
 
 #[inline(always)]
