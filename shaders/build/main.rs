@@ -4,6 +4,7 @@
 
 mod reflect;
 mod spirv;
+mod variants;
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -22,7 +23,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("cargo::rerun-if-changed={part}");
     }
     let formulas = concatenate(&folder, "wgsl")?;
-    let passes = formulas.clone() + &concatenate(&folder, "passes")?;
+    let entry_points = format!("{MODULE}build/variants.rs\n{}", variants::entry_points()?);
+    let passes = formulas.clone() + &concatenate(&folder, "passes")? + &entry_points;
     std::fs::write(out.join("formulas.wgsl"), &formulas)?;
     std::fs::write(out.join("passes.wgsl"), &passes)?;
     let (module, _) = heard(checked(&formulas))?;

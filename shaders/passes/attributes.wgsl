@@ -20,6 +20,10 @@ struct AttributeVertex {
 
 @vertex
 fn attribute_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> AttributeVertex {
+    return attribute_corner(vertex, instance);
+}
+
+fn attribute_corner(vertex: u32, instance: u32) -> AttributeVertex {
     let r = records[instance];
     return AttributeVertex(
         corner_of(r.filtered_box, vertex),
@@ -55,18 +59,20 @@ fn contribution(in: AttributeVertex) -> Contribution {
         inside = inside || disk <= 1.0;
     }
     let z = fragment_depth(d, in.depth, in.anchor.z, in.at_anchor.z, in.flags);
-    let nearest = textureLoad(kept, vec2i(floor(in.position.xy)), 0);
-    let is_there = inside && exists(z) && nearest <= comparable(z);
-    return Contribution(weight(rho_squared, frame.cutoff) * in.anchor.w, z, is_there);
+    return Contribution(weight(rho_squared, frame.cutoff) * in.anchor.w, z, inside && exists(z));
+}
+
+// Not deeper than what is kept.
+fn is_kept(in: AttributeVertex, z: f32) -> bool {
+    return textureLoad(kept, vec2i(floor(in.position.xy)), 0) <= comparable(z);
+}
+
+fn front_adds(in: AttributeVertex, z: f32) -> bool {
+    return is_kept(in, z);
 }
 
 // Σw·(colour, 1).
-@fragment
-fn color_fragment(in: AttributeVertex) -> @location(0) vec4f {
-    let c = contribution(in);
-    if !c.is_there {
-        discard;
-    }
+fn color_sums_of(in: AttributeVertex, c: Contribution) -> vec4f {
     return vec4f(in.color, 1.0) * c.weight;
 }
 
@@ -75,19 +81,14 @@ struct SurfaceSums {
     @location(1) surface: vec4f,
 }
 
-// w·(normal, z).
-fn surface_of(in: AttributeVertex, c: Contribution) -> vec4f {
-    return vec4f(in.normal, c.z * frame.per_depth_unit) * c.weight;
+// Σw·(colour, 1) and Σw·(normal, z).
+fn surface_sums_of(in: AttributeVertex, c: Contribution) -> SurfaceSums {
+    return SurfaceSums(color_sums_of(in, c), vec4f(in.normal, c.z * frame.per_depth_unit) * c.weight);
 }
 
-// Σw·(colour, 1) and Σw·(normal, z).
-@fragment
-fn surface_fragment(in: AttributeVertex) -> SurfaceSums {
-    let c = contribution(in);
-    if !c.is_there {
-        discard;
-    }
-    return SurfaceSums(vec4f(in.color, 1.0) * c.weight, surface_of(in, c));
+// Σw·material factors.
+fn material_sums_of(in: AttributeVertex, c: Contribution) -> vec4f {
+    return objects[in.flags >> RECORD_OBJECT].material * c.weight;
 }
 
 struct FurtherSums {
@@ -98,11 +99,6 @@ struct FurtherSums {
 
 // Σw·material factors, how many fragments there are and what they cover: a pass of its own, because all are rare and a
 // sample of all targets would be larger than the 32 bytes that every adapter has.
-@fragment
-fn further_fragment(in: AttributeVertex) -> FurtherSums {
-    let c = contribution(in);
-    if !c.is_there {
-        discard;
-    }
-    return FurtherSums(objects[in.flags >> RECORD_OBJECT].material * c.weight, vec2f(1.0, c.weight * in.w.z));
+fn further_sums_of(in: AttributeVertex, c: Contribution) -> FurtherSums {
+    return FurtherSums(material_sums_of(in, c), vec2f(1.0, c.weight * in.w.z));
 }

@@ -52,6 +52,8 @@ struct Frame {
     light_count: u32,
     // Edges are antialiased.
     has_edges: u32,
+    // Clip curves are taken for their chords.
+    clip_by_chord: u32,
     // Depths are summed in this unit, a power of two about as large as the farthest: f16 ends at 65504.
     depth_unit: f32,
     // Its reciprocal, for a GPU's division rounds.
@@ -115,6 +117,8 @@ struct Segment {
     // Words from a splat's first to its colour and its shading normal, or ABSENT.
     color_at: u32,
     shading_normal_at: u32,
+    // Words to its clip; only of segments of clipped splats.
+    clip_at: u32,
 }
 
 const WORKGROUP: u32 = 64u;
@@ -156,6 +160,12 @@ struct Record {
     // column | end row << 16.
     visible_box: vec2u,
     filtered_box: vec2u,
+}
+
+// What a clipped splat keeps of its two footprints: forms about the record's anchor.
+struct RecordClip {
+    visible: Clip,
+    filtered: Clip,
 }
 
 // The depth form is that of 1/z, else of z.

@@ -56,6 +56,10 @@ fn exists(z: f32) -> bool {
 
 @vertex
 fn visibility_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> VisibilityVertex {
+    return visibility_corner(vertex, instance);
+}
+
+fn visibility_corner(vertex: u32, instance: u32) -> VisibilityVertex {
     let r = records[instance];
     return VisibilityVertex(
         corner_of(r.visible_box, vertex),
@@ -81,15 +85,6 @@ fn visible_depth(in: VisibilityVertex) -> f32 {
     return select(0.0, z, 0.0 < w && fma(u, u, v * v) <= w * w && exists(z));
 }
 
-@fragment
-fn visibility_fragment(in: VisibilityVertex) -> @builtin(frag_depth) f32 {
-    let z = visible_depth(in);
-    if z <= 0.0 {
-        discard;
-    }
-    return comparable(z + in.anchor.w);
-}
-
 struct Written {
     @builtin(frag_depth) depth: f32,
     // What is kept and its writer's ε, for finding edges. Of equal values the first drawn stays, in the order of the buffers
@@ -97,12 +92,11 @@ struct Written {
     @location(0) writer: vec2f,
 }
 
-@fragment
-fn writer_fragment(in: VisibilityVertex) -> Written {
-    let z = visible_depth(in);
-    if z <= 0.0 {
-        discard;
-    }
+fn written(in: VisibilityVertex, z: f32) -> Written {
     let kept_z = z + in.anchor.w;
     return Written(comparable(kept_z), vec2f(kept_z, in.anchor.w));
+}
+
+fn front_shows(in: VisibilityVertex, z: f32) -> bool {
+    return z > 0.0;
 }

@@ -7,6 +7,8 @@
 @group(1) @binding(3) var<storage, read> near_bits: array<u32>;
 @group(1) @binding(4) var<storage, read_write> records_out: array<Record>;
 @group(1) @binding(5) var<storage, read_write> drawn: atomic<u32>;
+// Of clipped splats alone.
+@group(1) @binding(6) var<storage, read_write> record_clips_out: array<RecordClip>;
 
 // Slack of pixel boxes: f32 rounding of box and anchor, many times over, and still far below a pixel.
 const BOX_SLACK_PX: f32 = 2e-3;
@@ -46,7 +48,7 @@ fn filtered_by(projected: Projected, visible: Footprint) -> Filtered {
     let projective = frame.projective != 0u;
     switch frame.filter_kind {
         case FILTER_CLAMP: {
-            return Filtered(visible, 1.0, area_ratio(projected, frame.radius_px));
+            return Filtered(visible, 1.0, area_ratio(projected, frame.radius_px), turn_none());
         }
         case FILTER_ADJUST: {
             return adjust(projected, frame.radius_px, projective);
@@ -63,23 +65,77 @@ fn filtered_by(projected: Projected, visible: Footprint) -> Filtered {
     }
 }
 
+// What a clip needs of a splat that was set up.
+struct Outlines {
+    visible: Footprint,
+    filtered: Footprint,
+    visible_turn: Turn,
+    filtered_turn: Turn,
+    is_there: bool,
+}
+
+// Of a splat that takes part in no pass.
+fn no_outlines() -> Outlines {
+    let none = linear_new(0.0, vec2f(0.0, 0.0));
+    let nowhere = Footprint(none, none, none);
+    return Outlines(nowhere, nowhere, turn_none(), turn_none(), false);
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn setup(@builtin(global_invocation_id) id: vec3u) {
+    if id.x < segment.count {
+        set_up(id.x);
+    }
+}
+
+fn stored_form(at: u32) -> Linear {
+    return Linear(bitcast<f32>(splats[at]), bitcast<f32>(splats[at + 1u]), bitcast<f32>(splats[at + 2u]));
+}
+
+// The clip of splat i over its (u, v), as the frame takes it: nine numbers of the curve and its sign, twelve of the lines
+// and theirs, and three of the chord.
+fn stored_clip(i: u32) -> Clip {
+    let at = i * segment.stride + segment.clip_at;
+    let lines = array<Linear, 4>(stored_form(at + 10u), stored_form(at + 13u), stored_form(at + 16u), stored_form(at + 19u));
+    let line_sign = bitcast<f32>(splats[at + 22u]);
+    if frame.clip_by_chord != 0u {
+        let none = linear_new(0.0, vec2f(0.0, 0.0));
+        return Clip(stored_form(at + 23u), none, none, 1.0, lines, line_sign);
+    }
+    let curve_sign = bitcast<f32>(splats[at + 9u]);
+    return Clip(stored_form(at), stored_form(at + 3u), stored_form(at + 6u), curve_sign, lines, line_sign);
+}
+
+// Of a segment of clipped splats.
+@compute @workgroup_size(WORKGROUP)
+fn clipped_setup(@builtin(global_invocation_id) id: vec3u) {
     let i = id.x;
     if i >= segment.count {
         return;
     }
+    let outlines = set_up(i);
+    if outlines.is_there {
+        let clip = stored_clip(i);
+        record_clips_out[i] = RecordClip(
+            clip_through(clip, outlines.visible, outlines.visible_turn),
+            clip_through(clip, outlines.filtered, outlines.filtered_turn),
+        );
+    }
+}
+
+// Sets up splat i of the segment.
+fn set_up(i: u32) -> Outlines {
     records_out[i].visible_box = vec2u(0u, 0u);
     records_out[i].filtered_box = vec2u(0u, 0u);
     let at = i * segment.stride;
     let chunk = chunks[splats[at] / CHUNK_SPLATS];
     if chunk.state == CHUNK_OUTSIDE {
-        return;
+        return no_outlines();
     }
     if chunk.state != CHUNK_ORDINARY {
         let in_chunk = splats[at] % CHUNK_SPLATS;
         if (near_bits[chunk.state + in_chunk / 32u] & (1u << (in_chunk % 32u))) != 0u {
-            return;
+            return no_outlines();
         }
     }
     let object = objects[segment.object];
@@ -106,11 +162,11 @@ fn setup(@builtin(global_invocation_id) id: vec3u) {
     if segment.color_at != ABSENT {
         color = stored_vector(at + segment.color_at);
     }
-    project(i, splat, shading, color, object);
+    return project(i, splat, shading, color, object);
 }
 
 // Writes the record of a splat whose centre is at or beyond z_near.
-fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Object) {
+fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Object) -> Outlines {
     let projection = frame.projection;
     let projective = frame.projective != 0u;
     let perspective = projection.kind == PERSPECTIVE;
@@ -118,17 +174,19 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     let radius = radius_max(splat.s, splat.t);
     let epsilon = tolerance(splat, radius, frame.radius_px, frame.tolerance, projection);
     var adjusted = splat;
+    var turn = turn_none();
     if frame.filter_kind == FILTER_ADJUST {
-        let axes = adjust_axes(splat, perspective);
-        adjusted.s = axes.s;
-        adjusted.t = axes.t;
+        let pair = adjust_axes_turned(splat, perspective);
+        adjusted.s = pair.axes.s;
+        adjusted.t = pair.axes.t;
+        turn = pair.turn;
     }
     let projected = projected_new(adjusted, projection);
     let extent = projected.depth_extent;
     let back_facing = 0.0 <= projected.facing;
     let outside = z + extent < projection.near || projection.far < z - extent;
     if outside || projected_is_edge_on(projected) || (back_facing && object.cull_back != 0u) {
-        return;
+        return no_outlines();
     }
     let visible = footprint_unfiltered(projected, projective);
     let filtered = filtered_by(projected, visible);
@@ -150,7 +208,7 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     let filtered_box =
         pixel_box(base, Extent(about.least + filtered_extent.least, about.greatest + filtered_extent.greatest));
     if box_is_empty(visible_box) && box_is_empty(filtered_box) {
-        return;
+        return no_outlines();
     }
     var record: Record;
     record.base = vec2i(base);
@@ -184,4 +242,5 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     record.filtered_box = packed_box(filtered_box);
     records_out[i] = record;
     atomicAdd(&drawn, 1u);
+    return Outlines(visible, filtered.footprint, turn, turn_after(turn, filtered.turn), true);
 }

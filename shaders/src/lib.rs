@@ -114,12 +114,19 @@ pub const TWINS: &[Twin] = &[
     twin("footprint_contains", "mapping::Footprint::contains"),
     twin("footprint_about_center", "mapping::Footprint::about_center"),
     twin("footprint_unfiltered", "mapping::Footprint::unfiltered"),
+    twin("turn_none", "clip::Turn::none"),
+    twin("turn_apply", "clip::Turn::apply"),
+    twin("turn_after", "clip::Turn::after"),
+    twin("clip_through", "clip::Clip::through"),
+    twin("clip_curve_keeps", "clip::Clip::curve_keeps"),
+    twin("clip_lines_keep", "clip::Clip::lines_keep"),
+    twin("clip_keeps", "clip::Clip::keeps"),
     twin("filtered_plain", "filter::Filtered::plain"),
     twin("principal", "filter::principal"),
     twin("ewa", "filter::ewa"),
     twin("area_ratio", "filter::area_ratio"),
     twin("adjust", "filter::adjust"),
-    twin("adjust_axes", "filter::adjust_axes"),
+    twin("adjust_axes_turned", "filter::adjust_axes_turned"),
     twin("bounds_ellipse", "bounds::ellipse"),
     twin("bounds_unfiltered", "bounds::unfiltered"),
     twin("bounds_footprint", "bounds::footprint"),
@@ -129,5 +136,15 @@ pub const TWINS: &[Twin] = &[
 ];
 
 /// Functions of [`WGSL`] without a twin: parts of one, where WGSL has no closures or no fused multiply-add to rely on.
-pub const HELPERS: &[&str] =
-    &["upper_half", "product_head", "product_rest", "adjust_lengthen", "turn_by", "turned", "ellipse_extremes"];
+pub const HELPERS: &[&str] = &[
+    "upper_half",
+    "product_head",
+    "product_rest",
+    "adjust_lengthen",
+    "turn_by",
+    "turned",
+    "turn_of",
+    "principal_turn",
+    "form_through",
+    "ellipse_extremes",
+];

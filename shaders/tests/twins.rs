@@ -17,7 +17,7 @@ macro_rules! paths {
 }
 
 fn rust_paths() -> BTreeSet<&'static str> {
-    use surfel_math::{basis, depth, filter, kernel, mapping, project, real, svd, vector};
+    use surfel_math::{basis, clip, depth, filter, kernel, mapping, project, real, svd, vector};
     BTreeSet::from(paths! {
         real::Real::difference_of_products, as <f32 as real::Real>::difference_of_products;
         real::Real::sum_of_products, as <f32 as real::Real>::sum_of_products;
@@ -42,12 +42,19 @@ fn rust_paths() -> BTreeSet<&'static str> {
         mapping::Footprint::contains, as mapping::Footprint::<f32>::contains;
         mapping::Footprint::about_center, as mapping::Footprint::<f32>::about_center;
         mapping::Footprint::unfiltered, as mapping::Footprint::<f32>::unfiltered;
+        clip::Turn::none, as clip::Turn::<f32>::none;
+        clip::Turn::apply, as clip::Turn::<f32>::apply;
+        clip::Turn::after, as clip::Turn::<f32>::after;
+        clip::Clip::through, as clip::Clip::<f32>::through;
+        clip::Clip::curve_keeps, as clip::Clip::<f32>::curve_keeps;
+        clip::Clip::lines_keep, as clip::Clip::<f32>::lines_keep;
+        clip::Clip::keeps, as clip::Clip::<f32>::keeps;
         filter::Filtered::plain, as filter::Filtered::<f32>::plain;
         filter::principal;
         filter::ewa;
         filter::area_ratio;
         filter::adjust;
-        filter::adjust_axes, as filter::adjust_axes;
+        filter::adjust_axes_turned, as filter::adjust_axes_turned;
         bounds::ellipse;
         bounds::unfiltered;
         bounds::footprint;

@@ -6,10 +6,12 @@ struct Filtered {
     weight_scale: f32,
     // Area ratio of §5's coverage where the weight doesn't carry it, else 1.
     coverage_scale: f32,
+    // Brings the footprint's (u, v) back to the splat's own: only clips ask (§7).
+    turn: Turn,
 }
 
 fn filtered_plain(footprint: Footprint) -> Filtered {
-    return Filtered(footprint, 1.0, 1.0);
+    return Filtered(footprint, 1.0, 1.0, turn_none());
 }
 
 // Ours (§4): the projected ellipse's axes are lengthened to at least h pixels, weight × ∏ min(1, ℓ/h). An axis of at least
@@ -31,7 +33,7 @@ fn principal(projected: Projected, h_px: f32, projective: bool) -> Filtered {
         gradient = -(major * along + minor * across);
     }
     let footprint = Footprint(linear_new(0.0, u), linear_new(0.0, v), linear_new(1.0, gradient));
-    return Filtered(footprint, (svd.major / long) * (svd.minor / short), 1.0);
+    return Filtered(footprint, (svd.major / long) * (svd.minor / short), 1.0, principal_turn(projected, svd));
 }
 
 // Zwicker et al. 2001 eq. 6–9: ρ² = dᵀ(JJᵀ + h²I)⁻¹d, evaluated along the ellipse's axes; weight ∏ ℓ/√(ℓ² + h²).
@@ -43,7 +45,16 @@ fn ewa(projected: Projected, h_px: f32) -> Filtered {
     let v = svd2_minor_axis(svd) * (1.0 / short);
     let flat_form = linear_new(1.0, vec2f(0.0, 0.0));
     let footprint = Footprint(linear_new(0.0, u), linear_new(0.0, v), flat_form);
-    return Filtered(footprint, (svd.major / long) * (svd.minor / short), 1.0);
+    return Filtered(footprint, (svd.major / long) * (svd.minor / short), 1.0, principal_turn(projected, svd));
+}
+
+// V of J = U·diag(ℓ)·Vᵀ: from the coordinates along the ellipse's axes on the screen to the splat's (u, v). The second
+// column is the quarter turn that has det J's sign: nothing is divided by the smaller value.
+fn principal_turn(projected: Projected, svd: Svd2) -> Turn {
+    let along = vec2f(v2_dot(projected.j_s, svd.major_axis), v2_dot(projected.j_t, svd.major_axis));
+    let length = v2_length(along);
+    let first = along * (1.0 / select(1.0, length, 0.0 < length));
+    return Turn(first, vec2f(-first.y, first.x) * select(1.0, -1.0, projected.det_j < 0.0));
 }
 
 // ∏ ℓ/max(ℓ, h): the area ratio that `clamp` and `adjust` leave to the coverage (§5).
@@ -78,13 +89,15 @@ fn adjust(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     let t = adjust_lengthen(projected.j_t, projected.j_s, projected.slope.y, h_px);
     let determinant = select(projected.det_j, v2_cross(s.j, t.j), s.short || t.short);
     let slope = select(vec2f(0.0, 0.0), vec2f(s.slope, t.slope), projective);
-    return Filtered(footprint_about_center(s.j, t.j, determinant, slope), 1.0, area_ratio(projected, h_px));
+    let footprint = footprint_about_center(s.j, t.j, determinant, slope);
+    return Filtered(footprint, 1.0, area_ratio(projected, h_px), turn_none());
 }
 
 // The half-axes that adjust works on (§4): an ellipse's principal ones; for a disk (axes equal within 1e-3) those of
 // Guennebaud et al. 2006 eq. 10, s along p × n, t along n × s, with p the view direction in an orthographic projection.
-// The twin turns by an arctangent; here half the angle comes from the larger of |cos| and |sin| of the whole.
-fn adjust_axes(splat: ViewSplat, perspective: bool) -> Pair {
+// With how their (u, v) turn back to the given ones. The twin turns by an arctangent; here half the angle comes from the
+// larger of |cos| and |sin| of the whole.
+fn adjust_axes_turned(splat: ViewSplat, perspective: bool) -> TurnedPair {
     let scale = radius_max(splat.s, splat.t);
     let s = splat.s * (1.0 / scale);
     let t = splat.t * (1.0 / scale);
@@ -100,16 +113,27 @@ fn adjust_axes(splat: ViewSplat, perspective: bool) -> Pair {
     );
     let pair = turned(splat.s, splat.t, half);
     if scale - v3_length(pair.t) > 1e-3 * scale {
-        return pair;
+        return TurnedPair(pair, turn_of(half));
     }
     let p = select(vec3f(0.0, 0.0, 1.0), unit(splat.p), perspective);
     let along = v3_cross(p, splat.n);
     let on_axes = vec2f(v3_dot(along, pair.s), v3_dot(along, pair.t)) * (1.0 / scale);
     // f32 knows no direction of a smaller p × n, and a disk seen face-on needs none.
     if v3_length(along) <= 1e-7 {
-        return pair;
+        return TurnedPair(pair, turn_of(half));
     }
-    return turned(pair.s, pair.t, turn_by(on_axes));
+    let to_view = turn_by(on_axes);
+    return TurnedPair(turned(pair.s, pair.t, to_view), turn_after(turn_of(half), turn_of(to_view)));
+}
+
+struct TurnedPair {
+    axes: Pair,
+    turn: Turn,
+}
+
+// By the angle of these cosine and sine.
+fn turn_of(half: vec2f) -> Turn {
+    return Turn(half, vec2f(-half.y, half.x));
 }
 
 // Unit vector along v; (1, 0) for zero.

@@ -18,7 +18,12 @@ pub(crate) struct SetLayout {
 
 impl SetLayout {
     /// Of a group of these entry points.
-    pub(crate) fn new(device: &Arc<Device>, name: &str, entries: &[&str], group: u32) -> Result<Self, Failure> {
+    pub(crate) fn new(
+        device: &Arc<Device>,
+        name: &str,
+        entries: &[impl AsRef<str>],
+        group: u32,
+    ) -> Result<Self, Failure> {
         let slots = slots(entries, group);
         let raw: Vec<vk::DescriptorSetLayoutBinding<'_>> = slots
             .iter()
@@ -77,7 +82,7 @@ impl Sets {
         let size = |ty, count: u32| vk::DescriptorPoolSize { ty, descriptor_count: count.saturating_mul(sets).max(1) };
         let sizes = [
             size(vk::DescriptorType::UNIFORM_BUFFER, 1),
-            size(vk::DescriptorType::STORAGE_BUFFER, 5),
+            size(vk::DescriptorType::STORAGE_BUFFER, 6),
             size(vk::DescriptorType::SAMPLED_IMAGE, 9),
         ];
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets.max(1)).pool_sizes(&sizes);

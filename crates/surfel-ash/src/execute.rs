@@ -5,15 +5,15 @@ use crate::descriptors::{Resource, Sets};
 use crate::device::Device;
 use crate::error::Failure;
 use crate::memory::Buffer;
-use crate::pipelines::{DrawPipeline, Pipeline, Pipelines};
+use crate::pipelines::{Pipeline, Pipelines};
 use crate::queries::Queries;
-use crate::scene::ResidentScene;
+use crate::scene::{Records, ResidentScene};
 use crate::targets::Targets;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_gpu::{Draw, FrameScene, Layer, SHADE_READS, Step, Sums, TileData, groups};
+use surfel_gpu::{Draw, FrameScene, Layer, SHADE_READS, Step, Sums, TileData, Variant, groups};
 
 /// Everything that the steps of a tile read. Dropped after they were executed.
 pub(crate) struct Tile<'a> {
@@ -28,7 +28,7 @@ pub(crate) struct Tile<'a> {
     /// Size of what is shaded.
     shaded: [u32; 2],
     segments: Vec<Option<SegmentSets>>,
-    near: Option<(vk::DescriptorSet, u32)>,
+    near: Vec<Drawn>,
     /// Splats that were set up and touch the tile, and where the host reads it.
     drawn: Buffer,
     pub drawn_readback: Buffer,
@@ -40,7 +40,15 @@ pub(crate) struct Tile<'a> {
 struct SegmentSets {
     /// For counting and for uncounted setup.
     setup: [vk::DescriptorSet; 2],
+    drawn: Drawn,
+}
+
+/// Records to be drawn.
+#[derive(Clone, Copy)]
+struct Drawn {
+    variant: Variant,
     records: vk::DescriptorSet,
+    count: u32,
 }
 
 impl<'a> Tile<'a> {
@@ -51,9 +59,9 @@ impl<'a> Tile<'a> {
         data: &TileData,
     ) -> Result<Self, Failure> {
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        // Frame, sums and near records; one of each draw; three of each segment.
+        // Frame and sums; one of each draw and each group of near records; three of each segment.
         let draws = &targets.key.draws;
-        let sets = Sets::new(device, (3 + draws.len() + 3 * scene.segments.len()) as u32)?;
+        let sets = Sets::new(device, (2 + draws.len() + data.near.len() + 3 * scene.segments.len()) as u32)?;
         let mut buffers = Vec::new();
         let frame_buffers = [
             Buffer::filled(device, "frame", &data.frame, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
@@ -66,6 +74,11 @@ impl<'a> Tile<'a> {
         let (drawn, again) = (counter("drawn")?, counter("drawn again")?);
         let to_host = vk::BufferUsageFlags::TRANSFER_DST;
         let drawn_readback = Buffer::new(device, "drawn to read", 4, to_host, MemoryLocation::GpuToCpu)?;
+        let records_set = |records: &Records, variant: Variant, count| -> Result<Drawn, Failure> {
+            let clips = records.clips.iter().filter(|_| variant == Variant::Clipped);
+            let all: Vec<Resource<'_>> = [&records.records].into_iter().chain(clips).map(Resource::Buffer).collect();
+            Ok(Drawn { variant, records: sets.set(&pipelines.splats(variant)?.records_set, "records", &all)?, count })
+        };
         let mut segments = Vec::with_capacity(scene.segments.len());
         for (segment, data) in scene.segments.iter().zip(&data.segments) {
             if data.is_outside {
@@ -75,22 +88,28 @@ impl<'a> Tile<'a> {
             let chunks = Buffer::filled(device, "chunks", &data.chunks, storage)?;
             let near_bits = Buffer::filled(device, "near bits", &data.near_bits, storage)?;
             let setup = |counter| {
-                let all = [&segment.uniform, &segment.splats, &chunks, &near_bits, &segment.records, counter];
-                sets.set(&pipelines.setup_set, "segment", &all.map(Resource::Buffer))
+                let records = &*segment.records;
+                let all = [&segment.uniform, &segment.splats, &chunks, &near_bits, &records.records, counter];
+                let clips = records.clips.iter().filter(|_| data.variant == Variant::Clipped);
+                let all: Vec<Resource<'_>> = all.into_iter().chain(clips).map(Resource::Buffer).collect();
+                sets.set(&pipelines.splats(data.variant)?.setup_set, "segment", &all)
             };
             let setup = [setup(&drawn)?, setup(&again)?];
-            let records = sets.set(&pipelines.records_set, "records", &[Resource::Buffer(&segment.records)])?;
-            segments.push(Some(SegmentSets { setup, records }));
+            let drawn = records_set(&segment.records, data.variant, segment.count)?;
+            segments.push(Some(SegmentSets { setup, drawn }));
             buffers.extend([chunks, near_bits]);
         }
-        let near = if data.near_count() > 0 {
-            let records = Buffer::filled(device, "near records", &data.near_records, storage)?;
-            let set = sets.set(&pipelines.records_set, "near records", &[Resource::Buffer(&records)])?;
-            buffers.push(records);
-            Some((set, data.near_count()))
-        } else {
-            None
-        };
+        let mut near = Vec::with_capacity(data.near.len());
+        for of_variant in &data.near {
+            let clips = match of_variant.variant {
+                Variant::Whole => None,
+                Variant::Clipped => Some(Buffer::filled(device, "clips of near records", &of_variant.clips, storage)?),
+            };
+            let records = Buffer::filled(device, "near records", &of_variant.records, storage)?;
+            let records = Records { records, clips };
+            near.push(records_set(&records, of_variant.variant, of_variant.count())?);
+            buffers.extend([Some(records.records), records.clips].into_iter().flatten());
+        }
         buffers.push(again);
         let bound = |reads| -> Vec<(u32, Resource<'_>)> {
             targets.images(reads).into_iter().map(|(binding, image)| (binding, Resource::Image(image))).collect()
@@ -98,7 +117,7 @@ impl<'a> Tile<'a> {
         let only = |bound: &[(u32, Resource<'a>)]| -> Vec<Resource<'a>> { bound.iter().map(|entry| entry.1).collect() };
         let mut reads = HashMap::new();
         for &draw in draws.iter().filter(|draw| !draw.reads().is_empty()) {
-            let layout = &pipelines.draw(draw, targets.key.precision)?.reads_set;
+            let layout = &pipelines.draw(draw, Variant::Whole, targets.key.precision)?.reads_set;
             reads.insert(draw, sets.set(layout, draw.name(), &only(&bound(draw.reads())))?);
         }
         let mut shade = bound(&SHADE_READS);
@@ -142,12 +161,12 @@ impl<'a> Tile<'a> {
     fn step(&self, commands: &Commands<'_>, step: &Step) -> Result<(), Failure> {
         match step {
             Step::Setup { segments, first } => {
-                let pipeline = &self.pipelines.setup;
-                bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                 for &i in segments {
                     let (Some(segment), Some(Some(sets))) = (self.scene.segments.get(i), self.segments.get(i)) else {
                         continue;
                     };
+                    let pipeline = &self.pipelines.splats(sets.drawn.variant)?.setup;
+                    bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                     let [counted, uncounted] = sets.setup;
                     let sets = [self.frame, if *first { counted } else { uncounted }];
                     bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &sets);
@@ -169,7 +188,15 @@ impl<'a> Tile<'a> {
 
     fn draw(&self, commands: &Commands<'_>, draw: Draw, segments: &[usize], first: bool) -> Result<(), Failure> {
         let vulkan = &commands.device.raw;
-        let DrawPipeline { pipeline, pass, .. } = self.pipelines.draw(draw, self.targets.key.precision)?;
+        let pass = &self.pipelines.draw(draw, Variant::Whole, self.targets.key.precision)?.pass;
+        // Looked up before the render pass begins, which must end whatever happens.
+        let segments = segments.iter().filter_map(|&i| Some(self.segments.get(i)?.as_ref()?.drawn));
+        // The near splats have no segment: they go with the first.
+        let records: Vec<Drawn> = segments.chain(self.near.iter().copied().filter(|_| first)).collect();
+        let mut variants = HashMap::new();
+        for variant in records.iter().map(|drawn| drawn.variant).chain([Variant::Whole]) {
+            variants.insert(variant, &self.pipelines.draw(draw, variant, self.targets.key.precision)?.pipeline);
+        }
         let [width, height] = self.targets.key.size;
         let area = vk::Rect2D { offset: vk::Offset2D::default(), extent: vk::Extent2D { width, height } };
         let clear_values = pass.clear_values();
@@ -180,7 +207,6 @@ impl<'a> Tile<'a> {
             .clear_values(&clear_values);
         // SAFETY: pass and framebuffer are compatible, the images are in the pass's initial layouts; it is ended below.
         unsafe { vulkan.cmd_begin_render_pass(commands.raw, &info, vk::SubpassContents::INLINE) };
-        bind_pipeline(commands, pipeline, vk::PipelineBindPoint::GRAPHICS);
         // Clip space has y up, as in WebGPU: the viewport turns it over.
         let (width, height) = (width as f32, height as f32);
         let viewport = vk::Viewport { x: 0.0, y: height, width, height: -height, min_depth: 0.0, max_depth: 1.0 };
@@ -189,23 +215,23 @@ impl<'a> Tile<'a> {
         // SAFETY: inside of the framebuffer; the pipeline's scissor is dynamic.
         unsafe { vulkan.cmd_set_scissor(commands.raw, 0, &[area]) };
         let reads = self.reads.get(&draw).copied();
-        let strip = |records: Option<vk::DescriptorSet>, vertices: u32, count: u32| {
+        let strip = |pipeline: &Pipeline, records: Option<vk::DescriptorSet>, vertices: u32, count: u32| {
             let sets: Vec<vk::DescriptorSet> = [Some(self.frame), records, reads].into_iter().flatten().collect();
+            bind_pipeline(commands, pipeline, vk::PipelineBindPoint::GRAPHICS);
             bind_sets(commands, pipeline, vk::PipelineBindPoint::GRAPHICS, &sets);
             // SAFETY: pipeline, sets, viewport and scissor are set; there are `count` records where records are drawn.
             unsafe { vulkan.cmd_draw(commands.raw, vertices, count, 0, 0) };
         };
         let quads = || {
-            let drawn = segments.iter().filter_map(|&i| Some((self.scene.segments.get(i)?, self.segments.get(i)?)));
-            let drawn = drawn.filter_map(|(segment, sets)| Some((sets.as_ref()?.records, segment.count)));
-            // The near splats have no segment: they go with the first.
-            for (records, count) in drawn.chain(self.near.filter(|_| first)) {
-                strip(Some(records), 4, count);
+            for drawn in &records {
+                if let Some(pipeline) = variants.get(&drawn.variant) {
+                    strip(pipeline, Some(drawn.records), 4, drawn.count);
+                }
             }
         };
-        match draw {
-            Draw::Sums(Layer::Front, Sums::Color | Sums::Surface) => self.queries.counted(commands, quads),
-            Draw::Edges => strip(None, 3, 1),
+        match (draw, variants.get(&Variant::Whole)) {
+            (Draw::Sums(Layer::Front, Sums::Color | Sums::Surface), _) => self.queries.counted(commands, quads),
+            (Draw::Edges, Some(pipeline)) => strip(pipeline, None, 3, 1),
             _ => quads(),
         }
         // SAFETY: begun above.

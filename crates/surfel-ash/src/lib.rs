@@ -47,4 +47,4 @@ const NAME: &str = "ash";
 
 /// What the backend draws, on any adapter.
 pub const CAPABILITIES: Capabilities =
-    Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing] };
+    Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing, Feature::Clips] };

@@ -10,7 +10,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::ffi::CString;
 use std::sync::Arc;
-use surfel_gpu::Draw;
+use surfel_gpu::{Draw, Variant};
 use surfel_shaders::{ENTRIES, SPIRV, Stage};
 
 /// Everything about shaders that is built once for a device.
@@ -19,18 +19,23 @@ pub(crate) struct Pipelines {
     module: Owned<vk::ShaderModule>,
     cache: Owned<vk::PipelineCache>,
     pub frame_set: SetLayout,
-    pub setup_set: SetLayout,
-    pub records_set: SetLayout,
     pub shade_set: SetLayout,
-    pub setup: Pipeline,
     pub shade: Pipeline,
-    draws: HashMap<(Draw, Precision), DrawPipeline>,
+    splats: HashMap<Variant, SplatPipeline>,
+    draws: HashMap<(Draw, Variant, Precision), DrawPipeline>,
 }
 
 /// A pipeline and its layout.
 pub(crate) struct Pipeline {
     pub raw: Owned<vk::Pipeline>,
     pub layout: Owned<vk::PipelineLayout>,
+}
+
+/// How records of a variant are set up, and what they are read by.
+pub(crate) struct SplatPipeline {
+    pub setup: Pipeline,
+    pub setup_set: SetLayout,
+    pub records_set: SetLayout,
 }
 
 /// How something is drawn.
@@ -52,47 +57,59 @@ impl Pipelines {
         let cache = Owned::new(device, cache, "pipelines", destroy!(destroy_pipeline_cache));
         let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
         let frame_set = SetLayout::new(device, "frame", &all, 0)?;
-        let setup_set = SetLayout::new(device, "segment", &["setup"], 1)?;
-        let records_set = SetLayout::new(device, "records", &["visibility_vertex", "attribute_vertex"], 1)?;
         let shade_set = SetLayout::new(device, "sums", &["shade"], 1)?;
-        let compute = |entry, set: &SetLayout| -> Result<Pipeline, Failure> {
-            let layout = pipeline_layout(device, entry, &[&frame_set, set])?;
-            let raw = compute_pipeline(device, module.raw, cache.raw, layout.raw, entry)?;
-            Ok(Pipeline { raw, layout })
-        };
-        let setup = compute("setup", &setup_set)?;
-        let shade = compute("shade", &shade_set)?;
+        let layout = pipeline_layout(device, "shade", &[&frame_set, &shade_set])?;
+        let raw = compute_pipeline(device, module.raw, cache.raw, layout.raw, "shade")?;
+        let shade = Pipeline { raw, layout };
         Ok(Self {
             device: device.clone(),
             module,
             cache,
             frame_set,
-            setup_set,
-            records_set,
             shade_set,
-            setup,
             shade,
+            splats: HashMap::new(),
             draws: HashMap::new(),
         })
     }
 
-    /// Builds the pipeline of a draw, if it hasn't been.
-    pub(crate) fn prepare(&mut self, draw: Draw, precision: Precision) -> Result<(), Failure> {
-        let Entry::Vacant(place) = self.draws.entry((draw, precision)) else { return Ok(()) };
-        let [_, fragment] = draw.entries();
+    /// Builds what sets up splats of a variant, if it hasn't been.
+    pub(crate) fn prepare_splats(&mut self, variant: Variant) -> Result<(), Failure> {
+        let Entry::Vacant(place) = self.splats.entry(variant) else { return Ok(()) };
+        let entry = variant.setup();
+        let setup_set = SetLayout::new(&self.device, "segment", &[&entry], 1)?;
+        let records_set = SetLayout::new(&self.device, "records", &variant.readers(), 1)?;
+        let layout = pipeline_layout(&self.device, &entry, &[&self.frame_set, &setup_set])?;
+        let raw = compute_pipeline(&self.device, self.module.raw, self.cache.raw, layout.raw, &entry)?;
+        place.insert(SplatPipeline { setup: Pipeline { raw, layout }, setup_set, records_set });
+        Ok(())
+    }
+
+    pub(crate) fn splats(&self, variant: Variant) -> Result<&SplatPipeline, Failure> {
+        self.splats.get(&variant).ok_or_else(|| Failure::other("splats were drawn that were not prepared"))
+    }
+
+    /// Builds the pipeline of a draw, if it hasn't been; the variant's splats have been prepared.
+    pub(crate) fn prepare(&mut self, draw: Draw, variant: Variant, precision: Precision) -> Result<(), Failure> {
+        let unprepared = || Failure::other("splats were drawn that were not prepared");
+        let splats = self.splats.get(&variant).ok_or_else(unprepared)?;
+        let Entry::Vacant(place) = self.draws.entry((draw, variant, precision)) else { return Ok(()) };
+        let entries = draw.entries(variant);
+        let [_, fragment] = &entries;
         let reads_set = SetLayout::new(&self.device, fragment, &[fragment], draw.reads_group())?;
         let mut sets = vec![&self.frame_set];
-        sets.extend(draw.is_of_records().then_some(&self.records_set));
+        sets.extend(draw.is_of_records().then_some(&splats.records_set));
         sets.extend((!draw.reads().is_empty()).then_some(&reads_set));
         let layout = pipeline_layout(&self.device, fragment, &sets)?;
         let pass = Pass::new(&self.device, draw, precision)?;
-        let raw = draw_pipeline(&self.device, (self.module.raw, self.cache.raw), layout.raw, pass.raw(true), draw)?;
+        let modules = (self.module.raw, self.cache.raw);
+        let raw = draw_pipeline(&self.device, modules, layout.raw, pass.raw(true), (draw, &entries))?;
         place.insert(DrawPipeline { pipeline: Pipeline { raw, layout }, pass, reads_set });
         Ok(())
     }
 
-    pub(crate) fn draw(&self, draw: Draw, precision: Precision) -> Result<&DrawPipeline, Failure> {
-        let found = self.draws.get(&(draw, precision));
+    pub(crate) fn draw(&self, draw: Draw, variant: Variant, precision: Precision) -> Result<&DrawPipeline, Failure> {
+        let found = self.draws.get(&(draw, variant, precision));
         found.ok_or_else(|| Failure::other("a pass was recorded that was not prepared"))
     }
 }
@@ -146,9 +163,8 @@ fn draw_pipeline(
     (module, cache): (vk::ShaderModule, vk::PipelineCache),
     layout: vk::PipelineLayout,
     pass: vk::RenderPass,
-    draw: Draw,
+    (draw, [vertex, fragment]): (Draw, &[String; 2]),
 ) -> Result<Owned<vk::Pipeline>, Failure> {
-    let [vertex, fragment] = draw.entries();
     let (vertex, fragment_name) = (entry_name(vertex)?, entry_name(fragment)?);
     let shader =
         |which, name| vk::PipelineShaderStageCreateInfo::default().stage(stage(which)).module(module).name(name);

@@ -14,7 +14,7 @@ use crate::{CAPABILITIES, NAME};
 use ash::vk;
 use std::sync::Arc;
 use std::time::Instant;
-use surfel_gpu::{Draw, FrameScene, Limits, TileData, schedule, tiles};
+use surfel_gpu::{Draw, FrameScene, Limits, TileData, Variant, schedule, tiles};
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
 
@@ -157,8 +157,11 @@ impl Renderer {
         let f32_sums = self.device.facts.blends_f32 && plan.accumulate == Accumulate::F32;
         let precision = if f32_sums { Precision::F32 } else { Precision::F16 };
         let draws = Draw::of(plan);
-        for &draw in &draws {
-            self.pipelines.prepare(draw, precision)?;
+        for variant in data.variants() {
+            self.pipelines.prepare_splats(variant)?;
+            for &draw in draws.iter().filter(|draw| draw.is_of_records() || variant == Variant::Whole) {
+                self.pipelines.prepare(draw, variant, precision)?;
+            }
         }
         let size = [data.targets.width, data.targets.height];
         let key = TargetKey { size, precision, draws, floats: data.planes.floats };

@@ -7,7 +7,7 @@ use crate::memory::Buffer;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
-use surfel_gpu::{Limits, Upload, UploadedScene};
+use surfel_gpu::{Limits, RecordBytes, Upload, UploadedScene};
 use surfel_model::Scene;
 use surfel_render::RenderError;
 
@@ -23,8 +23,15 @@ pub struct ResidentScene {
 pub(crate) struct ResidentSegment {
     pub uniform: Buffer,
     pub splats: Buffer,
-    pub records: Arc<Buffer>,
+    pub records: Arc<Records>,
     pub count: u32,
+}
+
+/// Records of splats.
+pub(crate) struct Records {
+    pub records: Buffer,
+    /// What clips them; `None` where nothing does.
+    pub clips: Option<Buffer>,
 }
 
 impl ResidentScene {
@@ -58,14 +65,18 @@ fn segments(
     device: &Arc<Device>,
     cpu: &UploadedScene,
     splats: Vec<Buffer>,
-    record_bytes: &[u64],
+    record_bytes: &[RecordBytes],
     shared_records: bool,
 ) -> Result<Vec<ResidentSegment>, Failure> {
-    let records = |bytes: u64| -> Result<Arc<Buffer>, Failure> {
-        let usage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        Ok(Arc::new(Buffer::new(device, "records", bytes, usage, MemoryLocation::GpuOnly)?))
+    let buffer = |name, bytes: u64| {
+        Buffer::new(device, name, bytes, vk::BufferUsageFlags::STORAGE_BUFFER, MemoryLocation::GpuOnly)
     };
-    let largest = record_bytes.iter().copied().max().unwrap_or(0);
+    let records = |bytes: RecordBytes| -> Result<Arc<Records>, Failure> {
+        let clips = if bytes.clips > 0 { Some(buffer("clips", bytes.clips)?) } else { None };
+        Ok(Arc::new(Records { records: buffer("records", bytes.records)?, clips }))
+    };
+    let largest = |of: fn(&RecordBytes) -> u64| record_bytes.iter().map(of).max().unwrap_or(0);
+    let largest = RecordBytes { records: largest(|b| b.records), clips: largest(|b| b.clips) };
     let shared = if shared_records { Some(records(largest)?) } else { None };
     let mut segments = Vec::with_capacity(splats.len());
     for ((segment, splats), &bytes) in cpu.segments.iter().zip(splats).zip(record_bytes) {

@@ -11,7 +11,7 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_gpu::{Draw, Target};
+use surfel_gpu::{Draw, Target, Variant};
 
 /// What a tile's targets have to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,7 +47,7 @@ impl Targets {
         let mut framebuffers = HashMap::new();
         for &draw in &key.draws {
             let drawn: Vec<&Image> = attachments(draw).filter_map(|target| images.get(&target)).collect();
-            let pass = &pipelines.draw(draw, key.precision)?.pass;
+            let pass = &pipelines.draw(draw, Variant::Whole, key.precision)?.pass;
             framebuffers.insert(draw, framebuffer(device, pass, &drawn, key.size)?);
         }
         let bytes = 4 * u64::from(key.floats);

@@ -14,9 +14,9 @@ pub struct Slot {
 }
 
 /// The bindings of a group that any of these entry points uses, by number.
-pub fn slots(entries: &[&str], group: u32) -> Vec<Slot> {
+pub fn slots(entries: &[impl AsRef<str>], group: u32) -> Vec<Slot> {
     let mut slots: Vec<Slot> = Vec::new();
-    for entry in ENTRIES.iter().filter(|entry| entries.contains(&entry.name)) {
+    for entry in ENTRIES.iter().filter(|entry| entries.iter().any(|e| e.as_ref() == entry.name)) {
         for used in entry.bindings.iter().filter(|used| used.group == group) {
             let at = slots.iter().position(|slot| slot.binding == used.binding);
             match at.and_then(|at| slots.get_mut(at)) {

@@ -9,6 +9,7 @@
 
 mod bindings;
 mod chunk;
+mod clip;
 mod culling;
 mod near;
 mod placement;
@@ -22,9 +23,10 @@ mod words;
 
 pub use bindings::{Slot, groups, slots};
 pub use chunk::Chunk;
+pub use clip::Variant;
 pub use planes::PlaneLayout;
 pub use schedule::{Step, schedule};
-pub use segment::{Limits, Segment, Upload, UploadedScene};
+pub use segment::{Limits, RecordBytes, Segment, Upload, UploadedScene};
 pub use targets::{Draw, Layer, SHADE_READS, Sums, Target, TargetFormat};
-pub use tile::{SegmentData, TileData, tiles};
+pub use tile::{NearRecords, SegmentData, TileData, tiles};
 pub use uniforms::FrameScene;

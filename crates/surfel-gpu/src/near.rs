@@ -1,6 +1,7 @@
 //! Splats that reach the near plane or span much of their distance: exact and unfiltered (§3, last paragraph), set up in
 //! f64 and handed to the GPU as records.
 
+use crate::clip::{Variant, clip_words};
 use crate::placement::Placement;
 use crate::segment::UploadedObject;
 use crate::uniforms::coverage;
@@ -8,8 +9,9 @@ use crate::words::Words;
 use glam::{DVec2, DVec3};
 use surfel_math::basis::unit;
 use surfel_math::bounds::{self, Extent};
+use surfel_math::clip::{Clip, Turn};
 use surfel_math::depth::tolerance;
-use surfel_math::mapping::{Footprint, through_near};
+use surfel_math::mapping::{Footprint, Linear, through_near};
 use surfel_math::project::{EDGE_ON, Placement as Standing, Projected, ViewSplat, radius_max};
 use surfel_math::{V2, V3};
 use surfel_model::Cull;
@@ -19,11 +21,13 @@ use surfel_shaders::layout;
 /// Slack of pixel boxes, as in the shaders.
 const BOX_SLACK_PX: f64 = layout::BOX_SLACK_PX as f64;
 
-/// Records of near splats.
+/// Records of near splats of a segment.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct NearSplats {
     /// Words of the shaders' `Record`s.
     pub records: Vec<u32>,
+    /// Words of their `RecordClip`s, where they are clipped.
+    pub clips: Vec<u32>,
 }
 
 /// The picture that near splats are set up for.
@@ -54,6 +58,7 @@ impl NearJob<'_> {
         index: u32,
         placement: &Placement,
         members: &[u32],
+        variant: Variant,
         out: &mut NearSplats,
     ) -> Option<[u32; layout::CHUNK_SPLATS as usize / 32]> {
         let mut bits = [0u32; layout::CHUNK_SPLATS as usize / 32];
@@ -77,14 +82,21 @@ impl NearJob<'_> {
             let n = self.view.view_from_world * unit(placement.normals * object.cloud.normal(i));
             let splat = ViewSplat { p: V3::from(p), s: V3::from(s), t: V3::from(t), n: V3::from(n) };
             let shading = unit(placement.normals * object.cloud.shading_normal(i));
-            if let Some(words) = self.record(&splat, shading, object, index, object.cloud.color(i)) {
-                out.records.extend(words);
+            let clip = object.cloud.data().clips.as_ref().filter(|_| variant == Variant::Clipped);
+            let clip = clip.map(|clips| clips.clip(i, self.plan.clip).unwrap_or_else(Clip::nothing));
+            if let Some((record, seen)) = self.record(&splat, shading, object, index, object.cloud.color(i)) {
+                out.records.extend(record);
+                if let Some(clip) = clip {
+                    // Both footprints are the same.
+                    let words = clip_words(&clip.through(&seen, &Turn::none(1.0)));
+                    out.clips.extend(words.repeat(2));
+                }
             }
         }
         any.then_some(bits)
     }
 
-    /// The record of a near splat; `None` if it takes part in no pass.
+    /// The record of a near splat, and its footprint about the record's anchor; `None` if it takes part in no pass.
     fn record(
         &self,
         splat: &ViewSplat<f64>,
@@ -92,7 +104,7 @@ impl NearJob<'_> {
         object: &UploadedObject,
         index: u32,
         color: [f32; 3],
-    ) -> Option<Vec<u32>> {
+    ) -> Option<(Vec<u32>, Footprint<f64>)> {
         let projection = &self.view.projection;
         let (p, n) = (splat.p, splat.n);
         let facing = if projection.is_perspective() { n.dot(p) } else { n.z };
@@ -110,14 +122,14 @@ impl NearJob<'_> {
         let epsilon = tolerance(splat, radius_max(splat.s, splat.t), 0.0, setting, projection);
         let normal = if back_facing && object.material.two_sided { -shading } else { shading };
         let extent = splat.s.z.hypot(splat.t.z);
-        let mut words = self.forms_words(&forms, p.z, extent, columns, rows, index);
+        let (mut words, seen) = self.forms_words(&forms, p.z, extent, columns, rows, index);
         use layout::record as at;
         words.f64(at::EPSILON, epsilon).f32(at::WEIGHT_SCALE, 1.0).vec3(at::NORMAL, normal);
         words.f64(at::COVERAGE, coverage(object, self.plan));
         for (i, c) in color.into_iter().enumerate() {
             words.f32(at::COLOR + 4 * i, c);
         }
-        Some(words.into_vec())
+        Some((words.into_vec(), seen))
     }
 
     fn forms(&self, splat: &ViewSplat<f64>) -> Option<NearForms> {
@@ -156,7 +168,7 @@ impl NearJob<'_> {
         columns: [u32; 2],
         rows: [u32; 2],
         index: u32,
-    ) -> Words {
+    ) -> (Words, Footprint<f64>) {
         use layout::record as at;
         let middle = |[first, end]: [u32; 2]| first + (end - first) / 2;
         let base = [self.tile.x + middle(columns), self.tile.y + middle(rows)];
@@ -192,7 +204,8 @@ impl NearJob<'_> {
         for offset in [at::VISIBLE_BOX, at::FILTERED_BOX] {
             words.u32(offset, columns[0] | rows[0] << 16).u32(offset + 4, columns[1] | rows[1] << 16);
         }
-        words
+        let linear = |c: f64, g: DVec2| Linear::new(c * k, V2::new(g.x, g.y));
+        (words, Footprint { u: linear(u, gu), v: linear(v, gv), w: linear(w, gw) })
     }
 }
 

@@ -1,8 +1,10 @@
 //! Splats as they lie in GPU buffers.
 
 use crate::chunk::{Chunk, chunk_length};
+use crate::clip::{self, STORED_WORDS, Variant};
 use crate::words::Words;
 use glam::{DAffine3, DVec3};
+use std::collections::VecDeque;
 use std::sync::Arc;
 use surfel_model::{Geometry, Light, Material, Scene, Shape, SplatCloud};
 use surfel_render::{RenderError, SceneSummary};
@@ -47,6 +49,8 @@ impl Limits {
 pub struct Segment {
     /// Index of the object among the scene's objects of splats.
     pub object: u32,
+    /// Whether all of its splats are clipped or none is.
+    pub variant: Variant,
     /// Chunks in order.
     pub chunks: Vec<Chunk>,
     /// Which splat of the cloud each of the segment's is.
@@ -80,19 +84,39 @@ pub struct UploadedScene {
 /// A scene on its way to the GPU, a segment at a time, so that no more than one is ever copied.
 pub struct Upload {
     scene: UploadedScene,
-    segment_splats: usize,
+    limits: Limits,
     object: usize,
-    /// Splats of the current object that are still to be uploaded.
+    /// What is still to be uploaded of the current object.
+    parts: VecDeque<Part>,
+}
+
+/// Splats of an object that are drawn alike.
+struct Part {
+    variant: Variant,
+    /// In the order in which they are uploaded, and how many have been.
     order: Vec<u32>,
     at: usize,
 }
 
+/// Bytes of a segment's records.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RecordBytes {
+    /// Of the records themselves.
+    pub records: u64,
+    /// Of what clips them; 0 where nothing does.
+    pub clips: u64,
+}
+
 impl UploadedScene {
     /// Bytes of each segment's records, and whether all segments share one buffer of them.
-    pub fn records(&self, limits: Limits) -> (Vec<u64>, bool) {
-        let each = self.segments.iter().map(|segment| (segment.members.len() * layout::record::SIZE) as u64);
-        let each: Vec<u64> = each.collect();
-        let shared = each.iter().sum::<u64>() > limits.record_bytes;
+    pub fn records(&self, limits: Limits) -> (Vec<RecordBytes>, bool) {
+        let bytes = |segment: &Segment| {
+            let count = segment.members.len() as u64;
+            let clip = if segment.variant == Variant::Clipped { layout::record_clip::SIZE } else { 0 };
+            RecordBytes { records: count * layout::record::SIZE as u64, clips: count * clip as u64 }
+        };
+        let each: Vec<RecordBytes> = self.segments.iter().map(bytes).collect();
+        let shared = each.iter().map(|b| b.records + b.clips).sum::<u64>() > limits.record_bytes;
         (each, shared)
     }
 }
@@ -104,9 +128,9 @@ impl Upload {
     /// [`RenderError::Model`] if the scene is invalid, [`RenderError::Backend`] if the device's buffers hold no splats.
     pub fn new(scene: &Scene, limits: Limits, backend: &'static str) -> Result<Self, RenderError> {
         scene.validate()?;
-        let largest = layout::record::SIZE as u64;
-        let segment_splats = (limits.buffer_bytes / largest).min(SEGMENT_SPLATS as u64) as usize;
-        if segment_splats < layout::CHUNK_SPLATS as usize {
+        let summary = SceneSummary::of(scene);
+        let widest = if summary.clips { Variant::Clipped } else { Variant::Whole };
+        if segment_splats(limits, widest) < layout::CHUNK_SPLATS as usize {
             let message =
                 format!("the device's storage buffers hold {} bytes, too few to draw from", limits.buffer_bytes);
             return Err(RenderError::Backend { backend, message });
@@ -122,42 +146,49 @@ impl Upload {
         });
         Ok(Self {
             scene: UploadedScene {
-                summary: SceneSummary::of(scene),
+                summary,
                 segments: Vec::new(),
                 objects: objects.collect(),
                 lights: scene.lights.clone(),
                 ambient: scene.ambient,
                 background: [r * a, g * a, b * a, a],
             },
-            segment_splats,
+            limits,
             object: 0,
-            order: Vec::new(),
-            at: 0,
+            parts: VecDeque::new(),
         })
     }
 
     /// Bytes of all segments together.
     pub fn total_bytes(&self) -> u64 {
-        self.scene.objects.iter().map(|o| o.cloud.len() as u64 * Columns::of(&o.cloud).stride as u64 * 4).sum()
+        let of_cloud = |cloud: &SplatCloud| {
+            let clipped = match &cloud.data().clips {
+                Some(_) => (0..cloud.len()).filter(|&i| clip::is_clipped(cloud, i)).count() as u64,
+                None => 0,
+            };
+            cloud.len() as u64 * u64::from(Columns::of(cloud, Variant::Whole).stride)
+                + clipped * u64::from(STORED_WORDS)
+        };
+        self.scene.objects.iter().map(|o| 4 * of_cloud(&o.cloud)).sum()
     }
 
     /// Words of the next segment's splats, or `None` after the last.
     pub fn next_segment(&mut self) -> Option<Vec<u32>> {
-        while self.at == self.order.len() {
-            let object = self.scene.objects.get(self.object)?;
-            self.order = object.cloud.morton_order();
-            self.at = 0;
+        while self.parts.is_empty() {
+            self.parts = parts(&self.scene.objects.get(self.object)?.cloud);
             self.object += 1;
         }
         let index = self.object - 1;
         let cloud = self.scene.objects.get(index)?.cloud.clone();
-        let columns = Columns::of(&cloud);
-        let mut segment =
-            Segment { object: index as u32, chunks: Vec::new(), members: Vec::new(), uniform: Vec::new() };
+        let part = self.parts.front_mut()?;
+        let (variant, most) = (part.variant, segment_splats(self.limits, part.variant));
+        let columns = Columns::of(&cloud, variant);
+        let object = index as u32;
+        let mut segment = Segment { object, variant, chunks: Vec::new(), members: Vec::new(), uniform: Vec::new() };
         let mut words = Vec::new();
-        while let Some(rest) = self.order.get(self.at..).filter(|rest| !rest.is_empty()) {
+        while let Some(rest) = part.order.get(part.at..).filter(|rest| !rest.is_empty()) {
             let (members, _) = rest.split_at(chunk_length(&cloud, rest));
-            if segment.members.len() + members.len() > self.segment_splats {
+            if segment.members.len() + members.len() > most {
                 break;
             }
             let chunk = Chunk::new(&cloud, members, segment.members.len() as u32);
@@ -167,12 +198,12 @@ impl Upload {
             }
             segment.chunks.push(chunk);
             segment.members.extend_from_slice(members);
-            self.at += members.len();
+            part.at += members.len();
         }
         segment.uniform = columns.uniform(index as u32, segment.members.len() as u32);
         self.scene.segments.push(segment);
-        if self.at == self.order.len() {
-            (self.order, self.at) = (Vec::new(), 0);
+        if part.at == part.order.len() {
+            self.parts.pop_front();
         }
         Some(words)
     }
@@ -183,27 +214,51 @@ impl Upload {
     }
 }
 
+/// Most splats of a segment.
+fn segment_splats(limits: Limits, variant: Variant) -> usize {
+    let largest = match variant {
+        Variant::Whole => layout::record::SIZE,
+        Variant::Clipped => layout::record::SIZE.max(layout::record_clip::SIZE),
+    };
+    (limits.buffer_bytes / largest as u64).min(SEGMENT_SPLATS as u64) as usize
+}
+
+/// The splats of a cloud by how they are drawn; no part is empty.
+fn parts(cloud: &SplatCloud) -> VecDeque<Part> {
+    let order = cloud.morton_order();
+    let (clipped, whole): (Vec<u32>, Vec<u32>) = match &cloud.data().clips {
+        Some(_) => order.into_iter().partition(|&i| clip::is_clipped(cloud, i as usize)),
+        None => (Vec::new(), order),
+    };
+    let parts = [(Variant::Whole, whole), (Variant::Clipped, clipped)];
+    let part = |(variant, order)| Part { variant, order, at: 0 };
+    parts.into_iter().map(part).filter(|part| !part.order.is_empty()).collect()
+}
+
 /// Which words a cloud's splats have.
 struct Columns {
     is_disk: bool,
     stride: u32,
     color_at: u32,
     shading_normal_at: u32,
+    clip_at: u32,
 }
 
 impl Columns {
-    fn of(cloud: &SplatCloud) -> Self {
+    fn of(cloud: &SplatCloud, variant: Variant) -> Self {
         let data = cloud.data();
         let is_disk = matches!(data.shape, Shape::Disks { .. });
         // The chunk, the centre, and normal and radius or s and t.
         let mut stride = if is_disk { 8 } else { 10 };
-        let mut column = |there: bool| {
+        let mut column = |there: bool, words: u32| {
             let at = if there { stride } else { layout::ABSENT };
-            stride += if there { 3 } else { 0 };
+            stride += if there { words } else { 0 };
             at
         };
-        let (color_at, shading_normal_at) = (column(data.colors.is_some()), column(data.shading_normals.is_some()));
-        Self { is_disk, stride, color_at, shading_normal_at }
+        let color_at = column(data.colors.is_some(), 3);
+        let shading_normal_at = column(data.shading_normals.is_some(), 3);
+        let clip_at = column(variant == Variant::Clipped, STORED_WORDS);
+        Self { is_disk, stride, color_at, shading_normal_at, clip_at }
     }
 
     fn uniform(&self, object: u32, count: u32) -> Vec<u32> {
@@ -211,7 +266,7 @@ impl Columns {
         let mut words = Words::new(at::SIZE);
         words.u32(at::OBJECT, object).u32(at::COUNT, count).u32(at::STRIDE, self.stride);
         words.u32(at::IS_DISK, u32::from(self.is_disk)).u32(at::COLOR_AT, self.color_at);
-        words.u32(at::SHADING_NORMAL_AT, self.shading_normal_at);
+        words.u32(at::SHADING_NORMAL_AT, self.shading_normal_at).u32(at::CLIP_AT, self.clip_at);
         words.into_vec()
     }
 
@@ -235,6 +290,9 @@ impl Columns {
         }
         if self.shading_normal_at != layout::ABSENT {
             words.extend(bits(cloud.shading_normal(i)));
+        }
+        if self.clip_at != layout::ABSENT {
+            clip::push_stored(cloud, i, words);
         }
     }
 }

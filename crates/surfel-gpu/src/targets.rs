@@ -1,5 +1,6 @@
 //! What passes draw into and read, whatever the API.
 
+use crate::clip::Variant;
 use surfel_render::{FramePlan, Pass};
 
 /// A texture of a tile.
@@ -152,25 +153,26 @@ pub enum Draw {
 
 impl Draw {
     /// Vertex and fragment entry point.
-    pub fn entries(self) -> [&'static str; 2] {
-        let (records, everywhere) = ("visibility_vertex", "everywhere_vertex");
-        match self {
-            Self::Visibility => [records, "visibility_fragment"],
-            Self::Writers => [records, "writer_fragment"],
-            Self::VisibilityBehind => [records, "behind_visibility_fragment"],
-            Self::Edges => [everywhere, "edges_fragment"],
+    pub fn entries(self, variant: Variant) -> [String; 2] {
+        let (vertex, fragment) = match self {
+            Self::Visibility => ("visibility", "front_visibility"),
+            Self::Writers => ("visibility", "front_writer"),
+            Self::VisibilityBehind => ("visibility", "behind_visibility"),
+            Self::Edges => return ["everywhere_vertex", "edges_fragment"].map(str::to_owned),
             Self::Sums(layer, sums) => {
                 let fragment = match (layer, sums) {
-                    (Layer::Front, Sums::Color) => "color_fragment",
-                    (Layer::Front, Sums::Surface) => "surface_fragment",
-                    (Layer::Front, Sums::Further) => "further_fragment",
-                    (Layer::Behind, Sums::Color) => "behind_color_fragment",
-                    (Layer::Behind, Sums::Surface) => "behind_surface_fragment",
-                    (Layer::Behind, Sums::Further) => "behind_further_fragment",
+                    (Layer::Front, Sums::Color) => "front_color",
+                    (Layer::Front, Sums::Surface) => "front_surface",
+                    (Layer::Front, Sums::Further) => "front_further",
+                    (Layer::Behind, Sums::Color) => "behind_color",
+                    (Layer::Behind, Sums::Surface) => "behind_surface",
+                    (Layer::Behind, Sums::Further) => "behind_material",
                 };
-                ["attribute_vertex", fragment]
+                ("attribute", fragment)
             }
-        }
+        };
+        let prefix = variant.prefix();
+        [format!("{prefix}{vertex}_vertex"), format!("{prefix}{fragment}_fragment")]
     }
 
     /// The depth buffer that it tests and writes: the greater wins.

@@ -1,5 +1,6 @@
 //! A frame cut into tiles that fit the device, and what each needs beside the resident scene.
 
+use crate::clip::Variant;
 use crate::culling::{is_outside, may_reach_near};
 use crate::near::{NearJob, NearSplats};
 use crate::planes::{PlaneLayout, floats_per_pixel};
@@ -7,6 +8,7 @@ use crate::segment::{Limits, Segment, UploadedScene};
 use crate::uniforms::{FrameScene, frame_words};
 use crate::words::Words;
 use rayon::prelude::*;
+use surfel_model::ClipPolicy;
 use surfel_render::{FramePlan, Pass, Region, View};
 use surfel_shaders::layout;
 
@@ -51,8 +53,10 @@ pub fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region> {
 }
 
 /// What a segment needs for a tile.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct SegmentData {
+    /// How it is drawn.
+    pub variant: Variant,
     /// The shaders' `chunks`.
     pub chunks: Vec<u32>,
     /// The shaders' `near_bits`, one word at least.
@@ -61,6 +65,24 @@ pub struct SegmentData {
     pub is_outside: bool,
     /// Depth of the farthest chunk that can.
     farthest: f64,
+}
+
+/// Splats that reach the near plane and are drawn alike, one at least.
+#[derive(Clone, Debug)]
+pub struct NearRecords {
+    /// How they are drawn.
+    pub variant: Variant,
+    /// The shaders' `records`.
+    pub records: Vec<u32>,
+    /// The shaders' `record_clips`; empty where nothing clips them.
+    pub clips: Vec<u32>,
+}
+
+impl NearRecords {
+    /// How many.
+    pub fn count(&self) -> u32 {
+        (self.records.len() / (layout::record::SIZE / 4)) as u32
+    }
 }
 
 /// What a tile needs beside the resident scene.
@@ -74,8 +96,8 @@ pub struct TileData {
     pub frame: Vec<u32>,
     /// One for each segment of the scene.
     pub segments: Vec<SegmentData>,
-    /// The shaders' `records` of the splats that reach the near plane.
-    pub near_records: Vec<u32>,
+    /// The splats that reach the near plane.
+    pub near: Vec<NearRecords>,
     /// Where the tile's planes will be.
     pub planes: PlaneLayout,
 }
@@ -88,11 +110,21 @@ impl TileData {
         let job = NearJob { view, plan, tile: targets };
         let parts: Vec<(SegmentData, NearSplats)> =
             scene.segments.par_iter().map(|segment| segment_data(scene, frame, segment, &job)).collect();
-        let mut near_records = Vec::new();
+        let mut near: Vec<NearRecords> = Vec::new();
         let mut segments = Vec::with_capacity(parts.len());
-        for (segment, near) in parts {
-            near_records.extend(near.records);
+        for (segment, own) in parts {
+            let variant = segment.variant;
             segments.push(segment);
+            if own.records.is_empty() {
+                continue;
+            }
+            match near.iter_mut().find(|n| n.variant == variant) {
+                Some(alike) => {
+                    alike.records.extend(own.records);
+                    alike.clips.extend(own.clips);
+                }
+                None => near.push(NearRecords { variant, records: own.records, clips: own.clips }),
+            }
         }
         let mut frame = frame_words(scene, frame, (view, plan), (tile, targets), &planes);
         let farthest = segments.iter().map(|segment| segment.farthest).fold(view.projection.near, f64::max);
@@ -103,7 +135,7 @@ impl TileData {
                 *word = value.to_bits();
             }
         }
-        Self { targets, shaded: [tile.width, tile.height], frame, segments, near_records, planes }
+        Self { targets, shaded: [tile.width, tile.height], frame, segments, near, planes }
     }
 
     /// Has the tile composed into a host's depth buffer, which holds `offset` + `scale`/z in a perspective projection, and
@@ -123,7 +155,14 @@ impl TileData {
 
     /// Number of near records.
     pub fn near_count(&self) -> u32 {
-        (self.near_records.len() / (layout::record::SIZE / 4)) as u32
+        self.near.iter().map(NearRecords::count).sum()
+    }
+
+    /// How its splats are drawn: whole ones always, so that every draw has a pipeline.
+    pub fn variants(&self) -> Vec<Variant> {
+        let seen = self.segments.iter().filter(|s| !s.is_outside).map(|s| s.variant);
+        let clipped = seen.chain(self.near.iter().map(|n| n.variant)).any(|v| v == Variant::Clipped);
+        if clipped { vec![Variant::Whole, Variant::Clipped] } else { vec![Variant::Whole] }
     }
 }
 
@@ -134,7 +173,9 @@ fn segment_data(
     job: &NearJob<'_>,
 ) -> (SegmentData, NearSplats) {
     use layout::chunk as at;
-    let mut data = SegmentData { is_outside: true, ..SegmentData::default() };
+    let variant = if job.plan.clip == ClipPolicy::Off { Variant::Whole } else { segment.variant };
+    let (chunks, near_bits) = (Vec::new(), Vec::new());
+    let mut data = SegmentData { variant, chunks, near_bits, is_outside: true, farthest: 0.0 };
     let mut near = NearSplats::default();
     let index = segment.object as usize;
     let (Some(object), Some(placement)) = (scene.objects.get(index), frame.placements.get(index)) else {
@@ -147,7 +188,7 @@ fn segment_data(
             layout::CHUNK_OUTSIDE
         } else if may_reach_near(chunk, center, placement, job.view) {
             let members = segment.members.get(chunk.first as usize..(chunk.first + chunk.count) as usize);
-            let bits = job.chunk(object, segment.object, placement, members.unwrap_or_default(), &mut near);
+            let bits = job.chunk(object, segment.object, placement, members.unwrap_or_default(), variant, &mut near);
             bits.map_or(layout::CHUNK_ORDINARY, |bits| {
                 let start = data.near_bits.len() as u32;
                 data.near_bits.extend(bits);

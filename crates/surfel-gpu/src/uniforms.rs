@@ -9,7 +9,7 @@ use surfel_math::basis::unit;
 use surfel_math::depth::Tolerance;
 use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_math::projection::ProjectionKind;
-use surfel_model::{Cull, Filter, Light, Material, Shader};
+use surfel_model::{ClipPolicy, Cull, Filter, Light, Material, Shader};
 use surfel_render::{FramePlan, Pass, Region, View};
 use surfel_shaders::layout;
 
@@ -124,6 +124,7 @@ pub(crate) fn frame_words(
     words.u32(at::SHADE_ORIGIN_PX, tile.x - targets.x).u32(at::SHADE_ORIGIN_PX + 4, tile.y - targets.y);
     words.u32(at::SHADE_SIZE_PX, tile.width).u32(at::SHADE_SIZE_PX + 4, tile.height);
     words.u32(at::HAS_EDGES, u32::from(plan.has(Pass::EdgeAntialiasing)));
+    words.u32(at::CLIP_BY_CHORD, u32::from(plan.clip == ClipPolicy::Line));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
     words.vec3(at::AMBIENT, DVec3::from(scene.ambient)).all(at::BACKGROUND, scene.background);
     let material = scene.objects.first().map_or(Material::default(), |o| o.material);

@@ -20,6 +20,14 @@ impl Words {
         self
     }
 
+    /// Sets words from a byte offset on.
+    pub(crate) fn bits(&mut self, offset: usize, values: &[u32]) -> &mut Self {
+        for (i, &value) in values.iter().enumerate() {
+            self.u32(offset + 4 * i, value);
+        }
+        self
+    }
+
     pub(crate) fn f32(&mut self, offset: usize, value: f32) -> &mut Self {
         self.u32(offset, value.to_bits())
     }

@@ -2,10 +2,10 @@
 
 use crate::host::HostTarget;
 use crate::pipelines::{HostKey, Pipelines};
-use crate::scene::{ResidentScene, filled, records_group};
+use crate::scene::{Records, ResidentScene, bind, filled};
 use crate::targets::Targets;
 use crate::timing::Timer;
-use surfel_gpu::{Draw, FrameScene, Step, TileData, groups};
+use surfel_gpu::{Draw, FrameScene, Step, TileData, Variant, groups};
 
 /// Everything that the steps of a tile read.
 pub(crate) struct Tile<'a> {
@@ -13,13 +13,27 @@ pub(crate) struct Tile<'a> {
     pub pipelines: &'a Pipelines,
     pub targets: &'a Targets,
     frame_group: wgpu::BindGroup,
-    /// Of each segment: its chunks and near splats, for counting and for uncounted setup.
-    setup_groups: Vec<Option<[wgpu::BindGroup; 2]>>,
-    near: Option<(wgpu::BindGroup, u32)>,
+    /// Those that touch the tile.
+    segments: Vec<Option<SegmentGroups>>,
+    near: Vec<Drawn>,
     /// Size of what is shaded.
     shaded: [u32; 2],
     /// Splats that were set up and touch the tile.
     pub drawn: wgpu::Buffer,
+}
+
+/// What is bound for a segment.
+struct SegmentGroups {
+    /// Its chunks and near splats, for counting and for uncounted setup.
+    setup: [wgpu::BindGroup; 2],
+    drawn: Drawn,
+}
+
+/// Records to be drawn.
+struct Drawn {
+    variant: Variant,
+    group: wgpu::BindGroup,
+    count: u32,
 }
 
 impl<'a> Tile<'a> {
@@ -39,23 +53,29 @@ impl<'a> Tile<'a> {
         let frame_group = bind(device, "frame", &pipelines.frame_group, &buffers.each_ref());
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));
-        let setup_groups = scene.segments.iter().zip(&data.segments).map(|(segment, data)| {
-            if data.is_outside {
-                return None;
-            }
+        let segments = scene.segments.iter().zip(&data.segments).map(|(segment, data)| {
+            let pipeline = pipelines.splats(data.variant).filter(|_| !data.is_outside)?;
             let chunks = filled(device, queue, "chunks", &data.chunks, storage);
             let near_bits = filled(device, queue, "near bits", &data.near_bits, storage);
-            Some([&drawn, &again].map(|counter| {
-                let buffers = [&segment.uniform, &segment.splats, &chunks, &near_bits, &segment.records, counter];
-                bind(device, "segment", &pipelines.setup_group, &buffers)
-            }))
+            let setup = [&drawn, &again].map(|counter| {
+                let records = &segment.records;
+                let buffers = [&segment.uniform, &segment.splats, &chunks, &near_bits, &records.records, counter];
+                let clips = records.clips.iter().filter(|_| data.variant == Variant::Clipped);
+                bind(device, "segment", &pipeline.setup_group, &buffers.into_iter().chain(clips).collect::<Vec<_>>())
+            });
+            let group = segment.records.group(device, pipeline, data.variant);
+            Some(SegmentGroups { setup, drawn: Drawn { variant: data.variant, group, count: segment.count } })
         });
-        let setup_groups = setup_groups.collect();
-        let near = (data.near_count() > 0).then(|| {
-            let records = filled(device, queue, "near records", &data.near_records, storage);
-            (records_group(device, pipelines, &records), data.near_count())
+        let segments = segments.collect();
+        let near = data.near.iter().filter_map(|near| {
+            let records = filled(device, queue, "near records", &near.records, storage);
+            let clipped = near.variant == Variant::Clipped;
+            let clips = clipped.then(|| filled(device, queue, "clips of near records", &near.clips, storage));
+            let group = Records { records, clips }.group(device, pipelines.splats(near.variant)?, near.variant);
+            Some(Drawn { variant: near.variant, group, count: near.count() })
         });
-        Self { scene, pipelines, targets, frame_group, setup_groups, near, shaded: data.shaded, drawn }
+        let near = near.collect();
+        Self { scene, pipelines, targets, frame_group, segments, near, shaded: data.shaded, drawn }
     }
 
     /// Records a step.
@@ -113,14 +133,15 @@ impl<'a> Tile<'a> {
             label: Some(name),
             timestamp_writes: timer.and_then(|timer| timer.compute(name)),
         });
-        pass.set_pipeline(&self.pipelines.setup);
-        pass.set_bind_group(0, &self.frame_group, &[]);
         for &i in segments {
-            let (Some(segment), Some(Some([counted, uncounted]))) =
-                (self.scene.segments.get(i), self.setup_groups.get(i))
+            let (Some(segment), Some(Some(SegmentGroups { setup: [counted, uncounted], drawn }))) =
+                (self.scene.segments.get(i), self.segments.get(i))
             else {
                 continue;
             };
+            let Some(pipeline) = self.pipelines.splats(drawn.variant) else { continue };
+            pass.set_pipeline(&pipeline.setup);
+            pass.set_bind_group(0, &self.frame_group, &[]);
             pass.set_bind_group(1, if first { counted } else { uncounted }, &[]);
             pass.dispatch_workgroups(groups(segment.count, "setup", 0), 1, 1);
         }
@@ -156,24 +177,28 @@ impl<'a> Tile<'a> {
             timestamp_writes: timer.and_then(|timer| timer.render(draw.name())),
             ..wgpu::RenderPassDescriptor::default()
         });
-        let Some(pipeline) = self.pipelines.draw(draw, self.targets.key.precision) else { return };
-        pass.set_pipeline(&pipeline.raw);
-        pass.set_bind_group(0, &self.frame_group, &[]);
-        if let Some(reads) = self.targets.reads(draw) {
-            pass.set_bind_group(draw.reads_group(), reads, &[]);
-        }
+        let bound = |pass: &mut wgpu::RenderPass<'_>, variant| {
+            let Some(pipeline) = self.pipelines.draw(draw, variant, self.targets.key.precision) else { return };
+            pass.set_pipeline(&pipeline.raw);
+            pass.set_bind_group(0, &self.frame_group, &[]);
+            if let Some(reads) = self.targets.reads(draw) {
+                pass.set_bind_group(draw.reads_group(), reads, &[]);
+            }
+        };
         if !draw.is_of_records() {
+            bound(&mut pass, Variant::Whole);
             pass.draw(0..3, 0..1);
             return;
         }
-        for segment in segments.iter().filter_map(|&i| self.scene.segments.get(i)) {
-            pass.set_bind_group(1, &segment.draw_group, &[]);
-            pass.draw(0..4, 0..segment.count);
-        }
+        let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
+        let mut last = None;
         // The near splats have no segment: they go with the first.
-        if let Some((group, count)) = self.near.as_ref().filter(|_| first) {
-            pass.set_bind_group(1, group, &[]);
-            pass.draw(0..4, 0..*count);
+        for drawn in segments.chain(self.near.iter().filter(|_| first)) {
+            if last.replace(drawn.variant) != Some(drawn.variant) {
+                bound(&mut pass, drawn.variant);
+            }
+            pass.set_bind_group(1, &drawn.group, &[]);
+            pass.draw(0..4, 0..drawn.count);
         }
     }
 }
@@ -181,19 +206,4 @@ impl<'a> Tile<'a> {
 fn operations<V>(clear: bool, value: V) -> wgpu::Operations<V> {
     let load = if clear { wgpu::LoadOp::Clear(value) } else { wgpu::LoadOp::Load };
     wgpu::Operations { load, store: wgpu::StoreOp::Store }
-}
-
-/// A bind group of buffers, numbered from 0.
-fn bind(
-    device: &wgpu::Device,
-    label: &str,
-    layout: &wgpu::BindGroupLayout,
-    buffers: &[&wgpu::Buffer],
-) -> wgpu::BindGroup {
-    let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
-        .iter()
-        .enumerate()
-        .map(|(i, buffer)| wgpu::BindGroupEntry { binding: i as u32, resource: buffer.as_entire_binding() })
-        .collect();
-    device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
 }

@@ -84,7 +84,7 @@ impl Renderer {
         let host = HostKey { color: target.color_format, depth: target.depth_format, compare: target.mapping.compare };
         let device = self.device.clone();
         scoped(&device, || {
-            self.prepare(key);
+            self.prepare(key, &data.variants());
             self.pipelines.prepare_composite(&device, host);
             let Some(targets) = &self.targets else { return };
             let parts = (scene, &self.pipelines, targets);

@@ -42,4 +42,4 @@ const NAME: &str = "wgpu";
 
 /// What the backend draws, on any adapter.
 pub const CAPABILITIES: Capabilities =
-    Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing] };
+    Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing, Feature::Clips] };

@@ -1,7 +1,7 @@
 //! Layouts and pipelines, built once for each format of the sums.
 
 use std::collections::HashMap;
-use surfel_gpu::{Draw, Target, TargetFormat, slots};
+use surfel_gpu::{Draw, Target, TargetFormat, Variant, slots};
 use surfel_shaders::{BindingKind, ENTRIES, PASSES, Stage};
 
 /// Precision of the sums.
@@ -37,14 +37,19 @@ pub(crate) struct HostKey {
 pub(crate) struct Pipelines {
     module: wgpu::ShaderModule,
     pub frame_group: wgpu::BindGroupLayout,
-    pub setup_group: wgpu::BindGroupLayout,
-    pub records_group: wgpu::BindGroupLayout,
+    splats: HashMap<Variant, SplatPipeline>,
     pub shade_group: wgpu::BindGroupLayout,
     pub composite_group: wgpu::BindGroupLayout,
-    pub setup: wgpu::ComputePipeline,
     pub shade: wgpu::ComputePipeline,
-    draws: HashMap<(Draw, Precision), DrawPipeline>,
+    draws: HashMap<(Draw, Variant, Precision), DrawPipeline>,
     composites: HashMap<HostKey, wgpu::RenderPipeline>,
+}
+
+/// How records of a variant are set up, and what they are read by.
+pub(crate) struct SplatPipeline {
+    pub setup: wgpu::ComputePipeline,
+    pub setup_group: wgpu::BindGroupLayout,
+    pub records_group: wgpu::BindGroupLayout,
 }
 
 /// A pipeline that draws, and the layout of what it reads.
@@ -53,7 +58,7 @@ pub(crate) struct DrawPipeline {
     pub reads_group: wgpu::BindGroupLayout,
 }
 
-fn group(device: &wgpu::Device, label: &str, entries: &[&str], number: u32) -> wgpu::BindGroupLayout {
+fn group(device: &wgpu::Device, label: &str, entries: &[impl AsRef<str>], number: u32) -> wgpu::BindGroupLayout {
     let entries: Vec<wgpu::BindGroupLayoutEntry> = slots(entries, number)
         .iter()
         .map(|slot| wgpu::BindGroupLayoutEntry {
@@ -96,43 +101,45 @@ impl Pipelines {
         });
         let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
         let frame_group = group(device, "frame", &all, 0);
-        let setup_group = group(device, "segment", &["setup"], 1);
-        let records_group = group(device, "records", &["visibility_vertex", "attribute_vertex"], 1);
         let shade_group = group(device, "sums", &["shade"], 1);
         let composite_group = group(device, "sums to compose", &["composite_fragment"], 1);
-        let compute = |entry, group: &wgpu::BindGroupLayout| {
-            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(entry),
-                layout: Some(&layout(device, entry, &[&frame_group, group])),
-                module: &module,
-                entry_point: Some(entry),
-                compilation_options: compilation(),
-                cache: None,
-            })
-        };
-        let setup = compute("setup", &setup_group);
-        let shade = compute("shade", &shade_group);
+        let shade = compute(device, &module, "shade", &[&frame_group, &shade_group]);
         Self {
             module,
             frame_group,
-            setup_group,
-            records_group,
             shade_group,
             composite_group,
-            setup,
             shade,
+            splats: HashMap::new(),
             draws: HashMap::new(),
             composites: HashMap::new(),
         }
     }
 
-    /// Builds the pipeline of a draw, if it hasn't been.
-    pub(crate) fn prepare(&mut self, device: &wgpu::Device, draw: Draw, precision: Precision) {
-        self.draws.entry((draw, precision)).or_insert_with(|| {
-            let [_, fragment] = draw.entries();
+    /// Builds what sets up splats of a variant, if it hasn't been.
+    pub(crate) fn prepare_splats(&mut self, device: &wgpu::Device, variant: Variant) -> &SplatPipeline {
+        self.splats.entry(variant).or_insert_with(|| {
+            let entry = variant.setup();
+            let setup_group = group(device, &entry, &[&entry], 1);
+            let records_group = group(device, "records", &variant.readers(), 1);
+            let setup = compute(device, &self.module, &entry, &[&self.frame_group, &setup_group]);
+            SplatPipeline { setup, setup_group, records_group }
+        })
+    }
+
+    pub(crate) fn splats(&self, variant: Variant) -> Option<&SplatPipeline> {
+        self.splats.get(&variant)
+    }
+
+    /// Builds the pipeline of a draw, if it hasn't been; the variant's splats have been prepared.
+    pub(crate) fn prepare(&mut self, device: &wgpu::Device, draw: Draw, variant: Variant, precision: Precision) {
+        let Some(splats) = self.splats.get(&variant) else { return };
+        self.draws.entry((draw, variant, precision)).or_insert_with(|| {
+            let entries = draw.entries(variant);
+            let [vertex, fragment] = entries.each_ref().map(String::as_str);
             let reads_group = group(device, fragment, &[fragment], draw.reads_group());
             let mut groups = vec![&self.frame_group];
-            groups.extend(draw.is_of_records().then_some(&self.records_group));
+            groups.extend(draw.is_of_records().then_some(&splats.records_group));
             groups.extend((!draw.reads().is_empty()).then_some(&reads_group));
             let depth = draw.depth().map(|t| depth_state(precision.format(t), wgpu::CompareFunction::Greater));
             let add = wgpu::BlendComponent {
@@ -150,13 +157,13 @@ impl Pipelines {
                 })
                 .collect();
             let layout = layout(device, fragment, &groups);
-            let raw = drawing(device, &self.module, &layout, draw.entries(), depth, &targets);
+            let raw = drawing(device, &self.module, &layout, [vertex, fragment], depth, &targets);
             DrawPipeline { raw, reads_group }
         });
     }
 
-    pub(crate) fn draw(&self, draw: Draw, precision: Precision) -> Option<&DrawPipeline> {
-        self.draws.get(&(draw, precision))
+    pub(crate) fn draw(&self, draw: Draw, variant: Variant, precision: Precision) -> Option<&DrawPipeline> {
+        self.draws.get(&(draw, variant, precision))
     }
 
     /// Builds the pipeline that composes into a host's picture, if it hasn't been.
@@ -174,6 +181,22 @@ impl Pipelines {
     pub(crate) fn composite(&self, host: HostKey) -> Option<&wgpu::RenderPipeline> {
         self.composites.get(&host)
     }
+}
+
+fn compute(
+    device: &wgpu::Device,
+    module: &wgpu::ShaderModule,
+    entry: &str,
+    groups: &[&wgpu::BindGroupLayout],
+) -> wgpu::ComputePipeline {
+    device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(entry),
+        layout: Some(&layout(device, entry, groups)),
+        module,
+        entry_point: Some(entry),
+        compilation_options: compilation(),
+        cache: None,
+    })
 }
 
 fn layout(device: &wgpu::Device, label: &str, groups: &[&wgpu::BindGroupLayout]) -> wgpu::PipelineLayout {

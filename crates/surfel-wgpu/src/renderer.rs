@@ -9,7 +9,7 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::{TargetKey, Targets};
 use crate::timing::Timer;
 use std::time::Instant;
-use surfel_gpu::{Draw, FrameScene, Limits, TileData, schedule, tiles};
+use surfel_gpu::{Draw, FrameScene, Limits, TileData, Variant, schedule, tiles};
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
 
@@ -108,9 +108,12 @@ impl Renderer {
     }
 
     /// Makes pipelines and targets, where they aren't there from the frame before.
-    pub(crate) fn prepare(&mut self, key: TargetKey) {
-        for &draw in &key.draws {
-            self.pipelines.prepare(&self.device, draw, key.precision);
+    pub(crate) fn prepare(&mut self, key: TargetKey, variants: &[Variant]) {
+        for &variant in variants {
+            self.pipelines.prepare_splats(&self.device, variant);
+            for &draw in key.draws.iter().filter(|draw| draw.is_of_records() || variant == Variant::Whole) {
+                self.pipelines.prepare(&self.device, draw, variant, key.precision);
+            }
         }
         if self.targets.as_ref().is_none_or(|targets| targets.key != key) {
             // The old ones go first: both may not fit.
@@ -133,7 +136,7 @@ impl Renderer {
         let floats = key.floats;
         let device = self.device.clone();
         let readback = scoped(&device, || {
-            self.prepare(key);
+            self.prepare(key, &data.variants());
             let targets = self.targets.as_ref()?;
             let parts = (scene, &self.pipelines, targets);
             let job = Tile::new(&self.device, &self.queue, parts, frame_scene, &data);
@@ -179,7 +182,7 @@ impl surfel_render::Renderer for Renderer {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
-        let resident = scene::upload(&self.device, &self.queue, &self.pipelines, scene, self.limits)?;
+        let resident = scene::upload(&self.device, &self.queue, scene, self.limits)?;
         self.errors.check()?;
         Ok(resident)
     }

@@ -1,8 +1,8 @@
 //! A scene in the device's memory.
 
 use crate::error::{Caught, failed, scoped};
-use crate::pipelines::Pipelines;
-use surfel_gpu::{Limits, Upload, UploadedScene};
+use crate::pipelines::SplatPipeline;
+use surfel_gpu::{Limits, RecordBytes, Upload, UploadedScene, Variant};
 use surfel_model::Scene;
 use surfel_render::RenderError;
 
@@ -18,9 +18,24 @@ pub struct ResidentScene {
 pub(crate) struct ResidentSegment {
     pub uniform: wgpu::Buffer,
     pub splats: wgpu::Buffer,
-    pub records: wgpu::Buffer,
-    pub draw_group: wgpu::BindGroup,
+    pub records: Records,
     pub count: u32,
+}
+
+/// Records of splats.
+#[derive(Clone)]
+pub(crate) struct Records {
+    pub records: wgpu::Buffer,
+    /// What clips them; `None` where nothing does.
+    pub clips: Option<wgpu::Buffer>,
+}
+
+impl Records {
+    /// What draws read of them.
+    pub(crate) fn group(&self, device: &wgpu::Device, pipeline: &SplatPipeline, variant: Variant) -> wgpu::BindGroup {
+        let clips = self.clips.iter().filter(|_| variant == Variant::Clipped);
+        bind(device, "records", &pipeline.records_group, &[&self.records].into_iter().chain(clips).collect::<Vec<_>>())
+    }
 }
 
 impl ResidentScene {
@@ -54,7 +69,6 @@ pub(crate) fn empty(device: &wgpu::Device, label: &str, bytes: u64, usage: wgpu:
 pub(crate) fn upload(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
-    pipelines: &Pipelines,
     scene: &Scene,
     limits: Limits,
 ) -> Result<ResidentScene, RenderError> {
@@ -76,18 +90,19 @@ pub(crate) fn upload(
     let (record_bytes, shared_records) = cpu.records(limits);
     let usage = wgpu::BufferUsages::STORAGE;
     let segments = scoped(device, || {
-        let largest = record_bytes.iter().copied().max().unwrap_or(0);
-        let shared = shared_records.then(|| empty(device, "records", largest, usage));
+        let records = |RecordBytes { records, clips }| Records {
+            records: empty(device, "records", records, usage),
+            clips: (clips > 0).then(|| empty(device, "clips", clips, usage)),
+        };
+        let largest = |of: fn(&RecordBytes) -> u64| record_bytes.iter().map(of).max().unwrap_or(0);
+        let largest = RecordBytes { records: largest(|b| b.records), clips: largest(|b| b.clips) };
+        let shared = shared_records.then(|| records(largest));
         let each = cpu.segments.iter().zip(splats).zip(&record_bytes);
-        each.map(|((segment, splats), &bytes)| {
-            let records = shared.clone().unwrap_or_else(|| empty(device, "records", bytes, usage));
-            ResidentSegment {
-                uniform: filled(device, queue, "segment", &segment.uniform, wgpu::BufferUsages::UNIFORM),
-                splats,
-                draw_group: records_group(device, pipelines, &records),
-                records,
-                count: segment.members.len() as u32,
-            }
+        each.map(|((segment, splats), &bytes)| ResidentSegment {
+            uniform: filled(device, queue, "segment", &segment.uniform, wgpu::BufferUsages::UNIFORM),
+            splats,
+            records: shared.clone().unwrap_or_else(|| records(bytes)),
+            count: segment.members.len() as u32,
         })
         .collect()
     });
@@ -95,12 +110,19 @@ pub(crate) fn upload(
     Ok(ResidentScene { cpu, segments, shared_records, bytes })
 }
 
-pub(crate) fn records_group(device: &wgpu::Device, pipelines: &Pipelines, records: &wgpu::Buffer) -> wgpu::BindGroup {
-    device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: Some("records"),
-        layout: &pipelines.records_group,
-        entries: &[wgpu::BindGroupEntry { binding: 0, resource: records.as_entire_binding() }],
-    })
+/// A bind group of buffers, numbered from 0.
+pub(crate) fn bind(
+    device: &wgpu::Device,
+    label: &str,
+    layout: &wgpu::BindGroupLayout,
+    buffers: &[&wgpu::Buffer],
+) -> wgpu::BindGroup {
+    let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
+        .iter()
+        .enumerate()
+        .map(|(i, buffer)| wgpu::BindGroupEntry { binding: i as u32, resource: buffer.as_entire_binding() })
+        .collect();
+    device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
 }
 
 fn too_large(caught: Caught, needed: u64, done: u64) -> RenderError {

@@ -3,7 +3,7 @@
 use crate::pipelines::{Pipelines, Precision};
 use crate::scene::empty;
 use std::collections::HashMap;
-use surfel_gpu::{Draw, SHADE_READS, Target, slots};
+use surfel_gpu::{Draw, SHADE_READS, Target, Variant, slots};
 
 /// What a tile's targets have to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -64,7 +64,7 @@ impl Targets {
             device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries })
         };
         let reads = key.draws.iter().filter(|draw| !draw.reads().is_empty()).filter_map(|&draw| {
-            let layout = &pipelines.draw(draw, key.precision)?.reads_group;
+            let layout = &pipelines.draw(draw, Variant::Whole, key.precision)?.reads_group;
             Some((draw, group(draw.name(), layout, &textures(draw.reads()))))
         });
         let reads = reads.collect();

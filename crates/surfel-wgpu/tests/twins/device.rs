@@ -1,6 +1,7 @@
 //! Runs kernels on whatever adapter there is.
 
-use crate::kernels::{KERNELS, Kernel};
+use crate::all;
+use crate::kernels::Kernel;
 use std::fmt::Write;
 use surfel_shaders::WGSL;
 
@@ -78,7 +79,7 @@ fn text() -> String {
          @group(0) @binding(1) var<storage, read_write> outputs: array<f32>;\n\
          fn flag(b: bool) -> f32 {{ return select(0.0, 1.0, b); }}\n"
     );
-    for kernel in KERNELS {
+    for kernel in all() {
         let mut body = String::new();
         for i in 0..kernel.inputs {
             writeln!(body, "    let x{i} = inputs[id.x * {}u + {i}u];", kernel.inputs).unwrap();

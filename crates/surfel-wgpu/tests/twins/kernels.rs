@@ -1,6 +1,7 @@
 //! The formulas as functions of plain numbers, in WGSL and over `Real`.
 
 use crate::inputs::{self, Random, f32s};
+use surfel_math::clip::Turn;
 use surfel_math::depth::{DepthForm, DepthPlane, Tolerance, tolerance as epsilon};
 use surfel_math::filter::{self, Filtered};
 use surfel_math::mapping::{Footprint, Linear};
@@ -32,7 +33,7 @@ pub(crate) struct Kernel {
 }
 
 macro_rules! kernel {
-    ($name:literal, $inputs:literal => $groups:expr, $f:ident, $wgsl:literal, $results:literal, $ordinary:expr,
+    ($name:literal, $inputs:literal => $groups:expr, $f:ident, $wgsl:expr, $results:literal, $ordinary:expr,
      $adversarial:expr, $scale:expr) => {
         Kernel { rounded: $f::<f32>, ..wide!($name, $inputs => $groups, $f::<f64>, $wgsl, $results, $ordinary, $adversarial, $scale) }
     };
@@ -40,7 +41,7 @@ macro_rules! kernel {
 
 /// A kernel whose twin is f64 alone: the CPU's error is that of rounding the result.
 macro_rules! wide {
-    ($name:literal, $inputs:literal => $groups:expr, $f:expr, $wgsl:literal, $results:literal, $ordinary:expr,
+    ($name:literal, $inputs:literal => $groups:expr, $f:expr, $wgsl:expr, $results:literal, $ordinary:expr,
      $adversarial:expr, $scale:expr) => {
         Kernel {
             name: $name,
@@ -58,7 +59,7 @@ macro_rules! wide {
     };
 }
 
-const fn sum(lengths: &[usize]) -> usize {
+pub(crate) const fn sum(lengths: &[usize]) -> usize {
     let (mut total, mut i) = (0, 0);
     while i < lengths.len() {
         total += lengths[i];
@@ -76,11 +77,11 @@ const PERSPECTIVE: Projection = Projection {
 const ORTHOGRAPHIC: Projection =
     Projection { kind: ProjectionKind::Orthographic { height: 4.0, far: 100.0 }, ..PERSPECTIVE };
 
-fn v2<R: Real>(x: &[R]) -> V2<R> {
+pub(crate) fn v2<R: Real>(x: &[R]) -> V2<R> {
     V2::new(x[0], x[1])
 }
 
-fn v3<R: Real>(x: &[R]) -> V3<R> {
+pub(crate) fn v3<R: Real>(x: &[R]) -> V3<R> {
     V3::new(x[0], x[1], x[2])
 }
 
@@ -88,11 +89,11 @@ fn list3<R: Real>(v: V3<R>) -> Vec<R> {
     vec![v.x, v.y, v.z]
 }
 
-fn flag<R: Real>(mask: R::Mask, like: R) -> Vec<R> {
+pub(crate) fn flag<R: Real>(mask: R::Mask, like: R) -> Vec<R> {
     vec![R::select(mask, like.one(), like.zero())]
 }
 
-fn splat<R: Real>(x: &[R]) -> ViewSplat<R> {
+pub(crate) fn splat<R: Real>(x: &[R]) -> ViewSplat<R> {
     ViewSplat { p: v3(x), s: v3(&x[3..]), t: v3(&x[6..]), n: v3(&x[9..]) }
 }
 
@@ -110,7 +111,7 @@ fn fields<R: Real>(x: &[R]) -> Projected<R> {
     }
 }
 
-fn coefficients<R: Real>(x: &[R]) -> Footprint<R> {
+pub(crate) fn coefficients<R: Real>(x: &[R]) -> Footprint<R> {
     let linear = |i: usize| Linear::new(x[i], v2(&x[i + 1..]));
     Footprint { u: linear(0), v: linear(3), w: linear(6) }
 }
@@ -121,7 +122,8 @@ fn gradients<R: Real>(f: &Footprint<R>) -> Vec<R> {
 
 fn filtered<R: Real>(f: &Filtered<R>) -> Vec<R> {
     let mut list = gradients(&f.footprint);
-    list.extend([f.weight_scale, f.coverage_scale]);
+    let Turn { first, second } = f.turn;
+    list.extend([f.weight_scale, f.coverage_scale, first.x, first.y, second.x, second.y]);
     list
 }
 
@@ -250,10 +252,6 @@ fn area_ratio<R: Real>(x: &[R]) -> Vec<R> {
 fn adjust<R: Real>(x: &[R]) -> Vec<R> {
     filtered(&filter::adjust(&fields(x), x[12], true))
 }
-fn adjust_axes(x: &[f64]) -> Vec<f64> {
-    let (s, t) = filter::adjust_axes(&splat(x), true);
-    [list3(s), list3(t)].concat()
-}
 fn bounds_ellipse<R: Real>(x: &[R]) -> Vec<R> {
     box_of(bounds::ellipse(v2(x), v2(&x[2..]), v2(&x[5..])))
 }
@@ -305,15 +303,6 @@ fn depth_terms(x: &[f64], _: usize) -> f64 {
 fn depth_linear_terms(x: &[f64], _: usize) -> f64 {
     x[0].abs() + (x[1] * x[5]).abs() + (x[2] * x[6]).abs()
 }
-/// The turn of an ellipse's axes is as uncertain as its axes are alike, and a disk's as it faces the eye.
-fn adjust_terms(x: &[f64], _: usize) -> f64 {
-    let length = |v: &[f64]| v.iter().map(|c| c * c).sum::<f64>().sqrt();
-    let (s, t) = (length(&x[3..6]), length(&x[6..9]));
-    let p = v3(x);
-    let sine = p.cross(v3(&x[9..])).length() / p.length();
-    4.0 * s.max(t) / if (s - t).abs() > 1e-2 * s { (s - t).abs() / s } else { sine }
-}
-
 /// The gradient of w is a part of the plane's, which may be nearly along the other axis.
 fn principal_terms(x: &[f64], group: usize) -> f64 {
     if group == 2 { x[7].hypot(x[8]) } else { 0.0 }
@@ -425,28 +414,29 @@ pub(crate) const KERNELS: &[Kernel] = &[
     kernel!("footprint_unfiltered/affine", 13 => &[2, 2, 2], unfiltered_affine,
         "let f = footprint_unfiltered(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), false);",
         "f.u.x; f.u.y; f.v.x; f.v.y; f.w.x; f.w.y", inputs::projected, inputs::wild_projected, None),
-    kernel!("filtered_plain", 11 => &[2, 2, 2, 1, 1], plain,
+    kernel!("filtered_plain", 11 => &[2, 2, 2, 1, 1, 2, 2], plain,
         "let f = filtered_plain(Footprint(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)));",
         "f.footprint.u.x; f.footprint.u.y; f.footprint.v.x; f.footprint.v.y; f.footprint.w.x; f.footprint.w.y;
-         f.weight_scale; f.coverage_scale", inputs::footprint, inputs::wild_footprint, None),
-    kernel!("principal", 13 => &[2, 2, 2, 1, 1], principal,
+         f.weight_scale; f.coverage_scale;
+         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::footprint, inputs::wild_footprint, None),
+    kernel!("principal", 13 => &[2, 2, 2, 1, 1, 2, 2], principal,
         "let f = principal(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), x12, true);",
         "f.footprint.u.x; f.footprint.u.y; f.footprint.v.x; f.footprint.v.y; f.footprint.w.x; f.footprint.w.y;
-         f.weight_scale; f.coverage_scale", inputs::projected, inputs::wild_projected, Some(principal_terms)),
-    kernel!("ewa", 13 => &[2, 2, 2, 1, 1], ewa,
+         f.weight_scale; f.coverage_scale;
+         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::projected, inputs::wild_projected, Some(principal_terms)),
+    kernel!("ewa", 13 => &[2, 2, 2, 1, 1, 2, 2], ewa,
         "let f = ewa(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), x12);",
         "f.footprint.u.x; f.footprint.u.y; f.footprint.v.x; f.footprint.v.y; f.footprint.w.x; f.footprint.w.y;
-         f.weight_scale; f.coverage_scale", inputs::projected, inputs::wild_projected, None),
+         f.weight_scale; f.coverage_scale;
+         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::projected, inputs::wild_projected, None),
     kernel!("area_ratio", 13 => &[1], area_ratio, "",
         "area_ratio(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), x12)",
         inputs::projected, inputs::wild_projected, None),
-    kernel!("adjust", 13 => &[2, 2, 2, 1, 1], adjust,
+    kernel!("adjust", 13 => &[2, 2, 2, 1, 1, 2, 2], adjust,
         "let f = adjust(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), x12, true);",
         "f.footprint.u.x; f.footprint.u.y; f.footprint.v.x; f.footprint.v.y; f.footprint.w.x; f.footprint.w.y;
-         f.weight_scale; f.coverage_scale", inputs::projected, inputs::sized_projected, None),
-    wide!("adjust_axes", 12 => &[3, 3], adjust_axes,
-        "let a = adjust_axes(ViewSplat(vec3f(x0, x1, x2), vec3f(x3, x4, x5), vec3f(x6, x7, x8), vec3f(x9, x10, x11)), true);",
-        "a.s.x; a.s.y; a.s.z; a.t.x; a.t.y; a.t.z", inputs::clear_ellipse, inputs::tilted_disk, Some(adjust_terms)),
+         f.weight_scale; f.coverage_scale;
+         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::projected, inputs::sized_projected, None),
     kernel!("bounds_ellipse", 13 => &[4], bounds_ellipse,
         "let e = bounds_ellipse(vec2f(x0, x1), vec2f(x2, x3), vec2f(x5, x6));",
         "e.least.x; e.least.y; e.greatest.x; e.greatest.y", inputs::projected, inputs::wild_projected, None),

@@ -1,14 +1,21 @@
 //! Each WGSL formula against its twin in surfel-math, on a real driver: both are run on the same f32 inputs, and their errors
 //! are measured against the twin's f64 instantiation. The GPU's may be at most twice the CPU's plus 4 ulp.
 
+#[macro_use]
+mod kernels;
+mod clips;
 mod device;
 mod inputs;
-mod kernels;
 
 use device::Device;
-use kernels::{KERNELS, Kernel};
+use kernels::Kernel;
 use std::collections::BTreeSet;
 use surfel_shaders::TWINS;
+
+/// All kernels.
+fn all() -> impl Iterator<Item = &'static Kernel> {
+    kernels::KERNELS.iter().chain(clips::KERNELS)
+}
 
 /// Samples of each kind of input.
 const SAMPLES: usize = 2048;
@@ -54,7 +61,7 @@ fn error(kernel: &Kernel, inputs: &[Vec<f32>], got: &[f32]) -> Error {
 fn formulas_on_the_gpu_err_at_most_twice_as_much_as_on_the_cpu() {
     let Some(device) = Device::open() else { return };
     let mut failures = Vec::new();
-    for kernel in KERNELS {
+    for kernel in all() {
         for (kind, make) in [("ordinary", kernel.ordinary), ("adversarial", kernel.adversarial)] {
             let mut random = inputs::Random::new(kernel.name);
             let inputs: Vec<Vec<f32>> = (0..SAMPLES).map(|_| make(&mut random)).collect();
@@ -74,7 +81,7 @@ fn formulas_on_the_gpu_err_at_most_twice_as_much_as_on_the_cpu() {
 
 #[test]
 fn every_twin_is_measured() {
-    let measured: BTreeSet<&str> = KERNELS.iter().map(|kernel| kernel.name.split('/').next().unwrap()).collect();
+    let measured: BTreeSet<&str> = all().map(|kernel| kernel.name.split('/').next().unwrap()).collect();
     let twins: BTreeSet<&str> = TWINS.iter().map(|twin| twin.wgsl).collect();
     assert_eq!(measured, twins);
 }

@@ -1,0 +1,83 @@
+// Clip curves and lines as linear forms (rendering model §7). Twin: surfel-math, clip.rs, which also makes the forms.
+
+// How the given (u, v) of a point follow from a filtered footprint's (u', v'): an orthogonal map.
+struct Turn {
+    // (u, v) of (u', v') = (1, 0) and (0, 1).
+    first: vec2f,
+    second: vec2f,
+}
+
+// Forms over (u, v), or over pixels once composed: the curve's chord and sides, scaled so that its conic is
+// chord² = side1·side3, and up to four lines.
+struct Clip {
+    chord: Linear,
+    side1: Linear,
+    side3: Linear,
+    // 1: keeps the inside of the curve; −1: its outside.
+    curve_sign: f32,
+    // Times line_sign; absent ones are positive everywhere.
+    lines: array<Linear, 4>,
+    // 1: every line must keep; −1: one is enough.
+    line_sign: f32,
+}
+
+fn turn_none() -> Turn {
+    return Turn(vec2f(1.0, 0.0), vec2f(0.0, 1.0));
+}
+
+fn turn_apply(turn: Turn, p: vec2f) -> vec2f {
+    return turn.first * p.x + turn.second * p.y;
+}
+
+// First inner, then outer.
+fn turn_after(outer: Turn, inner: Turn) -> Turn {
+    return Turn(turn_apply(outer, inner.first), turn_apply(outer, inner.second));
+}
+
+fn form_through(form: Linear, footprint: Footprint, turn: Turn) -> Linear {
+    let gradient = vec2f(form.x, form.y);
+    let u = v2_dot(gradient, turn.first);
+    let v = v2_dot(gradient, turn.second);
+    return Linear(
+        fma(footprint.u.c, u, fma(footprint.v.c, v, footprint.w.c * form.c)),
+        fma(footprint.u.x, u, fma(footprint.v.x, v, footprint.w.x * form.c)),
+        fma(footprint.u.y, u, fma(footprint.v.y, v, footprint.w.y * form.c)),
+    );
+}
+
+// The clip over pixels, seen through a footprint whose (u', v') the turn brings back to the given (u, v).
+fn clip_through(clip: Clip, footprint: Footprint, turn: Turn) -> Clip {
+    return Clip(
+        form_through(clip.chord, footprint, turn),
+        form_through(clip.side1, footprint, turn),
+        form_through(clip.side3, footprint, turn),
+        clip.curve_sign,
+        array<Linear, 4>(
+            form_through(clip.lines[0], footprint, turn),
+            form_through(clip.lines[1], footprint, turn),
+            form_through(clip.lines[2], footprint, turn),
+            form_through(clip.lines[3], footprint, turn),
+        ),
+        clip.line_sign,
+    );
+}
+
+fn clip_curve_keeps(clip: Clip, d: vec2f) -> bool {
+    let chord = linear_at(clip.chord, d);
+    let side1 = linear_at(clip.side1, d);
+    let side3 = linear_at(clip.side3, d);
+    // A square at most their product leaves side3 the sign of side1.
+    let inside = chord <= 0.0 || (0.0 <= side1 && chord * chord <= side1 * side3);
+    return inside != (clip.curve_sign < 0.0);
+}
+
+fn clip_lines_keep(clip: Clip, d: vec2f) -> bool {
+    let a = min(linear_at(clip.lines[0], d), linear_at(clip.lines[1], d));
+    let b = min(linear_at(clip.lines[2], d), linear_at(clip.lines[3], d));
+    // One of the lines is at least 0 ⇔ the least of their negatives is at most 0.
+    return 0.0 <= min(a, b) * clip.line_sign;
+}
+
+fn clip_keeps(clip: Clip, d: vec2f) -> bool {
+    return clip_curve_keeps(clip, d) && clip_lines_keep(clip, d);
+}
