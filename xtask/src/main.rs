@@ -35,6 +35,9 @@ Commands:
   assets  Write generated scenes (a checkerboard, a sphere, glass spheres, a CAD part) to
           assets/generated
   bench   Time frames of known scenes on a backend: cargo xtask bench --help
+  tradeoff [OPTIONS]
+          Measure what every setting costs in time and in error, and write a page; --quick takes two
+          minutes, --help says more
   help    Print this
 
 Environment:
@@ -56,6 +59,7 @@ fn main() -> ExitCode {
             return conformance::run(&root, program, options);
         }
         ["bench", ref rest @ ..] => bench::run(&root, rest),
+        ["tradeoff", ..] => bench::run(&root, &words),
         [] => {
             eprintln!("{HELP}");
             return ExitCode::from(2);
