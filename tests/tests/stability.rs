@@ -15,7 +15,8 @@ fn faults(precision: Precision, renderer: impl Renderer + 'static, step: usize) 
     for mut sweep in sweeps() {
         let wanted: Vec<f64> = sweep.values.iter().copied().filter(|&v| sweep.requires(v)).collect();
         let last = wanted.len() - 1;
-        sweep.values = wanted.into_iter().enumerate().filter(|(i, _)| (last - i).is_multiple_of(step)).map(|(_, v)| v).collect();
+        sweep.values =
+            wanted.into_iter().enumerate().filter(|(i, _)| (last - i).is_multiple_of(step)).map(|(_, v)| v).collect();
         let outcomes = run(&sweep, &mut reference, &mut backends).unwrap();
         // A sweep whose pictures are all empty shows nothing.
         let compared: usize = outcomes[0].points.iter().map(|p| p.compared).sum();

@@ -46,11 +46,14 @@ impl Axis {
             (low, high) = (0.0, 1.0);
         }
         let step = step(scale, (high - low).max(if scale == Scale::Linear { 1e-9 } else { 1.0 }));
-        // Powers of ten and given ends stay as they are: an axis longer than its data has an empty end.
+        // Given ends stay as they are; powers of ten leave a little room, since an axis much longer than its data is empty.
         let (low, high) = match (scale, self.range) {
             (_, Some(_)) => (low, high),
             (Scale::Linear, None) => ((low / step - 1e-9).floor() * step, (high / step + 1e-9).ceil() * step),
-            (Scale::Log | Scale::LogDown, None) => ((low - 1e-9).ceil().min(low), (high + 1e-9).floor().max(high)),
+            (Scale::Log | Scale::LogDown, None) => {
+                let room = 0.04 * (high - low).max(0.2);
+                (low - room, high + room)
+            }
         };
         Fitted { scale, low, high: if high > low { high } else { low + 2.0 * step }, step }
     }
@@ -72,6 +75,16 @@ fn step(scale: Scale, length: f64) -> f64 {
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|k| k * power).find(|step| *step >= rough * 0.999);
     let step = step.unwrap_or(power);
     if scale == Scale::Linear { step } else { step.max(1.0).round() }
+}
+
+/// A value of one digit.
+fn short(value: f64) -> String {
+    let exponent = value.log10().floor();
+    match exponent as i32 {
+        0..=3 => format!("{value:.0}"),
+        -3..=-1 => format!("{value:.*}", -exponent as usize),
+        _ => format!("{value:.0e}"),
+    }
 }
 
 /// An axis with its ends.
@@ -96,13 +109,24 @@ impl Fitted {
 
     /// Places and names along the axis.
     pub(crate) fn ticks(&self) -> Vec<(f64, String)> {
+        let at = |position: f64| (position - self.low) / (self.high - self.low);
+        let decades = self.high - self.low;
+        if self.scale != Scale::Linear && decades < 2.0 {
+            // Few powers of ten: what lies between them is named too.
+            let digits: &[i32] = if decades < 0.7 { &[1, 2, 3, 4, 5, 6, 7, 8, 9] } else { &[1, 2, 5] };
+            let sign = if self.scale == Scale::Log { 1.0 } else { -1.0 };
+            let exponents = (self.low.min(-self.high).floor() as i32 - 1)..=(self.high.max(-self.low).ceil() as i32);
+            let values = exponents.flat_map(|e| digits.iter().map(move |&d| f64::from(d) * 10f64.powi(e)));
+            let named = values.map(|value| (at(sign * value.log10()), short(value)));
+            return named.filter(|(at, _)| (-1e-9..=1.0 + 1e-9).contains(at)).collect();
+        }
         let first = (self.low / self.step - 1e-9).ceil();
-        let count = ((self.high - self.low) / self.step + 1e-6).floor() as usize;
+        let count = ((self.high - first * self.step) / self.step + 1e-6).floor().max(0.0) as usize;
         let tick = |i: usize| {
             let position = (first + i as f64) * self.step;
-            ((position - self.low) / (self.high - self.low), self.name(position))
+            (at(position), self.name(position))
         };
-        (0..=count).map(tick).filter(|(at, _)| *at <= 1.0 + 1e-9).collect()
+        (0..=count).map(tick).collect()
     }
 
     fn name(&self, position: f64) -> String {
@@ -135,14 +159,18 @@ mod tests {
         assert_eq!(names(&Axis::new("", Scale::Linear), &[0.3, 5.2]), ["0", "1", "2", "3", "4", "5", "6"]);
         assert_eq!(names(&Axis::new("", Scale::Log), &[0.02, 900.0]), ["0.1", "1", "10", "100"]);
         assert_eq!(names(&Axis::new("", Scale::LogDown), &[1.0, 1e-4]), ["1", "0.1", "0.01", "1e-3", "1e-4"]);
+        assert_eq!(names(&Axis::new("", Scale::Log), &[3.0, 30.0]), ["5", "10", "20"]);
+        assert_eq!(names(&Axis::new("", Scale::Log), &[0.034, 0.061]), ["0.04", "0.05", "0.06"]);
     }
 
     #[test]
     fn axis_puts_what_it_cannot_show_at_its_ends() {
         let up = Axis::new("", Scale::Log).fit([1e-8, 1.0].into_iter());
-        assert_eq!([up.at(0.0), up.at(1e-8), up.at(1.0), up.at(f64::INFINITY)], [0.0, 0.0, 1.0, 1.0]);
+        assert_eq!([up.at(0.0), up.at(f64::INFINITY)], [0.0, 1.0]);
+        assert!(up.at(1e-8) < 0.05 && up.at(1.0) > 0.95);
         let down = Axis::new("", Scale::LogDown).fit([1e-8, 1.0].into_iter());
-        assert_eq!([down.at(1.0), down.at(1e-8), down.at(0.0)], [0.0, 1.0, 1.0]);
+        assert_eq!(down.at(0.0), 1.0);
+        assert!(down.at(1.0) < 0.05 && down.at(1e-8) > 0.95);
     }
 
     #[test]

@@ -82,8 +82,9 @@ impl Chart {
         );
         self.shade(&mut svg, &x);
         self.frame(&mut svg, &x, &y);
+        let mut taken = Vec::new();
         for series in &self.series {
-            draw(&mut svg, series, &x, &y);
+            draw(&mut svg, series, &x, &y, &mut taken);
         }
         self.legend(&mut svg);
         svg.push_str("</svg>");
@@ -188,7 +189,11 @@ fn mark(svg: &mut String, x: f64, y: f64, radius: f64, color: &str) {
     let _ = write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{color}\"/>");
 }
 
-fn draw(svg: &mut String, series: &Series, x: &Fitted, y: &Fitted) {
+/// Left, top, right and bottom of a label.
+type Rectangle = [f64; 4];
+
+/// Draws a series; its labels where there is room beside those that are there.
+fn draw(svg: &mut String, series: &Series, x: &Fitted, y: &Fitted, taken: &mut Vec<Rectangle>) {
     let color = color(series);
     if series.style != Style::Points {
         let mut path = String::new();
@@ -221,16 +226,30 @@ fn draw(svg: &mut String, series: &Series, x: &Fitted, y: &Fitted) {
         let (px, py) = (across(x.at(*px)), up(y.at(*py)));
         mark(svg, px, py, radius, color);
         if let Some(label) = series.labels.get(i) {
-            // To the side where there is room.
-            let (dx, anchor) = if px > AREA[2] - 60.0 { (-6.0, "end") } else { (6.0, "start") };
-            let _ = write!(
-                svg,
-                "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"9\" text-anchor=\"{anchor}\">{}</text>",
-                px + dx,
-                py + 3.0,
-                escape(label)
-            );
+            write_label(svg, label, [px, py], taken);
         }
+    }
+}
+
+/// Writes a label right or left of a point, above or below; nowhere if all of that is taken.
+fn write_label(svg: &mut String, label: &str, [x, y]: [f64; 2], taken: &mut Vec<Rectangle>) {
+    // Nine units high, about five wide a letter.
+    let width = 5.0 * label.chars().count() as f64;
+    let places = [(6.0, 3.0), (-6.0 - width, 3.0), (-0.5 * width, -6.0), (-0.5 * width, 13.0)];
+    let rectangle = |(dx, dy): (f64, f64)| [x + dx, y + dy - 8.0, x + dx + width, y + dy + 1.0];
+    let is_free = |r: &Rectangle| {
+        let inside = r[0] > AREA[0] && r[1] > AREA[1] && r[2] < AREA[2] && r[3] < AREA[3];
+        inside && !taken.iter().any(|t| r[0] < t[2] && t[0] < r[2] && r[1] < t[3] && t[1] < r[3])
+    };
+    if let Some(free) = places.into_iter().map(rectangle).find(is_free) {
+        let _ = write!(
+            svg,
+            "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"9\">{}</text>",
+            free[0],
+            free[3] - 1.0,
+            escape(label)
+        );
+        taken.push(free);
     }
 }
 
@@ -257,6 +276,15 @@ mod tests {
         assert!(svg.contains("parameter &lt;px&gt;") && svg.contains("a &amp; b"));
         assert_eq!(svg.matches("<text").count(), svg.matches("</text>").count());
         assert!(svg.starts_with("<svg") && svg.ends_with("</svg>"));
+    }
+
+    #[test]
+    fn labels_that_would_cover_each_other_are_left_out() {
+        let mut crowded = chart(vec![[1.0, 1.0], [100.0, 100.0]]);
+        let points = vec![[10.0, 10.0]; 9];
+        let labels = (0..9).map(|i| format!("label {i}")).collect();
+        crowded.series.push(Series { labels, ..Series::new("", Style::Points, 1, points) });
+        assert_eq!(crowded.svg().matches("label ").count(), 4);
     }
 
     #[test]

@@ -61,6 +61,8 @@ pub(crate) struct Row {
     pub fidelity: Option<Error>,
     /// Against the subject's truth; none where it has none for this knob.
     pub model: Option<Error>,
+    /// The same of pixels that the truth covers wholly, their neighbours too: without rims. None where there are none.
+    pub model_inside: Option<Error>,
     pub model_flip: Option<f64>,
     /// Relative RMS of Z where both have one.
     pub model_depth: Option<f64>,

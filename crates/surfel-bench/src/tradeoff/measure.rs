@@ -188,8 +188,13 @@ fn row(
     // Another shader is another picture.
     let comparable = one.settings.shader == subject.settings.shader;
     let (mut model, mut model_flip, mut depth, mut normal, mut from_best) = (None, None, None, None, None);
+    let mut model_inside = None;
     if let Some(frame) = shown.filter(|_| comparable) {
         model = Some(error(&frame.color, &truth.color, &truth.mask));
+        let inside = truth.inside(size);
+        // A background of its own covers everything.
+        let has_rim = subject.scene.background[3] == 0.0 && inside.contains(&true);
+        model_inside = has_rim.then(|| error(&frame.color, &truth.color, &inside));
         model_flip = Some(flip(size, &frame.color, truth)?);
         depth = relative_depth(&frame.depth, truth);
         normal = angle_deg(&frame.normal, truth);
@@ -208,6 +213,7 @@ fn row(
         fragments: Some(one.stats.fragments).filter(|&n| n > 0 || (drawn && on_processor)),
         fidelity,
         model,
+        model_inside,
         model_flip,
         model_depth: depth,
         model_normal_deg: normal,
@@ -216,7 +222,7 @@ fn row(
 }
 
 /// The median; none of nothing.
-fn median(values: &[f64]) -> Option<f64> {
+pub(super) fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied()

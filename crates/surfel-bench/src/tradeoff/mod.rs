@@ -1,5 +1,6 @@
 //! `cargo xtask tradeoff`: every knob's cost in time and in error.
 
+mod features;
 mod figures;
 mod measure;
 mod page;
@@ -63,12 +64,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         eprintln!("{}: {}", subject.name, subject.about);
         measure::subject(subject, &mut backends, runs, &mut figures)?;
     }
+    let features = features::table(&mut backends, runs, first.camera.size[0])?;
     let values = verdict::values(&figures);
     for (title, table) in [
         ("Presets", verdict::presets(&figures)),
         ("Knobs, over the default's", verdict::table(&values)),
         ("Claims", verdict::claims(&figures)),
-        ("Model errors, RMSE", verdict::errors(&figures)),
+        ("Model errors, RMSE", verdict::errors(&figures, |r| r.model)),
+        ("Model errors without rims, RMSE", verdict::errors(&figures, |r| r.model_inside)),
+        ("Features", features.clone()),
     ] {
         println!("{title}\n\n{}", if arguments.markdown { table.markdown() } else { table.text() });
     }
@@ -79,7 +83,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let json = serde_json::to_string_pretty(&figures)? + "\n";
     surfel::io::atomic::write(&arguments.output, true, |out| out.write_all(json.as_bytes()))?;
-    let page = page::page(&figures, &values);
+    let page = page::page(&figures, &values, &features);
     surfel::io::atomic::write(&arguments.report, true, |out| out.write_all(page.as_bytes()))?;
     println!("{}\n{}", arguments.output.display(), arguments.report.display());
     Ok(())

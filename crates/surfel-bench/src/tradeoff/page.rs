@@ -1,13 +1,13 @@
 //! The page: what to choose, what it costs, and the pictures' errors.
 
-use surfel_plot::{Axis, Chart, Page, Scale, Series, Style};
+use surfel_plot::{Axis, Chart, Page, Scale, Series, Style, Table};
 
 use super::figures::Figures;
 use super::variants::DEFAULT;
 use super::verdict::{self, Value};
 
 /// A self-contained page.
-pub(crate) fn page(figures: &Figures, values: &[Value]) -> String {
+pub(crate) fn page(figures: &Figures, values: &[Value], features: &Table) -> String {
     let mut page = Page::new("Speed against accuracy");
     page.paragraph(
         "Surfel draws surfaces as overlapping disks (splats). Its settings trade speed for accuracy. Each picture below was \
@@ -36,20 +36,42 @@ pub(crate) fn page(figures: &Figures, values: &[Value]) -> String {
     page.table(&verdict::presets(figures));
     page.section("Which setting?");
     page.paragraph(
-        "Over the default's: time, model error (RMSE), fragments and memory, geometric means over the subjects. A red row is \
-         dominated: the named value of the same knob is at least as fast and at least as accurate.",
+        "Over the default's: time, model error (RMSE) of whole pictures and without rims, fragments and memory, geometric means \
+         over the subjects. A red row is dominated: the named value of the same knob is at least as fast and as accurate, and \
+         clearly better in something.",
     );
     page.table(&verdict::table(values));
     page.section("What the papers claim");
     page.table(&verdict::claims(figures));
+    page.section("What a scene's features cost");
+    page.paragraph(
+        "Each feature alone, added to white, unlit, opaque disks. Passes and sums are the plan's; a setting for something that a \
+         scene lacks gives the plain plan, and its cost is none.",
+    );
+    page.table(features);
     page.section("Subjects");
+    page.paragraph(
+        "A point is a setting; the line is the front, which nothing beats in both time and error. Labels that would cover each \
+         other are left out; the table below has every number. What the backend doesn't draw yet has an error (by the \
+         reference) and no time.",
+    );
     for subject in &figures.subjects {
         page.heading(&subject.name);
         page.paragraph(&format!("{} ({} splats). Truth: {}.", subject.about, subject.splats, subject.truth));
-        page.chart(&chart(figures, &subject.name));
+        let chart = chart(figures, &subject.name);
+        // The front is there in any case.
+        if chart.series.len() > 2 {
+            page.chart(&chart);
+        }
     }
     page.section("Model errors (RMSE)");
-    page.table(&verdict::errors(figures));
+    page.table(&verdict::errors(figures, |r| r.model));
+    page.section("Model errors without rims (RMSE)");
+    page.paragraph(
+        "Of pixels that the truth covers wholly, as their eight neighbours are. A filter makes every silhouette wider by up to \
+         its radius, which outweighs all else in whole pictures; what it is for shows here.",
+    );
+    page.table(&verdict::errors(figures, |r| r.model_inside));
     page.html()
 }
 
@@ -72,10 +94,14 @@ fn chart(figures: &Figures, subject: &str) -> Chart {
         least = least.min(p[1]);
         better
     });
-    let mut series = vec![Series::new("nothing is better in both", Style::Steps, 6, front)];
+    let mut series = vec![Series::new("front", Style::Steps, 6, front)];
     for (color, knob) in groups.iter().enumerate() {
         let of_knob = || points.iter().filter(|p| p.0 == *knob);
-        let label = |p: &(&str, &str, [f64; 2])| p.1.split([',', '(']).next().unwrap_or(p.1).trim().to_owned();
+        // A paper's setting by the paper's name.
+        let label = |p: &(&str, &str, [f64; 2])| match p.1.split_once('(') {
+            Some((_, name)) => name.trim_end_matches(')').to_owned(),
+            None => p.1.to_owned(),
+        };
         series.push(Series {
             name: (*knob).to_owned(),
             style: Style::Points,

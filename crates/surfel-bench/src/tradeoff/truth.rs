@@ -18,6 +18,22 @@ pub(crate) struct Truth {
     pub mask: Vec<bool>,
 }
 
+impl Truth {
+    /// Pixels that count and are wholly covered, as their eight neighbours are: inside of the silhouette.
+    pub(crate) fn inside(&self, [width, height]: [u32; 2]) -> Vec<bool> {
+        let covered = |x: i64, y: i64| {
+            let there = x >= 0 && y >= 0 && x < i64::from(width) && y < i64::from(height);
+            // Eight by eight f32 samples of 1 make 1 but for rounding.
+            there && self.color[(y * i64::from(width) + x) as usize][3] > 0.9999
+        };
+        let inside = |i: usize| {
+            let (x, y) = (i64::from(i as u32 % width), i64::from(i as u32 / width));
+            self.mask[i] && (-1..=1).all(|dy| (-1..=1).all(|dx| covered(x + dx, y + dy)))
+        };
+        (0..self.mask.len()).map(inside).collect()
+    }
+}
+
 /// Where a ray meets a surface.
 #[derive(Clone, Copy)]
 pub(crate) struct Met {

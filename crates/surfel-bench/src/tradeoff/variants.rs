@@ -43,6 +43,10 @@ enum Change {
     Preset(Preset),
     /// Filter, cutoff and h of a paper.
     Paper(Filter),
+    /// Antialiased edges, and this cutoff and h.
+    Edges(f64, f64),
+    /// Neither filter nor exact mapping.
+    Plainest,
 }
 
 impl Variant {
@@ -78,6 +82,8 @@ impl Variant {
             Change::Transparency(transparency) => s.transparency = transparency,
             Change::Shader(shader) => s.shader = shader,
             Change::Preset(preset) => s = preset.apply(s),
+            Change::Edges(cutoff, h) => (s.edge_aa, s.cutoff, s.prefilter_radius_px) = (true, cutoff, h),
+            Change::Plainest => (s.filter, s.mapping) = (Filter::None, Mapping::Affine),
             Change::Paper(filter) => {
                 (s.filter, s.cutoff, s.prefilter_radius_px) = (filter, 1.0, std::f64::consts::SQRT_2);
             }
@@ -128,6 +134,12 @@ pub(crate) fn all() -> Vec<Variant> {
     for (name, shader) in [("unlit", Shader::Unlit), ("normal", Shader::Normal)] {
         variants.push(new("shader", &name, Change::Shader(shader)).only(Only::Lit));
     }
+    let h = Settings::default().prefilter_radius_px;
+    variants.push(new("combinations", &"edges, cutoff 1.5", Change::Edges(1.5, h)));
+    variants.push(new("combinations", &"edges, cutoff 3", Change::Edges(3.0, h)));
+    variants.push(new("combinations", &"edges, h 0.5 px", Change::Edges(2.0, 0.5)));
+    variants.push(new("combinations", &"edges, cutoff 3, h 1 px", Change::Edges(3.0, 1.0)));
+    variants.push(new("combinations", &"none, affine", Change::Plainest));
     variants.push(new("papers", &"clamp, c 1, h 1.41 px (B05)", Change::Paper(Filter::Clamp)));
     variants.push(new("papers", &"adjust, c 1, h 1.41 px (G06)", Change::Paper(Filter::Adjust)));
     variants.push(new("papers", &"ewa, c 1, h 1.41 px (Z01)", Change::Paper(Filter::Ewa)));

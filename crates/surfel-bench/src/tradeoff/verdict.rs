@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use surfel_plot::Table;
 
-use super::figures::{Figures, Row};
+use super::figures::{Error, Figures, Row};
 use super::variants::{DEFAULT, default_value};
 
 /// Cost and error of a value over those of the default, geometric means over subjects.
@@ -14,6 +14,8 @@ pub(crate) struct Value {
     pub value: String,
     pub cost: Option<f64>,
     pub error: Option<f64>,
+    /// The same without rims.
+    pub inside: Option<f64>,
     pub fragments: Option<f64>,
     pub bytes: Option<f64>,
     /// Least fidelity, dB.
@@ -63,9 +65,14 @@ fn dominates(a: &Value, b: &Value) -> bool {
     };
     // Memory is a cost as well.
     let bytes = |v: &Value| v.bytes.unwrap_or(1.0);
-    let no_worse =
-        cost_a <= cost_b * (1.0 + NOISE) && error_a <= error_b * (1.0 + 0.2 * NOISE) && bytes(a) <= bytes(b) * 1.001;
-    let better = cost_a < cost_b * (1.0 - NOISE) || error_a < error_b * (1.0 - NOISE);
+    let (inside_a, inside_b) = (a.inside.unwrap_or(1.0), b.inside.unwrap_or(1.0));
+    // Errors have no noise, but what differs by less than this is the same.
+    let no_worse = cost_a <= cost_b * (1.0 + NOISE)
+        && error_a <= error_b * 1.005
+        && inside_a <= inside_b * 1.005
+        && bytes(a) <= bytes(b) * 1.001;
+    let clearly = |a: f64, b: f64| a < b * (1.0 - NOISE);
+    let better = clearly(cost_a, cost_b) || clearly(error_a, error_b) || clearly(inside_a, inside_b);
     a.value != b.value && no_worse && better
 }
 
@@ -91,6 +98,7 @@ fn value(figures: &Figures, knob: &str, name: Option<&str>) -> Value {
         value: name.map_or_else(|| default_value(knob).to_owned(), str::to_owned),
         cost: mean(&|row| row.ms),
         error: mean(&model),
+        inside: mean(&|row| row.model_inside.map(|e| e.rmse)),
         fragments: mean(&|row| row.fragments.map(|n| n as f64)),
         bytes: mean(&|row| row.bytes_per_splat),
         fidelity_db: fidelity.is_finite().then_some(fidelity),
@@ -116,6 +124,7 @@ pub(crate) fn table(values: &[Value]) -> Table {
         "time",
         "model error",
         "worst error on",
+        "without rims",
         "fragments",
         "bytes",
         "fidelity ≥",
@@ -132,6 +141,7 @@ pub(crate) fn table(values: &[Value]) -> Table {
             times(v.cost),
             times(v.error),
             worst,
+            times(v.inside),
             times(v.fragments),
             times(v.bytes),
             decibels(v.fidelity_db),
@@ -170,8 +180,8 @@ pub(crate) fn presets(figures: &Figures) -> Table {
     table
 }
 
-/// Model error by subject and value: RMSE.
-pub(crate) fn errors(figures: &Figures) -> Table {
+/// Model error by subject and value: RMSE, of whole pictures or without rims.
+pub(crate) fn errors(figures: &Figures, error: impl Fn(&Row) -> Option<Error>) -> Table {
     let subjects: Vec<&str> = figures.subjects.iter().map(|s| s.name.as_str()).collect();
     let mut head = vec!["knob", "value"];
     head.extend(&subjects);
@@ -184,7 +194,7 @@ pub(crate) fn errors(figures: &Figures) -> Table {
     }
     for (knob, value) in lines.into_values() {
         let cell = |subject: &&str| {
-            let rmse = figures.row(subject, &knob, &value).and_then(|r| r.model);
+            let rmse = figures.row(subject, &knob, &value).and_then(&error);
             rmse.map_or_else(|| "-".to_owned(), |e| format!("{:.4}", e.rmse))
         };
         let cells: Vec<String> = subjects.iter().map(cell).collect();
@@ -258,6 +268,7 @@ mod tests {
             value: name.into(),
             cost: Some(cost),
             error: Some(error),
+            inside: None,
             fragments: None,
             bytes: None,
             fidelity_db: None,
@@ -273,6 +284,8 @@ mod tests {
         assert!(dominates(&base, &value(1.0, 1.5, "worse")));
         assert!(!dominates(&base, &value(1.01, 1.0, "noise")));
         assert!(!dominates(&base, &value(0.8, 1.5, "a trade")));
+        let sharp = Value { inside: Some(0.8), ..value(1.1, 1.1, "better inside") };
+        assert!(!dominates(&Value { inside: Some(1.0), ..base.clone() }, &sharp));
         assert!(!dominates(&value(0.5, 0.5, "base"), &base), "itself");
     }
 }
