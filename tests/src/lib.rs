@@ -7,6 +7,7 @@
 //! - [`backends`]: the backends by name, watched by validation layers;
 //! - [`report`]: what was found, as a table and as a page;
 //! - [`raycast`]: exact pictures of meshes, which splats made of them are held against;
+//! - [`stability`]: sweeps of one number to its extreme, against exact arithmetic;
 //! - [`checkerboard`]: how well each filter reproduces a pattern that runs to the horizon (§5).
 //!
 //! Section numbers (§) refer to `docs/rendering-model.md`.
@@ -21,3 +22,4 @@ pub mod random;
 pub mod raycast;
 pub mod report;
 pub mod scenes;
+pub mod stability;

@@ -1,11 +1,13 @@
-//! `cargo xtask conformance`: the backends against the reference, by the program of the package `surfel-conformance`.
+//! `cargo xtask conformance` and `stability`: the backends against the truth, by programs of the package
+//! `surfel-conformance`.
 
 use std::path::Path;
 use std::process::ExitCode;
 
 use crate::{cargo, vulkan};
 
-pub(crate) fn run(root: &Path, options: &[&str]) -> ExitCode {
+/// Runs one of its programs.
+pub(crate) fn run(root: &Path, program: &str, options: &[&str]) -> ExitCode {
     // What is missing is said again, backend by backend, by the program.
     if let Err(problem) = vulkan::prepare(root) {
         eprintln!("error: {problem}");
@@ -16,7 +18,7 @@ pub(crate) fn run(root: &Path, options: &[&str]) -> ExitCode {
     if let Ok(here) = std::env::current_dir() {
         command.current_dir(here).arg("run").arg("--manifest-path").arg(root.join("Cargo.toml"));
     }
-    command.args(["--quiet", "--locked", "--package", "surfel-conformance", "--example", "conformance", "--"]);
+    command.args(["--quiet", "--locked", "--package", "surfel-conformance", "--example", program, "--"]);
     match command.args(options).status() {
         Ok(status) => match status.code().map(u8::try_from) {
             Some(Ok(code)) => ExitCode::from(code),

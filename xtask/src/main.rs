@@ -29,9 +29,15 @@ Commands:
   conformance [OPTIONS]
           Hold the backends against the reference and print a table; --report FILE writes a page
           with pictures, --help says more
+  stability [OPTIONS]
+          Drive sizes, distances, tilts and counts to their extremes and hold the backends against
+          exact arithmetic; writes a page of curves, --help says more
   assets  Write generated scenes (a checkerboard, a sphere, glass spheres, a CAD part) to
           assets/generated
   bench   Time frames of known scenes on a backend: cargo xtask bench --help
+  tradeoff [OPTIONS]
+          Measure what every setting costs in time and in error, and write a page; --quick takes two
+          minutes, --help says more
   help    Print this
 
 Environment:
@@ -49,8 +55,11 @@ fn main() -> ExitCode {
         ["ci"] => ci::run(&root),
         ["tidy"] => tidy::run(&root),
         ["assets"] => assets::run(&root),
-        ["conformance", ref options @ ..] => return conformance::run(&root, options),
+        [program @ ("conformance" | "stability"), ref options @ ..] => {
+            return conformance::run(&root, program, options);
+        }
         ["bench", ref rest @ ..] => bench::run(&root, rest),
+        ["tradeoff", ..] => bench::run(&root, &words),
         [] => {
             eprintln!("{HELP}");
             return ExitCode::from(2);

@@ -8,10 +8,11 @@ use serde_json::Value;
 
 /// Our packages from the bottom up. A package depends only on packages of a lower number; development
 /// dependencies are free.
-const LAYERS: [(&str, u32); 17] = [
+const LAYERS: [(&str, u32); 18] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
+    ("surfel-plot", 1),
     ("surfel-io", 2),
     ("surfel-sample", 2),
     ("surfel-render", 2),

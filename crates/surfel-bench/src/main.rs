@@ -7,6 +7,7 @@ mod measure;
 mod report;
 mod scenes;
 mod table;
+mod tradeoff;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -52,8 +53,10 @@ pub(crate) enum Simd {
 /// Frames are drawn in turn, one of each scene and thread count, so that what disturbs the machine disturbs all alike;
 /// medians and minima are reported. Loading, uploading and writing files are not timed.
 #[derive(Debug, Parser)]
-#[command(name = "cargo xtask bench", bin_name = "cargo xtask bench")]
+#[command(name = "cargo xtask bench", bin_name = "cargo xtask bench", args_conflicts_with_subcommands = true)]
 pub(crate) struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
     /// What draws.
     #[arg(long, value_enum, default_value = "cpu")]
     backend: Backend,
@@ -92,6 +95,13 @@ pub(crate) struct Arguments {
     compare: Option<Vec<PathBuf>>,
 }
 
+/// What else this program measures.
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// What every setting costs, in time and in error; as `cargo xtask tradeoff`.
+    Tradeoff(tradeoff::Arguments),
+}
+
 fn main() -> ExitCode {
     match run(&Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
@@ -103,6 +113,9 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(Command::Tradeoff(arguments)) = &arguments.command {
+        return tradeoff::run(arguments);
+    }
     if let Some([a, b]) = arguments.compare.as_deref() {
         print!("{}", compare::table(&read(a)?, &read(b)?)?);
         return Ok(());

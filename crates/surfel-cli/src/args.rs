@@ -169,6 +169,9 @@ pub(crate) struct RenderArgs {
     /// Print times and counts as JSON on stdout.
     #[arg(long, conflicts_with = "print_scene", help_heading = "Output")]
     pub(crate) stats: bool,
+    /// Draw it by the reference too and print both errors; exit with 5 if the preset's promise is broken.
+    #[arg(long, conflicts_with_all = ["frames", "samples", "print_scene"], help_heading = "Output")]
+    pub(crate) verify: bool,
     /// Render N times after a warm-up; the statistics are medians.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Output")]
     pub(crate) repeat: Option<u32>,
@@ -262,6 +265,9 @@ pub(crate) struct CompareArgs {
     /// Exit with 5 if a metric is below a value; may be given several times.
     #[arg(long, value_name = "METRIC=V", value_parser = values::threshold)]
     pub(crate) fail_below: Vec<Threshold>,
+    /// Exit with 5 if B is farther from A, a picture by the preset reference, than this preset promises.
+    #[arg(long, value_parser = values::preset())]
+    pub(crate) verify_preset: Option<Preset>,
 }
 
 #[derive(Args, Debug)]

@@ -124,5 +124,10 @@ fn judge(args: &CompareArgs, colors: &Comparison) -> Result<(), Failure> {
     let say = |t: &Threshold, side: &str| format!("{} is {:.6}, {side} {}", t.metric, value(colors, t.metric), t.value);
     let mut broken: Vec<String> = args.fail_above.iter().filter(above).map(|t| say(t, "above")).collect();
     broken.extend(args.fail_below.iter().filter(below).map(|t| say(t, "below")));
+    if let Some(preset) = args.verify_preset {
+        let promised = Threshold { metric: "psnr", value: preset.promise().model_db };
+        let of = format!(" (the promise of preset {})", preset.name());
+        broken.extend(Some(&promised).filter(below).map(|t| say(t, "below") + &of));
+    }
     if broken.is_empty() { Ok(()) } else { Err(Failure::threshold(broken.join("; "))) }
 }

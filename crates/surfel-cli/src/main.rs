@@ -18,6 +18,7 @@ mod render;
 mod resolve;
 mod stats;
 mod values;
+mod verify;
 
 use args::Command;
 use console::Console;

@@ -7,14 +7,17 @@ use crate::failure::Failure;
 use crate::output::{Format, Output};
 use crate::resolve::{Resolved, resolve};
 use crate::stats;
+use crate::verify::verify;
 use std::path::{Path, PathBuf};
 use surfel::render::{Capabilities, SceneSummary, unsupported};
-use surfel::{Backend, BackendOptions, BackendScene, Camera, Chosen, Frame, Planes, Renderer, Scene, SceneFile, Stats};
+use surfel::{
+    Backend, BackendOptions, BackendScene, Camera, Chosen, Frame, Planes, Renderer, Scene, SceneFile, Stats, View,
+};
 
 pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Console) -> Result<(), Failure> {
     let output = args.output.as_deref().map(|o| Output::new(o, args.force, args.png16, args.exr_f32)).transpose()?;
     check(args, output.as_ref())?;
-    let renders = output.is_some() || args.stats;
+    let renders = output.is_some() || args.stats || args.verify;
     let mut backend = if renders { Some(start(args, threads, console)?) } else { None };
     let frames = args.frames.unwrap_or(1);
     let input = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
@@ -59,20 +62,48 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Co
             }
         }
     }
+    let verified = if args.verify {
+        let view = camera::view(&resolved.file.camera, args)?;
+        let scene = at_detail(&resolved, &view, args)?;
+        let scene = scene.as_ref().unwrap_or(&resolved.scene);
+        Some(verify(&resolved, scene, &view, threads, backend.info().backend, &job.frame)?)
+    } else {
+        None
+    };
     if args.stats {
-        console::json_result(&stats::json(&job.runs, backend.info(), [job.frame.width, job.frame.height], frames))?;
+        let size = [job.frame.width, job.frame.height];
+        let mut stats = stats::json(&job.runs, backend.info(), size, frames, &resolved.file.settings);
+        if let Some(verified) = &verified {
+            stats["verify"] = verified.json();
+        }
+        console::json_result(&stats)?;
+    } else if let Some(verified) = &verified {
+        console::result(verified.text().as_bytes())?;
     }
-    Ok(())
+    verified.map_or(Ok(()), |verified| verified.judge())
+}
+
+/// The scene at the detail that a view needs, where it has octrees.
+fn at_detail(resolved: &Resolved, view: &View, args: &RenderArgs) -> Result<Option<Scene>, Failure> {
+    match resolved.hybrids.as_slice() {
+        [] => Ok(None),
+        hybrids => Ok(Some(surfel::at_detail(&resolved.scene, hybrids, view, args.lod_error)?)),
+    }
 }
 
 /// Combinations that make no sense.
 fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     let stdout = output.is_some_and(Output::is_stdout);
-    if output.is_none() && !args.print_scene && !args.stats {
-        return Err(Failure::usage("no output is given, expected -o OUT.png or OUT.exr (or --print-scene, --stats)"));
+    if output.is_none() && !args.print_scene && !args.stats && !args.verify {
+        let expected = "expected -o OUT.png or OUT.exr (or --print-scene, --stats, --verify)";
+        return Err(Failure::usage(format!("no output is given, {expected}")));
     }
-    if stdout && (args.stats || args.print_scene) {
-        let flag = if args.stats { "--stats" } else { "--print-scene" };
+    if stdout && (args.stats || args.print_scene || args.verify) {
+        let flag = match (args.stats, args.verify) {
+            (true, _) => "--stats",
+            (_, true) => "--verify",
+            _ => "--print-scene",
+        };
         return Err(Failure::usage(format!("{flag} and the picture can't both go to stdout: give -o a file name")));
     }
     if args.frames.is_some_and(|n| n > 1) && output.is_some_and(|o| !o.names_frames()) {

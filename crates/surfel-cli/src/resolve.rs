@@ -218,7 +218,7 @@ mod tests {
         let file = Settings { filter: Filter::Ewa, ..Settings::default() };
         let keys = BTreeSet::from(["filter".to_owned()]);
         let settings = preset_under(Some(Preset::Fastest), file, &keys);
-        assert_eq!((settings.filter, settings.mapping, settings.cutoff), (Filter::Ewa, Mapping::Affine, 1.0));
+        assert_eq!((settings.filter, settings.mapping, settings.cutoff), (Filter::Ewa, Mapping::Affine, 2.0));
         assert_eq!(preset_under(None, file, &keys), file);
     }
 }

@@ -1,7 +1,7 @@
 //! `--stats`: medians as JSON.
 
 use serde_json::{Map, Value, json};
-use surfel::{RendererInfo, Stats};
+use surfel::{Preset, RendererInfo, Settings, Stats};
 
 fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
@@ -13,7 +13,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 /// Medians over `runs` (at least one), as the object that `--stats` prints.
-pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: u32) -> Value {
+pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: u32, settings: &Settings) -> Value {
     let of = |f: fn(&Stats) -> f64| median(runs.iter().map(f).collect());
     let mut passes = Map::new();
     let mut counters = Map::new();
@@ -29,7 +29,12 @@ pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: 
             counters.insert((*name).to_owned(), json!(median(same.map(|c| c.1).collect())));
         }
     }
+    // Settings that are no preset's come without a promise.
+    let preset = Preset::of(settings);
+    let promise = preset.map(Preset::promise);
     json!({
+        "preset": preset.map(Preset::name),
+        "promise": promise.map(|p| json!({ "fidelity_db": p.fidelity_db, "model_db": p.model_db })),
         "frame_ms": of(|s| s.frame_ms),
         "passes": passes,
         "splats": of(|s| s.splats as f64) as u64,

@@ -47,13 +47,13 @@ fn flag_wins_over_scene_file_over_preset_over_default() {
     assert_eq!((&plain["filter"], &plain["mapping"], &plain["cutoff"]), (&"ewa".into(), &"exact".into(), &2.0.into()));
     let preset = resolved("s.json --preset fastest");
     assert_eq!((&preset["filter"], &preset["mapping"]), (&"ewa".into(), &"affine".into()));
-    assert_eq!(preset["cutoff"], 1.0);
+    assert_eq!(preset["cutoff"], 2.0);
     let flag = resolved("s.json --preset fastest --filter clamp --cutoff 3 --shader unlit");
     assert_eq!((&flag["filter"], &flag["cutoff"], &flag["shader"]), (&"clamp".into(), &3.0.into(), &"unlit".into()));
     let bare = resolved("a.ply");
     assert_eq!((&bare["filter"], &bare["shader"]), (&"principal".into(), &"phong".into()));
     let bare = resolved("a.ply --preset fastest --mapping exact");
-    assert_eq!((&bare["filter"], &bare["mapping"]), (&"clamp".into(), &"exact".into()));
+    assert_eq!((&bare["filter"], &bare["mapping"]), (&"none".into(), &"exact".into()));
     let camera = f.run("s.json --print-scene --size 20x10 --eye 0,1,6 --fov-y 40").code(0).json()["camera"].clone();
     assert_eq!((&camera["size"], &camera["eye"]), (&serde_json::json!([20, 10]), &serde_json::json!([0.0, 1.0, 6.0])));
     assert_eq!(camera["projection"]["perspective"]["fov_y_deg"], 40.0);
@@ -162,6 +162,35 @@ fn statistics_have_the_promised_keys() {
     assert_eq!((&stats["splats"], &stats["runs"], &stats["threads"]), (&200.into(), &2.into(), &1.into()));
     assert!(stats["passes"].as_object().unwrap().values().all(Value::is_number));
     assert!(stats["frame_ms"].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn verified_picture_says_both_errors_and_whether_its_preset_is_kept() {
+    let f = Folder::new("verify");
+    f.write("a.ply", ball());
+    let text = f.run("a.ply -o x.png --size 24x24 --backend cpu --verify").code(0).stdout();
+    assert!(text.contains("fidelity  max_abs") && text.contains("preset balanced: fidelity at least"), "{text}");
+    assert!(text.contains("kept"), "{text}");
+    let stats = f.run("a.ply --size 24x24 --backend cpu --verify --stats").code(0).json();
+    assert!(stats["verify"]["fidelity"]["psnr"].as_f64().unwrap() > stats["promise"]["fidelity_db"].as_f64().unwrap());
+    assert_eq!((&stats["preset"], &stats["verify"]["promise_kept"]), (&"balanced".into(), &true.into()));
+    // Settings that are no preset's are promised nothing.
+    let own = f.run("a.ply --size 24x24 --backend cpu --cutoff 1.3 --verify --stats").code(0).json();
+    assert!(own["preset"].is_null() && own["promise"].is_null() && own["verify"]["model"].is_null());
+    assert!(own["verify"]["fidelity"]["psnr"].is_number());
+}
+
+#[test]
+fn compare_holds_a_picture_to_its_presets_promise() {
+    let f = Folder::new("verify-preset");
+    f.write("a.ply", ball());
+    f.run("a.ply -o best.exr --exr-f32 --size 24x24 --preset reference").code(0);
+    f.run("a.ply -o fast.exr --exr-f32 --size 24x24 --preset fast").code(0);
+    f.run("compare best.exr fast.exr --verify-preset fast").code(0);
+    // The same settings promise the same picture.
+    f.run("compare best.exr best.exr --verify-preset quality").code(0);
+    let broken = f.run("compare best.exr fast.exr --verify-preset quality").code(5);
+    assert!(broken.stderr().contains("promise of preset quality"), "{}", broken.stderr());
 }
 
 #[test]

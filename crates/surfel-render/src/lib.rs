@@ -19,7 +19,7 @@ pub use error::RenderError;
 pub use frame::{Frame, Planes};
 pub use lod::{Selection, select};
 pub use plan::{Attributes, FramePlan, Pass, SplatFilter, needs_interior_weight, plan, unsupported};
-pub use preset::Preset;
+pub use preset::{Preset, Promise};
 pub use renderer::{Capabilities, Feature, Renderer, RendererInfo};
 pub use shadow::{SHADOW_BIAS_RADII, SHADOW_MAP_SIDE, ShadowMap, ShadowScene};
 pub use stats::{PassTime, Stats};

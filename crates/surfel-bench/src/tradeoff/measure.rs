@@ -1,0 +1,308 @@
+//! Draws every variant of every subject, times it, and measures both kinds of error.
+
+use std::time::Instant;
+
+use glam::Vec3;
+use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Preset, Renderer, Settings, Stats, View};
+use surfel_metrics::{CompareOptions, Image, MetricsError, compare};
+
+use super::figures::{Error, Figures, Row, SubjectFacts};
+use super::subjects::{Approximates, Subject};
+use super::truth::Truth;
+use super::variants::{self, Only, Variant};
+use crate::Failure;
+use crate::machine::busy_ms;
+
+/// A backend and its twin that keeps splats in 16 bits.
+pub(crate) struct Backends {
+    pub wide: Backend,
+    pub narrow: Backend,
+    pub reference: Backend,
+    /// Times are the processor's.
+    pub on_processor: bool,
+}
+
+impl Backends {
+    pub(crate) fn start(name: &str, adapter: Option<String>) -> Result<Self, Failure> {
+        let options = |quantised| BackendOptions { threads: 1, adapter: adapter.clone(), quantised };
+        let free = BackendOptions::default();
+        Ok(Self {
+            wide: Backend::by_name(name, &options(false))?,
+            narrow: Backend::by_name(name, &options(true))?,
+            reference: Backend::by_name("reference", &free)?,
+            on_processor: name == "cpu" || name == "reference",
+        })
+    }
+}
+
+/// A variant while it is measured.
+struct Ready {
+    variant: Variant,
+    settings: Settings,
+    frame: Frame,
+    stats: Stats,
+    not_drawn: Option<String>,
+    ms: Vec<f64>,
+}
+
+/// Measures one subject and adds its rows.
+pub(crate) fn subject(
+    subject: &Subject,
+    backends: &mut Backends,
+    runs: usize,
+    figures: &mut Figures,
+) -> Result<(), Failure> {
+    let view = View::new(&subject.camera)?;
+    let applies = |variant: &Variant| match variant.only {
+        Only::Everything => true,
+        Only::Clips => subject.clips,
+        Only::Transparent => subject.transparent,
+        Only::Lit => subject.settings.shader == surfel::model::Shader::Phong,
+    };
+    let exact = backends.reference.upload(&subject.scene)?;
+    let wide = backends.wide.upload(&subject.scene)?;
+    let narrow = backends.narrow.upload(&subject.scene)?;
+    let mut ready = Vec::new();
+    for variant in variants::all().into_iter().filter(applies) {
+        let settings = variant.settings(&subject.settings);
+        let mut one = Ready {
+            variant,
+            settings,
+            frame: Frame::default(),
+            stats: Stats::default(),
+            not_drawn: None,
+            ms: Vec::new(),
+        };
+        match draw(backends, [&wide, &narrow], &view, &mut one, Planes::ALL) {
+            Ok(stats) => one.stats = stats,
+            Err(error) => one.not_drawn = Some(error.to_string()),
+        }
+        ready.push(one);
+    }
+    time(backends, [&wide, &narrow], &view, &mut ready, runs)?;
+    let reference = &mut backends.reference;
+    let truth = truth(subject, reference, &exact, &view)?;
+    let best = picture(reference, &exact, &view, &Preset::Reference.apply(subject.settings))?;
+    for one in ready {
+        let at_same = picture(reference, &exact, &view, &one.settings);
+        let row = row(subject, &one, at_same.ok(), &truth, &best, backends.on_processor)?;
+        figures.rows.push(row);
+    }
+    figures.subjects.push(SubjectFacts {
+        name: subject.name.to_owned(),
+        about: subject.about.to_owned(),
+        truth: subject.truth.words(),
+        splats: figures.rows.last().map_or(0, |_| splats(subject)),
+    });
+    Ok(())
+}
+
+fn splats(subject: &Subject) -> u64 {
+    surfel::render::SceneSummary::of(&subject.scene).splats
+}
+
+fn draw(
+    backends: &mut Backends,
+    [wide, narrow]: [&BackendScene; 2],
+    view: &View,
+    one: &mut Ready,
+    planes: Planes,
+) -> Result<Stats, surfel::RenderError> {
+    if one.variant.quantised {
+        backends.narrow.render(narrow, view, &one.settings, planes, &mut one.frame)
+    } else {
+        backends.wide.render(wide, view, &one.settings, planes, &mut one.frame)
+    }
+}
+
+/// One frame of each in turn, again and again, so that what disturbs the machine disturbs all alike. Colour alone.
+fn time(
+    backends: &mut Backends,
+    scenes: [&BackendScene; 2],
+    view: &View,
+    ready: &mut [Ready],
+    runs: usize,
+) -> Result<(), Failure> {
+    for _ in 0..runs {
+        for one in ready.iter_mut().filter(|one| one.not_drawn.is_none()) {
+            let kept = std::mem::take(&mut one.frame);
+            let (clock, busy) = (Instant::now(), busy_ms());
+            draw(backends, scenes, view, one, Planes::COLOR)?;
+            let elapsed = clock.elapsed().as_secs_f64() * 1e3;
+            let busy = busy_ms().zip(busy).map(|(end, start)| end - start).filter(|_| backends.on_processor);
+            one.ms.push(busy.unwrap_or(elapsed));
+            one.frame = kept;
+        }
+    }
+    Ok(())
+}
+
+fn picture(
+    reference: &mut Backend,
+    scene: &BackendScene,
+    view: &View,
+    settings: &Settings,
+) -> Result<Frame, surfel::RenderError> {
+    let mut frame = Frame::default();
+    reference.render(scene, view, settings, Planes { margin: true, ..Planes::ALL }, &mut frame)?;
+    Ok(frame)
+}
+
+fn truth(subject: &Subject, reference: &mut Backend, exact: &BackendScene, view: &View) -> Result<Truth, Failure> {
+    let mut frame = Frame::default();
+    match &subject.truth {
+        Approximates::Surface(truth) => {
+            return Ok(Truth {
+                color: truth.color.clone(),
+                depth: truth.depth.clone(),
+                normal: truth.normal.clone(),
+                mask: truth.mask.clone(),
+            });
+        }
+        Approximates::Samples(n) => {
+            reference.render_supersampled(exact, view, &subject.settings, Planes::ALL, *n, &mut frame)?;
+        }
+        Approximates::Drawn(settings) => {
+            reference.render(exact, view, settings, Planes::ALL, &mut frame)?;
+        }
+    }
+    let mask = vec![true; frame.color.len()];
+    Ok(Truth { color: frame.color, depth: frame.depth, normal: frame.normal, mask })
+}
+
+fn row(
+    subject: &Subject,
+    one: &Ready,
+    at_same: Option<Frame>,
+    truth: &Truth,
+    best: &Frame,
+    on_processor: bool,
+) -> Result<Row, Failure> {
+    let drawn = one.not_drawn.is_none();
+    let size = subject.camera.size;
+    let shown = if drawn { Some(&one.frame) } else { at_same.as_ref() };
+    let fidelity = at_same.as_ref().filter(|_| drawn).map(|want| {
+        let mask: Vec<bool> = want.margin.iter().map(|&m| m == 0.0).collect();
+        error(&one.frame.color, &want.color, &mask)
+    });
+    // Another shader is another picture.
+    let comparable = one.settings.shader == subject.settings.shader;
+    let (mut model, mut model_flip, mut depth, mut normal, mut from_best) = (None, None, None, None, None);
+    let mut model_inside = None;
+    if let Some(frame) = shown.filter(|_| comparable) {
+        model = Some(error(&frame.color, &truth.color, &truth.mask));
+        let inside = truth.inside(size);
+        // A background of its own covers everything.
+        let has_rim = subject.scene.background[3] == 0.0 && inside.contains(&true);
+        model_inside = has_rim.then(|| error(&frame.color, &truth.color, &inside));
+        model_flip = Some(flip(size, &frame.color, truth)?);
+        depth = relative_depth(&frame.depth, truth);
+        normal = angle_deg(&frame.normal, truth);
+        from_best = one.variant.preset().map(|_| error(&frame.color, &best.color, &vec![true; frame.color.len()]));
+    }
+    let ms = median(&one.ms);
+    let splats = splats(subject);
+    Ok(Row {
+        subject: subject.name.to_owned(),
+        knob: one.variant.knob.to_owned(),
+        value: one.variant.value.clone(),
+        not_drawn: one.not_drawn.clone(),
+        ms,
+        splats_per_s: ms.map(|ms| splats as f64 / (ms * 1e-3)),
+        bytes_per_splat: drawn.then_some(one.stats.bytes_per_splat),
+        fragments: Some(one.stats.fragments).filter(|&n| n > 0 || (drawn && on_processor)),
+        fidelity,
+        model,
+        model_inside,
+        model_flip,
+        model_depth: depth,
+        model_normal_deg: normal,
+        from_reference_preset_db: from_best.and_then(|e| e.psnr_db),
+    })
+}
+
+/// The median; none of nothing.
+pub(super) fn median(values: &[f64]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied()
+}
+
+/// How far colours are apart where the mask says so.
+fn error(got: &[[f32; 4]], want: &[[f32; 4]], mask: &[bool]) -> Error {
+    let (mut squares, mut worst) = (0.0, Vec::new());
+    for ((got, want), _) in got.iter().zip(want).zip(mask).filter(|(_, counts)| **counts) {
+        let mut most = 0.0f64;
+        for (&a, &b) in got.iter().zip(want) {
+            let difference = surfel_metrics::abs_difference(a, b);
+            squares += difference * difference;
+            most = most.max(difference);
+        }
+        worst.push(most);
+    }
+    worst.sort_by(f64::total_cmp);
+    let last = worst.len().saturating_sub(1);
+    let at = |share: f64| worst.get((share * last as f64).round() as usize).copied().unwrap_or(0.0);
+    let rmse = (squares / (4.0 * worst.len().max(1) as f64)).sqrt();
+    let psnr_db = (rmse > 0.0).then(|| -20.0 * rmse.log10());
+    Error { max_abs: at(1.0), p999: at(0.999), rmse, psnr_db }
+}
+
+fn flip([width, height]: [u32; 2], got: &[[f32; 4]], truth: &Truth) -> Result<f64, MetricsError> {
+    let a = Image::new(width, height, truth.color.as_flattened())?;
+    let b = Image::new(width, height, got.as_flattened())?;
+    let options = CompareOptions { mask: Some(&truth.mask), ..CompareOptions::default() };
+    Ok(compare(&a, &b, &options)?.flip_mean.unwrap_or(f64::NAN))
+}
+
+fn relative_depth(got: &[f32], truth: &Truth) -> Option<f64> {
+    let both =
+        got.iter().zip(&truth.depth).zip(&truth.mask).filter(|((a, b), m)| **m && a.is_finite() && b.is_finite());
+    let squares = both.map(|((a, b), _)| f64::from((a - b) / b).powi(2));
+    root_mean(squares)
+}
+
+fn angle_deg(got: &[[f32; 3]], truth: &Truth) -> Option<f64> {
+    let vectors = got.iter().zip(&truth.normal).zip(&truth.mask).filter(|(_, m)| **m);
+    let angle = |(a, b): (&[f32; 3], &[f32; 3])| {
+        let (a, b) = (Vec3::from(*a).as_dvec3(), Vec3::from(*b).as_dvec3());
+        (a.length() > 0.5 && b.length() > 0.5).then(|| a.cross(b).length().atan2(a.dot(b)).to_degrees().powi(2))
+    };
+    root_mean(vectors.filter_map(|(pair, _)| angle(pair)))
+}
+
+fn root_mean(squares: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = squares.fold((0.0, 0u32), |(sum, count), square| (sum + square, count + 1));
+    (count > 0).then(|| (sum / f64::from(count)).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn error_counts_only_what_the_mask_lets_through() {
+        let want = vec![[0.0f32; 4]; 1000];
+        let mut got = want.clone();
+        got[3][0] = 0.5;
+        let all = error(&got, &want, &vec![true; 1000]);
+        assert_eq!((all.max_abs, all.p999), (0.5, 0.0));
+        assert!((all.rmse - (0.25f64 / 4000.0).sqrt()).abs() < 1e-12);
+        let mut mask = vec![true; 1000];
+        mask[3] = false;
+        assert_eq!(error(&got, &want, &mask), Error { max_abs: 0.0, p999: 0.0, rmse: 0.0, psnr_db: None });
+    }
+
+    #[test]
+    fn normals_are_compared_by_their_angle() {
+        let truth = Truth {
+            color: vec![],
+            depth: vec![2.0, f32::INFINITY],
+            normal: vec![[1.0, 0.0, 0.0], [0.0; 3]],
+            mask: vec![true; 2],
+        };
+        let half = std::f32::consts::FRAC_1_SQRT_2;
+        assert!((angle_deg(&[[half, half, 0.0], [1.0, 0.0, 0.0]], &truth).unwrap() - 45.0).abs() < 1e-4);
+        assert_eq!(relative_depth(&[2.5, 1.0], &truth), Some(0.25));
+    }
+}

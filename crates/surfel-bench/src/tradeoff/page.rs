@@ -1,0 +1,120 @@
+//! The page: what to choose, what it costs, and the pictures' errors.
+
+use surfel_plot::{Axis, Chart, Page, Scale, Series, Style, Table};
+
+use super::figures::Figures;
+use super::variants::DEFAULT;
+use super::verdict::{self, Value};
+
+/// A self-contained page.
+pub(crate) fn page(figures: &Figures, values: &[Value], features: &Table) -> String {
+    let mut page = Page::new("Speed against accuracy");
+    page.paragraph(
+        "Surfel draws surfaces as overlapping disks (splats). Its settings trade speed for accuracy. Each picture below was \
+         drawn with one setting changed and all others as they are by default, timed, and compared twice.",
+    );
+    page.paragraph(
+        "Fidelity is the backend against the f64 reference at the same settings: what single precision and fast code cost. \
+         Model error is the picture against what it approximates: the surface itself where it has a closed form, else the \
+         exact, unfiltered splats with many samples a pixel. The two are never mixed.",
+    );
+    let machine = &figures.machine;
+    let load = machine.load.map_or_else(|| "unknown".to_owned(), |load| format!("{load:.1}"));
+    page.paragraph(&format!(
+        "{} ({}), one thread of {}, {}x{} pixels, commit {}, load {load}. Times are medians of {} frames drawn in turn with \
+         all others, on the processor's own clock; differences of 3 % are noise.",
+        figures.backend.name,
+        figures.backend.adapter,
+        machine.processor,
+        figures.size[0],
+        figures.size[1],
+        machine.commit,
+        figures.runs
+    ));
+    page.section("Which preset?");
+    page.paragraph("Times and errors over the defaults', geometric means over the subjects; the least PSNR over them.");
+    page.table(&verdict::presets(figures));
+    page.section("Which setting?");
+    page.paragraph(
+        "Over the default's: time, model error (RMSE) of whole pictures and without rims, fragments and memory, geometric means \
+         over the subjects. A red row is dominated: the named value of the same knob is at least as fast and as accurate, and \
+         clearly better in something.",
+    );
+    page.table(&verdict::table(values));
+    page.section("What the papers claim");
+    page.table(&verdict::claims(figures));
+    page.section("What a scene's features cost");
+    page.paragraph(
+        "Each feature alone, added to white, unlit, opaque disks. Passes and sums are the plan's; a setting for something that a \
+         scene lacks gives the plain plan, and its cost is none.",
+    );
+    page.table(features);
+    page.section("Subjects");
+    page.paragraph(
+        "A point is a setting; the line is the front, which nothing beats in both time and error. Labels that would cover each \
+         other are left out; the table below has every number. What the backend doesn't draw yet has an error (by the \
+         reference) and no time.",
+    );
+    for subject in &figures.subjects {
+        page.heading(&subject.name);
+        page.paragraph(&format!("{} ({} splats). Truth: {}.", subject.about, subject.splats, subject.truth));
+        let chart = chart(figures, &subject.name);
+        // The front is there in any case.
+        if chart.series.len() > 2 {
+            page.chart(&chart);
+        }
+    }
+    page.section("Model errors (RMSE)");
+    page.table(&verdict::errors(figures, |r| r.model));
+    page.section("Model errors without rims (RMSE)");
+    page.paragraph(
+        "Of pixels that the truth covers wholly, as their eight neighbours are. A filter makes every silhouette wider by up to \
+         its radius, which outweighs all else in whole pictures; what it is for shows here.",
+    );
+    page.table(&verdict::errors(figures, |r| r.model_inside));
+    page.html()
+}
+
+/// Time against model error, a point a variant, and the front that nothing dominates.
+fn chart(figures: &Figures, subject: &str) -> Chart {
+    let rows = figures.rows.iter().filter(|r| r.subject == subject && r.knob != "shader");
+    let points = rows.filter_map(|r| Some((r.knob.as_str(), r.value.as_str(), [r.ms?, r.model?.rmse])));
+    let points: Vec<(&str, &str, [f64; 2])> = points.collect();
+    let mut groups: Vec<&str> = Vec::new();
+    for (knob, ..) in &points {
+        if !groups.contains(knob) {
+            groups.push(knob);
+        }
+    }
+    let mut front: Vec<[f64; 2]> = points.iter().map(|p| p.2).collect();
+    front.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let mut least = f64::INFINITY;
+    front.retain(|p| {
+        let better = p[1] < least;
+        least = least.min(p[1]);
+        better
+    });
+    let mut series = vec![Series::new("front", Style::Steps, 6, front)];
+    for (color, knob) in groups.iter().enumerate() {
+        let of_knob = || points.iter().filter(|p| p.0 == *knob);
+        // A paper's setting by the paper's name.
+        let label = |p: &(&str, &str, [f64; 2])| match p.1.split_once('(') {
+            Some((_, name)) => name.trim_end_matches(')').to_owned(),
+            None => p.1.to_owned(),
+        };
+        series.push(Series {
+            name: (*knob).to_owned(),
+            style: Style::Points,
+            color: if *knob == DEFAULT { 7 } else { color },
+            points: of_knob().map(|p| p.2).collect(),
+            labels: of_knob().map(label).collect(),
+        });
+    }
+    Chart {
+        title: format!("{subject}: time against model error"),
+        x: Axis::new("milliseconds a frame, one thread", Scale::Log),
+        y: Axis::new("model error, RMSE of linear colour", Scale::Log),
+        series,
+        shaded: None,
+    }
+}

@@ -1,0 +1,183 @@
+//! The knobs, one value at a time.
+
+use surfel::model::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Shader, Transparency};
+use surfel::{Preset, Settings};
+
+/// The name of every knob's value that nothing was changed of.
+pub(crate) const DEFAULT: &str = "default";
+
+/// A knob turned to one value, all others as the subject has them.
+#[derive(Clone)]
+pub(crate) struct Variant {
+    pub knob: &'static str,
+    pub value: String,
+    /// Splats in 16 bits.
+    pub quantised: bool,
+    /// Which subjects it says something about.
+    pub only: Only,
+    change: Change,
+}
+
+/// What of a picture a knob needs to matter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Only {
+    Everything,
+    Clips,
+    Transparent,
+    Lit,
+}
+
+#[derive(Clone, Copy)]
+enum Change {
+    Nothing,
+    Filter(Filter),
+    Mapping(Mapping),
+    Cutoff(f64),
+    Prefilter(f64),
+    Tolerance(f64),
+    Accumulate(Accumulate),
+    EdgeAa(bool),
+    Clip(ClipPolicy),
+    Transparency(Transparency),
+    Shader(Shader),
+    Preset(Preset),
+    /// Filter, cutoff and h of a paper.
+    Paper(Filter),
+    /// Antialiased edges, and this cutoff and h.
+    Edges(f64, f64),
+    /// Neither filter nor exact mapping.
+    Plainest,
+}
+
+impl Variant {
+    fn new(knob: &'static str, value: String, change: Change) -> Self {
+        Self { knob, value, quantised: false, only: Only::Everything, change }
+    }
+
+    fn only(self, only: Only) -> Self {
+        Self { only, ..self }
+    }
+
+    /// The preset that this is.
+    pub(crate) fn preset(&self) -> Option<Preset> {
+        match self.change {
+            Change::Preset(preset) => Some(preset),
+            _ => None,
+        }
+    }
+
+    /// The subject's settings with this turned.
+    pub(crate) fn settings(&self, settings: &Settings) -> Settings {
+        let mut s = *settings;
+        match self.change {
+            Change::Nothing => {}
+            Change::Filter(filter) => s.filter = filter,
+            Change::Mapping(mapping) => s.mapping = mapping,
+            Change::Cutoff(cutoff) => s.cutoff = cutoff,
+            Change::Prefilter(h) => s.prefilter_radius_px = h,
+            Change::Tolerance(k) => s.depth_tolerance = DepthTolerance::Relative(k),
+            Change::Accumulate(accumulate) => s.accumulate = accumulate,
+            Change::EdgeAa(on) => s.edge_aa = on,
+            Change::Clip(clip) => s.clip = clip,
+            Change::Transparency(transparency) => s.transparency = transparency,
+            Change::Shader(shader) => s.shader = shader,
+            Change::Preset(preset) => s = preset.apply(s),
+            Change::Edges(cutoff, h) => (s.edge_aa, s.cutoff, s.prefilter_radius_px) = (true, cutoff, h),
+            Change::Plainest => (s.filter, s.mapping) = (Filter::None, Mapping::Affine),
+            Change::Paper(filter) => {
+                (s.filter, s.cutoff, s.prefilter_radius_px) = (filter, 1.0, std::f64::consts::SQRT_2);
+            }
+        }
+        s
+    }
+}
+
+/// Every value of every knob; the first is the default of all.
+pub(crate) fn all() -> Vec<Variant> {
+    let new = |knob, value: &dyn ToString, change| Variant::new(knob, value.to_string(), change);
+    let mut variants = vec![new(DEFAULT, &DEFAULT, Change::Nothing)];
+    let others = Filter::ALL.into_iter().filter(|f| *f != Settings::default().filter);
+    variants.extend(others.map(|f| new("filter", &f.name(), Change::Filter(f))));
+    variants.push(new("mapping", &"affine", Change::Mapping(Mapping::Affine)));
+    for cutoff in [1.0, 1.5, 3.0, 4.5] {
+        variants.push(new("cutoff", &cutoff, Change::Cutoff(cutoff)));
+    }
+    for h in [0.5, 1.0, std::f64::consts::SQRT_2] {
+        variants.push(new("prefilter", &format!("{h:.2} px"), Change::Prefilter(h)));
+    }
+    for k in [0.25, 0.5, 2.0, 4.0] {
+        variants.push(new("depth tolerance", &format!("{k} radii"), Change::Tolerance(k)));
+    }
+    variants.push(Variant { quantised: true, ..new("storage", &"16 bits", Change::Nothing) });
+    variants.push(new("accumulate", &"f16", Change::Accumulate(Accumulate::F16)));
+    variants.push(new("edge antialiasing", &"on", Change::EdgeAa(true)));
+    for (name, clip) in [("paper", ClipPolicy::Paper), ("line", ClipPolicy::Line), ("off", ClipPolicy::Off)] {
+        variants.push(new("clip", &name, Change::Clip(clip)).only(Only::Clips));
+    }
+    for layers in [1, 2, 3, 4, 8, 12] {
+        let kinds = [
+            Transparency::Peel { layers, drop_last: false },
+            Transparency::Peel { layers, drop_last: true },
+            Transparency::ABuffer { layers },
+        ];
+        // The A-buffer's picture doesn't depend on its length (§8).
+        let of_interest = kinds.into_iter().filter(|t| match t {
+            Transparency::ABuffer { .. } => layers == 8,
+            Transparency::Peel { drop_last, .. } => !drop_last || layers == 4,
+            Transparency::Off => true,
+        });
+        let variant = |t: Transparency| new("transparency", &t, Change::Transparency(t));
+        variants.extend(of_interest.map(|t| variant(t).only(Only::Transparent)));
+    }
+    let off = new("transparency", &"off", Change::Transparency(Transparency::Off));
+    variants.push(off.only(Only::Transparent));
+    for (name, shader) in [("unlit", Shader::Unlit), ("normal", Shader::Normal)] {
+        variants.push(new("shader", &name, Change::Shader(shader)).only(Only::Lit));
+    }
+    let h = Settings::default().prefilter_radius_px;
+    variants.push(new("combinations", &"edges, cutoff 1.5", Change::Edges(1.5, h)));
+    variants.push(new("combinations", &"edges, cutoff 3", Change::Edges(3.0, h)));
+    variants.push(new("combinations", &"edges, h 0.5 px", Change::Edges(2.0, 0.5)));
+    variants.push(new("combinations", &"edges, cutoff 3, h 1 px", Change::Edges(3.0, 1.0)));
+    variants.push(new("combinations", &"none, affine", Change::Plainest));
+    variants.push(new("papers", &"clamp, c 1, h 1.41 px (B05)", Change::Paper(Filter::Clamp)));
+    variants.push(new("papers", &"adjust, c 1, h 1.41 px (G06)", Change::Paper(Filter::Adjust)));
+    variants.push(new("papers", &"ewa, c 1, h 1.41 px (Z01)", Change::Paper(Filter::Ewa)));
+    variants.extend(Preset::ALL.map(|preset| new("preset", &preset.name(), Change::Preset(preset))));
+    variants
+}
+
+/// What a knob's default value is called, to stand among its others.
+pub(crate) fn default_value(knob: &str) -> &'static str {
+    match knob {
+        "filter" => "principal",
+        "mapping" => "exact",
+        "cutoff" => "2",
+        "prefilter" => "0.71 px",
+        "depth tolerance" => "1 radii",
+        "storage" => "32 bits",
+        "accumulate" => "f32",
+        "edge antialiasing" => "off",
+        "clip" => "exact",
+        "shader" => "phong",
+        _ => "the defaults",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn variants_differ_from_the_default_and_from_each_other() {
+        let base = Settings { shader: Shader::Phong, ..Settings::default() };
+        let all = all();
+        for (i, a) in all.iter().enumerate().skip(1) {
+            // Two presets may come to the same, and clips are settings of nothing else.
+            if a.preset().is_none() && a.value != "off" {
+                assert!(a.quantised || a.settings(&base) != base, "{} {}", a.knob, a.value);
+            }
+            assert!(all[..i].iter().all(|b| (b.knob, &b.value) != (a.knob, &a.value)), "{} {}", a.knob, a.value);
+        }
+    }
+}

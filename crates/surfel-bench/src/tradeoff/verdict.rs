@@ -1,0 +1,291 @@
+//! What the figures say: which value of a knob costs what, which are dominated, and what the papers claimed.
+
+use std::collections::BTreeMap;
+
+use surfel_plot::Table;
+
+use super::figures::{Error, Figures, Row};
+use super::variants::{DEFAULT, default_value};
+
+/// Cost and error of a value over those of the default, geometric means over subjects.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Value {
+    pub knob: String,
+    pub value: String,
+    pub cost: Option<f64>,
+    pub error: Option<f64>,
+    /// The same without rims.
+    pub inside: Option<f64>,
+    pub fragments: Option<f64>,
+    pub bytes: Option<f64>,
+    /// Least fidelity, dB.
+    pub fidelity_db: Option<f64>,
+    /// Worst error over the default's, and on which subject.
+    pub worst: Option<(f64, String)>,
+    /// The value of the same knob that is at least as good in both.
+    pub dominated_by: Option<String>,
+}
+
+/// Differences of less than this are noise: times of a shared machine, medians of alternating runs.
+const NOISE: f64 = 0.03;
+
+/// All values of all knobs but presets, knob by knob, the default's first.
+pub(crate) fn values(figures: &Figures) -> Vec<Value> {
+    let mut knobs: Vec<&str> = Vec::new();
+    for row in figures.rows.iter().filter(|r| r.knob != DEFAULT && r.knob != "preset") {
+        if !knobs.contains(&row.knob.as_str()) {
+            knobs.push(&row.knob);
+        }
+    }
+    let mut all = Vec::new();
+    for knob in knobs {
+        let mut values = Vec::new();
+        if knob != "transparency" {
+            values.push(value(figures, knob, None));
+        }
+        let mut names: Vec<&str> = Vec::new();
+        for row in figures.rows.iter().filter(|r| r.knob == knob) {
+            if !names.contains(&row.value.as_str()) {
+                names.push(&row.value);
+            }
+        }
+        values.extend(names.iter().map(|name| value(figures, knob, Some(name))));
+        let compared = values.clone();
+        for one in &mut values {
+            one.dominated_by = compared.iter().find(|other| dominates(other, one)).map(|other| other.value.clone());
+        }
+        all.extend(values);
+    }
+    all
+}
+
+fn dominates(a: &Value, b: &Value) -> bool {
+    let (Some(cost_a), Some(cost_b), Some(error_a), Some(error_b)) = (a.cost, b.cost, a.error, b.error) else {
+        return false;
+    };
+    // Memory is a cost as well.
+    let bytes = |v: &Value| v.bytes.unwrap_or(1.0);
+    let (inside_a, inside_b) = (a.inside.unwrap_or(1.0), b.inside.unwrap_or(1.0));
+    // Errors have no noise, but what differs by less than this is the same.
+    let no_worse = cost_a <= cost_b * (1.0 + NOISE)
+        && error_a <= error_b * 1.005
+        && inside_a <= inside_b * 1.005
+        && bytes(a) <= bytes(b) * 1.001;
+    let clearly = |a: f64, b: f64| a < b * (1.0 - NOISE);
+    let better = clearly(cost_a, cost_b) || clearly(error_a, error_b) || clearly(inside_a, inside_b);
+    a.value != b.value && no_worse && better
+}
+
+fn value(figures: &Figures, knob: &str, name: Option<&str>) -> Value {
+    let of = |row: &Row| row.knob == knob && Some(row.value.as_str()) == name;
+    let subjects: Vec<&str> = figures.rows.iter().filter(|r| r.knob == knob).map(|r| r.subject.as_str()).collect();
+    let rows: Vec<&Row> = match name {
+        Some(_) => figures.rows.iter().filter(|r| of(r)).collect(),
+        None => figures.rows.iter().filter(|r| r.knob == DEFAULT && subjects.contains(&r.subject.as_str())).collect(),
+    };
+    let base = |row: &Row| figures.row(&row.subject, DEFAULT, DEFAULT);
+    let mean = |f: &dyn Fn(&Row) -> Option<f64>| {
+        let ratios = rows.iter().filter_map(|row| Some(f(row)? / f(base(row)?)?)).filter(|r| r.is_finite() && *r > 0.0);
+        let (sum, count) = ratios.fold((0.0, 0u32), |(sum, count), ratio| (sum + ratio.ln(), count + 1));
+        (count > 0).then(|| (sum / f64::from(count)).exp())
+    };
+    let model = |row: &Row| row.model.map(|e| e.rmse);
+    let ratio = |row: &&&Row| Some((model(row)? / model(base(row)?)?, row.subject.clone()));
+    let worst = rows.iter().filter_map(|row| ratio(&row)).max_by(|a, b| a.0.total_cmp(&b.0));
+    let fidelity = rows.iter().filter_map(|row| row.fidelity?.psnr_db).fold(f64::INFINITY, f64::min);
+    Value {
+        knob: knob.to_owned(),
+        value: name.map_or_else(|| default_value(knob).to_owned(), str::to_owned),
+        cost: mean(&|row| row.ms),
+        error: mean(&model),
+        inside: mean(&|row| row.model_inside.map(|e| e.rmse)),
+        fragments: mean(&|row| row.fragments.map(|n| n as f64)),
+        bytes: mean(&|row| row.bytes_per_splat),
+        fidelity_db: fidelity.is_finite().then_some(fidelity),
+        worst,
+        dominated_by: None,
+    }
+}
+
+/// `1.23×`, or a dash.
+fn times(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}×"))
+}
+
+fn decibels(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0} dB"))
+}
+
+/// The values as a table.
+pub(crate) fn table(values: &[Value]) -> Table {
+    let mut table = Table::new(&[
+        "knob",
+        "value",
+        "time",
+        "model error",
+        "worst error on",
+        "without rims",
+        "fragments",
+        "bytes",
+        "fidelity ≥",
+        "dominated by",
+    ]);
+    for v in values {
+        let worst = v.worst.as_ref().map_or_else(|| "-".to_owned(), |(ratio, name)| format!("{ratio:.2}× {name}"));
+        if v.dominated_by.is_some() {
+            table.marked.push((table.rows.len(), false));
+        }
+        table.rows.push(vec![
+            v.knob.clone(),
+            v.value.clone(),
+            times(v.cost),
+            times(v.error),
+            worst,
+            times(v.inside),
+            times(v.fragments),
+            times(v.bytes),
+            decibels(v.fidelity_db),
+            v.dominated_by.clone().unwrap_or_default(),
+        ]);
+    }
+    table
+}
+
+/// Presets: time over the default's, and the least of both promises over subjects.
+pub(crate) fn presets(figures: &Figures) -> Table {
+    let mut table =
+        Table::new(&["preset", "time", "model error", "fidelity ≥", "from preset reference ≥", "on", "drawn on"]);
+    let mut names: Vec<&str> = Vec::new();
+    for row in figures.rows.iter().filter(|r| r.knob == "preset") {
+        if !names.contains(&row.value.as_str()) {
+            names.push(&row.value);
+        }
+    }
+    for name in names {
+        let summary = value(figures, "preset", Some(name));
+        let rows = || figures.rows.iter().filter(|r| r.knob == "preset" && r.value == name);
+        let least = rows().filter_map(|r| Some((r.from_reference_preset_db?, r.subject.as_str())));
+        let least = least.min_by(|a, b| a.0.total_cmp(&b.0));
+        let drawn = rows().filter(|r| r.not_drawn.is_none()).count();
+        table.rows.push(vec![
+            name.to_owned(),
+            times(summary.cost),
+            times(summary.error),
+            decibels(summary.fidelity_db),
+            decibels(least.map(|l| l.0)),
+            least.map_or("-", |l| l.1).to_owned(),
+            format!("{drawn} of {}", rows().count()),
+        ]);
+    }
+    table
+}
+
+/// Model error by subject and value: RMSE, of whole pictures or without rims.
+pub(crate) fn errors(figures: &Figures, error: impl Fn(&Row) -> Option<Error>) -> Table {
+    let subjects: Vec<&str> = figures.subjects.iter().map(|s| s.name.as_str()).collect();
+    let mut head = vec!["knob", "value"];
+    head.extend(&subjects);
+    let mut table = Table::new(&head);
+    let mut lines: BTreeMap<usize, (String, String)> = BTreeMap::new();
+    for (index, row) in figures.rows.iter().enumerate().filter(|(_, r)| r.knob != "shader") {
+        if !lines.values().any(|(knob, value)| *knob == row.knob && *value == row.value) {
+            lines.insert(index, (row.knob.clone(), row.value.clone()));
+        }
+    }
+    for (knob, value) in lines.into_values() {
+        let cell = |subject: &&str| {
+            let rmse = figures.row(subject, &knob, &value).and_then(&error);
+            rmse.map_or_else(|| "-".to_owned(), |e| format!("{:.4}", e.rmse))
+        };
+        let cells: Vec<String> = subjects.iter().map(cell).collect();
+        table.rows.push([vec![knob, value], cells].concat());
+    }
+    table
+}
+
+/// The papers' claims and what was measured of them.
+pub(crate) fn claims(figures: &Figures) -> Table {
+    let mut table = Table::new(&["claim", "measured"]);
+    let mut add = |claim: &str, measured: Option<String>| {
+        table.rows.push(vec![claim.to_owned(), measured.unwrap_or_else(|| "not measured on this backend".to_owned())]);
+    };
+    let ratio = |subjects: &[&str], a: (&str, &str), b: (&str, &str), f: &dyn Fn(&Row) -> Option<f64>| {
+        let parts = subjects.iter().filter_map(|subject| {
+            let value = |(knob, value): (&str, &str)| f(figures.row(subject, knob, value)?);
+            Some(format!("{:.2}× {subject}", value(a)? / value(b)?))
+        });
+        let parts: Vec<String> = parts.collect();
+        (!parts.is_empty()).then(|| parts.join(", "))
+    };
+    let (ms, fragments) = (|r: &Row| r.ms, |r: &Row| r.fragments.map(|n| n as f64));
+    let rmse = |r: &Row| r.model.map(|e| e.rmse);
+    let scans = ["bumpy", "igea", "lion"];
+    let mixed = ["horizon", "zone plate"];
+    add(
+        "G06: adjusting splats costs nothing at the fragments (time, adjust over none)",
+        ratio(&scans, ("filter", "adjust"), ("filter", "none"), &ms),
+    );
+    add("the same, fragments", ratio(&scans, ("filter", "adjust"), ("filter", "none"), &fragments));
+    add(
+        "G06: adjust is closer to the truth than clamp where magnified and minified meet (error, adjust over clamp)",
+        ratio(&mixed, ("filter", "adjust"), ("filter", "clamp"), &rmse),
+    );
+    add("the same against ewa (error, adjust over ewa)", ratio(&mixed, ("filter", "adjust"), ("filter", "ewa"), &rmse));
+    add(
+        "B05: clamping triples fragments (clamp, c 1, h 1.41 px over none, c 2)",
+        ratio(&scans, ("papers", "clamp, c 1, h 1.41 px (B05)"), ("filter", "none"), &fragments),
+    );
+    add(
+        "the same with our h and c (clamp over none)",
+        ratio(&scans, ("filter", "clamp"), ("filter", "none"), &fragments),
+    );
+    add(
+        "B05: deferred shading is nearly free (time, phong over normals alone)",
+        ratio(&scans, (DEFAULT, DEFAULT), ("shader", "normal"), &ms),
+    );
+    add(
+        "B05: 16-bit storage is invisible (error, 16 over 32 bits)",
+        ratio(&["ball", "bumpy", "igea", "lion"], ("storage", "16 bits"), (DEFAULT, DEFAULT), &rmse),
+    );
+    add(
+        "Z01: cutoff 1 suffices (error, 1 over 2)",
+        ratio(&["horizon", "zone plate", "ball"], ("cutoff", "1"), (DEFAULT, DEFAULT), &rmse),
+    );
+    add(
+        "C12: clipping keeps the frame rate (time, clipped over off)",
+        ratio(&["cylinder", "fandisk"], (DEFAULT, DEFAULT), ("clip", "off"), &ms),
+    );
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn value(cost: f64, error: f64, name: &str) -> Value {
+        Value {
+            knob: "k".into(),
+            value: name.into(),
+            cost: Some(cost),
+            error: Some(error),
+            inside: None,
+            fragments: None,
+            bytes: None,
+            fidelity_db: None,
+            worst: None,
+            dominated_by: None,
+        }
+    }
+
+    #[test]
+    fn a_value_is_dominated_by_one_that_is_no_worse_and_clearly_better_in_something() {
+        let base = value(1.0, 1.0, "base");
+        assert!(dominates(&base, &value(1.3, 1.0, "slower")));
+        assert!(dominates(&base, &value(1.0, 1.5, "worse")));
+        assert!(!dominates(&base, &value(1.01, 1.0, "noise")));
+        assert!(!dominates(&base, &value(0.8, 1.5, "a trade")));
+        let sharp = Value { inside: Some(0.8), ..value(1.1, 1.1, "better inside") };
+        assert!(!dominates(&Value { inside: Some(1.0), ..base.clone() }, &sharp));
+        assert!(!dominates(&value(0.5, 0.5, "base"), &base), "itself");
+    }
+}

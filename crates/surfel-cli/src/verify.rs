@@ -1,0 +1,135 @@
+//! `render --verify`: how close the picture came, and whether its preset's promise is kept.
+
+use crate::failure::Failure;
+use crate::resolve::Resolved;
+use crate::values::json_number;
+use serde_json::{Value, json};
+use std::fmt::Write;
+use surfel::render::Promise;
+use surfel::{Backend, BackendOptions, Frame, Planes, Preset, Renderer, Scene, Settings, View};
+use surfel_metrics::{CompareOptions, Comparison, Image};
+
+/// Both errors of a picture.
+pub(crate) struct Verified {
+    backend: &'static str,
+    /// Against the reference at the same settings, outside of its decision margins.
+    fidelity: Comparison,
+    /// Pixels within the margins.
+    left_out: usize,
+    /// Where the settings are a preset's: against the preset `reference`, both drawn by the reference.
+    model: Option<(Preset, Comparison)>,
+}
+
+/// Draws the picture again by the reference and compares.
+///
+/// `scene` is what was drawn.
+pub(crate) fn verify(
+    resolved: &Resolved,
+    scene: &Scene,
+    view: &View,
+    threads: usize,
+    backend: &'static str,
+    drawn: &Frame,
+) -> Result<Verified, Failure> {
+    let settings = &resolved.file.settings;
+    let options = BackendOptions { threads, ..BackendOptions::default() };
+    let mut reference = Backend::by_name("reference", &options)?;
+    let resident = reference.upload(scene)?;
+    let mut picture = |settings: &Settings, planes| {
+        let mut frame = Frame::default();
+        reference.render(&resident, view, settings, planes, &mut frame)?;
+        Ok::<Frame, Failure>(frame)
+    };
+    let same = picture(settings, Planes { margin: true, ..Planes::COLOR })?;
+    let mask: Vec<bool> = same.margin.iter().map(|&m| m == 0.0).collect();
+    let fidelity = compare(&same, drawn, Some(&mask))?;
+    let model = match Preset::of(settings) {
+        // Without interior weights there are no antialiased edges, and so no picture to compare with.
+        Some(preset) => {
+            let best = Preset::Reference.apply(*settings);
+            picture(&best, Planes::COLOR)
+                .ok()
+                .map(|best| Ok::<_, Failure>((preset, compare(&best, &same, None)?)))
+                .transpose()?
+        }
+        None => None,
+    };
+    Ok(Verified { backend, fidelity, left_out: mask.iter().filter(|m| !**m).count(), model })
+}
+
+fn compare(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> Result<Comparison, Failure> {
+    let failed = |e: surfel_metrics::MetricsError| Failure::other(format!("the pictures can't be compared: {e}"));
+    let image = |frame: &'_ Frame| (frame.width, frame.height);
+    let ((w, h), (gw, gh)) = (image(want), image(got));
+    let a = Image::new(w, h, want.color.as_flattened()).map_err(failed)?;
+    let b = Image::new(gw, gh, got.color.as_flattened()).map_err(failed)?;
+    surfel_metrics::compare(&a, &b, &CompareOptions { mask, ..CompareOptions::default() }).map_err(failed)
+}
+
+impl Verified {
+    /// What is short of the preset's promise.
+    fn broken(&self) -> Vec<String> {
+        let Some((preset, model)) = &self.model else { return Vec::new() };
+        let Promise { fidelity_db, model_db } = preset.promise();
+        let short = |what: &str, db: f64, least: f64| {
+            // NaN is short as well.
+            (!(db >= least))
+                .then(|| format!("{what} is {db:.2} dB, preset {} promises at least {least}", preset.name()))
+        };
+        [short("fidelity", self.fidelity.psnr, fidelity_db), short("model error", model.psnr, model_db)]
+            .into_iter()
+            .flatten()
+            .collect()
+    }
+
+    /// Fails with exit code 5 if the preset's promise is broken.
+    pub(crate) fn judge(&self) -> Result<(), Failure> {
+        let broken = self.broken();
+        if broken.is_empty() { Ok(()) } else { Err(Failure::threshold(broken.join("; "))) }
+    }
+
+    /// For people.
+    pub(crate) fn text(&self) -> String {
+        let mut text = String::new();
+        let metrics = |c: &Comparison| {
+            let flip = c.flip_mean.unwrap_or(f64::NAN);
+            format!("max_abs {:.6}, rmse {:.6}, psnr {:.2} dB, flip {flip:.6}", c.max_abs, c.rmse, c.psnr)
+        };
+        // Writing to a string can't fail.
+        let _ = writeln!(text, "fidelity  {}", metrics(&self.fidelity));
+        let _ = writeln!(
+            text,
+            "          backend {} against reference, same settings; {} of {} pixels are within decision margins, left out",
+            self.backend,
+            self.left_out,
+            self.fidelity.compared + self.left_out
+        );
+        if let Some((preset, model)) = &self.model {
+            let Promise { fidelity_db, model_db } = preset.promise();
+            let _ = writeln!(text, "model     {}", metrics(model));
+            let _ =
+                writeln!(text, "          preset {} against preset reference, both by the reference", preset.name());
+            let kept = if self.broken().is_empty() { "kept" } else { "BROKEN" };
+            let _ = writeln!(
+                text,
+                "promise   preset {}: fidelity at least {fidelity_db} dB, model error at least {model_db} dB: {kept}",
+                preset.name()
+            );
+        }
+        text
+    }
+
+    /// For programs.
+    pub(crate) fn json(&self) -> Value {
+        let metrics = |c: &Comparison| {
+            json!({ "max_abs": json_number(c.max_abs), "rmse": json_number(c.rmse), "psnr": json_number(c.psnr),
+                    "flip": json_number(c.flip_mean.unwrap_or(f64::NAN)) })
+        };
+        json!({
+            "fidelity": metrics(&self.fidelity),
+            "left_out": self.left_out,
+            "model": self.model.as_ref().map(|(_, c)| metrics(c)),
+            "promise_kept": self.model.as_ref().map(|_| self.broken().is_empty()),
+        })
+    }
+}

@@ -1,0 +1,165 @@
+//! The formulas that ours replace, as published and in f32, and how far off they are.
+
+use super::exact::Exact;
+use super::{Naive, Picture, Probe, Truth};
+use surfel_math::V2;
+use surfel_math::V3;
+use surfel_math::clip::Curve;
+use surfel_math::kernel;
+use surfel_math::project::ViewSplat;
+
+fn single(v: V3<f64>) -> V3<f32> {
+    V3::new(v.x as f32, v.y as f32, v.z as f32)
+}
+
+fn cross(a: V3<f32>, b: V3<f32>) -> V3<f32> {
+    V3::new(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
+}
+
+/// The error of what ours replaces; NaN where that is nothing. A result that is no number is an error of 1.
+pub(super) fn error(probe: &Probe) -> f64 {
+    let is_exact = |splat: &ViewSplat<f64>, known: &Naive| match known {
+        Naive::Nothing => f64::NAN,
+        Naive::Matrix => matrix(splat, &probe.picture),
+        Naive::Moved(drawn) => moved(splat, drawn, &probe.picture),
+        Naive::Known(error) => *error,
+    };
+    match (&probe.truth, &probe.naive) {
+        (Truth::Exact(splat, _), naive) => is_exact(splat, naive),
+        (_, Naive::Known(error)) => *error,
+        _ => f64::NAN,
+    }
+}
+
+/// The same error where the splat that is drawn isn't the one that is meant: what rounding of inputs costs, without any of
+/// arithmetic.
+fn moved(meant: &ViewSplat<f64>, drawn: &ViewSplat<f64>, picture: &Picture) -> f64 {
+    let view = picture.view();
+    let (a, b) = (Exact::new(meant, &view.projection), Exact::new(drawn, &view.projection));
+    let mut worst = 0.0f64;
+    for pixel in pixels(picture) {
+        let weight = |e: &Exact| e.hit(pixel).map_or(0.0, |h| kernel::weight(h.rho_squared, picture.settings.cutoff));
+        worst = worst.max((weight(&a) - weight(&b)).abs());
+    }
+    worst
+}
+
+fn pixels(picture: &Picture) -> impl Iterator<Item = [u32; 2]> + use<> {
+    let region = picture.view().region;
+    (0..region.width * region.height).map(move |i| [region.x + i % region.width, region.y + i / region.width])
+}
+
+/// Largest weight error of G06 eq. 5–6 as printed: rows of adj[s t p]/det, their constant terms at pixel 0, 0.
+fn matrix(splat: &ViewSplat<f64>, picture: &Picture) -> f64 {
+    let projection = picture.view().projection;
+    let exact = Exact::new(splat, &projection);
+    let (p, s, t) = (single(splat.p), single(splat.s), single(splat.t));
+    let [fx, fy] = projection.focal_px.map(|v| v as f32);
+    let [cx, cy] = projection.principal_px.map(|v| v as f32);
+    let rows = [cross(t, p), cross(p, s), cross(s, t)];
+    let det = rows[2].x * p.x + rows[2].y * p.y + rows[2].z * p.z;
+    let forms = rows.map(|r| {
+        let (x, y) = (r.x / det / fx, r.y / det / fy);
+        [x, y, r.z / det - x * cx - y * cy]
+    });
+    let cutoff = picture.settings.cutoff as f32;
+    let mut worst = f64::NAN;
+    for pixel in pixels(picture) {
+        let at = |f: [f32; 3]| f[0] * (pixel[0] as f32 + 0.5) + f[1] * (pixel[1] as f32 + 0.5) + f[2];
+        let [u, v, w] = forms.map(at);
+        let rho_squared = (u * u + v * v) / (w * w);
+        let got = if w > 0.0 && rho_squared <= 1.0 { (-cutoff * rho_squared).exp() } else { 0.0 };
+        let want = exact.hit(pixel).map_or(0.0, |h| kernel::weight(h.rho_squared, f64::from(cutoff)));
+        // What is not a number draws nothing on a GPU; the pixel is lost.
+        let got = if got.is_nan() { 0.0 } else { got };
+        // Where only one of them hits, half of the rim's step is no error of arithmetic.
+        if (got > 0.0 && want > 0.0) || (want - f64::from(got)).abs() > 0.5 {
+            worst = (f64::from(got) - want).abs().max(worst);
+        }
+    }
+    worst
+}
+
+/// Relative error of a depth that went through a 24-bit depth buffer with a far plane ten times as far.
+pub(super) fn depth_buffer(near: f64, z: f64) -> f64 {
+    let far = 10.0 * z;
+    let stored = far / (far - near) * (1.0 - near / z);
+    let steps = f64::from(1 << 24);
+    let stored = (stored * steps).round() / steps;
+    let back = near * far / (far - stored * (far - near));
+    ((back - z) / z).abs().min(1.0)
+}
+
+/// Relative error of a sum of `count` equal weights in half precision.
+pub(super) fn half_sum(count: u32, weight: f64) -> f64 {
+    let half = |value: f64| {
+        // 11 bits; the least normal exponent is −14.
+        let unit = value.abs().log2().floor().max(-14.0) - 10.0;
+        let unit = unit.exp2();
+        if value == 0.0 { 0.0 } else { (value / unit).round_ties_even() * unit }
+    };
+    let weight_in_half = half(weight);
+    let mut sum = 0.0;
+    for _ in 0..count {
+        let next = half(sum + weight_in_half);
+        if next == sum {
+            break;
+        }
+        sum = next;
+    }
+    (sum / (f64::from(count) * weight) - 1.0).abs()
+}
+
+/// True where C12 eq. 7, as printed and in f32, keeps a point of the disk.
+pub(super) fn clip_keeps(curve: &Curve, point: V2<f64>) -> bool {
+    let narrow = |v: V2<f64>| V2::new(v.x as f32, v.y as f32);
+    let (p1, p2, p3, q) = (narrow(curve.p1), narrow(curve.p2), narrow(curve.p3), narrow(point));
+    let w = curve.w as f32;
+    let left = |a: V2<f32>, b: V2<f32>| (b.x - a.x) * (q.y - a.y) - (b.y - a.y) * (q.x - a.x);
+    let turn = (p2.x - p1.x) * (p3.y - p1.y) - (p2.y - p1.y) * (p3.x - p1.x);
+    let sign = if turn < 0.0 { -1.0 } else { 1.0 };
+    let (a1, a2, a3) = (left(p2, p3) * sign, left(p3, p1) * sign, left(p1, p2) * sign);
+    let left_of_chord = left(p1, p3) >= 0.0;
+    if a1 < 0.0 || a2 < 0.0 || a3 < 0.0 {
+        return left_of_chord;
+    }
+    // The line from q to the chord's middle meets the curve where b(1−t)² + 2w·e·t(1−t) + f·t² = 0.
+    let d = V2::new(0.5 * (p1.x + p3.x) - q.x, 0.5 * (p1.y + p3.y) - q.y);
+    let side = |p: V2<f32>| d.y * (p.x - q.x) - d.x * (p.y - q.y);
+    let (b, e, f) = (side(p1), w * side(p2), side(p3));
+    // As t = (a ± √(a² − b·c))/c.
+    let (a, c) = (b - e, b - 2.0 * e + f);
+    let root = (a * a - b * c).max(0.0).sqrt();
+    let t = [(a + root) / c, (a - root) / c].into_iter().find(|t| (0.0..=1.0).contains(t));
+    let Some(t) = t else { return left_of_chord };
+    let (k1, k2, k3) = ((1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t) * w, t * t);
+    let sum = k1 + k2 + k3;
+    let x = V2::new((k1 * p1.x + k2 * p2.x + k3 * p3.x) / sum, (k1 * p1.y + k2 * p2.y + k3 * p3.y) / sum);
+    // Outside of the curve where its point lies between q and the middle.
+    let outside = (x.x - q.x) * d.x + (x.y - q.y) * d.y > 0.0;
+    if sign > 0.0 { !outside } else { outside }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_sums_stagnate_where_the_sum_is_2048_times_the_term() {
+        assert!(half_sum(64, 1.0) == 0.0 && half_sum(2048, 1.0) == 0.0);
+        assert!((half_sum(1 << 20, 1.0) - (1.0 - 2048.0 / f64::from(1 << 20))).abs() < 1e-12);
+    }
+
+    #[test]
+    fn paper_clip_agrees_with_ours_where_nothing_is_extreme() {
+        let curve = Curve::from_angles(0.3, 2.4, V2::new(0.1, 1.1), 1.0);
+        let ours = surfel_math::clip::Clip::nothing().with_curve(&curve);
+        let mut random = crate::random::Random::new(3);
+        let wrong = (0..4000).filter(|_| {
+            let q = V2::new(random.range(-0.7, 0.7), random.range(-0.7, 0.7));
+            ours.curve_keeps(q) != clip_keeps(&curve, q)
+        });
+        // Points that f32 puts on the other side of a line.
+        assert!(wrong.count() < 4);
+    }
+}

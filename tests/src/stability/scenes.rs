@@ -1,0 +1,96 @@
+//! Sweeps of many splats.
+
+use super::{Measure, Naive, Picture, Probe, Sweep, Truth, powers};
+use crate::build::{Splat, camera, confetti, scene};
+use glam::DVec3;
+use surfel_math::V3;
+use surfel_math::project::ViewSplat;
+use surfel_model::{Camera, Filter, Settings};
+
+/// What the conformance harness allows: 2e-4 + 1e-3 of the value.
+const TOLERANCE: f64 = 1.2e-3;
+
+pub(super) fn sweeps() -> Vec<Sweep> {
+    let scale = |name, values, required| Sweep {
+        name,
+        parameter: "unit of the scene's coordinates",
+        about: "A ball of 80 splats of every tilt, camera included, in larger or smaller units: the picture has to stay the \
+                same. f32 ends at 3.4e38; squares of coordinates do at 1.8e19 and 1e-19, and denormal numbers begin at \
+                1.2e-38.",
+        law: "the conformance tolerance, 1.2e-3 of a colour, outside of decision margins: the tilts of random splats have no \
+              one law",
+        naive: "",
+        measure: Measure::Color,
+        values,
+        required,
+        probes: scaled,
+    };
+    vec![
+        scale("unit-large", powers(0.0, 38.0, 1.0), 1e15),
+        scale("unit-small", powers(0.0, -44.0, 1.0), 1e-15),
+        Sweep {
+            name: "overlap",
+            parameter: "splats on a pixel",
+            about: "Equal splats one upon another: how well sums keep up.",
+            law: "|ΔΣw|/Σw ≤ n·unit roundoff, the worst that n roundings can add up to; and the kernel's own error",
+            naive: "sums in half precision",
+            measure: Measure::Weight,
+            values: powers(0.0, 6.0, 0.5).into_iter().map(f64::round).collect(),
+            required: 1e6,
+            probes: overlap,
+        },
+    ]
+}
+
+fn scaled(unit: f64) -> Vec<Probe> {
+    let splats = |unit: f64| -> Vec<Splat> {
+        let by = |v: DVec3| (v * unit).as_vec3().as_dvec3();
+        confetti(80, 0.12, 3.0, 5).into_iter().map(|s| Splat { p: by(s.p), s: by(s.s), t: by(s.t), ..s }).collect()
+    };
+    let view = camera(3.0, 45.0, [40, 40]);
+    let view = Camera { eye: view.eye.map(|v| v * unit), near: 0.01 * unit, ..view };
+    // A splat that rounding of its coordinates has left without an area is no valid splat.
+    let is_valid = |s: &Splat| {
+        let (a, b) = (s.s / s.s.abs().max_element(), s.t / s.t.abs().max_element());
+        s.p.is_finite() && a.is_finite() && b.is_finite() && a.normalize().cross(b.normalize()).length() > 1e-6
+    };
+    let splats: Vec<Splat> = splats(unit).into_iter().filter(is_valid).collect();
+    let picture = Picture { scene: scene(&splats), camera: view, region: None, settings: Settings::default() };
+    vec![Probe {
+        picture,
+        truth: Truth::Reference,
+        amplification: 0.0,
+        floor: TOLERANCE,
+        scale: 1.0,
+        naive: Naive::Nothing,
+    }]
+}
+
+fn overlap(count: f64) -> Vec<Probe> {
+    let (z, focal) = (2.0, 8.0);
+    let r = 0.9f32;
+    let splat = Splat {
+        p: DVec3::new(0.0625, -0.03125, -z),
+        s: DVec3::X * f64::from(r),
+        t: DVec3::Y * f64::from(r),
+        color: [0.3, 0.7, 0.1],
+    };
+    let splats = vec![splat; count as usize];
+    let camera = Camera {
+        eye: [0.0; 3],
+        target: [0.0, 0.0, -1.0],
+        projection: surfel_model::Projection::Intrinsics { fx: focal, fy: focal, cx: 4.0, cy: 4.0 },
+        ..camera(0.0, 45.0, [8, 8])
+    };
+    let view = |v: DVec3| V3::new(v.x, -v.y, -v.z);
+    let one = ViewSplat { p: view(splat.p), s: view(splat.s), t: view(splat.t), n: V3::new(0.0, 0.0, -1.0) };
+    let settings = Settings { filter: Filter::None, ..Settings::default() };
+    vec![Probe {
+        picture: Picture { scene: scene(&splats), camera, region: None, settings },
+        truth: Truth::Exact(one, count as u32),
+        amplification: count + 64.0,
+        floor: 0.0,
+        scale: count,
+        naive: Naive::Known(super::naive::half_sum(count as u32, 0.75)),
+    }]
+}
