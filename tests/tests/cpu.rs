@@ -1,9 +1,10 @@
 //! The processor backend: the reference's picture, and the same bits however it is made.
 
-use surfel_conformance::harness::{check_backend, render};
+use surfel_conformance::harness::{Verdict, check_backend, check_case, render};
 use surfel_conformance::{build, scenes};
-use surfel_cpu::{Options, Renderer as Cpu, SimdLevel, Storage, Work};
-use surfel_model::{Accumulate, OnInvalid, Scene, SplatCloud};
+use surfel_cpu::{Options, Peeling, Renderer as Cpu, SimdLevel, Storage, Work};
+use surfel_model::{Accumulate, OnInvalid, Scene, Settings, Shader, SplatCloud, Transparency};
+use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Region, RenderError, Renderer, View};
 
 fn renderer(threads: usize, simd: SimdLevel) -> Cpu {
@@ -21,28 +22,53 @@ fn bits(frame: &Frame) -> Vec<u32> {
         .collect()
 }
 
-/// The scenes whose content the processor backend draws.
+/// Every scene, all of which the processor backend draws, and some where features meet that no scene has at once.
 fn drawn() -> Vec<scenes::Case> {
+    let mut cases = scenes::all();
+    let peel = |s: &mut Settings| s.transparency = Transparency::Peel { layers: 2, drop_last: false };
+    let both = |s: &mut Settings| {
+        peel(s);
+        (s.shader, s.edge_aa) = (Shader::Toon, true);
+    };
+    cases.push(scenes::mesh_through_sphere().with("toon, edges, layers", both));
+    cases.push(scenes::panes().with("toon, edges, layers", both));
+    cases.push(scenes::sphere_before_mesh().with("near", |_| ()));
+    if let Some(case) = cases.last_mut() {
+        // Polygons and splats through the near plane.
+        case.camera.near = 2.1;
+    }
     let capabilities = renderer(1, SimdLevel::Best).info().capabilities;
-    let cases: Vec<scenes::Case> = scenes::all().into_iter().filter(|c| c.is_drawn_by(&capabilities)).collect();
-    assert!(cases.len() > 45, "{}", cases.len());
+    let refused: Vec<&str> = cases.iter().filter(|c| !c.is_drawn_by(&capabilities)).map(|c| c.name.as_str()).collect();
+    assert!(refused.is_empty(), "{refused:?}");
     cases
 }
 
 #[test]
 fn cpu_agrees_with_the_reference_on_every_scene() {
     let reports = check_backend(&mut renderer(0, SimdLevel::Best));
-    let failed: Vec<String> = reports.iter().filter(|r| !r.is_ok()).map(|r| format!("{r:?}")).collect();
+    let failed: Vec<String> =
+        reports.iter().filter(|r| r.verdict != Verdict::Passed).map(|r| format!("{r:?}")).collect();
     assert!(failed.is_empty(), "{failed:#?}");
+    let mut reference = Reference::new(0).unwrap();
+    for case in &drawn()[reports.len()..] {
+        let report = check_case(&mut renderer(0, SimdLevel::Best), &mut reference, case);
+        assert_eq!(report.verdict, Verdict::Passed, "{report}");
+    }
 }
 
 #[test]
-fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_and_batch() {
+fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_batch_and_peeling() {
     let cut = |tile_px, batch_splats| {
-        let options =
-            Options { threads: 2, simd: SimdLevel::Best, work: Work { tile_px, batch_splats }, ..Options::default() };
+        let options = Options {
+            threads: 2,
+            simd: SimdLevel::Best,
+            work: Work { tile_px, batch_splats, ..Work::default() },
+            ..Options::default()
+        };
         Cpu::with_options(&options).unwrap()
     };
+    let anew = Work { peeling: Peeling::Anew, ..Work::default() };
+    let anew = Cpu::with_options(&Options { work: anew, ..Options::default() }).unwrap();
     let mut variants = [
         renderer(1, SimdLevel::Best),
         renderer(3, SimdLevel::Best),
@@ -53,6 +79,7 @@ fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_and_batch() {
         // Every strip of tiles by itself.
         cut(8, 0),
         cut(32, 0),
+        anew,
     ];
     let planes = Planes { fragments: true, ..Planes::ALL };
     for case in drawn() {
@@ -81,15 +108,17 @@ fn cpu_region_is_the_same_bits_as_that_part_of_the_whole() {
         let [width, height] = case.camera.size;
         // An odd corner, so that tiles and runs start elsewhere than in the whole picture.
         let region = Region { x: width / 3, y: height / 4, width: width.div_ceil(2), height: height.div_ceil(2) };
-        let whole = render(&mut cpu, case, Planes::COLOR).unwrap();
+        let whole = render(&mut cpu, case, Planes::ALL).unwrap();
         let view = View::of_region(&case.camera, Some(region)).unwrap();
         let resident = cpu.upload(&case.scene).unwrap();
         let mut part = Frame::default();
-        cpu.render(&resident, &view, &case.settings, Planes::COLOR, &mut part).unwrap();
+        cpu.render(&resident, &view, &case.settings, Planes::ALL, &mut part).unwrap();
         for (i, pixel) in part.color.iter().enumerate() {
             let (x, y) = (region.x + i as u32 % region.width, region.y + i as u32 / region.width);
             let same = whole.color[(y * width + x) as usize];
             assert_eq!(pixel.map(f32::to_bits), same.map(f32::to_bits), "{} at {x},{y}", case.name);
+            let depth = whole.depth[(y * width + x) as usize];
+            assert_eq!(part.depth[i].to_bits(), depth.to_bits(), "{} at {x},{y}", case.name);
         }
     }
 }

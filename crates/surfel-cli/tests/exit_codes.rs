@@ -94,13 +94,20 @@ fn backends_that_are_not_here_exit_with_4() {
 fn what_this_version_does_not_have_exits_with_1() {
     let f = Folder::new("later");
     f.write("a.ply", ball());
-    f.write("b.obj", cube());
-    f.write("mesh.json", scene("").replace("\"splats\": \"a.ply\"", "\"mesh\": \"b.obj\""));
-    for words in ["a.ply -o x.png --size 8x8 --shadows --backend cpu", "mesh.json -o x.png --backend cpu", "view a.ply"]
-    {
+    for words in ["a.ply -o x.png --size 8x8 --accumulate f16 --backend cpu", "view a.ply"] {
         f.run(words).fails(1, "");
     }
-    assert_eq!(f.names(), ["a.ply", "b.obj", "mesh.json"]);
+    assert_eq!(f.names(), ["a.ply"]);
+}
+
+#[test]
+fn processor_draws_polygons_and_shadows() {
+    let f = Folder::new("processor");
+    f.write("a.ply", ball());
+    f.write("b.obj", cube());
+    f.write("mesh.json", scene("").replace("\"splats\": \"a.ply\"", "\"mesh\": \"b.obj\""));
+    f.run("a.ply -o shadows.png --size 8x8 --shadows --backend cpu").code(0);
+    f.run("mesh.json -o mesh.png --backend cpu").code(0);
 }
 
 #[test]

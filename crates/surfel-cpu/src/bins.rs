@@ -58,14 +58,9 @@ pub(crate) struct Entry {
     pub tile: u32,
 }
 
-/// Some chunks' records, with each tile's list of them in splat order.
+/// Each tile's entries, in the order in which they were found.
 #[derive(Default)]
-pub(crate) struct Segment {
-    pub records: Vec<Record>,
-    pub near: Vec<NearSplat>,
-    pub clips: Vec<ScreenClip>,
-    /// Splats that were looked at one by one.
-    pub set_up: u64,
+pub(crate) struct TileLists {
     /// Where each tile's entries start; empty if there are none at all.
     starts: Vec<u32>,
     /// Where each tile's next entry goes, while they are sorted.
@@ -73,16 +68,8 @@ pub(crate) struct Segment {
     entries: Vec<Entry>,
 }
 
-impl Segment {
-    /// Empties it but for what sorting overwrites, and keeps its memory.
-    pub(crate) fn clear(&mut self) {
-        self.records.clear();
-        self.near.clear();
-        self.clips.clear();
-        self.set_up = 0;
-    }
-
-    /// Sorts the records' entries into tiles, by counting.
+impl TileLists {
+    /// Sorts entries into tiles, by counting, in the memory of what was sorted before.
     pub(crate) fn sort(&mut self, unsorted: &[Entry], grid: &Grid) {
         self.starts.clear();
         // What is there is overwritten, all of it.
@@ -105,6 +92,50 @@ impl Segment {
         }
     }
 
+    /// The entries of a tile.
+    pub(crate) fn of(&self, tile: usize) -> &[Entry] {
+        match self.starts.get(tile..tile + 2) {
+            Some(range) => &self.entries[range[0] as usize..range[1] as usize],
+            None => &[],
+        }
+    }
+
+    /// Entries of all tiles.
+    pub(crate) fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Bytes of heap memory in use.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.starts.as_slice()) + size_of_val(self.entries.as_slice())
+    }
+}
+
+/// Some chunks' records, with each tile's list of them in splat order.
+#[derive(Default)]
+pub(crate) struct Segment {
+    pub records: Vec<Record>,
+    pub near: Vec<NearSplat>,
+    pub clips: Vec<ScreenClip>,
+    /// Splats that were looked at one by one.
+    pub set_up: u64,
+    lists: TileLists,
+}
+
+impl Segment {
+    /// Empties it but for what sorting overwrites, and keeps its memory.
+    pub(crate) fn clear(&mut self) {
+        self.records.clear();
+        self.near.clear();
+        self.clips.clear();
+        self.set_up = 0;
+    }
+
+    /// Sorts the records' entries into tiles.
+    pub(crate) fn sort(&mut self, unsorted: &[Entry], grid: &Grid) {
+        self.lists.sort(unsorted, grid);
+    }
+
     /// Moves what few records have to the end of everyone's.
     pub(crate) fn move_rare(&mut self, near: &mut Vec<NearSplat>, clips: &mut Vec<ScreenClip>) {
         if !self.near.is_empty() || !self.clips.is_empty() {
@@ -116,21 +147,16 @@ impl Segment {
 
     /// The records that touch a tile, in splat order.
     pub(crate) fn of(&self, tile: usize) -> &[Entry] {
-        match self.starts.get(tile..tile + 2) {
-            Some(range) => &self.entries[range[0] as usize..range[1] as usize],
-            None => &[],
-        }
+        self.lists.of(tile)
     }
 
     /// Pairs of record and tile.
     pub(crate) fn pairs(&self) -> usize {
-        self.entries.len()
+        self.lists.len()
     }
 
     /// Bytes of heap memory in use.
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(self.records.as_slice())
-            + size_of_val(self.starts.as_slice())
-            + size_of_val(self.entries.as_slice())
+        size_of_val(self.records.as_slice()) + self.lists.bytes()
     }
 }

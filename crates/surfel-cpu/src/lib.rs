@@ -12,10 +12,11 @@
 //! Output is bit-identical for any number of threads and any SIMD level: every sum is in splat order, every operation
 //! is correctly rounded, and nothing depends on lane width.
 
+mod between;
 mod bins;
 mod clip;
 mod column;
-mod edge;
+mod composite;
 mod frame;
 mod kernel;
 mod lane_math;
@@ -23,17 +24,23 @@ mod lanes;
 mod level;
 mod lists;
 mod mask;
+mod mesh;
 mod near;
+mod planes;
+mod polygon;
+mod prepare;
 mod raster;
 mod record;
 mod recycle;
 mod renderer;
 mod setup;
 mod shade;
+mod shadow;
 mod store;
 mod target;
 mod tile;
+mod veil;
 
 pub use column::Storage;
 pub use level::SimdLevel;
-pub use renderer::{Options, Renderer, ResidentScene, Work};
+pub use renderer::{Options, Peeling, Renderer, ResidentScene, Work};

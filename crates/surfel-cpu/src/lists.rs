@@ -1,4 +1,4 @@
-//! The splats of each block of a tile, in splat order.
+//! The splats, or triangles, of each block of a tile, in their order.
 
 use crate::bins::Entry;
 use crate::lanes::LANES;
@@ -58,6 +58,11 @@ impl<'a> BlockLists<'a> {
         self.words.iter_mut().for_each(transpose);
     }
 
+    /// Blocks whose lists aren't empty, a bit each.
+    pub(crate) fn touched(&self) -> u64 {
+        touched(&self.words)
+    }
+
     /// The list of a block.
     #[inline(always)]
     pub(crate) fn of(&mut self, block: u32) -> BlockList<'a, '_> {
@@ -84,6 +89,64 @@ impl<'a> BlockLists<'a> {
             }
         }
         BlockList { records: &self.records[..count], z_min: &self.z_min[..count + LANES] }
+    }
+}
+
+/// Blocks whose lists aren't empty, a bit each, from turned words.
+fn touched(words: &[[u64; BITS]]) -> u64 {
+    let any = |block: &usize| words.iter().any(|word| word[*block] != 0);
+    (0..BITS).filter(any).fold(0, |bits, block| bits | 1 << block)
+}
+
+/// [`BlockLists`] of anything: of what few frames have.
+pub(crate) struct ItemLists<T> {
+    items: Vec<T>,
+    words: Vec<[u64; BITS]>,
+    /// The list asked for last.
+    list: Vec<T>,
+}
+
+impl<T: Copy> ItemLists<T> {
+    pub(crate) fn new() -> Self {
+        Self { items: Vec::new(), words: Vec::new(), list: Vec::new() }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.items.clear();
+        self.words.clear();
+    }
+
+    /// Appends an item to the lists of `blocks`, a bit each.
+    #[inline(always)]
+    pub(crate) fn push(&mut self, item: T, blocks: u64) {
+        let at = self.items.len() % BITS;
+        if at == 0 {
+            self.words.push([0; BITS]);
+        }
+        if let Some(word) = self.words.last_mut() {
+            word[at] = blocks;
+        }
+        self.items.push(item);
+    }
+
+    /// To be called after the last item: blocks whose lists aren't empty, a bit each.
+    pub(crate) fn finish(&mut self) -> u64 {
+        self.words.iter_mut().for_each(transpose);
+        touched(&self.words)
+    }
+
+    /// The list of a block.
+    pub(crate) fn of(&mut self, block: u32) -> &[T] {
+        self.list.clear();
+        for (word, items) in self.words.iter().zip(self.items.chunks(BITS)) {
+            let mut bits = word[block as usize % BITS];
+            while bits != 0 {
+                // The last word has no bits past the last item.
+                self.list.extend(items.get(bits.trailing_zeros() as usize));
+                bits &= bits - 1;
+            }
+        }
+        &self.list
     }
 }
 

@@ -163,7 +163,7 @@ impl ObjectSetup<'_> {
             let shading =
                 object.shading_normals.as_ref().map_or(world_normal, |c| unit(self.normals * get(c.load(simd, lanes))));
             let color = object.colors.as_ref().map_or(DVec3::ONE, |c| get(c.load(simd, lanes, scales.color)));
-            let near = NearSplat::new(&splat, shading, color, self.index, &object.material, self.view, self.plan);
+            let near = NearSplat::new(&splat, shading, color, self.index, &self.material, self.view, self.plan);
             if let Some((mut near, pixels)) = near {
                 // Neither filter nor turn: the footprint's (u, v) are the splat's own.
                 let clip = object.clips.as_ref().and_then(|clips| clips.get(i, self.plan.clip));
@@ -174,6 +174,7 @@ impl ObjectSetup<'_> {
                 let past = BLOCK as i32 - 1;
                 let blocks = BlockBox([block(x0 - x), block(y0 - y), block(x1 - x + past), block(y1 - y + past)]);
                 let form = MaskForm { linear_depth: false, whole_box: true };
+                let mut out = out.part(self.transparent(i, || p.as_vec3().to_array()));
                 out.push_box(simd, &near.record(out.segment.near.len()), blocks, &self.grid, form);
                 out.segment.near.push(near);
             }

@@ -42,6 +42,11 @@ impl Wants {
             far: view.projection.far().min(f64::from(f32::MAX)) as f32,
         }
     }
+
+    /// Nearest and farthest depth that is drawn.
+    pub(crate) fn exists(&self) -> [f32; 2] {
+        [self.near, self.far]
+    }
 }
 
 /// What all blocks of a frame share.
@@ -111,21 +116,77 @@ impl<S: Simd> Sums<S> {
     }
 }
 
+/// The first loop alone: what a block keeps.
+#[inline(always)]
+pub(crate) fn visibility<S: Simd>(
+    simd: S,
+    list: BlockList<'_, '_>,
+    (x, y): (i32, i32),
+    shared: &Shared<'_>,
+) -> Lanes<S> {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
+    let mut kept = k(f32::INFINITY);
+    for (&record, &z_min) in list.records.iter().zip(list.z_min) {
+        if kept.lt(k(z_min)).all_true() {
+            continue;
+        }
+        let fragment = fragment(simd, record, at, (x, y), shared);
+        let value = fragment.z + k(record.epsilon());
+        kept = Lanes::select(fragment.visible & value.lt(kept), value, kept);
+    }
+    kept
+}
+
 /// A splat at the pixels of a block.
-struct Fragment<S: Simd> {
+pub(crate) struct Fragment<S: Simd> {
     /// Inside the unfiltered footprint.
-    visible: mask32x16<S>,
+    pub visible: mask32x16<S>,
     /// Inside the filtered footprint.
-    inside: mask32x16<S>,
-    z: Lanes<S>,
+    pub inside: mask32x16<S>,
+    pub z: Lanes<S>,
     /// Means nothing outside the footprint.
-    weight: Lanes<S>,
+    pub weight: Lanes<S>,
+}
+
+/// What keeps fragments of a block from being drawn.
+pub(crate) trait Limit<S: Simd> {
+    /// Which fragments at these depths exist; `None`: all.
+    #[inline(always)]
+    fn exists(&self, _z: Lanes<S>) -> Option<mask32x16<S>> {
+        None
+    }
+
+    /// Told what the block keeps, before attributes are added.
+    #[inline(always)]
+    fn settle(&mut self, _kept: Lanes<S>) {}
+
+    /// Which of the fragments of `mask` add their attributes.
+    #[inline(always)]
+    fn reaches(&self, _z: Lanes<S>, _record: &Record, mask: mask32x16<S>) -> mask32x16<S> {
+        mask
+    }
+}
+
+/// Everything is drawn.
+pub(crate) struct Unlimited;
+
+impl<S: Simd> Limit<S> for Unlimited {}
+
+/// Fragments up to this depth don't exist.
+pub(crate) struct Behind<S: Simd>(pub Lanes<S>);
+
+impl<S: Simd> Limit<S> for Behind<S> {
+    #[inline(always)]
+    fn exists(&self, z: Lanes<S>) -> Option<mask32x16<S>> {
+        Some(self.0.lt(z))
+    }
 }
 
 /// What the first loop carries along.
-struct FirstLoop<'a, S: Simd> {
+struct FirstLoop<'a, S: Simd, L> {
     sums: Sums<S>,
-    behind: Option<Lanes<S>>,
+    limit: L,
     wants_epsilon: bool,
     /// Whether fragments are remembered, and how many are.
     remembers: bool,
@@ -133,14 +194,13 @@ struct FirstLoop<'a, S: Simd> {
     scratch: &'a mut Scratch,
 }
 
-impl<S: Simd> FirstLoop<'_, S> {
+impl<S: Simd, L: Limit<S>> FirstLoop<'_, S, L> {
     /// Takes in splat `i` of the list.
     #[inline(always)]
     fn add(&mut self, simd: S, mut fragment: Fragment<S>, i: usize, record: &Record) {
         let k = |v: f32| Lanes::splat(simd, v);
         let sums = &mut self.sums;
-        if let Some(behind) = self.behind {
-            let exists = behind.lt(fragment.z);
+        if let Some(exists) = self.limit.exists(fragment.z) {
             fragment.visible &= exists;
             fragment.inside &= exists;
         }
@@ -163,28 +223,28 @@ impl<S: Simd> FirstLoop<'_, S> {
     }
 }
 
-/// Runs both loops over the block whose first pixel is (x, y). With `behind`, fragments up to that depth don't exist.
+/// Runs both loops over the block whose first pixel is (x, y). Only fragments that `limit` leaves exist.
 #[inline(always)]
 pub(crate) fn block<S: Simd>(
     simd: S,
     list: BlockList<'_, '_>,
     (x, y): (i32, i32),
     shared: &Shared<'_>,
-    behind: Option<Lanes<S>>,
+    limit: impl Limit<S>,
     scratch: &mut Scratch,
 ) -> Sums<S> {
     let k = |v: f32| Lanes::splat(simd, v);
     let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
     let remembers = list.records.len() <= REMEMBERED;
     let wants_epsilon = shared.wants.epsilon;
-    let mut loop_1 = FirstLoop { sums: Sums::new(simd), behind, wants_epsilon, remembers, count: 0, scratch };
+    let mut loop_1 = FirstLoop { sums: Sums::new(simd), limit, wants_epsilon, remembers, count: 0, scratch };
     // Nothing of a splat behind all that is kept matters, in either loop. Sixteen are looked at together, with what was kept
     // before them: a test splat by splat would wait for each result, and be guessed wrong.
-    let mut limit = None;
+    let mut farthest = None;
     for first in (0..list.records.len()).step_by(LANES) {
         let mut left = (1u64 << (list.records.len() - first).min(LANES)) - 1;
-        if let Some(limit) = limit {
-            left &= !k(limit).lt(Lanes::load(simd, &list.z_min[first..])).to_bitmask();
+        if let Some(farthest) = farthest {
+            left &= !k(farthest).lt(Lanes::load(simd, &list.z_min[first..])).to_bitmask();
         }
         loop_1.sums.tested += left.count_ones();
         let sixteen = &list.records[first..(first + LANES).min(list.records.len())];
@@ -208,23 +268,25 @@ pub(crate) fn block<S: Simd>(
             }
         }
         if first + LANES < list.records.len() {
-            limit = Some(largest(loop_1.sums.kept));
+            farthest = Some(largest(loop_1.sums.kept));
         }
     }
-    let FirstLoop { mut sums, count, scratch, .. } = loop_1;
+    let FirstLoop { mut sums, mut limit, count, scratch, .. } = loop_1;
+    limit.settle(sums.kept);
     if remembers {
         for (i, [z, weight]) in scratch.splats[..count].iter().zip(&scratch.fragments) {
             let z = Lanes::load(simd, z);
-            let mask = z.le(sums.kept);
-            accumulate(simd, &mut sums, list.records[*i as usize], mask, z, Lanes::load(simd, weight), shared);
+            let record = list.records[*i as usize];
+            let mask = limit.reaches(z, record, z.le(sums.kept));
+            accumulate(simd, &mut sums, record, mask, z, Lanes::load(simd, weight), shared);
         }
     } else {
         for &record in list.records {
             let mut fragment = fragment(simd, record, at, (x, y), shared);
-            if let Some(behind) = behind {
-                fragment.inside &= behind.lt(fragment.z);
+            if let Some(exists) = limit.exists(fragment.z) {
+                fragment.inside &= exists;
             }
-            let mask = fragment.inside & fragment.z.le(sums.kept);
+            let mask = limit.reaches(fragment.z, record, fragment.inside & fragment.z.le(sums.kept));
             accumulate(simd, &mut sums, record, mask, fragment.z, fragment.weight, shared);
         }
     }
@@ -289,7 +351,7 @@ fn largest<S: Simd>(v: Lanes<S>) -> f32 {
 }
 
 #[inline(always)]
-fn fragment<S: Simd>(
+pub(crate) fn fragment<S: Simd>(
     simd: S,
     record: &Record,
     at: (Lanes<S>, Lanes<S>),
@@ -409,7 +471,7 @@ fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32
 
 /// Adds weighted attributes where `mask` says so.
 #[inline(always)]
-fn accumulate<S: Simd>(
+pub(crate) fn accumulate<S: Simd>(
     simd: S,
     sums: &mut Sums<S>,
     record: &Record,
@@ -452,8 +514,9 @@ fn accumulate<S: Simd>(
     }
 }
 
+/// Index of a record's object.
 #[inline(always)]
-fn object_of(record: &Record, shared: &Shared<'_>) -> usize {
+pub(crate) fn object_of(record: &Record, shared: &Shared<'_>) -> usize {
     match record.class() {
         Class::Near => shared.near[record.object()].object as usize,
         _ => record.object(),

@@ -4,14 +4,25 @@ use crate::bins::{BLOCK, TILE_BLOCKS};
 use crate::column::Storage;
 use crate::frame::draw;
 use crate::level::{Instructions, SimdLevel};
+use crate::mesh::StoredMesh;
 use crate::recycle::Recycled;
 use crate::store::StoredObject;
 use std::time::Instant;
-use surfel_model::{Geometry, Light, Scene, Settings};
+use surfel_model::{Geometry, Light, Material, Scene, Settings};
 use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
 
-const CAPABILITIES: Capabilities =
-    Capabilities { backend: "cpu", features: &[Feature::EdgeAntialiasing, Feature::Clips] };
+const CAPABILITIES: Capabilities = Capabilities {
+    backend: "cpu",
+    features: &[
+        Feature::EdgeAntialiasing,
+        Feature::Clips,
+        Feature::Meshes,
+        Feature::Peel,
+        Feature::ABuffer,
+        Feature::Shadows,
+        Feature::Toon,
+    ],
+};
 
 /// How a [`Renderer`] works.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,12 +45,25 @@ pub struct Work {
     /// Most splats that are set up at a time, as near as rows of the picture allow; 0 counts as 1. At 140 bytes each, this
     /// bounds the memory of a frame.
     pub batch_splats: usize,
+    /// How layers of transparent splats are found.
+    pub peeling: Peeling,
 }
 
 impl Default for Work {
     fn default() -> Self {
-        Self { tile_px: 32, batch_splats: 1 << 20 }
+        Self { tile_px: 32, batch_splats: 1 << 20, peeling: Peeling::default() }
     }
+}
+
+/// How layers of transparent splats are found. The same layers either way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Peeling {
+    /// A block's fragments are computed once for all layers.
+    #[default]
+    Once,
+    /// They are computed anew for each layer, as by G06's passes over all splats: slower, and needs less memory where very many
+    /// lie in one block. To measure against.
+    Anew,
 }
 
 /// The processor backend. It has its own threads; the global thread pool is left alone.
@@ -56,6 +80,9 @@ pub struct Renderer {
 pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
     pub(crate) objects: Vec<StoredObject>,
+    pub(crate) meshes: Vec<StoredMesh>,
+    /// Of the first object.
+    pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: [f64; 3],
     /// Linear, premultiplied.
@@ -124,18 +151,23 @@ impl surfel_render::Renderer for Renderer {
         scene.validate()?;
         let [r, g, b, a] = scene.background;
         let storage = self.storage;
-        let objects = self.pool.install(|| {
-            let splats = scene.objects.iter().filter_map(|object| match &object.geometry {
-                Geometry::Splats(cloud) => {
-                    Some(StoredObject::new(cloud, object.world_from_object, object.material, storage))
+        let (mut objects, mut meshes) = (Vec::new(), Vec::new());
+        for object in &scene.objects {
+            match &object.geometry {
+                Geometry::Splats(cloud) => objects.push(
+                    self.pool.install(|| StoredObject::new(cloud, object.world_from_object, object.material, storage)),
+                ),
+                Geometry::Mesh(mesh) => {
+                    mesh.validate()?;
+                    meshes.push(StoredMesh::new(object, mesh, &meshes));
                 }
-                Geometry::Mesh(_) => None,
-            });
-            splats.collect()
-        });
+            }
+        }
         Ok(ResidentScene {
             summary: SceneSummary::of(scene),
             objects,
+            meshes,
+            material: scene.objects.first().map_or(Material::default(), |o| o.material),
             lights: scene.lights.clone(),
             ambient: scene.ambient,
             background: [r * a, g * a, b * a, a],

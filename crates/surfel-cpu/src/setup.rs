@@ -7,6 +7,7 @@ use crate::lanes::{LANES, Lanes};
 use crate::mask::{self, MaskForm, MaskForms, Masks};
 use crate::record::{BlockBox, Record, RecordLanes};
 use crate::store::{CHUNK, Chunk, StoredObject, StoredShape};
+use crate::veil::VeilSplat;
 use fearless_simd::Simd;
 use fearless_simd::prelude::SimdFloat;
 use glam::{DMat3, DVec3};
@@ -18,7 +19,7 @@ use surfel_math::mapping::Footprint;
 use surfel_math::project::{Area, Projected, ViewSplat, radius_max};
 use surfel_math::projection::ProjectionKind;
 use surfel_math::{Real, V2, V3};
-use surfel_model::{ClipPolicy, Cull, Filter};
+use surfel_model::{ClipPolicy, Cull, Filter, Material};
 use surfel_render::{FramePlan, View};
 
 /// Relative slack of a fragment's depth: several roundings.
@@ -31,6 +32,8 @@ const BOX_SLACK_PX: f64 = 2e-3;
 pub(crate) struct ObjectSetup<'a> {
     pub object: &'a StoredObject,
     pub index: u32,
+    /// The object's, unless nothing is to be culled.
+    pub material: Material,
     /// Object to view directions, and view position of the object's origin.
     pub linear: DMat3,
     pub origin: DVec3,
@@ -54,9 +57,32 @@ pub(crate) struct SetupOutput<'a> {
     pub segment: &'a mut Segment,
     /// In splat order.
     pub entries: &'a mut Vec<Entry>,
+    /// Where transparent splats go, if the plan draws them by themselves.
+    pub veil: Option<&'a mut VeilOutput>,
+}
+
+/// Transparent splats of some chunks.
+#[derive(Default)]
+pub(crate) struct VeilOutput {
+    pub segment: Segment,
+    pub entries: Vec<Entry>,
+    /// One a record.
+    pub splats: Vec<VeilSplat>,
 }
 
 impl SetupOutput<'_> {
+    /// Where the record of a splat goes: by itself if it is transparent.
+    #[inline(always)]
+    pub(crate) fn part(&mut self, transparent: Option<VeilSplat>) -> SetupOutput<'_> {
+        match (transparent, &mut self.veil) {
+            (Some(splat), Some(veil)) => {
+                veil.splats.push(splat);
+                SetupOutput { segment: &mut veil.segment, entries: &mut veil.entries, veil: None }
+            }
+            _ => SetupOutput { segment: self.segment, entries: self.entries, veil: None },
+        }
+    }
+
     /// Clips the last record.
     fn clip(&mut self, clip: ScreenClip) {
         let segment = &mut *self.segment;
@@ -91,7 +117,14 @@ impl SetupOutput<'_> {
 }
 
 impl<'a> ObjectSetup<'a> {
-    pub(crate) fn new(object: &'a StoredObject, index: u32, view: &'a View, plan: &'a FramePlan, grid: Grid) -> Self {
+    pub(crate) fn new(
+        object: &'a StoredObject,
+        index: u32,
+        view: &'a View,
+        plan: &'a FramePlan,
+        grid: Grid,
+        cull: Cull,
+    ) -> Self {
         let m = object.world_from_object.matrix3;
         let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
         let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
@@ -109,6 +142,10 @@ impl<'a> ObjectSetup<'a> {
         Self {
             object,
             index,
+            material: Material {
+                cull: if cull == Cull::None { cull } else { object.material.cull },
+                ..object.material
+            },
             eye_in_object,
             linear: view.view_from_world * m,
             origin: view.view_from_world * (object.world_from_object.translation - view.eye),
@@ -122,6 +159,14 @@ impl<'a> ObjectSetup<'a> {
         }
     }
 
+    /// What a splat of a slot has besides its record, if it is transparent; its centre is in view space.
+    #[inline(always)]
+    pub(crate) fn transparent(&self, slot: usize, center: impl FnOnce() -> [f32; 3]) -> Option<VeilSplat> {
+        let alphas = self.object.alphas.as_ref().filter(|_| self.plan.separates_transparent)?;
+        let alpha = alphas.get(slot).copied().filter(|&alpha| alpha < 1.0)?;
+        Some(VeilSplat { alpha, center: center(), lit: [0.0; 3] })
+    }
+
     /// View position of a chunk's origin.
     pub(crate) fn center(&self, chunk: &Chunk) -> DVec3 {
         self.origin + self.linear * chunk.origin
@@ -132,7 +177,7 @@ impl<'a> ObjectSetup<'a> {
     /// Facing is affine invariant, so the eye is brought into the object's space: a normal within the cone faces away from
     /// every ray through the chunk's ball if its angle to the axis of both stays below 90°.
     pub(crate) fn is_turned_away(&self, chunk: &Chunk) -> bool {
-        if self.object.material.cull != Cull::Back {
+        if self.material.cull != Cull::Back {
             return false;
         }
         let Some(cone) = &chunk.cone else { return false };
@@ -289,7 +334,7 @@ impl<'a> ObjectSetup<'a> {
     ) {
         let projection = &self.view.projection;
         let settings = &self.plan.splat_filter;
-        let material = &self.object.material;
+        let material = &self.material;
         let k = |v: f64| Lanes::splat(simd, v as f32);
         let (zero, one) = (k(0.0), k(1.0));
         let perspective = projection.is_perspective();
@@ -458,6 +503,8 @@ impl<'a> ObjectSetup<'a> {
         while bits != 0 {
             let i = bits.trailing_zeros() as usize;
             bits &= bits - 1;
+            let center = || [splat.p.x, splat.p.y, splat.p.z].map(|c| c.to_array()[i]);
+            let mut out = out.part(self.transparent(at + i, center));
             out.push(simd, &records[i], (&masks, i), &self.grid, form);
             if let Some(clip) = clips.and_then(|clips| clips.get(at + i, self.plan.clip)) {
                 let filtered_turn = visible_turn.after(&filtered.turn);

@@ -78,6 +78,8 @@ pub(crate) struct StoredObject {
     pub colors: Option<Column3>,
     pub shading_normals: Option<Units>,
     pub clips: Option<StoredClips>,
+    /// Of every slot, where some splat is transparent. Not rounded: 1 must stay 1.
+    pub alphas: Option<Vec<f32>>,
     /// W0 of the material, or of the cloud; 0 if neither says.
     interior_weight: f64,
 }
@@ -105,6 +107,7 @@ impl StoredObject {
             colors: data.colors.as_ref().map(|_| Column3::new(storage, padded)),
             shading_normals: data.shading_normals.as_ref().map(|_| Units::new(storage, padded)),
             clips: data.clips.as_ref().map(|_| StoredClips::default()),
+            alphas: cloud.is_transparent().then(|| Vec::with_capacity(padded)),
             interior_weight: material.interior_weight.or(data.interior_weight).unwrap_or(0.0),
         };
         let mut rest = order.as_slice();
@@ -155,6 +158,9 @@ impl StoredObject {
             if let Some(clips) = &mut self.clips {
                 clips.push(cloud, i);
             }
+            if let Some(alphas) = &mut self.alphas {
+                alphas.push(cloud.alpha(i));
+            }
             if let Some(normals) = &mut self.shading_normals {
                 normals.push(cloud.shading_normal(i).as_vec3());
             }
@@ -185,6 +191,7 @@ impl StoredObject {
             + self.colors.as_ref().map_or(0, Column3::bytes)
             + self.shading_normals.as_ref().map_or(0, Units::bytes)
             + self.clips.as_ref().map_or(0, StoredClips::bytes)
+            + self.alphas.as_ref().map_or(0, |a| size_of_val(a.as_slice()))
             + size_of_val(self.chunks.as_slice())
     }
 }

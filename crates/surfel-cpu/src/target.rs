@@ -92,10 +92,20 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
+    /// True if the plane isn't there.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
     /// Value of a pixel inside.
-    pub(crate) fn get(&self, x: i32, y: i32) -> Option<T> {
+    fn get(&self, x: i32, y: i32) -> Option<T> {
         let (column, row) = (usize::try_from(x - self.rect.x).ok()?, usize::try_from(y - self.rect.y).ok()?);
         self.rows.get(row)?.get(column).copied()
+    }
+
+    /// Values of a block's pixels; `outside` where there are none.
+    fn block(&self, (x, y): (i32, i32), outside: T) -> [T; LANES] {
+        std::array::from_fn(|i| self.get(x + (i % 4) as i32, y + (i / 4) as i32).unwrap_or(outside))
     }
 
     fn fill(&mut self, value: T) {
@@ -187,6 +197,21 @@ impl<'a> TileTarget<'a> {
             self.normal.put((x, y + j), [[0.0; 3]; 4]);
             self.weight.put((x, y + j), [0.0; 4]);
             self.fragments.put((x, y + j), [0; 4]);
+        }
+    }
+
+    /// A block's pixels as they were written; 0 where there are none.
+    pub(crate) fn get<S: Simd>(&self, simd: S, at: (i32, i32)) -> Pixels<S> {
+        let color = self.color.block(at, [0.0; 4]);
+        let normal = self.normal.block(at, [0.0; 3]);
+        let lanes = |value: &dyn Fn(usize) -> f32| Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(value));
+        let fragments = self.fragments.block(at, 0);
+        Pixels {
+            color: [0, 1, 2, 3].map(|c| lanes(&|i| color[i][c])),
+            depth: Lanes::load(simd, &self.depth.block(at, 0.0)),
+            normal: [0, 1, 2].map(|c| lanes(&|i| normal[i][c])),
+            weight: Lanes::load(simd, &self.weight.block(at, 0.0)),
+            fragments: lanes(&|i| fragments[i] as f32),
         }
     }
 

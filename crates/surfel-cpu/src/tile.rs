@@ -1,12 +1,12 @@
 //! One tile: lists of its blocks' splats, then block after block from visibility to finished pixels.
 
 use crate::bins::{BLOCK, Grid, Segment, TILE_BLOCKS};
-use crate::edge::EdgePlanes;
-use crate::lanes::{LANES, Lanes};
+use crate::composite::CompositeScratch;
 use crate::lists::BlockLists;
-use crate::raster::{self, Scratch, Shared};
+use crate::planes::NeighbourRows;
+use crate::raster::{self, Scratch, Shared, Unlimited};
 use crate::shade::{self, Lighting};
-use crate::target::{Rect, Rows, TileTarget, put_plane};
+use crate::target::{Rect, TileTarget, put_plane};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16};
 
@@ -34,34 +34,27 @@ impl std::ops::AddAssign for Counters {
 
 /// What a thread reuses from tile to tile.
 pub(crate) struct TileScratch<'a> {
-    lists: BlockLists<'a>,
-    block: Box<Scratch>,
+    pub lists: BlockLists<'a>,
+    pub block: Box<Scratch>,
+    pub composite: CompositeScratch<'a>,
 }
 
 impl TileScratch<'_> {
     pub(crate) fn new() -> Self {
-        Self { lists: BlockLists::default(), block: Scratch::new() }
+        Self { lists: BlockLists::default(), block: Scratch::new(), composite: CompositeScratch::new() }
     }
 }
 
-/// All tiles of a frame.
-pub(crate) struct TileJob<'a> {
+/// Opaque splats in tiles.
+#[derive(Clone, Copy)]
+pub(crate) struct Listing<'a> {
     pub segments: &'a [Segment],
     pub grid: Grid,
-    pub shared: Shared<'a>,
-    pub lighting: &'a Lighting,
 }
 
-/// The planes of edge antialiasing inside a tile.
-pub(crate) struct EdgeRows<'a> {
-    pub kept: Rows<'a, f32>,
-    pub epsilon: Rows<'a, f32>,
-    pub coverage: Rows<'a, f32>,
-}
-
-impl<'a> TileJob<'a> {
+impl<'a> Listing<'a> {
     /// First pixel of a block of a tile.
-    fn block_px(&self, tile: usize, block: u32) -> (i32, i32) {
+    pub(crate) fn block_px(&self, tile: usize, block: u32) -> (i32, i32) {
         let size = self.grid.tile_px();
         let [x, y] = [tile as u32 % self.grid.columns, tile as u32 / self.grid.columns];
         let px = |tile: u32, axis: usize, block: u32| (self.grid.origin[axis] + tile * size + block * BLOCK) as i32;
@@ -69,7 +62,7 @@ impl<'a> TileJob<'a> {
     }
 
     /// Blocks of a tile as bits: those with pixels of the region.
-    fn blocks(&self, tile: usize) -> u64 {
+    pub(crate) fn blocks(&self, tile: usize) -> u64 {
         let rect = Rect::of_tile(&self.grid, tile, self.grid.region);
         let (x, y) = self.block_px(tile, 0);
         let block = |px: i32| (px.max(0) as u32).div_ceil(BLOCK);
@@ -78,44 +71,58 @@ impl<'a> TileJob<'a> {
         (y0..block(rect.end_y - y)).fold(0, |bits, y| bits | row << (TILE_BLOCKS * y))
     }
 
+    /// True if no opaque splat touches a tile.
+    pub(crate) fn is_empty(&self, tile: usize) -> bool {
+        self.segments.iter().all(|s| s.of(tile).is_empty())
+    }
+
     /// Fills the lists of the `wanted` blocks.
     #[inline(always)]
-    fn list(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a>) {
+    pub(crate) fn list(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a>) {
         lists.clear();
         for segment in self.segments {
             lists.extend(&segment.records, segment.of(tile), wanted);
         }
         lists.finish();
     }
+}
 
+/// All tiles of a frame.
+pub(crate) struct TileJob<'a> {
+    pub listing: Listing<'a>,
+    pub shared: Shared<'a>,
+    pub lighting: &'a Lighting,
+}
+
+impl<'a> TileJob<'a> {
     /// Draws a tile.
     #[inline(always)]
     pub(crate) fn draw<S: Simd>(
         &self,
         simd: S,
         target: &mut TileTarget<'_>,
-        mut edges: Option<&mut EdgeRows<'_>>,
+        mut edges: Option<&mut NeighbourRows<'_>>,
         scratch: &mut TileScratch<'a>,
     ) -> Counters {
         let mut counters = Counters::default();
         let tile = target.tile;
-        if self.segments.iter().all(|s| s.of(tile).is_empty()) {
+        if self.listing.is_empty(tile) {
             target.fill_empty(self.lighting.background);
             return counters;
         }
         let mut kept = i32x16::splat(simd, 0);
-        let mut left = self.blocks(tile);
-        self.list(tile, left, &mut scratch.lists);
+        let mut left = self.listing.blocks(tile);
+        self.listing.list(tile, left, &mut scratch.lists);
         while left != 0 {
             let block = left.trailing_zeros();
             left &= left - 1;
-            let at = self.block_px(tile, block);
+            let at = self.listing.block_px(tile, block);
             let list = scratch.lists.of(block);
             if list.records.is_empty() {
                 target.put_empty(at, self.lighting.background);
                 continue;
             }
-            let sums = raster::block(simd, list, at, &self.shared, None, &mut scratch.block);
+            let sums = raster::block(simd, list, at, &self.shared, Unlimited, &mut scratch.block);
             counters.block_pairs += u64::from(sums.tested);
             counters.inside += u64::from(sums.inside);
             kept += sums.fragments.0.to_int::<i32x16<S>>() * target.rect.lanes_inside(simd, at);
@@ -130,72 +137,4 @@ impl<'a> TileJob<'a> {
         counters.kept = kept.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();
         counters
     }
-
-    /// Blends what lies behind into a tile's edge pixels (§5).
-    #[inline(always)]
-    pub(crate) fn blend_edges<S: Simd>(
-        &self,
-        simd: S,
-        target: &mut TileTarget<'_>,
-        planes: &EdgePlanes,
-        scratch: &mut TileScratch<'a>,
-    ) -> Counters {
-        let mut counters = Counters::default();
-        let tile = target.tile;
-        if self.segments.iter().all(|s| s.of(tile).is_empty()) {
-            return counters;
-        }
-        let mut edges = [0u16; (TILE_BLOCKS * TILE_BLOCKS) as usize];
-        let mut wanted = 0u64;
-        let mut left = self.blocks(tile);
-        while left != 0 {
-            let block = left.trailing_zeros();
-            left &= left - 1;
-            let at = self.block_px(tile, block);
-            let bits = planes.edges(simd, at) & target.rect.lanes_of_block(at);
-            edges[block as usize] = bits as u16;
-            wanted |= u64::from(bits != 0) << block;
-        }
-        if wanted == 0 {
-            return counters;
-        }
-        self.list(tile, wanted, &mut scratch.lists);
-        while wanted != 0 {
-            let block = wanted.trailing_zeros();
-            wanted &= wanted - 1;
-            let at = self.block_px(tile, block);
-            let list = scratch.lists.of(block);
-            let behind = planes.kept(simd, at);
-            let sums = raster::block(simd, list, at, &self.shared, Some(behind), &mut scratch.block);
-            counters.block_pairs += u64::from(sums.tested);
-            let pixels = shade::resolve(simd, self.lighting, &sums, at);
-            let bits = edges[block as usize];
-            counters.edge_pixels += u64::from(bits.count_ones());
-            blend(target, at, bits, &arrays(pixels.color), planes);
-        }
-        counters
-    }
-}
-
-/// colour = min(1, q)·front + (1 − min(1, q))·behind, at the pixels of `bits`.
-fn blend(target: &mut TileTarget<'_>, (x, y): (i32, i32), bits: u16, behind: &[[f32; 16]; 4], planes: &EdgePlanes) {
-    for j in 0..4 {
-        let row: [[f32; 4]; 4] = std::array::from_fn(|i| {
-            let (px, py, lane) = (x + i as i32, y + j as i32, 4 * j + i);
-            let front = target.color.get(px, py).unwrap_or_default();
-            if bits >> lane & 1 == 0 {
-                return front;
-            }
-            let q = planes.coverage_at(px, py).min(1.0);
-            std::array::from_fn(|c| q.mul_add(front[c], (1.0 - q) * behind[c][lane]))
-        });
-        if bits >> (4 * j) & 0xf != 0 {
-            target.color.put((x, y + j as i32), row);
-        }
-    }
-}
-
-#[inline(always)]
-fn arrays<S: Simd>([r, g, b, a]: [Lanes<S>; 4]) -> [[f32; LANES]; 4] {
-    [r.to_array(), g.to_array(), b.to_array(), a.to_array()]
 }

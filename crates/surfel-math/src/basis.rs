@@ -1,6 +1,6 @@
 //! Directions, orthonormal bases and singular values, safe at any scale.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// `v` scaled to unit length at any magnitude (1e±300); zero stays zero.
 pub fn unit(v: DVec3) -> DVec3 {
@@ -21,6 +21,15 @@ pub fn orthonormal(normal: DVec3) -> (DVec3, DVec3) {
     let a = -1.0 / (sign + n.z);
     let b = n.x * n.y * a;
     (DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y))
+}
+
+/// Object to world normals up to scale: the inverse transpose of a map's linear part, with the sign of its determinant, so that a
+/// mirrored object stays outside-out.
+pub fn normal_matrix(m: &DMat3) -> DMat3 {
+    // The cofactor matrix is det(A)·A⁻ᵀ: no inverse, no singularity.
+    let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
+    let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
+    cofactors * (1.0f64.copysign(m.determinant()) / scale)
 }
 
 /// The larger singular value of the 3×2 matrix [s t]: the larger semi-axis of the ellipse u·s + v·t.

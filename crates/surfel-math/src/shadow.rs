@@ -3,6 +3,7 @@
 //! Reeves, Salesin and Cook, *Rendering Antialiased Shadows with Depth Maps* (1987), with the taps' depths on the
 //! receiver's own plane ([`crate::depth::plane_gradient`]), and weights that move with the point, so that a penumbra has no steps.
 
+use crate::Real;
 use crate::projection::{Projection, ProjectionKind};
 
 /// Bias of a lookup, as a share of the depth (orthographic: of the height of the view): five times the share of a depth
@@ -10,12 +11,13 @@ use crate::projection::{Projection, ProjectionKind};
 const LOOKUP_BIAS: f64 = 5e-4;
 
 /// How much nearer to the light than it is a point at depth `z` of a map counts.
-pub fn lookup_bias(z: f64, projection: &Projection) -> f64 {
-    LOOKUP_BIAS
-        * match projection.kind {
-            ProjectionKind::Perspective => z,
-            ProjectionKind::Orthographic { height, .. } => height,
-        }
+#[inline(always)]
+pub fn lookup_bias<R: Real>(z: R, projection: &Projection) -> R {
+    let scale = match projection.kind {
+        ProjectionKind::Perspective => z,
+        ProjectionKind::Orthographic { height, .. } => z.constant(height),
+    };
+    z.constant(LOOKUP_BIAS) * scale
 }
 
 /// Taps along one axis of the filter.
@@ -27,8 +29,14 @@ pub const TAPS: usize = 4;
 pub fn taps(texel: f64) -> (f64, [f64; TAPS]) {
     let from_center = texel - 0.5;
     let whole = from_center.floor();
-    let share = from_center - whole;
-    (whole - 1.0, [(1.0 - share) / 3.0, 1.0 / 3.0, 1.0 / 3.0, share / 3.0])
+    (whole - 1.0, tap_weights(from_center - whole))
+}
+
+/// The weights of [`taps`], by how far the point lies from the second texel's centre towards the third's: 0 to 1.
+#[inline(always)]
+pub fn tap_weights<R: Real>(share: R) -> [R; TAPS] {
+    let third = share.constant(1.0 / 3.0);
+    [(share.one() - share) * third, third, third, share * third]
 }
 
 #[cfg(test)]

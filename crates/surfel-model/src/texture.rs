@@ -1,6 +1,6 @@
 //! Textures and their mipmaps.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 /// A base-colour image, linear RGB with straight alpha.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,10 +27,13 @@ fn wrap(t: f32) -> f32 {
     if t.is_finite() { t - t.floor() } else { 0.0 }
 }
 
+/// Linear value of every 8-bit level: a power for each channel of each texel would be most of a textured picture's time.
+static DECODED: LazyLock<[f32; 256]> =
+    LazyLock::new(|| std::array::from_fn(|level| surfel_math::srgb::decode(level as f64 / 255.0) as f32));
+
 /// Linear RGB and alpha of a texel.
 fn linear(t: [u8; 4]) -> [f32; 4] {
-    let decode = |c: u8| surfel_math::srgb::decode(f64::from(c) / 255.0) as f32;
-    [decode(t[0]), decode(t[1]), decode(t[2]), f32::from(t[3]) / 255.0]
+    [DECODED[t[0] as usize], DECODED[t[1] as usize], DECODED[t[2] as usize], f32::from(t[3]) / 255.0]
 }
 
 /// A texture in half, a quarter … of its size, for surfaces that are seen smaller (rendering model §6).

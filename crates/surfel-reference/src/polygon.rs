@@ -2,10 +2,10 @@
 
 use crate::margin;
 use crate::raster::pixels;
-use crate::renderer::{ResidentMesh, normals_from_object};
+use crate::renderer::ResidentMesh;
 use glam::DVec3;
 use rayon::prelude::*;
-use surfel_math::basis::unit;
+use surfel_math::basis::{normal_matrix, unit};
 use surfel_math::bounds::Extent;
 use surfel_math::triangle::{self, Triangle, interpolate};
 use surfel_math::{V2, V3};
@@ -147,7 +147,7 @@ impl<'a> Polygons<'a> {
             let texel = mipmaps.sample([u as f32, v as f32], footprint);
             albedo *= DVec3::new(texel[0].into(), texel[1].into(), texel[2].into());
         }
-        let to_world = normals_from_object(&resident.world_from_object);
+        let to_world = normal_matrix(&resident.world_from_object.matrix3);
         let smooth =
             |column: &[[f32; 3]]| blend3(corners.map(|i| unit(to_world * DVec3::from(column[i].map(f64::from)))));
         let flat = || unit(to_world * outward(resident, t.index as usize));
@@ -170,7 +170,7 @@ fn outward(mesh: &ResidentMesh, k: usize) -> DVec3 {
 
 fn project(mesh: &ResidentMesh, mesh_index: u32, k: usize, view: &View) -> Option<ScreenTriangle> {
     let corners = mesh.mesh.triangles[k].map(|i| vertex(mesh, view, i));
-    let normal = view.view_from_world * unit(normals_from_object(&mesh.world_from_object) * outward(mesh, k));
+    let normal = view.view_from_world * unit(normal_matrix(&mesh.world_from_object.matrix3) * outward(mesh, k));
     let (facing, cosine) = match view.projection.is_perspective() {
         true => (normal.dot(corners[0]), normal.dot(unit(corners[0]))),
         false => (normal.z, normal.z),

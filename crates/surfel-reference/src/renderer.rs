@@ -1,7 +1,7 @@
 //! The backend: scenes in, frames out.
 
 use crate::frame;
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 use surfel_model::{Geometry, Light, Material, Mesh, Mipmaps, Object, Scene, Settings, SplatCloud};
 use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
@@ -57,15 +57,6 @@ pub(crate) struct ResidentMesh {
     pub material: Material,
     /// The mesh's texture and its smaller levels.
     pub mipmaps: Option<Arc<Mipmaps>>,
-}
-
-/// Object to world normals: inverse transpose up to scale, with the right sign.
-pub(crate) fn normals_from_object(world_from_object: &DAffine3) -> DMat3 {
-    let m = world_from_object.matrix3;
-    // The cofactor matrix is det(A)·A⁻ᵀ: no inverse, no singularity; the sign of det(A) turns it outside-out.
-    let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
-    let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
-    cofactors * (1.0f64.copysign(m.determinant()) / scale)
 }
 
 impl Renderer {

@@ -1,10 +1,10 @@
 //! From a splat of the scene to its footprints on the screen (§2–§4).
 
 use crate::clip::SplatClip;
-use crate::renderer::{ResidentObject, normals_from_object};
+use crate::renderer::ResidentObject;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
-use surfel_math::basis::{largest_singular_value, unit};
+use surfel_math::basis::{largest_singular_value, normal_matrix, unit};
 use surfel_math::bounds::{self, Extent};
 use surfel_math::clip::Turn;
 use surfel_math::depth::{DepthForm, DepthPlane, tolerance};
@@ -74,7 +74,7 @@ impl ObjectView {
         let m = object.world_from_object.matrix3;
         // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
         let origin = view.view_from_world * (object.world_from_object.translation - view.eye);
-        Self { linear: view.view_from_world * m, origin, normals: normals_from_object(&object.world_from_object) }
+        Self { linear: view.view_from_world * m, origin, normals: normal_matrix(&m) }
     }
 }
 

@@ -1,0 +1,199 @@
+//! Before anything is drawn: which chunks a view may see, how its rows are shared out, and chunks set up and sorted into tiles.
+
+use crate::bins::{BLOCK, Grid, Segment};
+use crate::clip::ScreenClip;
+use crate::level::{Instructions, with_instructions};
+use crate::near::NearSplat;
+use crate::recycle::Recycled;
+use crate::setup::{ObjectSetup, SetupOutput, VeilOutput};
+use crate::store::StoredObject;
+use crate::veil::VeilSegment;
+use fearless_simd::Simd;
+use rayon::prelude::*;
+use surfel_model::Cull;
+use surfel_render::{FramePlan, Region, View};
+
+/// Chunks that one task sets up and bins, at most: enough splats (64 × 256) to be worth a list per tile.
+const CHUNKS_PER_SEGMENT: usize = 64;
+
+/// Tasks a thread, at least, so that none waits long for the last.
+const SEGMENTS_PER_THREAD: usize = 8;
+
+/// A chunk that may be seen.
+#[derive(Clone, Copy)]
+pub(crate) struct Seen {
+    object: u32,
+    chunk: u32,
+    /// Depth of its centre: what is near comes first, so that what it hides is found early.
+    z: f64,
+}
+
+/// What is prepared: the splats of some objects for a view.
+#[derive(Clone, Copy)]
+pub(crate) struct Preparation<'a> {
+    pub instructions: Instructions,
+    pub objects: &'a [StoredObject],
+    pub view: &'a View,
+    pub plan: &'a FramePlan,
+    pub tile_px: u32,
+    /// Most splats that a batch of rows sets up, about.
+    pub batch_splats: usize,
+    /// [`Cull::None`]: nothing is left out for facing away, whatever its material says.
+    pub cull: Cull,
+    pub recycled: &'a Recycled,
+}
+
+/// Splats of some rows, set up and sorted into tiles.
+pub(crate) struct Prepared {
+    pub segments: Vec<Segment>,
+    pub veils: Vec<VeilSegment>,
+    pub near: Vec<NearSplat>,
+    pub clips: Vec<ScreenClip>,
+}
+
+impl Prepared {
+    fn all(&self) -> impl Iterator<Item = &Segment> {
+        self.segments.iter().chain(self.veils.iter().map(|v| &v.segment))
+    }
+
+    /// Splats that were looked at one by one.
+    pub(crate) fn set_up(&self) -> u64 {
+        self.segments.iter().map(|s| s.set_up).sum()
+    }
+
+    /// Splats that are drawn.
+    pub(crate) fn drawn(&self) -> u64 {
+        self.all().map(|s| s.records.len() as u64).sum()
+    }
+
+    /// Pairs of record and tile.
+    pub(crate) fn tile_pairs(&self) -> u64 {
+        self.all().map(|s| s.pairs() as u64).sum()
+    }
+
+    /// Bytes of heap memory in use.
+    pub(crate) fn bytes(&self) -> usize {
+        let veils: usize = self.veils.iter().map(|v| size_of_val(v.splats.as_slice())).sum();
+        self.all().map(Segment::bytes).sum::<usize>()
+            + veils
+            + size_of_val(self.near.as_slice())
+            + size_of_val(self.clips.as_slice())
+    }
+}
+
+impl<'a> Preparation<'a> {
+    /// A region cut into tiles.
+    pub(crate) fn grid(&self, region: Region) -> Grid {
+        Grid::new(region, self.tile_px / BLOCK)
+    }
+
+    fn setups<'s>(&'s self, view: &'s View, grid: Grid) -> Vec<ObjectSetup<'s>> {
+        let objects = self.objects.iter().enumerate();
+        objects.map(|(i, o)| ObjectSetup::new(o, i as u32, view, self.plan, grid, self.cull)).collect()
+    }
+
+    /// Chunks that are not outside the view or turned away, from near to far.
+    pub(crate) fn seen(&self) -> Vec<Seen> {
+        let setups = self.setups(self.view, self.grid(self.view.region));
+        let mut seen: Vec<Seen> = setups
+            .par_iter()
+            .enumerate()
+            .flat_map(|(object, setup)| {
+                let chunks = setup.object.chunks.par_iter().enumerate().with_min_len(1024);
+                chunks.filter_map(move |(chunk, c)| {
+                    let center = setup.center(c);
+                    let hidden = setup.is_outside(center, c) || setup.is_turned_away(c);
+                    (!hidden).then_some(Seen { object: object as u32, chunk: chunk as u32, z: center.z })
+                })
+            })
+            .collect();
+        let order = |a: &Seen, b: &Seen| a.z.total_cmp(&b.z).then((a.object, a.chunk).cmp(&(b.object, b.chunk)));
+        seen.par_sort_unstable_by(order);
+        seen
+    }
+
+    /// Rows of the view's region, in batches that each set up about as many splats as they may.
+    pub(crate) fn batches(&self, seen: &[Seen]) -> Vec<Region> {
+        let region = self.view.region;
+        let splats: usize = seen.iter().map(|s| self.objects[s.object as usize].chunks[s.chunk as usize].count).sum();
+        let most = self.batch_splats.max(1);
+        if splats <= most || region.height == 0 {
+            return vec![region];
+        }
+        let tile = self.tile_px;
+        let strips = (region.y + region.height).div_ceil(tile) - region.y / tile;
+        let mut load = vec![0.0; strips as usize];
+        let setups = self.setups(self.view, self.grid(region));
+        for s in seen {
+            let setup = &setups[s.object as usize];
+            let chunk = &setup.object.chunks[s.chunk as usize];
+            let [top, bottom] = setup.rows(chunk);
+            let strip = |row: f64| {
+                let strip = (row / f64::from(tile)).floor() - f64::from(region.y / tile);
+                strip.clamp(0.0, f64::from(strips - 1)) as usize
+            };
+            let covered = strip(top)..=strip(bottom);
+            let share = chunk.count as f64 / (covered.end() - covered.start() + 1) as f64;
+            load[covered].iter_mut().for_each(|l| *l += share);
+        }
+        let mut batches = Vec::new();
+        let (mut first, mut sum) = (region.y, 0.0);
+        for (i, load) in load.iter().enumerate() {
+            let strip_y = ((region.y / tile + i as u32) * tile).max(region.y);
+            if sum > 0.0 && sum + load > most as f64 {
+                batches.push(Region { y: first, height: strip_y - first, ..region });
+                (first, sum) = (strip_y, 0.0);
+            }
+            sum += load;
+        }
+        batches.push(Region { y: first, height: region.y + region.height - first, ..region });
+        batches
+    }
+
+    /// Sets up what may touch a region, and sorts it into its tiles.
+    pub(crate) fn set_up(&self, seen: &[Seen], region: Region) -> Prepared {
+        let view = View { region, ..self.view.clone() };
+        let grid = self.grid(region);
+        let setups = self.setups(&view, grid);
+        let threads = rayon::current_num_threads();
+        let per_task = seen.len().div_ceil(threads * SEGMENTS_PER_THREAD).clamp(1, CHUNKS_PER_SEGMENT);
+        let (mut segments, veils): (Vec<Segment>, Vec<Option<VeilSegment>>) = seen
+            .par_chunks(per_task)
+            .map(|chunks| {
+                let splats = chunks.iter().map(|s| setups[s.object as usize].object.chunks[s.chunk as usize].count);
+                let (mut segment, mut entries) = (self.recycled.segment(), self.recycled.entries());
+                // Memory that isn't written costs nothing.
+                segment.records.reserve(splats.sum());
+                let mut veil = VeilOutput::default();
+                let mut out = SetupOutput { segment: &mut segment, entries: &mut entries, veil: Some(&mut veil) };
+                with_instructions!(self.instructions, simd => set_up(simd, &setups, chunks, &mut out));
+                segment.sort(&entries, &grid);
+                self.recycled.give_back_entries(entries);
+                let veil = (!veil.splats.is_empty()).then(|| {
+                    veil.segment.sort(&veil.entries, &grid);
+                    VeilSegment { segment: veil.segment, splats: veil.splats }
+                });
+                (segment, veil)
+            })
+            .unzip();
+        let mut veils: Vec<VeilSegment> = veils.into_iter().flatten().collect();
+        let (mut near, mut clips) = (Vec::new(), Vec::new());
+        for segment in segments.iter_mut().chain(veils.iter_mut().map(|v| &mut v.segment)) {
+            segment.move_rare(&mut near, &mut clips);
+        }
+        Prepared { segments, veils, near, clips }
+    }
+}
+
+#[inline(always)]
+fn set_up<S: Simd>(simd: S, setups: &[ObjectSetup<'_>], chunks: &[Seen], out: &mut SetupOutput<'_>) {
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            for seen in chunks {
+                let setup = &setups[seen.object as usize];
+                setup.chunk(simd, &setup.object.chunks[seen.chunk as usize], out);
+            }
+        },
+    );
+}
