@@ -1,10 +1,10 @@
 //! Clips of splats (§7): how they are stored, and what a frame makes of them.
 
-use crate::lanes::Lanes;
+use crate::lanes::{LANES, Lanes};
 use fearless_simd::{Simd, mask32x16};
-use surfel_math::V2;
 use surfel_math::clip::{Clip, Turn};
 use surfel_math::mapping::{Footprint, Linear};
+use surfel_math::{Real, V2};
 use surfel_model::{ClipPolicy, SplatCloud};
 
 /// Index of a splat without a clip.
@@ -47,71 +47,91 @@ impl StoredClips {
 #[derive(Clone, Copy)]
 pub(crate) struct ScreenClip {
     visible: Clip<f32>,
-    filtered: Clip<f32>,
+    /// Absent where the footprints are the same.
+    filtered: Option<Clip<f32>>,
     has_curve: bool,
-    has_lines: bool,
+    lines: usize,
 }
 
 impl ScreenClip {
-    /// Lane `i` of both footprints, with the turn of each.
-    pub(crate) fn new<S: Simd>(
+    /// A clip through both footprints, with the turn of each.
+    #[inline(always)]
+    pub(crate) fn new(
         clip: &Clip<f64>,
-        i: usize,
-        visible: (&Footprint<Lanes<S>>, &Turn<Lanes<S>>),
-        filtered: (&Footprint<Lanes<S>>, &Turn<Lanes<S>>),
+        visible: (&Footprint<f32>, &Turn<f32>),
+        filtered: Option<(&Footprint<f32>, &Turn<f32>)>,
     ) -> Self {
         let nothing = Clip::nothing();
         let narrow = clip.map(|v| v as f32);
+        let present = clip.lines.iter().rposition(|line| *line != nothing.lines[0]);
         Self {
-            visible: narrow.through(&footprint_of(visible.0, i), &turn_of(visible.1, i)),
-            filtered: narrow.through(&footprint_of(filtered.0, i), &turn_of(filtered.1, i)),
+            visible: narrow.through(visible.0, visible.1),
+            filtered: match filtered {
+                Some((footprint, turn)) => Some(narrow.through(footprint, turn)),
+                None => None,
+            },
             has_curve: clip.chord != nothing.chord,
-            has_lines: clip.lines != nothing.lines,
+            lines: present.map_or(0, |last| last + 1),
         }
     }
 
     /// Pixels at these offsets that the unfiltered and the filtered footprint keep.
     #[inline(always)]
     pub(crate) fn keeps<S: Simd>(&self, visible: V2<Lanes<S>>, filtered: V2<Lanes<S>>) -> [mask32x16<S>; 2] {
-        [self.part_keeps(&self.visible, visible), self.part_keeps(&self.filtered, filtered)]
+        let keeps = self.part_keeps(&self.visible, visible);
+        match &self.filtered {
+            Some(clip) => [keeps, self.part_keeps(clip, filtered)],
+            None => [keeps, keeps],
+        }
     }
 
     #[inline(always)]
     fn part_keeps<S: Simd>(&self, clip: &Clip<f32>, d: V2<Lanes<S>>) -> mask32x16<S> {
-        let lanes = widened(clip, d.x);
-        match (self.has_curve, self.has_lines) {
-            (true, false) => lanes.curve_keeps(d),
-            (false, true) => lanes.lines_keep(d),
-            _ => lanes.keeps(d),
+        let zero = d.x.zero();
+        let lines_keep = if self.lines == 0 {
+            zero.le(zero)
+        } else {
+            // As `Clip::lines_keep`, of the lines that there are.
+            let mut least = widened(&clip.lines[0], zero).at(d);
+            for line in &clip.lines[1..self.lines] {
+                least = least.min(widened(line, zero).at(d));
+            }
+            zero.le(least * zero.constant(f64::from(clip.line_sign)))
+        };
+        if !self.has_curve {
+            return lines_keep;
         }
+        let curve = Clip {
+            chord: widened(&clip.chord, zero),
+            side1: widened(&clip.side1, zero),
+            side3: widened(&clip.side3, zero),
+            curve_sign: zero.constant(f64::from(clip.curve_sign)),
+            lines: [Linear { c: zero, x: zero, y: zero }; 4],
+            line_sign: zero,
+        };
+        curve.curve_keeps(d) & lines_keep
     }
 }
 
 #[inline(always)]
-fn widened<S: Simd>(clip: &Clip<f32>, like: Lanes<S>) -> Clip<Lanes<S>> {
-    let k = |v: f32| Lanes::splat(like.0.simd, v);
-    let linear = |l: &Linear<f32>| Linear { c: k(l.c), x: k(l.x), y: k(l.y) };
-    let [a, b, c, d] = &clip.lines;
-    Clip {
-        chord: linear(&clip.chord),
-        side1: linear(&clip.side1),
-        side3: linear(&clip.side3),
-        curve_sign: k(clip.curve_sign),
-        lines: [linear(a), linear(b), linear(c), linear(d)],
-        line_sign: k(clip.line_sign),
+fn widened<S: Simd>(l: &Linear<f32>, like: Lanes<S>) -> Linear<Lanes<S>> {
+    let simd = like.0.simd;
+    Linear { c: Lanes::splat(simd, l.c), x: Lanes::splat(simd, l.x), y: Lanes::splat(simd, l.y) }
+}
+
+/// Turns of sixteen splats.
+pub(crate) struct Turns([[f32; LANES]; 4]);
+
+impl Turns {
+    #[inline(always)]
+    pub(crate) fn new<S: Simd>(turn: &Turn<Lanes<S>>) -> Self {
+        let Turn { first, second } = turn;
+        Self([first.x.to_array(), first.y.to_array(), second.x.to_array(), second.y.to_array()])
     }
-}
 
-fn lane<S: Simd>(values: Lanes<S>, i: usize) -> f32 {
-    values.to_array()[i]
-}
-
-fn footprint_of<S: Simd>(f: &Footprint<Lanes<S>>, i: usize) -> Footprint<f32> {
-    let linear = |l: &Linear<Lanes<S>>| Linear { c: lane(l.c, i), x: lane(l.x, i), y: lane(l.y, i) };
-    Footprint { u: linear(&f.u), v: linear(&f.v), w: linear(&f.w) }
-}
-
-fn turn_of<S: Simd>(turn: &Turn<Lanes<S>>, i: usize) -> Turn<f32> {
-    let vector = |v: &V2<Lanes<S>>| V2::new(lane(v.x, i), lane(v.y, i));
-    Turn { first: vector(&turn.first), second: vector(&turn.second) }
+    #[inline(always)]
+    pub(crate) fn of(&self, i: usize) -> Turn<f32> {
+        let [a, b, c, d] = &self.0;
+        Turn { first: V2::new(a[i], b[i]), second: V2::new(c[i], d[i]) }
+    }
 }

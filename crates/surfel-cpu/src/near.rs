@@ -3,9 +3,10 @@
 use crate::bins::BLOCK;
 use crate::lanes::{LANES, Lanes};
 use crate::mask::MaskForm;
+use crate::placed::ObjectSetup;
 use crate::record::BlockBox;
 use crate::record::Record;
-use crate::setup::{ObjectSetup, SetupOutput};
+use crate::setup::SetupOutput;
 use crate::store::{Chunk, StoredShape};
 use fearless_simd::Simd;
 use glam::DVec3;

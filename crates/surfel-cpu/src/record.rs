@@ -2,6 +2,7 @@
 
 use crate::lanes::{LANES, Lanes};
 use fearless_simd::Simd;
+use surfel_math::mapping::{Footprint, Linear};
 
 /// Which of the evaluators draws a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,6 +124,27 @@ impl Record {
     #[inline(always)]
     pub(crate) fn object(&self) -> usize {
         self.object_bits().to_bits() as usize
+    }
+
+    /// The unfiltered footprint about the anchor. Not of a near splat.
+    #[inline(always)]
+    pub(crate) fn visible_footprint(&self, projective: bool) -> Footprint<f32> {
+        let (x, y) = if projective { (self.depth_x(), self.depth_y()) } else { (0.0, 0.0) };
+        Footprint {
+            u: Linear { c: 0.0, x: self.visible_u_x(), y: self.visible_u_y() },
+            v: Linear { c: 0.0, x: self.visible_v_x(), y: self.visible_v_y() },
+            w: Linear { c: 1.0, x, y },
+        }
+    }
+
+    /// The filtered footprint about the anchor. Not of a near splat.
+    #[inline(always)]
+    pub(crate) fn filtered_footprint(&self) -> Footprint<f32> {
+        Footprint {
+            u: Linear { c: 0.0, x: self.u_x(), y: self.u_y() },
+            v: Linear { c: 0.0, x: self.v_x(), y: self.v_y() },
+            w: Linear { c: 1.0, x: self.w_x(), y: self.w_y() },
+        }
     }
 
     /// Index of the clip.

@@ -150,7 +150,7 @@ impl<S: Simd> VeilBlock<'_, S> {
             if self.opaque_depth.lt(k(record.z_min())).all_true() {
                 continue;
             }
-            let f = raster::fragment(simd, record, at, self.at, self.shared);
+            let f = crate::fragment::fragment(simd, record, at, self.at, self.shared);
             *tested += 1;
             let exists = beyond.lt(f.z) & f.z.le(self.opaque_depth);
             let (inside, visible) = (f.inside & exists, f.visible & exists);

@@ -197,6 +197,19 @@ fn scaled(l: &Linear<f64>, k: f64) -> Linear<f64> {
     Linear { c: l.c * k, x: l.x * k, y: l.y * k }
 }
 
+/// A form over the given (u, v) as one over pixels. A function, since a closure isn't inlined into SIMD code.
+#[inline(always)]
+fn composed<R: Real>(l: &Linear<R>, footprint: &Footprint<R>, turn: &Turn<R>) -> Linear<R> {
+    let gradient = V2::new(l.x, l.y);
+    let (u, v) = (gradient.dot(turn.first), gradient.dot(turn.second));
+    let Footprint { u: fu, v: fv, w: fw } = footprint;
+    Linear {
+        c: fu.c.mul_add(u, fv.c.mul_add(v, fw.c * l.c)),
+        x: fu.x.mul_add(u, fv.x.mul_add(v, fw.x * l.c)),
+        y: fu.y.mul_add(u, fv.y.mul_add(v, fw.y * l.c)),
+    }
+}
+
 impl<R: Real> Clip<R> {
     /// The clip over pixels, seen through a footprint whose (u', v') `turn` brings back to the given (u, v).
     ///
@@ -204,19 +217,16 @@ impl<R: Real> Clip<R> {
     /// where W ≤ 0 (§7).
     #[inline(always)]
     pub fn through(&self, footprint: &Footprint<R>, turn: &Turn<R>) -> Self {
-        let compose = |l: &Linear<R>| {
-            let gradient = V2::new(l.x, l.y);
-            let (u, v) = (gradient.dot(turn.first), gradient.dot(turn.second));
-            let Footprint { u: fu, v: fv, w: fw } = footprint;
-            let at = |a: R, b: R, c: R| a.mul_add(u, b.mul_add(v, c * l.c));
-            Linear { c: at(fu.c, fv.c, fw.c), x: at(fu.x, fv.x, fw.x), y: at(fu.y, fv.y, fw.y) }
-        };
+        let mut lines = self.lines;
+        for line in &mut lines {
+            *line = composed(line, footprint, turn);
+        }
         Self {
-            chord: compose(&self.chord),
-            side1: compose(&self.side1),
-            side3: compose(&self.side3),
+            chord: composed(&self.chord, footprint, turn),
+            side1: composed(&self.side1, footprint, turn),
+            side3: composed(&self.side3, footprint, turn),
             curve_sign: self.curve_sign,
-            lines: self.lines.each_ref().map(compose),
+            lines,
             line_sign: self.line_sign,
         }
     }

@@ -1,0 +1,182 @@
+//! A splat at the pixels of a block of 4×4, a lane for each.
+
+use crate::kernel::Kernel;
+use crate::lanes::{LANES, Lanes};
+use crate::near::NearSplat;
+use crate::raster::Shared;
+use crate::record::{Class, Record};
+use fearless_simd::{Simd, mask32x16};
+use surfel_math::{Real, V2};
+
+/// A splat at the pixels of a block.
+pub(crate) struct Fragment<S: Simd> {
+    /// Inside the unfiltered footprint.
+    pub visible: mask32x16<S>,
+    /// Inside the filtered footprint.
+    pub inside: mask32x16<S>,
+    pub z: Lanes<S>,
+    /// Means nothing outside the footprint.
+    pub weight: Lanes<S>,
+}
+
+#[inline(always)]
+pub(crate) fn fragment<S: Simd>(
+    simd: S,
+    record: &Record,
+    at: (Lanes<S>, Lanes<S>),
+    first: (i32, i32),
+    shared: &Shared<'_>,
+) -> Fragment<S> {
+    let mut fragment = unclipped(simd, record, at, first, shared);
+    if let Some(index) = record.clip() {
+        let (d_x, d_y) = offsets(simd, record, at);
+        let (mut x, mut y) = (d_x, d_y);
+        if shared.wants.clamp.is_some() {
+            // The disk of `clamp` may reach beyond the horizon, where the centre decides.
+            let k = |v: f32| Lanes::splat(simd, v);
+            let before = k(0.0).lt(k(record.w_x()).mul_add(d_x, k(record.w_y()).mul_add(d_y, k(1.0))));
+            (x, y) = (Lanes::select(before, d_x, k(0.0)), Lanes::select(before, d_y, k(0.0)));
+        }
+        let [visible, inside] = shared.clips[index].keeps(V2::new(d_x, d_y), V2::new(x, y));
+        fragment.visible &= visible;
+        fragment.inside &= inside;
+    }
+    fragment
+}
+
+/// Offsets of a block's pixels from the anchor. Whole pixels are exact; one rounding of an offset, not of a pixel
+/// coordinate.
+#[inline(always)]
+fn offsets<S: Simd>(simd: S, record: &Record, (columns, rows): (Lanes<S>, Lanes<S>)) -> (Lanes<S>, Lanes<S>) {
+    let k = |v: f32| Lanes::splat(simd, v);
+    ((columns - k(record.base_x())) + k(record.offset_x()), (rows - k(record.base_y())) + k(record.offset_y()))
+}
+
+#[inline(always)]
+fn unclipped<S: Simd>(
+    simd: S,
+    record: &Record,
+    at: (Lanes<S>, Lanes<S>),
+    first: (i32, i32),
+    shared: &Shared<'_>,
+) -> Fragment<S> {
+    let wants = &shared.wants;
+    let k = |v: f32| Lanes::splat(simd, v);
+    let (d_x, d_y) = offsets(simd, record, at);
+    let form = |x: f32, y: f32, c: f32| k(x).mul_add(d_x, k(y).mul_add(d_y, k(c)));
+    let form0 = |x: f32, y: f32| k(x).mul_add(d_x, k(y) * d_y);
+    let class = record.class();
+    if class == Class::Near {
+        let [z, weight] = near_fragment(&shared.near[record.object()], first, &wants.kernel);
+        let (z, weight) = (Lanes::load(simd, &z), Lanes::load(simd, &weight));
+        let inside = z.le(z);
+        return Fragment { visible: inside, inside, z, weight };
+    }
+    let u = form0(record.u_x(), record.u_y());
+    let v = form0(record.v_x(), record.v_y());
+    let square = u.mul_add(u, v * v);
+    let one = k(1.0);
+    if class == Class::Shallow {
+        let inverse = inverse_near_one(form0(record.depth_x(), record.depth_y()));
+        let rho_squared = square * (inverse * inverse);
+        let inside = rho_squared.le(one);
+        let weight = wants.kernel.at(rho_squared);
+        return Fragment { visible: inside, inside, z: k(record.z()) * inverse, weight };
+    }
+    let (low, high) = (k(record.range_min()), k(record.range_max()));
+    // The plane's depth within the disk's range, and p_z/z and z/p_z where that is what is linear. The disk ends just
+    // where |(u, v)| reaches the clamped p_z/z, so that the test needs no look at the sign of w.
+    let (z, ratio, inverse) = if wants.linear_depth {
+        (form(record.depth_x(), record.depth_y(), record.z()).max(low).min(high), None, None)
+    } else {
+        let w = form(record.depth_x(), record.depth_y(), 1.0).max(low).min(high);
+        let inverse = w.reciprocal_near_one();
+        (k(record.z()) * inverse, Some(w), Some(inverse))
+    };
+    if class == Class::Plain {
+        let (inside, rho_squared) = match (ratio, inverse) {
+            (Some(w), Some(inverse)) => (square.le(w * w), square * (inverse * inverse)),
+            _ => (square.le(one), square),
+        };
+        return Fragment { visible: inside, inside, z, weight: wants.kernel.at(rho_squared) };
+    }
+    let exists = k(wants.near).le(z) & z.le(k(wants.far));
+    let visible_u = form0(record.visible_u_x(), record.visible_u_y());
+    let visible_v = form0(record.visible_v_x(), record.visible_v_y());
+    let limit = match ratio {
+        Some(w) => w,
+        None => one,
+    };
+    let visible = visible_u.mul_add(visible_u, visible_v * visible_v).le(limit * limit) & exists;
+    let zero = k(0.0);
+    let w = form(record.w_x(), record.w_y(), 1.0);
+    let mut inside = zero.lt(w) & square.le(w * w);
+    // Inside the disk w is near one; elsewhere the lane isn't used.
+    let inverse = w.reciprocal_near_one();
+    let mut rho_squared = square * inverse * inverse;
+    if let Some(clamp) = wants.clamp {
+        let disk = d_x.mul_add(d_x, d_y * d_y) * k(clamp);
+        rho_squared = Lanes::select(inside, rho_squared, disk).min(disk);
+        inside |= disk.le(one);
+    }
+    let weight = wants.kernel.at(rho_squared) * k(record.weight_scale());
+    Fragment { visible, inside: inside & exists, z, weight }
+}
+
+/// Near splats are evaluated pixel by pixel in f64: depths, NaN where there is nothing, and weights.
+///
+/// Not lanes: what is returned through memory stays in memory, of ordinary splats too.
+#[cold]
+#[inline(never)]
+fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32; LANES]; 2] {
+    let (mut depths, mut weights) = ([f32::NAN; LANES], [0.0; LANES]);
+    for i in 0..LANES {
+        if let Some((rho_squared, z)) = near.hit(x + (i % 4) as i32, y + (i / 4) as i32) {
+            (depths[i], weights[i]) = (z, kernel.at_one(rho_squared));
+        }
+    }
+    [depths, weights]
+}
+
+/// [`fragment`] of four simple splats, step by step together: a processor looks ahead over two or so, too few for the
+/// long chain of each.
+#[inline(always)]
+pub(crate) fn four_simple<S: Simd>(
+    simd: S,
+    records: [&Record; 4],
+    at: (Lanes<S>, Lanes<S>),
+    shared: &Shared<'_>,
+) -> [Fragment<S>; 4] {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let one = k(1.0);
+    let [mut d_x, mut d_y, mut square, mut inverse] = [[one; 4]; 4];
+    for j in 0..4 {
+        (d_x[j], d_y[j]) = offsets(simd, records[j], at);
+    }
+    for j in 0..4 {
+        let r = records[j];
+        let u = k(r.u_x()).mul_add(d_x[j], k(r.u_y()) * d_y[j]);
+        let v = k(r.v_x()).mul_add(d_x[j], k(r.v_y()) * d_y[j]);
+        square[j] = u.mul_add(u, v * v);
+    }
+    for j in 0..4 {
+        let e = k(records[j].depth_x()).mul_add(d_x[j], k(records[j].depth_y()) * d_y[j]);
+        inverse[j] = inverse_near_one(e);
+    }
+    for j in 0..4 {
+        square[j] = square[j] * (inverse[j] * inverse[j]);
+    }
+    let weights = shared.wants.kernel.at_four(square);
+    let fragment = |j: usize| {
+        let inside = square[j].le(one);
+        Fragment { visible: inside, inside, z: k(records[j].z()) * inverse[j], weight: weights[j] }
+    };
+    [fragment(0), fragment(1), fragment(2), fragment(3)]
+}
+
+/// 1/(1 + e) = (1 − e)(1 + e²)/(1 − e⁴), with |e| < 1/64 within a shallow disk and small enough all over its blocks.
+#[inline(always)]
+fn inverse_near_one<S: Simd>(e: Lanes<S>) -> Lanes<S> {
+    let one = e.one();
+    (one - e) * e.mul_add(e, one)
+}
