@@ -3,9 +3,15 @@
 
 use std::fmt::Write as _;
 
+/// Layers of which something is kept.
+const KEPT: [&str; 2] = ["front", "behind"];
+
 /// Layers, and what they sum up.
-const LAYERS: [(&str, &[&str]); 2] =
-    [("front", &["color", "surface", "further"]), ("behind", &["color", "surface", "material"])];
+const LAYERS: [(&str, &[&str]); 3] = [
+    ("front", &["color", "surface", "further"]),
+    ("among", &["color", "surface", "further"]),
+    ("behind", &["color", "surface", "material"]),
+];
 
 /// Prefix of the names, and what a fragment knows besides.
 const VARIANTS: [(&str, &str); 2] = [("", ""), ("clipped_", ", @location(9) @interpolate(flat, either) record: u32")];
@@ -34,7 +40,7 @@ pub(crate) fn entry_points() -> Result<String, std::fmt::Error> {
             )
         };
         visibility("front", "writer", "Written", "written(in, z)")?;
-        for (layer, _) in LAYERS {
+        for layer in KEPT {
             visibility(layer, "visibility", "@builtin(frag_depth) f32", "comparable(z + in.anchor.w)")?;
         }
         for (layer, sums) in LAYERS.iter().flat_map(|(layer, sums)| sums.iter().map(move |sums| (layer, *sums))) {

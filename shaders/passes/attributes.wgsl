@@ -11,8 +11,8 @@ struct AttributeVertex {
     @location(2) @interpolate(flat, either) uv: vec4f,
     @location(3) @interpolate(flat, either) depth: vec4f,
     @location(4) @interpolate(flat, either) at_anchor: vec3f,
-    // Gradient of w, and coverage of a unit of weight.
-    @location(5) @interpolate(flat, either) w: vec3f,
+    // Gradient of w, coverage of a unit of weight, ε.
+    @location(5) @interpolate(flat, either) w: vec4f,
     @location(6) @interpolate(flat, either) color: vec3f,
     @location(7) @interpolate(flat, either) normal: vec3f,
     @location(8) @interpolate(flat, either) flags: u32,
@@ -32,7 +32,7 @@ fn attribute_corner(vertex: u32, instance: u32) -> AttributeVertex {
         vec4f(r.u, r.v),
         vec4f(r.depth, r.range),
         vec3f(r.at_anchor, r.w_at_anchor),
-        vec3f(r.w, r.coverage),
+        vec4f(r.w, r.coverage, r.epsilon),
         r.color,
         r.normal,
         r.flags,
@@ -69,6 +69,18 @@ fn is_kept(in: AttributeVertex, z: f32) -> bool {
 
 fn front_adds(in: AttributeVertex, z: f32) -> bool {
     return is_kept(in, z);
+}
+
+// Depth of the nearest polygon, or 0 (rendering model §6).
+@group(2) @binding(2) var polygon_limit: texture_2d<f32>;
+
+// Among polygons, up to ε behind one that no splat hides.
+fn among_adds(in: AttributeVertex, z: f32) -> bool {
+    let pixel = vec2i(floor(in.position.xy));
+    let nearest = textureLoad(kept, pixel, 0);
+    let polygon = textureLoad(polygon_limit, pixel, 0).r;
+    let shows = polygon > 0.0 && nearest <= comparable(polygon);
+    return nearest <= comparable(z) && (!shows || z - in.w.w <= polygon);
 }
 
 // Σw·(colour, 1).

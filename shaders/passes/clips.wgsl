@@ -21,7 +21,7 @@ struct ClippedAttributeVertex {
     @location(2) @interpolate(flat, either) uv: vec4f,
     @location(3) @interpolate(flat, either) depth: vec4f,
     @location(4) @interpolate(flat, either) at_anchor: vec3f,
-    @location(5) @interpolate(flat, either) w: vec3f,
+    @location(5) @interpolate(flat, either) w: vec4f,
     @location(6) @interpolate(flat, either) color: vec3f,
     @location(7) @interpolate(flat, either) normal: vec3f,
     @location(8) @interpolate(flat, either) flags: u32,

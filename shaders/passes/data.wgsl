@@ -12,6 +12,7 @@ const SHADER_UNLIT: u32 = 0u;
 const SHADER_PHONG: u32 = 1u;
 const SHADER_NORMAL: u32 = 2u;
 const SHADER_DEPTH: u32 = 3u;
+const SHADER_TOON: u32 = 4u;
 
 // A frame, or one tile of it where it doesn't fit into a texture. Where edges are antialiased, targets have a border of one
 // pixel more than what is shaded, for neighbours.
@@ -52,6 +53,11 @@ struct Frame {
     light_count: u32,
     // Edges are antialiased.
     has_edges: u32,
+    // There are polygons; lines are drawn where depth steps back.
+    has_polygons: u32,
+    has_outlines: u32,
+    // Coverage from which splats hide a polygon behind them.
+    full_coverage: f32,
     // Clip curves are taken for their chords.
     clip_by_chord: u32,
     // Depths are summed in this unit, a power of two about as large as the farthest: f16 ends at 65504.

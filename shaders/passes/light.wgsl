@@ -53,18 +53,24 @@ fn highlight(base: f32, exponent: f32) -> f32 {
     return select(0.0, exp2(exponent * log2(max(base, 1e-37))), base > 0.0);
 }
 
-fn phong(albedo: vec3f, normal: vec3f, position: vec3f, to_eye: vec3f, material: vec4f) -> vec3f {
+// Ambient, diffuse and specular light, as they are or in the steps of `toon`.
+fn lit(albedo: vec3f, normal: vec3f, position: vec3f, to_eye: vec3f, material: vec4f) -> vec3f {
+    let is_toon = frame.shader_kind == SHADER_TOON;
     var matte = frame.ambient * material.x;
     var gloss = vec3f(0.0, 0.0, 0.0);
     for (var i = 0u; i < frame.light_count; i++) {
         let light = incident(lights[i], position);
         let cosine = v3_dot(normal, light.to_light);
         if cosine > 0.0 {
-            matte += light.color * (material.y * cosine);
             let reflected = normal * (2.0 * cosine) - light.to_light;
             let shine = highlight(clamp(v3_dot(reflected, to_eye), 0.0, 1.0), material.w);
-            gloss += light.color * (material.z * shine);
+            matte += light.color * (material.y * select(cosine, toon_ramp(cosine), is_toon));
+            gloss += light.color * (material.z * select(shine, toon_highlight(shine), is_toon));
         }
     }
-    return albedo * matte + gloss;
+    let color = albedo * matte + gloss;
+    if !is_toon || v3_dot(normal, normal) <= 0.0 {
+        return color;
+    }
+    return color * toon_line(abs(v3_dot(normal, to_eye)));
 }

@@ -11,9 +11,23 @@
 @group(1) @binding(7) var color_behind: texture_2d<f32>;
 @group(1) @binding(8) var surface_behind: texture_2d<f32>;
 @group(1) @binding(9) var material_behind: texture_2d<f32>;
+// Where there are polygons.
+@group(1) @binding(10) var shade_kept: texture_depth_2d;
+@group(1) @binding(11) var polygon_hits: texture_2d<f32>;
 
 // Σw below this has lost its attributes to underflow: the pixel is empty. Only splats smaller than 1e-18 pixels weigh less.
 const LEAST_WEIGHT: f32 = 1e-36;
+
+// What is lit, once a pixel or more.
+struct Point {
+    albedo: vec3f,
+    // Unit world normal, or 0.
+    normal: vec3f,
+    material: vec4f,
+    z: f32,
+    weight: f32,
+    is_there: bool,
+}
 
 struct Surface {
     color: vec3f,
@@ -28,36 +42,27 @@ fn unit_or_zero(v: vec3f) -> vec3f {
     return select(vec3f(0.0, 0.0, 0.0), v * (1.0 / sqrt(max(square, 1e-30))), square > 1e-30);
 }
 
-// The surface of a pixel's sums: colour and weight, normal and depth, material factors.
-fn shaded(pixel: vec2i, sums: vec4f, surface_sum: vec4f, material_sum: vec4f) -> Surface {
-    if !(LEAST_WEIGHT <= sums.w) {
-        return Surface(vec3f(0.0, 0.0, 0.0), vec3f(0.0, 0.0, 0.0), 0.0, 0.0, false);
-    }
-    let inverse = 1.0 / sums.w;
-    let surface = surface_sum * inverse;
-    let normal = unit_or_zero(surface.xyz);
-    let z = surface.w * frame.depth_unit;
-    var albedo = vec3f(1.0, 1.0, 1.0);
-    if frame.has_colors != 0u {
-        albedo = sums.rgb * inverse;
-    }
-    var color = albedo;
+// Slope (orthographic: offset) of the ray through a pixel of the targets.
+fn ray_of(pixel: vec2i) -> vec2f {
+    return frame.ray_start + vec2f(pixel + frame.origin_px) * frame.ray_step;
+}
+
+// The colour that the frame's shader gives a point of a pixel.
+fn color_at(pixel: vec2i, point: Point) -> vec3f {
+    let z = point.z;
+    let albedo = point.albedo;
+    let normal = point.normal;
+    let material = point.material;
     switch frame.shader_kind {
-        case SHADER_PHONG: {
-            let slope = frame.ray_start + vec2f(pixel + frame.origin_px) * frame.ray_step;
-            var material = frame.material;
-            if frame.has_materials != 0u {
-                material = material_sum * inverse;
-            }
+        case SHADER_PHONG, SHADER_TOON: {
             if frame.projection.kind == PERSPECTIVE {
-                let ray = frame.world_from_view * vec3f(slope, 1.0);
-                color = phong(albedo, normal, ray * z, -unit(ray), material);
-            } else {
-                color = phong(albedo, normal, frame.world_from_view * vec3f(slope, z), frame.to_eye, material);
+                let ray = frame.world_from_view * vec3f(ray_of(pixel), 1.0);
+                return lit(albedo, normal, ray * z, -unit(ray), material);
             }
+            return lit(albedo, normal, frame.world_from_view * vec3f(ray_of(pixel), z), frame.to_eye, material);
         }
         case SHADER_NORMAL: {
-            color = select(vec3f(0.0, 0.0, 0.0), normal * 0.5 + 0.5, v3_dot(normal, normal) > 0.0);
+            return select(vec3f(0.0, 0.0, 0.0), normal * 0.5 + 0.5, v3_dot(normal, normal) > 0.0);
         }
         case SHADER_DEPTH: {
             let projection = frame.projection;
@@ -65,37 +70,156 @@ fn shaded(pixel: vec2i, sums: vec4f, surface_sum: vec4f, material_sum: vec4f) ->
             if projection.kind == ORTHOGRAPHIC {
                 stored = 1.0 - (z - projection.near) / (projection.far - projection.near);
             }
-            color = vec3f(stored, stored, stored);
+            return vec3f(stored, stored, stored);
         }
         default: {
+            return albedo;
         }
     }
-    return Surface(color, normal, z, sums.w, true);
 }
 
-fn front(pixel: vec2i) -> Surface {
-    let material = textureLoad(material_sums, pixel, 0);
-    return shaded(pixel, textureLoad(color_sums, pixel, 0), textureLoad(surface_sums, pixel, 0), material);
+fn no_point() -> Point {
+    return Point(vec3f(0.0, 0.0, 0.0), vec3f(0.0, 0.0, 0.0), vec4f(0.0, 0.0, 0.0, 0.0), 0.0, 0.0, false);
 }
 
-// Colour of a pixel over a background, premultiplied. At an edge the surface covers its share of what lies behind (§5).
-fn over(surface: Surface, pixel: vec2i, background: vec4f) -> vec4f {
-    if !surface.is_there {
-        return background;
+// The surface of a pixel's sums: colour and weight, normal and depth, material factors.
+fn point_of(sums: vec4f, surface_sum: vec4f, material_sum: vec4f) -> Point {
+    if !(LEAST_WEIGHT <= sums.w) {
+        return no_point();
     }
-    let own = vec4f(surface.color, 1.0);
-    if frame.has_edges == 0u {
-        return own;
+    let inverse = 1.0 / sums.w;
+    let surface = surface_sum * inverse;
+    var albedo = vec3f(1.0, 1.0, 1.0);
+    if frame.has_colors != 0u {
+        albedo = sums.rgb * inverse;
     }
-    let is_edge = textureLoad(edge_limit, pixel, 0).r > 0.0 || textureLoad(writers, pixel, 0).x <= 0.0;
-    if !is_edge {
-        return own;
+    var material = frame.material;
+    if frame.has_materials != 0u {
+        material = material_sum * inverse;
     }
-    let material = textureLoad(material_behind, pixel, 0);
-    let behind = shaded(pixel, textureLoad(color_behind, pixel, 0), textureLoad(surface_behind, pixel, 0), material);
-    let beyond = select(background, vec4f(behind.color, 1.0), behind.is_there);
-    let q = min(textureLoad(count_sums, pixel, 0).g, 1.0);
-    return own * q + beyond * (1.0 - q);
+    return Point(albedo, unit_or_zero(surface.xyz), material, surface.w * frame.depth_unit, sums.w, true);
+}
+
+// Depth of a pixel's nearest polygon, or 0, and one more than its index.
+fn polygon_hit(pixel: vec2i) -> vec2f {
+    if frame.has_polygons == 0u {
+        return vec2f(0.0, 0.0);
+    }
+    return textureLoad(polygon_hits, pixel, 0).xy;
+}
+
+// True if no splat hides it.
+fn is_shown(pixel: vec2i, hit: vec2f) -> bool {
+    return hit.x > 0.0 && textureLoad(shade_kept, pixel, 0) <= comparable(hit.x);
+}
+
+// How much splats hide of a polygon behind them.
+fn share_of_splats(pixel: vec2i) -> f32 {
+    return min(textureLoad(count_sums, pixel, 0).g / frame.full_coverage, 1.0);
+}
+
+// Depth of the front surface, +∞ without one.
+fn front_depth(pixel: vec2i) -> f32 {
+    let weight = textureLoad(color_sums, pixel, 0).w;
+    let is_there = LEAST_WEIGHT <= weight;
+    let z = select(frame.empty_depth, textureLoad(surface_sums, pixel, 0).w / weight * frame.depth_unit, is_there);
+    let hit = polygon_hit(pixel);
+    if !is_shown(pixel, hit) {
+        return z;
+    }
+    let share = share_of_splats(pixel);
+    return select(hit.x, z * share + hit.x * (1.0 - share), is_there);
+}
+
+// True if one of the neighbours inside the image lies beyond the surface's own slope (§5, toon).
+fn has_outline(pixel: vec2i, surface: Surface) -> bool {
+    let slope = ray_of(pixel);
+    var at = vec3f(slope, surface.z);
+    if frame.projection.kind == PERSPECTIVE {
+        at = vec3f(slope * surface.z, surface.z);
+    }
+    var gradient = vec2f(0.0, 0.0);
+    if v3_dot(surface.normal, surface.normal) > 0.0 {
+        gradient = plane_gradient(at, frame.view_from_world * surface.normal, frame.projection);
+    }
+    let limit = toon_step_back_limit(surface.z, gradient, frame.projection);
+    let last = vec2i(frame.size_px) - 1;
+    var line = false;
+    for (var y = max(pixel.y - 1, 0); y <= min(pixel.y + 1, last.y); y++) {
+        for (var x = max(pixel.x - 1, 0); x <= min(pixel.x + 1, last.x); x++) {
+            line = line || front_depth(vec2i(x, y)) > limit;
+        }
+    }
+    return line;
+}
+
+// A pixel of the opaque picture.
+struct Pixel {
+    front: Surface,
+    // Premultiplied.
+    color: vec4f,
+}
+
+// The front surface is splats, a polygon, or the ones blended over the other (§6). At an edge it covers its share of what
+// lies behind (§5): the splats there or the nearest polygon, whichever is in front, over the background.
+fn finished(pixel: vec2i, background: vec4f) -> Pixel {
+    let splats =
+        point_of(textureLoad(color_sums, pixel, 0), textureLoad(surface_sums, pixel, 0), textureLoad(material_sums, pixel, 0));
+    let hit = polygon_hit(pixel);
+    let shown = is_shown(pixel, hit);
+    var polygon = no_point();
+    if hit.x > 0.0 {
+        polygon = polygon_point(hit, pixel);
+    }
+    var behind = no_point();
+    var is_edge = false;
+    if frame.has_edges != 0u && splats.is_there && !shown {
+        let is_kept = textureLoad(writers, pixel, 0).x > 0.0;
+        is_edge = !is_kept || textureLoad(edge_limit, pixel, 0).r > 0.0;
+        if is_edge {
+            behind = point_of(
+                textureLoad(color_behind, pixel, 0), textureLoad(surface_behind, pixel, 0), textureLoad(material_behind, pixel, 0),
+            );
+            if is_kept && polygon.is_there && (!behind.is_there || polygon.z < behind.z) {
+                behind = polygon;
+            }
+        }
+    }
+    // One after another by the same code: compilers would have three copies of it.
+    var colors = array<vec3f, 3>();
+    for (var i = 0u; i < 3u; i++) {
+        var point = splats;
+        if i == 1u {
+            point = polygon;
+            point.is_there = shown;
+        } else if i == 2u {
+            point = behind;
+        }
+        if point.is_there {
+            colors[i] = color_at(pixel, point);
+        }
+    }
+    var front = Surface(colors[0], splats.normal, splats.z, splats.weight, splats.is_there);
+    if shown && splats.is_there {
+        let share = share_of_splats(pixel);
+        front.color = colors[0] * share + colors[1] * (1.0 - share);
+        front.normal = unit_or_zero(splats.normal * share + polygon.normal * (1.0 - share));
+        front.z = splats.z * share + polygon.z * (1.0 - share);
+    } else if shown {
+        front = Surface(colors[1], polygon.normal, polygon.z, 0.0, true);
+    }
+    if frame.has_outlines != 0u && front.is_there && has_outline(pixel, front) {
+        front.color = vec3f(0.0, 0.0, 0.0);
+    }
+    if !front.is_there {
+        return Pixel(front, background);
+    }
+    var color = vec4f(front.color, 1.0);
+    if is_edge {
+        let q = min(textureLoad(count_sums, pixel, 0).g, 1.0);
+        color = color * q + select(background, vec4f(colors[2], 1.0), behind.is_there) * (1.0 - q);
+    }
+    return Pixel(front, color);
 }
 
 @compute @workgroup_size(8, 8)
@@ -105,9 +229,10 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     }
     let pixel = vec2i(id.xy + frame.shade_origin_px);
     let at = id.y * frame.shade_size_px.x + id.x;
-    let surface = front(pixel);
+    let pixel_of = finished(pixel, frame.background);
+    let surface = pixel_of.front;
     if frame.color_at != ABSENT {
-        let color = over(surface, pixel, frame.background);
+        let color = pixel_of.color;
         let to = frame.color_at + 4u * at;
         planes[to] = color.r;
         planes[to + 1u] = color.g;
@@ -140,7 +265,8 @@ struct Composite {
 @fragment
 fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
-    let surface = front(pixel);
+    let pixel_of = finished(pixel, vec4f(0.0, 0.0, 0.0, 0.0));
+    let surface = pixel_of.front;
     if !surface.is_there {
         discard;
     }
@@ -148,5 +274,5 @@ fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
     if frame.projection.kind == ORTHOGRAPHIC {
         along = surface.z;
     }
-    return Composite(over(surface, pixel, vec4f(0.0, 0.0, 0.0, 0.0)), fma(frame.host_depth.y, along, frame.host_depth.x));
+    return Composite(pixel_of.color, fma(frame.host_depth.y, along, frame.host_depth.x));
 }

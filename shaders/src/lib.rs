@@ -132,6 +132,17 @@ pub const TWINS: &[Twin] = &[
     twin("bounds_footprint", "bounds::footprint"),
     twin("depth_plane_at", "depth::DepthPlane::at"),
     twin("tolerance", "depth::tolerance"),
+    twin("plane_gradient", "depth::plane_gradient"),
+    twin("triangle_contains", "triangle::Triangle::contains"),
+    twin("triangle_barycentric", "triangle::Triangle::barycentric"),
+    twin("triangle_depth", "triangle::Triangle::depth"),
+    twin("triangle_gradient", "triangle::Triangle::gradient"),
+    twin("interpolate", "triangle::interpolate"),
+    twin("toon_smoothstep", "toon::smoothstep"),
+    twin("toon_ramp", "toon::ramp"),
+    twin("toon_highlight", "toon::highlight"),
+    twin("toon_line", "toon::line"),
+    twin("toon_step_back_limit", "toon::step_back_limit"),
     twin("weight", "kernel::weight"),
 ];
 
@@ -147,4 +158,7 @@ pub const HELPERS: &[&str] = &[
     "principal_turn",
     "form_through",
     "ellipse_extremes",
+    "away_from_zero",
+    "edge_covers",
+    "toon_step",
 ];

@@ -17,7 +17,7 @@ macro_rules! paths {
 }
 
 fn rust_paths() -> BTreeSet<&'static str> {
-    use surfel_math::{basis, clip, depth, filter, kernel, mapping, project, real, svd, vector};
+    use surfel_math::{basis, clip, depth, filter, kernel, mapping, project, real, svd, triangle, vector};
     BTreeSet::from(paths! {
         real::Real::difference_of_products, as <f32 as real::Real>::difference_of_products;
         real::Real::sum_of_products, as <f32 as real::Real>::sum_of_products;
@@ -60,6 +60,17 @@ fn rust_paths() -> BTreeSet<&'static str> {
         bounds::footprint;
         depth::DepthPlane::at, as depth::DepthPlane::<f32>::at;
         depth::tolerance;
+        depth::plane_gradient;
+        triangle::Triangle::contains, as triangle::Triangle::<f32>::contains;
+        triangle::Triangle::barycentric, as triangle::Triangle::<f32>::barycentric;
+        triangle::Triangle::depth, as triangle::Triangle::<f32>::depth;
+        triangle::Triangle::gradient, as triangle::Triangle::<f32>::gradient;
+        triangle::interpolate;
+        toon::smoothstep;
+        toon::ramp;
+        toon::highlight;
+        toon::line;
+        toon::step_back_limit;
         kernel::weight, as kernel::weight;
     })
 }

@@ -62,3 +62,17 @@ fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, p
     }
     return min(0.2 * z, min(setting.value * radius_max, 0.1 * z) + slope);
 }
+
+fn away_from_zero(v: f32, least: f32) -> f32 {
+    return select(max(v, least), -max(-v, least), v < 0.0);
+}
+
+// Change of planar depth over a pixel to the right and one down, on the plane through the view position p with unit view
+// normal n; steepness is limited as that of ε is.
+fn plane_gradient(p: vec3f, n: vec3f, projection: Projection) -> vec2f {
+    let across = vec2f(n.x / projection.focal_px.x, n.y / projection.focal_px.y);
+    if projection.kind == ORTHOGRAPHIC {
+        return across * -(1.0 / away_from_zero(n.z, 0.02));
+    }
+    return across * -(p.z * p.z / away_from_zero(v3_dot(n, p), 0.02 * v3_length(p)));
+}

@@ -83,7 +83,7 @@ impl Sets {
         let sizes = [
             size(vk::DescriptorType::UNIFORM_BUFFER, 1),
             size(vk::DescriptorType::STORAGE_BUFFER, 6),
-            size(vk::DescriptorType::SAMPLED_IMAGE, 9),
+            size(vk::DescriptorType::SAMPLED_IMAGE, 11),
         ];
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets.max(1)).pool_sizes(&sizes);
         // SAFETY: sizes and sets are not 0.

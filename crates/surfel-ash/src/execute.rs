@@ -29,6 +29,7 @@ pub(crate) struct Tile<'a> {
     shaded: [u32; 2],
     segments: Vec<Option<SegmentSets>>,
     near: Vec<Drawn>,
+    polygons: (vk::DescriptorSet, u32),
     /// Splats that were set up and touch the tile, and where the host reads it.
     drawn: Buffer,
     pub drawn_readback: Buffer,
@@ -59,9 +60,9 @@ impl<'a> Tile<'a> {
         data: &TileData,
     ) -> Result<Self, Failure> {
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        // Frame and sums; one of each draw and each group of near records; three of each segment.
+        // Frame, sums and polygons; one of each draw and each group of near records; three of each segment.
         let draws = &targets.key.draws;
-        let sets = Sets::new(device, (2 + draws.len() + data.near.len() + 3 * scene.segments.len()) as u32)?;
+        let sets = Sets::new(device, (3 + draws.len() + data.near.len() + 3 * scene.segments.len()) as u32)?;
         let mut buffers = Vec::new();
         let frame_buffers = [
             Buffer::filled(device, "frame", &data.frame, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
@@ -120,11 +121,15 @@ impl<'a> Tile<'a> {
             let layout = &pipelines.draw(draw, Variant::Whole, targets.key.precision)?.reads_set;
             reads.insert(draw, sets.set(layout, draw.name(), &only(&bound(draw.reads())))?);
         }
+        let polygons = Buffer::filled(device, "polygons", &data.polygons, storage)?;
+        let polygons_set = sets.set(&pipelines.polygons_set, "polygons", &[Resource::Buffer(&polygons)])?;
         let mut shade = bound(&SHADE_READS);
-        // The one binding that the images leave free.
-        shade.push((4, Resource::Buffer(&targets.planes)));
+        // The bindings that the images leave free.
+        let others = [(4, &targets.planes), (12, &polygons), (13, &scene.texels)];
+        shade.extend(others.map(|(binding, buffer)| (binding, Resource::Buffer(buffer))));
         shade.sort_by_key(|entry| entry.0);
-        let shade = sets.set(&pipelines.shade_set, "sums", &only(&shade))?;
+        let shade = sets.set(&pipelines.shade_set, "sums", &shade.iter().map(|entry| entry.1).collect::<Vec<_>>())?;
+        buffers.push(polygons);
         Ok(Self {
             scene,
             pipelines,
@@ -136,6 +141,7 @@ impl<'a> Tile<'a> {
             shaded: data.shaded,
             segments,
             near,
+            polygons: (polygons_set, data.polygon_count),
             drawn,
             drawn_readback,
             _buffers: buffers,
@@ -230,8 +236,11 @@ impl<'a> Tile<'a> {
             }
         };
         match (draw, variants.get(&Variant::Whole)) {
-            (Draw::Sums(Layer::Front, Sums::Color | Sums::Surface), _) => self.queries.counted(commands, quads),
+            (Draw::Sums(Layer::Front | Layer::Among, Sums::Color | Sums::Surface), _) => {
+                self.queries.counted(commands, quads);
+            }
             (Draw::Edges, Some(pipeline)) => strip(pipeline, None, 3, 1),
+            (Draw::Polygons, Some(pipeline)) => strip(pipeline, Some(self.polygons.0), 4, self.polygons.1),
             _ => quads(),
         }
         // SAFETY: begun above.

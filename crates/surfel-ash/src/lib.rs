@@ -46,5 +46,7 @@ pub use ash;
 const NAME: &str = "ash";
 
 /// What the backend draws, on any adapter.
-pub const CAPABILITIES: Capabilities =
-    Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing, Feature::Clips] };
+pub const CAPABILITIES: Capabilities = Capabilities {
+    backend: NAME,
+    features: &[Feature::F16, Feature::EdgeAntialiasing, Feature::Clips, Feature::Meshes, Feature::Toon],
+};

@@ -20,6 +20,7 @@ pub(crate) struct Pipelines {
     cache: Owned<vk::PipelineCache>,
     pub frame_set: SetLayout,
     pub shade_set: SetLayout,
+    pub polygons_set: SetLayout,
     pub shade: Pipeline,
     splats: HashMap<Variant, SplatPipeline>,
     draws: HashMap<(Draw, Variant, Precision), DrawPipeline>,
@@ -58,6 +59,7 @@ impl Pipelines {
         let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
         let frame_set = SetLayout::new(device, "frame", &all, 0)?;
         let shade_set = SetLayout::new(device, "sums", &["shade"], 1)?;
+        let polygons_set = SetLayout::new(device, "polygons", &["polygon_vertex", "polygon_fragment"], 1)?;
         let layout = pipeline_layout(device, "shade", &[&frame_set, &shade_set])?;
         let raw = compute_pipeline(device, module.raw, cache.raw, layout.raw, "shade")?;
         let shade = Pipeline { raw, layout };
@@ -67,6 +69,7 @@ impl Pipelines {
             cache,
             frame_set,
             shade_set,
+            polygons_set,
             shade,
             splats: HashMap::new(),
             draws: HashMap::new(),
@@ -99,6 +102,7 @@ impl Pipelines {
         let reads_set = SetLayout::new(&self.device, fragment, &[fragment], draw.reads_group())?;
         let mut sets = vec![&self.frame_set];
         sets.extend(draw.is_of_records().then_some(&splats.records_set));
+        sets.extend((draw == Draw::Polygons).then_some(&self.polygons_set));
         sets.extend((!draw.reads().is_empty()).then_some(&reads_set));
         let layout = pipeline_layout(&self.device, fragment, &sets)?;
         let pass = Pass::new(&self.device, draw, precision)?;

@@ -154,6 +154,7 @@ impl Renderer {
         stats: &mut Stats,
     ) -> Result<(), Failure> {
         let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
+        data.check(self.limits).map_err(Failure::Other)?;
         let f32_sums = self.device.facts.blends_f32 && plan.accumulate == Accumulate::F32;
         let precision = if f32_sums { Precision::F32 } else { Precision::F16 };
         let draws = Draw::of(plan);

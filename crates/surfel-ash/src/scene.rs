@@ -15,6 +15,8 @@ use surfel_render::RenderError;
 pub struct ResidentScene {
     pub(crate) cpu: UploadedScene,
     pub(crate) segments: Vec<ResidentSegment>,
+    /// Textures of polygons.
+    pub(crate) texels: Buffer,
     /// All segments have the same buffer of records.
     pub(crate) shared_records: bool,
     pub(crate) bytes: u64,
@@ -51,14 +53,15 @@ pub(crate) fn upload(device: &Arc<Device>, scene: &Scene, limits: Limits) -> Res
     let mut done = 0;
     let mut splats = Vec::new();
     while let Some(words) = upload.next_segment() {
-        splats.push(resident(device, &words).map_err(|failure| missing(failure, bytes, done))?);
+        splats.push(resident(device, "splats", &words).map_err(|failure| missing(failure, bytes, done))?);
         done += 4 * words.len() as u64;
     }
     let cpu = upload.finish();
     let (record_bytes, shared_records) = cpu.records(limits);
     let segments = segments(device, &cpu, splats, &record_bytes, shared_records)
         .map_err(|failure| missing(failure, bytes, done))?;
-    Ok(ResidentScene { cpu, segments, shared_records, bytes })
+    let texels = resident(device, "texels", &cpu.texels).map_err(|failure| missing(failure, bytes, done))?;
+    Ok(ResidentScene { cpu, segments, texels, shared_records, bytes })
 }
 
 fn segments(
@@ -91,11 +94,11 @@ fn segments(
 }
 
 /// Words in the device's own memory, by way of the host's.
-fn resident(device: &Arc<Device>, words: &[u32]) -> Result<Buffer, Failure> {
+fn resident(device: &Arc<Device>, name: &str, words: &[u32]) -> Result<Buffer, Failure> {
     let bytes = 4 * words.len() as u64;
     let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
-    let buffer = Buffer::new(device, "splats", bytes, usage, MemoryLocation::GpuOnly)?;
-    let staged = Buffer::filled(device, "staged splats", words, vk::BufferUsageFlags::TRANSFER_SRC)?;
+    let buffer = Buffer::new(device, name, bytes, usage, MemoryLocation::GpuOnly)?;
+    let staged = Buffer::filled(device, "staged", words, vk::BufferUsageFlags::TRANSFER_SRC)?;
     submit(device, |commands| {
         commands.copy(staged.raw(), buffer.raw(), bytes);
         commands.barrier();

@@ -211,7 +211,7 @@ impl NearJob<'_> {
 
 /// Pixels of the tile whose centres lie between two pixel coordinates: the first and the one past the last, counted from
 /// `start`; `None` if there are none.
-fn range(min: f64, max: f64, start: u32, length: u32) -> Option<[u32; 2]> {
+pub(crate) fn range(min: f64, max: f64, start: u32, length: u32) -> Option<[u32; 2]> {
     let limit = f64::from(length);
     let first = (min - f64::from(start) - 0.5 - BOX_SLACK_PX).ceil().clamp(0.0, limit);
     let end = ((max - f64::from(start) - 0.5 + BOX_SLACK_PX).floor() + 1.0).clamp(0.0, limit);

@@ -1,7 +1,7 @@
 //! The steps of a tile, in order, whatever API executes them.
 
-use crate::targets::{Draw, Layer, Sums};
-use surfel_render::{FramePlan, Pass};
+use crate::targets::Draw;
+use surfel_render::FramePlan;
 
 /// A step of a tile. Numbers are indices of the scene's segments.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -46,15 +46,8 @@ pub fn schedule(plan: &FramePlan, visible: &[usize], shared_records: bool) -> Ve
         vec![visible.to_vec()]
     };
     let again = groups.len() > 1;
-    let sums = |layer| -> Vec<Draw> { Sums::of(plan, layer).into_iter().map(|sums| Draw::Sums(layer, sums)).collect() };
-    let edges = plan.has(Pass::EdgeAntialiasing);
-    // What is drawn in one go over the splats, or where all has to be there before it goes on.
-    let mut rounds = vec![vec![if edges { Draw::Writers } else { Draw::Visibility }], sums(Layer::Front)];
-    if edges {
-        rounds.extend([vec![Draw::Edges], vec![Draw::VisibilityBehind], sums(Layer::Behind)]);
-    }
     let mut steps = Vec::new();
-    for (round, draws) in rounds.iter().enumerate() {
+    for (round, draws) in Draw::rounds(plan).iter().enumerate() {
         if draws.iter().any(|draw| !draw.is_of_records()) {
             let everywhere = |&draw: &Draw| Step::Draw { draw, segments: Vec::new(), first: true };
             steps.extend(draws.iter().map(everywhere));
@@ -75,6 +68,7 @@ pub fn schedule(plan: &FramePlan, visible: &[usize], shared_records: bool) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::targets::{Layer, Sums};
     use surfel_model::{Camera, Projection, Settings};
     use surfel_render::{Capabilities, Feature, Planes, SceneSummary, View, plan};
 

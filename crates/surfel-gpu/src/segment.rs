@@ -2,11 +2,12 @@
 
 use crate::chunk::{Chunk, chunk_length};
 use crate::clip::{self, STORED_WORDS, Variant};
+use crate::texels::Texels;
 use crate::words::Words;
 use glam::{DAffine3, DVec3};
 use std::collections::VecDeque;
 use std::sync::Arc;
-use surfel_model::{Geometry, Light, Material, Scene, Shape, SplatCloud};
+use surfel_model::{Geometry, Light, Material, Mesh, Scene, Shape, SplatCloud};
 use surfel_render::{RenderError, SceneSummary};
 use surfel_shaders::layout;
 
@@ -67,6 +68,16 @@ pub(crate) struct UploadedObject {
     pub material: Material,
 }
 
+/// An object of polygons.
+#[derive(Clone, Debug)]
+pub(crate) struct UploadedMesh {
+    pub mesh: Arc<Mesh>,
+    pub world_from_object: DAffine3,
+    pub material: Material,
+    /// Where its texture starts in the texels, or `layout::ABSENT`.
+    pub texture_at: u32,
+}
+
 /// What the CPU keeps of a scene.
 #[derive(Clone, Debug)]
 pub struct UploadedScene {
@@ -74,7 +85,10 @@ pub struct UploadedScene {
     pub summary: SceneSummary,
     /// In the order in which they were uploaded.
     pub segments: Vec<Segment>,
+    /// The shaders' `texels`, one word at least.
+    pub texels: Vec<u32>,
     pub(crate) objects: Vec<UploadedObject>,
+    pub(crate) meshes: Vec<UploadedMesh>,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: [f64; 3],
     /// Linear, premultiplied.
@@ -125,7 +139,8 @@ impl Upload {
     /// Starts an upload.
     ///
     /// # Errors
-    /// [`RenderError::Model`] if the scene is invalid, [`RenderError::Backend`] if the device's buffers hold no splats.
+    /// [`RenderError::Model`] if the scene is invalid, [`RenderError::Backend`] if the device's buffers hold no splats, or
+    /// not the textures.
     pub fn new(scene: &Scene, limits: Limits, backend: &'static str) -> Result<Self, RenderError> {
         scene.validate()?;
         let summary = SceneSummary::of(scene);
@@ -136,19 +151,37 @@ impl Upload {
             return Err(RenderError::Backend { backend, message });
         }
         let [r, g, b, a] = scene.background;
-        let objects = scene.objects.iter().filter_map(|object| match &object.geometry {
-            Geometry::Splats(cloud) => Some(UploadedObject {
-                cloud: cloud.clone(),
-                world_from_object: object.world_from_object,
-                material: object.material,
-            }),
-            Geometry::Mesh(_) => None,
-        });
+        let (mut objects, mut meshes, mut texels) = (Vec::new(), Vec::new(), Texels::default());
+        for object in &scene.objects {
+            let (world_from_object, material) = (object.world_from_object, object.material);
+            match &object.geometry {
+                Geometry::Splats(cloud) => {
+                    objects.push(UploadedObject { cloud: cloud.clone(), world_from_object, material });
+                }
+                Geometry::Mesh(mesh) => {
+                    mesh.validate()?;
+                    let texture_at = texels.of(mesh);
+                    meshes.push(UploadedMesh { mesh: mesh.clone(), world_from_object, material, texture_at });
+                }
+            }
+        }
+        let texel_bytes = 4 * texels.words.len() as u64;
+        if texel_bytes > limits.buffer_bytes.min(4 * u64::from(u32::MAX)) {
+            let most = limits.buffer_bytes;
+            let message =
+                format!("the textures need {texel_bytes} bytes, more than the {most} of the device's buffers");
+            return Err(RenderError::Backend { backend, message });
+        }
+        if texels.words.is_empty() {
+            texels.words.push(0);
+        }
         Ok(Self {
             scene: UploadedScene {
                 summary,
                 segments: Vec::new(),
-                objects: objects.collect(),
+                texels: texels.words,
+                objects,
+                meshes,
                 lights: scene.lights.clone(),
                 ambient: scene.ambient,
                 background: [r * a, g * a, b * a, a],

@@ -22,6 +22,10 @@ pub enum Target {
     Limit,
     /// As `Kept`, of what lies behind edges.
     KeptBehind,
+    /// The nearest polygon, as z_near/z.
+    PolygonDepth,
+    /// Its depth, and one more than its index.
+    Polygons,
     /// As `Color`, behind edges.
     ColorBehind,
     /// As `Surface`, behind edges.
@@ -47,7 +51,7 @@ pub enum TargetFormat {
 
 impl Target {
     /// All of them.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 13] = [
         Self::Kept,
         Self::Color,
         Self::Surface,
@@ -55,6 +59,8 @@ impl Target {
         Self::Counts,
         Self::Writers,
         Self::Limit,
+        Self::PolygonDepth,
+        Self::Polygons,
         Self::KeptBehind,
         Self::ColorBehind,
         Self::SurfaceBehind,
@@ -71,6 +77,8 @@ impl Target {
             Self::Counts => "fragment counts",
             Self::Writers => "writers",
             Self::Limit => "edge limit",
+            Self::PolygonDepth => "polygon depth",
+            Self::Polygons => "polygons",
             Self::KeptBehind => "kept depth behind",
             Self::ColorBehind => "colour sums behind",
             Self::SurfaceBehind => "surface sums behind",
@@ -81,17 +89,17 @@ impl Target {
     /// What its texels hold.
     pub fn format(self) -> TargetFormat {
         match self {
-            Self::Kept | Self::KeptBehind => TargetFormat::Depth,
+            Self::Kept | Self::KeptBehind | Self::PolygonDepth => TargetFormat::Depth,
             Self::Counts => TargetFormat::Sums2,
-            Self::Writers => TargetFormat::Exact2,
+            Self::Writers | Self::Polygons => TargetFormat::Exact2,
             Self::Limit => TargetFormat::Exact1,
             _ => TargetFormat::Sums4,
         }
     }
 }
 
-/// What the shading pass reads, by its binding; binding 4 is the planes. Composing into a host's picture reads some of it.
-pub const SHADE_READS: [(u32, Target); 9] = [
+/// What the shading pass reads, by its binding; what they leave free are buffers. Composing into a host's picture reads some of it.
+pub const SHADE_READS: [(u32, Target); 11] = [
     (0, Target::Color),
     (1, Target::Surface),
     (2, Target::Material),
@@ -101,6 +109,8 @@ pub const SHADE_READS: [(u32, Target); 9] = [
     (7, Target::ColorBehind),
     (8, Target::SurfaceBehind),
     (9, Target::MaterialBehind),
+    (10, Target::Kept),
+    (11, Target::Polygons),
 ];
 
 /// Which surface a pass is of.
@@ -108,6 +118,8 @@ pub const SHADE_READS: [(u32, Target); 9] = [
 pub enum Layer {
     /// The nearest.
     Front,
+    /// The same, among polygons.
+    Among,
     /// What lies behind it at edges.
     Behind,
 }
@@ -127,7 +139,7 @@ impl Sums {
     /// The passes over the splats that a plan needs for a layer.
     pub fn of(plan: &FramePlan, layer: Layer) -> Vec<Self> {
         let surface = plan.attributes.normal || plan.attributes.depth;
-        let counts = layer == Layer::Front && (plan.planes.fragments || plan.attributes.coverage);
+        let counts = layer != Layer::Behind && (plan.planes.fragments || plan.attributes.coverage);
         let mut sums = vec![if surface { Self::Surface } else { Self::Color }];
         if plan.attributes.material || counts {
             sums.push(Self::Further);
@@ -145,6 +157,8 @@ pub enum Draw {
     Writers,
     /// Keeps the least z + ε behind edges.
     VisibilityBehind,
+    /// Keeps the nearest polygon.
+    Polygons,
     /// Adds up attributes.
     Sums(Layer, Sums),
     /// Finds edges.
@@ -158,12 +172,16 @@ impl Draw {
             Self::Visibility => ("visibility", "front_visibility"),
             Self::Writers => ("visibility", "front_writer"),
             Self::VisibilityBehind => ("visibility", "behind_visibility"),
+            Self::Polygons => return ["polygon_vertex", "polygon_fragment"].map(str::to_owned),
             Self::Edges => return ["everywhere_vertex", "edges_fragment"].map(str::to_owned),
             Self::Sums(layer, sums) => {
                 let fragment = match (layer, sums) {
                     (Layer::Front, Sums::Color) => "front_color",
                     (Layer::Front, Sums::Surface) => "front_surface",
                     (Layer::Front, Sums::Further) => "front_further",
+                    (Layer::Among, Sums::Color) => "among_color",
+                    (Layer::Among, Sums::Surface) => "among_surface",
+                    (Layer::Among, Sums::Further) => "among_further",
                     (Layer::Behind, Sums::Color) => "behind_color",
                     (Layer::Behind, Sums::Surface) => "behind_surface",
                     (Layer::Behind, Sums::Further) => "behind_material",
@@ -180,6 +198,7 @@ impl Draw {
         match self {
             Self::Visibility | Self::Writers => Some(Target::Kept),
             Self::VisibilityBehind => Some(Target::KeptBehind),
+            Self::Polygons => Some(Target::PolygonDepth),
             Self::Sums(..) | Self::Edges => None,
         }
     }
@@ -190,9 +209,10 @@ impl Draw {
             Self::Visibility | Self::VisibilityBehind => &[],
             Self::Writers => &[Target::Writers],
             Self::Edges => &[Target::Limit],
-            Self::Sums(Layer::Front, Sums::Color) => &[Target::Color],
-            Self::Sums(Layer::Front, Sums::Surface) => &[Target::Color, Target::Surface],
-            Self::Sums(Layer::Front, Sums::Further) => &[Target::Material, Target::Counts],
+            Self::Polygons => &[Target::Polygons],
+            Self::Sums(Layer::Front | Layer::Among, Sums::Color) => &[Target::Color],
+            Self::Sums(Layer::Front | Layer::Among, Sums::Surface) => &[Target::Color, Target::Surface],
+            Self::Sums(Layer::Front | Layer::Among, Sums::Further) => &[Target::Material, Target::Counts],
             Self::Sums(Layer::Behind, Sums::Color) => &[Target::ColorBehind],
             Self::Sums(Layer::Behind, Sums::Surface) => &[Target::ColorBehind, Target::SurfaceBehind],
             Self::Sums(Layer::Behind, Sums::Further) => &[Target::MaterialBehind],
@@ -204,17 +224,18 @@ impl Draw {
         matches!(self, Self::Sums(..))
     }
 
-    /// Whether it draws records, with their group as group 1, or a triangle over everything.
+    /// Whether it draws records, with their group as group 1.
     pub fn is_of_records(self) -> bool {
-        self != Self::Edges
+        !matches!(self, Self::Edges | Self::Polygons)
     }
 
     /// The textures that it reads, by binding, in the group after the records' or the frame's.
     pub fn reads(self) -> &'static [(u32, Target)] {
         match self {
-            Self::Visibility | Self::Writers => &[],
+            Self::Visibility | Self::Writers | Self::Polygons => &[],
             Self::VisibilityBehind => &[(1, Target::Limit)],
             Self::Sums(Layer::Front, _) => &[(0, Target::Kept)],
+            Self::Sums(Layer::Among, _) => &[(0, Target::Kept), (2, Target::Polygons)],
             Self::Sums(Layer::Behind, _) => &[(0, Target::KeptBehind), (1, Target::Limit)],
             Self::Edges => &[(0, Target::Kept), (1, Target::Writers)],
         }
@@ -229,7 +250,8 @@ impl Draw {
     pub fn name(self) -> &'static str {
         match self {
             Self::Visibility | Self::Writers => "visibility",
-            Self::Sums(Layer::Front, _) => "attributes",
+            Self::Polygons => "polygons",
+            Self::Sums(Layer::Front | Layer::Among, _) => "attributes",
             Self::Edges => "edges",
             Self::VisibilityBehind | Self::Sums(Layer::Behind, _) => "behind edges",
         }
@@ -237,14 +259,20 @@ impl Draw {
 
     /// The draws that a plan needs.
     pub fn of(plan: &FramePlan) -> Vec<Self> {
+        Self::rounds(plan).concat()
+    }
+
+    /// The same, by what is drawn in one go over the splats: all of a round is there before the next begins.
+    pub(crate) fn rounds(plan: &FramePlan) -> Vec<Vec<Self>> {
         let edges = plan.has(Pass::EdgeAntialiasing);
-        let sums = |layer| Sums::of(plan, layer).into_iter().map(move |sums| Self::Sums(layer, sums));
-        let mut draws = vec![if edges { Self::Writers } else { Self::Visibility }];
-        draws.extend(sums(Layer::Front));
+        let polygons = plan.has(Pass::Polygons);
+        let sums = |layer| Sums::of(plan, layer).into_iter().map(|sums| Self::Sums(layer, sums)).collect();
+        let mut rounds = vec![vec![if edges { Self::Writers } else { Self::Visibility }]];
+        rounds.extend(polygons.then(|| vec![Self::Polygons]));
+        rounds.push(sums(if polygons { Layer::Among } else { Layer::Front }));
         if edges {
-            draws.extend([Self::Edges, Self::VisibilityBehind]);
-            draws.extend(sums(Layer::Behind));
+            rounds.extend([vec![Self::Edges], vec![Self::VisibilityBehind], sums(Layer::Behind)]);
         }
-        draws
+        rounds
     }
 }

@@ -4,6 +4,7 @@ use crate::clip::Variant;
 use crate::culling::{is_outside, may_reach_near};
 use crate::near::{NearJob, NearSplats};
 use crate::planes::{PlaneLayout, floats_per_pixel};
+use crate::polygon::polygon_words;
 use crate::segment::{Limits, Segment, UploadedScene};
 use crate::uniforms::{FrameScene, frame_words};
 use crate::words::Words;
@@ -15,9 +16,13 @@ use surfel_shaders::layout;
 /// Largest side of a tile: records count its pixels in 16 bits.
 const LARGEST_SIDE: u32 = u16::MAX as u32;
 
-/// Pixels around a tile that its targets have besides, where they are inside the image: neighbours of edge pixels.
+/// Polygons of a tile, less than.
+const MOST_POLYGONS: u32 = 1 << 24;
+
+/// Pixels around a tile that its targets have besides, where they are inside the image: neighbours that edges and
+/// outlines look at.
 fn border(plan: &FramePlan) -> u32 {
-    u32::from(plan.has(Pass::EdgeAntialiasing))
+    u32::from(plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::Outlines))
 }
 
 /// A tile and its border.
@@ -98,6 +103,10 @@ pub struct TileData {
     pub segments: Vec<SegmentData>,
     /// The splats that reach the near plane.
     pub near: Vec<NearRecords>,
+    /// The shaders' `polygons` that may touch it, one at least; the first is no polygon where there are none.
+    pub polygons: Vec<u32>,
+    /// How many there are.
+    pub polygon_count: u32,
     /// Where the tile's planes will be.
     pub planes: PlaneLayout,
 }
@@ -110,6 +119,12 @@ impl TileData {
         let job = NearJob { view, plan, tile: targets };
         let parts: Vec<(SegmentData, NearSplats)> =
             scene.segments.par_iter().map(|segment| segment_data(scene, frame, segment, &job)).collect();
+        let mut polygons = match plan.has(Pass::Polygons) {
+            true => polygon_words(&scene.meshes, view, targets, false),
+            false => Vec::new(),
+        };
+        let polygon_count = (polygons.len() / (layout::polygon::SIZE / 4)) as u32;
+        polygons.resize(polygons.len().max(layout::polygon::SIZE / 4), 0);
         let mut near: Vec<NearRecords> = Vec::new();
         let mut segments = Vec::with_capacity(parts.len());
         for (segment, own) in parts {
@@ -135,7 +150,24 @@ impl TileData {
                 *word = value.to_bits();
             }
         }
-        Self { targets, shaded: [tile.width, tile.height], frame, segments, near, planes }
+        Self { targets, shaded: [tile.width, tile.height], frame, segments, near, polygons, polygon_count, planes }
+    }
+
+    /// Checks that its polygons fit the device.
+    ///
+    /// # Errors
+    /// What is wrong and what to do, if they don't.
+    pub fn check(&self, limits: Limits) -> Result<(), String> {
+        let bytes = 4 * self.polygons.len() as u64;
+        // Targets tell polygons by a float's whole numbers.
+        if bytes <= limits.buffer_bytes && self.polygon_count < MOST_POLYGONS {
+            return Ok(());
+        }
+        let (count, most) = (self.polygon_count, limits.buffer_bytes);
+        Err(format!(
+            "{count} polygons in view need {bytes} bytes, expected at most {most} and {MOST_POLYGONS} polygons; render by \
+             --region, or have the mesh converted to splats"
+        ))
     }
 
     /// Has the tile composed into a host's depth buffer, which holds `offset` + `scale`/z in a perspective projection, and

@@ -7,7 +7,7 @@ use crate::words::Words;
 use glam::{DVec2, DVec3};
 use surfel_math::basis::unit;
 use surfel_math::depth::Tolerance;
-use surfel_math::kernel::interior_weight_at_cutoff;
+use surfel_math::kernel::{FULL_COVERAGE, interior_weight_at_cutoff};
 use surfel_math::projection::ProjectionKind;
 use surfel_model::{ClipPolicy, Cull, Filter, Light, Material, Shader};
 use surfel_render::{FramePlan, Pass, Region, View};
@@ -124,6 +124,8 @@ pub(crate) fn frame_words(
     words.u32(at::SHADE_ORIGIN_PX, tile.x - targets.x).u32(at::SHADE_ORIGIN_PX + 4, tile.y - targets.y);
     words.u32(at::SHADE_SIZE_PX, tile.width).u32(at::SHADE_SIZE_PX + 4, tile.height);
     words.u32(at::HAS_EDGES, u32::from(plan.has(Pass::EdgeAntialiasing)));
+    words.u32(at::HAS_POLYGONS, u32::from(plan.has(Pass::Polygons))).f64(at::FULL_COVERAGE, FULL_COVERAGE);
+    words.u32(at::HAS_OUTLINES, u32::from(plan.has(Pass::Outlines)));
     words.u32(at::CLIP_BY_CHORD, u32::from(plan.clip == ClipPolicy::Line));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
     words.vec3(at::AMBIENT, DVec3::from(scene.ambient)).all(at::BACKGROUND, scene.background);
@@ -147,10 +149,10 @@ fn filter_kind(filter: Filter) -> u32 {
     }
 }
 
-/// Planning refuses what no shader draws yet (`toon`).
 fn shader_kind(shader: Shader) -> u32 {
     match shader {
-        Shader::Unlit | Shader::Toon => layout::SHADER_UNLIT,
+        Shader::Unlit => layout::SHADER_UNLIT,
+        Shader::Toon => layout::SHADER_TOON,
         Shader::Phong => layout::SHADER_PHONG,
         Shader::Normal => layout::SHADER_NORMAL,
         Shader::Depth => layout::SHADER_DEPTH,

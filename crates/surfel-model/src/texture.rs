@@ -72,6 +72,11 @@ impl Mipmaps {
         Self { texture, levels }
     }
 
+    /// Texels of level 1 and up, row by row from the top: linear RGB and alpha.
+    pub fn levels(&self) -> impl Iterator<Item = &[[f32; 4]]> {
+        self.levels.iter().map(|level| level.texels.as_slice())
+    }
+
     /// The texture itself.
     pub fn texture(&self) -> &Texture {
         &self.texture

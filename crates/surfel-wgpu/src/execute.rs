@@ -5,7 +5,7 @@ use crate::pipelines::{HostKey, Pipelines};
 use crate::scene::{Records, ResidentScene, bind, filled};
 use crate::targets::Targets;
 use crate::timing::Timer;
-use surfel_gpu::{Draw, FrameScene, Step, TileData, Variant, groups};
+use surfel_gpu::{Draw, FrameScene, SHADE_READS, Step, TileData, Variant, groups, slots};
 
 /// Everything that the steps of a tile read.
 pub(crate) struct Tile<'a> {
@@ -16,6 +16,11 @@ pub(crate) struct Tile<'a> {
     /// Those that touch the tile.
     segments: Vec<Option<SegmentGroups>>,
     near: Vec<Drawn>,
+    polygons_group: wgpu::BindGroup,
+    polygon_count: u32,
+    shade_group: wgpu::BindGroup,
+    /// For composing into a host's picture.
+    composite_group: wgpu::BindGroup,
     /// Size of what is shaded.
     shaded: [u32; 2],
     /// Splats that were set up and touch the tile.
@@ -75,7 +80,31 @@ impl<'a> Tile<'a> {
             Some(Drawn { variant: near.variant, group, count: near.count() })
         });
         let near = near.collect();
-        Self { scene, pipelines, targets, frame_group, segments, near, shaded: data.shaded, drawn }
+        let polygons = filled(device, queue, "polygons", &data.polygons, storage);
+        let polygons_group = bind(device, "polygons", &pipelines.polygons_group, &[&polygons]);
+        let finish = |entry: &str, layout: &wgpu::BindGroupLayout| {
+            let buffers = [(4, &targets.planes), (12, &polygons), (13, &scene.texels)];
+            let buffers =
+                buffers.map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
+            let used = slots(&[entry], 1);
+            let all = targets.entries(&SHADE_READS).into_iter().chain(buffers);
+            let entries: Vec<_> = all.filter(|entry| used.iter().any(|slot| slot.binding == entry.binding)).collect();
+            device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(entry), layout, entries: &entries })
+        };
+        Self {
+            shade_group: finish("shade", &pipelines.shade_group),
+            composite_group: finish("composite_fragment", &pipelines.composite_group),
+            scene,
+            pipelines,
+            targets,
+            frame_group,
+            segments,
+            near,
+            polygons_group,
+            polygon_count: data.polygon_count,
+            shaded: data.shaded,
+            drawn,
+        }
     }
 
     /// Records a step.
@@ -90,7 +119,7 @@ impl<'a> Tile<'a> {
                 });
                 pass.set_pipeline(&self.pipelines.shade);
                 pass.set_bind_group(0, &self.frame_group, &[]);
-                pass.set_bind_group(1, &self.targets.shade_group, &[]);
+                pass.set_bind_group(1, &self.shade_group, &[]);
                 let [width, height] = self.shaded;
                 pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
             }
@@ -116,7 +145,7 @@ impl<'a> Tile<'a> {
         if let Some(pipeline) = self.pipelines.composite(host) {
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &self.frame_group, &[]);
-            pass.set_bind_group(1, &self.targets.composite_group, &[]);
+            pass.set_bind_group(1, &self.composite_group, &[]);
             pass.draw(0..3, 0..1);
         }
     }
@@ -187,7 +216,12 @@ impl<'a> Tile<'a> {
         };
         if !draw.is_of_records() {
             bound(&mut pass, Variant::Whole);
-            pass.draw(0..3, 0..1);
+            if draw == Draw::Polygons {
+                pass.set_bind_group(1, &self.polygons_group, &[]);
+                pass.draw(0..4, 0..self.polygon_count);
+            } else {
+                pass.draw(0..3, 0..1);
+            }
             return;
         }
         let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));

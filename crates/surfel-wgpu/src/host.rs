@@ -78,6 +78,7 @@ impl Renderer {
         }
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let mut data = TileData::new(&scene.cpu, &frame_scene, view, &plan, region);
+        data.check(self.limits).map_err(failed)?;
         data.set_host_depth(target.mapping.offset, target.mapping.scale);
         // The planes go nowhere.
         let key = TargetKey { floats: 1, ..self.key(&plan, &data) };

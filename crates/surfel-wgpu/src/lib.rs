@@ -41,5 +41,7 @@ use surfel_render::{Capabilities, Feature};
 const NAME: &str = "wgpu";
 
 /// What the backend draws, on any adapter.
-pub const CAPABILITIES: Capabilities =
-    Capabilities { backend: NAME, features: &[Feature::F16, Feature::EdgeAntialiasing, Feature::Clips] };
+pub const CAPABILITIES: Capabilities = Capabilities {
+    backend: NAME,
+    features: &[Feature::F16, Feature::EdgeAntialiasing, Feature::Clips, Feature::Meshes, Feature::Toon],
+};

@@ -40,6 +40,7 @@ pub(crate) struct Pipelines {
     splats: HashMap<Variant, SplatPipeline>,
     pub shade_group: wgpu::BindGroupLayout,
     pub composite_group: wgpu::BindGroupLayout,
+    pub polygons_group: wgpu::BindGroupLayout,
     pub shade: wgpu::ComputePipeline,
     draws: HashMap<(Draw, Variant, Precision), DrawPipeline>,
     composites: HashMap<HostKey, wgpu::RenderPipeline>,
@@ -103,12 +104,14 @@ impl Pipelines {
         let frame_group = group(device, "frame", &all, 0);
         let shade_group = group(device, "sums", &["shade"], 1);
         let composite_group = group(device, "sums to compose", &["composite_fragment"], 1);
+        let polygons_group = group(device, "polygons", &["polygon_vertex", "polygon_fragment"], 1);
         let shade = compute(device, &module, "shade", &[&frame_group, &shade_group]);
         Self {
             module,
             frame_group,
             shade_group,
             composite_group,
+            polygons_group,
             shade,
             splats: HashMap::new(),
             draws: HashMap::new(),
@@ -140,6 +143,7 @@ impl Pipelines {
             let reads_group = group(device, fragment, &[fragment], draw.reads_group());
             let mut groups = vec![&self.frame_group];
             groups.extend(draw.is_of_records().then_some(&splats.records_group));
+            groups.extend((draw == Draw::Polygons).then_some(&self.polygons_group));
             groups.extend((!draw.reads().is_empty()).then_some(&reads_group));
             let depth = draw.depth().map(|t| depth_state(precision.format(t), wgpu::CompareFunction::Greater));
             let add = wgpu::BlendComponent {

@@ -132,6 +132,7 @@ impl Renderer {
         stats: &mut Stats,
     ) -> Result<(), RenderError> {
         let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
+        data.check(self.limits).map_err(failed)?;
         let key = self.key(plan, &data);
         let floats = key.floats;
         let device = self.device.clone();

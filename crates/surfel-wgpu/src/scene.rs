@@ -10,6 +10,8 @@ use surfel_render::RenderError;
 pub struct ResidentScene {
     pub(crate) cpu: UploadedScene,
     pub(crate) segments: Vec<ResidentSegment>,
+    /// Textures of polygons.
+    pub(crate) texels: wgpu::Buffer,
     /// All segments have the same buffer of records.
     pub(crate) shared_records: bool,
     pub(crate) bytes: u64,
@@ -89,7 +91,8 @@ pub(crate) fn upload(
     let cpu = upload.finish();
     let (record_bytes, shared_records) = cpu.records(limits);
     let usage = wgpu::BufferUsages::STORAGE;
-    let segments = scoped(device, || {
+    let made = scoped(device, || {
+        let texels = filled(device, queue, "texels", &cpu.texels, usage);
         let records = |RecordBytes { records, clips }| Records {
             records: empty(device, "records", records, usage),
             clips: (clips > 0).then(|| empty(device, "clips", clips, usage)),
@@ -98,16 +101,16 @@ pub(crate) fn upload(
         let largest = RecordBytes { records: largest(|b| b.records), clips: largest(|b| b.clips) };
         let shared = shared_records.then(|| records(largest));
         let each = cpu.segments.iter().zip(splats).zip(&record_bytes);
-        each.map(|((segment, splats), &bytes)| ResidentSegment {
+        let segments = each.map(|((segment, splats), &bytes)| ResidentSegment {
             uniform: filled(device, queue, "segment", &segment.uniform, wgpu::BufferUsages::UNIFORM),
             splats,
             records: shared.clone().unwrap_or_else(|| records(bytes)),
             count: segment.members.len() as u32,
-        })
-        .collect()
+        });
+        (texels, segments.collect())
     });
-    let segments = segments.map_err(|caught| too_large(caught, bytes, done))?;
-    Ok(ResidentScene { cpu, segments, shared_records, bytes })
+    let (texels, segments) = made.map_err(|caught| too_large(caught, bytes, done))?;
+    Ok(ResidentScene { cpu, segments, texels, shared_records, bytes })
 }
 
 /// A bind group of buffers, numbered from 0.

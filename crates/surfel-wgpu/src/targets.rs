@@ -3,7 +3,7 @@
 use crate::pipelines::{Pipelines, Precision};
 use crate::scene::empty;
 use std::collections::HashMap;
-use surfel_gpu::{Draw, SHADE_READS, Target, Variant, slots};
+use surfel_gpu::{Draw, Target, Variant};
 
 /// What a tile's targets have to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,9 +21,6 @@ pub(crate) struct Targets {
     views: HashMap<Target, wgpu::TextureView>,
     reads: HashMap<Draw, wgpu::BindGroup>,
     pub planes: wgpu::Buffer,
-    pub shade_group: wgpu::BindGroup,
-    /// For composing into a host's picture.
-    pub composite_group: wgpu::BindGroup,
 }
 
 impl Targets {
@@ -53,30 +50,25 @@ impl Targets {
             4 * u64::from(key.floats),
             wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
         );
-        let textures = |reads: &[(u32, Target)]| -> Vec<wgpu::BindGroupEntry<'_>> {
-            let entry = |&(binding, target): &(u32, Target)| {
-                let resource = wgpu::BindingResource::TextureView(views.get(&target)?);
-                Some(wgpu::BindGroupEntry { binding, resource })
-            };
-            reads.iter().filter_map(entry).collect()
-        };
-        let group = |label, layout: &wgpu::BindGroupLayout, entries: &[wgpu::BindGroupEntry<'_>]| {
-            device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries })
-        };
         let reads = key.draws.iter().filter(|draw| !draw.reads().is_empty()).filter_map(|&draw| {
             let layout = &pipelines.draw(draw, Variant::Whole, key.precision)?.reads_group;
-            Some((draw, group(draw.name(), layout, &textures(draw.reads()))))
+            let entries = entries(&views, draw.reads());
+            Some((
+                draw,
+                device.create_bind_group(&wgpu::BindGroupDescriptor {
+                    label: Some(draw.name()),
+                    layout,
+                    entries: &entries,
+                }),
+            ))
         });
         let reads = reads.collect();
-        let mut entries = textures(&SHADE_READS);
-        let used = slots(&["composite_fragment"], 1);
-        let composed: Vec<wgpu::BindGroupEntry<'_>> =
-            entries.iter().filter(|entry| used.iter().any(|slot| slot.binding == entry.binding)).cloned().collect();
-        let composite_group = group("sums to compose", &pipelines.composite_group, &composed);
-        // The one binding that the textures leave free.
-        entries.push(wgpu::BindGroupEntry { binding: 4, resource: planes.as_entire_binding() });
-        let shade_group = group("sums", &pipelines.shade_group, &entries);
-        Self { key, views, reads, planes, shade_group, composite_group }
+        Self { key, views, reads, planes }
+    }
+
+    /// What binds the textures of these bindings.
+    pub(crate) fn entries(&self, reads: &[(u32, Target)]) -> Vec<wgpu::BindGroupEntry<'_>> {
+        entries(&self.views, reads)
     }
 
     pub(crate) fn view(&self, target: Target) -> Option<&wgpu::TextureView> {
@@ -87,4 +79,15 @@ impl Targets {
     pub(crate) fn reads(&self, draw: Draw) -> Option<&wgpu::BindGroup> {
         self.reads.get(&draw)
     }
+}
+
+fn entries<'a>(
+    views: &'a HashMap<Target, wgpu::TextureView>,
+    reads: &[(u32, Target)],
+) -> Vec<wgpu::BindGroupEntry<'a>> {
+    let entry = |&(binding, target): &(u32, Target)| {
+        let resource = wgpu::BindingResource::TextureView(views.get(&target)?);
+        Some(wgpu::BindGroupEntry { binding, resource })
+    };
+    reads.iter().filter_map(entry).collect()
 }

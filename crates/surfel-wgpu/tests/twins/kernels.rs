@@ -68,13 +68,13 @@ pub(crate) const fn sum(lengths: &[usize]) -> usize {
     total
 }
 
-const PERSPECTIVE: Projection = Projection {
+pub(crate) const PERSPECTIVE: Projection = Projection {
     kind: ProjectionKind::Perspective,
     focal_px: [700.0, 650.0],
     principal_px: [320.5, 240.25],
     near: 0.01,
 };
-const ORTHOGRAPHIC: Projection =
+pub(crate) const ORTHOGRAPHIC: Projection =
     Projection { kind: ProjectionKind::Orthographic { height: 4.0, far: 100.0 }, ..PERSPECTIVE };
 
 pub(crate) fn v2<R: Real>(x: &[R]) -> V2<R> {

@@ -6,6 +6,7 @@ mod kernels;
 mod clips;
 mod device;
 mod inputs;
+mod surfaces;
 
 use device::Device;
 use kernels::Kernel;
@@ -14,7 +15,7 @@ use surfel_shaders::TWINS;
 
 /// All kernels.
 fn all() -> impl Iterator<Item = &'static Kernel> {
-    kernels::KERNELS.iter().chain(clips::KERNELS)
+    kernels::KERNELS.iter().chain(clips::KERNELS).chain(surfaces::KERNELS)
 }
 
 /// Samples of each kind of input.

@@ -1,0 +1,46 @@
+//! Textures of polygons, as the shaders' `texels` hold them.
+
+use std::sync::Arc;
+use surfel_model::{Mesh, Mipmaps, Texture};
+use surfel_shaders::layout;
+
+/// Every texture once, with its smaller levels.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Texels {
+    /// What a byte means, then the textures; empty without any.
+    pub words: Vec<u32>,
+    /// Where each starts.
+    found: Vec<(Arc<Texture>, u32)>,
+}
+
+impl Texels {
+    /// Where the texture of a mesh starts, or `layout::ABSENT`.
+    pub(crate) fn of(&mut self, mesh: &Mesh) -> u32 {
+        let Some(texture) = mesh.texture.as_ref().filter(|t| mesh.uvs.is_some() && is_whole(t)) else {
+            return layout::ABSENT;
+        };
+        if let Some((_, at)) = self.found.iter().find(|(other, _)| Arc::ptr_eq(other, texture)) {
+            return *at;
+        }
+        if self.words.is_empty() {
+            let decoded = |c: u32| surfel_math::srgb::decode(f64::from(c) / 255.0) as f32;
+            self.words.extend((0..256).map(|c| decoded(c).to_bits()));
+        }
+        let at = self.words.len() as u32;
+        let mipmaps = Mipmaps::new(texture.clone());
+        self.words.extend([texture.width, texture.height, mipmaps.levels().count() as u32]);
+        let texels = texture.width as usize * texture.height as usize;
+        self.words.extend(texture.srgba8.iter().take(texels).map(|&t| u32::from_le_bytes(t)));
+        for level in mipmaps.levels() {
+            self.words.extend(level.iter().flat_map(|&[r, g, b, _]| [r, g, b]).map(f32::to_bits));
+        }
+        self.found.push((texture.clone(), at));
+        at
+    }
+}
+
+/// A damaged or empty texture is white: as none.
+fn is_whole(texture: &Texture) -> bool {
+    let texels = texture.width as usize * texture.height as usize;
+    texels > 0 && texture.srgba8.len() >= texels
+}

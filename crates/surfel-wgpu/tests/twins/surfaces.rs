@@ -1,0 +1,163 @@
+//! Triangles, the slopes of planes, and the shader `toon`.
+
+use crate::inputs::{self, Random, f32s};
+use crate::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2, v3};
+use surfel_math::mapping::Linear;
+use surfel_math::triangle::Triangle;
+use surfel_math::{Real, depth, toon, triangle};
+
+/// A triangle of the first twelve numbers, in WGSL.
+const TRIANGLE: &str = "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)), vec3f(x9, x10, x11));";
+
+fn triangle<R: Real>(x: &[R]) -> Triangle<R> {
+    let linear = |i: usize| Linear::new(x[i], v2(&x[i + 1..]));
+    Triangle { edges: [0, 3, 6].map(linear), z: [x[9], x[10], x[11]] }
+}
+
+fn contains<R: Real>(x: &[R]) -> Vec<R> {
+    flag(triangle(x).contains(v2(&x[12..])), x[0])
+}
+fn barycentric<R: Real>(x: &[R]) -> Vec<R> {
+    triangle(x).barycentric(v2(&x[12..])).to_vec()
+}
+fn triangle_depth<R: Real>(x: &[R]) -> Vec<R> {
+    vec![triangle(x).depth([x[12], x[13], x[14]])]
+}
+fn gradient<R: Real>(x: &[R]) -> Vec<R> {
+    let g = triangle(x).gradient([x[14], x[15], x[16]], x[17], v2(&x[12..]));
+    vec![g.x, g.y]
+}
+fn interpolate<R: Real>(x: &[R]) -> Vec<R> {
+    vec![triangle::interpolate([x[0], x[1], x[2]], [x[3], x[4], x[5]])]
+}
+fn gradient_perspective<R: Real>(x: &[R]) -> Vec<R> {
+    let g = depth::plane_gradient(v3(x), v3(&x[3..]), &PERSPECTIVE);
+    vec![g.x, g.y]
+}
+fn gradient_orthographic<R: Real>(x: &[R]) -> Vec<R> {
+    let g = depth::plane_gradient(v3(x), v3(&x[3..]), &ORTHOGRAPHIC);
+    vec![g.x, g.y]
+}
+fn smoothstep<R: Real>(x: &[R]) -> Vec<R> {
+    vec![toon::smoothstep(x[0], 0.25, 0.5)]
+}
+fn ramp<R: Real>(x: &[R]) -> Vec<R> {
+    vec![toon::ramp(x[0])]
+}
+fn highlight<R: Real>(x: &[R]) -> Vec<R> {
+    vec![toon::highlight(x[0])]
+}
+fn line<R: Real>(x: &[R]) -> Vec<R> {
+    vec![toon::line(x[0])]
+}
+fn limit<R: Real>(x: &[R]) -> Vec<R> {
+    vec![toon::step_back_limit(x[0], v2(&x[1..]), &PERSPECTIVE)]
+}
+
+/// Edges whose values may cancel: what the largest of their terms is to their sum.
+fn edge_terms(x: &[f64]) -> f64 {
+    let edge = |i: usize| [x[i], x[i + 1] * x[12], x[i + 2] * x[13]];
+    let terms: f64 = [0, 3, 6].into_iter().flat_map(edge).map(f64::abs).sum();
+    let whole: f64 = [0, 3, 6].into_iter().flat_map(edge).sum();
+    terms / whole.abs()
+}
+fn barycentric_terms(x: &[f64], _: usize) -> f64 {
+    let b = barycentric(x).iter().fold(1.0f64, |a, b| a.max(b.abs()));
+    edge_terms(x) * b
+}
+fn gradient_terms(x: &[f64], _: usize) -> f64 {
+    let largest = |x: &[f64]| x.iter().fold(0.0f64, |a, b| a.max(b.abs()));
+    let sum: f64 = [0, 3, 6].into_iter().map(|i| x[i] + x[i + 1] * x[12] + x[i + 2] * x[13]).sum();
+    largest(&x[14..18]) * largest(&[x[1], x[2], x[4], x[5], x[7], x[8]]) / sum.abs() * edge_terms(x)
+}
+fn interpolate_terms(x: &[f64], _: usize) -> f64 {
+    (0..3).map(|i| (x[i] * x[i + 3]).abs()).sum()
+}
+fn depth_terms(x: &[f64], _: usize) -> f64 {
+    (0..3).map(|i| (x[i + 9] * x[i + 12]).abs()).sum()
+}
+/// The denominator n·p may cancel.
+fn plane_terms(x: &[f64], _: usize) -> f64 {
+    let (p, n) = (v3(x), v3(&x[3..]));
+    let terms: f64 = (0..3).map(|i| (x[i] * x[i + 3]).abs()).sum();
+    let steep = n.dot(p).abs().max(0.02 * p.length());
+    let g = depth::plane_gradient(p, n, &PERSPECTIVE);
+    g.length() * (terms / steep)
+}
+/// Steps are steep: what x has in ulp, the result has times their slope.
+fn steep(_: &[f64], _: usize) -> f64 {
+    1.5 / 0.04
+}
+
+/// Edges of a triangle that hold the pixel at an offset, or not, clear of all of them.
+fn edges(random: &mut Random, scale: f64) -> Vec<f32> {
+    loop {
+        let mut x: Vec<f64> = Vec::with_capacity(14);
+        for turn in 0..3 {
+            let (sin, cos) = (f64::from(turn) * 2.1 + 0.5 * random.signed()).sin_cos();
+            let k = scale * random.range(0.5, 2.0);
+            x.extend([k * random.range(1.0, 20.0), k * cos, k * sin]);
+        }
+        x.extend([random.range(1.0, 4.0), random.range(1.0, 4.0), random.range(1.0, 4.0)]);
+        x.extend([20.0 * random.signed(), 20.0 * random.signed()]);
+        let values = [0, 3, 6].map(|i| x[i] + x[i + 1] * x[12] + x[i + 2] * x[13]);
+        if values.iter().all(|v| v.abs() > 1e-3 * scale) && values.iter().sum::<f64>().abs() > 0.1 * scale {
+            return f32s(&x);
+        }
+    }
+}
+fn with(mut x: Vec<f32>, values: &[f64]) -> Vec<f32> {
+    x.extend(f32s(values));
+    x
+}
+fn point_and_normal(random: &mut Random) -> Vec<f32> {
+    let z = random.range(1.0, 10.0);
+    let n = random.direction();
+    f32s(&[0.4 * z * random.signed(), 0.3 * z * random.signed(), z, n[0], n[1], n[2]])
+}
+fn wild_point_and_normal(random: &mut Random) -> Vec<f32> {
+    let z = random.wild(4.0).abs();
+    let n = random.direction();
+    f32s(&[2.0 * z * random.signed(), 2.0 * z * random.signed(), z, n[0], n[1], n[2]])
+}
+/// Between 0 and 1, where steps begin and end among them.
+fn share(random: &mut Random) -> Vec<f32> {
+    f32s(&[random.range(0.0, 1.0)])
+}
+fn at_a_step(random: &mut Random) -> Vec<f32> {
+    let steps = [0.03, 0.05, 0.07, 0.12, 0.22, 0.33, 0.48, 0.5, 0.52, 0.7];
+    let step = steps[(random.range(0.0, 9.99)) as usize];
+    f32s(&[step + random.wild(3.0) * 1e-6])
+}
+
+pub(crate) const KERNELS: &[Kernel] = &[
+    kernel!("triangle_contains", 14 => &[1], contains, TRIANGLE, "flag(triangle_contains(t, vec2f(x12, x13)))",
+        |r| edges(r, 1.0), |r| { let k = r.wild(6.0).abs(); edges(r, k) }, None),
+    kernel!("triangle_barycentric", 14 => &[3], barycentric, "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2),
+         Linear(x3, x4, x5), Linear(x6, x7, x8)), vec3f(x9, x10, x11)); let b = triangle_barycentric(t, vec2f(x12, x13));",
+        "b.x; b.y; b.z", |r| edges(r, 1.0), |r| { let k = r.wild(6.0).abs(); edges(r, k) }, Some(barycentric_terms)),
+    kernel!("triangle_depth", 15 => &[1], triangle_depth, TRIANGLE, "triangle_depth(t, vec3f(x12, x13, x14))",
+        inputs::numbers::<15>, inputs::wild::<15>, Some(depth_terms)),
+    kernel!("triangle_gradient", 18 => &[2], gradient, "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2),
+         Linear(x3, x4, x5), Linear(x6, x7, x8)), vec3f(x9, x10, x11));
+         let g = triangle_gradient(t, vec3f(x14, x15, x16), x17, vec2f(x12, x13));", "g.x; g.y",
+        |r| { let v = [r.signed(), r.signed(), r.signed(), r.signed()]; with(edges(r, 1.0), &v) },
+        |r| { let v = [r.wild(3.0), r.wild(3.0), r.wild(3.0), r.wild(3.0)]; with(edges(r, 1e-4), &v) }, Some(gradient_terms)),
+    kernel!("interpolate", 6 => &[1], interpolate, "", "interpolate(vec3f(x0, x1, x2), vec3f(x3, x4, x5))",
+        inputs::numbers::<6>, inputs::wild::<6>, Some(interpolate_terms)),
+    kernel!("plane_gradient/perspective", 6 => &[2], gradient_perspective,
+        "let g = plane_gradient(vec3f(x0, x1, x2), vec3f(x3, x4, x5),
+         Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE));", "g.x; g.y",
+        point_and_normal, wild_point_and_normal, Some(plane_terms)),
+    kernel!("plane_gradient/orthographic", 6 => &[2], gradient_orthographic,
+        "let g = plane_gradient(vec3f(x0, x1, x2), vec3f(x3, x4, x5),
+         Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC));", "g.x; g.y",
+        point_and_normal, wild_point_and_normal, None),
+    kernel!("toon_smoothstep", 1 => &[1], smoothstep, "", "toon_smoothstep(x0, 0.25, 0.5)", share, at_a_step, Some(steep)),
+    kernel!("toon_ramp", 1 => &[1], ramp, "", "toon_ramp(x0)", share, at_a_step, Some(steep)),
+    kernel!("toon_highlight", 1 => &[1], highlight, "", "toon_highlight(x0)", share, at_a_step, Some(steep)),
+    kernel!("toon_line", 1 => &[1], line, "", "toon_line(x0)", share, at_a_step, Some(steep)),
+    kernel!("toon_step_back_limit", 3 => &[1], limit, "",
+        "toon_step_back_limit(x0, vec2f(x1, x2), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE))",
+        |r| f32s(&[r.range(1.0, 10.0), r.signed(), r.signed()]), |r| f32s(&[r.wild(5.0).abs(), r.wild(3.0), r.wild(3.0)]), None),
+];

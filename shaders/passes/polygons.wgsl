@@ -1,0 +1,81 @@
+// Polygons among splats (rendering model §6): the nearest of every pixel into a target of its own, whatever hides it, and
+// what it looks like there.
+
+// A triangle, set up by the CPU in f64.
+struct Polygon {
+    // Edges about `base`, a pixel's centre, where attributes are interpolated.
+    edges: array<Linear, 3>,
+    // Words of its texture in `texels`, or ABSENT.
+    texture_at: u32,
+    base: vec2i,
+    // Constants of the edges about the targets' first pixel: one anchor for all, so that neighbours judge their common edge
+    // by the same number.
+    covers: vec3f,
+    // Depths of the vertices.
+    @align(16) z: vec3f,
+    // Pixels that it may touch, as a record's.
+    box: vec2u,
+    // Texture coordinates of the vertices.
+    u: vec3f,
+    v: vec3f,
+    // Linear albedo of the vertices.
+    color0: vec3f,
+    color1: vec3f,
+    color2: vec3f,
+    // Unit world normals of the vertices, and the plane's; turned to the eye where the material is two-sided.
+    normal0: vec3f,
+    normal1: vec3f,
+    normal2: vec3f,
+    flat_normal: vec3f,
+    // Ambient, diffuse, specular, shininess.
+    material: vec4f,
+}
+
+// A texture: width, height, number of smaller levels, then the full size in four bytes a texel and the levels in three
+// floats. Before all textures is what the bytes mean.
+const TEXTURE_HEADER: u32 = 3u;
+
+@group(1) @binding(0) var<storage, read> drawn_polygons: array<Polygon>;
+
+struct PolygonVertex {
+    @builtin(position) position: vec4f,
+    @location(0) @interpolate(flat, either) polygon: u32,
+}
+
+@vertex
+fn polygon_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> PolygonVertex {
+    return PolygonVertex(corner_of(drawn_polygons[instance].box, vertex), instance);
+}
+
+fn triangle_of(p: Polygon) -> Triangle {
+    return Triangle(p.edges, p.z);
+}
+
+// From the polygon's base to a pixel of the targets.
+fn offset_on(p: Polygon, pixel: vec2i) -> vec2f {
+    return vec2f(pixel + frame.origin_px - p.base);
+}
+
+struct PolygonHit {
+    @builtin(frag_depth) depth: f32,
+    // Depth, and one more than the polygon's index.
+    @location(0) hit: vec2f,
+}
+
+// Quads rather than triangles: a rasteriser snaps vertices to a fraction of a pixel, and is not asked which centres an edge
+// takes.
+@fragment
+fn polygon_fragment(in: PolygonVertex) -> PolygonHit {
+    let p = drawn_polygons[in.polygon];
+    let pixel = vec2i(floor(in.position.xy));
+    var shape = triangle_of(p);
+    let d = offset_on(p, pixel);
+    let z = triangle_depth(shape, triangle_barycentric(shape, d));
+    shape.edges[0].c = p.covers.x;
+    shape.edges[1].c = p.covers.y;
+    shape.edges[2].c = p.covers.z;
+    if !(triangle_contains(shape, vec2f(pixel)) && exists(z)) {
+        discard;
+    }
+    return PolygonHit(comparable(z), vec2f(z, f32(in.polygon + 1u)));
+}

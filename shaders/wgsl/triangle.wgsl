@@ -1,0 +1,47 @@
+// Triangles over pixels (rendering model §6). Twin: surfel-math, triangle.rs, which also makes the edges, in f64.
+//
+// Source: Olano and Greer 1997, edges from homogeneous coordinates: nothing is clipped.
+
+// About some anchor.
+struct Triangle {
+    // One a vertex, about the edge opposite to it, all positive inside.
+    edges: array<Linear, 3>,
+    // Depths of the vertices.
+    z: vec3f,
+}
+
+// A centre exactly on an edge belongs to the triangle below or to the right of it.
+fn edge_covers(e: Linear, d: vec2f) -> bool {
+    let value = linear_at(e, d);
+    let right_of = 0.0 < e.x || (!(e.x < 0.0) && 0.0 < e.y);
+    return 0.0 < value || (!(value < 0.0) && right_of);
+}
+
+fn triangle_contains(t: Triangle, d: vec2f) -> bool {
+    return edge_covers(t.edges[0], d) && edge_covers(t.edges[1], d) && edge_covers(t.edges[2], d);
+}
+
+// Correct in perspective; they sum to 1.
+fn triangle_barycentric(t: Triangle, d: vec2f) -> vec3f {
+    let values = vec3f(linear_at(t.edges[0], d), linear_at(t.edges[1], d), linear_at(t.edges[2], d));
+    return values * (1.0 / (values.x + values.y + values.z));
+}
+
+fn triangle_depth(t: Triangle, barycentric: vec3f) -> f32 {
+    return interpolate(barycentric, t.z);
+}
+
+// How an attribute with these `values` at the vertices changes a pixel to the right and a pixel down, where it is `value`.
+fn triangle_gradient(t: Triangle, values: vec3f, value: f32, d: vec2f) -> vec2f {
+    let inverse = 1.0 / (linear_at(t.edges[0], d) + linear_at(t.edges[1], d) + linear_at(t.edges[2], d));
+    let apart = values - value;
+    return vec2f(
+        interpolate(apart, vec3f(t.edges[0].x, t.edges[1].x, t.edges[2].x)) * inverse,
+        interpolate(apart, vec3f(t.edges[0].y, t.edges[1].y, t.edges[2].y)) * inverse,
+    );
+}
+
+// Σ b·a: an attribute with values a at the vertices.
+fn interpolate(b: vec3f, a: vec3f) -> f32 {
+    return fma(b.x, a.x, fma(b.y, a.y, b.z * a.z));
+}
