@@ -3,6 +3,7 @@
 //! Everything follows from formulas and one fixed seed, so that every machine makes the same files.
 
 mod clouds;
+mod halves;
 mod part;
 mod ply;
 
@@ -15,7 +16,7 @@ const FOLDER: &str = "assets/generated";
 pub(crate) fn run(root: &Path) -> bool {
     let folder = root.join(FOLDER);
     let mut written = Vec::new();
-    let result = write(&folder, &mut |name, bytes| {
+    let result = write(root, &folder, &mut |name, bytes| {
         std::fs::write(folder.join(name), &bytes)?;
         written.push((name, bytes.len()));
         Ok(())
@@ -34,11 +35,14 @@ pub(crate) fn run(root: &Path) -> bool {
 
 type Sink<'a> = &'a mut dyn FnMut(&'static str, Vec<u8>) -> io::Result<()>;
 
-fn write(folder: &Path, sink: Sink<'_>) -> io::Result<()> {
+fn write(root: &Path, folder: &Path, sink: Sink<'_>) -> io::Result<()> {
     std::fs::create_dir_all(folder)?;
     sink("checkerboard.ply", clouds::checkerboard().to_ply())?;
     sink("checkerboard.json", clouds::CHECKERBOARD_SCENE.into())?;
     sink("sphere.ply", clouds::sphere().to_ply())?;
     sink("glass-spheres.ply", clouds::glass_spheres().to_ply())?;
-    sink("part.obj", part::part().to_obj().into_bytes())
+    sink("part.obj", part::part().to_obj().into_bytes())?;
+    let [left, right] = halves::halves(root)?;
+    sink("spot-left.obj", left)?;
+    sink("spot-right.obj", right)
 }

@@ -4,6 +4,7 @@ mod assets;
 mod bench;
 mod ci;
 mod conformance;
+mod gallery;
 mod suites;
 mod tidy;
 mod vulkan;
@@ -32,8 +33,9 @@ Commands:
   stability [OPTIONS]
           Drive sizes, distances, tilts and counts to their extremes and hold the backends against
           exact arithmetic; writes a page of curves, --help says more
-  assets  Write generated scenes (a checkerboard, a sphere, glass spheres, a CAD part) to
-          assets/generated
+  assets  Write generated scenes (a checkerboard, a sphere, glass spheres, a CAD part, Spot
+          cut in two) to assets/generated
+  gallery Draw the pictures of docs/gallery.md into docs/images
   bench   Time frames of known scenes on a backend: cargo xtask bench --help
   tradeoff [OPTIONS]
           Measure what every setting costs in time and in error, and write a page; --quick takes two
@@ -55,6 +57,7 @@ fn main() -> ExitCode {
         ["ci"] => ci::run(&root),
         ["tidy"] => tidy::run(&root),
         ["assets"] => assets::run(&root),
+        ["gallery"] => gallery::run(&root),
         [program @ ("conformance" | "stability"), ref options @ ..] => {
             return conformance::run(&root, program, options);
         }
