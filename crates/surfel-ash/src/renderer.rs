@@ -14,7 +14,7 @@ use crate::{CAPABILITIES, NAME};
 use ash::vk;
 use std::sync::Arc;
 use std::time::Instant;
-use surfel_gpu::{Draw, FrameScene, Limits, TileData, Variant, schedule, tiles};
+use surfel_gpu::{Draw, FrameScene, Limits, Pixels, TileData, Variant, schedule, tiles};
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
 
@@ -158,6 +158,10 @@ impl Renderer {
         let f32_sums = self.device.facts.blends_f32 && plan.accumulate == Accumulate::F32;
         let precision = if f32_sums { Precision::F32 } else { Precision::F16 };
         let draws = Draw::of(plan);
+        let pixels = Pixels::of(plan);
+        for &pixels in &pixels {
+            self.pipelines.prepare_pixels(pixels)?;
+        }
         for variant in data.variants() {
             self.pipelines.prepare_splats(variant)?;
             for &draw in draws.iter().filter(|draw| draw.is_of_records() || variant == Variant::Whole) {
@@ -172,7 +176,7 @@ impl Renderer {
         };
         let targets = self.targets.insert(targets);
         let queries = Queries::new(&self.device)?;
-        let job = Tile::new(&self.device, (scene, &self.pipelines, targets, &queries), frame_scene, &data)?;
+        let job = Tile::new(&self.device, (scene, &self.pipelines, targets, &queries), frame_scene, &data, &pixels)?;
         let steps = schedule(plan, &data.visible(), scene.shared_records);
         submit(&self.device, |commands| job.record(commands, &steps))?;
         let planes = targets.readback.words(data.planes.floats as usize)?;

@@ -20,6 +20,11 @@ impl Words {
         self
     }
 
+    /// The word at a byte offset.
+    pub(crate) fn get(&self, offset: usize) -> u32 {
+        self.0.get(offset / 4).copied().unwrap_or(0)
+    }
+
     /// Sets words from a byte offset on.
     pub(crate) fn bits(&mut self, offset: usize, values: &[u32]) -> &mut Self {
         for (i, &value) in values.iter().enumerate() {

@@ -6,7 +6,7 @@ use crate::pipelines::HostKey;
 use crate::renderer::Renderer;
 use crate::scene::ResidentScene;
 use crate::targets::TargetKey;
-use surfel_gpu::{FrameScene, Step, TileData, schedule};
+use surfel_gpu::{FrameScene, Pixels, Step, TileData, schedule};
 use surfel_model::Settings;
 use surfel_render::{Planes, RenderError, View, plan};
 
@@ -85,13 +85,13 @@ impl Renderer {
         let host = HostKey { color: target.color_format, depth: target.depth_format, compare: target.mapping.compare };
         let device = self.device.clone();
         scoped(&device, || {
-            self.prepare(key, &data.variants());
+            self.prepare(key, &data.variants(), &Pixels::of(&plan));
             self.pipelines.prepare_composite(&device, host);
             let Some(targets) = &self.targets else { return };
             let parts = (scene, &self.pipelines, targets);
-            let job = Tile::new(&device, &self.queue, parts, &frame_scene, &data);
+            let job = Tile::new(&device, &self.queue, parts, &frame_scene, &data, &[]);
             for step in schedule(&plan, &data.visible(), scene.shared_records) {
-                if step != Step::Shade {
+                if step != Step::Pixels(Pixels::Shade) {
                     job.step(encoder, &step, None);
                 }
             }

@@ -9,7 +9,7 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::{TargetKey, Targets};
 use crate::timing::Timer;
 use std::time::Instant;
-use surfel_gpu::{Draw, FrameScene, Limits, TileData, Variant, schedule, tiles};
+use surfel_gpu::{Draw, FrameScene, Limits, Pixels, TileData, Variant, schedule, tiles};
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
 
@@ -108,7 +108,10 @@ impl Renderer {
     }
 
     /// Makes pipelines and targets, where they aren't there from the frame before.
-    pub(crate) fn prepare(&mut self, key: TargetKey, variants: &[Variant]) {
+    pub(crate) fn prepare(&mut self, key: TargetKey, variants: &[Variant], pixels: &[Pixels]) {
+        for &pixels in pixels {
+            self.pipelines.prepare_pixels(&self.device, pixels);
+        }
         for &variant in variants {
             self.pipelines.prepare_splats(&self.device, variant);
             for &draw in key.draws.iter().filter(|draw| draw.is_of_records() || variant == Variant::Whole) {
@@ -137,10 +140,10 @@ impl Renderer {
         let floats = key.floats;
         let device = self.device.clone();
         let readback = scoped(&device, || {
-            self.prepare(key, &data.variants());
+            self.prepare(key, &data.variants(), &Pixels::of(plan));
             let targets = self.targets.as_ref()?;
             let parts = (scene, &self.pipelines, targets);
-            let job = Tile::new(&self.device, &self.queue, parts, frame_scene, &data);
+            let job = Tile::new(&self.device, &self.queue, parts, frame_scene, &data, &Pixels::of(plan));
             let mut encoder =
                 self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("tile") });
             if let Some(timer) = &mut self.timer {
