@@ -53,6 +53,9 @@ struct Frame {
     light_count: u32,
     // Edges are antialiased.
     has_edges: u32,
+    // Texels on a side of a shadow map, and where a map that is drawn starts.
+    shadow_side: u32,
+    shadow_at: u32,
     // There are polygons; lines are drawn where depth steps back.
     has_polygons: u32,
     has_outlines: u32,
@@ -197,6 +200,9 @@ struct Light {
     inner: f32,
     color: vec3f,
     outer: f32,
+    // Its shadow maps.
+    first_map: u32,
+    map_count: u32,
 }
 
 const LIGHT_DIRECTIONAL: u32 = 0u;

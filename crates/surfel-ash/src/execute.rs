@@ -22,6 +22,7 @@ pub(crate) struct Tile<'a> {
     targets: &'a Targets,
     queries: &'a Queries,
     frame: vk::DescriptorSet,
+    setup_frame: vk::DescriptorSet,
     pixels: HashMap<Pixels, vk::DescriptorSet>,
     /// What draws read.
     reads: HashMap<Draw, vk::DescriptorSet>,
@@ -36,6 +37,13 @@ pub(crate) struct Tile<'a> {
     /// What the sets refer to, and the sets' pool.
     _buffers: Vec<Buffer>,
     _sets: Sets,
+}
+
+/// Texels of shadow maps: a tile reads or writes them.
+#[derive(Clone, Copy)]
+pub(crate) struct Shadows<'a> {
+    pub read: &'a Buffer,
+    pub written: &'a Buffer,
 }
 
 struct SegmentSets {
@@ -62,6 +70,7 @@ impl<'a> Tile<'a> {
         frame: &FrameScene,
         data: &TileData,
         pixels: &[Pixels],
+        shadows: Shadows<'_>,
     ) -> Result<Self, Failure> {
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
         // Frame and polygons; one of each draw and what is computed once a pixel; two of each group of near records; three of
@@ -69,15 +78,18 @@ impl<'a> Tile<'a> {
         let draws = &targets.key.draws;
         let sets = Sets::new(
             device,
-            (2 + draws.len() + pixels.len() + 2 * data.near.len() + 3 * scene.segments.len()) as u32,
+            (3 + draws.len() + pixels.len() + 2 * data.near.len() + 3 * scene.segments.len()) as u32,
         )?;
         let mut buffers = Vec::new();
         let frame_buffers = [
             Buffer::filled(device, "frame", &data.frame, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
             Buffer::filled(device, "objects", &frame.objects, storage)?,
             Buffer::filled(device, "lights", &frame.lights, storage)?,
+            Buffer::filled(device, "shadow maps", &frame.shadow_maps, storage)?,
         ];
-        let frame_set = sets.set(&pipelines.frame_set, "frame", &numbered(&frame_buffers))?;
+        let all = numbered(frame_buffers.iter().chain([shadows.read]));
+        let frame_set = sets.set(&pipelines.frame_set, "frame", &all)?;
+        let setup_frame = sets.set(&pipelines.setup_frame_set, "frame of setup", &all)?;
         buffers.extend(frame_buffers);
         let counter = |name| Buffer::filled(device, name, &[0], storage | vk::BufferUsageFlags::TRANSFER_SRC);
         let (drawn, again) = (counter("drawn")?, counter("drawn again")?);
@@ -145,7 +157,7 @@ impl<'a> Tile<'a> {
         }
         let polygons = Buffer::filled(device, "polygons", &data.polygons, storage)?;
         let polygons_set = sets.set(&pipelines.polygons_set, "polygons", &numbered([&polygons]))?;
-        let others = [&targets.planes, &polygons, &scene.texels, &targets.veils, &targets.veils];
+        let others = [&targets.planes, &polygons, &scene.texels, &targets.veils, &targets.veils, shadows.written];
         let mut all = bound(&PIXEL_READS);
         all.extend(PIXEL_BUFFERS.into_iter().zip(others.map(Resource::Buffer)));
         let mut pixel_sets = HashMap::new();
@@ -159,6 +171,7 @@ impl<'a> Tile<'a> {
             targets,
             queries,
             frame: frame_set,
+            setup_frame,
             pixels: pixel_sets,
             reads,
             shaded: data.shaded,
@@ -197,7 +210,7 @@ impl<'a> Tile<'a> {
                     let pipeline = &self.pipelines.splats(sets.drawn.variant)?.setup;
                     bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                     let [counted, uncounted] = sets.setup;
-                    let sets = [self.frame, if *first { counted } else { uncounted }];
+                    let sets = [self.setup_frame, if *first { counted } else { uncounted }];
                     bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &sets);
                     dispatch(commands, [groups(segment.count, "setup", 0), 1]);
                 }

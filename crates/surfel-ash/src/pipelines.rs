@@ -19,6 +19,8 @@ pub(crate) struct Pipelines {
     module: Owned<vk::ShaderModule>,
     cache: Owned<vk::PipelineCache>,
     pub frame_set: SetLayout,
+    /// What setting up records needs of it: all of it together would be more buffers than every device binds.
+    pub setup_frame_set: SetLayout,
     pub polygons_set: SetLayout,
     pixels: HashMap<Pixels, PixelPipeline>,
     splats: HashMap<Variant, SplatPipeline>,
@@ -62,13 +64,17 @@ impl Pipelines {
         let cache = unsafe { device.raw.create_pipeline_cache(&vk::PipelineCacheCreateInfo::default(), None) }?;
         let cache = Owned::new(device, cache, "pipelines", destroy!(destroy_pipeline_cache));
         let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
-        let frame_set = SetLayout::new(device, "frame", &all, 0)?;
+        let setups = [Variant::Whole, Variant::Clipped].map(Variant::setup);
+        let setup_frame_set = SetLayout::new(device, "frame of setup", &setups, 0)?;
+        let drawn: Vec<&str> = all.into_iter().filter(|name| !setups.iter().any(|setup| setup == name)).collect();
+        let frame_set = SetLayout::new(device, "frame", &drawn, 0)?;
         let polygons_set = SetLayout::new(device, "polygons", &["polygon_vertex", "polygon_fragment"], 1)?;
         Ok(Self {
             device: device.clone(),
             module,
             cache,
             frame_set,
+            setup_frame_set,
             polygons_set,
             pixels: HashMap::new(),
             splats: HashMap::new(),
@@ -97,7 +103,7 @@ impl Pipelines {
         let entry = variant.setup();
         let setup_set = SetLayout::new(&self.device, "segment", &[&entry], 1)?;
         let records_set = SetLayout::new(&self.device, "records", &variant.readers(), 1)?;
-        let layout = pipeline_layout(&self.device, &entry, &[&self.frame_set, &setup_set])?;
+        let layout = pipeline_layout(&self.device, &entry, &[&self.setup_frame_set, &setup_set])?;
         let raw = compute_pipeline(&self.device, self.module.raw, self.cache.raw, layout.raw, &entry)?;
         place.insert(SplatPipeline { setup: Pipeline { raw, layout }, setup_set, records_set });
         Ok(())

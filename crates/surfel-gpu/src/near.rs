@@ -3,6 +3,7 @@
 
 use crate::clip::{Variant, clip_words};
 use crate::placement::Placement;
+use crate::rounds::is_of_map;
 use crate::segment::UploadedObject;
 use crate::uniforms::coverage;
 use crate::words::Words;
@@ -120,7 +121,7 @@ impl NearJob<'_> {
         let back_facing = facing >= 0.0;
         // A centre at the eye itself has no cosine (NaN), and is edge-on like any plane through the eye.
         let edge_on = cosine.is_nan() || cosine.abs() <= EDGE_ON;
-        if edge_on || (back_facing && object.material.cull == Cull::Back) {
+        if edge_on || (back_facing && object.material.cull == Cull::Back && !is_of_map(self.plan)) {
             return None;
         }
         let forms = self.forms(splat)?;

@@ -12,6 +12,8 @@ pub enum Pixels {
     PeeledLayer,
     /// All that remains of the transparent splats, put behind the layers.
     RemainingLayer,
+    /// A part of a shadow map.
+    StoreShadow,
     /// The picture.
     Shade,
 }
@@ -36,8 +38,9 @@ pub const PIXEL_READS: [(u32, Target); 16] = [
     (20, Target::LayerKept),
 ];
 
-/// Bindings of the buffers beside them: planes, polygons, texels, veils (for composing into a host's picture: to be read).
-pub const PIXEL_BUFFERS: [u32; 5] = [4, 12, 13, 14, 15];
+/// Bindings of the buffers beside them: planes, polygons, texels, veils (for composing into a host's picture: to be read), texels of the
+/// shadow map that is drawn.
+pub const PIXEL_BUFFERS: [u32; 6] = [4, 12, 13, 14, 15, 21];
 
 impl Pixels {
     /// Its entry point.
@@ -46,13 +49,18 @@ impl Pixels {
             Self::BeginLayers => "begin_layers",
             Self::PeeledLayer => "peeled_layer",
             Self::RemainingLayer => "remaining_layer",
+            Self::StoreShadow => "store_shadow",
             Self::Shade => "shade",
         }
     }
 
     /// Its name in the statistics.
     pub fn name(self) -> &'static str {
-        if self == Self::Shade { "shade" } else { "layers" }
+        match self {
+            Self::BeginLayers | Self::PeeledLayer | Self::RemainingLayer => "layers",
+            Self::StoreShadow => "shadow maps",
+            Self::Shade => "shade",
+        }
     }
 
     /// Those that a plan needs, each once.
@@ -87,6 +95,11 @@ pub(crate) fn has_layers(plan: &FramePlan) -> bool {
     plan.has(Pass::PeelLayer) || plan.has(Pass::RemainingLayer)
 }
 
+/// True if a plan is of a shadow map: nothing is shaded.
+pub(crate) fn is_of_map(plan: &FramePlan) -> bool {
+    !plan.has(Pass::Shade)
+}
+
 /// The rounds of a plan.
 pub(crate) fn rounds(plan: &FramePlan) -> Vec<Round> {
     let edges = plan.has(Pass::EdgeAntialiasing);
@@ -95,6 +108,10 @@ pub(crate) fn rounds(plan: &FramePlan) -> Vec<Round> {
     let one = |draw| Round::Draws(vec![draw]);
     let mut rounds = vec![one(if edges { Draw::Writers } else { Draw::Visibility })];
     rounds.extend(polygons.then(|| one(Draw::Polygons)));
+    if is_of_map(plan) {
+        rounds.push(Round::Pixels(Pixels::StoreShadow));
+        return rounds;
+    }
     rounds.push(sums(if polygons { Layer::Among } else { Layer::Front }));
     if edges {
         rounds.extend([one(Draw::Edges), one(Draw::VisibilityBehind), sums(Layer::Behind)]);

@@ -5,7 +5,7 @@ use crate::culling::{is_outside, may_reach_near};
 use crate::near::{NearJob, NearSplats};
 use crate::planes::{PlaneLayout, floats_per_pixel};
 use crate::polygon::polygon_words;
-use crate::rounds::has_layers;
+use crate::rounds::{has_layers, is_of_map};
 use crate::segment::{Limits, Segment, UploadedScene};
 use crate::uniforms::{FrameScene, frame_words};
 use crate::words::Words;
@@ -148,7 +148,7 @@ impl TileData {
         let parts: Vec<(SegmentData, NearSplats)> =
             scene.segments.par_iter().map(|segment| segment_data(scene, frame, segment, &job)).collect();
         let mut polygons = match plan.has(Pass::Polygons) {
-            true => polygon_words(&scene.meshes, view, targets, false),
+            true => polygon_words(&scene.meshes, view, targets, is_of_map(plan)),
             false => Vec::new(),
         };
         let polygon_count = (polygons.len() / (layout::polygon::SIZE / 4)) as u32;

@@ -14,6 +14,7 @@ pub(crate) struct Tile<'a> {
     pub pipelines: &'a Pipelines,
     pub targets: &'a Targets,
     frame_group: wgpu::BindGroup,
+    setup_frame_group: wgpu::BindGroup,
     /// Those that touch the tile.
     segments: Vec<Option<SegmentGroups>>,
     near: Vec<Drawn>,
@@ -26,6 +27,13 @@ pub(crate) struct Tile<'a> {
     shaded: [u32; 2],
     /// Splats that were set up and touch the tile.
     pub drawn: wgpu::Buffer,
+}
+
+/// Texels of shadow maps: a tile reads or writes them.
+#[derive(Clone, Copy)]
+pub(crate) struct Shadows<'a> {
+    pub read: &'a wgpu::Buffer,
+    pub written: &'a wgpu::Buffer,
 }
 
 /// What is bound for a segment.
@@ -53,14 +61,19 @@ impl<'a> Tile<'a> {
         frame: &FrameScene,
         data: &TileData,
         pixels: &[Pixels],
+        shadows: Shadows<'_>,
     ) -> Self {
         let storage = wgpu::BufferUsages::STORAGE;
         let buffers = [
             filled(device, queue, "frame", &data.frame, wgpu::BufferUsages::UNIFORM),
             filled(device, queue, "objects", &frame.objects, storage),
             filled(device, queue, "lights", &frame.lights, storage),
+            filled(device, queue, "shadow maps", &frame.shadow_maps, storage),
         ];
-        let frame_group = bind(device, "frame", &pipelines.frame_group, &buffers.each_ref());
+        let [uniform, objects, lights, maps] = &buffers;
+        let frame_group =
+            bind(device, "frame", &pipelines.frame_group, &[uniform, objects, lights, maps, shadows.read]);
+        let setup_frame_group = bind(device, "frame of setup", &pipelines.setup_frame_group, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));
         let segments = scene.segments.iter().zip(&data.segments).map(|(segment, data)| {
@@ -96,7 +109,7 @@ impl<'a> Tile<'a> {
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
         let polygons_group = bind(device, "polygons", &pipelines.polygons_group, &[&polygons]);
         let finish = |entry: &str, layout: &wgpu::BindGroupLayout| {
-            let buffers = [&targets.planes, &polygons, &scene.texels, &targets.veils, &targets.veils];
+            let buffers = [&targets.planes, &polygons, &scene.texels, &targets.veils, &targets.veils, shadows.written];
             let buffers = PIXEL_BUFFERS
                 .into_iter()
                 .zip(buffers)
@@ -113,6 +126,7 @@ impl<'a> Tile<'a> {
             pipelines,
             targets,
             frame_group,
+            setup_frame_group,
             segments,
             near,
             polygons_group,
@@ -188,7 +202,7 @@ impl<'a> Tile<'a> {
             };
             let Some(pipeline) = self.pipelines.splats(drawn.variant) else { continue };
             pass.set_pipeline(&pipeline.setup);
-            pass.set_bind_group(0, &self.frame_group, &[]);
+            pass.set_bind_group(0, &self.setup_frame_group, &[]);
             pass.set_bind_group(1, if first { counted } else { uncounted }, &[]);
             pass.dispatch_workgroups(groups(segment.count, "setup", 0), 1, 1);
         }

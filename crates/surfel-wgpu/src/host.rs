@@ -1,10 +1,10 @@
 //! Drawing into a host's picture, among whatever else it draws.
 
 use crate::error::{failed, scoped};
-use crate::execute::Tile;
+use crate::execute::{Shadows, Tile};
 use crate::pipelines::HostKey;
 use crate::renderer::Renderer;
-use crate::scene::ResidentScene;
+use crate::scene::{ResidentScene, empty};
 use crate::targets::TargetKey;
 use surfel_gpu::{FrameScene, Pixels, Step, TileData, schedule};
 use surfel_model::Settings;
@@ -83,13 +83,16 @@ impl Renderer {
         // The planes go nowhere.
         let key = TargetKey { floats: 1, ..self.key(&plan, &data) };
         let host = HostKey { color: target.color_format, depth: target.depth_format, compare: target.mapping.compare };
+        let texels = self.shadow_maps(scene, &plan)?;
         let device = self.device.clone();
         scoped(&device, || {
             self.prepare(key, &data.variants(), &Pixels::of(&plan));
             self.pipelines.prepare_composite(&device, host);
             let Some(targets) = &self.targets else { return };
             let parts = (scene, &self.pipelines, targets);
-            let job = Tile::new(&device, &self.queue, parts, &frame_scene, &data, &[]);
+            let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
+            let shadows = Shadows { read: &texels, written: &none };
+            let job = Tile::new(&device, &self.queue, parts, &frame_scene, &data, &Pixels::of(&plan), shadows);
             for step in schedule(&plan, &data.visible(), scene.shared_records) {
                 if step != Step::Pixels(Pixels::Shade) {
                     job.step(encoder, &step, None);

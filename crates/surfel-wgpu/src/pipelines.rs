@@ -37,6 +37,8 @@ pub(crate) struct HostKey {
 pub(crate) struct Pipelines {
     module: wgpu::ShaderModule,
     pub frame_group: wgpu::BindGroupLayout,
+    /// What setting up records needs of it: all of it together would be more buffers than every adapter binds.
+    pub setup_frame_group: wgpu::BindGroupLayout,
     splats: HashMap<Variant, SplatPipeline>,
     pub composite_group: wgpu::BindGroupLayout,
     pub polygons_group: wgpu::BindGroupLayout,
@@ -106,12 +108,16 @@ impl Pipelines {
             source: wgpu::ShaderSource::Wgsl(PASSES.into()),
         });
         let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
-        let frame_group = group(device, "frame", &all, 0);
+        let setups = [Variant::Whole, Variant::Clipped].map(Variant::setup);
+        let setup_frame_group = group(device, "frame of setup", &setups, 0);
+        let drawn: Vec<&str> = all.into_iter().filter(|name| !setups.iter().any(|setup| setup == name)).collect();
+        let frame_group = group(device, "frame", &drawn, 0);
         let composite_group = group(device, "sums to compose", &["composite_fragment"], 1);
         let polygons_group = group(device, "polygons", &["polygon_vertex", "polygon_fragment"], 1);
         Self {
             module,
             frame_group,
+            setup_frame_group,
             composite_group,
             polygons_group,
             pixels: HashMap::new(),
@@ -140,7 +146,7 @@ impl Pipelines {
             let entry = variant.setup();
             let setup_group = group(device, &entry, &[&entry], 1);
             let records_group = group(device, "records", &variant.readers(), 1);
-            let setup = compute(device, &self.module, &entry, &[&self.frame_group, &setup_group]);
+            let setup = compute(device, &self.module, &entry, &[&self.setup_frame_group, &setup_group]);
             SplatPipeline { setup, setup_group, records_group }
         })
     }
