@@ -140,6 +140,7 @@ pub const TWINS: &[Twin] = &[
     twin("interpolate", "triangle::interpolate"),
     twin("lookup_bias", "shadow::lookup_bias"),
     twin("taps", "shadow::taps"),
+    twin("tap_weights", "shadow::tap_weights"),
     twin("slope_allowance", "depth::slope_allowance"),
     twin("toon_smoothstep", "toon::smoothstep"),
     twin("toon_ramp", "toon::ramp"),

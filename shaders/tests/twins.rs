@@ -62,7 +62,8 @@ fn rust_paths() -> BTreeSet<&'static str> {
         depth::tolerance;
         depth::plane_gradient;
         depth::slope_allowance, as depth::slope_allowance;
-        shadow::lookup_bias, as shadow::lookup_bias;
+        shadow::lookup_bias;
+        shadow::tap_weights;
         shadow::taps, as shadow::taps;
         triangle::Triangle::contains, as triangle::Triangle::<f32>::contains;
         triangle::Triangle::barycentric, as triangle::Triangle::<f32>::barycentric;

@@ -17,7 +17,13 @@ fn taps(texel: f32) -> Taps {
     let from_center = texel - 0.5;
     let whole = floor(from_center);
     let share = from_center - whole;
-    return Taps(whole - 1.0, vec4f((1.0 - share) / 3.0, 1.0 / 3.0, 1.0 / 3.0, share / 3.0));
+    return Taps(whole - 1.0, tap_weights(share));
+}
+
+// Of the taps, by how far the point lies from the second texel's centre towards the third's.
+fn tap_weights(share: f32) -> vec4f {
+    let third = 1.0 / 3.0;
+    return vec4f((1.0 - share) * third, third, third, share * third);
 }
 
 // How far behind a polygon's depth z its own surface may lie within a texel.

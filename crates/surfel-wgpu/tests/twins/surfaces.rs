@@ -54,8 +54,11 @@ fn limit<R: Real>(x: &[R]) -> Vec<R> {
     vec![toon::step_back_limit(x[0], v2(&x[1..]), &PERSPECTIVE)]
 }
 
-fn lookup_bias(x: &[f64]) -> Vec<f64> {
+fn lookup_bias<R: Real>(x: &[R]) -> Vec<R> {
     vec![shadow::lookup_bias(x[0], &PERSPECTIVE), shadow::lookup_bias(x[0], &ORTHOGRAPHIC)]
+}
+fn tap_weights<R: Real>(x: &[R]) -> Vec<R> {
+    shadow::tap_weights(x[0]).to_vec()
 }
 fn taps(x: &[f64]) -> Vec<f64> {
     let (first, weights) = shadow::taps(x[0]);
@@ -172,10 +175,11 @@ pub(crate) const KERNELS: &[Kernel] = &[
         "let g = plane_gradient(vec3f(x0, x1, x2), vec3f(x3, x4, x5),
          Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC));", "g.x; g.y",
         point_and_normal, wild_point_and_normal, None),
-    wide!("lookup_bias", 1 => &[1, 1], lookup_bias,
+    kernel!("lookup_bias", 1 => &[1, 1], lookup_bias,
         "let p = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE);
          let o = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC);",
         "lookup_bias(x0, p); lookup_bias(x0, o)", inputs::numbers::<1>, inputs::wild::<1>, None),
+    kernel!("tap_weights", 1 => &[4], tap_weights, "let w = tap_weights(x0);", "w.x; w.y; w.z; w.w", share, share, None),
     wide!("taps", 1 => &[1, 4], taps, "let t = taps(x0);", "t.first; t.weights.x; t.weights.y; t.weights.z; t.weights.w",
         |r| texel(r, 100.0), |r| texel(r, 1e4), Some(taps_terms)),
     wide!("slope_allowance", 3 => &[1], slope_allowance, "",
