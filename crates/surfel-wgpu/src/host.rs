@@ -51,7 +51,9 @@ pub struct HostTarget<'a> {
 
 impl Renderer {
     /// Draws a scene into a host's picture: where its surface passes the depth test it replaces colour and depth, elsewhere
-    /// nothing changes. The scene's background is not drawn; antialiased edges blend over what the host has there.
+    /// nothing changes. The scene's background is not drawn; antialiased edges and transparent splats blend over what the
+    /// host has there. Where transparent splats are before an opaque surface, that surface decides for both; the host's own
+    /// things between them are not seen.
     ///
     /// Records into `encoder`, which the host submits to the renderer's queue before the next call on this renderer.
     /// Nothing is read back, and no time is counted.
