@@ -4,13 +4,15 @@
 use std::fmt::Write as _;
 
 /// Layers of which something is kept.
-const KEPT: [&str; 2] = ["front", "behind"];
+const KEPT: [&str; 3] = ["front", "behind", "peeled"];
 
 /// Layers, and what they sum up.
-const LAYERS: [(&str, &[&str]); 3] = [
+const LAYERS: [(&str, &[&str]); 5] = [
     ("front", &["color", "surface", "further"]),
     ("among", &["color", "surface", "further"]),
     ("behind", &["color", "surface", "material"]),
+    ("peeled", &["surface", "further"]),
+    ("remaining", &["surface", "further"]),
 ];
 
 /// Prefix of the names, and what a fragment knows besides.

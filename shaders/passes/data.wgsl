@@ -53,11 +53,16 @@ struct Frame {
     light_count: u32,
     // Edges are antialiased.
     has_edges: u32,
+    // Texels on a side of a shadow map, and where a map that is drawn starts.
+    shadow_side: u32,
+    shadow_at: u32,
     // There are polygons; lines are drawn where depth steps back.
     has_polygons: u32,
     has_outlines: u32,
     // Coverage from which splats hide a polygon behind them.
     full_coverage: f32,
+    // Transparent splats are drawn in layers, and records of them hold alpha in place of the coverage.
+    has_layers: u32,
     // Clip curves are taken for their chords.
     clip_by_chord: u32,
     // Depths are summed in this unit, a power of two about as large as the farthest: f16 ends at 65504.
@@ -125,6 +130,8 @@ struct Segment {
     shading_normal_at: u32,
     // Words to its clip; only of segments of clipped splats.
     clip_at: u32,
+    // Words to its alpha; only of segments of transparent splats.
+    alpha_at: u32,
 }
 
 const WORKGROUP: u32 = 64u;
@@ -160,7 +167,7 @@ struct Record {
     w_at_anchor: f32,
     // World shading normal, turned to the eye where the material is two-sided.
     normal: vec3f,
-    // Coverage of a unit of weight, a/W0.
+    // Coverage of a unit of weight, a/W0; where transparent splats are layers of their own, their alpha.
     coverage: f32,
     // Pixels of the tile that the unfiltered and the filtered footprint may touch: first column | first row << 16, end
     // column | end row << 16.
@@ -178,7 +185,9 @@ struct RecordClip {
 const RECORD_RECIPROCAL: u32 = 1u;
 // The disk of `clamp` belongs to the filtered footprint.
 const RECORD_CLAMP: u32 = 2u;
-const RECORD_OBJECT: u32 = 2u;
+// In place of the gradients of the unfiltered (u·w, v·w) is the view position of the centre.
+const RECORD_CENTERED: u32 = 4u;
+const RECORD_OBJECT: u32 = 3u;
 
 struct Light {
     // Relative to the eye, world axes.
@@ -191,6 +200,9 @@ struct Light {
     inner: f32,
     color: vec3f,
     outer: f32,
+    // Its shadow maps.
+    first_map: u32,
+    map_count: u32,
 }
 
 const LIGHT_DIRECTIONAL: u32 = 0u;

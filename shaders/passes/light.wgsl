@@ -64,8 +64,11 @@ fn lit(albedo: vec3f, normal: vec3f, position: vec3f, to_eye: vec3f, material: v
         if cosine > 0.0 {
             let reflected = normal * (2.0 * cosine) - light.to_light;
             let shine = highlight(clamp(v3_dot(reflected, to_eye), 0.0, 1.0), material.w);
-            matte += light.color * (material.y * select(cosine, toon_ramp(cosine), is_toon));
-            gloss += light.color * (material.z * select(shine, toon_highlight(shine), is_toon));
+            let share = reaching(lights[i], position, normal);
+            let diffuse = select(cosine * share, toon_ramp(cosine * share), is_toon);
+            let gleam = select(shine * share, toon_highlight(shine * share), is_toon);
+            matte += light.color * (material.y * diffuse);
+            gloss += light.color * (material.z * gleam);
         }
     }
     let color = albedo * matte + gloss;

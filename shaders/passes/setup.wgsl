@@ -238,6 +238,9 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     record.color = color;
     record.normal = shading * select(1.0, -1.0, back_facing && object.two_sided != 0u);
     record.coverage = filtered.coverage_scale * object.coverage;
+    if frame.has_layers != 0u && segment.alpha_at != ABSENT {
+        record.coverage = bitcast<f32>(splats[i * segment.stride + segment.alpha_at]);
+    }
     record.visible_box = packed_box(visible_box);
     record.filtered_box = packed_box(filtered_box);
     records_out[i] = record;

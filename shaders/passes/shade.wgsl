@@ -47,19 +47,22 @@ fn ray_of(pixel: vec2i) -> vec2f {
     return frame.ray_start + vec2f(pixel + frame.origin_px) * frame.ray_step;
 }
 
-// The colour that the frame's shader gives a point of a pixel.
-fn color_at(pixel: vec2i, point: Point) -> vec3f {
+// View position of depth z at a pixel.
+fn position_at(pixel: vec2i, z: f32) -> vec3f {
+    return vec3f(ray_of(pixel) * select(1.0, z, frame.projection.kind == PERSPECTIVE), z);
+}
+
+// The colour that the frame's shader gives a point at a view position.
+fn color_of(at: vec3f, point: Point) -> vec3f {
     let z = point.z;
     let albedo = point.albedo;
     let normal = point.normal;
     let material = point.material;
     switch frame.shader_kind {
         case SHADER_PHONG, SHADER_TOON: {
-            if frame.projection.kind == PERSPECTIVE {
-                let ray = frame.world_from_view * vec3f(ray_of(pixel), 1.0);
-                return lit(albedo, normal, ray * z, -unit(ray), material);
-            }
-            return lit(albedo, normal, frame.world_from_view * vec3f(ray_of(pixel), z), frame.to_eye, material);
+            let position = frame.world_from_view * at;
+            let to_eye = select(frame.to_eye, -unit(position), frame.projection.kind == PERSPECTIVE);
+            return lit(albedo, normal, position, to_eye, material);
         }
         case SHADER_NORMAL: {
             return select(vec3f(0.0, 0.0, 0.0), normal * 0.5 + 0.5, v3_dot(normal, normal) > 0.0);
@@ -133,11 +136,7 @@ fn front_depth(pixel: vec2i) -> f32 {
 
 // True if one of the neighbours inside the image lies beyond the surface's own slope (§5, toon).
 fn has_outline(pixel: vec2i, surface: Surface) -> bool {
-    let slope = ray_of(pixel);
-    var at = vec3f(slope, surface.z);
-    if frame.projection.kind == PERSPECTIVE {
-        at = vec3f(slope * surface.z, surface.z);
-    }
+    let at = position_at(pixel, surface.z);
     var gradient = vec2f(0.0, 0.0);
     if v3_dot(surface.normal, surface.normal) > 0.0 {
         gradient = plane_gradient(at, frame.view_from_world * surface.normal, frame.projection);
@@ -196,7 +195,7 @@ fn finished(pixel: vec2i, background: vec4f) -> Pixel {
             point = behind;
         }
         if point.is_there {
-            colors[i] = color_at(pixel, point);
+            colors[i] = color_of(position_at(pixel, point.z), point);
         }
     }
     var front = Surface(colors[0], splats.normal, splats.z, splats.weight, splats.is_there);
@@ -222,6 +221,11 @@ fn finished(pixel: vec2i, background: vec4f) -> Pixel {
     return Pixel(front, color);
 }
 
+// A premultiplied colour behind the layers.
+fn seen_through(veil: Veil, color: vec4f) -> vec4f {
+    return vec4f(veil.color, veil.opacity) + color * (1.0 - veil.opacity);
+}
+
 @compute @workgroup_size(8, 8)
 fn shade(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
@@ -230,9 +234,16 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     let pixel = vec2i(id.xy + frame.shade_origin_px);
     let at = id.y * frame.shade_size_px.x + id.x;
     let pixel_of = finished(pixel, frame.background);
-    let surface = pixel_of.front;
+    var surface = pixel_of.front;
+    var veil: Veil;
+    if frame.has_layers != 0u {
+        veil = veils[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
+        if veil.z > 0.0 {
+            surface = Surface(veil.color, veil.normal, veil.z, veil.weight, true);
+        }
+    }
     if frame.color_at != ABSENT {
-        let color = pixel_of.color;
+        let color = seen_through(veil, pixel_of.color);
         let to = frame.color_at + 4u * at;
         planes[to] = color.r;
         planes[to + 1u] = color.g;
@@ -252,9 +263,11 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
         planes[frame.weight_at + at] = surface.weight;
     }
     if frame.fragments_at != ABSENT {
-        planes[frame.fragments_at + at] = textureLoad(count_sums, pixel, 0).r;
+        planes[frame.fragments_at + at] = textureLoad(count_sums, pixel, 0).r + veil.fragments;
     }
 }
+
+@group(1) @binding(15) var<storage, read> composed_veils: array<Veil>;
 
 struct Composite {
     @location(0) color: vec4f,
@@ -266,13 +279,15 @@ struct Composite {
 fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
     let pixel_of = finished(pixel, vec4f(0.0, 0.0, 0.0, 0.0));
-    let surface = pixel_of.front;
-    if !surface.is_there {
+    var veil: Veil;
+    if frame.has_layers != 0u {
+        veil = composed_veils[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
+    }
+    // What is behind the nearest layer is drawn with it, so an opaque surface decides where there is one.
+    let z = select(veil.z, pixel_of.front.z, pixel_of.front.is_there);
+    if z <= 0.0 {
         discard;
     }
-    var along = 1.0 / surface.z;
-    if frame.projection.kind == ORTHOGRAPHIC {
-        along = surface.z;
-    }
-    return Composite(pixel_of.color, fma(frame.host_depth.y, along, frame.host_depth.x));
+    let along = select(1.0 / z, z, frame.projection.kind == ORTHOGRAPHIC);
+    return Composite(seen_through(veil, pixel_of.color), fma(frame.host_depth.y, along, frame.host_depth.x));
 }

@@ -17,7 +17,7 @@ macro_rules! paths {
 }
 
 fn rust_paths() -> BTreeSet<&'static str> {
-    use surfel_math::{basis, clip, depth, filter, kernel, mapping, project, real, svd, triangle, vector};
+    use surfel_math::{basis, clip, depth, filter, kernel, mapping, project, real, shadow, svd, triangle, vector};
     BTreeSet::from(paths! {
         real::Real::difference_of_products, as <f32 as real::Real>::difference_of_products;
         real::Real::sum_of_products, as <f32 as real::Real>::sum_of_products;
@@ -61,6 +61,10 @@ fn rust_paths() -> BTreeSet<&'static str> {
         depth::DepthPlane::at, as depth::DepthPlane::<f32>::at;
         depth::tolerance;
         depth::plane_gradient;
+        depth::slope_allowance, as depth::slope_allowance;
+        shadow::lookup_bias;
+        shadow::tap_weights;
+        shadow::taps, as shadow::taps;
         triangle::Triangle::contains, as triangle::Triangle::<f32>::contains;
         triangle::Triangle::barycentric, as triangle::Triangle::<f32>::barycentric;
         triangle::Triangle::depth, as triangle::Triangle::<f32>::depth;

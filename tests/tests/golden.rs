@@ -121,13 +121,13 @@ fn golden_scenes_cpu_agrees() {
 #[test]
 fn golden_scenes_wgpu_agrees() {
     if let Some(wgpu) = common::wgpu() {
-        check(wgpu, OTHERS, 20);
+        check(wgpu, OTHERS, 21);
     }
 }
 
 #[test]
 fn golden_scenes_ash_agrees() {
     if let Some(ash) = common::ash() {
-        check(ash, OTHERS, 20);
+        check(ash, OTHERS, 21);
     }
 }

@@ -69,6 +69,11 @@ pub(crate) enum Resource<'a> {
     Image(&'a Image),
 }
 
+/// Buffers numbered from 0.
+pub(crate) fn numbered<'a>(buffers: impl IntoIterator<Item = &'a Buffer>) -> Vec<(u32, Resource<'a>)> {
+    (0..).zip(buffers).map(|(binding, buffer)| (binding, Resource::Buffer(buffer))).collect()
+}
+
 /// Descriptor sets that live as long as their pool.
 pub(crate) struct Sets {
     device: Arc<Device>,
@@ -92,12 +97,12 @@ impl Sets {
         Ok(Self { device: device.clone(), pool })
     }
 
-    /// A set of these resources, one for each binding in order.
+    /// A set of those of these resources, given with their bindings, that the layout has.
     pub(crate) fn set(
         &self,
         layout: &SetLayout,
         name: &str,
-        resources: &[Resource<'_>],
+        resources: &[(u32, Resource<'_>)],
     ) -> Result<vk::DescriptorSet, Failure> {
         let layouts = [layout.raw.raw];
         let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.pool.raw).set_layouts(&layouts);
@@ -105,7 +110,10 @@ impl Sets {
         let sets = unsafe { self.device.raw.allocate_descriptor_sets(&info) }?;
         let set = *sets.first().ok_or(Failure::OutOfMemory)?;
         self.device.name(set, name);
-        for (&(binding, ty), resource) in layout.bindings.iter().zip(resources) {
+        for &(binding, ty) in &layout.bindings {
+            let given = resources.iter().find(|(given, _)| *given == binding);
+            let (_, resource) =
+                given.ok_or_else(|| Failure::other(format!("{name}: binding {binding} is given nothing")))?;
             let write = vk::WriteDescriptorSet::default().dst_set(set).dst_binding(binding).descriptor_type(ty);
             let buffer;
             let image;

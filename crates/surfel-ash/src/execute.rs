@@ -1,19 +1,19 @@
 //! Records a tile's steps.
 
 use crate::commands::Commands;
-use crate::descriptors::{Resource, Sets};
+use crate::descriptors::{Resource, Sets, numbered};
 use crate::device::Device;
 use crate::error::Failure;
 use crate::memory::Buffer;
 use crate::pipelines::{Pipeline, Pipelines};
 use crate::queries::Queries;
-use crate::scene::{Records, ResidentScene};
+use crate::scene::ResidentScene;
 use crate::targets::Targets;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_gpu::{Draw, FrameScene, Layer, SHADE_READS, Step, Sums, TileData, Variant, groups};
+use surfel_gpu::{Draw, FrameScene, Layer, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, Sums, TileData, Variant, groups};
 
 /// Everything that the steps of a tile read. Dropped after they were executed.
 pub(crate) struct Tile<'a> {
@@ -22,7 +22,8 @@ pub(crate) struct Tile<'a> {
     targets: &'a Targets,
     queries: &'a Queries,
     frame: vk::DescriptorSet,
-    shade: vk::DescriptorSet,
+    setup_frame: vk::DescriptorSet,
+    pixels: HashMap<Pixels, vk::DescriptorSet>,
     /// What draws read.
     reads: HashMap<Draw, vk::DescriptorSet>,
     /// Size of what is shaded.
@@ -38,6 +39,13 @@ pub(crate) struct Tile<'a> {
     _sets: Sets,
 }
 
+/// Texels of shadow maps: a tile reads or writes them.
+#[derive(Clone, Copy)]
+pub(crate) struct Shadows<'a> {
+    pub read: &'a Buffer,
+    pub written: &'a Buffer,
+}
+
 struct SegmentSets {
     /// For counting and for uncounted setup.
     setup: [vk::DescriptorSet; 2],
@@ -48,7 +56,10 @@ struct SegmentSets {
 #[derive(Clone, Copy)]
 struct Drawn {
     variant: Variant,
+    is_transparent: bool,
     records: vk::DescriptorSet,
+    /// In place of them where each is lit by itself.
+    lit: Option<vk::DescriptorSet>,
     count: u32,
 }
 
@@ -58,27 +69,35 @@ impl<'a> Tile<'a> {
         (scene, pipelines, targets, queries): (&'a ResidentScene, &'a Pipelines, &'a Targets, &'a Queries),
         frame: &FrameScene,
         data: &TileData,
+        pixels: &[Pixels],
+        shadows: Shadows<'_>,
     ) -> Result<Self, Failure> {
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        // Frame, sums and polygons; one of each draw and each group of near records; three of each segment.
+        // Frame and polygons; one of each draw and what is computed once a pixel; two of each group of near records; three of
+        // each segment.
         let draws = &targets.key.draws;
-        let sets = Sets::new(device, (3 + draws.len() + data.near.len() + 3 * scene.segments.len()) as u32)?;
+        let sets = Sets::new(
+            device,
+            (3 + draws.len() + pixels.len() + 2 * data.near.len() + 3 * scene.segments.len()) as u32,
+        )?;
         let mut buffers = Vec::new();
         let frame_buffers = [
             Buffer::filled(device, "frame", &data.frame, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
             Buffer::filled(device, "objects", &frame.objects, storage)?,
             Buffer::filled(device, "lights", &frame.lights, storage)?,
+            Buffer::filled(device, "shadow maps", &frame.shadow_maps, storage)?,
         ];
-        let frame_set = sets.set(&pipelines.frame_set, "frame", &frame_buffers.each_ref().map(Resource::Buffer))?;
+        let all = numbered(frame_buffers.iter().chain([shadows.read]));
+        let frame_set = sets.set(&pipelines.frame_set, "frame", &all)?;
+        let setup_frame = sets.set(&pipelines.setup_frame_set, "frame of setup", &all)?;
         buffers.extend(frame_buffers);
         let counter = |name| Buffer::filled(device, name, &[0], storage | vk::BufferUsageFlags::TRANSFER_SRC);
         let (drawn, again) = (counter("drawn")?, counter("drawn again")?);
         let to_host = vk::BufferUsageFlags::TRANSFER_DST;
         let drawn_readback = Buffer::new(device, "drawn to read", 4, to_host, MemoryLocation::GpuToCpu)?;
-        let records_set = |records: &Records, variant: Variant, count| -> Result<Drawn, Failure> {
-            let clips = records.clips.iter().filter(|_| variant == Variant::Clipped);
-            let all: Vec<Resource<'_>> = [&records.records].into_iter().chain(clips).map(Resource::Buffer).collect();
-            Ok(Drawn { variant, records: sets.set(&pipelines.splats(variant)?.records_set, "records", &all)?, count })
+        let records_set = |records: &Buffer, clips: Option<&Buffer>, variant: Variant| {
+            let clips = clips.filter(|_| variant == Variant::Clipped);
+            sets.set(&pipelines.splats(variant)?.records_set, "records", &numbered([records].into_iter().chain(clips)))
         };
         let mut segments = Vec::with_capacity(scene.segments.len());
         for (segment, data) in scene.segments.iter().zip(&data.segments) {
@@ -92,11 +111,13 @@ impl<'a> Tile<'a> {
                 let records = &*segment.records;
                 let all = [&segment.uniform, &segment.splats, &chunks, &near_bits, &records.records, counter];
                 let clips = records.clips.iter().filter(|_| data.variant == Variant::Clipped);
-                let all: Vec<Resource<'_>> = all.into_iter().chain(clips).map(Resource::Buffer).collect();
+                let all = numbered(all.into_iter().chain(clips));
                 sets.set(&pipelines.splats(data.variant)?.setup_set, "segment", &all)
             };
             let setup = [setup(&drawn)?, setup(&again)?];
-            let drawn = records_set(&segment.records, data.variant, segment.count)?;
+            let (variant, is_transparent, count) = (data.variant, data.is_transparent, segment.count);
+            let records = records_set(&segment.records.records, segment.records.clips.as_ref(), variant)?;
+            let drawn = Drawn { variant, is_transparent, records, lit: None, count };
             segments.push(Some(SegmentSets { setup, drawn }));
             buffers.extend([chunks, near_bits]);
         }
@@ -107,28 +128,42 @@ impl<'a> Tile<'a> {
                 Variant::Clipped => Some(Buffer::filled(device, "clips of near records", &of_variant.clips, storage)?),
             };
             let records = Buffer::filled(device, "near records", &of_variant.records, storage)?;
-            let records = Records { records, clips };
-            near.push(records_set(&records, of_variant.variant, of_variant.count())?);
-            buffers.extend([Some(records.records), records.clips].into_iter().flatten());
+            let lit = match of_variant.lit.is_empty() {
+                true => None,
+                false => Some(Buffer::filled(device, "lit near records", &of_variant.lit, storage)?),
+            };
+            let (variant, is_transparent) = (of_variant.variant, of_variant.is_transparent);
+            let set = |records| records_set(records, clips.as_ref(), variant);
+            let lit_set = lit.as_ref().map(set).transpose()?;
+            near.push(Drawn {
+                variant,
+                is_transparent,
+                records: set(&records)?,
+                lit: lit_set,
+                count: of_variant.count(),
+            });
+            buffers.extend([Some(records), lit, clips].into_iter().flatten());
         }
         buffers.push(again);
         let bound = |reads| -> Vec<(u32, Resource<'_>)> {
             targets.images(reads).into_iter().map(|(binding, image)| (binding, Resource::Image(image))).collect()
         };
-        let only = |bound: &[(u32, Resource<'a>)]| -> Vec<Resource<'a>> { bound.iter().map(|entry| entry.1).collect() };
         let mut reads = HashMap::new();
-        for &draw in draws.iter().filter(|draw| !draw.reads().is_empty()) {
+        for &draw in draws.iter().filter(|draw| draw.has_reads()) {
             let layout = &pipelines.draw(draw, Variant::Whole, targets.key.precision)?.reads_set;
-            reads.insert(draw, sets.set(layout, draw.name(), &only(&bound(draw.reads())))?);
+            let mut all = bound(draw.reads());
+            all.extend(draw.veils_binding().map(|binding| (binding, Resource::Buffer(&targets.veils))));
+            reads.insert(draw, sets.set(layout, draw.name(), &all)?);
         }
         let polygons = Buffer::filled(device, "polygons", &data.polygons, storage)?;
-        let polygons_set = sets.set(&pipelines.polygons_set, "polygons", &[Resource::Buffer(&polygons)])?;
-        let mut shade = bound(&SHADE_READS);
-        // The bindings that the images leave free.
-        let others = [(4, &targets.planes), (12, &polygons), (13, &scene.texels)];
-        shade.extend(others.map(|(binding, buffer)| (binding, Resource::Buffer(buffer))));
-        shade.sort_by_key(|entry| entry.0);
-        let shade = sets.set(&pipelines.shade_set, "sums", &shade.iter().map(|entry| entry.1).collect::<Vec<_>>())?;
+        let polygons_set = sets.set(&pipelines.polygons_set, "polygons", &numbered([&polygons]))?;
+        let others = [&targets.planes, &polygons, &scene.texels, &targets.veils, &targets.veils, shadows.written];
+        let mut all = bound(&PIXEL_READS);
+        all.extend(PIXEL_BUFFERS.into_iter().zip(others.map(Resource::Buffer)));
+        let mut pixel_sets = HashMap::new();
+        for &pixels in pixels {
+            pixel_sets.insert(pixels, sets.set(&pipelines.pixels(pixels)?.set, pixels.entry(), &all)?);
+        }
         buffers.push(polygons);
         Ok(Self {
             scene,
@@ -136,7 +171,8 @@ impl<'a> Tile<'a> {
             targets,
             queries,
             frame: frame_set,
-            shade,
+            setup_frame,
+            pixels: pixel_sets,
             reads,
             shaded: data.shaded,
             segments,
@@ -174,18 +210,20 @@ impl<'a> Tile<'a> {
                     let pipeline = &self.pipelines.splats(sets.drawn.variant)?.setup;
                     bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                     let [counted, uncounted] = sets.setup;
-                    let sets = [self.frame, if *first { counted } else { uncounted }];
+                    let sets = [self.setup_frame, if *first { counted } else { uncounted }];
                     bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &sets);
                     dispatch(commands, [groups(segment.count, "setup", 0), 1]);
                 }
                 Ok(())
             }
             Step::Draw { draw, segments, first } => self.draw(commands, *draw, segments, *first),
-            Step::Shade => {
-                let pipeline = &self.pipelines.shade;
+            Step::Pixels(pixels) => {
+                let pipeline = &self.pipelines.pixels(*pixels)?.pipeline;
+                let missing = || Failure::other("pixels were recorded that were not prepared");
+                let set = *self.pixels.get(pixels).ok_or_else(missing)?;
                 bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
-                bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &[self.frame, self.shade]);
-                let [width, height] = self.shaded;
+                bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &[self.frame, set]);
+                let [width, height] = if *pixels == Pixels::Shade { self.shaded } else { self.targets.key.size };
                 dispatch(commands, [groups(width, "shade", 0), groups(height, "shade", 1)]);
                 Ok(())
             }
@@ -198,7 +236,9 @@ impl<'a> Tile<'a> {
         // Looked up before the render pass begins, which must end whatever happens.
         let segments = segments.iter().filter_map(|&i| Some(self.segments.get(i)?.as_ref()?.drawn));
         // The near splats have no segment: they go with the first.
-        let records: Vec<Drawn> = segments.chain(self.near.iter().copied().filter(|_| first)).collect();
+        let records: Vec<Drawn> = segments
+            .chain(self.near.iter().copied().filter(|near| first && near.is_transparent == draw.is_transparent()))
+            .collect();
         let mut variants = HashMap::new();
         for variant in records.iter().map(|drawn| drawn.variant).chain([Variant::Whole]) {
             variants.insert(variant, &self.pipelines.draw(draw, variant, self.targets.key.precision)?.pipeline);
@@ -231,12 +271,13 @@ impl<'a> Tile<'a> {
         let quads = || {
             for drawn in &records {
                 if let Some(pipeline) = variants.get(&drawn.variant) {
-                    strip(pipeline, Some(drawn.records), 4, drawn.count);
+                    let records = drawn.lit.filter(|_| draw.is_lit()).unwrap_or(drawn.records);
+                    strip(pipeline, Some(records), 4, drawn.count);
                 }
             }
         };
         match (draw, variants.get(&Variant::Whole)) {
-            (Draw::Sums(Layer::Front | Layer::Among, Sums::Color | Sums::Surface), _) => {
+            (Draw::Sums(layer, Sums::Color | Sums::Surface), _) if layer != Layer::Behind => {
                 self.queries.counted(commands, quads);
             }
             (Draw::Edges, Some(pipeline)) => strip(pipeline, None, 3, 1),

@@ -48,5 +48,13 @@ const NAME: &str = "ash";
 /// What the backend draws, on any adapter.
 pub const CAPABILITIES: Capabilities = Capabilities {
     backend: NAME,
-    features: &[Feature::F16, Feature::EdgeAntialiasing, Feature::Clips, Feature::Meshes, Feature::Toon],
+    features: &[
+        Feature::F16,
+        Feature::EdgeAntialiasing,
+        Feature::Clips,
+        Feature::Meshes,
+        Feature::Toon,
+        Feature::Peel,
+        Feature::Shadows,
+    ],
 };

@@ -10,7 +10,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::ffi::CString;
 use std::sync::Arc;
-use surfel_gpu::{Draw, Variant};
+use surfel_gpu::{Draw, Pixels, Variant};
 use surfel_shaders::{ENTRIES, SPIRV, Stage};
 
 /// Everything about shaders that is built once for a device.
@@ -19,9 +19,10 @@ pub(crate) struct Pipelines {
     module: Owned<vk::ShaderModule>,
     cache: Owned<vk::PipelineCache>,
     pub frame_set: SetLayout,
-    pub shade_set: SetLayout,
+    /// What setting up records needs of it: all of it together would be more buffers than every device binds.
+    pub setup_frame_set: SetLayout,
     pub polygons_set: SetLayout,
-    pub shade: Pipeline,
+    pixels: HashMap<Pixels, PixelPipeline>,
     splats: HashMap<Variant, SplatPipeline>,
     draws: HashMap<(Draw, Variant, Precision), DrawPipeline>,
 }
@@ -30,6 +31,12 @@ pub(crate) struct Pipelines {
 pub(crate) struct Pipeline {
     pub raw: Owned<vk::Pipeline>,
     pub layout: Owned<vk::PipelineLayout>,
+}
+
+/// How something is computed once a pixel, and the layout of what it reads and writes.
+pub(crate) struct PixelPipeline {
+    pub pipeline: Pipeline,
+    pub set: SetLayout,
 }
 
 /// How records of a variant are set up, and what they are read by.
@@ -57,23 +64,37 @@ impl Pipelines {
         let cache = unsafe { device.raw.create_pipeline_cache(&vk::PipelineCacheCreateInfo::default(), None) }?;
         let cache = Owned::new(device, cache, "pipelines", destroy!(destroy_pipeline_cache));
         let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
-        let frame_set = SetLayout::new(device, "frame", &all, 0)?;
-        let shade_set = SetLayout::new(device, "sums", &["shade"], 1)?;
+        let setups = [Variant::Whole, Variant::Clipped].map(Variant::setup);
+        let setup_frame_set = SetLayout::new(device, "frame of setup", &setups, 0)?;
+        let drawn: Vec<&str> = all.into_iter().filter(|name| !setups.iter().any(|setup| setup == name)).collect();
+        let frame_set = SetLayout::new(device, "frame", &drawn, 0)?;
         let polygons_set = SetLayout::new(device, "polygons", &["polygon_vertex", "polygon_fragment"], 1)?;
-        let layout = pipeline_layout(device, "shade", &[&frame_set, &shade_set])?;
-        let raw = compute_pipeline(device, module.raw, cache.raw, layout.raw, "shade")?;
-        let shade = Pipeline { raw, layout };
         Ok(Self {
             device: device.clone(),
             module,
             cache,
             frame_set,
-            shade_set,
+            setup_frame_set,
             polygons_set,
-            shade,
+            pixels: HashMap::new(),
             splats: HashMap::new(),
             draws: HashMap::new(),
         })
+    }
+
+    /// Builds what is computed once a pixel, if it hasn't been.
+    pub(crate) fn prepare_pixels(&mut self, pixels: Pixels) -> Result<(), Failure> {
+        let Entry::Vacant(place) = self.pixels.entry(pixels) else { return Ok(()) };
+        let entry = pixels.entry();
+        let set = SetLayout::new(&self.device, entry, &[entry], 1)?;
+        let layout = pipeline_layout(&self.device, entry, &[&self.frame_set, &set])?;
+        let raw = compute_pipeline(&self.device, self.module.raw, self.cache.raw, layout.raw, entry)?;
+        place.insert(PixelPipeline { pipeline: Pipeline { raw, layout }, set });
+        Ok(())
+    }
+
+    pub(crate) fn pixels(&self, pixels: Pixels) -> Result<&PixelPipeline, Failure> {
+        self.pixels.get(&pixels).ok_or_else(|| Failure::other("pixels were computed that were not prepared"))
     }
 
     /// Builds what sets up splats of a variant, if it hasn't been.
@@ -82,7 +103,7 @@ impl Pipelines {
         let entry = variant.setup();
         let setup_set = SetLayout::new(&self.device, "segment", &[&entry], 1)?;
         let records_set = SetLayout::new(&self.device, "records", &variant.readers(), 1)?;
-        let layout = pipeline_layout(&self.device, &entry, &[&self.frame_set, &setup_set])?;
+        let layout = pipeline_layout(&self.device, &entry, &[&self.setup_frame_set, &setup_set])?;
         let raw = compute_pipeline(&self.device, self.module.raw, self.cache.raw, layout.raw, &entry)?;
         place.insert(SplatPipeline { setup: Pipeline { raw, layout }, setup_set, records_set });
         Ok(())
@@ -103,7 +124,7 @@ impl Pipelines {
         let mut sets = vec![&self.frame_set];
         sets.extend(draw.is_of_records().then_some(&splats.records_set));
         sets.extend((draw == Draw::Polygons).then_some(&self.polygons_set));
-        sets.extend((!draw.reads().is_empty()).then_some(&reads_set));
+        sets.extend(draw.has_reads().then_some(&reads_set));
         let layout = pipeline_layout(&self.device, fragment, &sets)?;
         let pass = Pass::new(&self.device, draw, precision)?;
         let modules = (self.module.raw, self.cache.raw);

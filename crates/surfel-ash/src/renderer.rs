@@ -3,8 +3,9 @@
 use crate::commands::submit;
 use crate::device::Device;
 use crate::error::Failure;
-use crate::execute::Tile;
+use crate::execute::{Shadows, Tile};
 use crate::instance::{Candidate, Instance};
+use crate::memory::Buffer;
 use crate::passes::Precision;
 use crate::pipelines::Pipelines;
 use crate::queries::Queries;
@@ -12,9 +13,12 @@ use crate::scene::{self, ResidentScene};
 use crate::targets::{TargetKey, Targets};
 use crate::{CAPABILITIES, NAME};
 use ash::vk;
+use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
-use surfel_gpu::{Draw, FrameScene, Limits, TileData, Variant, schedule, tiles};
+use surfel_gpu::{
+    Draw, FrameScene, Limits, MapJob, Pixels, TileData, Variant, map_jobs, schedule, shadow_texels, tiles,
+};
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
 
@@ -49,6 +53,8 @@ pub struct RawDevice {
 pub struct Renderer {
     // In the order of their destruction, though each holds the device.
     targets: Option<Targets>,
+    /// Those of shadow maps.
+    map_targets: Option<Targets>,
     pipelines: Pipelines,
     device: Arc<Device>,
     info: RendererInfo,
@@ -125,7 +131,7 @@ impl Renderer {
         };
         let is_software = candidate.is_software();
         let limits = limits.within(device.facts.buffer_bytes(), device.facts.texture_side());
-        let renderer = Self { targets: None, pipelines, device, info, is_software, limits };
+        let renderer = Self { targets: None, map_targets: None, pipelines, device, info, is_software, limits };
         renderer.check_messages()?;
         Ok(renderer)
     }
@@ -144,20 +150,16 @@ impl Renderer {
         Err(Failure::Other(format!("the validation layer says: {}", messages.join("\n"))).into())
     }
 
-    /// Draws one tile into the frame.
-    fn tile(
-        &mut self,
-        scene: &ResidentScene,
-        frame_scene: &FrameScene,
-        (view, plan, tile): (&View, &FramePlan, Region),
-        frame: &mut Frame,
-        stats: &mut Stats,
-    ) -> Result<(), Failure> {
-        let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
+    /// Makes pipelines and targets of a tile, where they aren't there from the frame before. Gives what is computed once a
+    /// pixel.
+    fn prepare(&mut self, plan: &FramePlan, data: &TileData) -> Result<Vec<Pixels>, Failure> {
         data.check(self.limits).map_err(Failure::Other)?;
         let f32_sums = self.device.facts.blends_f32 && plan.accumulate == Accumulate::F32;
         let precision = if f32_sums { Precision::F32 } else { Precision::F16 };
-        let draws = Draw::of(plan);
+        let (draws, pixels) = (Draw::of(plan), Pixels::of(plan));
+        for &pixels in &pixels {
+            self.pipelines.prepare_pixels(pixels)?;
+        }
         for variant in data.variants() {
             self.pipelines.prepare_splats(variant)?;
             for &draw in draws.iter().filter(|draw| draw.is_of_records() || variant == Variant::Whole) {
@@ -166,13 +168,58 @@ impl Renderer {
         }
         let size = [data.targets.width, data.targets.height];
         let key = TargetKey { size, precision, draws, floats: data.planes.floats };
-        let targets = match self.targets.take().filter(|targets| targets.key == key) {
-            Some(targets) => targets,
-            None => Targets::new(&self.device, &self.pipelines, key)?,
-        };
-        let targets = self.targets.insert(targets);
+        // The old ones go first: both may not fit.
+        let fitting = self.targets.take().filter(|targets| targets.key == key);
+        self.targets = Some(fitting.map_or_else(|| Targets::new(&self.device, &self.pipelines, key), Ok)?);
+        Ok(pixels)
+    }
+
+    fn shadow_buffer(&self, texels: u64) -> Result<Buffer, Failure> {
+        let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
+        Buffer::new(&self.device, "shadow texels", 4 * texels, storage, MemoryLocation::GpuOnly)
+    }
+
+    /// Draws a plan's shadow maps.
+    fn shadow_maps(&mut self, scene: &ResidentScene, plan: &FramePlan) -> Result<Buffer, Failure> {
+        let texels = self.shadow_buffer(shadow_texels(plan, self.limits).map_err(Failure::Other)?)?;
+        std::mem::swap(&mut self.targets, &mut self.map_targets);
+        let drawn = map_jobs(&scene.cpu, plan).iter().try_for_each(|job| self.shadow_map(scene, job, &texels));
+        std::mem::swap(&mut self.targets, &mut self.map_targets);
+        drawn.map(|()| texels)
+    }
+
+    fn shadow_map(&mut self, scene: &ResidentScene, job: &MapJob, texels: &Buffer) -> Result<(), Failure> {
+        for data in job.tiles(&scene.cpu, self.limits) {
+            let pixels = self.prepare(&job.plan, &data)?;
+            let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
+            let queries = Queries::new(&self.device)?;
+            let none = self.shadow_buffer(1)?;
+            let shadows = Shadows { read: &none, written: texels };
+            let parts = (scene, &self.pipelines, targets, &queries);
+            let tile = Tile::new(&self.device, parts, &job.frame, &data, &pixels, shadows)?;
+            let steps = schedule(&job.plan, &data.visible(), scene.shared_records);
+            submit(&self.device, |commands| tile.record(commands, &steps))?;
+        }
+        Ok(())
+    }
+
+    /// Draws one tile into the frame.
+    fn tile(
+        &mut self,
+        (scene, texels): (&ResidentScene, &Buffer),
+        frame_scene: &FrameScene,
+        (view, plan, tile): (&View, &FramePlan, Region),
+        frame: &mut Frame,
+        stats: &mut Stats,
+    ) -> Result<(), Failure> {
+        let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
+        let pixels = self.prepare(plan, &data)?;
+        let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
         let queries = Queries::new(&self.device)?;
-        let job = Tile::new(&self.device, (scene, &self.pipelines, targets, &queries), frame_scene, &data)?;
+        let none = self.shadow_buffer(1)?;
+        let shadows = Shadows { read: texels, written: &none };
+        let job =
+            Tile::new(&self.device, (scene, &self.pipelines, targets, &queries), frame_scene, &data, &pixels, shadows)?;
         let steps = schedule(plan, &data.visible(), scene.shared_records);
         submit(&self.device, |commands| job.record(commands, &steps))?;
         let planes = targets.readback.words(data.planes.floats as usize)?;
@@ -213,8 +260,9 @@ impl surfel_render::Renderer for Renderer {
         let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
         frame.reset(view.region.width, view.region.height, plan.planes);
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
+        let texels = self.shadow_maps(scene, &plan)?;
         for tile in tiles(view, &plan, self.limits) {
-            self.tile(scene, &frame_scene, (view, &plan, tile), frame, &mut stats)?;
+            self.tile((scene, &texels), &frame_scene, (view, &plan, tile), frame, &mut stats)?;
         }
         self.check_messages()?;
         stats.bytes_per_splat = scene.bytes() as f64 / stats.splats.max(1) as f64;

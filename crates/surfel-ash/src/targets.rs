@@ -12,6 +12,7 @@ use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_gpu::{Draw, Target, Variant};
+use surfel_shaders::layout;
 
 /// What a tile's targets have to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,6 +31,8 @@ pub(crate) struct Targets {
     framebuffers: HashMap<Draw, Owned<vk::Framebuffer>>,
     images: HashMap<Target, Image>,
     pub planes: Buffer,
+    /// What layers of transparent splats come to.
+    pub veils: Buffer,
     /// The planes, for the host to read.
     pub readback: Buffer,
 }
@@ -53,13 +56,17 @@ impl Targets {
         let bytes = 4 * u64::from(key.floats);
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
         let planes = Buffer::new(device, "planes", bytes, usage, MemoryLocation::GpuOnly)?;
+        let pixels = if key.draws.iter().any(|draw| draw.is_transparent()) { key.size } else { [1, 1] };
+        let veil_bytes = layout::veil::SIZE as u64 * u64::from(pixels[0]) * u64::from(pixels[1]);
+        let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
+        let veils = Buffer::new(device, "veils", veil_bytes, storage, MemoryLocation::GpuOnly)?;
         let to_host = vk::BufferUsageFlags::TRANSFER_DST;
         let readback = Buffer::new(device, "planes to read", bytes, to_host, MemoryLocation::GpuToCpu)?;
         submit(device, |commands| {
             images.values().for_each(|image| commands.make_readable(image));
             Ok(())
         })?;
-        Ok(Self { key, framebuffers, images, planes, readback })
+        Ok(Self { key, framebuffers, images, planes, veils, readback })
     }
 
     pub(crate) fn framebuffer(&self, draw: Draw) -> Result<vk::Framebuffer, Failure> {

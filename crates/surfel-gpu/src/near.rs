@@ -3,6 +3,7 @@
 
 use crate::clip::{Variant, clip_words};
 use crate::placement::Placement;
+use crate::rounds::is_of_map;
 use crate::segment::UploadedObject;
 use crate::uniforms::coverage;
 use crate::words::Words;
@@ -15,7 +16,7 @@ use surfel_math::mapping::{Footprint, Linear, through_near};
 use surfel_math::project::{EDGE_ON, Placement as Standing, Projected, ViewSplat, radius_max};
 use surfel_math::{V2, V3};
 use surfel_model::Cull;
-use surfel_render::{FramePlan, Region, View};
+use surfel_render::{FramePlan, Pass, Region, View};
 use surfel_shaders::layout;
 
 /// Slack of pixel boxes, as in the shaders.
@@ -26,6 +27,8 @@ const BOX_SLACK_PX: f64 = layout::BOX_SLACK_PX as f64;
 pub(crate) struct NearSplats {
     /// Words of the shaders' `Record`s.
     pub records: Vec<u32>,
+    /// The same with their centres, where each is lit by itself.
+    pub lit: Vec<u32>,
     /// Words of their `RecordClip`s, where they are clipped.
     pub clips: Vec<u32>,
 }
@@ -58,7 +61,7 @@ impl NearJob<'_> {
         index: u32,
         placement: &Placement,
         members: &[u32],
-        variant: Variant,
+        (variant, is_transparent): (Variant, bool),
         out: &mut NearSplats,
     ) -> Option<[u32; layout::CHUNK_SPLATS as usize / 32]> {
         let mut bits = [0u32; layout::CHUNK_SPLATS as usize / 32];
@@ -84,8 +87,14 @@ impl NearJob<'_> {
             let shading = unit(placement.normals * object.cloud.shading_normal(i));
             let clip = object.cloud.data().clips.as_ref().filter(|_| variant == Variant::Clipped);
             let clip = clip.map(|clips| clips.clip(i, self.plan.clip).unwrap_or_else(Clip::nothing));
-            if let Some((record, seen)) = self.record(&splat, shading, object, index, object.cloud.color(i)) {
-                out.records.extend(record);
+            if let Some((mut record, seen)) = self.record(&splat, shading, object, index, object.cloud.color(i)) {
+                if is_transparent {
+                    record.f32(layout::record::COVERAGE, object.cloud.alpha(i));
+                }
+                if is_transparent && self.plan.has(Pass::RemainingLayer) {
+                    out.lit.extend(centered(record.clone(), p, index).into_vec());
+                }
+                out.records.extend(record.into_vec());
                 if let Some(clip) = clip {
                     // Both footprints are the same.
                     let words = clip_words(&clip.through(&seen, &Turn::none(1.0)));
@@ -104,7 +113,7 @@ impl NearJob<'_> {
         object: &UploadedObject,
         index: u32,
         color: [f32; 3],
-    ) -> Option<(Vec<u32>, Footprint<f64>)> {
+    ) -> Option<(Words, Footprint<f64>)> {
         let projection = &self.view.projection;
         let (p, n) = (splat.p, splat.n);
         let facing = if projection.is_perspective() { n.dot(p) } else { n.z };
@@ -112,7 +121,7 @@ impl NearJob<'_> {
         let back_facing = facing >= 0.0;
         // A centre at the eye itself has no cosine (NaN), and is edge-on like any plane through the eye.
         let edge_on = cosine.is_nan() || cosine.abs() <= EDGE_ON;
-        if edge_on || (back_facing && object.material.cull == Cull::Back) {
+        if edge_on || (back_facing && object.material.cull == Cull::Back && !is_of_map(self.plan)) {
             return None;
         }
         let forms = self.forms(splat)?;
@@ -129,7 +138,7 @@ impl NearJob<'_> {
         for (i, c) in color.into_iter().enumerate() {
             words.f32(at::COLOR + 4 * i, c);
         }
-        Some((words.into_vec(), seen))
+        Some((words, seen))
     }
 
     fn forms(&self, splat: &ViewSplat<f64>) -> Option<NearForms> {
@@ -207,6 +216,15 @@ impl NearJob<'_> {
         let linear = |c: f64, g: DVec2| Linear::new(c * k, V2::new(g.x, g.y));
         (words, Footprint { u: linear(u, gu), v: linear(v, gv), w: linear(w, gw) })
     }
+}
+
+/// A record with the centre in place of the unfiltered footprint, for lighting it there.
+fn centered(mut record: Words, center: DVec3, index: u32) -> Words {
+    use layout::record as at;
+    let reciprocal = record.get(at::FLAGS) & layout::RECORD_RECIPROCAL;
+    record.vec2(at::VISIBLE_U, center.truncate()).vec2(at::VISIBLE_V, DVec2::new(center.z, 0.0));
+    record.u32(at::FLAGS, reciprocal | layout::RECORD_CENTERED | index << layout::RECORD_OBJECT);
+    record
 }
 
 /// Pixels of the tile whose centres lie between two pixel coordinates: the first and the one past the last, counted from

@@ -1,6 +1,7 @@
 //! Where an object's splats are in a view.
 
 use glam::{DAffine3, DMat3, DVec3};
+use surfel_math::basis::normal_matrix;
 use surfel_render::View;
 
 /// What is the same for all splats of an object in a view, in f64.
@@ -19,15 +20,11 @@ pub(crate) struct Placement {
 impl Placement {
     pub(crate) fn new(world_from_object: &DAffine3, view: &View) -> Self {
         let m = world_from_object.matrix3;
-        // The cofactor matrix is det(A)·A⁻ᵀ: no inverse, no singularity; the sign of det(A) turns it outside-out.
-        let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
-        let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
-        let sign = 1.0f64.copysign(m.determinant());
         Self {
             linear: view.view_from_world * m,
             // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
             origin: view.view_from_world * (world_from_object.translation - view.eye),
-            normals: cofactors * (sign / scale),
+            normals: normal_matrix(&m),
             // The Frobenius norm bounds the largest singular value.
             stretch: m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt(),
         }

@@ -1,6 +1,8 @@
 //! The steps of a tile, in order, whatever API executes them.
 
+use crate::rounds::{Pixels, Round, rounds};
 use crate::targets::Draw;
+use crate::tile::Visible;
 use surfel_render::FramePlan;
 
 /// A step of a tile. Numbers are indices of the scene's segments.
@@ -23,7 +25,7 @@ pub enum Step {
         first: bool,
     },
     /// Once a pixel.
-    Shade,
+    Pixels(Pixels),
 }
 
 impl Step {
@@ -32,36 +34,49 @@ impl Step {
         match self {
             Self::Setup { .. } => "setup",
             Self::Draw { draw, .. } => draw.name(),
-            Self::Shade => "shade",
+            Self::Pixels(pixels) => pixels.name(),
         }
     }
 }
 
 /// The steps of a tile that these segments may touch. Records that fit into memory together are set up once; where one
 /// buffer serves all segments in turn (`shared_records`) they are set up again for each pass over the splats.
-pub fn schedule(plan: &FramePlan, visible: &[usize], shared_records: bool) -> Vec<Step> {
-    let groups: Vec<Vec<usize>> = if shared_records && visible.len() > 1 {
-        visible.iter().map(|&segment| vec![segment]).collect()
-    } else {
-        vec![visible.to_vec()]
+pub fn schedule(plan: &FramePlan, visible: &Visible, shared_records: bool) -> Vec<Step> {
+    let again = shared_records && visible.opaque.len() + visible.transparent.len() > 1;
+    let groups = |segments: &[usize]| -> Vec<Vec<usize>> {
+        if again && segments.len() > 1 {
+            segments.iter().map(|&segment| vec![segment]).collect()
+        } else {
+            vec![segments.to_vec()]
+        }
     };
-    let again = groups.len() > 1;
+    let (opaque, transparent) = (groups(&visible.opaque), groups(&visible.transparent));
+    let mut is_set_up = [false; 2];
     let mut steps = Vec::new();
-    for (round, draws) in Draw::rounds(plan).iter().enumerate() {
-        if draws.iter().any(|draw| !draw.is_of_records()) {
-            let everywhere = |&draw: &Draw| Step::Draw { draw, segments: Vec::new(), first: true };
-            steps.extend(draws.iter().map(everywhere));
+    for round in rounds(plan) {
+        if round.is_of_layers() && !visible.has_transparent() {
             continue;
         }
-        for (i, segments) in groups.iter().enumerate() {
-            if !segments.is_empty() && (round == 0 || again) {
-                steps.push(Step::Setup { segments: segments.clone(), first: round == 0 });
+        let groups = if round.is_of_layers() { &transparent } else { &opaque };
+        let was_set_up = &mut is_set_up[usize::from(round.is_of_layers())];
+        match round {
+            Round::Pixels(pixels) => steps.push(Step::Pixels(pixels)),
+            Round::Draws(draws) if draws.iter().any(|draw| !draw.is_of_records()) => {
+                let everywhere = |&draw: &Draw| Step::Draw { draw, segments: Vec::new(), first: true };
+                steps.extend(draws.iter().map(everywhere));
             }
-            let draw = |&draw: &Draw| Step::Draw { draw, segments: segments.clone(), first: i == 0 };
-            steps.extend(draws.iter().map(draw));
+            Round::Draws(draws) => {
+                for (i, segments) in groups.iter().enumerate() {
+                    if !segments.is_empty() && (again || !*was_set_up) {
+                        steps.push(Step::Setup { segments: segments.clone(), first: !*was_set_up });
+                    }
+                    let draw = |&draw: &Draw| Step::Draw { draw, segments: segments.clone(), first: i == 0 };
+                    steps.extend(draws.iter().map(draw));
+                }
+                *was_set_up = true;
+            }
         }
     }
-    steps.push(Step::Shade);
     steps
 }
 
@@ -72,13 +87,20 @@ mod tests {
     use surfel_model::{Camera, Projection, Settings};
     use surfel_render::{Capabilities, Feature, Planes, SceneSummary, View, plan};
 
-    fn planned(planes: Planes, edge_aa: bool) -> FramePlan {
+    fn view() -> View {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
         let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
-        let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
+        View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap()
+    }
+
+    fn planned(planes: Planes, edge_aa: bool) -> FramePlan {
         let capabilities = Capabilities { backend: "test", features: &[Feature::EdgeAntialiasing] };
         let settings = Settings { edge_aa, ..Settings::default() };
-        plan(&SceneSummary::default(), &view, &settings, planes, &capabilities).unwrap()
+        plan(&SceneSummary::default(), &view(), &settings, planes, &capabilities).unwrap()
+    }
+
+    fn opaque(segments: &[usize]) -> Visible {
+        Visible { opaque: segments.to_vec(), ..Visible::default() }
     }
 
     fn draws(steps: &[Step]) -> Vec<Draw> {
@@ -101,16 +123,16 @@ mod tests {
     #[test]
     fn records_of_their_own_are_set_up_once_and_shared_ones_for_each_pass() {
         let plan = planned(Planes::COLOR, false);
-        let own = schedule(&plan, &[0, 2, 5], false);
+        let own = schedule(&plan, &opaque(&[0, 2, 5]), false);
         assert_eq!((own.len(), setups(&own)), (4, 1));
-        let shared = schedule(&plan, &[0, 2, 5], true);
+        let shared = schedule(&plan, &opaque(&[0, 2, 5]), true);
         assert_eq!(setups(&shared), 6);
         // Visibility of all comes before the first sum.
         let first_sum = draws(&shared).iter().position(|d| d.adds()).unwrap();
         assert!(!draws(&shared)[first_sum..].contains(&Draw::Visibility));
-        assert_eq!(setups(&schedule(&plan, &[3], true)), 1);
+        assert_eq!(setups(&schedule(&plan, &opaque(&[3]), true)), 1);
         // A tile that nothing touches is cleared and shaded all the same.
-        let empty = schedule(&plan, &[], false);
+        let empty = schedule(&plan, &opaque(&[]), false);
         assert_eq!(empty.iter().map(Step::name).collect::<Vec<_>>(), ["visibility", "attributes", "shade"]);
     }
 
@@ -126,9 +148,9 @@ mod tests {
             Draw::VisibilityBehind,
             behind(Sums::Color),
         ];
-        assert_eq!(draws(&schedule(&plan, &[0], false)), expected);
+        assert_eq!(draws(&schedule(&plan, &opaque(&[0]), false)), expected);
         assert_eq!(Draw::of(&plan), expected);
-        assert_eq!(setups(&schedule(&plan, &[0, 1], true)), 8);
+        assert_eq!(setups(&schedule(&plan, &opaque(&[0, 1]), true)), 8);
         assert_eq!(Draw::of(&planned(Planes::COLOR, false)), [Draw::Visibility, front(Sums::Color)]);
     }
 
@@ -142,5 +164,33 @@ mod tests {
             let four = |target: &&crate::Target| target.format() == crate::TargetFormat::Sums4;
             assert!(draw.colors().len() <= 2 && draw.colors().iter().filter(four).count() <= 2);
         }
+    }
+
+    #[test]
+    fn layers_are_drawn_only_where_transparent_splats_are_seen() {
+        let capabilities = Capabilities { backend: "test", features: &[Feature::Peel] };
+        let summary = SceneSummary { transparent: true, ..SceneSummary::default() };
+        let settings = Settings { transparency: "peel:3".parse().unwrap(), ..Settings::default() };
+        let plan = plan(&summary, &view(), &settings, Planes::COLOR, &capabilities).unwrap();
+        let pixels = |steps: &[Step]| -> Vec<Pixels> {
+            steps.iter().filter_map(|s| if let Step::Pixels(pixels) = s { Some(*pixels) } else { None }).collect()
+        };
+        let clear = schedule(&plan, &opaque(&[0, 1]), false);
+        assert_eq!(pixels(&clear), [Pixels::BeginLayers, Pixels::Shade]);
+        assert!(draws(&clear).iter().all(|draw| !draw.is_transparent()));
+        let visible = Visible { opaque: vec![0], transparent: vec![1], near_transparent: false };
+        for shared in [false, true] {
+            let steps = schedule(&plan, &visible, shared);
+            use Pixels::{BeginLayers, PeeledLayer, RemainingLayer, Shade};
+            assert_eq!(pixels(&steps), [BeginLayers, PeeledLayer, PeeledLayer, RemainingLayer, Shade]);
+            for step in &steps {
+                if let Step::Draw { draw, segments, .. } = step {
+                    assert_eq!(segments, if draw.is_transparent() { &visible.transparent } else { &visible.opaque });
+                }
+            }
+            let first = steps.iter().filter(|s| matches!(s, Step::Setup { first: true, .. })).count();
+            assert_eq!((first, setups(&steps)), (2, if shared { 2 + 5 } else { 2 }));
+        }
+        assert_eq!(Draw::of(&planned(Planes::COLOR, false)).iter().filter(|draw| draw.is_transparent()).count(), 0);
     }
 }

@@ -52,6 +52,8 @@ pub struct Segment {
     pub object: u32,
     /// Whether all of its splats are clipped or none is.
     pub variant: Variant,
+    /// Whether all of its splats have an alpha below 1 or none has.
+    pub is_transparent: bool,
     /// Chunks in order.
     pub chunks: Vec<Chunk>,
     /// Which splat of the cloud each of the segment's is.
@@ -107,6 +109,7 @@ pub struct Upload {
 /// Splats of an object that are drawn alike.
 struct Part {
     variant: Variant,
+    is_transparent: bool,
     /// In the order in which they are uploaded, and how many have been.
     order: Vec<u32>,
     at: usize,
@@ -195,12 +198,8 @@ impl Upload {
     /// Bytes of all segments together.
     pub fn total_bytes(&self) -> u64 {
         let of_cloud = |cloud: &SplatCloud| {
-            let clipped = match &cloud.data().clips {
-                Some(_) => (0..cloud.len()).filter(|&i| clip::is_clipped(cloud, i)).count() as u64,
-                None => 0,
-            };
-            cloud.len() as u64 * u64::from(Columns::of(cloud, Variant::Whole).stride)
-                + clipped * u64::from(STORED_WORDS)
+            let words = |part: Part| part.order.len() as u64 * u64::from(Columns::of(cloud, &part).stride);
+            parts(cloud, (0..cloud.len() as u32).collect()).into_iter().map(words).sum::<u64>()
         };
         self.scene.objects.iter().map(|o| 4 * of_cloud(&o.cloud)).sum()
     }
@@ -208,16 +207,19 @@ impl Upload {
     /// Words of the next segment's splats, or `None` after the last.
     pub fn next_segment(&mut self) -> Option<Vec<u32>> {
         while self.parts.is_empty() {
-            self.parts = parts(&self.scene.objects.get(self.object)?.cloud);
+            let cloud = &self.scene.objects.get(self.object)?.cloud;
+            self.parts = parts(cloud, cloud.morton_order());
             self.object += 1;
         }
         let index = self.object - 1;
         let cloud = self.scene.objects.get(index)?.cloud.clone();
         let part = self.parts.front_mut()?;
-        let (variant, most) = (part.variant, segment_splats(self.limits, part.variant));
-        let columns = Columns::of(&cloud, variant);
+        let Part { variant, is_transparent, .. } = *part;
+        let most = segment_splats(self.limits, variant);
+        let columns = Columns::of(&cloud, part);
         let object = index as u32;
-        let mut segment = Segment { object, variant, chunks: Vec::new(), members: Vec::new(), uniform: Vec::new() };
+        let mut segment =
+            Segment { object, variant, is_transparent, chunks: Vec::new(), members: Vec::new(), uniform: Vec::new() };
         let mut words = Vec::new();
         while let Some(rest) = part.order.get(part.at..).filter(|rest| !rest.is_empty()) {
             let (members, _) = rest.split_at(chunk_length(&cloud, rest));
@@ -256,16 +258,27 @@ fn segment_splats(limits: Limits, variant: Variant) -> usize {
     (limits.buffer_bytes / largest as u64).min(SEGMENT_SPLATS as u64) as usize
 }
 
-/// The splats of a cloud by how they are drawn; no part is empty.
-fn parts(cloud: &SplatCloud) -> VecDeque<Part> {
-    let order = cloud.morton_order();
-    let (clipped, whole): (Vec<u32>, Vec<u32>) = match &cloud.data().clips {
-        Some(_) => order.into_iter().partition(|&i| clip::is_clipped(cloud, i as usize)),
-        None => (Vec::new(), order),
+/// Splats of a cloud, given in order, by how they are drawn; no part is empty.
+fn parts(cloud: &SplatCloud, order: Vec<u32>) -> VecDeque<Part> {
+    let (clips, alphas) = (cloud.data().clips.is_some(), cloud.is_transparent());
+    let split = |order: Vec<u32>, some: bool, is: &dyn Fn(usize) -> bool| -> [Vec<u32>; 2] {
+        if !some {
+            return [order, Vec::new()];
+        }
+        let (with, without) = order.into_iter().partition(|&i| is(i as usize));
+        [without, with]
     };
-    let parts = [(Variant::Whole, whole), (Variant::Clipped, clipped)];
-    let part = |(variant, order)| Part { variant, order, at: 0 };
-    parts.into_iter().map(part).filter(|part| !part.order.is_empty()).collect()
+    let mut parts = VecDeque::new();
+    let by_alpha = split(order, alphas, &|i| cloud.alpha(i) < 1.0);
+    for (order, is_transparent) in by_alpha.into_iter().zip([false, true]) {
+        let by_clip = split(order, clips, &|i| clip::is_clipped(cloud, i));
+        for (order, variant) in by_clip.into_iter().zip([Variant::Whole, Variant::Clipped]) {
+            if !order.is_empty() {
+                parts.push_back(Part { variant, is_transparent, order, at: 0 });
+            }
+        }
+    }
+    parts
 }
 
 /// Which words a cloud's splats have.
@@ -275,10 +288,11 @@ struct Columns {
     color_at: u32,
     shading_normal_at: u32,
     clip_at: u32,
+    alpha_at: u32,
 }
 
 impl Columns {
-    fn of(cloud: &SplatCloud, variant: Variant) -> Self {
+    fn of(cloud: &SplatCloud, part: &Part) -> Self {
         let data = cloud.data();
         let is_disk = matches!(data.shape, Shape::Disks { .. });
         // The chunk, the centre, and normal and radius or s and t.
@@ -290,8 +304,9 @@ impl Columns {
         };
         let color_at = column(data.colors.is_some(), 3);
         let shading_normal_at = column(data.shading_normals.is_some(), 3);
-        let clip_at = column(variant == Variant::Clipped, STORED_WORDS);
-        Self { is_disk, stride, color_at, shading_normal_at, clip_at }
+        let clip_at = column(part.variant == Variant::Clipped, STORED_WORDS);
+        let alpha_at = column(part.is_transparent, 1);
+        Self { is_disk, stride, color_at, shading_normal_at, clip_at, alpha_at }
     }
 
     fn uniform(&self, object: u32, count: u32) -> Vec<u32> {
@@ -300,6 +315,7 @@ impl Columns {
         words.u32(at::OBJECT, object).u32(at::COUNT, count).u32(at::STRIDE, self.stride);
         words.u32(at::IS_DISK, u32::from(self.is_disk)).u32(at::COLOR_AT, self.color_at);
         words.u32(at::SHADING_NORMAL_AT, self.shading_normal_at).u32(at::CLIP_AT, self.clip_at);
+        words.u32(at::ALPHA_AT, self.alpha_at);
         words.into_vec()
     }
 
@@ -326,6 +342,9 @@ impl Columns {
         }
         if self.clip_at != layout::ABSENT {
             clip::push_stored(cloud, i, words);
+        }
+        if self.alpha_at != layout::ABSENT {
+            words.push(cloud.alpha(i).to_bits());
         }
     }
 }

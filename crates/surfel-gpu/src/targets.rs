@@ -1,7 +1,8 @@
 //! What passes draw into and read, whatever the API.
 
 use crate::clip::Variant;
-use surfel_render::{FramePlan, Pass};
+use crate::rounds::{Round, distinct, rounds};
+use surfel_render::FramePlan;
 
 /// A texture of a tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -32,6 +33,16 @@ pub enum Target {
     SurfaceBehind,
     /// As `Material`, behind edges.
     MaterialBehind,
+    /// As `Kept`, of a layer of transparent splats.
+    LayerKept,
+    /// As `Color`, of a layer.
+    LayerColor,
+    /// As `Surface`, of a layer.
+    LayerSurface,
+    /// As `Material`, of a layer.
+    LayerMaterial,
+    /// Number of fragments, and Σw·alpha.
+    LayerCounts,
 }
 
 /// What a texel holds.
@@ -51,7 +62,7 @@ pub enum TargetFormat {
 
 impl Target {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 18] = [
         Self::Kept,
         Self::Color,
         Self::Surface,
@@ -65,6 +76,11 @@ impl Target {
         Self::ColorBehind,
         Self::SurfaceBehind,
         Self::MaterialBehind,
+        Self::LayerKept,
+        Self::LayerColor,
+        Self::LayerSurface,
+        Self::LayerMaterial,
+        Self::LayerCounts,
     ];
 
     /// A name for messages and debuggers.
@@ -83,35 +99,25 @@ impl Target {
             Self::ColorBehind => "colour sums behind",
             Self::SurfaceBehind => "surface sums behind",
             Self::MaterialBehind => "material sums behind",
+            Self::LayerKept => "kept depth of a layer",
+            Self::LayerColor => "colour sums of a layer",
+            Self::LayerSurface => "surface sums of a layer",
+            Self::LayerMaterial => "material sums of a layer",
+            Self::LayerCounts => "fragment counts of a layer",
         }
     }
 
     /// What its texels hold.
     pub fn format(self) -> TargetFormat {
         match self {
-            Self::Kept | Self::KeptBehind | Self::PolygonDepth => TargetFormat::Depth,
-            Self::Counts => TargetFormat::Sums2,
+            Self::Kept | Self::KeptBehind | Self::PolygonDepth | Self::LayerKept => TargetFormat::Depth,
+            Self::Counts | Self::LayerCounts => TargetFormat::Sums2,
             Self::Writers | Self::Polygons => TargetFormat::Exact2,
             Self::Limit => TargetFormat::Exact1,
             _ => TargetFormat::Sums4,
         }
     }
 }
-
-/// What the shading pass reads, by its binding; what they leave free are buffers. Composing into a host's picture reads some of it.
-pub const SHADE_READS: [(u32, Target); 11] = [
-    (0, Target::Color),
-    (1, Target::Surface),
-    (2, Target::Material),
-    (3, Target::Counts),
-    (5, Target::Limit),
-    (6, Target::Writers),
-    (7, Target::ColorBehind),
-    (8, Target::SurfaceBehind),
-    (9, Target::MaterialBehind),
-    (10, Target::Kept),
-    (11, Target::Polygons),
-];
 
 /// Which surface a pass is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -122,6 +128,10 @@ pub enum Layer {
     Among,
     /// What lies behind it at edges.
     Behind,
+    /// A layer of transparent splats.
+    Peeled,
+    /// All that remains of them, lit one by one.
+    Remaining,
 }
 
 /// A set of sums that one pass over the splats adds up. No set is wider than 32 bytes a sample, which every adapter has.
@@ -139,7 +149,12 @@ impl Sums {
     /// The passes over the splats that a plan needs for a layer.
     pub fn of(plan: &FramePlan, layer: Layer) -> Vec<Self> {
         let surface = plan.attributes.normal || plan.attributes.depth;
-        let counts = layer != Layer::Behind && (plan.planes.fragments || plan.attributes.coverage);
+        let counts =
+            matches!(layer, Layer::Front | Layer::Among) && (plan.planes.fragments || plan.attributes.coverage);
+        if matches!(layer, Layer::Peeled | Layer::Remaining) {
+            // Alpha is summed in place of coverage, whatever else is.
+            return vec![Self::Surface, Self::Further];
+        }
         let mut sums = vec![if surface { Self::Surface } else { Self::Color }];
         if plan.attributes.material || counts {
             sums.push(Self::Further);
@@ -157,6 +172,8 @@ pub enum Draw {
     Writers,
     /// Keeps the least z + ε behind edges.
     VisibilityBehind,
+    /// Keeps the least z + ε of transparent splats behind the layers before.
+    VisibilityPeeled,
     /// Keeps the nearest polygon.
     Polygons,
     /// Adds up attributes.
@@ -172,6 +189,7 @@ impl Draw {
             Self::Visibility => ("visibility", "front_visibility"),
             Self::Writers => ("visibility", "front_writer"),
             Self::VisibilityBehind => ("visibility", "behind_visibility"),
+            Self::VisibilityPeeled => ("visibility", "peeled_visibility"),
             Self::Polygons => return ["polygon_vertex", "polygon_fragment"].map(str::to_owned),
             Self::Edges => return ["everywhere_vertex", "edges_fragment"].map(str::to_owned),
             Self::Sums(layer, sums) => {
@@ -185,8 +203,12 @@ impl Draw {
                     (Layer::Behind, Sums::Color) => "behind_color",
                     (Layer::Behind, Sums::Surface) => "behind_surface",
                     (Layer::Behind, Sums::Further) => "behind_material",
+                    (Layer::Peeled, Sums::Color | Sums::Surface) => "peeled_surface",
+                    (Layer::Peeled, Sums::Further) => "peeled_further",
+                    (Layer::Remaining, Sums::Color | Sums::Surface) => "remaining_surface",
+                    (Layer::Remaining, Sums::Further) => "remaining_further",
                 };
-                ("attribute", fragment)
+                (if layer == Layer::Remaining { "lit_attribute" } else { "attribute" }, fragment)
             }
         };
         let prefix = variant.prefix();
@@ -199,6 +221,7 @@ impl Draw {
             Self::Visibility | Self::Writers => Some(Target::Kept),
             Self::VisibilityBehind => Some(Target::KeptBehind),
             Self::Polygons => Some(Target::PolygonDepth),
+            Self::VisibilityPeeled => Some(Target::LayerKept),
             Self::Sums(..) | Self::Edges => None,
         }
     }
@@ -206,7 +229,7 @@ impl Draw {
     /// The colour targets that it writes.
     pub fn colors(self) -> &'static [Target] {
         match self {
-            Self::Visibility | Self::VisibilityBehind => &[],
+            Self::Visibility | Self::VisibilityBehind | Self::VisibilityPeeled => &[],
             Self::Writers => &[Target::Writers],
             Self::Edges => &[Target::Limit],
             Self::Polygons => &[Target::Polygons],
@@ -216,6 +239,10 @@ impl Draw {
             Self::Sums(Layer::Behind, Sums::Color) => &[Target::ColorBehind],
             Self::Sums(Layer::Behind, Sums::Surface) => &[Target::ColorBehind, Target::SurfaceBehind],
             Self::Sums(Layer::Behind, Sums::Further) => &[Target::MaterialBehind],
+            Self::Sums(Layer::Peeled | Layer::Remaining, Sums::Further) => {
+                &[Target::LayerMaterial, Target::LayerCounts]
+            }
+            Self::Sums(Layer::Peeled | Layer::Remaining, _) => &[Target::LayerColor, Target::LayerSurface],
         }
     }
 
@@ -229,10 +256,32 @@ impl Draw {
         !matches!(self, Self::Edges | Self::Polygons)
     }
 
+    /// Whether it draws transparent splats alone; else none that are layers of their own.
+    pub fn is_transparent(self) -> bool {
+        matches!(self, Self::VisibilityPeeled | Self::Sums(Layer::Peeled | Layer::Remaining, _))
+    }
+
+    /// Whether each splat is lit by itself.
+    pub fn is_lit(self) -> bool {
+        matches!(self, Self::Sums(Layer::Remaining, _))
+    }
+
+    /// The binding of the veils, which limit its fragments, beside [`Draw::reads`].
+    pub fn veils_binding(self) -> Option<u32> {
+        self.is_transparent().then_some(3)
+    }
+
+    /// Whether it reads anything but records.
+    pub fn has_reads(self) -> bool {
+        !self.reads().is_empty() || self.veils_binding().is_some()
+    }
+
     /// The textures that it reads, by binding, in the group after the records' or the frame's.
     pub fn reads(self) -> &'static [(u32, Target)] {
         match self {
-            Self::Visibility | Self::Writers | Self::Polygons => &[],
+            Self::Visibility | Self::Writers | Self::Polygons | Self::VisibilityPeeled => &[],
+            Self::Sums(Layer::Remaining, _) => &[],
+            Self::Sums(Layer::Peeled, _) => &[(0, Target::LayerKept)],
             Self::VisibilityBehind => &[(1, Target::Limit)],
             Self::Sums(Layer::Front, _) => &[(0, Target::Kept)],
             Self::Sums(Layer::Among, _) => &[(0, Target::Kept), (2, Target::Polygons)],
@@ -254,25 +303,16 @@ impl Draw {
             Self::Sums(Layer::Front | Layer::Among, _) => "attributes",
             Self::Edges => "edges",
             Self::VisibilityBehind | Self::Sums(Layer::Behind, _) => "behind edges",
+            Self::VisibilityPeeled | Self::Sums(Layer::Peeled | Layer::Remaining, _) => "layers",
         }
     }
 
-    /// The draws that a plan needs.
+    /// The draws that a plan needs, each once.
     pub fn of(plan: &FramePlan) -> Vec<Self> {
-        Self::rounds(plan).concat()
-    }
-
-    /// The same, by what is drawn in one go over the splats: all of a round is there before the next begins.
-    pub(crate) fn rounds(plan: &FramePlan) -> Vec<Vec<Self>> {
-        let edges = plan.has(Pass::EdgeAntialiasing);
-        let polygons = plan.has(Pass::Polygons);
-        let sums = |layer| Sums::of(plan, layer).into_iter().map(|sums| Self::Sums(layer, sums)).collect();
-        let mut rounds = vec![vec![if edges { Self::Writers } else { Self::Visibility }]];
-        rounds.extend(polygons.then(|| vec![Self::Polygons]));
-        rounds.push(sums(if polygons { Layer::Among } else { Layer::Front }));
-        if edges {
-            rounds.extend([vec![Self::Edges], vec![Self::VisibilityBehind], sums(Layer::Behind)]);
-        }
-        rounds
+        let draws = rounds(plan).into_iter().flat_map(|round| match round {
+            Round::Draws(draws) => draws,
+            Round::Pixels(_) => Vec::new(),
+        });
+        distinct(draws)
     }
 }

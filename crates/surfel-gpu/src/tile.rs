@@ -5,6 +5,7 @@ use crate::culling::{is_outside, may_reach_near};
 use crate::near::{NearJob, NearSplats};
 use crate::planes::{PlaneLayout, floats_per_pixel};
 use crate::polygon::polygon_words;
+use crate::rounds::{has_layers, is_of_map};
 use crate::segment::{Limits, Segment, UploadedScene};
 use crate::uniforms::{FrameScene, frame_words};
 use crate::words::Words;
@@ -37,11 +38,14 @@ fn targets_of(tile: Region, view: &View, plan: &FramePlan) -> Region {
 /// Cuts the view's region into tiles whose targets and planes are within the limits.
 pub fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region> {
     let side = limits.texture_side.min(LARGEST_SIDE).saturating_sub(2 * border(plan)).max(1);
-    let bytes = 4 * u64::from(floats_per_pixel(plan.planes).max(1));
+    let veil = if has_layers(plan) { layout::veil::SIZE as u64 } else { 0 };
+    let bytes = veil.max(4 * u64::from(floats_per_pixel(plan.planes).max(1)));
     let pixels = (limits.buffer_bytes.min(u64::from(u32::MAX)) / bytes).max(1);
-    let width = view.region.width.min(side).min(pixels.min(u64::from(side)) as u32);
-    let height =
-        view.region.height.min(side).min((pixels / u64::from(width.max(1))).min(u64::from(side)) as u32).max(1);
+    // The border counts, too.
+    let borders = 2 * u64::from(border(plan));
+    let within = |pixels: u64| pixels.saturating_sub(borders).clamp(1, u64::from(side)) as u32;
+    let width = view.region.width.min(within(pixels / (1 + borders)));
+    let height = view.region.height.min(within(pixels / (u64::from(width) + borders)));
     let mut tiles = Vec::new();
     let r = view.region;
     for y in (0..r.height).step_by(height as usize) {
@@ -57,11 +61,31 @@ pub fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region> {
     tiles
 }
 
+/// What of a scene may touch a tile, as indices of its segments.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Visible {
+    /// Drawn as opaque.
+    pub opaque: Vec<usize>,
+    /// Drawn in layers.
+    pub transparent: Vec<usize>,
+    /// Some near splats are drawn in layers.
+    pub near_transparent: bool,
+}
+
+impl Visible {
+    /// True if anything is drawn in layers.
+    pub fn has_transparent(&self) -> bool {
+        self.near_transparent || !self.transparent.is_empty()
+    }
+}
+
 /// What a segment needs for a tile.
 #[derive(Clone, Debug)]
 pub struct SegmentData {
     /// How it is drawn.
     pub variant: Variant,
+    /// It is drawn in layers.
+    pub is_transparent: bool,
     /// The shaders' `chunks`.
     pub chunks: Vec<u32>,
     /// The shaders' `near_bits`, one word at least.
@@ -77,8 +101,12 @@ pub struct SegmentData {
 pub struct NearRecords {
     /// How they are drawn.
     pub variant: Variant,
+    /// They are drawn in layers.
+    pub is_transparent: bool,
     /// The shaders' `records`.
     pub records: Vec<u32>,
+    /// The same for lighting each by itself; empty where nothing is lit so.
+    pub lit: Vec<u32>,
     /// The shaders' `record_clips`; empty where nothing clips them.
     pub clips: Vec<u32>,
 }
@@ -120,7 +148,7 @@ impl TileData {
         let parts: Vec<(SegmentData, NearSplats)> =
             scene.segments.par_iter().map(|segment| segment_data(scene, frame, segment, &job)).collect();
         let mut polygons = match plan.has(Pass::Polygons) {
-            true => polygon_words(&scene.meshes, view, targets, false),
+            true => polygon_words(&scene.meshes, view, targets, is_of_map(plan)),
             false => Vec::new(),
         };
         let polygon_count = (polygons.len() / (layout::polygon::SIZE / 4)) as u32;
@@ -128,17 +156,24 @@ impl TileData {
         let mut near: Vec<NearRecords> = Vec::new();
         let mut segments = Vec::with_capacity(parts.len());
         for (segment, own) in parts {
-            let variant = segment.variant;
+            let (variant, is_transparent) = (segment.variant, segment.is_transparent);
             segments.push(segment);
             if own.records.is_empty() {
                 continue;
             }
-            match near.iter_mut().find(|n| n.variant == variant) {
+            match near.iter_mut().find(|n| n.variant == variant && n.is_transparent == is_transparent) {
                 Some(alike) => {
                     alike.records.extend(own.records);
+                    alike.lit.extend(own.lit);
                     alike.clips.extend(own.clips);
                 }
-                None => near.push(NearRecords { variant, records: own.records, clips: own.clips }),
+                None => near.push(NearRecords {
+                    variant,
+                    is_transparent,
+                    records: own.records,
+                    lit: own.lit,
+                    clips: own.clips,
+                }),
             }
         }
         let mut frame = frame_words(scene, frame, (view, plan), (tile, targets), &planes);
@@ -179,10 +214,13 @@ impl TileData {
         }
     }
 
-    /// Segments that may touch the tile.
-    pub fn visible(&self) -> Vec<usize> {
+    /// What may touch the tile.
+    pub fn visible(&self) -> Visible {
         let inside = self.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside);
-        inside.map(|(i, _)| i).collect()
+        let (transparent, opaque): (Vec<_>, Vec<_>) = inside.partition(|(_, segment)| segment.is_transparent);
+        let indices = |found: Vec<(usize, &SegmentData)>| found.into_iter().map(|(i, _)| i).collect();
+        let near_transparent = self.near.iter().any(|near| near.is_transparent);
+        Visible { opaque: indices(opaque), transparent: indices(transparent), near_transparent }
     }
 
     /// Number of near records.
@@ -206,8 +244,9 @@ fn segment_data(
 ) -> (SegmentData, NearSplats) {
     use layout::chunk as at;
     let variant = if job.plan.clip == ClipPolicy::Off { Variant::Whole } else { segment.variant };
+    let is_transparent = segment.is_transparent && job.plan.separates_transparent;
     let (chunks, near_bits) = (Vec::new(), Vec::new());
-    let mut data = SegmentData { variant, chunks, near_bits, is_outside: true, farthest: 0.0 };
+    let mut data = SegmentData { variant, is_transparent, chunks, near_bits, is_outside: true, farthest: 0.0 };
     let mut near = NearSplats::default();
     let index = segment.object as usize;
     let (Some(object), Some(placement)) = (scene.objects.get(index), frame.placements.get(index)) else {
@@ -220,7 +259,14 @@ fn segment_data(
             layout::CHUNK_OUTSIDE
         } else if may_reach_near(chunk, center, placement, job.view) {
             let members = segment.members.get(chunk.first as usize..(chunk.first + chunk.count) as usize);
-            let bits = job.chunk(object, segment.object, placement, members.unwrap_or_default(), variant, &mut near);
+            let bits = job.chunk(
+                object,
+                segment.object,
+                placement,
+                members.unwrap_or_default(),
+                (variant, is_transparent),
+                &mut near,
+            );
             bits.map_or(layout::CHUNK_ORDINARY, |bits| {
                 let start = data.near_bits.len() as u32;
                 data.near_bits.extend(bits);

@@ -2,16 +2,24 @@
 
 use crate::placement::Placement;
 use crate::planes::PlaneLayout;
+use crate::rounds::{has_layers, is_of_map};
 use crate::segment::{UploadedObject, UploadedScene};
+use crate::shadows::shadow_map_words;
 use crate::words::Words;
 use glam::{DVec2, DVec3};
 use surfel_math::basis::unit;
 use surfel_math::depth::Tolerance;
 use surfel_math::kernel::{FULL_COVERAGE, interior_weight_at_cutoff};
-use surfel_math::projection::ProjectionKind;
 use surfel_model::{ClipPolicy, Cull, Filter, Light, Material, Shader};
-use surfel_render::{FramePlan, Pass, Region, View};
+use surfel_render::{FramePlan, Pass, Region, SHADOW_MAP_SIDE, View};
 use surfel_shaders::layout;
+
+/// Where a shadow map is stored.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ShadowPlace {
+    /// First of its texels.
+    pub at: u32,
+}
 
 /// What all tiles of a frame share.
 #[derive(Clone, Debug)]
@@ -20,7 +28,11 @@ pub struct FrameScene {
     pub objects: Vec<u32>,
     /// Words of the shaders' `lights`, one at least.
     pub lights: Vec<u32>,
+    /// Words of the shaders' `shadow_maps`, one at least.
+    pub shadow_maps: Vec<u32>,
     pub(crate) light_count: u32,
+    /// Where the map that this is of is stored.
+    shadow: ShadowPlace,
     pub(crate) placements: Vec<Placement>,
 }
 
@@ -36,11 +48,19 @@ impl FrameScene {
         }
         let headlight = [Light::Directional { direction: view.forward().to_array(), color: [1.0; 3], shadow: false }];
         let given = scene.lights.as_deref().unwrap_or(&headlight);
-        let mut lights: Vec<u32> = given.iter().flat_map(|light| light_words(light, view)).collect();
+        let mut lights: Vec<u32> =
+            given.iter().enumerate().flat_map(|(i, light)| light_words(light, i, view, plan)).collect();
         if lights.is_empty() {
             lights = vec![0; layout::light::SIZE / 4];
         }
-        Self { objects, lights, light_count: given.len() as u32, placements }
+        let shadow_maps = shadow_map_words(plan, view);
+        let (light_count, shadow) = (given.len() as u32, ShadowPlace::default());
+        Self { objects, lights, shadow_maps, light_count, shadow, placements }
+    }
+
+    /// A scene as a light sees it.
+    pub(crate) fn of_map(scene: &UploadedScene, view: &View, plan: &FramePlan, shadow: ShadowPlace) -> Self {
+        Self { shadow, ..Self::new(scene, view, plan) }
     }
 }
 
@@ -55,12 +75,12 @@ fn object_words(object: &UploadedObject, placement: &Placement, plan: &FramePlan
     let material = &object.material;
     let mut words = Words::new(at::SIZE);
     words.mat3(at::LINEAR, placement.linear).mat3(at::NORMALS, placement.normals).all(at::MATERIAL, material.factors());
-    words.u32(at::CULL_BACK, u32::from(material.cull == Cull::Back));
+    words.u32(at::CULL_BACK, u32::from(material.cull == Cull::Back && !is_of_map(plan)));
     words.u32(at::TWO_SIDED, u32::from(material.two_sided)).f64(at::COVERAGE, coverage(object, plan));
     words.into_vec()
 }
 
-fn light_words(light: &Light, view: &View) -> Vec<u32> {
+fn light_words(light: &Light, index: usize, view: &View, plan: &FramePlan) -> Vec<u32> {
     use layout::light as at;
     let mut words = Words::new(at::SIZE);
     let direction = |words: &mut Words, d: &[f64; 3]| {
@@ -86,6 +106,9 @@ fn light_words(light: &Light, view: &View) -> Vec<u32> {
             (layout::LIGHT_SPOT, color)
         }
     };
+    let first = plan.shadow_maps.iter().position(|map| map.light == index).unwrap_or(0);
+    let count = plan.shadow_maps.iter().filter(|map| map.light == index).count();
+    words.u32(at::FIRST_MAP, first as u32).u32(at::MAP_COUNT, count as u32);
     words.u32(at::KIND, kind).vec3(at::COLOR, DVec3::from(*color));
     words.into_vec()
 }
@@ -98,17 +121,11 @@ pub(crate) fn frame_words(
     (tile, targets): (Region, Region),
     planes: &PlaneLayout,
 ) -> Vec<u32> {
-    use layout::{frame as at, projection as pr, tolerance as tol};
+    use layout::{frame as at, tolerance as tol};
     let mut words = Words::new(at::SIZE);
     let p = &view.projection;
     let (focal, principal) = (DVec2::from(p.focal_px), DVec2::from(p.principal_px));
-    let (kind, height) = match p.kind {
-        ProjectionKind::Perspective => (layout::PERSPECTIVE, 0.0),
-        ProjectionKind::Orthographic { height, .. } => (layout::ORTHOGRAPHIC, height),
-    };
-    words.vec2(at::PROJECTION + pr::FOCAL_PX, focal).vec2(at::PROJECTION + pr::PRINCIPAL_PX, principal);
-    words.f64(at::PROJECTION + pr::NEAR, p.near).f64(at::PROJECTION + pr::FAR, p.far().min(f64::from(f32::MAX)));
-    words.f64(at::PROJECTION + pr::HEIGHT, height).u32(at::PROJECTION + pr::KIND, kind);
+    words.projection(at::PROJECTION, p);
     let filter = &plan.splat_filter;
     let (tolerance_kind, tolerance) = match filter.tolerance {
         Tolerance::Relative(k) => (layout::TOLERANCE_RELATIVE, k),
@@ -124,8 +141,10 @@ pub(crate) fn frame_words(
     words.u32(at::SHADE_ORIGIN_PX, tile.x - targets.x).u32(at::SHADE_ORIGIN_PX + 4, tile.y - targets.y);
     words.u32(at::SHADE_SIZE_PX, tile.width).u32(at::SHADE_SIZE_PX + 4, tile.height);
     words.u32(at::HAS_EDGES, u32::from(plan.has(Pass::EdgeAntialiasing)));
+    words.u32(at::SHADOW_SIDE, SHADOW_MAP_SIDE).u32(at::SHADOW_AT, frame.shadow.at);
     words.u32(at::HAS_POLYGONS, u32::from(plan.has(Pass::Polygons))).f64(at::FULL_COVERAGE, FULL_COVERAGE);
     words.u32(at::HAS_OUTLINES, u32::from(plan.has(Pass::Outlines)));
+    words.u32(at::HAS_LAYERS, u32::from(has_layers(plan)));
     words.u32(at::CLIP_BY_CHORD, u32::from(plan.clip == ClipPolicy::Line));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
     words.vec3(at::AMBIENT, DVec3::from(scene.ambient)).all(at::BACKGROUND, scene.background);

@@ -1,6 +1,8 @@
 //! Structs as the shaders lay them out: words at reflected offsets.
 
 use glam::{DMat3, DVec2, DVec3};
+use surfel_math::projection::{Projection, ProjectionKind};
+use surfel_shaders::layout;
 
 /// A struct of 32-bit words, zero where nothing was set.
 #[derive(Clone, Debug)]
@@ -18,6 +20,11 @@ impl Words {
             *word = value;
         }
         self
+    }
+
+    /// The word at a byte offset.
+    pub(crate) fn get(&self, offset: usize) -> u32 {
+        self.0.get(offset / 4).copied().unwrap_or(0)
     }
 
     /// Sets words from a byte offset on.
@@ -59,6 +66,18 @@ impl Words {
     /// Columns, each padded to sixteen bytes.
     pub(crate) fn mat3(&mut self, offset: usize, m: DMat3) -> &mut Self {
         self.vec3(offset, m.x_axis).vec3(offset + 16, m.y_axis).vec3(offset + 32, m.z_axis)
+    }
+
+    /// The shaders' `Projection`.
+    pub(crate) fn projection(&mut self, offset: usize, p: &Projection) -> &mut Self {
+        use layout::projection as at;
+        let (kind, height) = match p.kind {
+            ProjectionKind::Perspective => (layout::PERSPECTIVE, 0.0),
+            ProjectionKind::Orthographic { height, .. } => (layout::ORTHOGRAPHIC, height),
+        };
+        self.all(offset + at::FOCAL_PX, p.focal_px).all(offset + at::PRINCIPAL_PX, p.principal_px);
+        self.f64(offset + at::NEAR, p.near).f64(offset + at::FAR, p.far().min(f64::from(f32::MAX)));
+        self.f64(offset + at::HEIGHT, height).u32(offset + at::KIND, kind)
     }
 
     pub(crate) fn into_vec(self) -> Vec<u32> {

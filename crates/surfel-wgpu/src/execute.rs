@@ -5,7 +5,8 @@ use crate::pipelines::{HostKey, Pipelines};
 use crate::scene::{Records, ResidentScene, bind, filled};
 use crate::targets::Targets;
 use crate::timing::Timer;
-use surfel_gpu::{Draw, FrameScene, SHADE_READS, Step, TileData, Variant, groups, slots};
+use std::collections::HashMap;
+use surfel_gpu::{Draw, FrameScene, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant, groups, slots};
 
 /// Everything that the steps of a tile read.
 pub(crate) struct Tile<'a> {
@@ -13,18 +14,26 @@ pub(crate) struct Tile<'a> {
     pub pipelines: &'a Pipelines,
     pub targets: &'a Targets,
     frame_group: wgpu::BindGroup,
+    setup_frame_group: wgpu::BindGroup,
     /// Those that touch the tile.
     segments: Vec<Option<SegmentGroups>>,
     near: Vec<Drawn>,
     polygons_group: wgpu::BindGroup,
     polygon_count: u32,
-    shade_group: wgpu::BindGroup,
+    pixels: HashMap<Pixels, wgpu::BindGroup>,
     /// For composing into a host's picture.
     composite_group: wgpu::BindGroup,
     /// Size of what is shaded.
     shaded: [u32; 2],
     /// Splats that were set up and touch the tile.
     pub drawn: wgpu::Buffer,
+}
+
+/// Texels of shadow maps: a tile reads or writes them.
+#[derive(Clone, Copy)]
+pub(crate) struct Shadows<'a> {
+    pub read: &'a wgpu::Buffer,
+    pub written: &'a wgpu::Buffer,
 }
 
 /// What is bound for a segment.
@@ -37,7 +46,10 @@ struct SegmentGroups {
 /// Records to be drawn.
 struct Drawn {
     variant: Variant,
+    is_transparent: bool,
     group: wgpu::BindGroup,
+    /// In place of it where each is lit by itself.
+    lit_group: Option<wgpu::BindGroup>,
     count: u32,
 }
 
@@ -48,14 +60,20 @@ impl<'a> Tile<'a> {
         (scene, pipelines, targets): (&'a ResidentScene, &'a Pipelines, &'a Targets),
         frame: &FrameScene,
         data: &TileData,
+        pixels: &[Pixels],
+        shadows: Shadows<'_>,
     ) -> Self {
         let storage = wgpu::BufferUsages::STORAGE;
         let buffers = [
             filled(device, queue, "frame", &data.frame, wgpu::BufferUsages::UNIFORM),
             filled(device, queue, "objects", &frame.objects, storage),
             filled(device, queue, "lights", &frame.lights, storage),
+            filled(device, queue, "shadow maps", &frame.shadow_maps, storage),
         ];
-        let frame_group = bind(device, "frame", &pipelines.frame_group, &buffers.each_ref());
+        let [uniform, objects, lights, maps] = &buffers;
+        let frame_group =
+            bind(device, "frame", &pipelines.frame_group, &[uniform, objects, lights, maps, shadows.read]);
+        let setup_frame_group = bind(device, "frame of setup", &pipelines.setup_frame_group, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));
         let segments = scene.segments.iter().zip(&data.segments).map(|(segment, data)| {
@@ -69,35 +87,46 @@ impl<'a> Tile<'a> {
                 bind(device, "segment", &pipeline.setup_group, &buffers.into_iter().chain(clips).collect::<Vec<_>>())
             });
             let group = segment.records.group(device, pipeline, data.variant);
-            Some(SegmentGroups { setup, drawn: Drawn { variant: data.variant, group, count: segment.count } })
+            let (variant, is_transparent) = (data.variant, data.is_transparent);
+            let drawn = Drawn { variant, is_transparent, group, lit_group: None, count: segment.count };
+            Some(SegmentGroups { setup, drawn })
         });
         let segments = segments.collect();
         let near = data.near.iter().filter_map(|near| {
             let records = filled(device, queue, "near records", &near.records, storage);
             let clipped = near.variant == Variant::Clipped;
             let clips = clipped.then(|| filled(device, queue, "clips of near records", &near.clips, storage));
-            let group = Records { records, clips }.group(device, pipelines.splats(near.variant)?, near.variant);
-            Some(Drawn { variant: near.variant, group, count: near.count() })
+            let pipeline = pipelines.splats(near.variant)?;
+            let lit_group = (!near.lit.is_empty()).then(|| {
+                let records = filled(device, queue, "lit near records", &near.lit, storage);
+                Records { records, clips: clips.clone() }.group(device, pipeline, near.variant)
+            });
+            let group = Records { records, clips }.group(device, pipeline, near.variant);
+            let (variant, is_transparent) = (near.variant, near.is_transparent);
+            Some(Drawn { variant, is_transparent, group, lit_group, count: near.count() })
         });
         let near = near.collect();
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
         let polygons_group = bind(device, "polygons", &pipelines.polygons_group, &[&polygons]);
         let finish = |entry: &str, layout: &wgpu::BindGroupLayout| {
-            let buffers = [(4, &targets.planes), (12, &polygons), (13, &scene.texels)];
-            let buffers =
-                buffers.map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
+            let buffers = [&targets.planes, &polygons, &scene.texels, &targets.veils, &targets.veils, shadows.written];
+            let buffers = PIXEL_BUFFERS
+                .into_iter()
+                .zip(buffers)
+                .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
             let used = slots(&[entry], 1);
-            let all = targets.entries(&SHADE_READS).into_iter().chain(buffers);
+            let all = targets.entries(&PIXEL_READS).into_iter().chain(buffers);
             let entries: Vec<_> = all.filter(|entry| used.iter().any(|slot| slot.binding == entry.binding)).collect();
             device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(entry), layout, entries: &entries })
         };
         Self {
-            shade_group: finish("shade", &pipelines.shade_group),
+            pixels: pixels.iter().filter_map(|&p| Some((p, finish(p.entry(), &pipelines.pixels(p)?.group)))).collect(),
             composite_group: finish("composite_fragment", &pipelines.composite_group),
             scene,
             pipelines,
             targets,
             frame_group,
+            setup_frame_group,
             segments,
             near,
             polygons_group,
@@ -112,15 +141,18 @@ impl<'a> Tile<'a> {
         match step {
             Step::Setup { segments, first } => self.setup(encoder, segments, *first, step.name(), timer),
             Step::Draw { draw, segments, first } => self.draw(encoder, *draw, segments, *first, timer),
-            Step::Shade => {
+            Step::Pixels(pixels) => {
+                let (Some(pipeline), Some(group)) = (self.pipelines.pixels(*pixels), self.pixels.get(pixels)) else {
+                    return;
+                };
                 let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                     label: Some(step.name()),
                     timestamp_writes: timer.and_then(|timer| timer.compute(step.name())),
                 });
-                pass.set_pipeline(&self.pipelines.shade);
+                pass.set_pipeline(&pipeline.raw);
                 pass.set_bind_group(0, &self.frame_group, &[]);
-                pass.set_bind_group(1, &self.shade_group, &[]);
-                let [width, height] = self.shaded;
+                pass.set_bind_group(1, group, &[]);
+                let [width, height] = if *pixels == Pixels::Shade { self.shaded } else { self.targets.key.size };
                 pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
             }
         }
@@ -170,7 +202,7 @@ impl<'a> Tile<'a> {
             };
             let Some(pipeline) = self.pipelines.splats(drawn.variant) else { continue };
             pass.set_pipeline(&pipeline.setup);
-            pass.set_bind_group(0, &self.frame_group, &[]);
+            pass.set_bind_group(0, &self.setup_frame_group, &[]);
             pass.set_bind_group(1, if first { counted } else { uncounted }, &[]);
             pass.dispatch_workgroups(groups(segment.count, "setup", 0), 1, 1);
         }
@@ -227,11 +259,13 @@ impl<'a> Tile<'a> {
         let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
         let mut last = None;
         // The near splats have no segment: they go with the first.
-        for drawn in segments.chain(self.near.iter().filter(|_| first)) {
+        let near = self.near.iter().filter(|near| first && near.is_transparent == draw.is_transparent());
+        for drawn in segments.chain(near) {
             if last.replace(drawn.variant) != Some(drawn.variant) {
                 bound(&mut pass, drawn.variant);
             }
-            pass.set_bind_group(1, &drawn.group, &[]);
+            let lit_group = drawn.lit_group.as_ref().filter(|_| draw.is_lit());
+            pass.set_bind_group(1, lit_group.unwrap_or(&drawn.group), &[]);
             pass.draw(0..4, 0..drawn.count);
         }
     }

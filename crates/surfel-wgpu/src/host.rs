@@ -1,12 +1,12 @@
 //! Drawing into a host's picture, among whatever else it draws.
 
 use crate::error::{failed, scoped};
-use crate::execute::Tile;
+use crate::execute::{Shadows, Tile};
 use crate::pipelines::HostKey;
 use crate::renderer::Renderer;
-use crate::scene::ResidentScene;
+use crate::scene::{ResidentScene, empty};
 use crate::targets::TargetKey;
-use surfel_gpu::{FrameScene, Step, TileData, schedule};
+use surfel_gpu::{FrameScene, Pixels, Step, TileData, schedule};
 use surfel_model::Settings;
 use surfel_render::{Planes, RenderError, View, plan};
 
@@ -51,7 +51,9 @@ pub struct HostTarget<'a> {
 
 impl Renderer {
     /// Draws a scene into a host's picture: where its surface passes the depth test it replaces colour and depth, elsewhere
-    /// nothing changes. The scene's background is not drawn; antialiased edges blend over what the host has there.
+    /// nothing changes. The scene's background is not drawn; antialiased edges and transparent splats blend over what the
+    /// host has there. Where transparent splats are before an opaque surface, that surface decides for both; the host's own
+    /// things between them are not seen.
     ///
     /// Records into `encoder`, which the host submits to the renderer's queue before the next call on this renderer.
     /// Nothing is read back, and no time is counted.
@@ -83,15 +85,18 @@ impl Renderer {
         // The planes go nowhere.
         let key = TargetKey { floats: 1, ..self.key(&plan, &data) };
         let host = HostKey { color: target.color_format, depth: target.depth_format, compare: target.mapping.compare };
+        let texels = self.shadow_maps(scene, &plan)?;
         let device = self.device.clone();
         scoped(&device, || {
-            self.prepare(key, &data.variants());
+            self.prepare(key, &data.variants(), &Pixels::of(&plan));
             self.pipelines.prepare_composite(&device, host);
             let Some(targets) = &self.targets else { return };
             let parts = (scene, &self.pipelines, targets);
-            let job = Tile::new(&device, &self.queue, parts, &frame_scene, &data);
+            let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
+            let shadows = Shadows { read: &texels, written: &none };
+            let job = Tile::new(&device, &self.queue, parts, &frame_scene, &data, &Pixels::of(&plan), shadows);
             for step in schedule(&plan, &data.visible(), scene.shared_records) {
-                if step != Step::Shade {
+                if step != Step::Pixels(Pixels::Shade) {
                     job.step(encoder, &step, None);
                 }
             }

@@ -43,5 +43,13 @@ const NAME: &str = "wgpu";
 /// What the backend draws, on any adapter.
 pub const CAPABILITIES: Capabilities = Capabilities {
     backend: NAME,
-    features: &[Feature::F16, Feature::EdgeAntialiasing, Feature::Clips, Feature::Meshes, Feature::Toon],
+    features: &[
+        Feature::F16,
+        Feature::EdgeAntialiasing,
+        Feature::Clips,
+        Feature::Meshes,
+        Feature::Toon,
+        Feature::Peel,
+        Feature::Shadows,
+    ],
 };

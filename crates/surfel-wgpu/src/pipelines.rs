@@ -1,7 +1,7 @@
 //! Layouts and pipelines, built once for each format of the sums.
 
 use std::collections::HashMap;
-use surfel_gpu::{Draw, Target, TargetFormat, Variant, slots};
+use surfel_gpu::{Draw, Pixels, Target, TargetFormat, Variant, slots};
 use surfel_shaders::{BindingKind, ENTRIES, PASSES, Stage};
 
 /// Precision of the sums.
@@ -37,13 +37,20 @@ pub(crate) struct HostKey {
 pub(crate) struct Pipelines {
     module: wgpu::ShaderModule,
     pub frame_group: wgpu::BindGroupLayout,
+    /// What setting up records needs of it: all of it together would be more buffers than every adapter binds.
+    pub setup_frame_group: wgpu::BindGroupLayout,
     splats: HashMap<Variant, SplatPipeline>,
-    pub shade_group: wgpu::BindGroupLayout,
     pub composite_group: wgpu::BindGroupLayout,
     pub polygons_group: wgpu::BindGroupLayout,
-    pub shade: wgpu::ComputePipeline,
+    pixels: HashMap<Pixels, PixelPipeline>,
     draws: HashMap<(Draw, Variant, Precision), DrawPipeline>,
     composites: HashMap<HostKey, wgpu::RenderPipeline>,
+}
+
+/// How something is computed once a pixel, and the layout of what it reads and writes.
+pub(crate) struct PixelPipeline {
+    pub raw: wgpu::ComputePipeline,
+    pub group: wgpu::BindGroupLayout,
 }
 
 /// How records of a variant are set up, and what they are read by.
@@ -101,22 +108,36 @@ impl Pipelines {
             source: wgpu::ShaderSource::Wgsl(PASSES.into()),
         });
         let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
-        let frame_group = group(device, "frame", &all, 0);
-        let shade_group = group(device, "sums", &["shade"], 1);
+        let setups = [Variant::Whole, Variant::Clipped].map(Variant::setup);
+        let setup_frame_group = group(device, "frame of setup", &setups, 0);
+        let drawn: Vec<&str> = all.into_iter().filter(|name| !setups.iter().any(|setup| setup == name)).collect();
+        let frame_group = group(device, "frame", &drawn, 0);
         let composite_group = group(device, "sums to compose", &["composite_fragment"], 1);
         let polygons_group = group(device, "polygons", &["polygon_vertex", "polygon_fragment"], 1);
-        let shade = compute(device, &module, "shade", &[&frame_group, &shade_group]);
         Self {
             module,
             frame_group,
-            shade_group,
+            setup_frame_group,
             composite_group,
             polygons_group,
-            shade,
+            pixels: HashMap::new(),
             splats: HashMap::new(),
             draws: HashMap::new(),
             composites: HashMap::new(),
         }
+    }
+
+    /// Builds what is computed once a pixel, if it hasn't been.
+    pub(crate) fn prepare_pixels(&mut self, device: &wgpu::Device, pixels: Pixels) {
+        self.pixels.entry(pixels).or_insert_with(|| {
+            let entry = pixels.entry();
+            let group = group(device, entry, &[entry], 1);
+            PixelPipeline { raw: compute(device, &self.module, entry, &[&self.frame_group, &group]), group }
+        });
+    }
+
+    pub(crate) fn pixels(&self, pixels: Pixels) -> Option<&PixelPipeline> {
+        self.pixels.get(&pixels)
     }
 
     /// Builds what sets up splats of a variant, if it hasn't been.
@@ -125,7 +146,7 @@ impl Pipelines {
             let entry = variant.setup();
             let setup_group = group(device, &entry, &[&entry], 1);
             let records_group = group(device, "records", &variant.readers(), 1);
-            let setup = compute(device, &self.module, &entry, &[&self.frame_group, &setup_group]);
+            let setup = compute(device, &self.module, &entry, &[&self.setup_frame_group, &setup_group]);
             SplatPipeline { setup, setup_group, records_group }
         })
     }
@@ -144,7 +165,7 @@ impl Pipelines {
             let mut groups = vec![&self.frame_group];
             groups.extend(draw.is_of_records().then_some(&splats.records_group));
             groups.extend((draw == Draw::Polygons).then_some(&self.polygons_group));
-            groups.extend((!draw.reads().is_empty()).then_some(&reads_group));
+            groups.extend(draw.has_reads().then_some(&reads_group));
             let depth = draw.depth().map(|t| depth_state(precision.format(t), wgpu::CompareFunction::Greater));
             let add = wgpu::BlendComponent {
                 src_factor: wgpu::BlendFactor::One,

@@ -2,14 +2,16 @@
 
 use crate::adapter::{self, Opened, blends_f32, renderer_info};
 use crate::error::{Mailbox, failed, scoped};
-use crate::execute::Tile;
+use crate::execute::{Shadows, Tile};
 use crate::pipelines::{Pipelines, Precision};
 use crate::readback::Readback;
 use crate::scene::{self, ResidentScene, empty};
 use crate::targets::{TargetKey, Targets};
 use crate::timing::Timer;
 use std::time::Instant;
-use surfel_gpu::{Draw, FrameScene, Limits, TileData, Variant, schedule, tiles};
+use surfel_gpu::{
+    Draw, FrameScene, Limits, MapJob, Pixels, TileData, Variant, map_jobs, schedule, shadow_texels, tiles,
+};
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
 
@@ -35,6 +37,8 @@ pub struct Renderer {
     pub(crate) errors: Mailbox,
     pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
+    /// Those of shadow maps.
+    map_targets: Option<Targets>,
     timer: Option<Timer>,
     /// Of the device, and of those who opened it.
     pub(crate) limits: Limits,
@@ -83,7 +87,19 @@ impl Renderer {
         let limits = limits.within(buffer_bytes, own.max_texture_dimension_2d);
         let is_software = info.device_type == wgpu::DeviceType::Cpu;
         let info = renderer_info(info, f32_sums);
-        Ok(Self { device, queue, info, is_software, f32_sums, errors, pipelines, targets: None, timer, limits })
+        Ok(Self {
+            device,
+            queue,
+            info,
+            is_software,
+            f32_sums,
+            errors,
+            pipelines,
+            targets: None,
+            map_targets: None,
+            timer,
+            limits,
+        })
     }
 
     /// True if the adapter computes on the processor: the `cpu` backend is faster.
@@ -108,7 +124,10 @@ impl Renderer {
     }
 
     /// Makes pipelines and targets, where they aren't there from the frame before.
-    pub(crate) fn prepare(&mut self, key: TargetKey, variants: &[Variant]) {
+    pub(crate) fn prepare(&mut self, key: TargetKey, variants: &[Variant], pixels: &[Pixels]) {
+        for &pixels in pixels {
+            self.pipelines.prepare_pixels(&self.device, pixels);
+        }
         for &variant in variants {
             self.pipelines.prepare_splats(&self.device, variant);
             for &draw in key.draws.iter().filter(|draw| draw.is_of_records() || variant == Variant::Whole) {
@@ -122,10 +141,45 @@ impl Renderer {
         }
     }
 
+    /// Draws a plan's shadow maps.
+    pub(crate) fn shadow_maps(&mut self, scene: &ResidentScene, plan: &FramePlan) -> Result<wgpu::Buffer, RenderError> {
+        let texels = shadow_texels(plan, self.limits).map_err(failed)?;
+        let device = self.device.clone();
+        let buffer = scoped(&device, || empty(&device, "shadow texels", 4 * texels, wgpu::BufferUsages::STORAGE))?;
+        std::mem::swap(&mut self.targets, &mut self.map_targets);
+        let drawn = map_jobs(&scene.cpu, plan).iter().try_for_each(|job| self.shadow_map(scene, job, &buffer));
+        std::mem::swap(&mut self.targets, &mut self.map_targets);
+        drawn.map(|()| buffer)
+    }
+
+    fn shadow_map(&mut self, scene: &ResidentScene, job: &MapJob, texels: &wgpu::Buffer) -> Result<(), RenderError> {
+        let device = self.device.clone();
+        let pixels = Pixels::of(&job.plan);
+        for data in job.tiles(&scene.cpu, self.limits) {
+            data.check(self.limits).map_err(failed)?;
+            let key = self.key(&job.plan, &data);
+            scoped(&device, || {
+                self.prepare(key, &data.variants(), &pixels);
+                let Some(targets) = &self.targets else { return };
+                let none = empty(&device, "no shadows", 4, wgpu::BufferUsages::STORAGE);
+                let shadows = Shadows { read: &none, written: texels };
+                let parts = (scene, &self.pipelines, targets);
+                let tile = Tile::new(&device, &self.queue, parts, &job.frame, &data, &pixels, shadows);
+                let mut encoder =
+                    device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("shadow map") });
+                for step in schedule(&job.plan, &data.visible(), scene.shared_records) {
+                    tile.step(&mut encoder, &step, None);
+                }
+                self.queue.submit([encoder.finish()]);
+            })?;
+        }
+        Ok(())
+    }
+
     /// Draws one tile into the frame.
     fn tile(
         &mut self,
-        scene: &ResidentScene,
+        (scene, texels): (&ResidentScene, &wgpu::Buffer),
         frame_scene: &FrameScene,
         (view, plan, tile): (&View, &FramePlan, Region),
         frame: &mut Frame,
@@ -137,10 +191,12 @@ impl Renderer {
         let floats = key.floats;
         let device = self.device.clone();
         let readback = scoped(&device, || {
-            self.prepare(key, &data.variants());
+            self.prepare(key, &data.variants(), &Pixels::of(plan));
             let targets = self.targets.as_ref()?;
             let parts = (scene, &self.pipelines, targets);
-            let job = Tile::new(&self.device, &self.queue, parts, frame_scene, &data);
+            let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
+            let shadows = Shadows { read: texels, written: &none };
+            let job = Tile::new(&self.device, &self.queue, parts, frame_scene, &data, &Pixels::of(plan), shadows);
             let mut encoder =
                 self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("tile") });
             if let Some(timer) = &mut self.timer {
@@ -201,8 +257,9 @@ impl surfel_render::Renderer for Renderer {
         let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
         frame.reset(view.region.width, view.region.height, plan.planes);
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
+        let texels = self.shadow_maps(scene, &plan)?;
         for tile in tiles(view, &plan, self.limits) {
-            self.tile(scene, &frame_scene, (view, &plan, tile), frame, &mut stats)?;
+            self.tile((scene, &texels), &frame_scene, (view, &plan, tile), frame, &mut stats)?;
         }
         stats.bytes_per_splat = scene.bytes() as f64 / stats.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;

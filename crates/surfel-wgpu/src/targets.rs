@@ -4,6 +4,7 @@ use crate::pipelines::{Pipelines, Precision};
 use crate::scene::empty;
 use std::collections::HashMap;
 use surfel_gpu::{Draw, Target, Variant};
+use surfel_shaders::layout;
 
 /// What a tile's targets have to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,6 +22,8 @@ pub(crate) struct Targets {
     views: HashMap<Target, wgpu::TextureView>,
     reads: HashMap<Draw, wgpu::BindGroup>,
     pub planes: wgpu::Buffer,
+    /// What layers of transparent splats come to.
+    pub veils: wgpu::Buffer,
 }
 
 impl Targets {
@@ -50,9 +53,16 @@ impl Targets {
             4 * u64::from(key.floats),
             wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
         );
-        let reads = key.draws.iter().filter(|draw| !draw.reads().is_empty()).filter_map(|&draw| {
+        let pixels = if key.draws.iter().any(|draw| draw.is_transparent()) { key.size } else { [1, 1] };
+        let bytes = layout::veil::SIZE as u64 * u64::from(pixels[0]) * u64::from(pixels[1]);
+        let veils_buffer = empty(device, "veils", bytes, wgpu::BufferUsages::STORAGE);
+        let reads = key.draws.iter().filter(|draw| draw.has_reads()).filter_map(|&draw| {
             let layout = &pipelines.draw(draw, Variant::Whole, key.precision)?.reads_group;
-            let entries = entries(&views, draw.reads());
+            let mut entries = entries(&views, draw.reads());
+            let veils = draw.veils_binding();
+            entries.extend(
+                veils.map(|binding| wgpu::BindGroupEntry { binding, resource: veils_buffer.as_entire_binding() }),
+            );
             Some((
                 draw,
                 device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -63,7 +73,7 @@ impl Targets {
             ))
         });
         let reads = reads.collect();
-        Self { key, views, reads, planes }
+        Self { key, views, reads, planes, veils: veils_buffer }
     }
 
     /// What binds the textures of these bindings.

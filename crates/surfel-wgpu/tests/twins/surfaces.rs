@@ -4,7 +4,7 @@ use crate::inputs::{self, Random, f32s};
 use crate::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2, v3};
 use surfel_math::mapping::Linear;
 use surfel_math::triangle::Triangle;
-use surfel_math::{Real, depth, toon, triangle};
+use surfel_math::{Real, V2, depth, shadow, toon, triangle};
 
 /// A triangle of the first twelve numbers, in WGSL.
 const TRIANGLE: &str = "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)), vec3f(x9, x10, x11));";
@@ -52,6 +52,28 @@ fn line<R: Real>(x: &[R]) -> Vec<R> {
 }
 fn limit<R: Real>(x: &[R]) -> Vec<R> {
     vec![toon::step_back_limit(x[0], v2(&x[1..]), &PERSPECTIVE)]
+}
+
+fn lookup_bias<R: Real>(x: &[R]) -> Vec<R> {
+    vec![shadow::lookup_bias(x[0], &PERSPECTIVE), shadow::lookup_bias(x[0], &ORTHOGRAPHIC)]
+}
+fn tap_weights<R: Real>(x: &[R]) -> Vec<R> {
+    shadow::tap_weights(x[0]).to_vec()
+}
+fn taps(x: &[f64]) -> Vec<f64> {
+    let (first, weights) = shadow::taps(x[0]);
+    [vec![first], weights.to_vec()].concat()
+}
+fn slope_allowance(x: &[f64]) -> Vec<f64> {
+    vec![depth::slope_allowance(x[0], V2::new(x[1], x[2]), &PERSPECTIVE)]
+}
+/// A position's own ulp.
+fn taps_terms(x: &[f64], _: usize) -> f64 {
+    x[0].abs()
+}
+/// Clear of whole texels from the middle of one: on either side of a tie both results are right.
+fn texel(random: &mut Random, size: f64) -> Vec<f32> {
+    f32s(&[(size * random.signed()).floor() + 0.5 + random.range(0.01, 0.99)])
 }
 
 /// Edges whose values may cancel: what the largest of their terms is to their sum.
@@ -153,6 +175,16 @@ pub(crate) const KERNELS: &[Kernel] = &[
         "let g = plane_gradient(vec3f(x0, x1, x2), vec3f(x3, x4, x5),
          Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC));", "g.x; g.y",
         point_and_normal, wild_point_and_normal, None),
+    kernel!("lookup_bias", 1 => &[1, 1], lookup_bias,
+        "let p = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE);
+         let o = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC);",
+        "lookup_bias(x0, p); lookup_bias(x0, o)", inputs::numbers::<1>, inputs::wild::<1>, None),
+    kernel!("tap_weights", 1 => &[4], tap_weights, "let w = tap_weights(x0);", "w.x; w.y; w.z; w.w", share, share, None),
+    wide!("taps", 1 => &[1, 4], taps, "let t = taps(x0);", "t.first; t.weights.x; t.weights.y; t.weights.z; t.weights.w",
+        |r| texel(r, 100.0), |r| texel(r, 1e4), Some(taps_terms)),
+    wide!("slope_allowance", 3 => &[1], slope_allowance, "",
+        "slope_allowance(x0, vec2f(x1, x2), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE))",
+        |r| f32s(&[r.range(1.0, 10.0), r.signed(), r.signed()]), |r| f32s(&[r.wild(5.0).abs(), r.wild(3.0), r.wild(3.0)]), None),
     kernel!("toon_smoothstep", 1 => &[1], smoothstep, "", "toon_smoothstep(x0, 0.25, 0.5)", share, at_a_step, Some(steep)),
     kernel!("toon_ramp", 1 => &[1], ramp, "", "toon_ramp(x0)", share, at_a_step, Some(steep)),
     kernel!("toon_highlight", 1 => &[1], highlight, "", "toon_highlight(x0)", share, at_a_step, Some(steep)),
