@@ -192,6 +192,11 @@ fn obj_materials_keep_one_texture_and_bake_several() {
     let texture = one.texture.unwrap();
     assert_eq!((texture.width, texture.srgba8[1]), (2, [0, 0, 255, 255]));
     assert!(one.uvs.is_some() && one.colors.is_none());
+    // A library's textures lie relative to it, not to the mesh.
+    folder.write("sub/b.mtl", "newmtl red one\nmap_Kd r.png\n");
+    let beside = folder.write("beside.obj", format!("mtllib sub/b.mtl\n{shape}"));
+    let loaded = load_file(&beside, &LoadOptions::default()).unwrap();
+    assert!(loaded.notes.iter().all(|note| !note.contains("texture")), "{:?}", loaded.notes);
     let two = format!("mtllib a.mtl\n{shape}usemtl green\nf 1/1 2/1 3/1\n");
     let loaded = load_file(&folder.write("two.obj", two), &LoadOptions::default()).unwrap();
     assert!(loaded.notes[0].starts_with("baked 2 textures"), "{:?}", loaded.notes);

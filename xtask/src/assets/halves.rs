@@ -14,33 +14,82 @@ pub(super) fn halves(root: &Path) -> io::Result<[Vec<u8>; 2]> {
 }
 
 fn cut(text: &str) -> [Vec<u8>; 2] {
-    let mut x = Vec::new();
+    let model = Model::read(text);
+    let normals = model.normals();
     let mut halves = [Vec::new(), Vec::new()];
     for line in text.lines() {
         let mut words = line.split_ascii_whitespace();
-        let line = match words.next() {
-            Some("v") => {
-                x.push(words.next().and_then(|w| w.parse::<f64>().ok()).unwrap_or(0.0));
-                line
-            }
-            Some("f") => {
-                // `1/2` is a vertex and its texture coordinates.
-                let corner = |word: &str| word.split('/').next()?.parse::<usize>().ok()?.checked_sub(1);
-                let sum: f64 = words.filter_map(corner).filter_map(|i| x.get(i)).sum();
-                let half = &mut halves[usize::from(sum >= 0.0)];
-                half.extend_from_slice(line.as_bytes());
-                half.push(b'\n');
-                continue;
-            }
-            Some("mtllib") => MATERIALS,
-            _ => line,
-        };
-        for half in &mut halves {
-            half.extend_from_slice(line.as_bytes());
-            half.push(b'\n');
+        match words.next() {
+            Some("f") => {}
+            Some("mtllib") => halves.iter_mut().for_each(|half| put(half, MATERIALS)),
+            _ => halves.iter_mut().for_each(|half| put(half, line)),
         }
     }
+    for [x, y, z] in normals {
+        halves.iter_mut().for_each(|half| put(half, &format!("vn {x:.6} {y:.6} {z:.6}")));
+    }
+    for face in &model.faces {
+        let sum: f64 = face.iter().map(|[vertex, _]| model.positions[*vertex][0]).sum();
+        let corners: Vec<String> =
+            face.iter().map(|[vertex, texture]| format!("{0}/{texture}/{0}", vertex + 1)).collect();
+        put(&mut halves[usize::from(sum >= 0.0)], &format!("f {}", corners.join(" ")));
+    }
     halves
+}
+
+fn put(half: &mut Vec<u8>, line: &str) {
+    half.extend_from_slice(line.as_bytes());
+    half.push(b'\n');
+}
+
+struct Model {
+    positions: Vec<[f64; 3]>,
+    /// Corners: index of the vertex, number of its texture coordinates.
+    faces: Vec<Vec<[usize; 2]>>,
+}
+
+impl Model {
+    /// Of a file in which every corner is `1/2`, and vertices come before faces.
+    fn read(text: &str) -> Self {
+        let (mut positions, mut faces) = (Vec::new(), Vec::new());
+        for line in text.lines() {
+            let mut words = line.split_ascii_whitespace();
+            match words.next() {
+                Some("v") => {
+                    let mut next = || words.next().and_then(|w| w.parse().ok()).unwrap_or(0.0);
+                    positions.push([next(), next(), next()]);
+                }
+                Some("f") => {
+                    let corner = |word: &str| {
+                        let (vertex, texture) = word.split_once('/')?;
+                        let vertex = vertex.parse::<usize>().ok()?.checked_sub(1).filter(|&i| i < positions.len())?;
+                        Some([vertex, texture.parse().ok()?])
+                    };
+                    faces.push(words.filter_map(corner).collect());
+                }
+                _ => {}
+            }
+        }
+        Self { positions, faces }
+    }
+
+    /// Unit normals of the vertices, of the faces about each by their areas: the same on both sides of the cut.
+    fn normals(&self) -> Vec<[f64; 3]> {
+        let mut normals = vec![[0.0; 3]; self.positions.len()];
+        for face in self.faces.iter().filter(|face| face.len() >= 3) {
+            let [a, b, c] = [0, 1, 2].map(|i| self.positions[face[i][0]]);
+            let (u, v) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i]));
+            let cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            for [vertex, _] in face {
+                normals[*vertex].iter_mut().zip(cross).for_each(|(n, c)| *n += c);
+            }
+        }
+        for n in &mut normals {
+            let length = n.iter().map(|c| c * c).sum::<f64>().sqrt();
+            *n = if length > 0.0 { n.map(|c| c / length) } else { [0.0, 0.0, 1.0] };
+        }
+        normals
+    }
 }
 
 #[cfg(test)]
@@ -48,10 +97,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn halves_share_vertices_and_divide_the_faces() {
+    fn halves_share_vertices_and_normals_and_divide_the_faces() {
         let text = "mtllib a.mtl\nv -1 0 0\nv 1 0 0\nv -1 1 0\nv 1 1 0\nf 1/1 2/2 3/3\nf 2/2 4/4 3/3\n";
         let [negative, positive] = cut(text).map(|half| String::from_utf8(half).unwrap());
-        assert_eq!(negative, text.replace("a.mtl", "../spot/spot.mtl").replace("f 2/2 4/4 3/3\n", ""));
-        assert_eq!(positive, text.replace("a.mtl", "../spot/spot.mtl").replace("f 1/1 2/2 3/3\n", ""));
+        let shared = "mtllib ../spot/spot.mtl\nv -1 0 0\nv 1 0 0\nv -1 1 0\nv 1 1 0\n".to_owned()
+            + &"vn 0.000000 0.000000 1.000000\n".repeat(4);
+        assert_eq!(negative, format!("{shared}f 1/1/1 2/2/2 3/3/3\n"));
+        assert_eq!(positive, format!("{shared}f 2/2/2 4/4/4 3/3/3\n"));
     }
 }

@@ -33,7 +33,7 @@ pub(super) fn resolve(
         }
         known.push(library);
         match context.beside.read(library) {
-            Ok(bytes) => parse(&bytes, &mut entries),
+            Ok(bytes) => parse(&bytes, folder_of(library), &mut entries),
             Err(why) => context.note(format!("left out the material library {}: {why}", quote(library))),
         }
     }
@@ -80,7 +80,12 @@ pub(super) fn resolve(
     (materials, textures)
 }
 
-fn parse(bytes: &[u8], entries: &mut HashMap<String, Entry>) {
+/// The folder that a library's path names, with its separator: its textures lie relative to it.
+fn folder_of(library: &str) -> &str {
+    &library[..library.rfind(['/', '\\']).map_or(0, |at| at + 1)]
+}
+
+fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>) {
     let mut current: Option<String> = None;
     for (_, line) in Lines::new(bytes) {
         let mut words = words(line);
@@ -103,7 +108,11 @@ fn parse(bytes: &[u8], entries: &mut HashMap<String, Entry>) {
             }
             b"d" => entry.alpha = fraction().unwrap_or(1.0),
             b"Tr" => entry.alpha = 1.0 - fraction().unwrap_or(0.0),
-            b"map_Kd" => entry.map = Some(without_options(&rest)),
+            b"map_Kd" => {
+                let map = without_options(&rest);
+                let is_whole = std::path::Path::new(&map).is_absolute();
+                entry.map = Some(if is_whole { map } else { format!("{folder}{map}") });
+            }
             _ => {}
         }
     }
