@@ -53,9 +53,10 @@ fn highlight(base: f32, exponent: f32) -> f32 {
     return select(0.0, exp2(exponent * log2(max(base, 1e-37))), base > 0.0);
 }
 
-// Ambient, diffuse and specular light, as they are or in the steps of `toon`.
-fn lit(albedo: vec3f, normal: vec3f, position: vec3f, to_eye: vec3f, material: vec4f) -> vec3f {
-    let is_toon = frame.shader_kind == SHADER_TOON;
+// Ambient, diffuse and specular light, as they are or, if all has to be asked for (see `shade`), shadowed and in the steps of
+// `toon`.
+fn lit(albedo: vec3f, normal: vec3f, position: vec3f, to_eye: vec3f, material: vec4f, all: bool) -> vec3f {
+    let is_toon = all && frame.shader_kind == SHADER_TOON;
     var matte = frame.ambient * material.x;
     var gloss = vec3f(0.0, 0.0, 0.0);
     for (var i = 0u; i < frame.light_count; i++) {
@@ -64,9 +65,16 @@ fn lit(albedo: vec3f, normal: vec3f, position: vec3f, to_eye: vec3f, material: v
         if cosine > 0.0 {
             let reflected = normal * (2.0 * cosine) - light.to_light;
             let shine = highlight(clamp(v3_dot(reflected, to_eye), 0.0, 1.0), material.w);
-            let share = reaching(lights[i], position, normal);
-            let diffuse = select(cosine * share, toon_ramp(cosine * share), is_toon);
-            let gleam = select(shine * share, toon_highlight(shine * share), is_toon);
+            var share = 1.0;
+            if all {
+                share = reaching(lights[i], position, normal);
+            }
+            var diffuse = cosine * share;
+            var gleam = shine * share;
+            if is_toon {
+                diffuse = toon_ramp(diffuse);
+                gleam = toon_highlight(gleam);
+            }
             matte += light.color * (material.y * diffuse);
             gloss += light.color * (material.z * gleam);
         }

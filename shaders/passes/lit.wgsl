@@ -24,7 +24,7 @@ fn lit_corner(vertex: u32, instance: u32) -> AttributeVertex {
     }
     // The centre may lie before z_near, where the stored depth would exceed 1.
     let z = max(center.z, frame.projection.near);
-    v.color = color_of(center, Point(albedo, r.normal, material, z, 0.0, true));
+    v.color = color_of(center, Point(albedo, r.normal, material, z, 0.0, true), true);
     v.anchor.w *= r.coverage;
     return v;
 }

@@ -53,7 +53,7 @@ fn position_at(pixel: vec2i, z: f32) -> vec3f {
 }
 
 // The colour that the frame's shader gives a point at a view position.
-fn color_of(at: vec3f, point: Point) -> vec3f {
+fn color_of(at: vec3f, point: Point, all: bool) -> vec3f {
     let z = point.z;
     let albedo = point.albedo;
     let normal = point.normal;
@@ -62,7 +62,7 @@ fn color_of(at: vec3f, point: Point) -> vec3f {
         case SHADER_PHONG, SHADER_TOON: {
             let position = frame.world_from_view * at;
             let to_eye = select(frame.to_eye, -unit(position), frame.projection.kind == PERSPECTIVE);
-            return lit(albedo, normal, position, to_eye, material);
+            return lit(albedo, normal, position, to_eye, material, all);
         }
         case SHADER_NORMAL: {
             return select(vec3f(0.0, 0.0, 0.0), normal * 0.5 + 0.5, v3_dot(normal, normal) > 0.0);
@@ -161,18 +161,22 @@ struct Pixel {
 
 // The front surface is splats, a polygon, or the ones blended over the other (§6). At an edge it covers its share of what
 // lies behind (§5): the splats there or the nearest polygon, whichever is in front, over the background.
-fn finished(pixel: vec2i, background: vec4f) -> Pixel {
+fn finished(pixel: vec2i, background: vec4f, all: bool) -> Pixel {
     let splats =
         point_of(textureLoad(color_sums, pixel, 0), textureLoad(surface_sums, pixel, 0), textureLoad(material_sums, pixel, 0));
-    let hit = polygon_hit(pixel);
-    let shown = is_shown(pixel, hit);
+    var hit = vec2f(0.0, 0.0);
+    var shown = false;
+    if all {
+        hit = polygon_hit(pixel);
+        shown = is_shown(pixel, hit);
+    }
     var polygon = no_point();
-    if hit.x > 0.0 {
+    if all && hit.x > 0.0 {
         polygon = polygon_point(hit, pixel);
     }
     var behind = no_point();
     var is_edge = false;
-    if frame.has_edges != 0u && splats.is_there && !shown {
+    if all && frame.has_edges != 0u && splats.is_there && !shown {
         let is_kept = textureLoad(writers, pixel, 0).x > 0.0;
         is_edge = !is_kept || textureLoad(edge_limit, pixel, 0).r > 0.0;
         if is_edge {
@@ -186,7 +190,8 @@ fn finished(pixel: vec2i, background: vec4f) -> Pixel {
     }
     // One after another by the same code: compilers would have three copies of it.
     var colors = array<vec3f, 3>();
-    for (var i = 0u; i < 3u; i++) {
+    let count = select(1u, 3u, all);
+    for (var i = 0u; i < count; i++) {
         var point = splats;
         if i == 1u {
             point = polygon;
@@ -195,7 +200,7 @@ fn finished(pixel: vec2i, background: vec4f) -> Pixel {
             point = behind;
         }
         if point.is_there {
-            colors[i] = color_of(position_at(pixel, point.z), point);
+            colors[i] = color_of(position_at(pixel, point.z), point, all);
         }
     }
     var front = Surface(colors[0], splats.normal, splats.z, splats.weight, splats.is_there);
@@ -207,7 +212,7 @@ fn finished(pixel: vec2i, background: vec4f) -> Pixel {
     } else if shown {
         front = Surface(colors[1], polygon.normal, polygon.z, 0.0, true);
     }
-    if frame.has_outlines != 0u && front.is_there && has_outline(pixel, front) {
+    if all && frame.has_outlines != 0u && front.is_there && has_outline(pixel, front) {
         front.color = vec3f(0.0, 0.0, 0.0);
     }
     if !front.is_there {
@@ -226,17 +231,28 @@ fn seen_through(veil: Veil, color: vec4f) -> vec4f {
     return vec4f(veil.color, veil.opacity) + color * (1.0 - veil.opacity);
 }
 
+// Once a pixel, of a frame with anything beyond splats: polygons, edges, lines, layers, shadows or `toon`.
 @compute @workgroup_size(8, 8)
 fn shade(@builtin(global_invocation_id) id: vec3u) {
+    shade_pixel(id, true);
+}
+
+// The same of a frame of splats alone, which doesn't ask for what isn't there.
+@compute @workgroup_size(8, 8)
+fn shade_splats(@builtin(global_invocation_id) id: vec3u) {
+    shade_pixel(id, false);
+}
+
+fn shade_pixel(id: vec3u, all: bool) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
         return;
     }
     let pixel = vec2i(id.xy + frame.shade_origin_px);
     let at = id.y * frame.shade_size_px.x + id.x;
-    let pixel_of = finished(pixel, frame.background);
+    let pixel_of = finished(pixel, frame.background, all);
     var surface = pixel_of.front;
     var veil: Veil;
-    if frame.has_layers != 0u {
+    if all && frame.has_layers != 0u {
         veil = veils[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
         if veil.z > 0.0 {
             surface = Surface(veil.color, veil.normal, veil.z, veil.weight, true);
@@ -278,7 +294,7 @@ struct Composite {
 @fragment
 fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
-    let pixel_of = finished(pixel, vec4f(0.0, 0.0, 0.0, 0.0));
+    let pixel_of = finished(pixel, vec4f(0.0, 0.0, 0.0, 0.0), true);
     var veil: Veil;
     if frame.has_layers != 0u {
         veil = composed_veils[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];

@@ -62,7 +62,7 @@ fn peeled_layer(@builtin(global_invocation_id) id: vec3u) {
     let counts = textureLoad(layer_counts, pixel, 0).xy;
     let point = layer_point(pixel);
     if point.is_there {
-        veil = put_behind(veil, point, color_of(position_at(pixel, point.z), point), counts.y / point.weight);
+        veil = put_behind(veil, point, color_of(position_at(pixel, point.z), point, true), counts.y / point.weight);
     }
     veil.fragments += counts.x;
     // Where nothing is kept the layer took all that remained.

@@ -223,7 +223,7 @@ impl<'a> Tile<'a> {
                 let set = *self.pixels.get(pixels).ok_or_else(missing)?;
                 bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                 bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &[self.frame, set]);
-                let [width, height] = if *pixels == Pixels::Shade { self.shaded } else { self.targets.key.size };
+                let [width, height] = if pixels.is_shade() { self.shaded } else { self.targets.key.size };
                 dispatch(commands, [groups(width, "shade", 0), groups(height, "shade", 1)]);
                 Ok(())
             }

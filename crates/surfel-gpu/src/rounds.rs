@@ -1,6 +1,7 @@
 //! What a plan's passes are made of, in order.
 
 use crate::targets::{Draw, Layer, Sums, Target};
+use surfel_model::Shader;
 use surfel_render::{FramePlan, Pass};
 
 /// What is computed once a pixel.
@@ -16,6 +17,8 @@ pub enum Pixels {
     StoreShadow,
     /// The picture.
     Shade,
+    /// A picture of opaque splats without antialiased edges, lines or shadows.
+    ShadeSplats,
 }
 
 /// The textures that these read, by binding; each of them reads some.
@@ -51,7 +54,13 @@ impl Pixels {
             Self::RemainingLayer => "remaining_layer",
             Self::StoreShadow => "store_shadow",
             Self::Shade => "shade",
+            Self::ShadeSplats => "shade_splats",
         }
+    }
+
+    /// Whether it is the last, of the tile without its border; the others are of all of the targets.
+    pub fn is_shade(self) -> bool {
+        matches!(self, Self::Shade | Self::ShadeSplats)
     }
 
     /// Its name in the statistics.
@@ -59,7 +68,7 @@ impl Pixels {
         match self {
             Self::BeginLayers | Self::PeeledLayer | Self::RemainingLayer => "layers",
             Self::StoreShadow => "shadow maps",
-            Self::Shade => "shade",
+            Self::Shade | Self::ShadeSplats => "shade",
         }
     }
 
@@ -123,7 +132,9 @@ pub(crate) fn rounds(plan: &FramePlan) -> Vec<Round> {
     if plan.has(Pass::RemainingLayer) {
         rounds.extend([sums(Layer::Remaining), Round::Pixels(Pixels::RemainingLayer)]);
     }
-    rounds.push(Round::Pixels(Pixels::Shade));
+    let more = edges || polygons || has_layers(plan) || plan.has(Pass::Outlines) || !plan.shadow_maps.is_empty();
+    let all = more || plan.shader == Shader::Toon;
+    rounds.push(Round::Pixels(if all { Pixels::Shade } else { Pixels::ShadeSplats }));
     rounds
 }
 

@@ -168,6 +168,7 @@ mod tests {
 
     #[test]
     fn layers_are_drawn_only_where_transparent_splats_are_seen() {
+        use Pixels::{BeginLayers, PeeledLayer, RemainingLayer, Shade};
         let capabilities = Capabilities { backend: "test", features: &[Feature::Peel] };
         let summary = SceneSummary { transparent: true, ..SceneSummary::default() };
         let settings = Settings { transparency: "peel:3".parse().unwrap(), ..Settings::default() };
@@ -176,12 +177,12 @@ mod tests {
             steps.iter().filter_map(|s| if let Step::Pixels(pixels) = s { Some(*pixels) } else { None }).collect()
         };
         let clear = schedule(&plan, &opaque(&[0, 1]), false);
-        assert_eq!(pixels(&clear), [Pixels::BeginLayers, Pixels::Shade]);
+        assert_eq!(pixels(&clear), [BeginLayers, Shade]);
         assert!(draws(&clear).iter().all(|draw| !draw.is_transparent()));
         let visible = Visible { opaque: vec![0], transparent: vec![1], near_transparent: false };
         for shared in [false, true] {
             let steps = schedule(&plan, &visible, shared);
-            use Pixels::{BeginLayers, PeeledLayer, RemainingLayer, Shade};
+
             assert_eq!(pixels(&steps), [BeginLayers, PeeledLayer, PeeledLayer, RemainingLayer, Shade]);
             for step in &steps {
                 if let Step::Draw { draw, segments, .. } = step {
@@ -191,6 +192,8 @@ mod tests {
             let first = steps.iter().filter(|s| matches!(s, Step::Setup { first: true, .. })).count();
             assert_eq!((first, setups(&steps)), (2, if shared { 2 + 5 } else { 2 }));
         }
+        let splats = [false, true].map(|edges| Pixels::of(&planned(Planes::COLOR, edges)));
+        assert_eq!(splats, [[Pixels::ShadeSplats], [Shade]]);
         assert_eq!(Draw::of(&planned(Planes::COLOR, false)).iter().filter(|draw| draw.is_transparent()).count(), 0);
     }
 }

@@ -152,7 +152,7 @@ impl<'a> Tile<'a> {
                 pass.set_pipeline(&pipeline.raw);
                 pass.set_bind_group(0, &self.frame_group, &[]);
                 pass.set_bind_group(1, group, &[]);
-                let [width, height] = if *pixels == Pixels::Shade { self.shaded } else { self.targets.key.size };
+                let [width, height] = if pixels.is_shade() { self.shaded } else { self.targets.key.size };
                 pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
             }
         }

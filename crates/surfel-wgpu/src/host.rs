@@ -96,7 +96,7 @@ impl Renderer {
             let shadows = Shadows { read: &texels, written: &none };
             let job = Tile::new(&device, &self.queue, parts, &frame_scene, &data, &Pixels::of(&plan), shadows);
             for step in schedule(&plan, &data.visible(), scene.shared_records) {
-                if step != Step::Pixels(Pixels::Shade) {
+                if !matches!(step, Step::Pixels(pixels) if pixels.is_shade()) {
                     job.step(encoder, &step, None);
                 }
             }
