@@ -121,9 +121,9 @@ mod tests {
     use std::sync::Arc;
     use surfel_model::{Camera, Column3, Material, Mesh, Projection};
 
-    /// A square of two triangles in the plane z = 0, and one that faces away from the eye.
+    /// Two triangles of different size beside each other in the plane z = 0, and one that faces away from the eye.
     fn polygons(cull: Cull, region: Region) -> Vec<Vec<f32>> {
-        let corners = [[-1.0, -1.0], [1.0, -1.0], [1.1, 0.9], [-1.0, 1.0]].map(|[x, y]| Vec3::new(x, y, 0.0));
+        let corners = [[-1.0, -1.0], [1.0, -1.0], [1.1, 0.9], [-1.5, 1.7]].map(|[x, y]| Vec3::new(x, y, 0.0));
         let mesh = Mesh {
             positions: Column3::from_f32(corners.to_vec()),
             triangles: vec![[0, 1, 2], [0, 2, 3], [0, 2, 1]],
