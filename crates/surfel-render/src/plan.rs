@@ -232,7 +232,7 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
             ("clipping of splats", "is in the scene (clip properties)", "--clip off draws the whole splats")
         }
         Feature::Peel => ("depth-peeled transparency", setting, "--transparency off draws every splat opaque"),
-        Feature::ABuffer => ("A-buffer transparency", setting, "--transparency off draws every splat opaque"),
+        Feature::ABuffer => ("A-buffer transparency", setting, "choose --backend cpu, or --transparency peel:4"),
         Feature::Shadows => ("a shadow", "is in the scene (a light with \"shadow\": true)", "set \"shadow\": false"),
         Feature::Toon => ("shader 'toon'", setting, "choose unlit, phong, normal or depth"),
         Feature::F16 => ("f16 accumulation", setting, "choose --accumulate f32"),
