@@ -51,7 +51,8 @@ impl Axis {
             (_, Some(_)) => (low, high),
             (Scale::Linear, None) => ((low / step - 1e-9).floor() * step, (high / step + 1e-9).ceil() * step),
             (Scale::Log | Scale::LogDown, None) => {
-                let room = 0.04 * (high - low).max(0.2);
+                // A single value still gets a factor of two.
+                let room = (0.04 * (high - low)).max(0.5 * (0.3 - (high - low)));
                 (low - room, high + room)
             }
         };
@@ -157,7 +158,7 @@ mod tests {
     #[test]
     fn axis_names_round_values_that_hold_the_data() {
         assert_eq!(names(&Axis::new("", Scale::Linear), &[0.3, 5.2]), ["0", "1", "2", "3", "4", "5", "6"]);
-        assert_eq!(names(&Axis::new("", Scale::Log), &[0.02, 900.0]), ["0.1", "1", "10", "100"]);
+        assert_eq!(names(&Axis::new("", Scale::Log), &[0.02, 900.0]), ["0.1", "1", "10", "100", "1000"]);
         assert_eq!(names(&Axis::new("", Scale::LogDown), &[1.0, 1e-4]), ["1", "0.1", "0.01", "1e-3", "1e-4"]);
         assert_eq!(names(&Axis::new("", Scale::Log), &[3.0, 30.0]), ["5", "10", "20"]);
         assert_eq!(names(&Axis::new("", Scale::Log), &[0.034, 0.061]), ["0.04", "0.05", "0.06"]);

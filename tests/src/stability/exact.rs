@@ -65,8 +65,8 @@ impl Dyadic {
             return 0.0;
         }
         // 66 bits of quotient: f64's 53 come out rounded once, but for ties that the cut bits would break.
-        let shift = (divisor.mantissa.bits() as i64 - self.mantissa.bits() as i64 + 66).max(0);
-        let quotient = (&self.mantissa << shift) / &divisor.mantissa;
+        let shift = divisor.mantissa.bits() as i64 - self.mantissa.bits() as i64 + 66;
+        let quotient = (&self.mantissa << shift.max(0)) / (&divisor.mantissa << (-shift).max(0));
         let exponent = self.exponent - divisor.exponent - shift;
         let value = quotient.to_f64().unwrap_or(f64::INFINITY);
         // In two steps, so that neither power leaves f64's range before the product does.
