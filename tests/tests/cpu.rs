@@ -154,7 +154,7 @@ fn cpu_quantised_storage_halves_memory_and_is_nearly_the_same_picture() {
     let normal = |i: usize| {
         let (z, angle) = (1.0 - (2 * i + 1) as f64 / n as f64, i as f64 * 2.399_963);
         let r = (1.0 - z * z).sqrt();
-        glam::DVec3::new(r * angle.cos(), r * angle.sin(), z)
+        DVec3::new(r * angle.cos(), r * angle.sin(), z)
     };
     let normals: Vec<_> = (0..n).map(normal).collect();
     let disks: Vec<_> = normals.iter().map(|&v| (v, v, 0.03)).collect();
