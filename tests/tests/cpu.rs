@@ -1,9 +1,11 @@
 //! The processor backend: the reference's picture, and the same bits however it is made.
 
+use glam::DVec3;
 use surfel_conformance::harness::{Verdict, check_backend, check_case, render};
+use surfel_conformance::polygons::{mesh_object, quad};
 use surfel_conformance::{build, scenes};
 use surfel_cpu::{Options, Peeling, Renderer as Cpu, SimdLevel, Storage, Work};
-use surfel_model::{Accumulate, OnInvalid, Scene, Settings, Shader, SplatCloud, Transparency};
+use surfel_model::{Accumulate, Cull, Light, OnInvalid, Scene, Settings, Shader, SplatCloud, Transparency};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Region, RenderError, Renderer, View};
 
@@ -37,10 +39,33 @@ fn drawn() -> Vec<scenes::Case> {
         // Polygons and splats through the near plane.
         case.camera.near = 2.1;
     }
+    cases.extend(rarer_polygons());
     let capabilities = renderer(1, SimdLevel::Best).info().capabilities;
     let refused: Vec<&str> = cases.iter().filter(|c| !c.is_drawn_by(&capabilities)).map(|c| c.name.as_str()).collect();
     assert!(refused.is_empty(), "{refused:?}");
     cases
+}
+
+/// What no other scene would show: insides of meshes, cut open by the near plane and lit on both sides; equally near polygons;
+/// shadows of what the eye, or the light, sees from behind and the material leaves out.
+fn rarer_polygons() -> Vec<scenes::Case> {
+    let mut open = scenes::mesh_ball().with("cut open", |_| ());
+    open.camera.near = 3.0;
+    open.scene.objects[1].material.two_sided = true;
+    let mut twice = scenes::mesh_ball().with("twice", |_| ());
+    let pane = |color: [f32; 3]| {
+        let mut pane = quad(DVec3::Z * 1.2, [DVec3::X * 0.8, DVec3::Y * 0.8], 1.0);
+        pane.colors = Some(vec![color; 4]);
+        mesh_object(pane)
+    };
+    twice.scene.objects.extend([pane([0.9, 0.1, 0.1]), pane([0.1, 0.9, 0.1])]);
+    let from_below = Light::Directional { direction: [0.4, 1.0, 0.3], color: [1.0; 3], shadow: true };
+    let culled = |parts| {
+        let mut case = scenes::ball_over_floor(parts, from_below.clone()).with("from below, culled", |_| ());
+        case.scene.objects.iter_mut().for_each(|o| o.material.cull = Cull::Back);
+        case
+    };
+    vec![open, twice, culled(scenes::Parts::Splats), culled(scenes::Parts::SplatsOverMesh)]
 }
 
 #[test]
@@ -129,7 +154,7 @@ fn cpu_quantised_storage_halves_memory_and_is_nearly_the_same_picture() {
     let normal = |i: usize| {
         let (z, angle) = (1.0 - (2 * i + 1) as f64 / n as f64, i as f64 * 2.399_963);
         let r = (1.0 - z * z).sqrt();
-        glam::DVec3::new(r * angle.cos(), r * angle.sin(), z)
+        DVec3::new(r * angle.cos(), r * angle.sin(), z)
     };
     let normals: Vec<_> = (0..n).map(normal).collect();
     let disks: Vec<_> = normals.iter().map(|&v| (v, v, 0.03)).collect();

@@ -165,9 +165,12 @@ impl<'a> Projector<'a> {
         if corners.iter().all(|p| p.z < projection.near) || corners.iter().all(|p| p.z > projection.far()) {
             return None;
         }
-        let normal = self.view.view_from_world * self.mesh.flat_normal(k);
-        let facing = if projection.is_perspective() { normal.dot(corners[0]) } else { normal.z };
-        let back_facing = facing >= 0.0;
+        // Its side is looked at only where something hangs on it.
+        let back_facing = (self.cull == Cull::Back || self.mesh.material.two_sided) && {
+            let normal = self.view.view_from_world * self.mesh.flat_normal(k);
+            let facing = if projection.is_perspective() { normal.dot(corners[0]) } else { normal.z };
+            facing >= 0.0
+        };
         if self.cull == Cull::Back && back_facing {
             return None;
         }
@@ -210,14 +213,16 @@ fn for_tiles(t: &ScreenTriangle, extent: &Extent<f64>, index: u32, grid: &Grid, 
     let Some([x0, x1]) = blocks(extent.min.x, extent.max.x, [r.x, r.width], grid.origin[0]) else { return };
     let Some([y0, y1]) = blocks(extent.min.y, extent.max.y, [r.y, r.height], grid.origin[1]) else { return };
     let size = grid.tile_blocks;
+    // Of few blocks all count.
+    let small = x1 - x0 < 2 && y1 - y0 < 2;
     for row in y0 / size..=y1 / size {
         for column in x0 / size..=x1 / size {
             let first = [column * size, row * size];
             let mut bits = 0u64;
             for y in y0.max(first[1])..=y1.min(first[1] + size - 1) {
                 for x in x0.max(first[0])..=x1.min(first[0] + size - 1) {
-                    let at = |block: u32, axis: usize| f64::from(grid.origin[axis] + block * BLOCK) + 2.0;
-                    let hit = may_cover(t, V2::new(at(x, 0), at(y, 1)));
+                    let [cx, cy] = [grid.origin[0] + x * BLOCK, grid.origin[1] + y * BLOCK];
+                    let hit = small || may_cover(t, V2::new(f64::from(cx) + 2.0, f64::from(cy) + 2.0));
                     bits |= u64::from(hit) << (TILE_BLOCKS * (y - first[1]) + x - first[0]);
                 }
             }
@@ -240,7 +245,13 @@ fn blocks(min: f64, max: f64, [start, length]: [u32; 2], origin: u32) -> Option<
 /// False if an edge shows that no pixel of the block with this centre is covered.
 #[inline(always)]
 fn may_cover(t: &ScreenTriangle, center: V2<f64>) -> bool {
+    let [a, b, c] = &t.triangle.edges;
+    reaches(a, center) && reaches(b, center) && reaches(c, center)
+}
+
+/// True if an edge's inner side reaches the block with this centre.
+#[inline(always)]
+fn reaches(edge: &Linear<f64>, center: V2<f64>) -> bool {
     // Pixel centres are at most 1.5 from the block's.
-    let reach = 1.5 + BOX_SLACK_PX;
-    t.triangle.edges.iter().all(|e| e.at(center) + reach * (e.x.abs() + e.y.abs()) >= 0.0)
+    edge.at(center) + (1.5 + BOX_SLACK_PX) * (edge.x.abs() + edge.y.abs()) >= 0.0
 }

@@ -49,7 +49,9 @@ pub(crate) fn nearest<S: Simd>(simd: S, list: &[&ScreenTriangle], at: (i32, i32)
         if nearest.z.le(k(t.z_min)).all_true() {
             continue;
         }
-        let triangle = Triangle { edges: t.triangle.edges.map(|e| about(simd, &e, first)), z: [k(0.0); 3] };
+        let [a, b, c] = &t.triangle.edges;
+        let edges = [about(simd, a, first), about(simd, b, first), about(simd, c, first)];
+        let triangle = Triangle { edges, z: [k(0.0); 3] };
         let inside = triangle.contains(d);
         if inside.to_bitmask() == 0 {
             continue;

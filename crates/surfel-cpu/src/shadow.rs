@@ -164,14 +164,13 @@ pub(crate) fn reaching<S: Simd>(
     wanted: mask32x16<S>,
 ) -> Lanes<S> {
     let k = |v: f32| Lanes::splat(simd, v);
-    let in_map = |shadow: &Shadow| {
-        let o = shadow.to_eye;
-        transform(&shadow.map_from_world, position + V3::new(k(o.x), k(o.y), k(o.z)))
-    };
-    let farthest = maps.iter().fold(k(f32::NEG_INFINITY), |z, shadow| z.max(in_map(shadow).z));
+    let mut farthest = k(f32::NEG_INFINITY);
+    for shadow in maps {
+        farthest = farthest.max(shadow.in_map(simd, position).z);
+    }
     let mut share = k(1.0);
     for shadow in maps {
-        let p = in_map(shadow);
+        let p = shadow.in_map(simd, position);
         let own = wanted & farthest.le(p.z);
         if own.to_bitmask() != 0 {
             let n = transform(&shadow.map_from_world, normal);
@@ -182,6 +181,14 @@ pub(crate) fn reaching<S: Simd>(
 }
 
 impl Shadow {
+    /// A position relative to the eye, in the map's view.
+    #[inline(always)]
+    fn in_map<S: Simd>(&self, simd: S, position: V3<Lanes<S>>) -> V3<Lanes<S>> {
+        let k = |v: f32| Lanes::splat(simd, v);
+        let o = self.to_eye;
+        transform(&self.map_from_world, position + V3::new(k(o.x), k(o.y), k(o.z)))
+    }
+
     /// The same for points and normals in the map's view.
     #[inline(never)]
     fn share<S: Simd>(&self, simd: S, p: V3<Lanes<S>>, normal: V3<Lanes<S>>) -> Lanes<S> {
@@ -197,22 +204,22 @@ impl Shadow {
         let (projection, one) = (&self.projection, k(1.0));
         let before = p.z.lt(k(projection.near as f32));
         let depth = if projection.is_perspective() { Lanes::select(before, one, p.z) } else { one };
-        let pixel = |v: Lanes<S>, axis: usize| {
-            (v / depth).mul_add(k(projection.focal_px[axis] as f32), k(projection.principal_px[axis] as f32))
-        };
-        let at = V2::new(pixel(p.x, 0), pixel(p.y, 1));
+        let [fx, fy] = projection.focal_px.map(|f| k(f as f32));
+        let [cx, cy] = projection.principal_px.map(|c| k(c as f32));
+        let at = V2::new((p.x / depth).mul_add(fx, cx), (p.y / depth).mul_add(fy, cy));
         let gradient = plane_gradient(p, normal, projection);
         let nearer = p.z - lookup_bias(p.z, projection);
         let (columns, rows) = (taps(at.x), taps(at.y));
         let (left, top) = (columns.0.to_array().map(|v| v as i32), rows.0.to_array().map(|v| v as i32));
         let mut share = k(0.0);
         for (j, row_weight) in (0u8..).zip(rows.1) {
+            let row_z = (rows.0 + k(f32::from(j) + 0.5) - at.y).mul_add(gradient.y, nearer);
             for (i, column_weight) in (0u8..).zip(columns.1) {
-                let kept: [f32; LANES] = std::array::from_fn(|lane| {
-                    self.texel(left[lane].wrapping_add(i.into()), top[lane].wrapping_add(j.into()))
-                });
-                let step = |first: Lanes<S>, tap: u8, at: Lanes<S>| first + k(f32::from(tap) + 0.5) - at;
-                let z = step(columns.0, i, at.x).mul_add(gradient.x, step(rows.0, j, at.y).mul_add(gradient.y, nearer));
+                let mut kept = [0.0; LANES];
+                for (kept, (x, y)) in kept.iter_mut().zip(left.iter().zip(&top)) {
+                    *kept = self.texel(x.wrapping_add(i.into()), y.wrapping_add(j.into()));
+                }
+                let z = (columns.0 + k(f32::from(i) + 0.5) - at.x).mul_add(gradient.x, row_z);
                 let lit = z.le(Lanes::load(simd, &kept));
                 share = share + Lanes::select(lit, column_weight * row_weight, k(0.0));
             }

@@ -105,7 +105,11 @@ impl<T: Copy> Rows<'_, T> {
 
     /// Values of a block's pixels; `outside` where there are none.
     fn block(&self, (x, y): (i32, i32), outside: T) -> [T; LANES] {
-        std::array::from_fn(|i| self.get(x + (i % 4) as i32, y + (i / 4) as i32).unwrap_or(outside))
+        let mut values = [outside; LANES];
+        for (i, value) in values.iter_mut().enumerate() {
+            *value = self.get(x + (i % 4) as i32, y + (i / 4) as i32).unwrap_or(outside);
+        }
+        values
     }
 
     fn fill(&mut self, value: T) {

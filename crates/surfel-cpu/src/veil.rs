@@ -5,6 +5,7 @@
 //! layers without end: a fragment begins a new surface exactly where peeling begins a new layer.
 
 use crate::bins::Segment;
+use crate::fragment::{Fragment, four_simple, fragment};
 use crate::lanes::{LANES, Lanes};
 use crate::raster::{self, Shared, Sums};
 use crate::record::Record;
@@ -61,6 +62,7 @@ impl Layers {
 }
 
 /// A splat's fragments of a block.
+#[derive(Clone, Copy, Default)]
 #[repr(align(64))]
 struct Remembered {
     /// Depth inside the filtered footprint, and inside the unfiltered one; NaN elsewhere.
@@ -143,35 +145,63 @@ impl<S: Simd> VeilBlock<'_, S> {
         let (simd, (x, y)) = (self.simd, self.at);
         let k = |v: f32| Lanes::splat(simd, v);
         let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
-        scratch.fragments.clear();
-        scratch.left.clear();
-        let mut kept = k(f32::INFINITY);
-        for (i, Veiled { record, splat }) in self.list.iter().enumerate() {
-            if self.opaque_depth.lt(k(record.z_min())).all_true() {
-                continue;
-            }
-            let f = crate::fragment::fragment(simd, record, at, self.at, self.shared);
-            *tested += 1;
-            let exists = beyond.lt(f.z) & f.z.le(self.opaque_depth);
-            let (inside, visible) = (f.inside & exists, f.visible & exists);
-            if (inside | visible).to_bitmask() == 0 {
-                continue;
-            }
-            let (epsilon, alpha) = (record.epsilon(), splat.alpha);
-            let value = f.z + k(epsilon);
-            kept = Lanes::select(visible & value.lt(kept), value, kept);
-            let nan = k(f32::NAN);
-            scratch.left.push(scratch.fragments.len() as u32);
-            scratch.fragments.push(Remembered {
-                inside_z: Lanes::select(inside, f.z, nan).to_array(),
-                visible_z: Lanes::select(visible, f.z, nan).to_array(),
-                weight: f.weight.to_array(),
-                epsilon,
-                alpha,
-                splat: i as u32,
-            });
+        let VeilScratch { fragments, left } = scratch;
+        if fragments.len() < self.list.len() {
+            fragments.resize_with(self.list.len(), Remembered::default);
         }
+        let (mut kept, mut count) = (k(f32::INFINITY), 0);
+        for (quarter, veiled) in self.list.chunks(4).enumerate() {
+            let mut z_min = f32::INFINITY;
+            for veiled in veiled {
+                z_min = z_min.min(veiled.record.z_min());
+            }
+            if self.opaque_depth.lt(k(z_min)).all_true() {
+                continue;
+            }
+            *tested += veiled.len() as u32;
+            match *veiled {
+                [a, b, c, d] if [a, b, c, d].iter().all(|v| v.record.is_simple()) => {
+                    let four = four_simple(simd, [a.record, b.record, c.record, d.record], at, self.shared);
+                    for (j, f) in four.into_iter().enumerate() {
+                        count = self.remember(fragments, count, (4 * quarter + j, f), beyond, &mut kept);
+                    }
+                }
+                _ => {
+                    for (j, veiled) in veiled.iter().enumerate() {
+                        let f = fragment(simd, veiled.record, at, self.at, self.shared);
+                        count = self.remember(fragments, count, (4 * quarter + j, f), beyond, &mut kept);
+                    }
+                }
+            }
+        }
+        left.clear();
+        left.extend(0..count as u32);
         kept
+    }
+
+    /// Remembers the fragments of splat `i` at a place of their own, if there are any: how many splats are then remembered.
+    #[inline(always)]
+    fn remember(
+        &self,
+        fragments: &mut [Remembered],
+        count: usize,
+        (i, f): (usize, Fragment<S>),
+        beyond: Lanes<S>,
+        kept: &mut Lanes<S>,
+    ) -> usize {
+        let Veiled { record, splat } = self.list[i];
+        let exists = beyond.lt(f.z) & f.z.le(self.opaque_depth);
+        let (inside, visible) = (f.inside & exists, f.visible & exists);
+        let value = f.z + f.z.constant(record.epsilon().into());
+        *kept = Lanes::select(visible & value.lt(*kept), value, *kept);
+        // Written in any case and counted where there is something: a branch would often be guessed wrong.
+        let to = &mut fragments[count];
+        let nan = f.z.constant(f64::NAN);
+        Lanes::select(inside, f.z, nan).store(&mut to.inside_z);
+        Lanes::select(visible, f.z, nan).store(&mut to.visible_z);
+        f.weight.store(&mut to.weight);
+        (to.epsilon, to.alpha, to.splat) = (record.epsilon(), splat.alpha, i as u32);
+        count + usize::from((inside | visible).to_bitmask() != 0)
     }
 
     /// The layer behind `beyond` up to what it keeps: its sums and Σwα, and first what the next layer keeps. Fragments that are
