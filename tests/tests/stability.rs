@@ -19,8 +19,10 @@ fn faults(precision: Precision, renderer: impl Renderer + 'static, step: usize) 
             wanted.into_iter().enumerate().filter(|(i, _)| (last - i).is_multiple_of(step)).map(|(_, v)| v).collect();
         let outcomes = run(&sweep, &mut reference, &mut backends).unwrap();
         // A sweep whose pictures are all empty shows nothing.
-        let compared: usize = outcomes[0].points.iter().map(|p| p.compared).sum();
-        assert!(compared > 10, "{}: {compared} pixels compared", sweep.name);
+        let points = &outcomes[0].points;
+        let compared: usize = points.iter().map(|p| p.compared).sum();
+        let drawn = points.iter().all(|p| !p.unsupported);
+        assert!(!drawn || compared > 10, "{}: {compared} pixels compared", sweep.name);
         found.extend(Measured { sweep, outcomes, naive: Vec::new() }.faults(0));
     }
     found
@@ -34,7 +36,7 @@ fn stability_of_the_reference() {
 
 #[test]
 fn stability_of_the_cpu() {
-    let found = faults(Precision::F32, surfel_cpu::Renderer::new(0).unwrap(), 1);
+    let found = faults(Precision::F32, surfel_cpu::Renderer::new(0).unwrap(), 2);
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
 

@@ -38,7 +38,8 @@ fn load_options(args: &RenderArgs, settings: &Settings) -> LoadOptions {
     LoadOptions {
         repair: args.repair,
         texture: args.texture.clone(),
-        interior_weight: surfel::may_need_interior_weight(settings),
+        // The preset that a picture is verified against antialiases edges.
+        interior_weight: surfel::may_need_interior_weight(settings) || args.verify,
         ..LoadOptions::default()
     }
 }

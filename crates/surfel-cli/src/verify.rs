@@ -5,7 +5,7 @@ use crate::resolve::Resolved;
 use crate::values::json_number;
 use serde_json::{Value, json};
 use std::fmt::Write;
-use surfel::render::Promise;
+use surfel::render::{Promise, SceneSummary};
 use surfel::{Backend, BackendOptions, Frame, Planes, Preset, Renderer, Scene, Settings, View};
 use surfel_metrics::{CompareOptions, Comparison, Image};
 
@@ -16,7 +16,7 @@ pub(crate) struct Verified {
     fidelity: Comparison,
     /// Pixels within the margins.
     left_out: usize,
-    /// Where the settings are a preset's: against the preset `reference`, both drawn by the reference.
+    /// Where the settings are a preset's, and every cloud's interior weight is known: against the preset `reference`, both drawn by the reference.
     model: Option<(Preset, Comparison)>,
 }
 
@@ -43,14 +43,12 @@ pub(crate) fn verify(
     let same = picture(settings, Planes { margin: true, ..Planes::COLOR })?;
     let mask: Vec<bool> = same.margin.iter().map(|&m| m == 0.0).collect();
     let fidelity = compare(&same, drawn, Some(&mask))?;
-    let model = match Preset::of(settings) {
-        // Without interior weights there are no antialiased edges, and so no picture to compare with.
+    // Where an octree's cloud has no interior weight, there are no antialiased edges to compare with.
+    let weighed = SceneSummary::of(scene).without_interior_weight.is_none();
+    let model = match Preset::of(settings).filter(|_| weighed) {
         Some(preset) => {
-            let best = Preset::Reference.apply(*settings);
-            picture(&best, Planes::COLOR)
-                .ok()
-                .map(|best| Ok::<_, Failure>((preset, compare(&best, &same, None)?)))
-                .transpose()?
+            let best = picture(&Preset::Reference.apply(*settings), Planes::COLOR)?;
+            Some((preset, compare(&best, &same, None)?))
         }
         None => None,
     };
@@ -72,8 +70,7 @@ impl Verified {
         let Some((preset, model)) = &self.model else { return Vec::new() };
         let Promise { fidelity_db, model_db } = preset.promise();
         let short = |what: &str, db: f64, least: f64| {
-            // NaN is short as well.
-            (!(db >= least))
+            (db.is_nan() || db < least)
                 .then(|| format!("{what} is {db:.2} dB, preset {} promises at least {least}", preset.name()))
         };
         [short("fidelity", self.fidelity.psnr, fidelity_db), short("model error", model.psnr, model_db)]

@@ -222,7 +222,7 @@ mod tests {
     use super::*;
 
     fn view() -> View {
-        let camera = surfel::model::Camera {
+        let camera = Camera {
             eye: [0.0, 0.0, 4.0],
             target: [0.0; 3],
             up: [0.0, 1.0, 0.0],
