@@ -9,6 +9,10 @@
 //! 4. `tile`: per tile two loops over the same list, nearest depth, then weighted sums, in buffers that stay in cache;
 //! 5. `shade`: the tile is divided, lit and written while it is hot.
 //!
+//! A frame with more than opaque splats has its tiles drawn by `composite`: `mesh` and `polygon` find polygons, `between` puts
+//! splats before them, `veil` draws transparent layers, `planes` serves a second look at edges and lines; `shadow` draws maps by
+//! the same setup. What a frame lacks costs it nothing.
+//!
 //! Output is bit-identical for any number of threads and any SIMD level: every sum is in splat order, every operation
 //! is correctly rounded, and nothing depends on lane width.
 
