@@ -1,7 +1,7 @@
 //! From stored splats to records, sixteen at a time.
 
 use crate::bins::{Entry, Grid, Segment};
-use crate::clip::{ScreenClip, Turns};
+use crate::clip::{ScreenClip, StoredClips, Turns};
 use crate::lane_math::{Bits, adjust_axes, gradient_of, orthonormal, pixel_range, transform, unit};
 use crate::lanes::{LANES, Lanes};
 use crate::mask::{self, MaskForm, MaskForms, Masks};
@@ -349,29 +349,53 @@ impl ObjectSetup<'_> {
         let masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &self.grid, form);
         let clips =
             clips.map(|clips| (clips, [Turns::new(&visible_turn), Turns::new(&visible_turn.after(&filtered.turn))]));
-        let has_veils = self.object.alphas.is_some() && self.plan.separates_transparent;
-        let centers = has_veils.then(|| [splat.p.x.to_array(), splat.p.y.to_array(), splat.p.z.to_array()]);
+        let ready = Ready { records: &records, masks: &masks, form, clips, projective: settings.projective };
+        let veils = self.object.alphas.as_ref().filter(|_| self.plan.separates_transparent);
+        if veils.is_some() {
+            let [x, y, z] = [splat.p.x.to_array(), splat.p.y.to_array(), splat.p.z.to_array()];
+            for i in lanes_of(keep) {
+                let mut part = out.part(self.transparent(at + i, || [x[i], y[i], z[i]]));
+                self.append(simd, &ready, (at, i), &mut part);
+            }
+            return;
+        }
         let mut bits = keep;
         while bits != 0 {
             let i = bits.trailing_zeros() as usize;
             bits &= bits - 1;
-            let mut out = match &centers {
-                None => out.part(None),
-                Some([x, y, z]) => out.part(self.transparent(at + i, || [x[i], y[i], z[i]])),
-            };
-            out.push(simd, &records[i], (&masks, i), &self.grid, form);
-            if let Some((clips, [visible_turns, filtered_turns])) = &clips
-                && let Some(clip) = clips.get(at + i, self.plan.clip)
-            {
-                let r = &records[i];
-                let visible = r.visible_footprint(settings.projective);
-                let filtered = r.filtered_footprint();
-                let filtered_turn = filtered_turns.of(i);
-                let other = (r.class() == Class::General).then_some((&filtered, &filtered_turn));
-                out.clip(ScreenClip::new(clip, (&visible, &visible_turns.of(i)), other));
-            }
+            self.append(simd, &ready, (at, i), out);
         }
     }
+
+    /// Appends splat `i` of sixteen from slot `at` on.
+    #[inline(always)]
+    fn append<S: Simd>(&self, simd: S, ready: &Ready<'_>, (at, i): (usize, usize), out: &mut SetupOutput<'_>) {
+        let record = &ready.records[i];
+        out.push(simd, record, (ready.masks, i), &self.grid, ready.form);
+        if let Some((clips, [visible_turns, filtered_turns])) = &ready.clips
+            && let Some(clip) = clips.get(at + i, self.plan.clip)
+        {
+            let visible = record.visible_footprint(ready.projective);
+            let filtered = record.filtered_footprint();
+            let filtered_turn = filtered_turns.of(i);
+            let other = (record.class() == Class::General).then_some((&filtered, &filtered_turn));
+            out.clip(ScreenClip::new(clip, (&visible, &visible_turns.of(i)), other));
+        }
+    }
+}
+
+/// Sixteen splats that only have to be put where they belong.
+struct Ready<'a> {
+    records: &'a [Record; LANES],
+    masks: &'a Masks,
+    form: MaskForm,
+    clips: Option<(&'a StoredClips, [Turns; 2])>,
+    projective: bool,
+}
+
+/// Indices of set bits.
+fn lanes_of(bits: u64) -> impl Iterator<Item = usize> {
+    (0..LANES).filter(move |i| bits >> i & 1 == 1)
 }
 
 /// The pixel that holds a point of this slope (orthographic: coordinate) along one axis.

@@ -126,8 +126,9 @@ pub(crate) fn cut<'a, T>(
     first: usize,
     stride: usize,
 ) -> Vec<Rows<'a, T>> {
-    let mut tiles: Vec<Rows<'a, T>> =
-        (0..grid.tiles()).map(|i| Rows { rect: Rect::of_tile(grid, i, region), rows: Vec::new() }).collect();
+    let capacity = if plane.is_empty() { 0 } else { grid.tile_px() as usize };
+    let tile = |i| Rows { rect: Rect::of_tile(grid, i, region), rows: Vec::with_capacity(capacity) };
+    let mut tiles: Vec<Rows<'a, T>> = (0..grid.tiles()).map(tile).collect();
     if plane.is_empty() || region.width == 0 {
         return tiles;
     }
