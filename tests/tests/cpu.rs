@@ -82,16 +82,9 @@ fn cpu_agrees_with_the_reference_on_every_scene() {
 }
 
 #[test]
-fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_batch_and_peeling() {
-    let cut = |tile_px, batch_splats| {
-        let options = Options {
-            threads: 2,
-            simd: SimdLevel::Best,
-            work: Work { tile_px, batch_splats, ..Work::default() },
-            ..Options::default()
-        };
-        Cpu::with_options(&options).unwrap()
-    };
+fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_cell_batch_and_peeling() {
+    let cut = |tile_px, batch_splats| cut(Work { tile_px, batch_splats, ..Work::default() });
+    let cells = |tile_px, cell_splats| self::cut(Work { tile_px, cell_splats, ..Work::default() });
     let anew = Work { peeling: Peeling::Anew, ..Work::default() };
     let anew = Cpu::with_options(&Options { work: anew, ..Options::default() }).unwrap();
     let mut variants = [
@@ -104,12 +97,37 @@ fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_batch_and_peeling() {
         // Every strip of tiles by itself.
         cut(8, 0),
         cut(32, 0),
+        // Every tile by itself, and some together.
+        cells(8, 0),
+        cells(32, 0),
+        cells(8, 40),
         anew,
     ];
     let planes = Planes { fragments: true, ..Planes::ALL };
     for case in drawn() {
         let frames: Vec<Vec<u32>> = variants.iter_mut().map(|v| bits(&render(v, &case, planes).unwrap())).collect();
         assert!(frames.windows(2).all(|f| f[0] == f[1]), "{}", case.name);
+    }
+}
+
+/// A renderer that cuts its work like this.
+fn cut(work: Work) -> Cpu {
+    Cpu::with_options(&Options { threads: 2, work, ..Options::default() }).unwrap()
+}
+
+#[test]
+fn cpu_counts_each_drawn_splat_once_however_a_frame_is_cut() {
+    let count = |work: Work, case: &scenes::Case| {
+        let mut renderer = cut(work);
+        let scene = renderer.upload(&case.scene).unwrap();
+        let mut frame = Frame::default();
+        renderer.render(&scene, &case.view(), &case.settings, Planes::COLOR, &mut frame).unwrap().drawn
+    };
+    for case in drawn() {
+        let whole = count(Work::default(), &case);
+        let by_cells = count(Work { tile_px: 8, cell_splats: 0, ..Work::default() }, &case);
+        let by_rows = count(Work { tile_px: 8, batch_splats: 0, ..Work::default() }, &case);
+        assert_eq!([by_cells, by_rows], [whole; 2], "{}", case.name);
     }
 }
 

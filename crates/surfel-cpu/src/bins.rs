@@ -119,6 +119,8 @@ pub(crate) struct Segment {
     pub clips: Vec<ScreenClip>,
     /// Splats that were looked at one by one.
     pub set_up: u64,
+    /// Splats with a record, each counted in one part of a view.
+    pub drawn: u64,
     lists: TileLists,
 }
 
@@ -129,6 +131,7 @@ impl Segment {
         self.near.clear();
         self.clips.clear();
         self.set_up = 0;
+        self.drawn = 0;
     }
 
     /// Sorts the records' entries into tiles.

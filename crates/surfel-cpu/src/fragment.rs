@@ -52,6 +52,13 @@ fn offsets<S: Simd>(simd: S, record: &Record, (columns, rows): (Lanes<S>, Lanes<
     ((columns - k(record.base_x())) + k(record.offset_x()), (rows - k(record.base_y())) + k(record.offset_y()))
 }
 
+/// x·d_x + y·d_y.
+#[inline(always)]
+fn form<S: Simd>((d_x, d_y): (Lanes<S>, Lanes<S>), x: f32, y: f32) -> Lanes<S> {
+    let k = |v: f32| Lanes::splat(d_x.0.simd, v);
+    k(x).mul_add(d_x, k(y) * d_y)
+}
+
 #[inline(always)]
 fn unclipped<S: Simd>(
     simd: S,
@@ -63,8 +70,8 @@ fn unclipped<S: Simd>(
     let wants = &shared.wants;
     let k = |v: f32| Lanes::splat(simd, v);
     let (d_x, d_y) = offsets(simd, record, at);
-    let form = |x: f32, y: f32, c: f32| k(x).mul_add(d_x, k(y).mul_add(d_y, k(c)));
-    let form0 = |x: f32, y: f32| k(x).mul_add(d_x, k(y) * d_y);
+    let form_at = |x: f32, y: f32, c: f32| k(x).mul_add(d_x, k(y).mul_add(d_y, k(c)));
+    let d = (d_x, d_y);
     let class = record.class();
     if class == Class::Near {
         let [z, weight] = near_fragment(&shared.near[record.object()], first, &wants.kernel);
@@ -72,24 +79,36 @@ fn unclipped<S: Simd>(
         let inside = z.le(z);
         return Fragment { visible: inside, inside, z, weight };
     }
-    let u = form0(record.u_x(), record.u_y());
-    let v = form0(record.v_x(), record.v_y());
+    let u = form(d, record.u_x(), record.u_y());
+    let v = form(d, record.v_x(), record.v_y());
     let square = u.mul_add(u, v * v);
     let one = k(1.0);
     if class == Class::Shallow {
-        let inverse = inverse_near_one(form0(record.depth_x(), record.depth_y()));
+        let inverse = inverse_near_one(form(d, record.depth_x(), record.depth_y()));
         let rho_squared = square * (inverse * inverse);
         let inside = rho_squared.le(one);
         let weight = wants.kernel.at(rho_squared);
         return Fragment { visible: inside, inside, z: k(record.z()) * inverse, weight };
     }
+    if class == Class::Soft {
+        let e = form(d, record.depth_x(), record.depth_y());
+        let inverse = inverse_near_one(e.max(k(record.range_min())).min(k(record.range_max())));
+        let visible_u = form(d, record.visible_u_x(), record.visible_u_y());
+        let visible_v = form(d, record.visible_v_x(), record.visible_v_y());
+        let visible = visible_u.mul_add(visible_u, visible_v * visible_v) * (inverse * inverse);
+        let filtered = inverse_near_one(form(d, record.w_x(), record.w_y()));
+        let rho_squared = square * (filtered * filtered);
+        let weight = wants.kernel.at(rho_squared) * k(record.weight_scale());
+        let z = k(record.z()) * inverse;
+        return Fragment { visible: visible.le(one), inside: rho_squared.le(one), z, weight };
+    }
     let (low, high) = (k(record.range_min()), k(record.range_max()));
     // The plane's depth within the disk's range, and p_z/z and z/p_z where that is what is linear. The disk ends just
     // where |(u, v)| reaches the clamped p_z/z, so that the test needs no look at the sign of w.
     let (z, ratio, inverse) = if wants.linear_depth {
-        (form(record.depth_x(), record.depth_y(), record.z()).max(low).min(high), None, None)
+        (form_at(record.depth_x(), record.depth_y(), record.z()).max(low).min(high), None, None)
     } else {
-        let w = form(record.depth_x(), record.depth_y(), 1.0).max(low).min(high);
+        let w = form_at(record.depth_x(), record.depth_y(), 1.0).max(low).min(high);
         let inverse = w.reciprocal_near_one();
         (k(record.z()) * inverse, Some(w), Some(inverse))
     };
@@ -101,15 +120,15 @@ fn unclipped<S: Simd>(
         return Fragment { visible: inside, inside, z, weight: wants.kernel.at(rho_squared) };
     }
     let exists = k(wants.near).le(z) & z.le(k(wants.far));
-    let visible_u = form0(record.visible_u_x(), record.visible_u_y());
-    let visible_v = form0(record.visible_v_x(), record.visible_v_y());
+    let visible_u = form(d, record.visible_u_x(), record.visible_u_y());
+    let visible_v = form(d, record.visible_v_x(), record.visible_v_y());
     let limit = match ratio {
         Some(w) => w,
         None => one,
     };
     let visible = visible_u.mul_add(visible_u, visible_v * visible_v).le(limit * limit) & exists;
     let zero = k(0.0);
-    let w = form(record.w_x(), record.w_y(), 1.0);
+    let w = form_at(record.w_x(), record.w_y(), 1.0);
     let mut inside = zero.lt(w) & square.le(w * w);
     // Inside the disk w is near one; elsewhere the lane isn't used.
     let inverse = w.reciprocal_near_one();
@@ -138,10 +157,10 @@ fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32
     [depths, weights]
 }
 
-/// [`fragment`] of four simple splats, step by step together: a processor looks ahead over two or so, too few for the
-/// long chain of each.
+/// [`fragment`] of four splats that are shallow or, if `SOFT`, soft, step by step together: a processor looks ahead over two
+/// or so, too few for the long chain of each.
 #[inline(always)]
-pub(crate) fn four_simple<S: Simd>(
+pub(crate) fn four<S: Simd, const SOFT: bool>(
     simd: S,
     records: [&Record; 4],
     at: (Lanes<S>, Lanes<S>),
@@ -154,27 +173,49 @@ pub(crate) fn four_simple<S: Simd>(
         (d_x[j], d_y[j]) = offsets(simd, records[j], at);
     }
     for j in 0..4 {
-        let r = records[j];
-        let u = k(r.u_x()).mul_add(d_x[j], k(r.u_y()) * d_y[j]);
-        let v = k(r.v_x()).mul_add(d_x[j], k(r.v_y()) * d_y[j]);
+        let (r, d) = (records[j], (d_x[j], d_y[j]));
+        let (u, v) = (form(d, r.u_x(), r.u_y()), form(d, r.v_x(), r.v_y()));
         square[j] = u.mul_add(u, v * v);
     }
     for j in 0..4 {
-        let e = k(records[j].depth_x()).mul_add(d_x[j], k(records[j].depth_y()) * d_y[j]);
+        let mut e = form((d_x[j], d_y[j]), records[j].depth_x(), records[j].depth_y());
+        if SOFT {
+            // A fragment outside the disk lies no farther from its centre than the disk does.
+            e = e.max(k(records[j].range_min())).min(k(records[j].range_max()));
+        }
         inverse[j] = inverse_near_one(e);
     }
-    for j in 0..4 {
-        square[j] = square[j] * (inverse[j] * inverse[j]);
+    let mut visible = [one; 4];
+    if SOFT {
+        for j in 0..4 {
+            let (r, d) = (records[j], (d_x[j], d_y[j]));
+            let (u, v) = (form(d, r.visible_u_x(), r.visible_u_y()), form(d, r.visible_v_x(), r.visible_v_y()));
+            visible[j] = u.mul_add(u, v * v) * (inverse[j] * inverse[j]);
+        }
+        for j in 0..4 {
+            let filtered = inverse_near_one(form((d_x[j], d_y[j]), records[j].w_x(), records[j].w_y()));
+            square[j] = square[j] * (filtered * filtered);
+        }
+    } else {
+        for j in 0..4 {
+            square[j] = square[j] * (inverse[j] * inverse[j]);
+        }
     }
-    let weights = shared.wants.kernel.at_four(square);
+    let mut weights = shared.wants.kernel.at_four(square);
+    if SOFT {
+        for j in 0..4 {
+            weights[j] = weights[j] * k(records[j].weight_scale());
+        }
+    }
     let fragment = |j: usize| {
         let inside = square[j].le(one);
-        Fragment { visible: inside, inside, z: k(records[j].z()) * inverse[j], weight: weights[j] }
+        let visible = if SOFT { visible[j].le(one) } else { inside };
+        Fragment { visible, inside, z: k(records[j].z()) * inverse[j], weight: weights[j] }
     };
     [fragment(0), fragment(1), fragment(2), fragment(3)]
 }
 
-/// 1/(1 + e) = (1 − e)(1 + e²)/(1 − e⁴), with |e| < 1/64 within a shallow disk and small enough all over its blocks.
+/// 1/(1 + e) = (1 − e)(1 + e²)/(1 − e⁴), with |e| < 1/48 or so within a shallow disk and small enough all over its blocks.
 #[inline(always)]
 fn inverse_near_one<S: Simd>(e: Lanes<S>) -> Lanes<S> {
     let one = e.one();

@@ -1,8 +1,11 @@
 //! A frame: chunks from near to far, in batches of rows, each set up, sorted into tiles and drawn.
 
+use crate::cells::{self, Cell};
 use crate::composite::{CompositeJob, Extras};
 use crate::level::{Instructions, with_instructions};
 use crate::mesh::{self, TriangleSegment};
+use crate::near::NearSplat;
+use crate::placed::ObjectSetup;
 use crate::planes::{NeighbourPlanes, NeighbourRows};
 use crate::prepare::{Preparation, Prepared, Seen};
 use crate::raster::{self, Shared, Wants};
@@ -60,13 +63,22 @@ pub(crate) fn draw(
         coverage: scene.objects.iter().map(|o| o.coverage_per_weight(plan.splat_filter.cutoff)).collect(),
         lighting: Lighting::new(plan, view, lights, shadows, scene.ambient, scene.material.factors(), scene.background),
     };
-    let chunks = preparation.seen();
+    let setups = preparation.setups();
+    let chunks = preparation.seen(&setups);
     totals.cull_ms = after_shadows.elapsed().as_secs_f64() * 1e3;
-    for rows in preparation.batches(&chunks) {
-        drawing.batch(&chunks, rows, frame, &mut totals);
+    let whole = plan.has(Pass::Polygons) || NeighbourPlanes::are_needed(plan);
+    if whole || preparation.splats(&chunks) <= work.cell_splats.saturating_mul(WHOLE) {
+        for rows in preparation.batches(&setups, &chunks) {
+            drawing.batch(&setups, &chunks, rows, frame, &mut totals);
+        }
+    } else {
+        drawing.cells((&setups, &chunks), work.cell_splats.max(1), frame, &mut totals);
     }
     totals.report(plan, stats);
 }
+
+/// Frames of fewer splats than this many times a cell's aren't cut into cells.
+const WHOLE: usize = 8;
 
 /// Times and counts of a frame.
 #[derive(Default)]
@@ -137,24 +149,25 @@ struct Drawing<'a> {
 
 impl Drawing<'_> {
     /// Draws some rows of the frame.
-    fn batch(&self, seen: &[Seen], rows: Region, frame: &mut Frame, totals: &mut Totals) {
+    fn batch(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], rows: Region, frame: &mut Frame, totals: &mut Totals) {
         let start = Instant::now();
         let (plan, instructions) = (self.plan, self.preparation.instructions);
         let looks_twice = NeighbourPlanes::are_needed(plan);
         let region = if looks_twice { NeighbourPlanes::grown(rows, self.view) } else { rows };
         let grid = self.preparation.grid(region);
-        let mut prepared = self.preparation.set_up(seen, region);
+        let mut prepared = self.preparation.set_up(setups, seen, &grid, rows);
         let triangles = if plan.has(Pass::Polygons) {
             let view = View { region, ..self.view.clone() };
             mesh::project_all(instructions, &self.scene.meshes, &view, &grid, Cull::Back)
         } else {
             Vec::new()
         };
-        let Prepared { segments, veils, near, clips } = &mut prepared;
-        let shared = Shared { wants: self.wants, near, clips, factors: &self.factors, coverage: &self.coverage };
         if plan.has(Pass::RemainingLayer) {
-            self.light_splats(veils, &shared);
+            let Prepared { veils, near, .. } = &mut prepared;
+            veils.par_iter_mut().for_each(|veil| self.light_splats(veil, near));
         }
+        let Prepared { segments, veils, near, clips } = &prepared;
+        let shared = Shared { wants: self.wants, near, clips, factors: &self.factors, coverage: &self.coverage };
         let after_setup = Instant::now();
         totals.setup_ms += (after_setup - start).as_secs_f64() * 1e3;
         let listing = Listing { segments, grid };
@@ -216,18 +229,121 @@ impl Drawing<'_> {
         self.preparation.recycled.give_back(prepared.segments);
     }
 
+    /// Draws the frame cell by cell, each by one thread from setup to pixels.
+    fn cells(
+        &self,
+        (setups, seen): (&[ObjectSetup<'_>], &[Seen]),
+        most: usize,
+        frame: &mut Frame,
+        totals: &mut Totals,
+    ) {
+        let start = Instant::now();
+        let region = self.view.region;
+        let grid = self.preparation.grid(region);
+        let threads = rayon::current_num_threads();
+        let mut targets: Vec<_> = TileTarget::cut(frame, &grid, region, region).into_iter().map(Some).collect();
+        let jobs: Vec<(Cell, Vec<TileTarget<'_>>)> = cells::divide(setups, seen, &grid, most, threads)
+            .into_iter()
+            .map(|cell| {
+                let tiles = cell.tiles(&grid).filter_map(|tile| targets[tile].take());
+                // A cell's grid has its own numbers.
+                let mut tiles: Vec<TileTarget<'_>> = tiles.collect();
+                tiles.iter_mut().enumerate().for_each(|(tile, target)| target.tile = tile);
+                (cell, tiles)
+            })
+            .collect();
+        let sums = each(
+            jobs,
+            || (Totals::default(), 0),
+            |(totals, largest), (cell, targets)| {
+                let bytes = self.cell(setups, &cell, targets, totals);
+                *largest = bytes.max(*largest);
+            },
+        );
+        // Cells are set up and drawn at the same time: stages are shares of it.
+        let busy: f64 = sums.iter().map(|(t, _)| t.setup_ms + t.tiles_ms).sum();
+        let wall = start.elapsed().as_secs_f64() * 1e3 / busy.max(f64::MIN_POSITIVE);
+        for (sum, bytes) in sums {
+            totals.setup_ms += sum.setup_ms * wall;
+            totals.tiles_ms += sum.tiles_ms * wall;
+            totals.batches += sum.batches;
+            totals.set_up += sum.set_up;
+            totals.drawn += sum.drawn;
+            totals.tile_pairs += sum.tile_pairs;
+            totals.counters += sum.counters;
+            totals.batch_bytes += bytes;
+        }
+    }
+
+    /// Draws a cell: bytes of memory that it used.
+    fn cell(
+        &self,
+        setups: &[ObjectSetup<'_>],
+        cell: &Cell,
+        targets: Vec<TileTarget<'_>>,
+        totals: &mut Totals,
+    ) -> usize {
+        let start = Instant::now();
+        let background = self.lighting.background;
+        if cell.seen.is_empty() {
+            targets.into_iter().for_each(|mut target| target.fill_empty(background));
+            totals.tiles_ms += start.elapsed().as_secs_f64() * 1e3;
+            return 0;
+        }
+        let grid = self.preparation.grid(cell.region);
+        let mut prepared = self.preparation.set_up_alone(setups, &cell.seen, &grid);
+        if self.plan.has(Pass::RemainingLayer) {
+            let Prepared { veils, near, .. } = &mut prepared;
+            veils.iter_mut().for_each(|veil| self.light_splats(veil, near));
+        }
+        let after_setup = Instant::now();
+        totals.setup_ms += (after_setup - start).as_secs_f64() * 1e3;
+        let Prepared { segments, veils, near, clips } = &prepared;
+        let shared = Shared { wants: self.wants, near, clips, factors: &self.factors, coverage: &self.coverage };
+        let tiles = TileJob { listing: Listing { segments, grid }, shared, lighting: &self.lighting };
+        let extras = Extras { meshes: &[], triangles: &[], veils, layers: self.layers };
+        let job = CompositeJob { tiles, extras };
+        let mut scratch = TileScratch::new();
+        for mut target in targets {
+            let (target, scratch) = (&mut target, &mut scratch);
+            totals.counters += if self.plan.separates_transparent {
+                with_instructions!(self.preparation.instructions, simd => simd.vectorize(#[inline(always)] || job.draw(simd, target, None, scratch)))
+            } else {
+                with_instructions!(self.preparation.instructions, simd => simd.vectorize(#[inline(always)] || job.tiles.draw(simd, target, None, scratch)))
+            };
+        }
+        drop(scratch);
+        totals.tiles_ms += after_setup.elapsed().as_secs_f64() * 1e3;
+        let bytes = prepared.bytes();
+        totals.add(&prepared, 0);
+        self.preparation.recycled.give_back(prepared.segments);
+        bytes
+    }
+
     /// Lights transparent splats for the remaining layer.
-    fn light_splats(&self, veils: &mut [VeilSegment], shared: &Shared<'_>) {
+    fn light_splats(&self, VeilSegment { segment, splats }: &mut VeilSegment, near: &[NearSplat]) {
         let factors = |record: &Record| match self.plan.attributes.material {
-            true => self.factors.get(raster::object_of(record, shared)).copied().unwrap_or_default(),
+            true => self.factors.get(raster::object_of(record, near)).copied().unwrap_or_default(),
             false => self.lighting.material,
         };
-        veils.par_iter_mut().for_each(|VeilSegment { segment, splats }| {
-            with_instructions!(self.preparation.instructions, simd => {
-                simd.vectorize(#[inline(always)] || light_splats(simd, &self.lighting, &segment.records, splats, factors));
-            });
+        with_instructions!(self.preparation.instructions, simd => {
+            simd.vectorize(#[inline(always)] || light_splats(simd, &self.lighting, &segment.records, splats, factors));
         });
     }
+}
+
+/// Takes every job on some thread, in the order given, with something of the thread's own.
+fn each<T: Send, A: Send>(jobs: Vec<T>, own: impl Fn() -> A + Sync, take: impl Fn(&mut A, T) + Sync) -> Vec<A> {
+    let queue = Mutex::new(jobs.into_iter());
+    rayon::broadcast(|_| {
+        let mut own = own();
+        loop {
+            // A thread that panics takes the whole frame with it, whatever the queue says.
+            let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+            let Some(job) = next else { return own };
+            take(&mut own, job);
+        }
+    })
 }
 
 /// Runs `each` on every tile, on all threads, in the order given.
@@ -236,18 +352,12 @@ pub(crate) fn each_tile<'t, T: Send>(
     tiles: Vec<T>,
     each: impl Fn(Instructions, &mut T, &mut TileScratch<'t>) -> Counters + Sync,
 ) -> Counters {
-    let queue = Mutex::new(tiles.into_iter());
-    let counters = rayon::broadcast(|_| {
-        let mut scratch = TileScratch::new();
-        let mut sum = Counters::default();
-        loop {
-            // A thread that panics takes the whole frame with it, whatever the queue says.
-            let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
-            let Some(mut tile) = next else { return sum };
-            sum += each(instructions, &mut tile, &mut scratch);
-        }
-    });
-    counters.into_iter().fold(Counters::default(), |mut a, b| {
+    let sums = self::each(
+        tiles,
+        || (TileScratch::new(), Counters::default()),
+        |(scratch, sum), mut tile| *sum += each(instructions, &mut tile, scratch),
+    );
+    sums.into_iter().fold(Counters::default(), |mut a, (_, b)| {
         a += b;
         a
     })

@@ -18,6 +18,7 @@
 
 mod between;
 mod bins;
+mod cells;
 mod clip;
 mod column;
 mod composite;

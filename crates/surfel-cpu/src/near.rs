@@ -8,6 +8,7 @@ use crate::record::BlockBox;
 use crate::record::Record;
 use crate::setup::SetupOutput;
 use crate::store::{Chunk, StoredShape};
+use crate::target::Rect;
 use fearless_simd::Simd;
 use glam::DVec3;
 use surfel_math::V3;
@@ -17,7 +18,7 @@ use surfel_math::mapping::{Footprint, through_near};
 use surfel_math::project::{EDGE_ON, Placement, Projected, ViewSplat, radius_max};
 use surfel_math::{V2, bounds};
 use surfel_model::{Cull, Material};
-use surfel_render::{FramePlan, View};
+use surfel_render::{FramePlan, Region, View};
 
 /// Such a splat on the screen.
 pub(crate) struct NearSplat {
@@ -41,7 +42,7 @@ impl NearSplat {
         color: DVec3,
         object: u32,
         material: &Material,
-        view: &View,
+        (view, region): (&View, Region),
         plan: &FramePlan,
     ) -> Option<(Self, [i32; 4])> {
         let projection = &view.projection;
@@ -74,7 +75,6 @@ impl NearSplat {
             let extent_px = bounds::Extent { min: e.min + anchor, max: e.max + anchor };
             (anchor, Footprint::unfiltered(&projected, false), depth, DepthForm::Linear, extent_px)
         };
-        let region = view.region;
         let range = |min: f64, max: f64, start: u32, length: u32| {
             let (lo, hi) = (f64::from(start), f64::from(start + length));
             let slack = 1e-6;
@@ -164,19 +164,25 @@ impl ObjectSetup<'_> {
             let shading =
                 object.shading_normals.as_ref().map_or(world_normal, |c| unit(self.normals * get(c.load(simd, lanes))));
             let color = object.colors.as_ref().map_or(DVec3::ONE, |c| get(c.load(simd, lanes, scales.color)));
-            let near = NearSplat::new(&splat, shading, color, self.index, &self.material, self.view, self.plan);
-            if let Some((mut near, pixels)) = near {
+            let place = (self.view, self.view.region);
+            let near = NearSplat::new(&splat, shading, color, self.index, &self.material, place, self.plan);
+            let Some((mut near, pixels)) = near else { continue };
+            let part = Rect::of(out.grid.region);
+            let [x0, y0, x1, y1] = pixels;
+            // A part of the view counts what begins there.
+            out.segment.drawn += u64::from(Rect::of(out.counted).has(x0, y0));
+            let (x0, y0, x1, y1) = (x0.max(part.x), y0.max(part.y), x1.min(part.end_x), y1.min(part.end_y));
+            if x0 < x1 && y0 < y1 {
                 // Neither filter nor turn: the footprint's (u, v) are the splat's own.
                 let clip = object.clips.as_ref().and_then(|clips| clips.get(i, self.plan.clip));
                 near.clip = clip.map(|clip| clip.through(&near.footprint, &Turn::none(1.0)));
-                let [x, y] = self.grid.origin.map(|v| v as i32);
-                let [x0, y0, x1, y1] = pixels;
+                let [x, y] = out.grid.origin.map(|v| v as i32);
                 let block = |v: i32| (v / BLOCK as i32) as u32;
                 let past = BLOCK as i32 - 1;
                 let blocks = BlockBox([block(x0 - x), block(y0 - y), block(x1 - x + past), block(y1 - y + past)]);
                 let form = MaskForm { linear_depth: false, whole_box: true };
                 let mut out = out.part(self.transparent(i, || p.as_vec3().to_array()));
-                out.push_box(simd, &near.record(out.segment.near.len()), blocks, &self.grid, form);
+                out.push_box(simd, &near.record(out.segment.near.len()), blocks, form);
                 out.segment.near.push(near);
             }
         }

@@ -1,12 +1,11 @@
 //! An object in a view: what is the same for all of its splats, and which chunks can't be seen.
 
-use crate::bins::Grid;
 use crate::store::{Chunk, StoredObject};
 use crate::veil::VeilSplat;
 use glam::{DMat3, DVec3};
 use surfel_math::projection::ProjectionKind;
 use surfel_model::{Cull, Filter, Material};
-use surfel_render::{FramePlan, View};
+use surfel_render::{FramePlan, Region, View};
 
 /// What is the same for all splats of an object in a view.
 pub(crate) struct ObjectSetup<'a> {
@@ -29,26 +28,19 @@ pub(crate) struct ObjectSetup<'a> {
     eye_in_object: DVec3,
     pub view: &'a View,
     pub plan: &'a FramePlan,
-    pub grid: Grid,
 }
 
 impl<'a> ObjectSetup<'a> {
-    pub(crate) fn new(
-        object: &'a StoredObject,
-        index: u32,
-        view: &'a View,
-        plan: &'a FramePlan,
-        grid: Grid,
-        cull: Cull,
-    ) -> Self {
+    pub(crate) fn new(object: &'a StoredObject, index: u32, view: &'a View, plan: &'a FramePlan, cull: Cull) -> Self {
         let m = object.world_from_object.matrix3;
         let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
         let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
         let sign = 1.0f64.copysign(m.determinant());
-        // The Frobenius norm bounds the largest singular value.
-        let stretch = m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
         let inverse = object.world_from_object.inverse();
         let uniform = uniform_scale(&m);
+        // The Frobenius norm bounds the largest singular value.
+        let stretch = uniform
+            .map_or_else(|| m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt(), |scale| scale * (1.0 + 1e-6));
         let normals = cofactors * (sign / uniform.map_or(scale, |length| length * length));
         let eye_in_object = if view.projection.is_perspective() {
             inverse.transform_point3(view.eye)
@@ -71,7 +63,6 @@ impl<'a> ObjectSetup<'a> {
             stretch,
             view,
             plan,
-            grid,
         }
     }
 
@@ -115,49 +106,97 @@ impl<'a> ObjectSetup<'a> {
         cosine > 0.0 && toward.dot(cone.axis) > sine + 1e-4
     }
 
-    /// First and last row that a chunk may touch, roughly: it only shares out the work.
-    pub(crate) fn rows(&self, chunk: &Chunk) -> [f64; 2] {
-        let center = self.center(chunk);
-        let p = &self.view.projection;
-        let z = if p.is_perspective() { center.z.max(p.near) } else { 1.0 };
-        let row = p.focal_px[1] * center.y / z + p.principal_px[1];
-        let reach = p.focal_px[1] * chunk.ball * self.stretch / z;
-        [row - reach, row + reach]
+    /// Pixels that a chunk may touch: least x and y, greatest x and y. All there are where a ball about the eye tells nothing.
+    pub(crate) fn pixels(&self, center: DVec3, chunk: &Chunk) -> [f64; 4] {
+        let projection = &self.view.projection;
+        let ball = self.reach(chunk.ball);
+        if projection.is_perspective() && center.z < 4.0 * ball {
+            return [f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
+        }
+        let range = |axis: usize| {
+            let at = [center.x, center.y][axis];
+            let slopes = match projection.kind {
+                // The least slope is that of the near side where it is negative.
+                ProjectionKind::Perspective => [-1.0, 1.0].map(|sign: f64| {
+                    let edge = at + sign * ball;
+                    edge / (center.z - sign * ball.copysign(edge))
+                }),
+                ProjectionKind::Orthographic { .. } => [at - ball, at + ball],
+            };
+            let margin = self.margin_px();
+            let px = slopes.map(|slope| slope.mul_add(projection.focal_px[axis], projection.principal_px[axis]));
+            [px[0].min(px[1]) - margin, px[0].max(px[1]) + margin]
+        };
+        let ([x0, x1], [y0, y1]) = (range(0), range(1));
+        [x0, y0, x1, y1]
     }
 
-    /// True if no splat of the chunk can touch the picture.
-    pub(crate) fn is_outside(&self, center: DVec3, chunk: &Chunk) -> bool {
-        let ball = chunk.ball * self.stretch;
-        let projection = &self.view.projection;
-        if center.z + ball < projection.near || center.z - ball > projection.far() {
-            return true;
-        }
+    /// How far a splat may reach in view space that has this reach in the object's.
+    fn reach(&self, ball: f64) -> f64 {
+        let ball = ball * self.stretch;
         // An affine footprint leaves the splat's own outline, by less than half its distance from the centre
         // (p_z/z < 3/2 on its far side); three times the ball is ample.
         let affine = !self.plan.splat_filter.projective || self.plan.splat_filter.filter == Filter::Ewa;
-        let ball = if affine && projection.is_perspective() { 3.0 * ball } else { ball };
-        let r = self.view.region;
-        // A filtered footprint reaches past its splat: by h, or for ewa by no more than both together.
-        let margin = self.plan.splat_filter.radius_px + 1.0;
-        let x = [f64::from(r.x) - margin, f64::from(r.x + r.width) + margin];
-        let y = [f64::from(r.y) - margin, f64::from(r.y + r.height) + margin];
-        let side = |limit: f64, axis: usize, sign: f64| {
-            let f = projection.focal_px[axis];
-            let slope = (limit - projection.principal_px[axis]) / f;
-            let along = if axis == 0 { center.x } else { center.y };
-            match projection.kind {
-                // Signed distance beyond the plane through the eye and the picture's side.
-                ProjectionKind::Perspective => {
-                    center.z + ball > 0.0 && sign * (along - slope * center.z) > ball * slope.hypot(1.0)
-                }
-                ProjectionKind::Orthographic { .. } => sign * (along - slope) > ball,
-            }
+        if affine && self.view.projection.is_perspective() { 3.0 * ball } else { ball }
+    }
+
+    /// How far a filtered footprint may reach past its splat: by h, or for ewa by no more than both together.
+    fn margin_px(&self) -> f64 {
+        self.plan.splat_filter.radius_px + 1.0
+    }
+
+    /// The region's sides, seen from the eye.
+    pub(crate) fn sides(&self, region: Region) -> Sides {
+        let projection = &self.view.projection;
+        let margin = self.margin_px();
+        let slopes = |axis: usize, start: u32, length: u32| {
+            let limits = [f64::from(start) - margin, f64::from(start + length) + margin];
+            limits.map(|limit| (limit - projection.principal_px[axis]) / projection.focal_px[axis])
         };
-        // Sides of a ball about the eye tell nothing.
-        if projection.is_perspective() && center.z < 4.0 * ball {
+        let slopes = [slopes(0, region.x, region.width), slopes(1, region.y, region.height)];
+        let perspective = projection.is_perspective();
+        Sides {
+            slopes,
+            lengths: slopes.map(|pair| pair.map(|slope| if perspective { slope.hypot(1.0) } else { 1.0 })),
+            perspective,
+            reach: self.reach(1.0),
+        }
+    }
+
+    /// True if no splat of the chunk can touch the region.
+    pub(crate) fn is_outside(&self, center: DVec3, chunk: &Chunk, sides: &Sides) -> bool {
+        let projection = &self.view.projection;
+        let ball = chunk.ball * self.stretch;
+        center.z + ball < projection.near
+            || center.z - ball > projection.far()
+            || sides.exclude([center.x, center.y, center.z], chunk.ball)
+    }
+}
+
+/// Planes through the eye and a region's sides, moved out by what a filter adds.
+pub(crate) struct Sides {
+    /// Left and right, top and bottom: slopes, or of an orthographic view coordinates.
+    pub slopes: [[f64; 2]; 2],
+    /// Lengths of the planes' normals.
+    pub lengths: [[f64; 2]; 2],
+    pub perspective: bool,
+    /// Of a unit of length in the object.
+    pub reach: f64,
+}
+
+impl Sides {
+    /// True if a ball about a point of view space lies beyond one of the planes; its radius is the object's. Says nothing of
+    /// balls about the eye.
+    pub(crate) fn exclude(&self, center: [f64; 3], ball: f64) -> bool {
+        let ball = ball * self.reach;
+        if self.perspective && center[2] < 4.0 * ball {
             return false;
         }
-        side(x[0], 0, -1.0) || side(x[1], 0, 1.0) || side(y[0], 1, -1.0) || side(y[1], 1, 1.0)
+        let depth = if self.perspective { center[2] } else { 1.0 };
+        (0..2).any(|axis| {
+            let beyond = |side: usize| (center[axis] - self.slopes[axis][side] * depth) / self.lengths[axis][side];
+            -beyond(0) > ball || beyond(1) > ball
+        })
     }
 }
 

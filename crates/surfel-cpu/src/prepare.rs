@@ -23,8 +23,8 @@ const SEGMENTS_PER_THREAD: usize = 8;
 /// A chunk that may be seen.
 #[derive(Clone, Copy)]
 pub(crate) struct Seen {
-    object: u32,
-    chunk: u32,
+    pub object: u32,
+    pub chunk: u32,
     /// Depth of its centre: what is near comes first, so that what it hides is found early.
     z: f64,
 }
@@ -53,6 +53,16 @@ pub(crate) struct Prepared {
 }
 
 impl Prepared {
+    fn of(parts: Vec<(Segment, Option<VeilSegment>)>) -> Self {
+        let (mut segments, veils): (Vec<Segment>, Vec<Option<VeilSegment>>) = parts.into_iter().unzip();
+        let mut veils: Vec<VeilSegment> = veils.into_iter().flatten().collect();
+        let (mut near, mut clips) = (Vec::new(), Vec::new());
+        for segment in segments.iter_mut().chain(veils.iter_mut().map(|v| &mut v.segment)) {
+            segment.move_rare(&mut near, &mut clips);
+        }
+        Self { segments, veils, near, clips }
+    }
+
     fn all(&self) -> impl Iterator<Item = &Segment> {
         self.segments.iter().chain(self.veils.iter().map(|v| &v.segment))
     }
@@ -62,9 +72,9 @@ impl Prepared {
         self.segments.iter().map(|s| s.set_up).sum()
     }
 
-    /// Splats that are drawn.
+    /// Splats that are drawn, each counted in one part of a view.
     pub(crate) fn drawn(&self) -> u64 {
-        self.all().map(|s| s.records.len() as u64).sum()
+        self.segments.iter().map(|s| s.drawn).sum()
     }
 
     /// Pairs of record and tile.
@@ -88,22 +98,23 @@ impl<'a> Preparation<'a> {
         Grid::new(region, self.tile_px / BLOCK)
     }
 
-    fn setups<'s>(&'s self, view: &'s View, grid: Grid) -> Vec<ObjectSetup<'s>> {
+    /// What is the same for all splats of each object.
+    pub(crate) fn setups(&self) -> Vec<ObjectSetup<'a>> {
         let objects = self.objects.iter().enumerate();
-        objects.map(|(i, o)| ObjectSetup::new(o, i as u32, view, self.plan, grid, self.cull)).collect()
+        objects.map(|(i, o)| ObjectSetup::new(o, i as u32, self.view, self.plan, self.cull)).collect()
     }
 
     /// Chunks that are not outside the view or turned away, from near to far.
-    pub(crate) fn seen(&self) -> Vec<Seen> {
-        let setups = self.setups(self.view, self.grid(self.view.region));
+    pub(crate) fn seen(&self, setups: &[ObjectSetup<'_>]) -> Vec<Seen> {
         let mut seen: Vec<Seen> = setups
             .par_iter()
             .enumerate()
             .flat_map(|(object, setup)| {
+                let sides = setup.sides(self.view.region);
                 let chunks = setup.object.chunks.par_iter().enumerate().with_min_len(1024);
                 chunks.filter_map(move |(chunk, c)| {
                     let center = setup.center(c);
-                    let hidden = setup.is_outside(center, c) || setup.is_turned_away(c);
+                    let hidden = setup.is_outside(center, c, &sides) || setup.is_turned_away(c);
                     (!hidden).then_some(Seen { object: object as u32, chunk: chunk as u32, z: center.z })
                 })
             })
@@ -113,10 +124,15 @@ impl<'a> Preparation<'a> {
         seen
     }
 
+    /// Splats of some chunks.
+    pub(crate) fn splats(&self, seen: &[Seen]) -> usize {
+        seen.iter().map(|s| self.objects[s.object as usize].chunks[s.chunk as usize].count).sum()
+    }
+
     /// Rows of the view's region, in batches that each set up about as many splats as they may.
-    pub(crate) fn batches(&self, seen: &[Seen]) -> Vec<Region> {
+    pub(crate) fn batches(&self, setups: &[ObjectSetup<'_>], seen: &[Seen]) -> Vec<Region> {
         let region = self.view.region;
-        let splats: usize = seen.iter().map(|s| self.objects[s.object as usize].chunks[s.chunk as usize].count).sum();
+        let splats = self.splats(seen);
         let most = self.batch_splats.max(1);
         if splats <= most || region.height == 0 {
             return vec![region];
@@ -124,11 +140,10 @@ impl<'a> Preparation<'a> {
         let tile = self.tile_px;
         let strips = (region.y + region.height).div_ceil(tile) - region.y / tile;
         let mut load = vec![0.0; strips as usize];
-        let setups = self.setups(self.view, self.grid(region));
         for s in seen {
             let setup = &setups[s.object as usize];
             let chunk = &setup.object.chunks[s.chunk as usize];
-            let [top, bottom] = setup.rows(chunk);
+            let [_, top, _, bottom] = setup.pixels(setup.center(chunk), chunk);
             let strip = |row: f64| {
                 let strip = (row / f64::from(tile)).floor() - f64::from(region.y / tile);
                 strip.clamp(0.0, f64::from(strips - 1)) as usize
@@ -151,38 +166,39 @@ impl<'a> Preparation<'a> {
         batches
     }
 
-    /// Sets up what may touch a region, and sorts it into its tiles.
-    pub(crate) fn set_up(&self, seen: &[Seen], region: Region) -> Prepared {
-        let view = View { region, ..self.view.clone() };
-        let grid = self.grid(region);
-        let setups = self.setups(&view, grid);
+    /// Sets up what may touch a grid's region, and sorts it into its tiles; `counted` is what of it no other part of the view has.
+    pub(crate) fn set_up(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid, counted: Region) -> Prepared {
         let threads = rayon::current_num_threads();
         let per_task = seen.len().div_ceil(threads * SEGMENTS_PER_THREAD).clamp(1, CHUNKS_PER_SEGMENT);
-        let (mut segments, veils): (Vec<Segment>, Vec<Option<VeilSegment>>) = seen
-            .par_chunks(per_task)
-            .map(|chunks| {
-                let splats = chunks.iter().map(|s| setups[s.object as usize].object.chunks[s.chunk as usize].count);
-                let (mut segment, mut entries) = (self.recycled.segment(), self.recycled.entries());
-                // Memory that isn't written costs nothing.
-                segment.records.reserve(splats.sum());
-                let mut veil = VeilOutput::default();
-                let mut out = SetupOutput { segment: &mut segment, entries: &mut entries, veil: Some(&mut veil) };
-                with_instructions!(self.instructions, simd => set_up(simd, &setups, chunks, &mut out));
-                segment.sort(&entries, &grid);
-                self.recycled.give_back_entries(entries);
-                let veil = (!veil.splats.is_empty()).then(|| {
-                    veil.segment.sort(&veil.entries, &grid);
-                    VeilSegment { segment: veil.segment, splats: veil.splats }
-                });
-                (segment, veil)
-            })
-            .unzip();
-        let mut veils: Vec<VeilSegment> = veils.into_iter().flatten().collect();
-        let (mut near, mut clips) = (Vec::new(), Vec::new());
-        for segment in segments.iter_mut().chain(veils.iter_mut().map(|v| &mut v.segment)) {
-            segment.move_rare(&mut near, &mut clips);
-        }
-        Prepared { segments, veils, near, clips }
+        Prepared::of(seen.par_chunks(per_task).map(|chunks| self.segment(setups, chunks, grid, counted)).collect())
+    }
+
+    /// [`Self::set_up`] by one thread.
+    pub(crate) fn set_up_alone(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid) -> Prepared {
+        Prepared::of(vec![self.segment(setups, seen, grid, grid.region)])
+    }
+
+    fn segment(
+        &self,
+        setups: &[ObjectSetup<'_>],
+        chunks: &[Seen],
+        grid: &Grid,
+        counted: Region,
+    ) -> (Segment, Option<VeilSegment>) {
+        let (mut segment, mut entries) = (self.recycled.segment(), self.recycled.entries());
+        // Memory that isn't written costs nothing.
+        segment.records.reserve(self.splats(chunks));
+        let mut veil = VeilOutput::default();
+        let mut out =
+            SetupOutput { grid: *grid, counted, segment: &mut segment, entries: &mut entries, veil: Some(&mut veil) };
+        with_instructions!(self.instructions, simd => set_up(simd, setups, chunks, &mut out));
+        segment.sort(&entries, grid);
+        self.recycled.give_back_entries(entries);
+        let veil = (!veil.splats.is_empty()).then(|| {
+            veil.segment.sort(&veil.entries, grid);
+            VeilSegment { segment: veil.segment, splats: veil.splats }
+        });
+        (segment, veil)
     }
 }
 
@@ -191,9 +207,14 @@ fn set_up<S: Simd>(simd: S, setups: &[ObjectSetup<'_>], chunks: &[Seen], out: &m
     simd.vectorize(
         #[inline(always)]
         || {
+            let mut sides = None;
             for seen in chunks {
                 let setup = &setups[seen.object as usize];
-                setup.chunk(simd, &setup.object.chunks[seen.chunk as usize], out);
+                let sides = match &mut sides {
+                    Some((object, sides)) if *object == seen.object => &*sides,
+                    other => &other.insert((seen.object, setup.sides(out.grid.region))).1,
+                };
+                setup.chunk(simd, &setup.object.chunks[seen.chunk as usize], sides, out);
             }
         },
     );

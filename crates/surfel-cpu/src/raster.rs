@@ -2,12 +2,12 @@
 //! with the block's sums in registers.
 
 use crate::clip::ScreenClip;
-use crate::fragment::{Fragment, four_simple, fragment};
+use crate::fragment::{Fragment, four, fragment};
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes};
 use crate::lists::BlockList;
 use crate::near::NearSplat;
-use crate::record::{Class, Record};
+use crate::record::{Class, Record, Together};
 use fearless_simd::prelude::SimdMask;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;
@@ -240,18 +240,27 @@ pub(crate) fn block<S: Simd>(
         let sixteen = &list.records[first..(first + LANES).min(list.records.len())];
         for (quarter, records) in sixteen.chunks(4).enumerate() {
             let bits = left >> (4 * quarter) & 0xf;
-            match *records {
-                [a, b, c, d] if bits == 0xf && [a, b, c, d].iter().all(|r| r.is_simple()) => {
-                    let fragments = four_simple(simd, [a, b, c, d], at, shared);
-                    for (j, fragment) in fragments.into_iter().enumerate() {
-                        loop_1.add(simd, fragment, first + 4 * quarter + j, records[j]);
+            let i = first + 4 * quarter;
+            let together = match records.first_chunk::<4>() {
+                Some(four) if bits == 0xf => Some((Together::of(four), *four)),
+                _ => None,
+            };
+            match together {
+                Some((Together::Simple, records)) => {
+                    for (j, fragment) in four::<S, false>(simd, records, at, shared).into_iter().enumerate() {
+                        loop_1.add(simd, fragment, i + j, records[j]);
+                    }
+                }
+                Some((Together::Soft, records)) => {
+                    for (j, fragment) in four::<S, true>(simd, records, at, shared).into_iter().enumerate() {
+                        loop_1.add(simd, fragment, i + j, records[j]);
                     }
                 }
                 _ => {
                     for (j, record) in records.iter().enumerate() {
                         if bits >> j & 1 == 1 {
                             let fragment = fragment(simd, record, at, (x, y), shared);
-                            loop_1.add(simd, fragment, first + 4 * quarter + j, record);
+                            loop_1.add(simd, fragment, i + j, record);
                         }
                     }
                 }
@@ -330,7 +339,7 @@ pub(crate) fn accumulate<S: Simd>(
         sums.depth = weight.mul_add(Lanes::select(mask, z, zero), sums.depth);
     }
     if attributes.material | attributes.coverage {
-        let object = object_of(record, shared);
+        let object = object_of(record, shared.near);
         if attributes.material {
             for (sum, c) in sums.material.iter_mut().zip(shared.factors[object]) {
                 *sum = weight.mul_add(k(c), *sum);
@@ -344,9 +353,9 @@ pub(crate) fn accumulate<S: Simd>(
 
 /// Index of a record's object.
 #[inline(always)]
-pub(crate) fn object_of(record: &Record, shared: &Shared<'_>) -> usize {
+pub(crate) fn object_of(record: &Record, near: &[NearSplat]) -> usize {
     match record.class() {
-        Class::Near => shared.near[record.object()].object as usize,
+        Class::Near => near[record.object()].object as usize,
         _ => record.object(),
     }
 }

@@ -10,12 +10,45 @@ pub(crate) enum Class {
     /// Filtered and unfiltered footprint are the same, no fragment lies before z_near or beyond z_far, and the depth, of the
     /// exact mapping, differs by less than a 64th over the disk and by less than a 12th over its blocks.
     Shallow,
-    /// The same but for the depth.
+    /// The filtered footprint is another, and both are as shallow.
+    Soft,
+    /// [`Class::Shallow`] but for the depth.
     Plain,
     /// Everything else that is set up in lanes.
     General,
     /// A splat near the eye, set up in f64: [`Record::object`] is its index among the segment's near splats.
     Near,
+}
+
+/// What can be done with four splats together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Together {
+    /// All are shallow, without a clip.
+    Simple,
+    /// All are shallow or soft, without a clip.
+    Soft,
+    Nothing,
+}
+
+impl Together {
+    #[inline(always)]
+    pub(crate) fn of([a, b, c, d]: &[&Record; 4]) -> Self {
+        let class = any([a.class_bits(), b.class_bits(), c.class_bits(), d.class_bits()]);
+        let clip = any([a.clip_bits(), b.clip_bits(), c.clip_bits(), d.clip_bits()]);
+        if class | clip == 0 {
+            Self::Simple
+        } else if class == 1 && clip == 0 {
+            Self::Soft
+        } else {
+            Self::Nothing
+        }
+    }
+}
+
+/// All set bits.
+#[inline(always)]
+fn any(bits: [f32; 4]) -> u32 {
+    bits[0].to_bits() | bits[1].to_bits() | bits[2].to_bits() | bits[3].to_bits()
 }
 
 /// Numbers of a record.
@@ -70,14 +103,14 @@ fields! {
     depth_y = 9;
     /// Depth at the anchor.
     z = 10;
-    /// Range of the depth form over the disk: of p_z/z, or of z.
+    /// Range of the depth form over the disk: of p_z/z, or of z. Of a soft splat of p_z/z − 1; of a shallow one all there is.
     range_min = 11;
     range_max = 12;
     /// ε.
     epsilon = 13;
     /// No fragment of the splat is nearer.
     z_min = 14;
-    /// [`Class`], as bits.
+    /// [`Class`], as bits: each class one of its own, and none for a shallow splat.
     class_bits = 15;
     red = 16;
     green = 17;
@@ -109,16 +142,11 @@ impl Record {
     pub(crate) fn class(&self) -> Class {
         match self.class_bits().to_bits() {
             0 => Class::Shallow,
-            1 => Class::Plain,
-            2 => Class::General,
+            1 => Class::Soft,
+            2 => Class::Plain,
+            4 => Class::General,
             _ => Class::Near,
         }
-    }
-
-    /// True for a shallow splat without a clip.
-    #[inline(always)]
-    pub(crate) fn is_simple(&self) -> bool {
-        self.class_bits().to_bits() | self.clip_bits().to_bits() == 0
     }
 
     #[inline(always)]
@@ -172,7 +200,7 @@ impl Record {
         let mut fields = [0.0; FIELDS];
         fields[13] = epsilon;
         fields[14] = z_min;
-        fields[15] = f32::from_bits(3);
+        fields[15] = f32::from_bits(8);
         fields[16..19].copy_from_slice(&color);
         fields[19..22].copy_from_slice(&normal);
         fields[29] = 1.0;

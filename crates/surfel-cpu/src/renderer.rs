@@ -42,8 +42,12 @@ pub struct Options {
 pub struct Work {
     /// Side of a tile, pixels: 8, 16 or 32.
     pub tile_px: u32,
-    /// Most splats that are set up at a time, as near as rows of the picture allow; 0 counts as 1. At 140 bytes each, this
-    /// bounds the memory of a frame.
+    /// Most splats that a thread sets up before it draws them, as near as tiles allow; 0 counts as 1. At 140 bytes each they
+    /// should about fit its cache. A frame of fewer than eight times as many is set up as a whole: splats on the border of two cells
+    /// are set up twice.
+    pub cell_splats: usize,
+    /// The same for all threads together, and rows of the picture, where a frame has polygons or is looked at twice (edges,
+    /// outlines), and for shadow maps.
     pub batch_splats: usize,
     /// How layers of transparent splats are found.
     pub peeling: Peeling,
@@ -51,7 +55,7 @@ pub struct Work {
 
 impl Default for Work {
     fn default() -> Self {
-        Self { tile_px: 32, batch_splats: 1 << 20, peeling: Peeling::default() }
+        Self { tile_px: 32, cell_splats: 1 << 15, batch_splats: 1 << 20, peeling: Peeling::default() }
     }
 }
 

@@ -5,12 +5,12 @@ use crate::clip::{ScreenClip, StoredClips, Turns};
 use crate::lane_math::{Bits, adjust_axes, gradient_of, orthonormal, pixel_range, transform, unit};
 use crate::lanes::{LANES, Lanes};
 use crate::mask::{self, MaskForm, MaskForms, Masks};
-use crate::placed::ObjectSetup;
+use crate::placed::{ObjectSetup, Sides};
 use crate::record::{BlockBox, Class, Record, RecordLanes};
 use crate::store::{CHUNK, Chunk, StoredShape};
 use crate::veil::VeilSplat;
-use fearless_simd::Simd;
 use fearless_simd::prelude::SimdFloat;
+use fearless_simd::{Simd, mask32x16};
 use glam::DVec3;
 use surfel_math::bounds::{self, Extent};
 use surfel_math::clip::Turn;
@@ -20,6 +20,7 @@ use surfel_math::mapping::Footprint;
 use surfel_math::project::{Area, Projected, ViewSplat, radius_max};
 use surfel_math::{Real, V2, V3};
 use surfel_model::{ClipPolicy, Cull, Filter};
+use surfel_render::Region;
 
 /// Relative slack of a fragment's depth: several roundings.
 const RANGE_SLACK: f64 = 1e-6;
@@ -27,8 +28,15 @@ const RANGE_SLACK: f64 = 1e-6;
 /// Slack of a record's pixel box: f32 rounding of box and anchor, many times over, and still far below a pixel.
 const BOX_SLACK_PX: f64 = 2e-3;
 
+/// Widest filter, in pixels, of a splat that may be [`Class::Soft`].
+const SOFT_RADIUS_PX: f64 = 2.0;
+
 /// Where setup puts records and rarer shapes of some chunks.
 pub(crate) struct SetupOutput<'a> {
+    /// What is drawn: the view's region or a part of it.
+    pub grid: Grid,
+    /// Where centres of splats count as drawn: parts that overlap share them out.
+    pub counted: Region,
     pub segment: &'a mut Segment,
     /// In splat order.
     pub entries: &'a mut Vec<Entry>,
@@ -52,9 +60,21 @@ impl SetupOutput<'_> {
         match (transparent, &mut self.veil) {
             (Some(splat), Some(veil)) => {
                 veil.splats.push(splat);
-                SetupOutput { segment: &mut veil.segment, entries: &mut veil.entries, veil: None }
+                SetupOutput {
+                    grid: self.grid,
+                    counted: self.counted,
+                    segment: &mut veil.segment,
+                    entries: &mut veil.entries,
+                    veil: None,
+                }
             }
-            _ => SetupOutput { segment: self.segment, entries: self.entries, veil: None },
+            _ => SetupOutput {
+                grid: self.grid,
+                counted: self.counted,
+                segment: self.segment,
+                entries: self.entries,
+                veil: None,
+            },
         }
     }
 
@@ -69,41 +89,34 @@ impl SetupOutput<'_> {
 
     /// Appends splat `i` of sixteen.
     #[inline(always)]
-    fn push<S: Simd>(&mut self, simd: S, record: &Record, (masks, i): (&Masks, usize), grid: &Grid, form: MaskForm) {
+    fn push<S: Simd>(&mut self, simd: S, record: &Record, (masks, i): (&Masks, usize), form: MaskForm) {
         let index = self.segment.records.len() as u32;
         self.segment.records.push(*record);
         let visit = |entry| self.entries.push(entry);
-        masks.for_tiles(simd, i, (record, index), grid, form, visit);
+        masks.for_tiles(simd, i, (record, index), &self.grid, form, visit);
     }
 
     /// Appends a splat of which every block of its box counts.
-    pub(crate) fn push_box<S: Simd>(
-        &mut self,
-        simd: S,
-        record: &Record,
-        blocks: BlockBox,
-        grid: &Grid,
-        form: MaskForm,
-    ) {
+    pub(crate) fn push_box<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, form: MaskForm) {
         let index = self.segment.records.len() as u32;
         self.segment.records.push(*record);
-        mask::for_tiles(simd, (record, index), (blocks, 0xffff), grid, form, |entry| self.entries.push(entry));
+        mask::for_tiles(simd, (record, index), (blocks, 0xffff), &self.grid, form, |entry| self.entries.push(entry));
     }
 }
 
 impl ObjectSetup<'_> {
     /// Appends the records of a chunk.
     #[inline(always)]
-    pub(crate) fn chunk<S: Simd>(&self, simd: S, chunk: &Chunk, out: &mut SetupOutput<'_>) {
+    pub(crate) fn chunk<S: Simd>(&self, simd: S, chunk: &Chunk, sides: &Sides, out: &mut SetupOutput<'_>) {
         let center = self.center(chunk);
-        if self.is_outside(center, chunk) {
+        if self.is_outside(center, chunk, sides) {
             return;
         }
         out.segment.set_up += chunk.count as u64;
         let mut done = 0;
         while done < chunk.count {
             let active = (chunk.count - done).min(LANES);
-            self.sixteen(simd, chunk, center, chunk.first + done, active, out);
+            self.sixteen(simd, (chunk, center, sides), chunk.first + done, active, out);
             done += LANES;
         }
         debug_assert!(done <= CHUNK);
@@ -113,8 +126,7 @@ impl ObjectSetup<'_> {
     fn sixteen<S: Simd>(
         &self,
         simd: S,
-        chunk: &Chunk,
-        center: DVec3,
+        (chunk, center, sides): (&Chunk, DVec3, &Sides),
         at: usize,
         active: usize,
         out: &mut SetupOutput<'_>,
@@ -124,6 +136,16 @@ impl ObjectSetup<'_> {
         let k = |v: f64| Lanes::splat(simd, v as f32);
         let c = V3::new(k(center.x), k(center.y), k(center.z));
         let p = transform(&linear, object.centers.load(simd, at, chunk.scales.center)) + c;
+        let reach = match &object.shape {
+            StoredShape::Disks { radii, .. } => radii.load(simd, at, chunk.scales.radius),
+            StoredShape::Ellipses { s, t } => {
+                let (s, t) = (s.load(simd, at, 1.0), t.load(simd, at, 1.0));
+                s.dot(s).max(t.dot(t)).sqrt()
+            }
+        };
+        if !exclude(sides, &p, reach).bits() & ((1 << active) - 1) == 0 {
+            return;
+        }
         let normals = self.normals.as_mat3();
         let normal = match &object.shape {
             StoredShape::Disks { normals, .. } => normals.load(simd, at),
@@ -258,7 +280,7 @@ impl ObjectSetup<'_> {
             pixel_of(splat.p.y * inverse_z, projection.focal_px[1], projection.principal_px[1]),
         );
         let fraction = projection.offset_from(splat.p, base);
-        let region = self.view.region;
+        let region = out.grid.region;
         let columns =
             pixel_range(base.x, fraction.x + extent_px.min.x, fraction.x + extent_px.max.x, region.x, region.width);
         let rows =
@@ -267,6 +289,11 @@ impl ObjectSetup<'_> {
         if keep == 0 {
             return;
         }
+        // A splat that several parts of the view draw counts in the one where its centre is, or would be were it moved in.
+        let (whole, counted) = (self.view.region, out.counted);
+        let here = moved_inside(base.x, (whole.x, whole.width), (counted.x, counted.width))
+            & moved_inside(base.y, (whole.y, whole.height), (counted.y, counted.height));
+        out.segment.drawn += u64::from((here.bits() & keep).count_ones());
         let (gradient, range) = if settings.projective {
             // 1/(1 + e) and 1/(1 − e).
             let e = extent * inverse_z;
@@ -293,10 +320,17 @@ impl ObjectSetup<'_> {
         let steepness = gradient.x.abs() + gradient.y.abs();
         let shallow =
             if settings.projective { extent.le(z * k(1.0 / 64.0)) & steepness.le(k(1.0 / 200.0)) } else { one.lt(one) };
-        let (u, v) = (
+        let (u, v, w) = (
             V2::select(plain, gradient_of(&visible.u), gradient_of(&f.u)),
             V2::select(plain, gradient_of(&visible.v), gradient_of(&f.v)),
+            V2::select(plain, gradient_of(&visible.w), gradient_of(&f.w)),
         );
+        // The filtered disk reaches h beyond the other at most, and its w changes as slowly.
+        let is_clamp = settings.filter == Filter::Clamp;
+        let slow = (w.x.abs() + w.y.abs()).le(k(1.0 / 200.0)) & h.le(k(SOFT_RADIUS_PX));
+        let soft = if is_clamp { one.lt(one) } else { shallow & slow & unclipped };
+        // What is drawn together finds the range in the same form: of e, and none where the footprint is the disk.
+        let unlimited = k(f64::from(f32::MAX));
         let bits = |value: u32| Lanes::splat(simd, f32::from_bits(value));
         let half = k(0.5);
         let records = RecordLanes {
@@ -311,11 +345,15 @@ impl ObjectSetup<'_> {
             depth_x: gradient.x,
             depth_y: gradient.y,
             z,
-            range_min: range[0],
-            range_max: range[1],
+            range_min: Lanes::select(plain & shallow, -unlimited, Lanes::select(soft, range[0] - one, range[0])),
+            range_max: Lanes::select(plain & shallow, unlimited, Lanes::select(soft, range[1] - one, range[1])),
             epsilon,
             z_min: z_min - z_max.abs() * k(RANGE_SLACK),
-            class_bits: Lanes::select(plain, Lanes::select(shallow, bits(0), bits(1)), bits(2)),
+            class_bits: Lanes::select(
+                plain,
+                Lanes::select(shallow, bits(0), bits(2)),
+                Lanes::select(soft, bits(1), bits(4)),
+            ),
             red: color.x,
             green: color.y,
             blue: color.z,
@@ -326,8 +364,8 @@ impl ObjectSetup<'_> {
             visible_u_y: visible.u.y,
             visible_v_x: visible.v.x,
             visible_v_y: visible.v.y,
-            w_x: f.w.x,
-            w_y: f.w.y,
+            w_x: w.x,
+            w_y: w.y,
             weight_scale: filtered.weight_scale,
             coverage_scale: if settings.filter == Filter::Clamp {
                 filter::area_ratio(&projected, h)
@@ -342,11 +380,11 @@ impl ObjectSetup<'_> {
         let wide = MaskForms {
             offset: V2::new(half - fraction.x, half - fraction.y),
             base,
-            filtered: [u, v, V2::select(plain, gradient_of(&visible.w), gradient_of(&f.w))],
+            filtered: [u, v, w],
             visible: [gradient_of(&visible.u), gradient_of(&visible.v), gradient_of(&visible.w)],
             general: !plain.bits(),
         };
-        let masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &self.grid, form);
+        let masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &out.grid, form);
         let clips =
             clips.map(|clips| (clips, [Turns::new(&visible_turn), Turns::new(&visible_turn.after(&filtered.turn))]));
         let ready = Ready { records: &records, masks: &masks, form, clips, projective: settings.projective };
@@ -371,17 +409,40 @@ impl ObjectSetup<'_> {
     #[inline(always)]
     fn append<S: Simd>(&self, simd: S, ready: &Ready<'_>, (at, i): (usize, usize), out: &mut SetupOutput<'_>) {
         let record = &ready.records[i];
-        out.push(simd, record, (ready.masks, i), &self.grid, ready.form);
+        out.push(simd, record, (ready.masks, i), ready.form);
         if let Some((clips, [visible_turns, filtered_turns])) = &ready.clips
             && let Some(clip) = clips.get(at + i, self.plan.clip)
         {
             let visible = record.visible_footprint(ready.projective);
             let filtered = record.filtered_footprint();
             let filtered_turn = filtered_turns.of(i);
-            let other = (record.class() == Class::General).then_some((&filtered, &filtered_turn));
+            let other = matches!(record.class(), Class::Soft | Class::General).then_some((&filtered, &filtered_turn));
             out.clip(ScreenClip::new(clip, (&visible, &visible_turns.of(i)), other));
         }
     }
+}
+
+/// [`Sides::exclude`] of sixteen balls.
+#[inline(always)]
+fn exclude<S: Simd>(sides: &Sides, p: &V3<Lanes<S>>, ball: Lanes<S>) -> mask32x16<S> {
+    let k = |v: f64| ball.constant(v);
+    let ball = ball * k(sides.reach);
+    let depth = if sides.perspective { p.z } else { ball.one() };
+    let [[left, right], [top, bottom]] = sides.slopes;
+    let [[left_length, right_length], [top_length, bottom_length]] = sides.lengths;
+    let beyond = (ball * k(left_length)).lt(depth * k(left) - p.x)
+        | (ball * k(right_length)).lt(p.x - depth * k(right))
+        | (ball * k(top_length)).lt(depth * k(top) - p.y)
+        | (ball * k(bottom_length)).lt(p.y - depth * k(bottom));
+    if sides.perspective { beyond & (ball * k(4.0)).le(p.z) } else { beyond }
+}
+
+/// Whether pixels, moved into the first range if they are outside, lie in the second: starts and lengths.
+#[inline(always)]
+fn moved_inside<S: Simd>(at: Lanes<S>, (first, length): (u32, u32), (start, count): (u32, u32)) -> mask32x16<S> {
+    let k = |v: u32| at.constant(f64::from(v));
+    let at = at.max(k(first)).min(k((first + length).saturating_sub(1)));
+    k(start).le(at) & at.lt(k(start + count))
 }
 
 /// Sixteen splats that only have to be put where they belong.

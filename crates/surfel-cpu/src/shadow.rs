@@ -55,11 +55,12 @@ fn draw_map(preparation: &Preparation<'_>, scene: &ResidentScene, map: &ShadowMa
     let preparation = Preparation { view: &map.view, plan: &plan, cull: Cull::None, ..*preparation };
     let [width, height] = map.view.size.map(|size| size as usize);
     let mut kept = vec![f32::INFINITY; width * height];
-    let seen = preparation.seen();
-    for rows in preparation.batches(&seen) {
-        let prepared = preparation.set_up(&seen, rows);
-        let view = View { region: rows, ..map.view.clone() };
+    let setups = preparation.setups();
+    let seen = preparation.seen(&setups);
+    for rows in preparation.batches(&setups, &seen) {
         let grid = preparation.grid(rows);
+        let prepared = preparation.set_up(&setups, &seen, &grid, rows);
+        let view = View { region: rows, ..map.view.clone() };
         let triangles = mesh::project_all(preparation.instructions, &scene.meshes, &view, &grid, Cull::None);
         let first = rows.y as usize * width;
         let targets = cut(&mut kept, &grid, rows, first, width);

@@ -38,6 +38,11 @@ impl Rect {
         }
     }
 
+    /// True for a pixel inside.
+    pub(crate) fn has(&self, x: i32, y: i32) -> bool {
+        (self.x..self.end_x).contains(&x) && (self.y..self.end_y).contains(&y)
+    }
+
     /// 1 for a block's pixels inside the rectangle, else 0.
     #[inline(always)]
     pub(crate) fn lanes_inside<S: Simd>(&self, simd: S, (x, y): (i32, i32)) -> i32x16<S> {

@@ -5,10 +5,10 @@
 //! layers without end: a fragment begins a new surface exactly where peeling begins a new layer.
 
 use crate::bins::Segment;
-use crate::fragment::{Fragment, four_simple, fragment};
+use crate::fragment::{Fragment, four, fragment};
 use crate::lanes::{LANES, Lanes};
 use crate::raster::{self, Shared, Sums};
-use crate::record::Record;
+use crate::record::{Record, Together};
 use crate::shade::{self, Lighting, Pixels, Shaded, Surface};
 use fearless_simd::prelude::SimdMask;
 use fearless_simd::{Simd, mask32x16};
@@ -159,9 +159,14 @@ impl<S: Simd> VeilBlock<'_, S> {
                 continue;
             }
             *tested += veiled.len() as u32;
-            match *veiled {
-                [a, b, c, d] if [a, b, c, d].iter().all(|v| v.record.is_simple()) => {
-                    let four = four_simple(simd, [a.record, b.record, c.record, d.record], at, self.shared);
+            let records: Option<[&Record; 4]> = veiled.first_chunk::<4>().map(|v| v.map(|v| v.record));
+            let together = records.map(|records| (Together::of(&records), records));
+            match together {
+                Some((together @ (Together::Simple | Together::Soft), records)) => {
+                    let four = match together {
+                        Together::Simple => four::<S, false>(simd, records, at, self.shared),
+                        _ => four::<S, true>(simd, records, at, self.shared),
+                    };
                     for (j, f) in four.into_iter().enumerate() {
                         count = self.remember(fragments, count, (4 * quarter + j, f), beyond, &mut kept);
                     }
