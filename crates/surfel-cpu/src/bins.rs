@@ -2,7 +2,7 @@
 
 use crate::clip::ScreenClip;
 use crate::near::NearSplat;
-use crate::record::Record;
+use crate::record::Records;
 use surfel_render::Region;
 
 /// Pixels along the side of a block, the unit of rasterisation: sixteen pixels, one for each lane.
@@ -114,7 +114,7 @@ impl TileLists {
 /// Some chunks' records, with each tile's list of them in splat order.
 #[derive(Default)]
 pub(crate) struct Segment {
-    pub records: Vec<Record>,
+    pub records: Records,
     pub near: Vec<NearSplat>,
     pub clips: Vec<ScreenClip>,
     /// Splats that were looked at one by one.
@@ -160,6 +160,6 @@ impl Segment {
 
     /// Bytes of heap memory in use.
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(self.records.as_slice()) + self.lists.bytes()
+        size_of_val(&*self.records) + self.lists.bytes()
     }
 }

@@ -29,6 +29,13 @@ pub(crate) struct Masks {
     boxes: [[i32; LANES]; 4],
     /// Sixteen bits for the 4×4 blocks from a box's first on. All set where they weren't tested.
     bits: [i32; LANES],
+    /// Splats, as bits, whose box is small and in one tile, and of them those that touch a block. Their `bits` are those in the
+    /// box.
+    alone: u64,
+    touching: u64,
+    /// Their tile, and where their first block is in it.
+    tile: [i32; LANES],
+    shift: [i32; LANES],
 }
 
 /// A filtered footprint and an unfiltered one over pixels, about their anchors.
@@ -60,7 +67,8 @@ pub(crate) fn masks<S: Simd>(
     let (x1, y1) = (block_of(end_column - x + past), block_of(end_row - y + past));
     let side = (x1 - x0).max(y1 - y0);
     let tested = k(2.0).lt(side) & side.le(k(4.0));
-    let all = i32x16::splat(first_column.0.simd, 0xffff);
+    let simd = first_column.0.simd;
+    let all = i32x16::splat(simd, 0xffff);
     let wanted = tested.to_bitmask() & keep;
     let bits = if form.whole_box || wanted == 0 {
         all
@@ -76,7 +84,29 @@ pub(crate) fn masks<S: Simd>(
         }
         tested.select(bits, all)
     };
-    Masks { boxes: [int(x0), int(y0), int(x1), int(y1)], bits: bits.to_array() }
+    let one = k(1.0);
+    let (size, per_block) = (k(grid.tile_blocks as f32), k(1.0 / grid.tile_blocks as f32));
+    let tile_of = |block: Lanes<S>| Lanes((block * per_block).0.floor());
+    let (column, row) = (tile_of(x0), tile_of(y0));
+    let alone = side.le(k(4.0)) & tile_of(x1 - one).le(column) & tile_of(y1 - one).le(row);
+    // Whole numbers below 2^24 are exact: the bits of the box's first row, times one bit for each row.
+    let (width, height) = (x1 - x0, y1 - y0);
+    let row_bits = one + if_more(width, 1.0, 2.0) + if_more(width, 2.0, 4.0) + if_more(width, 3.0, 8.0);
+    let rows = one + if_more(height, 1.0, 16.0) + if_more(height, 2.0, 256.0) + if_more(height, 3.0, 4096.0);
+    let in_box: i32x16<S> = (row_bits * rows).0.to_int();
+    let bits = alone.select(bits & in_box, bits);
+    let nothing: mask32x16<S> = bits.simd_eq(i32x16::splat(simd, 0));
+    let shift = (y0 - row * size).mul_add(k(TILE_BLOCKS as f32), x0 - column * size);
+    let (column, row): (i32x16<S>, i32x16<S>) = (column.0.to_int(), row.0.to_int());
+    let tile = row * i32x16::splat(simd, grid.columns as i32) + column;
+    Masks {
+        boxes: [int(x0), int(y0), int(x1), int(y1)],
+        bits: bits.to_array(),
+        alone: alone.to_bitmask(),
+        touching: !(alone & nothing).to_bitmask(),
+        tile: tile.to_array(),
+        shift: int(shift),
+    }
 }
 
 #[inline(always)]
@@ -88,6 +118,13 @@ fn block_of<S: Simd>(pixels: Lanes<S>) -> Lanes<S> {
 fn int<S: Simd>(v: Lanes<S>) -> [i32; LANES] {
     let v: i32x16<S> = v.0.to_int();
     v.to_array()
+}
+
+/// A number where the value is greater than a limit, else 0.
+#[inline(always)]
+fn if_more<S: Simd>(value: Lanes<S>, limit: f32, number: f32) -> Lanes<S> {
+    let k = |v: f32| Lanes::splat(value.0.simd, v);
+    Lanes::select(k(limit).lt(value), k(number), k(0.0))
 }
 
 /// Sixteen bits for sixteen splats: whether a footprint may reach a pixel of the 4×4 blocks of which the first has this
@@ -125,6 +162,35 @@ fn reach_each<S: Simd>(gradient: &V2<Lanes<S>>) -> Lanes<S> {
 }
 
 impl Masks {
+    /// Which splats may touch a block, as bits; some that don't may be among them.
+    pub(crate) fn touching(&self) -> u64 {
+        self.touching
+    }
+
+    /// Calls `visit` with the entries of the splats in `keep`, whose records lie one after another from `first` on.
+    #[inline(always)]
+    pub(crate) fn entries<S: Simd>(
+        &self,
+        simd: S,
+        mut keep: u64,
+        (records, mut first): (&[Record], u32),
+        grid: &Grid,
+        form: MaskForm,
+        mut visit: impl FnMut(Entry),
+    ) {
+        while keep != 0 {
+            let i = keep.trailing_zeros() as usize % LANES;
+            keep &= keep - 1;
+            if self.alone >> i & 1 == 1 {
+                let blocks = spread(self.bits[i] as u64) << (self.shift[i] & 63);
+                visit(Entry { blocks, record: first, tile: self.tile[i] as u32 });
+            } else if let Some(record) = records.get(first as usize) {
+                for_tiles(simd, (record, first), self.of(i), grid, form, &mut visit);
+            }
+            first += 1;
+        }
+    }
+
     /// The box of one splat.
     #[inline(always)]
     fn of(&self, i: usize) -> (BlockBox, u64) {
@@ -204,9 +270,15 @@ fn inside_box(blocks: BlockBox, tile: [u32; 2], size: u32) -> u64 {
 fn placed(bits: u64, x: i32, y: i32) -> u64 {
     // Columns before the tile are shifted out row by row, before the rows get their distance.
     let bits = if x < 0 { bits >> -x & (0x1111 * (0xf >> -x)) } else { bits };
-    let spread = (bits & 0xf) | (bits & 0xf0) << 4 | (bits & 0xf00) << 8 | (bits & 0xf000) << 12;
+    let spread = spread(bits);
     let at = TILE_BLOCKS as i32 * y + x.max(0);
     if at < 0 { spread >> -at } else { spread << at }
+}
+
+/// Four bits a row to eight bits a row.
+#[inline(always)]
+fn spread(bits: u64) -> u64 {
+    (bits & 0xf) | (bits & 0xf0) << 4 | (bits & 0xf00) << 8 | (bits & 0xf000) << 12
 }
 
 /// A bit for each block of a tile that the record may touch, within its box.

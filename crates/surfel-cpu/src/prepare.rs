@@ -186,8 +186,6 @@ impl<'a> Preparation<'a> {
         counted: Region,
     ) -> (Segment, Option<VeilSegment>) {
         let (mut segment, mut entries) = (self.recycled.segment(), self.recycled.entries());
-        // Memory that isn't written costs nothing.
-        segment.records.reserve(self.splats(chunks));
         let mut veil = VeilOutput::default();
         let mut out =
             SetupOutput { grid: *grid, counted, segment: &mut segment, entries: &mut entries, veil: Some(&mut veil) };

@@ -209,6 +209,74 @@ impl Record {
     }
 }
 
+/// Records of which the memory is kept when they are cleared: what is written is written once.
+#[derive(Default)]
+pub(crate) struct Records {
+    /// Those past `used` are left from before.
+    slots: Vec<Record>,
+    used: usize,
+}
+
+impl Records {
+    pub(crate) fn clear(&mut self) {
+        self.used = 0;
+    }
+
+    /// Makes room for more, [`Self::push_sixteen`] included.
+    pub(crate) fn make_room(&mut self, more: usize) {
+        let length = self.used + more + LANES;
+        if self.slots.len() < length {
+            self.slots.resize(length, Record([0.0; FIELDS]));
+        }
+    }
+
+    pub(crate) fn push(&mut self, record: Record) {
+        self.make_room(1);
+        if let Some(slot) = self.slots.get_mut(self.used) {
+            *slot = record;
+            self.used += 1;
+        }
+    }
+
+    /// Appends those of sixteen that are in `keep`, as bits, for which there is room: index of the first.
+    #[inline(always)]
+    pub(crate) fn push_sixteen<S: Simd>(&mut self, records: RecordLanes<S>, keep: u64) -> u32 {
+        let first = self.used;
+        let [low, high] = records.to_fields();
+        let (low, high) = (Lanes::transpose(low), Lanes::transpose(high));
+        let room = self.slots.get_mut(first..).and_then(|slots| slots.first_chunk_mut::<LANES>());
+        debug_assert!(room.is_some());
+        if let Some(room) = room {
+            let mut at = 0;
+            for i in 0..LANES {
+                // Written over by the next one if it isn't kept.
+                let record = &mut room[at % LANES];
+                low[i].store(&mut record.0);
+                high[i].store(&mut record.0[LANES..]);
+                at += (keep >> i & 1) as usize;
+            }
+            self.used += at;
+        }
+        first as u32
+    }
+
+    pub(crate) fn last_mut(&mut self) -> Option<&mut Record> {
+        self.slots[..self.used].last_mut()
+    }
+
+    pub(crate) fn iter_mut(&mut self) -> std::slice::IterMut<'_, Record> {
+        self.slots[..self.used].iter_mut()
+    }
+}
+
+impl std::ops::Deref for Records {
+    type Target = [Record];
+
+    fn deref(&self) -> &[Record] {
+        &self.slots[..self.used]
+    }
+}
+
 /// Blocks that a splat may touch: first column, first row, end column, end row, in blocks from the grid's origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct BlockBox(pub [u32; 4]);

@@ -113,6 +113,7 @@ impl ObjectSetup<'_> {
             return;
         }
         out.segment.set_up += chunk.count as u64;
+        out.segment.records.make_room(chunk.count);
         let mut done = 0;
         while done < chunk.count {
             let active = (chunk.count - done).min(LANES);
@@ -375,7 +376,6 @@ impl ObjectSetup<'_> {
             object_bits: bits(self.index),
             clip_bits: bits(0),
         };
-        let records = records.transposed();
         let form = MaskForm { linear_depth: !settings.projective, whole_box: settings.filter == Filter::Clamp };
         let wide = MaskForms {
             offset: V2::new(half - fraction.x, half - fraction.y),
@@ -385,10 +385,18 @@ impl ObjectSetup<'_> {
             general: !plain.bits(),
         };
         let masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &out.grid, form);
+        let veils = self.object.alphas.as_ref().filter(|_| self.plan.separates_transparent);
+        if clips.is_none() && veils.is_none() {
+            let keep = keep & masks.touching();
+            let SetupOutput { grid, segment, entries, .. } = out;
+            let first = segment.records.push_sixteen(records, keep);
+            masks.entries(simd, keep, (&segment.records, first), grid, form, |entry| entries.push(entry));
+            return;
+        }
+        let records = records.transposed();
         let clips =
             clips.map(|clips| (clips, [Turns::new(&visible_turn), Turns::new(&visible_turn.after(&filtered.turn))]));
         let ready = Ready { records: &records, masks: &masks, form, clips, projective: settings.projective };
-        let veils = self.object.alphas.as_ref().filter(|_| self.plan.separates_transparent);
         if veils.is_some() {
             let [x, y, z] = [splat.p.x.to_array(), splat.p.y.to_array(), splat.p.z.to_array()];
             for i in lanes_of(keep) {
@@ -397,10 +405,7 @@ impl ObjectSetup<'_> {
             }
             return;
         }
-        let mut bits = keep;
-        while bits != 0 {
-            let i = bits.trailing_zeros() as usize;
-            bits &= bits - 1;
+        for i in lanes_of(keep) {
             self.append(simd, &ready, (at, i), out);
         }
     }
