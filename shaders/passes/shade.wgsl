@@ -176,9 +176,10 @@ fn finished(pixel: vec2i, background: vec4f, all: bool) -> Pixel {
     }
     var behind = no_point();
     var is_edge = false;
-    if all && frame.has_edges != 0u && splats.is_there && !shown {
+    if all && frame.has_edges != 0u && !shown {
         let is_kept = textureLoad(writers, pixel, 0).x > 0.0;
-        is_edge = !is_kept || textureLoad(edge_limit, pixel, 0).r > 0.0;
+        // Also where something is kept that has no filtered fragment there: it covers nothing.
+        is_edge = (splats.is_there && !is_kept) || textureLoad(edge_limit, pixel, 0).r > 0.0;
         if is_edge {
             behind = point_of(
                 textureLoad(color_behind, pixel, 0), textureLoad(surface_behind, pixel, 0), textureLoad(material_behind, pixel, 0),
@@ -215,10 +216,7 @@ fn finished(pixel: vec2i, background: vec4f, all: bool) -> Pixel {
     if all && frame.has_outlines != 0u && front.is_there && has_outline(pixel, front) {
         front.color = vec3f(0.0, 0.0, 0.0);
     }
-    if !front.is_there {
-        return Pixel(front, background);
-    }
-    var color = vec4f(front.color, 1.0);
+    var color = select(background, vec4f(front.color, 1.0), front.is_there);
     if is_edge {
         let q = min(textureLoad(count_sums, pixel, 0).g, 1.0);
         color = color * q + select(background, vec4f(colors[2], 1.0), behind.is_there) * (1.0 - q);

@@ -5,6 +5,8 @@ use std::process::ExitCode;
 use surfel_conformance::backends::{Backend, is_required, run};
 use surfel_conformance::expectations::Extent;
 use surfel_conformance::harness::Truth;
+use surfel_conformance::random_scenes::against::Against;
+use surfel_conformance::random_scenes::{case, store};
 use surfel_conformance::report::{Entry, page, table};
 
 const HELP: &str = "\
@@ -17,6 +19,10 @@ Options:
   --adapter TEXT   wgpu and ash draw on the first adapter whose name contains it, in any case
   --scene TEXT     Scenes whose name contains it
   --report FILE    Write a page with pictures, FILE.html
+  --random N       N random scenes instead, as --seed and those after it say
+  --seed S         Number of the first random scene; 0 by default
+  --keep FOLDER    Where scene files of random scenes that fail are written; target/random by default
+  --store FOLDER   Only write the random scenes there, as scene files
   -h, --help       Print this
 
 A backend that doesn't start is skipped, unless SURFEL_REQUIRE=wgpu,ash (either or both) names it.
@@ -29,6 +35,16 @@ struct Arguments {
     adapter: Option<String>,
     scene: String,
     report: Option<PathBuf>,
+    random: Option<u64>,
+    seed: u64,
+    keep: Option<PathBuf>,
+    store: Option<PathBuf>,
+}
+
+const FLAGS: [&str; 8] = ["--backend", "--adapter", "--scene", "--report", "--random", "--seed", "--keep", "--store"];
+
+fn whole(flag: &str, value: &str) -> Result<u64, String> {
+    value.parse().map_err(|_| format!("{flag} '{value}': expected a whole number"))
 }
 
 /// What the words ask for; nothing where it is help.
@@ -42,7 +58,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
             Some((flag, value)) => (flag.to_owned(), Some(value.to_owned())),
             None => (word, None),
         };
-        if !matches!(flag.as_str(), "--backend" | "--adapter" | "--scene" | "--report") {
+        if !FLAGS.contains(&flag.as_str()) {
             return Err(format!("unknown argument '{flag}'"));
         }
         let value = value.or_else(|| words.next()).ok_or_else(|| format!("{flag} needs a value"))?;
@@ -58,11 +74,18 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
             }
             "--adapter" => found.adapter = Some(value),
             "--scene" => found.scene = value,
+            "--random" => found.random = Some(whole(&flag, &value)?),
+            "--seed" => found.seed = whole(&flag, &value)?,
+            "--keep" => found.keep = Some(value.into()),
+            "--store" => found.store = Some(value.into()),
             _ => found.report = Some(value.into()),
         }
     }
     if found.backends.is_empty() {
         found.backends = Backend::ALL.to_vec();
+    }
+    if found.random.is_some() && (found.report.is_some() || !found.scene.is_empty()) {
+        return Err("--random goes with neither --report nor --scene: a scene that fails is written to --keep".into());
     }
     Ok(Some(found))
 }
@@ -79,7 +102,11 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    match conformance(&arguments) {
+    let result = match arguments.random {
+        Some(count) => random(&arguments, count),
+        None => conformance(&arguments),
+    };
+    match result {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
@@ -112,4 +139,37 @@ fn conformance(arguments: &Arguments) -> Result<bool, Box<dyn std::error::Error>
         println!("{}", path.display());
     }
     Ok(entries.iter().all(Entry::is_ok))
+}
+
+/// Holds backends against the reference in random scenes.
+fn random(arguments: &Arguments, count: u64) -> Result<bool, Box<dyn std::error::Error>> {
+    let seeds = (arguments.seed..).take(usize::try_from(count)?);
+    if let Some(folder) = &arguments.store {
+        let folder = store::folder(folder)?;
+        for seed in seeds {
+            println!("{}", store::store(&case(seed), folder)?.display());
+        }
+        return Ok(true);
+    }
+    let keep = arguments.keep.clone().unwrap_or_else(|| PathBuf::from("target/random"));
+    let mut against = Against::new(Some(&keep))?;
+    let mut is_missing = false;
+    for &backend in &arguments.backends {
+        if let Err(error) = against.start(backend, arguments.adapter.as_deref()) {
+            let required = is_required(backend.name());
+            is_missing |= required;
+            let word = if required { "FAILED" } else { "skipped" };
+            println!("{word}: {}: {error}", backend.name());
+        }
+    }
+    for seed in seeds {
+        for failure in against.draw(seed)? {
+            println!("{failure}\n");
+        }
+        if (seed - arguments.seed) % 100 == 99 {
+            eprintln!("{} of {count} scenes", seed - arguments.seed + 1);
+        }
+    }
+    against.tallies().for_each(|tally| println!("{tally}"));
+    Ok(!is_missing && against.tallies().all(|tally| tally.failures.is_empty()))
 }

@@ -1,7 +1,7 @@
 //! The backends by name, watched by validation layers.
 
 use crate::expectations::Extent;
-use crate::harness::{Checked, Report, Truth, check_all};
+use crate::harness::{Checked, Truth, check, expect};
 use std::sync::{Mutex, PoisonError};
 use surfel_render::{RenderError, Renderer, RendererInfo};
 
@@ -45,10 +45,70 @@ impl Run {
     pub fn is_ok(&self) -> bool {
         self.checked.iter().all(|c| c.report.is_ok())
     }
+}
 
-    fn of<R: Renderer>(mut renderer: R, truths: &[Truth], extent: Extent) -> Self {
-        let checked = check_all(&mut renderer, truths, extent);
-        Self { info: renderer.info().clone(), note: None, checked }
+/// A backend that was started.
+pub struct Session {
+    drawing: Drawing,
+    note: Option<String>,
+}
+
+enum Drawing {
+    Cpu(surfel_cpu::Renderer),
+    Wgpu(Box<surfel_wgpu::Renderer>),
+    Ash(Box<surfel_ash::Renderer>),
+}
+
+impl Session {
+    /// Starts a backend, on the first adapter whose name contains `adapter` where it uses one.
+    ///
+    /// # Errors
+    /// [`RenderError`] if it doesn't start.
+    pub fn start(backend: Backend, adapter: Option<&str>) -> Result<Self, RenderError> {
+        let adapter = adapter.map(str::to_owned);
+        let drawing = match backend {
+            Backend::Cpu => Drawing::Cpu(surfel_cpu::Renderer::new(0)?),
+            Backend::Wgpu => {
+                listen();
+                let options = surfel_wgpu::Options { adapter, validation: true, ..surfel_wgpu::Options::default() };
+                Drawing::Wgpu(Box::new(surfel_wgpu::Renderer::with_options(&options)?))
+            }
+            Backend::Ash => {
+                let mut options = surfel_ash::Options { adapter, validation: true, ..surfel_ash::Options::default() };
+                // What the layer says is an error of the call.
+                match surfel_ash::Renderer::with_options(&options) {
+                    Ok(renderer) => Drawing::Ash(Box::new(renderer)),
+                    Err(error) => {
+                        options.validation = false;
+                        let drawing = Drawing::Ash(Box::new(surfel_ash::Renderer::with_options(&options)?));
+                        return Ok(Self { drawing, note: Some(format!("not validated: {error}")) });
+                    }
+                }
+            }
+        };
+        Ok(Self { drawing, note: None })
+    }
+
+    /// Who draws.
+    pub fn info(&self) -> &RendererInfo {
+        match &self.drawing {
+            Drawing::Cpu(renderer) => renderer.info(),
+            Drawing::Wgpu(renderer) => renderer.info(),
+            Drawing::Ash(renderer) => renderer.info(),
+        }
+    }
+
+    /// Has the backend draw a case and compares. What validation layers say is a failure.
+    pub fn check(&mut self, truth: &Truth) -> Checked {
+        match &mut self.drawing {
+            Drawing::Cpu(renderer) => check(renderer, truth),
+            Drawing::Ash(renderer) => check(renderer.as_mut(), truth),
+            Drawing::Wgpu(renderer) => {
+                let mut checked = check(renderer.as_mut(), truth);
+                checked.report.fail(take_messages().into_iter().map(|message| format!("validation: {message}")));
+                checked
+            }
+        }
     }
 }
 
@@ -57,32 +117,10 @@ impl Run {
 /// # Errors
 /// [`RenderError`] if the backend doesn't start.
 pub fn run(backend: Backend, adapter: Option<&str>, truths: &[Truth], extent: Extent) -> Result<Run, RenderError> {
-    match backend {
-        Backend::Cpu => Ok(Run::of(surfel_cpu::Renderer::new(0)?, truths, extent)),
-        Backend::Wgpu => {
-            listen();
-            let adapter = adapter.map(str::to_owned);
-            let options = surfel_wgpu::Options { adapter, validation: true, ..surfel_wgpu::Options::default() };
-            let mut run = Run::of(surfel_wgpu::Renderer::with_options(&options)?, truths, extent);
-            let messages = take_messages();
-            let failure = |message: &String| Checked { report: Report::failed("validation", message), got: None };
-            run.checked.extend(messages.iter().map(failure));
-            Ok(run)
-        }
-        Backend::Ash => {
-            let adapter = adapter.map(str::to_owned);
-            let mut options = surfel_ash::Options { adapter, validation: true, ..surfel_ash::Options::default() };
-            // What the layer says is an error of the call.
-            match surfel_ash::Renderer::with_options(&options) {
-                Ok(renderer) => Ok(Run::of(renderer, truths, extent)),
-                Err(error) => {
-                    options.validation = false;
-                    let run = Run::of(surfel_ash::Renderer::with_options(&options)?, truths, extent);
-                    Ok(Run { note: Some(format!("not validated: {error}")), ..run })
-                }
-            }
-        }
-    }
+    let mut session = Session::start(backend, adapter)?;
+    let mut checked: Vec<Checked> = truths.iter().map(|truth| session.check(truth)).collect();
+    expect(session.info(), extent, &mut checked);
+    Ok(Run { info: session.info().clone(), note: session.note, checked })
 }
 
 /// True if `SURFEL_REQUIRE`, a list separated by commas, names `what`: then nothing of it may be skipped.

@@ -8,7 +8,7 @@ use crate::expectations::{self, EXPECTATIONS, Extent};
 use crate::scenes::{self, Case};
 use std::fmt;
 use surfel_reference::Renderer as Reference;
-use surfel_render::{Frame, Planes, RenderError, Renderer};
+use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo};
 
 /// Absolute tolerance of colour, normal and weight; of Z times the median |Z|. An eighth of an 8-bit level's half: nothing
 /// that shows, and 16 times what summing a hundred f32 fragments loses.
@@ -102,6 +102,15 @@ impl Report {
     pub fn failed(name: &str, message: impl fmt::Display) -> Self {
         let message = message.to_string();
         Self { broken: vec![message.clone()], ..Self::of_verdict(name, Verdict::Failed(message)) }
+    }
+
+    /// Adds what no comparison shows.
+    pub(crate) fn fail(&mut self, messages: impl IntoIterator<Item = String>) {
+        let before = self.broken.len();
+        self.broken.extend(messages);
+        if self.broken.len() > before {
+            self.verdict = Verdict::Failed(self.faults(|_| 1.0).join("; "));
+        }
     }
 
     /// What is wrong where each plane may be off by so many times the tolerance.
@@ -332,10 +341,15 @@ pub fn check_case<R: Renderer>(backend: &mut R, reference: &mut Reference, case:
 /// One result a truth, in their order; then, without a picture, one for each expectation that nothing needed.
 pub fn check_all<R: Renderer>(backend: &mut R, truths: &[Truth], extent: Extent) -> Vec<Checked> {
     let mut checked: Vec<Checked> = truths.iter().map(|truth| check(backend, truth)).collect();
-    let reports = checked.iter_mut().map(|c| &mut c.report);
-    let unused = expectations::apply(EXPECTATIONS, backend.info(), extent, reports);
-    checked.extend(unused.into_iter().map(|report| Checked { report, got: None }));
+    expect(backend.info(), extent, &mut checked);
     checked
+}
+
+/// Applies [`EXPECTATIONS`] to what was found on a backend; entries that nothing needed follow as failures.
+pub(crate) fn expect(info: &RendererInfo, extent: Extent, checked: &mut Vec<Checked>) {
+    let reports = checked.iter_mut().map(|c| &mut c.report);
+    let unused = expectations::apply(EXPECTATIONS, info, extent, reports);
+    checked.extend(unused.into_iter().map(|report| Checked { report, got: None }));
 }
 
 /// Holds a backend against the reference in every scene, as [`check_all`].

@@ -2,6 +2,7 @@
 //! come from a renderer, and the harness that compares a backend with the reference.
 //!
 //! - [`scenes`]: plain seeded functions, small pictures;
+//! - [`random_scenes`]: scenes that nobody has thought of, one for each seed;
 //! - [`harness`]: [`harness::check_backend`] renders them all on a backend and on the reference and compares;
 //! - [`expectations`]: what backends are known to miss, and why;
 //! - [`backends`]: the backends by name, watched by validation layers;
@@ -19,6 +20,7 @@ pub mod expectations;
 pub mod harness;
 pub mod polygons;
 pub mod random;
+pub mod random_scenes;
 pub mod raycast;
 pub mod report;
 pub mod scenes;

@@ -26,6 +26,26 @@ impl Random {
         low + (high - low) * (self.bits() >> 11) as f64 * (-53.0f64).exp2()
     }
 
+    /// From `low` to `high`, every factor as likely as every other; both above 0.
+    pub fn factor(&mut self, low: f64, high: f64) -> f64 {
+        low * (high / low).powf(self.range(0.0, 1.0))
+    }
+
+    /// True in this share of cases.
+    pub fn chance(&mut self, share: f64) -> bool {
+        self.range(0.0, 1.0) < share
+    }
+
+    /// Uniform in 0 … `count` − 1; 0 where there are none.
+    pub fn below(&mut self, count: usize) -> usize {
+        (self.bits() % count.max(1) as u64) as usize
+    }
+
+    /// One of some.
+    pub fn pick<T: Copy, const N: usize>(&mut self, items: [T; N]) -> T {
+        items[self.below(N)]
+    }
+
     /// Uniform on the unit sphere.
     pub fn direction(&mut self) -> DVec3 {
         let (z, angle) = (self.range(-1.0, 1.0), self.range(0.0, std::f64::consts::TAU));

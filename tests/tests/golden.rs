@@ -5,34 +5,12 @@
 mod common;
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use surfel_io::{Content, LoadOptions};
-use surfel_model::{Geometry, Object, Scene, SceneFile};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, RenderError, Renderer, View};
 
 fn golden_folder() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/golden");
     folder.is_dir().then_some(folder)
-}
-
-fn scene(file: &SceneFile, folder: &Path) -> Scene {
-    let objects = file.objects.iter().map(|object| {
-        let path = folder.join(object.splats.as_ref().or(object.mesh.as_ref()).unwrap());
-        let geometry = match surfel_io::load(&path, &LoadOptions::default()).unwrap().content {
-            Content::Splats(cloud) => Geometry::Splats(Arc::new(cloud)),
-            Content::Mesh(mesh) => Geometry::Mesh(Arc::new(mesh)),
-            Content::Points(_) | Content::Hybrid(_) => panic!("{} has no splats", path.display()),
-        };
-        Object { geometry, world_from_object: object.world_from_object().unwrap(), material: object.material }
-    });
-    Scene {
-        up: file.up,
-        background: file.background,
-        ambient: file.ambient,
-        lights: file.lights.clone(),
-        objects: objects.collect(),
-    }
 }
 
 /// |a − b| ≤ absolute + relative·|b|; for depth the absolute part counts in median depths.
@@ -72,7 +50,7 @@ fn check<R: Renderer>(mut renderer: R, tolerance: Tolerance, least_compared: usi
     for path in names {
         let name = path.file_stem().unwrap().to_string_lossy().into_owned();
         let file = surfel_io::scene_file::read(&path).unwrap();
-        let resident = renderer.upload(&scene(&file, &folder)).unwrap();
+        let resident = renderer.upload(&common::files::scene(&file, &folder)).unwrap();
         let view = View::new(&file.camera).unwrap();
         let mut frame = Frame::default();
         match renderer.render(&resident, &view, &file.settings, Planes::ALL, &mut frame) {

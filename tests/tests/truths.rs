@@ -185,3 +185,14 @@ fn normals_of_a_mirrored_ellipsoid_go_by_the_inverse_transpose() {
     // Averages of normals over splats 0.14 of the sphere's radius wide: a few degrees.
     assert!(worst > 0.99 && count > 400, "{worst} {count}");
 }
+
+#[test]
+fn edge_pixel_without_filtered_fragments_shows_what_lies_behind() {
+    let case = scenes::beyond_its_filter();
+    let (frame, whole) = (picture(&case), picture(&case.with("no filter", |s| s.filter = Filter::None)));
+    // The disk covers these pixels by its exact ellipse, and its filter leaves them: nothing is there, but the blue wall shows.
+    let empty = |&(_, _, i): &(u32, u32, usize)| frame.weight[i] == 0.0 && whole.depth[i] < 5.0;
+    let blue = pixels(&frame).filter(empty).filter(|&(_, _, i)| frame.color[i] == [0.1, 0.2, 0.9, 1.0]).count();
+    assert!(blue > 20, "{blue}");
+    assert!(pixels(&frame).filter(empty).all(|(_, _, i)| frame.depth[i] == f32::INFINITY));
+}

@@ -29,7 +29,7 @@ Commands:
           manifests, crates missing from docs/architecture.md
   conformance [OPTIONS]
           Hold the backends against the reference and print a table; --report FILE writes a page
-          with pictures, --help says more
+          with pictures, --random N draws random scenes, --help says more
   stability [OPTIONS]
           Drive sizes, distances, tilts and counts to their extremes and hold the backends against
           exact arithmetic; writes a page of curves, --help says more

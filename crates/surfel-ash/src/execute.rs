@@ -235,9 +235,10 @@ impl<'a> Tile<'a> {
         let pass = &self.pipelines.draw(draw, Variant::Whole, self.targets.key.precision)?.pass;
         // Looked up before the render pass begins, which must end whatever happens.
         let segments = segments.iter().filter_map(|&i| Some(self.segments.get(i)?.as_ref()?.drawn));
-        // The near splats have no segment: they go with the first.
+        // The near splats have no segment: they go with the first. Draws without records have no pipeline for clipped ones.
+        let takes_near = first && draw.is_of_records();
         let records: Vec<Drawn> = segments
-            .chain(self.near.iter().copied().filter(|near| first && near.is_transparent == draw.is_transparent()))
+            .chain(self.near.iter().copied().filter(|near| takes_near && near.is_transparent == draw.is_transparent()))
             .collect();
         let mut variants = HashMap::new();
         for variant in records.iter().map(|drawn| drawn.variant).chain([Variant::Whole]) {

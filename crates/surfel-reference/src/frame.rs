@@ -246,7 +246,8 @@ impl Picture<'_> {
         let mut color = over(surface);
         if let Some((behind, edges)) = self.behind {
             marginal |= behind.sums[at].marginal;
-            if surface.is_some() && edges[at] {
+            // Also where something is kept that has no filtered fragment there: it covers nothing.
+            if edges[at] {
                 let q = self.front.sums[at].coverage.min(1.0);
                 let back = self.behind_edge(&behind.sums[at], at, pixel);
                 marginal |= back.is_some_and(|s| s.marginal);

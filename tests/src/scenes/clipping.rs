@@ -17,6 +17,7 @@ pub(super) fn clipping_cases() -> Vec<Case> {
         clipped_cube(),
         clipped_confetti().with("edge-aa", |s| s.edge_aa = true),
         clipped_near(),
+        clipped_near().with("edge-aa", |s| s.edge_aa = true),
     ];
     for filter in Filter::ALL {
         // Wide filters, so that most of a footprint is what the filter made of it.
@@ -150,5 +151,7 @@ pub fn clipped_near() -> Case {
         .collect();
     let mut camera = camera(2.0, 70.0, [64, 48]);
     camera.near = 0.1;
-    Case::new("clipped-near", Scene { objects: vec![object(clipped_cloud(&splats))], ..scene(&[]) }, camera)
+    let mut object = object(clipped_cloud(&splats));
+    object.material.interior_weight = Some(2.0);
+    Case::new("clipped-near", Scene { objects: vec![object], ..scene(&[]) }, camera)
 }

@@ -27,6 +27,7 @@ pub(super) fn geometry_cases() -> Vec<Case> {
         disks(),
         closed_sphere().with("edge-aa", |s| s.edge_aa = true),
         sphere_before_plane(),
+        beyond_its_filter(),
         grid(60).with("affine", |s| s.mapping = Mapping::Affine),
         single_pixel(),
     ];
@@ -86,6 +87,19 @@ pub fn closed_sphere() -> Case {
     let mut scene = scene(&sphere(1500, 1.1, 11));
     scene.objects[0].material.interior_weight = Some(2.0);
     Case::new("sphere", scene, camera(3.0, 45.0, [72, 72]))
+}
+
+/// A large tilted disk, wider on the screen than its affine filter, before a wall, edges antialiased: pixels that keep the disk
+/// and have none of its filtered fragments, through which the wall shows.
+pub fn beyond_its_filter() -> Case {
+    let axes = [DVec3::X * 6.0, DVec3::Y * 6.0];
+    let mut splats = sheet(DVec3::new(0.0, 0.0, -6.0), axes, [10, 10], 1.2, |_, _| BLUE);
+    let (sin, cos) = 78f64.to_radians().sin_cos();
+    splats.push(Splat::disk(DVec3::new(0.9, 0.1, 0.4), DVec3::new(sin, 0.0, cos), 1.2, RED));
+    let mut scene = scene(&splats);
+    scene.objects[0].material.interior_weight = Some(2.0);
+    let case = Case::new("beyond-its-filter", scene, camera(3.0, 70.0, [56, 48]));
+    case.with("ewa/edge-aa", |s| (s.filter, s.edge_aa) = (Filter::Ewa, true))
 }
 
 /// The sphere before a wall, edges antialiased: coverage, what lies behind.

@@ -17,7 +17,7 @@ pub use shadows::*;
 pub use transparency::*;
 
 use surfel_model::{Camera, Scene, Settings};
-use surfel_render::{Capabilities, Planes, SceneSummary, View, unsupported};
+use surfel_render::{Capabilities, Planes, Region, SceneSummary, View, unsupported};
 
 /// A picture to be made.
 #[derive(Clone, Debug)]
@@ -30,12 +30,14 @@ pub struct Case {
     pub camera: Camera,
     /// How.
     pub settings: Settings,
+    /// The part of the picture that is drawn; all of it without one.
+    pub region: Option<Region>,
 }
 
 impl Case {
     /// A case with default settings.
     pub fn new(name: &str, scene: Scene, camera: Camera) -> Self {
-        Self { name: name.into(), scene, camera, settings: Settings::default() }
+        Self { name: name.into(), scene, camera, settings: Settings::default(), region: None }
     }
 
     /// The same with other settings, under the name `name/variant`.
@@ -52,12 +54,12 @@ impl Case {
         unsupported(&SceneSummary::of(&self.scene), &self.settings, Planes::ALL, capabilities).is_none()
     }
 
-    /// The view of the whole picture.
+    /// The view of what is drawn.
     ///
     /// # Panics
-    /// If the camera is invalid: cases are written here, not read.
+    /// If the camera or the region is invalid: cases are written here, not read.
     pub fn view(&self) -> View {
-        View::new(&self.camera).expect("cases have valid cameras")
+        View::of_region(&self.camera, self.region).expect("cases have valid cameras")
     }
 }
 

@@ -1,6 +1,9 @@
 //! GPU backends where there is an adapter; a line that says so where there is none.
 #![allow(dead_code, reason = "each test uses some of it")]
 
+pub(crate) mod faulty;
+pub(crate) mod files;
+
 use surfel_conformance::backends::{is_required, listen, take_messages};
 
 /// The backend if it starts; else the test is skipped, or fails where the backend is required.

@@ -1,0 +1,111 @@
+//! Random settings, materials and lights.
+
+use crate::random::Random;
+use surfel_model::{ClipPolicy, Cull, DepthTolerance, Filter, Light, Mapping, Object, Settings, Shader, Transparency};
+
+/// Settings as a scene file has them; nothing that some backend draws with less precision.
+pub(super) fn settings(random: &mut Random) -> Settings {
+    let usual = Settings::default();
+    let layers = 1 + random.below(5) as u32;
+    Settings {
+        filter: random.pick(Filter::ALL),
+        cutoff: if random.chance(0.5) { usual.cutoff } else { random.factor(0.3, 8.0) },
+        prefilter_radius_px: match random.below(10) {
+            0..=5 => usual.prefilter_radius_px,
+            6 => 0.0,
+            _ => random.factor(0.1, 4.0),
+        },
+        mapping: random.pick([Mapping::Exact, Mapping::Exact, Mapping::Exact, Mapping::Affine]),
+        depth_tolerance: match random.below(10) {
+            0..=4 => usual.depth_tolerance,
+            5 => DepthTolerance::Relative(0.0),
+            6 | 7 => DepthTolerance::Relative(random.factor(0.01, 20.0)),
+            _ => DepthTolerance::Absolute(random.factor(1e-4, 2.0)),
+        },
+        shader: match random.below(20) {
+            0..=6 => Shader::Unlit,
+            7..=13 => Shader::Phong,
+            14 | 15 => Shader::Toon,
+            16 | 17 => Shader::Normal,
+            _ => Shader::Depth,
+        },
+        edge_aa: random.chance(0.3),
+        transparency: match random.below(4) {
+            0 => Transparency::Off,
+            1 | 2 => Transparency::Peel { layers, drop_last: random.chance(0.3) },
+            _ => Transparency::ABuffer { layers },
+        },
+        clip: random.pick([
+            ClipPolicy::Exact,
+            ClipPolicy::Exact,
+            ClipPolicy::Exact,
+            ClipPolicy::Paper,
+            ClipPolicy::Line,
+            ClipPolicy::Off,
+        ]),
+        ..usual
+    }
+}
+
+/// The same material for all, or another for each.
+pub(super) fn materials(random: &mut Random, objects: &mut [Object]) {
+    let differ = random.chance(0.4);
+    let factors = |random: &mut Random| {
+        let shininess = if random.chance(0.1) { 0.0 } else { random.factor(0.5, 100.0) };
+        [random.range(0.0, 1.5), random.range(0.0, 1.5), random.range(0.0, 1.0), shininess]
+    };
+    let shared = random.chance(0.6).then(|| factors(random));
+    for object in objects {
+        let of_object = if differ { Some(factors(random)) } else { shared };
+        let material = &mut object.material;
+        if let Some([ambient, diffuse, specular, shininess]) = of_object {
+            (material.ambient, material.diffuse) = (ambient, diffuse);
+            (material.specular, material.shininess) = (specular, shininess);
+        }
+        material.cull = random.pick([Cull::None, Cull::None, Cull::Back]);
+        material.two_sided = random.chance(0.7);
+    }
+}
+
+/// Linear RGB and straight alpha.
+pub(super) fn background(random: &mut Random) -> [f64; 4] {
+    let alpha = if random.chance(0.5) { random.pick([0.0, 1.0]) } else { random.range(0.0, 1.0) };
+    [random.range(0.0, 1.0), random.range(0.0, 1.0), random.range(0.0, 1.0), alpha]
+}
+
+/// Linear RGB.
+pub(super) fn light_color(random: &mut Random) -> [f64; 3] {
+    [random.range(0.0, 1.0), random.range(0.0, 1.0), random.range(0.0, 1.0)]
+}
+
+/// Lights of all kinds, or none, or the headlight.
+pub(super) fn lights(random: &mut Random, shader: Shader) -> Option<Vec<Light>> {
+    if random.chance(0.2) {
+        return None;
+    }
+    // Maps have a million texels: where light is asked for, one scene in eight has one.
+    let mut shadows = usize::from(matches!(shader, Shader::Phong | Shader::Toon) && random.chance(0.2));
+    let count = random.below(4);
+    let mut one = |random: &mut Random| {
+        let color = light_color(random);
+        let direction = (random.direction() * random.factor(0.1, 10.0)).to_array();
+        let position = random.direction() * random.factor(0.3, 5.0);
+        let shadow = shadows > 0;
+        match random.below(3) {
+            0 => {
+                shadows = 0;
+                Light::Directional { direction, color, shadow }
+            }
+            1 => Light::Point { position: position.to_array(), color },
+            _ => {
+                shadows = 0;
+                // Toward the scene, more or less.
+                let direction = (random.direction() * random.range(0.0, 1.0) - position).to_array();
+                let inner_deg = random.range(0.0, 70.0);
+                let outer_deg = inner_deg + random.range(0.0, 60.0);
+                Light::Spot { position: position.to_array(), direction, color, inner_deg, outer_deg, shadow }
+            }
+        }
+    };
+    Some((0..count).map(|_| one(random)).collect())
+}

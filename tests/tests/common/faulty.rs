@@ -1,0 +1,220 @@
+//! The reference with something wrong, which whatever compares pictures must find.
+
+use glam::DVec3;
+use surfel_model::{
+    CloudData, Column3, DepthTolerance, Geometry, Light, Mesh, OnInvalid, Scene, Settings, Shader, Shape, SplatCloud,
+    Transparency,
+};
+use surfel_reference::{Renderer as Reference, ResidentScene};
+use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Stats, View};
+
+type ChangeView = fn(&mut View);
+type ChangeSettings = fn(&mut Settings);
+type ChangeFrame = fn(&mut Frame);
+/// Makes something wrong.
+pub(crate) type Fault = fn(&mut Faulty);
+
+/// The reference with something wrong.
+pub(crate) struct Faulty {
+    inner: Reference,
+    pub(crate) scene: fn(&mut Scene),
+    pub(crate) view: ChangeView,
+    pub(crate) settings: ChangeSettings,
+    pub(crate) frame: ChangeFrame,
+}
+
+impl Faulty {
+    /// With nothing wrong yet.
+    pub(crate) fn new() -> Self {
+        Self { inner: Reference::new(0).unwrap(), scene: |_| (), view: |_| (), settings: |_| (), frame: |_| () }
+    }
+}
+
+impl Renderer for Faulty {
+    type Scene = ResidentScene;
+
+    fn info(&self) -> &RendererInfo {
+        self.inner.info()
+    }
+
+    fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
+        let mut scene = scene.clone();
+        (self.scene)(&mut scene);
+        self.inner.upload(&scene)
+    }
+
+    fn render(
+        &mut self,
+        scene: &ResidentScene,
+        view: &View,
+        settings: &Settings,
+        planes: Planes,
+        frame: &mut Frame,
+    ) -> Result<Stats, RenderError> {
+        let (mut view, mut settings) = (view.clone(), *settings);
+        (self.view)(&mut view);
+        (self.settings)(&mut settings);
+        let stats = self.inner.render(scene, &view, &settings, planes, frame)?;
+        (self.frame)(frame);
+        Ok(stats)
+    }
+}
+
+fn toon_to_phong(shader: Shader) -> Shader {
+    if shader == Shader::Toon { Shader::Phong } else { shader }
+}
+
+fn each_cloud(scene: &mut Scene, change: fn(&mut CloudData)) {
+    for object in &mut scene.objects {
+        let Geometry::Splats(cloud) = &object.geometry else { continue };
+        let mut data = cloud.data().clone();
+        change(&mut data);
+        object.geometry = Geometry::Splats(SplatCloud::new(data, OnInvalid::Drop).unwrap().0.into());
+    }
+}
+
+fn each_mesh(scene: &mut Scene, change: fn(&mut Mesh)) {
+    for object in &mut scene.objects {
+        if let Geometry::Mesh(mesh) = &mut object.geometry {
+            change(std::sync::Arc::make_mut(mesh));
+        }
+    }
+}
+
+fn swap_axes(data: &mut CloudData) {
+    if let Shape::Ellipses { s, t } = &mut data.shape {
+        std::mem::swap(s, t);
+    }
+}
+
+/// What isn't finite is dropped.
+fn drop_each_hundredth(data: &mut CloudData) {
+    let center = |i| if i % 100 == 50 { DVec3::NAN } else { data.centers.get(i) };
+    data.centers = Column3::from_f64(&(0..data.centers.len()).map(center).collect::<Vec<_>>());
+}
+
+fn swap_uv(mesh: &mut Mesh) {
+    mesh.uvs.iter_mut().flatten().for_each(|uv| uv.swap(0, 1));
+}
+
+fn stretch_texture(mesh: &mut Mesh) {
+    mesh.uvs.iter_mut().flatten().for_each(|uv| *uv = uv.map(|c| c * 1.001));
+}
+
+/// Encodes linear colours, which PNG's writer will do again.
+fn encode_again(frame: &mut Frame) {
+    for [r, g, b, _] in &mut frame.color {
+        for channel in [r, g, b] {
+            *channel = if *channel <= 0.003_130_8 { 12.92 * *channel } else { 1.055 * channel.powf(1.0 / 2.4) - 0.055 };
+        }
+    }
+}
+
+/// What can be wrong, by name, and a scene that shows it.
+pub(crate) const FAULTS: [(&str, Fault, &str); 27] = [
+    ("half a pixel off", |f| f.view = |v| v.projection.principal_px[0] += 0.5, "orientation"),
+    ("a hundredth of a pixel off", |f| f.view = |v| v.projection.principal_px[1] += 0.01, "confetti"),
+    ("cutoff", |f| f.settings = |s| s.cutoff *= 1.01, "facing-splat"),
+    ("filter radius", |f| f.settings = |s| s.prefilter_radius_px *= 1.02, "grid/principal"),
+    ("no filter", |f| f.settings = |s| s.prefilter_radius_px = 0.0, "grid/ewa"),
+    ("affine for exact", |f| f.settings = |s| s.mapping = surfel_model::Mapping::Affine, "tilted-splat"),
+    ("tolerance ignored", |f| f.settings = |s| s.depth_tolerance = DepthTolerance::Relative(0.0), "sphere/principal"),
+    ("occlusion ignored", |f| f.settings = |s| s.depth_tolerance = DepthTolerance::Relative(1e9), "sphere/principal"),
+    ("sRGB twice", |f| f.frame = encode_again, "orientation"),
+    ("1 % of splats dropped", |f| f.scene = |s| each_cloud(s, drop_each_hundredth), "confetti"),
+    ("u and v of textures swapped", |f| f.scene = |s| each_mesh(s, swap_uv), "textured-floor"),
+    (
+        "tolerance",
+        |f| {
+            f.settings = |s| s.depth_tolerance = DepthTolerance::Relative(1.1);
+        },
+        "occluded-pair",
+    ),
+    ("near", |f| f.view = |v| v.projection.near *= 1.05, "near-crossing"),
+    (
+        "one material for all",
+        |f| {
+            f.scene = |s| {
+                if let Some(first) = s.objects.first().map(|o| o.material) {
+                    s.objects.iter_mut().for_each(|o| o.material = first);
+                }
+            };
+        },
+        "three-materials/lit",
+    ),
+    ("no lights", |f| f.scene = |s| s.lights = Some(Vec::new()), "spot-light/lit"),
+    ("u and v swapped", |f| f.scene = |s| each_cloud(s, swap_axes), "mirrored-object/lit"),
+    ("opaque", |f| f.settings = |s| s.transparency = Transparency::Off, "pane-through-sphere/peel-2"),
+    (
+        "a layer less",
+        |f| {
+            f.settings = |s| {
+                if let Transparency::Peel { layers, .. } = &mut s.transparency {
+                    *layers = (*layers - 1).max(1);
+                }
+            };
+        },
+        "panes/lit/peel-3",
+    ),
+    (
+        "last layer kept",
+        |f| {
+            f.settings = |s| {
+                if let Transparency::Peel { drop_last, .. } = &mut s.transparency {
+                    *drop_last = false;
+                }
+            };
+        },
+        "panes/lit/peel-3-drop",
+    ),
+    (
+        "peeled instead of gathered",
+        |f| {
+            f.settings = |s| {
+                if let Transparency::ABuffer { .. } = s.transparency {
+                    s.transparency = Transparency::Peel { layers: 64, drop_last: true };
+                }
+            };
+        },
+        "glass-spheres/lit/abuffer-6",
+    ),
+    (
+        "no polygons",
+        |f| f.scene = |s| s.objects.retain(|o| matches!(o.geometry, Geometry::Splats(_))),
+        "mesh-through-sphere/lit",
+    ),
+    (
+        "rough hand-over",
+        |f| f.scene = |s| s.objects.iter_mut().for_each(|o| o.material.interior_weight = Some(1e-6)),
+        "half-mesh-wall/lit",
+    ),
+    ("texture stretched", |f| f.scene = |s| each_mesh(s, stretch_texture), "textured-floor"),
+    (
+        "no shadows",
+        |f| {
+            f.scene = |s| {
+                for light in s.lights.iter_mut().flatten() {
+                    if let Light::Directional { shadow, .. } | Light::Spot { shadow, .. } = light {
+                        *shadow = false;
+                    }
+                }
+            };
+        },
+        "ball-over-floor/lit/wide-spot",
+    ),
+    (
+        "splats cast no shadow",
+        |f| {
+            f.scene = |s| {
+                let glass = surfel_conformance::build::with_alpha;
+                for object in &mut s.objects {
+                    let Geometry::Splats(cloud) = &object.geometry else { continue };
+                    object.geometry = Geometry::Splats(glass((**cloud).clone(), |_| 0.999).into());
+                }
+            };
+        },
+        "glass-ball-over-floor/lit/peel-3",
+    ),
+    ("phong for toon", |f| f.settings = |s| s.shader = toon_to_phong(s.shader), "three-materials/lit/toon"),
+    ("no edge antialiasing", |f| f.settings = |s| s.edge_aa = false, "sphere-before-plane/edge-aa"),
+];
