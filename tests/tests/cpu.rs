@@ -34,10 +34,11 @@ fn drawn() -> Vec<scenes::Case> {
     };
     cases.push(scenes::mesh_through_sphere().with("toon, edges, layers", both));
     cases.push(scenes::panes().with("toon, edges, layers", both));
-    cases.push(scenes::sphere_before_mesh().with("near", |_| ()));
-    if let Some(case) = cases.last_mut() {
-        // Polygons and splats through the near plane.
+    // Polygons and splats through the near plane, and with lines about what it leaves.
+    for (name, shader) in [("near", Shader::Phong), ("near, toon", Shader::Toon)] {
+        let mut case = scenes::sphere_before_mesh().with(name, |s| s.shader = shader);
         case.camera.near = 2.1;
+        cases.push(case);
     }
     cases.extend(rarer_polygons());
     let capabilities = renderer(1, SimdLevel::Best).info().capabilities;

@@ -18,7 +18,7 @@ use surfel_math::mapping::{Footprint, through_near};
 use surfel_math::project::{EDGE_ON, Placement, Projected, ViewSplat, radius_max};
 use surfel_math::{V2, bounds};
 use surfel_model::{Cull, Material};
-use surfel_render::{FramePlan, Region, View};
+use surfel_render::{FramePlan, View};
 
 /// Such a splat on the screen.
 pub(crate) struct NearSplat {
@@ -42,7 +42,7 @@ impl NearSplat {
         color: DVec3,
         object: u32,
         material: &Material,
-        (view, region): (&View, Region),
+        (view, place): (&View, Rect),
         plan: &FramePlan,
     ) -> Option<(Self, [i32; 4])> {
         let projection = &view.projection;
@@ -75,13 +75,13 @@ impl NearSplat {
             let extent_px = bounds::Extent { min: e.min + anchor, max: e.max + anchor };
             (anchor, Footprint::unfiltered(&projected, false), depth, DepthForm::Linear, extent_px)
         };
-        let range = |min: f64, max: f64, start: u32, length: u32| {
-            let (lo, hi) = (f64::from(start), f64::from(start + length));
+        let range = |min: f64, max: f64, start: i32, end: i32| {
+            let (lo, hi) = (f64::from(start), f64::from(end));
             let slack = 1e-6;
             [(min - 0.5 - slack).ceil().clamp(lo, hi) as i32, ((max + 0.5 + slack).floor()).clamp(lo, hi) as i32]
         };
-        let columns = range(extent_px.min.x, extent_px.max.x, region.x, region.width);
-        let rows = range(extent_px.min.y, extent_px.max.y, region.y, region.height);
+        let columns = range(extent_px.min.x, extent_px.max.x, place.x, place.end_x);
+        let rows = range(extent_px.min.y, extent_px.max.y, place.y, place.end_y);
         if columns[0] >= columns[1] || rows[0] >= rows[1] {
             return None;
         }
@@ -164,13 +164,14 @@ impl ObjectSetup<'_> {
             let shading =
                 object.shading_normals.as_ref().map_or(world_normal, |c| unit(self.normals * get(c.load(simd, lanes))));
             let color = object.colors.as_ref().map_or(DVec3::ONE, |c| get(c.load(simd, lanes, scales.color)));
-            let place = (self.view, self.view.region);
+            let (view, part) = (Rect::of(self.view.region), Rect::of(out.grid.region));
+            let place = (self.view, view.with(&part));
             let near = NearSplat::new(&splat, shading, color, self.index, &self.material, place, self.plan);
             let Some((mut near, pixels)) = near else { continue };
-            let part = Rect::of(out.grid.region);
             let [x0, y0, x1, y1] = pixels;
-            // A part of the view counts what begins there.
-            out.segment.drawn += u64::from(Rect::of(out.counted).has(x0, y0));
+            // A part of the view counts what begins there, or would were it moved into the view.
+            let (x, y) = (x0.min(view.end_x - 1).max(view.x), y0.min(view.end_y - 1).max(view.y));
+            out.segment.drawn += u64::from(Rect::of(out.counted).has(x, y));
             let (x0, y0, x1, y1) = (x0.max(part.x), y0.max(part.y), x1.min(part.end_x), y1.min(part.end_y));
             if x0 < x1 && y0 < y1 {
                 // Neither filter nor turn: the footprint's (u, v) are the splat's own.

@@ -38,6 +38,11 @@ impl Rect {
         }
     }
 
+    /// The smallest rectangle that holds both.
+    pub(crate) fn with(&self, o: &Self) -> Self {
+        Self { x: self.x.min(o.x), y: self.y.min(o.y), end_x: self.end_x.max(o.end_x), end_y: self.end_y.max(o.end_y) }
+    }
+
     /// True for a pixel inside.
     pub(crate) fn has(&self, x: i32, y: i32) -> bool {
         (self.x..self.end_x).contains(&x) && (self.y..self.end_y).contains(&y)
