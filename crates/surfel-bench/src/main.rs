@@ -78,6 +78,9 @@ pub(crate) struct Arguments {
     /// SIMD instructions of the processor backend.
     #[arg(long, value_enum, default_value = "best")]
     simd: Simd,
+    /// Evaluate every splat of the processor backend by the evaluator that is right for any.
+    #[arg(long)]
+    general: bool,
     /// Where the models igea.ply and lion_takanawa.ply are; without them their scenes are left out.
     #[arg(long, value_name = "FOLDER", default_value = "models")]
     models: PathBuf,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Renderer, Settings, View};
-use surfel_cpu::SimdLevel;
+use surfel_cpu::{Evaluation, SimdLevel};
 
 use crate::machine::{Machine, busy_ms};
 use crate::report::{BackendFacts, Report, Row, Samples, Subject};
@@ -21,6 +21,7 @@ pub(crate) struct Plan {
     backend: crate::Backend,
     adapter: Option<String>,
     simd: SimdLevel,
+    evaluation: Evaluation,
     threads: Vec<usize>,
     runs: usize,
     models: PathBuf,
@@ -39,6 +40,7 @@ impl Plan {
                 Simd::Avx2 => SimdLevel::Avx2,
                 Simd::Baseline => SimdLevel::Baseline,
             },
+            evaluation: if arguments.general { Evaluation::General } else { Evaluation::Cheapest },
             // A GPU's threads aren't ours to set.
             threads: if on_processor { arguments.threads.clone() } else { vec![0] },
             runs: arguments.runs.unwrap_or(runs).max(1),
@@ -49,7 +51,8 @@ impl Plan {
 
     fn start(&self, threads: usize) -> Result<Backend, Failure> {
         if self.backend == crate::Backend::Cpu {
-            let options = surfel_cpu::Options { threads, simd: self.simd, ..surfel_cpu::Options::default() };
+            let work = surfel_cpu::Work { evaluation: self.evaluation, ..surfel_cpu::Work::default() };
+            let options = surfel_cpu::Options { threads, simd: self.simd, work, ..surfel_cpu::Options::default() };
             return Ok(Backend::Cpu(surfel_cpu::Renderer::with_options(&options)?));
         }
         let options = BackendOptions { threads, adapter: self.adapter.clone(), ..BackendOptions::default() };

@@ -44,6 +44,7 @@ pub(crate) fn draw(
         tile_px: work.tile_px,
         batch_splats: work.batch_splats,
         cull: Cull::Back,
+        evaluation: work.evaluation,
         recycled,
     };
     let mut totals = Totals::default();

@@ -9,6 +9,9 @@
 //! 4. `tile`: per tile two loops over the same list, nearest depth, then weighted sums, in buffers that stay in cache;
 //! 5. `shade`: the tile is divided, lit and written while it is hot.
 //!
+//! Of a frame of many splats, `cells` are parts that one thread sets up and draws by itself, so that records are still in its
+//! cache when they are drawn.
+//!
 //! A frame with more than opaque splats has its tiles drawn by `composite`: `mesh` and `polygon` find polygons, `between` puts
 //! splats before them, `veil` draws transparent layers, `planes` serves a second look at edges and lines; `shadow` draws maps by
 //! the same setup. What a frame lacks costs it nothing.
@@ -50,4 +53,4 @@ mod veil;
 
 pub use column::Storage;
 pub use level::SimdLevel;
-pub use renderer::{Options, Peeling, Renderer, ResidentScene, Work};
+pub use renderer::{Evaluation, Options, Peeling, Renderer, ResidentScene, Work};

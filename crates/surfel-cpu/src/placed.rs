@@ -1,5 +1,6 @@
 //! An object in a view: what is the same for all of its splats, and which chunks can't be seen.
 
+use crate::renderer::Evaluation;
 use crate::store::{Chunk, StoredObject};
 use crate::veil::VeilSplat;
 use glam::{DMat3, DVec3};
@@ -28,10 +29,17 @@ pub(crate) struct ObjectSetup<'a> {
     eye_in_object: DVec3,
     pub view: &'a View,
     pub plan: &'a FramePlan,
+    pub evaluation: Evaluation,
 }
 
 impl<'a> ObjectSetup<'a> {
-    pub(crate) fn new(object: &'a StoredObject, index: u32, view: &'a View, plan: &'a FramePlan, cull: Cull) -> Self {
+    pub(crate) fn new(
+        object: &'a StoredObject,
+        index: u32,
+        view: &'a View,
+        plan: &'a FramePlan,
+        (cull, evaluation): (Cull, Evaluation),
+    ) -> Self {
         let m = object.world_from_object.matrix3;
         let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
         let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
@@ -63,6 +71,7 @@ impl<'a> ObjectSetup<'a> {
             stretch,
             view,
             plan,
+            evaluation,
         }
     }
 

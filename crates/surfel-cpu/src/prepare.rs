@@ -6,6 +6,7 @@ use crate::level::{Instructions, with_instructions};
 use crate::near::NearSplat;
 use crate::placed::ObjectSetup;
 use crate::recycle::Recycled;
+use crate::renderer::Evaluation;
 use crate::setup::{SetupOutput, VeilOutput};
 use crate::store::StoredObject;
 use crate::veil::VeilSegment;
@@ -41,6 +42,7 @@ pub(crate) struct Preparation<'a> {
     pub batch_splats: usize,
     /// [`Cull::None`]: nothing is left out for facing away, whatever its material says.
     pub cull: Cull,
+    pub evaluation: Evaluation,
     pub recycled: &'a Recycled,
 }
 
@@ -101,7 +103,9 @@ impl<'a> Preparation<'a> {
     /// What is the same for all splats of each object.
     pub(crate) fn setups(&self) -> Vec<ObjectSetup<'a>> {
         let objects = self.objects.iter().enumerate();
-        objects.map(|(i, o)| ObjectSetup::new(o, i as u32, self.view, self.plan, self.cull)).collect()
+        objects
+            .map(|(i, o)| ObjectSetup::new(o, i as u32, self.view, self.plan, (self.cull, self.evaluation)))
+            .collect()
     }
 
     /// Chunks that are not outside the view or turned away, from near to far.

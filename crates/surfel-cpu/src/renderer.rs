@@ -51,12 +51,31 @@ pub struct Work {
     pub batch_splats: usize,
     /// How layers of transparent splats are found.
     pub peeling: Peeling,
+    /// How splats are evaluated. The one choice here that changes bits of a picture, within rounding.
+    pub evaluation: Evaluation,
 }
 
 impl Default for Work {
     fn default() -> Self {
-        Self { tile_px: 32, cell_splats: 1 << 15, batch_splats: 1 << 20, peeling: Peeling::default() }
+        Self {
+            tile_px: 32,
+            cell_splats: 1 << 15,
+            batch_splats: 1 << 20,
+            peeling: Peeling::default(),
+            evaluation: Evaluation::default(),
+        }
     }
+}
+
+/// How splats are evaluated at pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Evaluation {
+    /// Each by the cheapest of the evaluators whose error is bound to be below 5e-7 relative: without the filter where it does
+    /// nothing, and by a polynomial in place of a reciprocal where the depth hardly changes.
+    #[default]
+    Cheapest,
+    /// All by the one that is right for any splat. To measure against.
+    General,
 }
 
 /// How layers of transparent splats are found. The same layers either way.

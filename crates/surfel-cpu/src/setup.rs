@@ -7,6 +7,7 @@ use crate::lanes::{LANES, Lanes};
 use crate::mask::{self, MaskForm, MaskForms, Masks};
 use crate::placed::{ObjectSetup, Sides};
 use crate::record::{BlockBox, Class, Record, RecordLanes};
+use crate::renderer::Evaluation;
 use crate::store::{CHUNK, Chunk, StoredShape};
 use crate::veil::VeilSplat;
 use fearless_simd::prelude::SimdFloat;
@@ -317,6 +318,7 @@ impl ObjectSetup<'_> {
             _ => one.lt(one),
         };
         let plain = one_footprint & unclipped;
+        let plain = if self.evaluation == Evaluation::General { one.lt(one) } else { plain };
         // Over the disk; and over all of its blocks, which reach at most 12 pixels beyond.
         let steepness = gradient.x.abs() + gradient.y.abs();
         let shallow =
@@ -329,7 +331,8 @@ impl ObjectSetup<'_> {
         // The filtered disk reaches h beyond the other at most, and its w changes as slowly.
         let is_clamp = settings.filter == Filter::Clamp;
         let slow = (w.x.abs() + w.y.abs()).le(k(1.0 / 200.0)) & h.le(k(SOFT_RADIUS_PX));
-        let soft = if is_clamp { one.lt(one) } else { shallow & slow & unclipped };
+        let soft =
+            if is_clamp || self.evaluation == Evaluation::General { one.lt(one) } else { shallow & slow & unclipped };
         // What is drawn together finds the range in the same form: of e, and none where the footprint is the disk.
         let unlimited = k(f64::from(f32::MAX));
         let bits = |value: u32| Lanes::splat(simd, f32::from_bits(value));
