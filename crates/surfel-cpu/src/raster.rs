@@ -184,8 +184,7 @@ struct FirstLoop<'a, S: Simd, L> {
     scratch: &'a mut Scratch,
 }
 
-impl<S: Simd, L: Limit<S>> FirstLoop<'_, S, L> {
-    /// Takes in splat `i` of the list.
+impl<S: Simd, L: Limit<S>> Visit<S> for FirstLoop<'_, S, L> {
     #[inline(always)]
     fn add(&mut self, simd: S, mut fragment: Fragment<S>, i: usize, record: &Record) {
         let k = |v: f32| Lanes::splat(simd, v);
@@ -237,35 +236,7 @@ pub(crate) fn block<S: Simd>(
             left &= !k(farthest).lt(Lanes::load(simd, &list.z_min[first..])).to_bitmask();
         }
         loop_1.sums.tested += left.count_ones();
-        let sixteen = &list.records[first..(first + LANES).min(list.records.len())];
-        for (quarter, records) in sixteen.chunks(4).enumerate() {
-            let bits = left >> (4 * quarter) & 0xf;
-            let i = first + 4 * quarter;
-            let together = match records.first_chunk::<4>() {
-                Some(four) if bits == 0xf => Some((Together::of(four), *four)),
-                _ => None,
-            };
-            match together {
-                Some((Together::Simple, records)) => {
-                    for (j, fragment) in four::<S, false>(simd, records, at, shared).into_iter().enumerate() {
-                        loop_1.add(simd, fragment, i + j, records[j]);
-                    }
-                }
-                Some((Together::Soft, records)) => {
-                    for (j, fragment) in four::<S, true>(simd, records, at, shared).into_iter().enumerate() {
-                        loop_1.add(simd, fragment, i + j, records[j]);
-                    }
-                }
-                _ => {
-                    for (j, record) in records.iter().enumerate() {
-                        if bits >> j & 1 == 1 {
-                            let fragment = fragment(simd, record, at, (x, y), shared);
-                            loop_1.add(simd, fragment, i + j, record);
-                        }
-                    }
-                }
-            }
-        }
+        sixteen(simd, list, (first, left), at, (x, y), shared, &mut loop_1);
         if first + LANES < list.records.len() {
             farthest = Some(largest(loop_1.sums.kept));
         }
@@ -280,16 +251,84 @@ pub(crate) fn block<S: Simd>(
             accumulate(simd, &mut sums, record, mask, z, Lanes::load(simd, weight), shared);
         }
     } else {
-        for &record in list.records {
-            let mut fragment = fragment(simd, record, at, (x, y), shared);
-            if let Some(exists) = limit.exists(fragment.z) {
-                fragment.inside &= exists;
-            }
-            let mask = limit.reaches(fragment.z, record, fragment.inside & fragment.z.le(sums.kept));
-            accumulate(simd, &mut sums, record, mask, fragment.z, fragment.weight, shared);
+        // What is kept is known now, and what lies behind it passed over.
+        let farthest = k(largest(sums.kept));
+        let mut loop_2 = SecondLoop { sums, limit, shared };
+        for first in (0..list.records.len()).step_by(LANES) {
+            let all = (1u64 << (list.records.len() - first).min(LANES)) - 1;
+            let left = all & !farthest.lt(Lanes::load(simd, &list.z_min[first..])).to_bitmask();
+            sixteen(simd, list, (first, left), at, (x, y), shared, &mut loop_2);
         }
+        sums = loop_2.sums;
     }
     sums
+}
+
+/// The second loop, where fragments weren't remembered.
+struct SecondLoop<'a, 'b, S: Simd, L> {
+    sums: Sums<S>,
+    limit: L,
+    shared: &'a Shared<'b>,
+}
+
+impl<S: Simd, L: Limit<S>> Visit<S> for SecondLoop<'_, '_, S, L> {
+    #[inline(always)]
+    fn add(&mut self, simd: S, mut fragment: Fragment<S>, _i: usize, record: &Record) {
+        if let Some(exists) = self.limit.exists(fragment.z) {
+            fragment.inside &= exists;
+        }
+        let near = fragment.inside & fragment.z.le(self.sums.kept);
+        let mask = self.limit.reaches(fragment.z, record, near);
+        accumulate(simd, &mut self.sums, record, mask, fragment.z, fragment.weight, self.shared);
+    }
+}
+
+/// What is done with fragments. Not a closure: one that is called in several places isn't inlined into SIMD code.
+trait Visit<S: Simd> {
+    /// Takes in splat `i` of the list.
+    fn add(&mut self, simd: S, fragment: Fragment<S>, i: usize, record: &Record);
+}
+
+/// Computes the fragments of those of sixteen splats from `first` on whose bits are set, four together where they can be.
+#[inline(always)]
+fn sixteen<S: Simd>(
+    simd: S,
+    list: BlockList<'_, '_>,
+    (first, left): (usize, u64),
+    at: (Lanes<S>, Lanes<S>),
+    first_px: (i32, i32),
+    shared: &Shared<'_>,
+    visit: &mut impl Visit<S>,
+) {
+    let sixteen = &list.records[first..(first + LANES).min(list.records.len())];
+    for (quarter, records) in sixteen.chunks(4).enumerate() {
+        let bits = left >> (4 * quarter) & 0xf;
+        let i = first + 4 * quarter;
+        let together = match records.first_chunk::<4>() {
+            Some(four) if bits == 0xf => Some((Together::of(four), *four)),
+            _ => None,
+        };
+        match together {
+            Some((Together::Simple, records)) => {
+                for (j, fragment) in four::<S, false>(simd, records, at, shared).into_iter().enumerate() {
+                    visit.add(simd, fragment, i + j, records[j]);
+                }
+            }
+            Some((Together::Soft, records)) => {
+                for (j, fragment) in four::<S, true>(simd, records, at, shared).into_iter().enumerate() {
+                    visit.add(simd, fragment, i + j, records[j]);
+                }
+            }
+            _ => {
+                for (j, record) in records.iter().enumerate() {
+                    if bits >> j & 1 == 1 {
+                        let fragment = fragment(simd, record, at, first_px, shared);
+                        visit.add(simd, fragment, i + j, record);
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// The largest lane; none is NaN.
