@@ -8,6 +8,25 @@
 @group(1) @binding(19) var layer_counts: texture_2d<f32>;
 @group(1) @binding(20) var layer_kept: texture_depth_2d;
 
+// A draw of transparent splats, as indirect drawing reads it.
+struct DrawArguments {
+    vertices: u32,
+    instances: u32,
+    first_vertex: u32,
+    first_instance: u32,
+}
+
+// What the layers' draws are to do, so that none is drawn behind the last that has anything.
+struct LayerDraws {
+    // Some pixel keeps something of the current layer: only then is there anything behind it.
+    remains: atomic<u32>,
+    // Layers that were drawn, the current one included.
+    drawn: u32,
+    arguments: array<DrawArguments>,
+}
+
+@group(1) @binding(22) var<storage, read_write> layer_draws: LayerDraws;
+
 fn is_in_targets(id: vec3u) -> bool {
     return id.x < frame.size_px.x && id.y < frame.size_px.y;
 }
@@ -68,6 +87,24 @@ fn peeled_layer(@builtin(global_invocation_id) id: vec3u) {
     // Where nothing is kept the layer took all that remained.
     veil.beyond = textureLoad(layer_kept, pixel, 0);
     veils[at] = veil;
+    if veil.beyond > 0.0 && atomicLoad(&layer_draws.remains) == 0u {
+        atomicStore(&layer_draws.remains, 1u);
+    }
+}
+
+// Between two layers, once: no splat is drawn any more where nothing remains.
+@compute @workgroup_size(8, 8)
+fn next_layer(@builtin(global_invocation_id) id: vec3u) {
+    if id.x + id.y > 0u {
+        return;
+    }
+    if atomicExchange(&layer_draws.remains, 0u) != 0u {
+        layer_draws.drawn += 1u;
+        return;
+    }
+    for (var i = 0u; i < arrayLength(&layer_draws.arguments); i++) {
+        layer_draws.arguments[i].instances = 0u;
+    }
 }
 
 @compute @workgroup_size(8, 8)

@@ -35,6 +35,7 @@ on_each_backend!(
     region_is_that_part_of_the_whole,
     fragment_is_kept_by_its_own_splat_without_tolerance,
     fragments_are_counted_as_the_cpu_does,
+    layers_end_where_nothing_remains,
     sums_in_f16_are_close,
     empty_scene_is_background,
     scene_of_any_size_agrees_with_the_reference
@@ -106,6 +107,34 @@ fn fragments_are_counted_as_the_cpu_does(mut renderer: impl Renderer) {
     let stats = renderer.render(&resident, &case.view(), &case.settings, planes, &mut Frame::default()).unwrap();
     assert_eq!(stats.fragments, ours.fragments.iter().map(|&n| u64::from(n)).sum::<u64>());
     assert!(stats.drawn > 0 && stats.drawn <= stats.splats);
+}
+
+fn layers_end_where_nothing_remains(mut renderer: impl Renderer) {
+    let mut drawn = |case: &Case, layers: &str| {
+        let case = case.with(layers, |s| s.transparency = layers.parse().unwrap());
+        let resident = renderer.upload(&case.scene).unwrap();
+        let mut frame = Frame::default();
+        let stats = renderer.render(&resident, &case.view(), &case.settings, Planes::ALL, &mut frame).unwrap();
+        let counter = stats.counters.iter().find(|counter| counter.0 == "layers_drawn");
+        (frame, counter.map(|counter| counter.1))
+    };
+    for case in [scenes::panes(), scenes::glass_spheres()] {
+        let (few, all_of_few) = drawn(&case, "peel:2");
+        assert_eq!(all_of_few, Some(2.0), "{}", case.name);
+        let (many, some_of_many) = drawn(&case, "peel:40");
+        // What lies behind each other, some layers of rims, and the one that finds nothing.
+        let count = some_of_many.unwrap();
+        assert!((4.0..20.0).contains(&count), "{}: {count}", case.name);
+        let (more, as_many) = drawn(&case, "peel:64");
+        assert_eq!((&many, some_of_many), (&more, as_many), "{}", case.name);
+        assert!(few != many, "{}", case.name);
+        // With one more, the last of those drawn is peeled and not blended with what remains.
+        let (enough, _) = drawn(&case, &format!("peel:{}:drop", count + 1.0));
+        assert_eq!(many, enough, "{}", case.name);
+    }
+    // A pane is one layer, and the second finds nothing.
+    assert_eq!(drawn(&scenes::pane_through_sphere(), "peel:40").1, Some(2.0));
+    assert_eq!(drawn(&scenes::closed_sphere(), "peel:4").1, None);
 }
 
 fn sums_in_f16_are_close(mut renderer: impl Renderer) {

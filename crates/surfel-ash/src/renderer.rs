@@ -17,7 +17,8 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, FrameScene, Limits, MapJob, Pixels, TileData, Variant, map_jobs, schedule, shadow_texels, tiles,
+    Draw, FrameScene, LAYER_HEADER_BYTES, Limits, MapJob, Pixels, TileData, Variant, count_layers, map_jobs, schedule,
+    shadow_texels, tiles,
 };
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
@@ -226,6 +227,9 @@ impl Renderer {
         let counted = data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame);
         let drawn = job.drawn_readback.words(1)?.first().copied().unwrap_or(0);
         stats.drawn += u64::from(drawn) + u64::from(data.near_count());
+        if let Some(layers) = &job.layers_readback {
+            count_layers(layers.words((LAYER_HEADER_BYTES / 4) as usize)?, stats);
+        }
         queries.add(stats)?;
         if !queries.counts_fragments() {
             stats.fragments += counted;

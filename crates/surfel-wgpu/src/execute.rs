@@ -6,7 +6,10 @@ use crate::scene::{Records, ResidentScene, bind, filled};
 use crate::targets::Targets;
 use crate::timing::Timer;
 use std::collections::HashMap;
-use surfel_gpu::{Draw, FrameScene, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant, groups, slots};
+use surfel_gpu::{
+    Draw, FrameScene, NearRecords, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant, groups, layer_draw_offset,
+    layer_draw_words, slots,
+};
 
 /// Everything that the steps of a tile read.
 pub(crate) struct Tile<'a> {
@@ -27,6 +30,8 @@ pub(crate) struct Tile<'a> {
     shaded: [u32; 2],
     /// Splats that were set up and touch the tile.
     pub drawn: wgpu::Buffer,
+    /// What draws of transparent splats do; `None` where there are none.
+    pub layer_draws: Option<wgpu::Buffer>,
 }
 
 /// Texels of shadow maps: a tile reads or writes them.
@@ -51,6 +56,8 @@ struct Drawn {
     /// In place of it where each is lit by itself.
     lit_group: Option<wgpu::BindGroup>,
     count: u32,
+    /// Its place among the draws of layers.
+    index: usize,
 }
 
 impl<'a> Tile<'a> {
@@ -76,7 +83,7 @@ impl<'a> Tile<'a> {
         let setup_frame_group = bind(device, "frame of setup", &pipelines.setup_frame_group, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));
-        let segments = scene.segments.iter().zip(&data.segments).map(|(segment, data)| {
+        let segments = scene.segments.iter().zip(&data.segments).enumerate().map(|(index, (segment, data))| {
             let pipeline = pipelines.splats(data.variant).filter(|_| !data.is_outside)?;
             let chunks = filled(device, queue, "chunks", &data.chunks, storage);
             let near_bits = filled(device, queue, "near bits", &data.near_bits, storage);
@@ -88,11 +95,11 @@ impl<'a> Tile<'a> {
             });
             let group = segment.records.group(device, pipeline, data.variant);
             let (variant, is_transparent) = (data.variant, data.is_transparent);
-            let drawn = Drawn { variant, is_transparent, group, lit_group: None, count: segment.count };
+            let drawn = Drawn { variant, is_transparent, group, lit_group: None, count: segment.count, index };
             Some(SegmentGroups { setup, drawn })
         });
         let segments = segments.collect();
-        let near = data.near.iter().filter_map(|near| {
+        let near = data.near.iter().enumerate().filter_map(|(i, near)| {
             let records = filled(device, queue, "near records", &near.records, storage);
             let clipped = near.variant == Variant::Clipped;
             let clips = clipped.then(|| filled(device, queue, "clips of near records", &near.clips, storage));
@@ -103,13 +110,24 @@ impl<'a> Tile<'a> {
             });
             let group = Records { records, clips }.group(device, pipeline, near.variant);
             let (variant, is_transparent) = (near.variant, near.is_transparent);
-            Some(Drawn { variant, is_transparent, group, lit_group, count: near.count() })
+            let index = scene.segments.len() + i;
+            Some(Drawn { variant, is_transparent, group, lit_group, count: near.count(), index })
         });
         let near = near.collect();
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
         let polygons_group = bind(device, "polygons", &pipelines.polygons_group, &[&polygons]);
+        let has_layers = targets.key.draws.iter().any(|draw| draw.is_transparent());
+        let layer_draws = has_layers.then(|| {
+            let near = data.near.iter().map(NearRecords::count);
+            let words = layer_draw_words(scene.segments.iter().map(|segment| segment.count).chain(near));
+            let usage = wgpu::BufferUsages::INDIRECT | wgpu::BufferUsages::COPY_SRC | storage;
+            filled(device, queue, "draws of layers", &words, usage)
+        });
         let finish = |entry: &str, layout: &wgpu::BindGroupLayout| {
-            let buffers = [&targets.planes, &polygons, &scene.texels, &targets.veils, &targets.veils, shadows.written];
+            let layer_draws = layer_draws.as_ref().unwrap_or(&drawn);
+            let veils = &targets.veils;
+            let buffers =
+                [&targets.planes, &polygons, &scene.texels, veils, veils, shadows.written, layer_draws];
             let buffers = PIXEL_BUFFERS
                 .into_iter()
                 .zip(buffers)
@@ -133,6 +151,7 @@ impl<'a> Tile<'a> {
             polygon_count: data.polygon_count,
             shaded: data.shaded,
             drawn,
+            layer_draws,
         }
     }
 
@@ -152,7 +171,7 @@ impl<'a> Tile<'a> {
                 pass.set_pipeline(&pipeline.raw);
                 pass.set_bind_group(0, &self.frame_group, &[]);
                 pass.set_bind_group(1, group, &[]);
-                let [width, height] = if pixels.is_shade() { self.shaded } else { self.targets.key.size };
+                let [width, height] = pixels.size(self.targets.key.size, self.shaded);
                 pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
             }
         }
@@ -266,7 +285,10 @@ impl<'a> Tile<'a> {
             }
             let lit_group = drawn.lit_group.as_ref().filter(|_| draw.is_lit());
             pass.set_bind_group(1, lit_group.unwrap_or(&drawn.group), &[]);
-            pass.draw(0..4, 0..drawn.count);
+            match self.layer_draws.as_ref().filter(|_| draw.is_transparent()) {
+                Some(draws) => pass.draw_indirect(draws, layer_draw_offset(drawn.index)),
+                None => pass.draw(0..4, 0..drawn.count),
+            }
         }
     }
 }

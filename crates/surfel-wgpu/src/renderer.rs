@@ -10,7 +10,8 @@ use crate::targets::{TargetKey, Targets};
 use crate::timing::Timer;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, FrameScene, Limits, MapJob, Pixels, TileData, Variant, map_jobs, schedule, shadow_texels, tiles,
+    Draw, FrameScene, LAYER_HEADER_BYTES, Limits, MapJob, Pixels, TileData, Variant, count_layers, map_jobs, schedule,
+    shadow_texels, tiles,
 };
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
@@ -211,7 +212,12 @@ impl Renderer {
                 timer.resolve(&mut encoder, &buffer);
                 (buffer, timer.bytes())
             });
-            let mut parts = vec![(&targets.planes, 4 * u64::from(floats)), (&job.drawn, 4)];
+            let layers = job.layer_draws.as_ref().map(|draws| (draws, LAYER_HEADER_BYTES));
+            let mut parts = vec![
+                (&targets.planes, 4 * u64::from(floats)),
+                (&job.drawn, 4),
+                layers.unwrap_or((&job.drawn, 0)),
+            ];
             parts.extend(times.as_ref().map(|(buffer, bytes)| (buffer, *bytes)));
             let readback = Readback::record(&self.device, &mut encoder, &parts);
             self.queue.submit([encoder.finish()]);
@@ -220,7 +226,10 @@ impl Renderer {
         let Some(readback) = readback else { return Err(failed("the targets were not made")) };
         let timer = self.timer.as_ref();
         readback.read(&self.device, |parts| {
-            let [planes, drawn, times @ ..] = parts else { return };
+            let [planes, drawn, layers, times @ ..] = parts else { return };
+            if !layers.is_empty() {
+                count_layers(layers, stats);
+            }
             stats.fragments += data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame);
             stats.drawn += u64::from(drawn.first().copied().unwrap_or(0)) + u64::from(data.near_count());
             if let (Some(timer), Some(words)) = (timer, times.first()) {
