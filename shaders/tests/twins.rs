@@ -17,7 +17,9 @@ macro_rules! paths {
 }
 
 fn rust_paths() -> BTreeSet<&'static str> {
-    use surfel_math::{basis, clip, depth, filter, kernel, mapping, project, real, shadow, svd, triangle, vector};
+    use surfel_math::{
+        basis, clip, depth, filter, kernel, mapping, project, quantise, real, shadow, svd, triangle, vector,
+    };
     BTreeSet::from(paths! {
         real::Real::difference_of_products, as <f32 as real::Real>::difference_of_products;
         real::Real::sum_of_products, as <f32 as real::Real>::sum_of_products;
@@ -30,6 +32,7 @@ fn rust_paths() -> BTreeSet<&'static str> {
         vector::V3::max_abs, as vector::V3::<f32>::max_abs;
         basis::unit, as basis::unit;
         basis::orthonormal, as basis::orthonormal;
+        quantise::unfolded;
         svd::Svd2::of_columns, as svd::Svd2::<f32>::of_columns;
         svd::Svd2::minor_axis, as svd::Svd2::<f32>::minor_axis;
         project::Projected::new, as project::Projected::<f32>::new;

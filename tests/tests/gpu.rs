@@ -3,10 +3,11 @@
 
 mod common;
 
+use surfel_ash::Limits;
 use surfel_conformance::harness::{ABSOLUTE, RELATIVE, Verdict, check_backend, check_case, render};
 use surfel_conformance::scenes::{self, Case};
 use surfel_model::{Accumulate, DepthTolerance, Light, Projection};
-use surfel_render::{Frame, Planes, Region, Renderer, View};
+use surfel_render::{Frame, Planes, Region, Renderer, Storage, View};
 
 /// Runs the same tests on each backend.
 macro_rules! on_each_backend {
@@ -216,7 +217,8 @@ fn ash_and_wgpu_draw_the_same_picture_on_one_driver() {
 }
 
 /// Room for 256 clipped splats a buffer, a seventh of a picture a tile, and no record beyond the next pass.
-const LITTLE: surfel_ash::Limits = surfel_ash::Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0 };
+const LITTLE: surfel_ash::Limits =
+    surfel_ash::Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0, memory_bytes: u64::MAX };
 
 fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer) {
     let planes = Planes { fragments: true, ..Planes::ALL };
@@ -236,11 +238,17 @@ fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer)
 
 #[test]
 fn scenes_and_pictures_too_large_for_the_device_are_drawn_in_parts() {
-    if let (Some(mut whole), Some(mut parts)) = (common::ash(), common::ash_within(LITTLE)) {
-        draws_the_same_in_parts(&mut whole, &mut parts);
-    }
-    if let (Some(mut whole), Some(mut parts)) = (common::wgpu(), common::wgpu_within(LITTLE)) {
-        draws_the_same_in_parts(&mut whole, &mut parts);
-        common::no_messages();
+    for storage in [Storage::F32, Storage::Quantised] {
+        let all = Limits::default();
+        if let (Some(mut whole), Some(mut parts)) = (common::ash_with(all, storage), common::ash_with(LITTLE, storage))
+        {
+            draws_the_same_in_parts(&mut whole, &mut parts);
+        }
+        if let (Some(mut whole), Some(mut parts)) =
+            (common::wgpu_with(all, storage), common::wgpu_with(LITTLE, storage))
+        {
+            draws_the_same_in_parts(&mut whole, &mut parts);
+            common::no_messages();
+        }
     }
 }

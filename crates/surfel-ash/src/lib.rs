@@ -36,6 +36,7 @@ mod targets;
 pub use renderer::{Options, RawDevice, Renderer};
 pub use scene::ResidentScene;
 pub use surfel_gpu::Limits;
+pub use surfel_render::{Storage, UploadProgress};
 
 use surfel_render::{Capabilities, Feature};
 

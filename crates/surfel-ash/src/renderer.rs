@@ -21,7 +21,9 @@ use surfel_gpu::{
     shadow_texels, tiles,
 };
 use surfel_model::{Accumulate, Scene, Settings};
-use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
+use surfel_render::{
+    Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, Storage, UploadProgress, View, plan,
+};
 
 /// How a [`Renderer`] is opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -32,6 +34,8 @@ pub struct Options {
     pub validation: bool,
     /// What may be used of the device.
     pub limits: Limits,
+    /// How splats are kept in the device's memory.
+    pub storage: Storage,
 }
 
 /// A device that a program has anyway.
@@ -62,6 +66,7 @@ pub struct Renderer {
     is_software: bool,
     /// Of the device, and of those who opened it.
     limits: Limits,
+    storage: Storage,
 }
 
 impl Renderer {
@@ -93,7 +98,7 @@ impl Renderer {
             .into());
         };
         let device = Device::new(instance, candidate)?;
-        Self::start(device, candidate, options.limits)
+        Self::start(device, candidate, options.limits, options.storage)
     }
 
     /// A renderer on a device that a program has anyway. None of its optional features is used, so no pass counts
@@ -114,10 +119,15 @@ impl Renderer {
         let candidate = Candidate::with_family(&instance.raw, physical, family, timestamp_bits);
         let candidate = candidate.ok_or_else(|| Failure::other("the device is of Vulkan 1.0, expected 1.1"))?;
         let device = Device::borrowed(instance, &candidate, device, queue)?;
-        Self::start(device, &candidate, Limits::default())
+        Self::start(device, &candidate, Limits::default(), Storage::default())
     }
 
-    fn start(device: Arc<Device>, candidate: &Candidate, limits: Limits) -> Result<Self, RenderError> {
+    fn start(
+        device: Arc<Device>,
+        candidate: &Candidate,
+        limits: Limits,
+        storage: Storage,
+    ) -> Result<Self, RenderError> {
         let pipelines = Pipelines::new(&device)?;
         let mut driver = candidate.driver.clone();
         if !device.facts.blends_f32 {
@@ -132,7 +142,8 @@ impl Renderer {
         };
         let is_software = candidate.is_software();
         let limits = limits.within(device.facts.buffer_bytes(), device.facts.texture_side());
-        let renderer = Self { targets: None, map_targets: None, pipelines, device, info, is_software, limits };
+        let limits = limits.within_memory(device.facts.memory_bytes);
+        let renderer = Self { targets: None, map_targets: None, pipelines, device, info, is_software, limits, storage };
         renderer.check_messages()?;
         Ok(renderer)
     }
@@ -246,7 +257,15 @@ impl surfel_render::Renderer for Renderer {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
-        let resident = scene::upload(&self.device, scene, self.limits)?;
+        self.upload_reporting(scene, &mut |_| {})
+    }
+
+    fn upload_reporting(
+        &mut self,
+        scene: &Scene,
+        progress: &mut dyn FnMut(UploadProgress),
+    ) -> Result<ResidentScene, RenderError> {
+        let resident = scene::upload(&self.device, (scene, self.storage), self.limits, progress)?;
         self.check_messages()?;
         Ok(resident)
     }

@@ -20,10 +20,12 @@ mod rounds;
 mod schedule;
 mod segment;
 mod shadows;
+mod stored;
 mod targets;
 mod texels;
 mod tile;
 mod uniforms;
+mod upload;
 mod words;
 
 pub use bindings::{Slot, groups, slots};
@@ -33,8 +35,9 @@ pub use layers::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw
 pub use planes::PlaneLayout;
 pub use rounds::{PIXEL_BUFFERS, PIXEL_READS, Pixels};
 pub use schedule::{Step, schedule};
-pub use segment::{Limits, RecordBytes, Segment, Upload, UploadedScene};
+pub use segment::{Limits, RecordBytes, Segment, UploadedScene};
 pub use shadows::{MapJob, map_jobs, shadow_texels};
 pub use targets::{Draw, Layer, Sums, Target, TargetFormat};
 pub use tile::{NearRecords, SegmentData, TileData, Visible, tiles};
 pub use uniforms::FrameScene;
+pub use upload::Upload;

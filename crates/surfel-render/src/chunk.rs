@@ -48,12 +48,10 @@ impl ChunkSpace {
     /// Of these splats.
     pub fn of(cloud: &SplatCloud, members: &[u32]) -> Self {
         let centers = members.iter().map(|&i| cloud.center(i as usize));
-        let (min, max) =
-            centers.clone().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
+        let (min, max) = centers.clone().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
         let origin = 0.5 * (min + max);
-        let color = |&i: &u32| {
-            cloud.data().colors.as_ref().map_or(0.0, |_| Vec3::from(cloud.color(i as usize)).max_element())
-        };
+        let color =
+            |&i: &u32| cloud.data().colors.as_ref().map_or(0.0, |_| Vec3::from(cloud.color(i as usize)).max_element());
         Self {
             origin,
             center: centers.fold(0.0, |a, p| a.max((p - origin).as_vec3().abs().max_element())),

@@ -7,8 +7,8 @@ use crate::targets::Targets;
 use crate::timing::Timer;
 use std::collections::HashMap;
 use surfel_gpu::{
-    Draw, FrameScene, NearRecords, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant, groups, layer_draw_offset,
-    layer_draw_words, slots,
+    Draw, FrameScene, NearRecords, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant, groups,
+    layer_draw_offset, layer_draw_words, slots,
 };
 
 /// Everything that the steps of a tile read.
@@ -126,8 +126,7 @@ impl<'a> Tile<'a> {
         let finish = |entry: &str, layout: &wgpu::BindGroupLayout| {
             let layer_draws = layer_draws.as_ref().unwrap_or(&drawn);
             let veils = &targets.veils;
-            let buffers =
-                [&targets.planes, &polygons, &scene.texels, veils, veils, shadows.written, layer_draws];
+            let buffers = [&targets.planes, &polygons, &scene.texels, veils, veils, shadows.written, layer_draws];
             let buffers = PIXEL_BUFFERS
                 .into_iter()
                 .zip(buffers)

@@ -34,6 +34,7 @@ pub use host::{HostDepth, HostTarget};
 pub use renderer::{Options, Renderer};
 pub use scene::ResidentScene;
 pub use surfel_gpu::Limits;
+pub use surfel_render::{Storage, UploadProgress};
 
 use surfel_render::{Capabilities, Feature};
 

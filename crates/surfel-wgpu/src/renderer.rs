@@ -14,7 +14,9 @@ use surfel_gpu::{
     shadow_texels, tiles,
 };
 use surfel_model::{Accumulate, Scene, Settings};
-use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
+use surfel_render::{
+    Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, Storage, UploadProgress, View, plan,
+};
 
 /// How a [`Renderer`] is opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -25,6 +27,8 @@ pub struct Options {
     pub validation: bool,
     /// What may be used of the device.
     pub limits: Limits,
+    /// How splats are kept in the device's memory.
+    pub storage: Storage,
 }
 
 /// The wgpu backend.
@@ -43,6 +47,7 @@ pub struct Renderer {
     timer: Option<Timer>,
     /// Of the device, and of those who opened it.
     pub(crate) limits: Limits,
+    storage: Storage,
 }
 
 impl Renderer {
@@ -60,7 +65,7 @@ impl Renderer {
     /// As [`Renderer::new`]; also if no adapter has that name.
     pub fn with_options(options: &Options) -> Result<Self, RenderError> {
         let Opened { device, queue, info } = adapter::open(options)?;
-        Self::start(device, queue, &info, options.limits)
+        Self::start(device, queue, &info, options.limits, options.storage)
     }
 
     /// A renderer on a device that a program has anyway. `Features::FLOAT32_BLENDABLE` gives f32 sums,
@@ -71,7 +76,7 @@ impl Renderer {
     /// [`RenderError::Backend`] if the device refuses the shaders.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, RenderError> {
         let info = device.adapter_info();
-        Self::start(device, queue, &info, Limits::default())
+        Self::start(device, queue, &info, Limits::default(), Storage::default())
     }
 
     fn start(
@@ -79,6 +84,7 @@ impl Renderer {
         queue: wgpu::Queue,
         info: &wgpu::AdapterInfo,
         limits: Limits,
+        storage: Storage,
     ) -> Result<Self, RenderError> {
         let errors = Mailbox::of(&device);
         let f32_sums = blends_f32(&device);
@@ -100,6 +106,7 @@ impl Renderer {
             map_targets: None,
             timer,
             limits,
+            storage,
         })
     }
 
@@ -213,11 +220,8 @@ impl Renderer {
                 (buffer, timer.bytes())
             });
             let layers = job.layer_draws.as_ref().map(|draws| (draws, LAYER_HEADER_BYTES));
-            let mut parts = vec![
-                (&targets.planes, 4 * u64::from(floats)),
-                (&job.drawn, 4),
-                layers.unwrap_or((&job.drawn, 0)),
-            ];
+            let mut parts =
+                vec![(&targets.planes, 4 * u64::from(floats)), (&job.drawn, 4), layers.unwrap_or((&job.drawn, 0))];
             parts.extend(times.as_ref().map(|(buffer, bytes)| (buffer, *bytes)));
             let readback = Readback::record(&self.device, &mut encoder, &parts);
             self.queue.submit([encoder.finish()]);
@@ -248,7 +252,15 @@ impl surfel_render::Renderer for Renderer {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
-        let resident = scene::upload(&self.device, &self.queue, scene, self.limits)?;
+        self.upload_reporting(scene, &mut |_| {})
+    }
+
+    fn upload_reporting(
+        &mut self,
+        scene: &Scene,
+        progress: &mut dyn FnMut(UploadProgress),
+    ) -> Result<ResidentScene, RenderError> {
+        let resident = scene::upload(&self.device, &self.queue, (scene, self.storage), self.limits, progress)?;
         self.errors.check()?;
         Ok(resident)
     }
