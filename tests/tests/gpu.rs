@@ -217,8 +217,7 @@ fn ash_and_wgpu_draw_the_same_picture_on_one_driver() {
 }
 
 /// Room for 256 clipped splats a buffer, a seventh of a picture a tile, and no record beyond the next pass.
-const LITTLE: surfel_ash::Limits =
-    surfel_ash::Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0, memory_bytes: u64::MAX };
+const LITTLE: Limits = Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0, memory_bytes: u64::MAX };
 
 fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer) {
     let planes = Planes { fragments: true, ..Planes::ALL };

@@ -318,7 +318,7 @@ impl<'a> Tile<'a> {
             (Draw::Sums(layer, Sums::Color | Sums::Surface), _) if layer != Layer::Behind => {
                 self.queries.counted(commands, quads);
             }
-            (Draw::Edges, Some(pipeline)) => strip(pipeline, None, 3, 1),
+            (Draw::Edges | Draw::Ceiling(_), Some(pipeline)) => strip(pipeline, None, 3, draw.triangles()),
             (Draw::Polygons, Some(pipeline)) => strip(pipeline, Some(self.polygons.0), 4, self.polygons.1),
             _ => quads(),
         }

@@ -142,7 +142,8 @@ mod tests {
         let sums = [Layer::Front, Layer::Behind]
             .map(|l| [Sums::Color, Sums::Surface, Sums::Further].map(|s| Draw::Sums(l, s)));
         let others = [Draw::Visibility, Draw::Writers, Draw::VisibilityBehind, Draw::Edges];
-        for draw in sums.into_iter().flatten().chain(others) {
+        let ceilings = crate::Ceiling::ALL.map(Draw::Ceiling);
+        for draw in sums.into_iter().flatten().chain(others).chain(ceilings) {
             for variant in [Variant::Whole, Variant::Clipped] {
                 for name in draw.entries(variant).into_iter().chain([variant.setup()]) {
                     assert!(ENTRIES.iter().any(|e| e.name == name), "{name}");

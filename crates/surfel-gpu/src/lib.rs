@@ -8,6 +8,7 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod bindings;
+mod ceilings;
 mod chunk;
 mod clip;
 mod culling;
@@ -29,6 +30,7 @@ mod upload;
 mod words;
 
 pub use bindings::{Slot, groups, slots};
+pub use ceilings::{CEILING_RUNS, Ceiling, CeilingFrame, FillRate};
 pub use chunk::Chunk;
 pub use clip::Variant;
 pub use layers::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words};
@@ -36,7 +38,7 @@ pub use planes::PlaneLayout;
 pub use rounds::{PIXEL_BUFFERS, PIXEL_READS, Pixels};
 pub use schedule::{Step, schedule};
 pub use segment::{Limits, RecordBytes, Segment, UploadedScene};
-pub use shadows::{MapJob, map_jobs, shadow_texels};
+pub use shadows::{MapCache, MapJob, SHADOW_MAPS, map_jobs, shadow_texels};
 pub use targets::{Draw, Layer, Sums, Target, TargetFormat};
 pub use tile::{NearRecords, SegmentData, TileData, Visible, tiles};
 pub use uniforms::FrameScene;

@@ -93,6 +93,8 @@ pub struct UploadedScene {
     pub segments: Vec<Segment>,
     /// The shaders' `texels`, one word at least.
     pub texels: Vec<u32>,
+    /// Its own: two uploads of a scene are two scenes.
+    pub(crate) identity: Arc<()>,
     pub(crate) objects: Vec<UploadedObject>,
     pub(crate) meshes: Vec<UploadedMesh>,
     pub(crate) lights: Option<Vec<Light>>,

@@ -6,6 +6,7 @@ use crate::segment::{Limits, RecordBytes, Segment, UploadedMesh, UploadedObject,
 use crate::stored::{Fields, Packed};
 use crate::texels::Texels;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use surfel_model::{Geometry, Scene, SplatCloud};
 use surfel_render::{ChunkSpace, RenderError, SceneSummary, Storage, chunks};
 use surfel_shaders::layout;
@@ -91,6 +92,7 @@ impl Upload {
             storage,
             segments: Vec::with_capacity(segments.len()),
             texels: texels.words,
+            identity: Arc::new(()),
             objects,
             meshes,
             lights: scene.lights.clone(),

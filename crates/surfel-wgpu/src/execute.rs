@@ -2,9 +2,9 @@
 
 use crate::host::HostTarget;
 use crate::pipelines::{HostKey, Pipelines};
+use crate::queries::{Queries, Query};
 use crate::scene::{Records, ResidentScene, bind, filled};
 use crate::targets::Targets;
-use crate::timing::Timer;
 use std::collections::HashMap;
 use surfel_gpu::{
     Draw, FrameScene, NearRecords, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant, groups,
@@ -155,23 +155,21 @@ impl<'a> Tile<'a> {
     }
 
     /// Records a step.
-    pub(crate) fn step(&self, encoder: &mut wgpu::CommandEncoder, step: &Step, timer: Option<&mut Timer>) {
+    pub(crate) fn step(&self, encoder: &mut wgpu::CommandEncoder, step: &Step, queries: Option<&mut Queries>) {
         match step {
-            Step::Setup { segments, first } => self.setup(encoder, segments, *first, step.name(), timer),
-            Step::Draw { draw, segments, first } => self.draw(encoder, *draw, segments, *first, timer),
+            Step::Setup { segments, first } => self.setup(encoder, segments, *first, step.name(), queries),
+            Step::Draw { draw, segments, first } => self.draw(encoder, *draw, segments, *first, queries),
             Step::Pixels(pixels) => {
                 let (Some(pipeline), Some(group)) = (self.pipelines.pixels(*pixels), self.pixels.get(pixels)) else {
                     return;
                 };
-                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                    label: Some(step.name()),
-                    timestamp_writes: timer.and_then(|timer| timer.compute(step.name())),
+                compute(encoder, step.name(), queries, |pass| {
+                    pass.set_pipeline(&pipeline.raw);
+                    pass.set_bind_group(0, &self.frame_group, &[]);
+                    pass.set_bind_group(1, group, &[]);
+                    let [width, height] = pixels.size(self.targets.key.size, self.shaded);
+                    pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
                 });
-                pass.set_pipeline(&pipeline.raw);
-                pass.set_bind_group(0, &self.frame_group, &[]);
-                pass.set_bind_group(1, group, &[]);
-                let [width, height] = pixels.size(self.targets.key.size, self.shaded);
-                pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
             }
         }
     }
@@ -206,24 +204,22 @@ impl<'a> Tile<'a> {
         segments: &[usize],
         first: bool,
         name: &'static str,
-        timer: Option<&mut Timer>,
+        queries: Option<&mut Queries>,
     ) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(name),
-            timestamp_writes: timer.and_then(|timer| timer.compute(name)),
+        compute(encoder, name, queries, |pass| {
+            for &i in segments {
+                let (Some(segment), Some(Some(SegmentGroups { setup: [counted, uncounted], drawn }))) =
+                    (self.scene.segments.get(i), self.segments.get(i))
+                else {
+                    continue;
+                };
+                let Some(pipeline) = self.pipelines.splats(drawn.variant) else { continue };
+                pass.set_pipeline(&pipeline.setup);
+                pass.set_bind_group(0, &self.setup_frame_group, &[]);
+                pass.set_bind_group(1, if first { counted } else { uncounted }, &[]);
+                pass.dispatch_workgroups(groups(segment.count, "setup", 0), 1, 1);
+            }
         });
-        for &i in segments {
-            let (Some(segment), Some(Some(SegmentGroups { setup: [counted, uncounted], drawn }))) =
-                (self.scene.segments.get(i), self.segments.get(i))
-            else {
-                continue;
-            };
-            let Some(pipeline) = self.pipelines.splats(drawn.variant) else { continue };
-            pass.set_pipeline(&pipeline.setup);
-            pass.set_bind_group(0, &self.setup_frame_group, &[]);
-            pass.set_bind_group(1, if first { counted } else { uncounted }, &[]);
-            pass.dispatch_workgroups(groups(segment.count, "setup", 0), 1, 1);
-        }
     }
 
     fn draw(
@@ -232,7 +228,7 @@ impl<'a> Tile<'a> {
         draw: Draw,
         segments: &[usize],
         first: bool,
-        timer: Option<&mut Timer>,
+        queries: Option<&mut Queries>,
     ) {
         let colors: Vec<Option<wgpu::RenderPassColorAttachment<'_>>> = draw
             .colors()
@@ -249,13 +245,25 @@ impl<'a> Tile<'a> {
             let view = self.targets.view(target)?;
             Some(wgpu::RenderPassDepthStencilAttachment { view, depth_ops, stencil_ops: None })
         });
+        let query = Query::next(queries, draw.name());
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some(draw.name()),
             color_attachments: &colors,
             depth_stencil_attachment,
-            timestamp_writes: timer.and_then(|timer| timer.render(draw.name())),
+            timestamp_writes: query.and_then(Query::of_render),
             ..wgpu::RenderPassDescriptor::default()
         });
+        let counted = query.and_then(Query::invocations);
+        if let Some((set, index)) = counted {
+            pass.begin_pipeline_statistics_query(set, index);
+        }
+        self.record(&mut pass, draw, segments, first);
+        if counted.is_some() {
+            pass.end_pipeline_statistics_query();
+        }
+    }
+
+    fn record(&self, pass: &mut wgpu::RenderPass<'_>, draw: Draw, segments: &[usize], first: bool) {
         let bound = |pass: &mut wgpu::RenderPass<'_>, variant| {
             let Some(pipeline) = self.pipelines.draw(draw, variant, self.targets.key.precision) else { return };
             pass.set_pipeline(&pipeline.raw);
@@ -265,12 +273,12 @@ impl<'a> Tile<'a> {
             }
         };
         if !draw.is_of_records() {
-            bound(&mut pass, Variant::Whole);
+            bound(pass, Variant::Whole);
             if draw == Draw::Polygons {
                 pass.set_bind_group(1, &self.polygons_group, &[]);
                 pass.draw(0..4, 0..self.polygon_count);
             } else {
-                pass.draw(0..3, 0..1);
+                pass.draw(0..3, 0..draw.triangles());
             }
             return;
         }
@@ -280,7 +288,7 @@ impl<'a> Tile<'a> {
         let near = self.near.iter().filter(|near| first && near.is_transparent == draw.is_transparent());
         for drawn in segments.chain(near) {
             if last.replace(drawn.variant) != Some(drawn.variant) {
-                bound(&mut pass, drawn.variant);
+                bound(pass, drawn.variant);
             }
             let lit_group = drawn.lit_group.as_ref().filter(|_| draw.is_lit());
             pass.set_bind_group(1, lit_group.unwrap_or(&drawn.group), &[]);
@@ -289,6 +297,26 @@ impl<'a> Tile<'a> {
                 None => pass.draw(0..4, 0..drawn.count),
             }
         }
+    }
+}
+
+/// Records a compute pass.
+fn compute(
+    encoder: &mut wgpu::CommandEncoder,
+    name: &'static str,
+    queries: Option<&mut Queries>,
+    record: impl FnOnce(&mut wgpu::ComputePass<'_>),
+) {
+    let query = Query::next(queries, name);
+    let timestamp_writes = query.and_then(Query::of_compute);
+    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(name), timestamp_writes });
+    let counted = query.and_then(Query::invocations);
+    if let Some((set, index)) = counted {
+        pass.begin_pipeline_statistics_query(set, index);
+    }
+    record(&mut pass);
+    if counted.is_some() {
+        pass.end_pipeline_statistics_query();
     }
 }
 

@@ -85,7 +85,7 @@ impl Renderer {
         // The planes go nowhere.
         let key = TargetKey { floats: 1, ..self.key(&plan, &data) };
         let host = HostKey { color: target.color_format, depth: target.depth_format, compare: target.mapping.compare };
-        let texels = self.shadow_maps(scene, &plan)?;
+        let (texels, _) = self.shadow_maps(scene, &plan)?;
         let device = self.device.clone();
         scoped(&device, || {
             self.prepare(key, &data.variants(), &Pixels::of(&plan));
