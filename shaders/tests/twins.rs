@@ -17,9 +17,7 @@ macro_rules! paths {
 }
 
 fn rust_paths() -> BTreeSet<&'static str> {
-    use surfel_math::{
-        basis, clip, depth, filter, kernel, mapping, project, quantise, real, shadow, svd, triangle, vector,
-    };
+    use surfel_math::{basis, clip, depth, filter, kernel, mapping, project, real, shadow, svd, triangle, vector};
     BTreeSet::from(paths! {
         real::Real::difference_of_products, as <f32 as real::Real>::difference_of_products;
         real::Real::sum_of_products, as <f32 as real::Real>::sum_of_products;
