@@ -33,9 +33,35 @@ fn is_in_targets(id: vec3u) -> bool {
 
 @compute @workgroup_size(8, 8)
 fn begin_layers(@builtin(global_invocation_id) id: vec3u) {
+    if is_in_targets(id) {
+        begin_veil(id, 0.0);
+    }
+}
+
+// A host's depth buffer, of the size of what is shaded.
+@group(1) @binding(23) var host_depths: texture_depth_2d;
+
+// The same among a host's own things, which hide transparent splats behind them.
+@compute @workgroup_size(8, 8)
+fn begin_layers_in_host(@builtin(global_invocation_id) id: vec3u) {
     if !is_in_targets(id) {
         return;
     }
+    let at = vec2i(id.xy) - vec2i(frame.shade_origin_px);
+    var hidden_from = 0.0;
+    if all(vec2i(0, 0) <= at) && all(at < vec2i(frame.shade_size_px)) {
+        let along = (textureLoad(host_depths, at, 0) - frame.host_depth.x) / frame.host_depth.y;
+        // 1/z, or z itself.
+        hidden_from = max(frame.projection.near * along, 0.0);
+        if frame.projection.kind == ORTHOGRAPHIC {
+            hidden_from = comparable(max(along, frame.projection.near));
+        }
+    }
+    begin_veil(id, hidden_from);
+}
+
+// Nothing is seen behind the comparable depth `hidden_from`.
+fn begin_veil(id: vec3u, hidden_from: f32) {
     let pixel = vec2i(id.xy);
     var veil: Veil;
     // Nothing is as near as that.
@@ -48,6 +74,7 @@ fn begin_layers(@builtin(global_invocation_id) id: vec3u) {
     if is_shown(pixel, hit) {
         veil.opaque = max(veil.opaque, comparable(hit.x));
     }
+    veil.opaque = max(veil.opaque, hidden_from);
     veils[id.y * frame.size_px.x + id.x] = veil;
 }
 

@@ -35,7 +35,7 @@ pub use chunk::Chunk;
 pub use clip::Variant;
 pub use layers::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words};
 pub use planes::PlaneLayout;
-pub use rounds::{PIXEL_BUFFERS, PIXEL_READS, Pixels};
+pub use rounds::{HOST_DEPTH_BINDING, PIXEL_BUFFERS, PIXEL_READS, Pixels};
 pub use schedule::{Step, schedule};
 pub use segment::{Limits, RecordBytes, Segment, UploadedScene};
 pub use shadows::{MapCache, MapJob, SHADOW_MAPS, map_jobs, shadow_texels};

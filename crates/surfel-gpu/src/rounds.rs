@@ -9,6 +9,8 @@ use surfel_render::{FramePlan, Pass};
 pub enum Pixels {
     /// What hides transparent splats.
     BeginLayers,
+    /// The same, and a host's own things hide them, too; no plan needs it.
+    BeginLayersInHost,
     /// A peeled layer, shaded and put behind those before it.
     PeeledLayer,
     /// Once a frame rather than a pixel: ends the layers if nothing remains.
@@ -47,11 +49,15 @@ pub const PIXEL_READS: [(u32, Target); 16] = [
 /// shadow map that is drawn, draws of layers.
 pub const PIXEL_BUFFERS: [u32; 7] = [4, 12, 13, 14, 15, 21, 22];
 
+/// Binding of a host's depth buffer.
+pub const HOST_DEPTH_BINDING: u32 = 23;
+
 impl Pixels {
     /// Its entry point.
     pub fn entry(self) -> &'static str {
         match self {
             Self::BeginLayers => "begin_layers",
+            Self::BeginLayersInHost => "begin_layers_in_host",
             Self::PeeledLayer => "peeled_layer",
             Self::NextLayer => "next_layer",
             Self::RemainingLayer => "remaining_layer",
@@ -71,14 +77,22 @@ impl Pixels {
         match self {
             Self::Shade | Self::ShadeSplats => shaded,
             Self::NextLayer => [1, 1],
-            Self::BeginLayers | Self::PeeledLayer | Self::RemainingLayer | Self::StoreShadow => targets,
+            Self::BeginLayers
+            | Self::BeginLayersInHost
+            | Self::PeeledLayer
+            | Self::RemainingLayer
+            | Self::StoreShadow => targets,
         }
     }
 
     /// Its name in the statistics.
     pub fn name(self) -> &'static str {
         match self {
-            Self::BeginLayers | Self::PeeledLayer | Self::NextLayer | Self::RemainingLayer => "layers",
+            Self::BeginLayers
+            | Self::BeginLayersInHost
+            | Self::PeeledLayer
+            | Self::NextLayer
+            | Self::RemainingLayer => "layers",
             Self::StoreShadow => "shadow maps",
             Self::Shade | Self::ShadeSplats => "shade",
         }

@@ -7,8 +7,8 @@ use crate::scene::{Records, ResidentScene, bind, filled};
 use crate::targets::Targets;
 use std::collections::HashMap;
 use surfel_gpu::{
-    Draw, FrameScene, NearRecords, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant, groups,
-    layer_draw_offset, layer_draw_words, slots,
+    Draw, FrameScene, HOST_DEPTH_BINDING, NearRecords, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant,
+    groups, layer_draw_offset, layer_draw_words, slots,
 };
 
 /// Everything that the steps of a tile read.
@@ -34,11 +34,15 @@ pub(crate) struct Tile<'a> {
     pub layer_draws: Option<wgpu::Buffer>,
 }
 
-/// Texels of shadow maps: a tile reads or writes them.
+/// What a tile uses of others.
 #[derive(Clone, Copy)]
-pub(crate) struct Shadows<'a> {
-    pub read: &'a wgpu::Buffer,
-    pub written: &'a wgpu::Buffer,
+pub(crate) struct Beside<'a> {
+    /// Texels of shadow maps that it reads.
+    pub shadows: &'a wgpu::Buffer,
+    /// Texels of shadow maps that it writes.
+    pub drawn_shadows: &'a wgpu::Buffer,
+    /// A host's depth buffer, which hides transparent splats.
+    pub host_depth: Option<&'a wgpu::TextureView>,
 }
 
 /// What is bound for a segment.
@@ -68,7 +72,7 @@ impl<'a> Tile<'a> {
         frame: &FrameScene,
         data: &TileData,
         pixels: &[Pixels],
-        shadows: Shadows<'_>,
+        beside: Beside<'_>,
     ) -> Self {
         let storage = wgpu::BufferUsages::STORAGE;
         let buffers = [
@@ -79,7 +83,7 @@ impl<'a> Tile<'a> {
         ];
         let [uniform, objects, lights, maps] = &buffers;
         let frame_group =
-            bind(device, "frame", &pipelines.frame_group, &[uniform, objects, lights, maps, shadows.read]);
+            bind(device, "frame", &pipelines.frame_group, &[uniform, objects, lights, maps, beside.shadows]);
         let setup_frame_group = bind(device, "frame of setup", &pipelines.setup_frame_group, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));
@@ -126,13 +130,17 @@ impl<'a> Tile<'a> {
         let finish = |entry: &str, layout: &wgpu::BindGroupLayout| {
             let layer_draws = layer_draws.as_ref().unwrap_or(&drawn);
             let veils = &targets.veils;
-            let buffers = [&targets.planes, &polygons, &scene.texels, veils, veils, shadows.written, layer_draws];
+            let buffers = [&targets.planes, &polygons, &scene.texels, veils, veils, beside.drawn_shadows, layer_draws];
             let buffers = PIXEL_BUFFERS
                 .into_iter()
                 .zip(buffers)
                 .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
             let used = slots(&[entry], 1);
-            let all = targets.entries(&PIXEL_READS).into_iter().chain(buffers);
+            let host_depth = beside.host_depth.map(|view| wgpu::BindGroupEntry {
+                binding: HOST_DEPTH_BINDING,
+                resource: wgpu::BindingResource::TextureView(view),
+            });
+            let all = targets.entries(&PIXEL_READS).into_iter().chain(buffers).chain(host_depth);
             let entries: Vec<_> = all.filter(|entry| used.iter().any(|slot| slot.binding == entry.binding)).collect();
             device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(entry), layout, entries: &entries })
         };
@@ -187,7 +195,7 @@ impl<'a> Tile<'a> {
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("composite"),
             color_attachments: &[Some(color)],
-            depth_stencil_attachment: Some(depth),
+            depth_stencil_attachment: host.part.has_depth().then_some(depth),
             ..wgpu::RenderPassDescriptor::default()
         });
         if let Some(pipeline) = self.pipelines.composite(host) {

@@ -2,7 +2,7 @@
 
 use crate::adapter::{self, Opened, blends_f32, renderer_info};
 use crate::error::{Mailbox, failed, scoped};
-use crate::execute::{Shadows, Tile};
+use crate::execute::{Beside, Tile};
 use crate::pipelines::{Pipelines, Precision};
 use crate::queries::{Queries, Taken};
 use crate::readback::Readback;
@@ -194,9 +194,9 @@ impl Renderer {
                 self.prepare(key, &data.variants(), &pixels);
                 let Some(targets) = &self.targets else { return };
                 let none = empty(&device, "no shadows", 4, wgpu::BufferUsages::STORAGE);
-                let shadows = Shadows { read: &none, written: texels };
+                let beside = Beside { shadows: &none, drawn_shadows: texels, host_depth: None };
                 let parts = (scene, &self.pipelines, targets);
-                let tile = Tile::new(&device, &self.queue, parts, &job.frame, &data, &pixels, shadows);
+                let tile = Tile::new(&device, &self.queue, parts, &job.frame, &data, &pixels, beside);
                 let mut encoder =
                     device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("shadow map") });
                 self.queries.restart(Some(SHADOW_MAPS));
@@ -249,8 +249,8 @@ impl Renderer {
             let targets = self.targets.as_ref()?;
             let parts = (scene, &self.pipelines, targets);
             let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
-            let shadows = Shadows { read: texels, written: &none };
-            let job = Tile::new(&device, &self.queue, parts, frame_scene, data, pixels, shadows);
+            let beside = Beside { shadows: texels, drawn_shadows: &none, host_depth: None };
+            let job = Tile::new(&device, &self.queue, parts, frame_scene, data, pixels, beside);
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("tile") });
             self.queries.restart(None);
             for step in steps {
