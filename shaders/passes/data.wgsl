@@ -121,17 +121,21 @@ struct Segment {
     object: u32,
     // Number of splats.
     count: u32,
-    // Words of a splat in `splats`.
+    // Length of a splat in `splats`: words, or halves of them where splats are in 16 bits. So are the places below counted.
     stride: u32,
-    // Where its shape starts: normal and radius of a disk, or s and t.
+    // Its shape is normal and radius of a disk, or s and t.
     is_disk: u32,
-    // Words from a splat's first to its colour and its shading normal, or ABSENT.
+    center_at: u32,
+    shape_at: u32,
+    // ABSENT where splats have none.
     color_at: u32,
     shading_normal_at: u32,
-    // Words to its clip; only of segments of clipped splats.
+    // Only of segments of clipped splats.
     clip_at: u32,
-    // Words to its alpha; only of segments of transparent splats.
+    // Only of segments of transparent splats.
     alpha_at: u32,
+    // Word in `splats` from which on the chunks' scales are; ABSENT where splats are f32.
+    scales_at: u32,
 }
 
 const WORKGROUP: u32 = 64u;

@@ -1,8 +1,6 @@
 // From stored splats to records (rendering model §2–§5), one invocation a splat. Splats that reach the near plane are
 // left out: the CPU sets them up in f64.
 
-@group(1) @binding(0) var<uniform> segment: Segment;
-@group(1) @binding(1) var<storage, read> splats: array<u32>;
 @group(1) @binding(2) var<storage, read> chunks: array<Chunk>;
 @group(1) @binding(3) var<storage, read> near_bits: array<u32>;
 @group(1) @binding(4) var<storage, read_write> records_out: array<Record>;
@@ -14,10 +12,6 @@
 const BOX_SLACK_PX: f32 = 2e-3;
 // A whole pixel that any anchor is cut to; i32 holds it and its offset to any pixel.
 const FARTHEST_PX: f32 = 1e9;
-
-fn stored_vector(at: u32) -> vec3f {
-    return vec3f(bitcast<f32>(splats[at]), bitcast<f32>(splats[at + 1u]), bitcast<f32>(splats[at + 2u]));
-}
 
 // Columns and rows of the tile whose pixel centres lie between two offsets of `base`: first, and one past the last.
 fn pixel_box(base: vec2f, extent: Extent) -> vec4f {
@@ -88,24 +82,6 @@ fn setup(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-fn stored_form(at: u32) -> Linear {
-    return Linear(bitcast<f32>(splats[at]), bitcast<f32>(splats[at + 1u]), bitcast<f32>(splats[at + 2u]));
-}
-
-// The clip of splat i over its (u, v), as the frame takes it: nine numbers of the curve and its sign, twelve of the lines
-// and theirs, and three of the chord.
-fn stored_clip(i: u32) -> Clip {
-    let at = i * segment.stride + segment.clip_at;
-    let lines = array<Linear, 4>(stored_form(at + 10u), stored_form(at + 13u), stored_form(at + 16u), stored_form(at + 19u));
-    let line_sign = bitcast<f32>(splats[at + 22u]);
-    if frame.clip_by_chord != 0u {
-        let none = linear_new(0.0, vec2f(0.0, 0.0));
-        return Clip(stored_form(at + 23u), none, none, 1.0, lines, line_sign);
-    }
-    let curve_sign = bitcast<f32>(splats[at + 9u]);
-    return Clip(stored_form(at), stored_form(at + 3u), stored_form(at + 6u), curve_sign, lines, line_sign);
-}
-
 // Of a segment of clipped splats.
 @compute @workgroup_size(WORKGROUP)
 fn clipped_setup(@builtin(global_invocation_id) id: vec3u) {
@@ -128,39 +104,43 @@ fn set_up(i: u32) -> Outlines {
     records_out[i].visible_box = vec2u(0u, 0u);
     records_out[i].filtered_box = vec2u(0u, 0u);
     let at = i * segment.stride;
-    let chunk = chunks[splats[at] / CHUNK_SPLATS];
+    let code = stored_word(at);
+    let chunk = chunks[code / CHUNK_SPLATS];
     if chunk.state == CHUNK_OUTSIDE {
         return no_outlines();
     }
     if chunk.state != CHUNK_ORDINARY {
-        let in_chunk = splats[at] % CHUNK_SPLATS;
+        let in_chunk = code % CHUNK_SPLATS;
         if (near_bits[chunk.state + in_chunk / 32u] & (1u << (in_chunk % 32u))) != 0u {
             return no_outlines();
         }
     }
+    let scales = stored_scales(code / CHUNK_SPLATS);
+    let shape_at = at + segment.shape_at;
     let object = objects[segment.object];
     var pair: Pair;
     var outward: vec3f;
     if segment.is_disk != 0u {
-        outward = stored_vector(at + 4u);
-        let radius = bitcast<f32>(splats[at + 7u]);
+        outward = stored_unit(shape_at);
+        let radius = stored_number(shape_at + select(3u, 2u, is_quantised()), 0u, scales.y);
         let axes = orthonormal(outward);
         pair = Pair(axes.s * radius, axes.t * radius);
     } else {
-        pair = Pair(stored_vector(at + 4u), stored_vector(at + 7u));
+        pair.s = vec3f(stored_f32(shape_at, 0u), stored_f32(shape_at, 1u), stored_f32(shape_at, 2u));
+        pair.t = vec3f(stored_f32(shape_at, 3u), stored_f32(shape_at, 4u), stored_f32(shape_at, 5u));
         outward = v3_cross(pair.s * (1.0 / v3_max_abs(pair.s)), pair.t * (1.0 / v3_max_abs(pair.t)));
     }
     let world_normal = unit(object.normals * outward);
-    let p = object.linear * stored_vector(at + 1u) + chunk.center;
+    let p = object.linear * stored_numbers(at + segment.center_at, scales.x) + chunk.center;
     let n = frame.view_from_world * world_normal;
     let splat = ViewSplat(p, object.linear * pair.s, object.linear * pair.t, n);
     var shading = world_normal;
     if segment.shading_normal_at != ABSENT {
-        shading = unit(object.normals * stored_vector(at + segment.shading_normal_at));
+        shading = unit(object.normals * stored_unit(at + segment.shading_normal_at));
     }
     var color = vec3f(1.0, 1.0, 1.0);
     if segment.color_at != ABSENT {
-        color = stored_vector(at + segment.color_at);
+        color = stored_numbers(at + segment.color_at, scales.z);
     }
     return project(i, splat, shading, color, object);
 }
@@ -239,7 +219,7 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     record.normal = shading * select(1.0, -1.0, back_facing && object.two_sided != 0u);
     record.coverage = filtered.coverage_scale * object.coverage;
     if frame.has_layers != 0u && segment.alpha_at != ABSENT {
-        record.coverage = bitcast<f32>(splats[i * segment.stride + segment.alpha_at]);
+        record.coverage = stored_f32(i * segment.stride + segment.alpha_at, 0u);
     }
     record.visible_box = packed_box(visible_box);
     record.filtered_box = packed_box(filtered_box);

@@ -295,13 +295,42 @@ fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel_of = finished(pixel, vec4f(0.0, 0.0, 0.0, 0.0), true);
     var veil: Veil;
     if frame.has_layers != 0u {
-        veil = composed_veils[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
+        veil = composed_veil(pixel);
     }
     // What is behind the nearest layer is drawn with it, so an opaque surface decides where there is one.
     let z = select(veil.z, pixel_of.front.z, pixel_of.front.is_there);
     if z <= 0.0 {
         discard;
     }
+    return Composite(seen_through(veil, pixel_of.color), host_depth_of(z));
+}
+
+fn composed_veil(pixel: vec2i) -> Veil {
+    return composed_veils[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
+}
+
+fn host_depth_of(z: f32) -> f32 {
     let along = select(1.0 / z, z, frame.projection.kind == ORTHOGRAPHIC);
-    return Composite(seen_through(veil, pixel_of.color), fma(frame.host_depth.y, along, frame.host_depth.x));
+    return fma(frame.host_depth.y, along, frame.host_depth.x);
+}
+
+// The same in two passes, where the host's depth limits the layers: what is opaque …
+@fragment
+fn composite_opaque_fragment(@builtin(position) position: vec4f) -> Composite {
+    let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
+    let pixel_of = finished(pixel, vec4f(0.0, 0.0, 0.0, 0.0), true);
+    if !pixel_of.front.is_there {
+        discard;
+    }
+    return Composite(pixel_of.color, host_depth_of(pixel_of.front.z));
+}
+
+// … and the layers, which are before all that hides them.
+@fragment
+fn composite_layers_fragment(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let veil = composed_veil(vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px));
+    if veil.z <= 0.0 {
+        discard;
+    }
+    return vec4f(veil.color, veil.opacity);
 }

@@ -8,15 +8,60 @@
 @group(1) @binding(19) var layer_counts: texture_2d<f32>;
 @group(1) @binding(20) var layer_kept: texture_depth_2d;
 
+// A draw of transparent splats, as indirect drawing reads it.
+struct DrawArguments {
+    vertices: u32,
+    instances: u32,
+    first_vertex: u32,
+    first_instance: u32,
+}
+
+// What the layers' draws are to do, so that none is drawn behind the last that has anything.
+struct LayerDraws {
+    // Some pixel keeps something of the current layer: only then is there anything behind it.
+    remains: atomic<u32>,
+    // Layers that were drawn, the current one included.
+    drawn: u32,
+    arguments: array<DrawArguments>,
+}
+
+@group(1) @binding(22) var<storage, read_write> layer_draws: LayerDraws;
+
 fn is_in_targets(id: vec3u) -> bool {
     return id.x < frame.size_px.x && id.y < frame.size_px.y;
 }
 
 @compute @workgroup_size(8, 8)
 fn begin_layers(@builtin(global_invocation_id) id: vec3u) {
+    if is_in_targets(id) {
+        begin_veil(id, 0.0);
+    }
+}
+
+// A host's depth buffer, of the size of what is shaded.
+@group(1) @binding(23) var host_depths: texture_depth_2d;
+
+// The same among a host's own things, which hide transparent splats behind them.
+@compute @workgroup_size(8, 8)
+fn begin_layers_in_host(@builtin(global_invocation_id) id: vec3u) {
     if !is_in_targets(id) {
         return;
     }
+    let at = vec2i(id.xy) - vec2i(frame.shade_origin_px);
+    var hidden_from = 0.0;
+    if all(vec2i(0, 0) <= at) && all(at < vec2i(frame.shade_size_px)) {
+        let along = (textureLoad(host_depths, at, 0) - frame.host_depth.x) / frame.host_depth.y;
+        // 1/z, or z itself.
+        hidden_from = max(frame.projection.near * along, 0.0);
+        if frame.projection.kind == ORTHOGRAPHIC {
+            hidden_from = comparable(max(along, frame.projection.near));
+        }
+    }
+    begin_veil(id, hidden_from);
+}
+
+// Nothing is seen behind the comparable depth `hidden_from`.
+fn begin_veil(id: vec3u, hidden_from: f32) {
     let pixel = vec2i(id.xy);
     var veil: Veil;
     // Nothing is as near as that.
@@ -29,6 +74,7 @@ fn begin_layers(@builtin(global_invocation_id) id: vec3u) {
     if is_shown(pixel, hit) {
         veil.opaque = max(veil.opaque, comparable(hit.x));
     }
+    veil.opaque = max(veil.opaque, hidden_from);
     veils[id.y * frame.size_px.x + id.x] = veil;
 }
 
@@ -68,6 +114,24 @@ fn peeled_layer(@builtin(global_invocation_id) id: vec3u) {
     // Where nothing is kept the layer took all that remained.
     veil.beyond = textureLoad(layer_kept, pixel, 0);
     veils[at] = veil;
+    if veil.beyond > 0.0 && atomicLoad(&layer_draws.remains) == 0u {
+        atomicStore(&layer_draws.remains, 1u);
+    }
+}
+
+// Between two layers, once: no splat is drawn any more where nothing remains.
+@compute @workgroup_size(8, 8)
+fn next_layer(@builtin(global_invocation_id) id: vec3u) {
+    if id.x + id.y > 0u {
+        return;
+    }
+    if atomicExchange(&layer_draws.remains, 0u) != 0u {
+        layer_draws.drawn += 1u;
+        return;
+    }
+    for (var i = 0u; i < arrayLength(&layer_draws.arguments); i++) {
+        layer_draws.arguments[i].instances = 0u;
+    }
 }
 
 @compute @workgroup_size(8, 8)

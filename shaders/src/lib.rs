@@ -102,6 +102,7 @@ pub const TWINS: &[Twin] = &[
     twin("v3_max_abs", "vector::V3::max_abs"),
     twin("unit", "basis::unit"),
     twin("orthonormal", "basis::orthonormal"),
+    twin("unfolded", "quantise::unfolded"),
     twin("svd2_of_columns", "svd::Svd2::of_columns"),
     twin("svd2_minor_axis", "svd::Svd2::minor_axis"),
     twin("projected_new", "project::Projected::new"),

@@ -30,6 +30,7 @@ fn rust_paths() -> BTreeSet<&'static str> {
         vector::V3::max_abs, as vector::V3::<f32>::max_abs;
         basis::unit, as basis::unit;
         basis::orthonormal, as basis::orthonormal;
+        quantise::unfolded;
         svd::Svd2::of_columns, as svd::Svd2::<f32>::of_columns;
         svd::Svd2::minor_axis, as svd::Svd2::<f32>::minor_axis;
         project::Projected::new, as project::Projected::<f32>::new;

@@ -21,3 +21,10 @@ fn orthonormal(n: vec3f) -> Pair {
     let s = vec3f(fma(side * n.x * n.x, a, 1.0), side * b, -side * n.x);
     return Pair(s, vec3f(b, fma(n.y * n.y, a, side), -n.y));
 }
+
+// The direction of two coordinates on the octahedron, not of unit length. Twin: surfel-math, quantise.rs.
+fn unfolded(x: f32, y: f32) -> vec3f {
+    let z = 1.0 - abs(x) - abs(y);
+    let below = max(-z, 0.0);
+    return vec3f(x + select(-below, below, x < 0.0), y + select(-below, below, y < 0.0), z);
+}

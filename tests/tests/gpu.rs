@@ -3,10 +3,11 @@
 
 mod common;
 
+use surfel_ash::Limits;
 use surfel_conformance::harness::{ABSOLUTE, RELATIVE, Verdict, check_backend, check_case, render};
 use surfel_conformance::scenes::{self, Case};
 use surfel_model::{Accumulate, DepthTolerance, Light, Projection};
-use surfel_render::{Frame, Planes, Region, Renderer, View};
+use surfel_render::{Frame, Planes, Region, Renderer, Storage, View};
 
 /// Runs the same tests on each backend.
 macro_rules! on_each_backend {
@@ -35,6 +36,7 @@ on_each_backend!(
     region_is_that_part_of_the_whole,
     fragment_is_kept_by_its_own_splat_without_tolerance,
     fragments_are_counted_as_the_cpu_does,
+    layers_end_where_nothing_remains,
     sums_in_f16_are_close,
     empty_scene_is_background,
     scene_of_any_size_agrees_with_the_reference
@@ -106,6 +108,35 @@ fn fragments_are_counted_as_the_cpu_does(mut renderer: impl Renderer) {
     let stats = renderer.render(&resident, &case.view(), &case.settings, planes, &mut Frame::default()).unwrap();
     assert_eq!(stats.fragments, ours.fragments.iter().map(|&n| u64::from(n)).sum::<u64>());
     assert!(stats.drawn > 0 && stats.drawn <= stats.splats);
+}
+
+fn layers_end_where_nothing_remains(mut renderer: impl Renderer) {
+    let mut drawn = |case: &Case, layers: &str| {
+        let case = case.with(layers, |s| s.transparency = layers.parse().unwrap());
+        let resident = renderer.upload(&case.scene).unwrap();
+        let mut frame = Frame::default();
+        let stats = renderer.render(&resident, &case.view(), &case.settings, Planes::ALL, &mut frame).unwrap();
+        let counter = |name| stats.counters.iter().find(|counter| counter.0 == name).map(|counter| counter.1);
+        (frame, [counter("layers_drawn"), counter("vertex_invocations")])
+    };
+    for case in [scenes::panes(), scenes::glass_spheres()] {
+        let (few, all_of_few) = drawn(&case, "peel:2");
+        assert_eq!(all_of_few[0], Some(2.0), "{}", case.name);
+        let (many, some_of_many) = drawn(&case, "peel:40");
+        // What lies behind each other, some layers of rims, and the one that finds nothing.
+        let count = some_of_many[0].unwrap();
+        assert!((4.0..20.0).contains(&count), "{}: {count}", case.name);
+        // Layers that aren't drawn have no vertices.
+        let (more, as_many) = drawn(&case, "peel:64");
+        assert_eq!((&many, some_of_many), (&more, as_many), "{}", case.name);
+        assert!(few != many, "{}", case.name);
+        // With one more, the last of those drawn is peeled and not blended with what remains.
+        let (enough, _) = drawn(&case, &format!("peel:{}:drop", count + 1.0));
+        assert_eq!(many, enough, "{}", case.name);
+    }
+    // A pane is one layer, and the second finds nothing.
+    assert_eq!(drawn(&scenes::pane_through_sphere(), "peel:40").1[0], Some(2.0));
+    assert_eq!(drawn(&scenes::closed_sphere(), "peel:4").1[0], None);
 }
 
 fn sums_in_f16_are_close(mut renderer: impl Renderer) {
@@ -187,7 +218,7 @@ fn ash_and_wgpu_draw_the_same_picture_on_one_driver() {
 }
 
 /// Room for 256 clipped splats a buffer, a seventh of a picture a tile, and no record beyond the next pass.
-const LITTLE: surfel_ash::Limits = surfel_ash::Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0 };
+const LITTLE: Limits = Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0, memory_bytes: u64::MAX };
 
 fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer) {
     let planes = Planes { fragments: true, ..Planes::ALL };
@@ -207,11 +238,17 @@ fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer)
 
 #[test]
 fn scenes_and_pictures_too_large_for_the_device_are_drawn_in_parts() {
-    if let (Some(mut whole), Some(mut parts)) = (common::ash(), common::ash_within(LITTLE)) {
-        draws_the_same_in_parts(&mut whole, &mut parts);
-    }
-    if let (Some(mut whole), Some(mut parts)) = (common::wgpu(), common::wgpu_within(LITTLE)) {
-        draws_the_same_in_parts(&mut whole, &mut parts);
-        common::no_messages();
+    for storage in [Storage::F32, Storage::Quantised] {
+        let all = Limits::default();
+        if let (Some(mut whole), Some(mut parts)) = (common::ash_with(all, storage), common::ash_with(LITTLE, storage))
+        {
+            draws_the_same_in_parts(&mut whole, &mut parts);
+        }
+        if let (Some(mut whole), Some(mut parts)) =
+            (common::wgpu_with(all, storage), common::wgpu_with(LITTLE, storage))
+        {
+            draws_the_same_in_parts(&mut whole, &mut parts);
+            common::no_messages();
+        }
     }
 }

@@ -13,7 +13,11 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_gpu::{Draw, FrameScene, Layer, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, Sums, TileData, Variant, groups};
+use surfel_gpu::{
+    Draw, FrameScene, LAYER_HEADER_BYTES, Layer, NearRecords, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, Sums, TileData,
+    Variant, groups, layer_draw_offset, layer_draw_words,
+};
+use surfel_shaders::layout;
 
 /// Everything that the steps of a tile read. Dropped after they were executed.
 pub(crate) struct Tile<'a> {
@@ -34,6 +38,10 @@ pub(crate) struct Tile<'a> {
     /// Splats that were set up and touch the tile, and where the host reads it.
     drawn: Buffer,
     pub drawn_readback: Buffer,
+    /// What draws of transparent splats do, and where the host reads how many layers there were; `None` where there are
+    /// none.
+    layer_draws: Option<Buffer>,
+    pub layers_readback: Option<Buffer>,
     /// What the sets refer to, and the sets' pool.
     _buffers: Vec<Buffer>,
     _sets: Sets,
@@ -61,6 +69,8 @@ struct Drawn {
     /// In place of them where each is lit by itself.
     lit: Option<vk::DescriptorSet>,
     count: u32,
+    /// Its place among the draws of layers.
+    index: usize,
 }
 
 impl<'a> Tile<'a> {
@@ -100,7 +110,7 @@ impl<'a> Tile<'a> {
             sets.set(&pipelines.splats(variant)?.records_set, "records", &numbered([records].into_iter().chain(clips)))
         };
         let mut segments = Vec::with_capacity(scene.segments.len());
-        for (segment, data) in scene.segments.iter().zip(&data.segments) {
+        for (index, (segment, data)) in scene.segments.iter().zip(&data.segments).enumerate() {
             if data.is_outside {
                 segments.push(None);
                 continue;
@@ -117,12 +127,12 @@ impl<'a> Tile<'a> {
             let setup = [setup(&drawn)?, setup(&again)?];
             let (variant, is_transparent, count) = (data.variant, data.is_transparent, segment.count);
             let records = records_set(&segment.records.records, segment.records.clips.as_ref(), variant)?;
-            let drawn = Drawn { variant, is_transparent, records, lit: None, count };
+            let drawn = Drawn { variant, is_transparent, records, lit: None, count, index };
             segments.push(Some(SegmentSets { setup, drawn }));
             buffers.extend([chunks, near_bits]);
         }
         let mut near = Vec::with_capacity(data.near.len());
-        for of_variant in &data.near {
+        for (i, of_variant) in data.near.iter().enumerate() {
             let clips = match of_variant.variant {
                 Variant::Whole => None,
                 Variant::Clipped => Some(Buffer::filled(device, "clips of near records", &of_variant.clips, storage)?),
@@ -141,6 +151,7 @@ impl<'a> Tile<'a> {
                 records: set(&records)?,
                 lit: lit_set,
                 count: of_variant.count(),
+                index: scene.segments.len() + i,
             });
             buffers.extend([Some(records), lit, clips].into_iter().flatten());
         }
@@ -157,7 +168,18 @@ impl<'a> Tile<'a> {
         }
         let polygons = Buffer::filled(device, "polygons", &data.polygons, storage)?;
         let polygons_set = sets.set(&pipelines.polygons_set, "polygons", &numbered([&polygons]))?;
-        let others = [&targets.planes, &polygons, &scene.texels, &targets.veils, &targets.veils, shadows.written];
+        let (mut layer_draws, mut layers_readback) = (None, None);
+        if draws.iter().any(|draw| draw.is_transparent()) {
+            let near = data.near.iter().map(NearRecords::count);
+            let words = layer_draw_words(scene.segments.iter().map(|segment| segment.count).chain(near));
+            let usage = vk::BufferUsageFlags::INDIRECT_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC | storage;
+            layer_draws = Some(Buffer::filled(device, "draws of layers", &words, usage)?);
+            let location = MemoryLocation::GpuToCpu;
+            layers_readback = Some(Buffer::new(device, "layers to read", LAYER_HEADER_BYTES, to_host, location)?);
+        }
+        let bound_draws = layer_draws.as_ref().unwrap_or(&drawn);
+        let veils = &targets.veils;
+        let others = [&targets.planes, &polygons, &scene.texels, veils, veils, shadows.written, bound_draws];
         let mut all = bound(&PIXEL_READS);
         all.extend(PIXEL_BUFFERS.into_iter().zip(others.map(Resource::Buffer)));
         let mut pixel_sets = HashMap::new();
@@ -180,6 +202,8 @@ impl<'a> Tile<'a> {
             polygons: (polygons_set, data.polygon_count),
             drawn,
             drawn_readback,
+            layer_draws,
+            layers_readback,
             _buffers: buffers,
             _sets: sets,
         })
@@ -196,6 +220,9 @@ impl<'a> Tile<'a> {
         let floats = u64::from(self.targets.key.floats);
         commands.copy(self.targets.planes.raw(), self.targets.readback.raw(), 4 * floats.max(1));
         commands.copy(self.drawn.raw(), self.drawn_readback.raw(), 4);
+        if let (Some(draws), Some(readback)) = (&self.layer_draws, &self.layers_readback) {
+            commands.copy(draws.raw(), readback.raw(), LAYER_HEADER_BYTES);
+        }
         commands.barrier_to_host();
         Ok(())
     }
@@ -223,7 +250,7 @@ impl<'a> Tile<'a> {
                 let set = *self.pixels.get(pixels).ok_or_else(missing)?;
                 bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                 bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &[self.frame, set]);
-                let [width, height] = if pixels.is_shade() { self.shaded } else { self.targets.key.size };
+                let [width, height] = pixels.size(self.targets.key.size, self.shaded);
                 dispatch(commands, [groups(width, "shade", 0), groups(height, "shade", 1)]);
                 Ok(())
             }
@@ -262,26 +289,36 @@ impl<'a> Tile<'a> {
         // SAFETY: inside of the framebuffer; the pipeline's scissor is dynamic.
         unsafe { vulkan.cmd_set_scissor(commands.raw, 0, &[area]) };
         let reads = self.reads.get(&draw).copied();
-        let strip = |pipeline: &Pipeline, records: Option<vk::DescriptorSet>, vertices: u32, count: u32| {
+        let bind = |pipeline: &Pipeline, records: Option<vk::DescriptorSet>| {
             let sets: Vec<vk::DescriptorSet> = [Some(self.frame), records, reads].into_iter().flatten().collect();
             bind_pipeline(commands, pipeline, vk::PipelineBindPoint::GRAPHICS);
             bind_sets(commands, pipeline, vk::PipelineBindPoint::GRAPHICS, &sets);
+        };
+        let strip = |pipeline: &Pipeline, records: Option<vk::DescriptorSet>, vertices: u32, count: u32| {
+            bind(pipeline, records);
             // SAFETY: pipeline, sets, viewport and scissor are set; there are `count` records where records are drawn.
             unsafe { vulkan.cmd_draw(commands.raw, vertices, count, 0, 0) };
         };
         let quads = || {
             for drawn in &records {
-                if let Some(pipeline) = variants.get(&drawn.variant) {
-                    let records = drawn.lit.filter(|_| draw.is_lit()).unwrap_or(drawn.records);
+                let Some(pipeline) = variants.get(&drawn.variant) else { continue };
+                let records = drawn.lit.filter(|_| draw.is_lit()).unwrap_or(drawn.records);
+                let Some(draws) = self.layer_draws.as_ref().filter(|_| draw.is_transparent()) else {
                     strip(pipeline, Some(records), 4, drawn.count);
-                }
+                    continue;
+                };
+                bind(pipeline, Some(records));
+                let (at, stride) = (layer_draw_offset(drawn.index), layout::draw_arguments::SIZE as u32);
+                // SAFETY: pipeline, sets, viewport and scissor are set; the buffer has the usage and the arguments of this
+                // draw, of no more records than there are.
+                unsafe { vulkan.cmd_draw_indirect(commands.raw, draws.raw(), at, 1, stride) };
             }
         };
         match (draw, variants.get(&Variant::Whole)) {
             (Draw::Sums(layer, Sums::Color | Sums::Surface), _) if layer != Layer::Behind => {
                 self.queries.counted(commands, quads);
             }
-            (Draw::Edges, Some(pipeline)) => strip(pipeline, None, 3, 1),
+            (Draw::Edges | Draw::Ceiling(_), Some(pipeline)) => strip(pipeline, None, 3, draw.triangles()),
             (Draw::Polygons, Some(pipeline)) => strip(pipeline, Some(self.polygons.0), 4, self.polygons.1),
             _ => quads(),
         }

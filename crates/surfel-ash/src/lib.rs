@@ -35,7 +35,8 @@ mod targets;
 
 pub use renderer::{Options, RawDevice, Renderer};
 pub use scene::ResidentScene;
-pub use surfel_gpu::Limits;
+pub use surfel_gpu::{Ceiling, FillRate, Limits};
+pub use surfel_render::{Storage, UploadProgress};
 
 use surfel_render::{Capabilities, Feature};
 

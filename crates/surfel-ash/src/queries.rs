@@ -26,6 +26,8 @@ pub(crate) struct Queries {
     times: Option<Owned<vk::QueryPool>>,
     invocations: Option<Owned<vk::QueryPool>>,
     samples: Option<Owned<vk::QueryPool>>,
+    /// In place of the steps' own names.
+    label: Option<&'static str>,
     /// Names of the steps timed so far.
     steps: RefCell<Vec<&'static str>>,
     /// Passes whose samples were counted so far.
@@ -33,7 +35,8 @@ pub(crate) struct Queries {
 }
 
 impl Queries {
-    pub(crate) fn new(device: &Arc<Device>) -> Result<Self, Failure> {
+    /// Of a tile, whose steps have this name rather than their own.
+    pub(crate) fn new(device: &Arc<Device>, label: Option<&'static str>) -> Result<Self, Failure> {
         let facts = &device.facts;
         let pool = |wanted: bool, kind, count, statistics| -> Result<Option<Owned<vk::QueryPool>>, Failure> {
             if !wanted {
@@ -51,6 +54,7 @@ impl Queries {
             times: pool(facts.timestamp_period > 0.0, vk::QueryType::TIMESTAMP, 2 * MOST_STEPS, none)?,
             invocations: pool(facts.counts_invocations, vk::QueryType::PIPELINE_STATISTICS, 1, COUNTED)?,
             samples: pool(facts.counts_samples, vk::QueryType::OCCLUSION, MOST_STEPS, none)?,
+            label,
             steps: RefCell::default(),
             counted_passes: RefCell::default(),
         })
@@ -85,7 +89,7 @@ impl Queries {
         let index = self.steps.borrow().len() as u32;
         let pool = self.times.as_ref().filter(|_| index < MOST_STEPS);
         if pool.is_some() {
-            self.steps.borrow_mut().push(name);
+            self.steps.borrow_mut().push(self.label.unwrap_or(name));
         }
         let stamp = |stage, query| {
             if let Some(pool) = pool {
@@ -145,11 +149,6 @@ impl Queries {
             stats.fragments += samples.iter().sum::<u64>();
         }
         Ok(())
-    }
-
-    /// True if fragments are counted.
-    pub(crate) fn counts_fragments(&self) -> bool {
-        self.samples.is_some()
     }
 
     fn results<T>(&self, pool: &Owned<vk::QueryPool>, values: &mut [T]) -> Result<(), Failure> {

@@ -17,10 +17,13 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, FrameScene, Limits, MapJob, Pixels, TileData, Variant, map_jobs, schedule, shadow_texels, tiles,
+    CEILING_RUNS, CeilingFrame, Draw, FillRate, FrameScene, LAYER_HEADER_BYTES, Limits, MapCache, MapJob, Pixels,
+    SHADOW_MAPS, Step, TileData, Variant, count_layers, map_jobs, schedule, shadow_texels, tiles,
 };
 use surfel_model::{Accumulate, Scene, Settings};
-use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
+use surfel_render::{
+    Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, Storage, UploadProgress, View, plan,
+};
 
 /// How a [`Renderer`] is opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -31,6 +34,8 @@ pub struct Options {
     pub validation: bool,
     /// What may be used of the device.
     pub limits: Limits,
+    /// How splats are kept in the device's memory.
+    pub storage: Storage,
 }
 
 /// A device that a program has anyway.
@@ -55,12 +60,15 @@ pub struct Renderer {
     targets: Option<Targets>,
     /// Those of shadow maps.
     map_targets: Option<Targets>,
+    /// The shadow maps of the frame before.
+    maps: Option<MapCache<Arc<Buffer>>>,
     pipelines: Pipelines,
     device: Arc<Device>,
     info: RendererInfo,
     is_software: bool,
     /// Of the device, and of those who opened it.
     limits: Limits,
+    storage: Storage,
 }
 
 impl Renderer {
@@ -92,7 +100,7 @@ impl Renderer {
             .into());
         };
         let device = Device::new(instance, candidate)?;
-        Self::start(device, candidate, options.limits)
+        Self::start(device, candidate, options.limits, options.storage)
     }
 
     /// A renderer on a device that a program has anyway. None of its optional features is used, so no pass counts
@@ -113,10 +121,15 @@ impl Renderer {
         let candidate = Candidate::with_family(&instance.raw, physical, family, timestamp_bits);
         let candidate = candidate.ok_or_else(|| Failure::other("the device is of Vulkan 1.0, expected 1.1"))?;
         let device = Device::borrowed(instance, &candidate, device, queue)?;
-        Self::start(device, &candidate, Limits::default())
+        Self::start(device, &candidate, Limits::default(), Storage::default())
     }
 
-    fn start(device: Arc<Device>, candidate: &Candidate, limits: Limits) -> Result<Self, RenderError> {
+    fn start(
+        device: Arc<Device>,
+        candidate: &Candidate,
+        limits: Limits,
+        storage: Storage,
+    ) -> Result<Self, RenderError> {
         let pipelines = Pipelines::new(&device)?;
         let mut driver = candidate.driver.clone();
         if !device.facts.blends_f32 {
@@ -131,7 +144,18 @@ impl Renderer {
         };
         let is_software = candidate.is_software();
         let limits = limits.within(device.facts.buffer_bytes(), device.facts.texture_side());
-        let renderer = Self { targets: None, map_targets: None, pipelines, device, info, is_software, limits };
+        let limits = limits.within_memory(device.facts.memory_bytes);
+        let renderer = Self {
+            targets: None,
+            map_targets: None,
+            maps: None,
+            pipelines,
+            device,
+            info,
+            is_software,
+            limits,
+            storage,
+        };
         renderer.check_messages()?;
         Ok(renderer)
     }
@@ -150,14 +174,13 @@ impl Renderer {
         Err(Failure::Other(format!("the validation layer says: {}", messages.join("\n"))).into())
     }
 
-    /// Makes pipelines and targets of a tile, where they aren't there from the frame before. Gives what is computed once a
-    /// pixel.
-    fn prepare(&mut self, plan: &FramePlan, data: &TileData) -> Result<Vec<Pixels>, Failure> {
+    /// Makes pipelines and targets of a tile, where they aren't there from the frame before.
+    fn prepare(&mut self, plan: &FramePlan, data: &TileData, work: &Work) -> Result<(), Failure> {
         data.check(self.limits).map_err(Failure::Other)?;
         let f32_sums = self.device.facts.blends_f32 && plan.accumulate == Accumulate::F32;
         let precision = if f32_sums { Precision::F32 } else { Precision::F16 };
-        let (draws, pixels) = (Draw::of(plan), Pixels::of(plan));
-        for &pixels in &pixels {
+        let draws = work.draws.clone();
+        for &pixels in &work.pixels {
             self.pipelines.prepare_pixels(pixels)?;
         }
         for variant in data.variants() {
@@ -171,7 +194,7 @@ impl Renderer {
         // The old ones go first: both may not fit.
         let fitting = self.targets.take().filter(|targets| targets.key == key);
         self.targets = Some(fitting.map_or_else(|| Targets::new(&self.device, &self.pipelines, key), Ok)?);
-        Ok(pixels)
+        Ok(())
     }
 
     fn shadow_buffer(&self, texels: u64) -> Result<Buffer, Failure> {
@@ -179,26 +202,46 @@ impl Renderer {
         Buffer::new(&self.device, "shadow texels", 4 * texels, storage, MemoryLocation::GpuOnly)
     }
 
-    /// Draws a plan's shadow maps.
-    fn shadow_maps(&mut self, scene: &ResidentScene, plan: &FramePlan) -> Result<Buffer, Failure> {
-        let texels = self.shadow_buffer(shadow_texels(plan, self.limits).map_err(Failure::Other)?)?;
+    /// A plan's shadow maps: drawn, or those of the frame before where they are the same.
+    fn shadow_maps(
+        &mut self,
+        scene: &ResidentScene,
+        plan: &FramePlan,
+        stats: &mut Stats,
+    ) -> Result<Arc<Buffer>, Failure> {
+        let jobs = map_jobs(&scene.cpu, plan);
+        if let Some(cache) = self.maps.as_ref().filter(|cache| cache.fits(&scene.cpu, &jobs)) {
+            return Ok(cache.texels.clone());
+        }
+        // Those before go first: both may not fit.
+        self.maps = None;
+        let texels = Arc::new(self.shadow_buffer(shadow_texels(plan, self.limits).map_err(Failure::Other)?)?);
         std::mem::swap(&mut self.targets, &mut self.map_targets);
-        let drawn = map_jobs(&scene.cpu, plan).iter().try_for_each(|job| self.shadow_map(scene, job, &texels));
+        let drawn = jobs.iter().try_for_each(|job| self.shadow_map(scene, job, &texels, stats));
         std::mem::swap(&mut self.targets, &mut self.map_targets);
-        drawn.map(|()| texels)
+        drawn?;
+        self.maps = Some(MapCache::new(texels.clone(), &scene.cpu, &jobs));
+        Ok(texels)
     }
 
-    fn shadow_map(&mut self, scene: &ResidentScene, job: &MapJob, texels: &Buffer) -> Result<(), Failure> {
+    fn shadow_map(
+        &mut self,
+        scene: &ResidentScene,
+        job: &MapJob,
+        texels: &Buffer,
+        stats: &mut Stats,
+    ) -> Result<(), Failure> {
         for data in job.tiles(&scene.cpu, self.limits) {
-            let pixels = self.prepare(&job.plan, &data)?;
+            let work = Work::of(&job.plan, &data, scene);
+            self.prepare(&job.plan, &data, &work)?;
             let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
-            let queries = Queries::new(&self.device)?;
+            let queries = Queries::new(&self.device, Some(SHADOW_MAPS))?;
             let none = self.shadow_buffer(1)?;
             let shadows = Shadows { read: &none, written: texels };
             let parts = (scene, &self.pipelines, targets, &queries);
-            let tile = Tile::new(&self.device, parts, &job.frame, &data, &pixels, shadows)?;
-            let steps = schedule(&job.plan, &data.visible(), scene.shared_records);
-            submit(&self.device, |commands| tile.record(commands, &steps))?;
+            let tile = Tile::new(&self.device, parts, &job.frame, &data, &work.pixels, shadows)?;
+            submit(&self.device, |commands| tile.record(commands, &work.steps))?;
+            queries.add(stats)?;
         }
         Ok(())
     }
@@ -206,31 +249,85 @@ impl Renderer {
     /// Draws one tile into the frame.
     fn tile(
         &mut self,
-        (scene, texels): (&ResidentScene, &Buffer),
+        resident: (&ResidentScene, &Buffer),
         frame_scene: &FrameScene,
         (view, plan, tile): (&View, &FramePlan, Region),
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), Failure> {
-        let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
-        let pixels = self.prepare(plan, &data)?;
-        let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
-        let queries = Queries::new(&self.device)?;
-        let none = self.shadow_buffer(1)?;
-        let shadows = Shadows { read: texels, written: &none };
-        let job =
-            Tile::new(&self.device, (scene, &self.pipelines, targets, &queries), frame_scene, &data, &pixels, shadows)?;
-        let steps = schedule(plan, &data.visible(), scene.shared_records);
-        submit(&self.device, |commands| job.record(commands, &steps))?;
-        let planes = targets.readback.words(data.planes.floats as usize)?;
-        let counted = data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame);
-        let drawn = job.drawn_readback.words(1)?.first().copied().unwrap_or(0);
-        stats.drawn += u64::from(drawn) + u64::from(data.near_count());
-        queries.add(stats)?;
-        if !queries.counts_fragments() {
+        let data = TileData::new(&resident.0.cpu, frame_scene, view, plan, tile);
+        let work = Work::of(plan, &data, resident.0);
+        let counted = self.execute(resident, frame_scene, (plan, &data, &work), stats, |planes| {
+            data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame)
+        })?;
+        if !self.device.facts.counts_samples {
             stats.fragments += counted;
         }
         Ok(())
+    }
+
+    /// Executes work, waits for it, and hands the words of the planes to `read`.
+    fn execute<T>(
+        &mut self,
+        (scene, texels): (&ResidentScene, &Buffer),
+        frame_scene: &FrameScene,
+        (plan, data, work): (&FramePlan, &TileData, &Work),
+        stats: &mut Stats,
+        read: impl FnOnce(&[u32]) -> T,
+    ) -> Result<T, Failure> {
+        self.prepare(plan, data, work)?;
+        let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
+        let queries = Queries::new(&self.device, None)?;
+        let none = self.shadow_buffer(1)?;
+        let shadows = Shadows { read: texels, written: &none };
+        let parts = (scene, &self.pipelines, targets, &queries);
+        let job = Tile::new(&self.device, parts, frame_scene, data, &work.pixels, shadows)?;
+        submit(&self.device, |commands| job.record(commands, &work.steps))?;
+        let drawn = job.drawn_readback.words(1)?.first().copied().unwrap_or(0);
+        stats.drawn += u64::from(drawn) + u64::from(data.near_count());
+        if let Some(layers) = &job.layers_readback {
+            count_layers(layers.words((LAYER_HEADER_BYTES / 4) as usize)?, stats);
+        }
+        queries.add(stats)?;
+        Ok(read(targets.readback.words(data.planes.floats as usize)?))
+    }
+
+    /// What the device does at best, in targets of so many pixels a side: what its times are to be judged by. Empty where it
+    /// has no timestamps.
+    ///
+    /// # Errors
+    /// As [`surfel_render::Renderer::render`].
+    pub fn ceilings(&mut self, side_px: u32) -> Result<Vec<FillRate>, RenderError> {
+        let frame = CeilingFrame::new(side_px.min(self.limits.texture_side))?;
+        let scene = surfel_render::Renderer::upload(self, &Scene::default())?;
+        let texels = self.shadow_maps(&scene, &frame.plan, &mut Stats::default())?;
+        let frame_scene = FrameScene::new(&scene.cpu, &frame.view, &frame.plan);
+        let data = TileData::new(&scene.cpu, &frame_scene, &frame.view, &frame.plan, frame.view.region);
+        let work = Work { draws: frame.draws.clone(), pixels: Vec::new(), steps: frame.steps.clone() };
+        let mut runs = Vec::new();
+        // The first warms up, and counts no less than the others: the best one is taken.
+        for _ in 0..CEILING_RUNS {
+            let mut stats = Stats::default();
+            self.execute((&scene, &texels), &frame_scene, (&frame.plan, &data, &work), &mut stats, |_| ())?;
+            runs.push(stats);
+        }
+        self.check_messages()?;
+        Ok(frame.rates(&runs))
+    }
+}
+
+/// What is to be done for a tile.
+struct Work {
+    draws: Vec<Draw>,
+    /// What is computed once a pixel.
+    pixels: Vec<Pixels>,
+    steps: Vec<Step>,
+}
+
+impl Work {
+    fn of(plan: &FramePlan, data: &TileData, scene: &ResidentScene) -> Self {
+        let steps = schedule(plan, &data.visible(), scene.shared_records);
+        Self { draws: Draw::of(plan), pixels: Pixels::of(plan), steps }
     }
 }
 
@@ -242,7 +339,15 @@ impl surfel_render::Renderer for Renderer {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
-        let resident = scene::upload(&self.device, scene, self.limits)?;
+        self.upload_reporting(scene, &mut |_| {})
+    }
+
+    fn upload_reporting(
+        &mut self,
+        scene: &Scene,
+        progress: &mut dyn FnMut(UploadProgress),
+    ) -> Result<ResidentScene, RenderError> {
+        let resident = scene::upload(&self.device, (scene, self.storage), self.limits, progress)?;
         self.check_messages()?;
         Ok(resident)
     }
@@ -260,7 +365,7 @@ impl surfel_render::Renderer for Renderer {
         let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
         frame.reset(view.region.width, view.region.height, plan.planes);
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
-        let texels = self.shadow_maps(scene, &plan)?;
+        let texels = self.shadow_maps(scene, &plan, &mut stats)?;
         for tile in tiles(view, &plan, self.limits) {
             self.tile((scene, &texels), &frame_scene, (view, &plan, tile), frame, &mut stats)?;
         }

@@ -9,7 +9,7 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use surfel_gpu::{Limits, RecordBytes, Upload, UploadedScene};
 use surfel_model::Scene;
-use surfel_render::RenderError;
+use surfel_render::{RenderError, Storage, UploadProgress};
 
 /// A scene as this backend keeps it: splats in the device's memory, chunks and clouds in the host's.
 pub struct ResidentScene {
@@ -43,24 +43,27 @@ impl ResidentScene {
     }
 }
 
-pub(crate) fn upload(device: &Arc<Device>, scene: &Scene, limits: Limits) -> Result<ResidentScene, RenderError> {
-    let mut upload = Upload::new(scene, limits, crate::NAME)?;
-    let bytes = upload.total_bytes();
-    let memory = device.facts.memory_bytes;
-    if bytes > memory {
-        return Err(too_large(bytes, memory).into());
-    }
+pub(crate) fn upload(
+    device: &Arc<Device>,
+    (scene, storage): (&Scene, Storage),
+    limits: Limits,
+    progress: &mut dyn FnMut(UploadProgress),
+) -> Result<ResidentScene, RenderError> {
+    let mut upload = Upload::new(scene, storage, limits, crate::NAME)?;
+    let (bytes, needed) = (upload.splat_bytes(), upload.needed_bytes());
     let mut done = 0;
+    progress(UploadProgress { done_bytes: done, total_bytes: bytes });
     let mut splats = Vec::new();
     while let Some(words) = upload.next_segment() {
-        splats.push(resident(device, "splats", &words).map_err(|failure| missing(failure, bytes, done))?);
+        splats.push(resident(device, "splats", &words).map_err(|failure| missing(failure, needed, done))?);
         done += 4 * words.len() as u64;
+        progress(UploadProgress { done_bytes: done, total_bytes: bytes });
     }
     let cpu = upload.finish();
     let (record_bytes, shared_records) = cpu.records(limits);
     let segments = segments(device, &cpu, splats, &record_bytes, shared_records)
-        .map_err(|failure| missing(failure, bytes, done))?;
-    let texels = resident(device, "texels", &cpu.texels).map_err(|failure| missing(failure, bytes, done))?;
+        .map_err(|failure| missing(failure, needed, done))?;
+    let texels = resident(device, "texels", &cpu.texels).map_err(|failure| missing(failure, needed, done))?;
     Ok(ResidentScene { cpu, segments, texels, shared_records, bytes })
 }
 
@@ -78,9 +81,7 @@ fn segments(
         let clips = if bytes.clips > 0 { Some(buffer("clips", bytes.clips)?) } else { None };
         Ok(Arc::new(Records { records: buffer("records", bytes.records)?, clips }))
     };
-    let largest = |of: fn(&RecordBytes) -> u64| record_bytes.iter().map(of).max().unwrap_or(0);
-    let largest = RecordBytes { records: largest(|b| b.records), clips: largest(|b| b.clips) };
-    let shared = if shared_records { Some(records(largest)?) } else { None };
+    let shared = if shared_records { Some(records(RecordBytes::largest(record_bytes))?) } else { None };
     let mut segments = Vec::with_capacity(splats.len());
     for ((segment, splats), &bytes) in cpu.segments.iter().zip(splats).zip(record_bytes) {
         segments.push(ResidentSegment {
@@ -107,17 +108,10 @@ fn resident(device: &Arc<Device>, name: &str, words: &[u32]) -> Result<Buffer, F
     Ok(buffer)
 }
 
-fn too_large(needed: u64, there: u64) -> Failure {
-    Failure::Other(format!(
-        "the scene's splats need {needed} bytes of device memory, which has {there}: {} are missing; draw fewer splats, or \
-         choose --backend cpu",
-        needed.saturating_sub(there)
-    ))
-}
-
-fn missing(failure: Failure, needed: u64, done: u64) -> RenderError {
+/// Other programs use the device's memory, too: less may be there than it has.
+fn missing(failure: Failure, needed: u64, available: u64) -> RenderError {
     match failure {
-        Failure::OutOfMemory => too_large(needed, done).into(),
+        Failure::OutOfMemory => RenderError::SceneTooLarge { backend: crate::NAME, needed, available },
         other => other.into(),
     }
 }

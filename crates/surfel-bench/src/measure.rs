@@ -8,7 +8,7 @@ use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Renderer, Set
 use surfel_cpu::{Evaluation, SimdLevel};
 
 use crate::machine::{Machine, busy_ms};
-use crate::report::{BackendFacts, Report, Row, Samples, Subject};
+use crate::report::{BackendFacts, Ceiling, Report, Row, Samples, Subject};
 use crate::scenes::{Case, Loaded, Source};
 use crate::{Arguments, Failure, Simd};
 
@@ -88,11 +88,12 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
         driver: first.info().driver.clone(),
         is_software: first.is_software(),
     };
+    let ceilings = ceilings(first)?;
     let (uploads, mut ready) = prepare(plan, cases, first)?;
     let mut frame = Frame::default();
-    let counted = Planes { weight: true, ..Planes::COLOR };
+    let counted = Planes { weight: true, fragments: true, ..Planes::COLOR };
     // The first round warms up (pipelines, page faults, clocks) and counts: weights say which pixels are covered, and
-    // some backends count fragments only where weights are wanted.
+    // some backends count fragments only where they are wanted.
     for round in 0..=plan.runs {
         for (case, ready) in cases.iter().zip(&mut ready) {
             if std::io::stderr().is_terminal() {
@@ -135,7 +136,33 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
             rows.push(Row::new(subject, samples));
         }
     }
-    Ok(Report::new(machine, facts, rows))
+    Ok(Report::new(machine, facts, ceilings, rows))
+}
+
+/// Pixels on a side of what the ceilings are measured on.
+#[cfg(any(feature = "wgpu", feature = "ash"))]
+const CEILING_SIDE_PX: u32 = 1024;
+
+/// What the GPU does at best, measured before anything else.
+#[cfg_attr(not(any(feature = "wgpu", feature = "ash")), allow(clippy::unnecessary_wraps, reason = "without GPUs"))]
+fn ceilings(backend: &mut Backend) -> Result<Vec<Ceiling>, Failure> {
+    #[cfg(any(feature = "wgpu", feature = "ash"))]
+    macro_rules! measured {
+        ($renderer:expr) => {
+            $renderer
+                .ceilings(CEILING_SIDE_PX)?
+                .into_iter()
+                .map(|rate| Ceiling { name: rate.ceiling.name().to_owned(), fragments_per_s: rate.fragments_per_s })
+                .collect()
+        };
+    }
+    Ok(match backend {
+        #[cfg(feature = "wgpu")]
+        Backend::Wgpu(renderer) => measured!(renderer),
+        #[cfg(feature = "ash")]
+        Backend::Ash(renderer) => measured!(renderer),
+        _ => Vec::new(),
+    })
 }
 
 /// Loads and uploads every source once; backends of one kind share what is uploaded.

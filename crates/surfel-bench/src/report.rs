@@ -16,7 +16,18 @@ pub(crate) struct Report {
     version: u32,
     pub machine: Machine,
     pub backend: BackendFacts,
+    /// What the GPU does at best; empty for backends that aren't on one, and in older files.
+    #[serde(default)]
+    pub ceilings: Vec<Ceiling>,
     pub rows: Vec<Row>,
+}
+
+/// A rate that no pass over splats can exceed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Ceiling {
+    /// `clear`, `depth`, `fill`, `blend` or `blend two`.
+    pub name: String,
+    pub fragments_per_s: f64,
 }
 
 /// What drew.
@@ -60,6 +71,13 @@ pub(crate) struct Row {
     pub splats_per_s: f64,
     pub drawn_per_s: f64,
     pub fragments_per_s: Option<f64>,
+    /// Fragments a second of the attribute pass alone, over those that the GPU can blend into such targets: what it reaches
+    /// of the ceiling. Splats a second are the same share of what the ceiling would allow.
+    #[serde(default)]
+    pub share_of_blend: Option<f64>,
+    /// The same of the whole frame.
+    #[serde(default)]
+    pub frame_share_of_blend: Option<f64>,
     /// Fragments over drawn splats.
     pub fragments_per_splat: Option<f64>,
     /// Fragments over covered pixels.
@@ -103,8 +121,9 @@ pub(crate) struct Subject {
 }
 
 impl Report {
-    pub(crate) fn new(machine: Machine, backend: BackendFacts, rows: Vec<Row>) -> Self {
-        Self { version: VERSION, machine, backend, rows }
+    pub(crate) fn new(machine: Machine, backend: BackendFacts, ceilings: Vec<Ceiling>, mut rows: Vec<Row>) -> Self {
+        rows.iter_mut().for_each(|row| row.judge(&ceilings));
+        Self { version: VERSION, machine, backend, ceilings, rows }
     }
 
     /// Reads what `-o` wrote.
@@ -160,6 +179,8 @@ impl Row {
             splats_per_s: one.splats as f64 / seconds,
             drawn_per_s: one.drawn as f64 / seconds,
             fragments_per_s: over(seconds),
+            share_of_blend: None,
+            frame_share_of_blend: None,
             fragments_per_splat: over(one.drawn as f64),
             fragments_per_px: over(covered_px as f64),
             block_pairs: counter("block_pairs"),
@@ -170,6 +191,16 @@ impl Row {
             gb_per_s: traffic.map(|bytes| bytes * 1e-9 / seconds),
             counters: one.counters.iter().filter_map(|c| Some((c.0.to_owned(), counter(c.0)?))).collect(),
         }
+    }
+
+    /// Holds its fragments against what the GPU can blend.
+    fn judge(&mut self, ceilings: &[Ceiling]) {
+        // Unlit pictures sum up colour alone, others normal and depth, too.
+        let name = if self.shader == "unlit" { "blend" } else { "blend two" };
+        let ceiling = ceilings.iter().find(|ceiling| ceiling.name == name).map(|ceiling| ceiling.fragments_per_s);
+        let attributes_ms = self.stages_ms.get("attributes").copied().filter(|ms| *ms > 0.0);
+        let share = |ms: f64| Some(self.fragments? as f64 / (ms * 1e-3) / ceiling?);
+        (self.share_of_blend, self.frame_share_of_blend) = (attributes_ms.and_then(share), share(self.median_ms));
     }
 }
 
@@ -189,6 +220,7 @@ pub(crate) fn quantile(values: &[f64], part: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use surfel::render::PassTime;
 
     #[test]
     fn median_of_few() {
@@ -204,6 +236,26 @@ mod tests {
         assert!(problem.contains("99") && problem.contains("measure again"), "{problem}");
         assert!(Report::parse(b"{}").unwrap_err().contains("none"));
         assert!(Report::parse(b"pixels").is_err());
+    }
+
+    #[test]
+    fn row_is_judged_by_the_ceiling_of_its_targets() {
+        let stats = Stats { passes: vec![PassTime { name: "attributes", ms: 5.0 }], drawn: 1, ..Stats::default() };
+        let samples = Samples { frames_ms: vec![10.0], stats: vec![stats], fragments: 4_000_000, ..Samples::default() };
+        let subject =
+            Subject { scene: "s".into(), about: String::new(), shader: "phong".into(), threads: 0, size: [8, 8] };
+        let ceilings = [("blend", 9e9), ("blend two", 1e9)]
+            .map(|(name, fragments_per_s)| Ceiling { name: name.into(), fragments_per_s });
+        let mut row = Row::new(subject, samples);
+        row.judge(&ceilings);
+        // 4·10⁶ in 5 ms are 0.8·10⁹ a second.
+        assert!((row.share_of_blend.unwrap() - 0.8).abs() < 1e-12);
+        assert!((row.frame_share_of_blend.unwrap() - 0.4).abs() < 1e-12);
+        row.shader = "unlit".into();
+        row.judge(&ceilings);
+        assert!((row.share_of_blend.unwrap() - 0.8 / 9.0).abs() < 1e-12);
+        row.judge(&[]);
+        assert_eq!(row.share_of_blend, None);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::report::{Report, Row};
+use crate::report::{Ceiling, Report, Row};
 
 /// The whole run as text.
 pub(crate) fn of(report: &Report) -> String {
@@ -14,11 +14,17 @@ pub(crate) fn of(report: &Report) -> String {
     let software =
         if backend.is_software { " — software Vulkan: the processor computes, this is no GPU" } else { "" };
     let _ = writeln!(text, "backend   {}: {} ({}){software}", backend.name, backend.adapter, backend.driver);
-    let _ = writeln!(text, "commit    {}\n", machine.commit);
+    let _ = writeln!(text, "commit    {}", machine.commit);
+    if !report.ceilings.is_empty() {
+        let rate = |c: &Ceiling| format!("{} {:.0}", c.name, c.fragments_per_s * 1e-6);
+        let rates = report.ceilings.iter().map(rate).collect::<Vec<_>>().join(", ");
+        let _ = writeln!(text, "ceilings  Mfragments/s by empty shaders: {rates}");
+    }
+    text.push('\n');
     let head = [
         "scene", "thr", "median", "min ms", "busy ms", "splats", "Msplat/s", "drawn/s", "Mfrag/s", "fr/splat", "fr/px",
     ];
-    let more = ["pairs M", "ns/pair", "B/splat", "GB/s", "stages, ms"];
+    let more = ["% blend", "% frame", "pairs M", "ns/pair", "B/splat", "GB/s", "stages, ms"];
     let mut lines = vec![head.iter().chain(&more).map(ToString::to_string).collect::<Vec<_>>()];
     lines.extend(report.rows.iter().map(line));
     text += &aligned(&lines);
@@ -45,6 +51,8 @@ fn line(row: &Row) -> Vec<String> {
         number(row.fragments_per_s, 1e-6, 0),
         number(row.fragments_per_splat, 1.0, 1),
         number(row.fragments_per_px, 1.0, 1),
+        number(row.share_of_blend, 1e2, 1),
+        number(row.frame_share_of_blend, 1e2, 1),
         number(row.block_pairs, 1e-6, 2),
         number(row.ns_per_pair, 1.0, 1),
         number(Some(row.bytes_per_splat), 1.0, 0),

@@ -79,7 +79,7 @@ pub(crate) struct RenderArgs {
     /// A part of the adapter's name.
     #[arg(long, value_name = "NAME")]
     pub(crate) adapter: Option<String>,
-    /// Bits of a stored number on the processor: 16 takes half the memory or less, with a small error.
+    /// Bits of a stored number: 16 takes about half the memory, with a small error.
     #[arg(long, default_value = "32", value_parser = ["32", "16"])]
     pub(crate) storage: String,
     /// Image size in pixels; 1024x1024 where nothing says it.

@@ -11,7 +11,8 @@ use crate::verify::verify;
 use std::path::{Path, PathBuf};
 use surfel::render::{Capabilities, SceneSummary, unsupported};
 use surfel::{
-    Backend, BackendOptions, BackendScene, Camera, Chosen, Frame, Planes, Renderer, Scene, SceneFile, Stats, View,
+    Backend, BackendOptions, BackendScene, Camera, Chosen, Frame, Planes, Progress as _, Renderer, Scene, SceneFile,
+    Stats, View,
 };
 
 pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Console) -> Result<(), Failure> {
@@ -50,7 +51,7 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Co
             }
         }
     }
-    let mut job = Job { args, planes, runs: Vec::new(), frame: Frame::default(), scene: None };
+    let mut job = Job { args, console, planes, runs: Vec::new(), frame: Frame::default(), scene: None };
     for index in 0..frames {
         let (camera, moved) = turned(&resolved, index, frames);
         job.render(backend, &resolved, &camera, moved)?;
@@ -189,6 +190,7 @@ fn turned(resolved: &Resolved, index: u32, frames: u32) -> (Camera, Option<Scene
 /// What stays from frame to frame.
 struct Job<'a> {
     args: &'a RenderArgs,
+    console: &'a Console,
     planes: Planes,
     runs: Vec<Stats>,
     frame: Frame,
@@ -196,6 +198,18 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
+    fn upload(&self, backend: &mut Backend, scene: &Scene) -> Result<BackendScene, Failure> {
+        let bar = self.console.progress();
+        let mut last = None;
+        Ok(backend.upload_reporting(scene, &mut |now| {
+            match last {
+                None => bar.stage("uploading", now.total_bytes),
+                Some(before) => bar.advance(now.done_bytes.saturating_sub(before)),
+            }
+            last = Some(now.done_bytes);
+        })?)
+    }
+
     fn render(
         &mut self,
         backend: &mut Backend,
@@ -212,9 +226,9 @@ impl Job<'_> {
             }
         };
         let resident = match (self.scene.take(), moved) {
-            (_, Some(moved)) => backend.upload(&moved)?,
+            (_, Some(moved)) => self.upload(backend, &moved)?,
             (Some(resident), None) => resident,
-            (None, None) => backend.upload(&resolved.scene)?,
+            (None, None) => self.upload(backend, &resolved.scene)?,
         };
         let settings = &resolved.file.settings;
         let mut once = || match self.args.samples {

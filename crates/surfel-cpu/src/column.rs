@@ -4,26 +4,9 @@
 use crate::lanes::{LANES, Lanes};
 use fearless_simd::Simd;
 use glam::Vec3;
-use surfel_math::{Real, V3};
-
-/// How splats are kept in memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Storage {
-    /// Single precision.
-    #[default]
-    F32,
-    /// 16 bits for centres, colours, normals and disks' radii. Half-axes of ellipses stay f32: a needle's shorter one would
-    /// vanish beside its neighbours' longer ones.
-    ///
-    /// A centre moves by at most 1.5e-5 of its chunk's half extent, a colour by 1.5e-5 of the chunk's largest, a normal by
-    /// 1e-4, a radius by 1.5e-5 of the chunk's largest, which is at most sixteen times the smallest.
-    Quantised,
-}
-
-/// Largest 16-bit step from zero.
-const STEPS: f32 = 32767.0;
-/// What stands for zero.
-const ZERO: u16 = 32768;
+use surfel_math::V3;
+use surfel_math::quantise::{STEPS, folded, steps as steps_of, to_step, unfolded};
+use surfel_render::Storage;
 
 /// A column of numbers.
 pub(crate) enum Column {
@@ -43,7 +26,7 @@ impl Column {
     pub(crate) fn push(&mut self, value: f32, scale: f32) {
         match self {
             Self::F32(values) => values.push(value),
-            Self::Quantised(steps) => steps.push(to_steps(value / scale)),
+            Self::Quantised(steps) => steps.push(to_step(value / scale)),
         }
     }
 
@@ -64,18 +47,12 @@ impl Column {
     }
 }
 
-fn to_steps(unit: f32) -> u16 {
-    // A scale of 0 gives NaN, which the cast makes 0.
-    let step = (unit * STEPS).round().clamp(-STEPS, STEPS) as i32;
-    (step + i32::from(ZERO)) as u16
-}
-
 #[inline(always)]
 fn from_steps<S: Simd>(simd: S, steps: &[u16]) -> Lanes<S> {
     let mut values = [0.0; LANES];
     if let Some(steps) = steps.first_chunk::<LANES>() {
         for i in 0..LANES {
-            values[i] = (i32::from(steps[i]) - i32::from(ZERO)) as f32;
+            values[i] = steps_of(steps[i]);
         }
     }
     Lanes::load(simd, &values)
@@ -131,10 +108,9 @@ impl Units {
         match self {
             Self::F32(column) => column.push(v, 1.0),
             Self::Octahedral([x, y]) => {
-                let p = v / (v.x.abs() + v.y.abs() + v.z.abs());
-                let folded = |a: f32, b: f32| if p.z < 0.0 { (1.0 - b.abs()) * 1f32.copysign(a) } else { a };
-                x.push(folded(p.x, p.y), 1.0);
-                y.push(folded(p.y, p.x), 1.0);
+                let [a, b] = folded(V3::new(v.x, v.y, v.z));
+                x.push(a, 1.0);
+                y.push(b, 1.0);
             }
         }
     }
@@ -144,12 +120,7 @@ impl Units {
         match self {
             Self::F32(column) => column.load(simd, at, 1.0),
             Self::Octahedral([x, y]) => {
-                let (x, y) = (x.load(simd, at, 1.0), y.load(simd, at, 1.0));
-                let (zero, one) = (x.zero(), x.one());
-                let z = one - x.abs() - y.abs();
-                let below = (-z).max(zero);
-                let unfolded = |a: Lanes<S>| a + Lanes::select(a.lt(zero), below, -below);
-                let v = V3::new(unfolded(x), unfolded(y), z);
+                let v = unfolded(x.load(simd, at, 1.0), y.load(simd, at, 1.0));
                 v * v.dot(v).inverse_sqrt()
             }
         }

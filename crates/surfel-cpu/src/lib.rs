@@ -51,6 +51,6 @@ mod target;
 mod tile;
 mod veil;
 
-pub use column::Storage;
 pub use level::SimdLevel;
 pub use renderer::{Evaluation, Options, Peeling, Renderer, ResidentScene, Work};
+pub use surfel_render::Storage;

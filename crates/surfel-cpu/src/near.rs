@@ -137,9 +137,10 @@ impl ObjectSetup<'_> {
             // As the lanes have them; slots begin with a chunk, at whole lanes.
             let (lanes, lane) = (i - i % LANES, i % LANES);
             let get = |v: V3<Lanes<S>>| DVec3::from([v.x, v.y, v.z].map(|c| f64::from(c.to_array()[lane])));
-            let scales = &chunk.scales;
+            let scales = &chunk.space;
             let object = self.object;
-            let p = self.origin + self.linear * (chunk.origin + get(object.centers.load(simd, lanes, scales.center)));
+            let p =
+                self.origin + self.linear * (chunk.space.origin + get(object.centers.load(simd, lanes, scales.center)));
             let (s, t, n) = match &object.shape {
                 StoredShape::Disks { normals, radii } => {
                     let n = get(normals.load(simd, lanes));

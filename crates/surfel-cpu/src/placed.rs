@@ -85,7 +85,7 @@ impl<'a> ObjectSetup<'a> {
 
     /// View position of a chunk's origin.
     pub(crate) fn center(&self, chunk: &Chunk) -> DVec3 {
-        self.origin + self.linear * chunk.origin
+        self.origin + self.linear * chunk.space.origin
     }
 
     /// True if the material leaves back faces out and every splat of the chunk is one.
@@ -99,7 +99,7 @@ impl<'a> ObjectSetup<'a> {
         let Some(cone) = &chunk.cone else { return false };
         let (toward, spread_sine) = match self.view.projection.kind {
             ProjectionKind::Perspective => {
-                let ray = chunk.origin - self.eye_in_object;
+                let ray = chunk.space.origin - self.eye_in_object;
                 let distance = ray.length();
                 if distance <= chunk.ball {
                     return false;

@@ -1,7 +1,6 @@
 //! The backend: scenes in, frames out.
 
 use crate::bins::{BLOCK, TILE_BLOCKS};
-use crate::column::Storage;
 use crate::frame::draw;
 use crate::level::{Instructions, SimdLevel};
 use crate::mesh::StoredMesh;
@@ -9,7 +8,9 @@ use crate::recycle::Recycled;
 use crate::store::StoredObject;
 use std::time::Instant;
 use surfel_model::{Geometry, Light, Material, Scene, Settings};
-use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
+use surfel_render::{
+    Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, Storage, View, plan,
+};
 
 const CAPABILITIES: Capabilities = Capabilities {
     backend: "cpu",

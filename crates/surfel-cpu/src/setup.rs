@@ -137,9 +137,9 @@ impl ObjectSetup<'_> {
         let linear = self.linear.as_mat3();
         let k = |v: f64| Lanes::splat(simd, v as f32);
         let c = V3::new(k(center.x), k(center.y), k(center.z));
-        let p = transform(&linear, object.centers.load(simd, at, chunk.scales.center)) + c;
+        let p = transform(&linear, object.centers.load(simd, at, chunk.space.center)) + c;
         let reach = match &object.shape {
-            StoredShape::Disks { radii, .. } => radii.load(simd, at, chunk.scales.radius),
+            StoredShape::Disks { radii, .. } => radii.load(simd, at, chunk.space.radius),
             StoredShape::Ellipses { s, t } => {
                 let (s, t) = (s.load(simd, at, 1.0), t.load(simd, at, 1.0));
                 s.dot(s).max(t.dot(t)).sqrt()
@@ -168,12 +168,12 @@ impl ObjectSetup<'_> {
         let (s, t, disk) = match (&object.shape, self.scale) {
             // Any pair of half-axes serves a disk, unless a clip is given in them.
             (StoredShape::Disks { radii, .. }, Some(scale)) if object.clips.is_none() => {
-                let r = radii.load(simd, at, chunk.scales.radius) * k(scale);
+                let r = radii.load(simd, at, chunk.space.radius) * k(scale);
                 let (s, t) = orthonormal(n);
                 (s * r, t * r, Some(r))
             }
             (StoredShape::Disks { radii, .. }, _) => {
-                let r = radii.load(simd, at, chunk.scales.radius);
+                let r = radii.load(simd, at, chunk.space.radius);
                 let (s, t) = orthonormal(normal);
                 (transform(&linear, s * r), transform(&linear, t * r), None)
             }
@@ -188,7 +188,7 @@ impl ObjectSetup<'_> {
         };
         let white = k(1.0);
         let color = match &object.colors {
-            Some(colors) => colors.load(simd, at, chunk.scales.color),
+            Some(colors) => colors.load(simd, at, chunk.space.color),
             None => V3::new(white, white, white),
         };
         self.project(simd, (&splat, disk), shading, color, (chunk, at, active), out);

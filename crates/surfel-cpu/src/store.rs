@@ -1,22 +1,17 @@
 //! Splats as they stay resident: Morton order, chunks of 256, f32 about an f64 origin.
 
 use crate::clip::StoredClips;
-use crate::column::{Column, Column3, Storage, Units};
+use crate::column::{Column, Column3, Units};
 use crate::lanes::LANES;
 use glam::{DAffine3, DVec3, Vec3};
 use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_model::{Material, Shape, SplatCloud};
+use surfel_render::{CHUNK_SPLATS, ChunkSpace, Storage, chunks};
 
-/// Most splats of a chunk. A multiple of the lane count.
-pub(crate) const CHUNK: usize = 256;
+/// Most splats of a chunk.
+pub(crate) const CHUNK: usize = CHUNK_SPLATS;
 
-/// Largest extent of a chunk in radii of its smallest splat. An offset within it is rounded to 512·2⁻²⁴ = 3e-5 of a radius,
-/// which moves a weight by 7e-5 (2.4 times as much at cutoff 2). Neighbours on a surface are far below it; splats of very
-/// different size, and strays, get chunks of their own.
-const MAX_EXTENT_RADII: f64 = 512.0;
-
-/// Largest radius of a quantised chunk in its smallest.
-const MAX_RADII: f64 = 16.0;
+const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
 
 /// Extent and orientation of the splats.
 pub(crate) enum StoredShape {
@@ -28,26 +23,16 @@ pub(crate) enum StoredShape {
 
 /// Up to 256 splats that lie close together.
 pub(crate) struct Chunk {
-    /// Object-space origin of the centres.
-    pub origin: DVec3,
-    /// Radius about `origin` of a ball that holds the splats (not only their centres), object units.
+    /// Object-space origin of the centres, and what 16 bits are relative to.
+    pub space: ChunkSpace,
+    /// Radius about the origin of a ball that holds the splats (not only their centres), object units.
     pub ball: f64,
     /// First splat in the columns.
     pub first: usize,
     /// Number of splats.
     pub count: usize,
-    /// Largest coordinate of a centre about `origin`, largest colour, largest radius: what 16 bits are relative to.
-    pub scales: Scales,
     /// A cone about all normals, if it is narrower than a half space.
     pub cone: Option<Cone>,
-}
-
-/// What a chunk's 16-bit numbers are relative to.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Scales {
-    pub center: f32,
-    pub color: f32,
-    pub radius: f32,
 }
 
 /// Directions within an angle of an axis.
@@ -110,41 +95,28 @@ impl StoredObject {
             alphas: cloud.is_transparent().then(|| Vec::with_capacity(padded)),
             interior_weight: material.interior_weight.or(data.interior_weight).unwrap_or(0.0),
         };
-        let mut rest = order.as_slice();
-        while !rest.is_empty() {
-            let (members, after) = rest.split_at(chunk_length(cloud, rest, storage));
-            stored.push_chunk(cloud, members);
-            rest = after;
+        for (space, members) in chunks(cloud, &order, storage) {
+            stored.push_chunk(cloud, space, members);
         }
         stored
     }
 
-    fn push_chunk(&mut self, cloud: &SplatCloud, members: &[u32]) {
+    fn push_chunk(&mut self, cloud: &SplatCloud, space: ChunkSpace, members: &[u32]) {
         let centers: Vec<DVec3> = members.iter().map(|&i| cloud.center(i as usize)).collect();
-        let (min, max) =
-            centers.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
-        let origin = 0.5 * (min + max);
         let cone = Cone::about(members.iter().map(|&i| cloud.normal(i as usize)));
-        let color =
-            |&i: &u32| cloud.data().colors.as_ref().map_or(0.0, |_| Vec3::from(cloud.color(i as usize)).max_element());
-        let scales = Scales {
-            center: centers.iter().fold(0.0, |a, p| a.max((*p - origin).as_vec3().abs().max_element())),
-            color: members.iter().map(color).fold(0.0, f32::max),
-            radius: members.iter().map(|&i| cloud.radius_max(i as usize) as f32).fold(0.0, f32::max),
-        };
         let mut ball = 0.0f64;
         let first = self.centers.len();
-        self.chunks.push(Chunk { origin, ball: 0.0, first, count: members.len(), scales, cone });
+        self.chunks.push(Chunk { space, ball: 0.0, first, count: members.len(), cone });
         // The last splat fills the lanes up; setup ignores what lies past `count`.
         for slot in 0..members.len().next_multiple_of(LANES) {
             let k = slot.min(members.len() - 1);
             let i = members[k] as usize;
-            self.centers.push((centers[k] - origin).as_vec3(), scales.center);
-            ball = ball.max((centers[k] - origin).length() + cloud.radius_max(i));
+            self.centers.push((centers[k] - space.origin).as_vec3(), space.center);
+            ball = ball.max((centers[k] - space.origin).length() + cloud.radius_max(i));
             match &mut self.shape {
                 StoredShape::Disks { normals, radii } => {
                     normals.push(cloud.normal(i).as_vec3());
-                    radii.push(cloud.radius_max(i) as f32, scales.radius);
+                    radii.push(cloud.radius_max(i) as f32, space.radius);
                 }
                 StoredShape::Ellipses { s, t } => {
                     let (a, b) = cloud.axes(i);
@@ -153,7 +125,7 @@ impl StoredObject {
                 }
             }
             if let Some(colors) = &mut self.colors {
-                colors.push(Vec3::from(cloud.color(i)), scales.color);
+                colors.push(Vec3::from(cloud.color(i)), space.color);
             }
             if let Some(clips) = &mut self.clips {
                 clips.push(cloud, i);
@@ -194,21 +166,4 @@ impl StoredObject {
             + self.alphas.as_ref().map_or(0, |a| size_of_val(a.as_slice()))
             + size_of_val(self.chunks.as_slice())
     }
-}
-
-/// How many of the splats, in order, make the next chunk.
-fn chunk_length(cloud: &SplatCloud, order: &[u32], storage: Storage) -> usize {
-    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (mut smallest, mut largest) = (f64::INFINITY, 0.0f64);
-    for (count, &i) in order.iter().take(CHUNK).enumerate() {
-        let p = cloud.center(i as usize);
-        (min, max) = (min.min(p), max.max(p));
-        let radius = cloud.radius_max(i as usize);
-        (smallest, largest) = (smallest.min(radius), largest.max(radius));
-        let uneven = storage == Storage::Quantised && largest > MAX_RADII * smallest;
-        if count > 0 && (uneven || (max - min).max_element() > MAX_EXTENT_RADII * smallest) {
-            return count;
-        }
-    }
-    order.len().min(CHUNK)
 }

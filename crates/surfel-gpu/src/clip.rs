@@ -52,11 +52,12 @@ pub(crate) fn is_clipped(cloud: &SplatCloud, i: usize) -> bool {
 }
 
 /// A clip of splat `i` as it is stored, in [`STORED_WORDS`] words.
-pub(crate) fn push_stored(cloud: &SplatCloud, i: usize, words: &mut Vec<u32>) {
+pub(crate) fn stored(cloud: &SplatCloud, i: usize) -> Vec<u32> {
     let clip =
         |policy| cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, policy)).unwrap_or_else(Clip::nothing);
-    words.extend(clip_words(&clip(ClipPolicy::Exact)));
+    let mut words = clip_words(&clip(ClipPolicy::Exact));
     words.extend(linear_words(&clip(ClipPolicy::Line).chord));
+    words
 }
 
 /// The shaders' `Clip`.
@@ -88,7 +89,7 @@ mod tests {
     use surfel_model::{
         Camera, ClipColumns, ClipLine, CloudData, Column3, NO_LINE, OnInvalid, Projection, Scene, Shape,
     };
-    use surfel_render::{Capabilities, Feature, Planes, Settings, View, plan};
+    use surfel_render::{Capabilities, Feature, Planes, Settings, Storage, View, plan};
 
     /// Three ellipses, of which the first `clipped` have a line each; and the words of each segment.
     fn uploaded(clipped: Option<usize>) -> (UploadedScene, Vec<Vec<u32>>) {
@@ -99,8 +100,8 @@ mod tests {
         let clips = clipped.map(|n| ClipColumns { lines: Some(lines(n)), ..ClipColumns::default() });
         let data = CloudData { clips, ..CloudData::new(DVec3::ZERO, column([0.0; 3]), shape) };
         let scene = Scene::of_cloud(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0);
-        let mut upload = Upload::new(&scene, Limits::default(), "test").unwrap();
-        let total = upload.total_bytes();
+        let mut upload = Upload::new(&scene, Storage::F32, Limits::default(), "test").unwrap();
+        let total = upload.splat_bytes();
         let words: Vec<Vec<u32>> = std::iter::from_fn(|| upload.next_segment()).collect();
         assert_eq!(total, 4 * words.iter().map(|w| w.len() as u64).sum::<u64>());
         (upload.finish(), words)
@@ -141,7 +142,8 @@ mod tests {
         let sums = [Layer::Front, Layer::Behind]
             .map(|l| [Sums::Color, Sums::Surface, Sums::Further].map(|s| Draw::Sums(l, s)));
         let others = [Draw::Visibility, Draw::Writers, Draw::VisibilityBehind, Draw::Edges];
-        for draw in sums.into_iter().flatten().chain(others) {
+        let ceilings = crate::Ceiling::ALL.map(Draw::Ceiling);
+        for draw in sums.into_iter().flatten().chain(others).chain(ceilings) {
             for variant in [Variant::Whole, Variant::Clipped] {
                 for name in draw.entries(variant).into_iter().chain([variant.setup()]) {
                     assert!(ENTRIES.iter().any(|e| e.name == name), "{name}");

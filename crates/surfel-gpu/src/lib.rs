@@ -8,9 +8,11 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod bindings;
+mod ceilings;
 mod chunk;
 mod clip;
 mod culling;
+mod layers;
 mod near;
 mod placement;
 mod planes;
@@ -19,20 +21,25 @@ mod rounds;
 mod schedule;
 mod segment;
 mod shadows;
+mod stored;
 mod targets;
 mod texels;
 mod tile;
 mod uniforms;
+mod upload;
 mod words;
 
 pub use bindings::{Slot, groups, slots};
+pub use ceilings::{CEILING_RUNS, Ceiling, CeilingFrame, FillRate};
 pub use chunk::Chunk;
 pub use clip::Variant;
+pub use layers::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words};
 pub use planes::PlaneLayout;
-pub use rounds::{PIXEL_BUFFERS, PIXEL_READS, Pixels};
+pub use rounds::{HOST_DEPTH_BINDING, PIXEL_BUFFERS, PIXEL_READS, Pixels};
 pub use schedule::{Step, schedule};
-pub use segment::{Limits, RecordBytes, Segment, Upload, UploadedScene};
-pub use shadows::{MapJob, map_jobs, shadow_texels};
+pub use segment::{Limits, RecordBytes, Segment, UploadedScene};
+pub use shadows::{MapCache, MapJob, SHADOW_MAPS, map_jobs, shadow_texels};
 pub use targets::{Draw, Layer, Sums, Target, TargetFormat};
 pub use tile::{NearRecords, SegmentData, TileData, Visible, tiles};
 pub use uniforms::FrameScene;
+pub use upload::Upload;

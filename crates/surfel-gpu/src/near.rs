@@ -16,7 +16,7 @@ use surfel_math::mapping::{Footprint, Linear, through_near};
 use surfel_math::project::{EDGE_ON, Placement as Standing, Projected, ViewSplat, radius_max};
 use surfel_math::{V2, V3};
 use surfel_model::Cull;
-use surfel_render::{FramePlan, Pass, Region, View};
+use surfel_render::{ChunkSpace, FramePlan, Pass, Region, Storage, StoredSplat, View};
 use surfel_shaders::layout;
 
 /// Slack of pixel boxes, as in the shaders.
@@ -57,10 +57,9 @@ impl NearJob<'_> {
     /// draws them all.
     pub(crate) fn chunk(
         &self,
-        object: &UploadedObject,
-        index: u32,
+        (object, index): (&UploadedObject, u32),
         placement: &Placement,
-        members: &[u32],
+        (members, space, storage): (&[u32], &ChunkSpace, Storage),
         (variant, is_transparent): (Variant, bool),
         out: &mut NearSplats,
     ) -> Option<[u32; layout::CHUNK_SPLATS as usize / 32]> {
@@ -68,8 +67,10 @@ impl NearJob<'_> {
         let mut any = false;
         for (k, &i) in members.iter().enumerate() {
             let i = i as usize;
-            let (s, t) = object.cloud.axes(i);
-            let p = placement.point(object.cloud.center(i));
+            // As the GPU has them.
+            let stored = StoredSplat::of(&object.cloud, i, space, storage);
+            let (s, t) = stored.axes;
+            let p = placement.point(stored.center);
             let (s, t) = (placement.linear * s, placement.linear * t);
             let standing = Standing::of(p.z, s.z.hypot(t.z), &self.view.projection);
             if matches!(standing, Standing::Ordinary | Standing::Outside) {
@@ -82,12 +83,12 @@ impl NearJob<'_> {
             if standing == Standing::CenterBeforeNear && self.plan.splat_filter.drop_before_near {
                 continue;
             }
-            let n = self.view.view_from_world * unit(placement.normals * object.cloud.normal(i));
+            let n = self.view.view_from_world * unit(placement.normals * stored.normal);
             let splat = ViewSplat { p: V3::from(p), s: V3::from(s), t: V3::from(t), n: V3::from(n) };
-            let shading = unit(placement.normals * object.cloud.shading_normal(i));
+            let shading = unit(placement.normals * stored.shading_normal);
             let clip = object.cloud.data().clips.as_ref().filter(|_| variant == Variant::Clipped);
             let clip = clip.map(|clips| clips.clip(i, self.plan.clip).unwrap_or_else(Clip::nothing));
-            if let Some((mut record, seen)) = self.record(&splat, shading, object, index, object.cloud.color(i)) {
+            if let Some((mut record, seen)) = self.record(&splat, shading, object, index, stored.color) {
                 if is_transparent {
                     record.f32(layout::record::COVERAGE, object.cloud.alpha(i));
                 }

@@ -9,8 +9,12 @@ use surfel_render::{FramePlan, Pass};
 pub enum Pixels {
     /// What hides transparent splats.
     BeginLayers,
+    /// The same, and a host's own things hide them, too; no plan needs it.
+    BeginLayersInHost,
     /// A peeled layer, shaded and put behind those before it.
     PeeledLayer,
+    /// Once a frame rather than a pixel: ends the layers if nothing remains.
+    NextLayer,
     /// All that remains of the transparent splats, put behind the layers.
     RemainingLayer,
     /// A part of a shadow map.
@@ -42,15 +46,20 @@ pub const PIXEL_READS: [(u32, Target); 16] = [
 ];
 
 /// Bindings of the buffers beside them: planes, polygons, texels, veils (for composing into a host's picture: to be read), texels of the
-/// shadow map that is drawn.
-pub const PIXEL_BUFFERS: [u32; 6] = [4, 12, 13, 14, 15, 21];
+/// shadow map that is drawn, draws of layers.
+pub const PIXEL_BUFFERS: [u32; 7] = [4, 12, 13, 14, 15, 21, 22];
+
+/// Binding of a host's depth buffer.
+pub const HOST_DEPTH_BINDING: u32 = 23;
 
 impl Pixels {
     /// Its entry point.
     pub fn entry(self) -> &'static str {
         match self {
             Self::BeginLayers => "begin_layers",
+            Self::BeginLayersInHost => "begin_layers_in_host",
             Self::PeeledLayer => "peeled_layer",
+            Self::NextLayer => "next_layer",
             Self::RemainingLayer => "remaining_layer",
             Self::StoreShadow => "store_shadow",
             Self::Shade => "shade",
@@ -58,15 +67,32 @@ impl Pixels {
         }
     }
 
-    /// Whether it is the last, of the tile without its border; the others are of all of the targets.
+    /// Whether it is the last, of the tile without its border.
     pub fn is_shade(self) -> bool {
         matches!(self, Self::Shade | Self::ShadeSplats)
+    }
+
+    /// How many it is computed for, of a tile whose targets have a border.
+    pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
+        match self {
+            Self::Shade | Self::ShadeSplats => shaded,
+            Self::NextLayer => [1, 1],
+            Self::BeginLayers
+            | Self::BeginLayersInHost
+            | Self::PeeledLayer
+            | Self::RemainingLayer
+            | Self::StoreShadow => targets,
+        }
     }
 
     /// Its name in the statistics.
     pub fn name(self) -> &'static str {
         match self {
-            Self::BeginLayers | Self::PeeledLayer | Self::RemainingLayer => "layers",
+            Self::BeginLayers
+            | Self::BeginLayersInHost
+            | Self::PeeledLayer
+            | Self::NextLayer
+            | Self::RemainingLayer => "layers",
             Self::StoreShadow => "shadow maps",
             Self::Shade | Self::ShadeSplats => "shade",
         }
@@ -94,7 +120,9 @@ impl Round {
     pub(crate) fn is_of_layers(&self) -> bool {
         match self {
             Self::Draws(draws) => draws.iter().any(|draw| draw.is_transparent()),
-            Self::Pixels(pixels) => matches!(pixels, Pixels::PeeledLayer | Pixels::RemainingLayer),
+            Self::Pixels(pixels) => {
+                matches!(pixels, Pixels::PeeledLayer | Pixels::NextLayer | Pixels::RemainingLayer)
+            }
         }
     }
 }
@@ -126,10 +154,13 @@ pub(crate) fn rounds(plan: &FramePlan) -> Vec<Round> {
         rounds.extend([one(Draw::Edges), one(Draw::VisibilityBehind), sums(Layer::Behind)]);
     }
     rounds.extend(has_layers(plan).then_some(Round::Pixels(Pixels::BeginLayers)));
-    for _ in 0..plan.peeled_layers() {
+    let next = |is_first: bool| (!is_first).then_some(Round::Pixels(Pixels::NextLayer));
+    for i in 0..plan.peeled_layers() {
+        rounds.extend(next(i == 0));
         rounds.extend([one(Draw::VisibilityPeeled), sums(Layer::Peeled), Round::Pixels(Pixels::PeeledLayer)]);
     }
     if plan.has(Pass::RemainingLayer) {
+        rounds.extend(next(plan.peeled_layers() == 0));
         rounds.extend([sums(Layer::Remaining), Round::Pixels(Pixels::RemainingLayer)]);
     }
     let more = edges || polygons || has_layers(plan) || plan.has(Pass::Outlines) || !plan.shadow_maps.is_empty();

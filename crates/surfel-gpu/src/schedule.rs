@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn layers_are_drawn_only_where_transparent_splats_are_seen() {
-        use Pixels::{BeginLayers, PeeledLayer, RemainingLayer, Shade};
+        use Pixels::{BeginLayers, NextLayer, PeeledLayer, RemainingLayer, Shade};
         let capabilities = Capabilities { backend: "test", features: &[Feature::Peel] };
         let summary = SceneSummary { transparent: true, ..SceneSummary::default() };
         let settings = Settings { transparency: "peel:3".parse().unwrap(), ..Settings::default() };
@@ -183,7 +183,8 @@ mod tests {
         for shared in [false, true] {
             let steps = schedule(&plan, &visible, shared);
 
-            assert_eq!(pixels(&steps), [BeginLayers, PeeledLayer, PeeledLayer, RemainingLayer, Shade]);
+            let expected = [BeginLayers, PeeledLayer, NextLayer, PeeledLayer, NextLayer, RemainingLayer, Shade];
+            assert_eq!(pixels(&steps), expected);
             for step in &steps {
                 if let Step::Draw { draw, segments, .. } = step {
                     assert_eq!(segments, if draw.is_transparent() { &visible.transparent } else { &visible.opaque });

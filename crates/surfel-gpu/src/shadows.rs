@@ -4,6 +4,7 @@ use crate::segment::{Limits, UploadedScene};
 use crate::tile::{TileData, tiles};
 use crate::uniforms::{FrameScene, ShadowPlace};
 use crate::words::Words;
+use std::sync::Arc;
 use surfel_render::{Attributes, FramePlan, Pass, Planes, SHADOW_MAP_SIDE, ShadowMap, View};
 use surfel_shaders::layout;
 
@@ -40,6 +41,30 @@ pub(crate) fn shadow_map_words(plan: &FramePlan, view: &View) -> Vec<u32> {
     all
 }
 
+/// Name in the statistics of all that draws shadow maps.
+pub const SHADOW_MAPS: &str = "shadow maps";
+
+/// Shadow maps as they were drawn last: they serve again while the scene, its lights and the settings that they depend on are
+/// the same, wherever the eye is.
+pub struct MapCache<B> {
+    /// Their texels.
+    pub texels: B,
+    scene: Arc<()>,
+    maps: Vec<(View, FramePlan)>,
+}
+
+impl<B> MapCache<B> {
+    /// Of maps that were drawn by these jobs.
+    pub fn new(texels: B, scene: &UploadedScene, jobs: &[MapJob]) -> Self {
+        Self { texels, scene: scene.identity.clone(), maps: jobs.iter().map(MapJob::key).collect() }
+    }
+
+    /// True if these jobs would draw the same.
+    pub fn fits(&self, scene: &UploadedScene, jobs: &[MapJob]) -> bool {
+        Arc::ptr_eq(&self.scene, &scene.identity) && self.maps.iter().cloned().eq(jobs.iter().map(MapJob::key))
+    }
+}
+
 /// What draws a shadow map.
 pub struct MapJob {
     /// Visibility, and polygons, of the scene that the plan is of.
@@ -50,6 +75,11 @@ pub struct MapJob {
 }
 
 impl MapJob {
+    /// What it depends on besides the scene.
+    fn key(&self) -> (View, FramePlan) {
+        (self.view.clone(), self.plan.clone())
+    }
+
     /// The map's tiles.
     pub fn tiles(&self, scene: &UploadedScene, limits: Limits) -> Vec<TileData> {
         let tiles = tiles(&self.view, &self.plan, limits);

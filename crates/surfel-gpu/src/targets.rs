@@ -1,5 +1,6 @@
 //! What passes draw into and read, whatever the API.
 
+use crate::ceilings::Ceiling;
 use crate::clip::Variant;
 use crate::rounds::{Round, distinct, rounds};
 use surfel_render::FramePlan;
@@ -180,6 +181,8 @@ pub enum Draw {
     Sums(Layer, Sums),
     /// Finds edges.
     Edges,
+    /// Measures what the device does at best; no plan needs it.
+    Ceiling(Ceiling),
 }
 
 impl Draw {
@@ -192,6 +195,14 @@ impl Draw {
             Self::VisibilityPeeled => ("visibility", "peeled_visibility"),
             Self::Polygons => return ["polygon_vertex", "polygon_fragment"].map(str::to_owned),
             Self::Edges => return ["everywhere_vertex", "edges_fragment"].map(str::to_owned),
+            Self::Ceiling(ceiling) => {
+                let fragment = match ceiling {
+                    Ceiling::Depth => "ceiling_depth_fragment",
+                    Ceiling::Fill | Ceiling::Blend => "ceiling_color_fragment",
+                    Ceiling::Clear | Ceiling::BlendTwo => "ceiling_surface_fragment",
+                };
+                return ["ceiling_vertex", fragment].map(str::to_owned);
+            }
             Self::Sums(layer, sums) => {
                 let fragment = match (layer, sums) {
                     (Layer::Front, Sums::Color) => "front_color",
@@ -218,18 +229,20 @@ impl Draw {
     /// The depth buffer that it tests and writes: the greater wins.
     pub fn depth(self) -> Option<Target> {
         match self {
-            Self::Visibility | Self::Writers => Some(Target::Kept),
+            Self::Visibility | Self::Writers | Self::Ceiling(Ceiling::Depth) => Some(Target::Kept),
             Self::VisibilityBehind => Some(Target::KeptBehind),
             Self::Polygons => Some(Target::PolygonDepth),
             Self::VisibilityPeeled => Some(Target::LayerKept),
-            Self::Sums(..) | Self::Edges => None,
+            Self::Sums(..) | Self::Edges | Self::Ceiling(_) => None,
         }
     }
 
     /// The colour targets that it writes.
     pub fn colors(self) -> &'static [Target] {
         match self {
-            Self::Visibility | Self::VisibilityBehind | Self::VisibilityPeeled => &[],
+            Self::Visibility | Self::VisibilityBehind | Self::VisibilityPeeled | Self::Ceiling(Ceiling::Depth) => &[],
+            Self::Ceiling(Ceiling::Fill | Ceiling::Blend) => &[Target::Color],
+            Self::Ceiling(Ceiling::Clear | Ceiling::BlendTwo) => &[Target::Color, Target::Surface],
             Self::Writers => &[Target::Writers],
             Self::Edges => &[Target::Limit],
             Self::Polygons => &[Target::Polygons],
@@ -248,12 +261,20 @@ impl Draw {
 
     /// Whether it adds to its targets rather than replacing them.
     pub fn adds(self) -> bool {
-        matches!(self, Self::Sums(..))
+        matches!(self, Self::Sums(..) | Self::Ceiling(Ceiling::Blend | Ceiling::BlendTwo))
     }
 
     /// Whether it draws records, with their group as group 1.
     pub fn is_of_records(self) -> bool {
-        !matches!(self, Self::Edges | Self::Polygons)
+        !matches!(self, Self::Edges | Self::Polygons | Self::Ceiling(_))
+    }
+
+    /// Triangles over everything that it draws, where it draws neither records nor polygons.
+    pub fn triangles(self) -> u32 {
+        match self {
+            Self::Ceiling(ceiling) => ceiling.triangles(),
+            _ => 1,
+        }
     }
 
     /// Whether it draws transparent splats alone; else none that are layers of their own.
@@ -279,7 +300,7 @@ impl Draw {
     /// The textures that it reads, by binding, in the group after the records' or the frame's.
     pub fn reads(self) -> &'static [(u32, Target)] {
         match self {
-            Self::Visibility | Self::Writers | Self::Polygons | Self::VisibilityPeeled => &[],
+            Self::Visibility | Self::Writers | Self::Polygons | Self::VisibilityPeeled | Self::Ceiling(_) => &[],
             Self::Sums(Layer::Remaining, _) => &[],
             Self::Sums(Layer::Peeled, _) => &[(0, Target::LayerKept)],
             Self::VisibilityBehind => &[(1, Target::Limit)],
@@ -302,6 +323,7 @@ impl Draw {
             Self::Polygons => "polygons",
             Self::Sums(Layer::Front | Layer::Among, _) => "attributes",
             Self::Edges => "edges",
+            Self::Ceiling(ceiling) => ceiling.name(),
             Self::VisibilityBehind | Self::Sums(Layer::Behind, _) => "behind edges",
             Self::VisibilityPeeled | Self::Sums(Layer::Peeled | Layer::Remaining, _) => "layers",
         }

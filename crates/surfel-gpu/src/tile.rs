@@ -254,19 +254,13 @@ fn segment_data(
     };
     data.chunks.reserve(segment.chunks.len() * at::SIZE / 4);
     for chunk in &segment.chunks {
-        let center = placement.point(chunk.origin);
+        let center = placement.point(chunk.space.origin);
         let state = if is_outside(chunk, center, placement, job.tile, job.view, job.plan) {
             layout::CHUNK_OUTSIDE
         } else if may_reach_near(chunk, center, placement, job.view) {
             let members = segment.members.get(chunk.first as usize..(chunk.first + chunk.count) as usize);
-            let bits = job.chunk(
-                object,
-                segment.object,
-                placement,
-                members.unwrap_or_default(),
-                (variant, is_transparent),
-                &mut near,
-            );
+            let members = (members.unwrap_or_default(), &chunk.space, scene.storage);
+            let bits = job.chunk((object, segment.object), placement, members, (variant, is_transparent), &mut near);
             bits.map_or(layout::CHUNK_ORDINARY, |bits| {
                 let start = data.near_bits.len() as u32;
                 data.near_bits.extend(bits);

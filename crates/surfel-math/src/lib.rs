@@ -11,7 +11,7 @@
 //! 5. [`depth`]: depth of a fragment, tolerance of visibility; [`kernel`]: its weight and coverage.
 //!
 //! [`triangle`] does the same for polygons; [`shadow`] looks shadow maps up;
-//! [`toon`] is a drawing style.
+//! [`toon`] is a drawing style; [`quantise`] keeps numbers in 16 bits.
 //!
 //! Section numbers (§) refer to `docs/rendering-model.md`. Nothing here allocates or does I/O.
 
@@ -25,6 +25,7 @@ pub mod kernel;
 pub mod mapping;
 pub mod project;
 pub mod projection;
+pub mod quantise;
 pub mod real;
 pub mod shadow;
 pub mod srgb;

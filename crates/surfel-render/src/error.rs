@@ -38,6 +38,20 @@ pub enum RenderError {
         /// Bytes allowed.
         limit: u64,
     },
+    /// The device's memory doesn't hold the scene.
+    #[error(
+        "{backend}: the scene needs {needed} bytes of device memory, and {available} are there: {} too few; store it in 16 \
+         bits (--storage 16), draw fewer splats, or choose --backend cpu",
+        needed.saturating_sub(*available)
+    )]
+    SceneTooLarge {
+        /// The backend's name.
+        backend: &'static str,
+        /// Bytes needed: of splats, textures and what is drawn of them.
+        needed: u64,
+        /// Bytes that may be used, or that were used when the memory ended.
+        available: u64,
+    },
     /// The backend failed.
     #[error("{backend}: {message}")]
     Backend {

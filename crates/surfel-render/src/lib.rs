@@ -4,6 +4,7 @@
 //! Data flows one way: scene → plan → passes → frame. Every per-frame decision is made once, in [`plan()`]; backends
 //! execute it and decide nothing.
 
+mod chunk;
 mod error;
 mod frame;
 mod lod;
@@ -15,12 +16,13 @@ mod stats;
 mod summary;
 mod view;
 
+pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks};
 pub use error::RenderError;
 pub use frame::{Frame, Planes};
 pub use lod::{Selection, select};
 pub use plan::{Attributes, FramePlan, Pass, SplatFilter, needs_interior_weight, plan, unsupported};
 pub use preset::{Preset, Promise};
-pub use renderer::{Capabilities, Feature, Renderer, RendererInfo};
+pub use renderer::{Capabilities, Feature, Renderer, RendererInfo, UploadProgress};
 pub use shadow::{SHADOW_BIAS_RADII, SHADOW_MAP_SIDE, ShadowMap, ShadowScene};
 pub use stats::{PassTime, Stats};
 pub use summary::SceneSummary;

@@ -43,6 +43,15 @@ impl Capabilities {
     }
 }
 
+/// How far an upload has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UploadProgress {
+    /// Bytes of splats that the device has.
+    pub done_bytes: u64,
+    /// Bytes of splats that it will have.
+    pub total_bytes: u64,
+}
+
 /// Who draws.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RendererInfo {
@@ -71,6 +80,18 @@ pub trait Renderer {
     /// # Errors
     /// [`RenderError`] if the scene is invalid or can't be drawn by this backend.
     fn upload(&mut self, scene: &Scene) -> Result<Self::Scene, RenderError>;
+
+    /// As [`Renderer::upload`], and says from time to time how far it has come: of backends that copy to a device.
+    ///
+    /// # Errors
+    /// As [`Renderer::upload`].
+    fn upload_reporting(
+        &mut self,
+        scene: &Scene,
+        _progress: &mut dyn FnMut(UploadProgress),
+    ) -> Result<Self::Scene, RenderError> {
+        self.upload(scene)
+    }
 
     /// Renders `planes` of the view's region into `frame`.
     ///

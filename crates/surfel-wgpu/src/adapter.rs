@@ -61,7 +61,7 @@ pub(crate) struct Opened {
 
 /// Features that are used where there are any.
 fn wanted_features() -> wgpu::Features {
-    wgpu::Features::FLOAT32_BLENDABLE | wgpu::Features::TIMESTAMP_QUERY
+    wgpu::Features::FLOAT32_BLENDABLE | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_STATISTICS_QUERY
 }
 
 pub(crate) fn open(options: &Options) -> Result<Opened, RenderError> {

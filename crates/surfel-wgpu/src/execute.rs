@@ -2,11 +2,14 @@
 
 use crate::host::HostTarget;
 use crate::pipelines::{HostKey, Pipelines};
+use crate::queries::{Queries, Query};
 use crate::scene::{Records, ResidentScene, bind, filled};
 use crate::targets::Targets;
-use crate::timing::Timer;
 use std::collections::HashMap;
-use surfel_gpu::{Draw, FrameScene, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant, groups, slots};
+use surfel_gpu::{
+    Draw, FrameScene, HOST_DEPTH_BINDING, NearRecords, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant,
+    groups, layer_draw_offset, layer_draw_words, slots,
+};
 
 /// Everything that the steps of a tile read.
 pub(crate) struct Tile<'a> {
@@ -27,13 +30,19 @@ pub(crate) struct Tile<'a> {
     shaded: [u32; 2],
     /// Splats that were set up and touch the tile.
     pub drawn: wgpu::Buffer,
+    /// What draws of transparent splats do; `None` where there are none.
+    pub layer_draws: Option<wgpu::Buffer>,
 }
 
-/// Texels of shadow maps: a tile reads or writes them.
+/// What a tile uses of others.
 #[derive(Clone, Copy)]
-pub(crate) struct Shadows<'a> {
-    pub read: &'a wgpu::Buffer,
-    pub written: &'a wgpu::Buffer,
+pub(crate) struct Beside<'a> {
+    /// Texels of shadow maps that it reads.
+    pub shadows: &'a wgpu::Buffer,
+    /// Texels of shadow maps that it writes.
+    pub drawn_shadows: &'a wgpu::Buffer,
+    /// A host's depth buffer, which hides transparent splats.
+    pub host_depth: Option<&'a wgpu::TextureView>,
 }
 
 /// What is bound for a segment.
@@ -51,6 +60,8 @@ struct Drawn {
     /// In place of it where each is lit by itself.
     lit_group: Option<wgpu::BindGroup>,
     count: u32,
+    /// Its place among the draws of layers.
+    index: usize,
 }
 
 impl<'a> Tile<'a> {
@@ -61,7 +72,7 @@ impl<'a> Tile<'a> {
         frame: &FrameScene,
         data: &TileData,
         pixels: &[Pixels],
-        shadows: Shadows<'_>,
+        beside: Beside<'_>,
     ) -> Self {
         let storage = wgpu::BufferUsages::STORAGE;
         let buffers = [
@@ -72,11 +83,11 @@ impl<'a> Tile<'a> {
         ];
         let [uniform, objects, lights, maps] = &buffers;
         let frame_group =
-            bind(device, "frame", &pipelines.frame_group, &[uniform, objects, lights, maps, shadows.read]);
+            bind(device, "frame", &pipelines.frame_group, &[uniform, objects, lights, maps, beside.shadows]);
         let setup_frame_group = bind(device, "frame of setup", &pipelines.setup_frame_group, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));
-        let segments = scene.segments.iter().zip(&data.segments).map(|(segment, data)| {
+        let segments = scene.segments.iter().zip(&data.segments).enumerate().map(|(index, (segment, data))| {
             let pipeline = pipelines.splats(data.variant).filter(|_| !data.is_outside)?;
             let chunks = filled(device, queue, "chunks", &data.chunks, storage);
             let near_bits = filled(device, queue, "near bits", &data.near_bits, storage);
@@ -88,11 +99,11 @@ impl<'a> Tile<'a> {
             });
             let group = segment.records.group(device, pipeline, data.variant);
             let (variant, is_transparent) = (data.variant, data.is_transparent);
-            let drawn = Drawn { variant, is_transparent, group, lit_group: None, count: segment.count };
+            let drawn = Drawn { variant, is_transparent, group, lit_group: None, count: segment.count, index };
             Some(SegmentGroups { setup, drawn })
         });
         let segments = segments.collect();
-        let near = data.near.iter().filter_map(|near| {
+        let near = data.near.iter().enumerate().filter_map(|(i, near)| {
             let records = filled(device, queue, "near records", &near.records, storage);
             let clipped = near.variant == Variant::Clipped;
             let clips = clipped.then(|| filled(device, queue, "clips of near records", &near.clips, storage));
@@ -103,19 +114,33 @@ impl<'a> Tile<'a> {
             });
             let group = Records { records, clips }.group(device, pipeline, near.variant);
             let (variant, is_transparent) = (near.variant, near.is_transparent);
-            Some(Drawn { variant, is_transparent, group, lit_group, count: near.count() })
+            let index = scene.segments.len() + i;
+            Some(Drawn { variant, is_transparent, group, lit_group, count: near.count(), index })
         });
         let near = near.collect();
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
         let polygons_group = bind(device, "polygons", &pipelines.polygons_group, &[&polygons]);
+        let has_layers = targets.key.draws.iter().any(|draw| draw.is_transparent());
+        let layer_draws = has_layers.then(|| {
+            let near = data.near.iter().map(NearRecords::count);
+            let words = layer_draw_words(scene.segments.iter().map(|segment| segment.count).chain(near));
+            let usage = wgpu::BufferUsages::INDIRECT | wgpu::BufferUsages::COPY_SRC | storage;
+            filled(device, queue, "draws of layers", &words, usage)
+        });
         let finish = |entry: &str, layout: &wgpu::BindGroupLayout| {
-            let buffers = [&targets.planes, &polygons, &scene.texels, &targets.veils, &targets.veils, shadows.written];
+            let layer_draws = layer_draws.as_ref().unwrap_or(&drawn);
+            let veils = &targets.veils;
+            let buffers = [&targets.planes, &polygons, &scene.texels, veils, veils, beside.drawn_shadows, layer_draws];
             let buffers = PIXEL_BUFFERS
                 .into_iter()
                 .zip(buffers)
                 .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
             let used = slots(&[entry], 1);
-            let all = targets.entries(&PIXEL_READS).into_iter().chain(buffers);
+            let host_depth = beside.host_depth.map(|view| wgpu::BindGroupEntry {
+                binding: HOST_DEPTH_BINDING,
+                resource: wgpu::BindingResource::TextureView(view),
+            });
+            let all = targets.entries(&PIXEL_READS).into_iter().chain(buffers).chain(host_depth);
             let entries: Vec<_> = all.filter(|entry| used.iter().any(|slot| slot.binding == entry.binding)).collect();
             device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(entry), layout, entries: &entries })
         };
@@ -133,27 +158,26 @@ impl<'a> Tile<'a> {
             polygon_count: data.polygon_count,
             shaded: data.shaded,
             drawn,
+            layer_draws,
         }
     }
 
     /// Records a step.
-    pub(crate) fn step(&self, encoder: &mut wgpu::CommandEncoder, step: &Step, timer: Option<&mut Timer>) {
+    pub(crate) fn step(&self, encoder: &mut wgpu::CommandEncoder, step: &Step, queries: Option<&mut Queries>) {
         match step {
-            Step::Setup { segments, first } => self.setup(encoder, segments, *first, step.name(), timer),
-            Step::Draw { draw, segments, first } => self.draw(encoder, *draw, segments, *first, timer),
+            Step::Setup { segments, first } => self.setup(encoder, segments, *first, step.name(), queries),
+            Step::Draw { draw, segments, first } => self.draw(encoder, *draw, segments, *first, queries),
             Step::Pixels(pixels) => {
                 let (Some(pipeline), Some(group)) = (self.pipelines.pixels(*pixels), self.pixels.get(pixels)) else {
                     return;
                 };
-                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                    label: Some(step.name()),
-                    timestamp_writes: timer.and_then(|timer| timer.compute(step.name())),
+                compute(encoder, step.name(), queries, |pass| {
+                    pass.set_pipeline(&pipeline.raw);
+                    pass.set_bind_group(0, &self.frame_group, &[]);
+                    pass.set_bind_group(1, group, &[]);
+                    let [width, height] = pixels.size(self.targets.key.size, self.shaded);
+                    pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
                 });
-                pass.set_pipeline(&pipeline.raw);
-                pass.set_bind_group(0, &self.frame_group, &[]);
-                pass.set_bind_group(1, group, &[]);
-                let [width, height] = if pixels.is_shade() { self.shaded } else { self.targets.key.size };
-                pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
             }
         }
     }
@@ -171,7 +195,7 @@ impl<'a> Tile<'a> {
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("composite"),
             color_attachments: &[Some(color)],
-            depth_stencil_attachment: Some(depth),
+            depth_stencil_attachment: host.part.has_depth().then_some(depth),
             ..wgpu::RenderPassDescriptor::default()
         });
         if let Some(pipeline) = self.pipelines.composite(host) {
@@ -188,24 +212,22 @@ impl<'a> Tile<'a> {
         segments: &[usize],
         first: bool,
         name: &'static str,
-        timer: Option<&mut Timer>,
+        queries: Option<&mut Queries>,
     ) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(name),
-            timestamp_writes: timer.and_then(|timer| timer.compute(name)),
+        compute(encoder, name, queries, |pass| {
+            for &i in segments {
+                let (Some(segment), Some(Some(SegmentGroups { setup: [counted, uncounted], drawn }))) =
+                    (self.scene.segments.get(i), self.segments.get(i))
+                else {
+                    continue;
+                };
+                let Some(pipeline) = self.pipelines.splats(drawn.variant) else { continue };
+                pass.set_pipeline(&pipeline.setup);
+                pass.set_bind_group(0, &self.setup_frame_group, &[]);
+                pass.set_bind_group(1, if first { counted } else { uncounted }, &[]);
+                pass.dispatch_workgroups(groups(segment.count, "setup", 0), 1, 1);
+            }
         });
-        for &i in segments {
-            let (Some(segment), Some(Some(SegmentGroups { setup: [counted, uncounted], drawn }))) =
-                (self.scene.segments.get(i), self.segments.get(i))
-            else {
-                continue;
-            };
-            let Some(pipeline) = self.pipelines.splats(drawn.variant) else { continue };
-            pass.set_pipeline(&pipeline.setup);
-            pass.set_bind_group(0, &self.setup_frame_group, &[]);
-            pass.set_bind_group(1, if first { counted } else { uncounted }, &[]);
-            pass.dispatch_workgroups(groups(segment.count, "setup", 0), 1, 1);
-        }
     }
 
     fn draw(
@@ -214,7 +236,7 @@ impl<'a> Tile<'a> {
         draw: Draw,
         segments: &[usize],
         first: bool,
-        timer: Option<&mut Timer>,
+        queries: Option<&mut Queries>,
     ) {
         let colors: Vec<Option<wgpu::RenderPassColorAttachment<'_>>> = draw
             .colors()
@@ -231,13 +253,25 @@ impl<'a> Tile<'a> {
             let view = self.targets.view(target)?;
             Some(wgpu::RenderPassDepthStencilAttachment { view, depth_ops, stencil_ops: None })
         });
+        let query = Query::next(queries, draw.name());
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some(draw.name()),
             color_attachments: &colors,
             depth_stencil_attachment,
-            timestamp_writes: timer.and_then(|timer| timer.render(draw.name())),
+            timestamp_writes: query.and_then(Query::of_render),
             ..wgpu::RenderPassDescriptor::default()
         });
+        let counted = query.and_then(Query::invocations);
+        if let Some((set, index)) = counted {
+            pass.begin_pipeline_statistics_query(set, index);
+        }
+        self.record(&mut pass, draw, segments, first);
+        if counted.is_some() {
+            pass.end_pipeline_statistics_query();
+        }
+    }
+
+    fn record(&self, pass: &mut wgpu::RenderPass<'_>, draw: Draw, segments: &[usize], first: bool) {
         let bound = |pass: &mut wgpu::RenderPass<'_>, variant| {
             let Some(pipeline) = self.pipelines.draw(draw, variant, self.targets.key.precision) else { return };
             pass.set_pipeline(&pipeline.raw);
@@ -247,12 +281,12 @@ impl<'a> Tile<'a> {
             }
         };
         if !draw.is_of_records() {
-            bound(&mut pass, Variant::Whole);
+            bound(pass, Variant::Whole);
             if draw == Draw::Polygons {
                 pass.set_bind_group(1, &self.polygons_group, &[]);
                 pass.draw(0..4, 0..self.polygon_count);
             } else {
-                pass.draw(0..3, 0..1);
+                pass.draw(0..3, 0..draw.triangles());
             }
             return;
         }
@@ -262,12 +296,35 @@ impl<'a> Tile<'a> {
         let near = self.near.iter().filter(|near| first && near.is_transparent == draw.is_transparent());
         for drawn in segments.chain(near) {
             if last.replace(drawn.variant) != Some(drawn.variant) {
-                bound(&mut pass, drawn.variant);
+                bound(pass, drawn.variant);
             }
             let lit_group = drawn.lit_group.as_ref().filter(|_| draw.is_lit());
             pass.set_bind_group(1, lit_group.unwrap_or(&drawn.group), &[]);
-            pass.draw(0..4, 0..drawn.count);
+            match self.layer_draws.as_ref().filter(|_| draw.is_transparent()) {
+                Some(draws) => pass.draw_indirect(draws, layer_draw_offset(drawn.index)),
+                None => pass.draw(0..4, 0..drawn.count),
+            }
         }
+    }
+}
+
+/// Records a compute pass.
+fn compute(
+    encoder: &mut wgpu::CommandEncoder,
+    name: &'static str,
+    queries: Option<&mut Queries>,
+    record: impl FnOnce(&mut wgpu::ComputePass<'_>),
+) {
+    let query = Query::next(queries, name);
+    let timestamp_writes = query.and_then(Query::of_compute);
+    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(name), timestamp_writes });
+    let counted = query.and_then(Query::invocations);
+    if let Some((set, index)) = counted {
+        pass.begin_pipeline_statistics_query(set, index);
+    }
+    record(&mut pass);
+    if counted.is_some() {
+        pass.end_pipeline_statistics_query();
     }
 }
 

@@ -1,8 +1,8 @@
 //! Drawing into a host's picture, among whatever else it draws.
 
 use crate::error::{failed, scoped};
-use crate::execute::{Shadows, Tile};
-use crate::pipelines::HostKey;
+use crate::execute::{Beside, Tile};
+use crate::pipelines::{HostKey, Part};
 use crate::renderer::Renderer;
 use crate::scene::{ResidentScene, empty};
 use crate::targets::TargetKey;
@@ -41,7 +41,8 @@ pub struct HostTarget<'a> {
     pub color: &'a wgpu::TextureView,
     /// Format of `color`.
     pub color_format: wgpu::TextureFormat,
-    /// Is tested and written.
+    /// Is tested and written. If it is of one sample, has the usage `TEXTURE_BINDING` and a format without stencil, it is read,
+    /// too, and transparent splats are seen before and behind the host's own things as they should.
     pub depth: &'a wgpu::TextureView,
     /// Format of `depth`.
     pub depth_format: wgpu::TextureFormat,
@@ -51,9 +52,11 @@ pub struct HostTarget<'a> {
 
 impl Renderer {
     /// Draws a scene into a host's picture: where its surface passes the depth test it replaces colour and depth, elsewhere
-    /// nothing changes. The scene's background is not drawn; antialiased edges and transparent splats blend over what the
-    /// host has there. Where transparent splats are before an opaque surface, that surface decides for both; the host's own
-    /// things between them are not seen.
+    /// nothing changes. The scene's background is not drawn, and antialiased edges blend over what the host has there.
+    /// Transparent splats blend over it, too, and leave the depth alone: those that the host's things hide are
+    /// not drawn. For that the depth buffer is read; where it can't be (see [`HostTarget::depth`]), the scene's opaque
+    /// surface, or else the nearest transparent one, decides for all of a pixel, and writes its depth: the host's own things
+    /// between them are not seen, for layers are drawn front to back and a host's picture is blended back to front.
     ///
     /// Records into `encoder`, which the host submits to the renderer's queue before the next call on this renderer.
     /// Nothing is read back, and no time is counted.
@@ -84,24 +87,48 @@ impl Renderer {
         data.set_host_depth(target.mapping.offset, target.mapping.scale);
         // The planes go nowhere.
         let key = TargetKey { floats: 1, ..self.key(&plan, &data) };
-        let host = HostKey { color: target.color_format, depth: target.depth_format, compare: target.mapping.compare };
-        let texels = self.shadow_maps(scene, &plan)?;
+        let texels = self.shadow_maps(scene, &plan)?.0;
+        let mut pixels = Pixels::of(&plan);
+        let among = pixels.contains(&Pixels::BeginLayers) && is_readable(target.depth);
+        let parts: &[Part] = if among { &[Part::Opaque, Part::Layers] } else { &[Part::Whole] };
+        let steps = schedule(&plan, &data.visible(), scene.shared_records);
+        let in_host = |pixels: Pixels| match pixels {
+            Pixels::BeginLayers if among => Pixels::BeginLayersInHost,
+            others => others,
+        };
+        pixels.iter_mut().for_each(|pixels| *pixels = in_host(*pixels));
         let device = self.device.clone();
         scoped(&device, || {
-            self.prepare(key, &data.variants(), &Pixels::of(&plan));
-            self.pipelines.prepare_composite(&device, host);
+            self.prepare(key, &data.variants(), &pixels);
+            let host = |part| HostKey {
+                part,
+                color: target.color_format,
+                depth: target.depth_format,
+                compare: target.mapping.compare,
+            };
+            parts.iter().for_each(|&part| self.pipelines.prepare_composite(&device, host(part)));
             let Some(targets) = &self.targets else { return };
-            let parts = (scene, &self.pipelines, targets);
             let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
-            let shadows = Shadows { read: &texels, written: &none };
-            let job = Tile::new(&device, &self.queue, parts, &frame_scene, &data, &Pixels::of(&plan), shadows);
-            for step in schedule(&plan, &data.visible(), scene.shared_records) {
-                if !matches!(step, Step::Pixels(pixels) if pixels.is_shade()) {
-                    job.step(encoder, &step, None);
+            let host_depth = among.then_some(target.depth);
+            let beside = Beside { shadows: &texels, drawn_shadows: &none, host_depth };
+            let resources = (scene, &self.pipelines, targets);
+            let job = Tile::new(&device, &self.queue, resources, &frame_scene, &data, &pixels, beside);
+            for step in steps {
+                match step {
+                    Step::Pixels(pixels) if pixels.is_shade() => {}
+                    Step::Pixels(pixels) => job.step(encoder, &Step::Pixels(in_host(pixels)), None),
+                    other => job.step(encoder, &other, None),
                 }
             }
-            job.composite(encoder, host, target);
+            parts.iter().for_each(|&part| job.composite(encoder, host(part), target));
         })?;
         self.errors.check()
     }
+}
+
+/// True if shaders can read a depth buffer.
+fn is_readable(depth: &wgpu::TextureView) -> bool {
+    let texture = depth.texture();
+    let stencil = texture.format().has_stencil_aspect();
+    texture.usage().contains(wgpu::TextureUsages::TEXTURE_BINDING) && !stencil && texture.sample_count() == 1
 }

@@ -23,17 +23,18 @@ mod error;
 mod execute;
 mod host;
 mod pipelines;
+mod queries;
 mod readback;
 mod renderer;
 mod scene;
 mod targets;
-mod timing;
 
 pub use adapter::{AdapterSummary, adapters};
 pub use host::{HostDepth, HostTarget};
 pub use renderer::{Options, Renderer};
 pub use scene::ResidentScene;
-pub use surfel_gpu::Limits;
+pub use surfel_gpu::{Ceiling, FillRate, Limits};
+pub use surfel_render::{Storage, UploadProgress};
 
 use surfel_render::{Capabilities, Feature};
 

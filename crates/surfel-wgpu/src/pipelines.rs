@@ -25,9 +25,36 @@ impl Precision {
     }
 }
 
+/// What is composed into a host's picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Part {
+    /// All at once.
+    Whole,
+    /// What is opaque.
+    Opaque,
+    /// Layers of transparent splats, over everything.
+    Layers,
+}
+
+impl Part {
+    fn fragment(self) -> &'static str {
+        match self {
+            Self::Whole => "composite_fragment",
+            Self::Opaque => "composite_opaque_fragment",
+            Self::Layers => "composite_layers_fragment",
+        }
+    }
+
+    /// Whether the host's depth is tested and written.
+    pub(crate) fn has_depth(self) -> bool {
+        self != Self::Layers
+    }
+}
+
 /// What a pipeline that composes into a host's picture depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct HostKey {
+    pub part: Part,
     pub color: wgpu::TextureFormat,
     pub depth: wgpu::TextureFormat,
     pub compare: wgpu::CompareFunction,
@@ -196,10 +223,10 @@ impl Pipelines {
         self.composites.entry(host).or_insert_with(|| {
             let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
             let target = wgpu::ColorTargetState { format: host.color, blend, write_mask: wgpu::ColorWrites::ALL };
-            let entries = ["everywhere_vertex", "composite_fragment"];
-            let depth = depth_state(host.depth, host.compare);
+            let entries = ["everywhere_vertex", host.part.fragment()];
+            let depth = host.part.has_depth().then(|| depth_state(host.depth, host.compare));
             let layout = layout(device, "composite", &[&self.frame_group, &self.composite_group]);
-            drawing(device, &self.module, &layout, entries, Some(depth), &[Some(target)])
+            drawing(device, &self.module, &layout, entries, depth, &[Some(target)])
         });
     }
 

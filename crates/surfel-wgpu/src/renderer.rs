@@ -2,18 +2,21 @@
 
 use crate::adapter::{self, Opened, blends_f32, renderer_info};
 use crate::error::{Mailbox, failed, scoped};
-use crate::execute::{Shadows, Tile};
+use crate::execute::{Beside, Tile};
 use crate::pipelines::{Pipelines, Precision};
+use crate::queries::{Queries, Taken};
 use crate::readback::Readback;
 use crate::scene::{self, ResidentScene, empty};
 use crate::targets::{TargetKey, Targets};
-use crate::timing::Timer;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, FrameScene, Limits, MapJob, Pixels, TileData, Variant, map_jobs, schedule, shadow_texels, tiles,
+    CEILING_RUNS, CeilingFrame, Draw, FillRate, FrameScene, LAYER_HEADER_BYTES, Limits, MapCache, MapJob, Pixels,
+    SHADOW_MAPS, Step, TileData, Variant, count_layers, map_jobs, schedule, shadow_texels, tiles,
 };
 use surfel_model::{Accumulate, Scene, Settings};
-use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, View, plan};
+use surfel_render::{
+    Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, Storage, UploadProgress, View, plan,
+};
 
 /// How a [`Renderer`] is opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -24,6 +27,8 @@ pub struct Options {
     pub validation: bool,
     /// What may be used of the device.
     pub limits: Limits,
+    /// How splats are kept in the device's memory.
+    pub storage: Storage,
 }
 
 /// The wgpu backend.
@@ -39,9 +44,12 @@ pub struct Renderer {
     pub(crate) targets: Option<Targets>,
     /// Those of shadow maps.
     map_targets: Option<Targets>,
-    timer: Option<Timer>,
+    queries: Queries,
+    /// The shadow maps of the frame before.
+    maps: Option<MapCache<wgpu::Buffer>>,
     /// Of the device, and of those who opened it.
     pub(crate) limits: Limits,
+    storage: Storage,
 }
 
 impl Renderer {
@@ -59,18 +67,19 @@ impl Renderer {
     /// As [`Renderer::new`]; also if no adapter has that name.
     pub fn with_options(options: &Options) -> Result<Self, RenderError> {
         let Opened { device, queue, info } = adapter::open(options)?;
-        Self::start(device, queue, &info, options.limits)
+        Self::start(device, queue, &info, options.limits, options.storage)
     }
 
     /// A renderer on a device that a program has anyway. `Features::FLOAT32_BLENDABLE` gives f32 sums,
-    /// `Features::TIMESTAMP_QUERY` times of passes; both are optional. The renderer takes over the device's handlers of
+    /// `Features::TIMESTAMP_QUERY` times of passes, `Features::PIPELINE_STATISTICS_QUERY` counts of what shaders ran; all are
+    /// optional. The renderer takes over the device's handlers of
     /// uncaptured errors and of its loss.
     ///
     /// # Errors
     /// [`RenderError::Backend`] if the device refuses the shaders.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, RenderError> {
         let info = device.adapter_info();
-        Self::start(device, queue, &info, Limits::default())
+        Self::start(device, queue, &info, Limits::default(), Storage::default())
     }
 
     fn start(
@@ -78,10 +87,11 @@ impl Renderer {
         queue: wgpu::Queue,
         info: &wgpu::AdapterInfo,
         limits: Limits,
+        storage: Storage,
     ) -> Result<Self, RenderError> {
         let errors = Mailbox::of(&device);
         let f32_sums = blends_f32(&device);
-        let (pipelines, timer) = scoped(&device, || (Pipelines::new(&device), Timer::new(&device, &queue)))?;
+        let (pipelines, queries) = scoped(&device, || (Pipelines::new(&device), Queries::new(&device, &queue)))?;
         let own = device.limits();
         let buffer_bytes = own.max_storage_buffer_binding_size.min(own.max_buffer_size);
         let limits = limits.within(buffer_bytes, own.max_texture_dimension_2d);
@@ -97,8 +107,10 @@ impl Renderer {
             pipelines,
             targets: None,
             map_targets: None,
-            timer,
+            queries,
+            maps: None,
             limits,
+            storage,
         })
     }
 
@@ -141,18 +153,38 @@ impl Renderer {
         }
     }
 
-    /// Draws a plan's shadow maps.
-    pub(crate) fn shadow_maps(&mut self, scene: &ResidentScene, plan: &FramePlan) -> Result<wgpu::Buffer, RenderError> {
+    /// A plan's shadow maps: drawn, or those of the frame before where they are the same. What drawing them costs can be read
+    /// once the device has done it.
+    pub(crate) fn shadow_maps(
+        &mut self,
+        scene: &ResidentScene,
+        plan: &FramePlan,
+    ) -> Result<(wgpu::Buffer, Vec<MapCost>), RenderError> {
+        let jobs = map_jobs(&scene.cpu, plan);
+        if let Some(cache) = self.maps.as_ref().filter(|cache| cache.fits(&scene.cpu, &jobs)) {
+            return Ok((cache.texels.clone(), Vec::new()));
+        }
+        // Those before go first: both may not fit.
+        self.maps = None;
         let texels = shadow_texels(plan, self.limits).map_err(failed)?;
         let device = self.device.clone();
         let buffer = scoped(&device, || empty(&device, "shadow texels", 4 * texels, wgpu::BufferUsages::STORAGE))?;
+        let mut costs = Vec::new();
         std::mem::swap(&mut self.targets, &mut self.map_targets);
-        let drawn = map_jobs(&scene.cpu, plan).iter().try_for_each(|job| self.shadow_map(scene, job, &buffer));
+        let drawn = jobs.iter().try_for_each(|job| self.shadow_map(scene, job, &buffer, &mut costs));
         std::mem::swap(&mut self.targets, &mut self.map_targets);
-        drawn.map(|()| buffer)
+        drawn?;
+        self.maps = Some(MapCache::new(buffer.clone(), &scene.cpu, &jobs));
+        Ok((buffer, costs))
     }
 
-    fn shadow_map(&mut self, scene: &ResidentScene, job: &MapJob, texels: &wgpu::Buffer) -> Result<(), RenderError> {
+    fn shadow_map(
+        &mut self,
+        scene: &ResidentScene,
+        job: &MapJob,
+        texels: &wgpu::Buffer,
+        costs: &mut Vec<MapCost>,
+    ) -> Result<(), RenderError> {
         let device = self.device.clone();
         let pixels = Pixels::of(&job.plan);
         for data in job.tiles(&scene.cpu, self.limits) {
@@ -162,13 +194,18 @@ impl Renderer {
                 self.prepare(key, &data.variants(), &pixels);
                 let Some(targets) = &self.targets else { return };
                 let none = empty(&device, "no shadows", 4, wgpu::BufferUsages::STORAGE);
-                let shadows = Shadows { read: &none, written: texels };
+                let beside = Beside { shadows: &none, drawn_shadows: texels, host_depth: None };
                 let parts = (scene, &self.pipelines, targets);
-                let tile = Tile::new(&device, &self.queue, parts, &job.frame, &data, &pixels, shadows);
+                let tile = Tile::new(&device, &self.queue, parts, &job.frame, &data, &pixels, beside);
                 let mut encoder =
                     device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("shadow map") });
+                self.queries.restart(Some(SHADOW_MAPS));
                 for step in schedule(&job.plan, &data.visible(), scene.shared_records) {
-                    tile.step(&mut encoder, &step, None);
+                    tile.step(&mut encoder, &step, Some(&mut self.queries));
+                }
+                if let Some((buffer, bytes)) = self.queries.resolve(&device, &mut encoder) {
+                    let readback = Readback::record(&device, &mut encoder, &[(&buffer, bytes)]);
+                    costs.push(MapCost { readback, taken: self.queries.taken() });
                 }
                 self.queue.submit([encoder.finish()]);
             })?;
@@ -179,56 +216,102 @@ impl Renderer {
     /// Draws one tile into the frame.
     fn tile(
         &mut self,
-        (scene, texels): (&ResidentScene, &wgpu::Buffer),
+        resident: (&ResidentScene, &wgpu::Buffer),
         frame_scene: &FrameScene,
         (view, plan, tile): (&View, &FramePlan, Region),
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), RenderError> {
-        let data = TileData::new(&scene.cpu, frame_scene, view, plan, tile);
-        data.check(self.limits).map_err(failed)?;
+        let data = TileData::new(&resident.0.cpu, frame_scene, view, plan, tile);
         let key = self.key(plan, &data);
+        let steps = schedule(plan, &data.visible(), resident.0.shared_records);
+        let planes = self.execute(resident, frame_scene, (&data, key, &Pixels::of(plan), &steps), stats, |planes| {
+            data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame)
+        })?;
+        stats.fragments += planes;
+        Ok(())
+    }
+
+    /// Executes steps, waits for them, and hands the words of the planes to `read`.
+    fn execute<T>(
+        &mut self,
+        (scene, texels): (&ResidentScene, &wgpu::Buffer),
+        frame_scene: &FrameScene,
+        (data, key, pixels, steps): (&TileData, TargetKey, &[Pixels], &[Step]),
+        stats: &mut Stats,
+        read: impl FnOnce(&[u32]) -> T,
+    ) -> Result<T, RenderError> {
+        data.check(self.limits).map_err(failed)?;
         let floats = key.floats;
         let device = self.device.clone();
-        let readback = scoped(&device, || {
-            self.prepare(key, &data.variants(), &Pixels::of(plan));
+        let recorded = scoped(&device, || {
+            self.prepare(key, &data.variants(), pixels);
             let targets = self.targets.as_ref()?;
             let parts = (scene, &self.pipelines, targets);
             let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
-            let shadows = Shadows { read: texels, written: &none };
-            let job = Tile::new(&self.device, &self.queue, parts, frame_scene, &data, &Pixels::of(plan), shadows);
-            let mut encoder =
-                self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("tile") });
-            if let Some(timer) = &mut self.timer {
-                timer.restart();
+            let beside = Beside { shadows: texels, drawn_shadows: &none, host_depth: None };
+            let job = Tile::new(&device, &self.queue, parts, frame_scene, data, pixels, beside);
+            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("tile") });
+            self.queries.restart(None);
+            for step in steps {
+                job.step(&mut encoder, step, Some(&mut self.queries));
             }
-            for step in schedule(plan, &data.visible(), scene.shared_records) {
-                job.step(&mut encoder, &step, self.timer.as_mut());
-            }
-            let times = self.timer.as_ref().map(|timer| {
-                let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
-                let buffer = empty(&self.device, "pass times", timer.bytes(), usage);
-                timer.resolve(&mut encoder, &buffer);
-                (buffer, timer.bytes())
-            });
-            let mut parts = vec![(&targets.planes, 4 * u64::from(floats)), (&job.drawn, 4)];
-            parts.extend(times.as_ref().map(|(buffer, bytes)| (buffer, *bytes)));
-            let readback = Readback::record(&self.device, &mut encoder, &parts);
+            let costs = self.queries.resolve(&device, &mut encoder);
+            let nothing = (&job.drawn, 0);
+            let layers = job.layer_draws.as_ref().map(|draws| (draws, LAYER_HEADER_BYTES));
+            let parts = [
+                (&targets.planes, 4 * u64::from(floats)),
+                (&job.drawn, 4),
+                layers.unwrap_or(nothing),
+                costs.as_ref().map_or(nothing, |(buffer, bytes)| (buffer, *bytes)),
+            ];
+            let readback = Readback::record(&device, &mut encoder, &parts);
             self.queue.submit([encoder.finish()]);
             Some(readback)
         })?;
-        let Some(readback) = readback else { return Err(failed("the targets were not made")) };
-        let timer = self.timer.as_ref();
-        readback.read(&self.device, |parts| {
-            let [planes, drawn, times @ ..] = parts else { return };
-            stats.fragments += data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame);
-            stats.drawn += u64::from(drawn.first().copied().unwrap_or(0)) + u64::from(data.near_count());
-            if let (Some(timer), Some(words)) = (timer, times.first()) {
-                timer.add(words, &mut stats.passes);
+        let missing = || failed("the targets were not made");
+        let taken = self.queries.taken();
+        let result = recorded.ok_or_else(missing)?.read(&device, |parts| {
+            let [planes, drawn, layers, costs] = parts else { return None };
+            if !layers.is_empty() {
+                count_layers(layers, stats);
             }
+            taken.add(costs, stats);
+            stats.drawn += u64::from(drawn.first().copied().unwrap_or(0)) + u64::from(data.near_count());
+            Some(read(planes))
         })?;
-        self.errors.check()
+        self.errors.check()?;
+        result.ok_or_else(missing)
     }
+
+    /// What the device does at best, in targets of so many pixels a side: what its times are to be judged by. Empty where it
+    /// has no timestamps.
+    ///
+    /// # Errors
+    /// As [`surfel_render::Renderer::render`].
+    pub fn ceilings(&mut self, side_px: u32) -> Result<Vec<FillRate>, RenderError> {
+        let frame = CeilingFrame::new(side_px.min(self.limits.texture_side))?;
+        let scene = surfel_render::Renderer::upload(self, &Scene::default())?;
+        let (texels, _) = self.shadow_maps(&scene, &frame.plan)?;
+        let frame_scene = FrameScene::new(&scene.cpu, &frame.view, &frame.plan);
+        let data = TileData::new(&scene.cpu, &frame_scene, &frame.view, &frame.plan, frame.view.region);
+        let mut runs = Vec::new();
+        // The first warms up, and counts no less than the others: the best one is taken.
+        for _ in 0..CEILING_RUNS {
+            let key = TargetKey { draws: frame.draws.clone(), floats: 1, ..self.key(&frame.plan, &data) };
+            let mut stats = Stats::default();
+            let job = (&data, key, &[][..], frame.steps.as_slice());
+            self.execute((&scene, &texels), &frame_scene, job, &mut stats, |_| ())?;
+            runs.push(stats);
+        }
+        Ok(frame.rates(&runs))
+    }
+}
+
+/// What drawing a shadow map costs, on its way.
+pub(crate) struct MapCost {
+    readback: Readback,
+    taken: Taken,
 }
 
 impl surfel_render::Renderer for Renderer {
@@ -239,7 +322,15 @@ impl surfel_render::Renderer for Renderer {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
-        let resident = scene::upload(&self.device, &self.queue, scene, self.limits)?;
+        self.upload_reporting(scene, &mut |_| {})
+    }
+
+    fn upload_reporting(
+        &mut self,
+        scene: &Scene,
+        progress: &mut dyn FnMut(UploadProgress),
+    ) -> Result<ResidentScene, RenderError> {
+        let resident = scene::upload(&self.device, &self.queue, (scene, self.storage), self.limits, progress)?;
         self.errors.check()?;
         Ok(resident)
     }
@@ -257,9 +348,12 @@ impl surfel_render::Renderer for Renderer {
         let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
         frame.reset(view.region.width, view.region.height, plan.planes);
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
-        let texels = self.shadow_maps(scene, &plan)?;
+        let (texels, costs) = self.shadow_maps(scene, &plan)?;
         for tile in tiles(view, &plan, self.limits) {
             self.tile((scene, &texels), &frame_scene, (view, &plan, tile), frame, &mut stats)?;
+        }
+        for MapCost { readback, taken } in costs {
+            readback.read(&self.device, |parts| taken.add(parts.concat().as_slice(), &mut stats))?;
         }
         stats.bytes_per_splat = scene.bytes() as f64 / stats.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;

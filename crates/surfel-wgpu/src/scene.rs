@@ -1,10 +1,10 @@
 //! A scene in the device's memory.
 
-use crate::error::{Caught, failed, scoped};
+use crate::error::{Caught, scoped};
 use crate::pipelines::SplatPipeline;
 use surfel_gpu::{Limits, RecordBytes, Upload, UploadedScene, Variant};
 use surfel_model::Scene;
-use surfel_render::RenderError;
+use surfel_render::{RenderError, Storage, UploadProgress};
 
 /// A scene as this backend keeps it: splats in the device's memory, chunks and clouds in the host's.
 pub struct ResidentScene {
@@ -71,12 +71,14 @@ pub(crate) fn empty(device: &wgpu::Device, label: &str, bytes: u64, usage: wgpu:
 pub(crate) fn upload(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
-    scene: &Scene,
+    (scene, storage): (&Scene, Storage),
     limits: Limits,
+    progress: &mut dyn FnMut(UploadProgress),
 ) -> Result<ResidentScene, RenderError> {
-    let mut upload = Upload::new(scene, limits, crate::NAME)?;
-    let bytes = upload.total_bytes();
+    let mut upload = Upload::new(scene, storage, limits, crate::NAME)?;
+    let (bytes, needed) = (upload.splat_bytes(), upload.needed_bytes());
     let mut done = 0;
+    progress(UploadProgress { done_bytes: done, total_bytes: bytes });
     let mut splats = Vec::new();
     while let Some(words) = upload.next_segment() {
         let made = scoped(device, || {
@@ -85,8 +87,9 @@ pub(crate) fn upload(
             queue.submit([]);
             buffer
         });
-        splats.push(made.map_err(|caught| too_large(caught, bytes, done))?);
+        splats.push(made.map_err(|caught| too_large(caught, needed, done))?);
         done += 4 * words.len() as u64;
+        progress(UploadProgress { done_bytes: done, total_bytes: bytes });
     }
     let cpu = upload.finish();
     let (record_bytes, shared_records) = cpu.records(limits);
@@ -97,9 +100,7 @@ pub(crate) fn upload(
             records: empty(device, "records", records, usage),
             clips: (clips > 0).then(|| empty(device, "clips", clips, usage)),
         };
-        let largest = |of: fn(&RecordBytes) -> u64| record_bytes.iter().map(of).max().unwrap_or(0);
-        let largest = RecordBytes { records: largest(|b| b.records), clips: largest(|b| b.clips) };
-        let shared = shared_records.then(|| records(largest));
+        let shared = shared_records.then(|| records(RecordBytes::largest(&record_bytes)));
         let each = cpu.segments.iter().zip(splats).zip(&record_bytes);
         let segments = each.map(|((segment, splats), &bytes)| ResidentSegment {
             uniform: filled(device, queue, "segment", &segment.uniform, wgpu::BufferUsages::UNIFORM),
@@ -109,7 +110,7 @@ pub(crate) fn upload(
         });
         (texels, segments.collect())
     });
-    let (texels, segments) = made.map_err(|caught| too_large(caught, bytes, done))?;
+    let (texels, segments) = made.map_err(|caught| too_large(caught, needed, done))?;
     Ok(ResidentScene { cpu, segments, texels, shared_records, bytes })
 }
 
@@ -128,13 +129,10 @@ pub(crate) fn bind(
     device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
 }
 
-fn too_large(caught: Caught, needed: u64, done: u64) -> RenderError {
+/// wgpu doesn't say how much memory a device has: that there is too little shows when it ends.
+fn too_large(caught: Caught, needed: u64, available: u64) -> RenderError {
     match caught {
-        Caught::OutOfMemory => failed(format!(
-            "the scene's splats need {needed} bytes of device memory, which ended after {done}: {} are missing; draw \
-             fewer splats, or choose --backend cpu",
-            needed - done.min(needed)
-        )),
+        Caught::OutOfMemory => RenderError::SceneTooLarge { backend: crate::NAME, needed, available },
         other => other.into(),
     }
 }

@@ -39,13 +39,13 @@ fn view(projection: Projection) -> View {
     View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.5, far: Some(10.0), size: SIZE }).unwrap()
 }
 
-/// A host's colours after splats were drawn into a picture cleared to `HOST` and this depth.
+/// A host's colours after splats were drawn into a picture cleared to `HOST` and this depth, which has these usages besides.
 fn drawn(
     renderer: &mut Renderer,
     (device, queue): &(wgpu::Device, wgpu::Queue),
-    view: &View,
+    (scene, settings, view): (&Scene, &Settings, &View),
     mapping: HostDepth,
-    clear: f32,
+    (clear, usage): (f32, wgpu::TextureUsages),
 ) -> Vec<[f32; 4]> {
     let format = |format, usage| {
         device.create_texture(&wgpu::TextureDescriptor {
@@ -62,7 +62,7 @@ fn drawn(
     let (color_format, depth_format) = (wgpu::TextureFormat::Rgba32Float, wgpu::TextureFormat::Depth32Float);
     let texture = format(color_format, wgpu::TextureUsages::COPY_SRC);
     let color = &texture.create_view(&Default::default());
-    let depth = &format(depth_format, wgpu::TextureUsages::empty()).create_view(&Default::default());
+    let depth = &format(depth_format, usage).create_view(&Default::default());
     let mut encoder = device.create_command_encoder(&Default::default());
     let [r, g, b, a] = HOST;
     let store = wgpu::StoreOp::Store;
@@ -80,9 +80,9 @@ fn drawn(
         }),
         ..Default::default()
     }));
-    let resident = renderer.upload(&scene()).unwrap();
+    let resident = renderer.upload(scene).unwrap();
     let target = HostTarget { color, color_format, depth, depth_format, mapping };
-    renderer.render_to_view(&mut encoder, &resident, view, &Settings::default(), &target).unwrap();
+    renderer.render_to_view(&mut encoder, &resident, view, settings, &target).unwrap();
     let size = u64::from(16 * SIZE[0] * SIZE[1]);
     let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;
     let buffer = device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
@@ -117,7 +117,8 @@ fn host_picture_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
         let mut frame = Frame::default();
         renderer.render(&resident, view, &Settings::default(), Planes::ALL, &mut frame).unwrap();
         for (clear, farthest) in [(behind, f32::INFINITY), (wall, 3.0), (1.0 - behind, 0.0)] {
-            let pixels = drawn(&mut renderer, &pair, view, mapping, clear);
+            let what = (&scene(), &Settings::default(), view);
+            let pixels = drawn(&mut renderer, &pair, what, mapping, (clear, wgpu::TextureUsages::empty()));
             let mut shown = 0;
             for (i, pixel) in pixels.iter().enumerate() {
                 let passes = frame.depth[i] < farthest && frame.depth[i].is_finite();
@@ -129,6 +130,69 @@ fn host_picture_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
                 );
             }
             assert_eq!(shown == 0, farthest == 0.0, "{mapping:?}");
+        }
+    }
+}
+
+/// Facing disks before the eye, one a distance and an alpha.
+fn panes(panes: &[(f32, f32)]) -> Scene {
+    let centers = panes.iter().map(|pane| Vec3::new(0.0, 0.0, 3.0 - pane.0)).collect();
+    let radii = panes.iter().map(|pane| 0.4 * pane.0).collect();
+    let shape = Shape::Disks { normals: Column3::from_f32(vec![Vec3::Z; panes.len()]), radii };
+    let mut data = CloudData::new(DVec3::ZERO, Column3::from_f32(centers), shape);
+    data.colors = Some(panes.iter().map(|pane| [0.9, 0.2 * pane.0, 0.1]).collect());
+    data.alphas = Some(panes.iter().map(|pane| pane.1).collect());
+    Scene::of_cloud(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0)
+}
+
+#[test]
+fn host_things_are_seen_between_transparent_layers_and_what_is_behind_them() {
+    let Some(pair) = device() else { return };
+    let mut renderer = Renderer::from_device(pair.0.clone(), pair.1.clone()).unwrap();
+    let settings = Settings { transparency: "peel:4".parse().unwrap(), ..Settings::default() };
+    let perspective = view(Projection::Perspective { fov_y_deg: 60.0 });
+    let orthographic = view(Projection::Orthographic { height: 3.0 });
+    let linear = HostDepth { offset: -0.5 / 9.5, scale: 1.0 / 9.5, compare: wgpu::CompareFunction::Less };
+    let far = 10.0 / 9.5;
+    // The host's wall is 3 units away.
+    let hosts = [
+        (&perspective, HostDepth::reversed(0.5), 0.5 / 3.0),
+        (&perspective, HostDepth::usual(0.5, 10.0), far * (1.0 - 0.5 / 3.0)),
+        (&orthographic, linear, 2.5 / 9.5),
+    ];
+    // What is before the wall hides or shows it; what is behind it is not seen, whether it is opaque or not.
+    let before = [(2.0, 0.5), (2.5, 0.25)];
+    let scenes =
+        [panes(&before), panes(&[before[0], before[1], (4.0, 0.75)]), panes(&[before[0], before[1], (4.0, 1.0)])];
+    for (view, mapping, wall) in hosts {
+        let resident = renderer.upload(&scenes[0]).unwrap();
+        let mut frame = Frame::default();
+        renderer.render(&resident, view, &settings, Planes::ALL, &mut frame).unwrap();
+        let over = |c: &[f32; 4]| -> [f32; 4] { std::array::from_fn(|i| c[i] + (1.0 - c[3]) * HOST[i] as f32) };
+        let want: Vec<[f32; 4]> = frame.color.iter().map(over).collect();
+        for scene in &scenes {
+            let depth = (wall, wgpu::TextureUsages::TEXTURE_BINDING);
+            let pixels = drawn(&mut renderer, &pair, (scene, &settings, view), mapping, depth);
+            for (i, (pixel, want)) in pixels.iter().zip(&want).enumerate() {
+                let close = pixel.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-6);
+                assert!(close, "{mapping:?} at {i}: {pixel:?} {want:?}");
+            }
+        }
+        let tinted = want.iter().filter(|color| (f64::from(color[0]) - HOST[0]).abs() > 0.1).count();
+        assert!(tinted > 50, "{tinted}");
+        // An opaque disk before the wall hides it; where the depth can't be read, that is all that is asked.
+        for usage in [wgpu::TextureUsages::empty(), wgpu::TextureUsages::TEXTURE_BINDING] {
+            let pixels = drawn(
+                &mut renderer,
+                &pair,
+                (&panes(&[(2.0, 0.5), (2.5, 1.0)]), &settings, view),
+                mapping,
+                (wall, usage),
+            );
+            let middle = pixels[(SIZE[1] / 2 * SIZE[0] + SIZE[0] / 2) as usize];
+            for (got, want) in middle.iter().zip([0.9, 0.5 * (0.4 + 0.5), 0.1, 1.0]) {
+                assert!((got - want).abs() < 1e-5, "{middle:?}");
+            }
         }
     }
 }

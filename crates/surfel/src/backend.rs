@@ -1,8 +1,11 @@
 //! Which program draws: one enum over all backends that are built in.
 
 use surfel_model::{Scene, Settings};
+#[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
+use surfel_render::Storage;
 use surfel_render::{
-    Capabilities, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, View, unsupported,
+    Capabilities, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, UploadProgress, View,
+    unsupported,
 };
 
 /// Names of backends, fastest first; `reference` is last.
@@ -25,9 +28,16 @@ pub struct BackendOptions {
     pub threads: usize,
     /// A part of the adapter's name, in any case; `None`: any adapter.
     pub adapter: Option<String>,
-    /// The processor backend keeps splats in 16 bits within a chunk: half the memory or less, and a measured error
-    /// (docs/accuracy.md). Others take no notice.
+    /// Splats are kept in 16 bits within a chunk: half the memory or less, and a measured error (docs/accuracy.md). The
+    /// reference takes no notice.
     pub quantised: bool,
+}
+
+impl BackendOptions {
+    #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
+    fn storage(&self) -> Storage {
+        if self.quantised { Storage::Quantised } else { Storage::F32 }
+    }
 }
 
 /// Why there is no such backend here.
@@ -212,7 +222,8 @@ impl Backend {
 
     #[cfg(feature = "ash")]
     fn ash(options: &BackendOptions) -> Result<Self, BackendError> {
-        let start = surfel_ash::Options { adapter: options.adapter.clone(), ..Default::default() };
+        let (adapter, storage) = (options.adapter.clone(), options.storage());
+        let start = surfel_ash::Options { adapter, storage, ..Default::default() };
         let start = surfel_ash::Renderer::with_options(&start);
         let renderer = start.map_err(|source| BackendError::NoStart { name: "ash", source })?;
         Ok(Self::Ash(Box::new(renderer)))
@@ -220,7 +231,8 @@ impl Backend {
 
     #[cfg(feature = "wgpu")]
     fn wgpu(options: &BackendOptions) -> Result<Self, BackendError> {
-        let start = surfel_wgpu::Options { adapter: options.adapter.clone(), ..Default::default() };
+        let (adapter, storage) = (options.adapter.clone(), options.storage());
+        let start = surfel_wgpu::Options { adapter, storage, ..Default::default() };
         let start = surfel_wgpu::Renderer::with_options(&start);
         let renderer = start.map_err(|source| BackendError::NoStart { name: "wgpu", source })?;
         Ok(Self::Wgpu(Box::new(renderer)))
@@ -228,8 +240,8 @@ impl Backend {
 
     #[cfg(feature = "cpu")]
     fn cpu(options: &BackendOptions) -> Result<Self, BackendError> {
-        let storage = if options.quantised { surfel_cpu::Storage::Quantised } else { surfel_cpu::Storage::F32 };
-        let cpu = surfel_cpu::Options { threads: options.threads, storage, ..surfel_cpu::Options::default() };
+        let (threads, storage) = (options.threads, options.storage());
+        let cpu = surfel_cpu::Options { threads, storage, ..surfel_cpu::Options::default() };
         let start = surfel_cpu::Renderer::with_options(&cpu);
         let renderer = start.map_err(|source| BackendError::NoStart { name: "cpu", source })?;
         check_adapter(renderer.info(), options)?;
@@ -344,14 +356,26 @@ impl Renderer for Backend {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<BackendScene, RenderError> {
+        self.upload_reporting(scene, &mut |_| {})
+    }
+
+    fn upload_reporting(
+        &mut self,
+        scene: &Scene,
+        progress: &mut dyn FnMut(UploadProgress),
+    ) -> Result<BackendScene, RenderError> {
         match self {
             #[cfg(feature = "ash")]
-            Self::Ash(renderer) => renderer.upload(scene).map(|scene| BackendScene::Ash(Box::new(scene))),
+            Self::Ash(renderer) => {
+                renderer.upload_reporting(scene, progress).map(|scene| BackendScene::Ash(Box::new(scene)))
+            }
             #[cfg(feature = "wgpu")]
-            Self::Wgpu(renderer) => renderer.upload(scene).map(|scene| BackendScene::Wgpu(Box::new(scene))),
+            Self::Wgpu(renderer) => {
+                renderer.upload_reporting(scene, progress).map(|scene| BackendScene::Wgpu(Box::new(scene)))
+            }
             #[cfg(feature = "cpu")]
-            Self::Cpu(renderer) => renderer.upload(scene).map(BackendScene::Cpu),
-            Self::Reference(renderer) => renderer.upload(scene).map(BackendScene::Reference),
+            Self::Cpu(renderer) => renderer.upload_reporting(scene, progress).map(BackendScene::Cpu),
+            Self::Reference(renderer) => renderer.upload_reporting(scene, progress).map(BackendScene::Reference),
         }
     }
 

@@ -5,6 +5,7 @@ pub(crate) mod faulty;
 pub(crate) mod files;
 
 use surfel_conformance::backends::{is_required, listen, take_messages};
+use surfel_render::Storage;
 
 /// The backend if it starts; else the test is skipped, or fails where the backend is required.
 fn started<R>(name: &str, start: Result<R, impl std::fmt::Display>) -> Option<R> {
@@ -26,23 +27,23 @@ pub(crate) fn no_messages() {
 
 /// The Vulkan backend, validated: whatever the layer says is an error of the call.
 pub(crate) fn ash() -> Option<surfel_ash::Renderer> {
-    ash_within(surfel_ash::Limits::default())
+    ash_with(surfel_ash::Limits::default(), Storage::F32)
 }
 
-/// The same, with less of the device.
-pub(crate) fn ash_within(limits: surfel_ash::Limits) -> Option<surfel_ash::Renderer> {
-    let options = surfel_ash::Options { validation: true, limits, ..surfel_ash::Options::default() };
+/// The same, with less of the device, or storage of another kind.
+pub(crate) fn ash_with(limits: surfel_ash::Limits, storage: Storage) -> Option<surfel_ash::Renderer> {
+    let options = surfel_ash::Options { validation: true, limits, storage, ..surfel_ash::Options::default() };
     started("ash", surfel_ash::Renderer::with_options(&options))
 }
 
 /// The wgpu backend, validated.
 pub(crate) fn wgpu() -> Option<surfel_wgpu::Renderer> {
-    wgpu_within(surfel_wgpu::Limits::default())
+    wgpu_with(surfel_wgpu::Limits::default(), Storage::F32)
 }
 
-/// The same, with less of the device.
-pub(crate) fn wgpu_within(limits: surfel_wgpu::Limits) -> Option<surfel_wgpu::Renderer> {
+/// The same, with less of the device, or storage of another kind.
+pub(crate) fn wgpu_with(limits: surfel_wgpu::Limits, storage: Storage) -> Option<surfel_wgpu::Renderer> {
     listen();
-    let options = surfel_wgpu::Options { validation: true, limits, ..surfel_wgpu::Options::default() };
+    let options = surfel_wgpu::Options { validation: true, limits, storage, ..surfel_wgpu::Options::default() };
     started("wgpu", surfel_wgpu::Renderer::with_options(&options))
 }

@@ -8,7 +8,7 @@ use surfel_math::mapping::{Footprint, Linear};
 use surfel_math::project::{Projected, ViewSplat, radius_max as largest_radius};
 use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_math::svd::Svd2;
-use surfel_math::{Real, V2, V3, basis, bounds, kernel};
+use surfel_math::{Real, V2, V3, basis, bounds, kernel, quantise};
 
 /// A formula, run on both processors.
 pub(crate) struct Kernel {
@@ -170,6 +170,10 @@ fn unit(x: &[f64]) -> Vec<f64> {
 fn orthonormal(x: &[f64]) -> Vec<f64> {
     let (s, t) = basis::orthonormal(glam::DVec3::new(x[0], x[1], x[2]));
     [s.to_array(), t.to_array()].concat()
+}
+fn unfolded<R: Real>(x: &[R]) -> Vec<R> {
+    let v = quantise::unfolded(x[0], x[1]);
+    vec![v.x, v.y, v.z]
 }
 fn svd<R: Real>(x: &[R]) -> Vec<R> {
     let svd = Svd2::of_columns(v2(x), v2(&x[2..]), x[4]);
@@ -366,6 +370,9 @@ pub(crate) const KERNELS: &[Kernel] = &[
         |r| { let e = 10f64.powf(r.range(-8.0, 0.0)); let d = r.direction();
               let z = if r.signed() < 0.0 { -1.0 } else { 1.0 }; let v = [d[0] * e, d[1] * e, z];
               let l = v.iter().map(|c| c * c).sum::<f64>().sqrt(); f32s(&v.map(|c| c / l)) }, None),
+    // Coordinates are sums of up to three numbers below 1.
+    kernel!("unfolded", 2 => &[3], unfolded, "let v = unfolded(x0, x1);", "v.x; v.y; v.z",
+        |r| f32s(&[r.signed(), r.signed()]), |r| f32s(&[r.signed().signum(), 1e-6 * r.signed()]), Some(|_, _| 1.0)),
     kernel!("svd2_of_columns", 5 => &[1, 1, 2], svd, "let d = svd2_of_columns(vec2f(x0, x1), vec2f(x2, x3), x4);",
         "d.major; d.minor; d.major_axis.x; d.major_axis.y", inputs::ellipse, inputs::wild_ellipse, None),
     kernel!("svd2_of_columns/circles", 5 => &[1, 1], singular_values,

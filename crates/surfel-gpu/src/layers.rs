@@ -1,0 +1,44 @@
+//! Layers of transparent splats end before the first that has nothing (§8).
+//!
+//! The GPU itself decides: draws of layers are indirect, and between two layers a shader sets the instances of all of them to
+//! nothing where no pixel kept anything. Nothing is read back in between. A layer that isn't drawn still costs clearing its
+//! targets and a look at every pixel.
+
+use crate::words::Words;
+use surfel_render::Stats;
+use surfel_shaders::layout::{draw_arguments, layer_draws as at};
+
+/// Name of the counter of [`count_layers`].
+const LAYERS_DRAWN: &str = "layers_drawn";
+
+/// Bytes at the start of the shaders' `LayerDraws` that [`count_layers`] takes.
+pub const LAYER_HEADER_BYTES: u64 = at::ARGUMENTS as u64;
+
+/// The shaders' `LayerDraws` before the first layer: a draw of so many records for each number of them.
+pub fn layer_draw_words(records: impl IntoIterator<Item = u32>) -> Vec<u32> {
+    let mut words = Words::new(at::ARGUMENTS);
+    words.u32(at::DRAWN, 1);
+    let mut words = words.into_vec();
+    for count in records {
+        let mut draw = Words::new(draw_arguments::SIZE);
+        draw.u32(draw_arguments::VERTICES, 4).u32(draw_arguments::INSTANCES, count);
+        words.extend(draw.into_vec());
+    }
+    // An array of nothing can't be bound.
+    words.resize(words.len().max((at::ARGUMENTS + draw_arguments::SIZE) / 4), 0);
+    words
+}
+
+/// Byte offset of the arguments of a draw, by its place among the numbers of records.
+pub fn layer_draw_offset(index: usize) -> u64 {
+    (at::ARGUMENTS + index * draw_arguments::SIZE) as u64
+}
+
+/// Counts the layers of the tile that has most: `header` are the words of the first [`LAYER_HEADER_BYTES`].
+pub fn count_layers(header: &[u32], stats: &mut Stats) {
+    let drawn = f64::from(header.get(at::DRAWN / 4).copied().unwrap_or(0));
+    match stats.counters.iter_mut().find(|counter| counter.0 == LAYERS_DRAWN) {
+        Some(counter) => counter.1 = counter.1.max(drawn),
+        None => stats.counters.push((LAYERS_DRAWN, drawn)),
+    }
+}

@@ -1,0 +1,163 @@
+//! What passes cost: their time, and how often shaders ran, where the adapter counts it.
+
+use surfel_render::{PassTime, Stats};
+
+/// Passes of a tile that are looked at; a scene of very many segments goes on unseen.
+const MOST_PASSES: u32 = 512;
+
+/// What is counted of the shaders, in the order of the bits.
+const COUNTED: wgpu::PipelineStatisticsTypes = wgpu::PipelineStatisticsTypes::VERTEX_SHADER_INVOCATIONS
+    .union(wgpu::PipelineStatisticsTypes::FRAGMENT_SHADER_INVOCATIONS)
+    .union(wgpu::PipelineStatisticsTypes::COMPUTE_SHADER_INVOCATIONS);
+const COUNTERS: [&str; 3] = ["vertex_invocations", "fragment_invocations", "compute_invocations"];
+
+/// Queries of a tile.
+pub(crate) struct Queries {
+    /// Timestamps, and nanoseconds of a tick.
+    times: Option<(wgpu::QuerySet, f64)>,
+    invocations: Option<wgpu::QuerySet>,
+    /// Of the passes so far.
+    names: Vec<&'static str>,
+    /// In place of the passes' own names.
+    label: Option<&'static str>,
+}
+
+/// Those of a pass.
+#[derive(Clone, Copy)]
+pub(crate) struct Query<'a> {
+    queries: &'a Queries,
+    index: u32,
+}
+
+impl Queries {
+    /// Those that the device was opened for.
+    pub(crate) fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Self {
+        let set = |wanted, label, ty, count| {
+            let descriptor = wgpu::QuerySetDescriptor { label: Some(label), ty, count };
+            device.features().contains(wanted).then(|| device.create_query_set(&descriptor))
+        };
+        let times = set(wgpu::Features::TIMESTAMP_QUERY, "pass times", wgpu::QueryType::Timestamp, 2 * MOST_PASSES);
+        let counted = wgpu::QueryType::PipelineStatistics(COUNTED);
+        Self {
+            times: times.map(|set| (set, queue.get_timestamp_period().into())),
+            invocations: set(wgpu::Features::PIPELINE_STATISTICS_QUERY, "invocations", counted, MOST_PASSES),
+            names: Vec::new(),
+            label: None,
+        }
+    }
+
+    /// Starts a tile, whose passes have this name rather than their own.
+    pub(crate) fn restart(&mut self, label: Option<&'static str>) {
+        self.names.clear();
+        self.label = label;
+    }
+
+    /// Copies what was found to a buffer, if anything was.
+    pub(crate) fn resolve(
+        &self,
+        device: &wgpu::Device,
+        encoder: &mut wgpu::CommandEncoder,
+    ) -> Option<(wgpu::Buffer, u64)> {
+        let passes = self.names.len() as u32;
+        let [of_times, of_invocations] = self.bytes();
+        let bytes = of_times + of_invocations;
+        if bytes == 0 {
+            return None;
+        }
+        let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
+        let buffer = crate::scene::empty(device, "pass costs", bytes, usage);
+        if let Some((set, _)) = &self.times {
+            encoder.resolve_query_set(set, 0..2 * passes, &buffer, 0);
+        }
+        if let Some(set) = &self.invocations {
+            encoder.resolve_query_set(set, 0..passes, &buffer, of_times);
+        }
+        Some((buffer, bytes))
+    }
+
+    /// Bytes of times, up to where other results may begin, and of invocations.
+    fn bytes(&self) -> [u64; 2] {
+        let passes = self.names.len() as u64;
+        let times = if self.times.is_some() { 16 * passes } else { 0 };
+        let invocations = if self.invocations.is_some() { 8 * COUNTERS.len() as u64 * passes } else { 0 };
+        [times.next_multiple_of(wgpu::QUERY_RESOLVE_BUFFER_ALIGNMENT), invocations]
+    }
+
+    /// Names of the passes, for [`Queries::add`] after other passes have followed.
+    pub(crate) fn taken(&self) -> Taken {
+        let [times, _] = self.bytes();
+        Taken {
+            names: self.names.iter().map(|&name| self.label.unwrap_or(name)).collect(),
+            period: self.times.as_ref().map(|times| times.1),
+            counts: self.invocations.is_some(),
+            times_words: (times / 4) as usize,
+        }
+    }
+}
+
+/// What is in a buffer of results.
+pub(crate) struct Taken {
+    names: Vec<&'static str>,
+    period: Option<f64>,
+    counts: bool,
+    times_words: usize,
+}
+
+impl Taken {
+    /// Adds the passes' costs to those of earlier tiles.
+    pub(crate) fn add(&self, words: &[u32], stats: &mut Stats) {
+        let (times, invocations) = words.split_at_checked(self.times_words).unwrap_or((words, &[]));
+        let number =
+            |from: &[u32], at: usize| Some(u64::from(*from.get(2 * at)?) | u64::from(*from.get(2 * at + 1)?) << 32);
+        for (i, &name) in self.names.iter().enumerate() {
+            let ticks = number(times, 2 * i).zip(number(times, 2 * i + 1));
+            let (Some(period), Some((start, end))) = (self.period, ticks) else { continue };
+            let ms = end.saturating_sub(start) as f64 * period * 1e-6;
+            match stats.passes.iter_mut().find(|pass| pass.name == name) {
+                Some(pass) => pass.ms += ms,
+                None => stats.passes.push(PassTime { name, ms }),
+            }
+        }
+        for (i, name) in COUNTERS.into_iter().enumerate().filter(|_| self.counts) {
+            let of_pass = |pass: usize| number(invocations, COUNTERS.len() * pass + i).unwrap_or(0);
+            let sum = (0..self.names.len()).map(of_pass).sum::<u64>() as f64;
+            match stats.counters.iter_mut().find(|counter| counter.0 == name) {
+                Some(counter) => counter.1 += sum,
+                None => stats.counters.push((name, sum)),
+            }
+        }
+    }
+}
+
+impl<'a> Query<'a> {
+    /// Takes the next queries for the pass `name`.
+    pub(crate) fn next(queries: Option<&'a mut Queries>, name: &'static str) -> Option<Self> {
+        let queries = queries?;
+        let index = queries.names.len() as u32;
+        if index >= MOST_PASSES {
+            return None;
+        }
+        queries.names.push(name);
+        Some(Self { queries, index })
+    }
+
+    fn timestamps(self) -> Option<(&'a wgpu::QuerySet, [Option<u32>; 2])> {
+        let (set, _) = self.queries.times.as_ref()?;
+        Some((set, [Some(2 * self.index), Some(2 * self.index + 1)]))
+    }
+
+    pub(crate) fn of_render(self) -> Option<wgpu::RenderPassTimestampWrites<'a>> {
+        let (query_set, [beginning_of_pass_write_index, end_of_pass_write_index]) = self.timestamps()?;
+        Some(wgpu::RenderPassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
+    }
+
+    pub(crate) fn of_compute(self) -> Option<wgpu::ComputePassTimestampWrites<'a>> {
+        let (query_set, [beginning_of_pass_write_index, end_of_pass_write_index]) = self.timestamps()?;
+        Some(wgpu::ComputePassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
+    }
+
+    /// What counts invocations.
+    pub(crate) fn invocations(self) -> Option<(&'a wgpu::QuerySet, u32)> {
+        Some((self.queries.invocations.as_ref()?, self.index))
+    }
+}
