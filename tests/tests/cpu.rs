@@ -150,9 +150,18 @@ fn cpu_refuses_tiles_that_are_not_whole_blocks() {
 
 #[test]
 fn cpu_refuses_what_it_does_not_draw() {
-    let case = scenes::all().remove(0).with("half precision", |s| s.accumulate = Accumulate::F16);
-    let error = render(&mut renderer(1, SimdLevel::Best), &case, Planes::COLOR).unwrap_err();
+    let planes = Planes { margin: true, ..Planes::COLOR };
+    let error = render(&mut renderer(1, SimdLevel::Best), &scenes::all().remove(0), planes).unwrap_err();
     assert!(matches!(error, RenderError::Unsupported { backend: "cpu", .. }), "{error}");
+}
+
+#[test]
+fn cpu_sums_in_f32_where_f16_would_do() {
+    let case = scenes::closed_sphere();
+    let halves = case.with("half precision", |s| s.accumulate = Accumulate::F16);
+    let [a, b] =
+        [case, halves].map(|case| bits(&render(&mut renderer(1, SimdLevel::Best), &case, Planes::ALL).unwrap()));
+    assert_eq!(a, b);
 }
 
 #[test]

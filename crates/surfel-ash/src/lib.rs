@@ -50,7 +50,6 @@ const NAME: &str = "ash";
 pub const CAPABILITIES: Capabilities = Capabilities {
     backend: NAME,
     features: &[
-        Feature::F16,
         Feature::EdgeAntialiasing,
         Feature::Clips,
         Feature::Meshes,

@@ -130,7 +130,7 @@ pub(crate) struct RenderArgs {
     /// How far behind the nearest surface splats still blend: K radii, or abs:D world units.
     #[arg(long, value_name = "K|abs:D", value_parser = values::depth_tolerance, help_heading = "Settings")]
     pub(crate) depth_tolerance: Option<DepthTolerance>,
-    /// Precision of sums.
+    /// Precision of sums, at least: on processors f16 changes nothing.
     #[arg(long, value_parser = values::accumulate(), help_heading = "Settings")]
     pub(crate) accumulate: Option<Accumulate>,
     /// How transparent splats are drawn: off, peel:N, peel:N:drop or abuffer:L.

@@ -94,10 +94,17 @@ fn backends_that_are_not_here_exit_with_4() {
 fn what_this_version_does_not_have_exits_with_1() {
     let f = Folder::new("later");
     f.write("a.ply", ball());
-    for words in ["a.ply -o x.png --size 8x8 --accumulate f16 --backend cpu", "view a.ply"] {
-        f.run(words).fails(1, "");
-    }
+    f.run("view a.ply").fails(1, "");
     assert_eq!(f.names(), ["a.ply"]);
+}
+
+#[test]
+fn processor_and_reference_sum_in_more_than_f16() {
+    let f = Folder::new("halves");
+    f.write("a.ply", ball());
+    for backend in ["cpu", "reference"] {
+        f.run(&format!("a.ply -o {backend}.png --size 8x8 --accumulate f16 --backend {backend}")).code(0);
+    }
 }
 
 #[test]

@@ -216,12 +216,13 @@ pub enum ClipPolicy {
     Off,
 }
 
-/// Precision in which weighted attributes are summed.
+/// Precision in which weighted attributes are summed, at least.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Accumulate {
     /// 32-bit floats.
     F32,
-    /// 16-bit floats.
+    /// 16-bit floats (B05 §7), in half the memory of a GPU's targets. Backends that have nothing to gain by it, on processors, sum in
+    /// more.
     F16,
 }

@@ -209,7 +209,6 @@ pub fn unsupported(
         (Feature::ABuffer, matches!(transparent, Some(Transparency::ABuffer { .. }))),
         (Feature::Shadows, summary.shadows.is_some() && is_lit(settings, planes)),
         (Feature::Toon, settings.shader == Shader::Toon),
-        (Feature::F16, settings.accumulate == Accumulate::F16),
         (Feature::EdgeAntialiasing, settings.edge_aa),
         (Feature::Margin, planes.margin),
     ];
@@ -235,7 +234,6 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
         Feature::ABuffer => ("A-buffer transparency", setting, "choose --backend cpu, or --transparency peel:4"),
         Feature::Shadows => ("a shadow", "is in the scene (a light with \"shadow\": true)", "set \"shadow\": false"),
         Feature::Toon => ("shader 'toon'", setting, "choose unlit, phong, normal or depth"),
-        Feature::F16 => ("f16 accumulation", setting, "choose --accumulate f32"),
         Feature::EdgeAntialiasing => ("edge antialiasing", setting, "choose --backend reference or --edge-aa=off"),
         Feature::Margin => ("the decision margin plane", setting, "choose --backend reference"),
     }
@@ -401,7 +399,7 @@ mod tests {
         let shadows = Some(ShadowScene { lights: vec![(0, spot(20.0))], center: DVec3::ZERO, radius: 1.0 });
         assert!(refused(SceneSummary { shadows, ..s() }, |s| s.shader = Shader::Phong));
         assert!(refused(s(), |s| s.shader = Shader::Toon));
-        assert!(refused(s(), |s| s.accumulate = Accumulate::F16));
+        assert!(!refused(s(), |s| s.accumulate = surfel_model::Accumulate::F16));
     }
 
     #[test]

@@ -21,8 +21,6 @@ pub enum Feature {
     Shadows,
     /// The toon shader (§5).
     Toon,
-    /// Sums in half precision.
-    F16,
     /// The decision margin plane.
     Margin,
 }

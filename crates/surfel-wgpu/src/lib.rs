@@ -45,7 +45,6 @@ const NAME: &str = "wgpu";
 pub const CAPABILITIES: Capabilities = Capabilities {
     backend: NAME,
     features: &[
-        Feature::F16,
         Feature::EdgeAntialiasing,
         Feature::Clips,
         Feature::Meshes,

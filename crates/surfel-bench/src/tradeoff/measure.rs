@@ -53,10 +53,12 @@ pub(crate) fn subject(
     figures: &mut Figures,
 ) -> Result<(), Failure> {
     let view = View::new(&subject.camera)?;
+    let on_processor = matches!(backends.wide.info().backend, "cpu" | "reference");
     let applies = |variant: &Variant| match variant.only {
         Only::Everything => true,
         Only::Clips => subject.clips,
         Only::Transparent => subject.transparent,
+        Only::Graphics => !on_processor,
         Only::Lit => subject.settings.shader == surfel::model::Shader::Phong,
     };
     let exact = backends.reference.upload(&subject.scene)?;

@@ -25,6 +25,8 @@ pub(crate) enum Only {
     Clips,
     Transparent,
     Lit,
+    /// Backends on graphics processors.
+    Graphics,
 }
 
 #[derive(Clone, Copy)]
@@ -109,7 +111,7 @@ pub(crate) fn all() -> Vec<Variant> {
         variants.push(new("depth tolerance", &format!("{k} radii"), Change::Tolerance(k)));
     }
     variants.push(Variant { quantised: true, ..new("storage", &"16 bits", Change::Nothing) });
-    variants.push(new("accumulate", &"f16", Change::Accumulate(Accumulate::F16)));
+    variants.push(new("accumulate", &"f16", Change::Accumulate(Accumulate::F16)).only(Only::Graphics));
     variants.push(new("edge antialiasing", &"on", Change::EdgeAa(true)));
     for (name, clip) in [("paper", ClipPolicy::Paper), ("line", ClipPolicy::Line), ("off", ClipPolicy::Off)] {
         variants.push(new("clip", &name, Change::Clip(clip)).only(Only::Clips));
