@@ -1,6 +1,7 @@
 //! Prints how clipped splats compare with an exact ray cast of the mesh that they were made of:
 //! `cargo run --release -p surfel-conformance --example sharp -- MESH [--splats N,N] [--zooms S,S] [--view X,Y,Z]
-//! [--depth-tolerance K] [--crease-angle DEG] [--size PIXELS] [--pictures FOLDER]`.
+//! [--depth-tolerance K] [--crease-angle DEG] [--size PIXELS] [--pictures FOLDER]`. With `--points N [--noise SHARE]` splats are
+//! made of N points on the mesh instead.
 //!
 //! A pixel differs where one of the two pictures has a surface and the other none, or where the normals are more than 20°
 //! apart; the share is of the pixels that the mesh covers.
@@ -9,11 +10,14 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use surfel_conformance::build::object;
+use surfel_conformance::polygons::sampled;
 use surfel_conformance::raycast::{Cast, Difference, Pixel, compare};
 use surfel_model::{Camera, ClipPolicy, Cull, DepthTolerance, Light, Scene, Settings, Shader, SplatCloud};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Renderer, View};
-use surfel_sample::{NoProgress, SharpOptions, sharp_splats_from_mesh};
+use surfel_sample::{
+    NoProgress, PointOptions, SharpOptions, sharp_splats_from_mesh, sharpen_points, splats_from_points,
+};
 
 type Error = Box<dyn std::error::Error>;
 
@@ -26,6 +30,8 @@ struct Arguments {
     crease_angle_deg: f64,
     depth_tolerance: f64,
     size: u32,
+    points: Option<usize>,
+    noise: f64,
 }
 
 fn arguments() -> Result<Arguments, Error> {
@@ -40,6 +46,8 @@ fn arguments() -> Result<Arguments, Error> {
         crease_angle_deg: 40.0,
         depth_tolerance: 1.0,
         size: 800,
+        points: None,
+        noise: 0.0,
     };
     while let Some(flag) = all.next() {
         let value = all.next().ok_or("a flag needs a value")?;
@@ -54,6 +62,8 @@ fn arguments() -> Result<Arguments, Error> {
             "--crease-angle" => found.crease_angle_deg = value.parse()?,
             "--depth-tolerance" => found.depth_tolerance = value.parse()?,
             "--size" => found.size = value.parse()?,
+            "--points" => found.points = Some(value.parse()?),
+            "--noise" => found.noise = value.parse()?,
             _ => return Err(format!("{flag}: unknown").into()),
         }
     }
@@ -107,12 +117,23 @@ fn main() -> Result<(), Error> {
     let cast = Cast::new(&mesh);
     let closed = surfel_sample::is_closed(&mesh);
     println!("{} triangles, closed: {closed}", mesh.triangles.len());
-    for count in &a.splats {
+    let counts = a.points.map_or(a.splats.clone(), |points| vec![points]);
+    for count in &counts {
         let start = Instant::now();
-        let options =
-            SharpOptions { splats: Some(*count), crease_angle_deg: a.crease_angle_deg, ..SharpOptions::default() };
-        let (cloud, report) = sharp_splats_from_mesh(&mesh, &options, &NoProgress)?;
-        println!("\n{:.2} s: {report:#?}", start.elapsed().as_secs_f64());
+        let cloud = if a.points.is_some() {
+            let points = sampled(&mesh, *count, a.noise, 1);
+            let (cloud, _) = splats_from_points(&points, &PointOptions::default(), &NoProgress)?;
+            let (cloud, report) = sharpen_points(&cloud, a.crease_angle_deg, &NoProgress)?;
+            println!("\n{:.2} s: {report:?}", start.elapsed().as_secs_f64());
+            cloud
+        } else {
+            let options =
+                SharpOptions { splats: Some(*count), crease_angle_deg: a.crease_angle_deg, ..SharpOptions::default() };
+            let (cloud, report) = sharp_splats_from_mesh(&mesh, &options, &NoProgress)?;
+            println!("\n{:.2} s: {report:#?}", start.elapsed().as_secs_f64());
+            cloud
+        };
+        let splats = cloud.len();
         let scene = scene(cloud, closed);
         for share in &a.zooms {
             let camera = cast.camera_covering(a.view, *share, a.size);
@@ -129,8 +150,7 @@ fn main() -> Result<(), Error> {
                 let d = Difference::of(&pixels, a.size as usize);
                 let covered = 100.0 * d.covered as f64 / truth.len() as f64;
                 println!(
-                    "{:6} splats, {covered:4.1} % covered, {policy:?}: {:.3} % differ, {} in coverage, {} in normals, {} holes",
-                    report.splats,
+                    "{splats:6} splats, {covered:4.1} % covered, {policy:?}: {:.3} % differ, {} in coverage, {} in normals, {} holes",
                     100.0 * d.share(),
                     d.coverage,
                     d.normals,

@@ -1,8 +1,9 @@
 //! Meshes that scenes are built of.
 
+use crate::random::Random;
 use glam::DVec3;
 use std::sync::Arc;
-use surfel_model::{Column3, Geometry, Mesh, Object, Texture};
+use surfel_model::{Column3, Geometry, Mesh, Object, PointCloud, Texture};
 
 /// An object drawn as polygons, with the default material.
 ///
@@ -72,4 +73,38 @@ pub fn checkers(side: u32) -> Arc<Texture> {
         (x, y) => [0, 0, if x > y { 200 } else { 0 }, 255],
     };
     Arc::new(Texture { width: side, height: side, srgba8: (0..side * side).map(texel).collect() })
+}
+
+/// The cube from −1 to 1, outward.
+pub fn cube() -> Mesh {
+    let corner = |i: u32| DVec3::from([0, 1, 2].map(|k| f64::from(i >> k & 1) * 2.0 - 1.0));
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = faces.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    mesh(&(0..8).map(corner).collect::<Vec<_>>(), triangles)
+}
+
+/// `count` points spread over a mesh by area, each moved by up to `noise` times the largest side of its bounds in each
+/// direction.
+pub fn sampled(mesh: &Mesh, count: usize, noise: f64, seed: u64) -> PointCloud {
+    let mut random = Random::new(seed);
+    let corners = |t: &[u32; 3]| t.map(|i| mesh.origin + mesh.positions.get(i as usize));
+    let area = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).length();
+    let mut sums: Vec<f64> = Vec::with_capacity(mesh.triangles.len());
+    for triangle in &mesh.triangles {
+        sums.push(sums.last().copied().unwrap_or(0.0) + area(corners(triangle)));
+    }
+    let total = sums.last().copied().unwrap_or(0.0);
+    let all = || mesh.triangles.iter().flat_map(corners);
+    let extent = all().fold(DVec3::NEG_INFINITY, DVec3::max) - all().fold(DVec3::INFINITY, DVec3::min);
+    let noise = noise * extent.max_element();
+    let point = |i: usize| {
+        let at = total * (i as f64 + random.range(0.0, 1.0)) / count as f64;
+        let triangle = sums.partition_point(|sum| *sum <= at).min(mesh.triangles.len() - 1);
+        let [a, b, c] = corners(&mesh.triangles[triangle]);
+        let (along, across) = (random.range(0.0, 1.0).sqrt(), random.range(0.0, 1.0));
+        let moved = DVec3::from([0; 3].map(|_: i32| random.range(-noise, noise)));
+        a + (b - a) * (along * (1.0 - across)) + (c - a) * (along * across) + moved
+    };
+    let points: Vec<DVec3> = (0..count).map(point).collect();
+    PointCloud { positions: Column3::from_f64(&points), ..PointCloud::default() }
 }

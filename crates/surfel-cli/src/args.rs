@@ -212,7 +212,7 @@ pub(crate) struct ConvertArgs {
     /// Multiplies every radius.
     #[arg(long, value_name = "K", value_parser = values::positive)]
     pub(crate) radius_scale: Option<f64>,
-    /// Clip a mesh's splats along its creases and borders: few splats with sharp edges.
+    /// Clip splats along creases: few ones with sharp edges for a mesh, one a point where points show edges.
     #[arg(long, conflicts_with_all = ["per_vertex", "per_face"])]
     pub(crate) sharp: bool,
     /// Angle from which an edge is a crease, with --sharp (default 40).

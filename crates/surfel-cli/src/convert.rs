@@ -22,12 +22,14 @@ fn sharp(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
     let name = args.input.display();
     let io_options = surfel::io::LoadOptions { repair: args.repair, texture: args.texture.clone() };
     let loaded = surfel::io::load(&args.input, &io_options)?;
+    let mesh = match loaded.content {
+        Content::Mesh(mesh) => mesh,
+        Content::Points(_) => return sharp_points(args, console),
+        _ => return Err(Failure::usage(format!("{name}: holds splats, expected a mesh or points for --sharp"))),
+    };
     for note in &loaded.notes {
         console.note(&format!("{name}: {note}"));
     }
-    let Content::Mesh(mesh) = loaded.content else {
-        return Err(Failure::usage(format!("{name}: holds no mesh, expected triangles for --sharp")));
-    };
     let defaults = SharpOptions::default();
     let options = SharpOptions {
         crease_angle_deg: args.crease_angle.unwrap_or(defaults.crease_angle_deg),
@@ -51,6 +53,27 @@ fn sharp(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
     if loaded.up != Up::PlusY || cloud.data().up.is_some() {
         cloud.set_up(loaded.up);
     }
+    Ok(cloud)
+}
+
+/// Splats of points, clipped along the edges that they show.
+fn sharp_points(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
+    let name = args.input.display();
+    if args.splats.is_some() || args.error.is_some() {
+        let message = format!("{name}: holds points, each of which is a splat: --splats and --error are for meshes");
+        return Err(Failure::usage(message));
+    }
+    let cloud = spread(args, console)?;
+    let angle = args.crease_angle.unwrap_or(SharpOptions::default().crease_angle_deg);
+    let progress = console.progress();
+    let made = surfel::sample::sharpen_points(&cloud, angle, &progress);
+    drop(progress);
+    let (cloud, r) = made.map_err(|source| surfel::Error::Sample { path: args.input.clone(), source })?;
+    console.note(&if r.clipped == 0 {
+        format!("{name}: no edge of {angle} degrees or more is found in the points, nothing is clipped")
+    } else {
+        format!("{name}: {} splats clipped along edges, {} of them at corners", r.clipped, r.corners)
+    });
     Ok(cloud)
 }
 

@@ -71,6 +71,7 @@ fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Re
     if args.view.is_none() {
         file.camera.validate().map_err(out_of_range)?;
     }
+    file.objects.iter().try_for_each(|object| object.world_from_object().map(drop)).map_err(out_of_range)?;
     let base = path.parent().unwrap_or(Path::new(""));
     let loaded = load(&file.objects, base, &load_options(args, &file.settings), console)?;
     if let Some(choice) = args.up {

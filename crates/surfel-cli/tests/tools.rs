@@ -153,8 +153,26 @@ fn convert_sharp_clips_along_creases_and_says_how_far_off_it_is() {
     assert!(info["sharp_errors"].as_str().unwrap().starts_with("splats to mesh"), "{info}");
     assert!(f.run("info x.ply").code(0).stdout().contains("sharp errors"));
     f.run("x.ply -o x.png --size 24x24").code(0);
-    f.run("convert p.xyz -o y.ply --sharp").fails(2, "p.xyz");
+    f.run("convert x.ply -o y.ply --sharp").fails(2, "holds splats");
     f.run("convert b.obj -o y.ply --crease-angle 30").fails(2, "--sharp");
     f.run("convert b.obj -o y.ply --sharp --per-face").fails(2, "--per-face");
     f.run("convert b.obj -o y.ply --sharp --error 0").fails(2, "");
+}
+
+#[test]
+fn convert_sharp_finds_the_edges_of_points() {
+    let f = Folder::new("sharp-points");
+    f.write("p.xyz", points());
+    f.run("convert p.xyz -o p.ply --sharp --splats 9").fails(2, "p.xyz");
+    let said = f.run("convert p.xyz -o p.ply --sharp --crease-angle 120").code(0).stderr();
+    assert!(said.contains("nothing is clipped"), "{said}");
+    // Three faces of a cube, 24 points along an edge.
+    let at = |i: usize| (i as f64 + 0.5) / 24.0;
+    let grid = || (0..24 * 24).map(|i| (at(i % 24), at(i / 24)));
+    let faces = grid().map(|(a, b)| format!("{a} {b} 0\n{a} 0 {b}\n0 {a} {b}\n"));
+    f.write("c.xyz", faces.collect::<String>());
+    let said = f.run("convert c.xyz -o c.ply --sharp").code(0).stderr();
+    assert!(said.contains("splats clipped along edges"), "{said}");
+    let info = f.run("info c.ply --json").code(0).json();
+    assert!(info["attributes"].as_array().unwrap().contains(&"clip lines".into()), "{info}");
 }

@@ -5,6 +5,7 @@
 //! - [`splats_from_mesh`]: one splat a face, one a vertex, or blue-noise samples.
 //! - [`hybrid_from_mesh`]: splats of every size and the polygons themselves, in an octree.
 //! - [`sharp_splats_from_mesh`]: few, large splats clipped along the mesh's creases and borders.
+//! - [`sharpen_points`]: splats of points, clipped along the edges that the points show.
 //! - [`interior_weight`]: the Σw that a cloud has inside its own surface (rendering model §5, coverage).
 //!
 //! Work runs in whatever rayon pool the caller installed; results don't depend on the number of threads.
@@ -26,6 +27,7 @@ mod points;
 mod progress;
 mod radii;
 mod sharp;
+mod sharp_points;
 mod tree;
 
 pub use error::SampleError;
@@ -37,3 +39,4 @@ pub use options::{Outliers, PointOptions, PointReport};
 pub use points::splats_from_points;
 pub use progress::{NoProgress, Progress};
 pub use sharp::{CLOSED_MESH, SharpErrors, SharpOptions, SharpReport, sharp_splats_from_mesh};
+pub use sharp_points::{SharpPointsReport, sharpen_points};

@@ -30,7 +30,7 @@ pub(crate) fn estimate(cloud: &Neighbours, normals: &mut [DVec3], progress: &dyn
 }
 
 /// Covariance of a point and `neighbours` about their mean, without the division by their number.
-fn covariance(cloud: &Neighbours, slot: usize, neighbours: &[u32]) -> Symmetric3 {
+pub(crate) fn covariance(cloud: &Neighbours, slot: usize, neighbours: &[u32]) -> Symmetric3 {
     let p = cloud.point(slot);
     // Relative to the point, so that nothing cancels far from the working origin.
     let offset = |j: &u32| cloud.point(*j as usize) - p;
