@@ -399,7 +399,7 @@ mod tests {
         let shadows = Some(ShadowScene { lights: vec![(0, spot(20.0))], center: DVec3::ZERO, radius: 1.0 });
         assert!(refused(SceneSummary { shadows, ..s() }, |s| s.shader = Shader::Phong));
         assert!(refused(s(), |s| s.shader = Shader::Toon));
-        assert!(!refused(s(), |s| s.accumulate = surfel_model::Accumulate::F16));
+        assert!(!refused(s(), |s| s.accumulate = Accumulate::F16));
     }
 
     #[test]
