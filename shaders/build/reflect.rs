@@ -38,8 +38,9 @@ pub(crate) fn layouts(module: &Module) -> Result<String, Box<dyn Error>> {
         let Some(name) = &constant.name else { continue };
         let (ty, value) = match &module.global_expressions[constant.init] {
             Expression::Literal(Literal::U32(value)) => ("u32", value.to_string()),
+            Expression::Literal(Literal::I32(value)) => ("i32", value.to_string()),
             Expression::Literal(Literal::F32(value)) => ("f32", format!("{value:?}")),
-            other => return Err(format!("constant {name} is {other:?}, expected a u32 or f32 literal").into()),
+            other => return Err(format!("constant {name} is {other:?}, expected a u32, i32 or f32 literal").into()),
         };
         writeln!(text, "/// `{name}` of the shaders.\npub const {name}: {ty} = {value};")?;
     }

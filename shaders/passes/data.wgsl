@@ -13,6 +13,8 @@ const SHADER_PHONG: u32 = 1u;
 const SHADER_NORMAL: u32 = 2u;
 const SHADER_DEPTH: u32 = 3u;
 const SHADER_TOON: u32 = 4u;
+const SHADER_MATCAP: u32 = 5u;
+const SHADER_EDL: u32 = 6u;
 
 // A frame, or one tile of it where it doesn't fit into a texture. Where edges are antialiased, targets have a border of one
 // pixel more than what is shaded, for neighbours.
@@ -56,9 +58,10 @@ struct Frame {
     // Texels on a side of a shadow map, and where a map that is drawn starts.
     shadow_side: u32,
     shadow_at: u32,
-    // There are polygons; lines are drawn where depth steps back.
+    // There are polygons; lines are drawn where depth steps back; what lies deep among its neighbours is darkened.
     has_polygons: u32,
     has_outlines: u32,
+    has_eye_dome: u32,
     // Coverage from which splats hide a polygon behind them.
     full_coverage: f32,
     // Transparent splats are drawn in layers, and records of them hold alpha in place of the coverage.

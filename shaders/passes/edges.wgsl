@@ -10,9 +10,20 @@ fn everywhere_vertex(@builtin(vertex_index) vertex: u32) -> @builtin(position) v
     return vec4f(corner * 2.0 - 1.0, 0.0, 1.0);
 }
 
-// True if a neighbour's surface lies beyond a pixel's own. Nothing kept there (0) is infinitely far.
-fn steps_back(own: vec2f, neighbour: vec2f) -> bool {
-    return neighbour.x <= 0.0 || own.x + own.y < neighbour.x - neighbour.y;
+@group(1) @binding(2) var edge_polygons: texture_2d<f32>;
+
+// True if a neighbour's surface lies beyond the reach of a pixel's own: splats (nothing kept there, 0, is infinitely far) and
+// the nearest polygon, if any. One that splats hide lies beyond what they keep, and decides nothing.
+fn steps_back(reach: f32, at: vec2i) -> bool {
+    let neighbour = textureLoad(edge_writers, at, 0).xy;
+    if neighbour.x > 0.0 && neighbour.x - neighbour.y <= reach {
+        return false;
+    }
+    if frame.has_polygons == 0u {
+        return true;
+    }
+    let polygon = textureLoad(edge_polygons, at, 0).x;
+    return polygon <= 0.0 || reach < polygon;
 }
 
 // `limit` for the passes behind. Where nothing is kept nothing lies behind, edge or not.
@@ -28,7 +39,7 @@ fn edges_fragment(@builtin(position) position: vec4f) -> @location(0) f32 {
     for (var y = max(pixel.y - 1, 0); y <= min(pixel.y + 1, last.y); y++) {
         for (var x = max(pixel.x - 1, 0); x <= min(pixel.x + 1, last.x); x++) {
             let is_other = x != pixel.x || y != pixel.y;
-            edge = edge || (is_other && steps_back(own, textureLoad(edge_writers, vec2i(x, y), 0).xy));
+            edge = edge || (is_other && steps_back(own.x + own.y, vec2i(x, y)));
         }
     }
     return select(0.0, textureLoad(edge_kept, pixel, 0), edge);

@@ -64,6 +64,11 @@ fn color_of(at: vec3f, point: Point, all: bool) -> vec3f {
             let to_eye = select(frame.to_eye, -unit(position), frame.projection.kind == PERSPECTIVE);
             return lit(albedo, normal, position, to_eye, material, all);
         }
+        case SHADER_MATCAP: {
+            let position = frame.world_from_view * at;
+            let to_eye = select(frame.to_eye, -unit(position), frame.projection.kind == PERSPECTIVE);
+            return albedo * matcap_color(normal, to_eye);
+        }
         case SHADER_NORMAL: {
             return select(vec3f(0.0, 0.0, 0.0), normal * 0.5 + 0.5, v3_dot(normal, normal) > 0.0);
         }
@@ -215,6 +220,14 @@ fn finished(pixel: vec2i, background: vec4f, all: bool) -> Pixel {
     }
     if all && frame.has_outlines != 0u && front.is_there && has_outline(pixel, front) {
         front.color = vec3f(0.0, 0.0, 0.0);
+    }
+    if all && frame.has_eye_dome != 0u {
+        if front.is_there {
+            front.color *= among_neighbours(pixel, front.z);
+        }
+        if behind.is_there {
+            colors[2] *= among_neighbours(pixel, behind.z);
+        }
     }
     var color = select(background, vec4f(front.color, 1.0), front.is_there);
     if is_edge {

@@ -148,6 +148,9 @@ pub const TWINS: &[Twin] = &[
     twin("toon_highlight", "toon::highlight"),
     twin("toon_line", "toon::line"),
     twin("toon_step_back_limit", "toon::step_back_limit"),
+    twin("matcap_coordinates", "matcap::coordinates"),
+    twin("eye_dome_rise_weight", "eye_dome::rise_weight"),
+    twin("eye_dome_brightness", "eye_dome::brightness"),
     twin("weight", "kernel::weight"),
 ];
 

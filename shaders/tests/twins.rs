@@ -76,6 +76,9 @@ fn rust_paths() -> BTreeSet<&'static str> {
         toon::highlight;
         toon::line;
         toon::step_back_limit;
+        matcap::coordinates;
+        eye_dome::rise_weight;
+        eye_dome::brightness;
         kernel::weight, as kernel::weight;
     })
 }
@@ -111,4 +114,9 @@ fn functions_are_written_out_in_the_text() {
 fn edge_on_is_the_same_number_in_both() {
     let line = WGSL.lines().find_map(|line| line.strip_prefix("const EDGE_ON: f32 = ")).unwrap();
     assert_eq!(line.trim_end_matches(';').parse::<f64>().unwrap(), surfel_math::project::EDGE_ON);
+}
+
+#[test]
+fn eye_dome_reaches_as_far_in_both() {
+    assert_eq!(surfel_shaders::layout::EYE_DOME_REACH, surfel_math::eye_dome::REACH_PX);
 }

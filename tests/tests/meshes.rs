@@ -182,6 +182,27 @@ fn mesh_hand_over_smooths_the_seam() {
     assert!(rough > 0.4 && smooth < 0.5 * rough, "{smooth} {rough}");
 }
 
+/// Where splats end on a polygon there is no edge, and no line where the background shines through.
+#[test]
+fn mesh_that_goes_on_where_splats_end_makes_no_edge() {
+    let case = scenes::half_mesh_wall();
+    let [plain, smooth] = [false, true].map(|edge_aa| picture(&case.with("edges", |s| s.edge_aa = edge_aa)));
+    let (w, h) = (plain.width as usize, plain.height as usize);
+    let there = |at: usize| plain.depth[at].is_finite();
+    let (mut inside, mut rim) = (0, 0);
+    for (x, y) in (1..h - 1).flat_map(|y| (1..w - 1).map(move |x| (x, y))) {
+        let same = plain.color[y * w + x] == smooth.color[y * w + x];
+        if (y - 1..=y + 1).all(|j| (x - 1..=x + 1).all(|i| there(j * w + i))) {
+            assert!(same, "{x},{y}: {:?} {:?}", plain.color[y * w + x], smooth.color[y * w + x]);
+            inside += 1;
+        } else {
+            rim += usize::from(!same);
+        }
+    }
+    // 2 by 1.8 units at 30 px a unit.
+    assert!(inside > 2500 && rim > 50, "{inside} {rim}");
+}
+
 #[test]
 fn mesh_hides_and_is_hidden_by_transparent_splats() {
     let mut case = disk_and_quad(0.5, 0.0, 1.0);

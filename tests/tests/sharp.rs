@@ -22,7 +22,8 @@ fn differences(mesh: &Mesh, splats: usize, policy: ClipPolicy) -> Vec<Difference
     let (cloud, _) = sharp_splats_from_mesh(mesh, &options, &NoProgress).unwrap();
     let mut object = object(cloud);
     object.material.cull = Cull::Back;
-    let scene = Scene { up: None, background: [0.0; 4], ambient: [0.0; 3], lights: None, objects: vec![object] };
+    let scene =
+        Scene { up: None, background: [0.0; 4], ambient: [0.0; 3], lights: None, matcap: None, objects: vec![object] };
     let cast = Cast::new(mesh);
     let mut reference = Reference::new(0).unwrap();
     let resident = reference.upload(&scene).unwrap();

@@ -6,6 +6,7 @@ mod clouds;
 mod halves;
 mod part;
 mod ply;
+mod scan;
 
 use std::io;
 use std::path::Path;
@@ -42,6 +43,7 @@ fn write(root: &Path, folder: &Path, sink: Sink<'_>) -> io::Result<()> {
     sink("sphere.ply", clouds::sphere().to_ply())?;
     sink("glass-spheres.ply", clouds::glass_spheres().to_ply())?;
     sink("part.obj", part::part().to_obj().into_bytes())?;
+    sink("spot-scan.xyz", scan::scan(root)?)?;
     let [left, right] = halves::halves(root)?;
     sink("spot-left.obj", left)?;
     sink("spot-right.obj", right)

@@ -11,6 +11,10 @@ const PICTURES: &[(&str, &[&str])] = &[
     ("half-spot-parts", &["assets/gallery/half-spot.json", "--shader", "normal"]),
     ("shadows", &["assets/gallery/shadows.json"]),
     ("toon", &["assets/gallery/toon.json"]),
+    ("matcap", &["assets/gallery/matcap.json"]),
+    ("matcap-clay", &["assets/gallery/matcap.json", "--matcap", "builtin"]),
+    ("scan-phong", &["assets/gallery/scan.json", "--shader", "phong"]),
+    ("scan-edl", &["assets/gallery/scan.json"]),
     ("silhouette-plain", &["assets/gallery/silhouette.json", "--edge-aa=off"]),
     ("silhouette", &["assets/gallery/silhouette.json"]),
 ];

@@ -96,8 +96,10 @@ impl<'a> Tile<'a> {
             Buffer::filled(device, "objects", &frame.objects, storage)?,
             Buffer::filled(device, "lights", &frame.lights, storage)?,
             Buffer::filled(device, "shadow maps", &frame.shadow_maps, storage)?,
+            Buffer::filled(device, "matcap", &frame.matcap, storage)?,
         ];
-        let all = numbered(frame_buffers.iter().chain([shadows.read]));
+        let [uniform, objects, lights, maps, matcap] = &frame_buffers;
+        let all = numbered([uniform, objects, lights, maps, shadows.read, matcap]);
         let frame_set = sets.set(&pipelines.frame_set, "frame", &all)?;
         let setup_frame = sets.set(&pipelines.setup_frame_set, "frame of setup", &all)?;
         buffers.extend(frame_buffers);

@@ -54,6 +54,8 @@ pub const CAPABILITIES: Capabilities = Capabilities {
         Feature::Clips,
         Feature::Meshes,
         Feature::Toon,
+        Feature::Matcap,
+        Feature::EyeDome,
         Feature::Peel,
         Feature::Shadows,
     ],

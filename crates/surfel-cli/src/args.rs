@@ -142,6 +142,9 @@ pub(crate) struct RenderArgs {
     /// How pixels are shaded.
     #[arg(long, value_parser = values::shader(), help_heading = "Settings")]
     pub(crate) shader: Option<Shader>,
+    /// Image of a lit ball for the shader matcap, which this chooses: a PNG or JPEG, or builtin.
+    #[arg(long, value_name = "FILE|builtin", help_heading = "Settings")]
+    pub(crate) matcap: Option<PathBuf>,
     /// Octrees (.surfel): draw splats of at most this many pixels, and polygons where even the finest are larger.
     #[arg(long, value_name = "PX", value_parser = values::positive, default_value = "1")]
     pub(crate) lod_error: f64,

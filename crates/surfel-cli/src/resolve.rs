@@ -7,7 +7,8 @@ use crate::failure::Failure;
 use glam::DVec3;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use surfel::model::{ObjectFile, Shader};
+use std::sync::Arc;
+use surfel::model::{Matcap, ObjectFile, Shader};
 use surfel::{
     AutoOptions, Camera, DEFAULT_SIZE, HybridObject, Light, LoadOptions, LoadedObjects, Preset, Scene, SceneFile,
     Settings, Up,
@@ -92,9 +93,10 @@ fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Re
     file.camera.validate().map_err(out_of_range)?;
     camera::apply_flags(&mut file.camera, &objects_only, up, false, args);
     let hybrids = loaded.hybrids;
-    let scene =
+    let mut scene =
         surfel::assemble(&file, loaded.objects).map_err(|e| Failure::input(format!("{}: {e}", path.display())))?;
-    absolute_paths(&mut file.objects, base)?;
+    absolute_paths(&mut file, base)?;
+    scene.matcap = matcap(&mut file, args)?;
     // A scene file's camera turns about what it looks at, about the scene's up axis or else its own.
     let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
     let turntable = Turntable { center: file.camera.target.into(), axis };
@@ -136,8 +138,9 @@ fn of_geometry(args: &RenderArgs, console: &Console) -> Result<Resolved, Failure
     let lights = surfel::studio_lights(&file.camera);
     file.lights = Some(if args.shadows { with_shadows(lights) } else { lights });
     let hybrids = loaded.hybrids;
-    let scene = surfel::assemble(&file, loaded.objects)?;
-    absolute_paths(&mut file.objects, Path::new(""))?;
+    let mut scene = surfel::assemble(&file, loaded.objects)?;
+    absolute_paths(&mut file, Path::new(""))?;
+    scene.matcap = matcap(&mut file, args)?;
     Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() }, hybrids })
 }
 
@@ -178,7 +181,7 @@ fn settings(base: Settings, args: &RenderArgs) -> Settings {
         prefilter_radius_px: args.prefilter.unwrap_or(base.prefilter_radius_px),
         mapping: args.mapping.unwrap_or(base.mapping),
         depth_tolerance: args.depth_tolerance.unwrap_or(base.depth_tolerance),
-        shader: args.shader.unwrap_or(base.shader),
+        shader: args.shader.or(args.matcap.as_ref().map(|_| Shader::Matcap)).unwrap_or(base.shader),
         edge_aa: args.edge_aa.unwrap_or(base.edge_aa),
         transparency: args.transparency.unwrap_or(base.transparency),
         clip: args.clip.unwrap_or(base.clip),
@@ -196,18 +199,29 @@ fn with_shadows(mut lights: Vec<Light>) -> Vec<Light> {
 }
 
 /// A printed scene may be saved anywhere.
-fn absolute_paths(objects: &mut [ObjectFile], base: &Path) -> Result<(), Failure> {
-    let absolute = |path: &mut PathBuf| {
-        let joined = base.join(&*path);
-        *path = std::path::absolute(&joined)
-            .map_err(|e| Failure::other(format!("{}: has no absolute path: {e}", joined.display())))?;
-        Ok::<(), Failure>(())
-    };
-    for object in objects {
-        object.splats.as_mut().map(absolute).transpose()?;
-        object.mesh.as_mut().map(absolute).transpose()?;
+fn absolute_paths(file: &mut SceneFile, base: &Path) -> Result<(), Failure> {
+    for object in &mut file.objects {
+        for path in [&mut object.splats, &mut object.mesh].into_iter().flatten() {
+            *path = absolute(&base.join(&*path))?;
+        }
+    }
+    if let Some(path) = &mut file.matcap {
+        *path = absolute(&base.join(&*path))?;
     }
     Ok(())
+}
+
+fn absolute(path: &Path) -> Result<PathBuf, Failure> {
+    std::path::absolute(path).map_err(|e| Failure::other(format!("{}: has no absolute path: {e}", path.display())))
+}
+
+/// The matcap that the flag or else the file names, whose paths are absolute; `None` for the built-in one, and where none is
+/// asked for.
+fn matcap(file: &mut SceneFile, args: &RenderArgs) -> Result<Option<Arc<Matcap>>, Failure> {
+    if let Some(given) = &args.matcap {
+        file.matcap = if given.as_os_str() == "builtin" { None } else { Some(absolute(given)?) };
+    }
+    Ok(surfel::load_matcap(file, Path::new(""))?)
 }
 
 #[cfg(test)]

@@ -29,7 +29,7 @@ named!(clip, ClipPolicy, [
 ]);
 named!(shader, Shader, [
     "unlit" => Shader::Unlit, "phong" => Shader::Phong, "toon" => Shader::Toon,
-    "normal" => Shader::Normal, "depth" => Shader::Depth,
+    "normal" => Shader::Normal, "depth" => Shader::Depth, "matcap" => Shader::Matcap, "edl" => Shader::Edl,
 ]);
 named!(preset, Preset, [
     "fastest" => Preset::Fastest, "fast" => Preset::Fast, "balanced" => Preset::Balanced,

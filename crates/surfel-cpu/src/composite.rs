@@ -3,6 +3,7 @@
 
 use crate::between::Between;
 use crate::bins::TILE_BLOCKS;
+use crate::eye_dome;
 use crate::lanes::Lanes;
 use crate::lists::ItemLists;
 use crate::mesh::{ScreenTriangle, StoredMesh, TriangleSegment};
@@ -17,6 +18,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::Real;
 use surfel_math::kernel::FULL_COVERAGE;
+use surfel_model::Shader;
 
 /// What a frame has besides opaque splats.
 pub(crate) struct Extras<'a> {
@@ -48,6 +50,8 @@ impl CompositeScratch<'_> {
 /// The opaque surfaces of a block.
 struct Front<S: Simd> {
     sums: Sums<S>,
+    /// Depth of the nearest polygons, whatever hides them, where the block has any.
+    polygon: Option<Lanes<S>>,
     shaded: Shaded<S>,
     /// +∞ where nothing is.
     opaque_depth: Lanes<S>,
@@ -141,7 +145,8 @@ impl<'a> CompositeJob<'a> {
         let (splats, triangles) = (scratch.lists.of(block), scratch.composite.triangles.of(block));
         let infinite = Lanes::splat(simd, f32::INFINITY);
         if triangles.is_empty() && splats.records.is_empty() {
-            return Front { sums: Sums::new(simd), shaded: Shaded::nothing(simd), opaque_depth: infinite };
+            let sums = Sums::new(simd);
+            return Front { sums, polygon: None, shaded: Shaded::nothing(simd), opaque_depth: infinite };
         }
         let mut polygon = None;
         let sums = if triangles.is_empty() {
@@ -156,6 +161,7 @@ impl<'a> CompositeJob<'a> {
         };
         let mut shaded = shade::lit(simd, lighting, shade::divided(simd, lighting, &sums), at);
         let mut opaque_depth = Lanes::select(shaded.covered, shaded.z, infinite);
+        let polygon_z = polygon.as_ref().map(|(nearest, _)| nearest.z);
         if let Some((nearest, shown)) = polygon {
             let mask = shown.lt(infinite);
             if mask.to_bitmask() != 0 {
@@ -166,24 +172,21 @@ impl<'a> CompositeJob<'a> {
                 opaque_depth = opaque_depth.min(shown);
             }
         }
-        Front { sums, shaded, opaque_depth }
+        Front { sums, polygon: polygon_z, shaded, opaque_depth }
     }
 
     #[inline(always)]
     fn put_planes<S: Simd>(&self, simd: S, planes: &mut NeighbourRows<'_>, at: (i32, i32), front: &Front<S>) {
-        put_plane(&mut planes.kept, at, front.sums.kept);
-        put_plane(&mut planes.epsilon, at, front.sums.kept_epsilon);
-        put_plane(&mut planes.coverage, at, front.sums.coverage);
+        planes.put_edges(at, &front.sums, front.polygon);
         put_plane(&mut planes.opaque, at, front.opaque_depth);
         if !planes.depth.is_empty() {
             let infinite = Lanes::splat(simd, f32::INFINITY);
             let or_nothing = |v| Lanes::select(front.shaded.covered, v, infinite);
             put_plane(&mut planes.depth, at, or_nothing(front.shaded.z));
-            put_plane(
-                &mut planes.limit,
-                at,
-                or_nothing(shade::line_limit(simd, self.tiles.lighting, &front.shaded, at)),
-            );
+            if !planes.limit.is_empty() {
+                let limit = shade::line_limit(simd, self.tiles.lighting, &front.shaded, at);
+                put_plane(&mut planes.limit, at, or_nothing(limit));
+            }
         }
     }
 
@@ -223,7 +226,8 @@ impl<'a> CompositeJob<'a> {
         }
         const BLOCKS: usize = (TILE_BLOCKS * TILE_BLOCKS) as usize;
         let (mut lines, mut edges) = ([0u16; BLOCKS], [0u16; BLOCKS]);
-        let (mut wanted, mut behind) = (0u64, 0u64);
+        let (mut wanted, mut behind, mut domed) = (0u64, 0u64, 0u64);
+        let infinite = Lanes::splat(simd, f32::INFINITY);
         let all = self.tiles.listing.blocks(tile);
         let mut left = all;
         while left != 0 {
@@ -235,9 +239,12 @@ impl<'a> CompositeJob<'a> {
             edges[block as usize] = (planes.edges(simd, at) & inside) as u16;
             wanted |= u64::from(lines[block as usize] != 0) << block;
             behind |= u64::from(edges[block as usize] != 0) << block;
+            if self.tiles.lighting.shader == Shader::Edl {
+                domed |= u64::from(planes.depth(simd, at).lt(infinite).to_bitmask() & inside != 0) << block;
+            }
         }
         let veiled = self.list_veils(tile, all, &mut scratch.composite.veils);
-        wanted |= behind | veiled;
+        wanted |= behind | veiled | domed;
         if wanted == 0 {
             return counters;
         }
@@ -250,6 +257,13 @@ impl<'a> CompositeJob<'a> {
             let at = self.tiles.listing.block_px(tile, block);
             let (lines, edges) = (lines[block as usize], edges[block as usize]);
             let mut pixels = target.get(simd, at);
+            if domed >> block & 1 != 0 {
+                let z = planes.depth(simd, at);
+                let bright = self.brightness(simd, planes, at, z);
+                for c in &mut pixels.color[..3] {
+                    *c = Lanes::select(z.lt(infinite), *c * bright, *c);
+                }
+            }
             if lines != 0 {
                 let line = mask32x16::from_bitmask(simd, lines.into());
                 for c in &mut pixels.color[..3] {
@@ -274,6 +288,12 @@ impl<'a> CompositeJob<'a> {
         }
         counters.kept = added.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();
         counters
+    }
+
+    /// How bright depths are among the front surfaces about a block (§5, `edl`).
+    #[inline(always)]
+    fn brightness<S: Simd>(&self, simd: S, planes: &NeighbourPlanes, at: (i32, i32), z: Lanes<S>) -> Lanes<S> {
+        eye_dome::among_neighbours(simd, planes, self.tiles.lighting.projection(), at, z)
     }
 
     /// What lies behind a block's edges, and which pixels are edges: none that a polygon covers, which splats are blended over
@@ -307,6 +327,9 @@ impl<'a> CompositeJob<'a> {
                 let surface = nearest.surface(simd, triangles, self.extras.meshes, at, mask);
                 shaded = shade::lit(simd, lighting, surface, at).or(&shaded);
             }
+        }
+        if lighting.shader == Shader::Edl {
+            shaded.color = shaded.color * self.brightness(simd, planes, at, shaded.z);
         }
         counters.edge_pixels += u64::from(edge.to_bitmask().count_ones());
         (shaded.over_background(simd, lighting, sums.fragments).color, edge)

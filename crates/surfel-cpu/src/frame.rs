@@ -62,7 +62,8 @@ pub(crate) fn draw(
         layers: Layers::new(plan, work.peeling == Peeling::Anew),
         factors: scene.objects.iter().map(|o| o.material.factors().map(|f| f as f32)).collect(),
         coverage: scene.objects.iter().map(|o| o.coverage_per_weight(plan.splat_filter.cutoff)).collect(),
-        lighting: Lighting::new(plan, view, lights, shadows, scene.ambient, scene.material.factors(), scene.background),
+        lighting: Lighting::new(plan, view, lights, shadows, scene.ambient, scene.material.factors(), scene.background)
+            .with_matcap(scene.matcap.clone()),
     };
     let setups = preparation.setups();
     let chunks = preparation.seen(&setups);
@@ -154,7 +155,7 @@ impl Drawing<'_> {
         let start = Instant::now();
         let (plan, instructions) = (self.plan, self.preparation.instructions);
         let looks_twice = NeighbourPlanes::are_needed(plan);
-        let region = if looks_twice { NeighbourPlanes::grown(rows, self.view) } else { rows };
+        let region = if looks_twice { rows.grown(plan.reach_px(), self.view.size) } else { rows };
         let grid = self.preparation.grid(region);
         let mut prepared = self.preparation.set_up(setups, seen, &grid, rows);
         let triangles = if plan.has(Pass::Polygons) {
@@ -177,7 +178,10 @@ impl Drawing<'_> {
         let order = heavy_first(&tiles, &extras);
         let job = CompositeJob { tiles, extras };
         // The same for every tile: opaque splats alone are drawn without a look at anything else.
-        let plain = !plan.has(Pass::Polygons) && !plan.separates_transparent && !plan.has(Pass::Outlines);
+        let plain = !plan.has(Pass::Polygons)
+            && !plan.separates_transparent
+            && !plan.has(Pass::Outlines)
+            && !plan.has(Pass::EyeDome);
         let mut bytes = triangles.iter().map(TriangleSegment::bytes).sum::<usize>();
         if !looks_twice {
             let targets = sorted(TileTarget::cut(frame, &grid, rows, self.view.region), &order);

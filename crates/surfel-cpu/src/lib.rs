@@ -13,7 +13,8 @@
 //! cache when they are drawn.
 //!
 //! A frame with more than opaque splats has its tiles drawn by `composite`: `mesh` and `polygon` find polygons, `between` puts
-//! splats before them, `veil` draws transparent layers, `planes` serves a second look at edges and lines; `shadow` draws maps by
+//! splats before them, `veil` draws transparent layers, `planes` serves a second look at edges and lines; `matcap` and `eye_dome` are
+//! shaders of their own; `shadow` draws maps by
 //! the same setup. What a frame lacks costs it nothing.
 //!
 //! Output is bit-identical for any number of threads and any SIMD level: every sum is in splat order, every operation
@@ -25,6 +26,7 @@ mod cells;
 mod clip;
 mod column;
 mod composite;
+mod eye_dome;
 mod fragment;
 mod frame;
 mod kernel;
@@ -33,6 +35,7 @@ mod lanes;
 mod level;
 mod lists;
 mod mask;
+mod matcap;
 mod mesh;
 mod near;
 mod placed;
@@ -46,6 +49,7 @@ mod renderer;
 mod setup;
 mod shade;
 mod shadow;
+mod spot;
 mod store;
 mod target;
 mod tile;

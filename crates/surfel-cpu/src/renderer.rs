@@ -6,8 +6,9 @@ use crate::level::{Instructions, SimdLevel};
 use crate::mesh::StoredMesh;
 use crate::recycle::Recycled;
 use crate::store::StoredObject;
+use std::sync::Arc;
 use std::time::Instant;
-use surfel_model::{Geometry, Light, Material, Scene, Settings};
+use surfel_model::{Geometry, Light, Matcap, Material, Scene, Settings};
 use surfel_render::{
     Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, Storage, View, plan,
 };
@@ -22,6 +23,8 @@ const CAPABILITIES: Capabilities = Capabilities {
         Feature::ABuffer,
         Feature::Shadows,
         Feature::Toon,
+        Feature::Matcap,
+        Feature::EyeDome,
     ],
 };
 
@@ -109,6 +112,7 @@ pub struct ResidentScene {
     pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: [f64; 3],
+    pub(crate) matcap: Option<Arc<Matcap>>,
     /// Linear, premultiplied.
     pub(crate) background: [f64; 4],
 }
@@ -194,6 +198,7 @@ impl surfel_render::Renderer for Renderer {
             material: scene.objects.first().map_or(Material::default(), |o| o.material),
             lights: scene.lights.clone(),
             ambient: scene.ambient,
+            matcap: scene.matcap.clone(),
             background: [r * a, g * a, b * a, a],
         })
     }

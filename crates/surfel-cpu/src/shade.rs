@@ -1,16 +1,19 @@
 //! Dividing and lighting a block (§5), sixteen pixels of a block at a time.
 
 use crate::lane_math::transform;
-use crate::lanes::{LANES, Lanes};
+use crate::lanes::Lanes;
+use crate::matcap::Ball;
 use crate::raster::Sums;
 use crate::shadow::{self, Shadow};
+use crate::spot;
 use fearless_simd::prelude::SimdMask;
 use fearless_simd::{Simd, mask32x16};
 use glam::{DVec3, Mat3, Vec3};
+use std::sync::Arc;
 use surfel_math::depth::plane_gradient;
-use surfel_math::projection::ProjectionKind;
+use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_math::{Real, V2, V3, toon};
-use surfel_model::{Light, Shader};
+use surfel_model::{Light, Matcap, Shader};
 use surfel_render::{Attributes, FramePlan, Planes, View};
 
 /// A light as the shader reads it: positions relative to the eye, so that nothing is lost far from the origin.
@@ -35,6 +38,8 @@ pub(crate) struct Lighting {
     whole_shininess: Option<(u32, f32)>,
     /// Linear, premultiplied.
     pub background: [f32; 4],
+    /// Where the shader is `matcap`.
+    ball: Option<Ball>,
     world_from_view: Mat3,
     forward: Vec3,
     view: View,
@@ -85,7 +90,14 @@ impl Lighting {
             world_from_view: view.view_from_world.transpose().as_mat3(),
             forward: view.forward().as_vec3(),
             view: view.clone(),
+            ball: None,
         }
+    }
+
+    /// With what the shader `matcap` looks up, if it is the frame's.
+    pub(crate) fn with_matcap(self, image: Option<Arc<Matcap>>) -> Self {
+        let wanted = self.shader == Shader::Matcap && self.planes.color;
+        Self { ball: wanted.then(|| Ball::new(image.unwrap_or_else(Matcap::builtin))), ..self }
     }
 }
 
@@ -100,6 +112,11 @@ impl Lighting {
     /// World position relative to the eye of a view position.
     pub(crate) fn world_from_view(&self, p: Vec3) -> Vec3 {
         self.world_from_view * p
+    }
+
+    /// The view's.
+    pub(crate) fn projection(&self) -> &Projection {
+        &self.view.projection
     }
 
     /// z_near.
@@ -158,7 +175,7 @@ pub(crate) fn lit<S: Simd>(simd: S, lighting: &Lighting, surface: Surface<S>, (x
     let zero = k(0.0);
     let mut color = V3::new(zero, zero, zero);
     if lighting.planes.color {
-        let sight = if matches!(lighting.shader, Shader::Phong | Shader::Toon) {
+        let sight = if matches!(lighting.shader, Shader::Phong | Shader::Toon | Shader::Matcap) {
             let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
             position(simd, lighting, surface.z, at)
         } else {
@@ -209,7 +226,16 @@ fn shaded<S: Simd>(
     let (zero, one) = (k(0.0), k(1.0));
     let Surface { covered, normal, z, .. } = *surface;
     match lighting.shader {
-        Shader::Unlit => surface.albedo,
+        // Eye-dome lighting follows where neighbours are known.
+        Shader::Unlit | Shader::Edl => surface.albedo,
+        Shader::Matcap => match &lighting.ball {
+            Some(ball) => {
+                let down = vector(simd, lighting.world_from_view.y_axis);
+                let c = ball.color(simd, covered, [normal, sight.1, down]);
+                V3::new(surface.albedo.x * c.x, surface.albedo.y * c.y, surface.albedo.z * c.z)
+            }
+            None => surface.albedo,
+        },
         Shader::Normal => {
             let half = k(0.5);
             let there = zero.lt(normal.dot(normal));
@@ -362,7 +388,7 @@ fn phong<S: Simd>(
             FrameLight::Point { position: at, color } => (unit(vector(simd, *at) - position), vector(simd, *color)),
             FrameLight::Spot { position: at, direction, color, inner, outer } => {
                 let to_light = unit(vector(simd, *at) - position);
-                let strength = spot(simd, to_light, *direction, *inner, *outer);
+                let strength = spot::strength(simd, to_light, *direction, *inner, *outer);
                 (to_light, vector(simd, *color) * strength)
             }
         };
@@ -466,24 +492,4 @@ fn unit<S: Simd>(v: V3<Lanes<S>>) -> V3<Lanes<S>> {
     let one = v.x.one();
     let v = v * (one / Lanes::select(there, largest, one));
     v * Lanes::select(there, v.dot(v), one).inverse_sqrt()
-}
-
-/// Strength of a spot light: smoothstep between its half-angles. The angle needs an arctangent, so it is scalar.
-#[cold]
-fn spot<S: Simd>(simd: S, to_light: V3<Lanes<S>>, direction: Vec3, inner: f64, outer: f64) -> Lanes<S> {
-    let (x, y, z) = (to_light.x.to_array(), to_light.y.to_array(), to_light.z.to_array());
-    let strength: [f32; LANES] = std::array::from_fn(|i| {
-        let ray = -DVec3::new(x[i].into(), y[i].into(), z[i].into());
-        let axis = direction.as_dvec3();
-        let angle = (2.0 * (ray - axis).length().atan2((ray + axis).length())).to_degrees();
-        let t = if angle <= inner {
-            1.0
-        } else if angle >= outer {
-            0.0
-        } else {
-            (outer - angle) / (outer - inner)
-        };
-        (t * t * (3.0 - 2.0 * t)) as f32
-    });
-    Lanes::load(simd, &strength)
 }

@@ -6,7 +6,7 @@ use crate::lists::BlockLists;
 use crate::planes::NeighbourRows;
 use crate::raster::{self, Scratch, Shared, Unlimited};
 use crate::shade::{self, Lighting};
-use crate::target::{Rect, TileTarget, put_plane};
+use crate::target::{Rect, TileTarget};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16};
 
@@ -129,9 +129,7 @@ impl<'a> TileJob<'a> {
             let pixels = shade::resolve(simd, self.lighting, &sums, at);
             target.put(at, &pixels);
             if let Some(edges) = &mut edges {
-                put_plane(&mut edges.kept, at, sums.kept);
-                put_plane(&mut edges.epsilon, at, sums.kept_epsilon);
-                put_plane(&mut edges.coverage, at, sums.coverage);
+                edges.put_edges(at, &sums, None);
             }
         }
         counters.kept = kept.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();

@@ -21,7 +21,7 @@ pub enum Pixels {
     StoreShadow,
     /// The picture.
     Shade,
-    /// A picture of opaque splats without antialiased edges, lines or shadows.
+    /// A picture of opaque splats without antialiased edges, shadows or what else looks at neighbours.
     ShadeSplats,
 }
 
@@ -163,7 +163,7 @@ pub(crate) fn rounds(plan: &FramePlan) -> Vec<Round> {
         rounds.extend(next(plan.peeled_layers() == 0));
         rounds.extend([sums(Layer::Remaining), Round::Pixels(Pixels::RemainingLayer)]);
     }
-    let more = edges || polygons || has_layers(plan) || plan.has(Pass::Outlines) || !plan.shadow_maps.is_empty();
+    let more = polygons || has_layers(plan) || plan.reach_px() > 0 || !plan.shadow_maps.is_empty();
     let all = more || plan.shader == Shader::Toon;
     rounds.push(Round::Pixels(if all { Pixels::Shade } else { Pixels::ShadeSplats }));
     rounds

@@ -4,7 +4,7 @@ use crate::chunk::Chunk;
 use crate::clip::Variant;
 use glam::DAffine3;
 use std::sync::Arc;
-use surfel_model::{Light, Material, Mesh, SplatCloud};
+use surfel_model::{Light, Matcap, Material, Mesh, SplatCloud};
 use surfel_render::{SceneSummary, Storage};
 use surfel_shaders::layout;
 
@@ -99,6 +99,7 @@ pub struct UploadedScene {
     pub(crate) meshes: Vec<UploadedMesh>,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: [f64; 3],
+    pub(crate) matcap: Option<Arc<Matcap>>,
     /// Linear, premultiplied.
     pub(crate) background: [f64; 4],
 }

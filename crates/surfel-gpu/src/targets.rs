@@ -307,7 +307,7 @@ impl Draw {
             Self::Sums(Layer::Front, _) => &[(0, Target::Kept)],
             Self::Sums(Layer::Among, _) => &[(0, Target::Kept), (2, Target::Polygons)],
             Self::Sums(Layer::Behind, _) => &[(0, Target::KeptBehind), (1, Target::Limit)],
-            Self::Edges => &[(0, Target::Kept), (1, Target::Writers)],
+            Self::Edges => &[(0, Target::Kept), (1, Target::Writers), (2, Target::Polygons)],
         }
     }
 

@@ -20,29 +20,19 @@ const LARGEST_SIDE: u32 = u16::MAX as u32;
 /// Polygons of a tile, less than.
 const MOST_POLYGONS: u32 = 1 << 24;
 
-/// Pixels around a tile that its targets have besides, where they are inside the image: neighbours that edges and
-/// outlines look at.
-fn border(plan: &FramePlan) -> u32 {
-    u32::from(plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::Outlines))
-}
-
-/// A tile and its border.
+/// A tile and, where they are inside the image, the pixels around it that passes look at.
 fn targets_of(tile: Region, view: &View, plan: &FramePlan) -> Region {
-    let by = border(plan);
-    let (x, y) = (tile.x.saturating_sub(by), tile.y.saturating_sub(by));
-    let end = |start: u32, length: u32, limit: u32| (start + length + by).min(limit);
-    let (right, bottom) = (end(tile.x, tile.width, view.size[0]), end(tile.y, tile.height, view.size[1]));
-    Region { x, y, width: right - x, height: bottom - y }
+    tile.grown(plan.reach_px(), view.size)
 }
 
 /// Cuts the view's region into tiles whose targets and planes are within the limits.
 pub fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region> {
-    let side = limits.texture_side.min(LARGEST_SIDE).saturating_sub(2 * border(plan)).max(1);
+    let side = limits.texture_side.min(LARGEST_SIDE).saturating_sub(2 * plan.reach_px()).max(1);
     let veil = if has_layers(plan) { layout::veil::SIZE as u64 } else { 0 };
     let bytes = veil.max(4 * u64::from(floats_per_pixel(plan.planes).max(1)));
     let pixels = (limits.buffer_bytes.min(u64::from(u32::MAX)) / bytes).max(1);
     // The border counts, too.
-    let borders = 2 * u64::from(border(plan));
+    let borders = 2 * u64::from(plan.reach_px());
     let within = |pixels: u64| pixels.saturating_sub(borders).clamp(1, u64::from(side)) as u32;
     let width = view.region.width.min(within(pixels / (1 + borders)));
     let height = view.region.height.min(within(pixels / (u64::from(width) + borders)));

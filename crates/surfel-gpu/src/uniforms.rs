@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 use surfel_math::basis::unit;
 use surfel_math::depth::Tolerance;
 use surfel_math::kernel::{FULL_COVERAGE, interior_weight_at_cutoff};
-use surfel_model::{ClipPolicy, Cull, Filter, Light, Material, Shader};
+use surfel_model::{ClipPolicy, Cull, Filter, Light, Matcap, Material, Shader};
 use surfel_render::{FramePlan, Pass, Region, SHADOW_MAP_SIDE, View};
 use surfel_shaders::layout;
 
@@ -30,6 +30,8 @@ pub struct FrameScene {
     pub lights: Vec<u32>,
     /// Words of the shaders' `shadow_maps`, one at least.
     pub shadow_maps: Vec<u32>,
+    /// Words of the shaders' `matcap`, one at least.
+    pub matcap: Vec<u32>,
     pub(crate) light_count: u32,
     /// Where the map that this is of is stored.
     shadow: ShadowPlace,
@@ -55,7 +57,8 @@ impl FrameScene {
         }
         let shadow_maps = shadow_map_words(plan, view);
         let (light_count, shadow) = (given.len() as u32, ShadowPlace::default());
-        Self { objects, lights, shadow_maps, light_count, shadow, placements }
+        let matcap = matcap_words(scene, plan);
+        Self { objects, lights, shadow_maps, matcap, light_count, shadow, placements }
     }
 
     /// A scene as a light sees it.
@@ -113,6 +116,16 @@ fn light_words(light: &Light, index: usize, view: &View, plan: &FramePlan) -> Ve
     words.into_vec()
 }
 
+/// Size and texels of the picture that the shader `matcap` looks up; a word where the plan has another.
+fn matcap_words(scene: &UploadedScene, plan: &FramePlan) -> Vec<u32> {
+    if plan.shader != Shader::Matcap || !plan.planes.color {
+        return vec![0];
+    }
+    let matcap = scene.matcap.clone().unwrap_or_else(Matcap::builtin);
+    let texels = matcap.texels().iter().flatten().map(|c| c.to_bits());
+    matcap.size().into_iter().chain(texels).collect()
+}
+
 /// The shaders' `Frame` for a tile.
 pub(crate) fn frame_words(
     scene: &UploadedScene,
@@ -144,6 +157,7 @@ pub(crate) fn frame_words(
     words.u32(at::SHADOW_SIDE, SHADOW_MAP_SIDE).u32(at::SHADOW_AT, frame.shadow.at);
     words.u32(at::HAS_POLYGONS, u32::from(plan.has(Pass::Polygons))).f64(at::FULL_COVERAGE, FULL_COVERAGE);
     words.u32(at::HAS_OUTLINES, u32::from(plan.has(Pass::Outlines)));
+    words.u32(at::HAS_EYE_DOME, u32::from(plan.has(Pass::EyeDome)));
     words.u32(at::HAS_LAYERS, u32::from(has_layers(plan)));
     words.u32(at::CLIP_BY_CHORD, u32::from(plan.clip == ClipPolicy::Line));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
@@ -175,5 +189,7 @@ fn shader_kind(shader: Shader) -> u32 {
         Shader::Phong => layout::SHADER_PHONG,
         Shader::Normal => layout::SHADER_NORMAL,
         Shader::Depth => layout::SHADER_DEPTH,
+        Shader::Matcap => layout::SHADER_MATCAP,
+        Shader::Edl => layout::SHADER_EDL,
     }
 }

@@ -97,6 +97,7 @@ impl Upload {
             meshes,
             lights: scene.lights.clone(),
             ambient: scene.ambient,
+            matcap: scene.matcap.clone(),
             background: [r * a, g * a, b * a, a],
         };
         Ok(Self { scene, segments, splat_bytes, needed_bytes: needed })

@@ -39,3 +39,4 @@ pub use images::{
 };
 pub use load::{Content, Format, LoadOptions, Loaded, load, load_bytes};
 pub use ply::{PlyEncoding, save_splat_ply, write_splat_ply};
+pub use texture::load_matcap;

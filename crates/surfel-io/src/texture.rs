@@ -1,8 +1,11 @@
 //! Base-colour textures.
 
+use crate::error::{Fault, Problem};
+use crate::{IoError, files};
 use image::{ImageReader, Limits};
 use std::io::Cursor;
-use surfel_model::Texture;
+use std::path::Path;
+use surfel_model::{Matcap, Texture};
 
 /// Largest texture side, in texels.
 const MAX_SIDE: u32 = 32_768;
@@ -56,6 +59,18 @@ impl Decoder {
         let srgba8 = image.as_raw().chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect();
         Ok(Texture { width, height, srgba8 })
     }
+}
+
+/// Reads an image (PNG or JPEG) of a lit ball.
+///
+/// # Errors
+/// [`IoError`] if the file can't be read, holds no such image, or one without texels or of more than 2048 a side.
+pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
+    let bytes = files::read(path, MAX_BYTES)?;
+    let image = Decoder::new().decode(&bytes).map_err(|why| {
+        Fault::from(Problem::new(format!("is no image: {why}")).expected("a PNG or JPEG of a lit ball")).of(path)
+    })?;
+    Matcap::new(&image).map_err(|source| IoError::Model { path: path.to_path_buf(), source })
 }
 
 /// The note about a texture that isn't used.

@@ -11,7 +11,7 @@
 //! 5. [`depth`]: depth of a fragment, tolerance of visibility; [`kernel`]: its weight and coverage.
 //!
 //! [`triangle`] does the same for polygons; [`shadow`] looks shadow maps up;
-//! [`toon`] is a drawing style; [`quantise`] keeps numbers in 16 bits.
+//! [`toon`], [`matcap`] and [`eye_dome`] are drawing styles; [`quantise`] keeps numbers in 16 bits.
 //!
 //! Section numbers (§) refer to `docs/rendering-model.md`. Nothing here allocates or does I/O.
 
@@ -20,9 +20,11 @@ pub mod bounds;
 pub mod clip;
 pub mod clip_paper;
 pub mod depth;
+pub mod eye_dome;
 pub mod filter;
 pub mod kernel;
 pub mod mapping;
+pub mod matcap;
 pub mod project;
 pub mod projection;
 pub mod quantise;

@@ -1,7 +1,7 @@
 //! Materials, objects, scenes, and the scene file that describes them.
 
 use crate::range::{finite, positive};
-use crate::{Camera, Light, Mesh, ModelError, Settings, SplatCloud, Up};
+use crate::{Camera, Light, Matcap, Mesh, ModelError, Settings, SplatCloud, Up};
 use glam::{DAffine3, DMat4};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -106,6 +106,8 @@ pub struct Scene {
     pub ambient: [f64; 3],
     /// Lights; `None`: one white directional light along the view.
     pub lights: Option<Vec<Light>>,
+    /// What the shader `matcap` looks up; `None`: the built-in one.
+    pub matcap: Option<Arc<Matcap>>,
     /// Objects in drawing order (which changes nothing but float rounding).
     pub objects: Vec<Object>,
 }
@@ -175,6 +177,9 @@ pub struct SceneFile {
     /// Lights; one white directional light along the view by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lights: Option<Vec<Light>>,
+    /// Image of a lit ball for the shader `matcap`; a built-in one by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matcap: Option<PathBuf>,
     /// What is drawn.
     pub objects: Vec<ObjectFile>,
     /// Settings.

@@ -136,6 +136,29 @@ pub enum Shader {
     Normal,
     /// Stored depth as grey.
     Depth,
+    /// The scene's picture of a lit ball, looked up by the normal.
+    Matcap,
+    /// Eye-dome lighting: albedo, darker the deeper a pixel lies among its neighbours.
+    Edl,
+}
+
+impl Shader {
+    /// All of them.
+    pub const ALL: [Self; 7] =
+        [Self::Unlit, Self::Phong, Self::Toon, Self::Normal, Self::Depth, Self::Matcap, Self::Edl];
+
+    /// The name used in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Unlit => "unlit",
+            Self::Phong => "phong",
+            Self::Toon => "toon",
+            Self::Normal => "normal",
+            Self::Depth => "depth",
+            Self::Matcap => "matcap",
+            Self::Edl => "edl",
+        }
+    }
 }
 
 /// How transparent splats are drawn (rendering model §8). Written `off`, `peel:N`, `peel:N:drop` or `abuffer:L`.

@@ -32,7 +32,7 @@ static DECODED: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|level| surfel_math::srgb::decode(level as f64 / 255.0) as f32));
 
 /// Linear RGB and alpha of a texel.
-fn linear(t: [u8; 4]) -> [f32; 4] {
+pub(crate) fn linear(t: [u8; 4]) -> [f32; 4] {
     [DECODED[t[0] as usize], DECODED[t[1] as usize], DECODED[t[2] as usize], f32::from(t[3]) / 255.0]
 }
 

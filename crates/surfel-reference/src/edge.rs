@@ -1,62 +1,92 @@
 //! Edge antialiasing by coverage (§5, ours after Z01 §7).
 
 use crate::margin;
+use crate::polygon::Hit;
 use crate::raster::{Kept, Passes};
 use surfel_render::Region;
 
-/// Marks edge pixels: those with an 8-neighbour inside the image whose nearest depth (kept value less its writer's ε)
-/// lies beyond the pixel's own kept value by more than its own writer's ε, and those that have filtered
-/// fragments but nothing kept.
-pub(crate) fn edge_pixels(passes: &Passes, rect: Region) -> Vec<bool> {
-    let (width, height) = (rect.width as usize, rect.height as usize);
-    let is_edge = |x: usize, y: usize| {
-        let at = y * width + x;
-        let own = passes.kept[at];
-        if own.value == f64::INFINITY {
-            return passes.sums[at].fragments > 0;
-        }
+/// What edges are found among.
+pub(crate) struct Edges<'a> {
+    pub passes: &'a Passes,
+    /// The nearest polygons, whatever hides them, by pixel; empty without any.
+    pub polygons: &'a [Hit],
+    pub rect: Region,
+}
+
+impl Edges<'_> {
+    /// Marks edge pixels: those with an 8-neighbour inside the image whose nearest surface lies beyond the pixel's own kept
+    /// value by more than its own writer's ε, and those that have filtered fragments but nothing kept. The nearest surface is the
+    /// kept value less its writer's ε, or a polygon; one that splats hide lies beyond what they keep, and decides nothing.
+    pub(crate) fn pixels(&self) -> Vec<bool> {
+        let is_edge = |at: usize| {
+            let own = self.passes.kept[at];
+            if own.value == f64::INFINITY {
+                return self.passes.sums[at].fragments > 0;
+            }
+            let nearest = |n: usize| step(self.passes.kept[n]).min(self.polygon(n).0);
+            self.neighbours(at).any(|n| nearest(n) > limit(own))
+        };
+        (0..self.count()).map(is_edge).collect()
+    }
+
+    /// Marks the pixels whose edge decision rounding could flip: no neighbour decides it for sure, and one is within the
+    /// margin of doing so, or would do so if a marginal visibility test of either pixel, or a polygon's, came out the other way.
+    pub(crate) fn marginal(&self) -> Vec<bool> {
+        let is_marginal = |at: usize| {
+            let own = self.passes.possible[at];
+            // Without anything kept for sure, whether anything is kept is open: the pixel itself is marked for that.
+            let pairs = |n: usize| {
+                let (other, (z, open)) = (self.passes.possible[n], self.polygon(n));
+                let steps = [other.nearest, other.farthest].map(step);
+                let all = steps.into_iter().flat_map(move |s| [s.min(z), if open { s } else { s.min(z) }]);
+                all.flat_map(move |s| [own.nearest, own.farthest].map(|own| (limit(own), s)))
+            };
+            let surely = |(near, far): (f64, f64)| far > near && !margin::on_step(near, far);
+            let perhaps = |(near, far): (f64, f64)| far > near || margin::on_step(near, far);
+            let decided = self.neighbours(at).any(|n| pairs(n).all(surely));
+            !decided && self.neighbours(at).any(|n| pairs(n).any(perhaps))
+        };
+        (0..self.count()).map(is_marginal).collect()
+    }
+
+    fn count(&self) -> usize {
+        self.rect.width as usize * self.rect.height as usize
+    }
+
+    /// Depth of the nearest polygon, and whether rounding could change that.
+    fn polygon(&self, at: usize) -> (f64, bool) {
+        self.polygons.get(at).map_or((f64::INFINITY, false), |hit| (hit.z, hit.marginal))
+    }
+
+    /// The 8-neighbours inside the rectangle.
+    fn neighbours(&self, at: usize) -> impl Iterator<Item = usize> + use<> {
+        let (width, height) = (self.rect.width as usize, self.rect.height as usize);
+        let (x, y) = (at % width, at / width);
         let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
         (y.saturating_sub(1)..=(y + 1).min(height - 1))
-            .flat_map(|ny| columns.clone().map(move |nx| ny * width + nx))
-            .any(|neighbour| neighbour != at && steps_back(own, passes.kept[neighbour]))
-    };
-    (0..width * height).map(|at| is_edge(at % width, at / width)).collect()
+            .flat_map(move |ny| columns.clone().map(move |nx| ny * width + nx))
+            .filter(move |&neighbour| neighbour != at)
+    }
 }
 
-fn steps_back(own: Kept, neighbour: Kept) -> bool {
-    neighbour.value - neighbour.epsilon > own.value + own.epsilon
+/// How far a pixel's own surface reaches.
+fn limit(own: Kept) -> f64 {
+    own.value + own.epsilon
 }
 
-/// Marks the pixels whose edge decision rounding could flip: no neighbour decides it for sure, and one is within the
-/// margin of doing so, or would do so if a marginal visibility test of either pixel came out the other way.
-pub(crate) fn marginal_edges(passes: &Passes, rect: Region) -> Vec<bool> {
-    let (width, height) = (rect.width as usize, rect.height as usize);
-    let is_marginal = |at: usize| {
-        let (x, y) = (at % width, at / width);
-        let own = passes.possible[at];
-        let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
-        let neighbours = || {
-            (y.saturating_sub(1)..=(y + 1).min(height - 1))
-                .flat_map(|ny| columns.clone().map(move |nx| ny * width + nx))
-                .filter(|&neighbour| neighbour != at)
-        };
-        // Without anything kept for sure, whether anything is kept is open: the pixel itself is marked for that.
-        let pairs = |neighbour: usize| {
-            let other = passes.possible[neighbour];
-            [own.nearest, own.farthest].into_iter().flat_map(move |a| [other.nearest, other.farthest].map(|b| (a, b)))
-        };
-        let surely = |(a, b): (Kept, Kept)| steps_back(a, b) && !margin::on_step(a, b);
-        let perhaps = |(a, b): (Kept, Kept)| steps_back(a, b) || margin::on_step(a, b);
-        let decided = neighbours().any(|n| pairs(n).all(surely));
-        !decided && neighbours().any(|n| pairs(n).any(perhaps))
-    };
-    (0..width * height).map(is_marginal).collect()
+/// Where a neighbour's surface begins.
+fn step(neighbour: Kept) -> f64 {
+    neighbour.value - neighbour.epsilon
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::raster::{Possible, Sums};
+
+    fn edges<'a>((passes, rect): &'a (Passes, Region), polygons: &'a [Hit]) -> Edges<'a> {
+        Edges { passes, polygons, rect: *rect }
+    }
 
     /// A row of pixels that keep these depths for sure, with ε = 0.1.
     fn row(depths: &[f64]) -> (Passes, Region) {
@@ -73,23 +103,41 @@ mod tests {
         for (step, edge, marginal) in
             [(0.1, false, false), (0.2001, true, true), (0.1999, false, true), (0.2002, true, false)]
         {
-            let (passes, rect) = row(&[1.0, 1.0 + step]);
-            assert_eq!(edge_pixels(&passes, rect)[0], edge, "{step}");
-            assert_eq!(marginal_edges(&passes, rect)[0], marginal, "{step}");
-            assert!(!marginal_edges(&passes, rect)[1], "{step}");
+            let row = row(&[1.0, 1.0 + step]);
+            assert_eq!(edges(&row, &[]).pixels()[0], edge, "{step}");
+            let found = edges(&row, &[]).marginal();
+            assert_eq!(found, [marginal, false], "{step}");
         }
     }
 
     #[test]
     fn edge_margin_ends_where_another_neighbour_decides() {
-        let (passes, rect) = row(&[1.2001, 1.0, 3.0]);
-        assert_eq!(marginal_edges(&passes, rect), [false, false, false]);
+        let row = row(&[1.2001, 1.0, 3.0]);
+        assert_eq!(edges(&row, &[]).marginal(), [false, false, false]);
     }
 
     #[test]
     fn edge_margin_follows_marginal_visibility_of_a_neighbour() {
-        let (mut passes, rect) = row(&[1.0, 1.0]);
-        passes.possible[1].farthest = Kept::NOTHING;
-        assert_eq!(marginal_edges(&passes, rect), [true, false]);
+        let mut row = row(&[1.0, 1.0]);
+        row.0.possible[1].farthest = Kept::NOTHING;
+        assert_eq!(edges(&row, &[]).marginal(), [true, false]);
+    }
+
+    #[test]
+    fn edge_is_none_where_a_polygon_goes_on_with_the_surface() {
+        let row = row(&[1.0, 3.0]);
+        let polygon = |z, marginal| {
+            let mut hit = Hit::NONE;
+            (hit.z, hit.marginal) = (z, marginal);
+            [Hit::NONE, hit]
+        };
+        // Within 2ε of the pixel's own; else it is a step, too.
+        for (z, edge) in [(1.1, false), (1.19, false), (1.3, true), (4.0, true)] {
+            assert_eq!(edges(&row, &polygon(z, false)).pixels()[0], edge, "{z}");
+            assert!(!edges(&row, &polygon(z, false)).marginal()[0], "{z}");
+        }
+        // One that rounding could take away, or move across the step.
+        assert!(edges(&row, &polygon(1.1, true)).marginal()[0]);
+        assert!(edges(&row, &polygon(1.2001, false)).marginal()[0]);
     }
 }

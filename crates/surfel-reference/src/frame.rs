@@ -1,6 +1,7 @@
 //! One frame: the plan's passes in order, and what they give each pixel.
 
-use crate::edge::{edge_pixels, marginal_edges};
+use crate::edge::Edges;
+use crate::eye_dome::EyeDome;
 use crate::polygon::{Hit, Polygons};
 use crate::raster::{Bands, Kept, Limits, Passes, Run, Sums};
 use crate::renderer::ResidentScene;
@@ -12,7 +13,7 @@ use rayon::prelude::*;
 use std::time::Instant;
 use surfel_math::V2;
 use surfel_math::kernel::FULL_COVERAGE;
-use surfel_model::Light;
+use surfel_model::{Light, Matcap};
 use surfel_render::{Frame, FramePlan, Pass, PassTime, Region, Stats, View};
 
 /// Draws a planned frame.
@@ -44,6 +45,7 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
         shadows: &shadows,
         lights: scene.lights.as_deref().unwrap_or(&headlight),
         ambient: scene.ambient,
+        matcap: scene.matcap.clone().unwrap_or_else(Matcap::builtin),
         material: scene.material.factors(),
     };
     let rect = work_rect(view, plan);
@@ -56,7 +58,8 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
     stats.fragments = front.fragments;
     lap(&mut stats, "rasterise");
     let behind = plan.has(Pass::EdgeAntialiasing).then(|| {
-        let mut edges = edge_pixels(&front, rect);
+        let polygons = mesh_layer.as_ref().map_or(&[][..], |m| &m.hits);
+        let mut edges = Edges { passes: &front, polygons, rect }.pixels();
         if let Some(meshes) = &mesh_layer {
             edges.iter_mut().zip(&meshes.depth).for_each(|(edge, z)| *edge &= z.is_infinite());
         }
@@ -95,6 +98,7 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
         front: &front,
         behind,
         meshes,
+        eye_dome: None,
         pixels: Vec::new(),
     };
     picture.shade();
@@ -108,14 +112,7 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
 
 /// The rectangle that passes run over: the region, and where they look at neighbours, those inside the image.
 fn work_rect(view: &View, plan: &FramePlan) -> Region {
-    if !plan.has(Pass::EdgeAntialiasing) && !plan.has(Pass::Outlines) {
-        return view.region;
-    }
-    let r = view.region;
-    let (x, y) = (r.x.saturating_sub(1), r.y.saturating_sub(1));
-    let right = (r.x + r.width + 1).min(view.size[0]);
-    let bottom = (r.y + r.height + 1).min(view.size[1]);
-    Region { x, y, width: right - x, height: bottom - y }
+    view.region.grown(plan.reach_px(), view.size)
 }
 
 /// Centre of pixel `at` of a rectangle.
@@ -155,12 +152,14 @@ struct Picture<'a> {
     /// What lies behind edges, and which pixels are edges.
     behind: Option<&'a (Passes, Vec<bool>)>,
     meshes: Option<&'a MeshLayer<'a>>,
+    /// Where the plan has it, of the front surfaces.
+    eye_dome: Option<EyeDome<'a>>,
     /// Front surfaces of the work rectangle, and whether rounding could change them.
     pixels: Vec<(Option<Surface>, bool)>,
 }
 
 impl Picture<'_> {
-    /// Shades the front surface of every pixel, and draws lines on it.
+    /// Shades the front surface of every pixel, then does what needs its neighbours.
     fn shade(&mut self) {
         let rect = self.rect;
         let count = rect.width as usize * rect.height as usize;
@@ -169,6 +168,16 @@ impl Picture<'_> {
             (0..count).into_par_iter().map(|at| this.front_surface(at, center(rect, at))).collect();
         if self.lighting.plan.has(Pass::Outlines) {
             outline::draw(&mut pixels, rect, self.lighting.view);
+        }
+        if self.lighting.plan.has(Pass::EyeDome) {
+            let dome = EyeDome::new(&pixels, rect, self.lighting.view);
+            for (at, (surface, marginal)) in pixels.iter_mut().enumerate() {
+                let Some(surface) = surface else { continue };
+                let (brightness, open) = dome.brightness(at, surface.depth);
+                surface.color *= brightness;
+                *marginal |= open;
+            }
+            self.eye_dome = Some(dome);
         }
         self.pixels = pixels;
     }
@@ -195,7 +204,10 @@ impl Picture<'_> {
         let (region, rect) = (view.region, self.rect);
         frame.reset(region.width, region.height, planes);
         let edge_margin = match self.behind {
-            Some(_) if planes.margin => marginal_edges(self.front, rect),
+            Some(_) if planes.margin => {
+                let polygons = self.meshes.map_or(&[][..], |m| &m.hits);
+                Edges { passes: self.front, polygons, rect }.marginal()
+            }
             _ => Vec::new(),
         };
         for y in 0..region.height {
@@ -251,12 +263,19 @@ impl Picture<'_> {
                 let q = self.front.sums[at].coverage.min(1.0);
                 let back = self.behind_edge(&behind.sums[at], at, pixel);
                 marginal |= back.is_some_and(|s| s.marginal);
+                let back = self.under_eye_dome(back, at);
                 for (c, b) in color.iter_mut().zip(over(back)) {
                     *c = q * *c + (1.0 - q) * b;
                 }
             }
         }
         Pixel { color, surface, marginal }
+    }
+
+    /// What lies behind an edge pixel, among the front surfaces about it.
+    fn under_eye_dome(&self, surface: Option<Surface>, at: usize) -> Option<Surface> {
+        let Some(dome) = &self.eye_dome else { return surface };
+        surface.map(|s| Surface { color: s.color * dome.brightness(at, s.depth).0, ..s })
     }
 
     /// What lies behind an edge pixel: the splats there or the nearest polygon, whichever is in front.

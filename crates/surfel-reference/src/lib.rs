@@ -6,15 +6,17 @@
 //!
 //! `splat` turns splats into footprints, `clip` says what they keep of them, `raster` runs the visibility and attribute
 //! passes, `shade` lights a pixel, `polygon` finds the polygons among them, `edge` does edge antialiasing, `layers` and
-//! `abuffer` draw transparent splats into `veil`s, `shadow` draws and reads shadow maps, `outline` draws lines, `frame` runs
-//! the plan's passes and puts pixels together, `margin` finds decisions that rounding could flip.
+//! `abuffer` draw transparent splats into `veil`s, `shadow` draws and reads shadow maps, `outline` draws lines, `matcap`
+//! and `eye_dome` are shaders of their own, `frame` runs the plan's passes and puts pixels together, `margin` finds decisions that rounding could flip.
 
 mod abuffer;
 mod clip;
 mod edge;
+mod eye_dome;
 mod frame;
 mod layers;
 mod margin;
+mod matcap;
 mod outline;
 mod polygon;
 mod raster;

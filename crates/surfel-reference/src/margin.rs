@@ -50,9 +50,9 @@ pub(crate) fn is_visibility_marginal(splat: &ScreenSplat, pixel: V2<f64>) -> boo
     on_border(whole, splat.clip.as_ref(), &splat.visible, |c| &c.visible_turn, d)
 }
 
-/// True if rounding could flip whether `neighbour` steps back behind `own` (§5, edge antialiasing).
-pub(crate) fn on_step(own: Kept, neighbour: Kept) -> bool {
-    let (near, far) = (own.value + own.epsilon, neighbour.value - neighbour.epsilon);
+/// True if rounding could flip whether a neighbour's surface, which begins at `far`, lies beyond the reach of a pixel's own (§5,
+/// edge antialiasing).
+pub(crate) fn on_step(near: f64, far: f64) -> bool {
     // Infinities decide clearly, and an infinity less itself is NaN.
     (far - near).abs() <= RELATIVE * near.abs().max(far.abs()) && near.is_finite() && far.is_finite()
 }

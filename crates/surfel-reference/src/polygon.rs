@@ -37,7 +37,7 @@ pub(crate) struct Hit {
 }
 
 impl Hit {
-    const NONE: Self = Self { z: f64::INFINITY, triangle: u32::MAX, marginal: false };
+    pub(crate) const NONE: Self = Self { z: f64::INFINITY, triangle: u32::MAX, marginal: false };
 }
 
 /// A point of a polygon's surface, as it is lit.

@@ -3,7 +3,7 @@
 use crate::frame;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
-use surfel_model::{Geometry, Light, Material, Mesh, Mipmaps, Object, Scene, Settings, SplatCloud};
+use surfel_model::{Geometry, Light, Matcap, Material, Mesh, Mipmaps, Object, Scene, Settings, SplatCloud};
 use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
 
 const CAPABILITIES: Capabilities = Capabilities {
@@ -16,6 +16,8 @@ const CAPABILITIES: Capabilities = Capabilities {
         Feature::ABuffer,
         Feature::Shadows,
         Feature::Toon,
+        Feature::Matcap,
+        Feature::EyeDome,
         Feature::Margin,
     ],
 };
@@ -35,6 +37,7 @@ pub struct ResidentScene {
     pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: DVec3,
+    pub(crate) matcap: Option<Arc<Matcap>>,
     /// Linear, premultiplied.
     pub(crate) background: [f64; 4],
 }
@@ -146,6 +149,7 @@ impl surfel_render::Renderer for Renderer {
             material: scene.objects.first().map_or(Material::default(), |o| o.material),
             lights: scene.lights.clone(),
             ambient: DVec3::from(scene.ambient),
+            matcap: scene.matcap.clone(),
             background: [r * a, g * a, b * a, a],
         })
     }

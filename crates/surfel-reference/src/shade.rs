@@ -1,15 +1,16 @@
 //! Once a pixel: divide by Σw and light (§5).
 
-use crate::margin;
 use crate::polygon::{self, Polygons};
 use crate::raster::Sums;
 use crate::shadow::{self, Shadow};
 use crate::splat::ScreenSplat;
+use crate::{margin, matcap};
 use glam::DVec3;
+use std::sync::Arc;
 use surfel_math::V2;
 use surfel_math::basis::unit;
 use surfel_math::toon;
-use surfel_model::{Light, Shader};
+use surfel_model::{Light, Matcap, Shader};
 use surfel_render::{FramePlan, View};
 
 /// Everything that lights a scene.
@@ -19,6 +20,8 @@ pub(crate) struct Lighting<'a> {
     pub shadows: &'a [Shadow<'a>],
     pub lights: &'a [Light],
     pub ambient: DVec3,
+    /// What the shader `matcap` looks up.
+    pub matcap: Arc<Matcap>,
     /// Ambient, diffuse, specular, shininess where all objects share them.
     pub material: [f64; 4],
 }
@@ -122,7 +125,12 @@ impl Lighting<'_> {
     /// The colour that the plan's shader gives a point, and whether rounding could change it.
     fn color(&self, point: &Point) -> (DVec3, bool) {
         match self.plan.shader {
-            Shader::Unlit => (point.albedo, false),
+            // Eye-dome lighting follows where neighbours are known.
+            Shader::Unlit | Shader::Edl => (point.albedo, false),
+            Shader::Matcap => {
+                let ball = matcap::color(&self.matcap, point.normal, self.to_eye(point), self.view);
+                (point.albedo * ball, false)
+            }
             Shader::Normal if point.normal == DVec3::ZERO => (DVec3::ZERO, false),
             Shader::Normal => (point.normal * 0.5 + 0.5, false),
             Shader::Depth => (DVec3::splat(self.view.projection.stored_depth(point.depth)), false),
@@ -137,8 +145,12 @@ impl Lighting<'_> {
     /// n·v; 1 where there is no normal.
     fn cosine_to_eye(&self, point: &Point) -> f64 {
         let normal = self.view.view_from_world * point.normal;
-        let to_eye = if self.view.projection.is_perspective() { -unit(point.at) } else { DVec3::NEG_Z };
-        if normal == DVec3::ZERO { 1.0 } else { normal.dot(to_eye) }
+        if normal == DVec3::ZERO { 1.0 } else { normal.dot(self.to_eye(point)) }
+    }
+
+    /// View direction from a point to the eye.
+    fn to_eye(&self, point: &Point) -> DVec3 {
+        if self.view.projection.is_perspective() { -unit(point.at) } else { DVec3::NEG_Z }
     }
 
     /// Ambient, diffuse and specular light. `diffused` is what a diffuse amount in [0, 1] counts for, `highlighted` what a

@@ -8,6 +8,7 @@ mod chunk;
 mod error;
 mod frame;
 mod lod;
+mod needs;
 mod plan;
 mod preset;
 mod renderer;

@@ -1,7 +1,9 @@
 //! Every per-frame decision, made once: which passes, planes and variants a scene needs, and no others.
 
+use crate::needs::ShaderNeeds;
 use crate::{Capabilities, Feature, Planes, RenderError, SceneSummary, ShadowMap, View};
 use surfel_math::depth::Tolerance;
+use surfel_math::eye_dome;
 use surfel_model::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Settings, Shader, Transparency};
 
 /// How splats are filtered and mapped.
@@ -55,6 +57,8 @@ pub enum Pass {
     EdgeAntialiasing,
     /// Lines where depth steps back from one pixel to the next (§5, `toon`).
     Outlines,
+    /// Darkens what lies deep among its neighbours (§5, `edl`).
+    EyeDome,
     /// One layer of transparent splats: visibility behind the layer before it, attributes, shading (§8).
     PeelLayer,
     /// All transparent fragments behind the layers before, lit per splat and blended into one (§8).
@@ -94,6 +98,16 @@ impl FramePlan {
         self.passes.contains(&pass)
     }
 
+    /// Pixels to each side that a pass looks at, besides a pixel's own.
+    pub fn reach_px(&self) -> u32 {
+        let reach = |pass: &Pass| match pass {
+            Pass::EdgeAntialiasing | Pass::Outlines => 1,
+            Pass::EyeDome => eye_dome::REACH_PX.unsigned_abs(),
+            _ => 0,
+        };
+        self.passes.iter().map(reach).max().unwrap_or(0)
+    }
+
     /// Number of layers of transparent splats that are peeled, the remaining one not included.
     pub fn peeled_layers(&self) -> usize {
         self.passes.iter().filter(|pass| **pass == Pass::PeelLayer).count()
@@ -123,19 +137,16 @@ pub fn plan(
     }
     let radius_px = if settings.filter == Filter::None { 0.0 } else { settings.prefilter_radius_px };
     let exact = settings.mapping == Mapping::Exact;
-    let lit = is_lit(settings, planes);
-    let needs_color = lit || (planes.color && settings.shader == Shader::Unlit);
-    let depth_shader = planes.color && settings.shader == Shader::Depth;
-    let normal_shader = planes.color && settings.shader == Shader::Normal;
+    let needs = if planes.color { ShaderNeeds::of(settings.shader) } else { ShaderNeeds::default() };
     let splats = !summary.meshes || summary.splats > 0;
-    let shadows = summary.shadows.as_ref().filter(|_| lit);
+    let shadows = summary.shadows.as_ref().filter(|_| needs.lights);
     let shadow_maps = shadows.map_or_else(Vec::new, |s| s.maps(settings.cutoff));
     let mut passes = vec![Pass::ShadowMap; shadow_maps.len()];
     passes.extend(splats.then_some(Pass::Visibility));
     passes.extend(summary.meshes.then_some(Pass::Polygons));
     passes.extend(splats.then_some(Pass::Attributes));
     passes.push(Pass::Shade);
-    passes.extend((planes.color && settings.shader == Shader::Toon).then_some(Pass::Outlines));
+    passes.extend(needs.pass);
     passes.extend((planes.color && settings.edge_aa).then_some(Pass::EdgeAntialiasing));
     let transparency = if summary.transparent { settings.transparency } else { Transparency::Off };
     let mut abuffer_surfaces = 0;
@@ -165,10 +176,10 @@ pub fn plan(
         },
         clip: if summary.clips { settings.clip } else { ClipPolicy::Off },
         attributes: Attributes {
-            color: needs_color && summary.colors,
-            normal: planes.normal || normal_shader || lit,
-            depth: planes.depth || depth_shader || lit || separates_transparent,
-            material: lit && summary.materials_differ,
+            color: needs.albedo && summary.colors,
+            normal: planes.normal || needs.normal,
+            depth: planes.depth || needs.depth || separates_transparent,
+            material: needs.lights && summary.materials_differ,
             coverage: (settings.edge_aa && planes.color) || abuffer_surfaces > 0 || (summary.meshes && splats),
             alpha: separates_transparent,
         },
@@ -180,11 +191,6 @@ pub fn plan(
         shader: settings.shader,
         planes,
     })
-}
-
-/// True if lights make a difference to the picture.
-fn is_lit(settings: &Settings, planes: Planes) -> bool {
-    planes.color && matches!(settings.shader, Shader::Phong | Shader::Toon)
 }
 
 /// True if the picture needs the clouds' interior weights (§5, coverage): whoever loads a scene estimates them then.
@@ -202,21 +208,26 @@ pub fn unsupported(
     capabilities: &Capabilities,
 ) -> Option<RenderError> {
     let transparent = summary.transparent.then_some(settings.transparency);
+    let shader = ShaderNeeds::of(settings.shader);
+    let lit = shader.lights && planes.color;
     let needs = [
         (Feature::Meshes, summary.meshes),
         (Feature::Clips, summary.clips && settings.clip != ClipPolicy::Off),
         (Feature::Peel, matches!(transparent, Some(Transparency::Peel { .. }))),
         (Feature::ABuffer, matches!(transparent, Some(Transparency::ABuffer { .. }))),
-        (Feature::Shadows, summary.shadows.is_some() && is_lit(settings, planes)),
-        (Feature::Toon, settings.shader == Shader::Toon),
+        (Feature::Shadows, summary.shadows.is_some() && lit),
         (Feature::EdgeAntialiasing, settings.edge_aa),
         (Feature::Margin, planes.margin),
     ];
-    let (missing, _) = needs.into_iter().find(|(feature, needed)| *needed && !capabilities.has(*feature))?;
+    let mut needs = needs.into_iter().chain(shader.feature.map(|feature| (feature, true)));
+    let (missing, _) = needs.find(|(feature, needed)| *needed && !capabilities.has(*feature))?;
     let (feature, found_where, advice) = describe(missing);
     let found_where = found_where.to_owned();
     Some(RenderError::Unsupported { backend: capabilities.backend, feature, found_where, advice })
 }
+
+/// Shaders that every backend draws.
+const OTHER_SHADERS: &str = "choose unlit, phong, normal or depth";
 
 /// A feature's name in a message, where it comes from, and what to do without it.
 fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
@@ -233,7 +244,9 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
         Feature::Peel => ("depth-peeled transparency", setting, "--transparency off draws every splat opaque"),
         Feature::ABuffer => ("A-buffer transparency", setting, "choose --backend cpu, or --transparency peel:4"),
         Feature::Shadows => ("a shadow", "is in the scene (a light with \"shadow\": true)", "set \"shadow\": false"),
-        Feature::Toon => ("shader 'toon'", setting, "choose unlit, phong, normal or depth"),
+        Feature::Toon => ("shader 'toon'", setting, OTHER_SHADERS),
+        Feature::Matcap => ("shader 'matcap'", setting, OTHER_SHADERS),
+        Feature::EyeDome => ("shader 'edl'", setting, OTHER_SHADERS),
         Feature::EdgeAntialiasing => ("edge antialiasing", setting, "choose --backend reference or --edge-aa=off"),
         Feature::Margin => ("the decision margin plane", setting, "choose --backend reference"),
     }
@@ -367,6 +380,31 @@ mod tests {
         assert!(toon.has(Pass::Outlines) && toon.attributes.normal && toon.attributes.depth);
         assert!(!planned(Shader::Phong, Planes::COLOR).has(Pass::Outlines));
         assert!(!planned(Shader::Toon, Planes { color: false, ..Planes::ALL }).has(Pass::Outlines));
+    }
+
+    #[test]
+    fn shaders_of_their_own_have_what_they_read_and_no_more() {
+        let drawn = Capabilities { backend: "test", features: &[Feature::Matcap, Feature::EyeDome] };
+        let summary = SceneSummary { colors: true, materials_differ: true, ..SceneSummary::default() };
+        let planned = |shader, planes| {
+            let settings = Settings { shader, ..Settings::default() };
+            plan(&summary, &view(), &settings, planes, &drawn).unwrap()
+        };
+        let none =
+            Attributes { color: true, normal: false, depth: false, material: false, coverage: false, alpha: false };
+        let matcap = planned(Shader::Matcap, Planes::COLOR);
+        assert_eq!(matcap.attributes, Attributes { normal: true, ..none });
+        assert_eq!((matcap.passes.len(), matcap.reach_px()), (3, 0));
+        let edl = planned(Shader::Edl, Planes::COLOR);
+        assert_eq!(edl.attributes, Attributes { depth: true, ..none });
+        assert_eq!((edl.passes[3..].to_vec(), edl.reach_px()), (vec![Pass::EyeDome], 2));
+        assert_eq!(planned(Shader::Edl, Planes { color: false, ..Planes::ALL }).passes.len(), 3);
+        for shader in Shader::ALL {
+            let settings = Settings { shader, ..Settings::default() };
+            let none = Capabilities { features: &[], ..drawn };
+            let refused = plan(&summary, &view(), &settings, Planes::COLOR, &none).is_err();
+            assert_eq!(refused, ShaderNeeds::of(shader).feature.is_some(), "{shader:?}");
+        }
     }
 
     #[test]

@@ -21,6 +21,10 @@ pub enum Feature {
     Shadows,
     /// The toon shader (§5).
     Toon,
+    /// The shader `matcap` (§5).
+    Matcap,
+    /// Eye-dome lighting, the shader `edl` (§5).
+    EyeDome,
     /// The decision margin plane.
     Margin,
 }

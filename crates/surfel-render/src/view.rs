@@ -18,6 +18,16 @@ pub struct Region {
     pub height: u32,
 }
 
+impl Region {
+    /// The region and `by` pixels more on every side, as far as an image of this size goes.
+    #[must_use]
+    pub fn grown(self, by: u32, [width, height]: [u32; 2]) -> Self {
+        let (x, y) = (self.x.saturating_sub(by), self.y.saturating_sub(by));
+        let (end_x, end_y) = ((self.x + self.width + by).min(width), (self.y + self.height + by).min(height));
+        Self { x, y, width: end_x - x, height: end_y - y }
+    }
+}
+
 /// A validated camera as renderers use it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {

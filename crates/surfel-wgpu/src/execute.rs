@@ -80,10 +80,11 @@ impl<'a> Tile<'a> {
             filled(device, queue, "objects", &frame.objects, storage),
             filled(device, queue, "lights", &frame.lights, storage),
             filled(device, queue, "shadow maps", &frame.shadow_maps, storage),
+            filled(device, queue, "matcap", &frame.matcap, storage),
         ];
-        let [uniform, objects, lights, maps] = &buffers;
+        let [uniform, objects, lights, maps, matcap] = &buffers;
         let frame_group =
-            bind(device, "frame", &pipelines.frame_group, &[uniform, objects, lights, maps, beside.shadows]);
+            bind(device, "frame", &pipelines.frame_group, &[uniform, objects, lights, maps, beside.shadows, matcap]);
         let setup_frame_group = bind(device, "frame of setup", &pipelines.setup_frame_group, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));

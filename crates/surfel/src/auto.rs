@@ -102,6 +102,7 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
         camera,
         background: options.background,
         ambient: AMBIENT,
+        matcap: None,
         objects,
         settings: options.settings,
     })

@@ -44,7 +44,7 @@ pub use framing::{
 pub use hybrid::{HybridObject, at_detail, prepare_hybrid};
 pub use load::{Conversion, LoadOptions, Prepared, prepare};
 pub use scene::{
-    LoadedObjects, ObjectFacts, ObjectNote, assemble, load_objects, load_scene, may_need_interior_weight,
+    LoadedObjects, ObjectFacts, ObjectNote, assemble, load_matcap, load_objects, load_scene, may_need_interior_weight,
     read_scene_file,
 };
 pub use surfel_model::{Camera, Light, Material, Scene, SceneFile, Settings, SplatCloud, Up};

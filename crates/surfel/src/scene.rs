@@ -8,7 +8,9 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::IoError;
-use surfel_model::{Geometry, Hybrid, Object, ObjectFile, Scene, SceneFile, Settings, Transparency, Up};
+use surfel_model::{
+    Geometry, Hybrid, Matcap, Object, ObjectFile, Scene, SceneFile, Settings, Shader, Transparency, Up,
+};
 use surfel_sample::Progress;
 
 /// Largest scene file that is read, in bytes: far above any real one.
@@ -131,13 +133,29 @@ pub fn load_objects(
     Ok(loaded)
 }
 
-/// The scene that a scene file describes, with its objects already loaded (in the file's order).
+/// The matcap that a scene file names, if its settings draw with one. Its path is relative to `base_dir`.
+///
+/// # Errors
+/// [`Error::Io`] if it can't be read or isn't one.
+pub fn load_matcap(file: &SceneFile, base_dir: &Path) -> Result<Option<Arc<Matcap>>, Error> {
+    let named = file.matcap.as_ref().filter(|_| file.settings.shader == Shader::Matcap);
+    Ok(named.map(|path| surfel_io::load_matcap(&base_dir.join(path))).transpose()?.map(Arc::new))
+}
+
+/// The scene that a scene file describes, with its objects already loaded (in the file's order), and without its matcap
+/// ([`load_matcap`]).
 ///
 /// # Errors
 /// [`Error::Model`] naming the number that is out of range.
 pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> {
-    let mut scene =
-        Scene { up: file.up, background: file.background, ambient: file.ambient, lights: file.lights.clone(), objects };
+    let mut scene = Scene {
+        up: file.up,
+        background: file.background,
+        ambient: file.ambient,
+        lights: file.lights.clone(),
+        matcap: None,
+        objects,
+    };
     for (object, described) in scene.objects.iter_mut().zip(&file.objects) {
         object.material = described.material;
     }
@@ -158,5 +176,6 @@ pub fn load_scene(
     let needed = options.interior_weight || may_need_interior_weight(&file.settings);
     let options = LoadOptions { interior_weight: needed, ..options.clone() };
     let loaded = load_objects(&file.objects, base_dir, &options, progress)?;
-    Ok((assemble(file, loaded.objects)?, loaded.notes))
+    let scene = Scene { matcap: load_matcap(file, base_dir)?, ..assemble(file, loaded.objects)? };
+    Ok((scene, loaded.notes))
 }

@@ -46,6 +46,7 @@ pub fn case(seed: u64) -> Case {
         background: looks::background(&mut random),
         ambient: looks::light_color(&mut random),
         lights: looks::lights(&mut random, settings.shader),
+        matcap: None,
         objects,
     };
     let mut case = Case { settings, ..Case::new(&format!("random-{seed}"), scene, camera) };

@@ -48,6 +48,7 @@ pub fn store(case: &Case, folder: &Path) -> Result<PathBuf, IoError> {
         background: scene.background,
         ambient: scene.ambient,
         lights: scene.lights.clone(),
+        matcap: None,
         objects,
         settings: case.settings,
     };

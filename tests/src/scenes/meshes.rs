@@ -12,6 +12,7 @@ pub(super) fn mesh_cases() -> Vec<Case> {
     let peel = Transparency::Peel { layers: 3, drop_last: false };
     vec![
         wall.with("normal", |s| s.shader = Shader::Normal),
+        wall.with("edge-aa", |s| s.edge_aa = true),
         wall,
         sphere_before_mesh(),
         crossing.with("peel-3", |s| s.transparency = peel),

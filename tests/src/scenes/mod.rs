@@ -6,6 +6,7 @@ mod meshes;
 mod numeric;
 mod shading;
 mod shadows;
+mod styles;
 mod transparency;
 
 pub use clipping::*;
@@ -14,6 +15,7 @@ pub use meshes::*;
 pub use numeric::*;
 pub use shading::*;
 pub use shadows::*;
+pub use styles::*;
 pub use transparency::*;
 
 use surfel_model::{Camera, Scene, Settings};
@@ -72,5 +74,6 @@ pub fn all() -> Vec<Case> {
     cases.extend(mesh_cases());
     cases.extend(shadow_cases());
     cases.extend(clipping_cases());
+    cases.extend(style_cases());
     cases
 }

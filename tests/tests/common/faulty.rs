@@ -64,6 +64,10 @@ fn toon_to_phong(shader: Shader) -> Shader {
     if shader == Shader::Toon { Shader::Phong } else { shader }
 }
 
+fn edl_to_unlit(shader: Shader) -> Shader {
+    if shader == Shader::Edl { Shader::Unlit } else { shader }
+}
+
 fn each_cloud(scene: &mut Scene, change: fn(&mut CloudData)) {
     for object in &mut scene.objects {
         let Geometry::Splats(cloud) = &object.geometry else { continue };
@@ -111,7 +115,7 @@ fn encode_again(frame: &mut Frame) {
 }
 
 /// What can be wrong, by name, and a scene that shows it.
-pub(crate) const FAULTS: [(&str, Fault, &str); 27] = [
+pub(crate) const FAULTS: [(&str, Fault, &str); 29] = [
     ("half a pixel off", |f| f.view = |v| v.projection.principal_px[0] += 0.5, "orientation"),
     ("a hundredth of a pixel off", |f| f.view = |v| v.projection.principal_px[1] += 0.01, "confetti"),
     ("cutoff", |f| f.settings = |s| s.cutoff *= 1.01, "facing-splat"),
@@ -216,5 +220,7 @@ pub(crate) const FAULTS: [(&str, Fault, &str); 27] = [
         "glass-ball-over-floor/lit/peel-3",
     ),
     ("phong for toon", |f| f.settings = |s| s.shader = toon_to_phong(s.shader), "three-materials/lit/toon"),
+    ("another ball", |f| f.scene = |s| s.matcap = None, "ball-aside/matcap"),
+    ("depth ignored", |f| f.settings = |s| s.shader = edl_to_unlit(s.shader), "hidden-steps/edl"),
     ("no edge antialiasing", |f| f.settings = |s| s.edge_aa = false, "sphere-before-plane/edge-aa"),
 ];

@@ -21,6 +21,7 @@ pub(crate) fn scene(file: &SceneFile, folder: &Path) -> Scene {
         background: file.background,
         ambient: file.ambient,
         lights: file.lights.clone(),
+        matcap: None,
         objects: objects.collect(),
     }
 }

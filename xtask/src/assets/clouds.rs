@@ -1,6 +1,7 @@
 //! Splat clouds: a checkerboard to the horizon, a sphere, and spheres of coloured glass.
 
 use super::ply::{Cloud, Disk};
+use super::scan::SplitMix;
 
 /// Squares along a side of the checkerboard, and disks along a side of a square.
 const SQUARES: usize = 40;
@@ -79,20 +80,6 @@ fn fibonacci(n: usize, center: [f64; 3], radius: f64) -> impl Iterator<Item = Di
         let position = std::array::from_fn(|k| center[k] + radius * normal[k]);
         Disk { position, normal, radius: spacing * radius, color: [255; 4] }
     })
-}
-
-/// Source: Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators".
-struct SplitMix(u64);
-
-impl SplitMix {
-    /// Uniform in [0, 1).
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
 }
 
 #[cfg(test)]

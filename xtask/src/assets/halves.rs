@@ -4,7 +4,7 @@ use std::io;
 use std::path::Path;
 
 /// The model, relative to the workspace, and where its materials are seen from the generated files.
-const MODEL: &str = "assets/spot/spot.obj";
+pub(super) const MODEL: &str = "assets/spot/spot.obj";
 const MATERIALS: &str = "mtllib ../spot/spot.mtl";
 
 /// The OBJ files of the faces whose centroids lie at negative x, and of the others. Vertices are those of the model.
@@ -42,15 +42,15 @@ fn put(half: &mut Vec<u8>, line: &str) {
     half.push(b'\n');
 }
 
-struct Model {
-    positions: Vec<[f64; 3]>,
+pub(super) struct Model {
+    pub(super) positions: Vec<[f64; 3]>,
     /// Corners: index of the vertex, number of its texture coordinates.
-    faces: Vec<Vec<[usize; 2]>>,
+    pub(super) faces: Vec<Vec<[usize; 2]>>,
 }
 
 impl Model {
     /// Of a file in which every corner is `1/2`, and vertices come before faces.
-    fn read(text: &str) -> Self {
+    pub(super) fn read(text: &str) -> Self {
         let (mut positions, mut faces) = (Vec::new(), Vec::new());
         for line in text.lines() {
             let mut words = line.split_ascii_whitespace();

@@ -1,10 +1,10 @@
-//! Triangles, the slopes of planes, and the shader `toon`.
+//! Triangles, the slopes of planes, and the shaders `toon`, `matcap` and `edl`.
 
 use crate::inputs::{self, Random, f32s};
 use crate::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2, v3};
 use surfel_math::mapping::Linear;
 use surfel_math::triangle::Triangle;
-use surfel_math::{Real, V2, depth, shadow, toon, triangle};
+use surfel_math::{Real, V2, depth, eye_dome, matcap, shadow, toon, triangle};
 
 /// A triangle of the first twelve numbers, in WGSL.
 const TRIANGLE: &str = "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)), vec3f(x9, x10, x11));";
@@ -52,6 +52,24 @@ fn line<R: Real>(x: &[R]) -> Vec<R> {
 }
 fn limit<R: Real>(x: &[R]) -> Vec<R> {
     vec![toon::step_back_limit(x[0], v2(&x[1..]), &PERSPECTIVE)]
+}
+
+fn on_ball<R: Real>(x: &[R]) -> Vec<R> {
+    let at = matcap::coordinates(v3(x), v3(&x[3..]), v3(&x[6..]));
+    vec![at.x, at.y]
+}
+fn rise_weight<R: Real>(x: &[R]) -> Vec<R> {
+    vec![eye_dome::rise_weight(v2(x), &PERSPECTIVE)]
+}
+fn brightness<R: Real>(x: &[R]) -> Vec<R> {
+    vec![eye_dome::brightness(x[0], x[1], &PERSPECTIVE), eye_dome::brightness(x[0], x[1], &ORTHOGRAPHIC)]
+}
+/// Products of unit vectors may cancel, the more the nearer the sight is to straight down.
+fn ball_terms(x: &[f64], _: usize) -> f64 {
+    1.0 / v3(&x[3..]).cross(v3(&x[6..])).length().max(1e-9)
+}
+fn three_directions(random: &mut Random) -> Vec<f32> {
+    f32s(&[random.direction(), random.direction(), random.direction()].concat())
 }
 
 fn lookup_bias<R: Real>(x: &[R]) -> Vec<R> {
@@ -189,6 +207,17 @@ pub(crate) const KERNELS: &[Kernel] = &[
     kernel!("toon_ramp", 1 => &[1], ramp, "", "toon_ramp(x0)", share, at_a_step, Some(steep)),
     kernel!("toon_highlight", 1 => &[1], highlight, "", "toon_highlight(x0)", share, at_a_step, Some(steep)),
     kernel!("toon_line", 1 => &[1], line, "", "toon_line(x0)", share, at_a_step, Some(steep)),
+    kernel!("matcap_coordinates", 9 => &[2], on_ball,
+        "let b = matcap_coordinates(vec3f(x0, x1, x2), vec3f(x3, x4, x5), vec3f(x6, x7, x8));", "b.x; b.y",
+        three_directions, three_directions, Some(ball_terms)),
+    kernel!("eye_dome_rise_weight", 2 => &[1], rise_weight, "",
+        "eye_dome_rise_weight(vec2f(x0, x1), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE))",
+        inputs::numbers::<2>, inputs::wild::<2>, None),
+    kernel!("eye_dome_brightness", 2 => &[1, 1], brightness,
+        "let p = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE);
+         let o = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC);",
+        "eye_dome_brightness(x0, x1, p); eye_dome_brightness(x0, x1, o)",
+        |r| f32s(&[r.range(1.0, 10.0), r.range(0.0, 5.0)]), |r| f32s(&[r.wild(4.0).abs(), r.wild(4.0).abs()]), None),
     kernel!("toon_step_back_limit", 3 => &[1], limit, "",
         "toon_step_back_limit(x0, vec2f(x1, x2), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE))",
         |r| f32s(&[r.range(1.0, 10.0), r.signed(), r.signed()]), |r| f32s(&[r.wild(5.0).abs(), r.wild(3.0), r.wild(3.0)]), None),

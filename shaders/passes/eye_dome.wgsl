@@ -1,0 +1,20 @@
+// The shader `edl` (rendering model §5): darker the deeper a pixel lies among its neighbours.
+
+// How bright depth z is at a pixel, among the front surfaces about it.
+fn among_neighbours(pixel: vec2i, z: f32) -> f32 {
+    let last = vec2i(frame.size_px) - 1;
+    var rise = 0.0;
+    for (var j = -1; j <= 1; j++) {
+        for (var i = -1; i <= 1; i++) {
+            let offset = vec2i(i, j) * EYE_DOME_REACH;
+            let at = pixel + offset;
+            // The targets reach as far as the image does.
+            if (i == 0 && j == 0) || at.x < 0 || at.y < 0 || at.x > last.x || at.y > last.y {
+                continue;
+            }
+            let neighbour = front_depth(at);
+            rise += eye_dome_rise_weight(vec2f(offset), frame.projection) * select(0.0, z - neighbour, neighbour < z);
+        }
+    }
+    return eye_dome_brightness(z, rise, frame.projection);
+}
