@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn chunk_holds_splats_to_the_bounds_of_16_bits() {
-        let one = cloud(vec![Vec3::ZERO, Vec3::new(7.0, -3.0, 1.0)], vec![0.3, 1.1]);
+        let one = cloud(vec![Vec3::ZERO, Vec3::new(7.0, -3.1, 1.3)], vec![0.3, 1.1]);
         let space = ChunkSpace::of(&one, &[0, 1]);
         let exact = StoredSplat::of(&one, 0, &space, Storage::F32);
         assert_eq!((exact.center, exact.axes), (one.center(0), one.axes(0)));
