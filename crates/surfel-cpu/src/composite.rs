@@ -5,6 +5,7 @@ use crate::between::Between;
 use crate::bins::TILE_BLOCKS;
 use crate::eye_dome;
 use crate::lanes::Lanes;
+use crate::level::{Instructions, with_instructions};
 use crate::lists::ItemLists;
 use crate::mesh::{ScreenTriangle, StoredMesh, TriangleSegment};
 use crate::planes::{NeighbourPlanes, NeighbourRows};
@@ -32,6 +33,8 @@ pub(crate) struct Extras<'a> {
 pub(crate) struct CompositeJob<'a> {
     pub tiles: TileJob<'a>,
     pub extras: Extras<'a>,
+    /// Nothing but opaque splats is drawn.
+    pub plain: bool,
 }
 
 /// What a thread reuses from tile to tile.
@@ -93,8 +96,25 @@ impl<'a> CompositeJob<'a> {
     }
 
     /// Draws a tile, transparent layers included unless a second look comes first.
+    ///
+    /// The one place where the tiles' loops are called from: all that they do is inlined into them, once for each level.
+    #[inline(never)]
+    pub(crate) fn draw(
+        &self,
+        instructions: Instructions,
+        target: &mut TileTarget<'_>,
+        planes: Option<&mut NeighbourRows<'_>>,
+        scratch: &mut TileScratch<'a>,
+    ) -> Counters {
+        if self.plain {
+            with_instructions!(instructions, simd => simd.vectorize(#[inline(always)] || self.tiles.draw(simd, target, planes, scratch)))
+        } else {
+            with_instructions!(instructions, simd => simd.vectorize(#[inline(always)] || self.draw_all(simd, target, planes, scratch)))
+        }
+    }
+
     #[inline(always)]
-    pub(crate) fn draw<S: Simd>(
+    fn draw_all<S: Simd>(
         &self,
         simd: S,
         target: &mut TileTarget<'_>,

@@ -176,28 +176,12 @@ impl Drawing<'_> {
         let tiles = TileJob { listing, shared, lighting: &self.lighting };
         let extras = Extras { meshes: &self.scene.meshes, triangles: &triangles, veils, layers: self.layers };
         let order = heavy_first(&tiles, &extras);
-        let job = CompositeJob { tiles, extras };
-        // The same for every tile: opaque splats alone are drawn without a look at anything else.
-        let plain = !plan.has(Pass::Polygons)
-            && !plan.separates_transparent
-            && !plan.has(Pass::Outlines)
-            && !plan.has(Pass::EyeDome);
+        let job = CompositeJob { tiles, extras, plain: is_plain(plan) };
         let mut bytes = triangles.iter().map(TriangleSegment::bytes).sum::<usize>();
         if !looks_twice {
             let targets = sorted(TileTarget::cut(frame, &grid, rows, self.view.region), &order);
-            totals.counters += if plain {
-                each_tile(
-                    instructions,
-                    targets,
-                    |level, target, scratch| with_instructions!(level, simd => simd.vectorize(#[inline(always)] || job.tiles.draw(simd, target, None, scratch))),
-                )
-            } else {
-                each_tile(
-                    instructions,
-                    targets,
-                    |level, target, scratch| with_instructions!(level, simd => simd.vectorize(#[inline(always)] || job.draw(simd, target, None, scratch))),
-                )
-            };
+            totals.counters +=
+                each_tile(instructions, targets, |level, target, scratch| job.draw(level, target, None, scratch));
             totals.tiles_ms += after_setup.elapsed().as_secs_f64() * 1e3;
         } else {
             let mut planes = NeighbourPlanes::new(region, plan);
@@ -205,19 +189,9 @@ impl Drawing<'_> {
             let targets = TileTarget::cut(frame, &grid, rows, self.view.region);
             let pairs: Vec<(TileTarget<'_>, NeighbourRows<'_>)> = targets.into_iter().zip(planes.cut(&grid)).collect();
             let pairs = sorted(pairs, &order);
-            totals.counters += if plain {
-                each_tile(
-                    instructions,
-                    pairs,
-                    |level, (target, planes), scratch| with_instructions!(level, simd => simd.vectorize(#[inline(always)] || job.tiles.draw(simd, target, Some(planes), scratch))),
-                )
-            } else {
-                each_tile(
-                    instructions,
-                    pairs,
-                    |level, (target, planes), scratch| with_instructions!(level, simd => simd.vectorize(#[inline(always)] || job.draw(simd, target, Some(planes), scratch))),
-                )
-            };
+            totals.counters += each_tile(instructions, pairs, |level, (target, planes), scratch| {
+                job.draw(level, target, Some(planes), scratch)
+            });
             let after_tiles = Instant::now();
             totals.tiles_ms += (after_tiles - after_setup).as_secs_f64() * 1e3;
             let targets = sorted(TileTarget::cut(frame, &grid, rows, self.view.region), &order);
@@ -307,15 +281,10 @@ impl Drawing<'_> {
         let shared = Shared { wants: self.wants, near, clips, factors: &self.factors, coverage: &self.coverage };
         let tiles = TileJob { listing: Listing { segments, grid }, shared, lighting: &self.lighting };
         let extras = Extras { meshes: &[], triangles: &[], veils, layers: self.layers };
-        let job = CompositeJob { tiles, extras };
+        let job = CompositeJob { tiles, extras, plain: is_plain(self.plan) };
         let mut scratch = TileScratch::new();
         for mut target in targets {
-            let (target, scratch) = (&mut target, &mut scratch);
-            totals.counters += if self.plan.separates_transparent {
-                with_instructions!(self.preparation.instructions, simd => simd.vectorize(#[inline(always)] || job.draw(simd, target, None, scratch)))
-            } else {
-                with_instructions!(self.preparation.instructions, simd => simd.vectorize(#[inline(always)] || job.tiles.draw(simd, target, None, scratch)))
-            };
+            totals.counters += job.draw(self.preparation.instructions, &mut target, None, &mut scratch);
         }
         drop(scratch);
         totals.tiles_ms += after_setup.elapsed().as_secs_f64() * 1e3;
@@ -335,6 +304,11 @@ impl Drawing<'_> {
             simd.vectorize(#[inline(always)] || light_splats(simd, &self.lighting, &segment.records, splats, factors));
         });
     }
+}
+
+/// True if opaque splats alone are drawn, without a look at anything else.
+fn is_plain(plan: &FramePlan) -> bool {
+    !plan.has(Pass::Polygons) && !plan.separates_transparent && !plan.has(Pass::Outlines) && !plan.has(Pass::EyeDome)
 }
 
 /// Takes every job on some thread, in the order given, with something of the thread's own.

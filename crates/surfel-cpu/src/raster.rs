@@ -251,20 +251,41 @@ pub(crate) fn block<S: Simd>(
             accumulate(simd, &mut sums, record, mask, z, Lanes::load(simd, weight), shared);
         }
     } else {
-        // What is kept is known now, and what lies behind it passed over.
-        let farthest = k(largest(sums.kept));
-        let mut loop_2 = SecondLoop { sums, limit, shared };
-        for first in (0..list.records.len()).step_by(LANES) {
-            let all = (1u64 << (list.records.len() - first).min(LANES)) - 1;
-            let left = all & !farthest.lt(Lanes::load(simd, &list.z_min[first..])).to_bitmask();
-            sixteen(simd, list, (first, left), at, (x, y), shared, &mut loop_2);
-        }
-        sums = loop_2.sums;
+        sums = second_loop(simd, list, at, (x, y), sums, limit, shared);
     }
     sums
 }
 
-/// The second loop, where fragments weren't remembered.
+/// The second loop where fragments weren't remembered: what is kept is known now, and what lies behind it passed over.
+///
+/// Out of line: it is long, and most blocks don't come here.
+#[cold]
+#[inline(never)]
+fn second_loop<S: Simd>(
+    simd: S,
+    list: BlockList<'_, '_>,
+    at: (Lanes<S>, Lanes<S>),
+    first_px: (i32, i32),
+    sums: Sums<S>,
+    limit: impl Limit<S>,
+    shared: &Shared<'_>,
+) -> Sums<S> {
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            let farthest = Lanes::splat(simd, largest(sums.kept));
+            let mut loop_2 = SecondLoop { sums, limit, shared };
+            for first in (0..list.records.len()).step_by(LANES) {
+                let all = (1u64 << (list.records.len() - first).min(LANES)) - 1;
+                let left = all & !farthest.lt(Lanes::load(simd, &list.z_min[first..])).to_bitmask();
+                sixteen(simd, list, (first, left), at, first_px, shared, &mut loop_2);
+            }
+            loop_2.sums
+        },
+    )
+}
+
+/// What the second loop carries along where fragments weren't remembered.
 struct SecondLoop<'a, 'b, S: Simd, L> {
     sums: Sums<S>,
     limit: L,
