@@ -136,9 +136,57 @@ fn cpu_counts_each_drawn_splat_once_however_a_frame_is_cut() {
     };
     for case in drawn() {
         let whole = count(Work::default(), &case);
-        let by_cells = count(Work { tile_px: 8, cell_splats: 0, ..Work::default() }, &case);
+        let by_cells = count(Work { tile_px: 8, cell_splats: 0, culls_hidden: false, ..Work::default() }, &case);
         let by_rows = count(Work { tile_px: 8, batch_splats: 0, ..Work::default() }, &case);
         assert_eq!([by_cells, by_rows], [whole; 2], "{}", case.name);
+    }
+}
+
+/// Walls behind walls with a hole in the first, some of them tilted, and the last two transparent, one before the others.
+fn walls(transparency: Transparency) -> scenes::Case {
+    let side = 60;
+    let wall = |z: f64, slope: f64, alpha: f32, hole: bool| {
+        let at = |i: usize| 4.0 * ((i as f64 + 0.5) / side as f64 - 0.5);
+        let places = (0..side * side).map(|i| (at(i % side), at(i / side)));
+        let places = places.filter(|(x, y)| !hole || x.hypot(*y) > 0.4);
+        let normal = DVec3::new(-slope, 0.0, 1.0).normalize();
+        let color = |x: f64| [x as f32 / 4.0 + 0.5, 0.5, z.abs() as f32 / 4.0];
+        let splat = |(x, y): (f64, f64)| build::Splat::disk(DVec3::new(x, y, z + slope * x), normal, 0.08, color(x));
+        build::with_alpha(build::cloud(&places.map(splat).collect::<Vec<_>>()), |_| alpha)
+    };
+    let mut case = scenes::sphere_before_mesh().with("walls", |s| (s.edge_aa, s.transparency) = (false, transparency));
+    let walls = [
+        wall(0.0, 0.0, 1.0, true),
+        wall(-1.0, 0.2, 1.0, false),
+        wall(-3.0, -0.3, 1.0, false),
+        wall(-5.0, 0.0, 1.0, false),
+        wall(-7.0, 0.0, 0.5, false),
+        wall(0.2, 0.1, 0.5, false),
+    ];
+    case.scene.objects = walls.into_iter().map(build::object).collect();
+    case.scene.objects.iter_mut().for_each(|object| object.material.interior_weight = Some(1.5));
+    case
+}
+
+#[test]
+fn cpu_leaves_out_what_is_hidden_and_no_bit_changes() {
+    let planes = Planes { fragments: true, ..Planes::ALL };
+    let draw = |culls_hidden, case: &scenes::Case| {
+        let work = Work { tile_px: 8, cell_splats: 500, culls_hidden, ..Work::default() };
+        let mut renderer = cut(work);
+        let scene = renderer.upload(&case.scene).unwrap();
+        let mut frame = Frame::default();
+        let stats = renderer.render(&scene, &case.view(), &case.settings, planes, &mut frame).unwrap();
+        let hidden = stats.counters.iter().find(|(name, _)| *name == "hidden").unwrap().1;
+        (bits(&frame), hidden)
+    };
+    for transparency in [Transparency::Peel { layers: 3, drop_last: false }, Transparency::Off] {
+        let case = walls(transparency);
+        let ((with, hidden), (without, none)) = (draw(true, &case), draw(false, &case));
+        assert!(with == without, "{transparency:?}");
+        // 3,600 splats a wall, of which borders and the hole show some.
+        assert!(hidden > 3600.0, "{hidden}");
+        assert_eq!(none, 0.0);
     }
 }
 

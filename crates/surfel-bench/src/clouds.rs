@@ -6,9 +6,9 @@ use glam::{DVec3, Vec3};
 use surfel::SplatCloud;
 use surfel::model::{CloudData, Column3, ModelError, OnInvalid, Shape};
 
-/// Radius of a splat over the distance to its neighbours. Disks on a hexagonal lattice cover the plane from 0.58 on; the
-/// rest is the overlap that blending needs, and makes 3.8 layers.
-const RADIUS_PER_SPACING: f64 = 1.1;
+/// Splats over each point of a surface: disks on a hexagonal lattice cover the plane from 1.06 on; the rest is the overlap that
+/// blending needs.
+pub(crate) const LAYERS: f64 = 3.8;
 
 /// Bumps of the ball, from coarse to fine: cycles about it and height over its radius.
 const OCTAVES: [(f64, f64); 4] = [(1.5, 0.12), (3.0, 0.06), (7.0, 0.02), (15.0, 0.006)];
@@ -22,7 +22,7 @@ pub(crate) fn ball(count: usize) -> Result<SplatCloud, ModelError> {
     let waves = waves();
     let golden = PI * (3.0 - 5f64.sqrt());
     let solid_angle = 4.0 * PI / count as f64;
-    build(count, |i| {
+    build(count, LAYERS, |i| {
         let y = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
         let (sine, cosine) = (golden * i as f64 % TAU).sin_cos();
         let across = (1.0 - y * y).sqrt();
@@ -41,31 +41,46 @@ pub(crate) fn ball(count: usize) -> Result<SplatCloud, ModelError> {
 }
 
 /// A wavy sheet across the z axis, 2 wide and high, that faces +z with slopes up to about 60°: every splat is seen.
-pub(crate) fn sheet(count: usize) -> Result<SplatCloud, ModelError> {
-    let side = (count as f64).sqrt().ceil();
-    let spacing = 2.0 / side;
-    let waves = 9.0;
-    build(count, |i| {
-        let (row, column) = ((i as f64 / side).floor(), i as f64 % side);
-        let x = -1.0 + (column + 0.5 * (row % 2.0)) * spacing;
-        let y = -1.0 + (row + 0.5) * spacing;
-        let height = 0.15 / waves;
-        let (slope_x, slope_y) = (1.5 * (waves * x * TAU).cos(), 1.0 * (waves * y * TAU).cos());
-        let z = height * ((waves * x * TAU).sin() + (waves * y * TAU).sin());
-        let normal = DVec3::new(-slope_x, -slope_y, 1.0);
-        (DVec3::new(x, y, z), normal.normalize(), spacing * normal.length().sqrt())
+pub(crate) fn sheet(count: usize, layers: f64) -> Result<SplatCloud, ModelError> {
+    build(count, layers, |i| wavy(i, count))
+}
+
+/// Twelve such sheets one behind another, the nearest first: walls behind walls.
+pub(crate) fn stack(count: usize) -> Result<SplatCloud, ModelError> {
+    build(12 * count, LAYERS, |i| {
+        let (center, normal, spacing) = wavy(i % count, count);
+        (center - DVec3::Z * (0.1 * (i / count) as f64), normal, spacing)
     })
 }
 
-/// A cloud of disks; `splat` gives centre, normal and the distance to its neighbours.
-fn build(count: usize, splat: impl Fn(usize) -> (DVec3, DVec3, f64)) -> Result<SplatCloud, ModelError> {
+/// Splat `i` of a wavy sheet of `count`.
+fn wavy(i: usize, count: usize) -> (DVec3, DVec3, f64) {
+    let side = (count as f64).sqrt().ceil();
+    let spacing = 2.0 / side;
+    let waves = 9.0;
+    let (row, column) = ((i as f64 / side).floor(), i as f64 % side);
+    let x = -1.0 + (column + 0.5 * (row % 2.0)) * spacing;
+    let y = -1.0 + (row + 0.5) * spacing;
+    // Steepest slopes across and along.
+    let slopes = [1.5, 1.0];
+    let [(sine_x, cosine_x), (sine_y, cosine_y)] = [x, y].map(|v| (waves * v * TAU).sin_cos());
+    let (slope_x, slope_y) = (slopes[0] * cosine_x, slopes[1] * cosine_y);
+    let z = (slopes[0] * sine_x + slopes[1] * sine_y) / (waves * TAU);
+    let normal = DVec3::new(-slope_x, -slope_y, 1.0);
+    (DVec3::new(x, y, z), normal.normalize(), spacing * normal.length().sqrt())
+}
+
+/// A cloud of disks, `layers` over each point; `splat` gives centre, normal and the distance to its neighbours.
+fn build(count: usize, layers: f64, splat: impl Fn(usize) -> (DVec3, DVec3, f64)) -> Result<SplatCloud, ModelError> {
     let (mut centers, mut normals): (Vec<Vec3>, Vec<Vec3>) = (Vec::with_capacity(count), Vec::with_capacity(count));
     let (mut radii, mut colors): (Vec<f32>, Vec<[f32; 3]>) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    // A disk over the area of a splat.
+    let radius_per_spacing = (layers / PI).sqrt();
     for i in 0..count {
         let (center, normal, spacing) = splat(i);
         centers.push(center.as_vec3());
         normals.push(normal.as_vec3());
-        radii.push((RADIUS_PER_SPACING * spacing) as f32);
+        radii.push((radius_per_spacing * spacing) as f32);
         colors.push((Vec3::splat(0.6) + 0.3 * (4.0 * center).map(f64::sin).as_vec3()).to_array());
     }
     let shape = Shape::Disks { normals: Column3::from_f32(normals), radii };

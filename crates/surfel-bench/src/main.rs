@@ -81,6 +81,9 @@ pub(crate) struct Arguments {
     /// Evaluate every splat of the processor backend by the evaluator that is right for any.
     #[arg(long)]
     general: bool,
+    /// Set up splats behind all that is shown too.
+    #[arg(long)]
+    hidden: bool,
     /// Where the models igea.ply and lion_takanawa.ply are; without them their scenes are left out.
     #[arg(long, value_name = "FOLDER", default_value = "models")]
     models: PathBuf,

@@ -21,7 +21,7 @@ pub(crate) struct Plan {
     backend: crate::Backend,
     adapter: Option<String>,
     simd: SimdLevel,
-    evaluation: Evaluation,
+    work: surfel_cpu::Work,
     threads: Vec<usize>,
     runs: usize,
     models: PathBuf,
@@ -40,7 +40,11 @@ impl Plan {
                 Simd::Avx2 => SimdLevel::Avx2,
                 Simd::Baseline => SimdLevel::Baseline,
             },
-            evaluation: if arguments.general { Evaluation::General } else { Evaluation::Cheapest },
+            work: surfel_cpu::Work {
+                evaluation: if arguments.general { Evaluation::General } else { Evaluation::Cheapest },
+                culls_hidden: !arguments.hidden,
+                ..surfel_cpu::Work::default()
+            },
             // A GPU's threads aren't ours to set.
             threads: if on_processor { arguments.threads.clone() } else { vec![0] },
             runs: arguments.runs.unwrap_or(runs).max(1),
@@ -51,8 +55,8 @@ impl Plan {
 
     fn start(&self, threads: usize) -> Result<Backend, Failure> {
         if self.backend == crate::Backend::Cpu {
-            let work = surfel_cpu::Work { evaluation: self.evaluation, ..surfel_cpu::Work::default() };
-            let options = surfel_cpu::Options { threads, simd: self.simd, work, ..surfel_cpu::Options::default() };
+            let options =
+                surfel_cpu::Options { threads, simd: self.simd, work: self.work, ..surfel_cpu::Options::default() };
             return Ok(Backend::Cpu(surfel_cpu::Renderer::with_options(&options)?));
         }
         let options = BackendOptions { threads, adapter: self.adapter.clone(), ..BackendOptions::default() };

@@ -22,6 +22,10 @@ pub(crate) enum Source {
     Ball(usize),
     /// A wavy sheet of so many splats.
     Sheet(usize),
+    /// The same with twelve splats over each point.
+    Thick(usize),
+    /// Wavy sheets one behind another, of so many splats each.
+    Stack(usize),
     /// A file of the models' folder.
     Model(&'static str),
 }
@@ -63,7 +67,7 @@ const FAR: f64 = 3.7;
 /// All scenes.
 fn all() -> Vec<Case> {
     use Eye::{Fits, Zoomed};
-    use Source::{Ball, Model, Sheet};
+    use Source::{Ball, Model, Sheet, Stack, Thick};
     let case = |name, about, source, eye, quick| Case { name, about, source, eye, shader: Shader::Phong, quick };
     let igea = Model("igea.ply");
     let shader = |name, shader| Case { shader, ..case(name, "igea by another shader", igea, Fits, true) };
@@ -78,6 +82,16 @@ fn all() -> Vec<Case> {
         shader("igea-unlit", Shader::Unlit),
         case("lion", "a coloured scan of 273 k points", Model("lion_takanawa.ply"), Fits, false),
         case("sheet", "a wavy sheet, all splats seen, about ten fragments each", Sheet(400_000), Fits, true),
+        case(
+            "overlap-2",
+            "the sheet, twelve splats over each point, about ten fragments each",
+            Thick(1_260_000),
+            Fits,
+            false,
+        ),
+        case("overlap-8", "the same, splats of 8 pixels", Thick(62_500), Fits, false),
+        case("overlap-16", "the same, splats of 16 pixels", Thick(15_600), Fits, false),
+        case("stack", "twelve sheets, one behind another", Stack(400_000), Fits, false),
         case("radius-8", "the ladder's surface of splats of 8 pixels", Ball(63_000), Fits, true),
         case("radius-32", "the ladder's surface of splats of 32 pixels", Ball(3_900), Fits, true),
         case("near", "close-up of the 154k surface: few huge splats", Ball(154_000), Zoomed(1.0 / 16.0), true),
@@ -111,7 +125,9 @@ impl Source {
     pub(crate) fn load(self, models: &Path) -> Result<Loaded, Failure> {
         match self {
             Self::Ball(count) => Ok(framed(clouds::ball(count)?, Cull::Back)),
-            Self::Sheet(count) => Ok(framed(clouds::sheet(count)?, Cull::None)),
+            Self::Sheet(count) => Ok(framed(clouds::sheet(count, clouds::LAYERS)?, Cull::None)),
+            Self::Thick(count) => Ok(framed(clouds::sheet(count, 12.0)?, Cull::None)),
+            Self::Stack(count) => Ok(framed(clouds::stack(count)?, Cull::None)),
             Self::Model(file) => {
                 let path = models.join(file);
                 let opened = surfel::open(&[&path], &NoProgress)?;

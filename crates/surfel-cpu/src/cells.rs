@@ -4,6 +4,7 @@
 //! before they are drawn, and waiting for memory takes a third of a frame.
 
 use crate::bins::Grid;
+use crate::hidden;
 use crate::placed::ObjectSetup;
 use crate::prepare::Seen;
 use surfel_render::Region;
@@ -15,6 +16,8 @@ pub(crate) struct Cell {
     tiles: [u32; 4],
     /// Chunks that may touch it, from near to far.
     pub seen: Vec<Seen>,
+    /// How many of them come first, if the others may be hidden; else all.
+    pub first: usize,
     /// What it costs, about, in splats.
     cost: f64,
 }
@@ -38,10 +41,20 @@ const CELLS_PER_THREAD: usize = 8;
 struct Placed {
     seen: Seen,
     splats: f64,
+    /// Areas of its splats together, pixels.
+    area_px: f64,
+    /// Nearest and farthest depth.
+    depths: [f64; 2],
     pixels: [f64; 4],
 }
 
 impl Placed {
+    /// What it is in some pixels.
+    fn part(&self, pixels: &[f64; 4]) -> hidden::Share {
+        let share = self.share(pixels);
+        hidden::Share { splats: self.splats * share, area_px: self.area_px * share, depths: self.depths }
+    }
+
     /// The share of its splats in some pixels.
     fn share(&self, pixels: &[f64; 4]) -> f64 {
         let side = |axis: usize| {
@@ -49,7 +62,7 @@ impl Placed {
             let common = self.pixels[axis + 2].min(pixels[axis + 2]) - self.pixels[axis].max(pixels[axis]);
             if length > 0.0 { (common / length).clamp(0.0, 1.0) } else { 1.0 }
         };
-        self.splats * side(0) * side(1)
+        side(0) * side(1)
     }
 
     fn touches(&self, pixels: &[f64; 4]) -> bool {
@@ -65,9 +78,12 @@ pub(crate) fn divide(setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid, mos
         .map(|&seen| {
             let setup = &setups[seen.object as usize];
             let chunk = &setup.object.chunks[seen.chunk as usize];
-            let [x0, y0, x1, y1] = setup.pixels(setup.center(chunk), chunk);
+            let center = setup.center(chunk);
+            let [x0, y0, x1, y1] = setup.pixels(center, chunk);
             let pixels = [x0.max(whole[0]), y0.max(whole[1]), x1.min(whole[2]), y1.min(whole[3])];
-            Placed { seen, splats: chunk.count as f64, pixels }
+            // What lies about the eye may hide anything or nothing, and what is transparent hides nothing.
+            let area_px = if x0.is_finite() && !setup.is_transparent() { setup.area_px(center, chunk) } else { 0.0 };
+            Placed { seen, splats: chunk.count as f64, area_px, depths: setup.depths(center, chunk), pixels }
         })
         .collect();
     let pixels = f64::from(grid.region.width) * f64::from(grid.region.height);
@@ -88,14 +104,15 @@ struct Limits {
 impl Limits {
     fn split(&self, grid: &Grid, tiles: [u32; 4], placed: &[Placed], cells: &mut Vec<Cell>) {
         let pixels = bounds(grid, tiles);
-        let splats = placed.iter().map(|p| p.share(&pixels)).sum::<f64>();
+        let splats = placed.iter().map(|p| p.splats * p.share(&pixels)).sum::<f64>();
         let area = (pixels[2] - pixels[0]) * (pixels[3] - pixels[1]);
         let cost = splats + if placed.is_empty() { 0.0 } else { area * SPLATS_PER_PIXEL };
         let [x0, x1, y0, y1] = tiles;
         let small = x1 - x0 <= 1 && y1 - y0 <= 1;
         if small || (splats <= self.splats && cost <= self.cost) {
             let seen = placed.iter().map(|p| p.seen).collect();
-            cells.push(Cell { region: region(&pixels), tiles, seen, cost });
+            let first = hidden::first(placed.iter().map(|p| p.part(&pixels)), area);
+            cells.push(Cell { region: region(&pixels), tiles, seen, first, cost });
             return;
         }
         let halves = if x1 - x0 >= y1 - y0 {

@@ -2,6 +2,7 @@
 
 use crate::cells::{self, Cell};
 use crate::composite::{CompositeJob, Extras};
+use crate::hidden::Hiding;
 use crate::level::{Instructions, with_instructions};
 use crate::mesh::{self, TriangleSegment};
 use crate::near::NearSplat;
@@ -60,6 +61,7 @@ pub(crate) fn draw(
         plan,
         wants: Wants::new(plan, view),
         layers: Layers::new(plan, work.peeling == Peeling::Anew),
+        culls_hidden: work.culls_hidden,
         factors: scene.objects.iter().map(|o| o.material.factors().map(|f| f as f32)).collect(),
         coverage: scene.objects.iter().map(|o| o.coverage_per_weight(plan.splat_filter.cutoff)).collect(),
         lighting: Lighting::new(plan, view, lights, shadows, scene.ambient, scene.material.factors(), scene.background)
@@ -91,6 +93,8 @@ struct Totals {
     tiles_ms: f64,
     edges_ms: f64,
     batches: usize,
+    /// Splats behind all that a cell shows.
+    hidden: u64,
     set_up: u64,
     drawn: u64,
     tile_pairs: u64,
@@ -123,6 +127,7 @@ impl Totals {
         let pairs = self.counters.block_pairs.max(1) as f64;
         stats.counters.extend([
             ("batches", self.batches as f64),
+            ("hidden", self.hidden as f64),
             ("set_up", self.set_up as f64),
             ("culled", (stats.splats.saturating_sub(self.drawn)) as f64),
             ("tile_pairs", self.tile_pairs as f64),
@@ -144,6 +149,7 @@ struct Drawing<'a> {
     plan: &'a FramePlan,
     wants: Wants,
     layers: Layers,
+    culls_hidden: bool,
     factors: Vec<[f32; 4]>,
     coverage: Vec<f32>,
     lighting: Lighting,
@@ -168,8 +174,8 @@ impl Drawing<'_> {
             let Prepared { veils, near, .. } = &mut prepared;
             veils.par_iter_mut().for_each(|veil| self.light_splats(veil, near));
         }
-        let Prepared { segments, veils, near, clips } = &prepared;
-        let shared = Shared { wants: self.wants, near, clips, factors: &self.factors, coverage: &self.coverage };
+        let shared = self.shared(&prepared);
+        let Prepared { segments, veils, .. } = &prepared;
         let after_setup = Instant::now();
         totals.setup_ms += (after_setup - start).as_secs_f64() * 1e3;
         let listing = Listing { segments, grid };
@@ -246,6 +252,7 @@ impl Drawing<'_> {
             totals.setup_ms += sum.setup_ms * wall;
             totals.tiles_ms += sum.tiles_ms * wall;
             totals.batches += sum.batches;
+            totals.hidden += sum.hidden;
             totals.set_up += sum.set_up;
             totals.drawn += sum.drawn;
             totals.tile_pairs += sum.tile_pairs;
@@ -270,15 +277,26 @@ impl Drawing<'_> {
             return 0;
         }
         let grid = self.preparation.grid(cell.region);
-        let mut prepared = self.preparation.set_up_alone(setups, &cell.seen, &grid);
+        let mut prepared = Prepared::default();
+        let first = if self.culls_hidden { cell.first } else { cell.seen.len() };
+        let (front, others) = cell.seen.split_at(first);
+        self.preparation.set_up_alone(setups, front, &grid, &mut prepared);
+        if !others.is_empty() {
+            let shared = self.shared(&prepared);
+            let listing = Listing { segments: &prepared.segments, grid };
+            let hiding = Hiding::of(self.preparation.instructions, &listing, &shared);
+            let (hides, others) = others.iter().partition::<Vec<Seen>, _>(|seen| hiding.hides(setups, seen));
+            totals.hidden += self.preparation.splats(&hides) as u64;
+            self.preparation.set_up_alone(setups, &others, &grid, &mut prepared);
+        }
         if self.plan.has(Pass::RemainingLayer) {
             let Prepared { veils, near, .. } = &mut prepared;
             veils.iter_mut().for_each(|veil| self.light_splats(veil, near));
         }
         let after_setup = Instant::now();
         totals.setup_ms += (after_setup - start).as_secs_f64() * 1e3;
-        let Prepared { segments, veils, near, clips } = &prepared;
-        let shared = Shared { wants: self.wants, near, clips, factors: &self.factors, coverage: &self.coverage };
+        let shared = self.shared(&prepared);
+        let Prepared { segments, veils, .. } = &prepared;
         let tiles = TileJob { listing: Listing { segments, grid }, shared, lighting: &self.lighting };
         let extras = Extras { meshes: &[], triangles: &[], veils, layers: self.layers };
         let job = CompositeJob { tiles, extras, plain: is_plain(self.plan) };
@@ -292,6 +310,11 @@ impl Drawing<'_> {
         totals.add(&prepared, 0);
         self.preparation.recycled.give_back(prepared.segments);
         bytes
+    }
+
+    /// What the blocks of a batch share.
+    fn shared<'a>(&'a self, Prepared { near, clips, .. }: &'a Prepared) -> Shared<'a> {
+        Shared { wants: self.wants, near, clips, factors: &self.factors, coverage: &self.coverage }
     }
 
     /// Lights transparent splats for the remaining layer.

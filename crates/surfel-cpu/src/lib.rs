@@ -29,6 +29,7 @@ mod composite;
 mod eye_dome;
 mod fragment;
 mod frame;
+mod hidden;
 mod kernel;
 mod lane_math;
 mod lanes;

@@ -75,10 +75,15 @@ impl<'a> ObjectSetup<'a> {
         }
     }
 
+    /// True if some of its splats are drawn as transparent.
+    pub(crate) fn is_transparent(&self) -> bool {
+        self.plan.separates_transparent && self.object.alphas.is_some()
+    }
+
     /// What a splat of a slot has besides its record, if it is transparent; its centre is in view space.
     #[inline(always)]
     pub(crate) fn transparent(&self, slot: usize, center: impl FnOnce() -> [f32; 3]) -> Option<VeilSplat> {
-        let alphas = self.object.alphas.as_ref().filter(|_| self.plan.separates_transparent)?;
+        let alphas = self.object.alphas.as_ref().filter(|_| self.is_transparent())?;
         let alpha = alphas.get(slot).copied().filter(|&alpha| alpha < 1.0)?;
         Some(VeilSplat { alpha, center: center(), lit: [0.0; 3] })
     }
@@ -118,19 +123,19 @@ impl<'a> ObjectSetup<'a> {
     /// Pixels that a chunk may touch: least x and y, greatest x and y. All there are where a ball about the eye tells nothing.
     pub(crate) fn pixels(&self, center: DVec3, chunk: &Chunk) -> [f64; 4] {
         let projection = &self.view.projection;
-        let ball = self.reach(chunk.ball);
-        if projection.is_perspective() && center.z < 4.0 * ball {
+        let half = self.half(chunk) * self.leaving();
+        if projection.is_perspective() && center.z < 4.0 * half.z {
             return [f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
         }
         let range = |axis: usize| {
-            let at = [center.x, center.y][axis];
+            let (at, half_side) = ([center.x, center.y][axis], [half.x, half.y][axis]);
             let slopes = match projection.kind {
                 // The least slope is that of the near side where it is negative.
                 ProjectionKind::Perspective => [-1.0, 1.0].map(|sign: f64| {
-                    let edge = at + sign * ball;
-                    edge / (center.z - sign * ball.copysign(edge))
+                    let edge = at + sign * half_side;
+                    edge / (center.z - sign * half.z.copysign(edge))
                 }),
-                ProjectionKind::Orthographic { .. } => [at - ball, at + ball],
+                ProjectionKind::Orthographic { .. } => [at - half_side, at + half_side],
             };
             let margin = self.margin_px();
             let px = slopes.map(|slope| slope.mul_add(projection.focal_px[axis], projection.principal_px[axis]));
@@ -140,13 +145,25 @@ impl<'a> ObjectSetup<'a> {
         [x0, y0, x1, y1]
     }
 
-    /// How far a splat may reach in view space that has this reach in the object's.
-    fn reach(&self, ball: f64) -> f64 {
-        let ball = ball * self.stretch;
+    /// Nearest and farthest depth of a chunk's splats.
+    pub(crate) fn depths(&self, center: DVec3, chunk: &Chunk) -> [f64; 2] {
+        let half = self.half(chunk);
+        [center.z - half.z, center.z + half.z]
+    }
+
+    /// Half the sides of a box about a chunk's origin that holds its splats, along the view's axes.
+    fn half(&self, chunk: &Chunk) -> DVec3 {
+        let (m, half) = (&self.linear, chunk.half);
+        let side = m.x_axis.abs() * half.x + m.y_axis.abs() * half.y + m.z_axis.abs() * half.z;
+        side.min(DVec3::splat(chunk.ball * self.stretch))
+    }
+
+    /// By how much larger what a splat covers may be than the splat, seen from its centre.
+    fn leaving(&self) -> f64 {
         // An affine footprint leaves the splat's own outline, by less than half its distance from the centre
         // (p_z/z < 3/2 on its far side); three times the ball is ample.
         let affine = !self.plan.splat_filter.projective || self.plan.splat_filter.filter == Filter::Ewa;
-        if affine && self.view.projection.is_perspective() { 3.0 * ball } else { ball }
+        if affine && self.view.projection.is_perspective() { 3.0 } else { 1.0 }
     }
 
     /// How far a filtered footprint may reach past its splat: by h, or for ewa by no more than both together.
@@ -168,17 +185,30 @@ impl<'a> ObjectSetup<'a> {
             slopes,
             lengths: slopes.map(|pair| pair.map(|slope| if perspective { slope.hypot(1.0) } else { 1.0 })),
             perspective,
-            reach: self.reach(1.0),
+            reach: self.stretch * self.leaving(),
         }
     }
 
     /// True if no splat of the chunk can touch the region.
-    pub(crate) fn is_outside(&self, center: DVec3, chunk: &Chunk, sides: &Sides) -> bool {
+    pub(crate) fn is_outside(&self, center: DVec3, chunk: &Chunk, region: Region) -> bool {
         let projection = &self.view.projection;
-        let ball = chunk.ball * self.stretch;
-        center.z + ball < projection.near
-            || center.z - ball > projection.far()
-            || sides.exclude([center.x, center.y, center.z], chunk.ball)
+        let [nearest, farthest] = self.depths(center, chunk);
+        let [x0, y0, x1, y1] = self.pixels(center, chunk);
+        let [start_x, start_y, end_x, end_y] =
+            [region.x, region.y, region.x + region.width, region.y + region.height].map(f64::from);
+        farthest < projection.near
+            || nearest > projection.far()
+            || x1 < start_x
+            || x0 > end_x
+            || y1 < start_y
+            || y0 > end_y
+    }
+
+    /// Area of a chunk's splats in pixels, did they face the eye.
+    pub(crate) fn area_px(&self, center: DVec3, chunk: &Chunk) -> f64 {
+        let [fx, fy] = self.view.projection.focal_px;
+        let depth = if self.view.projection.is_perspective() { center.z } else { 1.0 };
+        chunk.area * (self.stretch / depth).powi(2) * fx * fy
     }
 }
 
@@ -191,22 +221,6 @@ pub(crate) struct Sides {
     pub perspective: bool,
     /// Of a unit of length in the object.
     pub reach: f64,
-}
-
-impl Sides {
-    /// True if a ball about a point of view space lies beyond one of the planes; its radius is the object's. Says nothing of
-    /// balls about the eye.
-    pub(crate) fn exclude(&self, center: [f64; 3], ball: f64) -> bool {
-        let ball = ball * self.reach;
-        if self.perspective && center[2] < 4.0 * ball {
-            return false;
-        }
-        let depth = if self.perspective { center[2] } else { 1.0 };
-        (0..2).any(|axis| {
-            let beyond = |side: usize| (center[axis] - self.slopes[axis][side] * depth) / self.lengths[axis][side];
-            -beyond(0) > ball || beyond(1) > ball
-        })
-    }
 }
 
 /// The factor of all lengths, if the matrix is a rotation (or reflection) and that; within rounding of f32.

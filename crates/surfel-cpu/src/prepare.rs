@@ -47,6 +47,7 @@ pub(crate) struct Preparation<'a> {
 }
 
 /// Splats of some rows, set up and sorted into tiles.
+#[derive(Default)]
 pub(crate) struct Prepared {
     pub segments: Vec<Segment>,
     pub veils: Vec<VeilSegment>,
@@ -55,14 +56,16 @@ pub(crate) struct Prepared {
 }
 
 impl Prepared {
-    fn of(parts: Vec<(Segment, Option<VeilSegment>)>) -> Self {
-        let (mut segments, veils): (Vec<Segment>, Vec<Option<VeilSegment>>) = parts.into_iter().unzip();
-        let mut veils: Vec<VeilSegment> = veils.into_iter().flatten().collect();
-        let (mut near, mut clips) = (Vec::new(), Vec::new());
-        for segment in segments.iter_mut().chain(veils.iter_mut().map(|v| &mut v.segment)) {
-            segment.move_rare(&mut near, &mut clips);
+    /// Adds what was set up later.
+    fn extend(&mut self, parts: Vec<(Segment, Option<VeilSegment>)>) {
+        for (mut segment, veil) in parts {
+            segment.move_rare(&mut self.near, &mut self.clips);
+            self.segments.push(segment);
+            if let Some(mut veil) = veil {
+                veil.segment.move_rare(&mut self.near, &mut self.clips);
+                self.veils.push(veil);
+            }
         }
-        Self { segments, veils, near, clips }
     }
 
     fn all(&self) -> impl Iterator<Item = &Segment> {
@@ -114,11 +117,10 @@ impl<'a> Preparation<'a> {
             .par_iter()
             .enumerate()
             .flat_map(|(object, setup)| {
-                let sides = setup.sides(self.view.region);
                 let chunks = setup.object.chunks.par_iter().enumerate().with_min_len(1024);
                 chunks.filter_map(move |(chunk, c)| {
                     let center = setup.center(c);
-                    let hidden = setup.is_outside(center, c, &sides) || setup.is_turned_away(c);
+                    let hidden = setup.is_outside(center, c, self.view.region) || setup.is_turned_away(c);
                     (!hidden).then_some(Seen { object: object as u32, chunk: chunk as u32, z: center.z })
                 })
             })
@@ -174,12 +176,14 @@ impl<'a> Preparation<'a> {
     pub(crate) fn set_up(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid, counted: Region) -> Prepared {
         let threads = rayon::current_num_threads();
         let per_task = seen.len().div_ceil(threads * SEGMENTS_PER_THREAD).clamp(1, CHUNKS_PER_SEGMENT);
-        Prepared::of(seen.par_chunks(per_task).map(|chunks| self.segment(setups, chunks, grid, counted)).collect())
+        let mut prepared = Prepared::default();
+        prepared.extend(seen.par_chunks(per_task).map(|chunks| self.segment(setups, chunks, grid, counted)).collect());
+        prepared
     }
 
-    /// [`Self::set_up`] by one thread.
-    pub(crate) fn set_up_alone(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid) -> Prepared {
-        Prepared::of(vec![self.segment(setups, seen, grid, grid.region)])
+    /// [`Self::set_up`] by one thread, after what is `prepared` already.
+    pub(crate) fn set_up_alone(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid, prepared: &mut Prepared) {
+        prepared.extend(vec![self.segment(setups, seen, grid, grid.region)]);
     }
 
     fn segment(

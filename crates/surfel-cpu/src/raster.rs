@@ -354,7 +354,7 @@ fn sixteen<S: Simd>(
 
 /// The largest lane; none is NaN.
 #[inline(always)]
-fn largest<S: Simd>(v: Lanes<S>) -> f32 {
+pub(crate) fn largest<S: Simd>(v: Lanes<S>) -> f32 {
     let mut lanes = v.to_array();
     let mut half = LANES / 2;
     while half > 0 {

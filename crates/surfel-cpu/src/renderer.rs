@@ -53,6 +53,9 @@ pub struct Work {
     /// The same for all threads together, and rows of the picture, where a frame has polygons or is looked at twice (edges,
     /// outlines), and for shadow maps.
     pub batch_splats: usize,
+    /// Whether chunks behind all that a cell shows are found and left out. Splats of theirs that would be drawn then aren't counted
+    /// as drawn.
+    pub culls_hidden: bool,
     /// How layers of transparent splats are found.
     pub peeling: Peeling,
     /// How splats are evaluated. The one choice here that changes bits of a picture, within rounding.
@@ -65,6 +68,7 @@ impl Default for Work {
             tile_px: 32,
             cell_splats: 1 << 15,
             batch_splats: 1 << 20,
+            culls_hidden: true,
             peeling: Peeling::default(),
             evaluation: Evaluation::default(),
         }

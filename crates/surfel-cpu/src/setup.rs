@@ -110,7 +110,7 @@ impl ObjectSetup<'_> {
     #[inline(always)]
     pub(crate) fn chunk<S: Simd>(&self, simd: S, chunk: &Chunk, sides: &Sides, out: &mut SetupOutput<'_>) {
         let center = self.center(chunk);
-        if self.is_outside(center, chunk, sides) {
+        if self.is_outside(center, chunk, out.grid.region) {
             return;
         }
         out.segment.set_up += chunk.count as u64;
@@ -142,7 +142,8 @@ impl ObjectSetup<'_> {
             StoredShape::Disks { radii, .. } => radii.load(simd, at, chunk.space.radius),
             StoredShape::Ellipses { s, t } => {
                 let (s, t) = (s.load(simd, at, 1.0), t.load(simd, at, 1.0));
-                s.dot(s).max(t.dot(t)).sqrt()
+                // No less than the longest diameter's half, however the half-axes lie.
+                (s.dot(s) + t.dot(t)).sqrt()
             }
         };
         if !exclude(sides, &p, reach).bits() & ((1 << active) - 1) == 0 {

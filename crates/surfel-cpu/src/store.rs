@@ -4,6 +4,7 @@ use crate::clip::StoredClips;
 use crate::column::{Column, Column3, Units};
 use crate::lanes::LANES;
 use glam::{DAffine3, DVec3, Vec3};
+use std::f64::consts::PI;
 use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_model::{Material, Shape, SplatCloud};
 use surfel_render::{CHUNK_SPLATS, ChunkSpace, Storage, chunks};
@@ -27,6 +28,10 @@ pub(crate) struct Chunk {
     pub space: ChunkSpace,
     /// Radius about the origin of a ball that holds the splats (not only their centres), object units.
     pub ball: f64,
+    /// Half the sides of a box about the origin that holds them too, along the object's axes.
+    pub half: DVec3,
+    /// Areas of its splats together, object units.
+    pub area: f64,
     /// First splat in the columns.
     pub first: usize,
     /// Number of splats.
@@ -104,15 +109,21 @@ impl StoredObject {
     fn push_chunk(&mut self, cloud: &SplatCloud, space: ChunkSpace, members: &[u32]) {
         let centers: Vec<DVec3> = members.iter().map(|&i| cloud.center(i as usize)).collect();
         let cone = Cone::about(members.iter().map(|&i| cloud.normal(i as usize)));
-        let mut ball = 0.0f64;
+        let (mut ball, mut half, mut area) = (0.0f64, DVec3::ZERO, 0.0);
         let first = self.centers.len();
-        self.chunks.push(Chunk { space, ball: 0.0, first, count: members.len(), cone });
+        self.chunks.push(Chunk { space, ball: 0.0, half, area, first, count: members.len(), cone });
         // The last splat fills the lanes up; setup ignores what lies past `count`.
         for slot in 0..members.len().next_multiple_of(LANES) {
             let k = slot.min(members.len() - 1);
             let i = members[k] as usize;
             self.centers.push((centers[k] - space.origin).as_vec3(), space.center);
-            ball = ball.max((centers[k] - space.origin).length() + cloud.radius_max(i));
+            let from_origin = centers[k] - space.origin;
+            ball = ball.max(from_origin.length() + cloud.radius_max(i));
+            let (s, t) = cloud.axes(i);
+            half = half.max(from_origin.abs() + (s * s + t * t).map(f64::sqrt));
+            if slot == k {
+                area += PI * s.cross(t).length();
+            }
             match &mut self.shape {
                 StoredShape::Disks { normals, radii } => {
                     normals.push(cloud.normal(i).as_vec3());
@@ -140,6 +151,8 @@ impl StoredObject {
         if let Some(chunk) = self.chunks.last_mut() {
             // Stored centres and radii are rounded, by 16 bits to 1e-4 of the ball at most.
             chunk.ball = ball * (1.0 + 1e-4);
+            chunk.half = half + DVec3::splat(ball * 1e-4);
+            chunk.area = area;
         }
     }
 

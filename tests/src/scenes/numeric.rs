@@ -18,6 +18,7 @@ pub(super) fn numeric_cases() -> Vec<Case> {
         scaled(&base, 1e4),
         moved(&base, DVec3::new(1e6, -1e6, 5e5)),
         huge_splats(),
+        skewed_outside(),
     ];
     // Without a filter no needle hits a pixel centre.
     for filter in Filter::ALL.into_iter().filter(|f| *f != Filter::None) {
@@ -56,6 +57,22 @@ pub fn placed(case: &Case, world: &DAffine3, variant: &str) -> Case {
     case.camera.target = point(target);
     case.camera.up = world.transform_vector3(up.into()).to_array();
     case
+}
+
+/// Ellipses given by half-axes that are nearly parallel, centred outside of the picture: they reach in by more than either half-axis is
+/// long, up to √2 times. A bound by the longer half-axis leaves them out.
+pub fn skewed_outside() -> Case {
+    // The picture's sides are at ±1; the ellipses reach 1.41 from their centres.
+    let toward = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
+    let splats: Vec<Splat> = toward
+        .into_iter()
+        .zip([[0.9, 0.2, 0.1], [0.2, 0.9, 0.1], [0.1, 0.2, 0.9], [0.9, 0.9, 0.2]])
+        .map(|(x, color)| {
+            let y = DVec3::Z.cross(x);
+            Splat { p: x * -2.2, s: x + y * 0.1, t: x - y * 0.1, color }
+        })
+        .collect();
+    Case::new("skewed-outside", scene(&splats), camera(10.0, 2.0 * 0.1f64.atan().to_degrees(), [48, 48]))
 }
 
 /// Ellipses of aspect 1e4 at any angle: covariances that lose their smaller eigenvalue.
