@@ -3,6 +3,7 @@
 use std::error::Error;
 use std::fmt::Write as _;
 
+use crate::spirv;
 use naga::valid::{GlobalUse, ModuleInfo};
 use naga::{AddressSpace, Expression, Literal, Module, ShaderStage, StorageAccess, TypeInner};
 
@@ -103,10 +104,11 @@ pub(crate) fn entries(module: &Module, info: &ModuleInfo) -> Result<String, Box<
             .collect();
         writeln!(
             text,
-            "    Entry {{ name: {:?}, stage: Stage::{stage}, workgroup: {:?}, bindings: &[{}] }},",
+            "    Entry {{ name: {:?}, stage: Stage::{stage}, workgroup: {:?}, bindings: &[{}], spirv: &{:?} }},",
             entry.name,
             entry.workgroup_size,
-            list.join(", ")
+            list.join(", "),
+            spirv::words(module, &entry.name)?
         )?;
     }
     text.push(']');

@@ -4,11 +4,16 @@ use std::error::Error;
 
 use naga::Module;
 use naga::back::spv::{BindingInfo, BindingMap, Options, WriterFlags, ZeroInitializeWorkgroupMemoryMode, write_vec};
+use naga::compact::{KeepUnused, compact};
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
-use naga::valid::ModuleInfo;
+use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-/// A module of all entry points.
-pub(crate) fn words(module: &Module, info: &ModuleInfo) -> Result<Vec<u32>, Box<dyn Error>> {
+/// A module of one entry point and what it uses: there are drivers that look for a descriptor of all that a module declares.
+pub(crate) fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
+    let mut module = module.clone();
+    module.entry_points.retain(|e| e.name == entry);
+    compact(&mut module, KeepUnused::No);
+    let info = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module)?;
     let options = Options {
         // The latest that Vulkan 1.1 takes.
         lang_version: (1, 3),
@@ -16,7 +21,7 @@ pub(crate) fn words(module: &Module, info: &ModuleInfo) -> Result<Vec<u32>, Box<
         // point size, and depths are between 0 and 1 as they are.
         flags: WriterFlags::empty(),
         fake_missing_bindings: false,
-        binding_map: bindings(module),
+        binding_map: bindings(&module),
         capabilities: None,
         // What is out of bounds reads something that is there, whatever robustness the device has. An image that a frame
         // doesn't need is of one pixel.
@@ -37,7 +42,7 @@ pub(crate) fn words(module: &Module, info: &ModuleInfo) -> Result<Vec<u32>, Box<
         mesh_shader_primitive_indices_clamp: false,
         emit_int_div_checks: true,
     };
-    Ok(write_vec(module, info, &options, None)?)
+    Ok(write_vec(&module, &info, &options, None)?)
 }
 
 /// Each binding under its own number: a group is a descriptor set.

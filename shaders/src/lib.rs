@@ -12,9 +12,6 @@ pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/formulas.wgsl"));
 /// The formulas and the passes.
 pub const PASSES: &str = include_str!(concat!(env!("OUT_DIR"), "/passes.wgsl"));
 
-/// [`PASSES`] as SPIR-V 1.3, for Vulkan 1.1: all entry points in one module, clip space with y up as in WebGPU.
-pub const SPIRV: &[u32] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
-
 /// Names of the functions in [`WGSL`], sorted, as naga found them.
 pub const FUNCTIONS: &[&str] = include!(concat!(env!("OUT_DIR"), "/functions.rs"));
 
@@ -71,6 +68,8 @@ pub struct Entry {
     pub workgroup: [u32; 3],
     /// What it binds, by group and number.
     pub bindings: &'static [Binding],
+    /// As SPIR-V 1.3, for Vulkan 1.1: a module of it and what it uses, clip space with y up as in WebGPU.
+    pub spirv: &'static [u32],
 }
 
 /// The entry points.

@@ -11,12 +11,11 @@ use std::collections::hash_map::Entry;
 use std::ffi::CString;
 use std::sync::Arc;
 use surfel_gpu::{Draw, Pixels, Variant};
-use surfel_shaders::{ENTRIES, SPIRV, Stage};
+use surfel_shaders::{ENTRIES, Stage};
 
 /// Everything about shaders that is built once for a device.
 pub(crate) struct Pipelines {
     device: Arc<Device>,
-    module: Owned<vk::ShaderModule>,
     cache: Owned<vk::PipelineCache>,
     pub frame_set: SetLayout,
     /// What setting up records needs of it: all of it together would be more buffers than every device binds.
@@ -56,10 +55,6 @@ pub(crate) struct DrawPipeline {
 
 impl Pipelines {
     pub(crate) fn new(device: &Arc<Device>) -> Result<Self, Failure> {
-        let info = vk::ShaderModuleCreateInfo::default().code(SPIRV);
-        // SAFETY: the code is SPIR-V 1.3, which Vulkan 1.1 takes, and naga has validated it.
-        let module = unsafe { device.raw.create_shader_module(&info, None) }?;
-        let module = Owned::new(device, module, "passes", destroy!(destroy_shader_module));
         // SAFETY: no requirement.
         let cache = unsafe { device.raw.create_pipeline_cache(&vk::PipelineCacheCreateInfo::default(), None) }?;
         let cache = Owned::new(device, cache, "pipelines", destroy!(destroy_pipeline_cache));
@@ -71,7 +66,6 @@ impl Pipelines {
         let polygons_set = SetLayout::new(device, "polygons", &["polygon_vertex", "polygon_fragment"], 1)?;
         Ok(Self {
             device: device.clone(),
-            module,
             cache,
             frame_set,
             setup_frame_set,
@@ -88,7 +82,7 @@ impl Pipelines {
         let entry = pixels.entry();
         let set = SetLayout::new(&self.device, entry, &[entry], 1)?;
         let layout = pipeline_layout(&self.device, entry, &[&self.frame_set, &set])?;
-        let raw = compute_pipeline(&self.device, self.module.raw, self.cache.raw, layout.raw, entry)?;
+        let raw = compute_pipeline(&self.device, self.cache.raw, layout.raw, entry)?;
         place.insert(PixelPipeline { pipeline: Pipeline { raw, layout }, set });
         Ok(())
     }
@@ -104,7 +98,7 @@ impl Pipelines {
         let setup_set = SetLayout::new(&self.device, "segment", &[&entry], 1)?;
         let records_set = SetLayout::new(&self.device, "records", &variant.readers(), 1)?;
         let layout = pipeline_layout(&self.device, &entry, &[&self.setup_frame_set, &setup_set])?;
-        let raw = compute_pipeline(&self.device, self.module.raw, self.cache.raw, layout.raw, &entry)?;
+        let raw = compute_pipeline(&self.device, self.cache.raw, layout.raw, &entry)?;
         place.insert(SplatPipeline { setup: Pipeline { raw, layout }, setup_set, records_set });
         Ok(())
     }
@@ -127,8 +121,7 @@ impl Pipelines {
         sets.extend(draw.has_reads().then_some(&reads_set));
         let layout = pipeline_layout(&self.device, fragment, &sets)?;
         let pass = Pass::new(&self.device, draw, precision)?;
-        let modules = (self.module.raw, self.cache.raw);
-        let raw = draw_pipeline(&self.device, modules, layout.raw, pass.raw(true), (draw, &entries))?;
+        let raw = draw_pipeline(&self.device, self.cache.raw, layout.raw, pass.raw(true), (draw, &entries))?;
         place.insert(DrawPipeline { pipeline: Pipeline { raw, layout }, pass, reads_set });
         Ok(())
     }
@@ -151,6 +144,16 @@ fn pipeline_layout(
     Ok(Owned::new(device, raw, name, destroy!(destroy_pipeline_layout)))
 }
 
+/// A shader: it may go once its pipeline is made.
+fn shader_module(device: &Arc<Device>, name: &str) -> Result<Owned<vk::ShaderModule>, Failure> {
+    let entry = ENTRIES.iter().find(|entry| entry.name == name);
+    let entry = entry.ok_or_else(|| Failure::other(format!("there is no shader {name}")))?;
+    let info = vk::ShaderModuleCreateInfo::default().code(entry.spirv);
+    // SAFETY: the code is SPIR-V 1.3, which Vulkan 1.1 takes, and naga has validated it.
+    let raw = unsafe { device.raw.create_shader_module(&info, None) }?;
+    Ok(Owned::new(device, raw, name, destroy!(destroy_shader_module)))
+}
+
 fn entry_name(entry: &str) -> Result<CString, Failure> {
     CString::new(entry).map_err(Failure::other)
 }
@@ -169,13 +172,13 @@ fn made(
 
 fn compute_pipeline(
     device: &Arc<Device>,
-    module: vk::ShaderModule,
     cache: vk::PipelineCache,
     layout: vk::PipelineLayout,
     entry: &str,
 ) -> Result<Owned<vk::Pipeline>, Failure> {
-    let name = entry_name(entry)?;
-    let shader = vk::PipelineShaderStageCreateInfo::default().stage(stage(Stage::Compute)).module(module).name(&name);
+    let (name, module) = (entry_name(entry)?, shader_module(device, entry)?);
+    let shader =
+        vk::PipelineShaderStageCreateInfo::default().stage(stage(Stage::Compute)).module(module.raw).name(&name);
     let info = vk::ComputePipelineCreateInfo::default().stage(shader).layout(layout);
     // SAFETY: the entry point is the module's, and the layout is made of its reflected bindings.
     let result = unsafe { device.raw.create_compute_pipelines(cache, &[info], None) };
@@ -185,15 +188,17 @@ fn compute_pipeline(
 /// A pipeline that draws strips without vertex buffers: records as quads, or one triangle over everything.
 fn draw_pipeline(
     device: &Arc<Device>,
-    (module, cache): (vk::ShaderModule, vk::PipelineCache),
+    cache: vk::PipelineCache,
     layout: vk::PipelineLayout,
     pass: vk::RenderPass,
     (draw, [vertex, fragment]): (Draw, &[String; 2]),
 ) -> Result<Owned<vk::Pipeline>, Failure> {
-    let (vertex, fragment_name) = (entry_name(vertex)?, entry_name(fragment)?);
-    let shader =
-        |which, name| vk::PipelineShaderStageCreateInfo::default().stage(stage(which)).module(module).name(name);
-    let stages = [shader(Stage::Vertex, &vertex), shader(Stage::Fragment, &fragment_name)];
+    let names = [entry_name(vertex)?, entry_name(fragment)?];
+    let modules = [shader_module(device, vertex)?, shader_module(device, fragment)?];
+    let shader = |which, i: usize| {
+        vk::PipelineShaderStageCreateInfo::default().stage(stage(which)).module(modules[i].raw).name(&names[i])
+    };
+    let stages = [shader(Stage::Vertex, 0), shader(Stage::Fragment, 1)];
     let no_vertices = vk::PipelineVertexInputStateCreateInfo::default();
     let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_STRIP);
     let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
