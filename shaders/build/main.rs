@@ -30,6 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (module, _) = heard(checked(&formulas))?;
     std::fs::write(out.join("functions.rs"), reflect::functions(&module))?;
     let (module, info) = heard(checked(&passes))?;
+    std::fs::write(out.join("spirv.rs"), spirv::modules(&module)?)?;
     std::fs::write(out.join("layout.rs"), reflect::layouts(&module)?)?;
     std::fs::write(out.join("entries.rs"), reflect::entries(&module, &info)?)?;
     Ok(())

@@ -3,7 +3,6 @@
 use std::error::Error;
 use std::fmt::Write as _;
 
-use crate::spirv;
 use naga::valid::{GlobalUse, ModuleInfo};
 use naga::{AddressSpace, Expression, Literal, Module, ShaderStage, StorageAccess, TypeInner};
 
@@ -104,11 +103,10 @@ pub(crate) fn entries(module: &Module, info: &ModuleInfo) -> Result<String, Box<
             .collect();
         writeln!(
             text,
-            "    Entry {{ name: {:?}, stage: Stage::{stage}, workgroup: {:?}, bindings: &[{}], spirv: &{:?} }},",
+            "    Entry {{ name: {:?}, stage: Stage::{stage}, workgroup: {:?}, bindings: &[{}] }},",
             entry.name,
             entry.workgroup_size,
-            list.join(", "),
-            spirv::words(module, &entry.name)?
+            list.join(", ")
         )?;
     }
     text.push(']');

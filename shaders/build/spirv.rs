@@ -8,8 +8,15 @@ use naga::compact::{KeepUnused, compact};
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
+/// Rust text: a slice of each entry point's name and module.
+pub(crate) fn modules(module: &Module) -> Result<String, Box<dyn Error>> {
+    let one = |entry: &naga::EntryPoint| Ok(format!("    ({:?}, &{:?}),\n", entry.name, words(module, &entry.name)?));
+    let all: Result<String, Box<dyn Error>> = module.entry_points.iter().map(one).collect();
+    Ok(format!("&[\n{}]", all?))
+}
+
 /// A module of one entry point and what it uses: there are drivers that look for a descriptor of all that a module declares.
-pub(crate) fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
+fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
     let mut module = module.clone();
     module.entry_points.retain(|e| e.name == entry);
     compact(&mut module, KeepUnused::No);

@@ -12,6 +12,10 @@ pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/formulas.wgsl"));
 /// The formulas and the passes.
 pub const PASSES: &str = include_str!(concat!(env!("OUT_DIR"), "/passes.wgsl"));
 
+/// Each entry point of [`PASSES`] by name, as SPIR-V 1.3 for Vulkan 1.1: a module of it and what it uses, clip space with y up as in
+/// WebGPU.
+pub const SPIRV: &[(&str, &[u32])] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
+
 /// Names of the functions in [`WGSL`], sorted, as naga found them.
 pub const FUNCTIONS: &[&str] = include!(concat!(env!("OUT_DIR"), "/functions.rs"));
 
@@ -68,8 +72,6 @@ pub struct Entry {
     pub workgroup: [u32; 3],
     /// What it binds, by group and number.
     pub bindings: &'static [Binding],
-    /// As SPIR-V 1.3, for Vulkan 1.1: a module of it and what it uses, clip space with y up as in WebGPU.
-    pub spirv: &'static [u32],
 }
 
 /// The entry points.

@@ -5,7 +5,9 @@ use surfel_conformance::harness::{Verdict, check_backend, check_case, render};
 use surfel_conformance::polygons::{mesh_object, quad};
 use surfel_conformance::{build, scenes};
 use surfel_cpu::{Evaluation, Options, Peeling, Renderer as Cpu, SimdLevel, Storage, Work};
-use surfel_model::{Accumulate, Cull, Light, OnInvalid, Scene, Settings, Shader, SplatCloud, Transparency};
+use surfel_model::{
+    Accumulate, ClipLine, ClipMode, Cull, Light, OnInvalid, Scene, Settings, Shader, SplatCloud, Transparency,
+};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Region, RenderError, Renderer, View};
 
@@ -164,6 +166,17 @@ fn walls(transparency: Transparency) -> scenes::Case {
         wall(0.2, 0.1, 0.5, false),
     ];
     case.scene.objects = walls.into_iter().map(build::object).collect();
+    // Splats smaller than a pixel, clipped away but for an edge that holds a pixel's centre until the filter moves it: they keep pixels
+    // without weight, and hide nothing that is transparent.
+    let pixel = 2.0 * 22.5f64.to_radians().tan() * 2.0 / 64.0;
+    let specks = (0..400).map(|i| {
+        let center = [i % 20, i / 20].map(|i| (f64::from(3 * i - 30) + 0.5) * pixel);
+        let (s, t) = (DVec3::X * 0.45 * pixel, DVec3::Y * 0.45 * pixel);
+        let splat = build::Splat { p: DVec3::new(center[0], center[1], 1.0) - 0.6 * t, s, t, color: [1.0; 3] };
+        let lines = vec![ClipLine { a: 0.0, b: 1.0, c: -0.5 }];
+        build::Clipped { splat, curve: None, lines, mode: ClipMode::And }
+    });
+    case.scene.objects.push(build::object(build::clipped_cloud(&specks.collect::<Vec<_>>())));
     case.scene.objects.iter_mut().for_each(|object| object.material.interior_weight = Some(1.5));
     case
 }

@@ -24,47 +24,51 @@ pub(crate) fn run(root: &Path, program: &str, options: &[&str]) -> ExitCode {
         return ExitCode::FAILURE;
     }
     let first = run_on(root, program, options, None);
-    let Some(driver) = second_driver(program, options) else { return first };
+    // Usage errors have been said.
+    if first != ExitCode::SUCCESS && first != ExitCode::FAILURE {
+        return first;
+    }
+    let chosen = [DRIVERS, "VK_ICD_FILENAMES"].iter().any(|name| std::env::var_os(name).is_some());
+    let driver = SECOND_DRIVERS.into_iter().find(|path| Path::new(path).is_file());
+    let (Some(driver), Some(options), false) = (driver, second_options(options), program != "conformance" || chosen)
+    else {
+        return first;
+    };
     println!("\nonce more on {driver}");
-    let second = run_on(root, program, &second_options(options), Some(driver));
+    let second = run_on(root, program, &options.iter().map(String::as_str).collect::<Vec<_>>(), Some(driver));
     if first == ExitCode::SUCCESS { second } else { first }
 }
 
-/// A driver that conformance also runs on: if there is one, and the user hasn't chosen driver, adapter, kind of scenes or report.
-fn second_driver(program: &str, options: &[&str]) -> Option<&'static str> {
-    let chosen = |name: &str| options.iter().any(|option| *option == name || option.starts_with(&format!("{name}=")));
-    let free = ["--adapter", "--random", "--store", "--report", "--help", "-h"].iter().all(|name| !chosen(name));
-    let on_gpu = !chosen("--backend") || options.iter().any(|option| option.contains("wgpu") || option.contains("ash"));
-    if program != "conformance" || !free || !on_gpu || std::env::var_os(DRIVERS).is_some() {
-        return None;
-    }
-    SECOND_DRIVERS.into_iter().find(|path| Path::new(path).is_file())
-}
-
-/// Of the backends, those that a driver makes a difference to.
-fn second_options<'a>(options: &[&'a str]) -> Vec<&'a str> {
-    let backends = ["--backend", "wgpu", "--backend", "ash"];
-    let mut left = options.iter().copied().peekable();
-    let (mut kept, mut some) = (Vec::new(), false);
+/// Options of a second run, by backends that a driver makes a difference to; none if there are no such, or if the adapter, or scenes
+/// that aren't the usual ones, are chosen.
+fn second_options(options: &[&str]) -> Option<Vec<String>> {
+    let (mut kept, mut backends, mut all) = (Vec::new(), Vec::new(), true);
+    let mut left = options.iter();
     while let Some(option) = left.next() {
-        let named = match option.strip_prefix("--backend=") {
-            Some(name) => Some(name),
-            None if option == "--backend" => left.next(),
-            None => None,
+        let (name, value) = match option.split_once('=') {
+            Some((name, value)) => (name, value),
+            None => (*option, left.next().copied().unwrap_or_default()),
         };
-        match named {
-            Some(name) if matches!(name, "wgpu" | "ash") => {
-                some = true;
-                kept.extend(["--backend", name]);
+        match name {
+            "--backend" => {
+                all = false;
+                backends.extend(value.split(',').filter(|name| matches!(*name, "wgpu" | "ash")));
             }
-            Some(_) => {}
-            None => kept.push(option),
+            "--scene" => kept.extend([name.to_owned(), value.to_owned()]),
+            "--report" => {
+                let path = Path::new(value).with_extension("");
+                kept.extend([name.to_owned(), format!("{}-swiftshader.html", path.display())]);
+            }
+            _ => return None,
         }
     }
-    if !some {
-        kept.extend(backends);
+    if all {
+        backends = vec!["wgpu", "ash"];
     }
-    kept
+    kept.extend(backends.iter().flat_map(|name| ["--backend".to_owned(), (*name).to_owned()]));
+    // Another driver than the one that is asked for would be no second opinion.
+    kept.extend(["--adapter".to_owned(), "swiftshader".to_owned()]);
+    (!backends.is_empty()).then_some(kept)
 }
 
 fn run_on(root: &Path, program: &str, options: &[&str], driver: Option<&str>) -> ExitCode {
@@ -76,7 +80,7 @@ fn run_on(root: &Path, program: &str, options: &[&str], driver: Option<&str>) ->
     command.args(["--quiet", "--locked", "--package", "surfel-conformance", "--example", program, "--"]);
     command.args(options);
     if let Some(driver) = driver {
-        command.env(DRIVERS, driver);
+        command.env(DRIVERS, driver).env("SURFEL_REQUIRE", "wgpu,ash");
     }
     match command.status() {
         Ok(status) => match status.code().map(u8::try_from) {
@@ -98,11 +102,13 @@ mod tests {
     use super::second_options;
 
     #[test]
-    fn second_run_keeps_options_and_takes_backends_with_drivers() {
-        assert_eq!(second_options(&[]), ["--backend", "wgpu", "--backend", "ash"]);
-        assert_eq!(
-            second_options(&["--backend=cpu", "--scene", "grid", "--backend", "ash"]),
-            ["--scene", "grid", "--backend", "ash"]
-        );
+    fn second_run_keeps_scenes_and_takes_backends_with_drivers() {
+        let second = |options: &[&str]| second_options(options).map(|options| options.join(" "));
+        let of = |options: &str| Some(format!("{options} --adapter swiftshader"));
+        assert_eq!(second(&[]), of("--backend wgpu --backend ash"));
+        assert_eq!(second(&["--backend=cpu,ash", "--scene", "wgpu"]), of("--scene wgpu --backend ash"));
+        assert_eq!(second(&["--report", "a/b.html"]), of("--report a/b-swiftshader.html --backend wgpu --backend ash"));
+        assert_eq!(second(&["--backend", "cpu", "--scene=ash"]), None);
+        assert_eq!(second(&["--random", "3"]), None);
     }
 }

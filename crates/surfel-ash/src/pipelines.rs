@@ -11,7 +11,7 @@ use std::collections::hash_map::Entry;
 use std::ffi::CString;
 use std::sync::Arc;
 use surfel_gpu::{Draw, Pixels, Variant};
-use surfel_shaders::{ENTRIES, Stage};
+use surfel_shaders::{ENTRIES, SPIRV, Stage};
 
 /// Everything about shaders that is built once for a device.
 pub(crate) struct Pipelines {
@@ -146,9 +146,9 @@ fn pipeline_layout(
 
 /// A shader: it may go once its pipeline is made.
 fn shader_module(device: &Arc<Device>, name: &str) -> Result<Owned<vk::ShaderModule>, Failure> {
-    let entry = ENTRIES.iter().find(|entry| entry.name == name);
-    let entry = entry.ok_or_else(|| Failure::other(format!("there is no shader {name}")))?;
-    let info = vk::ShaderModuleCreateInfo::default().code(entry.spirv);
+    let found = SPIRV.iter().find(|(entry, _)| *entry == name);
+    let (_, code) = found.ok_or_else(|| Failure::other(format!("there is no shader {name}")))?;
+    let info = vk::ShaderModuleCreateInfo::default().code(code);
     // SAFETY: the code is SPIR-V 1.3, which Vulkan 1.1 takes, and naga has validated it.
     let raw = unsafe { device.raw.create_shader_module(&info, None) }?;
     Ok(Owned::new(device, raw, name, destroy!(destroy_shader_module)))

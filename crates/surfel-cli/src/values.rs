@@ -99,7 +99,7 @@ pub(crate) fn fov(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn cutoff(text: &str) -> Result<f64, String> {
-    number(text, "a number more than 0, at most 100", |v| v > 0.0 && v <= 100.0)
+    number(text, "a number more than 0, at most 50", |v| v > 0.0 && v <= 50.0)
 }
 
 pub(crate) fn prefilter(text: &str) -> Result<f64, String> {

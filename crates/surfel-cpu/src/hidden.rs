@@ -101,9 +101,13 @@ impl Hiding {
         );
     }
 
-    /// True if no pixel can show a splat of a chunk.
+    /// True if no pixel can show a splat of a chunk. Never so of a transparent object's: where filtered splats leave a pixel that they
+    /// keep without weight, nothing hides what is transparent.
     pub(crate) fn hides(&self, setups: &[ObjectSetup<'_>], seen: &Seen) -> bool {
         let (setup, chunk) = chunk_of(setups, seen);
+        if setup.is_transparent() {
+            return false;
+        }
         let center = setup.center(chunk);
         let [near, far] = setup.depths(center, chunk);
         let nearest = near - far.abs() * DEPTH_SLACK;

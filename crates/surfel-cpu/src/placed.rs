@@ -137,7 +137,7 @@ impl<'a> ObjectSetup<'a> {
                 }),
                 ProjectionKind::Orthographic { .. } => [at - half_side, at + half_side],
             };
-            let margin = self.margin_px();
+            let margin = self.plan.splat_filter.reach_px();
             let px = slopes.map(|slope| slope.mul_add(projection.focal_px[axis], projection.principal_px[axis]));
             [px[0].min(px[1]) - margin, px[0].max(px[1]) + margin]
         };
@@ -166,15 +166,10 @@ impl<'a> ObjectSetup<'a> {
         if affine && self.view.projection.is_perspective() { 3.0 } else { 1.0 }
     }
 
-    /// How far a filtered footprint may reach past its splat: by h, or for ewa by no more than both together.
-    fn margin_px(&self) -> f64 {
-        self.plan.splat_filter.radius_px + 1.0
-    }
-
     /// The region's sides, seen from the eye.
     pub(crate) fn sides(&self, region: Region) -> Sides {
         let projection = &self.view.projection;
-        let margin = self.margin_px();
+        let margin = self.plan.splat_filter.reach_px();
         let slopes = |axis: usize, start: u32, length: u32| {
             let limits = [f64::from(start) - margin, f64::from(start + length) + margin];
             limits.map(|limit| (limit - projection.principal_px[axis]) / projection.focal_px[axis])

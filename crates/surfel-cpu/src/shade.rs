@@ -159,7 +159,8 @@ pub(crate) struct Pixels<S: Simd> {
     pub fragments: Lanes<S>,
 }
 
-/// Σw below this has lost its attributes to underflow: the pixel is empty. Only splats smaller than 1e-18 pixels weigh less.
+/// Σw below this has lost its attributes to underflow: the pixel is empty. Only splats smaller than 1e-14 pixels
+/// (by c = 2; 1e-7 by the greatest cutoff) weigh less.
 const LEAST_WEIGHT: f32 = 1e-36;
 
 /// Divides and lights the block whose first pixel is (x, y).

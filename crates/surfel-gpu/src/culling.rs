@@ -29,8 +29,7 @@ pub(crate) fn is_outside(
     // its far side); three times the ball is ample.
     let affine = !plan.splat_filter.projective || plan.splat_filter.filter == Filter::Ewa;
     let ball = if affine && projection.is_perspective() { 3.0 * ball } else { ball };
-    // A filtered footprint reaches past its splat: by h, or for ewa by no more than both together.
-    let margin = plan.splat_filter.radius_px + 1.0;
+    let margin = plan.splat_filter.reach_px();
     let side = |limit: f64, axis: usize, sign: f64| {
         let f = projection.focal_px[axis];
         let slope = (limit - projection.principal_px[axis]) / f;

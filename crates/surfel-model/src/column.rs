@@ -46,10 +46,12 @@ impl Column3 {
         }
         let extent = (max - min).max_element();
         // Close to the coordinate origin an offset gains nothing.
-        if min.x > max.x || min.abs().max(max.abs()).max_element() <= 4.0 * extent {
+        let largest = min.abs().max(max.abs()).max_element();
+        if min.x > max.x || largest <= 4.0 * extent {
             return (DVec3::ZERO, direct);
         }
-        let grid = extent.max(f64::MIN_POSITIVE).log2().ceil().exp2();
+        // Points may all be the same; an origin of some 20 bits is as fine as is of use.
+        let grid = extent.max(largest * 1e-6).max(f64::MIN_POSITIVE).log2().ceil().exp2();
         let origin = ((min + max) * (0.5 / grid)).round() * grid;
         let offsets: Vec<DVec3> = points.iter().map(|p| *p - origin).collect();
         (origin, Self::from_f64(&offsets))
@@ -206,6 +208,19 @@ mod tests {
         assert_eq!(origin, DVec3::ZERO);
         assert!(column.low().is_none());
         assert_eq!(column.bytes(), 120);
+    }
+
+    #[test]
+    fn origin_of_points_in_one_place_is_near_them() {
+        for p in [DVec3::new(-36.5, -0.1, 0.0), DVec3::splat(1e-30), DVec3::new(1e15 + 0.125, 0.1, -3e14)] {
+            for points in [vec![p], vec![p; 3]] {
+                let (origin, column) = Column3::with_origin(&points);
+                assert!(
+                    (origin + column.get(0)).abs_diff_eq(p, p.abs().max_element() * 2f64.powi(-48)),
+                    "{p} {origin}"
+                );
+            }
+        }
     }
 
     #[test]

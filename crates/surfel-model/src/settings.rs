@@ -46,14 +46,17 @@ impl Default for Settings {
     }
 }
 
+/// Greatest cutoff: e^−50 is 2e-22, and f32 still holds it times the share of a pixel that a tiny splat has.
+const MOST_CUTOFF: f64 = 50.0;
+
 impl Settings {
     /// Checks that every number is in its range.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] naming the field.
     pub fn validate(&self) -> Result<(), ModelError> {
-        if !(self.cutoff > 0.0 && self.cutoff <= 100.0) {
-            return Err(ModelError::range("settings.cutoff", self.cutoff, "a number in (0, 100]"));
+        if !(self.cutoff > 0.0 && self.cutoff <= MOST_CUTOFF) {
+            return Err(ModelError::range("settings.cutoff", self.cutoff, "a number in (0, 50]"));
         }
         if !(self.prefilter_radius_px >= 0.0 && self.prefilter_radius_px <= 1e4) {
             let found = self.prefilter_radius_px;

@@ -23,6 +23,22 @@ pub struct SplatFilter {
     pub tolerance: Tolerance,
 }
 
+impl SplatFilter {
+    /// How far a filtered footprint may reach past its splat, pixels, f32's rounding included.
+    ///
+    /// `clamp` by h, and `ewa` by no more than the splat and h together. `principal` lengthens an axis to h where the splat is
+    /// centred, and a slope of up to 1/4 shows it by up to 1/√(1 − 1/16) longer. `adjust` lengthens two axes one by one, and if they
+    /// are shown nearly parallel, an ellipse reaches by √2 times that.
+    pub fn reach_px(&self) -> f64 {
+        let lengthened = match self.filter {
+            Filter::None | Filter::Clamp | Filter::Ewa => 1.0,
+            Filter::Principal => 1.04,
+            Filter::Adjust => 1.5,
+        };
+        lengthened * self.radius_px + 1.0
+    }
+}
+
 /// What is accumulated for each pixel besides Σw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Attributes {

@@ -5,7 +5,7 @@ use crate::build::{Splat, camera, confetti, scene, sphere};
 use crate::random::Random;
 use glam::{DAffine3, DVec3};
 use surfel_math::basis::orthonormal;
-use surfel_model::{Camera, Filter, Mapping};
+use surfel_model::{Camera, Filter, Mapping, Projection};
 
 pub(super) fn numeric_cases() -> Vec<Case> {
     let base = confetti_ball();
@@ -19,6 +19,9 @@ pub(super) fn numeric_cases() -> Vec<Case> {
         moved(&base, DVec3::new(1e6, -1e6, 5e5)),
         huge_splats(),
         skewed_outside(),
+        adjusted_outside(),
+        lengthened_outside(),
+        greatest_cutoff(),
     ];
     // Without a filter no needle hits a pixel centre.
     for filter in Filter::ALL.into_iter().filter(|f| *f != Filter::None) {
@@ -73,6 +76,41 @@ pub fn skewed_outside() -> Case {
         })
         .collect();
     Case::new("skewed-outside", scene(&splats), camera(10.0, 2.0 * 0.1f64.atan().to_degrees(), [48, 48]))
+}
+
+/// A narrow ellipse outside of the picture, both of whose half-axes `adjust` lengthens to 10 pixels, nearly parallel: it reaches 14.
+/// A bound by the filter's radius leaves it out.
+pub fn adjusted_outside() -> Case {
+    let splat = Splat {
+        p: DVec3::new(-36.5, -0.1, 0.0),
+        s: DVec3::new(0.1, -0.005, -0.1),
+        t: DVec3::new(0.05, 0.0, 0.05),
+        color: [0.9, 0.5, 0.1],
+    };
+    let mut camera = camera(2.0, 45.0, [48, 48]);
+    camera.projection = Projection::Orthographic { height: 48.0 };
+    camera.far = Some(10.0);
+    Case::new("adjusted-outside", scene(&[splat]), camera).with("adjust", |s| {
+        (s.filter, s.prefilter_radius_px) = (Filter::Adjust, 10.0);
+    })
+}
+
+/// A needle above the picture that `principal` lengthens to 100 pixels where it is centred, and that a slope shows longer still.
+pub fn lengthened_outside() -> Case {
+    let splat = Splat {
+        p: DVec3::ZERO,
+        s: DVec3::new(10.0, 0.0, -0.24),
+        t: DVec3::new(0.0, 0.001, 0.0),
+        color: [0.2, 0.8, 0.4],
+    };
+    let mut camera = camera(1.0, 45.0, [48, 48]);
+    camera.projection = Projection::Intrinsics { fx: 24.0, fy: 24.0, cx: 85.0, cy: -101.5 };
+    Case::new("lengthened-outside", scene(&[splat]), camera).with("principal", |s| s.prefilter_radius_px = 100.0)
+}
+
+/// One splat with the greatest cutoff: weights down to 2e-22 at its rim.
+pub fn greatest_cutoff() -> Case {
+    super::facing_splat().with("cutoff-50", |s| s.cutoff = 50.0)
 }
 
 /// Ellipses of aspect 1e4 at any angle: covariances that lose their smaller eigenvalue.
