@@ -193,6 +193,8 @@ fn cpu_leaves_out_what_is_hidden_and_no_bit_changes() {
         let hidden = stats.counters.iter().find(|(name, _)| *name == "hidden").unwrap().1;
         (bits(&frame), hidden)
     };
+    let edges = walls(Transparency::Off).with("edges", |s| s.edge_aa = true);
+    assert!(draw(true, &edges).0 == draw(false, &edges).0, "behind edges");
     for transparency in [Transparency::Peel { layers: 3, drop_last: false }, Transparency::Off] {
         let case = walls(transparency);
         let ((with, hidden), (without, none)) = (draw(true, &case), draw(false, &case));

@@ -61,7 +61,8 @@ pub(crate) fn draw(
         plan,
         wants: Wants::new(plan, view),
         layers: Layers::new(plan, work.peeling == Peeling::Anew),
-        culls_hidden: work.culls_hidden,
+        // Edges show what lies behind.
+        culls_hidden: work.culls_hidden && !plan.has(Pass::EdgeAntialiasing),
         factors: scene.objects.iter().map(|o| o.material.factors().map(|f| f as f32)).collect(),
         coverage: scene.objects.iter().map(|o| o.coverage_per_weight(plan.splat_filter.cutoff)).collect(),
         lighting: Lighting::new(plan, view, lights, shadows, scene.ambient, scene.material.factors(), scene.background)
