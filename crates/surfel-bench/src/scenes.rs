@@ -47,6 +47,8 @@ pub(crate) struct Case {
     pub source: Source,
     eye: Eye,
     pub shader: Shader,
+    /// Edges are antialiased.
+    edges: bool,
     /// Part of `--quick`.
     quick: bool,
 }
@@ -68,9 +70,14 @@ const FAR: f64 = 3.7;
 fn all() -> Vec<Case> {
     use Eye::{Fits, Zoomed};
     use Source::{Ball, Model, Sheet, Stack, Thick};
-    let case = |name, about, source, eye, quick| Case { name, about, source, eye, shader: Shader::Phong, quick };
-    let igea = Model("igea.ply");
+    let case = |name, about, source, eye, quick| {
+        let (shader, edges) = (Shader::Phong, false);
+        Case { name, about, source, eye, shader, edges, quick }
+    };
+    let (igea, lion) = (Model("igea.ply"), Model("lion_takanawa.ply"));
     let shader = |name, shader| Case { shader, ..case(name, "igea by another shader", igea, Fits, true) };
+    let edges =
+        |name, source| Case { edges: true, ..case(name, "the same with antialiased edges", source, Fits, false) };
     vec![
         case("154k", LADDER, Ball(154_000), Fits, true),
         case("460k", LADDER, Ball(460_000), Fits, true),
@@ -80,7 +87,17 @@ fn all() -> Vec<Case> {
         case("igea", "a scanned head of 134 k points", igea, Fits, true),
         shader("igea-normal", Shader::Normal),
         shader("igea-unlit", Shader::Unlit),
-        case("lion", "a coloured scan of 273 k points", Model("lion_takanawa.ply"), Fits, false),
+        shader("igea-matcap", Shader::Matcap),
+        shader("igea-toon", Shader::Toon),
+        shader("igea-edl", Shader::Edl),
+        edges("igea-edges", igea),
+        case("lion", "a coloured scan of 273 k points", lion, Fits, false),
+        edges("lion-edges", lion),
+        case("20k", LADDER, Ball(20_000), Fits, false),
+        edges("20k-edges", Ball(20_000)),
+        case("200k", LADDER, Ball(200_000), Fits, false),
+        edges("200k-edges", Ball(200_000)),
+        edges("2.5M-edges", Ball(2_500_000)),
         case("sheet", "a wavy sheet, all splats seen, about ten fragments each", Sheet(400_000), Fits, true),
         case(
             "overlap-2",
@@ -177,8 +194,8 @@ impl Case {
         camera
     }
 
-    /// The loaded source's settings with this scene's shader.
+    /// The loaded source's settings with this scene's shader and edges.
     pub(crate) fn settings(&self, loaded: &Loaded) -> Settings {
-        Settings { shader: self.shader, ..loaded.settings }
+        Settings { shader: self.shader, edge_aa: self.edges, ..loaded.settings }
     }
 }
