@@ -23,7 +23,9 @@ pub(super) fn settings(random: &mut Random) -> Settings {
             _ => DepthTolerance::Absolute(random.factor(1e-4, 2.0)),
         },
         shader: match random.below(20) {
-            0..=6 => Shader::Unlit,
+            0..=4 => Shader::Unlit,
+            5 => Shader::Matcap,
+            6 => Shader::Edl,
             7..=13 => Shader::Phong,
             14 | 15 => Shader::Toon,
             16 | 17 => Shader::Normal,
