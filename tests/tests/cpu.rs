@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use surfel_conformance::harness::{Verdict, check_backend, check_case, render};
-use surfel_conformance::polygons::{mesh_object, quad};
+use surfel_conformance::polygons::{mesh_object, mesh_sphere, quad};
 use surfel_conformance::{build, scenes};
 use surfel_cpu::{Evaluation, Options, Peeling, Renderer as Cpu, SimdLevel, Storage, Work};
 use surfel_model::{
@@ -126,6 +126,29 @@ fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_cell_batch_and_peelin
 /// A renderer that cuts its work like this.
 fn cut(work: Work) -> Cpu {
     Cpu::with_options(&Options { threads: 2, work, ..Options::default() }).unwrap()
+}
+
+#[test]
+fn cpu_triangles_count_toward_batches_and_bound_their_memory() {
+    // 131,072 triangles, an ordinary camera, eight strips of tiles.
+    let scene = Scene { objects: vec![mesh_object(mesh_sphere(7))], ..Scene::default() };
+    let mut camera = scenes::mesh_ball().camera;
+    camera.size = [256; 2];
+    let view = View::new(&camera).unwrap();
+    let drawn = |batch_splats| {
+        let mut renderer = cut(Work { batch_splats, ..Work::default() });
+        let resident = renderer.upload(&scene).unwrap();
+        let mut frame = Frame::default();
+        let stats = renderer.render(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame).unwrap();
+        let counter = |name| stats.counters.iter().find(|c| c.0 == name).map_or(f64::NAN, |c| c.1);
+        (counter("batches"), counter("batch_bytes"), bits(&frame))
+    };
+    let (whole, parts) = (drawn(1 << 20), drawn(16 << 10));
+    assert_eq!(whole.0, 1.0);
+    assert!(parts.0 >= 4.0, "{}", parts.0);
+    // An eighth of the triangles, and a strip of tiles more on either side as far as balls about triangles reach.
+    assert!(parts.1 < 0.4 * whole.1, "{} of {} bytes", parts.1, whole.1);
+    assert!(parts.2 == whole.2);
 }
 
 #[test]

@@ -41,6 +41,13 @@ impl Grid {
         self.columns as usize * self.rows as usize
     }
 
+    /// The tile that holds a pixel of the region.
+    pub(crate) fn tile_of(&self, x: i32, y: i32) -> usize {
+        let [column, row] =
+            [(x, self.origin[0]), (y, self.origin[1])].map(|(at, first)| (at as u32 - first) / self.tile_px());
+        (row * self.columns + column) as usize
+    }
+
     /// Pixels along a tile's side.
     pub(crate) fn tile_px(&self) -> u32 {
         self.tile_blocks * BLOCK

@@ -65,13 +65,22 @@ impl Placed {
         side(0) * side(1)
     }
 
-    fn touches(&self, pixels: &[f64; 4]) -> bool {
-        (0..2).all(|axis| self.pixels[axis] <= pixels[axis + 2] && self.pixels[axis + 2] >= pixels[axis])
+    /// True if it may touch some pixels, or what lies so far around them.
+    fn touches(&self, pixels: &[f64; 4], reach: f64) -> bool {
+        (0..2)
+            .all(|axis| self.pixels[axis] <= pixels[axis + 2] + reach && self.pixels[axis + 2] >= pixels[axis] - reach)
     }
 }
 
-/// Cuts the grid's region into cells of about `most` splats at most, the costliest first.
-pub(crate) fn divide(setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid, most: usize, threads: usize) -> Vec<Cell> {
+/// Cuts the grid's region into cells of about `most` splats at most, the costliest first. What a cell's pixels hang on may lie
+/// `reach` pixels beside them.
+pub(crate) fn divide(
+    setups: &[ObjectSetup<'_>],
+    seen: &[Seen],
+    grid: &Grid,
+    (most, reach): (usize, u32),
+    threads: usize,
+) -> Vec<Cell> {
     let whole = bounds(grid, [0, grid.columns, 0, grid.rows]);
     let placed: Vec<Placed> = seen
         .iter()
@@ -88,7 +97,8 @@ pub(crate) fn divide(setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid, mos
         .collect();
     let pixels = f64::from(grid.region.width) * f64::from(grid.region.height);
     let total = placed.iter().map(|p| p.splats).sum::<f64>() + pixels * SPLATS_PER_PIXEL;
-    let limits = Limits { splats: most as f64, cost: total / (threads * CELLS_PER_THREAD) as f64 };
+    let cost = total / (threads * CELLS_PER_THREAD) as f64;
+    let limits = Limits { splats: most as f64, cost, reach: f64::from(reach) };
     let mut cells = Vec::new();
     limits.split(grid, [0, grid.columns, 0, grid.rows], &placed, &mut cells);
     cells.sort_by(|a, b| b.cost.total_cmp(&a.cost));
@@ -99,6 +109,8 @@ pub(crate) fn divide(setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid, mos
 struct Limits {
     splats: f64,
     cost: f64,
+    /// Pixels around a cell that it hangs on.
+    reach: f64,
 }
 
 impl Limits {
@@ -124,7 +136,7 @@ impl Limits {
         };
         for tiles in halves {
             let pixels = bounds(grid, tiles);
-            let inside: Vec<Placed> = placed.iter().filter(|p| p.touches(&pixels)).copied().collect();
+            let inside: Vec<Placed> = placed.iter().filter(|p| p.touches(&pixels, self.reach)).copied().collect();
             self.split(grid, tiles, &inside, cells);
         }
     }

@@ -2,23 +2,23 @@
 //! lines (§5). A frame without any of them is drawn by `tile` alone.
 
 use crate::between::Between;
-use crate::bins::TILE_BLOCKS;
-use crate::eye_dome;
+use crate::eye_dome::Dome;
 use crate::lanes::Lanes;
 use crate::level::{Instructions, with_instructions};
 use crate::lists::ItemLists;
 use crate::mesh::{ScreenTriangle, StoredMesh, TriangleSegment};
-use crate::planes::{NeighbourPlanes, NeighbourRows};
+use crate::planes::{BLOCKS, NeighbourPlanes, TilePlanes};
 use crate::polygon;
 use crate::raster::{self, Behind, Sums, Unlimited};
-use crate::shade::{self, Shaded};
-use crate::target::{TileTarget, put_plane};
+use crate::shade::{self, Pixels, Shaded};
+use crate::target::TileTarget;
 use crate::tile::{Counters, TileJob, TileScratch};
 use crate::veil::{Layers, VeilBlock, VeilScratch, VeilSegment, Veiled};
+use crate::window::Window;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16};
-use surfel_math::Real;
 use surfel_math::kernel::FULL_COVERAGE;
+use surfel_math::{Real, eye_dome};
 use surfel_model::Shader;
 
 /// What a frame has besides opaque splats.
@@ -42,11 +42,13 @@ pub(crate) struct CompositeScratch<'a> {
     pub triangles: ItemLists<&'a ScreenTriangle>,
     veils: ItemLists<Veiled<'a>>,
     veil: VeilScratch,
+    window: Box<Window>,
 }
 
 impl CompositeScratch<'_> {
     pub(crate) fn new() -> Self {
-        Self { triangles: ItemLists::new(), veils: ItemLists::new(), veil: VeilScratch::default() }
+        let (triangles, veils) = (ItemLists::new(), ItemLists::new());
+        Self { triangles, veils, veil: VeilScratch::default(), window: Window::new() }
     }
 }
 
@@ -103,7 +105,7 @@ impl<'a> CompositeJob<'a> {
         &self,
         instructions: Instructions,
         target: &mut TileTarget<'_>,
-        planes: Option<&mut NeighbourRows<'_>>,
+        planes: Option<&mut TilePlanes<'_>>,
         scratch: &mut TileScratch<'a>,
     ) -> Counters {
         if self.plain {
@@ -118,12 +120,16 @@ impl<'a> CompositeJob<'a> {
         &self,
         simd: S,
         target: &mut TileTarget<'_>,
-        mut planes: Option<&mut NeighbourRows<'_>>,
+        mut planes: Option<&mut TilePlanes<'_>>,
         scratch: &mut TileScratch<'a>,
     ) -> Counters {
         let mut counters = Counters::default();
         let (tile, background) = (target.tile, self.tiles.lighting.background);
-        if self.is_empty(tile) {
+        let is_empty = self.is_empty(tile);
+        if let Some(planes) = &mut planes {
+            planes.begin(is_empty);
+        }
+        if is_empty {
             target.fill_empty(background);
             return counters;
         }
@@ -146,7 +152,7 @@ impl<'a> CompositeJob<'a> {
             counters.inside += u64::from(front.sums.inside);
             let mut pixels = front.shaded.over_background(simd, self.tiles.lighting, front.sums.fragments);
             if let Some(planes) = &mut planes {
-                self.put_planes(simd, planes, at, &front);
+                self.put_planes(simd, planes, (block, at), &front);
             } else if veiled >> block & 1 != 0 {
                 pixels = self.veil(simd, block, at, front.opaque_depth, scratch, &mut counters).over(&pixels);
             }
@@ -196,17 +202,20 @@ impl<'a> CompositeJob<'a> {
     }
 
     #[inline(always)]
-    fn put_planes<S: Simd>(&self, simd: S, planes: &mut NeighbourRows<'_>, at: (i32, i32), front: &Front<S>) {
-        planes.put_edges(at, &front.sums, front.polygon);
-        put_plane(&mut planes.opaque, at, front.opaque_depth);
-        if !planes.depth.is_empty() {
-            let infinite = Lanes::splat(simd, f32::INFINITY);
-            let or_nothing = |v| Lanes::select(front.shaded.covered, v, infinite);
-            put_plane(&mut planes.depth, at, or_nothing(front.shaded.z));
-            if !planes.limit.is_empty() {
-                let limit = shade::line_limit(simd, self.tiles.lighting, &front.shaded, at);
-                put_plane(&mut planes.limit, at, or_nothing(limit));
-            }
+    fn put_planes<S: Simd>(
+        &self,
+        simd: S,
+        planes: &mut TilePlanes<'_>,
+        (block, at): (u32, (i32, i32)),
+        front: &Front<S>,
+    ) {
+        let infinite = Lanes::splat(simd, f32::INFINITY);
+        planes.put_edges(block, &front.sums, front.polygon);
+        planes.put_opaque(block, front.opaque_depth);
+        planes.put_depth(block, Lanes::select(front.shaded.covered, front.shaded.z, infinite));
+        if planes.want_limit() {
+            let limit = shade::line_limit(simd, self.tiles.lighting, &front.shaded, at);
+            planes.put_limit(block, Lanes::select(front.shaded.covered, limit, infinite));
         }
     }
 
@@ -230,9 +239,22 @@ impl<'a> CompositeJob<'a> {
         veil
     }
 
-    /// A second look at a tile: lines, then edges with what lies behind them, then transparent layers before all of it.
+    /// [`Self::finish`] by these instructions.
+    #[inline(never)]
+    pub(crate) fn finish_on(
+        &self,
+        instructions: Instructions,
+        target: &mut TileTarget<'_>,
+        planes: &NeighbourPlanes,
+        scratch: &mut TileScratch<'a>,
+    ) -> Counters {
+        with_instructions!(instructions, simd => simd.vectorize(#[inline(always)] || self.finish(simd, target, planes, scratch)))
+    }
+
+    /// A second look at a tile: lines or eye-dome lighting, then edges with what lies behind them, then transparent layers before all
+    /// of it.
     #[inline(always)]
-    pub(crate) fn finish<S: Simd>(
+    fn finish<S: Simd>(
         &self,
         simd: S,
         target: &mut TileTarget<'_>,
@@ -244,100 +266,134 @@ impl<'a> CompositeJob<'a> {
         if self.is_empty(tile) {
             return counters;
         }
-        const BLOCKS: usize = (TILE_BLOCKS * TILE_BLOCKS) as usize;
-        let (mut lines, mut edges) = ([0u16; BLOCKS], [0u16; BLOCKS]);
-        let (mut wanted, mut behind, mut domed) = (0u64, 0u64, 0u64);
-        let infinite = Lanes::splat(simd, f32::INFINITY);
-        let all = self.tiles.listing.blocks(tile);
-        let mut left = all;
-        while left != 0 {
-            let block = left.trailing_zeros();
-            left &= left - 1;
-            let at = self.tiles.listing.block_px(tile, block);
-            let inside = target.rect.lanes_of_block(at);
-            lines[block as usize] = (planes.lines(simd, at) & inside) as u16;
-            edges[block as usize] = (planes.edges(simd, at) & inside) as u16;
-            wanted |= u64::from(lines[block as usize] != 0) << block;
-            behind |= u64::from(edges[block as usize] != 0) << block;
-            if self.tiles.lighting.shader == Shader::Edl {
-                domed |= u64::from(planes.depth(simd, at).lt(infinite).to_bitmask() & inside != 0) << block;
-            }
+        let listing = &self.tiles.listing;
+        let mut edges = [0u16; BLOCKS];
+        let (stepped, deep) = self.edges(simd, target, planes, scratch, &mut edges);
+        self.draw_over(simd, target, planes, scratch);
+        let veiled = self.list_veils(tile, listing.blocks(tile), &mut scratch.composite.veils);
+        if stepped != 0 {
+            listing.list_some(tile, deep, &mut scratch.lists);
+            list_triangles(self.extras.triangles, tile, stepped, &mut scratch.composite.triangles);
         }
-        let veiled = self.list_veils(tile, all, &mut scratch.composite.veils);
-        wanted |= behind | veiled | domed;
-        if wanted == 0 {
-            return counters;
-        }
-        self.tiles.listing.list(tile, behind, &mut scratch.lists);
-        list_triangles(self.extras.triangles, tile, behind, &mut scratch.composite.triangles);
         let mut added = i32x16::splat(simd, 0);
+        let mut wanted = stepped | veiled;
         while wanted != 0 {
             let block = wanted.trailing_zeros();
             wanted &= wanted - 1;
-            let at = self.tiles.listing.block_px(tile, block);
-            let (lines, edges) = (lines[block as usize], edges[block as usize]);
-            let mut pixels = target.get(simd, at);
-            if domed >> block & 1 != 0 {
-                let z = planes.depth(simd, at);
-                let bright = self.brightness(simd, planes, at, z);
-                for c in &mut pixels.color[..3] {
-                    *c = Lanes::select(z.lt(infinite), *c * bright, *c);
-                }
-            }
-            if lines != 0 {
-                let line = mask32x16::from_bitmask(simd, lines.into());
-                for c in &mut pixels.color[..3] {
-                    *c = Lanes::select(line, c.zero(), *c);
-                }
-            }
-            if edges != 0 {
-                let (color, edge) = self.behind(simd, (block, edges), at, planes, scratch, &mut counters);
-                let q = planes.coverage(simd, at);
+            let at = listing.block_px(tile, block);
+            let mut color = target.color(simd, at);
+            if stepped >> block & 1 != 0 {
+                let edges = (edges[block as usize % BLOCKS], deep >> block & 1 != 0);
+                let (behind, edge) = self.behind(simd, (tile, block), edges, planes, scratch, &mut counters);
+                let q = planes.coverage(simd, tile, block);
                 let q = q.min(q.one());
-                for (front, behind) in pixels.color.iter_mut().zip(color) {
+                for (front, behind) in color.iter_mut().zip(behind) {
                     *front = Lanes::select(edge, q.mul_add(*front, (q.one() - q) * behind), *front);
                 }
             }
-            if veiled >> block & 1 != 0 {
-                let veil = self.veil(simd, block, at, planes.opaque(simd, at), scratch, &mut counters);
-                let counts: i32x16<S> = veil.fragments.0.to_int();
-                added += counts * target.rect.lanes_inside(simd, at);
-                pixels = veil.over(&pixels);
+            if veiled >> block & 1 == 0 {
+                target.put_color(at, color);
+                continue;
             }
-            target.put(at, &pixels);
+            let veil = self.veil(simd, block, at, planes.opaque(simd, tile, block), scratch, &mut counters);
+            let counts: i32x16<S> = veil.fragments.0.to_int();
+            added += counts * target.rect.lanes_inside(simd, at);
+            let behind = Pixels { color, ..target.get(simd, at) };
+            target.put(at, &veil.over(&behind));
         }
         counters.kept = added.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();
         counters
     }
 
-    /// How bright depths are among the front surfaces about a block (§5, `edl`).
+    /// A tile's edge pixels that may show what lies behind them: bits of each block's; the blocks that have any, and those of them
+    /// where anything is kept.
     #[inline(always)]
-    fn brightness<S: Simd>(&self, simd: S, planes: &NeighbourPlanes, at: (i32, i32), z: Lanes<S>) -> Lanes<S> {
-        eye_dome::among_neighbours(simd, planes, self.tiles.lighting.projection(), at, z)
+    fn edges<S: Simd>(
+        &self,
+        simd: S,
+        target: &TileTarget<'_>,
+        planes: &NeighbourPlanes,
+        scratch: &mut TileScratch<'a>,
+        edges: &mut [u16; BLOCKS],
+    ) -> (u64, u64) {
+        let (tile, listing) = (target.tile, &self.tiles.listing);
+        let (mut stepped, mut deep) = (0, 0);
+        let mut left = planes.marks(tile).thin;
+        let Some((begins, reach)) = planes.edges(tile).filter(|_| left != 0) else { return (stepped, deep) };
+        let window = &mut scratch.composite.window;
+        // −∞ is never behind anything.
+        window.look((begins, &listing.grid, tile), |tile| planes.marks(tile), 1, f32::NEG_INFINITY);
+        window.steps(simd, reach, left, edges);
+        let infinite = Lanes::splat(simd, f32::INFINITY);
+        while left != 0 {
+            let block = left.trailing_zeros();
+            left &= left - 1;
+            let own = &mut edges[block as usize % BLOCKS];
+            if *own != 0 {
+                *own &= target.rect.lanes_of_block(listing.block_px(tile, block)) as u16;
+                let kept = planes.kept(simd, tile, block).lt(infinite).to_bitmask() as u16;
+                stepped |= u64::from(*own != 0) << block;
+                deep |= u64::from(*own & kept != 0) << block;
+            }
+        }
+        (stepped, deep)
+    }
+
+    /// Lines, or eye-dome lighting, over what a tile shows. The window then has its depths.
+    #[inline(always)]
+    fn draw_over<S: Simd>(
+        &self,
+        simd: S,
+        target: &mut TileTarget<'_>,
+        planes: &NeighbourPlanes,
+        scratch: &mut TileScratch<'a>,
+    ) {
+        let (tile, listing) = (target.tile, &self.tiles.listing);
+        let (first, touched) = (listing.block_px(tile, 0), planes.marks(tile).touched);
+        let window = &mut scratch.composite.window;
+        let marks = |tile| planes.marks(tile);
+        if touched == 0 {
+            return;
+        }
+        if self.tiles.lighting.shader == Shader::Edl && planes.has_depths() {
+            window.look((planes.depths(), &listing.grid, tile), marks, eye_dome::REACH_PX, Dome::OUTSIDE);
+            Dome::new(window, self.tiles.lighting.projection()).darken(simd, target, touched, first);
+        }
+        let Some((depths, limits)) = planes.lines(tile) else { return };
+        let mut lines = [0u16; BLOCKS];
+        window.look((depths, &listing.grid, tile), marks, 1, f32::NEG_INFINITY);
+        window.steps(simd, limits, touched, &mut lines);
+        for (block, &line) in (0..).zip(&lines).filter(|(_, line)| **line != 0) {
+            target.blacken(listing.block_px(tile, block), line);
+        }
     }
 
     /// What lies behind a block's edges, and which pixels are edges: none that a polygon covers, which splats are blended over
-    /// anyway (§6).
+    /// anyway (§6). With the bits of what may be an edge comes whether anything is kept there.
     #[inline(always)]
     fn behind<S: Simd>(
         &self,
         simd: S,
-        (block, edges): (u32, u16),
-        at: (i32, i32),
+        (tile, block): (usize, u32),
+        (edges, deep): (u16, bool),
         planes: &NeighbourPlanes,
         scratch: &mut TileScratch<'a>,
         counters: &mut Counters,
     ) -> ([Lanes<S>; 4], mask32x16<S>) {
         let (job, lighting) = (&self.tiles, self.tiles.lighting);
-        let kept = planes.kept(simd, at);
+        let at = job.listing.block_px(tile, block);
+        let kept = planes.kept(simd, tile, block);
+        let infinite = Lanes::splat(simd, f32::INFINITY);
         let mut edge = mask32x16::from_bitmask(simd, edges.into());
-        let splats = scratch.lists.of(block);
-        let sums = raster::block(simd, splats, at, &job.shared, Behind(kept), &mut scratch.block);
-        counters.block_pairs += u64::from(sums.tested);
+        let mut sums = Sums::new(simd);
+        if deep {
+            let limit = Behind { depth: kept, pixels: edge & kept.lt(infinite) };
+            sums = raster::block(simd, scratch.lists.of(block), at, &job.shared, limit, &mut scratch.block);
+            counters.block_pairs += u64::from(sums.tested);
+        }
         let mut shaded = shade::lit(simd, lighting, shade::divided(simd, lighting, &sums), at);
         let triangles = scratch.composite.triangles.of(block);
         if !triangles.is_empty() {
-            let infinite = Lanes::splat(simd, f32::INFINITY);
             let nearest = polygon::nearest(simd, triangles, at, job.shared.wants.exists());
             edge &= !(nearest.z.le(kept) & nearest.z.lt(infinite));
             let before = nearest.z.lt(Lanes::select(shaded.covered, shaded.z, infinite));
@@ -348,8 +404,10 @@ impl<'a> CompositeJob<'a> {
                 shaded = shade::lit(simd, lighting, surface, at).or(&shaded);
             }
         }
-        if lighting.shader == Shader::Edl {
-            shaded.color = shaded.color * self.brightness(simd, planes, at, shaded.z);
+        if lighting.shader == Shader::Edl && planes.has_depths() {
+            let (x, y) = job.listing.block_px(tile, 0);
+            let dome = Dome::new(&scratch.composite.window, lighting.projection());
+            shaded.color = shaded.color * dome.of_block(simd, (at.0 - x, at.1 - y), shaded.z);
         }
         counters.edge_pixels += u64::from(edge.to_bitmask().count_ones());
         (shaded.over_background(simd, lighting, sums.fragments).color, edge)

@@ -7,7 +7,7 @@ use crate::level::{Instructions, with_instructions};
 use crate::mesh::{self, TriangleSegment};
 use crate::near::NearSplat;
 use crate::placed::ObjectSetup;
-use crate::planes::{NeighbourPlanes, NeighbourRows};
+use crate::planes::{NeighbourPlanes, TilePlanes};
 use crate::prepare::{Preparation, Prepared, Seen};
 use crate::raster::{self, Shared, Wants};
 use crate::record::Record;
@@ -22,7 +22,7 @@ use fearless_simd::Simd;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
-use surfel_model::{Cull, Light};
+use surfel_model::{Cull, Filter, Light};
 use surfel_render::{Frame, FramePlan, Pass, PassTime, Region, Stats, View};
 
 pub(crate) fn draw(
@@ -65,15 +65,15 @@ pub(crate) fn draw(
         culls_hidden: work.culls_hidden && !plan.has(Pass::EdgeAntialiasing),
         factors: scene.objects.iter().map(|o| o.material.factors().map(|f| f as f32)).collect(),
         coverage: scene.objects.iter().map(|o| o.coverage_per_weight(plan.splat_filter.cutoff)).collect(),
+        coverage_of_weight: coverage_of_weight(scene, plan),
         lighting: Lighting::new(plan, view, lights, shadows, scene.ambient, scene.material.factors(), scene.background)
             .with_matcap(scene.matcap.clone()),
     };
     let setups = preparation.setups();
     let chunks = preparation.seen(&setups);
     totals.cull_ms = after_shadows.elapsed().as_secs_f64() * 1e3;
-    let whole = plan.has(Pass::Polygons) || NeighbourPlanes::are_needed(plan);
-    if whole || preparation.splats(&chunks) <= work.cell_splats.saturating_mul(WHOLE) {
-        for rows in preparation.batches(&setups, &chunks) {
+    if plan.has(Pass::Polygons) || preparation.splats(&chunks) <= work.cell_splats.saturating_mul(WHOLE) {
+        for rows in preparation.batches(&setups, &chunks, &scene.meshes) {
             drawing.batch(&setups, &chunks, rows, frame, &mut totals);
         }
     } else {
@@ -99,7 +99,6 @@ struct Totals {
     set_up: u64,
     drawn: u64,
     tile_pairs: u64,
-    edge_pixels: u64,
     batch_bytes: usize,
     counters: Counters,
 }
@@ -135,7 +134,7 @@ impl Totals {
             ("block_pairs", self.counters.block_pairs as f64),
             ("fragments_tested", self.counters.block_pairs as f64 * 16.0),
             ("fragments_inside", self.counters.inside as f64),
-            ("edge_pixels", self.edge_pixels as f64),
+            ("edge_pixels", self.counters.edge_pixels as f64),
             ("batch_bytes", self.batch_bytes as f64),
             ("tile_ns_per_block_pair", self.tiles_ms * 1e6 * stats.threads as f64 / pairs),
         ]);
@@ -153,6 +152,7 @@ struct Drawing<'a> {
     culls_hidden: bool,
     factors: Vec<[f32; 4]>,
     coverage: Vec<f32>,
+    coverage_of_weight: Option<f32>,
     lighting: Lighting,
 }
 
@@ -185,31 +185,22 @@ impl Drawing<'_> {
         let order = heavy_first(&tiles, &extras);
         let job = CompositeJob { tiles, extras, plain: is_plain(plan) };
         let mut bytes = triangles.iter().map(TriangleSegment::bytes).sum::<usize>();
-        if !looks_twice {
-            let targets = sorted(TileTarget::cut(frame, &grid, rows, self.view.region), &order);
-            totals.counters +=
-                each_tile(instructions, targets, |level, target, scratch| job.draw(level, target, None, scratch));
-            totals.tiles_ms += after_setup.elapsed().as_secs_f64() * 1e3;
-        } else {
-            let mut planes = NeighbourPlanes::new(region, plan);
+        let mut targets = TileTarget::cut(frame, &grid, rows, self.view.region);
+        let mut planes = looks_twice.then(|| self.preparation.recycled.planes(&grid, plan));
+        let jobs = targets.iter_mut().zip(tiles_of(planes.as_mut(), grid.tiles())).collect();
+        totals.counters += each_tile(instructions, sorted(jobs, &order), |level, (target, planes), scratch| {
+            job.draw(level, target, planes.as_mut(), scratch)
+        });
+        let after_tiles = Instant::now();
+        totals.tiles_ms += (after_tiles - after_setup).as_secs_f64() * 1e3;
+        if let Some(planes) = planes {
             bytes += planes.bytes();
-            let targets = TileTarget::cut(frame, &grid, rows, self.view.region);
-            let pairs: Vec<(TileTarget<'_>, NeighbourRows<'_>)> = targets.into_iter().zip(planes.cut(&grid)).collect();
-            let pairs = sorted(pairs, &order);
-            totals.counters += each_tile(instructions, pairs, |level, (target, planes), scratch| {
-                job.draw(level, target, Some(planes), scratch)
-            });
-            let after_tiles = Instant::now();
-            totals.tiles_ms += (after_tiles - after_setup).as_secs_f64() * 1e3;
-            let targets = sorted(TileTarget::cut(frame, &grid, rows, self.view.region), &order);
-            let second = each_tile(
-                instructions,
-                targets,
-                |level, target, scratch| with_instructions!(level, simd => simd.vectorize(#[inline(always)] || job.finish(simd, target, &planes, scratch))),
-            );
-            totals.counters.kept += second.kept;
-            totals.counters.edge_pixels += second.edge_pixels;
+            let jobs = sorted(targets.iter_mut().collect(), &order);
+            totals.counters.add_second(each_tile(instructions, jobs, |level, target, scratch| {
+                job.finish_on(level, target, &planes, scratch)
+            }));
             totals.edges_ms += after_tiles.elapsed().as_secs_f64() * 1e3;
+            self.preparation.recycled.give_back_planes(planes);
         }
         totals.add(&prepared, bytes);
         self.preparation.recycled.give_back(prepared.segments);
@@ -228,13 +219,11 @@ impl Drawing<'_> {
         let grid = self.preparation.grid(region);
         let threads = rayon::current_num_threads();
         let mut targets: Vec<_> = TileTarget::cut(frame, &grid, region, region).into_iter().map(Some).collect();
-        let jobs: Vec<(Cell, Vec<TileTarget<'_>>)> = cells::divide(setups, seen, &grid, most, threads)
+        let reach = self.plan.reach_px();
+        let jobs: Vec<(Cell, Vec<TileTarget<'_>>)> = cells::divide(setups, seen, &grid, (most, reach), threads)
             .into_iter()
             .map(|cell| {
-                let tiles = cell.tiles(&grid).filter_map(|tile| targets[tile].take());
-                // A cell's grid has its own numbers.
-                let mut tiles: Vec<TileTarget<'_>> = tiles.collect();
-                tiles.iter_mut().enumerate().for_each(|(tile, target)| target.tile = tile);
+                let tiles = cell.tiles(&grid).filter_map(|tile| targets[tile].take()).collect();
                 (cell, tiles)
             })
             .collect();
@@ -247,11 +236,12 @@ impl Drawing<'_> {
             },
         );
         // Cells are set up and drawn at the same time: stages are shares of it.
-        let busy: f64 = sums.iter().map(|(t, _)| t.setup_ms + t.tiles_ms).sum();
+        let busy: f64 = sums.iter().map(|(t, _)| t.setup_ms + t.tiles_ms + t.edges_ms).sum();
         let wall = start.elapsed().as_secs_f64() * 1e3 / busy.max(f64::MIN_POSITIVE);
         for (sum, bytes) in sums {
             totals.setup_ms += sum.setup_ms * wall;
             totals.tiles_ms += sum.tiles_ms * wall;
+            totals.edges_ms += sum.edges_ms * wall;
             totals.batches += sum.batches;
             totals.hidden += sum.hidden;
             totals.set_up += sum.set_up;
@@ -262,7 +252,7 @@ impl Drawing<'_> {
         }
     }
 
-    /// Draws a cell: bytes of memory that it used.
+    /// Draws a cell: bytes of memory that it used. What is looked at twice is first drawn with some pixels of its neighbours'.
     fn cell(
         &self,
         setups: &[ObjectSetup<'_>],
@@ -277,18 +267,20 @@ impl Drawing<'_> {
             totals.tiles_ms += start.elapsed().as_secs_f64() * 1e3;
             return 0;
         }
-        let grid = self.preparation.grid(cell.region);
+        let grid = self.preparation.grid(cell.region.grown(self.plan.reach_px(), self.view.size));
         let mut prepared = Prepared::default();
-        let first = if self.culls_hidden { cell.first } else { cell.seen.len() };
+        // What is hidden from all pixels may show behind the edges of what hides it.
+        let culls_hidden = self.culls_hidden && !self.plan.has(Pass::EdgeAntialiasing);
+        let first = if culls_hidden { cell.first } else { cell.seen.len() };
         let (front, others) = cell.seen.split_at(first);
-        self.preparation.set_up_alone(setups, front, &grid, &mut prepared);
+        self.preparation.set_up_alone(setups, front, (&grid, cell.region), &mut prepared);
         if !others.is_empty() {
             let shared = self.shared(&prepared);
             let listing = Listing { segments: &prepared.segments, grid };
             let hiding = Hiding::of(self.preparation.instructions, &listing, &shared);
             let (hides, others) = others.iter().partition::<Vec<Seen>, _>(|seen| hiding.hides(setups, seen));
             totals.hidden += self.preparation.splats(&hides) as u64;
-            self.preparation.set_up_alone(setups, &others, &grid, &mut prepared);
+            self.preparation.set_up_alone(setups, &others, (&grid, cell.region), &mut prepared);
         }
         if self.plan.has(Pass::RemainingLayer) {
             let Prepared { veils, near, .. } = &mut prepared;
@@ -302,20 +294,40 @@ impl Drawing<'_> {
         let extras = Extras { meshes: &[], triangles: &[], veils, layers: self.layers };
         let job = CompositeJob { tiles, extras, plain: is_plain(self.plan) };
         let mut scratch = TileScratch::new();
+        let (recycled, instructions) = (self.preparation.recycled, self.preparation.instructions);
+        let looks_twice = NeighbourPlanes::are_needed(self.plan);
+        let mut planes = looks_twice.then(|| recycled.planes(&grid, self.plan));
+        // A cell's grid has its own numbers, and tiles that are its neighbours'.
+        let mut all: Vec<TileTarget<'_>> = (0..grid.tiles()).map(TileTarget::nowhere).collect();
         for mut target in targets {
-            totals.counters += job.draw(self.preparation.instructions, &mut target, None, &mut scratch);
+            target.tile = grid.tile_of(target.rect.x, target.rect.y);
+            let tile = target.tile;
+            all[tile] = target;
+        }
+        for (target, mut planes) in all.iter_mut().zip(tiles_of(planes.as_mut(), grid.tiles())) {
+            totals.counters += job.draw(instructions, target, planes.as_mut(), &mut scratch);
+        }
+        let after_tiles = Instant::now();
+        totals.tiles_ms += (after_tiles - after_setup).as_secs_f64() * 1e3;
+        let mut bytes = prepared.bytes();
+        if let Some(planes) = planes {
+            for target in &mut all {
+                totals.counters.add_second(job.finish_on(instructions, target, &planes, &mut scratch));
+            }
+            totals.edges_ms += after_tiles.elapsed().as_secs_f64() * 1e3;
+            bytes += planes.bytes();
+            recycled.give_back_planes(planes);
         }
         drop(scratch);
-        totals.tiles_ms += after_setup.elapsed().as_secs_f64() * 1e3;
-        let bytes = prepared.bytes();
         totals.add(&prepared, 0);
-        self.preparation.recycled.give_back(prepared.segments);
+        recycled.give_back(prepared.segments);
         bytes
     }
 
     /// What the blocks of a batch share.
     fn shared<'a>(&'a self, Prepared { near, clips, .. }: &'a Prepared) -> Shared<'a> {
-        Shared { wants: self.wants, near, clips, factors: &self.factors, coverage: &self.coverage }
+        let Self { wants, coverage_of_weight, .. } = *self;
+        Shared { wants, near, clips, factors: &self.factors, coverage: &self.coverage, coverage_of_weight }
     }
 
     /// Lights transparent splats for the remaining layer.
@@ -327,6 +339,24 @@ impl Drawing<'_> {
         with_instructions!(self.preparation.instructions, simd => {
             simd.vectorize(#[inline(always)] || light_splats(simd, &self.lighting, &segment.records, splats, factors));
         });
+    }
+}
+
+/// Coverage of a unit of weight, if it is wanted and the same for all splats.
+fn coverage_of_weight(scene: &ResidentScene, plan: &FramePlan) -> Option<f32> {
+    let filter = &plan.splat_filter;
+    let mut scales = scene.objects.iter().map(|o| o.coverage_per_weight(filter.cutoff));
+    let first = scales.next()?;
+    // Other filters' weights carry what they change.
+    let carried = !matches!(filter.filter, Filter::Clamp | Filter::Adjust);
+    (plan.attributes.coverage && carried && scales.all(|scale| scale == first)).then_some(first)
+}
+
+/// The planes of every tile of so many, where there are any.
+fn tiles_of(planes: Option<&mut NeighbourPlanes>, tiles: usize) -> Vec<Option<TilePlanes<'_>>> {
+    match planes {
+        Some(planes) => planes.cut().into_iter().map(Some).collect(),
+        None => (0..tiles).map(|_| None).collect(),
     }
 }
 

@@ -13,7 +13,7 @@
 //! cache when they are drawn.
 //!
 //! A frame with more than opaque splats has its tiles drawn by `composite`: `mesh` and `polygon` find polygons, `between` puts
-//! splats before them, `veil` draws transparent layers, `planes` serves a second look at edges and lines; `matcap` and `eye_dome` are
+//! splats before them, `veil` draws transparent layers, `planes` and `window` serve a second look at edges and lines; `matcap` and `eye_dome` are
 //! shaders of their own; `shadow` draws maps by
 //! the same setup. What a frame lacks costs it nothing.
 //!
@@ -55,6 +55,7 @@ mod store;
 mod target;
 mod tile;
 mod veil;
+mod window;
 
 pub use level::SimdLevel;
 pub use renderer::{Evaluation, Options, Peeling, Renderer, ResidentScene, Work};

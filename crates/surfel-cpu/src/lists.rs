@@ -52,6 +52,21 @@ impl<'a> BlockLists<'a> {
         }
     }
 
+    /// [`Self::extend`] for few blocks: splats that touch none of them are left out.
+    pub(crate) fn extend_some(&mut self, records: &'a [Record], entries: &[Entry], wanted: u64) {
+        for entry in entries.iter().filter(|entry| entry.blocks & wanted != 0) {
+            let at = self.splats.len() % BITS;
+            if at == 0 {
+                self.words.push([0; BITS]);
+            }
+            if let Some(word) = self.words.last_mut() {
+                word[at] = entry.blocks & wanted;
+            }
+            let record = &records[entry.record as usize];
+            self.splats.push((record, record.z_min()));
+        }
+    }
+
     /// To be called after the last splat.
     #[inline(always)]
     pub(crate) fn finish(&mut self) {

@@ -2,6 +2,7 @@
 
 use crate::bins::{BLOCK, Entry, Grid, TILE_BLOCKS, TileLists};
 use crate::level::{Instructions, with_instructions};
+use crate::placed::pixels_of_box;
 use fearless_simd::Simd;
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -13,7 +14,7 @@ use surfel_math::mapping::Linear;
 use surfel_math::triangle::{self, Triangle};
 use surfel_math::{V2, V3};
 use surfel_model::{Cull, Material, Mesh, Mipmaps, Object};
-use surfel_render::View;
+use surfel_render::{Region, View};
 
 /// Triangles that one task projects and bins.
 const TRIANGLES_PER_TASK: usize = 16 * 1024;
@@ -30,6 +31,31 @@ pub(crate) struct StoredMesh {
     pub mipmaps: Option<Arc<Mipmaps>>,
     /// Object to world normals, up to scale.
     pub normals: DMat3,
+    /// Balls that hold so many triangles each, in their order.
+    balls: Vec<Ball>,
+}
+
+/// Triangles of a ball: enough that looking at it costs nothing, and few enough to lie close together where a mesh's triangles
+/// that follow each other do.
+const TRIANGLES_PER_BALL: usize = 256;
+
+/// A ball about some triangles.
+struct Ball {
+    /// In the object, about the mesh's origin.
+    center: DVec3,
+    radius: f64,
+}
+
+impl Ball {
+    fn about(mesh: &Mesh, triangles: &[[u32; 3]]) -> Self {
+        let corners = || triangles.as_flattened().iter().map(|&i| mesh.positions.get(i as usize));
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for p in corners() {
+            (min, max) = (min.min(p), max.max(p));
+        }
+        let center = 0.5 * (min + max);
+        Self { center, radius: corners().map(|p| p.distance(center)).fold(0.0, f64::max) }
+    }
 }
 
 impl StoredMesh {
@@ -47,7 +73,36 @@ impl StoredMesh {
             material: object.material,
             mipmaps,
             normals: normal_matrix(&object.world_from_object.matrix3),
+            balls: mesh.triangles.par_chunks(TRIANGLES_PER_BALL).map(|t| Ball::about(mesh, t)).collect(),
         }
+    }
+
+    /// Number of triangles.
+    pub(crate) fn triangles(&self) -> usize {
+        self.mesh.triangles.len()
+    }
+
+    /// Ranges of triangles of which some may lie in a view's depth, with the pixels that they may touch: least x and y, greatest
+    /// x and y.
+    pub(crate) fn seen<'a>(&'a self, view: &'a View) -> impl Iterator<Item = ([f64; 4], Range<usize>)> + 'a {
+        let (linear, origin) = self.placed(view);
+        // The Frobenius norm bounds the largest singular value; the slack is far above rounding.
+        let stretch = linear.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt() * (1.0 + 1e-9);
+        let projection = &view.projection;
+        self.balls.iter().enumerate().filter_map(move |(i, ball)| {
+            let (center, radius) = (origin + linear * ball.center, ball.radius * stretch);
+            let is_seen = center.z + radius >= projection.near && center.z - radius <= projection.far();
+            let first = i * TRIANGLES_PER_BALL;
+            let range = first..(first + TRIANGLES_PER_BALL).min(self.triangles());
+            is_seen.then(|| (pixels_of_box(projection, center, DVec3::splat(radius), 1.0), range))
+        })
+    }
+
+    /// Object to view directions, and view position of the mesh's origin.
+    fn placed(&self, view: &View) -> (DMat3, DVec3) {
+        // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
+        let origin = self.world_from_object.transform_point3(self.mesh.origin) - view.eye;
+        (view.view_from_world * self.world_from_object.matrix3, view.view_from_world * origin)
     }
 
     /// Unit world normal of a triangle's own plane: the side from which its corners run counter-clockwise.
@@ -96,14 +151,27 @@ pub(crate) fn project_all(
     grid: &Grid,
     cull: Cull,
 ) -> Vec<TriangleSegment> {
-    let tasks: Vec<(usize, usize)> = meshes
-        .iter()
-        .enumerate()
-        .flat_map(|(i, m)| (0..m.mesh.triangles.len()).step_by(TRIANGLES_PER_TASK).map(move |first| (i, first)))
-        .collect();
-    let segment = |&(i, first): &(usize, usize)| {
+    let Region { x, y, width, height } = grid.region;
+    let [x0, y0, x1, y1] = [x, y, x + width, y + height].map(f64::from);
+    let mut tasks: Vec<(usize, Range<usize>)> = Vec::new();
+    for (i, mesh) in meshes.iter().enumerate() {
+        for ([left, top, right, bottom], triangles) in mesh.seen(view) {
+            if right < x0 || left > x1 || bottom < y0 || top > y1 {
+                continue;
+            }
+            match tasks.last_mut() {
+                Some((last, range))
+                    if *last == i && range.end == triangles.start && range.len() < TRIANGLES_PER_TASK =>
+                {
+                    range.end = triangles.end;
+                }
+                _ => tasks.push((i, triangles)),
+            }
+        }
+    }
+    let segment = |(i, triangles): &(usize, Range<usize>)| {
+        let (i, triangles) = (*i, triangles.clone());
         let mesh = &meshes[i];
-        let triangles = first..mesh.mesh.triangles.len().min(first + TRIANGLES_PER_TASK);
         let projector = Projector::new(mesh, i as u32, view, cull);
         // Formulas in f64 need no lanes, but a processor's fused multiply-add.
         with_instructions!(instructions, simd => simd.vectorize(#[inline(always)] || projector.all(triangles, grid)))
@@ -125,16 +193,8 @@ struct Projector<'a> {
 
 impl<'a> Projector<'a> {
     fn new(mesh: &'a StoredMesh, index: u32, view: &'a View, cull: Cull) -> Self {
-        // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
-        let origin = mesh.world_from_object.transform_point3(mesh.mesh.origin) - view.eye;
-        Self {
-            mesh,
-            index,
-            view,
-            cull: if cull == Cull::None { cull } else { mesh.material.cull },
-            linear: view.view_from_world * mesh.world_from_object.matrix3,
-            origin: view.view_from_world * origin,
-        }
+        let (linear, origin) = mesh.placed(view);
+        Self { mesh, index, view, cull: if cull == Cull::None { cull } else { mesh.material.cull }, linear, origin }
     }
 
     /// Projects and sorts a range of the mesh's triangles.

@@ -4,7 +4,7 @@ use crate::renderer::Evaluation;
 use crate::store::{Chunk, StoredObject};
 use crate::veil::VeilSplat;
 use glam::{DMat3, DVec3};
-use surfel_math::projection::ProjectionKind;
+use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Cull, Filter, Material};
 use surfel_render::{FramePlan, Region, View};
 
@@ -122,27 +122,8 @@ impl<'a> ObjectSetup<'a> {
 
     /// Pixels that a chunk may touch: least x and y, greatest x and y. All there are where a ball about the eye tells nothing.
     pub(crate) fn pixels(&self, center: DVec3, chunk: &Chunk) -> [f64; 4] {
-        let projection = &self.view.projection;
         let half = self.half(chunk) * self.leaving();
-        if projection.is_perspective() && center.z < 4.0 * half.z {
-            return [f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
-        }
-        let range = |axis: usize| {
-            let (at, half_side) = ([center.x, center.y][axis], [half.x, half.y][axis]);
-            let slopes = match projection.kind {
-                // The least slope is that of the near side where it is negative.
-                ProjectionKind::Perspective => [-1.0, 1.0].map(|sign: f64| {
-                    let edge = at + sign * half_side;
-                    edge / (center.z - sign * half.z.copysign(edge))
-                }),
-                ProjectionKind::Orthographic { .. } => [at - half_side, at + half_side],
-            };
-            let margin = self.plan.splat_filter.reach_px();
-            let px = slopes.map(|slope| slope.mul_add(projection.focal_px[axis], projection.principal_px[axis]));
-            [px[0].min(px[1]) - margin, px[0].max(px[1]) + margin]
-        };
-        let ([x0, x1], [y0, y1]) = (range(0), range(1));
-        [x0, y0, x1, y1]
+        pixels_of_box(&self.view.projection, center, half, self.plan.splat_filter.reach_px())
     }
 
     /// Nearest and farthest depth of a chunk's splats.
@@ -205,6 +186,29 @@ impl<'a> ObjectSetup<'a> {
         let depth = if self.view.projection.is_perspective() { center.z } else { 1.0 };
         chunk.area * (self.stretch / depth).powi(2) * fx * fy
     }
+}
+
+/// Pixels that a box about a point of view space may touch, and a margin around them: least x and y, greatest x and y. All there are
+/// where it is about the eye. `half` is half of its sides.
+pub(crate) fn pixels_of_box(projection: &Projection, center: DVec3, half: DVec3, margin_px: f64) -> [f64; 4] {
+    if projection.is_perspective() && center.z < 4.0 * half.z {
+        return [f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
+    }
+    let range = |axis: usize| {
+        let (at, half_side) = ([center.x, center.y][axis], [half.x, half.y][axis]);
+        let slopes = match projection.kind {
+            // The least slope is that of the near side where it is negative.
+            ProjectionKind::Perspective => [-1.0, 1.0].map(|sign: f64| {
+                let edge = at + sign * half_side;
+                edge / (center.z - sign * half.z.copysign(edge))
+            }),
+            ProjectionKind::Orthographic { .. } => [at - half_side, at + half_side],
+        };
+        let px = slopes.map(|slope| slope.mul_add(projection.focal_px[axis], projection.principal_px[axis]));
+        [px[0].min(px[1]) - margin_px, px[0].max(px[1]) + margin_px]
+    };
+    let ([x0, x1], [y0, y1]) = (range(0), range(1));
+    [x0, y0, x1, y1]
 }
 
 /// Planes through the eye and a region's sides, moved out by what a filter adds.

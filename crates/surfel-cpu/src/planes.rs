@@ -1,54 +1,170 @@
 //! What a second look at tiles needs of the first, neighbours included: edges (§5, ours after Z01 §7), lines of the shader `toon`,
-//! and transparent layers before both.
+//! eye-dome lighting, and transparent layers before all of it.
 
-use crate::bins::Grid;
-use crate::lanes::Lanes;
+use crate::bins::{BLOCK, Grid, TILE_BLOCKS};
+use crate::lanes::{LANES, Lanes};
 use crate::raster::Sums;
-use crate::target::{Rows, cut, put_plane};
 use fearless_simd::Simd;
-use fearless_simd::prelude::SimdMask;
 use surfel_math::Real;
-use surfel_render::{FramePlan, Pass, Region};
+use surfel_render::{FramePlan, Pass};
 
-/// Planes over the pixels of a region, with a frame of pixels around it that are no one's neighbours. A plane that no pass of
-/// the plan needs is empty.
-pub(crate) struct NeighbourPlanes {
-    region: Region,
-    stride: usize,
-    planes: Planes<Vec<f32>>,
+/// Blocks of a tile at most.
+pub(crate) const BLOCKS: usize = (TILE_BLOCKS * TILE_BLOCKS) as usize;
+
+/// Pixels along the side of the largest tile.
+pub(crate) const SIDE: usize = (TILE_BLOCKS * BLOCK) as usize;
+
+/// A tile's numbers, pixel by pixel in rows: what is compared with neighbours.
+#[derive(Clone)]
+#[repr(align(64))]
+pub(crate) struct TileRows(pub [[f32; SIDE]; SIDE]);
+
+/// A tile's numbers, block by block.
+#[derive(Clone)]
+#[repr(align(64))]
+pub(crate) struct TileBlocks([[f32; LANES]; BLOCKS]);
+
+impl TileRows {
+    const EMPTY: Self = Self([[f32::INFINITY; SIDE]; SIDE]);
+
+    #[inline(always)]
+    fn put<S: Simd>(&mut self, block: u32, values: Lanes<S>) {
+        let values = values.to_array();
+        let (fours, _) = values.as_chunks::<4>();
+        let (x, y) = ((block % TILE_BLOCKS * BLOCK) as usize, (block / TILE_BLOCKS * BLOCK) as usize);
+        for (row, four) in self.0.iter_mut().skip(y).zip(fours) {
+            if let Some(pixels) = row.get_mut(x..x + 4) {
+                pixels.copy_from_slice(four);
+            }
+        }
+    }
+}
+
+impl TileBlocks {
+    const EMPTY: Self = Self([[0.0; LANES]; BLOCKS]);
+
+    #[inline(always)]
+    fn put<S: Simd>(&mut self, block: u32, values: Lanes<S>) {
+        values.store(&mut self.0[block as usize % BLOCKS]);
+    }
 }
 
 /// One of each.
 #[derive(Default)]
-pub(crate) struct Planes<T> {
-    /// Edge antialiasing: kept value; how far the surface there reaches, and where the nearest begins; coverage.
-    pub kept: T,
-    pub reach: T,
-    pub begin: T,
-    pub coverage: T,
+struct Planes<R, B> {
+    /// Edge antialiasing: where the nearest surface begins; how far the pixel's own reaches, −∞ where there are fragments but
+    /// nothing kept, and +∞ where nothing would show through an edge; the kept value; coverage.
+    begin: R,
+    reach: R,
+    kept: B,
+    coverage: B,
     /// Outlines and eye-dome lighting: depth of the front surface. Outlines: how deep a neighbour may be.
-    pub depth: T,
-    pub limit: T,
+    depth: R,
+    limit: R,
     /// Transparent layers: depth of what is opaque.
-    pub opaque: T,
+    opaque: B,
 }
 
-/// The planes inside a tile.
-pub(crate) type NeighbourRows<'a> = Planes<Rows<'a, f32>>;
+/// What is known of a tile's blocks, a bit each.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Marks {
+    /// Something opaque may be there. Of other blocks no number means anything.
+    pub touched: u64,
+    /// Has pixels that would show what lies behind, were they edges.
+    pub thin: u64,
+}
 
-/// Pixels left and above of the region, and right and below.
-const MARGIN: usize = 8;
+/// Numbers of all tiles of a grid, kept from frame to frame: of tiles and blocks that nothing touches they are left from before.
+#[derive(Default)]
+pub(crate) struct NeighbourPlanes {
+    planes: Planes<Vec<TileRows>, Vec<TileBlocks>>,
+    marks: Vec<Marks>,
+    wanted: Wanted,
+}
 
-impl NeighbourRows<'_> {
+/// Which passes need planes.
+#[derive(Clone, Copy, Default)]
+struct Wanted {
+    edges: bool,
+    lines: bool,
+    dome: bool,
+    opaque: bool,
+}
+
+/// A tile's part, while it is drawn.
+pub(crate) struct TilePlanes<'a> {
+    planes: Planes<Option<&'a mut TileRows>, Option<&'a mut TileBlocks>>,
+    marks: &'a mut Marks,
+}
+
+impl TilePlanes<'_> {
+    /// To be called before anything is put: nothing is there, or something.
+    pub(crate) fn begin(&mut self, is_empty: bool) {
+        *self.marks = Marks::default();
+        if !is_empty {
+            let planes = [&mut self.planes.begin, &mut self.planes.depth];
+            planes.into_iter().flatten().for_each(|plane| plane.0.as_flattened_mut().fill(f32::INFINITY));
+        }
+    }
+
     /// Writes what edges need of a block: of its splats, and the depth of its nearest polygons, +∞ where there is none.
     #[inline(always)]
-    pub(crate) fn put_edges<S: Simd>(&mut self, at: (i32, i32), sums: &Sums<S>, polygon: Option<Lanes<S>>) {
+    pub(crate) fn put_edges<S: Simd>(&mut self, block: u32, sums: &Sums<S>, polygon: Option<Lanes<S>>) {
+        let Planes { begin: Some(begins), reach: Some(reaches), kept: Some(kept), coverage: Some(coverage), .. } =
+            &mut self.planes
+        else {
+            return;
+        };
         let begin = sums.kept - sums.kept_epsilon;
-        put_plane(&mut self.kept, at, sums.kept);
-        put_plane(&mut self.reach, at, sums.kept + sums.kept_epsilon);
-        put_plane(&mut self.begin, at, polygon.map_or(begin, |z| begin.min(z)));
-        put_plane(&mut self.coverage, at, sums.coverage);
+        self.marks.touched |= 1 << block;
+        begins.put(block, polygon.map_or(begin, |z| begin.min(z)));
+        let q = sums.coverage;
+        let (never, always) = (q.constant(f64::INFINITY), q.constant(f64::NEG_INFINITY));
+        let without_kept = Lanes::select(q.zero().lt(q), always, never);
+        let reach = Lanes::select(sums.kept.lt(never), sums.kept + sums.kept_epsilon, without_kept);
+        let reach = Lanes::select(q.lt(q.one()), reach, never);
+        reaches.put(block, reach);
+        self.marks.thin |= u64::from(any_below(reach, never)) << block;
+        kept.put(block, sums.kept);
+        coverage.put(block, q);
     }
+
+    /// Writes the depth of what is opaque in a block.
+    #[inline(always)]
+    pub(crate) fn put_opaque<S: Simd>(&mut self, block: u32, depth: Lanes<S>) {
+        self.marks.touched |= 1 << block;
+        if let Some(plane) = &mut self.planes.opaque {
+            plane.put(block, depth);
+        }
+    }
+
+    /// Writes depths of a block's front surfaces, +∞ where there is none.
+    #[inline(always)]
+    pub(crate) fn put_depth<S: Simd>(&mut self, block: u32, depth: Lanes<S>) {
+        self.marks.touched |= 1 << block;
+        if let Some(plane) = &mut self.planes.depth {
+            plane.put(block, depth);
+        }
+    }
+
+    /// True if it is needed how deep a block's neighbours may be.
+    pub(crate) fn want_limit(&self) -> bool {
+        self.planes.limit.is_some()
+    }
+
+    /// Writes how deep a block's neighbours may be, +∞ where nothing is.
+    #[inline(always)]
+    pub(crate) fn put_limit<S: Simd>(&mut self, block: u32, limit: Lanes<S>) {
+        if let Some(plane) = &mut self.planes.limit {
+            plane.put(block, limit);
+        }
+    }
+}
+
+#[inline(always)]
+fn any_below<S: Simd>(a: Lanes<S>, b: Lanes<S>) -> bool {
+    use fearless_simd::prelude::SimdMask;
+    a.lt(b).to_bitmask() != 0
 }
 
 impl NeighbourPlanes {
@@ -57,140 +173,119 @@ impl NeighbourPlanes {
         plan.reach_px() > 0
     }
 
-    /// Planes for a region, with nothing in it.
-    pub(crate) fn new(region: Region, plan: &FramePlan) -> Self {
-        let stride = region.width as usize + 2 * MARGIN;
-        let size = stride * (region.height as usize + 2 * MARGIN);
-        let plane = |wanted: bool, around: f32, inside: f32| {
-            let mut plane = vec![around; if wanted { size } else { 0 }];
-            for row in plane.chunks_mut(stride).skip(MARGIN).take(region.height as usize) {
-                row[MARGIN..MARGIN + region.width as usize].fill(inside);
+    /// Makes them those of a grid and a plan.
+    pub(crate) fn become_those_of(&mut self, grid: &Grid, plan: &FramePlan) {
+        self.wanted = Wanted {
+            edges: plan.has(Pass::EdgeAntialiasing),
+            lines: plan.has(Pass::Outlines),
+            dome: plan.has(Pass::EyeDome),
+            opaque: plan.separates_transparent,
+        };
+        let Wanted { edges, lines, dome, opaque } = self.wanted;
+        let tiles = grid.tiles();
+        let p = &mut self.planes;
+        for (plane, wanted) in
+            [(&mut p.begin, edges), (&mut p.reach, edges), (&mut p.depth, lines || dome), (&mut p.limit, lines)]
+        {
+            if wanted && plane.len() < tiles {
+                plane.resize(tiles, TileRows::EMPTY);
             }
-            plane
-        };
-        let (edges, lines, dome) =
-            (plan.has(Pass::EdgeAntialiasing), plan.has(Pass::Outlines), plan.has(Pass::EyeDome));
-        // −∞ is never behind anything, and +∞ never before.
-        let no_neighbour = if dome { f32::INFINITY } else { f32::NEG_INFINITY };
-        let planes = Planes {
-            kept: plane(edges, f32::INFINITY, f32::INFINITY),
-            reach: plane(edges, f32::INFINITY, f32::INFINITY),
-            begin: plane(edges, f32::NEG_INFINITY, f32::INFINITY),
-            coverage: plane(edges, 0.0, 0.0),
-            depth: plane(lines || dome, no_neighbour, f32::INFINITY),
-            limit: plane(lines, f32::INFINITY, f32::INFINITY),
-            opaque: plane(plan.separates_transparent, f32::INFINITY, f32::INFINITY),
-        };
-        Self { region, stride, planes }
+        }
+        for (plane, wanted) in [(&mut p.kept, edges), (&mut p.coverage, edges), (&mut p.opaque, opaque)] {
+            if wanted && plane.len() < tiles {
+                plane.resize(tiles, TileBlocks::EMPTY);
+            }
+        }
+        self.marks.clear();
+        self.marks.resize(tiles, Marks::default());
     }
 
     /// Bytes of heap memory in use.
     pub(crate) fn bytes(&self) -> usize {
         let p = &self.planes;
-        [&p.kept, &p.reach, &p.begin, &p.coverage, &p.depth, &p.limit, &p.opaque]
-            .map(|v| size_of_val(v.as_slice()))
-            .iter()
-            .sum()
+        let rows = [&p.begin, &p.reach, &p.depth, &p.limit].map(|v| size_of_val(v.as_slice()));
+        let blocks = [&p.kept, &p.coverage, &p.opaque].map(|v| size_of_val(v.as_slice()));
+        rows.iter().chain(&blocks).sum::<usize>() + size_of_val(self.marks.as_slice())
     }
 
-    /// The planes cut into tiles.
-    pub(crate) fn cut(&mut self, grid: &Grid) -> Vec<NeighbourRows<'_>> {
-        let (region, first, stride) = (self.region, MARGIN * self.stride + MARGIN, self.stride);
+    /// Each tile's part.
+    pub(crate) fn cut(&mut self) -> Vec<TilePlanes<'_>> {
+        let Wanted { edges, lines, dome, opaque } = self.wanted;
+        fn wanted<T>(plane: &mut [T], wanted: bool) -> std::slice::IterMut<'_, T> {
+            if wanted { plane.iter_mut() } else { Default::default() }
+        }
         let p = &mut self.planes;
-        let cut = |plane| cut(plane, grid, region, first, stride).into_iter();
-        let edges = cut(&mut p.kept).zip(cut(&mut p.reach)).zip(cut(&mut p.begin)).zip(cut(&mut p.coverage));
-        let others = cut(&mut p.depth).zip(cut(&mut p.limit)).zip(cut(&mut p.opaque));
-        let tiles = edges.zip(others);
-        tiles
-            .map(|((((kept, reach), begin), coverage), ((depth, limit), opaque))| Planes {
-                kept,
-                reach,
-                begin,
-                coverage,
-                depth,
-                limit,
-                opaque,
-            })
-            .collect()
+        let (mut begin, mut reach) = (wanted(&mut p.begin, edges), wanted(&mut p.reach, edges));
+        let (mut kept, mut coverage) = (wanted(&mut p.kept, edges), wanted(&mut p.coverage, edges));
+        let (mut depth, mut limit) = (wanted(&mut p.depth, lines || dome), wanted(&mut p.limit, lines));
+        let mut opaque = wanted(&mut p.opaque, opaque);
+        let tile = |marks| TilePlanes {
+            planes: Planes {
+                begin: begin.next(),
+                reach: reach.next(),
+                kept: kept.next(),
+                coverage: coverage.next(),
+                depth: depth.next(),
+                limit: limit.next(),
+                opaque: opaque.next(),
+            },
+            marks,
+        };
+        self.marks.iter_mut().map(tile).collect()
     }
 
-    /// Sixteen numbers of a block at most `MARGIN` outside; 0 of an empty plane.
+    /// What is known of a tile's blocks.
+    pub(crate) fn marks(&self, tile: usize) -> Marks {
+        self.marks.get(tile).copied().unwrap_or_default()
+    }
+
+    /// Where the nearest surfaces begin, and how far a tile's own reach.
+    pub(crate) fn edges(&self, tile: usize) -> Option<(&[TileRows], &TileRows)> {
+        let Planes { begin, reach, .. } = &self.planes;
+        reach.get(tile).filter(|_| self.wanted.edges).map(|own| (begin.as_slice(), own))
+    }
+
+    /// Depths of front surfaces, and how deep a tile's neighbours may be.
+    pub(crate) fn lines(&self, tile: usize) -> Option<(&[TileRows], &TileRows)> {
+        let Planes { depth, limit, .. } = &self.planes;
+        limit.get(tile).filter(|_| self.wanted.lines).map(|own| (depth.as_slice(), own))
+    }
+
+    /// True if there are depths of front surfaces.
+    pub(crate) fn has_depths(&self) -> bool {
+        self.wanted.lines || self.wanted.dome
+    }
+
+    /// Depths of front surfaces.
+    pub(crate) fn depths(&self) -> &[TileRows] {
+        &self.planes.depth
+    }
+
+    /// Kept values of a block that is touched.
     #[inline(always)]
-    fn block<S: Simd>(&self, simd: S, plane: &[f32], (x, y): (i32, i32)) -> Lanes<S> {
-        let mut values = [0.0; 16];
-        let column = (x - self.region.x as i32 + MARGIN as i32) as usize;
-        for (j, four) in values.chunks_exact_mut(4).enumerate() {
-            let row = (y + j as i32 - self.region.y as i32 + MARGIN as i32) as usize;
-            let at = row * self.stride + column;
-            if let Some(numbers) = plane.get(at..at + 4) {
-                four.copy_from_slice(numbers);
-            }
+    pub(crate) fn kept<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
+        block_of(simd, &self.planes.kept, tile, block)
+    }
+
+    /// Coverage of a block that is touched.
+    #[inline(always)]
+    pub(crate) fn coverage<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
+        block_of(simd, &self.planes.coverage, tile, block)
+    }
+
+    /// Depth of what is opaque in a block; +∞ where nothing is.
+    #[inline(always)]
+    pub(crate) fn opaque<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
+        match self.marks(tile).touched >> block & 1 {
+            0 => Lanes::splat(simd, f32::INFINITY),
+            _ => block_of(simd, &self.planes.opaque, tile, block),
         }
-        Lanes::load(simd, &values)
     }
+}
 
-    /// Kept values of a block.
-    #[inline(always)]
-    pub(crate) fn kept<S: Simd>(&self, simd: S, at: (i32, i32)) -> Lanes<S> {
-        self.block(simd, &self.planes.kept, at)
-    }
-
-    /// Coverage of a block.
-    #[inline(always)]
-    pub(crate) fn coverage<S: Simd>(&self, simd: S, at: (i32, i32)) -> Lanes<S> {
-        self.block(simd, &self.planes.coverage, at)
-    }
-
-    /// Depth of a block's front surfaces; +∞ where nothing is, and of an empty plane.
-    #[inline(always)]
-    pub(crate) fn depth<S: Simd>(&self, simd: S, at: (i32, i32)) -> Lanes<S> {
-        match self.planes.depth.is_empty() {
-            true => Lanes::splat(simd, f32::INFINITY),
-            false => self.block(simd, &self.planes.depth, at),
-        }
-    }
-
-    /// Depth of what is opaque in a block.
-    #[inline(always)]
-    pub(crate) fn opaque<S: Simd>(&self, simd: S, at: (i32, i32)) -> Lanes<S> {
-        self.block(simd, &self.planes.opaque, at)
-    }
-
-    /// Bits of a block's edge pixels: at an 8-neighbour the nearest surface begins beyond the reach of their own, or they have
-    /// filtered fragments but nothing kept.
-    #[inline(always)]
-    pub(crate) fn edges<S: Simd>(&self, simd: S, at: (i32, i32)) -> u64 {
-        let p = &self.planes;
-        if p.kept.is_empty() {
-            return 0;
-        }
-        let own = self.block(simd, &p.reach, at);
-        let farthest = self.farthest(simd, &p.begin, at);
-        let nothing_kept = Lanes::splat(simd, f32::MAX).lt(own);
-        let covered = Lanes::splat(simd, 0.0).lt(self.coverage(simd, at));
-        (own.lt(farthest) | (nothing_kept & covered)).to_bitmask()
-    }
-
-    /// Bits of a block's pixels on a line: beside them another surface, or nothing, lies farther back than their own reaches.
-    #[inline(always)]
-    pub(crate) fn lines<S: Simd>(&self, simd: S, at: (i32, i32)) -> u64 {
-        let p = &self.planes;
-        if p.limit.is_empty() {
-            return 0;
-        }
-        let farthest = self.farthest(simd, &p.depth, at);
-        self.block(simd, &p.limit, at).lt(farthest).to_bitmask()
-    }
-
-    /// The greatest of a block's values and those of its neighbours.
-    #[inline(always)]
-    fn farthest<S: Simd>(&self, simd: S, plane: &[f32], (x, y): (i32, i32)) -> Lanes<S> {
-        let mut farthest = Lanes::splat(simd, f32::NEG_INFINITY);
-        for dy in -1..=1 {
-            for dx in -1..=1 {
-                farthest = farthest.max(self.block(simd, plane, (x + dx, y + dy)));
-            }
-        }
-        farthest
-    }
+/// Sixteen numbers of a block; 0 of a plane that isn't there.
+#[inline(always)]
+fn block_of<S: Simd>(simd: S, plane: &[TileBlocks], tile: usize, block: u32) -> Lanes<S> {
+    let blocks = plane.get(tile).map_or(&[][..], |tile| &tile.0);
+    Lanes::load(simd, blocks.get(block as usize).map_or(&[], |numbers| numbers))
 }

@@ -3,6 +3,7 @@
 use crate::bins::{BLOCK, Grid, Segment};
 use crate::clip::ScreenClip;
 use crate::level::{Instructions, with_instructions};
+use crate::mesh::StoredMesh;
 use crate::near::NearSplat;
 use crate::placed::ObjectSetup;
 use crate::recycle::Recycled;
@@ -117,10 +118,11 @@ impl<'a> Preparation<'a> {
             .par_iter()
             .enumerate()
             .flat_map(|(object, setup)| {
+                let region = self.view.region.grown(self.plan.reach_px(), self.view.size);
                 let chunks = setup.object.chunks.par_iter().enumerate().with_min_len(1024);
                 chunks.filter_map(move |(chunk, c)| {
                     let center = setup.center(c);
-                    let hidden = setup.is_outside(center, c, self.view.region) || setup.is_turned_away(c);
+                    let hidden = setup.is_outside(center, c, region) || setup.is_turned_away(c);
                     (!hidden).then_some(Seen { object: object as u32, chunk: chunk as u32, z: center.z })
                 })
             })
@@ -135,27 +137,32 @@ impl<'a> Preparation<'a> {
         seen.iter().map(|s| self.objects[s.object as usize].chunks[s.chunk as usize].count).sum()
     }
 
-    /// Rows of the view's region, in batches that each set up about as many splats as they may.
-    pub(crate) fn batches(&self, setups: &[ObjectSetup<'_>], seen: &[Seen]) -> Vec<Region> {
+    /// Rows of the view's region, in batches that each set up about as many splats and triangles as they may; a triangle takes as
+    /// much memory as a splat.
+    pub(crate) fn batches(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], meshes: &[StoredMesh]) -> Vec<Region> {
         let region = self.view.region;
-        let splats = self.splats(seen);
+        let triangles = meshes.iter().map(StoredMesh::triangles).sum::<usize>();
         let most = self.batch_splats.max(1);
-        if splats <= most || region.height == 0 {
+        if self.splats(seen) + triangles <= most || region.height == 0 {
             return vec![region];
         }
         let tile = self.tile_px;
         let strips = (region.y + region.height).div_ceil(tile) - region.y / tile;
         let mut load = vec![0.0; strips as usize];
-        for s in seen {
+        let of_splats = seen.iter().map(|s| {
             let setup = &setups[s.object as usize];
             let chunk = &setup.object.chunks[s.chunk as usize];
-            let [_, top, _, bottom] = setup.pixels(setup.center(chunk), chunk);
+            (setup.pixels(setup.center(chunk), chunk), chunk.count)
+        });
+        let of_triangles =
+            meshes.iter().flat_map(|mesh| mesh.seen(self.view)).map(|(pixels, range)| (pixels, range.len()));
+        for ([_, top, _, bottom], count) in of_splats.chain(of_triangles) {
             let strip = |row: f64| {
                 let strip = (row / f64::from(tile)).floor() - f64::from(region.y / tile);
                 strip.clamp(0.0, f64::from(strips - 1)) as usize
             };
             let covered = strip(top)..=strip(bottom);
-            let share = chunk.count as f64 / (covered.end() - covered.start() + 1) as f64;
+            let share = count as f64 / (covered.end() - covered.start() + 1) as f64;
             load[covered].iter_mut().for_each(|l| *l += share);
         }
         let mut batches = Vec::new();
@@ -182,8 +189,14 @@ impl<'a> Preparation<'a> {
     }
 
     /// [`Self::set_up`] by one thread, after what is `prepared` already.
-    pub(crate) fn set_up_alone(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid, prepared: &mut Prepared) {
-        prepared.extend(vec![self.segment(setups, seen, grid, grid.region)]);
+    pub(crate) fn set_up_alone(
+        &self,
+        setups: &[ObjectSetup<'_>],
+        seen: &[Seen],
+        (grid, counted): (&Grid, Region),
+        prepared: &mut Prepared,
+    ) {
+        prepared.extend(vec![self.segment(setups, seen, grid, counted)]);
     }
 
     fn segment(

@@ -60,6 +60,8 @@ pub(crate) struct Shared<'a> {
     pub factors: &'a [[f32; 4]],
     /// 1/W0 of every object.
     pub coverage: &'a [f32],
+    /// Coverage of a unit of weight, where it is the same for all splats: it isn't summed then.
+    pub coverage_of_weight: Option<f32>,
 }
 
 /// Most splats of a block whose fragments are remembered between the loops; past that they are computed twice.
@@ -115,6 +117,14 @@ impl<S: Simd> Sums<S> {
             inside: 0,
         }
     }
+
+    /// To be called when all is added: coverage, where it follows from the weight.
+    #[inline(always)]
+    pub(crate) fn cover(&mut self, shared: &Shared<'_>) {
+        if let Some(scale) = shared.coverage_of_weight {
+            self.coverage = self.weight * Lanes::splat(self.weight.0.simd, scale);
+        }
+    }
 }
 
 /// The first loop alone: what a block keeps.
@@ -147,6 +157,12 @@ pub(crate) trait Limit<S: Simd> {
         None
     }
 
+    /// What a block keeps, −∞ where it doesn't matter since no fragment exists.
+    #[inline(always)]
+    fn matters(&self, kept: Lanes<S>) -> Lanes<S> {
+        kept
+    }
+
     /// Told what the block keeps, before attributes are added.
     #[inline(always)]
     fn settle(&mut self, _kept: Lanes<S>) {}
@@ -163,13 +179,21 @@ pub(crate) struct Unlimited;
 
 impl<S: Simd> Limit<S> for Unlimited {}
 
-/// Fragments up to this depth don't exist.
-pub(crate) struct Behind<S: Simd>(pub Lanes<S>);
+/// Fragments up to a depth don't exist, nor do any outside of some pixels.
+pub(crate) struct Behind<S: Simd> {
+    pub depth: Lanes<S>,
+    pub pixels: mask32x16<S>,
+}
 
 impl<S: Simd> Limit<S> for Behind<S> {
     #[inline(always)]
     fn exists(&self, z: Lanes<S>) -> Option<mask32x16<S>> {
-        Some(self.0.lt(z))
+        Some(self.depth.lt(z) & self.pixels)
+    }
+
+    #[inline(always)]
+    fn matters(&self, kept: Lanes<S>) -> Lanes<S> {
+        Lanes::select(self.pixels, kept, kept.constant(f64::NEG_INFINITY))
     }
 }
 
@@ -238,7 +262,7 @@ pub(crate) fn block<S: Simd>(
         loop_1.sums.tested += left.count_ones();
         sixteen(simd, list, (first, left), at, (x, y), shared, &mut loop_1);
         if first + LANES < list.records.len() {
-            farthest = Some(largest(loop_1.sums.kept));
+            farthest = Some(largest(loop_1.limit.matters(loop_1.sums.kept)));
         }
     }
     let FirstLoop { mut sums, mut limit, count, scratch, .. } = loop_1;
@@ -253,6 +277,7 @@ pub(crate) fn block<S: Simd>(
     } else {
         sums = second_loop(simd, list, at, (x, y), sums, limit, shared);
     }
+    sums.cover(shared);
     sums
 }
 
@@ -273,7 +298,7 @@ fn second_loop<S: Simd>(
     simd.vectorize(
         #[inline(always)]
         || {
-            let farthest = Lanes::splat(simd, largest(sums.kept));
+            let farthest = Lanes::splat(simd, largest(limit.matters(sums.kept)));
             let mut loop_2 = SecondLoop { sums, limit, shared };
             for first in (0..list.records.len()).step_by(LANES) {
                 let all = (1u64 << (list.records.len() - first).min(LANES)) - 1;
@@ -398,14 +423,14 @@ pub(crate) fn accumulate<S: Simd>(
     if attributes.depth {
         sums.depth = weight.mul_add(Lanes::select(mask, z, zero), sums.depth);
     }
-    if attributes.material | attributes.coverage {
+    if attributes.material | (attributes.coverage & shared.coverage_of_weight.is_none()) {
         let object = object_of(record, shared.near);
         if attributes.material {
             for (sum, c) in sums.material.iter_mut().zip(shared.factors[object]) {
                 *sum = weight.mul_add(k(c), *sum);
             }
         }
-        if attributes.coverage {
+        if attributes.coverage && shared.coverage_of_weight.is_none() {
             sums.coverage = weight.mul_add(k(record.coverage_scale() * shared.coverage[object]), sums.coverage);
         }
     }

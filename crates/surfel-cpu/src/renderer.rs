@@ -50,8 +50,8 @@ pub struct Work {
     /// should about fit its cache. A frame of fewer than eight times as many is set up as a whole: splats on the border of two cells
     /// are set up twice.
     pub cell_splats: usize,
-    /// The same for all threads together, and rows of the picture, where a frame has polygons or is looked at twice (edges,
-    /// outlines), and for shadow maps.
+    /// Most splats and triangles that all threads together set up, and the rows of the picture that have them, where a frame has
+    /// polygons or isn't cut into cells, and for shadow maps.
     pub batch_splats: usize,
     /// Whether chunks behind all that a cell shows are found and left out. Splats of theirs that would be drawn then aren't counted
     /// as drawn.

@@ -57,7 +57,7 @@ fn draw_map(preparation: &Preparation<'_>, scene: &ResidentScene, map: &ShadowMa
     let mut kept = vec![f32::INFINITY; width * height];
     let setups = preparation.setups();
     let seen = preparation.seen(&setups);
-    for rows in preparation.batches(&setups, &seen) {
+    for rows in preparation.batches(&setups, &seen, &scene.meshes) {
         let grid = preparation.grid(rows);
         let prepared = preparation.set_up(&setups, &seen, &grid, rows);
         let view = View { region: rows, ..map.view.clone() };
@@ -92,6 +92,7 @@ fn draw_rows(
         clips: &prepared.clips,
         factors: &[],
         coverage: &[],
+        coverage_of_weight: None,
     };
     let job = MapJob { listing: Listing { segments: &prepared.segments, grid }, triangles, projection, shared };
     each_tile(

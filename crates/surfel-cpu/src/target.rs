@@ -5,6 +5,7 @@ use crate::lanes::{LANES, Lanes};
 use crate::shade::Pixels;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16};
+use surfel_math::Real;
 use surfel_render::{Frame, Region};
 
 /// Pixels of an image: first column and row, end column and row.
@@ -102,9 +103,15 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// True if the plane isn't there.
-    pub(crate) fn is_empty(&self) -> bool {
-        self.rows.is_empty()
+    /// The part of a row that lies inside: of its pixels from a given one on, at most `length`, those from the first inside on, and
+    /// how many are left out before.
+    fn run(&mut self, (x, y): (i32, i32), length: usize) -> (usize, &mut [T]) {
+        let before = (self.rect.x - x).max(0) as usize;
+        let row = usize::try_from(y - self.rect.y).ok().and_then(|row| self.rows.get_mut(row));
+        let Some(row) = row.filter(|_| before < length) else { return (0, &mut []) };
+        let start = (x - self.rect.x).max(0) as usize;
+        let end = (start + length - before).min(row.len());
+        (before, row.get_mut(start..end).unwrap_or_default())
     }
 
     /// Value of a pixel inside.
@@ -116,8 +123,16 @@ impl<T: Copy> Rows<'_, T> {
     /// Values of a block's pixels; `outside` where there are none.
     fn block(&self, (x, y): (i32, i32), outside: T) -> [T; LANES] {
         let mut values = [outside; LANES];
-        for (i, value) in values.iter_mut().enumerate() {
-            *value = self.get(x + (i % 4) as i32, y + (i / 4) as i32).unwrap_or(outside);
+        for (j, four) in (0..).zip(values.chunks_exact_mut(4)) {
+            let row = usize::try_from(y + j - self.rect.y).ok().and_then(|row| self.rows.get(row));
+            let column = usize::try_from(x - self.rect.x).ok();
+            if let Some(pixels) = row.zip(column).and_then(|(row, at)| row.get(at..at + 4)) {
+                four.copy_from_slice(pixels);
+                continue;
+            }
+            for (i, value) in (0..).zip(four) {
+                *value = self.get(x + i, y + j).unwrap_or(outside);
+            }
         }
         values
     }
@@ -171,6 +186,15 @@ pub(crate) struct TileTarget<'a> {
 }
 
 impl<'a> TileTarget<'a> {
+    /// A tile without pixels.
+    pub(crate) fn nowhere(tile: usize) -> Self {
+        fn none<'a, T>() -> Rows<'a, T> {
+            Rows { rect: Rect { x: 0, y: 0, end_x: 0, end_y: 0 }, rows: Vec::new() }
+        }
+        let color = none();
+        Self { tile, rect: color.rect, color, depth: none(), normal: none(), weight: none(), fragments: none() }
+    }
+
     /// Cuts the planes of `frame`, which holds `frame_region`, into tiles; `region` is the part that the grid draws, whole
     /// rows of the frame.
     pub(crate) fn cut(frame: &'a mut Frame, grid: &Grid, region: Region, frame_region: Region) -> Vec<Self> {
@@ -217,12 +241,11 @@ impl<'a> TileTarget<'a> {
 
     /// A block's pixels as they were written; 0 where there are none.
     pub(crate) fn get<S: Simd>(&self, simd: S, at: (i32, i32)) -> Pixels<S> {
-        let color = self.color.block(at, [0.0; 4]);
         let normal = self.normal.block(at, [0.0; 3]);
         let lanes = |value: &dyn Fn(usize) -> f32| Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(value));
         let fragments = self.fragments.block(at, 0);
         Pixels {
-            color: [0, 1, 2, 3].map(|c| lanes(&|i| color[i][c])),
+            color: self.color(simd, at),
             depth: Lanes::load(simd, &self.depth.block(at, 0.0)),
             normal: [0, 1, 2].map(|c| lanes(&|i| normal[i][c])),
             weight: Lanes::load(simd, &self.weight.block(at, 0.0)),
@@ -230,18 +253,62 @@ impl<'a> TileTarget<'a> {
         }
     }
 
+    /// A block's colours as they were written; 0 where there are none.
+    #[inline(always)]
+    pub(crate) fn color<S: Simd>(&self, simd: S, at: (i32, i32)) -> [Lanes<S>; 4] {
+        let pixels = self.color.block(at, [0.0; 4]);
+        let mut rows = [Lanes::splat(simd, 0.0); 4];
+        for (row, numbers) in rows.iter_mut().zip(pixels.as_flattened().chunks_exact(LANES)) {
+            *row = Lanes::load(simd, numbers);
+        }
+        // Interleaving turns six bits of an index by two: after a third time all is as it was.
+        Lanes::interleave4(Lanes::interleave4(rows))
+    }
+
+    /// Writes a block's colours.
+    #[inline(always)]
+    pub(crate) fn put_color<S: Simd>(&mut self, (x, y): (i32, i32), color: [Lanes<S>; 4]) {
+        if self.color.rows.is_empty() {
+            return;
+        }
+        for (j, row) in Lanes::interleave4(color).iter().enumerate() {
+            let row = row.to_array();
+            let (four, _) = row.as_chunks::<4>();
+            if let Some(four) = four.first_chunk::<4>() {
+                self.color.put((x, y + j as i32), *four);
+            }
+        }
+    }
+
+    /// Multiplies the colours, not the alpha, of sixteen pixels of a row, as far as they lie inside.
+    #[inline(always)]
+    pub(crate) fn dim<S: Simd>(&mut self, simd: S, at: (i32, i32), by: Lanes<S>) {
+        let (before, pixels) = self.color.run(at, LANES);
+        if before == 0 && pixels.len() == LANES {
+            let factors = Lanes::interleave4([by, by, by, by.one()]);
+            for (four, factor) in pixels.as_flattened_mut().chunks_exact_mut(LANES).zip(factors) {
+                (Lanes::load(simd, four) * factor).store(four);
+            }
+            return;
+        }
+        for (pixel, factor) in pixels.iter_mut().zip(&by.to_array()[before.min(LANES)..]) {
+            pixel[..3].iter_mut().for_each(|c| *c *= factor);
+        }
+    }
+
+    /// Makes those of a block's pixels black whose bits are set.
+    pub(crate) fn blacken(&mut self, (x, y): (i32, i32), bits: u16) {
+        for i in (0..LANES as i32).filter(|i| bits >> i & 1 == 1) {
+            if let (_, [pixel]) = self.color.run((x + i % 4, y + i / 4), 1) {
+                pixel[..3].fill(0.0);
+            }
+        }
+    }
+
     /// Writes a block's pixels.
     #[inline(always)]
     pub(crate) fn put<S: Simd>(&mut self, (x, y): (i32, i32), pixels: &Pixels<S>) {
-        if !self.color.rows.is_empty() {
-            for (j, row) in Lanes::interleave4(pixels.color).iter().enumerate() {
-                let row = row.to_array();
-                let (four, _) = row.as_chunks::<4>();
-                if let Some(four) = four.first_chunk::<4>() {
-                    self.color.put((x, y + j as i32), *four);
-                }
-            }
-        }
+        self.put_color((x, y), pixels.color);
         put_plane(&mut self.depth, (x, y), pixels.depth);
         put_plane(&mut self.weight, (x, y), pixels.weight);
         if !self.normal.rows.is_empty() {

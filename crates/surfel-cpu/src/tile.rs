@@ -3,7 +3,7 @@
 use crate::bins::{BLOCK, Grid, Segment, TILE_BLOCKS};
 use crate::composite::CompositeScratch;
 use crate::lists::BlockLists;
-use crate::planes::NeighbourRows;
+use crate::planes::TilePlanes;
 use crate::raster::{self, Scratch, Shared, Unlimited};
 use crate::shade::{self, Lighting};
 use crate::target::{Rect, TileTarget};
@@ -27,6 +27,14 @@ impl std::ops::AddAssign for Counters {
     fn add_assign(&mut self, o: Self) {
         self.block_pairs += o.block_pairs;
         self.inside += o.inside;
+        self.kept += o.kept;
+        self.edge_pixels += o.edge_pixels;
+    }
+}
+
+impl Counters {
+    /// Adds those of a second look, which only pairs are counted of that were computed.
+    pub(crate) fn add_second(&mut self, o: Self) {
         self.kept += o.kept;
         self.edge_pixels += o.edge_pixels;
     }
@@ -76,12 +84,22 @@ impl<'a> Listing<'a> {
         self.segments.iter().all(|s| s.of(tile).is_empty())
     }
 
-    /// Fills the lists of the `wanted` blocks.
+    /// Fills the lists of a tile's blocks, those that are `wanted`.
     #[inline(always)]
     pub(crate) fn list(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a>) {
         lists.clear();
         for segment in self.segments {
             lists.extend(&segment.records, segment.of(tile), wanted);
+        }
+        lists.finish();
+    }
+
+    /// [`Self::list`] of few blocks.
+    #[inline(always)]
+    pub(crate) fn list_some(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a>) {
+        lists.clear();
+        for segment in self.segments {
+            lists.extend_some(&segment.records, segment.of(tile), wanted);
         }
         lists.finish();
     }
@@ -101,12 +119,16 @@ impl<'a> TileJob<'a> {
         &self,
         simd: S,
         target: &mut TileTarget<'_>,
-        mut edges: Option<&mut NeighbourRows<'_>>,
+        mut planes: Option<&mut TilePlanes<'_>>,
         scratch: &mut TileScratch<'a>,
     ) -> Counters {
         let mut counters = Counters::default();
         let tile = target.tile;
-        if self.listing.is_empty(tile) {
+        let is_empty = self.listing.is_empty(tile);
+        if let Some(planes) = &mut planes {
+            planes.begin(is_empty);
+        }
+        if is_empty {
             target.fill_empty(self.lighting.background);
             return counters;
         }
@@ -128,8 +150,8 @@ impl<'a> TileJob<'a> {
             kept += sums.fragments.0.to_int::<i32x16<S>>() * target.rect.lanes_inside(simd, at);
             let pixels = shade::resolve(simd, self.lighting, &sums, at);
             target.put(at, &pixels);
-            if let Some(edges) = &mut edges {
-                edges.put_edges(at, &sums, None);
+            if let Some(planes) = &mut planes {
+                planes.put_edges(block, &sums, None);
             }
         }
         counters.kept = kept.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();

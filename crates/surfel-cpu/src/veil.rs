@@ -238,6 +238,7 @@ impl<S: Simd> VeilBlock<'_, S> {
             count += usize::from((behind | kept.lt(z)).to_bitmask() != 0);
         }
         left.truncate(count);
+        sums.cover(self.shared);
         (next, sums, alpha)
     }
 

@@ -1,0 +1,120 @@
+//! A tile's numbers with those of its neighbours' pixels around them: what a second look compares, sixteen pixels of a row at a
+//! time.
+
+use crate::bins::{BLOCK, Grid, TILE_BLOCKS};
+use crate::lanes::{LANES, Lanes};
+use crate::planes::{BLOCKS, Marks, SIDE, TileRows};
+use crate::target::Rect;
+use fearless_simd::Simd;
+use fearless_simd::prelude::SimdMask;
+use surfel_math::Real;
+
+/// Pixels above and below a tile: as far as any pass looks.
+const ROWS_AROUND: usize = 2;
+
+/// Pixels to its left, at least as many, and to its right: sixteen may start two pixels right of a tile's last sixteen.
+const COLUMNS_AROUND: usize = 8;
+
+/// Blocks side by side in sixteen pixels of a row.
+const ABREAST: u32 = LANES as u32 / BLOCK;
+
+/// Pixels of a tile and around it.
+#[repr(align(64))]
+pub(crate) struct Window([[f32; SIDE + 2 * COLUMNS_AROUND]; SIDE + 2 * ROWS_AROUND]);
+
+impl Window {
+    pub(crate) fn new() -> Box<Self> {
+        Box::new(Self([[0.0; SIDE + 2 * COLUMNS_AROUND]; SIDE + 2 * ROWS_AROUND]))
+    }
+
+    /// Takes in a tile and `reach` pixels around it: +∞ where nothing is, `outside` where there are no pixels.
+    pub(crate) fn look(
+        &mut self,
+        (plane, grid, tile): (&[TileRows], &Grid, usize),
+        marks: impl Fn(usize) -> Marks,
+        reach: i32,
+        outside: f32,
+    ) {
+        let (size, columns) = (grid.tile_px() as i32, grid.columns as i32);
+        let (column, row) = (tile as i32 % columns, tile as i32 / columns);
+        let first_x = grid.origin[0] as i32 + column * size;
+        let first_y = grid.origin[1] as i32 + row * size;
+        self.0.as_flattened_mut().fill(outside);
+        for (dx, dy) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))) {
+            if !(0..columns).contains(&(column + dx)) || !(0..grid.rows as i32).contains(&(row + dy)) {
+                continue;
+            }
+            let other = ((row + dy) * columns + column + dx) as usize;
+            // From here on about this tile's first pixel.
+            let rect = Rect::of_tile(grid, other, grid.region);
+            let (x0, x1) = ((rect.x - first_x).max(-reach), (rect.end_x - first_x).min(size + reach));
+            let (y0, y1) = ((rect.y - first_y).max(-reach), (rect.end_y - first_y).min(size + reach));
+            let Some(from) = plane.get(other).filter(|_| x0 < x1) else { continue };
+            let is_empty = marks(other).touched == 0;
+            let (left, end) = ((x0 - dx * size) as usize, (x1 - dx * size) as usize);
+            for y in y0..y1 {
+                let to = &mut self.0[(y + ROWS_AROUND as i32) as usize];
+                let to = &mut to[(x0 + COLUMNS_AROUND as i32) as usize..(x1 + COLUMNS_AROUND as i32) as usize];
+                if is_empty {
+                    to.fill(f32::INFINITY);
+                } else {
+                    to.copy_from_slice(&from.0[(y - dy * size) as usize][left..end]);
+                }
+            }
+        }
+    }
+
+    /// Sixteen numbers of a row, from a pixel of the tile, or up to two outside, on. Those past the tile's own columns and two
+    /// more mean nothing.
+    #[inline(always)]
+    pub(crate) fn row<S: Simd>(&self, simd: S, x: i32, y: i32) -> Lanes<S> {
+        let row = self.0.get((y + ROWS_AROUND as i32) as usize);
+        let at = (x + COLUMNS_AROUND as i32) as usize;
+        Lanes::load(simd, row.and_then(|row| row.get(at..)).unwrap_or_default())
+    }
+
+    /// Sixteen numbers of 4×4 pixels, from a pixel of the tile, or up to two outside, on.
+    #[inline(always)]
+    pub(crate) fn block<S: Simd>(&self, simd: S, x: i32, y: i32) -> Lanes<S> {
+        let mut values = [0.0; LANES];
+        let at = (x + COLUMNS_AROUND as i32) as usize;
+        let rows = self.0.iter().skip((y + ROWS_AROUND as i32) as usize);
+        for (four, row) in values.chunks_exact_mut(4).zip(rows) {
+            if let Some(numbers) = row.get(at..at + 4) {
+                four.copy_from_slice(numbers);
+            }
+        }
+        Lanes::load(simd, &values)
+    }
+
+    /// Of each of the `wanted` blocks the pixels, a bit each, beside which a number is greater than their own: among their own and
+    /// their eight neighbours'.
+    #[inline(always)]
+    pub(crate) fn steps<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {
+        for first in (0..BLOCKS as u32).step_by(ABREAST as usize) {
+            let abreast = wanted >> first & ((1 << ABREAST) - 1);
+            if abreast == 0 {
+                continue;
+            }
+            let x = (first % TILE_BLOCKS * BLOCK) as i32;
+            let y = (first / TILE_BLOCKS * BLOCK) as i32;
+            // The greatest of three in a row: of the one above, the four, and the one below.
+            let mut rows = [Lanes::splat(simd, 0.0); BLOCK as usize + 2];
+            for (row, y) in rows.iter_mut().zip(y - 1..) {
+                *row = self.row(simd, x - 1, y).max(self.row(simd, x, y)).max(self.row(simd, x + 1, y));
+            }
+            for j in 0..BLOCK as usize {
+                let greatest = rows[j].max(rows[j + 1]).max(rows[j + 2]);
+                let own = Lanes::load(simd, &own.0[y as usize + j][x as usize..]);
+                let bits = own.lt(greatest).to_bitmask();
+                if bits == 0 {
+                    continue;
+                }
+                for block in 0..ABREAST {
+                    let four = bits >> (BLOCK * block) & 0xf & (abreast >> block & 1).wrapping_neg();
+                    steps[(first + block) as usize % BLOCKS] |= (four << (BLOCK as usize * j)) as u16;
+                }
+            }
+        }
+    }
+}
