@@ -1,7 +1,10 @@
 //! Random settings, materials and lights.
 
 use crate::random::Random;
-use surfel_model::{ClipPolicy, Cull, DepthTolerance, Filter, Light, Mapping, Object, Settings, Shader, Transparency};
+use std::sync::Arc;
+use surfel_model::{
+    ClipPolicy, Cull, DepthTolerance, Filter, Light, Mapping, Matcap, Object, Settings, Shader, Texture, Transparency,
+};
 
 /// Settings as a scene file has them; nothing that some backend draws with less precision.
 pub(super) fn settings(random: &mut Random) -> Settings {
@@ -67,6 +70,22 @@ pub(super) fn materials(random: &mut Random, objects: &mut [Object]) {
         material.cull = random.pick([Cull::None, Cull::None, Cull::Back]);
         material.two_sided = random.chance(0.7);
     }
+}
+
+/// A ball of few and random colours where the shader looks one up, or none. Its numbers are its own: scenes of other shaders stay
+/// what they were before there were balls.
+pub(super) fn matcap(seed: u64, shader: Shader) -> Option<Arc<Matcap>> {
+    let mut random = Random::new(seed.rotate_left(32));
+    if shader != Shader::Matcap || random.chance(0.2) {
+        return None;
+    }
+    let [width, height] = [1 + random.below(9) as u32, 1 + random.below(9) as u32];
+    let texel = |random: &mut Random| {
+        let [r, g, b] = random.color().map(|c| (255.0 * c) as u8);
+        [r, g, b, 255]
+    };
+    let srgba8 = (0..width * height).map(|_| texel(&mut random)).collect();
+    Matcap::new(&Texture { width, height, srgba8 }).ok().map(Arc::new)
 }
 
 /// Linear RGB and straight alpha.

@@ -46,7 +46,7 @@ pub fn case(seed: u64) -> Case {
         background: looks::background(&mut random),
         ambient: looks::light_color(&mut random),
         lights: looks::lights(&mut random, settings.shader),
-        matcap: None,
+        matcap: looks::matcap(seed, settings.shader),
         objects,
     };
     let mut case = Case { settings, ..Case::new(&format!("random-{seed}"), scene, camera) };

@@ -6,7 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use surfel_io::{IoError, PlanesView, PlyEncoding, PngOptions, atomic, save_png, save_splat_ply};
 use surfel_math::srgb;
-use surfel_model::{Geometry, Mesh, ObjectFile, SceneFile, Texture};
+use surfel_model::{Geometry, Matcap, Mesh, ObjectFile, SceneFile, Texture};
 
 /// Writes `NAME.json` and the files of its objects to a folder that exists, and gives its path. The region, of which a scene
 /// file knows nothing, is left out.
@@ -42,13 +42,17 @@ pub fn store(case: &Case, folder: &Path) -> Result<PathBuf, IoError> {
         objects.push(file);
     }
     let scene = &case.scene;
+    let ball = PathBuf::from(format!("{}-ball.png", case.name));
+    if let Some(image) = &scene.matcap {
+        save_ball(image, &folder.join(&ball))?;
+    }
     let file = SceneFile {
         up: scene.up,
         camera: case.camera.clone(),
         background: scene.background,
         ambient: scene.ambient,
         lights: scene.lights.clone(),
-        matcap: None,
+        matcap: scene.matcap.is_some().then_some(ball),
         objects,
         settings: case.settings,
     };
@@ -69,6 +73,13 @@ fn save_texture(texture: &Texture, path: &Path) -> Result<(), IoError> {
     let color: Vec<[f32; 4]> = texture.srgba8.iter().map(linear).collect();
     let planes =
         PlanesView { width: texture.width, height: texture.height, color: Some(&color), ..PlanesView::default() };
+    save_png(path, true, &planes, &PngOptions::default())
+}
+
+fn save_ball(image: &Matcap, path: &Path) -> Result<(), IoError> {
+    let [width, height] = image.size();
+    let color: Vec<[f32; 4]> = image.texels().iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
+    let planes = PlanesView { width, height, color: Some(&color), ..PlanesView::default() };
     save_png(path, true, &planes, &PngOptions::default())
 }
 
