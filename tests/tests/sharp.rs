@@ -5,7 +5,8 @@ use std::path::Path;
 use surfel_conformance::build::object;
 use surfel_conformance::polygons::{cube, sampled};
 use surfel_conformance::raycast::{Cast, Difference, compare};
-use surfel_model::{ClipPolicy, Column3, Cull, Mesh, Scene, Settings};
+use surfel_math::V2;
+use surfel_model::{ClipMode, ClipPolicy, Column3, Cull, Mesh, Scene, Settings};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Renderer, View};
 use surfel_sample::{
@@ -162,6 +163,30 @@ fn points_of_a_cube_keep_its_edges() {
 }
 
 #[test]
+fn points_of_a_face_with_a_reflex_corner_cover_it_and_no_more() {
+    // At (0.55, 0.6) the part's plane faces turn by 270°; 30,000 points lie 0.012 apart.
+    let points = sampled(&part(), 30_000, 0.0, 3);
+    let (plain, _) = splats_from_points(&points, &PointOptions::default(), &NoProgress).unwrap();
+    let (sharp, report) = sharpen_points(&plain, 40.0, &NoProgress).unwrap();
+    let clips = sharp.data().clips.as_ref().unwrap();
+    let either = clips.modes.as_ref().unwrap().iter().filter(|m| **m == ClipMode::Or).count();
+    println!("{report:?}, {either} kept by either of two lines");
+    let top: Vec<usize> = (0..sharp.len()).filter(|i| sharp.normal(*i).z > 0.9 && sharp.center(*i).z > 0.6).collect();
+    let is_kept = |x: f64, y: f64| {
+        top.iter().any(|&i| {
+            let ((s, t), d) = (sharp.axes(i), DVec3::new(x, y, 0.7) - sharp.center(i));
+            let (u, v) = (d.dot(s) / s.length_squared(), d.dot(t) / t.length_squared());
+            u * u + v * v <= 1.0 && clips.clip(i, ClipPolicy::Exact).is_none_or(|c| c.keeps(V2::new(u, v)))
+        })
+    };
+    // Within three spacings of the corner, but for half a thousandth beside the edges.
+    let offsets = || (-36..=36).map(|i| f64::from(i) * 1e-3 + 5e-4);
+    for (x, y) in offsets().flat_map(|x| offsets().map(move |y| (x, y))) {
+        assert_eq!(is_kept(0.55 + x, 0.6 + y), x < 0.0 || y < 0.0, "{x} {y} from the corner");
+    }
+}
+
+#[test]
 fn points_of_a_smooth_surface_are_left_alone() {
     let ball = surfel_conformance::polygons::mesh_sphere(5);
     let (plain, _) =
@@ -172,5 +197,17 @@ fn points_of_a_smooth_surface_are_left_alone() {
     assert!((0..plain.len()).all(|i| (plain.center(i) - sharp.center(i)).length() < 1e-9));
     for angle in [0.0, 180.0, f64::NAN] {
         assert!(sharpen_points(&plain, angle, &NoProgress).is_err(), "{angle}");
+    }
+}
+
+#[test]
+fn points_of_a_ball_have_no_edges_however_few() {
+    let ball = surfel_conformance::polygons::mesh_sphere(5);
+    // Neighbourhoods that bend by far more than the crease angle.
+    for (count, noise) in [(150, 0.0), (300, 0.0), (300, 0.01), (600, 0.002), (1500, 0.0)] {
+        let (plain, _) =
+            splats_from_points(&sampled(&ball, count, noise, 7), &PointOptions::default(), &NoProgress).unwrap();
+        let (_, report) = sharpen_points(&plain, 40.0, &NoProgress).unwrap();
+        assert_eq!((report.clipped, report.turned), (0, 0), "{count} points, noise {noise}");
     }
 }

@@ -1,6 +1,6 @@
 //! Records sorted stably into tiles, in segments that threads fill on their own.
 
-use crate::clip::ScreenClip;
+use crate::clip::{FrameClips, ScreenClips};
 use crate::near::NearSplat;
 use crate::record::Records;
 use surfel_render::Region;
@@ -123,7 +123,7 @@ impl TileLists {
 pub(crate) struct Segment {
     pub records: Records,
     pub near: Vec<NearSplat>,
-    pub clips: Vec<ScreenClip>,
+    pub clips: ScreenClips,
     /// Splats that were looked at one by one.
     pub set_up: u64,
     /// Splats with a record, each counted in one part of a view.
@@ -136,7 +136,6 @@ impl Segment {
     pub(crate) fn clear(&mut self) {
         self.records.clear();
         self.near.clear();
-        self.clips.clear();
         self.set_up = 0;
         self.drawn = 0;
     }
@@ -146,12 +145,12 @@ impl Segment {
         self.lists.sort(unsorted, grid);
     }
 
-    /// Moves what few records have to the end of everyone's.
-    pub(crate) fn move_rare(&mut self, near: &mut Vec<NearSplat>, clips: &mut Vec<ScreenClip>) {
-        if !self.near.is_empty() || !self.clips.is_empty() {
-            self.records.iter_mut().for_each(|record| record.renumber(near.len(), clips.len()));
+    /// Moves its near splats and clips to the end of everyone's.
+    pub(crate) fn move_rare(&mut self, near: &mut Vec<NearSplat>, clips: &mut FrameClips) {
+        clips.push(std::mem::take(&mut self.clips));
+        if !self.near.is_empty() {
+            self.records.iter_mut().for_each(|record| record.renumber(near.len()));
             near.append(&mut self.near);
-            clips.append(&mut self.clips);
         }
     }
 

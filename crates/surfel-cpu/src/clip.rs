@@ -1,8 +1,10 @@
 //! Clips of splats (§7): how they are stored, and what a frame makes of them.
+//!
+//! Most clips are a line or two: of each only the forms that there are are kept, in one list for many splats.
 
 use crate::lanes::{LANES, Lanes};
 use fearless_simd::{Simd, mask32x16};
-use surfel_math::clip::{Clip, Turn};
+use surfel_math::clip::{Clip, Turn, composed};
 use surfel_math::mapping::{Footprint, Linear};
 use surfel_math::{Real, V2};
 use surfel_model::{ClipPolicy, SplatCloud};
@@ -10,106 +12,308 @@ use surfel_model::{ClipPolicy, SplatCloud};
 /// Index of a splat without a clip.
 const NONE: u32 = u32::MAX;
 
-/// The clips of an object's splats.
+/// What a clip's forms after its lines are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Curve {
+    /// There are none.
+    Absent,
+    /// One, at least 0 where it keeps: a curve taken for its chord.
+    Chord,
+    /// [`Clip::chord`], `side1` and `side3`; the inside is kept.
+    Inside,
+    /// The same; the outside is kept.
+    Outside,
+}
+
+impl Curve {
+    #[inline(always)]
+    fn forms(self) -> usize {
+        match self {
+            Self::Absent => 0,
+            Self::Chord => 1,
+            Self::Inside | Self::Outside => 3,
+        }
+    }
+}
+
+/// Which forms a clip has, in a list of many clips' forms.
+#[derive(Clone, Copy, Debug)]
+struct Head {
+    /// Index of the first.
+    first: u32,
+    /// They come first: times −1 where one that keeps is enough.
+    lines: u8,
+    any_line: bool,
+    curve: Curve,
+    /// The forms over the unfiltered footprint are followed by as many over the filtered one.
+    has_filtered: bool,
+}
+
+impl Head {
+    #[inline(always)]
+    fn forms(self) -> usize {
+        usize::from(self.lines) + self.curve.forms()
+    }
+}
+
+/// The clips of an object's splats, over their (u, v).
 #[derive(Default)]
 pub(crate) struct StoredClips {
     /// Of every slot of the object's columns.
     of_slot: Vec<u32>,
-    /// Exact forms, and those with chords in place of curves.
-    clips: Vec<[Clip<f64>; 2]>,
+    heads: Vec<Head>,
+    forms: Vec<Linear<f32>>,
+}
+
+/// A stored clip under a policy.
+#[derive(Clone, Copy)]
+pub(crate) struct StoredClip<'a> {
+    head: Head,
+    lines: &'a [Linear<f32>],
+    curve: &'a [Linear<f32>],
+    /// The curve's first form is to be its only one, so many times.
+    straightened: Option<f32>,
 }
 
 impl StoredClips {
     /// Adds the next slot: splat `i` of a cloud.
     pub(crate) fn push(&mut self, cloud: &SplatCloud, i: usize) {
-        let columns = cloud.data().clips.as_ref();
-        let pair = columns.and_then(|c| Some([c.clip(i, ClipPolicy::Exact)?, c.clip(i, ClipPolicy::Line)?]));
-        self.of_slot.push(pair.map_or(NONE, |_| self.clips.len() as u32));
-        self.clips.extend(pair);
-    }
-
-    /// The clip of a slot under a policy.
-    pub(crate) fn get(&self, slot: usize, policy: ClipPolicy) -> Option<&Clip<f64>> {
-        let [exact, line] = self.clips.get(*self.of_slot.get(slot)? as usize)?;
-        match policy {
-            ClipPolicy::Off => None,
-            ClipPolicy::Line => Some(line),
-            ClipPolicy::Exact | ClipPolicy::Paper => Some(exact),
+        let Some(clip) = cloud.data().clips.as_ref().and_then(|c| c.clip(i, ClipPolicy::Exact)) else {
+            self.of_slot.push(NONE);
+            return;
+        };
+        self.of_slot.push(self.heads.len() as u32);
+        let nothing = Clip::nothing();
+        let lines = clip.lines.iter().rposition(|line| *line != nothing.lines[0]).map_or(0, |last| last + 1);
+        let curve = if clip.chord == nothing.chord {
+            Curve::Absent
+        } else if clip.side1 == nothing.side1 && clip.side3 == nothing.side3 {
+            Curve::Chord
+        } else if clip.curve_sign < 0.0 {
+            Curve::Outside
+        } else {
+            Curve::Inside
+        };
+        let (first, any_line) = (self.forms.len() as u32, clip.line_sign < 0.0);
+        self.heads.push(Head { first, lines: lines as u8, any_line, curve, has_filtered: false });
+        let clip = clip.map(|v| v as f32);
+        self.forms.extend_from_slice(&clip.lines[..lines]);
+        match curve {
+            Curve::Absent => (),
+            Curve::Chord => self.forms.push(times(&clip.chord, -1.0)),
+            Curve::Inside | Curve::Outside => self.forms.extend([clip.chord, clip.side1, clip.side3]),
         }
     }
 
+    /// Which of sixteen slots from `at` on have a clip, as bits.
+    #[inline(always)]
+    pub(crate) fn clipped(&self, at: usize) -> u64 {
+        let slots = self.of_slot.get(at..).unwrap_or_default();
+        (0..LANES).zip(slots).fold(0, |bits, (i, clip)| bits | u64::from(*clip != NONE) << i)
+    }
+
+    /// The clip of a slot under a policy.
+    pub(crate) fn get(&self, slot: usize, policy: ClipPolicy) -> Option<StoredClip<'_>> {
+        let mut head = *self.heads.get(*self.of_slot.get(slot)? as usize)?;
+        let (first, lines) = (head.first as usize, usize::from(head.lines));
+        let (lines, curve) = self.forms.get(first..first + head.forms())?.split_at_checked(lines)?;
+        let straightened = match (policy, head.curve) {
+            (ClipPolicy::Off, _) => return None,
+            // Kept is where `chord` is at most 0.
+            (ClipPolicy::Line, Curve::Inside) => Some(-1.0),
+            (ClipPolicy::Line, Curve::Outside) => Some(1.0),
+            _ => None,
+        };
+        if straightened.is_some() {
+            head.curve = Curve::Chord;
+        }
+        Some(StoredClip { head, lines, curve, straightened })
+    }
+
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(self.of_slot.as_slice()) + size_of_val(self.clips.as_slice())
+        size_of_val(self.of_slot.as_slice()) + size_of_val(self.heads.as_slice()) + size_of_val(self.forms.as_slice())
+    }
+}
+
+#[inline(always)]
+fn times(l: &Linear<f32>, k: f32) -> Linear<f32> {
+    Linear { c: l.c * k, x: l.x * k, y: l.y * k }
+}
+
+impl StoredClip<'_> {
+    /// All of it, over (u, v).
+    pub(crate) fn whole(&self) -> Clip<f64> {
+        let wide = |l: &Linear<f32>| Linear { c: l.c.into(), x: l.x.into(), y: l.y.into() };
+        let mut clip = Clip::nothing();
+        for (line, form) in clip.lines.iter_mut().zip(self.lines) {
+            *line = wide(form);
+        }
+        clip.line_sign = if self.head.any_line { -1.0 } else { 1.0 };
+        match (self.head.curve, self.curve) {
+            (Curve::Chord, [form, ..]) => clip.chord = wide(&times(form, -self.straightened.unwrap_or(1.0))),
+            (curve, [chord, side1, side3]) => {
+                (clip.chord, clip.side1, clip.side3) = (wide(chord), wide(side1), wide(side3));
+                clip.curve_sign = if curve == Curve::Outside { -1.0 } else { 1.0 };
+            }
+            _ => (),
+        }
+        clip
+    }
+
+    /// Appends its forms over pixels, seen through a footprint.
+    #[inline(always)]
+    fn push_through(&self, (footprint, turn): Seen<'_>, forms: &mut Vec<Linear<f32>>) {
+        for line in self.lines {
+            forms.push(composed(line, footprint, turn));
+        }
+        match (self.straightened, self.curve) {
+            (Some(sign), [chord, ..]) => forms.push(composed(&times(chord, sign), footprint, turn)),
+            (_, curve) => {
+                for form in curve {
+                    forms.push(composed(form, footprint, turn));
+                }
+            }
+        }
+    }
+}
+
+/// A footprint, and the turn from its (u, v) to the given ones.
+pub(crate) type Seen<'a> = (&'a Footprint<f32>, &'a Turn<f32>);
+
+/// Clips over pixels of some splats of a frame.
+#[derive(Default)]
+pub(crate) struct ScreenClips {
+    heads: Vec<Head>,
+    forms: Vec<Linear<f32>>,
+    /// Number of the first one in the frame.
+    first: u32,
+}
+
+impl ScreenClips {
+    /// Empties it; the next clip has this number.
+    pub(crate) fn restart(&mut self, first: u32) {
+        self.heads.clear();
+        self.forms.clear();
+        self.first = first;
+    }
+
+    /// Adds a clip as a splat's unfiltered footprint sees it and, if that is another, as the filtered one does: its number.
+    #[inline(always)]
+    pub(crate) fn push(&mut self, clip: &StoredClip<'_>, visible: Seen<'_>, filtered: Option<Seen<'_>>) -> u32 {
+        let number = self.first + self.heads.len() as u32;
+        let first = self.forms.len() as u32;
+        self.heads.push(Head { first, has_filtered: filtered.is_some(), ..clip.head });
+        clip.push_through(visible, &mut self.forms);
+        if let Some(filtered) = filtered {
+            clip.push_through(filtered, &mut self.forms);
+        }
+        number
+    }
+
+    fn bytes(&self) -> usize {
+        size_of_val(self.heads.as_slice()) + size_of_val(self.forms.as_slice())
+    }
+}
+
+/// Clips of all splats of a frame. Tasks number theirs on their own, so that nobody has to go over records afterwards.
+pub(crate) struct FrameClips {
+    /// Each list has as many numbers as its task has splats, or more: 2 to this.
+    shift: u32,
+    /// Two a task.
+    lists: Vec<ScreenClips>,
+}
+
+impl Default for FrameClips {
+    /// For two tasks of any size.
+    fn default() -> Self {
+        Self { shift: 30, lists: Vec::new() }
+    }
+}
+
+impl FrameClips {
+    /// For tasks of this many splats at most.
+    pub(crate) fn new(splats: usize) -> Self {
+        // Records of 2³² splats are 512 GiB: numbers don't run out before memory does.
+        Self { shift: (usize::BITS - splats.leading_zeros()).min(30), lists: Vec::new() }
+    }
+
+    /// The first numbers of the two lists of the task that is the n-th from now.
+    pub(crate) fn first_of(&self, task: usize) -> [u32; 2] {
+        [0, 1].map(|list| ((self.lists.len() + 2 * task + list) as u32).wrapping_shl(self.shift))
+    }
+
+    /// Adds the next list.
+    pub(crate) fn push(&mut self, list: ScreenClips) {
+        self.lists.push(list);
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        self.lists.iter().map(ScreenClips::bytes).sum()
+    }
+
+    /// The clip of this number.
+    #[inline(always)]
+    pub(crate) fn get(&self, number: u32) -> Option<ScreenClip<'_>> {
+        let list = self.lists.get((number >> self.shift) as usize)?;
+        let head = *list.heads.get(number.wrapping_sub(list.first) as usize)?;
+        let (first, count) = (head.first as usize, head.forms());
+        let visible = list.forms.get(first..first + count)?;
+        let filtered = if head.has_filtered { Some(list.forms.get(first + count..first + 2 * count)?) } else { None };
+        Some(ScreenClip { head, visible, filtered })
     }
 }
 
 /// A splat's clip over pixels, as its two footprints see it.
 #[derive(Clone, Copy)]
-pub(crate) struct ScreenClip {
-    visible: Clip<f32>,
+pub(crate) struct ScreenClip<'a> {
+    head: Head,
+    visible: &'a [Linear<f32>],
     /// Absent where the footprints are the same.
-    filtered: Option<Clip<f32>>,
-    has_curve: bool,
-    lines: usize,
+    filtered: Option<&'a [Linear<f32>]>,
 }
 
-impl ScreenClip {
-    /// A clip through both footprints, with the turn of each.
-    #[inline(always)]
-    pub(crate) fn new(
-        clip: &Clip<f64>,
-        visible: (&Footprint<f32>, &Turn<f32>),
-        filtered: Option<(&Footprint<f32>, &Turn<f32>)>,
-    ) -> Self {
-        let nothing = Clip::nothing();
-        let narrow = clip.map(|v| v as f32);
-        let present = clip.lines.iter().rposition(|line| *line != nothing.lines[0]);
-        Self {
-            visible: narrow.through(visible.0, visible.1),
-            filtered: match filtered {
-                Some((footprint, turn)) => Some(narrow.through(footprint, turn)),
-                None => None,
-            },
-            has_curve: clip.chord != nothing.chord,
-            lines: present.map_or(0, |last| last + 1),
-        }
-    }
-
+impl ScreenClip<'_> {
     /// Pixels at these offsets that the unfiltered and the filtered footprint keep.
     #[inline(always)]
     pub(crate) fn keeps<S: Simd>(&self, visible: V2<Lanes<S>>, filtered: V2<Lanes<S>>) -> [mask32x16<S>; 2] {
-        let keeps = self.part_keeps(&self.visible, visible);
-        match &self.filtered {
-            Some(clip) => [keeps, self.part_keeps(clip, filtered)],
+        let keeps = self.part_keeps(self.visible, visible);
+        match self.filtered {
+            Some(forms) => [keeps, self.part_keeps(forms, filtered)],
             None => [keeps, keeps],
         }
     }
 
     #[inline(always)]
-    fn part_keeps<S: Simd>(&self, clip: &Clip<f32>, d: V2<Lanes<S>>) -> mask32x16<S> {
+    fn part_keeps<S: Simd>(&self, forms: &[Linear<f32>], d: V2<Lanes<S>>) -> mask32x16<S> {
         let zero = d.x.zero();
-        let lines_keep = if self.lines == 0 {
-            zero.le(zero)
-        } else {
-            // As `Clip::lines_keep`, of the lines that there are.
-            let mut least = widened(&clip.lines[0], zero).at(d);
-            for line in &clip.lines[1..self.lines] {
-                least = least.min(widened(line, zero).at(d));
+        let (lines, curve) = forms.split_at_checked(usize::from(self.head.lines)).unwrap_or_default();
+        let lines_keep = match lines.split_first() {
+            None => zero.le(zero),
+            Some((first, others)) => {
+                // As `Clip::lines_keep`, of the lines that there are.
+                let mut least = widened(first, zero).at(d);
+                for line in others {
+                    least = least.min(widened(line, zero).at(d));
+                }
+                if self.head.any_line { least.le(zero) } else { zero.le(least) }
             }
-            zero.le(least * zero.constant(f64::from(clip.line_sign)))
         };
-        if !self.has_curve {
-            return lines_keep;
+        match curve {
+            [] => lines_keep,
+            [chord] => lines_keep & zero.le(widened(chord, zero).at(d)),
+            [chord, side1, side3, ..] => {
+                let curve = Clip {
+                    chord: widened(chord, zero),
+                    side1: widened(side1, zero),
+                    side3: widened(side3, zero),
+                    curve_sign: zero.constant(if self.head.curve == Curve::Outside { -1.0 } else { 1.0 }),
+                    lines: [Linear { c: zero, x: zero, y: zero }; 4],
+                    line_sign: zero,
+                };
+                curve.curve_keeps(d) & lines_keep
+            }
+            _ => lines_keep,
         }
-        let curve = Clip {
-            chord: widened(&clip.chord, zero),
-            side1: widened(&clip.side1, zero),
-            side3: widened(&clip.side3, zero),
-            curve_sign: zero.constant(f64::from(clip.curve_sign)),
-            lines: [Linear { c: zero, x: zero, y: zero }; 4],
-            line_sign: zero,
-        };
-        curve.curve_keeps(d) & lines_keep
     }
 }
 

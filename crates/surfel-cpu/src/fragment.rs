@@ -28,7 +28,15 @@ pub(crate) fn fragment<S: Simd>(
     shared: &Shared<'_>,
 ) -> Fragment<S> {
     let mut fragment = unclipped(simd, record, at, first, shared);
-    if let Some(index) = record.clip() {
+    fragment.clip(simd, record, at, shared);
+    fragment
+}
+
+impl<S: Simd> Fragment<S> {
+    /// Takes away what the splat's clip removes, if it has one.
+    #[inline(always)]
+    pub(crate) fn clip(&mut self, simd: S, record: &Record, at: (Lanes<S>, Lanes<S>), shared: &Shared<'_>) {
+        let Some(clip) = record.clip().and_then(|number| shared.clips.get(number)) else { return };
         let (d_x, d_y) = offsets(simd, record, at);
         let (mut x, mut y) = (d_x, d_y);
         if shared.wants.clamp.is_some() {
@@ -37,11 +45,10 @@ pub(crate) fn fragment<S: Simd>(
             let before = k(0.0).lt(k(record.w_x()).mul_add(d_x, k(record.w_y()).mul_add(d_y, k(1.0))));
             (x, y) = (Lanes::select(before, d_x, k(0.0)), Lanes::select(before, d_y, k(0.0)));
         }
-        let [visible, inside] = shared.clips[index].keeps(V2::new(d_x, d_y), V2::new(x, y));
-        fragment.visible &= visible;
-        fragment.inside &= inside;
+        let [visible, inside] = clip.keeps(V2::new(d_x, d_y), V2::new(x, y));
+        self.visible &= visible;
+        self.inside &= inside;
     }
-    fragment
 }
 
 /// Offsets of a block's pixels from the anchor. Whole pixels are exact; one rounding of an offset, not of a pixel
@@ -157,8 +164,8 @@ fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32
     [depths, weights]
 }
 
-/// [`fragment`] of four splats that are shallow or, if `SOFT`, soft, step by step together: a processor looks ahead over two
-/// or so, too few for the long chain of each.
+/// [`fragment`] of four splats that are shallow or, if `SOFT`, soft, without their clips, step by step together: a processor
+/// looks ahead over two or so, too few for the long chain of each.
 #[inline(always)]
 pub(crate) fn four<S: Simd, const SOFT: bool>(
     simd: S,

@@ -177,7 +177,7 @@ impl ObjectSetup<'_> {
             if x0 < x1 && y0 < y1 {
                 // Neither filter nor turn: the footprint's (u, v) are the splat's own.
                 let clip = object.clips.as_ref().and_then(|clips| clips.get(i, self.plan.clip));
-                near.clip = clip.map(|clip| clip.through(&near.footprint, &Turn::none(1.0)));
+                near.clip = clip.map(|clip| clip.whole().through(&near.footprint, &Turn::none(1.0)));
                 let [x, y] = out.grid.origin.map(|v| v as i32);
                 let block = |v: i32| (v / BLOCK as i32) as u32;
                 let past = BLOCK as i32 - 1;

@@ -1,7 +1,7 @@
 //! Before anything is drawn: which chunks a view may see, how its rows are shared out, and chunks set up and sorted into tiles.
 
 use crate::bins::{BLOCK, Grid, Segment};
-use crate::clip::ScreenClip;
+use crate::clip::{FrameClips, ScreenClips};
 use crate::level::{Instructions, with_instructions};
 use crate::mesh::StoredMesh;
 use crate::near::NearSplat;
@@ -9,7 +9,7 @@ use crate::placed::ObjectSetup;
 use crate::recycle::Recycled;
 use crate::renderer::Evaluation;
 use crate::setup::{SetupOutput, VeilOutput};
-use crate::store::StoredObject;
+use crate::store::{CHUNK, StoredObject};
 use crate::veil::VeilSegment;
 use fearless_simd::Simd;
 use rayon::prelude::*;
@@ -53,7 +53,7 @@ pub(crate) struct Prepared {
     pub segments: Vec<Segment>,
     pub veils: Vec<VeilSegment>,
     pub near: Vec<NearSplat>,
-    pub clips: Vec<ScreenClip>,
+    pub clips: FrameClips,
 }
 
 impl Prepared {
@@ -62,9 +62,12 @@ impl Prepared {
         for (mut segment, veil) in parts {
             segment.move_rare(&mut self.near, &mut self.clips);
             self.segments.push(segment);
-            if let Some(mut veil) = veil {
-                veil.segment.move_rare(&mut self.near, &mut self.clips);
-                self.veils.push(veil);
+            match veil {
+                Some(mut veil) => {
+                    veil.segment.move_rare(&mut self.near, &mut self.clips);
+                    self.veils.push(veil);
+                }
+                None => self.clips.push(ScreenClips::default()),
             }
         }
     }
@@ -91,10 +94,7 @@ impl Prepared {
     /// Bytes of heap memory in use.
     pub(crate) fn bytes(&self) -> usize {
         let veils: usize = self.veils.iter().map(|v| size_of_val(v.splats.as_slice())).sum();
-        self.all().map(Segment::bytes).sum::<usize>()
-            + veils
-            + size_of_val(self.near.as_slice())
-            + size_of_val(self.clips.as_slice())
+        self.all().map(Segment::bytes).sum::<usize>() + veils + size_of_val(self.near.as_slice()) + self.clips.bytes()
     }
 }
 
@@ -183,8 +183,11 @@ impl<'a> Preparation<'a> {
     pub(crate) fn set_up(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], grid: &Grid, counted: Region) -> Prepared {
         let threads = rayon::current_num_threads();
         let per_task = seen.len().div_ceil(threads * SEGMENTS_PER_THREAD).clamp(1, CHUNKS_PER_SEGMENT);
-        let mut prepared = Prepared::default();
-        prepared.extend(seen.par_chunks(per_task).map(|chunks| self.segment(setups, chunks, grid, counted)).collect());
+        let mut prepared = Prepared { clips: FrameClips::new(per_task * CHUNK), ..Prepared::default() };
+        let clips = &prepared.clips;
+        let task = |(i, chunks)| self.segment(setups, chunks, grid, counted, clips.first_of(i));
+        let parts = seen.par_chunks(per_task).enumerate().map(task).collect();
+        prepared.extend(parts);
         prepared
     }
 
@@ -196,7 +199,8 @@ impl<'a> Preparation<'a> {
         (grid, counted): (&Grid, Region),
         prepared: &mut Prepared,
     ) {
-        prepared.extend(vec![self.segment(setups, seen, grid, counted)]);
+        let first_clips = prepared.clips.first_of(0);
+        prepared.extend(vec![self.segment(setups, seen, grid, counted, first_clips)]);
     }
 
     fn segment(
@@ -205,9 +209,12 @@ impl<'a> Preparation<'a> {
         chunks: &[Seen],
         grid: &Grid,
         counted: Region,
+        first_clips: [u32; 2],
     ) -> (Segment, Option<VeilSegment>) {
         let (mut segment, mut entries) = (self.recycled.segment(), self.recycled.entries());
         let mut veil = VeilOutput::default();
+        segment.clips.restart(first_clips[0]);
+        veil.segment.clips.restart(first_clips[1]);
         let mut out =
             SetupOutput { grid: *grid, counted, segment: &mut segment, entries: &mut entries, veil: Some(&mut veil) };
         with_instructions!(self.instructions, simd => set_up(simd, setups, chunks, &mut out));

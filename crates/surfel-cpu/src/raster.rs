@@ -1,7 +1,7 @@
 //! Visibility and attributes of one block of 4×4 pixels (§5), a lane for each: two loops over the same list of splats,
 //! with the block's sums in registers.
 
-use crate::clip::ScreenClip;
+use crate::clip::FrameClips;
 use crate::fragment::{Fragment, four, fragment};
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes};
@@ -55,7 +55,7 @@ impl Wants {
 pub(crate) struct Shared<'a> {
     pub wants: Wants,
     pub near: &'a [NearSplat],
-    pub clips: &'a [ScreenClip],
+    pub clips: &'a FrameClips,
     /// Ambient, diffuse, specular, shininess of every object.
     pub factors: &'a [[f32; 4]],
     /// 1/W0 of every object.
@@ -356,12 +356,20 @@ fn sixteen<S: Simd>(
         };
         match together {
             Some((Together::Simple, records)) => {
-                for (j, fragment) in four::<S, false>(simd, records, at, shared).into_iter().enumerate() {
+                let has_clips = Together::has_clips(&records);
+                for (j, mut fragment) in four::<S, false>(simd, records, at, shared).into_iter().enumerate() {
+                    if has_clips {
+                        fragment.clip(simd, records[j], at, shared);
+                    }
                     visit.add(simd, fragment, i + j, records[j]);
                 }
             }
             Some((Together::Soft, records)) => {
-                for (j, fragment) in four::<S, true>(simd, records, at, shared).into_iter().enumerate() {
+                let has_clips = Together::has_clips(&records);
+                for (j, mut fragment) in four::<S, true>(simd, records, at, shared).into_iter().enumerate() {
+                    if has_clips {
+                        fragment.clip(simd, records[j], at, shared);
+                    }
                     visit.add(simd, fragment, i + j, records[j]);
                 }
             }

@@ -23,9 +23,9 @@ pub(crate) enum Class {
 /// What can be done with four splats together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Together {
-    /// All are shallow, without a clip.
+    /// All are shallow.
     Simple,
-    /// All are shallow or soft, without a clip.
+    /// All are shallow or soft.
     Soft,
     Nothing,
 }
@@ -34,14 +34,17 @@ impl Together {
     #[inline(always)]
     pub(crate) fn of([a, b, c, d]: &[&Record; 4]) -> Self {
         let class = any([a.class_bits(), b.class_bits(), c.class_bits(), d.class_bits()]);
-        let clip = any([a.clip_bits(), b.clip_bits(), c.clip_bits(), d.clip_bits()]);
-        if class | clip == 0 {
-            Self::Simple
-        } else if class == 1 && clip == 0 {
-            Self::Soft
-        } else {
-            Self::Nothing
+        match class {
+            0 => Self::Simple,
+            1 => Self::Soft,
+            _ => Self::Nothing,
         }
+    }
+
+    /// True if one of four splats has a clip.
+    #[inline(always)]
+    pub(crate) fn has_clips([a, b, c, d]: &[&Record; 4]) -> bool {
+        any([a.clip_bits(), b.clip_bits(), c.clip_bits(), d.clip_bits()]) != 0
     }
 }
 
@@ -133,7 +136,7 @@ fields! {
     coverage_scale = 29;
     /// Index of the object, for its material; of a near splat its own. As bits.
     object_bits = 30;
-    /// 1 more than the index of the splat's clip, 0 without one. As bits.
+    /// 1 more than the number of the splat's clip, 0 without one. As bits.
     clip_bits = 31;
 }
 
@@ -175,23 +178,20 @@ impl Record {
         }
     }
 
-    /// Index of the clip.
+    /// Number of the clip.
     #[inline(always)]
-    pub(crate) fn clip(&self) -> Option<usize> {
-        (self.clip_bits().to_bits() as usize).checked_sub(1)
+    pub(crate) fn clip(&self) -> Option<u32> {
+        self.clip_bits().to_bits().checked_sub(1)
     }
 
-    pub(crate) fn set_clip(&mut self, index: usize) {
-        self.0[31] = f32::from_bits(index as u32 + 1);
+    pub(crate) fn set_clip(&mut self, number: u32) {
+        self.0[31] = f32::from_bits(number.wrapping_add(1));
     }
 
-    /// Moves the indices of a near splat and of a clip.
-    pub(crate) fn renumber(&mut self, first_near: usize, first_clip: usize) {
+    /// Moves the index of a near splat.
+    pub(crate) fn renumber(&mut self, first_near: usize) {
         if self.class() == Class::Near {
             self.0[30] = f32::from_bits((self.object() + first_near) as u32);
-        }
-        if let Some(clip) = self.clip() {
-            self.set_clip(clip + first_clip);
         }
     }
 
@@ -260,8 +260,8 @@ impl Records {
         first as u32
     }
 
-    pub(crate) fn last_mut(&mut self) -> Option<&mut Record> {
-        self.slots[..self.used].last_mut()
+    pub(crate) fn get_mut(&mut self, index: usize) -> Option<&mut Record> {
+        self.slots[..self.used].get_mut(index)
     }
 
     pub(crate) fn iter_mut(&mut self) -> std::slice::IterMut<'_, Record> {

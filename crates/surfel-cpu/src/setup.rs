@@ -1,7 +1,7 @@
 //! From stored splats to records, sixteen at a time.
 
 use crate::bins::{Entry, Grid, Segment};
-use crate::clip::{ScreenClip, StoredClips, Turns};
+use crate::clip::{StoredClips, Turns};
 use crate::lane_math::{Bits, adjust_axes, gradient_of, orthonormal, pixel_range, transform, unit};
 use crate::lanes::{LANES, Lanes};
 use crate::mask::{self, MaskForm, MaskForms, Masks};
@@ -79,22 +79,14 @@ impl SetupOutput<'_> {
         }
     }
 
-    /// Clips the last record.
-    fn clip(&mut self, clip: ScreenClip) {
-        let segment = &mut *self.segment;
-        if let Some(record) = segment.records.last_mut() {
-            record.set_clip(segment.clips.len());
-            segment.clips.push(clip);
-        }
-    }
-
-    /// Appends splat `i` of sixteen.
+    /// Appends splat `i` of sixteen: the index of its record.
     #[inline(always)]
-    fn push<S: Simd>(&mut self, simd: S, record: &Record, (masks, i): (&Masks, usize), form: MaskForm) {
-        let index = self.segment.records.len() as u32;
+    fn push<S: Simd>(&mut self, simd: S, record: &Record, (masks, i): (&Masks, usize), form: MaskForm) -> usize {
+        let index = self.segment.records.len();
         self.segment.records.push(*record);
         let visit = |entry| self.entries.push(entry);
-        masks.for_tiles(simd, i, (record, index), &self.grid, form, visit);
+        masks.for_tiles(simd, i, (record, index as u32), &self.grid, form, visit);
+        index
     }
 
     /// Appends a splat of which every block of its box counts.
@@ -390,44 +382,66 @@ impl ObjectSetup<'_> {
         };
         let masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &out.grid, form);
         let veils = self.object.alphas.as_ref().filter(|_| self.plan.separates_transparent);
-        if clips.is_none() && veils.is_none() {
+        let clips = clips.map(|clips| (clips, clips.clipped(at) & keep)).filter(|(_, clipped)| *clipped != 0).map(
+            |(clips, clipped)| Clips {
+                clips,
+                at,
+                clipped,
+                policy: self.plan.clip,
+                projective: settings.projective,
+                visible: Turns::new(&visible_turn),
+                filtered: Turns::new(&visible_turn.after(&filtered.turn)),
+            },
+        );
+        if veils.is_none() {
             let keep = keep & masks.touching();
             let SetupOutput { grid, segment, entries, .. } = out;
             let first = segment.records.push_sixteen(records, keep);
             masks.entries(simd, keep, (&segment.records, first), grid, form, |entry| entries.push(entry));
-            return;
-        }
-        let records = records.transposed();
-        let clips =
-            clips.map(|clips| (clips, [Turns::new(&visible_turn), Turns::new(&visible_turn.after(&filtered.turn))]));
-        let ready = Ready { records: &records, masks: &masks, form, clips, projective: settings.projective };
-        if veils.is_some() {
-            let [x, y, z] = [splat.p.x.to_array(), splat.p.y.to_array(), splat.p.z.to_array()];
-            for i in lanes_of(keep) {
-                let mut part = out.part(self.transparent(at + i, || [x[i], y[i], z[i]]));
-                self.append(simd, &ready, (at, i), &mut part);
+            if let Some(clips) = &clips {
+                for i in lanes_of(clips.clipped & keep) {
+                    let before = keep & ((1 << i) - 1);
+                    clips.clip(i, first as usize + before.count_ones() as usize, segment);
+                }
             }
             return;
         }
+        let records = records.transposed();
+        let [x, y, z] = [splat.p.x.to_array(), splat.p.y.to_array(), splat.p.z.to_array()];
         for i in lanes_of(keep) {
-            self.append(simd, &ready, (at, i), out);
+            let mut part = out.part(self.transparent(at + i, || [x[i], y[i], z[i]]));
+            let index = part.push(simd, &records[i], (&masks, i), form);
+            if let Some(clips) = &clips {
+                clips.clip(i, index, part.segment);
+            }
         }
     }
+}
 
-    /// Appends splat `i` of sixteen from slot `at` on.
+/// What clips sixteen splats.
+struct Clips<'a> {
+    clips: &'a StoredClips,
+    /// The first one's slot.
+    at: usize,
+    /// Which of them have a clip, as bits.
+    clipped: u64,
+    policy: ClipPolicy,
+    projective: bool,
+    visible: Turns,
+    filtered: Turns,
+}
+
+impl Clips<'_> {
+    /// Clips splat `i` of the sixteen, of which the record is there, if it has a clip.
     #[inline(always)]
-    fn append<S: Simd>(&self, simd: S, ready: &Ready<'_>, (at, i): (usize, usize), out: &mut SetupOutput<'_>) {
-        let record = &ready.records[i];
-        out.push(simd, record, (ready.masks, i), ready.form);
-        if let Some((clips, [visible_turns, filtered_turns])) = &ready.clips
-            && let Some(clip) = clips.get(at + i, self.plan.clip)
-        {
-            let visible = record.visible_footprint(ready.projective);
-            let filtered = record.filtered_footprint();
-            let filtered_turn = filtered_turns.of(i);
-            let other = matches!(record.class(), Class::Soft | Class::General).then_some((&filtered, &filtered_turn));
-            out.clip(ScreenClip::new(clip, (&visible, &visible_turns.of(i)), other));
-        }
+    fn clip(&self, i: usize, index: usize, segment: &mut Segment) {
+        let Some(clip) = self.clips.get(self.at + i, self.policy) else { return };
+        let Some(record) = segment.records.get_mut(index) else { return };
+        let visible = record.visible_footprint(self.projective);
+        let filtered = record.filtered_footprint();
+        let filtered_turn = self.filtered.of(i);
+        let other = matches!(record.class(), Class::Soft | Class::General).then_some((&filtered, &filtered_turn));
+        record.set_clip(segment.clips.push(&clip, (&visible, &self.visible.of(i)), other));
     }
 }
 
@@ -452,15 +466,6 @@ fn moved_inside<S: Simd>(at: Lanes<S>, (first, length): (u32, u32), (start, coun
     let k = |v: u32| at.constant(f64::from(v));
     let at = at.max(k(first)).min(k((first + length).saturating_sub(1)));
     k(start).le(at) & at.lt(k(start + count))
-}
-
-/// Sixteen splats that only have to be put where they belong.
-struct Ready<'a> {
-    records: &'a [Record; LANES],
-    masks: &'a Masks,
-    form: MaskForm,
-    clips: Option<(&'a StoredClips, [Turns; 2])>,
-    projective: bool,
 }
 
 /// Indices of set bits.

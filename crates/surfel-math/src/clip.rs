@@ -197,9 +197,10 @@ fn scaled(l: &Linear<f64>, k: f64) -> Linear<f64> {
     Linear { c: l.c * k, x: l.x * k, y: l.y * k }
 }
 
-/// A form over the given (u, v) as one over pixels. A function, since a closure isn't inlined into SIMD code.
+/// A form over the given (u, v) as one over pixels: what [`Clip::through`] does with each of its own.
+// A function, since a closure isn't inlined into SIMD code.
 #[inline(always)]
-fn composed<R: Real>(l: &Linear<R>, footprint: &Footprint<R>, turn: &Turn<R>) -> Linear<R> {
+pub fn composed<R: Real>(l: &Linear<R>, footprint: &Footprint<R>, turn: &Turn<R>) -> Linear<R> {
     let gradient = V2::new(l.x, l.y);
     let (u, v) = (gradient.dot(turn.first), gradient.dot(turn.second));
     let Footprint { u: fu, v: fv, w: fw } = footprint;

@@ -24,6 +24,13 @@ const NOISE_MARGIN: f64 = 2.0;
 const BOW: f64 = 0.02;
 /// Normals that belong to one plane differ by at most this share of the crease angle.
 const SAME_SHARE: f64 = 0.625;
+/// An edge's jump over the spread of the normals on each of its sides, both in radians, at least. Two halves of a bend of any
+/// strength have 3.5, two caps of a ball less; an edge of 45° between faces with 5° of noise has 9.
+const JUMP: f64 = 6.0;
+/// How purely a face lies on one side of another one's plane where they meet in an edge: 1 is all of it, 0 as much as not.
+const ONE_SIDED: f64 = 0.5;
+/// Within so many spacings of a plane a patch counts for its side in part.
+const SIDE_SPACINGS: f64 = 0.5;
 /// A point that lies farther than this from every plane belongs to none, in spacings.
 const FAR_SPACINGS: f64 = 0.35;
 /// The same over the median residual.
@@ -45,8 +52,9 @@ pub struct SharpPointsReport {
 ///
 /// Planes are means of flat neighbourhoods' planes, weighted by nearness, in up to three clusters by normal; a point amid
 /// them takes the nearest, and its splat ends where that plane meets the others. Both sides intersect the same planes, up to
-/// the difference of their weights. Limits: features narrower than about three spacings stay round, and a face's reflex corner
-/// is cut as if it were convex.
+/// the difference of their weights. Two planes meet in an edge only if their normals differ by several times what they spread
+/// on either side: a surface that bends evenly has no edge, however thinly it is sampled. Where a face turns a reflex corner, one of the
+/// two half-planes is enough to keep. Limit: features narrower than about three spacings stay round.
 ///
 /// # Errors
 /// [`SampleError::Option`] for the angle, [`SampleError::TooMany`] above 268 million splats, [`SampleError::Model`] never
@@ -81,15 +89,25 @@ struct Patch {
 }
 
 /// A plane through `center`, the weighted mean of flat patches.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct Plane {
     center: DVec3,
     normal: DVec3,
+    /// Root mean square angle of the patches' normals from their mean, radians.
+    spread: f64,
+    /// Centres of the patches.
+    members: Vec<DVec3>,
 }
 
 impl Plane {
     fn distance(&self, p: DVec3) -> f64 {
         self.normal.dot(p - self.center)
+    }
+
+    /// On which side of another plane this one's patches lie: from −1, all behind it, to 1.
+    fn side_of(&self, other: &Self, width: f64) -> f64 {
+        let side = |p: &DVec3| (other.distance(*p) / width).clamp(-1.0, 1.0);
+        self.members.iter().map(side).sum::<f64>() / self.members.len().max(1) as f64
     }
 }
 
@@ -101,6 +119,7 @@ struct Side {
     turned: Option<DVec3>,
     /// Half-spaces that keep it: unit normals into them, and the signed distance of the centre.
     keeps: Vec<(DVec3, f64)>,
+    mode: ClipMode,
 }
 
 struct Patches<'a> {
@@ -162,10 +181,11 @@ impl<'a> Patches<'a> {
                 None => break,
             }
         }
-        let mut planes: Vec<Plane> = seeds.into_iter().map(|normal| Plane { center: p, normal }).collect();
+        let seed = |normal| Plane { center: p, normal, spread: 0.0, members: Vec::new() };
+        let mut planes: Vec<Plane> = seeds.into_iter().map(seed).collect();
         // Means of what is nearest to each, a few times over (Lloyd 1982).
         for _ in 0..4 {
-            let mut sums = vec![(DVec3::ZERO, DVec3::ZERO, 0.0, 0usize); planes.len()];
+            let mut sums = vec![(DVec3::ZERO, DVec3::ZERO, 0.0, Vec::new()); planes.len()];
             for patch in &flat {
                 let cosine = |i: &usize| planes[*i].normal.dot(patch.normal);
                 let Some(best) = (0..planes.len()).max_by(|a, b| cosine(a).total_cmp(&cosine(b))) else { continue };
@@ -174,16 +194,55 @@ impl<'a> Patches<'a> {
                 }
                 let offset = patch.center - p;
                 let weight = 1.0 / (offset.length_squared() + (1.5 * self.spacing).powi(2)).max(f64::MIN_POSITIVE);
-                let (normal, center, total, count) = &mut sums[best];
+                let (normal, center, total, members) = &mut sums[best];
                 *normal += patch.normal * weight;
                 *center += offset * weight;
                 *total += weight;
-                *count += 1;
+                members.push(patch.center);
             }
-            let sound = |s: &&(DVec3, DVec3, f64, usize)| s.3 >= LEAST_ON_PLANE && s.0 != DVec3::ZERO;
-            planes = sums.iter().filter(sound).map(|s| Plane { center: p + s.1 / s.2, normal: unit(s.0) }).collect();
+            let sound = |s: &(DVec3, DVec3, f64, Vec<DVec3>)| s.3.len() >= LEAST_ON_PLANE && s.0 != DVec3::ZERO;
+            let mean = |(normal, center, total, members): (DVec3, DVec3, f64, Vec<DVec3>)| Plane {
+                center: p + center / total,
+                normal: unit(normal),
+                // Of unit vectors, 2 − 2·|mean| is the mean square distance from the mean's direction.
+                spread: (2.0 - 2.0 * normal.length() / total).max(0.0).sqrt(),
+                members,
+            };
+            planes = sums.into_iter().filter(sound).map(mean).collect();
         }
         planes
+    }
+
+    /// How two planes meet about here: −1 in a convex edge, each behind the other; 1 in a concave one; `None` if they
+    /// don't meet in an edge.
+    fn meet(&self, a: &Plane, b: &Plane) -> Option<f64> {
+        let jump = a.normal.dot(b.normal).clamp(-1.0, 1.0).acos();
+        if jump.cos() >= self.same_cos || jump < JUMP * a.spread.max(b.spread) {
+            return None;
+        }
+        // A face that turns a reflex corner lies on both sides, but the other one doesn't.
+        let width = SIDE_SPACINGS * self.spacing;
+        let sides = [a.side_of(b, width), b.side_of(a, width)];
+        let purest = if sides[0].abs() > sides[1].abs() { sides[0] } else { sides[1] };
+        (purest.abs() >= ONE_SIDED).then(|| purest.signum())
+    }
+
+    /// What the others leave of one of the planes: planes that cut it, with the sides that keep, and whether all must.
+    fn cuts<'b>(&self, planes: &'b [Plane], own: usize) -> (Vec<(&'b Plane, f64)>, ClipMode) {
+        let meeting: Vec<(&Plane, f64)> = (0..planes.len())
+            .filter(|i| *i != own)
+            .filter_map(|i| Some((&planes[i], self.meet(&planes[own], &planes[i])?)))
+            .collect();
+        if let [(b, side), (c, other)] = meeting[..]
+            && side == other
+            && self.meet(b, c) == Some(-side)
+        {
+            return (meeting, ClipMode::Or);
+        }
+        // A face that runs on beyond another one's plane isn't cut by it.
+        let width = SIDE_SPACINGS * self.spacing;
+        let ends = |(plane, side): &(&Plane, f64)| side * planes[own].side_of(plane, width) >= ONE_SIDED;
+        (meeting.into_iter().filter(ends).collect(), ClipMode::And)
     }
 
     /// What becomes of the splats at a point; `None` where no edge is.
@@ -196,20 +255,25 @@ impl<'a> Patches<'a> {
         let rank = |plane: &Plane| {
             if patch.is_flat { -plane.normal.dot(patch.normal) } else { plane.distance(p).abs() }
         };
-        let own = *planes.iter().min_by(|a, b| rank(a).total_cmp(&rank(b)))?;
         let far = (FAR_RESIDUALS * self.residual).max(FAR_SPACINGS * self.spacing);
-        if own.distance(p).abs() >= far {
+        let mut nearest: Vec<usize> = (0..planes.len()).collect();
+        nearest.sort_by(|a, b| rank(&planes[*a]).total_cmp(&rank(&planes[*b])));
+        // The nearest plane that isn't cut away where the point is.
+        let (own, (cuts, mode)) =
+            nearest.into_iter().map(|i| (&planes[i], self.cuts(&planes, i))).find(|(_, (cuts, mode))| {
+                let keeps = |(plane, side): &(&Plane, f64)| side * plane.distance(p) > -far;
+                match mode {
+                    ClipMode::And => cuts.iter().all(keeps),
+                    ClipMode::Or => cuts.iter().any(keeps),
+                }
+            })?;
+        if cuts.is_empty() || own.distance(p).abs() >= far {
             return None;
         }
         let (center, turned) =
             if patch.is_flat { (p, None) } else { (p - own.normal * own.distance(p), Some(own.normal)) };
-        let normal = turned.unwrap_or(patch.normal);
-        let others = planes.iter().filter(|plane| normal.dot(plane.normal) < self.same_cos);
-        let keep = |plane: &Plane| {
-            let side = plane.distance(own.center).signum();
-            (plane.normal * side, plane.distance(center) * side)
-        };
-        Some(Side { center, turned, keeps: others.map(keep).collect() })
+        let keeps = cuts.iter().map(|(plane, side)| (plane.normal * *side, plane.distance(center) * side)).collect();
+        Some(Side { center, turned, keeps, mode })
     }
 }
 
@@ -222,6 +286,7 @@ fn assemble_cloud(
     let mut report = SharpPointsReport::default();
     let mut centers = positions.to_vec();
     let (mut axes, mut lines) = (Vec::with_capacity(cloud.len()), Vec::with_capacity(cloud.len()));
+    let mut modes = vec![ClipMode::And; cloud.len()];
     for (i, center) in centers.iter_mut().enumerate() {
         let (mut s, mut t) = cloud.axes(i);
         let mut own = [NO_LINE; 4];
@@ -233,15 +298,17 @@ fn assemble_cloud(
                 *center = points.center + side.center * points.scale;
                 report.turned += 1;
             }
+            let keeps = side.keeps.iter().map(|(into, d)| [s.dot(*into), t.dot(*into), d * points.scale]);
+            let keeps: Vec<[f64; 3]> = keeps.collect();
+            // Lines that miss the disk clip nothing, nor do any if one of those of which one is enough keeps all.
+            let is_whole = side.mode == ClipMode::Or && keeps.iter().any(|[a, b, c]| *c >= a.hypot(*b));
+            let crossing = keeps.iter().filter(|[a, b, c]| !is_whole && c.abs() < a.hypot(*b));
             let mut count = 0;
-            for (into, distance) in &side.keeps {
-                let [a, b, c] = [s.dot(*into), t.dot(*into), distance * points.scale];
-                // Lines that miss the disk clip nothing.
-                if c.abs() < a.hypot(b) && count < own.len() {
-                    own[count] = ClipLine { a: a as f32, b: b as f32, c: c as f32 };
-                    count += 1;
-                }
+            for (line, [a, b, c]) in own.iter_mut().zip(crossing) {
+                *line = ClipLine { a: *a as f32, b: *b as f32, c: *c as f32 };
+                count += 1;
             }
+            modes[i] = side.mode;
             report.clipped += usize::from(count > 0);
             report.corners += usize::from(count > 1);
         }
@@ -252,8 +319,7 @@ fn assemble_cloud(
     let (origin, centers) = Column3::with_origin(&centers);
     let mut data = CloudData { origin, centers, shape: assemble::ellipses(&axes), ..data };
     if report.clipped > 0 {
-        data.clips =
-            Some(ClipColumns { curves: None, lines: Some(lines), modes: Some(vec![ClipMode::And; positions.len()]) });
+        data.clips = Some(ClipColumns { curves: None, lines: Some(lines), modes: Some(modes) });
     }
     let (mut sharp, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
     if let Some(weight) = interior::interior_weight(&sharp) {

@@ -17,8 +17,9 @@ const DIRECTIONS: u32 = 64;
 const SLACK: f64 = 1e-4;
 /// Sizes tried for a cut to the triangle, over the triangle; a disk of [`REACH`] has no corner beyond twice its size.
 const CUTS: [f64; 5] = [1.6, 1.4, 1.25, 1.1, 1.03];
-/// The smallest, but for what the splat has to cover beyond its triangle.
-const LEAST_CUT: f64 = 1.0002;
+/// The smallest, but for what the splat has to cover beyond its triangle. Neighbours overlap by as much: a sliver seen from the
+/// side may hold a pixel that its own filtered footprint just misses, and a neighbour has to fill it.
+const LEAST_CUT: f64 = 1.01;
 /// Directions in which a splat is looked at for what stands off the surface.
 const RING: u32 = 32;
 /// What a line leaves beyond what is to be kept, in (u, v), where both touch: many times the rounding of f32.

@@ -35,11 +35,12 @@ const STRAIGHT: f64 = 5e-5;
 /// What both sides of a ridge reach over it at least, over the largest side of the bounds: 50 times the rounding of f32.
 const LEAST_OVERLAP: f64 = 5e-6;
 /// How far a splat may stand off the mesh beyond its own triangle before it is cut back, over the largest side of the
-/// bounds: half a pixel of a picture 1000 px wide.
-const STRAY: f64 = 5e-4;
+/// bounds: a quarter of a pixel of a picture 1000 px wide. What stands off is seen past silhouettes.
+const STRAY: f64 = 2.5e-4;
 
-/// The same, over the splat's larger radius: where a surface is curved all over, splats have to overlap to blend.
-const STRAY_SHARE: f64 = 0.05;
+/// The same, over the splat's larger radius: where a surface is curved all over, splats have to overlap to blend. More than
+/// this covers too much of a silhouette, less shows facets.
+const STRAY_SHARE: f64 = 0.035;
 
 /// How a mesh becomes clipped splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
