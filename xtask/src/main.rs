@@ -38,8 +38,8 @@ Commands:
   gallery Draw the pictures of docs/gallery.md into docs/images
   bench   Time frames of known scenes on a backend: cargo xtask bench --help
   tradeoff [OPTIONS]
-          Measure what every setting costs in time and in error, and write a page; --quick takes a
-          minute and a half, --backend all measures GPU backends too, --help says more
+          Measure what every setting costs in time and in error, and write a page; --quick takes two
+          minutes, --backend all measures GPU backends too, --help says more
   help    Print this
 
 Environment:

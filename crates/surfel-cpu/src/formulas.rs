@@ -104,7 +104,7 @@ impl Formula {
             },
             Of::Reciprocal(way) => match way {
                 Reciprocal::Division => each(simd, inputs, outputs, #[inline(always)] |x| x.one() / x),
-                Reciprocal::Halley => each(simd, inputs, outputs, #[inline(always)] |x| x.reciprocal_near_one()),
+                Reciprocal::Halley => each(simd, inputs, outputs, Lanes::reciprocal_near_one),
                 Reciprocal::HalleyOnce => each(simd, inputs, outputs, #[inline(always)] |x| x.guess_near_one().halley(x)),
                 Reciprocal::NewtonOnce => each(simd, inputs, outputs, #[inline(always)] |x| {
                     let r = Lanes(x.0.approximate_recip());
@@ -143,13 +143,13 @@ mod tests {
     #[test]
     fn formulas_err_as_their_terms_and_steps_say() {
         use Weight::{Cubic, Exact, Interpolated, Nearest, Polynomial, PowerOfTwo};
-        // Half an ulp; the exponential's; the kernel's own test; 1.1e-4 of the cubic, twice by the square; h²f''/8 of 32 steps;
+        // Half an ulp; the exponential's; the kernel's own test; 2.1e-4 of the cubic, twice by the square; h²f''/8 of 32 steps;
         // half a step of 255 by the steepest slope, 2.
         for (way, most) in [
             (Exact, 3.1e-8),
             (PowerOfTwo, 4e-7),
             (Polynomial, 1.2e-6),
-            (Cubic, 3e-4),
+            (Cubic, 5e-4),
             (Interpolated, 5e-4),
             (Nearest, 4e-3),
         ] {

@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn inside_of_surfaces_is_where_no_neighbour_is_empty_or_at_another_depth() {
         let mut frame = Frame::default();
-        frame.reset(6, 5, Planes { depth: true, ..Planes::default() });
+        frame.reset(6, 5, Planes { depth: true, ..Planes::COLOR });
         let of = |frame: &Frame| -> Vec<usize> {
             let inside = inside_surfaces(frame).unwrap_or_default();
             (0..inside.len()).filter(|i| inside[*i]).collect()
