@@ -5,7 +5,7 @@ use surfel_conformance::scenes::{self, Case};
 use surfel_metrics::{CompareOptions, Image, compare};
 use surfel_model::{Geometry, Scene};
 use surfel_reference::Renderer as Reference;
-use surfel_render::{Frame, Planes, Preset, Renderer};
+use surfel_render::{Frame, Planes, Preset, Renderer, SceneSummary, inside_surfaces};
 
 /// PSNR of linear premultiplied colour, dB; of the pixels that the mask lets through.
 fn psnr(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> f64 {
@@ -67,27 +67,35 @@ fn preset_promises_hold_on_every_scene() {
     assert!(cases.len() > 20, "{}", cases.len());
     let mut failed = Vec::new();
     for preset in Preset::ALL {
-        let (mut fidelity, mut model) = (Least::none(), Least::none());
+        let (mut fidelity, mut model, mut inside) = (Least::none(), Least::none(), Least::none());
+        let mut surfaces = 0;
         for case in &cases {
             let best = reference_frame(&mut reference, &at(case, Preset::Reference)).unwrap();
             let case = at(case, preset);
             let want = reference_frame(&mut reference, &case).unwrap();
             model.add(psnr(&best, &want, None), &case.name);
+            if let Some(mask) = inside_surfaces(&best).filter(|_| !SceneSummary::of(&case.scene).transparent) {
+                inside.add(psnr(&best, &want, Some(&mask)), &case.name);
+                surfaces += 1;
+            }
             if case.is_drawn_by(&capabilities) {
                 let mask: Vec<bool> = want.margin.iter().map(|&m| m == 0.0).collect();
                 fidelity.add(psnr(&want, &render(&mut cpu, &case, Planes::COLOR).unwrap(), Some(&mask)), &case.name);
             }
         }
         println!(
-            "{}: fidelity {:.1} dB ({}), model {:.1} dB ({})",
+            "{}: fidelity {:.1} dB ({}), model {:.1} dB ({}), inside {:.1} dB ({})",
             preset.name(),
             fidelity.db,
             fidelity.scene,
             model.db,
-            model.scene
+            model.scene,
+            inside.db,
+            inside.scene
         );
+        assert!(surfaces > 15, "{surfaces} scenes have surfaces");
         let promise = preset.promise();
-        let kept = fidelity.db >= promise.fidelity_db && model.db >= promise.model_db;
+        let kept = fidelity.db >= promise.fidelity_db && model.db >= promise.model_db && inside.db >= promise.inside_db;
         if !kept {
             failed.push(preset.name());
         }

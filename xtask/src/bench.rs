@@ -11,8 +11,9 @@ const GPU_BACKENDS: [&str; 2] = ["wgpu", "ash"];
 pub(crate) fn run(root: &Path, arguments: &[&str]) -> bool {
     let mut command = cargo(root);
     command.args(["run", "--release", "--locked", "--package", "surfel-bench"]);
-    if let Some(feature) = feature(arguments) {
-        command.args(["--features", feature]);
+    let features = features(arguments);
+    if !features.is_empty() {
+        command.args(["--features", &features.join(",")]);
     }
     match command.arg("--").args(arguments).status() {
         Ok(status) => status.success(),
@@ -23,11 +24,12 @@ pub(crate) fn run(root: &Path, arguments: &[&str]) -> bool {
     }
 }
 
-/// The feature that the wanted backend needs.
-fn feature(arguments: &[&str]) -> Option<&'static str> {
+/// The features that the wanted backends need.
+fn features(arguments: &[&str]) -> Vec<&'static str> {
     let after = arguments.iter().position(|word| *word == "--backend").and_then(|i| arguments.get(i + 1).copied());
     let joined = arguments.iter().find_map(|word| word.strip_prefix("--backend="));
-    GPU_BACKENDS.into_iter().find(|name| after.or(joined) == Some(name))
+    let wanted: Vec<&str> = after.or(joined).unwrap_or_default().split(',').map(str::trim).collect();
+    GPU_BACKENDS.into_iter().filter(|name| wanted.contains(name) || wanted.contains(&"all")).collect()
 }
 
 #[cfg(test)]
@@ -35,10 +37,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bench_builds_only_the_backend_that_is_asked_for() {
-        assert_eq!(feature(&["--quick", "--backend", "ash"]), Some("ash"));
-        assert_eq!(feature(&["--backend=wgpu"]), Some("wgpu"));
-        assert_eq!(feature(&["--backend", "cpu"]), None);
-        assert_eq!(feature(&["--scene", "ash"]), None);
+    fn bench_builds_only_the_backends_that_are_asked_for() {
+        assert_eq!(features(&["--quick", "--backend", "ash"]), ["ash"]);
+        assert_eq!(features(&["--backend=wgpu"]), ["wgpu"]);
+        assert_eq!(features(&["--backend", "cpu,ash"]), ["ash"]);
+        assert_eq!(features(&["tradeoff", "--backend", "all"]), ["wgpu", "ash"]);
+        assert!(features(&["--backend", "cpu"]).is_empty());
+        assert!(features(&["--scene", "ash"]).is_empty());
     }
 }

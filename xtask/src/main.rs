@@ -39,7 +39,7 @@ Commands:
   bench   Time frames of known scenes on a backend: cargo xtask bench --help
   tradeoff [OPTIONS]
           Measure what every setting costs in time and in error, and write a page; --quick takes two
-          minutes, --help says more
+          minutes, --backend all measures GPU backends too, --help says more
   help    Print this
 
 Environment:

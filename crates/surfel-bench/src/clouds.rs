@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec3};
 use surfel::SplatCloud;
-use surfel::model::{CloudData, Column3, ModelError, OnInvalid, Shape};
+use surfel::model::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape};
 
 /// Splats over each point of a surface: disks on a hexagonal lattice cover the plane from 1.06 on; the rest is the overlap that
 /// blending needs.
@@ -27,17 +27,74 @@ pub(crate) fn ball(count: usize) -> Result<SplatCloud, ModelError> {
         let (sine, cosine) = (golden * i as f64 % TAU).sin_cos();
         let across = (1.0 - y * y).sqrt();
         let direction = DVec3::new(across * cosine, y, across * sine);
-        let (mut radius, mut gradient) = (1.0, DVec3::ZERO);
-        for (wave, phase, height) in &waves {
-            let (sine, cosine) = (wave.dot(direction) + phase).sin_cos();
-            radius += height * sine;
-            gradient += *wave * (height * cosine);
-        }
-        // The normal of x = radius(direction)·direction.
-        let normal = (radius * direction - (gradient - direction * gradient.dot(direction))).normalize();
+        let (radius, normal) = bumpy(&waves, direction);
         let area = solid_angle * radius * radius / normal.dot(direction);
         (radius * direction, normal, area.sqrt())
     })
+}
+
+/// The ball's distance from the origin along a direction, and its normal there.
+fn bumpy(waves: &[(DVec3, f64, f64)], direction: DVec3) -> (f64, DVec3) {
+    let (mut radius, mut gradient) = (1.0, DVec3::ZERO);
+    for (wave, phase, height) in waves {
+        let (sine, cosine) = (wave.dot(direction) + phase).sin_cos();
+        radius += height * sine;
+        gradient += *wave * (height * cosine);
+    }
+    // The normal of x = radius(direction)·direction.
+    (radius, (radius * direction - (gradient - direction * gradient.dot(direction))).normalize())
+}
+
+/// The same ball as `4·rings²` triangles between circles of latitude, coloured and with its normals; `rings` at least 2.
+pub(crate) fn bumpy_mesh(rings: u32) -> Mesh {
+    let waves = waves();
+    let columns = 2 * rings;
+    let (mut positions, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
+    let mut vertex = |latitude: f64, longitude: f64| {
+        let (y, across) = latitude.sin_cos();
+        let (sine, cosine) = longitude.sin_cos();
+        let direction = DVec3::new(across * cosine, y, across * sine);
+        let (radius, normal) = bumpy(&waves, direction);
+        positions.push((radius * direction).as_vec3());
+        normals.push(normal.as_vec3().to_array());
+        colors.push(color_at(radius * direction));
+    };
+    for ring in 1..rings {
+        for column in 0..columns {
+            vertex(PI * (f64::from(ring) / f64::from(rings) - 0.5), TAU * f64::from(column) / f64::from(columns));
+        }
+    }
+    vertex(-0.5 * PI, 0.0);
+    vertex(0.5 * PI, 0.0);
+    let at = |ring: u32, column: u32| (ring - 1) * columns + column % columns;
+    let (south, north) = ((rings - 1) * columns, (rings - 1) * columns + 1);
+    let mut triangles = Vec::new();
+    for column in 0..columns {
+        triangles.push([south, at(1, column), at(1, column + 1)]);
+        triangles.push([north, at(rings - 1, column + 1), at(rings - 1, column)]);
+        for ring in 1..rings - 1 {
+            let (a, b) = (at(ring, column), at(ring, column + 1));
+            let (c, d) = (at(ring + 1, column), at(ring + 1, column + 1));
+            triangles.extend([[a, c, b], [b, c, d]]);
+        }
+    }
+    Mesh {
+        origin: DVec3::ZERO,
+        positions: Column3::from_f32(positions),
+        triangles,
+        normals: Some(normals),
+        colors: Some(colors),
+        alphas: None,
+        uvs: None,
+        texture: None,
+        up: None,
+        comments: Vec::new(),
+    }
+}
+
+/// The albedo of a point.
+fn color_at(point: DVec3) -> [f32; 3] {
+    (Vec3::splat(0.6) + 0.3 * (4.0 * point).map(f64::sin).as_vec3()).to_array()
 }
 
 /// A wavy sheet across the z axis, 2 wide and high, that faces +z with slopes up to about 60°: every splat is seen.
@@ -81,7 +138,7 @@ fn build(count: usize, layers: f64, splat: impl Fn(usize) -> (DVec3, DVec3, f64)
         centers.push(center.as_vec3());
         normals.push(normal.as_vec3());
         radii.push((radius_per_spacing * spacing) as f32);
-        colors.push((Vec3::splat(0.6) + 0.3 * (4.0 * center).map(f64::sin).as_vec3()).to_array());
+        colors.push(color_at(center));
     }
     let shape = Shape::Disks { normals: Column3::from_f32(normals), radii };
     let data = CloudData { colors: Some(colors), ..CloudData::new(DVec3::ZERO, Column3::from_f32(centers), shape) };
@@ -130,6 +187,17 @@ mod tests {
             // 0.1: over 3 % of the radius the finest octave turns the surface by about that.
             assert!(along.dot(normal).abs() < 0.1, "splat {i}: {}", along.dot(normal));
         }
+    }
+
+    #[test]
+    fn mesh_of_the_ball_is_closed_and_faces_out() {
+        let mesh = bumpy_mesh(8);
+        mesh.validate().unwrap();
+        assert!(surfel::sample::is_closed(&mesh));
+        // Six times the volume, positive where triangles wind counter-clockwise seen from outside: that of a ball, roughly.
+        let corner = |i: u32| mesh.positions.get(i as usize);
+        let volume: f64 = mesh.triangles.iter().map(|t| corner(t[0]).dot(corner(t[1]).cross(corner(t[2])))).sum();
+        assert!((volume / (8.0 * PI) - 1.0).abs() < 0.2, "{volume}");
     }
 
     #[test]

@@ -34,7 +34,9 @@ pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: 
     let promise = preset.map(Preset::promise);
     json!({
         "preset": preset.map(Preset::name),
-        "promise": promise.map(|p| json!({ "fidelity_db": p.fidelity_db, "model_db": p.model_db })),
+        "promise": promise.map(
+            |p| json!({ "fidelity_db": p.fidelity_db, "model_db": p.model_db, "inside_db": p.inside_db })
+        ),
         "frame_ms": of(|s| s.frame_ms),
         "passes": passes,
         "splats": of(|s| s.splats as f64) as u64,

@@ -5,7 +5,7 @@ use crate::resolve::Resolved;
 use crate::values::json_number;
 use serde_json::{Value, json};
 use std::fmt::Write;
-use surfel::render::{Promise, SceneSummary};
+use surfel::render::{Promise, SceneSummary, inside_surfaces};
 use surfel::{Backend, BackendOptions, Frame, Planes, Preset, Renderer, Scene, Settings, View};
 use surfel_metrics::{CompareOptions, Comparison, Image};
 
@@ -17,7 +17,15 @@ pub(crate) struct Verified {
     /// Pixels within the margins.
     left_out: usize,
     /// Where the settings are a preset's, and every cloud's interior weight is known: against the preset `reference`, both drawn by the reference.
-    model: Option<(Preset, Comparison)>,
+    model: Option<Model>,
+}
+
+/// How far a preset is from the preset `reference`.
+struct Model {
+    preset: Preset,
+    whole: Comparison,
+    /// Inside of surfaces, where there are any pixels of such.
+    inside: Option<Comparison>,
 }
 
 /// Draws the picture again by the reference and compares.
@@ -44,11 +52,15 @@ pub(crate) fn verify(
     let mask: Vec<bool> = same.margin.iter().map(|&m| m == 0.0).collect();
     let fidelity = compare(&same, drawn, Some(&mask))?;
     // Where an octree's cloud has no interior weight, there are no antialiased edges to compare with.
-    let weighed = SceneSummary::of(scene).without_interior_weight.is_none();
+    let summary = SceneSummary::of(scene);
+    let weighed = summary.without_interior_weight.is_none();
     let model = match Preset::of(settings).filter(|_| weighed) {
         Some(preset) => {
-            let best = picture(&Preset::Reference.apply(*settings), Planes::COLOR)?;
-            Some((preset, compare(&best, &same, None)?))
+            let planes = Planes { depth: true, ..Planes::COLOR };
+            let best = picture(&Preset::Reference.apply(*settings), planes)?;
+            let mask = inside_surfaces(&best).filter(|_| !summary.transparent);
+            let inside = mask.map(|mask| compare(&best, &same, Some(&mask))).transpose()?;
+            Some(Model { preset, whole: compare(&best, &same, None)?, inside })
         }
         None => None,
     };
@@ -67,13 +79,14 @@ fn compare(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> Result<Compariso
 impl Verified {
     /// What is short of the preset's promise.
     fn broken(&self) -> Vec<String> {
-        let Some((preset, model)) = &self.model else { return Vec::new() };
-        let Promise { fidelity_db, model_db } = preset.promise();
+        let Some(Model { preset, whole, inside }) = &self.model else { return Vec::new() };
+        let Promise { fidelity_db, model_db, inside_db } = preset.promise();
         let short = |what: &str, db: f64, least: f64| {
             (db.is_nan() || db < least)
                 .then(|| format!("{what} is {db:.2} dB, preset {} promises at least {least}", preset.name()))
         };
-        [short("fidelity", self.fidelity.psnr, fidelity_db), short("model error", model.psnr, model_db)]
+        let inside = inside.as_ref().and_then(|c| short("model error inside of surfaces", c.psnr, inside_db));
+        [short("fidelity", self.fidelity.psnr, fidelity_db), short("model error", whole.psnr, model_db), inside]
             .into_iter()
             .flatten()
             .collect()
@@ -101,15 +114,25 @@ impl Verified {
             self.left_out,
             self.fidelity.compared + self.left_out
         );
-        if let Some((preset, model)) = &self.model {
-            let Promise { fidelity_db, model_db } = preset.promise();
-            let _ = writeln!(text, "model     {}", metrics(model));
+        if let Some(Model { preset, whole, inside }) = &self.model {
+            let Promise { fidelity_db, model_db, inside_db } = preset.promise();
+            let _ = writeln!(text, "model     {}", metrics(whole));
             let _ =
                 writeln!(text, "          preset {} against preset reference, both by the reference", preset.name());
+            if let Some(inside) = inside {
+                let of = whole.compared;
+                let _ = writeln!(text, "inside    {}", metrics(inside));
+                let _ = writeln!(
+                    text,
+                    "          the same of the {} of {of} pixels inside of surfaces: none of the eight neighbours is empty or at \
+                     another depth",
+                    inside.compared
+                );
+            }
             let kept = if self.broken().is_empty() { "kept" } else { "BROKEN" };
             let _ = writeln!(
                 text,
-                "promise   preset {}: fidelity at least {fidelity_db} dB, model error at least {model_db} dB: {kept}",
+                "promise   preset {}: fidelity at least {fidelity_db} dB, model error at least {model_db} dB, {inside_db} dB inside of surfaces: {kept}",
                 preset.name()
             );
         }
@@ -125,7 +148,8 @@ impl Verified {
         json!({
             "fidelity": metrics(&self.fidelity),
             "left_out": self.left_out,
-            "model": self.model.as_ref().map(|(_, c)| metrics(c)),
+            "model": self.model.as_ref().map(|m| metrics(&m.whole)),
+            "inside": self.model.as_ref().and_then(|m| m.inside.as_ref()).map(metrics),
             "promise_kept": self.model.as_ref().map(|_| self.broken().is_empty()),
         })
     }

@@ -29,30 +29,7 @@ impl Kernel {
             c *= 0.5;
             squarings += 1;
         }
-        let a = 0.5 * c;
-        // Shifted Chebyshev polynomials T_k(2t − 1), by T_(k+1) = (4t − 2)·T_k − T_(k−1).
-        let mut previous = [0.0; DEGREE + 1];
-        let mut current = [0.0; DEGREE + 1];
-        previous[0] = 1.0;
-        (current[0], current[1]) = (-1.0, 2.0);
-        let mut sum = [0.0; DEGREE + 1];
-        sum[0] = bessel_i(0, a);
-        for k in 1..=DEGREE {
-            let factor = if k % 2 == 0 { 2.0 } else { -2.0 } * bessel_i(k, a);
-            for (s, t) in sum.iter_mut().zip(current) {
-                *s += factor * t;
-            }
-            let mut next = [0.0; DEGREE + 1];
-            for i in 0..=DEGREE {
-                next[i] = -2.0 * current[i] - previous[i];
-                if i > 0 {
-                    next[i] += 4.0 * current[i - 1];
-                }
-            }
-            (previous, current) = (current, next);
-        }
-        let scale = 1.0 / exp(a);
-        Self { coefficients: sum.map(|s| (s * scale) as f32), squarings }
+        Self { coefficients: series(c), squarings }
     }
 
     /// Sixteen weights. Outside [0, 1] the result is finite and means nothing as long as ρ² is below 1e5.
@@ -95,6 +72,34 @@ impl Kernel {
         let p = self.coefficients.iter().rev().fold(0.0, |p: f32, &c| p.mul_add(rho_squared, c));
         (0..self.squarings).fold(p, |p, _| p * p)
     }
+}
+
+/// The Chebyshev series of e^(−c·t) for t in [0, 1], cut after `TERMS` terms, as a polynomial: lowest power first.
+pub(crate) fn series<const TERMS: usize>(c: f64) -> [f32; TERMS] {
+    let a = 0.5 * c;
+    // Shifted Chebyshev polynomials T_k(2t − 1), by T_(k+1) = (4t − 2)·T_k − T_(k−1).
+    let mut previous = [0.0; TERMS];
+    let mut current = [0.0; TERMS];
+    previous[0] = 1.0;
+    (current[0], current[1]) = (-1.0, 2.0);
+    let mut sum = [0.0; TERMS];
+    sum[0] = bessel_i(0, a);
+    for k in 1..TERMS {
+        let factor = if k % 2 == 0 { 2.0 } else { -2.0 } * bessel_i(k, a);
+        for (s, t) in sum.iter_mut().zip(current) {
+            *s += factor * t;
+        }
+        let mut next = [0.0; TERMS];
+        for i in 0..TERMS {
+            next[i] = -2.0 * current[i] - previous[i];
+            if i > 0 {
+                next[i] += 4.0 * current[i - 1];
+            }
+        }
+        (previous, current) = (current, next);
+    }
+    let scale = 1.0 / exp(a);
+    sum.map(|s| (s * scale) as f32)
 }
 
 /// I_k(a) by its series, for a in [0, 1]: the same bits on any machine, which a library's exponential needn't give.

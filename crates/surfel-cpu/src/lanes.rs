@@ -81,19 +81,26 @@ impl<S: Simd> Lanes<S> {
     /// Sixteen divisions take several times as long, and the processor's own estimate differs between makes.
     #[inline(always)]
     pub(crate) fn reciprocal_near_one(self) -> Self {
-        let one = self.one();
+        self.guess_near_one().halley(self).halley(self)
+    }
+
+    /// The best linear guess of [`Self::reciprocal_near_one`].
+    #[inline(always)]
+    pub(crate) fn guess_near_one(self) -> Self {
         // Chebyshev: 1 − x·r = T₂((2x − a − b)/(b − a))/T₂((a + b)/(b − a)) on [a, b].
         const A: f64 = 0.66;
         const B: f64 = 2.01;
         const T2: f64 = 2.0 * ((A + B) / (B - A)) * ((A + B) / (B - A)) - 1.0;
         const SLOPE: f64 = -8.0 / ((B - A) * (B - A)) / T2;
         const CONSTANT: f64 = 8.0 * (A + B) / ((B - A) * (B - A)) / T2;
-        let mut r = self.mul_add(self.constant(SLOPE), self.constant(CONSTANT));
-        for _ in 0..2 {
-            let error = (-self).mul_add(r, one);
-            r = error.mul_add(error, error).mul_add(r, r);
-        }
-        r
+        self.mul_add(self.constant(SLOPE), self.constant(CONSTANT))
+    }
+
+    /// A better guess of 1/x than this one.
+    #[inline(always)]
+    pub(crate) fn halley(self, x: Self) -> Self {
+        let error = (-x).mul_add(self, x.one());
+        error.mul_add(error, error).mul_add(self, self)
     }
 
     /// 1/√x for positive normal x, to about 2 ulp: a guess from the exponent (relative error 0.035) and three Newton steps.

@@ -27,6 +27,8 @@ mod clip;
 mod column;
 mod composite;
 mod eye_dome;
+#[doc(hidden)]
+pub mod formulas;
 mod fragment;
 mod frame;
 mod hidden;

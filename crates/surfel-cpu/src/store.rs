@@ -7,7 +7,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use std::f64::consts::PI;
 use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_model::{Material, Shape, SplatCloud};
-use surfel_render::{CHUNK_SPLATS, ChunkSpace, Storage, chunks};
+use surfel_render::{CHUNK_SPLATS, ChunkSpace, Storage, chunks, stored_axes};
 
 /// Most splats of a chunk.
 pub(crate) const CHUNK: usize = CHUNK_SPLATS;
@@ -130,9 +130,9 @@ impl StoredObject {
                     radii.push(cloud.radius_max(i) as f32, space.radius);
                 }
                 StoredShape::Ellipses { s, t } => {
-                    let (a, b) = cloud.axes(i);
-                    s.push(a.as_vec3(), 1.0);
-                    t.push(b.as_vec3(), 1.0);
+                    let (a, b) = stored_axes(cloud, i);
+                    s.push(a, 1.0);
+                    t.push(b, 1.0);
                 }
             }
             if let Some(colors) = &mut self.colors {

@@ -6,7 +6,7 @@ use glam::DVec3;
 use surfel_math::V3;
 use surfel_math::quantise::{STEPS, folded, to_step};
 use surfel_model::{Shape, SplatCloud};
-use surfel_render::{ChunkSpace, Storage};
+use surfel_render::{ChunkSpace, Storage, stored_axes};
 use surfel_shaders::layout;
 
 /// Where a stored splat has what, counted in words, or in halves of them where splats are in 16 bits.
@@ -85,8 +85,8 @@ impl Fields {
                 to.numbers([cloud.radius_max(i) as f32], space.radius);
             }
             Shape::Ellipses { .. } => {
-                let (s, t) = cloud.axes(i);
-                s.as_vec3().to_array().into_iter().chain(t.as_vec3().to_array()).for_each(|c| to.word(c.to_bits()));
+                let (s, t) = stored_axes(cloud, i);
+                s.to_array().into_iter().chain(t.to_array()).for_each(|c| to.word(c.to_bits()));
             }
         }
         if self.color_at != layout::ABSENT {

@@ -43,6 +43,23 @@ pub fn largest_singular_value(s: DVec3, t: DVec3) -> f64 {
     scale * (0.5 * (a + c) + (0.5 * (a - c)).hypot(b)).sqrt()
 }
 
+/// Half-axes at right angles of the ellipse u·s + v·t, with the same s × t: (s, t) turned within the unit disk.
+///
+/// Source: one Jacobi rotation (Golub and Van Loan, Matrix Computations, §8.5.2), of the 2×2 matrix of dot products.
+pub fn principal_axes(s: DVec3, t: DVec3) -> (DVec3, DVec3) {
+    let scale = s.abs().max_element().max(t.abs().max_element());
+    let (a, b) = (s / scale, t / scale);
+    let product = a.dot(b);
+    if scale == 0.0 || product == 0.0 {
+        return (s, t);
+    }
+    let tau = (b.dot(b) - a.dot(a)) / (2.0 * product);
+    let tangent = 1.0f64.copysign(tau) / (tau.abs() + (1.0 + tau * tau).sqrt());
+    let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
+    let sine = tangent * cosine;
+    (s * cosine - t * sine, s * sine + t * cosine)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -63,5 +80,21 @@ mod tests {
         // [s t] = [[2, 3], [0, 2]]: singular values 4 and 1.
         let value = largest_singular_value(DVec3::new(2.0, 0.0, 0.0), DVec3::new(3.0, 2.0, 0.0));
         assert!((value - 4.0).abs() < 1e-14, "{value}");
+    }
+    #[test]
+    fn principal_axes_are_at_right_angles_and_span_the_same_ellipse() {
+        let across = DVec3::new(0.36, 0.48, 0.8).cross(DVec3::new(0.6, -0.8, 0.0)).normalize();
+        for (minor, shear) in [(1.0, 0.5), (0.3, -2.0), (1e-4, 1.5), (1e-6, -0.7), (2.0, 0.0)] {
+            let s = DVec3::new(0.6, -0.8, 0.0) * 1e-9;
+            let t = across * (1e-9 * minor) + s * shear;
+            let (a, b) = principal_axes(s, t);
+            // What rounding of s and t leaves of the minor axis, which is the difference of their multiples.
+            let rounding = 1e-15 * s.length() / a.length().min(b.length());
+            assert!(a.dot(b).abs() <= rounding * a.length() * b.length(), "{minor} {shear}");
+            assert!((a.cross(b) - s.cross(t)).length() <= 1e-15 * s.length() * t.length(), "{minor} {shear}");
+            let larger = largest_singular_value(s, t);
+            assert!((a.length().max(b.length()) / larger - 1.0).abs() < 1e-14, "{minor} {shear}");
+        }
+        assert_eq!(principal_axes(DVec3::ZERO, DVec3::ZERO), (DVec3::ZERO, DVec3::ZERO));
     }
 }

@@ -3,8 +3,9 @@
 
 use glam::{DVec3, Vec3};
 use surfel_math::V3;
+use surfel_math::basis::{principal_axes, unit};
 use surfel_math::quantise::{folded, quantised, unfolded};
-use surfel_model::SplatCloud;
+use surfel_model::{ClipPolicy, SplatCloud};
 
 /// How splats are kept in memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -92,6 +93,21 @@ fn chunk_length(cloud: &SplatCloud, order: &[u32], storage: Storage) -> usize {
     order.len().min(CHUNK_SPLATS)
 }
 
+/// Half-axes whose angle's cosine is larger than this are turned before they are stored.
+const SKEW: f64 = 0.5;
+
+/// Half-axes of splat `i` to be stored in f32.
+///
+/// Those at less than 60° are turned to the ellipse's principal axes: between nearly parallel ones lies the difference of large
+/// numbers, of which f32 keeps little. Clips are given in the half-axes, so that clipped splats keep theirs.
+pub fn stored_axes(cloud: &SplatCloud, i: usize) -> (Vec3, Vec3) {
+    let (s, t) = cloud.axes(i);
+    let is_clipped = || cloud.data().clips.as_ref().is_some_and(|c| c.clip(i, ClipPolicy::Exact).is_some());
+    let (a, b) = (unit(s), unit(t));
+    let (s, t) = if a.dot(b).abs() > SKEW && !is_clipped() { principal_axes(s, t) } else { (s, t) };
+    (s.as_vec3(), t.as_vec3())
+}
+
 /// A splat of a cloud as it is after storing: for the few that are set up one by one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StoredSplat {
@@ -147,7 +163,7 @@ impl StoredSplat {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel_model::{CloudData, Column3, OnInvalid, Shape};
+    use surfel_model::{ClipColumns, ClipLine, CloudData, Column3, NO_LINE, OnInvalid, Shape};
 
     fn cloud(centers: Vec<Vec3>, radii: Vec<f32>) -> SplatCloud {
         let normals = Column3::from_f32(vec![Vec3::new(0.36, 0.48, 0.8); centers.len()]);
@@ -171,6 +187,22 @@ mod tests {
         let space = ChunkSpace::of(&far, &[0, 1]);
         assert_eq!(space, ChunkSpace { origin: DVec3::X * 0.5, center: 0.5, color: 0.0, radius: 1.0 });
         assert!(lengths(&cloud(Vec::new(), Vec::new()), Storage::F32).is_empty());
+    }
+
+    #[test]
+    fn chunk_stores_principal_axes_of_skewed_ellipses_and_others_as_they_are() {
+        let skewed = (Vec3::X, Vec3::new(1.5, 1e-3, 0.0));
+        let (s, t): (Vec<Vec3>, Vec<Vec3>) = [skewed, (Vec3::X, Vec3::new(0.1, 0.5, 0.0))].into_iter().unzip();
+        let shape = Shape::Ellipses { s: Column3::from_f32(s), t: Column3::from_f32(t) };
+        let data = CloudData::new(DVec3::ZERO, Column3::from_f32(vec![Vec3::ZERO; 2]), shape);
+        let both = |data| SplatCloud::new(data, OnInvalid::Refuse).unwrap().0;
+        let (a, b) = stored_axes(&both(data.clone()), 0);
+        assert!((a.normalize().dot(b.normalize())).abs() < 1e-6 && (a.cross(b).z - 1e-3).abs() < 1e-9, "{a} {b}");
+        assert_eq!(stored_axes(&both(data.clone()), 1), (Vec3::X, Vec3::new(0.1, 0.5, 0.0)));
+        let line = ClipLine { a: 1.0, b: 0.0, c: 0.5 };
+        let lines = Some(vec![[line, NO_LINE, NO_LINE, NO_LINE]; 2]);
+        let clips = Some(ClipColumns { curves: None, lines, modes: None });
+        assert_eq!(stored_axes(&both(CloudData { clips, ..data }), 0), skewed);
     }
 
     #[test]

@@ -17,12 +17,12 @@ mod stats;
 mod summary;
 mod view;
 
-pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks};
+pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks, stored_axes};
 pub use error::RenderError;
 pub use frame::{Frame, Planes};
 pub use lod::{Selection, select};
 pub use plan::{Attributes, FramePlan, Pass, SplatFilter, needs_interior_weight, plan, unsupported};
-pub use preset::{Preset, Promise};
+pub use preset::{Preset, Promise, inside_surfaces};
 pub use renderer::{Capabilities, Feature, Renderer, RendererInfo, UploadProgress};
 pub use shadow::{SHADOW_BIAS_RADII, SHADOW_MAP_SIDE, ShadowMap, ShadowScene};
 pub use stats::{PassTime, Stats};

@@ -1,5 +1,6 @@
 //! Named trades of speed for accuracy.
 
+use crate::Frame;
 use surfel_model::{Filter, Mapping, Settings};
 
 /// A named trade of speed for accuracy; sets filter, mapping, cutoff and edge antialiasing.
@@ -30,6 +31,36 @@ pub struct Promise {
     pub fidelity_db: f64,
     /// Model error: the preset's picture against the preset `reference`'s. Infinite where they are the same.
     pub model_db: f64,
+    /// The same of pixels inside of surfaces ([`inside_surfaces`]), where nothing is transparent: what is left beside rims, loose
+    /// splats and needles.
+    pub inside_db: f64,
+}
+
+/// Largest step of depth from pixel to pixel within a surface, relative.
+const STEP: f32 = 0.02;
+
+/// Least share of a picture's pixels for there to be a surface.
+const LEAST_SHARE: f64 = 0.05;
+
+/// Pixels inside of surfaces: something is there and at all neighbours, and none of the eight is nearer or farther by more than
+/// a fiftieth. By the depth plane, which the frame has to have. `None` where fewer than one pixel in twenty is: such a picture is of
+/// loose splats.
+pub fn inside_surfaces(frame: &Frame) -> Option<Vec<bool>> {
+    let (width, height) = (i64::from(frame.width), i64::from(frame.height));
+    let depth = |x: i64, y: i64| {
+        let is_there = (0..width).contains(&x) && (0..height).contains(&y);
+        // What lies outside of the picture says nothing.
+        is_there.then(|| frame.depth.get((y * width + x) as usize).copied().unwrap_or(f32::INFINITY))
+    };
+    let is_inside = |i: i64| {
+        let (x, y) = (i % width, i / width);
+        let here = depth(x, y).unwrap_or(f32::INFINITY);
+        let is_near = |z: f32| (z - here).abs() <= STEP * here.abs().min(z.abs());
+        here.is_finite() && (-1..=1).all(|dy| (-1..=1).all(|dx| depth(x + dx, y + dy).is_none_or(is_near)))
+    };
+    let inside: Vec<bool> = (0..width * height).map(is_inside).collect();
+    let count = inside.iter().filter(|inside| **inside).count();
+    (count > 0 && count as f64 >= LEAST_SHARE * inside.len() as f64).then_some(inside)
 }
 
 impl Preset {
@@ -54,15 +85,17 @@ impl Preset {
 
     /// What it promises.
     pub fn promise(self) -> Promise {
-        let model_db = match self {
-            // Splats across z_near, which the affine mapping leaves out.
-            Self::Fastest => 10.0,
-            Self::Fast => 15.0,
-            // Loose needles: without antialiased edges each is as wide as a pixel.
-            Self::Balanced => 10.0,
-            Self::Quality | Self::Reference => f64::INFINITY,
+        let (model_db, inside_db) = match self {
+            // Splats across z_near, which the affine mapping leaves out, and large clipped ones.
+            Self::Fastest => (10.0, 9.0),
+            // A picture of one pixel, of splats that alias.
+            Self::Fast => (15.0, 24.0),
+            // Loose needles: without antialiased edges each is as wide as a pixel. Inside of the scenes' surfaces it is the same
+            // picture; a surface in folds that are lower than a fiftieth of the depth has edges there.
+            Self::Balanced => (10.0, 30.0),
+            Self::Quality | Self::Reference => (f64::INFINITY, f64::INFINITY),
         };
-        Promise { fidelity_db: 90.0, model_db }
+        Promise { fidelity_db: 90.0, model_db, inside_db }
     }
 
     /// Applies the preset's choices to `settings`; shader, tolerance and the rest stay.
@@ -75,5 +108,39 @@ impl Preset {
         };
         let Settings { cutoff, prefilter_radius_px, .. } = Settings::default();
         Settings { filter, mapping, cutoff, edge_aa, prefilter_radius_px, ..settings }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Planes;
+
+    #[test]
+    fn inside_of_surfaces_is_where_no_neighbour_is_empty_or_at_another_depth() {
+        let mut frame = Frame::default();
+        frame.reset(6, 5, Planes { depth: true, ..Planes::COLOR });
+        let of = |frame: &Frame| -> Vec<usize> {
+            let inside = inside_surfaces(frame).unwrap_or_default();
+            (0..inside.len()).filter(|i| inside[*i]).collect()
+        };
+        frame.depth.fill(f32::INFINITY);
+        assert!(of(&frame).is_empty());
+        frame.depth.fill(2.0);
+        assert_eq!(of(&frame).len(), 30, "the picture's border is none of the surface");
+        // A hole takes its neighbours along, and so does what is farther by more than a fiftieth.
+        for depth in [f32::INFINITY, 2.1] {
+            frame.depth.fill(2.0);
+            frame.depth[1] = depth;
+            assert_eq!(of(&frame).len(), 24);
+            assert!(!of(&frame).contains(&8) && of(&frame).contains(&3) && of(&frame).contains(&13));
+        }
+        frame.depth[1] = 2.03;
+        assert_eq!(of(&frame).len(), 30);
+        frame.depth.fill(f32::INFINITY);
+        [0, 1, 6, 7].map(|i| frame.depth[i] = 2.0);
+        assert_eq!(inside_surfaces(&frame), None, "one pixel of thirty is no surface");
+        frame.depth.clear();
+        assert!(of(&frame).is_empty(), "no depth, no surface");
     }
 }

@@ -4,7 +4,7 @@ use crate::build::{self, Clipped, Splat, clipped_cloud, cloud, confetti, object 
 use crate::random::Random;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use std::f64::consts::{PI, TAU};
-use surfel_math::basis::orthonormal;
+use surfel_math::basis::{orthonormal, principal_axes};
 use surfel_model::{
     ClipCurve, ClipLine, ClipMode, CloudData, Column3, Geometry, NO_LINE, Object, OnInvalid, Shape, SplatCloud,
 };
@@ -17,6 +17,12 @@ pub(super) fn object(random: &mut Random, eye: DVec3, count: usize) -> Object {
     let object_from_world = matrix.inverse();
     splats.iter_mut().for_each(|s| *s = s.transformed(&object_from_world));
     let clipped = random.chance(0.3);
+    if clipped {
+        // Clips keep half-axes as they are, and f32 loses what is between nearly parallel ones.
+        for splat in splats.iter_mut().filter(|s| s.s.cross(s.t).length() < 0.01 * s.s.length() * s.t.length()) {
+            (splat.s, splat.t) = principal_axes(splat.s, splat.t);
+        }
+    }
     let cloud = if !clipped && random.chance(0.25) {
         disks(&splats, random)
     } else if clipped {
@@ -74,14 +80,9 @@ fn shapes(random: &mut Random, eye: DVec3, count: usize) -> (Vec<Splat>, bool) {
         _ => (0..count).map(|_| at_the_eye_s_needle(random, eye)).collect(),
     };
     if random.chance(0.3) {
-        // Conjugate half-axes that are not at right angles, but not so near to each other that f32 loses what is between.
+        // Conjugate half-axes that are not at right angles, those of needles nearly parallel.
         let shear = random.range(-1.5, 1.5);
-        for splat in &mut splats {
-            let t = splat.t + splat.s * shear;
-            if splat.s.cross(t).length() > 0.01 * splat.s.length() * t.length() {
-                splat.t = t;
-            }
-        }
+        splats.iter_mut().for_each(|splat| splat.t += splat.s * shear);
     }
     (splats, matches!(kind, 4 | 5))
 }

@@ -31,6 +31,10 @@ const COLOR: [f32; 3] = [0.7, 0.4, 0.2];
 const LAW: &str = "|Δw| ≤ 1.213·δ/r_minor: 1.213 is the kernel's steepest slope, r_minor the projected minor radius in pixels \
                    (at least h under a filter, whose factor ℓ/h adds as much again), δ = 16·(r_major + 1)·unit roundoff pixels for 16 roundings between a \
                    coordinate and an offset; besides, the kernel polynomial's 1.3e-6 and the planes' rounding to f32";
+const SHARE_LAW: &str = "as before, in units of the splat's own weight ℓ/h, and 16·unit roundoff·r_major/ℓ for ℓ, which has the \
+                         same 16 roundings";
+const SKEW_LAW: &str = "as elevation-filtered, in units of the splat's own weight ℓ/h, and 32·unit roundoff for ℓ: principal axes are \
+                        stored, so that nearly parallel ones add nothing";
 const NEAR_LAW: &str = "|Δw| ≤ 1.213·4·(|U| + |V| + ρ|W|)/W·unit roundoff, the forms by the sizes of their terms about the \
                         picture's middle: the image need not be an ellipse";
 const MATRIX: &str = "adj[s t p]/det as printed (G06 eq. 5-6), constant terms at pixel (0, 0), in f32";
@@ -61,6 +65,19 @@ pub(super) fn sweeps() -> Vec<Sweep> {
             ..sweep("elevation-filtered", "elevation above edge-on, degrees", elevations(), 1e-9, elevation_filtered)
         },
         Sweep {
+            about: "The same again, the error in units of the splat's own largest weight, which shrinks with its width: what shows \
+                    where it lies beside nothing but others like it. The width is the disk's times the sine of its elevation, \
+                    which f32 has to some 1e-7. Closer to edge-on, pixels are within the margin of that decision and not compared.",
+            law: SHARE_LAW,
+            ..sweep(
+                "elevation-alone",
+                "elevation above edge-on, degrees",
+                powers(1.5, -3.0, 0.5),
+                1e-3,
+                elevation_alone,
+            )
+        },
+        Sweep {
             about: "An ellipse of 12 px that becomes a needle: its minor axis is 1/aspect of its major one. Beyond 1e4 it lies \
                     between all pixel centres: that is what filters are for.",
             naive: MATRIX,
@@ -75,6 +92,12 @@ pub(super) fn sweeps() -> Vec<Sweep> {
                     equal vectors. Files with axes that are parallel in f32 are refused.",
             naive: MATRIX,
             ..sweep("skew", "sine of the angle between the half-axes", powers(0.0, -6.0, 0.5), 1e-6, skew)
+        },
+        Sweep {
+            about: "A needle with the filter, given by half-axes that are both nearly along it: the longer one, and one and a half \
+                    of it beside the shorter one. Errors are in units of the splat's own weight.",
+            law: SKEW_LAW,
+            ..sweep("aspect-skewed", "aspect ratio", powers(0.0, 6.0, 0.5), 1e5, aspect_skewed)
         },
         Sweep {
             about: "A splat that shrinks far below a pixel, with the filter: its weight shrinks by its area. A pixel whose sum \
@@ -290,6 +313,12 @@ fn elevation_filtered(degrees: f64) -> Vec<Probe> {
     elevated(degrees, true)
 }
 
+fn elevation_alone(degrees: f64) -> Vec<Probe> {
+    let one =
+        |turn: f64| shrunk(tilted(CORNER, Z, [radius(12.0); 2], degrees.to_radians(), turn), corner(CORNER, 28, 0.01));
+    TURNS.map(one).into()
+}
+
 fn needle(aspect: f64, filtered: bool) -> Vec<Probe> {
     let one = |turn: f64| {
         let splat = tilted(CORNER, Z, [radius(12.0), radius(12.0) / aspect], 1.0, turn);
@@ -304,6 +333,17 @@ fn aspect(aspect: f64) -> Vec<Probe> {
 
 fn aspect_filtered(aspect: f64) -> Vec<Probe> {
     needle(aspect, true)
+}
+
+fn aspect_skewed(aspect: f64) -> Vec<Probe> {
+    let one = |turn: f64| {
+        let across = tilted(CORNER, Z, [radius(12.0), radius(12.0) / aspect], 1.0, turn);
+        let [p, s, t] = [across.p, across.s, across.t].map(|v| DVec3::new(v.x, v.y, v.z));
+        let skewed = ellipse(p, s, t + s * 1.5);
+        let amplification = probe(skewed, corner(CORNER, 28, 0.01), true).amplification + 2.0 * ROUNDINGS;
+        Probe { amplification, ..shrunk(skewed, corner(CORNER, 28, 0.01)) }
+    };
+    TURNS.map(one).into()
 }
 
 fn skew(sine: f64) -> Vec<Probe> {

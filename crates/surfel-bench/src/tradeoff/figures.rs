@@ -20,6 +20,9 @@ pub(crate) struct Figures {
     pub runs: usize,
     pub subjects: Vec<SubjectFacts>,
     pub rows: Vec<Row>,
+    /// Other backends, on fewer subjects and smaller pictures.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub others: Vec<Self>,
 }
 
 /// What is drawn.
@@ -74,7 +77,16 @@ pub(crate) struct Row {
 
 impl Figures {
     pub(crate) fn new(machine: Machine, backend: BackendFacts, size: [u32; 2], runs: usize) -> Self {
-        Self { version: VERSION, machine, backend, size, runs, subjects: Vec::new(), rows: Vec::new() }
+        Self {
+            version: VERSION,
+            machine,
+            backend,
+            size,
+            runs,
+            subjects: Vec::new(),
+            rows: Vec::new(),
+            others: Vec::new(),
+        }
     }
 
     /// The row of a subject.

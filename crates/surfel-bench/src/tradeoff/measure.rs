@@ -39,6 +39,8 @@ impl Backends {
 struct Ready {
     variant: Variant,
     settings: Settings,
+    /// Its scene among the uploaded ones.
+    scene: usize,
     frame: Frame,
     stats: Stats,
     not_drawn: Option<String>,
@@ -53,7 +55,7 @@ pub(crate) fn subject(
     figures: &mut Figures,
 ) -> Result<(), Failure> {
     let view = View::new(&subject.camera)?;
-    let on_processor = matches!(backends.wide.info().backend, "cpu" | "reference");
+    let on_processor = backends.on_processor;
     let applies = |variant: &Variant| match variant.only {
         Only::Everything => true,
         Only::Clips => subject.clips,
@@ -62,41 +64,78 @@ pub(crate) fn subject(
         Only::Lit => subject.settings.shader == surfel::model::Shader::Phong,
     };
     let exact = backends.reference.upload(&subject.scene)?;
-    let wide = backends.wide.upload(&subject.scene)?;
-    let narrow = backends.narrow.upload(&subject.scene)?;
+    let scenes = [backends.wide.upload(&subject.scene)?, backends.narrow.upload(&subject.scene)?];
     let mut ready = Vec::new();
     for variant in variants::all().into_iter().filter(applies) {
-        let settings = variant.settings(&subject.settings);
-        let mut one = Ready {
-            variant,
-            settings,
-            frame: Frame::default(),
-            stats: Stats::default(),
-            not_drawn: None,
-            ms: Vec::new(),
-        };
-        match draw(backends, [&wide, &narrow], &view, &mut one, Planes::ALL) {
-            Ok(stats) => one.stats = stats,
-            Err(error) => one.not_drawn = Some(error.to_string()),
-        }
-        ready.push(one);
+        let scene = usize::from(variant.quantised);
+        ready.push(first_picture(backends, (&scenes, scene), &view, variant, &subject.settings));
     }
-    time(backends, [&wide, &narrow], &view, &mut ready, runs)?;
+    time(backends, &scenes, &view, &mut ready, runs)?;
     let reference = &mut backends.reference;
     let truth = truth(subject, reference, &exact, &view)?;
     let best = picture(reference, &exact, &view, &Preset::Reference.apply(subject.settings))?;
+    // Storage and presets of the same settings have the same picture.
+    let mut drawn: Vec<(Settings, Option<Frame>)> = Vec::new();
     for one in ready {
-        let at_same = picture(reference, &exact, &view, &one.settings);
-        let row = row(subject, &one, at_same.ok(), &truth, &best, backends.on_processor)?;
-        figures.rows.push(row);
+        let known = drawn.iter().position(|(settings, _)| *settings == one.settings);
+        let at = known.unwrap_or(drawn.len());
+        if known.is_none() {
+            drawn.push((one.settings, picture(reference, &exact, &view, &one.settings).ok()));
+        }
+        figures.rows.push(row(subject, &one, drawn[at].1.as_ref(), &truth, Some(&best), on_processor)?);
     }
-    figures.subjects.push(SubjectFacts {
-        name: subject.name.to_owned(),
-        about: subject.about.to_owned(),
-        truth: subject.truth.words(),
-        splats: figures.rows.last().map_or(0, |_| splats(subject)),
-    });
+    figures.subjects.push(facts(subject, subject.truth.words()));
     Ok(())
+}
+
+/// Measures scenes that stand for the same thing in more and less detail, the first of which is the default, and adds their
+/// rows. The truth is that of the subject, which isn't drawn.
+pub(crate) fn details(
+    subject: &Subject,
+    levels: &[(Variant, Subject)],
+    backends: &mut Backends,
+    runs: usize,
+    figures: &mut Figures,
+) -> Result<(), Failure> {
+    let view = View::new(&subject.camera)?;
+    let finest = backends.reference.upload(&subject.scene)?;
+    let truth = truth(subject, &mut backends.reference, &finest, &view)?;
+    let scenes = levels.iter().map(|(_, level)| backends.wide.upload(&level.scene)).collect::<Result<Vec<_>, _>>()?;
+    let mut ready = Vec::new();
+    for (at, (variant, level)) in levels.iter().enumerate() {
+        ready.push(first_picture(backends, (&scenes, at), &view, variant.clone(), &level.settings));
+    }
+    time(backends, &scenes, &view, &mut ready, runs)?;
+    for ((_, level), one) in levels.iter().zip(&ready) {
+        let exact = backends.reference.upload(&level.scene)?;
+        let at_same = picture(&mut backends.reference, &exact, &view, &one.settings)?;
+        figures.rows.push(row(level, one, Some(&at_same), &truth, None, backends.on_processor)?);
+    }
+    figures.subjects.push(facts(subject, subject.truth.words()));
+    Ok(())
+}
+
+/// The variant with its picture, all planes.
+fn first_picture(
+    backends: &mut Backends,
+    (scenes, scene): (&[BackendScene], usize),
+    view: &View,
+    variant: Variant,
+    settings: &Settings,
+) -> Ready {
+    let settings = variant.settings(settings);
+    let frame = Frame::default();
+    let mut one = Ready { variant, settings, scene, frame, stats: Stats::default(), not_drawn: None, ms: Vec::new() };
+    match draw(backends, scenes, view, &mut one, Planes::ALL) {
+        Ok(stats) => one.stats = stats,
+        Err(error) => one.not_drawn = Some(error.to_string()),
+    }
+    one
+}
+
+fn facts(subject: &Subject, truth: String) -> SubjectFacts {
+    let (name, about) = (subject.name.to_owned(), subject.about.to_owned());
+    SubjectFacts { name, about, truth, splats: splats(subject) }
 }
 
 fn splats(subject: &Subject) -> u64 {
@@ -105,22 +144,19 @@ fn splats(subject: &Subject) -> u64 {
 
 fn draw(
     backends: &mut Backends,
-    [wide, narrow]: [&BackendScene; 2],
+    scenes: &[BackendScene],
     view: &View,
     one: &mut Ready,
     planes: Planes,
 ) -> Result<Stats, surfel::RenderError> {
-    if one.variant.quantised {
-        backends.narrow.render(narrow, view, &one.settings, planes, &mut one.frame)
-    } else {
-        backends.wide.render(wide, view, &one.settings, planes, &mut one.frame)
-    }
+    let backend = if one.variant.quantised { &mut backends.narrow } else { &mut backends.wide };
+    backend.render(&scenes[one.scene], view, &one.settings, planes, &mut one.frame)
 }
 
 /// One frame of each in turn, again and again, so that what disturbs the machine disturbs all alike. Colour alone.
 fn time(
     backends: &mut Backends,
-    scenes: [&BackendScene; 2],
+    scenes: &[BackendScene],
     view: &View,
     ready: &mut [Ready],
     runs: usize,
@@ -175,15 +211,15 @@ fn truth(subject: &Subject, reference: &mut Backend, exact: &BackendScene, view:
 fn row(
     subject: &Subject,
     one: &Ready,
-    at_same: Option<Frame>,
+    at_same: Option<&Frame>,
     truth: &Truth,
-    best: &Frame,
+    best: Option<&Frame>,
     on_processor: bool,
 ) -> Result<Row, Failure> {
     let drawn = one.not_drawn.is_none();
     let size = subject.camera.size;
-    let shown = if drawn { Some(&one.frame) } else { at_same.as_ref() };
-    let fidelity = at_same.as_ref().filter(|_| drawn).map(|want| {
+    let shown = if drawn { Some(&one.frame) } else { at_same };
+    let fidelity = at_same.filter(|_| drawn).map(|want| {
         let mask: Vec<bool> = want.margin.iter().map(|&m| m == 0.0).collect();
         error(&one.frame.color, &want.color, &mask)
     });
@@ -200,7 +236,8 @@ fn row(
         model_flip = Some(flip(size, &frame.color, truth)?);
         depth = relative_depth(&frame.depth, truth);
         normal = angle_deg(&frame.normal, truth);
-        from_best = one.variant.preset().map(|_| error(&frame.color, &best.color, &vec![true; frame.color.len()]));
+        let best = best.filter(|_| one.variant.preset().is_some());
+        from_best = best.map(|best| error(&frame.color, &best.color, &vec![true; frame.color.len()]));
     }
     let ms = median(&one.ms);
     let splats = splats(subject);

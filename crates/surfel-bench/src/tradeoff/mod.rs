@@ -1,7 +1,9 @@
 //! `cargo xtask tradeoff`: every knob's cost in time and in error.
 
+mod detail;
 mod features;
 mod figures;
+mod formulas;
 mod measure;
 mod page;
 mod subjects;
@@ -11,7 +13,9 @@ mod verdict;
 
 use std::path::PathBuf;
 
+use clap::ValueEnum;
 use surfel::{Backend, Renderer};
+use surfel_plot::Table;
 
 use crate::machine::Machine;
 use crate::report::BackendFacts;
@@ -20,15 +24,19 @@ use crate::{Failure, tradeoff::figures::Figures};
 /// Measures what every setting costs: time, and error against the truth that it approximates.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// What draws.
-    #[arg(long, value_enum, default_value = "cpu")]
-    pub backend: crate::Backend,
+    /// What draws; several with commas. The first one has all subjects, the others the smaller ones at 128² pixels. `all` is
+    /// cpu,wgpu,ash, without those that don't start.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "cpu")]
+    backend: Vec<Which>,
     /// A part of the GPU adapter's name.
     #[arg(long)]
     adapter: Option<String>,
-    /// 256² pixels and few runs: two minutes at most.
+    /// 256² pixels and few runs: two minutes on two idle threads.
     #[arg(long)]
     quick: bool,
+    /// Pixels on a side of all pictures; 512, or 256 with --quick.
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(32..=4096))]
+    size: Option<u32>,
     /// Only subjects whose name has this in it; several times for several.
     #[arg(long, value_name = "NAME")]
     subject: Vec<String>,
@@ -46,47 +54,140 @@ pub(crate) struct Arguments {
     markdown: bool,
 }
 
+/// Backends that can be asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Which {
+    Cpu,
+    Wgpu,
+    Ash,
+    Reference,
+    All,
+}
+
+impl Which {
+    /// Names of backends, in order, each once.
+    fn names(asked: &[Self]) -> Vec<&'static str> {
+        let mut names = Vec::new();
+        for which in asked {
+            let of_this: &[&str] = match which {
+                Self::Cpu => &["cpu"],
+                Self::Wgpu => &["wgpu"],
+                Self::Ash => &["ash"],
+                Self::Reference => &["reference"],
+                Self::All => &["cpu", "wgpu", "ash"],
+            };
+            names.extend(of_this.iter().filter(|name| !names.contains(*name)).copied().collect::<Vec<_>>());
+        }
+        names
+    }
+}
+
 const RUNS: usize = 15;
-const QUICK_RUNS: usize = 7;
+const QUICK_RUNS: usize = 5;
+/// Of backends after the first: fidelity is what they are drawn for.
+const OTHERS_RUNS: usize = 3;
+const OTHERS_SIZE: u32 = 128;
+
+/// What is printed and shown of a run.
+pub(crate) struct Findings {
+    pub figures: Figures,
+    pub values: Vec<verdict::Value>,
+    pub features: Table,
+    pub formulas: Table,
+    /// Other backends, with what their knobs do to fidelity.
+    pub others: Vec<(BackendFacts, Table)>,
+}
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let mut subjects = subjects::all(arguments.quick, &arguments.models)?;
-    if !arguments.subject.is_empty() {
-        subjects.retain(|s| arguments.subject.iter().any(|word| s.name.contains(word.as_str())));
-    }
-    let Some(first) = subjects.first() else {
-        return Err(format!("no subject is called {}", arguments.subject.join(" or ")).into());
+    let names = Which::names(&arguments.backend);
+    let Some((first, others)) = names.split_first() else {
+        return Err("--backend names none, expected at least one".into());
     };
+    let size = arguments.size.unwrap_or(if arguments.quick { 256 } else { 512 });
     let runs = if arguments.quick { QUICK_RUNS } else { RUNS };
-    let mut backends = measure::Backends::start(arguments.backend.name(), arguments.adapter.clone())?;
-    let mut figures = Figures::new(Machine::this(), facts(&backends.wide), first.camera.size, runs);
+    let subjects = wanted(arguments, size, arguments.quick)?;
+    let mut backends = measure::Backends::start(first, arguments.adapter.clone())?;
+    let mut figures = Figures::new(Machine::this(), facts(&backends.wide), [size; 2], runs);
     for subject in &subjects {
         eprintln!("{}: {}", subject.name, subject.about);
         measure::subject(subject, &mut backends, runs, &mut figures)?;
     }
-    let features = features::table(&mut backends, runs, first.camera.size[0])?;
-    let values = verdict::values(&figures);
-    for (title, table) in [
-        ("Presets", verdict::presets(&figures)),
-        ("Knobs, over the default's", verdict::table(&values)),
-        ("Claims", verdict::claims(&figures)),
-        ("Model errors, RMSE", verdict::errors(&figures, |r| r.model)),
-        ("Model errors without rims, RMSE", verdict::errors(&figures, |r| r.model_inside)),
-        ("Features", features.clone()),
-    ] {
-        println!("{title}\n\n{}", if arguments.markdown { table.markdown() } else { table.text() });
+    if arguments.wants("octree") {
+        eprintln!("octree: by level of detail");
+        detail::all(size, arguments.quick, &mut backends, runs, &mut figures)?;
     }
+    eprintln!("features and formulas");
+    let features = features::table(&mut backends, runs, size)?;
+    let formulas = formulas::table()?;
+    drop(backends);
+    for name in others {
+        match measure::Backends::start(name, arguments.adapter.clone()) {
+            Ok(mut backends) => figures.others.push(other(arguments, &mut backends)?),
+            Err(failure) if arguments.backend.contains(&Which::All) => println!("skipped: {name}: {failure}"),
+            Err(failure) => return Err(failure),
+        }
+    }
+    let values = verdict::values(&figures);
+    let others = figures.others.iter().map(|other| (other.backend.clone(), verdict::fidelity(other))).collect();
+    let findings = Findings { values, features, formulas, others, figures };
+    print(&findings, arguments.markdown);
     for path in [&arguments.output, &arguments.report] {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder)?;
         }
     }
-    let json = serde_json::to_string_pretty(&figures)? + "\n";
+    let json = serde_json::to_string_pretty(&findings.figures)? + "\n";
     surfel::io::atomic::write(&arguments.output, true, |out| out.write_all(json.as_bytes()))?;
-    let page = page::page(&figures, &values, &features);
+    let page = page::page(&findings);
     surfel::io::atomic::write(&arguments.report, true, |out| out.write_all(page.as_bytes()))?;
     println!("{}\n{}", arguments.output.display(), arguments.report.display());
     Ok(())
+}
+
+impl Arguments {
+    /// Whether a subject of this name is wanted.
+    fn wants(&self, name: &str) -> bool {
+        self.subject.is_empty() || self.subject.iter().any(|word| name.contains(word.as_str()))
+    }
+}
+
+fn wanted(arguments: &Arguments, size: u32, quick: bool) -> Result<Vec<subjects::Subject>, Failure> {
+    let mut subjects = subjects::all(size, quick, &arguments.models)?;
+    subjects.retain(|s| arguments.wants(s.name));
+    if subjects.is_empty() && !arguments.wants("octree") {
+        return Err(format!("no subject is called {}", arguments.subject.join(" or ")).into());
+    }
+    Ok(subjects)
+}
+
+/// A backend that isn't the first: the subjects that are made, without models, in small.
+fn other(arguments: &Arguments, backends: &mut measure::Backends) -> Result<Figures, Failure> {
+    let facts = facts(&backends.wide);
+    eprintln!("{} ({})", facts.name, facts.adapter);
+    let mut figures = Figures::new(Machine::this(), facts, [OTHERS_SIZE; 2], OTHERS_RUNS);
+    for subject in wanted(arguments, OTHERS_SIZE, true)?.iter().filter(|s| s.is_made) {
+        eprintln!("  {}", subject.name);
+        measure::subject(subject, backends, OTHERS_RUNS, &mut figures)?;
+    }
+    Ok(figures)
+}
+
+fn print(findings: &Findings, as_markdown: bool) {
+    let figures = &findings.figures;
+    let show = |title: &str, table: &Table| {
+        println!("{title}\n\n{}", if as_markdown { table.markdown() } else { table.text() });
+    };
+    show("Presets", &verdict::presets(figures));
+    show("Knobs, over the default's", &verdict::table(&findings.values));
+    show("Claims", &verdict::claims(figures));
+    show("Model errors, RMSE", &verdict::errors(figures, |r| r.model));
+    show("Model errors without rims, RMSE", &verdict::errors(figures, |r| r.model_inside));
+    show("Features", &findings.features);
+    show("Formulas", &findings.formulas);
+    for (backend, table) in &findings.others {
+        let kind = if backend.is_software { ", software Vulkan" } else { "" };
+        show(&format!("Fidelity of {} ({}{kind})", backend.name, backend.adapter), table);
+    }
 }
 
 fn facts(backend: &Backend) -> BackendFacts {
@@ -96,5 +197,16 @@ fn facts(backend: &Backend) -> BackendFacts {
         adapter: info.adapter.clone(),
         driver: info.driver.clone(),
         is_software: backend.is_software(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn backends_are_named_once_and_in_order() {
+        assert_eq!(Which::names(&[Which::Ash, Which::All]), ["ash", "cpu", "wgpu"]);
+        assert_eq!(Which::names(&[Which::Reference]), ["reference"]);
     }
 }

@@ -1,13 +1,15 @@
 //! The page: what to choose, what it costs, and the pictures' errors.
 
-use surfel_plot::{Axis, Chart, Page, Scale, Series, Style, Table};
+use surfel_plot::{Axis, Chart, Page, Scale, Series, Style};
 
+use super::Findings;
 use super::figures::Figures;
 use super::variants::DEFAULT;
-use super::verdict::{self, Value};
+use super::verdict;
 
 /// A self-contained page.
-pub(crate) fn page(figures: &Figures, values: &[Value], features: &Table) -> String {
+pub(crate) fn page(findings: &Findings) -> String {
+    let Findings { figures, values, features, formulas, others } = findings;
     let mut page = Page::new("Speed against accuracy");
     page.paragraph(
         "Surfel draws surfaces as overlapping disks (splats). Its settings trade speed for accuracy. Each picture below was \
@@ -49,6 +51,29 @@ pub(crate) fn page(figures: &Figures, values: &[Value], features: &Table) -> Str
          scene lacks gives the plain plan, and its cost is none.",
     );
     page.table(features);
+    page.section("What is no setting, and why");
+    page.paragraph(
+        "The kernel e^(−2ρ²), which weighs a splat at a pixel, and the reciprocal that perspective needs are computed for every \
+         splat at every pixel it covers. Other ways to compute them, over 2048 numbers in cache, against f64: no setting chooses \
+         between them, since the one that is used is the fastest whose error no picture shows. The third column is the largest \
+         error of a weight that follows; 3e-5 of white is 90 dB, which presets promise.",
+    );
+    page.table(formulas);
+    for (backend, table) in others {
+        page.section(&format!("Fidelity of {} ({})", backend.name, backend.adapter));
+        let software = if backend.is_software {
+            " This is software Vulkan: the processor computes what a graphics card would, so that errors are those of shaders \
+             in single precision, and times say nothing about graphics cards."
+        } else {
+            ""
+        };
+        page.paragraph(&format!(
+            "The same scenes at {0}x{0} pixels on this backend, against the f64 reference at the same settings, outside of pixels \
+             that hang on rounding; model error and time over this backend's default.{software}",
+            super::OTHERS_SIZE
+        ));
+        page.table(table);
+    }
     page.section("Subjects");
     page.paragraph(
         "A point is a setting; the line is the front, which nothing beats in both time and error. Labels that would cover each \

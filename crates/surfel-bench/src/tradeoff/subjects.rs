@@ -24,6 +24,8 @@ pub(crate) struct Subject {
     pub truth: Approximates,
     pub clips: bool,
     pub transparent: bool,
+    /// It needs no file.
+    pub is_made: bool,
 }
 
 /// What a picture approximates.
@@ -47,9 +49,8 @@ impl Approximates {
     }
 }
 
-/// All subjects whose files are there.
-pub(crate) fn all(quick: bool, models: &Path) -> Result<Vec<Subject>, Failure> {
-    let size = if quick { 256 } else { 512 };
+/// All subjects whose files are there, `size` pixels wide and high.
+pub(crate) fn all(size: u32, quick: bool, models: &Path) -> Result<Vec<Subject>, Failure> {
     let samples = if quick { 4 } else { 8 };
     let mut subjects = vec![
         horizon(size)?,
@@ -78,7 +79,7 @@ pub(crate) fn all(quick: bool, models: &Path) -> Result<Vec<Subject>, Failure> {
     Ok(subjects)
 }
 
-fn camera(eye: [f64; 3], target: [f64; 3], fov_y_deg: f64, size: u32) -> Camera {
+pub(super) fn camera(eye: [f64; 3], target: [f64; 3], fov_y_deg: f64, size: u32) -> Camera {
     Camera {
         eye,
         target,
@@ -153,6 +154,7 @@ fn horizon(size: u32) -> Result<Subject, Failure> {
         truth: Approximates::Surface(truth),
         clips: false,
         transparent: false,
+        is_made: true,
     })
 }
 
@@ -172,6 +174,7 @@ fn zone_plate(size: u32) -> Result<Subject, Failure> {
         truth: Approximates::Surface(truth),
         clips: false,
         transparent: false,
+        is_made: true,
     })
 }
 
@@ -201,6 +204,7 @@ fn ball(size: u32) -> Result<Subject, Failure> {
         truth: Approximates::Surface(truth),
         clips: false,
         transparent: false,
+        is_made: true,
     })
 }
 
@@ -244,6 +248,7 @@ fn needles(size: u32, samples: u32) -> Result<Subject, Failure> {
         truth: Approximates::Samples(2 * samples),
         clips: false,
         transparent: false,
+        is_made: true,
     })
 }
 
@@ -262,6 +267,7 @@ fn bumpy(size: u32, samples: u32, quick: bool) -> Result<Subject, Failure> {
         truth: Approximates::Samples(samples),
         clips: false,
         transparent: false,
+        is_made: true,
     })
 }
 
@@ -302,6 +308,7 @@ fn cylinder(size: u32, samples: u32) -> Result<Subject, Failure> {
         truth: Approximates::Samples(samples),
         clips: true,
         transparent: false,
+        is_made: true,
     })
 }
 
@@ -340,6 +347,7 @@ fn glass(size: u32) -> Result<Subject, Failure> {
         settings,
         clips: false,
         transparent: true,
+        is_made: true,
     })
 }
 
@@ -363,6 +371,7 @@ fn model(name: &'static str, about: &'static str, path: &Path, size: u32, sample
         truth: Approximates::Samples(samples),
         clips: false,
         transparent: false,
+        is_made: false,
     })
 }
 
@@ -383,5 +392,6 @@ fn sharp_model(path: &Path, size: u32, samples: u32) -> Result<Subject, Failure>
         truth: Approximates::Samples(samples),
         clips: true,
         transparent: false,
+        is_made: false,
     })
 }

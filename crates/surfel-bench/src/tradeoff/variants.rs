@@ -52,6 +52,11 @@ enum Change {
 }
 
 impl Variant {
+    /// A variant whose scene differs, and no setting.
+    pub(crate) fn of_scene(knob: &'static str, value: String) -> Self {
+        Self::new(knob, value, Change::Nothing)
+    }
+
     fn new(knob: &'static str, value: String, change: Change) -> Self {
         Self { knob, value, quantised: false, only: Only::Everything, change }
     }
@@ -162,6 +167,7 @@ pub(crate) fn default_value(knob: &str) -> &'static str {
         "edge antialiasing" => "off",
         "clip" => "exact",
         "shader" => "phong",
+        "level of detail" => "1 px",
         _ => "the defaults",
     }
 }

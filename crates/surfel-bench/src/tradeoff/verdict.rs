@@ -151,6 +151,38 @@ pub(crate) fn table(values: &[Value]) -> Table {
     table
 }
 
+/// How far each value of each knob is from the reference at the same settings: least PSNR and where, the worst pixel, and the
+/// model error and the time over the default's.
+pub(crate) fn fidelity(figures: &Figures) -> Table {
+    let mut table =
+        Table::new(&["knob", "value", "fidelity ≥", "on", "largest error", "model error", "time", "drawn on"]);
+    let mut names: Vec<(&str, &str)> = Vec::new();
+    for row in &figures.rows {
+        if !names.contains(&(row.knob.as_str(), row.value.as_str())) {
+            names.push((&row.knob, &row.value));
+        }
+    }
+    for (knob, name) in names {
+        let summary = value(figures, knob, Some(name));
+        let rows = || figures.rows.iter().filter(|r| r.knob == knob && r.value == name);
+        let errors = rows().filter_map(|r| Some((r.fidelity?, r.subject.as_str())));
+        // Equal pictures have no PSNR.
+        let least = errors.clone().filter_map(|(e, on)| Some((e.psnr_db?, on))).min_by(|a, b| a.0.total_cmp(&b.0));
+        let largest = errors.map(|(e, _)| e.max_abs).reduce(f64::max);
+        table.rows.push(vec![
+            knob.to_owned(),
+            name.to_owned(),
+            decibels(least.map(|l| l.0)),
+            least.map_or("-", |l| l.1).to_owned(),
+            largest.map_or_else(|| "-".to_owned(), |e| format!("{e:.1e}")),
+            times(summary.error),
+            times(summary.cost),
+            format!("{} of {}", rows().filter(|r| r.not_drawn.is_none()).count(), rows().count()),
+        ]);
+    }
+    table
+}
+
 /// Presets: time over the default's, and the least of both promises over subjects.
 pub(crate) fn presets(figures: &Figures) -> Table {
     let mut table =

@@ -1,0 +1,91 @@
+//! What the innermost formulas cost and how far they are off: the kernel and the reciprocal. They are no settings, since the
+//! ones that are used are the fastest that err by less than anything can see; this is the measurement behind that.
+
+use std::time::Instant;
+
+use surfel_cpu::formulas::{Formula, Reciprocal, Weight};
+use surfel_plot::Table;
+
+use super::measure::median;
+use crate::Failure;
+
+/// Numbers a run, few enough to stay in the first cache.
+const COUNT: usize = 2048;
+/// Times that they are gone through between two looks at the clock.
+const PASSES: usize = 40;
+/// Looks at the clock.
+const RUNS: usize = 15;
+
+struct Case {
+    name: &'static str,
+    formula: Formula,
+    inputs: Vec<f32>,
+    exact: fn(f64) -> f64,
+    /// Largest error of a weight per error of the formula: e^(−2ρ²) changes by at most 2/e of a relative error of 1/w.
+    per_error: f64,
+    /// Why it is used, or isn't.
+    verdict: &'static str,
+}
+
+/// Every formula with its error and its time.
+pub(crate) fn table() -> Result<Table, Failure> {
+    let cases = cases().ok_or("this processor lacks the least instructions of the backend cpu")?;
+    let mut times: Vec<Vec<f64>> = vec![Vec::new(); cases.len()];
+    let mut outputs = vec![0.0; COUNT];
+    for _ in 0..RUNS {
+        for (case, times) in cases.iter().zip(&mut times) {
+            let start = Instant::now();
+            for _ in 0..PASSES {
+                case.formula.apply(std::hint::black_box(&case.inputs), std::hint::black_box(&mut outputs));
+            }
+            times.push(start.elapsed().as_secs_f64() * 1e9 / (PASSES * COUNT) as f64);
+        }
+    }
+    let mut table = Table::new(&["formula", "largest error", "in a weight", "ns each", "verdict"]);
+    for (case, times) in cases.iter().zip(&times) {
+        case.formula.apply(&case.inputs, &mut outputs);
+        let pairs = case.inputs.iter().zip(&outputs);
+        let error = pairs.map(|(&x, &y)| (f64::from(y) - (case.exact)(f64::from(x))).abs()).fold(0.0, f64::max);
+        table.rows.push(vec![
+            case.name.to_owned(),
+            format!("{error:.1e}"),
+            format!("{:.1e}", error * case.per_error),
+            median(times).map_or_else(|| "-".to_owned(), |ns| format!("{ns:.2}")),
+            case.verdict.to_owned(),
+        ]);
+    }
+    Ok(table)
+}
+
+fn cases() -> Option<Vec<Case>> {
+    let over = |low: f32, high: f32| (0..COUNT).map(|i| low + (high - low) * i as f32 / (COUNT - 1) as f32).collect();
+    let weight = |name, way, verdict| {
+        let (inputs, exact): (_, fn(f64) -> f64) = (over(0.0, 1.0), |x| (-2.0 * x).exp());
+        Some(Case { name, formula: Formula::weight(way)?, inputs, exact, per_error: 1.0, verdict })
+    };
+    let reciprocal = |name, way, verdict| {
+        let (inputs, exact): (_, fn(f64) -> f64) = (over(0.66, 2.01), |x| 1.0 / x);
+        // Of a relative error, which is the absolute one at 1, where w is at a splat's centre.
+        let per_error = 2.0 / std::f64::consts::E;
+        Some(Case { name, formula: Formula::reciprocal(way)?, inputs, exact, per_error, verdict })
+    };
+    [
+        weight("kernel: exponential in f64, rounded", Weight::Exact, "slowest, and differs between libraries"),
+        weight(
+            "kernel: 2^x by bits and degree 6",
+            Weight::PowerOfTwo,
+            "right for any exponent, which a kernel doesn't need",
+        ),
+        weight("kernel: degree 5, squared", Weight::Polynomial, "used: below f32's error of ρ² in most pictures"),
+        weight("kernel: degree 3, squared", Weight::Cubic, "would break the promise of 90 dB"),
+        weight("kernel: table of 33, interpolated", Weight::Interpolated, "dominated: reads one by one"),
+        weight("kernel: table of 256, nearest", Weight::Nearest, "dominated: reads one by one"),
+        reciprocal("1/w: division", Reciprocal::Division, "slower, and no more accurate than its input"),
+        reciprocal("1/w: linear guess, 2 steps of Halley", Reciprocal::Halley, "used: the same bits on any processor"),
+        reciprocal("1/w: linear guess, 1 step", Reciprocal::HalleyOnce, "would break the promise of 90 dB"),
+        reciprocal("1/w: processor's estimate, 1 step of Newton", Reciprocal::NewtonOnce, "differs between processors"),
+        reciprocal("1/w: processor's estimate", Reciprocal::Estimate, "differs between processors, breaks 90 dB"),
+    ]
+    .into_iter()
+    .collect()
+}

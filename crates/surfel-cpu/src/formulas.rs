@@ -1,0 +1,169 @@
+//! The rasteriser's fastest formulas and others that could stand in their place, for `cargo xtask tradeoff`. No part of the
+//! interface: what is measured here is why there is no setting for it.
+
+use crate::kernel::Kernel;
+use crate::lanes::{LANES, Lanes};
+use crate::level::{Instructions, SimdLevel, with_instructions};
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x16};
+use surfel_math::Real;
+
+/// A way to compute the kernel e^(−cρ²).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Weight {
+    /// The library's exponential in f64, rounded.
+    Exact,
+    /// 2^x by its exponent's bits and a polynomial of degree 6.
+    PowerOfTwo,
+    /// What the renderer does: a Chebyshev series of degree 5 for half of c, squared.
+    Polynomial,
+    /// The same of degree 3.
+    Cubic,
+    /// 33 entries, linear between them.
+    Interpolated,
+    /// 256 entries, the nearest one.
+    Nearest,
+}
+
+/// A way to compute 1/x, for x in [0.66, 2.01].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reciprocal {
+    /// The processor's division.
+    Division,
+    /// What the renderer does: the best linear guess and two steps of Halley.
+    Halley,
+    /// The same with one step.
+    HalleyOnce,
+    /// The processor's own estimate and a step of Newton.
+    NewtonOnce,
+    /// The processor's own estimate.
+    Estimate,
+}
+
+/// One formula over slices of numbers, on the processor's best instructions.
+pub struct Formula {
+    instructions: Instructions,
+    of: Of,
+}
+
+enum Of {
+    Weight { way: Weight, cutoff: f32, kernel: Kernel, cubic: [f32; 4], table: Vec<f32> },
+    Reciprocal(Reciprocal),
+}
+
+impl Formula {
+    /// The kernel at cutoff 2 of ρ² in [0, 1]; `None` on a processor without the least instructions.
+    pub fn weight(way: Weight) -> Option<Self> {
+        const CUTOFF: f64 = 2.0;
+        let entries = match way {
+            Weight::Interpolated => 33,
+            Weight::Nearest => 256,
+            _ => 0,
+        };
+        let entry = |i: usize| (-CUTOFF * i as f64 / (entries - 1) as f64).exp() as f32;
+        let of = Of::Weight {
+            way,
+            cutoff: CUTOFF as f32,
+            kernel: Kernel::new(CUTOFF),
+            cubic: crate::kernel::series(0.5 * CUTOFF),
+            table: (0..entries).map(entry).collect(),
+        };
+        Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of })
+    }
+
+    /// 1/x of x in [0.66, 2.01]; `None` on a processor without the least instructions.
+    pub fn reciprocal(way: Reciprocal) -> Option<Self> {
+        Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of: Of::Reciprocal(way) })
+    }
+
+    /// Of all whole sixteens of `inputs`, into the front of `outputs`.
+    pub fn apply(&self, inputs: &[f32], outputs: &mut [f32]) {
+        with_instructions!(self.instructions, simd => simd.vectorize(#[inline(always)] || match &self.of {
+            Of::Weight { way, cutoff, kernel, cubic, table } => match way {
+                Weight::Exact => each(simd, inputs, outputs, #[inline(always)] |x| {
+                    one_by_one(simd, x, |x| (-f64::from(*cutoff) * f64::from(x)).exp() as f32)
+                }),
+                Weight::PowerOfTwo => {
+                    let per_bit = -f64::from(*cutoff) * std::f64::consts::LOG2_E;
+                    each(simd, inputs, outputs, #[inline(always)] |x| (x * x.constant(per_bit)).exp2());
+                }
+                Weight::Polynomial => each(simd, inputs, outputs, #[inline(always)] |x| kernel.at(x)),
+                Weight::Cubic => each(simd, inputs, outputs, #[inline(always)] |x| {
+                    let k = |c: f32| Lanes::splat(simd, c);
+                    let p = k(cubic[3]).mul_add(x, k(cubic[2])).mul_add(x, k(cubic[1])).mul_add(x, k(cubic[0]));
+                    p * p
+                }),
+                Weight::Interpolated => each(simd, inputs, outputs, #[inline(always)] |x| one_by_one(simd, x, |x| {
+                    let at = x * (table.len() - 1) as f32;
+                    let whole = (at as usize).min(table.len() - 2);
+                    (table[whole + 1] - table[whole]).mul_add(at - whole as f32, table[whole])
+                })),
+                Weight::Nearest => each(simd, inputs, outputs, #[inline(always)] |x| one_by_one(simd, x, |x| {
+                    table[((x * (table.len() - 1) as f32 + 0.5) as usize).min(table.len() - 1)]
+                })),
+            },
+            Of::Reciprocal(way) => match way {
+                Reciprocal::Division => each(simd, inputs, outputs, #[inline(always)] |x| x.one() / x),
+                Reciprocal::Halley => each(simd, inputs, outputs, Lanes::reciprocal_near_one),
+                Reciprocal::HalleyOnce => each(simd, inputs, outputs, #[inline(always)] |x| x.guess_near_one().halley(x)),
+                Reciprocal::NewtonOnce => each(simd, inputs, outputs, #[inline(always)] |x| {
+                    let r = Lanes(x.0.approximate_recip());
+                    (-x).mul_add(r, x.one()).mul_add(r, r)
+                }),
+                Reciprocal::Estimate => each(simd, inputs, outputs, #[inline(always)] |x| Lanes(x.0.approximate_recip())),
+            },
+        }));
+    }
+}
+
+#[inline(always)]
+fn each<S: Simd>(simd: S, inputs: &[f32], outputs: &mut [f32], f: impl Fn(Lanes<S>) -> Lanes<S>) {
+    for (x, y) in inputs.chunks_exact(LANES).zip(outputs.chunks_exact_mut(LANES)) {
+        f(Lanes::load(simd, x)).store(y);
+    }
+}
+
+#[inline(always)]
+fn one_by_one<S: Simd>(simd: S, x: Lanes<S>, f: impl Fn(f32) -> f32) -> Lanes<S> {
+    Lanes(f32x16::load_array(simd, x.to_array().map(f)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Largest error over 1000 inputs from `low` to `high`.
+    fn worst(formula: Option<Formula>, [low, high]: [f32; 2], exact: impl Fn(f64) -> f64) -> f64 {
+        let inputs: Vec<f32> = (0..1008).map(|i| low + (high - low) * (i as f32 / 1007.0)).collect();
+        let mut outputs = vec![0.0; inputs.len()];
+        formula.unwrap().apply(&inputs, &mut outputs);
+        inputs.iter().zip(&outputs).map(|(&x, &y)| (f64::from(y) - exact(f64::from(x))).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn formulas_err_as_their_terms_and_steps_say() {
+        use Weight::{Cubic, Exact, Interpolated, Nearest, Polynomial, PowerOfTwo};
+        // Half an ulp; the exponential's; the kernel's own test; 2.1e-4 of the cubic, twice by the square; h²f''/8 of 32 steps;
+        // half a step of 255 by the steepest slope, 2.
+        for (way, most) in [
+            (Exact, 3.1e-8),
+            (PowerOfTwo, 4e-7),
+            (Polynomial, 1.2e-6),
+            (Cubic, 5e-4),
+            (Interpolated, 5e-4),
+            (Nearest, 4e-3),
+        ] {
+            let found = worst(Formula::weight(way), [0.0, 1.0], |x| (-2.0 * x).exp());
+            assert!(found <= most && found > 0.01 * most, "{way:?}: {found:e}");
+        }
+        use Reciprocal::{Division, Estimate, Halley, HalleyOnce, NewtonOnce};
+        // Results up to 1.52: half an ulp, two; the guess's 0.147 cubed; estimates are good to 2⁻⁸ on any make, and a step squares it.
+        for (way, most) in
+            [(Division, 6e-8), (Halley, 2.4e-7), (HalleyOnce, 5e-3), (NewtonOnce, 2.4e-5), (Estimate, 6e-3)]
+        {
+            let found = worst(Formula::reciprocal(way), [0.66, 2.01], |x| 1.0 / x);
+            assert!(found <= most, "{way:?}: {found:e}");
+        }
+        assert!(worst(Formula::reciprocal(HalleyOnce), [0.66, 2.01], |x| 1.0 / x) > 1e-3);
+    }
+}
