@@ -269,9 +269,7 @@ impl Drawing<'_> {
         }
         let grid = self.preparation.grid(cell.region.grown(self.plan.reach_px(), self.view.size));
         let mut prepared = Prepared::default();
-        // What is hidden from all pixels may show behind the edges of what hides it.
-        let culls_hidden = self.culls_hidden && !self.plan.has(Pass::EdgeAntialiasing);
-        let first = if culls_hidden { cell.first } else { cell.seen.len() };
+        let first = if self.culls_hidden { cell.first } else { cell.seen.len() };
         let (front, others) = cell.seen.split_at(first);
         self.preparation.set_up_alone(setups, front, (&grid, cell.region), &mut prepared);
         if !others.is_empty() {
