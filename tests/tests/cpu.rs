@@ -213,7 +213,7 @@ fn cpu_leaves_out_what_is_hidden_and_no_bit_changes() {
         let scene = renderer.upload(&case.scene).unwrap();
         let mut frame = Frame::default();
         let stats = renderer.render(&scene, &case.view(), &case.settings, planes, &mut frame).unwrap();
-        let hidden = stats.counters.iter().find(|(name, _)| *name == "hidden").unwrap().1;
+        let hidden = stats.counters.iter().find(|(name, _)| *name == "culled_hidden").unwrap().1;
         (bits(&frame), hidden)
     };
     let edges = walls(Transparency::Off).with("edges", |s| s.edge_aa = true);

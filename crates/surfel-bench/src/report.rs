@@ -92,8 +92,7 @@ pub(crate) struct Row {
     pub resident_mb: f64,
     /// Records and lists of the largest batch, 10⁶ bytes: what a frame needs besides the scene and the picture.
     pub batch_mb: Option<f64>,
-    /// Splats that were set up are read once, their records and lists written once and read once: 10⁹ bytes a second, at
-    /// most (every batch is taken for as large as the largest).
+    /// Splats that were set up are read once, their records and lists written once and read once: 10⁹ bytes a second.
     pub gb_per_s: Option<f64>,
     /// All counters of the backend.
     pub counters: BTreeMap<String, f64>,
@@ -156,10 +155,6 @@ impl Row {
         let fragments = (fragments > 0).then_some(fragments);
         let over = |n: f64| fragments.filter(|_| n > 0.0).map(|f| f as f64 / n);
         let batch_bytes = counter("batch_bytes");
-        let traffic = counter("set_up")
-            .zip(batch_bytes)
-            .zip(counter("batches"))
-            .map(|((set_up, bytes), batches)| set_up * one.bytes_per_splat + 2.0 * bytes * batches);
         Self {
             scene: subject.scene,
             about: subject.about,
@@ -188,7 +183,7 @@ impl Row {
             bytes_per_splat: one.bytes_per_splat,
             resident_mb: one.bytes_per_splat * one.splats as f64 * 1e-6,
             batch_mb: batch_bytes.map(|b| b * 1e-6),
-            gb_per_s: traffic.map(|bytes| bytes * 1e-9 / seconds),
+            gb_per_s: counter("bytes_moved").map(|bytes| bytes * 1e-9 / seconds),
             counters: one.counters.iter().filter_map(|c| Some((c.0.to_owned(), counter(c.0)?))).collect(),
         }
     }
@@ -264,7 +259,7 @@ mod tests {
             splats: 1000,
             drawn: 500,
             bytes_per_splat: 40.0,
-            counters: vec![("set_up", 600.0), ("batch_bytes", 1e6), ("batches", 2.0)],
+            counters: vec![("bytes_moved", 600.0 * 40.0 + 2.0 * 2e6), ("batch_bytes", 1e6)],
             ..Stats::default()
         };
         let samples = Samples {

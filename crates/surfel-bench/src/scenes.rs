@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::DAffine3;
-use surfel::model::{Cull, Geometry, Object, Projection, Shader};
+use surfel::model::{ClipPolicy, Cull, Geometry, Object, Projection, Shader};
 use surfel::{Camera, Material, NoProgress, Scene, Settings, SplatCloud};
 
 use crate::{Arguments, Failure, clouds};
@@ -28,6 +28,10 @@ pub(crate) enum Source {
     Stack(usize),
     /// A file of the models' folder.
     Model(&'static str),
+    /// The same, a mesh, as splats that are clipped along its creases, one a face.
+    Sharp(&'static str),
+    /// The generated part of the assets, likewise.
+    Part,
 }
 
 /// Where the eye is.
@@ -49,6 +53,7 @@ pub(crate) struct Case {
     pub shader: Shader,
     /// Edges are antialiased.
     edges: bool,
+    clip: ClipPolicy,
     /// Part of `--quick`.
     quick: bool,
 }
@@ -69,15 +74,21 @@ const FAR: f64 = 3.7;
 /// All scenes.
 fn all() -> Vec<Case> {
     use Eye::{Fits, Zoomed};
-    use Source::{Ball, Model, Sheet, Stack, Thick};
+    use Source::{Ball, Model, Part, Sharp, Sheet, Stack, Thick};
     let case = |name, about, source, eye, quick| {
-        let (shader, edges) = (Shader::Phong, false);
-        Case { name, about, source, eye, shader, edges, quick }
+        let (shader, edges, clip) = (Shader::Phong, false, ClipPolicy::Exact);
+        Case { name, about, source, eye, shader, edges, clip, quick }
     };
     let (igea, lion) = (Model("igea.ply"), Model("lion_takanawa.ply"));
     let shader = |name, shader| Case { shader, ..case(name, "igea by another shader", igea, Fits, true) };
     let edges =
         |name, source| Case { edges: true, ..case(name, "the same with antialiased edges", source, Fits, false) };
+    let clipped = |name, source| case(name, "a mesh as splats clipped along its creases", source, Fits, false);
+    let whole = |name, source| Case {
+        clip: ClipPolicy::Off,
+        about: "the same, unclipped",
+        ..case(name, "", source, Fits, false)
+    };
     vec![
         case("154k", LADDER, Ball(154_000), Fits, true),
         case("460k", LADDER, Ball(460_000), Fits, true),
@@ -112,6 +123,10 @@ fn all() -> Vec<Case> {
         case("radius-8", "the ladder's surface of splats of 8 pixels", Ball(63_000), Fits, true),
         case("radius-32", "the ladder's surface of splats of 32 pixels", Ball(3_900), Fits, true),
         case("near", "close-up of the 154k surface: few huge splats", Ball(154_000), Zoomed(1.0 / 16.0), true),
+        clipped("part", Part),
+        whole("part-whole", Part),
+        clipped("fandisk", Sharp("fandisk.obj")),
+        whole("fandisk-whole", Sharp("fandisk.obj")),
         case("far", "5 M splats below a pixel on about 5 % of the picture", Ball(5_000_000), Zoomed(FAR), false),
     ]
 }
@@ -124,7 +139,7 @@ pub(crate) fn chosen(arguments: &Arguments) -> Result<Vec<Case>, Failure> {
         words => words.iter().any(|word| case.name.contains(word.as_str())),
     };
     let there = |case: &Case| match case.source {
-        Source::Model(file) => arguments.models.join(file).is_file(),
+        Source::Model(file) | Source::Sharp(file) => arguments.models.join(file).is_file(),
         _ => true,
     };
     let (cases, missing): (Vec<Case>, Vec<Case>) = all().into_iter().filter(wanted).partition(there);
@@ -145,6 +160,8 @@ impl Source {
             Self::Sheet(count) => Ok(framed(clouds::sheet(count, clouds::LAYERS)?, Cull::None)),
             Self::Thick(count) => Ok(framed(clouds::sheet(count, 12.0)?, Cull::None)),
             Self::Stack(count) => Ok(framed(clouds::stack(count)?, Cull::None)),
+            Self::Sharp(file) => sharp(&models.join(file)),
+            Self::Part => sharp(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/generated/part.obj")),
             Self::Model(file) => {
                 let path = models.join(file);
                 let opened = surfel::open(&[&path], &NoProgress)?;
@@ -153,6 +170,19 @@ impl Source {
             }
         }
     }
+}
+
+/// A mesh as clipped splats, seen as the program would show the mesh.
+fn sharp(path: &Path) -> Result<Loaded, Failure> {
+    let loaded = surfel::io::load(path, &surfel::io::LoadOptions::default())?;
+    let surfel::io::Content::Mesh(mesh) = loaded.content else {
+        return Err(format!("{}: holds no mesh", path.display()).into());
+    };
+    let options = surfel::sample::SharpOptions::default();
+    let (cloud, _) = surfel::sample::sharp_splats_from_mesh(&mesh, &options, &NoProgress)?;
+    let opened = surfel::open(&[path], &NoProgress)?;
+    let camera = Camera { size: [SIZE; 2], ..opened.file.camera };
+    Ok(Loaded { camera, ..framed(cloud, Cull::Back) })
 }
 
 /// A cloud with a camera on the z axis, as near as all of it still fits, and the usual lights.
@@ -196,6 +226,6 @@ impl Case {
 
     /// The loaded source's settings with this scene's shader and edges.
     pub(crate) fn settings(&self, loaded: &Loaded) -> Settings {
-        Settings { shader: self.shader, edge_aa: self.edges, ..loaded.settings }
+        Settings { shader: self.shader, edge_aa: self.edges, clip: self.clip, ..loaded.settings }
     }
 }

@@ -29,6 +29,11 @@ pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: 
             counters.insert((*name).to_owned(), json!(median(same.map(|c| c.1).collect())));
         }
     }
+    let moved = |s: &Stats| s.counters.iter().find(|c| c.0 == "bytes_moved").map(|c| c.1 * 1e-6 / s.frame_ms);
+    let rates: Vec<f64> = runs.iter().filter_map(moved).filter(|rate| rate.is_finite()).collect();
+    if !rates.is_empty() {
+        counters.insert("gb_per_s".to_owned(), json!(median(rates)));
+    }
     // Settings that are no preset's come without a promise.
     let preset = Preset::of(settings);
     let promise = preset.map(Preset::promise);

@@ -1,4 +1,4 @@
-//! Set-up with binning, and the tile loops, by size of splat: `cargo bench -p surfel-cpu`.
+//! Set-up, binning and the tile loops, by size of splat: `cargo bench -p surfel-cpu`.
 //!
 //! One thread, 512×512 pixels that a plane of tilted disks covers 3.8 times. Each stage's time is the renderer's own, so that a
 //! stage is measured as a frame runs it, with the caches as the stage before leaves them.
@@ -17,7 +17,7 @@ mod scene;
 const RADII_PX: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
 
 fn stages(criterion: &mut Criterion) {
-    for stage in ["setup", "tiles"] {
+    for stage in ["setup", "binning", "tiles"] {
         let mut group = criterion.benchmark_group(stage);
         for radius_px in RADII_PX {
             let (scene, view) = scene::plane(radius_px).expect("the scene is valid");

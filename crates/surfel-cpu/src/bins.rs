@@ -128,6 +128,9 @@ pub(crate) struct Segment {
     pub set_up: u64,
     /// Splats with a record, each counted in one part of a view.
     pub drawn: u64,
+    /// Seconds of a thread that setting up and sorting took.
+    pub set_up_s: f64,
+    pub sort_s: f64,
     lists: TileLists,
 }
 
@@ -138,6 +141,7 @@ impl Segment {
         self.near.clear();
         self.set_up = 0;
         self.drawn = 0;
+        (self.set_up_s, self.sort_s) = (0.0, 0.0);
     }
 
     /// Sorts the records' entries into tiles.

@@ -4,7 +4,7 @@ use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes};
 use crate::near::NearSplat;
 use crate::raster::Shared;
-use crate::record::{Class, Record};
+use crate::record::{Class, Record, Together};
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::{Real, V2};
 
@@ -164,7 +164,7 @@ fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32
     [depths, weights]
 }
 
-/// [`fragment`] of four splats that are shallow or, if `SOFT`, soft, without their clips, step by step together: a processor
+/// [`fragment`] of four splats that are shallow or, if `SOFT`, soft, step by step together: a processor
 /// looks ahead over two or so, too few for the long chain of each.
 #[inline(always)]
 pub(crate) fn four<S: Simd, const SOFT: bool>(
@@ -219,7 +219,13 @@ pub(crate) fn four<S: Simd, const SOFT: bool>(
         let visible = if SOFT { visible[j].le(one) } else { inside };
         Fragment { visible, inside, z: k(records[j].z()) * inverse[j], weight: weights[j] }
     };
-    [fragment(0), fragment(1), fragment(2), fragment(3)]
+    let mut fragments = [fragment(0), fragment(1), fragment(2), fragment(3)];
+    if Together::has_clips(&records) {
+        for (fragment, record) in fragments.iter_mut().zip(records) {
+            fragment.clip(simd, record, at, shared);
+        }
+    }
+    fragments
 }
 
 /// 1/(1 + e) = (1 − e)(1 + e²)/(1 − e⁴), with |e| < 1/48 or so within a shallow disk and small enough all over its blocks.

@@ -8,7 +8,7 @@ use crate::mesh::{self, TriangleSegment};
 use crate::near::NearSplat;
 use crate::placed::ObjectSetup;
 use crate::planes::{NeighbourPlanes, TilePlanes};
-use crate::prepare::{Preparation, Prepared, Seen};
+use crate::prepare::{Preparation, Prepared, Seen, Unseen};
 use crate::raster::{self, Shared, Wants};
 use crate::record::Record;
 use crate::recycle::Recycled;
@@ -21,7 +21,7 @@ use crate::veil::{Layers, VeilSegment, light_splats};
 use fearless_simd::Simd;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use surfel_model::{Cull, Filter, Light};
 use surfel_render::{Frame, FramePlan, Pass, PassTime, Region, Stats, View};
 
@@ -70,7 +70,8 @@ pub(crate) fn draw(
             .with_matcap(scene.matcap.clone()),
     };
     let setups = preparation.setups();
-    let chunks = preparation.seen(&setups);
+    let (chunks, unseen) = preparation.seen(&setups);
+    totals.unseen = unseen;
     totals.cull_ms = after_shadows.elapsed().as_secs_f64() * 1e3;
     if plan.has(Pass::Polygons) || preparation.splats(&chunks) <= work.cell_splats.saturating_mul(WHOLE) {
         for rows in preparation.batches(&setups, &chunks, &scene.meshes) {
@@ -90,26 +91,39 @@ const WHOLE: usize = 8;
 struct Totals {
     shadows_ms: f64,
     cull_ms: f64,
+    /// Sorting included.
     setup_ms: f64,
+    binning_ms: f64,
     tiles_ms: f64,
     edges_ms: f64,
     batches: usize,
+    unseen: Unseen,
     /// Splats behind all that a cell shows.
     hidden: u64,
     set_up: u64,
     drawn: u64,
     tile_pairs: u64,
     batch_bytes: usize,
+    /// Bytes of records and lists, of all batches.
+    bytes: u64,
     counters: Counters,
 }
 
 impl Totals {
+    /// Adds what setting up took.
+    fn set_up_in(&mut self, time: Duration, prepared: &Prepared) {
+        let ms = time.as_secs_f64() * 1e3;
+        self.setup_ms += ms;
+        self.binning_ms += ms * prepared.sort_share();
+    }
+
     /// Counts a batch, with what it used besides its splats.
     fn add(&mut self, prepared: &Prepared, bytes: usize) {
         self.batches += 1;
         self.set_up += prepared.set_up();
         self.drawn += prepared.drawn();
         self.tile_pairs += prepared.tile_pairs();
+        self.bytes += prepared.bytes() as u64;
         self.batch_bytes = self.batch_bytes.max(prepared.bytes() + bytes);
     }
 
@@ -118,7 +132,12 @@ impl Totals {
         if plan.has(Pass::ShadowMap) {
             stats.passes.push(pass("shadow maps", self.shadows_ms));
         }
-        stats.passes.extend([pass("cull", self.cull_ms), pass("setup", self.setup_ms), pass("tiles", self.tiles_ms)]);
+        stats.passes.extend([
+            pass("cull", self.cull_ms),
+            pass("setup", self.setup_ms - self.binning_ms),
+            pass("binning", self.binning_ms),
+            pass("tiles", self.tiles_ms),
+        ]);
         if NeighbourPlanes::are_needed(plan) {
             stats.passes.push(pass("edges", self.edges_ms));
         }
@@ -127,7 +146,9 @@ impl Totals {
         let pairs = self.counters.block_pairs.max(1) as f64;
         stats.counters.extend([
             ("batches", self.batches as f64),
-            ("hidden", self.hidden as f64),
+            ("culled_outside", self.unseen.outside as f64),
+            ("culled_turned_away", self.unseen.turned_away as f64),
+            ("culled_hidden", self.hidden as f64),
             ("set_up", self.set_up as f64),
             ("culled", (stats.splats.saturating_sub(self.drawn)) as f64),
             ("tile_pairs", self.tile_pairs as f64),
@@ -136,6 +157,8 @@ impl Totals {
             ("fragments_inside", self.counters.inside as f64),
             ("edge_pixels", self.counters.edge_pixels as f64),
             ("batch_bytes", self.batch_bytes as f64),
+            // Splats are read once, records and lists written once and read once.
+            ("bytes_moved", self.set_up as f64 * stats.bytes_per_splat + 2.0 * self.bytes as f64),
             ("tile_ns_per_block_pair", self.tiles_ms * 1e6 * stats.threads as f64 / pairs),
         ]);
     }
@@ -178,7 +201,7 @@ impl Drawing<'_> {
         let shared = self.shared(&prepared);
         let Prepared { segments, veils, .. } = &prepared;
         let after_setup = Instant::now();
-        totals.setup_ms += (after_setup - start).as_secs_f64() * 1e3;
+        totals.set_up_in(after_setup - start, &prepared);
         let listing = Listing { segments, grid };
         let tiles = TileJob { listing, shared, lighting: &self.lighting };
         let extras = Extras { meshes: &self.scene.meshes, triangles: &triangles, veils, layers: self.layers };
@@ -240,6 +263,7 @@ impl Drawing<'_> {
         let wall = start.elapsed().as_secs_f64() * 1e3 / busy.max(f64::MIN_POSITIVE);
         for (sum, bytes) in sums {
             totals.setup_ms += sum.setup_ms * wall;
+            totals.binning_ms += sum.binning_ms * wall;
             totals.tiles_ms += sum.tiles_ms * wall;
             totals.edges_ms += sum.edges_ms * wall;
             totals.batches += sum.batches;
@@ -247,6 +271,7 @@ impl Drawing<'_> {
             totals.set_up += sum.set_up;
             totals.drawn += sum.drawn;
             totals.tile_pairs += sum.tile_pairs;
+            totals.bytes += sum.bytes;
             totals.counters += sum.counters;
             totals.batch_bytes += bytes;
         }
@@ -285,7 +310,7 @@ impl Drawing<'_> {
             veils.iter_mut().for_each(|veil| self.light_splats(veil, near));
         }
         let after_setup = Instant::now();
-        totals.setup_ms += (after_setup - start).as_secs_f64() * 1e3;
+        totals.set_up_in(after_setup - start, &prepared);
         let shared = self.shared(&prepared);
         let Prepared { segments, veils, .. } = &prepared;
         let tiles = TileJob { listing: Listing { segments, grid }, shared, lighting: &self.lighting };

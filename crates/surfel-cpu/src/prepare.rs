@@ -13,6 +13,8 @@ use crate::store::{CHUNK, StoredObject};
 use crate::veil::VeilSegment;
 use fearless_simd::Simd;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 use surfel_model::Cull;
 use surfel_render::{FramePlan, Region, View};
 
@@ -29,6 +31,13 @@ pub(crate) struct Seen {
     pub chunk: u32,
     /// Depth of its centre: what is near comes first, so that what it hides is found early.
     z: f64,
+}
+
+/// Splats of chunks that can't be seen as a whole.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Unseen {
+    pub outside: u64,
+    pub turned_away: u64,
 }
 
 /// What is prepared: the splats of some objects for a view.
@@ -86,6 +95,12 @@ impl Prepared {
         self.segments.iter().map(|s| s.drawn).sum()
     }
 
+    /// The share of its time that sorting into tiles took.
+    pub(crate) fn sort_share(&self) -> f64 {
+        let [set_up, sort] = self.segments.iter().fold([0.0; 2], |[a, b], s| [a + s.set_up_s, b + s.sort_s]);
+        if sort > 0.0 { sort / (set_up + sort) } else { 0.0 }
+    }
+
     /// Pairs of record and tile.
     pub(crate) fn tile_pairs(&self) -> u64 {
         self.all().map(|s| s.pairs() as u64).sum()
@@ -112,8 +127,10 @@ impl<'a> Preparation<'a> {
             .collect()
     }
 
-    /// Chunks that are not outside the view or turned away, from near to far.
-    pub(crate) fn seen(&self, setups: &[ObjectSetup<'_>]) -> Vec<Seen> {
+    /// Chunks that are not outside the view or turned away, from near to far, and how many splats those others have.
+    pub(crate) fn seen(&self, setups: &[ObjectSetup<'_>]) -> (Vec<Seen>, Unseen) {
+        let [outside, turned_away] = [const { AtomicU64::new(0) }; 2];
+        let (out, away) = (&outside, &turned_away);
         let mut seen: Vec<Seen> = setups
             .par_iter()
             .enumerate()
@@ -122,14 +139,19 @@ impl<'a> Preparation<'a> {
                 let chunks = setup.object.chunks.par_iter().enumerate().with_min_len(1024);
                 chunks.filter_map(move |(chunk, c)| {
                     let center = setup.center(c);
-                    let hidden = setup.is_outside(center, c, region) || setup.is_turned_away(c);
-                    (!hidden).then_some(Seen { object: object as u32, chunk: chunk as u32, z: center.z })
+                    let count = |of: &AtomicU64| {
+                        of.fetch_add(c.count as u64, Ordering::Relaxed);
+                        true
+                    };
+                    let unseen =
+                        (setup.is_outside(center, c, region) && count(out)) || (setup.is_turned_away(c) && count(away));
+                    (!unseen).then_some(Seen { object: object as u32, chunk: chunk as u32, z: center.z })
                 })
             })
             .collect();
         let order = |a: &Seen, b: &Seen| a.z.total_cmp(&b.z).then((a.object, a.chunk).cmp(&(b.object, b.chunk)));
         seen.par_sort_unstable_by(order);
-        seen
+        (seen, Unseen { outside: outside.into_inner(), turned_away: turned_away.into_inner() })
     }
 
     /// Splats of some chunks.
@@ -217,13 +239,17 @@ impl<'a> Preparation<'a> {
         veil.segment.clips.restart(first_clips[1]);
         let mut out =
             SetupOutput { grid: *grid, counted, segment: &mut segment, entries: &mut entries, veil: Some(&mut veil) };
+        let start = Instant::now();
         with_instructions!(self.instructions, simd => set_up(simd, setups, chunks, &mut out));
+        let after_setup = Instant::now();
         segment.sort(&entries, grid);
         self.recycled.give_back_entries(entries);
         let veil = (!veil.splats.is_empty()).then(|| {
             veil.segment.sort(&veil.entries, grid);
             VeilSegment { segment: veil.segment, splats: veil.splats }
         });
+        segment.set_up_s = (after_setup - start).as_secs_f64();
+        segment.sort_s = after_setup.elapsed().as_secs_f64();
         (segment, veil)
     }
 }

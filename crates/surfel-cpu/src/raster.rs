@@ -356,20 +356,12 @@ fn sixteen<S: Simd>(
         };
         match together {
             Some((Together::Simple, records)) => {
-                let has_clips = Together::has_clips(&records);
-                for (j, mut fragment) in four::<S, false>(simd, records, at, shared).into_iter().enumerate() {
-                    if has_clips {
-                        fragment.clip(simd, records[j], at, shared);
-                    }
+                for (j, fragment) in four::<S, false>(simd, records, at, shared).into_iter().enumerate() {
                     visit.add(simd, fragment, i + j, records[j]);
                 }
             }
             Some((Together::Soft, records)) => {
-                let has_clips = Together::has_clips(&records);
-                for (j, mut fragment) in four::<S, true>(simd, records, at, shared).into_iter().enumerate() {
-                    if has_clips {
-                        fragment.clip(simd, records[j], at, shared);
-                    }
+                for (j, fragment) in four::<S, true>(simd, records, at, shared).into_iter().enumerate() {
                     visit.add(simd, fragment, i + j, records[j]);
                 }
             }

@@ -219,8 +219,8 @@ impl surfel_render::Renderer for Renderer {
         let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
         let mut stats = Stats { splats: scene.summary.splats, threads: self.info.threads, ..Stats::default() };
         let (instructions, work, recycled) = (self.instructions, self.work, &self.recycled);
-        self.pool.install(|| draw(instructions, work, recycled, (scene, view, &plan), frame, &mut stats));
         stats.bytes_per_splat = scene.bytes() as f64 / scene.summary.splats.max(1) as f64;
+        self.pool.install(|| draw(instructions, work, recycled, (scene, view, &plan), frame, &mut stats));
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)
     }

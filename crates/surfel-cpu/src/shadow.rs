@@ -56,7 +56,7 @@ fn draw_map(preparation: &Preparation<'_>, scene: &ResidentScene, map: &ShadowMa
     let [width, height] = map.view.size.map(|size| size as usize);
     let mut kept = vec![f32::INFINITY; width * height];
     let setups = preparation.setups();
-    let seen = preparation.seen(&setups);
+    let (seen, _) = preparation.seen(&setups);
     for rows in preparation.batches(&setups, &seen, &scene.meshes) {
         let grid = preparation.grid(rows);
         let prepared = preparation.set_up(&setups, &seen, &grid, rows);

@@ -90,7 +90,9 @@ pub fn adjusted_outside() -> Case {
     let mut camera = camera(2.0, 45.0, [48, 48]);
     camera.projection = Projection::Orthographic { height: 48.0 };
     camera.far = Some(10.0);
-    Case::new("adjusted-outside", scene(&[splat]), camera).with("adjust", |s| {
+    // One in the picture, which shows how they overlap.
+    let inside = Splat::disk(DVec3::new(-12.0, 3.0, -1.0), DVec3::Z, 12.0, [0.2, 0.3, 0.8]);
+    Case::new("adjusted-outside", scene(&[splat, inside]), camera).with("adjust", |s| {
         (s.filter, s.prefilter_radius_px) = (Filter::Adjust, 10.0);
     })
 }
