@@ -203,10 +203,12 @@ fn framed(cloud: SplatCloud, cull: Cull) -> Loaded {
         far: None,
         size: [SIZE; 2],
     };
+    // What antialiased edges need.
+    let interior_weight = surfel::sample::interior_weight(&cloud);
     let object = Object {
         geometry: Geometry::Splats(Arc::new(cloud)),
         world_from_object: DAffine3::IDENTITY,
-        material: Material { cull, ..Material::default() },
+        material: Material { cull, interior_weight, ..Material::default() },
     };
     let lights = Some(surfel::studio_lights(&camera));
     let scene = Scene { ambient: [0.1; 3], lights, objects: vec![object], ..Scene::default() };

@@ -36,19 +36,52 @@ impl<S: Simd> Fragment<S> {
     /// Takes away what the splat's clip removes, if it has one.
     #[inline(always)]
     pub(crate) fn clip(&mut self, simd: S, record: &Record, at: (Lanes<S>, Lanes<S>), shared: &Shared<'_>) {
-        let Some(clip) = record.clip().and_then(|number| shared.clips.get(number)) else { return };
-        let (d_x, d_y) = offsets(simd, record, at);
-        let (mut x, mut y) = (d_x, d_y);
-        if shared.wants.clamp.is_some() {
-            // The disk of `clamp` may reach beyond the horizon, where the centre decides.
-            let k = |v: f32| Lanes::splat(simd, v);
-            let before = k(0.0).lt(k(record.w_x()).mul_add(d_x, k(record.w_y()).mul_add(d_y, k(1.0))));
-            (x, y) = (Lanes::select(before, d_x, k(0.0)), Lanes::select(before, d_y, k(0.0)));
+        if let Some([visible, inside]) = kept_of(simd, record, at, shared) {
+            self.visible &= visible;
+            self.inside &= inside;
         }
-        let [visible, inside] = clip.keeps(V2::new(d_x, d_y), V2::new(x, y));
-        self.visible &= visible;
-        self.inside &= inside;
     }
+}
+
+/// Pixels that the clip of four splats keeps. Out of line: few splats have one.
+#[cold]
+#[inline(never)]
+fn kept_of_four<S: Simd>(
+    simd: S,
+    records: &[&Record; 4],
+    at: (Lanes<S>, Lanes<S>),
+    shared: &Shared<'_>,
+) -> [Option<[mask32x16<S>; 2]>; 4] {
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            let mut kept = [None; 4];
+            for (kept, record) in kept.iter_mut().zip(records) {
+                *kept = kept_of(simd, record, at, shared);
+            }
+            kept
+        },
+    )
+}
+
+/// Pixels that a splat's clip keeps of its unfiltered and its filtered footprint.
+#[inline(always)]
+fn kept_of<S: Simd>(
+    simd: S,
+    record: &Record,
+    at: (Lanes<S>, Lanes<S>),
+    shared: &Shared<'_>,
+) -> Option<[mask32x16<S>; 2]> {
+    let clip = record.clip().and_then(|number| shared.clips.get(number))?;
+    let (d_x, d_y) = offsets(simd, record, at);
+    let (mut x, mut y) = (d_x, d_y);
+    if shared.wants.clamp.is_some() {
+        // The disk of `clamp` may reach beyond the horizon, where the centre decides.
+        let k = |v: f32| Lanes::splat(simd, v);
+        let before = k(0.0).lt(k(record.w_x()).mul_add(d_x, k(record.w_y()).mul_add(d_y, k(1.0))));
+        (x, y) = (Lanes::select(before, d_x, k(0.0)), Lanes::select(before, d_y, k(0.0)));
+    }
+    Some(clip.keeps(V2::new(d_x, d_y), V2::new(x, y)))
 }
 
 /// Offsets of a block's pixels from the anchor. Whole pixels are exact; one rounding of an offset, not of a pixel
@@ -221,8 +254,11 @@ pub(crate) fn four<S: Simd, const SOFT: bool>(
     };
     let mut fragments = [fragment(0), fragment(1), fragment(2), fragment(3)];
     if Together::has_clips(&records) {
-        for (fragment, record) in fragments.iter_mut().zip(records) {
-            fragment.clip(simd, record, at, shared);
+        for (fragment, kept) in fragments.iter_mut().zip(kept_of_four(simd, &records, at, shared)) {
+            if let Some([visible, inside]) = kept {
+                fragment.visible &= visible;
+                fragment.inside &= inside;
+            }
         }
     }
     fragments

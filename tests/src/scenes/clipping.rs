@@ -1,10 +1,10 @@
 //! Scenes of clipped splats.
 
 use super::Case;
-use crate::build::{Clipped, Splat, camera, clipped_cloud, confetti, object, scene};
+use crate::build::{Clipped, Splat, camera, clipped_cloud, confetti, object, scene, with_alpha};
 use crate::random::Random;
 use glam::{DAffine3, DVec3};
-use surfel_model::{ClipCurve, ClipLine, ClipMode, ClipPolicy, Cull, Filter, Mapping, Scene};
+use surfel_model::{ClipCurve, ClipLine, ClipMode, ClipPolicy, Cull, Filter, Mapping, Scene, Transparency};
 
 pub(super) fn clipping_cases() -> Vec<Case> {
     let curves = clip_curves();
@@ -16,6 +16,8 @@ pub(super) fn clipping_cases() -> Vec<Case> {
         clip_lines_mirrored(),
         clipped_cube(),
         clipped_confetti().with("edge-aa", |s| s.edge_aa = true),
+        clipped_glass().with("peel", |s| s.transparency = Transparency::Peel { layers: 3, drop_last: false }),
+        clipped_glass().with("abuffer", |s| s.transparency = Transparency::ABuffer { layers: 4 }),
         clipped_near(),
         clipped_near().with("edge-aa", |s| s.edge_aa = true),
     ];
@@ -122,8 +124,25 @@ pub fn clipped_cube() -> Case {
 
 /// A clip on every splat of a ball of confetti, smaller than pixels to many of them: filters that carry the clip.
 pub fn clipped_confetti() -> Case {
+    let mut scene = Scene { objects: vec![object(clipped_cloud(&confetti_with_clips()))], ..scene(&[]) };
+    scene.objects[0].material.interior_weight = Some(1.5);
+    Case::new("clipped-confetti", scene, camera(3.0, 45.0, [64, 64]))
+}
+
+/// Such splats of glass: layers whose splats are clipped otherwise than opaque ones.
+pub fn clipped_glass() -> Case {
+    let mut case = clipped_confetti();
+    case.name = "clipped-glass".to_owned();
+    case.scene.objects =
+        vec![object(with_alpha(clipped_cloud(&confetti_with_clips()), |i| 0.3 + 0.1 * (i % 6) as f32))];
+    // The A-buffer asks for W0.
+    case.scene.objects[0].material.interior_weight = Some(1.5);
+    case
+}
+
+fn confetti_with_clips() -> Vec<Clipped> {
     let mut random = Random::new(97);
-    let splats: Vec<Clipped> = confetti(300, 0.04, 4.0, 101)
+    confetti(300, 0.04, 4.0, 101)
         .into_iter()
         .enumerate()
         .map(|(i, splat)| {
@@ -131,10 +150,7 @@ pub fn clipped_confetti() -> Case {
             let lines = if i % 3 == 1 { Vec::new() } else { vec![random_line(&mut random), random_line(&mut random)] };
             Clipped { splat, curve, lines, mode: ClipMode::And }
         })
-        .collect();
-    let mut scene = Scene { objects: vec![object(clipped_cloud(&splats))], ..scene(&[]) };
-    scene.objects[0].material.interior_weight = Some(1.5);
-    Case::new("clipped-confetti", scene, camera(3.0, 45.0, [64, 64]))
+        .collect()
 }
 
 /// Clipped splats through z_near and behind the eye.
