@@ -31,7 +31,7 @@ pub(crate) struct Arguments {
     /// A part of the GPU adapter's name.
     #[arg(long)]
     adapter: Option<String>,
-    /// 256² pixels and few runs: two minutes on two idle threads.
+    /// 256² pixels and few runs: a few minutes on two threads.
     #[arg(long)]
     quick: bool,
     /// Pixels on a side of all pictures; 512, or 256 with --quick.
