@@ -4,9 +4,9 @@ use glam::DVec3;
 use surfel_conformance::harness::{Verdict, check_backend, check_case, render};
 use surfel_conformance::polygons::{mesh_object, mesh_sphere, quad};
 use surfel_conformance::{build, scenes};
-use surfel_cpu::{Evaluation, Options, Peeling, Renderer as Cpu, SimdLevel, Storage, Work};
+use surfel_cpu::{Dots, Evaluation, Options, Peeling, Renderer as Cpu, SimdLevel, Storage, Work};
 use surfel_model::{
-    Accumulate, ClipLine, ClipMode, Cull, Light, OnInvalid, Scene, Settings, Shader, SplatCloud, Transparency,
+    Accumulate, ClipLine, ClipMode, Cull, Filter, Light, OnInvalid, Scene, Settings, Shader, SplatCloud, Transparency,
 };
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Region, RenderError, Renderer, View};
@@ -115,6 +115,8 @@ fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_cell_batch_and_peelin
         cells(32, 0),
         cells(8, 40),
         anew,
+        self::cut(Work { dots: Dots::Off, ..Work::default() }),
+        self::cut(Work { dots: Dots::ByBlocks, ..Work::default() }),
     ];
     let planes = Planes { fragments: true, ..Planes::ALL };
     for case in drawn() {
@@ -305,4 +307,72 @@ fn cpu_quantised_storage_halves_memory_and_is_nearly_the_same_picture() {
     let rms = (squares / differences.len() as f64).sqrt();
     // Centres move by 1.5e-5 of a chunk, some 2e-4 of a radius here: measured 2e-5, and no pixel at the rim falls out.
     assert!(rms < 1e-4 && rms > 0.0, "{rms:e}");
+}
+
+/// Small splats in front of and behind each other, some steep, among larger ones.
+fn specks(radius_px: f64, size: [u32; 2]) -> scenes::Case {
+    let camera = build::camera(4.0, 40.0, size);
+    let pixel = 4.0 * (20f64.to_radians()).tan() * 2.0 / f64::from(size[1]);
+    let ball = build::sphere(1200, 1.0, 5).into_iter().enumerate().map(|(i, splat)| {
+        // From half to one and a half times the radius; every fiftieth is ten times as large.
+        let scale = (0.5 + (i % 11) as f64 * 0.1) * if i % 50 == 7 { 10.0 } else { 1.0 };
+        let [s, t] = [splat.s, splat.t].map(|axis| axis.normalize() * radius_px * pixel * scale);
+        build::Splat { s, t, ..splat }
+    });
+    let ball: Vec<build::Splat> = ball.collect();
+    let behind = ball.iter().map(|splat| build::Splat { p: splat.p * 0.9, ..*splat });
+    let splats: Vec<build::Splat> = ball.iter().copied().chain(behind).collect();
+    scenes::Case::new(&format!("specks {radius_px}"), build::scene(&splats), camera)
+}
+
+#[test]
+fn cpu_draws_dots_by_splats_and_by_blocks_and_no_bit_changes() {
+    let filters = [Filter::Principal, Filter::None, Filter::Ewa, Filter::Adjust, Filter::Clamp];
+    let wanted = [Planes { fragments: true, ..Planes::ALL }, Planes::COLOR];
+    for (i, filter) in filters.into_iter().enumerate() {
+        for radius_px in [0.1, 0.6, 0.9] {
+            let mut case = specks(radius_px, [90, 70]).with(&format!("{filter:?}"), |s| {
+                s.filter = filter;
+                s.shader = [Shader::Phong, Shader::Unlit, Shader::Normal][i % 3];
+                s.cutoff = [2.0, 1.0, 4.5][i % 3];
+            });
+            // Splats beyond z_near and z_far, which are drawn in part.
+            case.camera.near = 3.02;
+            for planes in wanted {
+                let draw = |dots, tile_px, cell_splats| {
+                    let work = Work { dots, tile_px, cell_splats, ..Work::default() };
+                    let mut renderer = cut(work);
+                    let scene = renderer.upload(&case.scene).unwrap();
+                    let mut frame = Frame::default();
+                    let stats = renderer.render(&scene, &case.view(), &case.settings, planes, &mut frame).unwrap();
+                    let counter = |wanted| stats.counters.iter().find(|(name, _)| *name == wanted).unwrap().1;
+                    (bits(&frame), counter("fragments_tested") / counter("block_pairs"))
+                };
+                let (off, all) = draw(Dots::Off, 32, 1 << 20);
+                assert_eq!(all, 16.0);
+                for (dots, tile_px, cell_splats) in [
+                    (Dots::ByBlocks, 32, 1 << 20),
+                    (Dots::BySplats, 32, 1 << 20),
+                    (Dots::BySplats, 8, 100),
+                    (Dots::BySplats, 16, 0),
+                ] {
+                    let (drawn, share) = draw(dots, tile_px, cell_splats);
+                    assert!(drawn == off, "{}, {dots:?}, tiles of {tile_px}", case.name);
+                    // Most splats are dots but of `clamp`, whose disks are no ellipses.
+                    let by_splats = dots == Dots::BySplats && filter != Filter::Clamp;
+                    assert_eq!(share < 14.0, by_splats, "{}, {dots:?}, tiles of {tile_px}: {share}", case.name);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn cpu_agrees_with_the_reference_on_dots() {
+    let mut reference = Reference::new(0).unwrap();
+    for radius_px in [0.1, 0.6, 0.9] {
+        let case = specks(radius_px, [60, 50]).with("lit", |s| s.shader = Shader::Phong);
+        let report = check_case(&mut renderer(1, SimdLevel::Best), &mut reference, &case);
+        assert_eq!(report.verdict, Verdict::Passed, "{report}");
+    }
 }

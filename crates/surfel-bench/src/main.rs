@@ -84,6 +84,9 @@ pub(crate) struct Arguments {
     /// Set up splats behind all that is shown too.
     #[arg(long)]
     hidden: bool,
+    /// Draw tiles of small splats block by block too.
+    #[arg(long)]
+    blocks: bool,
     /// Where the models igea.ply and lion_takanawa.ply are; without them their scenes are left out.
     #[arg(long, value_name = "FOLDER", default_value = "models")]
     models: PathBuf,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Renderer, Settings, View};
-use surfel_cpu::{Evaluation, SimdLevel};
+use surfel_cpu::{Dots, Evaluation, SimdLevel};
 
 use crate::machine::{Machine, busy_ms};
 use crate::report::{BackendFacts, Ceiling, Report, Row, Samples, Subject};
@@ -43,6 +43,7 @@ impl Plan {
             work: surfel_cpu::Work {
                 evaluation: if arguments.general { Evaluation::General } else { Evaluation::Cheapest },
                 culls_hidden: !arguments.hidden,
+                dots: if arguments.blocks { Dots::Off } else { Dots::BySplats },
                 ..surfel_cpu::Work::default()
             },
             // A GPU's threads aren't ours to set.

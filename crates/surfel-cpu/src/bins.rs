@@ -61,8 +61,40 @@ pub(crate) struct Entry {
     pub blocks: u64,
     /// Index of the record in its segment.
     pub record: u32,
-    /// Index of the tile.
-    pub tile: u32,
+    /// Index of the tile, and [`Kind`] in the two highest bits.
+    place: u32,
+}
+
+/// Whether a splat is a [dot](crate::dots).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Any = 0,
+    /// One of 2×2 pixels.
+    Four = 1,
+    /// One of 3×3 pixels.
+    Nine = 2,
+}
+
+impl Entry {
+    /// Tiles are 8 pixels wide or more: even the largest picture has fewer than 2^30.
+    #[inline(always)]
+    pub(crate) fn new(blocks: u64, record: u32, tile: u32, kind: Kind) -> Self {
+        Self { blocks, record, place: tile | (kind as u32) << 30 }
+    }
+
+    #[inline(always)]
+    fn tile(&self) -> usize {
+        (self.place & (u32::MAX >> 2)) as usize
+    }
+
+    #[inline(always)]
+    pub(crate) fn kind(&self) -> Kind {
+        match self.place >> 30 {
+            0 => Kind::Any,
+            1 => Kind::Four,
+            _ => Kind::Nine,
+        }
+    }
 }
 
 /// Each tile's entries, in the order in which they were found.
@@ -86,14 +118,14 @@ impl TileLists {
         }
         self.starts.resize(grid.tiles() + 1, 0);
         for entry in unsorted {
-            self.starts[entry.tile as usize + 1] += 1;
+            self.starts[entry.tile() + 1] += 1;
         }
         for i in 1..self.starts.len() {
             self.starts[i] += self.starts[i - 1];
         }
         self.next.clone_from(&self.starts);
         for &entry in unsorted {
-            let at = &mut self.next[entry.tile as usize];
+            let at = &mut self.next[entry.tile()];
             self.entries[*at as usize] = entry;
             *at += 1;
         }

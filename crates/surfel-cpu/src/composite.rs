@@ -45,10 +45,18 @@ pub(crate) struct CompositeScratch<'a> {
     window: Box<Window>,
 }
 
-impl CompositeScratch<'_> {
-    pub(crate) fn new() -> Self {
+impl Default for CompositeScratch<'_> {
+    fn default() -> Self {
         let (triangles, veils) = (ItemLists::new(), ItemLists::new());
         Self { triangles, veils, veil: VeilScratch::default(), window: Window::new() }
+    }
+}
+
+impl CompositeScratch<'_> {
+    /// The same memory, for tiles of other things.
+    pub(crate) fn for_others<'b>(self) -> CompositeScratch<'b> {
+        let Self { triangles, veils, veil, window } = self;
+        CompositeScratch { triangles: triangles.for_others(), veils: veils.for_others(), veil, window }
     }
 }
 

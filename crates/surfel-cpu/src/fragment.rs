@@ -1,10 +1,11 @@
 //! A splat at the pixels of a block of 4×4, a lane for each.
 
+use crate::dots;
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes};
 use crate::near::NearSplat;
-use crate::raster::Shared;
-use crate::record::{Class, Record, Together};
+use crate::raster::{Shared, Wants};
+use crate::record::{Class, Record, RecordLanes, Together};
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::{Real, V2};
 
@@ -49,15 +50,15 @@ impl<S: Simd> Fragment<S> {
 fn kept_of_four<S: Simd>(
     simd: S,
     records: &[&Record; 4],
-    at: (Lanes<S>, Lanes<S>),
+    at: &[(Lanes<S>, Lanes<S>); 4],
     shared: &Shared<'_>,
 ) -> [Option<[mask32x16<S>; 2]>; 4] {
     simd.vectorize(
         #[inline(always)]
         || {
             let mut kept = [None; 4];
-            for (kept, record) in kept.iter_mut().zip(records) {
-                *kept = kept_of(simd, record, at, shared);
+            for ((kept, record), at) in kept.iter_mut().zip(records).zip(at) {
+                *kept = kept_of(simd, record, *at, shared);
             }
             kept
         },
@@ -94,9 +95,14 @@ fn offsets<S: Simd>(simd: S, record: &Record, (columns, rows): (Lanes<S>, Lanes<
 
 /// x·d_x + y·d_y.
 #[inline(always)]
-fn form<S: Simd>((d_x, d_y): (Lanes<S>, Lanes<S>), x: f32, y: f32) -> Lanes<S> {
-    let k = |v: f32| Lanes::splat(d_x.0.simd, v);
-    k(x).mul_add(d_x, k(y) * d_y)
+fn form<S: Simd>((d_x, d_y): (Lanes<S>, Lanes<S>), x: Lanes<S>, y: Lanes<S>) -> Lanes<S> {
+    x.mul_add(d_x, y * d_y)
+}
+
+/// x·d_x + y·d_y + c.
+#[inline(always)]
+fn form_at<S: Simd>((d_x, d_y): (Lanes<S>, Lanes<S>), x: Lanes<S>, y: Lanes<S>, c: Lanes<S>) -> Lanes<S> {
+    x.mul_add(d_x, y.mul_add(d_y, c))
 }
 
 #[inline(always)]
@@ -109,9 +115,7 @@ fn unclipped<S: Simd>(
 ) -> Fragment<S> {
     let wants = &shared.wants;
     let k = |v: f32| Lanes::splat(simd, v);
-    let (d_x, d_y) = offsets(simd, record, at);
-    let form_at = |x: f32, y: f32, c: f32| k(x).mul_add(d_x, k(y).mul_add(d_y, k(c)));
-    let d = (d_x, d_y);
+    let d = offsets(simd, record, at);
     let class = record.class();
     if class == Class::Near {
         let [z, weight] = near_fragment(&shared.near[record.object()], first, &wants.kernel);
@@ -119,66 +123,106 @@ fn unclipped<S: Simd>(
         let inside = z.le(z);
         return Fragment { visible: inside, inside, z, weight };
     }
-    let u = form(d, record.u_x(), record.u_y());
-    let v = form(d, record.v_x(), record.v_y());
-    let square = u.mul_add(u, v * v);
-    let one = k(1.0);
-    if class == Class::Shallow {
-        let inverse = inverse_near_one(form(d, record.depth_x(), record.depth_y()));
-        let rho_squared = square * (inverse * inverse);
-        let inside = rho_squared.le(one);
-        let weight = wants.kernel.at(rho_squared);
-        return Fragment { visible: inside, inside, z: k(record.z()) * inverse, weight };
+    if class == Class::Dot {
+        let [z, weight] = dots::at_block(record, first);
+        let (z, weight) = (Lanes::load(simd, &z), Lanes::load(simd, &weight));
+        let visible = k(1.0).copysign(weight).lt(k(0.0));
+        return Fragment { visible, inside: weight.le(weight), z, weight: weight.abs() };
     }
-    if class == Class::Soft {
-        let e = form(d, record.depth_x(), record.depth_y());
-        let inverse = inverse_near_one(e.max(k(record.range_min())).min(k(record.range_max())));
-        let visible_u = form(d, record.visible_u_x(), record.visible_u_y());
-        let visible_v = form(d, record.visible_v_x(), record.visible_v_y());
-        let visible = visible_u.mul_add(visible_u, visible_v * visible_v) * (inverse * inverse);
-        let filtered = inverse_near_one(form(d, record.w_x(), record.w_y()));
-        let rho_squared = square * (filtered * filtered);
-        let weight = wants.kernel.at(rho_squared) * k(record.weight_scale());
-        let z = k(record.z()) * inverse;
-        return Fragment { visible: visible.le(one), inside: rho_squared.le(one), z, weight };
+    let r = RecordLanes::splat(simd, record);
+    match class {
+        Class::Shallow => shallow(&r, d, wants),
+        Class::Soft => soft(&r, d, wants),
+        Class::Plain => plain(&r, d, wants),
+        _ => general(&r, d, wants),
     }
-    let (low, high) = (k(record.range_min()), k(record.range_max()));
-    // The plane's depth within the disk's range, and p_z/z and z/p_z where that is what is linear. The disk ends just
-    // where |(u, v)| reaches the clamped p_z/z, so that the test needs no look at the sign of w.
-    let (z, ratio, inverse) = if wants.linear_depth {
-        (form_at(record.depth_x(), record.depth_y(), record.z()).max(low).min(high), None, None)
-    } else {
-        let w = form_at(record.depth_x(), record.depth_y(), 1.0).max(low).min(high);
-        let inverse = w.reciprocal_near_one();
-        (k(record.z()) * inverse, Some(w), Some(inverse))
+}
+
+/// u² + v² of the filtered footprint.
+#[inline(always)]
+fn square_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>)) -> Lanes<S> {
+    let (u, v) = (form(d, r.u_x, r.u_y), form(d, r.v_x, r.v_y));
+    u.mul_add(u, v * v)
+}
+
+/// u² + v² of the unfiltered footprint.
+#[inline(always)]
+fn visible_square_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>)) -> Lanes<S> {
+    let (u, v) = (form(d, r.visible_u_x, r.visible_u_y), form(d, r.visible_v_x, r.visible_v_y));
+    u.mul_add(u, v * v)
+}
+
+/// Shallow splats, or one, at offsets from their anchors.
+#[inline(always)]
+fn shallow<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), wants: &Wants) -> Fragment<S> {
+    let inverse = inverse_near_one(form(d, r.depth_x, r.depth_y));
+    let rho_squared = square_of(r, d) * (inverse * inverse);
+    let inside = rho_squared.le(r.z.one());
+    Fragment { visible: inside, inside, z: r.z * inverse, weight: wants.kernel.at(rho_squared) }
+}
+
+/// Shallow or soft ones.
+#[inline(always)]
+pub(crate) fn soft<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), wants: &Wants) -> Fragment<S> {
+    let one = r.z.one();
+    // A fragment outside the disk lies no farther from its centre than the disk does.
+    let inverse = inverse_near_one(form(d, r.depth_x, r.depth_y).max(r.range_min).min(r.range_max));
+    let visible = visible_square_of(r, d) * (inverse * inverse);
+    let filtered = inverse_near_one(form(d, r.w_x, r.w_y));
+    let rho_squared = square_of(r, d) * (filtered * filtered);
+    let weight = wants.kernel.at(rho_squared) * r.weight_scale;
+    Fragment { visible: visible.le(one), inside: rho_squared.le(one), z: r.z * inverse, weight }
+}
+
+/// The plane's depth within the disk's range, and p_z/z and z/p_z where that is what is linear. The disk ends just where
+/// |(u, v)| reaches the clamped p_z/z, so that the test needs no look at the sign of w.
+#[inline(always)]
+fn depth_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), wants: &Wants) -> (Lanes<S>, Option<[Lanes<S>; 2]>) {
+    if wants.linear_depth {
+        return (form_at(d, r.depth_x, r.depth_y, r.z).max(r.range_min).min(r.range_max), None);
+    }
+    let w = form_at(d, r.depth_x, r.depth_y, r.z.one()).max(r.range_min).min(r.range_max);
+    let inverse = w.reciprocal_near_one();
+    (r.z * inverse, Some([w, inverse]))
+}
+
+/// Plain ones.
+#[inline(always)]
+pub(crate) fn plain<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), wants: &Wants) -> Fragment<S> {
+    let (z, ratio) = depth_of(r, d, wants);
+    let square = square_of(r, d);
+    let (inside, rho_squared) = match ratio {
+        Some([w, inverse]) => (square.le(w * w), square * (inverse * inverse)),
+        None => (square.le(r.z.one()), square),
     };
-    if class == Class::Plain {
-        let (inside, rho_squared) = match (ratio, inverse) {
-            (Some(w), Some(inverse)) => (square.le(w * w), square * (inverse * inverse)),
-            _ => (square.le(one), square),
-        };
-        return Fragment { visible: inside, inside, z, weight: wants.kernel.at(rho_squared) };
-    }
+    Fragment { visible: inside, inside, z, weight: wants.kernel.at(rho_squared) }
+}
+
+/// Any that are set up in lanes.
+#[inline(always)]
+pub(crate) fn general<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), wants: &Wants) -> Fragment<S> {
+    let (zero, one) = (r.z.zero(), r.z.one());
+    let k = |v: f32| Lanes::splat(r.z.0.simd, v);
+    let (z, ratio) = depth_of(r, d, wants);
     let exists = k(wants.near).le(z) & z.le(k(wants.far));
-    let visible_u = form(d, record.visible_u_x(), record.visible_u_y());
-    let visible_v = form(d, record.visible_v_x(), record.visible_v_y());
     let limit = match ratio {
-        Some(w) => w,
+        Some([w, _]) => w,
         None => one,
     };
-    let visible = visible_u.mul_add(visible_u, visible_v * visible_v).le(limit * limit) & exists;
-    let zero = k(0.0);
-    let w = form_at(record.w_x(), record.w_y(), 1.0);
+    let visible = visible_square_of(r, d).le(limit * limit) & exists;
+    let square = square_of(r, d);
+    let w = form_at(d, r.w_x, r.w_y, one);
     let mut inside = zero.lt(w) & square.le(w * w);
     // Inside the disk w is near one; elsewhere the lane isn't used.
     let inverse = w.reciprocal_near_one();
     let mut rho_squared = square * inverse * inverse;
     if let Some(clamp) = wants.clamp {
+        let (d_x, d_y) = d;
         let disk = d_x.mul_add(d_x, d_y * d_y) * k(clamp);
         rho_squared = Lanes::select(inside, rho_squared, disk).min(disk);
         inside |= disk.le(one);
     }
-    let weight = wants.kernel.at(rho_squared) * k(record.weight_scale());
+    let weight = wants.kernel.at(rho_squared) * r.weight_scale;
     Fragment { visible, inside: inside & exists, z, weight }
 }
 
@@ -197,28 +241,28 @@ fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32
     [depths, weights]
 }
 
-/// [`fragment`] of four splats that are shallow or, if `SOFT`, soft, step by step together: a processor
-/// looks ahead over two or so, too few for the long chain of each.
+/// [`fragment`] of four splats that are shallow or, if `SOFT`, soft, each at its own pixels, step by step together: a
+/// processor looks ahead over two or so, too few for the long chain of each.
 #[inline(always)]
 pub(crate) fn four<S: Simd, const SOFT: bool>(
     simd: S,
     records: [&Record; 4],
-    at: (Lanes<S>, Lanes<S>),
+    at: [(Lanes<S>, Lanes<S>); 4],
     shared: &Shared<'_>,
 ) -> [Fragment<S>; 4] {
     let k = |v: f32| Lanes::splat(simd, v);
     let one = k(1.0);
     let [mut d_x, mut d_y, mut square, mut inverse] = [[one; 4]; 4];
     for j in 0..4 {
-        (d_x[j], d_y[j]) = offsets(simd, records[j], at);
+        (d_x[j], d_y[j]) = offsets(simd, records[j], at[j]);
     }
     for j in 0..4 {
         let (r, d) = (records[j], (d_x[j], d_y[j]));
-        let (u, v) = (form(d, r.u_x(), r.u_y()), form(d, r.v_x(), r.v_y()));
+        let (u, v) = (form(d, k(r.u_x()), k(r.u_y())), form(d, k(r.v_x()), k(r.v_y())));
         square[j] = u.mul_add(u, v * v);
     }
     for j in 0..4 {
-        let mut e = form((d_x[j], d_y[j]), records[j].depth_x(), records[j].depth_y());
+        let mut e = form((d_x[j], d_y[j]), k(records[j].depth_x()), k(records[j].depth_y()));
         if SOFT {
             // A fragment outside the disk lies no farther from its centre than the disk does.
             e = e.max(k(records[j].range_min())).min(k(records[j].range_max()));
@@ -229,11 +273,12 @@ pub(crate) fn four<S: Simd, const SOFT: bool>(
     if SOFT {
         for j in 0..4 {
             let (r, d) = (records[j], (d_x[j], d_y[j]));
-            let (u, v) = (form(d, r.visible_u_x(), r.visible_u_y()), form(d, r.visible_v_x(), r.visible_v_y()));
+            let (u, v) =
+                (form(d, k(r.visible_u_x()), k(r.visible_u_y())), form(d, k(r.visible_v_x()), k(r.visible_v_y())));
             visible[j] = u.mul_add(u, v * v) * (inverse[j] * inverse[j]);
         }
         for j in 0..4 {
-            let filtered = inverse_near_one(form((d_x[j], d_y[j]), records[j].w_x(), records[j].w_y()));
+            let filtered = inverse_near_one(form((d_x[j], d_y[j]), k(records[j].w_x()), k(records[j].w_y())));
             square[j] = square[j] * (filtered * filtered);
         }
     } else {
@@ -254,7 +299,7 @@ pub(crate) fn four<S: Simd, const SOFT: bool>(
     };
     let mut fragments = [fragment(0), fragment(1), fragment(2), fragment(3)];
     if Together::has_clips(&records) {
-        for (fragment, kept) in fragments.iter_mut().zip(kept_of_four(simd, &records, at, shared)) {
+        for (fragment, kept) in fragments.iter_mut().zip(kept_of_four(simd, &records, &at, shared)) {
             if let Some([visible, inside]) = kept {
                 fragment.visible &= visible;
                 fragment.inside &= inside;

@@ -12,7 +12,7 @@ use crate::prepare::{Preparation, Prepared, Seen, Unseen};
 use crate::raster::{self, Shared, Wants};
 use crate::record::Record;
 use crate::recycle::Recycled;
-use crate::renderer::{Peeling, ResidentScene, Work};
+use crate::renderer::{Dots, Peeling, ResidentScene, Work};
 use crate::shade::Lighting;
 use crate::shadow;
 use crate::target::TileTarget;
@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use surfel_model::{Cull, Filter, Light};
-use surfel_render::{Frame, FramePlan, Pass, PassTime, Region, Stats, View};
+use surfel_render::{Attributes, Frame, FramePlan, Pass, PassTime, Region, Stats, View};
 
 pub(crate) fn draw(
     instructions: Instructions,
@@ -46,6 +46,7 @@ pub(crate) fn draw(
         batch_splats: work.batch_splats,
         cull: Cull::Back,
         evaluation: work.evaluation,
+        finds_dots: work.dots != Dots::Off && draws_dots(plan),
         recycled,
     };
     let mut totals = Totals::default();
@@ -63,6 +64,7 @@ pub(crate) fn draw(
         layers: Layers::new(plan, work.peeling == Peeling::Anew),
         // Edges show what lies behind.
         culls_hidden: work.culls_hidden && !plan.has(Pass::EdgeAntialiasing),
+        draws_dots: work.dots == Dots::BySplats,
         factors: scene.objects.iter().map(|o| o.material.factors().map(|f| f as f32)).collect(),
         coverage: scene.objects.iter().map(|o| o.coverage_per_weight(plan.splat_filter.cutoff)).collect(),
         coverage_of_weight: coverage_of_weight(scene, plan),
@@ -153,7 +155,7 @@ impl Totals {
             ("culled", (stats.splats.saturating_sub(self.drawn)) as f64),
             ("tile_pairs", self.tile_pairs as f64),
             ("block_pairs", self.counters.block_pairs as f64),
-            ("fragments_tested", self.counters.block_pairs as f64 * 16.0),
+            ("fragments_tested", (16 * self.counters.block_pairs).saturating_sub(self.counters.spared) as f64),
             ("fragments_inside", self.counters.inside as f64),
             ("edge_pixels", self.counters.edge_pixels as f64),
             ("batch_bytes", self.batch_bytes as f64),
@@ -173,6 +175,7 @@ struct Drawing<'a> {
     wants: Wants,
     layers: Layers,
     culls_hidden: bool,
+    draws_dots: bool,
     factors: Vec<[f32; 4]>,
     coverage: Vec<f32>,
     coverage_of_weight: Option<f32>,
@@ -183,7 +186,7 @@ impl Drawing<'_> {
     /// Draws some rows of the frame.
     fn batch(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], rows: Region, frame: &mut Frame, totals: &mut Totals) {
         let start = Instant::now();
-        let (plan, instructions) = (self.plan, self.preparation.instructions);
+        let (plan, instructions, recycled) = (self.plan, self.preparation.instructions, self.preparation.recycled);
         let looks_twice = NeighbourPlanes::are_needed(plan);
         let region = if looks_twice { rows.grown(plan.reach_px(), self.view.size) } else { rows };
         let grid = self.preparation.grid(region);
@@ -203,7 +206,7 @@ impl Drawing<'_> {
         let after_setup = Instant::now();
         totals.set_up_in(after_setup - start, &prepared);
         let listing = Listing { segments, grid };
-        let tiles = TileJob { listing, shared, lighting: &self.lighting };
+        let tiles = TileJob { listing, shared, lighting: &self.lighting, dots: self.draws_dots };
         let extras = Extras { meshes: &self.scene.meshes, triangles: &triangles, veils, layers: self.layers };
         let order = heavy_first(&tiles, &extras);
         let job = CompositeJob { tiles, extras, plain: is_plain(plan) };
@@ -211,15 +214,16 @@ impl Drawing<'_> {
         let mut targets = TileTarget::cut(frame, &grid, rows, self.view.region);
         let mut planes = looks_twice.then(|| self.preparation.recycled.planes(&grid, plan));
         let jobs = targets.iter_mut().zip(tiles_of(planes.as_mut(), grid.tiles())).collect();
-        totals.counters += each_tile(instructions, sorted(jobs, &order), |level, (target, planes), scratch| {
-            job.draw(level, target, planes.as_mut(), scratch)
-        });
+        totals.counters +=
+            each_tile((instructions, recycled), sorted(jobs, &order), |level, (target, planes), scratch| {
+                job.draw(level, target, planes.as_mut(), scratch)
+            });
         let after_tiles = Instant::now();
         totals.tiles_ms += (after_tiles - after_setup).as_secs_f64() * 1e3;
         if let Some(planes) = planes {
             bytes += planes.bytes();
             let jobs = sorted(targets.iter_mut().collect(), &order);
-            totals.counters.add_second(each_tile(instructions, jobs, |level, target, scratch| {
+            totals.counters.add_second(each_tile((instructions, recycled), jobs, |level, target, scratch| {
                 job.finish_on(level, target, &planes, scratch)
             }));
             totals.edges_ms += after_tiles.elapsed().as_secs_f64() * 1e3;
@@ -300,7 +304,9 @@ impl Drawing<'_> {
         if !others.is_empty() {
             let shared = self.shared(&prepared);
             let listing = Listing { segments: &prepared.segments, grid };
-            let hiding = Hiding::of(self.preparation.instructions, &listing, &shared);
+            let mut scratch = self.preparation.recycled.scratch();
+            let hiding = Hiding::of(self.preparation.instructions, &listing, &shared, &mut scratch.lists);
+            self.preparation.recycled.give_back_scratch(scratch);
             let (hides, others) = others.iter().partition::<Vec<Seen>, _>(|seen| hiding.hides(setups, seen));
             totals.hidden += self.preparation.splats(&hides) as u64;
             self.preparation.set_up_alone(setups, &others, (&grid, cell.region), &mut prepared);
@@ -313,10 +319,11 @@ impl Drawing<'_> {
         totals.set_up_in(after_setup - start, &prepared);
         let shared = self.shared(&prepared);
         let Prepared { segments, veils, .. } = &prepared;
-        let tiles = TileJob { listing: Listing { segments, grid }, shared, lighting: &self.lighting };
+        let tiles =
+            TileJob { listing: Listing { segments, grid }, shared, lighting: &self.lighting, dots: self.draws_dots };
         let extras = Extras { meshes: &[], triangles: &[], veils, layers: self.layers };
         let job = CompositeJob { tiles, extras, plain: is_plain(self.plan) };
-        let mut scratch = TileScratch::new();
+        let mut scratch = self.preparation.recycled.scratch();
         let (recycled, instructions) = (self.preparation.recycled, self.preparation.instructions);
         let looks_twice = NeighbourPlanes::are_needed(self.plan);
         let mut planes = looks_twice.then(|| recycled.planes(&grid, self.plan));
@@ -341,7 +348,7 @@ impl Drawing<'_> {
             bytes += planes.bytes();
             recycled.give_back_planes(planes);
         }
-        drop(scratch);
+        self.preparation.recycled.give_back_scratch(scratch);
         totals.add(&prepared, 0);
         recycled.give_back(prepared.segments);
         bytes
@@ -388,6 +395,14 @@ fn is_plain(plan: &FramePlan) -> bool {
     !plan.has(Pass::Polygons) && !plan.separates_transparent && !plan.has(Pass::Outlines) && !plan.has(Pass::EyeDome)
 }
 
+/// True if dots serve a plan: if nothing is looked at twice, and their tiles' sums are all that is wanted.
+fn draws_dots(plan: &FramePlan) -> bool {
+    let Attributes { material, coverage, .. } = plan.attributes;
+    let filter = &plan.splat_filter;
+    let exact = filter.projective && filter.filter != Filter::Clamp;
+    is_plain(plan) && !NeighbourPlanes::are_needed(plan) && !material && !coverage && exact
+}
+
 /// Takes every job on some thread, in the order given, with something of the thread's own.
 fn each<T: Send, A: Send>(jobs: Vec<T>, own: impl Fn() -> A + Sync, take: impl Fn(&mut A, T) + Sync) -> Vec<A> {
     let queue = Mutex::new(jobs.into_iter());
@@ -404,18 +419,19 @@ fn each<T: Send, A: Send>(jobs: Vec<T>, own: impl Fn() -> A + Sync, take: impl F
 
 /// Runs `each` on every tile, on all threads, in the order given.
 pub(crate) fn each_tile<'t, T: Send>(
-    instructions: Instructions,
+    (instructions, recycled): (Instructions, &Recycled),
     tiles: Vec<T>,
     each: impl Fn(Instructions, &mut T, &mut TileScratch<'t>) -> Counters + Sync,
 ) -> Counters {
     let sums = self::each(
         tiles,
-        || (TileScratch::new(), Counters::default()),
+        || (recycled.scratch(), Counters::default()),
         |(scratch, sum), mut tile| *sum += each(instructions, &mut tile, scratch),
     );
-    sums.into_iter().fold(Counters::default(), |mut a, (_, b)| {
-        a += b;
-        a
+    sums.into_iter().fold(Counters::default(), |mut sum, (scratch, counters)| {
+        recycled.give_back_scratch(scratch);
+        sum += counters;
+        sum
     })
 }
 

@@ -64,7 +64,12 @@ pub(crate) struct Hiding {
 
 impl Hiding {
     /// Of the opaque splats that are set up so far.
-    pub(crate) fn of(instructions: Instructions, listing: &Listing<'_>, shared: &Shared<'_>) -> Self {
+    pub(crate) fn of<'a>(
+        instructions: Instructions,
+        listing: &Listing<'a>,
+        shared: &Shared<'_>,
+        lists: &mut BlockLists<'a>,
+    ) -> Self {
         let grid = &listing.grid;
         let side = grid.tile_blocks;
         let columns = (grid.columns * side) as usize;
@@ -74,19 +79,18 @@ impl Hiding {
             columns,
             farthest: vec![f32::INFINITY; columns * (grid.rows * side) as usize],
         };
-        with_instructions!(instructions, simd => hiding.find(simd, listing, shared));
+        with_instructions!(instructions, simd => hiding.find(simd, listing, shared, lists));
         hiding
     }
 
     #[inline(always)]
-    fn find<S: Simd>(&mut self, simd: S, listing: &Listing<'_>, shared: &Shared<'_>) {
+    fn find<'a, S: Simd>(&mut self, simd: S, listing: &Listing<'a>, shared: &Shared<'_>, lists: &mut BlockLists<'a>) {
         simd.vectorize(
             #[inline(always)]
             || {
-                let mut lists = BlockLists::default();
                 for tile in 0..listing.grid.tiles() {
                     let mut left = listing.blocks(tile);
-                    listing.list(tile, left, &mut lists);
+                    listing.list(tile, left, lists);
                     left &= lists.touched();
                     while left != 0 {
                         let block = left.trailing_zeros();

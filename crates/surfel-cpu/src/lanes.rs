@@ -42,6 +42,12 @@ impl<S: Simd> Lanes<S> {
         self.0.to_array()
     }
 
+    /// These magnitudes with others' signs, NaN's too.
+    #[inline(always)]
+    pub(crate) fn copysign(self, signs: Self) -> Self {
+        Self(self.0.copysign(signs.0))
+    }
+
     /// Columns of a 4×4 block: 0 1 2 3, four times.
     #[inline(always)]
     pub(crate) fn block_columns(simd: S) -> Self {
@@ -54,14 +60,15 @@ impl<S: Simd> Lanes<S> {
         Self(f32x16::load_array(simd, std::array::from_fn(|i| (i / 4) as f32)))
     }
 
-    /// Lane j of result i is lane i of input j.
+    /// Sixteen rows of N numbers, one after another, as N columns of sixteen: of N = 16, lane j of result i is lane i of
+    /// input j.
     #[inline(always)]
-    pub(crate) fn transpose(mut v: [Self; LANES]) -> [Self; LANES] {
-        // Four perfect shuffles of the 256 numbers exchange the two halves of their index.
+    pub(crate) fn transpose<const N: usize>(mut v: [Self; N]) -> [Self; N] {
+        // Each perfect shuffle of all numbers turns the bits of their index by one; the row's number has four.
         for _ in 0..4 {
             let from = v;
-            for i in 0..LANES / 2 {
-                let (a, b) = (from[i].0, from[i + LANES / 2].0);
+            for i in 0..N / 2 {
+                let (a, b) = (from[i].0, from[i + N / 2].0);
                 (v[2 * i], v[2 * i + 1]) = (Self(a.zip_low(b)), Self(a.zip_high(b)));
             }
         }
@@ -204,13 +211,13 @@ impl<S: Simd> Lanes<S> {
 
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
-fn has_fused_multiply_add<S: Simd>(simd: S) -> bool {
+pub(crate) fn has_fused_multiply_add<S: Simd>(simd: S) -> bool {
     !matches!(simd.level(), Level::Sse2(_) | Level::Sse4_2(_))
 }
 
 #[cfg(not(target_arch = "x86_64"))]
 #[inline(always)]
-fn has_fused_multiply_add<S: Simd>(_: S) -> bool {
+pub(crate) fn has_fused_multiply_add<S: Simd>(_: S) -> bool {
     true
 }
 

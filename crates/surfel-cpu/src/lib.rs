@@ -26,6 +26,8 @@ mod cells;
 mod clip;
 mod column;
 mod composite;
+mod dot_tiles;
+mod dots;
 mod eye_dome;
 #[doc(hidden)]
 pub mod formulas;
@@ -41,6 +43,7 @@ mod mask;
 mod matcap;
 mod mesh;
 mod near;
+mod pixel_sums;
 mod placed;
 mod planes;
 mod polygon;
@@ -60,5 +63,5 @@ mod veil;
 mod window;
 
 pub use level::SimdLevel;
-pub use renderer::{Evaluation, Options, Peeling, Renderer, ResidentScene, Work};
+pub use renderer::{Dots, Evaluation, Options, Peeling, Renderer, ResidentScene, Work};
 pub use surfel_render::Storage;

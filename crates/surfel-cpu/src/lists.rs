@@ -3,6 +3,7 @@
 use crate::bins::Entry;
 use crate::lanes::LANES;
 use crate::record::Record;
+use crate::recycle::emptied;
 
 /// Bits of a word, and blocks of a tile at most.
 const BITS: usize = 64;
@@ -35,6 +36,12 @@ impl<'a> BlockLists<'a> {
     pub(crate) fn clear(&mut self) {
         self.splats.clear();
         self.words.clear();
+    }
+
+    /// The same memory, for other splats.
+    pub(crate) fn for_others<'b>(self) -> BlockLists<'b> {
+        let Self { splats, words, records, z_min } = self;
+        BlockLists { splats: emptied(splats), words, records: emptied(records), z_min }
     }
 
     /// Appends the splats of a tile's entries to the lists of those of their blocks that are `wanted`.
@@ -131,6 +138,12 @@ impl<T: Copy> ItemLists<T> {
         self.words.clear();
     }
 
+    /// The same memory, for other items.
+    pub(crate) fn for_others<U>(self) -> ItemLists<U> {
+        let Self { items, words, list } = self;
+        ItemLists { items: emptied(items), words, list: emptied(list) }
+    }
+
     /// Appends an item to the lists of `blocks`, a bit each.
     #[inline(always)]
     pub(crate) fn push(&mut self, item: T, blocks: u64) {
@@ -187,6 +200,7 @@ fn transpose(words: &mut [u64; BITS]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bins::Kind;
 
     /// A record that can be told from others.
     fn record(i: usize) -> Record {
@@ -210,7 +224,7 @@ mod tests {
                 (0..count).map(|i| if i % 3 == 0 { random() & random() } else { 1 << (random() % 64) }).collect();
             let masks: Vec<u64> = masks.iter().enumerate().map(|(i, &m)| if i % 7 == 3 { 0 } else { m }).collect();
             let entries: Vec<Entry> =
-                (0..).zip(&masks).map(|(record, &blocks)| Entry { blocks, record, tile: 0 }).collect();
+                (0..).zip(&masks).map(|(record, &blocks)| Entry::new(blocks, record, 0, Kind::Any)).collect();
             lists.clear();
             // From two segments.
             lists.extend(&records, &entries[..count / 3], u64::MAX);

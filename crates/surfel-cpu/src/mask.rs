@@ -1,6 +1,6 @@
 //! Which blocks of a tile a footprint may touch.
 
-use crate::bins::{BLOCK, Entry, Grid, TILE_BLOCKS};
+use crate::bins::{BLOCK, Entry, Grid, Kind, TILE_BLOCKS};
 use crate::lanes::{LANES, Lanes};
 use crate::record::{BlockBox, Class, Record};
 use fearless_simd::prelude::*;
@@ -36,6 +36,8 @@ pub(crate) struct Masks {
     /// Their tile, and where their first block is in it.
     tile: [i32; LANES],
     shift: [i32; LANES],
+    /// Which of them are dots of four pixels, and of nine, as bits; none yet.
+    pub dots: [u64; 2],
 }
 
 /// A filtered footprint and an unfiltered one over pixels, about their anchors.
@@ -106,6 +108,7 @@ pub(crate) fn masks<S: Simd>(
         touching: !(alone & nothing).to_bitmask(),
         tile: tile.to_array(),
         shift: int(shift),
+        dots: [0; 2],
     }
 }
 
@@ -183,11 +186,20 @@ impl Masks {
             keep &= keep - 1;
             if self.alone >> i & 1 == 1 {
                 let blocks = spread(self.bits[i] as u64) << (self.shift[i] & 63);
-                visit(Entry { blocks, record: first, tile: self.tile[i] as u32 });
+                visit(Entry::new(blocks, first, self.tile[i] as u32, self.kind(i)));
             } else if let Some(record) = records.get(first as usize) {
-                for_tiles(simd, (record, first), self.of(i), grid, form, &mut visit);
+                for_tiles(simd, (record, first), (self.of(i), self.kind(i)), grid, form, &mut visit);
             }
             first += 1;
+        }
+    }
+
+    #[inline(always)]
+    fn kind(&self, i: usize) -> Kind {
+        match self.dots.map(|bits| bits >> i & 1) {
+            [1, _] => Kind::Four,
+            [_, 1] => Kind::Nine,
+            _ => Kind::Any,
         }
     }
 
@@ -209,8 +221,7 @@ impl Masks {
         form: MaskForm,
         visit: impl FnMut(Entry),
     ) {
-        let (blocks, bits) = self.of(i);
-        for_tiles(simd, (record, index), (blocks, bits), grid, form, visit);
+        for_tiles(simd, (record, index), (self.of(i), self.kind(i)), grid, form, visit);
     }
 }
 
@@ -219,7 +230,7 @@ impl Masks {
 pub(crate) fn for_tiles<S: Simd>(
     simd: S,
     (record, index): (&Record, u32),
-    (blocks, bits): (BlockBox, u64),
+    ((blocks, bits), kind): ((BlockBox, u64), Kind),
     grid: &Grid,
     form: MaskForm,
     mut visit: impl FnMut(Entry),
@@ -241,7 +252,7 @@ pub(crate) fn for_tiles<S: Simd>(
                 in_box & touched(simd, record, blocks, tile, grid, form)
             };
             if blocks != 0 {
-                visit(Entry { blocks, record: index, tile: row * grid.columns + column });
+                visit(Entry::new(blocks, index, row * grid.columns + column, kind));
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Meshes: how they are kept, and their triangles on the screen, sorted into tiles (§6).
 
-use crate::bins::{BLOCK, Entry, Grid, TILE_BLOCKS, TileLists};
+use crate::bins::{BLOCK, Entry, Grid, Kind, TILE_BLOCKS, TileLists};
 use crate::level::{Instructions, with_instructions};
 use crate::placed::pixels_of_box;
 use fearless_simd::Simd;
@@ -287,7 +287,7 @@ fn for_tiles(t: &ScreenTriangle, extent: &Extent<f64>, index: u32, grid: &Grid, 
                 }
             }
             if bits != 0 {
-                entries.push(Entry { blocks: bits, record: index, tile: row * grid.columns + column });
+                entries.push(Entry::new(bits, index, row * grid.columns + column, Kind::Any));
             }
         }
     }

@@ -1,5 +1,6 @@
 //! An object in a view: what is the same for all of its splats, and which chunks can't be seen.
 
+use crate::dots::DotFinder;
 use crate::renderer::Evaluation;
 use crate::store::{Chunk, StoredObject};
 use crate::veil::VeilSplat;
@@ -30,6 +31,8 @@ pub(crate) struct ObjectSetup<'a> {
     pub view: &'a View,
     pub plan: &'a FramePlan,
     pub evaluation: Evaluation,
+    /// Where splats of few pixels become dots.
+    pub dots: Option<DotFinder>,
 }
 
 impl<'a> ObjectSetup<'a> {
@@ -38,7 +41,7 @@ impl<'a> ObjectSetup<'a> {
         index: u32,
         view: &'a View,
         plan: &'a FramePlan,
-        (cull, evaluation): (Cull, Evaluation),
+        (cull, evaluation, finds_dots): (Cull, Evaluation, bool),
     ) -> Self {
         let m = object.world_from_object.matrix3;
         let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
@@ -72,6 +75,7 @@ impl<'a> ObjectSetup<'a> {
             view,
             plan,
             evaluation,
+            dots: finds_dots.then(|| DotFinder::new(plan, view)),
         }
     }
 

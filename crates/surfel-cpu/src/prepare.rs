@@ -53,6 +53,8 @@ pub(crate) struct Preparation<'a> {
     /// [`Cull::None`]: nothing is left out for facing away, whatever its material says.
     pub cull: Cull,
     pub evaluation: Evaluation,
+    /// Whether splats of few pixels become dots.
+    pub finds_dots: bool,
     pub recycled: &'a Recycled,
 }
 
@@ -123,7 +125,9 @@ impl<'a> Preparation<'a> {
     pub(crate) fn setups(&self) -> Vec<ObjectSetup<'a>> {
         let objects = self.objects.iter().enumerate();
         objects
-            .map(|(i, o)| ObjectSetup::new(o, i as u32, self.view, self.plan, (self.cull, self.evaluation)))
+            .map(|(i, o)| {
+                ObjectSetup::new(o, i as u32, self.view, self.plan, (self.cull, self.evaluation, self.finds_dots))
+            })
             .collect()
     }
 

@@ -356,12 +356,12 @@ fn sixteen<S: Simd>(
         };
         match together {
             Some((Together::Simple, records)) => {
-                for (j, fragment) in four::<S, false>(simd, records, at, shared).into_iter().enumerate() {
+                for (j, fragment) in four::<S, false>(simd, records, [at; 4], shared).into_iter().enumerate() {
                     visit.add(simd, fragment, i + j, records[j]);
                 }
             }
             Some((Together::Soft, records)) => {
-                for (j, fragment) in four::<S, true>(simd, records, at, shared).into_iter().enumerate() {
+                for (j, fragment) in four::<S, true>(simd, records, [at; 4], shared).into_iter().enumerate() {
                     visit.add(simd, fragment, i + j, records[j]);
                 }
             }

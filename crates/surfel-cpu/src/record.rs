@@ -1,5 +1,6 @@
 //! What a splat is on the screen, as the tile loops read it.
 
+use crate::dots::DotLanes;
 use crate::lanes::{LANES, Lanes};
 use fearless_simd::Simd;
 use surfel_math::mapping::{Footprint, Linear};
@@ -16,6 +17,8 @@ pub(crate) enum Class {
     Plain,
     /// Everything else that is set up in lanes.
     General,
+    /// A [dot](crate::dots): depths and weights are known pixel by pixel.
+    Dot,
     /// A splat near the eye, set up in f64: [`Record::object`] is its index among the segment's near splats.
     Near,
 }
@@ -54,6 +57,9 @@ fn any(bits: [f32; 4]) -> u32 {
     bits[0].to_bits() | bits[1].to_bits() | bits[2].to_bits() | bits[3].to_bits()
 }
 
+/// [`Class::Dot`] as bits: of four pixels, and of nine.
+pub(crate) const DOT_BITS: [u32; 2] = [16, 32];
+
 /// Numbers of a record.
 pub(crate) const FIELDS: usize = 32;
 
@@ -78,6 +84,12 @@ macro_rules! fields {
         }
 
         impl<S: Simd> RecordLanes<S> {
+            /// One record in all lanes. What isn't used costs nothing.
+            #[inline(always)]
+            pub(crate) fn splat(simd: S, record: &Record) -> Self {
+                Self { $($name: Lanes::splat(simd, record.$name()),)* }
+            }
+
             #[inline(always)]
             fn to_fields(self) -> [[Lanes<S>; LANES]; 2] {
                 let zero = Lanes::splat(self.base_x.0.simd, 0.0);
@@ -93,45 +105,45 @@ fields! {
     /// Column of the anchor's pixel.
     base_x = 0;
     base_y = 1;
-    /// From the anchor to its pixel's centre: ½ less the anchor's fraction.
-    offset_x = 2;
-    offset_y = 3;
-    /// Gradients of the filtered (u·w', v·w').
-    u_x = 4;
-    u_y = 5;
-    v_x = 6;
-    v_y = 7;
-    /// Gradient of the plane's depth: of p_z/z (perspective), or of z.
-    depth_x = 8;
-    depth_y = 9;
-    /// Depth at the anchor.
-    z = 10;
-    /// Range of the depth form over the disk: of p_z/z, or of z. Of a soft splat of p_z/z − 1; of a shallow one all there is.
-    range_min = 11;
-    range_max = 12;
     /// ε.
-    epsilon = 13;
+    epsilon = 2;
     /// No fragment of the splat is nearer.
-    z_min = 14;
+    z_min = 3;
     /// [`Class`], as bits: each class one of its own, and none for a shallow splat.
-    class_bits = 15;
-    red = 16;
-    green = 17;
-    blue = 18;
-    /// World shading normal, turned to the eye where the material is two-sided.
-    normal_x = 19;
-    normal_y = 20;
-    normal_z = 21;
+    class_bits = 4;
+    /// From the anchor to its pixel's centre: ½ less the anchor's fraction.
+    offset_x = 5;
+    offset_y = 6;
+    /// Gradients of the filtered (u·w', v·w').
+    u_x = 7;
+    u_y = 8;
+    v_x = 9;
+    v_y = 10;
+    /// Gradient of the plane's depth: of p_z/z (perspective), or of z.
+    depth_x = 11;
+    depth_y = 12;
+    /// Depth at the anchor.
+    z = 13;
+    /// Range of the depth form over the disk: of p_z/z, or of z. Of a soft splat of p_z/z − 1; of a shallow one all there is.
+    range_min = 14;
+    range_max = 15;
     /// Gradients of the unfiltered (u·w', v·w').
-    visible_u_x = 22;
-    visible_u_y = 23;
-    visible_v_x = 24;
-    visible_v_y = 25;
+    visible_u_x = 16;
+    visible_u_y = 17;
+    visible_v_x = 18;
+    visible_v_y = 19;
     /// Gradient of the filtered w'.
-    w_x = 26;
-    w_y = 27;
+    w_x = 20;
+    w_y = 21;
     /// Factor of the weight.
-    weight_scale = 28;
+    weight_scale = 22;
+    red = 23;
+    green = 24;
+    blue = 25;
+    /// World shading normal, turned to the eye where the material is two-sided.
+    normal_x = 26;
+    normal_y = 27;
+    normal_z = 28;
     /// Coverage of a unit of weight, but for the cloud's W0.
     coverage_scale = 29;
     /// Index of the object, for its material; of a near splat its own. As bits.
@@ -139,6 +151,13 @@ fields! {
     /// 1 more than the number of the splat's clip, 0 without one. As bits.
     clip_bits = 31;
 }
+
+/// The first of the eighteen fields of forms, in which a [dot](crate::dots) has its depths and weights.
+pub(crate) const FORMS: usize = 5;
+
+/// The field of the class, and the first of a colour and a normal.
+pub(crate) const CLASS: usize = 4;
+pub(crate) const COLOR: usize = 23;
 
 impl Record {
     #[inline(always)]
@@ -148,8 +167,15 @@ impl Record {
             1 => Class::Soft,
             2 => Class::Plain,
             4 => Class::General,
+            16 | 32 => Class::Dot,
             _ => Class::Near,
         }
+    }
+
+    /// Side of a dot, in pixels.
+    #[inline(always)]
+    pub(crate) fn dot_side(&self) -> usize {
+        if self.class_bits().to_bits() == DOT_BITS[0] { 2 } else { 3 }
     }
 
     #[inline(always)]
@@ -198,11 +224,11 @@ impl Record {
     /// Stands for a near splat in the tiles' lists.
     pub(crate) fn near(index: usize, z_min: f32, color: [f32; 3], normal: [f32; 3], epsilon: f32) -> Self {
         let mut fields = [0.0; FIELDS];
-        fields[13] = epsilon;
-        fields[14] = z_min;
-        fields[15] = f32::from_bits(8);
-        fields[16..19].copy_from_slice(&color);
-        fields[19..22].copy_from_slice(&normal);
+        fields[2] = epsilon;
+        fields[3] = z_min;
+        fields[CLASS] = f32::from_bits(8);
+        fields[COLOR..COLOR + 3].copy_from_slice(&color);
+        fields[COLOR + 3..COLOR + 6].copy_from_slice(&normal);
         fields[29] = 1.0;
         fields[30] = f32::from_bits(index as u32);
         Self(fields)
@@ -240,9 +266,18 @@ impl Records {
 
     /// Appends those of sixteen that are in `keep`, as bits, for which there is room: index of the first.
     #[inline(always)]
-    pub(crate) fn push_sixteen<S: Simd>(&mut self, records: RecordLanes<S>, keep: u64) -> u32 {
+    pub(crate) fn push_sixteen<S: Simd>(
+        &mut self,
+        records: RecordLanes<S>,
+        dots: Option<&DotLanes<S>>,
+        keep: u64,
+    ) -> u32 {
         let first = self.used;
-        let [low, high] = records.to_fields();
+        let mut fields = records.to_fields();
+        if let Some(dots) = dots {
+            dots.write(&mut fields);
+        }
+        let [low, high] = fields;
         let (low, high) = (Lanes::transpose(low), Lanes::transpose(high));
         let room = self.slots.get_mut(first..).and_then(|slots| slots.first_chunk_mut::<LANES>());
         debug_assert!(room.is_some());

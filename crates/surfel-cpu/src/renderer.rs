@@ -56,6 +56,8 @@ pub struct Work {
     /// Whether chunks behind all that a cell shows are found and left out. Splats of theirs that would be drawn then aren't counted
     /// as drawn.
     pub culls_hidden: bool,
+    /// How splats of four pixels at most are drawn.
+    pub dots: Dots,
     /// How layers of transparent splats are found.
     pub peeling: Peeling,
     /// How splats are evaluated. The one choice here that changes bits of a picture, within rounding.
@@ -69,6 +71,7 @@ impl Default for Work {
             cell_splats: 1 << 15,
             batch_splats: 1 << 20,
             culls_hidden: true,
+            dots: Dots::default(),
             peeling: Peeling::default(),
             evaluation: Evaluation::default(),
         }
@@ -84,6 +87,18 @@ pub enum Evaluation {
     Cheapest,
     /// All by the one that is right for any splat. To measure against.
     General,
+}
+
+/// How splats of four pixels at most are drawn. The same picture in any case.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Dots {
+    /// They are computed during setup, and tiles of them drawn splat by splat.
+    #[default]
+    BySplats,
+    /// They are computed during setup, and tiles drawn block by block.
+    ByBlocks,
+    /// As others are. To measure against.
+    Off,
 }
 
 /// How layers of transparent splats are found. The same layers either way.

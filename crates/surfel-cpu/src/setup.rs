@@ -1,7 +1,8 @@
 //! From stored splats to records, sixteen at a time.
 
-use crate::bins::{Entry, Grid, Segment};
+use crate::bins::{Entry, Grid, Kind, Segment};
 use crate::clip::{StoredClips, Turns};
+use crate::dots::DotLanes;
 use crate::lane_math::{Bits, adjust_axes, gradient_of, orthonormal, pixel_range, transform, unit};
 use crate::lanes::{LANES, Lanes};
 use crate::mask::{self, MaskForm, MaskForms, Masks};
@@ -93,7 +94,9 @@ impl SetupOutput<'_> {
     pub(crate) fn push_box<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, form: MaskForm) {
         let index = self.segment.records.len() as u32;
         self.segment.records.push(*record);
-        mask::for_tiles(simd, (record, index), (blocks, 0xffff), &self.grid, form, |entry| self.entries.push(entry));
+        mask::for_tiles(simd, (record, index), ((blocks, 0xffff), Kind::Any), &self.grid, form, |entry| {
+            self.entries.push(entry);
+        });
     }
 }
 
@@ -380,7 +383,7 @@ impl ObjectSetup<'_> {
             visible: [gradient_of(&visible.u), gradient_of(&visible.v), gradient_of(&visible.w)],
             general: !plain.bits(),
         };
-        let masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &out.grid, form);
+        let mut masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &out.grid, form);
         let veils = self.object.alphas.as_ref().filter(|_| self.plan.separates_transparent);
         let clips = clips.map(|clips| (clips, clips.clipped(at) & keep)).filter(|(_, clipped)| *clipped != 0).map(
             |(clips, clipped)| Clips {
@@ -394,9 +397,15 @@ impl ObjectSetup<'_> {
             },
         );
         if veils.is_none() {
+            let clipped = clips.as_ref().map_or(0, |clips| clips.clipped);
             let keep = keep & masks.touching();
+            let dots = match &self.dots {
+                Some(dots) if clipped == 0 => dots.find(&records, keep, [columns.0, columns.1, rows.0, rows.1]),
+                _ => None,
+            };
+            masks.dots = dots.as_ref().map_or([0; 2], DotLanes::bits);
             let SetupOutput { grid, segment, entries, .. } = out;
-            let first = segment.records.push_sixteen(records, keep);
+            let first = segment.records.push_sixteen(records, dots.as_ref(), keep);
             masks.entries(simd, keep, (&segment.records, first), grid, form, |entry| entries.push(entry));
             if let Some(clips) = &clips {
                 for i in lanes_of(clips.clipped & keep) {

@@ -52,7 +52,7 @@ fn draw_map(preparation: &Preparation<'_>, scene: &ResidentScene, map: &ShadowMa
         shadow_maps: Vec::new(),
         ..preparation.plan.clone()
     };
-    let preparation = Preparation { view: &map.view, plan: &plan, cull: Cull::None, ..*preparation };
+    let preparation = Preparation { view: &map.view, plan: &plan, cull: Cull::None, finds_dots: false, ..*preparation };
     let [width, height] = map.view.size.map(|size| size as usize);
     let mut kept = vec![f32::INFINITY; width * height];
     let setups = preparation.setups();
@@ -96,7 +96,7 @@ fn draw_rows(
     };
     let job = MapJob { listing: Listing { segments: &prepared.segments, grid }, triangles, projection, shared };
     each_tile(
-        preparation.instructions,
+        (preparation.instructions, preparation.recycled),
         targets.into_iter().enumerate().collect(),
         |level, (tile, target), scratch| with_instructions!(level, simd => simd.vectorize(#[inline(always)] || job.draw(simd, *tile, target, scratch))),
     );

@@ -4,7 +4,7 @@ use crate::bins::{BLOCK, Grid};
 use crate::lanes::{LANES, Lanes};
 use crate::shade::Pixels;
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, i32x16};
+use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::Real;
 use surfel_render::{Frame, Region};
 
@@ -47,6 +47,14 @@ impl Rect {
     /// True for a pixel inside.
     pub(crate) fn has(&self, x: i32, y: i32) -> bool {
         (self.x..self.end_x).contains(&x) && (self.y..self.end_y).contains(&y)
+    }
+
+    /// Which pixels lie inside.
+    #[inline(always)]
+    pub(crate) fn holds<S: Simd>(&self, (x, y): (Lanes<S>, Lanes<S>)) -> mask32x16<S> {
+        let k = |v: i32| f64::from(v);
+        let column = x.constant(k(self.x)).le(x) & x.lt(x.constant(k(self.end_x)));
+        column & y.constant(k(self.y)).le(y) & y.lt(y.constant(k(self.end_y)))
     }
 
     /// 1 for a block's pixels inside the rectangle, else 0.
@@ -217,6 +225,11 @@ impl<'a> TileTarget<'a> {
             fragments,
         });
         tiles.collect()
+    }
+
+    /// True if fragments are counted pixel by pixel.
+    pub(crate) fn has_fragments(&self) -> bool {
+        !self.fragments.rows.is_empty()
     }
 
     /// Fills the whole tile with what is where nothing is.

@@ -2,6 +2,7 @@
 
 use crate::bins::{BLOCK, Grid, Segment, TILE_BLOCKS};
 use crate::composite::CompositeScratch;
+use crate::dot_tiles::{self, DotScratch};
 use crate::lists::BlockLists;
 use crate::planes::TilePlanes;
 use crate::raster::{self, Scratch, Shared, Unlimited};
@@ -17,6 +18,8 @@ pub(crate) struct Counters {
     pub block_pairs: u64,
     /// Fragments inside a filtered footprint.
     pub inside: u64,
+    /// Pixels of these pairs that weren't computed, since the splat is a dot.
+    pub spared: u64,
     /// Fragments that contributed to a pixel.
     pub kept: u64,
     /// Edge pixels that were blended.
@@ -27,6 +30,7 @@ impl std::ops::AddAssign for Counters {
     fn add_assign(&mut self, o: Self) {
         self.block_pairs += o.block_pairs;
         self.inside += o.inside;
+        self.spared += o.spared;
         self.kept += o.kept;
         self.edge_pixels += o.edge_pixels;
     }
@@ -44,12 +48,26 @@ impl Counters {
 pub(crate) struct TileScratch<'a> {
     pub lists: BlockLists<'a>,
     pub block: Box<Scratch>,
+    pub dots: DotScratch<'a>,
     pub composite: CompositeScratch<'a>,
 }
 
+impl Default for TileScratch<'_> {
+    fn default() -> Self {
+        Self {
+            lists: BlockLists::default(),
+            block: Scratch::new(),
+            dots: DotScratch::default(),
+            composite: CompositeScratch::default(),
+        }
+    }
+}
+
 impl TileScratch<'_> {
-    pub(crate) fn new() -> Self {
-        Self { lists: BlockLists::default(), block: Scratch::new(), composite: CompositeScratch::new() }
+    /// The same memory, for tiles of other records.
+    pub(crate) fn for_others<'b>(self) -> TileScratch<'b> {
+        let Self { lists, block, dots, composite } = self;
+        TileScratch { lists: lists.for_others(), block, dots: dots.for_others(), composite: composite.for_others() }
     }
 }
 
@@ -110,6 +128,8 @@ pub(crate) struct TileJob<'a> {
     pub listing: Listing<'a>,
     pub shared: Shared<'a>,
     pub lighting: &'a Lighting,
+    /// Whether tiles of dots are drawn splat by splat.
+    pub dots: bool,
 }
 
 impl<'a> TileJob<'a> {
@@ -131,6 +151,9 @@ impl<'a> TileJob<'a> {
         if is_empty {
             target.fill_empty(self.lighting.background);
             return counters;
+        }
+        if planes.is_none() && self.dots && dot_tiles::serve(self, tile) {
+            return self.draw_dots(simd, target, &mut scratch.dots);
         }
         let mut kept = i32x16::splat(simd, 0);
         let mut left = self.listing.blocks(tile);

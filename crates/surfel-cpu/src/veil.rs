@@ -164,8 +164,8 @@ impl<S: Simd> VeilBlock<'_, S> {
             match together {
                 Some((together @ (Together::Simple | Together::Soft), records)) => {
                     let four = match together {
-                        Together::Simple => four::<S, false>(simd, records, at, self.shared),
-                        _ => four::<S, true>(simd, records, at, self.shared),
+                        Together::Simple => four::<S, false>(simd, records, [at; 4], self.shared),
+                        _ => four::<S, true>(simd, records, [at; 4], self.shared),
                     };
                     for (j, f) in four.into_iter().enumerate() {
                         count = self.remember(fragments, count, (4 * quarter + j, f), beyond, &mut kept);
