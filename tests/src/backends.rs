@@ -54,7 +54,7 @@ pub struct Session {
 }
 
 enum Drawing {
-    Cpu(surfel_cpu::Renderer),
+    Cpu(Box<surfel_cpu::Renderer>),
     Wgpu(Box<surfel_wgpu::Renderer>),
     Ash(Box<surfel_ash::Renderer>),
 }
@@ -67,7 +67,7 @@ impl Session {
     pub fn start(backend: Backend, adapter: Option<&str>) -> Result<Self, RenderError> {
         let adapter = adapter.map(str::to_owned);
         let drawing = match backend {
-            Backend::Cpu => Drawing::Cpu(surfel_cpu::Renderer::new(0)?),
+            Backend::Cpu => Drawing::Cpu(Box::new(surfel_cpu::Renderer::new(0)?)),
             Backend::Wgpu => {
                 listen();
                 let options = surfel_wgpu::Options { adapter, validation: true, ..surfel_wgpu::Options::default() };
@@ -101,7 +101,7 @@ impl Session {
     /// Has the backend draw a case and compares. What validation layers say is a failure.
     pub fn check(&mut self, truth: &Truth) -> Checked {
         match &mut self.drawing {
-            Drawing::Cpu(renderer) => check(renderer, truth),
+            Drawing::Cpu(renderer) => check(renderer.as_mut(), truth),
             Drawing::Ash(renderer) => check(renderer.as_mut(), truth),
             Drawing::Wgpu(renderer) => {
                 let mut checked = check(renderer.as_mut(), truth);
