@@ -1,12 +1,14 @@
 //! Shadow maps against ray-cast truth.
 
+mod common;
+
 use glam::DVec3;
 use surfel_conformance::build::axes;
 use surfel_conformance::harness::render;
 use surfel_conformance::scenes::{self, BALL_CENTER, BALL_RADIUS, Case, FLOOR_HEIGHT, Parts};
 use surfel_model::Light;
 use surfel_reference::Renderer as Reference;
-use surfel_render::{Frame, Planes};
+use surfel_render::{Frame, Planes, Renderer};
 
 /// What a shadow map got wrong, over all pixels whose truth is clear.
 #[derive(Debug, Default)]
@@ -21,10 +23,10 @@ struct Errors {
     counts: [usize; 2],
 }
 
-fn picture(case: &Case) -> Frame {
+fn picture(backend: &mut impl Renderer, case: &Case) -> Frame {
     let mut case = case.clone();
     case.scene.ambient = [0.0; 3];
-    render(&mut Reference::new(0).unwrap(), &case, Planes::ALL).unwrap()
+    render(backend, &case, Planes::ALL).unwrap()
 }
 
 /// Distance by which the ray from `point` to the light misses the ball; negative inside its shadow. +∞ where the ball lies
@@ -37,19 +39,15 @@ fn miss(point: DVec3, to_light: DVec3, distance: f64) -> f64 {
     (BALL_CENTER - point).cross(to_light).length() - BALL_RADIUS
 }
 
-fn errors(case: &Case, guard: f64) -> Errors {
-    errors_over(case, guard, FLOOR_HEIGHT)
-}
-
-fn errors_over(case: &Case, guard: f64, floor: f64) -> Errors {
-    let shadowed = picture(case);
+fn errors(backend: &mut impl Renderer, case: &Case, guard: f64, floor: f64) -> Errors {
+    let shadowed = picture(backend, case);
     let mut open = case.clone();
     for light in open.scene.lights.iter_mut().flatten() {
         if let Light::Directional { shadow, .. } | Light::Spot { shadow, .. } = light {
             *shadow = false;
         }
     }
-    let open = picture(&open);
+    let open = picture(backend, &open);
     let [right, down, forward] = axes(&case.camera);
     let surfel_model::Projection::Perspective { fov_y_deg } = case.camera.projection else { panic!("perspective") };
     let [w, h] = case.camera.size.map(f64::from);
@@ -89,16 +87,19 @@ fn errors_over(case: &Case, guard: f64, floor: f64) -> Errors {
     result
 }
 
-#[test]
-fn shadow_of_a_ball_on_a_floor_is_the_ray_cast_one() {
-    for parts in [Parts::Splats, Parts::Meshes, Parts::MeshOverSplats, Parts::SplatsOverMesh] {
-        for light in [scenes::sun(), scenes::spot(40.0), scenes::spot(85.0)] {
-            let mut case = scenes::ball_over_floor(parts, light);
+const PARTS: [Parts; 4] = [Parts::Splats, Parts::Meshes, Parts::MeshOverSplats, Parts::SplatsOverMesh];
+
+/// Every kind of caster and receiver under every kind of light; with `few`, each of them once.
+fn is_the_ray_cast_one(backend: &mut impl Renderer, few: bool) {
+    let lights = [scenes::sun(), scenes::spot(40.0), scenes::spot(85.0)];
+    for (i, parts) in PARTS.into_iter().enumerate() {
+        for (_, light) in lights.iter().enumerate().filter(|(k, _)| !few || *k == i % 3) {
+            let mut case = scenes::ball_over_floor(parts, light.clone());
             case.camera.size = [160, 160];
             // The filter is 3 texels wide, of at most 0.007; a splat of the ball has r = 0.07, so it reaches 0.0035 beyond it,
             // and what it hides within ε = r of itself is lit: at the ball's rim that is √(2·0.7·0.0035) along the light.
-            let errors = errors(&case, 0.06);
-            println!("{parts:?} {:?}: {errors:?}", case.scene.lights.as_ref().unwrap()[0]);
+            let errors = errors(backend, &case, 0.06, FLOOR_HEIGHT);
+            println!("{} {parts:?} {light:?}: {errors:?}", backend.info().backend);
             assert!(errors.counts[0] > 3000 && errors.counts[1] > 700, "{errors:?}");
             // Measured: mean 8e-5; most, near the terminator, where a facet's or a splat's plane leaves the curve: 0.36.
             assert!(errors.acne < 2e-4 && errors.worst_acne < 0.5, "{errors:?}");
@@ -108,8 +109,7 @@ fn shadow_of_a_ball_on_a_floor_is_the_ray_cast_one() {
 }
 
 /// Where the ball stands on the floor, the bias of the maps must not let light in under it.
-#[test]
-fn shadow_at_a_contact_is_dark() {
+fn is_dark_at_a_contact(backend: &mut impl Renderer) {
     for parts in [Parts::Splats, Parts::Meshes] {
         let mut case = scenes::ball_over_floor(parts, scenes::sun());
         case.camera.size = [240, 240];
@@ -117,8 +117,33 @@ fn shadow_at_a_contact_is_dark() {
         // The floor comes up to the ball.
         let up = BALL_CENTER.y - BALL_RADIUS - FLOOR_HEIGHT;
         case.scene.objects[1].world_from_object = glam::DAffine3::from_translation(DVec3::Y * up);
-        let errors = errors_over(&case, 0.05, FLOOR_HEIGHT + up);
-        println!("{parts:?}: {errors:?}");
+        let errors = errors(backend, &case, 0.05, FLOOR_HEIGHT + up);
+        println!("{} {parts:?}: {errors:?}", backend.info().backend);
         assert!(errors.counts[1] > 1000 && errors.leak < 1e-4 && errors.acne < 2e-4, "{errors:?}");
+    }
+}
+
+#[test]
+fn shadow_of_a_ball_on_a_floor_is_the_ray_cast_one() {
+    is_the_ray_cast_one(&mut Reference::new(0).unwrap(), false);
+    is_the_ray_cast_one(&mut surfel_cpu::Renderer::new(0).unwrap(), false);
+}
+
+#[test]
+fn shadow_at_a_contact_is_dark() {
+    is_dark_at_a_contact(&mut Reference::new(0).unwrap());
+    is_dark_at_a_contact(&mut surfel_cpu::Renderer::new(0).unwrap());
+}
+
+#[test]
+fn shadow_on_gpus_is_the_ray_cast_one_too() {
+    if let Some(mut ash) = common::ash() {
+        is_the_ray_cast_one(&mut ash, true);
+        is_dark_at_a_contact(&mut ash);
+    }
+    if let Some(mut wgpu) = common::wgpu() {
+        is_the_ray_cast_one(&mut wgpu, true);
+        is_dark_at_a_contact(&mut wgpu);
+        common::no_messages();
     }
 }

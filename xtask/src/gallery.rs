@@ -1,8 +1,12 @@
-//! `cargo xtask gallery`: the pictures of docs/gallery.md.
+//! `cargo xtask gallery`: the pictures of docs/gallery.md, and those of models that aren't ours to ship.
 
 use std::path::Path;
 
 use crate::{assets, cargo};
+
+/// Files that pictures need, made by the program itself.
+const CONVERSIONS: &[&[&str]] =
+    &[&["convert", "assets/generated/part.obj", "-o", "assets/generated/part-sharp.ply", "--sharp", "--splats", "960"]];
 
 /// Pictures, with what the program is asked for.
 const PICTURES: &[(&str, &[&str])] = &[
@@ -17,23 +21,91 @@ const PICTURES: &[(&str, &[&str])] = &[
     ("scan-edl", &["assets/gallery/scan.json"]),
     ("silhouette-plain", &["assets/gallery/silhouette.json", "--edge-aa=off"]),
     ("silhouette", &["assets/gallery/silhouette.json"]),
+    ("sharp-part-whole", &["assets/gallery/sharp-part.json", "--clip", "off"]),
+    ("sharp-part", &["assets/gallery/sharp-part.json"]),
 ];
 
+/// Pictures of models that users have and we may not ship: the scene in assets/gallery/models and the model's file.
+const MODELS: &[(&str, &str)] = &[("lion", "lion_takanawa.ply"), ("igea", "igea.ply")];
+
+/// What stands for the models' folder in their scenes.
+const PLACEHOLDER: &str = "MODELS/";
+
+/// Where pictures of models go, relative to the workspace: beside what is built, never into the tree.
+const MODEL_PICTURES: &str = "target/gallery";
+
+/// Draws every picture of docs/gallery.md.
 pub(crate) fn run(root: &Path) -> bool {
+    let picture = |(name, arguments): &(&str, &[&str])| draw(root, arguments, &format!("docs/images/{name}.png"));
     assets::run(root)
-        && PICTURES.iter().all(|(name, arguments)| {
-            let file = format!("docs/images/{name}.png");
-            println!("{file}");
-            let mut command = cargo(root);
-            command.args(["run", "--quiet", "--release", "--locked", "--package", "surfel-cli", "--"]);
-            // The processor: it draws all of them, and the same bits anywhere.
-            command.args(*arguments).args(["-o", &file, "--force", "--backend", "cpu"]);
-            match command.status() {
-                Ok(status) => status.success(),
-                Err(error) => {
-                    eprintln!("error: could not run {}: {error}", command.get_program().display());
-                    false
-                }
+        && CONVERSIONS.iter().all(|arguments| surfel(root, &[arguments, &["--force"][..]].concat()))
+        && PICTURES.iter().all(picture)
+}
+
+/// Draws the pictures of those models that are in a folder, which is relative to where the command was given.
+pub(crate) fn run_models(root: &Path, folder: &str) -> bool {
+    let result = std::env::current_dir().and_then(|here| {
+        std::fs::create_dir_all(root.join(MODEL_PICTURES))?;
+        let folder = here.join(folder);
+        let mut found = 0;
+        for (name, file) in MODELS {
+            if !folder.join(file).is_file() {
+                println!("skipped: {} isn't there", folder.join(file).display());
+                continue;
             }
-        })
+            found += 1;
+            let template = std::fs::read_to_string(root.join(format!("assets/gallery/models/{name}.json")))?;
+            let scene = format!("{MODEL_PICTURES}/{name}.json");
+            std::fs::write(root.join(&scene), in_folder(&template, &folder))?;
+            if !draw(root, &[&scene], &format!("{MODEL_PICTURES}/{name}.png")) {
+                return Ok(false);
+            }
+        }
+        Ok(found > 0)
+    });
+    result.unwrap_or_else(|error| {
+        eprintln!("error: could not write to {MODEL_PICTURES}: {error}");
+        false
+    })
+}
+
+/// A scene whose models lie in this folder.
+fn in_folder(template: &str, folder: &Path) -> String {
+    let escaped = folder.display().to_string().replace('\\', "\\\\").replace('"', "\\\"");
+    template.replace(PLACEHOLDER, &format!("{escaped}/"))
+}
+
+/// Draws a picture on the processor, which draws all of them, and the same bits anywhere.
+fn draw(root: &Path, arguments: &[&str], file: &str) -> bool {
+    println!("{file}");
+    surfel(root, &[arguments, &["-o", file, "--force", "--backend", "cpu"][..]].concat())
+}
+
+/// Runs the program, built for release.
+fn surfel(root: &Path, arguments: &[&str]) -> bool {
+    let mut command = cargo(root);
+    command.args(["run", "--quiet", "--release", "--locked", "--package", "surfel-cli", "--"]).args(arguments);
+    match command.status() {
+        Ok(status) => status.success(),
+        Err(error) => {
+            eprintln!("error: could not run {}: {error}", command.get_program().display());
+            false
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gallery_scenes_of_models_name_them_in_the_folder_that_is_given() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        for (name, file) in MODELS {
+            let template = std::fs::read_to_string(root.join(format!("assets/gallery/models/{name}.json"))).unwrap();
+            let scene = in_folder(&template, Path::new("/some \"folder\""));
+            assert!(scene.contains(&format!("/some \\\"folder\\\"/{file}\"")), "{scene}");
+            assert!(!scene.contains(PLACEHOLDER));
+        }
+    }
 }

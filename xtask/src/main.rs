@@ -35,7 +35,9 @@ Commands:
           exact arithmetic; writes a page of curves, --help says more
   assets  Write generated scenes (a checkerboard, a sphere, glass spheres, a CAD part, Spot
           cut in two) to assets/generated
-  gallery Draw the pictures of docs/gallery.md into docs/images
+  gallery [--models FOLDER]
+          Draw the pictures of docs/gallery.md into docs/images; or those of models that you have
+          and that aren't shipped (a lion with its shadow, igea drawn as a toon) into target/gallery
   bench   Time frames of known scenes on a backend: cargo xtask bench --help
   tradeoff [OPTIONS]
           Measure what every setting costs in time and in error, and write a page; --quick takes two
@@ -58,6 +60,7 @@ fn main() -> ExitCode {
         ["tidy"] => tidy::run(&root),
         ["assets"] => assets::run(&root),
         ["gallery"] => gallery::run(&root),
+        ["gallery", "--models", folder] => gallery::run_models(&root, folder),
         [program @ ("conformance" | "stability"), ref options @ ..] => {
             return conformance::run(&root, program, options);
         }

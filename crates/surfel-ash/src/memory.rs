@@ -51,6 +51,8 @@ pub(crate) struct Buffer {
     // Before its memory, so that it is destroyed first.
     object: Owned<vk::Buffer>,
     memory: Memory,
+    /// Its size.
+    pub bytes: u64,
 }
 
 impl Buffer {
@@ -62,7 +64,8 @@ impl Buffer {
         usage: vk::BufferUsageFlags,
         location: MemoryLocation,
     ) -> Result<Self, Failure> {
-        let info = vk::BufferCreateInfo::default().size(bytes.max(4)).usage(usage);
+        let bytes = bytes.max(4);
+        let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
         // SAFETY: the size is not 0, and exclusive sharing needs no families.
         let raw = unsafe { device.raw.create_buffer(&info, None) }?;
         let object = Owned::new(device, raw, name, destroy!(destroy_buffer));
@@ -72,7 +75,7 @@ impl Buffer {
         let (block, offset) = memory.place().ok_or(Failure::OutOfMemory)?;
         // SAFETY: the memory fits the buffer's requirements and nothing else is bound to that part of it.
         unsafe { device.raw.bind_buffer_memory(raw, block, offset) }?;
-        Ok(Self { object, memory })
+        Ok(Self { object, memory, bytes })
     }
 
     /// A buffer that the host has filled.

@@ -16,6 +16,14 @@ pub(crate) enum Precision {
 }
 
 impl Precision {
+    /// Bytes of a sum.
+    pub(crate) fn sum_bytes(self) -> u64 {
+        match self {
+            Self::F32 => 4,
+            Self::F16 => 2,
+        }
+    }
+
     /// The image format of a target.
     pub(crate) fn format(self, target: Target) -> vk::Format {
         match (target.format(), self) {

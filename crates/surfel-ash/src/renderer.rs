@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
     CEILING_RUNS, CeilingFrame, Draw, FillRate, FrameScene, LAYER_HEADER_BYTES, Limits, MapCache, MapJob, Pixels,
-    SHADOW_MAPS, Step, TileData, Variant, count_layers, map_jobs, schedule, shadow_texels, tiles,
+    SHADOW_MAPS, Step, TileData, Variant, count_frame_bytes, count_layers, map_jobs, schedule, shadow_texels, tiles,
 };
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{
@@ -263,6 +263,8 @@ impl Renderer {
         if !self.device.facts.counts_samples {
             stats.fragments += counted;
         }
+        let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
+        count_frame_bytes(target_bytes, resident.1.bytes, stats);
         Ok(())
     }
 

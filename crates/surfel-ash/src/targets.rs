@@ -11,8 +11,7 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_gpu::{Draw, Target, Variant};
-use surfel_shaders::layout;
+use surfel_gpu::{Draw, Target, Variant, target_bytes, veil_bytes};
 
 /// What a tile's targets have to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -23,6 +22,13 @@ pub(crate) struct TargetKey {
     pub draws: Vec<Draw>,
     /// Floats of the planes.
     pub floats: u32,
+}
+
+impl TargetKey {
+    /// Bytes of the images and veils.
+    pub(crate) fn bytes(&self) -> u64 {
+        target_bytes(&self.draws, self.size, self.precision.sum_bytes())
+    }
 }
 
 pub(crate) struct Targets {
@@ -42,9 +48,7 @@ impl Targets {
     pub(crate) fn new(device: &Arc<Device>, pipelines: &Pipelines, key: TargetKey) -> Result<Self, Failure> {
         let mut images = HashMap::new();
         for target in Target::ALL {
-            // What no draw needs is of one pixel, for the shader has to bind something.
-            let is_needed = key.draws.iter().any(|&draw| attachments(draw).any(|drawn| drawn == target));
-            let size = if is_needed { key.size } else { [1, 1] };
+            let size = target.size(&key.draws, key.size);
             images.insert(target, Image::new(device, target.name(), size, key.precision.format(target))?);
         }
         let mut framebuffers = HashMap::new();
@@ -56,8 +60,7 @@ impl Targets {
         let bytes = 4 * u64::from(key.floats);
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
         let planes = Buffer::new(device, "planes", bytes, usage, MemoryLocation::GpuOnly)?;
-        let pixels = if key.draws.iter().any(|draw| draw.is_transparent()) { key.size } else { [1, 1] };
-        let veil_bytes = layout::veil::SIZE as u64 * u64::from(pixels[0]) * u64::from(pixels[1]);
+        let veil_bytes = veil_bytes(&key.draws, key.size);
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
         let veils = Buffer::new(device, "veils", veil_bytes, storage, MemoryLocation::GpuOnly)?;
         let to_host = vk::BufferUsageFlags::TRANSFER_DST;

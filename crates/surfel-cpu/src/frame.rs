@@ -14,7 +14,7 @@ use crate::record::Record;
 use crate::recycle::Recycled;
 use crate::renderer::{Dots, Peeling, ResidentScene, Work};
 use crate::shade::Lighting;
-use crate::shadow;
+use crate::shadow::{self, Shadow};
 use crate::target::TileTarget;
 use crate::tile::{Counters, Listing, TileJob, TileScratch};
 use crate::veil::{Layers, VeilSegment, light_splats};
@@ -49,8 +49,8 @@ pub(crate) fn draw(
         finds_dots: work.dots != Dots::Off && draws_dots(plan),
         recycled,
     };
-    let mut totals = Totals::default();
     let shadows = shadow::draw(&preparation, scene, view.eye);
+    let mut totals = Totals { shadow_bytes: shadows.iter().map(Shadow::bytes).sum(), ..Totals::default() };
     if !shadows.is_empty() {
         totals.shadows_ms = start.elapsed().as_secs_f64() * 1e3;
     }
@@ -106,6 +106,8 @@ struct Totals {
     drawn: u64,
     tile_pairs: u64,
     batch_bytes: usize,
+    /// Bytes of shadow maps.
+    shadow_bytes: usize,
     /// Bytes of records and lists, of all batches.
     bytes: u64,
     counters: Counters,
@@ -159,6 +161,7 @@ impl Totals {
             ("fragments_inside", self.counters.inside as f64),
             ("edge_pixels", self.counters.edge_pixels as f64),
             ("batch_bytes", self.batch_bytes as f64),
+            ("shadow_bytes", self.shadow_bytes as f64),
             // Splats are read once, records and lists written once and read once.
             ("bytes_moved", self.set_up as f64 * stats.bytes_per_splat + 2.0 * self.bytes as f64),
             ("tile_ns_per_block_pair", self.tiles_ms * 1e6 * stats.threads as f64 / pairs),

@@ -183,6 +183,11 @@ pub(crate) fn reaching<S: Simd>(
 }
 
 impl Shadow {
+    /// Bytes of heap memory in use.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.kept.as_slice())
+    }
+
     /// A position relative to the eye, in the map's view.
     #[inline(always)]
     fn in_map<S: Simd>(&self, simd: S, position: V3<Lanes<S>>) -> V3<Lanes<S>> {

@@ -4,6 +4,7 @@
 //! nothing where no pixel kept anything. Nothing is read back in between. A layer that isn't drawn still costs clearing its
 //! targets and a look at every pixel.
 
+use crate::memory::count_most;
 use crate::words::Words;
 use surfel_render::Stats;
 use surfel_shaders::layout::{draw_arguments, layer_draws as at};
@@ -37,8 +38,5 @@ pub fn layer_draw_offset(index: usize) -> u64 {
 /// Counts the layers of the tile that has most: `header` are the words of the first [`LAYER_HEADER_BYTES`].
 pub fn count_layers(header: &[u32], stats: &mut Stats) {
     let drawn = f64::from(header.get(at::DRAWN / 4).copied().unwrap_or(0));
-    match stats.counters.iter_mut().find(|counter| counter.0 == LAYERS_DRAWN) {
-        Some(counter) => counter.1 = counter.1.max(drawn),
-        None => stats.counters.push((LAYERS_DRAWN, drawn)),
-    }
+    count_most(LAYERS_DRAWN, drawn, stats);
 }

@@ -12,6 +12,14 @@ pub(crate) enum Precision {
 }
 
 impl Precision {
+    /// Bytes of a sum.
+    pub(crate) fn sum_bytes(self) -> u64 {
+        match self {
+            Self::F32 => 4,
+            Self::F16 => 2,
+        }
+    }
+
     /// The texture format of a target.
     pub(crate) fn format(self, target: Target) -> wgpu::TextureFormat {
         match (target.format(), self) {

@@ -11,7 +11,7 @@ use crate::targets::{TargetKey, Targets};
 use std::time::Instant;
 use surfel_gpu::{
     CEILING_RUNS, CeilingFrame, Draw, FillRate, FrameScene, LAYER_HEADER_BYTES, Limits, MapCache, MapJob, Pixels,
-    SHADOW_MAPS, Step, TileData, Variant, count_layers, map_jobs, schedule, shadow_texels, tiles,
+    SHADOW_MAPS, Step, TileData, Variant, count_frame_bytes, count_layers, map_jobs, schedule, shadow_texels, tiles,
 };
 use surfel_model::{Accumulate, Scene, Settings};
 use surfel_render::{
@@ -229,6 +229,8 @@ impl Renderer {
             data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame)
         })?;
         stats.fragments += planes;
+        let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
+        count_frame_bytes(target_bytes, resident.1.size(), stats);
         Ok(())
     }
 

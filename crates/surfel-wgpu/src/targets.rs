@@ -3,8 +3,7 @@
 use crate::pipelines::{Pipelines, Precision};
 use crate::scene::empty;
 use std::collections::HashMap;
-use surfel_gpu::{Draw, Target, Variant};
-use surfel_shaders::layout;
+use surfel_gpu::{Draw, Target, Variant, target_bytes, veil_bytes};
 
 /// What a tile's targets have to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -15,6 +14,13 @@ pub(crate) struct TargetKey {
     pub draws: Vec<Draw>,
     /// Floats of the planes.
     pub floats: u32,
+}
+
+impl TargetKey {
+    /// Bytes of the textures and veils.
+    pub(crate) fn bytes(&self) -> u64 {
+        target_bytes(&self.draws, self.size, self.precision.sum_bytes())
+    }
 }
 
 pub(crate) struct Targets {
@@ -30,9 +36,7 @@ impl Targets {
     /// The pipelines of the key's draws have been prepared.
     pub(crate) fn new(device: &wgpu::Device, pipelines: &Pipelines, key: TargetKey) -> Self {
         let view = |target: Target| {
-            // What no draw needs is of one pixel, for the shader has to bind something.
-            let is_needed = key.draws.iter().any(|d| d.colors().contains(&target) || d.depth() == Some(target));
-            let [width, height] = if is_needed { key.size } else { [1, 1] };
+            let [width, height] = target.size(&key.draws, key.size);
             let texture = device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(target.name()),
                 size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
@@ -53,9 +57,7 @@ impl Targets {
             4 * u64::from(key.floats),
             wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
         );
-        let pixels = if key.draws.iter().any(|draw| draw.is_transparent()) { key.size } else { [1, 1] };
-        let bytes = layout::veil::SIZE as u64 * u64::from(pixels[0]) * u64::from(pixels[1]);
-        let veils_buffer = empty(device, "veils", bytes, wgpu::BufferUsages::STORAGE);
+        let veils_buffer = empty(device, "veils", veil_bytes(&key.draws, key.size), wgpu::BufferUsages::STORAGE);
         let reads = key.draws.iter().filter(|draw| draw.has_reads()).filter_map(|&draw| {
             let layout = &pipelines.draw(draw, Variant::Whole, key.precision)?.reads_group;
             let mut entries = entries(&views, draw.reads());

@@ -52,3 +52,28 @@ pub fn at_detail(scene: &Scene, hybrids: &[HybridObject], view: &View, error_px:
     }
     Ok(result)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Camera, CloudData, Column3, OnInvalid, Projection, Shape, SplatCloud};
+
+    #[test]
+    fn scene_without_octrees_is_drawn_from_its_own_memory() {
+        let center = Column3::from_f64(&[[0.0, 0.0, 1.0].into()]);
+        let shape = Shape::Disks { normals: center.clone(), radii: vec![0.5] };
+        let data = CloudData::new([0.0; 3].into(), center, shape);
+        let scene = Scene::of_cloud(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0);
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
+        let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
+        // So small that any octree would be polygons.
+        let detail = at_detail(&scene, &[], &view, 1e-6).unwrap();
+        let [Geometry::Splats(own), Geometry::Splats(drawn)] =
+            [&scene, &detail].map(|scene| scene.objects[0].geometry.clone())
+        else {
+            panic!("splats became something else")
+        };
+        assert!(detail.objects.len() == 1 && Arc::ptr_eq(&own, &drawn));
+    }
+}

@@ -1,12 +1,13 @@
 //! The reference with something wrong, which whatever compares pictures must find.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
+use surfel_conformance::scenes;
 use surfel_model::{
-    CloudData, Column3, DepthTolerance, Geometry, Light, Mesh, OnInvalid, Scene, Settings, Shader, Shape, SplatCloud,
-    Transparency,
+    CloudData, Column3, Cull, DepthTolerance, Geometry, Hybrid, Light, Mesh, OnInvalid, Scene, Settings, Shader, Shape,
+    SplatCloud, Transparency,
 };
 use surfel_reference::{Renderer as Reference, ResidentScene};
-use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Stats, View};
+use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Selection, Stats, View, select};
 
 type ChangeView = fn(&mut View);
 type ChangeSettings = fn(&mut Settings);
@@ -114,8 +115,43 @@ fn encode_again(frame: &mut Frame) {
     }
 }
 
+/// The octree's scene by another choice of its parts.
+fn choose_again(scene: &mut Scene, choose: fn(&Hybrid, &View) -> Selection) {
+    if scene.background == scenes::OCTREE_BACKGROUND {
+        scene.objects = scenes::octree_by(choose).scene.objects;
+    }
+}
+
+/// As it should be chosen, by `share` of the right threshold.
+fn chosen(hybrid: &Hybrid, view: &View, share: f64) -> Selection {
+    select(hybrid, &DAffine3::IDENTITY, Cull::Back, view, share * scenes::OCTREE_ERROR_PX)
+}
+
+fn transitions_twice(hybrid: &Hybrid, view: &View) -> Selection {
+    let mut selection = chosen(hybrid, view, 1.0);
+    let others = scenes::without_transitions(hybrid, selection.clone());
+    let twice: Vec<_> = selection.splats.iter().filter(|range| !others.splats.contains(range)).cloned().collect();
+    selection.splats.extend(twice);
+    selection
+}
+
+/// Takes lines away: black becomes the colour of the nearest pixel to its left, or above, that isn't.
+fn without_lines(frame: &mut Frame) {
+    let width = frame.width as usize;
+    for at in 0..frame.color.len() {
+        let is_black = |c: &[f32; 4]| c[..3] == [0.0; 3];
+        if is_black(&frame.color[at]) {
+            let beside = (at % width > 0).then(|| frame.color[at - 1]);
+            let above = (at >= width).then(|| frame.color[at - width]);
+            if let Some(color) = [beside, above].into_iter().flatten().find(|c| !is_black(c)) {
+                frame.color[at] = color;
+            }
+        }
+    }
+}
+
 /// What can be wrong, by name, and a scene that shows it.
-pub(crate) const FAULTS: [(&str, Fault, &str); 29] = [
+pub(crate) const FAULTS: [(&str, Fault, &str); 34] = [
     ("half a pixel off", |f| f.view = |v| v.projection.principal_px[0] += 0.5, "orientation"),
     ("a hundredth of a pixel off", |f| f.view = |v| v.projection.principal_px[1] += 0.01, "confetti"),
     ("cutoff", |f| f.settings = |s| s.cutoff *= 1.01, "facing-splat"),
@@ -219,6 +255,27 @@ pub(crate) const FAULTS: [(&str, Fault, &str); 29] = [
         },
         "glass-ball-over-floor/lit/peel-3",
     ),
+    (
+        "transitions left out",
+        |f| {
+            f.scene = |s| {
+                choose_again(s, |hybrid, view| scenes::without_transitions(hybrid, chosen(hybrid, view, 1.0)));
+            };
+        },
+        "octree/lit",
+    ),
+    ("transitions drawn for either leaf", |f| f.scene = |s| choose_again(s, transitions_twice), "octree/lit"),
+    (
+        "splats twice as large",
+        |f| f.scene = |s| choose_again(s, |hybrid, view| chosen(hybrid, view, 2.0)),
+        "octree/lit",
+    ),
+    (
+        "polygons where splats do",
+        |f| f.scene = |s| choose_again(s, |hybrid, view| chosen(hybrid, view, 1e-6)),
+        "octree/lit/edge-aa",
+    ),
+    ("no outlines", |f| f.frame = without_lines, "three-materials/lit/toon"),
     ("phong for toon", |f| f.settings = |s| s.shader = toon_to_phong(s.shader), "three-materials/lit/toon"),
     ("another ball", |f| f.scene = |s| s.matcap = None, "ball-aside/matcap"),
     ("depth ignored", |f| f.settings = |s| s.shader = edl_to_unlit(s.shader), "hidden-steps/edl"),
