@@ -6,6 +6,7 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, mask32x16};
+use std::f64::consts::{FRAC_PI_2, TAU};
 use std::hint::black_box;
 use surfel_math::clip::{Clip, Curve, Turn};
 use surfel_math::clip_paper::PaperCurve;
@@ -17,7 +18,7 @@ use surfel_math::{Real, V2};
 #[allow(dead_code, unused_imports)]
 mod lanes;
 #[path = "../src/level.rs"]
-#[allow(dead_code, unused_imports)]
+#[allow(dead_code, unused_imports, unreachable_pub)]
 mod level;
 
 use lanes::{LANES, Lanes};
@@ -86,13 +87,13 @@ fn pixel_of(footprint: &Footprint<f64>, q: V2<f64>) -> V2<f64> {
 fn pairs(count: usize, near: bool) -> Vec<Pair> {
     let mut random = Random(5);
     let pair = |_| {
-        let (from, arc) = (random.within(0.0, 6.28), random.within(0.8, 3.0));
+        let (from, arc) = (random.within(0.0, TAU), random.within(0.8, 3.0));
         let at = |angle: f64, radius: f64| V2::new(radius * angle.cos(), radius * angle.sin());
         let (p1, p3) = (at(from, 1.0), at(from + arc, 1.0));
         let p2 = (p1 + p3) * 0.5 + at(from + 0.5 * arc, random.within(-0.8, 0.8));
         let curve = Curve { p1, p2, p3, w: random.within(0.3, 2.0) };
-        let (turn, long, short) = (random.within(0.0, 6.28), random.within(4.0, 32.0), random.within(0.3, 1.0));
-        let (s, t) = (at(turn, long), at(turn + 1.57, long * short));
+        let (turn, long, short) = (random.within(0.0, TAU), random.within(4.0, 32.0), random.within(0.3, 1.0));
+        let (s, t) = (at(turn, long), at(turn + FRAC_PI_2, long * short));
         let slope = V2::new(random.within(-0.05, 0.05), random.within(-0.05, 0.05));
         let footprint = Footprint::about_center(s, t, s.cross(t), slope);
         let narrow = |l: Linear<f64>| Linear { c: l.c as f32, x: l.x as f32, y: l.y as f32 };
