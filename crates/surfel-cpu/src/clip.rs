@@ -105,6 +105,11 @@ impl StoredClips {
         }
     }
 
+    /// True if no slot has a clip.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.heads.is_empty()
+    }
+
     /// Which of sixteen slots from `at` on have a clip, as bits.
     #[inline(always)]
     pub(crate) fn clipped(&self, at: usize) -> u64 {
@@ -251,6 +256,11 @@ impl FrameClips {
         self.lists.iter().map(ScreenClips::bytes).sum()
     }
 
+    /// How many clips there are.
+    pub(crate) fn count(&self) -> usize {
+        self.lists.iter().map(|list| list.heads.len()).sum()
+    }
+
     /// The clip of this number.
     #[inline(always)]
     pub(crate) fn get(&self, number: u32) -> Option<ScreenClip<'_>> {
@@ -337,5 +347,61 @@ impl Turns {
     pub(crate) fn of(&self, i: usize) -> Turn<f32> {
         let [a, b, c, d] = &self.0;
         Turn { first: V2::new(a[i], b[i]), second: V2::new(c[i], d[i]) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Options, Renderer};
+    use glam::{DVec3, Vec3};
+    use surfel_model::{
+        Camera, ClipColumns, ClipLine, CloudData, Column3, NO_LINE, OnInvalid, Projection, Scene, Settings, Shape,
+    };
+    use surfel_render::{Frame, Planes, Renderer as _, View};
+
+    /// Forty ellipses in a row, of which the first `clipped` have a line each.
+    fn row(clipped: Option<usize>) -> Scene {
+        const COUNT: usize = 40;
+        let same = |v: [f32; 3]| Column3::from_f32(vec![Vec3::from(v); COUNT]);
+        let shape = Shape::Ellipses { s: same([0.1, 0.0, 0.0]), t: same([0.0, 0.1, 0.0]) };
+        let half = [ClipLine { a: 1.0, b: 0.0, c: 0.0 }, NO_LINE, NO_LINE, NO_LINE];
+        let lines = |n| (0..COUNT).map(|i| if i < n { half } else { [NO_LINE; 4] }).collect();
+        let clips = clipped.map(|n| ClipColumns { lines: Some(lines(n)), ..ClipColumns::default() });
+        let centers = (0..COUNT).map(|i| Vec3::new(0.05 * (i as f32 - 20.0), 0.0, 0.0)).collect();
+        let data = CloudData { clips, ..CloudData::new(DVec3::ZERO, Column3::from_f32(centers), shape) };
+        Scene::of_cloud(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0)
+    }
+
+    /// Resident bytes, clips that a frame sets up, and its weights.
+    fn drawn(scene: &Scene, clip: ClipPolicy) -> (usize, f64, Vec<f32>) {
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up, size) = ([0.0, 0.0, 3.0], [0.0, 1.0, 0.0], [64, 64]);
+        let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
+        let mut renderer = Renderer::with_options(&Options { threads: 1, ..Options::default() }).unwrap();
+        let resident = renderer.upload(scene).unwrap();
+        let mut frame = Frame::default();
+        let settings = Settings { clip, ..Settings::default() };
+        let stats = renderer.render(&resident, &view, &settings, Planes::ALL, &mut frame).unwrap();
+        assert_eq!(stats.drawn, 40);
+        let clips = stats.counters.iter().find(|(name, _)| *name == "clips").unwrap().1;
+        (resident.bytes(), clips, frame.weight)
+    }
+
+    #[test]
+    fn only_splats_with_a_clip_pay_for_it() {
+        let plain = drawn(&row(None), ClipPolicy::Exact);
+        assert_eq!(plain.1, 0.0);
+        // Columns of clips with nothing in them: no memory, no clip in a frame, and the same picture.
+        assert!(drawn(&row(Some(0)), ClipPolicy::Exact) == plain);
+        let (bytes, clips, weights) = drawn(&row(Some(13)), ClipPolicy::Exact);
+        // A number for each of the 48 slots, and 13 clips of one form.
+        assert_eq!(bytes - plain.0, 48 * size_of::<u32>() + 13 * (size_of::<Head>() + size_of::<Linear<f32>>()));
+        assert_eq!(clips, 13.0);
+        assert!(weights != plain.2);
+        let (_, clips, weights) = drawn(&row(Some(13)), ClipPolicy::Off);
+        assert_eq!(clips, 0.0);
+        assert!(weights == plain.2);
+        assert_eq!(drawn(&row(Some(40)), ClipPolicy::Line).1, 40.0);
     }
 }

@@ -104,6 +104,8 @@ struct Totals {
     hidden: u64,
     set_up: u64,
     drawn: u64,
+    /// Clips of splats that were set up, in each part of a view that they touch.
+    clips: u64,
     tile_pairs: u64,
     batch_bytes: usize,
     /// Bytes of shadow maps.
@@ -126,6 +128,7 @@ impl Totals {
         self.batches += 1;
         self.set_up += prepared.set_up();
         self.drawn += prepared.drawn();
+        self.clips += prepared.clips.count() as u64;
         self.tile_pairs += prepared.tile_pairs();
         self.bytes += prepared.bytes() as u64;
         self.batch_bytes = self.batch_bytes.max(prepared.bytes() + bytes);
@@ -155,6 +158,7 @@ impl Totals {
             ("culled_hidden", self.hidden as f64),
             ("set_up", self.set_up as f64),
             ("culled", (stats.splats.saturating_sub(self.drawn)) as f64),
+            ("clips", self.clips as f64),
             ("tile_pairs", self.tile_pairs as f64),
             ("block_pairs", self.counters.block_pairs as f64),
             ("fragments_tested", (16 * self.counters.block_pairs).saturating_sub(self.counters.spared) as f64),
@@ -277,6 +281,7 @@ impl Drawing<'_> {
             totals.hidden += sum.hidden;
             totals.set_up += sum.set_up;
             totals.drawn += sum.drawn;
+            totals.clips += sum.clips;
             totals.tile_pairs += sum.tile_pairs;
             totals.bytes += sum.bytes;
             totals.counters += sum.counters;

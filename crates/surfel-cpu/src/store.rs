@@ -103,6 +103,8 @@ impl StoredObject {
         for (space, members) in chunks(cloud, &order, storage) {
             stored.push_chunk(cloud, space, members);
         }
+        // A file may have columns of clips and none in them.
+        stored.clips.take_if(|clips| clips.is_empty());
         stored
     }
 

@@ -27,6 +27,8 @@ const SAME_SHARE: f64 = 0.625;
 /// An edge's jump over the spread of the normals on each of its sides, both in radians, at least. Two halves of a bend of any
 /// strength have 3.5, two caps of a ball less; an edge of 45° between faces with 5° of noise has 9.
 const JUMP: f64 = 6.0;
+/// How much of an edge's jump is left at the edge itself where each side is taken to go on bending as it does, at least.
+const AT_EDGE: f64 = 0.7;
 /// How purely a face lies on one side of another one's plane where they meet in an edge: 1 is all of it, 0 as much as not.
 const ONE_SIDED: f64 = 0.5;
 /// Within so many spacings of a plane a patch counts for its side in part.
@@ -53,8 +55,9 @@ pub struct SharpPointsReport {
 /// Planes are means of flat neighbourhoods' planes, weighted by nearness, in up to three clusters by normal; a point amid
 /// them takes the nearest, and its splat ends where that plane meets the others. Both sides intersect the same planes, up to
 /// the difference of their weights. Two planes meet in an edge only if their normals differ by several times what they spread
-/// on either side: a surface that bends evenly has no edge, however thinly it is sampled. Where a face turns a reflex corner, one of the
-/// two half-planes is enough to keep. Limit: features narrower than about three spacings stay round.
+/// on either side, and if most of that is left where either side is taken to go on bending as it does: a surface that bends has
+/// no edge, however thinly it is sampled. Where a face turns a reflex corner, one of the two half-planes is enough to keep.
+/// Limit: features narrower than about three spacings stay round.
 ///
 /// # Errors
 /// [`SampleError::Option`] for the angle, [`SampleError::TooMany`] above 268 million splats, [`SampleError::Model`] never
@@ -95,8 +98,8 @@ struct Plane {
     normal: DVec3,
     /// Root mean square angle of the patches' normals from their mean, radians.
     spread: f64,
-    /// Centres of the patches.
-    members: Vec<DVec3>,
+    /// The patches.
+    members: Vec<Patch>,
 }
 
 impl Plane {
@@ -106,8 +109,22 @@ impl Plane {
 
     /// On which side of another plane this one's patches lie: from −1, all behind it, to 1.
     fn side_of(&self, other: &Self, width: f64) -> f64 {
-        let side = |p: &DVec3| (other.distance(*p) / width).clamp(-1.0, 1.0);
+        let side = |patch: &Patch| (other.distance(patch.center) / width).clamp(-1.0, 1.0);
         self.members.iter().map(side).sum::<f64>() / self.members.len().max(1) as f64
+    }
+
+    /// Angle in radians from `across` toward `away` of the patches' normals where this plane meets the edge through `edge`, by a
+    /// straight line through their angles over the distance from it along `outward`, in the plane.
+    fn angle_at_edge(&self, edge: DVec3, outward: DVec3, [across, away]: [DVec3; 2]) -> f64 {
+        let count = self.members.len().max(1) as f64;
+        let place = |patch: &Patch| (patch.center - edge).dot(outward);
+        let angle = |patch: &Patch| patch.normal.dot(away).atan2(patch.normal.dot(across));
+        let mean = |f: &dyn Fn(&Patch) -> f64| self.members.iter().map(f).sum::<f64>() / count;
+        let (place_mean, angle_mean) = (mean(&place), mean(&angle));
+        let variance = mean(&|m| (place(m) - place_mean).powi(2));
+        let covariance = mean(&|m| (place(m) - place_mean) * (angle(m) - angle_mean));
+        let slope = if variance > 0.0 { covariance / variance } else { 0.0 };
+        angle_mean - slope * place_mean
     }
 }
 
@@ -185,7 +202,7 @@ impl<'a> Patches<'a> {
         let mut planes: Vec<Plane> = seeds.into_iter().map(seed).collect();
         // Means of what is nearest to each, a few times over (Lloyd 1982).
         for _ in 0..4 {
-            let mut sums = vec![(DVec3::ZERO, DVec3::ZERO, 0.0, Vec::new()); planes.len()];
+            let mut sums = vec![(DVec3::ZERO, DVec3::ZERO, 0.0, Vec::<Patch>::new()); planes.len()];
             for patch in &flat {
                 let cosine = |i: &usize| planes[*i].normal.dot(patch.normal);
                 let Some(best) = (0..planes.len()).max_by(|a, b| cosine(a).total_cmp(&cosine(b))) else { continue };
@@ -198,10 +215,10 @@ impl<'a> Patches<'a> {
                 *normal += patch.normal * weight;
                 *center += offset * weight;
                 *total += weight;
-                members.push(patch.center);
+                members.push(*patch);
             }
-            let sound = |s: &(DVec3, DVec3, f64, Vec<DVec3>)| s.3.len() >= LEAST_ON_PLANE && s.0 != DVec3::ZERO;
-            let mean = |(normal, center, total, members): (DVec3, DVec3, f64, Vec<DVec3>)| Plane {
+            let sound = |s: &(DVec3, DVec3, f64, Vec<Patch>)| s.3.len() >= LEAST_ON_PLANE && s.0 != DVec3::ZERO;
+            let mean = |(normal, center, total, members): (DVec3, DVec3, f64, Vec<Patch>)| Plane {
                 center: p + center / total,
                 normal: unit(normal),
                 // Of unit vectors, 2 − 2·|mean| is the mean square distance from the mean's direction.
@@ -220,11 +237,29 @@ impl<'a> Patches<'a> {
         if jump.cos() >= self.same_cos || jump < JUMP * a.spread.max(b.spread) {
             return None;
         }
+        if self.turn_at_edge(a, b) < AT_EDGE * jump {
+            return None;
+        }
         // A face that turns a reflex corner lies on both sides, but the other one doesn't.
         let width = SIDE_SPACINGS * self.spacing;
         let sides = [a.side_of(b, width), b.side_of(a, width)];
         let purest = if sides[0].abs() > sides[1].abs() { sides[0] } else { sides[1] };
         (purest.abs() >= ONE_SIDED).then(|| purest.signum())
+    }
+
+    /// By how much the surface turns at the line where two planes meet, radians, if on either side it goes on to turn as it does
+    /// there: all of the angle between the planes in an edge, nothing in an even bend.
+    fn turn_at_edge(&self, a: &Plane, b: &Plane) -> f64 {
+        let cosine = a.normal.dot(b.normal);
+        let along = unit(a.normal.cross(b.normal));
+        let (across, away) = (unit(a.normal + b.normal), unit(b.normal - a.normal));
+        // The point of the line that is nearest to the middle of the two planes' centres.
+        let middle = 0.5 * (a.center + b.center);
+        let (d, e) = (a.distance(middle), b.distance(middle));
+        let scale = 1.0 / (1.0 - cosine * cosine).max(f64::MIN_POSITIVE);
+        let edge = middle - (a.normal * (d - cosine * e) + b.normal * (e - cosine * d)) * scale;
+        let [before, after] = [a, b].map(|p| p.angle_at_edge(edge, along.cross(p.normal), [across, away]));
+        after - before
     }
 
     /// What the others leave of one of the planes: planes that cut it, with the sides that keep, and whether all must.

@@ -37,6 +37,41 @@ fn cube(n: u32) -> Mesh {
     mesh(positions, triangles)
 }
 
+/// Centre, normal and two directions, of unit length, of each square that bounds a union of unit cubes.
+fn squares(cells: &[[i32; 3]]) -> Vec<[DVec3; 4]> {
+    let mut found = Vec::new();
+    for cell in cells {
+        for (axis, sign) in (0..3).flat_map(|axis| [(axis, 1), (axis, -1)]) {
+            let mut beyond = *cell;
+            beyond[axis] += sign;
+            if !cells.contains(&beyond) {
+                let normal = DVec3::AXES[axis] * f64::from(sign);
+                let across = DVec3::AXES[(axis + 1) % 3];
+                let center = DVec3::from(cell.map(f64::from)) + 0.5 * normal;
+                found.push([center, normal, across, normal.cross(across)]);
+            }
+        }
+    }
+    found
+}
+
+/// Unit cubes about these places, each square of their surface cut into `n`×`n`.
+fn blocks(cells: &[[i32; 3]], n: u32) -> Mesh {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for [center, _, across, along] in squares(cells) {
+        let first = positions.len() as u32;
+        let at = |i: u32| f64::from(i) / f64::from(n) - 0.5;
+        let point = |i: u32, j: u32| (center + across * at(i) + along * at(j)).as_vec3();
+        positions.extend((0..=n).flat_map(|j| (0..=n).map(move |i| point(i, j))));
+        for (j, i) in (0..n).flat_map(|j| (0..n).map(move |i| (j, i))) {
+            let corner = first + j * (n + 1) + i;
+            triangles.push([corner, corner + 1, corner + n + 2]);
+            triangles.push([corner, corner + n + 2, corner + n + 1]);
+        }
+    }
+    mesh(positions, triangles)
+}
+
 /// A cylinder of radius 1 from z = −1 to 1 with `n` sides; `rings` circles on either cap, a hub in its middle. Without caps
 /// it is open.
 fn cylinder(n: u32, rings: u32, capped: bool) -> Mesh {
@@ -137,6 +172,42 @@ fn sharp_cube_is_a_cube_at_any_count() {
                 _ => DVec3::new(u, v, 1.0),
             };
             assert!(covering(&cloud, p, normal, 1e-5) > 0, "{p} of {asked}");
+        }
+    }
+}
+
+#[test]
+fn sharp_ridges_between_faces_stay_where_they_are_convex_or_concave() {
+    // An L: 17 convex edges and a concave one, 22 units long in all.
+    let cells = [[0, 0, 0], [1, 0, 0], [0, 1, 0]];
+    let squares = squares(&cells);
+    let distance = |p: DVec3| {
+        let to = |[center, normal, across, along]: &[DVec3; 4]| {
+            let d = p - *center;
+            let over = |axis: &DVec3| (d.dot(*axis).abs() - 0.5).max(0.0);
+            DVec3::new(d.dot(*normal), over(across), over(along)).length()
+        };
+        squares.iter().map(to).fold(f64::INFINITY, f64::min)
+    };
+    let mesh = blocks(&cells, 6);
+    for count in [300, 100, 60] {
+        let (cloud, report) = convert(&mesh, &splats(count));
+        assert!(cloud.len() <= count, "{} of {count}", cloud.len());
+        assert_eq!(report.ridges, [18, 22 * 6]);
+        // As for the cube: no splat is kept beyond a crease, where it would stand off the surface or stick in the solid.
+        for i in 0..cloud.len() {
+            for p in kept(&cloud, i, 48) {
+                assert!(distance(p) < 3e-4, "splat {i} of {count} keeps {p}, {} off", distance(p));
+            }
+        }
+        // Up to 1e-4 beside every crease both of its faces are there, in their own planes.
+        for [center, normal, across, along] in &squares {
+            for (edge, k) in (0..4).flat_map(|edge| (0..=40).map(move |k| (edge, k))) {
+                let (beside, at) = (0.5 - 1e-4, f64::from(k) * 0.02498 - 0.4996);
+                let (u, v) = [(beside, at), (-beside, at), (at, beside), (at, -beside)][edge];
+                let p = *center + *across * u + *along * v;
+                assert!(covering(&cloud, p, *normal, 1e-5) > 0, "{p} of {count}");
+            }
         }
     }
 }
