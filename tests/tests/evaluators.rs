@@ -21,7 +21,7 @@ const PER_RECIPROCAL: f64 = 0.736;
 const FOCAL_PX: f64 = 300.0;
 const Z: f64 = 4.0;
 
-/// A splat in the middle of the picture whose depth varies by `extent` of its distance and by `steepness` a pixel, and whose axis
+/// A splat in the middle of the picture whose depth varies by `extent` of its distance and by `steepness` a pixel along its slope, and whose axis
 /// across that is `across_px`, or the same as the other one.
 fn tilted(extent: f64, steepness: f64, across_px: Option<f64>) -> Case {
     let tilt = (steepness * FOCAL_PX).atan();
@@ -34,13 +34,13 @@ fn tilted(extent: f64, steepness: f64, across_px: Option<f64>) -> Case {
         t: turn(DVec3::Y * across_px.map_or(radius, |px| px * Z / FOCAL_PX)),
         color: [0.7, 0.4, 0.2],
     };
-    // Steepness is the sum of both coordinates': so turned it is more than along the slope alone.
     let projection = Projection::Intrinsics { fx: FOCAL_PX, fy: FOCAL_PX, cx: 80.0, cy: 80.0 };
     let camera = Camera { projection, ..camera(Z, 45.0, [160, 160]) };
     Case::new("tilted", scene(&[splat]), camera)
 }
 
-/// The slope along which both coordinates' gradients add up to `steepness`.
+/// The steepness along the slope whose gradients along both coordinates add up to this: that sum is what is limited, and turned as
+/// the splat is, it is more than along the slope alone.
 fn along(steepness: f64) -> f64 {
     steepness / (0.8 + 0.6)
 }
@@ -74,7 +74,7 @@ fn evaluator_is_the_cheapest_one_up_to_its_limits_and_another_beyond() {
         // Thinner than h: filtered.
         (tilted(0.98 * DEPTH_LIMIT, gentle, Some(0.3)), "soft"),
         (tilted(1.02 * DEPTH_LIMIT, gentle, Some(0.3)), "general"),
-        // Twice the depth at which a splat is drawn in f64 begins at half of the distance.
+        // From half of its distance on.
         (tilted(0.51, along(0.02), None), "near"),
     ] {
         let (_, stats) = draw(&mut cpu, &case);

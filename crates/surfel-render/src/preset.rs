@@ -143,7 +143,9 @@ mod tests {
         frame.depth[1] = 2.03;
         assert_eq!(of(&frame).len(), 30);
         frame.depth.fill(f32::INFINITY);
-        [0, 1, 6, 7].map(|i| frame.depth[i] = 2.0);
+        for i in [0, 1, 6, 7] {
+            frame.depth[i] = 2.0;
+        }
         assert_eq!(inside_surfaces(&frame), None, "one pixel of thirty is no surface");
         frame.depth.clear();
         assert!(of(&frame).is_empty(), "no depth, no surface");
