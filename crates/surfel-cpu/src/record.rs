@@ -24,8 +24,8 @@ pub(crate) enum Class {
 }
 
 impl Class {
-    /// All of them, cheapest first.
-    pub(crate) const ALL: [Self; 5] = [Self::Shallow, Self::Soft, Self::Plain, Self::General, Self::Near];
+    /// All of them.
+    pub(crate) const ALL: [Self; 6] = [Self::Shallow, Self::Soft, Self::Plain, Self::General, Self::Dot, Self::Near];
 
     /// Name of the counter of its records.
     pub(crate) fn counter(self) -> &'static str {
@@ -34,6 +34,7 @@ impl Class {
             Self::Soft => "records_soft",
             Self::Plain => "records_plain",
             Self::General => "records_general",
+            Self::Dot => "records_dot",
             Self::Near => "records_near",
         }
     }

@@ -63,7 +63,7 @@ pub struct Work {
     /// How splats are evaluated. The one choice here that changes bits of a picture, within rounding.
     pub evaluation: Evaluation,
     /// Whether records are counted by the evaluator that draws them: counters `records_shallow`, `records_soft`, `records_plain`,
-    /// `records_general` and `records_near`. A splat that two cells draw has two records. Costs a look at every record.
+    /// `records_general`, `records_dot` and `records_near`. A splat that two cells draw has two records. Costs a look at every record.
     pub counts_evaluators: bool,
 }
 

@@ -10,11 +10,12 @@ use crate::Failure;
 use crate::machine::busy_ms;
 
 /// Counters of the renderer, and their column.
-const EVALUATORS: [(&str, &str); 5] = [
+const EVALUATORS: [(&str, &str); 6] = [
     ("records_shallow", "shallow"),
     ("records_soft", "soft"),
     ("records_plain", "plain"),
     ("records_general", "general"),
+    ("records_dot", "dots"),
     ("records_near", "in f64"),
 ];
 

@@ -67,7 +67,7 @@ pub(crate) fn page(findings: &Findings) -> String {
             "The processor backend draws each splat by the cheapest evaluator whose error is bound for it, whatever the preset. Shallow: the \
              filter leaves the splat alone, and its depth varies by less than a 64th, so that three terms stand for a reciprocal (at most \
              6e-8 off, 5e-7 with a filter's reach). Soft: as shallow, but filtered. Plain: unfiltered, with the whole reciprocal. General: \
-             right for any splat in front of the eye. In f64: splats that reach the near plane or span half of their distance. \
+             right for any splat in front of the eye. Dots: splats of a few pixels, known pixel by pixel. In f64: splats that reach the near plane or span half of their distance. \
              'Saved' is the time against all splats by the general one, and the last column how far both pictures are apart; \
              presets promise 3e-5 (90 dB).",
         );
