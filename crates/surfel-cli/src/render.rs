@@ -11,8 +11,8 @@ use crate::verify::verify;
 use std::path::{Path, PathBuf};
 use surfel::render::{Capabilities, SceneSummary, unsupported};
 use surfel::{
-    Backend, BackendOptions, BackendScene, Camera, Chosen, Frame, Planes, Progress as _, Renderer, Scene, SceneFile,
-    Stats, View,
+    Backend, BackendOptions, BackendScene, Camera, Chosen, Frame, Planes, Preset, Progress as _, Renderer, Scene,
+    SceneFile, Stats, View,
 };
 
 pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Console) -> Result<(), Failure> {
@@ -67,13 +67,14 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Co
         let view = camera::view(&resolved.file.camera, args)?;
         let scene = at_detail(&resolved, &view, args)?;
         let scene = scene.as_ref().unwrap_or(&resolved.scene);
-        Some(verify(&resolved, scene, &view, threads, backend.info().backend, &job.frame)?)
+        let drawn = (backend.info().backend, &job.frame);
+        Some(verify(&resolved.file.settings, promised(args, &resolved), scene, &view, threads, drawn)?)
     } else {
         None
     };
     if args.stats {
         let size = [job.frame.width, job.frame.height];
-        let mut stats = stats::json(&job.runs, backend.info(), size, frames, &resolved.file.settings);
+        let mut stats = stats::json(&job.runs, backend.info(), size, frames, promised(args, &resolved));
         if let Some(verified) = &verified {
             stats["verify"] = verified.json();
         }
@@ -82,6 +83,11 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Co
         console::result(verified.text().as_bytes())?;
     }
     verified.map_or(Ok(()), |verified| verified.judge())
+}
+
+/// The preset whose promise holds: none of splats in 16 bits.
+fn promised(args: &RenderArgs, resolved: &Resolved) -> Option<Preset> {
+    Preset::of(&resolved.file.settings).filter(|_| args.storage != "16")
 }
 
 /// The scene at the detail that a view needs, where it has octrees.

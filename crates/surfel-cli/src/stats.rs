@@ -1,7 +1,7 @@
 //! `--stats`: medians as JSON.
 
 use serde_json::{Map, Value, json};
-use surfel::{Preset, RendererInfo, Settings, Stats};
+use surfel::{Preset, RendererInfo, Stats};
 
 fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
@@ -12,8 +12,8 @@ fn median(mut values: Vec<f64>) -> f64 {
     *m
 }
 
-/// Medians over `runs` (at least one), as the object that `--stats` prints.
-pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: u32, settings: &Settings) -> Value {
+/// Medians over `runs` (at least one), as the object that `--stats` prints; `preset` is the one whose promise holds.
+pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: u32, preset: Option<Preset>) -> Value {
     let of = |f: fn(&Stats) -> f64| median(runs.iter().map(f).collect());
     let mut passes = Map::new();
     let mut counters = Map::new();
@@ -35,12 +35,12 @@ pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: 
         counters.insert("gb_per_s".to_owned(), json!(median(rates)));
     }
     // Settings that are no preset's come without a promise.
-    let preset = Preset::of(settings);
     let promise = preset.map(Preset::promise);
     json!({
         "preset": preset.map(Preset::name),
         "promise": promise.map(
-            |p| json!({ "fidelity_db": p.fidelity_db, "model_db": p.model_db, "inside_db": p.inside_db })
+            |p| json!({ "fidelity_db": p.fidelity_db, "fidelity_depth": p.fidelity_depth,
+                        "fidelity_normal_deg": p.fidelity_normal_deg, "model_db": p.model_db, "inside_db": p.inside_db })
         ),
         "frame_ms": of(|s| s.frame_ms),
         "passes": passes,

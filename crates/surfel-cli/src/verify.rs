@@ -1,7 +1,6 @@
 //! `render --verify`: how close the picture came, and whether its preset's promise is kept.
 
 use crate::failure::Failure;
-use crate::resolve::Resolved;
 use crate::values::json_number;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -30,16 +29,15 @@ struct Model {
 
 /// Draws the picture again by the reference and compares.
 ///
-/// `scene` is what was drawn.
+/// `preset` is the one whose promise holds, `scene` what was drawn, by a backend of this name.
 pub(crate) fn verify(
-    resolved: &Resolved,
+    settings: &Settings,
+    preset: Option<Preset>,
     scene: &Scene,
     view: &View,
     threads: usize,
-    backend: &'static str,
-    drawn: &Frame,
+    (backend, drawn): (&'static str, &Frame),
 ) -> Result<Verified, Failure> {
-    let settings = &resolved.file.settings;
     let options = BackendOptions { threads, ..BackendOptions::default() };
     let mut reference = Backend::by_name("reference", &options)?;
     let resident = reference.upload(scene)?;
@@ -54,7 +52,7 @@ pub(crate) fn verify(
     // Where an octree's cloud has no interior weight, there are no antialiased edges to compare with.
     let summary = SceneSummary::of(scene);
     let weighed = summary.without_interior_weight.is_none();
-    let model = match Preset::of(settings).filter(|_| weighed) {
+    let model = match preset.filter(|_| weighed) {
         Some(preset) => {
             let planes = Planes { depth: true, ..Planes::COLOR };
             let best = picture(&Preset::Reference.apply(*settings), planes)?;
@@ -80,7 +78,7 @@ impl Verified {
     /// What is short of the preset's promise.
     fn broken(&self) -> Vec<String> {
         let Some(Model { preset, whole, inside }) = &self.model else { return Vec::new() };
-        let Promise { fidelity_db, model_db, inside_db } = preset.promise();
+        let Promise { fidelity_db, model_db, inside_db, .. } = preset.promise();
         let short = |what: &str, db: f64, least: f64| {
             (db.is_nan() || db < least)
                 .then(|| format!("{what} is {db:.2} dB, preset {} promises at least {least}", preset.name()))
@@ -115,7 +113,7 @@ impl Verified {
             self.fidelity.compared + self.left_out
         );
         if let Some(Model { preset, whole, inside }) = &self.model {
-            let Promise { fidelity_db, model_db, inside_db } = preset.promise();
+            let Promise { fidelity_db, model_db, inside_db, .. } = preset.promise();
             let _ = writeln!(text, "model     {}", metrics(whole));
             let _ =
                 writeln!(text, "          preset {} against preset reference, both by the reference", preset.name());

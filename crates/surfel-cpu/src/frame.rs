@@ -10,7 +10,7 @@ use crate::placed::ObjectSetup;
 use crate::planes::{NeighbourPlanes, TilePlanes};
 use crate::prepare::{Preparation, Prepared, Seen, Unseen};
 use crate::raster::{self, Shared, Wants};
-use crate::record::Record;
+use crate::record::{Class, Record};
 use crate::recycle::Recycled;
 use crate::renderer::{Dots, Peeling, ResidentScene, Work};
 use crate::shade::Lighting;
@@ -50,7 +50,11 @@ pub(crate) fn draw(
         recycled,
     };
     let shadows = shadow::draw(&preparation, scene, view.eye);
-    let mut totals = Totals { shadow_bytes: shadows.iter().map(Shadow::bytes).sum(), ..Totals::default() };
+    let mut totals = Totals {
+        shadow_bytes: shadows.iter().map(Shadow::bytes).sum(),
+        counts_evaluators: work.counts_evaluators,
+        ..Totals::default()
+    };
     if !shadows.is_empty() {
         totals.shadows_ms = start.elapsed().as_secs_f64() * 1e3;
     }
@@ -113,6 +117,10 @@ struct Totals {
     /// Bytes of records and lists, of all batches.
     bytes: u64,
     counters: Counters,
+    /// Whether the next are counted.
+    counts_evaluators: bool,
+    /// Records by the evaluator that draws them.
+    evaluators: [u64; Class::ALL.len()],
 }
 
 impl Totals {
@@ -132,6 +140,13 @@ impl Totals {
         self.tile_pairs += prepared.tile_pairs();
         self.bytes += prepared.bytes() as u64;
         self.batch_bytes = self.batch_bytes.max(prepared.bytes() + bytes);
+        if self.counts_evaluators {
+            self.add_evaluators(prepared.evaluators());
+        }
+    }
+
+    fn add_evaluators(&mut self, counts: [u64; Class::ALL.len()]) {
+        self.evaluators.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
     }
 
     fn report(&self, plan: &FramePlan, stats: &mut Stats) {
@@ -170,6 +185,10 @@ impl Totals {
             ("bytes_moved", self.set_up as f64 * stats.bytes_per_splat + 2.0 * self.bytes as f64),
             ("tile_ns_per_block_pair", self.tiles_ms * 1e6 * stats.threads as f64 / pairs),
         ]);
+        if self.counts_evaluators {
+            let counts = Class::ALL.into_iter().zip(self.evaluators);
+            stats.counters.extend(counts.map(|(class, count)| (class.counter(), count as f64)));
+        }
     }
 }
 
@@ -261,9 +280,10 @@ impl Drawing<'_> {
                 (cell, tiles)
             })
             .collect();
+        let counts_evaluators = totals.counts_evaluators;
         let sums = each(
             jobs,
-            || (Totals::default(), 0),
+            || (Totals { counts_evaluators, ..Totals::default() }, 0),
             |(totals, largest), (cell, targets)| {
                 let bytes = self.cell(setups, &cell, targets, totals);
                 *largest = bytes.max(*largest);
@@ -285,6 +305,7 @@ impl Drawing<'_> {
             totals.tile_pairs += sum.tile_pairs;
             totals.bytes += sum.bytes;
             totals.counters += sum.counters;
+            totals.add_evaluators(sum.evaluators);
             totals.batch_bytes += bytes;
         }
     }

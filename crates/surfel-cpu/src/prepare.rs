@@ -6,6 +6,7 @@ use crate::level::{Instructions, with_instructions};
 use crate::mesh::StoredMesh;
 use crate::near::NearSplat;
 use crate::placed::ObjectSetup;
+use crate::record::Class;
 use crate::recycle::Recycled;
 use crate::renderer::Evaluation;
 use crate::setup::{SetupOutput, VeilOutput};
@@ -101,6 +102,18 @@ impl Prepared {
     pub(crate) fn sort_share(&self) -> f64 {
         let [set_up, sort] = self.segments.iter().fold([0.0; 2], |[a, b], s| [a + s.set_up_s, b + s.sort_s]);
         if sort > 0.0 { sort / (set_up + sort) } else { 0.0 }
+    }
+
+    /// Records by the evaluator that draws them, in the order of [`Class::ALL`].
+    pub(crate) fn evaluators(&self) -> [u64; Class::ALL.len()] {
+        let mut counts = [0; Class::ALL.len()];
+        for record in self.all().flat_map(|segment| segment.records.iter()) {
+            let class = record.class();
+            for (count, _) in counts.iter_mut().zip(Class::ALL).filter(|(_, one)| *one == class) {
+                *count += 1;
+            }
+        }
+        counts
     }
 
     /// Pairs of record and tile.

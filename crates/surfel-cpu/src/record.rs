@@ -23,6 +23,23 @@ pub(crate) enum Class {
     Near,
 }
 
+impl Class {
+    /// All of them.
+    pub(crate) const ALL: [Self; 6] = [Self::Shallow, Self::Soft, Self::Plain, Self::General, Self::Dot, Self::Near];
+
+    /// Name of the counter of its records.
+    pub(crate) fn counter(self) -> &'static str {
+        match self {
+            Self::Shallow => "records_shallow",
+            Self::Soft => "records_soft",
+            Self::Plain => "records_plain",
+            Self::General => "records_general",
+            Self::Dot => "records_dot",
+            Self::Near => "records_near",
+        }
+    }
+}
+
 /// What can be done with four splats together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Together {

@@ -62,6 +62,9 @@ pub struct Work {
     pub peeling: Peeling,
     /// How splats are evaluated. The one choice here that changes bits of a picture, within rounding.
     pub evaluation: Evaluation,
+    /// Whether records are counted by the evaluator that draws them: counters `records_shallow`, `records_soft`, `records_plain`,
+    /// `records_general`, `records_dot` and `records_near`. A splat that two cells draw has two records. Costs a look at every record.
+    pub counts_evaluators: bool,
 }
 
 impl Default for Work {
@@ -74,6 +77,7 @@ impl Default for Work {
             dots: Dots::default(),
             peeling: Peeling::default(),
             evaluation: Evaluation::default(),
+            counts_evaluators: false,
         }
     }
 }

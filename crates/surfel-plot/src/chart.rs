@@ -34,7 +34,7 @@ pub struct Series {
     pub name: String,
     /// How it is drawn.
     pub style: Style,
-    /// Index of its colour; the palette has eight.
+    /// Index of its colour; the palette has eight, and from the ninth on marks are squares.
     pub color: usize,
     /// Points in order. A NaN leaves a gap.
     pub points: Vec<[f64; 2]>,
@@ -82,9 +82,13 @@ impl Chart {
         );
         self.shade(&mut svg, &x);
         self.frame(&mut svg, &x, &y);
+        // Labels come last, beside all marks.
         let mut taken = Vec::new();
         for series in &self.series {
             draw(&mut svg, series, &x, &y, &mut taken);
+        }
+        for series in self.series.iter().filter(|series| !series.labels.is_empty()) {
+            label(&mut svg, series, &x, &y, &mut taken);
         }
         self.legend(&mut svg);
         svg.push_str("</svg>");
@@ -150,11 +154,11 @@ impl Chart {
             let (x, y) = (AREA[2] + 12.0, AREA[1] + 8.0 + 16.0 * row as f64);
             let color = color(series);
             match series.style {
-                Style::Points => mark(svg, x + 11.0, y, 3.5, color),
+                Style::Points => mark(svg, series, [x + 11.0, y], 3.5),
                 style => {
                     let _ = write!(svg, "<path d=\"M{x} {y}h22\" {}/>", stroke(style, color));
                     if matches!(style, Style::Line) {
-                        mark(svg, x + 11.0, y, 2.5, color);
+                        mark(svg, series, [x + 11.0, y], 2.5);
                     }
                 }
             }
@@ -185,14 +189,21 @@ fn stroke(style: Style, color: &str) -> String {
     format!("fill=\"none\" stroke=\"{color}\" {look}")
 }
 
-fn mark(svg: &mut String, x: f64, y: f64, radius: f64, color: &str) {
-    let _ = write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{color}\"/>");
+/// A disk, or a square where the palette has begun anew.
+fn mark(svg: &mut String, series: &Series, [x, y]: [f64; 2], radius: f64) {
+    let color = color(series);
+    let _ = if series.color < COLORS.len() {
+        write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{color}\"/>")
+    } else {
+        let (left, top, side) = (x - radius, y - radius, 2.0 * radius);
+        write!(svg, "<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{side}\" height=\"{side}\" fill=\"{color}\"/>")
+    };
 }
 
 /// Left, top, right and bottom of a label.
 type Rectangle = [f64; 4];
 
-/// Draws a series; its labels where there is room beside those that are there.
+/// Draws a series without its labels, which have to keep clear of marks that have some.
 fn draw(svg: &mut String, series: &Series, x: &Fitted, y: &Fitted, taken: &mut Vec<Rectangle>) {
     let color = color(series);
     if series.style != Style::Points {
@@ -219,22 +230,28 @@ fn draw(svg: &mut String, series: &Series, x: &Fitted, y: &Fitted, taken: &mut V
         Style::Points => 3.5,
         Style::Bound | Style::Steps => return,
     };
-    for (i, [px, py]) in series.points.iter().enumerate() {
-        if px.is_nan() || py.is_nan() {
-            continue;
-        }
+    for [px, py] in series.points.iter().filter(|[px, py]| !px.is_nan() && !py.is_nan()) {
         let (px, py) = (across(x.at(*px)), up(y.at(*py)));
-        mark(svg, px, py, radius, color);
-        if let Some(label) = series.labels.get(i) {
-            write_label(svg, label, [px, py], taken);
+        mark(svg, series, [px, py], radius);
+        if series.style == Style::Points {
+            taken.push([px - radius, py - radius, px + radius, py + radius]);
+        }
+    }
+}
+
+/// Writes the labels of a series where there is room.
+fn label(svg: &mut String, series: &Series, x: &Fitted, y: &Fitted, taken: &mut Vec<Rectangle>) {
+    for ([px, py], label) in series.points.iter().zip(&series.labels) {
+        if !px.is_nan() && !py.is_nan() {
+            write_label(svg, label, [across(x.at(*px)), up(y.at(*py))], taken);
         }
     }
 }
 
 /// Writes a label right or left of a point, above or below; nowhere if all of that is taken.
 fn write_label(svg: &mut String, label: &str, [x, y]: [f64; 2], taken: &mut Vec<Rectangle>) {
-    // Nine units high, about five wide a letter.
-    let width = 5.0 * label.chars().count() as f64;
+    // Nine units high, a little more than five wide a letter.
+    let width = 5.3 * label.chars().count() as f64;
     let places = [(6.0, 3.0), (-6.0 - width, 3.0), (-0.5 * width, -6.0), (-0.5 * width, 13.0)];
     let rectangle = |(dx, dy): (f64, f64)| [x + dx, y + dy - 8.0, x + dx + width, y + dy + 1.0];
     let is_free = |r: &Rectangle| {
@@ -244,7 +261,7 @@ fn write_label(svg: &mut String, label: &str, [x, y]: [f64; 2], taken: &mut Vec<
     if let Some(free) = places.into_iter().map(rectangle).find(is_free) {
         let _ = write!(
             svg,
-            "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"9\">{}</text>",
+            "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"9\" paint-order=\"stroke\" stroke=\"#fff\" stroke-width=\"2.5\">{}</text>",
             free[0],
             free[3] - 1.0,
             escape(label)
@@ -279,12 +296,26 @@ mod tests {
     }
 
     #[test]
-    fn labels_that_would_cover_each_other_are_left_out() {
+    fn labels_that_would_cover_each_other_or_a_mark_are_left_out() {
         let mut crowded = chart(vec![[1.0, 1.0], [100.0, 100.0]]);
         let points = vec![[10.0, 10.0]; 9];
         let labels = (0..9).map(|i| format!("label {i}")).collect();
         crowded.series.push(Series { labels, ..Series::new("", Style::Points, 1, points) });
         assert_eq!(crowded.svg().matches("label ").count(), 4);
+        // A mark to the right of them, which comes later, takes that place.
+        crowded.series.push(Series::new("", Style::Points, 2, vec![[11.0, 10.0]]));
+        assert_eq!(crowded.svg().matches("label ").count(), 3);
+    }
+
+    #[test]
+    fn marks_are_squares_where_the_palette_begins_anew() {
+        let of = |color| {
+            let mut chart = chart(vec![]);
+            chart.series = vec![Series::new("a", Style::Points, color, vec![[1.0, 1.0]])];
+            chart.svg()
+        };
+        assert_eq!(of(7).matches("<circle").count(), 2, "the point and the legend's");
+        assert_eq!(of(8).matches("<circle").count(), 0);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Named trades of speed for accuracy.
 
 use crate::Frame;
-use surfel_model::{Filter, Mapping, Settings};
+use surfel_model::{Accumulate, Filter, Mapping, Settings};
 
 /// A named trade of speed for accuracy; sets filter, mapping, cutoff and edge antialiasing.
 ///
@@ -23,12 +23,16 @@ pub enum Preset {
     Reference,
 }
 
-/// What a preset promises, as least PSNR (dB) of linear premultiplied colour; tests hold it on every scene of
-/// `surfel-conformance` (docs/accuracy.md says how it was measured).
+/// What a preset promises: least PSNR (dB) of linear premultiplied colour, and largest errors of depths and normals, with splats and sums in 32 bits; tests hold it on
+/// every scene of `surfel-conformance` and on every backend (docs/accuracy.md says how it was measured).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Promise {
     /// Fidelity: a backend's picture against the reference's at the same settings, outside of decision margins.
     pub fidelity_db: f64,
+    /// The same for depths: most that the root mean square of their relative differences is.
+    pub fidelity_depth: f64,
+    /// The same for normals: most that the root mean square angle is, degrees.
+    pub fidelity_normal_deg: f64,
     /// Model error: the preset's picture against the preset `reference`'s. Infinite where they are the same.
     pub model_db: f64,
     /// The same of pixels inside of surfaces ([`inside_surfaces`]), where nothing is transparent: what is left beside rims, loose
@@ -78,9 +82,10 @@ impl Preset {
         }
     }
 
-    /// The first preset that changes nothing of these settings.
+    /// The first preset that changes nothing of these settings; none where sums may be in 16 bits, which no promise covers.
     pub fn of(settings: &Settings) -> Option<Self> {
-        Self::ALL.into_iter().find(|preset| preset.apply(*settings) == *settings)
+        let is_whole = settings.accumulate == Accumulate::F32;
+        Self::ALL.into_iter().find(|preset| is_whole && preset.apply(*settings) == *settings)
     }
 
     /// What it promises.
@@ -90,12 +95,12 @@ impl Preset {
             Self::Fastest => (10.0, 9.0),
             // A picture of one pixel, of splats that alias.
             Self::Fast => (15.0, 24.0),
-            // Loose needles: without antialiased edges each is as wide as a pixel. Inside of the scenes' surfaces it is the same
-            // picture; a surface in folds that are lower than a fiftieth of the depth has edges there.
-            Self::Balanced => (10.0, 30.0),
+            // Loose needles, a tenth of a pixel wide: without antialiased edges each is as wide as a pixel. Inside of the scenes'
+            // surfaces it is the same picture; a surface in folds that are lower than a fiftieth of the depth has edges there.
+            Self::Balanced => (6.0, 30.0),
             Self::Quality | Self::Reference => (f64::INFINITY, f64::INFINITY),
         };
-        Promise { fidelity_db: 90.0, model_db, inside_db }
+        Promise { fidelity_db: 90.0, fidelity_depth: 1e-4, fidelity_normal_deg: 0.01, model_db, inside_db }
     }
 
     /// Applies the preset's choices to `settings`; shader, tolerance and the rest stay.
@@ -138,7 +143,9 @@ mod tests {
         frame.depth[1] = 2.03;
         assert_eq!(of(&frame).len(), 30);
         frame.depth.fill(f32::INFINITY);
-        [0, 1, 6, 7].map(|i| frame.depth[i] = 2.0);
+        for i in [0, 1, 6, 7] {
+            frame.depth[i] = 2.0;
+        }
         assert_eq!(inside_surfaces(&frame), None, "one pixel of thirty is no surface");
         frame.depth.clear();
         assert!(of(&frame).is_empty(), "no depth, no surface");

@@ -89,8 +89,10 @@ pub struct Probe {
 pub enum Naive {
     /// Nothing to compare with.
     Nothing,
-    /// The published matrix form.
-    Matrix,
+    /// The published matrix form of this splat.
+    Matrix(ViewSplat<f64>),
+    /// The published filter of this splat, by its covariance matrix.
+    Covariance(ViewSplat<f64>),
     /// Another splat, exactly: what the rounding of inputs makes of the one that is meant.
     Moved(ViewSplat<f64>),
     /// This error.

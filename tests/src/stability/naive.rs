@@ -2,11 +2,9 @@
 
 use super::exact::Exact;
 use super::{Naive, Picture, Probe, Truth};
-use surfel_math::V2;
-use surfel_math::V3;
 use surfel_math::clip::Curve;
-use surfel_math::kernel;
-use surfel_math::project::ViewSplat;
+use surfel_math::project::{Projected, ViewSplat};
+use surfel_math::{V2, V3, filter, kernel};
 
 fn single(v: V3<f64>) -> V3<f32> {
     V3::new(v.x as f32, v.y as f32, v.z as f32)
@@ -16,18 +14,15 @@ fn cross(a: V3<f32>, b: V3<f32>) -> V3<f32> {
     V3::new(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 }
 
-/// The error of what ours replaces; NaN where that is nothing. A result that is no number is an error of 1.
+/// The error of what ours replaces, in units of [`Probe::scale`]; NaN where that is nothing. A result that is no number is an
+/// error of 1.
 pub(super) fn error(probe: &Probe) -> f64 {
-    let is_exact = |splat: &ViewSplat<f64>, known: &Naive| match known {
-        Naive::Nothing => f64::NAN,
-        Naive::Matrix => matrix(splat, &probe.picture),
-        Naive::Moved(drawn) => moved(splat, drawn, &probe.picture),
-        Naive::Known(error) => *error,
-    };
-    match (&probe.truth, &probe.naive) {
-        (Truth::Exact(splat, _), naive) => is_exact(splat, naive),
-        (_, Naive::Known(error)) => *error,
-        _ => f64::NAN,
+    match (&probe.naive, &probe.truth) {
+        (Naive::Matrix(splat), _) => matrix(splat, &probe.picture) / probe.scale,
+        (Naive::Covariance(splat), _) => covariance(splat, &probe.picture) / probe.scale,
+        (Naive::Moved(drawn), Truth::Exact(meant, _)) => moved(meant, drawn, &probe.picture),
+        (Naive::Known(error), _) => *error,
+        (Naive::Nothing | Naive::Moved(_), _) => f64::NAN,
     }
 }
 
@@ -75,6 +70,51 @@ fn matrix(splat: &ViewSplat<f64>, picture: &Picture) -> f64 {
         // Where only one of them hits, half of the rim's step is no error of arithmetic.
         if (got > 0.0 && want > 0.0) || (want - f64::from(got)).abs() > 0.5 {
             worst = (f64::from(got) - want).abs().max(worst);
+        }
+    }
+    worst
+}
+
+/// Largest weight error of Z01 eq. 6-9 as printed: V = JJᵀ/(2c) + σ²·I as a matrix, inverted by its determinant, about the
+/// projected centre in absolute pixels; against the same filter by ours in f64. G06 and B05 print no formula of their own for
+/// a splat's shrinking weight.
+fn covariance(splat: &ViewSplat<f64>, picture: &Picture) -> f64 {
+    let (projection, settings) = (picture.view().projection, &picture.settings);
+    let projected = Projected::new(splat, &projection);
+    let wanted = filter::ewa(&projected, settings.prefilter_radius_px);
+    let center = V2::new(
+        projection.focal_px[0] * splat.p.x / splat.p.z + projection.principal_px[0],
+        projection.focal_px[1] * splat.p.y / splat.p.z + projection.principal_px[1],
+    );
+    let (p, s, t) = (single(splat.p), single(splat.s), single(splat.t));
+    let [fx, fy] = projection.focal_px.map(|v| v as f32);
+    let [cx, cy] = projection.principal_px.map(|v| v as f32);
+    let at = V2::new(fx * p.x / p.z + cx, fy * p.y / p.z + cy);
+    let column =
+        |a: V3<f32>| V2::new(fx * (a.x / p.z - p.x * a.z / (p.z * p.z)), fy * (a.y / p.z - p.y * a.z / (p.z * p.z)));
+    let (s, t) = (column(s), column(t));
+    let cutoff = settings.cutoff as f32;
+    let variance = (settings.prefilter_radius_px as f32).powi(2) / (2.0 * cutoff);
+    let [xx, xy, yy] =
+        [s.x * s.x + t.x * t.x, s.x * s.y + t.x * t.y, s.y * s.y + t.y * t.y].map(|term| term / (2.0 * cutoff));
+    let (a, b, c) = (xx + variance, xy, yy + variance);
+    let determinant = a * c - b * b;
+    let scale = ((xx * yy - xy * xy) / determinant).sqrt();
+    let mut worst = f64::NAN;
+    for pixel in pixels(picture) {
+        let d = V2::new(pixel[0] as f32 + 0.5 - at.x, pixel[1] as f32 + 0.5 - at.y);
+        let beta = 0.5 * (c * d.x * d.x - 2.0 * b * d.x * d.y + a * d.y * d.y) / determinant;
+        let got = scale * (-beta).exp();
+        // What is not a number draws nothing on a GPU.
+        let got = if beta < cutoff && got > 0.0 { f64::from(got) } else { 0.0 };
+        let d = V2::new(f64::from(pixel[0]) + 0.5 - center.x, f64::from(pixel[1]) + 0.5 - center.y);
+        let (u, v, _) = wanted.footprint.at(d);
+        let rho_squared = u * u + v * v;
+        let is_hit = rho_squared < 1.0;
+        let want = if is_hit { wanted.weight_scale * kernel::weight(rho_squared, settings.cutoff) } else { 0.0 };
+        // As above: the step at the rim is none of arithmetic's.
+        if (got > 0.0 && want > 0.0) || (got - want).abs() > 0.5 * wanted.weight_scale {
+            worst = (got - want).abs().max(worst);
         }
     }
     worst

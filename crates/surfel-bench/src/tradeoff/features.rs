@@ -1,62 +1,115 @@
-//! What a scene's features cost, by the plan and by the clock: each added alone to the plainest scene there is. Cost follows
-//! content, so a setting whose feature a scene lacks must plan the plain frame.
+//! Scenes of one feature each, beside the plainest scene there is. Cost follows content, so what a scene lacks must plan the
+//! plain frame, whatever the settings say; and so must what it has while the settings leave it out.
 
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
 use surfel::model::{
-    ClipColumns, ClipLine, ClipMode, Column3, Geometry, Mesh, ModelError, NO_LINE, Object, OnInvalid, Shader, Shape,
-    Transparency,
+    ClipColumns, ClipCurve, ClipLine, ClipMode, ClipPolicy, CloudData, Column3, Geometry, Matcap, Mesh, ModelError,
+    NO_LINE, Object, OnInvalid, Shader, Shape, Transparency,
 };
-use surfel::render::{Attributes, Capabilities, Feature, FramePlan, Pass, SceneSummary, plan};
-use surfel::{Camera, Frame, Light, Material, Planes, Renderer, Scene, Settings, SplatCloud, View};
-use surfel_plot::Table;
+use surfel::sample::{HybridOptions, hybrid_from_mesh};
+use surfel::{HybridObject, Light, Material, NoProgress, Planes, Scene, Settings, SplatCloud, View};
 
-use super::measure::Backends;
-use crate::machine::busy_ms;
 use crate::{Failure, clouds};
 
-/// A backend that draws everything, so that all can be planned.
-const EVERYTHING: Capabilities = Capabilities {
-    backend: "plan",
-    features: &[
-        Feature::EdgeAntialiasing,
-        Feature::Clips,
-        Feature::Meshes,
-        Feature::Peel,
-        Feature::ABuffer,
-        Feature::Shadows,
-        Feature::Toon,
-    ],
-};
+/// Disks of the plain scene.
+pub(crate) const SPLATS: usize = 40_000;
 
 /// The plain scene with one feature.
-struct Case {
-    name: &'static str,
-    scene: Scene,
-    settings: Settings,
-    planes: Planes,
-    quantised: bool,
-    /// The settings (and planes) ask for what only a scene can have: without it the plan is the plain one.
-    idle: bool,
+pub(crate) struct Case {
+    pub name: &'static str,
+    pub scene: Scene,
+    pub settings: Settings,
+    pub planes: Planes,
+    /// Splats in 16 bits.
+    pub quantised: bool,
+    /// Something is there and left out by the settings, or asked for and not there: the plan is the plain one.
+    pub absent: bool,
+    /// It isn't the plain scene's splats that are drawn: its time says nothing beside theirs.
+    pub other_scene: bool,
 }
 
-fn cloud(change: impl FnOnce(&mut surfel::model::CloudData)) -> Result<SplatCloud, Failure> {
-    let mut data = clouds::ball(40_000)?.into_data();
+impl Case {
+    fn new(name: &'static str, scene: Scene, settings: Settings) -> Self {
+        let planes = Planes::COLOR;
+        Self { name, scene, settings, planes, quantised: false, absent: false, other_scene: false }
+    }
+
+    fn absent(self) -> Self {
+        Self { absent: true, ..self }
+    }
+}
+
+/// All of them, the plain one first.
+pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
+    let with = |change: fn(&mut CloudData)| cloud(change).map(scene);
+    let plain = || with(|_| ());
+    let set = |change: fn(&mut Settings)| {
+        let mut settings = Settings::default();
+        change(&mut settings);
+        settings
+    };
+    let unlit = Settings::default();
+    let phong = set(|s| s.shader = Shader::Phong);
+    let peel = set(|s| s.transparency = Transparency::Peel { layers: 4, drop_last: false });
+    let abuffer = set(|s| s.transparency = Transparency::ABuffer { layers: 8 });
+    let whole = set(|s| s.clip = ClipPolicy::Off);
+    let octree = octree(view)?;
+    Ok(vec![
+        Case::new("nothing: white disks, unlit", plain()?, unlit),
+        Case::new("colours", with(colors)?, unlit),
+        Case::new("ellipses", with(ellipses)?, unlit),
+        Case { quantised: true, ..Case::new("16-bit storage", plain()?, unlit) },
+        Case { planes: Planes::ALL, ..Case::new("depth, normal and weight planes", plain()?, unlit) },
+        Case::new("light (phong)", plain()?, phong),
+        Case::new("light, objects of different material", materials(plain()?), phong),
+        Case::new("light that casts a shadow", sunny(plain()?), phong),
+        Case::new("toon", plain()?, set(|s| s.shader = Shader::Toon)),
+        Case::new("matcap", clay(plain()?), set(|s| s.shader = Shader::Matcap)),
+        Case::new("eye-dome lighting (edl)", plain()?, set(|s| s.shader = Shader::Edl)),
+        Case::new("antialiased edges", plain()?, set(|s| s.edge_aa = true)),
+        Case::new("clip lines, one a splat", with(clip_lines)?, unlit),
+        Case::new("clip curves, one a splat", with(clip_curves)?, unlit),
+        Case::new("transparent splats, peel:4", with(alphas)?, peel),
+        Case::new("transparent splats, abuffer:8", with(alphas)?, abuffer),
+        Case::new("a polygon mesh", with_quad(plain()?)?, unlit),
+        Case { other_scene: true, ..Case::new("an octree, of splats and polygons", octree, unlit) },
+        Case::new("peel:4, nothing transparent", plain()?, peel).absent(),
+        Case::new("abuffer:8, nothing transparent", plain()?, abuffer).absent(),
+        Case::new("alphas, transparency off", with(alphas)?, unlit).absent(),
+        Case::new("clip lines, clip off", with(clip_lines)?, whole).absent(),
+        Case::new("a shadow, materials and a matcap, unlit", clay(materials(sunny(plain()?))), unlit).absent(),
+    ])
+}
+
+/// The plain scene's splats with something more.
+fn cloud(change: impl FnOnce(&mut CloudData)) -> Result<SplatCloud, Failure> {
+    let mut data = clouds::ball(SPLATS)?.into_data();
     data.colors = None;
     data.interior_weight = Some(3.0);
     change(&mut data);
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
+fn object(geometry: Geometry) -> Object {
+    Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() }
+}
+
 fn scene(cloud: SplatCloud) -> Scene {
-    let geometry = Geometry::Splats(Arc::new(cloud));
-    let object = Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() };
-    Scene { objects: vec![object], ..Scene::default() }
+    Scene { objects: vec![object(Geometry::Splats(Arc::new(cloud)))], ..Scene::default() }
+}
+
+fn colors(data: &mut CloudData) {
+    data.colors = Some(vec![[0.5, 0.6, 0.7]; data.centers.len()]);
+}
+
+fn alphas(data: &mut CloudData) {
+    data.alphas = Some(vec![0.5; data.centers.len()]);
 }
 
 /// The same splats as ellipses, so that they can be clipped.
-fn ellipses(data: &mut surfel::model::CloudData) {
+fn ellipses(data: &mut CloudData) {
     if let Shape::Disks { normals, radii } = &data.shape {
         let axes = |i: usize| {
             let (s, t) = surfel::math::basis::orthonormal(normals.get(i));
@@ -68,7 +121,7 @@ fn ellipses(data: &mut surfel::model::CloudData) {
     }
 }
 
-fn clip(data: &mut surfel::model::CloudData) {
+fn clip_lines(data: &mut CloudData) {
     ellipses(data);
     let n = data.centers.len();
     let line = ClipLine { a: 1.0, b: 0.3, c: 0.6 };
@@ -79,41 +132,35 @@ fn clip(data: &mut surfel::model::CloudData) {
     });
 }
 
-fn cases() -> Result<Vec<Case>, Failure> {
-    let plain = || cloud(|_| ()).map(scene);
-    let phong = Settings { shader: Shader::Phong, ..Settings::default() };
-    let case =
-        |name, scene, settings| Case { name, scene, settings, planes: Planes::COLOR, quantised: false, idle: false };
-    let peel = Settings { transparency: Transparency::Peel { layers: 4, drop_last: false }, ..Settings::default() };
-    let mut lit = plain()?;
-    lit.lights = Some(vec![Light::Directional { direction: [-1.0, -1.0, -1.0], color: [1.0; 3], shadow: true }]);
-    let mut materials = plain()?;
-    let shiny = Object { material: Material { specular: 0.8, ..Material::default() }, ..materials.objects[0].clone() };
-    materials.objects.push(Object { world_from_object: DAffine3::from_translation(DVec3::X * 50.0), ..shiny });
-    let mut meshes = plain()?;
-    meshes.objects.push(quad()?);
-    let colors = |data: &mut surfel::model::CloudData| data.colors = Some(vec![[0.5, 0.6, 0.7]; data.centers.len()]);
-    let alphas = |data: &mut surfel::model::CloudData| data.alphas = Some(vec![0.5; data.centers.len()]);
-    let idle = |name, settings| plain().map(|scene| Case { idle: true, ..case(name, scene, settings) });
-    Ok(vec![
-        case("nothing: white disks, unlit", plain()?, Settings::default()),
-        idle("settings for what isn't there: clip exact, peel:4", peel)?,
-        case("colours", scene(cloud(colors)?), Settings::default()),
-        case("light (phong)", plain()?, phong),
-        case("light, objects of different material", materials, phong),
-        case("light that casts a shadow", lit, phong),
-        case("toon", plain()?, Settings { shader: Shader::Toon, ..phong }),
-        case("ellipses", scene(cloud(ellipses)?), Settings::default()),
-        case("ellipses clipped by a line", scene(cloud(clip)?), Settings::default()),
-        case("antialiased edges", plain()?, Settings { edge_aa: true, ..Settings::default() }),
-        case("a polygon mesh", meshes, Settings::default()),
-        case("transparent splats, peel:4", scene(cloud(alphas)?), peel),
-        Case { planes: Planes::ALL, ..case("depth, normal and weight planes", plain()?, Settings::default()) },
-        Case { quantised: true, ..case("16-bit storage", plain()?, Settings::default()) },
-    ])
+fn clip_curves(data: &mut CloudData) {
+    ellipses(data);
+    let curve = ClipCurve { theta1: 0.3, theta3: 2.6, u: 0.1, v: 0.7, w: 1.2 };
+    data.clips = Some(ClipColumns { curves: Some(vec![curve; data.centers.len()]), lines: None, modes: None });
 }
 
-fn quad() -> Result<Object, ModelError> {
+fn sunny(scene: Scene) -> Scene {
+    let sun = Light::Directional { direction: [-1.0, -1.0, -1.0], color: [1.0; 3], shadow: true };
+    Scene { lights: Some(vec![sun]), ..scene }
+}
+
+fn clay(scene: Scene) -> Scene {
+    Scene { matcap: Some(Matcap::builtin()), ..scene }
+}
+
+/// Another object, of other material, out of sight.
+fn materials(mut scene: Scene) -> Scene {
+    let away = DAffine3::from_translation(DVec3::X * 50.0);
+    let other = scene.objects.first().map(|first| Object {
+        material: Material { specular: 0.8, ..first.material },
+        world_from_object: away,
+        geometry: first.geometry.clone(),
+    });
+    scene.objects.extend(other);
+    scene
+}
+
+/// A quad through the splats.
+fn with_quad(mut scene: Scene) -> Result<Scene, ModelError> {
     let corners = [[-2.0, -0.4, -2.0], [2.0, -0.4, -2.0], [2.0, -0.4, 2.0], [-2.0, -0.4, 2.0]].map(Vec3::from);
     let mesh = Mesh {
         origin: DVec3::ZERO,
@@ -128,122 +175,17 @@ fn quad() -> Result<Object, ModelError> {
         comments: Vec::new(),
     };
     mesh.validate()?;
-    let geometry = Geometry::Mesh(Arc::new(mesh));
-    Ok(Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() })
+    scene.objects.push(object(Geometry::Mesh(Arc::new(mesh))));
+    Ok(scene)
 }
 
-fn planned(case: &Case, view: &View) -> Result<FramePlan, Failure> {
-    Ok(plan(&SceneSummary::of(&case.scene), view, &case.settings, case.planes, &EVERYTHING)?)
-}
-
-/// Sums that the plan keeps for a pixel: Σw and what is accumulated.
-fn sums(a: &Attributes) -> usize {
-    let wide = [(a.color, 3), (a.normal, 3), (a.depth, 1), (a.material, 4), (a.coverage, 1), (a.alpha, 1)];
-    1 + wide.iter().filter(|(has, _)| *has).map(|(_, n)| n).sum::<usize>()
-}
-
-/// Passes besides those that every frame has, with how many there are of each.
-fn passes(plan: &FramePlan) -> String {
-    let mut found: Vec<(Pass, usize)> = Vec::new();
-    for pass in &plan.passes {
-        match found.iter_mut().find(|(p, _)| p == pass) {
-            Some((_, count)) => *count += 1,
-            None => found.push((*pass, 1)),
-        }
-    }
-    let name = |(pass, count): &(Pass, usize)| {
-        if *count > 1 { format!("{count} {pass:?}") } else { format!("{pass:?}") }
-    };
-    found.iter().map(name).collect::<Vec<_>>().join(", ")
-}
-
-/// Draws and plans every case.
-pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<Table, Failure> {
-    let camera = Camera {
-        eye: [0.0, 0.3, 4.6],
-        target: [0.0; 3],
-        up: [0.0, 1.0, 0.0],
-        projection: surfel::model::Projection::Perspective { fov_y_deg: 32.0 },
-        near: 0.01,
-        far: None,
-        size: [size; 2],
-    };
-    let view = View::new(&camera)?;
-    let cases = cases()?;
-    let mut times: Vec<Vec<f64>> = vec![Vec::new(); cases.len()];
-    let mut bytes: Vec<Option<f64>> = vec![None; cases.len()];
-    let mut uploads = Vec::new();
-    for case in &cases {
-        let backend = if case.quantised { &mut backends.narrow } else { &mut backends.wide };
-        uploads.push(backend.upload(&case.scene)?);
-    }
-    let mut frame = Frame::default();
-    for round in 0..=runs {
-        for (i, case) in cases.iter().enumerate() {
-            let backend = if case.quantised { &mut backends.narrow } else { &mut backends.wide };
-            let (clock, busy) = (std::time::Instant::now(), busy_ms());
-            let Ok(stats) = backend.render(&uploads[i], &view, &case.settings, case.planes, &mut frame) else {
-                continue;
-            };
-            let elapsed = clock.elapsed().as_secs_f64() * 1e3;
-            let busy = busy_ms().zip(busy).map(|(end, start)| end - start).filter(|_| backends.on_processor);
-            bytes[i] = Some(stats.bytes_per_splat);
-            if round > 0 {
-                times[i].push(busy.unwrap_or(elapsed));
-            }
-        }
-    }
-    let head = ["feature", "passes", "sums a pixel", "bytes a pixel", "bytes a splat", "ms", "over nothing"];
-    let mut table = Table::new(&head);
-    let base_plan = planned(&cases[0], &view)?;
-    let base = super::measure::median(&times[0]);
-    for (i, case) in cases.iter().enumerate() {
-        let plan = planned(case, &view)?;
-        if case.idle && plan != base_plan {
-            return Err(format!("{}: the plan is not the plain one", case.name).into());
-        }
-        let ms = super::measure::median(&times[i]);
-        let dash = || "-".to_owned();
-        table.rows.push(vec![
-            case.name.to_owned(),
-            passes(&plan),
-            sums(&plan.attributes).to_string(),
-            (4 * sums(&plan.attributes)).to_string(),
-            bytes[i].map_or_else(dash, |b| format!("{b:.1}")),
-            ms.map_or_else(|| "not drawn yet".to_owned(), |ms| format!("{ms:.2}")),
-            ms.zip(base).map_or_else(dash, |(ms, base)| format!("{:.2}×", ms / base)),
-        ]);
-    }
-    Ok(table)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn view() -> View {
-        let camera = Camera {
-            eye: [0.0, 0.0, 4.0],
-            target: [0.0; 3],
-            up: [0.0, 1.0, 0.0],
-            projection: surfel::model::Projection::Perspective { fov_y_deg: 32.0 },
-            near: 0.01,
-            far: None,
-            size: [8, 8],
-        };
-        View::new(&camera).unwrap()
-    }
-
-    #[test]
-    fn feature_that_a_scene_lacks_is_planned_nowhere_and_each_that_it_has_is() {
-        let cases = cases().unwrap();
-        let plain = planned(&cases[0], &view()).unwrap();
-        for case in &cases[1..] {
-            let plan = planned(case, &view()).unwrap();
-            // Shape and storage of splats are a backend's matter, not the plan's.
-            let same = case.idle || case.quantised || case.name == "ellipses";
-            assert_eq!(plan == plain, same, "{}", case.name);
-        }
-        assert_eq!(sums(&plain.attributes), 1);
-    }
+/// The same surface as an octree, at the detail at which some of it is splats and some polygons.
+fn octree(view: &View) -> Result<Scene, Failure> {
+    let mut mesh = clouds::bumpy_mesh(64);
+    mesh.colors = None;
+    let hybrid = Arc::new(hybrid_from_mesh(&mesh, &HybridOptions::default(), &NoProgress)?);
+    let whole = scene(hybrid.cloud().clone());
+    // 4 px of 256.
+    let error_px = f64::from(view.size[0]) / 64.0;
+    Ok(surfel::at_detail(&whole, &[HybridObject { object: 0, hybrid }], view, error_px)?)
 }

@@ -20,6 +20,12 @@ pub(crate) struct Figures {
     pub runs: usize,
     pub subjects: Vec<SubjectFacts>,
     pub rows: Vec<Row>,
+    /// Subjects that weren't drawn, and why.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<String>,
+    /// What the whole run took.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
     /// Other backends, on fewer subjects and smaller pictures.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub others: Vec<Self>,
@@ -85,6 +91,8 @@ impl Figures {
             runs,
             subjects: Vec::new(),
             rows: Vec::new(),
+            left_out: Vec::new(),
+            seconds: None,
             others: Vec::new(),
         }
     }

@@ -47,11 +47,20 @@ struct Ready {
     ms: Vec<f64>,
 }
 
+/// How much is measured.
+#[derive(Clone, Copy)]
+pub(crate) struct Pace {
+    /// Frames that a time is the median of.
+    pub runs: usize,
+    /// Fewer variants.
+    pub quick: bool,
+}
+
 /// Measures one subject and adds its rows.
 pub(crate) fn subject(
     subject: &Subject,
     backends: &mut Backends,
-    runs: usize,
+    Pace { runs, quick }: Pace,
     figures: &mut Figures,
 ) -> Result<(), Failure> {
     let view = View::new(&subject.camera)?;
@@ -66,7 +75,7 @@ pub(crate) fn subject(
     let exact = backends.reference.upload(&subject.scene)?;
     let scenes = [backends.wide.upload(&subject.scene)?, backends.narrow.upload(&subject.scene)?];
     let mut ready = Vec::new();
-    for variant in variants::all().into_iter().filter(applies) {
+    for variant in variants::all(quick).into_iter().filter(applies) {
         let scene = usize::from(variant.quantised);
         ready.push(first_picture(backends, (&scenes, scene), &view, variant, &subject.settings));
     }
@@ -225,8 +234,11 @@ fn row(
     });
     // Another shader is another picture.
     let comparable = one.settings.shader == subject.settings.shader;
-    let (mut model, mut model_flip, mut depth, mut normal, mut from_best) = (None, None, None, None, None);
+    let (mut model, mut model_flip, mut depth, mut normal) = (None, None, None, None);
     let mut model_inside = None;
+    // Both by the reference: fidelity has no part in it.
+    let best = best.zip(at_same).filter(|_| one.variant.preset().is_some());
+    let from_best = best.map(|(best, same)| error(&same.color, &best.color, &vec![true; best.color.len()]));
     if let Some(frame) = shown.filter(|_| comparable) {
         model = Some(error(&frame.color, &truth.color, &truth.mask));
         let inside = truth.inside(size);
@@ -236,8 +248,6 @@ fn row(
         model_flip = Some(flip(size, &frame.color, truth)?);
         depth = relative_depth(&frame.depth, truth);
         normal = angle_deg(&frame.normal, truth);
-        let best = best.filter(|_| one.variant.preset().is_some());
-        from_best = best.map(|best| error(&frame.color, &best.color, &vec![true; frame.color.len()]));
     }
     let ms = median(&one.ms);
     let splats = splats(subject);

@@ -1,10 +1,13 @@
 //! `cargo xtask tradeoff`: every knob's cost in time and in error.
 
+mod costs;
 mod detail;
+mod evaluators;
 mod features;
 mod figures;
 mod formulas;
 mod measure;
+mod normals;
 mod page;
 mod subjects;
 mod truth;
@@ -31,7 +34,7 @@ pub(crate) struct Arguments {
     /// A part of the GPU adapter's name.
     #[arg(long)]
     adapter: Option<String>,
-    /// 256² pixels and few runs: a few minutes on two threads.
+    /// 256² pixels and few runs: two minutes at most on two threads.
     #[arg(long)]
     quick: bool,
     /// Pixels on a side of all pictures; 512, or 256 with --quick.
@@ -94,6 +97,9 @@ pub(crate) struct Findings {
     pub values: Vec<verdict::Value>,
     pub features: Table,
     pub formulas: Table,
+    pub normals: Table,
+    /// Shares of splats by evaluator; of the backend `cpu` alone.
+    pub evaluators: Option<Table>,
     /// Other backends, with what their knobs do to fidelity.
     pub others: Vec<(BackendFacts, Table)>,
 }
@@ -105,20 +111,27 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let size = arguments.size.unwrap_or(if arguments.quick { 256 } else { 512 });
     let runs = if arguments.quick { QUICK_RUNS } else { RUNS };
-    let subjects = wanted(arguments, size, arguments.quick)?;
+    let pace = measure::Pace { runs, quick: arguments.quick };
+    let start = std::time::Instant::now();
+    let subjects::Subjects { wanted: subjects, left_out } = wanted(arguments, size, arguments.quick)?;
     let mut backends = measure::Backends::start(first, arguments.adapter.clone())?;
     let mut figures = Figures::new(Machine::this(), facts(&backends.wide), [size; 2], runs);
+    for (name, why) in left_out {
+        println!("left out: {name}: {why}");
+        figures.left_out.push(format!("{name}: {why}"));
+    }
     for subject in &subjects {
         eprintln!("{}: {}", subject.name, subject.about);
-        measure::subject(subject, &mut backends, runs, &mut figures)?;
+        measure::subject(subject, &mut backends, pace, &mut figures)?;
     }
     if arguments.wants("octree") {
         eprintln!("octree: by level of detail");
         detail::all(size, arguments.quick, &mut backends, runs, &mut figures)?;
     }
-    eprintln!("features and formulas");
-    let features = features::table(&mut backends, runs, size)?;
-    let formulas = formulas::table()?;
+    eprintln!("features, evaluators and formulas");
+    let features = costs::table(&mut backends, runs, size)?;
+    let evaluators = (*first == "cpu").then(|| evaluators::table(&subjects, runs)).transpose()?;
+    let (formulas, normals) = (formulas::table()?, normals::table());
     drop(backends);
     for name in others {
         match measure::Backends::start(name, arguments.adapter.clone()) {
@@ -129,7 +142,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let values = verdict::values(&figures);
     let others = figures.others.iter().map(|other| (other.backend.clone(), verdict::fidelity(other))).collect();
-    let findings = Findings { values, features, formulas, others, figures };
+    figures.seconds = Some(start.elapsed().as_secs_f64());
+    let findings = Findings { values, features, formulas, normals, evaluators, others, figures };
     print(&findings, arguments.markdown);
     for path in [&arguments.output, &arguments.report] {
         if let Some(folder) = path.parent() {
@@ -141,6 +155,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let page = page::page(&findings);
     surfel::io::atomic::write(&arguments.report, true, |out| out.write_all(page.as_bytes()))?;
     println!("{}\n{}", arguments.output.display(), arguments.report.display());
+    println!("took {:.0} s", start.elapsed().as_secs_f64());
     Ok(())
 }
 
@@ -151,11 +166,14 @@ impl Arguments {
     }
 }
 
-fn wanted(arguments: &Arguments, size: u32, quick: bool) -> Result<Vec<subjects::Subject>, Failure> {
+fn wanted(arguments: &Arguments, size: u32, quick: bool) -> Result<subjects::Subjects, Failure> {
     let mut subjects = subjects::all(size, quick, &arguments.models)?;
-    subjects.retain(|s| arguments.wants(s.name));
-    if subjects.is_empty() && !arguments.wants("octree") {
-        return Err(format!("no subject is called {}", arguments.subject.join(" or ")).into());
+    subjects.wanted.retain(|s| arguments.wants(s.name));
+    subjects.left_out.retain(|(name, _)| arguments.wants(name));
+    if subjects.wanted.is_empty() && !arguments.wants("octree") {
+        let why =
+            subjects.left_out.iter().map(|(name, why)| format!("; {name} is left out: {why}")).collect::<String>();
+        return Err(format!("no subject is called {}{why}", arguments.subject.join(" or ")).into());
     }
     Ok(subjects)
 }
@@ -164,10 +182,11 @@ fn wanted(arguments: &Arguments, size: u32, quick: bool) -> Result<Vec<subjects:
 fn other(arguments: &Arguments, backends: &mut measure::Backends) -> Result<Figures, Failure> {
     let facts = facts(&backends.wide);
     eprintln!("{} ({})", facts.name, facts.adapter);
+    let pace = measure::Pace { runs: OTHERS_RUNS, quick: arguments.quick };
     let mut figures = Figures::new(Machine::this(), facts, [OTHERS_SIZE; 2], OTHERS_RUNS);
-    for subject in wanted(arguments, OTHERS_SIZE, true)?.iter().filter(|s| s.is_made) {
+    for subject in wanted(arguments, OTHERS_SIZE, true)?.wanted.iter().filter(|s| s.is_made) {
         eprintln!("  {}", subject.name);
-        measure::subject(subject, backends, OTHERS_RUNS, &mut figures)?;
+        measure::subject(subject, backends, pace, &mut figures)?;
     }
     Ok(figures)
 }
@@ -183,7 +202,11 @@ fn print(findings: &Findings, as_markdown: bool) {
     show("Model errors, RMSE", &verdict::errors(figures, |r| r.model));
     show("Model errors without rims, RMSE", &verdict::errors(figures, |r| r.model_inside));
     show("Features", &findings.features);
+    if let Some(evaluators) = &findings.evaluators {
+        show("Evaluators", evaluators);
+    }
     show("Formulas", &findings.formulas);
+    show("Normals", &findings.normals);
     for (backend, table) in &findings.others {
         let kind = if backend.is_software { ", software Vulkan" } else { "" };
         show(&format!("Fidelity of {} ({}{kind})", backend.name, backend.adapter), table);

@@ -9,7 +9,7 @@ use super::verdict;
 
 /// A self-contained page.
 pub(crate) fn page(findings: &Findings) -> String {
-    let Findings { figures, values, features, formulas, others } = findings;
+    let Findings { figures, values, features, formulas, normals, evaluators, others } = findings;
     let mut page = Page::new("Speed against accuracy");
     page.paragraph(
         "Surfel draws surfaces as overlapping disks (splats). Its settings trade speed for accuracy. Each picture below was \
@@ -33,8 +33,15 @@ pub(crate) fn page(findings: &Findings) -> String {
         machine.commit,
         figures.runs
     ));
+    if !figures.left_out.is_empty() {
+        page.paragraph(&format!("Left out: {}.", figures.left_out.join("; ")));
+    }
     page.section("Which preset?");
-    page.paragraph("Times and errors over the defaults', geometric means over the subjects; the least PSNR over them.");
+    page.paragraph(
+        "A preset is a named choice of settings. Times and errors are over the defaults', geometric means over the subjects. The \
+         PSNR of the subject that has least, and what the preset promises; a red row breaks its promise. 'From preset \
+         reference' compares two pictures by the reference: fidelity has no part in it.",
+    );
     page.table(&verdict::presets(figures));
     page.section("Which setting?");
     page.paragraph(
@@ -46,11 +53,26 @@ pub(crate) fn page(findings: &Findings) -> String {
     page.section("What the papers claim");
     page.table(&verdict::claims(figures));
     page.section("What a scene's features cost");
-    page.paragraph(
-        "Each feature alone, added to white, unlit, opaque disks. Passes and sums are the plan's; a setting for something that a \
-         scene lacks gives the plain plan, and its cost is none.",
-    );
+    page.paragraph(&format!(
+        "Each feature alone, added to {} white, unlit, opaque disks. Passes, sums (what is added up for a pixel, four bytes each), and what \
+         a GPU has for it (textures drawn into, their bytes a pixel, shaders that run) are the frame plan's; bytes a splat and milliseconds \
+         are measured. A green row has a feature that is absent: asked for and not in the scene, or in the scene and left out by the \
+         settings. Its plan is the plain one, which is tested, and its cost is none. GPUs have no A-buffer.",
+        super::features::SPLATS
+    ));
     page.table(features);
+    if let Some(evaluators) = evaluators {
+        page.section("Only as exact as need be");
+        page.paragraph(
+            "The processor backend draws each splat by the cheapest evaluator whose error is bound for it, whatever the preset. Shallow: the \
+             filter leaves the splat alone, and its depth varies by less than a 64th, so that three terms stand for a reciprocal (at most \
+             6e-8 off, 5e-7 with a filter's reach). Soft: as shallow, but filtered. Plain: unfiltered, with the whole reciprocal. General: \
+             right for any splat in front of the eye. Dots: splats of a few pixels, known pixel by pixel. In f64: splats that reach the near plane or span half of their distance. \
+             'Saved' is the time against all splats by the general one, and the last column how far both pictures are apart; \
+             presets promise 3e-5 (90 dB).",
+        );
+        page.table(evaluators);
+    }
     page.section("What is no setting, and why");
     page.paragraph(
         "The kernel e^(−2ρ²), which weighs a splat at a pixel, and the reciprocal that perspective needs are computed for every \
@@ -59,6 +81,12 @@ pub(crate) fn page(findings: &Findings) -> String {
          error of a weight that follows; 3e-5 of white is 90 dB, which presets promise.",
     );
     page.table(formulas);
+    page.paragraph(
+        "Normals have no setting of their own: they are kept as the splats are, in 32 or 16 bits (the setting 'storage'), in the least \
+         memory whose error no picture shows. Largest angles over 40,000 directions; a lit colour changes by no more than the angle in \
+         radians, and a step of 8-bit colour is 4e-3.",
+    );
+    page.table(normals);
     for (backend, table) in others {
         page.section(&format!("Fidelity of {} ({})", backend.name, backend.adapter));
         let software = if backend.is_software {
@@ -76,9 +104,9 @@ pub(crate) fn page(findings: &Findings) -> String {
     }
     page.section("Subjects");
     page.paragraph(
-        "A point is a setting; the line is the front, which nothing beats in both time and error. Labels that would cover each \
-         other are left out; the table below has every number. What the backend doesn't draw yet has an error (by the \
-         reference) and no time.",
+        "A point is a setting, all others being the defaults': to the left is faster, below is closer to the truth. The line is the front, \
+         which nothing beats in both. Labels that would cover something are left out; the table below has every number. An error \
+         below the chart lies on its lower edge. What the backend doesn't draw has an error (by the reference) and no time.",
     );
     for subject in &figures.subjects {
         page.heading(&subject.name);
@@ -100,6 +128,12 @@ pub(crate) fn page(findings: &Findings) -> String {
     page.html()
 }
 
+/// Index of the palette's black.
+const BLACK: usize = 7;
+
+/// Errors that a chart shows are at most so many times its least: a perfect one would flatten all others.
+const MOST_RANGE: f64 = 100.0;
+
 /// Time against model error, a point a variant, and the front that nothing dominates.
 fn chart(figures: &Figures, subject: &str) -> Chart {
     let rows = figures.rows.iter().filter(|r| r.subject == subject && r.knob != "shader");
@@ -120,25 +154,36 @@ fn chart(figures: &Figures, subject: &str) -> Chart {
         better
     });
     let mut series = vec![Series::new("front", Style::Steps, 6, front)];
+    // The default's comes last, over all others.
+    groups.retain(|knob| *knob != DEFAULT);
+    groups.push(DEFAULT);
     for (color, knob) in groups.iter().enumerate() {
         let of_knob = || points.iter().filter(|p| p.0 == *knob);
-        // A paper's setting by the paper's name.
-        let label = |p: &(&str, &str, [f64; 2])| match p.1.split_once('(') {
-            Some((_, name)) => name.trim_end_matches(')').to_owned(),
-            None => p.1.to_owned(),
+        // A paper's setting by the paper's name; what says nothing alone with its knob.
+        let label = |p: &(&str, &str, [f64; 2])| match (p.1.split_once('('), p.1) {
+            (Some((_, name)), _) => name.trim_end_matches(')').to_owned(),
+            (None, "on") => "edges".to_owned(),
+            (None, "off" | "paper" | "line") => format!("{} {}", p.0, p.1),
+            (None, value) => value.to_owned(),
         };
+        let is_default = *knob == DEFAULT;
         series.push(Series {
             name: (*knob).to_owned(),
             style: Style::Points,
-            color: if *knob == DEFAULT { 7 } else { color },
+            // Black is the default's alone.
+            color: if is_default { BLACK } else { color + usize::from(color >= BLACK) },
             points: of_knob().map(|p| p.2).collect(),
             labels: of_knob().map(label).collect(),
         });
     }
+    let most = points.iter().map(|p| p.2[1]).fold(0.0, f64::max);
+    let least = points.iter().map(|p| p.2[1]).fold(f64::INFINITY, f64::min);
+    let error = Axis::new("model error, RMSE of linear colour (1 = white)", Scale::Log);
+    let y = if least < most / MOST_RANGE { error.over([most / MOST_RANGE, 1.1 * most]) } else { error };
     Chart {
         title: format!("{subject}: time against model error"),
         x: Axis::new("milliseconds a frame, one thread", Scale::Log),
-        y: Axis::new("model error, RMSE of linear colour", Scale::Log),
+        y,
         series,
         shaded: None,
     }

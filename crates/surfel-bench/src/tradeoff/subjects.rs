@@ -49,8 +49,15 @@ impl Approximates {
     }
 }
 
+/// Subjects that can be measured, and why others can't.
+pub(crate) struct Subjects {
+    pub wanted: Vec<Subject>,
+    /// Name of each that is left out, and the reason.
+    pub left_out: Vec<(&'static str, String)>,
+}
+
 /// All subjects whose files are there, `size` pixels wide and high.
-pub(crate) fn all(size: u32, quick: bool, models: &Path) -> Result<Vec<Subject>, Failure> {
+pub(crate) fn all(size: u32, quick: bool, models: &Path) -> Result<Subjects, Failure> {
     let samples = if quick { 4 } else { 8 };
     let mut subjects = vec![
         horizon(size)?,
@@ -61,22 +68,32 @@ pub(crate) fn all(size: u32, quick: bool, models: &Path) -> Result<Vec<Subject>,
         cylinder(size, samples)?,
         glass(size)?,
     ];
+    let mut left_out = Vec::new();
     let scans = [
         ("igea", "igea.ply", "a scanned head of 134 k points"),
         ("lion", "lion_takanawa.ply", "a coloured scan of 273 k points"),
     ];
     for (name, file, about) in scans {
         let path = models.join(file);
-        // The lion's truth takes half a minute.
-        if path.is_file() && !(quick && name == "lion") {
+        if quick && name == "lion" {
+            left_out.push((name, "--quick: its truth alone takes half a minute".to_owned()));
+        } else if path.is_file() {
             subjects.push(model(name, about, &path, size, samples)?);
+        } else {
+            left_out.push((name, missing(&path)));
         }
     }
     let fandisk = models.join("fandisk.obj");
     if fandisk.is_file() {
         subjects.push(sharp_model(&fandisk, size, samples)?);
+    } else {
+        left_out.push(("fandisk", missing(&fandisk)));
     }
-    Ok(subjects)
+    Ok(Subjects { wanted: subjects, left_out })
+}
+
+fn missing(path: &Path) -> String {
+    format!("there is no {} (--models says where models are)", path.display())
 }
 
 pub(super) fn camera(eye: [f64; 3], target: [f64; 3], fov_y_deg: f64, size: u32) -> Camera {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use surfel::Preset;
 use surfel_plot::Table;
 
 use super::figures::{Error, Figures, Row};
@@ -183,10 +184,19 @@ pub(crate) fn fidelity(figures: &Figures) -> Table {
     table
 }
 
-/// Presets: time over the default's, and the least of both promises over subjects.
+/// Presets: time over the default's, and the least of both promises over subjects. A row whose promise is broken is marked.
 pub(crate) fn presets(figures: &Figures) -> Table {
-    let mut table =
-        Table::new(&["preset", "time", "model error", "fidelity ≥", "from preset reference ≥", "on", "drawn on"]);
+    let mut table = Table::new(&[
+        "preset",
+        "time",
+        "model error",
+        "fidelity ≥",
+        "promised",
+        "from preset reference ≥",
+        "promised",
+        "on",
+        "drawn on",
+    ]);
     let mut names: Vec<&str> = Vec::new();
     for row in figures.rows.iter().filter(|r| r.knob == "preset") {
         if !names.contains(&row.value.as_str()) {
@@ -199,12 +209,21 @@ pub(crate) fn presets(figures: &Figures) -> Table {
         let least = rows().filter_map(|r| Some((r.from_reference_preset_db?, r.subject.as_str())));
         let least = least.min_by(|a, b| a.0.total_cmp(&b.0));
         let drawn = rows().filter(|r| r.not_drawn.is_none()).count();
+        let promise = Preset::ALL.into_iter().find(|preset| preset.name() == name).map(Preset::promise);
+        let is_short = |found: Option<f64>, promised: Option<f64>| found.zip(promised).is_some_and(|(a, b)| a < b);
+        let (fidelity_db, model_db) = (promise.map(|p| p.fidelity_db), promise.map(|p| p.model_db));
+        if is_short(summary.fidelity_db, fidelity_db) || is_short(least.map(|l| l.0), model_db) {
+            table.marked.push((table.rows.len(), false));
+        }
+        let same = || "the same picture".to_owned();
         table.rows.push(vec![
             name.to_owned(),
             times(summary.cost),
             times(summary.error),
             decibels(summary.fidelity_db),
-            decibels(least.map(|l| l.0)),
+            decibels(fidelity_db),
+            least.map_or_else(same, |l| decibels(Some(l.0))),
+            model_db.map_or_else(|| "-".to_owned(), |db| if db.is_finite() { decibels(Some(db)) } else { same() }),
             least.map_or("-", |l| l.1).to_owned(),
             format!("{drawn} of {}", rows().count()),
         ]);

@@ -1,0 +1,188 @@
+//! What a scene's features cost: by the plan, and by the clock.
+
+use surfel::render::{Attributes, Capabilities, Feature, FramePlan, Pass, SceneSummary, plan};
+use surfel::{BackendScene, Frame, Renderer, View};
+use surfel_gpu::PlanCost;
+use surfel_plot::Table;
+
+use super::features::{Case, cases};
+use super::measure::{Backends, median};
+use super::subjects;
+use crate::Failure;
+use crate::machine::busy_ms;
+
+/// A backend that draws everything, so that all can be planned.
+const EVERYTHING: Capabilities = Capabilities {
+    backend: "plan",
+    features: &[
+        Feature::EdgeAntialiasing,
+        Feature::Clips,
+        Feature::Meshes,
+        Feature::Peel,
+        Feature::ABuffer,
+        Feature::Shadows,
+        Feature::Toon,
+        Feature::Matcap,
+        Feature::EyeDome,
+    ],
+};
+
+fn planned(case: &Case, view: &View) -> Result<FramePlan, Failure> {
+    Ok(plan(&SceneSummary::of(&case.scene), view, &case.settings, case.planes, &EVERYTHING)?)
+}
+
+/// Sums that the plan keeps for a pixel: Σw and what is accumulated.
+fn sums(a: &Attributes) -> usize {
+    let wide = [(a.color, 3), (a.normal, 3), (a.depth, 1), (a.material, 4), (a.coverage, 1), (a.alpha, 1)];
+    1 + wide.iter().filter(|(has, _)| *has).map(|(_, n)| n).sum::<usize>()
+}
+
+/// Passes besides those that every frame of splats has, with how many there are of each.
+fn passes(plan: &FramePlan) -> String {
+    let always = [Pass::Visibility, Pass::Attributes, Pass::Shade];
+    let mut found: Vec<(Pass, usize)> = Vec::new();
+    for pass in plan.passes.iter().filter(|pass| !always.contains(pass)) {
+        match found.iter_mut().find(|(p, _)| p == pass) {
+            Some((_, count)) => *count += 1,
+            None => found.push((*pass, 1)),
+        }
+    }
+    let words = found.iter().map(|(pass, count)| match count {
+        1 => name(*pass).to_owned(),
+        _ => format!("{count} × {}", name(*pass)),
+    });
+    let words: Vec<String> = words.collect();
+    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
+}
+
+fn name(pass: Pass) -> &'static str {
+    match pass {
+        Pass::ShadowMap => "shadow map",
+        Pass::Polygons => "polygons",
+        Pass::Visibility => "visibility",
+        Pass::Attributes => "attributes",
+        Pass::Shade => "shading",
+        Pass::EdgeAntialiasing => "edges",
+        Pass::Outlines => "outlines",
+        Pass::EyeDome => "eye-dome",
+        Pass::PeelLayer => "peeled layer",
+        Pass::RemainingLayer => "what remains",
+        Pass::ABuffer => "A-buffer",
+    }
+}
+
+/// What was measured of a case.
+#[derive(Clone, Default)]
+struct Measured {
+    ms: Vec<f64>,
+    bytes_per_splat: Option<f64>,
+}
+
+/// Plans and draws every case.
+pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<Table, Failure> {
+    let view = View::new(&subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, size))?;
+    let cases = cases(&view)?;
+    let measured = measure(backends, &cases, &view, runs)?;
+    let plans = cases.iter().map(|case| planned(case, &view)).collect::<Result<Vec<_>, _>>()?;
+    let (Some(plain), Some(base)) = (plans.first(), measured.first().map(|m| median(&m.ms))) else {
+        return Err("there is no plain scene".into());
+    };
+    let head = [
+        "feature",
+        "passes more than 3",
+        "sums a pixel (bytes)",
+        "GPU: targets",
+        "bytes a pixel",
+        "shaders",
+        "bytes a splat",
+        "ms",
+        "over nothing",
+    ];
+    let mut table = Table::new(&head);
+    for ((case, plan), measured) in cases.iter().zip(&plans).zip(&measured) {
+        if case.absent && plan != plain {
+            return Err(format!("{}: the plan is not the plain one", case.name).into());
+        }
+        let ms = median(&measured.ms);
+        let dash = || "-".to_owned();
+        let kept = sums(&plan.attributes);
+        let gpu = PlanCost::of(plan);
+        let of_gpu = |count: fn(&PlanCost) -> usize| gpu.as_ref().map_or_else(dash, |cost| count(cost).to_string());
+        let ratio = ms.zip(base).filter(|_| !case.other_scene);
+        table.rows.push(vec![
+            case.name.to_owned(),
+            passes(plan),
+            format!("{kept} ({})", 4 * kept),
+            of_gpu(|cost| cost.targets.len()),
+            of_gpu(|cost| cost.bytes_per_pixel),
+            of_gpu(|cost| cost.shaders.len()),
+            measured.bytes_per_splat.map_or_else(dash, |b| format!("{b:.1}")),
+            ms.map_or_else(|| "not drawn".to_owned(), |ms| format!("{ms:.2}")),
+            ratio.map_or_else(dash, |(ms, base)| format!("{:.2}×", ms / base)),
+        ]);
+        if case.absent {
+            table.marked.push((table.rows.len() - 1, true));
+        }
+    }
+    Ok(table)
+}
+
+/// Draws every case in turn, again and again; the first round warms up.
+fn measure(backends: &mut Backends, cases: &[Case], view: &View, runs: usize) -> Result<Vec<Measured>, Failure> {
+    let mut uploads: Vec<BackendScene> = Vec::new();
+    for case in cases {
+        let backend = if case.quantised { &mut backends.narrow } else { &mut backends.wide };
+        uploads.push(backend.upload(&case.scene)?);
+    }
+    let mut measured = vec![Measured::default(); cases.len()];
+    let mut frame = Frame::default();
+    for round in 0..=runs {
+        for ((case, upload), measured) in cases.iter().zip(&uploads).zip(&mut measured) {
+            let backend = if case.quantised { &mut backends.narrow } else { &mut backends.wide };
+            let (clock, busy) = (std::time::Instant::now(), busy_ms());
+            let Ok(stats) = backend.render(upload, view, &case.settings, case.planes, &mut frame) else {
+                continue;
+            };
+            let elapsed = clock.elapsed().as_secs_f64() * 1e3;
+            let busy = busy_ms().zip(busy).map(|(end, start)| end - start).filter(|_| backends.on_processor);
+            measured.bytes_per_splat = Some(stats.bytes_per_splat);
+            if round > 0 {
+                measured.ms.push(busy.unwrap_or(elapsed));
+            }
+        }
+    }
+    Ok(measured)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn feature_that_is_absent_costs_nothing_in_the_plan_and_each_that_is_there_does() {
+        let view = View::new(&subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, 128)).unwrap();
+        let cases = cases(&view).unwrap();
+        let plain = planned(&cases[0], &view).unwrap();
+        let plain_cost = PlanCost::of(&plain).unwrap();
+        assert_eq!((sums(&plain.attributes), plain_cost.targets.len()), (1, 2));
+        assert!(cases.iter().filter(|case| case.absent).count() >= 5);
+        for case in &cases[1..] {
+            let plan = planned(case, &view).unwrap();
+            // Shape and storage of splats are a backend's matter, not the plan's.
+            let same = case.absent || case.quantised || case.name == "ellipses";
+            assert_eq!(plan == plain, same, "{}", case.name);
+            // Nor does a GPU have a target, a byte or a shader more; and it has one for everything that isn't absent.
+            let cost = PlanCost::of(&plan);
+            let cost_more = cost.as_ref() != Some(&plain_cost);
+            assert_eq!(cost_more, !same && case.name != "colours", "{}", case.name);
+        }
+    }
+
+    #[test]
+    fn octree_is_of_splats_and_polygons() {
+        let view = View::new(&subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, 256)).unwrap();
+        let octree = cases(&view).unwrap().into_iter().find(|case| case.other_scene).unwrap();
+        let summary = SceneSummary::of(&octree.scene);
+        assert!(summary.meshes && summary.splats > 100, "{summary:?}");
+    }
+}

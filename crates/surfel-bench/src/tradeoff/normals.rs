@@ -1,0 +1,108 @@
+//! Ways to keep a normal: why there is no setting for it beside the storage of splats.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+use surfel::math::{V3, quantise};
+use surfel_plot::Table;
+
+/// Directions that errors are the largest of, spread evenly.
+const DIRECTIONS: u32 = 40_000;
+
+struct Way {
+    name: &'static str,
+    bytes: u32,
+    keep: fn(DVec3) -> DVec3,
+    verdict: &'static str,
+}
+
+const WAYS: [Way; 5] = [
+    Way { name: "three f32", bytes: 12, keep: |n| n.as_vec3().as_dvec3(), verdict: "used: storage of 32 bits" },
+    Way {
+        name: "octahedron, 16 bits each",
+        bytes: 4,
+        keep: |n| octahedron(n, 32767.0),
+        verdict: "used: storage of 16 bits; a sixtieth of a step of 8-bit colour",
+    },
+    Way {
+        name: "three half floats (B05)",
+        bytes: 6,
+        keep: |n| DVec3::from(n.to_array().map(half)),
+        verdict: "dominated by the octahedron of 16 bits",
+    },
+    Way {
+        name: "octahedron, 8 bits each",
+        bytes: 2,
+        keep: |n| octahedron(n, 127.0),
+        verdict: "steps of light would show, and disks tilt",
+    },
+    Way {
+        name: "three bytes",
+        bytes: 3,
+        keep: |n| (n * 127.0).round() / 127.0,
+        verdict: "steps of light would show, and disks tilt",
+    },
+];
+
+/// The nearest of so many steps to each side of zero, in both coordinates of the octahedron.
+fn octahedron(n: DVec3, steps: f64) -> DVec3 {
+    let folded = quantise::folded(V3::new(n.x as f32, n.y as f32, n.z as f32));
+    let [x, y] = folded.map(|c| (f64::from(c) * steps).round() / steps);
+    let v = quantise::unfolded(x, y);
+    DVec3::new(v.x, v.y, v.z)
+}
+
+/// The nearest half float: eleven bits, the least normal exponent −14.
+fn half(value: f64) -> f64 {
+    let unit = (value.abs().log2().floor().max(-14.0) - 10.0).exp2();
+    (value / unit).round_ties_even() * unit
+}
+
+/// Every way with its memory and its error.
+pub(crate) fn table() -> Table {
+    let mut table = Table::new(&["normals as", "bytes a splat", "largest error", "of a lit colour", "verdict"]);
+    for Way { name, bytes, keep, verdict } in &WAYS {
+        let radians = largest_error(*keep);
+        table.rows.push(vec![
+            (*name).to_owned(),
+            bytes.to_string(),
+            format!("{:.1e}°", radians.to_degrees()),
+            // n·l turns by no more than the normal does.
+            format!("{radians:.1e}"),
+            (*verdict).to_owned(),
+        ]);
+    }
+    table
+}
+
+/// Largest angle between a direction and what is kept of it, radians.
+fn largest_error(keep: fn(DVec3) -> DVec3) -> f64 {
+    let golden = PI * (3.0 - 5f64.sqrt());
+    let direction = |i: u32| {
+        let y = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(DIRECTIONS);
+        let (across, angle) = ((1.0 - y * y).sqrt(), golden * f64::from(i));
+        DVec3::new(across * angle.cos(), y, across * angle.sin())
+    };
+    let error = |n: DVec3| {
+        let kept = keep(n);
+        kept.cross(n).length().atan2(kept.dot(n))
+    };
+    (0..DIRECTIONS).map(direction).map(error).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn normals_err_by_about_half_a_step_of_what_keeps_them() {
+        let errors = WAYS.map(|way| largest_error(way.keep));
+        // Half a step in each coordinate. On the octahedron's faces, 1/√3 from the origin, z changes by both: √6/2·√3 steps.
+        for (error, step) in
+            errors.into_iter().zip([2f64.powi(-24), 1.0 / 32767.0, 2f64.powi(-11), 1.0 / 127.0, 1.0 / 127.0])
+        {
+            assert!((0.3 * step..2.13 * step).contains(&error), "{error:e} of steps of {step:e}");
+        }
+        assert_eq!(half(1.0 / 3.0), 0.333_251_953_125);
+    }
+}
