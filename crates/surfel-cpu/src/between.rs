@@ -1,7 +1,7 @@
 //! Splats and polygons in one block (§6): the polygons that no splat hides, and the splats' attributes up to them.
 
 use crate::lanes::Lanes;
-use crate::raster::Limit;
+use crate::limit::Limit;
 use crate::record::Record;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;

@@ -39,7 +39,7 @@ const COSTS: [usize; 4] = [40, 30, 10, 45];
 #[derive(Clone, Copy)]
 struct Pair<'a> {
     record: &'a Record,
-    first_px: (i16, i16),
+    first_px: (i32, i32),
     /// Index of its first pixel.
     pixel: u32,
 }
@@ -203,8 +203,7 @@ impl<'a> DotScratch<'a> {
                     while blocks != 0 {
                         let (x, y) = listing.block_px(number, blocks.trailing_zeros());
                         blocks &= blocks - 1;
-                        let (first_px, pixel) = ((x as i16, y as i16), tile.index((x, y)) as u32);
-                        self.pairs.push(Pair { record, first_px, pixel });
+                        self.pairs.push(Pair { record, first_px: (x, y), pixel: tile.index((x, y)) as u32 });
                     }
                     continue;
                 }
@@ -241,7 +240,10 @@ impl<'a> DotScratch<'a> {
         let remembered = self.remembered.numbers();
         for (pairs, to) in self.pairs.chunks(4).zip(remembered.chunks_mut(8 * LANES)) {
             let mut values = [[0.0; LANES]; 4];
-            let four = pairs.first_chunk::<4>().map(|four| (four, four.map(|pair| pair.record)));
+            let four = match pairs {
+                [a, b, c, d] => Some((pairs, [a.record, b.record, c.record, d.record])),
+                _ => None,
+            };
             match four {
                 Some(([a, b, c, d], records)) if Together::of(&records) != Together::Nothing => {
                     let at = [a.at(simd), b.at(simd), c.at(simd), d.at(simd)];
@@ -254,8 +256,7 @@ impl<'a> DotScratch<'a> {
                 _ => {
                     for (i, (pair, values)) in pairs.iter().zip(&mut values).enumerate() {
                         let at = pair.at(simd);
-                        let first_px = (i32::from(pair.first_px.0), i32::from(pair.first_px.1));
-                        let fragment = fragment::fragment(simd, pair.record, at, first_px, shared);
+                        let fragment = fragment::fragment(simd, pair.record, at, pair.first_px, shared);
                         counters.inside += inside(tile, at, &fragment);
                         take_in(simd, pair.record, &fragment, &mut to[2 * LANES * i..], values);
                     }
@@ -442,7 +443,7 @@ impl Pair<'_> {
     #[inline(always)]
     fn at<S: Simd>(&self, simd: S) -> (Lanes<S>, Lanes<S>) {
         let (x, y) = self.first_px;
-        let (x, y) = (Lanes::splat(simd, f32::from(x)), Lanes::splat(simd, f32::from(y)));
+        let (x, y) = (Lanes::splat(simd, x as f32), Lanes::splat(simd, y as f32));
         (Lanes::block_columns(simd) + x, Lanes::block_rows(simd) + y)
     }
 }

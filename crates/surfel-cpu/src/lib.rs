@@ -38,6 +38,7 @@ mod kernel;
 mod lane_math;
 mod lanes;
 mod level;
+mod limit;
 mod lists;
 mod mask;
 mod matcap;

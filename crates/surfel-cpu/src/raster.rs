@@ -5,6 +5,7 @@ use crate::clip::FrameClips;
 use crate::fragment::{Fragment, four, fragment};
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes};
+use crate::limit::Limit;
 use crate::lists::BlockList;
 use crate::near::NearSplat;
 use crate::record::{Class, Record, Together};
@@ -149,54 +150,6 @@ pub(crate) fn visibility<S: Simd>(
     kept
 }
 
-/// What keeps fragments of a block from being drawn.
-pub(crate) trait Limit<S: Simd> {
-    /// Which fragments at these depths exist; `None`: all.
-    #[inline(always)]
-    fn exists(&self, _z: Lanes<S>) -> Option<mask32x16<S>> {
-        None
-    }
-
-    /// What a block keeps, −∞ where it doesn't matter since no fragment exists.
-    #[inline(always)]
-    fn matters(&self, kept: Lanes<S>) -> Lanes<S> {
-        kept
-    }
-
-    /// Told what the block keeps, before attributes are added.
-    #[inline(always)]
-    fn settle(&mut self, _kept: Lanes<S>) {}
-
-    /// Which of the fragments of `mask` add their attributes.
-    #[inline(always)]
-    fn reaches(&self, _z: Lanes<S>, _record: &Record, mask: mask32x16<S>) -> mask32x16<S> {
-        mask
-    }
-}
-
-/// Everything is drawn.
-pub(crate) struct Unlimited;
-
-impl<S: Simd> Limit<S> for Unlimited {}
-
-/// Fragments up to a depth don't exist, nor do any outside of some pixels.
-pub(crate) struct Behind<S: Simd> {
-    pub depth: Lanes<S>,
-    pub pixels: mask32x16<S>,
-}
-
-impl<S: Simd> Limit<S> for Behind<S> {
-    #[inline(always)]
-    fn exists(&self, z: Lanes<S>) -> Option<mask32x16<S>> {
-        Some(self.depth.lt(z) & self.pixels)
-    }
-
-    #[inline(always)]
-    fn matters(&self, kept: Lanes<S>) -> Lanes<S> {
-        Lanes::select(self.pixels, kept, kept.constant(f64::NEG_INFINITY))
-    }
-}
-
 /// What the first loop carries along.
 struct FirstLoop<'a, S: Simd, L> {
     sums: Sums<S>,
@@ -268,17 +221,89 @@ pub(crate) fn block<S: Simd>(
     let FirstLoop { mut sums, mut limit, count, scratch, .. } = loop_1;
     limit.settle(sums.kept);
     if remembers {
-        for (i, [z, weight]) in scratch.splats[..count].iter().zip(&scratch.fragments) {
-            let z = Lanes::load(simd, z);
-            let record = list.records[*i as usize];
-            let mask = limit.reaches(z, record, z.le(sums.kept));
-            accumulate(simd, &mut sums, record, mask, z, Lanes::load(simd, weight), shared);
-        }
+        let remembered = Remembered { list, scratch, count };
+        let a = &shared.wants.attributes;
+        // Which are summed is known to each loop: sums then stay in registers.
+        sums = match (a.color, a.normal, a.depth) {
+            _ if a.material | (a.coverage & shared.coverage_of_weight.is_none()) => {
+                remembered.add_all(simd, sums, &limit, shared)
+            }
+            (false, false, false) => remembered.add::<S, false, false, false>(simd, sums, &limit),
+            (false, false, true) => remembered.add::<S, false, false, true>(simd, sums, &limit),
+            (false, true, false) => remembered.add::<S, false, true, false>(simd, sums, &limit),
+            (false, true, true) => remembered.add::<S, false, true, true>(simd, sums, &limit),
+            (true, false, false) => remembered.add::<S, true, false, false>(simd, sums, &limit),
+            (true, false, true) => remembered.add::<S, true, false, true>(simd, sums, &limit),
+            (true, true, false) => remembered.add::<S, true, true, false>(simd, sums, &limit),
+            (true, true, true) => remembered.add::<S, true, true, true>(simd, sums, &limit),
+        };
     } else {
         sums = second_loop(simd, list, at, (x, y), sums, limit, shared);
     }
     sums.cover(shared);
     sums
+}
+
+/// What the first loop remembered.
+struct Remembered<'a, 'b, 'c> {
+    list: BlockList<'a, 'b>,
+    scratch: &'c Scratch,
+    count: usize,
+}
+
+impl Remembered<'_, '_, '_> {
+    fn fragments(&self) -> impl Iterator<Item = (&Record, &[[f32; LANES]; 2])> {
+        let splats = self.scratch.splats[..self.count].iter().zip(&self.scratch.fragments);
+        splats.map(|(&i, fragment)| (self.list.records[i as usize], fragment))
+    }
+
+    /// The second loop over what was remembered, for sums of weights, and of colours, normals and depths if they are wanted.
+    #[inline(always)]
+    fn add<S: Simd, const COLOR: bool, const NORMAL: bool, const DEPTH: bool>(
+        &self,
+        simd: S,
+        mut sums: Sums<S>,
+        limit: &impl Limit<S>,
+    ) -> Sums<S> {
+        let k = |v: f32| Lanes::splat(simd, v);
+        let (zero, one) = (k(0.0), k(1.0));
+        let (mut total, mut fragments, mut depth) = (sums.weight, sums.fragments, sums.depth);
+        let ([mut r, mut g, mut b], [mut x, mut y, mut z_sum]) = (sums.color, sums.normal);
+        for (record, [z, weight]) in self.fragments() {
+            let z = Lanes::load(simd, z);
+            let mask = limit.reaches(z, record, z.le(sums.kept));
+            let weight = Lanes::select(mask, Lanes::load(simd, weight), zero);
+            total = total + weight;
+            fragments = Lanes::select(mask, fragments + one, fragments);
+            if COLOR {
+                r = weight.mul_add(k(record.red()), r);
+                g = weight.mul_add(k(record.green()), g);
+                b = weight.mul_add(k(record.blue()), b);
+            }
+            if NORMAL {
+                x = weight.mul_add(k(record.normal_x()), x);
+                y = weight.mul_add(k(record.normal_y()), y);
+                z_sum = weight.mul_add(k(record.normal_z()), z_sum);
+            }
+            if DEPTH {
+                depth = weight.mul_add(Lanes::select(mask, z, zero), depth);
+            }
+        }
+        (sums.weight, sums.fragments, sums.depth) = (total, fragments, depth);
+        (sums.color, sums.normal) = ([r, g, b], [x, y, z_sum]);
+        sums
+    }
+
+    /// The same for any attributes.
+    #[inline(always)]
+    fn add_all<S: Simd>(&self, simd: S, mut sums: Sums<S>, limit: &impl Limit<S>, shared: &Shared<'_>) -> Sums<S> {
+        for (record, [z, weight]) in self.fragments() {
+            let z = Lanes::load(simd, z);
+            let mask = limit.reaches(z, record, z.le(sums.kept));
+            accumulate(simd, &mut sums, record, mask, z, Lanes::load(simd, weight), shared);
+        }
+        sums
+    }
 }
 
 /// The second loop where fragments weren't remembered: what is kept is known now, and what lies behind it passed over.

@@ -3,9 +3,10 @@
 use crate::bins::{BLOCK, Grid, Segment, TILE_BLOCKS};
 use crate::composite::CompositeScratch;
 use crate::dot_tiles::{self, DotScratch};
+use crate::limit::Unlimited;
 use crate::lists::BlockLists;
 use crate::planes::TilePlanes;
-use crate::raster::{self, Scratch, Shared, Unlimited};
+use crate::raster::{self, Scratch, Shared};
 use crate::shade::{self, Lighting};
 use crate::target::{Rect, TileTarget};
 use fearless_simd::prelude::*;
