@@ -6,7 +6,8 @@ use surfel_conformance::polygons::{mesh_object, mesh_sphere, quad};
 use surfel_conformance::{build, scenes};
 use surfel_cpu::{Dots, Evaluation, Options, Peeling, Renderer as Cpu, SimdLevel, Storage, Work};
 use surfel_model::{
-    Accumulate, ClipLine, ClipMode, Cull, Filter, Light, OnInvalid, Scene, Settings, Shader, SplatCloud, Transparency,
+    Accumulate, ClipLine, ClipMode, Cull, Filter, Light, Mapping, OnInvalid, Projection, Scene, Settings, Shader,
+    SplatCloud, Transparency,
 };
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Region, RenderError, Renderer, View};
@@ -338,6 +339,14 @@ fn cpu_draws_dots_by_splats_and_by_blocks_and_no_bit_changes() {
             });
             // Splats beyond z_near and z_far, which are drawn in part.
             case.camera.near = 3.02;
+            match i {
+                // 4·tan 20° to either side: as large as in perspective.
+                2 => {
+                    (case.camera.projection, case.camera.far) = (Projection::Orthographic { height: 2.9117 }, Some(4.5))
+                }
+                3 => case.settings.mapping = Mapping::Affine,
+                _ => (),
+            }
             for planes in wanted {
                 let draw = |dots, tile_px, cell_splats| {
                     let work = Work { dots, tile_px, cell_splats, ..Work::default() };

@@ -71,7 +71,7 @@ impl DotFinder {
         Self { wants: Wants::new(plan, view) }
     }
 
-    /// Finds which of sixteen splats of the exact mapping are dots, by their ranges of pixels.
+    /// Finds which of sixteen splats are dots, by their ranges of pixels.
     #[inline(always)]
     pub(crate) fn find<S: Simd>(
         &self,

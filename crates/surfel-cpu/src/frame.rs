@@ -427,9 +427,9 @@ fn is_plain(plan: &FramePlan) -> bool {
 /// True if dots serve a plan: if nothing is looked at twice, and their tiles' sums are all that is wanted.
 fn draws_dots(plan: &FramePlan) -> bool {
     let Attributes { material, coverage, .. } = plan.attributes;
-    let filter = &plan.splat_filter;
-    let exact = filter.projective && filter.filter != Filter::Clamp;
-    is_plain(plan) && !NeighbourPlanes::are_needed(plan) && !material && !coverage && exact
+    // A disk of `clamp` is no ellipse.
+    let ellipses = plan.splat_filter.filter != Filter::Clamp;
+    is_plain(plan) && !NeighbourPlanes::are_needed(plan) && !material && !coverage && ellipses
 }
 
 /// Takes every job on some thread, in the order given, with something of the thread's own.
