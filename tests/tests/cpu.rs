@@ -342,7 +342,8 @@ fn cpu_draws_dots_by_splats_and_by_blocks_and_no_bit_changes() {
             match i {
                 // 4·tan 20° to either side: as large as in perspective.
                 2 => {
-                    (case.camera.projection, case.camera.far) = (Projection::Orthographic { height: 2.9117 }, Some(4.5))
+                    case.camera.projection = Projection::Orthographic { height: 2.9117 };
+                    case.camera.far = Some(4.5);
                 }
                 3 => case.settings.mapping = Mapping::Affine,
                 _ => (),
