@@ -179,7 +179,7 @@ impl<'a> CompositeJob<'a> {
         let (job, lighting) = (&self.tiles, self.tiles.lighting);
         let (splats, triangles) = (scratch.lists.of(block), scratch.composite.triangles.of(block));
         let infinite = Lanes::splat(simd, f32::INFINITY);
-        if triangles.is_empty() && splats.records.is_empty() {
+        if triangles.is_empty() && splats.is_empty() {
             let sums = Sums::new(simd);
             return Front { sums, polygon: None, shaded: Shaded::nothing(simd), opaque_depth: infinite };
         }

@@ -5,7 +5,7 @@ use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes};
 use crate::near::NearSplat;
 use crate::raster::{Shared, Wants};
-use crate::record::{Class, Record, RecordLanes, Together};
+use crate::record::{Class, Record, RecordLanes};
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::{Real, V2};
 
@@ -42,27 +42,6 @@ impl<S: Simd> Fragment<S> {
             self.inside &= inside;
         }
     }
-}
-
-/// Pixels that the clip of four splats keeps. Out of line: few splats have one.
-#[cold]
-#[inline(never)]
-fn kept_of_four<S: Simd>(
-    simd: S,
-    records: &[&Record; 4],
-    at: &[(Lanes<S>, Lanes<S>); 4],
-    shared: &Shared<'_>,
-) -> [Option<[mask32x16<S>; 2]>; 4] {
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            let mut kept = [None; 4];
-            for ((kept, record), at) in kept.iter_mut().zip(records).zip(at) {
-                *kept = kept_of(simd, record, *at, shared);
-            }
-            kept
-        },
-    )
 }
 
 /// Pixels that a splat's clip keeps of its unfiltered and its filtered footprint.
@@ -297,16 +276,7 @@ pub(crate) fn four<S: Simd, const SOFT: bool>(
         let visible = if SOFT { visible[j].le(one) } else { inside };
         Fragment { visible, inside, z: k(records[j].z()) * inverse[j], weight: weights[j] }
     };
-    let mut fragments = [fragment(0), fragment(1), fragment(2), fragment(3)];
-    if Together::has_clips(&records) {
-        for (fragment, kept) in fragments.iter_mut().zip(kept_of_four(simd, &records, &at, shared)) {
-            if let Some([visible, inside]) = kept {
-                fragment.visible &= visible;
-                fragment.inside &= inside;
-            }
-        }
-    }
-    fragments
+    [fragment(0), fragment(1), fragment(2), fragment(3)]
 }
 
 /// 1/(1 + e) = (1 − e)(1 + e²)/(1 − e⁴), with |e| < 1/48 or so within a shallow disk and small enough all over its blocks.

@@ -1,20 +1,49 @@
 //! The splats, or triangles, of each block of a tile, in their order.
 
 use crate::bins::Entry;
-use crate::lanes::LANES;
-use crate::record::Record;
+use crate::record::{NOWHERE, Record};
 use crate::recycle::emptied;
 
 /// Bits of a word, and blocks of a tile at most.
 const BITS: usize = 64;
 
+/// Splats that are drawn together.
+pub(crate) const FOUR: usize = 4;
+
+/// A splat, and [`Record::z_min`] of its record: one that lies behind what is kept isn't looked at.
+pub(crate) type Listed<'a> = (&'a Record, f32);
+
 /// The splats of a block.
 #[derive(Clone, Copy)]
 pub(crate) struct BlockList<'a, 'b> {
-    pub records: &'b [&'a Record],
-    /// [`Record::z_min`] of each, for looking at sixteen together: a splat that lies behind what is kept isn't looked at. As
-    /// many numbers as there are lanes follow.
-    pub z_min: &'b [f32],
+    /// All of the tile's, and one that is nowhere.
+    splats: &'b [Listed<'a>],
+    /// Indices of the block's, in their order, four after four; the last up to three are nowhere.
+    fours: &'b [[u32; FOUR]],
+    count: usize,
+}
+
+impl<'a, 'b> BlockList<'a, 'b> {
+    /// Splats of the block.
+    pub(crate) fn len(&self) -> usize {
+        self.count
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// Indices of the block's splats, four after four. The last up to three are of a splat that is nowhere.
+    #[inline(always)]
+    pub(crate) fn fours(&self) -> &'b [[u32; FOUR]] {
+        self.fours
+    }
+
+    /// A splat by its index.
+    #[inline(always)]
+    pub(crate) fn get(&self, index: u32) -> Listed<'a> {
+        self.splats[index as usize]
+    }
 }
 
 /// Lists of all blocks of a tile, as a matrix of bits: splat by splat it is filled, block by block it is read.
@@ -24,24 +53,28 @@ pub(crate) struct BlockList<'a, 'b> {
 /// at a time, where the blocks' loops would wait for one after another.
 #[derive(Default)]
 pub(crate) struct BlockLists<'a> {
-    splats: Vec<(&'a Record, f32)>,
+    splats: Vec<Listed<'a>>,
     /// Of each 64 splats: before they are full, the blocks of each splat; then the splats of each block.
     words: Vec<[u64; BITS]>,
-    /// The list asked for last.
-    records: Vec<&'a Record>,
-    z_min: Vec<f32>,
+    /// Indices of the splats of [`ROW`] blocks, block after block, and room for what is written beyond their end.
+    order: Vec<u32>,
+    /// Where each block's begin, and how many they are.
+    parts: [(usize, usize); ROW],
+    /// Which blocks these are.
+    row: Option<usize>,
 }
 
 impl<'a> BlockLists<'a> {
     pub(crate) fn clear(&mut self) {
         self.splats.clear();
         self.words.clear();
+        self.row = None;
     }
 
     /// The same memory, for other splats.
     pub(crate) fn for_others<'b>(self) -> BlockLists<'b> {
-        let Self { splats, words, records, z_min } = self;
-        BlockLists { splats: emptied(splats), words, records: emptied(records), z_min }
+        let Self { splats, words, order, .. } = self;
+        BlockLists { splats: emptied(splats), words, order, ..BlockLists::default() }
     }
 
     /// Appends the splats of a tile's entries to the lists of those of their blocks that are `wanted`.
@@ -78,6 +111,7 @@ impl<'a> BlockLists<'a> {
     #[inline(always)]
     pub(crate) fn finish(&mut self) {
         self.words.iter_mut().for_each(transpose);
+        self.splats.push((&NOWHERE, f32::INFINITY));
     }
 
     /// Blocks whose lists aren't empty, a bit each.
@@ -89,30 +123,56 @@ impl<'a> BlockLists<'a> {
     #[inline(always)]
     pub(crate) fn of(&mut self, block: u32) -> BlockList<'a, '_> {
         let block = block as usize % BITS;
-        let count = self.words.iter().map(|word| word[block].count_ones() as usize).sum::<usize>();
-        if let Some(&(any, _)) = self.splats.first()
-            && self.records.len() < count
-        {
-            self.records.resize(count, any);
+        if self.row != Some(block / ROW) {
+            self.list_row(block / ROW);
         }
-        if self.z_min.len() < count + LANES {
-            self.z_min.resize(count + LANES, 0.0);
+        let (first, count) = self.parts[block % ROW];
+        let order = &self.order[first..first + count.next_multiple_of(FOUR)];
+        BlockList { splats: &self.splats, fours: order.as_chunks().0, count }
+    }
+
+    /// Lists the splats of a row of blocks.
+    ///
+    /// Bit by bit it would cost a mispredicted branch a word: four are looked for at once, found or not. Several blocks together,
+    /// since what has just been written in parts can't be read in others.
+    #[inline(always)]
+    fn list_row(&mut self, row: usize) {
+        self.row = Some(row);
+        // Every block may have every splat, and what means nothing after them.
+        let room = ROW * (BITS * self.words.len() + FOUR) + FOUR;
+        if self.order.len() < room {
+            self.order.resize(room, 0);
         }
-        let mut slots = self.records.iter_mut().zip(&mut self.z_min);
-        for (word, splats) in self.words.iter().zip(self.splats.chunks(BITS)) {
-            let mut bits = word[block];
-            while bits != 0 {
-                // The last word has no bits past the last splat, and there are as many slots as bits.
-                if let (Some(&(record, z_min)), Some(slot)) = (splats.get(bits.trailing_zeros() as usize), slots.next())
+        // The last word has no bits past the last splat, after which comes the one that is nowhere.
+        let nowhere = self.splats.len().saturating_sub(1) as u32;
+        let mut at = 0;
+        for (block, part) in (ROW * row..).zip(&mut self.parts) {
+            let begin = at;
+            for (word, first) in self.words.iter().zip((0..).step_by(BITS)) {
+                let mut bits = word[block % BITS];
+                let end = at + bits.count_ones() as usize;
+                while at < end
+                    && let Some(to) = self.order.get_mut(at..).and_then(|rest| rest.first_chunk_mut::<FOUR>())
                 {
-                    (*slot.0, *slot.1) = (record, z_min);
+                    for to in to {
+                        *to = first + bits.trailing_zeros();
+                        bits &= bits.wrapping_sub(1);
+                    }
+                    at += FOUR;
                 }
-                bits &= bits - 1;
+                at = end;
             }
+            *part = (begin, at - begin);
+            if let Some(rest) = self.order.get_mut(at..).and_then(|rest| rest.first_chunk_mut::<FOUR>()) {
+                *rest = [nowhere; FOUR];
+            }
+            at = begin + (at - begin).next_multiple_of(FOUR);
         }
-        BlockList { records: &self.records[..count], z_min: &self.z_min[..count + LANES] }
     }
 }
+
+/// Blocks that are listed together.
+const ROW: usize = 8;
 
 /// Blocks whose lists aren't empty, a bit each, from turned words.
 fn touched(words: &[[u64; BITS]]) -> u64 {
@@ -233,10 +293,13 @@ mod tests {
             for block in 0..64 {
                 let expected: Vec<usize> = (0..count).filter(|&i| masks[i] >> block & 1 == 1).collect();
                 let list = lists.of(block);
-                let found: Vec<usize> = list.records.iter().map(|r| r.object()).collect();
+                assert_eq!(list.len(), expected.len(), "{count} splats, block {block}");
+                let listed: Vec<Listed<'_>> = list.fours().as_flattened().iter().map(|&i| list.get(i)).collect();
+                let (own, rest) = listed.split_at(list.len());
+                let found: Vec<usize> = own.iter().map(|(r, _)| r.object()).collect();
                 assert_eq!(found, expected, "{count} splats, block {block}");
-                assert!(list.records.iter().zip(list.z_min).all(|(r, &z)| r.z_min() == z));
-                assert_eq!(list.z_min.len(), found.len() + LANES);
+                assert!(own.iter().all(|(r, z)| r.z_min() == *z));
+                assert!(rest.len() < FOUR && rest.iter().all(|(r, z)| r.base_x().is_nan() && *z == f32::INFINITY));
             }
         }
     }

@@ -6,7 +6,7 @@ use crate::fragment::{Fragment, four, fragment};
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes};
 use crate::limit::Limit;
-use crate::lists::BlockList;
+use crate::lists::{BlockList, FOUR};
 use crate::near::NearSplat;
 use crate::record::{Class, Record, Together};
 use fearless_simd::prelude::SimdMask;
@@ -68,17 +68,18 @@ pub(crate) struct Shared<'a> {
 /// Most splats of a block whose fragments are remembered between the loops; past that they are computed twice.
 const REMEMBERED: usize = 256;
 
-/// Fragments of a block between the loops.
+/// Fragments of a block between the loops. Aligned as the lines of a processor's memory: what crosses two costs twice.
+#[repr(align(64))]
 pub(crate) struct Scratch {
-    /// Indices in the block's list of the splats with fragments.
-    splats: [u32; REMEMBERED + 1],
-    /// Their depths (NaN outside the footprint) and weights.
-    fragments: [[[f32; LANES]; 2]; REMEMBERED + 1],
+    /// Depths (+∞ outside the footprint) and weights of four splats after four.
+    fragments: [[[f32; LANES]; 2]; REMEMBERED],
+    /// Which four they are.
+    fours: [u32; REMEMBERED / FOUR],
 }
 
 impl Scratch {
     pub(crate) fn new() -> Box<Self> {
-        Box::new(Self { splats: [0; REMEMBERED + 1], fragments: [[[0.0; LANES]; 2]; REMEMBERED + 1] })
+        Box::new(Self { fragments: [[[0.0; LANES]; 2]; REMEMBERED], fours: [0; REMEMBERED / FOUR] })
     }
 }
 
@@ -128,105 +129,172 @@ impl<S: Simd> Sums<S> {
     }
 }
 
+/// The pixels of the block whose first one is (x, y).
+#[derive(Clone, Copy)]
+struct Pixels<S: Simd> {
+    first: (i32, i32),
+    /// Columns and rows.
+    at: (Lanes<S>, Lanes<S>),
+}
+
+impl<S: Simd> Pixels<S> {
+    #[inline(always)]
+    fn new(simd: S, (x, y): (i32, i32)) -> Self {
+        let k = |v: i32| Lanes::splat(simd, v as f32);
+        Self { first: (x, y), at: (Lanes::block_columns(simd) + k(x), Lanes::block_rows(simd) + k(y)) }
+    }
+}
+
 /// The first loop alone: what a block keeps.
 #[inline(always)]
 pub(crate) fn visibility<S: Simd>(
     simd: S,
     list: BlockList<'_, '_>,
-    (x, y): (i32, i32),
+    first_px: (i32, i32),
     shared: &Shared<'_>,
 ) -> Lanes<S> {
-    let k = |v: f32| Lanes::splat(simd, v);
-    let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
-    let mut kept = k(f32::INFINITY);
-    for (&record, &z_min) in list.records.iter().zip(list.z_min) {
-        if kept.lt(k(z_min)).all_true() {
-            continue;
-        }
-        let fragment = fragment(simd, record, at, (x, y), shared);
-        let value = fragment.z + k(record.epsilon());
-        kept = Lanes::select(fragment.visible & value.lt(kept), value, kept);
+    let mut keeping = Keeping { kept: Lanes::splat(simd, f32::INFINITY) };
+    each_four(simd, list, f32::INFINITY, &Pixels::new(simd, first_px), shared, &mut keeping);
+    keeping.kept
+}
+
+/// What [`visibility`] carries along.
+struct Keeping<S: Simd> {
+    kept: Lanes<S>,
+}
+
+impl<S: Simd> Visit<S> for Keeping<S> {
+    #[inline(always)]
+    fn add(&mut self, simd: S, fragment: Fragment<S>, _: usize, record: &Record) {
+        let k = |v: f32| Lanes::splat(simd, v);
+        self.kept = self.kept.min(Lanes::select(fragment.visible, fragment.z, k(f32::INFINITY)) + k(record.epsilon()));
     }
-    kept
+
+    #[inline(always)]
+    fn farthest(&self) -> Option<f32> {
+        Some(largest(self.kept))
+    }
 }
 
 /// What the first loop carries along.
-struct FirstLoop<'a, S: Simd, L> {
-    sums: Sums<S>,
-    limit: L,
-    wants_epsilon: bool,
-    /// Whether fragments are remembered, and how many are.
-    remembers: bool,
+struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const REMEMBER: bool> {
+    kept: Lanes<S>,
+    kept_epsilon: Lanes<S>,
+    inside: u32,
+    limit: &'a L,
+    /// How many fours are remembered.
     count: usize,
-    scratch: &'a mut Scratch,
+    scratch: &'b mut Scratch,
 }
 
-impl<S: Simd, L: Limit<S>> Visit<S> for FirstLoop<'_, S, L> {
+impl<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool> Visit<S>
+    for FirstLoop<'_, '_, S, L, EPSILON, REMEMBER>
+{
     #[inline(always)]
-    fn add(&mut self, simd: S, mut fragment: Fragment<S>, i: usize, record: &Record) {
+    fn begin(&mut self, number: usize) {
+        if REMEMBER && let Some(four) = self.scratch.fours.get_mut(self.count) {
+            *four = number as u32;
+            self.count += 1;
+        }
+    }
+
+    #[inline(always)]
+    fn add(&mut self, simd: S, mut fragment: Fragment<S>, j: usize, record: &Record) {
         let k = |v: f32| Lanes::splat(simd, v);
-        let sums = &mut self.sums;
         if let Some(exists) = self.limit.exists(fragment.z) {
             fragment.visible &= exists;
             fragment.inside &= exists;
         }
-        let hits = fragment.inside.to_bitmask();
-        sums.inside += hits.count_ones();
-        let value = fragment.z + k(record.epsilon());
-        let closer = fragment.visible & value.lt(sums.kept);
-        sums.kept = Lanes::select(closer, value, sums.kept);
-        if self.wants_epsilon {
-            sums.kept_epsilon = Lanes::select(closer, k(record.epsilon()), sums.kept_epsilon);
+        // Not an ordinary sum, of which the compiler would make one of lanes: they have enough to do.
+        self.inside = self.inside.saturating_add(fragment.inside.to_bitmask().count_ones());
+        let infinity = k(f32::INFINITY);
+        let value = Lanes::select(fragment.visible, fragment.z, infinity) + k(record.epsilon());
+        if EPSILON {
+            self.kept_epsilon = Lanes::select(value.lt(self.kept), k(record.epsilon()), self.kept_epsilon);
         }
-        if self.remembers {
-            // Written in any case and counted where there is something: a branch would often be guessed wrong.
-            let [z, weight] = &mut self.scratch.fragments[self.count];
-            Lanes::select(fragment.inside, fragment.z, k(f32::NAN)).store(z);
+        self.kept = self.kept.min(value);
+        if REMEMBER {
+            // Always within: a branch here would keep masks from staying in their registers.
+            let slot = FOUR * self.count.wrapping_sub(1) + j;
+            let [z, weight] = &mut self.scratch.fragments[slot % REMEMBERED];
+            Lanes::select(fragment.inside, fragment.z, infinity).store(z);
             fragment.weight.store(weight);
-            self.scratch.splats[self.count] = i as u32;
-            self.count += usize::from(hits != 0);
         }
+    }
+
+    #[inline(always)]
+    fn farthest(&self) -> Option<f32> {
+        Some(largest(self.limit.matters(self.kept)))
     }
 }
 
-/// Runs both loops over the block whose first pixel is (x, y). Only fragments that `limit` leaves exist.
+/// Runs both loops over the block whose first pixel is given. Only fragments that `limit` leaves exist.
 #[inline(always)]
 pub(crate) fn block<S: Simd>(
     simd: S,
     list: BlockList<'_, '_>,
-    (x, y): (i32, i32),
+    first_px: (i32, i32),
     shared: &Shared<'_>,
     limit: impl Limit<S>,
     scratch: &mut Scratch,
 ) -> Sums<S> {
-    let k = |v: f32| Lanes::splat(simd, v);
-    let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
-    let remembers = list.records.len() <= REMEMBERED;
-    let wants_epsilon = shared.wants.epsilon;
-    let mut loop_1 = FirstLoop { sums: Sums::new(simd), limit, wants_epsilon, remembers, count: 0, scratch };
-    // Nothing of a splat behind all that is kept matters, in either loop. Sixteen are looked at together, with what was kept
-    // before them: a test splat by splat would wait for each result, and be guessed wrong.
-    let mut farthest = None;
-    for first in (0..list.records.len()).step_by(LANES) {
-        let mut left = (1u64 << (list.records.len() - first).min(LANES)) - 1;
-        if let Some(farthest) = farthest {
-            left &= !k(farthest).lt(Lanes::load(simd, &list.z_min[first..])).to_bitmask();
-        }
-        loop_1.sums.tested += left.count_ones();
-        sixteen(simd, list, (first, left), at, (x, y), shared, &mut loop_1);
-        if first + LANES < list.records.len() {
-            farthest = Some(largest(loop_1.limit.matters(loop_1.sums.kept)));
-        }
+    // Filled where it is returned to.
+    let mut sums = Sums::new(simd);
+    match (shared.wants.epsilon, FOUR * list.fours().len() <= REMEMBERED) {
+        (false, true) => both_loops::<S, _, false, true>(simd, list, first_px, shared, limit, scratch, &mut sums),
+        (true, true) => both_loops::<S, _, true, true>(simd, list, first_px, shared, limit, scratch, &mut sums),
+        (_, false) => both_loops::<S, _, true, false>(simd, list, first_px, shared, limit, scratch, &mut sums),
     }
-    let FirstLoop { mut sums, mut limit, count, scratch, .. } = loop_1;
+    sums
+}
+
+/// [`block`], with ε of what is kept if it is wanted, and fragments remembered if there are few enough. Adds to sums of nothing.
+///
+/// Out of line, for all who draw blocks.
+#[inline(never)]
+fn both_loops<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool>(
+    simd: S,
+    list: BlockList<'_, '_>,
+    first_px: (i32, i32),
+    shared: &Shared<'_>,
+    limit: L,
+    scratch: &mut Scratch,
+    sums: &mut Sums<S>,
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || loops::<S, L, EPSILON, REMEMBER>(simd, list, first_px, shared, limit, scratch, sums),
+    );
+}
+
+#[inline(always)]
+fn loops<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool>(
+    simd: S,
+    list: BlockList<'_, '_>,
+    first_px: (i32, i32),
+    shared: &Shared<'_>,
+    mut limit: L,
+    scratch: &mut Scratch,
+    sums: &mut Sums<S>,
+) {
+    let pixels = Pixels::new(simd, first_px);
+    let FirstLoop { kept, kept_epsilon, inside, count, scratch, .. } = {
+        let (kept, kept_epsilon) = (sums.kept, sums.kept_epsilon);
+        let mut first =
+            FirstLoop::<_, _, EPSILON, REMEMBER> { kept, kept_epsilon, inside: 0, limit: &limit, count: 0, scratch };
+        // Nothing of a splat behind all that is kept matters, in either loop.
+        sums.tested = each_four(simd, list, f32::INFINITY, &pixels, shared, &mut first);
+        first
+    };
+    (sums.kept, sums.kept_epsilon, sums.inside) = (kept, kept_epsilon, inside);
     limit.settle(sums.kept);
-    if remembers {
+    if REMEMBER {
         let remembered = Remembered { list, scratch, count };
         let a = &shared.wants.attributes;
         // Which are summed is known to each loop: sums then stay in registers.
-        sums = match (a.color, a.normal, a.depth) {
+        match (a.color, a.normal, a.depth) {
             _ if a.material | (a.coverage & shared.coverage_of_weight.is_none()) => {
-                remembered.add_all(simd, sums, &limit, shared)
+                remembered.add_all(simd, sums, &limit, shared);
             }
             (false, false, false) => remembered.add::<S, false, false, false>(simd, sums, &limit),
             (false, false, true) => remembered.add::<S, false, false, true>(simd, sums, &limit),
@@ -236,12 +304,17 @@ pub(crate) fn block<S: Simd>(
             (true, false, true) => remembered.add::<S, true, false, true>(simd, sums, &limit),
             (true, true, false) => remembered.add::<S, true, true, false>(simd, sums, &limit),
             (true, true, true) => remembered.add::<S, true, true, true>(simd, sums, &limit),
-        };
+        }
     } else {
-        sums = second_loop(simd, list, at, (x, y), sums, limit, shared);
+        second_loop(simd, list, &pixels, sums, limit, shared);
     }
     sums.cover(shared);
-    sums
+}
+
+/// The depths up to which fragments are added: any where nothing is kept, but not +∞, which is none.
+#[inline(always)]
+fn reach<S: Simd>(kept: Lanes<S>) -> Lanes<S> {
+    kept.min(kept.constant(f64::from(f32::MAX)))
 }
 
 /// What the first loop remembered.
@@ -251,10 +324,16 @@ struct Remembered<'a, 'b, 'c> {
     count: usize,
 }
 
-impl Remembered<'_, '_, '_> {
-    fn fragments(&self) -> impl Iterator<Item = (&Record, &[[f32; LANES]; 2])> {
-        let splats = self.scratch.splats[..self.count].iter().zip(&self.scratch.fragments);
-        splats.map(|(&i, fragment)| (self.list.records[i as usize], fragment))
+impl<'a> Remembered<'a, '_, '_> {
+    /// Four splats after four, with their fragments.
+    #[inline(always)]
+    fn fours(&self) -> impl Iterator<Item = ([&'a Record; FOUR], &[[[f32; LANES]; 2]; FOUR])> {
+        let fours = self.scratch.fours[..self.count].iter().zip(self.scratch.fragments.as_chunks().0);
+        fours.map(|(&number, fragments)| {
+            let [i, j, k, l] = self.list.fours()[number as usize];
+            let record = |i| self.list.get(i).0;
+            ([record(i), record(j), record(k), record(l)], fragments)
+        })
     }
 
     /// The second loop over what was remembered, for sums of weights, and of colours, normals and depths if they are wanted.
@@ -262,47 +341,59 @@ impl Remembered<'_, '_, '_> {
     fn add<S: Simd, const COLOR: bool, const NORMAL: bool, const DEPTH: bool>(
         &self,
         simd: S,
-        mut sums: Sums<S>,
+        sums: &mut Sums<S>,
         limit: &impl Limit<S>,
-    ) -> Sums<S> {
+    ) {
         let k = |v: f32| Lanes::splat(simd, v);
         let (zero, one) = (k(0.0), k(1.0));
         let (mut total, mut fragments, mut depth) = (sums.weight, sums.fragments, sums.depth);
         let ([mut r, mut g, mut b], [mut x, mut y, mut z_sum]) = (sums.color, sums.normal);
-        for (record, [z, weight]) in self.fragments() {
-            let z = Lanes::load(simd, z);
-            let mask = limit.reaches(z, record, z.le(sums.kept));
-            let weight = Lanes::select(mask, Lanes::load(simd, weight), zero);
-            total = total + weight;
-            fragments = Lanes::select(mask, fragments + one, fragments);
-            if COLOR {
-                r = weight.mul_add(k(record.red()), r);
-                g = weight.mul_add(k(record.green()), g);
-                b = weight.mul_add(k(record.blue()), b);
-            }
-            if NORMAL {
-                x = weight.mul_add(k(record.normal_x()), x);
-                y = weight.mul_add(k(record.normal_y()), y);
-                z_sum = weight.mul_add(k(record.normal_z()), z_sum);
-            }
-            if DEPTH {
-                depth = weight.mul_add(Lanes::select(mask, z, zero), depth);
+        let kept = reach(sums.kept);
+        for (records, four) in self.fours() {
+            for (record, [z, weight]) in records.into_iter().zip(four) {
+                let z = Lanes::load(simd, z);
+                let mask = limit.reaches(z, record, z.le(kept));
+                let weight = Lanes::select(mask, Lanes::load(simd, weight), zero);
+                total = total + weight;
+                fragments = Lanes::select(mask, fragments + one, fragments);
+                if COLOR {
+                    r = weight.mul_add(k(record.red()), r);
+                    g = weight.mul_add(k(record.green()), g);
+                    b = weight.mul_add(k(record.blue()), b);
+                }
+                if NORMAL {
+                    x = weight.mul_add(k(record.normal_x()), x);
+                    y = weight.mul_add(k(record.normal_y()), y);
+                    z_sum = weight.mul_add(k(record.normal_z()), z_sum);
+                }
+                if DEPTH {
+                    depth = Lanes::select(mask, weight.mul_add(z, depth), depth);
+                }
             }
         }
-        (sums.weight, sums.fragments, sums.depth) = (total, fragments, depth);
-        (sums.color, sums.normal) = ([r, g, b], [x, y, z_sum]);
-        sums
+        (sums.weight, sums.fragments) = (total, fragments);
+        if COLOR {
+            sums.color = [r, g, b];
+        }
+        if NORMAL {
+            sums.normal = [x, y, z_sum];
+        }
+        if DEPTH {
+            sums.depth = depth;
+        }
     }
 
     /// The same for any attributes.
     #[inline(always)]
-    fn add_all<S: Simd>(&self, simd: S, mut sums: Sums<S>, limit: &impl Limit<S>, shared: &Shared<'_>) -> Sums<S> {
-        for (record, [z, weight]) in self.fragments() {
-            let z = Lanes::load(simd, z);
-            let mask = limit.reaches(z, record, z.le(sums.kept));
-            accumulate(simd, &mut sums, record, mask, z, Lanes::load(simd, weight), shared);
+    fn add_all<S: Simd>(&self, simd: S, sums: &mut Sums<S>, limit: &impl Limit<S>, shared: &Shared<'_>) {
+        let kept = reach(sums.kept);
+        for (records, four) in self.fours() {
+            for (record, [z, weight]) in records.into_iter().zip(four) {
+                let z = Lanes::load(simd, z);
+                let mask = limit.reaches(z, record, z.le(kept));
+                accumulate(simd, sums, record, mask, z, Lanes::load(simd, weight), shared);
+            }
         }
-        sums
     }
 }
 
@@ -314,92 +405,117 @@ impl Remembered<'_, '_, '_> {
 fn second_loop<S: Simd>(
     simd: S,
     list: BlockList<'_, '_>,
-    at: (Lanes<S>, Lanes<S>),
-    first_px: (i32, i32),
-    sums: Sums<S>,
+    pixels: &Pixels<S>,
+    sums: &mut Sums<S>,
     limit: impl Limit<S>,
     shared: &Shared<'_>,
-) -> Sums<S> {
+) {
     simd.vectorize(
         #[inline(always)]
         || {
-            let farthest = Lanes::splat(simd, largest(limit.matters(sums.kept)));
-            let mut loop_2 = SecondLoop { sums, limit, shared };
-            for first in (0..list.records.len()).step_by(LANES) {
-                let all = (1u64 << (list.records.len() - first).min(LANES)) - 1;
-                let left = all & !farthest.lt(Lanes::load(simd, &list.z_min[first..])).to_bitmask();
-                sixteen(simd, list, (first, left), at, first_px, shared, &mut loop_2);
-            }
-            loop_2.sums
+            let farthest = largest(limit.matters(sums.kept));
+            each_four(simd, list, farthest, pixels, shared, &mut SecondLoop { sums, limit, shared });
         },
-    )
+    );
 }
 
 /// What the second loop carries along where fragments weren't remembered.
 struct SecondLoop<'a, 'b, S: Simd, L> {
-    sums: Sums<S>,
+    sums: &'a mut Sums<S>,
     limit: L,
     shared: &'a Shared<'b>,
 }
 
 impl<S: Simd, L: Limit<S>> Visit<S> for SecondLoop<'_, '_, S, L> {
     #[inline(always)]
-    fn add(&mut self, simd: S, mut fragment: Fragment<S>, _i: usize, record: &Record) {
+    fn add(&mut self, simd: S, mut fragment: Fragment<S>, _: usize, record: &Record) {
         if let Some(exists) = self.limit.exists(fragment.z) {
             fragment.inside &= exists;
         }
         let near = fragment.inside & fragment.z.le(self.sums.kept);
         let mask = self.limit.reaches(fragment.z, record, near);
-        accumulate(simd, &mut self.sums, record, mask, fragment.z, fragment.weight, self.shared);
+        accumulate(simd, self.sums, record, mask, fragment.z, fragment.weight, self.shared);
+    }
+
+    #[inline(always)]
+    fn farthest(&self) -> Option<f32> {
+        None
     }
 }
 
 /// What is done with fragments. Not a closure: one that is called in several places isn't inlined into SIMD code.
 trait Visit<S: Simd> {
-    /// Takes in splat `i` of the list.
-    fn add(&mut self, simd: S, fragment: Fragment<S>, i: usize, record: &Record);
+    /// Told which four comes next.
+    #[inline(always)]
+    fn begin(&mut self, _number: usize) {}
+
+    /// Takes in one of the four.
+    fn add(&mut self, simd: S, fragment: Fragment<S>, j: usize, record: &Record);
+
+    /// Depth behind which nothing matters any more, if it has changed.
+    fn farthest(&self) -> Option<f32>;
 }
 
-/// Computes the fragments of those of sixteen splats from `first` on whose bits are set, four together where they can be.
+/// How many fours are drawn before it is asked again what lies behind them.
+const ASKED: usize = 4;
+
+/// Computes the fragments of a list's splats, four together where they can be, but those behind a depth or what is kept so far:
+/// how many were computed.
 #[inline(always)]
-fn sixteen<S: Simd>(
+fn each_four<S: Simd>(
     simd: S,
     list: BlockList<'_, '_>,
-    (first, left): (usize, u64),
-    at: (Lanes<S>, Lanes<S>),
-    first_px: (i32, i32),
+    mut farthest: f32,
+    pixels: &Pixels<S>,
     shared: &Shared<'_>,
     visit: &mut impl Visit<S>,
-) {
-    let sixteen = &list.records[first..(first + LANES).min(list.records.len())];
-    for (quarter, records) in sixteen.chunks(4).enumerate() {
-        let bits = left >> (4 * quarter) & 0xf;
-        let i = first + 4 * quarter;
-        let together = match records.first_chunk::<4>() {
-            Some(four) if bits == 0xf => Some((Together::of(four), *four)),
-            _ => None,
-        };
-        match together {
-            Some((Together::Simple, records)) => {
-                for (j, fragment) in four::<S, false>(simd, records, [at; 4], shared).into_iter().enumerate() {
-                    visit.add(simd, fragment, i + j, records[j]);
-                }
+) -> u32 {
+    let mut tested = 0;
+    let all = list.fours();
+    for (number, &[i, j, k, l]) in all.iter().enumerate() {
+        let [(a, a_z), (b, b_z), (c, c_z), (d, d_z)] = [list.get(i), list.get(j), list.get(k), list.get(l)];
+        if farthest < lesser(lesser(a_z, b_z), lesser(c_z, d_z)) {
+            continue;
+        }
+        let count = (list.len() - FOUR * number).min(FOUR);
+        tested += count as u32;
+        let records = [a, b, c, d];
+        visit.begin(number);
+        match Together::of(&records) {
+            Together::Simple => {
+                let [e, f, g, h] = four::<S, false>(simd, records, [pixels.at; FOUR], shared);
+                visit.add(simd, e, 0, a);
+                visit.add(simd, f, 1, b);
+                visit.add(simd, g, 2, c);
+                visit.add(simd, h, 3, d);
             }
-            Some((Together::Soft, records)) => {
-                for (j, fragment) in four::<S, true>(simd, records, [at; 4], shared).into_iter().enumerate() {
-                    visit.add(simd, fragment, i + j, records[j]);
-                }
+            Together::Soft => {
+                let [e, f, g, h] = four::<S, true>(simd, records, [pixels.at; FOUR], shared);
+                visit.add(simd, e, 0, a);
+                visit.add(simd, f, 1, b);
+                visit.add(simd, g, 2, c);
+                visit.add(simd, h, 3, d);
             }
-            _ => {
-                for (j, record) in records.iter().enumerate() {
-                    if bits >> j & 1 == 1 {
-                        let fragment = fragment(simd, record, at, first_px, shared);
-                        visit.add(simd, fragment, i + j, record);
-                    }
+            Together::Nothing => {
+                for (j, record) in records.into_iter().enumerate() {
+                    visit.add(simd, fragment(simd, record, pixels.at, pixels.first, shared), j, record);
                 }
             }
         }
+        if number % ASKED == ASKED - 1
+            && number + 1 < all.len()
+            && let Some(depth) = visit.farthest()
+        {
+            farthest = depth;
+        }
     }
+    tested
+}
+
+/// The lesser of two numbers; neither is NaN.
+#[inline(always)]
+fn lesser(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
 }
 
 /// The largest lane; none is NaN.

@@ -43,9 +43,9 @@ impl Class {
 /// What can be done with four splats together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Together {
-    /// All are shallow.
+    /// All are shallow, and none has a clip.
     Simple,
-    /// All are shallow or soft.
+    /// All are shallow or soft, and none has a clip.
     Soft,
     Nothing,
 }
@@ -53,26 +53,23 @@ pub(crate) enum Together {
 impl Together {
     #[inline(always)]
     pub(crate) fn of([a, b, c, d]: &[&Record; 4]) -> Self {
-        let class = any([a.class_bits(), b.class_bits(), c.class_bits(), d.class_bits()]);
-        match class {
+        match any([a, b, c, d]) {
             0 => Self::Simple,
             1 => Self::Soft,
             _ => Self::Nothing,
         }
     }
-
-    /// True if one of four splats has a clip.
-    #[inline(always)]
-    pub(crate) fn has_clips([a, b, c, d]: &[&Record; 4]) -> bool {
-        any([a.clip_bits(), b.clip_bits(), c.clip_bits(), d.clip_bits()]) != 0
-    }
 }
 
-/// All set bits.
+/// All set bits of four splats' classes.
 #[inline(always)]
-fn any(bits: [f32; 4]) -> u32 {
-    bits[0].to_bits() | bits[1].to_bits() | bits[2].to_bits() | bits[3].to_bits()
+fn any([a, b, c, d]: [&Record; 4]) -> u32 {
+    let bits = |bits: f32| bits.to_bits();
+    bits(a.class_bits()) | bits(b.class_bits()) | bits(c.class_bits()) | bits(d.class_bits())
 }
+
+/// Among the bits of a class: the splat has a clip.
+const CLIPPED: u32 = 64;
 
 /// [`Class::Dot`] as bits: of four pixels, and of nine.
 pub(crate) const DOT_BITS: [u32; 2] = [16, 32];
@@ -126,7 +123,7 @@ fields! {
     epsilon = 2;
     /// No fragment of the splat is nearer.
     z_min = 3;
-    /// [`Class`], as bits: each class one of its own, and none for a shallow splat.
+    /// [`Class`], as bits: each class one of its own, and none for a shallow splat; and one for a clip.
     class_bits = 4;
     /// From the anchor to its pixel's centre: ½ less the anchor's fraction.
     offset_x = 5;
@@ -179,7 +176,7 @@ pub(crate) const COLOR: usize = 23;
 impl Record {
     #[inline(always)]
     pub(crate) fn class(&self) -> Class {
-        match self.class_bits().to_bits() {
+        match self.class_bits().to_bits() & !CLIPPED {
             0 => Class::Shallow,
             1 => Class::Soft,
             2 => Class::Plain,
@@ -229,6 +226,7 @@ impl Record {
 
     pub(crate) fn set_clip(&mut self, number: u32) {
         self.0[31] = f32::from_bits(number.wrapping_add(1));
+        self.0[CLASS] = f32::from_bits(self.class_bits().to_bits() | CLIPPED);
     }
 
     /// Moves the index of a near splat.
@@ -251,6 +249,13 @@ impl Record {
         Self(fields)
     }
 }
+
+/// A shallow splat without a fragment anywhere.
+pub(crate) static NOWHERE: Record = {
+    let mut fields = [0.0; FIELDS];
+    fields[0] = f32::NAN;
+    Record(fields)
+};
 
 /// Records of which the memory is kept when they are cleared: what is written is written once.
 #[derive(Default)]

@@ -128,7 +128,7 @@ impl<'a> MapJob<'a> {
             left &= left - 1;
             let at = self.listing.block_px(tile, block);
             let (splats, triangles) = (scratch.lists.of(block), scratch.composite.triangles.of(block));
-            if splats.records.is_empty() && triangles.is_empty() {
+            if splats.is_empty() && triangles.is_empty() {
                 continue;
             }
             let mut kept = raster::visibility(simd, splats, at, &self.shared);

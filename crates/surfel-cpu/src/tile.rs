@@ -6,7 +6,7 @@ use crate::dot_tiles::{self, DotScratch};
 use crate::limit::Unlimited;
 use crate::lists::BlockLists;
 use crate::planes::TilePlanes;
-use crate::raster::{self, Scratch, Shared};
+use crate::raster::{self, Scratch, Shared, Sums};
 use crate::shade::{self, Lighting};
 use crate::target::{Rect, TileTarget};
 use fearless_simd::prelude::*;
@@ -124,6 +124,9 @@ impl<'a> Listing<'a> {
     }
 }
 
+/// Blocks that are lit together: the processor computes one where another's numbers aren't there yet.
+const TOGETHER: usize = 4;
+
 /// All tiles of a frame.
 pub(crate) struct TileJob<'a> {
     pub listing: Listing<'a>,
@@ -159,23 +162,39 @@ impl<'a> TileJob<'a> {
         let mut kept = i32x16::splat(simd, 0);
         let mut left = self.listing.blocks(tile);
         self.listing.list(tile, left, &mut scratch.lists);
+        let touched = left & scratch.lists.touched();
+        let mut empty = left & !touched;
+        while empty != 0 {
+            let block = empty.trailing_zeros();
+            empty &= empty - 1;
+            target.put_empty(self.listing.block_px(tile, block), self.lighting.background);
+        }
+        left = touched;
+        let mut sums = [Sums::new(simd); TOGETHER];
         while left != 0 {
-            let block = left.trailing_zeros();
-            left &= left - 1;
-            let at = self.listing.block_px(tile, block);
-            let list = scratch.lists.of(block);
-            if list.records.is_empty() {
-                target.put_empty(at, self.lighting.background);
-                continue;
+            let first = left;
+            let mut count = 0;
+            while let Some(sums) = sums.get_mut(count)
+                && left != 0
+            {
+                let block = left.trailing_zeros();
+                left &= left - 1;
+                count += 1;
+                let at = self.listing.block_px(tile, block);
+                *sums = raster::block(simd, scratch.lists.of(block), at, &self.shared, Unlimited, &mut scratch.block);
+                counters.block_pairs += u64::from(sums.tested);
+                counters.inside += u64::from(sums.inside);
             }
-            let sums = raster::block(simd, list, at, &self.shared, Unlimited, &mut scratch.block);
-            counters.block_pairs += u64::from(sums.tested);
-            counters.inside += u64::from(sums.inside);
-            kept += sums.fragments.0.to_int::<i32x16<S>>() * target.rect.lanes_inside(simd, at);
-            let pixels = shade::resolve(simd, self.lighting, &sums, at);
-            target.put(at, &pixels);
-            if let Some(planes) = &mut planes {
-                planes.put_edges(block, &sums, None);
+            let mut these = first;
+            for sums in &sums[..count] {
+                let block = these.trailing_zeros();
+                these &= these.wrapping_sub(1);
+                let at = self.listing.block_px(tile, block);
+                kept += sums.fragments.0.to_int::<i32x16<S>>() * target.rect.lanes_inside(simd, at);
+                target.put(at, &shade::resolve(simd, self.lighting, sums, at));
+                if let Some(planes) = &mut planes {
+                    planes.put_edges(block, sums, None);
+                }
             }
         }
         counters.kept = kept.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();
