@@ -184,16 +184,16 @@ impl<'a> CompositeJob<'a> {
             return Front { sums, polygon: None, shaded: Shaded::nothing(simd), opaque_depth: infinite };
         }
         let mut polygon = None;
-        let sums = if triangles.is_empty() {
-            raster::block(simd, splats, at, &job.shared, Unlimited, &mut scratch.block)
+        let mut sums = Sums::new(simd);
+        if triangles.is_empty() {
+            raster::block(simd, splats, at, &job.shared, Unlimited, &mut scratch.block, &mut sums);
         } else {
             let nearest = polygon::nearest(simd, triangles, at, job.shared.wants.exists());
             let mut shown = nearest.z;
             let limit = Between { polygon: &mut shown };
-            let sums = raster::block(simd, splats, at, &job.shared, limit, &mut scratch.block);
+            raster::block(simd, splats, at, &job.shared, limit, &mut scratch.block, &mut sums);
             polygon = Some((nearest, shown));
-            sums
-        };
+        }
         let mut shaded = shade::lit(simd, lighting, shade::divided(simd, lighting, &sums), at);
         let mut opaque_depth = Lanes::select(shaded.covered, shaded.z, infinite);
         let polygon_z = polygon.as_ref().map(|(nearest, _)| nearest.z);
@@ -397,7 +397,7 @@ impl<'a> CompositeJob<'a> {
         let mut sums = Sums::new(simd);
         if deep {
             let limit = Behind { depth: kept, pixels: edge & kept.lt(infinite) };
-            sums = raster::block(simd, scratch.lists.of(block), at, &job.shared, limit, &mut scratch.block);
+            raster::block(simd, scratch.lists.of(block), at, &job.shared, limit, &mut scratch.block, &mut sums);
             counters.block_pairs += u64::from(sums.tested);
         }
         let mut shaded = shade::lit(simd, lighting, shade::divided(simd, lighting, &sums), at);

@@ -120,6 +120,14 @@ impl<S: Simd> Sums<S> {
         }
     }
 
+    /// Nothing is added yet.
+    #[inline(always)]
+    fn clear(&mut self) {
+        let none = Self::new(self.kept.0.simd);
+        let Self { kept, kept_epsilon, tested, inside, .. } = *self;
+        *self = Self { kept, kept_epsilon, tested, inside, ..none };
+    }
+
     /// To be called when all is added: coverage, where it follows from the weight.
     #[inline(always)]
     pub(crate) fn cover(&mut self, shared: &Shared<'_>) {
@@ -228,7 +236,8 @@ impl<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool> Visit<S>
     }
 }
 
-/// Runs both loops over the block whose first pixel is given. Only fragments that `limit` leaves exist.
+/// Runs both loops over the block whose first pixel is given: its sums. Only fragments that `limit` leaves exist. What the plan
+/// doesn't want of the sums isn't touched.
 #[inline(always)]
 pub(crate) fn block<S: Simd>(
     simd: S,
@@ -237,18 +246,16 @@ pub(crate) fn block<S: Simd>(
     shared: &Shared<'_>,
     limit: impl Limit<S>,
     scratch: &mut Scratch,
-) -> Sums<S> {
-    // Filled where it is returned to.
-    let mut sums = Sums::new(simd);
+    sums: &mut Sums<S>,
+) {
     match (shared.wants.epsilon, FOUR * list.fours().len() <= REMEMBERED) {
-        (false, true) => both_loops::<S, _, false, true>(simd, list, first_px, shared, limit, scratch, &mut sums),
-        (true, true) => both_loops::<S, _, true, true>(simd, list, first_px, shared, limit, scratch, &mut sums),
-        (_, false) => both_loops::<S, _, true, false>(simd, list, first_px, shared, limit, scratch, &mut sums),
+        (false, true) => both_loops::<S, _, false, true>(simd, list, first_px, shared, limit, scratch, sums),
+        (true, true) => both_loops::<S, _, true, true>(simd, list, first_px, shared, limit, scratch, sums),
+        (_, false) => both_loops::<S, _, true, false>(simd, list, first_px, shared, limit, scratch, sums),
     }
-    sums
 }
 
-/// [`block`], with ε of what is kept if it is wanted, and fragments remembered if there are few enough. Adds to sums of nothing.
+/// [`block`], with ε of what is kept if it is wanted, and fragments remembered if there are few enough.
 ///
 /// Out of line, for all who draw blocks.
 #[inline(never)]
@@ -278,15 +285,16 @@ fn loops<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool>(
     sums: &mut Sums<S>,
 ) {
     let pixels = Pixels::new(simd, first_px);
-    let FirstLoop { kept, kept_epsilon, inside, count, scratch, .. } = {
-        let (kept, kept_epsilon) = (sums.kept, sums.kept_epsilon);
-        let mut first =
-            FirstLoop::<_, _, EPSILON, REMEMBER> { kept, kept_epsilon, inside: 0, limit: &limit, count: 0, scratch };
-        // Nothing of a splat behind all that is kept matters, in either loop.
-        sums.tested = each_four(simd, list, f32::INFINITY, &pixels, shared, &mut first);
-        first
-    };
-    (sums.kept, sums.kept_epsilon, sums.inside) = (kept, kept_epsilon, inside);
+    let (kept, kept_epsilon) = (Lanes::splat(simd, f32::INFINITY), Lanes::splat(simd, 0.0));
+    let mut first =
+        FirstLoop::<_, _, EPSILON, REMEMBER> { kept, kept_epsilon, inside: 0, limit: &limit, count: 0, scratch };
+    // Nothing of a splat behind all that is kept matters, in either loop.
+    sums.tested = each_four(simd, list, f32::INFINITY, &pixels, shared, &mut first);
+    let FirstLoop { kept, kept_epsilon, inside, count, scratch, .. } = first;
+    (sums.kept, sums.inside) = (kept, inside);
+    if EPSILON {
+        sums.kept_epsilon = kept_epsilon;
+    }
     limit.settle(sums.kept);
     if REMEMBER {
         let remembered = Remembered { list, scratch, count };
@@ -346,8 +354,7 @@ impl<'a> Remembered<'a, '_, '_> {
     ) {
         let k = |v: f32| Lanes::splat(simd, v);
         let (zero, one) = (k(0.0), k(1.0));
-        let (mut total, mut fragments, mut depth) = (sums.weight, sums.fragments, sums.depth);
-        let ([mut r, mut g, mut b], [mut x, mut y, mut z_sum]) = (sums.color, sums.normal);
+        let [mut total, mut fragments, mut depth, mut r, mut g, mut b, mut x, mut y, mut z_sum] = [zero; 9];
         let kept = reach(sums.kept);
         for (records, four) in self.fours() {
             for (record, [z, weight]) in records.into_iter().zip(four) {
@@ -387,6 +394,7 @@ impl<'a> Remembered<'a, '_, '_> {
     #[inline(always)]
     fn add_all<S: Simd>(&self, simd: S, sums: &mut Sums<S>, limit: &impl Limit<S>, shared: &Shared<'_>) {
         let kept = reach(sums.kept);
+        sums.clear();
         for (records, four) in self.fours() {
             for (record, [z, weight]) in records.into_iter().zip(four) {
                 let z = Lanes::load(simd, z);
@@ -414,6 +422,7 @@ fn second_loop<S: Simd>(
         #[inline(always)]
         || {
             let farthest = largest(limit.matters(sums.kept));
+            sums.clear();
             each_four(simd, list, farthest, pixels, shared, &mut SecondLoop { sums, limit, shared });
         },
     );

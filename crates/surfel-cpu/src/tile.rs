@@ -181,7 +181,7 @@ impl<'a> TileJob<'a> {
                 left &= left - 1;
                 count += 1;
                 let at = self.listing.block_px(tile, block);
-                *sums = raster::block(simd, scratch.lists.of(block), at, &self.shared, Unlimited, &mut scratch.block);
+                raster::block(simd, scratch.lists.of(block), at, &self.shared, Unlimited, &mut scratch.block, sums);
                 counters.block_pairs += u64::from(sums.tested);
                 counters.inside += u64::from(sums.inside);
             }
