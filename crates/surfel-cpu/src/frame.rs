@@ -79,7 +79,7 @@ pub(crate) fn draw(
     let (chunks, unseen) = preparation.seen(&setups);
     totals.unseen = unseen;
     totals.cull_ms = after_shadows.elapsed().as_secs_f64() * 1e3;
-    if plan.has(Pass::Polygons) || preparation.splats(&chunks) <= work.cell_splats.saturating_mul(WHOLE) {
+    if plan.has(Pass::Polygons) || preparation.splats(&chunks) <= work.cell_splats {
         for rows in preparation.batches(&setups, &chunks, &scene.meshes) {
             drawing.batch(&setups, &chunks, rows, frame, &mut totals);
         }
@@ -88,9 +88,6 @@ pub(crate) fn draw(
     }
     totals.report(plan, stats);
 }
-
-/// Frames of fewer splats than this many times a cell's aren't cut into cells.
-const WHOLE: usize = 8;
 
 /// Times and counts of a frame.
 #[derive(Default)]

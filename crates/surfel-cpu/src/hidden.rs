@@ -20,6 +20,9 @@ const LAYERS: f64 = 10.0;
 /// Share of a cell's splats that must lie behind the first layers for a look at what hides them to pay.
 const WORTHWHILE: f64 = 0.3;
 
+/// Share of the most splats of a cell of which so much is asked: fewer are drawn as soon as it is known what hides them.
+const ENOUGH: f64 = 0.5;
+
 /// Slack of a chunk's nearest depth, relative to its farthest: far above rounding in setup.
 const DEPTH_SLACK: f64 = 1e-5;
 
@@ -33,8 +36,8 @@ pub(crate) struct Share {
 }
 
 /// How many of a cell's chunks, from near to far, are set up before others are asked whether something hides them: all, or the first
-/// layers.
-pub(crate) fn first(chunks: impl ExactSizeIterator<Item = Share> + Clone, cell_px: f64) -> usize {
+/// layers. `most` is how many splats a cell may have.
+pub(crate) fn first(chunks: impl ExactSizeIterator<Item = Share> + Clone, cell_px: f64, most: f64) -> usize {
     let all = chunks.len();
     let (enough, mut area, mut farthest) = (LAYERS * cell_px, 0.0, 0.0f64);
     let Some(first) = chunks.clone().position(|chunk| {
@@ -49,7 +52,7 @@ pub(crate) fn first(chunks: impl ExactSizeIterator<Item = Share> + Clone, cell_p
     let behind: f64 =
         chunks.clone().skip(first).filter(|chunk| chunk.depths[0] > farthest).map(|chunk| chunk.splats).sum();
     let total: f64 = chunks.map(|chunk| chunk.splats).sum();
-    if behind > WORTHWHILE * total { first } else { all }
+    if total > ENOUGH * most && behind > WORTHWHILE * total { first } else { all }
 }
 
 /// What is kept at most in each block of a cell: what lies behind it there isn't seen.

@@ -47,8 +47,7 @@ pub struct Work {
     /// Side of a tile, pixels: 8, 16 or 32.
     pub tile_px: u32,
     /// Most splats that a thread sets up before it draws them, as near as tiles allow; 0 counts as 1. At 140 bytes each they
-    /// should about fit its cache. A frame of fewer than eight times as many is set up as a whole: splats on the border of two cells
-    /// are set up twice.
+    /// should about fit its cache. A frame of no more is set up as a whole. Splats on the border of two cells are set up twice.
     pub cell_splats: usize,
     /// Most splats and triangles that all threads together set up, and the rows of the picture that have them, where a frame has
     /// polygons or isn't cut into cells, and for shadow maps.
