@@ -1,6 +1,6 @@
 //! Which blocks of a tile a footprint may touch.
 
-use crate::bins::{BLOCK, Entry, Grid, Kind, TILE_BLOCKS};
+use crate::bins::{BLOCK, Entries, Entry, Grid, Kind, SIXTEEN, TILE_BLOCKS};
 use crate::lanes::{LANES, Lanes};
 use crate::record::{BlockBox, Class, Record};
 use fearless_simd::prelude::*;
@@ -23,33 +23,36 @@ pub(crate) struct MaskForm {
     pub whole_box: bool,
 }
 
-/// Boxes of blocks that sixteen splats may touch, and which blocks of small boxes they do.
+/// Boxes of blocks that sixteen splats may touch, and which blocks of boxes of up to a tile's size they do.
 pub(crate) struct Masks {
     /// First column, first row, end column, end row, in blocks from the grid's origin.
     boxes: [[i32; LANES]; 4],
-    /// Sixteen bits for the 4×4 blocks from a box's first on. All set where they weren't tested.
-    bits: [i32; LANES],
-    /// Splats, as bits, whose box is small and in one tile, and of them those that touch a block. Their `bits` are those in the
-    /// box.
-    alone: u64,
+    /// Splats, as bits, whose box is larger than a tile: they are tested tile by tile.
+    large: u64,
+    /// Splats whose box reaches into several tiles.
+    several: u64,
+    /// Splats that may touch a block.
     touching: u64,
-    /// Their tile, and where their first block is in it.
+    /// Blocks of eight rows from a box's first on, those in the first tile's columns and those in the next one's: eight bits a
+    /// row, four rows each.
+    blocks: [[[i32; LANES]; 2]; 2],
+    /// The tile of a box's first block, and its row there.
     tile: [i32; LANES],
-    shift: [i32; LANES],
+    row: [i32; LANES],
     /// Which of them are dots of four pixels, and of nine, as bits; none yet.
     pub dots: [u64; 2],
 }
 
-/// A filtered footprint and an unfiltered one over pixels, about their anchors.
+/// Footprints over pixels, about their anchors.
 pub(crate) struct MaskForms<S: Simd> {
     /// From the anchor to its pixel's centre, and that pixel.
     pub offset: V2<Lanes<S>>,
     pub base: V2<Lanes<S>>,
-    /// Gradients of (u·w', v·w', w').
-    pub filtered: [V2<Lanes<S>>; 3],
-    pub visible: [V2<Lanes<S>>; 3],
-    /// Splats of which both footprints count, as bits.
-    pub general: u64,
+    /// Gradients of the filtered (u·w', v·w').
+    pub u: V2<Lanes<S>>,
+    pub v: V2<Lanes<S>>,
+    /// No w' of the footprint is greater.
+    pub w: Lanes<S>,
 }
 
 /// Finds the blocks of the splats in `keep` from their ranges of pixels.
@@ -61,53 +64,54 @@ pub(crate) fn masks<S: Simd>(
     grid: &Grid,
     form: MaskForm,
 ) -> Masks {
-    let k = |v: f32| first_column.constant(f64::from(v));
-    let (x, y) = (k(grid.origin[0] as f32), k(grid.origin[1] as f32));
-    let (x0, y0) = (block_of(first_column - x), block_of(first_row - y));
+    let simd = first_column.0.simd;
+    let k = |v: f32| Lanes::splat(simd, v);
+    let origin = V2::new(k(grid.origin[0] as f32), k(grid.origin[1] as f32));
+    let (x0, y0) = (block_of(first_column - origin.x), block_of(first_row - origin.y));
     // The end is one past the block of the last pixel: (end − 1 + BLOCK)/BLOCK, rounded down.
     let past = k(BLOCK as f32 - 1.0);
-    let (x1, y1) = (block_of(end_column - x + past), block_of(end_row - y + past));
-    let side = (x1 - x0).max(y1 - y0);
-    let tested = k(2.0).lt(side) & side.le(k(4.0));
-    let simd = first_column.0.simd;
-    let all = i32x16::splat(simd, 0xffff);
-    let wanted = tested.to_bitmask() & keep;
-    let bits = if form.whole_box || wanted == 0 {
-        all
-    } else {
-        // Centre of the first block, from the anchor. Whole pixels are exact.
-        let center = V2::new(
-            (x0.mul_add(k(BLOCK as f32), x) - forms.base.x) + (forms.offset.x + k(HALF)),
-            (y0.mul_add(k(BLOCK as f32), y) - forms.base.y) + (forms.offset.y + k(HALF)),
-        );
-        let mut bits = four_by_four_each(&forms.filtered, center);
-        if forms.general & wanted != 0 {
-            bits |= four_by_four_each(&forms.visible, center);
-        }
-        tested.select(bits, all)
-    };
-    let one = k(1.0);
-    let (size, per_block) = (k(grid.tile_blocks as f32), k(1.0 / grid.tile_blocks as f32));
-    let tile_of = |block: Lanes<S>| Lanes((block * per_block).0.floor());
-    let (column, row) = (tile_of(x0), tile_of(y0));
-    let alone = side.le(k(4.0)) & tile_of(x1 - one).le(column) & tile_of(y1 - one).le(row);
-    // Whole numbers below 2^24 are exact: the bits of the box's first row, times one bit for each row.
+    let (x1, y1) = (block_of(end_column - origin.x + past), block_of(end_row - origin.y + past));
     let (width, height) = (x1 - x0, y1 - y0);
-    let row_bits = one + if_more(width, 1.0, 2.0) + if_more(width, 2.0, 4.0) + if_more(width, 3.0, 8.0);
-    let rows = one + if_more(height, 1.0, 16.0) + if_more(height, 2.0, 256.0) + if_more(height, 3.0, 4096.0);
-    let in_box: i32x16<S> = (row_bits * rows).0.to_int();
-    let bits = alone.select(bits & in_box, bits);
-    let nothing: mask32x16<S> = bits.simd_eq(i32x16::splat(simd, 0));
-    let shift = (y0 - row * size).mul_add(k(TILE_BLOCKS as f32), x0 - column * size);
-    let (column, row): (i32x16<S>, i32x16<S>) = (column.0.to_int(), row.0.to_int());
-    let tile = row * i32x16::splat(simd, grid.columns as i32) + column;
+    let side = width.max(height);
+    let (size, per_block) = (k(grid.tile_blocks as f32), k(1.0 / grid.tile_blocks as f32));
+    let (column, row) = (Lanes((x0 * per_block).0.floor()), Lanes((y0 * per_block).0.floor()));
+    let tile = V2::new(column * size, row * size);
+    // Columns in the first tile and the next, from the first one's side.
+    let (left, right) = (x0 - tile.x, x1 - tile.x);
+    let fits = side.le(size);
+    let several = size.lt(right) | size.lt(y1 - tile.y);
+    let of_box = Rows { left, right, height, bits: grid.tile_blocks };
+    let wanted = k(2.0).lt(side) & fits;
+    let blocks = if wanted.to_bitmask() & keep == 0 {
+        of_box.up_to_two()
+    } else {
+        // The first block's first pixel, from the tile's first and from the anchor. Whole pixels are exact.
+        let first_y = (y0.mul_add(k(BLOCK as f32), origin.y) - forms.base.y) + forms.offset.y;
+        let anchor_x = (forms.base.x - tile.x.mul_add(k(BLOCK as f32), origin.x)) - forms.offset.x;
+        let conic = Conic::of(forms, anchor_x, first_y, k(2.0).le(width.min(height)) & fits);
+        let conic = if form.whole_box { None } else { Some(&conic) };
+        let [low_left, low_right] = of_box.four_rows(0, conic);
+        let [high_left, high_right] = if (k(4.0).lt(height) & fits).to_bitmask() & keep == 0 {
+            [i32x16::splat(simd, 0); 2]
+        } else {
+            of_box.four_rows(4, conic)
+        };
+        [[low_left, high_left], [low_right, high_right]]
+    };
+    let any = (blocks[0][0] | blocks[0][1]) | (blocks[1][0] | blocks[1][1]);
+    let nothing: mask32x16<S> = any.simd_eq(i32x16::splat(simd, 0));
+    let (tile_column, tile_row): (i32x16<S>, i32x16<S>) = (column.0.to_int(), row.0.to_int());
     Masks {
         boxes: [int(x0), int(y0), int(x1), int(y1)],
-        bits: bits.to_array(),
-        alone: alone.to_bitmask(),
-        touching: !(alone & nothing).to_bitmask(),
-        tile: tile.to_array(),
-        shift: int(shift),
+        large: !fits.to_bitmask(),
+        several: several.to_bitmask(),
+        touching: !(fits & nothing).to_bitmask(),
+        blocks: [
+            [blocks[0][0].to_array(), blocks[0][1].to_array()],
+            [blocks[1][0].to_array(), blocks[1][1].to_array()],
+        ],
+        tile: (tile_row * i32x16::splat(simd, grid.columns as i32) + tile_column).to_array(),
+        row: int(y0 - tile.y),
         dots: [0; 2],
     }
 }
@@ -123,45 +127,122 @@ fn int<S: Simd>(v: Lanes<S>) -> [i32; LANES] {
     v.to_array()
 }
 
-/// A number where the value is greater than a limit, else 0.
-#[inline(always)]
-fn if_more<S: Simd>(value: Lanes<S>, limit: f32, number: f32) -> Lanes<S> {
-    let k = |v: f32| Lanes::splat(value.0.simd, v);
-    Lanes::select(k(limit).lt(value), k(number), k(0.0))
+/// Footprints of w' = its greatest value: ellipses, a little larger, of which every row of blocks has a range of columns.
+struct Conic<S: Simd> {
+    /// Splats that are tested; others are their box.
+    tested: mask32x16<S>,
+    /// Least and greatest column at an offset y from the anchor, in blocks: middle + slope·y ± √(most − square·y²)·scale.
+    begin: Lanes<S>,
+    end: Lanes<S>,
+    slope: Lanes<S>,
+    scale: Lanes<S>,
+    most: Lanes<S>,
+    square: Lanes<S>,
+    /// Where the greatest column is reached: the least is at the opposite.
+    rightmost: Lanes<S>,
+    /// From the anchor to the first row of pixels.
+    first_y: Lanes<S>,
 }
 
-/// Sixteen bits for sixteen splats: whether a footprint may reach a pixel of the 4×4 blocks of which the first has this
-/// centre.
-#[inline(always)]
-fn four_by_four_each<S: Simd>([u, v, w]: &[V2<Lanes<S>>; 3], center: V2<Lanes<S>>) -> i32x16<S> {
-    let simd = center.x.0.simd;
-    let k = |v: f32| Lanes::splat(simd, v);
-    let (zero, slack) = (k(0.0), k(1.0 + SLACK));
-    let (u_reach, v_reach) = (reach_each(u), reach_each(v));
-    let w_reach = reach_each(w) + k(1.0);
-    let step = k(BLOCK as f32);
-    let mut bits = i32x16::splat(simd, 0);
-    let mut y = center.y;
-    for row in 0..4 {
-        let (u_row, v_row, w_row) = (u.y * y, v.y * y, w.y.mul_add(y, w_reach));
-        let mut x = center.x;
-        for column in 0..4 {
-            let u = (u.x.mul_add(x, u_row).abs() - u_reach).max(zero);
-            let v = (v.x.mul_add(x, v_row).abs() - v_reach).max(zero);
-            let w = w.x.mul_add(x, w_row).max(zero);
-            let touches = u.mul_add(u, v * v).le(w * w * slack);
-            bits = touches.select(bits | i32x16::splat(simd, 1 << (4 * row + column)), bits);
-            x = x + step;
+impl<S: Simd> Conic<S> {
+    /// With A·x² + 2B·x·y + C·y² = w² for (u·w')² + (v·w')² = w², x = (−B·y ± √(A·w² − (A·C − B²)·y²))/A.
+    #[inline(always)]
+    fn of(forms: &MaskForms<S>, anchor_x: Lanes<S>, first_y: Lanes<S>, tested: mask32x16<S>) -> Self {
+        let (u, v) = (&forms.u, &forms.v);
+        let k = |c: f32| Lanes::splat(first_y.0.simd, c);
+        let (a, b, c) = (u.x.mul_add(u.x, v.x * v.x), u.x.mul_add(u.y, v.x * v.y), u.y.mul_add(u.y, v.y * v.y));
+        let determinant = u.cross(*v);
+        let per_block = k(1.0 / BLOCK as f32);
+        let scale = per_block / a;
+        Self {
+            tested,
+            // The first block whose last pixel isn't before, and one past the last block whose first pixel isn't beyond.
+            begin: (anchor_x - k(SLACK + 2.0 * HALF)) * per_block,
+            end: (anchor_x + k(SLACK + BLOCK as f32)) * per_block,
+            slope: -(b * scale),
+            scale,
+            most: a * (forms.w * forms.w * k(1.0 + SLACK)),
+            square: determinant * determinant,
+            rightmost: -(b * forms.w) / (c.sqrt() * determinant.abs()),
+            first_y: first_y - k(SLACK),
         }
-        y = y + step;
     }
-    bits
+
+    /// Columns that a row of blocks may touch, from the first one and to before the last.
+    #[inline(always)]
+    fn columns(&self, row: usize) -> [Lanes<S>; 2] {
+        let k = |c: f32| Lanes::splat(self.first_y.0.simd, c);
+        let first = self.first_y + k((row as u32 * BLOCK) as f32);
+        let last = first + k(2.0 * (HALF + SLACK));
+        let at = (-self.rightmost).max(first).min(last);
+        let least = self.slope.mul_add(at, self.begin) - self.half(at);
+        let at = self.rightmost.max(first).min(last);
+        let greatest = self.slope.mul_add(at, self.end) + self.half(at);
+        [Lanes(least.0.ceil()), Lanes(greatest.0.floor())]
+    }
+
+    /// Half of the ellipse's columns at an offset y.
+    #[inline(always)]
+    fn half(&self, y: Lanes<S>) -> Lanes<S> {
+        let left = (-(self.square * y)).mul_add(y, self.most);
+        left.max(left.zero()).sqrt() * self.scale
+    }
 }
 
-/// How far a form may move from a block's centre to its corners.
-#[inline(always)]
-fn reach_each<S: Simd>(gradient: &V2<Lanes<S>>) -> Lanes<S> {
-    (gradient.x.abs() + gradient.y.abs()) * gradient.x.constant(f64::from(HALF + SLACK))
+/// Rows of blocks of sixteen boxes no larger than a tile.
+struct Rows<S: Simd> {
+    /// First column and end column, from the first tile's side.
+    left: Lanes<S>,
+    right: Lanes<S>,
+    height: Lanes<S>,
+    /// Columns of a tile.
+    bits: u32,
+}
+
+impl<S: Simd> Rows<S> {
+    /// Bits of the columns from one to before another, as far as there are any.
+    #[inline(always)]
+    fn between(&self, begin: Lanes<S>, end: Lanes<S>) -> i32x16<S> {
+        let (begin, end): (i32x16<S>, i32x16<S>) = (begin.0.to_int(), end.max(begin).0.to_int());
+        let one = i32x16::splat(self.left.0.simd, 1);
+        (one << end) - (one << begin)
+    }
+
+    /// Bits of the first tile's columns and of the next one's.
+    #[inline(always)]
+    fn split(&self, bits: i32x16<S>) -> [i32x16<S>; 2] {
+        [bits & i32x16::splat(bits.simd, (1 << self.bits) - 1), bits >> self.bits]
+    }
+
+    /// All of boxes of up to two rows.
+    #[inline(always)]
+    fn up_to_two(&self) -> [[i32x16<S>; 2]; 2] {
+        let zero = i32x16::splat(self.left.0.simd, 0);
+        let is_two: mask32x16<S> = self.left.one().lt(self.height);
+        let [left, right] = self.split(self.between(self.left, self.right));
+        [[left | is_two.select(left << 8, zero), zero], [right | is_two.select(right << 8, zero), zero]]
+    }
+
+    /// Four rows, eight bits each, in the first tile's columns and in the next one's.
+    #[inline(always)]
+    fn four_rows(&self, first: usize, conic: Option<&Conic<S>>) -> [i32x16<S>; 2] {
+        let zero = i32x16::splat(self.left.0.simd, 0);
+        let (mut left, mut right) = (zero, zero);
+        for i in 0..4 {
+            let row = first + i;
+            let (mut begin, mut end) = (self.left, self.right);
+            if let Some(conic) = conic {
+                let [least, greatest] = conic.columns(row);
+                begin = Lanes::select(conic.tested, least.max(begin).min(end), begin);
+                end = Lanes::select(conic.tested, greatest.min(end), end);
+            }
+            let has: mask32x16<S> = self.left.constant(row as f64).lt(self.height);
+            let [a, b] = self.split(has.select(self.between(begin, end), zero));
+            left |= a << (8 * i as u32);
+            right |= b << (8 * i as u32);
+        }
+        [left, right]
+    }
 }
 
 impl Masks {
@@ -170,7 +251,7 @@ impl Masks {
         self.touching
     }
 
-    /// Calls `visit` with the entries of the splats in `keep`, whose records lie one after another from `first` on.
+    /// Appends the entries of the splats in `keep`, whose records lie one after another from `first` on.
     #[inline(always)]
     pub(crate) fn entries<S: Simd>(
         &self,
@@ -179,19 +260,63 @@ impl Masks {
         (records, mut first): (&[Record], u32),
         grid: &Grid,
         form: MaskForm,
-        mut visit: impl FnMut(Entry),
+        entries: &mut Entries,
     ) {
+        if keep & self.large != 0 {
+            while keep != 0 {
+                let i = keep.trailing_zeros() as usize % LANES;
+                keep &= keep - 1;
+                if let Some(record) = records.get(first as usize) {
+                    self.for_tiles(simd, i, (record, first), grid, form, |entry| entries.push(entry));
+                }
+                first += 1;
+            }
+            return;
+        }
+        let one_each = keep & self.several == 0;
+        let Some(room) = entries.room() else { return };
+        let mut count = 0;
+        // A splat that isn't in a tile is written over by the next one that is.
         while keep != 0 {
             let i = keep.trailing_zeros() as usize % LANES;
             keep &= keep - 1;
-            if self.alone >> i & 1 == 1 {
-                let blocks = spread(self.bits[i] as u64) << (self.shift[i] & 63);
-                visit(Entry::new(blocks, first, self.tile[i] as u32, self.kind(i)));
-            } else if let Some(record) = records.get(first as usize) {
-                for_tiles(simd, (record, first), (self.of(i), self.kind(i)), grid, form, &mut visit);
+            if one_each {
+                let blocks = self.rows(i, 0) << (TILE_BLOCKS * self.row[i] as u32);
+                room[count % SIXTEEN] = Entry::new(blocks, first, self.tile[i] as u32, self.kind(i));
+                count += 1;
+            } else {
+                for (blocks, tile) in self.four(i, grid) {
+                    room[count % SIXTEEN] = Entry::new(blocks, first, tile, self.kind(i));
+                    count += usize::from(blocks != 0);
+                }
             }
             first += 1;
         }
+        entries.advance(count);
+    }
+
+    /// Bits of eight rows of a splat's blocks, in the first tile's columns or in the next one's.
+    #[inline(always)]
+    fn rows(&self, i: usize, side: usize) -> u64 {
+        u64::from(self.blocks[side][0][i] as u32) | u64::from(self.blocks[side][1][i] as u32) << 32
+    }
+
+    /// Blocks in the up to four tiles that a box no larger than a tile may touch, and these tiles.
+    #[inline(always)]
+    fn four(&self, i: usize, grid: &Grid) -> [(u64, u32); 4] {
+        let (left, right) = (self.rows(i, 0), self.rows(i, 1));
+        let bits = TILE_BLOCKS * grid.tile_blocks;
+        let all = u64::MAX >> (64 - bits);
+        let above = TILE_BLOCKS * self.row[i] as u32;
+        // In two steps: all of them may be above.
+        let below = bits - 1 - above;
+        let tile = self.tile[i] as u32;
+        [
+            ((left << above) & all, tile),
+            ((right << above) & all, tile + 1),
+            ((left >> 1) >> below, tile + grid.columns),
+            ((right >> 1) >> below, tile + grid.columns + 1),
+        ]
     }
 
     #[inline(always)]
@@ -203,13 +328,6 @@ impl Masks {
         }
     }
 
-    /// The box of one splat.
-    #[inline(always)]
-    fn of(&self, i: usize) -> (BlockBox, u64) {
-        let [x0, y0, x1, y1] = [self.boxes[0][i], self.boxes[1][i], self.boxes[2][i], self.boxes[3][i]];
-        (BlockBox([x0 as u32, y0 as u32, x1 as u32, y1 as u32]), self.bits[i] as u64)
-    }
-
     /// Calls `visit` with the entry of every tile that splat `i` may touch.
     #[inline(always)]
     pub(crate) fn for_tiles<S: Simd>(
@@ -219,18 +337,26 @@ impl Masks {
         (record, index): (&Record, u32),
         grid: &Grid,
         form: MaskForm,
-        visit: impl FnMut(Entry),
+        mut visit: impl FnMut(Entry),
     ) {
-        for_tiles(simd, (record, index), (self.of(i), self.kind(i)), grid, form, visit);
+        if self.large >> i & 1 == 1 {
+            let [x0, y0, x1, y1] = [self.boxes[0][i], self.boxes[1][i], self.boxes[2][i], self.boxes[3][i]];
+            let blocks = BlockBox([x0 as u32, y0 as u32, x1 as u32, y1 as u32]);
+            for_tiles(simd, (record, index), blocks, grid, form, visit);
+            return;
+        }
+        for (blocks, tile) in self.four(i, grid).into_iter().filter(|(blocks, _)| *blocks != 0) {
+            visit(Entry::new(blocks, index, tile, self.kind(i)));
+        }
     }
 }
 
-/// Calls `visit` with the entry of every tile that a record may touch, given its box and the bits of the first 4×4 blocks.
+/// Calls `visit` with the entry of every tile that a record may touch, given its box.
 #[inline(always)]
 pub(crate) fn for_tiles<S: Simd>(
     simd: S,
     (record, index): (&Record, u32),
-    ((blocks, bits), kind): ((BlockBox, u64), Kind),
+    blocks: BlockBox,
     grid: &Grid,
     form: MaskForm,
     mut visit: impl FnMut(Entry),
@@ -238,21 +364,14 @@ pub(crate) fn for_tiles<S: Simd>(
     let [x0, y0, x1, y1] = blocks.0;
     // A tile has 2, 4 or 8 blocks a side: division by a number that isn't known when this is compiled takes long.
     let (size, shift) = (grid.tile_blocks, grid.tile_blocks.trailing_zeros());
-    let large = (x1 - x0).max(y1 - y0) > 4;
-    let whole = large && (form.whole_box || record.class() == Class::Near);
+    let whole = form.whole_box || record.class() == Class::Near;
     for row in y0 >> shift..=(y1 - 1) >> shift {
         for column in x0 >> shift..=(x1 - 1) >> shift {
             let tile = [column * size, row * size];
             let in_box = inside_box(blocks, tile, size);
-            let blocks = if !large {
-                in_box & placed(bits, x0 as i32 - tile[0] as i32, y0 as i32 - tile[1] as i32)
-            } else if whole {
-                in_box
-            } else {
-                in_box & touched(simd, record, blocks, tile, grid, form)
-            };
+            let blocks = if whole { in_box } else { in_box & touched(simd, record, blocks, tile, grid, form) };
             if blocks != 0 {
-                visit(Entry::new(blocks, index, row * grid.columns + column, kind));
+                visit(Entry::new(blocks, index, row * grid.columns + column, Kind::Any));
             }
         }
     }
@@ -275,21 +394,12 @@ fn inside_box(blocks: BlockBox, tile: [u32; 2], size: u32) -> u64 {
     row.wrapping_mul(rows)
 }
 
-/// Bits of 4×4 blocks, four a row, from block (x, y) of a tile on, which may lie up to three before it. What runs over the
-/// tile's right side comes out in another row's unused columns: the caller knows which columns count.
+/// Bits of 4×4 blocks, four a row, from block (x, y) of a tile on, as eight bits a row. What runs over the tile's right side comes
+/// out in another row's unused columns: the caller knows which columns count.
 #[inline(always)]
-fn placed(bits: u64, x: i32, y: i32) -> u64 {
-    // Columns before the tile are shifted out row by row, before the rows get their distance.
-    let bits = if x < 0 { bits >> -x & (0x1111 * (0xf >> -x)) } else { bits };
-    let spread = spread(bits);
-    let at = TILE_BLOCKS as i32 * y + x.max(0);
-    if at < 0 { spread >> -at } else { spread << at }
-}
-
-/// Four bits a row to eight bits a row.
-#[inline(always)]
-fn spread(bits: u64) -> u64 {
-    (bits & 0xf) | (bits & 0xf0) << 4 | (bits & 0xf00) << 8 | (bits & 0xf000) << 12
+fn placed(bits: u64, x: u32, y: u32) -> u64 {
+    let spread = (bits & 0xf) | (bits & 0xf0) << 4 | (bits & 0xf00) << 8 | (bits & 0xf000) << 12;
+    spread << (TILE_BLOCKS * y + x)
 }
 
 /// A bit for each block of a tile that the record may touch, within its box.
@@ -301,7 +411,7 @@ fn touched<S: Simd>(simd: S, record: &Record, blocks: BlockBox, tile: [u32; 2], 
     for y in (y0..y1).step_by(4) {
         for x in (x0..x1).step_by(4) {
             let first = [tile[0] + x, tile[1] + y];
-            found |= placed(four_by_four(simd, record, first, grid.origin, form.linear_depth), x as i32, y as i32);
+            found |= placed(four_by_four(simd, record, first, grid.origin, form.linear_depth), x, y);
         }
     }
     found
