@@ -83,7 +83,7 @@ impl Entry {
     }
 
     #[inline(always)]
-    fn tile(&self) -> usize {
+    pub(crate) fn tile(&self) -> usize {
         (self.place & (u32::MAX >> 2)) as usize
     }
 
@@ -98,7 +98,7 @@ impl Entry {
 }
 
 /// Entries of sixteen splats no larger than a tile, at most.
-pub(crate) const SIXTEEN: usize = 64;
+pub(crate) const OF_SIXTEEN: usize = 64;
 
 /// Entries before they are sorted. Their memory is kept when they are cleared: what is written is written once.
 #[derive(Default)]
@@ -123,8 +123,8 @@ impl Entries {
 
     /// Where the next ones go, always there; [`Self::advance`] says how many were added.
     #[inline(always)]
-    pub(crate) fn room(&mut self) -> Option<&mut [Entry; SIXTEEN]> {
-        if self.slots.len() < self.used + SIXTEEN {
+    pub(crate) fn room(&mut self) -> Option<&mut [Entry; OF_SIXTEEN]> {
+        if self.slots.len() < self.used + OF_SIXTEEN {
             self.grow();
         }
         self.slots[self.used..].first_chunk_mut()
@@ -141,7 +141,7 @@ impl Entries {
 
     #[cold]
     fn grow(&mut self) {
-        self.slots.resize(2 * self.slots.len() + SIXTEEN, Entry::default());
+        self.slots.resize(2 * self.slots.len() + OF_SIXTEEN, Entry::default());
     }
 
     #[inline(always)]

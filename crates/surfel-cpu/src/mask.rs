@@ -1,18 +1,12 @@
 //! Which blocks of a tile a footprint may touch.
 
-use crate::bins::{BLOCK, Entries, Entry, Grid, Kind, SIXTEEN, TILE_BLOCKS};
+use crate::bins::{BLOCK, Entries, Entry, Grid, Kind, OF_SIXTEEN, TILE_BLOCKS};
 use crate::lanes::{LANES, Lanes};
 use crate::record::{BlockBox, Class, Record};
+use crate::rows::{Conic, HALF, MaskForms, Rows, SLACK};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::{Real, V2};
-
-/// Half of a block's extent between pixel centres.
-const HALF: f32 = 1.5;
-
-/// Slack of the test, in pixels and relative. Rounding of the forms is far below it, so that no block is lost whose pixels
-/// find themselves inside; a block too many costs time and nothing else.
-const SLACK: f32 = 2e-3;
 
 /// How footprints are tested, from the plan.
 #[derive(Clone, Copy)]
@@ -41,18 +35,6 @@ pub(crate) struct Masks {
     row: [i32; LANES],
     /// Which of them are dots of four pixels, and of nine, as bits; none yet.
     pub dots: [u64; 2],
-}
-
-/// Footprints over pixels, about their anchors.
-pub(crate) struct MaskForms<S: Simd> {
-    /// From the anchor to its pixel's centre, and that pixel.
-    pub offset: V2<Lanes<S>>,
-    pub base: V2<Lanes<S>>,
-    /// Gradients of the filtered (u·w', v·w').
-    pub u: V2<Lanes<S>>,
-    pub v: V2<Lanes<S>>,
-    /// No w' of the footprint is greater.
-    pub w: Lanes<S>,
 }
 
 /// Finds the blocks of the splats in `keep` from their ranges of pixels.
@@ -127,124 +109,6 @@ fn int<S: Simd>(v: Lanes<S>) -> [i32; LANES] {
     v.to_array()
 }
 
-/// Footprints of w' = its greatest value: ellipses, a little larger, of which every row of blocks has a range of columns.
-struct Conic<S: Simd> {
-    /// Splats that are tested; others are their box.
-    tested: mask32x16<S>,
-    /// Least and greatest column at an offset y from the anchor, in blocks: middle + slope·y ± √(most − square·y²)·scale.
-    begin: Lanes<S>,
-    end: Lanes<S>,
-    slope: Lanes<S>,
-    scale: Lanes<S>,
-    most: Lanes<S>,
-    square: Lanes<S>,
-    /// Where the greatest column is reached: the least is at the opposite.
-    rightmost: Lanes<S>,
-    /// From the anchor to the first row of pixels.
-    first_y: Lanes<S>,
-}
-
-impl<S: Simd> Conic<S> {
-    /// With A·x² + 2B·x·y + C·y² = w² for (u·w')² + (v·w')² = w², x = (−B·y ± √(A·w² − (A·C − B²)·y²))/A.
-    #[inline(always)]
-    fn of(forms: &MaskForms<S>, anchor_x: Lanes<S>, first_y: Lanes<S>, tested: mask32x16<S>) -> Self {
-        let (u, v) = (&forms.u, &forms.v);
-        let k = |c: f32| Lanes::splat(first_y.0.simd, c);
-        let (a, b, c) = (u.x.mul_add(u.x, v.x * v.x), u.x.mul_add(u.y, v.x * v.y), u.y.mul_add(u.y, v.y * v.y));
-        let determinant = u.cross(*v);
-        let per_block = k(1.0 / BLOCK as f32);
-        let scale = per_block / a;
-        Self {
-            tested,
-            // The first block whose last pixel isn't before, and one past the last block whose first pixel isn't beyond.
-            begin: (anchor_x - k(SLACK + 2.0 * HALF)) * per_block,
-            end: (anchor_x + k(SLACK + BLOCK as f32)) * per_block,
-            slope: -(b * scale),
-            scale,
-            most: a * (forms.w * forms.w * k(1.0 + SLACK)),
-            square: determinant * determinant,
-            rightmost: -(b * forms.w) / (c.sqrt() * determinant.abs()),
-            first_y: first_y - k(SLACK),
-        }
-    }
-
-    /// Columns that a row of blocks may touch, from the first one and to before the last.
-    #[inline(always)]
-    fn columns(&self, row: usize) -> [Lanes<S>; 2] {
-        let k = |c: f32| Lanes::splat(self.first_y.0.simd, c);
-        let first = self.first_y + k((row as u32 * BLOCK) as f32);
-        let last = first + k(2.0 * (HALF + SLACK));
-        let at = (-self.rightmost).max(first).min(last);
-        let least = self.slope.mul_add(at, self.begin) - self.half(at);
-        let at = self.rightmost.max(first).min(last);
-        let greatest = self.slope.mul_add(at, self.end) + self.half(at);
-        [Lanes(least.0.ceil()), Lanes(greatest.0.floor())]
-    }
-
-    /// Half of the ellipse's columns at an offset y.
-    #[inline(always)]
-    fn half(&self, y: Lanes<S>) -> Lanes<S> {
-        let left = (-(self.square * y)).mul_add(y, self.most);
-        left.max(left.zero()).sqrt() * self.scale
-    }
-}
-
-/// Rows of blocks of sixteen boxes no larger than a tile.
-struct Rows<S: Simd> {
-    /// First column and end column, from the first tile's side.
-    left: Lanes<S>,
-    right: Lanes<S>,
-    height: Lanes<S>,
-    /// Columns of a tile.
-    bits: u32,
-}
-
-impl<S: Simd> Rows<S> {
-    /// Bits of the columns from one to before another, as far as there are any.
-    #[inline(always)]
-    fn between(&self, begin: Lanes<S>, end: Lanes<S>) -> i32x16<S> {
-        let (begin, end): (i32x16<S>, i32x16<S>) = (begin.0.to_int(), end.max(begin).0.to_int());
-        let one = i32x16::splat(self.left.0.simd, 1);
-        (one << end) - (one << begin)
-    }
-
-    /// Bits of the first tile's columns and of the next one's.
-    #[inline(always)]
-    fn split(&self, bits: i32x16<S>) -> [i32x16<S>; 2] {
-        [bits & i32x16::splat(bits.simd, (1 << self.bits) - 1), bits >> self.bits]
-    }
-
-    /// All of boxes of up to two rows.
-    #[inline(always)]
-    fn up_to_two(&self) -> [[i32x16<S>; 2]; 2] {
-        let zero = i32x16::splat(self.left.0.simd, 0);
-        let is_two: mask32x16<S> = self.left.one().lt(self.height);
-        let [left, right] = self.split(self.between(self.left, self.right));
-        [[left | is_two.select(left << 8, zero), zero], [right | is_two.select(right << 8, zero), zero]]
-    }
-
-    /// Four rows, eight bits each, in the first tile's columns and in the next one's.
-    #[inline(always)]
-    fn four_rows(&self, first: usize, conic: Option<&Conic<S>>) -> [i32x16<S>; 2] {
-        let zero = i32x16::splat(self.left.0.simd, 0);
-        let (mut left, mut right) = (zero, zero);
-        for i in 0..4 {
-            let row = first + i;
-            let (mut begin, mut end) = (self.left, self.right);
-            if let Some(conic) = conic {
-                let [least, greatest] = conic.columns(row);
-                begin = Lanes::select(conic.tested, least.max(begin).min(end), begin);
-                end = Lanes::select(conic.tested, greatest.min(end), end);
-            }
-            let has: mask32x16<S> = self.left.constant(row as f64).lt(self.height);
-            let [a, b] = self.split(has.select(self.between(begin, end), zero));
-            left |= a << (8 * i as u32);
-            right |= b << (8 * i as u32);
-        }
-        [left, right]
-    }
-}
-
 impl Masks {
     /// Which splats may touch a block, as bits; some that don't may be among them.
     pub(crate) fn touching(&self) -> u64 {
@@ -282,11 +146,11 @@ impl Masks {
             keep &= keep - 1;
             if one_each {
                 let blocks = self.rows(i, 0) << (TILE_BLOCKS * self.row[i] as u32);
-                room[count % SIXTEEN] = Entry::new(blocks, first, self.tile[i] as u32, self.kind(i));
+                room[count % OF_SIXTEEN] = Entry::new(blocks, first, self.tile[i] as u32, self.kind(i));
                 count += 1;
             } else {
                 for (blocks, tile) in self.four(i, grid) {
-                    room[count % SIXTEEN] = Entry::new(blocks, first, tile, self.kind(i));
+                    room[count % OF_SIXTEEN] = Entry::new(blocks, first, tile, self.kind(i));
                     count += usize::from(blocks != 0);
                 }
             }
@@ -457,4 +321,102 @@ fn touches<S: Simd>(d_x: Lanes<S>, d_y: Lanes<S>, u: [f32; 2], v: [f32; 2], w: [
 #[inline(always)]
 fn reach(gradient: [f32; 2]) -> f32 {
     (HALF + SLACK) * (gradient[0].abs() + gradient[1].abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::level::{Instructions, SimdLevel, with_instructions};
+    use surfel_math::bounds;
+    use surfel_math::mapping::Footprint;
+    use surfel_render::Region;
+
+    /// Blocks that sixteen random ellipses touch, and that were found for them.
+    #[inline(always)]
+    fn check<S: Simd>(simd: S, grid: &Grid, random: &mut impl FnMut() -> f64) -> [usize; 2] {
+        let form = MaskForm { linear_depth: false, whole_box: false };
+        let mut numbers = [[0.0f32; LANES]; 13];
+        let mut footprints = Vec::new();
+        for i in 0..LANES {
+            let center = V2::new(96.0 * random(), 80.0 * random());
+            let (angle, long) = (6.3 * random(), 0.5 + 15.0 * random());
+            let (sine, cosine, short) = (angle.sin(), angle.cos(), 0.1 + random() * long);
+            let slope = V2::new(0.2 * random(), 0.2 * random());
+            let (s, t) = (V2::new(long * cosine, long * sine), V2::new(-short * sine, short * cosine));
+            let f = Footprint::about_center(s, t, s.cross(t), slope);
+            let e = bounds::footprint(&f);
+            let pixels = |from: f64, to: f64, start: u32, length: u32| {
+                let (least, most) = (f64::from(start), f64::from(start + length));
+                [(from - 0.5).ceil().clamp(least, most) as f32, ((to - 0.5).floor() + 1.0).clamp(least, most) as f32]
+            };
+            let r = grid.region;
+            let columns = pixels(center.x + e.min.x, center.x + e.max.x, r.x, r.width);
+            let rows = pixels(center.y + e.min.y, center.y + e.max.y, r.y, r.height);
+            let base = [center.x.floor() as f32, center.y.floor() as f32];
+            let offset = [base[0] + 0.5 - center.x as f32, base[1] + 0.5 - center.y as f32];
+            let (u, v) = ([f.u.x as f32, f.u.y as f32], [f.v.x as f32, f.v.y as f32]);
+            let w = (1.0 / (1.0 - slope.length())) as f32;
+            let all = [&columns[..], &rows[..], &base[..], &offset[..], &u[..], &v[..], &[w]].concat();
+            numbers.iter_mut().zip(all).for_each(|(lanes, number)| lanes[i] = number);
+            footprints.push((center, f, columns, rows));
+        }
+        let n = numbers.map(|lanes| Lanes::load(simd, &lanes));
+        let forms = MaskForms {
+            base: V2::new(n[4], n[5]),
+            offset: V2::new(n[6], n[7]),
+            u: V2::new(n[8], n[9]),
+            v: V2::new(n[10], n[11]),
+            w: n[12],
+        };
+        let drawn = (n[0].lt(n[1]) & n[2].lt(n[3])).to_bitmask();
+        let masks = masks(&forms, [n[0], n[1], n[2], n[3]], drawn, grid, form);
+        let keep = drawn & masks.touching() & !masks.large;
+        let mut entries = Entries::default();
+        masks.entries(simd, keep, (&[], 0), grid, form, &mut entries);
+        let (mut touched, lanes) = (0, (0..LANES).filter(|i| keep >> i & 1 == 1));
+        for (record, i) in lanes.enumerate() {
+            let (center, f, columns, rows) = &footprints[i];
+            let mut blocks = std::collections::BTreeSet::new();
+            for (x, y) in (rows[0] as u32..rows[1] as u32)
+                .flat_map(|y| (columns[0] as u32..columns[1] as u32).map(move |x| (x, y)))
+            {
+                if f.contains(V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - *center) {
+                    let tile = grid.tile_of(x as i32, y as i32);
+                    let at = [x, y].map(|px| px % grid.tile_px() / BLOCK);
+                    blocks.insert((tile, TILE_BLOCKS * at[1] + at[0]));
+                }
+            }
+            touched += blocks.len();
+            for (tile, block) in blocks {
+                let has = |e: &&Entry| e.record as usize == record && e.tile() == tile && e.blocks >> block & 1 == 1;
+                assert_eq!(entries.iter().filter(has).count(), 1, "block {block} of tile {tile}: {center:?} {f:?}");
+            }
+        }
+        [touched, entries.iter().map(|e| e.blocks.count_ones() as usize).sum()]
+    }
+
+    #[test]
+    fn every_block_with_a_pixel_of_a_footprint_is_found_and_few_others() {
+        let mut state = 0x9e37_79b9_7f4a_7c15u64;
+        let mut random = || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        for level in [SimdLevel::Best, SimdLevel::Avx2, SimdLevel::Baseline] {
+            for tile_blocks in [2, 4, 8] {
+                let grid = Grid::new(Region { x: 3, y: 5, width: 90, height: 71 }, tile_blocks);
+                let [mut touched, mut found] = [0; 2];
+                for _ in 0..200 {
+                    let instructions = Instructions::new(level).unwrap();
+                    let counts = with_instructions!(instructions, simd => check(simd, &grid, &mut random));
+                    touched += counts[0];
+                    found += counts[1];
+                }
+                // Slopes of up to 0.28 widen an ellipse by up to 1.4, and boxes of two blocks are taken whole among others as small.
+                assert!(touched > 1000 && (found as f64) < 1.35 * touched as f64, "{touched} {found}");
+            }
+        }
+    }
 }
