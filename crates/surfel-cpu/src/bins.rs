@@ -83,7 +83,7 @@ impl Entry {
     }
 
     #[inline(always)]
-    fn tile(&self) -> usize {
+    pub(crate) fn tile(&self) -> usize {
         (self.place & (u32::MAX >> 2)) as usize
     }
 
@@ -97,6 +97,67 @@ impl Entry {
     }
 }
 
+/// Entries of sixteen splats no larger than a tile, at most.
+pub(crate) const OF_SIXTEEN: usize = 64;
+
+/// Entries before they are sorted. Their memory is kept when they are cleared: what is written is written once.
+#[derive(Default)]
+pub(crate) struct Entries {
+    /// Those past `used` are left from before.
+    slots: Vec<Entry>,
+    used: usize,
+}
+
+impl Entries {
+    pub(crate) fn clear(&mut self) {
+        self.used = 0;
+    }
+
+    #[inline(always)]
+    pub(crate) fn push(&mut self, entry: Entry) {
+        if let Some(room) = self.room() {
+            room[0] = entry;
+            self.advance(1);
+        }
+    }
+
+    /// Where the next ones go, always there; [`Self::advance`] says how many were added.
+    #[inline(always)]
+    pub(crate) fn room(&mut self) -> Option<&mut [Entry; OF_SIXTEEN]> {
+        if self.slots.len() < self.used + OF_SIXTEEN {
+            self.grow();
+        }
+        self.slots[self.used..].first_chunk_mut()
+    }
+
+    /// So many, whatever they hold.
+    fn resize(&mut self, count: usize) -> &mut [Entry] {
+        if self.slots.len() < count {
+            self.slots.resize(count, Entry::default());
+        }
+        self.used = count;
+        &mut self.slots[..count]
+    }
+
+    #[cold]
+    fn grow(&mut self) {
+        self.slots.resize(2 * self.slots.len() + OF_SIXTEEN, Entry::default());
+    }
+
+    #[inline(always)]
+    pub(crate) fn advance(&mut self, count: usize) {
+        self.used += count;
+    }
+}
+
+impl std::ops::Deref for Entries {
+    type Target = [Entry];
+
+    fn deref(&self) -> &[Entry] {
+        &self.slots[..self.used]
+    }
+}
+
 /// Each tile's entries, in the order in which they were found.
 #[derive(Default)]
 pub(crate) struct TileLists {
@@ -104,29 +165,36 @@ pub(crate) struct TileLists {
     starts: Vec<u32>,
     /// Where each tile's next entry goes, while they are sorted.
     next: Vec<u32>,
-    entries: Vec<Entry>,
+    /// Sorted.
+    entries: Entries,
 }
 
 impl TileLists {
-    /// Sorts entries into tiles, by counting, in the memory of what was sorted before.
-    pub(crate) fn sort(&mut self, unsorted: &[Entry], grid: &Grid) {
+    /// Sorts entries into tiles, by counting, in the memory of what was sorted before, and leaves that of what wasn't.
+    pub(crate) fn sort(&mut self, unsorted: &mut Entries, grid: &Grid) {
         self.starts.clear();
-        // What is there is overwritten, all of it.
-        self.entries.resize(unsorted.len(), Entry::default());
+        self.entries.clear();
         if unsorted.is_empty() {
             return;
         }
         self.starts.resize(grid.tiles() + 1, 0);
-        for entry in unsorted {
+        if grid.tiles() == 1 {
+            self.starts[1] = unsorted.len() as u32;
+            std::mem::swap(&mut self.entries, unsorted);
+            return;
+        }
+        for entry in unsorted.iter() {
             self.starts[entry.tile() + 1] += 1;
         }
         for i in 1..self.starts.len() {
             self.starts[i] += self.starts[i - 1];
         }
         self.next.clone_from(&self.starts);
-        for &entry in unsorted {
+        // What is there is overwritten, all of it.
+        let sorted = self.entries.resize(unsorted.len());
+        for &entry in unsorted.iter() {
             let at = &mut self.next[entry.tile()];
-            self.entries[*at as usize] = entry;
+            sorted[*at as usize] = entry;
             *at += 1;
         }
     }
@@ -146,7 +214,7 @@ impl TileLists {
 
     /// Bytes of heap memory in use.
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(self.starts.as_slice()) + size_of_val(self.entries.as_slice())
+        size_of_val(self.starts.as_slice()) + size_of_val(&*self.entries)
     }
 }
 
@@ -177,7 +245,7 @@ impl Segment {
     }
 
     /// Sorts the records' entries into tiles.
-    pub(crate) fn sort(&mut self, unsorted: &[Entry], grid: &Grid) {
+    pub(crate) fn sort(&mut self, unsorted: &mut Entries, grid: &Grid) {
         self.lists.sort(unsorted, grid);
     }
 

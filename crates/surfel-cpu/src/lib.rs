@@ -53,6 +53,7 @@ mod raster;
 mod record;
 mod recycle;
 mod renderer;
+mod rows;
 mod setup;
 mod shade;
 mod shadow;

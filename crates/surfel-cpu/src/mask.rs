@@ -1,18 +1,12 @@
 //! Which blocks of a tile a footprint may touch.
 
-use crate::bins::{BLOCK, Entry, Grid, Kind, TILE_BLOCKS};
+use crate::bins::{BLOCK, Entries, Entry, Grid, Kind, OF_SIXTEEN, TILE_BLOCKS};
 use crate::lanes::{LANES, Lanes};
 use crate::record::{BlockBox, Class, Record};
+use crate::rows::{Conic, HALF, MaskForms, Rows, SLACK};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::{Real, V2};
-
-/// Half of a block's extent between pixel centres.
-const HALF: f32 = 1.5;
-
-/// Slack of the test, in pixels and relative. Rounding of the forms is far below it, so that no block is lost whose pixels
-/// find themselves inside; a block too many costs time and nothing else.
-const SLACK: f32 = 2e-3;
 
 /// How footprints are tested, from the plan.
 #[derive(Clone, Copy)]
@@ -23,33 +17,24 @@ pub(crate) struct MaskForm {
     pub whole_box: bool,
 }
 
-/// Boxes of blocks that sixteen splats may touch, and which blocks of small boxes they do.
+/// Boxes of blocks that sixteen splats may touch, and which blocks of boxes of up to a tile's size they do.
 pub(crate) struct Masks {
     /// First column, first row, end column, end row, in blocks from the grid's origin.
     boxes: [[i32; LANES]; 4],
-    /// Sixteen bits for the 4×4 blocks from a box's first on. All set where they weren't tested.
-    bits: [i32; LANES],
-    /// Splats, as bits, whose box is small and in one tile, and of them those that touch a block. Their `bits` are those in the
-    /// box.
-    alone: u64,
+    /// Splats, as bits, whose box is larger than a tile: they are tested tile by tile.
+    large: u64,
+    /// Splats whose box reaches into several tiles.
+    several: u64,
+    /// Splats that may touch a block.
     touching: u64,
-    /// Their tile, and where their first block is in it.
+    /// Blocks of eight rows from a box's first on, those in the first tile's columns and those in the next one's: eight bits a
+    /// row, four rows each.
+    blocks: [[[i32; LANES]; 2]; 2],
+    /// The tile of a box's first block, and its row there.
     tile: [i32; LANES],
-    shift: [i32; LANES],
+    row: [i32; LANES],
     /// Which of them are dots of four pixels, and of nine, as bits; none yet.
     pub dots: [u64; 2],
-}
-
-/// A filtered footprint and an unfiltered one over pixels, about their anchors.
-pub(crate) struct MaskForms<S: Simd> {
-    /// From the anchor to its pixel's centre, and that pixel.
-    pub offset: V2<Lanes<S>>,
-    pub base: V2<Lanes<S>>,
-    /// Gradients of (u·w', v·w', w').
-    pub filtered: [V2<Lanes<S>>; 3],
-    pub visible: [V2<Lanes<S>>; 3],
-    /// Splats of which both footprints count, as bits.
-    pub general: u64,
 }
 
 /// Finds the blocks of the splats in `keep` from their ranges of pixels.
@@ -61,53 +46,54 @@ pub(crate) fn masks<S: Simd>(
     grid: &Grid,
     form: MaskForm,
 ) -> Masks {
-    let k = |v: f32| first_column.constant(f64::from(v));
-    let (x, y) = (k(grid.origin[0] as f32), k(grid.origin[1] as f32));
-    let (x0, y0) = (block_of(first_column - x), block_of(first_row - y));
+    let simd = first_column.0.simd;
+    let k = |v: f32| Lanes::splat(simd, v);
+    let origin = V2::new(k(grid.origin[0] as f32), k(grid.origin[1] as f32));
+    let (x0, y0) = (block_of(first_column - origin.x), block_of(first_row - origin.y));
     // The end is one past the block of the last pixel: (end − 1 + BLOCK)/BLOCK, rounded down.
     let past = k(BLOCK as f32 - 1.0);
-    let (x1, y1) = (block_of(end_column - x + past), block_of(end_row - y + past));
-    let side = (x1 - x0).max(y1 - y0);
-    let tested = k(2.0).lt(side) & side.le(k(4.0));
-    let simd = first_column.0.simd;
-    let all = i32x16::splat(simd, 0xffff);
-    let wanted = tested.to_bitmask() & keep;
-    let bits = if form.whole_box || wanted == 0 {
-        all
-    } else {
-        // Centre of the first block, from the anchor. Whole pixels are exact.
-        let center = V2::new(
-            (x0.mul_add(k(BLOCK as f32), x) - forms.base.x) + (forms.offset.x + k(HALF)),
-            (y0.mul_add(k(BLOCK as f32), y) - forms.base.y) + (forms.offset.y + k(HALF)),
-        );
-        let mut bits = four_by_four_each(&forms.filtered, center);
-        if forms.general & wanted != 0 {
-            bits |= four_by_four_each(&forms.visible, center);
-        }
-        tested.select(bits, all)
-    };
-    let one = k(1.0);
-    let (size, per_block) = (k(grid.tile_blocks as f32), k(1.0 / grid.tile_blocks as f32));
-    let tile_of = |block: Lanes<S>| Lanes((block * per_block).0.floor());
-    let (column, row) = (tile_of(x0), tile_of(y0));
-    let alone = side.le(k(4.0)) & tile_of(x1 - one).le(column) & tile_of(y1 - one).le(row);
-    // Whole numbers below 2^24 are exact: the bits of the box's first row, times one bit for each row.
+    let (x1, y1) = (block_of(end_column - origin.x + past), block_of(end_row - origin.y + past));
     let (width, height) = (x1 - x0, y1 - y0);
-    let row_bits = one + if_more(width, 1.0, 2.0) + if_more(width, 2.0, 4.0) + if_more(width, 3.0, 8.0);
-    let rows = one + if_more(height, 1.0, 16.0) + if_more(height, 2.0, 256.0) + if_more(height, 3.0, 4096.0);
-    let in_box: i32x16<S> = (row_bits * rows).0.to_int();
-    let bits = alone.select(bits & in_box, bits);
-    let nothing: mask32x16<S> = bits.simd_eq(i32x16::splat(simd, 0));
-    let shift = (y0 - row * size).mul_add(k(TILE_BLOCKS as f32), x0 - column * size);
-    let (column, row): (i32x16<S>, i32x16<S>) = (column.0.to_int(), row.0.to_int());
-    let tile = row * i32x16::splat(simd, grid.columns as i32) + column;
+    let side = width.max(height);
+    let (size, per_block) = (k(grid.tile_blocks as f32), k(1.0 / grid.tile_blocks as f32));
+    let (column, row) = (Lanes((x0 * per_block).0.floor()), Lanes((y0 * per_block).0.floor()));
+    let tile = V2::new(column * size, row * size);
+    // Columns in the first tile and the next, from the first one's side.
+    let (left, right) = (x0 - tile.x, x1 - tile.x);
+    let fits = side.le(size);
+    let several = size.lt(right) | size.lt(y1 - tile.y);
+    let of_box = Rows { left, right, height, bits: grid.tile_blocks };
+    let wanted = k(2.0).lt(side) & fits;
+    let blocks = if wanted.to_bitmask() & keep == 0 {
+        of_box.up_to_two()
+    } else {
+        // The first block's first pixel, from the tile's first and from the anchor. Whole pixels are exact.
+        let first_y = (y0.mul_add(k(BLOCK as f32), origin.y) - forms.base.y) + forms.offset.y;
+        let anchor_x = (forms.base.x - tile.x.mul_add(k(BLOCK as f32), origin.x)) - forms.offset.x;
+        let conic = Conic::of(forms, anchor_x, first_y, k(2.0).le(width.min(height)) & fits);
+        let conic = if form.whole_box { None } else { Some(&conic) };
+        let [low_left, low_right] = of_box.four_rows(0, conic);
+        let [high_left, high_right] = if (k(4.0).lt(height) & fits).to_bitmask() & keep == 0 {
+            [i32x16::splat(simd, 0); 2]
+        } else {
+            of_box.four_rows(4, conic)
+        };
+        [[low_left, high_left], [low_right, high_right]]
+    };
+    let any = (blocks[0][0] | blocks[0][1]) | (blocks[1][0] | blocks[1][1]);
+    let nothing: mask32x16<S> = any.simd_eq(i32x16::splat(simd, 0));
+    let (tile_column, tile_row): (i32x16<S>, i32x16<S>) = (column.0.to_int(), row.0.to_int());
     Masks {
         boxes: [int(x0), int(y0), int(x1), int(y1)],
-        bits: bits.to_array(),
-        alone: alone.to_bitmask(),
-        touching: !(alone & nothing).to_bitmask(),
-        tile: tile.to_array(),
-        shift: int(shift),
+        large: !fits.to_bitmask(),
+        several: several.to_bitmask(),
+        touching: !(fits & nothing).to_bitmask(),
+        blocks: [
+            [blocks[0][0].to_array(), blocks[0][1].to_array()],
+            [blocks[1][0].to_array(), blocks[1][1].to_array()],
+        ],
+        tile: (tile_row * i32x16::splat(simd, grid.columns as i32) + tile_column).to_array(),
+        row: int(y0 - tile.y),
         dots: [0; 2],
     }
 }
@@ -123,54 +109,13 @@ fn int<S: Simd>(v: Lanes<S>) -> [i32; LANES] {
     v.to_array()
 }
 
-/// A number where the value is greater than a limit, else 0.
-#[inline(always)]
-fn if_more<S: Simd>(value: Lanes<S>, limit: f32, number: f32) -> Lanes<S> {
-    let k = |v: f32| Lanes::splat(value.0.simd, v);
-    Lanes::select(k(limit).lt(value), k(number), k(0.0))
-}
-
-/// Sixteen bits for sixteen splats: whether a footprint may reach a pixel of the 4×4 blocks of which the first has this
-/// centre.
-#[inline(always)]
-fn four_by_four_each<S: Simd>([u, v, w]: &[V2<Lanes<S>>; 3], center: V2<Lanes<S>>) -> i32x16<S> {
-    let simd = center.x.0.simd;
-    let k = |v: f32| Lanes::splat(simd, v);
-    let (zero, slack) = (k(0.0), k(1.0 + SLACK));
-    let (u_reach, v_reach) = (reach_each(u), reach_each(v));
-    let w_reach = reach_each(w) + k(1.0);
-    let step = k(BLOCK as f32);
-    let mut bits = i32x16::splat(simd, 0);
-    let mut y = center.y;
-    for row in 0..4 {
-        let (u_row, v_row, w_row) = (u.y * y, v.y * y, w.y.mul_add(y, w_reach));
-        let mut x = center.x;
-        for column in 0..4 {
-            let u = (u.x.mul_add(x, u_row).abs() - u_reach).max(zero);
-            let v = (v.x.mul_add(x, v_row).abs() - v_reach).max(zero);
-            let w = w.x.mul_add(x, w_row).max(zero);
-            let touches = u.mul_add(u, v * v).le(w * w * slack);
-            bits = touches.select(bits | i32x16::splat(simd, 1 << (4 * row + column)), bits);
-            x = x + step;
-        }
-        y = y + step;
-    }
-    bits
-}
-
-/// How far a form may move from a block's centre to its corners.
-#[inline(always)]
-fn reach_each<S: Simd>(gradient: &V2<Lanes<S>>) -> Lanes<S> {
-    (gradient.x.abs() + gradient.y.abs()) * gradient.x.constant(f64::from(HALF + SLACK))
-}
-
 impl Masks {
     /// Which splats may touch a block, as bits; some that don't may be among them.
     pub(crate) fn touching(&self) -> u64 {
         self.touching
     }
 
-    /// Calls `visit` with the entries of the splats in `keep`, whose records lie one after another from `first` on.
+    /// Appends the entries of the splats in `keep`, whose records lie one after another from `first` on.
     #[inline(always)]
     pub(crate) fn entries<S: Simd>(
         &self,
@@ -179,19 +124,63 @@ impl Masks {
         (records, mut first): (&[Record], u32),
         grid: &Grid,
         form: MaskForm,
-        mut visit: impl FnMut(Entry),
+        entries: &mut Entries,
     ) {
+        if keep & self.large != 0 {
+            while keep != 0 {
+                let i = keep.trailing_zeros() as usize % LANES;
+                keep &= keep - 1;
+                if let Some(record) = records.get(first as usize) {
+                    self.for_tiles(simd, i, (record, first), grid, form, |entry| entries.push(entry));
+                }
+                first += 1;
+            }
+            return;
+        }
+        let one_each = keep & self.several == 0;
+        let Some(room) = entries.room() else { return };
+        let mut count = 0;
+        // A splat that isn't in a tile is written over by the next one that is.
         while keep != 0 {
             let i = keep.trailing_zeros() as usize % LANES;
             keep &= keep - 1;
-            if self.alone >> i & 1 == 1 {
-                let blocks = spread(self.bits[i] as u64) << (self.shift[i] & 63);
-                visit(Entry::new(blocks, first, self.tile[i] as u32, self.kind(i)));
-            } else if let Some(record) = records.get(first as usize) {
-                for_tiles(simd, (record, first), (self.of(i), self.kind(i)), grid, form, &mut visit);
+            if one_each {
+                let blocks = self.rows(i, 0) << (TILE_BLOCKS * self.row[i] as u32);
+                room[count % OF_SIXTEEN] = Entry::new(blocks, first, self.tile[i] as u32, self.kind(i));
+                count += 1;
+            } else {
+                for (blocks, tile) in self.four(i, grid) {
+                    room[count % OF_SIXTEEN] = Entry::new(blocks, first, tile, self.kind(i));
+                    count += usize::from(blocks != 0);
+                }
             }
             first += 1;
         }
+        entries.advance(count);
+    }
+
+    /// Bits of eight rows of a splat's blocks, in the first tile's columns or in the next one's.
+    #[inline(always)]
+    fn rows(&self, i: usize, side: usize) -> u64 {
+        u64::from(self.blocks[side][0][i] as u32) | u64::from(self.blocks[side][1][i] as u32) << 32
+    }
+
+    /// Blocks in the up to four tiles that a box no larger than a tile may touch, and these tiles.
+    #[inline(always)]
+    fn four(&self, i: usize, grid: &Grid) -> [(u64, u32); 4] {
+        let (left, right) = (self.rows(i, 0), self.rows(i, 1));
+        let bits = TILE_BLOCKS * grid.tile_blocks;
+        let all = u64::MAX >> (64 - bits);
+        let above = TILE_BLOCKS * self.row[i] as u32;
+        // In two steps: all of them may be above.
+        let below = bits - 1 - above;
+        let tile = self.tile[i] as u32;
+        [
+            ((left << above) & all, tile),
+            ((right << above) & all, tile + 1),
+            ((left >> 1) >> below, tile + grid.columns),
+            ((right >> 1) >> below, tile + grid.columns + 1),
+        ]
     }
 
     #[inline(always)]
@@ -203,13 +192,6 @@ impl Masks {
         }
     }
 
-    /// The box of one splat.
-    #[inline(always)]
-    fn of(&self, i: usize) -> (BlockBox, u64) {
-        let [x0, y0, x1, y1] = [self.boxes[0][i], self.boxes[1][i], self.boxes[2][i], self.boxes[3][i]];
-        (BlockBox([x0 as u32, y0 as u32, x1 as u32, y1 as u32]), self.bits[i] as u64)
-    }
-
     /// Calls `visit` with the entry of every tile that splat `i` may touch.
     #[inline(always)]
     pub(crate) fn for_tiles<S: Simd>(
@@ -219,18 +201,26 @@ impl Masks {
         (record, index): (&Record, u32),
         grid: &Grid,
         form: MaskForm,
-        visit: impl FnMut(Entry),
+        mut visit: impl FnMut(Entry),
     ) {
-        for_tiles(simd, (record, index), (self.of(i), self.kind(i)), grid, form, visit);
+        if self.large >> i & 1 == 1 {
+            let [x0, y0, x1, y1] = [self.boxes[0][i], self.boxes[1][i], self.boxes[2][i], self.boxes[3][i]];
+            let blocks = BlockBox([x0 as u32, y0 as u32, x1 as u32, y1 as u32]);
+            for_tiles(simd, (record, index), blocks, grid, form, visit);
+            return;
+        }
+        for (blocks, tile) in self.four(i, grid).into_iter().filter(|(blocks, _)| *blocks != 0) {
+            visit(Entry::new(blocks, index, tile, self.kind(i)));
+        }
     }
 }
 
-/// Calls `visit` with the entry of every tile that a record may touch, given its box and the bits of the first 4×4 blocks.
+/// Calls `visit` with the entry of every tile that a record may touch, given its box.
 #[inline(always)]
 pub(crate) fn for_tiles<S: Simd>(
     simd: S,
     (record, index): (&Record, u32),
-    ((blocks, bits), kind): ((BlockBox, u64), Kind),
+    blocks: BlockBox,
     grid: &Grid,
     form: MaskForm,
     mut visit: impl FnMut(Entry),
@@ -238,21 +228,14 @@ pub(crate) fn for_tiles<S: Simd>(
     let [x0, y0, x1, y1] = blocks.0;
     // A tile has 2, 4 or 8 blocks a side: division by a number that isn't known when this is compiled takes long.
     let (size, shift) = (grid.tile_blocks, grid.tile_blocks.trailing_zeros());
-    let large = (x1 - x0).max(y1 - y0) > 4;
-    let whole = large && (form.whole_box || record.class() == Class::Near);
+    let whole = form.whole_box || record.class() == Class::Near;
     for row in y0 >> shift..=(y1 - 1) >> shift {
         for column in x0 >> shift..=(x1 - 1) >> shift {
             let tile = [column * size, row * size];
             let in_box = inside_box(blocks, tile, size);
-            let blocks = if !large {
-                in_box & placed(bits, x0 as i32 - tile[0] as i32, y0 as i32 - tile[1] as i32)
-            } else if whole {
-                in_box
-            } else {
-                in_box & touched(simd, record, blocks, tile, grid, form)
-            };
+            let blocks = if whole { in_box } else { in_box & touched(simd, record, blocks, tile, grid, form) };
             if blocks != 0 {
-                visit(Entry::new(blocks, index, row * grid.columns + column, kind));
+                visit(Entry::new(blocks, index, row * grid.columns + column, Kind::Any));
             }
         }
     }
@@ -275,21 +258,12 @@ fn inside_box(blocks: BlockBox, tile: [u32; 2], size: u32) -> u64 {
     row.wrapping_mul(rows)
 }
 
-/// Bits of 4×4 blocks, four a row, from block (x, y) of a tile on, which may lie up to three before it. What runs over the
-/// tile's right side comes out in another row's unused columns: the caller knows which columns count.
+/// Bits of 4×4 blocks, four a row, from block (x, y) of a tile on, as eight bits a row. What runs over the tile's right side comes
+/// out in another row's unused columns: the caller knows which columns count.
 #[inline(always)]
-fn placed(bits: u64, x: i32, y: i32) -> u64 {
-    // Columns before the tile are shifted out row by row, before the rows get their distance.
-    let bits = if x < 0 { bits >> -x & (0x1111 * (0xf >> -x)) } else { bits };
-    let spread = spread(bits);
-    let at = TILE_BLOCKS as i32 * y + x.max(0);
-    if at < 0 { spread >> -at } else { spread << at }
-}
-
-/// Four bits a row to eight bits a row.
-#[inline(always)]
-fn spread(bits: u64) -> u64 {
-    (bits & 0xf) | (bits & 0xf0) << 4 | (bits & 0xf00) << 8 | (bits & 0xf000) << 12
+fn placed(bits: u64, x: u32, y: u32) -> u64 {
+    let spread = (bits & 0xf) | (bits & 0xf0) << 4 | (bits & 0xf00) << 8 | (bits & 0xf000) << 12;
+    spread << (TILE_BLOCKS * y + x)
 }
 
 /// A bit for each block of a tile that the record may touch, within its box.
@@ -301,7 +275,7 @@ fn touched<S: Simd>(simd: S, record: &Record, blocks: BlockBox, tile: [u32; 2], 
     for y in (y0..y1).step_by(4) {
         for x in (x0..x1).step_by(4) {
             let first = [tile[0] + x, tile[1] + y];
-            found |= placed(four_by_four(simd, record, first, grid.origin, form.linear_depth), x as i32, y as i32);
+            found |= placed(four_by_four(simd, record, first, grid.origin, form.linear_depth), x, y);
         }
     }
     found
@@ -347,4 +321,102 @@ fn touches<S: Simd>(d_x: Lanes<S>, d_y: Lanes<S>, u: [f32; 2], v: [f32; 2], w: [
 #[inline(always)]
 fn reach(gradient: [f32; 2]) -> f32 {
     (HALF + SLACK) * (gradient[0].abs() + gradient[1].abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::level::{Instructions, SimdLevel, with_instructions};
+    use surfel_math::bounds;
+    use surfel_math::mapping::Footprint;
+    use surfel_render::Region;
+
+    /// Blocks that sixteen random ellipses touch, and that were found for them.
+    #[inline(always)]
+    fn check<S: Simd>(simd: S, grid: &Grid, random: &mut impl FnMut() -> f64) -> [usize; 2] {
+        let form = MaskForm { linear_depth: false, whole_box: false };
+        let mut numbers = [[0.0f32; LANES]; 13];
+        let mut footprints = Vec::new();
+        for i in 0..LANES {
+            let center = V2::new(96.0 * random(), 80.0 * random());
+            let (angle, long) = (6.3 * random(), 0.5 + 15.0 * random());
+            let (sine, cosine, short) = (angle.sin(), angle.cos(), 0.1 + random() * long);
+            let slope = V2::new(0.2 * random(), 0.2 * random());
+            let (s, t) = (V2::new(long * cosine, long * sine), V2::new(-short * sine, short * cosine));
+            let f = Footprint::about_center(s, t, s.cross(t), slope);
+            let e = bounds::footprint(&f);
+            let pixels = |from: f64, to: f64, start: u32, length: u32| {
+                let (least, most) = (f64::from(start), f64::from(start + length));
+                [(from - 0.5).ceil().clamp(least, most) as f32, ((to - 0.5).floor() + 1.0).clamp(least, most) as f32]
+            };
+            let r = grid.region;
+            let columns = pixels(center.x + e.min.x, center.x + e.max.x, r.x, r.width);
+            let rows = pixels(center.y + e.min.y, center.y + e.max.y, r.y, r.height);
+            let base = [center.x.floor() as f32, center.y.floor() as f32];
+            let offset = [base[0] + 0.5 - center.x as f32, base[1] + 0.5 - center.y as f32];
+            let (u, v) = ([f.u.x as f32, f.u.y as f32], [f.v.x as f32, f.v.y as f32]);
+            let w = (1.0 / (1.0 - slope.length())) as f32;
+            let all = [&columns[..], &rows[..], &base[..], &offset[..], &u[..], &v[..], &[w]].concat();
+            numbers.iter_mut().zip(all).for_each(|(lanes, number)| lanes[i] = number);
+            footprints.push((center, f, columns, rows));
+        }
+        let n = numbers.map(|lanes| Lanes::load(simd, &lanes));
+        let forms = MaskForms {
+            base: V2::new(n[4], n[5]),
+            offset: V2::new(n[6], n[7]),
+            u: V2::new(n[8], n[9]),
+            v: V2::new(n[10], n[11]),
+            w: n[12],
+        };
+        let drawn = (n[0].lt(n[1]) & n[2].lt(n[3])).to_bitmask();
+        let masks = masks(&forms, [n[0], n[1], n[2], n[3]], drawn, grid, form);
+        let keep = drawn & masks.touching() & !masks.large;
+        let mut entries = Entries::default();
+        masks.entries(simd, keep, (&[], 0), grid, form, &mut entries);
+        let (mut touched, lanes) = (0, (0..LANES).filter(|i| keep >> i & 1 == 1));
+        for (record, i) in lanes.enumerate() {
+            let (center, f, columns, rows) = &footprints[i];
+            let mut blocks = std::collections::BTreeSet::new();
+            for (x, y) in (rows[0] as u32..rows[1] as u32)
+                .flat_map(|y| (columns[0] as u32..columns[1] as u32).map(move |x| (x, y)))
+            {
+                if f.contains(V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - *center) {
+                    let tile = grid.tile_of(x as i32, y as i32);
+                    let at = [x, y].map(|px| px % grid.tile_px() / BLOCK);
+                    blocks.insert((tile, TILE_BLOCKS * at[1] + at[0]));
+                }
+            }
+            touched += blocks.len();
+            for (tile, block) in blocks {
+                let has = |e: &&Entry| e.record as usize == record && e.tile() == tile && e.blocks >> block & 1 == 1;
+                assert_eq!(entries.iter().filter(has).count(), 1, "block {block} of tile {tile}: {center:?} {f:?}");
+            }
+        }
+        [touched, entries.iter().map(|e| e.blocks.count_ones() as usize).sum()]
+    }
+
+    #[test]
+    fn every_block_with_a_pixel_of_a_footprint_is_found_and_few_others() {
+        let mut state = 0x9e37_79b9_7f4a_7c15u64;
+        let mut random = || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        for level in [SimdLevel::Best, SimdLevel::Avx2, SimdLevel::Baseline] {
+            for tile_blocks in [2, 4, 8] {
+                let grid = Grid::new(Region { x: 3, y: 5, width: 90, height: 71 }, tile_blocks);
+                let [mut touched, mut found] = [0; 2];
+                for _ in 0..200 {
+                    let instructions = Instructions::new(level).unwrap();
+                    let counts = with_instructions!(instructions, simd => check(simd, &grid, &mut random));
+                    touched += counts[0];
+                    found += counts[1];
+                }
+                // Slopes of up to 0.28 widen an ellipse by up to 1.4, and boxes of two blocks are taken whole among others as small.
+                assert!(touched > 1000 && (found as f64) < 1.35 * touched as f64, "{touched} {found}");
+            }
+        }
+    }
 }

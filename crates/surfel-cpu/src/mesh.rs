@@ -1,6 +1,6 @@
 //! Meshes: how they are kept, and their triangles on the screen, sorted into tiles (§6).
 
-use crate::bins::{BLOCK, Entry, Grid, Kind, TILE_BLOCKS, TileLists};
+use crate::bins::{BLOCK, Entries, Entry, Grid, Kind, TILE_BLOCKS, TileLists};
 use crate::level::{Instructions, with_instructions};
 use crate::placed::pixels_of_box;
 use fearless_simd::Simd;
@@ -200,7 +200,7 @@ impl<'a> Projector<'a> {
     /// Projects and sorts a range of the mesh's triangles.
     #[inline(always)]
     fn all(&self, range: Range<usize>, grid: &Grid) -> TriangleSegment {
-        let (mut triangles, mut entries) = (Vec::new(), Vec::new());
+        let (mut triangles, mut entries) = (Vec::new(), Entries::default());
         for k in range {
             if let Some((triangle, extent)) = self.project(k) {
                 let before = entries.len();
@@ -211,7 +211,7 @@ impl<'a> Projector<'a> {
             }
         }
         let mut lists = TileLists::default();
-        lists.sort(&entries, grid);
+        lists.sort(&mut entries, grid);
         TriangleSegment { triangles, lists }
     }
 
@@ -268,7 +268,7 @@ fn scaled(mut t: Triangle<f64>) -> Option<Triangle<f64>> {
 
 /// Adds an entry for every tile whose pixels a triangle may cover.
 #[inline(always)]
-fn for_tiles(t: &ScreenTriangle, extent: &Extent<f64>, index: u32, grid: &Grid, entries: &mut Vec<Entry>) {
+fn for_tiles(t: &ScreenTriangle, extent: &Extent<f64>, index: u32, grid: &Grid, entries: &mut Entries) {
     let r = grid.region;
     let Some([x0, x1]) = blocks(extent.min.x, extent.max.x, [r.x, r.width], grid.origin[0]) else { return };
     let Some([y0, y1]) = blocks(extent.min.y, extent.max.y, [r.y, r.height], grid.origin[1]) else { return };

@@ -259,10 +259,10 @@ impl<'a> Preparation<'a> {
         let start = Instant::now();
         with_instructions!(self.instructions, simd => set_up(simd, setups, chunks, &mut out));
         let after_setup = Instant::now();
-        segment.sort(&entries, grid);
+        segment.sort(&mut entries, grid);
         self.recycled.give_back_entries(entries);
         let veil = (!veil.splats.is_empty()).then(|| {
-            veil.segment.sort(&veil.entries, grid);
+            veil.segment.sort(&mut veil.entries, grid);
             VeilSegment { segment: veil.segment, splats: veil.splats }
         });
         segment.set_up_s = (after_setup - start).as_secs_f64();

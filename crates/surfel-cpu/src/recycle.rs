@@ -1,6 +1,6 @@
 //! Memory that one batch leaves to the next, and one frame to the next: fresh pages cost more than what is written there.
 
-use crate::bins::{Entry, Grid, Segment};
+use crate::bins::{Entries, Grid, Segment};
 use crate::planes::NeighbourPlanes;
 use crate::tile::TileScratch;
 use std::sync::{Mutex, PoisonError};
@@ -10,7 +10,7 @@ use surfel_render::FramePlan;
 #[derive(Default)]
 pub(crate) struct Recycled {
     segments: Mutex<Vec<Segment>>,
-    entries: Mutex<Vec<Vec<Entry>>>,
+    entries: Mutex<Vec<Entries>>,
     planes: Mutex<Vec<NeighbourPlanes>>,
     scratch: Mutex<Vec<TileScratch<'static>>>,
 }
@@ -24,7 +24,7 @@ impl Recycled {
     }
 
     /// An empty list, for entries before they are sorted.
-    pub(crate) fn entries(&self) -> Vec<Entry> {
+    pub(crate) fn entries(&self) -> Entries {
         let mut entries = pop(&self.entries);
         entries.clear();
         entries
@@ -50,7 +50,7 @@ impl Recycled {
         self.planes.lock().unwrap_or_else(PoisonError::into_inner).push(planes);
     }
 
-    pub(crate) fn give_back_entries(&self, entries: Vec<Entry>) {
+    pub(crate) fn give_back_entries(&self, entries: Entries) {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner).push(entries);
     }
 

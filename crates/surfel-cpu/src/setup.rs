@@ -1,14 +1,15 @@
 //! From stored splats to records, sixteen at a time.
 
-use crate::bins::{Entry, Grid, Kind, Segment};
+use crate::bins::{Entries, Grid, Segment};
 use crate::clip::{StoredClips, Turns};
 use crate::dots::DotLanes;
 use crate::lane_math::{Bits, adjust_axes, gradient_of, orthonormal, pixel_range, transform, unit};
 use crate::lanes::{LANES, Lanes};
-use crate::mask::{self, MaskForm, MaskForms, Masks};
+use crate::mask::{self, MaskForm, Masks};
 use crate::placed::{ObjectSetup, Sides};
 use crate::record::{BlockBox, Class, Record, RecordLanes};
 use crate::renderer::Evaluation;
+use crate::rows::MaskForms;
 use crate::store::{CHUNK, Chunk, StoredShape};
 use crate::veil::VeilSplat;
 use fearless_simd::prelude::SimdFloat;
@@ -41,7 +42,7 @@ pub(crate) struct SetupOutput<'a> {
     pub counted: Region,
     pub segment: &'a mut Segment,
     /// In splat order.
-    pub entries: &'a mut Vec<Entry>,
+    pub entries: &'a mut Entries,
     /// Where transparent splats go, if the plan draws them by themselves.
     pub veil: Option<&'a mut VeilOutput>,
 }
@@ -50,7 +51,7 @@ pub(crate) struct SetupOutput<'a> {
 #[derive(Default)]
 pub(crate) struct VeilOutput {
     pub segment: Segment,
-    pub entries: Vec<Entry>,
+    pub entries: Entries,
     /// One a record.
     pub splats: Vec<VeilSplat>,
 }
@@ -94,7 +95,7 @@ impl SetupOutput<'_> {
     pub(crate) fn push_box<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, form: MaskForm) {
         let index = self.segment.records.len() as u32;
         self.segment.records.push(*record);
-        mask::for_tiles(simd, (record, index), ((blocks, 0xffff), Kind::Any), &self.grid, form, |entry| {
+        mask::for_tiles(simd, (record, index), blocks, &self.grid, form, |entry| {
             self.entries.push(entry);
         });
     }
@@ -379,9 +380,10 @@ impl ObjectSetup<'_> {
         let wide = MaskForms {
             offset: V2::new(half - fraction.x, half - fraction.y),
             base,
-            filtered: [u, v, w],
-            visible: [gradient_of(&visible.u), gradient_of(&visible.v), gradient_of(&visible.w)],
-            general: !plain.bits(),
+            u,
+            v,
+            // Every filter's footprint holds the unfiltered one, and its w changes no more.
+            w: if settings.projective { range[1] } else { one },
         };
         let mut masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &out.grid, form);
         let veils = self.object.alphas.as_ref().filter(|_| self.plan.separates_transparent);
@@ -406,7 +408,7 @@ impl ObjectSetup<'_> {
             masks.dots = dots.as_ref().map_or([0; 2], DotLanes::bits);
             let SetupOutput { grid, segment, entries, .. } = out;
             let first = segment.records.push_sixteen(records, dots.as_ref(), keep);
-            masks.entries(simd, keep, (&segment.records, first), grid, form, |entry| entries.push(entry));
+            masks.entries(simd, keep, (&segment.records, first), grid, form, entries);
             if let Some(clips) = &clips {
                 for i in lanes_of(clips.clipped & keep) {
                     let before = keep & ((1 << i) - 1);
