@@ -151,6 +151,8 @@ const ROWS: [Row; 8] = [
         there: cast,
         unasked: Some(|s| s.shader = Shader::Unlit),
         passes: &[Pass::ShadowMap],
+        // Depth: where a surface is.
+        sums: 1,
         maps: 1,
         ..NOTHING
     },
@@ -159,6 +161,8 @@ const ROWS: [Row; 8] = [
         before: phong,
         asked: |s| s.shader = Shader::Toon,
         passes: &[Pass::Outlines],
+        // Depth.
+        sums: 1,
         // Depths, and how deep neighbours may be.
         cpu_bytes: Some(2 * PLANE + MARKS),
         ..NOTHING

@@ -1,14 +1,15 @@
-//! Set-up, binning and the tile loops, by size of splat: `cargo bench -p surfel-cpu`.
+//! Set-up, binning and the tile loops, by size of splat, and pixels by shader: `cargo bench -p surfel-cpu`.
 //!
 //! One thread, 512×512 pixels that a plane of tilted disks covers 3.8 times. Each stage's time is the renderer's own, so that a
 //! stage is measured as a frame runs it, with the caches as the stage before leaves them.
 
 use std::time::Duration;
 
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::measurement::WallTime;
+use criterion::{BenchmarkGroup, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use surfel_cpu::{Options, Renderer};
-use surfel_model::Settings;
-use surfel_render::{Frame, Planes, Renderer as _, Stats};
+use surfel_model::{Light, Scene, Settings, Shader};
+use surfel_render::{Frame, Planes, Renderer as _, SceneSummary, Stats, View};
 
 #[path = "../examples/plane/scene.rs"]
 mod scene;
@@ -21,31 +22,61 @@ fn stages(criterion: &mut Criterion) {
         let mut group = criterion.benchmark_group(stage);
         for radius_px in RADII_PX {
             let (scene, view) = scene::plane(radius_px).expect("the scene is valid");
-            let options = Options { threads: 1, ..Options::default() };
-            let mut renderer = Renderer::with_options(&options).expect("there is a thread");
-            let resident = renderer.upload(&scene).expect("the scene is uploaded");
-            let (settings, mut frame) = (Settings::default(), Frame::default());
-            let mut draw = || {
-                let drawn = renderer.render(&resident, &view, &settings, Planes::COLOR, &mut frame);
-                drawn.expect("the frame is drawn")
-            };
-            let splats = draw().splats;
-            group.throughput(Throughput::Elements(splats));
-            group.bench_function(BenchmarkId::from_parameter(format!("{radius_px} px")), |bencher| {
-                bencher.iter_custom(|frames| {
-                    let stage_ms =
-                        |stats: Stats| stats.passes.iter().filter(|p| p.name == stage).map(|p| p.ms).sum::<f64>();
-                    Duration::from_secs_f64((0..frames).map(|_| stage_ms(draw())).sum::<f64>() * 1e-3)
-                });
-            });
+            group.throughput(Throughput::Elements(SceneSummary::of(&scene).splats));
+            let id = BenchmarkId::from_parameter(format!("{radius_px} px"));
+            measure(&mut group, id, stage, (&scene, &view), &Settings::default());
         }
         group.finish();
     }
 }
 
+/// Tiles of few and large splats, by shader: what happens once a pixel is most of it.
+fn pixels(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("pixels");
+    let (mut scene, view) = scene::plane(128.0).expect("the scene is valid");
+    let light = |direction, color| Light::Directional { direction, color, shadow: false };
+    scene.lights = Some(vec![
+        light([0.5, -0.6, -0.7], [0.8, 0.8, 0.7]),
+        light([-0.7, -0.1, -0.7], [0.2; 3]),
+        light([-0.4, -0.5, 0.8], [0.2; 3]),
+    ]);
+    group.throughput(Throughput::Elements(view.size.iter().map(|&px| u64::from(px)).product()));
+    for shader in [Shader::Unlit, Shader::Normal, Shader::Phong] {
+        let settings = Settings { shader, ..Settings::default() };
+        let id = BenchmarkId::from_parameter(format!("{shader:?}").to_lowercase());
+        measure(&mut group, id, "tiles", (&scene, &view), &settings);
+    }
+    group.finish();
+}
+
+/// Times a stage of frames.
+fn measure(
+    group: &mut BenchmarkGroup<'_, WallTime>,
+    id: BenchmarkId,
+    stage: &str,
+    (scene, view): (&Scene, &View),
+    settings: &Settings,
+) {
+    let options = Options { threads: 1, ..Options::default() };
+    let mut renderer = Renderer::with_options(&options).expect("there is a thread");
+    let resident = renderer.upload(scene).expect("the scene is uploaded");
+    let mut frame = Frame::default();
+    let mut draw = || {
+        let drawn = renderer.render(&resident, view, settings, Planes::COLOR, &mut frame);
+        drawn.expect("the frame is drawn")
+    };
+    draw();
+    group.bench_function(id, |bencher| {
+        bencher.iter_custom(|frames| {
+            let stage_ms = |stats: Stats| stats.passes.iter().filter(|p| p.name == stage).map(|p| p.ms).sum::<f64>();
+            Duration::from_secs_f64((0..frames).map(|_| stage_ms(draw())).sum::<f64>() * 1e-3)
+        });
+    });
+}
+
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20).warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2));
-    targets = stages
+    targets = stages, pixels
 }
 criterion_main!(benches);

@@ -207,6 +207,11 @@ impl TileLists {
         }
     }
 
+    /// How many entries each tile has; nothing if there are none at all.
+    pub(crate) fn lengths(&self) -> impl Iterator<Item = usize> {
+        self.starts.windows(2).map(|range| (range[1] - range[0]) as usize)
+    }
+
     /// Entries of all tiles.
     pub(crate) fn len(&self) -> usize {
         self.entries.len()
@@ -261,6 +266,11 @@ impl Segment {
     /// The records that touch a tile, in splat order.
     pub(crate) fn of(&self, tile: usize) -> &[Entry] {
         self.lists.of(tile)
+    }
+
+    /// How many records touch each tile; nothing if there are none at all.
+    pub(crate) fn lengths(&self) -> impl Iterator<Item = usize> {
+        self.lists.lengths()
     }
 
     /// Pairs of record and tile.

@@ -153,7 +153,7 @@ impl<'a> CompositeJob<'a> {
             left &= left - 1;
             let at = self.tiles.listing.block_px(tile, block);
             if (opaque | veiled) >> block & 1 == 0 {
-                target.put_empty(at, background);
+                target.put_empty(self.tiles.listing.block_px(tile, 0), 1 << block, background);
                 continue;
             }
             let front = self.front(simd, block, at, scratch);

@@ -4,6 +4,7 @@
 //! dots ([`serve`]).
 
 use crate::bins::{BLOCK, Kind, TILE_BLOCKS};
+use crate::dot_fragments::{drawn, first_three, fragments_of, is_visible, masked};
 use crate::dots::first_px;
 use crate::fragment::{self, Fragment};
 use crate::lanes::{LANES, Lanes};
@@ -13,9 +14,9 @@ use crate::record::{FORMS, Record, Together};
 use crate::recycle::emptied;
 use crate::shade;
 use crate::target::{Rect, TileTarget};
-use crate::tile::{Counters, Listing, TileJob};
+use crate::tile::{Counters, Listing, TileJob, block_px};
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x4, mask32x4};
+use fearless_simd::{Simd, f32x4};
 use surfel_math::Real;
 use surfel_render::Attributes;
 
@@ -116,19 +117,36 @@ impl<'a> TileJob<'a> {
             counts,
             &mut counters,
         );
-        let mut left = self.listing.blocks(target.tile);
-        while left != 0 {
-            let block = left.trailing_zeros();
-            left &= left - 1;
-            let at = self.listing.block_px(target.tile, block);
-            if touched >> block & 1 == 0 {
-                target.put_empty(at, self.lighting.background);
-                continue;
-            }
-            let sums = scratch.sums_of::<S, N>(simd, tile.index(at), &self.shared.wants.attributes, counts);
-            target.put(at, &shade::resolve(simd, self.lighting, &sums, at));
-        }
+        self.finish::<S, N>(simd, (tile, touched), scratch, target);
         counters
+    }
+
+    /// Lights and writes the blocks that are touched. Out of line: a short function keeps its numbers in registers.
+    #[inline(never)]
+    fn finish<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        (tile, touched): (Tile, u64),
+        scratch: &mut DotScratch<'a>,
+        target: &mut TileTarget<'_>,
+    ) {
+        let attributes = &self.shared.wants.attributes;
+        let counts = target.has_fragments();
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                let blocks = self.listing.blocks(target.tile);
+                target.put_empty(tile.origin, blocks & !touched, self.lighting.background);
+                let mut left = blocks & touched;
+                while left != 0 {
+                    let block = left.trailing_zeros();
+                    left &= left - 1;
+                    let at = block_px(tile.origin, block);
+                    let sums = scratch.sums_of::<S, N>(simd, tile.index(at), attributes, counts);
+                    target.put(at, &shade::resolve(simd, self.lighting, &sums, at));
+                }
+            },
+        );
     }
 }
 
@@ -390,46 +408,6 @@ fn rows<S: Simd>(simd: S, numbers: &[f32]) -> Lanes<S> {
 #[inline(always)]
 fn four_of<S: Simd>(simd: S, numbers: &[f32; OF_DOT]) -> f32x4<S> {
     f32x4::load_array(simd, [numbers[0], numbers[1], numbers[STRIDE], numbers[STRIDE + 1]])
-}
-
-/// Four depths and four weights of a dot, from some fields on.
-#[inline(always)]
-fn fragments_of<S: Simd>(simd: S, dot: &Record, depths: usize, weights: usize) -> (f32x4<S>, f32x4<S>) {
-    (f32x4::from_slice(simd, &dot.0[depths..depths + 4]), f32x4::from_slice(simd, &dot.0[weights..weights + 4]))
-}
-
-/// The first three of four.
-#[inline(always)]
-fn first_three<S: Simd>(simd: S) -> mask32x4<S> {
-    f32x4::load_array(simd, [0.0, 0.0, 0.0, 1.0]).simd_lt(f32x4::splat(simd, 0.5))
-}
-
-/// Depths and weights, zero where they aren't kept by these pixels, and where they are, as bits.
-#[inline(always)]
-fn masked<S: Simd, const N: usize>(
-    simd: S,
-    depths: f32x4<S>,
-    weights: f32x4<S>,
-    has: mask32x4<S>,
-    kept: f32x4<S>,
-) -> ([f32; 4], [f32; 4], u32) {
-    let zero = f32x4::splat(simd, 0.0);
-    let is_kept = has & depths.simd_le(kept);
-    let depths = if N == 8 { is_kept.select(depths, zero).to_array() } else { [0.0; 4] };
-    (depths, is_kept.select(weights.abs(), zero).to_array(), is_kept.to_bitmask() as u32)
-}
-
-/// Where weights have a sign.
-#[inline(always)]
-fn is_visible<S: Simd>(weights: f32x4<S>) -> mask32x4<S> {
-    let simd = weights.simd;
-    f32x4::splat(simd, 1.0).copysign(weights).simd_lt(f32x4::splat(simd, 0.0))
-}
-
-/// How many pixels of a mask are drawn, by what they keep.
-#[inline(always)]
-fn drawn<S: Simd>(simd: S, mask: mask32x4<S>, kept: f32x4<S>) -> u64 {
-    u64::from((mask & f32x4::splat(simd, f32::NEG_INFINITY).simd_lt(kept)).to_bitmask().count_ones())
 }
 
 /// How many fragments of a block's pixels are drawn.

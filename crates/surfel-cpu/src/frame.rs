@@ -4,6 +4,7 @@ use crate::cells::{self, Cell};
 use crate::composite::{CompositeJob, Extras};
 use crate::hidden::Hiding;
 use crate::level::{Instructions, with_instructions};
+use crate::light::Lighting;
 use crate::mesh::{self, TriangleSegment};
 use crate::near::NearSplat;
 use crate::placed::ObjectSetup;
@@ -13,7 +14,6 @@ use crate::raster::{self, Shared, Wants};
 use crate::record::{Class, Record};
 use crate::recycle::Recycled;
 use crate::renderer::{Dots, Peeling, ResidentScene, Work};
-use crate::shade::Lighting;
 use crate::shadow::{self, Shadow};
 use crate::target::TileTarget;
 use crate::tile::{Counters, Listing, TileJob, TileScratch};
@@ -468,12 +468,13 @@ const HEAVY: usize = 8;
 /// still has them.
 fn heavy_first(tiles: &TileJob<'_>, extras: &Extras<'_>) -> Vec<usize> {
     let Listing { segments, grid } = &tiles.listing;
-    let load = |tile| {
-        let splats = segments.iter().map(|s| s.of(tile).len()).sum::<usize>();
-        let veils = extras.veils.iter().map(|v| v.segment.of(tile).len()).sum::<usize>();
-        splats + veils + extras.triangles.iter().map(|t| t.lists.of(tile).len()).sum::<usize>()
-    };
-    let loads: Vec<usize> = (0..grid.tiles()).map(load).collect();
+    let mut loads = vec![0; grid.tiles()];
+    fn add(loads: &mut [usize], lengths: impl Iterator<Item = usize>) {
+        loads.iter_mut().zip(lengths).for_each(|(load, length)| *load += length);
+    }
+    segments.iter().for_each(|s| add(&mut loads, s.lengths()));
+    extras.veils.iter().for_each(|v| add(&mut loads, v.segment.lengths()));
+    extras.triangles.iter().for_each(|t| add(&mut loads, t.lists.lengths()));
     let busy = loads.iter().filter(|&&l| l > 0).count().max(1);
     let heavy = HEAVY * loads.iter().sum::<usize>() / busy;
     let mut tiles: Vec<usize> = (0..grid.tiles()).collect();

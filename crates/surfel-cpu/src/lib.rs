@@ -7,7 +7,7 @@
 //!    `near` takes the few that reach the near plane, in f64;
 //! 3. `bins`: records are sorted stably into 32×32 pixel tiles;
 //! 4. `tile`: per tile two loops over the same list, nearest depth, then weighted sums, in buffers that stay in cache;
-//! 5. `shade`: the tile is divided, lit and written while it is hot.
+//! 5. `finish`: several blocks at a time are divided (`shade`), lit (`light`, `sight`) and written while they are hot.
 //!
 //! Of a frame of many splats, `cells` are parts that one thread sets up and draws by itself, so that records are still in its
 //! cache when they are drawn.
@@ -26,9 +26,11 @@ mod cells;
 mod clip;
 mod column;
 mod composite;
+mod dot_fragments;
 mod dot_tiles;
 mod dots;
 mod eye_dome;
+mod finish;
 #[doc(hidden)]
 pub mod formulas;
 mod fragment;
@@ -38,6 +40,7 @@ mod kernel;
 mod lane_math;
 mod lanes;
 mod level;
+mod light;
 mod limit;
 mod lists;
 mod mask;
@@ -57,6 +60,7 @@ mod rows;
 mod setup;
 mod shade;
 mod shadow;
+mod sight;
 mod spot;
 mod store;
 mod target;

@@ -3,6 +3,7 @@
 use crate::bins::{BLOCK, Grid};
 use crate::lanes::{LANES, Lanes};
 use crate::shade::Pixels;
+use crate::tile::block_px;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::Real;
@@ -108,6 +109,16 @@ impl<T: Copy> Rows<'_, T> {
             {
                 *pixel = value;
             }
+        }
+    }
+
+    /// Writes one value to the pixels that lie inside of a tile's blocks whose bits are set.
+    fn put_all(&mut self, origin: (i32, i32), blocks: u64, value: T) {
+        let mut left = if self.rows.is_empty() { 0 } else { blocks };
+        while left != 0 {
+            let (x, y) = block_px(origin, left.trailing_zeros());
+            left &= left - 1;
+            (0..BLOCK as i32).for_each(|j| self.put((x, y + j), [value; 4]));
         }
     }
 
@@ -241,15 +252,13 @@ impl<'a> TileTarget<'a> {
         self.fragments.fill(0);
     }
 
-    /// Fills a block with what is where nothing is.
-    pub(crate) fn put_empty(&mut self, (x, y): (i32, i32), background: [f32; 4]) {
-        for j in 0..BLOCK as i32 {
-            self.color.put((x, y + j), [background; 4]);
-            self.depth.put((x, y + j), [f32::INFINITY; 4]);
-            self.normal.put((x, y + j), [[0.0; 3]; 4]);
-            self.weight.put((x, y + j), [0.0; 4]);
-            self.fragments.put((x, y + j), [0; 4]);
-        }
+    /// Fills a tile's blocks whose bits are set with what is where nothing is. The tile begins at pixel `origin`.
+    pub(crate) fn put_empty(&mut self, origin: (i32, i32), blocks: u64, background: [f32; 4]) {
+        self.color.put_all(origin, blocks, background);
+        self.depth.put_all(origin, blocks, f32::INFINITY);
+        self.normal.put_all(origin, blocks, [0.0; 3]);
+        self.weight.put_all(origin, blocks, 0.0);
+        self.fragments.put_all(origin, blocks, 0);
     }
 
     /// A block's pixels as they were written; 0 where there are none.

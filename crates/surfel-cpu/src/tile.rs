@@ -3,11 +3,12 @@
 use crate::bins::{BLOCK, Grid, Segment, TILE_BLOCKS};
 use crate::composite::CompositeScratch;
 use crate::dot_tiles::{self, DotScratch};
+use crate::finish::finish;
+use crate::light::Lighting;
 use crate::limit::Unlimited;
 use crate::lists::BlockLists;
 use crate::planes::TilePlanes;
 use crate::raster::{self, Scratch, Shared, Sums};
-use crate::shade::{self, Lighting};
 use crate::target::{Rect, TileTarget};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16};
@@ -72,6 +73,12 @@ impl TileScratch<'_> {
     }
 }
 
+/// First pixel of a block of the tile that has this first one.
+#[inline(always)]
+pub(crate) fn block_px((x, y): (i32, i32), block: u32) -> (i32, i32) {
+    (x + (block % TILE_BLOCKS * BLOCK) as i32, y + (block / TILE_BLOCKS * BLOCK) as i32)
+}
+
 /// Opaque splats in tiles.
 #[derive(Clone, Copy)]
 pub(crate) struct Listing<'a> {
@@ -84,8 +91,8 @@ impl<'a> Listing<'a> {
     pub(crate) fn block_px(&self, tile: usize, block: u32) -> (i32, i32) {
         let size = self.grid.tile_px();
         let [x, y] = [tile as u32 % self.grid.columns, tile as u32 / self.grid.columns];
-        let px = |tile: u32, axis: usize, block: u32| (self.grid.origin[axis] + tile * size + block * BLOCK) as i32;
-        (px(x, 0, block % TILE_BLOCKS), px(y, 1, block / TILE_BLOCKS))
+        let px = |tile: u32, axis: usize| (self.grid.origin[axis] + tile * size) as i32;
+        block_px((px(x, 0), px(y, 1)), block)
     }
 
     /// Blocks of a tile as bits: those with pixels of the region.
@@ -163,12 +170,8 @@ impl<'a> TileJob<'a> {
         let mut left = self.listing.blocks(tile);
         self.listing.list(tile, left, &mut scratch.lists);
         let touched = left & scratch.lists.touched();
-        let mut empty = left & !touched;
-        while empty != 0 {
-            let block = empty.trailing_zeros();
-            empty &= empty - 1;
-            target.put_empty(self.listing.block_px(tile, block), self.lighting.background);
-        }
+        let origin = self.listing.block_px(tile, 0);
+        target.put_empty(origin, left & !touched, self.lighting.background);
         left = touched;
         let mut sums = [Sums::new(simd); TOGETHER];
         while left != 0 {
@@ -180,7 +183,7 @@ impl<'a> TileJob<'a> {
                 let block = left.trailing_zeros();
                 left &= left - 1;
                 count += 1;
-                let at = self.listing.block_px(tile, block);
+                let at = block_px(origin, block);
                 raster::block(simd, scratch.lists.of(block), at, &self.shared, Unlimited, &mut scratch.block, sums);
                 counters.block_pairs += u64::from(sums.tested);
                 counters.inside += u64::from(sums.inside);
@@ -189,13 +192,13 @@ impl<'a> TileJob<'a> {
             for sums in &sums[..count] {
                 let block = these.trailing_zeros();
                 these &= these.wrapping_sub(1);
-                let at = self.listing.block_px(tile, block);
-                kept += sums.fragments.0.to_int::<i32x16<S>>() * target.rect.lanes_inside(simd, at);
-                target.put(at, &shade::resolve(simd, self.lighting, sums, at));
+                let inside = target.rect.lanes_inside(simd, block_px(origin, block));
+                kept += sums.fragments.0.to_int::<i32x16<S>>() * inside;
                 if let Some(planes) = &mut planes {
                     planes.put_edges(block, sums, None);
                 }
             }
+            finish(simd, self.lighting, (&sums[..count], first), origin, target);
         }
         counters.kept = kept.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();
         counters

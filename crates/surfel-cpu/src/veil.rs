@@ -7,9 +7,11 @@
 use crate::bins::Segment;
 use crate::fragment::{Fragment, four, fragment};
 use crate::lanes::{LANES, Lanes};
+use crate::light::Lighting;
 use crate::raster::{self, Shared, Sums};
 use crate::record::{Record, Together};
-use crate::shade::{self, Lighting, Pixels, Shaded, Surface};
+use crate::shade::{self, Pixels, Shaded, Surface};
+use crate::sight::Place;
 use fearless_simd::prelude::SimdMask;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::kernel::FULL_COVERAGE;
@@ -361,7 +363,7 @@ pub(crate) fn light_splats<S: Simd>(
             material: [lane(10), lane(11), lane(12), lane(13)],
             weight: one,
         };
-        let lit = shade::lit_at(simd, lighting, &surface, vector(6));
+        let lit = shade::shaded(simd, lighting, &surface, Place::Points(vector(6)));
         let (r, g, b) = (lit.x.to_array(), lit.y.to_array(), lit.z.to_array());
         splats.iter_mut().enumerate().for_each(|(i, splat)| splat.lit = [r[i], g[i], b[i]]);
     }

@@ -66,12 +66,23 @@ impl Frame {
         let pixels = width as usize * height as usize;
         let count = |wanted: bool| if wanted { pixels } else { 0 };
         (self.width, self.height) = (width, height);
-        self.color.resize(count(planes.color), [0.0; 4]);
-        self.depth.resize(count(planes.depth), 0.0);
-        self.normal.resize(count(planes.normal), [0.0; 3]);
-        self.weight.resize(count(planes.weight), 0.0);
-        self.fragments.resize(count(planes.fragments), 0);
-        self.margin.resize(count(planes.margin), 0.0);
+        resize(&mut self.color, count(planes.color), [0.0; 4]);
+        resize(&mut self.depth, count(planes.depth), 0.0);
+        resize(&mut self.normal, count(planes.normal), [0.0; 3]);
+        resize(&mut self.weight, count(planes.weight), 0.0);
+        resize(&mut self.fragments, count(planes.fragments), 0);
+        resize(&mut self.margin, count(planes.margin), 0.0);
+    }
+}
+
+/// Zeros that come from the system are written by nobody: whoever writes the pixels then meets fresh pages, on all threads.
+fn resize<T: Clone>(plane: &mut Vec<T>, count: usize, zero: T) {
+    if plane.capacity() < count {
+        // The old goes first.
+        *plane = Vec::new();
+        *plane = vec![zero; count];
+    } else {
+        plane.resize(count, zero);
     }
 }
 

@@ -12,7 +12,7 @@ pub(crate) struct ShaderNeeds {
     pub normal: bool,
     /// Depth.
     pub depth: bool,
-    /// Lights, shadows and material factors; needs all of the above.
+    /// Lights, shadows and material factors; needs albedo and normal, and depth where light depends on the place.
     pub lights: bool,
     /// A pass over all pixels that looks at their neighbours.
     pub pass: Option<Pass>,
@@ -24,11 +24,11 @@ impl ShaderNeeds {
     /// The shader's.
     pub(crate) fn of(shader: Shader) -> Self {
         let none = Self::default();
-        let lit = Self { albedo: true, normal: true, depth: true, lights: true, ..none };
+        let lit = Self { albedo: true, normal: true, lights: true, ..none };
         match shader {
             Shader::Unlit => Self { albedo: true, ..none },
             Shader::Phong => lit,
-            Shader::Toon => Self { pass: Some(Pass::Outlines), feature: Some(Feature::Toon), ..lit },
+            Shader::Toon => Self { depth: true, pass: Some(Pass::Outlines), feature: Some(Feature::Toon), ..lit },
             Shader::Normal => Self { normal: true, ..none },
             Shader::Depth => Self { depth: true, ..none },
             Shader::Matcap => Self { albedo: true, normal: true, feature: Some(Feature::Matcap), ..none },

@@ -178,6 +178,10 @@ pub fn plan(
         }
     }
     let separates_transparent = transparency != Transparency::Off;
+    // Where a light shines from, and whether anything is in its way, depends on the place; so does which of splats and polygons
+    // shows behind an edge.
+    let light_needs_depth = needs.lights && (summary.lights_nearby || !shadow_maps.is_empty());
+    let edges_need_depth = planes.color && settings.edge_aa && summary.meshes && splats;
     Ok(FramePlan {
         splat_filter: SplatFilter {
             filter: if radius_px == 0.0 { Filter::None } else { settings.filter },
@@ -194,7 +198,7 @@ pub fn plan(
         attributes: Attributes {
             color: needs.albedo && summary.colors,
             normal: planes.normal || needs.normal,
-            depth: planes.depth || needs.depth || separates_transparent,
+            depth: planes.depth || needs.depth || light_needs_depth || edges_need_depth || separates_transparent,
             material: needs.lights && summary.materials_differ,
             coverage: (settings.edge_aa && planes.color) || abuffer_surfaces > 0 || (summary.meshes && splats),
             alpha: separates_transparent,
@@ -311,7 +315,10 @@ mod tests {
         assert!(planned(&colored, |_| (), Planes::COLOR).attributes.color);
         assert!(!planned(&colored, |s| s.shader = Shader::Normal, Planes::COLOR).attributes.color);
         let phong = planned(&colored, |s| s.shader = Shader::Phong, Planes::COLOR).attributes;
-        assert!(phong.color && phong.normal && phong.depth && !phong.material && !phong.coverage);
+        assert!(phong.color && phong.normal && !phong.depth && !phong.material && !phong.coverage);
+        let nearby = SceneSummary { lights_nearby: true, ..colored.clone() };
+        assert!(planned(&nearby, |s| s.shader = Shader::Phong, Planes::COLOR).attributes.depth);
+        assert!(!planned(&nearby, |_| (), Planes::COLOR).attributes.depth);
         let differ = SceneSummary { materials_differ: true, ..colored };
         assert!(planned(&differ, |s| s.shader = Shader::Phong, Planes::COLOR).attributes.material);
         assert!(!planned(&differ, |_| (), Planes::COLOR).attributes.material);
@@ -356,7 +363,7 @@ mod tests {
         assert!(!alone.attributes.coverage);
         let among = planned(5, None).unwrap();
         assert_eq!(among.passes, [Pass::Visibility, Pass::Polygons, Pass::Attributes, Pass::Shade]);
-        assert!(among.attributes.coverage);
+        assert!(among.attributes.coverage && !among.attributes.depth);
         assert!(matches!(planned(5, Some(1)), Err(RenderError::NoInteriorWeight { object: 1 })));
     }
 
@@ -380,6 +387,7 @@ mod tests {
         // One for the sun, one for a spot, six for one that is too wide.
         assert_eq!(lit.shadow_maps.iter().map(|m| m.light).collect::<Vec<_>>(), [1, 3, 4, 4, 4, 4, 4, 4]);
         assert_eq!(lit.passes[..8], [Pass::ShadowMap; 8]);
+        assert!(lit.attributes.depth);
         assert!(planned(Shader::Toon, Planes::COLOR).has(Pass::ShadowMap));
         assert!(planned(Shader::Unlit, Planes::COLOR).shadow_maps.is_empty());
         assert!(planned(Shader::Phong, Planes { color: false, ..Planes::ALL }).shadow_maps.is_empty());

@@ -1,7 +1,7 @@
 //! What planning needs to know of a scene: counted once, when it is uploaded.
 
 use crate::ShadowScene;
-use surfel_model::{Geometry, Scene};
+use surfel_model::{Geometry, Light, Scene};
 
 /// What planning needs to know of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -18,6 +18,8 @@ pub struct SceneSummary {
     pub meshes: bool,
     /// Objects differ in ambient, diffuse, specular or shininess.
     pub materials_differ: bool,
+    /// Some light's direction depends on where a surface is.
+    pub lights_nearby: bool,
     /// Lights that cast shadows, and what they fall on.
     pub shadows: Option<ShadowScene>,
     /// First object of splats whose interior weight is unknown.
@@ -27,7 +29,8 @@ pub struct SceneSummary {
 impl SceneSummary {
     /// Summarises a scene.
     pub fn of(scene: &Scene) -> Self {
-        let mut summary = Self { shadows: ShadowScene::of(scene), ..Self::default() };
+        let lights_nearby = scene.lights.iter().flatten().any(|light| !matches!(light, Light::Directional { .. }));
+        let mut summary = Self { lights_nearby, shadows: ShadowScene::of(scene), ..Self::default() };
         let mut first_factors = None;
         for (i, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
