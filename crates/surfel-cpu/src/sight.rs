@@ -4,7 +4,7 @@
 use crate::lane_math::transform;
 use crate::lanes::Lanes;
 use fearless_simd::Simd;
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use surfel_math::projection::Projection;
 use surfel_math::{Real, V3};
 use surfel_render::View;
@@ -30,7 +30,7 @@ pub(crate) struct Sight<S: Simd> {
 impl<S: Simd> Sight<S> {
     /// The unit vector to the eye.
     #[inline(always)]
-    pub(crate) fn to_eye(&self) -> V3<Lanes<S>> {
+    pub(crate) fn to_eye(self) -> V3<Lanes<S>> {
         self.ray * -self.inverse_length
     }
 }
@@ -56,7 +56,7 @@ impl Rays {
             true => [right / fx, down / fy, right * ((0.5 - cx) / fx) + down * ((0.5 - cy) / fy) + forward],
             false => [right * 0.0, down * 0.0, forward],
         };
-        let [across, down, first] = [across, down, first].map(|v| v.as_vec3());
+        let [across, down, first] = [across, down, first].map(DVec3::as_vec3);
         Self { world_from_view: axes.as_mat3(), projection, across, down, first }
     }
 
