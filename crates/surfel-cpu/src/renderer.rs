@@ -13,20 +13,7 @@ use surfel_render::{
     Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, Storage, View, plan,
 };
 
-const CAPABILITIES: Capabilities = Capabilities {
-    backend: "cpu",
-    features: &[
-        Feature::EdgeAntialiasing,
-        Feature::Clips,
-        Feature::Meshes,
-        Feature::Peel,
-        Feature::ABuffer,
-        Feature::Shadows,
-        Feature::Toon,
-        Feature::Matcap,
-        Feature::EyeDome,
-    ],
-};
+const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin] };
 
 /// How a [`Renderer`] works.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
