@@ -191,3 +191,15 @@ pub fn axes(camera: &Camera) -> [DVec3; 3] {
     let right = unit(forward.cross(DVec3::from(camera.up)));
     [right, forward.cross(right), forward]
 }
+
+/// World direction through a pixel's centre with unit planar depth, from the fields of a perspective camera alone.
+///
+/// # Panics
+/// If the camera's field of view isn't given.
+pub fn ray(camera: &Camera, x: u32, y: u32) -> DVec3 {
+    let Projection::Perspective { fov_y_deg } = camera.projection else { panic!("the camera has no field of view") };
+    let [right, down, forward] = axes(camera);
+    let [w, h] = camera.size.map(f64::from);
+    let f = h / (2.0 * (0.5 * fov_y_deg.to_radians()).tan());
+    forward + right * ((f64::from(x) + 0.5 - 0.5 * w) / f) + down * ((f64::from(y) + 0.5 - 0.5 * h) / f)
+}

@@ -126,6 +126,24 @@ fn cpu_gives_the_same_bits_for_any_threads_simd_level_tile_cell_batch_and_peelin
     }
 }
 
+#[test]
+fn cpu_gives_the_same_bits_of_quantised_splats_for_any_threads_simd_level_and_cell() {
+    let renderer =
+        |threads, simd, work| Cpu::with_options(&Options { threads, simd, work, storage: Storage::Quantised }).unwrap();
+    let cells = Work { tile_px: 8, cell_splats: 0, ..Work::default() };
+    let mut variants = [
+        renderer(1, SimdLevel::Best, Work::default()),
+        renderer(3, SimdLevel::Avx2, Work { dots: Dots::Off, ..Work::default() }),
+        renderer(1, SimdLevel::Baseline, Work { tile_px: 16, ..Work::default() }),
+        renderer(2, SimdLevel::Best, cells),
+    ];
+    let planes = Planes { fragments: true, ..Planes::ALL };
+    for case in drawn() {
+        let frames: Vec<Vec<u32>> = variants.iter_mut().map(|v| bits(&render(v, &case, planes).unwrap())).collect();
+        assert!(frames.windows(2).all(|f| f[0] == f[1]), "{}", case.name);
+    }
+}
+
 /// A renderer that cuts its work like this.
 fn cut(work: Work) -> Cpu {
     Cpu::with_options(&Options { threads: 2, work, ..Options::default() }).unwrap()
@@ -152,6 +170,59 @@ fn cpu_triangles_count_toward_batches_and_bound_their_memory() {
     // An eighth of the triangles, and a strip of tiles more on either side as far as balls about triangles reach.
     assert!(parts.1 < 0.4 * whole.1, "{} of {} bytes", parts.1, whole.1);
     assert!(parts.2 == whole.2);
+}
+
+#[test]
+fn cpu_large_splats_count_toward_batches_and_cells_by_their_tiles() {
+    // 2,000 splats, each over all of the picture: 1,024 tiles.
+    let splat = |i: i32| build::Splat::disk(DVec3::Z * (0.001 * f64::from(i)), DVec3::Z, 4.0, [1.0; 3]);
+    let splats: Vec<build::Splat> = (0..2000).map(splat).collect();
+    let case = scenes::Case::new("large", build::scene(&splats), build::camera(5.0, 40.0, [256; 2]));
+    let drawn = |batch_splats, cell_splats| {
+        let mut renderer = cut(Work { tile_px: 8, batch_splats, cell_splats, ..Work::default() });
+        let resident = renderer.upload(&case.scene).unwrap();
+        let mut frame = Frame::default();
+        let stats = renderer.render(&resident, &case.view(), &case.settings, Planes::COLOR, &mut frame).unwrap();
+        (stats.counters.iter().find(|c| c.0 == "batch_bytes").unwrap().1, bits(&frame))
+    };
+    // Records of 128 bytes, and entries of 16.
+    let bytes = |tiles: f64| 2000.0 * (128.0 + 16.0 * tiles);
+    let whole = drawn(1 << 20, 1 << 20);
+    assert!(whole.0 > bytes(1000.0), "{}", whole.0);
+    // A strip of 32 tiles; or a few tiles by each of two threads.
+    for (parts, most) in [(drawn(1 << 14, 1 << 20), bytes(32.0)), (drawn(1 << 20, 64), 2.0 * bytes(4.0))] {
+        assert!(parts.0 < 1.1 * most, "{} of {most} bytes", parts.0);
+        assert!(parts.1 == whole.1);
+    }
+}
+
+#[test]
+fn cpu_counts_no_fragment_that_it_did_not_look_at_and_every_splat_once() {
+    let planes = Planes { fragments: true, ..Planes::ALL };
+    let works = [
+        Work::default(),
+        Work { peeling: Peeling::Anew, dots: Dots::ByBlocks, ..Work::default() },
+        Work { tile_px: 8, cell_splats: 0, ..Work::default() },
+    ];
+    for work in works {
+        let mut renderer = cut(work);
+        for case in drawn() {
+            let resident = renderer.upload(&case.scene).unwrap();
+            let mut frame = Frame::default();
+            let stats = renderer.render(&resident, &case.view(), &case.settings, planes, &mut frame).unwrap();
+            let counter = |wanted| stats.counters.iter().find(|(name, _)| *name == wanted).unwrap().1 as u64;
+            let [tested, inside] = [counter("fragments_tested"), counter("fragments_inside")];
+            let counts = format!("{}: {} of {inside} of {tested} fragments", case.name, stats.fragments);
+            assert!(stats.fragments <= inside && inside <= tested, "{counts}");
+            let counted: u64 = frame.fragments.iter().map(|&count| u64::from(count)).sum();
+            assert_eq!(stats.fragments, counted, "{}", case.name);
+            assert_eq!(stats.drawn + counter("culled"), stats.splats, "{}", case.name);
+            if counter("batches") == 1 {
+                let looked_at = counter("culled_outside") + counter("culled_turned_away") + counter("set_up");
+                assert_eq!(looked_at, stats.splats, "{}", case.name);
+            }
+        }
+    }
 }
 
 #[test]

@@ -16,7 +16,7 @@ const ENTRY: Expectation = Expectation {
 };
 
 fn info(backend: &'static str, adapter: &str) -> RendererInfo {
-    let capabilities = Capabilities { backend, features: &[] };
+    let capabilities = Capabilities::everything(backend);
     RendererInfo { backend, adapter: adapter.into(), driver: String::new(), threads: 0, capabilities }
 }
 

@@ -4,14 +4,13 @@
 mod common;
 
 use glam::DVec3;
-use surfel_conformance::build::{camera, scene, sphere, with_alpha};
+use surfel_conformance::build::{Clipped, Splat, camera, clipped_cloud, scene, sphere, with_alpha};
 use surfel_conformance::polygons::{mesh_object, quad};
-use surfel_conformance::scenes::Case;
-use surfel_gpu::{Draw, Target, target_bytes};
-use surfel_model::{Geometry, Light, Matcap, Settings, Shader, Transparency};
+use surfel_conformance::scenes::{self, Case};
+use surfel_gpu::{Draw, Precision, Target, target_bytes};
+use surfel_model::{ClipLine, ClipMode, ClipPolicy, Geometry, Light, Matcap, Settings, Shader, Transparency};
 use surfel_render::{
-    Attributes, Capabilities, Feature, Frame, FramePlan, Pass, Planes, Renderer, SHADOW_MAP_SIDE, SceneSummary, Stats,
-    plan,
+    Capabilities, Feature, Frame, FramePlan, Pass, Planes, Renderer, SHADOW_MAP_SIDE, SceneSummary, Stats, plan,
 };
 
 /// One tile of the processor's.
@@ -79,6 +78,13 @@ fn pane(case: &mut Case) {
     case.scene.objects.push(mesh_object(quad(DVec3::ZERO, [DVec3::X * 1.5, DVec3::Y * 1.5], 1.0)));
 }
 
+fn half(case: &mut Case) {
+    let lines = [ClipLine { a: 1.0, b: 0.0, c: 0.0 }];
+    let half = |splat| Clipped { splat, curve: None, lines: lines.to_vec(), mode: ClipMode::And };
+    let clipped = clipped_cloud(&splats().into_iter().map(half).collect::<Vec<_>>());
+    case.scene.objects[0].geometry = Geometry::Splats(clipped.into());
+}
+
 fn cast(case: &mut Case) {
     for light in case.scene.lights.iter_mut().flatten() {
         if let Light::Directional { shadow, .. } = light {
@@ -91,7 +97,7 @@ fn phong(settings: &mut Settings) {
     settings.shader = Shader::Phong;
 }
 
-const ROWS: [Row; 8] = [
+const ROWS: [Row; 9] = [
     Row {
         name: "antialiased edges",
         asked: |s| s.edge_aa = true,
@@ -130,6 +136,14 @@ const ROWS: [Row; 8] = [
         // Alpha, depth and coverage.
         sums: 3,
         gpu_bytes: None,
+        cpu_bytes: None,
+        ..NOTHING
+    },
+    Row {
+        name: "clips",
+        there: half,
+        unasked: Some(|s| s.clip = ClipPolicy::Off),
+        // Forms of every clip, in records of their own kind.
         cpu_bytes: None,
         ..NOTHING
     },
@@ -189,9 +203,13 @@ const ROWS: [Row; 8] = [
     },
 ];
 
+fn splats() -> Vec<Splat> {
+    sphere(200, 1.2, 5)
+}
+
 /// Two hundred opaque splats under a light.
 fn plain() -> Case {
-    let mut scene = scene(&sphere(200, 1.2, 5));
+    let mut scene = scene(&splats());
     scene.objects[0].material.interior_weight = Some(2.4);
     scene.lights = Some(vec![Light::Directional { direction: [-0.5, -1.0, -0.4], color: [1.0; 3], shadow: false }]);
     Case::new("plain", scene, camera(3.4, 45.0, [SIDE; 2]))
@@ -233,23 +251,8 @@ impl Row {
 }
 
 fn planned(case: &Case) -> FramePlan {
-    let features = &[
-        Feature::EdgeAntialiasing,
-        Feature::Meshes,
-        Feature::Peel,
-        Feature::ABuffer,
-        Feature::Shadows,
-        Feature::Toon,
-        Feature::Matcap,
-        Feature::EyeDome,
-    ];
-    let everything = Capabilities { backend: "plan", features };
+    let everything = Capabilities::everything("plan");
     plan(&SceneSummary::of(&case.scene), &case.view(), &case.settings, Planes::COLOR, &everything).unwrap()
-}
-
-fn sums(Attributes { color, normal, depth, material, coverage, alpha }: Attributes) -> usize {
-    let wide = [(color, 3), (normal, 3), (depth, 1), (material, 4), (coverage, 1), (alpha, 1)];
-    1 + wide.iter().filter(|(has, _)| *has).map(|(_, n)| n).sum::<usize>()
 }
 
 /// Targets of a plan on GPUs.
@@ -259,7 +262,19 @@ fn targets(plan: &FramePlan) -> Vec<Target> {
 }
 
 fn bytes(plan: &FramePlan) -> u64 {
-    target_bytes(&Draw::of(plan), [SIDE; 2], 4)
+    target_bytes(&Draw::of(plan), [SIDE; 2], Precision::F32)
+}
+
+#[test]
+fn feature_has_a_row_here_and_a_scene_that_backends_are_held_to() {
+    let scenes = scenes::all();
+    // The margin is a plane that callers ask for, and no scene has.
+    for feature in Feature::ALL.iter().filter(|feature| **feature != Feature::Margin) {
+        let without = Capabilities { backend: "test", lacks: std::slice::from_ref(feature) };
+        assert!(ROWS.iter().any(|row| !row.present().is_drawn_by(&without)), "no row has {feature:?}");
+        assert!(ROWS.iter().all(|row| row.absent().is_drawn_by(&without)), "{feature:?} without being there");
+        assert!(scenes.iter().any(|case| !case.is_drawn_by(&without)), "no scene has {feature:?}");
+    }
 }
 
 #[test]
@@ -269,7 +284,7 @@ fn feature_adds_its_own_passes_sums_and_targets_and_no_other() {
         let own = |pass: &&Pass| row.passes.contains(pass);
         assert!(with.passes.iter().filter(own).eq(row.passes), "{}: {:?}", row.name, with.passes);
         assert!(with.passes.iter().filter(|pass| !own(pass)).eq(&without.passes), "{}: {:?}", row.name, with.passes);
-        assert_eq!(sums(with.attributes) - sums(without.attributes), row.sums, "{}", row.name);
+        assert_eq!(with.attributes.sums() - without.attributes.sums(), row.sums, "{}", row.name);
         assert_eq!(with.shadow_maps.len() as u64, row.maps, "{}", row.name);
         if let Some(a_pixel) = row.gpu_bytes {
             // What isn't needed is of one pixel.
@@ -295,7 +310,7 @@ fn feature_that_is_absent_is_in_no_plan() {
             assert!(!targets.iter().any(|target| row.targets.contains(target)), "{} has {}", other.name, row.name);
         }
     }
-    assert_eq!(pairs, 6);
+    assert_eq!(pairs, 7);
 }
 
 fn counter(stats: &Stats, name: &str) -> u64 {
@@ -341,7 +356,7 @@ fn takes_no_memory_of_the_gpu(renderer: &mut impl Renderer) {
             // Sums of four bytes, or of two where the adapter blends no others; a buffer of nothing has four bytes.
             let [targets, shadows] = drawn(&case);
             let draws = Draw::of(&planned(&case));
-            let expected = [4, 2].map(|sum| target_bytes(&draws, [SIDE; 2], sum));
+            let expected = [Precision::F32, Precision::F16].map(|sums| target_bytes(&draws, [SIDE; 2], sums));
             assert!(expected.contains(&targets) && shadows == (maps * MAP).max(4), "{}: {targets} {shadows}", row.name);
         }
         for pair in row.pairs() {

@@ -1,7 +1,7 @@
 //! Polygons among splats: closed forms, watertightness, the hand-over.
 
 use glam::DVec3;
-use surfel_conformance::build::{Splat, axes, camera, object, scene};
+use surfel_conformance::build::{Splat, camera, object, ray, scene};
 use surfel_conformance::harness::render;
 use surfel_conformance::polygons::{mesh_object, mesh_sphere, quad};
 use surfel_conformance::scenes::{self, Case};
@@ -17,15 +17,6 @@ fn picture(case: &Case) -> Frame {
     render(&mut Reference::new(0).unwrap(), case, planes).unwrap()
 }
 
-/// World direction through a pixel's centre with unit planar depth, from the camera's fields alone.
-fn ray(case: &Case, x: u32, y: u32) -> DVec3 {
-    let surfel_model::Projection::Perspective { fov_y_deg } = case.camera.projection else { panic!("perspective") };
-    let [right, down, forward] = axes(&case.camera);
-    let [w, h] = case.camera.size.map(f64::from);
-    let f = h / (2.0 * (0.5 * fov_y_deg.to_radians()).tan());
-    forward + right * ((f64::from(x) + 0.5 - 0.5 * w) / f) + down * ((f64::from(y) + 0.5 - 0.5 * h) / f)
-}
-
 #[test]
 fn mesh_interpolation_is_the_rays_own_hit() {
     // Albedo is the vertex's world position: interpolated in perspective it is that of the point hit.
@@ -39,7 +30,7 @@ fn mesh_interpolation_is_the_rays_own_hit() {
     let (eye, normal) = (DVec3::from(case.camera.eye), across.cross(along));
     let mut hits = 0;
     for at in 0..64 * 64u32 {
-        let direction = ray(&case, at % 64, at / 64);
+        let direction = ray(&case.camera, at % 64, at / 64);
         let z = -eye.dot(normal) / direction.dot(normal);
         let point = eye + direction * z;
         let (a, b) = (coordinate(point, across, along), coordinate(point, along, across));
@@ -78,7 +69,7 @@ fn mesh_ball_is_watertight() {
         let frame = picture(&case);
         let mut inside = 0;
         for at in 0..96 * 96u32 {
-            let direction = ray(&case, at % 96, at / 96).normalize();
+            let direction = ray(&case.camera, at % 96, at / 96).normalize();
             let distance = DVec3::from(case.camera.eye).cross(direction).length();
             // Flat faces lie within the sphere: a face of an octahedron divided k times sags by under 0.9·4⁻ᵏ.
             let least = 1.0 - 0.9 * 0.25f64.powi(times as i32);
@@ -102,7 +93,7 @@ fn mesh_normals_are_smooth_or_flat_and_turned_to_the_eye() {
     let frame = picture(&case);
     for at in (0..48 * 48u32).filter(|at| frame.depth[*at as usize].is_finite()) {
         let z = f64::from(frame.depth[at as usize]);
-        let point = DVec3::from(case.camera.eye) + ray(&case, at % 48, at / 48) * z;
+        let point = DVec3::from(case.camera.eye) + ray(&case.camera, at % 48, at / 48) * z;
         let normal = DVec3::from(frame.normal[at as usize].map(f64::from));
         // On a sphere the normal is the position; interpolation is off by the square of the faces' angle, 0.1².
         assert!((normal - point.normalize()).length() < 0.01, "{normal} {point}");

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
-use surfel_conformance::build::{Splat, axes, camera, scene};
+use surfel_conformance::build::{Splat, camera, ray, scene};
 use surfel_conformance::harness::render;
 use surfel_conformance::scenes::{self, Case};
 use surfel_model::{Filter, Geometry, Light, Shader};
@@ -14,15 +14,6 @@ const F32: f64 = 2e-7;
 
 fn picture(case: &Case) -> Frame {
     render(&mut Reference::new(0).unwrap(), case, Planes::ALL).unwrap()
-}
-
-/// World direction through a pixel's centre with unit planar depth, from the camera's fields alone.
-fn ray(case: &Case, x: u32, y: u32) -> DVec3 {
-    let surfel_model::Projection::Perspective { fov_y_deg } = case.camera.projection else { panic!("perspective") };
-    let [right, down, forward] = axes(&case.camera);
-    let [w, h] = case.camera.size.map(f64::from);
-    let f = h / (2.0 * (0.5 * fov_y_deg.to_radians()).tan());
-    forward + right * ((f64::from(x) + 0.5 - 0.5 * w) / f) + down * ((f64::from(y) + 0.5 - 0.5 * h) / f)
 }
 
 fn pixels(frame: &Frame) -> impl Iterator<Item = (u32, u32, usize)> + use<> {
@@ -67,7 +58,7 @@ fn mapping_of_a_tilted_disk_is_the_rays_own_hit() {
     let ((s, t), p) = (cloud.axes(0), cloud.center(0));
     let mut hits = 0;
     for (x, y, at) in pixels(&frame) {
-        let d = ray(&case, x, y);
+        let d = ray(&case.camera, x, y);
         // eye + z·d = p + u·s + v·t.
         let solved = DMat3::from_cols(d, -s, -t).inverse() * (p - DVec3::from(case.camera.eye));
         let rho_squared = solved.y * solved.y + solved.z * solved.z;
@@ -116,7 +107,7 @@ fn phong_of_a_facing_plane_is_ambient_diffuse_and_specular() {
     let to_light = DVec3::new(0.3, 0.2, 1.0).normalize();
     let (mut brightest, mut darkest) = (0.0f64, f64::INFINITY);
     for (x, y, at) in pixels(&frame) {
-        let d = ray(&case, x, y);
+        let d = ray(&case.camera, x, y);
         let cosine = to_light.z;
         let reflected = DVec3::new(-to_light.x, -to_light.y, to_light.z);
         let gloss = 0.5 * reflected.dot(-d.normalize()).max(0.0).powf(6.0);
@@ -137,7 +128,7 @@ fn spot_light_fades_between_its_half_angles() {
     let (position, color) = (DVec3::from(*position), DVec3::from(*color));
     let mut seen = [0; 3];
     for (x, y, at) in pixels(&frame) {
-        let hit = DVec3::from(case.camera.eye) + ray(&case, x, y) * 3.0;
+        let hit = DVec3::from(case.camera.eye) + ray(&case.camera, x, y) * 3.0;
         let to_light = (position - hit).normalize();
         let angle = to_light.z.acos().to_degrees();
         let share = ((26.0 - angle) / 14.0).clamp(0.0, 1.0);
@@ -173,7 +164,7 @@ fn normals_of_a_mirrored_ellipsoid_go_by_the_inverse_transpose() {
     let world_from_object = case.scene.objects[0].world_from_object;
     let (mut worst, mut count) = (1.0f64, 0);
     for (x, y, at) in pixels(&frame).filter(|p| frame.depth[p.2].is_finite()) {
-        let hit = DVec3::from(case.camera.eye) + ray(&case, x, y) * f64::from(frame.depth[at]);
+        let hit = DVec3::from(case.camera.eye) + ray(&case.camera, x, y) * f64::from(frame.depth[at]);
         let on_sphere = world_from_object.inverse().transform_point3(hit);
         let want = (world_from_object.matrix3.inverse().transpose() * on_sphere).normalize();
         let [nx, ny, nz] = frame.normal[at].map(f64::from);

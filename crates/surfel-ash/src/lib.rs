@@ -38,7 +38,7 @@ pub use scene::ResidentScene;
 pub use surfel_gpu::{Ceiling, FillRate, Limits};
 pub use surfel_render::{Storage, UploadProgress};
 
-use surfel_render::{Capabilities, Feature};
+use surfel_render::Capabilities;
 
 /// Vulkan's bindings, in the version that [`RawDevice`] is made of.
 pub use ash;
@@ -47,16 +47,4 @@ pub use ash;
 const NAME: &str = "ash";
 
 /// What the backend draws, on any adapter.
-pub const CAPABILITIES: Capabilities = Capabilities {
-    backend: NAME,
-    features: &[
-        Feature::EdgeAntialiasing,
-        Feature::Clips,
-        Feature::Meshes,
-        Feature::Toon,
-        Feature::Matcap,
-        Feature::EyeDome,
-        Feature::Peel,
-        Feature::Shadows,
-    ],
-};
+pub const CAPABILITIES: Capabilities = Capabilities { backend: NAME, lacks: surfel_gpu::LACKS };

@@ -6,35 +6,18 @@ use crate::memory::{Image, read_layout};
 use crate::object::{Owned, destroy};
 use ash::vk;
 use std::sync::Arc;
-use surfel_gpu::{Draw, Target, TargetFormat};
+use surfel_gpu::{Draw, Precision, Target, TargetFormat};
 
-/// Precision of the sums.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Precision {
-    F32,
-    F16,
-}
-
-impl Precision {
-    /// Bytes of a sum.
-    pub(crate) fn sum_bytes(self) -> u64 {
-        match self {
-            Self::F32 => 4,
-            Self::F16 => 2,
-        }
-    }
-
-    /// The image format of a target.
-    pub(crate) fn format(self, target: Target) -> vk::Format {
-        match (target.format(), self) {
-            // Every device has it.
-            (TargetFormat::Depth, _) => vk::Format::D32_SFLOAT,
-            (TargetFormat::Sums4, Self::F32) => vk::Format::R32G32B32A32_SFLOAT,
-            (TargetFormat::Sums4, Self::F16) => vk::Format::R16G16B16A16_SFLOAT,
-            (TargetFormat::Sums2, Self::F32) | (TargetFormat::Exact2, _) => vk::Format::R32G32_SFLOAT,
-            (TargetFormat::Sums2, Self::F16) => vk::Format::R16G16_SFLOAT,
-            (TargetFormat::Exact1, _) => vk::Format::R32_SFLOAT,
-        }
+/// The image format of a target.
+pub(crate) fn format_of(target: Target, sums: Precision) -> vk::Format {
+    match (target.format(), sums) {
+        // Every device has it.
+        (TargetFormat::Depth, _) => vk::Format::D32_SFLOAT,
+        (TargetFormat::Sums4, Precision::F32) => vk::Format::R32G32B32A32_SFLOAT,
+        (TargetFormat::Sums4, Precision::F16) => vk::Format::R16G16B16A16_SFLOAT,
+        (TargetFormat::Sums2, Precision::F32) | (TargetFormat::Exact2, _) => vk::Format::R32G32_SFLOAT,
+        (TargetFormat::Sums2, Precision::F16) => vk::Format::R16G16_SFLOAT,
+        (TargetFormat::Exact1, _) => vk::Format::R32_SFLOAT,
     }
 }
 
@@ -76,7 +59,7 @@ fn render_pass(
 ) -> Result<Owned<vk::RenderPass>, Failure> {
     let descriptions: Vec<vk::AttachmentDescription> = attachments(draw)
         .map(|target| {
-            let format = precision.format(target);
+            let format = format_of(target, precision);
             vk::AttachmentDescription::default()
                 .format(format)
                 .samples(vk::SampleCountFlags::TYPE_1)

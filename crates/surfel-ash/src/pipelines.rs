@@ -4,13 +4,13 @@ use crate::descriptors::{SetLayout, stage};
 use crate::device::Device;
 use crate::error::Failure;
 use crate::object::{Owned, destroy};
-use crate::passes::{Pass, Precision};
+use crate::passes::Pass;
 use ash::vk;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::ffi::CString;
 use std::sync::Arc;
-use surfel_gpu::{Draw, Pixels, Variant};
+use surfel_gpu::{Draw, Pixels, Precision, Variant};
 use surfel_shaders::{ENTRIES, SPIRV, Stage};
 
 /// Everything about shaders that is built once for a device.

@@ -6,11 +6,10 @@ use crate::error::Failure;
 use crate::execute::{Shadows, Tile};
 use crate::instance::{Candidate, Instance};
 use crate::memory::Buffer;
-use crate::passes::Precision;
 use crate::pipelines::Pipelines;
 use crate::queries::Queries;
 use crate::scene::{self, ResidentScene};
-use crate::targets::{TargetKey, Targets};
+use crate::targets::Targets;
 use crate::{CAPABILITIES, NAME};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -18,9 +17,10 @@ use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
     CEILING_RUNS, CeilingFrame, Draw, FillRate, FrameScene, LAYER_HEADER_BYTES, Limits, MapCache, MapJob, Pixels,
-    SHADOW_MAPS, Step, TileData, Variant, count_frame_bytes, count_layers, map_jobs, schedule, shadow_texels, tiles,
+    Precision, SHADOW_MAPS, Step, TargetKey, TileData, Variant, count_frame_bytes, count_layers, map_jobs, schedule,
+    shadow_texels, tiles,
 };
-use surfel_model::{Accumulate, Scene, Settings};
+use surfel_model::{Scene, Settings};
 use surfel_render::{
     Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, Storage, UploadProgress, View, plan,
 };
@@ -177,8 +177,7 @@ impl Renderer {
     /// Makes pipelines and targets of a tile, where they aren't there from the frame before.
     fn prepare(&mut self, plan: &FramePlan, data: &TileData, work: &Work) -> Result<(), Failure> {
         data.check(self.limits).map_err(Failure::Other)?;
-        let f32_sums = self.device.facts.blends_f32 && plan.accumulate == Accumulate::F32;
-        let precision = if f32_sums { Precision::F32 } else { Precision::F16 };
+        let precision = Precision::of(plan, self.device.facts.blends_f32);
         let draws = work.draws.clone();
         for &pixels in &work.pixels {
             self.pipelines.prepare_pixels(pixels)?;

@@ -5,31 +5,13 @@ use crate::device::Device;
 use crate::error::Failure;
 use crate::memory::{Buffer, Image};
 use crate::object::Owned;
-use crate::passes::{Precision, attachments, framebuffer};
+use crate::passes::{attachments, format_of, framebuffer};
 use crate::pipelines::Pipelines;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_gpu::{Draw, Target, Variant, target_bytes, veil_bytes};
-
-/// What a tile's targets have to be.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct TargetKey {
-    pub size: [u32; 2],
-    pub precision: Precision,
-    /// What is drawn.
-    pub draws: Vec<Draw>,
-    /// Floats of the planes.
-    pub floats: u32,
-}
-
-impl TargetKey {
-    /// Bytes of the images and veils.
-    pub(crate) fn bytes(&self) -> u64 {
-        target_bytes(&self.draws, self.size, self.precision.sum_bytes())
-    }
-}
+use surfel_gpu::{Draw, Target, TargetKey, Variant, veil_bytes};
 
 pub(crate) struct Targets {
     pub key: TargetKey,
@@ -49,7 +31,7 @@ impl Targets {
         let mut images = HashMap::new();
         for target in Target::ALL {
             let size = target.size(&key.draws, key.size);
-            images.insert(target, Image::new(device, target.name(), size, key.precision.format(target))?);
+            images.insert(target, Image::new(device, target.name(), size, format_of(target, key.precision))?);
         }
         let mut framebuffers = HashMap::new();
         for &draw in &key.draws {

@@ -79,16 +79,11 @@ pub(crate) fn bumpy_mesh(rings: u32) -> Mesh {
         }
     }
     Mesh {
-        origin: DVec3::ZERO,
         positions: Column3::from_f32(positions),
         triangles,
         normals: Some(normals),
         colors: Some(colors),
-        alphas: None,
-        uvs: None,
-        texture: None,
-        up: None,
-        comments: Vec::new(),
+        ..Mesh::default()
     }
 }
 

@@ -4,11 +4,11 @@ use crate::Failure;
 use crate::report::{Report, median, quantile};
 use crate::table::aligned;
 
-/// Ratios of medians, B over A, with what noise alone would do to them. Of the time on processors where both runs know it,
+/// Ratios of medians, B over A, with what noise alone would do to them, and of the least. Of the time on processors where both runs know it,
 /// since other work on the machine doesn't lengthen that by much; else of the clock on the wall.
 pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
-    let cells = |cells: [&str; 7]| cells.map(str::to_owned).to_vec();
-    let mut lines = vec![cells(["scene", "thr", "A ms", "B ms", "B / A", "noise", ""])];
+    let cells = |cells: [&str; 8]| cells.map(str::to_owned).to_vec();
+    let mut lines = vec![cells(["scene", "thr", "A ms", "B ms", "B / A", "noise", "least", ""])];
     for row in &a.rows {
         let same = |other: &&crate::report::Row| other.scene == row.scene && other.threads == row.threads;
         let Some(other) = b.rows.iter().find(same) else { continue };
@@ -30,6 +30,7 @@ pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
             format!("{:.2}", median(of_b)),
             format!("{ratio:.3}"),
             format!("±{noise:.3}"),
+            format!("{:.3}", least(of_b) / least(of_a)),
             verdict.to_owned(),
         ]);
     }
@@ -44,6 +45,11 @@ pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
         text += "The machines differ: the ratios compare them too.\n";
     }
     Ok(text)
+}
+
+/// The frame that nothing disturbed, if there is one.
+fn least(frames_ms: &[f64]) -> f64 {
+    frames_ms.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// Relative standard error of a median: 1.2533·σ/√n, with σ from the quartiles so that a few disturbed frames don't count

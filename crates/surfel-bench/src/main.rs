@@ -1,5 +1,6 @@
 //! Frames of known scenes, timed on any backend. Run it as `cargo xtask bench`, which builds it for release.
 
+mod alternate;
 mod clouds;
 mod compare;
 mod machine;
@@ -48,6 +49,16 @@ pub(crate) enum Simd {
     Baseline,
 }
 
+impl Simd {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Best => "best",
+            Self::Avx2 => "avx2",
+            Self::Baseline => "baseline",
+        }
+    }
+}
+
 /// Times frames of known scenes and prints a table.
 ///
 /// Frames are drawn in turn, one of each scene and thread count, so that what disturbs the machine disturbs all alike;
@@ -78,6 +89,9 @@ pub(crate) struct Arguments {
     /// SIMD instructions of the processor backend.
     #[arg(long, value_enum, default_value = "best")]
     simd: Simd,
+    /// Bits in which splats are kept.
+    #[arg(long, default_value = "32", value_parser = ["32", "16"])]
+    storage: String,
     /// Evaluate every splat of the processor backend by the evaluator that is right for any.
     #[arg(long)]
     general: bool,
@@ -99,8 +113,8 @@ pub(crate) struct Arguments {
     /// Print the names of the scenes and end.
     #[arg(long)]
     list: bool,
-    /// Compare two files that were written by `-o`, and measure nothing.
-    #[arg(long, num_args = 2, value_names = ["A.json", "B.json"])]
+    /// Compare two files that were written by `-o`; or two builds of this program, run in turn three times each.
+    #[arg(long, num_args = 2, value_names = ["A", "B"])]
     compare: Option<Vec<PathBuf>>,
 }
 
@@ -126,7 +140,13 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         return tradeoff::run(arguments);
     }
     if let Some([a, b]) = arguments.compare.as_deref() {
-        print!("{}", compare::table(&read(a)?, &read(b)?)?);
+        let are_files = [a, b].map(|path| path.extension().is_some_and(|extension| extension == "json"));
+        let [a, b] = match are_files {
+            [true, true] => [read(a)?, read(b)?],
+            [false, false] => alternate::measured([a, b], arguments)?,
+            _ => return Err("--compare takes two .json files or two programs, not one of each".into()),
+        };
+        print!("{}", compare::table(&a, &b)?);
         return Ok(());
     }
     let scenes = scenes::chosen(arguments)?;

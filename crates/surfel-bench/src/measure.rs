@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Renderer, Settings, View};
-use surfel_cpu::{Dots, Evaluation, SimdLevel};
+use surfel_cpu::{Dots, Evaluation, SimdLevel, Storage};
 
 use crate::machine::{Machine, busy_ms};
 use crate::report::{BackendFacts, Ceiling, Report, Row, Samples, Subject};
@@ -22,6 +22,7 @@ pub(crate) struct Plan {
     adapter: Option<String>,
     simd: SimdLevel,
     work: surfel_cpu::Work,
+    quantised: bool,
     threads: Vec<usize>,
     runs: usize,
     models: PathBuf,
@@ -46,6 +47,7 @@ impl Plan {
                 dots: if arguments.blocks { Dots::Off } else { Dots::BySplats },
                 ..surfel_cpu::Work::default()
             },
+            quantised: arguments.storage == "16",
             // A GPU's threads aren't ours to set.
             threads: if on_processor { arguments.threads.clone() } else { vec![0] },
             runs: arguments.runs.unwrap_or(runs).max(1),
@@ -56,11 +58,11 @@ impl Plan {
 
     fn start(&self, threads: usize) -> Result<Backend, Failure> {
         if self.backend == crate::Backend::Cpu {
-            let options =
-                surfel_cpu::Options { threads, simd: self.simd, work: self.work, ..surfel_cpu::Options::default() };
+            let storage = if self.quantised { Storage::Quantised } else { Storage::F32 };
+            let options = surfel_cpu::Options { threads, simd: self.simd, work: self.work, storage };
             return Ok(Backend::Cpu(surfel_cpu::Renderer::with_options(&options)?));
         }
-        let options = BackendOptions { threads, adapter: self.adapter.clone(), ..BackendOptions::default() };
+        let options = BackendOptions { threads, adapter: self.adapter.clone(), quantised: self.quantised };
         Ok(Backend::by_name(self.backend.name(), &options)?)
     }
 }

@@ -125,6 +125,17 @@ impl Report {
         Self { version: VERSION, machine, backend, ceilings, rows }
     }
 
+    /// Adds the frames of a later run of the same. Figures of one frame and rates stay those of the first run.
+    pub(crate) fn extend(&mut self, later: Self) {
+        for row in &mut self.rows {
+            let same = later.rows.iter().find(|other| other.scene == row.scene && other.threads == row.threads);
+            if let Some(other) = same {
+                row.frames_ms.extend(&other.frames_ms);
+                row.busy_frames_ms.extend(&other.busy_frames_ms);
+            }
+        }
+    }
+
     /// Reads what `-o` wrote.
     pub(crate) fn parse(text: &[u8]) -> Result<Self, String> {
         let value: serde_json::Value = serde_json::from_slice(text).map_err(|e| format!("is no JSON: {e}"))?;
@@ -251,6 +262,39 @@ mod tests {
         assert!((row.share_of_blend.unwrap() - 0.8 / 9.0).abs() < 1e-12);
         row.judge(&[]);
         assert_eq!(row.share_of_blend, None);
+    }
+
+    #[test]
+    fn report_takes_in_a_later_runs_frames_of_the_same_scene_and_threads() {
+        let report = |frames: &[(&str, f64)]| {
+            let machine = Machine {
+                processor: String::new(),
+                threads: 1,
+                system: String::new(),
+                load: None,
+                commit: String::new(),
+            };
+            let backend =
+                BackendFacts { name: "cpu".into(), adapter: String::new(), driver: String::new(), is_software: false };
+            let row = |&(scene, ms): &(&str, f64)| {
+                let subject = Subject {
+                    scene: scene.into(),
+                    about: String::new(),
+                    shader: "phong".into(),
+                    threads: 1,
+                    size: [8, 8],
+                };
+                Row::new(subject, Samples { frames_ms: vec![ms], busy_ms: vec![2.0 * ms], ..Samples::default() })
+            };
+            Report::new(machine, backend, Vec::new(), frames.iter().map(row).collect())
+        };
+        let mut first = report(&[("a", 1.0), ("b", 2.0)]);
+        first.extend(report(&[("b", 3.0), ("c", 4.0)]));
+        let frames = |row: &Row| (row.frames_ms.clone(), row.busy_frames_ms.clone());
+        assert_eq!(
+            first.rows.iter().map(frames).collect::<Vec<_>>(),
+            [(vec![1.0], vec![2.0]), (vec![2.0, 3.0], vec![4.0, 6.0])]
+        );
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub(crate) fn of(report: &Report) -> String {
     let head = [
         "scene", "thr", "median", "min ms", "busy ms", "splats", "Msplat/s", "drawn/s", "Mfrag/s", "fr/splat", "fr/px",
     ];
-    let more = ["% blend", "% frame", "pairs M", "ns/pair", "B/splat", "GB/s", "stages, ms"];
+    let more = ["% blend", "% frame", "pairs M", "ns/pair", "B/splat", "MB", "+ MB", "GB/s", "stages, ms"];
     let mut lines = vec![head.iter().chain(&more).map(ToString::to_string).collect::<Vec<_>>()];
     lines.extend(report.rows.iter().map(line));
     text += &aligned(&lines);
@@ -55,7 +55,9 @@ fn line(row: &Row) -> Vec<String> {
         number(row.frame_share_of_blend, 1e2, 1),
         number(row.block_pairs, 1e-6, 2),
         number(row.ns_per_pair, 1.0, 1),
-        number(Some(row.bytes_per_splat), 1.0, 0),
+        number(Some(row.bytes_per_splat), 1.0, 1),
+        number(Some(row.resident_mb), 1.0, 1),
+        number(row.batch_mb, 1.0, 1),
         number(row.gb_per_s, 1.0, 1),
         stages.collect::<Vec<_>>().join(", "),
     ]

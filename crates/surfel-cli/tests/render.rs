@@ -161,6 +161,16 @@ fn statistics_have_the_promised_keys() {
     }
     assert_eq!((&stats["splats"], &stats["runs"], &stats["threads"]), (&200.into(), &2.into(), &1.into()));
     assert!(stats["passes"].as_object().unwrap().values().all(Value::is_number));
+    for stage in ["cull", "setup", "binning", "tiles"] {
+        assert!(stats["passes"][stage].as_f64().unwrap() >= 0.0, "{stage}");
+    }
+    let counter = |name: &str| stats["counters"][name].as_f64().unwrap_or_else(|| panic!("{name}"));
+    assert_eq!(counter("culled") + stats["drawn"].as_f64().unwrap(), 200.0);
+    let fragments = stats["fragments"].as_f64().unwrap();
+    assert!(fragments <= counter("fragments_inside") && counter("fragments_inside") <= counter("fragments_tested"));
+    for name in ["tile_pairs", "block_pairs", "gb_per_s", "tile_ns_per_block_pair", "batch_bytes"] {
+        assert!(counter(name) > 0.0, "{name}");
+    }
     assert!(stats["frame_ms"].as_f64().unwrap() > 0.0);
 }
 
@@ -258,6 +268,19 @@ fn camera_file_and_named_views_set_the_camera() {
     f.run("a.ply -o top.png --size 8x8 --eye 0,5,0 --target 0,0,0").code(0);
     f.write("bad.json", "{}");
     f.run("a.ply --print-scene --camera bad.json").fails(3, "bad.json");
+}
+
+#[test]
+fn automatic_backend_is_the_processor_where_no_gpu_is() {
+    let f = Folder::new("auto");
+    f.write("a.ply", ball());
+    let stats = f.run("a.ply --stats --size 8x8").code(0).json();
+    if stats["backend"] != "cpu" {
+        let adapter = stats["adapter"].as_str().unwrap().to_lowercase();
+        assert!(["llvmpipe", "swiftshader", "avx", "sse"].iter().all(|name| !adapter.contains(name)), "{stats}");
+        assert!(stats["backend"] != "reference", "{stats}");
+        println!("skipped: this machine has a GPU, {adapter}");
+    }
 }
 
 #[test]

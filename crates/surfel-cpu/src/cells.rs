@@ -5,7 +5,7 @@
 
 use crate::bins::Grid;
 use crate::hidden;
-use crate::placed::ObjectSetup;
+use crate::placed::{ObjectSetup, inside};
 use crate::prepare::Seen;
 use surfel_render::Region;
 
@@ -41,6 +41,8 @@ const CELLS_PER_THREAD: usize = 8;
 struct Placed {
     seen: Seen,
     splats: f64,
+    /// Memory that they take, in records.
+    load: f64,
     /// Areas of its splats together, pixels.
     area_px: f64,
     /// Nearest and farthest depth.
@@ -72,7 +74,7 @@ impl Placed {
     }
 }
 
-/// Cuts the grid's region into cells of about `most` splats at most, the costliest first. What a cell's pixels hang on may lie
+/// Cuts the grid's region into cells of about `most` splats at most, fewer if they have many tiles, the costliest first. What a cell's pixels hang on may lie
 /// `reach` pixels beside them.
 pub(crate) fn divide(
     setups: &[ObjectSetup<'_>],
@@ -81,24 +83,25 @@ pub(crate) fn divide(
     (most, reach): (usize, u32),
     threads: usize,
 ) -> Vec<Cell> {
-    let whole = bounds(grid, [0, grid.columns, 0, grid.rows]);
     let placed: Vec<Placed> = seen
         .iter()
         .map(|&seen| {
             let setup = &setups[seen.object as usize];
             let chunk = &setup.object.chunks[seen.chunk as usize];
             let center = setup.center(chunk);
-            let [x0, y0, x1, y1] = setup.pixels(center, chunk);
-            let pixels = [x0.max(whole[0]), y0.max(whole[1]), x1.min(whole[2]), y1.min(whole[3])];
+            let around = setup.pixels(center, chunk);
+            let pixels = inside(around, grid.region);
             // What lies about the eye may hide anything or nothing, and what is transparent hides nothing.
-            let area_px = if x0.is_finite() && !setup.is_transparent() { setup.area_px(center, chunk) } else { 0.0 };
-            Placed { seen, splats: chunk.count as f64, area_px, depths: setup.depths(center, chunk), pixels }
+            let area_px =
+                if around[0].is_finite() && !setup.is_transparent() { setup.area_px(center, chunk) } else { 0.0 };
+            let load = setup.load(center, chunk, pixels, grid.tile_px());
+            Placed { seen, splats: chunk.count as f64, load, area_px, depths: setup.depths(center, chunk), pixels }
         })
         .collect();
     let pixels = f64::from(grid.region.width) * f64::from(grid.region.height);
     let total = placed.iter().map(|p| p.splats).sum::<f64>() + pixels * SPLATS_PER_PIXEL;
     let cost = total / (threads * CELLS_PER_THREAD) as f64;
-    let limits = Limits { splats: most as f64, cost, reach: f64::from(reach) };
+    let limits = Limits { load: most as f64, cost, reach: f64::from(reach) };
     let mut cells = Vec::new();
     limits.split(grid, [0, grid.columns, 0, grid.rows], &placed, &mut cells);
     cells.sort_by(|a, b| b.cost.total_cmp(&a.cost));
@@ -107,7 +110,8 @@ pub(crate) fn divide(
 
 /// Where cells are cut no further.
 struct Limits {
-    splats: f64,
+    /// In records.
+    load: f64,
     cost: f64,
     /// Pixels around a cell that it hangs on.
     reach: f64,
@@ -116,12 +120,16 @@ struct Limits {
 impl Limits {
     fn split(&self, grid: &Grid, tiles: [u32; 4], placed: &[Placed], cells: &mut Vec<Cell>) {
         let pixels = bounds(grid, tiles);
-        let splats = placed.iter().map(|p| p.splats * p.share(&pixels)).sum::<f64>();
+        let sum = |[splats, load]: [f64; 2], p: &Placed| {
+            let share = p.share(&pixels);
+            [splats + p.splats * share, load + p.load * share]
+        };
+        let [splats, load] = placed.iter().fold([0.0; 2], sum);
         let area = (pixels[2] - pixels[0]) * (pixels[3] - pixels[1]);
         let cost = splats + if placed.is_empty() { 0.0 } else { area * SPLATS_PER_PIXEL };
         let [x0, x1, y0, y1] = tiles;
         let small = x1 - x0 <= 1 && y1 - y0 <= 1;
-        if small || (splats <= self.splats && cost <= self.cost) {
+        if small || (load <= self.load && cost <= self.cost) {
             let seen = placed.iter().map(|p| p.seen).collect();
             let first = hidden::first(placed.iter().map(|p| p.part(&pixels)), area, self.splats);
             cells.push(Cell { region: region(&pixels), tiles, seen, first, cost });

@@ -245,6 +245,7 @@ impl<'a> CompositeJob<'a> {
             VeilBlock { simd, list: veils.of(block), at, shared, lighting, layers: self.extras.layers, opaque_depth }
                 .draw(veil);
         counters.block_pairs += u64::from(veil.tested);
+        counters.inside += u64::from(veil.inside);
         veil
     }
 
@@ -399,6 +400,7 @@ impl<'a> CompositeJob<'a> {
             let limit = Behind { depth: kept, pixels: edge & kept.lt(infinite) };
             raster::block(simd, scratch.lists.of(block), at, &job.shared, limit, &mut scratch.block, &mut sums);
             counters.block_pairs += u64::from(sums.tested);
+            counters.inside += u64::from(sums.inside);
         }
         let mut shaded = shade::lit(simd, lighting, shade::divided(simd, lighting, &sums), at);
         let triangles = scratch.composite.triangles.of(block);

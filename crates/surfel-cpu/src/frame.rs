@@ -180,7 +180,7 @@ impl Totals {
             ("shadow_bytes", self.shadow_bytes as f64),
             // Splats are read once, records and lists written once and read once.
             ("bytes_moved", self.set_up as f64 * stats.bytes_per_splat + 2.0 * self.bytes as f64),
-            ("tile_ns_per_block_pair", self.tiles_ms * 1e6 * stats.threads as f64 / pairs),
+            ("tile_ns_per_block_pair", (self.tiles_ms + self.edges_ms) * 1e6 * stats.threads as f64 / pairs),
         ]);
         if self.counts_evaluators {
             let counts = Class::ALL.into_iter().zip(self.evaluators);
@@ -246,9 +246,9 @@ impl Drawing<'_> {
         if let Some(planes) = planes {
             bytes += planes.bytes();
             let jobs = sorted(targets.iter_mut().collect(), &order);
-            totals.counters.add_second(each_tile((instructions, recycled), jobs, |level, target, scratch| {
+            totals.counters += each_tile((instructions, recycled), jobs, |level, target, scratch| {
                 job.finish_on(level, target, &planes, scratch)
-            }));
+            });
             totals.edges_ms += after_tiles.elapsed().as_secs_f64() * 1e3;
             self.preparation.recycled.give_back_planes(planes);
         }
@@ -368,7 +368,7 @@ impl Drawing<'_> {
         let mut bytes = prepared.bytes();
         if let Some(planes) = planes {
             for target in &mut all {
-                totals.counters.add_second(job.finish_on(instructions, target, &planes, &mut scratch));
+                totals.counters += job.finish_on(instructions, target, &planes, &mut scratch);
             }
             totals.edges_ms += after_tiles.elapsed().as_secs_f64() * 1e3;
             bytes += planes.bytes();

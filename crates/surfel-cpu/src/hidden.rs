@@ -6,7 +6,7 @@
 use crate::bins::BLOCK;
 use crate::level::{Instructions, with_instructions};
 use crate::lists::BlockLists;
-use crate::placed::ObjectSetup;
+use crate::placed::{ObjectSetup, inside};
 use crate::prepare::Seen;
 use crate::raster::{self, Shared};
 use crate::store::Chunk;
@@ -127,12 +127,6 @@ impl Hiding {
         let rows = self.farthest.chunks(self.columns).take(block(y1, 1) + 1).skip(block(y0, 1));
         rows.into_iter().all(|row| row[columns.clone()].iter().all(|&farthest| f64::from(farthest) < nearest))
     }
-}
-
-/// A box of pixels as far as it lies in a region.
-fn inside([x0, y0, x1, y1]: [f64; 4], r: Region) -> [f64; 4] {
-    let [x, y, end_x, end_y] = [r.x, r.y, r.x + r.width, r.y + r.height].map(f64::from);
-    [x0.max(x), y0.max(y), x1.min(end_x), y1.min(end_y)]
 }
 
 fn chunk_of<'a, 's>(setups: &'a [ObjectSetup<'s>], seen: &Seen) -> (&'a ObjectSetup<'s>, &'a Chunk) {

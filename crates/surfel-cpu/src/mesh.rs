@@ -61,17 +61,11 @@ impl Ball {
 impl StoredMesh {
     /// A mesh as it is drawn; smaller levels of a texture that another object has are shared.
     pub(crate) fn new(object: &Object, mesh: &Arc<Mesh>, others: &[Self]) -> Self {
-        let texture = mesh.texture.as_ref().filter(|_| mesh.uvs.is_some());
-        let mipmaps = texture.map(|texture| {
-            let same = |other: &&Self| other.mesh.texture.as_ref().is_some_and(|t| Arc::ptr_eq(t, texture));
-            let shared = others.iter().find(same).and_then(|other| other.mipmaps.clone());
-            shared.unwrap_or_else(|| Arc::new(Mipmaps::new(texture.clone())))
-        });
         Self {
             mesh: mesh.clone(),
             world_from_object: object.world_from_object,
             material: object.material,
-            mipmaps,
+            mipmaps: Mipmaps::of_mesh(mesh, others.iter().filter_map(|other| other.mipmaps.as_ref())),
             normals: normal_matrix(&object.world_from_object.matrix3),
             balls: mesh.triangles.par_chunks(TRIANGLES_PER_BALL).map(|t| Ball::about(mesh, t)).collect(),
         }

@@ -1,6 +1,8 @@
 //! An object in a view: what is the same for all of its splats, and which chunks can't be seen.
 
+use crate::bins::Entry;
 use crate::dots::DotFinder;
+use crate::record::Record;
 use crate::renderer::Evaluation;
 use crate::store::{Chunk, StoredObject};
 use crate::veil::VeilSplat;
@@ -8,6 +10,9 @@ use glam::{DMat3, DVec3};
 use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Cull, Filter, Material};
 use surfel_render::{FramePlan, Region, View};
+
+/// Memory of a tile's entry over that of a record with one.
+const ENTRY_SHARE: f64 = size_of::<Entry>() as f64 / (size_of::<Record>() + size_of::<Entry>()) as f64;
 
 /// What is the same for all splats of an object in a view.
 pub(crate) struct ObjectSetup<'a> {
@@ -184,12 +189,28 @@ impl<'a> ObjectSetup<'a> {
             || y0 > end_y
     }
 
+    /// Memory that a chunk's splats take where they lie in these pixels, in records of splats of one tile each: large ones have an
+    /// entry in every tile of so many pixels a side.
+    pub(crate) fn load(&self, center: DVec3, chunk: &Chunk, [x0, y0, x1, y1]: [f64; 4], tile_px: u32) -> f64 {
+        let count = chunk.count as f64;
+        let side = (self.area_px(center, chunk) / count).sqrt() + 2.0 * self.plan.splat_filter.reach_px();
+        // Of a chunk about the eye all that there is: its area is no number, or any.
+        let tiles = |length: f64| 1.0 + side.min(length).max(0.0) / f64::from(tile_px);
+        count * (1.0 + ENTRY_SHARE * (tiles(x1 - x0) * tiles(y1 - y0) - 1.0))
+    }
+
     /// Area of a chunk's splats in pixels, did they face the eye.
     pub(crate) fn area_px(&self, center: DVec3, chunk: &Chunk) -> f64 {
         let [fx, fy] = self.view.projection.focal_px;
         let depth = if self.view.projection.is_perspective() { center.z } else { 1.0 };
         chunk.area * (self.stretch / depth).powi(2) * fx * fy
     }
+}
+
+/// A box of pixels as far as it lies in a region: least x and y, greatest x and y.
+pub(crate) fn inside([x0, y0, x1, y1]: [f64; 4], r: Region) -> [f64; 4] {
+    let [x, y, end_x, end_y] = [r.x, r.y, r.x + r.width, r.y + r.height].map(f64::from);
+    [x0.max(x), y0.max(y), x1.min(end_x), y1.min(end_y)]
 }
 
 /// Pixels that a box about a point of view space may touch, and a margin around them: least x and y, greatest x and y. All there are

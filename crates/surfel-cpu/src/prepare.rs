@@ -5,7 +5,7 @@ use crate::clip::{FrameClips, ScreenClips};
 use crate::level::{Instructions, with_instructions};
 use crate::mesh::StoredMesh;
 use crate::near::NearSplat;
-use crate::placed::ObjectSetup;
+use crate::placed::{ObjectSetup, inside};
 use crate::record::Class;
 use crate::recycle::Recycled;
 use crate::renderer::Evaluation;
@@ -177,38 +177,40 @@ impl<'a> Preparation<'a> {
     }
 
     /// Rows of the view's region, in batches that each set up about as many splats and triangles as they may; a triangle takes as
-    /// much memory as a splat.
+    /// much memory as a splat, and a splat of many tiles more.
     pub(crate) fn batches(&self, setups: &[ObjectSetup<'_>], seen: &[Seen], meshes: &[StoredMesh]) -> Vec<Region> {
         let region = self.view.region;
         let triangles = meshes.iter().map(StoredMesh::triangles).sum::<usize>();
-        let most = self.batch_splats.max(1);
-        if self.splats(seen) + triangles <= most || region.height == 0 {
-            return vec![region];
-        }
+        let most = self.batch_splats.max(1) as f64;
         let tile = self.tile_px;
-        let strips = (region.y + region.height).div_ceil(tile) - region.y / tile;
-        let mut load = vec![0.0; strips as usize];
         let of_splats = seen.iter().map(|s| {
             let setup = &setups[s.object as usize];
             let chunk = &setup.object.chunks[s.chunk as usize];
-            (setup.pixels(setup.center(chunk), chunk), chunk.count)
+            let center = setup.center(chunk);
+            let pixels = inside(setup.pixels(center, chunk), region);
+            (pixels, setup.load(center, chunk, pixels, tile))
         });
+        if of_splats.clone().map(|(_, load)| load).sum::<f64>() + triangles as f64 <= most || region.height == 0 {
+            return vec![region];
+        }
+        let strips = (region.y + region.height).div_ceil(tile) - region.y / tile;
+        let mut load = vec![0.0; strips as usize];
         let of_triangles =
-            meshes.iter().flat_map(|mesh| mesh.seen(self.view)).map(|(pixels, range)| (pixels, range.len()));
-        for ([_, top, _, bottom], count) in of_splats.chain(of_triangles) {
+            meshes.iter().flat_map(|mesh| mesh.seen(self.view)).map(|(pixels, range)| (pixels, range.len() as f64));
+        for ([_, top, _, bottom], whole) in of_splats.chain(of_triangles) {
             let strip = |row: f64| {
                 let strip = (row / f64::from(tile)).floor() - f64::from(region.y / tile);
                 strip.clamp(0.0, f64::from(strips - 1)) as usize
             };
             let covered = strip(top)..=strip(bottom);
-            let share = count as f64 / (covered.end() - covered.start() + 1) as f64;
+            let share = whole / (covered.end() - covered.start() + 1) as f64;
             load[covered].iter_mut().for_each(|l| *l += share);
         }
         let mut batches = Vec::new();
         let (mut first, mut sum) = (region.y, 0.0);
         for (i, load) in load.iter().enumerate() {
             let strip_y = ((region.y / tile + i as u32) * tile).max(region.y);
-            if sum > 0.0 && sum + load > most as f64 {
+            if sum > 0.0 && sum + load > most {
                 batches.push(Region { y: first, height: strip_y - first, ..region });
                 (first, sum) = (strip_y, 0.0);
             }

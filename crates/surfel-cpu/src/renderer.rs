@@ -13,25 +13,12 @@ use surfel_render::{
     Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, Storage, View, plan,
 };
 
-const CAPABILITIES: Capabilities = Capabilities {
-    backend: "cpu",
-    features: &[
-        Feature::EdgeAntialiasing,
-        Feature::Clips,
-        Feature::Meshes,
-        Feature::Peel,
-        Feature::ABuffer,
-        Feature::Shadows,
-        Feature::Toon,
-        Feature::Matcap,
-        Feature::EyeDome,
-    ],
-};
+const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin] };
 
 /// How a [`Renderer`] works.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Options {
-    /// Threads; 0: as many as there are cores.
+    /// Threads; 0: as many as there are cores, or as the environment's `RAYON_NUM_THREADS` says.
     pub threads: usize,
     /// SIMD instructions.
     pub simd: SimdLevel,
@@ -46,10 +33,11 @@ pub struct Options {
 pub struct Work {
     /// Side of a tile, pixels: 8, 16 or 32.
     pub tile_px: u32,
-    /// Most splats that a thread sets up before it draws them, as near as tiles allow; 0 counts as 1. At 140 bytes each they
-    /// should about fit its cache. A frame of no more is set up as a whole. Splats on the border of two cells are set up twice.
+    /// Most splats that a thread sets up before it draws them, as near as tiles allow; 0 counts as 1. A splat of many tiles counts
+    /// for more. At 140 bytes each they should about fit its cache. A frame of no more is set up as a whole. Splats on the border of
+    /// two cells are set up twice.
     pub cell_splats: usize,
-    /// Most splats and triangles that all threads together set up, and the rows of the picture that have them, where a frame has
+    /// Most splats and triangles, counted likewise, that all threads together set up, and the rows of the picture that have them, where a frame has
     /// polygons or isn't cut into cells, and for shadow maps.
     pub batch_splats: usize,
     /// Whether chunks behind all that a cell shows are found and left out. Splats of theirs that would be drawn then aren't counted
@@ -110,8 +98,7 @@ pub enum Peeling {
     /// A block's fragments are computed once for all layers.
     #[default]
     Once,
-    /// They are computed anew for each layer, as by G06's passes over all splats: slower, and needs less memory where very many
-    /// lie in one block. To measure against.
+    /// They are computed anew for each layer, as by G06's passes over all splats: slower. To measure against.
     Anew,
 }
 
@@ -190,6 +177,23 @@ impl Renderer {
     }
 }
 
+/// A scene's clouds and meshes, on the threads that the caller is on.
+fn stored(scene: &Scene, storage: Storage) -> Result<(Vec<StoredObject>, Vec<StoredMesh>), RenderError> {
+    let (mut objects, mut meshes) = (Vec::new(), Vec::new());
+    for object in &scene.objects {
+        match &object.geometry {
+            Geometry::Splats(cloud) => {
+                objects.push(StoredObject::new(cloud, object.world_from_object, object.material, storage));
+            }
+            Geometry::Mesh(mesh) => {
+                mesh.validate()?;
+                meshes.push(StoredMesh::new(object, mesh, &meshes));
+            }
+        }
+    }
+    Ok((objects, meshes))
+}
+
 impl surfel_render::Renderer for Renderer {
     type Scene = ResidentScene;
 
@@ -200,19 +204,7 @@ impl surfel_render::Renderer for Renderer {
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
         scene.validate()?;
         let [r, g, b, a] = scene.background;
-        let storage = self.storage;
-        let (mut objects, mut meshes) = (Vec::new(), Vec::new());
-        for object in &scene.objects {
-            match &object.geometry {
-                Geometry::Splats(cloud) => objects.push(
-                    self.pool.install(|| StoredObject::new(cloud, object.world_from_object, object.material, storage)),
-                ),
-                Geometry::Mesh(mesh) => {
-                    mesh.validate()?;
-                    meshes.push(StoredMesh::new(object, mesh, &meshes));
-                }
-            }
-        }
+        let (objects, meshes) = self.pool.install(|| stored(scene, self.storage))?;
         Ok(ResidentScene {
             summary: SceneSummary::of(scene),
             objects,

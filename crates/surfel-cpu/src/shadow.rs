@@ -43,11 +43,9 @@ pub(crate) fn draw(preparation: &Preparation<'_>, scene: &ResidentScene, eye: DV
 }
 
 fn draw_map(preparation: &Preparation<'_>, scene: &ResidentScene, map: &ShadowMap, eye: DVec3) -> Shadow {
-    let nothing =
-        Attributes { color: false, normal: false, depth: false, material: false, coverage: false, alpha: false };
     let plan = FramePlan {
         splat_filter: map.splat_filter,
-        attributes: nothing,
+        attributes: Attributes::default(),
         passes: Vec::new(),
         shadow_maps: Vec::new(),
         ..preparation.plan.clone()

@@ -38,14 +38,6 @@ impl std::ops::AddAssign for Counters {
     }
 }
 
-impl Counters {
-    /// Adds those of a second look, which only pairs are counted of that were computed.
-    pub(crate) fn add_second(&mut self, o: Self) {
-        self.kept += o.kept;
-        self.edge_pixels += o.edge_pixels;
-    }
-}
-
 /// What a thread reuses from tile to tile.
 pub(crate) struct TileScratch<'a> {
     pub lists: BlockLists<'a>,

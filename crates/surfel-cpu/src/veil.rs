@@ -94,8 +94,9 @@ pub(crate) struct Veil<S: Simd> {
     /// The nearest layer.
     nearest: Shaded<S>,
     pub fragments: Lanes<S>,
-    /// Pairs of block and splat that were computed.
+    /// Pairs of block and splat that were computed, and fragments of theirs that nothing opaque hides.
     pub tested: u32,
+    pub inside: u32,
 }
 
 /// A block of transparent splats before what is opaque.
@@ -117,7 +118,7 @@ impl<S: Simd> VeilBlock<'_, S> {
         let simd = self.simd;
         let mut veil = Veil::new(simd);
         let mut beyond = Lanes::splat(simd, f32::NEG_INFINITY);
-        let mut kept = self.gather(beyond, scratch, &mut veil.tested);
+        let mut kept = self.gather(beyond, scratch, &mut veil);
         for _ in 0..self.layers.peeled {
             if scratch.left.is_empty() {
                 return veil;
@@ -132,7 +133,7 @@ impl<S: Simd> VeilBlock<'_, S> {
             veil.add_behind(&shaded, alpha, sums.fragments);
             (beyond, kept) = (kept, next);
             if self.layers.anew {
-                kept = self.gather(beyond, scratch, &mut veil.tested);
+                kept = self.gather(beyond, scratch, &mut veil);
             }
         }
         if self.layers.remaining {
@@ -143,7 +144,7 @@ impl<S: Simd> VeilBlock<'_, S> {
 
     /// Remembers the fragments behind `beyond` that nothing opaque hides; what the layer there keeps.
     #[inline(always)]
-    fn gather(&self, beyond: Lanes<S>, scratch: &mut VeilScratch, tested: &mut u32) -> Lanes<S> {
+    fn gather(&self, beyond: Lanes<S>, scratch: &mut VeilScratch, veil: &mut Veil<S>) -> Lanes<S> {
         let (simd, (x, y)) = (self.simd, self.at);
         let k = |v: f32| Lanes::splat(simd, v);
         let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
@@ -160,7 +161,7 @@ impl<S: Simd> VeilBlock<'_, S> {
             if self.opaque_depth.lt(k(z_min)).all_true() {
                 continue;
             }
-            *tested += veiled.len() as u32;
+            veil.tested += veiled.len() as u32;
             let records: Option<[&Record; 4]> = veiled.first_chunk::<4>().map(|v| v.map(|v| v.record));
             let together = records.map(|records| (Together::of(&records), records));
             match together {
@@ -170,13 +171,13 @@ impl<S: Simd> VeilBlock<'_, S> {
                         _ => four::<S, true>(simd, records, [at; 4], self.shared),
                     };
                     for (j, f) in four.into_iter().enumerate() {
-                        count = self.remember(fragments, count, (4 * quarter + j, f), beyond, &mut kept);
+                        veil.inside += self.remember(fragments, &mut count, (4 * quarter + j, f), beyond, &mut kept);
                     }
                 }
                 _ => {
                     for (j, veiled) in veiled.iter().enumerate() {
                         let f = fragment(simd, veiled.record, at, self.at, self.shared);
-                        count = self.remember(fragments, count, (4 * quarter + j, f), beyond, &mut kept);
+                        veil.inside += self.remember(fragments, &mut count, (4 * quarter + j, f), beyond, &mut kept);
                     }
                 }
             }
@@ -186,29 +187,31 @@ impl<S: Simd> VeilBlock<'_, S> {
         kept
     }
 
-    /// Remembers the fragments of splat `i` at a place of their own, if there are any: how many splats are then remembered.
+    /// Remembers the fragments of splat `i` at a place of their own, if there are any, and counts the splat then: how many are inside
+    /// its filtered footprint.
     #[inline(always)]
     fn remember(
         &self,
         fragments: &mut [Remembered],
-        count: usize,
+        count: &mut usize,
         (i, f): (usize, Fragment<S>),
         beyond: Lanes<S>,
         kept: &mut Lanes<S>,
-    ) -> usize {
+    ) -> u32 {
         let Veiled { record, splat } = self.list[i];
         let exists = beyond.lt(f.z) & f.z.le(self.opaque_depth);
         let (inside, visible) = (f.inside & exists, f.visible & exists);
         let value = f.z + f.z.constant(record.epsilon().into());
         *kept = Lanes::select(visible & value.lt(*kept), value, *kept);
         // Written in any case and counted where there is something: a branch would often be guessed wrong.
-        let to = &mut fragments[count];
+        let to = &mut fragments[*count];
         let nan = f.z.constant(f64::NAN);
         Lanes::select(inside, f.z, nan).store(&mut to.inside_z);
         Lanes::select(visible, f.z, nan).store(&mut to.visible_z);
         f.weight.store(&mut to.weight);
         (to.epsilon, to.alpha, to.splat) = (record.epsilon(), splat.alpha, i as u32);
-        count + usize::from((inside | visible).to_bitmask() != 0)
+        *count += usize::from((inside | visible).to_bitmask() != 0);
+        inside.to_bitmask().count_ones()
     }
 
     /// The layer behind `beyond` up to what it keeps: its sums and Σwα, and first what the next layer keeps. Fragments that are
@@ -291,6 +294,7 @@ impl<S: Simd> Veil<S> {
             nearest: Shaded::nothing(simd),
             fragments: zero,
             tested: 0,
+            inside: 0,
         }
     }
 

@@ -78,7 +78,7 @@ impl CeilingFrame {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
         let (eye, up, size) = ([0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [side_px; 2]);
         let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size })?;
-        let capabilities = Capabilities { backend: "ceilings", features: &[] };
+        let capabilities = Capabilities::everything("ceilings");
         let plan = plan(&SceneSummary::default(), &view, &Settings::default(), Planes::COLOR, &capabilities)?;
         let draws: Vec<Draw> = Ceiling::ALL.map(Draw::Ceiling).to_vec();
         let passes = |ceiling| if ceiling == Ceiling::Clear { LAYERS as usize } else { 1 };

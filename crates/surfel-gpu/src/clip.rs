@@ -89,7 +89,7 @@ mod tests {
     use surfel_model::{
         Camera, ClipColumns, ClipLine, CloudData, Column3, NO_LINE, OnInvalid, Projection, Scene, Shape,
     };
-    use surfel_render::{Capabilities, Feature, Planes, Settings, Storage, View, plan};
+    use surfel_render::{Capabilities, Planes, Settings, Storage, View, plan};
 
     /// Three ellipses, of which the first `clipped` have a line each; and the words of each segment.
     fn uploaded(clipped: Option<usize>) -> (UploadedScene, Vec<Vec<u32>>) {
@@ -111,7 +111,7 @@ mod tests {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
         let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
         let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
-        let capabilities = Capabilities { backend: "test", features: &[Feature::Clips] };
+        let capabilities = Capabilities::everything("test");
         let settings = Settings { clip, ..Settings::default() };
         let plan = plan(&scene.summary, &view, &settings, Planes::COLOR, &capabilities).unwrap();
         TileData::new(scene, &FrameScene::new(scene, &view, &plan), &view, &plan, view.region).variants()

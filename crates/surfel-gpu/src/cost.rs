@@ -1,9 +1,10 @@
 //! What a plan costs a GPU, whatever the API and the size of the picture: counted, not measured.
 
 use crate::clip::Variant;
+use crate::memory::Precision;
 use crate::rounds::{Pixels, distinct, has_layers};
-use crate::targets::{Draw, Target, TargetFormat};
-use surfel_model::{Accumulate, ClipPolicy};
+use crate::targets::{Draw, Target};
+use surfel_model::ClipPolicy;
 use surfel_render::{FramePlan, Pass};
 use surfel_shaders::layout;
 
@@ -44,8 +45,9 @@ impl PlanCost {
         let shaders = distinct(of_splats.chain(others).chain(of_pixels));
         let targets =
             distinct(frame_draws.iter().flat_map(|d| d.depth().into_iter().chain(d.colors().iter().copied())));
+        let sums = Precision::of(plan, true);
         let veils = if has_layers(plan) { layout::veil::SIZE } else { 0 };
-        let bytes_per_pixel = targets.iter().map(|t| bytes(t.format(), plan.accumulate)).sum::<usize>() + veils;
+        let bytes_per_pixel = targets.iter().map(|t| t.format().bytes(sums) as usize).sum::<usize>() + veils;
         Some(Self { shaders, targets, bytes_per_pixel })
     }
 }
@@ -55,34 +57,19 @@ fn fragment(draw: Draw, variant: Variant) -> String {
     fragment
 }
 
-/// Bytes of a texel.
-fn bytes(format: TargetFormat, accumulate: Accumulate) -> usize {
-    let sum = match accumulate {
-        Accumulate::F32 => 4,
-        Accumulate::F16 => 2,
-    };
-    match format {
-        TargetFormat::Depth | TargetFormat::Exact1 => 4,
-        TargetFormat::Exact2 => 8,
-        TargetFormat::Sums4 => 4 * sum,
-        TargetFormat::Sums2 => 2 * sum,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel_model::{Camera, Projection, Settings, Transparency};
-    use surfel_render::{Capabilities, Feature, Planes, SceneSummary, View, plan};
+    use surfel_model::{Accumulate, Camera, Projection, Settings, Transparency};
+    use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
 
     fn cost(summary: &SceneSummary, change: impl FnOnce(&mut Settings)) -> Option<PlanCost> {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
         let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
         let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
-        let features = &[Feature::Clips, Feature::EdgeAntialiasing, Feature::Peel, Feature::ABuffer];
         let mut settings = Settings::default();
         change(&mut settings);
-        let capabilities = Capabilities { backend: "test", features };
+        let capabilities = Capabilities::everything("test");
         PlanCost::of(&plan(summary, &view, &settings, Planes::COLOR, &capabilities).unwrap())
     }
 

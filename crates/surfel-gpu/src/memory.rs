@@ -1,7 +1,8 @@
 //! Memory that a frame takes beside the scene: what a plan doesn't draw isn't there.
 
 use crate::targets::{Draw, Target, TargetFormat};
-use surfel_render::Stats;
+use surfel_model::Accumulate;
+use surfel_render::{FramePlan, Stats};
 use surfel_shaders::layout;
 
 /// Name of the counter of [`count_frame_bytes`]: textures and veils of the largest tile.
@@ -9,6 +10,50 @@ const TARGET_BYTES: &str = "target_bytes";
 
 /// Name of the other one: texels of shadow maps.
 const SHADOW_BYTES: &str = "shadow_bytes";
+
+/// Precision of the sums.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Precision {
+    /// 24 bits.
+    F32,
+    /// 11 bits.
+    F16,
+}
+
+impl Precision {
+    /// A plan's, on a device that blends sums in f32 or doesn't.
+    pub fn of(plan: &FramePlan, blends_f32: bool) -> Self {
+        if blends_f32 && plan.accumulate == Accumulate::F32 { Self::F32 } else { Self::F16 }
+    }
+
+    /// Bytes of a sum.
+    pub(crate) fn sum_bytes(self) -> u64 {
+        match self {
+            Self::F32 => 4,
+            Self::F16 => 2,
+        }
+    }
+}
+
+/// What a tile's targets have to be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TargetKey {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Of the sums.
+    pub precision: Precision,
+    /// What is drawn.
+    pub draws: Vec<Draw>,
+    /// Floats of the planes.
+    pub floats: u32,
+}
+
+impl TargetKey {
+    /// Bytes of the textures and veils.
+    pub fn bytes(&self) -> u64 {
+        target_bytes(&self.draws, self.size, self.precision)
+    }
+}
 
 impl Target {
     /// Size of its texture: a tile's where one of its draws needs it, else one pixel, for shaders have to bind something.
@@ -19,8 +64,9 @@ impl Target {
 }
 
 impl TargetFormat {
-    /// Bytes of a texel, where a sum has so many.
-    fn bytes(self, sum_bytes: u64) -> u64 {
+    /// Bytes of a texel.
+    pub(crate) fn bytes(self, sums: Precision) -> u64 {
+        let sum_bytes = sums.sum_bytes();
         match self {
             Self::Sums4 => 4 * sum_bytes,
             Self::Sums2 => 2 * sum_bytes,
@@ -40,9 +86,9 @@ pub fn veil_bytes(draws: &[Draw], tile: [u32; 2]) -> u64 {
     layout::veil::SIZE as u64 * pixels(if is_drawn { tile } else { [1, 1] })
 }
 
-/// Bytes of all targets of a tile and of its veils, where a sum has so many (4, or 2 in f16).
-pub fn target_bytes(draws: &[Draw], tile: [u32; 2], sum_bytes: u64) -> u64 {
-    let targets = Target::ALL.into_iter().map(|t| t.format().bytes(sum_bytes) * pixels(t.size(draws, tile)));
+/// Bytes of all targets of a tile and of its veils.
+pub fn target_bytes(draws: &[Draw], tile: [u32; 2], sums: Precision) -> u64 {
+    let targets = Target::ALL.into_iter().map(|t| t.format().bytes(sums) * pixels(t.size(draws, tile)));
     targets.sum::<u64>() + veil_bytes(draws, tile)
 }
 

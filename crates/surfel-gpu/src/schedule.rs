@@ -3,7 +3,10 @@
 use crate::rounds::{Pixels, Round, rounds};
 use crate::targets::Draw;
 use crate::tile::Visible;
-use surfel_render::FramePlan;
+use surfel_render::{Feature, FramePlan};
+
+/// What no GPU backend draws.
+pub const LACKS: &[Feature] = &[Feature::ABuffer, Feature::Margin];
 
 /// A step of a tile. Numbers are indices of the scene's segments.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -85,7 +88,7 @@ mod tests {
     use super::*;
     use crate::targets::{Layer, Sums};
     use surfel_model::{Camera, Projection, Settings};
-    use surfel_render::{Capabilities, Feature, Planes, SceneSummary, View, plan};
+    use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
 
     fn view() -> View {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
@@ -94,7 +97,7 @@ mod tests {
     }
 
     fn planned(planes: Planes, edge_aa: bool) -> FramePlan {
-        let capabilities = Capabilities { backend: "test", features: &[Feature::EdgeAntialiasing] };
+        let capabilities = Capabilities::everything("test");
         let settings = Settings { edge_aa, ..Settings::default() };
         plan(&SceneSummary::default(), &view(), &settings, planes, &capabilities).unwrap()
     }
@@ -169,7 +172,7 @@ mod tests {
     #[test]
     fn layers_are_drawn_only_where_transparent_splats_are_seen() {
         use Pixels::{BeginLayers, NextLayer, PeeledLayer, RemainingLayer, Shade};
-        let capabilities = Capabilities { backend: "test", features: &[Feature::Peel] };
+        let capabilities = Capabilities::everything("test");
         let summary = SceneSummary { transparent: true, ..SceneSummary::default() };
         let settings = Settings { transparency: "peel:3".parse().unwrap(), ..Settings::default() };
         let plan = plan(&summary, &view(), &settings, Planes::COLOR, &capabilities).unwrap();

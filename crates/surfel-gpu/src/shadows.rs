@@ -91,13 +91,11 @@ impl MapJob {
 pub fn map_jobs(scene: &UploadedScene, plan: &FramePlan) -> Vec<MapJob> {
     let job = |(i, map): (usize, &ShadowMap)| {
         let none = Planes { color: false, ..Planes::COLOR };
-        let attributes =
-            Attributes { color: false, normal: false, depth: false, material: false, coverage: false, alpha: false };
         let passes = plan.passes.iter().copied().filter(|pass| *pass == Pass::Polygons);
         let own = FramePlan {
             passes: [Pass::ShadowMap].into_iter().chain(passes).collect(),
             splat_filter: map.splat_filter,
-            attributes,
+            attributes: Attributes::default(),
             shadow_maps: Vec::new(),
             planes: none,
             ..plan.clone()

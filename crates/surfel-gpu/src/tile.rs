@@ -286,7 +286,7 @@ mod tests {
     }
 
     fn planned(view: &View, planes: Planes) -> FramePlan {
-        let capabilities = Capabilities { backend: "test", features: &[] };
+        let capabilities = Capabilities::everything("test");
         plan(&SceneSummary::default(), view, &Settings::default(), planes, &capabilities).unwrap()
     }
 

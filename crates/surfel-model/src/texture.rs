@@ -1,5 +1,6 @@
 //! Textures and their mipmaps.
 
+use crate::Mesh;
 use std::sync::{Arc, LazyLock};
 
 /// A base-colour image, linear RGB with straight alpha.
@@ -70,6 +71,13 @@ impl Mipmaps {
             levels.push(next);
         }
         Self { texture, levels }
+    }
+
+    /// Those of a mesh's texture, if the mesh shows one; of meshes that share a texture the first one's serve all.
+    pub fn of_mesh<'a>(mesh: &Mesh, mut others: impl Iterator<Item = &'a Arc<Self>>) -> Option<Arc<Self>> {
+        let texture = mesh.texture.as_ref().filter(|_| mesh.uvs.is_some())?;
+        let shared = others.find(|other| Arc::ptr_eq(&other.texture, texture)).cloned();
+        Some(shared.unwrap_or_else(|| Arc::new(Self::new(texture.clone()))))
     }
 
     /// Texels of level 1 and up, row by row from the top: linear RGB and alpha.

@@ -4,23 +4,9 @@ use crate::frame;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 use surfel_model::{Geometry, Light, Matcap, Material, Mesh, Mipmaps, Object, Scene, Settings, SplatCloud};
-use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
+use surfel_render::{Capabilities, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
 
-const CAPABILITIES: Capabilities = Capabilities {
-    backend: "reference",
-    features: &[
-        Feature::EdgeAntialiasing,
-        Feature::Clips,
-        Feature::Meshes,
-        Feature::Peel,
-        Feature::ABuffer,
-        Feature::Shadows,
-        Feature::Toon,
-        Feature::Matcap,
-        Feature::EyeDome,
-        Feature::Margin,
-    ],
-};
+const CAPABILITIES: Capabilities = Capabilities::everything("reference");
 
 /// The f64 reference backend.
 pub struct Renderer {
@@ -169,11 +155,6 @@ impl surfel_render::Renderer for Renderer {
 
 /// A mesh as it is drawn; smaller levels of a texture that another object has are shared.
 fn resident_mesh(object: &Object, mesh: &Arc<Mesh>, others: &[ResidentMesh]) -> ResidentMesh {
-    let texture = mesh.texture.as_ref().filter(|_| mesh.uvs.is_some());
-    let mipmaps = texture.map(|texture| {
-        let same = |other: &&ResidentMesh| other.mesh.texture.as_ref().is_some_and(|t| Arc::ptr_eq(t, texture));
-        let shared = others.iter().find(same).and_then(|other| other.mipmaps.clone());
-        shared.unwrap_or_else(|| Arc::new(Mipmaps::new(texture.clone())))
-    });
+    let mipmaps = Mipmaps::of_mesh(mesh, others.iter().filter_map(|other| other.mipmaps.as_ref()));
     ResidentMesh { mesh: mesh.clone(), world_from_object: object.world_from_object, material: object.material, mipmaps }
 }

@@ -40,7 +40,7 @@ impl SplatFilter {
 }
 
 /// What is accumulated for each pixel besides Σw.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Attributes {
     /// Albedo.
     pub color: bool,
@@ -54,6 +54,15 @@ pub struct Attributes {
     pub coverage: bool,
     /// Alpha; of transparent splats alone.
     pub alpha: bool,
+}
+
+impl Attributes {
+    /// Numbers that are summed for a pixel, Σw included.
+    pub fn sums(&self) -> usize {
+        let Self { color, normal, depth, material, coverage, alpha } = *self;
+        let wide = [(color, 3), (normal, 3), (depth, 1), (material, 4), (coverage, 1), (alpha, 1)];
+        1 + wide.iter().filter(|(is_summed, _)| *is_summed).map(|(_, numbers)| numbers).sum::<usize>()
+    }
 }
 
 /// A step of a frame.
@@ -267,7 +276,7 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
         Feature::Toon => ("shader 'toon'", setting, OTHER_SHADERS),
         Feature::Matcap => ("shader 'matcap'", setting, OTHER_SHADERS),
         Feature::EyeDome => ("shader 'edl'", setting, OTHER_SHADERS),
-        Feature::EdgeAntialiasing => ("edge antialiasing", setting, "choose --backend reference or --edge-aa=off"),
+        Feature::EdgeAntialiasing => ("edge antialiasing", setting, "choose --backend cpu, or --edge-aa=off"),
         Feature::Margin => ("the decision margin plane", setting, "choose --backend reference"),
     }
 }
@@ -279,7 +288,7 @@ mod tests {
     use glam::DVec3;
     use surfel_model::{Camera, Light, Projection};
 
-    const ALL: Capabilities = Capabilities { backend: "test", features: &[Feature::EdgeAntialiasing] };
+    const ALL: Capabilities = Capabilities::everything("test");
 
     fn view() -> View {
         View::new(&Camera {
@@ -303,9 +312,7 @@ mod tests {
     #[test]
     fn an_unlit_white_cloud_accumulates_nothing_but_weight() {
         let plan = planned(&SceneSummary::default(), |_| (), Planes::COLOR);
-        let none =
-            Attributes { color: false, normal: false, depth: false, material: false, coverage: false, alpha: false };
-        assert_eq!(plan.attributes, none);
+        assert_eq!((plan.attributes, plan.attributes.sums()), (Attributes::default(), 1));
         assert_eq!(plan.passes, [Pass::Visibility, Pass::Attributes, Pass::Shade]);
     }
 
@@ -329,11 +336,10 @@ mod tests {
 
     #[test]
     fn transparent_splats_get_the_layers_that_are_asked_for_and_opaque_scenes_none() {
-        let drawn = Capabilities { backend: "test", features: &[Feature::Peel, Feature::ABuffer] };
         let planned = |transparent, transparency: &str| {
             let summary = SceneSummary { transparent, ..SceneSummary::default() };
             let settings = Settings { transparency: transparency.parse().unwrap(), ..Settings::default() };
-            plan(&summary, &view(), &settings, Planes::COLOR, &drawn).unwrap()
+            plan(&summary, &view(), &settings, Planes::COLOR, &ALL).unwrap()
         };
         let opaque = planned(false, "off");
         for setting in ["peel:4", "peel:4:drop", "abuffer:3"] {
@@ -353,10 +359,9 @@ mod tests {
 
     #[test]
     fn polygons_add_a_pass_and_coverage_only_where_there_are_splats_to_blend() {
-        let drawn = Capabilities { backend: "test", features: &[Feature::Meshes] };
         let planned = |splats, without_interior_weight| {
             let summary = SceneSummary { meshes: true, splats, without_interior_weight, ..SceneSummary::default() };
-            plan(&summary, &view(), &Settings::default(), Planes::COLOR, &drawn)
+            plan(&summary, &view(), &Settings::default(), Planes::COLOR, &ALL)
         };
         let alone = planned(0, None).unwrap();
         assert_eq!(alone.passes, [Pass::Polygons, Pass::Shade]);
@@ -374,14 +379,13 @@ mod tests {
 
     #[test]
     fn shadows_add_maps_for_lights_that_cast_where_light_matters_and_none_else() {
-        let drawn = Capabilities { backend: "test", features: &[Feature::Shadows, Feature::Toon] };
         let sun = Light::Directional { direction: [1.0, -1.0, 0.0], color: [1.0; 3], shadow: true };
         let lights = vec![(1, sun), (3, spot(20.0)), (4, spot(90.0))];
         let shadows = Some(ShadowScene { lights, center: DVec3::ZERO, radius: 1.0 });
         let summary = SceneSummary { shadows, ..SceneSummary::default() };
         let planned = |shader, planes| {
             let settings = Settings { shader, ..Settings::default() };
-            plan(&summary, &view(), &settings, planes, &drawn).unwrap()
+            plan(&summary, &view(), &settings, planes, &ALL).unwrap()
         };
         let lit = planned(Shader::Phong, Planes::COLOR);
         // One for the sun, one for a spot, six for one that is too wide.
@@ -395,10 +399,9 @@ mod tests {
 
     #[test]
     fn toon_alone_has_outlines() {
-        let drawn = Capabilities { backend: "test", features: &[Feature::Toon] };
         let planned = |shader, planes| {
             let settings = Settings { shader, ..Settings::default() };
-            plan(&SceneSummary::default(), &view(), &settings, planes, &drawn).unwrap()
+            plan(&SceneSummary::default(), &view(), &settings, planes, &ALL).unwrap()
         };
         let toon = planned(Shader::Toon, Planes::COLOR);
         assert!(toon.has(Pass::Outlines) && toon.attributes.normal && toon.attributes.depth);
@@ -408,14 +411,12 @@ mod tests {
 
     #[test]
     fn shaders_of_their_own_have_what_they_read_and_no_more() {
-        let drawn = Capabilities { backend: "test", features: &[Feature::Matcap, Feature::EyeDome] };
         let summary = SceneSummary { colors: true, materials_differ: true, ..SceneSummary::default() };
         let planned = |shader, planes| {
             let settings = Settings { shader, ..Settings::default() };
-            plan(&summary, &view(), &settings, planes, &drawn).unwrap()
+            plan(&summary, &view(), &settings, planes, &ALL).unwrap()
         };
-        let none =
-            Attributes { color: true, normal: false, depth: false, material: false, coverage: false, alpha: false };
+        let none = Attributes { color: true, ..Attributes::default() };
         let matcap = planned(Shader::Matcap, Planes::COLOR);
         assert_eq!(matcap.attributes, Attributes { normal: true, ..none });
         assert_eq!((matcap.passes.len(), matcap.reach_px()), (3, 0));
@@ -425,7 +426,7 @@ mod tests {
         assert_eq!(planned(Shader::Edl, Planes { color: false, ..Planes::ALL }).passes.len(), 3);
         for shader in Shader::ALL {
             let settings = Settings { shader, ..Settings::default() };
-            let none = Capabilities { features: &[], ..drawn };
+            let none = Capabilities { lacks: Feature::ALL, ..ALL };
             let refused = plan(&summary, &view(), &settings, Planes::COLOR, &none).is_err();
             assert_eq!(refused, ShaderNeeds::of(shader).feature.is_some(), "{shader:?}");
         }
@@ -433,10 +434,9 @@ mod tests {
 
     #[test]
     fn a_scene_without_clips_never_clips() {
-        let all = Capabilities { backend: "test", features: &[Feature::Clips] };
         let clip_of = |clips, clip| {
             let summary = SceneSummary { clips, ..SceneSummary::default() };
-            plan(&summary, &view(), &Settings { clip, ..Settings::default() }, Planes::COLOR, &all).unwrap().clip
+            plan(&summary, &view(), &Settings { clip, ..Settings::default() }, Planes::COLOR, &ALL).unwrap().clip
         };
         assert_eq!(clip_of(false, ClipPolicy::Exact), ClipPolicy::Off);
         assert_eq!(clip_of(true, ClipPolicy::Line), ClipPolicy::Line);
@@ -448,7 +448,8 @@ mod tests {
         let refused = |summary: SceneSummary, change: fn(&mut Settings)| {
             let mut settings = Settings::default();
             change(&mut settings);
-            matches!(plan(&summary, &view(), &settings, Planes::COLOR, &ALL), Err(RenderError::Unsupported { .. }))
+            let none = Capabilities { lacks: Feature::ALL, ..ALL };
+            matches!(plan(&summary, &view(), &settings, Planes::COLOR, &none), Err(RenderError::Unsupported { .. }))
         };
         let s = SceneSummary::default;
         assert!(refused(SceneSummary { meshes: true, ..s() }, |_| ()));
@@ -461,6 +462,7 @@ mod tests {
         let shadows = Some(ShadowScene { lights: vec![(0, spot(20.0))], center: DVec3::ZERO, radius: 1.0 });
         assert!(refused(SceneSummary { shadows, ..s() }, |s| s.shader = Shader::Phong));
         assert!(refused(s(), |s| s.shader = Shader::Toon));
+        assert!(refused(s(), |s| s.edge_aa = true));
         assert!(!refused(s(), |s| s.accumulate = Accumulate::F16));
     }
 

@@ -3,10 +3,23 @@
 use crate::{Frame, Planes, RenderError, Stats, View};
 use surfel_model::{Scene, Settings};
 
-/// What only some backends draw.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Feature {
+macro_rules! features {
+    ($($(#[$doc:meta])* $name:ident,)*) => {
+        /// What only some backends draw.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[non_exhaustive]
+        pub enum Feature {
+            $($(#[$doc])* $name,)*
+        }
+
+        impl Feature {
+            /// All of them.
+            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+        }
+    };
+}
+
+features! {
     /// Edge antialiasing (§5).
     EdgeAntialiasing,
     /// Clip curves and lines (§7).
@@ -29,19 +42,25 @@ pub enum Feature {
     Margin,
 }
 
-/// What a backend can do, as far as planning depends on it.
+/// What a backend can do, as far as planning depends on it: all [`Feature`]s but some. A new feature is expected of every backend
+/// until the backend says that it lacks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capabilities {
     /// Name used in messages and on the command line.
     pub backend: &'static str,
-    /// What it draws besides opaque splats.
-    pub features: &'static [Feature],
+    /// What it doesn't draw.
+    pub lacks: &'static [Feature],
 }
 
 impl Capabilities {
+    /// Those of a backend that draws everything.
+    pub const fn everything(backend: &'static str) -> Self {
+        Self { backend, lacks: &[] }
+    }
+
     /// True if the backend draws this.
     pub fn has(&self, feature: Feature) -> bool {
-        self.features.contains(&feature)
+        !self.lacks.contains(&feature)
     }
 }
 

@@ -5,8 +5,7 @@ use crate::execute::{Beside, Tile};
 use crate::pipelines::{HostKey, Part};
 use crate::renderer::Renderer;
 use crate::scene::{ResidentScene, empty};
-use crate::targets::TargetKey;
-use surfel_gpu::{FrameScene, Pixels, Step, TileData, schedule};
+use surfel_gpu::{FrameScene, Pixels, Step, TargetKey, TileData, schedule};
 use surfel_model::Settings;
 use surfel_render::{Planes, RenderError, View, plan};
 

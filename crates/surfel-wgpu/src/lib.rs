@@ -36,22 +36,10 @@ pub use scene::ResidentScene;
 pub use surfel_gpu::{Ceiling, FillRate, Limits};
 pub use surfel_render::{Storage, UploadProgress};
 
-use surfel_render::{Capabilities, Feature};
+use surfel_render::Capabilities;
 
 /// Name used in messages and on the command line.
 const NAME: &str = "wgpu";
 
 /// What the backend draws, on any adapter.
-pub const CAPABILITIES: Capabilities = Capabilities {
-    backend: NAME,
-    features: &[
-        Feature::EdgeAntialiasing,
-        Feature::Clips,
-        Feature::Meshes,
-        Feature::Toon,
-        Feature::Matcap,
-        Feature::EyeDome,
-        Feature::Peel,
-        Feature::Shadows,
-    ],
-};
+pub const CAPABILITIES: Capabilities = Capabilities { backend: NAME, lacks: surfel_gpu::LACKS };

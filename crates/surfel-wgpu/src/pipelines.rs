@@ -1,35 +1,18 @@
 //! Layouts and pipelines, built once for each format of the sums.
 
 use std::collections::HashMap;
-use surfel_gpu::{Draw, Pixels, Target, TargetFormat, Variant, slots};
+use surfel_gpu::{Draw, Pixels, Precision, Target, TargetFormat, Variant, slots};
 use surfel_shaders::{BindingKind, ENTRIES, PASSES, Stage};
 
-/// Precision of the sums.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Precision {
-    F32,
-    F16,
-}
-
-impl Precision {
-    /// Bytes of a sum.
-    pub(crate) fn sum_bytes(self) -> u64 {
-        match self {
-            Self::F32 => 4,
-            Self::F16 => 2,
-        }
-    }
-
-    /// The texture format of a target.
-    pub(crate) fn format(self, target: Target) -> wgpu::TextureFormat {
-        match (target.format(), self) {
-            (TargetFormat::Depth, _) => wgpu::TextureFormat::Depth32Float,
-            (TargetFormat::Sums4, Self::F32) => wgpu::TextureFormat::Rgba32Float,
-            (TargetFormat::Sums4, Self::F16) => wgpu::TextureFormat::Rgba16Float,
-            (TargetFormat::Sums2, Self::F32) | (TargetFormat::Exact2, _) => wgpu::TextureFormat::Rg32Float,
-            (TargetFormat::Sums2, Self::F16) => wgpu::TextureFormat::Rg16Float,
-            (TargetFormat::Exact1, _) => wgpu::TextureFormat::R32Float,
-        }
+/// The texture format of a target.
+pub(crate) fn format_of(target: Target, sums: Precision) -> wgpu::TextureFormat {
+    match (target.format(), sums) {
+        (TargetFormat::Depth, _) => wgpu::TextureFormat::Depth32Float,
+        (TargetFormat::Sums4, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
+        (TargetFormat::Sums4, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
+        (TargetFormat::Sums2, Precision::F32) | (TargetFormat::Exact2, _) => wgpu::TextureFormat::Rg32Float,
+        (TargetFormat::Sums2, Precision::F16) => wgpu::TextureFormat::Rg16Float,
+        (TargetFormat::Exact1, _) => wgpu::TextureFormat::R32Float,
     }
 }
 
@@ -201,7 +184,7 @@ impl Pipelines {
             groups.extend(draw.is_of_records().then_some(&splats.records_group));
             groups.extend((draw == Draw::Polygons).then_some(&self.polygons_group));
             groups.extend(draw.has_reads().then_some(&reads_group));
-            let depth = draw.depth().map(|t| depth_state(precision.format(t), wgpu::CompareFunction::Greater));
+            let depth = draw.depth().map(|t| depth_state(format_of(t, precision), wgpu::CompareFunction::Greater));
             let add = wgpu::BlendComponent {
                 src_factor: wgpu::BlendFactor::One,
                 dst_factor: wgpu::BlendFactor::One,
@@ -212,7 +195,7 @@ impl Pipelines {
                 .iter()
                 .map(|&target| {
                     let blend = draw.adds().then_some(wgpu::BlendState { color: add, alpha: add });
-                    let format = precision.format(target);
+                    let format = format_of(target, precision);
                     Some(wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL })
                 })
                 .collect();

@@ -3,17 +3,18 @@
 use crate::adapter::{self, Opened, blends_f32, renderer_info};
 use crate::error::{Mailbox, failed, scoped};
 use crate::execute::{Beside, Tile};
-use crate::pipelines::{Pipelines, Precision};
+use crate::pipelines::Pipelines;
 use crate::queries::{Queries, Taken};
 use crate::readback::Readback;
 use crate::scene::{self, ResidentScene, empty};
-use crate::targets::{TargetKey, Targets};
+use crate::targets::Targets;
 use std::time::Instant;
 use surfel_gpu::{
     CEILING_RUNS, CeilingFrame, Draw, FillRate, FrameScene, LAYER_HEADER_BYTES, Limits, MapCache, MapJob, Pixels,
-    SHADOW_MAPS, Step, TileData, Variant, count_frame_bytes, count_layers, map_jobs, schedule, shadow_texels, tiles,
+    Precision, SHADOW_MAPS, Step, TargetKey, TileData, Variant, count_frame_bytes, count_layers, map_jobs, schedule,
+    shadow_texels, tiles,
 };
-use surfel_model::{Accumulate, Scene, Settings};
+use surfel_model::{Scene, Settings};
 use surfel_render::{
     Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, Storage, UploadProgress, View, plan,
 };
@@ -119,17 +120,11 @@ impl Renderer {
         self.is_software
     }
 
-    /// Precision of a plan's sums on this adapter.
-    fn precision(&self, plan: &FramePlan) -> Precision {
-        let f32_sums = self.f32_sums && plan.accumulate == Accumulate::F32;
-        if f32_sums { Precision::F32 } else { Precision::F16 }
-    }
-
     /// The targets of a tile.
     pub(crate) fn key(&self, plan: &FramePlan, data: &TileData) -> TargetKey {
         TargetKey {
             size: [data.targets.width, data.targets.height],
-            precision: self.precision(plan),
+            precision: Precision::of(plan, self.f32_sums),
             draws: Draw::of(plan),
             floats: data.planes.floats,
         }

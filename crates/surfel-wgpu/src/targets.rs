@@ -1,27 +1,9 @@
 //! Textures and buffers of a tile, kept from frame to frame while they fit.
 
-use crate::pipelines::{Pipelines, Precision};
+use crate::pipelines::{Pipelines, format_of};
 use crate::scene::empty;
 use std::collections::HashMap;
-use surfel_gpu::{Draw, Target, Variant, target_bytes, veil_bytes};
-
-/// What a tile's targets have to be.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct TargetKey {
-    pub size: [u32; 2],
-    pub precision: Precision,
-    /// What is drawn.
-    pub draws: Vec<Draw>,
-    /// Floats of the planes.
-    pub floats: u32,
-}
-
-impl TargetKey {
-    /// Bytes of the textures and veils.
-    pub(crate) fn bytes(&self) -> u64 {
-        target_bytes(&self.draws, self.size, self.precision.sum_bytes())
-    }
-}
+use surfel_gpu::{Draw, Target, TargetKey, Variant, veil_bytes};
 
 pub(crate) struct Targets {
     pub key: TargetKey,
@@ -43,7 +25,7 @@ impl Targets {
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
-                format: key.precision.format(target),
+                format: format_of(target, key.precision),
                 usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
                 view_formats: &[],
             });

@@ -1,6 +1,6 @@
 //! What a scene's features cost: by the plan, and by the clock.
 
-use surfel::render::{Attributes, Capabilities, Feature, FramePlan, Pass, SceneSummary, plan};
+use surfel::render::{Capabilities, FramePlan, Pass, SceneSummary, plan};
 use surfel::{BackendScene, Frame, Renderer, View};
 use surfel_gpu::PlanCost;
 use surfel_plot::Table;
@@ -11,30 +11,9 @@ use super::subjects;
 use crate::Failure;
 use crate::machine::busy_ms;
 
-/// A backend that draws everything, so that all can be planned.
-const EVERYTHING: Capabilities = Capabilities {
-    backend: "plan",
-    features: &[
-        Feature::EdgeAntialiasing,
-        Feature::Clips,
-        Feature::Meshes,
-        Feature::Peel,
-        Feature::ABuffer,
-        Feature::Shadows,
-        Feature::Toon,
-        Feature::Matcap,
-        Feature::EyeDome,
-    ],
-};
-
 fn planned(case: &Case, view: &View) -> Result<FramePlan, Failure> {
-    Ok(plan(&SceneSummary::of(&case.scene), view, &case.settings, case.planes, &EVERYTHING)?)
-}
-
-/// Sums that the plan keeps for a pixel: Σw and what is accumulated.
-fn sums(a: &Attributes) -> usize {
-    let wide = [(a.color, 3), (a.normal, 3), (a.depth, 1), (a.material, 4), (a.coverage, 1), (a.alpha, 1)];
-    1 + wide.iter().filter(|(has, _)| *has).map(|(_, n)| n).sum::<usize>()
+    let everything = Capabilities::everything("plan");
+    Ok(plan(&SceneSummary::of(&case.scene), view, &case.settings, case.planes, &everything)?)
 }
 
 /// Passes besides those that every frame of splats has, with how many there are of each.
@@ -105,7 +84,7 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
         }
         let ms = median(&measured.ms);
         let dash = || "-".to_owned();
-        let kept = sums(&plan.attributes);
+        let kept = plan.attributes.sums();
         let gpu = PlanCost::of(plan);
         let of_gpu = |count: fn(&PlanCost) -> usize| gpu.as_ref().map_or_else(dash, |cost| count(cost).to_string());
         let ratio = ms.zip(base).filter(|_| !case.other_scene);
@@ -157,6 +136,18 @@ fn measure(backends: &mut Backends, cases: &[Case], view: &View, runs: usize) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use surfel::render::{Feature, unsupported};
+
+    #[test]
+    fn each_feature_of_scenes_has_a_case() {
+        let view = View::new(&subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, 128)).unwrap();
+        let cases = cases(&view).unwrap();
+        for feature in Feature::ALL.iter().filter(|feature| **feature != Feature::Margin) {
+            let without = Capabilities { backend: "test", lacks: std::slice::from_ref(feature) };
+            let needs = |c: &Case| unsupported(&SceneSummary::of(&c.scene), &c.settings, c.planes, &without).is_some();
+            assert!(cases.iter().any(needs), "{feature:?}");
+        }
+    }
 
     #[test]
     fn feature_that_is_absent_costs_nothing_in_the_plan_and_each_that_is_there_does() {
@@ -164,7 +155,7 @@ mod tests {
         let cases = cases(&view).unwrap();
         let plain = planned(&cases[0], &view).unwrap();
         let plain_cost = PlanCost::of(&plain).unwrap();
-        assert_eq!((sums(&plain.attributes), plain_cost.targets.len()), (1, 2));
+        assert_eq!((plain.attributes.sums(), plain_cost.targets.len()), (1, 2));
         assert!(cases.iter().filter(|case| case.absent).count() >= 5);
         for case in &cases[1..] {
             let plan = planned(case, &view).unwrap();

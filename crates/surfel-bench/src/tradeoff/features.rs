@@ -163,16 +163,9 @@ fn materials(mut scene: Scene) -> Scene {
 fn with_quad(mut scene: Scene) -> Result<Scene, ModelError> {
     let corners = [[-2.0, -0.4, -2.0], [2.0, -0.4, -2.0], [2.0, -0.4, 2.0], [-2.0, -0.4, 2.0]].map(Vec3::from);
     let mesh = Mesh {
-        origin: DVec3::ZERO,
         positions: Column3::from_f32(corners.to_vec()),
         triangles: vec![[0, 2, 1], [0, 3, 2]],
-        normals: None,
-        colors: None,
-        alphas: None,
-        uvs: None,
-        texture: None,
-        up: None,
-        comments: Vec::new(),
+        ..Mesh::default()
     };
     mesh.validate()?;
     scene.objects.push(object(Geometry::Mesh(Arc::new(mesh))));

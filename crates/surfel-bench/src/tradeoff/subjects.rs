@@ -302,18 +302,7 @@ fn cylinder(size: u32, samples: u32) -> Result<Subject, Failure> {
         let (a, b) = (at(i), at(i + 1));
         triangles.extend([[0, b, a], [1, a + 1, b + 1], [a, b, a + 1], [b, b + 1, a + 1]]);
     }
-    let mesh = Mesh {
-        origin: DVec3::ZERO,
-        positions: Column3::from_f32(positions),
-        triangles,
-        normals: None,
-        colors: None,
-        alphas: None,
-        uvs: None,
-        texture: None,
-        up: None,
-        comments: Vec::new(),
-    };
+    let mesh = Mesh { positions: Column3::from_f32(positions), triangles, ..Mesh::default() };
     let options = surfel::sample::SharpOptions::default();
     let (cloud, _) = surfel::sample::sharp_splats_from_mesh(&mesh, &options, &NoProgress)?;
     Ok(Subject {

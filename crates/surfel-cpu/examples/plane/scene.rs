@@ -6,8 +6,11 @@ use surfel_render::View;
 
 const SIZE: u32 = 512;
 
-/// Disks of this radius in pixels, 1.1 of the distance to their neighbours, tilted by up to 60°, before an orthographic
-/// camera.
+/// Distance of the plane, in pixels: most splats are as shallow as in an ordinary picture.
+const DISTANCE: f64 = 1000.0;
+
+/// Disks of this radius in pixels, 1.1 of the distance to their neighbours, tilted by up to 60°, before a camera whose pixels are
+/// the plane's units.
 pub(crate) fn plane(radius_px: f64) -> Result<(Scene, View), ModelError> {
     let spacing_px = radius_px / 1.1;
     let side = (f64::from(SIZE) / spacing_px).ceil();
@@ -27,14 +30,13 @@ pub(crate) fn plane(radius_px: f64) -> Result<(Scene, View), ModelError> {
     let data = CloudData { colors: Some(colors), ..CloudData::new(DVec3::ZERO, Column3::from_f32(centers), shape) };
     let scene = Scene::of_cloud(SplatCloud::new(data, OnInvalid::Refuse)?.0);
     let camera = Camera {
-        eye: [0.0, 0.0, 1000.0],
+        eye: [0.0, 0.0, DISTANCE],
         target: [0.0; 3],
         up: [0.0, 1.0, 0.0],
-        projection: Projection::Orthographic { height: f64::from(SIZE) },
+        projection: Projection::Perspective { fov_y_deg: 2.0 * (0.5 * f64::from(SIZE) / DISTANCE).atan().to_degrees() },
         near: 1.0,
-        far: Some(2000.0),
+        far: Some(2.0 * DISTANCE),
         size: [SIZE; 2],
     };
-    // Pixels are world units.
     Ok((scene, View::new(&camera)?))
 }

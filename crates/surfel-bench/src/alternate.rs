@@ -1,0 +1,96 @@
+//! Two builds of this program, run in turn: what disturbs the machine disturbs both alike.
+
+use std::ffi::OsString;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use crate::report::Report;
+use crate::{Arguments, Failure, read};
+
+/// How often each build is run.
+const ROUNDS: usize = 3;
+
+/// Runs both builds by the same arguments, one after the other, [`ROUNDS`] times: the frames of all rounds together.
+pub(crate) fn measured(programs: [&Path; 2], arguments: &Arguments) -> Result<[Report; 2], Failure> {
+    let mut reports: [Option<Report>; 2] = [None, None];
+    for round in 1..=ROUNDS {
+        for (program, report) in programs.into_iter().zip(&mut reports) {
+            if std::io::stderr().is_terminal() {
+                eprintln!("round {round} of {ROUNDS}: {}", program.display());
+            }
+            let next = run(program, arguments)?;
+            match report {
+                Some(report) => report.extend(next),
+                None => *report = Some(next),
+            }
+        }
+    }
+    match reports {
+        [Some(a), Some(b)] => Ok([a, b]),
+        _ => Err("nothing was run".into()),
+    }
+}
+
+fn run(program: &Path, arguments: &Arguments) -> Result<Report, Failure> {
+    let file = Temporary(std::env::temp_dir().join(format!("surfel-bench-{}.json", std::process::id())));
+    let mut command = Command::new(program);
+    command.args(words(arguments)).arg("--output").arg(&file.0).stdout(Stdio::null());
+    let status = command.status().map_err(|e| format!("could not run {}: {e}", program.display()))?;
+    if !status.success() {
+        return Err(format!("{} failed: {status}", program.display()).into());
+    }
+    read(&file.0)
+}
+
+/// A file that goes when it is read.
+struct Temporary(PathBuf);
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        // It may not be there: a run that fails writes nothing.
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// What a build is to be run with.
+fn words(a: &Arguments) -> Vec<OsString> {
+    let mut words: Vec<OsString> =
+        vec!["--backend".into(), a.backend.name().into(), "--simd".into(), a.simd.name().into()];
+    words.extend(["--models".into(), a.models.clone().into()]);
+    // Older builds don't know it.
+    words.extend((a.storage != "32").then(|| ["--storage".into(), a.storage.clone().into()]).into_iter().flatten());
+    words.extend(a.threads.iter().flat_map(|n| ["--threads".into(), n.to_string().into()]));
+    words.extend(a.scene.iter().flat_map(|name| ["--scene".into(), name.into()]));
+    words.extend(a.adapter.iter().flat_map(|name| ["--adapter".into(), name.into()]));
+    words.extend(a.runs.iter().flat_map(|n| ["--runs".into(), n.to_string().into()]));
+    let flags = [("--quick", a.quick), ("--general", a.general), ("--hidden", a.hidden), ("--blocks", a.blocks)];
+    words.extend(flags.into_iter().filter(|(_, is_set)| *is_set).map(|(flag, _)| flag.into()));
+    words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[test]
+    fn builds_are_run_with_the_same_arguments() {
+        for line in [
+            "bench",
+            "bench --backend ash --adapter x --quick --threads 3 --scene igea --scene far --runs 4 --simd avx2",
+            "bench --general --hidden --blocks --models a/b --storage 16",
+        ] {
+            let asked = Arguments::parse_from(line.split(' '));
+            let passed_on = Arguments::parse_from(std::iter::once("bench".into()).chain(words(&asked)));
+            assert_eq!(format!("{asked:?}"), format!("{passed_on:?}"));
+        }
+    }
+
+    #[test]
+    fn program_that_fails_or_is_not_there_is_named() {
+        let arguments = Arguments::parse_from(["bench"]);
+        let error = measured([Path::new("no/such/program"); 2], &arguments).unwrap_err().to_string();
+        assert!(error.contains("no/such/program"), "{error}");
+    }
+}
