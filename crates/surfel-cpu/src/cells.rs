@@ -131,7 +131,7 @@ impl Limits {
         let small = x1 - x0 <= 1 && y1 - y0 <= 1;
         if small || (load <= self.load && cost <= self.cost) {
             let seen = placed.iter().map(|p| p.seen).collect();
-            let first = hidden::first(placed.iter().map(|p| p.part(&pixels)), area, self.splats);
+            let first = hidden::first(placed.iter().map(|p| p.part(&pixels)), area, self.load);
             cells.push(Cell { region: region(&pixels), tiles, seen, first, cost });
             return;
         }

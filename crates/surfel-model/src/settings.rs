@@ -49,6 +49,9 @@ impl Default for Settings {
 /// Greatest cutoff: e^−50 is 2e-22, and f32 still holds it times the share of a pixel that a tiny splat has.
 const MOST_CUTOFF: f64 = 50.0;
 
+/// Most layers of transparent splats: what lies behind so many shows nothing, and a plan has a pass for each.
+const MOST_LAYERS: u32 = 64;
+
 impl Settings {
     /// Checks that every number is in its range.
     ///
@@ -66,8 +69,10 @@ impl Settings {
         if !(t >= 0.0 && t.is_finite()) {
             return Err(ModelError::range("settings.depth_tolerance", t, "a finite number, at least 0"));
         }
-        if let Transparency::Peel { layers: 0, .. } | Transparency::ABuffer { layers: 0 } = self.transparency {
-            return Err(ModelError::range("settings.transparency", self.transparency, "at least one layer"));
+        if let Transparency::Peel { layers, .. } | Transparency::ABuffer { layers } = self.transparency
+            && !(1..=MOST_LAYERS).contains(&layers)
+        {
+            return Err(ModelError::range("settings.transparency", self.transparency, "1 to 64 layers"));
         }
         Ok(())
     }
@@ -201,7 +206,7 @@ impl std::str::FromStr for Transparency {
         let layers = |n: &str| {
             n.parse::<u32>()
                 .ok()
-                .filter(|n| (1..=64).contains(n))
+                .filter(|n| (1..=MOST_LAYERS).contains(n))
                 .ok_or_else(|| format!("'{s}': the number of layers must be a whole number from 1 to 64"))
         };
         match s.split(':').collect::<Vec<_>>()[..] {
@@ -251,4 +256,39 @@ pub enum Accumulate {
     /// 16-bit floats (B05 §7), in half the memory of a GPU's targets. Backends that have nothing to gain by it, on processors, sum in
     /// more.
     F16,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_out_of_their_range_are_refused_and_named() {
+        let check = |change: &dyn Fn(&mut Settings)| {
+            let mut settings = Settings::default();
+            change(&mut settings);
+            settings.validate().map_err(|error| error.to_string())
+        };
+        assert_eq!(check(&|_| ()), Ok(()));
+        let refused = |field: &str, change: &dyn Fn(&mut Settings)| {
+            let problem = check(change).unwrap_err();
+            assert!(problem.starts_with(&format!("settings.{field} is ")), "{problem}");
+        };
+        for cutoff in [0.0, -1.0, 50.1, f64::NAN] {
+            refused("cutoff", &|s| s.cutoff = cutoff);
+        }
+        for radius in [-0.1, 1.1e4, f64::NAN] {
+            refused("prefilter_radius_px", &|s| s.prefilter_radius_px = radius);
+        }
+        for tolerance in [-0.1, f64::INFINITY] {
+            refused("depth_tolerance", &|s| s.depth_tolerance = DepthTolerance::Relative(tolerance));
+            refused("depth_tolerance", &|s| s.depth_tolerance = DepthTolerance::Absolute(tolerance));
+        }
+        // A plan has a pass for each.
+        for layers in [0, 65, u32::MAX] {
+            refused("transparency", &|s| s.transparency = Transparency::Peel { layers, drop_last: false });
+            refused("transparency", &|s| s.transparency = Transparency::ABuffer { layers });
+        }
+        assert_eq!(check(&|s| s.transparency = Transparency::ABuffer { layers: 64 }), Ok(()));
+    }
 }
