@@ -189,8 +189,8 @@ fn cpu_large_splats_count_toward_batches_and_cells_by_their_tiles() {
     let bytes = |tiles: f64| 2000.0 * (128.0 + 16.0 * tiles);
     let whole = drawn(1 << 20, 1 << 20);
     assert!(whole.0 > bytes(1000.0), "{}", whole.0);
-    // A strip of 32 tiles; or a few tiles by each of two threads.
-    for (parts, most) in [(drawn(1 << 14, 1 << 20), bytes(32.0)), (drawn(1 << 20, 64), 2.0 * bytes(4.0))] {
+    // As many records with an entry as a batch may have; or one tile by each of two threads.
+    for (parts, most) in [(drawn(1 << 14, 1 << 20), 144.0 * 16384.0), (drawn(1 << 20, 64), 2.0 * bytes(1.0))] {
         assert!(parts.0 < 1.1 * most, "{} of {most} bytes", parts.0);
         assert!(parts.1 == whole.1);
     }
@@ -379,6 +379,25 @@ fn cpu_quantised_storage_halves_memory_and_is_nearly_the_same_picture() {
     let rms = (squares / differences.len() as f64).sqrt();
     // Centres move by 1.5e-5 of a chunk, some 2e-4 of a radius here: measured 2e-5, and no pixel at the rim falls out.
     assert!(rms < 1e-4 && rms > 0.0, "{rms:e}");
+}
+
+#[test]
+fn cpu_quantised_storage_errs_little_in_every_scene() {
+    let [mut wide, mut narrow] = [Storage::F32, Storage::Quantised]
+        .map(|storage| Cpu::with_options(&Options { storage, ..Options::default() }).unwrap());
+    let mut worst: Vec<(f64, String)> = Vec::new();
+    for case in drawn() {
+        let [exact, quantised] = [&mut wide, &mut narrow].map(|cpu| render(cpu, &case, Planes::COLOR).unwrap());
+        let pairs = exact.color.as_flattened().iter().zip(quantised.color.as_flattened());
+        let squares: f64 = pairs.map(|(a, b)| f64::from(a.min(1.0) - b.min(1.0)).powi(2)).sum();
+        worst.push(((squares / exact.color.as_flattened().len() as f64).sqrt(), case.name));
+    }
+    worst.sort_by(|a, b| b.0.total_cmp(&a.0));
+    // Measured: 0.019 (34 dB) where all splats are seen edge-on, so that the least turn decides pixels; 0.011 and less where clips or edges of
+    // few large splats move, in twelve more; 8e-4 in all others.
+    assert!(worst[0].0 < 0.025, "{:?}", worst[0]);
+    assert!(worst[1].0 < 0.015, "{:?}", worst[1]);
+    assert!(worst[15].0 < 1e-3, "{:?}", &worst[..16]);
 }
 
 /// Small splats in front of and behind each other, some steep, among larger ones.
