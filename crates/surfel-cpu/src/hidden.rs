@@ -4,6 +4,7 @@
 //! found out, block by block; of the others only those remain that reach before it somewhere.
 
 use crate::bins::BLOCK;
+use crate::fours;
 use crate::level::{Instructions, with_instructions};
 use crate::lists::BlockLists;
 use crate::placed::{ObjectSetup, inside};
@@ -101,7 +102,7 @@ impl Hiding {
                         let at = listing.block_px(tile, block);
                         let kept = raster::visibility(simd, lists.of(block), at, shared);
                         let (column, row) = (at.0 as u32 / BLOCK - self.first[0], at.1 as u32 / BLOCK - self.first[1]);
-                        self.farthest[row as usize * self.columns + column as usize] = raster::largest(kept);
+                        self.farthest[row as usize * self.columns + column as usize] = fours::largest(kept);
                     }
                 }
             },

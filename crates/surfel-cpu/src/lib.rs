@@ -33,6 +33,7 @@ mod eye_dome;
 mod finish;
 #[doc(hidden)]
 pub mod formulas;
+mod fours;
 mod fragment;
 mod frame;
 mod hidden;
