@@ -1,5 +1,7 @@
 //! What a render gives back: linear f32 planes.
 
+use crate::color_plane::ColorPlane;
+
 /// Which planes are wanted. A plane nobody asked for is neither computed nor stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Planes {
@@ -34,7 +36,7 @@ pub struct Frame {
     /// Rows.
     pub height: u32,
     /// Linear RGBA, premultiplied.
-    pub color: Vec<[f32; 4]>,
+    pub color: ColorPlane,
     /// Planar view-space depth Z = Σwz/Σw, world units; +∞ where nothing is.
     pub depth: Vec<f32>,
     /// Unit world normal; zero where nothing is.
@@ -53,7 +55,8 @@ impl Frame {
         let pixels = width as usize * height as usize;
         let count = |wanted: bool| if wanted { pixels } else { 0 };
         (self.width, self.height) = (width, height);
-        refill(&mut self.color, count(planes.color), [0.0; 4]);
+        self.color.resize(count(planes.color));
+        self.color.fill([0.0; 4]);
         refill(&mut self.depth, count(planes.depth), f32::INFINITY);
         refill(&mut self.normal, count(planes.normal), [0.0; 3]);
         refill(&mut self.weight, count(planes.weight), 0.0);
@@ -66,7 +69,7 @@ impl Frame {
         let pixels = width as usize * height as usize;
         let count = |wanted: bool| if wanted { pixels } else { 0 };
         (self.width, self.height) = (width, height);
-        resize(&mut self.color, count(planes.color), [0.0; 4]);
+        self.color.resize(count(planes.color));
         resize(&mut self.depth, count(planes.depth), 0.0);
         resize(&mut self.normal, count(planes.normal), [0.0; 3]);
         resize(&mut self.weight, count(planes.weight), 0.0);

@@ -5,6 +5,7 @@
 //! execute it and decide nothing.
 
 mod chunk;
+mod color_plane;
 mod error;
 mod frame;
 mod lod;
@@ -18,6 +19,7 @@ mod summary;
 mod view;
 
 pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks, stored_axes};
+pub use color_plane::ColorPlane;
 pub use error::RenderError;
 pub use frame::{Frame, Planes};
 pub use lod::{Selection, select};

@@ -48,7 +48,7 @@ pub use scene::{
     read_scene_file,
 };
 pub use surfel_model::{Camera, Light, Material, Scene, SceneFile, Settings, SplatCloud, Up};
-pub use surfel_render::{Frame, Planes, Preset, Region, RenderError, Renderer, RendererInfo, Stats, View};
+pub use surfel_render::{ColorPlane, Frame, Planes, Preset, Region, RenderError, Renderer, RendererInfo, Stats, View};
 pub use surfel_sample::{NoProgress, Progress};
 
 /// Borrows a frame's planes, to write them as a picture. Planes that the frame doesn't have are left out.

@@ -148,7 +148,7 @@ fn want(probe: &Probe, reference: &mut Reference) -> Result<Want, RenderError> {
     let Truth::Exact(splat, count) = &probe.truth else {
         let wide = |plane: &[f32]| plane.iter().map(|&v| f64::from(v)).collect();
         let (weight, depth) = (wide(&frame.weight), wide(&frame.depth));
-        return Ok(Want { weight, depth, color: Some(frame.color), margin: frame.margin });
+        return Ok(Want { weight, depth, color: Some(frame.color.to_vec()), margin: frame.margin });
     };
     let view = probe.picture.view();
     let exact = Exact::new(splat, &view.projection);

@@ -108,7 +108,7 @@ fn stretch_texture(mesh: &mut Mesh) {
 
 /// Encodes linear colours, which PNG's writer will do again.
 fn encode_again(frame: &mut Frame) {
-    for [r, g, b, _] in &mut frame.color {
+    for [r, g, b, _] in frame.color.iter_mut() {
         for channel in [r, g, b] {
             *channel = if *channel <= 0.003_130_8 { 12.92 * *channel } else { 1.055 * channel.powf(1.0 / 2.4) - 0.055 };
         }

@@ -214,7 +214,7 @@ fn truth(subject: &Subject, reference: &mut Backend, exact: &BackendScene, view:
         }
     }
     let mask = vec![true; frame.color.len()];
-    Ok(Truth { color: frame.color, depth: frame.depth, normal: frame.normal, mask })
+    Ok(Truth { color: frame.color.to_vec(), depth: frame.depth, normal: frame.normal, mask })
 }
 
 fn row(
