@@ -177,7 +177,7 @@ impl<'a> CompositeJob<'a> {
     #[inline(always)]
     fn front<S: Simd>(&self, simd: S, block: u32, at: (i32, i32), scratch: &mut TileScratch<'a>) -> Front<S> {
         let (job, lighting) = (&self.tiles, self.tiles.lighting);
-        let (splats, triangles) = (scratch.lists.of(block), scratch.composite.triangles.of(block));
+        let (splats, triangles) = (scratch.lists.of(simd, block), scratch.composite.triangles.of(block));
         let infinite = Lanes::splat(simd, f32::INFINITY);
         if triangles.is_empty() && splats.is_empty() {
             let sums = Sums::new(simd);
@@ -398,7 +398,7 @@ impl<'a> CompositeJob<'a> {
         let mut sums = Sums::new(simd);
         if deep {
             let limit = Behind { depth: kept, pixels: edge & kept.lt(infinite) };
-            raster::block(simd, scratch.lists.of(block), at, &job.shared, limit, &mut scratch.block, &mut sums);
+            raster::block(simd, scratch.lists.of(simd, block), at, &job.shared, limit, &mut scratch.block, &mut sums);
             counters.block_pairs += u64::from(sums.tested);
             counters.inside += u64::from(sums.inside);
         }

@@ -100,7 +100,7 @@ impl Hiding {
                         let block = left.trailing_zeros();
                         left &= left - 1;
                         let at = listing.block_px(tile, block);
-                        let kept = raster::visibility(simd, lists.of(block), at, shared);
+                        let kept = raster::visibility(simd, lists.of(simd, block), at, shared);
                         let (column, row) = (at.0 as u32 / BLOCK - self.first[0], at.1 as u32 / BLOCK - self.first[1]);
                         self.farthest[row as usize * self.columns + column as usize] = fours::largest(kept);
                     }

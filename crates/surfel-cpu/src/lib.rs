@@ -58,6 +58,7 @@ mod record;
 mod recycle;
 mod renderer;
 mod rows;
+mod set_bits;
 mod setup;
 mod shade;
 mod shadow;

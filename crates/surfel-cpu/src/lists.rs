@@ -3,9 +3,8 @@
 use crate::bins::Entry;
 use crate::record::{NOWHERE, Record};
 use crate::recycle::emptied;
-
-/// Bits of a word, and blocks of a tile at most.
-const BITS: usize = 64;
+use crate::set_bits::{self, BITS};
+use fearless_simd::Simd;
 
 /// Splats that are drawn together.
 pub(crate) const FOUR: usize = 4;
@@ -121,25 +120,22 @@ impl<'a> BlockLists<'a> {
 
     /// The list of a block.
     #[inline(always)]
-    pub(crate) fn of(&mut self, block: u32) -> BlockList<'a, '_> {
+    pub(crate) fn of<S: Simd>(&mut self, simd: S, block: u32) -> BlockList<'a, '_> {
         let block = block as usize % BITS;
         if self.row != Some(block / ROW) {
-            self.list_row(block / ROW);
+            self.list_row(simd, block / ROW);
         }
         let (first, count) = self.parts[block % ROW];
         let order = &self.order[first..first + count.next_multiple_of(FOUR)];
         BlockList { splats: &self.splats, fours: order.as_chunks().0, count }
     }
 
-    /// Lists the splats of a row of blocks.
-    ///
-    /// Bit by bit it would cost a mispredicted branch a word: four are looked for at once, found or not. Several blocks together,
-    /// since what has just been written in parts can't be read in others.
+    /// Lists the splats of a row of blocks: several together, since what has just been written in parts can't be read in others.
     #[inline(always)]
-    fn list_row(&mut self, row: usize) {
+    fn list_row<S: Simd>(&mut self, simd: S, row: usize) {
         self.row = Some(row);
         // Every block may have every splat, and what means nothing after them.
-        let room = ROW * (BITS * self.words.len() + FOUR) + FOUR;
+        let room = ROW * (BITS * self.words.len() + FOUR) + BITS;
         if self.order.len() < room {
             self.order.resize(room, 0);
         }
@@ -149,18 +145,11 @@ impl<'a> BlockLists<'a> {
         for (block, part) in (ROW * row..).zip(&mut self.parts) {
             let begin = at;
             for (word, first) in self.words.iter().zip((0..).step_by(BITS)) {
-                let mut bits = word[block % BITS];
-                let end = at + bits.count_ones() as usize;
-                while at < end
-                    && let Some(to) = self.order.get_mut(at..).and_then(|rest| rest.first_chunk_mut::<FOUR>())
-                {
-                    for to in to {
-                        *to = first + bits.trailing_zeros();
-                        bits &= bits.wrapping_sub(1);
-                    }
-                    at += FOUR;
+                let bits = word[block % BITS];
+                if let Some(to) = self.order.get_mut(at..).and_then(|rest| rest.first_chunk_mut()) {
+                    set_bits::number(simd, bits, first, to);
                 }
-                at = end;
+                at += bits.count_ones() as usize;
             }
             *part = (begin, at - begin);
             if let Some(rest) = self.order.get_mut(at..).and_then(|rest| rest.first_chunk_mut::<FOUR>()) {
@@ -261,6 +250,7 @@ fn transpose(words: &mut [u64; BITS]) {
 mod tests {
     use super::*;
     use crate::bins::Kind;
+    use crate::level::{Instructions, SimdLevel, with_instructions};
 
     /// A record that can be told from others.
     fn record(i: usize) -> Record {
@@ -269,6 +259,13 @@ mod tests {
 
     #[test]
     fn lists_hold_each_blocks_splats_in_order_for_any_number_of_splats() {
+        for level in [SimdLevel::Best, SimdLevel::Baseline] {
+            let Some(instructions) = Instructions::new(level) else { continue };
+            with_instructions!(instructions, simd => check_lists(simd));
+        }
+    }
+
+    fn check_lists<S: Simd>(simd: S) {
         let records: Vec<Record> = (0..200).map(record).collect();
         // An xorshift: sparse and dense masks, some empty.
         let mut state = 0x9e37_79b9_7f4a_7c15u64;
@@ -292,7 +289,7 @@ mod tests {
             lists.finish();
             for block in 0..64 {
                 let expected: Vec<usize> = (0..count).filter(|&i| masks[i] >> block & 1 == 1).collect();
-                let list = lists.of(block);
+                let list = lists.of(simd, block);
                 assert_eq!(list.len(), expected.len(), "{count} splats, block {block}");
                 let listed: Vec<Listed<'_>> = list.fours().as_flattened().iter().map(|&i| list.get(i)).collect();
                 let (own, rest) = listed.split_at(list.len());

@@ -125,7 +125,7 @@ impl<'a> MapJob<'a> {
             let block = left.trailing_zeros();
             left &= left - 1;
             let at = self.listing.block_px(tile, block);
-            let (splats, triangles) = (scratch.lists.of(block), scratch.composite.triangles.of(block));
+            let (splats, triangles) = (scratch.lists.of(simd, block), scratch.composite.triangles.of(block));
             if splats.is_empty() && triangles.is_empty() {
                 continue;
             }

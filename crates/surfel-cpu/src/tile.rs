@@ -176,7 +176,15 @@ impl<'a> TileJob<'a> {
                 left &= left - 1;
                 count += 1;
                 let at = block_px(origin, block);
-                raster::block(simd, scratch.lists.of(block), at, &self.shared, Unlimited, &mut scratch.block, sums);
+                raster::block(
+                    simd,
+                    scratch.lists.of(simd, block),
+                    at,
+                    &self.shared,
+                    Unlimited,
+                    &mut scratch.block,
+                    sums,
+                );
                 counters.block_pairs += u64::from(sums.tested);
                 counters.inside += u64::from(sums.inside);
             }
