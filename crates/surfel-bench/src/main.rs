@@ -80,7 +80,7 @@ pub(crate) struct Arguments {
     /// Thread count of the processor backends; several times for several.
     #[arg(long, value_name = "N", default_values_t = [1, 2])]
     threads: Vec<usize>,
-    /// Only scenes whose name has this in it; several times for several.
+    /// Only scenes whose name has this in it, or is what follows a =; several times for several.
     #[arg(long, value_name = "NAME")]
     scene: Vec<String>,
     /// Frames of each scene and thread count.

@@ -136,7 +136,10 @@ pub(crate) fn chosen(arguments: &Arguments) -> Result<Vec<Case>, Failure> {
     let names = all().iter().map(|case| case.name).collect::<Vec<_>>().join(", ");
     let wanted = |case: &Case| match arguments.scene.as_slice() {
         [] => case.quick || !arguments.quick,
-        words => words.iter().any(|word| case.name.contains(word.as_str())),
+        words => words.iter().any(|word| match word.strip_prefix('=') {
+            Some(name) => case.name == name,
+            None => case.name.contains(word.as_str()),
+        }),
     };
     let there = |case: &Case| match case.source {
         Source::Model(file) | Source::Sharp(file) => arguments.models.join(file).is_file(),
