@@ -237,17 +237,18 @@ impl Job<'_> {
             (None, None) => self.upload(backend, &resolved.scene)?,
         };
         let settings = &resolved.file.settings;
-        let mut once = || match self.args.samples {
-            Some(n) => backend.render_supersampled(&resident, &view, settings, self.planes, n, &mut self.frame),
-            None => backend.render(&resident, &view, settings, self.planes, &mut self.frame),
+        let mut once = |planes| match self.args.samples {
+            Some(n) => backend.render_supersampled(&resident, &view, settings, planes, n, &mut self.frame),
+            None => backend.render(&resident, &view, settings, planes, &mut self.frame),
         };
+        // The frame that isn't timed counts fragments, which takes some time.
+        let counted = once(Planes { fragments: self.args.stats, ..self.planes })?;
         if let Some(repeat) = self.args.repeat {
-            once()?;
             for _ in 0..repeat {
-                self.runs.push(once()?);
+                self.runs.push(stats::with_fragments(once(self.planes)?, &counted));
             }
         } else {
-            self.runs.push(once()?);
+            self.runs.push(counted);
         }
         self.scene = Some(resident);
         Ok(())

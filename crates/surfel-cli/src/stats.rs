@@ -12,6 +12,15 @@ fn median(mut values: Vec<f64>) -> f64 {
     *m
 }
 
+/// A run with the fragments that another of the same frame counted.
+pub(crate) fn with_fragments(mut run: Stats, counted: &Stats) -> Stats {
+    run.fragments = counted.fragments;
+    let unknown = |(name, _): &&(&str, f64)| run.counters.iter().all(|(known, _)| known != name);
+    let more: Vec<_> = counted.counters.iter().filter(unknown).copied().collect();
+    run.counters.extend(more);
+    run
+}
+
 /// Medians over `runs` (at least one), as the object that `--stats` prints; `preset` is the one whose promise holds.
 pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: u32, preset: Option<Preset>) -> Value {
     let of = |f: fn(&Stats) -> f64| median(runs.iter().map(f).collect());

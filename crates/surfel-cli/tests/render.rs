@@ -167,7 +167,11 @@ fn statistics_have_the_promised_keys() {
     let counter = |name: &str| stats["counters"][name].as_f64().unwrap_or_else(|| panic!("{name}"));
     assert_eq!(counter("culled") + stats["drawn"].as_f64().unwrap(), 200.0);
     let fragments = stats["fragments"].as_f64().unwrap();
-    assert!(fragments <= counter("fragments_inside") && counter("fragments_inside") <= counter("fragments_tested"));
+    assert!(
+        fragments > 0.0
+            && fragments <= counter("fragments_inside")
+            && counter("fragments_inside") <= counter("fragments_tested")
+    );
     for name in ["tile_pairs", "block_pairs", "gb_per_s", "tile_ns_per_block_pair", "batch_bytes"] {
         assert!(counter(name) > 0.0, "{name}");
     }

@@ -161,7 +161,11 @@ impl Totals {
             stats.passes.push(pass("edges", self.edges_ms));
         }
         stats.drawn = self.drawn;
-        stats.fragments = self.counters.kept;
+        // Counting costs time.
+        if plan.planes.fragments {
+            stats.fragments = self.counters.kept;
+            stats.counters.push(("fragments_inside", self.counters.inside as f64));
+        }
         let pairs = self.counters.block_pairs.max(1) as f64;
         stats.counters.extend([
             ("batches", self.batches as f64),
@@ -174,7 +178,6 @@ impl Totals {
             ("tile_pairs", self.tile_pairs as f64),
             ("block_pairs", self.counters.block_pairs as f64),
             ("fragments_tested", (16 * self.counters.block_pairs).saturating_sub(self.counters.spared) as f64),
-            ("fragments_inside", self.counters.inside as f64),
             ("edge_pixels", self.counters.edge_pixels as f64),
             ("batch_bytes", self.batch_bytes as f64),
             ("shadow_bytes", self.shadow_bytes as f64),

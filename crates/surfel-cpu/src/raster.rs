@@ -22,6 +22,8 @@ pub(crate) struct Wants {
     pub attributes: Attributes,
     /// The ε of the splat that wrote the kept value.
     pub epsilon: bool,
+    /// How many fragments are inside footprints, and how many are added.
+    pub counts: bool,
     /// Depth is linear over pixels: orthographic, or affine mapping.
     pub linear_depth: bool,
     /// 1/h² of `clamp`'s disk.
@@ -38,6 +40,7 @@ impl Wants {
         Self {
             attributes: plan.attributes,
             epsilon: plan.has(Pass::EdgeAntialiasing),
+            counts: plan.planes.fragments,
             linear_depth: !settings.projective,
             clamp: clamp.then(|| (1.0 / (settings.radius_px * settings.radius_px)) as f32),
             kernel: Kernel::new(settings.cutoff),
@@ -170,7 +173,7 @@ impl<S: Simd> Visit<S> for Keeping<S> {
 }
 
 /// What the first loop carries along.
-struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const REMEMBER: bool> {
+struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool> {
     kept: Lanes<S>,
     kept_epsilon: Lanes<S>,
     inside: u32,
@@ -180,8 +183,8 @@ struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const REMEMBER: bool> 
     scratch: &'b mut Scratch,
 }
 
-impl<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool> Visit<S>
-    for FirstLoop<'_, '_, S, L, EPSILON, REMEMBER>
+impl<S: Simd, L: Limit<S>, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool> Visit<S>
+    for FirstLoop<'_, '_, S, L, EPSILON, COUNT, REMEMBER>
 {
     #[inline(always)]
     fn begin(&mut self, number: usize) {
@@ -198,8 +201,10 @@ impl<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool> Visit<S>
             fragment.visible &= exists;
             fragment.inside &= exists;
         }
-        // Not an ordinary sum, of which the compiler would make one of lanes: they have enough to do.
-        self.inside = self.inside.saturating_add(fragment.inside.to_bitmask().count_ones());
+        if COUNT {
+            // Not an ordinary sum, of which the compiler would make one of lanes: they have enough to do.
+            self.inside = self.inside.saturating_add(fragment.inside.to_bitmask().count_ones());
+        }
         let infinity = k(f32::INFINITY);
         let value = Lanes::select(fragment.visible, fragment.z, infinity) + k(record.epsilon());
         if EPSILON {
@@ -233,18 +238,24 @@ pub(crate) fn block<S: Simd>(
     scratch: &mut Scratch,
     sums: &mut Sums<S>,
 ) {
-    match (shared.wants.epsilon, FOUR * list.fours().len() <= REMEMBERED) {
-        (false, true) => both_loops::<S, _, false, true>(simd, list, first_px, shared, limit, scratch, sums),
-        (true, true) => both_loops::<S, _, true, true>(simd, list, first_px, shared, limit, scratch, sums),
-        (_, false) => both_loops::<S, _, true, false>(simd, list, first_px, shared, limit, scratch, sums),
+    let Wants { epsilon, counts, .. } = shared.wants;
+    match (epsilon, counts, FOUR * list.fours().len() <= REMEMBERED) {
+        (false, false, true) => {
+            both_loops::<S, _, false, false, true>(simd, list, first_px, shared, limit, scratch, sums)
+        }
+        (false, true, true) => {
+            both_loops::<S, _, false, true, true>(simd, list, first_px, shared, limit, scratch, sums)
+        }
+        (true, _, true) => both_loops::<S, _, true, true, true>(simd, list, first_px, shared, limit, scratch, sums),
+        (_, _, false) => both_loops::<S, _, true, true, false>(simd, list, first_px, shared, limit, scratch, sums),
     }
 }
 
-/// [`block`], with ε of what is kept if it is wanted, and fragments remembered if there are few enough.
+/// [`block`], with ε of what is kept and fragments counted if that is wanted, and fragments remembered if there are few enough.
 ///
 /// Out of line, for all who draw blocks.
 #[inline(never)]
-fn both_loops<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool>(
+fn both_loops<S: Simd, L: Limit<S>, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool>(
     simd: S,
     list: BlockList<'_, '_>,
     first_px: (i32, i32),
@@ -255,12 +266,12 @@ fn both_loops<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool>(
 ) {
     simd.vectorize(
         #[inline(always)]
-        || loops::<S, L, EPSILON, REMEMBER>(simd, list, first_px, shared, limit, scratch, sums),
+        || loops::<S, L, EPSILON, COUNT, REMEMBER>(simd, list, first_px, shared, limit, scratch, sums),
     );
 }
 
 #[inline(always)]
-fn loops<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool>(
+fn loops<S: Simd, L: Limit<S>, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool>(
     simd: S,
     list: BlockList<'_, '_>,
     first_px: (i32, i32),
@@ -272,7 +283,7 @@ fn loops<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool>(
     let pixels = Pixels::new(simd, first_px);
     let (kept, kept_epsilon) = (Lanes::splat(simd, f32::INFINITY), Lanes::splat(simd, 0.0));
     let mut first =
-        FirstLoop::<_, _, EPSILON, REMEMBER> { kept, kept_epsilon, inside: 0, limit: &limit, count: 0, scratch };
+        FirstLoop::<_, _, EPSILON, COUNT, REMEMBER> { kept, kept_epsilon, inside: 0, limit: &limit, count: 0, scratch };
     // Nothing of a splat behind all that is kept matters, in either loop.
     sums.tested = each_four(simd, list, f32::INFINITY, &pixels, shared, &mut first);
     let FirstLoop { kept, kept_epsilon, inside, count, scratch, .. } = first;
@@ -289,14 +300,14 @@ fn loops<S: Simd, L: Limit<S>, const EPSILON: bool, const REMEMBER: bool>(
             _ if a.material | (a.coverage & shared.coverage_of_weight.is_none()) => {
                 remembered.add_all(simd, sums, &limit, shared);
             }
-            (false, false, false) => remembered.add::<S, false, false, false>(simd, sums, &limit),
-            (false, false, true) => remembered.add::<S, false, false, true>(simd, sums, &limit),
-            (false, true, false) => remembered.add::<S, false, true, false>(simd, sums, &limit),
-            (false, true, true) => remembered.add::<S, false, true, true>(simd, sums, &limit),
-            (true, false, false) => remembered.add::<S, true, false, false>(simd, sums, &limit),
-            (true, false, true) => remembered.add::<S, true, false, true>(simd, sums, &limit),
-            (true, true, false) => remembered.add::<S, true, true, false>(simd, sums, &limit),
-            (true, true, true) => remembered.add::<S, true, true, true>(simd, sums, &limit),
+            (false, false, false) => remembered.add::<S, COUNT, false, false, false>(simd, sums, &limit),
+            (false, false, true) => remembered.add::<S, COUNT, false, false, true>(simd, sums, &limit),
+            (false, true, false) => remembered.add::<S, COUNT, false, true, false>(simd, sums, &limit),
+            (false, true, true) => remembered.add::<S, COUNT, false, true, true>(simd, sums, &limit),
+            (true, false, false) => remembered.add::<S, COUNT, true, false, false>(simd, sums, &limit),
+            (true, false, true) => remembered.add::<S, COUNT, true, false, true>(simd, sums, &limit),
+            (true, true, false) => remembered.add::<S, COUNT, true, true, false>(simd, sums, &limit),
+            (true, true, true) => remembered.add::<S, COUNT, true, true, true>(simd, sums, &limit),
         }
     } else {
         second_loop(simd, list, &pixels, sums, limit, shared);
@@ -331,7 +342,7 @@ impl<'a> Remembered<'a, '_, '_> {
 
     /// The second loop over what was remembered, for sums of weights, and of colours, normals and depths if they are wanted.
     #[inline(always)]
-    fn add<S: Simd, const COLOR: bool, const NORMAL: bool, const DEPTH: bool>(
+    fn add<S: Simd, const COUNT: bool, const COLOR: bool, const NORMAL: bool, const DEPTH: bool>(
         &self,
         simd: S,
         sums: &mut Sums<S>,
@@ -347,7 +358,9 @@ impl<'a> Remembered<'a, '_, '_> {
                 let mask = limit.reaches(z, record, z.le(kept));
                 let weight = Lanes::select(mask, Lanes::load(simd, weight), zero);
                 total = total + weight;
-                fragments = Lanes::select(mask, fragments + one, fragments);
+                if COUNT {
+                    fragments = Lanes::select(mask, fragments + one, fragments);
+                }
                 if COLOR {
                     r = weight.mul_add(k(record.red()), r);
                     g = weight.mul_add(k(record.green()), g);

@@ -20,9 +20,10 @@ pub struct Stats {
     pub splats: u64,
     /// Splats that were rasterised (not culled).
     pub drawn: u64,
-    /// Fragments that contributed to a pixel; 0 from a backend that doesn't count them. wgpu has no exact count of samples that
-    /// passed: there it is 0 unless the plane is asked for, and `fragment_invocations` among the counters is what shaders ran,
-    /// where the adapter counts it (pipeline statistics).
+    /// Fragments that contributed to a pixel; 0 where they aren't counted. Processors count them, and `fragments_inside` among the
+    /// counters, where [`crate::Planes::fragments`] is asked for, since it costs a fiftieth of a frame. So does wgpu, which has no exact
+    /// count of samples that passed; `fragment_invocations` among the counters is what shaders ran, where the adapter counts it
+    /// (pipeline statistics).
     pub fragments: u64,
     /// Resident bytes a splat.
     pub bytes_per_splat: f64,

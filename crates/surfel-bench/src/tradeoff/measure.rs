@@ -135,7 +135,7 @@ fn first_picture(
     let settings = variant.settings(settings);
     let frame = Frame::default();
     let mut one = Ready { variant, settings, scene, frame, stats: Stats::default(), not_drawn: None, ms: Vec::new() };
-    match draw(backends, scenes, view, &mut one, Planes::ALL) {
+    match draw(backends, scenes, view, &mut one, Planes { fragments: true, ..Planes::ALL }) {
         Ok(stats) => one.stats = stats,
         Err(error) => one.not_drawn = Some(error.to_string()),
     }

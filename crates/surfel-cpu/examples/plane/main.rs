@@ -21,7 +21,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let settings = Settings { shader: Shader::Phong, ..Settings::default() };
     let mut frame = Frame::default();
     for i in 0..frames as usize {
-        let stats = renderer.render(&resident, &view, &settings, Planes::COLOR, &mut frame)?;
+        let planes = Planes { fragments: i == 0, ..Planes::COLOR };
+        let stats = renderer.render(&resident, &view, &settings, planes, &mut frame)?;
         if i == 0 {
             println!("splats {} drawn {} fragments {}", stats.splats, stats.drawn, stats.fragments);
             stats.counters.iter().for_each(|(name, value)| println!("{name} {value}"));
