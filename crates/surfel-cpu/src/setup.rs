@@ -2,7 +2,6 @@
 
 use crate::bins::{Entries, Grid, Segment};
 use crate::clip::{StoredClips, Turns};
-use crate::dots::DotLanes;
 use crate::lane_math::{Bits, adjust_axes, gradient_of, orthonormal, pixel_range, transform, unit};
 use crate::lanes::{LANES, Lanes};
 use crate::mask::{self, MaskForm, Masks};
@@ -401,7 +400,9 @@ impl ObjectSetup<'_> {
                 Some(dots) if clipped == 0 => dots.find(&records, keep, [columns.0, columns.1, rows.0, rows.1]),
                 _ => None,
             };
-            masks.dots = dots.as_ref().map_or([0; 2], DotLanes::bits);
+            if let Some(dots) = &dots {
+                masks.set_dots(dots.bits());
+            }
             let SetupOutput { grid, segment, entries, .. } = out;
             let first = segment.records.push_sixteen(records, dots.as_ref(), keep);
             masks.entries(simd, keep, (&segment.records, first), grid, form, entries);
