@@ -79,7 +79,19 @@ impl Entry {
     /// Tiles are 8 pixels wide or more: even the largest picture has fewer than 2^30.
     #[inline(always)]
     pub(crate) fn new(blocks: u64, record: u32, tile: u32, kind: Kind) -> Self {
-        Self { blocks, record, place: tile | (kind as u32) << 30 }
+        Self::at(blocks, record, Self::place(tile, kind))
+    }
+
+    /// Of a [`Self::place`].
+    #[inline(always)]
+    pub(crate) fn at(blocks: u64, record: u32, place: u32) -> Self {
+        Self { blocks, record, place }
+    }
+
+    /// A tile, and the kind of a splat there.
+    #[inline(always)]
+    pub(crate) fn place(tile: u32, kind: Kind) -> u32 {
+        tile | (kind as u32) << 30
     }
 
     #[inline(always)]

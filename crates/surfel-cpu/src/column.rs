@@ -4,8 +4,8 @@
 use crate::lanes::{LANES, Lanes};
 use fearless_simd::Simd;
 use glam::Vec3;
-use surfel_math::V3;
 use surfel_math::quantise::{STEPS, folded, steps as steps_of, to_step, unfolded};
+use surfel_math::{Real, V3};
 use surfel_render::Storage;
 
 /// A column of numbers.
@@ -24,9 +24,30 @@ impl Column {
 
     /// Adds a number between −scale and scale.
     pub(crate) fn push(&mut self, value: f32, scale: f32) {
+        let at = self.len();
+        self.grow(1);
+        self.set(at, value, scale);
+    }
+
+    /// Adds zeros.
+    fn grow(&mut self, count: usize) {
         match self {
-            Self::F32(values) => values.push(value),
-            Self::Quantised(steps) => steps.push(to_step(value / scale)),
+            Self::F32(values) => values.resize(values.len() + count, 0.0),
+            Self::Quantised(steps) => steps.resize(steps.len() + count, 0),
+        }
+    }
+
+    fn set(&mut self, at: usize, value: f32, scale: f32) {
+        match self {
+            Self::F32(values) => values[at] = value,
+            Self::Quantised(steps) => steps[at] = to_step(value / scale),
+        }
+    }
+
+    fn len(&self) -> usize {
+        match self {
+            Self::F32(values) => values.len(),
+            Self::Quantised(steps) => steps.len(),
         }
     }
 
@@ -58,35 +79,46 @@ fn from_steps<S: Simd>(simd: S, steps: &[u16]) -> Lanes<S> {
     Lanes::load(simd, &values)
 }
 
-/// A column of vectors in structure-of-arrays form. Every chunk is padded to whole lanes.
-pub(crate) struct Column3([Column; 3]);
+/// A column of vectors, by sixteens: sixteen x, sixteen y, sixteen z, so that they lie in one place of memory. Every chunk is padded
+/// to whole lanes.
+pub(crate) struct Column3 {
+    coordinates: Column,
+    vectors: usize,
+}
 
 impl Column3 {
     pub(crate) fn new(storage: Storage, capacity: usize) -> Self {
-        Self([(); 3].map(|()| Column::new(storage, capacity)))
+        Self { coordinates: Column::new(storage, 3 * capacity), vectors: 0 }
     }
 
     /// Adds a vector whose coordinates lie between −scale and scale.
     pub(crate) fn push(&mut self, v: Vec3, scale: f32) {
-        self.0.iter_mut().zip(v.to_array()).for_each(|(column, value)| column.push(value, scale));
+        let lane = self.vectors % LANES;
+        if lane == 0 {
+            self.coordinates.grow(3 * LANES);
+        }
+        let x = 3 * (self.vectors - lane) + lane;
+        for (axis, value) in v.to_array().into_iter().enumerate() {
+            self.coordinates.set(x + axis * LANES, value, scale);
+        }
+        self.vectors += 1;
     }
 
+    /// Sixteen vectors from one on that begins a sixteen.
     #[inline(always)]
     pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> V3<Lanes<S>> {
-        let [x, y, z] = &self.0;
-        V3::new(x.load(simd, at, scale), y.load(simd, at, scale), z.load(simd, at, scale))
+        debug_assert!(at.is_multiple_of(LANES));
+        let (all, x) = (&self.coordinates, 3 * at);
+        V3::new(all.load(simd, x, scale), all.load(simd, x + LANES, scale), all.load(simd, x + 2 * LANES, scale))
     }
 
     /// Number of vectors.
     pub(crate) fn len(&self) -> usize {
-        match &self.0[0] {
-            Column::F32(values) => values.len(),
-            Column::Quantised(steps) => steps.len(),
-        }
+        self.vectors
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        self.0.iter().map(Column::bytes).sum()
+        self.coordinates.bytes()
     }
 }
 

@@ -49,9 +49,8 @@ fn row<S: Simd>([a, b, c]: [f32; 3], v: V3<Lanes<S>>) -> Lanes<S> {
 
 #[inline(always)]
 pub(crate) fn unit<R: Real>(v: V3<R>) -> V3<R> {
-    let scale = v.x.one() / v.max_abs();
-    let v = v * scale;
-    v * (v.x.one() / v.length())
+    let v = v * v.max_abs().scale_to_one();
+    v * v.dot(v).inverse_sqrt()
 }
 
 /// As `surfel_math::basis::orthonormal`, for unit normals in lanes.

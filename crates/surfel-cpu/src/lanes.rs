@@ -110,32 +110,6 @@ impl<S: Simd> Lanes<S> {
         error.mul_add(error, error).mul_add(self, self)
     }
 
-    /// A power of two that takes a positive normal number below 2^126 into (½, 1].
-    #[inline(always)]
-    pub(crate) fn scale_to_one(self) -> Self {
-        let bits: i32x16<S> = self.0.bitcast();
-        let exponent = (i32x16::splat(self.0.simd, 0x7f00_0000) - bits) & i32x16::splat(self.0.simd, 0x7f80_0000);
-        Self(exponent.bitcast())
-    }
-
-    /// 1/√x for positive normal x, to 1 ulp; a finite number for 0 and others that are smaller.
-    ///
-    /// A guess y from the exponent is at most 0.035 off; the polynomial that is nearest 1/√(1 + d) for d = x·y² − 1 takes it to
-    /// the exact root but for 2.3e-8. Newton's steps need more operations, and round more often.
-    #[inline(always)]
-    pub(crate) fn inverse_sqrt(self) -> Self {
-        let bits: i32x16<S> = self.0.bitcast();
-        let magic = i32x16::splat(self.0.simd, 0x5f37_5a86);
-        let guess: f32x16<S> = (magic - (bits >> 1)).bitcast();
-        let y = Self(guess);
-        let d = (self * y).mul_add(y, -self.one());
-        let mut p = self.constant(0.274_036_98);
-        for c in [-0.313_939_38, 0.375_000_7, -0.499_998_32] {
-            p = p.mul_add(d, self.constant(c));
-        }
-        (y * d).mul_add(p, y)
-    }
-
     /// 2^x for x in [−126, 126]: relative error below 2e-7 (Taylor polynomial of degree 6 on [−½, ½]).
     #[inline(always)]
     pub(crate) fn exp2(self) -> Self {
@@ -307,6 +281,32 @@ impl<S: Simd> Real for Lanes<S> {
     #[inline(always)]
     fn select(mask: mask32x16<S>, a: Self, b: Self) -> Self {
         Self(mask.select(a.0, b.0))
+    }
+
+    /// A power of two that takes a positive normal number below 2^126 into (½, 1].
+    #[inline(always)]
+    fn scale_to_one(self) -> Self {
+        let bits: i32x16<S> = self.0.bitcast();
+        let exponent = (i32x16::splat(self.0.simd, 0x7f00_0000) - bits) & i32x16::splat(self.0.simd, 0x7f80_0000);
+        Self(exponent.bitcast())
+    }
+
+    /// 1/√x for positive normal x, to 1 ulp; a finite number for 0 and others that are smaller.
+    ///
+    /// A guess y from the exponent is at most 0.035 off; the polynomial that is nearest 1/√(1 + d) for d = x·y² − 1 takes it to
+    /// the exact root but for 2.3e-8. Newton's steps need more operations, and round more often.
+    #[inline(always)]
+    fn inverse_sqrt(self) -> Self {
+        let bits: i32x16<S> = self.0.bitcast();
+        let magic = i32x16::splat(self.0.simd, 0x5f37_5a86);
+        let guess: f32x16<S> = (magic - (bits >> 1)).bitcast();
+        let y = Self(guess);
+        let d = (self * y).mul_add(y, -self.one());
+        let mut p = self.constant(0.274_036_98);
+        for c in [-0.313_939_38, 0.375_000_7, -0.499_998_32] {
+            p = p.mul_add(d, self.constant(c));
+        }
+        (y * d).mul_add(p, y)
     }
 }
 

@@ -63,6 +63,7 @@ mod setup;
 mod shade;
 mod shadow;
 mod sight;
+mod sixteens;
 mod spot;
 mod store;
 mod target;

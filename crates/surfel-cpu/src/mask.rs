@@ -5,7 +5,7 @@ use crate::lanes::{LANES, Lanes};
 use crate::record::{BlockBox, Class, Record};
 use crate::rows::{Conic, HALF, MaskForms, Rows, SLACK};
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, i32x16, mask32x16};
+use fearless_simd::{Simd, i32x16, mask32x16, mask64x8, u64x8};
 use surfel_math::{Real, V2};
 
 /// How footprints are tested, from the plan.
@@ -23,18 +23,15 @@ pub(crate) struct Masks {
     boxes: [[i32; LANES]; 4],
     /// Splats, as bits, whose box is larger than a tile: they are tested tile by tile.
     large: u64,
-    /// Splats whose box reaches into several tiles.
-    several: u64,
+    /// Splats that have blocks in the first tile of their box, in the next one, and in the two below these; if it is no larger than
+    /// a tile.
+    filled: [u64; 4],
     /// Splats that may touch a block.
     touching: u64,
-    /// Blocks of eight rows from a box's first on, those in the first tile's columns and those in the next one's: eight bits a
-    /// row, four rows each.
-    blocks: [[[i32; LANES]; 2]; 2],
-    /// The tile of a box's first block, and its row there.
-    tile: [i32; LANES],
-    row: [i32; LANES],
-    /// Which of them are dots of four pixels, and of nine, as bits; none yet.
-    pub dots: [u64; 2],
+    /// Blocks in the tile of a box's first block, in the next one, and in the two below these; of boxes no larger than a tile.
+    blocks: [[u64; LANES]; 4],
+    /// That tile, and what kind of splat it is.
+    place: [i32; LANES],
 }
 
 /// Finds the blocks of the splats in `keep` from their ranges of pixels.
@@ -83,19 +80,68 @@ pub(crate) fn masks<S: Simd>(
     let any = (blocks[0][0] | blocks[0][1]) | (blocks[1][0] | blocks[1][1]);
     let nothing: mask32x16<S> = any.simd_eq(i32x16::splat(simd, 0));
     let (tile_column, tile_row): (i32x16<S>, i32x16<S>) = (column.0.to_int(), row.0.to_int());
+    let above: i32x16<S> = ((y0 - tile.y) * k(TILE_BLOCKS as f32)).0.to_int();
+    let (blocks, filled) = in_tiles(blocks, above, several.to_bitmask() & keep != 0, grid);
     Masks {
         boxes: [int(x0), int(y0), int(x1), int(y1)],
         large: !fits.to_bitmask(),
-        several: several.to_bitmask(),
         touching: !(fits & nothing).to_bitmask(),
-        blocks: [
-            [blocks[0][0].to_array(), blocks[0][1].to_array()],
-            [blocks[1][0].to_array(), blocks[1][1].to_array()],
-        ],
-        tile: (tile_row * i32x16::splat(simd, grid.columns as i32) + tile_column).to_array(),
-        row: int(y0 - tile.y),
-        dots: [0; 2],
+        filled,
+        blocks,
+        place: (tile_row * i32x16::splat(simd, grid.columns as i32) + tile_column).to_array(),
     }
+}
+
+/// Blocks of up to four tiles from those of a box's rows, four rows each, in its first tile's columns and in the next one's.
+#[inline(always)]
+fn in_tiles<S: Simd>(
+    rows: [[i32x16<S>; 2]; 2],
+    above: i32x16<S>,
+    several: bool,
+    grid: &Grid,
+) -> ([[u64; LANES]; 4], [u64; 4]) {
+    let simd = above.simd;
+    let bits = TILE_BLOCKS * grid.tile_blocks;
+    let all = u64x8::splat(simd, u64::MAX >> (64 - bits));
+    let most = u64x8::splat(simd, u64::from(bits - 1));
+    let (left, right) = (pairs(rows[0]), pairs(rows[1]));
+    let above = pairs([above, i32x16::splat(simd, 0)]);
+    let (mut blocks, mut filled) = ([[0; LANES]; 4], [0; 4]);
+    for half in 0..2 {
+        let (left, right, here) = (left[half], right[half], above[half]);
+        put((left << here) & all, half, (&mut blocks[0], &mut filled[0]));
+        if several {
+            // In two steps: all of them may be above.
+            let below = most - here;
+            put((right << here) & all, half, (&mut blocks[1], &mut filled[1]));
+            put((left >> 1) >> below, half, (&mut blocks[2], &mut filled[2]));
+            put((right >> 1) >> below, half, (&mut blocks[3], &mut filled[3]));
+        }
+    }
+    (blocks, filled)
+}
+
+/// Stores eight of sixteen numbers, and which of them aren't zero.
+#[inline(always)]
+fn put<S: Simd>(numbers: u64x8<S>, half: usize, (all, filled): (&mut [u64; LANES], &mut u64)) {
+    numbers.store_slice(&mut all[half * 8..half * 8 + 8]);
+    let none: mask64x8<S> = numbers.simd_eq(u64x8::splat(numbers.simd, 0));
+    *filled |= (!none.to_bitmask() & 0xff) << (8 * half);
+}
+
+/// The low sixteen bits, each the first of four.
+#[inline(always)]
+fn spread(bits: u64) -> u64 {
+    let bits = (bits | bits << 24) & 0x0000_00ff_0000_00ff;
+    let bits = (bits | bits << 12) & 0x000f_000f_000f_000f;
+    let bits = (bits | bits << 6) & 0x0303_0303_0303_0303;
+    (bits | bits << 3) & 0x1111_1111_1111_1111
+}
+
+/// Pairs of numbers of 32 bits, the low ones first, as numbers of 64.
+#[inline(always)]
+fn pairs<S: Simd>([low, high]: [i32x16<S>; 2]) -> [u64x8<S>; 2] {
+    [low.zip_low(high).bitcast(), low.zip_high(high).bitcast()]
 }
 
 #[inline(always)]
@@ -121,12 +167,13 @@ impl Masks {
         &self,
         simd: S,
         mut keep: u64,
-        (records, mut first): (&[Record], u32),
+        (records, first): (&[Record], u32),
         grid: &Grid,
         form: MaskForm,
         entries: &mut Entries,
     ) {
         if keep & self.large != 0 {
+            let mut first = first;
             while keep != 0 {
                 let i = keep.trailing_zeros() as usize % LANES;
                 keep &= keep - 1;
@@ -137,58 +184,32 @@ impl Masks {
             }
             return;
         }
-        let one_each = keep & self.several == 0;
         let Some(room) = entries.room() else { return };
+        let [here, beside, below, across] = self.filled;
+        let mut left = spread(here & keep) | spread(below & keep) << 2;
+        left |= spread(beside & keep) << 1 | spread(across & keep) << 3;
+        let next = next_tiles(grid);
         let mut count = 0;
-        // A splat that isn't in a tile is written over by the next one that is.
-        while keep != 0 {
-            let i = keep.trailing_zeros() as usize % LANES;
-            keep &= keep - 1;
-            if one_each {
-                let blocks = self.rows(i, 0) << (TILE_BLOCKS * self.row[i] as u32);
-                room[count % OF_SIXTEEN] = Entry::new(blocks, first, self.tile[i] as u32, self.kind(i));
-                count += 1;
-            } else {
-                for (blocks, tile) in self.four(i, grid) {
-                    room[count % OF_SIXTEEN] = Entry::new(blocks, first, tile, self.kind(i));
-                    count += usize::from(blocks != 0);
-                }
-            }
-            first += 1;
+        // Splat by splat: lists are in their order.
+        while left != 0 {
+            let (i, tile) = (left.trailing_zeros() as usize / 4, left.trailing_zeros() as usize % 4);
+            left &= left - 1;
+            let before = (keep & ((1 << i) - 1)).count_ones();
+            let place = self.place[i % LANES] as u32 + next[tile];
+            room[count % OF_SIXTEEN] = Entry::at(self.blocks[tile][i % LANES], first + before, place);
+            count += 1;
         }
         entries.advance(count);
     }
 
-    /// Bits of eight rows of a splat's blocks, in the first tile's columns or in the next one's.
+    /// Says which splats are dots of four pixels, and of nine, as bits: none yet.
     #[inline(always)]
-    fn rows(&self, i: usize, side: usize) -> u64 {
-        u64::from(self.blocks[side][0][i] as u32) | u64::from(self.blocks[side][1][i] as u32) << 32
-    }
-
-    /// Blocks in the up to four tiles that a box no larger than a tile may touch, and these tiles.
-    #[inline(always)]
-    fn four(&self, i: usize, grid: &Grid) -> [(u64, u32); 4] {
-        let (left, right) = (self.rows(i, 0), self.rows(i, 1));
-        let bits = TILE_BLOCKS * grid.tile_blocks;
-        let all = u64::MAX >> (64 - bits);
-        let above = TILE_BLOCKS * self.row[i] as u32;
-        // In two steps: all of them may be above.
-        let below = bits - 1 - above;
-        let tile = self.tile[i] as u32;
-        [
-            ((left << above) & all, tile),
-            ((right << above) & all, tile + 1),
-            ((left >> 1) >> below, tile + grid.columns),
-            ((right >> 1) >> below, tile + grid.columns + 1),
-        ]
-    }
-
-    #[inline(always)]
-    fn kind(&self, i: usize) -> Kind {
-        match self.dots.map(|bits| bits >> i & 1) {
-            [1, _] => Kind::Four,
-            [_, 1] => Kind::Nine,
-            _ => Kind::Any,
+    pub(crate) fn set_dots(&mut self, [four, nine]: [u64; 2]) {
+        for (i, place) in self.place.iter_mut().enumerate() {
+            let kind = if four >> i & 1 == 1 { Kind::Four } else { Kind::Nine };
+            if (four | nine) >> i & 1 == 1 {
+                *place = Entry::place(*place as u32, kind) as i32;
+            }
         }
     }
 
@@ -209,10 +230,18 @@ impl Masks {
             for_tiles(simd, (record, index), blocks, grid, form, visit);
             return;
         }
-        for (blocks, tile) in self.four(i, grid).into_iter().filter(|(blocks, _)| *blocks != 0) {
-            visit(Entry::new(blocks, index, tile, self.kind(i)));
+        for (blocks, next) in self.blocks.iter().zip(next_tiles(grid)) {
+            if blocks[i] != 0 {
+                visit(Entry::at(blocks[i], index, self.place[i] as u32 + next));
+            }
         }
     }
+}
+
+/// From a tile to itself, the next one and those below.
+#[inline(always)]
+fn next_tiles(grid: &Grid) -> [u32; 4] {
+    [0, 1, grid.columns, grid.columns + 1]
 }
 
 /// Calls `visit` with the entry of every tile that a record may touch, given its box.

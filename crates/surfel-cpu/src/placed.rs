@@ -29,10 +29,12 @@ pub(crate) struct ObjectSetup<'a> {
     pub view_normals: DMat3,
     /// Factor of all lengths, of an object placed without distortion.
     pub scale: Option<f64>,
+    /// −1 of an object placed as its mirror image, else 1.
+    pub handedness: f64,
     /// Factor by which the object's largest length grows.
     stretch: f64,
     /// The eye, or of an orthographic view the unit direction away from it, in object space.
-    eye_in_object: DVec3,
+    pub eye_in_object: DVec3,
     pub view: &'a View,
     pub plan: &'a FramePlan,
     pub evaluation: Evaluation,
@@ -76,6 +78,7 @@ impl<'a> ObjectSetup<'a> {
             normals,
             view_normals: view.view_from_world * normals,
             scale: uniform,
+            handedness: sign,
             stretch,
             view,
             plan,

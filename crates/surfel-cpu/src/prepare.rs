@@ -285,7 +285,7 @@ fn set_up<S: Simd>(simd: S, setups: &[ObjectSetup<'_>], chunks: &[Seen], out: &m
                     Some((object, sides)) if *object == seen.object => &*sides,
                     other => &other.insert((seen.object, setup.sides(out.grid.region))).1,
                 };
-                setup.chunk(simd, &setup.object.chunks[seen.chunk as usize], sides, out);
+                setup.chunk(simd, seen.chunk as usize, sides, out);
             }
         },
     );

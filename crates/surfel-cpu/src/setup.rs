@@ -2,7 +2,6 @@
 
 use crate::bins::{Entries, Grid, Segment};
 use crate::clip::{StoredClips, Turns};
-use crate::dots::DotLanes;
 use crate::lane_math::{Bits, adjust_axes, gradient_of, orthonormal, pixel_range, transform, unit};
 use crate::lanes::{LANES, Lanes};
 use crate::mask::{self, MaskForm, Masks};
@@ -10,14 +9,14 @@ use crate::placed::{ObjectSetup, Sides};
 use crate::record::{BlockBox, Class, Record, RecordLanes};
 use crate::renderer::Evaluation;
 use crate::rows::MaskForms;
-use crate::store::{CHUNK, Chunk, StoredShape};
+use crate::store::{Chunk, StoredShape};
 use crate::veil::VeilSplat;
 use fearless_simd::prelude::SimdFloat;
 use fearless_simd::{Simd, mask32x16};
 use glam::DVec3;
 use surfel_math::bounds::{self, Extent};
 use surfel_math::clip::Turn;
-use surfel_math::depth::tolerance;
+use surfel_math::depth::projected_tolerance;
 use surfel_math::filter::{self, Filtered};
 use surfel_math::mapping::Footprint;
 use surfel_math::project::{Area, Projected, ViewSplat, radius_max};
@@ -104,27 +103,30 @@ impl SetupOutput<'_> {
 impl ObjectSetup<'_> {
     /// Appends the records of a chunk.
     #[inline(always)]
-    pub(crate) fn chunk<S: Simd>(&self, simd: S, chunk: &Chunk, sides: &Sides, out: &mut SetupOutput<'_>) {
+    pub(crate) fn chunk<S: Simd>(&self, simd: S, index: usize, sides: &Sides, out: &mut SetupOutput<'_>) {
+        let (chunk, sixteens) = (&self.object.chunks[index], &self.object.sixteens[index]);
         let center = self.center(chunk);
         if self.is_outside(center, chunk, out.grid.region) {
             return;
         }
         out.segment.set_up += chunk.count as u64;
-        out.segment.records.make_room(chunk.count);
-        let mut done = 0;
-        while done < chunk.count {
-            let active = (chunk.count - done).min(LANES);
-            self.sixteen(simd, (chunk, center, sides), chunk.first + done, active, out);
-            done += LANES;
+        let mut seen = sixteens.seen(simd, self, (chunk, center), sides);
+        if seen == 0 {
+            return;
         }
-        debug_assert!(done <= CHUNK);
+        out.segment.records.make_room(chunk.count);
+        while seen != 0 {
+            let first = LANES * seen.trailing_zeros() as usize;
+            seen &= seen - 1;
+            self.sixteen(simd, (chunk, center), chunk.first + first, (chunk.count - first).min(LANES), out);
+        }
     }
 
     #[inline(always)]
     fn sixteen<S: Simd>(
         &self,
         simd: S,
-        (chunk, center, sides): (&Chunk, DVec3, &Sides),
+        (chunk, center): (&Chunk, DVec3),
         at: usize,
         active: usize,
         out: &mut SetupOutput<'_>,
@@ -134,35 +136,27 @@ impl ObjectSetup<'_> {
         let k = |v: f64| Lanes::splat(simd, v as f32);
         let c = V3::new(k(center.x), k(center.y), k(center.z));
         let p = transform(&linear, object.centers.load(simd, at, chunk.space.center)) + c;
-        let reach = match &object.shape {
-            StoredShape::Disks { radii, .. } => radii.load(simd, at, chunk.space.radius),
-            StoredShape::Ellipses { s, t } => {
-                let (s, t) = (s.load(simd, at, 1.0), t.load(simd, at, 1.0));
-                // No less than the longest diameter's half, however the half-axes lie.
-                (s.dot(s) + t.dot(t)).sqrt()
-            }
-        };
-        if !exclude(sides, &p, reach).bits() & ((1 << active) - 1) == 0 {
-            return;
-        }
         let normals = self.normals.as_mat3();
-        let normal = match &object.shape {
-            StoredShape::Disks { normals, .. } => normals.load(simd, at),
+        let (normal, area) = match &object.shape {
+            StoredShape::Disks { normals, .. } => (normals.load(simd, at), None),
             StoredShape::Ellipses { s, t } => {
                 let (s, t) = (s.load(simd, at, 1.0), t.load(simd, at, 1.0));
-                let (a, b) = (s.max_abs(), t.max_abs());
-                (s * (a.one() / a)).cross(t * (b.one() / b))
+                let (a, b) = (s.max_abs().scale_to_one(), t.max_abs().scale_to_one());
+                let cross = (s * a).cross(t * b);
+                let square = cross.dot(cross);
+                let inverse = square.inverse_sqrt();
+                let (sine, scale) = (square * inverse * k(self.handedness), k(self.scale.unwrap_or(1.0)));
+                (cross * inverse, Some(Area { sine, k_s: a.scale_to_one() * scale, k_t: b.scale_to_one() * scale }))
             }
         };
-        let is_disk = matches!(object.shape, StoredShape::Disks { .. });
         // A rotated unit normal is one.
-        let (world_normal, n) = if self.scale.is_some() && is_disk {
+        let (world_normal, n) = if self.scale.is_some() {
             (transform(&normals, normal), transform(&self.view_normals.as_mat3(), normal))
         } else {
             let world_normal = unit(transform(&normals, normal));
             (world_normal, transform(&self.view.view_from_world.as_mat3(), world_normal))
         };
-        let (s, t, disk) = match (&object.shape, self.scale) {
+        let (s, t, radius) = match (&object.shape, self.scale) {
             // Any pair of half-axes serves a disk, unless a clip is given in them.
             (StoredShape::Disks { radii, .. }, Some(scale)) if object.clips.is_none() => {
                 let r = radii.load(simd, at, chunk.space.radius) * k(scale);
@@ -179,6 +173,8 @@ impl ObjectSetup<'_> {
             }
         };
         let splat = ViewSplat { p, s, t, n };
+        // Turning a pair of half-axes keeps its product.
+        let area = radius.map(Area::of_disk).or(area.filter(|_| self.scale.is_some()));
         let shading = match &object.shading_normals {
             Some(c) => unit(transform(&normals, c.load(simd, at))),
             None => world_normal,
@@ -188,14 +184,14 @@ impl ObjectSetup<'_> {
             Some(colors) => colors.load(simd, at, chunk.space.color),
             None => V3::new(white, white, white),
         };
-        self.project(simd, (&splat, disk), shading, color, (chunk, at, active), out);
+        self.project(simd, (&splat, radius, area), shading, color, (chunk, at, active), out);
     }
 
     #[inline(always)]
     fn project<S: Simd>(
         &self,
         simd: S,
-        (splat, disk): (&ViewSplat<Lanes<S>>, Option<Lanes<S>>),
+        (splat, radius, area): (&ViewSplat<Lanes<S>>, Option<Lanes<S>>, Option<Area<Lanes<S>>>),
         shading: V3<Lanes<S>>,
         color: V3<Lanes<S>>,
         (chunk, at, active): (&Chunk, usize, usize),
@@ -225,17 +221,11 @@ impl ObjectSetup<'_> {
         // Lanes that aren't ordinary go on with a harmless depth; their results are never read.
         let z = Lanes::select(inside & !close, z, k(projection.near * 4.0));
         let splat = &ViewSplat { p: V3::new(splat.p.x, splat.p.y, z), ..*splat };
-        let radius = match disk {
-            Some(radius) => radius,
-            None => radius_max(splat.s, splat.t),
-        };
         let h = k(settings.radius_px);
-        let epsilon = tolerance(splat, radius, h, settings.tolerance, projection);
         let (adjusted, visible_turn) =
             if settings.filter == Filter::Adjust { adjust_axes(splat, perspective) } else { (*splat, Turn::none(one)) };
-        let area = match disk {
-            // Turning the pair within the disk keeps its product.
-            Some(radius) => Area::of_disk(radius),
+        let area = match area {
+            Some(area) => area,
             None => Area::of(&adjusted),
         };
         let projected = Projected::with_area(&adjusted, area, projection);
@@ -247,6 +237,11 @@ impl ObjectSetup<'_> {
         if keep.bits() & ordinary == 0 {
             return;
         }
+        let radius = match radius {
+            Some(radius) => radius,
+            None => radius_max(splat.s, splat.t),
+        };
+        let epsilon = projected_tolerance(z, &projected, radius, h, settings.tolerance, projection);
         let visible = Footprint::unfiltered(&projected, settings.projective);
         let mut extent_px = bounds::unfiltered(&projected, settings.projective);
         let clips = self.object.clips.as_ref().filter(|_| self.plan.clip != ClipPolicy::Off);
@@ -263,7 +258,7 @@ impl ObjectSetup<'_> {
                 Filtered::plain(visible)
             }
             Filter::Adjust => filter::adjust(&projected, h, settings.projective),
-            Filter::Principal => filter::principal(&projected, h, settings.projective),
+            Filter::Principal => filter::principal_or_unturned(&projected, h, settings.projective, clips.is_some()),
             Filter::Ewa => filter::ewa(&projected, h),
         };
         if clips.is_none() {
@@ -405,7 +400,9 @@ impl ObjectSetup<'_> {
                 Some(dots) if clipped == 0 => dots.find(&records, keep, [columns.0, columns.1, rows.0, rows.1]),
                 _ => None,
             };
-            masks.dots = dots.as_ref().map_or([0; 2], DotLanes::bits);
+            if let Some(dots) = &dots {
+                masks.set_dots(dots.bits());
+            }
             let SetupOutput { grid, segment, entries, .. } = out;
             let first = segment.records.push_sixteen(records, dots.as_ref(), keep);
             masks.entries(simd, keep, (&segment.records, first), grid, form, entries);
@@ -454,21 +451,6 @@ impl Clips<'_> {
         let other = matches!(record.class(), Class::Soft | Class::General).then_some((&filtered, &filtered_turn));
         record.set_clip(segment.clips.push(&clip, (&visible, &self.visible.of(i)), other));
     }
-}
-
-/// [`Sides::exclude`] of sixteen balls.
-#[inline(always)]
-fn exclude<S: Simd>(sides: &Sides, p: &V3<Lanes<S>>, ball: Lanes<S>) -> mask32x16<S> {
-    let k = |v: f64| ball.constant(v);
-    let ball = ball * k(sides.reach);
-    let depth = if sides.perspective { p.z } else { ball.one() };
-    let [[left, right], [top, bottom]] = sides.slopes;
-    let [[left_length, right_length], [top_length, bottom_length]] = sides.lengths;
-    let beyond = (ball * k(left_length)).lt(depth * k(left) - p.x)
-        | (ball * k(right_length)).lt(p.x - depth * k(right))
-        | (ball * k(top_length)).lt(depth * k(top) - p.y)
-        | (ball * k(bottom_length)).lt(p.y - depth * k(bottom));
-    if sides.perspective { beyond & (ball * k(4.0)).le(p.z) } else { beyond }
 }
 
 /// Whether pixels, moved into the first range if they are outside, lie in the second: starts and lengths.

@@ -3,6 +3,7 @@
 use crate::clip::StoredClips;
 use crate::column::{Column, Column3, Units};
 use crate::lanes::LANES;
+use crate::sixteens::{Bounded, Sixteens};
 use glam::{DAffine3, DVec3, Vec3};
 use std::f64::consts::PI;
 use surfel_math::kernel::interior_weight_at_cutoff;
@@ -62,6 +63,8 @@ pub(crate) struct StoredObject {
     pub world_from_object: DAffine3,
     pub material: Material,
     pub chunks: Vec<Chunk>,
+    /// Of each chunk.
+    pub sixteens: Vec<Sixteens>,
     /// Centres about their chunks' origins.
     pub centers: Column3,
     pub shape: StoredShape,
@@ -84,6 +87,7 @@ impl StoredObject {
             world_from_object,
             material,
             chunks: Vec::with_capacity(padded / CHUNK),
+            sixteens: Vec::with_capacity(padded / CHUNK),
             centers: Column3::new(storage, padded),
             shape: match data.shape {
                 Shape::Disks { .. } => {
@@ -155,6 +159,13 @@ impl StoredObject {
             chunk.ball = ball * (1.0 + 1e-4);
             chunk.half = half + DVec3::splat(ball * 1e-4);
             chunk.area = area;
+            let bounded = members.iter().zip(&centers).map(|(&i, center)| Bounded {
+                center: center - space.origin,
+                radius: cloud.radius_max(i as usize) + ball * 1e-4,
+                normal: cloud.normal(i as usize),
+            });
+            let bounded: Vec<_> = bounded.collect();
+            self.sixteens.push(Sixteens::of(chunk, &bounded));
         }
     }
 
@@ -180,5 +191,6 @@ impl StoredObject {
             + self.clips.as_ref().map_or(0, StoredClips::bytes)
             + self.alphas.as_ref().map_or(0, |a| size_of_val(a.as_slice()))
             + size_of_val(self.chunks.as_slice())
+            + size_of_val(self.sixteens.as_slice())
     }
 }

@@ -1,6 +1,6 @@
 //! Depth of a fragment and how far apart two fragments of one surface may be (§3, §5).
 
-use crate::project::ViewSplat;
+use crate::project::{Projected, ViewSplat};
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2, V3};
 
@@ -112,6 +112,33 @@ pub fn tolerance<R: Real>(
         }
         ProjectionKind::Orthographic { height, .. } => (k(height), per_pixel / n.z.abs().max(k(0.02))),
     };
+    limited(z, slope, radius_max, h_px, setting)
+}
+
+/// [`tolerance`] of a splat whose projection is known, in perspective at or beyond z_near.
+#[inline(always)]
+pub fn projected_tolerance<R: Real>(
+    p_z: R,
+    projected: &Projected<R>,
+    radius_max: R,
+    h_px: R,
+    setting: Tolerance,
+    projection: &Projection,
+) -> R {
+    let k = |value: f64| p_z.constant(value);
+    // The gradient is over |n·p|, which counts for no less than 0.02·|p|.
+    let slope = projected.depth_gradient.length() * (projected.facing_cosine * k(50.0)).min(k(1.0));
+    let (z, slope) = match projection.kind {
+        ProjectionKind::Perspective => (p_z, slope * p_z),
+        ProjectionKind::Orthographic { height, .. } => (k(height), slope),
+    };
+    limited(z, slope, radius_max, h_px, setting)
+}
+
+/// ε from the depth that limits it and how steep the plane is, world units a pixel.
+#[inline(always)]
+fn limited<R: Real>(z: R, slope: R, radius_max: R, h_px: R, setting: Tolerance) -> R {
+    let k = |value: f64| z.constant(value);
     let slope = (h_px + k(SLOPE_MARGIN_PX)) * slope;
     match setting {
         Tolerance::Relative(factor) => (k(0.2) * z).min((k(factor) * radius_max).min(k(0.1) * z) + slope),

@@ -35,27 +35,39 @@ impl<R: Real> Filtered<R> {
 /// in perspective; a lengthened one becomes parallel to the screen (G06 eq. 9).
 #[inline(always)]
 pub fn principal<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
+    principal_or_unturned(projected, h_px, projective, true)
+}
+
+/// [`principal`], whose turn is none where nothing asks for it.
+#[inline(always)]
+pub fn principal_or_unturned<R: Real>(
+    projected: &Projected<R>,
+    h_px: R,
+    projective: bool,
+    turned: bool,
+) -> Filtered<R> {
     let one = h_px.one();
     let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);
     let (major, minor) = (svd.major_axis, svd.minor_axis());
-    let (long, short) = (svd.major.max(h_px), svd.minor.max(h_px));
-    let u = major * (one / long);
-    let v = minor * (one / short);
+    let (is_short, is_thin) = (svd.major.lt(h_px), svd.minor.lt(h_px));
+    let (per_long, per_short) = (one / svd.major.max(h_px), one / svd.minor.max(h_px));
+    let (u, v) = (major * per_long, minor * per_short);
     let zero = h_px.zero();
     let gradient = if projective {
         // The depth gradient's share along each axis that keeps its length: −a'_i/ℓ_i = g·axis.
         let g = projected.depth_gradient;
-        let along = R::select(svd.major.lt(h_px), zero, g.dot(major));
-        let across = R::select(svd.minor.lt(h_px), zero, g.dot(minor));
+        let along = R::select(is_short, zero, g.dot(major));
+        let across = R::select(is_thin, zero, g.dot(minor));
         -(major * along + minor * across)
     } else {
         V2::new(zero, zero)
     };
     Filtered {
         footprint: Footprint { u: Linear::new(zero, u), v: Linear::new(zero, v), w: Linear::new(one, gradient) },
-        weight_scale: (svd.major / long) * (svd.minor / short),
+        // 1 exactly where both keep their length.
+        weight_scale: R::select(is_short, svd.major * per_long, one) * R::select(is_thin, svd.minor * per_short, one),
         coverage_scale: one,
-        turn: principal_turn(projected, &svd),
+        turn: if turned { principal_turn(projected, &svd) } else { Turn::none(one) },
     }
 }
 

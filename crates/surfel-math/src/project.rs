@@ -143,13 +143,13 @@ impl<R: Real> Area<R> {
 #[inline(always)]
 pub fn radius_max<R: Real>(s: V3<R>, t: V3<R>) -> R {
     let scale = s.max_abs().max(t.max_abs());
-    let inverse = s.x.one() / scale;
+    let inverse = scale.scale_to_one();
     let (s, t) = (s * inverse, t * inverse);
     let half = s.x.constant(0.5);
     let (a, b, c) = (s.dot(s), s.dot(t), t.dot(t));
     let difference = (a - c) * half;
     let root = difference.mul_add(difference, b * b).sqrt();
-    scale * ((a + c).mul_add(half, root)).sqrt()
+    inverse.scale_to_one() * ((a + c).mul_add(half, root)).sqrt()
 }
 
 /// How a splat has to be drawn, because of where it stands (§3, last paragraph).

@@ -37,6 +37,18 @@ pub trait Real:
     /// `a` where the mask is set, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
+    /// A factor that takes a positive number to 1 or, by a power of two, into (½, 1].
+    #[inline(always)]
+    fn scale_to_one(self) -> Self {
+        self.one() / self
+    }
+
+    /// 1/√self of a positive number, to an ulp or two.
+    #[inline(always)]
+    fn inverse_sqrt(self) -> Self {
+        self.one() / self.sqrt()
+    }
+
     /// Zero in every lane of a number like `self`.
     #[inline(always)]
     fn zero(self) -> Self {

@@ -25,7 +25,7 @@ impl<R: Real> Svd2<R> {
         let one = s.x.one();
         let scale = s.x.abs().max(s.y.abs()).max(t.x.abs().max(t.y.abs()));
         let safe = R::select(zero.lt(scale), scale, one);
-        let inverse = one / safe;
+        let inverse = safe.scale_to_one();
         let (a, b, c, d) = (s.x * inverse, t.x * inverse, s.y * inverse, t.y * inverse);
         // JJᵀ = [[p, q], [q, r]]; (cos 2φ, sin 2φ) of its major axis is along ((p − r)/2, q). The difference is
         // factored, since p ≈ r is just where it cancels.
@@ -40,11 +40,11 @@ impl<R: Real> Svd2<R> {
         let big = length + difference.abs();
         let x = R::select(positive, big, q.abs());
         let y = R::select(positive, q, R::select(q.lt(zero), -big, big));
-        let norm = R::sum_of_products(x, x, y, y).sqrt();
-        let round = norm.le(zero);
-        let inverse_norm = one / R::select(round, one, norm);
+        let square = R::sum_of_products(x, x, y, y);
+        let round = square.le(zero);
+        let inverse_norm = R::select(round, one, square).inverse_sqrt();
         let major_axis = V2::new(R::select(round, one, x * inverse_norm), y * inverse_norm);
-        let major_px = major * scale;
+        let major_px = major * inverse.scale_to_one();
         let safe_major = R::select(zero.lt(major_px), major_px, one);
         // Rounding may put the quotient above the larger value of a circle.
         let minor = (determinant.abs() / safe_major).min(major_px);
