@@ -63,6 +63,7 @@ mod setup;
 mod shade;
 mod shadow;
 mod sight;
+mod small_dots;
 mod spot;
 mod store;
 mod target;

@@ -35,6 +35,8 @@ pub(crate) struct Masks {
     row: [i32; LANES],
     /// Which of them are dots of four pixels, and of nine, as bits; none yet.
     pub dots: [u64; 2],
+    /// Whether all of them are small dots.
+    pub small: bool,
 }
 
 /// Finds the blocks of the splats in `keep` from their ranges of pixels.
@@ -95,6 +97,7 @@ pub(crate) fn masks<S: Simd>(
         tile: (tile_row * i32x16::splat(simd, grid.columns as i32) + tile_column).to_array(),
         row: int(y0 - tile.y),
         dots: [0; 2],
+        small: false,
     }
 }
 
@@ -186,6 +189,7 @@ impl Masks {
     #[inline(always)]
     fn kind(&self, i: usize) -> Kind {
         match self.dots.map(|bits| bits >> i & 1) {
+            _ if self.small => Kind::Small,
             [1, _] => Kind::Four,
             [_, 1] => Kind::Nine,
             _ => Kind::Any,

@@ -111,6 +111,9 @@ impl ObjectSetup<'_> {
         }
         out.segment.set_up += chunk.count as u64;
         out.segment.records.make_room(chunk.count);
+        if self.dots.is_some() {
+            out.segment.small_dots.make_room(chunk.count);
+        }
         let mut done = 0;
         while done < chunk.count {
             let active = (chunk.count - done).min(LANES);
@@ -407,7 +410,12 @@ impl ObjectSetup<'_> {
             };
             masks.dots = dots.as_ref().map_or([0; 2], DotLanes::bits);
             let SetupOutput { grid, segment, entries, .. } = out;
-            let first = segment.records.push_sixteen(records, dots.as_ref(), keep);
+            let small = dots.as_ref().and_then(|dots| dots.small(&records, keep));
+            masks.small = small.is_some();
+            let first = match small {
+                Some(fields) => segment.small_dots.push_sixteen(fields, keep),
+                None => segment.records.push_sixteen(records, dots.as_ref(), keep),
+            };
             masks.entries(simd, keep, (&segment.records, first), grid, form, entries);
             if let Some(clips) = &clips {
                 for i in lanes_of(clips.clipped & keep) {
