@@ -2,7 +2,8 @@
 
 use crate::clip::{FrameClips, ScreenClips};
 use crate::near::NearSplat;
-use crate::record::Records;
+use crate::record::{Records, Slots};
+use crate::small_dots::SmallDot;
 use surfel_render::Region;
 
 /// Pixels along the side of a block, the unit of rasterisation: sixteen pixels, one for each lane.
@@ -59,7 +60,7 @@ impl Grid {
 pub(crate) struct Entry {
     /// Blocks of the tile that it may touch, a bit each, row by row, eight bits a row.
     pub blocks: u64,
-    /// Index of the record in its segment.
+    /// Index of the record, or small dot, in its segment.
     pub record: u32,
     /// Index of the tile, and [`Kind`] in the two highest bits.
     place: u32,
@@ -73,6 +74,8 @@ pub(crate) enum Kind {
     Four = 1,
     /// One of 3×3 pixels.
     Nine = 2,
+    /// One of 2×2 pixels among the [small ones](crate::small_dots).
+    Small = 3,
 }
 
 impl Entry {
@@ -99,12 +102,18 @@ impl Entry {
         (self.place & (u32::MAX >> 2)) as usize
     }
 
+    /// Another record of the same splat.
+    pub(crate) fn refer_to(&mut self, record: u32, kind: Kind) {
+        *self = Self::new(self.blocks, record, self.tile() as u32, kind);
+    }
+
     #[inline(always)]
     pub(crate) fn kind(&self) -> Kind {
         match self.place >> 30 {
             0 => Kind::Any,
             1 => Kind::Four,
-            _ => Kind::Nine,
+            2 => Kind::Nine,
+            _ => Kind::Small,
         }
     }
 }
@@ -219,6 +228,13 @@ impl TileLists {
         }
     }
 
+    pub(crate) fn of_mut(&mut self, tile: usize) -> &mut [Entry] {
+        match self.starts.get(tile..tile + 2) {
+            Some(range) => &mut self.entries.slots[range[0] as usize..range[1] as usize],
+            None => &mut [],
+        }
+    }
+
     /// How many entries each tile has; nothing if there are none at all.
     pub(crate) fn lengths(&self) -> impl Iterator<Item = usize> {
         self.starts.windows(2).map(|range| (range[1] - range[0]) as usize)
@@ -239,6 +255,8 @@ impl TileLists {
 #[derive(Default)]
 pub(crate) struct Segment {
     pub records: Records,
+    /// Dots that need no record.
+    pub small_dots: Slots<SmallDot>,
     pub near: Vec<NearSplat>,
     pub clips: ScreenClips,
     /// Splats that were looked at one by one.
@@ -248,13 +266,14 @@ pub(crate) struct Segment {
     /// Seconds of a thread that setting up and sorting took.
     pub set_up_s: f64,
     pub sort_s: f64,
-    lists: TileLists,
+    pub lists: TileLists,
 }
 
 impl Segment {
     /// Empties it but for what sorting overwrites, and keeps its memory.
     pub(crate) fn clear(&mut self) {
         self.records.clear();
+        self.small_dots.clear();
         self.near.clear();
         self.set_up = 0;
         self.drawn = 0;
@@ -292,6 +311,6 @@ impl Segment {
 
     /// Bytes of heap memory in use.
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&*self.records) + self.lists.bytes()
+        size_of_val(&*self.records) + size_of_val(&*self.small_dots) + self.lists.bytes()
     }
 }

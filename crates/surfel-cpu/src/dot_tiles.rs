@@ -3,7 +3,7 @@
 //! Splats that are no dots are drawn here a block at a time: it costs more than in a tile drawn by blocks, so a tile needs enough
 //! dots ([`serve`]).
 
-use crate::bins::{BLOCK, Kind, TILE_BLOCKS};
+use crate::bins::{BLOCK, Kind, Segment, TILE_BLOCKS};
 use crate::dot_fragments::{drawn, first_three, fragments_of, is_visible, masked};
 use crate::dots::first_px;
 use crate::fragment::{self, Fragment};
@@ -68,10 +68,10 @@ impl DotScratch<'_> {
 }
 
 /// True if a tile is drawn splat by splat: if so many of its splats are dots that it is faster.
-pub(crate) fn serve(job: &TileJob<'_>, tile: usize) -> bool {
+pub(crate) fn serve(segments: &[Segment], tile: usize) -> bool {
     let [dot_by_blocks, by_blocks, dot, pair] = COSTS;
     let [mut dots, mut pairs] = [0; 2];
-    for entry in job.listing.segments.iter().flat_map(|segment| segment.of(tile)) {
+    for entry in segments.iter().flat_map(|segment| segment.of(tile)) {
         let is_dot = entry.kind() != Kind::Any;
         dots += usize::from(is_dot);
         pairs += if is_dot { 0 } else { entry.blocks.count_ones() as usize };
@@ -214,6 +214,15 @@ impl<'a> DotScratch<'a> {
             counters.block_pairs += entries.len() as u64;
             for entry in entries {
                 touched |= entry.blocks;
+                if entry.kind() == Kind::Small {
+                    let dot = &segment.small_dots[entry.record as usize];
+                    let first = tile.index(dot.first_px(tile.origin));
+                    if let Some(kept) = self.kept.get_mut(first..).and_then(|kept| kept.first_chunk_mut()) {
+                        keep_four(simd, dot.fragments(simd), dot.epsilon(), kept);
+                    }
+                    counters.spared += 12;
+                    continue;
+                }
                 let record = &segment.records[entry.record as usize];
                 if entry.kind() == Kind::Any {
                     let mut blocks = entry.blocks;
@@ -229,15 +238,11 @@ impl<'a> DotScratch<'a> {
                 let Some(kept) = self.kept.get_mut(first..).and_then(|kept| kept.first_chunk_mut::<OF_DOT>()) else {
                     continue;
                 };
-                let epsilon = f32x4::splat(simd, record.epsilon());
                 if entry.kind() == Kind::Four {
-                    let (depths, weights) = fragments_of(simd, record, FORMS, FORMS + 4);
-                    let values = is_visible(weights).select(depths + epsilon, infinity);
-                    let nearest = values.min(four_of(simd, kept)).to_array();
-                    (kept[0], kept[1], kept[STRIDE], kept[STRIDE + 1]) =
-                        (nearest[0], nearest[1], nearest[2], nearest[3]);
+                    keep_four(simd, fragments_of(simd, record, FORMS, FORMS + 4), record.epsilon(), kept);
                     counters.spared += 12;
                 } else {
+                    let epsilon = f32x4::splat(simd, record.epsilon());
                     for row in 0..3 {
                         let (depths, weights) = fragments_of(simd, record, FORMS + 3 * row, FORMS + 9 + 3 * row);
                         let values = (is_visible(weights) & three).select(depths + epsilon, infinity);
@@ -309,8 +314,20 @@ impl<'a> DotScratch<'a> {
         let mut pairs = pairs.iter().zip(remembered.numbers().as_chunks::<{ 2 * LANES }>().0);
         for segment in listing.segments {
             for entry in segment.of(number) {
+                if entry.kind() == Kind::Small {
+                    let dot = &segment.small_dots[entry.record as usize];
+                    let numbers = Numbers::<S, N>::of(simd, dot.attributes(), attributes);
+                    let pixel = tile.index(dot.first_px(tile.origin));
+                    let (inside, bits) = add_four(simd, dot.fragments(simd), &numbers, (kept, sums), pixel);
+                    counters.inside += inside;
+                    counters.kept += u64::from(bits.count_ones());
+                    if counts {
+                        count(all_counts, pixel, (0..4).map(|i| (i % 2, i / 2, bits >> i & 1)));
+                    }
+                    continue;
+                }
                 let record = &segment.records[entry.record as usize];
-                let numbers = Numbers::<S, N>::of(simd, record, attributes);
+                let numbers = Numbers::<S, N>::of(simd, record.attributes(), attributes);
                 if entry.kind() == Kind::Any {
                     for (pair, remembered) in pairs.by_ref().take(entry.blocks.count_ones() as usize) {
                         let pixel = pair.pixel as usize;
@@ -323,22 +340,17 @@ impl<'a> DotScratch<'a> {
                     continue;
                 }
                 let pixel = tile.index_of(record);
-                let kept = kept.get(pixel..).and_then(|kept| kept.first_chunk::<OF_DOT>());
-                let to = sums.get_mut(pixel..).and_then(|sums| sums.first_chunk_mut::<OF_DOT>());
-                let (Some(kept), Some(to)) = (kept, to) else { continue };
                 let side = if entry.kind() == Kind::Four { 2 } else { 3 };
                 let mut bits = 0;
                 if side == 2 {
-                    let (depths, weights) = fragments_of(simd, record, FORMS, FORMS + 4);
-                    let has = weights.simd_le(weights);
-                    let here = four_of(simd, kept);
-                    let (depths, weights, is_kept) = masked::<S, N>(simd, depths, weights, has, here);
-                    for i in 0..4 {
-                        numbers.add(simd, weights[i], depths[i], &mut to[STRIDE * (i / 2) + i % 2]);
-                    }
-                    counters.inside += drawn(simd, has, here);
+                    let fragments = fragments_of(simd, record, FORMS, FORMS + 4);
+                    let (inside, is_kept) = add_four(simd, fragments, &numbers, (kept, sums), pixel);
+                    counters.inside += inside;
                     bits = is_kept;
                 } else {
+                    let kept = kept.get(pixel..).and_then(|kept| kept.first_chunk::<OF_DOT>());
+                    let to = sums.get_mut(pixel..).and_then(|sums| sums.first_chunk_mut::<OF_DOT>());
+                    let (Some(kept), Some(to)) = (kept, to) else { continue };
                     for row in 0..3 {
                         let (depths, weights) = fragments_of(simd, record, FORMS + 3 * row, FORMS + 9 + 3 * row);
                         let has = weights.simd_le(weights) & three;
@@ -408,6 +420,36 @@ fn rows<S: Simd>(simd: S, numbers: &[f32]) -> Lanes<S> {
 #[inline(always)]
 fn four_of<S: Simd>(simd: S, numbers: &[f32; OF_DOT]) -> f32x4<S> {
     f32x4::load_array(simd, [numbers[0], numbers[1], numbers[STRIDE], numbers[STRIDE + 1]])
+}
+
+/// What the pixels of a dot of four keep, with it: depths of pixels from its first one on.
+#[inline(always)]
+fn keep_four<S: Simd>(simd: S, (depths, weights): (f32x4<S>, f32x4<S>), epsilon: f32, kept: &mut [f32; OF_DOT]) {
+    let infinity = f32x4::splat(simd, f32::INFINITY);
+    let values = is_visible(weights).select(depths + f32x4::splat(simd, epsilon), infinity);
+    let nearest = values.min(four_of(simd, kept)).to_array();
+    (kept[0], kept[1], kept[STRIDE], kept[STRIDE + 1]) = (nearest[0], nearest[1], nearest[2], nearest[3]);
+}
+
+/// Adds a dot of four at its first pixel: how many of its fragments are drawn, and which are kept, as bits.
+#[inline(always)]
+fn add_four<S: Simd, const N: usize>(
+    simd: S,
+    (depths, weights): (f32x4<S>, f32x4<S>),
+    numbers: &Numbers<S, N>,
+    (kept, sums): (&[f32], &mut [[f32; N]]),
+    pixel: usize,
+) -> (u64, u32) {
+    let kept = kept.get(pixel..).and_then(|kept| kept.first_chunk::<OF_DOT>());
+    let to = sums.get_mut(pixel..).and_then(|sums| sums.first_chunk_mut::<OF_DOT>());
+    let (Some(kept), Some(to)) = (kept, to) else { return (0, 0) };
+    let has = weights.simd_le(weights);
+    let here = four_of(simd, kept);
+    let (depths, weights, is_kept) = masked::<S, N>(simd, depths, weights, has, here);
+    for i in 0..4 {
+        numbers.add(simd, weights[i], depths[i], &mut to[STRIDE * (i / 2) + i % 2]);
+    }
+    (drawn(simd, has, here), is_kept)
 }
 
 /// How many fragments of a block's pixels are drawn.

@@ -37,6 +37,36 @@ impl<S: Simd> DotLanes<S> {
         [self.four.to_bitmask(), self.nine.to_bitmask()]
     }
 
+    /// What [`SmallDot`](crate::small_dots::SmallDot)s hold, field by field, if all in `keep` have four pixels.
+    #[inline(always)]
+    pub(crate) fn small(&self, records: &RecordLanes<S>, keep: u64) -> Option<[Lanes<S>; LANES]> {
+        if !self.four.to_bitmask() & keep != 0 {
+            return None;
+        }
+        let (x, y): (i32x16<S>, i32x16<S>) = (self.first_px.x.0.bitcast(), self.first_px.y.0.bitcast());
+        let place = (x & i32x16::splat(x.simd, 0xffff)) | y << 16;
+        let [a, b, c, d] = CORNER;
+        let (z, w, r) = (&self.depths, &self.weights, records);
+        Some([
+            Lanes(place.bitcast()),
+            r.epsilon,
+            z[a],
+            z[b],
+            z[c],
+            z[d],
+            w[a],
+            w[b],
+            w[c],
+            w[d],
+            r.red,
+            r.green,
+            r.blue,
+            r.normal_x,
+            r.normal_y,
+            r.normal_z,
+        ])
+    }
+
     #[inline(always)]
     pub(crate) fn write(&self, fields: &mut [[Lanes<S>; LANES]; 2]) {
         let bits = |bits: u32| Lanes::splat(self.first_px.x.0.simd, f32::from_bits(bits));

@@ -15,6 +15,7 @@ use crate::record::{Class, Record};
 use crate::recycle::Recycled;
 use crate::renderer::{Dots, Peeling, ResidentScene, Work};
 use crate::shadow::{self, Shadow};
+use crate::small_dots;
 use crate::target::TileTarget;
 use crate::tile::{Counters, Listing, TileJob, TileScratch};
 use crate::veil::{Layers, VeilSegment, light_splats};
@@ -227,12 +228,13 @@ impl Drawing<'_> {
             let Prepared { veils, near, .. } = &mut prepared;
             veils.par_iter_mut().for_each(|veil| self.light_splats(veil, near));
         }
+        let dots = small_dots::unfold(&mut prepared.segments, &grid, self.draws_dots);
         let shared = self.shared(&prepared);
         let Prepared { segments, veils, .. } = &prepared;
         let after_setup = Instant::now();
         totals.set_up_in(after_setup - start, &prepared);
         let listing = Listing { segments, grid };
-        let tiles = TileJob { listing, shared, lighting: &self.lighting, dots: self.draws_dots };
+        let tiles = TileJob { listing, shared, lighting: &self.lighting, dots };
         let extras = Extras { meshes: &self.scene.meshes, triangles: &triangles, veils, layers: self.layers };
         let order = heavy_first(&tiles, &extras);
         let job = CompositeJob { tiles, extras, plain: is_plain(plan) };
@@ -331,6 +333,7 @@ impl Drawing<'_> {
         let (front, others) = cell.seen.split_at(first);
         self.preparation.set_up_alone(setups, front, (&grid, cell.region), &mut prepared);
         if !others.is_empty() {
+            small_dots::unfold(&mut prepared.segments, &grid, false);
             let shared = self.shared(&prepared);
             let listing = Listing { segments: &prepared.segments, grid };
             let mut scratch = self.preparation.recycled.scratch();
@@ -346,10 +349,10 @@ impl Drawing<'_> {
         }
         let after_setup = Instant::now();
         totals.set_up_in(after_setup - start, &prepared);
+        let dots = small_dots::unfold(&mut prepared.segments, &grid, self.draws_dots);
         let shared = self.shared(&prepared);
         let Prepared { segments, veils, .. } = &prepared;
-        let tiles =
-            TileJob { listing: Listing { segments, grid }, shared, lighting: &self.lighting, dots: self.draws_dots };
+        let tiles = TileJob { listing: Listing { segments, grid }, shared, lighting: &self.lighting, dots };
         let extras = Extras { meshes: &[], triangles: &[], veils, layers: self.layers };
         let job = CompositeJob { tiles, extras, plain: is_plain(self.plan) };
         let mut scratch = self.preparation.recycled.scratch();

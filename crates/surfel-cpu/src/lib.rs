@@ -64,6 +64,7 @@ mod shade;
 mod shadow;
 mod sight;
 mod sixteens;
+mod small_dots;
 mod spot;
 mod store;
 mod target;

@@ -202,11 +202,12 @@ impl Masks {
         entries.advance(count);
     }
 
-    /// Says which splats are dots of four pixels, and of nine, as bits: none yet.
+    /// Says which splats are dots of four pixels, and of nine, as bits, none yet; and whether all are small dots.
     #[inline(always)]
-    pub(crate) fn set_dots(&mut self, [four, nine]: [u64; 2]) {
+    pub(crate) fn set_dots(&mut self, [four, nine]: [u64; 2], small: bool) {
+        let of_four = if small { Kind::Small } else { Kind::Four };
         for (i, place) in self.place.iter_mut().enumerate() {
-            let kind = if four >> i & 1 == 1 { Kind::Four } else { Kind::Nine };
+            let kind = if four >> i & 1 == 1 { of_four } else { Kind::Nine };
             if (four | nine) >> i & 1 == 1 {
                 *place = Entry::place(*place as u32, kind) as i32;
             }

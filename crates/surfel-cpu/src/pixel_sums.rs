@@ -1,7 +1,6 @@
 //! Sums of attributes in memory, pixel by pixel.
 
 use crate::lanes::{LANES, has_fused_multiply_add};
-use crate::record::{COLOR, Record};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
 use surfel_render::Attributes;
@@ -33,12 +32,10 @@ pub(crate) struct Numbers<S: Simd, const N: usize> {
 
 impl<S: Simd, const N: usize> Numbers<S, N> {
     #[inline(always)]
-    pub(crate) fn of(simd: S, record: &Record, attributes: &Attributes) -> Self {
-        let fields = &record.0;
-        let three = if attributes.normal { COLOR + 3 } else { COLOR };
-        let four = f32x4::load_array(simd, [fields[three], fields[three + 1], fields[three + 2], 1.0]);
-        let c = COLOR;
-        let eight = [fields[c], fields[c + 1], fields[c + 2], fields[c + 3], fields[c + 4], fields[c + 5], 1.0, 0.0];
+    pub(crate) fn of(simd: S, [r, g, b, x, y, z]: [f32; 6], attributes: &Attributes) -> Self {
+        let three = if attributes.normal { [x, y, z, 1.0] } else { [r, g, b, 1.0] };
+        let four = f32x4::load_array(simd, three);
+        let eight = [r, g, b, x, y, z, 1.0, 0.0];
         let last = f32x8::load_array(simd, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
         let is_depth = f32x8::splat(simd, 0.0).simd_lt(last);
         Self { eight: f32x8::load_array(simd, eight), four, is_depth }

@@ -81,7 +81,7 @@ pub(crate) const FIELDS: usize = 32;
 ///
 /// The first line is what a plain splat's footprint needs; fields are read by name through the methods. Aligned to both:
 /// processors fetch lines in such pairs.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 #[repr(align(128))]
 pub(crate) struct Record(pub(crate) [f32; FIELDS]);
 
@@ -229,6 +229,12 @@ impl Record {
         self.0[CLASS] = f32::from_bits(self.class_bits().to_bits() | CLIPPED);
     }
 
+    /// Colour and normal.
+    #[inline(always)]
+    pub(crate) fn attributes(&self) -> [f32; 6] {
+        [self.red(), self.green(), self.blue(), self.normal_x(), self.normal_y(), self.normal_z()]
+    }
+
     /// Moves the index of a near splat.
     pub(crate) fn renumber(&mut self, first_near: usize) {
         if self.class() == Class::Near {
@@ -257,27 +263,50 @@ pub(crate) static NOWHERE: Record = {
     Record(fields)
 };
 
-/// Records of which the memory is kept when they are cleared: what is written is written once.
+/// Records, or what is as short-lived, of which the memory is kept when they are cleared: what is written is written once.
 #[derive(Default)]
-pub(crate) struct Records {
+pub(crate) struct Slots<T> {
     /// Those past `used` are left from before.
-    slots: Vec<Record>,
+    slots: Vec<T>,
     used: usize,
 }
 
-impl Records {
+/// Records of some splats.
+pub(crate) type Records = Slots<Record>;
+
+impl<T: Copy + Default> Slots<T> {
     pub(crate) fn clear(&mut self) {
         self.used = 0;
     }
 
-    /// Makes room for more, [`Self::push_sixteen`] included.
+    /// Makes room for more, sixteen that are written together included.
     pub(crate) fn make_room(&mut self, more: usize) {
         let length = self.used + more + LANES;
         if self.slots.len() < length {
-            self.slots.resize(length, Record([0.0; FIELDS]));
+            self.slots.resize(length, T::default());
         }
     }
 
+    /// Writes those of sixteen that are in `keep`, as bits, for which there is room: index of the first.
+    #[inline(always)]
+    pub(crate) fn write_sixteen(&mut self, keep: u64, write: impl Fn(usize, &mut T)) -> u32 {
+        let first = self.used;
+        let room = self.slots.get_mut(first..).and_then(|slots| slots.first_chunk_mut::<LANES>());
+        debug_assert!(room.is_some());
+        if let Some(room) = room {
+            let mut at = 0;
+            for i in 0..LANES {
+                // Written over by the next one if it isn't kept.
+                write(i, &mut room[at % LANES]);
+                at += (keep >> i & 1) as usize;
+            }
+            self.used += at;
+        }
+        first as u32
+    }
+}
+
+impl Records {
     pub(crate) fn push(&mut self, record: Record) {
         self.make_room(1);
         if let Some(slot) = self.slots.get_mut(self.used) {
@@ -294,27 +323,20 @@ impl Records {
         dots: Option<&DotLanes<S>>,
         keep: u64,
     ) -> u32 {
-        let first = self.used;
         let mut fields = records.to_fields();
         if let Some(dots) = dots {
             dots.write(&mut fields);
         }
         let [low, high] = fields;
         let (low, high) = (Lanes::transpose(low), Lanes::transpose(high));
-        let room = self.slots.get_mut(first..).and_then(|slots| slots.first_chunk_mut::<LANES>());
-        debug_assert!(room.is_some());
-        if let Some(room) = room {
-            let mut at = 0;
-            for i in 0..LANES {
-                // Written over by the next one if it isn't kept.
-                let record = &mut room[at % LANES];
+        self.write_sixteen(
+            keep,
+            #[inline(always)]
+            |i, record| {
                 low[i].store(&mut record.0);
                 high[i].store(&mut record.0[LANES..]);
-                at += (keep >> i & 1) as usize;
-            }
-            self.used += at;
-        }
-        first as u32
+            },
+        )
     }
 
     pub(crate) fn get_mut(&mut self, index: usize) -> Option<&mut Record> {
@@ -326,10 +348,10 @@ impl Records {
     }
 }
 
-impl std::ops::Deref for Records {
-    type Target = [Record];
+impl<T> std::ops::Deref for Slots<T> {
+    type Target = [T];
 
-    fn deref(&self) -> &[Record] {
+    fn deref(&self) -> &[T] {
         &self.slots[..self.used]
     }
 }

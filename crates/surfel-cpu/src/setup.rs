@@ -115,6 +115,9 @@ impl ObjectSetup<'_> {
             return;
         }
         out.segment.records.make_room(chunk.count);
+        if self.dots.is_some() {
+            out.segment.small_dots.make_room(chunk.count);
+        }
         while seen != 0 {
             let first = LANES * seen.trailing_zeros() as usize;
             seen &= seen - 1;
@@ -400,11 +403,15 @@ impl ObjectSetup<'_> {
                 Some(dots) if clipped == 0 => dots.find(&records, keep, [columns.0, columns.1, rows.0, rows.1]),
                 _ => None,
             };
-            if let Some(dots) = &dots {
-                masks.set_dots(dots.bits());
-            }
             let SetupOutput { grid, segment, entries, .. } = out;
-            let first = segment.records.push_sixteen(records, dots.as_ref(), keep);
+            let small = dots.as_ref().and_then(|dots| dots.small(&records, keep));
+            if let Some(dots) = &dots {
+                masks.set_dots(dots.bits(), small.is_some());
+            }
+            let first = match small {
+                Some(fields) => segment.small_dots.push_sixteen(fields, keep),
+                None => segment.records.push_sixteen(records, dots.as_ref(), keep),
+            };
             masks.entries(simd, keep, (&segment.records, first), grid, form, entries);
             if let Some(clips) = &clips {
                 for i in lanes_of(clips.clipped & keep) {

@@ -2,7 +2,7 @@
 
 use crate::bins::{BLOCK, Grid, Segment, TILE_BLOCKS};
 use crate::composite::CompositeScratch;
-use crate::dot_tiles::{self, DotScratch};
+use crate::dot_tiles::DotScratch;
 use crate::finish::finish;
 use crate::light::Lighting;
 use crate::limit::Unlimited;
@@ -131,8 +131,8 @@ pub(crate) struct TileJob<'a> {
     pub listing: Listing<'a>,
     pub shared: Shared<'a>,
     pub lighting: &'a Lighting,
-    /// Whether tiles of dots are drawn splat by splat.
-    pub dots: bool,
+    /// Which tiles are drawn splat by splat.
+    pub dots: Vec<bool>,
 }
 
 impl<'a> TileJob<'a> {
@@ -155,7 +155,7 @@ impl<'a> TileJob<'a> {
             target.fill_empty(self.lighting.background);
             return counters;
         }
-        if planes.is_none() && self.dots && dot_tiles::serve(self, tile) {
+        if planes.is_none() && self.dots.get(tile) == Some(&true) {
             return self.draw_dots(simd, target, &mut scratch.dots);
         }
         let mut kept = i32x16::splat(simd, 0);

@@ -24,7 +24,8 @@ pub struct SplatFilter {
 }
 
 impl SplatFilter {
-    /// How far a filtered footprint may reach past its splat, pixels, f32's rounding included.
+    /// How far past its splat, in pixels, a filtered footprint may touch a pixel: that one's near side. Its centre, which the footprint
+    /// has to hold, is half a pixel farther. f32's rounding is included.
     ///
     /// `clamp` by h, and `ewa` by no more than the splat and h together. `principal` lengthens an axis to h where the splat is
     /// centred, and a slope of up to 1/4 shows it by up to 1/√(1 − 1/16) longer. `adjust` lengthens two axes one by one, and if they
@@ -35,7 +36,8 @@ impl SplatFilter {
             Filter::Principal => 1.04,
             Filter::Adjust => 1.5,
         };
-        lengthened * self.radius_px + 1.0
+        // A quarter of a pixel is many times what pixels of the widest picture are rounded by.
+        (lengthened * self.radius_px - 0.5 + 0.25).max(0.0)
     }
 }
 

@@ -1,0 +1,101 @@
+//! Dots of 2×2 pixels in one cache line each, where a record takes two.
+//!
+//! Far views have millions of them, written once and read twice from memory that no cache near the processor holds. Tiles that are
+//! drawn splat by splat read them as they are; in others they get records ([`unfold`]).
+
+use crate::bins::{Grid, Kind, Segment};
+use crate::dot_tiles;
+use crate::lanes::{LANES, Lanes};
+use crate::record::{CLASS, COLOR, DOT_BITS, FORMS, Record, Slots};
+use crate::tile::Listing;
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x4};
+
+/// A [dot](crate::dots) of 2×2 pixels: its first one's column and row, lowest 16 bits each; ε; four depths and four weights; colour
+/// and normal.
+#[derive(Clone, Copy, Default)]
+#[repr(align(64))]
+pub(crate) struct SmallDot([f32; LANES]);
+
+const DEPTHS: usize = 2;
+const WEIGHTS: usize = 6;
+const ATTRIBUTES: usize = 10;
+
+impl SmallDot {
+    /// Column and row of its first pixel, which is near this one.
+    #[inline(always)]
+    pub(crate) fn first_px(&self, (x, y): (i32, i32)) -> (i32, i32) {
+        let bits = self.0[0].to_bits();
+        let near = |at: i32, low: u32| at + i32::from((low as u16).wrapping_sub(at as u16) as i16);
+        (near(x, bits), near(y, bits >> 16))
+    }
+
+    #[inline(always)]
+    pub(crate) fn epsilon(&self) -> f32 {
+        self.0[1]
+    }
+
+    /// Depths and weights.
+    #[inline(always)]
+    pub(crate) fn fragments<S: Simd>(&self, simd: S) -> (f32x4<S>, f32x4<S>) {
+        (f32x4::from_slice(simd, &self.0[DEPTHS..DEPTHS + 4]), f32x4::from_slice(simd, &self.0[WEIGHTS..WEIGHTS + 4]))
+    }
+
+    /// Colour and normal.
+    #[inline(always)]
+    pub(crate) fn attributes(&self) -> [f32; 6] {
+        let [.., r, g, b, x, y, z] = self.0;
+        [r, g, b, x, y, z]
+    }
+
+    /// As a record, given a pixel nearby.
+    fn record(&self, near: (i32, i32)) -> Record {
+        let mut record = Record::default();
+        let fields = &mut record.0;
+        let (x, y) = self.first_px(near);
+        (fields[0], fields[1]) = (f32::from_bits(x as u32), f32::from_bits(y as u32));
+        fields[2] = self.epsilon();
+        let depths = &self.0[DEPTHS..WEIGHTS];
+        // Outside the footprint as well: no fragment is nearer.
+        fields[3] = depths.iter().copied().fold(f32::INFINITY, f32::min);
+        fields[CLASS] = f32::from_bits(DOT_BITS[0]);
+        fields[FORMS..FORMS + 8].copy_from_slice(&self.0[DEPTHS..ATTRIBUTES]);
+        fields[COLOR..COLOR + 6].copy_from_slice(&self.0[ATTRIBUTES..]);
+        record
+    }
+}
+
+impl Slots<SmallDot> {
+    /// Appends those of sixteen that are in `keep`, as bits, for which there is room: index of the first. Field by field.
+    #[inline(always)]
+    pub(crate) fn push_sixteen<S: Simd>(&mut self, fields: [Lanes<S>; LANES], keep: u64) -> u32 {
+        let dots = Lanes::transpose(fields);
+        self.write_sixteen(
+            keep,
+            #[inline(always)]
+            |i, dot| dots[i].store(&mut dot.0),
+        )
+    }
+}
+
+/// Which tiles are drawn splat by splat, if any may be. Small dots in others get records.
+pub(crate) fn unfold(segments: &mut [Segment], grid: &Grid, by_splats: bool) -> Vec<bool> {
+    let served: Vec<bool> = (0..grid.tiles()).map(|tile| by_splats && dot_tiles::serve(segments, tile)).collect();
+    for segment in segments.iter_mut().filter(|segment| !segment.small_dots.is_empty()) {
+        for (tile, _) in served.iter().enumerate().filter(|(_, served)| !**served) {
+            let near = Listing { segments: &[], grid: *grid }.block_px(tile, 0);
+            segment.unfold(tile, |dot| dot.record(near));
+        }
+    }
+    served
+}
+
+impl Segment {
+    fn unfold(&mut self, tile: usize, record: impl Fn(&SmallDot) -> Record) {
+        let Self { records, small_dots, lists, .. } = self;
+        for entry in lists.of_mut(tile).iter_mut().filter(|entry| entry.kind() == Kind::Small) {
+            records.push(record(&small_dots[entry.record as usize]));
+            entry.refer_to(records.len() as u32 - 1, Kind::Four);
+        }
+    }
+}
