@@ -257,6 +257,8 @@ pub(crate) struct Segment {
     pub records: Records,
     /// Dots that need no record.
     pub small_dots: Slots<SmallDot>,
+    /// Records that small dots were given.
+    pub unfolded: u64,
     pub near: Vec<NearSplat>,
     pub clips: ScreenClips,
     /// Splats that were looked at one by one.
@@ -274,6 +276,7 @@ impl Segment {
     pub(crate) fn clear(&mut self) {
         self.records.clear();
         self.small_dots.clear();
+        self.unfolded = 0;
         self.near.clear();
         self.set_up = 0;
         self.drawn = 0;

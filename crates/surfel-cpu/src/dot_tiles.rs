@@ -1,9 +1,9 @@
 //! Tiles of dots: drawn splat by splat, sums in memory, pixel by pixel, where other tiles are drawn block by block.
 //!
 //! Splats that are no dots are drawn here a block at a time: it costs more than in a tile drawn by blocks, so a tile needs enough
-//! dots ([`serve`]).
+//! dots ([`unfold`](crate::small_dots::unfold)).
 
-use crate::bins::{BLOCK, Kind, Segment, TILE_BLOCKS};
+use crate::bins::{BLOCK, Kind, TILE_BLOCKS};
 use crate::dot_fragments::{drawn, first_three, fragments_of, is_visible, masked};
 use crate::dots::first_px;
 use crate::fragment::{self, Fragment};
@@ -28,13 +28,6 @@ const STRIDE: usize = (TILE_BLOCKS * BLOCK) as usize + 2 * BEYOND;
 
 /// All pixels, and as many as the last dot's last four reach beyond them.
 const ALL: usize = STRIDE * STRIDE + 4;
-
-/// Numbers that a tile may remember between its loops. One with more is drawn block by block, which computes them twice.
-const REMEMBERED: usize = 1 << 22;
-
-/// What a pair of dot and block costs where a tile is drawn block by block, another pair there, a dot where it is drawn splat
-/// by splat, and another splat's pair there.
-const COSTS: [usize; 4] = [40, 30, 10, 45];
 
 /// A splat that is no dot at a block of the tile.
 #[derive(Clone, Copy)]
@@ -65,18 +58,6 @@ impl DotScratch<'_> {
         let Self { kept, sums, counts, pairs, remembered } = self;
         DotScratch { kept, sums, counts, pairs: emptied(pairs), remembered }
     }
-}
-
-/// True if a tile is drawn splat by splat: if so many of its splats are dots that it is faster.
-pub(crate) fn serve(segments: &[Segment], tile: usize) -> bool {
-    let [dot_by_blocks, by_blocks, dot, pair] = COSTS;
-    let [mut dots, mut pairs] = [0; 2];
-    for entry in segments.iter().flat_map(|segment| segment.of(tile)) {
-        let is_dot = entry.kind() != Kind::Any;
-        dots += usize::from(is_dot);
-        pairs += if is_dot { 0 } else { entry.blocks.count_ones() as usize };
-    }
-    dots > 0 && 2 * LANES * pairs <= REMEMBERED && dots * dot + pairs * pair < dots * dot_by_blocks + pairs * by_blocks
 }
 
 impl<'a> TileJob<'a> {

@@ -107,17 +107,16 @@ impl Prepared {
     /// Records by the evaluator that draws them, in the order of [`Class::ALL`].
     pub(crate) fn evaluators(&self) -> [u64; Class::ALL.len()] {
         let mut counts = [0; Class::ALL.len()];
-        let small = self.all().map(|segment| segment.small_dots.len() as u64).sum();
-        counts
-            .iter_mut()
-            .zip(Class::ALL)
-            .filter(|(_, class)| *class == Class::Dot)
-            .for_each(|(count, _)| *count = small);
         for record in self.all().flat_map(|segment| segment.records.iter()) {
             let class = record.class();
             for (count, _) in counts.iter_mut().zip(Class::ALL).filter(|(_, one)| *one == class) {
                 *count += 1;
             }
+        }
+        let small: u64 = self.all().map(|s| s.small_dots.len() as u64).sum();
+        let unfolded: u64 = self.all().map(|s| s.unfolded).sum();
+        for (count, _) in counts.iter_mut().zip(Class::ALL).filter(|(_, class)| *class == Class::Dot) {
+            *count = (*count + small).saturating_sub(unfolded);
         }
         counts
     }

@@ -4,7 +4,6 @@
 //! drawn splat by splat read them as they are; in others they get records ([`unfold`]).
 
 use crate::bins::{Grid, Kind, Segment};
-use crate::dot_tiles;
 use crate::lanes::{LANES, Lanes};
 use crate::record::{CLASS, COLOR, DOT_BITS, FORMS, Record, Slots};
 use crate::tile::Listing;
@@ -16,6 +15,13 @@ use fearless_simd::{Simd, f32x4};
 #[derive(Clone, Copy, Default)]
 #[repr(align(64))]
 pub(crate) struct SmallDot([f32; LANES]);
+
+/// Numbers that a tile may remember between its loops. One with more is drawn block by block, which computes them twice.
+const REMEMBERED: usize = 1 << 22;
+
+/// What a pair of dot and block costs where a tile is drawn block by block, another pair there, a dot where it is drawn splat
+/// by splat, and another splat's pair there.
+const COSTS: [usize; 4] = [40, 30, 10, 45];
 
 const DEPTHS: usize = 2;
 const WEIGHTS: usize = 6;
@@ -78,9 +84,21 @@ impl Slots<SmallDot> {
     }
 }
 
+/// True if a tile is drawn splat by splat: if so many of its splats are dots that it is faster.
+fn serve(segments: &[Segment], tile: usize) -> bool {
+    let [dot_by_blocks, by_blocks, dot, pair] = COSTS;
+    let [mut dots, mut pairs] = [0; 2];
+    for entry in segments.iter().flat_map(|segment| segment.of(tile)) {
+        let is_dot = entry.kind() != Kind::Any;
+        dots += usize::from(is_dot);
+        pairs += if is_dot { 0 } else { entry.blocks.count_ones() as usize };
+    }
+    dots > 0 && 2 * LANES * pairs <= REMEMBERED && dots * dot + pairs * pair < dots * dot_by_blocks + pairs * by_blocks
+}
+
 /// Which tiles are drawn splat by splat, if any may be. Small dots in others get records.
 pub(crate) fn unfold(segments: &mut [Segment], grid: &Grid, by_splats: bool) -> Vec<bool> {
-    let served: Vec<bool> = (0..grid.tiles()).map(|tile| by_splats && dot_tiles::serve(segments, tile)).collect();
+    let served: Vec<bool> = (0..grid.tiles()).map(|tile| by_splats && serve(segments, tile)).collect();
     for segment in segments.iter_mut().filter(|segment| !segment.small_dots.is_empty()) {
         for (tile, _) in served.iter().enumerate().filter(|(_, served)| !**served) {
             let near = Listing { segments: &[], grid: *grid }.block_px(tile, 0);
@@ -92,10 +110,11 @@ pub(crate) fn unfold(segments: &mut [Segment], grid: &Grid, by_splats: bool) -> 
 
 impl Segment {
     fn unfold(&mut self, tile: usize, record: impl Fn(&SmallDot) -> Record) {
-        let Self { records, small_dots, lists, .. } = self;
+        let Self { records, small_dots, unfolded, lists, .. } = self;
         for entry in lists.of_mut(tile).iter_mut().filter(|entry| entry.kind() == Kind::Small) {
             records.push(record(&small_dots[entry.record as usize]));
             entry.refer_to(records.len() as u32 - 1, Kind::Four);
+            *unfolded += 1;
         }
     }
 }
