@@ -187,16 +187,16 @@ impl ObjectSetup<'_> {
             Some(colors) => colors.load(simd, at, chunk.space.color),
             None => V3::new(white, white, white),
         };
-        self.project(simd, (&splat, radius, area), shading, color, (chunk, at, active), out);
+        self.project(simd, &splat, (radius, area), (shading, color), (chunk, at, active), out);
     }
 
     #[inline(always)]
     fn project<S: Simd>(
         &self,
         simd: S,
-        (splat, radius, area): (&ViewSplat<Lanes<S>>, Option<Lanes<S>>, Option<Area<Lanes<S>>>),
-        shading: V3<Lanes<S>>,
-        color: V3<Lanes<S>>,
+        splat: &ViewSplat<Lanes<S>>,
+        (radius, area): (Option<Lanes<S>>, Option<Area<Lanes<S>>>),
+        (shading, color): (V3<Lanes<S>>, V3<Lanes<S>>),
         (chunk, at, active): (&Chunk, usize, usize),
         out: &mut SetupOutput<'_>,
     ) {
