@@ -60,6 +60,14 @@ impl Column {
         }
     }
 
+    /// Gives back memory that was asked for and isn't needed.
+    pub(crate) fn trim(&mut self) {
+        match self {
+            Self::F32(values) => values.shrink_to_fit(),
+            Self::Quantised(steps) => steps.shrink_to_fit(),
+        }
+    }
+
     pub(crate) fn bytes(&self) -> usize {
         match self {
             Self::F32(values) => size_of_val(values.as_slice()),
@@ -117,6 +125,10 @@ impl Column3 {
         self.vectors
     }
 
+    pub(crate) fn trim(&mut self) {
+        self.coordinates.trim();
+    }
+
     pub(crate) fn bytes(&self) -> usize {
         self.coordinates.bytes()
     }
@@ -155,6 +167,13 @@ impl Units {
                 let v = unfolded(x.load(simd, at, 1.0), y.load(simd, at, 1.0));
                 v * v.dot(v).inverse_sqrt()
             }
+        }
+    }
+
+    pub(crate) fn trim(&mut self) {
+        match self {
+            Self::F32(column) => column.trim(),
+            Self::Octahedral(columns) => columns.iter_mut().for_each(Column::trim),
         }
     }
 

@@ -9,9 +9,10 @@ use crate::level::{Instructions, with_instructions};
 use crate::lists::BlockLists;
 use crate::placed::{ObjectSetup, inside};
 use crate::prepare::Seen;
-use crate::raster::{self, Shared};
+use crate::raster::Shared;
 use crate::store::Chunk;
 use crate::tile::Listing;
+use crate::visibility::visibility;
 use fearless_simd::Simd;
 use surfel_render::Region;
 
@@ -100,7 +101,7 @@ impl Hiding {
                         let block = left.trailing_zeros();
                         left &= left - 1;
                         let at = listing.block_px(tile, block);
-                        let kept = raster::visibility(simd, lists.of(simd, block), at, shared);
+                        let kept = visibility(simd, lists.of(simd, block), at, shared);
                         let (column, row) = (at.0 as u32 / BLOCK - self.first[0], at.1 as u32 / BLOCK - self.first[1]);
                         self.farthest[row as usize * self.columns + column as usize] = fours::largest(kept);
                     }

@@ -70,6 +70,7 @@ mod store;
 mod target;
 mod tile;
 mod veil;
+mod visibility;
 mod window;
 
 pub use level::SimdLevel;

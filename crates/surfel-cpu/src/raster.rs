@@ -141,37 +141,6 @@ impl<S: Simd> Sums<S> {
     }
 }
 
-/// The first loop alone: what a block keeps.
-#[inline(always)]
-pub(crate) fn visibility<S: Simd>(
-    simd: S,
-    list: BlockList<'_, '_>,
-    first_px: (i32, i32),
-    shared: &Shared<'_>,
-) -> Lanes<S> {
-    let mut keeping = Keeping { kept: Lanes::splat(simd, f32::INFINITY) };
-    each_four(simd, list, f32::INFINITY, &Pixels::new(simd, first_px), shared, &mut keeping);
-    keeping.kept
-}
-
-/// What [`visibility`] carries along.
-struct Keeping<S: Simd> {
-    kept: Lanes<S>,
-}
-
-impl<S: Simd> Visit<S> for Keeping<S> {
-    #[inline(always)]
-    fn add(&mut self, simd: S, fragment: Fragment<S>, _: usize, record: &Record) {
-        let k = |v: f32| Lanes::splat(simd, v);
-        self.kept = self.kept.min(Lanes::select(fragment.visible, fragment.z, k(f32::INFINITY)) + k(record.epsilon()));
-    }
-
-    #[inline(always)]
-    fn farthest(&self) -> Option<f32> {
-        Some(largest(self.kept))
-    }
-}
-
 /// What the first loop carries along.
 struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool> {
     kept: Lanes<S>,
@@ -241,10 +210,10 @@ pub(crate) fn block<S: Simd>(
     let Wants { epsilon, counts, .. } = shared.wants;
     match (epsilon, counts, FOUR * list.fours().len() <= REMEMBERED) {
         (false, false, true) => {
-            both_loops::<S, _, false, false, true>(simd, list, first_px, shared, limit, scratch, sums)
+            both_loops::<S, _, false, false, true>(simd, list, first_px, shared, limit, scratch, sums);
         }
         (false, true, true) => {
-            both_loops::<S, _, false, true, true>(simd, list, first_px, shared, limit, scratch, sums)
+            both_loops::<S, _, false, true, true>(simd, list, first_px, shared, limit, scratch, sums);
         }
         (true, _, true) => both_loops::<S, _, true, true, true>(simd, list, first_px, shared, limit, scratch, sums),
         (_, _, false) => both_loops::<S, _, true, true, false>(simd, list, first_px, shared, limit, scratch, sums),

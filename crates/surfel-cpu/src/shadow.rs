@@ -9,10 +9,11 @@ use crate::level::with_instructions;
 use crate::mesh::{self, ScreenTriangle, TriangleSegment};
 use crate::polygon::{self, Nearest, center, pixel_of};
 use crate::prepare::{Preparation, Prepared};
-use crate::raster::{self, Shared, Wants};
+use crate::raster::{Shared, Wants};
 use crate::renderer::ResidentScene;
 use crate::target::{Rows, cut, put_plane};
 use crate::tile::{Counters, Listing, TileScratch};
+use crate::visibility::visibility;
 use fearless_simd::prelude::{SimdFloat, SimdMask};
 use fearless_simd::{Simd, mask32x16};
 use glam::{DVec3, Mat3, Vec3};
@@ -129,7 +130,7 @@ impl<'a> MapJob<'a> {
             if splats.is_empty() && triangles.is_empty() {
                 continue;
             }
-            let mut kept = raster::visibility(simd, splats, at, &self.shared);
+            let mut kept = visibility(simd, splats, at, &self.shared);
             if !triangles.is_empty() {
                 let nearest = polygon::nearest(simd, triangles, at, self.shared.wants.exists());
                 kept = kept.min(self.allowed(simd, &nearest, triangles, at));

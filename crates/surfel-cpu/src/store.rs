@@ -109,7 +109,25 @@ impl StoredObject {
         }
         // A file may have columns of clips and none in them.
         stored.clips.take_if(|clips| clips.is_empty());
+        stored.trim();
         stored
+    }
+
+    /// Gives back the memory of slots that a chunk's end might have needed.
+    fn trim(&mut self) {
+        self.chunks.shrink_to_fit();
+        self.sixteens.shrink_to_fit();
+        self.centers.trim();
+        match &mut self.shape {
+            StoredShape::Disks { normals, radii } => {
+                normals.trim();
+                radii.trim();
+            }
+            StoredShape::Ellipses { s, t } => [s, t].into_iter().for_each(Column3::trim),
+        }
+        self.colors.iter_mut().for_each(Column3::trim);
+        self.shading_normals.iter_mut().for_each(Units::trim);
+        self.alphas.iter_mut().for_each(Vec::shrink_to_fit);
     }
 
     fn push_chunk(&mut self, cloud: &SplatCloud, space: ChunkSpace, members: &[u32]) {
