@@ -50,15 +50,16 @@ pub(crate) fn each_four<S: Simd>(
     shared: &Shared<'_>,
     visit: &mut impl Visit<S>,
 ) -> u32 {
-    let mut tested = 0;
+    let (mut tested, mut last) = (0, 0);
     let all = list.fours();
     for (number, &[i, j, k, l]) in all.iter().enumerate() {
         let [(a, a_z), (b, b_z), (c, c_z), (d, d_z)] = [list.get(i), list.get(j), list.get(k), list.get(l)];
-        if farthest < lesser(lesser(a_z, b_z), lesser(c_z, d_z)) {
+        // The first alone decides, nearly always.
+        if farthest < a_z && farthest < b_z && farthest < c_z && farthest < d_z {
             continue;
         }
-        let count = (list.len() - FOUR * number).min(FOUR);
-        tested += count as u32;
+        tested += FOUR as u32;
+        last = number;
         let records = [a, b, c, d];
         visit.begin(number);
         match Together::of(&records) {
@@ -89,13 +90,9 @@ pub(crate) fn each_four<S: Simd>(
             farthest = depth;
         }
     }
-    tested
-}
-
-/// The lesser of two numbers; neither is NaN.
-#[inline(always)]
-fn lesser(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
+    // The last four may be filled up with a splat that is nowhere.
+    let filled = if last + 1 == all.len() { (FOUR * all.len() - list.len()) as u32 } else { 0 };
+    tested.saturating_sub(filled)
 }
 
 /// The largest lane; none is NaN.

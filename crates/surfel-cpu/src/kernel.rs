@@ -59,9 +59,12 @@ impl Kernel {
                 p[j] = p[j].mul_add(rho_squared[j], k(c));
             }
         }
-        for _ in 0..self.squarings {
-            for p in &mut p {
-                *p = *p * *p;
+        // What the usual cutoff needs, without a loop.
+        if self.squarings == 1 {
+            square(&mut p);
+        } else {
+            for _ in 0..self.squarings {
+                square(&mut p);
             }
         }
         p
@@ -71,6 +74,13 @@ impl Kernel {
     pub(crate) fn at_one(&self, rho_squared: f32) -> f32 {
         let p = self.coefficients.iter().rev().fold(0.0, |p: f32, &c| p.mul_add(rho_squared, c));
         (0..self.squarings).fold(p, |p, _| p * p)
+    }
+}
+
+#[inline(always)]
+fn square<S: Simd>(four: &mut [Lanes<S>; 4]) {
+    for p in four {
+        *p = *p * *p;
     }
 }
 

@@ -76,14 +76,14 @@ const REMEMBERED: usize = 256;
 #[repr(align(64))]
 pub(crate) struct Scratch {
     /// Depths (+∞ outside the footprint) and weights of four splats after four.
-    fragments: [[[f32; LANES]; 2]; REMEMBERED],
+    fragments: [[[[f32; LANES]; 2]; FOUR]; REMEMBERED / FOUR],
     /// Which four they are.
     fours: [u32; REMEMBERED / FOUR],
 }
 
 impl Scratch {
     pub(crate) fn new() -> Box<Self> {
-        Box::new(Self { fragments: [[[0.0; LANES]; 2]; REMEMBERED], fours: [0; REMEMBERED / FOUR] })
+        Box::new(Self { fragments: [[[[0.0; LANES]; 2]; FOUR]; REMEMBERED / FOUR], fours: [0; REMEMBERED / FOUR] })
     }
 }
 
@@ -182,8 +182,8 @@ impl<S: Simd, L: Limit<S>, const EPSILON: bool, const COUNT: bool, const REMEMBE
         self.kept = self.kept.min(value);
         if REMEMBER {
             // Always within: a branch here would keep masks from staying in their registers.
-            let slot = FOUR * self.count.wrapping_sub(1) + j;
-            let [z, weight] = &mut self.scratch.fragments[slot % REMEMBERED];
+            let four = &mut self.scratch.fragments[self.count.wrapping_sub(1) % (REMEMBERED / FOUR)];
+            let [z, weight] = &mut four[j % FOUR];
             Lanes::select(fragment.inside, fragment.z, infinity).store(z);
             fragment.weight.store(weight);
         }
@@ -301,7 +301,7 @@ impl<'a> Remembered<'a, '_, '_> {
     /// Four splats after four, with their fragments.
     #[inline(always)]
     fn fours(&self) -> impl Iterator<Item = ([&'a Record; FOUR], &[[[f32; LANES]; 2]; FOUR])> {
-        let fours = self.scratch.fours[..self.count].iter().zip(self.scratch.fragments.as_chunks().0);
+        let fours = self.scratch.fours[..self.count].iter().zip(&self.scratch.fragments);
         fours.map(|(&number, fragments)| {
             let [i, j, k, l] = self.list.fours()[number as usize];
             let record = |i| self.list.get(i).0;
