@@ -118,3 +118,38 @@ impl Segment {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_dots_know_their_first_pixel_from_one_nearby_in_pictures_of_any_size() {
+        for at in [-3, -1, 0, 7, 0x7fff, 0x8000, 0xffff, 0x1_0000, 0x1_8001] {
+            for beside in [-40, -1, 0, 1, 40] {
+                let (x, y) = (at, at + beside);
+                let mut dot = SmallDot::default();
+                dot.0[0] = f32::from_bits((x as u32 & 0xffff) | (y as u32) << 16);
+                assert_eq!(dot.first_px((x + beside, y - beside)), (x, y), "beside {beside}");
+            }
+        }
+    }
+
+    #[test]
+    fn small_dots_become_the_records_that_dots_of_four_pixels_have() {
+        let numbers: [f32; LANES] = std::array::from_fn(|i| 0.25 + i as f32);
+        let mut dot = SmallDot(numbers);
+        // Outside the footprint depths and weights are NaN, and no depth is the nearest then.
+        (dot.0[0], dot.0[DEPTHS], dot.0[WEIGHTS]) = (f32::from_bits(5 | 9 << 16), f32::NAN, f32::NAN);
+        let record = dot.record((0, 0));
+        assert_eq!(crate::dots::first_px(&record), (5, 9));
+        assert_eq!((record.dot_side(), record.class()), (2, crate::record::Class::Dot));
+        assert_eq!((record.epsilon(), record.z_min()), (numbers[1], numbers[DEPTHS + 1]));
+        assert!(record.0[FORMS].is_nan() && record.0[FORMS + 4].is_nan());
+        assert_eq!(record.0[FORMS + 1..FORMS + 4], numbers[DEPTHS + 1..DEPTHS + 4]);
+        assert_eq!(record.0[FORMS + 5..FORMS + 8], numbers[WEIGHTS + 1..WEIGHTS + 4]);
+        let attributes =
+            [record.red(), record.green(), record.blue(), record.normal_x(), record.normal_y(), record.normal_z()];
+        assert_eq!(attributes[..], numbers[ATTRIBUTES..]);
+    }
+}
