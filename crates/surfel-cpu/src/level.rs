@@ -70,9 +70,9 @@ macro_rules! with_instructions {
             #[cfg(target_arch = "x86_64")]
             $crate::level::Instructions::Avx512($simd) => $run,
             #[cfg(target_arch = "x86_64")]
-            $crate::level::Instructions::Avx2(_) => unreachable!(),
+            $crate::level::Instructions::Avx2($simd) => $run,
             #[cfg(target_arch = "x86_64")]
-            $crate::level::Instructions::Sse2(_) => unreachable!(),
+            $crate::level::Instructions::Sse2($simd) => $run,
             #[cfg(not(target_arch = "x86_64"))]
             $crate::level::Instructions::Other(level) => fearless_simd::dispatch!(level, $simd => $run),
         }
