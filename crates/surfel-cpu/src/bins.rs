@@ -82,7 +82,7 @@ impl Entry {
     /// Tiles are 8 pixels wide or more: even the largest picture has fewer than 2^30.
     #[inline(always)]
     pub(crate) fn new(blocks: u64, record: u32, tile: u32, kind: Kind) -> Self {
-        Self::at(blocks, record, Self::place(tile, kind))
+        Self::at(blocks, record, Self::place(tile, kind as u32))
     }
 
     /// Of a [`Self::place`].
@@ -91,10 +91,10 @@ impl Entry {
         Self { blocks, record, place }
     }
 
-    /// A tile, and the kind of a splat there.
+    /// A tile, and the number of a splat's [`Kind`] there.
     #[inline(always)]
-    pub(crate) fn place(tile: u32, kind: Kind) -> u32 {
-        tile | (kind as u32) << 30
+    pub(crate) fn place(tile: u32, kind: u32) -> u32 {
+        tile | kind << 30
     }
 
     #[inline(always)]

@@ -206,11 +206,11 @@ impl Masks {
     #[inline(always)]
     pub(crate) fn set_dots(&mut self, [four, nine]: [u64; 2], small: bool) {
         let of_four = if small { Kind::Small } else { Kind::Four };
+        let (four, nine) = (four as u32, (nine & !four) as u32);
+        // What they were before is of no kind.
         for (i, place) in self.place.iter_mut().enumerate() {
-            let kind = if four >> i & 1 == 1 { of_four } else { Kind::Nine };
-            if (four | nine) >> i & 1 == 1 {
-                *place = Entry::place(*place as u32, kind) as i32;
-            }
+            let kind = (four >> i & 1) * of_four as u32 + (nine >> i & 1) * Kind::Nine as u32;
+            *place |= Entry::place(0, kind) as i32;
         }
     }
 
