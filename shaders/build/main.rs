@@ -2,9 +2,9 @@
 //! and by reflection the formulas' names, offsets of struct members, constants, and what each entry point binds. An
 //! invalid shader fails the build with naga's own message, which points at the line.
 
+mod fragment_variants;
 mod reflect;
 mod spirv;
-mod variants;
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -23,13 +23,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("cargo::rerun-if-changed={part}");
     }
     let formulas = concatenate(&folder, "wgsl")?;
-    let entry_points = format!("{MODULE}build/variants.rs\n{}", variants::entry_points()?);
+    let entry_points = format!("{MODULE}build/fragment_variants.rs\n{}", fragment_variants::entry_points()?);
     let passes = formulas.clone() + &concatenate(&folder, "passes")? + &entry_points;
     std::fs::write(out.join("formulas.wgsl"), &formulas)?;
     std::fs::write(out.join("passes.wgsl"), &passes)?;
-    let (module, _) = heard(checked(&formulas))?;
+    let (module, _) = reported(checked(&formulas))?;
     std::fs::write(out.join("functions.rs"), reflect::functions(&module))?;
-    let (module, info) = heard(checked(&passes))?;
+    let (module, info) = reported(checked(&passes))?;
     std::fs::write(out.join("spirv.rs"), spirv::modules(&module)?)?;
     std::fs::write(out.join("layout.rs"), reflect::layouts(&module)?)?;
     std::fs::write(out.join("entries.rs"), reflect::entries(&module, &info)?)?;
@@ -70,10 +70,10 @@ fn checked(text: &str) -> Result<(Module, ModuleInfo), String> {
     Ok((module, info))
 }
 
-/// Says an error in a way that cargo shows.
-fn heard<T>(result: Result<T, String>) -> Result<T, Box<dyn Error>> {
+/// Reports an error in a way that cargo shows.
+fn reported<T>(result: Result<T, String>) -> Result<T, Box<dyn Error>> {
     result.map_err(|message| {
-        // A build script is heard a line at a time.
+        // Cargo takes a build script's errors a line at a time.
         for line in message.lines() {
             println!("cargo::error={line}");
         }

@@ -15,7 +15,8 @@ pub(crate) fn modules(module: &Module) -> Result<String, Box<dyn Error>> {
     Ok(format!("&[\n{}]", all?))
 }
 
-/// A module of one entry point and what it uses: there are drivers that look for a descriptor of all that a module declares.
+/// A module of one entry point and what it uses: there are drivers that look for a descriptor of all that a module
+/// declares.
 fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
     let mut module = module.clone();
     module.entry_points.retain(|e| e.name == entry);
@@ -24,14 +25,14 @@ fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
     let options = Options {
         // The latest that Vulkan 1.1 takes.
         lang_version: (1, 3),
-        // No flip of y (the viewport does it, as wgpu's), no names (layers of before 2023 call WGSL no source language), no
-        // point size, and depths are between 0 and 1 as they are.
+        // No flip of y (the viewport does it, as wgpu's), no names (layers of before 2023 call WGSL no source
+        // language), no point size, and depths are between 0 and 1 as they are.
         flags: WriterFlags::empty(),
         fake_missing_bindings: false,
         binding_map: bindings(&module),
         capabilities: None,
-        // What is out of bounds reads something that is there, whatever robustness the device has. An image that a frame
-        // doesn't need is of one pixel.
+        // What is out of bounds reads something that is there, whatever robustness the device has. An image that a
+        // frame doesn't need is of one pixel.
         bounds_check_policies: BoundsCheckPolicies {
             index: BoundsCheckPolicy::Restrict,
             buffer: BoundsCheckPolicy::Restrict,

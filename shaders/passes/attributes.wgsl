@@ -1,7 +1,7 @@
-// The attribute pass (rendering model §5): fragments of filtered footprints, not deeper than what is kept, add their
-// weighted attributes. Blending adds.
+// The attribute pass (rendering model §5): fragments of filtered footprints, no deeper than the depth threshold,
+// accumulate their weighted attributes by additive blending.
 
-@group(2) @binding(0) var kept: texture_depth_2d;
+@group(2) @binding(0) var depth_threshold: texture_depth_2d;
 
 struct AttributeVertex {
     @builtin(position) position: vec4f,
@@ -62,25 +62,25 @@ fn contribution(in: AttributeVertex) -> Contribution {
     return Contribution(weight(rho_squared, frame.cutoff) * in.anchor.w, z, inside && exists(z));
 }
 
-// Not deeper than what is kept.
-fn is_kept(in: AttributeVertex, z: f32) -> bool {
-    return textureLoad(kept, vec2i(floor(in.position.xy)), 0) <= comparable(z);
+// True for fragments no deeper than the visibility pass's threshold.
+fn is_within_threshold(in: AttributeVertex, z: f32) -> bool {
+    return textureLoad(depth_threshold, vec2i(floor(in.position.xy)), 0) <= reversed_depth(z);
 }
 
-fn front_adds(in: AttributeVertex, z: f32) -> bool {
-    return is_kept(in, z);
+fn front_accumulates(in: AttributeVertex, z: f32) -> bool {
+    return is_within_threshold(in, z);
 }
 
 // Depth of the nearest polygon, or 0 (rendering model §6).
 @group(2) @binding(2) var polygon_limit: texture_2d<f32>;
 
-// Among polygons, up to ε behind one that no splat hides.
-fn among_adds(in: AttributeVertex, z: f32) -> bool {
+// Mesh/splat blend: also no deeper than ε behind a polygon that no splat occludes.
+fn mesh_blend_accumulates(in: AttributeVertex, z: f32) -> bool {
     let pixel = vec2i(floor(in.position.xy));
-    let nearest = textureLoad(kept, pixel, 0);
+    let nearest = textureLoad(depth_threshold, pixel, 0);
     let polygon = textureLoad(polygon_limit, pixel, 0).r;
-    let shows = polygon > 0.0 && nearest <= comparable(polygon);
-    return nearest <= comparable(z) && (!shows || z - in.w.w <= polygon);
+    let shows = polygon > 0.0 && nearest <= reversed_depth(polygon);
+    return nearest <= reversed_depth(z) && (!shows || z - in.w.w <= polygon);
 }
 
 // Σw·(colour, 1).
@@ -103,14 +103,14 @@ fn material_sums_of(in: AttributeVertex, c: Contribution) -> vec4f {
     return objects[in.flags >> RECORD_OBJECT].material * c.weight;
 }
 
-struct FurtherSums {
+struct MaterialCountsSums {
     @location(0) material: vec4f,
     // Number of fragments, and coverage.
     @location(1) counts: vec2f,
 }
 
-// Σw·material factors, how many fragments there are and what they cover: a pass of its own, because all are rare and a
-// sample of all targets would be larger than the 32 bytes that every adapter has.
-fn further_sums_of(in: AttributeVertex, c: Contribution) -> FurtherSums {
-    return FurtherSums(material_sums_of(in, c), vec2f(1.0, c.weight * in.w.z));
+// Σw·material factors, the number of fragments and their coverage. They are a pass of their own, because few frames
+// need them and all targets together would exceed the 32 bytes a sample that every adapter has.
+fn material_counts_sums_of(in: AttributeVertex, c: Contribution) -> MaterialCountsSums {
+    return MaterialCountsSums(material_sums_of(in, c), vec2f(1.0, c.weight * in.w.z));
 }

@@ -1,14 +1,14 @@
-// The shader `edl` (rendering model §5): darker the deeper a pixel lies among its neighbours.
+// Eye-dome lighting, the shader `edl` (rendering model §5): a pixel is darker the deeper it lies among its neighbours.
 
-// How bright depth z is at a pixel, among the front surfaces about it.
-fn among_neighbours(pixel: vec2i, z: f32) -> f32 {
+// Brightness of depth z at a pixel, by the front surfaces of its neighbours.
+fn eye_dome_shading(pixel: vec2i, z: f32) -> f32 {
     let last = vec2i(frame.size_px) - 1;
     var rise = 0.0;
     for (var j = -1; j <= 1; j++) {
         for (var i = -1; i <= 1; i++) {
             let offset = vec2i(i, j) * EYE_DOME_REACH;
             let at = pixel + offset;
-            // The targets reach as far as the image does.
+            // Neighbours outside of the image count for nothing; the targets have a border for all others.
             if (i == 0 && j == 0) || at.x < 0 || at.y < 0 || at.x > last.x || at.y > last.y {
                 continue;
             }

@@ -1,4 +1,4 @@
-// The shader `matcap` (rendering model §5): a picture of a lit ball, looked up by the normal.
+// The shader `matcap` (rendering model §5): an image of a lit sphere, looked up by the normal.
 
 // Width and height, then linear RGB, row by row from the top; of one word where no shader looks it up.
 @group(0) @binding(5) var<storage, read> matcap: array<u32>;
@@ -8,11 +8,11 @@ fn matcap_texel(at: vec2u, width: u32) -> vec3f {
     return vec3f(bitcast<f32>(matcap[first]), bitcast<f32>(matcap[first + 1u]), bitcast<f32>(matcap[first + 2u]));
 }
 
-// Bilinear; the ball's rim lies on the centres of the outermost texels. Directions in world axes.
+// Bilinear; the sphere's rim lies on the centres of the outermost texels. Directions in world axes.
 fn matcap_color(normal: vec3f, to_eye: vec3f) -> vec3f {
-    let on_ball = matcap_coordinates(normal, to_eye, frame.world_from_view[1]);
+    let on_sphere = matcap_coordinates(normal, to_eye, frame.world_from_view[1]);
     let last = vec2u(matcap[0] - 1u, matcap[1] - 1u);
-    let at = clamp(on_ball * 0.5 + 0.5, vec2f(0.0, 0.0), vec2f(1.0, 1.0)) * vec2f(last);
+    let at = clamp(on_sphere * 0.5 + 0.5, vec2f(0.0, 0.0), vec2f(1.0, 1.0)) * vec2f(last);
     let low = min(vec2u(at), last);
     let high = min(low + 1u, last);
     let f = at - vec2f(low);

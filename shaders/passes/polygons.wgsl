@@ -1,5 +1,5 @@
-// Polygons among splats (rendering model §6): the nearest of every pixel into a target of its own, whatever hides it, and
-// what it looks like there.
+// The polygon pass (rendering model §6): depth and index of the nearest polygon of every pixel, whether splats occlude
+// it or not.
 
 // A triangle, set up by the CPU in f64.
 struct Polygon {
@@ -8,8 +8,8 @@ struct Polygon {
     // Words of its texture in `texels`, or ABSENT.
     texture_at: u32,
     base: vec2i,
-    // Constants of the edges about the targets' first pixel: one anchor for all, so that neighbours judge their common edge
-    // by the same number.
+    // Constants of the edges about the targets' first pixel: one anchor for all, so that neighbours judge their common
+    // edge by the same number.
     covers: vec3f,
     // Depths of the vertices.
     @align(16) z: vec3f,
@@ -62,8 +62,8 @@ struct PolygonHit {
     @location(0) hit: vec2f,
 }
 
-// Quads rather than triangles: a rasteriser snaps vertices to a fraction of a pixel, and is not asked which centres an edge
-// takes.
+// A polygon is drawn as a quad over its pixel box, and its fragments evaluate the exact edges: a rasteriser would snap
+// the vertices to a fraction of a pixel.
 @fragment
 fn polygon_fragment(in: PolygonVertex) -> PolygonHit {
     let p = drawn_polygons[in.polygon];
@@ -77,5 +77,5 @@ fn polygon_fragment(in: PolygonVertex) -> PolygonHit {
     if !(triangle_contains(shape, vec2f(pixel)) && exists(z)) {
         discard;
     }
-    return PolygonHit(comparable(z), vec2f(z, f32(in.polygon + 1u)));
+    return PolygonHit(reversed_depth(z), vec2f(z, f32(in.polygon + 1u)));
 }

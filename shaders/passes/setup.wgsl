@@ -1,19 +1,19 @@
-// From stored splats to records (rendering model §2–§5), one invocation a splat. Splats that reach the near plane are
-// left out: the CPU sets them up in f64.
+// Splat setup (rendering model §2–§5): one invocation projects a stored splat and writes its screen-space record.
+// Splats that reach the near plane are left out: the CPU sets them up in f64.
 
 @group(1) @binding(2) var<storage, read> chunks: array<Chunk>;
 @group(1) @binding(3) var<storage, read> near_bits: array<u32>;
 @group(1) @binding(4) var<storage, read_write> records_out: array<Record>;
 @group(1) @binding(5) var<storage, read_write> drawn: atomic<u32>;
-// Of clipped splats alone.
+// Only bound for clipped splats.
 @group(1) @binding(6) var<storage, read_write> record_clips_out: array<RecordClip>;
 
-// Slack of pixel boxes: f32 rounding of box and anchor, many times over, and still far below a pixel.
+// Slack of pixel boxes: it exceeds the f32 rounding of box and anchor many times over, and is far below a pixel.
 const BOX_SLACK_PX: f32 = 2e-3;
 // A whole pixel that any anchor is cut to; i32 holds it and its offset to any pixel.
 const FARTHEST_PX: f32 = 1e9;
 
-// Columns and rows of the tile whose pixel centres lie between two offsets of `base`: first, and one past the last.
+// The columns and rows of the tile whose pixel centres lie between two offsets of `base`: first, and one past the last.
 fn pixel_box(base: vec2f, extent: Extent) -> vec4f {
     let limit = vec2f(frame.size_px);
     let start = base - vec2f(frame.origin_px);
@@ -59,8 +59,8 @@ fn filtered_by(projected: Projected, visible: Footprint) -> Filtered {
     }
 }
 
-// What a clip needs of a splat that was set up.
-struct Outlines {
+// The footprints of a splat that was set up, and how each is turned in the splat's own plane: what its clip follows.
+struct ClipFootprints {
     visible: Footprint,
     filtered: Footprint,
     visible_turn: Turn,
@@ -68,11 +68,11 @@ struct Outlines {
     is_there: bool,
 }
 
-// Of a splat that takes part in no pass.
-fn no_outlines() -> Outlines {
+// The value for a splat that takes part in no pass.
+fn no_clip_footprints() -> ClipFootprints {
     let none = linear_new(0.0, vec2f(0.0, 0.0));
-    let nowhere = Footprint(none, none, none);
-    return Outlines(nowhere, nowhere, turn_none(), turn_none(), false);
+    let empty = Footprint(none, none, none);
+    return ClipFootprints(empty, empty, turn_none(), turn_none(), false);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -82,37 +82,37 @@ fn setup(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Of a segment of clipped splats.
+// The same for a segment of clipped splats: it writes their clips, too.
 @compute @workgroup_size(WORKGROUP)
 fn clipped_setup(@builtin(global_invocation_id) id: vec3u) {
     let i = id.x;
     if i >= segment.count {
         return;
     }
-    let outlines = set_up(i);
-    if outlines.is_there {
+    let footprints = set_up(i);
+    if footprints.is_there {
         let clip = stored_clip(i);
         record_clips_out[i] = RecordClip(
-            clip_through(clip, outlines.visible, outlines.visible_turn),
-            clip_through(clip, outlines.filtered, outlines.filtered_turn),
+            clip_through(clip, footprints.visible, footprints.visible_turn),
+            clip_through(clip, footprints.filtered, footprints.filtered_turn),
         );
     }
 }
 
 // Sets up splat i of the segment.
-fn set_up(i: u32) -> Outlines {
+fn set_up(i: u32) -> ClipFootprints {
     records_out[i].visible_box = vec2u(0u, 0u);
     records_out[i].filtered_box = vec2u(0u, 0u);
     let at = i * segment.stride;
     let code = stored_word(at);
     let chunk = chunks[code / CHUNK_SPLATS];
     if chunk.state == CHUNK_OUTSIDE {
-        return no_outlines();
+        return no_clip_footprints();
     }
     if chunk.state != CHUNK_ORDINARY {
         let in_chunk = code % CHUNK_SPLATS;
         if (near_bits[chunk.state + in_chunk / 32u] & (1u << (in_chunk % 32u))) != 0u {
-            return no_outlines();
+            return no_clip_footprints();
         }
     }
     let scales = stored_scales(code / CHUNK_SPLATS);
@@ -145,8 +145,8 @@ fn set_up(i: u32) -> Outlines {
     return project(i, splat, shading, color, object);
 }
 
-// Writes the record of a splat whose centre is at or beyond z_near.
-fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Object) -> Outlines {
+// Projects a splat whose centre is at or beyond z_near, and writes its record.
+fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Object) -> ClipFootprints {
     let projection = frame.projection;
     let projective = frame.projective != 0u;
     let perspective = projection.kind == PERSPECTIVE;
@@ -166,7 +166,7 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     let back_facing = 0.0 <= projected.facing;
     let outside = z + extent < projection.near || projection.far < z - extent;
     if outside || projected_is_edge_on(projected) || (back_facing && object.cull_back != 0u) {
-        return no_outlines();
+        return no_clip_footprints();
     }
     let visible = footprint_unfiltered(projected, projective);
     let filtered = filtered_by(projected, visible);
@@ -188,7 +188,7 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     let filtered_box =
         pixel_box(base, Extent(about.least + filtered_extent.least, about.greatest + filtered_extent.greatest));
     if box_is_empty(visible_box) && box_is_empty(filtered_box) {
-        return no_outlines();
+        return no_clip_footprints();
     }
     var record: Record;
     record.base = vec2i(base);
@@ -207,6 +207,9 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     if frame.filter_kind == FILTER_CLAMP {
         record.flags |= RECORD_CLAMP;
     }
+    if object.keeps_facings != 0u {
+        record.flags |= select(RECORD_FRONT, RECORD_BACK, back_facing);
+    }
     record.flags |= segment.object << RECORD_OBJECT;
     record.epsilon = epsilon;
     record.weight_scale = filtered.weight_scale;
@@ -217,6 +220,10 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     record.w_at_anchor = 1.0;
     record.color = color;
     record.normal = shading * select(1.0, -1.0, back_facing && object.two_sided != 0u);
+    if back_facing && object.two_sided != 0u && object.oriented != 0u {
+        let to_eye = frame.world_from_view * select(vec3f(0.0, 0.0, -1.0), -unit(splat.p), perspective);
+        record.normal = back_normal(shading, projected.facing_cosine, to_eye);
+    }
     record.coverage = filtered.coverage_scale * object.coverage;
     if frame.has_layers != 0u && segment.alpha_at != ABSENT {
         record.coverage = stored_f32(i * segment.stride + segment.alpha_at, 0u);
@@ -225,5 +232,5 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     record.filtered_box = packed_box(filtered_box);
     records_out[i] = record;
     atomicAdd(&drawn, 1u);
-    return Outlines(visible, filtered.footprint, turn, turn_after(turn, filtered.turn), true);
+    return ClipFootprints(visible, filtered.footprint, turn, turn_after(turn, filtered.turn), true);
 }

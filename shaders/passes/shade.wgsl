@@ -1,24 +1,26 @@
-// Once a pixel (rendering model §5): divide by Σw, renormalise, rebuild the position, shade.
+// The shading pass (rendering model §5), once a pixel: divide the sums by Σw, renormalise, reconstruct the position,
+// shade.
 
 @group(1) @binding(0) var color_sums: texture_2d<f32>;
 @group(1) @binding(1) var surface_sums: texture_2d<f32>;
 @group(1) @binding(2) var material_sums: texture_2d<f32>;
 @group(1) @binding(3) var count_sums: texture_2d<f32>;
 @group(1) @binding(4) var<storage, read_write> planes: array<f32>;
-// Where edges are antialiased.
-@group(1) @binding(5) var edge_limit: texture_2d<f32>;
-@group(1) @binding(6) var writers: texture_2d<f32>;
-@group(1) @binding(7) var color_behind: texture_2d<f32>;
-@group(1) @binding(8) var surface_behind: texture_2d<f32>;
-@group(1) @binding(9) var material_behind: texture_2d<f32>;
-// Where there are polygons.
-@group(1) @binding(10) var shade_kept: texture_depth_2d;
+// Bound where edges are antialiased.
+@group(1) @binding(5) var shade_edge_threshold: texture_2d<f32>;
+@group(1) @binding(6) var threshold_tolerance: texture_2d<f32>;
+@group(1) @binding(7) var edge_background_color: texture_2d<f32>;
+@group(1) @binding(8) var edge_background_surface: texture_2d<f32>;
+@group(1) @binding(9) var edge_background_material: texture_2d<f32>;
+// Bound where there are polygons.
+@group(1) @binding(10) var shade_threshold: texture_depth_2d;
 @group(1) @binding(11) var polygon_hits: texture_2d<f32>;
 
-// Σw below this has lost its attributes to underflow: the pixel is empty. Only splats smaller than 1e-18 pixels weigh less.
+// Σw below this has lost its attributes to underflow: the pixel is empty. Only splats smaller than 1e-18 pixels weigh
+// less.
 const LEAST_WEIGHT: f32 = 1e-36;
 
-// What is lit, once a pixel or more.
+// A surface sample that is lit; a pixel has up to three.
 struct Point {
     albedo: vec3f,
     // Unit world normal, or 0.
@@ -52,8 +54,9 @@ fn position_at(pixel: vec2i, z: f32) -> vec3f {
     return vec3f(ray_of(pixel) * select(1.0, z, frame.projection.kind == PERSPECTIVE), z);
 }
 
-// The colour that the frame's shader gives a point at a view position.
-fn color_of(at: vec3f, point: Point, all: bool) -> vec3f {
+// The colour that the frame's shader gives a point at a view position. `full` is a compile-time constant of the entry
+// points: false leaves out what only frames of more than splats need.
+fn color_of(at: vec3f, point: Point, full: bool) -> vec3f {
     let z = point.z;
     let albedo = point.albedo;
     let normal = point.normal;
@@ -62,7 +65,7 @@ fn color_of(at: vec3f, point: Point, all: bool) -> vec3f {
         case SHADER_PHONG, SHADER_TOON: {
             let position = frame.world_from_view * at;
             let to_eye = select(frame.to_eye, -unit(position), frame.projection.kind == PERSPECTIVE);
-            return lit(albedo, normal, position, to_eye, material, all);
+            return lit(albedo, normal, position, to_eye, material, full);
         }
         case SHADER_MATCAP: {
             let position = frame.world_from_view * at;
@@ -116,26 +119,26 @@ fn polygon_hit(pixel: vec2i) -> vec2f {
     return textureLoad(polygon_hits, pixel, 0).xy;
 }
 
-// True if no splat hides it.
-fn is_shown(pixel: vec2i, hit: vec2f) -> bool {
-    return hit.x > 0.0 && textureLoad(shade_kept, pixel, 0) <= comparable(hit.x);
+// True if no splat occludes the pixel's polygon.
+fn polygon_is_visible(pixel: vec2i, hit: vec2f) -> bool {
+    return hit.x > 0.0 && textureLoad(shade_threshold, pixel, 0) <= reversed_depth(hit.x);
 }
 
-// How much splats hide of a polygon behind them.
-fn share_of_splats(pixel: vec2i) -> f32 {
+// The share of a polygon that splats before it cover.
+fn splat_coverage(pixel: vec2i) -> f32 {
     return min(textureLoad(count_sums, pixel, 0).g / frame.full_coverage, 1.0);
 }
 
-// Depth of the front surface, +∞ without one.
+// Depth of the front surface; +∞ without one.
 fn front_depth(pixel: vec2i) -> f32 {
     let weight = textureLoad(color_sums, pixel, 0).w;
     let is_there = LEAST_WEIGHT <= weight;
     let z = select(frame.empty_depth, textureLoad(surface_sums, pixel, 0).w / weight * frame.depth_unit, is_there);
     let hit = polygon_hit(pixel);
-    if !is_shown(pixel, hit) {
+    if !polygon_is_visible(pixel, hit) {
         return z;
     }
-    let share = share_of_splats(pixel);
+    let share = splat_coverage(pixel);
     return select(hit.x, z * share + hit.x * (1.0 - share), is_there);
 }
 
@@ -157,120 +160,126 @@ fn has_outline(pixel: vec2i, surface: Surface) -> bool {
     return line;
 }
 
-// A pixel of the opaque picture.
+// A pixel of the opaque image.
 struct Pixel {
     front: Surface,
     // Premultiplied.
     color: vec4f,
 }
 
-// The front surface is splats, a polygon, or the ones blended over the other (§6). At an edge it covers its share of what
-// lies behind (§5): the splats there or the nearest polygon, whichever is in front, over the background.
-fn finished(pixel: vec2i, background: vec4f, all: bool) -> Pixel {
-    let splats =
-        point_of(textureLoad(color_sums, pixel, 0), textureLoad(surface_sums, pixel, 0), textureLoad(material_sums, pixel, 0));
+// The front surface is splats, a polygon, or the ones blended over the other (§6). At an edge it covers its share of
+// what lies behind (§5): the edge background's splats or the nearest polygon, whichever is in front, over the
+// background.
+fn shaded_pixel(pixel: vec2i, background: vec4f, full: bool) -> Pixel {
+    let splats = point_of(
+        textureLoad(color_sums, pixel, 0),
+        textureLoad(surface_sums, pixel, 0),
+        textureLoad(material_sums, pixel, 0),
+    );
     var hit = vec2f(0.0, 0.0);
     var shown = false;
-    if all {
+    if full {
         hit = polygon_hit(pixel);
-        shown = is_shown(pixel, hit);
+        shown = polygon_is_visible(pixel, hit);
     }
     var polygon = no_point();
-    if all && hit.x > 0.0 {
+    if full && hit.x > 0.0 {
         polygon = polygon_point(hit, pixel);
     }
-    var behind = no_point();
+    var backdrop = no_point();
     var is_edge = false;
-    if all && frame.has_edges != 0u && !shown {
-        let is_kept = textureLoad(writers, pixel, 0).x > 0.0;
-        // Also where something is kept that has no filtered fragment there: it covers nothing.
-        is_edge = (splats.is_there && !is_kept) || textureLoad(edge_limit, pixel, 0).r > 0.0;
+    if full && frame.has_edges != 0u && !shown {
+        let has_threshold = textureLoad(threshold_tolerance, pixel, 0).x > 0.0;
+        // A pixel with a depth threshold but no filtered fragment is an edge, too: it covers nothing.
+        is_edge = (splats.is_there && !has_threshold) || textureLoad(shade_edge_threshold, pixel, 0).r > 0.0;
         if is_edge {
-            behind = point_of(
-                textureLoad(color_behind, pixel, 0), textureLoad(surface_behind, pixel, 0), textureLoad(material_behind, pixel, 0),
+            backdrop = point_of(
+                textureLoad(edge_background_color, pixel, 0),
+                textureLoad(edge_background_surface, pixel, 0),
+                textureLoad(edge_background_material, pixel, 0),
             );
-            if is_kept && polygon.is_there && (!behind.is_there || polygon.z < behind.z) {
-                behind = polygon;
+            if has_threshold && polygon.is_there && (!backdrop.is_there || polygon.z < backdrop.z) {
+                backdrop = polygon;
             }
         }
     }
-    // One after another by the same code: compilers would have three copies of it.
+    // A loop, because compilers would otherwise inline three copies of the shading code.
     var colors = array<vec3f, 3>();
-    let count = select(1u, 3u, all);
+    let count = select(1u, 3u, full);
     for (var i = 0u; i < count; i++) {
         var point = splats;
         if i == 1u {
             point = polygon;
             point.is_there = shown;
         } else if i == 2u {
-            point = behind;
+            point = backdrop;
         }
         if point.is_there {
-            colors[i] = color_of(position_at(pixel, point.z), point, all);
+            colors[i] = color_of(position_at(pixel, point.z), point, full);
         }
     }
     var front = Surface(colors[0], splats.normal, splats.z, splats.weight, splats.is_there);
     if shown && splats.is_there {
-        let share = share_of_splats(pixel);
+        let share = splat_coverage(pixel);
         front.color = colors[0] * share + colors[1] * (1.0 - share);
         front.normal = unit_or_zero(splats.normal * share + polygon.normal * (1.0 - share));
         front.z = splats.z * share + polygon.z * (1.0 - share);
     } else if shown {
         front = Surface(colors[1], polygon.normal, polygon.z, 0.0, true);
     }
-    if all && frame.has_outlines != 0u && front.is_there && has_outline(pixel, front) {
+    if full && frame.has_outlines != 0u && front.is_there && has_outline(pixel, front) {
         front.color = vec3f(0.0, 0.0, 0.0);
     }
-    if all && frame.has_eye_dome != 0u {
+    if full && frame.has_eye_dome != 0u {
         if front.is_there {
-            front.color *= among_neighbours(pixel, front.z);
+            front.color *= eye_dome_shading(pixel, front.z);
         }
-        if behind.is_there {
-            colors[2] *= among_neighbours(pixel, behind.z);
+        if backdrop.is_there {
+            colors[2] *= eye_dome_shading(pixel, backdrop.z);
         }
     }
     var color = select(background, vec4f(front.color, 1.0), front.is_there);
     if is_edge {
         let q = min(textureLoad(count_sums, pixel, 0).g, 1.0);
-        color = color * q + select(background, vec4f(colors[2], 1.0), behind.is_there) * (1.0 - q);
+        color = color * q + select(background, vec4f(colors[2], 1.0), backdrop.is_there) * (1.0 - q);
     }
     return Pixel(front, color);
 }
 
-// A premultiplied colour behind the layers.
-fn seen_through(veil: Veil, color: vec4f) -> vec4f {
-    return vec4f(veil.color, veil.opacity) + color * (1.0 - veil.opacity);
+// The layers composited over a premultiplied colour.
+fn composite_over(layers: LayerComposite, color: vec4f) -> vec4f {
+    return vec4f(layers.color, layers.opacity) + color * (1.0 - layers.opacity);
 }
 
-// Once a pixel, of a frame with anything beyond splats: polygons, edges, lines, layers, shadows or `toon`.
+// Entry point for frames with more than opaque splats: polygons, edges, outlines, layers, shadows or `toon`.
 @compute @workgroup_size(8, 8)
 fn shade(@builtin(global_invocation_id) id: vec3u) {
     shade_pixel(id, true);
 }
 
-// The same of a frame of splats alone, which doesn't ask for what isn't there.
+// Entry point for frames of opaque splats alone: the branches for everything else are compiled away.
 @compute @workgroup_size(8, 8)
 fn shade_splats(@builtin(global_invocation_id) id: vec3u) {
     shade_pixel(id, false);
 }
 
-fn shade_pixel(id: vec3u, all: bool) {
+fn shade_pixel(id: vec3u, full: bool) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
         return;
     }
     let pixel = vec2i(id.xy + frame.shade_origin_px);
     let at = id.y * frame.shade_size_px.x + id.x;
-    let pixel_of = finished(pixel, frame.background, all);
-    var surface = pixel_of.front;
-    var veil: Veil;
-    if all && frame.has_layers != 0u {
-        veil = veils[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
-        if veil.z > 0.0 {
-            surface = Surface(veil.color, veil.normal, veil.z, veil.weight, true);
+    let opaque = shaded_pixel(pixel, frame.background, full);
+    var surface = opaque.front;
+    var layers: LayerComposite;
+    if full && frame.has_layers != 0u {
+        layers = layer_composites[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
+        if layers.z > 0.0 {
+            surface = Surface(layers.color, layers.normal, layers.z, layers.weight, true);
         }
     }
     if frame.color_at != ABSENT {
-        let color = seen_through(veil, pixel_of.color);
+        let color = composite_over(layers, opaque.color);
         let to = frame.color_at + 4u * at;
         planes[to] = color.r;
         planes[to + 1u] = color.g;
@@ -290,36 +299,38 @@ fn shade_pixel(id: vec3u, all: bool) {
         planes[frame.weight_at + at] = surface.weight;
     }
     if frame.fragments_at != ABSENT {
-        planes[frame.fragments_at + at] = textureLoad(count_sums, pixel, 0).r + veil.fragments;
+        planes[frame.fragments_at + at] = textureLoad(count_sums, pixel, 0).r + layers.fragments;
     }
 }
 
-@group(1) @binding(15) var<storage, read> composed_veils: array<Veil>;
+@group(1) @binding(15) var<storage, read> host_layer_composites: array<LayerComposite>;
 
 struct Composite {
     @location(0) color: vec4f,
     @builtin(frag_depth) depth: f32,
 }
 
-// The picture as a part of a host's: its depth test decides where it shows, and edges blend over what is there.
+// Composition into a host's render target: its depth test decides which pixels show, and edges blend over what is
+// there.
 @fragment
 fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
-    let pixel_of = finished(pixel, vec4f(0.0, 0.0, 0.0, 0.0), true);
-    var veil: Veil;
+    let opaque = shaded_pixel(pixel, vec4f(0.0, 0.0, 0.0, 0.0), true);
+    var layers: LayerComposite;
     if frame.has_layers != 0u {
-        veil = composed_veil(pixel);
+        layers = host_layers_at(pixel);
     }
-    // What is behind the nearest layer is drawn with it, so an opaque surface decides where there is one.
-    let z = select(veil.z, pixel_of.front.z, pixel_of.front.is_there);
+    // Layers and the opaque surface behind them are drawn at once, so the opaque surface, where there is one, gives the
+    // depth.
+    let z = select(layers.z, opaque.front.z, opaque.front.is_there);
     if z <= 0.0 {
         discard;
     }
-    return Composite(seen_through(veil, pixel_of.color), host_depth_of(z));
+    return Composite(composite_over(layers, opaque.color), host_depth_of(z));
 }
 
-fn composed_veil(pixel: vec2i) -> Veil {
-    return composed_veils[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
+fn host_layers_at(pixel: vec2i) -> LayerComposite {
+    return host_layer_composites[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
 }
 
 fn host_depth_of(z: f32) -> f32 {
@@ -327,23 +338,23 @@ fn host_depth_of(z: f32) -> f32 {
     return fma(frame.host_depth.y, along, frame.host_depth.x);
 }
 
-// The same in two passes, where the host's depth limits the layers: what is opaque …
+// Where the host's depth buffer can be read, composition takes two passes. The first draws the opaque surface …
 @fragment
 fn composite_opaque_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
-    let pixel_of = finished(pixel, vec4f(0.0, 0.0, 0.0, 0.0), true);
-    if !pixel_of.front.is_there {
+    let opaque = shaded_pixel(pixel, vec4f(0.0, 0.0, 0.0, 0.0), true);
+    if !opaque.front.is_there {
         discard;
     }
-    return Composite(pixel_of.color, host_depth_of(pixel_of.front.z));
+    return Composite(opaque.color, host_depth_of(opaque.front.z));
 }
 
-// … and the layers, which are before all that hides them.
+// … and the second the transparent layers, which were cut off at the host's depth when they were peeled.
 @fragment
 fn composite_layers_fragment(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    let veil = composed_veil(vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px));
-    if veil.z <= 0.0 {
+    let layers = host_layers_at(vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px));
+    if layers.z <= 0.0 {
         discard;
     }
-    return vec4f(veil.color, veil.opacity);
+    return vec4f(layers.color, layers.opacity);
 }

@@ -1,8 +1,8 @@
 //! Surfel's shaders: the only shader source there is, in WGSL.
 //!
 //! `wgsl/` holds the formulas. Each function is the twin of one in `surfel-math`: the same formula in the same order of
-//! operations, so that a difference between a GPU and the CPU is rounding and not algebra. [`TWINS`] says which belongs to
-//! which. `passes/` holds what is drawn with them: data, entry points, bindings. The build script puts the modules
+//! operations, so that a difference between a GPU and the CPU is rounding and not algebra. [`TWINS`] says which belongs
+//! to which. `passes/` holds what is drawn with them: data, entry points, bindings. The build script puts the modules
 //! together by their manifests and has naga parse and validate them, so a program that builds has valid shaders; what
 //! buffers hold ([`layout`]) and what entry points bind ([`ENTRIES`]) is reflected, never written twice.
 
@@ -12,8 +12,8 @@ pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/formulas.wgsl"));
 /// The formulas and the passes.
 pub const PASSES: &str = include_str!(concat!(env!("OUT_DIR"), "/passes.wgsl"));
 
-/// Each entry point of [`PASSES`] by name, as SPIR-V 1.3 for Vulkan 1.1: a module of it and what it uses, clip space with y up as in
-/// WebGPU.
+/// Each entry point of [`PASSES`] by name, as SPIR-V 1.3 for Vulkan 1.1: a module of it and what it uses, clip space
+/// with y up as in WebGPU.
 pub const SPIRV: &[(&str, &[u32])] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
 
 /// Names of the functions in [`WGSL`], sorted, as naga found them.
@@ -135,6 +135,8 @@ pub const TWINS: &[Twin] = &[
     twin("depth_plane_at", "depth::DepthPlane::at"),
     twin("tolerance", "depth::tolerance"),
     twin("plane_gradient", "depth::plane_gradient"),
+    twin("nearness", "facing::nearness"),
+    twin("back_normal", "facing::back_normal"),
     twin("triangle_contains", "triangle::Triangle::contains"),
     twin("triangle_barycentric", "triangle::Triangle::barycentric"),
     twin("triangle_depth", "triangle::Triangle::depth"),

@@ -62,6 +62,8 @@ fn rust_paths() -> BTreeSet<&'static str> {
         depth::DepthPlane::at, as depth::DepthPlane::<f32>::at;
         depth::tolerance;
         depth::plane_gradient;
+        facing::nearness;
+        facing::back_normal;
         depth::slope_allowance, as depth::slope_allowance;
         shadow::lookup_bias;
         shadow::tap_weights;
@@ -114,6 +116,16 @@ fn functions_are_written_out_in_the_text() {
 fn edge_on_is_the_same_number_in_both() {
     let line = WGSL.lines().find_map(|line| line.strip_prefix("const EDGE_ON: f32 = ")).unwrap();
     assert_eq!(line.trim_end_matches(';').parse::<f64>().unwrap(), surfel_math::project::EDGE_ON);
+}
+
+#[test]
+fn facing_is_told_by_the_same_numbers_in_both() {
+    use surfel_math::facing;
+    use surfel_shaders::layout;
+    assert_eq!(layout::BACK_FACING_LAG, facing::BACK_FACING_LAG as f32);
+    assert_eq!(layout::RIM_SINE, facing::RIM_SINE as f32);
+    assert_eq!(layout::RECORD_FACING, layout::RECORD_FRONT | layout::RECORD_BACK);
+    assert_eq!(layout::RECORD_OBJECT, (layout::RECORD_FACING + 8).trailing_zeros());
 }
 
 #[test]

@@ -67,8 +67,8 @@ fn away_from_zero(v: f32, least: f32) -> f32 {
     return select(max(v, least), -max(-v, least), v < 0.0);
 }
 
-// Change of planar depth over a pixel to the right and one down, on the plane through the view position p with unit view
-// normal n; steepness is limited as that of ε is.
+// Change of planar depth over a pixel to the right and one down, on the plane through the view position p with unit
+// view normal n; steepness is limited as that of ε is.
 fn plane_gradient(p: vec3f, n: vec3f, projection: Projection) -> vec2f {
     let across = vec2f(n.x / projection.focal_px.x, n.y / projection.focal_px.y);
     if projection.kind == ORTHOGRAPHIC {

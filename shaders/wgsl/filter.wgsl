@@ -14,8 +14,8 @@ fn filtered_plain(footprint: Footprint) -> Filtered {
     return Filtered(footprint, 1.0, 1.0, turn_none());
 }
 
-// Ours (§4): the projected ellipse's axes are lengthened to at least h pixels, weight × ∏ min(1, ℓ/h). An axis of at least
-// h stays exact; a lengthened one becomes parallel to the screen (Guennebaud et al. 2006 eq. 9).
+// Ours (§4): the projected ellipse's axes are lengthened to at least h pixels, weight × ∏ min(1, ℓ/h). An axis of at
+// least h stays exact; a lengthened one becomes parallel to the screen (Guennebaud et al. 2006 eq. 9).
 fn principal(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     let svd = svd2_of_columns(projected.j_s, projected.j_t, projected.det_j);
     let major = svd.major_axis;
@@ -69,8 +69,8 @@ struct Lengthened {
     short: bool,
 }
 
-// A projected half-axis whose diameter projects to less than 2h, made h long: along itself, or where it is zero along the
-// perpendicular of the other. Guennebaud et al. 2006 eq. 8 with both sides multiplied by p_z² − t_z², factored.
+// A projected half-axis whose diameter projects to less than 2h, made h long: along itself, or where it is zero along
+// the perpendicular of the other. Guennebaud et al. 2006 eq. 8 with both sides multiplied by p_z² − t_z², factored.
 fn adjust_lengthen(j: vec2f, other: vec2f, a: f32, h_px: f32) -> Lengthened {
     let length = v2_length(j);
     let limit = h_px * ((1.0 - a) * (1.0 + a));
@@ -95,8 +95,8 @@ fn adjust(projected: Projected, h_px: f32, projective: bool) -> Filtered {
 
 // The half-axes that adjust works on (§4): an ellipse's principal ones; for a disk (axes equal within 1e-3) those of
 // Guennebaud et al. 2006 eq. 10, s along p × n, t along n × s, with p the view direction in an orthographic projection.
-// With how their (u, v) turn back to the given ones. The twin turns by an arctangent; here half the angle comes from the
-// larger of |cos| and |sin| of the whole.
+// With how their (u, v) turn back to the given ones. The twin turns by an arctangent; here half the angle comes from
+// the larger of |cos| and |sin| of the whole.
 fn adjust_axes_turned(splat: ViewSplat, perspective: bool) -> TurnedPair {
     let scale = radius_max(splat.s, splat.t);
     let s = splat.s * (1.0 / scale);

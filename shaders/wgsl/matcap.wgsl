@@ -1,4 +1,4 @@
-// Where on a picture of a lit ball a normal lies (rendering model §5). Twin: surfel-math, matcap.rs.
+// Where on an image of a lit sphere a normal lies (rendering model §5). Twin: surfel-math, matcap.rs.
 
 // (0, 0) faces the eye, x to the right and y down, 1 at the rim.
 fn matcap_coordinates(normal: vec3f, to_eye: vec3f, down: vec3f) -> vec2f {

@@ -2,8 +2,8 @@
 //
 // Source: Dekker 1971, products as a rounded head and an exact rest. The twin's fma (Kahan) isn't used: WGSL lets an
 // implementation round it twice, and lets it fuse a product and a sum that are written apart. Here every product whose
-// rounding matters is of 12-bit halves, so it is exact however it is evaluated, and heads pass through integer arithmetic,
-// which nothing is fused across. The error is below 2 ulp of the result, however much cancels.
+// rounding matters is of 12-bit halves, so it is exact however it is evaluated, and heads pass through integer
+// arithmetic, which nothing is fused across. The error is below 2 ulp of the result, however much cancels.
 
 // The upper 12 bits of a's significand; a less this is exact and has 12 bits, too.
 fn upper_half(a: f32) -> f32 {

@@ -23,7 +23,7 @@ fn toon_highlight(strength: f32) -> f32 {
     return toon_step(strength, TOON_HIGHLIGHT);
 }
 
-// What a line leaves of the colour where the surface is seen at this |n·v|.
+// The share of the colour that a silhouette line leaves at this |n·v|.
 fn toon_line(cosine: f32) -> f32 {
     return toon_smoothstep(cosine, 0.12, 0.22);
 }

@@ -31,7 +31,8 @@ fn triangle_depth(t: Triangle, barycentric: vec3f) -> f32 {
     return interpolate(barycentric, t.z);
 }
 
-// How an attribute with these `values` at the vertices changes a pixel to the right and a pixel down, where it is `value`.
+// How an attribute with these `values` at the vertices changes a pixel to the right and a pixel down, where it is
+// `value`.
 fn triangle_gradient(t: Triangle, values: vec3f, value: f32, d: vec2f) -> vec2f {
     let inverse = 1.0 / (linear_at(t.edges[0], d) + linear_at(t.edges[1], d) + linear_at(t.edges[2], d));
     let apart = values - value;

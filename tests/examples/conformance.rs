@@ -18,7 +18,7 @@ Options:
   --backend NAME   cpu, wgpu or ash; several with commas or by repeating it; all by default
   --adapter TEXT   wgpu and ash draw on the first adapter whose name contains it, in any case
   --scene TEXT     Scenes whose name contains it
-  --report FILE    Write a page with pictures, FILE.html
+  --report FILE    Write a page with images, FILE.html
   --random N       N random scenes instead, as --seed and those after it say
   --seed S         Number of the first random scene; 0 by default
   --keep FOLDER    Where scene files of random scenes that fail are written; target/random by default

@@ -1,16 +1,16 @@
-//! Prints a number for the bits of every plane of every conformance scene as `cpu` draws it, with splats in f32 and in 16 bits:
-//! `cargo run -p surfel-conformance --example plane_bits`. Every machine prints the same, processors that an emulator plays included
-//! (docs/testing.md).
+//! Prints a number for the bits of every plane of every conformance scene as `cpu` draws it, with splats in f32 and in
+//! 16 bits: `cargo run -p surfel-conformance --example plane_bits`. Every machine prints the same, CPUs that an
+//! emulator plays included (docs/testing.md).
 
 use surfel_conformance::{harness, scenes};
 use surfel_cpu::{Options, Renderer, Storage};
 use surfel_render::{Frame, Planes, Renderer as _};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let started = |storage| Renderer::with_options(&Options { storage, ..Options::default() });
+    let started = |storage| Renderer::new(Options::default().with_storage(storage));
     let mut renderers = [started(Storage::F32)?, started(Storage::Quantised)?];
     eprintln!("{}", renderers[0].info().adapter);
-    let planes = Planes { fragments: true, ..Planes::ALL };
+    let planes = Planes::ALL.with_fragments(true);
     for case in scenes::all() {
         let mut line = format!("{:44}", case.name);
         for renderer in &mut renderers {
@@ -26,11 +26,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 fn numbers(frame: &Frame) -> [u64; 5] {
     let of = |values: &[f32]| fnv1a(values.iter().map(|value| value.to_bits()));
     [
-        of(frame.color.as_flattened()),
-        of(&frame.depth),
-        of(frame.normal.as_flattened()),
-        of(&frame.weight),
-        fnv1a(frame.fragments.iter().copied()),
+        of(frame.color().as_flattened()),
+        of(frame.depth()),
+        of(frame.normal().as_flattened()),
+        of(frame.weight()),
+        fnv1a(frame.fragments().iter().copied()),
     ]
 }
 

@@ -1,9 +1,10 @@
 //! Prints how clipped splats compare with an exact ray cast of the mesh that they were made of:
 //! `cargo run --release -p surfel-conformance --example sharp -- MESH [--splats N,N] [--zooms S,S] [--view X,Y,Z]
-//! [--depth-tolerance K] [--crease-angle DEG] [--size PIXELS] [--pictures FOLDER]`. With `--points N [--noise SHARE]` splats are
-//! made of N points on the mesh instead.
+//! [--depth-tolerance K] [--crease-angle DEG] [--size PIXELS] [--images FOLDER]`. With `--points N [--noise SHARE]`
+//! splats are made of N points on the mesh instead. `--cull none|back` says whether back faces are drawn, in place of
+//! whether the mesh is closed, and `--oriented true|false` whether they are kept apart from front faces.
 //!
-//! A pixel differs where one of the two pictures has a surface and the other none, or where the normals are more than 20°
+//! A pixel differs where one of the two images has a surface and the other none, or where the normals are more than 20°
 //! apart; the share is of the pixels that the mesh covers.
 
 use glam::DVec3;
@@ -26,12 +27,14 @@ struct Arguments {
     splats: Vec<usize>,
     zooms: Vec<f64>,
     view: DVec3,
-    pictures: Option<PathBuf>,
+    images: Option<PathBuf>,
     crease_angle_deg: f64,
     depth_tolerance: f64,
     size: u32,
     points: Option<usize>,
     noise: f64,
+    cull: Option<Cull>,
+    oriented: Option<bool>,
 }
 
 fn arguments() -> Result<Arguments, Error> {
@@ -42,12 +45,14 @@ fn arguments() -> Result<Arguments, Error> {
         // The paper's occupancies.
         zooms: vec![0.031, 0.375, 0.807],
         view: DVec3::new(0.62, 0.52, 0.9),
-        pictures: None,
+        images: None,
         crease_angle_deg: 40.0,
         depth_tolerance: 1.0,
         size: 800,
         points: None,
         noise: 0.0,
+        cull: None,
+        oriented: None,
     };
     while let Some(flag) = all.next() {
         let value = all.next().ok_or("a flag needs a value")?;
@@ -58,21 +63,23 @@ fn arguments() -> Result<Arguments, Error> {
             "--view" => {
                 found.view = DVec3::from_array(numbers()?.try_into().map_err(|_| "--view takes three numbers")?);
             }
-            "--pictures" => found.pictures = Some(value.into()),
+            "--images" => found.images = Some(value.into()),
             "--crease-angle" => found.crease_angle_deg = value.parse()?,
             "--depth-tolerance" => found.depth_tolerance = value.parse()?,
             "--size" => found.size = value.parse()?,
             "--points" => found.points = Some(value.parse()?),
             "--noise" => found.noise = value.parse()?,
+            "--cull" => found.cull = Some(if value == "back" { Cull::Back } else { Cull::None }),
+            "--oriented" => found.oriented = Some(value.parse()?),
             _ => return Err(format!("{flag}: unknown").into()),
         }
     }
     Ok(found)
 }
 
-fn scene(cloud: SplatCloud, closed: bool) -> Scene {
+fn scene(cloud: SplatCloud, cull: Cull, oriented: Option<bool>) -> Scene {
     let mut object = object(cloud);
-    object.material.cull = if closed { Cull::Back } else { Cull::None };
+    (object.material.cull, object.material.oriented) = (cull, oriented);
     (object.material.ambient, object.material.specular) = (0.25, 0.2);
     let light = |direction, strength| Light::Directional { direction, color: [strength; 3], shadow: false };
     Scene {
@@ -86,10 +93,10 @@ fn scene(cloud: SplatCloud, closed: bool) -> Scene {
 }
 
 fn render(scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Frame, Error> {
-    let mut renderer = Reference::new(0)?;
+    let mut renderer = Reference::new(Default::default())?;
     let resident = renderer.upload(scene)?;
     let mut frame = Frame::default();
-    renderer.render(&resident, &View::new(camera)?, settings, Planes::ALL, &mut frame)?;
+    renderer.render_into(&resident, &View::new(camera)?, settings, Planes::ALL, &mut frame)?;
     Ok(frame)
 }
 
@@ -135,31 +142,31 @@ fn main() -> Result<(), Error> {
             cloud
         };
         let splats = cloud.len();
-        let scene = scene(cloud, closed);
+        let cull = a.cull.unwrap_or(if closed { Cull::Back } else { Cull::None });
+        let scene = scene(cloud, cull, a.oriented);
         for share in &a.zooms {
             let camera = cast.camera_covering(a.view, *share, a.size);
-            let truth = cast.picture(&camera);
+            let truth = cast.image(&camera);
             for policy in [ClipPolicy::Exact, ClipPolicy::Line, ClipPolicy::Off] {
-                let settings = Settings {
-                    clip: policy,
-                    shader: Shader::Phong,
-                    depth_tolerance: DepthTolerance::Relative(a.depth_tolerance),
-                    ..Settings::default()
-                };
+                let settings = Settings::default()
+                    .with_clip(policy)
+                    .with_shader(Shader::Phong)
+                    .with_depth_tolerance(DepthTolerance::Relative(a.depth_tolerance));
                 let frame = render(&scene, &camera, &settings)?;
                 let pixels = compare(&truth, &frame);
                 let d = Difference::of(&pixels, a.size as usize);
                 let covered = 100.0 * d.covered as f64 / truth.len() as f64;
                 println!(
-                    "{splats:6} splats, {covered:4.1} % covered, {policy:?}: {:.3} % differ, {} in coverage, {} in normals, {} holes",
+                    "{splats:6} splats, {covered:4.1} % covered, {policy:?}: {:.3} % differ, {} in coverage, {} in \
+                     normals, {} holes",
                     100.0 * d.share(),
                     d.coverage,
                     d.normals,
                     d.holes
                 );
-                if let Some(folder) = &a.pictures {
+                if let Some(folder) = &a.images {
                     let name = format!("{count}-{share}-{policy:?}").to_lowercase();
-                    save(&folder.join(format!("{name}.png")), a.size, &frame.color)?;
+                    save(&folder.join(format!("{name}.png")), a.size, frame.color())?;
                     save(&folder.join(format!("{name}-differ.png")), a.size, &marks(&pixels))?;
                 }
             }

@@ -7,7 +7,7 @@ use surfel_conformance::stability::{Draw, Measured, Precision, breaks, drawer, n
 use surfel_reference::Renderer as Reference;
 
 const HELP: &str = "\
-Drives one number of a picture after another to its extreme, and holds backends against exact arithmetic.
+Drives one number of an image after another to its extreme, and holds backends against exact arithmetic.
 
 Usage: cargo xtask stability [OPTIONS]
 
@@ -17,6 +17,7 @@ Options:
   --adapter TEXT   wgpu and ash draw on the first adapter whose name contains it, in any case
   --sweep TEXT     Sweeps whose name contains it
   --report FILE    Where the page goes; target/stability.html by default
+  --markdown FILE  Write the table as Markdown too: docs/data/stability.md is made so
   -h, --help       Print this
 
 A backend that doesn't start is skipped, unless SURFEL_REQUIRE=wgpu,ash (either or both) names it.
@@ -28,6 +29,7 @@ struct Arguments {
     adapter: Option<String>,
     sweep: String,
     report: PathBuf,
+    markdown: Option<PathBuf>,
 }
 
 /// What the words ask for; nothing where it is help.
@@ -37,6 +39,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
         adapter: None,
         sweep: String::new(),
         report: PathBuf::from("target/stability.html"),
+        markdown: None,
     };
     while let Some(word) = words.next() {
         if matches!(word.as_str(), "-h" | "--help") {
@@ -46,7 +49,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
             Some((flag, value)) => (flag.to_owned(), Some(value.to_owned())),
             None => (word, None),
         };
-        if !matches!(flag.as_str(), "--backend" | "--adapter" | "--sweep" | "--report") {
+        if !matches!(flag.as_str(), "--backend" | "--adapter" | "--sweep" | "--report" | "--markdown") {
             return Err(format!("unknown argument '{flag}'"));
         }
         let value = value.or_else(|| words.next()).ok_or_else(|| format!("{flag} needs a value"))?;
@@ -63,6 +66,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
             }
             "--adapter" => found.adapter = Some(value),
             "--sweep" => found.sweep = value,
+            "--markdown" => found.markdown = Some(value.into()),
             _ => found.report = value.into(),
         }
     }
@@ -99,15 +103,15 @@ type Failure = Box<dyn std::error::Error>;
 fn start(name: &str, adapter: Option<&str>) -> Result<(Precision, Box<Draw<'static>>), surfel_render::RenderError> {
     let adapter = adapter.map(str::to_owned);
     Ok(match name {
-        "reference" => (Precision::F64, drawer(Reference::new(0)?)),
-        "cpu" => (Precision::F32, drawer(surfel_cpu::Renderer::new(0)?)),
+        "reference" => (Precision::F64, drawer(Reference::new(Default::default())?)),
+        "cpu" => (Precision::F32, drawer(surfel_cpu::Renderer::new(Default::default())?)),
         "wgpu" => {
-            let options = surfel_wgpu::Options { adapter, ..surfel_wgpu::Options::default() };
-            (Precision::GPU, drawer(surfel_wgpu::Renderer::with_options(&options)?))
+            let options = surfel_wgpu::Options::default().with_adapter(adapter);
+            (Precision::GPU, drawer(surfel_wgpu::Renderer::new(options)?))
         }
         _ => {
-            let options = surfel_ash::Options { adapter, ..surfel_ash::Options::default() };
-            (Precision::GPU, drawer(surfel_ash::Renderer::with_options(&options)?))
+            let options = surfel_ash::Options::default().with_adapter(adapter);
+            (Precision::GPU, drawer(surfel_ash::Renderer::new(options)?))
         }
     })
 }
@@ -126,7 +130,7 @@ fn stability(arguments: &Arguments) -> Result<bool, Failure> {
             Err(error) => println!("skipped: {name}: {error}"),
         }
     }
-    let mut reference = Reference::new(0)?;
+    let mut reference = Reference::new(Default::default())?;
     let mut measured = Vec::new();
     for sweep in sweeps().into_iter().filter(|sweep| sweep.name.contains(&arguments.sweep)) {
         eprintln!("{}: {} values of {}", sweep.name, sweep.values.len(), sweep.parameter);
@@ -153,5 +157,14 @@ fn stability(arguments: &Arguments) -> Result<bool, Failure> {
     let page = page(&measured, &names);
     surfel_io::atomic::write(&arguments.report, true, |out| out.write_all(page.as_bytes()))?;
     println!("{}", arguments.report.display());
+    if let Some(path) = &arguments.markdown {
+        let text = format!(
+            "<!-- Written by `cargo xtask stability --markdown FILE`. -->\n\n\
+             # Numerical stability: the first value at which anything breaks\n\n{}",
+            breaks(&measured, &names).markdown()
+        );
+        surfel_io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
+        println!("{}", path.display());
+    }
     Ok(is_ok)
 }

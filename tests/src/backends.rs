@@ -36,7 +36,7 @@ pub struct Run {
     pub info: RendererInfo,
     /// What to know about it: that nothing was validated.
     pub note: Option<String>,
-    /// One result a truth, in their order; then those without a picture.
+    /// One result a truth, in their order; then those without an image.
     pub checked: Vec<Checked>,
 }
 
@@ -67,20 +67,20 @@ impl Session {
     pub fn start(backend: Backend, adapter: Option<&str>) -> Result<Self, RenderError> {
         let adapter = adapter.map(str::to_owned);
         let drawing = match backend {
-            Backend::Cpu => Drawing::Cpu(Box::new(surfel_cpu::Renderer::new(0)?)),
+            Backend::Cpu => Drawing::Cpu(Box::new(surfel_cpu::Renderer::new(Default::default())?)),
             Backend::Wgpu => {
                 listen();
-                let options = surfel_wgpu::Options { adapter, validation: true, ..surfel_wgpu::Options::default() };
-                Drawing::Wgpu(Box::new(surfel_wgpu::Renderer::with_options(&options)?))
+                let options = surfel_wgpu::Options::default().with_adapter(adapter).with_validation(true);
+                Drawing::Wgpu(Box::new(surfel_wgpu::Renderer::new(options)?))
             }
             Backend::Ash => {
-                let mut options = surfel_ash::Options { adapter, validation: true, ..surfel_ash::Options::default() };
+                let mut options = surfel_ash::Options::default().with_adapter(adapter).with_validation(true);
                 // What the layer says is an error of the call.
-                match surfel_ash::Renderer::with_options(&options) {
+                match surfel_ash::Renderer::new(options.clone()) {
                     Ok(renderer) => Drawing::Ash(Box::new(renderer)),
                     Err(error) => {
                         options.validation = false;
-                        let drawing = Drawing::Ash(Box::new(surfel_ash::Renderer::with_options(&options)?));
+                        let drawing = Drawing::Ash(Box::new(surfel_ash::Renderer::new(options)?));
                         return Ok(Self { drawing, note: Some(format!("not validated: {error}")) });
                     }
                 }
@@ -139,8 +139,8 @@ impl log::Log for Listener {
     }
     fn log(&self, record: &log::Record<'_>) {
         let text = record.args().to_string();
-        // naga's debug information names WGSL as its source language, which layers of before 2023 don't know. What a message
-        // is about follows it as a record of its own.
+        // naga's debug information names WGSL as its source language, which layers of before 2023 don't know. What a
+        // message is about follows it as a record of its own.
         let is_known = text.contains("Invalid source language operand: 10") || text.trim().starts_with("objects:");
         if self.enabled(record.metadata()) && !is_known {
             let message = format!("{} {}", record.target(), record.args());

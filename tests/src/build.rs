@@ -118,7 +118,7 @@ pub fn object(cloud: SplatCloud) -> Object {
 
 /// A scene of one cloud over a background that no splat has.
 pub fn scene(splats: &[Splat]) -> Scene {
-    Scene { background: [0.02, 0.03, 0.05, 0.5], ..Scene::of_cloud(cloud(splats)) }
+    Scene { background: [0.02, 0.03, 0.05, 0.5], ..Scene::from(cloud(splats)) }
 }
 
 /// A camera at (0, 0, distance) that looks at the origin, +y up.
@@ -134,8 +134,8 @@ pub fn camera(distance: f64, fov_y_deg: f64, size: [u32; 2]) -> Camera {
     }
 }
 
-/// `count` disks spread evenly over the unit sphere (Fibonacci), radius `overlap` times their spacing, in random colours
-/// of `seed`.
+/// `count` disks spread evenly over the unit sphere (Fibonacci), radius `overlap` times their spacing, in random
+/// colours of `seed`.
 pub fn sphere(count: usize, overlap: f64, seed: u64) -> Vec<Splat> {
     let mut random = Random::new(seed);
     let radius = overlap * (4.0 * std::f64::consts::PI / count as f64).sqrt();
@@ -150,8 +150,8 @@ pub fn sphere(count: usize, overlap: f64, seed: u64) -> Vec<Splat> {
         .collect()
 }
 
-/// `columns`×`rows` disks of radius `radius` on the parallelogram about `center` that ±`across` and ±`along` span, outward
-/// normal across × along, with colours by `color(column, row)`.
+/// `columns`×`rows` disks of radius `radius` on the parallelogram about `center` that ±`across` and ±`along` span,
+/// outward normal across × along, with colours by `color(column, row)`.
 pub fn sheet(
     center: DVec3,
     [across, along]: [DVec3; 2],
@@ -185,7 +185,7 @@ pub fn confetti(count: usize, radius: f64, aspect: f64, seed: u64) -> Vec<Splat>
         .collect()
 }
 
-/// Directions of a camera's picture in world space: right, down, forward.
+/// Directions of a camera's image in world space: right, down, forward.
 pub fn axes(camera: &Camera) -> [DVec3; 3] {
     let forward = unit(DVec3::from(camera.target) - DVec3::from(camera.eye));
     let right = unit(forward.cross(DVec3::from(camera.up)));

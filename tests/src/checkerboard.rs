@@ -1,7 +1,8 @@
 //! A checkerboard to the horizon: how much detail a filter keeps, and how much it lets alias (§5).
 //!
 //! A square of side 2 centred at (0, 0, 1.2) in view space, turned 80° about x, 40×40 squares, 400×400 disks with
-//! r = spacing = 0.005, fov_y 60°, 512². The truth is the exact pattern under a box filter of one pixel, by 16×16 samples.
+//! r = spacing = 0.005, fov_y 60°, 512². The truth is the exact pattern under a box filter of one pixel, by 16×16
+//! samples.
 
 use crate::build::{Splat, camera, scene};
 use crate::scenes::Case;
@@ -24,13 +25,11 @@ pub type Bands = [f64; 5];
 
 /// A line of the table: what is set, and its name.
 pub fn variants() -> Vec<(&'static str, Settings)> {
-    let filter = |filter| Settings { filter, ..Settings::default() };
-    let papers = Settings {
-        cutoff: 1.0,
-        prefilter_radius_px: std::f64::consts::SQRT_2,
-        depth_tolerance: DepthTolerance::Absolute(SPACING),
-        ..filter(Filter::Ewa)
-    };
+    let filter = |filter| Settings::default().with_filter(filter);
+    let papers = filter(Filter::Ewa)
+        .with_cutoff(1.0)
+        .with_prefilter_radius_px(std::f64::consts::SQRT_2)
+        .with_depth_tolerance(DepthTolerance::Absolute(SPACING));
     vec![
         ("ewa, c 1, h sqrt 2, absolute r", papers),
         ("none", filter(Filter::None)),
@@ -72,7 +71,7 @@ pub fn case() -> Case {
     Case::new("checkerboard", Scene { background: [0.0; 4], ..scene(&splats) }, camera)
 }
 
-/// The exact picture: `None` for pixels not wholly inside the square.
+/// The exact image: `None` for pixels not wholly inside the square.
 pub fn truth(view: &View) -> Vec<Option<f64>> {
     let (away, normal) = directions();
     let center = DVec3::new(0.0, 0.0, DISTANCE);
@@ -84,14 +83,14 @@ pub fn truth(view: &View) -> Vec<Option<f64>> {
         let (a, b) = (q.x, q.dot(away));
         (distance > 0.0 && a.abs() <= 1.0 && b.abs() <= 1.0).then_some((a, b))
     };
-    let mut picture = Vec::with_capacity((SIZE * SIZE) as usize);
+    let mut image = Vec::with_capacity((SIZE * SIZE) as usize);
     for y in 0..SIZE {
         for x in 0..SIZE {
             let (x, y) = (f64::from(x), f64::from(y));
             // The projected square is convex: a pixel is inside when its corners are.
             let inside = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
             if !inside.iter().all(|(dx, dy)| on_square(x + dx, y + dy).is_some()) {
-                picture.push(None);
+                image.push(None);
                 continue;
             }
             let offset = |i: u32| (f64::from(i) + 0.5) / f64::from(SAMPLES);
@@ -99,14 +98,14 @@ pub fn truth(view: &View) -> Vec<Option<f64>> {
                 .filter_map(|i| on_square(x + offset(i % SAMPLES), y + offset(i / SAMPLES)))
                 .filter(|&(a, b)| is_white(a, b))
                 .count();
-            picture.push(Some(hits as f64 / f64::from(SAMPLES * SAMPLES)));
+            image.push(Some(hits as f64 / f64::from(SAMPLES * SAMPLES)));
         }
     }
-    picture
+    image
 }
 
-/// RMSE of a picture's red channel by bands.
-pub fn errors(picture: &[[f32; 4]], truth: &[Option<f64>]) -> Bands {
+/// RMSE of an image's red channel by bands.
+pub fn errors(image: &[[f32; 4]], truth: &[Option<f64>]) -> Bands {
     let width = SIZE as usize;
     let rows: Vec<usize> =
         (0..width).filter(|y| truth[y * width..(y + 1) * width].iter().any(Option::is_some)).collect();
@@ -118,7 +117,7 @@ pub fn errors(picture: &[[f32; 4]], truth: &[Option<f64>]) -> Bands {
         for &y in &rows[ends[band]..ends[band + 1]] {
             for at in y * width..(y + 1) * width {
                 if let Some(want) = truth[at] {
-                    sum += (f64::from(picture[at][0]) - want).powi(2);
+                    sum += (f64::from(image[at][0]) - want).powi(2);
                     count += 1;
                 }
             }
@@ -135,13 +134,13 @@ pub fn measure(variants: &[(&'static str, Settings)]) -> Result<Vec<(&'static st
     let case = case();
     let view = case.view();
     let truth = truth(&view);
-    let mut reference = Reference::new(0)?;
+    let mut reference = Reference::new(Default::default())?;
     let resident = reference.upload(&case.scene)?;
     let mut frame = Frame::default();
     let mut table = Vec::new();
     for (name, settings) in variants {
-        reference.render(&resident, &view, settings, Planes::COLOR, &mut frame)?;
-        table.push((*name, errors(&frame.color, &truth)));
+        reference.render_into(&resident, &view, settings, Planes::COLOR, &mut frame)?;
+        table.push((*name, errors(frame.color(), &truth)));
     }
     Ok(table)
 }

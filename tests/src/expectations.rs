@@ -1,7 +1,7 @@
 //! What backends are known to miss, and why.
 //!
-//! An entry lets one plane of one scene be off by more than the tolerance on one backend and adapter, up to a factor. It
-//! fails when it isn't needed any more, so that the table says what is so.
+//! An entry lets one plane of one scene be off by more than the tolerance on one backend and adapter, up to a factor.
+//! It fails when it isn't needed any more, so that the table says what is so.
 
 use crate::backends::Backend;
 use crate::harness::{Plane, Report, Verdict};
@@ -73,7 +73,7 @@ pub fn apply<'a>(
         }
     }
     let unused = |entry: &&Expectation| {
-        let message = format!("no picture of {}: correct the entry of expectations.rs or remove it", entry.place());
+        let message = format!("no image of {}: correct the entry of expectations.rs or remove it", entry.place());
         Report::failed("expectations", message)
     };
     if extent == Extent::EveryScene { open.iter().map(unused).collect() } else { Vec::new() }

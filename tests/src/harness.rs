@@ -1,7 +1,7 @@
 //! Holds a backend against the reference, pixel by pixel.
 //!
 //! Every plane is compared linearly. A pixel that is farther off than the tolerance is an outlier; it is forgiven only
-//! where the reference says that a decision of the model is within its margin there, and only a few in a picture. What a
+//! where the reference says that a decision of the model is within its margin there, and only a few in an image. What a
 //! backend is known to miss is listed in [`crate::expectations`].
 
 use crate::expectations::{self, EXPECTATIONS, Extent};
@@ -10,12 +10,12 @@ use std::fmt;
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo};
 
-/// Absolute tolerance of colour, normal and weight; of Z times the median |Z|. An eighth of an 8-bit level's half: nothing
-/// that shows, and 16 times what summing a hundred f32 fragments loses.
+/// Absolute tolerance of colour, normal and weight; of Z times the median |Z|. An eighth of an 8-bit level's half:
+/// nothing that shows, and 16 times what summing a hundred f32 fragments loses.
 pub const ABSOLUTE: f64 = 2e-4;
 /// Relative tolerance of every plane.
 pub const RELATIVE: f64 = 1e-3;
-/// Share of a picture's pixels that may be outliers, all of them within their margin (rendering model, ties).
+/// Share of an image's pixels that may be outliers, all of them within their margin (rendering model, ties).
 pub const FORGIVEN_SHARE: f64 = 0.025;
 
 /// A compared plane.
@@ -71,7 +71,7 @@ pub enum Verdict {
     Failed(String),
 }
 
-/// A compared picture.
+/// A compared image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
     /// Name of the case.
@@ -98,7 +98,7 @@ impl Report {
         Self { name: name.into(), planes: Vec::new(), forgiven: 0, margin_share: 0.0, broken: Vec::new(), verdict }
     }
 
-    /// A failure without a picture.
+    /// A failure without an image.
     pub fn failed(name: &str, message: impl fmt::Display) -> Self {
         let message = message.to_string();
         Self { broken: vec![message.clone()], ..Self::of_verdict(name, Verdict::Failed(message)) }
@@ -150,14 +150,14 @@ impl fmt::Display for Report {
 
 /// Compares the planes that `want` has. `margin` is the reference's plane: 1 where a decision is within its margin.
 pub fn compare_frames(name: &str, got: &Frame, want: &Frame, margin: &[f32]) -> Report {
-    let pixels = want.width as usize * want.height as usize;
-    if (got.width, got.height) != (want.width, want.height) || margin.len() != pixels {
+    let pixels = want.width() as usize * want.height() as usize;
+    if (got.width(), got.height()) != (want.width(), want.height()) || margin.len() != pixels {
         let message = format!(
             "sizes differ: got {}x{}, want {}x{}, margin of {} pixels",
-            got.width,
-            got.height,
-            want.width,
-            want.height,
+            got.width(),
+            got.height(),
+            want.width(),
+            want.height(),
             margin.len()
         );
         return Report::failed(name, message);
@@ -175,7 +175,7 @@ pub fn compare_frames(name: &str, got: &Frame, want: &Frame, margin: &[f32]) -> 
             broken.push(format!("plane {} has NaN", plane.name()));
         }
         if !wanted.is_empty() {
-            errors.push(compare_plane(&planes, want.width, margin, &mut outliers));
+            errors.push(compare_plane(&planes, want.width(), margin, &mut outliers));
         }
     }
     let forgiven = outliers.iter().zip(margin).filter(|(o, m)| **o && **m != 0.0).count();
@@ -192,10 +192,10 @@ pub fn compare_frames(name: &str, got: &Frame, want: &Frame, margin: &[f32]) -> 
     report
 }
 
-/// How far each pixel is off in the plane where it is farthest, as a multiple of the tolerance. Both frames have the same
-/// size; planes of different lengths are left out.
+/// How far each pixel is off in the plane where it is farthest, as a multiple of the tolerance. Both frames have the
+/// same size; planes of different lengths are left out.
 pub fn pixel_errors(got: &Frame, want: &Frame) -> Vec<f64> {
-    let mut worst = vec![0.0f64; want.width as usize * want.height as usize];
+    let mut worst = vec![0.0f64; want.width() as usize * want.height() as usize];
     for planes in pairs(got, want).iter().filter(|p| p.got.len() == p.want.len() && !p.want.is_empty()) {
         let channels = planes.want.len() / worst.len().max(1);
         for (i, worst) in worst.iter_mut().enumerate() {
@@ -227,15 +227,15 @@ impl Pair<'_> {
 }
 
 fn pairs<'a>(got: &'a Frame, want: &'a Frame) -> [Pair<'a>; 4] {
-    let mut finite: Vec<f32> = want.depth.iter().copied().filter(|z| z.is_finite()).map(f32::abs).collect();
+    let mut finite: Vec<f32> = want.depth().iter().copied().filter(|z| z.is_finite()).map(f32::abs).collect();
     finite.sort_by(f32::total_cmp);
     let median = finite.get(finite.len() / 2).map_or(1.0, |&z| f64::from(z));
     let pair = |plane, got, want| Pair { plane, got, want, absolute: ABSOLUTE };
     [
-        pair(Plane::Color, got.color.as_flattened(), want.color.as_flattened()),
-        Pair { absolute: ABSOLUTE * median, ..pair(Plane::Z, &got.depth, &want.depth) },
-        pair(Plane::Normal, got.normal.as_flattened(), want.normal.as_flattened()),
-        pair(Plane::Weight, &got.weight, &want.weight),
+        pair(Plane::Color, got.color().as_flattened(), want.color().as_flattened()),
+        Pair { absolute: ABSOLUTE * median, ..pair(Plane::Z, got.depth(), want.depth()) },
+        pair(Plane::Normal, got.normal().as_flattened(), want.normal().as_flattened()),
+        pair(Plane::Weight, got.weight(), want.weight()),
     ]
 }
 
@@ -257,15 +257,15 @@ fn compare_plane(planes: &Pair<'_>, width: u32, margin: &[f32], outliers: &mut [
     worst
 }
 
-/// The reference's picture of a case, margin included.
+/// The reference's image of a case, margin included.
 ///
 /// # Errors
 /// [`RenderError`] if the reference refuses the case.
 pub fn reference_frame(reference: &mut Reference, case: &Case) -> Result<Frame, RenderError> {
     let resident = reference.upload(&case.scene)?;
     let mut frame = Frame::default();
-    let planes = Planes { margin: true, ..Planes::ALL };
-    reference.render(&resident, &case.view(), &case.settings, planes, &mut frame)?;
+    let planes = Planes::ALL.with_margin(true);
+    reference.render_into(&resident, &case.view(), &case.settings, planes, &mut frame)?;
     Ok(frame)
 }
 
@@ -276,7 +276,7 @@ pub fn reference_frame(reference: &mut Reference, case: &Case) -> Result<Frame, 
 pub fn render<R: Renderer>(backend: &mut R, case: &Case, planes: Planes) -> Result<Frame, RenderError> {
     let resident = backend.upload(&case.scene)?;
     let mut frame = Frame::default();
-    backend.render(&resident, &case.view(), &case.settings, planes, &mut frame)?;
+    backend.render_into(&resident, &case.view(), &case.settings, planes, &mut frame)?;
     Ok(frame)
 }
 
@@ -284,7 +284,7 @@ pub fn render<R: Renderer>(backend: &mut R, case: &Case, planes: Planes) -> Resu
 pub struct Truth {
     /// The case.
     pub case: Case,
-    /// The reference's picture, margin included, or why there is none.
+    /// The reference's image, margin included, or why there is none.
     pub want: Result<Frame, RenderError>,
 }
 
@@ -300,17 +300,17 @@ impl Truth {
     /// # Errors
     /// [`RenderError`] if there is no reference.
     pub fn all(is_wanted: impl Fn(&str) -> bool) -> Result<Vec<Self>, RenderError> {
-        let mut reference = Reference::new(0)?;
+        let mut reference = Reference::new(Default::default())?;
         let cases = scenes::all().into_iter().filter(|case| is_wanted(&case.name));
         Ok(cases.map(|case| Self::of(&mut reference, case)).collect())
     }
 }
 
-/// A backend's picture and how it compares.
+/// A backend's image and how it compares.
 pub struct Checked {
     /// How it compares.
     pub report: Report,
-    /// The picture, where the backend drew one.
+    /// The image, where the backend drew one.
     pub got: Option<Frame>,
 }
 
@@ -323,7 +323,7 @@ pub fn check<R: Renderer>(backend: &mut R, truth: &Truth) -> Checked {
         Err(error) => return without(Report::failed(name, format!("the reference refuses it: {error}"))),
     };
     match render(backend, &truth.case, Planes::ALL) {
-        Ok(got) => Checked { report: compare_frames(name, &got, want, &want.margin), got: Some(got) },
+        Ok(got) => Checked { report: compare_frames(name, &got, want, want.margin()), got: Some(got) },
         Err(error @ RenderError::Unsupported { .. }) => {
             without(Report::of_verdict(name, Verdict::Skipped(error.to_string())))
         }
@@ -338,7 +338,7 @@ pub fn check_case<R: Renderer>(backend: &mut R, reference: &mut Reference, case:
 
 /// Holds a backend against scenes, expectations included.
 ///
-/// One result a truth, in their order; then, without a picture, one for each expectation that nothing needed.
+/// One result a truth, in their order; then, without an image, one for each expectation that nothing needed.
 pub fn check_all<R: Renderer>(backend: &mut R, truths: &[Truth], extent: Extent) -> Vec<Checked> {
     let mut checked: Vec<Checked> = truths.iter().map(|truth| check(backend, truth)).collect();
     expect(backend.info(), extent, &mut checked);

@@ -19,8 +19,8 @@ pub fn mesh(vertices: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
     Mesh { positions: Column3::from_f64(vertices), triangles, ..Mesh::default() }
 }
 
-/// The parallelogram about `center` that ±`across` and ±`along` span, as two triangles, outward along across × along, with
-/// texture coordinates from 0 to `repeats`.
+/// The parallelogram about `center` that ±`across` and ±`along` span, as two triangles, outward along across × along,
+/// with texture coordinates from 0 to `repeats`.
 pub fn quad(center: DVec3, [across, along]: [DVec3; 2], repeats: f32) -> Mesh {
     let corner = |x: f64, y: f64| center + across * x + along * y;
     let vertices = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
@@ -65,8 +65,8 @@ pub fn mesh_sphere(times: usize) -> Mesh {
     Mesh { normals: Some(normals), ..mesh(&vertices, triangles) }
 }
 
-/// A texture of `side`×`side` texels, black and white in turn; right of the diagonal blue for black, so that a swap of u and v
-/// shows.
+/// A texture of `side`×`side` texels, black and white in turn; right of the diagonal blue for black, so that a swap of
+/// u and v shows.
 pub fn checkers(side: u32) -> Arc<Texture> {
     let texel = |i: u32| match (i % side, i / side) {
         (x, y) if (x + y).is_multiple_of(2) => [255; 4],

@@ -1,4 +1,4 @@
-//! Exact pictures of meshes, by casting rays: the truth that splats made of a mesh are held against.
+//! Exact images of meshes, by casting rays: the truth that splats made of a mesh are held against.
 
 use crate::build::axes;
 use glam::DVec3;
@@ -21,7 +21,7 @@ pub struct Cast {
     bvh: Bvh2,
 }
 
-/// What the rays of a picture's pixels meet first: the unit normal there, turned to the eye as two-sided splats are.
+/// What the rays of an image's pixels meet first: the unit normal there, turned to the eye as two-sided splats are.
 pub type Truth = Vec<Option<DVec3>>;
 
 impl Cast {
@@ -59,11 +59,11 @@ impl Cast {
         best.1
     }
 
-    /// The picture of a perspective camera.
+    /// The image of a perspective camera.
     ///
     /// # Panics
     /// For other projections.
-    pub fn picture(&self, camera: &Camera) -> Truth {
+    pub fn image(&self, camera: &Camera) -> Truth {
         let Projection::Perspective { fov_y_deg } = camera.projection else { panic!("perspective") };
         let [right, down, forward] = axes(camera);
         let [w, h] = camera.size;
@@ -76,12 +76,12 @@ impl Cast {
         (0..w * h).map(|i| self.normal(eye, ray(i % w, i / w))).collect()
     }
 
-    /// A camera that looks at the mesh's middle along −`view` from where the mesh covers about `share` of the picture.
+    /// A camera that looks at the mesh's middle along −`view` from where the mesh covers about `share` of the image.
     pub fn camera_covering(&self, view: DVec3, share: f64, size: u32) -> Camera {
         let (mut near, mut far) = (1.2f64, 60.0f64);
         for _ in 0..14 {
             let middle = (near * far).sqrt();
-            let covered = self.picture(&self.camera(view, middle, 100)).iter().flatten().count() as f64 / 1e4;
+            let covered = self.image(&self.camera(view, middle, 100)).iter().flatten().count() as f64 / 1e4;
             if covered > share { near = middle } else { far = middle }
         }
         self.camera(view, (near * far).sqrt(), size)
@@ -107,7 +107,7 @@ impl Cast {
 /// How a pixel compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pixel {
-    /// Nothing in either picture.
+    /// Nothing in either image.
     Empty,
     /// The same, normals within 20°.
     Same,
@@ -129,7 +129,7 @@ pub fn compare(truth: &Truth, frame: &Frame) -> Vec<Pixel> {
         (Some(hit), true) if DVec3::from(normal.map(f64::from)).dot(*hit) < cosine => Pixel::Normal,
         (Some(_), true) => Pixel::Same,
     };
-    truth.iter().zip(frame.weight.iter().zip(&frame.normal)).map(pixel).collect()
+    truth.iter().zip(frame.weight().iter().zip(frame.normal())).map(pixel).collect()
 }
 
 /// Counts of a comparison.
@@ -146,7 +146,7 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// Counts the pixels of a picture `width` pixels wide.
+    /// Counts the pixels of an image `width` pixels wide.
     pub fn of(pixels: &[Pixel], width: usize) -> Self {
         let count = |kind: fn(&Pixel) -> bool| pixels.iter().filter(|p| kind(p)).count();
         let height = pixels.len() / width.max(1);

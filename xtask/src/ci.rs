@@ -19,9 +19,11 @@ pub(crate) fn run(root: &Path) -> bool {
     let steps = [
         step("fmt", &|| command(cargo(root).args(["fmt", "--all", "--check"]))),
         step("clippy", &|| {
-            let arguments = ["clippy", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"];
-            command(cargo(root).args(arguments))
+            let arguments = ["clippy", "--workspace", "--all-targets", "--features", suites::FEATURES, "--locked"];
+            command(cargo(root).args(arguments).args(["--", "-D", "warnings"]))
         }),
+        // As it is built without being asked for more: without GPU backends.
+        step("default program", &|| command(cargo(root).args(["check", "--package", "surfel-cli", "--locked"]))),
         step("doc", &|| {
             let arguments = ["doc", "--workspace", "--no-deps", "--locked"];
             command(cargo(root).args(arguments).env("RUSTDOCFLAGS", "-D warnings"))

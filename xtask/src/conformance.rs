@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use crate::{cargo, vulkan};
 
-/// Where distributions put Chromium's Vulkan driver for processors: a second opinion where there is one.
+/// Where distributions put Chromium's Vulkan driver for CPUs: a second opinion where there is one.
 const SECOND_DRIVERS: [&str; 3] = [
     "/usr/lib/chromium/vk_swiftshader_icd.json",
     "/usr/lib64/chromium-browser/vk_swiftshader_icd.json",
@@ -39,8 +39,8 @@ pub(crate) fn run(root: &Path, program: &str, options: &[&str]) -> ExitCode {
     if first == ExitCode::SUCCESS { second } else { first }
 }
 
-/// Options of a second run, by backends that a driver makes a difference to; none if there are no such, or if the adapter, or scenes
-/// that aren't the usual ones, are chosen.
+/// Options of a second run, by backends that a driver makes a difference to; none if there are no such, or if the
+/// adapter, or scenes that aren't the usual ones, are chosen.
 fn second_options(options: &[&str]) -> Option<Vec<String>> {
     let (mut kept, mut backends, mut all) = (Vec::new(), Vec::new(), true);
     let mut left = options.iter();

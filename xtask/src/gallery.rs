@@ -1,15 +1,15 @@
-//! `cargo xtask gallery`: the pictures of docs/gallery.md, and those of models that aren't ours to ship.
+//! `cargo xtask gallery`: the images of docs/gallery.md, and those of models that aren't ours to ship.
 
 use std::path::Path;
 
 use crate::{assets, cargo};
 
-/// Files that pictures need, made by the program itself.
+/// Files that images need, made by the program itself.
 const CONVERSIONS: &[&[&str]] =
     &[&["convert", "assets/generated/part.obj", "-o", "assets/generated/part-sharp.ply", "--sharp", "--splats", "960"]];
 
-/// Pictures, with what the program is asked for.
-const PICTURES: &[(&str, &[&str])] = &[
+/// Images, with what the program is asked for.
+const IMAGES: &[(&str, &[&str])] = &[
     ("glass", &["assets/gallery/glass.json"]),
     ("half-spot", &["assets/gallery/half-spot.json"]),
     ("half-spot-parts", &["assets/gallery/half-spot.json", "--shader", "normal"]),
@@ -25,27 +25,27 @@ const PICTURES: &[(&str, &[&str])] = &[
     ("sharp-part", &["assets/gallery/sharp-part.json"]),
 ];
 
-/// Pictures of models that users have and we may not ship: the scene in assets/gallery/models and the model's file.
+/// Images of models that users have and we may not ship: the scene in assets/gallery/models and the model's file.
 const MODELS: &[(&str, &str)] = &[("lion", "lion_takanawa.ply"), ("igea", "igea.ply")];
 
 /// What stands for the models' folder in their scenes.
 const PLACEHOLDER: &str = "MODELS/";
 
-/// Where pictures of models go, relative to the workspace: beside what is built, never into the tree.
-const MODEL_PICTURES: &str = "target/gallery";
+/// Where images of models go, relative to the workspace: beside what is built, never into the tree.
+const MODEL_IMAGES: &str = "target/gallery";
 
-/// Draws every picture of docs/gallery.md.
+/// Draws every image of docs/gallery.md.
 pub(crate) fn run(root: &Path) -> bool {
-    let picture = |(name, arguments): &(&str, &[&str])| draw(root, arguments, &format!("docs/images/{name}.png"));
+    let image = |(name, arguments): &(&str, &[&str])| draw(root, arguments, &format!("docs/images/{name}.png"));
     assets::run(root)
         && CONVERSIONS.iter().all(|arguments| surfel(root, &[arguments, &["--force"][..]].concat()))
-        && PICTURES.iter().all(picture)
+        && IMAGES.iter().all(image)
 }
 
-/// Draws the pictures of those models that are in a folder, which is relative to where the command was given.
+/// Draws the images of those models that are in a folder, which is relative to where the command was given.
 pub(crate) fn run_models(root: &Path, folder: &str) -> bool {
     let result = std::env::current_dir().and_then(|here| {
-        std::fs::create_dir_all(root.join(MODEL_PICTURES))?;
+        std::fs::create_dir_all(root.join(MODEL_IMAGES))?;
         let folder = here.join(folder);
         let mut found = 0;
         for (name, file) in MODELS {
@@ -55,16 +55,16 @@ pub(crate) fn run_models(root: &Path, folder: &str) -> bool {
             }
             found += 1;
             let template = std::fs::read_to_string(root.join(format!("assets/gallery/models/{name}.json")))?;
-            let scene = format!("{MODEL_PICTURES}/{name}.json");
+            let scene = format!("{MODEL_IMAGES}/{name}.json");
             std::fs::write(root.join(&scene), in_folder(&template, &folder))?;
-            if !draw(root, &[&scene], &format!("{MODEL_PICTURES}/{name}.png")) {
+            if !draw(root, &[&scene], &format!("{MODEL_IMAGES}/{name}.png")) {
                 return Ok(false);
             }
         }
         Ok(found > 0)
     });
     result.unwrap_or_else(|error| {
-        eprintln!("error: could not write to {MODEL_PICTURES}: {error}");
+        eprintln!("error: could not write to {MODEL_IMAGES}: {error}");
         false
     })
 }
@@ -75,7 +75,7 @@ fn in_folder(template: &str, folder: &Path) -> String {
     template.replace(PLACEHOLDER, &format!("{escaped}/"))
 }
 
-/// Draws a picture on the processor, which draws all of them, and the same bits anywhere.
+/// Draws an image on the CPU, which draws all of them, and the same bits anywhere.
 fn draw(root: &Path, arguments: &[&str], file: &str) -> bool {
     println!("{file}");
     surfel(root, &[arguments, &["-o", file, "--force", "--backend", "cpu"][..]].concat())

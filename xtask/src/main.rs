@@ -20,33 +20,37 @@ The project's chores.
 Usage: cargo xtask COMMAND
 
 Commands:
-  test    Run every test of the workspace, doc tests included, and sum up. Where a crate needs
-          Vulkan and there is no driver, install a software one (as root, with apt-get) or say
-          what is skipped
-  ci      Everything that must pass before a change is merged: formatting, clippy, docs,
-          tests, tidy, and cargo-deny where it is installed
-  tidy    Cheap checks of the tree: file sizes and lengths, leftovers, machine paths, crate
-          manifests, crates missing from docs/architecture.md
+  test    Run every test of the workspace, doc tests included, all backends built in, and sum up.
+          Where a crate needs Vulkan and there is no driver, install a software one (as root,
+          with apt-get) or say what is skipped
+  ci      Everything that must pass before a change is merged: formatting, clippy, the program
+          with its default features, docs, tests, tidy, and cargo-deny where it is installed
+  tidy    Cheap checks of the tree: sizes of files, lengths of lines, leftovers, machine paths,
+          manifests, words and paths of pages, packages missing from docs/architecture.md
   conformance [OPTIONS]
           Hold the backends against the reference and print a table; --report FILE writes a page
-          with pictures, --random N draws random scenes, --help says more
+          with images, --random N draws random scenes, --help says more
   stability [OPTIONS]
           Drive sizes, distances, tilts and counts to their extremes and hold the backends against
           exact arithmetic; writes a page of curves, --help says more
   assets  Write generated scenes (a checkerboard, a sphere, glass spheres, a CAD part, Spot
           cut in two) to assets/generated
   gallery [--models FOLDER]
-          Draw the pictures of docs/gallery.md into docs/images; or those of models that you have
+          Draw the images of docs/gallery.md into docs/images; or those of models that you have
           and that aren't shipped (a lion with its shadow, igea drawn as a toon) into target/gallery
-  bench   Time frames of known scenes on a backend: cargo xtask bench --help
+  bench   Time frames of known scenes on a backend; --markdown docs/data/bench.md keeps the table,
+          --help says more
   tradeoff [OPTIONS]
           Measure what every setting costs in time and in error, and write a page; --quick takes two
-          minutes, --backend all measures GPU backends too, --help says more
+          minutes, --backend all measures GPU backends too, --markdown docs/data/tradeoff.md keeps
+          the tables, --help says more
   help    Print this
 
 Environment:
-  SURFEL_REQUIRE  Comma-separated list of what must not be skipped: vulkan, wgpu, ash,
-                  cargo-deny
+  SURFEL_REQUIRE    Comma-separated list of what must not be skipped: vulkan, wgpu, ash, test-data,
+                    cargo-deny
+  SURFEL_TEST_DATA  Folder of golden scenes and models that aren't shipped; without it the folder
+                    'shared' beside the workspace, where there is one
 
 Exit codes: 0 all passed, 1 something failed, 2 usage";
 

@@ -8,6 +8,9 @@ use crate::{cargo, vulkan};
 /// Backends whose tests need a driver.
 const GPU_BACKENDS: &str = "wgpu,ash";
 
+/// Features that no package has by itself and whose tests run all the same: the program's GPU backends.
+pub(crate) const FEATURES: &str = "surfel-cli/wgpu,surfel-cli/ash";
+
 /// Whether tests of GPU backends may be skipped.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Gpu {
@@ -50,8 +53,9 @@ fn run_cargo(root: &Path, require_gpu: bool) -> std::io::Result<(Summary, bool)>
     // One pipe for both streams: cargo names a suite on stderr before the suite reports on stdout.
     let (reader, writer) = std::io::pipe()?;
     let mut command = cargo(root);
-    // --show-output, because a test that had nothing to work on says so and passes.
-    command.args(["test", "--workspace", "--locked", "--no-fail-fast", "--", "--show-output"]);
+    command.args(["test", "--workspace", "--features", FEATURES, "--locked", "--no-fail-fast"]);
+    // A test that had nothing to work on says so and passes.
+    command.args(["--", "--show-output"]);
     if require_gpu {
         let asked = std::env::var("SURFEL_REQUIRE").unwrap_or_default();
         command.env("SURFEL_REQUIRE", format!("{asked},{GPU_BACKENDS}"));
@@ -221,8 +225,8 @@ mod tests {
     fn summary_names_suites_and_adds_up() {
         let s = summary(
             "   Compiling xtask v0.1.0\n     Running unittests src/main.rs (target/debug/deps/xtask-01ab)\n\
-             running 3 tests\ntest result: ok. 3 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; finished in 0.1s\n\
-                  Running tests/dependencies.rs (target/debug/deps/dependencies-23cd)\n\
+             running 3 tests\ntest result: ok. 3 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; finished in \
+             0.1s\n Running tests/dependencies.rs (target/debug/deps/dependencies-23cd)\n\
              test result: FAILED. 1 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.1s\n\
              Doc-tests xtask\ntest result: ok. 0 passed; 0 failed; 0 ignored; 0 measured; 0 filtered out\n",
         );

@@ -93,7 +93,8 @@ impl Commands<'_> {
     /// Copies the first bytes of a buffer.
     pub(crate) fn copy(&self, from: vk::Buffer, to: vk::Buffer, bytes: u64) {
         let regions = [vk::BufferCopy::default().size(bytes)];
-        // SAFETY: both buffers have at least that many bytes and the usages of a copy; recorded outside of render passes.
+        // SAFETY: both buffers have at least that many bytes and the usages of a copy; recorded outside of render
+        // passes.
         unsafe { self.device.raw.cmd_copy_buffer(self.raw, from, to, &regions) };
     }
 }

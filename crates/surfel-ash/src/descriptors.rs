@@ -6,7 +6,7 @@ use crate::memory::{Buffer, Image};
 use crate::object::{Owned, destroy};
 use ash::vk;
 use std::sync::Arc;
-use surfel_gpu::slots;
+use surfel_gpu::binding_slots;
 use surfel_shaders::{BindingKind, Stage};
 
 /// A layout, and what its bindings are, in order.
@@ -17,15 +17,15 @@ pub(crate) struct SetLayout {
 }
 
 impl SetLayout {
-    /// Of a group of these entry points.
+    /// The layout of a group of these entry points.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
         entries: &[impl AsRef<str>],
         group: u32,
     ) -> Result<Self, Failure> {
-        let slots = slots(entries, group);
-        let raw: Vec<vk::DescriptorSetLayoutBinding<'_>> = slots
+        let binding_slots = binding_slots(entries, group);
+        let raw: Vec<vk::DescriptorSetLayoutBinding<'_>> = binding_slots
             .iter()
             .map(|slot| {
                 vk::DescriptorSetLayoutBinding::default()
@@ -39,7 +39,7 @@ impl SetLayout {
         // SAFETY: binding numbers are distinct, as reflected.
         let raw = unsafe { device.raw.create_descriptor_set_layout(&info, None) }?;
         let raw = Owned::new(device, raw, name, destroy!(destroy_descriptor_set_layout));
-        let bindings = slots.iter().map(|slot| (slot.binding, descriptor_type(slot.kind))).collect();
+        let bindings = binding_slots.iter().map(|slot| (slot.binding, descriptor_type(slot.kind))).collect();
         Ok(Self { raw, bindings })
     }
 }
@@ -60,7 +60,7 @@ pub(crate) fn stage(stage: Stage) -> vk::ShaderStageFlags {
     }
 }
 
-/// What a binding is given.
+/// The resource of a binding.
 #[derive(Clone, Copy)]
 pub(crate) enum Resource<'a> {
     /// All of a buffer.
@@ -113,7 +113,7 @@ impl Sets {
         for &(binding, ty) in &layout.bindings {
             let given = resources.iter().find(|(given, _)| *given == binding);
             let (_, resource) =
-                given.ok_or_else(|| Failure::other(format!("{name}: binding {binding} is given nothing")))?;
+                given.ok_or_else(|| Failure::other(format!("{name}: binding {binding} has no resource")))?;
             let write = vk::WriteDescriptorSet::default().dst_set(set).dst_binding(binding).descriptor_type(ty);
             let buffer;
             let image;
@@ -127,8 +127,8 @@ impl Sets {
                     write.image_info(&image)
                 }
             };
-            // SAFETY: the set is new and used by no command; binding and type are its layout's, the resource is alive and
-            // outlives the submission that reads it.
+            // SAFETY: the set is new and used by no command; binding and type are its layout's, the resource is alive
+            // and outlives the submission that reads it.
             unsafe { self.device.raw.update_descriptor_sets(&[write], &[]) };
         }
         Ok(set)

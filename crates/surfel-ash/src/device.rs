@@ -14,7 +14,7 @@ pub(crate) struct Device {
     pub raw: ash::Device,
     pub queue: vk::Queue,
     pub family: u32,
-    pub facts: Facts,
+    pub caps: DeviceCaps,
     pub instance: Arc<Instance>,
     /// Dropped before the device.
     pub allocator: ManuallyDrop<Mutex<Allocator>>,
@@ -22,9 +22,9 @@ pub(crate) struct Device {
     is_own: bool,
 }
 
-/// What a device can do, as far as anything here depends on it.
+/// The capabilities of a device that the backend depends on.
 #[derive(Clone, Debug)]
-pub(crate) struct Facts {
+pub(crate) struct DeviceCaps {
     pub limits: vk::PhysicalDeviceLimits,
     /// Largest allocation, bytes.
     pub allocation_bytes: u64,
@@ -40,7 +40,7 @@ pub(crate) struct Facts {
     pub counts_invocations: bool,
 }
 
-impl Facts {
+impl DeviceCaps {
     fn of(instance: &ash::Instance, candidate: &Candidate, enabled: &vk::PhysicalDeviceFeatures) -> Self {
         let physical = candidate.physical;
         let mut maintenance = vk::PhysicalDeviceMaintenance3Properties::default();
@@ -95,8 +95,8 @@ impl Device {
             vk::DeviceQueueCreateInfo::default().queue_family_index(candidate.family).queue_priorities(&priorities);
         let queues = [queue];
         let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&enabled);
-        // SAFETY: the queue family is the device's, the features are among those that it has, and everything that `info`
-        // points to lives through the call.
+        // SAFETY: the queue family is the device's, the features are among those that it has, and everything that
+        // `info` points to lives through the call.
         let raw = unsafe { instance.raw.create_device(candidate.physical, &info, None) }?;
         // SAFETY: the device was made with one queue of this family.
         let queue = unsafe { raw.get_device_queue(candidate.family, 0) };
@@ -121,7 +121,7 @@ impl Device {
         enabled: &vk::PhysicalDeviceFeatures,
         is_own: bool,
     ) -> Result<Arc<Self>, Failure> {
-        let facts = Facts::of(&instance.raw, candidate, enabled);
+        let caps = DeviceCaps::of(&instance.raw, candidate, enabled);
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: instance.raw.clone(),
             device: raw.clone(),
@@ -141,14 +141,15 @@ impl Device {
             }
         };
         let names = instance.has_names.then(|| ext::debug_utils::Device::new(&instance.raw, &raw));
-        Ok(Arc::new(Self { raw, queue, family: candidate.family, facts, instance, allocator, names, is_own }))
+        Ok(Arc::new(Self { raw, queue, family: candidate.family, caps, instance, allocator, names, is_own }))
     }
 
     /// Names an object for messages and debuggers.
     pub(crate) fn name<H: vk::Handle>(&self, handle: H, name: &str) {
         let (Some(names), Ok(name)) = (&self.names, CString::new(name)) else { return };
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&name);
-        // SAFETY: the extension is enabled, and the object is alive and this device's. A name that isn't set is no loss.
+        // SAFETY: the extension is enabled, and the object is alive and this device's. A name that isn't set is no
+        // loss.
         let _ = unsafe { names.set_debug_utils_object_name(&info) };
     }
 }

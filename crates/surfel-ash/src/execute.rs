@@ -14,12 +14,12 @@ use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_gpu::{
-    Draw, FrameScene, LAYER_HEADER_BYTES, Layer, NearRecords, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, Sums, TileData,
-    Variant, groups, layer_draw_offset, layer_draw_words,
+    Draw, FrameScene, LAYER_HEADER_BYTES, Layer, NearRecords, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass, Step,
+    Sums, TileData, Variant, layer_draw_offset, layer_draw_words, workgroups,
 };
 use surfel_shaders::layout;
 
-/// Everything that the steps of a tile read. Dropped after they were executed.
+/// A tile: everything that its steps read. It is dropped after they were executed.
 pub(crate) struct Tile<'a> {
     scene: &'a ResidentScene,
     pipelines: &'a Pipelines,
@@ -27,68 +27,74 @@ pub(crate) struct Tile<'a> {
     queries: &'a Queries,
     frame: vk::DescriptorSet,
     setup_frame: vk::DescriptorSet,
-    pixels: HashMap<Pixels, vk::DescriptorSet>,
-    /// What draws read.
+    pixels: HashMap<PixelPass, vk::DescriptorSet>,
+    /// Descriptor sets of the textures that draws read.
     reads: HashMap<Draw, vk::DescriptorSet>,
-    /// Size of what is shaded.
+    /// Size of the region that is shaded, pixels.
     shaded: [u32; 2],
     segments: Vec<Option<SegmentSets>>,
-    near: Vec<Drawn>,
+    near: Vec<RecordDraw>,
     polygons: (vk::DescriptorSet, u32),
-    /// Splats that were set up and touch the tile, and where the host reads it.
+    /// Counts the splats that were set up and touch the tile.
     drawn: Buffer,
+    /// The count, for the host to read.
     pub drawn_readback: Buffer,
-    /// What draws of transparent splats do, and where the host reads how many layers there were; `None` where there are
-    /// none.
+    /// Indirect draws of transparent splats; `None` where there are none.
     layer_draws: Option<Buffer>,
+    /// The number of layers, for the host to read.
     pub layers_readback: Option<Buffer>,
-    /// What the sets refer to, and the sets' pool.
+    /// The buffers that the sets refer to.
     _buffers: Vec<Buffer>,
+    /// The pool of the sets.
     _sets: Sets,
 }
 
-/// Texels of shadow maps: a tile reads or writes them.
+/// What a tile is made of.
 #[derive(Clone, Copy)]
-pub(crate) struct Shadows<'a> {
-    pub read: &'a Buffer,
-    pub written: &'a Buffer,
+pub(crate) struct TileInputs<'a> {
+    pub scene: &'a ResidentScene,
+    pub pipelines: &'a Pipelines,
+    pub targets: &'a Targets,
+    pub queries: &'a Queries,
+    pub frame: &'a FrameScene,
+    pub data: &'a TileData,
+    /// The pixel passes among its steps.
+    pub pixel_passes: &'a [PixelPass],
+    /// Texels of shadow maps that it reads.
+    pub shadow_texels: &'a Buffer,
+    /// Texels of shadow maps that it writes.
+    pub drawn_shadow_texels: &'a Buffer,
 }
 
 struct SegmentSets {
-    /// For counting and for uncounted setup.
+    /// Sets of setup: one that counts drawn splats, and one that doesn't.
     setup: [vk::DescriptorSet; 2],
-    drawn: Drawn,
+    drawn: RecordDraw,
 }
 
-/// Records to be drawn.
+/// A draw of records.
 #[derive(Clone, Copy)]
-struct Drawn {
+struct RecordDraw {
     variant: Variant,
     is_transparent: bool,
     records: vk::DescriptorSet,
-    /// In place of them where each is lit by itself.
+    /// The set that replaces them where each splat is lit by itself.
     lit: Option<vk::DescriptorSet>,
     count: u32,
-    /// Its place among the draws of layers.
+    /// Its index among the indirect draws of layers.
     index: usize,
 }
 
 impl<'a> Tile<'a> {
-    pub(crate) fn new(
-        device: &Arc<Device>,
-        (scene, pipelines, targets, queries): (&'a ResidentScene, &'a Pipelines, &'a Targets, &'a Queries),
-        frame: &FrameScene,
-        data: &TileData,
-        pixels: &[Pixels],
-        shadows: Shadows<'_>,
-    ) -> Result<Self, Failure> {
+    pub(crate) fn new(device: &Arc<Device>, inputs: &TileInputs<'a>) -> Result<Self, Failure> {
+        let TileInputs { scene, pipelines, targets, queries, frame, data, pixel_passes, .. } = *inputs;
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        // Frame and polygons; one of each draw and what is computed once a pixel; two of each group of near records; three of
-        // each segment.
+        // Three for frame, setup and polygons; one for each draw and pixel pass; two for each group of records at the
+        // near plane; three for each segment.
         let draws = &targets.key.draws;
         let sets = Sets::new(
             device,
-            (3 + draws.len() + pixels.len() + 2 * data.near.len() + 3 * scene.segments.len()) as u32,
+            (3 + draws.len() + pixel_passes.len() + 2 * data.near.len() + 3 * scene.segments.len()) as u32,
         )?;
         let mut buffers = Vec::new();
         let frame_buffers = [
@@ -99,7 +105,7 @@ impl<'a> Tile<'a> {
             Buffer::filled(device, "matcap", &frame.matcap, storage)?,
         ];
         let [uniform, objects, lights, maps, matcap] = &frame_buffers;
-        let all = numbered([uniform, objects, lights, maps, shadows.read, matcap]);
+        let all = numbered([uniform, objects, lights, maps, inputs.shadow_texels, matcap]);
         let frame_set = sets.set(&pipelines.frame_set, "frame", &all)?;
         let setup_frame = sets.set(&pipelines.setup_frame_set, "frame of setup", &all)?;
         buffers.extend(frame_buffers);
@@ -129,7 +135,7 @@ impl<'a> Tile<'a> {
             let setup = [setup(&drawn)?, setup(&again)?];
             let (variant, is_transparent, count) = (data.variant, data.is_transparent, segment.count);
             let records = records_set(&segment.records.records, segment.records.clips.as_ref(), variant)?;
-            let drawn = Drawn { variant, is_transparent, records, lit: None, count, index };
+            let drawn = RecordDraw { variant, is_transparent, records, lit: None, count, index };
             segments.push(Some(SegmentSets { setup, drawn }));
             buffers.extend([chunks, near_bits]);
         }
@@ -147,7 +153,7 @@ impl<'a> Tile<'a> {
             let (variant, is_transparent) = (of_variant.variant, of_variant.is_transparent);
             let set = |records| records_set(records, clips.as_ref(), variant);
             let lit_set = lit.as_ref().map(set).transpose()?;
-            near.push(Drawn {
+            near.push(RecordDraw {
                 variant,
                 is_transparent,
                 records: set(&records)?,
@@ -165,7 +171,9 @@ impl<'a> Tile<'a> {
         for &draw in draws.iter().filter(|draw| draw.has_reads()) {
             let layout = &pipelines.draw(draw, Variant::Whole, targets.key.precision)?.reads_set;
             let mut all = bound(draw.reads());
-            all.extend(draw.veils_binding().map(|binding| (binding, Resource::Buffer(&targets.veils))));
+            all.extend(
+                draw.layer_composites_binding().map(|binding| (binding, Resource::Buffer(&targets.layer_composites))),
+            );
             reads.insert(draw, sets.set(layout, draw.name(), &all)?);
         }
         let polygons = Buffer::filled(device, "polygons", &data.polygons, storage)?;
@@ -180,13 +188,21 @@ impl<'a> Tile<'a> {
             layers_readback = Some(Buffer::new(device, "layers to read", LAYER_HEADER_BYTES, to_host, location)?);
         }
         let bound_draws = layer_draws.as_ref().unwrap_or(&drawn);
-        let veils = &targets.veils;
-        let others = [&targets.planes, &polygons, &scene.texels, veils, veils, shadows.written, bound_draws];
-        let mut all = bound(&PIXEL_READS);
-        all.extend(PIXEL_BUFFERS.into_iter().zip(others.map(Resource::Buffer)));
+        let layer_composites = &targets.layer_composites;
+        let others = [
+            &targets.planes,
+            &polygons,
+            &scene.texels,
+            layer_composites,
+            layer_composites,
+            inputs.drawn_shadow_texels,
+            bound_draws,
+        ];
+        let mut all = bound(&PIXEL_PASS_TEXTURES);
+        all.extend(PIXEL_PASS_BUFFERS.into_iter().zip(others.map(Resource::Buffer)));
         let mut pixel_sets = HashMap::new();
-        for &pixels in pixels {
-            pixel_sets.insert(pixels, sets.set(&pipelines.pixels(pixels)?.set, pixels.entry(), &all)?);
+        for &pass in pixel_passes {
+            pixel_sets.insert(pass, sets.set(&pipelines.pixels(pass)?.set, pass.entry(), &all)?);
         }
         buffers.push(polygons);
         Ok(Self {
@@ -211,7 +227,7 @@ impl<'a> Tile<'a> {
         })
     }
 
-    /// Records all steps and what the host reads of them.
+    /// Records all steps, and copies of what the host reads.
     pub(crate) fn record(&self, commands: &Commands<'_>, steps: &[Step]) -> Result<(), Failure> {
         self.queries.begin(commands);
         for step in steps {
@@ -241,19 +257,19 @@ impl<'a> Tile<'a> {
                     let [counted, uncounted] = sets.setup;
                     let sets = [self.setup_frame, if *first { counted } else { uncounted }];
                     bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &sets);
-                    dispatch(commands, [groups(segment.count, "setup", 0), 1]);
+                    dispatch(commands, [workgroups(segment.count, "setup", 0), 1]);
                 }
                 Ok(())
             }
             Step::Draw { draw, segments, first } => self.draw(commands, *draw, segments, *first),
-            Step::Pixels(pixels) => {
+            Step::PixelPass(pixels) => {
                 let pipeline = &self.pipelines.pixels(*pixels)?.pipeline;
-                let missing = || Failure::other("pixels were recorded that were not prepared");
+                let missing = || Failure::other("a pixel pass was recorded that was not prepared");
                 let set = *self.pixels.get(pixels).ok_or_else(missing)?;
                 bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                 bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &[self.frame, set]);
                 let [width, height] = pixels.size(self.targets.key.size, self.shaded);
-                dispatch(commands, [groups(width, "shade", 0), groups(height, "shade", 1)]);
+                dispatch(commands, [workgroups(width, "shade", 0), workgroups(height, "shade", 1)]);
                 Ok(())
             }
         }
@@ -264,9 +280,10 @@ impl<'a> Tile<'a> {
         let pass = &self.pipelines.draw(draw, Variant::Whole, self.targets.key.precision)?.pass;
         // Looked up before the render pass begins, which must end whatever happens.
         let segments = segments.iter().filter_map(|&i| Some(self.segments.get(i)?.as_ref()?.drawn));
-        // The near splats have no segment: they go with the first. Draws without records have no pipeline for clipped ones.
-        let takes_near = first && draw.is_of_records();
-        let records: Vec<Drawn> = segments
+        // Splats at the near plane belong to no segment: the first draw of a kind takes them. Draws without records
+        // have no pipeline for clipped ones.
+        let takes_near = first && draw.draws_records();
+        let records: Vec<RecordDraw> = segments
             .chain(self.near.iter().copied().filter(|near| takes_near && near.is_transparent == draw.is_transparent()))
             .collect();
         let mut variants = HashMap::new();
@@ -311,16 +328,16 @@ impl<'a> Tile<'a> {
                 };
                 bind(pipeline, Some(records));
                 let (at, stride) = (layer_draw_offset(drawn.index), layout::draw_arguments::SIZE as u32);
-                // SAFETY: pipeline, sets, viewport and scissor are set; the buffer has the usage and the arguments of this
-                // draw, of no more records than there are.
+                // SAFETY: pipeline, sets, viewport and scissor are set; the buffer has the usage and the arguments of
+                // this draw, of no more records than there are.
                 unsafe { vulkan.cmd_draw_indirect(commands.raw, draws.raw(), at, 1, stride) };
             }
         };
         match (draw, variants.get(&Variant::Whole)) {
-            (Draw::Sums(layer, Sums::Color | Sums::Surface), _) if layer != Layer::Behind => {
+            (Draw::Sums(layer, Sums::Color | Sums::Surface), _) if layer != Layer::EdgeBackground => {
                 self.queries.counted(commands, quads);
             }
-            (Draw::Edges | Draw::Ceiling(_), Some(pipeline)) => strip(pipeline, None, 3, draw.triangles()),
+            (Draw::Edges | Draw::Probe(_), Some(pipeline)) => strip(pipeline, None, 3, draw.triangles()),
             (Draw::Polygons, Some(pipeline)) => strip(pipeline, Some(self.polygons.0), 4, self.polygons.1),
             _ => quads(),
         }
@@ -342,7 +359,7 @@ fn bind_sets(commands: &Commands<'_>, pipeline: &Pipeline, point: vk::PipelineBi
 }
 
 fn dispatch(commands: &Commands<'_>, [x, y]: [u32; 2]) {
-    // SAFETY: a compute pipeline and its sets are bound; every device takes 65535 groups an axis, and a segment or a tile
-    // has fewer.
+    // SAFETY: a compute pipeline and its sets are bound; every device takes 65535 groups an axis, and a segment or a
+    // tile has fewer.
     unsafe { commands.device.raw.cmd_dispatch(commands.raw, x, y, 1) };
 }

@@ -7,10 +7,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// What validation layers said.
+/// Messages of the validation layers.
 pub(crate) type Messages = Mutex<Vec<String>>;
 
-/// A Vulkan instance, and whoever listens to it.
+/// A Vulkan instance and its debug messenger.
 pub(crate) struct Instance {
     pub raw: ash::Instance,
     /// Debug utilities are enabled, so that objects can be named.
@@ -62,7 +62,7 @@ impl Instance {
         let messages = Arc::new(Messages::default());
         let mut instance = Self { raw, has_names: validation, messages, messenger: None, is_own: true, _entry: entry };
         if validation {
-            instance.listen()?;
+            instance.create_messenger()?;
         }
         Ok(instance)
     }
@@ -73,12 +73,12 @@ impl Instance {
         Self { raw, has_names: false, messages, messenger: None, is_own: false, _entry: entry }
     }
 
-    fn listen(&mut self) -> Result<(), Failure> {
+    fn create_messenger(&mut self) -> Result<(), Failure> {
         let severity = vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR;
         let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
             .message_severity(severity)
             .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
-            .pfn_user_callback(Some(heard))
+            .pfn_user_callback(Some(on_message))
             .user_data(Arc::as_ptr(&self.messages).cast_mut().cast());
         let utilities = ext::debug_utils::Instance::new(&self._entry, &self.raw);
         // SAFETY: the extension is enabled. The user data outlives the messenger: `self` owns it, and destroys the
@@ -88,7 +88,7 @@ impl Instance {
         Ok(())
     }
 
-    /// What the validation layers said since the last call.
+    /// Messages of the validation layers since the last call.
     pub(crate) fn take_messages(&self) -> Vec<String> {
         std::mem::take(&mut self.messages.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -137,7 +137,7 @@ fn check_layer(entry: &ash::Entry) -> Result<(), Failure> {
 ///
 /// # Safety
 /// `data` is valid during the call, as Vulkan says, and `user` points to [`Messages`].
-unsafe extern "system" fn heard(
+unsafe extern "system" fn on_message(
     _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     _types: vk::DebugUtilsMessageTypeFlagsEXT,
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,

@@ -1,17 +1,17 @@
-//! Surfel's backend on raw Vulkan 1.1: the same shaders and the same schedule as `surfel-wgpu`, without a layer between.
+//! Surfel's backend on raw Vulkan 1.1: the same shaders and the same schedule as `surfel-wgpu`, without a layer
+//! between.
 //!
-//! One file an object family. Every Vulkan object is owned by a value that destroys it (`object.rs`, `memory.rs`), carries a
-//! name where a debugger can see it, and keeps its device alive. Every submission is waited for before what it uses can
-//! go: a frame is read back anyway. No result is unwrapped; out of memory and a lost device are errors.
+//! One file an object family. Every Vulkan object is owned by a value that destroys it (`object.rs`, `memory.rs`),
+//! carries a name where a debugger can see it, and keeps its device alive. Every submission is waited for before what
+//! it uses can go: a frame is read back anyway. No result is unwrapped; out of memory and a lost device are errors.
 //!
 //! ```no_run
-//! use surfel_render::{Frame, Planes, Renderer as _, Settings};
+//! use surfel_render::Settings;
 //! # fn main() -> Result<(), surfel_render::RenderError> {
-//! # let (scene, view): (surfel_model::Scene, surfel_render::View) = unreachable!();
-//! let mut renderer = surfel_ash::Renderer::new()?;
+//! # let (scene, camera): (surfel_model::Scene, surfel_model::Camera) = unreachable!();
+//! let mut renderer = surfel_ash::Renderer::new(Default::default())?;
 //! let resident = renderer.upload(&scene)?;
-//! let mut frame = Frame::default();
-//! renderer.render(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame)?;
+//! let frame = renderer.render(&resident, &camera, &Settings::default())?;
 //! # Ok(())
 //! # }
 //! ```
@@ -26,6 +26,7 @@ mod execute;
 mod instance;
 mod memory;
 mod object;
+mod options;
 mod passes;
 mod pipelines;
 mod queries;
@@ -33,10 +34,12 @@ mod renderer;
 mod scene;
 mod targets;
 
-pub use renderer::{Options, RawDevice, Renderer};
+pub use options::Options;
+pub use renderer::{RawDevice, Renderer};
 pub use scene::ResidentScene;
-pub use surfel_gpu::{Ceiling, FillRate, Limits};
-pub use surfel_render::{Storage, UploadProgress};
+pub use surfel_gpu::{FillRate, FillRateProbe, Limits};
+pub use surfel_model::Storage;
+pub use surfel_render::UploadProgress;
 
 use surfel_render::Capabilities;
 
@@ -47,4 +50,4 @@ pub use ash;
 const NAME: &str = "ash";
 
 /// What the backend draws, on any adapter.
-pub const CAPABILITIES: Capabilities = Capabilities { backend: NAME, lacks: surfel_gpu::LACKS };
+pub const CAPABILITIES: Capabilities = Capabilities { backend: NAME, lacks: surfel_gpu::UNSUPPORTED };

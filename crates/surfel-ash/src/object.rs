@@ -29,8 +29,8 @@ impl<H: Copy> Drop for Owned<H> {
 macro_rules! destroy {
     ($method:ident) => {
         |device, raw| {
-            // SAFETY: `Owned` has the only copy of the handle that outlives a submission, made of this device, and calls
-            // this once; every submission is waited for before what it uses is dropped.
+            // SAFETY: `Owned` has the only copy of the handle that outlives a submission, made of this device, and
+            // calls this once; every submission is waited for before what it uses is dropped.
             unsafe { device.$method(raw, None) }
         }
     };

@@ -26,7 +26,7 @@ pub(crate) fn attachments(draw: Draw) -> impl Iterator<Item = Target> {
     draw.colors().iter().copied().chain(draw.depth())
 }
 
-/// A render pass that clears its targets, and a compatible one that keeps what is there.
+/// A render pass that clears its targets, and a compatible one that loads them.
 pub(crate) struct Pass {
     clearing: Owned<vk::RenderPass>,
     loading: Owned<vk::RenderPass>,
@@ -45,7 +45,7 @@ impl Pass {
         if clears { self.clearing.raw } else { self.loading.raw }
     }
 
-    /// One for each target. A depth of 0 is infinitely far: nothing is kept.
+    /// One for each target. A reversed depth of 0 is infinitely far.
     pub(crate) fn clear_values(&self) -> Vec<vk::ClearValue> {
         vec![vk::ClearValue { color: vk::ClearColorValue { float32: [0.0; 4] } }; self.targets]
     }

@@ -10,20 +10,28 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::ffi::CString;
 use std::sync::Arc;
-use surfel_gpu::{Draw, Pixels, Precision, Variant};
+use surfel_gpu::{Draw, PixelPass, Precision, Variant};
 use surfel_shaders::{ENTRIES, SPIRV, Stage};
 
-/// Everything about shaders that is built once for a device.
+/// What the pipeline of a draw depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct DrawKey {
+    draw: Draw,
+    variant: Variant,
+    precision: Precision,
+}
+
+/// The layouts and pipelines of a device, each built once.
 pub(crate) struct Pipelines {
     device: Arc<Device>,
     cache: Owned<vk::PipelineCache>,
     pub frame_set: SetLayout,
-    /// What setting up records needs of it: all of it together would be more buffers than every device binds.
+    /// The bindings of the frame that splat setup uses: all of them would be more buffers than every device binds.
     pub setup_frame_set: SetLayout,
     pub polygons_set: SetLayout,
-    pixels: HashMap<Pixels, PixelPipeline>,
+    pixels: HashMap<PixelPass, PixelPipeline>,
     splats: HashMap<Variant, SplatPipeline>,
-    draws: HashMap<(Draw, Variant, Precision), DrawPipeline>,
+    draws: HashMap<DrawKey, DrawPipeline>,
 }
 
 /// A pipeline and its layout.
@@ -32,24 +40,24 @@ pub(crate) struct Pipeline {
     pub layout: Owned<vk::PipelineLayout>,
 }
 
-/// How something is computed once a pixel, and the layout of what it reads and writes.
+/// The pipeline of a pixel pass, and the layout of its bindings.
 pub(crate) struct PixelPipeline {
     pub pipeline: Pipeline,
     pub set: SetLayout,
 }
 
-/// How records of a variant are set up, and what they are read by.
+/// The setup pipeline of a variant, and the layouts of its bindings and of its records'.
 pub(crate) struct SplatPipeline {
     pub setup: Pipeline,
     pub setup_set: SetLayout,
     pub records_set: SetLayout,
 }
 
-/// How something is drawn.
+/// The pipeline of a draw and its render pass.
 pub(crate) struct DrawPipeline {
     pub pipeline: Pipeline,
     pub pass: Pass,
-    /// The layout of what it reads.
+    /// The layout of the textures that it reads.
     pub reads_set: SetLayout,
 }
 
@@ -76,8 +84,8 @@ impl Pipelines {
         })
     }
 
-    /// Builds what is computed once a pixel, if it hasn't been.
-    pub(crate) fn prepare_pixels(&mut self, pixels: Pixels) -> Result<(), Failure> {
+    /// Builds the pipeline of a pixel pass, if it hasn't been built.
+    pub(crate) fn prepare_pixels(&mut self, pixels: PixelPass) -> Result<(), Failure> {
         let Entry::Vacant(place) = self.pixels.entry(pixels) else { return Ok(()) };
         let entry = pixels.entry();
         let set = SetLayout::new(&self.device, entry, &[entry], 1)?;
@@ -87,16 +95,16 @@ impl Pipelines {
         Ok(())
     }
 
-    pub(crate) fn pixels(&self, pixels: Pixels) -> Result<&PixelPipeline, Failure> {
-        self.pixels.get(&pixels).ok_or_else(|| Failure::other("pixels were computed that were not prepared"))
+    pub(crate) fn pixels(&self, pixels: PixelPass) -> Result<&PixelPipeline, Failure> {
+        self.pixels.get(&pixels).ok_or_else(|| Failure::other("a pixel pass was recorded that was not prepared"))
     }
 
-    /// Builds what sets up splats of a variant, if it hasn't been.
+    /// Builds the setup pipeline of a variant, if it hasn't been built.
     pub(crate) fn prepare_splats(&mut self, variant: Variant) -> Result<(), Failure> {
         let Entry::Vacant(place) = self.splats.entry(variant) else { return Ok(()) };
         let entry = variant.setup();
         let setup_set = SetLayout::new(&self.device, "segment", &[&entry], 1)?;
-        let records_set = SetLayout::new(&self.device, "records", &variant.readers(), 1)?;
+        let records_set = SetLayout::new(&self.device, "records", &variant.record_entry_points(), 1)?;
         let layout = pipeline_layout(&self.device, &entry, &[&self.setup_frame_set, &setup_set])?;
         let raw = compute_pipeline(&self.device, self.cache.raw, layout.raw, &entry)?;
         place.insert(SplatPipeline { setup: Pipeline { raw, layout }, setup_set, records_set });
@@ -107,16 +115,16 @@ impl Pipelines {
         self.splats.get(&variant).ok_or_else(|| Failure::other("splats were drawn that were not prepared"))
     }
 
-    /// Builds the pipeline of a draw, if it hasn't been; the variant's splats have been prepared.
+    /// Builds the pipeline of a draw, if it hasn't been built, after that of its variant's setup.
     pub(crate) fn prepare(&mut self, draw: Draw, variant: Variant, precision: Precision) -> Result<(), Failure> {
         let unprepared = || Failure::other("splats were drawn that were not prepared");
         let splats = self.splats.get(&variant).ok_or_else(unprepared)?;
-        let Entry::Vacant(place) = self.draws.entry((draw, variant, precision)) else { return Ok(()) };
+        let Entry::Vacant(place) = self.draws.entry(DrawKey { draw, variant, precision }) else { return Ok(()) };
         let entries = draw.entries(variant);
         let [_, fragment] = &entries;
         let reads_set = SetLayout::new(&self.device, fragment, &[fragment], draw.reads_group())?;
         let mut sets = vec![&self.frame_set];
-        sets.extend(draw.is_of_records().then_some(&splats.records_set));
+        sets.extend(draw.draws_records().then_some(&splats.records_set));
         sets.extend((draw == Draw::Polygons).then_some(&self.polygons_set));
         sets.extend(draw.has_reads().then_some(&reads_set));
         let layout = pipeline_layout(&self.device, fragment, &sets)?;
@@ -127,7 +135,7 @@ impl Pipelines {
     }
 
     pub(crate) fn draw(&self, draw: Draw, variant: Variant, precision: Precision) -> Result<&DrawPipeline, Failure> {
-        let found = self.draws.get(&(draw, variant, precision));
+        let found = self.draws.get(&DrawKey { draw, variant, precision });
         found.ok_or_else(|| Failure::other("a pass was recorded that was not prepared"))
     }
 }
@@ -185,7 +193,7 @@ fn compute_pipeline(
     made(device, entry, result)
 }
 
-/// A pipeline that draws strips without vertex buffers: records as quads, or one triangle over everything.
+/// A pipeline that draws strips without vertex buffers: records as quads, or full-screen triangles.
 fn draw_pipeline(
     device: &Arc<Device>,
     cache: vk::PipelineCache,
@@ -212,7 +220,7 @@ fn draw_pipeline(
         .depth_write_enable(draw.depth().is_some())
         .depth_compare_op(vk::CompareOp::GREATER);
     let add = vk::PipelineColorBlendAttachmentState::default()
-        .blend_enable(draw.adds())
+        .blend_enable(draw.is_additive())
         .src_color_blend_factor(vk::BlendFactor::ONE)
         .dst_color_blend_factor(vk::BlendFactor::ONE)
         .color_blend_op(vk::BlendOp::ADD)
@@ -236,8 +244,8 @@ fn draw_pipeline(
         .dynamic_state(&dynamic)
         .layout(layout)
         .render_pass(pass);
-    // SAFETY: entry points are the module's, the layout is made of their reflected bindings, the blend states are as many
-    // as the pass has colour targets, and all that `info` points to lives through the call.
+    // SAFETY: entry points are the module's, the layout is made of their reflected bindings, the blend states are as
+    // many as the pass has colour targets, and all that `info` points to lives through the call.
     let result = unsafe { device.raw.create_graphics_pipelines(cache, &[info], None) };
     made(device, fragment, result)
 }

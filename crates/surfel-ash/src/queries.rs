@@ -1,4 +1,4 @@
-//! What a tile cost: time of its steps, and how often shaders ran.
+//! GPU queries: times of a tile's steps and counts of shader invocations.
 
 use crate::commands::Commands;
 use crate::device::Device;
@@ -26,7 +26,7 @@ pub(crate) struct Queries {
     times: Option<Owned<vk::QueryPool>>,
     invocations: Option<Owned<vk::QueryPool>>,
     samples: Option<Owned<vk::QueryPool>>,
-    /// In place of the steps' own names.
+    /// Replaces the steps' own names.
     label: Option<&'static str>,
     /// Names of the steps timed so far.
     steps: RefCell<Vec<&'static str>>,
@@ -35,9 +35,9 @@ pub(crate) struct Queries {
 }
 
 impl Queries {
-    /// Of a tile, whose steps have this name rather than their own.
+    /// Queries of a tile, whose steps have the name `label` rather than their own.
     pub(crate) fn new(device: &Arc<Device>, label: Option<&'static str>) -> Result<Self, Failure> {
-        let facts = &device.facts;
+        let caps = &device.caps;
         let pool = |wanted: bool, kind, count, statistics| -> Result<Option<Owned<vk::QueryPool>>, Failure> {
             if !wanted {
                 return Ok(None);
@@ -51,9 +51,9 @@ impl Queries {
         let none = vk::QueryPipelineStatisticFlags::empty();
         Ok(Self {
             device: device.clone(),
-            times: pool(facts.timestamp_period > 0.0, vk::QueryType::TIMESTAMP, 2 * MOST_STEPS, none)?,
-            invocations: pool(facts.counts_invocations, vk::QueryType::PIPELINE_STATISTICS, 1, COUNTED)?,
-            samples: pool(facts.counts_samples, vk::QueryType::OCCLUSION, MOST_STEPS, none)?,
+            times: pool(caps.timestamp_period > 0.0, vk::QueryType::TIMESTAMP, 2 * MOST_STEPS, none)?,
+            invocations: pool(caps.counts_invocations, vk::QueryType::PIPELINE_STATISTICS, 1, COUNTED)?,
+            samples: pool(caps.counts_samples, vk::QueryType::OCCLUSION, MOST_STEPS, none)?,
             label,
             steps: RefCell::default(),
             counted_passes: RefCell::default(),
@@ -125,7 +125,7 @@ impl Queries {
             self.results(pool, &mut ticks)?;
             for (&name, pair) in steps.iter().zip(ticks.chunks_exact(2)) {
                 let [start, end] = pair else { continue };
-                let ms = end.saturating_sub(*start) as f64 * self.device.facts.timestamp_period * 1e-6;
+                let ms = end.saturating_sub(*start) as f64 * self.device.caps.timestamp_period * 1e-6;
                 match stats.passes.iter_mut().find(|pass| pass.name == name) {
                     Some(pass) => pass.ms += ms,
                     None => stats.passes.push(PassTime { name, ms }),

@@ -3,9 +3,10 @@
 use crate::commands::submit;
 use crate::device::Device;
 use crate::error::Failure;
-use crate::execute::{Shadows, Tile};
+use crate::execute::{Tile, TileInputs};
 use crate::instance::{Candidate, Instance};
 use crate::memory::Buffer;
+use crate::options::Options;
 use crate::pipelines::Pipelines;
 use crate::queries::Queries;
 use crate::scene::{self, ResidentScene};
@@ -16,27 +17,13 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
-    CEILING_RUNS, CeilingFrame, Draw, FillRate, FrameScene, LAYER_HEADER_BYTES, Limits, MapCache, MapJob, Pixels,
-    Precision, SHADOW_MAPS, Step, TargetKey, TileData, Variant, count_frame_bytes, count_layers, map_jobs, schedule,
-    shadow_texels, tiles,
+    Draw, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, LAYER_HEADER_BYTES, Limits, PixelPass, Precision,
+    SHADOW_MAPS, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant, count_frame_bytes, count_layers,
+    schedule, shadow_map_jobs, shadow_texels, tiles,
 };
+use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{
-    Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, Storage, UploadProgress, View, plan,
-};
-
-/// How a [`Renderer`] is opened.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Options {
-    /// A part of the adapter's name, in any case; `None`: the fastest kind of adapter there is.
-    pub adapter: Option<String>,
-    /// Has the validation layer check every call. Whatever it says becomes an error.
-    pub validation: bool,
-    /// What may be used of the device.
-    pub limits: Limits,
-    /// How splats are kept in the device's memory.
-    pub storage: Storage,
-}
+use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
 
 /// A device that a program has anyway.
 pub struct RawDevice {
@@ -56,35 +43,30 @@ pub struct RawDevice {
 
 /// The Vulkan backend.
 pub struct Renderer {
-    // In the order of their destruction, though each holds the device.
+    // Fields are in the order of their destruction, though each holds the device.
     targets: Option<Targets>,
-    /// Those of shadow maps.
+    /// Targets of shadow maps.
     map_targets: Option<Targets>,
     /// The shadow maps of the frame before.
-    maps: Option<MapCache<Arc<Buffer>>>,
+    maps: Option<ShadowMapCache<Arc<Buffer>>>,
     pipelines: Pipelines,
     device: Arc<Device>,
     info: RendererInfo,
     is_software: bool,
-    /// Of the device, and of those who opened it.
+    /// The lesser of the device's limits and the options'.
     limits: Limits,
     storage: Storage,
 }
 
 impl Renderer {
-    /// A renderer on the fastest kind of adapter there is.
-    ///
-    /// # Errors
-    /// [`RenderError::Backend`] if there is no loader or adapter, or it doesn't start.
-    pub fn new() -> Result<Self, RenderError> {
-        Self::with_options(&Options::default())
-    }
+    surfel_render::renderer_methods!(ResidentScene);
 
-    /// A renderer with these options.
+    /// A renderer on the adapter that the options name, or the fastest kind that there is.
     ///
     /// # Errors
-    /// As [`Renderer::new`]; also if no adapter has that name, or validation is asked for and not installed.
-    pub fn with_options(options: &Options) -> Result<Self, RenderError> {
+    /// [`RenderError::Backend`] if there is no loader or adapter, none of that name, it doesn't start, or validation is
+    /// asked for and not installed.
+    pub fn new(options: Options) -> Result<Self, RenderError> {
         let instance = Arc::new(Instance::new(options.validation)?);
         let candidates = instance.candidates()?;
         let wanted = options.adapter.as_ref().map(|name| name.to_lowercase());
@@ -132,7 +114,7 @@ impl Renderer {
     ) -> Result<Self, RenderError> {
         let pipelines = Pipelines::new(&device)?;
         let mut driver = candidate.driver.clone();
-        if !device.facts.blends_f32 {
+        if !device.caps.blends_f32 {
             driver += "; sums in f16, for it can't blend f32";
         }
         let info = RendererInfo {
@@ -143,8 +125,8 @@ impl Renderer {
             capabilities: CAPABILITIES,
         };
         let is_software = candidate.is_software();
-        let limits = limits.within(device.facts.buffer_bytes(), device.facts.texture_side());
-        let limits = limits.within_memory(device.facts.memory_bytes);
+        let limits = limits.within(device.caps.buffer_bytes(), device.caps.texture_side());
+        let limits = limits.within_memory(device.caps.memory_bytes);
         let renderer = Self {
             targets: None,
             map_targets: None,
@@ -160,12 +142,12 @@ impl Renderer {
         Ok(renderer)
     }
 
-    /// True if the adapter computes on the processor: the `cpu` backend is faster.
+    /// True if the adapter computes on the CPU: the `cpu` backend is faster.
     pub fn is_software(&self) -> bool {
         self.is_software
     }
 
-    /// Makes an error of what the validation layer said.
+    /// Makes an error of the validation layer's messages.
     fn check_messages(&self) -> Result<(), RenderError> {
         let messages = self.device.instance.take_messages();
         if messages.is_empty() {
@@ -175,22 +157,22 @@ impl Renderer {
     }
 
     /// Makes pipelines and targets of a tile, where they aren't there from the frame before.
-    fn prepare(&mut self, plan: &FramePlan, data: &TileData, work: &Work) -> Result<(), Failure> {
+    fn prepare(&mut self, plan: &FramePlan, data: &TileData, work: &TileWork) -> Result<(), Failure> {
         data.check(self.limits).map_err(Failure::Other)?;
-        let precision = Precision::of(plan, self.device.facts.blends_f32);
+        let precision = Precision::of(plan, self.device.caps.blends_f32);
         let draws = work.draws.clone();
-        for &pixels in &work.pixels {
-            self.pipelines.prepare_pixels(pixels)?;
+        for &pass in &work.pixel_passes {
+            self.pipelines.prepare_pixels(pass)?;
         }
         for variant in data.variants() {
             self.pipelines.prepare_splats(variant)?;
-            for &draw in draws.iter().filter(|draw| draw.is_of_records() || variant == Variant::Whole) {
+            for &draw in draws.iter().filter(|draw| draw.draws_records() || variant == Variant::Whole) {
                 self.pipelines.prepare(draw, variant, precision)?;
             }
         }
         let size = [data.targets.width, data.targets.height];
         let key = TargetKey { size, precision, draws, floats: data.planes.floats };
-        // The old ones go first: both may not fit.
+        // The old targets are freed first: both may not fit.
         let fitting = self.targets.take().filter(|targets| targets.key == key);
         self.targets = Some(fitting.map_or_else(|| Targets::new(&self.device, &self.pipelines, key), Ok)?);
         Ok(())
@@ -208,37 +190,48 @@ impl Renderer {
         plan: &FramePlan,
         stats: &mut Stats,
     ) -> Result<Arc<Buffer>, Failure> {
-        let jobs = map_jobs(&scene.cpu, plan);
+        let jobs = shadow_map_jobs(&scene.cpu, plan);
         if let Some(cache) = self.maps.as_ref().filter(|cache| cache.fits(&scene.cpu, &jobs)) {
             return Ok(cache.texels.clone());
         }
-        // Those before go first: both may not fit.
+        // The maps before are freed first: both may not fit.
         self.maps = None;
         let texels = Arc::new(self.shadow_buffer(shadow_texels(plan, self.limits).map_err(Failure::Other)?)?);
         std::mem::swap(&mut self.targets, &mut self.map_targets);
         let drawn = jobs.iter().try_for_each(|job| self.shadow_map(scene, job, &texels, stats));
         std::mem::swap(&mut self.targets, &mut self.map_targets);
         drawn?;
-        self.maps = Some(MapCache::new(texels.clone(), &scene.cpu, &jobs));
+        self.maps = Some(ShadowMapCache::new(texels.clone(), &scene.cpu, &jobs));
         Ok(texels)
     }
 
     fn shadow_map(
         &mut self,
         scene: &ResidentScene,
-        job: &MapJob,
+        job: &ShadowMapJob,
         texels: &Buffer,
         stats: &mut Stats,
     ) -> Result<(), Failure> {
         for data in job.tiles(&scene.cpu, self.limits) {
-            let work = Work::of(&job.plan, &data, scene);
+            let work = TileWork::of(&job.plan, &data, scene);
             self.prepare(&job.plan, &data, &work)?;
             let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
             let queries = Queries::new(&self.device, Some(SHADOW_MAPS))?;
             let none = self.shadow_buffer(1)?;
-            let shadows = Shadows { read: &none, written: texels };
-            let parts = (scene, &self.pipelines, targets, &queries);
-            let tile = Tile::new(&self.device, parts, &job.frame, &data, &work.pixels, shadows)?;
+            let tile = Tile::new(
+                &self.device,
+                &TileInputs {
+                    scene,
+                    pipelines: &self.pipelines,
+                    targets,
+                    queries: &queries,
+                    frame: &job.frame,
+                    data: &data,
+                    pixel_passes: &work.pixel_passes,
+                    shadow_texels: &none,
+                    drawn_shadow_texels: texels,
+                },
+            )?;
             submit(&self.device, |commands| tile.record(commands, &work.steps))?;
             queries.add(stats)?;
         }
@@ -248,68 +241,86 @@ impl Renderer {
     /// Draws one tile into the frame.
     fn tile(
         &mut self,
-        resident: (&ResidentScene, &Buffer),
-        frame_scene: &FrameScene,
-        (view, plan, tile): (&View, &FramePlan, Region),
+        job: &FrameJob<'_>,
+        region: Region,
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), Failure> {
-        let data = TileData::new(&resident.0.cpu, frame_scene, view, plan, tile);
-        let work = Work::of(plan, &data, resident.0);
-        let counted = self.execute(resident, frame_scene, (plan, &data, &work), stats, |planes| {
-            data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame)
+        let FrameJob { view, plan, .. } = *job;
+        let data = TileData::new(&job.scene.cpu, job.frame_scene, view, plan, region);
+        let work = TileWork::of(plan, &data, job.scene);
+        let counted = self.execute(job, &data, &work, stats, |planes| {
+            data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame)
         })?;
-        if !self.device.facts.counts_samples {
+        if !self.device.caps.counts_samples {
             stats.fragments += counted;
         }
         let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
-        count_frame_bytes(target_bytes, resident.1.bytes, stats);
+        count_frame_bytes(target_bytes, job.shadow_texels.bytes, stats);
         Ok(())
     }
 
     /// Executes work, waits for it, and hands the words of the planes to `read`.
     fn execute<T>(
         &mut self,
-        (scene, texels): (&ResidentScene, &Buffer),
-        frame_scene: &FrameScene,
-        (plan, data, work): (&FramePlan, &TileData, &Work),
+        job: &FrameJob<'_>,
+        data: &TileData,
+        work: &TileWork,
         stats: &mut Stats,
         read: impl FnOnce(&[u32]) -> T,
     ) -> Result<T, Failure> {
-        self.prepare(plan, data, work)?;
+        self.prepare(job.plan, data, work)?;
         let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
         let queries = Queries::new(&self.device, None)?;
         let none = self.shadow_buffer(1)?;
-        let shadows = Shadows { read: texels, written: &none };
-        let parts = (scene, &self.pipelines, targets, &queries);
-        let job = Tile::new(&self.device, parts, frame_scene, data, &work.pixels, shadows)?;
-        submit(&self.device, |commands| job.record(commands, &work.steps))?;
-        let drawn = job.drawn_readback.words(1)?.first().copied().unwrap_or(0);
+        let tile = Tile::new(
+            &self.device,
+            &TileInputs {
+                scene: job.scene,
+                pipelines: &self.pipelines,
+                targets,
+                queries: &queries,
+                frame: job.frame_scene,
+                data,
+                pixel_passes: &work.pixel_passes,
+                shadow_texels: job.shadow_texels,
+                drawn_shadow_texels: &none,
+            },
+        )?;
+        submit(&self.device, |commands| tile.record(commands, &work.steps))?;
+        let drawn = tile.drawn_readback.words(1)?.first().copied().unwrap_or(0);
         stats.drawn += u64::from(drawn) + u64::from(data.near_count());
-        if let Some(layers) = &job.layers_readback {
+        if let Some(layers) = &tile.layers_readback {
             count_layers(layers.words((LAYER_HEADER_BYTES / 4) as usize)?, stats);
         }
         queries.add(stats)?;
         Ok(read(targets.readback.words(data.planes.floats as usize)?))
     }
 
-    /// What the device does at best, in targets of so many pixels a side: what its times are to be judged by. Empty where it
-    /// has no timestamps.
+    /// The device's fill rates in targets of `side_px` pixels a side: what it does at best, for times of passes to be
+    /// judged by. Empty where it has no timestamps.
     ///
     /// # Errors
     /// As [`surfel_render::Renderer::render`].
-    pub fn ceilings(&mut self, side_px: u32) -> Result<Vec<FillRate>, RenderError> {
-        let frame = CeilingFrame::new(side_px.min(self.limits.texture_side))?;
+    pub fn fill_rates(&mut self, side_px: u32) -> Result<Vec<FillRate>, RenderError> {
+        let frame = FillRateFrame::new(side_px.min(self.limits.texture_side))?;
         let scene = surfel_render::Renderer::upload(self, &Scene::default())?;
         let texels = self.shadow_maps(&scene, &frame.plan, &mut Stats::default())?;
         let frame_scene = FrameScene::new(&scene.cpu, &frame.view, &frame.plan);
         let data = TileData::new(&scene.cpu, &frame_scene, &frame.view, &frame.plan, frame.view.region);
-        let work = Work { draws: frame.draws.clone(), pixels: Vec::new(), steps: frame.steps.clone() };
+        let work = TileWork { draws: frame.draws.clone(), pixel_passes: Vec::new(), steps: frame.steps.clone() };
+        let job = FrameJob {
+            scene: &scene,
+            shadow_texels: &texels,
+            frame_scene: &frame_scene,
+            view: &frame.view,
+            plan: &frame.plan,
+        };
         let mut runs = Vec::new();
-        // The first warms up, and counts no less than the others: the best one is taken.
-        for _ in 0..CEILING_RUNS {
+        // The first run warms up. It needs no special case, because the best run is taken.
+        for _ in 0..FILL_RATE_RUNS {
             let mut stats = Stats::default();
-            self.execute((&scene, &texels), &frame_scene, (&frame.plan, &data, &work), &mut stats, |_| ())?;
+            self.execute(&job, &data, &work, &mut stats, |_| ())?;
             runs.push(stats);
         }
         self.check_messages()?;
@@ -317,18 +328,28 @@ impl Renderer {
     }
 }
 
-/// What is to be done for a tile.
-struct Work {
+/// What all tiles of a frame share.
+struct FrameJob<'a> {
+    scene: &'a ResidentScene,
+    /// Texels of the frame's shadow maps.
+    shadow_texels: &'a Buffer,
+    frame_scene: &'a FrameScene,
+    view: &'a View,
+    plan: &'a FramePlan,
+}
+
+/// The work of a tile.
+struct TileWork {
     draws: Vec<Draw>,
-    /// What is computed once a pixel.
-    pixels: Vec<Pixels>,
+    /// The pixel passes among the steps.
+    pixel_passes: Vec<PixelPass>,
     steps: Vec<Step>,
 }
 
-impl Work {
+impl TileWork {
     fn of(plan: &FramePlan, data: &TileData, scene: &ResidentScene) -> Self {
         let steps = schedule(plan, &data.visible(), scene.shared_records);
-        Self { draws: Draw::of(plan), pixels: Pixels::of(plan), steps }
+        Self { draws: Draw::of(plan), pixel_passes: PixelPass::of(plan), steps }
     }
 }
 
@@ -353,7 +374,7 @@ impl surfel_render::Renderer for Renderer {
         Ok(resident)
     }
 
-    fn render(
+    fn render_into(
         &mut self,
         scene: &ResidentScene,
         view: &View,
@@ -363,15 +384,16 @@ impl surfel_render::Renderer for Renderer {
     ) -> Result<Stats, RenderError> {
         let start = Instant::now();
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
-        let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
+        let mut stats = Stats::default().with_splats(plan.splats);
         frame.reset(view.region.width, view.region.height, plan.planes);
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let texels = self.shadow_maps(scene, &plan, &mut stats)?;
+        let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
         for tile in tiles(view, &plan, self.limits) {
-            self.tile((scene, &texels), &frame_scene, (view, &plan, tile), frame, &mut stats)?;
+            self.tile(&job, tile, frame, &mut stats)?;
         }
         self.check_messages()?;
-        stats.bytes_per_splat = scene.bytes() as f64 / stats.splats.max(1) as f64;
+        stats.bytes_per_splat = scene.bytes() as f64 / scene.cpu.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)
     }
@@ -385,8 +407,8 @@ mod tests {
 
     #[test]
     fn nothing_outlives_its_device() {
-        let options = Options { validation: true, ..Options::default() };
-        let mut renderer = match Renderer::with_options(&options) {
+        let options = Options::default().with_validation(true);
+        let mut renderer = match Renderer::new(options) {
             Ok(renderer) => renderer,
             Err(error) => {
                 let required = std::env::var("SURFEL_REQUIRE").unwrap_or_default();
@@ -401,10 +423,10 @@ mod tests {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
         let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
         let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
-        let resident = renderer.upload(&Scene::of_cloud(cloud)).unwrap();
+        let resident = renderer.upload(&Scene::from(cloud)).unwrap();
         let mut frame = Frame::default();
-        renderer.render(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame).unwrap();
-        assert!(frame.color[36][0] > 0.0);
+        renderer.render_into(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame).unwrap();
+        assert!(frame.color()[36][0] > 0.0);
         // The layer counts what is left when the device goes. The scene may outlive the renderer.
         let instance = renderer.device.instance.clone();
         drop(renderer);

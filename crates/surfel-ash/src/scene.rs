@@ -9,7 +9,8 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use surfel_gpu::{Limits, RecordBytes, Upload, UploadedScene};
 use surfel_model::Scene;
-use surfel_render::{RenderError, Storage, UploadProgress};
+use surfel_model::Storage;
+use surfel_render::{RenderError, UploadProgress};
 
 /// A scene as this backend keeps it: splats in the device's memory, chunks and clouds in the host's.
 pub struct ResidentScene {
@@ -32,7 +33,7 @@ pub(crate) struct ResidentSegment {
 /// Records of splats.
 pub(crate) struct Records {
     pub records: Buffer,
-    /// What clips them; `None` where nothing does.
+    /// Their clips; `None` for splats that aren't clipped.
     pub clips: Option<Buffer>,
 }
 
@@ -55,15 +56,15 @@ pub(crate) fn upload(
     progress(UploadProgress { done_bytes: done, total_bytes: bytes });
     let mut splats = Vec::new();
     while let Some(words) = upload.next_segment() {
-        splats.push(resident(device, "splats", &words).map_err(|failure| missing(failure, needed, done))?);
+        splats.push(resident(device, "splats", &words).map_err(|failure| too_large(failure, needed, done))?);
         done += 4 * words.len() as u64;
         progress(UploadProgress { done_bytes: done, total_bytes: bytes });
     }
     let cpu = upload.finish();
     let (record_bytes, shared_records) = cpu.records(limits);
     let segments = segments(device, &cpu, splats, &record_bytes, shared_records)
-        .map_err(|failure| missing(failure, needed, done))?;
-    let texels = resident(device, "texels", &cpu.texels).map_err(|failure| missing(failure, needed, done))?;
+        .map_err(|failure| too_large(failure, needed, done))?;
+    let texels = resident(device, "texels", &cpu.texels).map_err(|failure| too_large(failure, needed, done))?;
     Ok(ResidentScene { cpu, segments, texels, shared_records, bytes })
 }
 
@@ -109,7 +110,7 @@ fn resident(device: &Arc<Device>, name: &str, words: &[u32]) -> Result<Buffer, F
 }
 
 /// Other programs use the device's memory, too: less may be there than it has.
-fn missing(failure: Failure, needed: u64, available: u64) -> RenderError {
+fn too_large(failure: Failure, needed: u64, available: u64) -> RenderError {
     match failure {
         Failure::OutOfMemory => RenderError::SceneTooLarge { backend: crate::NAME, needed, available },
         other => other.into(),

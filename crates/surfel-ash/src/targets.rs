@@ -1,4 +1,4 @@
-//! Images and buffers of a tile, kept from frame to frame while they fit.
+//! Images and buffers of a tile, reused from frame to frame while they fit.
 
 use crate::commands::submit;
 use crate::device::Device;
@@ -11,7 +11,7 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_gpu::{Draw, Target, TargetKey, Variant, veil_bytes};
+use surfel_gpu::{Draw, Target, TargetKey, Variant, layer_composite_bytes};
 
 pub(crate) struct Targets {
     pub key: TargetKey,
@@ -19,8 +19,8 @@ pub(crate) struct Targets {
     framebuffers: HashMap<Draw, Owned<vk::Framebuffer>>,
     images: HashMap<Target, Image>,
     pub planes: Buffer,
-    /// What layers of transparent splats come to.
-    pub veils: Buffer,
+    /// Composites of transparent layers.
+    pub layer_composites: Buffer,
     /// The planes, for the host to read.
     pub readback: Buffer,
 }
@@ -42,16 +42,17 @@ impl Targets {
         let bytes = 4 * u64::from(key.floats);
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
         let planes = Buffer::new(device, "planes", bytes, usage, MemoryLocation::GpuOnly)?;
-        let veil_bytes = veil_bytes(&key.draws, key.size);
+        let layer_composite_bytes = layer_composite_bytes(&key.draws, key.size);
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        let veils = Buffer::new(device, "veils", veil_bytes, storage, MemoryLocation::GpuOnly)?;
+        let layer_composites =
+            Buffer::new(device, "layer composites", layer_composite_bytes, storage, MemoryLocation::GpuOnly)?;
         let to_host = vk::BufferUsageFlags::TRANSFER_DST;
         let readback = Buffer::new(device, "planes to read", bytes, to_host, MemoryLocation::GpuToCpu)?;
         submit(device, |commands| {
             images.values().for_each(|image| commands.make_readable(image));
             Ok(())
         })?;
-        Ok(Self { key, framebuffers, images, planes, veils, readback })
+        Ok(Self { key, framebuffers, images, planes, layer_composites, readback })
     }
 
     pub(crate) fn framebuffer(&self, draw: Draw) -> Result<vk::Framebuffer, Failure> {

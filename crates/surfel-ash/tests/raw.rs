@@ -45,10 +45,10 @@ fn a_program_s_own_device_draws_and_stays_its_own() {
     let projection = Projection::Perspective { fov_y_deg: 45.0 };
     let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
     let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
-    let resident = renderer.upload(&Scene::of_cloud(cloud)).unwrap();
+    let resident = renderer.upload(&Scene::from(cloud)).unwrap();
     let mut frame = Frame::default();
-    let stats = renderer.render(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame).unwrap();
-    assert_eq!((stats.drawn, frame.color[36]), (1, [1.0; 4]));
+    let stats = renderer.render_into(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame).unwrap();
+    assert_eq!((stats.drawn, frame.color()[36]), (1, [1.0; 4]));
     drop((resident, renderer));
     // SAFETY: still ours; nothing is executing.
     unsafe { device.device_wait_idle() }.unwrap();

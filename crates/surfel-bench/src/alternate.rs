@@ -64,8 +64,7 @@ fn words(a: &Arguments) -> Vec<OsString> {
     words.extend(a.scene.iter().flat_map(|name| ["--scene".into(), name.into()]));
     words.extend(a.adapter.iter().flat_map(|name| ["--adapter".into(), name.into()]));
     words.extend(a.runs.iter().flat_map(|n| ["--runs".into(), n.to_string().into()]));
-    let flags = [("--quick", a.quick), ("--general", a.general), ("--hidden", a.hidden), ("--blocks", a.blocks)];
-    words.extend(flags.into_iter().filter(|(_, is_set)| *is_set).map(|(flag, _)| flag.into()));
+    words.extend(a.quick.then(|| "--quick".into()));
     words
 }
 
@@ -79,7 +78,7 @@ mod tests {
         for line in [
             "bench",
             "bench --backend ash --adapter x --quick --threads 3 --scene igea --scene far --runs 4 --simd avx2",
-            "bench --general --hidden --blocks --models a/b --storage 16",
+            "bench --models a/b --storage 16",
         ] {
             let asked = Arguments::parse_from(line.split(' '));
             let passed_on = Arguments::parse_from(std::iter::once("bench".into()).chain(words(&asked)));

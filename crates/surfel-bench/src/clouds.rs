@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 use surfel::SplatCloud;
 use surfel::model::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape};
 
-/// Splats over each point of a surface: disks on a hexagonal lattice cover the plane from 1.06 on; the rest is the overlap that
-/// blending needs.
+/// Splats over each point of a surface: disks on a hexagonal lattice cover the plane from 1.06 on; the rest is the
+/// overlap that blending needs.
 pub(crate) const LAYERS: f64 = 3.8;
 
 /// Bumps of the ball, from coarse to fine: cycles about it and height over its radius.
@@ -16,8 +16,8 @@ const OCTAVES: [(f64, f64); 4] = [(1.5, 0.12), (3.0, 0.06), (7.0, 0.02), (15.0, 
 /// Bumps along different directions that an octave adds up.
 const WAVES_PER_OCTAVE: usize = 3;
 
-/// A closed, bumpy surface of genus 0 about the origin, of radius about 1: what a scanned head is to a renderer. `count`
-/// coloured disks on a Fibonacci lattice.
+/// A closed, bumpy surface of genus 0 about the origin, of radius about 1: what a scanned head is to a renderer.
+/// `count` coloured disks on a Fibonacci lattice.
 pub(crate) fn ball(count: usize) -> Result<SplatCloud, ModelError> {
     let waves = waves();
     let golden = PI * (3.0 - 5f64.sqrt());
@@ -45,7 +45,8 @@ fn bumpy(waves: &[(DVec3, f64, f64)], direction: DVec3) -> (f64, DVec3) {
     (radius, (radius * direction - (gradient - direction * gradient.dot(direction))).normalize())
 }
 
-/// The same ball as `4·rings²` triangles between circles of latitude, coloured and with its normals; `rings` at least 2.
+/// The same ball as `4·rings²` triangles between circles of latitude, coloured and with its normals; `rings` at least
+/// 2.
 pub(crate) fn bumpy_mesh(rings: u32) -> Mesh {
     let waves = waves();
     let columns = 2 * rings;
@@ -189,7 +190,8 @@ mod tests {
         let mesh = bumpy_mesh(8);
         mesh.validate().unwrap();
         assert!(surfel::sample::is_closed(&mesh));
-        // Six times the volume, positive where triangles wind counter-clockwise seen from outside: that of a ball, roughly.
+        // Six times the volume, positive where triangles wind counter-clockwise seen from outside: that of a ball,
+        // roughly.
         let corner = |i: u32| mesh.positions.get(i as usize);
         let volume: f64 = mesh.triangles.iter().map(|t| corner(t[0]).dot(corner(t[1]).cross(corner(t[2])))).sum();
         assert!((volume / (8.0 * PI) - 1.0).abs() < 0.2, "{volume}");

@@ -4,8 +4,8 @@ use crate::Failure;
 use crate::report::{Report, median, quantile};
 use crate::table::aligned;
 
-/// Ratios of medians, B over A, with what noise alone would do to them, and of the least. Of the time on processors where both runs know it,
-/// since other work on the machine doesn't lengthen that by much; else of the clock on the wall.
+/// Ratios of medians, B over A, with what noise alone would do to them, and of the least. Of the time on CPUs where
+/// both runs know it, since other work on the machine doesn't lengthen that by much; else of the clock on the wall.
 pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
     let cells = |cells: [&str; 8]| cells.map(str::to_owned).to_vec();
     let mut lines = vec![cells(["scene", "thr", "A ms", "B ms", "B / A", "noise", "least", ""])];
@@ -52,8 +52,8 @@ fn least(frames_ms: &[f64]) -> f64 {
     frames_ms.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// Relative standard error of a median: 1.2533·σ/√n, with σ from the quartiles so that a few disturbed frames don't count
-/// (both constants are the normal distribution's). What disturbs a whole run is not seen by it.
+/// Relative standard error of a median: 1.2533·σ/√n, with σ from the quartiles so that a few disturbed frames don't
+/// count (both constants are the normal distribution's). What disturbs a whole run is not seen by it.
 fn standard_error(frames_ms: &[f64]) -> f64 {
     if frames_ms.len() < 2 {
         return f64::NAN;

@@ -29,7 +29,7 @@ impl Machine {
     }
 }
 
-/// Time that this process has spent on processors, milliseconds; none where the system doesn't say.
+/// Time that this process has spent on CPUs, milliseconds; none where the system doesn't say.
 ///
 /// On a machine that is shared with others, this and not the clock on the wall is what a frame costs.
 #[cfg(unix)]
@@ -38,13 +38,13 @@ pub(crate) fn busy_ms() -> Option<f64> {
     Some(time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6)
 }
 
-/// Time that this process has spent on processors, milliseconds; none where the system doesn't say.
+/// Time that this process has spent on CPUs, milliseconds; none where the system doesn't say.
 #[cfg(not(unix))]
 pub(crate) fn busy_ms() -> Option<f64> {
     None
 }
 
-/// Linux's name of the processor: names alone don't tell virtual ones apart, so family and model are with it.
+/// Linux's name of the CPU: names alone don't tell virtual ones apart, so family and model are with it.
 fn processor() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let field = |name: &str| {

@@ -41,12 +41,11 @@ impl Backend {
     }
 }
 
-/// SIMD instructions of the processor backend.
+/// SIMD instructions of the CPU backend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Simd {
     Best,
     Avx2,
-    Baseline,
 }
 
 impl Simd {
@@ -54,7 +53,6 @@ impl Simd {
         match self {
             Self::Best => "best",
             Self::Avx2 => "avx2",
-            Self::Baseline => "baseline",
         }
     }
 }
@@ -77,7 +75,7 @@ pub(crate) struct Arguments {
     /// Small scenes and few runs: a minute at most.
     #[arg(long)]
     quick: bool,
-    /// Thread count of the processor backends; several times for several.
+    /// Thread count of the CPU backends; several times for several.
     #[arg(long, value_name = "N", default_values_t = [1, 2])]
     threads: Vec<usize>,
     /// Only scenes whose name has this in it, or is what follows a =; several times for several.
@@ -86,30 +84,24 @@ pub(crate) struct Arguments {
     /// Frames of each scene and thread count.
     #[arg(long, value_name = "N")]
     runs: Option<usize>,
-    /// SIMD instructions of the processor backend.
+    /// SIMD instructions of the CPU backend.
     #[arg(long, value_enum, default_value = "best")]
     simd: Simd,
     /// Bits in which splats are kept.
     #[arg(long, default_value = "32", value_parser = ["32", "16"])]
     storage: String,
-    /// Evaluate every splat of the processor backend by the evaluator that is right for any.
-    #[arg(long)]
-    general: bool,
-    /// Set up splats behind all that is shown too.
-    #[arg(long)]
-    hidden: bool,
-    /// Draw tiles of small splats block by block too.
-    #[arg(long)]
-    blocks: bool,
     /// Where the models igea.ply and lion_takanawa.ply are; without them their scenes are left out.
     #[arg(long, value_name = "FOLDER", default_value = "models")]
     models: PathBuf,
     /// Write the figures as JSON, over what is there.
     #[arg(short, long, value_name = "FILE.json")]
     output: Option<PathBuf>,
-    /// Write a picture of every scene.
+    /// Write the table as Markdown, over what is there: docs/data/bench.md is made so.
+    #[arg(long, value_name = "FILE.md")]
+    markdown: Option<PathBuf>,
+    /// Write an image of every scene.
     #[arg(long, value_name = "FOLDER")]
-    pictures: Option<PathBuf>,
+    images: Option<PathBuf>,
     /// Print the names of the scenes and end.
     #[arg(long)]
     list: bool,
@@ -158,6 +150,11 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     print!("{}", table::of(&report));
     if let Some(path) = &arguments.output {
         let text = serde_json::to_string_pretty(&report)? + "\n";
+        surfel::io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
+        println!("\nwritten to {}", path.display());
+    }
+    if let Some(path) = &arguments.markdown {
+        let text = table::markdown(&report);
         surfel::io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
         println!("\nwritten to {}", path.display());
     }

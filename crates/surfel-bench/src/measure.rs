@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Renderer, Settings, View};
-use surfel_cpu::{Dots, Evaluation, SimdLevel, Storage};
+use surfel_cpu::{SimdLevel, Storage};
 
 use crate::machine::{Machine, busy_ms};
 use crate::report::{BackendFacts, Ceiling, Report, Row, Samples, Subject};
@@ -21,17 +21,16 @@ pub(crate) struct Plan {
     backend: crate::Backend,
     adapter: Option<String>,
     simd: SimdLevel,
-    work: surfel_cpu::Work,
     quantised: bool,
     threads: Vec<usize>,
     runs: usize,
     models: PathBuf,
-    pictures: Option<PathBuf>,
+    images: Option<PathBuf>,
 }
 
 impl Plan {
     pub(crate) fn new(arguments: &Arguments) -> Self {
-        let on_processor = is_on_processor(arguments.backend);
+        let on_cpu = is_on_cpu(arguments.backend);
         let runs = if arguments.quick { QUICK_RUNS } else { RUNS };
         Self {
             backend: arguments.backend,
@@ -39,36 +38,31 @@ impl Plan {
             simd: match arguments.simd {
                 Simd::Best => SimdLevel::Best,
                 Simd::Avx2 => SimdLevel::Avx2,
-                Simd::Baseline => SimdLevel::Baseline,
-            },
-            work: surfel_cpu::Work {
-                evaluation: if arguments.general { Evaluation::General } else { Evaluation::Cheapest },
-                culls_hidden: !arguments.hidden,
-                dots: if arguments.blocks { Dots::Off } else { Dots::BySplats },
-                ..surfel_cpu::Work::default()
             },
             quantised: arguments.storage == "16",
             // A GPU's threads aren't ours to set.
-            threads: if on_processor { arguments.threads.clone() } else { vec![0] },
+            threads: if on_cpu { arguments.threads.clone() } else { vec![0] },
             runs: arguments.runs.unwrap_or(runs).max(1),
             models: arguments.models.clone(),
-            pictures: arguments.pictures.clone(),
+            images: arguments.images.clone(),
         }
     }
 
     fn start(&self, threads: usize) -> Result<Backend, Failure> {
         if self.backend == crate::Backend::Cpu {
             let storage = if self.quantised { Storage::Quantised } else { Storage::F32 };
-            let options = surfel_cpu::Options { threads, simd: self.simd, work: self.work, storage };
-            return Ok(Backend::Cpu(surfel_cpu::Renderer::with_options(&options)?));
+            let options = surfel_cpu::Options::default();
+            let options = options.with_threads(threads).with_simd(self.simd).with_storage(storage);
+            return Ok(Backend::Cpu(surfel_cpu::Renderer::new(options)?));
         }
-        let options = BackendOptions { threads, adapter: self.adapter.clone(), quantised: self.quantised };
+        let options = BackendOptions::default().with_threads(threads).with_quantised(self.quantised);
+        let options = options.with_adapter(self.adapter.clone());
         Ok(Backend::by_name(self.backend.name(), &options)?)
     }
 }
 
 /// Not the GPU backends on software Vulkan: its threads aren't ours to set, and may not even be this process's.
-fn is_on_processor(backend: crate::Backend) -> bool {
+fn is_on_cpu(backend: crate::Backend) -> bool {
     matches!(backend, crate::Backend::Cpu | crate::Backend::Reference)
 }
 
@@ -98,7 +92,7 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
     let ceilings = ceilings(first)?;
     let (uploads, mut ready) = prepare(plan, cases, first)?;
     let mut frame = Frame::default();
-    let counted = Planes { weight: true, fragments: true, ..Planes::COLOR };
+    let counted = Planes::COLOR.with_weight(true).with_fragments(true);
     // The first round warms up (pipelines, page faults, clocks) and counts: weights say which pixels are covered, and
     // some backends count fragments only where they are wanted.
     for round in 0..=plan.runs {
@@ -110,22 +104,22 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
                 let scene = &uploads[ready.upload];
                 let planes = if round == 0 { counted } else { Planes::COLOR };
                 let (start, busy) = (Instant::now(), busy_ms());
-                let stats = backend.render(scene, &ready.view, &ready.settings, planes, &mut frame)?;
+                let stats = backend.render_into(scene, &ready.view, &ready.settings, planes, &mut frame)?;
                 let ms = start.elapsed().as_secs_f64() * 1e3;
                 let busy = busy_ms().zip(busy).map(|(end, start)| end - start);
                 let samples = &mut ready.samples[i];
                 if round > 0 {
                     samples.frames_ms.push(ms);
-                    samples.busy_ms.extend(busy.filter(|_| is_on_processor(plan.backend)));
+                    samples.busy_ms.extend(busy.filter(|_| is_on_cpu(plan.backend)));
                     samples.stats.push(stats);
                     continue;
                 }
-                samples.covered_px = frame.weight.iter().filter(|&&weight| weight > 0.0).count() as u64;
+                samples.covered_px = frame.weight().iter().filter(|&&weight| weight > 0.0).count() as u64;
                 samples.fragments = stats.fragments;
-                if let Some(folder) = plan.pictures.as_ref().filter(|_| i == 0) {
+                if let Some(folder) = plan.images.as_ref().filter(|_| i == 0) {
                     std::fs::create_dir_all(folder)?;
                     let path = folder.join(format!("{}.png", case.name));
-                    surfel::io::save_png(&path, true, &surfel::planes(&frame), &Default::default())?;
+                    surfel::io::save_png(&path, true, &frame.planes(), &Default::default())?;
                 }
             }
         }
@@ -157,9 +151,9 @@ fn ceilings(backend: &mut Backend) -> Result<Vec<Ceiling>, Failure> {
     macro_rules! measured {
         ($renderer:expr) => {
             $renderer
-                .ceilings(CEILING_SIDE_PX)?
+                .fill_rates(CEILING_SIDE_PX)?
                 .into_iter()
-                .map(|rate| Ceiling { name: rate.ceiling.name().to_owned(), fragments_per_s: rate.fragments_per_s })
+                .map(|rate| Ceiling { name: rate.probe.name().to_owned(), fragments_per_s: rate.fragments_per_s })
                 .collect()
         };
     }

@@ -34,10 +34,10 @@ pub(crate) struct Ceiling {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BackendFacts {
     pub name: String,
-    /// The GPU, or the SIMD instructions of the processor.
+    /// The GPU, or the SIMD instructions of the CPU.
     pub adapter: String,
     pub driver: String,
-    /// A GPU interface computed by the processor: its times say nothing about GPUs.
+    /// A GPU interface computed by the CPU: its times say nothing about GPUs.
     pub is_software: bool,
 }
 
@@ -54,7 +54,7 @@ pub(crate) struct Row {
     pub frames_ms: Vec<f64>,
     pub median_ms: f64,
     pub min_ms: f64,
-    /// Every frame's time on processors, all threads together; nothing for GPUs, and where the system doesn't say.
+    /// Every frame's time on CPUs, all threads together; nothing for GPUs, and where the system doesn't say.
     pub busy_frames_ms: Vec<f64>,
     /// Their median: what the frame would take one thread that is never interrupted.
     pub busy_ms: Option<f64>,
@@ -71,8 +71,8 @@ pub(crate) struct Row {
     pub splats_per_s: f64,
     pub drawn_per_s: f64,
     pub fragments_per_s: Option<f64>,
-    /// Fragments a second of the attribute pass alone, over those that the GPU can blend into such targets: what it reaches
-    /// of the ceiling. Splats a second are the same share of what the ceiling would allow.
+    /// Fragments a second of the attribute pass alone, over those that the GPU can blend into such targets: what it
+    /// reaches of the ceiling. Splats a second are the same share of what the ceiling would allow.
     #[serde(default)]
     pub share_of_blend: Option<f64>,
     /// The same of the whole frame.
@@ -82,7 +82,7 @@ pub(crate) struct Row {
     pub fragments_per_splat: Option<f64>,
     /// Fragments over covered pixels.
     pub fragments_per_px: Option<f64>,
-    /// Pairs of 4×4-pixel block and splat that were computed (processor backend).
+    /// Pairs of 4×4-pixel block and splat that were computed (CPU backend).
     pub block_pairs: Option<f64>,
     /// Time of the tile loops by thread and pair, nanoseconds.
     pub ns_per_pair: Option<f64>,
@@ -90,7 +90,7 @@ pub(crate) struct Row {
     pub bytes_per_splat: f64,
     /// Resident bytes, 10⁶.
     pub resident_mb: f64,
-    /// Records and lists of the largest batch, 10⁶ bytes: what a frame needs besides the scene and the picture.
+    /// Records and lists of the largest batch, 10⁶ bytes: what a frame needs besides the scene and the image.
     pub batch_mb: Option<f64>,
     /// Splats that were set up are read once, their records and lists written once and read once: 10⁹ bytes a second.
     pub gb_per_s: Option<f64>,
@@ -102,7 +102,7 @@ pub(crate) struct Row {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Samples {
     pub frames_ms: Vec<f64>,
-    /// Time on processors, all threads together.
+    /// Time on CPUs, all threads together.
     pub busy_ms: Vec<f64>,
     pub stats: Vec<Stats>,
     pub covered_px: u64,
@@ -201,7 +201,7 @@ impl Row {
 
     /// Holds its fragments against what the GPU can blend.
     fn judge(&mut self, ceilings: &[Ceiling]) {
-        // Unlit pictures sum up colour alone, others normal and depth, too.
+        // Unlit images sum up colour alone, others normal and depth, too.
         let name = if self.shader == "unlit" { "blend" } else { "blend two" };
         let ceiling = ceilings.iter().find(|ceiling| ceiling.name == name).map(|ceiling| ceiling.fragments_per_s);
         let attributes_ms = self.stages_ms.get("attributes").copied().filter(|ms| *ms > 0.0);
@@ -246,7 +246,7 @@ mod tests {
 
     #[test]
     fn row_is_judged_by_the_ceiling_of_its_targets() {
-        let stats = Stats { passes: vec![PassTime { name: "attributes", ms: 5.0 }], drawn: 1, ..Stats::default() };
+        let stats = Stats::default().with_passes(vec![PassTime { name: "attributes", ms: 5.0 }]).with_drawn(1);
         let samples = Samples { frames_ms: vec![10.0], stats: vec![stats], fragments: 4_000_000, ..Samples::default() };
         let subject =
             Subject { scene: "s".into(), about: String::new(), shader: "phong".into(), threads: 0, size: [8, 8] };
@@ -299,13 +299,11 @@ mod tests {
 
     #[test]
     fn row_rates_follow_from_the_median() {
-        let stats = Stats {
-            splats: 1000,
-            drawn: 500,
-            bytes_per_splat: 40.0,
-            counters: vec![("bytes_moved", 600.0 * 40.0 + 2.0 * 2e6), ("batch_bytes", 1e6)],
-            ..Stats::default()
-        };
+        let stats = Stats::default()
+            .with_splats(1000)
+            .with_drawn(500)
+            .with_bytes_per_splat(40.0)
+            .with_counters(vec![("bytes_moved", 600.0 * 40.0 + 2.0 * 2e6), ("batch_bytes", 1e6)]);
         let samples = Samples {
             frames_ms: vec![30.0, 10.0, 20.0],
             busy_ms: vec![15.0],

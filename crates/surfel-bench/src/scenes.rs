@@ -4,12 +4,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::DAffine3;
-use surfel::model::{ClipPolicy, Cull, Geometry, Object, Projection, Shader};
+use surfel::model::{ClipPolicy, Cull, EdgeAa, Geometry, Object, Projection, Shader};
 use surfel::{Camera, Material, NoProgress, Scene, Settings, SplatCloud};
 
 use crate::{Arguments, Failure, clouds};
 
-/// Width and height of every picture, pixels.
+/// Width and height of every image, pixels.
 const SIZE: u32 = 1024;
 
 /// Vertical field of view, degrees.
@@ -51,8 +51,8 @@ pub(crate) struct Case {
     pub source: Source,
     eye: Eye,
     pub shader: Shader,
-    /// Edges are antialiased.
-    edges: bool,
+    /// How edges are antialiased.
+    edges: EdgeAa,
     clip: ClipPolicy,
     /// Part of `--quick`.
     quick: bool,
@@ -68,7 +68,7 @@ pub(crate) struct Loaded {
 
 const LADDER: &str = "closed surface, fills the height, back faces culled (Guennebaud 2006, table 1)";
 
-/// The far view's height over the surface's: it then takes about 5 % of the picture.
+/// The far view's height over the surface's: it then takes about 5 % of the image.
 const FAR: f64 = 3.7;
 
 /// All scenes.
@@ -76,13 +76,19 @@ fn all() -> Vec<Case> {
     use Eye::{Fits, Zoomed};
     use Source::{Ball, Model, Part, Sharp, Sheet, Stack, Thick};
     let case = |name, about, source, eye, quick| {
-        let (shader, edges, clip) = (Shader::Phong, false, ClipPolicy::Exact);
+        let (shader, edges, clip) = (Shader::Phong, EdgeAa::Off, ClipPolicy::Exact);
         Case { name, about, source, eye, shader, edges, clip, quick }
     };
     let (igea, lion) = (Model("igea.ply"), Model("lion_takanawa.ply"));
     let shader = |name, shader| Case { shader, ..case(name, "igea by another shader", igea, Fits, true) };
-    let edges =
-        |name, source| Case { edges: true, ..case(name, "the same with antialiased edges", source, Fits, false) };
+    let edges = |name, source| Case {
+        edges: EdgeAa::Coverage,
+        ..case(name, "the same with edges antialiased by coverage", source, Fits, false)
+    };
+    let samples = |name, source| Case {
+        edges: EdgeAa::Samples,
+        ..case(name, "the same with edges antialiased by samples", source, Fits, false)
+    };
     let clipped = |name, source| case(name, "a mesh as splats clipped along its creases", source, Fits, false);
     let whole = |name, source| Case {
         clip: ClipPolicy::Off,
@@ -102,13 +108,18 @@ fn all() -> Vec<Case> {
         shader("igea-toon", Shader::Toon),
         shader("igea-edl", Shader::Edl),
         edges("igea-edges", igea),
+        samples("igea-samples", igea),
         case("lion", "a coloured scan of 273 k points", lion, Fits, false),
         edges("lion-edges", lion),
+        samples("lion-samples", lion),
         case("20k", LADDER, Ball(20_000), Fits, false),
         edges("20k-edges", Ball(20_000)),
+        samples("20k-samples", Ball(20_000)),
         case("200k", LADDER, Ball(200_000), Fits, false),
         edges("200k-edges", Ball(200_000)),
+        samples("200k-samples", Ball(200_000)),
         edges("2.5M-edges", Ball(2_500_000)),
+        samples("2.5M-samples", Ball(2_500_000)),
         case("sheet", "a wavy sheet, all splats seen, about ten fragments each", Sheet(400_000), Fits, true),
         case(
             "overlap-2",
@@ -127,7 +138,7 @@ fn all() -> Vec<Case> {
         whole("part-whole", Part),
         clipped("fandisk", Sharp("fandisk.obj")),
         whole("fandisk-whole", Sharp("fandisk.obj")),
-        case("far", "5 M splats below a pixel on about 5 % of the picture", Ball(5_000_000), Zoomed(FAR), false),
+        case("far", "5 M splats below a pixel on about 5 % of the image", Ball(5_000_000), Zoomed(FAR), false),
     ]
 }
 
@@ -213,7 +224,7 @@ fn framed(cloud: SplatCloud, cull: Cull) -> Loaded {
         world_from_object: DAffine3::IDENTITY,
         material: Material { cull, interior_weight, ..Material::default() },
     };
-    let lights = Some(surfel::studio_lights(&camera));
+    let lights = Some(surfel::scene::studio_lights(&camera));
     let scene = Scene { ambient: [0.1; 3], lights, objects: vec![object], ..Scene::default() };
     Loaded { scene, camera, settings: Settings::default() }
 }
@@ -231,6 +242,6 @@ impl Case {
 
     /// The loaded source's settings with this scene's shader and edges.
     pub(crate) fn settings(&self, loaded: &Loaded) -> Settings {
-        Settings { shader: self.shader, edge_aa: self.edges, clip: self.clip, ..loaded.settings }
+        loaded.settings.with_shader(self.shader).with_edge_aa(self.edges).with_clip(self.clip)
     }
 }

@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use surfel_bench::page::Table;
+
 use crate::report::{Ceiling, Report, Row};
 
 /// The whole run as text.
@@ -11,8 +13,7 @@ pub(crate) fn of(report: &Report) -> String {
     let load = machine.load.map_or("unknown".to_owned(), |load| format!("{load:.1}"));
     let _ =
         writeln!(text, "machine   {}, {} threads, {}, load {load}", machine.processor, machine.threads, machine.system);
-    let software =
-        if backend.is_software { " — software Vulkan: the processor computes, this is no GPU" } else { "" };
+    let software = if backend.is_software { " — software Vulkan: the CPU computes, this is no GPU" } else { "" };
     let _ = writeln!(text, "backend   {}: {} ({}){software}", backend.name, backend.adapter, backend.driver);
     let _ = writeln!(text, "commit    {}", machine.commit);
     if !report.ceilings.is_empty() {
@@ -32,6 +33,41 @@ pub(crate) fn of(report: &Report) -> String {
         let _ = writeln!(text, "{note}");
     }
     text
+}
+
+/// The report as a Markdown file: a row a scene, the times of each thread count beside each other.
+pub(crate) fn markdown(report: &Report) -> String {
+    let (machine, backend) = (&report.machine, &report.backend);
+    let mut threads: Vec<usize> = report.rows.iter().map(|row| row.threads).collect();
+    threads.sort_unstable();
+    threads.dedup();
+    let times = threads.iter().map(|n| format!("{n} thread{}, ms (least)", if *n == 1 { "" } else { "s" }));
+    let head = ["scene", "", "splats", "drawn", "Mfragments", "Mpairs"].map(str::to_owned);
+    let mut table = Table { head: head.into_iter().chain(times).collect(), ..Table::default() };
+    let millions = |count: Option<f64>| count.map_or_else(|| "-".to_owned(), |n| format!("{:.2}", n * 1e-6));
+    for (i, row) in report.rows.iter().enumerate() {
+        if report.rows[..i].iter().any(|earlier| earlier.scene == row.scene) {
+            continue;
+        }
+        let mut cells = vec![row.scene.clone(), row.about.clone(), row.splats.to_string(), row.drawn.to_string()];
+        cells.extend([millions(row.fragments.map(|n| n as f64)), millions(row.block_pairs)]);
+        cells.extend(threads.iter().map(|n| {
+            let same = report.rows.iter().find(|other| other.scene == row.scene && other.threads == *n);
+            same.map_or_else(|| "-".to_owned(), |row| format!("{:.1} ({:.1})", row.median_ms, row.min_ms))
+        }));
+        table.rows.push(cells);
+    }
+    format!(
+        "<!-- Written by `cargo xtask bench --markdown FILE`. -->\n\n# Frame times\n\n\
+         {}: {} on {}, {} threads, commit {}.\n\
+         Medians and least times of a frame. A pair is a splat and a block of 4×4 pixels.\n\n{}",
+        backend.name,
+        backend.adapter,
+        machine.processor,
+        machine.threads,
+        machine.commit,
+        table.markdown()
+    )
 }
 
 fn line(row: &Row) -> Vec<String> {
@@ -84,7 +120,7 @@ pub(crate) fn aligned(lines: &[Vec<String>]) -> String {
     text
 }
 
-/// Time on processors, where it is known: shaders differ by less than a shared machine's clock on the wall does.
+/// Time on CPUs, where it is known: shaders differ by less than a shared machine's clock on the wall does.
 fn cost(row: &Row) -> f64 {
     row.busy_ms.unwrap_or(row.median_ms)
 }
@@ -122,6 +158,29 @@ fn scaling_note(rows: &[Row]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::machine::Machine;
+    use crate::report::{BackendFacts, Samples, Subject};
+
+    #[test]
+    fn markdown_has_a_row_a_scene_and_a_column_a_thread_count() {
+        let row = |scene: &str, threads: usize, frames_ms: Vec<f64>| {
+            let subject = Subject {
+                scene: scene.into(),
+                about: "what it is".into(),
+                shader: "phong".into(),
+                threads,
+                size: [8, 8],
+            };
+            Row::new(subject, Samples { frames_ms, ..Samples::default() })
+        };
+        let rows = vec![row("a", 1, vec![2.0, 3.0, 9.0]), row("a", 2, vec![1.5]), row("b", 1, vec![4.0])];
+        let facts =
+            BackendFacts { name: "cpu".into(), adapter: "AVX2".into(), driver: String::new(), is_software: false };
+        let text = markdown(&Report::new(Machine::this(), facts, Vec::new(), rows));
+        assert!(text.contains("| Mpairs | 1 thread, ms (least) | 2 threads, ms (least) |"), "{text}");
+        assert!(text.contains("| a | what it is | 0 | 0 | - | - | 3.0 (2.0) | 1.5 (1.5) |"), "{text}");
+        assert!(text.contains("| b | what it is | 0 | 0 | - | - | 4.0 (4.0) | - |"), "{text}");
+    }
 
     #[test]
     fn table_columns_line_up() {

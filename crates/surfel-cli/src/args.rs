@@ -1,15 +1,13 @@
 //! The command line's grammar.
 
 use crate::values::{self, Threshold, UpChoice};
-use crate::{config, console};
 use clap::builder::TypedValueParser;
-use clap::error::ErrorKind;
-use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{Args, CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
-use std::ffi::OsString;
 use std::path::PathBuf;
-use surfel::model::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Shader, Transparency};
-use surfel::{NamedView, Preset, Region};
+use surfel::framing::ViewChoice;
+use surfel::model::{Accumulate, ClipPolicy, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader, Transparency};
+use surfel::{Preset, Region};
 
 /// Renders splats, scans, point clouds and meshes by surface splatting.
 ///
@@ -26,7 +24,8 @@ pub(crate) struct Cli {
     #[arg(short, long, global = true)]
     pub(crate) verbose: bool,
     /// Threads to use; all by default.
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024).map(usize::from))]
+    #[arg(long, global = true, value_name = "N",
+        value_parser = clap::value_parser!(u16).range(1..=1024).map(usize::from))]
     pub(crate) threads: Option<usize>,
     /// TOML file of flags: keys are the long flag names; flags on the command line win.
     #[arg(long, global = true, value_name = "FILE")]
@@ -35,13 +34,15 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Render a picture.
+    /// Render an image.
     Render(Box<RenderArgs>),
+    /// Draw a picture again, from the scene that it carries.
+    Again(AgainArgs),
     /// Make splats of points or a mesh.
     Convert(ConvertArgs),
     /// Say what a file holds.
     Info(InfoArgs),
-    /// Measure how far two pictures are apart.
+    /// Measure how far two images are apart.
     Compare(CompareArgs),
     /// List what this machine can run.
     Backends(BackendsArgs),
@@ -55,22 +56,24 @@ pub(crate) enum Command {
 
 #[derive(Args, Debug)]
 pub(crate) struct RenderArgs {
-    /// A scene file (.json), or splats, points or meshes that make one scene.
+    /// A scene file (.json), or splats, points or meshes that make one scene; - is stdin. With {input} in OUT each
+    /// INPUT gets an image of its own.
     #[arg(required = true, value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
-    /// Picture to write: .png or .exr, - for PNG on stdout; may hold {backend} {frame} {input}.
+    /// Image to write: .png, .exr or .jpg (quality 92, blended onto the background), - for PNG on stdout; may hold
+    /// {backend} {frame} {input}. `surfel INPUT` alone writes INPUT's name with .png to the current folder.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
     /// Overwrite existing files.
     #[arg(short, long)]
     pub(crate) force: bool,
-    /// Drop invalid splats instead of refusing the file.
-    #[arg(long)]
-    pub(crate) repair: bool,
-    /// Texture for meshes that have texture coordinates and name none themselves.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) texture: Option<PathBuf>,
-    /// Write the resolved scene file to stdout; without -o, render nothing.
+    /// True for `surfel INPUT` without the word `render`, which has a name for the image where -o gives none.
+    #[arg(skip)]
+    pub(crate) bare: bool,
+    /// How files become splats.
+    #[command(flatten)]
+    pub(crate) splats: SplatArgs,
+    /// Write the resolved scene file to stdout, paths relative to the current folder; without -o, render nothing.
     #[arg(long)]
     pub(crate) print_scene: bool,
     /// Who draws.
@@ -88,22 +91,27 @@ pub(crate) struct RenderArgs {
     /// A scene file's camera object, alone in a file.
     #[arg(long, value_name = "FILE", help_heading = "Camera")]
     pub(crate) camera: Option<PathBuf>,
-    /// Frame the scene from this side.
-    #[arg(long, value_parser = values::view(), conflicts_with_all = ["camera", "eye", "target"], help_heading = "Camera")]
-    pub(crate) view: Option<NamedView>,
+    /// Frame the scene from this side; auto, where nothing is said, finds the one that shows most. Also
+    /// AZIMUTH,ELEVATION in degrees: 0,0 is front, 90,0 right, 30,20 iso.
+    #[arg(long, value_name = "VIEW", value_parser = values::View, conflicts_with_all = ["camera", "eye", "target"],
+        allow_hyphen_values = true, help_heading = "Camera")]
+    pub(crate) view: Option<ViewChoice>,
     /// Position of the eye.
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true, help_heading = "Camera")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true,
+        help_heading = "Camera")]
     pub(crate) eye: Option<[f64; 3]>,
     /// Point to look at.
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true, help_heading = "Camera")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true,
+        help_heading = "Camera")]
     pub(crate) target: Option<[f64; 3]>,
     /// Direction that appears upward.
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::direction, allow_hyphen_values = true, help_heading = "Camera")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::direction, allow_hyphen_values = true,
+        help_heading = "Camera")]
     pub(crate) camera_up: Option<[f64; 3]>,
-    /// The scene's up axis: auto, +x, -x, +y, -y, +z or -z.
+    /// The scene's up axis: +x, -x, +y, -y, +z or -z, or auto: as the file or its format says, else by the shape.
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true, help_heading = "Camera")]
     pub(crate) up: Option<UpChoice>,
-    /// Render only this crop of the picture, in pixels.
+    /// Render only this crop of the image, in pixels.
     #[arg(long, value_name = "X,Y,W,H", value_parser = values::region, help_heading = "Camera")]
     pub(crate) region: Option<Region>,
     /// Vertical field of view in degrees.
@@ -130,7 +138,7 @@ pub(crate) struct RenderArgs {
     /// How far behind the nearest surface splats still blend: K radii, or abs:D world units.
     #[arg(long, value_name = "K|abs:D", value_parser = values::depth_tolerance, help_heading = "Settings")]
     pub(crate) depth_tolerance: Option<DepthTolerance>,
-    /// Precision of sums, at least: on processors f16 changes nothing.
+    /// Precision of sums, at least: on CPUs f16 changes nothing.
     #[arg(long, value_parser = values::accumulate(), help_heading = "Settings")]
     pub(crate) accumulate: Option<Accumulate>,
     /// How transparent splats are drawn: off, peel:N, peel:N:drop or abuffer:L.
@@ -142,19 +150,20 @@ pub(crate) struct RenderArgs {
     /// How pixels are shaded.
     #[arg(long, value_parser = values::shader(), help_heading = "Settings")]
     pub(crate) shader: Option<Shader>,
-    /// Image of a lit ball for the shader matcap, which this chooses: a PNG or JPEG, or builtin.
+    /// Image of a lit sphere for the shader matcap, which this chooses: a PNG, JPEG or WebP, or builtin.
     #[arg(long, value_name = "FILE|builtin", help_heading = "Settings")]
     pub(crate) matcap: Option<PathBuf>,
-    /// Octrees (.surfel): draw splats of at most this many pixels, and polygons where even the finest are larger.
-    #[arg(long, value_name = "PX", value_parser = values::positive, default_value = "1")]
-    pub(crate) lod_error: f64,
+    /// Octrees (.surfel): draw splats of at most this many pixels, and polygons where even the finest are larger; 1
+    /// where nothing says it.
+    #[arg(long, value_name = "PX", value_parser = values::positive, help_heading = "Settings")]
+    pub(crate) lod_error: Option<f64>,
     /// Lights cast shadows.
     #[arg(long, help_heading = "Settings")]
     pub(crate) shadows: bool,
-    /// Antialias edges by coverage.
-    #[arg(long, num_args = 0..=1, require_equals = true, default_missing_value = "on", value_parser = values::switch(),
-          value_name = "on|off", help_heading = "Settings")]
-    pub(crate) edge_aa: Option<bool>,
+    /// Antialias edges: by coverage (on), or by samples of the pixels there.
+    #[arg(long, num_args = 0..=1, require_equals = true, default_missing_value = "on", value_parser = values::edge_aa(),
+          value_name = "on|off|samples", help_heading = "Settings")]
+    pub(crate) edge_aa: Option<EdgeAa>,
     /// Background: linear R,G,B[,A] with straight alpha, or transparent.
     #[arg(long, value_name = "R,G,B[,A]", value_parser = values::background, allow_hyphen_values = true,
           help_heading = "Settings")]
@@ -162,7 +171,7 @@ pub(crate) struct RenderArgs {
     /// Average NxN unfiltered samples a pixel (backend reference only).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "Settings")]
     pub(crate) samples: Option<u32>,
-    /// Number of pictures; OUT must hold {frame}.
+    /// Number of images; OUT must hold {frame}.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9999), requires = "turntable",
           help_heading = "Output")]
     pub(crate) frames: Option<u32>,
@@ -184,11 +193,71 @@ pub(crate) struct RenderArgs {
     /// 16 bits a sample in PNG files.
     #[arg(long, help_heading = "Output")]
     pub(crate) png16: bool,
+    /// Leave version, scene and inputs out of PNG and EXR files; `surfel again` then can't repeat the image.
+    #[arg(long, help_heading = "Output")]
+    pub(crate) no_metadata: bool,
+}
+
+/// How files become splats: for `render` and `convert` alike.
+#[derive(Args, Debug, Default)]
+pub(crate) struct SplatArgs {
+    /// Drop invalid splats instead of refusing the file.
+    #[arg(long, help_heading = "Splats")]
+    pub(crate) repair: bool,
+    /// Texture for meshes that have texture coordinates and name none themselves.
+    #[arg(long, help_heading = "Splats", value_name = "FILE")]
+    pub(crate) texture: Option<PathBuf>,
+    /// One splat for each vertex of a mesh.
+    #[arg(long, help_heading = "Splats", conflicts_with_all = ["per_face", "splats"])]
+    pub(crate) per_vertex: bool,
+    /// One splat for each triangle of a mesh.
+    #[arg(long, help_heading = "Splats", conflicts_with = "splats")]
+    pub(crate) per_face: bool,
+    /// This many splats spread evenly over a mesh; with --sharp, at most this many, where they are needed.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=200_000_000),
+        help_heading = "Splats")]
+    pub(crate) splats: Option<u32>,
+    /// Multiplies every radius.
+    #[arg(long, help_heading = "Splats", value_name = "K", value_parser = values::positive)]
+    pub(crate) radius_scale: Option<f64>,
+    /// At most this many points of a point cloud, evenly chosen.
+    #[arg(long, help_heading = "Splats", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) max_points: Option<u32>,
+    /// Leave out splats that face away, or none; by default those of closed meshes. `convert` notes in the file that
+    /// its splats cover a closed mesh, or doesn't.
+    #[arg(long, help_heading = "Splats", value_parser = values::cull())]
+    pub(crate) cull: Option<Cull>,
+    /// Clip splats along creases: few ones with sharp edges for a mesh, one a point where points show edges.
+    #[arg(long, help_heading = "Splats", conflicts_with_all = ["per_vertex", "per_face"])]
+    pub(crate) sharp: bool,
+    /// Angle from which an edge is a crease, with --sharp (default 40).
+    #[arg(long, help_heading = "Splats", value_name = "DEG", value_parser = values::angle, requires = "sharp")]
+    pub(crate) crease_angle: Option<f64>,
+    /// Largest distance from the mesh that simplification may cause, with --sharp.
+    #[arg(long, help_heading = "Splats", value_name = "E", value_parser = values::positive, requires = "sharp")]
+    pub(crate) error: Option<f64>,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct AgainArgs {
+    /// A PNG or EXR that surfel drew, with its metadata.
+    #[arg(value_name = "PICTURE")]
+    pub(crate) picture: PathBuf,
+    /// Image to write, in the picture's format; PICTURE's name with -again in the current folder where nothing says
+    /// it.
+    #[arg(short, long, value_name = "OUT")]
+    pub(crate) output: Option<PathBuf>,
+    /// Overwrite an existing file.
+    #[arg(short, long)]
+    pub(crate) force: bool,
+    /// Who draws, instead of the backend that drew the picture.
+    #[arg(long, value_parser = ["auto", "cpu", "wgpu", "ash", "reference"])]
+    pub(crate) backend: Option<String>,
 }
 
 #[derive(Args, Debug)]
 pub(crate) struct ConvertArgs {
-    /// Points, a mesh or splats.
+    /// Points, a mesh or splats; - is stdin.
     #[arg(value_name = "INPUT")]
     pub(crate) input: PathBuf,
     /// Splat file to write: .ply, - for stdout.
@@ -197,35 +266,12 @@ pub(crate) struct ConvertArgs {
     /// Overwrite an existing file.
     #[arg(short, long)]
     pub(crate) force: bool,
-    /// Drop invalid splats instead of refusing the file.
-    #[arg(long)]
-    pub(crate) repair: bool,
-    /// Texture for a mesh that has texture coordinates and names none itself.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) texture: Option<PathBuf>,
-    /// One splat for each vertex of a mesh.
-    #[arg(long, conflicts_with_all = ["per_face", "splats"])]
-    pub(crate) per_vertex: bool,
-    /// One splat for each triangle of a mesh.
-    #[arg(long, conflicts_with = "splats")]
-    pub(crate) per_face: bool,
-    /// This many splats spread evenly over a mesh; with --sharp, at most this many, where they are needed.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=200_000_000))]
-    pub(crate) splats: Option<u32>,
-    /// Multiplies every radius.
-    #[arg(long, value_name = "K", value_parser = values::positive)]
-    pub(crate) radius_scale: Option<f64>,
-    /// Clip splats along creases: few ones with sharp edges for a mesh, one a point where points show edges.
-    #[arg(long, conflicts_with_all = ["per_vertex", "per_face"])]
-    pub(crate) sharp: bool,
-    /// Angle from which an edge is a crease, with --sharp (default 40).
-    #[arg(long, value_name = "DEG", value_parser = values::angle, requires = "sharp")]
-    pub(crate) crease_angle: Option<f64>,
-    /// Largest distance from the mesh that simplification may cause, with --sharp.
-    #[arg(long, value_name = "E", value_parser = values::positive, requires = "sharp")]
-    pub(crate) error: Option<f64>,
+    /// How the file becomes splats.
+    #[command(flatten)]
+    pub(crate) splats: SplatArgs,
     /// Splats of every size and the mesh's own polygons, in an octree: -o OUT.surfel.
-    #[arg(long, conflicts_with_all = ["per_vertex", "per_face", "splats", "radius_scale", "ascii", "repair"])]
+    #[arg(long, conflicts_with_all = ["per_vertex", "per_face", "splats", "radius_scale", "max_points", "cull", "ascii",
+        "repair"])]
     pub(crate) hybrid: bool,
     /// Write text instead of binary PLY.
     #[arg(long)]
@@ -234,7 +280,7 @@ pub(crate) struct ConvertArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct InfoArgs {
-    /// Splats, points or a mesh.
+    /// Splats, points or a mesh; - is stdin.
     #[arg(value_name = "INPUT")]
     pub(crate) input: PathBuf,
     /// As JSON.
@@ -247,10 +293,10 @@ pub(crate) struct InfoArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct CompareArgs {
-    /// The reference picture, EXR or PNG.
+    /// The reference image, EXR or PNG.
     #[arg(value_name = "A")]
     pub(crate) a: PathBuf,
-    /// The picture to judge.
+    /// The image to judge.
     #[arg(value_name = "B")]
     pub(crate) b: PathBuf,
     /// As JSON.
@@ -268,7 +314,7 @@ pub(crate) struct CompareArgs {
     /// Exit with 5 if a metric is below a value; may be given several times.
     #[arg(long, value_name = "METRIC=V", value_parser = values::threshold)]
     pub(crate) fail_below: Vec<Threshold>,
-    /// Exit with 5 if B is farther from A, a picture by the preset reference, than this preset promises.
+    /// Exit with 5 if B is farther from A, an image by the preset reference, than this preset promises.
     #[arg(long, value_parser = values::preset())]
     pub(crate) verify_preset: Option<Preset>,
 }
@@ -298,92 +344,10 @@ pub(crate) fn command() -> clap::Command {
     Cli::command()
 }
 
-/// Parses a command line: the bare form gets its `render`, and the configuration file its say.
-///
-/// Also gives the command line as text. Errors (and help) are printed; then there is only the exit code.
-pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<(Cli, String), u8> {
-    let words: Vec<String> = arguments.iter().skip(1).map(|a| a.to_string_lossy().into_owned()).collect();
-    let text = format!("surfel {}", words.join(" "));
-    insert_render(&mut arguments, &words);
-    let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e))?;
-    let cli = Cli::from_arg_matches(&matches).map_err(|e| complain(&e))?;
-    let Some(path) = &cli.config else { return Ok((cli, text)) };
-    let extra = config::arguments(path, &matches).map_err(|failure| failure.report())?;
-    let end = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
-    arguments.splice(end..end, extra);
-    let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e))?;
-    let cli = Cli::from_arg_matches(&matches).map_err(|e| complain(&e))?;
-    Ok((cli, text))
-}
-
-/// `surfel INPUT …` is `surfel render INPUT …`: where the first word after global flags is no command.
-fn insert_render(arguments: &mut Vec<OsString>, words: &[String]) {
-    let commands: Vec<String> = command().get_subcommands().map(|s| s.get_name().to_owned()).collect();
-    let mut i = 0;
-    while let Some(word) = words.get(i).map(String::as_str) {
-        match word {
-            "-q" | "--quiet" | "-v" | "--verbose" => i += 1,
-            "--threads" | "--config" => i += 2,
-            _ if word.starts_with("--threads=") || word.starts_with("--config=") => i += 1,
-            "-h" | "--help" | "-V" | "--version" | "help" => return,
-            _ if commands.iter().any(|c| c == word) => return,
-            _ => break,
-        }
-    }
-    if !words.is_empty() {
-        arguments.insert(1, "render".into());
-    }
-}
-
-/// Prints clap's error in at most four lines (help and versions whole) and gives the exit code.
-fn complain(error: &clap::Error) -> u8 {
-    match error.kind() {
-        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
-            // A closed pipe is no reason to complain.
-            let _ = error.print();
-            0
-        }
-        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-            let _ = error.print();
-            2
-        }
-        _ => {
-            let text = error.render().to_string();
-            let lines = text.lines().map(str::trim_end).filter(|l| !l.trim().is_empty());
-            let lines = lines.take_while(|l| !l.starts_with("Usage:"));
-            let mut message: Vec<&str> = lines.filter(|l| !l.starts_with("For more information")).take(3).collect();
-            if let Some(first) = message.first_mut() {
-                *first = first.strip_prefix("error: ").unwrap_or(first);
-            }
-            message.push("  help: surfel --help, or surfel COMMAND --help");
-            console::error(&message.join("\n"));
-            2
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
-
     #[test]
     fn grammar_is_consistent() {
-        command().debug_assert();
-    }
-
-    #[test]
-    fn bare_form_gets_its_render() {
-        let inserted = |line: &str| {
-            let mut arguments: Vec<OsString> = line.split(' ').map(Into::into).collect();
-            let words: Vec<String> = line.split(' ').skip(1).map(Into::into).collect();
-            insert_render(&mut arguments, &words);
-            arguments.get(1).is_some_and(|a| a == "render") && arguments.len() > words.len() + 1
-        };
-        assert!(inserted("surfel a.ply -o x.png"));
-        assert!(inserted("surfel -o x.png a.ply"));
-        assert!(inserted("surfel -q --threads 2 a.ply -o x.png"));
-        assert!(!inserted("surfel info a.ply"));
-        assert!(!inserted("surfel -q --threads 2 info a.ply"));
-        assert!(!inserted("surfel --help"));
+        super::command().debug_assert();
     }
 }

@@ -1,14 +1,14 @@
 //! `surfel backends`: what this machine can run.
 
-use crate::console;
 use crate::failure::Failure;
+use crate::stdout;
 use serde_json::json;
 use std::fmt::Write;
 
 pub(crate) fn run(as_json: bool) -> Result<(), Failure> {
     let backends = surfel::backends();
     if as_json {
-        let entry = |b: &surfel::BackendInfo| match &b.state {
+        let entry = |b: &surfel::backend::BackendInfo| match &b.state {
             Ok(info) => json!({
                 "name": b.name, "available": true, "adapter": info.adapter, "driver": info.driver,
                 "threads": info.threads, "reason": null,
@@ -17,7 +17,7 @@ pub(crate) fn run(as_json: bool) -> Result<(), Failure> {
                 "name": b.name, "available": false, "adapter": null, "driver": null, "threads": null, "reason": reason,
             }),
         };
-        return console::json_result(&backends.iter().map(entry).collect());
+        return stdout::json_result(&backends.iter().map(entry).collect());
     }
     let mut text = String::new();
     for backend in &backends {
@@ -31,5 +31,5 @@ pub(crate) fn run(as_json: bool) -> Result<(), Failure> {
         // Writing to a string can't fail.
         let _ = writeln!(text, "{:<10} {line}", backend.name);
     }
-    console::result(text.as_bytes())
+    stdout::result(text.as_bytes())
 }

@@ -3,10 +3,12 @@
 use crate::args::RenderArgs;
 use crate::failure::Failure;
 use glam::{DQuat, DVec3};
+use surfel::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes};
 use surfel::model::Projection;
-use surfel::{Camera, DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, Light, Scene, Up, ViewAxes};
+use surfel::model::Up;
+use surfel::{Camera, Light, Scene};
 
-/// Share of the picture that `--view` fills.
+/// Share of the image that `--view` fills.
 const FILL: f64 = 0.9;
 
 /// The projection that `--ortho` and `--fov-y` ask for.
@@ -39,9 +41,9 @@ pub(crate) fn reframe(camera: &Camera, scene: &Scene, up: Up, args: &RenderArgs)
         (false, Projection::Perspective { fov_y_deg }) => FrameProjection::Perspective(fov_y_deg),
         (false, Projection::Intrinsics { fy, .. }) => FrameProjection::Perspective(fov_of(fy, size[1])),
     };
-    let axes = ViewAxes::named(view, up);
+    let axes = ViewAxes::of_choice(view, &scene.objects, up);
     let turning = args.turntable.then(|| up.vector());
-    surfel::frame_camera(scene, &FrameOptions { axes, projection, size, fill: FILL, turning })
+    surfel::framing::frame_camera(scene, &FrameOptions { axes, projection, size, fill: FILL, turning })
 }
 
 fn fov_of(focal_px: f64, height_px: u32) -> f64 {
@@ -89,14 +91,15 @@ fn upward(camera: &Camera, up: Up) -> [f64; 3] {
     if forward.cross(along).length() > 1e-6 {
         return along.into();
     }
-    let view = if forward.dot(along) < 0.0 { surfel::NamedView::Top } else { surfel::NamedView::Bottom };
+    let view =
+        if forward.dot(along) < 0.0 { surfel::framing::NamedView::Top } else { surfel::framing::NamedView::Bottom };
     ViewAxes::named(view, up).up.into()
 }
 
 /// Near and far planes about the scene: near only where it is ours to choose, far only where it is needed.
 fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     let forward = ViewAxes::of(camera).forward;
-    let Some((first, last)) = surfel::depth_range(scene, camera.eye.into(), forward) else { return };
+    let Some((first, last)) = surfel::framing::depth_range(scene, camera.eye.into(), forward) else { return };
     let size = (last - first).max(1e-6);
     if own_near {
         camera.near = if first > 0.0 { 0.5 * first } else { 1e-3 * size };
@@ -131,6 +134,7 @@ impl Turntable {
                 Light::Directional { direction: d, .. } => *d = direction(*d),
                 Light::Point { position, .. } => *position = point(*position),
                 Light::Spot { position, direction: d, .. } => (*position, *d) = (point(*position), direction(*d)),
+                _ => {}
             }
         }
         (camera, lights)

@@ -1,8 +1,8 @@
-//! `surfel compare`: how far two pictures are apart.
+//! `surfel compare`: how far two images are apart.
 
 use crate::args::CompareArgs;
-use crate::console;
 use crate::failure::Failure;
+use crate::stdout;
 use crate::values::{Threshold, json_number};
 use serde_json::{Map, json};
 use std::fmt::Write;
@@ -38,9 +38,9 @@ pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
         surfel::io::save_png(path, args.force, &view, &PngOptions::default())?;
     }
     if args.json {
-        console::json_result(&as_json(args, &colors, &planes))?;
+        stdout::json_result(&as_json(args, &colors, &planes))?;
     } else {
-        console::result(as_text(&colors, &planes).as_bytes())?;
+        stdout::result(as_text(&colors, &planes).as_bytes())?;
     }
     judge(args, &colors)
 }
@@ -51,7 +51,7 @@ fn colors(size: &Planes, a: &[f32], b: &[f32]) -> Result<Comparison, MetricsErro
     surfel_metrics::compare(&a, &b, &CompareOptions::default())
 }
 
-/// The planes besides colour that both pictures have.
+/// The planes besides colour that both images have.
 fn planes(a: &Planes, b: &Planes) -> Result<Vec<(String, PlaneComparison)>, MetricsError> {
     let mut found = Vec::new();
     let mut add = |name: &str, a: Option<&[f32]>, b: Option<&[f32]>| {

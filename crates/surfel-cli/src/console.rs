@@ -1,6 +1,5 @@
-//! What the user sees on stderr, and results on stdout.
+//! What the user sees on stderr.
 
-use crate::failure::Failure;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
@@ -112,17 +111,4 @@ pub(crate) fn error(message: &str) {
 fn to_stderr(text: &str) {
     // Nobody is left to tell where stderr is closed.
     let _ = std::io::stderr().lock().write_all(text.as_bytes());
-}
-
-/// Writes a result to stdout.
-pub(crate) fn result(bytes: &[u8]) -> Result<(), Failure> {
-    let mut out = std::io::stdout().lock();
-    out.write_all(bytes).and_then(|()| out.flush()).map_err(|e| Failure::stdout(&e))
-}
-
-/// Writes a JSON result to stdout, indented.
-pub(crate) fn json_result(value: &serde_json::Value) -> Result<(), Failure> {
-    let mut text = serde_json::to_string_pretty(value).map_err(|e| Failure::other(e.to_string()))?;
-    text.push('\n');
-    result(text.as_bytes())
 }

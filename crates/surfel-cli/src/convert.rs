@@ -1,123 +1,59 @@
 //! `surfel convert`: splats of points and meshes.
 
 use crate::args::ConvertArgs;
-use crate::console::{self, Console};
+use crate::console::Console;
 use crate::failure::Failure;
-use surfel::io::{Content, IoError, PlyEncoding};
-use surfel::model::{Column3, OnInvalid, Shape};
-use surfel::sample::{MeshMethod, SharpOptions};
-use surfel::{Conversion, LoadOptions, SplatCloud, Up};
+use crate::stdin::{self, Stdin, is_stdin};
+use crate::{splats, stdout};
+use std::path::Path;
+use surfel::io::{IoError, PlyEncoding};
+use surfel::model::{ConvertOptions, Cull, OnInvalid, Shape, Up};
+use surfel::sample::CLOSED_MESH;
+use surfel::{LoadOptions, SplatCloud};
 
 pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     check_output(args)?;
     if args.hybrid {
         return hybrid(args, console);
     }
-    let cloud = if args.sharp { sharp(args, console)? } else { spread(args, console)? };
-    save(args, &cloud, console)
+    save(args, &converted(args, console)?, console)
 }
 
-/// Clipped splats of a mesh.
-fn sharp(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
-    let name = args.input.display();
-    let io_options = surfel::io::LoadOptions { repair: args.repair, texture: args.texture.clone() };
-    let loaded = surfel::io::load(&args.input, &io_options)?;
-    let mesh = match loaded.content {
-        Content::Mesh(mesh) => mesh,
-        Content::Points(_) => return sharp_points(args, console),
-        _ => return Err(Failure::usage(format!("{name}: holds splats, expected a mesh or points for --sharp"))),
-    };
-    for note in &loaded.notes {
-        console.note(&format!("{name}: {note}"));
-    }
-    let defaults = SharpOptions::default();
-    let options = SharpOptions {
-        crease_angle_deg: args.crease_angle.unwrap_or(defaults.crease_angle_deg),
-        splats: args.splats.map(|n| n as usize),
-        error: args.error,
-        radius_scale: args.radius_scale.unwrap_or(1.0),
-    };
+fn options(args: &ConvertArgs) -> Result<LoadOptions, Failure> {
+    let mut convert = ConvertOptions::default();
+    splats::apply(&args.splats, &mut convert)?;
+    let stdin = if is_stdin(&args.input) { Some(Stdin::default().bytes()?) } else { None };
+    Ok(LoadOptions::default().with_convert(&convert, Path::new("")).with_stdin(stdin))
+}
+
+fn converted(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
     let progress = console.progress();
-    let made = surfel::sample::sharp_splats_from_mesh(&mesh, &options, &progress);
+    let loaded = surfel::load(&args.input, &options(args)?.with_interior_weight(true), &progress)?;
     drop(progress);
-    let (mut cloud, r) = made.map_err(|source| surfel::Error::Sample { path: args.input.clone(), source })?;
-    let [ridges, edges] = r.ridges;
-    console.note(&format!(
-        "{name}: a mesh of {} triangles, {ridges} ridges of {edges} edges: {} splats, {} clipped by a curve, {} by lines",
-        mesh.triangles.len(),
-        r.splats,
-        r.with_curve,
-        r.with_lines
-    ));
-    console.note(&format!("{name}: {}", r.errors.comment()));
+    for note in &loaded.notes {
+        console.note(&format!("{}: {note}", stdin::display(&args.input)));
+    }
+    let unused: Vec<_> = loaded.unused.into_iter().map(|option| (args.input.clone(), option)).collect();
+    splats::check_used(&args.splats, &unused, console)?;
+    let mut cloud = loaded.cloud;
+    // PLY's own default needs no words.
     if loaded.up != Up::PlusY || cloud.data().up.is_some() {
         cloud.set_up(loaded.up);
     }
-    Ok(cloud)
+    match args.splats.cull {
+        Some(cull) => culled(cloud, cull),
+        None => Ok(cloud),
+    }
 }
 
-/// Splats of points, clipped along the edges that they show.
-fn sharp_points(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
-    let name = args.input.display();
-    if args.splats.is_some() || args.error.is_some() {
-        let message = format!("{name}: holds points, each of which is a splat: --splats and --error are for meshes");
-        return Err(Failure::usage(message));
+/// Splats with the comment that lets their backs be left out, or without it.
+fn culled(cloud: SplatCloud, cull: Cull) -> Result<SplatCloud, Failure> {
+    let mut data = cloud.into_data();
+    data.comments.retain(|comment| comment != CLOSED_MESH);
+    if cull == Cull::Back {
+        data.comments.push(CLOSED_MESH.to_owned());
     }
-    let cloud = spread(args, console)?;
-    let angle = args.crease_angle.unwrap_or(SharpOptions::default().crease_angle_deg);
-    let progress = console.progress();
-    let made = surfel::sample::sharpen_points(&cloud, angle, &progress);
-    drop(progress);
-    let (cloud, r) = made.map_err(|source| surfel::Error::Sample { path: args.input.clone(), source })?;
-    console.note(&if r.clipped == 0 {
-        format!("{name}: no edge of {angle} degrees or more is found in the points, nothing is clipped")
-    } else {
-        format!("{name}: {} splats clipped along edges, {} of them at corners", r.clipped, r.corners)
-    });
-    Ok(cloud)
-}
-
-/// Splats of points or of a mesh without clips, or of splats.
-fn spread(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
-    let method = match args.splats {
-        Some(n) => Some(MeshMethod::Count(n as usize)),
-        None if args.per_face => Some(MeshMethod::PerFace),
-        None if args.per_vertex => Some(MeshMethod::PerVertex),
-        None => None,
-    };
-    let options = LoadOptions {
-        repair: args.repair,
-        texture: args.texture.clone(),
-        method,
-        radius_scale: args.radius_scale.unwrap_or(1.0),
-        interior_weight: true,
-    };
-    let progress = console.progress();
-    let prepared = surfel::prepare(&args.input, &options, &progress)?;
-    drop(progress);
-    let name = args.input.display();
-    for note in &prepared.notes {
-        console.note(&format!("{name}: {note}"));
-    }
-    let fits = match (&prepared.conversion, method) {
-        (_, None) | (Conversion::Mesh(_), _) => true,
-        (Conversion::Points(_), Some(method)) => method == MeshMethod::PerVertex,
-        (Conversion::None, Some(_)) => false,
-    };
-    if !fits {
-        let what = if prepared.conversion == Conversion::None { "splats" } else { "points" };
-        let message = format!("{name}: holds {what}, expected a mesh for --per-vertex, --per-face and --splats");
-        return Err(Failure::usage(message));
-    }
-    let mut cloud = prepared.cloud;
-    if let (Conversion::None, Some(scale)) = (&prepared.conversion, args.radius_scale) {
-        cloud = scaled(cloud, scale)?;
-    }
-    // PLY's own default needs no words.
-    if prepared.up != Up::PlusY || cloud.data().up.is_some() {
-        cloud.set_up(prepared.up);
-    }
-    Ok(cloud)
+    Ok(SplatCloud::new(data, OnInvalid::Refuse).map_err(surfel::Error::from)?.0)
 }
 
 fn save(args: &ConvertArgs, cloud: &SplatCloud, console: &Console) -> Result<(), Failure> {
@@ -126,7 +62,7 @@ fn save(args: &ConvertArgs, cloud: &SplatCloud, console: &Console) -> Result<(),
         let mut bytes = Vec::new();
         let written = surfel::io::write_splat_ply(&mut bytes, cloud, encoding);
         written.map_err(|e| Failure::other(format!("can't encode the splats: {e}")))?;
-        console::result(&bytes)?;
+        stdout::result(&bytes)?;
     } else {
         surfel::io::save_splat_ply(&args.output, args.force, cloud, encoding)?;
     }
@@ -136,20 +72,19 @@ fn save(args: &ConvertArgs, cloud: &SplatCloud, console: &Console) -> Result<(),
 
 /// An octree of splats and polygons.
 fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
-    let options = LoadOptions { texture: args.texture.clone(), ..LoadOptions::default() };
     let progress = console.progress();
-    let (octree, notes) = surfel::prepare_hybrid(&args.input, &options, &progress)?;
+    let (octree, notes) = surfel::load_octree(&args.input, &options(args)?, &progress)?;
     drop(progress);
     for note in &notes {
-        console.note(&format!("{}: {note}", args.input.display()));
+        console.note(&format!("{}: {note}", stdin::display(&args.input)));
     }
     if args.output.as_os_str() == "-" {
         let mut bytes = Vec::new();
-        let written = surfel::io::write_hybrid(&mut bytes, &octree);
+        let written = surfel::io::write_octree(&mut bytes, &octree);
         written.map_err(|e| Failure::other(format!("can't encode the octree: {e}")))?;
-        console::result(&bytes)?;
+        stdout::result(&bytes)?;
     } else {
-        surfel::io::save_hybrid(&args.output, args.force, &octree)?;
+        surfel::io::save_octree(&args.output, args.force, &octree)?;
     }
     let leaves = octree.nodes().iter().filter(|n| n.is_leaf()).count();
     console.note(&format!(
@@ -183,22 +118,6 @@ fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
         return Err(IoError::Exists { path: output.clone() }.into());
     }
     Ok(())
-}
-
-/// Splats with other radii, and the interior weight that goes with them.
-fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Failure> {
-    let mut data = cloud.into_data();
-    let column = |c: &Column3| Column3::from_f32(c.high().iter().map(|v| *v * scale as f32).collect());
-    match &mut data.shape {
-        Shape::Disks { radii, .. } => radii.iter_mut().for_each(|r| *r *= scale as f32),
-        Shape::Ellipses { s, t } => (*s, *t) = (column(s), column(t)),
-    }
-    data.interior_weight = None;
-    let (mut cloud, _) = SplatCloud::new(data, OnInvalid::Refuse).map_err(surfel::Error::from)?;
-    if let Some(weight) = surfel::sample::interior_weight(&cloud) {
-        cloud.set_interior_weight(weight);
-    }
-    Ok(cloud)
 }
 
 fn summary(cloud: &SplatCloud) -> String {

@@ -1,9 +1,9 @@
 //! Why a run failed, and with which exit code.
 
-use crate::console;
 use surfel::io::IoError;
+use surfel::render::RenderError;
 use surfel::sample::SampleError;
-use surfel::{BackendError, Error, RenderError};
+use surfel::{BackendError, Error};
 
 /// A failed run: an exit code and a message of at most four lines.
 #[derive(Debug)]
@@ -28,9 +28,19 @@ impl Failure {
         Self { code: 3, message: message.into() }
     }
 
+    /// Exit code 4: the backend that was asked for is not here, or doesn't draw what was asked of it.
+    pub(crate) fn backend(message: impl Into<String>) -> Self {
+        Self { code: 4, message: message.into() }
+    }
+
     /// Exit code 5: a comparison over its threshold.
     pub(crate) fn threshold(message: impl Into<String>) -> Self {
         Self { code: 5, message: message.into() }
+    }
+
+    /// Another exit code, that of what happened before.
+    pub(crate) fn with_code(code: u8, message: impl Into<String>) -> Self {
+        Self { code, message: message.into() }
     }
 
     /// Writing to stdout failed. A reader that has seen enough and closed its end is no failure.
@@ -41,12 +51,14 @@ impl Failure {
         Self::other(format!("stdout: cannot write it: {error}"))
     }
 
-    /// Prints the message and gives the exit code.
-    pub(crate) fn report(&self) -> u8 {
-        if !self.message.is_empty() {
-            console::error(&self.message);
-        }
+    /// The exit code.
+    pub(crate) fn code(&self) -> u8 {
         self.code
+    }
+
+    /// The message; empty where there is nothing to say.
+    pub(crate) fn message(&self) -> &str {
+        &self.message
     }
 }
 
@@ -55,6 +67,7 @@ impl From<Error> for Failure {
         let message = error.to_string();
         match error {
             Error::Backend(e) => e.into(),
+            Error::Render(RenderError::Unsupported { .. }) => Self::backend(message),
             Error::Sample { source: SampleError::Option { .. }, .. } => Self::usage(message),
             e if e.is_bad_input() => Self::input(message),
             _ => Self::other(message),
@@ -76,6 +89,6 @@ impl From<RenderError> for Failure {
 
 impl From<BackendError> for Failure {
     fn from(error: BackendError) -> Self {
-        Self { code: 4, message: error.to_string() }
+        Self::backend(error.to_string())
     }
 }

@@ -1,15 +1,23 @@
 //! `surfel info`: what a file holds, without converting all of it.
 
 use crate::args::InfoArgs;
-use crate::console::{self, Console};
+use crate::console::Console;
 use crate::failure::Failure;
+use crate::stdin::{self, Stdin, is_stdin};
+use crate::stdout;
 use crate::values::json_number;
 use glam::DVec3;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
 use surfel::NoProgress;
+use surfel::framing::UpReason;
 use surfel::io::{Content, Loaded};
 use surfel::model::{Column3, Mesh, PointCloud, SplatCloud};
-use surfel::sample::{MeshMethod, MeshOptions, PointOptions, SharpErrors};
+#[cfg(feature = "sharp")]
+use surfel::sample::SharpErrors;
+use surfel::sample::{MeshMethod, MeshOptions, PointOptions};
 
 /// Points up to which radii are estimated from all of them.
 const ALL: usize = 12_000;
@@ -37,29 +45,36 @@ impl Radii {
 
 pub(crate) fn run(args: &InfoArgs, console: &Console) -> Result<(), Failure> {
     let path = &args.input;
-    if surfel::is_scene_file(path) {
+    if surfel::scene::is_scene_file(path) {
         let what = "is a scene file, expected splats, points or a mesh: surfel render SCENE --print-scene shows it";
         return Err(Failure::input(format!("{}: {what}", path.display())));
     }
     let options = surfel::io::LoadOptions { repair: args.repair, texture: None };
-    let loaded = surfel::io::load(path, &options)?;
-    let facts = facts(args, &loaded);
+    let from_stdin = if is_stdin(path) { Some(Stdin::default().bytes()?) } else { None };
+    let (loaded, file_bytes) = match &from_stdin {
+        Some(bytes) => (surfel::io::load_bytes(bytes, None, Path::new("stdin"), &options)?, bytes.len() as u64),
+        None => (surfel::io::load(path, &options)?, std::fs::metadata(path).map(|m| m.len()).unwrap_or(0)),
+    };
+    let facts = facts(args, &loaded, file_bytes);
     if args.json {
-        return console::json_result(&facts);
+        return stdout::json_result(&facts);
     }
     for note in &loaded.notes {
-        console.note(&format!("{}: {note}", path.display()));
+        console.note(&format!("{}: {note}", stdin::display(path)));
     }
-    console::result(text(&facts).as_bytes())
+    stdout::result(text(&facts).as_bytes())
 }
 
-fn facts(args: &InfoArgs, loaded: &Loaded) -> Value {
-    let own_up = loaded.content.own_up().is_some();
-    let reason = if own_up { "the file says so".to_owned() } else { format!("default of {}", loaded.format) };
+fn facts(args: &InfoArgs, loaded: &Loaded, file_bytes: u64) -> Value {
+    let reason = match surfel::scene::up_reason(loaded) {
+        Some(UpReason::Stated) => "the file says so".to_owned(),
+        Some(_) => format!("as always in {}", loaded.format),
+        None => format!("default of {}; pictures judge by the shape", loaded.format),
+    };
     let mut facts = json!({
         "file": args.input.to_string_lossy(),
         "format": loaded.format.name(),
-        "file_bytes": std::fs::metadata(&args.input).map(|m| m.len()).unwrap_or(0),
+        "file_bytes": file_bytes,
         "up": loaded.up.name(),
         "up_reason": reason,
         "attributes": loaded.attributes,
@@ -76,7 +91,7 @@ fn facts(args: &InfoArgs, loaded: &Loaded) -> Value {
             let bounds = bounds(points.origin, &points.positions);
             ("points", counts, bounds, radii_of_points(points), bytes_of_points(points), None)
         }
-        Content::Hybrid(octree) => {
+        Content::Octree(octree) => {
             let (cloud, mesh) = (octree.cloud(), octree.mesh());
             let radii = Radii::of((0..cloud.len()).map(|i| cloud.radius_max(i)).collect(), "given");
             let counts = json!({ "splats": cloud.len(), "vertices": mesh.positions.len(),
@@ -101,6 +116,7 @@ fn facts(args: &InfoArgs, loaded: &Loaded) -> Value {
     });
     facts["memory_bytes"] = json!(memory);
     facts["interior_weight"] = json!(interior_weight);
+    #[cfg(feature = "sharp")]
     if let Content::Splats(cloud) = &loaded.content {
         // What `convert --sharp` measured against the mesh.
         let errors = cloud.data().comments.iter().find_map(|c| c.strip_prefix(SharpErrors::PREFIX));
@@ -132,7 +148,14 @@ fn bytes_of_mesh(m: &Mesh) -> usize {
         + m.colors.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
         + m.alphas.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
         + m.uvs.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
-        + m.texture.as_ref().map_or(0, |t| size_of_val(t.srgba8.as_slice()))
+        + m.materials.as_ref().map_or(0, |all| size_of_val(all.of_triangle.as_slice()))
+        + bytes_of_textures(m)
+}
+
+/// Each texture once, however many materials show it.
+fn bytes_of_textures(m: &Mesh) -> usize {
+    let textures: BTreeMap<_, _> = m.textures().map(|t| (Arc::as_ptr(t), size_of_val(t.srgba8.as_slice()))).collect();
+    textures.values().sum()
 }
 
 fn radii_of(cloud: &SplatCloud, count: usize) -> impl Iterator<Item = f64> {

@@ -3,6 +3,7 @@
 //! Results go to stdout, everything else to stderr. Exit codes: 0 ok, 1 failure, 2 usage, 3 bad input, 4 no such
 //! backend here, 5 comparison over a threshold.
 
+mod again;
 mod args;
 mod backends;
 mod camera;
@@ -12,13 +13,21 @@ mod console;
 mod convert;
 mod failure;
 mod info;
+mod metadata;
 mod output;
 mod pages;
+mod parse;
+mod paths;
 mod render;
 mod resolve;
+mod splats;
 mod stats;
+mod stdin;
+mod stdout;
 mod values;
 mod verify;
+#[cfg(all(target_os = "linux", feature = "wgpu"))]
+mod wayland;
 
 use args::Command;
 use console::Console;
@@ -27,6 +36,8 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    #[cfg(all(target_os = "linux", feature = "wgpu"))]
+    wayland::silence();
     // A panic is a defect, but never a page of text: one line on stderr, exit code 1.
     std::panic::set_hook(Box::new(|info| {
         let place = info.location().map(|l| format!(" ({}:{})", l.file(), l.line())).unwrap_or_default();
@@ -37,33 +48,39 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: Vec<OsString>) -> ExitCode {
-    let (cli, command_line) = match args::parse(arguments) {
+    let cli = match parse::parse(arguments) {
         Ok(parsed) => parsed,
         Err(code) => return ExitCode::from(code),
     };
     let console = Console::new(cli.quiet, cli.verbose);
     let threads = cli.threads.unwrap_or(0);
-    // Conversions use as many threads as the picture does.
+    // Conversions use as many threads as the image does.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let result = match pool {
-        Ok(pool) => pool.install(|| execute(cli.command, threads, &command_line, &console)),
+        Ok(pool) => pool.install(|| execute(cli.command, threads, &console)),
         Err(error) => Err(Failure::other(format!("can't start {threads} threads: {error}"))),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => ExitCode::from(failure.report()),
+        Err(failure) => {
+            if !failure.message().is_empty() {
+                console::error(failure.message());
+            }
+            ExitCode::from(failure.code())
+        }
     }
 }
 
-fn execute(command: Command, threads: usize, command_line: &str, console: &Console) -> Result<(), Failure> {
+fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Failure> {
     match command {
-        Command::Render(args) => render::run(&args, threads, command_line, console),
+        Command::Render(args) => render::run(&args, threads, console),
+        Command::Again(args) => again::run(&args, threads, console),
         Command::Convert(args) => convert::run(&args, console),
         Command::Info(args) => info::run(&args, console),
         Command::Compare(args) => compare::run(&args),
         Command::Backends(args) => backends::run(args.json),
         Command::View(_) => {
-            Err(Failure::other("this version of surfel has no window\n  help: surfel INPUT -o OUT.png makes a picture"))
+            Err(Failure::other("this version of surfel has no window\n  help: surfel INPUT -o OUT.png makes an image"))
         }
         Command::Completions(args) => pages::completions(args.shell),
         Command::Man => pages::man(),

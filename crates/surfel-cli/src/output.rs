@@ -1,15 +1,17 @@
-//! Where pictures go: names, formats, metadata.
+//! Where images go: names, formats, metadata.
 
-use crate::console;
 use crate::failure::Failure;
+use crate::stdin::is_stdin;
+use crate::stdout;
 use std::path::{Path, PathBuf};
 use surfel::Frame;
-use surfel::io::{BitDepth, ExrOptions, IoError, PngOptions};
+use surfel::io::{BitDepth, ExrOptions, IoError, JpegOptions, PngOptions};
 
-/// A picture's format.
+/// An image's format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Format {
     Png { sixteen: bool },
+    Jpeg,
     Exr { f32_color: bool },
 }
 
@@ -33,16 +35,17 @@ impl Output {
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         let format = match extension.as_deref() {
             Some("png") => png,
+            Some("jpg" | "jpeg") => Format::Jpeg,
             Some("exr") => Format::Exr { f32_color: exr_f32 },
             _ => {
-                let what = "expected a name that ends in .png or .exr, or - for PNG on stdout";
+                let what = "expected a name that ends in .png, .jpg or .exr, or - for PNG on stdout";
                 return Err(Failure::usage(format!("-o {name}: {what}")));
             }
         };
         Ok(Self { template: Some(name), format, force })
     }
 
-    /// True if the pictures go to stdout.
+    /// True if the images go to stdout.
     pub(crate) fn is_stdout(&self) -> bool {
         self.template.is_none()
     }
@@ -52,8 +55,19 @@ impl Output {
         self.template.as_ref().is_some_and(|t| t.contains("{frame}"))
     }
 
+    /// True if every input gets a name of its own.
+    pub(crate) fn names_inputs(&self) -> bool {
+        self.template.as_ref().is_some_and(|t| t.contains("{input}"))
+    }
+
+    /// The folder that the picture at `path` lies in; for stdout the current one.
+    pub(crate) fn folder(path: Option<&Path>) -> &Path {
+        path.and_then(Path::parent).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    }
+
     /// The file of a frame; `None`: stdout.
     pub(crate) fn path(&self, backend: &str, frame: u32, input: &Path) -> Option<PathBuf> {
+        let input = if is_stdin(input) { Path::new("stdin") } else { input };
         let stem = input.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
         let frame = format!("{frame:04}");
         // In one go, so that an input called "{frame}" stays what it is.
@@ -79,7 +93,7 @@ impl Output {
         if path.is_file() && !self.force {
             return Err(IoError::Exists { path: path.to_path_buf() }.into());
         }
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = Self::folder(Some(path));
         if !folder.is_dir() {
             let message = format!("{}: there is no folder {}: create it first", path.display(), folder.display());
             return Err(Failure::other(message));
@@ -87,14 +101,15 @@ impl Output {
         Ok(())
     }
 
-    /// Writes a frame.
+    /// Writes a frame, a JPEG blended onto the background's linear RGB.
     pub(crate) fn write(
         &self,
         path: Option<&Path>,
         frame: &Frame,
+        background: [f64; 4],
         metadata: Vec<(String, String)>,
     ) -> Result<(), Failure> {
-        let planes = surfel::planes(frame);
+        let planes = frame.planes();
         let png = |sixteen: bool, metadata| {
             let depth = if sixteen { BitDepth::Sixteen } else { BitDepth::Eight };
             PngOptions { depth, metadata }
@@ -106,12 +121,17 @@ impl Output {
             (Some(path), Format::Exr { f32_color }) => {
                 surfel::io::save_exr(path, self.force, &planes, &ExrOptions { f32_color, metadata })?;
             }
+            (Some(path), Format::Jpeg) => {
+                let [r, g, b, _] = background.map(|c| c as f32);
+                let options = JpegOptions { background: [r, g, b], ..JpegOptions::default() };
+                surfel::io::save_jpeg(path, self.force, &planes, &options)?;
+            }
             (None, format) => {
                 let sixteen = matches!(format, Format::Png { sixteen: true });
                 let mut bytes = Vec::new();
                 let written = surfel::io::write_png(&mut bytes, &planes, &png(sixteen, metadata));
-                written.map_err(|e| Failure::other(format!("can't encode the picture: {e}")))?;
-                console::result(&bytes)?;
+                written.map_err(|e| Failure::other(format!("can't encode the image: {e}")))?;
+                stdout::result(&bytes)?;
             }
         }
         Ok(())
@@ -131,7 +151,7 @@ mod tests {
 
     #[test]
     fn other_formats_are_a_usage_error() {
-        for name in ["a.jpg", "a", "png", ".png/"] {
+        for name in ["a.gif", "a", "png", ".png/"] {
             assert!(Output::new(Path::new(name), false, false, false).is_err(), "{name}");
         }
     }

@@ -1,14 +1,14 @@
 //! Shell completions and the manual page.
 
 use crate::args;
-use crate::console;
 use crate::failure::Failure;
+use crate::stdout;
 use clap_complete::Shell;
 
 pub(crate) fn completions(shell: Shell) -> Result<(), Failure> {
     let mut bytes = Vec::new();
     clap_complete::generate(shell, &mut args::command(), "surfel", &mut bytes);
-    console::result(&bytes)
+    stdout::result(&bytes)
 }
 
 /// One page: the program, then each of its commands.
@@ -26,5 +26,5 @@ pub(crate) fn man() -> Result<(), Failure> {
         man.render_description_section(&mut bytes).map_err(failed)?;
         man.render_options_section(&mut bytes).map_err(failed)?;
     }
-    console::result(&bytes)
+    stdout::result(&bytes)
 }

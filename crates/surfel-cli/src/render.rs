@@ -4,85 +4,274 @@ use crate::args::RenderArgs;
 use crate::camera;
 use crate::console::{self, Console};
 use crate::failure::Failure;
+use crate::metadata;
 use crate::output::{Format, Output};
-use crate::resolve::{Resolved, resolve};
+use crate::paths;
+use crate::resolve::{Resolved, Source, resolve};
 use crate::stats;
-use crate::verify::verify;
+use crate::stdin::{self, Stdin};
+use crate::stdout;
+use crate::verify::{Verified, verify};
+use serde_json::Value;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use surfel::backend::Chosen;
+use surfel::model::SceneFile;
 use surfel::render::{Capabilities, SceneSummary, unsupported};
 use surfel::{
-    Backend, BackendOptions, BackendScene, Camera, Chosen, Frame, Planes, Preset, Progress as _, Renderer, Scene,
-    SceneFile, Stats, View,
+    Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Preset, Progress as _, Renderer, Scene, Stats,
 };
 
-pub(crate) fn run(args: &RenderArgs, threads: usize, command: &str, console: &Console) -> Result<(), Failure> {
-    let output = args.output.as_deref().map(|o| Output::new(o, args.force, args.png16, args.exr_f32)).transpose()?;
+pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Result<(), Failure> {
+    let default = default_output(args);
+    let output = args.output.as_deref().or(default.as_deref());
+    let output = output.map(|o| Output::new(o, args.force, args.png16, args.exr_f32)).transpose()?;
     check(args, output.as_ref())?;
-    let renders = output.is_some() || args.stats || args.verify;
-    let mut backend = if renders { Some(start(args, threads, console)?) } else { None };
-    let frames = args.frames.unwrap_or(1);
-    let input = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
-    let name_of = |backend: &Backend, frame: u32| output.as_ref()?.path(backend.info().backend, frame, input);
-    if let (Some(backend), Some(output)) = (&backend, &output) {
-        for frame in 0..frames {
-            output.check(name_of(backend, frame).as_deref())?;
+    let apart = args.inputs.len() > 1 && output.as_ref().is_some_and(Output::names_inputs);
+    let mut session = Session::start(args, output, Stdin::default(), threads, console)?;
+    if apart {
+        return session.draw_each();
+    }
+    let label = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
+    session.check_names(label)?;
+    let drawn = session.draw(Source::of(&args.inputs, &session.stdin)?, label)?;
+    if args.bare && args.output.is_none() {
+        drawn.files.iter().for_each(|file| console.note(&format!("wrote {}", file.display())));
+    }
+    if let Some(stats) = &drawn.stats {
+        stdout::json_result(stats)?;
+    } else if let Some(verified) = &drawn.verified {
+        stdout::result(verified.text().as_bytes())?;
+    }
+    drawn.verified.map_or(Ok(()), |verified| verified.judge())
+}
+
+/// The image of `surfel INPUT` alone: INPUT's name with .png, in the current folder.
+fn default_output(args: &RenderArgs) -> Option<PathBuf> {
+    let wanted = args.bare && !args.print_scene && !args.stats && !args.verify;
+    (wanted && args.inputs.len() == 1).then(|| "{input}.png".into())
+}
+
+/// What one command draws: one image, or one for each input.
+pub(crate) struct Session<'a> {
+    args: &'a RenderArgs,
+    output: Option<Output>,
+    stdin: Stdin,
+    threads: usize,
+    console: &'a Console,
+    /// `None` where nothing is drawn.
+    backend: Option<Backend>,
+}
+
+/// An image that was drawn.
+#[derive(Default)]
+pub(crate) struct Drawn {
+    /// The files written, one a frame; none for stdout.
+    pub(crate) files: Vec<PathBuf>,
+    /// What `--stats` prints.
+    stats: Option<Value>,
+    /// What `--verify` found.
+    verified: Option<Verified>,
+}
+
+impl<'a> Session<'a> {
+    /// Starts the backend, if anything is drawn.
+    pub(crate) fn start(
+        args: &'a RenderArgs,
+        output: Option<Output>,
+        stdin: Stdin,
+        threads: usize,
+        console: &'a Console,
+    ) -> Result<Self, Failure> {
+        let draws = output.is_some() || args.stats || args.verify;
+        let backend = if draws { Some(start(args, threads, console)?) } else { None };
+        Ok(Self { args, output, stdin, threads, console, backend })
+    }
+
+    /// The files of a picture that this backend draws, one a frame; none for stdout.
+    fn names(&self, backend: &Backend, label: &Path) -> Vec<PathBuf> {
+        let frames = 0..self.args.frames.unwrap_or(1);
+        let name = |frame| self.output.as_ref()?.path(backend.info().backend, frame, label);
+        frames.filter_map(name).collect()
+    }
+
+    /// Refuses what couldn't be written anyway, before the work is done.
+    pub(crate) fn check_names(&self, label: &Path) -> Result<(), Failure> {
+        let (Some(output), Some(backend)) = (&self.output, &self.backend) else { return Ok(()) };
+        self.names(backend, label).iter().try_for_each(|path| output.check(Some(path)))
+    }
+
+    /// Draws each input as a picture of its own, in order. One that fails is reported, and the others still drawn; the
+    /// exit code is then that of the first failure.
+    fn draw_each(&mut self) -> Result<(), Failure> {
+        let inputs = &self.args.inputs;
+        if let Some(backend) = &self.backend {
+            let names: Vec<_> = inputs.iter().map(|input| self.names(backend, input)).collect();
+            for (i, name) in names.iter().enumerate() {
+                if let Some(j) = names[..i].iter().position(|earlier| earlier == name) {
+                    return Err(Failure::usage(format!(
+                        "{} and {} would both be written to {}, expected inputs of different names: draw them by two \
+                         commands",
+                        stdin::display(&inputs[j]),
+                        stdin::display(&inputs[i]),
+                        name.first().map(|n| n.display().to_string()).unwrap_or_default()
+                    )));
+                }
+            }
+        }
+        let (mut failed, mut first, mut stats) = (0, 0, Vec::new());
+        for input in inputs {
+            match self.draw_one(input) {
+                Ok(of_input) => stats.extend(of_input),
+                Err(failure) => {
+                    failed += 1;
+                    first = if first == 0 { failure.code() } else { first };
+                    let (name, message) = (stdin::display(input).to_string(), failure.message());
+                    let named = message.contains(&name);
+                    console::error(&if named { message.to_owned() } else { format!("{name}: {message}") });
+                }
+            }
+        }
+        if self.args.stats {
+            stdout::json_result(&Value::Array(stats))?;
+        }
+        match failed {
+            0 => Ok(()),
+            _ => Err(Failure::with_code(first, format!("{failed} of {} pictures failed, as said above", inputs.len()))),
         }
     }
 
-    let resolved = resolve(args, console)?;
-    camera::view(&resolved.file.camera, args)?;
-    if args.print_scene {
-        print_scene(args, &resolved.file, console)?;
+    /// Draws one of several inputs, and gives its statistics, if they are asked for.
+    fn draw_one(&mut self, input: &Path) -> Result<Option<Value>, Failure> {
+        self.check_names(input)?;
+        let source = Source::of(&[input.to_path_buf()], &self.stdin)?;
+        let drawn = self.draw(source, input)?;
+        if let Some(verified) = &drawn.verified {
+            if !self.args.stats {
+                stdout::result(format!("{}\n{}", stdin::display(input), verified.text()).as_bytes())?;
+            }
+            verified.judge()?;
+        }
+        Ok(drawn.stats.map(|mut stats| {
+            stats["input"] = stdin::display(input).to_string().into();
+            stats
+        }))
     }
-    let Some(backend) = &mut backend else { return Ok(()) };
-    let planes = match output.as_ref().map(|o| o.format) {
-        Some(Format::Exr { .. }) => Planes::ALL,
-        _ => Planes::COLOR,
-    };
-    let mut summary = SceneSummary::of(&resolved.scene);
-    // Any frame may come close enough for polygons.
-    summary.meshes |= !resolved.hybrids.is_empty();
-    let refuses = |c: &Capabilities| unsupported(&summary, &resolved.file.settings, planes, c).map(|e| e.to_string());
-    if args.backend == "auto" && refuses(&backend.info().capabilities).is_some() {
-        *backend = choose(args, threads, console, refuses)?;
-        if let Some(output) = &output {
-            for frame in 0..frames {
-                output.check(name_of(backend, frame).as_deref())?;
+
+    /// Draws a scene, all frames of it; `label` is what `{input}` stands for.
+    pub(crate) fn draw(&mut self, source: Source, label: &Path) -> Result<Drawn, Failure> {
+        let (args, console, frames) = (self.args, self.console, self.args.frames.unwrap_or(1));
+        let resolved = resolve(source, args, &self.stdin, console)?;
+        camera::view(&resolved.file.camera, args)?;
+        if args.print_scene {
+            print_scene(&resolved.file)?;
+        }
+        let Some(mut backend) = self.backend.take() else { return Ok(Drawn::default()) };
+        let planes = match self.output.as_ref().map(|o| o.format) {
+            Some(Format::Exr { .. }) => Planes::ALL,
+            _ => Planes::COLOR,
+        };
+        let summary = SceneSummary::of(&resolved.scene);
+        let settings = &resolved.file.settings;
+        let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|e| e.to_string());
+        let mut other = None;
+        if args.backend == "auto" && refuses(&backend.info().capabilities).is_some() {
+            other = Some(choose(args, self.threads, console, refuses)?);
+        }
+        let result = self.draw_by(other.as_mut().unwrap_or(&mut backend), &resolved, planes, frames, label);
+        // The next picture may be one for the fastest backend again.
+        self.backend = Some(backend);
+        result
+    }
+
+    fn draw_by(
+        &self,
+        backend: &mut Backend,
+        resolved: &Resolved,
+        planes: Planes,
+        frames: u32,
+        label: &Path,
+    ) -> Result<Drawn, Failure> {
+        let (args, console) = (self.args, self.console);
+        let files = self.names(backend, label);
+        if let Some(output) = &self.output {
+            files.iter().try_for_each(|path| output.check(Some(path)))?;
+        }
+        let mut job = Job { args, console, planes, runs: Vec::new(), frame: Frame::default(), scene: None };
+        let mut carried = None;
+        for index in 0..frames {
+            let (camera, moved) = turned(resolved, index, frames);
+            job.render(backend, resolved, &camera, moved.as_ref())?;
+            if let Some(output) = &self.output {
+                let path = files.get(index as usize).map(PathBuf::as_path);
+                let scene = SceneFile {
+                    camera,
+                    lights: moved.map_or_else(|| resolved.file.lights.clone(), |moved| moved.lights),
+                    ..resolved.file.clone()
+                };
+                let metadata = self.metadata(output, path, (&scene, &resolved.beside), backend, &mut carried)?;
+                self.tell_of_alpha(output, path, &job.frame, scene.background);
+                output.write(path, &job.frame, scene.background, metadata)?;
+                if let (Some(path), Some(last)) = (path, job.runs.last()) {
+                    console.detail(&format!("{}: {:.1} ms, {} splats", path.display(), last.frame_ms, last.splats));
+                }
             }
         }
-    }
-    let mut job = Job { args, console, planes, runs: Vec::new(), frame: Frame::default(), scene: None };
-    for index in 0..frames {
-        let (camera, moved) = turned(&resolved, index, frames);
-        job.render(backend, &resolved, &camera, moved)?;
-        if let Some(output) = &output {
-            let path = name_of(backend, index);
-            output.write(path.as_deref(), &job.frame, metadata(args, &camera, &resolved.file, command))?;
-            if let (Some(path), Some(last)) = (&path, job.runs.last()) {
-                console.detail(&format!("{}: {:.1} ms, {} splats", path.display(), last.frame_ms, last.splats));
+        let verified = if args.verify {
+            let view = camera::view(&resolved.file.camera, args)?;
+            let drawn = (backend.info().backend, &job.frame);
+            let promised = promised(args, resolved);
+            Some(verify(&resolved.file.settings, promised, &resolved.scene, &view, self.threads, drawn)?)
+        } else {
+            None
+        };
+        let stats = args.stats.then(|| {
+            let size = [job.frame.width(), job.frame.height()];
+            let mut stats = stats::json(&job.runs, backend.info(), size, frames, promised(args, resolved));
+            if let Some(verified) = &verified {
+                stats["verify"] = verified.json();
             }
+            stats
+        });
+        Ok(Drawn { files, stats, verified })
+    }
+
+    /// What the picture at `path` carries. The inputs' hashes are `carried` from frame to frame.
+    fn metadata(
+        &self,
+        output: &Output,
+        path: Option<&Path>,
+        (scene, beside): (&SceneFile, &BTreeSet<PathBuf>),
+        backend: &Backend,
+        carried: &mut Option<Vec<metadata::Input>>,
+    ) -> Result<Vec<(String, String)>, Failure> {
+        if self.args.no_metadata || output.format == Format::Jpeg {
+            return Ok(Vec::new());
+        }
+        let inputs = match carried.take() {
+            Some(inputs) => inputs,
+            None => metadata::inputs(scene, beside, &self.stdin)?,
+        };
+        let drawn = metadata::drawn(self.args, backend.info(), output.format);
+        let entries = metadata::entries(Output::folder(path), scene, &inputs, &drawn, output.format)?;
+        *carried = Some(inputs);
+        Ok(entries.unwrap_or_else(|| {
+            let what = "the picture carries no scene, because the name of an input or of its folder is not UTF-8";
+            self.console.note(what);
+            Vec::new()
+        }))
+    }
+
+    /// A JPEG has no alpha: says so where there was some.
+    fn tell_of_alpha(&self, output: &Output, path: Option<&Path>, frame: &Frame, [r, g, b, _]: [f64; 4]) {
+        let (Format::Jpeg, Some(path)) = (output.format, path) else { return };
+        if frame.color().iter().any(|c| c[3] < 1.0) {
+            self.console.note(&format!(
+                "{}: a JPEG has no transparency, so the image is blended onto the background's colour {r},{g},{b}",
+                path.display()
+            ));
         }
     }
-    let verified = if args.verify {
-        let view = camera::view(&resolved.file.camera, args)?;
-        let scene = at_detail(&resolved, &view, args)?;
-        let scene = scene.as_ref().unwrap_or(&resolved.scene);
-        let drawn = (backend.info().backend, &job.frame);
-        Some(verify(&resolved.file.settings, promised(args, &resolved), scene, &view, threads, drawn)?)
-    } else {
-        None
-    };
-    if args.stats {
-        let size = [job.frame.width, job.frame.height];
-        let mut stats = stats::json(&job.runs, backend.info(), size, frames, promised(args, &resolved));
-        if let Some(verified) = &verified {
-            stats["verify"] = verified.json();
-        }
-        console::json_result(&stats)?;
-    } else if let Some(verified) = &verified {
-        console::result(verified.text().as_bytes())?;
-    }
-    verified.map_or(Ok(()), |verified| verified.judge())
 }
 
 /// The preset whose promise holds: none of splats in 16 bits.
@@ -90,20 +279,18 @@ fn promised(args: &RenderArgs, resolved: &Resolved) -> Option<Preset> {
     Preset::of(&resolved.file.settings).filter(|_| args.storage != "16")
 }
 
-/// The scene at the detail that a view needs, where it has octrees.
-fn at_detail(resolved: &Resolved, view: &View, args: &RenderArgs) -> Result<Option<Scene>, Failure> {
-    match resolved.hybrids.as_slice() {
-        [] => Ok(None),
-        hybrids => Ok(Some(surfel::at_detail(&resolved.scene, hybrids, view, args.lod_error)?)),
-    }
-}
-
 /// Combinations that make no sense.
 fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     let stdout = output.is_some_and(Output::is_stdout);
     if output.is_none() && !args.print_scene && !args.stats && !args.verify {
-        let expected = "expected -o OUT.png or OUT.exr (or --print-scene, --stats, --verify)";
+        let expected = match args.inputs.len() {
+            1 => "expected -o OUT.png, .jpg or .exr (or --print-scene, --stats, --verify)",
+            _ => "expected -o OUT.png for one image of all inputs, or -o {input}.png for an image of each",
+        };
         return Err(Failure::usage(format!("no output is given, {expected}")));
+    }
+    if args.print_scene && args.inputs.len() > 1 && output.is_some_and(Output::names_inputs) {
+        return Err(Failure::usage("--print-scene is for one scene, but -o has {input}: an image of each input"));
     }
     if stdout && (args.stats || args.print_scene || args.verify) {
         let flag = match (args.stats, args.verify) {
@@ -111,7 +298,7 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
             (_, true) => "--verify",
             _ => "--print-scene",
         };
-        return Err(Failure::usage(format!("{flag} and the picture can't both go to stdout: give -o a file name")));
+        return Err(Failure::usage(format!("{flag} and the image can't both go to stdout: give -o a file name")));
     }
     if args.frames.is_some_and(|n| n > 1) && output.is_some_and(|o| !o.names_frames()) {
         return Err(Failure::usage(
@@ -123,6 +310,8 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     }
     match output.map(|o| o.format) {
         Some(Format::Exr { .. }) if args.png16 => Err(Failure::usage("--png16 is for PNG, but -o names an EXR file")),
+        Some(Format::Jpeg) if args.png16 => Err(Failure::usage("--png16 is for PNG, but -o names a JPEG")),
+        Some(Format::Jpeg) if args.exr_f32 => Err(Failure::usage("--exr-f32 is for EXR, but -o names a JPEG")),
         Some(Format::Png { .. }) if args.exr_f32 => Err(Failure::usage("--exr-f32 is for EXR, but -o names a PNG")),
         _ => Ok(()),
     }
@@ -145,10 +334,10 @@ fn choose(
     console: &Console,
     refuses: impl FnMut(&Capabilities) -> Option<String>,
 ) -> Result<Backend, Failure> {
-    let Chosen { backend, passed_over } = Backend::choose(&options(args, threads), refuses)?;
+    let Chosen { backend, rejected } = Backend::choose(&options(args, threads), refuses)?;
     let slow = if backend.info().backend == "reference" { ", which is exact and slow" } else { "" };
-    if !passed_over.is_empty() {
-        let reasons = passed_over.join("; ");
+    if !rejected.is_empty() {
+        let reasons = rejected.join("; ");
         console.note(&format!("drawing with '{}'{slow} ({reasons})", backend.info().backend));
     } else if !slow.is_empty() {
         console.note("no fast backend is built into this program: drawing with 'reference', which is exact and slow");
@@ -158,7 +347,8 @@ fn choose(
 }
 
 fn options(args: &RenderArgs, threads: usize) -> BackendOptions {
-    BackendOptions { threads, adapter: args.adapter.clone(), quantised: args.storage == "16" }
+    let options = BackendOptions::default().with_threads(threads).with_quantised(args.storage == "16");
+    options.with_adapter(args.adapter.clone())
 }
 
 fn introduce(backend: &Backend, console: &Console) {
@@ -167,18 +357,13 @@ fn introduce(backend: &Backend, console: &Console) {
     console.detail(&format!("backend {}: {} ({}){threads}", info.backend, info.adapter, info.driver));
 }
 
-/// The resolved scene file on stdout: it gives the same picture.
-fn print_scene(args: &RenderArgs, file: &SceneFile, console: &Console) -> Result<(), Failure> {
-    for (given, flag) in [(args.texture.is_some(), "--texture"), (args.repair, "--repair")] {
-        if given {
-            console.note(&format!("a scene file can't say {flag}: give it again when you render the file"));
-        }
-    }
-    let text = surfel::io::scene_file::to_json_pretty(file);
+/// The resolved scene file on stdout, with paths relative to the current folder: there it gives the same image.
+fn print_scene(file: &SceneFile) -> Result<(), Failure> {
+    let text = surfel::io::scene_file::to_json_pretty(&paths::relative_to(Path::new("."), file)?);
     if text.trim().is_empty() {
         return Err(Failure::other("the scene can't be written as JSON: an input's name is not UTF-8: rename it"));
     }
-    console::result(text.as_bytes())
+    stdout::result(text.as_bytes())
 }
 
 /// Camera of a frame, and the scene with its lights moved where they have to.
@@ -221,28 +406,21 @@ impl Job<'_> {
         backend: &mut Backend,
         resolved: &Resolved,
         camera: &Camera,
-        moved: Option<Scene>,
+        moved: Option<&Scene>,
     ) -> Result<(), Failure> {
         let view = camera::view(camera, self.args)?;
-        let moved = match (resolved.hybrids.as_slice(), moved) {
-            ([], moved) => moved,
-            (hybrids, moved) => {
-                let whole = moved.as_ref().unwrap_or(&resolved.scene);
-                Some(surfel::at_detail(whole, hybrids, &view, self.args.lod_error)?)
-            }
-        };
         let resident = match (self.scene.take(), moved) {
-            (_, Some(moved)) => self.upload(backend, &moved)?,
+            (_, Some(moved)) => self.upload(backend, moved)?,
             (Some(resident), None) => resident,
             (None, None) => self.upload(backend, &resolved.scene)?,
         };
         let settings = &resolved.file.settings;
         let mut once = |planes| match self.args.samples {
             Some(n) => backend.render_supersampled(&resident, &view, settings, planes, n, &mut self.frame),
-            None => backend.render(&resident, &view, settings, planes, &mut self.frame),
+            None => backend.render_into(&resident, &view, settings, planes, &mut self.frame),
         };
         // The frame that isn't timed counts fragments, which takes some time.
-        let counted = once(Planes { fragments: self.args.stats, ..self.planes })?;
+        let counted = once(self.planes.with_fragments(self.args.stats))?;
         if let Some(repeat) = self.args.repeat {
             for _ in 0..repeat {
                 self.runs.push(stats::with_fragments(once(self.planes)?, &counted));
@@ -253,18 +431,4 @@ impl Job<'_> {
         self.scene = Some(resident);
         Ok(())
     }
-}
-
-fn metadata(args: &RenderArgs, camera: &Camera, file: &SceneFile, command: &str) -> Vec<(String, String)> {
-    let json = |value: Result<String, serde_json::Error>| value.unwrap_or_default();
-    let mut entries = vec![
-        ("surfel:version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("surfel:camera", json(serde_json::to_string(camera))),
-        ("surfel:settings", json(serde_json::to_string(&file.settings))),
-        ("surfel:command", command.to_owned()),
-    ];
-    if let Some(r) = args.region {
-        entries.push(("surfel:region", format!("{},{},{},{}", r.x, r.y, r.width, r.height)));
-    }
-    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }

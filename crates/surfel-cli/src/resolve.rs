@@ -4,64 +4,128 @@ use crate::args::RenderArgs;
 use crate::camera::{self, Turntable};
 use crate::console::Console;
 use crate::failure::Failure;
+use crate::paths::absolute;
+use crate::splats;
+use crate::stdin::{self, Stdin, is_stdin};
 use glam::DVec3;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel::model::{Matcap, ObjectFile, Shader};
-use surfel::{
-    AutoOptions, Camera, DEFAULT_SIZE, HybridObject, Light, LoadOptions, LoadedObjects, Preset, Scene, SceneFile,
-    Settings, Up,
-};
+use surfel::framing::{NamedView, Upright, ViewChoice};
+use surfel::model::{EdgeAa, Matcap, ObjectFile, SceneFile, Shader, Up};
+use surfel::render::Feature;
+use surfel::scene::{AutoOptions, DEFAULT_SIZE, LoadedObjects};
+use surfel::{Backend, Camera, Light, LoadOptions, Preset, Scene, Settings};
 
-/// A scene, and the scene file that gives the same picture.
+/// What a picture is of.
+pub(crate) enum Source {
+    /// A scene file.
+    Scene(Box<SceneSource>),
+    /// Files that make one scene.
+    Geometry(Vec<PathBuf>),
+}
+
+/// A scene file that has been read.
+pub(crate) struct SceneSource {
+    pub(crate) file: SceneFile,
+    /// Which keys its `settings` have.
+    pub(crate) keys: BTreeSet<String>,
+    /// What messages call it.
+    pub(crate) name: PathBuf,
+    /// What its paths are relative to.
+    pub(crate) base: PathBuf,
+}
+
+impl Source {
+    /// What these inputs are.
+    pub(crate) fn of(inputs: &[PathBuf], stdin: &Stdin) -> Result<Self, Failure> {
+        for path in inputs {
+            let scene = if is_stdin(path) {
+                let bytes = stdin.bytes()?;
+                let name = Path::new("stdin");
+                looks_like_scene(&bytes).then(|| surfel::scene::parse_scene_file(&bytes, name)).transpose()?
+            } else if surfel::scene::is_scene_file(path) && inputs.len() == 1 {
+                Some(surfel::scene::read_scene_file(path)?)
+            } else {
+                None
+            };
+            if inputs.len() > 1 && (scene.is_some() || surfel::scene::is_scene_file(path)) {
+                return Err(Failure::usage(format!(
+                    "{}: a scene file goes alone, expected one scene file or any number of splat, point and mesh files",
+                    stdin::display(path)
+                )));
+            }
+            if let Some((file, keys)) = scene {
+                let name = if is_stdin(path) { PathBuf::from("stdin") } else { path.clone() };
+                let base = path.parent().unwrap_or(Path::new("")).to_path_buf();
+                return Ok(Self::Scene(Box::new(SceneSource { file, keys, name, base })));
+            }
+        }
+        Ok(Self::Geometry(inputs.to_vec()))
+    }
+}
+
+/// True for JSON with the keys of a scene file, which glTF hasn't.
+fn looks_like_scene(bytes: &[u8]) -> bool {
+    let json = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    if !json.trim_ascii_start().starts_with(b"{") {
+        return false;
+    }
+    let json: serde_json::Value = serde_json::from_slice(json).unwrap_or_default();
+    json.get("asset").is_none() && (json.get("camera").is_some() || json.get("objects").is_some())
+}
+
+/// A scene, and the scene file that gives the same image. Its paths are absolute, or `-` for stdin.
 pub(crate) struct Resolved {
     pub(crate) file: SceneFile,
     pub(crate) scene: Scene,
     pub(crate) turntable: Turntable,
-    /// Objects that are octrees.
-    pub(crate) hybrids: Vec<HybridObject>,
+    /// Files that the objects' files refer to, found or not; absolute.
+    pub(crate) beside: BTreeSet<PathBuf>,
 }
 
-pub(crate) fn resolve(args: &RenderArgs, console: &Console) -> Result<Resolved, Failure> {
-    let scene_file = args.inputs.iter().find(|path| surfel::is_scene_file(path));
-    match scene_file {
-        Some(path) if args.inputs.len() > 1 => Err(Failure::usage(format!(
-            "{}: a scene file goes alone, expected one scene file or any number of splat, point and mesh files",
-            path.display()
-        ))),
-        Some(path) => of_scene_file(path, args, console),
-        None => of_geometry(args, console),
+pub(crate) fn resolve(
+    source: Source,
+    args: &RenderArgs,
+    stdin: &Stdin,
+    console: &Console,
+) -> Result<Resolved, Failure> {
+    match source {
+        Source::Scene(scene) => of_scene_file(*scene, args, stdin, console),
+        Source::Geometry(inputs) => of_geometry(&inputs, args, stdin, console),
     }
 }
 
-fn load_options(args: &RenderArgs, settings: &Settings) -> LoadOptions {
-    LoadOptions {
-        repair: args.repair,
-        texture: args.texture.clone(),
-        // The preset that a picture is verified against antialiases edges.
-        interior_weight: surfel::may_need_interior_weight(settings) || args.verify,
-        ..LoadOptions::default()
-    }
-}
-
+/// Loads objects, whose `convert` has the flags' say; with paths relative to `base`.
 fn load(
     objects: &[ObjectFile],
     base: &Path,
-    options: &LoadOptions,
+    settings: &Settings,
+    args: &RenderArgs,
+    stdin: &Stdin,
     console: &Console,
 ) -> Result<LoadedObjects, Failure> {
+    let from_stdin = objects.iter().flat_map(|o| [&o.splats, &o.mesh]).flatten().any(|path| is_stdin(path));
+    let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };
+    // The preset that an image is verified against antialiases edges.
+    let options = LoadOptions::default().with_interior_weight(args.verify).for_settings(settings).with_stdin(bytes);
     let progress = console.progress();
-    let loaded = surfel::load_objects(objects, base, options, &progress)?;
+    let loaded = surfel::scene::load_objects(objects, base, &options, &progress)?;
     drop(progress);
     for note in &loaded.notes {
-        console.note(&format!("{}: {}", note.path.display(), note.text));
+        console.note(&format!("{}: {}", stdin::display(&note.path), note.text));
     }
+    splats::check_used(&args.splats, &loaded.unused, console)?;
     Ok(loaded)
 }
 
-fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Resolved, Failure> {
-    let (mut file, keys) = surfel::read_scene_file(path)?;
+fn of_scene_file(
+    source: SceneSource,
+    args: &RenderArgs,
+    stdin: &Stdin,
+    console: &Console,
+) -> Result<Resolved, Failure> {
+    let SceneSource { mut file, keys, name: path, base } = source;
     file.settings = settings(preset_under(args.preset, file.settings, &keys), args);
     if let Some(given) = camera_file(args)? {
         file.camera = given;
@@ -72,9 +136,12 @@ fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Re
     if args.view.is_none() {
         file.camera.validate().map_err(out_of_range)?;
     }
-    file.objects.iter().try_for_each(|object| object.world_from_object().map(drop)).map_err(out_of_range)?;
-    let base = path.parent().unwrap_or(Path::new(""));
-    let loaded = load(&file.objects, base, &load_options(args, &file.settings), console)?;
+    for (i, object) in file.objects.iter_mut().enumerate() {
+        object.world_from_object().map_err(out_of_range)?;
+        splats::apply(&args.splats, &mut object.convert)?;
+        object.convert.validate(i).map_err(out_of_range)?;
+    }
+    let loaded = load(&file.objects, &base, &file.settings, args, stdin, console)?;
     if let Some(choice) = args.up {
         file.up = choice.0.or(file.up);
     }
@@ -92,56 +159,85 @@ fn of_scene_file(path: &Path, args: &RenderArgs, console: &Console) -> Result<Re
     }
     file.camera.validate().map_err(out_of_range)?;
     camera::apply_flags(&mut file.camera, &objects_only, up, false, args);
-    let hybrids = loaded.hybrids;
-    let mut scene =
-        surfel::assemble(&file, loaded.objects).map_err(|e| Failure::input(format!("{}: {e}", path.display())))?;
-    absolute_paths(&mut file, base)?;
+    cull(&mut file, args);
+    let beside = loaded.beside.iter().map(|path| absolute(path)).collect::<Result<_, _>>()?;
+    let mut scene = surfel::scene::assemble(&file, loaded.objects)
+        .map_err(|e| Failure::input(format!("{}: {e}", path.display())))?;
+    absolute_paths(&mut file, &base)?;
     scene.matcap = matcap(&mut file, args)?;
     // A scene file's camera turns about what it looks at, about the scene's up axis or else its own.
     let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
     let turntable = Turntable { center: file.camera.target.into(), axis };
-    Ok(Resolved { file, scene, turntable, hybrids })
+    Ok(Resolved { file, scene, turntable, beside })
 }
 
-fn of_geometry(args: &RenderArgs, console: &Console) -> Result<Resolved, Failure> {
+fn of_geometry(inputs: &[PathBuf], args: &RenderArgs, stdin: &Stdin, console: &Console) -> Result<Resolved, Failure> {
     let preset = args.preset.unwrap_or_default();
-    let settings = settings(preset.apply(Settings { shader: Shader::Phong, ..Settings::default() }), args);
-    let objects: Vec<ObjectFile> = args.inputs.iter().map(|path| surfel::bare_object(path)).collect();
-    let loaded = load(&objects, Path::new(""), &load_options(args, &settings), console)?;
-    let given = args.up.and_then(|choice| choice.0);
-    let format_up = loaded.facts.first().map_or(Up::PlusY, |f| f.up);
-    let up = given.unwrap_or(format_up);
-    if given.is_none() {
-        console.note(&format!("up is {up} (by the file or its format; --up says otherwise)"));
+    let mut settings = settings(preset.apply(Settings::default().with_shader(Shader::Phong)), args);
+    // What only the preset asks for keeps no GPU that is asked for by name from drawing a bare file.
+    let by_preset = args.edge_aa.is_none() && settings.edge_aa == EdgeAa::Samples;
+    if by_preset && Backend::never_draws(&args.backend, Feature::EdgeSamples) {
+        settings.edge_aa = EdgeAa::Off;
+        console.note(&format!("{} draws no edges by samples: they are jagged (--edge-aa blends them)", args.backend));
     }
+    let mut objects: Vec<ObjectFile> = inputs.iter().map(|path| surfel::scene::bare_object(path)).collect();
+    objects.iter_mut().try_for_each(|object| splats::apply(&args.splats, &mut object.convert))?;
+    let loaded = load(&objects, Path::new(""), &settings, args, stdin, console)?;
+    let paths: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
+    if args.transparency.is_none()
+        && let Some((transparency, note)) = surfel::scene::auto_transparency(&loaded, &paths)
+    {
+        settings.transparency = transparency;
+        console.note(&format!("{}: {}", note.path.display(), note.text));
+    }
+    let given = args.up.and_then(|choice| choice.0);
+    let up = given.unwrap_or_else(|| note_up(&loaded, console));
     let given_camera = camera_file(args)?;
-    let own_near = given_camera.is_none();
-    let options = AutoOptions {
-        up: Some(up),
-        view: args.view.unwrap_or_default(),
-        projection: camera::projection(args),
-        size: args.size.unwrap_or(DEFAULT_SIZE),
-        camera: given_camera,
-        background: args.background.unwrap_or([1.0; 4]),
-        settings,
-        turning: args.turntable,
+    let view = match args.view.unwrap_or_default() {
+        ViewChoice::Auto if given_camera.is_none() && args.eye.is_none() && args.target.is_none() => {
+            let angles = surfel::framing::best_view(&loaded.objects, up);
+            console.note(&format!("seen from --view {angles} (azimuth and elevation, by what it shows)"));
+            ViewChoice::From(angles)
+        }
+        // Where flags say the eye or the target, the other is that of the usual view.
+        ViewChoice::Auto => ViewChoice::Named(NamedView::Iso),
+        given => given,
     };
-    let mut file = surfel::auto_scene(objects, &loaded, &options)?;
+    let own_near = given_camera.is_none();
+    let options = AutoOptions::default()
+        .with_up(Some(up))
+        .with_view(view)
+        .with_projection(camera::projection(args))
+        .with_size(args.size.unwrap_or(DEFAULT_SIZE))
+        .with_camera(given_camera)
+        .with_background(args.background)
+        .with_settings(settings)
+        .with_turning(args.turntable);
+    let mut file = surfel::scene::auto_scene(objects, &loaded, &options)?;
     let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };
-    let center = surfel::scene_center(&objects_only).unwrap_or_default();
+    let center = surfel::framing::scene_center(&objects_only).unwrap_or_default();
     if args.eye.is_some() && args.target.is_none() && own_near {
         file.camera.target = center.into();
     }
     camera::apply_flags(&mut file.camera, &objects_only, up, own_near, args);
     camera::view(&file.camera, args)?;
     // The lights belong to the camera, wherever the flags have put it.
-    let lights = surfel::studio_lights(&file.camera);
+    let lights = surfel::scene::studio_lights(&file.camera);
     file.lights = Some(if args.shadows { with_shadows(lights) } else { lights });
-    let hybrids = loaded.hybrids;
-    let mut scene = surfel::assemble(&file, loaded.objects)?;
+    cull(&mut file, args);
+    let beside = loaded.beside.iter().map(|path| absolute(path)).collect::<Result<_, _>>()?;
+    let mut scene = surfel::scene::assemble(&file, loaded.objects)?;
     absolute_paths(&mut file, Path::new(""))?;
     scene.matcap = matcap(&mut file, args)?;
-    Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() }, hybrids })
+    Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() }, beside })
+}
+
+/// The up axis that the files or their shape say, and what to do if it is wrong.
+fn note_up(loaded: &LoadedObjects, console: &Console) -> Up {
+    let Upright { up, reason } = surfel::scene::auto_up(loaded);
+    let other = if up == Up::PlusZ { Up::PlusY } else { Up::PlusZ };
+    console.note(&format!("up is {up} ({reason}); if that is wrong: --up {other}"));
+    up
 }
 
 fn camera_file(args: &RenderArgs) -> Result<Option<Camera>, Failure> {
@@ -175,18 +271,17 @@ fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>)
 }
 
 fn settings(base: Settings, args: &RenderArgs) -> Settings {
-    Settings {
-        filter: args.filter.unwrap_or(base.filter),
-        cutoff: args.cutoff.unwrap_or(base.cutoff),
-        prefilter_radius_px: args.prefilter.unwrap_or(base.prefilter_radius_px),
-        mapping: args.mapping.unwrap_or(base.mapping),
-        depth_tolerance: args.depth_tolerance.unwrap_or(base.depth_tolerance),
-        shader: args.shader.or(args.matcap.as_ref().map(|_| Shader::Matcap)).unwrap_or(base.shader),
-        edge_aa: args.edge_aa.unwrap_or(base.edge_aa),
-        transparency: args.transparency.unwrap_or(base.transparency),
-        clip: args.clip.unwrap_or(base.clip),
-        accumulate: args.accumulate.unwrap_or(base.accumulate),
-    }
+    base.with_filter(args.filter.unwrap_or(base.filter))
+        .with_cutoff(args.cutoff.unwrap_or(base.cutoff))
+        .with_prefilter_radius_px(args.prefilter.unwrap_or(base.prefilter_radius_px))
+        .with_mapping(args.mapping.unwrap_or(base.mapping))
+        .with_depth_tolerance(args.depth_tolerance.unwrap_or(base.depth_tolerance))
+        .with_shader(args.shader.or(args.matcap.as_ref().map(|_| Shader::Matcap)).unwrap_or(base.shader))
+        .with_edge_aa(args.edge_aa.unwrap_or(base.edge_aa))
+        .with_transparency(args.transparency.unwrap_or(base.transparency))
+        .with_clip(args.clip.unwrap_or(base.clip))
+        .with_accumulate(args.accumulate.unwrap_or(base.accumulate))
+        .with_lod_error_px(args.lod_error.unwrap_or(base.lod_error_px))
 }
 
 fn with_shadows(mut lights: Vec<Light>) -> Vec<Light> {
@@ -198,30 +293,28 @@ fn with_shadows(mut lights: Vec<Light>) -> Vec<Light> {
     lights
 }
 
-/// A printed scene may be saved anywhere.
+/// What `--cull` says, which decides for all objects.
+fn cull(file: &mut SceneFile, args: &RenderArgs) {
+    if let Some(cull) = args.splats.cull {
+        file.objects.iter_mut().for_each(|object| object.material.cull = cull);
+    }
+}
+
+/// Makes all paths of a scene file absolute, but the name of stdin.
 fn absolute_paths(file: &mut SceneFile, base: &Path) -> Result<(), Failure> {
-    for object in &mut file.objects {
-        for path in [&mut object.splats, &mut object.mesh].into_iter().flatten() {
-            *path = absolute(&base.join(&*path))?;
-        }
-    }
-    if let Some(path) = &mut file.matcap {
+    crate::paths::for_each(file, |path| {
         *path = absolute(&base.join(&*path))?;
-    }
-    Ok(())
+        Ok(())
+    })
 }
 
-fn absolute(path: &Path) -> Result<PathBuf, Failure> {
-    std::path::absolute(path).map_err(|e| Failure::other(format!("{}: has no absolute path: {e}", path.display())))
-}
-
-/// The matcap that the flag or else the file names, whose paths are absolute; `None` for the built-in one, and where none is
-/// asked for.
+/// The matcap that the flag or else the file names, whose paths are absolute; `None` for the built-in one, and where
+/// none is asked for.
 fn matcap(file: &mut SceneFile, args: &RenderArgs) -> Result<Option<Arc<Matcap>>, Failure> {
     if let Some(given) = &args.matcap {
         file.matcap = if given.as_os_str() == "builtin" { None } else { Some(absolute(given)?) };
     }
-    Ok(surfel::load_matcap(file, Path::new(""))?)
+    Ok(surfel::scene::load_matcap(file, Path::new(""))?)
 }
 
 #[cfg(test)]
@@ -231,7 +324,7 @@ mod tests {
 
     #[test]
     fn preset_changes_only_what_the_file_leaves_open() {
-        let file = Settings { filter: Filter::Ewa, ..Settings::default() };
+        let file = Settings::default().with_filter(Filter::Ewa);
         let keys = BTreeSet::from(["filter".to_owned()]);
         let settings = preset_under(Some(Preset::Fastest), file, &keys);
         assert_eq!((settings.filter, settings.mapping, settings.cutoff), (Filter::Ewa, Mapping::Affine, 2.0));

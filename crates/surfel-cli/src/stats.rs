@@ -1,7 +1,8 @@
 //! `--stats`: medians as JSON.
 
 use serde_json::{Map, Value, json};
-use surfel::{Preset, RendererInfo, Stats};
+use surfel::render::RendererInfo;
+use surfel::{Preset, Stats};
 
 fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
@@ -49,7 +50,8 @@ pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: 
         "preset": preset.map(Preset::name),
         "promise": promise.map(
             |p| json!({ "fidelity_db": p.fidelity_db, "fidelity_depth": p.fidelity_depth,
-                        "fidelity_normal_deg": p.fidelity_normal_deg, "model_db": p.model_db, "inside_db": p.inside_db })
+                        "fidelity_normal_deg": p.fidelity_normal_deg, "model_db": p.model_db,
+                            "inside_db": p.inside_db })
         ),
         "frame_ms": of(|s| s.frame_ms),
         "passes": passes,

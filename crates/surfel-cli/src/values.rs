@@ -1,9 +1,13 @@
 //! Parsers of flag values.
 
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use serde_json::Value;
-use surfel::model::{Accumulate, ClipPolicy, DepthTolerance, Filter, MAX_IMAGE_SIDE, Mapping, Shader, Transparency};
-use surfel::{NamedView, Preset, Region, Up};
+use surfel::framing::{NamedView, ViewAngles, ViewChoice};
+use surfel::model::Up;
+use surfel::model::{
+    Accumulate, ClipPolicy, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping, Shader, Transparency,
+};
+use surfel::{Preset, Region};
 
 /// A parser of named values that is also known to help and completions.
 macro_rules! named {
@@ -22,6 +26,7 @@ named!(filter, Filter, [
     "none" => Filter::None, "clamp" => Filter::Clamp, "adjust" => Filter::Adjust,
     "principal" => Filter::Principal, "ewa" => Filter::Ewa,
 ]);
+named!(cull, Cull, ["none" => Cull::None, "back" => Cull::Back]);
 named!(mapping, Mapping, ["exact" => Mapping::Exact, "affine" => Mapping::Affine]);
 named!(accumulate, Accumulate, ["f32" => Accumulate::F32, "f16" => Accumulate::F16]);
 named!(clip, ClipPolicy, [
@@ -35,11 +40,54 @@ named!(preset, Preset, [
     "fastest" => Preset::Fastest, "fast" => Preset::Fast, "balanced" => Preset::Balanced,
     "quality" => Preset::Quality, "reference" => Preset::Reference,
 ]);
-named!(view, NamedView, [
-    "iso" => NamedView::Iso, "front" => NamedView::Front, "back" => NamedView::Back, "left" => NamedView::Left,
-    "right" => NamedView::Right, "top" => NamedView::Top, "bottom" => NamedView::Bottom,
-]);
-named!(switch, bool, ["on" => true, "off" => false]);
+named!(edge_aa, EdgeAa, ["on" => EdgeAa::Coverage, "off" => EdgeAa::Off, "samples" => EdgeAa::Samples]);
+
+/// Views by name, as `--view` takes them.
+const VIEWS: [(&str, ViewChoice); 8] = [
+    ("auto", ViewChoice::Auto),
+    ("iso", ViewChoice::Named(NamedView::Iso)),
+    ("front", ViewChoice::Named(NamedView::Front)),
+    ("back", ViewChoice::Named(NamedView::Back)),
+    ("left", ViewChoice::Named(NamedView::Left)),
+    ("right", ViewChoice::Named(NamedView::Right)),
+    ("top", ViewChoice::Named(NamedView::Top)),
+    ("bottom", ViewChoice::Named(NamedView::Bottom)),
+];
+
+/// Parses `--view`: a name, which help and completions know too, or AZIMUTH,ELEVATION.
+#[derive(Clone)]
+pub(crate) struct View;
+
+impl TypedValueParser for View {
+    type Value = ViewChoice;
+
+    fn parse_ref(
+        &self,
+        command: &clap::Command,
+        argument: Option<&clap::Arg>,
+        value: &std::ffi::OsStr,
+    ) -> Result<ViewChoice, clap::Error> {
+        (|text: &str| view(text)).parse_ref(command, argument, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(VIEWS.iter().map(|(name, _)| PossibleValue::new(*name))))
+    }
+}
+
+/// A view's name, or degrees to the right of the front and above the horizon.
+pub(crate) fn view(text: &str) -> Result<ViewChoice, String> {
+    if let Some((_, choice)) = VIEWS.iter().find(|(name, _)| *name == text) {
+        return Ok(*choice);
+    }
+    let names = VIEWS.map(|(name, _)| name).join(", ");
+    let wrong = |_| format!("expected {names}, or degrees from the front and above it, as in 30,20");
+    let [azimuth_deg, elevation_deg] = list(text, "AZIMUTH,ELEVATION").map_err(wrong)?;
+    if azimuth_deg.abs() > 360.0 || elevation_deg.abs() > 90.0 {
+        return Err("expected an azimuth from -360 to 360 and an elevation from -90 to 90 degrees".into());
+    }
+    Ok(ViewChoice::From(ViewAngles { azimuth_deg, elevation_deg }))
+}
 
 fn list<const N: usize>(text: &str, form: &str) -> Result<[f64; N], String> {
     let wrong = || format!("expected {form}: {N} finite numbers with commas between them");
@@ -196,6 +244,11 @@ mod tests {
         assert_eq!(depth_tolerance("abs:0.5"), Ok(DepthTolerance::Absolute(0.5)));
         assert_eq!(threshold("max-abs=0.1").unwrap().metric, "max_abs");
         assert_eq!(background("transparent"), Ok([0.0; 4]));
+        for bad in ["", "side", "30", "30,91", "1,2,3", "nan,0"] {
+            assert!(view(bad).is_err(), "{bad}");
+        }
+        assert_eq!(view("auto"), Ok(ViewChoice::Auto));
+        assert_eq!(view("-30,45"), Ok(ViewChoice::From(ViewAngles { azimuth_deg: -30.0, elevation_deg: 45.0 })));
         assert_eq!(up("-Z"), Ok(UpChoice(Some(Up::MinusZ))));
     }
 }

@@ -1,4 +1,4 @@
-//! `render --verify`: how close the picture came, and whether its preset's promise is kept.
+//! `render --verify`: how close the image came, and whether its preset's promise is kept.
 
 use crate::failure::Failure;
 use crate::values::json_number;
@@ -8,14 +8,15 @@ use surfel::render::{Promise, SceneSummary, inside_surfaces};
 use surfel::{Backend, BackendOptions, Frame, Planes, Preset, Renderer, Scene, Settings, View};
 use surfel_metrics::{CompareOptions, Comparison, Image};
 
-/// Both errors of a picture.
+/// Both errors of an image.
 pub(crate) struct Verified {
     backend: &'static str,
     /// Against the reference at the same settings, outside of its decision margins.
     fidelity: Comparison,
     /// Pixels within the margins.
     left_out: usize,
-    /// Where the settings are a preset's, and every cloud's interior weight is known: against the preset `reference`, both drawn by the reference.
+    /// Where the settings are a preset's, and every cloud's interior weight is known: against the preset `reference`,
+    /// both drawn by the reference.
     model: Option<Model>,
 }
 
@@ -27,7 +28,7 @@ struct Model {
     inside: Option<Comparison>,
 }
 
-/// Draws the picture again by the reference and compares.
+/// Draws the image again by the reference and compares.
 ///
 /// `preset` is the one whose promise holds, `scene` what was drawn, by a backend of this name.
 pub(crate) fn verify(
@@ -38,23 +39,23 @@ pub(crate) fn verify(
     threads: usize,
     (backend, drawn): (&'static str, &Frame),
 ) -> Result<Verified, Failure> {
-    let options = BackendOptions { threads, ..BackendOptions::default() };
+    let options = BackendOptions::default().with_threads(threads);
     let mut reference = Backend::by_name("reference", &options)?;
     let resident = reference.upload(scene)?;
     let mut picture = |settings: &Settings, planes| {
         let mut frame = Frame::default();
-        reference.render(&resident, view, settings, planes, &mut frame)?;
+        reference.render_into(&resident, view, settings, planes, &mut frame)?;
         Ok::<Frame, Failure>(frame)
     };
-    let same = picture(settings, Planes { margin: true, ..Planes::COLOR })?;
-    let mask: Vec<bool> = same.margin.iter().map(|&m| m == 0.0).collect();
+    let same = picture(settings, Planes::COLOR.with_margin(true))?;
+    let mask: Vec<bool> = same.margin().iter().map(|&m| m == 0.0).collect();
     let fidelity = compare(&same, drawn, Some(&mask))?;
     // Where an octree's cloud has no interior weight, there are no antialiased edges to compare with.
     let summary = SceneSummary::of(scene);
     let weighed = summary.without_interior_weight.is_none();
     let model = match preset.filter(|_| weighed) {
         Some(preset) => {
-            let planes = Planes { depth: true, ..Planes::COLOR };
+            let planes = Planes::COLOR.with_depth(true);
             let best = picture(&Preset::Reference.apply(*settings), planes)?;
             let mask = inside_surfaces(&best).filter(|_| !summary.transparent);
             let inside = mask.map(|mask| compare(&best, &same, Some(&mask))).transpose()?;
@@ -66,11 +67,11 @@ pub(crate) fn verify(
 }
 
 fn compare(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> Result<Comparison, Failure> {
-    let failed = |e: surfel_metrics::MetricsError| Failure::other(format!("the pictures can't be compared: {e}"));
-    let image = |frame: &'_ Frame| (frame.width, frame.height);
+    let failed = |e: surfel_metrics::MetricsError| Failure::other(format!("the images can't be compared: {e}"));
+    let image = |frame: &'_ Frame| (frame.width(), frame.height());
     let ((w, h), (gw, gh)) = (image(want), image(got));
-    let a = Image::new(w, h, want.color.as_flattened()).map_err(failed)?;
-    let b = Image::new(gw, gh, got.color.as_flattened()).map_err(failed)?;
+    let a = Image::new(w, h, want.color().as_flattened()).map_err(failed)?;
+    let b = Image::new(gw, gh, got.color().as_flattened()).map_err(failed)?;
     surfel_metrics::compare(&a, &b, &CompareOptions { mask, ..CompareOptions::default() }).map_err(failed)
 }
 
@@ -107,7 +108,8 @@ impl Verified {
         let _ = writeln!(text, "fidelity  {}", metrics(&self.fidelity));
         let _ = writeln!(
             text,
-            "          backend {} against reference, same settings; {} of {} pixels are within decision margins, left out",
+            "          backend {} against reference, same settings; {} of {} pixels are within decision margins, left \
+             out",
             self.backend,
             self.left_out,
             self.fidelity.compared + self.left_out
@@ -122,15 +124,16 @@ impl Verified {
                 let _ = writeln!(text, "inside    {}", metrics(inside));
                 let _ = writeln!(
                     text,
-                    "          the same of the {} of {of} pixels inside of surfaces: none of the eight neighbours is empty or at \
-                     another depth",
+                    "          the same of the {} of {of} pixels inside of surfaces: none of the eight neighbours is \
+                     empty or at another depth",
                     inside.compared
                 );
             }
             let kept = if self.broken().is_empty() { "kept" } else { "BROKEN" };
             let _ = writeln!(
                 text,
-                "promise   preset {}: fidelity at least {fidelity_db} dB, model error at least {model_db} dB, {inside_db} dB inside of surfaces: {kept}",
+                "promise   preset {}: fidelity at least {fidelity_db} dB, model error at least {model_db} dB, \
+                 {inside_db} dB inside of surfaces: {kept}",
                 preset.name()
             );
         }

@@ -3,6 +3,7 @@
 mod common;
 
 use common::{Folder, ball, cube, scene};
+use std::process::Command;
 
 #[test]
 fn usage_errors_exit_with_2() {
@@ -22,7 +23,10 @@ fn usage_errors_exit_with_2() {
         ("render a.ply -o x.png --size 8x8 --region 4,4,8,8", "region"),
         ("render a.ply -o x.png --eye 1,1,1 --target 1,1,1", "camera"),
         ("render a.ply -o x.png --size 60000x60000", "pixels"),
-        ("render a.ply -o x.jpg", ".png or .exr"),
+        ("render a.ply -o x.gif", ".png, .jpg or .exr"),
+        ("render a.ply -o x.jpg --png16", "JPEG"),
+        ("render a.ply -o x.jpg --exr-f32", "JPEG"),
+        ("a.ply a.ply", "{input}"),
         ("render a.ply -o x.png --exr-f32", "EXR"),
         ("render a.ply -o - --stats", "stdout"),
         ("render a.ply", "-o"),
@@ -32,6 +36,12 @@ fn usage_errors_exit_with_2() {
         ("convert a.ply -o x.obj", ".ply"),
         ("convert a.ply -o x.ply --per-face", "expected a mesh"),
         ("convert a.ply -o x.ply --per-face --splats 5", "cannot be used with"),
+        ("render a.ply -o x.png --per-face --splats 5", "cannot be used with"),
+        ("render a.ply -o x.png --splats 5", "holds splats, expected a mesh for --splats"),
+        ("render a.ply -o x.png --max-points 5", "expected points for --max-points"),
+        ("convert a.ply -o x.ply --max-points 5", "expected points for --max-points"),
+        ("render s.json -o x.png --sharp", "expected points or a mesh for --sharp"),
+        ("render a.ply -o x.png --cull front", "back"),
         ("compare a.png b.png --fail-above ssim=1", "METRIC=V"),
         ("completions tcsh-like", "possible values"),
     ] {
@@ -90,6 +100,65 @@ fn backends_that_are_not_here_exit_with_4() {
     assert!(f.run("backends").code(0).stdout().contains("reference"));
 }
 
+/// The program as it is built by default.
+#[cfg(not(feature = "wgpu"))]
+#[test]
+fn backend_that_is_not_built_in_names_its_feature() {
+    let f = Folder::new("not-built");
+    f.write("a.ply", ball());
+    f.run("a.ply -o x.png --backend wgpu").fails(4, "--features gpu");
+    assert!(!f.has("x.png"));
+    let list = f.run("backends --json").code(0).json();
+    let wgpu = list.as_array().unwrap().iter().find(|b| b["name"] == "wgpu").unwrap();
+    assert!(wgpu["reason"].as_str().unwrap().contains("--features gpu"), "{wgpu}");
+}
+
+#[test]
+fn abuffer_and_edges_by_samples_of_a_gpu_backend_exit_with_4_and_auto_draws_them() {
+    let f = Folder::new("abuffer");
+    let properties = ["x", "y", "z", "nx", "ny", "nz", "radius", "red", "green", "blue", "alpha"];
+    let properties = properties.map(|name| format!("property float {name}\n")).concat();
+    let splat = "0 0 0 0 0 1 0.5 1 1 1 0.5";
+    f.write("a.ply", format!("ply\nformat ascii 1.0\nelement vertex 1\n{properties}end_header\n{splat}\n"));
+    f.write("s.json", scene("\"transparency\": \"abuffer:3\""));
+    for backend in ["ash", "wgpu"] {
+        // Whether the backend lacks the A-buffer, finds no adapter, or is not built in.
+        f.run(&format!("s.json -o x.png --backend {backend}")).fails(4, backend);
+    }
+    assert!(!f.has("x.png"));
+    // The same rule for edges by samples.
+    for backend in ["ash", "wgpu"] {
+        f.run(&format!("a.ply -o x.png --size 8x8 --edge-aa=samples --backend {backend}")).fails(4, backend);
+    }
+    let stats = f.run("a.ply --size 8x8 --stats --backend auto").code(0).json();
+    assert!(["cpu", "reference"].iter().any(|name| stats["backend"] == *name), "{stats}");
+    let stats = f.run("s.json -o x.png --backend auto --stats").code(0).json();
+    assert!(["cpu", "reference"].iter().any(|name| stats["backend"] == *name), "{stats}");
+}
+
+/// Mesa's layers and libwayland write to stderr where they miss their environment.
+#[test]
+fn stderr_is_silent_without_a_runtime_folder() {
+    let f = Folder::new("runtime");
+    f.write("a.ply", ball());
+    let quiet = |words: &str, runtime_dir: Option<&str>| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_surfel"));
+        command.current_dir(f.path()).args(words.split_whitespace());
+        command.env_remove("XDG_RUNTIME_DIR").env_remove("WAYLAND_DISPLAY");
+        command.envs(runtime_dir.map(|path| ("XDG_RUNTIME_DIR", path)));
+        let output = command.output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    for runtime_dir in [None, Some(""), Some("relative")] {
+        assert_eq!(quiet("backends", runtime_dir), (Some(0), String::new()), "{runtime_dir:?}");
+        let (code, stderr) = quiet("a.ply -q -o x.png --size 8x8 --force --backend wgpu", runtime_dir);
+        // Without such a backend it fails, and says nothing else.
+        assert!(matches!(code, Some(0 | 4)) && !stderr.contains("XDG_RUNTIME_DIR"), "{code:?} {stderr}");
+        // Arguments arrive whatever else is changed.
+        assert_eq!(quiet("render", runtime_dir).0, Some(2));
+    }
+}
+
 #[test]
 fn what_this_version_does_not_have_exits_with_1() {
     let f = Folder::new("later");
@@ -109,7 +178,7 @@ fn processor_and_reference_sum_in_more_than_f16() {
 
 #[test]
 fn processor_draws_polygons_and_shadows() {
-    let f = Folder::new("processor");
+    let f = Folder::new("CPU");
     f.write("a.ply", ball());
     f.write("b.obj", cube());
     f.write("mesh.json", scene("").replace("\"splats\": \"a.ply\"", "\"mesh\": \"b.obj\""));

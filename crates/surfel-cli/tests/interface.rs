@@ -6,7 +6,7 @@ mod common;
 use common::{Folder, cube, points, scene};
 use serde_json::{Value, json};
 
-/// The picture of a scene file by the reference, all planes of it.
+/// The image of a scene file by the reference, all planes of it.
 fn picture(f: &Folder, file: &str) -> surfel::io::Planes {
     f.run(&format!("{file} -o {file}.exr --backend reference --exr-f32 --force")).code(0);
     let mut planes = f.image(&format!("{file}.exr"));
@@ -66,6 +66,7 @@ fn settings_by_flag_are_what_the_scene_file_says() {
         ("--shader depth", "shader", json!("depth")),
         ("--edge-aa", "edge_aa", json!(true)),
         ("--edge-aa=on", "edge_aa", json!(true)),
+        ("--edge-aa=samples", "edge_aa", json!("samples")),
         ("--edge-aa --edge-aa=off", "edge_aa", json!(null)),
     ] {
         if flag == "--edge-aa --edge-aa=off" {
@@ -105,7 +106,8 @@ fn scene_file_defaults_are_the_documented_ones() {
     long["objects"][0]["matrix"] = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
     long["objects"][0]["material"] =
         json!({"ambient": 1, "diffuse": 1, "specular": 0.2, "shininess": 32, "cull": "none", "two_sided": true});
-    long["settings"] = json!({"filter": "principal", "cutoff": 2.0, "prefilter_radius_px": std::f64::consts::FRAC_1_SQRT_2,
+    long["settings"] = json!({"filter": "principal", "cutoff": 2.0,
+        "prefilter_radius_px": std::f64::consts::FRAC_1_SQRT_2,
         "mapping": "exact", "depth_tolerance": {"relative": 1.0}, "shader": "phong", "edge_aa": false,
         "transparency": "off", "clip": "exact", "accumulate": "f32"});
     f.write("long.json", long.to_string());
@@ -133,6 +135,7 @@ fn scene_file_defaults_are_the_documented_ones() {
         ("depth_tolerance", json!({"absolute": 2.0})),
         ("shader", json!("unlit")),
         ("edge_aa", json!(true)),
+        ("edge_aa", json!("samples")),
         ("mapping", json!("affine")),
     ] {
         assert!(differs(&|s| s["settings"][key] = value.clone()), "{key}");
@@ -181,7 +184,7 @@ fn scene_file_splats_may_be_points_or_a_mesh_and_paths_are_relative_to_it() {
         f.write("sub/c.json", scene("\"shader\": \"phong\"").replace("a.ply", "c.ply"));
         assert_eq!(picture(&f, "sub/c.json"), splats, "{file}");
     }
-    // As polygons it is another picture: sharp edges, a weight of 0.
+    // As polygons it is another image: sharp edges, a weight of 0.
     f.write("sub/m.json", scene("").replace("\"splats\": \"a.ply\"", "\"mesh\": \"b.obj\""));
     f.run("sub/m.json -o m.exr --backend reference").code(0);
     let mesh = f.image("m.exr");
@@ -205,7 +208,8 @@ fn scene_file_lights_and_projections_have_their_forms() {
         json!({"directional": {"direction": [-1, -1, -1]}}),
         json!({"point": {"position": [0, 3, 0], "color": [1, 0.5, 1]}}),
         json!({"spot": {"position": [0, 3, 3], "direction": [0, -1, -1], "inner_deg": 20, "outer_deg": 30}}),
-        json!({"spot": {"position": [0, 3, 3], "direction": [0, -1, -1], "inner_deg": 20, "outer_deg": 30, "shadow": true}}),
+        json!({"spot": {"position": [0, 3, 3], "direction": [0, -1, -1], "inner_deg": 20, "outer_deg": 30,
+            "shadow": true}}),
     ];
     for light in lights {
         f.write("l.json", with("lights", json!([light])));

@@ -29,7 +29,7 @@ fn compare_measures_and_judges() {
     f.run("compare a.exr b.exr --fail-below psnr=100 --diff d.png").fails(5, "psnr");
     assert_eq!(f.image("d.png").width, 24);
     f.run("compare a.exr b.exr --diff d.png").fails(1, "--force");
-    // 8 bits and half floats: half a level in the encoded picture, near white 1/510 · 2.2 in linear light.
+    // 8 bits and half floats: half a level in the encoded image, near white 1/510 · 2.2 in linear light.
     f.run("compare a.exr a.png --fail-above max_abs=0.006").code(0);
     f.run("compare a.exr c.png").fails(3, "24x24 and 20x24");
     f.run("compare a.exr a.ply").fails(3, "a.ply");

@@ -1,7 +1,8 @@
 //! Ways to decide what a clip curve keeps, over blocks of sixteen pixels: `cargo bench -p surfel-cpu --bench clips`.
 //!
-//! One thread; curves and splats are random, blocks lie anywhere on the splat's disk. Before the times it prints how many pixels
-//! each way decides otherwise than the implicit test in f64: of those blocks, and of pixels beside the curves.
+//! One thread; curves and splats are random, blocks lie anywhere on the splat's disk. Before the times it prints how
+//! many pixels each way decides otherwise than the implicit test in f64: of those blocks, and of pixels beside the
+//! curves.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use fearless_simd::prelude::*;
@@ -14,15 +15,15 @@ use surfel_math::mapping::{Footprint, Linear};
 use surfel_math::{Real, V2};
 
 // The renderer's own lanes and instructions; they have more than this needs.
-#[path = "../src/lanes.rs"]
-#[allow(dead_code, unused_imports)]
-mod lanes;
-#[path = "../src/level.rs"]
 #[allow(dead_code, unused_imports, unreachable_pub)]
-mod level;
+#[path = "../src/simd"]
+mod simd {
+    pub(crate) mod lanes;
+    pub(crate) mod level;
+}
 
-use lanes::{LANES, Lanes};
-use level::{Instructions, SimdLevel, with_instructions};
+use simd::lanes::{LANES, Lanes};
+use simd::level::{Instructions, SimdLevel, with_instructions};
 
 /// Pairs of splat and block that times are taken over: they stay in the nearest cache but one.
 const TIMED: usize = 1024;
@@ -83,7 +84,8 @@ fn pixel_of(footprint: &Footprint<f64>, q: V2<f64>) -> V2<f64> {
     V2::new(e * b.y - f * a.y, f * a.x - e * b.x) * (1.0 / a.cross(b))
 }
 
-/// Curves as `convert --sharp` makes them, from nearly straight to strongly bent either way, on splats of 4 to 32 pixels.
+/// Curves as `convert --sharp` makes them, from nearly straight to strongly bent either way, on splats of 4 to 32
+/// pixels.
 fn pairs(count: usize, near: bool) -> Vec<Pair> {
     let mut random = Random(5);
     let pair = |_| {
@@ -223,7 +225,7 @@ fn truth(pair: &Pair) -> [u64; 2] {
 }
 
 fn clips(criterion: &mut Criterion) {
-    let instructions = Instructions::new(SimdLevel::Best).expect("the processor has the least instructions");
+    let instructions = Instructions::new(SimdLevel::Best).unwrap();
     for near in [false, true] {
         // Beside the curve only the first pixel is.
         let looked_at = if near { 1 } else { u64::MAX };

@@ -1,8 +1,8 @@
 //! Set-up, binning and the tile loops, by size of splat, and pixels by shader: `cargo bench -p surfel-cpu`.
 //!
-//! One thread, 512×512 pixels that a plane of tilted disks covers 3.8 times, seen in perspective: only so most splats are drawn by the
-//! cheapest evaluators. Each stage's time is the renderer's own, so that a
-//! stage is measured as a frame runs it, with the caches as the stage before leaves them.
+//! One thread, 512×512 pixels that a plane of tilted disks covers 3.8 times, seen in perspective: only so most splats
+//! are drawn by the cheapest evaluators. Each stage's time is the renderer's own, so that a stage is measured as a
+//! frame runs it, with the caches as the stage before leaves them.
 
 use std::time::Duration;
 
@@ -43,7 +43,7 @@ fn pixels(criterion: &mut Criterion) {
     ]);
     group.throughput(Throughput::Elements(view.size.iter().map(|&px| u64::from(px)).product()));
     for shader in [Shader::Unlit, Shader::Normal, Shader::Phong] {
-        let settings = Settings { shader, ..Settings::default() };
+        let settings = Settings::default().with_shader(shader);
         let id = BenchmarkId::from_parameter(format!("{shader:?}").to_lowercase());
         measure(&mut group, id, "tiles", (&scene, &view), &settings);
     }
@@ -58,12 +58,12 @@ fn measure(
     (scene, view): (&Scene, &View),
     settings: &Settings,
 ) {
-    let options = Options { threads: 1, ..Options::default() };
-    let mut renderer = Renderer::with_options(&options).expect("there is a thread");
+    let options = Options::default().with_threads(1);
+    let mut renderer = Renderer::new(options).expect("there is a thread");
     let resident = renderer.upload(scene).expect("the scene is uploaded");
     let mut frame = Frame::default();
     let mut draw = || {
-        let drawn = renderer.render(&resident, view, settings, Planes::COLOR, &mut frame);
+        let drawn = renderer.render_into(&resident, view, settings, Planes::COLOR, &mut frame);
         drawn.expect("the frame is drawn")
     };
     draw();
@@ -77,7 +77,10 @@ fn measure(
 
 criterion_group! {
     name = benches;
-    config = Criterion::default().sample_size(20).warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2));
+    config = Criterion::default()
+        .sample_size(20)
+        .warm_up_time(Duration::from_millis(500))
+        .measurement_time(Duration::from_secs(2));
     targets = stages, pixels
 }
 criterion_main!(benches);

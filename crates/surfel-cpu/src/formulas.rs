@@ -1,9 +1,9 @@
-//! The rasteriser's fastest formulas and others that could stand in their place, for `cargo xtask tradeoff`. No part of the
-//! interface: what is measured here is why there is no setting for it.
+//! The rasteriser's fastest formulas and others that could stand in their place, for `cargo xtask tradeoff`. No part of
+//! the interface: what is measured here is why there is no setting for it.
 
-use crate::kernel::Kernel;
-use crate::lanes::{LANES, Lanes};
-use crate::level::{Instructions, SimdLevel, with_instructions};
+use crate::setup::kernel::Kernel;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::level::{Instructions, SimdLevel, with_instructions};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 use surfel_math::Real;
@@ -28,19 +28,19 @@ pub enum Weight {
 /// A way to compute 1/x, for x in [0.66, 2.01].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reciprocal {
-    /// The processor's division.
+    /// The CPU's division.
     Division,
     /// What the renderer does: the best linear guess and two steps of Halley.
     Halley,
     /// The same with one step.
     HalleyOnce,
-    /// The processor's own estimate and a step of Newton.
+    /// The CPU's own estimate and a step of Newton.
     NewtonOnce,
-    /// The processor's own estimate.
+    /// The CPU's own estimate.
     Estimate,
 }
 
-/// One formula over slices of numbers, on the processor's best instructions.
+/// One formula over slices of numbers, on the CPU's best instructions.
 pub struct Formula {
     instructions: Instructions,
     of: Of,
@@ -52,7 +52,7 @@ enum Of {
 }
 
 impl Formula {
-    /// The kernel at cutoff 2 of ρ² in [0, 1]; `None` on a processor without the least instructions.
+    /// The kernel at cutoff 2 of ρ² in [0, 1]; `None` on a CPU without the instructions.
     pub fn weight(way: Weight) -> Option<Self> {
         const CUTOFF: f64 = 2.0;
         let entries = match way {
@@ -65,18 +65,18 @@ impl Formula {
             way,
             cutoff: CUTOFF as f32,
             kernel: Kernel::new(CUTOFF),
-            cubic: crate::kernel::series(0.5 * CUTOFF),
+            cubic: crate::setup::kernel::series(0.5 * CUTOFF),
             table: (0..entries).map(entry).collect(),
         };
         Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of })
     }
 
-    /// 1/x of x in [0.66, 2.01]; `None` on a processor without the least instructions.
+    /// 1/x of x in [0.66, 2.01]; `None` on a CPU without the instructions.
     pub fn reciprocal(way: Reciprocal) -> Option<Self> {
         Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of: Of::Reciprocal(way) })
     }
 
-    /// Of all whole sixteens of `inputs`, into the front of `outputs`.
+    /// Of all whole groups of `inputs`, into the front of `outputs`.
     pub fn apply(&self, inputs: &[f32], outputs: &mut [f32]) {
         with_instructions!(self.instructions, simd => simd.vectorize(#[inline(always)] || match &self.of {
             Of::Weight { way, cutoff, kernel, cubic, table } => match way {
@@ -105,12 +105,16 @@ impl Formula {
             Of::Reciprocal(way) => match way {
                 Reciprocal::Division => each(simd, inputs, outputs, #[inline(always)] |x| x.one() / x),
                 Reciprocal::Halley => each(simd, inputs, outputs, Lanes::reciprocal_near_one),
-                Reciprocal::HalleyOnce => each(simd, inputs, outputs, #[inline(always)] |x| x.guess_near_one().halley(x)),
+                Reciprocal::HalleyOnce => {
+                    each(simd, inputs, outputs, #[inline(always)] |x| x.guess_near_one().halley(x));
+                }
                 Reciprocal::NewtonOnce => each(simd, inputs, outputs, #[inline(always)] |x| {
                     let r = Lanes(x.0.approximate_recip());
                     (-x).mul_add(r, x.one()).mul_add(r, r)
                 }),
-                Reciprocal::Estimate => each(simd, inputs, outputs, #[inline(always)] |x| Lanes(x.0.approximate_recip())),
+                Reciprocal::Estimate => {
+                    each(simd, inputs, outputs, #[inline(always)] |x| Lanes(x.0.approximate_recip()));
+                }
             },
         }));
     }
@@ -133,18 +137,18 @@ mod tests {
     use super::*;
 
     /// Largest error over 1000 inputs from `low` to `high`.
-    fn worst(formula: Option<Formula>, [low, high]: [f32; 2], exact: impl Fn(f64) -> f64) -> f64 {
+    fn worst(formula: Formula, [low, high]: [f32; 2], exact: impl Fn(f64) -> f64) -> f64 {
         let inputs: Vec<f32> = (0..1008).map(|i| low + (high - low) * (i as f32 / 1007.0)).collect();
         let mut outputs = vec![0.0; inputs.len()];
-        formula.unwrap().apply(&inputs, &mut outputs);
+        formula.apply(&inputs, &mut outputs);
         inputs.iter().zip(&outputs).map(|(&x, &y)| (f64::from(y) - exact(f64::from(x))).abs()).fold(0.0, f64::max)
     }
 
     #[test]
     fn formulas_err_as_their_terms_and_steps_say() {
         use Weight::{Cubic, Exact, Interpolated, Nearest, Polynomial, PowerOfTwo};
-        // Half an ulp; the exponential's; the kernel's own test; 2.1e-4 of the cubic, twice by the square; h²f''/8 of 32 steps;
-        // half a step of 255 by the steepest slope, 2.
+        // Half an ulp; the exponential's; the kernel's own test; 2.1e-4 of the cubic, twice by the square; h²f''/8 of
+        // 32 steps; half a step of 255 by the steepest slope, 2.
         for (way, most) in [
             (Exact, 3.1e-8),
             (PowerOfTwo, 4e-7),
@@ -153,17 +157,18 @@ mod tests {
             (Interpolated, 5e-4),
             (Nearest, 4e-3),
         ] {
-            let found = worst(Formula::weight(way), [0.0, 1.0], |x| (-2.0 * x).exp());
+            let found = worst(Formula::weight(way).unwrap(), [0.0, 1.0], |x| (-2.0 * x).exp());
             assert!(found <= most && found > 0.01 * most, "{way:?}: {found:e}");
         }
         use Reciprocal::{Division, Estimate, Halley, HalleyOnce, NewtonOnce};
-        // Results up to 1.52: half an ulp, two; the guess's 0.147 cubed; estimates are good to 2⁻⁸ on any make, and a step squares it.
+        // Results up to 1.52: half an ulp, two; the guess's 0.147 cubed; estimates are good to 2⁻⁸ on any make, and a
+        // step squares it.
         for (way, most) in
             [(Division, 6e-8), (Halley, 2.4e-7), (HalleyOnce, 5e-3), (NewtonOnce, 2.4e-5), (Estimate, 6e-3)]
         {
-            let found = worst(Formula::reciprocal(way), [0.66, 2.01], |x| 1.0 / x);
+            let found = worst(Formula::reciprocal(way).unwrap(), [0.66, 2.01], |x| 1.0 / x);
             assert!(found <= most, "{way:?}: {found:e}");
         }
-        assert!(worst(Formula::reciprocal(HalleyOnce), [0.66, 2.01], |x| 1.0 / x) > 1e-3);
+        assert!(worst(Formula::reciprocal(HalleyOnce).unwrap(), [0.66, 2.01], |x| 1.0 / x) > 1e-3);
     }
 }

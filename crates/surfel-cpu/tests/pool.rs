@@ -4,8 +4,8 @@ use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 use surfel_cpu::{Options, Renderer};
 use surfel_model::{
-    Camera, CloudData, Column3, Geometry, Light, Material, Mesh, Object, OnInvalid, Projection, Scene, Settings,
-    Shader, Shape, SplatCloud, Texture, Transparency,
+    Camera, CloudData, Column3, EdgeAa, Geometry, Light, Material, Mesh, Object, OnInvalid, Projection, Scene,
+    Settings, Shader, Shape, SplatCloud, Texture, Transparency,
 };
 use surfel_render::{Frame, Planes, Renderer as _, View};
 
@@ -39,16 +39,17 @@ fn scene() -> Scene {
 
 #[test]
 fn renderer_has_its_own_threads_and_starts_no_others() {
-    let mut renderer = Renderer::with_options(&Options { threads: 2, ..Options::default() }).unwrap();
+    let mut renderer = Renderer::new(Options::default().with_threads(2)).unwrap();
     let projection = Projection::Perspective { fov_y_deg: 45.0 };
     let (eye, up, size) = ([0.0, 0.0, 4.0], [0.0, 1.0, 0.0], [96, 96]);
     let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
     let resident = renderer.upload(&scene()).unwrap();
     let transparency = Transparency::Peel { layers: 2, drop_last: false };
-    let settings = Settings { shader: Shader::Toon, edge_aa: true, transparency, ..Settings::default() };
+    let settings =
+        Settings::default().with_shader(Shader::Toon).with_edge_aa(EdgeAa::Coverage).with_transparency(transparency);
     let mut frame = Frame::default();
-    let planes = Planes { fragments: true, ..Planes::ALL };
-    let stats = renderer.render(&resident, &view, &settings, planes, &mut frame).unwrap();
+    let planes = Planes::ALL.with_fragments(true);
+    let stats = renderer.render_into(&resident, &view, &settings, planes, &mut frame).unwrap();
     assert_eq!((stats.threads, renderer.info().threads), (2, 2));
     assert!(stats.fragments > 0);
     // Whoever starts the global pool first may say how: this fails where anything above has.

@@ -4,7 +4,7 @@ use surfel_shaders::{BindingKind, ENTRIES, Stage, layout};
 
 /// One binding of a group.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Slot {
+pub struct BindingSlot {
     /// Its number.
     pub binding: u32,
     /// What it is.
@@ -14,24 +14,28 @@ pub struct Slot {
 }
 
 /// The bindings of a group that any of these entry points uses, by number.
-pub fn slots(entries: &[impl AsRef<str>], group: u32) -> Vec<Slot> {
-    let mut slots: Vec<Slot> = Vec::new();
+pub fn binding_slots(entries: &[impl AsRef<str>], group: u32) -> Vec<BindingSlot> {
+    let mut binding_slots: Vec<BindingSlot> = Vec::new();
     for entry in ENTRIES.iter().filter(|entry| entries.iter().any(|e| e.as_ref() == entry.name)) {
         for used in entry.bindings.iter().filter(|used| used.group == group) {
-            let at = slots.iter().position(|slot| slot.binding == used.binding);
-            match at.and_then(|at| slots.get_mut(at)) {
+            let at = binding_slots.iter().position(|slot| slot.binding == used.binding);
+            match at.and_then(|at| binding_slots.get_mut(at)) {
                 Some(slot) if !slot.stages.contains(&entry.stage) => slot.stages.push(entry.stage),
                 Some(_) => {}
-                None => slots.push(Slot { binding: used.binding, kind: used.kind, stages: vec![entry.stage] }),
+                None => binding_slots.push(BindingSlot {
+                    binding: used.binding,
+                    kind: used.kind,
+                    stages: vec![entry.stage],
+                }),
             }
         }
     }
-    slots.sort_by_key(|slot| slot.binding);
-    slots
+    binding_slots.sort_by_key(|slot| slot.binding);
+    binding_slots
 }
 
 /// Workgroups of a compute entry point that cover a length along an axis.
-pub fn groups(length: u32, entry: &str, axis: usize) -> u32 {
+pub fn workgroups(length: u32, entry: &str, axis: usize) -> u32 {
     let entry = ENTRIES.iter().find(|e| e.name == entry);
     let size = entry.and_then(|e| e.workgroup.get(axis).copied()).filter(|&size| size > 0);
     length.div_ceil(size.unwrap_or(layout::WORKGROUP))
@@ -43,12 +47,12 @@ mod tests {
 
     #[test]
     fn a_group_holds_what_its_entry_points_use_in_the_stages_that_use_it() {
-        let records = slots(&["visibility_vertex", "attribute_vertex"], 1);
-        assert_eq!(records, [Slot { binding: 0, kind: BindingKind::StorageRead, stages: vec![Stage::Vertex] }]);
-        let setup = slots(&["setup"], 1);
+        let records = binding_slots(&["visibility_vertex", "attribute_vertex"], 1);
+        assert_eq!(records, [BindingSlot { binding: 0, kind: BindingKind::StorageRead, stages: vec![Stage::Vertex] }]);
+        let setup = binding_slots(&["setup"], 1);
         assert_eq!(setup.iter().map(|slot| slot.binding).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
         assert_eq!(setup[4].kind, BindingKind::StorageWrite);
-        assert!(slots(&["setup"], 7).is_empty());
-        assert_eq!((groups(65, "setup", 0), groups(9, "shade", 1)), (2, 2));
+        assert!(binding_slots(&["setup"], 7).is_empty());
+        assert_eq!((workgroups(65, "setup", 0), workgroups(9, "shade", 1)), (2, 2));
     }
 }

@@ -1,49 +1,38 @@
-//! What Surfel's GPU backends share, whatever their API: how a scene lies in buffers ([`Upload`]), what each frame puts
-//! beside it ([`TileData`]), and how a picture is cut into tiles and passes ([`tiles()`], [`Sums`]).
+//! What Surfel's GPU backends share, whatever their API: how a scene lies in buffers ([`Upload`]), what each frame
+//! uploads beside it ([`TileData`]), and which passes draw it ([`schedule()`]).
 //!
-//! Everything that needs f64 happens here, on the CPU: origins of chunks relative to the eye, culling of chunks, and the
-//! few splats that reach the near plane. The rest is set up on the GPU by the twins of surfel-math's formulas. Buffers are
-//! filled by the offsets that `surfel-shaders` reflects from the shaders.
+//! Everything that needs f64 happens here, on the CPU: origins of chunks relative to the eye, culling of chunks, and
+//! the few splats that reach the near plane. The GPU sets up all other splats, by the twins of surfel-math's formulas.
+//! Buffers are filled by the offsets that `surfel-shaders` reflects from the shaders.
+//!
+//! Modules import downward: `frame` (a view's tiles, uniforms, culling) uses `passes` (draws, targets, their order),
+//! which uses `scene` (splats, clips and textures in buffers).
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod bindings;
-mod ceilings;
-mod chunk;
-mod clip;
-mod cost;
-mod culling;
-mod layers;
-mod memory;
-mod near;
-mod placement;
-mod planes;
-mod polygon;
-mod rounds;
-mod schedule;
-mod segment;
-mod shadows;
-mod stored;
-mod targets;
-mod texels;
-mod tile;
-mod uniforms;
-mod upload;
-mod words;
+mod frame;
+mod passes;
+mod scene;
+mod struct_writer;
 
-pub use bindings::{Slot, groups, slots};
-pub use ceilings::{CEILING_RUNS, Ceiling, CeilingFrame, FillRate};
-pub use chunk::Chunk;
-pub use clip::Variant;
-pub use cost::PlanCost;
-pub use layers::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words};
-pub use memory::{Precision, TargetKey, count_frame_bytes, target_bytes, veil_bytes};
-pub use planes::PlaneLayout;
-pub use rounds::{HOST_DEPTH_BINDING, PIXEL_BUFFERS, PIXEL_READS, Pixels};
-pub use schedule::{LACKS, Step, schedule};
-pub use segment::{Limits, RecordBytes, Segment, UploadedScene};
-pub use shadows::{MapCache, MapJob, SHADOW_MAPS, map_jobs, shadow_texels};
-pub use targets::{Draw, Layer, Sums, Target, TargetFormat};
-pub use tile::{NearRecords, SegmentData, TileData, Visible, tiles};
-pub use uniforms::FrameScene;
-pub use upload::Upload;
+pub use bindings::{BindingSlot, binding_slots, workgroups};
+pub use frame::planes::PlaneLayout;
+pub use frame::shadow_maps::{SHADOW_MAPS, ShadowMapCache, ShadowMapJob, shadow_map_jobs, shadow_texels};
+pub use frame::tile::{NearRecords, SegmentData, TileData};
+pub use frame::tiling::tiles;
+pub use frame::uniforms::FrameScene;
+pub use passes::draw::{Draw, Layer, Sums};
+pub use passes::fill_rate::{FILL_RATE_RUNS, FillRate, FillRateFrame};
+pub use passes::layer_draws::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words};
+pub use passes::memory::{Precision, TargetKey, count_frame_bytes, layer_composite_bytes, target_bytes};
+pub use passes::pixel_pass::{HOST_DEPTH_BINDING, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass};
+pub use passes::plan_cost::PlanCost;
+pub use passes::probe::FillRateProbe;
+pub use passes::schedule::{Step, UNSUPPORTED, VisibleSegments, schedule};
+pub use passes::targets::{Target, TargetFormat};
+pub use scene::chunk::Chunk;
+pub use scene::clip::Variant;
+pub use scene::limits::Limits;
+pub use scene::segment::{RecordBytes, Segment, UploadedScene};
+pub use scene::upload::Upload;

@@ -20,7 +20,7 @@ fn main() {
                     Content::Splats(s) => format!("{} splats", s.len()),
                     Content::Points(p) => format!("{} points", p.len()),
                     Content::Mesh(m) => format!("{} vertices, {} triangles", m.positions.len(), m.triangles.len()),
-                    Content::Hybrid(h) => format!("{} splats, {} nodes", h.cloud().len(), h.nodes().len()),
+                    Content::Octree(h) => format!("{} splats, {} nodes", h.cloud().len(), h.nodes().len()),
                 };
                 let (format, up, attributes) = (loaded.format, loaded.up, loaded.attributes.join(", "));
                 println!("{name}: {:.1} ms, {format}, {what}, up {up}; {attributes}", times[2]);

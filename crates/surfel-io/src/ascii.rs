@@ -1,17 +1,20 @@
 //! Lines, words and numbers of text formats, from bytes that may be anything.
 
 /// Splits bytes into lines at LF, CRLF or lone CR, and counts them from 1.
+#[cfg(any(feature = "obj", feature = "stl", feature = "points", test))]
 pub(crate) struct Lines<'a> {
     rest: &'a [u8],
     number: usize,
 }
 
+#[cfg(any(feature = "obj", feature = "stl", feature = "points", test))]
 impl<'a> Lines<'a> {
     pub(crate) fn new(bytes: &'a [u8]) -> Self {
         Self { rest: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), number: 0 }
     }
 }
 
+#[cfg(any(feature = "obj", feature = "stl", feature = "points", test))]
 impl<'a> Iterator for Lines<'a> {
     type Item = (usize, &'a [u8]);
 
@@ -31,6 +34,7 @@ impl<'a> Iterator for Lines<'a> {
 }
 
 /// Words of a line, separated by blanks.
+#[cfg(any(feature = "obj", feature = "stl"))]
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty())
 }

@@ -1,16 +1,16 @@
 //! Files that appear whole or not at all.
 
-use crate::IoError;
-use crate::error::WRITE;
+use crate::error::{IoError, WRITE};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::path::Path;
+use tempfile::NamedTempFile;
 
 /// Writes `path` by way of a temporary file in the same folder: synced, then renamed. A reader sees the old file
 /// or the whole new one, never a part; on failure the temporary file is removed and `path` is as it was.
 ///
-/// A symbolic link is followed; devices and pipes (`/dev/stdout`) are written directly.
+/// A symbolic link is followed; devices and pipes (`/dev/stdout`) are written directly. A file that is replaced keeps
+/// its permissions, a new one gets those that any new file of the process gets.
 ///
 /// # Errors
 /// [`IoError::Exists`] if there is such a file and `overwrite` is false (also if it appears meanwhile);
@@ -35,62 +35,45 @@ pub fn write(
         }
     }
     let target = if existing.is_some() { fs::canonicalize(path).map_err(system)? } else { path.to_path_buf() };
-    let temporary = Temporary::create(&target).map_err(system)?;
-    let mut sink = BufWriter::with_capacity(1 << 18, &temporary.file);
+    let temporary = temporary_in(folder_of(&target)).map_err(system)?;
+    let mut sink = BufWriter::with_capacity(1 << 18, temporary.as_file());
     content(&mut sink).and_then(|()| sink.flush()).map_err(system)?;
     drop(sink);
     if let Some(found) = existing {
-        // A replaced file keeps its permissions; where the system refuses that, the new file's own are fine.
-        let _ = temporary.file.set_permissions(found.permissions());
+        // Where the system refuses the old permissions, the new file's own are fine.
+        let _ = temporary.as_file().set_permissions(found.permissions());
     }
-    temporary.file.sync_all().map_err(system)?;
-    temporary.publish(&target, overwrite).map_err(|source| match source.kind() {
+    temporary.as_file().sync_all().map_err(system)?;
+    publish(temporary, &target, overwrite).map_err(|source| match source.kind() {
         io::ErrorKind::AlreadyExists => IoError::Exists { path: path.to_path_buf() },
         _ => system(source),
     })
 }
 
-/// Removes its file when dropped, unless that has been renamed away.
-struct Temporary {
-    file: File,
-    path: PathBuf,
+/// A new file that is removed when dropped. Its name isn't derived from the target's, which may already be as long as
+/// the file system allows.
+fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".surfel-").suffix(".tmp");
+    // Otherwise nobody else could read the file; the system takes away what the process's umask says.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(folder)
 }
 
-impl Temporary {
-    fn create(target: &Path) -> io::Result<Self> {
-        static COUNTER: AtomicU64 = AtomicU64::new(0);
-        let folder = folder_of(target);
-        loop {
-            let unique = COUNTER.fetch_add(1, Ordering::Relaxed);
-            // Not derived from the target's name, which may already be as long as the file system allows.
-            let path = folder.join(format!(".surfel-{}-{unique}.tmp", std::process::id()));
-            match OpenOptions::new().write(true).create_new(true).open(&path) {
-                Ok(file) => return Ok(Self { file, path }),
-                Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
-                Err(e) => return Err(e),
-            }
+fn publish(temporary: NamedTempFile, target: &Path, overwrite: bool) -> io::Result<()> {
+    if overwrite {
+        temporary.persist(target)?;
+    } else if let Err(failed) = temporary.persist_noclobber(target) {
+        // Of two writers one wins, because publishing fails where the target exists. Not every file system can do it.
+        if failed.error.kind() == io::ErrorKind::AlreadyExists {
+            return Err(failed.error);
         }
+        failed.file.persist(target)?;
     }
-
-    fn publish(self, target: &Path, overwrite: bool) -> io::Result<()> {
-        // A hard link fails where the target exists, so two writers can't both win; not every file system has it.
-        let linked = if overwrite { None } else { Some(fs::hard_link(&self.path, target)) };
-        match linked {
-            Some(Ok(())) => {}
-            Some(Err(e)) if e.kind() == io::ErrorKind::AlreadyExists => return Err(e),
-            _ => fs::rename(&self.path, target)?,
-        }
-        // Makes the new name durable; not every system lets a folder be synced.
-        let _ = File::open(folder_of(target)).and_then(|f| f.sync_all());
-        Ok(())
-    }
-}
-
-impl Drop for Temporary {
-    fn drop(&mut self) {
-        // After a rename there is nothing left to remove, and that is no failure.
-        let _ = fs::remove_file(&self.path);
-    }
+    // Makes the new name durable; not every system lets a folder be synced.
+    let _ = File::open(folder_of(target)).and_then(|folder| folder.sync_all());
+    Ok(())
 }
 
 fn folder_of(path: &Path) -> &Path {

@@ -1,4 +1,4 @@
-//! Stored colours to linear ones and back.
+//! Conversion between the sRGB-encoded levels that files hold and the linear values that the model holds.
 
 use std::sync::OnceLock;
 use surfel_math::srgb;
@@ -31,8 +31,8 @@ pub(crate) fn exact_8_bit(linear: f32) -> Option<u8> {
 
 /// The nearest sRGB-encoded 8-bit level (round half up), clamped; NaN is 0.
 pub(crate) fn nearest_8_bit(linear: f32) -> u8 {
-    // Decision levels between the codes, so that no power is taken a pixel, and a first guess for them: near
-    // black, where the curve is steepest, 1/4096 spans less than one code.
+    // The tables hold the least value of each level, so that no power is taken a pixel, and a first guess at the level:
+    // near black, where the curve is steepest, 1/4096 spans less than one level.
     static TABLES: OnceLock<([f32; 256], Vec<u8>)> = OnceLock::new();
     let (least, guess) = TABLES.get_or_init(|| {
         let least: [f32; 256] = std::array::from_fn(|i| srgb::decode((i as f64 - 0.5).max(0.0) / 255.0) as f32);

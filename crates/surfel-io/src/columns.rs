@@ -1,4 +1,4 @@
-//! From stored scalars to the model's columns.
+//! Conversion of scalars as files store them, of any type, to the model's columns of positions, vectors and colours.
 
 use crate::color::{linear_of_8_bit, linear_of_16_bit};
 use glam::{DVec3, Vec3};
@@ -62,6 +62,7 @@ pub(crate) fn positions(values: [ExtraValues; 3]) -> (DVec3, Column3) {
 
 /// Positions from text or from a transformation, where the digits beyond f32 mean something only if f32 is
 /// coarse at the points' distance from the origin.
+#[cfg(any(feature = "obj", feature = "points", feature = "gltf"))]
 pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for p in points.iter().filter(|p| p.is_finite()) {

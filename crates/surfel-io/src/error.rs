@@ -108,6 +108,13 @@ impl Problem {
         Self { what: what.into(), location: None, expected: None, help: None }
     }
 
+    /// A known format whose reader is a Cargo feature that this build lacks.
+    #[cfg_attr(feature = "default", allow(dead_code))]
+    pub(crate) fn not_built(format: &str, feature: &str) -> Self {
+        Self::new(format!("is a {format} file, and this build has no reader for {format}"))
+            .help(format!("build with the Cargo feature \"{feature}\" of surfel-io"))
+    }
+
     pub(crate) fn at(mut self, location: Location) -> Self {
         self.location = Some(location);
         self

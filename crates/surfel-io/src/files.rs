@@ -1,7 +1,8 @@
 //! Reading whole files without trusting their size, and the files that a file refers to.
 
-use crate::IoError;
-use crate::error::{Fault, Problem, READ};
+use crate::error::{Fault, IoError, Problem, READ};
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -33,25 +34,40 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {
 
 /// Where the files that a file refers to (materials, textures, buffers) are looked for.
 #[derive(Clone, Debug)]
-pub(crate) enum Beside {
+pub(crate) enum Siblings {
     /// Nowhere: the bytes came without a place.
-    Nowhere,
-    /// In this folder.
-    Folder(PathBuf),
+    None,
+    /// In a folder.
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// The files that were asked for, found or not.
+        asked: RefCell<BTreeSet<PathBuf>>,
+    },
 }
 
-impl Beside {
+impl Siblings {
     pub(crate) fn of(path: &Path) -> Self {
-        Self::Folder(path.parent().map(Path::to_path_buf).unwrap_or_default())
+        let path = path.parent().map(Path::to_path_buf).unwrap_or_default();
+        Self::Folder { path, asked: RefCell::default() }
+    }
+
+    /// The files that were asked for, found or not.
+    pub(crate) fn asked(&self) -> Vec<PathBuf> {
+        match self {
+            Self::None => Vec::new(),
+            Self::Folder { asked, .. } => asked.borrow().iter().cloned().collect(),
+        }
     }
 
     /// A referenced file, at most 1 GiB and regular (a device would never end), or why it can't be had.
     pub(crate) fn read(&self, reference: &str) -> Result<Vec<u8>, String> {
-        let Self::Folder(folder) = self else {
+        let Self::Folder { path: folder, asked } = self else {
             return Err("files beside the data are not available here".into());
         };
         // Exporters on Windows write backslashes, which elsewhere are part of a name.
         let path = folder.join(reference.replace('\\', "/"));
+        asked.borrow_mut().insert(path.clone());
         let metadata = std::fs::metadata(&path).map_err(|e| e.to_string())?;
         if !metadata.is_file() {
             return Err("it is not a regular file".into());

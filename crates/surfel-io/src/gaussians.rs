@@ -1,8 +1,9 @@
-//! Gaussian splats as surface splats.
+//! Conversion of 2D and 3D Gaussian splats to surface splats.
 
 use crate::color::linear_of_unit;
+use crate::content::Content;
+use crate::context::Context;
 use crate::error::Fault;
-use crate::load::{Content, Context};
 use glam::{DQuat, DVec3};
 use surfel_model::{CloudData, Column3, Shape, Up};
 

@@ -6,8 +6,9 @@
 use crate::ascii::{Lines, number};
 use crate::color::linear_of_unit;
 use crate::columns::measured_positions;
+use crate::content::Content;
+use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
-use crate::load::{Content, Context};
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 

@@ -1,7 +1,7 @@
 //! Scene files and camera files: JSON, unknown keys refused.
 
-use crate::error::{Fault, Location, Problem};
-use crate::{IoError, files};
+use crate::error::{Fault, IoError, Location, Problem};
+use crate::files;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 use surfel_model::{Camera, SceneFile};

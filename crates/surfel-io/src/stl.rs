@@ -1,8 +1,9 @@
 //! STL: loose triangles, text or binary. Corners at exactly the same place become one vertex.
 
 use crate::ascii::{Lines, number_f32, words};
+use crate::content::Content;
+use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
-use crate::load::{Content, Context};
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use surfel_model::{Column3, Mesh};

@@ -86,3 +86,18 @@ fn atomic_follows_links_and_writes_devices_directly() {
     atomic::write("/dev/null".as_ref(), false, |out| out.write_all(b"gone")).unwrap();
     assert!(!fs::metadata("/dev/null").unwrap().is_file());
 }
+
+#[cfg(unix)]
+#[test]
+fn atomic_permissions_are_those_of_any_new_file_and_then_stay() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = Folder::new("permissions");
+    let mode = |path: &std::path::Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    let (ours, plain) = (folder.0.join("ours"), folder.0.join("plain"));
+    atomic::write(&ours, false, |out| out.write_all(b"one")).unwrap();
+    fs::write(&plain, "one").unwrap();
+    assert_eq!(mode(&ours), mode(&plain));
+    fs::set_permissions(&ours, fs::Permissions::from_mode(0o640)).unwrap();
+    atomic::write(&ours, true, |out| out.write_all(b"two")).unwrap();
+    assert_eq!((mode(&ours), fs::read(&ours).unwrap().as_slice()), (0o640, &b"two"[..]));
+}

@@ -1,5 +1,7 @@
 //! Points as text, OBJ, STL and glTF, and how formats are told apart.
 
+#![cfg(all(feature = "gltf", feature = "obj", feature = "points", feature = "stl"))]
+
 use glam::DVec3;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -101,7 +103,8 @@ fn points_faults_name_the_line() {
 
 #[test]
 fn obj_indices_of_every_form() {
-    let text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/1/1 \\\n4/2/1\nf -4//1 -3//1 -2//1\n";
+    let text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/1/1 \\\n4/2/1\nf -4//1 \
+                -3//1 -2//1\n";
     let m = mesh(load(Format::Obj, text));
     assert_eq!(m.triangles.len(), 3);
     assert_eq!(m.triangles[..2], [[0, 1, 2], [0, 2, 3]]);
@@ -178,7 +181,7 @@ fn png(texels: &[[u8; 3]]) -> Vec<u8> {
 }
 
 #[test]
-fn obj_materials_keep_one_texture_and_bake_several() {
+fn obj_materials_keep_their_textures() {
     let folder = Folder::new("mtl");
     let shape = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.5\nusemtl red one\nf 1/1 2/1 3/1\n";
     folder.write("sub/r.png", png(&[[255, 0, 0], [0, 0, 255]]));
@@ -199,14 +202,34 @@ fn obj_materials_keep_one_texture_and_bake_several() {
     assert!(loaded.notes.iter().all(|note| !note.contains("texture")), "{:?}", loaded.notes);
     let two = format!("mtllib a.mtl\n{shape}usemtl green\nf 1/1 2/1 3/1\n");
     let loaded = load_file(&folder.write("two.obj", two), &LoadOptions::default()).unwrap();
-    assert!(loaded.notes[0].starts_with("baked 2 textures"), "{:?}", loaded.notes);
+    assert!(loaded.notes.is_empty(), "{:?}", loaded.notes);
     let two = mesh(loaded);
-    // The left texel's centre, and the green image times Kd.
-    assert_eq!(
-        two.colors.unwrap(),
-        [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.5, 0.0], [0.0, 0.5, 0.0]]
-    );
-    assert!(two.texture.is_none() && two.uvs.is_none());
+    let texel = |triangle: usize| two.material(triangle).texture.map(|t| t.srgba8[0]);
+    assert_eq!([texel(0), texel(1)], [Some([255, 0, 0, 255]), Some([0, 255, 0, 255])]);
+    // Kd multiplies.
+    assert_eq!((two.colors.as_ref().unwrap()[0], two.colors.as_ref().unwrap()[3]), ([1.0; 3], [0.5; 3]));
+    assert!(two.texture.is_none() && two.uvs.is_some());
+}
+
+#[test]
+fn obj_opacity_maps_are_the_alpha_of_textures() {
+    let folder = Folder::new("opacity");
+    let shape = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.5\nusemtl m\nf 1/1 2/1 3/1\n";
+    folder.write("color.png", png(&[[255, 0, 0], [0, 0, 255]]));
+    folder.write("grey.png", png(&[[0; 3], [64; 3], [192; 3], [255; 3]]));
+    let load = |maps: &str| {
+        folder.write("a.mtl", format!("newmtl m\n{maps}"));
+        load_file(&folder.write("a.obj", format!("mtllib a.mtl\n{shape}")), &LoadOptions::default()).unwrap()
+    };
+    let texels = |maps: &str| mesh(load(maps)).texture.unwrap().srgba8.clone();
+    // The nearest texel of the other image.
+    assert_eq!(texels("map_Kd color.png\nmap_d -imfchan l grey.png\n"), [[255, 0, 0, 0], [0, 0, 255, 192]]);
+    let white = |a| [255, 255, 255, a];
+    assert_eq!(texels("map_d grey.png\n"), [white(0), white(64), white(192), white(255)]);
+    assert_eq!(texels("map_Kd color.png\nmap_d color.png\n"), [[255, 0, 0, 255], [0, 0, 255, 255]]);
+    let loaded = load("map_Kd color.png\nmap_d none.png\n");
+    assert!(loaded.notes[0].starts_with("left out the texture 'none.png'"), "{:?}", loaded.notes);
+    assert_eq!(mesh(loaded).texture.unwrap().srgba8[1], [0, 0, 255, 255]);
 }
 
 #[test]
@@ -277,7 +300,10 @@ fn gltf(data: &[u8], accessors: &[(usize, usize, u32, &str)], rest: &str) -> Str
     let accessors: Vec<String> = accessors
         .iter()
         .map(|(offset, count, component, kind)| {
-            format!(r#"{{"bufferView": 0, "byteOffset": {offset}, "count": {count}, "componentType": {component}, "type": "{kind}"}}"#)
+            format!(
+                r#"{{"bufferView": 0, "byteOffset": {offset}, "count": {count},
+                    "componentType": {component}, "type": "{kind}"}}"#
+            )
         })
         .collect();
     format!(
@@ -304,7 +330,8 @@ fn gltf_placements_multiply_and_mirrors_keep_the_outside_out() {
         r#""meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2},
             {"attributes": {"POSITION": 0, "NORMAL": 1}, "mode": 5},
             {"attributes": {"POSITION": 0, "NORMAL": 1}, "mode": 6}, {"attributes": {"POSITION": 0}, "mode": 1}]}],
-          "nodes": [{"mesh": 0, "scale": [1, 1, -2]}, {"children": [0], "translation": [10, 0, 0], "rotation": [0, 0, 1, 0]}, {"mesh": 0}],
+          "nodes": [{"mesh": 0, "scale": [1, 1, -2]}, {"children": [0], "translation": [10, 0, 0],
+          "rotation": [0, 0, 1, 0]}, {"mesh": 0}],
           "scenes": [{"nodes": []}, {"nodes": [1]}], "scene": 1"#,
     );
     let loaded = load(Format::Gltf, text);
@@ -335,13 +362,18 @@ fn gltf_materials_color_and_texture() {
         &data,
         &[(0, 4, 5126, "VEC3"), (48, 4, 5126, "VEC2"), (80, 4, 5121, "VEC4")],
         &format!(
-            r#""meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0, "TEXCOORD_0": 1, "COLOR_0": 2}}, "mode": 5, "material": 0}}]}}],
-          "materials": [{{"alphaMode": "BLEND", "pbrMetallicRoughness": {{"baseColorFactor": [0.5, 1, 1, 0.5], "baseColorTexture":
+            r#""meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0, "TEXCOORD_0": 1, "COLOR_0": 2}},
+             "mode": 5, "material": 0}}]}}],
+          "materials": [{{"alphaMode": "BLEND", "pbrMetallicRoughness": {{"baseColorFactor": [0.5, 1, 1, 0.5],
+          "baseColorTexture":
              {{"index": 0, "extensions": {{"KHR_texture_transform": {{"offset": [0.5, 0]}}}}}}}}}}],
           "textures": [{{"source": 0}}], "images": [{{"uri": "data:image/png,{hex}"}}], "nodes": [{{"mesh": 0}}]"#
         ),
     )
-    .replace(r#""componentType": 5121, "type": "VEC4""#, r#""componentType": 5121, "normalized": true, "type": "VEC4""#);
+    .replace(
+        r#""componentType": 5121, "type": "VEC4""#,
+        r#""componentType": 5121, "normalized": true, "type": "VEC4""#,
+    );
     let m = mesh(load(Format::Gltf, text));
     assert_eq!(m.texture.unwrap().srgba8, [[0, 255, 0, 255], [0, 0, 255, 255]]);
     assert_eq!(m.uvs.unwrap()[0], [0.75, 0.0]);
@@ -352,9 +384,11 @@ fn gltf_materials_color_and_texture() {
 
 #[test]
 fn gltf_points_and_glb() {
-    let json = r#"{"asset": {"version": "2.0"}, "buffers": [{"byteLength": 24}], "bufferViews": [{"buffer": 0, "byteLength": 24}],
+    let json = r#"{"asset": {"version": "2.0"}, "buffers": [{"byteLength": 24}],
+        "bufferViews": [{"buffer": 0, "byteLength": 24}],
         "accessors": [{"bufferView": 0, "count": 2, "componentType": 5126, "type": "VEC3"}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 0}]}], "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}]}"#;
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 0}]}], "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}]}"#;
     let json = format!("{json:<width$}", width = json.len().next_multiple_of(4));
     let data = floats(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
     let mut glb = b"glTF\x02\0\0\0".to_vec();
@@ -398,7 +432,8 @@ fn gltf_gaussian_splats_are_lifted() {
         ],
         r#""extensionsUsed": ["KHR_gaussian_splatting"], "nodes": [{"mesh": 0, "scale": [2, 2, 2]}],
           "meshes": [{"primitives": [{"mode": 0, "attributes": {"POSITION": 0, "KHR_gaussian_splatting:ROTATION": 1,
-             "KHR_gaussian_splatting:SCALE": 2, "KHR_gaussian_splatting:OPACITY": 3, "KHR_gaussian_splatting:SH_DEGREE_0_COEF_0": 4},
+             "KHR_gaussian_splatting:SCALE": 2, "KHR_gaussian_splatting:OPACITY": 3,
+             "KHR_gaussian_splatting:SH_DEGREE_0_COEF_0": 4},
              "extensions": {"KHR_gaussian_splatting": {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}}}]}]"#,
     );
     let cloud = splats(load(Format::Gltf, &text));
@@ -433,11 +468,7 @@ fn gltf_faults_are_errors() {
         (r#"{"mesh": 0}"#, r#"{"mesh": 9}"#, "mesh 9 does not exist"),
         (r#""POSITION": 0}"#, r#""POSITION": 0}, "mode": 9"#, "mode 9"),
         (r#""POSITION": 0}"#, r#""POSITION": 0}, "indices": 0"#, "no plain indices"),
-        (
-            r#""meshes""#,
-            r#""extensionsRequired": ["KHR_draco_mesh_compression"], "meshes""#,
-            "requires the glTF extension",
-        ),
+        (r#""meshes""#, r#""extensionsRequired": ["EXT_unheard_of"], "meshes""#, "requires the glTF extension"),
         ("}", "", "not a valid glTF document"),
     ] {
         let error = try_load(Format::Gltf, ok.replacen(from, to, 1)).unwrap_err();
@@ -450,7 +481,8 @@ fn format_is_told_by_content_before_the_extension() {
     let detect = |bytes: &[u8]| load_bytes(bytes, None, Path::new("t"), &LoadOptions::default()).map(|l| l.format);
     assert_eq!(detect(b"# c\n\nv 0 0 0\n").unwrap(), Format::Obj);
     assert_eq!(detect(b"\n# c\n 1 2 3\n").unwrap(), Format::Xyz);
-    let ply = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3";
+    let ply = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float \
+                z\nend_header\n1 2 3";
     assert_eq!(load(Format::Obj, ply).format, Format::Ply);
     for (bytes, expected) in
         [(&b"LASF..."[..], "LAS/LAZ"), (b"\x89PNG", "PNG image"), (b"\x00\x01\x02", "in no format")]

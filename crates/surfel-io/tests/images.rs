@@ -1,5 +1,7 @@
 //! Pictures written and read back.
 
+#![cfg(all(feature = "exr", feature = "jpeg"))]
+
 use std::path::Path;
 use surfel_io::{BitDepth, ExrOptions, Planes, PngOptions, read_image_bytes, write_exr, write_png};
 
@@ -124,6 +126,62 @@ fn png_is_straight_srgb_and_reads_back_within_half_a_code() {
 }
 
 #[test]
+fn png_texts_are_kept_as_text_chunks_that_every_reader_knows() {
+    let entry = |key: &str, text: &str| (key.to_owned(), text.to_owned());
+    let metadata = vec![entry("a:scene", "{\"x\": [1, 2]}"), entry("b", "naïve → ☃")];
+    let mut bytes = Vec::new();
+    let options = PngOptions { metadata: metadata.clone(), ..PngOptions::default() };
+    write_png(&mut bytes, &planes().view(), &options).unwrap();
+    assert_eq!(read(&bytes).metadata, metadata);
+    let chunk =
+        |kind: &[u8], start: &[u8]| bytes.windows(kind.len() + start.len()).any(|w| w == [kind, start].concat());
+    assert!(chunk(b"tEXt", b"a:scene\0{") && chunk(b"iTXt", b"b\0"));
+    let mut bare = Vec::new();
+    write_png(&mut bare, &planes().view(), &PngOptions::default()).unwrap();
+    assert_eq!((read(&bare).metadata, read(&bare).color), (Vec::new(), read(&bytes).color));
+}
+
+#[cfg(feature = "jpeg")]
+#[test]
+fn jpeg_is_blended_onto_its_background_and_reads_back_within_its_quality() {
+    use surfel_io::{JpegOptions, write_jpeg};
+    // Bands of 8 x 8 blocks, each of one colour, so that quality costs nothing but rounding.
+    let colors = [[0.5, 0.0, 0.0, 0.5], [0.2, 0.7, 0.1, 1.0], [0.0; 4], [f32::NAN; 4], [4.0, -1.0, 1.0, 1.0]];
+    let color: Vec<[f32; 4]> = (0..40 * 8).map(|i| colors[i % 40 / 8]).collect();
+    let planes = Planes { width: 40, height: 8, color: Some(color), ..Planes::default() };
+    let written = |quality: u8| {
+        let mut bytes = Vec::new();
+        let options = JpegOptions { quality, background: [0.0, 0.25, 1.0] };
+        write_jpeg(&mut bytes, &planes.view(), &options).map(|()| bytes)
+    };
+    let bytes = written(92).unwrap();
+    assert_eq!(bytes, written(92).unwrap());
+    assert!(bytes.starts_with(&[0xff, 0xd8, 0xff]));
+    let found = read(&bytes).color.unwrap();
+    // C + (1 - alpha) * background by hand.
+    let expected = [[0.5, 0.125, 0.5], [0.2, 0.7, 0.1], [0.0, 0.25, 1.0], [0.0, 0.25, 1.0], [1.0, 0.0, 1.0]];
+    for (band, expected) in expected.iter().enumerate() {
+        let found = found[4 * 40 + band * 8 + 4];
+        // Three levels of 255 where the encoding is steepest against linear light, 2.3 a unit.
+        let close = found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 3.0 * 2.3 / 255.0);
+        assert!(close && found[3] == 1.0, "{band}: {found:?} {expected:?}");
+    }
+    let detailed = Planes { width: 40, height: 8, ..planes.clone() };
+    let noise = (0..320_u32).map(|i| [(i.wrapping_mul(2_654_435_761) >> 24) as f32 / 255.0, 0.5, 0.5, 1.0]).collect();
+    let detailed = Planes { color: Some(noise), ..detailed };
+    let size = |quality: u8| {
+        let mut bytes = Vec::new();
+        write_jpeg(&mut bytes, &detailed.view(), &JpegOptions { quality, ..JpegOptions::default() }).unwrap();
+        bytes.len()
+    };
+    assert!(size(20) < size(92) && size(92) < size(100));
+    assert!(written(0).is_err() && written(101).is_err());
+    let wide = Planes { width: 65_536, height: 1, color: Some(vec![[0.0; 4]; 65_536]), ..Planes::default() };
+    let error = write_jpeg(&mut Vec::new(), &wide.view(), &JpegOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("65536x1") && error.contains("65535"), "{error}");
+}
+
+#[test]
 fn png_truncated_or_lying_is_an_error() {
     let mut bytes = Vec::new();
     write_png(&mut bytes, &planes().view(), &PngOptions::default()).unwrap();
@@ -148,5 +206,120 @@ fn png_of_other_color_types_is_read() {
     // IEC 61966-2-1 of 128/255.
     assert_eq!(read(&bytes).color.unwrap(), [[0.0, 0.0, 0.0, 1.0], [0.215_860_5, 0.215_860_5, 0.215_860_5, 1.0]]);
     let error = read_image_bytes(b"GIF89a", Path::new("t.gif")).unwrap_err().to_string();
-    assert!(error.contains("'GIF89a'") && error.contains("OpenEXR, PNG or JPEG"), "{error}");
+    assert!(error.contains("'GIF89a'") && error.contains("OpenEXR, PNG, JPEG or WebP"), "{error}");
+}
+
+/// 8×8 texels of (200, 100, 50), lossy.
+#[cfg(feature = "webp")]
+const WEBP: &str = "524946463a00000057454250565038202e000000f001009d012a0800080001402625a00274ba01f80004c80000\
+                    feae17ff36040cd0fa60ffd26cf136789b3e398000";
+
+#[cfg(feature = "webp")]
+#[test]
+fn webp_is_read_and_its_size_is_held_against_its_bytes() {
+    let mut bytes: Vec<u8> =
+        (0..WEBP.len()).step_by(2).map(|i| u8::from_str_radix(&WEBP[i..i + 2], 16).unwrap()).collect();
+    let picture = read(&bytes);
+    assert_eq!((picture.width, picture.height), (8, 8));
+    let color = picture.color.unwrap();
+    // Lossy: two levels of 255 off, where one is 0.009 of light.
+    let expected = [200.0, 100.0, 50.0].map(|level| surfel_math::srgb::decode(level / 255.0) as f32);
+    for texel in color {
+        assert!(texel[3] == 1.0 && (0..3).all(|k| (texel[k] - expected[k]).abs() < 0.02), "{texel:?}");
+    }
+    // The key frame's header says 14 bits of width and height.
+    let at = bytes.windows(3).position(|w| w == [0x9d, 0x01, 0x2a]).unwrap() + 3;
+    bytes[at..at + 4].copy_from_slice(&[0xff, 0x3f, 0xff, 0x3f]);
+    let error = read_image_bytes(&bytes, Path::new("t.webp")).unwrap_err().to_string();
+    assert!(error.contains("says that it has 16383x16383 pixels, but is"), "{error}");
+}
+
+/// A baseline JPEG of 8x8 texels of one colour, given as differences of (Y, Cb, Cr) or of a grey from 128, each -127 to
+/// 127.
+fn jpeg(levels: &[i32]) -> Vec<u8> {
+    let mut bytes = vec![0xff, 0xd8];
+    let mut segment = |marker: u8, data: &[u8]| {
+        bytes.extend([0xff, marker]);
+        bytes.extend((data.len() as u16 + 2).to_be_bytes());
+        bytes.extend(data);
+    };
+    // Steps of 8, so that a coefficient of a block's mean is the level itself.
+    segment(0xdb, &[&[0][..], &[8; 64]].concat());
+    let n = levels.len() as u8;
+    let components: Vec<u8> = (1..=n).flat_map(|id| [id, 0x11, 0]).collect();
+    segment(0xc0, &[&[8, 0, 8, 0, 8, n][..], &components].concat());
+    // Four bits for each of the means' sizes in bits, 0 to 7; one for the end of a block, the only other coefficient.
+    segment(0xc4, &[&[0, 0, 0, 0, 8][..], &[0; 12], &[0, 1, 2, 3, 4, 5, 6, 7]].concat());
+    segment(0xc4, &[&[0x10, 1][..], &[0; 15], &[0]].concat());
+    let scan: Vec<u8> = (1..=n).flat_map(|id| [id, 0]).collect();
+    segment(0xda, &[&[n][..], &scan, &[0, 63, 0]].concat());
+    let mut bits = String::new();
+    for &level in levels {
+        let size = (32 - level.unsigned_abs().leading_zeros()) as usize;
+        let value = if level < 0 { level + (1 << size) - 1 } else { level };
+        bits += &format!("{size:04b}");
+        bits += &if size > 0 { format!("{value:0size$b}") } else { String::new() };
+        bits.push('0');
+    }
+    while !bits.len().is_multiple_of(8) {
+        bits.push('1');
+    }
+    bytes.extend((0..bits.len()).step_by(8).map(|i| u8::from_str_radix(&bits[i..i + 8], 2).unwrap()));
+    bytes.extend([0xff, 0xd9]);
+    bytes
+}
+
+#[test]
+fn jpeg_in_color_and_grey_is_read() {
+    // R = Y + 1.402 Cr, G = Y - 0.344 Cb - 0.714 Cr, B = Y + 1.772 Cb (JFIF).
+    for (levels, expected) in [(&[-44, -14, 82][..], [199, 30, 59]), (&[0], [128; 3]), (&[-100], [28; 3])] {
+        let bytes = jpeg(levels);
+        let picture = read(&bytes);
+        assert_eq!((picture.width, picture.height), (8, 8));
+        let color = picture.color.unwrap();
+        assert_eq!(color.len(), 64);
+        for texel in color {
+            for (found, level) in texel.iter().zip(expected) {
+                let encoded = surfel_math::srgb::encode(f64::from(*found)) * 255.0;
+                assert!((encoded - f64::from(level)).abs() < 1.5, "{texel:?} {expected:?}");
+            }
+            assert_eq!(texel[3], 1.0);
+        }
+        // Without its scan there is no picture.
+        let header = bytes.windows(2).position(|w| w == [0xff, 0xda]).unwrap();
+        assert!((0..=header).all(|end| read_image_bytes(&bytes[..end], Path::new("t")).is_err()));
+    }
+}
+
+/// A PNG of two texels, read back.
+fn png_texels(color: png::ColorType, depth: png::BitDepth, data: &[u8], palette: &[u8], trns: &[u8]) -> Vec<[f32; 4]> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, 2, 1);
+    encoder.set_color(color);
+    encoder.set_depth(depth);
+    if !palette.is_empty() {
+        encoder.set_palette(palette.to_vec());
+    }
+    if !trns.is_empty() {
+        encoder.set_trns(trns.to_vec());
+    }
+    encoder.write_header().unwrap().write_image_data(data).unwrap();
+    read(&bytes).color.unwrap()
+}
+
+#[test]
+fn png_of_16_bits_palettes_and_transparent_colors_is_read() {
+    use png::{BitDepth as Depth, ColorType as Color};
+    // IEC 61966-2-1 of 0x8000/65535, and of 128/255.
+    let (half, coarse) = (0.214_049_28, 0.215_860_5);
+    let data = [0x80, 0, 0x80, 0, 255, 255, 255, 255];
+    let grey = png_texels(Color::GrayscaleAlpha, Depth::Sixteen, &data, &[], &[]);
+    assert!((grey[0][0] - half / 2.0).abs() < 1e-5 && (grey[0][3] - 0.5).abs() < 1e-4, "{grey:?}");
+    assert_eq!(grey[1], [1.0; 4]);
+    let palette = png_texels(Color::Indexed, Depth::Two, &[0b0100_0000], &[255, 0, 0, 0, 128, 0], &[255, 0]);
+    assert_eq!(palette, [[0.0; 4], [1.0, 0.0, 0.0, 1.0]]);
+    let bits = png_texels(Color::Grayscale, Depth::One, &[0b0100_0000], &[], &[]);
+    assert_eq!(bits, [[0.0, 0.0, 0.0, 1.0], [1.0; 4]]);
+    let key = png_texels(Color::Rgb, Depth::Eight, &[1, 2, 3, 128, 128, 128], &[], &[0, 1, 0, 2, 0, 3]);
+    assert_eq!(key, [[0.0; 4], [coarse, coarse, coarse, 1.0]]);
 }

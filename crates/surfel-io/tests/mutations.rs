@@ -1,6 +1,15 @@
 //! Damaged files of every format: no reader panics, hangs, or takes much memory. Seeded, so that each run is the
 //! same; `fuzz/` holds the same readers for a coverage-guided fuzzer, and `finds/` what has been found.
 
+#![cfg(all(
+    feature = "draco",
+    feature = "exr",
+    feature = "meshopt",
+    feature = "obj",
+    feature = "points",
+    feature = "stl"
+))]
+
 use std::path::Path;
 use std::time::{Duration, Instant};
 use surfel_io::{ExrOptions, Planes, PngOptions};
@@ -134,7 +143,10 @@ fn ply_seeds() -> Vec<Vec<u8>> {
             "end_header\n0 0 0 1 -1 -1 1 0 0 0 0 0 0\n1 1 1 1 -1 -1 1 0 0 0 0 0 0\n",
         ),
     ];
-    let mut binary = b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty double y\nproperty ushort z\nelement face 2\nproperty list uchar uint vertex_index\nend_header\n".to_vec();
+    let mut binary = b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty double \
+                       y\nproperty ushort z\nelement face 2\nproperty list uchar uint \
+                       vertex_index\nend_header\n"
+        .to_vec();
     binary.extend([0; 3 * 14]);
     binary.extend([3, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0]);
     seeds.push(binary);
@@ -158,7 +170,9 @@ fn mutations_of_points_obj_and_stl() {
         load_as(Some(Format::Pts)),
     );
     damage(
-        &[b"mtllib a.mtl\nv 0 0 0 1 0 1\nv 1 0 0\nv 0 1 0\nvt 0 1\nvn 0 0 1\nusemtl a\nf 1/1/1 2/1/1 3/1/1\nf -1 -2 \\\n-3\n".to_vec()],
+        &[b"mtllib a.mtl\nv 0 0 0 1 0 1\nv 1 0 0\nv 0 1 0\nvt 0 1\nvn 0 0 1\nusemtl a\nf 1/1/1 2/1/1 3/1/1\nf -1 -2 \
+            \\\n-3\n"
+            .to_vec()],
         8000,
         load_as(Some(Format::Obj)),
     );
@@ -166,7 +180,12 @@ fn mutations_of_points_obj_and_stl() {
     binary.extend(2_u32.to_le_bytes());
     binary.extend((0..100_u8).map(|i| i.wrapping_mul(5)));
     damage(
-        &[b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n".to_vec(), binary],
+        &[
+            b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 \
+            0\nendloop\nendfacet\nendsolid\n"
+                .to_vec(),
+            binary,
+        ],
         4000,
         load_as(Some(Format::Stl)),
     );
@@ -174,14 +193,19 @@ fn mutations_of_points_obj_and_stl() {
 
 #[test]
 fn mutations_of_gltf() {
-    let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"children":[1],"scale":[1,2,3]},{"rotation":[0,0,0,1]}],
+    let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"children":[1],
+    "scale":[1,2,3]},{"rotation":[0,0,0,1]}],
 "meshes":[{"primitives":[{"attributes":{"POSITION":0,"COLOR_0":2,"TEXCOORD_0":3},"indices":1,"material":0,"mode":4}]}],
-"materials":[{"pbrMetallicRoughness":{"baseColorFactor":[1,1,1,0.5],"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],"images":[{"bufferView":1}],
-"accessors":[{"bufferView":0,"count":3,"componentType":5126,"type":"VEC3"},{"bufferView":1,"count":3,"componentType":5121,"type":"SCALAR"},
+"materials":[{"pbrMetallicRoughness":{"baseColorFactor":[1,1,1,0.5],"baseColorTexture":{"index":0}}}],
+"textures":[{"source":0}],"images":[{"bufferView":1}],
+"accessors":[{"bufferView":0,"count":3,"componentType":5126,"type":"VEC3"},{"bufferView":1,"count":3,
+"componentType":5121,"type":"SCALAR"},
 {"bufferView":0,"count":3,"componentType":5121,"normalized":true,"type":"VEC4"},
-{"count":3,"componentType":5126,"type":"VEC2","sparse":{"count":1,"indices":{"bufferView":1,"componentType":5121},"values":{"bufferView":0}}}],
+{"count":3,"componentType":5126,"type":"VEC2","sparse":{"count":1,"indices":{"bufferView":1,"componentType":5121},
+"values":{"bufferView":0}}}],
 "bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":4}],
-"buffers":[{"byteLength":40,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAECAA=="}]}"#;
+"buffers":[{"byteLength":40,
+"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAECAA=="}]}"#;
     damage(&[json.as_bytes().to_vec()], 12_000, load_as(Some(Format::Gltf)));
     let mut glb = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
     glb.extend((json.len() as u32).to_le_bytes());
@@ -190,10 +214,83 @@ fn mutations_of_gltf() {
     damage(&[glb], 4000, load_as(None));
 }
 
+/// A GLB file of this document, whose buffer holds these bytes.
+fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
+    let mut glb = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
+    for (kind, chunk) in [(b"JSON", json.as_bytes()), (b"BIN\0", binary)] {
+        glb.extend((chunk.len() as u32).to_le_bytes());
+        glb.extend(kind);
+        glb.extend(chunk);
+    }
+    glb
+}
+
+#[test]
+fn mutations_of_skins_morph_targets_and_extensions() {
+    let json = r#"{"asset":{"version":"2.0"},"extensionsRequired":["KHR_mesh_quantization"],"scenes":[{"nodes":[0,1]}],
+"nodes":[{"mesh":0,"skin":0,"weights":[0.5]},{"children":[2]},{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}],
+"skins":[{"joints":[1,2],"inverseBindMatrices":1}],"meshes":[{"weights":[1],"primitives":[{"attributes":{"POSITION":0,
+"JOINTS_0":2,"WEIGHTS_0":2},
+"targets":[{"POSITION":0,"NORMAL":0}],"material":0}]}],"materials":[{"extensions":{"KHR_materials_sheen":{},
+"KHR_materials_pbrSpecularGlossiness":
+{"diffuseTexture":{"index":0,"extensions":{"KHR_texture_transform":{"scale":[1,2]}}}}}}],
+"textures":[{"extensions":{"KHR_texture_basisu":{}}}],
+"accessors":[{"bufferView":0,"count":3,"componentType":5126,"type":"VEC3"},{"bufferView":1,"count":2,
+"componentType":5126,"type":"MAT4"},
+{"bufferView":2,"count":3,"componentType":5121,"normalized":true,"type":"VEC4"}],"buffers":[{"byteLength":176}],
+"bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":128},{"buffer":0,
+"byteOffset":164,"byteLength":12}]}"#;
+    let binary: Vec<u8> = (0..176_u32).map(|i| if i % 4 == 3 { 63 } else { i as u8 }).collect();
+    damage(&[glb(json, &binary)], 12_000, load_as(None));
+}
+
+#[test]
+fn mutations_of_compressed_meshes() {
+    let stream = include_bytes!("data/square.drc");
+    let draco = |stream: &[u8]| {
+        let json = format!(
+            r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":0}}],"bufferViews":[{{"buffer":0,
+            "byteLength":{}}}],
+"accessors":[{{"componentType":5126,"type":"VEC3","count":4}}],"nodes":[{{"mesh":0}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},
+"extensions":{{"KHR_draco_mesh_compression":{{"bufferView":0,"attributes":{{"POSITION":0}}}}}}}}]}}]}}"#,
+            stream.len()
+        );
+        glb(&json, stream)
+    };
+    damage(&[stream.to_vec()], 20_000, |bytes| load_as(None)(&draco(bytes)));
+    for (mode, filter, start) in [
+        ("ATTRIBUTES", "NONE", 0xa0),
+        ("ATTRIBUTES", "COLOR", 0xa1),
+        ("ATTRIBUTES", "QUATERNION", 0xa1),
+        ("TRIANGLES", "NONE", 0xe1),
+        ("INDICES", "NONE", 0xd1),
+    ] {
+        let stride = if mode == "ATTRIBUTES" { 8 } else { 4 };
+        let meshopt = |stream: &[u8]| {
+            let json = format!(
+                r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":0}}],"bufferViews":[{{"buffer":0,
+                "byteLength":{},
+"extensions":{{"EXT_meshopt_compression":{{"buffer":0,"byteLength":{},"byteStride":{stride},"count":24,
+"mode":"{mode}","filter":"{filter}"}}}}}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"type":"VEC3","count":2}}],"nodes":[{{"mesh":0}}],
+"meshes":[{{"primitives":[{{"mode":0,"attributes":{{"POSITION":0}}}}]}}]}}"#,
+                stride * 24,
+                stream.len()
+            );
+            glb(&json, stream)
+        };
+        let seed: Vec<u8> = std::iter::once(start).chain((0..90_u8).map(|i| i.wrapping_mul(37))).collect();
+        damage(&[seed], 4000, |bytes| load_as(None)(&meshopt(bytes)));
+    }
+}
+
 #[test]
 fn mutations_of_scene_files() {
-    let json = br#"{"camera":{"eye":[0,0,5],"target":[0,0,0],"projection":{"orthographic":{"height":2}},"far":9,"size":[64,48]},
-"lights":[{"spot":{"position":[0,3,0],"direction":[0,-1,0],"inner_deg":20,"outer_deg":30}}],"objects":[{"splats":"a.ply"}],"settings":{"transparency":"peel:3"}}"#;
+    let json = br#"{"camera":{"eye":[0,0,5],"target":[0,0,0],"projection":{"orthographic":{"height":2}},"far":9,
+    "size":[64,48]},
+"lights":[{"spot":{"position":[0,3,0],"direction":[0,-1,0],"inner_deg":20,"outer_deg":30}}],
+"objects":[{"splats":"a.ply"}],"settings":{"transparency":"peel:3"}}"#;
     damage(&[json.to_vec()], 10_000, |bytes| drop(scene_file::parse(bytes, Path::new("t"))));
 }
 

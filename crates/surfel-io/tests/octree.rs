@@ -3,13 +3,13 @@
 use glam::{DVec3, Vec3};
 use std::path::Path;
 use std::sync::Arc;
-use surfel_io::{Content, LoadOptions, load_bytes, write_hybrid};
+use surfel_io::{Content, LoadOptions, load_bytes, write_octree};
 use surfel_model::{
-    CloudData, Column3, Hybrid, HybridNode, Mesh, OnInvalid, Shape, SplatCloud, Texture, Transition, Up,
+    CloudData, Column3, Mesh, Octree, OctreeNode, OnInvalid, Shape, SplatCloud, Texture, Transition, Up,
 };
 
 /// Two triangles in two leaves, with every column there is.
-fn octree() -> Hybrid {
+fn octree() -> Octree {
     let v = |x: f32, y: f32| Vec3::new(x, y, 0.25);
     let mesh = Mesh {
         origin: DVec3::new(1e6, 2.0, 3.0),
@@ -22,8 +22,9 @@ fn octree() -> Hybrid {
         alphas: Some(vec![1.0, 0.5, 0.25, 0.0]),
         uvs: Some(vec![[0.0, 1.0], [1.0, 1.0], [0.0, 0.0], [1.0, 0.0]]),
         texture: Some(Arc::new(Texture { width: 2, height: 1, srgba8: vec![[1, 2, 3, 4], [250, 128, 0, 255]] })),
+        materials: None,
         up: Some(Up::PlusZ),
-        comments: Vec::new(),
+        ..Mesh::default()
     };
     let centers: Vec<Vec3> = (0..5).map(|i| v(0.2 * i as f32, 0.3)).collect();
     let shape = Shape::Disks { normals: Column3::from_f32(vec![Vec3::Z; 5]), radii: vec![0.4, 0.2, 0.2, 0.2, 0.1] };
@@ -31,7 +32,7 @@ fn octree() -> Hybrid {
     data.interior_weight = Some(2.5);
     data.up = Some(Up::PlusZ);
     let cloud = SplatCloud::new(data, OnInvalid::Refuse).unwrap().0;
-    let node = |children, splats, triangles| HybridNode {
+    let node = |children, splats, triangles| OctreeNode {
         center: [0.5, 0.5, 0.25],
         radius: 1.5,
         splat_radius: 0.4,
@@ -42,12 +43,12 @@ fn octree() -> Hybrid {
         triangles,
     };
     let nodes = vec![node(1..3, 0..1, 0..2), node(0..0, 1..2, 0..1), node(0..0, 2..4, 1..2)];
-    Hybrid::new(cloud, mesh, nodes, vec![Transition { leaves: [1, 2], splats: 4..5 }]).unwrap()
+    Octree::new(cloud, mesh, nodes, vec![Transition { leaves: [1, 2], splats: 4..5 }]).unwrap()
 }
 
 fn bytes() -> Vec<u8> {
     let mut bytes = Vec::new();
-    write_hybrid(&mut bytes, &octree()).unwrap();
+    write_octree(&mut bytes, &octree()).unwrap();
     bytes
 }
 
@@ -58,7 +59,7 @@ fn load(bytes: &[u8]) -> Result<Content, String> {
 
 #[test]
 fn octree_survives_a_round_trip() {
-    let Content::Hybrid(read) = load(&bytes()).unwrap() else { panic!("not an octree") };
+    let Content::Octree(read) = load(&bytes()).unwrap() else { panic!("not an octree") };
     let written = octree();
     assert_eq!((read.nodes(), read.transitions()), (written.nodes(), written.transitions()));
     assert_eq!(read.mesh(), written.mesh());
@@ -93,7 +94,7 @@ fn octree_damaged_is_refused_or_valid_never_more() {
             let mut bytes = whole.clone();
             bytes[at] ^= change;
             match load(&bytes) {
-                Ok(Content::Hybrid(read)) => {
+                Ok(Content::Octree(read)) => {
                     // Whatever passed is a tree that can be cut down.
                     let all: Vec<_> = read.nodes().iter().map(|n| n.splats.clone()).collect();
                     assert!(read.cloud_of(&all).is_ok());

@@ -74,6 +74,7 @@ fn full_cloud() -> SplatCloud {
         assert!(lines.iter().flatten().all(|l| *l != nan));
     }
     data.interior_weight = Some(5.43);
+    data.oriented = true;
     data.up = Some(Up::MinusZ);
     data.extras = vec![
         ExtraColumn { name: "id".into(), values: ExtraValues::U32((0..n as u32).rev().collect()) },
@@ -91,7 +92,7 @@ fn splat_round_trip_loses_nothing_in_any_encoding() {
         let loaded = load(written(&cloud, encoding));
         assert_eq!(loaded.up, Up::MinusZ);
         let mut data = splats(loaded).into_data();
-        assert_eq!(data.comments.drain(2..).collect::<Vec<_>>(), ["up -z", "interior_weight 5.43"]);
+        assert_eq!(data.comments.drain(2..).collect::<Vec<_>>(), ["up -z", "interior_weight 5.43", "oriented"]);
         data.comments = cloud.data().comments.iter().map(|c| c.trim_end().to_owned()).collect();
         let mut expected = cloud.data().clone();
         expected.comments = data.comments.clone();
@@ -147,7 +148,8 @@ fn splat_colors_are_uchar_only_where_that_is_exact() {
 #[test]
 fn splat_properties_in_any_order_and_of_any_type() {
     let text = ascii(
-        "double radius,int8 nz,short ny,list uchar int junk,uint8 nx,ushort z,int32 y,float64 x,ushort red,ushort green,ushort blue",
+        "double radius,int8 nz,short ny,list uchar int junk,uint8 nx,ushort z,int32 y,float64 x,ushort red,ushort \
+         green,ushort blue",
         "0.5 -1 0 3 9 9 9 0 7 -8 1.5 0 65535 32896\n0.25 1 0 0 0 7 -8 2.5 0 65535 32896",
     );
     let cloud = splats(load(&text));
@@ -162,7 +164,9 @@ fn splat_properties_in_any_order_and_of_any_type() {
 fn splat_binary_lists_are_skipped_in_both_byte_orders() {
     for (name, big) in [("binary_little_endian", false), ("binary_big_endian", true)] {
         let mut bytes = format!(
-            "ply\r\nformat {name} 1.0\r\nelement junk 2\r\nproperty list ushort double d\r\nelement vertex 1\r\nproperty float x\r\nproperty list uint short l\r\nproperty float y\r\nproperty double z\r\nend_header\r\n"
+            "ply\r\nformat {name} 1.0\r\nelement junk 2\r\nproperty list ushort double d\r\nelement vertex \
+             1\r\nproperty float x\r\nproperty list uint short l\r\nproperty float y\r\nproperty double \
+             z\r\nend_header\r\n"
         )
         .into_bytes();
         let mut put = |little: &[u8]| {
@@ -195,7 +199,8 @@ fn splat_header_counts_are_held_against_the_file() {
     for format in ["ascii", "binary_little_endian"] {
         for count in ["99999999999", "18446744073709551615", "4000000000"] {
             let text = format!(
-                "ply\nformat {format} 1.0\nelement vertex {count}\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n"
+                "ply\nformat {format} 1.0\nelement vertex {count}\nproperty float x\nproperty float y\nproperty float \
+                 z\nend_header\n1 2 3\n"
             );
             let error = try_load(&text).unwrap_err();
             assert!(error.contains("within element 'vertex' number"), "{error}");
@@ -281,6 +286,16 @@ fn splat_comments_say_up_and_interior_weight() {
     }
     let cloud = splats(with("interior_weight 3.25").unwrap());
     assert_eq!(cloud.data().interior_weight, Some(3.25));
+    assert!(!cloud.data().oriented);
+    let cloud = splats(with("oriented").unwrap());
+    assert!(cloud.data().oriented);
+    // Said once, and no more when it isn't so.
+    let said = |cloud: &SplatCloud| {
+        String::from_utf8(written(cloud, PlyEncoding::Ascii)).unwrap().matches("comment oriented\n").count()
+    };
+    let mut undeclared = cloud.clone();
+    undeclared.set_oriented(false);
+    assert_eq!((said(&cloud), said(&undeclared)), (1, 0));
     for bad in ["interior_weight -1", "interior_weight", "interior_weight x", "interior_weight inf"] {
         assert!(with(bad).unwrap_err().contains("interior_weight W0"), "{bad}");
     }
@@ -314,7 +329,10 @@ fn points_keep_normals_and_extras_and_drop_what_is_nowhere() {
 
 #[test]
 fn mesh_polygons_become_fans_and_attributes_stay() {
-    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float s\nproperty float t\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement face 3\nproperty uchar flags\nproperty list uchar int vertex_index\nend_header\n0 0 0 0 0 255 0 0\n1 0 0 1 0 255 0 0\n1 1 0 1 1 255 0 0\n0 1 0 0 1 255 0 0\n9 4 0 1 2 3\n9 2 0 1\n9 3 3 2 1\n";
+    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float \
+                z\nproperty float s\nproperty float t\nproperty uchar red\nproperty uchar green\nproperty uchar \
+                blue\nelement face 3\nproperty uchar flags\nproperty list uchar int vertex_index\nend_header\n0 0 0 0 \
+                0 255 0 0\n1 0 0 1 0 255 0 0\n1 1 0 1 1 255 0 0\n0 1 0 0 1 255 0 0\n9 4 0 1 2 3\n9 2 0 1\n9 3 3 2 1\n";
     let loaded = load(text);
     assert_eq!(loaded.notes, ["skipped 1 faces with fewer than 3 corners"]);
     let m = mesh(loaded);
@@ -327,7 +345,9 @@ fn mesh_polygons_become_fans_and_attributes_stay() {
 
 #[test]
 fn mesh_strips_alternate_and_restart() {
-    let text = "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 2 0\n1 2 0\n10 0 1 2 3 -1 2 3 3 4 5\n";
+    let text = "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\nelement \
+                tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 2 0\n1 2 \
+                0\n10 0 1 2 3 -1 2 3 3 4 5\n";
     let m = mesh(load(text));
     // The second strip's first two triangles have no area and only turn it around.
     assert_eq!(m.triangles, [[0, 1, 2], [2, 1, 3], [3, 4, 5]]);
@@ -342,7 +362,9 @@ fn gaussian_text(third: Option<&str>, rotation: &str, opacity: &str) -> String {
     let scale_2 = if third.is_some() { ",float scale_2" } else { "" };
     ascii(
         &format!(
-            "float x,float y,float z,float nx,float ny,float nz,float f_dc_0,float f_dc_1,float f_dc_2,float f_rest_0,float opacity,float scale_0,float scale_1{scale_2},float rot_0,float rot_1,float rot_2,float rot_3"
+            "float x,float y,float z,float nx,float ny,float nz,float f_dc_0,float f_dc_1,float f_dc_2,float \
+             f_rest_0,float opacity,float scale_0,float scale_1{scale_2},float rot_0,float rot_1,float rot_2,float \
+             rot_3"
         ),
         // ln 0.1, ln 0.2
         &format!("1 2 3 0 0 0 0 9 -9 0.5 {opacity} -2.302585093 -1.609437912 {} {rotation}", third.unwrap_or("")),

@@ -41,8 +41,9 @@ impl<R: Real> Extent<R> {
 /// Box of a projective ellipse: offsets J·(u, v)/(1 + a·(u, v)) over the unit disk, |a| ≤ ½.
 ///
 /// The dual conic (Sigg 2006) written about the projected centre. With j a row of J, its extremes k solve
-/// k²(1 − |a|²) + 2k·(j·a) − |j|² = 0; written in pixel coordinates the same conic cancels and is up to 1.8 px wrong in f32
-/// at 4K. Here the root is at least 0.86·|j| and |j·a| at most half of |j|: the nearer extreme loses two bits at most.
+/// k²(1 − |a|²) + 2k·(j·a) − |j|² = 0; written in pixel coordinates the same conic cancels and is up to 1.8 px wrong in
+/// f32 at 4K. Here the root is at least 0.86·|j| and |j·a| at most half of |j|: the nearer extreme loses two bits at
+/// most.
 #[inline(always)]
 pub fn ellipse<R: Real>(j_s: V2<R>, j_t: V2<R>, slope: V2<R>) -> Extent<R> {
     let one = slope.x.one();
@@ -53,7 +54,8 @@ pub fn ellipse<R: Real>(j_s: V2<R>, j_t: V2<R>, slope: V2<R>) -> Extent<R> {
     Extent { min: V2::new(x0, y0), max: V2::new(x1, y1) }
 }
 
-/// Least and greatest of one coordinate, `d` = 1 − |a|². A function of its own: as a closure it isn't inlined into SIMD code.
+/// Least and greatest of one coordinate, `d` = 1 − |a|². A function of its own: as a closure it isn't inlined into SIMD
+/// code.
 #[inline(always)]
 fn extremes<R: Real>(j: V2<R>, slope: V2<R>, d: R, inverse: R) -> (R, R) {
     let b = j.dot(slope);
@@ -85,9 +87,9 @@ pub fn footprint<R: Real>(f: &Footprint<R>) -> Extent<R> {
     ellipse(j_s, j_t, V2::new(-(g.cross(v) * inverse), g.cross(u) * inverse))
 }
 
-/// Box in pixel coordinates of the part of a disk at or beyond z_near, wherever its centre is (perspective), or `None` if
-/// there is none. Exact: over the disk's part in front, a projected coordinate is quasi-linear, so its extremes lie at
-/// tangent points or at the ends of the chord that z_near cuts.
+/// Box in pixel coordinates of the part of a disk at or beyond z_near, wherever its centre is (perspective), or `None`
+/// if there is none. Exact: over the disk's part in front, a projected coordinate is quasi-linear, so its extremes lie
+/// at tangent points or at the ends of the chord that z_near cuts.
 pub fn through_near(splat: &ViewSplat<f64>, projection: &Projection) -> Option<Extent<f64>> {
     let ViewSplat { p, s, t, .. } = *splat;
     let near = projection.near;
@@ -111,7 +113,8 @@ pub fn through_near(splat: &ViewSplat<f64>, projection: &Projection) -> Option<E
         add(m.x * distance - m.y * half, m.y * distance + m.x * half);
         add(m.x * distance + m.y * half, m.y * distance - m.x * half);
     }
-    // Tangents in x and y: k²(p_z² − e²) − 2k(a0·p_z − a·m) + a0² − |a|² = 0, where the line through the eye meets the rim.
+    // Tangents in x and y: k²(p_z² − e²) − 2k(a0·p_z − a·m) + a0² − |a|² = 0, where the line through the eye meets the
+    // rim.
     for (a, a0) in [(V2::new(s.x, t.x), p.x), (V2::new(s.y, t.y), p.y)] {
         let (qa, qb, qc) = (p.z * p.z - e * e, a0 * p.z - a.dot(slope), a0 * a0 - a.dot(a));
         let discriminant = qb * qb - qa * qc;

@@ -95,7 +95,7 @@ impl<R: Real> Turn<R> {
     }
 }
 
-/// What a splat keeps of its disk: linear forms over (u, v), or over pixels once composed.
+/// The part of its disk that a splat keeps: linear forms over (u, v), or over pixels once composed.
 ///
 /// The curve's forms are scaled so that its conic is chord² = side1·side3 (τ2² = 4w²·τ1·τ3 in barycentrics of its
 /// control triangle). `inside` of the curve is chord ≤ 0 or (side1 ≥ 0 and chord² ≤ side1·side3).
@@ -212,7 +212,7 @@ pub fn composed<R: Real>(l: &Linear<R>, footprint: &Footprint<R>, turn: &Turn<R>
 }
 
 impl<R: Real> Clip<R> {
-    /// The clip over pixels, seen through a footprint whose (u', v') `turn` brings back to the given (u, v).
+    /// The clip over pixels, composed with a footprint whose (u', v') `turn` brings back to the given (u, v).
     ///
     /// Its signs are those over (u, v) where the footprint's W > 0. `clamp` asks beyond: it takes the anchor, offset 0,
     /// where W ≤ 0 (§7).

@@ -5,7 +5,8 @@ use crate::{Real, V2};
 
 /// A curve as C12 §3.2 classifies against it, numerically repaired.
 ///
-/// Kept for comparison: [`crate::clip::Clip`] gives the same picture without a root, and over pixels without a division.
+/// Kept for comparison: [`crate::clip::Clip`] gives the same image without a root, and over pixels without a
+/// division.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PaperCurve<R> {
     /// Where the curve starts.
@@ -31,10 +32,10 @@ impl PaperCurve<f64> {
 impl<R: Real> PaperCurve<R> {
     /// True where the curve keeps the point q = (u, v); outside the control triangle the chord decides.
     ///
-    /// Eq. 7 solves b(1−t)² + 2w·d2·(P2−q)·t(1−t) + d2·(P3−q)·t² = 0, and its denominator c may be zero. Because the line
-    /// goes through the chord's middle, d2·(P3−q) = −b: in r = t/(1−t) the roots' product is −1, so that exactly one lies
-    /// on the curve, and its t : (1−t) needs neither c nor a difference that cancels. The curve's point lies between q
-    /// and the middle (eq. 6) where it is not behind q.
+    /// Eq. 7 solves b(1−t)² + 2w·d2·(P2−q)·t(1−t) + d2·(P3−q)·t² = 0, and its denominator c may be zero. Because the
+    /// line goes through the chord's middle, d2·(P3−q) = −b: in r = t/(1−t) the roots' product is −1, so that exactly
+    /// one lies on the curve, and its t : (1−t) needs neither c nor a difference that cancels. The curve's point lies
+    /// between q and the middle (eq. 6) where it is not behind q.
     #[inline(always)]
     pub fn keeps(&self, q: V2<R>) -> R::Mask {
         let zero = q.x.zero();

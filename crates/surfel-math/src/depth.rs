@@ -58,8 +58,8 @@ pub enum Tolerance {
 /// Pixels beyond the filter radius that the slope term allows for: half a pixel's diagonal.
 const SLOPE_MARGIN_PX: f64 = 0.7;
 
-/// Change of planar depth over a pixel to the right and one down, on the plane through the view position `p` with unit view
-/// normal `n`; steepness is limited as that of ε is (§5).
+/// Change of planar depth over a pixel to the right and one down, on the plane through the view position `p` with unit
+/// view normal `n`; steepness is limited as that of ε is (§5).
 #[inline(always)]
 pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V2<R> {
     let k = |value: f64| p.x.constant(value);
@@ -73,14 +73,29 @@ pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V
     across * -(scale / steep)
 }
 
-/// How far behind a polygon's depth z its own surface may lie within a texel, from its depth's change over one (§5, shadow
-/// maps): the slope term of ε, with its cap.
+/// How far behind a polygon's depth z its own surface may lie within a texel, from its depth's change over one (§5,
+/// shadow maps): the slope term of ε, with its cap.
 pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
         ProjectionKind::Perspective => z,
         ProjectionKind::Orthographic { height, .. } => height,
     };
     (SLOPE_MARGIN_PX * gradient.length()).min(0.2 * scale)
+}
+
+/// Pixels over which a polygon's own slope accounts for a step of depth to one of its eight neighbours: their distance
+/// and some curvature.
+const STEP_PX: f64 = 2.0;
+
+/// How far behind a polygon's depth z its own surface may lie in a neighbouring pixel, from its depth's change over one
+/// (§5, edges by samples).
+pub fn step_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
+    let scale = match projection.kind {
+        ProjectionKind::Perspective => z,
+        ProjectionKind::Orthographic { height, .. } => height,
+    };
+    // At least what is far above rounding: of a plane that faces the eye.
+    (STEP_PX * gradient.length()).min(0.1 * scale).max(1e-3 * scale)
 }
 
 /// ε of a splat (§5): how much deeper than it a fragment may be and still blend with it, world units.

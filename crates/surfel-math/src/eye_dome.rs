@@ -1,13 +1,13 @@
 //! The shader `edl`, eye-dome lighting (§5): shape from depth alone, for scans without colours or good normals.
 //!
-//! Source: Boucheny 2009, "Interactive scientific visualization of large datasets", as in CloudCompare and Potree. Deviations: a
-//! neighbour counts by its angle and not by its depth, so that neither the picture's size nor its distance matters; and the
-//! response is such that a plane looks about as if it were lit from the eye.
+//! Source: Boucheny 2009, "Interactive scientific visualization of large datasets", as in CloudCompare and Potree.
+//! Deviations: a neighbour counts by its angle and not by its depth, so that neither the image's size nor its
+//! distance matters; and the response is such that a plane looks about as if it were lit from the eye.
 
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2};
 
-/// Distance in pixels, along one axis or both, of the eight neighbours that are looked at.
+/// Distance in pixels, along one axis or both, of the eight neighbours.
 pub const REACH_PX: i32 = 2;
 
 /// The neighbours, row by row.
@@ -25,8 +25,8 @@ pub const NEIGHBOURS: [[i32; 2]; 8] = [
 /// Makes a plane that is turned by an angle as dark as the angle's cosine: the mean rise is its tangent over π.
 const STRENGTH: f64 = std::f64::consts::PI;
 
-/// What a neighbour at an offset, in pixels, adds to the mean rise for each unit that it is nearer: one over the distance between
-/// the two at depth 1 (orthographic: at any), and over eight.
+/// The amount that a neighbour at an offset, in pixels, adds to the mean rise for each unit that it is nearer: one over
+/// the distance between the two at depth 1 (orthographic: at any), and over eight.
 #[inline(always)]
 pub fn rise_weight<R: Real>(offset: V2<R>, projection: &Projection) -> R {
     let [fx, fy] = projection.focal_px;
@@ -34,8 +34,8 @@ pub fn rise_weight<R: Real>(offset: V2<R>, projection: &Projection) -> R {
     offset.x.constant(0.125) / apart
 }
 
-/// How bright a pixel of depth `z` is, from Σ weight·max(0, z − z of the neighbour): 1 where none is nearer, toward 0 the deeper
-/// it lies among them.
+/// How bright a pixel of depth `z` is, from Σ weight·max(0, z − z of the neighbour): 1 where none is nearer, toward 0
+/// the deeper it lies among them.
 #[inline(always)]
 pub fn brightness<R: Real>(z: R, rise: R, projection: &Projection) -> R {
     let slope = match projection.kind {
@@ -79,8 +79,8 @@ mod tests {
             for slope in [0.2, 1.0, 3.0] {
                 let cosine = 1.0 / f64::hypot(1.0, slope);
                 for i in 0..16 {
-                    // Eight directions stand for all: their mean of max(0, cos) is 0.3018 to 0.3266, 1/π within 5.2 %. In
-                    // perspective a step of 2.83 px is up to 2.2 % longer where the plane runs away by 3.
+                    // Eight directions stand for all: their mean of max(0, cos) is 0.3018 to 0.3266, 1/π within 5.2 %.
+                    // In perspective a step of 2.83 px is up to 2.2 % longer where the plane runs away by 3.
                     let got = plane(&projection, slope, f64::from(i) * 0.4);
                     assert!((got / cosine - 1.0).abs() < 0.075, "{kind:?} {slope} {i}: {got} {cosine}");
                 }

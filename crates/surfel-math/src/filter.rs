@@ -7,7 +7,7 @@ use crate::project::{Projected, ViewSplat};
 use crate::svd::Svd2;
 use crate::{Real, V2, V3};
 
-/// What a filter made of a splat.
+/// A splat as a filter leaves it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filtered<R> {
     /// The filtered footprint.
@@ -21,7 +21,7 @@ pub struct Filtered<R> {
 }
 
 impl<R: Real> Filtered<R> {
-    /// A splat that its filter leaves alone, or that has none.
+    /// An unfiltered splat.
     #[inline(always)]
     pub fn plain(footprint: Footprint<R>) -> Self {
         let one = footprint.w.c.one();
@@ -96,8 +96,8 @@ fn widened<R: Real>(length: R, h_px: R) -> R {
     length.mul_add(length, h_px * h_px).sqrt()
 }
 
-/// True where both axes of the projected ellipse certainly reach h, so that `principal` leaves it as it is: found without
-/// them, since the smaller is |det J| over the larger, and that at most ‖J‖.
+/// True where both axes of the projected ellipse certainly reach h, so that `principal` leaves it as it is: found
+/// without them, since the smaller is |det J| over the larger, and that at most ‖J‖.
 #[inline(always)]
 pub fn is_surely_wide<R: Real>(projected: &Projected<R>, h_px: R) -> R::Mask {
     let (s, t) = (projected.j_s, projected.j_t);
@@ -110,7 +110,8 @@ pub fn is_surely_wide<R: Real>(projected: &Projected<R>, h_px: R) -> R::Mask {
 fn principal_turn<R: Real>(projected: &Projected<R>, svd: &Svd2<R>) -> Turn<R> {
     let (zero, one) = (projected.det_j.zero(), projected.det_j.one());
     let axis = svd.major_axis;
-    // Jᵀ·u₁ = ℓ₁·v₁. The second column isn't divided by the smaller value: it is the quarter turn that has det J's sign.
+    // Jᵀ·u₁ = ℓ₁·v₁. The second column isn't divided by the smaller value: it is the quarter turn that has det J's
+    // sign.
     let along = V2::new(projected.j_s.dot(axis), projected.j_t.dot(axis));
     let length = along.length();
     let first = along * (one / R::select(zero.lt(length), length, one));
@@ -134,22 +135,29 @@ pub fn area_ratio<R: Real>(projected: &Projected<R>, h_px: R) -> R {
 pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
     let (zero, one) = (h_px.zero(), h_px.one());
     let (s, t) = (projected.j_s, projected.j_t);
-    let (new_s, slope_s, short_s) = lengthen(s, t, projected.slope.x, h_px);
-    let (new_t, slope_t, short_t) = lengthen(t, s, projected.slope.y, h_px);
-    let unchanged = !(short_s | short_t);
-    let determinant = R::select(unchanged, projected.det_j, new_s.cross(new_t));
-    let slope = if projective { V2::new(slope_s, slope_t) } else { V2::new(zero, zero) };
+    let (new_s, new_t) = (lengthened(s, t, projected.slope.x, h_px), lengthened(t, s, projected.slope.y, h_px));
+    let unchanged = !(new_s.was_short | new_t.was_short);
+    let determinant = R::select(unchanged, projected.det_j, new_s.j.cross(new_t.j));
+    let slope = if projective { V2::new(new_s.slope, new_t.slope) } else { V2::new(zero, zero) };
     Filtered {
-        footprint: Footprint::about_center(new_s, new_t, determinant, slope),
+        footprint: Footprint::about_center(new_s.j, new_t.j, determinant, slope),
         weight_scale: one,
         coverage_scale: area_ratio(projected, h_px),
         turn: Turn::none(one),
     }
 }
 
-/// One half-axis by eq. 8–9: what it becomes, its slope then, and whether it was too short.
+/// A projected half-axis after eq. 8–9.
+struct Lengthened<R: Real> {
+    j: V2<R>,
+    /// Change of depth along it: 0 where it was lengthened, which made it parallel to the screen.
+    slope: R,
+    was_short: R::Mask,
+}
+
+/// Lengthens one half-axis by eq. 8–9 if it is too short.
 #[inline(always)]
-fn lengthen<R: Real>(j: V2<R>, other: V2<R>, a: R, h_px: R) -> (V2<R>, R, R::Mask) {
+fn lengthened<R: Real>(j: V2<R>, other: V2<R>, a: R, h_px: R) -> Lengthened<R> {
     let (zero, one) = (h_px.zero(), h_px.one());
     let length = j.length();
     let limit = h_px * ((one - a) * (one + a));
@@ -159,19 +167,20 @@ fn lengthen<R: Real>(j: V2<R>, other: V2<R>, a: R, h_px: R) -> (V2<R>, R, R::Mas
     let direction = V2::select(none, V2::new(-other.y, other.x), j);
     let norm = direction.length();
     let unit = direction * (one / R::select(zero.lt(norm), norm, one));
-    (V2::select(short, unit * h_px, j), R::select(short, zero, a), short)
+    Lengthened { j: V2::select(short, unit * h_px, j), slope: R::select(short, zero, a), was_short: short }
 }
 
 /// The half-axes that `adjust` works on (§4): an ellipse's principal ones; for a disk (axes equal within 1e-3) those of
 /// G06 eq. 10, s along p × n, t along n × s, with p the view direction in an orthographic projection.
 ///
-/// Eq. 10 prints neither the scale nor what to do for p ∥ n: any pair serves there.
+/// Eq. 10 prints neither the scale nor what to do for p ∥ n: the principal axes stay there. An ellipse that isn't quite
+/// round is turned by the angle of a circle, atan2(d·t, d·s) with d = p × n, and by no other.
 pub fn adjust_axes(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>, V3<f64>) {
     let (s, t, _) = adjust_axes_turned(splat, perspective);
     (s, t)
 }
 
-/// [`adjust_axes`], and how their (u, v) turn back to the given ones: what a clip needs.
+/// [`adjust_axes`], and how their (u, v) turn back to the given ones, which clips need.
 pub fn adjust_axes_turned(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>, V3<f64>, Turn<f64>) {
     let (s, t) = (splat.s, splat.t);
     // Right singular vectors of [s t]: the angle that makes the turned pair orthogonal.

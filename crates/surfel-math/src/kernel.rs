@@ -9,7 +9,7 @@ pub fn weight(rho_squared: f64, cutoff: f64) -> f64 {
 /// Coverage q from which a surface counts as whole where it is blended by its coverage: Z01 §7's τ at c = 1 (§6, §8).
 pub const FULL_COVERAGE: f64 = 0.633;
 
-/// What a Σw measured at cutoff 2 becomes at another: the ratio of the kernels' integrals over their disk,
+/// A Σw measured at cutoff 2, converted to another: the ratio of the kernels' integrals over their disk,
 /// [(1 − e^(−c))/c]/[(1 − e^(−2))/2] (§5).
 pub fn interior_weight_at_cutoff(interior_weight: f64, cutoff: f64) -> f64 {
     let integral = |c: f64| -(-c).exp_m1() / c;

@@ -7,11 +7,12 @@
 //!    depth slope and classification;
 //! 2. [`filter`]: the footprint that a screen-space filter leaves, as linear forms over pixels ([`mapping`]);
 //! 3. [`bounds`]: the pixels it can touch;
-//! 4. [`clip`]: what a clipped splat keeps of it ([`clip_paper`]: the same as C12 has it);
-//! 5. [`depth`]: depth of a fragment, tolerance of visibility; [`kernel`]: its weight and coverage.
+//! 4. [`clip`]: the part of it that a clipped splat keeps ([`clip_paper`]: the same by C12's formula);
+//! 5. [`depth`]: depth of a fragment, tolerance of visibility; [`facing`]: which side of a surface is seen;
+//!    [`kernel`]: a fragment's weight and coverage.
 //!
-//! [`triangle`] does the same for polygons; [`shadow`] looks shadow maps up;
-//! [`toon`], [`matcap`] and [`eye_dome`] are drawing styles; [`quantise`] keeps numbers in 16 bits.
+//! [`triangle`] does the same for polygons; [`shadow`] samples shadow maps; [`toon`], [`matcap`] and [`eye_dome`] are
+//! shaders; [`quantise`] stores numbers in 16 bits.
 //!
 //! Section numbers (§) refer to `docs/rendering-model.md`. Nothing here allocates or does I/O.
 
@@ -21,6 +22,7 @@ pub mod clip;
 pub mod clip_paper;
 pub mod depth;
 pub mod eye_dome;
+pub mod facing;
 pub mod filter;
 pub mod kernel;
 pub mod mapping;

@@ -29,7 +29,7 @@ impl<R: Real> Linear<R> {
     }
 }
 
-/// The splat's plane seen through pixels: at offset d from the anchor, (u·w, v·w, w) = (U(d), V(d), W(d)).
+/// The splat's plane over pixels: at offset d from the anchor, (u·w, v·w, w) = (U(d), V(d), W(d)).
 ///
 /// Inside ⇔ W > 0 and U² + V² ≤ W² (no division). W ≡ 1 for an affine footprint. Scaled so that W = 1 at the anchor
 /// of an ordinary splat.

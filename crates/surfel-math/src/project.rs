@@ -19,7 +19,7 @@ pub struct ViewSplat<R> {
     pub n: V3<R>,
 }
 
-/// What follows from a [`ViewSplat`] and the projection, whatever the filter.
+/// The first-order projection of a [`ViewSplat`], the same for every filter.
 ///
 /// With a = (s_z, t_z)/p_z (orthographic: 0), the exact mapping is linear about the projected centre:
 /// (u·w', v·w') = J⁻¹·d and w' = p_z/z = 1 − a·J⁻¹·d, where d is the pixel offset. This is G06 §3's adj(M)/det(M) times
@@ -46,7 +46,8 @@ pub struct Projected<R> {
 }
 
 impl<R: Real> Projected<R> {
-    /// Projects a splat. Perspective needs p_z > 0: splats nearer than z_near go through [`crate::mapping::through_near`].
+    /// Projects a splat. Perspective needs p_z > 0: splats nearer than z_near go through
+    /// [`crate::mapping::through_near`].
     #[inline(always)]
     pub fn new(splat: &ViewSplat<R>, projection: &Projection) -> Self {
         Self::with_area(splat, Area::of(splat), projection)

@@ -17,7 +17,7 @@ pub struct Projection {
     pub near: f64,
 }
 
-/// What kind of projection.
+/// The kind of a projection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ProjectionKind {
     /// pixel = f·(x/z) + c; no far plane.

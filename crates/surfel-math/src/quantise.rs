@@ -1,13 +1,13 @@
 //! Numbers in 16 bits: steps of a scale, and unit vectors as two coordinates on the octahedron.
 //!
-//! Source: B05 §7 keeps half floats; here the range is that of a few neighbours, which 16 bits divide evenly. Octahedron:
-//! Meyer et al. 2010, "On Floating-Point Normal Vectors".
+//! Source: B05 §7 keeps half floats; here the range is that of a few neighbours, which 16 bits divide evenly.
+//! Octahedron: Meyer et al. 2010, "On Floating-Point Normal Vectors".
 
 use crate::{Real, V3};
 
 /// Steps from zero to a scale.
 pub const STEPS: f32 = 32767.0;
-/// What stands for zero.
+/// The code of zero.
 pub const ZERO: u16 = 32768;
 
 /// The step nearest to a number between −1 and 1; numbers beyond are clamped, NaN is zero.
@@ -21,7 +21,7 @@ pub fn steps(step: u16) -> f32 {
     (i32::from(step) - i32::from(ZERO)) as f32
 }
 
-/// What remains of a number between −scale and scale. Off by at most scale/65534, and by rounding.
+/// A number between −scale and scale, stored and read again: off by at most scale/65534, and by rounding.
 pub fn quantised(value: f32, scale: f32) -> f32 {
     steps(to_step(value / scale)) * (scale / STEPS)
 }

@@ -1,13 +1,15 @@
-//! Looking up a shadow map (§5) by percentage-closer filtering.
+//! Sampling of shadow maps (§5) by percentage-closer filtering.
 //!
 //! Reeves, Salesin and Cook, *Rendering Antialiased Shadows with Depth Maps* (1987), with the taps' depths on the
-//! receiver's own plane ([`crate::depth::plane_gradient`]), and weights that move with the point, so that a penumbra has no steps.
+//! receiver's own plane ([`crate::depth::plane_gradient`]), and weights that move with the point, so that a penumbra
+//! has no steps.
 
 use crate::Real;
 use crate::projection::{Projection, ProjectionKind};
 
 /// Bias of a lookup, as a share of the depth (orthographic: of the height of the view): five times the share of a depth
-/// that rounding may be off by, so that a surface that faces the light, whose own bias is nothing, doesn't shade itself.
+/// that rounding may be off by, so that a surface that faces the light, whose own bias is nothing, doesn't shade
+/// itself.
 const LOOKUP_BIAS: f64 = 5e-4;
 
 /// How much nearer to the light than it is a point at depth `z` of a map counts.
@@ -23,7 +25,8 @@ pub fn lookup_bias<R: Real>(z: R, projection: &Projection) -> R {
 /// Taps along one axis of the filter.
 pub const TAPS: usize = 4;
 
-/// The texels that a lookup reads: first column (or row), and the weights of it and the three that follow; they sum to 1.
+/// The texels that a lookup reads: first column (or row), and the weights of it and the three that follow; they sum to
+/// 1.
 ///
 /// A box three texels wide about the point.
 pub fn taps(texel: f64) -> (f64, [f64; TAPS]) {

@@ -14,14 +14,14 @@ const HIGHLIGHT: f64 = 0.5;
 /// |n·v| below which a line is drawn whole, and from which on there is none.
 const LINE: [f64; 2] = [0.12, 0.22];
 
-/// Distance from one pixel's surface to the next at which a line is drawn, as a share of the depth (orthographic: of the
-/// height of the view).
+/// Distance from one pixel's surface to the next at which a line is drawn, as a share of the depth (orthographic: of
+/// the height of the view).
 const DEPTH_STEP: f64 = 0.02;
 /// Pixels over which the surface's own slope accounts for a step, beside that.
 const SLOPE_PX: f64 = 2.0;
 
-/// Depth beyond which a pixel's neighbour is another surface: a line is drawn on this side of it. `gradient` is that of the
-/// pixel's own plane ([`crate::depth::plane_gradient`]).
+/// Depth beyond which a pixel's neighbour is another surface: a line is drawn on this side of it. `gradient` is that of
+/// the pixel's own plane ([`crate::depth::plane_gradient`]).
 #[inline(always)]
 pub fn step_back_limit<R: Real>(z: R, gradient: V2<R>, projection: &Projection) -> R {
     let scale = match projection.kind {
@@ -47,13 +47,13 @@ pub fn ramp<R: Real>(light: R) -> R {
     (step(STEPS[0]) + step(STEPS[1]) + step(STEPS[2])) * light.constant(1.0 / 3.0)
 }
 
-/// A highlight of strength max(0, r·v)^shininess times what reaches it, as a spot with an edge.
+/// A highlight of strength max(0, r·v)^shininess times the share of light that reaches it, as a spot with an edge.
 #[inline(always)]
 pub fn highlight<R: Real>(strength: R) -> R {
     smoothstep(strength, HIGHLIGHT - HALF_WIDTH, HIGHLIGHT + HALF_WIDTH)
 }
 
-/// What a line leaves of the colour where the surface is seen at this |n·v|: 0 at grazing angles, else 1.
+/// Factor of the colour at this |n·v|: 0 in the line at grazing angles, else 1.
 #[inline(always)]
 pub fn line<R: Real>(cosine: R) -> R {
     smoothstep(cosine, LINE[0], LINE[1])

@@ -1,8 +1,8 @@
 //! Triangles over pixels (§6): edge functions, coverage, perspective-correct interpolation, bounds.
 //!
-//! After Olano and Greer, *Triangle Scan Conversion Using 2D Homogeneous Coordinates* (1997): the edge functions are formed
-//! from homogeneous pixel coordinates, so a triangle that reaches behind the eye needs no clipping; a fragment before
-//! z_near is left out by its own depth.
+//! After Olano and Greer, *Triangle Scan Conversion Using 2D Homogeneous Coordinates* (1997): the edge functions are
+//! formed from homogeneous pixel coordinates, so a triangle that reaches behind the eye needs no clipping; a fragment
+//! before z_near is left out by its own depth.
 
 use crate::bounds::Extent;
 use crate::mapping::Linear;
@@ -43,8 +43,8 @@ pub fn edge<R: Real>(a: V3<R>, b: V3<R>) -> Linear<R> {
 /// A triangle ready to be rasterised.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triangle<R> {
-    /// One a vertex, about the edge opposite to it: the vertex's barycentric coordinate times a common positive factor that
-    /// varies over the picture as 1/z does. All of them are positive inside.
+    /// One a vertex, about the edge opposite to it: the vertex's barycentric coordinate times a common positive factor
+    /// that varies over the image as 1/z does. All of them are positive inside.
     pub edges: [Linear<R>; 3],
     /// Depths of the vertices.
     pub z: [R; 3],
@@ -64,8 +64,8 @@ impl<R: Real> Triangle<R> {
         Self { edges: [edge(b, c), edge(c, a), edge(a, b)].map(oriented), z: p.map(|p| p.z) }
     }
 
-    /// True where the triangle covers a pixel's centre. A centre exactly on an edge belongs to the triangle below or to the
-    /// right of it: of the triangles that meet at an edge, exactly one covers it.
+    /// True where the triangle covers a pixel's centre. A centre exactly on an edge belongs to the triangle below or to
+    /// the right of it: of the triangles that meet at an edge, exactly one covers it.
     #[inline(always)]
     pub fn contains(&self, d: V2<R>) -> R::Mask {
         let covers = |e: &Linear<R>| {
@@ -76,7 +76,7 @@ impl<R: Real> Triangle<R> {
         covers(&self.edges[0]) & covers(&self.edges[1]) & covers(&self.edges[2])
     }
 
-    /// Barycentric coordinates of the point seen at `d`, correct in perspective; they sum to 1.
+    /// Barycentric coordinates of the point at pixel offset `d`, correct in perspective; they sum to 1.
     #[inline(always)]
     pub fn barycentric(&self, d: V2<R>) -> [R; 3] {
         let values = self.edges.map(|e| e.at(d));
@@ -90,7 +90,8 @@ impl<R: Real> Triangle<R> {
         interpolate(barycentric, self.z)
     }
 
-    /// How an attribute with these values at the vertices changes a pixel to the right and a pixel down, where it is `value`.
+    /// How an attribute with these values at the vertices changes a pixel to the right and a pixel down, where it is
+    /// `value`.
     #[inline(always)]
     pub fn gradient(&self, attribute: [R; 3], value: R, d: V2<R>) -> V2<R> {
         // attribute = A/W with A = Σ a·E and W = Σ E: its gradient is (∇A − value·∇W)/W = Σ (a − value)·∇E/W.
@@ -201,8 +202,8 @@ mod tests {
         }
     }
 
-    /// A fan about a vertex covers each pixel inside exactly once, in f32 too. In even fans, whose numbers are all exact in
-    /// f32, vertices lie on pixel centres and edges run through them.
+    /// A fan about a vertex covers each pixel inside exactly once, in f32 too. In even fans, whose numbers are all
+    /// exact in f32, vertices lie on pixel centres and edges run through them.
     #[test]
     fn triangle_fans_are_watertight_and_cover_no_pixel_twice() {
         let projection = Projection { focal_px: [64.0; 2], principal_px: [32.0; 2], ..PERSPECTIVE };

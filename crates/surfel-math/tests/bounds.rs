@@ -46,7 +46,12 @@ fn spec() -> impl Strategy<Value = Spec> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, rng_seed: RngSeed::Fixed(1), ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 400,
+        failure_persistence: None,
+        rng_seed: RngSeed::Fixed(1),
+        ..ProptestConfig::default()
+    })]
 
     #[test]
     fn bounds_of_the_unfiltered_splat_hold_it_tightly(spec in spec()) {
@@ -64,7 +69,8 @@ proptest! {
         assert_tight(&exact, &corners(in_f32, [&anchor[0], &anchor[1]]), SLACK_F32)?;
     }
 
-    /// The box of the f32 forms themselves, which is what fragments are tested against: the exact conic of those f32 numbers.
+    /// The box of the f32 forms themselves, which is what fragments are tested against: the exact conic of those f32
+    /// numbers.
     #[test]
     fn bounds_of_a_filtered_footprint_hold_its_own_forms(spec in spec(), h in 0.3..2.0f64) {
         let splat = spec.splat(&UHD);
@@ -72,14 +78,16 @@ proptest! {
         let projected = Projected::new(&single_splat(&splat), &UHD);
         for f in [filter::principal(&projected, h as f32, true), filter::ewa(&projected, h as f32)] {
             let extent = bounds::footprint(&f.footprint);
-            for (axis, [min, max]) in [[extent.min.x, extent.max.x], [extent.min.y, extent.max.y]].into_iter().enumerate() {
+            let sides = [[extent.min.x, extent.max.x], [extent.min.y, extent.max.y]];
+            for (axis, [min, max]) in sides.into_iter().enumerate() {
                 let (min, max) = (f64::from(min), f64::from(max));
                 // A few roundings of the longer side, twice as large where perspective leans by half.
                 let slack = 2e-6 * (max - min) + 1e-6;
                 prop_assert!(!form_meets(&f.footprint, axis, max + slack), "covered beyond {max}");
                 prop_assert!(!form_meets(&f.footprint, axis, min - slack), "covered before {min}");
                 let inset = slack + 1e-5 * (max - min);
-                prop_assert!(form_meets(&f.footprint, axis, max - inset) && form_meets(&f.footprint, axis, min + inset));
+                prop_assert!(form_meets(&f.footprint, axis, max - inset));
+                prop_assert!(form_meets(&f.footprint, axis, min + inset));
             }
         }
     }

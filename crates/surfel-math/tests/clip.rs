@@ -1,4 +1,5 @@
-//! Clip curves and lines against exact arithmetic, against the region that they are defined to remove, and through footprints.
+//! Clip curves and lines against exact arithmetic, against the region that they are defined to remove, and through
+//! footprints.
 
 mod common;
 
@@ -113,8 +114,8 @@ fn misclassified(band: f64, mut kept: impl FnMut(&Curve, V2<f64>) -> bool) -> us
 
 #[test]
 fn clip_curve_exact_f64_misclassifies_nothing() {
-    // Coefficients and values are differences of products of numbers up to 1: a few times 1.1e-16, in (u, v). The straight
-    // threshold itself is rounded: a turn of 1e-9 over a chord of any length.
+    // Coefficients and values are differences of products of numbers up to 1: a few times 1.1e-16, in (u, v). The
+    // straight threshold itself is rounded: a turn of 1e-9 over a chord of any length.
     assert_eq!(misclassified(1e-14, |curve, p| Clip::nothing().with_curve(curve).keeps(p)), 0);
 }
 
@@ -128,8 +129,8 @@ fn clip_curve_exact_f32_misclassifies_nothing() {
 
 #[test]
 fn clip_curve_of_the_paper_repaired_misclassifies_nothing() {
-    // The crossing's place along the line is a quotient of areas, so it is as good as the control triangle is wide: turns
-    // down to 1e-9 leave 7 of 16 digits.
+    // The crossing's place along the line is a quotient of areas, so it is as good as the control triangle is wide:
+    // turns down to 1e-9 leave 7 of 16 digits.
     assert_eq!(misclassified(1e-7, |curve, p| PaperCurve::new(curve).keeps(p)), 0);
 }
 

@@ -52,10 +52,15 @@ fn semi_axes(p: &Projected<f64>) -> (f64, f64) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, rng_seed: RngSeed::Fixed(1), ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 500,
+        failure_persistence: None,
+        rng_seed: RngSeed::Fixed(1),
+        ..ProptestConfig::default()
+    })]
 
-    /// h = √½ reaches a pixel centre from anywhere: the disk of radius h about the centre is covered. Perspective takes 1 + |a|
-    /// of an axis that kept its length.
+    /// h = √½ reaches a pixel centre from anywhere: the disk of radius h about the centre is covered. Perspective takes
+    /// 1 + |a| of an axis that kept its length.
     #[test]
     fn filters_cover_a_pixel_centre(spec in spec(1e-4, 0.05..3.0)) {
         let splat = spec.splat(&UHD);
@@ -111,7 +116,8 @@ proptest! {
         }
     }
 
-    /// An axis of h·(1 ± 1e-9): nothing jumps, but the depth slope of the footprint, which the lengthened axis gives up.
+    /// An axis of h·(1 ± 1e-9): nothing jumps, but the depth slope of the footprint, which the lengthened axis gives
+    /// up.
     #[test]
     fn filters_are_continuous_at_their_threshold(angle in 0.0..7.0f64, turn in 0.0..7.0f64, long in 0.9..30.0f64) {
         let at = |minor: f64| {

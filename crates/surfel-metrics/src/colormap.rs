@@ -48,14 +48,14 @@ pub fn magma(value: f32) -> [u8; 3] {
 
 /// [`magma`] of every value divided by `full_scale`, the value shown as the brightest colour. A `full_scale`
 /// that isn't above 0 shows every value above 0 as the brightest.
-pub fn magma_picture(values: &[f32], full_scale: f32) -> Vec<[u8; 3]> {
+pub fn magma_image(values: &[f32], full_scale: f32) -> Vec<[u8; 3]> {
     let shade = |&v: &f32| if full_scale > 0.0 { magma(v / full_scale) } else { magma(if v > 0.0 { 1.0 } else { v }) };
     values.iter().map(shade).collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{magma, magma_picture};
+    use super::{magma, magma_image};
 
     #[test]
     fn magma_ends_middle_and_bad_values() {
@@ -82,8 +82,8 @@ mod tests {
     }
 
     #[test]
-    fn magma_picture_scales_by_full_scale() {
-        assert_eq!(magma_picture(&[0.0, 1.0, 2.0, 4.0], 2.0), [magma(0.0), magma(0.5), magma(1.0), magma(1.0)]);
-        assert_eq!(magma_picture(&[0.0, 1e-9], 0.0), [magma(0.0), magma(1.0)]);
+    fn magma_image_scales_by_full_scale() {
+        assert_eq!(magma_image(&[0.0, 1.0, 2.0, 4.0], 2.0), [magma(0.0), magma(0.5), magma(1.0), magma(1.0)]);
+        assert_eq!(magma_image(&[0.0, 1e-9], 0.0), [magma(0.0), magma(1.0)]);
     }
 }

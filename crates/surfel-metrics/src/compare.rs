@@ -1,4 +1,4 @@
-//! The comparison of two pictures.
+//! The comparison of two images.
 
 use crate::error::{MetricsError, check_length};
 use crate::flip::{self, FlipMap, FlipOptions};
@@ -8,7 +8,7 @@ use crate::plane::{abs_difference, check_tolerance, psnr_of_rmse, root_mean};
 /// Linear value of the sRGB level ½.
 pub const MID_GREY: f32 = 0.214_041_14;
 
-/// What [`compare`] measures.
+/// Options of [`compare`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompareOptions<'a> {
     /// One flag a pixel, row by row from the top, `true` where it counts; `None`: all count.
@@ -17,11 +17,11 @@ pub struct CompareOptions<'a> {
     pub tolerance: f64,
     /// The signal's peak for PSNR (linear). Default 1.
     pub peak: f64,
-    /// FLIP's viewing conditions, or `None` to leave it out; the pictures are linear whatever
+    /// FLIP's viewing conditions, or `None` to leave it out; the images are linear whatever
     /// [`FlipOptions::encoding`] says. Default: its own default.
     pub flip: Option<FlipOptions>,
     /// Linear RGB behind transparent pixels for FLIP, which knows no alpha. Default [`MID_GREY`]: over black
-    /// (or white) a missing black (or white) shape would not be seen. Opaque pictures don't depend on it.
+    /// (or white) a missing black (or white) shape would not show. Opaque images don't depend on it.
     pub background: [f32; 3],
 }
 
@@ -31,7 +31,7 @@ impl Default for CompareOptions<'_> {
     }
 }
 
-/// How far two pictures are apart. All but FLIP is about the four linear premultiplied channels.
+/// How far two images are apart. All but FLIP is about the four linear premultiplied channels.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Comparison {
@@ -43,11 +43,11 @@ pub struct Comparison {
     pub compared: usize,
     /// Largest absolute difference of a channel; infinite as [`abs_difference`] says.
     pub max_abs: f64,
-    /// Column and row of the first pixel that is `max_abs` away; `None` where the pictures are equal.
+    /// Column and row of the first pixel that is `max_abs` away; `None` where the images are equal.
     pub max_abs_at: Option<(u32, u32)>,
     /// Root mean squared difference over all channels of the compared pixels.
     pub rmse: f64,
-    /// Peak signal-to-noise ratio in dB; +∞ for equal pictures.
+    /// Peak signal-to-noise ratio in dB; +∞ for equal images.
     pub psnr: f64,
     /// How many pixels differ by more than the tolerance in some channel.
     pub differing: usize,
@@ -65,7 +65,7 @@ pub struct Comparison {
 /// that a forgiven pixel doesn't spread to its neighbours through the filters.
 ///
 /// # Errors
-/// [`MetricsError::Size`] for pictures of different sizes, [`MetricsError::Length`] for a mask of another one,
+/// [`MetricsError::Size`] for images of different sizes, [`MetricsError::Length`] for a mask of another one,
 /// [`MetricsError::OutOfRange`] for options out of their range.
 pub fn compare(reference: &Image, test: &Image, options: &CompareOptions) -> Result<Comparison, MetricsError> {
     let (width, height) = (reference.width(), reference.height());

@@ -1,6 +1,6 @@
-//! Why two pictures can't be compared.
+//! Why two images can't be compared.
 
-/// Why two pictures can't be compared. Differences, however large, are results and never errors.
+/// Why two images can't be compared. Differences, however large, are results and never errors.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MetricsError {
@@ -16,9 +16,9 @@ pub enum MetricsError {
         /// Where the expected length comes from.
         rule: &'static str,
     },
-    /// Pictures of different sizes.
+    /// Images of different sizes.
     #[error(
-        "the pictures are {}x{} and {}x{} pixels, expected equal sizes: render or crop both alike",
+        "the images are {}x{} and {}x{} pixels, expected equal sizes: render or crop both alike",
         a.0, a.1, b.0, b.1
     )]
     Size {
@@ -27,8 +27,8 @@ pub enum MetricsError {
         /// Width and height of the second, in pixels.
         b: (u32, u32),
     },
-    /// A picture whose values can't be addressed on this machine.
-    #[error("a picture of {width}x{height} pixels is too large to address here, expected fewer pixels: compare crops")]
+    /// An image whose values can't be addressed on this machine.
+    #[error("an image of {width}x{height} pixels is too large to address here, expected fewer pixels: compare crops")]
     TooLarge {
         /// Width in pixels.
         width: u32,
@@ -47,7 +47,7 @@ pub enum MetricsError {
     },
 }
 
-/// Number of pixels of a `width`×`height` picture, with room for `channels` values each.
+/// Number of pixels of a `width`×`height` image, with room for `channels` values each.
 pub(crate) fn pixel_count(width: u32, height: u32, channels: usize) -> Result<usize, MetricsError> {
     let count = usize::try_from(width).ok().zip(usize::try_from(height).ok()).and_then(|(w, h)| w.checked_mul(h));
     match count {

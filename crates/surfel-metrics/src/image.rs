@@ -1,8 +1,8 @@
-//! A borrowed picture.
+//! A borrowed image.
 
 use crate::error::{MetricsError, check_length, pixel_count};
 
-/// A borrowed RGBA picture: linear light, premultiplied alpha, rows from the top, no padding.
+/// A borrowed RGBA image: linear light, premultiplied alpha, rows from the top, no padding.
 #[derive(Clone, Copy, Debug)]
 pub struct Image<'a> {
     width: u32,
@@ -18,7 +18,7 @@ impl<'a> Image<'a> {
     /// that product isn't a `usize`.
     pub fn new(width: u32, height: u32, rgba: &'a [f32]) -> Result<Self, MetricsError> {
         let pixels = pixel_count(width, height, 4)?;
-        check_length("the picture", rgba.len(), pixels * 4, "width x height x 4")?;
+        check_length("the image", rgba.len(), pixels * 4, "width x height x 4")?;
         Ok(Self { width, height, rgba })
     }
 

@@ -1,8 +1,8 @@
-//! How far two pictures are apart.
+//! How far two images are apart.
 //!
-//! [`compare`] measures two linear premultiplied RGBA pictures, [`compare_plane`] a single plane (depth, a
+//! [`compare`] measures two linear premultiplied RGBA images, [`compare_plane`] a single plane (depth, a
 //! normal component, a weight); [`flip`] holds the perceptual metric on its own and [`colormap`] turns an
-//! error map into a picture.
+//! error map into an image.
 //!
 //! # Values that aren't finite
 //! One rule everywhere, see [`abs_difference`]: equal values differ by 0, equal infinities included (an empty

@@ -12,7 +12,7 @@ pub fn abs_difference(a: f32, b: f32) -> f64 {
     if difference.is_nan() { f64::INFINITY } else { difference }
 }
 
-/// What [`compare_plane`] looks at.
+/// Options of [`compare_plane`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlaneOptions<'a> {
     /// One flag a value, `true` where it counts; `None`: all count.

@@ -1,4 +1,4 @@
-//! Metrics on pictures small enough to check by hand.
+//! Metrics on images small enough to check by hand.
 
 use surfel_metrics::flip::{self, Encoding, FlipOptions};
 use surfel_metrics::{CompareOptions, Image, MetricsError, PlaneOptions, abs_difference, compare, compare_plane};
@@ -68,14 +68,14 @@ fn lengths_and_sizes_are_checked() {
     }
 }
 
-/// A picture of 40x30 opaque pixels with some structure.
-fn picture() -> Vec<f32> {
+/// An image of 40x30 opaque pixels with some structure.
+fn image() -> Vec<f32> {
     (0..40 * 30).flat_map(|i| [(i % 40) as f32 / 39.0, ((i / 7) % 2) as f32, 0.25, 1.0]).collect()
 }
 
 #[test]
-fn compare_equal_pictures() {
-    let a = picture();
+fn compare_equal_images() {
+    let a = image();
     let a = Image::new(40, 30, &a).unwrap();
     let c = compare(&a, &a, &CompareOptions::default()).unwrap();
     assert_eq!((c.compared, c.max_abs, c.max_abs_at, c.rmse, c.differing), (1200, 0.0, None, 0.0, 0));
@@ -84,7 +84,7 @@ fn compare_equal_pictures() {
 
 #[test]
 fn compare_one_changed_pixel() {
-    let a = picture();
+    let a = image();
     let mut b = a.clone();
     b[4 * (11 * 40 + 23) + 2] += 0.5;
     let (a, b) = (Image::new(40, 30, &a).unwrap(), Image::new(40, 30, &b).unwrap());
@@ -175,7 +175,7 @@ fn encoded_pair() -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
 }
 
 #[test]
-fn flip_of_pictures_without_pixels_is_empty() {
+fn flip_of_images_without_pixels_is_empty() {
     for (w, h) in [(0, 0), (0, 5), (5, 0)] {
         let map = flip::ldr(w, h, &[], &[], &FlipOptions::default()).unwrap();
         assert_eq!((map.error.len(), map.mean), (0, 0.0));

@@ -3,6 +3,7 @@
 use crate::ModelError;
 use crate::range::{finite, positive};
 use glam::DVec3;
+#[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 
 /// Largest image side, in pixels.
@@ -10,40 +11,48 @@ pub const MAX_IMAGE_SIDE: u32 = 65_536;
 /// Largest number of pixels that one render allocates (the image, or its region).
 pub const MAX_IMAGE_PIXELS: u64 = 1 << 28;
 
+/// What appears upward where nothing else is said.
+const DEFAULT_UP: [f64; 3] = [0.0, 1.0, 0.0];
+
+/// Depth before which nothing is drawn where nothing else is said, world units.
+const DEFAULT_NEAR: f64 = 0.01;
+
 /// A camera as in the scene file. World space, world units, degrees.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct Camera {
     /// Position of the eye.
     pub eye: [f64; 3],
     /// The point looked at; differs from `eye`.
     pub target: [f64; 3],
     /// A direction that appears upward; not parallel to the view.
-    #[serde(default = "default_up")]
+    #[cfg_attr(feature = "serde", serde(default = "default_up"))]
     pub up: [f64; 3],
     /// Projection.
     pub projection: Projection,
     /// Planar depth before which nothing is drawn, greater than 0.
-    #[serde(default = "default_near")]
+    #[cfg_attr(feature = "serde", serde(default = "default_near"))]
     pub near: f64,
     /// Planar depth beyond which an orthographic view draws nothing. Perspective has no far plane.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub far: Option<f64>,
     /// Image width and height in pixels.
     pub size: [u32; 2],
 }
 
+#[cfg(feature = "serde")]
 fn default_up() -> [f64; 3] {
-    [0.0, 1.0, 0.0]
+    DEFAULT_UP
 }
 
+#[cfg(feature = "serde")]
 fn default_near() -> f64 {
-    0.01
+    DEFAULT_NEAR
 }
 
 /// Projections (rendering model §1).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "snake_case", deny_unknown_fields))]
 pub enum Projection {
     /// Centred perspective with square pixels.
     Perspective {
@@ -69,6 +78,36 @@ pub enum Projection {
 }
 
 impl Camera {
+    /// A camera at `eye` that looks at `target`, with a vertical field of view in degrees, in (0, 180), and an image of
+    /// `size` = [width, height] pixels. +y appears upward and nothing nearer than 0.01 world units is drawn, unless
+    /// [`Camera::with_up`] and [`Camera::with_near`] say otherwise. Numbers are checked where the camera is used.
+    pub fn perspective(eye: [f64; 3], target: [f64; 3], fov_y_deg: f64, size: [u32; 2]) -> Self {
+        Self::looking(eye, target, Projection::Perspective { fov_y_deg }, None, size)
+    }
+
+    /// As [`Camera::perspective`], by a calibrated camera: focal lengths and principal point in pixels, both greater
+    /// than 0 and measured from the image's upper left corner.
+    pub fn intrinsics(eye: [f64; 3], target: [f64; 3], focal: [f64; 2], principal: [f64; 2], size: [u32; 2]) -> Self {
+        let ([fx, fy], [cx, cy]) = (focal, principal);
+        Self::looking(eye, target, Projection::Intrinsics { fx, fy, cx, cy }, None, size)
+    }
+
+    /// As [`Camera::perspective`], in parallel projection: a view `height` world units high, of what is no farther from
+    /// the eye than `far`.
+    pub fn orthographic(eye: [f64; 3], target: [f64; 3], height: f64, far: f64, size: [u32; 2]) -> Self {
+        Self::looking(eye, target, Projection::Orthographic { height }, Some(far), size)
+    }
+
+    fn looking(eye: [f64; 3], target: [f64; 3], projection: Projection, far: Option<f64>, size: [u32; 2]) -> Self {
+        Self { eye, target, up: DEFAULT_UP, projection, near: DEFAULT_NEAR, far, size }
+    }
+
+    crate::setters! {
+        with_up up: [f64; 3],
+        with_near near: f64,
+        with_size size: [u32; 2],
+    }
+
     /// Checks every number and that the camera has a direction.
     ///
     /// # Errors
@@ -130,10 +169,22 @@ mod tests {
     use super::*;
 
     #[test]
+    fn cameras_are_made_of_what_differs_from_one_to_the_next() {
+        let (eye, size) = ([0.0, 0.0, 5.0], [640, 480]);
+        let ortho = Camera::orthographic(eye, [0.0; 3], 2.0, 9.0, size);
+        assert_eq!((ortho.far, ortho.projection), (Some(9.0), Projection::Orthographic { height: 2.0 }));
+        let calibrated = Camera::intrinsics(eye, [0.0; 3], [600.0, 610.0], [320.0, 240.0], size);
+        for camera in [Camera::perspective(eye, [0.0; 3], 45.0, size), ortho, calibrated] {
+            assert_eq!(camera.validate(), Ok(()));
+            assert!(camera.clone().with_near(0.0).validate().is_err());
+            assert!(camera.with_up([0.0, 0.0, 1.0]).validate().is_err());
+        }
+        assert!(Camera::perspective(eye, eye, 45.0, size).validate().is_err());
+    }
+
+    #[test]
     fn a_camera_without_direction_or_with_its_up_along_the_view_is_refused() {
-        let text =
-            r#"{"eye": [0,0,5], "target": [0,0,0], "projection": {"perspective": {"fov_y_deg": 45}}, "size": [8, 8]}"#;
-        let camera: Camera = serde_json::from_str(text).unwrap();
+        let camera = Camera::perspective([0.0, 0.0, 5.0], [0.0; 3], 45.0, [8, 8]);
         assert!(camera.validate().is_ok());
         assert!(Camera { target: camera.eye, ..camera.clone() }.validate().is_err());
         assert!(Camera { up: [0.0, 0.0, 2.0], ..camera.clone() }.validate().is_err());

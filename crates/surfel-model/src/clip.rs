@@ -52,6 +52,18 @@ pub struct ClipColumns {
 }
 
 impl ClipColumns {
+    /// The clips of some splats, by their indices.
+    pub(crate) fn select(&self, indices: &[u32]) -> Self {
+        fn pick<T: Copy>(column: Option<&Vec<T>>, indices: &[u32]) -> Option<Vec<T>> {
+            column.map(|column| indices.iter().map(|&i| column[i as usize]).collect())
+        }
+        Self {
+            curves: pick(self.curves.as_ref(), indices),
+            lines: pick(self.lines.as_ref(), indices),
+            modes: pick(self.modes.as_ref(), indices),
+        }
+    }
+
     /// Splat `i`'s clip curve, if it has one.
     pub fn curve(&self, i: usize) -> Option<Curve> {
         let c = self.curves.as_ref().map(|c| c[i]).filter(|c| !c.w.is_nan())?;
@@ -59,8 +71,8 @@ impl ClipColumns {
         Some(Curve::from_angles(theta1, theta3, V2::new(u, v), w))
     }
 
-    /// What splat `i` keeps of its disk under a policy; `None` where nothing clips it. [`ClipPolicy::Paper`] is the same
-    /// picture as [`ClipPolicy::Exact`] and has the same forms.
+    /// What splat `i` keeps of its disk under a policy; `None` where nothing clips it. [`ClipPolicy::Paper`] is the
+    /// same image as [`ClipPolicy::Exact`] and has the same forms.
     pub fn clip(&self, i: usize, policy: ClipPolicy) -> Option<Clip<f64>> {
         let lines: Vec<[f64; 3]> = self
             .lines
@@ -94,6 +106,22 @@ mod tests {
         let shape = Shape::Ellipses { s: column(Vec3::X), t: column(Vec3::Y) };
         let data = CloudData { clips: Some(clips), ..CloudData::new(DVec3::ZERO, column(Vec3::ZERO), shape) };
         SplatCloud::new(data, OnInvalid::Refuse).is_ok()
+    }
+
+    #[test]
+    fn clips_of_some_splats_are_theirs_in_every_column() {
+        let curve = |w: f32| ClipCurve { theta1: 0.0, theta3: 1.5, u: 0.4, v: 0.4, w };
+        let line = |c: f32| [ClipLine { a: 1.0, b: 0.0, c }; 4];
+        let clips = ClipColumns {
+            curves: Some([1.0, 2.0, 3.0].map(curve).to_vec()),
+            lines: Some([0.1, 0.2, 0.3].map(line).to_vec()),
+            modes: Some(vec![ClipMode::And, ClipMode::Or, ClipMode::And]),
+        };
+        let some = clips.select(&[2, 1]);
+        assert_eq!(some.curves, Some(vec![curve(3.0), curve(2.0)]));
+        assert_eq!(some.lines, Some(vec![line(0.3), line(0.2)]));
+        assert_eq!(some.modes, Some(vec![ClipMode::And, ClipMode::Or]));
+        assert_eq!(ClipColumns::default().select(&[5]), ClipColumns::default());
     }
 
     #[test]

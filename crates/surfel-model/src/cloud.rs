@@ -2,7 +2,7 @@
 
 use crate::column::retain;
 use crate::{ClipColumns, Column3, ExtraColumn, ModelError, Up};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// The splats' extent (rendering model §2).
 #[derive(Clone, Debug, PartialEq)]
@@ -42,6 +42,8 @@ pub struct CloudData {
     pub clips: Option<ClipColumns>,
     /// Σw inside the cloud's own surface at cutoff 2 (rendering model §5, coverage), where it is known.
     pub interior_weight: Option<f64>,
+    /// Normals all point out of the same surface, so that front and back faces are kept apart (rendering model §5).
+    pub oriented: bool,
     /// Which axis is up.
     pub up: Option<Up>,
     /// Properties that Surfel doesn't interpret.
@@ -62,6 +64,7 @@ impl CloudData {
             shading_normals: None,
             clips: None,
             interior_weight: None,
+            oriented: false,
             up: None,
             extras: Vec::new(),
             comments: Vec::new(),
@@ -219,12 +222,113 @@ pub struct Repaired {
 }
 
 /// A validated splat cloud.
+///
+/// ```
+/// use surfel_model::SplatCloud;
+/// let (centers, normals, radii) = ([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]], [[0.0, 0.0, 1.0]; 2], [0.4, 0.4]);
+/// let cloud = SplatCloud::disks(&centers, &normals, &radii)?.with_colors(&[[0.8, 0.1, 0.1], [0.1, 0.1, 0.8]])?;
+/// assert_eq!(cloud.len(), 2);
+/// # Ok::<(), surfel_model::ModelError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct SplatCloud {
     data: CloudData,
 }
 
+/// What a program does about invalid splats that it made itself.
+const ADVICE: &str = "correct them, or have SplatCloud::new drop them by OnInvalid::Drop";
+
+/// Numbers in f32, as columns keep them.
+fn column<V: Copy + Into<[f32; 3]>>(vectors: &[V]) -> Column3 {
+    Column3::from_f32(vectors.iter().map(|v| Vec3::from((*v).into())).collect())
+}
+
 impl SplatCloud {
+    /// Opaque white disks: centres and radii (greater than 0) in object units, outward normals of any length but zero.
+    /// Vectors are `[f32; 3]`, [`glam::Vec3`], or anything else that turns into arrays.
+    ///
+    /// # Errors
+    /// [`ModelError`] naming the first invalid splat and how many there are, or the column of another length than
+    /// `centers`.
+    pub fn disks<C: Copy + Into<[f32; 3]>, N: Copy + Into<[f32; 3]>>(
+        centers: &[C],
+        normals: &[N],
+        radii: &[f32],
+    ) -> Result<Self, ModelError> {
+        let shape = Shape::Disks { normals: column(normals), radii: radii.to_vec() };
+        Self::checked(CloudData::new(DVec3::ZERO, column(centers), shape))
+    }
+
+    /// Opaque white ellipses: splat i is `centers[i]` + u·`s[i]` + v·`t[i]`, u² + v² ≤ 1, in object units, with outward
+    /// normal s × t.
+    ///
+    /// # Errors
+    /// [`ModelError`] naming the first invalid splat (half-axes are parallel or zero, or a number isn't finite) and how
+    /// many there are, or the column of another length than `centers`.
+    pub fn ellipses<C: Copy + Into<[f32; 3]>, A: Copy + Into<[f32; 3]>>(
+        centers: &[C],
+        s: &[A],
+        t: &[A],
+    ) -> Result<Self, ModelError> {
+        let shape = Shape::Ellipses { s: column(s), t: column(t) };
+        Self::checked(CloudData::new(DVec3::ZERO, column(centers), shape))
+    }
+
+    /// With linear RGB albedo, one for each splat.
+    ///
+    /// # Errors
+    /// [`ModelError`] if there are more or fewer than splats, or for a number that isn't finite.
+    pub fn with_colors<C: Copy + Into<[f32; 3]>>(mut self, colors: &[C]) -> Result<Self, ModelError> {
+        self.data.colors = Some(colors.iter().map(|c| (*c).into()).collect());
+        Self::checked(self.data)
+    }
+
+    /// With alpha in [0, 1], one for each splat.
+    ///
+    /// # Errors
+    /// [`ModelError`] if there are more or fewer than splats, or for one out of range.
+    pub fn with_alphas(mut self, alphas: &[f32]) -> Result<Self, ModelError> {
+        self.data.alphas = Some(alphas.to_vec());
+        Self::checked(self.data)
+    }
+
+    /// With normals to shade by, of any length but zero, one for each splat.
+    ///
+    /// # Errors
+    /// [`ModelError`] if there are more or fewer than splats, or for one that is zero or not finite.
+    pub fn with_shading_normals<N: Copy + Into<[f32; 3]>>(mut self, normals: &[N]) -> Result<Self, ModelError> {
+        self.data.shading_normals = Some(column(normals));
+        Self::checked(self.data)
+    }
+
+    /// With clip curves and lines: of ellipses alone, in their half-axes.
+    ///
+    /// # Errors
+    /// [`ModelError`] for columns of another length than there are splats, for disks, and for numbers out of range.
+    pub fn with_clips(mut self, clips: ClipColumns) -> Result<Self, ModelError> {
+        self.data.clips = Some(clips);
+        Self::checked(self.data)
+    }
+
+    /// With centres relative to `origin`, in object units: f64, so that georeferenced data keeps its detail.
+    ///
+    /// # Errors
+    /// [`ModelError`] if a coordinate isn't finite.
+    pub fn with_origin(mut self, origin: impl Into<DVec3>) -> Result<Self, ModelError> {
+        self.data.origin = origin.into();
+        Self::checked(self.data)
+    }
+
+    fn checked(data: CloudData) -> Result<Self, ModelError> {
+        match Self::new(data, OnInvalid::Refuse) {
+            Ok((cloud, _)) => Ok(cloud),
+            Err(ModelError::InvalidElements { what, index, problem, count, total, .. }) => {
+                Err(ModelError::InvalidElements { what, index, problem, count, total, advice: ADVICE })
+            }
+            Err(error) => Err(error),
+        }
+    }
+
     /// Checks `data` (rendering model §10) and makes a cloud of it.
     ///
     /// # Errors
@@ -232,7 +336,8 @@ impl SplatCloud {
     pub fn new(mut data: CloudData, on_invalid: OnInvalid) -> Result<(Self, Repaired), ModelError> {
         data.check_columns()?;
         if data.clips.is_some() && matches!(data.shape, Shape::Disks { .. }) {
-            let message = "clip curves and lines need the half-axes s and t: a disk (normal and radius) has none to measure them in";
+            let message = "clip curves and lines need the half-axes s and t: a disk (normal and radius) has none to \
+                           measure them in";
             return Err(ModelError::Conflict(message.into()));
         }
         if !data.origin.is_finite() {
@@ -298,6 +403,11 @@ impl SplatCloud {
         if weight.is_finite() && weight > 0.0 {
             self.data.interior_weight = Some(weight);
         }
+    }
+
+    /// Declares whether all normals point out of the same surface.
+    pub fn set_oriented(&mut self, oriented: bool) {
+        self.data.oriented = oriented;
     }
 
     /// Sets which axis is up.
@@ -401,7 +511,6 @@ impl SplatCloud {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
 
     fn disks(radii: Vec<f32>) -> CloudData {
         let n = radii.len();
@@ -413,6 +522,28 @@ mod tests {
     fn an_absent_attribute_costs_nothing() {
         let (cloud, _) = SplatCloud::new(disks(vec![1.0; 100]), OnInvalid::Refuse).unwrap();
         assert_eq!(cloud.bytes(), 100 * (12 + 12 + 4));
+    }
+
+    #[test]
+    fn clouds_are_made_of_slices_and_refused_with_what_where_and_expected() {
+        let (centers, normals, radii) = ([Vec3::ZERO, Vec3::X], [[0.0, 0.0, 1.0]; 2], [1.0, 0.5]);
+        let cloud = SplatCloud::disks(&centers, &normals, &radii).unwrap();
+        assert_eq!((cloud.len(), cloud.radius_max(1), cloud.normal(0)), (2, 0.5, DVec3::Z));
+        let text = |result: Result<SplatCloud, ModelError>| result.unwrap_err().to_string();
+        let short = text(SplatCloud::disks(&centers, &normals[..1], &radii));
+        assert_eq!(short, "column 'normals' has 1 values, expected 2: one for each element");
+        let wrong = text(SplatCloud::disks(&centers, &normals, &[1.0, -1.0]));
+        assert!(wrong.starts_with("splat 1 is invalid: its radius is -1, expected a finite number"), "{wrong}");
+        assert!(wrong.contains("OnInvalid::Drop") && !wrong.contains("--repair"), "{wrong}");
+        assert!(text(cloud.clone().with_colors(&[Vec3::ONE])).contains("'colors' has 1 values, expected 2"));
+        assert!(text(cloud.clone().with_alphas(&[1.0, 2.0])).contains("its alpha is 2, expected a number in [0, 1]"));
+        assert!(text(cloud.clone().with_shading_normals(&[Vec3::ZERO; 2])).contains("shading normal"));
+        assert!(text(cloud.clone().with_clips(ClipColumns::default())).contains("half-axes"));
+        let moved = cloud.with_colors(&[[0.5; 3]; 2]).unwrap().with_origin([1e6, 0.0, 0.0]).unwrap();
+        assert_eq!((moved.center(1), moved.color(0)), (DVec3::new(1e6 + 1.0, 0.0, 0.0), [0.5; 3]));
+        let flat = SplatCloud::ellipses(&centers, &[Vec3::X; 2], &[Vec3::X; 2]);
+        assert!(text(flat).contains("its half-axes are parallel"));
+        assert!(SplatCloud::ellipses(&centers, &[Vec3::X; 2], &[Vec3::Y; 2]).is_ok());
     }
 
     #[test]

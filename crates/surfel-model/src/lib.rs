@@ -3,35 +3,44 @@
 //!
 //! Data is validated once, where it is built ([`SplatCloud::new`], [`Scene::validate`]); everything
 //! downstream relies on that. Nothing here reads files or draws.
+//!
+//! Feature `serde`: what the scene file holds is serde's data. Feature `rayon`: sorting on all threads.
 
 mod camera;
+mod chunk;
 mod clip;
 mod cloud;
 mod column;
+mod convert;
 mod error;
-mod hybrid;
 mod light;
 mod matcap;
 mod mesh;
 mod morton;
+mod octree;
 mod points;
 mod range;
 mod scene;
+mod setters;
 mod settings;
 mod texture;
 mod up;
 
+pub use glam;
+
 pub use camera::{Camera, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, Projection};
+pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks, stored_axes};
 pub use clip::{ClipColumns, ClipCurve, ClipLine, ClipMode, NO_LINE};
 pub use cloud::{CloudData, OnInvalid, Repaired, Shape, SplatCloud};
 pub use column::{Column3, ExtraColumn, ExtraValues};
+pub use convert::ConvertOptions;
 pub use error::ModelError;
-pub use hybrid::{Hybrid, HybridNode, Transition};
 pub use light::Light;
 pub use matcap::Matcap;
-pub use mesh::Mesh;
+pub use mesh::{AlphaMode, MaterialRef, Mesh, MeshMaterial, TriangleMaterials};
+pub use octree::{Octree, OctreeNode, Transition};
 pub use points::PointCloud;
 pub use scene::{Cull, Geometry, Material, Object, ObjectFile, Scene, SceneFile};
-pub use settings::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Settings, Shader, Transparency};
+pub use settings::{Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, Settings, Shader, Transparency};
 pub use texture::{Mipmaps, Texture};
 pub use up::Up;

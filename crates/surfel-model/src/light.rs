@@ -2,21 +2,23 @@
 
 use crate::ModelError;
 use crate::range::finite;
+#[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 
 /// A light, in world space. Colours are linear RGB; nothing falls off with distance.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "snake_case", deny_unknown_fields))]
+#[non_exhaustive]
 pub enum Light {
     /// Parallel light.
     Directional {
         /// Where the light travels; not zero.
         direction: [f64; 3],
         /// Linear RGB.
-        #[serde(default = "white")]
+        #[cfg_attr(feature = "serde", serde(default = "white"))]
         color: [f64; 3],
         /// Casts shadows.
-        #[serde(default)]
+        #[cfg_attr(feature = "serde", serde(default))]
         shadow: bool,
     },
     /// Light from a point in all directions.
@@ -24,7 +26,7 @@ pub enum Light {
         /// Where it is.
         position: [f64; 3],
         /// Linear RGB.
-        #[serde(default = "white")]
+        #[cfg_attr(feature = "serde", serde(default = "white"))]
         color: [f64; 3],
     },
     /// Light from a point into a cone.
@@ -34,14 +36,14 @@ pub enum Light {
         /// The cone's axis, where the light travels; not zero.
         direction: [f64; 3],
         /// Linear RGB.
-        #[serde(default = "white")]
+        #[cfg_attr(feature = "serde", serde(default = "white"))]
         color: [f64; 3],
         /// Half-angle within which it is at its full strength, degrees.
         inner_deg: f64,
         /// Half-angle at which it has faded to nothing, degrees; at least `inner_deg`.
         outer_deg: f64,
         /// Casts shadows.
-        #[serde(default)]
+        #[cfg_attr(feature = "serde", serde(default))]
         shadow: bool,
     },
 }
@@ -51,6 +53,39 @@ fn white() -> [f64; 3] {
 }
 
 impl Light {
+    /// White parallel light that travels along `direction`, which is not zero; it casts no shadow.
+    pub fn directional(direction: [f64; 3]) -> Self {
+        Self::Directional { direction, color: white(), shadow: false }
+    }
+
+    /// White light from `position` in all directions.
+    pub fn point(position: [f64; 3]) -> Self {
+        Self::Point { position, color: white() }
+    }
+
+    /// White light from `position` along `direction`, which is not zero: at its full strength within a half-angle of
+    /// `inner_deg`, faded to nothing at `outer_deg`. It casts no shadow.
+    pub fn spot(position: [f64; 3], direction: [f64; 3], inner_deg: f64, outer_deg: f64) -> Self {
+        Self::Spot { position, direction, color: white(), inner_deg, outer_deg, shadow: false }
+    }
+
+    /// The light with another colour, linear RGB.
+    #[must_use]
+    pub fn with_color(mut self, new: [f64; 3]) -> Self {
+        let (Self::Directional { color, .. } | Self::Point { color, .. } | Self::Spot { color, .. }) = &mut self;
+        *color = new;
+        self
+    }
+
+    /// The light with a shadow, or without. Point lights have none.
+    #[must_use]
+    pub fn with_shadow(mut self, casts: bool) -> Self {
+        if let Self::Directional { shadow, .. } | Self::Spot { shadow, .. } = &mut self {
+            *shadow = casts;
+        }
+        self
+    }
+
     pub(crate) fn validate(&self, i: usize) -> Result<(), ModelError> {
         let direction_ok = |d: &[f64; 3]| {
             finite(&format!("lights[{i}].direction"), d)?;

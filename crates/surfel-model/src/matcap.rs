@@ -1,4 +1,4 @@
-//! Pictures of a lit ball, for the shader `matcap`.
+//! Images of a lit sphere, for the shader `matcap`.
 
 use crate::{ModelError, Texture};
 use std::sync::{Arc, LazyLock};
@@ -8,7 +8,7 @@ const MAX_SIDE: u32 = 2048;
 /// Side of the built-in one.
 const BUILTIN_SIDE: u32 = 256;
 
-/// A picture of a lit ball that fills it: what a surface looks like by the way it faces (rendering model §5).
+/// An image of a lit sphere that fills it: what a surface looks like by the way it faces (rendering model §5).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Matcap {
     width: u32,
@@ -20,7 +20,8 @@ impl Matcap {
     /// A matcap from an image; its alpha is ignored.
     ///
     /// # Errors
-    /// [`ModelError::OutOfRange`] for an image without texels, of more than 2048 a side, or with fewer than its size says.
+    /// [`ModelError::OutOfRange`] for an image without texels, of more than 2048 a side, or with fewer than its size
+    /// says.
     pub fn new(image: &Texture) -> Result<Self, ModelError> {
         let [width, height] = [image.width, image.height];
         let count = width as usize * height as usize;
@@ -33,8 +34,8 @@ impl Matcap {
         Ok(Self { width, height, texels: texels.collect() })
     }
 
-    /// The one that is used where a scene names none: grey clay under a warm light from the upper left and a cool one from the
-    /// lower right.
+    /// The one that is used where a scene names none: grey clay under a warm light from the upper left and a cool one
+    /// from the lower right.
     pub fn builtin() -> Arc<Self> {
         static BUILTIN: LazyLock<Arc<Matcap>> = LazyLock::new(|| Arc::new(Matcap::clay(BUILTIN_SIDE)));
         BUILTIN.clone()

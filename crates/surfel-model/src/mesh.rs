@@ -4,6 +4,50 @@ use crate::{Column3, ModelError, Texture, Up};
 use glam::DVec3;
 use std::sync::Arc;
 
+/// What a file says the alpha of a surface means (glTF's `alphaMode`).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum AlphaMode {
+    /// Nothing: the surface is opaque.
+    Opaque,
+    /// The surface is there, and opaque, where alpha is at least `cutoff`.
+    Mask {
+        /// The least alpha that is kept.
+        cutoff: f32,
+    },
+    /// How much of what lies behind the surface hides.
+    #[default]
+    Blend,
+}
+
+impl AlphaMode {
+    /// The opacity of a place with this alpha: 0 where the surface isn't there.
+    pub fn opacity(self, alpha: f32) -> f32 {
+        match self {
+            Self::Opaque => 1.0,
+            Self::Mask { cutoff } => f32::from(alpha >= cutoff),
+            Self::Blend => alpha,
+        }
+    }
+}
+
+/// What triangles are made of.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MeshMaterial {
+    /// Base-colour texture for the mesh's `uvs`; multiplies its colours and alphas.
+    pub texture: Option<Arc<Texture>>,
+    /// What the product of alphas means.
+    pub alpha: AlphaMode,
+}
+
+/// A material for each triangle.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TriangleMaterials {
+    /// The materials.
+    pub materials: Vec<MeshMaterial>,
+    /// An index into them for each triangle.
+    pub of_triangle: Vec<u32>,
+}
+
 /// An indexed triangle mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
@@ -21,8 +65,10 @@ pub struct Mesh {
     pub alphas: Option<Vec<f32>>,
     /// Texture coordinates, (0, 0) the texture's top left corner, one a vertex.
     pub uvs: Option<Vec<[f32; 2]>>,
-    /// Base-colour texture for `uvs`; multiplies `colors`.
+    /// Base-colour texture for `uvs` that all triangles share; multiplies `colors`.
     pub texture: Option<Arc<Texture>>,
+    /// What each triangle is made of, where that is more than `texture`, which it overrides.
+    pub materials: Option<TriangleMaterials>,
     /// Which axis the file says is up.
     pub up: Option<Up>,
     /// Comment lines of the file.
@@ -81,6 +127,289 @@ impl Mesh {
                 advice: "the file is damaged",
             });
         }
-        Ok(())
+        self.materials.as_ref().map_or(Ok(()), |m| m.validate(self.triangles.len()))
+    }
+
+    /// What a triangle is made of.
+    pub fn material(&self, triangle: usize) -> MaterialRef<'_> {
+        match &self.materials {
+            None => MaterialRef { texture: self.texture.as_ref(), alpha: AlphaMode::Blend },
+            Some(all) => {
+                let own = all.of_triangle.get(triangle).and_then(|&i| all.materials.get(i as usize));
+                own.map_or(MaterialRef::default(), |own| MaterialRef {
+                    texture: own.texture.as_ref(),
+                    alpha: own.alpha,
+                })
+            }
+        }
+    }
+
+    /// True if some triangle has a texture that its texture coordinates show.
+    pub fn is_textured(&self) -> bool {
+        self.uvs.is_some() && self.textures().next().is_some()
+    }
+
+    /// True if something may be seen through a triangle: its material cuts it or blends it, and some alpha is below 1.
+    pub fn is_see_through(&self) -> bool {
+        let below_one = |alphas: &Vec<f32>| alphas.iter().any(|&a| a < 1.0);
+        let of_vertices = self.alphas.as_ref().is_some_and(below_one);
+        let of = |texture: Option<&Arc<Texture>>, alpha: AlphaMode| {
+            let in_texture = || self.uvs.is_some() && texture.is_some_and(|t| t.srgba8.iter().any(|t| t[3] < 255));
+            match alpha {
+                AlphaMode::Opaque => false,
+                AlphaMode::Mask { cutoff } => cutoff > 0.0 && (of_vertices || in_texture()),
+                AlphaMode::Blend => of_vertices || in_texture(),
+            }
+        };
+        match &self.materials {
+            None => of(self.texture.as_ref(), AlphaMode::Blend),
+            Some(all) => all.materials.iter().any(|m| of(m.texture.as_ref(), m.alpha)),
+        }
+    }
+
+    /// The textures of all materials, some of them perhaps several times.
+    pub fn textures(&self) -> impl Iterator<Item = &Arc<Texture>> {
+        let materials = self.materials.as_ref();
+        let shared = self.texture.as_ref().filter(|_| materials.is_none());
+        shared
+            .into_iter()
+            .chain(materials.into_iter().flat_map(|all| &all.materials).filter_map(|m| m.texture.as_ref()))
+    }
+
+    /// The mesh as meshes of one `texture` each, in the order of their first triangles: what draws polygons takes no
+    /// more. The mesh itself where that is so already, and where it is invalid.
+    pub fn by_texture(self: &Arc<Self>) -> Vec<Arc<Self>> {
+        let Some(all) = self.materials.as_ref().filter(|_| self.validate().is_ok()) else { return vec![self.clone()] };
+        let texture_of = |triangle: &u32| {
+            let material = all.of_triangle.get(*triangle as usize).and_then(|&i| all.materials.get(i as usize));
+            material.and_then(|m| m.texture.as_ref()).filter(|_| self.uvs.is_some())
+        };
+        let same = |a: Option<&Arc<Texture>>, b: Option<&Arc<Texture>>| match (a, b) {
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        let mut parts: Vec<(Option<&Arc<Texture>>, Vec<u32>)> = Vec::new();
+        // Triangles of a material follow one another, so the part is mostly that of the triangle before.
+        let mut last = 0;
+        for triangle in 0..self.triangles.len() as u32 {
+            let texture = texture_of(&triangle);
+            if !parts.get(last).is_some_and(|(t, _)| same(*t, texture)) {
+                last = parts.iter().position(|(t, _)| same(*t, texture)).unwrap_or(parts.len());
+                if last == parts.len() {
+                    parts.push((texture, Vec::new()));
+                }
+            }
+            parts[last].1.push(triangle);
+        }
+        if let [(texture, _)] = parts[..]
+            && same(texture, self.texture.as_ref())
+        {
+            return vec![self.clone()];
+        }
+        let part = |(texture, triangles): (Option<&Arc<Texture>>, Vec<u32>)| {
+            Arc::new(Self { texture: texture.cloned(), materials: None, ..self.part(triangles.into_iter()) })
+        };
+        parts.into_iter().map(part).collect()
+    }
+
+    /// Some of the triangles, by their indices, as a mesh with the vertices they use and without comments.
+    pub(crate) fn part(&self, triangles: impl Iterator<Item = u32> + Clone) -> Self {
+        let mut new_index = vec![u32::MAX; self.positions.len()];
+        let mut used: Vec<u32> = Vec::new();
+        let mut place = |i: u32| {
+            let new = &mut new_index[i as usize];
+            if *new == u32::MAX {
+                *new = used.len() as u32;
+                used.push(i);
+            }
+            *new
+        };
+        let chosen = triangles.clone().map(|i| self.triangles[i as usize].map(&mut place)).collect();
+        let pick3 = |column: &Vec<[f32; 3]>| used.iter().map(|&i| column[i as usize]).collect();
+        Self {
+            origin: self.origin,
+            positions: self.positions.select(&used),
+            triangles: chosen,
+            normals: self.normals.as_ref().map(pick3),
+            colors: self.colors.as_ref().map(pick3),
+            alphas: self.alphas.as_ref().map(|column| used.iter().map(|&i| column[i as usize]).collect()),
+            uvs: self.uvs.as_ref().map(|column| used.iter().map(|&i| column[i as usize]).collect()),
+            texture: self.texture.clone(),
+            materials: self.materials.as_ref().map(|all| all.select(triangles)),
+            up: self.up,
+            comments: Vec::new(),
+        }
+    }
+
+    /// The mesh with one material: textures that not all triangles share become colours and alphas of the vertices,
+    /// and detail between these is lost. The alpha of vertices that are cut or opaque becomes what it means.
+    pub fn with_one_material(mut self) -> Self {
+        let Some(all) = self.materials.take() else { return self };
+        let mut textures: Vec<Option<&Arc<Texture>>> = all.materials.iter().map(|m| m.texture.as_ref()).collect();
+        textures.dedup_by(|a, b| a.map(Arc::as_ptr) == b.map(Arc::as_ptr));
+        if let [shared] = textures[..] {
+            self.texture = shared.cloned();
+            return self;
+        }
+        let vertices = self.positions.len();
+        let mut colors = self.colors.take().unwrap_or_else(|| vec![[1.0; 3]; vertices]);
+        let mut alphas = self.alphas.take().unwrap_or_else(|| vec![1.0; vertices]);
+        let mut done = vec![false; vertices];
+        for (triangle, &material) in self.triangles.iter().zip(&all.of_triangle) {
+            let Some(material) = all.materials.get(material as usize) else { continue };
+            for &i in triangle {
+                let i = i as usize;
+                if std::mem::replace(&mut done[i], true) {
+                    continue;
+                }
+                if let (Some(texture), Some(uvs)) = (&material.texture, &self.uvs) {
+                    let [r, g, b, a] = texture.sample(uvs[i]);
+                    colors[i].iter_mut().zip([r, g, b]).for_each(|(c, t)| *c *= t);
+                    alphas[i] *= a;
+                }
+                alphas[i] = material.alpha.opacity(alphas[i]);
+            }
+        }
+        self.colors = Some(colors);
+        self.alphas = alphas.iter().any(|&a| a < 1.0).then_some(alphas);
+        Self { uvs: None, texture: None, ..self }
+    }
+}
+
+/// A triangle's material, borrowed.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct MaterialRef<'a> {
+    /// Its texture.
+    pub texture: Option<&'a Arc<Texture>>,
+    /// What its alpha means.
+    pub alpha: AlphaMode,
+}
+
+impl TriangleMaterials {
+    fn validate(&self, triangles: usize) -> Result<(), ModelError> {
+        let found = self.of_triangle.len();
+        if found != triangles {
+            return Err(ModelError::ColumnLength { column: "materials", found, expected: triangles });
+        }
+        let bad = |i: &&u32| **i as usize >= self.materials.len();
+        match self.of_triangle.iter().position(|i| bad(&i)) {
+            None => Ok(()),
+            Some(index) => Err(ModelError::InvalidElements {
+                what: "triangle",
+                index,
+                problem: format!("it is of material {} of {}", self.of_triangle[index], self.materials.len()),
+                count: self.of_triangle.iter().filter(bad).count(),
+                total: found,
+                advice: "the file is damaged",
+            }),
+        }
+    }
+
+    /// Those of some triangles, by their indices.
+    #[must_use]
+    pub fn select(&self, triangles: impl Iterator<Item = u32>) -> Self {
+        let of_triangle = triangles.map(|i| self.of_triangle[i as usize]).collect();
+        Self { materials: self.materials.clone(), of_triangle }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    fn texel(color: [u8; 4]) -> Arc<Texture> {
+        Arc::new(Texture { width: 1, height: 1, srgba8: vec![color] })
+    }
+
+    /// Four triangles about a point, of three materials with two textures.
+    fn fan() -> Mesh {
+        let (red, blue) = (texel([255, 0, 0, 255]), texel([0, 0, 255, 128]));
+        let material = |texture: &Arc<Texture>, alpha| MeshMaterial { texture: Some(texture.clone()), alpha };
+        let mask = AlphaMode::Mask { cutoff: 0.75 };
+        Mesh {
+            positions: Column3::from_f32(vec![Vec3::ZERO, Vec3::X, Vec3::Y, -Vec3::X, -Vec3::Y]),
+            triangles: vec![[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]],
+            uvs: Some((0..5).map(|i| [i as f32 / 8.0, 0.5]).collect()),
+            materials: Some(TriangleMaterials {
+                materials: vec![material(&red, AlphaMode::Blend), material(&blue, mask), material(&red, mask)],
+                of_triangle: vec![1, 0, 2, 1],
+            }),
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn opacity_is_what_the_mode_makes_of_alpha() {
+        let mask = AlphaMode::Mask { cutoff: 0.5 };
+        assert_eq!([0.0, 0.5, 1.0].map(|a| AlphaMode::Opaque.opacity(a)), [1.0; 3]);
+        assert_eq!([0.0, 0.49, 0.5, 1.0, f32::NAN].map(|a| mask.opacity(a)), [0.0, 0.0, 1.0, 1.0, 0.0]);
+        assert_eq!([0.0, 0.3, 1.0].map(|a| AlphaMode::default().opacity(a)), [0.0, 0.3, 1.0]);
+    }
+
+    #[test]
+    fn parts_have_a_texture_each_and_together_all_triangles() {
+        let mesh = Arc::new(fan());
+        let parts = mesh.by_texture();
+        let color = |m: &Mesh| m.texture.as_ref().map(|t| t.srgba8[0]);
+        assert_eq!(parts.iter().map(|m| color(m)).collect::<Vec<_>>(), [0, 1].map(|i| color_of(&mesh, i)).to_vec());
+        let corners = |m: &Mesh| {
+            m.triangles.iter().map(|t| t.map(|i| m.positions.get(i as usize).to_array())).collect::<Vec<_>>()
+        };
+        let whole = corners(&mesh);
+        assert_eq!(corners(&parts[0]), [whole[0], whole[3]]);
+        assert_eq!(corners(&parts[1]), [whole[1], whole[2]]);
+        // The second part lacks a vertex, and its texture coordinates go with the others.
+        assert_eq!(parts[1].uvs, Some(vec![[0.0, 0.5], [0.25, 0.5], [0.375, 0.5], [0.5, 0.5]]));
+        assert!(parts.iter().all(|m| m.materials.is_none() && m.validate().is_ok()));
+    }
+
+    fn color_of(mesh: &Mesh, triangle: usize) -> Option<[u8; 4]> {
+        mesh.material(triangle).texture.map(|t| t.srgba8[0])
+    }
+
+    #[test]
+    fn a_mesh_of_one_texture_is_its_own_part() {
+        let plain = Arc::new(Mesh { materials: None, ..fan() });
+        assert!(Arc::ptr_eq(&plain.by_texture()[0], &plain));
+        let mut mesh = fan();
+        if let Some(all) = &mut mesh.materials {
+            all.of_triangle = vec![0, 2, 0, 2];
+        }
+        mesh.texture = mesh.material(0).texture.cloned();
+        let mesh = Arc::new(mesh);
+        assert!(Arc::ptr_eq(&mesh.by_texture()[0], &mesh));
+    }
+
+    #[test]
+    fn one_material_holds_the_textures_in_its_vertices() {
+        let mesh = fan().with_one_material();
+        assert!(mesh.validate().is_ok() && mesh.materials.is_none() && mesh.uvs.is_none());
+        // Vertices 0, 1 and 2 are first met by a triangle of the second material, whose alpha of ½ is cut.
+        let (colors, alphas) = (mesh.colors.unwrap(), mesh.alphas.unwrap());
+        assert_eq!((colors[0], colors[3]), ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]));
+        assert_eq!(alphas, [0.0, 0.0, 0.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn materials_out_of_range_are_told() {
+        let mut mesh = fan();
+        mesh.materials.as_mut().unwrap().of_triangle[2] = 3;
+        assert!(mesh.validate().unwrap_err().to_string().contains("triangle 2 is invalid: it is of material 3 of 3"));
+        mesh.materials.as_mut().unwrap().of_triangle.pop();
+        assert!(mesh.validate().unwrap_err().to_string().contains("'materials' has 3 values, expected 4"));
+    }
+
+    #[test]
+    fn something_is_seen_through_only_where_alpha_counts() {
+        let with = |alpha| {
+            let material = MeshMaterial { texture: Some(texel([255, 255, 255, 128])), alpha };
+            let all = TriangleMaterials { materials: vec![material], of_triangle: vec![0; 4] };
+            Mesh { materials: Some(all), ..fan() }
+        };
+        assert!(with(AlphaMode::Blend).is_see_through() && with(AlphaMode::Mask { cutoff: 0.5 }).is_see_through());
+        assert!(!with(AlphaMode::Opaque).is_see_through() && !with(AlphaMode::Mask { cutoff: 0.0 }).is_see_through());
+        assert!(!Mesh { uvs: None, ..with(AlphaMode::Blend) }.is_see_through());
+        assert!(Mesh { uvs: None, alphas: Some(vec![0.5; 5]), ..with(AlphaMode::Blend) }.is_see_through());
     }
 }

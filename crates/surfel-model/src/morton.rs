@@ -2,30 +2,43 @@
 
 use crate::SplatCloud;
 use glam::DVec3;
+#[cfg(feature = "rayon")]
 use rayon::prelude::*;
 
 impl SplatCloud {
-    /// Indices of the splats in Morton order of their centres; equal codes stay in index order. Runs in whatever rayon
-    /// pool the caller installed, and the result doesn't depend on it.
+    /// Indices of the splats in Morton order of their centres; equal codes stay in index order. With
+    /// feature `rayon` it runs in whatever pool the caller installed, and the result doesn't depend on it.
     pub fn morton_order(&self) -> Vec<u32> {
-        let n = self.len();
-        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for i in 0..n {
-            let p = self.center(i);
-            (min, max) = (min.min(p), max.max(p));
-        }
-        let extent = (max - min).max_element();
-        let scale = if extent > 0.0 { 2_097_151.0 / extent } else { 0.0 };
-        let mut keyed: Vec<(u64, u32)> = (0..n)
-            .into_par_iter()
-            .map(|i| {
-                let q = (self.center(i) - min) * scale;
-                (spread(q.x as u64) | spread(q.y as u64) << 1 | spread(q.z as u64) << 2, i as u32)
-            })
-            .collect();
-        keyed.par_sort_unstable();
-        keyed.into_iter().map(|(_, i)| i).collect()
+        order(self.len(), |i| self.center(i))
     }
+}
+
+/// Indices of `n` points in Morton order; equal codes stay in index order.
+pub(crate) fn order(n: usize, position: impl Fn(usize) -> DVec3 + Sync) -> Vec<u32> {
+    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for i in 0..n {
+        let p = position(i);
+        (min, max) = (min.min(p), max.max(p));
+    }
+    let extent = (max - min).max_element();
+    let scale = if extent > 0.0 { 2_097_151.0 / extent } else { 0.0 };
+    let keyed = |i: usize| {
+        let q = (position(i) - min) * scale;
+        (spread(q.x as u64) | spread(q.y as u64) << 1 | spread(q.z as u64) << 2, i as u32)
+    };
+    #[cfg(feature = "rayon")]
+    let keyed = {
+        let mut keyed: Vec<(u64, u32)> = (0..n).into_par_iter().map(keyed).collect();
+        keyed.par_sort_unstable();
+        keyed
+    };
+    #[cfg(not(feature = "rayon"))]
+    let keyed = {
+        let mut keyed: Vec<(u64, u32)> = (0..n).map(keyed).collect();
+        keyed.sort_unstable();
+        keyed
+    };
+    keyed.into_iter().map(|(_, i)| i).collect()
 }
 
 /// Spreads the low 21 bits of `x` to every third bit.

@@ -1,15 +1,16 @@
 //! Materials, objects, scenes, and the scene file that describes them.
 
 use crate::range::{finite, positive};
-use crate::{Camera, Light, Matcap, Mesh, ModelError, Settings, SplatCloud, Up};
+use crate::{Camera, ConvertOptions, Light, Matcap, Mesh, ModelError, Octree, Settings, SplatCloud, Up};
 use glam::{DAffine3, DMat4};
+#[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Which splats of an object are left out.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Cull {
     /// None.
     #[default]
@@ -19,8 +20,8 @@ pub enum Cull {
 }
 
 /// How an object reflects light, and how its splats are taken.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
 pub struct Material {
     /// Ambient factor k_a.
     pub ambient: f64,
@@ -35,8 +36,12 @@ pub struct Material {
     /// Back-facing splats show the reverse of their shading normal.
     pub two_sided: bool,
     /// Σw inside the object's surface at cutoff 2; wins over the cloud's own.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub interior_weight: Option<f64>,
+    /// Whether the normals of its splats all point out of the same surface (rendering model §5); wins over what the
+    /// cloud says.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub oriented: Option<bool>,
 }
 
 impl Default for Material {
@@ -49,6 +54,7 @@ impl Default for Material {
             cull: Cull::None,
             two_sided: true,
             interior_weight: None,
+            oriented: None,
         }
     }
 }
@@ -69,6 +75,11 @@ impl Material {
         }
     }
 
+    /// Whether the front and back faces of a cloud of this material are told apart.
+    pub fn is_oriented(&self, cloud: &SplatCloud) -> bool {
+        self.oriented.unwrap_or(cloud.data().oriented)
+    }
+
     /// The four factors that vary the shading, as they are averaged between objects.
     pub fn factors(&self) -> [f64; 4] {
         [self.ambient, self.diffuse, self.specular, self.shininess]
@@ -82,6 +93,8 @@ pub enum Geometry {
     Splats(Arc<SplatCloud>),
     /// Polygons.
     Mesh(Arc<Mesh>),
+    /// Splats of several sizes and polygons, of which every view gets what it needs.
+    Octree(Arc<Octree>),
 }
 
 /// Something in the scene.
@@ -113,19 +126,6 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A scene of one splat cloud with default material, ambient light and headlight.
-    pub fn of_cloud(cloud: SplatCloud) -> Self {
-        Self {
-            ambient: DEFAULT_AMBIENT,
-            objects: vec![Object {
-                geometry: Geometry::Splats(Arc::new(cloud)),
-                world_from_object: DAffine3::IDENTITY,
-                material: Material::default(),
-            }],
-            ..Self::default()
-        }
-    }
-
     /// Checks every number of the scene.
     ///
     /// # Errors
@@ -156,59 +156,97 @@ impl Scene {
     }
 }
 
+impl From<SplatCloud> for Geometry {
+    fn from(cloud: SplatCloud) -> Self {
+        Self::Splats(Arc::new(cloud))
+    }
+}
+
+impl From<Mesh> for Geometry {
+    fn from(mesh: Mesh) -> Self {
+        Self::Mesh(Arc::new(mesh))
+    }
+}
+
+impl From<Octree> for Geometry {
+    fn from(octree: Octree) -> Self {
+        Self::Octree(Arc::new(octree))
+    }
+}
+
+/// An object where its geometry lies, with the default material.
+impl<G: Into<Geometry>> From<G> for Object {
+    fn from(geometry: G) -> Self {
+        Self { geometry: geometry.into(), world_from_object: DAffine3::IDENTITY, material: Material::default() }
+    }
+}
+
+/// A scene of one object: a [`SplatCloud`], a [`Mesh`] or an [`Object`], with the scene file's ambient light and
+/// headlight.
+impl<O: Into<Object>> From<O> for Scene {
+    fn from(object: O) -> Self {
+        Self { ambient: DEFAULT_AMBIENT, objects: vec![object.into()], ..Self::default() }
+    }
+}
+
 /// Ambient light of a scene file that doesn't say.
 pub(crate) const DEFAULT_AMBIENT: [f64; 3] = [0.1; 3];
 
 /// The scene file (`.json`). Unknown keys are errors; paths are relative to the file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct SceneFile {
     /// Which axis is up.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub up: Option<Up>,
     /// The camera.
     pub camera: Camera,
     /// Linear RGB and straight alpha; transparent black by default.
-    #[serde(default)]
+    #[cfg_attr(feature = "serde", serde(default))]
     pub background: [f64; 4],
     /// Linear RGB of the ambient light.
-    #[serde(default = "default_ambient")]
+    #[cfg_attr(feature = "serde", serde(default = "default_ambient"))]
     pub ambient: [f64; 3],
     /// Lights; one white directional light along the view by default.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub lights: Option<Vec<Light>>,
-    /// Image of a lit ball for the shader `matcap`; a built-in one by default.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Image of a lit sphere for the shader `matcap`; a built-in one by default.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub matcap: Option<PathBuf>,
     /// What is drawn.
     pub objects: Vec<ObjectFile>,
     /// Settings.
-    #[serde(default)]
+    #[cfg_attr(feature = "serde", serde(default))]
     pub settings: Settings,
 }
 
+#[cfg(feature = "serde")]
 fn default_ambient() -> [f64; 3] {
     DEFAULT_AMBIENT
 }
 
 /// An object of the scene file: exactly one of `splats` and `mesh`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct ObjectFile {
     /// A file drawn as splats: splats, points or a mesh.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub splats: Option<PathBuf>,
     /// A file drawn as polygons.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub mesh: Option<PathBuf>,
     /// Column-major `world_from_object`; last row 0 0 0 1.
-    #[serde(default = "identity")]
+    #[cfg_attr(feature = "serde", serde(default = "identity"))]
     pub matrix: [f64; 16],
     /// Material.
-    #[serde(default)]
+    #[cfg_attr(feature = "serde", serde(default))]
     pub material: Material,
+    /// How the file becomes splats.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "ConvertOptions::is_default"))]
+    pub convert: ConvertOptions,
 }
 
+#[cfg(feature = "serde")]
 fn identity() -> [f64; 16] {
     DMat4::IDENTITY.to_cols_array()
 }
@@ -228,12 +266,12 @@ impl ObjectFile {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "serde"))]
 mod tests {
     use super::*;
 
-    const MINIMAL: &str = r#"{"camera": {"eye": [0,0,5], "target": [0,0,0], "projection": {"perspective": {"fov_y_deg": 45}},
-        "size": [8, 8]}, "objects": [{"splats": "a.ply"}]}"#;
+    const MINIMAL: &str = r#"{"camera": {"eye": [0,0,5], "target": [0,0,0],
+        "projection": {"perspective": {"fov_y_deg": 45}}, "size": [8, 8]}, "objects": [{"splats": "a.ply"}]}"#;
 
     #[test]
     fn the_minimal_scene_file_has_the_interface_s_defaults() {

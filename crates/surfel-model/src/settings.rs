@@ -1,11 +1,16 @@
 //! Render settings: what trades speed for accuracy, and how the surface is shaded.
 
 use crate::ModelError;
+#[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 
 /// Everything about a render that is neither scene nor camera. The defaults are the scene file's and never change.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+///
+/// `Settings::default().with_shader(Shader::Phong)`, or the fields one by one: literals are for this crate, since
+/// versions to come may have more fields.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
+#[non_exhaustive]
 pub struct Settings {
     /// Screen-space filter.
     pub filter: Filter,
@@ -19,14 +24,26 @@ pub struct Settings {
     pub depth_tolerance: DepthTolerance,
     /// How pixels are shaded.
     pub shader: Shader,
-    /// Edge antialiasing by coverage.
-    pub edge_aa: bool,
+    /// Edge antialiasing.
+    pub edge_aa: EdgeAa,
     /// How transparent splats are drawn.
     pub transparency: Transparency,
     /// How clip curves and lines are evaluated.
     pub clip: ClipPolicy,
     /// Precision of accumulation.
     pub accumulate: Accumulate,
+    /// Largest radius in pixels of the splats that are chosen of an octree; greater than 0.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_default_lod_error"))]
+    pub lod_error_px: f64,
+}
+
+/// Error of octrees where nothing else is asked for, in pixels.
+const DEFAULT_LOD_ERROR_PX: f64 = 1.0;
+
+/// Scene files say it only where it differs.
+#[cfg(feature = "serde")]
+fn is_default_lod_error(error_px: &f64) -> bool {
+    *error_px == DEFAULT_LOD_ERROR_PX
 }
 
 impl Default for Settings {
@@ -38,10 +55,11 @@ impl Default for Settings {
             mapping: Mapping::Exact,
             depth_tolerance: DepthTolerance::Relative(1.0),
             shader: Shader::Unlit,
-            edge_aa: false,
+            edge_aa: EdgeAa::Off,
             transparency: Transparency::Off,
             clip: ClipPolicy::Exact,
             accumulate: Accumulate::F32,
+            lod_error_px: DEFAULT_LOD_ERROR_PX,
         }
     }
 }
@@ -53,6 +71,20 @@ const MOST_CUTOFF: f64 = 50.0;
 const MOST_LAYERS: u32 = 64;
 
 impl Settings {
+    crate::setters! {
+        with_filter filter: Filter,
+        with_cutoff cutoff: f64,
+        with_prefilter_radius_px prefilter_radius_px: f64,
+        with_mapping mapping: Mapping,
+        with_depth_tolerance depth_tolerance: DepthTolerance,
+        with_shader shader: Shader,
+        with_edge_aa edge_aa: EdgeAa,
+        with_transparency transparency: Transparency,
+        with_clip clip: ClipPolicy,
+        with_accumulate accumulate: Accumulate,
+        with_lod_error_px lod_error_px: f64,
+    }
+
     /// Checks that every number is in its range.
     ///
     /// # Errors
@@ -69,6 +101,10 @@ impl Settings {
         if !(t >= 0.0 && t.is_finite()) {
             return Err(ModelError::range("settings.depth_tolerance", t, "a finite number, at least 0"));
         }
+        if !(self.lod_error_px > 0.0 && self.lod_error_px.is_finite()) {
+            let found = self.lod_error_px;
+            return Err(ModelError::range("settings.lod_error_px", found, "a finite number of pixels, greater than 0"));
+        }
         if let Transparency::Peel { layers, .. } | Transparency::ABuffer { layers } = self.transparency
             && !(1..=MOST_LAYERS).contains(&layers)
         {
@@ -78,9 +114,79 @@ impl Settings {
     }
 }
 
+/// How edges are antialiased (rendering model §5). Written `false`, `true` or `"samples"` in scene files, and `off`,
+/// `on` or `samples` on the command line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum EdgeAa {
+    /// Not at all.
+    #[default]
+    Off,
+    /// By coverage: a pixel's sum of weights over that of its cloud's inside.
+    Coverage,
+    /// By samples: pixels at edges are the mean of 4×4 samples, each drawn as a pixel.
+    Samples,
+}
+
+impl EdgeAa {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Off, Self::Coverage, Self::Samples];
+
+    /// The name used on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Coverage => "on",
+            Self::Samples => "samples",
+        }
+    }
+}
+
+#[cfg(feature = "serde")]
+impl Serialize for EdgeAa {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Off => serializer.serialize_bool(false),
+            Self::Coverage => serializer.serialize_bool(true),
+            Self::Samples => serializer.serialize_str("samples"),
+        }
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<'de> Deserialize<'de> for EdgeAa {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(EdgeAaVisitor)
+    }
+}
+
+#[cfg(feature = "serde")]
+struct EdgeAaVisitor;
+
+#[cfg(feature = "serde")]
+impl serde::de::Visitor<'_> for EdgeAaVisitor {
+    type Value = EdgeAa;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("false, true or \"samples\"")
+    }
+
+    fn visit_bool<E: serde::de::Error>(self, on: bool) -> Result<EdgeAa, E> {
+        Ok(if on { EdgeAa::Coverage } else { EdgeAa::Off })
+    }
+
+    fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<EdgeAa, E> {
+        match name {
+            "samples" => Ok(EdgeAa::Samples),
+            _ => Err(E::invalid_value(serde::de::Unexpected::Str(name), &self)),
+        }
+    }
+}
+
 /// Screen-space filters (rendering model §4).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
+#[non_exhaustive]
 pub enum Filter {
     /// The object kernel alone.
     None,
@@ -111,8 +217,8 @@ impl Filter {
 }
 
 /// How a splat is mapped to the screen (rendering model §3).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Mapping {
     /// The projective mapping of the splat's plane (Guennebaud 2006 §3).
     Exact,
@@ -121,8 +227,8 @@ pub enum Mapping {
 }
 
 /// How much farther than the nearest surface a fragment may be and still blend with it (rendering model §5).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum DepthTolerance {
     /// A multiple of the splat's larger radius.
     Relative(f64),
@@ -131,8 +237,9 @@ pub enum DepthTolerance {
 }
 
 /// How pixels are shaded (rendering model §5).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
+#[non_exhaustive]
 pub enum Shader {
     /// Albedo as it is.
     Unlit,
@@ -144,7 +251,7 @@ pub enum Shader {
     Normal,
     /// Stored depth as grey.
     Depth,
-    /// The scene's picture of a lit ball, looked up by the normal.
+    /// The scene's image of a lit sphere, looked up by the normal.
     Matcap,
     /// Eye-dome lighting: albedo, darker the deeper a pixel lies among its neighbours.
     Edl,
@@ -170,8 +277,8 @@ impl Shader {
 }
 
 /// How transparent splats are drawn (rendering model §8). Written `off`, `peel:N`, `peel:N:drop` or `abuffer:L`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "String", into = "String"))]
 pub enum Transparency {
     /// Every splat is opaque.
     Off,
@@ -234,8 +341,8 @@ impl From<Transparency> for String {
 }
 
 /// How clip curves and lines are evaluated (rendering model §7).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum ClipPolicy {
     /// The curve's implicit form.
     Exact,
@@ -248,19 +355,31 @@ pub enum ClipPolicy {
 }
 
 /// Precision in which weighted attributes are summed, at least.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Accumulate {
     /// 32-bit floats.
     F32,
-    /// 16-bit floats (B05 §7), in half the memory of a GPU's targets. Backends that have nothing to gain by it, on processors, sum in
-    /// more.
+    /// 16-bit floats (B05 §7), in half the memory of a GPU's targets. Backends that have nothing to gain by it, on
+    /// CPUs, sum in more.
     F16,
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(feature = "serde")]
+    #[test]
+    fn edge_antialiasing_is_written_as_scene_files_have_it() {
+        for (edge_aa, text) in [(EdgeAa::Off, "false"), (EdgeAa::Coverage, "true"), (EdgeAa::Samples, "\"samples\"")] {
+            assert_eq!(serde_json::to_string(&edge_aa).unwrap(), text);
+            assert_eq!(serde_json::from_str::<EdgeAa>(text).unwrap(), edge_aa);
+        }
+        let problem = serde_json::from_str::<EdgeAa>("\"sample\"").unwrap_err().to_string();
+        assert!(problem.contains("expected false, true or \"samples\""), "{problem}");
+        assert!(serde_json::from_str::<EdgeAa>("1").is_err());
+    }
 
     #[test]
     fn settings_out_of_their_range_are_refused_and_named() {
@@ -283,6 +402,9 @@ mod tests {
         for tolerance in [-0.1, f64::INFINITY] {
             refused("depth_tolerance", &|s| s.depth_tolerance = DepthTolerance::Relative(tolerance));
             refused("depth_tolerance", &|s| s.depth_tolerance = DepthTolerance::Absolute(tolerance));
+        }
+        for error in [0.0, -1.0, f64::NAN] {
+            refused("lod_error_px", &|s| s.lod_error_px = error);
         }
         // A plan has a pass for each.
         for layers in [0, 65, u32::MAX] {

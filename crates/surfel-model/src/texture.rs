@@ -22,13 +22,26 @@ impl Texture {
         }
         bilinear(uv, self.width as usize, self.height as usize, |i| linear(self.srgba8[i]))
     }
+
+    /// As [`Self::sample`], each texel's colour counting by its alpha: what is next to texels that can't be seen keeps
+    /// its colour.
+    pub fn sample_by_alpha(&self, uv: [f32; 2]) -> [f32; 4] {
+        if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
+            return [1.0; 4];
+        }
+        let [r, g, b, a] = bilinear(uv, self.width as usize, self.height as usize, |i| {
+            let [r, g, b, a] = linear(self.srgba8[i]);
+            [r * a, g * a, b * a, a]
+        });
+        if a > 0.0 { [r / a, g / a, b / a, a] } else { self.sample(uv) }
+    }
 }
 
 fn wrap(t: f32) -> f32 {
     if t.is_finite() { t - t.floor() } else { 0.0 }
 }
 
-/// Linear value of every 8-bit level: a power for each channel of each texel would be most of a textured picture's time.
+/// Linear value of every 8-bit level: a power for each channel of each texel would be most of a textured image's time.
 static DECODED: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|level| surfel_math::srgb::decode(level as f64 / 255.0) as f32));
 
@@ -95,8 +108,8 @@ impl Mipmaps {
         self.levels.iter().map(|l| size_of_val(l.texels.as_slice())).sum()
     }
 
-    /// Trilinear sample at `uv` with repeat addressing: linear RGB and alpha. `footprint_texels` is how many texels of the
-    /// full size a pixel spans; levels are blended by its binary logarithm.
+    /// Trilinear sample at `uv` with repeat addressing: linear RGB and alpha. `footprint_texels` is how many texels of
+    /// the full size a pixel spans; levels are blended by its binary logarithm.
     pub fn sample(&self, uv: [f32; 2], footprint_texels: f64) -> [f32; 4] {
         let level = footprint_texels.log2().clamp(0.0, self.levels.len() as f64);
         // NaN where the footprint isn't a number: the full size.

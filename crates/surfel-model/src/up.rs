@@ -1,23 +1,25 @@
 //! Which axis points up.
 
 use glam::DVec3;
+#[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 
 /// A signed coordinate axis, as in `--up +z`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize))]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Up {
-    #[serde(rename = "+x")]
+    #[cfg_attr(feature = "serde", serde(rename = "+x"))]
     PlusX,
-    #[serde(rename = "-x")]
+    #[cfg_attr(feature = "serde", serde(rename = "-x"))]
     MinusX,
-    #[serde(rename = "+y")]
+    #[cfg_attr(feature = "serde", serde(rename = "+y"))]
     PlusY,
-    #[serde(rename = "-y")]
+    #[cfg_attr(feature = "serde", serde(rename = "-y"))]
     MinusY,
-    #[serde(rename = "+z")]
+    #[cfg_attr(feature = "serde", serde(rename = "+z"))]
     PlusZ,
-    #[serde(rename = "-z")]
+    #[cfg_attr(feature = "serde", serde(rename = "-z"))]
     MinusZ,
 }
 

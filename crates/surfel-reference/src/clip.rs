@@ -1,4 +1,4 @@
-//! Clips of splats (§7), evaluated at the (u, v) of a pixel as the model says it.
+//! Clips of splats (§7), evaluated in the splat's own (u, v) at each pixel.
 
 use surfel_math::V2;
 use surfel_math::clip::{Clip, Turn};
@@ -6,7 +6,7 @@ use surfel_math::clip_paper::PaperCurve;
 use surfel_math::mapping::Footprint;
 use surfel_model::{ClipPolicy, SplatCloud};
 
-/// What a splat keeps of its disk, and how its footprints' (u, v) turn back to its own.
+/// The part of its disk that a splat keeps, and how its footprints' (u, v) turn back to its own.
 #[derive(Clone)]
 pub(crate) struct SplatClip {
     clip: Clip<f64>,
@@ -35,7 +35,7 @@ impl SplatClip {
         }
     }
 
-    /// True if the pixel at offset `d` is kept, seen through a footprint and its turn.
+    /// True if the clip keeps the pixel at offset `d`, through a footprint and its turn.
     pub(crate) fn keeps_at(&self, footprint: &Footprint<f64>, turn: &Turn<f64>, d: V2<f64>) -> bool {
         self.keeps(own_coordinates(footprint, turn, d))
     }

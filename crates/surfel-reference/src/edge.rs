@@ -1,40 +1,44 @@
 //! Edge antialiasing by coverage (§5, ours after Z01 §7).
 
 use crate::margin;
+use crate::pixels::neighbours;
 use crate::polygon::Hit;
-use crate::raster::{Kept, Passes};
+use crate::raster::Passes;
+use crate::threshold::Threshold;
 use surfel_render::Region;
 
-/// What edges are found among.
+/// The surfaces among which edges are found.
 pub(crate) struct Edges<'a> {
     pub passes: &'a Passes,
-    /// The nearest polygons, whatever hides them, by pixel; empty without any.
+    /// The nearest polygons, occluded or not, by pixel; empty without any.
     pub polygons: &'a [Hit],
     pub rect: Region,
 }
 
 impl Edges<'_> {
-    /// Marks edge pixels: those with an 8-neighbour inside the image whose nearest surface lies beyond the pixel's own kept
-    /// value by more than its own writer's ε, and those that have filtered fragments but nothing kept. The nearest surface is the
-    /// kept value less its writer's ε, or a polygon; one that splats hide lies beyond what they keep, and decides nothing.
+    /// Marks edge pixels: those with an 8-neighbour inside the image whose nearest surface lies beyond the pixel's own
+    /// threshold by more than its own writer's ε, and those that have filtered fragments but no threshold. The nearest
+    /// surface is the threshold less its writer's ε, or a polygon; one that splats occlude lies beyond their threshold,
+    /// and decides nothing.
     pub(crate) fn pixels(&self) -> Vec<bool> {
         let is_edge = |at: usize| {
-            let own = self.passes.kept[at];
-            if own.value == f64::INFINITY {
+            let own = self.passes.thresholds[at];
+            if own.depth == f64::INFINITY {
                 return self.passes.sums[at].fragments > 0;
             }
-            let nearest = |n: usize| step(self.passes.kept[n]).min(self.polygon(n).0);
-            self.neighbours(at).any(|n| nearest(n) > limit(own))
+            let nearest = |n: usize| step(self.passes.thresholds[n]).min(self.polygon(n).0);
+            neighbours(self.rect, at).any(|n| nearest(n) > limit(own))
         };
         (0..self.count()).map(is_edge).collect()
     }
 
-    /// Marks the pixels whose edge decision rounding could flip: no neighbour decides it for sure, and one is within the
-    /// margin of doing so, or would do so if a marginal visibility test of either pixel, or a polygon's, came out the other way.
+    /// Marks the pixels whose edge decision rounding could flip: no neighbour decides it for sure, and one is within
+    /// the margin of doing so, or would do so if a marginal visibility test of either pixel, or a polygon's, came out
+    /// the other way.
     pub(crate) fn marginal(&self) -> Vec<bool> {
         let is_marginal = |at: usize| {
             let own = self.passes.possible[at];
-            // Without anything kept for sure, whether anything is kept is open: the pixel itself is marked for that.
+            // Without a threshold for sure, whether there is one is open: the pixel itself is marked for that.
             let pairs = |n: usize| {
                 let (other, (z, open)) = (self.passes.possible[n], self.polygon(n));
                 let steps = [other.nearest, other.farthest].map(step);
@@ -43,8 +47,8 @@ impl Edges<'_> {
             };
             let surely = |(near, far): (f64, f64)| far > near && !margin::on_step(near, far);
             let perhaps = |(near, far): (f64, f64)| far > near || margin::on_step(near, far);
-            let decided = self.neighbours(at).any(|n| pairs(n).all(surely));
-            !decided && self.neighbours(at).any(|n| pairs(n).any(perhaps))
+            let decided = neighbours(self.rect, at).any(|n| pairs(n).all(surely));
+            !decided && neighbours(self.rect, at).any(|n| pairs(n).any(perhaps))
         };
         (0..self.count()).map(is_marginal).collect()
     }
@@ -57,44 +61,37 @@ impl Edges<'_> {
     fn polygon(&self, at: usize) -> (f64, bool) {
         self.polygons.get(at).map_or((f64::INFINITY, false), |hit| (hit.z, hit.marginal))
     }
-
-    /// The 8-neighbours inside the rectangle.
-    fn neighbours(&self, at: usize) -> impl Iterator<Item = usize> + use<> {
-        let (width, height) = (self.rect.width as usize, self.rect.height as usize);
-        let (x, y) = (at % width, at / width);
-        let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
-        (y.saturating_sub(1)..=(y + 1).min(height - 1))
-            .flat_map(move |ny| columns.clone().map(move |nx| ny * width + nx))
-            .filter(move |&neighbour| neighbour != at)
-    }
 }
 
 /// How far a pixel's own surface reaches.
-fn limit(own: Kept) -> f64 {
-    own.value + own.epsilon
+fn limit(own: Threshold) -> f64 {
+    own.depth + own.epsilon
 }
 
 /// Where a neighbour's surface begins.
-fn step(neighbour: Kept) -> f64 {
-    neighbour.value - neighbour.epsilon
+fn step(neighbour: Threshold) -> f64 {
+    neighbour.depth - neighbour.epsilon
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::raster::{Possible, Sums};
+    use crate::raster::Sums;
+    use crate::threshold::PossibleThresholds;
 
     fn edges<'a>((passes, rect): &'a (Passes, Region), polygons: &'a [Hit]) -> Edges<'a> {
         Edges { passes, polygons, rect: *rect }
     }
 
-    /// A row of pixels that keep these depths for sure, with ε = 0.1.
+    /// A row of pixels of these depths, for sure, with ε = 0.1.
     fn row(depths: &[f64]) -> (Passes, Region) {
-        let kept: Vec<Kept> = depths.iter().map(|&z| Kept { value: z + 0.1, epsilon: 0.1 }).collect();
-        let possible = kept.iter().map(|&k| Possible { nearest: k, farthest: k }).collect();
+        let thresholds: Vec<Threshold> =
+            depths.iter().map(|&z| Threshold { depth: z + 0.1, epsilon: 0.1, ..Threshold::NONE }).collect();
+        let possible =
+            thresholds.iter().map(|&k| PossibleThresholds { nearest: k, farthest: k, tie: Threshold::NONE }).collect();
         let sums = vec![Sums::default(); depths.len()];
         let rect = Region { x: 0, y: 0, width: depths.len() as u32, height: 1 };
-        (Passes { kept, sums, possible, fragments: 0 }, rect)
+        (Passes { thresholds, sums, possible, fragments: 0 }, rect)
     }
 
     #[test]
@@ -119,7 +116,7 @@ mod tests {
     #[test]
     fn edge_margin_follows_marginal_visibility_of_a_neighbour() {
         let mut row = row(&[1.0, 1.0]);
-        row.0.possible[1].farthest = Kept::NOTHING;
+        row.0.possible[1].farthest = Threshold::NONE;
         assert_eq!(edges(&row, &[]).marginal(), [true, false]);
     }
 

@@ -1,14 +1,18 @@
-//! One frame: the plan's passes in order, and what they give each pixel.
+//! A frame: runs a plan's passes in order and puts the opaque image and the transparent layers together.
 
 use crate::edge::Edges;
 use crate::eye_dome::EyeDome;
+use crate::layer_compositor::LayerCompositor;
+use crate::outlines::Outlines;
+use crate::pixels::center_in;
 use crate::polygon::{Hit, Polygons};
-use crate::raster::{Bands, Kept, Limits, Passes, Run, Sums};
-use crate::renderer::ResidentScene;
+use crate::raster::{Bands, DepthLimits, Passes, Run, Sums};
+use crate::samples::Samples;
+use crate::scene::ResidentScene;
 use crate::shade::{Lighting, Surface};
 use crate::splat::{ScreenSplat, project_all};
-use crate::veil::Veil;
-use crate::{abuffer, layers, margin, outline, shadow};
+use crate::threshold::Threshold;
+use crate::{abuffer, margin, peeling, shadow};
 use rayon::prelude::*;
 use std::time::Instant;
 use surfel_math::V2;
@@ -19,7 +23,7 @@ use surfel_render::{Frame, FramePlan, Pass, PassTime, Region, Stats, View};
 /// Draws a planned frame.
 pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame: &mut Frame, threads: usize) -> Stats {
     let start = Instant::now();
-    let mut stats = Stats { splats: scene.summary.splats, threads, ..Stats::default() };
+    let mut stats = Stats::default().with_splats(plan.splats).with_threads(threads);
     let mut lap = {
         let mut last = start;
         move |stats: &mut Stats, name| {
@@ -28,12 +32,6 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
             last = now;
         }
     };
-    let splats = project_all(&scene.objects, view, plan);
-    stats.drawn = splats.len() as u64;
-    let is_transparent = |s: &ScreenSplat| plan.separates_transparent && s.alpha < 1.0;
-    let (transparent, opaque): (Vec<_>, Vec<_>) = splats.into_iter().partition(is_transparent);
-    lap(&mut stats, "project");
-
     let headlight = [Light::Directional { direction: view.forward().to_array(), color: [1.0; 3], shadow: false }];
     let shadows = shadow::draw(scene, plan);
     if !shadows.is_empty() {
@@ -49,60 +47,22 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
         material: scene.material.factors(),
     };
     let rect = work_rect(view, plan);
-    let bands = Bands::new(&opaque, rect);
-    let run = Run::new(&opaque, &bands, view, plan);
-    let kept = run.kept();
-    let mesh_layer = plan.has(Pass::Polygons).then(|| MeshLayer::new(scene, view, plan, rect, &kept));
-    let limits = Limits { polygon: mesh_layer.as_ref().map(|m| m.depth.as_slice()), ..Limits::default() };
-    let front = Run { limits, ..run }.passes(kept);
-    stats.fragments = front.fragments;
+    let front = Front::draw(scene, &lighting, rect, 1.0);
+    stats.drawn = (front.opaque.len() + front.transparent.len()) as u64;
+    stats.fragments = front.passes.fragments + front.layers.iter().map(|v| u64::from(v.fragments)).sum::<u64>();
     lap(&mut stats, "rasterise");
-    let behind = plan.has(Pass::EdgeAntialiasing).then(|| {
-        let polygons = mesh_layer.as_ref().map_or(&[][..], |m| &m.hits);
-        let mut edges = Edges { passes: &front, polygons, rect }.pixels();
-        if let Some(meshes) = &mesh_layer {
-            edges.iter_mut().zip(&meshes.depth).for_each(|(edge, z)| *edge &= z.is_infinite());
-        }
-        // Where nothing is kept, nothing lies behind either.
-        let limit: Vec<f64> =
-            front.kept.iter().zip(&edges).map(|(k, &edge)| if edge { k.value } else { f64::INFINITY }).collect();
-        let limits = Limits { beyond: Some(&limit), ..Limits::default() };
-        let run = Run { limits, ..Run::new(&opaque, &bands, view, plan) };
-        (run.passes(run.kept()), edges)
-    });
+    let behind = plan.has(Pass::EdgeAntialiasing).then(|| front.behind_edges(&lighting, rect));
     if behind.is_some() {
         lap(&mut stats, "behind edges");
     }
-    let veils = if transparent.is_empty() {
-        Vec::new()
-    } else {
-        let bands = Bands::new(&transparent, rect);
-        let mut opaque_depth: Vec<f64> = front.sums.iter().map(Sums::resolved_depth).collect();
-        if let Some(meshes) = &mesh_layer {
-            opaque_depth.iter_mut().zip(&meshes.depth).for_each(|(z, polygon)| *z = z.min(*polygon));
-        }
-        let through = layers::Through { splats: &transparent, bands: &bands, opaque_depth: &opaque_depth, rect };
-        let veils = match plan.has(Pass::ABuffer) {
-            true => abuffer::gather(&through, &lighting),
-            false => layers::peel(&through, &lighting),
-        };
-        stats.fragments += veils.iter().map(|v| u64::from(v.fragments)).sum::<u64>();
-        lap(&mut stats, "transparent");
-        veils
-    };
-    let (behind, meshes) = (behind.as_ref(), mesh_layer.as_ref());
-    let mut picture = Picture {
-        lighting: &lighting,
-        rect,
-        background: scene.background,
-        front: &front,
-        behind,
-        meshes,
-        eye_dome: None,
-        pixels: Vec::new(),
-    };
-    picture.shade();
-    picture.resolve(&veils, frame);
+    let mut image =
+        OpaqueImage { behind: behind.as_ref(), ..OpaqueImage::new(&lighting, rect, scene.background, &front) };
+    image.shade();
+    let sampled = plan.has(Pass::EdgeSamples).then(|| Samples::draw(scene, &image, &front));
+    if sampled.is_some() {
+        lap(&mut stats, "edge samples");
+    }
+    image.resolve(&front.layers, sampled.as_ref(), frame);
     lap(&mut stats, "shade");
     let bytes: usize = scene.objects.iter().map(|o| o.cloud.bytes()).sum();
     stats.bytes_per_splat = bytes as f64 / (scene.summary.splats.max(1)) as f64;
@@ -110,80 +70,191 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
     stats
 }
 
-/// The rectangle that passes run over: the region, and where they look at neighbours, those inside the image.
+/// The rectangle that passes run over: the region, grown by the neighbours that they read, inside the image.
 fn work_rect(view: &View, plan: &FramePlan) -> Region {
     view.region.grown(plan.reach_px(), view.size)
 }
 
-/// Centre of pixel `at` of a rectangle.
-pub(crate) fn center(rect: Region, at: usize) -> V2<f64> {
-    let (x, y) = (at as u32 % rect.width, at as u32 / rect.width);
-    V2::new(f64::from(rect.x + x) + 0.5, f64::from(rect.y + y) + 0.5)
+/// What the passes leave in each pixel of a rectangle before it is shaded, and the transparent layers before it.
+pub(crate) struct Front<'a> {
+    opaque: Vec<ScreenSplat>,
+    bands: Bands,
+    pub passes: Passes,
+    pub meshes: Option<MeshLayer<'a>>,
+    transparent: Vec<ScreenSplat>,
+    /// By pixel; empty where nothing is transparent.
+    pub layers: Vec<LayerCompositor>,
+}
+
+impl<'a> Front<'a> {
+    /// A pixel of the image is so many pixels of the view wide: decision margins count in the image's.
+    pub(crate) fn draw(scene: &'a ResidentScene, lighting: &Lighting<'a>, rect: Region, pixel_px: f64) -> Self {
+        let (view, plan) = (lighting.view, lighting.plan);
+        let mut splats = project_all(&scene.objects, view, plan);
+        splats.iter_mut().for_each(|splat| splat.rim_px *= pixel_px);
+        let is_transparent = |s: &ScreenSplat| plan.separates_transparent && s.alpha < 1.0;
+        let (transparent, opaque): (Vec<_>, Vec<_>) = splats.into_iter().partition(is_transparent);
+        let bands = Bands::new(&opaque, rect);
+        let run = Run { keeps_facings: plan.keeps_facings, ..Run::new(&opaque, &bands, view, plan) };
+        let thresholds = run.thresholds();
+        let meshes = plan.has(Pass::Polygons).then(|| MeshLayer::new(scene, lighting, rect, &thresholds, pixel_px));
+        let limits = DepthLimits { polygon: meshes.as_ref().map(|m| m.depth.as_slice()), ..DepthLimits::default() };
+        let passes = Run { limits, ..run }.accumulate(thresholds);
+        let mut front = Self { opaque, bands, passes, meshes, transparent, layers: Vec::new() };
+        if !front.transparent.is_empty() {
+            front.layers = front.layers(lighting, rect);
+        }
+        front
+    }
+
+    /// The transparent layers of every pixel.
+    fn layers(&self, lighting: &Lighting, rect: Region) -> Vec<LayerCompositor> {
+        let bands = Bands::new(&self.transparent, rect);
+        let opaque_depth = self.opaque_depth();
+        let transparent =
+            peeling::TransparentSplats { splats: &self.transparent, bands: &bands, opaque_depth: &opaque_depth, rect };
+        match lighting.plan.has(Pass::ABuffer) {
+            true => abuffer::gather(&transparent, lighting),
+            false => peeling::peel(&transparent, lighting),
+        }
+    }
+
+    /// Both passes over the transparent splats before what is opaque, as if they were opaque themselves.
+    pub(crate) fn nearest_transparent(&self, lighting: &Lighting, rect: Region) -> Option<Passes> {
+        if self.transparent.is_empty() {
+            return None;
+        }
+        let bands = Bands::new(&self.transparent, rect);
+        let opaque_depth = self.opaque_depth();
+        let limits = DepthLimits { up_to: Some(&opaque_depth), ..DepthLimits::default() };
+        let run = Run { limits, ..Run::new(&self.transparent, &bands, lighting.view, lighting.plan) };
+        Some(run.accumulate(run.thresholds()))
+    }
+
+    /// Depth of what is opaque in each pixel; +∞ where nothing is.
+    fn opaque_depth(&self) -> Vec<f64> {
+        let mut depths: Vec<f64> = self.passes.sums.iter().map(Sums::resolved_depth).collect();
+        if let Some(meshes) = &self.meshes {
+            depths.iter_mut().zip(&meshes.depth).for_each(|(z, polygon)| *z = z.min(*polygon));
+        }
+        depths
+    }
+
+    /// The surfaces behind edges, and which pixels are edges.
+    fn behind_edges(&self, lighting: &Lighting, rect: Region) -> (Passes, Vec<bool>) {
+        let (front, polygons) = (&self.passes, self.meshes.as_ref().map_or(&[][..], |m| &m.hits));
+        let mut edges = Edges { passes: front, polygons, rect }.pixels();
+        if let Some(meshes) = &self.meshes {
+            edges.iter_mut().zip(&meshes.depth).for_each(|(edge, z)| *edge &= z.is_infinite());
+        }
+        // Where there is no threshold, nothing lies behind either.
+        let limit: Vec<f64> =
+            front.thresholds.iter().zip(&edges).map(|(t, &edge)| if edge { t.depth } else { f64::INFINITY }).collect();
+        let limits = DepthLimits { beyond: Some(&limit), ..DepthLimits::default() };
+        let run = Run { limits, ..Run::new(&self.opaque, &self.bands, lighting.view, lighting.plan) };
+        (run.accumulate(run.thresholds()), edges)
+    }
 }
 
 /// Polygons of a frame, by pixel of the work rectangle.
-struct MeshLayer<'a> {
-    polygons: Polygons<'a>,
-    /// The nearest ones, whatever hides them.
-    hits: Vec<Hit>,
-    /// Depth of those that no splat hides; +∞ elsewhere.
+pub(crate) struct MeshLayer<'a> {
+    pub polygons: Polygons<'a>,
+    /// The nearest ones, occluded or not.
+    pub hits: Vec<Hit>,
+    /// Depth of those that no splat occludes; +∞ elsewhere.
     depth: Vec<f64>,
-    /// Rounding could flip whether a splat hides one.
+    /// Rounding could flip whether a splat occludes one.
     marginal: Vec<bool>,
 }
 
 impl<'a> MeshLayer<'a> {
-    fn new(scene: &'a ResidentScene, view: &'a View, plan: &FramePlan, rect: Region, kept: &[Kept]) -> Self {
-        let polygons = Polygons::new(&scene.meshes, view);
-        let hits = polygons.nearest(rect, plan.planes.margin);
-        let pairs = || hits.iter().zip(kept);
-        let depth = pairs().map(|(h, k)| if h.z <= k.value { h.z } else { f64::INFINITY }).collect();
-        let marginal = pairs().map(|(h, k)| h.marginal && h.z <= k.value || margin::on_depth(h.z, k.value)).collect();
+    fn new(
+        scene: &'a ResidentScene,
+        lighting: &Lighting<'a>,
+        rect: Region,
+        thresholds: &[Threshold],
+        pixel_px: f64,
+    ) -> Self {
+        let plan = lighting.plan;
+        let polygons = Polygons::new(&scene.meshes, lighting.view, plan);
+        let hits = polygons.nearest(rect, plan.planes.margin.then_some(margin::RIM_PX * pixel_px));
+        let pairs = || hits.iter().zip(thresholds);
+        let depth = pairs().map(|(h, t)| if h.z <= t.depth { h.z } else { f64::INFINITY }).collect();
+        let marginal = pairs().map(|(h, t)| h.marginal && h.z <= t.depth || margin::on_depth(h.z, t.depth)).collect();
         Self { polygons, hits, depth, marginal }
     }
 }
 
-/// What the passes found, ready to become pixels.
-struct Picture<'a> {
-    lighting: &'a Lighting<'a>,
-    rect: Region,
+/// The opaque image of a frame: what the passes left in each pixel, then its surfaces.
+pub(crate) struct OpaqueImage<'a> {
+    pub lighting: &'a Lighting<'a>,
+    pub rect: Region,
     background: [f64; 4],
     front: &'a Passes,
-    /// What lies behind edges, and which pixels are edges.
+    /// The surfaces behind edges, and which pixels are edges.
     behind: Option<&'a (Passes, Vec<bool>)>,
     meshes: Option<&'a MeshLayer<'a>>,
-    /// Where the plan has it, of the front surfaces.
+    /// Eye-dome lighting and outlines of the front surfaces, where the plan has them.
     eye_dome: Option<EyeDome<'a>>,
+    outlines: Option<Outlines<'a>>,
     /// Front surfaces of the work rectangle, and whether rounding could change them.
     pixels: Vec<(Option<Surface>, bool)>,
 }
 
-impl Picture<'_> {
-    /// Shades the front surface of every pixel, then does what needs its neighbours.
+impl<'a> OpaqueImage<'a> {
+    /// Not yet shaded.
+    pub(crate) fn new(lighting: &'a Lighting<'a>, rect: Region, background: [f64; 4], front: &'a Front<'a>) -> Self {
+        let (passes, meshes) = (&front.passes, front.meshes.as_ref());
+        let (eye_dome, outlines, pixels) = (None, None, Vec::new());
+        Self { lighting, rect, background, front: passes, behind: None, meshes, eye_dome, outlines, pixels }
+    }
+
+    /// Shades the front surface of every pixel, then runs the passes that read its neighbours.
     fn shade(&mut self) {
-        let rect = self.rect;
+        let (rect, view) = (self.rect, self.lighting.view);
         let count = rect.width as usize * rect.height as usize;
         let this = &*self;
         let mut pixels: Vec<_> =
-            (0..count).into_par_iter().map(|at| this.front_surface(at, center(rect, at))).collect();
-        if self.lighting.plan.has(Pass::Outlines) {
-            outline::draw(&mut pixels, rect, self.lighting.view);
-        }
-        if self.lighting.plan.has(Pass::EyeDome) {
-            let dome = EyeDome::new(&pixels, rect, self.lighting.view);
-            for (at, (surface, marginal)) in pixels.iter_mut().enumerate() {
-                let Some(surface) = surface else { continue };
-                let (brightness, open) = dome.brightness(at, surface.depth);
-                surface.color *= brightness;
-                *marginal |= open;
-            }
-            self.eye_dome = Some(dome);
+            (0..count).into_par_iter().map(|at| this.front_surface(at, center_in(rect, at))).collect();
+        let plan = self.lighting.plan;
+        self.outlines = plan.has(Pass::Outlines).then(|| Outlines::new(&pixels, rect, view));
+        self.eye_dome = plan.has(Pass::EyeDome).then(|| EyeDome::new(&pixels, rect, view));
+        for (at, (surface, marginal)) in pixels.iter_mut().enumerate() {
+            let open;
+            (*surface, open) = self.under_screen_space(*surface, at, center_in(rect, at));
+            *marginal |= open;
         }
         self.pixels = pixels;
     }
 
+    /// What outlines or eye-dome lighting make of a surface that is seen at a place of pixel `at`, among its
+    /// neighbours; also whether rounding could change that.
+    pub(crate) fn under_screen_space(
+        &self,
+        surface: Option<Surface>,
+        at: usize,
+        place: V2<f64>,
+    ) -> (Option<Surface>, bool) {
+        let Some(surface) = surface else { return (None, false) };
+        if let Some(outlines) = &self.outlines {
+            let (surface, open) = outlines.draw(at, surface, place);
+            return (Some(surface), open);
+        }
+        let Some(dome) = &self.eye_dome else { return (Some(surface), false) };
+        let (brightness, open) = dome.brightness(at, surface.depth);
+        (Some(Surface { color: surface.color * brightness, ..surface }), open)
+    }
+
+    /// A surface's colour, or the background's.
+    pub(crate) fn over_background(&self, surface: Option<Surface>) -> [f64; 4] {
+        match surface {
+            Some(s) => [s.color.x, s.color.y, s.color.z, 1.0],
+            None => self.background,
+        }
+    }
+
     /// The front surface of a pixel: splats, polygon, or the ones blended over the other (§6).
-    fn front_surface(&self, at: usize, pixel: V2<f64>) -> (Option<Surface>, bool) {
+    pub(crate) fn front_surface(&self, at: usize, pixel: V2<f64>) -> (Option<Surface>, bool) {
         let sums = &self.front.sums[at];
         let mut surface = self.lighting.shade(sums, pixel);
         let mut marginal = sums.marginal;
@@ -198,8 +269,8 @@ impl Picture<'_> {
         (surface, marginal || surface.is_some_and(|s| s.marginal))
     }
 
-    /// Fills the frame's planes. `veils` is what transparent splats add to each pixel; empty where there are none.
-    fn resolve(&self, veils: &[Veil], frame: &mut Frame) {
+    /// Fills the frame's planes. `layers` are the transparent layers of each pixel; empty where there are none.
+    fn resolve(&self, layers: &[LayerCompositor], samples: Option<&Samples>, frame: &mut Frame) {
         let (view, planes) = (self.lighting.view, self.lighting.plan.planes);
         let (region, rect) = (view.region, self.rect);
         frame.reset(region.width, region.height, planes);
@@ -215,56 +286,60 @@ impl Picture<'_> {
                 let (px, py) = (region.x + x, region.y + y);
                 let from = ((py - rect.y) * rect.width + px - rect.x) as usize;
                 let to = (y * region.width + x) as usize;
-                let pixel = center(rect, from);
-                let veil = veils.get(from);
+                let pixel = center_in(rect, from);
+                let transparent = layers.get(from);
                 let mut opaque = self.opaque(from, pixel);
-                if let Some(veil) = veil {
-                    opaque.color = veil.over(opaque.color);
-                    opaque.surface = veil.nearest.or(opaque.surface);
-                    opaque.marginal |= veil.marginal;
+                if let Some(transparent) = transparent {
+                    opaque.color = transparent.over(opaque.color);
+                    opaque.surface = transparent.nearest.or(opaque.surface);
+                    opaque.marginal |= transparent.marginal;
+                }
+                if let Some(samples) = samples {
+                    if let Some(sampled) = samples.of(from) {
+                        opaque.color = sampled.color;
+                        opaque.marginal |= sampled.marginal;
+                    }
+                    opaque.marginal |= samples.marginal(from);
                 }
                 if planes.color {
-                    frame.color[to] = opaque.color.map(|c| c as f32);
+                    frame.color_mut()[to] = opaque.color.map(|c| c as f32);
                 }
                 if let Some(s) = opaque.surface {
                     if planes.depth {
-                        frame.depth[to] = s.depth as f32;
+                        frame.depth_mut()[to] = s.depth as f32;
                     }
                     if planes.normal {
-                        frame.normal[to] = s.normal.as_vec3().to_array();
+                        frame.normal_mut()[to] = s.normal.as_vec3().to_array();
                     }
                     if planes.weight {
-                        frame.weight[to] = s.weight as f32;
+                        frame.weight_mut()[to] = s.weight as f32;
                     }
                 }
                 if planes.fragments {
-                    frame.fragments[to] = self.front.sums[from].fragments + veil.map_or(0, |v| v.fragments);
+                    frame.fragments_mut()[to] =
+                        self.front.sums[from].fragments + transparent.map_or(0, |v| v.fragments);
                 }
                 if planes.margin {
                     let marginal = opaque.marginal || edge_margin.get(from).is_some_and(|&m| m);
-                    frame.margin[to] = f32::from(u8::from(marginal));
+                    frame.margin_mut()[to] = f32::from(u8::from(marginal));
                 }
             }
         }
     }
 
-    /// A pixel of the opaque picture.
+    /// A pixel of the opaque image.
     fn opaque(&self, at: usize, pixel: V2<f64>) -> Pixel {
-        let over = |surface: Option<Surface>| match surface {
-            Some(s) => [s.color.x, s.color.y, s.color.z, 1.0],
-            None => self.background,
-        };
         let (surface, mut marginal) = self.pixels[at];
-        let mut color = over(surface);
+        let mut color = self.over_background(surface);
         if let Some((behind, edges)) = self.behind {
             marginal |= behind.sums[at].marginal;
-            // Also where something is kept that has no filtered fragment there: it covers nothing.
+            // Also where a pixel has a threshold and no filtered fragment: that covers nothing.
             if edges[at] {
                 let q = self.front.sums[at].coverage.min(1.0);
                 let back = self.behind_edge(&behind.sums[at], at, pixel);
                 marginal |= back.is_some_and(|s| s.marginal);
                 let back = self.under_eye_dome(back, at);
-                for (c, b) in color.iter_mut().zip(over(back)) {
+                for (c, b) in color.iter_mut().zip(self.over_background(back)) {
                     *c = q * *c + (1.0 - q) * b;
                 }
             }
@@ -272,19 +347,19 @@ impl Picture<'_> {
         Pixel { color, surface, marginal }
     }
 
-    /// What lies behind an edge pixel, among the front surfaces about it.
+    /// Darkens the surface behind an edge pixel by its depth among the front surfaces about it.
     fn under_eye_dome(&self, surface: Option<Surface>, at: usize) -> Option<Surface> {
         let Some(dome) = &self.eye_dome else { return surface };
         surface.map(|s| Surface { color: s.color * dome.brightness(at, s.depth).0, ..s })
     }
 
-    /// What lies behind an edge pixel: the splats there or the nearest polygon, whichever is in front.
+    /// The surface behind an edge pixel: the splats there or the nearest polygon, whichever is in front.
     fn behind_edge(&self, sums: &Sums, at: usize, pixel: V2<f64>) -> Option<Surface> {
         let splats = self.lighting.shade(sums, pixel);
-        // Nothing kept: the background.
-        let anything = self.front.kept[at].value.is_finite();
+        // Without a threshold: the background.
+        let has_threshold = self.front.thresholds[at].depth.is_finite();
         match self.meshes {
-            Some(meshes) if anything && meshes.hits[at].z < sums.resolved_depth() => {
+            Some(meshes) if has_threshold && meshes.hits[at].z < sums.resolved_depth() => {
                 let mut polygon = self.lighting.shade_polygon(&meshes.hits[at], &meshes.polygons, pixel);
                 polygon.marginal |= meshes.hits[at].marginal || margin::on_depth(polygon.depth, sums.resolved_depth());
                 Some(polygon)
@@ -296,7 +371,7 @@ impl Picture<'_> {
 
 /// A pixel, resolved.
 struct Pixel {
-    /// Linear, premultiplied.
+    /// Linear premultiplied RGBA.
     color: [f64; 4],
     surface: Option<Surface>,
     marginal: bool,

@@ -1,30 +1,43 @@
 //! The rendering model (`docs/rendering-model.md` §1–§8) in f64, brute force: the executable definition of a correct
-//! picture. Every other backend is held against it.
+//! image. Every other backend is held against it.
 //!
-//! One splat after another, in index order, no culling but what the model says. Rows are rendered in parallel, which
-//! changes nothing: every pixel sums its fragments in the same order.
+//! It draws one splat after another, in index order, and culls nothing but what the model culls. Rows are rendered in
+//! parallel, which changes nothing: every pixel sums its fragments in the same order.
 //!
-//! `splat` turns splats into footprints, `clip` says what they keep of them, `raster` runs the visibility and attribute
-//! passes, `shade` lights a pixel, `polygon` finds the polygons among them, `edge` does edge antialiasing, `layers` and
-//! `abuffer` draw transparent splats into `veil`s, `shadow` draws and reads shadow maps, `outline` draws lines, `matcap`
-//! and `eye_dome` are shaders of their own, `frame` runs the plan's passes and puts pixels together, `margin` finds decisions that rounding could flip.
+//! From the bottom up:
+//!
+//! - `scene` keeps scenes between frames; `splat` projects splats to footprints, `clip` clips them, `polygon` finds the
+//!   nearest polygon of a pixel;
+//! - `raster` runs the visibility and attribute passes, with `threshold`s between them, over `pixels`;
+//! - `shade` lights a surface, `shadow` draws and samples shadow maps, `matcap` and `eye_dome` are shaders of their
+//!   own;
+//! - `edge` finds edge pixels, `steps` and `samples` are edges by samples, `outlines` draws lines; `peeling` and
+//!   `abuffer` find transparent layers, which a `layer_compositor` puts over the opaque image;
+//! - `margin` finds decisions that rounding could flip;
+//! - `frame` runs a plan's passes in order, `supersample` averages a finer frame, `renderer` is the backend.
 
 mod abuffer;
 mod clip;
 mod edge;
 mod eye_dome;
 mod frame;
-mod layers;
+mod layer_compositor;
 mod margin;
 mod matcap;
-mod outline;
+mod outlines;
+mod peeling;
+mod pixels;
 mod polygon;
 mod raster;
 mod renderer;
+mod samples;
+mod scene;
 mod shade;
 mod shadow;
 mod splat;
+mod steps;
 mod supersample;
-mod veil;
+mod threshold;
 
-pub use renderer::{Renderer, ResidentScene};
+pub use renderer::{Options, Renderer};
+pub use scene::ResidentScene;

@@ -1,22 +1,22 @@
-//! Decision margins: fragments whose inside, depth or facing test rounding could flip, edges and highlights.
+//! Decision margins: the fragments whose inside, depth or facing test rounding could flip; edges and highlights.
 //!
 //! Comparisons of backends forgive the pixels marked here, and no others.
 
 use crate::clip::SplatClip;
-use crate::raster::Kept;
 use crate::splat::ScreenSplat;
+use crate::threshold::{PossibleThresholds, Sides, Threshold};
 use surfel_math::V2;
 use surfel_math::clip::Turn;
 use surfel_math::mapping::Footprint;
 use surfel_render::View;
 
-/// Pixels to a footprint's rim within which a test may flip.
+/// Pixels of the image to a footprint's rim within which a test may flip.
 pub(crate) const RIM_PX: f64 = 1e-3;
 /// Relative distance from equality within which any other test may flip.
 pub(crate) const RELATIVE: f64 = 1e-4;
 
-/// True if offset `d` is within the margin of a footprint's rim.
-pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>) -> bool {
+/// True if offset `d` is within the margin of a footprint's rim, so many pixels of the view.
+pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>, rim_px: f64) -> bool {
     let (u, v, w) = footprint.at(d);
     let value = u * u + v * v - w * w;
     let gradient = |fu: f64, fv: f64, fw: f64| 2.0 * (u * fu + v * fv - w * fw);
@@ -25,10 +25,10 @@ pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>) -> bool {
         footprint.v.y,
         footprint.w.y,
     ));
-    value.abs() <= RIM_PX * slope || value.abs() <= RELATIVE * w * w
+    value.abs() <= rim_px * slope || value.abs() <= RELATIVE * w * w
 }
 
-/// True if rounding could flip whether offset `d` is inside a footprint and kept by its clip, given whether it is on the
+/// True if rounding could flip whether offset `d` is inside a footprint and not clipped, given whether it is on the
 /// rim of the whole footprint, or inside.
 fn on_border(
     [rim, inside]: [bool; 2],
@@ -36,25 +36,53 @@ fn on_border(
     footprint: &Footprint<f64>,
     turn: impl Fn(&SplatClip) -> &Turn<f64>,
     d: V2<f64>,
+    rim_px: f64,
 ) -> bool {
     let Some(clip) = clip else { return rim };
     let turn = turn(clip);
-    let clipped = || clip.is_marginal_at(footprint, turn, d, [RIM_PX, 0.5 * RELATIVE]);
+    let clipped = || clip.is_marginal_at(footprint, turn, d, [rim_px, 0.5 * RELATIVE]);
     (rim && clip.keeps_at(footprint, turn, d)) || ((rim || inside) && clipped())
 }
 
 /// True if rounding could flip whether the unfiltered, clipped splat is hit at a pixel.
 pub(crate) fn is_visibility_marginal(splat: &ScreenSplat, pixel: V2<f64>) -> bool {
     let d = pixel - splat.anchor;
-    let whole = [on_rim(&splat.visible, d), splat.visible.contains(d)];
-    on_border(whole, splat.clip.as_ref(), &splat.visible, |c| &c.visible_turn, d)
+    let whole = [on_rim(&splat.visible, d, splat.rim_px), splat.visible.contains(d)];
+    on_border(whole, splat.clip.as_ref(), &splat.visible, |c| &c.visible_turn, d, splat.rim_px)
 }
 
-/// True if rounding could flip whether a neighbour's surface, which begins at `far`, lies beyond the reach of a pixel's own (§5,
-/// edge antialiasing).
+/// True if rounding could flip whether a neighbour's surface, which begins at `far`, lies beyond the reach of a pixel's
+/// own (§5, edge antialiasing).
 pub(crate) fn on_step(near: f64, far: f64) -> bool {
     // Infinities decide clearly, and an infinity less itself is NaN.
     (far - near).abs() <= RELATIVE * near.abs().max(far.abs()) && near.is_finite() && far.is_finite()
+}
+
+/// The thresholds that a pixel could have if facings are kept apart, from what it finds if every open fragment is there
+/// and if none is, without ties; and whether rounding could change the side that it shows.
+pub(crate) fn possible_of_sides(nearest: &Sides, farthest: &Sides) -> (PossibleThresholds, bool) {
+    let surely_before = |side: usize, other: usize| {
+        let (far, near) = (farthest.nearest[side], nearest.nearest[other]);
+        far < near && !on_depth(far, near)
+    };
+    let without_any = nearest.nearest == [f64::INFINITY; 2];
+    let of = |side: usize| PossibleThresholds {
+        nearest: nearest.thresholds[side],
+        farthest: farthest.thresholds[side],
+        tie: Threshold::NONE,
+    };
+    match (surely_before(0, 1) || without_any, surely_before(1, 0)) {
+        (true, _) => (of(0), false),
+        (_, true) => (of(1), false),
+        _ => {
+            let [mut one, other] = [of(0), of(1)];
+            one.nearest.lower(other.nearest);
+            if other.farthest.depth > one.farthest.depth {
+                one.farthest = other.farthest;
+            }
+            (one, true)
+        }
+    }
 }
 
 /// True if rounding could flip which of two depths is the farther; infinities decide clearly.
@@ -68,17 +96,17 @@ pub(crate) fn on_terminator(cosine: f64) -> bool {
 }
 
 /// True if a fragment of the attribute pass is within the margin of any of its tests, and would matter.
-pub(crate) fn is_marginal(splat: &ScreenSplat, pixel: V2<f64>, z: f64, kept: &Kept, view: &View) -> bool {
+pub(crate) fn is_marginal(splat: &ScreenSplat, pixel: V2<f64>, z: f64, threshold: &Threshold, view: &View) -> bool {
     let near = (z - view.projection.near).abs() <= RELATIVE * view.projection.near;
-    let depth = on_depth(z, kept.value);
-    if z > kept.value && !depth {
+    let depth = on_depth(z, threshold.depth);
+    if z > threshold.depth && !depth {
         return false;
     }
     let d = pixel - splat.anchor;
-    let rim = on_rim(&splat.filtered, d)
-        || splat.clamp_radius.is_some_and(|h| (d.length() - h).abs() <= RIM_PX.max(RELATIVE * h));
+    let rim = on_rim(&splat.filtered, d, splat.rim_px)
+        || splat.clamp_radius.is_some_and(|h| (d.length() - h).abs() <= splat.rim_px.max(RELATIVE * h));
     let whole = [rim, splat.unclipped_rho_squared_at(d).is_some()];
-    let border = on_border(whole, splat.clip.as_ref(), &splat.filtered, |c| &c.filtered_turn, d);
+    let border = on_border(whole, splat.clip.as_ref(), &splat.filtered, |c| &c.filtered_turn, d, splat.rim_px);
     let inside = splat.rho_squared_at(pixel).is_some();
     border || (inside && (depth || near || splat.facing_margin <= RELATIVE))
 }

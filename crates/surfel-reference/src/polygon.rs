@@ -1,8 +1,8 @@
-//! Polygons among splats (§6): the nearest one in each pixel, and what it looks like there.
+//! Polygons among splats (§6): the nearest one of each pixel, and its surface there.
 
 use crate::margin;
-use crate::raster::pixels;
-use crate::renderer::ResidentMesh;
+use crate::pixels;
+use crate::scene::ResidentMesh;
 use glam::DVec3;
 use rayon::prelude::*;
 use surfel_math::basis::{normal_matrix, unit};
@@ -10,7 +10,7 @@ use surfel_math::bounds::Extent;
 use surfel_math::triangle::{self, Triangle, interpolate};
 use surfel_math::{V2, V3};
 use surfel_model::Cull;
-use surfel_render::{Region, View};
+use surfel_render::{FramePlan, Region, View};
 
 /// A triangle of a mesh, projected.
 pub(crate) struct ScreenTriangle {
@@ -65,22 +65,26 @@ fn vertex(mesh: &ResidentMesh, view: &View, i: u32) -> DVec3 {
 }
 
 impl<'a> Polygons<'a> {
-    /// Projects every triangle.
-    pub(crate) fn new(meshes: &'a [ResidentMesh], view: &'a View) -> Self {
+    /// Projects every triangle that the plan draws.
+    pub(crate) fn new(meshes: &'a [ResidentMesh], view: &'a View, plan: &FramePlan) -> Self {
         let of_mesh = |(i, mesh): (usize, &ResidentMesh)| {
             let project = |k| project(mesh, i as u32, k, view);
-            (0..mesh.mesh.triangles.len()).into_par_iter().filter_map(project).collect::<Vec<_>>()
+            let selection = plan.selection_of(mesh.source);
+            let triangles = (0..mesh.mesh.triangles.len()).into_par_iter();
+            let triangles = triangles.filter(|k| selection.is_none_or(|s| s.has_triangle(*k as u32)));
+            triangles.filter_map(project).collect::<Vec<_>>()
         };
         let triangles = meshes.iter().enumerate().flat_map(of_mesh).collect();
         Self { meshes, view, triangles }
     }
 
-    /// The nearest polygon of every pixel; of equally near ones the first.
-    pub(crate) fn nearest(&self, rect: Region, with_margin: bool) -> Vec<Hit> {
+    /// The nearest polygon of every pixel; of equally near ones the first. With the decision margin of rims, pixels of
+    /// the view, where margins are wanted.
+    pub(crate) fn nearest(&self, rect: Region, rim_px: Option<f64>) -> Vec<Hit> {
         let mut hits = vec![Hit::NONE; rect.width as usize * rect.height as usize];
         let mut of_row = vec![Vec::new(); rect.height as usize];
         for (i, t) in self.triangles.iter().enumerate() {
-            let (columns, rows) = pixels(&t.extent, rect);
+            let (columns, rows) = pixels::touched(&t.extent, rect);
             if !columns.is_empty() {
                 rows.for_each(|y| of_row[(y - rect.y) as usize].push((i as u32, columns.clone())));
             }
@@ -90,16 +94,17 @@ impl<'a> Polygons<'a> {
             for (i, columns) in triangles {
                 for x in columns.clone() {
                     let hit = &mut hits[(x - rect.x) as usize];
-                    self.test(*i, V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5), hit, with_margin);
+                    self.test(*i, pixels::center(x, y), hit, rim_px);
                 }
             }
         });
         hits
     }
 
-    fn test(&self, index: u32, pixel: V2<f64>, hit: &mut Hit, with_margin: bool) {
+    fn test(&self, index: u32, pixel: V2<f64>, hit: &mut Hit, rim_px: Option<f64>) {
+        let with_margin = rim_px.is_some();
         let t = &self.triangles[index as usize];
-        let (inside, on_rim) = (t.triangle.contains(pixel), with_margin && on_rim(&t.triangle, pixel));
+        let (inside, on_rim) = (t.triangle.contains(pixel), rim_px.is_some_and(|rim| on_rim(&t.triangle, pixel, rim)));
         if !inside && !on_rim {
             return;
         }
@@ -194,7 +199,7 @@ fn project(mesh: &ResidentMesh, mesh_index: u32, k: usize, view: &View) -> Optio
 }
 
 /// True if the pixel is within the margin of one edge of the triangle, and inside or within the margin of the others.
-fn on_rim(t: &Triangle<f64>, pixel: V2<f64>) -> bool {
+fn on_rim(t: &Triangle<f64>, pixel: V2<f64>, rim_px: f64) -> bool {
     let distances = t.edges.map(|e| e.at(pixel) / e.x.hypot(e.y));
-    distances.iter().all(|d| *d >= -margin::RIM_PX) && distances.iter().any(|d| d.abs() <= margin::RIM_PX)
+    distances.iter().all(|d| *d >= -rim_px) && distances.iter().any(|d| d.abs() <= rim_px)
 }

@@ -1,37 +1,15 @@
-//! The visibility and attribute passes (§5), one splat after another over bands of rows.
+//! The visibility and attribute passes (§5): one splat after another, over bands of rows in parallel.
 
-use crate::margin;
-use crate::splat::ScreenSplat;
+use crate::splat::{Facing, ScreenSplat};
+use crate::threshold::{PossibleThresholds, Sides, Threshold};
+use crate::{margin, pixels};
 use glam::DVec3;
 use rayon::prelude::*;
-use surfel_math::bounds::Extent;
 use surfel_math::{V2, kernel};
 use surfel_render::{Attributes, FramePlan, Region, View};
 
 /// Rows of a band. Only the amount of work a task; changes no pixel.
 const BAND_ROWS: u32 = 8;
-
-/// What visibility keeps of a pixel: the minimum of z + ε, and whose it is.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Kept {
-    /// z + ε of the writer; +∞ where nothing is kept.
-    pub value: f64,
-    /// ε of the writer.
-    pub epsilon: f64,
-}
-
-impl Kept {
-    pub(crate) const NOTHING: Self = Self { value: f64::INFINITY, epsilon: 0.0 };
-}
-
-/// What visibility could keep of a pixel, however its marginal tests come out.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Possible {
-    /// If every fragment on a rim is inside.
-    pub nearest: Kept,
-    /// If none is.
-    pub farthest: Kept,
-}
 
 /// Weighted sums of a pixel.
 #[derive(Clone, Copy, Debug, Default)]
@@ -77,13 +55,13 @@ impl Sums {
     }
 }
 
-/// Both passes over a rectangle of pixels.
+/// The result of both passes over a rectangle of pixels.
 pub(crate) struct Passes {
-    pub kept: Vec<Kept>,
+    pub thresholds: Vec<Threshold>,
     pub sums: Vec<Sums>,
-    /// For the margin plane alone, else empty.
-    pub possible: Vec<Possible>,
-    /// Fragments that contributed.
+    /// Filled for the margin plane alone, else empty.
+    pub possible: Vec<PossibleThresholds>,
+    /// Number of fragments that were accumulated.
     pub fragments: u64,
 }
 
@@ -100,7 +78,7 @@ impl Bands {
         let mut lists = vec![Vec::new(); count];
         for (i, splat) in splats.iter().enumerate() {
             let hull = splat.visible_box.union(splat.filtered_box);
-            let (columns, rows) = pixels(&hull, rect);
+            let (columns, rows) = pixels::touched(&hull, rect);
             if columns.is_empty() || rows.is_empty() {
                 continue;
             }
@@ -113,51 +91,33 @@ impl Bands {
     }
 }
 
-/// Columns and rows of `rect` whose pixel centres lie in `extent`, grown by a hair so that neither rounding
-/// nor the margin loses one.
-pub(crate) fn pixels(extent: &Extent<f64>, rect: Region) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
-    let range = |min: f64, max: f64, start: u32, length: u32| {
-        let (lo, hi) = (f64::from(start), f64::from(start + length));
-        // Saturating float-to-int casts: an infinite box is clipped to the rectangle.
-        let slack = 2.0 * margin::RIM_PX;
-        let first = (min - 0.5 - slack).ceil().clamp(lo, hi) as u32;
-        let end = ((max - 0.5 + slack).floor() + 1.0).clamp(lo, hi) as u32;
-        first..end.max(first)
-    };
-    (range(extent.min.x, extent.max.x, rect.x, rect.width), range(extent.min.y, extent.max.y, rect.y, rect.height))
-}
-
-fn center(x: u32, y: u32) -> V2<f64> {
-    V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
-}
-
-/// Which fragments exist for a run, pixel by pixel; without a limit, all do.
+/// Depths between which fragments exist for a run, pixel by pixel; without a limit, all do.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Limits<'a> {
-    /// Fragments at or before this depth don't: they belong to what lies in front.
+pub(crate) struct DepthLimits<'a> {
+    /// Fragments at or before this depth don't exist: they belong to what lies in front.
     pub beyond: Option<&'a [f64]>,
-    /// Nor do fragments after this depth: something opaque hides them.
+    /// Fragments beyond this depth don't exist either: something opaque occludes them.
     pub up_to: Option<&'a [f64]>,
     /// Depth of the polygon before which splats are blended (§6): their attributes count up to their own ε behind it.
     pub polygon: Option<&'a [f64]>,
 }
 
-impl<'a> Limits<'a> {
+impl<'a> DepthLimits<'a> {
     fn of_pixels(&self, pixels: std::ops::Range<usize>) -> Self {
         let part = |limit: Option<&'a [f64]>| limit.map(|l| &l[pixels.clone()]);
         Self { beyond: part(self.beyond), up_to: part(self.up_to), polygon: part(self.polygon) }
     }
 
-    fn hold(&self, at: usize, z: f64) -> bool {
+    fn admit(&self, at: usize, z: f64) -> bool {
         self.beyond.is_none_or(|b| z > b[at]) && self.up_to.is_none_or(|u| z <= u[at])
     }
 
-    /// True if the polygon leaves a fragment's attributes in.
-    fn reach(&self, at: usize, z: f64, epsilon: f64) -> bool {
+    /// True if a fragment's attributes count in front of the polygon.
+    fn reach_polygon(&self, at: usize, z: f64, epsilon: f64) -> bool {
         self.polygon.is_none_or(|p| z - epsilon <= p[at])
     }
 
-    /// True if rounding could flip whether they hold.
+    /// True if rounding could flip whether they admit a fragment.
     fn are_near(&self, at: usize, z: f64) -> bool {
         [self.beyond, self.up_to].into_iter().flatten().any(|limit| margin::on_depth(z, limit[at]))
     }
@@ -181,68 +141,71 @@ pub(crate) struct Fragment {
     pub on_visible_rim: bool,
 }
 
-/// What a run does.
+/// A run of the passes over some splats.
 pub(crate) struct Run<'a> {
     pub splats: &'a [ScreenSplat],
     pub bands: &'a Bands,
     pub view: &'a View,
     pub plan: &'a FramePlan,
-    /// What is accumulated.
+    /// The attributes that are accumulated.
     pub attributes: Attributes,
-    /// Fragments compete for what is kept; without, every one that exists is accumulated.
+    /// Fragments are held against a depth threshold; without, every one that exists is accumulated.
     pub visibility: bool,
-    pub limits: Limits<'a>,
+    /// Both sides of oriented surfaces are kept apart.
+    pub keeps_facings: bool,
+    pub limits: DepthLimits<'a>,
 }
 
 impl<'a> Run<'a> {
     /// Both passes over all fragments, as the plan says.
     pub(crate) fn new(splats: &'a [ScreenSplat], bands: &'a Bands, view: &'a View, plan: &'a FramePlan) -> Self {
-        let limits = Limits::default();
-        Self { splats, bands, view, plan, attributes: plan.attributes, visibility: true, limits }
+        let (limits, keeps_facings) = (DepthLimits::default(), false);
+        Self { splats, bands, view, plan, attributes: plan.attributes, visibility: true, keeps_facings, limits }
     }
 
-    /// Visibility: what each pixel of the bands' rectangle keeps; nothing without it.
-    pub(crate) fn kept(&self) -> Vec<Kept> {
+    /// The visibility pass: the depth threshold of each pixel of the bands' rectangle; none without visibility.
+    pub(crate) fn thresholds(&self) -> Vec<Threshold> {
         let rect = self.bands.rect;
-        let mut kept = vec![Kept::NOTHING; rect.width as usize * rect.height as usize];
+        let mut thresholds = vec![Threshold::NONE; rect.width as usize * rect.height as usize];
         if !self.visibility {
-            return kept;
+            return thresholds;
         }
-        kept.par_chunks_mut(rect.width as usize * BAND_ROWS as usize)
+        thresholds
+            .par_chunks_mut(rect.width as usize * BAND_ROWS as usize)
             .zip(self.bands.lists.par_iter())
             .enumerate()
-            .for_each(|(band, (kept, list))| self.band(band, list).visibility(kept));
-        kept
+            .for_each(|(band, (thresholds, list))| self.band(band, list).visibility(thresholds));
+        thresholds
     }
 
-    /// Attributes up to what is kept; [`Kept::NOTHING`] in a pixel lets all of its fragments pass.
-    pub(crate) fn passes(&self, kept: Vec<Kept>) -> Passes {
-        let mut sums = vec![Sums::default(); kept.len()];
-        let unknown = Possible { nearest: Kept::NOTHING, farthest: Kept::NOTHING };
-        let mut possible = vec![unknown; if self.plan.planes.margin { kept.len() } else { 0 }];
+    /// The attribute pass up to the thresholds; [`Threshold::NONE`] lets all fragments of a pixel pass.
+    pub(crate) fn accumulate(&self, thresholds: Vec<Threshold>) -> Passes {
+        let mut sums = vec![Sums::default(); thresholds.len()];
+        let unknown = PossibleThresholds { nearest: Threshold::NONE, farthest: Threshold::NONE, tie: Threshold::NONE };
+        let mut possible = vec![unknown; if self.plan.planes.margin { thresholds.len() } else { 0 }];
         let band_pixels = self.bands.rect.width as usize * BAND_ROWS as usize;
-        let mut possible_bands: Vec<&mut [Possible]> = possible.chunks_mut(band_pixels).collect();
+        let mut possible_bands: Vec<&mut [PossibleThresholds]> = possible.chunks_mut(band_pixels).collect();
         possible_bands.resize_with(self.bands.lists.len(), Default::default);
-        let fragments = kept
+        let fragments = thresholds
             .par_chunks(band_pixels)
             .zip(sums.par_chunks_mut(band_pixels))
             .zip(possible_bands)
             .zip(self.bands.lists.par_iter())
             .enumerate()
-            .map(|(band, (((kept, sums), possible), list))| {
+            .map(|(band, (((thresholds, sums), possible), list))| {
                 let pass = self.band(band, list);
-                let fragments = pass.attributes(kept, sums);
+                let fragments = pass.attributes(thresholds, sums);
                 if self.plan.planes.margin && self.visibility {
-                    pass.visibility_margin(kept, sums, possible);
+                    pass.visibility_margin(thresholds, sums, possible);
                 }
                 fragments
             })
             .sum();
-        Passes { kept, sums, possible, fragments }
+        Passes { thresholds, sums, possible, fragments }
     }
 
-    /// Fragments of every pixel of the bands' rectangle, in splat order: all that have a depth and lie inside a footprint or
-    /// on its rim.
+    /// Fragments of every pixel of the bands' rectangle, in splat order: all that have a depth and lie inside a
+    /// footprint or on its rim.
     pub(crate) fn fragments(&self) -> Vec<Vec<Fragment>> {
         let of_band = |(band, list): (usize, &'a Vec<u32>)| {
             let pass = self.band(band, list);
@@ -263,7 +226,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Whose pixels are looked at.
+/// The footprints whose pixels a pass visits.
 #[derive(Clone, Copy)]
 enum Footprints {
     Visible,
@@ -276,13 +239,22 @@ struct BandPass<'a> {
     run: &'a Run<'a>,
     list: &'a [u32],
     rect: Region,
-    limits: Limits<'a>,
+    limits: DepthLimits<'a>,
 }
 
 impl BandPass<'_> {
-    /// Calls `each(splat's index, splat, pixel's index in the band, pixel's centre, z)` for every pixel of the footprints'
-    /// boxes where splats have a depth.
+    /// Calls `each(splat's index, splat, pixel's index in the band, pixel's centre, z)` for every pixel of the
+    /// footprints' boxes where splats have a depth.
     fn for_fragments(&self, which: Footprints, mut each: impl FnMut(u32, &ScreenSplat, usize, V2<f64>, f64)) {
+        self.for_pixels(which, |i, splat, at, pixel| {
+            if let Some(z) = splat.depth_at(pixel, self.run.view) {
+                each(i, splat, at, pixel, z);
+            }
+        });
+    }
+
+    /// As [`Self::for_fragments`], whether there is a fragment or not, and without its depth.
+    fn for_pixels(&self, which: Footprints, mut each: impl FnMut(u32, &ScreenSplat, usize, V2<f64>)) {
         for &i in self.list {
             let splat = &self.run.splats[i as usize];
             let extent = match which {
@@ -290,14 +262,11 @@ impl BandPass<'_> {
                 Footprints::Filtered => splat.filtered_box,
                 Footprints::Both => splat.visible_box.union(splat.filtered_box),
             };
-            let (columns, rows) = pixels(&extent, self.rect);
+            let (columns, rows) = pixels::touched(&extent, self.rect);
             for y in rows {
                 for x in columns.clone() {
                     let at = ((y - self.rect.y) * self.rect.width + x - self.rect.x) as usize;
-                    let pixel = center(x, y);
-                    if let Some(z) = splat.depth_at(pixel, self.run.view) {
-                        each(i, splat, at, pixel, z);
-                    }
+                    each(i, splat, at, pixels::center(x, y));
                 }
             }
         }
@@ -314,8 +283,8 @@ impl BandPass<'_> {
                 weight: rho_squared.map_or(0.0, |r| splat.weight_scale * kernel::weight(r, cutoff)),
                 inside: rho_squared.is_some(),
                 visible: splat.is_visible_at(pixel),
-                marginal: margins && margin::is_marginal(splat, pixel, z, &Kept::NOTHING, self.run.view),
-                on_visible_rim: margins && margin::on_rim(&splat.visible, pixel - splat.anchor),
+                marginal: margins && margin::is_marginal(splat, pixel, z, &Threshold::NONE, self.run.view),
+                on_visible_rim: margins && margin::on_rim(&splat.visible, pixel - splat.anchor, splat.rim_px),
             };
             if fragment.inside || fragment.visible || fragment.marginal || fragment.on_visible_rim {
                 pixels[at].push(fragment);
@@ -323,27 +292,43 @@ impl BandPass<'_> {
         });
     }
 
-    fn visibility(&self, kept: &mut [Kept]) {
+    fn visibility(&self, thresholds: &mut [Threshold]) {
+        if self.run.keeps_facings {
+            return self.visibility_by_facing(thresholds);
+        }
         self.for_fragments(Footprints::Visible, |_, splat, at, pixel, z| {
-            // The splats come in index order, so the smallest (z + ε, index) wins by keeping the first of equals.
-            if z + splat.epsilon < kept[at].value && self.limits.hold(at, z) && splat.is_visible_at(pixel) {
-                kept[at] = Kept { value: z + splat.epsilon, epsilon: splat.epsilon };
+            if z + splat.epsilon < thresholds[at].depth && self.limits.admit(at, z) && splat.is_visible_at(pixel) {
+                thresholds[at].lower(Threshold::of(splat, z));
             }
         });
     }
 
-    fn attributes(&self, kept: &[Kept], sums: &mut [Sums]) -> u64 {
+    fn visibility_by_facing(&self, thresholds: &mut [Threshold]) {
+        let mut sides = vec![Sides::NONE; thresholds.len()];
+        self.for_fragments(Footprints::Visible, |_, splat, at, pixel, z| {
+            if self.limits.admit(at, z) && splat.is_visible_at(pixel) {
+                sides[at].add(splat, splat.facing, z);
+            }
+        });
+        thresholds.iter_mut().zip(&sides).for_each(|(threshold, sides)| *threshold = sides.shown());
+    }
+
+    fn attributes(&self, thresholds: &[Threshold], sums: &mut [Sums]) -> u64 {
         let cutoff = self.run.plan.splat_filter.cutoff;
         let mut fragments = 0;
         self.for_fragments(Footprints::Filtered, |_, splat, at, pixel, z| {
-            let hold = self.limits.hold(at, z) && self.limits.reach(at, z, splat.epsilon);
+            // Where rounding could change the side, the pixel is marked for that.
+            if !thresholds[at].shows(splat.facing) {
+                return;
+            }
+            let admitted = self.limits.admit(at, z) && self.limits.reach_polygon(at, z, splat.epsilon);
             if self.run.plan.planes.margin {
                 let near_polygon = self.limits.polygon.is_some_and(|p| margin::on_depth(z - splat.epsilon, p[at]));
-                let near_limit = (self.limits.are_near(at, z) || near_polygon) && z <= kept[at].value;
-                sums[at].marginal |= (hold && margin::is_marginal(splat, pixel, z, &kept[at], self.run.view))
+                let near_limit = (self.limits.are_near(at, z) || near_polygon) && z <= thresholds[at].depth;
+                sums[at].marginal |= (admitted && margin::is_marginal(splat, pixel, z, &thresholds[at], self.run.view))
                     || (near_limit && splat.rho_squared_at(pixel).is_some());
             }
-            if !hold || z > kept[at].value {
+            if !admitted || z > thresholds[at].depth {
                 return;
             }
             let Some(rho_squared) = splat.rho_squared_at(pixel) else { return };
@@ -354,29 +339,56 @@ impl BandPass<'_> {
         fragments
     }
 
-    /// A visibility fragment on the rim of its splat, or at a limit, matters only where it would be, or is, the nearest.
-    fn visibility_margin(&self, kept: &[Kept], sums: &mut [Sums], possible: &mut [Possible]) {
-        let keep = |best: &mut Kept, own: Kept| {
-            if own.value < best.value {
-                *best = own;
-            }
-        };
+    /// Marks pixels whose threshold rounding could change. A fragment on the rim of its splat, or at a limit, matters
+    /// only where it would be, or is, the nearest.
+    fn visibility_margin(&self, thresholds: &[Threshold], sums: &mut [Sums], possible: &mut [PossibleThresholds]) {
+        let keeps_facings = self.run.keeps_facings;
+        let mut sides = vec![[Sides::NONE; 2]; if keeps_facings { thresholds.len() } else { 0 }];
         self.for_fragments(Footprints::Visible, |_, splat, at, pixel, z| {
-            let (hold, near_limit) = (self.limits.hold(at, z), self.limits.are_near(at, z));
-            if !hold && !near_limit {
+            let (admitted, near_limit) = (self.limits.admit(at, z), self.limits.are_near(at, z));
+            if !admitted && !near_limit {
                 return;
             }
-            let own = Kept { value: z + splat.epsilon, epsilon: splat.epsilon };
+            let own = Threshold::of(splat, z);
             let rim = margin::is_visibility_marginal(splat, pixel);
             let visible = splat.is_visible_at(pixel);
-            let open = rim || (near_limit && visible);
-            sums[at].marginal |= open && own.value <= kept[at].value;
+            let turning = keeps_facings && splat.facing_margin <= margin::RELATIVE;
+            let open = rim || ((near_limit || turning) && visible);
+            let (best, tie) = (thresholds[at], &mut possible[at].tie);
+            let differs = |other: Threshold| (other.epsilon - best.epsilon).abs();
+            let is_near = best.shows(splat.facing) && margin::on_depth(own.depth, best.depth) && differs(own) > 0.0;
+            if is_near && (visible || open) && (tie.depth.is_infinite() || differs(own) > differs(*tie)) {
+                *tie = own;
+            }
+            if let Some([nearest, farthest]) = sides.get_mut(at) {
+                let facings = if turning { &[Facing::Front, Facing::Back][..] } else { &[splat.facing] };
+                for &facing in facings.iter().filter(|_| open || visible) {
+                    nearest.add(splat, facing, z);
+                    if !open {
+                        farthest.add(splat, facing, z);
+                    }
+                }
+                sums[at].marginal |= open && thresholds[at].shows(splat.facing) && own.depth <= thresholds[at].depth;
+                return;
+            }
+            sums[at].marginal |= open && own.depth <= thresholds[at].depth;
             if open || visible {
-                keep(&mut possible[at].nearest, own);
+                possible[at].nearest.lower(own);
             }
             if !open && visible {
-                keep(&mut possible[at].farthest, own);
+                possible[at].farthest.lower(own);
             }
         });
+        // A fragment that doesn't exist, but by a hair: it would be among the nearest, or the only one.
+        self.for_pixels(Footprints::Both, |_, splat, at, pixel| {
+            let z = splat.depth_nearly_at(pixel, self.run.view);
+            let Some(z) = z.filter(|z| self.limits.admit(at, *z) && *z <= thresholds[at].depth) else { return };
+            sums[at].marginal |= splat.is_visible_at(pixel) || splat.rho_squared_at(pixel).is_some();
+        });
+        for (at, [nearest, farthest]) in sides.iter().enumerate() {
+            let (thresholds, open) = margin::possible_of_sides(nearest, farthest);
+            possible[at] = PossibleThresholds { tie: possible[at].tie, ..thresholds };
+            sums[at].marginal |= open;
+        }
     }
 }

@@ -1,12 +1,25 @@
-//! The backend: scenes in, frames out.
+//! The backend `reference`: uploads scenes and renders frames on threads of its own.
 
 use crate::frame;
-use glam::{DAffine3, DVec3};
-use std::sync::Arc;
-use surfel_model::{Geometry, Light, Matcap, Material, Mesh, Mipmaps, Object, Scene, Settings, SplatCloud};
-use surfel_render::{Capabilities, Frame, Planes, RenderError, RendererInfo, SceneSummary, Stats, View, plan};
+use crate::scene::ResidentScene;
+use surfel_model::{EdgeAa, Scene, Settings};
+use surfel_render::{Capabilities, Frame, Planes, RenderError, RendererInfo, Stats, View, plan};
 
 const CAPABILITIES: Capabilities = Capabilities::everything("reference");
+
+/// How a [`Renderer`] works.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Options {
+    /// Threads; 0: as many as there are cores, or as the environment's `RAYON_NUM_THREADS` says.
+    pub threads: usize,
+}
+
+impl Options {
+    surfel_model::setters! {
+        with_threads threads: usize,
+    }
+}
 
 /// The f64 reference backend.
 pub struct Renderer {
@@ -14,48 +27,16 @@ pub struct Renderer {
     pool: rayon::ThreadPool,
 }
 
-/// A scene as the reference holds it: shared clouds and what belongs to their objects.
-pub struct ResidentScene {
-    pub(crate) summary: SceneSummary,
-    pub(crate) objects: Vec<ResidentObject>,
-    pub(crate) meshes: Vec<ResidentMesh>,
-    /// Of the first object.
-    pub(crate) material: Material,
-    pub(crate) lights: Option<Vec<Light>>,
-    pub(crate) ambient: DVec3,
-    pub(crate) matcap: Option<Arc<Matcap>>,
-    /// Linear, premultiplied.
-    pub(crate) background: [f64; 4],
-}
-
-/// One object of splats.
-#[derive(Clone)]
-pub(crate) struct ResidentObject {
-    pub cloud: Arc<SplatCloud>,
-    pub world_from_object: DAffine3,
-    pub material: Material,
-    pub interior_weight: Option<f64>,
-    pub first_splat: u32,
-}
-
-/// One object of polygons.
-#[derive(Clone)]
-pub(crate) struct ResidentMesh {
-    pub mesh: Arc<Mesh>,
-    pub world_from_object: DAffine3,
-    pub material: Material,
-    /// The mesh's texture and its smaller levels.
-    pub mipmaps: Option<Arc<Mipmaps>>,
-}
-
 impl Renderer {
-    /// A renderer with its own `threads` threads; 0: as many as there are cores.
+    surfel_render::renderer_methods!(ResidentScene);
+
+    /// A renderer with threads of its own.
     ///
     /// # Errors
     /// [`RenderError::Backend`] if threads can't be started.
-    pub fn new(threads: usize) -> Result<Self, RenderError> {
+    pub fn new(options: Options) -> Result<Self, RenderError> {
         let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
+            .num_threads(options.threads)
             .build()
             .map_err(|e| RenderError::Backend { backend: "reference", message: e.to_string() })?;
         let info = RendererInfo {
@@ -68,11 +49,11 @@ impl Renderer {
         Ok(Self { info, pool })
     }
 
-    /// Renders `samples`×`samples` samples a pixel without a pre-filter and averages them: the truth that filters
-    /// approximate.
+    /// Renders `samples`×`samples` samples a pixel without a pre-filter and averages them: the ground truth
+    /// that filters approximate.
     ///
     /// # Errors
-    /// As [`surfel_render::Renderer::render`]; also for more samples than fit into memory.
+    /// As [`surfel_render::Renderer::render_into`]; also for more samples than fit into memory.
     pub fn render_supersampled(
         &mut self,
         scene: &ResidentScene,
@@ -83,10 +64,12 @@ impl Renderer {
         frame: &mut Frame,
     ) -> Result<Stats, RenderError> {
         let fine_view = view.supersampled(samples)?;
-        let settings = Settings { prefilter_radius_px: 0.0, edge_aa: false, ..*settings };
-        let planes = Planes { margin: false, ..planes };
+        // An octree is cut down to the image's pixels, not to the samples.
+        let lod_error_px = settings.lod_error_px * f64::from(samples);
+        let settings = settings.with_prefilter_radius_px(0.0).with_edge_aa(EdgeAa::Off).with_lod_error_px(lod_error_px);
+        let planes = planes.with_margin(false);
         let mut fine = Frame::default();
-        let stats = surfel_render::Renderer::render(self, scene, &fine_view, &settings, planes, &mut fine)?;
+        let stats = surfel_render::Renderer::render_into(self, scene, &fine_view, &settings, planes, &mut fine)?;
         crate::supersample::average(&fine, samples, planes, frame);
         Ok(stats)
     }
@@ -100,47 +83,10 @@ impl surfel_render::Renderer for Renderer {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<ResidentScene, RenderError> {
-        scene.validate()?;
-        let mut first_splat = 0u64;
-        let (mut objects, mut meshes) = (Vec::new(), Vec::new());
-        for object in &scene.objects {
-            match &object.geometry {
-                Geometry::Splats(cloud) => {
-                    objects.push(ResidentObject {
-                        cloud: cloud.clone(),
-                        world_from_object: object.world_from_object,
-                        material: object.material,
-                        interior_weight: object.material.interior_weight.or(cloud.data().interior_weight),
-                        first_splat: first_splat as u32,
-                    });
-                    first_splat += cloud.len() as u64;
-                }
-                Geometry::Mesh(mesh) => {
-                    mesh.validate()?;
-                    meshes.push(resident_mesh(object, mesh, &meshes));
-                }
-            }
-        }
-        if first_splat > u64::from(u32::MAX) {
-            return Err(RenderError::Backend {
-                backend: "reference",
-                message: format!("the scene has {first_splat} splats, at most {} can be drawn", u32::MAX),
-            });
-        }
-        let [r, g, b, a] = scene.background;
-        Ok(ResidentScene {
-            summary: SceneSummary::of(scene),
-            objects,
-            meshes,
-            material: scene.objects.first().map_or(Material::default(), |o| o.material),
-            lights: scene.lights.clone(),
-            ambient: DVec3::from(scene.ambient),
-            matcap: scene.matcap.clone(),
-            background: [r * a, g * a, b * a, a],
-        })
+        ResidentScene::of(scene)
     }
 
-    fn render(
+    fn render_into(
         &mut self,
         scene: &ResidentScene,
         view: &View,
@@ -151,10 +97,4 @@ impl surfel_render::Renderer for Renderer {
         let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
         Ok(self.pool.install(|| frame::render(scene, view, &plan, frame, self.info.threads)))
     }
-}
-
-/// A mesh as it is drawn; smaller levels of a texture that another object has are shared.
-fn resident_mesh(object: &Object, mesh: &Arc<Mesh>, others: &[ResidentMesh]) -> ResidentMesh {
-    let mipmaps = Mipmaps::of_mesh(mesh, others.iter().filter_map(|other| other.mipmaps.as_ref()));
-    ResidentMesh { mesh: mesh.clone(), world_from_object: object.world_from_object, material: object.material, mipmaps }
 }

@@ -1,4 +1,4 @@
-//! Once a pixel: divide by Σw and light (§5).
+//! Shading (§5): attributes divided by Σw, then the plan's shader, once a pixel.
 
 use crate::polygon::{self, Polygons};
 use crate::raster::Sums;
@@ -20,7 +20,7 @@ pub(crate) struct Lighting<'a> {
     pub shadows: &'a [Shadow<'a>],
     pub lights: &'a [Light],
     pub ambient: DVec3,
-    /// What the shader `matcap` looks up.
+    /// The image that the shader `matcap` looks up.
     pub matcap: Arc<Matcap>,
     /// Ambient, diffuse, specular, shininess where all objects share them.
     pub material: [f64; 4],
@@ -40,7 +40,7 @@ pub(crate) struct Surface {
     pub marginal: bool,
 }
 
-/// What is lit.
+/// A point of a surface, as it is lit.
 struct Point {
     /// View position.
     at: DVec3,
@@ -90,7 +90,8 @@ impl Lighting<'_> {
         Surface { color, depth: hit.z, normal, weight: 0.0, alpha: 1.0, marginal }
     }
 
-    /// Resolves a pixel whose fragments were lit before they were summed ([`Lighting::lit_splat`]); `None` where Σw = 0.
+    /// Resolves a pixel whose fragments were lit before they were summed ([`Lighting::lit_splat`]); `None` where Σw =
+    /// 0.
     pub(crate) fn shade_lit(sums: &Sums) -> Option<Surface> {
         (sums.weight > 0.0).then(|| {
             let inverse = 1.0 / sums.weight;
@@ -125,11 +126,9 @@ impl Lighting<'_> {
     /// The colour that the plan's shader gives a point, and whether rounding could change it.
     fn color(&self, point: &Point) -> (DVec3, bool) {
         match self.plan.shader {
-            // Eye-dome lighting follows where neighbours are known.
-            Shader::Unlit | Shader::Edl => (point.albedo, false),
             Shader::Matcap => {
-                let ball = matcap::color(&self.matcap, point.normal, self.to_eye(point), self.view);
-                (point.albedo * ball, false)
+                let sphere = matcap::color(&self.matcap, point.normal, self.to_eye(point), self.view);
+                (point.albedo * sphere, false)
             }
             Shader::Normal if point.normal == DVec3::ZERO => (DVec3::ZERO, false),
             Shader::Normal => (point.normal * 0.5 + 0.5, false),
@@ -139,6 +138,8 @@ impl Lighting<'_> {
                 let (color, marginal) = self.lit(point, toon::ramp, |s, reaching| toon::highlight(s * reaching));
                 (color * toon::line(self.cosine_to_eye(point).abs()), marginal)
             }
+            // Shader::Unlit, and Shader::Edl, which follows where neighbours are known.
+            _ => (point.albedo, false),
         }
     }
 
@@ -153,9 +154,9 @@ impl Lighting<'_> {
         if self.view.projection.is_perspective() { -unit(point.at) } else { DVec3::NEG_Z }
     }
 
-    /// Ambient, diffuse and specular light. `diffused` is what a diffuse amount in [0, 1] counts for, `highlighted` what a
-    /// highlight's strength and the share of light that reaches it do. Also whether a highlight or a shadow could come or go
-    /// by rounding.
+    /// Ambient, diffuse and specular light. `diffused` is what a diffuse amount in [0, 1] counts for, `highlighted`
+    /// what a highlight's strength and the share of light that reaches it do. Also whether a highlight or a shadow
+    /// could come or go by rounding.
     fn lit(
         &self,
         point: &Point,
@@ -201,6 +202,8 @@ impl Lighting<'_> {
                 let angle = angle_between(-to_light, unit(DVec3::from(*direction))).to_degrees();
                 (to_light, DVec3::from(*color) * smooth_fade(angle, *inner_deg, *outer_deg))
             }
+            // A light of a model to come gives none.
+            _ => (DVec3::Z, DVec3::ZERO),
         }
     }
 }

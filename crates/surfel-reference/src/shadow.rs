@@ -1,10 +1,10 @@
-//! Shadow maps (§5): the visibility pass from the lights, and whether a point is lit.
+//! Shadow maps (§5): the visibility pass from the lights, and the share of a light that reaches a point.
 
-use crate::frame::center;
 use crate::margin;
+use crate::pixels::center_in;
 use crate::polygon::Polygons;
 use crate::raster::{Bands, Run};
-use crate::renderer::{ResidentMesh, ResidentObject, ResidentScene};
+use crate::scene::{ResidentMesh, ResidentObject, ResidentScene};
 use crate::splat::project_all;
 use glam::DVec3;
 use surfel_math::depth::{plane_gradient, slope_allowance};
@@ -22,8 +22,8 @@ pub(crate) struct Shadow<'a> {
 /// Depth, bias included, up to which a texel is lit.
 #[derive(Clone, Copy)]
 struct Texel {
-    kept: f64,
-    /// If every fragment on a rim casts, and if none does.
+    threshold: f64,
+    /// The threshold if every fragment on a rim casts, and if none does.
     possible: [f64; 2],
 }
 
@@ -47,31 +47,31 @@ fn draw_map<'a>(
     map: &'a ShadowMap,
 ) -> Shadow<'a> {
     let with_margin = plan.planes.margin;
-    let planes = Planes { margin: with_margin, color: false, ..Planes::COLOR };
-    let plan = FramePlan { splat_filter: map.splat_filter, planes, ..plan.clone() };
+    let planes = Planes::COLOR.with_margin(with_margin).with_color(false);
+    let plan = FramePlan { splat_filter: map.splat_filter, planes, keeps_facings: false, ..plan.clone() };
     let mut splats = project_all(objects, &map.view, &plan);
     splats.retain(|s| !plan.separates_transparent || s.alpha >= 1.0);
     let bands = Bands::new(&splats, map.view.region);
     let run = Run::new(&splats, &bands, &map.view, &plan);
-    let kept = run.kept();
+    let thresholds = run.thresholds();
     let mut texels: Vec<Texel> = if with_margin {
-        let passes = run.passes(kept);
-        let pairs = passes.kept.iter().zip(&passes.possible);
-        pairs.map(|(k, p)| Texel { kept: k.value, possible: [p.nearest.value, p.farthest.value] }).collect()
+        let passes = run.accumulate(thresholds);
+        let pairs = passes.thresholds.iter().zip(&passes.possible);
+        pairs.map(|(t, p)| Texel { threshold: t.depth, possible: [p.nearest.depth, p.farthest.depth] }).collect()
     } else {
-        kept.iter().map(|k| Texel { kept: k.value, possible: [k.value; 2] }).collect()
+        thresholds.iter().map(|t| Texel { threshold: t.depth, possible: [t.depth; 2] }).collect()
     };
-    let polygons = Polygons::new(meshes, &map.view);
-    let hits = if meshes.is_empty() { Vec::new() } else { polygons.nearest(map.view.region, with_margin) };
+    let polygons = Polygons::new(meshes, &map.view, &plan);
+    let hits = if meshes.is_empty() {
+        Vec::new()
+    } else {
+        polygons.nearest(map.view.region, with_margin.then_some(margin::RIM_PX))
+    };
     for (at, (hit, texel)) in hits.iter().zip(&mut texels).enumerate() {
         if hit.z.is_finite() {
-            let z = hit.z
-                + slope_allowance(
-                    hit.z,
-                    polygons.depth_gradient(hit, center(map.view.region, at)),
-                    &map.view.projection,
-                );
-            texel.kept = texel.kept.min(z);
+            let gradient = polygons.depth_gradient(hit, center_in(map.view.region, at));
+            let z = hit.z + slope_allowance(hit.z, gradient, &map.view.projection);
+            texel.threshold = texel.threshold.min(z);
             let possible = if hit.marginal { [z, f64::INFINITY] } else { [z, z] };
             texel.possible = [0, 1].map(|i| texel.possible[i].min(possible[i]));
         }
@@ -79,22 +79,23 @@ fn draw_map<'a>(
     Shadow { map, texels }
 }
 
-/// Share of a light that reaches a point, and whether rounding could change it. `position` is relative to the eye of `view`,
-/// `normal` a unit vector, both in world space.
+/// Share of a light that reaches a point, and whether rounding could change it. `position` is relative to the eye of
+/// `view`, `normal` a unit vector, both in world space.
 pub(crate) fn visibility(shadows: &[Shadow], light: usize, view: &View, position: DVec3, normal: DVec3) -> (f64, bool) {
-    // Of several maps, the one that sees the point nearest to its axis.
-    let seen = shadows.iter().filter(|s| s.map.light == light).map(|s| {
+    // Of several maps the one counts along whose axis the point lies farthest.
+    let views = shadows.iter().filter(|s| s.map.light == light).map(|s| {
         let from_light = position + (view.eye - s.map.view.eye);
         (s, s.map.view.view_from_world * from_light)
     });
-    match seen.max_by(|(_, a), (_, b)| a.z.total_cmp(&b.z)) {
+    match views.max_by(|(_, a), (_, b)| a.z.total_cmp(&b.z)) {
         Some((shadow, p)) => shadow.visibility(p, shadow.map.view.view_from_world * normal),
         None => (1.0, false),
     }
 }
 
 impl Shadow<'_> {
-    /// The same for a point and a normal in the map's view.
+    /// Share of the light that reaches a point, given with its normal in the map's view, and whether rounding could
+    /// change it.
     fn visibility(&self, p: DVec3, normal: DVec3) -> (f64, bool) {
         let projection = &self.map.view.projection;
         if p.z < projection.near {
@@ -115,10 +116,11 @@ impl Shadow<'_> {
                     continue;
                 };
                 let z = nearer + gradient.dot(V2::new(tap.x + 0.5 - at.x, tap.y + 0.5 - at.y));
-                if z <= texel.kept {
+                if z <= texel.threshold {
                     share += weight;
                 }
-                marginal |= margin::on_depth(z, texel.kept) || (z <= texel.possible[0]) != (z <= texel.possible[1]);
+                marginal |=
+                    margin::on_depth(z, texel.threshold) || (z <= texel.possible[0]) != (z <= texel.possible[1]);
             }
         }
         (share, marginal)
@@ -138,12 +140,13 @@ mod tests {
     use surfel_model::Light;
     use surfel_render::ShadowScene;
 
-    /// The middle of a map that looks along +x: all lit but for what `texel` says of column 512, row 512.
+    /// The share of light at the middle of a map along +x whose texels are all lit but `texel`, in column 512 and row
+    /// 512.
     fn at_middle(texel: Texel, depth: f64) -> (f64, bool) {
         let sun = Light::Directional { direction: [1.0, 0.0, 0.0], color: [1.0; 3], shadow: true };
         let maps = ShadowScene { lights: vec![(0, sun)], center: DVec3::ZERO, radius: 1.0 }.maps(2.0);
         let side = maps[0].view.size[0] as usize;
-        let open = Texel { kept: f64::INFINITY, possible: [f64::INFINITY; 2] };
+        let open = Texel { threshold: f64::INFINITY, possible: [f64::INFINITY; 2] };
         let mut texels = vec![open; side * side];
         texels[512 * side + 512] = texel;
         let shadow = Shadow { map: &maps[0], texels };
@@ -158,7 +161,7 @@ mod tests {
 
     #[test]
     fn shadow_of_a_texel_is_its_share_of_the_filter() {
-        let texel = |kept: f64| Texel { kept, possible: [kept; 2] };
+        let texel = |threshold: f64| Texel { threshold, possible: [threshold; 2] };
         assert_share(at_middle(texel(1.0), 1.5), 8.0 / 9.0, false);
         assert_share(at_middle(texel(1.0), 0.5), 1.0, false);
         // The view is 2.008 high, so that the bias of a lookup is 0.001004.
@@ -170,7 +173,7 @@ mod tests {
 
     #[test]
     fn shadow_of_a_rim_is_marginal_where_it_matters() {
-        let rim = Texel { kept: 1.0, possible: [1.0, 1.8] };
+        let rim = Texel { threshold: 1.0, possible: [1.0, 1.8] };
         assert_share(at_middle(rim, 0.5), 1.0, false);
         assert_share(at_middle(rim, 1.5), 8.0 / 9.0, true);
         assert_share(at_middle(rim, 1.9), 8.0 / 9.0, false);

@@ -1,13 +1,15 @@
-//! From a splat of the scene to its footprints on the screen (§2–§4).
+//! Projection of splats to their footprints on the screen (§2–§4).
 
 use crate::clip::SplatClip;
-use crate::renderer::ResidentObject;
+use crate::margin;
+use crate::scene::ResidentObject;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use surfel_math::basis::{largest_singular_value, normal_matrix, unit};
 use surfel_math::bounds::{self, Extent};
 use surfel_math::clip::Turn;
 use surfel_math::depth::{DepthForm, DepthPlane, tolerance};
+use surfel_math::facing::{RIM_SINE, back_normal};
 use surfel_math::filter::{self, Filtered};
 use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_math::mapping::{Footprint, through_near};
@@ -15,6 +17,15 @@ use surfel_math::project::{EDGE_ON, Placement, Projected, ViewSplat};
 use surfel_math::{V2, V3};
 use surfel_model::{Cull, Filter, SplatCloud};
 use surfel_render::{FramePlan, View};
+
+/// Which side of its surface a splat shows, where that is kept apart (§5).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Facing {
+    /// Its cloud isn't oriented, or the plan keeps no facings apart.
+    Undeclared,
+    Front,
+    Back,
+}
 
 /// A splat ready to be rasterised.
 #[derive(Clone)]
@@ -33,7 +44,7 @@ pub(crate) struct ScreenSplat {
     pub weight_scale: f64,
     /// a/W0: what a unit of weight counts for in the coverage.
     pub coverage_per_weight: f64,
-    /// What it keeps of its disk; `None` where nothing clips it.
+    /// Its clip; `None` where nothing clips it.
     pub clip: Option<SplatClip>,
     /// Depth of fragments.
     pub depth: DepthPlane<f64>,
@@ -41,6 +52,8 @@ pub(crate) struct ScreenSplat {
     pub depth_form: DepthForm,
     /// ε.
     pub epsilon: f64,
+    /// Which side of an oriented surface it shows.
+    pub facing: Facing,
     /// Pixels that the unfiltered footprint may touch.
     pub visible_box: Extent<f64>,
     /// Pixels that the filtered footprint may touch.
@@ -55,11 +68,13 @@ pub(crate) struct ScreenSplat {
     pub normal: DVec3,
     /// Ambient, diffuse, specular, shininess.
     pub material: [f64; 4],
+    /// Decision margin of its rims, pixels of the view.
+    pub rim_px: f64,
     /// How far facing (n·p/|p|) is from the decisions that hang on it.
     pub facing_margin: f64,
 }
 
-/// What is the same for all splats of an object in a view.
+/// An object's maps into a view, shared by all of its splats.
 pub(crate) struct ObjectView {
     /// Object to view directions.
     linear: DMat3,
@@ -80,10 +95,12 @@ impl ObjectView {
 
 /// Every splat that takes part, in index order.
 pub(crate) fn project_all(objects: &[ResidentObject], view: &View, plan: &FramePlan) -> Vec<ScreenSplat> {
-    let of_object = |object| {
+    let of_object = |object: &ResidentObject| {
         let object_view = ObjectView::new(object, view);
         let each = |i| project(object, &object_view, i, view, plan);
-        (0..object.cloud.len()).into_par_iter().filter_map(each).collect::<Vec<_>>()
+        let selection = plan.selection_of(object.source);
+        let splats = (0..object.cloud.len()).into_par_iter();
+        splats.filter(|i| selection.is_none_or(|s| s.has_splat(*i as u32))).filter_map(each).collect::<Vec<_>>()
     };
     objects.iter().flat_map(of_object).collect()
 }
@@ -144,9 +161,17 @@ fn project(
         clip.filtered_turn = clip.filtered_turn.after(&turn);
     }
     shape.clip = clip;
+    let oriented = object.material.is_oriented(cloud);
     let mut normal = unit(object_view.normals * cloud.shading_normal(i));
     if object.material.two_sided && back_facing {
-        normal = -normal;
+        normal = match oriented {
+            true => {
+                let to_eye = view.view_from_world.transpose() * if perspective { -unit(p) } else { DVec3::NEG_Z };
+                let V3 { x, y, z } = back_normal(V3::from(normal), cosine, V3::from(to_eye));
+                DVec3::new(x, y, z)
+            }
+            false => -normal,
+        };
     }
     let interior = object.interior_weight.map_or(1.0, |w| interior_weight_at_cutoff(w, settings.cutoff));
     shape.index = object.first_splat + i as u32;
@@ -157,9 +182,17 @@ fn project(
     shape.alpha = f64::from(cloud.alpha(i));
     shape.normal = normal;
     shape.material = object.material.factors();
-    let sided = object.material.two_sided || object.material.cull == Cull::Back;
+    shape.facing = match (plan.keeps_facings && oriented, back_facing) {
+        (false, _) => Facing::Undeclared,
+        (true, false) => Facing::Front,
+        (true, true) => Facing::Back,
+    };
+    let sided = object.material.two_sided || object.material.cull == Cull::Back || shape.facing != Facing::Undeclared;
     let edge_margin = cosine.abs() - EDGE_ON;
     shape.facing_margin = if sided { cosine.abs().min(edge_margin / EDGE_ON) } else { edge_margin / EDGE_ON };
+    if oriented && back_facing && object.material.two_sided {
+        shape.facing_margin = shape.facing_margin.min((cosine.abs() - RIM_SINE).abs());
+    }
     Some(shape)
 }
 
@@ -202,8 +235,9 @@ fn ordinary_shape(
             Filtered { coverage_scale: filter::area_ratio(&projected, radius_px), ..Filtered::plain(visible) }
         }
         Filter::Adjust => filter::adjust(&projected, radius_px, projective),
-        Filter::Principal => filter::principal(&projected, radius_px, projective),
         Filter::Ewa => filter::ewa(&projected, radius_px),
+        // Filter::Principal, the default, which one of a model to come is drawn with, too.
+        _ => filter::principal(&projected, radius_px, projective),
     };
     let clamp_radius = (!unfiltered && settings.filter == Filter::Clamp).then_some(radius_px);
     let filtered_extent = match clamp_radius {
@@ -244,6 +278,7 @@ fn screen_splat(
         depth,
         depth_form: DepthForm::Reciprocal,
         epsilon: 0.0,
+        facing: Facing::Undeclared,
         visible_box,
         filtered_box,
         center: DVec3::ZERO,
@@ -251,6 +286,7 @@ fn screen_splat(
         alpha: 1.0,
         normal: DVec3::ZERO,
         material: [0.0; 4],
+        rim_px: margin::RIM_PX,
         facing_margin: f64::INFINITY,
     }
 }
@@ -260,6 +296,15 @@ impl ScreenSplat {
     pub(crate) fn depth_at(&self, pixel: V2<f64>, view: &View) -> Option<f64> {
         let z = self.depth.at(pixel - self.anchor, self.depth_form);
         (z >= view.projection.near && z <= view.projection.far()).then_some(z)
+    }
+
+    /// Depth of the splat at a pixel where it isn't drawn, but rounding could bring it in: within the margin of z_near
+    /// or z_far.
+    pub(crate) fn depth_nearly_at(&self, pixel: V2<f64>, view: &View) -> Option<f64> {
+        let z = self.depth.at(pixel - self.anchor, self.depth_form);
+        let (near, far) = (view.projection.near, view.projection.far());
+        let missing = z < near || z > far;
+        (missing && (margin::on_depth(near, z) || margin::on_depth(far, z))).then_some(z)
     }
 
     /// True where the unfiltered, clipped splat is hit.

@@ -1,19 +1,19 @@
-//! Colours that begin with a line of a processor's memory.
+//! Colours that begin with a cache line.
 
 use std::ops::{Deref, DerefMut};
 
-/// Bytes of a line of memory.
+/// Bytes of a cache line.
 const LINE: usize = 64;
 
 /// Pixels in a line.
 const PIXELS: usize = LINE / size_of::<[f32; 4]>();
 
-/// RGBA of a picture's pixels, used as a slice of them.
+/// RGBA of an image's pixels, used as a slice of them.
 ///
-/// Its first pixel is the first of a line of memory, so that rows of four pixels, which backends write, don't cross lines: a frame of
-/// few large splats on a processor takes a twentieth longer where they do.
+/// Its first pixel begins a cache line, so that rows of four pixels, which backends write, don't cross lines: a frame
+/// of few large splats on a CPU takes a twentieth longer where they do.
 #[derive(Default)]
-pub struct ColorPlane {
+pub(crate) struct ColorPlane {
     /// The pixels, and some around them.
     memory: Vec<[f32; 4]>,
     first: usize,
@@ -23,8 +23,9 @@ pub struct ColorPlane {
 impl ColorPlane {
     /// Makes it `count` pixels; what they hold is left open.
     ///
-    /// Zeros that come from the system are written by nobody: whoever writes the pixels then meets fresh pages, on all threads.
-    pub fn resize(&mut self, count: usize) {
+    /// Zeros that come from the system are written by nobody: whoever writes the pixels then meets fresh pages, on all
+    /// threads.
+    pub(crate) fn resize(&mut self, count: usize) {
         let room = count + if count > 0 { PIXELS - 1 } else { 0 };
         if self.memory.capacity() < room {
             // The old goes first.

@@ -1,4 +1,4 @@
-//! Why a picture could not be made.
+//! Why an image could not be made.
 
 use surfel_model::ModelError;
 
@@ -40,8 +40,8 @@ pub enum RenderError {
     },
     /// The device's memory doesn't hold the scene.
     #[error(
-        "{backend}: the scene needs {needed} bytes of device memory, and {available} are there: {} too few; store it in 16 \
-         bits (--storage 16), draw fewer splats, or choose --backend cpu",
+        "{backend}: the scene needs {needed} bytes of device memory, and {available} are there: {} too few; store it \
+         in 16 bits (--storage 16), draw fewer splats, or choose --backend cpu",
         needed.saturating_sub(*available)
     )]
     SceneTooLarge {

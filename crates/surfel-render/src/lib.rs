@@ -3,8 +3,10 @@
 //!
 //! Data flows one way: scene → plan → passes → frame. Every per-frame decision is made once, in [`plan()`]; backends
 //! execute it and decide nothing.
+//!
+//! Feature `save`: frames save themselves as PNG and EXR.
 
-mod chunk;
+mod background;
 mod color_plane;
 mod error;
 mod frame;
@@ -13,21 +15,24 @@ mod needs;
 mod plan;
 mod preset;
 mod renderer;
+#[cfg(feature = "save")]
+mod save;
 mod shadow;
 mod stats;
 mod summary;
 mod view;
 
-pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks, stored_axes};
-pub use color_plane::ColorPlane;
+pub use background::Background;
 pub use error::RenderError;
-pub use frame::{Frame, Planes};
+pub use frame::{Frame, Planes, PlanesMut};
 pub use lod::{Selection, select};
-pub use plan::{Attributes, FramePlan, Pass, SplatFilter, needs_interior_weight, plan, unsupported};
+pub use plan::{
+    Attributes, ChosenParts, FramePlan, Pass, SAMPLES_SIDE, SplatFilter, needs_interior_weight, plan, unsupported,
+};
 pub use preset::{Preset, Promise, inside_surfaces};
 pub use renderer::{Capabilities, Feature, Renderer, RendererInfo, UploadProgress};
 pub use shadow::{SHADOW_BIAS_RADII, SHADOW_MAP_SIDE, ShadowMap, ShadowScene};
 pub use stats::{PassTime, Stats};
-pub use summary::SceneSummary;
+pub use summary::{SceneOctree, SceneSummary};
 pub use surfel_model::Settings;
 pub use view::{Region, View};

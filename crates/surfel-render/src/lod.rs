@@ -4,7 +4,7 @@ use crate::View;
 use glam::{DAffine3, DVec3};
 use std::ops::Range;
 use surfel_math::basis::unit;
-use surfel_model::{Cull, Hybrid, HybridNode};
+use surfel_model::{Cull, Octree, OctreeNode};
 
 /// What of an octree is drawn.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -13,6 +13,24 @@ pub struct Selection {
     pub splats: Vec<Range<u32>>,
     /// Polygons, as ranges of its mesh's triangles in ascending order.
     pub triangles: Vec<Range<u32>>,
+}
+
+impl Selection {
+    /// True if splat `i` of the cloud is drawn.
+    pub fn has_splat(&self, i: u32) -> bool {
+        holds(&self.splats, i)
+    }
+
+    /// True if triangle `i` of the mesh is drawn.
+    pub fn has_triangle(&self, i: u32) -> bool {
+        holds(&self.triangles, i)
+    }
+}
+
+/// True if one of the ranges, which ascend, holds `i`.
+fn holds(ranges: &[Range<u32>], i: u32) -> bool {
+    let after = ranges.partition_point(|range| range.end <= i);
+    ranges.get(after).is_some_and(|range| range.contains(&i))
 }
 
 /// How a leaf is drawn.
@@ -28,24 +46,26 @@ enum Drawn {
     Polygons,
 }
 
-/// Chooses the coarsest nodes whose splats are no larger than `error_px` pixels, and where those of a leaf are, its polygons.
+/// Chooses the coarsest nodes whose splats are no larger than `error_px` pixels, and where those of a leaf are, its
+/// polygons.
 ///
-/// Nodes outside of the view are left out, and with [`Cull::Back`] those that face away as a whole. A transition's splats are
-/// drawn once if either of its leaves is drawn by its own splats, or one as polygons and the other by splats of a node above;
-/// between two leaves under such nodes none are missing (ours: G06 draws them too).
-pub fn select(hybrid: &Hybrid, world_from_object: &DAffine3, cull: Cull, view: &View, error_px: f64) -> Selection {
-    let nodes = hybrid.nodes();
+/// Nodes outside of the image are left out, whatever region of it is drawn, and with [`Cull::Back`] those that face
+/// away as a whole. A transition's splats are drawn once if either of its leaves is drawn by its own splats, or one as
+/// polygons and the other by splats of a node above; between two leaves under such nodes none are missing (ours: G06
+/// draws them too).
+pub fn select(octree: &Octree, world_from_object: &DAffine3, cull: Cull, view: &View, error_px: f64) -> Selection {
+    let nodes = octree.nodes();
     let eye = Eye::new(world_from_object, cull, view);
     let mut drawn = vec![Drawn::Culled; nodes.len()];
     let mut selection = Selection::default();
     let mut open: Vec<u32> = vec![0];
     while let Some(i) = open.pop() {
         let Some(node) = nodes.get(i as usize) else { continue };
-        if !eye.sees(hybrid.center_of(node), node) {
+        if !eye.sees(octree.center_of(node), node) {
             continue;
         }
         // A node too small for a splat of its size has none.
-        let small = eye.size_px(hybrid.center_of(node), node) <= error_px;
+        let small = eye.size_px(octree.center_of(node), node) <= error_px;
         if small && !node.splats.is_empty() {
             selection.splats.push(node.splats.clone());
             cover(nodes, i, &mut drawn);
@@ -56,7 +76,7 @@ pub fn select(hybrid: &Hybrid, world_from_object: &DAffine3, cull: Cull, view: &
             open.extend(node.children.clone());
         }
     }
-    for transition in hybrid.transitions() {
+    for transition in octree.transitions() {
         use Drawn::{Above, Polygons, Splats};
         let [a, b] = transition.leaves.map(|leaf| drawn[leaf as usize]);
         if a == Splats || b == Splats || matches!((a, b), (Polygons, Above) | (Above, Polygons)) {
@@ -69,7 +89,7 @@ pub fn select(hybrid: &Hybrid, world_from_object: &DAffine3, cull: Cull, view: &
 }
 
 /// Marks the leaves that a node's splats stand for.
-fn cover(nodes: &[HybridNode], root: u32, drawn: &mut [Drawn]) {
+fn cover(nodes: &[OctreeNode], root: u32, drawn: &mut [Drawn]) {
     let mut open = vec![root];
     while let Some(i) = open.pop() {
         let node = &nodes[i as usize];
@@ -104,9 +124,8 @@ impl<'a> Eye<'a> {
             && m.determinant() > 0.0;
         let scale = if conformal { mean.sqrt() } else { columns.iter().sum::<f64>().sqrt() };
         let p = &view.projection;
-        let r = &view.region;
-        let (left, right) = (f64::from(r.x), f64::from(r.x + r.width));
-        let (top, bottom) = (f64::from(r.y), f64::from(r.y + r.height));
+        // Those of the whole image, so that a region of it has the same parts, and the same shadows.
+        let [width, height] = view.size.map(f64::from);
         let slope = |pixel: f64, axis: usize| (pixel - p.principal_px[axis]) / p.focal_px[axis];
         let side = |axis: DVec3, at: f64| match p.is_perspective() {
             // axis·v ≥ at·z, scaled to a unit normal.
@@ -114,10 +133,10 @@ impl<'a> Eye<'a> {
             false => (axis, at),
         };
         let sides = [
-            side(DVec3::X, slope(left, 0)),
-            side(-DVec3::X, -slope(right, 0)),
-            side(DVec3::Y, slope(top, 1)),
-            side(-DVec3::Y, -slope(bottom, 1)),
+            side(DVec3::X, slope(0.0, 0)),
+            side(-DVec3::X, -slope(width, 0)),
+            side(DVec3::Y, slope(0.0, 1)),
+            side(-DVec3::Y, -slope(height, 1)),
         ];
         Self { world_from_object, view, cull, scale, conformal, sides }
     }
@@ -128,7 +147,7 @@ impl<'a> Eye<'a> {
     }
 
     /// False if no part of a node can show.
-    fn sees(&self, center: DVec3, node: &HybridNode) -> bool {
+    fn sees(&self, center: DVec3, node: &OctreeNode) -> bool {
         let (p, radius) = (self.at(center), node.radius * self.scale);
         let projection = &self.view.projection;
         // A filter reaches a pixel or so past a splat's own extent.
@@ -143,7 +162,7 @@ impl<'a> Eye<'a> {
     }
 
     /// True if every normal in the node's cone faces away from the eye at every point of its sphere.
-    fn faces_away(&self, p: DVec3, radius: f64, node: &HybridNode) -> bool {
+    fn faces_away(&self, p: DVec3, radius: f64, node: &OctreeNode) -> bool {
         let m = self.world_from_object.matrix3;
         let axis = unit(self.view.view_from_world * (m * DVec3::from(node.cone_axis)));
         let (toward, spread) = match self.view.projection.is_perspective() {
@@ -163,7 +182,7 @@ impl<'a> Eye<'a> {
     }
 
     /// Pixels that a node's splats measure where the node is nearest.
-    fn size_px(&self, center: DVec3, node: &HybridNode) -> f64 {
+    fn size_px(&self, center: DVec3, node: &OctreeNode) -> f64 {
         let p = self.at(center);
         let focal = self.view.projection.focal_px[0].max(self.view.projection.focal_px[1]);
         let nearest = (p.z - node.radius * self.scale).max(self.view.projection.near);

@@ -26,7 +26,6 @@ impl ShaderNeeds {
         let none = Self::default();
         let lit = Self { albedo: true, normal: true, lights: true, ..none };
         match shader {
-            Shader::Unlit => Self { albedo: true, ..none },
             Shader::Phong => lit,
             Shader::Toon => Self { depth: true, pass: Some(Pass::Outlines), feature: Some(Feature::Toon), ..lit },
             Shader::Normal => Self { normal: true, ..none },
@@ -35,6 +34,8 @@ impl ShaderNeeds {
             Shader::Edl => {
                 Self { albedo: true, depth: true, pass: Some(Pass::EyeDome), feature: Some(Feature::EyeDome), ..none }
             }
+            // Shader::Unlit, and what a model to come may have besides.
+            _ => Self { albedo: true, ..none },
         }
     }
 }

@@ -1,10 +1,15 @@
 //! Every per-frame decision, made once: which passes, planes and variants a scene needs, and no others.
 
 use crate::needs::ShaderNeeds;
-use crate::{Capabilities, Feature, Planes, RenderError, SceneSummary, ShadowMap, View};
+use crate::{
+    Capabilities, Feature, Planes, RenderError, SceneOctree, SceneSummary, Selection, ShadowMap, View, select,
+};
 use surfel_math::depth::Tolerance;
 use surfel_math::eye_dome;
-use surfel_model::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Settings, Shader, Transparency};
+use surfel_model::{Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, Settings, Shader, Transparency};
+
+/// Samples along a pixel's side, where edges are antialiased by samples (§5): four by four.
+pub const SAMPLES_SIDE: u32 = 4;
 
 /// How splats are filtered and mapped.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,19 +29,20 @@ pub struct SplatFilter {
 }
 
 impl SplatFilter {
-    /// How far past its splat, in pixels, a filtered footprint may touch a pixel: that one's near side. Its centre, which the footprint
-    /// has to hold, is half a pixel farther. f32's rounding is included.
+    /// How far past its splat, in pixels, a filtered footprint may touch a pixel: that one's near side. Its centre,
+    /// which the footprint has to hold, is half a pixel farther. f32's rounding is included.
     ///
-    /// `clamp` by h, and `ewa` by no more than the splat and h together. `principal` lengthens an axis to h where the splat is
-    /// centred, and a slope of up to 1/4 shows it by up to 1/√(1 − 1/16) longer. `adjust` lengthens two axes one by one, and if they
-    /// are shown nearly parallel, an ellipse reaches by √2 times that.
+    /// `clamp` by h, and `ewa` by no more than the splat and h together. `principal` lengthens an axis to h where the
+    /// splat is centred, and a slope of up to 1/4 shows it by up to 1/√(1 − 1/16) longer. `adjust` lengthens two axes
+    /// one by one, and if they are shown nearly parallel, an ellipse reaches by √2 times that.
     pub fn reach_px(&self) -> f64 {
         let lengthened = match self.filter {
             Filter::None | Filter::Clamp | Filter::Ewa => 1.0,
             Filter::Principal => 1.04,
-            Filter::Adjust => 1.5,
+            // The largest is safe for any other.
+            _ => 1.5,
         };
-        // A quarter of a pixel is many times what pixels of the widest picture are rounded by.
+        // A quarter of a pixel is many times what pixels of the widest image are rounded by.
         (lengthened * self.radius_px - 0.5 + 0.25).max(0.0)
     }
 }
@@ -82,6 +88,8 @@ pub enum Pass {
     Shade,
     /// What lies behind edge pixels, and its blend by coverage.
     EdgeAntialiasing,
+    /// Pixels beside a step of depth, drawn anew as the mean of samples.
+    EdgeSamples,
     /// Lines where depth steps back from one pixel to the next (§5, `toon`).
     Outlines,
     /// Darkens what lies deep among its neighbours (§5, `edl`).
@@ -92,6 +100,22 @@ pub enum Pass {
     RemainingLayer,
     /// Transparent fragments gathered into surfaces, pixel by pixel (§8).
     ABuffer,
+}
+
+/// What is drawn of an object that is an octree.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChosenParts {
+    /// Index of the object.
+    pub object: usize,
+    /// Its splats and triangles.
+    pub selection: Selection,
+}
+
+impl ChosenParts {
+    /// What is drawn of an object, if it is one of the octrees.
+    pub fn of(octrees: &[Self], object: usize) -> Option<&Selection> {
+        octrees.iter().find(|parts| parts.object == object).map(|parts| &parts.selection)
+    }
 }
 
 /// What a backend does for one frame. Plain data, no GPU types.
@@ -109,8 +133,14 @@ pub struct FramePlan {
     pub accumulate: Accumulate,
     /// Splats with an alpha below 1 take no part in the opaque passes; layers of their own draw them, if any do.
     pub separates_transparent: bool,
+    /// Front- and back-facing splats of oriented clouds are kept apart (§5).
+    pub keeps_facings: bool,
     /// Shadow maps, in the order of their lights.
     pub shadow_maps: Vec<ShadowMap>,
+    /// What is drawn of each octree, in the order of their objects.
+    pub octrees: Vec<ChosenParts>,
+    /// Splats of clouds, and those chosen of octrees.
+    pub splats: u64,
     /// Most surfaces that [`Pass::ABuffer`] holds in a pixel; 0 without it.
     pub abuffer_surfaces: u32,
     /// How pixels are shaded.
@@ -128,11 +158,25 @@ impl FramePlan {
     /// Pixels to each side that a pass looks at, besides a pixel's own.
     pub fn reach_px(&self) -> u32 {
         let reach = |pass: &Pass| match pass {
-            Pass::EdgeAntialiasing | Pass::Outlines => 1,
+            Pass::EdgeAntialiasing | Pass::EdgeSamples | Pass::Outlines => 1,
             Pass::EyeDome => eye_dome::REACH_PX.unsigned_abs(),
             _ => 0,
         };
         self.passes.iter().map(reach).max().unwrap_or(0)
+    }
+
+    /// The plan by which samples of this one's edges are drawn, as pixels of [`View::of_samples`].
+    #[must_use]
+    pub fn of_samples(&self) -> Self {
+        let mut plan = self.clone();
+        plan.passes.retain(|pass| !matches!(pass, Pass::EdgeSamples | Pass::Outlines | Pass::EyeDome));
+        plan.planes = Planes::COLOR.with_margin(self.planes.margin);
+        plan
+    }
+
+    /// What is drawn of an object, by its index, if it is an octree; of others everything is.
+    pub fn selection_of(&self, object: usize) -> Option<&Selection> {
+        ChosenParts::of(&self.octrees, object)
     }
 
     /// Number of layers of transparent splats that are peeled, the remaining one not included.
@@ -154,6 +198,14 @@ pub fn plan(
     capabilities: &Capabilities,
 ) -> Result<FramePlan, RenderError> {
     settings.validate()?;
+    let parts = |o: &SceneOctree| ChosenParts {
+        object: o.object,
+        selection: select(&o.octree, &o.world_from_object, o.cull, view, settings.lod_error_px),
+    };
+    let octrees: Vec<ChosenParts> = summary.octrees.iter().map(parts).collect();
+    // What isn't chosen asks for nothing: an octree seen as splats alone has no pass for polygons.
+    let chosen = (!octrees.is_empty()).then(|| summary.of_chosen(octrees.iter().map(|parts| &parts.selection)));
+    let summary = chosen.as_ref().unwrap_or(summary);
     if let Some(error) = unsupported(summary, settings, planes, capabilities) {
         return Err(error);
     }
@@ -174,7 +226,8 @@ pub fn plan(
     passes.extend(splats.then_some(Pass::Attributes));
     passes.push(Pass::Shade);
     passes.extend(needs.pass);
-    passes.extend((planes.color && settings.edge_aa).then_some(Pass::EdgeAntialiasing));
+    let edges = if planes.color { settings.edge_aa } else { EdgeAa::Off };
+    passes.extend((edges == EdgeAa::Coverage).then_some(Pass::EdgeAntialiasing));
     let transparency = if summary.transparent { settings.transparency } else { Transparency::Off };
     let mut abuffer_surfaces = 0;
     match transparency {
@@ -188,11 +241,13 @@ pub fn plan(
             abuffer_surfaces = layers;
         }
     }
+    // They take the whole image's colour, transparent layers included.
+    passes.extend((edges == EdgeAa::Samples).then_some(Pass::EdgeSamples));
     let separates_transparent = transparency != Transparency::Off;
-    // Where a light shines from, and whether anything is in its way, depends on the place; so does which of splats and polygons
-    // shows behind an edge.
+    // Where a light shines from, and whether anything is in its way, depends on the place; so does which of splats and
+    // polygons shows behind an edge.
     let light_needs_depth = needs.lights && (summary.lights_nearby || !shadow_maps.is_empty());
-    let edges_need_depth = planes.color && settings.edge_aa && summary.meshes && splats;
+    let edges_need_depth = edges == EdgeAa::Coverage && summary.meshes && splats;
     Ok(FramePlan {
         splat_filter: SplatFilter {
             filter: if radius_px == 0.0 { Filter::None } else { settings.filter },
@@ -211,11 +266,14 @@ pub fn plan(
             normal: planes.normal || needs.normal,
             depth: planes.depth || needs.depth || light_needs_depth || edges_need_depth || separates_transparent,
             material: needs.lights && summary.materials_differ,
-            coverage: (settings.edge_aa && planes.color) || abuffer_surfaces > 0 || (summary.meshes && splats),
+            coverage: edges == EdgeAa::Coverage || abuffer_surfaces > 0 || (summary.meshes && splats),
             alpha: separates_transparent,
         },
         separates_transparent,
+        keeps_facings: summary.both_facings && splats,
         shadow_maps,
+        octrees,
+        splats: summary.splats,
         abuffer_surfaces,
         passes,
         accumulate: settings.accumulate,
@@ -224,14 +282,15 @@ pub fn plan(
     })
 }
 
-/// True if the picture needs the clouds' interior weights (§5, coverage): whoever loads a scene estimates them then.
+/// True if the image needs the clouds' interior weights (§5, coverage): whoever loads a scene estimates them then.
 pub fn needs_interior_weight(summary: &SceneSummary, settings: &Settings) -> bool {
     let abuffer = matches!(settings.transparency, Transparency::ABuffer { .. });
-    settings.edge_aa || (abuffer && summary.transparent) || (summary.meshes && summary.splats > 0)
+    let coverage = settings.edge_aa == EdgeAa::Coverage;
+    coverage || (abuffer && summary.transparent) || (summary.may_have_polygons() && summary.splats > 0)
 }
 
-/// What a scene and its settings need and a backend doesn't draw: the first of it, as an error that says where it is and
-/// what to do; `None` if the backend draws everything.
+/// What a scene and its settings need and a backend doesn't draw: the first of it, as an error that says where it is
+/// and what to do; `None` if the backend draws everything.
 pub fn unsupported(
     summary: &SceneSummary,
     settings: &Settings,
@@ -242,12 +301,13 @@ pub fn unsupported(
     let shader = ShaderNeeds::of(settings.shader);
     let lit = shader.lights && planes.color;
     let needs = [
-        (Feature::Meshes, summary.meshes),
+        (Feature::Meshes, summary.may_have_polygons()),
         (Feature::Clips, summary.clips && settings.clip != ClipPolicy::Off),
         (Feature::Peel, matches!(transparent, Some(Transparency::Peel { .. }))),
         (Feature::ABuffer, matches!(transparent, Some(Transparency::ABuffer { .. }))),
         (Feature::Shadows, summary.shadows.is_some() && lit),
-        (Feature::EdgeAntialiasing, settings.edge_aa),
+        (Feature::EdgeAntialiasing, settings.edge_aa == EdgeAa::Coverage),
+        (Feature::EdgeSamples, settings.edge_aa == EdgeAa::Samples && planes.color),
         (Feature::Margin, planes.margin),
     ];
     let mut needs = needs.into_iter().chain(shader.feature.map(|feature| (feature, true)));
@@ -279,6 +339,9 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
         Feature::Matcap => ("shader 'matcap'", setting, OTHER_SHADERS),
         Feature::EyeDome => ("shader 'edl'", setting, OTHER_SHADERS),
         Feature::EdgeAntialiasing => ("edge antialiasing", setting, "choose --backend cpu, or --edge-aa=off"),
+        Feature::EdgeSamples => {
+            ("edges by samples", setting, "choose --backend cpu, or --edge-aa=on (coverage) or off")
+        }
         Feature::Margin => ("the decision margin plane", setting, "choose --backend reference"),
     }
 }
@@ -331,8 +394,13 @@ mod tests {
         let differ = SceneSummary { materials_differ: true, ..colored };
         assert!(planned(&differ, |s| s.shader = Shader::Phong, Planes::COLOR).attributes.material);
         assert!(!planned(&differ, |_| (), Planes::COLOR).attributes.material);
-        let edges = planned(&differ, |s| s.edge_aa = true, Planes::COLOR);
+        let edges = planned(&differ, |s| s.edge_aa = EdgeAa::Coverage, Planes::COLOR);
         assert!(edges.has(Pass::EdgeAntialiasing) && edges.attributes.coverage);
+        let samples = planned(&differ, |s| s.edge_aa = EdgeAa::Samples, Planes::COLOR);
+        assert_eq!(samples.attributes, planned(&differ, |_| (), Planes::COLOR).attributes);
+        assert_eq!((samples.passes[3..].to_vec(), samples.reach_px()), (vec![Pass::EdgeSamples], 1));
+        let colorless = planned(&differ, |s| s.edge_aa = EdgeAa::Samples, Planes::ALL.with_color(false));
+        assert!(!colorless.has(Pass::EdgeSamples));
         assert!(planned(&SceneSummary::default(), |_| (), Planes::ALL).attributes.normal);
     }
 
@@ -340,7 +408,7 @@ mod tests {
     fn transparent_splats_get_the_layers_that_are_asked_for_and_opaque_scenes_none() {
         let planned = |transparent, transparency: &str| {
             let summary = SceneSummary { transparent, ..SceneSummary::default() };
-            let settings = Settings { transparency: transparency.parse().unwrap(), ..Settings::default() };
+            let settings = Settings::default().with_transparency(transparency.parse().unwrap());
             plan(&summary, &view(), &settings, Planes::COLOR, &ALL).unwrap()
         };
         let opaque = planned(false, "off");
@@ -386,7 +454,7 @@ mod tests {
         let shadows = Some(ShadowScene { lights, center: DVec3::ZERO, radius: 1.0 });
         let summary = SceneSummary { shadows, ..SceneSummary::default() };
         let planned = |shader, planes| {
-            let settings = Settings { shader, ..Settings::default() };
+            let settings = Settings::default().with_shader(shader);
             plan(&summary, &view(), &settings, planes, &ALL).unwrap()
         };
         let lit = planned(Shader::Phong, Planes::COLOR);
@@ -396,26 +464,26 @@ mod tests {
         assert!(lit.attributes.depth);
         assert!(planned(Shader::Toon, Planes::COLOR).has(Pass::ShadowMap));
         assert!(planned(Shader::Unlit, Planes::COLOR).shadow_maps.is_empty());
-        assert!(planned(Shader::Phong, Planes { color: false, ..Planes::ALL }).shadow_maps.is_empty());
+        assert!(planned(Shader::Phong, Planes::ALL.with_color(false)).shadow_maps.is_empty());
     }
 
     #[test]
     fn toon_alone_has_outlines() {
         let planned = |shader, planes| {
-            let settings = Settings { shader, ..Settings::default() };
+            let settings = Settings::default().with_shader(shader);
             plan(&SceneSummary::default(), &view(), &settings, planes, &ALL).unwrap()
         };
         let toon = planned(Shader::Toon, Planes::COLOR);
         assert!(toon.has(Pass::Outlines) && toon.attributes.normal && toon.attributes.depth);
         assert!(!planned(Shader::Phong, Planes::COLOR).has(Pass::Outlines));
-        assert!(!planned(Shader::Toon, Planes { color: false, ..Planes::ALL }).has(Pass::Outlines));
+        assert!(!planned(Shader::Toon, Planes::ALL.with_color(false)).has(Pass::Outlines));
     }
 
     #[test]
     fn shaders_of_their_own_have_what_they_read_and_no_more() {
         let summary = SceneSummary { colors: true, materials_differ: true, ..SceneSummary::default() };
         let planned = |shader, planes| {
-            let settings = Settings { shader, ..Settings::default() };
+            let settings = Settings::default().with_shader(shader);
             plan(&summary, &view(), &settings, planes, &ALL).unwrap()
         };
         let none = Attributes { color: true, ..Attributes::default() };
@@ -425,9 +493,9 @@ mod tests {
         let edl = planned(Shader::Edl, Planes::COLOR);
         assert_eq!(edl.attributes, Attributes { depth: true, ..none });
         assert_eq!((edl.passes[3..].to_vec(), edl.reach_px()), (vec![Pass::EyeDome], 2));
-        assert_eq!(planned(Shader::Edl, Planes { color: false, ..Planes::ALL }).passes.len(), 3);
+        assert_eq!(planned(Shader::Edl, Planes::ALL.with_color(false)).passes.len(), 3);
         for shader in Shader::ALL {
-            let settings = Settings { shader, ..Settings::default() };
+            let settings = Settings::default().with_shader(shader);
             let none = Capabilities { lacks: Feature::ALL, ..ALL };
             let refused = plan(&summary, &view(), &settings, Planes::COLOR, &none).is_err();
             assert_eq!(refused, ShaderNeeds::of(shader).feature.is_some(), "{shader:?}");
@@ -438,7 +506,7 @@ mod tests {
     fn a_scene_without_clips_never_clips() {
         let clip_of = |clips, clip| {
             let summary = SceneSummary { clips, ..SceneSummary::default() };
-            plan(&summary, &view(), &Settings { clip, ..Settings::default() }, Planes::COLOR, &ALL).unwrap().clip
+            plan(&summary, &view(), &Settings::default().with_clip(clip), Planes::COLOR, &ALL).unwrap().clip
         };
         assert_eq!(clip_of(false, ClipPolicy::Exact), ClipPolicy::Off);
         assert_eq!(clip_of(true, ClipPolicy::Line), ClipPolicy::Line);
@@ -464,16 +532,19 @@ mod tests {
         let shadows = Some(ShadowScene { lights: vec![(0, spot(20.0))], center: DVec3::ZERO, radius: 1.0 });
         assert!(refused(SceneSummary { shadows, ..s() }, |s| s.shader = Shader::Phong));
         assert!(refused(s(), |s| s.shader = Shader::Toon));
-        assert!(refused(s(), |s| s.edge_aa = true));
+        assert!(refused(s(), |s| s.edge_aa = EdgeAa::Coverage));
+        assert!(refused(s(), |s| s.edge_aa = EdgeAa::Samples));
         assert!(!refused(s(), |s| s.accumulate = Accumulate::F16));
     }
 
     #[test]
     fn edge_antialiasing_without_an_interior_weight_says_which_object() {
         let summary = SceneSummary { without_interior_weight: Some(3), ..SceneSummary::default() };
-        let settings = Settings { edge_aa: true, ..Settings::default() };
+        let settings = Settings::default().with_edge_aa(EdgeAa::Coverage);
         let error = plan(&summary, &view(), &settings, Planes::COLOR, &ALL).unwrap_err();
         assert!(matches!(error, RenderError::NoInteriorWeight { object: 3 }));
+        let samples = settings.with_edge_aa(EdgeAa::Samples);
+        assert!(plan(&summary, &view(), &samples, Planes::COLOR, &ALL).is_ok(), "samples don't count by coverage");
     }
 
     #[test]

@@ -1,60 +1,61 @@
 //! Named trades of speed for accuracy.
 
 use crate::Frame;
-use surfel_model::{Accumulate, Filter, Mapping, Settings};
+use surfel_model::{Accumulate, EdgeAa, Filter, Mapping, Settings};
 
 /// A named trade of speed for accuracy; sets filter, mapping, cutoff and edge antialiasing.
 ///
-/// Chosen from what `cargo xtask tradeoff` measured (docs/accuracy.md). None clamps or has a short kernel, which is slower
-/// than `principal` and no better. Edges are antialiased by coverage, which a closed surface gains much from and a scan of
-/// uneven density loses by: so not by default.
+/// Chosen from what `cargo xtask tradeoff` measured (docs/accuracy.md). None clamps or has a short kernel, which is
+/// slower than `principal` and no better. Edges are antialiased by samples, which errs least for closed surfaces and
+/// for scans of uneven density.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preset {
     /// Affine footprints without a filter.
     Fastest,
     /// No filter: splats smaller than pixels alias, and vanish where they are alone.
     Fast,
-    /// Filtered: the default of bare inputs.
+    /// Filtered, and edges antialiased by samples: the default of bare inputs.
     #[default]
     Balanced,
-    /// Filtered, and edges antialiased.
+    /// As `Balanced`: nothing that takes longer errs less on every scene.
     Quality,
     /// What the others are held against: as `Quality`, since no setting is better on every scene.
     Reference,
 }
 
-/// What a preset promises: least PSNR (dB) of linear premultiplied colour, and largest errors of depths and normals, with splats and sums in 32 bits; tests hold it on
-/// every scene of `surfel-conformance` and on every backend (docs/accuracy.md says how it was measured).
+/// What a preset promises: least PSNR (dB) of linear premultiplied colour, and largest errors of depths and normals,
+/// with splats and sums in 32 bits; tests hold it on every scene of `surfel-conformance` and on every backend
+/// (docs/accuracy.md says how it was measured).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Promise {
-    /// Fidelity: a backend's picture against the reference's at the same settings, outside of decision margins.
+    /// Fidelity: a backend's image against the reference's at the same settings, outside of decision margins.
     pub fidelity_db: f64,
     /// The same for depths: most that the root mean square of their relative differences is.
     pub fidelity_depth: f64,
     /// The same for normals: most that the root mean square angle is, degrees.
     pub fidelity_normal_deg: f64,
-    /// Model error: the preset's picture against the preset `reference`'s. Infinite where they are the same.
+    /// Model error: the preset's image against the preset `reference`'s. Infinite where they are the same.
     pub model_db: f64,
-    /// The same of pixels inside of surfaces ([`inside_surfaces`]), where nothing is transparent: what is left beside rims, loose
-    /// splats and needles.
+    /// The same of pixels inside of surfaces ([`inside_surfaces`]), where nothing is transparent: what is left beside
+    /// rims, loose splats and needles.
     pub inside_db: f64,
 }
 
 /// Largest step of depth from pixel to pixel within a surface, relative.
 const STEP: f32 = 0.02;
 
-/// Least share of a picture's pixels for there to be a surface.
+/// Least share of an image's pixels for there to be a surface.
 const LEAST_SHARE: f64 = 0.05;
 
-/// Pixels inside of surfaces: something is there and at all neighbours, and none of the eight is nearer or farther by more than
-/// a fiftieth. By the depth plane, which the frame has to have. `None` where fewer than one pixel in twenty is: such a picture is of
-/// loose splats.
+/// Pixels inside of surfaces: something is there and at all neighbours, and none of the eight is nearer or farther by
+/// more than a fiftieth. By the depth plane, which the frame has to have. `None` where fewer than one pixel in twenty
+/// is: such an image is of loose splats.
 pub fn inside_surfaces(frame: &Frame) -> Option<Vec<bool>> {
-    let (width, height) = (i64::from(frame.width), i64::from(frame.height));
+    let (width, height) = (i64::from(frame.width()), i64::from(frame.height()));
     let depth = |x: i64, y: i64| {
         let is_there = (0..width).contains(&x) && (0..height).contains(&y);
-        // What lies outside of the picture says nothing.
-        is_there.then(|| frame.depth.get((y * width + x) as usize).copied().unwrap_or(f32::INFINITY))
+        // What lies outside of the image says nothing.
+        is_there.then(|| frame.depth().get((y * width + x) as usize).copied().unwrap_or(f32::INFINITY))
     };
     let is_inside = |i: i64| {
         let (x, y) = (i % width, i / width);
@@ -82,7 +83,8 @@ impl Preset {
         }
     }
 
-    /// The first preset that changes nothing of these settings; none where sums may be in 16 bits, which no promise covers.
+    /// The first preset that changes nothing of these settings; none where sums may be in 16 bits, which no promise
+    /// covers.
     pub fn of(settings: &Settings) -> Option<Self> {
         let is_whole = settings.accumulate == Accumulate::F32;
         Self::ALL.into_iter().find(|preset| is_whole && preset.apply(*settings) == *settings)
@@ -93,12 +95,9 @@ impl Preset {
         let (model_db, inside_db) = match self {
             // Splats across z_near, which the affine mapping leaves out, and large clipped ones.
             Self::Fastest => (10.0, 9.0),
-            // A picture of one pixel, of splats that alias.
+            // An image of one pixel, of splats that alias.
             Self::Fast => (15.0, 24.0),
-            // Loose needles, a tenth of a pixel wide: without antialiased edges each is as wide as a pixel. Inside of the scenes'
-            // surfaces it is the same picture; a surface in folds that are lower than a fiftieth of the depth has edges there.
-            Self::Balanced => (6.0, 30.0),
-            Self::Quality | Self::Reference => (f64::INFINITY, f64::INFINITY),
+            Self::Balanced | Self::Quality | Self::Reference => (f64::INFINITY, f64::INFINITY),
         };
         Promise { fidelity_db: 90.0, fidelity_depth: 1e-4, fidelity_normal_deg: 0.01, model_db, inside_db }
     }
@@ -106,13 +105,17 @@ impl Preset {
     /// Applies the preset's choices to `settings`; shader, tolerance and the rest stay.
     pub fn apply(self, settings: Settings) -> Settings {
         let (filter, mapping, edge_aa) = match self {
-            Self::Fastest => (Filter::None, Mapping::Affine, false),
-            Self::Fast => (Filter::None, Mapping::Exact, false),
-            Self::Balanced => (Filter::Principal, Mapping::Exact, false),
-            Self::Quality | Self::Reference => (Filter::Principal, Mapping::Exact, true),
+            Self::Fastest => (Filter::None, Mapping::Affine, EdgeAa::Off),
+            Self::Fast => (Filter::None, Mapping::Exact, EdgeAa::Off),
+            Self::Balanced | Self::Quality | Self::Reference => (Filter::Principal, Mapping::Exact, EdgeAa::Samples),
         };
-        let Settings { cutoff, prefilter_radius_px, .. } = Settings::default();
-        Settings { filter, mapping, cutoff, edge_aa, prefilter_radius_px, ..settings }
+        let defaults = Settings::default();
+        settings
+            .with_filter(filter)
+            .with_mapping(mapping)
+            .with_edge_aa(edge_aa)
+            .with_cutoff(defaults.cutoff)
+            .with_prefilter_radius_px(defaults.prefilter_radius_px)
     }
 }
 
@@ -124,30 +127,30 @@ mod tests {
     #[test]
     fn inside_of_surfaces_is_where_no_neighbour_is_empty_or_at_another_depth() {
         let mut frame = Frame::default();
-        frame.reset(6, 5, Planes { depth: true, ..Planes::COLOR });
+        frame.reset(6, 5, Planes::COLOR.with_depth(true));
         let of = |frame: &Frame| -> Vec<usize> {
             let inside = inside_surfaces(frame).unwrap_or_default();
             (0..inside.len()).filter(|i| inside[*i]).collect()
         };
-        frame.depth.fill(f32::INFINITY);
+        frame.depth_mut().fill(f32::INFINITY);
         assert!(of(&frame).is_empty());
-        frame.depth.fill(2.0);
-        assert_eq!(of(&frame).len(), 30, "the picture's border is none of the surface");
+        frame.depth_mut().fill(2.0);
+        assert_eq!(of(&frame).len(), 30, "the image's border is none of the surface");
         // A hole takes its neighbours along, and so does what is farther by more than a fiftieth.
         for depth in [f32::INFINITY, 2.1] {
-            frame.depth.fill(2.0);
-            frame.depth[1] = depth;
+            frame.depth_mut().fill(2.0);
+            frame.depth_mut()[1] = depth;
             assert_eq!(of(&frame).len(), 24);
             assert!(!of(&frame).contains(&8) && of(&frame).contains(&3) && of(&frame).contains(&13));
         }
-        frame.depth[1] = 2.03;
+        frame.depth_mut()[1] = 2.03;
         assert_eq!(of(&frame).len(), 30);
-        frame.depth.fill(f32::INFINITY);
+        frame.depth_mut().fill(f32::INFINITY);
         for i in [0, 1, 6, 7] {
-            frame.depth[i] = 2.0;
+            frame.depth_mut()[i] = 2.0;
         }
         assert_eq!(inside_surfaces(&frame), None, "one pixel of thirty is no surface");
-        frame.depth.clear();
+        frame.reset(6, 5, Planes::COLOR);
         assert!(of(&frame).is_empty(), "no depth, no surface");
     }
 }

@@ -1,7 +1,7 @@
 //! What every backend offers.
 
 use crate::{Frame, Planes, RenderError, Stats, View};
-use surfel_model::{Scene, Settings};
+use surfel_model::{Camera, Scene, Settings};
 
 macro_rules! features {
     ($($(#[$doc:meta])* $name:ident,)*) => {
@@ -22,6 +22,8 @@ macro_rules! features {
 features! {
     /// Edge antialiasing (§5).
     EdgeAntialiasing,
+    /// Edges by samples (§5).
+    EdgeSamples,
     /// Clip curves and lines (§7).
     Clips,
     /// Polygon meshes among splats (§6).
@@ -42,8 +44,8 @@ features! {
     Margin,
 }
 
-/// What a backend can do, as far as planning depends on it: all [`Feature`]s but some. A new feature is expected of every backend
-/// until the backend says that it lacks it.
+/// What a backend can do, as far as planning depends on it: all [`Feature`]s but some. A new feature is expected of
+/// every backend until the backend says that it lacks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capabilities {
     /// Name used in messages and on the command line.
@@ -88,6 +90,38 @@ pub struct RendererInfo {
     pub capabilities: Capabilities,
 }
 
+/// Writes `upload` and `render` of [`Renderer`] as methods of a backend's own, so that callers of these two need not
+/// import the trait. For this workspace's crates.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! renderer_methods {
+    ($scene:ty) => {
+        /// Makes a scene resident.
+        ///
+        /// # Errors
+        /// [`RenderError`]($crate::RenderError) if the scene is invalid or can't be drawn by this backend.
+        pub fn upload(&mut self, scene: &surfel_model::Scene) -> Result<$scene, $crate::RenderError> {
+            $crate::Renderer::upload(self, scene)
+        }
+
+        /// Renders the whole image of a camera: its colour plane.
+        /// [`Renderer::render_into`]($crate::Renderer::render_into) also gives other planes, regions and statistics,
+        /// and reuses a frame's memory.
+        ///
+        /// # Errors
+        /// [`RenderError`]($crate::RenderError) if the camera or settings are out of range or ask for what this backend
+        /// doesn't draw.
+        pub fn render(
+            &mut self,
+            scene: &$scene,
+            camera: &surfel_model::Camera,
+            settings: &surfel_model::Settings,
+        ) -> Result<$crate::Frame, $crate::RenderError> {
+            $crate::Renderer::render(self, scene, camera, settings)
+        }
+    };
+}
+
 /// The methods that every backend's `Renderer` has.
 pub trait Renderer {
     /// Resident copy of a scene.
@@ -114,11 +148,22 @@ pub trait Renderer {
         self.upload(scene)
     }
 
-    /// Renders `planes` of the view's region into `frame`.
+    /// Renders the whole image of a camera: its colour plane. [`Renderer::render_into`] also gives other planes,
+    /// regions and statistics, and reuses a frame's memory.
+    ///
+    /// # Errors
+    /// [`RenderError`] if the camera or settings are out of range or ask for what this backend doesn't draw.
+    fn render(&mut self, scene: &Self::Scene, camera: &Camera, settings: &Settings) -> Result<Frame, RenderError> {
+        let mut frame = Frame::default();
+        self.render_into(scene, &View::new(camera)?, settings, Planes::COLOR, &mut frame)?;
+        Ok(frame)
+    }
+
+    /// Renders `planes` of the view's region into `frame`, whose memory is used again.
     ///
     /// # Errors
     /// [`RenderError`] if settings are out of range or ask for what this backend doesn't draw.
-    fn render(
+    fn render_into(
         &mut self,
         scene: &Self::Scene,
         view: &View,

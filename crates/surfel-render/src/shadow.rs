@@ -1,17 +1,18 @@
 //! Shadow maps (§5): which lights cast, what they must see, and the views they see it in.
 
 use crate::{Region, SplatFilter, View};
-use glam::{DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use surfel_math::basis::{orthonormal, unit};
 use surfel_math::depth::Tolerance;
 use surfel_math::projection::{Projection, ProjectionKind};
-use surfel_model::{Filter, Geometry, Light, Scene};
+use surfel_model::{Filter, Geometry, Light, Mesh, Scene, SplatCloud};
 
 /// Texels on a side of a shadow map.
 pub const SHADOW_MAP_SIDE: u32 = 1024;
 
-/// Bias of a shadow map: k of §5's ε. Measured on a ball over a floor (`tests/tests/shadows.rs`): of the light that falls on
-/// surfaces that face it, k = 0 loses 7–15 %, ¼ 2–4·10⁻⁴, ½ 0.1–2·10⁻⁴, 1 at most 8·10⁻⁵; none lets light into the shadow.
+/// Bias of a shadow map: k of §5's ε. Measured on a ball over a floor (`tests/tests/shadows.rs`): of the light that
+/// falls on surfaces that face it, k = 0 loses 7–15 %, ¼ 2–4·10⁻⁴, ½ 0.1–2·10⁻⁴, 1 at most 8·10⁻⁵; none lets light into
+/// the shadow.
 pub const SHADOW_BIAS_RADII: f64 = 1.0;
 
 /// Half-angle up to which a spot light has one map, degrees; beyond, six that look all around.
@@ -130,23 +131,33 @@ fn bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
     bounds
 }
 
-/// Calls `each` with the world position and radius of every splat and vertex.
+/// Calls `each` with the world position and radius of every splat and vertex: of an octree, of those that no view has
+/// chosen too, so that the maps don't move with what is chosen.
 fn for_extents(scene: &Scene, mut each: impl FnMut(DVec3, f64)) {
     for object in &scene.objects {
-        let m = object.world_from_object;
+        let m = &object.world_from_object;
         match &object.geometry {
-            Geometry::Splats(cloud) => {
-                for i in 0..cloud.len() {
-                    let (s, t) = cloud.axes(i);
-                    let (s, t) = (m.transform_vector3(s), m.transform_vector3(t));
-                    each(m.transform_point3(cloud.center(i)), s.length().hypot(t.length()));
-                }
-            }
-            Geometry::Mesh(mesh) => {
-                for i in 0..mesh.positions.len() {
-                    each(m.transform_point3(mesh.origin + mesh.positions.get(i)), 0.0);
-                }
+            Geometry::Splats(cloud) => for_splats(cloud, m, &mut each),
+            Geometry::Mesh(mesh) => for_vertices(mesh, m, &mut each),
+            Geometry::Octree(octree) => {
+                for_splats(octree.cloud(), m, &mut each);
+                for_vertices(octree.mesh(), m, &mut each);
             }
         }
+    }
+}
+
+fn for_splats(cloud: &SplatCloud, world_from_object: &DAffine3, each: &mut impl FnMut(DVec3, f64)) {
+    let m = world_from_object;
+    for i in 0..cloud.len() {
+        let (s, t) = cloud.axes(i);
+        let (s, t) = (m.transform_vector3(s), m.transform_vector3(t));
+        each(m.transform_point3(cloud.center(i)), s.length().hypot(t.length()));
+    }
+}
+
+fn for_vertices(mesh: &Mesh, world_from_object: &DAffine3, each: &mut impl FnMut(DVec3, f64)) {
+    for i in 0..mesh.positions.len() {
+        each(world_from_object.transform_point3(mesh.origin + mesh.positions.get(i)), 0.0);
     }
 }

@@ -1,5 +1,6 @@
 //! From a camera to the numbers of a frame.
 
+use crate::SAMPLES_SIDE;
 use glam::{DMat3, DVec3};
 use surfel_math::basis::unit;
 use surfel_math::projection::{Projection, ProjectionKind};
@@ -25,6 +26,15 @@ impl Region {
         let (x, y) = (self.x.saturating_sub(by), self.y.saturating_sub(by));
         let (end_x, end_y) = ((self.x + self.width + by).min(width), (self.y + self.height + by).min(height));
         Self { x, y, width: end_x - x, height: end_y - y }
+    }
+}
+
+impl Region {
+    /// The same, in samples of pixels ([`View::of_samples`]).
+    #[must_use]
+    pub fn of_samples(self) -> Self {
+        let [x, y, width, height] = [self.x, self.y, self.width, self.height].map(|px| px * SAMPLES_SIDE);
+        Self { x, y, width, height }
     }
 }
 
@@ -130,17 +140,26 @@ impl View {
         if factor == 0 || u64::from(width) * u64::from(height) > MAX_IMAGE_PIXELS {
             return Err(too_many_samples(factor));
         }
+        Ok(Self { size: [w, h], region: Region { x, y, width, height }, ..self.by(k) })
+    }
+
+    /// The view whose pixels are the samples of this one's, where edges are antialiased by samples (§5). Of any size:
+    /// it isn't drawn whole.
+    #[must_use]
+    pub fn of_samples(&self) -> Self {
+        let size = self.size.map(|px| px * SAMPLES_SIDE);
+        Self { size, region: self.region.of_samples(), ..self.by(f64::from(SAMPLES_SIDE)) }
+    }
+
+    /// The same view, in pixels of which there are so many along one of its own.
+    fn by(&self, factor: f64) -> Self {
         let p = self.projection;
-        Ok(Self {
-            projection: Projection {
-                focal_px: p.focal_px.map(|f| f * k),
-                principal_px: p.principal_px.map(|c| c * k),
-                ..p
-            },
-            size: [w, h],
-            region: Region { x, y, width, height },
-            ..self.clone()
-        })
+        let projection = Projection {
+            focal_px: p.focal_px.map(|f| f * factor),
+            principal_px: p.principal_px.map(|c| c * factor),
+            ..p
+        };
+        Self { projection, ..self.clone() }
     }
 }
 

@@ -1,7 +1,7 @@
-//! From working units back to a cloud's columns.
+//! Columns of a cloud: half-axes, radii, normals, colours, centres.
 
 use glam::{DVec3, Vec3};
-use surfel_model::{Column3, Shape};
+use surfel_model::{Column3, Mesh, Shape};
 
 /// Half-axes as f32 columns.
 pub(crate) fn ellipses(axes: &[(DVec3, DVec3)]) -> Shape {
@@ -24,11 +24,23 @@ pub(crate) fn normals32(normals: &[DVec3]) -> Column3 {
 /// Colours and alphas, dropped where they say nothing: all white, all opaque.
 pub(crate) type Paint = (Option<Vec<[f32; 3]>>, Option<Vec<f32>>);
 
+/// The least alpha that counts as opaque. Interpolation weights don't sum to one exactly, compressed textures are a
+/// level or two off, and an alpha below 1 costs a transparent pass.
+pub(crate) const SOLID: f32 = 0.99;
+
 /// Splits RGBA into the columns that say something.
 pub(crate) fn paint(rgba: Option<Vec<[f32; 4]>>) -> Paint {
     let Some(rgba) = rgba else { return (None, None) };
-    // Interpolation weights don't sum to one exactly; an alpha below 1 costs a transparent pass.
-    let alpha = |c: &[f32; 4]| if c[3] > 0.9999 { 1.0 } else { c[3].max(0.0) };
+    let alpha = |c: &[f32; 4]| if c[3] >= SOLID { 1.0 } else { c[3].max(0.0) };
     let alphas = rgba.iter().any(|c| alpha(c) < 1.0).then(|| rgba.iter().map(alpha).collect());
     (Some(rgba.iter().map(|c| [c[0], c[1], c[2]]).collect()), alphas)
+}
+
+/// A column of centres, as exact as the mesh's own positions are: f32 unless those have more.
+pub(crate) fn centers(mesh: &Mesh, centers: &[DVec3]) -> Column3 {
+    if mesh.positions.low().is_some() {
+        Column3::from_f64(centers)
+    } else {
+        Column3::from_f32(centers.iter().map(|p| p.as_vec3()).collect())
+    }
 }

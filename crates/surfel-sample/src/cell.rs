@@ -25,7 +25,7 @@ impl Cell {
         }
     }
 
-    /// Keeps what is nearer to the origin than to `n`.
+    /// Cuts off the part that is nearer to `n` than to the origin.
     fn clip(&mut self, n: DVec2) {
         let half = 0.5 * n.length_squared();
         let beyond = |c: DVec2| c.dot(n) - half;

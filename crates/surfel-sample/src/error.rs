@@ -1,4 +1,4 @@
-//! Why no splats could be made.
+//! Errors of the conversions to splats.
 
 use surfel_model::ModelError;
 
@@ -35,7 +35,7 @@ pub enum SampleError {
     /// More elements than indices can name.
     #[error("{found} {what} are too many, expected at most {limit}: thin the data or split it into several files")]
     TooMany {
-        /// What there is too much of.
+        /// The kind of element.
         what: &'static str,
         /// How many.
         found: usize,

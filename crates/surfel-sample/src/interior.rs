@@ -1,8 +1,8 @@
-//! The Σw that a cloud has inside its own surface.
+//! The interior weight: the Σw that a cloud has inside its own surface.
 
+use crate::parallel::map_tasks;
 use crate::tree::KdTree;
 use glam::DVec3;
-use rayon::prelude::*;
 use surfel_math::basis::orthonormal;
 use surfel_model::{Shape, SplatCloud};
 
@@ -36,22 +36,19 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     let tree = KdTree::new(&places);
     let largest = tree.largest_below(&reach);
 
-    let partial: Vec<Vec<f64>> = (0..count.div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| {
-            let mut sums = vec![0.0; probes.len()];
-            for j in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
-                // Relative to the origin: adding it would cost digits.
-                let center = cloud.data().centers.get(j);
-                let radius = cloud.radius_max(j);
-                tree.near(center, radius, &largest, &mut |slot| {
-                    let probe = tree.index(slot);
-                    sums[probe] += weight(cloud, j, center, radius, &probes[probe]);
-                });
-            }
-            sums
-        })
-        .collect();
+    let partial = map_tasks(count.div_ceil(CHUNK), |chunk| {
+        let mut sums = vec![0.0; probes.len()];
+        for j in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
+            // Relative to the origin: adding it would cost digits.
+            let center = cloud.data().centers.get(j);
+            let radius = cloud.radius_max(j);
+            tree.near(center, radius, &largest, &mut |slot| {
+                let probe = tree.index(slot);
+                sums[probe] += weight(cloud, j, center, radius, &probes[probe]);
+            });
+        }
+        sums
+    });
     let mut sums = vec![0.0; probes.len()];
     for chunk in partial {
         sums.iter_mut().zip(chunk).for_each(|(sum, part)| *sum += part);

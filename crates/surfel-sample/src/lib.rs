@@ -3,7 +3,7 @@
 //! - [`splats_from_points`]: normals by PCA where they are missing, oriented by a minimum spanning tree, and
 //!   radii from each point's Voronoi cell in its tangent plane, so that the surface closes.
 //! - [`splats_from_mesh`]: one splat a face, one a vertex, or blue-noise samples.
-//! - [`hybrid_from_mesh`]: splats of every size and the polygons themselves, in an octree.
+//! - [`octree_from_mesh`]: splats of every size and the polygons themselves, in an octree.
 //! - [`sharp_splats_from_mesh`]: few, large splats clipped along the mesh's creases and borders.
 //! - [`sharpen_points`]: splats of points, clipped along the edges that the points show.
 //! - [`interior_weight`]: the Σw that a cloud has inside its own surface (rendering model §5, coverage).
@@ -23,20 +23,22 @@ mod neighbours;
 mod normals;
 mod options;
 mod orient;
+mod parallel;
 mod points;
 mod progress;
 mod radii;
+#[cfg(feature = "sharp")]
 mod sharp;
-mod sharp_points;
 mod tree;
 
 pub use error::SampleError;
 pub use interior::interior_weight;
 pub use mesh::{
-    HybridOptions, MeshMethod, MeshOptions, MeshReport, hybrid_from_mesh, is_closed, points_from_mesh, splats_from_mesh,
+    CLOSED_MESH, MeshMethod, MeshOptions, MeshReport, OctreeOptions, is_closed, is_oriented, octree_from_mesh,
+    points_from_mesh, splats_from_mesh,
 };
 pub use options::{Outliers, PointOptions, PointReport};
 pub use points::splats_from_points;
 pub use progress::{NoProgress, Progress};
-pub use sharp::{CLOSED_MESH, SharpErrors, SharpOptions, SharpReport, sharp_splats_from_mesh};
-pub use sharp_points::{SharpPointsReport, sharpen_points};
+#[cfg(feature = "sharp")]
+pub use sharp::{SharpErrors, SharpOptions, SharpPointsReport, SharpReport, sharp_splats_from_mesh, sharpen_points};

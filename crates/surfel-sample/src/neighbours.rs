@@ -1,34 +1,16 @@
 //! Points in working coordinates, without duplicates, each with its nearest neighbours.
 
 use crate::SampleError;
-use crate::progress::Progress;
+use crate::parallel::{for_chunks, map_each};
+use crate::progress::{NoProgress, Progress};
 use crate::tree::{KdTree, Nearest};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Steps between two calls of [`Progress::advance`].
-const STEPS: usize = 4096;
+/// Points of a task.
+const CHUNK: usize = 4096;
 /// Positions are rounded to this many steps a working unit: far below what f32 data or any spacing can tell.
 const SNAP: f64 = 4_294_967_296.0;
-
-/// `work` of 0..count, in parallel, in order, with one `state` a thread's run.
-pub(crate) fn map_each<T: Send, S>(
-    count: usize,
-    progress: &dyn Progress,
-    state: impl Fn() -> S + Sync + Send,
-    work: impl Fn(&mut S, usize) -> T + Sync + Send,
-) -> Vec<T> {
-    let run = (0..count).into_par_iter().with_min_len(512).map_init(state, |state, i| {
-        let result = work(state, i);
-        if i % STEPS == STEPS - 1 {
-            progress.advance(STEPS as u64);
-        } else if i + 1 == count {
-            progress.advance((count % STEPS) as u64);
-        }
-        result
-    });
-    run.collect()
-}
 
 /// Distinct points, scaled into the unit cube so that no square over- or underflows, and their neighbours.
 ///
@@ -72,7 +54,7 @@ impl Neighbours {
         // Points nearer to each other than 2⁻³² of the cloud count as one: dozens of them would see nobody else.
         // Adding zero turns −0 into 0, so that equal means equal in every bit.
         let snap = |p: &DVec3| ((*p - center) / scale * SNAP).round() / SNAP + DVec3::ZERO;
-        let unit: Vec<DVec3> = positions.par_iter().map(snap).collect();
+        let unit: Vec<DVec3> = map_each(total, &NoProgress, || (), |(), i| snap(&positions[i]));
 
         let mut order: Vec<u32> = (0..total as u32).collect();
         let key = |i: u32| unit[i as usize];
@@ -103,13 +85,13 @@ impl Neighbours {
         let degree = degree.min(tree.len().saturating_sub(1));
         let mut table = vec![0_u32; degree * tree.len()];
         if degree > 0 {
-            table.par_chunks_mut(degree * STEPS).enumerate().for_each(|(chunk, rows)| {
+            for_chunks(&mut table, degree * CHUNK, &|first, rows| {
                 let mut found = Nearest::new(degree + 1);
-                for (row, slots) in rows.chunks_mut(degree).enumerate() {
-                    tree.nearest(tree.point(chunk * STEPS + row), &mut found);
+                for (slot, row) in (first / degree..).zip(rows.chunks_mut(degree)) {
+                    tree.nearest(tree.point(slot), &mut found);
                     // Points are distinct, so that the first is the point itself.
-                    for (slot, (_, neighbour)) in slots.iter_mut().zip(&found.items()[1..]) {
-                        *slot = *neighbour;
+                    for (place, (_, neighbour)) in row.iter_mut().zip(&found.items()[1..]) {
+                        *place = *neighbour;
                     }
                 }
                 progress.advance((rows.len() / degree) as u64);
@@ -147,7 +129,6 @@ pub(crate) const WIDE: usize = 48;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::NoProgress;
 
     #[test]
     fn slots_lead_back_to_the_first_of_coincident_points() {

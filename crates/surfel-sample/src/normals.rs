@@ -2,7 +2,8 @@
 //! points", §3.2).
 
 use crate::eigen::{Symmetric3, symmetric3};
-use crate::neighbours::{Neighbours, WIDE, map_each};
+use crate::neighbours::{Neighbours, WIDE};
+use crate::parallel::map_each;
 use crate::progress::Progress;
 use crate::tree::Nearest;
 use glam::DVec3;

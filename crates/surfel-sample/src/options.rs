@@ -1,9 +1,9 @@
-//! What can be chosen when splats are made of points, and what is reported about it.
+//! Options and report of the conversion of points to splats.
 
 use crate::SampleError;
 use glam::DVec3;
 
-/// What to do with isolated points.
+/// The treatment of isolated points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Outliers {
     /// Keep them with a radius no larger than the cloud's typical one.
@@ -20,9 +20,9 @@ pub struct PointOptions {
     pub radius_scale: f64,
     /// Neighbours that normals and spacing come from; 6 to 64, default 16.
     pub neighbours: usize,
-    /// Where estimated normals point to, in world coordinates; `None`: outward, as well as that can be told.
+    /// Where estimated normals point to, in world coordinates; `None`: outward, as far as the points show it.
     pub viewpoint: Option<DVec3>,
-    /// What to do with isolated points.
+    /// Treatment of isolated points.
     pub outliers: Outliers,
     /// Makes elliptical splats where the sampling is anisotropic (scan lines); default true.
     pub ellipses: bool,
@@ -47,7 +47,7 @@ impl PointOptions {
     }
 }
 
-/// What was found while splats were made of points.
+/// Report of a conversion of points to splats.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointReport {
     /// Splats made.

@@ -1,9 +1,11 @@
-//! Consistent signs for estimated normals: a minimum spanning forest over the neighbour graph (Hoppe et al. 1992, §3.3).
+//! Consistent signs for estimated normals: a minimum spanning forest over the neighbour graph (Hoppe et al. 1992,
+//! §3.3).
 //!
 //! Kruskal's algorithm with a union-find that carries the relative sign of each point to its root: no tree is ever
 //! built or walked. Weights 1 − |n·n'| are sorted into 65,536 buckets; finer differences don't change a sign.
 
-use crate::neighbours::{Neighbours, WIDE, map_each};
+use crate::neighbours::{Neighbours, WIDE};
+use crate::parallel::map_each;
 use crate::progress::Progress;
 use crate::tree::Nearest;
 use glam::DVec3;
@@ -144,7 +146,7 @@ fn directions() -> [DVec3; 14] {
     all
 }
 
-/// What a component's points say about its sign.
+/// The votes of a component's points about its sign.
 #[derive(Clone, Copy)]
 struct Votes {
     given: i64,

@@ -17,7 +17,8 @@ const LONE_RADIUS: f64 = 1.0;
 /// Normals that are there (finite, not zero) are kept; others are estimated from neighbours and oriented as
 /// [`PointOptions::viewpoint`] says. Radii come from the local spacing, so that the surface closes; where sampling is
 /// stretched (scan lines) splats are ellipses, and the whole cloud then is [`Shape::Ellipses`]. Order, origin,
-/// colours, alphas, extras, up and comments carry over, and the cloud's `interior_weight` is set.
+/// colours, alphas, extras, up and comments carry over, and the cloud's `interior_weight` is set. It is declared
+/// oriented if no normal is given: estimated ones all point out of the same surface.
 ///
 /// Coincident points get the same splat. A single point, or points that all coincide, get a radius of 1.
 ///
@@ -70,6 +71,7 @@ pub fn splats_from_points(
         up: source.up,
         extras: source.extras,
         comments: source.comments,
+        oriented: report.normals_given == 0,
         ..CloudData::new(source.origin, source.positions, shape)
     };
     let (mut splats, _) = SplatCloud::new(data, OnInvalid::Refuse)?;

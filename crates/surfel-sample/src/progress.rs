@@ -1,6 +1,6 @@
-//! How far a long conversion has come.
+//! Progress of long conversions.
 
-/// Told how far a long conversion has come. Calls come from several threads.
+/// An observer of a long conversion. Calls come from several threads.
 pub trait Progress: Sync {
     /// A new stage begins, with `total` steps.
     fn stage(&self, name: &str, total: u64);
@@ -9,7 +9,7 @@ pub trait Progress: Sync {
     fn advance(&self, steps: u64);
 }
 
-/// Listens to nothing.
+/// An observer that ignores all.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoProgress;
 

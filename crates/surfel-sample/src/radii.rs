@@ -9,7 +9,8 @@
 
 use crate::cell::Cell;
 use crate::eigen::symmetric2;
-use crate::neighbours::{Neighbours, WIDE, map_each};
+use crate::neighbours::{Neighbours, WIDE};
+use crate::parallel::map_each;
 use crate::progress::Progress;
 use crate::tree::Nearest;
 use glam::{DVec2, DVec3};
@@ -22,7 +23,7 @@ pub(crate) const DENSITY: f64 = 1.65;
 const COVER: f64 = 1.15;
 /// No radius exceeds this times that of the density rule: beyond it a gap is one of the scan, not of the sampling.
 const LARGEST: f64 = 2.5;
-/// The same at a border, where the corners of a cell may lie far outside the surface.
+/// Radius over the reach at a border, where the corners of a cell may lie far outside the surface.
 const LARGEST_AT_BORDER: f64 = 1.5;
 /// Axis ratio from which sampling counts as anisotropic.
 pub(crate) const STRETCHED: f64 = 1.5;
@@ -35,7 +36,7 @@ const STRETCHED_SHARE: f64 = 0.1;
 /// the wider look, which is more generous in itself; half the spacing of scan lines must pass.
 const BELIEVED: f64 = 0.75;
 const BELIEVED_WIDE: f64 = 0.55;
-/// Neighbours take part in a point's cell when their normals agree within 60°, and they are seen within 60° of its
+/// Neighbours take part in a point's cell when their normals agree within 60°, and they lie within 60° of its
 /// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
 const AGREE: f64 = 0.5;
 const STEEPEST: f64 = 0.866;
@@ -55,7 +56,7 @@ pub(crate) struct Sizes {
     pub(crate) isolated: Vec<bool>,
 }
 
-/// What one point's cell says; f32 halves the memory, and 1e-7 is nothing here.
+/// Measures of one point's cell; f32 halves the memory, and 1e-7 is nothing here.
 #[derive(Clone, Copy, Default)]
 struct Summary {
     /// Area of a closed cell, else 0.
@@ -84,7 +85,7 @@ impl Work {
     }
 }
 
-/// What is known about the spacing of points beforehand, in working units.
+/// The spacing of points, as far as it is known beforehand, in working units.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Spacing {
     /// Nothing; a cloud that has none (one point) gets this.
@@ -137,6 +138,7 @@ pub(crate) fn sizes(
 }
 
 /// A size as one point's neighbourhood suggests it.
+#[derive(Clone, Default)]
 struct Size {
     /// Radius of a disk; 0 where there is no neighbour.
     radius: f64,
@@ -148,6 +150,7 @@ struct Size {
     is_loose: bool,
 }
 
+#[derive(Clone)]
 struct Ellipse {
     /// Of the long axis, in the normal's tangent frame.
     angle: f64,

@@ -72,8 +72,8 @@ fn blocks(cells: &[[i32; 3]], n: u32) -> Mesh {
     mesh(positions, triangles)
 }
 
-/// A cylinder of radius 1 from z = −1 to 1 with `n` sides; `rings` circles on either cap, a hub in its middle. Without caps
-/// it is open.
+/// A cylinder of radius 1 from z = −1 to 1 with `n` sides; `rings` circles on either cap, a hub in its middle. Without
+/// caps it is open.
 fn cylinder(n: u32, rings: u32, capped: bool) -> Mesh {
     let (mut positions, mut triangles): (Vec<Vec3>, Vec<[u32; 3]>) = (Vec::new(), Vec::new());
     let circle = |radius: f32, z: f32| {
@@ -152,8 +152,8 @@ fn sharp_cube_is_a_cube_at_any_count() {
         let asked = options.splats.unwrap_or(768);
         assert!(cloud.len() <= asked && cloud.len() * 10 >= asked * 9, "{} of {asked}", cloud.len());
         assert_eq!(report.ridges, [12, 96]);
-        // What both sides of a ridge overlap, 5e-6 of the extent 2, and what a splat cut to its triangle has over: 2e-4 of
-        // its radius.
+        // What both sides of a ridge overlap, 5e-6 of the extent 2, and what a splat cut to its triangle has over: 2e-4
+        // of its radius.
         assert!(report.errors.splats_to_mesh[1] < 3e-4 && report.errors.mesh_to_splats[1] < 1e-6, "{report:?}");
         assert!(report.errors.normal_deg < 1e-4 && report.with_curve == 0, "{report:?}");
         for i in 0..cloud.len() {
@@ -194,7 +194,8 @@ fn sharp_ridges_between_faces_stay_where_they_are_convex_or_concave() {
         let (cloud, report) = convert(&mesh, &splats(count));
         assert!(cloud.len() <= count, "{} of {count}", cloud.len());
         assert_eq!(report.ridges, [18, 22 * 6]);
-        // As for the cube: no splat is kept beyond a crease, where it would stand off the surface or stick in the solid.
+        // As for the cube: no splat is kept beyond a crease, where it would stand off the surface or stick in the
+        // solid.
         for i in 0..cloud.len() {
             for p in kept(&cloud, i, 48) {
                 assert!(distance(p) < 3e-4, "splat {i} of {count} keeps {p}, {} off", distance(p));

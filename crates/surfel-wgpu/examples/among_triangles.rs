@@ -1,13 +1,13 @@
-//! Draws splats into a picture of someone else's triangles: a ring of splats through a triangle, each before and behind
-//! the other, with a depth buffer that the triangle's own pipeline writes.
+//! Draws splats into an image of another renderer's triangles: a ring of splats through a triangle, each before and
+//! behind the other, with a depth buffer that the triangle's own pipeline writes.
 //!
-//! `cargo run -p surfel-wgpu --example among_triangles -- picture.png`
+//! `cargo run -p surfel-wgpu --example among_triangles -- image.png`
 
 use glam::DVec3;
 use std::error::Error;
 use surfel_io::{PlanesView, PngOptions};
 use surfel_model::{Camera, CloudData, Column3, OnInvalid, Projection, Scene, Settings, Shader, Shape, SplatCloud};
-use surfel_render::{Renderer as _, View};
+use surfel_render::View;
 use surfel_wgpu::{HostDepth, HostTarget};
 
 const SIZE: [u32; 2] = [480, 320];
@@ -15,14 +15,14 @@ const NEAR: f64 = 0.1;
 
 /// The host's own drawing: a triangle in clip space, with the same depth as everything else, z_near/z.
 const TRIANGLE: &str = "
-@vertex fn vertex(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
+vertex fn vertex(builtin(vertex_index) i: u32) -> builtin(position) vec4f {
     // In view space, y up: 4 units away, through the middle of the ring.
     let corners = array(vec3f(-0.65, -0.9, 3.8), vec3f(0.65, -0.9, 3.8), vec3f(0.0, 1.2, 4.2));
     let p = corners[i];
     let f = 1.0 / tan(radians(22.5));
     return vec4f(p.x * f * 320.0 / 480.0, p.y * f, 0.1, p.z);
 }
-@fragment fn fragment() -> @location(0) vec4f { return vec4f(0.9, 0.55, 0.1, 1.0); }
+fragment fn fragment() -> location(0) vec4f { return vec4f(0.9, 0.55, 0.1, 1.0); }
 ";
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -54,7 +54,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         far: None,
         size: SIZE,
     };
-    let settings = Settings { shader: Shader::Phong, ..Settings::default() };
+    let settings = Settings::default().with_shader(Shader::Phong);
     let target = HostTarget {
         color: &color_view,
         color_format,
@@ -99,7 +99,7 @@ fn ring() -> Result<Scene, Box<dyn Error>> {
     let shape = Shape::Disks { normals: Column3::from_f32(normals), radii };
     let mut data = CloudData::new(DVec3::ZERO, Column3::from_f32(centers), shape);
     data.colors = Some(colors);
-    Ok(Scene::of_cloud(SplatCloud::new(data, OnInvalid::Refuse)?.0))
+    Ok(Scene::from(SplatCloud::new(data, OnInvalid::Refuse)?.0))
 }
 
 fn draw_triangle(

@@ -1,7 +1,8 @@
-//! Which device draws.
+//! Adapters, and the device of the one that draws.
 
 use crate::error::failed;
-use crate::{CAPABILITIES, NAME, Options};
+use crate::options::Options;
+use crate::{CAPABILITIES, NAME};
 use surfel_render::{RenderError, RendererInfo};
 
 /// A device that wgpu found.
@@ -11,7 +12,7 @@ pub struct AdapterSummary {
     pub name: String,
     /// The API it is reached by.
     pub api: String,
-    /// It computes on the processor.
+    /// It computes on the CPU.
     pub is_software: bool,
 }
 
@@ -29,7 +30,7 @@ fn instance(validation: bool) -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.flags = wgpu::InstanceFlags::empty();
     if validation {
-        // Without DEBUG, Vulkan's messages go nowhere.
+        // Without DEBUG, Vulkan's messages are not printed.
         descriptor.flags |= wgpu::InstanceFlags::VALIDATION | wgpu::InstanceFlags::DEBUG;
     }
     wgpu::Instance::new(descriptor)
@@ -53,7 +54,7 @@ fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
 }
 
 /// A device and what is known of it.
-pub(crate) struct Opened {
+pub(crate) struct OpenDevice {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub info: wgpu::AdapterInfo,
@@ -64,7 +65,7 @@ fn wanted_features() -> wgpu::Features {
     wgpu::Features::FLOAT32_BLENDABLE | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_STATISTICS_QUERY
 }
 
-pub(crate) fn open(options: &Options) -> Result<Opened, RenderError> {
+pub(crate) fn open(options: &Options) -> Result<OpenDevice, RenderError> {
     // wgpu panics rather than giving an instance without any API.
     if wgpu::Instance::enabled_backend_features().is_empty() {
         return Err(failed(
@@ -92,7 +93,7 @@ pub(crate) fn open(options: &Options) -> Result<Opened, RenderError> {
     };
     let (device, queue) =
         pollster::block_on(adapter.request_device(&descriptor)).map_err(|error| failed(error.to_string()))?;
-    Ok(Opened { device, queue, info: adapter.get_info() })
+    Ok(OpenDevice { device, queue, info: adapter.get_info() })
 }
 
 /// What sums can be blended in.

@@ -10,10 +10,10 @@ pub(crate) fn failed(message: impl Into<String>) -> RenderError {
 
 /// Errors that arrive outside of any call: of a lost device, or ones that no scope caught.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Mailbox(Arc<Mutex<Option<String>>>);
+pub(crate) struct ErrorSink(Arc<Mutex<Option<String>>>);
 
-impl Mailbox {
-    /// Listens to a device. Without a listener wgpu panics.
+impl ErrorSink {
+    /// Registers with a device. Without a handler wgpu panics.
     pub(crate) fn of(device: &wgpu::Device) -> Self {
         let mailbox = Self::default();
         let uncaptured = mailbox.clone();
@@ -39,25 +39,25 @@ impl Mailbox {
     }
 }
 
-/// What went wrong in [`scoped`].
-pub(crate) enum Caught {
+/// The error of a [`scoped`] call.
+pub(crate) enum ScopedError {
     /// The device has no more memory.
     OutOfMemory,
     /// Anything else.
     Other(String),
 }
 
-impl From<Caught> for RenderError {
-    fn from(caught: Caught) -> Self {
+impl From<ScopedError> for RenderError {
+    fn from(caught: ScopedError) -> Self {
         match caught {
-            Caught::OutOfMemory => failed("the device is out of memory; render by --region or draw fewer splats"),
-            Caught::Other(message) => failed(message),
+            ScopedError::OutOfMemory => failed("the device is out of memory; render by --region or draw fewer splats"),
+            ScopedError::Other(message) => failed(message),
         }
     }
 }
 
 /// Runs `work` and gives the first error that wgpu found in it.
-pub(crate) fn scoped<T>(device: &wgpu::Device, work: impl FnOnce() -> T) -> Result<T, Caught> {
+pub(crate) fn scoped<T>(device: &wgpu::Device, work: impl FnOnce() -> T) -> Result<T, ScopedError> {
     let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory];
     let mut scopes = filters.map(|filter| Some(device.push_error_scope(filter)));
     let result = work();
@@ -68,7 +68,7 @@ pub(crate) fn scoped<T>(device: &wgpu::Device, work: impl FnOnce() -> T) -> Resu
     }
     match caught {
         None => Ok(result),
-        Some(wgpu::Error::OutOfMemory { .. }) => Err(Caught::OutOfMemory),
-        Some(other) => Err(Caught::Other(other.to_string())),
+        Some(wgpu::Error::OutOfMemory { .. }) => Err(ScopedError::OutOfMemory),
+        Some(other) => Err(ScopedError::Other(other.to_string())),
     }
 }

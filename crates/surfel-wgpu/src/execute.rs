@@ -1,79 +1,79 @@
-//! Runs a tile's steps.
+//! Records the steps of a tile.
 
-use crate::host::HostTarget;
+use crate::host_target::HostTarget;
 use crate::pipelines::{HostKey, Pipelines};
 use crate::queries::{Queries, Query};
 use crate::scene::{Records, ResidentScene, bind, filled};
 use crate::targets::Targets;
 use std::collections::HashMap;
 use surfel_gpu::{
-    Draw, FrameScene, HOST_DEPTH_BINDING, NearRecords, PIXEL_BUFFERS, PIXEL_READS, Pixels, Step, TileData, Variant,
-    groups, layer_draw_offset, layer_draw_words, slots,
+    Draw, FrameScene, HOST_DEPTH_BINDING, NearRecords, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass, Step,
+    TileData, Variant, binding_slots, layer_draw_offset, layer_draw_words, workgroups,
 };
 
-/// Everything that the steps of a tile read.
+/// A tile: everything that its steps read.
 pub(crate) struct Tile<'a> {
     pub scene: &'a ResidentScene,
     pub pipelines: &'a Pipelines,
     pub targets: &'a Targets,
     frame_group: wgpu::BindGroup,
     setup_frame_group: wgpu::BindGroup,
-    /// Those that touch the tile.
+    /// Bind groups of the segments that may touch the tile.
     segments: Vec<Option<SegmentGroups>>,
-    near: Vec<Drawn>,
+    near: Vec<RecordDraw>,
     polygons_group: wgpu::BindGroup,
     polygon_count: u32,
-    pixels: HashMap<Pixels, wgpu::BindGroup>,
-    /// For composing into a host's picture.
+    pixels: HashMap<PixelPass, wgpu::BindGroup>,
+    /// Bind group for composing into a host's render target.
     composite_group: wgpu::BindGroup,
-    /// Size of what is shaded.
+    /// Size of the region that is shaded, pixels.
     shaded: [u32; 2],
-    /// Splats that were set up and touch the tile.
+    /// Counts the splats that were set up and touch the tile.
     pub drawn: wgpu::Buffer,
-    /// What draws of transparent splats do; `None` where there are none.
+    /// Indirect draws of transparent splats; `None` where there are none.
     pub layer_draws: Option<wgpu::Buffer>,
 }
 
-/// What a tile uses of others.
+/// What a tile is made of.
 #[derive(Clone, Copy)]
-pub(crate) struct Beside<'a> {
+pub(crate) struct TileInputs<'a> {
+    pub scene: &'a ResidentScene,
+    pub pipelines: &'a Pipelines,
+    pub targets: &'a Targets,
+    pub frame: &'a FrameScene,
+    pub data: &'a TileData,
+    /// The pixel passes among its steps.
+    pub pixel_passes: &'a [PixelPass],
     /// Texels of shadow maps that it reads.
-    pub shadows: &'a wgpu::Buffer,
+    pub shadow_texels: &'a wgpu::Buffer,
     /// Texels of shadow maps that it writes.
-    pub drawn_shadows: &'a wgpu::Buffer,
-    /// A host's depth buffer, which hides transparent splats.
+    pub drawn_shadow_texels: &'a wgpu::Buffer,
+    /// A host's depth buffer, which occludes transparent splats.
     pub host_depth: Option<&'a wgpu::TextureView>,
 }
 
-/// What is bound for a segment.
+/// Bind groups of a segment.
 struct SegmentGroups {
-    /// Its chunks and near splats, for counting and for uncounted setup.
+    /// Bind groups of setup: one that counts drawn splats, and one that doesn't.
     setup: [wgpu::BindGroup; 2],
-    drawn: Drawn,
+    drawn: RecordDraw,
 }
 
-/// Records to be drawn.
-struct Drawn {
+/// A draw of records.
+struct RecordDraw {
     variant: Variant,
     is_transparent: bool,
     group: wgpu::BindGroup,
-    /// In place of it where each is lit by itself.
+    /// The group that replaces it where each splat is lit by itself.
     lit_group: Option<wgpu::BindGroup>,
     count: u32,
-    /// Its place among the draws of layers.
+    /// Its index among the indirect draws of layers.
     index: usize,
 }
 
 impl<'a> Tile<'a> {
-    pub(crate) fn new(
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        (scene, pipelines, targets): (&'a ResidentScene, &'a Pipelines, &'a Targets),
-        frame: &FrameScene,
-        data: &TileData,
-        pixels: &[Pixels],
-        beside: Beside<'_>,
-    ) -> Self {
+    pub(crate) fn new(device: &wgpu::Device, queue: &wgpu::Queue, inputs: &TileInputs<'a>) -> Self {
+        let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;
         let storage = wgpu::BufferUsages::STORAGE;
         let buffers = [
             filled(device, queue, "frame", &data.frame, wgpu::BufferUsages::UNIFORM),
@@ -83,8 +83,12 @@ impl<'a> Tile<'a> {
             filled(device, queue, "matcap", &frame.matcap, storage),
         ];
         let [uniform, objects, lights, maps, matcap] = &buffers;
-        let frame_group =
-            bind(device, "frame", &pipelines.frame_group, &[uniform, objects, lights, maps, beside.shadows, matcap]);
+        let frame_group = bind(
+            device,
+            "frame",
+            &pipelines.frame_group,
+            &[uniform, objects, lights, maps, inputs.shadow_texels, matcap],
+        );
         let setup_frame_group = bind(device, "frame of setup", &pipelines.setup_frame_group, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));
@@ -100,7 +104,7 @@ impl<'a> Tile<'a> {
             });
             let group = segment.records.group(device, pipeline, data.variant);
             let (variant, is_transparent) = (data.variant, data.is_transparent);
-            let drawn = Drawn { variant, is_transparent, group, lit_group: None, count: segment.count, index };
+            let drawn = RecordDraw { variant, is_transparent, group, lit_group: None, count: segment.count, index };
             Some(SegmentGroups { setup, drawn })
         });
         let segments = segments.collect();
@@ -116,7 +120,7 @@ impl<'a> Tile<'a> {
             let group = Records { records, clips }.group(device, pipeline, near.variant);
             let (variant, is_transparent) = (near.variant, near.is_transparent);
             let index = scene.segments.len() + i;
-            Some(Drawn { variant, is_transparent, group, lit_group, count: near.count(), index })
+            Some(RecordDraw { variant, is_transparent, group, lit_group, count: near.count(), index })
         });
         let near = near.collect();
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
@@ -130,23 +134,35 @@ impl<'a> Tile<'a> {
         });
         let finish = |entry: &str, layout: &wgpu::BindGroupLayout| {
             let layer_draws = layer_draws.as_ref().unwrap_or(&drawn);
-            let veils = &targets.veils;
-            let buffers = [&targets.planes, &polygons, &scene.texels, veils, veils, beside.drawn_shadows, layer_draws];
-            let buffers = PIXEL_BUFFERS
+            let layer_composites = &targets.layer_composites;
+            let buffers = [
+                &targets.planes,
+                &polygons,
+                &scene.texels,
+                layer_composites,
+                layer_composites,
+                inputs.drawn_shadow_texels,
+                layer_draws,
+            ];
+            let buffers = PIXEL_PASS_BUFFERS
                 .into_iter()
                 .zip(buffers)
                 .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
-            let used = slots(&[entry], 1);
-            let host_depth = beside.host_depth.map(|view| wgpu::BindGroupEntry {
+            let used = binding_slots(&[entry], 1);
+            let host_depth = inputs.host_depth.map(|view| wgpu::BindGroupEntry {
                 binding: HOST_DEPTH_BINDING,
                 resource: wgpu::BindingResource::TextureView(view),
             });
-            let all = targets.entries(&PIXEL_READS).into_iter().chain(buffers).chain(host_depth);
+            let all = targets.entries(&PIXEL_PASS_TEXTURES).into_iter().chain(buffers).chain(host_depth);
             let entries: Vec<_> = all.filter(|entry| used.iter().any(|slot| slot.binding == entry.binding)).collect();
             device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(entry), layout, entries: &entries })
         };
         Self {
-            pixels: pixels.iter().filter_map(|&p| Some((p, finish(p.entry(), &pipelines.pixels(p)?.group)))).collect(),
+            pixels: inputs
+                .pixel_passes
+                .iter()
+                .filter_map(|&p| Some((p, finish(p.entry(), &pipelines.pixels(p)?.group))))
+                .collect(),
             composite_group: finish("composite_fragment", &pipelines.composite_group),
             scene,
             pipelines,
@@ -168,7 +184,7 @@ impl<'a> Tile<'a> {
         match step {
             Step::Setup { segments, first } => self.setup(encoder, segments, *first, step.name(), queries),
             Step::Draw { draw, segments, first } => self.draw(encoder, *draw, segments, *first, queries),
-            Step::Pixels(pixels) => {
+            Step::PixelPass(pixels) => {
                 let (Some(pipeline), Some(group)) = (self.pipelines.pixels(*pixels), self.pixels.get(pixels)) else {
                     return;
                 };
@@ -177,13 +193,13 @@ impl<'a> Tile<'a> {
                     pass.set_bind_group(0, &self.frame_group, &[]);
                     pass.set_bind_group(1, group, &[]);
                     let [width, height] = pixels.size(self.targets.key.size, self.shaded);
-                    pass.dispatch_workgroups(groups(width, "shade", 0), groups(height, "shade", 1), 1);
+                    pass.dispatch_workgroups(workgroups(width, "shade", 0), workgroups(height, "shade", 1), 1);
                 });
             }
         }
     }
 
-    /// Composes the picture into a host's.
+    /// Composes the image into a host's render target.
     pub(crate) fn composite(&self, encoder: &mut wgpu::CommandEncoder, host: HostKey, target: &HostTarget<'_>) {
         let load = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
         let color =
@@ -226,7 +242,7 @@ impl<'a> Tile<'a> {
                 pass.set_pipeline(&pipeline.setup);
                 pass.set_bind_group(0, &self.setup_frame_group, &[]);
                 pass.set_bind_group(1, if first { counted } else { uncounted }, &[]);
-                pass.dispatch_workgroups(groups(segment.count, "setup", 0), 1, 1);
+                pass.dispatch_workgroups(workgroups(segment.count, "setup", 0), 1, 1);
             }
         });
     }
@@ -249,7 +265,7 @@ impl<'a> Tile<'a> {
             })
             .collect();
         let depth_stencil_attachment = draw.depth().and_then(|target| {
-            // 0 is infinitely far: nothing is kept.
+            // A reversed depth of 0 is infinitely far.
             let depth_ops = Some(operations(first, 0.0));
             let view = self.targets.view(target)?;
             Some(wgpu::RenderPassDepthStencilAttachment { view, depth_ops, stencil_ops: None })
@@ -281,7 +297,7 @@ impl<'a> Tile<'a> {
                 pass.set_bind_group(draw.reads_group(), reads, &[]);
             }
         };
-        if !draw.is_of_records() {
+        if !draw.draws_records() {
             bound(pass, Variant::Whole);
             if draw == Draw::Polygons {
                 pass.set_bind_group(1, &self.polygons_group, &[]);
@@ -293,7 +309,7 @@ impl<'a> Tile<'a> {
         }
         let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
         let mut last = None;
-        // The near splats have no segment: they go with the first.
+        // Splats at the near plane belong to no segment: the first draw of a kind takes them.
         let near = self.near.iter().filter(|near| first && near.is_transparent == draw.is_transparent());
         for drawn in segments.chain(near) {
             if last.replace(drawn.variant) != Some(drawn.variant) {

@@ -1,61 +1,23 @@
-//! Drawing into a host's picture, among whatever else it draws.
+//! Drawing into a host's render target, among its own geometry.
 
 use crate::error::{failed, scoped};
-use crate::execute::{Beside, Tile};
+use crate::execute::{Tile, TileInputs};
+use crate::host_target::HostTarget;
 use crate::pipelines::{HostKey, Part};
 use crate::renderer::Renderer;
 use crate::scene::{ResidentScene, empty};
-use surfel_gpu::{FrameScene, Pixels, Step, TargetKey, TileData, schedule};
+use surfel_gpu::{FrameScene, PixelPass, Step, TargetKey, TileData, schedule};
 use surfel_model::Settings;
 use surfel_render::{Planes, RenderError, View, plan};
 
-/// What a host's depth buffer holds for a planar depth z, and which of two depths is nearer.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HostDepth {
-    /// In a perspective projection it holds `offset` + `scale`/z, in an orthographic one `offset` + `scale`·z.
-    pub offset: f32,
-    /// See `offset`.
-    pub scale: f32,
-    /// Whether a new depth replaces the one that is there.
-    pub compare: wgpu::CompareFunction,
-}
-
-impl HostDepth {
-    /// Reversed depth without a far plane, z_near/z: 1 at z_near, 0 infinitely far.
-    pub fn reversed(near: f32) -> Self {
-        Self { offset: 0.0, scale: near, compare: wgpu::CompareFunction::Greater }
-    }
-
-    /// The usual depth of a perspective projection: 0 at `near`, 1 at `far`.
-    pub fn usual(near: f32, far: f32) -> Self {
-        let offset = far / (far - near);
-        Self { offset, scale: -near * offset, compare: wgpu::CompareFunction::Less }
-    }
-}
-
-/// A host's picture: a colour target and a depth buffer of the size of the view's region.
-#[derive(Clone, Copy, Debug)]
-pub struct HostTarget<'a> {
-    /// Gets linear colours; a format that ends in `Srgb` encodes them.
-    pub color: &'a wgpu::TextureView,
-    /// Format of `color`.
-    pub color_format: wgpu::TextureFormat,
-    /// Is tested and written. If it is of one sample, has the usage `TEXTURE_BINDING` and a format without stencil, it is read,
-    /// too, and transparent splats are seen before and behind the host's own things as they should.
-    pub depth: &'a wgpu::TextureView,
-    /// Format of `depth`.
-    pub depth_format: wgpu::TextureFormat,
-    /// What `depth` holds.
-    pub mapping: HostDepth,
-}
-
 impl Renderer {
-    /// Draws a scene into a host's picture: where its surface passes the depth test it replaces colour and depth, elsewhere
-    /// nothing changes. The scene's background is not drawn, and antialiased edges blend over what the host has there.
-    /// Transparent splats blend over it, too, and leave the depth alone: those that the host's things hide are
-    /// not drawn. For that the depth buffer is read; where it can't be (see [`HostTarget::depth`]), the scene's opaque
-    /// surface, or else the nearest transparent one, decides for all of a pixel, and writes its depth: the host's own things
-    /// between them are not seen, for layers are drawn front to back and a host's picture is blended back to front.
+    /// Draws a scene into a host's render target: where its surface passes the depth test it replaces colour and depth;
+    /// other pixels don't change. The scene's background is not drawn, and antialiased edges blend over what the host
+    /// has there. Transparent splats blend over it, too, and leave the depth alone: those that the host's geometry
+    /// occludes are not drawn. For that the depth buffer is read; where it can't be (see [`HostTarget::depth`]), the
+    /// scene's opaque surface, or else the nearest transparent one, decides for all of a pixel, and writes its depth:
+    /// the host's geometry between them is lost, because layers are composited front to back and a host's image is
+    /// blended back to front.
     ///
     /// Records into `encoder`, which the host submits to the renderer's queue before the next call on this renderer.
     /// Nothing is read back, and no time is counted.
@@ -71,10 +33,10 @@ impl Renderer {
         settings: &Settings,
         target: &HostTarget<'_>,
     ) -> Result<(), RenderError> {
-        let planes = Planes { depth: true, ..Planes::COLOR };
+        let planes = Planes::COLOR.with_depth(true);
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
         let (region, side) = (view.region, self.limits.texture_side);
-        // Edges have a border of a pixel.
+        // Targets have a border of a pixel for edges.
         let side = side.saturating_sub(2);
         if region.width > side || region.height > side {
             let (width, height) = (region.width, region.height);
@@ -84,15 +46,15 @@ impl Renderer {
         let mut data = TileData::new(&scene.cpu, &frame_scene, view, &plan, region);
         data.check(self.limits).map_err(failed)?;
         data.set_host_depth(target.mapping.offset, target.mapping.scale);
-        // The planes go nowhere.
+        // No plane is read.
         let key = TargetKey { floats: 1, ..self.key(&plan, &data) };
         let texels = self.shadow_maps(scene, &plan)?.0;
-        let mut pixels = Pixels::of(&plan);
-        let among = pixels.contains(&Pixels::BeginLayers) && is_readable(target.depth);
-        let parts: &[Part] = if among { &[Part::Opaque, Part::Layers] } else { &[Part::Whole] };
+        let mut pixels = PixelPass::of(&plan);
+        let reads_depth = pixels.contains(&PixelPass::BeginLayers) && is_readable(target.depth);
+        let parts: &[Part] = if reads_depth { &[Part::Opaque, Part::Layers] } else { &[Part::Whole] };
         let steps = schedule(&plan, &data.visible(), scene.shared_records);
-        let in_host = |pixels: Pixels| match pixels {
-            Pixels::BeginLayers if among => Pixels::BeginLayersInHost,
+        let in_host = |pixels: PixelPass| match pixels {
+            PixelPass::BeginLayers if reads_depth => PixelPass::BeginLayersInHost,
             others => others,
         };
         pixels.iter_mut().for_each(|pixels| *pixels = in_host(*pixels));
@@ -108,18 +70,27 @@ impl Renderer {
             parts.iter().for_each(|&part| self.pipelines.prepare_composite(&device, host(part)));
             let Some(targets) = &self.targets else { return };
             let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
-            let host_depth = among.then_some(target.depth);
-            let beside = Beside { shadows: &texels, drawn_shadows: &none, host_depth };
-            let resources = (scene, &self.pipelines, targets);
-            let job = Tile::new(&device, &self.queue, resources, &frame_scene, &data, &pixels, beside);
+            let host_depth = reads_depth.then_some(target.depth);
+            let inputs = TileInputs {
+                scene,
+                pipelines: &self.pipelines,
+                targets,
+                frame: &frame_scene,
+                data: &data,
+                pixel_passes: &pixels,
+                shadow_texels: &texels,
+                drawn_shadow_texels: &none,
+                host_depth,
+            };
+            let tile = Tile::new(&device, &self.queue, &inputs);
             for step in steps {
                 match step {
-                    Step::Pixels(pixels) if pixels.is_shade() => {}
-                    Step::Pixels(pixels) => job.step(encoder, &Step::Pixels(in_host(pixels)), None),
-                    other => job.step(encoder, &other, None),
+                    Step::PixelPass(pixels) if pixels.is_shade() => {}
+                    Step::PixelPass(pixels) => tile.step(encoder, &Step::PixelPass(in_host(pixels)), None),
+                    other => tile.step(encoder, &other, None),
                 }
             }
-            parts.iter().for_each(|&part| job.composite(encoder, host(part), target));
+            parts.iter().for_each(|&part| tile.composite(encoder, host(part), target));
         })?;
         self.errors.check()
     }

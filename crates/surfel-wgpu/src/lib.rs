@@ -5,13 +5,12 @@
 //! shader into an array that is read back. The shaders are `surfel-shaders`'.
 //!
 //! ```no_run
-//! use surfel_render::{Frame, Planes, Renderer as _, Settings};
+//! use surfel_render::Settings;
 //! # fn main() -> Result<(), surfel_render::RenderError> {
-//! # let (scene, view): (surfel_model::Scene, surfel_render::View) = unreachable!();
-//! let mut renderer = surfel_wgpu::Renderer::new()?;
+//! # let (scene, camera): (surfel_model::Scene, surfel_model::Camera) = unreachable!();
+//! let mut renderer = surfel_wgpu::Renderer::new(Default::default())?;
 //! let resident = renderer.upload(&scene)?;
-//! let mut frame = Frame::default();
-//! renderer.render(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame)?;
+//! let frame = renderer.render(&resident, &camera, &Settings::default())?;
 //! # Ok(())
 //! # }
 //! ```
@@ -22,6 +21,8 @@ mod adapter;
 mod error;
 mod execute;
 mod host;
+mod host_target;
+mod options;
 mod pipelines;
 mod queries;
 mod readback;
@@ -30,11 +31,13 @@ mod scene;
 mod targets;
 
 pub use adapter::{AdapterSummary, adapters};
-pub use host::{HostDepth, HostTarget};
-pub use renderer::{Options, Renderer};
+pub use host_target::{HostDepth, HostTarget};
+pub use options::Options;
+pub use renderer::Renderer;
 pub use scene::ResidentScene;
-pub use surfel_gpu::{Ceiling, FillRate, Limits};
-pub use surfel_render::{Storage, UploadProgress};
+pub use surfel_gpu::{FillRate, FillRateProbe, Limits};
+pub use surfel_model::Storage;
+pub use surfel_render::UploadProgress;
 
 use surfel_render::Capabilities;
 
@@ -42,4 +45,4 @@ use surfel_render::Capabilities;
 const NAME: &str = "wgpu";
 
 /// What the backend draws, on any adapter.
-pub const CAPABILITIES: Capabilities = Capabilities { backend: NAME, lacks: surfel_gpu::LACKS };
+pub const CAPABILITIES: Capabilities = Capabilities { backend: NAME, lacks: surfel_gpu::UNSUPPORTED };

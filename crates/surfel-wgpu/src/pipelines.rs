@@ -1,7 +1,7 @@
 //! Layouts and pipelines, built once for each format of the sums.
 
 use std::collections::HashMap;
-use surfel_gpu::{Draw, Pixels, Precision, Target, TargetFormat, Variant, slots};
+use surfel_gpu::{Draw, PixelPass, Precision, Target, TargetFormat, Variant, binding_slots};
 use surfel_shaders::{BindingKind, ENTRIES, PASSES, Stage};
 
 /// The texture format of a target.
@@ -16,14 +16,14 @@ pub(crate) fn format_of(target: Target, sums: Precision) -> wgpu::TextureFormat 
     }
 }
 
-/// What is composed into a host's picture.
+/// The part of the image that is composed into a host's render target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Part {
     /// All at once.
     Whole,
-    /// What is opaque.
+    /// The opaque surface.
     Opaque,
-    /// Layers of transparent splats, over everything.
+    /// The transparent layers, over everything.
     Layers,
 }
 
@@ -42,7 +42,7 @@ impl Part {
     }
 }
 
-/// What a pipeline that composes into a host's picture depends on.
+/// What a pipeline that composes into a host's render target depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct HostKey {
     pub part: Part,
@@ -51,41 +51,49 @@ pub(crate) struct HostKey {
     pub compare: wgpu::CompareFunction,
 }
 
-/// Everything about shaders that is built once for a device.
+/// What the pipeline of a draw depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct DrawKey {
+    draw: Draw,
+    variant: Variant,
+    precision: Precision,
+}
+
+/// The shader module, layouts and pipelines of a device, each built once.
 pub(crate) struct Pipelines {
     module: wgpu::ShaderModule,
     pub frame_group: wgpu::BindGroupLayout,
-    /// What setting up records needs of it: all of it together would be more buffers than every adapter binds.
+    /// The bindings of the frame that splat setup uses: all of them would be more buffers than every adapter binds.
     pub setup_frame_group: wgpu::BindGroupLayout,
     splats: HashMap<Variant, SplatPipeline>,
     pub composite_group: wgpu::BindGroupLayout,
     pub polygons_group: wgpu::BindGroupLayout,
-    pixels: HashMap<Pixels, PixelPipeline>,
-    draws: HashMap<(Draw, Variant, Precision), DrawPipeline>,
+    pixels: HashMap<PixelPass, PixelPipeline>,
+    draws: HashMap<DrawKey, DrawPipeline>,
     composites: HashMap<HostKey, wgpu::RenderPipeline>,
 }
 
-/// How something is computed once a pixel, and the layout of what it reads and writes.
+/// The pipeline of a pixel pass, and the layout of its bindings.
 pub(crate) struct PixelPipeline {
     pub raw: wgpu::ComputePipeline,
     pub group: wgpu::BindGroupLayout,
 }
 
-/// How records of a variant are set up, and what they are read by.
+/// The setup pipeline of a variant, and the layouts of its bindings and of its records'.
 pub(crate) struct SplatPipeline {
     pub setup: wgpu::ComputePipeline,
     pub setup_group: wgpu::BindGroupLayout,
     pub records_group: wgpu::BindGroupLayout,
 }
 
-/// A pipeline that draws, and the layout of what it reads.
+/// The pipeline of a draw, and the layout of the textures that it reads.
 pub(crate) struct DrawPipeline {
     pub raw: wgpu::RenderPipeline,
     pub reads_group: wgpu::BindGroupLayout,
 }
 
 fn group(device: &wgpu::Device, label: &str, entries: &[impl AsRef<str>], number: u32) -> wgpu::BindGroupLayout {
-    let entries: Vec<wgpu::BindGroupLayoutEntry> = slots(entries, number)
+    let entries: Vec<wgpu::BindGroupLayoutEntry> = binding_slots(entries, number)
         .iter()
         .map(|slot| wgpu::BindGroupLayoutEntry {
             binding: slot.binding,
@@ -145,8 +153,8 @@ impl Pipelines {
         }
     }
 
-    /// Builds what is computed once a pixel, if it hasn't been.
-    pub(crate) fn prepare_pixels(&mut self, device: &wgpu::Device, pixels: Pixels) {
+    /// Builds the pipeline of a pixel pass, if it hasn't been built.
+    pub(crate) fn prepare_pixels(&mut self, device: &wgpu::Device, pixels: PixelPass) {
         self.pixels.entry(pixels).or_insert_with(|| {
             let entry = pixels.entry();
             let group = group(device, entry, &[entry], 1);
@@ -154,16 +162,16 @@ impl Pipelines {
         });
     }
 
-    pub(crate) fn pixels(&self, pixels: Pixels) -> Option<&PixelPipeline> {
+    pub(crate) fn pixels(&self, pixels: PixelPass) -> Option<&PixelPipeline> {
         self.pixels.get(&pixels)
     }
 
-    /// Builds what sets up splats of a variant, if it hasn't been.
+    /// Builds the setup pipeline of a variant, if it hasn't been built.
     pub(crate) fn prepare_splats(&mut self, device: &wgpu::Device, variant: Variant) -> &SplatPipeline {
         self.splats.entry(variant).or_insert_with(|| {
             let entry = variant.setup();
             let setup_group = group(device, &entry, &[&entry], 1);
-            let records_group = group(device, "records", &variant.readers(), 1);
+            let records_group = group(device, "records", &variant.record_entry_points(), 1);
             let setup = compute(device, &self.module, &entry, &[&self.setup_frame_group, &setup_group]);
             SplatPipeline { setup, setup_group, records_group }
         })
@@ -173,17 +181,17 @@ impl Pipelines {
         self.splats.get(&variant)
     }
 
-    /// Builds the pipeline of a draw, if it hasn't been; the variant's splats have been prepared.
+    /// Builds the pipeline of a draw, if it hasn't been built, after that of its variant's setup.
     pub(crate) fn prepare(&mut self, device: &wgpu::Device, draw: Draw, variant: Variant, precision: Precision) {
         let Some(splats) = self.splats.get(&variant) else { return };
-        self.draws.entry((draw, variant, precision)).or_insert_with(|| {
+        self.draws.entry(DrawKey { draw, variant, precision }).or_insert_with(|| {
             let entries = draw.entries(variant);
             let [vertex, fragment] = entries.each_ref().map(String::as_str);
             let reads_group = group(device, fragment, &[fragment], draw.reads_group());
-            let mut groups = vec![&self.frame_group];
-            groups.extend(draw.is_of_records().then_some(&splats.records_group));
-            groups.extend((draw == Draw::Polygons).then_some(&self.polygons_group));
-            groups.extend(draw.has_reads().then_some(&reads_group));
+            let mut workgroups = vec![&self.frame_group];
+            workgroups.extend(draw.draws_records().then_some(&splats.records_group));
+            workgroups.extend((draw == Draw::Polygons).then_some(&self.polygons_group));
+            workgroups.extend(draw.has_reads().then_some(&reads_group));
             let depth = draw.depth().map(|t| depth_state(format_of(t, precision), wgpu::CompareFunction::Greater));
             let add = wgpu::BlendComponent {
                 src_factor: wgpu::BlendFactor::One,
@@ -194,27 +202,27 @@ impl Pipelines {
                 .colors()
                 .iter()
                 .map(|&target| {
-                    let blend = draw.adds().then_some(wgpu::BlendState { color: add, alpha: add });
+                    let blend = draw.is_additive().then_some(wgpu::BlendState { color: add, alpha: add });
                     let format = format_of(target, precision);
                     Some(wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL })
                 })
                 .collect();
-            let layout = layout(device, fragment, &groups);
+            let layout = layout(device, fragment, &workgroups);
             let raw = drawing(device, &self.module, &layout, [vertex, fragment], depth, &targets);
             DrawPipeline { raw, reads_group }
         });
     }
 
     pub(crate) fn draw(&self, draw: Draw, variant: Variant, precision: Precision) -> Option<&DrawPipeline> {
-        self.draws.get(&(draw, variant, precision))
+        self.draws.get(&DrawKey { draw, variant, precision })
     }
 
-    /// Builds the pipeline that composes into a host's picture, if it hasn't been.
+    /// Builds the pipeline that composes into a host's render target, if it hasn't been built.
     pub(crate) fn prepare_composite(&mut self, device: &wgpu::Device, host: HostKey) {
         self.composites.entry(host).or_insert_with(|| {
             let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
             let target = wgpu::ColorTargetState { format: host.color, blend, write_mask: wgpu::ColorWrites::ALL };
-            let entries = ["everywhere_vertex", host.part.fragment()];
+            let entries = ["fullscreen_vertex", host.part.fragment()];
             let depth = host.part.has_depth().then(|| depth_state(host.depth, host.compare));
             let layout = layout(device, "composite", &[&self.frame_group, &self.composite_group]);
             drawing(device, &self.module, &layout, entries, depth, &[Some(target)])
@@ -230,11 +238,11 @@ fn compute(
     device: &wgpu::Device,
     module: &wgpu::ShaderModule,
     entry: &str,
-    groups: &[&wgpu::BindGroupLayout],
+    workgroups: &[&wgpu::BindGroupLayout],
 ) -> wgpu::ComputePipeline {
     device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(entry),
-        layout: Some(&layout(device, entry, groups)),
+        layout: Some(&layout(device, entry, workgroups)),
         module,
         entry_point: Some(entry),
         compilation_options: compilation(),
@@ -242,8 +250,8 @@ fn compute(
     })
 }
 
-fn layout(device: &wgpu::Device, label: &str, groups: &[&wgpu::BindGroupLayout]) -> wgpu::PipelineLayout {
-    let bind_group_layouts: Vec<Option<&wgpu::BindGroupLayout>> = groups.iter().copied().map(Some).collect();
+fn layout(device: &wgpu::Device, label: &str, workgroups: &[&wgpu::BindGroupLayout]) -> wgpu::PipelineLayout {
+    let bind_group_layouts: Vec<Option<&wgpu::BindGroupLayout>> = workgroups.iter().copied().map(Some).collect();
     device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(label),
         bind_group_layouts: &bind_group_layouts,
@@ -251,7 +259,7 @@ fn layout(device: &wgpu::Device, label: &str, groups: &[&wgpu::BindGroupLayout])
     })
 }
 
-/// No bounds are checked but those of buffers; every variable is written before it is read.
+/// Workgroup memory isn't zeroed: there is none.
 fn compilation() -> wgpu::PipelineCompilationOptions<'static> {
     wgpu::PipelineCompilationOptions { constants: &[], zero_initialize_workgroup_memory: false }
 }
@@ -266,7 +274,7 @@ fn depth_state(format: wgpu::TextureFormat, compare: wgpu::CompareFunction) -> w
     }
 }
 
-/// A pipeline that draws strips without vertex buffers: records as quads, or one triangle over everything.
+/// A pipeline that draws strips without vertex buffers: records as quads, or full-screen triangles.
 fn drawing(
     device: &wgpu::Device,
     module: &wgpu::ShaderModule,

@@ -1,8 +1,8 @@
-//! What passes cost: their time, and how often shaders ran, where the adapter counts it.
+//! GPU queries: times of passes and counts of shader invocations, where the adapter has them.
 
 use surfel_render::{PassTime, Stats};
 
-/// Passes of a tile that are looked at; a scene of very many segments goes on unseen.
+/// Most passes of a tile that are measured; those of a scene of very many segments go on unmeasured.
 const MOST_PASSES: u32 = 512;
 
 /// What is counted of the shaders, in the order of the bits.
@@ -16,13 +16,13 @@ pub(crate) struct Queries {
     /// Timestamps, and nanoseconds of a tick.
     times: Option<(wgpu::QuerySet, f64)>,
     invocations: Option<wgpu::QuerySet>,
-    /// Of the passes so far.
+    /// Names of the passes so far.
     names: Vec<&'static str>,
-    /// In place of the passes' own names.
+    /// Replaces the passes' own names.
     label: Option<&'static str>,
 }
 
-/// Those of a pass.
+/// The queries of a pass.
 #[derive(Clone, Copy)]
 pub(crate) struct Query<'a> {
     queries: &'a Queries,
@@ -30,7 +30,7 @@ pub(crate) struct Query<'a> {
 }
 
 impl Queries {
-    /// Those that the device was opened for.
+    /// The queries that the device was opened for.
     pub(crate) fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Self {
         let set = |wanted, label, ty, count| {
             let descriptor = wgpu::QuerySetDescriptor { label: Some(label), ty, count };
@@ -52,7 +52,7 @@ impl Queries {
         self.label = label;
     }
 
-    /// Copies what was found to a buffer, if anything was.
+    /// Copies the results to a buffer, if there are any.
     pub(crate) fn resolve(
         &self,
         device: &wgpu::Device,
@@ -84,9 +84,9 @@ impl Queries {
     }
 
     /// Names of the passes, for [`Queries::add`] after other passes have followed.
-    pub(crate) fn taken(&self) -> Taken {
+    pub(crate) fn pass_record(&self) -> PassRecord {
         let [times, _] = self.bytes();
-        Taken {
+        PassRecord {
             names: self.names.iter().map(|&name| self.label.unwrap_or(name)).collect(),
             period: self.times.as_ref().map(|times| times.1),
             counts: self.invocations.is_some(),
@@ -95,15 +95,15 @@ impl Queries {
     }
 }
 
-/// What is in a buffer of results.
-pub(crate) struct Taken {
+/// Layout of a buffer of query results.
+pub(crate) struct PassRecord {
     names: Vec<&'static str>,
     period: Option<f64>,
     counts: bool,
     times_words: usize,
 }
 
-impl Taken {
+impl PassRecord {
     /// Adds the passes' costs to those of earlier tiles.
     pub(crate) fn add(&self, words: &[u32], stats: &mut Stats) {
         let (times, invocations) = words.split_at_checked(self.times_words).unwrap_or((words, &[]));

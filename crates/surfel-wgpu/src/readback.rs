@@ -33,7 +33,7 @@ impl Readback {
     pub(crate) fn read<T>(self, device: &wgpu::Device, read: impl FnOnce(&[&[u32]]) -> T) -> Result<T, RenderError> {
         let (sender, receiver) = mpsc::channel();
         self.buffer.map_async(wgpu::MapMode::Read, .., move |result| {
-            // Nobody listens any more if waiting failed.
+            // The receiver is gone if waiting failed.
             let _ = sender.send(result);
         });
         device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(error.to_string()))?;

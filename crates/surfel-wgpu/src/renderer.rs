@@ -1,36 +1,23 @@
 //! The backend: scenes in, frames out.
 
-use crate::adapter::{self, Opened, blends_f32, renderer_info};
-use crate::error::{Mailbox, failed, scoped};
-use crate::execute::{Beside, Tile};
+use crate::adapter::{self, OpenDevice, blends_f32, renderer_info};
+use crate::error::{ErrorSink, failed, scoped};
+use crate::execute::{Tile, TileInputs};
+use crate::options::Options;
 use crate::pipelines::Pipelines;
-use crate::queries::{Queries, Taken};
+use crate::queries::{PassRecord, Queries};
 use crate::readback::Readback;
 use crate::scene::{self, ResidentScene, empty};
 use crate::targets::Targets;
 use std::time::Instant;
 use surfel_gpu::{
-    CEILING_RUNS, CeilingFrame, Draw, FillRate, FrameScene, LAYER_HEADER_BYTES, Limits, MapCache, MapJob, Pixels,
-    Precision, SHADOW_MAPS, Step, TargetKey, TileData, Variant, count_frame_bytes, count_layers, map_jobs, schedule,
-    shadow_texels, tiles,
+    Draw, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, LAYER_HEADER_BYTES, Limits, PixelPass, Precision,
+    SHADOW_MAPS, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant, count_frame_bytes, count_layers,
+    schedule, shadow_map_jobs, shadow_texels, tiles,
 };
+use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{
-    Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, Storage, UploadProgress, View, plan,
-};
-
-/// How a [`Renderer`] is opened.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Options {
-    /// A part of the adapter's name, in any case; `None`: the fastest kind of adapter there is.
-    pub adapter: Option<String>,
-    /// Has the API's own validation check every call, where it is installed. Messages go to the `log` crate.
-    pub validation: bool,
-    /// What may be used of the device.
-    pub limits: Limits,
-    /// How splats are kept in the device's memory.
-    pub storage: Storage,
-}
+use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
 
 /// The wgpu backend.
 pub struct Renderer {
@@ -40,41 +27,34 @@ pub struct Renderer {
     is_software: bool,
     /// The adapter blends f32.
     f32_sums: bool,
-    pub(crate) errors: Mailbox,
+    pub(crate) errors: ErrorSink,
     pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
-    /// Those of shadow maps.
+    /// Targets of shadow maps.
     map_targets: Option<Targets>,
     queries: Queries,
     /// The shadow maps of the frame before.
-    maps: Option<MapCache<wgpu::Buffer>>,
-    /// Of the device, and of those who opened it.
+    maps: Option<ShadowMapCache<wgpu::Buffer>>,
+    /// The lesser of the device's limits and the options'.
     pub(crate) limits: Limits,
     storage: Storage,
 }
 
 impl Renderer {
-    /// A renderer on the fastest kind of adapter there is.
-    ///
-    /// # Errors
-    /// [`RenderError::Backend`] if there is no adapter, or it doesn't start.
-    pub fn new() -> Result<Self, RenderError> {
-        Self::with_options(&Options::default())
-    }
+    surfel_render::renderer_methods!(ResidentScene);
 
-    /// A renderer with these options.
+    /// A renderer on the adapter that the options name, or the fastest kind that there is.
     ///
     /// # Errors
-    /// As [`Renderer::new`]; also if no adapter has that name.
-    pub fn with_options(options: &Options) -> Result<Self, RenderError> {
-        let Opened { device, queue, info } = adapter::open(options)?;
+    /// [`RenderError::Backend`] if there is no adapter, none of that name, or it doesn't start.
+    pub fn new(options: Options) -> Result<Self, RenderError> {
+        let OpenDevice { device, queue, info } = adapter::open(&options)?;
         Self::start(device, queue, &info, options.limits, options.storage)
     }
 
     /// A renderer on a device that a program has anyway. `Features::FLOAT32_BLENDABLE` gives f32 sums,
-    /// `Features::TIMESTAMP_QUERY` times of passes, `Features::PIPELINE_STATISTICS_QUERY` counts of what shaders ran; all are
-    /// optional. The renderer takes over the device's handlers of
-    /// uncaptured errors and of its loss.
+    /// `Features::TIMESTAMP_QUERY` times of passes, `Features::PIPELINE_STATISTICS_QUERY` counts of what shaders ran;
+    /// all are optional. The renderer takes over the device's handlers of uncaptured errors and of its loss.
     ///
     /// # Errors
     /// [`RenderError::Backend`] if the device refuses the shaders.
@@ -90,7 +70,7 @@ impl Renderer {
         limits: Limits,
         storage: Storage,
     ) -> Result<Self, RenderError> {
-        let errors = Mailbox::of(&device);
+        let errors = ErrorSink::of(&device);
         let f32_sums = blends_f32(&device);
         let (pipelines, queries) = scoped(&device, || (Pipelines::new(&device), Queries::new(&device, &queue)))?;
         let own = device.limits();
@@ -115,7 +95,7 @@ impl Renderer {
         })
     }
 
-    /// True if the adapter computes on the processor: the `cpu` backend is faster.
+    /// True if the adapter computes on the CPU: the `cpu` backend is faster.
     pub fn is_software(&self) -> bool {
         self.is_software
     }
@@ -131,35 +111,35 @@ impl Renderer {
     }
 
     /// Makes pipelines and targets, where they aren't there from the frame before.
-    pub(crate) fn prepare(&mut self, key: TargetKey, variants: &[Variant], pixels: &[Pixels]) {
+    pub(crate) fn prepare(&mut self, key: TargetKey, variants: &[Variant], pixels: &[PixelPass]) {
         for &pixels in pixels {
             self.pipelines.prepare_pixels(&self.device, pixels);
         }
         for &variant in variants {
             self.pipelines.prepare_splats(&self.device, variant);
-            for &draw in key.draws.iter().filter(|draw| draw.is_of_records() || variant == Variant::Whole) {
+            for &draw in key.draws.iter().filter(|draw| draw.draws_records() || variant == Variant::Whole) {
                 self.pipelines.prepare(&self.device, draw, variant, key.precision);
             }
         }
         if self.targets.as_ref().is_none_or(|targets| targets.key != key) {
-            // The old ones go first: both may not fit.
+            // The old targets are freed first: both may not fit.
             self.targets = None;
             self.targets = Some(Targets::new(&self.device, &self.pipelines, key));
         }
     }
 
-    /// A plan's shadow maps: drawn, or those of the frame before where they are the same. What drawing them costs can be read
-    /// once the device has done it.
+    /// A plan's shadow maps: drawn, or those of the frame before where they are the same. Their costs can be
+    /// read once the device has drawn them.
     pub(crate) fn shadow_maps(
         &mut self,
         scene: &ResidentScene,
         plan: &FramePlan,
     ) -> Result<(wgpu::Buffer, Vec<MapCost>), RenderError> {
-        let jobs = map_jobs(&scene.cpu, plan);
+        let jobs = shadow_map_jobs(&scene.cpu, plan);
         if let Some(cache) = self.maps.as_ref().filter(|cache| cache.fits(&scene.cpu, &jobs)) {
             return Ok((cache.texels.clone(), Vec::new()));
         }
-        // Those before go first: both may not fit.
+        // The maps before are freed first: both may not fit.
         self.maps = None;
         let texels = shadow_texels(plan, self.limits).map_err(failed)?;
         let device = self.device.clone();
@@ -169,19 +149,19 @@ impl Renderer {
         let drawn = jobs.iter().try_for_each(|job| self.shadow_map(scene, job, &buffer, &mut costs));
         std::mem::swap(&mut self.targets, &mut self.map_targets);
         drawn?;
-        self.maps = Some(MapCache::new(buffer.clone(), &scene.cpu, &jobs));
+        self.maps = Some(ShadowMapCache::new(buffer.clone(), &scene.cpu, &jobs));
         Ok((buffer, costs))
     }
 
     fn shadow_map(
         &mut self,
         scene: &ResidentScene,
-        job: &MapJob,
+        job: &ShadowMapJob,
         texels: &wgpu::Buffer,
         costs: &mut Vec<MapCost>,
     ) -> Result<(), RenderError> {
         let device = self.device.clone();
-        let pixels = Pixels::of(&job.plan);
+        let pixels = PixelPass::of(&job.plan);
         for data in job.tiles(&scene.cpu, self.limits) {
             data.check(self.limits).map_err(failed)?;
             let key = self.key(&job.plan, &data);
@@ -189,9 +169,18 @@ impl Renderer {
                 self.prepare(key, &data.variants(), &pixels);
                 let Some(targets) = &self.targets else { return };
                 let none = empty(&device, "no shadows", 4, wgpu::BufferUsages::STORAGE);
-                let beside = Beside { shadows: &none, drawn_shadows: texels, host_depth: None };
-                let parts = (scene, &self.pipelines, targets);
-                let tile = Tile::new(&device, &self.queue, parts, &job.frame, &data, &pixels, beside);
+                let inputs = TileInputs {
+                    scene,
+                    pipelines: &self.pipelines,
+                    targets,
+                    frame: &job.frame,
+                    data: &data,
+                    pixel_passes: &pixels,
+                    shadow_texels: &none,
+                    drawn_shadow_texels: texels,
+                    host_depth: None,
+                };
+                let tile = Tile::new(&device, &self.queue, &inputs);
                 let mut encoder =
                     device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("shadow map") });
                 self.queries.restart(Some(SHADOW_MAPS));
@@ -200,7 +189,7 @@ impl Renderer {
                 }
                 if let Some((buffer, bytes)) = self.queries.resolve(&device, &mut encoder) {
                     let readback = Readback::record(&device, &mut encoder, &[(&buffer, bytes)]);
-                    costs.push(MapCost { readback, taken: self.queries.taken() });
+                    costs.push(MapCost { readback, pass_record: self.queries.pass_record() });
                 }
                 self.queue.submit([encoder.finish()]);
             })?;
@@ -211,30 +200,29 @@ impl Renderer {
     /// Draws one tile into the frame.
     fn tile(
         &mut self,
-        resident: (&ResidentScene, &wgpu::Buffer),
-        frame_scene: &FrameScene,
-        (view, plan, tile): (&View, &FramePlan, Region),
+        job: &FrameJob<'_>,
+        region: Region,
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), RenderError> {
-        let data = TileData::new(&resident.0.cpu, frame_scene, view, plan, tile);
+        let FrameJob { view, plan, .. } = *job;
+        let data = TileData::new(&job.scene.cpu, job.frame_scene, view, plan, region);
         let key = self.key(plan, &data);
-        let steps = schedule(plan, &data.visible(), resident.0.shared_records);
-        let planes = self.execute(resident, frame_scene, (&data, key, &Pixels::of(plan), &steps), stats, |planes| {
-            data.planes.store(bytemuck::cast_slice(planes), tile, view.region, frame)
+        let steps = schedule(plan, &data.visible(), job.scene.shared_records);
+        let tile = TileJob { data: &data, key, pixel_passes: &PixelPass::of(plan), steps: &steps };
+        stats.fragments += self.execute(job, tile, stats, |planes| {
+            data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame)
         })?;
-        stats.fragments += planes;
         let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
-        count_frame_bytes(target_bytes, resident.1.size(), stats);
+        count_frame_bytes(target_bytes, job.shadow_texels.size(), stats);
         Ok(())
     }
 
     /// Executes steps, waits for them, and hands the words of the planes to `read`.
     fn execute<T>(
         &mut self,
-        (scene, texels): (&ResidentScene, &wgpu::Buffer),
-        frame_scene: &FrameScene,
-        (data, key, pixels, steps): (&TileData, TargetKey, &[Pixels], &[Step]),
+        frame: &FrameJob<'_>,
+        TileJob { data, key, pixel_passes, steps }: TileJob<'_>,
         stats: &mut Stats,
         read: impl FnOnce(&[u32]) -> T,
     ) -> Result<T, RenderError> {
@@ -242,38 +230,47 @@ impl Renderer {
         let floats = key.floats;
         let device = self.device.clone();
         let recorded = scoped(&device, || {
-            self.prepare(key, &data.variants(), pixels);
+            self.prepare(key, &data.variants(), pixel_passes);
             let targets = self.targets.as_ref()?;
-            let parts = (scene, &self.pipelines, targets);
             let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
-            let beside = Beside { shadows: texels, drawn_shadows: &none, host_depth: None };
-            let job = Tile::new(&device, &self.queue, parts, frame_scene, data, pixels, beside);
+            let inputs = TileInputs {
+                scene: frame.scene,
+                pipelines: &self.pipelines,
+                targets,
+                frame: frame.frame_scene,
+                data,
+                pixel_passes,
+                shadow_texels: frame.shadow_texels,
+                drawn_shadow_texels: &none,
+                host_depth: None,
+            };
+            let tile = Tile::new(&device, &self.queue, &inputs);
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("tile") });
             self.queries.restart(None);
             for step in steps {
-                job.step(&mut encoder, step, Some(&mut self.queries));
+                tile.step(&mut encoder, step, Some(&mut self.queries));
             }
             let costs = self.queries.resolve(&device, &mut encoder);
-            let nothing = (&job.drawn, 0);
-            let layers = job.layer_draws.as_ref().map(|draws| (draws, LAYER_HEADER_BYTES));
+            let none = (&tile.drawn, 0);
+            let layers = tile.layer_draws.as_ref().map(|draws| (draws, LAYER_HEADER_BYTES));
             let parts = [
                 (&targets.planes, 4 * u64::from(floats)),
-                (&job.drawn, 4),
-                layers.unwrap_or(nothing),
-                costs.as_ref().map_or(nothing, |(buffer, bytes)| (buffer, *bytes)),
+                (&tile.drawn, 4),
+                layers.unwrap_or(none),
+                costs.as_ref().map_or(none, |(buffer, bytes)| (buffer, *bytes)),
             ];
             let readback = Readback::record(&device, &mut encoder, &parts);
             self.queue.submit([encoder.finish()]);
             Some(readback)
         })?;
         let missing = || failed("the targets were not made");
-        let taken = self.queries.taken();
+        let pass_record = self.queries.pass_record();
         let result = recorded.ok_or_else(missing)?.read(&device, |parts| {
             let [planes, drawn, layers, costs] = parts else { return None };
             if !layers.is_empty() {
                 count_layers(layers, stats);
             }
-            taken.add(costs, stats);
+            pass_record.add(costs, stats);
             stats.drawn += u64::from(drawn.first().copied().unwrap_or(0)) + u64::from(data.near_count());
             Some(read(planes))
         })?;
@@ -281,34 +278,59 @@ impl Renderer {
         result.ok_or_else(missing)
     }
 
-    /// What the device does at best, in targets of so many pixels a side: what its times are to be judged by. Empty where it
-    /// has no timestamps.
+    /// The device's fill rates in targets of `side_px` pixels a side: what it does at best, for times of passes to be
+    /// judged by. Empty where it has no timestamps.
     ///
     /// # Errors
     /// As [`surfel_render::Renderer::render`].
-    pub fn ceilings(&mut self, side_px: u32) -> Result<Vec<FillRate>, RenderError> {
-        let frame = CeilingFrame::new(side_px.min(self.limits.texture_side))?;
+    pub fn fill_rates(&mut self, side_px: u32) -> Result<Vec<FillRate>, RenderError> {
+        let frame = FillRateFrame::new(side_px.min(self.limits.texture_side))?;
         let scene = surfel_render::Renderer::upload(self, &Scene::default())?;
         let (texels, _) = self.shadow_maps(&scene, &frame.plan)?;
         let frame_scene = FrameScene::new(&scene.cpu, &frame.view, &frame.plan);
         let data = TileData::new(&scene.cpu, &frame_scene, &frame.view, &frame.plan, frame.view.region);
+        let job = FrameJob {
+            scene: &scene,
+            shadow_texels: &texels,
+            frame_scene: &frame_scene,
+            view: &frame.view,
+            plan: &frame.plan,
+        };
         let mut runs = Vec::new();
-        // The first warms up, and counts no less than the others: the best one is taken.
-        for _ in 0..CEILING_RUNS {
+        // The first run warms up. It needs no special case, because the best run is taken.
+        for _ in 0..FILL_RATE_RUNS {
             let key = TargetKey { draws: frame.draws.clone(), floats: 1, ..self.key(&frame.plan, &data) };
             let mut stats = Stats::default();
-            let job = (&data, key, &[][..], frame.steps.as_slice());
-            self.execute((&scene, &texels), &frame_scene, job, &mut stats, |_| ())?;
+            let tile = TileJob { data: &data, key, pixel_passes: &[], steps: &frame.steps };
+            self.execute(&job, tile, &mut stats, |_| ())?;
             runs.push(stats);
         }
         Ok(frame.rates(&runs))
     }
 }
 
-/// What drawing a shadow map costs, on its way.
+/// The costs of drawing a shadow map, which the device has yet to give.
 pub(crate) struct MapCost {
     readback: Readback,
-    taken: Taken,
+    pass_record: PassRecord,
+}
+
+/// What all tiles of a frame share.
+struct FrameJob<'a> {
+    scene: &'a ResidentScene,
+    /// Texels of the frame's shadow maps.
+    shadow_texels: &'a wgpu::Buffer,
+    frame_scene: &'a FrameScene,
+    view: &'a View,
+    plan: &'a FramePlan,
+}
+
+/// What is executed for a tile.
+struct TileJob<'a> {
+    data: &'a TileData,
+    key: TargetKey,
+    pixel_passes: &'a [PixelPass],
+    steps: &'a [Step],
 }
 
 impl surfel_render::Renderer for Renderer {
@@ -332,7 +354,7 @@ impl surfel_render::Renderer for Renderer {
         Ok(resident)
     }
 
-    fn render(
+    fn render_into(
         &mut self,
         scene: &ResidentScene,
         view: &View,
@@ -342,17 +364,18 @@ impl surfel_render::Renderer for Renderer {
     ) -> Result<Stats, RenderError> {
         let start = Instant::now();
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
-        let mut stats = Stats { splats: scene.cpu.summary.splats, ..Stats::default() };
+        let mut stats = Stats::default().with_splats(plan.splats);
         frame.reset(view.region.width, view.region.height, plan.planes);
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let (texels, costs) = self.shadow_maps(scene, &plan)?;
+        let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
         for tile in tiles(view, &plan, self.limits) {
-            self.tile((scene, &texels), &frame_scene, (view, &plan, tile), frame, &mut stats)?;
+            self.tile(&job, tile, frame, &mut stats)?;
         }
-        for MapCost { readback, taken } in costs {
-            readback.read(&self.device, |parts| taken.add(parts.concat().as_slice(), &mut stats))?;
+        for MapCost { readback, pass_record } in costs {
+            readback.read(&self.device, |parts| pass_record.add(parts.concat().as_slice(), &mut stats))?;
         }
-        stats.bytes_per_splat = scene.bytes() as f64 / stats.splats.max(1) as f64;
+        stats.bytes_per_splat = scene.bytes() as f64 / scene.cpu.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)
     }

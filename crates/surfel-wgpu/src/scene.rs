@@ -1,10 +1,11 @@
 //! A scene in the device's memory.
 
-use crate::error::{Caught, scoped};
+use crate::error::{ScopedError, scoped};
 use crate::pipelines::SplatPipeline;
 use surfel_gpu::{Limits, RecordBytes, Upload, UploadedScene, Variant};
 use surfel_model::Scene;
-use surfel_render::{RenderError, Storage, UploadProgress};
+use surfel_model::Storage;
+use surfel_render::{RenderError, UploadProgress};
 
 /// A scene as this backend keeps it: splats in the device's memory, chunks and clouds in the host's.
 pub struct ResidentScene {
@@ -28,12 +29,12 @@ pub(crate) struct ResidentSegment {
 #[derive(Clone)]
 pub(crate) struct Records {
     pub records: wgpu::Buffer,
-    /// What clips them; `None` where nothing does.
+    /// Their clips; `None` for splats that aren't clipped.
     pub clips: Option<wgpu::Buffer>,
 }
 
 impl Records {
-    /// What draws read of them.
+    /// The bind group that draws read them by.
     pub(crate) fn group(&self, device: &wgpu::Device, pipeline: &SplatPipeline, variant: Variant) -> wgpu::BindGroup {
         let clips = self.clips.iter().filter(|_| variant == Variant::Clipped);
         bind(device, "records", &pipeline.records_group, &[&self.records].into_iter().chain(clips).collect::<Vec<_>>())
@@ -63,7 +64,7 @@ pub(crate) fn filled(
 
 /// A buffer of zeros.
 pub(crate) fn empty(device: &wgpu::Device, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
-    // A binding of nothing is an error.
+    // An empty binding is an error.
     let size = bytes.max(4);
     device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
 }
@@ -130,9 +131,9 @@ pub(crate) fn bind(
 }
 
 /// wgpu doesn't say how much memory a device has: that there is too little shows when it ends.
-fn too_large(caught: Caught, needed: u64, available: u64) -> RenderError {
+fn too_large(caught: ScopedError, needed: u64, available: u64) -> RenderError {
     match caught {
-        Caught::OutOfMemory => RenderError::SceneTooLarge { backend: crate::NAME, needed, available },
+        ScopedError::OutOfMemory => RenderError::SceneTooLarge { backend: crate::NAME, needed, available },
         other => other.into(),
     }
 }

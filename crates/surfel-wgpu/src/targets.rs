@@ -1,17 +1,17 @@
-//! Textures and buffers of a tile, kept from frame to frame while they fit.
+//! Textures and buffers of a tile, reused from frame to frame while they fit.
 
 use crate::pipelines::{Pipelines, format_of};
 use crate::scene::empty;
 use std::collections::HashMap;
-use surfel_gpu::{Draw, Target, TargetKey, Variant, veil_bytes};
+use surfel_gpu::{Draw, Target, TargetKey, Variant, layer_composite_bytes};
 
 pub(crate) struct Targets {
     pub key: TargetKey,
     views: HashMap<Target, wgpu::TextureView>,
     reads: HashMap<Draw, wgpu::BindGroup>,
     pub planes: wgpu::Buffer,
-    /// What layers of transparent splats come to.
-    pub veils: wgpu::Buffer,
+    /// Composites of transparent layers.
+    pub layer_composites: wgpu::Buffer,
 }
 
 impl Targets {
@@ -39,14 +39,14 @@ impl Targets {
             4 * u64::from(key.floats),
             wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
         );
-        let veils_buffer = empty(device, "veils", veil_bytes(&key.draws, key.size), wgpu::BufferUsages::STORAGE);
+        let layer_composites =
+            empty(device, "layer composites", layer_composite_bytes(&key.draws, key.size), wgpu::BufferUsages::STORAGE);
         let reads = key.draws.iter().filter(|draw| draw.has_reads()).filter_map(|&draw| {
             let layout = &pipelines.draw(draw, Variant::Whole, key.precision)?.reads_group;
             let mut entries = entries(&views, draw.reads());
-            let veils = draw.veils_binding();
-            entries.extend(
-                veils.map(|binding| wgpu::BindGroupEntry { binding, resource: veils_buffer.as_entire_binding() }),
-            );
+            let resource = layer_composites.as_entire_binding();
+            let binding = draw.layer_composites_binding();
+            entries.extend(binding.map(|binding| wgpu::BindGroupEntry { binding, resource }));
             Some((
                 draw,
                 device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -57,7 +57,7 @@ impl Targets {
             ))
         });
         let reads = reads.collect();
-        Self { key, views, reads, planes, veils: veils_buffer }
+        Self { key, views, reads, planes, layer_composites }
     }
 
     /// What binds the textures of these bindings.

@@ -1,4 +1,4 @@
-//! Drawing into a host's picture: the same colours as a frame's, and its depth test decides where.
+//! Drawing into a host's render target: the same colours as a frame's, and its depth test decides where.
 
 use glam::{DVec3, Vec3};
 use surfel_model::{Camera, CloudData, Column3, OnInvalid, Projection, Scene, Settings, Shape, SplatCloud};
@@ -31,7 +31,7 @@ fn scene() -> Scene {
     let shape = Shape::Disks { normals: Column3::from_f32(vec![Vec3::Z; 2]), radii: vec![0.5, 1.0] };
     let mut data = CloudData::new(DVec3::ZERO, Column3::from_f32(centers), shape);
     data.colors = Some(vec![[0.9, 0.2, 0.1], [0.1, 0.3, 0.8]]);
-    Scene::of_cloud(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0)
+    Scene::from(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0)
 }
 
 fn view(projection: Projection) -> View {
@@ -39,7 +39,8 @@ fn view(projection: Projection) -> View {
     View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.5, far: Some(10.0), size: SIZE }).unwrap()
 }
 
-/// A host's colours after splats were drawn into a picture cleared to `HOST` and this depth, which has these usages besides.
+/// A host's colours after splats were drawn into a target cleared to `HOST` and this depth, which has these usages
+/// besides.
 fn drawn(
     renderer: &mut Renderer,
     (device, queue): &(wgpu::Device, wgpu::Queue),
@@ -100,7 +101,7 @@ fn drawn(
 }
 
 #[test]
-fn host_picture_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
+fn host_target_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
     let Some(pair) = device() else { return };
     let mut renderer = Renderer::from_device(pair.0.clone(), pair.1.clone()).unwrap();
     let perspective = view(Projection::Perspective { fov_y_deg: 60.0 });
@@ -115,15 +116,15 @@ fn host_picture_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
     for (view, mapping, wall, behind) in hosts {
         let resident = renderer.upload(&scene()).unwrap();
         let mut frame = Frame::default();
-        renderer.render(&resident, view, &Settings::default(), Planes::ALL, &mut frame).unwrap();
+        renderer.render_into(&resident, view, &Settings::default(), Planes::ALL, &mut frame).unwrap();
         for (clear, farthest) in [(behind, f32::INFINITY), (wall, 3.0), (1.0 - behind, 0.0)] {
             let what = (&scene(), &Settings::default(), view);
             let pixels = drawn(&mut renderer, &pair, what, mapping, (clear, wgpu::TextureUsages::empty()));
             let mut shown = 0;
             for (i, pixel) in pixels.iter().enumerate() {
-                let passes = frame.depth[i] < farthest && frame.depth[i].is_finite();
+                let passes = frame.depth()[i] < farthest && frame.depth()[i].is_finite();
                 shown += usize::from(passes);
-                let want = if passes { frame.color[i] } else { HOST.map(|c| c as f32) };
+                let want = if passes { frame.color()[i] } else { HOST.map(|c| c as f32) };
                 assert!(
                     pixel.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-6),
                     "{mapping:?} {clear} at {i}: {pixel:?} {want:?}"
@@ -142,14 +143,14 @@ fn panes(panes: &[(f32, f32)]) -> Scene {
     let mut data = CloudData::new(DVec3::ZERO, Column3::from_f32(centers), shape);
     data.colors = Some(panes.iter().map(|pane| [0.9, 0.2 * pane.0, 0.1]).collect());
     data.alphas = Some(panes.iter().map(|pane| pane.1).collect());
-    Scene::of_cloud(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0)
+    Scene::from(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0)
 }
 
 #[test]
-fn host_things_are_seen_between_transparent_layers_and_what_is_behind_them() {
+fn host_geometry_is_seen_between_transparent_layers() {
     let Some(pair) = device() else { return };
     let mut renderer = Renderer::from_device(pair.0.clone(), pair.1.clone()).unwrap();
-    let settings = Settings { transparency: "peel:4".parse().unwrap(), ..Settings::default() };
+    let settings = Settings::default().with_transparency("peel:4".parse().unwrap());
     let perspective = view(Projection::Perspective { fov_y_deg: 60.0 });
     let orthographic = view(Projection::Orthographic { height: 3.0 });
     let linear = HostDepth { offset: -0.5 / 9.5, scale: 1.0 / 9.5, compare: wgpu::CompareFunction::Less };
@@ -160,16 +161,16 @@ fn host_things_are_seen_between_transparent_layers_and_what_is_behind_them() {
         (&perspective, HostDepth::usual(0.5, 10.0), far * (1.0 - 0.5 / 3.0)),
         (&orthographic, linear, 2.5 / 9.5),
     ];
-    // What is before the wall hides or shows it; what is behind it is not seen, whether it is opaque or not.
+    // Splats before the wall occlude or show it; splats behind it are not seen, whether it is opaque or not.
     let before = [(2.0, 0.5), (2.5, 0.25)];
     let scenes =
         [panes(&before), panes(&[before[0], before[1], (4.0, 0.75)]), panes(&[before[0], before[1], (4.0, 1.0)])];
     for (view, mapping, wall) in hosts {
         let resident = renderer.upload(&scenes[0]).unwrap();
         let mut frame = Frame::default();
-        renderer.render(&resident, view, &settings, Planes::ALL, &mut frame).unwrap();
+        renderer.render_into(&resident, view, &settings, Planes::ALL, &mut frame).unwrap();
         let over = |c: &[f32; 4]| -> [f32; 4] { std::array::from_fn(|i| c[i] + (1.0 - c[3]) * HOST[i] as f32) };
-        let want: Vec<[f32; 4]> = frame.color.iter().map(over).collect();
+        let want: Vec<[f32; 4]> = frame.color().iter().map(over).collect();
         for scene in &scenes {
             let depth = (wall, wgpu::TextureUsages::TEXTURE_BINDING);
             let pixels = drawn(&mut renderer, &pair, (scene, &settings, view), mapping, depth);
@@ -180,7 +181,7 @@ fn host_things_are_seen_between_transparent_layers_and_what_is_behind_them() {
         }
         let tinted = want.iter().filter(|color| (f64::from(color[0]) - HOST[0]).abs() > 0.1).count();
         assert!(tinted > 50, "{tinted}");
-        // An opaque disk before the wall hides it; where the depth can't be read, that is all that is asked.
+        // An opaque disk before the wall occludes it; where the depth can't be read, that is all that is asked.
         for usage in [wgpu::TextureUsages::empty(), wgpu::TextureUsages::TEXTURE_BINDING] {
             let pixels = drawn(
                 &mut renderer,

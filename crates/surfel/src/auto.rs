@@ -1,53 +1,74 @@
 //! A scene for files that come without one: camera, lights and settings that show any data well.
 
-use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, NamedView, ViewAxes, frame_camera};
+use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice, frame_camera};
+use crate::framing::{UpReason, Upright, upright};
+use crate::patches::Patches;
 use crate::scene::ObjectFacts;
 use crate::scene::{LoadedObjects, ObjectNote, assemble, load_objects, load_scene, read_scene_file};
 use crate::{Error, LoadOptions};
 use glam::DVec3;
 use std::path::Path;
-use surfel_model::{Camera, Cull, Light, Material, ObjectFile, Scene, SceneFile, Settings, Shader, Up};
+use surfel_model::{
+    Camera, ConvertOptions, Cull, Light, Material, ObjectFile, Scene, SceneFile, Settings, Shader, Transparency, Up,
+};
 use surfel_render::Preset;
 use surfel_sample::Progress;
 
-/// Size of an automatic picture, in pixels.
+/// Size of an automatic image, in pixels.
 pub const DEFAULT_SIZE: [u32; 2] = [1024, 1024];
-/// Share of an automatic picture's width or height that the scene takes.
+/// Share of an automatic image's width or height that the scene takes.
 const FILL: f64 = 0.9;
+/// Layers of transparent splats in automatic images: two panes of glass have four surfaces, and all behind the third
+/// are blended as one.
+const LAYERS: u32 = 4;
 /// Ambient light of automatic scenes, linear RGB: shadows stay readable.
 const AMBIENT: [f64; 3] = [0.13, 0.135, 0.145];
 
 /// What may be said about an automatic scene.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct AutoOptions {
-    /// Which axis is up; `None`: as the first file or its format says.
+    /// Which axis is up; `None`: as a file or its format says, or else the objects' shape ([`auto_up`]).
     pub up: Option<Up>,
     /// Where to look from.
-    pub view: NamedView,
+    pub view: ViewChoice,
     /// Projection.
     pub projection: FrameProjection,
     /// Image width and height in pixels.
     pub size: [u32; 2],
     /// A camera to use instead of a framed one.
     pub camera: Option<Camera>,
-    /// Linear RGB and straight alpha.
-    pub background: [f64; 4],
+    /// Linear RGB and straight alpha; `None`: white, or grey behind what is mostly white itself and drawn unlit.
+    pub background: Option<[f64; 4]>,
     /// Settings.
     pub settings: Settings,
     /// The framed camera leaves room for the scene to turn about its up axis.
     pub turning: bool,
 }
 
+impl AutoOptions {
+    surfel_model::setters! {
+        with_up up: Option<Up>,
+        with_view view: ViewChoice,
+        with_projection projection: FrameProjection,
+        with_size size: [u32; 2],
+        with_camera camera: Option<Camera>,
+        with_background background: Option<[f64; 4]>,
+        with_settings settings: Settings,
+        with_turning turning: bool,
+    }
+}
+
 impl Default for AutoOptions {
     fn default() -> Self {
         Self {
             up: None,
-            view: NamedView::Iso,
+            view: ViewChoice::Auto,
             projection: FrameProjection::Perspective(DEFAULT_FOV_Y_DEG),
             size: DEFAULT_SIZE,
             camera: None,
-            background: [1.0; 4],
-            settings: Preset::Balanced.apply(Settings { shader: Shader::Phong, ..Settings::default() }),
+            background: None,
+            settings: Preset::Balanced.apply(Settings::default().with_shader(Shader::Phong)),
             turning: false,
         }
     }
@@ -68,18 +89,37 @@ pub fn studio_lights(camera: &Camera) -> Vec<Light> {
     ]
 }
 
+/// How the transparent splats of files that came without a scene are drawn, and a note that says so; `None` where there
+/// are none, and for Gaussians, which [`ObjectFacts::transparent`] leaves out. `paths` are those of the objects.
+pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Transparency, ObjectNote)> {
+    let (_, path) = loaded.facts.iter().zip(paths).find(|(facts, _)| facts.transparent)?;
+    let transparency = Transparency::Peel { layers: LAYERS, drop_last: false };
+    let text = format!("some splats are transparent: drawn as --transparency {transparency} (off draws them opaque)");
+    Some((transparency, ObjectNote { path: path.to_path_buf(), text }))
+}
+
+/// Which axis is up in objects that came without a scene file, and why: the first file that says it or whose format
+/// does decides, or else the objects' shape ([`upright`]).
+pub fn auto_up(loaded: &LoadedObjects) -> Upright {
+    let known = loaded.facts.iter().find_map(|facts| Some(Upright { up: facts.up, reason: facts.up_reason? }));
+    known.unwrap_or_else(|| match loaded.facts.first() {
+        Some(first) => upright(&loaded.objects, first.points),
+        None => Upright { up: Up::PlusY, reason: UpReason::Convention },
+    })
+}
+
 /// The scene file of objects that came without one: camera, lights and materials made to suit them.
 ///
 /// # Errors
 /// [`Error::Model`] for objects without extent that can be framed, and for options out of range.
 pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &AutoOptions) -> Result<SceneFile, Error> {
-    let up = options.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
+    let up = options.up.unwrap_or_else(|| auto_up(loaded).up);
     let scene = Scene { objects: loaded.objects.clone(), ..Scene::default() };
     let camera = match &options.camera {
         Some(camera) => camera.clone(),
         None => {
             let framing = FrameOptions {
-                axes: ViewAxes::named(options.view, up),
+                axes: ViewAxes::of_choice(options.view, &loaded.objects, up),
                 projection: options.projection,
                 size: options.size,
                 fill: FILL,
@@ -93,14 +133,15 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
         }
     };
     let mut objects = objects;
+    let whites = Whites::of(loaded);
     for (object, facts) in objects.iter_mut().zip(&loaded.facts) {
-        object.material = material(facts);
+        object.material = material(facts, whites.exposure());
     }
     Ok(SceneFile {
         up: Some(up),
         lights: Some(studio_lights(&camera)),
         camera,
-        background: options.background,
+        background: options.background.unwrap_or_else(|| whites.background(options.settings.shader)),
         ambient: AMBIENT,
         matcap: None,
         objects,
@@ -108,14 +149,67 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
     })
 }
 
-/// Colours are shown as bright as they are; what has none is white by definition, and shown as light grey clay,
-/// which leaves room for highlights.
+/// Linear light that the lights of an automatic scene return at most from a white surface of [`material`]'s factors,
+/// before it is made darker: where it faces between the key light and the fill, with the highlight.
+const BRIGHTEST: f64 = 1.04;
+/// Linear light that the brightest surfaces are brought down to: white objects keep their shape.
+const HEADROOM: f64 = 0.9;
+/// Share of the surface that is taken for stray highlights, not for its colour.
+const HIGHLIGHTS: f64 = 0.02;
+/// Linear albedo from which a surface can't be told from a white background, and the share of such surface from which
+/// the background is grey.
+const WHITE: (f64, f64) = (0.75, 1.0 / 3.0);
+/// Linear grey: as far from white as from black, to the eye.
+const GREY: f64 = 0.18;
+
+/// How white objects are.
+struct Whites {
+    /// Albedo that all but few coloured surfaces are darker than, in their largest channel.
+    brightest: f64,
+    /// Share of all surface that is white; what has no colours is.
+    share: f64,
+}
+
+impl Whites {
+    fn of(loaded: &LoadedObjects) -> Self {
+        let Some(patches) = Patches::of(&loaded.objects) else {
+            return Self { brightest: 1.0, share: 0.0 };
+        };
+        let max = |c: [f32; 3]| c.into_iter().map(f64::from).fold(0.0, f64::max);
+        let min = |c: [f32; 3]| c.into_iter().map(f64::from).fold(f64::INFINITY, f64::min);
+        let white = patches.all.iter().filter(|p| min(p.color) >= WHITE.0).map(|p| p.area).sum::<f64>();
+        let mut albedos: Vec<(f64, f64)> = patches.all.iter().map(|p| (max(p.color), p.area)).collect();
+        albedos.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+        let mut left = HIGHLIGHTS * patches.area;
+        let brightest = albedos.into_iter().find(|(_, area)| {
+            left -= area;
+            left < 0.0
+        });
+        Self { brightest: brightest.map_or(1.0, |(albedo, _)| albedo), share: white / patches.area }
+    }
+
+    /// Factor for the materials of coloured objects, at most 1: the same for all, so that their colours compare.
+    fn exposure(&self) -> f64 {
+        (HEADROOM / (BRIGHTEST * self.brightest.max(f64::MIN_POSITIVE))).min(1.0)
+    }
+
+    /// Lit white surfaces are darker than a white background all along their outline, which faces past the lights;
+    /// unlit ones are not.
+    fn background(&self, shader: Shader) -> [f64; 4] {
+        let grey = shader == Shader::Unlit && self.share > WHITE.1;
+        if grey { [GREY, GREY, GREY, 1.0] } else { [1.0; 4] }
+    }
+}
+
+/// Colours are shown as bright as they are, and white ones a little darker; what has none is white by definition, and
+/// shown as light grey clay, which leaves room for highlights.
 ///
 /// The hidden side of a closed mesh is left out: its splats reach a little past the silhouette and would fringe it.
-fn material(facts: &ObjectFacts) -> Material {
+fn material(facts: &ObjectFacts, exposure: f64) -> Material {
     let cull = if facts.closed { Cull::Back } else { Cull::None };
     if facts.colored {
-        Material { ambient: 1.3, diffuse: 0.95, specular: 0.06, shininess: 24.0, cull, ..Material::default() }
+        let (ambient, diffuse) = (1.3 * exposure, 0.95 * exposure);
+        Material { ambient, diffuse, specular: 0.06 * exposure, shininess: 24.0, cull, ..Material::default() }
     } else {
         Material { ambient: 0.55, diffuse: 0.66, specular: 0.14, shininess: 32.0, cull, ..Material::default() }
     }
@@ -123,7 +217,7 @@ fn material(facts: &ObjectFacts) -> Material {
 
 /// A scene and the file that describes it.
 #[derive(Clone, Debug)]
-pub struct Opened {
+pub struct LoadedScene {
     /// The scene file: as it was read, or as it was made up for bare geometry. Paths are as they were given.
     pub file: SceneFile,
     /// The scene, with everything loaded.
@@ -136,7 +230,7 @@ pub struct Opened {
 ///
 /// # Errors
 /// As [`load_scene`]; [`Error::Unsuitable`] if there is no path.
-pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<Opened, Error> {
+pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Error> {
     let options = LoadOptions::default();
     match paths {
         [] => Err(Error::Unsuitable { path: "".into(), problem: "no file is given, expected at least one".into() }),
@@ -144,14 +238,19 @@ pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<Opened, Error> {
             let (file, _) = read_scene_file(path)?;
             let base = path.parent().unwrap_or(Path::new(""));
             let (scene, notes) = load_scene(&file, base, &options, progress)?;
-            Ok(Opened { file, scene, notes })
+            Ok(LoadedScene { file, scene, notes })
         }
         paths => {
             let objects = paths.iter().map(|path| bare_object(path)).collect::<Vec<_>>();
-            let loaded = load_objects(&objects, Path::new(""), &options, progress)?;
-            let file = auto_scene(objects, &loaded, &AutoOptions::default())?;
+            let mut loaded = load_objects(&objects, Path::new(""), &options, progress)?;
+            let mut auto = AutoOptions::default();
+            if let Some((transparency, note)) = auto_transparency(&loaded, paths) {
+                auto.settings.transparency = transparency;
+                loaded.notes.push(note);
+            }
+            let file = auto_scene(objects, &loaded, &auto)?;
             let scene = assemble(&file, loaded.objects)?;
-            Ok(Opened { file, scene, notes: loaded.notes })
+            Ok(LoadedScene { file, scene, notes: loaded.notes })
         }
     }
 }
@@ -168,5 +267,25 @@ pub fn bare_object(path: &Path) -> ObjectFile {
         mesh: None,
         matrix: glam::DMat4::IDENTITY.to_cols_array(),
         material: Material::default(),
+        convert: ConvertOptions::default(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn transparency_is_chosen_for_the_first_file_that_has_some() {
+        let facts = |transparent| ObjectFacts { colored: true, transparent, ..ObjectFacts::default() };
+        let loaded = |all: &[bool]| LoadedObjects {
+            facts: all.iter().map(|&transparent| facts(transparent)).collect(),
+            ..LoadedObjects::default()
+        };
+        let paths = [Path::new("wall.ply"), Path::new("glass.glb")];
+        assert_eq!(auto_transparency(&loaded(&[false, false]), &paths), None);
+        let (transparency, note) = auto_transparency(&loaded(&[false, true]), &paths).unwrap();
+        assert_eq!((transparency.to_string().as_str(), note.path.as_path()), ("peel:4", paths[1]));
+        assert!(note.text.contains("--transparency peel:4"), "{}", note.text);
     }
 }

@@ -1,11 +1,11 @@
 //! Which program draws: one enum over all backends that are built in.
 
-use surfel_model::{Scene, Settings};
 #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
-use surfel_render::Storage;
+use surfel_model::Storage;
+use surfel_model::{Scene, Settings};
 use surfel_render::{
-    Capabilities, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, UploadProgress, View,
-    unsupported,
+    Capabilities, Feature, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, UploadProgress,
+    View, unsupported,
 };
 
 /// Names of backends, fastest first; `reference` is last.
@@ -18,11 +18,21 @@ const BUILT: &[&str] = &[
     "wgpu",
     #[cfg(feature = "cpu")]
     "cpu",
+    #[cfg(feature = "reference")]
     "reference",
 ];
 
+/// Cargo's feature that builds a backend into programs.
+fn feature_of(name: &'static str) -> &'static str {
+    match name {
+        "ash" | "wgpu" => "gpu",
+        other => other,
+    }
+}
+
 /// What is asked of a backend when it starts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct BackendOptions {
     /// Threads of a CPU backend; 0: as many as the machine has.
     pub threads: usize,
@@ -34,6 +44,18 @@ pub struct BackendOptions {
 }
 
 impl BackendOptions {
+    /// With a part of the adapter's name, in any case; `None`: any adapter.
+    #[must_use]
+    pub fn with_adapter(mut self, adapter: impl Into<Option<String>>) -> Self {
+        self.adapter = adapter.into();
+        self
+    }
+
+    surfel_model::setters! {
+        with_threads threads: usize,
+        with_quantised quantised: bool,
+    }
+
     #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
     fn storage(&self) -> Storage {
         if self.quantised { Storage::Quantised } else { Storage::F32 }
@@ -45,11 +67,16 @@ impl BackendOptions {
 #[non_exhaustive]
 pub enum BackendError {
     /// A known backend that this program was built without.
-    #[error("backend '{name}' is not built into this program; it has: {available}")]
+    #[error(
+        "backend '{name}' is not built into this program, which has {available}: build it with Cargo's feature \
+         '{feature}', as in cargo build --release --features {feature}"
+    )]
     NotBuilt {
         /// Its name.
-        name: String,
-        /// Those that are.
+        name: &'static str,
+        /// The feature that has it.
+        feature: &'static str,
+        /// Those that are built in.
         available: String,
     },
     /// A name that no backend has.
@@ -87,10 +114,11 @@ pub enum Backend {
     /// A GPU, by wgpu.
     #[cfg(feature = "wgpu")]
     Wgpu(Box<surfel_wgpu::Renderer>),
-    /// The processor, by SIMD on all threads.
+    /// The CPU, by SIMD on all threads.
     #[cfg(feature = "cpu")]
     Cpu(surfel_cpu::Renderer),
     /// The rendering model in executable form: exact and slow.
+    #[cfg(feature = "reference")]
     Reference(surfel_reference::Renderer),
 }
 
@@ -103,10 +131,11 @@ pub enum BackendScene {
     /// In the memory of wgpu's device.
     #[cfg(feature = "wgpu")]
     Wgpu(Box<<surfel_wgpu::Renderer as Renderer>::Scene>),
-    /// In the processor backend.
+    /// In the CPU backend.
     #[cfg(feature = "cpu")]
     Cpu(<surfel_cpu::Renderer as Renderer>::Scene),
     /// In the reference renderer.
+    #[cfg(feature = "reference")]
     Reference(<surfel_reference::Renderer as Renderer>::Scene),
 }
 
@@ -123,7 +152,9 @@ pub struct BackendInfo {
 pub fn backends() -> Vec<BackendInfo> {
     let state = |name| match Backend::by_name(name, &BackendOptions::default()) {
         Ok(backend) => Ok(backend.info().clone()),
-        Err(BackendError::NotBuilt { .. }) => Err("not built into this program".to_owned()),
+        Err(BackendError::NotBuilt { feature, .. }) => {
+            Err(format!("not built into this program (cargo build --release --features {feature})"))
+        }
         Err(error) => Err(error.to_string()),
     };
     NAMES.into_iter().map(|name| BackendInfo { name, state: state(name) }).collect()
@@ -134,10 +165,12 @@ pub struct Chosen {
     /// The backend.
     pub backend: Backend,
     /// A line for each faster backend that this program has: its name and why it was passed over.
-    pub passed_over: Vec<String>,
+    pub rejected: Vec<String>,
 }
 
 impl Backend {
+    surfel_render::renderer_methods!(BackendScene);
+
     /// The fastest backend that works here, with default options.
     ///
     /// # Errors
@@ -162,7 +195,7 @@ impl Backend {
     }
 
     /// The fastest backend that works here and that `refuses` gives no reason against. A GPU that is no faster than the
-    /// processor, because it computes on it, is passed over unless its adapter is asked for.
+    /// CPU, because it computes on it, is passed over unless its adapter is asked for.
     ///
     /// # Errors
     /// [`BackendError`] of the last one tried.
@@ -170,15 +203,15 @@ impl Backend {
         options: &BackendOptions,
         mut refuses: impl FnMut(&Capabilities) -> Option<String>,
     ) -> Result<Chosen, BackendError> {
-        let mut passed_over = Vec::new();
+        let mut rejected = Vec::new();
         for &name in BUILT.iter().filter(|&&name| name != "reference") {
             if !has_device_for(name) {
-                passed_over.push(format!("{name}: this machine has no GPU"));
+                rejected.push(format!("{name}: this machine has no GPU"));
                 continue;
             }
             // A device takes time to start, and what draws on it is known before.
             if let Some(reason) = capabilities_of(name).and_then(|capabilities| refuses(&capabilities)) {
-                passed_over.push(format!("{name}: {reason}"));
+                rejected.push(format!("{name}: {reason}"));
                 continue;
             }
             let reason = match Self::by_name(name, options) {
@@ -188,15 +221,20 @@ impl Backend {
                     match refuses(&info.capabilities) {
                         Some(reason) => reason,
                         None if backend.is_software() && options.adapter.is_none() => {
-                            format!("{} computes on the processor", info.adapter)
+                            format!("{} computes on the CPU", info.adapter)
                         }
-                        None => return Ok(Chosen { backend, passed_over }),
+                        None => return Ok(Chosen { backend, rejected }),
                     }
                 }
             };
-            passed_over.push(format!("{name}: {reason}"));
+            rejected.push(format!("{name}: {reason}"));
         }
-        Ok(Chosen { backend: Self::reference(options)?, passed_over })
+        Ok(Chosen { backend: Self::by_name("reference", options)?, rejected })
+    }
+
+    /// True if no backend of this name draws a feature, on any machine. It starts nothing.
+    pub fn never_draws(name: &str, feature: Feature) -> bool {
+        capabilities_of(name).is_some_and(|capabilities| !capabilities.has(feature))
     }
 
     /// Starts the backend `name`: `cpu`, `wgpu`, `ash`, `reference`, or `auto` for the fastest that works.
@@ -212,44 +250,45 @@ impl Backend {
             "wgpu" => Self::wgpu(options),
             #[cfg(feature = "cpu")]
             "cpu" => Self::cpu(options),
+            #[cfg(feature = "reference")]
             "reference" => Self::reference(options),
-            _ if NAMES.contains(&name) => {
-                Err(BackendError::NotBuilt { name: name.to_owned(), available: BUILT.join(", ") })
-            }
-            _ => Err(BackendError::Unknown { name: name.to_owned() }),
+            _ => Err(match NAMES.into_iter().find(|known| *known == name) {
+                Some(name) => BackendError::NotBuilt { name, feature: feature_of(name), available: BUILT.join(", ") },
+                None => BackendError::Unknown { name: name.to_owned() },
+            }),
         }
     }
 
     #[cfg(feature = "ash")]
     fn ash(options: &BackendOptions) -> Result<Self, BackendError> {
-        let (adapter, storage) = (options.adapter.clone(), options.storage());
-        let start = surfel_ash::Options { adapter, storage, ..Default::default() };
-        let start = surfel_ash::Renderer::with_options(&start);
+        let start =
+            surfel_ash::Options::default().with_adapter(options.adapter.clone()).with_storage(options.storage());
+        let start = surfel_ash::Renderer::new(start);
         let renderer = start.map_err(|source| BackendError::NoStart { name: "ash", source })?;
         Ok(Self::Ash(Box::new(renderer)))
     }
 
     #[cfg(feature = "wgpu")]
     fn wgpu(options: &BackendOptions) -> Result<Self, BackendError> {
-        let (adapter, storage) = (options.adapter.clone(), options.storage());
-        let start = surfel_wgpu::Options { adapter, storage, ..Default::default() };
-        let start = surfel_wgpu::Renderer::with_options(&start);
+        let start =
+            surfel_wgpu::Options::default().with_adapter(options.adapter.clone()).with_storage(options.storage());
+        let start = surfel_wgpu::Renderer::new(start);
         let renderer = start.map_err(|source| BackendError::NoStart { name: "wgpu", source })?;
         Ok(Self::Wgpu(Box::new(renderer)))
     }
 
     #[cfg(feature = "cpu")]
     fn cpu(options: &BackendOptions) -> Result<Self, BackendError> {
-        let (threads, storage) = (options.threads, options.storage());
-        let cpu = surfel_cpu::Options { threads, storage, ..surfel_cpu::Options::default() };
-        let start = surfel_cpu::Renderer::with_options(&cpu);
+        let start = surfel_cpu::Options::default().with_threads(options.threads).with_storage(options.storage());
+        let start = surfel_cpu::Renderer::new(start);
         let renderer = start.map_err(|source| BackendError::NoStart { name: "cpu", source })?;
         check_adapter(renderer.info(), options)?;
         Ok(Self::Cpu(renderer))
     }
 
+    #[cfg(feature = "reference")]
     fn reference(options: &BackendOptions) -> Result<Self, BackendError> {
-        let start = surfel_reference::Renderer::new(options.threads);
+        let start = surfel_reference::Renderer::new(surfel_reference::Options::default().with_threads(options.threads));
         let renderer = start.map_err(|source| BackendError::NoStart { name: "reference", source })?;
         check_adapter(renderer.info(), options)?;
         Ok(Self::Reference(renderer))
@@ -264,19 +303,21 @@ impl Backend {
             Self::Wgpu(renderer) => renderer.is_software(),
             #[cfg(feature = "cpu")]
             Self::Cpu(_) => false,
+            #[cfg(feature = "reference")]
             Self::Reference(_) => false,
         }
     }
 
     /// True for the backend that can render with several samples a pixel.
     pub fn can_supersample(&self) -> bool {
-        matches!(self, Self::Reference(_))
+        self.info().backend == "reference"
     }
 
     /// Renders with `samples`×`samples` unfiltered samples a pixel and averages them.
     ///
     /// # Errors
     /// As [`Renderer::render`]; [`RenderError::Unsupported`] where [`Backend::can_supersample`] is false.
+    #[cfg_attr(not(feature = "reference"), expect(unused_variables, reason = "no other backend supersamples"))]
     pub fn render_supersampled(
         &mut self,
         scene: &BackendScene,
@@ -287,17 +328,18 @@ impl Backend {
         frame: &mut Frame,
     ) -> Result<Stats, RenderError> {
         match (self, scene) {
+            #[cfg(feature = "reference")]
             (Self::Reference(renderer), BackendScene::Reference(scene)) => {
                 renderer.render_supersampled(scene, view, settings, planes, samples, frame)
             }
-            #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
+            #[allow(unreachable_patterns, reason = "a program with one backend has no other's scenes")]
             (backend, _) if !backend.can_supersample() => Err(RenderError::Unsupported {
                 backend: backend.info().backend,
                 feature: "supersampling",
                 found_where: "is asked for".to_owned(),
                 advice: "use backend 'reference'",
             }),
-            #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
+            #[allow(unreachable_patterns, reason = "a program with one backend has no other's scenes")]
             (backend, _) => Err(elsewhere(backend)),
         }
     }
@@ -325,7 +367,6 @@ fn has_device_for(name: &str) -> bool {
 }
 
 /// A scene that was uploaded to another backend.
-#[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
 fn elsewhere(backend: &Backend) -> RenderError {
     let message = "the scene was uploaded to another backend: upload it to this one".to_owned();
     RenderError::Backend { backend: backend.info().backend, message }
@@ -351,6 +392,7 @@ impl Renderer for Backend {
             Self::Wgpu(renderer) => renderer.info(),
             #[cfg(feature = "cpu")]
             Self::Cpu(renderer) => renderer.info(),
+            #[cfg(feature = "reference")]
             Self::Reference(renderer) => renderer.info(),
         }
     }
@@ -375,11 +417,12 @@ impl Renderer for Backend {
             }
             #[cfg(feature = "cpu")]
             Self::Cpu(renderer) => renderer.upload_reporting(scene, progress).map(BackendScene::Cpu),
+            #[cfg(feature = "reference")]
             Self::Reference(renderer) => renderer.upload_reporting(scene, progress).map(BackendScene::Reference),
         }
     }
 
-    fn render(
+    fn render_into(
         &mut self,
         scene: &BackendScene,
         view: &View,
@@ -388,16 +431,23 @@ impl Renderer for Backend {
         frame: &mut Frame,
     ) -> Result<Stats, RenderError> {
         match (self, scene) {
+            #[cfg(feature = "reference")]
             (Self::Reference(renderer), BackendScene::Reference(scene)) => {
-                renderer.render(scene, view, settings, planes, frame)
+                renderer.render_into(scene, view, settings, planes, frame)
             }
             #[cfg(feature = "cpu")]
-            (Self::Cpu(renderer), BackendScene::Cpu(scene)) => renderer.render(scene, view, settings, planes, frame),
+            (Self::Cpu(renderer), BackendScene::Cpu(scene)) => {
+                renderer.render_into(scene, view, settings, planes, frame)
+            }
             #[cfg(feature = "ash")]
-            (Self::Ash(renderer), BackendScene::Ash(scene)) => renderer.render(scene, view, settings, planes, frame),
+            (Self::Ash(renderer), BackendScene::Ash(scene)) => {
+                renderer.render_into(scene, view, settings, planes, frame)
+            }
             #[cfg(feature = "wgpu")]
-            (Self::Wgpu(renderer), BackendScene::Wgpu(scene)) => renderer.render(scene, view, settings, planes, frame),
-            #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
+            (Self::Wgpu(renderer), BackendScene::Wgpu(scene)) => {
+                renderer.render_into(scene, view, settings, planes, frame)
+            }
+            #[allow(unreachable_patterns, reason = "a program with one backend has no other's scenes")]
             (backend, _) => Err(elsewhere(backend)),
         }
     }

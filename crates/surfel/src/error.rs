@@ -1,4 +1,4 @@
-//! What can go wrong between a file and a picture.
+//! What can go wrong between a file and an image.
 
 use crate::BackendError;
 use std::path::PathBuf;
@@ -33,7 +33,7 @@ pub enum Error {
         /// What was found, expected, and what to do.
         problem: String,
     },
-    /// No picture.
+    /// No image.
     #[error(transparent)]
     Render(#[from] RenderError),
     /// No such backend here.

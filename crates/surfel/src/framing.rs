@@ -1,8 +1,14 @@
-//! Where to look from: a camera that shows all of a scene, as large as the picture allows.
+//! Where to look from: a camera that shows all of a scene, as large as the image allows.
 
+use crate::patches::Patches;
+pub use crate::upright::{UpReason, Upright};
+use crate::{upright, viewpoint};
 use glam::{DQuat, DVec3};
+use std::fmt;
+use surfel_math::V2;
 use surfel_math::basis::unit;
-use surfel_model::{Camera, Geometry, Projection, Scene, Up};
+use surfel_math::clip::Clip;
+use surfel_model::{Camera, ClipPolicy, Geometry, Object, Projection, Scene, SplatCloud, Up};
 
 /// Vertical field of view of automatic cameras, in degrees: that of a short telephoto lens, which distorts little.
 pub const DEFAULT_FOV_Y_DEG: f64 = 35.0;
@@ -27,14 +33,47 @@ pub enum NamedView {
     Bottom,
 }
 
+/// Where a view is from, relative to the front: both 0 are [`NamedView::Front`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewAngles {
+    /// About the up axis, toward the right of the front view, in degrees: 90 is [`NamedView::Right`].
+    pub azimuth_deg: f64,
+    /// Above the horizon, in degrees: 90 is [`NamedView::Top`].
+    pub elevation_deg: f64,
+}
+
+impl ViewAngles {
+    /// Those of [`NamedView::Iso`].
+    pub const ISO: Self = Self { azimuth_deg: 30.0, elevation_deg: 20.0 };
+}
+
+impl fmt::Display for ViewAngles {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{},{}", self.azimuth_deg, self.elevation_deg)
+    }
+}
+
+/// Which side a scene is shown from.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub enum ViewChoice {
+    /// The one of a ring of views that shows most: [`best_view`].
+    #[default]
+    Auto,
+    /// One with a name.
+    Named(NamedView),
+    /// One by its angles.
+    From(ViewAngles),
+}
+
 /// Directions of a view, unit vectors in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewAxes {
-    /// Toward the right of the picture.
+    /// Toward the right of the image.
     pub right: DVec3,
     /// Toward its upper edge.
     pub up: DVec3,
-    /// Into the picture.
+    /// Into the image.
     pub forward: DVec3,
 }
 
@@ -46,22 +85,38 @@ impl ViewAxes {
         Self { right, up: right.cross(forward), forward }
     }
 
+    /// Axes of the view of `objects` that is chosen.
+    pub fn of_choice(choice: ViewChoice, objects: &[Object], up: Up) -> Self {
+        match choice {
+            ViewChoice::Auto => Self::turned(best_view(objects, up), up),
+            ViewChoice::Named(view) => Self::named(view, up),
+            ViewChoice::From(angles) => Self::turned(angles, up),
+        }
+    }
+
+    fn looking(forward: DVec3, up: DVec3) -> Self {
+        let right = unit(forward.cross(up));
+        Self { right, up: right.cross(forward), forward: unit(forward) }
+    }
+
+    /// Axes of a view from these angles. Straight above and below, the front is at the lower edge of the image, as in
+    /// [`NamedView::Top`], or at the upper one.
+    pub fn turned(angles: ViewAngles, up: Up) -> Self {
+        let u = up.vector();
+        let front = front(up);
+        let right = front.cross(u);
+        let (azimuth, elevation) = (angles.azimuth_deg.to_radians(), angles.elevation_deg.to_radians());
+        let level = front * azimuth.cos() - right * azimuth.sin();
+        let upward = u * elevation.cos() + level * elevation.sin();
+        Self::looking(level * elevation.cos() - u * elevation.sin(), upward)
+    }
+
     /// Axes of a named view.
     pub fn named(view: NamedView, up: Up) -> Self {
         let u = up.vector();
-        // The front is where people expect it: before a y-up model at +z, before a z-up model at −y, and before
-        // Gaussian splats, whose cameras look along +z with y down, at −z.
-        let front = match up {
-            Up::PlusX | Up::MinusX | Up::PlusY => DVec3::NEG_Z,
-            Up::MinusY => DVec3::Z,
-            Up::PlusZ => DVec3::Y,
-            Up::MinusZ => DVec3::NEG_Y,
-        };
+        let front = front(up);
         let right = front.cross(u);
-        let looking = |forward: DVec3, up: DVec3| {
-            let right = unit(forward.cross(up));
-            Self { right, up: right.cross(forward), forward: unit(forward) }
-        };
+        let looking = Self::looking;
         match view {
             NamedView::Front => looking(front, u),
             NamedView::Back => looking(-front, u),
@@ -70,11 +125,23 @@ impl ViewAxes {
             NamedView::Top => looking(-u, front),
             NamedView::Bottom => looking(u, -front),
             NamedView::Iso => {
-                let (azimuth, elevation) = (30.0_f64.to_radians(), 20.0_f64.to_radians());
+                let ViewAngles { azimuth_deg, elevation_deg } = ViewAngles::ISO;
+                let (azimuth, elevation) = (azimuth_deg.to_radians(), elevation_deg.to_radians());
                 let level = front * azimuth.cos() - right * azimuth.sin();
                 looking(level * elevation.cos() - u * elevation.sin(), u)
             }
         }
+    }
+}
+
+/// Direction in which a front view looks. The front is where people expect it: before a y-up model at +z, before a
+/// z-up model at −y, and before Gaussian splats, whose cameras look along +z with y down, at −z.
+fn front(up: Up) -> DVec3 {
+    match up {
+        Up::PlusX | Up::MinusX | Up::PlusY => DVec3::NEG_Z,
+        Up::MinusY => DVec3::Z,
+        Up::PlusZ => DVec3::Y,
+        Up::MinusZ => DVec3::NEG_Y,
     }
 }
 
@@ -96,7 +163,7 @@ pub struct FrameOptions {
     pub projection: FrameProjection,
     /// Image width and height in pixels.
     pub size: [u32; 2],
-    /// Share of the picture's width or height that the scene takes, in (0, 1].
+    /// Share of the image's width or height that the scene takes, in (0, 1].
     pub fill: f64,
     /// The scene fits also while it turns about this axis through its middle.
     pub turning: Option<DVec3>,
@@ -125,16 +192,23 @@ impl Support {
     }
 }
 
-/// Calls `f` with centre and half-axes of every splat, in world space; vertices of meshes have none.
+/// Calls `f` with centre and half-axes of every splat, in world space; with no axes for vertices of meshes, and for
+/// points on the outline of what a clip keeps.
 fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, DVec3, DVec3)) {
     for object in &scene.objects {
         let m = object.world_from_object;
+        let mut splat = |cloud: &SplatCloud, i: usize| {
+            let (s, t) = cloud.axes(i);
+            let (p, s, t) = (m.transform_point3(cloud.center(i)), m.transform_vector3(s), m.transform_vector3(t));
+            match cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, ClipPolicy::Exact)) {
+                Some(clip) => outline(&clip).for_each(|d| f(p + s * d.x + t * d.y, DVec3::ZERO, DVec3::ZERO)),
+                None => f(p, s, t),
+            }
+        };
         match &object.geometry {
-            Geometry::Splats(cloud) => {
-                for i in 0..cloud.len() {
-                    let (s, t) = cloud.axes(i);
-                    f(m.transform_point3(cloud.center(i)), m.transform_vector3(s), m.transform_vector3(t));
-                }
+            Geometry::Splats(cloud) => (0..cloud.len()).for_each(|i| splat(cloud, i)),
+            Geometry::Octree(octree) => {
+                octree.finest().flatten().for_each(|i| splat(octree.cloud(), i as usize));
             }
             Geometry::Mesh(mesh) => {
                 for i in 0..mesh.positions.len() {
@@ -143,6 +217,20 @@ fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, DVec3, DVec3)) {
             }
         }
     }
+}
+
+/// Points (u, v) just outside of what a clip keeps: on rays from the centre, a step beyond the farthest that is kept,
+/// moved out by what lies between two rays. A clip that keeps nothing has none.
+fn outline(clip: &Clip<f64>) -> impl Iterator<Item = V2<f64>> + '_ {
+    const RAYS: u32 = 16;
+    const STEPS: u32 = 16;
+    let between = (std::f64::consts::PI / f64::from(RAYS)).cos().recip();
+    (0..RAYS).filter_map(move |ray| {
+        let (y, x) = (std::f64::consts::TAU * f64::from(ray) / f64::from(RAYS)).sin_cos();
+        let at = |step: u32| V2::new(x, y) * (f64::from(step) / f64::from(STEPS));
+        let farthest = (0..=STEPS).rev().find(|step| clip.keeps(at(*step)))?;
+        Some(at((farthest + 1).min(STEPS)) * between)
+    })
 }
 
 fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool) -> Option<(DVec3, DVec3)> {
@@ -195,6 +283,7 @@ impl Len for Geometry {
         match self {
             Self::Splats(cloud) => cloud.len(),
             Self::Mesh(mesh) => mesh.positions.len(),
+            Self::Octree(octree) => octree.finest().map(|range| range.len()).sum(),
         }
     }
 }
@@ -273,4 +362,24 @@ pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f6
     for_each_splat(scene, |p, s, t| support.add(p - eye, s, t));
     let (first, last) = (support.least[0], -support.least[1]);
     (first.is_finite() && last.is_finite()).then_some((first, last))
+}
+
+/// Which axis is up in objects whose files don't say it, by their shape; `points`: they are points without polygons.
+///
+/// The evidence is of map coordinates (two of 1e5 to 3e7 m, the third of at most 1e4 m: the third is up); of a base
+/// that they stand on steadily, but not on the opposite side; of ground, a thin height field; and of a mirror plane, in
+/// which up lies. Without evidence points are +z, everything else +y. Only coordinate axes are considered, and negative
+/// ones and x only if much speaks for them. At most 20,000 splats or triangles are looked at, always the same.
+pub fn upright(objects: &[Object], points: bool) -> Upright {
+    upright::upright(Patches::of(objects).as_ref(), points)
+}
+
+/// The view that shows most of objects: of twelve around them, 30° apart and 20° above, the one with the largest
+/// viewpoint entropy and visible curvature, or the same from 40° above if that shows clearly more.
+///
+/// Three-quarter views win ties, and views of the front win over slightly better ones of the back. The front is that of
+/// [`NamedView::Front`], or where a mirror-symmetric body that stands on feet is taller. At most 20,000 splats or
+/// triangles are looked at, always the same; of objects with less than 24 it is [`ViewAngles::ISO`].
+pub fn best_view(objects: &[Object], up: Up) -> ViewAngles {
+    viewpoint::best_view(Patches::of(objects).as_ref(), up)
 }

@@ -1,71 +1,70 @@
 //! Surfel renders surfaces given as splats: scans, point clouds and meshes, filtered, blended and shaded.
 //!
-//! This crate is the front door: it loads files ([`prepare`], [`load_scene`]), frames and lights them where nothing
-//! says how ([`auto_scene`], [`frame_camera`], [`studio_lights`]), and draws with whichever backend there is
-//! ([`Backend`]). Everything below it is re-exported.
+//! ```
+//! use surfel::{Backend, Camera, Scene, Settings, SplatCloud};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let out = std::env::temp_dir().join("surfel-front-page.png");
+//! let (centers, normals, radii) = ([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]], [[0.0, 0.0, 1.0]; 2], [0.6, 0.6]);
+//! let colors = [[0.8, 0.2, 0.1], [0.1, 0.3, 0.8]];
 //!
-//! ```no_run
-//! use surfel::{Backend, Frame, NoProgress, Planes, Renderer, View};
-//! # fn main() -> Result<(), surfel::Error> {
-//! let opened = surfel::open(&["bunny.obj".as_ref()], &NoProgress)?;
-//! let (settings, planes) = (&opened.file.settings, Planes::COLOR);
-//! let mut backend = Backend::auto_for(&opened.scene, settings, planes, &Default::default())?;
-//! let scene = backend.upload(&opened.scene)?;
-//! let view = View::new(&opened.file.camera)?;
-//! let mut frame = Frame::default();
-//! backend.render(&scene, &view, settings, planes, &mut frame)?;
-//! surfel::io::save_png("bunny.png".as_ref(), false, &surfel::planes(&frame), &Default::default())?;
+//! let cloud = SplatCloud::disks(&centers, &normals, &radii)?.with_colors(&colors)?;
+//! let scene = Scene::from(cloud);
+//! let camera = Camera::perspective([0., 0., 3.], [0.; 3], 45.0, [800, 600]);
+//! let mut backend = Backend::auto()?; // or surfel_cpu::Renderer::new(Default::default())?
+//! let resident = backend.upload(&scene)?;
+//! let frame = backend.render(&resident, &camera, &Settings::default())?;
+//! frame.save_png(&out)?;
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! [`Renderer::render_into`] also gives other planes, regions and statistics, and reuses a frame's memory. Files are
+//! loaded by [`open`], [`load_scene`] and [`load`]; [`framing`] and [`scene`] frame and light what comes without a
+//! camera:
+//!
+//! ```no_run
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let loaded = surfel::open(&["bunny.obj".as_ref()], &surfel::NoProgress)?;
+//! let mut backend = surfel::Backend::auto()?;
+//! let resident = backend.upload(&loaded.scene)?;
+//! backend.render(&resident, &loaded.file.camera, &loaded.file.settings)?.save_png("bunny.png")?;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! Cargo's features are backends and tools: `cpu` (the default), `reference`, `gpu` = `wgpu` and `ash`, and `sharp`,
+//! splats clipped along sharp features ([`sample`]).
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod auto;
-mod backend;
+pub mod backend;
+mod convert;
 mod error;
-mod framing;
-mod hybrid;
+pub mod framing;
 mod load;
-mod scene;
+mod octree;
+mod patches;
+pub mod scene;
+mod upright;
+mod viewpoint;
 
 pub use surfel_io as io;
 pub use surfel_math as math;
 pub use surfel_model as model;
+pub use surfel_model::glam;
 pub use surfel_render as render;
 pub use surfel_sample as sample;
 
-pub use auto::{AutoOptions, DEFAULT_SIZE, Opened, auto_scene, bare_object, is_scene_file, open, studio_lights};
-pub use backend::{Backend, BackendError, BackendInfo, BackendOptions, BackendScene, Chosen, backends};
+pub use auto::{LoadedScene, open};
+pub use backend::{Backend, BackendError, BackendOptions, BackendScene, backends};
 pub use error::Error;
-pub use framing::{
-    DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, NamedView, ViewAxes, depth_range, frame_camera, scene_center,
-};
-pub use hybrid::{HybridObject, at_detail, prepare_hybrid};
-pub use load::{Conversion, LoadOptions, Prepared, prepare};
-pub use scene::{
-    LoadedObjects, ObjectFacts, ObjectNote, assemble, load_matcap, load_objects, load_scene, may_need_interior_weight,
-    read_scene_file,
-};
-pub use surfel_model::{Camera, Light, Material, Scene, SceneFile, Settings, SplatCloud, Up};
-pub use surfel_render::{ColorPlane, Frame, Planes, Preset, Region, RenderError, Renderer, RendererInfo, Stats, View};
+pub use load::{Conversion, LoadOptions, LoadedCloud, load};
+pub use octree::load_octree;
+pub use scene::load_scene;
+pub use surfel_model::{Camera, Light, Material, Scene, Settings, Shader, SplatCloud};
+pub use surfel_render::{Frame, Planes, Preset, Region, Renderer, Stats, View};
 pub use surfel_sample::{NoProgress, Progress};
-
-/// Borrows a frame's planes, to write them as a picture. Planes that the frame doesn't have are left out.
-pub fn planes(frame: &Frame) -> surfel_io::PlanesView<'_> {
-    fn there<T>(plane: &[T]) -> Option<&[T]> {
-        (!plane.is_empty()).then_some(plane)
-    }
-    surfel_io::PlanesView {
-        width: frame.width,
-        height: frame.height,
-        color: there(&frame.color),
-        depth: there(&frame.depth),
-        normal: there(&frame.normal),
-        weight: there(&frame.weight),
-        other: Vec::new(),
-    }
-}
 
 /// The README's example, compiled so that it stays true.
 #[cfg(doctest)]

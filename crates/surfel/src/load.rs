@@ -1,30 +1,107 @@
 //! From a file to splats: splats as they are, points and meshes converted.
 
-use crate::Error;
+use crate::framing::UpReason;
+use crate::{Error, convert};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel_io::{Content, Format};
-use surfel_model::{Hybrid, Mesh, SplatCloud, Up};
-use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
+use surfel_io::{Content, Format, Loaded};
+use surfel_model::{ConvertOptions, EdgeAa, Mesh, Octree, Settings, SplatCloud, Transparency, Up};
+use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
+
+/// The name that stands for [`LoadOptions::stdin`].
+pub const STDIN: &str = "-";
 
 /// How files are loaded and made into splats.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct LoadOptions {
     /// Drops invalid splats and says how many, instead of refusing the file.
     pub repair: bool,
-    /// A texture (PNG or JPEG) for meshes with texture coordinates that name none themselves.
+    /// A texture (PNG, JPEG or WebP) for meshes with texture coordinates that name none themselves.
     pub texture: Option<PathBuf>,
-    /// How meshes become splats; `None`: as suits the mesh ([`MeshOptions::auto`]).
+    /// How meshes become splats; `None`: as suits the mesh ([`surfel_sample::MeshOptions::auto`]).
     pub method: Option<MeshMethod>,
-    /// Multiplies the radii of splats that are made of points and meshes; greater than 0.
+    /// Multiplies every radius; greater than 0. The interior weight of splat files is then estimated anew.
     pub radius_scale: f64,
+    /// Most points of a point cloud that become splats ([`surfel_model::PointCloud::thin`]); `None`: all.
+    pub max_points: Option<usize>,
+    /// Clips splats along the creases of meshes and points (Cargo feature `sharp`); of meshes at most as many as
+    /// [`MeshMethod::Count`] says.
+    pub sharp: bool,
+    /// With `sharp`: angle from which an edge is a crease, in degrees from 1 to 179; `None`: 40.
+    pub crease_angle_deg: Option<f64>,
+    /// With `sharp`: largest distance from a mesh that its simplification may cause, in object units; `None`: no
+    /// bound, and no simplification unless a number of splats is asked for.
+    pub sharp_error: Option<f64>,
     /// Estimates the interior weight of splat files that don't say it, which edge antialiasing needs.
     pub interior_weight: bool,
+    /// What the name `-` ([`STDIN`]) stands for: the bytes of a file of any format, told by its content. `None`: a
+    /// file of that name.
+    pub stdin: Option<Arc<[u8]>>,
+}
+
+impl LoadOptions {
+    surfel_model::setters! {
+        with_repair repair: bool,
+        with_texture texture: Option<PathBuf>,
+        with_method method: Option<MeshMethod>,
+        with_radius_scale radius_scale: f64,
+        with_max_points max_points: Option<usize>,
+        with_sharp sharp: bool,
+        with_crease_angle_deg crease_angle_deg: Option<f64>,
+        with_sharp_error sharp_error: Option<f64>,
+        with_interior_weight interior_weight: bool,
+        with_stdin stdin: Option<Arc<[u8]>>,
+    }
+
+    /// With what an object's `convert` says; its texture is relative to `base_dir`.
+    #[must_use]
+    pub fn with_convert(mut self, convert: &ConvertOptions, base_dir: &Path) -> Self {
+        let method = match convert.splats {
+            Some(n) => Some(MeshMethod::Count(n as usize)),
+            None if convert.per_face => Some(MeshMethod::PerFace),
+            None if convert.per_vertex => Some(MeshMethod::PerVertex),
+            None => None,
+        };
+        self.repair |= convert.repair;
+        self.texture = convert.texture.as_ref().map(|file| base_dir.join(file)).or(self.texture);
+        self.method = method.or(self.method);
+        self.radius_scale = convert.radius_scale.unwrap_or(self.radius_scale);
+        self.max_points = convert.max_points.map(|n| n as usize).or(self.max_points);
+        self.sharp |= convert.sharp;
+        self.crease_angle_deg = convert.crease_angle.or(self.crease_angle_deg);
+        self.sharp_error = convert.error.or(self.sharp_error);
+        self
+    }
+}
+
+impl LoadOptions {
+    /// With what these settings may need of a cloud: its interior weight, for edges antialiased by coverage and
+    /// A-buffers. Whether a scene does need it, [`surfel_render::needs_interior_weight`] knows once it is loaded.
+    #[must_use]
+    pub fn for_settings(self, settings: &Settings) -> Self {
+        let coverage = settings.edge_aa == EdgeAa::Coverage;
+        let needed = coverage || matches!(settings.transparency, Transparency::ABuffer { .. });
+        let interior_weight = self.interior_weight || needed;
+        self.with_interior_weight(interior_weight)
+    }
 }
 
 impl Default for LoadOptions {
     fn default() -> Self {
-        Self { repair: false, texture: None, method: None, radius_scale: 1.0, interior_weight: false }
+        Self {
+            repair: false,
+            texture: None,
+            method: None,
+            radius_scale: 1.0,
+            max_points: None,
+            sharp: false,
+            crease_angle_deg: None,
+            sharp_error: None,
+            interior_weight: false,
+            stdin: None,
+        }
     }
 }
 
@@ -37,66 +114,85 @@ pub enum Conversion {
     Points(PointReport),
     /// It held a mesh.
     Mesh(MeshReport),
+    /// It held a mesh, whose splats are clipped along its creases.
+    #[cfg(feature = "sharp")]
+    SharpMesh(Box<surfel_sample::SharpReport>),
 }
 
 /// A file as splats.
 #[derive(Clone, Debug)]
-pub struct Prepared {
+pub struct LoadedCloud {
     /// The splats; at least one.
     pub cloud: SplatCloud,
     /// The format it was in.
     pub format: Format,
     /// Which axis is up: as the file says, else the format's default.
     pub up: Up,
+    /// Why that is known for certain; `None` for the default of a format that is used with any axis up.
+    pub up_reason: Option<UpReason>,
     /// They cover a closed mesh from outside: nobody sees the back of one.
     pub closed: bool,
+    /// They were Gaussians, whose alphas are shares of a volume.
+    pub gaussian: bool,
     /// How the splats were made.
     pub conversion: Conversion,
     /// The octree that the file holds; `cloud` is then its finest splats.
-    pub hybrid: Option<Arc<Hybrid>>,
+    pub octree: Option<Arc<Octree>>,
     /// What the user should know, as sentences without a full stop: what was dropped, assumed or estimated.
     pub notes: Vec<String>,
+    /// Files beside it that it refers to, such as textures and buffers, whether they are there or not, sorted.
+    pub beside: Vec<PathBuf>,
+    /// Options that what the file holds left without effect.
+    pub unused: Vec<UnusedOption>,
+}
+
+/// An option that had nothing to act on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnusedOption {
+    /// Its key in the scene file's `convert`: "splats", "max_points", …
+    pub option: &'static str,
+    /// What the file holds: "splats", "points", "a mesh" or "an octree".
+    pub holds: &'static str,
+    /// What the option is for.
+    pub expected: &'static str,
+}
+
+/// Reads a file, or what its name [`STDIN`] stands for.
+pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
+    let io_options = surfel_io::LoadOptions { repair: options.repair, texture: options.texture.clone() };
+    Ok(match &options.stdin {
+        Some(bytes) if path == Path::new(STDIN) => surfel_io::load_bytes(bytes, None, Path::new("stdin"), &io_options)?,
+        _ => surfel_io::load(path, &io_options)?,
+    })
 }
 
 /// Loads a file and makes splats of it: a splat file as it is, points and meshes converted.
 ///
 /// # Errors
 /// [`Error::Io`] if the file can't be read or is damaged, [`Error::Sample`] if no splats can be made of it,
-/// [`Error::Unsuitable`] if it holds no splat.
-pub fn prepare(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<Prepared, Error> {
-    let io_options = surfel_io::LoadOptions { repair: options.repair, texture: options.texture.clone() };
-    let loaded = surfel_io::load(path, &io_options)?;
-    let sample = |source| Error::Sample { path: path.to_path_buf(), source };
+/// [`Error::Unsuitable`] if it holds no splat, or `options.sharp` is set and Cargo's feature `sharp` isn't.
+pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
+    let loaded = read(path, options)?;
+    let up_reason = up_reason(&loaded);
     let mut notes = loaded.notes;
+    let unused = convert::unused(&loaded.content, options);
     let (mut closed, mut octree) = (false, None);
     let (mut cloud, conversion) = match loaded.content {
-        Content::Hybrid(hybrid) => {
-            closed = surfel_sample::is_closed(hybrid.mesh());
-            let leaves = hybrid.nodes().iter().filter(|n| n.is_leaf()).map(|n| n.splats.clone());
-            let edges = hybrid.transitions().iter().map(|t| t.splats.clone());
-            let cloud = hybrid.cloud_of(&leaves.chain(edges).collect::<Vec<_>>())?;
-            octree = Some(Arc::from(hybrid));
+        Content::Octree(found) => {
+            closed = surfel_sample::is_closed(found.mesh());
+            let cloud = found.cloud_of(&found.finest().collect::<Vec<_>>())?;
+            octree = Some(found);
             (cloud, Conversion::None)
         }
         Content::Splats(cloud) => {
             closed = cloud.data().comments.iter().any(|c| c == surfel_sample::CLOSED_MESH);
-            (cloud, Conversion::None)
+            let scaled = options.radius_scale != 1.0;
+            (if scaled { convert::scaled(cloud, options.radius_scale)? } else { cloud }, Conversion::None)
         }
-        Content::Points(points) => {
-            let point_options = PointOptions { radius_scale: options.radius_scale, ..PointOptions::default() };
-            let made = surfel_sample::splats_from_points(&points, &point_options, progress);
-            let (cloud, report) = made.map_err(sample)?;
-            notes.push(points_note(&report));
-            (cloud, Conversion::Points(report))
-        }
+        Content::Points(points) => convert::points(points, path, options, &mut notes, progress)?,
         Content::Mesh(mesh) => {
-            let auto = MeshOptions::auto(&mesh);
             closed = surfel_sample::is_closed(&mesh);
-            let method = options.method.unwrap_or(auto.method);
-            let mesh_options = MeshOptions { method, radius_scale: options.radius_scale };
-            let (cloud, report) = surfel_sample::splats_from_mesh(&mesh, &mesh_options, progress).map_err(sample)?;
-            notes.push(mesh_note(&mesh, &report));
-            (cloud, Conversion::Mesh(report))
+            convert::mesh(&mesh, path, options, &mut notes, progress)?
         }
     };
     if cloud.is_empty() {
@@ -108,59 +204,73 @@ pub fn prepare(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> R
         && let Some(weight) = surfel_sample::interior_weight(&cloud)
     {
         cloud.set_interior_weight(weight);
+        if let Some(octree) = &mut octree {
+            octree.set_interior_weight(weight);
+        }
         notes.push(format!("the file says no interior weight: estimated {weight:.3}"));
     }
-    Ok(Prepared { cloud, format: loaded.format, up: loaded.up, closed, conversion, hybrid: octree, notes })
+    let octree = octree.map(Arc::from);
+    Ok(LoadedCloud {
+        cloud,
+        format: loaded.format,
+        up: loaded.up,
+        up_reason,
+        closed,
+        gaussian: loaded.gaussian,
+        conversion,
+        octree,
+        notes,
+        beside: loaded.beside,
+        unused,
+    })
 }
 
-/// Loads a file that is drawn as polygons.
+/// Why a file's up axis is known: it says it, or its format does. `None` for OBJ, PLY and columns of numbers, which
+/// come with any axis up.
+pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
+    if loaded.content.own_up().is_some() {
+        return Some(UpReason::Stated);
+    }
+    // Gaussian splats are the only PLY files that are −y by default.
+    let is_any = matches!(loaded.format, Format::Ply | Format::Obj | Format::Xyz | Format::Surfel);
+    (!is_any || loaded.up == Up::MinusY).then_some(UpReason::Format)
+}
+
+/// A file's polygons.
+pub(crate) struct LoadedMesh {
+    pub(crate) mesh: Arc<Mesh>,
+    pub(crate) up: Up,
+    pub(crate) up_reason: Option<UpReason>,
+    pub(crate) notes: Vec<String>,
+}
+
+/// Loads a file that is drawn as polygons. Files beside it that it refers to are added to `beside`.
 ///
 /// # Errors
-/// As [`prepare`]; also [`Error::Unsuitable`] if the file holds no triangles.
-pub(crate) fn load_mesh(path: &Path, options: &LoadOptions) -> Result<(Arc<Mesh>, Up, Vec<String>), Error> {
-    let io_options = surfel_io::LoadOptions { repair: options.repair, texture: options.texture.clone() };
-    let loaded = surfel_io::load(path, &io_options)?;
+/// As [`load`]; also [`Error::Unsuitable`] if the file holds no triangles.
+pub(crate) fn load_mesh(
+    path: &Path,
+    options: &LoadOptions,
+    beside: &mut BTreeSet<PathBuf>,
+) -> Result<LoadedMesh, Error> {
+    let loaded = read(path, options)?;
+    let (up, up_reason) = (loaded.up, up_reason(&loaded));
+    beside.extend(loaded.beside);
+    let mut notes = loaded.notes;
     let found = match loaded.content {
-        Content::Mesh(mesh) if !mesh.triangles.is_empty() => return Ok((Arc::new(mesh), loaded.up, loaded.notes)),
-        Content::Hybrid(hybrid) => return Ok((Arc::new(hybrid.mesh().clone()), loaded.up, loaded.notes)),
+        Content::Mesh(mesh) if !mesh.triangles.is_empty() => {
+            if mesh.is_see_through() {
+                notes.push("drew all polygons opaque and whole: give the file as \"splats\" to see through it".into());
+            }
+            return Ok(LoadedMesh { mesh: Arc::new(mesh), up, up_reason, notes });
+        }
+        Content::Octree(octree) => {
+            return Ok(LoadedMesh { mesh: Arc::new(octree.mesh().clone()), up, up_reason, notes });
+        }
         Content::Mesh(_) => "a mesh without triangles",
         Content::Points(_) => "points",
         Content::Splats(_) => "splats",
     };
     let problem = format!("holds {found}, expected triangles for an object's \"mesh\": give it as \"splats\"");
     Err(Error::Unsuitable { path: path.to_path_buf(), problem })
-}
-
-fn points_note(report: &PointReport) -> String {
-    let normals = match (report.normals_given, report.normals_estimated) {
-        (_, 0) => "normals kept".to_owned(),
-        (0, _) => "normals estimated from neighbours".to_owned(),
-        (given, estimated) => format!("{given} normals kept, {estimated} estimated from neighbours"),
-    };
-    let mut note = format!(
-        "a point cloud: {} splats, {normals}, radii estimated from neighbours (median {:.4})",
-        report.splats, report.median_radius
-    );
-    if report.outliers > 0 {
-        note += &format!("; {} isolated points", report.outliers);
-    }
-    note
-}
-
-fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
-    let how = match report.method {
-        MeshMethod::PerFace => "one a face",
-        MeshMethod::PerVertex => "one a vertex",
-        MeshMethod::Count(_) => "spread over the surface",
-    };
-    let mut note = format!(
-        "a mesh of {} triangles: {} splats, {how} (median radius {:.4})",
-        mesh.triangles.len(),
-        report.splats,
-        report.median_radius
-    );
-    if report.degenerate > 0 {
-        note += &format!("; {} triangles have no area", report.degenerate);
-    }
-    note
 }

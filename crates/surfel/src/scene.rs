@@ -1,16 +1,20 @@
-//! From a scene file to a scene.
+//! From files to a scene, step by step: scene files, objects, and what automatic scenes are made of.
 
-use crate::load::load_mesh;
-use crate::{Error, HybridObject, LoadOptions, Prepared, prepare};
+pub use crate::auto::{
+    AutoOptions, DEFAULT_SIZE, auto_scene, auto_transparency, auto_up, bare_object, is_scene_file, studio_lights,
+};
+pub use crate::load::{STDIN, UnusedOption, up_reason};
+
+use crate::framing::UpReason;
+use crate::load::{LoadedMesh, load_mesh};
+use crate::{Conversion, Error, LoadOptions, LoadedCloud, load};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::IoError;
-use surfel_model::{
-    Geometry, Hybrid, Matcap, Object, ObjectFile, Scene, SceneFile, Settings, Shader, Transparency, Up,
-};
+use surfel_model::{Geometry, Matcap, Object, ObjectFile, Scene, SceneFile, Shader, Up};
 use surfel_sample::Progress;
 
 /// Largest scene file that is read, in bytes: far above any real one.
@@ -30,12 +34,14 @@ pub struct ObjectNote {
 pub struct LoadedObjects {
     /// The objects, in the scene file's order.
     pub objects: Vec<Object>,
-    /// Those of the objects that are octrees; the objects themselves are their finest splats.
-    pub hybrids: Vec<HybridObject>,
     /// What is known of each object.
     pub facts: Vec<ObjectFacts>,
     /// What was dropped, assumed or estimated, file by file.
     pub notes: Vec<ObjectNote>,
+    /// Files beside the objects' own that those refer to, such as textures and buffers, whether they are there or not.
+    pub beside: BTreeSet<PathBuf>,
+    /// Options that none of the splat objects' files has a use for, with what the first of them holds.
+    pub unused: Vec<(PathBuf, UnusedOption)>,
 }
 
 /// What automatic framing and lighting need to know of an object.
@@ -43,10 +49,23 @@ pub struct LoadedObjects {
 pub struct ObjectFacts {
     /// Which axis is up in its file.
     pub up: Up,
+    /// Why that is known for certain; `None` for the default of a format that is used with any axis up.
+    pub up_reason: Option<UpReason>,
+    /// Its file held points, without extent or polygons.
+    pub points: bool,
     /// It has colours.
     pub colored: bool,
     /// Its splats cover a closed mesh from outside.
     pub closed: bool,
+    /// Some of its splats are transparent, and none is a Gaussian: what one of those hides is a matter of how many
+    /// there are.
+    pub transparent: bool,
+}
+
+impl Default for ObjectFacts {
+    fn default() -> Self {
+        Self { up: Up::PlusY, up_reason: None, points: false, colored: false, closed: false, transparent: false }
+    }
 }
 
 /// Reads a scene file, and which keys its `settings` object has.
@@ -59,32 +78,34 @@ pub fn read_scene_file(path: &Path) -> Result<(SceneFile, BTreeSet<String>), Err
     let file = File::open(path).map_err(system)?;
     // One byte more than is allowed: the parser then meets a cut-off file and says so.
     file.take(MAX_SCENE_BYTES + 1).read_to_end(&mut bytes).map_err(system)?;
-    let scene = surfel_io::scene_file::parse(&bytes, path)?;
-    let json = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    parse_scene_file(&bytes, path)
+}
+
+/// As [`read_scene_file`], from memory; `name` is for messages.
+///
+/// # Errors
+/// As [`read_scene_file`].
+pub fn parse_scene_file(bytes: &[u8], name: &Path) -> Result<(SceneFile, BTreeSet<String>), Error> {
+    let scene = surfel_io::scene_file::parse(bytes, name)?;
+    let json = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let raw: serde_json::Value = serde_json::from_slice(json).unwrap_or_default();
     let keys = raw.get("settings").and_then(|s| s.as_object()).map(|s| s.keys().cloned().collect());
     Ok((scene, keys.unwrap_or_default()))
-}
-
-/// True if settings need interior weights in some scene ([`surfel_render::needs_interior_weight`] knows once it is loaded).
-pub fn may_need_interior_weight(settings: &Settings) -> bool {
-    settings.edge_aa || matches!(settings.transparency, Transparency::ABuffer { .. })
 }
 
 /// What is known of a file that was loaded already.
 #[derive(Clone)]
 struct Known {
     geometry: Geometry,
-    up: Up,
-    closed: bool,
-    hybrid: Option<Arc<Hybrid>>,
+    facts: ObjectFacts,
+    unused: Vec<UnusedOption>,
 }
 
 /// Loads the files of `objects`; each file once, however often it is used. Paths are relative to `base_dir`. Interior
 /// weights are estimated where the options ask for it and where there are meshes among splats.
 ///
 /// # Errors
-/// As [`prepare`], and [`Error::Model`] for a matrix that is no invertible affine map.
+/// As [`load`], and [`Error::Model`] for a matrix that is no invertible affine map.
 pub fn load_objects(
     objects: &[ObjectFile],
     base_dir: &Path,
@@ -94,42 +115,78 @@ pub fn load_objects(
     let mut loaded = LoadedObjects::default();
     // Splats are blended over polygons by their coverage (rendering model §6).
     let among_meshes = objects.iter().any(|o| o.mesh.is_some());
-    let mut known: BTreeMap<(PathBuf, bool, bool), Known> = BTreeMap::new();
-    for object in objects {
+    let mut known: BTreeMap<(PathBuf, bool, bool, String), Known> = BTreeMap::new();
+    // How many splat objects there are, and how many of them have no use for an option.
+    let mut converted = 0;
+    let mut useless: BTreeMap<&str, (usize, (PathBuf, UnusedOption))> = BTreeMap::new();
+    for (i, object) in objects.iter().enumerate() {
+        object.convert.validate(i)?;
         let world_from_object = object.world_from_object()?;
         let (file, as_mesh) = match (&object.splats, &object.mesh) {
             (Some(file), _) => (file, false),
             (None, Some(file)) => (file, true),
             (None, None) => continue,
         };
-        let path = base_dir.join(file);
+        let from_stdin = options.stdin.is_some() && file.as_os_str() == STDIN;
+        let path = if from_stdin { file.clone() } else { base_dir.join(file) };
         // A material's own interior weight wins, so then none need be estimated.
         let interior_weight = (options.interior_weight || among_meshes) && object.material.interior_weight.is_none();
-        let options = &LoadOptions { interior_weight, ..options.clone() };
-        let key = (path.clone(), as_mesh, interior_weight);
-        let Known { geometry, up, closed, hybrid } = match known.get(&key) {
+        let options = &options.clone().with_interior_weight(interior_weight).with_convert(&object.convert, base_dir);
+        // Numbers have no order of their own, but their texts do.
+        let key = (path.clone(), as_mesh, interior_weight, format!("{:?}", object.convert));
+        let Known { geometry, mut facts, unused } = match known.get(&key) {
             Some(found) => found.clone(),
             None => {
                 let (found, notes) = if as_mesh {
-                    let (mesh, up, notes) = load_mesh(&path, options)?;
-                    (Known { geometry: Geometry::Mesh(mesh), up, closed: false, hybrid: None }, notes)
+                    let LoadedMesh { mesh, up, up_reason, notes } = load_mesh(&path, options, &mut loaded.beside)?;
+                    let facts = ObjectFacts { up, up_reason, ..ObjectFacts::default() };
+                    (Known { geometry: Geometry::Mesh(mesh), facts, unused: Vec::new() }, notes)
                 } else {
-                    let Prepared { cloud, up, closed, hybrid, notes, .. } = prepare(&path, options, progress)?;
-                    (Known { geometry: Geometry::Splats(Arc::new(cloud)), up, closed, hybrid }, notes)
+                    let LoadedCloud {
+                        cloud,
+                        up,
+                        up_reason,
+                        closed,
+                        gaussian,
+                        conversion,
+                        octree,
+                        notes,
+                        beside,
+                        unused,
+                        ..
+                    } = load(&path, options, progress)?;
+                    loaded.beside.extend(beside);
+                    let points = matches!(conversion, Conversion::Points(_));
+                    let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
+                    let transparent = match &geometry {
+                        Geometry::Splats(cloud) => cloud.is_transparent() && !gaussian,
+                        Geometry::Octree(octree) => octree.cloud().is_transparent(),
+                        Geometry::Mesh(_) => false,
+                    };
+                    let facts = ObjectFacts { up, up_reason, points, closed, transparent, ..ObjectFacts::default() };
+                    (Known { geometry, facts, unused }, notes)
                 };
                 loaded.notes.extend(notes.into_iter().map(|text| ObjectNote { path: path.clone(), text }));
                 known.insert(key, found.clone());
                 found
             }
         };
-        let colored = match &geometry {
+        facts.colored = match &geometry {
             Geometry::Splats(cloud) => cloud.data().colors.is_some(),
-            Geometry::Mesh(mesh) => mesh.colors.is_some() || mesh.texture.is_some(),
+            Geometry::Mesh(mesh) => mesh.colors.is_some() || mesh.is_textured(),
+            Geometry::Octree(octree) => octree.cloud().data().colors.is_some(),
         };
-        loaded.hybrids.extend(hybrid.map(|hybrid| HybridObject { object: loaded.objects.len(), hybrid }));
-        loaded.facts.push(ObjectFacts { up, colored, closed });
+        if !as_mesh {
+            converted += 1;
+            for option in unused {
+                useless.entry(option.option).or_insert((0, (path.clone(), option))).0 += 1;
+            }
+        }
+        loaded.facts.push(facts);
         loaded.objects.push(Object { geometry, world_from_object, material: object.material });
     }
+    let useless = useless.into_values().filter(|(times, _)| *times == converted);
+    loaded.unused.extend(useless.map(|(_, first)| first));
     Ok(loaded)
 }
 
@@ -173,8 +230,7 @@ pub fn load_scene(
     options: &LoadOptions,
     progress: &dyn Progress,
 ) -> Result<(Scene, Vec<ObjectNote>), Error> {
-    let needed = options.interior_weight || may_need_interior_weight(&file.settings);
-    let options = LoadOptions { interior_weight: needed, ..options.clone() };
+    let options = options.clone().for_settings(&file.settings);
     let loaded = load_objects(&file.objects, base_dir, &options, progress)?;
     let scene = Scene { matcap: load_matcap(file, base_dir)?, ..assemble(file, loaded.objects)? };
     Ok((scene, loaded.notes))

@@ -47,7 +47,8 @@ pub struct Tally {
     pub skipped: usize,
     /// Pixels that were off within the margin, all scenes together.
     pub forgiven: usize,
-    /// Greatest error outside of the margin in a scene that passed, as a share of the tolerance, and the scene's number.
+    /// Greatest error outside of the margin in a scene that passed, as a share of the tolerance, and the scene's
+    /// number.
     pub worst: (f64, u64),
     /// Scenes that failed.
     pub failures: Vec<Failure>,
@@ -61,12 +62,13 @@ pub struct Against {
 }
 
 impl Against {
-    /// With a reference and no backend yet. Scenes that fail are written to `keep`, where that is given, whole and shrunk.
+    /// With a reference and no backend yet. Scenes that fail are written to `keep`, where that is given, whole and
+    /// shrunk.
     ///
     /// # Errors
     /// [`RenderError`] if there is no reference.
     pub fn new(keep: Option<&Path>) -> Result<Self, RenderError> {
-        let reference = Reference::new(0)?;
+        let reference = Reference::new(Default::default())?;
         Ok(Self { reference, sessions: Vec::new(), keep: keep.map(Path::to_path_buf) })
     }
 

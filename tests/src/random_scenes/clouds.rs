@@ -108,8 +108,9 @@ fn around_the_eye(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// From 10° off the view direction through their centres to 1e-6°, but for those from 1e-5 to 2e-4 in radians: a weight of
-/// theirs is a difference that f32 has to 6e-8 of its terms, so they are right to a tolerance of 1e-3 only beside others.
+/// From 10° off the view direction through their centres to 1e-6°, but for those from 1e-5 to 2e-4 in radians: a weight
+/// of theirs is a difference that f32 has to 6e-8 of its terms, so they are right to a tolerance of 1e-3 only beside
+/// others.
 fn edge_on(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     let one = |random: &mut Random| {
         let p = random.direction() * random.range(0.0, 1.0);
@@ -171,8 +172,8 @@ fn disks(splats: &[Splat], random: &mut Random) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Drop).map_or_else(|_| cloud(&[]), |(cloud, _)| cloud)
 }
 
-/// Takes away or adds colours, alpha and shading normals. Where opaque and transparent splats lie in one plane, which is in
-/// front is a matter of rounding: `are_coplanar` ones are all of one kind.
+/// Takes away or adds colours, alpha and shading normals. Where opaque and transparent splats lie in one plane, which
+/// is in front is a matter of rounding: `are_coplanar` ones are all of one kind.
 fn attributes(random: &mut Random, data: &mut CloudData, are_coplanar: bool) {
     let count = data.centers.len();
     match random.below(8) {

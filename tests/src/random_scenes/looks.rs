@@ -3,29 +3,30 @@
 use crate::random::Random;
 use std::sync::Arc;
 use surfel_model::{
-    ClipPolicy, Cull, DepthTolerance, Filter, Light, Mapping, Matcap, Object, Settings, Shader, Texture, Transparency,
+    ClipPolicy, Cull, DepthTolerance, EdgeAa, Filter, Geometry, Light, Mapping, Matcap, Object, Settings, Shader,
+    Texture, Transparency,
 };
 
 /// Settings as a scene file has them; nothing that some backend draws with less precision.
 pub(super) fn settings(random: &mut Random) -> Settings {
     let usual = Settings::default();
     let layers = 1 + random.below(5) as u32;
-    Settings {
-        filter: random.pick(Filter::ALL),
-        cutoff: if random.chance(0.5) { usual.cutoff } else { random.factor(0.3, 8.0) },
-        prefilter_radius_px: match random.below(10) {
+    usual
+        .with_filter(random.pick(Filter::ALL))
+        .with_cutoff(if random.chance(0.5) { usual.cutoff } else { random.factor(0.3, 8.0) })
+        .with_prefilter_radius_px(match random.below(10) {
             0..=5 => usual.prefilter_radius_px,
             6 => 0.0,
             _ => random.factor(0.1, 4.0),
-        },
-        mapping: random.pick([Mapping::Exact, Mapping::Exact, Mapping::Exact, Mapping::Affine]),
-        depth_tolerance: match random.below(10) {
+        })
+        .with_mapping(random.pick([Mapping::Exact, Mapping::Exact, Mapping::Exact, Mapping::Affine]))
+        .with_depth_tolerance(match random.below(10) {
             0..=4 => usual.depth_tolerance,
             5 => DepthTolerance::Relative(0.0),
             6 | 7 => DepthTolerance::Relative(random.factor(0.01, 20.0)),
             _ => DepthTolerance::Absolute(random.factor(1e-4, 2.0)),
-        },
-        shader: match random.below(20) {
+        })
+        .with_shader(match random.below(20) {
             0..=4 => Shader::Unlit,
             5 => Shader::Matcap,
             6 => Shader::Edl,
@@ -33,23 +34,21 @@ pub(super) fn settings(random: &mut Random) -> Settings {
             14 | 15 => Shader::Toon,
             16 | 17 => Shader::Normal,
             _ => Shader::Depth,
-        },
-        edge_aa: random.chance(0.3),
-        transparency: match random.below(4) {
+        })
+        .with_edge_aa(if random.chance(0.3) { EdgeAa::Coverage } else { EdgeAa::Off })
+        .with_transparency(match random.below(4) {
             0 => Transparency::Off,
             1 | 2 => Transparency::Peel { layers, drop_last: random.chance(0.3) },
             _ => Transparency::ABuffer { layers },
-        },
-        clip: random.pick([
+        })
+        .with_clip(random.pick([
             ClipPolicy::Exact,
             ClipPolicy::Exact,
             ClipPolicy::Exact,
             ClipPolicy::Paper,
             ClipPolicy::Line,
             ClipPolicy::Off,
-        ]),
-        ..usual
-    }
+        ]))
 }
 
 /// The same material for all, or another for each.
@@ -72,8 +71,26 @@ pub(super) fn materials(random: &mut Random, objects: &mut [Object]) {
     }
 }
 
-/// A ball of few and random colours where the shader looks one up, or none. Its numbers are its own: scenes of other shaders stay
-/// what they were before there were balls.
+/// Declares some clouds oriented, by themselves or by their material. Its numbers are its own, as [`matcap`]'s are.
+pub(super) fn facings(seed: u64, objects: &mut [Object]) {
+    let mut random = Random::new(seed.rotate_left(16));
+    if random.chance(0.5) {
+        return;
+    }
+    for object in objects {
+        match (random.below(3), &mut object.geometry) {
+            (0, _) => object.material.oriented = Some(true),
+            (1, Geometry::Splats(cloud)) => {
+                Arc::make_mut(cloud).set_oriented(true);
+                object.material.oriented = random.chance(0.3).then_some(false);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// A ball of few and random colours where the shader looks one up, or none. Its numbers are its own: scenes of other
+/// shaders stay what they were before there were balls.
 pub(super) fn matcap(seed: u64, shader: Shader) -> Option<Arc<Matcap>> {
     let mut random = Random::new(seed.rotate_left(32));
     if shader != Shader::Matcap || random.chance(0.2) {

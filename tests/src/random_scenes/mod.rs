@@ -1,9 +1,9 @@
-//! Scenes that nobody has thought of: each number is one, drawn from all that the rendering model (§1 to §8) and the scene
-//! file know.
+//! Scenes that nobody has thought of: each number is one, drawn from all that the rendering model (§1 to §8) and the
+//! scene file know.
 //!
 //! A scene is built about the unit ball, then placed somewhere in the world at some scale, camera and lights with it.
-//! [`against`] holds a backend against the reference in them, [`shrink`] takes out of one that fails what doesn't matter, and
-//! [`store`] writes it as a scene file.
+//! [`against`] holds a backend against the reference in them, [`shrink`] takes out of one that fails what doesn't
+//! matter, and [`store`] writes it as a scene file.
 
 pub mod against;
 mod cameras;
@@ -21,7 +21,7 @@ use surfel_render::Region;
 
 /// Splats of a scene at most, all objects together.
 pub const MAX_SPLATS: usize = 200;
-/// Pixels along a picture's side at most.
+/// Pixels along an image's side at most.
 pub const MAX_SIDE_PX: u32 = 96;
 
 /// The scene of a number: the same on every call.
@@ -40,6 +40,7 @@ pub fn case(seed: u64) -> Case {
         }
     }
     looks::materials(&mut random, &mut objects);
+    looks::facings(seed, &mut objects);
     let settings = looks::settings(&mut random);
     let scene = Scene {
         up: None,
@@ -92,6 +93,7 @@ fn somewhere(random: &mut Random, case: Case) -> Case {
                 point(position);
                 vector(direction);
             }
+            _ => {}
         }
     }
     case

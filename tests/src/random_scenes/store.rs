@@ -4,12 +4,12 @@ use crate::scenes::Case;
 use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
-use surfel_io::{IoError, PlanesView, PlyEncoding, PngOptions, atomic, save_png, save_splat_ply};
+use surfel_io::{IoError, PlanesView, PlyEncoding, PngOptions, atomic, save_octree, save_png, save_splat_ply};
 use surfel_math::srgb;
 use surfel_model::{Geometry, Matcap, Mesh, ObjectFile, SceneFile, Texture};
 
-/// Writes `NAME.json` and the files of its objects to a folder that exists, and gives its path. The region, of which a scene
-/// file knows nothing, is left out.
+/// Writes `NAME.json` and the files of its objects to a folder that exists, and gives its path. The region, of which a
+/// scene file knows nothing, is left out.
 ///
 /// # Errors
 /// [`IoError`] if a file can't be written.
@@ -23,10 +23,15 @@ pub fn store(case: &Case, folder: &Path) -> Result<PathBuf, IoError> {
             mesh: None,
             matrix: glam::DMat4::from(object.world_from_object).to_cols_array(),
             material: object.material,
+            convert: surfel_model::ConvertOptions::default(),
         };
         match &object.geometry {
             Geometry::Splats(cloud) => {
                 save_splat_ply(&path, true, cloud, PlyEncoding::BinaryLittleEndian)?;
+                file.splats = Some(name);
+            }
+            Geometry::Octree(octree) => {
+                save_octree(&path, true, octree)?;
                 file.splats = Some(name);
             }
             Geometry::Mesh(mesh) => {

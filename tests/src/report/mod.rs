@@ -1,9 +1,9 @@
 //! What was found, to be read: a table for the terminal, a page for the browser.
 
-mod html;
+mod page;
 mod table;
 
-pub use html::page;
+pub use page::page;
 pub use table::table;
 
 use crate::backends::{Backend, Run};
@@ -47,7 +47,7 @@ struct Sum<'a> {
     outliers: usize,
     /// The same within the margin.
     forgiven: usize,
-    /// The picture with the plane that is farthest off.
+    /// The image with the plane that is farthest off.
     worst: Option<&'a Report>,
 }
 

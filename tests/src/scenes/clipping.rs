@@ -4,7 +4,7 @@ use super::Case;
 use crate::build::{Clipped, Splat, camera, clipped_cloud, confetti, object, scene, with_alpha};
 use crate::random::Random;
 use glam::{DAffine3, DVec3};
-use surfel_model::{ClipCurve, ClipLine, ClipMode, ClipPolicy, Cull, Filter, Mapping, Scene, Transparency};
+use surfel_model::{ClipCurve, ClipLine, ClipMode, ClipPolicy, Cull, EdgeAa, Filter, Mapping, Scene, Transparency};
 
 pub(super) fn clipping_cases() -> Vec<Case> {
     let curves = clip_curves();
@@ -15,11 +15,13 @@ pub(super) fn clipping_cases() -> Vec<Case> {
         clip_lines(),
         clip_lines_mirrored(),
         clipped_cube(),
-        clipped_confetti().with("edge-aa", |s| s.edge_aa = true),
+        clipped_confetti().with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
         clipped_glass().with("peel", |s| s.transparency = Transparency::Peel { layers: 3, drop_last: false }),
         clipped_glass().with("abuffer", |s| s.transparency = Transparency::ABuffer { layers: 4 }),
         clipped_near(),
-        clipped_near().with("edge-aa", |s| s.edge_aa = true),
+        clipped_near().with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
+        constant_lines(),
+        constant_lines().with("ewa", |s| (s.filter, s.prefilter_radius_px) = (Filter::Ewa, 2.5)),
     ];
     for filter in Filter::ALL {
         // Wide filters, so that most of a footprint is what the filter made of it.
@@ -41,7 +43,8 @@ fn random_line(random: &mut Random) -> ClipLine {
     ClipLine { a: cos as f32, b: sin as f32, c: random.range(-0.2, 0.7) as f32 }
 }
 
-/// A grid of large, tilted ellipses, each cut by another curve: angles, sides, turns and weights mixed up; a corner kept whole.
+/// A grid of large, tilted ellipses, each cut by another curve: angles, sides, turns and weights mixed up; a corner
+/// kept whole.
 pub fn clip_curves() -> Case {
     let mut random = Random::new(83);
     let splats: Vec<Clipped> = (0..36)
@@ -84,6 +87,42 @@ pub fn clip_lines() -> Case {
         "clip-lines",
         Scene { objects: vec![object(clipped_cloud(&splats))], ..scene(&[]) },
         camera(3.2, 45.0, [96, 96]),
+    )
+}
+
+/// Lines without a gradient, which keep a whole splat or nothing of it, alone and among others: joined by `and` in the
+/// upper row and by `or` in the lower one. A constant that is taken for an absent line, or for one that always keeps.
+pub fn constant_lines() -> Case {
+    let line = |a: f32, b: f32, c: f32| ClipLine { a, b, c };
+    let (never, always, level) = (line(0.0, 0.0, -0.25), line(0.0, 0.0, 2.0), line(0.0, 0.0, 0.0));
+    let half = line(1.0, 0.5, -0.1);
+    let curve = ClipCurve { theta1: 0.3, theta3: 2.5, u: 0.3, v: 0.4, w: 0.7 };
+    let columns: [(&[ClipLine], Option<ClipCurve>); 10] = [
+        (&[never], None),
+        (&[never; 2], None),
+        (&[never; 4], None),
+        (&[never], Some(curve)),
+        (&[never, half], None),
+        (&[half, never], None),
+        (&[always, half], None),
+        (&[level], None),
+        (&[level, half], None),
+        (&[level, never], None),
+    ];
+    let mut random = Random::new(109);
+    let mut splats = Vec::new();
+    for (mode, y) in [(ClipMode::And, 0.3), (ClipMode::Or, -0.3)] {
+        for (k, (lines, curve)) in (0..).zip(columns) {
+            let p = DVec3::new(0.26 * f64::from(k) - 1.17, y, 0.0);
+            let s = DVec3::new(0.15, 0.0, random.range(-0.05, 0.05));
+            let splat = Splat { p, s, t: DVec3::new(0.03, 0.25, 0.0), color: random.color() };
+            splats.push(Clipped { splat, curve, lines: lines.to_vec(), mode });
+        }
+    }
+    Case::new(
+        "constant-lines",
+        Scene { objects: vec![object(clipped_cloud(&splats))], ..scene(&[]) },
+        camera(3.2, 45.0, [96, 64]),
     )
 }
 

@@ -4,7 +4,7 @@ use super::Case;
 use crate::build::{Splat, camera, confetti, disk_cloud, object, scene, sheet, sphere};
 use crate::random::Random;
 use glam::{DAffine3, DMat3, DVec3};
-use surfel_model::{Cull, DepthTolerance, Filter, Mapping, Projection, Scene};
+use surfel_model::{Cull, DepthTolerance, EdgeAa, Filter, Mapping, Projection, Scene, SplatCloud};
 
 const RED: [f32; 3] = [0.9, 0.1, 0.1];
 const GREEN: [f32; 3] = [0.1, 0.8, 0.2];
@@ -25,11 +25,13 @@ pub(super) fn geometry_cases() -> Vec<Case> {
         mirrored_object(),
         culled_sphere(),
         disks(),
-        closed_sphere().with("edge-aa", |s| s.edge_aa = true),
+        closed_sphere().with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
         sphere_before_plane(),
         beyond_its_filter(),
         grid(60).with("affine", |s| s.mapping = Mapping::Affine),
         single_pixel(),
+        nearly_round(),
+        disks_by_their_own_weight(),
     ];
     for filter in Filter::ALL {
         cases.push(grid(60).with(filter.name(), |s| s.filter = filter));
@@ -40,7 +42,7 @@ pub(super) fn geometry_cases() -> Vec<Case> {
     cases
 }
 
-/// Three splats right, up and near: a flipped or swapped axis, a mirrored picture, a wrong up.
+/// Three splats right, up and near: a flipped or swapped axis, a mirrored image, a wrong up.
 pub fn orientation() -> Case {
     let splats = [
         Splat::disk(DVec3::new(0.8, 0.0, 0.0), DVec3::Z, 0.3, RED),
@@ -64,7 +66,8 @@ pub fn tilted_splat() -> Case {
     Case::new("tilted-splat", scene(&[splat]), camera(2.5, 50.0, [64, 64]))
 }
 
-/// Two sheets, the gap between them growing across the picture through the tolerance: a wrong ε, or one of the wrong splat.
+/// Two sheets, the gap between them growing across the image through the tolerance: a wrong ε, or one of the wrong
+/// splat.
 pub fn occluded_pair() -> Case {
     let back = sheet(DVec3::ZERO, [DVec3::X, DVec3::Y], [24, 24], 0.07, |_, _| BLUE);
     let front =
@@ -89,8 +92,8 @@ pub fn closed_sphere() -> Case {
     Case::new("sphere", scene, camera(3.0, 45.0, [72, 72]))
 }
 
-/// A large tilted disk, wider on the screen than its affine filter, before a wall, edges antialiased: pixels that keep the disk
-/// and have none of its filtered fragments, through which the wall shows.
+/// A large tilted disk, wider on the screen than its affine filter, before a wall, edges antialiased: pixels that keep
+/// the disk and have none of its filtered fragments, through which the wall shows.
 pub fn beyond_its_filter() -> Case {
     let axes = [DVec3::X * 6.0, DVec3::Y * 6.0];
     let mut splats = sheet(DVec3::new(0.0, 0.0, -6.0), axes, [10, 10], 1.2, |_, _| BLUE);
@@ -99,7 +102,7 @@ pub fn beyond_its_filter() -> Case {
     let mut scene = scene(&splats);
     scene.objects[0].material.interior_weight = Some(2.0);
     let case = Case::new("beyond-its-filter", scene, camera(3.0, 70.0, [56, 48]));
-    case.with("ewa/edge-aa", |s| (s.filter, s.edge_aa) = (Filter::Ewa, true))
+    case.with("ewa/edge-aa", |s| (s.filter, s.edge_aa) = (Filter::Ewa, EdgeAa::Coverage))
 }
 
 /// The sphere before a wall, edges antialiased: coverage, what lies behind.
@@ -109,7 +112,8 @@ pub fn sphere_before_plane() -> Case {
     });
     let mut scene = scene(&[sphere(900, 1.1, 12), wall].concat());
     scene.objects[0].material.interior_weight = Some(2.0);
-    Case::new("sphere-before-plane", scene, camera(3.0, 45.0, [64, 64])).with("edge-aa", |s| s.edge_aa = true)
+    Case::new("sphere-before-plane", scene, camera(3.0, 45.0, [64, 64]))
+        .with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage)
 }
 
 /// Ellipses of aspect up to 6 at any angle: axes mixed up, a filter that holds for circles alone.
@@ -133,7 +137,7 @@ pub fn orthographic() -> Case {
     Case::new("orthographic", scene(&confetti(300, 0.06, 3.0, 19)), camera)
 }
 
-/// Unequal focal lengths and a principal point outside of the picture: f or c taken from the fov.
+/// Unequal focal lengths and a principal point outside of the image: f or c taken from the fov.
 pub fn intrinsics() -> Case {
     let mut camera = camera(3.0, 45.0, [64, 48]);
     camera.projection = Projection::Intrinsics { fx: 90.0, fy: 50.0, cx: -6.5, cy: 30.25 };
@@ -176,9 +180,111 @@ pub fn disks() -> Case {
     Case::new("disks", scene, camera(3.0, 45.0, [56, 56])).with("adjust", |s| s.filter = Filter::Adjust)
 }
 
-/// A picture of one pixel: neighbours, tiles and regions that end at once.
+/// An image of one pixel: neighbours, tiles and regions that end at once.
 pub fn single_pixel() -> Case {
     let mut scene = scene(&sphere(200, 1.2, 41));
     scene.objects[0].material.interior_weight = Some(2.0);
-    Case::new("single-pixel", scene, camera(3.0, 30.0, [1, 1])).with("edge-aa", |s| s.edge_aa = true)
+    Case::new("single-pixel", scene, camera(3.0, 30.0, [1, 1])).with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage)
+}
+
+/// Ellipses that are round but for up to 1.5 in a thousand, seen nearly edge-on, at any angle within their planes:
+/// which of them `adjust` takes for disks, and by which angle it turns those.
+pub fn nearly_round() -> Case {
+    let mut random = Random::new(127);
+    let eye = DVec3::Z * 3.0;
+    let splats: Vec<Splat> = (0..12)
+        .map(|i| {
+            let p = DVec3::new(0.2 * f64::from(i % 4) - 0.3, 0.5 * f64::from(i / 4) - 0.5, random.range(-0.2, 0.2));
+            let toward = (p - eye).normalize();
+            let (a, b) = surfel_math::basis::orthonormal(toward);
+            let (sin, cos) = random.range(0.0, std::f64::consts::TAU).sin_cos();
+            let elevation = random.range(0.002, 0.004);
+            let n = (a * cos + b * sin) * elevation.cos() + toward * elevation.sin();
+            let across = toward.cross(n).normalize();
+            let (sin, cos) = random.range(0.6, 1.0).sin_cos();
+            let roundness = [1.0 - 9e-4, 1.0 - 5e-4, 1.0 - 1.5e-3][i as usize % 3];
+            let s = across * cos + n.cross(across) * sin;
+            Splat { p, s: s * 0.7, t: n.cross(s) * (0.7 * roundness), color: random.color() }
+        })
+        .collect();
+    Case::new("nearly-round", scene(&splats), camera(3.0, 45.0, [64, 64])).with("adjust", |s| {
+        (s.filter, s.prefilter_radius_px) = (Filter::Adjust, 1.5);
+    })
+}
+
+struct Disk {
+    center: DVec3,
+    normal: DVec3,
+    radius: f64,
+}
+
+/// Two sheets of unevenly spaced disks, 0.85 radii apart, edges antialiased by the weight that the cloud has inside
+/// itself: the pair of half-axes that a disk takes, and that r_max counts from the sampled point. No backend measures
+/// it, so the scene says what [`interior_weight`] makes of the disks.
+pub fn disks_by_their_own_weight() -> Case {
+    let disks = uneven_sheets();
+    let mut scene = Scene { objects: vec![object(cloud_of(&disks))], ..scene(&[]) };
+    scene.objects[0].material.interior_weight = Some(interior_weight(&disks));
+    Case::new("disks-by-their-own-weight", scene, camera(3.0, 45.0, [56, 56]))
+        .with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage)
+}
+
+fn cloud_of(disks: &[Disk]) -> SplatCloud {
+    disk_cloud(&disks.iter().map(|d| (d.center, d.normal, d.radius)).collect::<Vec<_>>(), BLUE)
+}
+
+fn uneven_sheets() -> Vec<Disk> {
+    let mut random = Random::new(131);
+    let normals = [DVec3::new(0.3, 0.2, 1.0), DVec3::new(0.1, -0.3, 1.0)];
+    (0..128)
+        .map(|i| {
+            let at = |k: i32| 0.2 * f64::from(k) - 0.7;
+            let (x, y) = (at(i % 8) + random.range(-0.03, 0.03), at(i / 8 % 8) + random.range(-0.08, 0.08));
+            let radius = 0.19;
+            let z = 0.85 * radius * f64::from(i / 64);
+            Disk { center: DVec3::new(x, y, z - 0.25 * x), normal: normals[i as usize % 2], radius }
+        })
+        .collect()
+}
+
+/// The interior weight of disks as §5 defines it, from the disks alone.
+fn interior_weight(disks: &[Disk]) -> f64 {
+    // As a cloud stores them: radii in f32.
+    let stored = |d: &Disk| Disk { normal: d.normal.normalize(), radius: f64::from(d.radius as f32), ..*d };
+    let disks: Vec<Disk> = disks.iter().map(stored).collect();
+    let sample = |d: &Disk| {
+        let n = d.normal;
+        let sign = if n.z.is_sign_negative() { -1.0 } else { 1.0 };
+        let a = -1.0 / (sign + n.z);
+        let b = n.x * n.y * a;
+        let s = DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x);
+        let t = DVec3::new(b, sign + n.y * n.y * a, -n.y);
+        d.center + (s + t) * (0.5 * d.radius)
+    };
+    let weight_at = |k: &Disk| -> f64 {
+        let sample = sample(k);
+        let weight = |d: &Disk| {
+            let along = d.normal.dot(d.center - sample) / d.normal.dot(k.normal);
+            let rho_squared = (sample + k.normal * along - d.center).length_squared() / (d.radius * d.radius);
+            let counts = d.normal.dot(k.normal) >= 0.5 && along.abs() <= k.radius && rho_squared <= 1.0;
+            if counts { (-2.0 * rho_squared).exp() } else { 0.0 }
+        };
+        disks.iter().map(weight).sum()
+    };
+    let mut sums: Vec<f64> = disks.iter().map(weight_at).collect();
+    sums.sort_by(f64::total_cmp);
+    sums[(sums.len() - 1) / 2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn interior_weight_of_uneven_sheets_is_what_a_cloud_stores() {
+        let disks = uneven_sheets();
+        let stored = surfel_sample::interior_weight(&cloud_of(&disks)).unwrap();
+        let defined = interior_weight(&disks);
+        assert!((stored - defined).abs() < 1e-12 * defined, "{stored} {defined}");
+    }
 }

@@ -5,14 +5,16 @@ use crate::build::{camera, cloud, object, scene, sheet, sphere, with_alpha};
 use crate::polygons::{checkers, mesh_object, mesh_sphere, quad};
 use crate::random::Random;
 use glam::{DAffine3, DVec3};
-use surfel_model::{Cull, Light, Projection, Scene, Shader, Transparency};
+use std::sync::Arc;
+use surfel_model::{Cull, EdgeAa, Light, Projection, Scene, Shader, Texture, Transparency};
 
 pub(super) fn mesh_cases() -> Vec<Case> {
     let (wall, crossing) = (half_mesh_wall(), mesh_through_sphere());
     let peel = Transparency::Peel { layers: 3, drop_last: false };
+    let pane = texture_with_alpha();
     vec![
         wall.with("normal", |s| s.shader = Shader::Normal),
-        wall.with("edge-aa", |s| s.edge_aa = true),
+        wall.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
         wall,
         sphere_before_mesh(),
         crossing.with("peel-3", |s| s.transparency = peel),
@@ -20,6 +22,8 @@ pub(super) fn mesh_cases() -> Vec<Case> {
         crossing,
         mesh_ball(),
         textured_floor(),
+        pane.with("peel-2", |s| s.transparency = Transparency::Peel { layers: 2, drop_last: false }),
+        pane,
     ]
 }
 
@@ -63,7 +67,8 @@ pub fn sphere_before_mesh() -> Case {
     let mut wall = quad(DVec3::new(0.4, 0.0, -2.0), [DVec3::X * 1.6, DVec3::Y * 3.0], 5.0);
     wall.texture = Some(checkers(4));
     scene.objects.push(mesh_object(wall));
-    Case::new("sphere-before-mesh", scene, camera(3.0, 45.0, [64, 64])).with("edge-aa", |s| s.edge_aa = true)
+    Case::new("sphere-before-mesh", scene, camera(3.0, 45.0, [64, 64]))
+        .with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage)
 }
 
 /// Polygons through an opaque sphere of splats and through a transparent pane: whichever is in front, in every pixel.
@@ -109,4 +114,20 @@ pub fn textured_floor() -> Case {
     let mut camera = camera(2.0, 60.0, [64, 48]);
     camera.near = 0.5;
     Case::new("textured-floor", scene, camera)
+}
+
+/// A slanted quad before a wall of splats, with vertices and a texture of every alpha: polygons blended or cut out by
+/// it, or smaller levels that weigh colours by it.
+pub fn texture_with_alpha() -> Case {
+    let mut random = Random::new(137);
+    let wall =
+        sheet(DVec3::new(0.0, 0.0, -1.0), [DVec3::X * 1.6, DVec3::Y * 1.2], [16, 12], 0.2, |_, _| random.color());
+    let mut scene = scene(&wall);
+    scene.objects[0].material.interior_weight = Some(2.0);
+    let srgba8 = (0..64u8).map(|i| [4 * i, 255 - 4 * i, 37 * (i % 7), if i % 3 == 0 { 0 } else { 4 * i }]).collect();
+    let mut quad = quad(DVec3::new(0.0, 0.0, -0.3), [DVec3::new(0.9, 0.0, 0.5), DVec3::new(0.0, 0.7, -0.4)], 6.0);
+    quad.texture = Some(Arc::new(Texture { width: 8, height: 8, srgba8 }));
+    quad.alphas = Some(vec![1.0, 0.4, 0.0, 0.7]);
+    scene.objects.push(mesh_object(quad));
+    Case::new("texture-with-alpha", scene, camera(2.6, 45.0, [64, 48]))
 }

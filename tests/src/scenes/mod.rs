@@ -1,16 +1,19 @@
 //! Scenes of one property each. What a scene is for is the fault that it catches.
 
 mod clipping;
+mod facings;
 mod geometry;
 mod meshes;
 mod numeric;
 mod octrees;
+mod samples;
 mod shading;
 mod shadows;
 mod styles;
 mod transparency;
 
 pub use clipping::*;
+pub use facings::*;
 pub use geometry::*;
 pub use meshes::*;
 pub use numeric::*;
@@ -23,7 +26,7 @@ pub use transparency::*;
 use surfel_model::{Camera, Scene, Settings};
 use surfel_render::{Capabilities, Planes, Region, SceneSummary, View, unsupported};
 
-/// A picture to be made.
+/// A scene, and how it is drawn: an image to be made.
 #[derive(Clone, Debug)]
 pub struct Case {
     /// Its name, for messages.
@@ -34,7 +37,7 @@ pub struct Case {
     pub camera: Camera,
     /// How.
     pub settings: Settings,
-    /// The part of the picture that is drawn; all of it without one.
+    /// The part of the image that is drawn; all of it without one.
     pub region: Option<Region>,
 }
 
@@ -78,5 +81,7 @@ pub fn all() -> Vec<Case> {
     cases.extend(shadow_cases());
     cases.extend(clipping_cases());
     cases.extend(style_cases());
+    cases.extend(facing_cases());
+    cases.extend(samples::sample_cases());
     cases
 }

@@ -35,7 +35,8 @@ pub fn confetti_ball() -> Case {
     Case::new("confetti", scene(&confetti(400, 0.05, 3.0, 43)), camera(3.0, 45.0, [56, 56]))
 }
 
-/// Everything `factor` times as large, z_near included: the same picture but for Z. Absolute epsilons hide in few units.
+/// Everything `factor` times as large, z_near included: the same image but for Z. Absolute epsilons hide in few
+/// units.
 pub fn scaled(case: &Case, factor: f64) -> Case {
     let mut case = placed(case, &DAffine3::from_scale(DVec3::splat(factor)), &format!("scaled-{factor:e}"));
     case.camera.near *= factor;
@@ -43,7 +44,7 @@ pub fn scaled(case: &Case, factor: f64) -> Case {
     case
 }
 
-/// Scene and camera moved together: the same picture. World coordinates in f32 hide near the origin.
+/// Scene and camera moved together: the same image. World coordinates in f32 hide near the origin.
 pub fn moved(case: &Case, by: DVec3) -> Case {
     placed(case, &DAffine3::from_translation(by), "moved")
 }
@@ -62,10 +63,10 @@ pub fn placed(case: &Case, world: &DAffine3, variant: &str) -> Case {
     case
 }
 
-/// Ellipses given by half-axes that are nearly parallel, centred outside of the picture: they reach in by more than either half-axis is
-/// long, up to √2 times. A bound by the longer half-axis leaves them out.
+/// Ellipses given by half-axes that are nearly parallel, centred outside of the image: they reach in by more than
+/// either half-axis is long, up to √2 times. A bound by the longer half-axis leaves them out.
 pub fn skewed_outside() -> Case {
-    // The picture's sides are at ±1; the ellipses reach 1.41 from their centres.
+    // The image's sides are at ±1; the ellipses reach 1.41 from their centres.
     let toward = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
     let splats: Vec<Splat> = toward
         .into_iter()
@@ -78,8 +79,8 @@ pub fn skewed_outside() -> Case {
     Case::new("skewed-outside", scene(&splats), camera(10.0, 2.0 * 0.1f64.atan().to_degrees(), [48, 48]))
 }
 
-/// A narrow ellipse outside of the picture, both of whose half-axes `adjust` lengthens to 10 pixels, nearly parallel: it reaches 14.
-/// A bound by the filter's radius leaves it out.
+/// A narrow ellipse outside of the image, both of whose half-axes `adjust` lengthens to 10 pixels, nearly parallel:
+/// it reaches 14. A bound by the filter's radius leaves it out.
 pub fn adjusted_outside() -> Case {
     let splat = Splat {
         p: DVec3::new(-36.5, -0.1, 0.0),
@@ -90,14 +91,15 @@ pub fn adjusted_outside() -> Case {
     let mut camera = camera(2.0, 45.0, [48, 48]);
     camera.projection = Projection::Orthographic { height: 48.0 };
     camera.far = Some(10.0);
-    // One in the picture, which shows how they overlap.
+    // One in the image, which shows how they overlap.
     let inside = Splat::disk(DVec3::new(-12.0, 3.0, -1.0), DVec3::Z, 12.0, [0.2, 0.3, 0.8]);
     Case::new("adjusted-outside", scene(&[splat, inside]), camera).with("adjust", |s| {
         (s.filter, s.prefilter_radius_px) = (Filter::Adjust, 10.0);
     })
 }
 
-/// A needle above the picture that `principal` lengthens to 100 pixels where it is centred, and that a slope shows longer still.
+/// A needle above the image that `principal` lengthens to 100 pixels where it is centred, and that a slope shows
+/// longer still.
 pub fn lengthened_outside() -> Case {
     let splat = Splat {
         p: DVec3::ZERO,
@@ -163,7 +165,7 @@ pub fn near_crossing() -> Case {
     Case::new("near-crossing", scene(&splats), camera)
 }
 
-/// Splats many times the picture's size behind small ones: boxes that overflow integers.
+/// Splats many times the image's size behind small ones: boxes that overflow integers.
 pub fn huge_splats() -> Case {
     let mut splats = sphere(200, 1.0, 61);
     splats.push(Splat::disk(DVec3::new(0.0, 0.0, -3e4), DVec3::Z, 1e9, [0.4, 0.5, 0.6]));

@@ -5,12 +5,12 @@ use crate::build::{camera, cloud, object, scene};
 use crate::polygons::{mesh, mesh_object, mesh_sphere};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
-use surfel_model::{Cull, Geometry, Hybrid, Light, Scene, Shader};
+use surfel_model::{Cull, EdgeAa, Geometry, Light, Octree, Scene, Shader};
 use surfel_render::{Selection, View, select};
-use surfel_sample::{HybridOptions, NoProgress, hybrid_from_mesh};
+use surfel_sample::{NoProgress, OctreeOptions, octree_from_mesh};
 
-/// `--lod-error` of [`octree`]: so large that its near end is polygons, the middle their leaves' splats, the far end those of nodes
-/// above.
+/// `--lod-error` of [`octree`]: so large that its near end is polygons, the middle their leaves' splats, the far end
+/// those of nodes above.
 pub const OCTREE_ERROR_PX: f64 = 5.5;
 
 /// Background of [`octree`], which no other scene has.
@@ -18,32 +18,32 @@ pub const OCTREE_BACKGROUND: [f64; 4] = [0.11, 0.02, 0.07, 0.5];
 
 pub(super) fn octree_cases() -> Vec<Case> {
     let octree = octree();
-    vec![octree.with("edge-aa", |s| s.edge_aa = true), octree]
+    vec![octree.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage), octree]
 }
 
-/// A long ball that points at the eye, as an octree of polygons and splats cut down to the view: transitions left out or drawn for
-/// each of their leaves, nodes beneath or above those that are drawn.
+/// A long ball that points at the eye, as an octree of polygons and splats cut down to the view: transitions left out
+/// or drawn for each of their leaves, nodes beneath or above those that are drawn.
 pub fn octree() -> Case {
-    octree_by(|hybrid, view| select(hybrid, &DAffine3::IDENTITY, Cull::Back, view, OCTREE_ERROR_PX))
+    octree_by(|octree, view| select(octree, &DAffine3::IDENTITY, Cull::Back, view, OCTREE_ERROR_PX))
 }
 
 /// The same with other parts of the octree.
 ///
 /// # Panics
 /// If the octree can't be built: scenes are written here, not read.
-pub fn octree_by(choose: impl FnOnce(&Hybrid, &View) -> Selection) -> Case {
+pub fn octree_by(choose: impl FnOnce(&Octree, &View) -> Selection) -> Case {
     let ball = mesh_sphere(3);
     let vertices: Vec<DVec3> =
         (0..ball.positions.len()).map(|i| ball.positions.get(i) * DVec3::new(0.6, 0.5, 2.2)).collect();
     let mut mesh = mesh(&vertices, ball.triangles);
     let color = |p: &DVec3| [0.5 + 0.3 * (4.0 * p.x).sin(), 0.5 + 0.3 * (2.0 * p.z).cos(), 0.6].map(|c| c as f32);
     mesh.colors = Some(vertices.iter().map(color).collect());
-    let options = HybridOptions { leaf_triangles: 24, splats_per_side: 6 };
-    let hybrid = hybrid_from_mesh(&mesh, &options, &NoProgress).expect("the ball has triangles");
+    let options = OctreeOptions { leaf_triangles: 24, splats_per_side: 6 };
+    let octree = octree_from_mesh(&mesh, &options, &NoProgress).expect("the ball has triangles");
     let mut camera = camera(0.0, 40.0, [72, 56]);
     (camera.eye, camera.target) = ([1.5, 1.0, 3.6], [0.1, 0.0, 0.6]);
     let view = View::new(&camera).expect("cases have valid cameras");
-    let scene = Scene { background: OCTREE_BACKGROUND, ..scene_of(&hybrid, &choose(&hybrid, &view)) };
+    let scene = Scene { background: OCTREE_BACKGROUND, ..scene_of(&octree, &choose(&octree, &view)) };
     Case::new("octree", scene, camera).with("lit", |s| s.shader = Shader::Phong)
 }
 
@@ -51,13 +51,13 @@ pub fn octree_by(choose: impl FnOnce(&Hybrid, &View) -> Selection) -> Case {
 ///
 /// # Panics
 /// As [`octree_by`].
-pub fn scene_of(hybrid: &Hybrid, selection: &Selection) -> Scene {
+pub fn scene_of(octree: &Octree, selection: &Selection) -> Scene {
     let mut splats = object(cloud(&[]));
-    let chosen = hybrid.cloud_of(&selection.splats).expect("parts of a valid cloud are valid");
+    let chosen = octree.cloud_of(&selection.splats).expect("parts of a valid cloud are valid");
     splats.geometry = Geometry::Splats(Arc::new(chosen));
     let mut objects = vec![splats];
     if !selection.triangles.is_empty() {
-        objects.push(mesh_object(hybrid.mesh_of(&selection.triangles)));
+        objects.push(mesh_object(octree.mesh_of(&selection.triangles)));
     }
     for object in &mut objects {
         object.material.cull = Cull::Back;
@@ -67,8 +67,8 @@ pub fn scene_of(hybrid: &Hybrid, selection: &Selection) -> Scene {
 }
 
 /// A selection without the splats on the edges between leaves.
-pub fn without_transitions(hybrid: &Hybrid, mut selection: Selection) -> Selection {
-    let first = hybrid.transitions().first().map_or(u32::MAX, |t| t.splats.start);
+pub fn without_transitions(octree: &Octree, mut selection: Selection) -> Selection {
+    let first = octree.transitions().first().map_or(u32::MAX, |t| t.splats.start);
     selection.splats.retain(|splats| splats.start < first);
     selection
 }

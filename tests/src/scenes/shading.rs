@@ -3,7 +3,7 @@
 use super::Case;
 use crate::build::{Splat, camera, cloud, object, scene, sheet, sphere};
 use glam::{DAffine3, DVec3};
-use surfel_model::{Light, Material, Scene, Shader};
+use surfel_model::{EdgeAa, Light, Material, Scene, Shader};
 
 pub(super) fn shading_cases() -> Vec<Case> {
     let lit = three_materials();
@@ -11,7 +11,7 @@ pub(super) fn shading_cases() -> Vec<Case> {
         facing_plane(),
         lit.with("normal", |s| s.shader = Shader::Normal),
         lit.with("depth", |s| s.shader = Shader::Depth),
-        lit.with("edge-aa", |s| s.edge_aa = true),
+        lit.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
         lit,
         spot_light(),
         point_light(),

@@ -4,7 +4,7 @@ use super::Case;
 use crate::build::{Splat, camera, cloud, object, scene, sheet, sphere, with_alpha};
 use crate::polygons::{mesh_object, mesh_sphere, quad};
 use glam::{DAffine3, DVec3};
-use surfel_model::{Light, Object, Scene, Shader, Transparency};
+use surfel_model::{EdgeAa, Light, Object, Scene, Shader, Transparency};
 
 /// Radius of the ball of [`ball_over_floor`].
 pub const BALL_RADIUS: f64 = 0.7;
@@ -25,8 +25,12 @@ pub(super) fn shadow_cases() -> Vec<Case> {
         ball_over_floor(Parts::MeshOverSplats, spot(40.0)).with("spot", |_| ()),
         ball_over_floor(Parts::SplatsOverMesh, spot(85.0)).with("wide-spot", |_| ()),
         glass_ball_over_floor().with("peel-3", |s| s.transparency = peel),
+        glass_ball_over_floor().with("off", |_| ()),
+        shadow_edge(Parts::Meshes, sun()).with("sun", |_| ()),
+        shadow_edge(Parts::SplatsOverMesh, spot(40.0)).with("spot", |_| ()),
+        shadow_edge(Parts::MeshOverSplats, spot(85.0)).with("wide-spot", |_| ()),
         super::three_materials().with("toon", |s| s.shader = Shader::Toon),
-        super::mesh_through_sphere().with("toon", |s| (s.shader, s.edge_aa) = (Shader::Toon, true)),
+        super::mesh_through_sphere().with("toon", |s| (s.shader, s.edge_aa) = (Shader::Toon, EdgeAa::Coverage)),
     ]
 }
 
@@ -101,7 +105,40 @@ pub fn ball_over_floor(parts: Parts, light: Light) -> Case {
     Case::new("ball-over-floor", scene, camera).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// A glass ball casts no shadow; what is behind it stays in the shadow of what isn't glass.
+/// A few texels of a map on the floor, where the ball's shadow ends: how many texels a map has, how its view is rolled,
+/// where its eye stands.
+pub fn shadow_edge(parts: Parts, light: Light) -> Case {
+    let edge = end_of_shadow(&light);
+    let mut case = ball_over_floor(parts, light);
+    case.camera = camera(1.0, 14.0, [48, 48]);
+    (case.camera.eye, case.camera.target) = ((edge + DVec3::new(-0.1, 0.35, 0.15)).to_array(), edge.to_array());
+    case.name = "shadow-edge/lit".into();
+    case
+}
+
+/// The point of the floor where a ray from the light that touches the ball, at its side, ends.
+///
+/// # Panics
+/// For a light of another kind: the scenes have suns and spots.
+fn end_of_shadow(light: &Light) -> DVec3 {
+    let (from, along) = match light {
+        Light::Directional { direction, .. } => {
+            let direction = DVec3::from(*direction).normalize();
+            (BALL_CENTER + direction.cross(DVec3::Y).normalize() * -BALL_RADIUS, direction)
+        }
+        Light::Spot { position, .. } | Light::Point { position, .. } => {
+            let to_center = BALL_CENTER - DVec3::from(*position);
+            let sine = BALL_RADIUS / to_center.length();
+            let (axis, side) = (to_center.normalize(), to_center.cross(DVec3::Y).normalize());
+            (DVec3::from(*position), axis * (1.0 - sine * sine).sqrt() - side * sine)
+        }
+        _ => panic!("the light has no place and no direction"),
+    };
+    from + along * ((FLOOR_HEIGHT - from.y) / along.y)
+}
+
+/// A glass ball casts no shadow unless all splats are drawn opaque; what is behind it stays in the shadow of what isn't
+/// glass.
 pub fn glass_ball_over_floor() -> Case {
     let mut case = ball_over_floor(Parts::Splats, sun());
     let surfel_model::Geometry::Splats(ball) = &case.scene.objects[0].geometry else { return case };

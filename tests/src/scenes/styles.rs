@@ -1,11 +1,12 @@
-//! Scenes of shaders that aren't lit: a picture of a ball, and depth alone.
+//! Scenes of shaders that aren't lit: an image of a sphere, and depth alone.
 
 use super::{Case, half_mesh_wall, mesh_through_sphere, three_materials};
 use crate::build::{camera, cloud, object, scene, sheet, sphere};
+use crate::polygons::{mesh_object, quad};
 use crate::random::Random;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
-use surfel_model::{Matcap, Shader, Texture, Transparency};
+use surfel_model::{EdgeAa, Matcap, Shader, Texture, Transparency};
 
 pub(super) fn style_cases() -> Vec<Case> {
     let (aside, hidden) = (ball_aside(), hidden_steps());
@@ -15,7 +16,7 @@ pub(super) fn style_cases() -> Vec<Case> {
     vec![
         three_materials().with("matcap", |s| s.shader = Shader::Matcap),
         aside.with("orthographic", |_| ()).in_orthographic(2.6, 8.0),
-        aside.with("edge-aa", |s| s.edge_aa = true),
+        aside.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
         aside,
         crossing.with("peel-2", |s| s.transparency = peel),
         crossing,
@@ -23,8 +24,10 @@ pub(super) fn style_cases() -> Vec<Case> {
         half_mesh_wall().with("edl", edl),
         mesh_through_sphere().with("edl", edl).with("peel-2", |s| s.transparency = peel),
         hidden.with("orthographic", |_| ()).in_orthographic(2.6, 8.0),
-        hidden.with("edge-aa", |s| s.edge_aa = true),
+        hidden.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
         hidden,
+        splats_faded_over_mesh(),
+        splats_faded_over_mesh().with("orthographic", |_| ()).in_orthographic(2.0, 8.0),
     ]
 }
 
@@ -42,8 +45,8 @@ impl Case {
     }
 }
 
-/// A ball far from the middle of a wide picture, under a picture of another: normals looked up in world axes, in the view's
-/// instead of the sight's, upside down, or mirrored.
+/// A ball far from the middle of a wide image, under an image of another: normals looked up in world axes, in the
+/// view's instead of the view ray's, upside down, or mirrored.
 pub fn ball_aside() -> Case {
     let mut scene = scene(&sphere(900, 1.2, 223));
     scene.objects[0].world_from_object = DAffine3::from_translation(DVec3::new(-0.9, 0.5, 0.2));
@@ -69,4 +72,47 @@ pub fn hidden_steps() -> Case {
         object.material.interior_weight = Some(2.4);
     }
     Case::new("hidden-steps", scene, camera(3.0, 45.0, [66, 58])).with("edl", |s| s.shader = Shader::Edl)
+}
+
+/// A sheet of splats at an angle to a polygon and no farther from it than the tolerance, too few to hide it: depths of
+/// pixels in which one is blended over the other.
+pub fn splats_faded_over_mesh() -> Case {
+    let leaning = [DVec3::new(0.7, 0.0, 0.16), DVec3::new(0.05, 0.6, -0.1)];
+    let sheet = sheet(DVec3::new(0.1, 0.0, 0.0), leaning, [12, 10], 0.2, |c, r| {
+        [0.9 - 0.04 * c as f32, 0.3 + 0.06 * r as f32, 0.2]
+    });
+    let mut scene = scene(&sheet);
+    // Far more than there is, so that the splats cover a third of every pixel or less.
+    scene.objects[0].material.interior_weight = Some(20.0);
+    scene.objects.push(mesh_object(quad(DVec3::ZERO, [DVec3::new(1.0, 0.1, -0.1), DVec3::new(0.0, 0.8, 0.1)], 1.0)));
+    Case::new("splats-faded-over-mesh", scene, camera(2.6, 45.0, [64, 56])).with("edl", |s| s.shader = Shader::Edl)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The formula of the rendering model (§5, `matcap`), by which `three-materials/matcap` is drawn.
+    fn clay([x, y]: [f64; 2]) -> [f64; 3] {
+        let outside = x.hypot(y).max(1.0);
+        let n = DVec3::new(x / outside, y / outside, (1.0 - (x * x + y * y) / (outside * outside)).max(0.0).sqrt());
+        let key = ((n.dot(DVec3::new(-0.48, -0.6, 0.64)) + 0.25) / 1.25).max(0.0);
+        let fill = n.dot(DVec3::new(0.64, 0.6, 0.48)).max(0.0);
+        let gleam = n.dot(DVec3::new(-0.265, -0.331, 0.906)).max(0.0).powi(48);
+        let shares = [[0.05, 0.74, 0.1], [0.05, 0.69, 0.13], [0.06, 0.61, 0.19]];
+        shares.map(|[base, warm, cool]| base + warm * key + cool * fill + 0.16 * gleam)
+    }
+
+    #[test]
+    fn matcap_built_in_follows_its_formula() {
+        let matcap = Matcap::builtin();
+        assert_eq!(matcap.size(), [256, 256]);
+        for (i, texel) in matcap.texels().iter().enumerate() {
+            let at = |k: usize| 2.0 * k as f64 / 255.0 - 1.0;
+            let formula = clay([at(i % 256), at(i / 256)]);
+            for (got, want) in texel.iter().zip(formula) {
+                assert!((f64::from(*got) - want).abs() < 1e-7, "texel {i}: {texel:?}, not {formula:?}");
+            }
+        }
+    }
 }

@@ -4,7 +4,7 @@ use super::Case;
 use crate::build::{Splat, camera, cloud, object, scene, sheet, sphere, with_alpha};
 use crate::random::Random;
 use glam::DVec3;
-use surfel_model::{Light, Object, Shader, Transparency};
+use surfel_model::{EdgeAa, Filter, Light, Object, Shader, Transparency};
 
 pub(super) fn transparency_cases() -> Vec<Case> {
     let peel = |layers, drop_last| Transparency::Peel { layers, drop_last };
@@ -15,12 +15,13 @@ pub(super) fn transparency_cases() -> Vec<Case> {
         panes.with("peel-3-drop", |s| s.transparency = peel(3, true)),
         panes.with("peel-9", |s| s.transparency = peel(9, false)),
         panes.with("abuffer-4", |s| s.transparency = Transparency::ABuffer { layers: 4 }),
-        panes.with("peel-4-edge-aa", |s| (s.transparency, s.edge_aa) = (peel(4, false), true)),
+        panes.with("peel-4-edge-aa", |s| (s.transparency, s.edge_aa) = (peel(4, false), EdgeAa::Coverage)),
         spheres.with("peel-3", |s| s.transparency = peel(3, false)),
         spheres.with("abuffer-6", |s| s.transparency = Transparency::ABuffer { layers: 6 }),
         pane_through_sphere().with("peel-2", |s| s.transparency = peel(2, false)),
         pane_through_sphere().with("normal", |s| (s.transparency, s.shader) = (peel(2, false), Shader::Normal)),
         fading_pane(),
+        glass_beyond_its_filter(),
     ]
 }
 
@@ -38,8 +39,8 @@ fn glass(splats: &[Splat], alpha: f32) -> Object {
     object
 }
 
-/// Five tilted panes of different alpha, before, through and behind an opaque sphere: layers counted or limited wrong, the
-/// last one blended as if it were one of the others, hidden ones shown.
+/// Five tilted panes of different alpha, before, through and behind an opaque sphere: layers counted or limited wrong,
+/// the last one blended as if it were one of the others, hidden ones shown.
 pub fn panes() -> Case {
     let mut random = Random::new(73);
     let mut scene = scene(&sphere(500, 1.2, 79));
@@ -55,7 +56,7 @@ pub fn panes() -> Case {
     Case::new("panes", scene, camera(4.5, 40.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// 27 transparent spheres (G06's figure 6): many layers, curved, crossing in the picture.
+/// 27 transparent spheres (G06's figure 6): many layers, curved, crossing in the image.
 pub fn glass_spheres() -> Case {
     let mut random = Random::new(83);
     let mut scene = scene(&[]);
@@ -83,7 +84,8 @@ pub fn pane_through_sphere() -> Case {
     Case::new("pane-through-sphere", scene, camera(4.0, 40.0, [56, 56]))
 }
 
-/// A pane whose alpha runs from 0 to 1, where its splats are opaque: alpha averaged, and splats of both kinds in one cloud.
+/// A pane whose alpha runs from 0 to 1, where its splats are opaque: alpha averaged, and splats of both kinds in one
+/// cloud.
 pub fn fading_pane() -> Case {
     let axes = [DVec3::X * 1.2, DVec3::Y];
     let wall = sheet(DVec3::new(0.0, 0.0, -0.5), axes, [16, 16], 0.15, |c, _| [0.9, 0.1 + 0.05 * c as f32, 0.2]);
@@ -92,5 +94,25 @@ pub fn fading_pane() -> Case {
     scene.objects.push(object(with_alpha(cloud(&pane), |i| (i % 17) as f32 / 16.0)));
     Case::new("fading-pane", scene, camera(3.0, 45.0, [56, 48])).with("peel-3", |s| {
         s.transparency = Transparency::Peel { layers: 3, drop_last: false };
+    })
+}
+
+/// Large tilted disks of glass, wider on the screen than their affine filter: pixels of the unfiltered footprint alone,
+/// which begin surfaces of the A-buffer and set their thresholds, and add nothing to them.
+pub fn glass_beyond_its_filter() -> Case {
+    let mut random = Random::new(113);
+    let disks: Vec<Splat> = (0..48)
+        .map(|_| {
+            let p = DVec3::new(random.range(-1.0, 1.0), random.range(-0.8, 0.8), random.range(-0.6, 0.8));
+            let (sin, cos) = random.range(0.0, std::f64::consts::TAU).sin_cos();
+            let n = DVec3::new(cos, sin, random.range(0.25, 0.6));
+            Splat::disk(p, n, random.range(0.5, 0.9), random.color())
+        })
+        .collect();
+    let mut scene = scene(&[]);
+    scene.objects = vec![object(with_alpha(cloud(&disks), |i| 0.25 + 0.1 * (i % 6) as f32))];
+    scene.objects[0].material.interior_weight = Some(1.5);
+    Case::new("glass-beyond-its-filter", scene, camera(2.6, 60.0, [56, 48])).with("ewa/abuffer", |s| {
+        (s.filter, s.transparency) = (Filter::Ewa, Transparency::ABuffer { layers: 8 });
     })
 }

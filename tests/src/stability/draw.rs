@@ -1,13 +1,13 @@
 //! Draws sweeps and measures how far off they are.
 
 use super::exact::Exact;
-use super::{Measure, Picture, Probe, Sweep, Truth, naive};
+use super::{Image, Measure, Probe, Sweep, Truth, naive};
 use surfel_math::kernel;
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, RenderError, Renderer};
 
-/// Draws a picture with all planes.
-pub type Draw<'a> = dyn FnMut(&Picture) -> Result<Frame, RenderError> + 'a;
+/// Draws an image with all planes.
+pub type Draw<'a> = dyn FnMut(&Image) -> Result<Frame, RenderError> + 'a;
 
 /// How a backend rounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,9 +32,9 @@ impl Precision {
 pub struct Point {
     /// The parameter.
     pub value: f64,
-    /// Worst error over the value's pictures; NaN where no pixel could be compared.
+    /// Worst error over the value's images; NaN where no pixel could be compared.
     pub error: f64,
-    /// The most that the law allows, in the picture where the error is closest to it.
+    /// The most that the law allows, in the image where the error is closest to it.
     pub bound: f64,
     /// Pixels that are hit and shouldn't be, or the other way round, beyond the decision margin.
     pub stray: usize,
@@ -42,9 +42,9 @@ pub struct Point {
     pub non_finite: usize,
     /// Pixels that were compared.
     pub compared: usize,
-    /// Why there is no picture.
+    /// Why there is no image.
     pub refused: Option<String>,
-    /// The backend says that it doesn't draw such pictures.
+    /// The backend says that it doesn't draw such images.
     pub unsupported: bool,
 }
 
@@ -78,7 +78,7 @@ pub fn first_break(outcome: &Outcome) -> Option<&Point> {
     outcome.points.iter().find(|point| point.fault().is_some())
 }
 
-/// What a picture should be, where that is known.
+/// What an image should be, where that is known.
 struct Want {
     weight: Vec<f64>,
     depth: Vec<f64>,
@@ -104,7 +104,7 @@ pub fn run(
             let want = want(&probe, reference)?;
             for ((precision, draw), outcome) in backends.iter_mut().zip(&mut outcomes) {
                 let Some(point) = outcome.points.last_mut() else { continue };
-                match draw(&probe.picture) {
+                match draw(&probe.image) {
                     Ok(got) => measure(sweep.measure, &probe, &want, &got, *precision, point),
                     Err(RenderError::Unsupported { .. }) => point.unsupported = true,
                     Err(error) => point.refused = Some(error.to_string()),
@@ -121,50 +121,50 @@ pub fn naive_points(sweep: &Sweep) -> Vec<[f64; 2]> {
     sweep.values.iter().map(|&value| [value, worst(value)]).collect()
 }
 
-/// A backend's way to draw a picture, for [`run`].
+/// A backend's way to draw an image, for [`run`].
 pub fn drawer<R: Renderer + 'static>(mut renderer: R) -> Box<Draw<'static>> {
-    Box::new(move |picture| {
-        let resident = renderer.upload(&picture.scene)?;
+    Box::new(move |image| {
+        let resident = renderer.upload(&image.scene)?;
         let mut frame = Frame::default();
-        renderer.render(&resident, &picture.view(), &picture.settings, Planes::ALL, &mut frame)?;
+        renderer.render_into(&resident, &image.view(), &image.settings, Planes::ALL, &mut frame)?;
         Ok(frame)
     })
 }
 
-/// The reference's picture with all planes, margin included.
-fn reference_frame(picture: &Picture, reference: &mut Reference) -> Result<Frame, RenderError> {
-    let resident = reference.upload(&picture.scene)?;
+/// The reference's image with all planes, margin included.
+fn reference_frame(image: &Image, reference: &mut Reference) -> Result<Frame, RenderError> {
+    let resident = reference.upload(&image.scene)?;
     let mut frame = Frame::default();
-    let planes = Planes { margin: true, ..Planes::ALL };
-    reference.render(&resident, &picture.view(), &picture.settings, planes, &mut frame)?;
+    let planes = Planes::ALL.with_margin(true);
+    reference.render_into(&resident, &image.view(), &image.settings, planes, &mut frame)?;
     Ok(frame)
 }
 
 fn want(probe: &Probe, reference: &mut Reference) -> Result<Want, RenderError> {
     let frame = match &probe.truth {
-        Truth::Easier(picture) => reference_frame(picture, reference)?,
-        Truth::Exact(..) | Truth::Reference => reference_frame(&probe.picture, reference)?,
+        Truth::Easier(image) => reference_frame(image, reference)?,
+        Truth::Exact(..) | Truth::Reference => reference_frame(&probe.image, reference)?,
     };
     let Truth::Exact(splat, count) = &probe.truth else {
         let wide = |plane: &[f32]| plane.iter().map(|&v| f64::from(v)).collect();
-        let (weight, depth) = (wide(&frame.weight), wide(&frame.depth));
-        return Ok(Want { weight, depth, color: Some(frame.color.to_vec()), margin: frame.margin });
+        let (weight, depth) = (wide(frame.weight()), wide(frame.depth()));
+        return Ok(Want { weight, depth, color: Some(frame.color().to_vec()), margin: frame.margin().to_vec() });
     };
-    let view = probe.picture.view();
+    let view = probe.image.view();
     let exact = Exact::new(splat, &view.projection);
     let (mut weight, mut depth) = (Vec::new(), Vec::new());
     for i in 0..view.pixels() as u32 {
         let pixel = [view.region.x + i % view.region.width, view.region.y + i / view.region.width];
         let hit = exact.hit(pixel);
-        let of_one = |rho_squared| kernel::weight(rho_squared, probe.picture.settings.cutoff);
+        let of_one = |rho_squared| kernel::weight(rho_squared, probe.image.settings.cutoff);
         weight.push(hit.map_or(0.0, |h| f64::from(*count) * of_one(h.rho_squared)));
         depth.push(hit.map_or(f64::INFINITY, |h| h.z));
     }
     // An edge-on splat takes part in no pass, whatever its exact forms say (§2).
-    if frame.weight.iter().all(|&w| w == 0.0) && is_edge_on(splat) {
+    if frame.weight().iter().all(|&w| w == 0.0) && is_edge_on(splat) {
         weight.fill(0.0);
     }
-    Ok(Want { weight, depth, color: None, margin: frame.margin })
+    Ok(Want { weight, depth, color: None, margin: frame.margin().to_vec() })
 }
 
 fn is_edge_on(splat: &surfel_math::project::ViewSplat<f64>) -> bool {
@@ -176,9 +176,9 @@ fn is_edge_on(splat: &surfel_math::project::ViewSplat<f64>) -> bool {
 fn measure(measure: Measure, probe: &Probe, want: &Want, got: &Frame, precision: Precision, point: &mut Point) {
     let (mut worst, mut compared, mut missed, mut hits) = (f64::NAN, 0, 0, 0);
     for i in 0..want.weight.len() {
-        let weight = got.weight[i];
-        let is_finite = weight.is_finite() && got.color[i].iter().chain(&got.normal[i]).all(|v| v.is_finite());
-        let is_depth = !got.depth[i].is_nan() && (weight == 0.0 || got.depth[i].is_finite());
+        let weight = got.weight()[i];
+        let is_finite = weight.is_finite() && got.color()[i].iter().chain(&got.normal()[i]).all(|v| v.is_finite());
+        let is_depth = !got.depth()[i].is_nan() && (weight == 0.0 || got.depth()[i].is_finite());
         point.non_finite += usize::from(!(is_finite && is_depth));
         let (has, should) = (weight > 0.0, want.weight[i] > 0.0);
         hits += usize::from(should);
@@ -191,11 +191,11 @@ fn measure(measure: Measure, probe: &Probe, want: &Want, got: &Frame, precision:
             continue;
         }
         let color = |c: &Vec<[f32; 4]>| {
-            got.color[i].iter().zip(c[i]).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max)
+            got.color()[i].iter().zip(c[i]).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max)
         };
         let error = match measure {
             Measure::Weight => (f64::from(weight) - want.weight[i]).abs() / probe.scale,
-            Measure::Depth => (f64::from(got.depth[i]) - want.depth[i]).abs() / want.depth[i],
+            Measure::Depth => (f64::from(got.depth()[i]) - want.depth[i]).abs() / want.depth[i],
             Measure::Color => want.color.as_ref().map_or(0.0, color),
             Measure::Coverage => 0.0,
         };
@@ -209,11 +209,11 @@ fn measure(measure: Measure, probe: &Probe, want: &Want, got: &Frame, precision:
     let bound = probe.floor + fixed + precision.roundoff * probe.amplification;
     point.stray += missed;
     point.compared += compared;
-    // A picture can't be off itself.
+    // An image can't be off itself.
     if precision == Precision::F64 && matches!(probe.truth, Truth::Reference) {
         return;
     }
-    // Of several pictures the one that is closest to its bound, or farthest beyond.
+    // Of several images the one that is closest to its bound, or farthest beyond.
     let share = |error: f64, bound: f64| {
         if bound > 0.0 {
             error / bound

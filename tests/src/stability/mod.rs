@@ -1,9 +1,9 @@
-//! Sweeps to the extremes: one parameter of a picture runs from harmless to absurd, and every backend's picture is held
+//! Sweeps to the extremes: one parameter of an image runs from harmless to absurd, and every backend's image is held
 //! against exact arithmetic or a reference that has no difficulty.
 //!
 //! - [`exact`]: a splat in exact arithmetic; `naive`: the formulas that ours replace, in f32;
-//! - [`Sweep`]: a parameter, its pictures, the error that rounding may cause by the derived law; `splats`, `scenes`: all of
-//!   them;
+//! - [`Sweep`]: a parameter, its images, the error that rounding may cause by the derived law; `splats`, `scenes`: all
+//!   of them;
 //! - [`run`]: what a backend makes of a sweep; [`page`], [`breaks`]: how it is shown.
 
 mod draw;
@@ -20,9 +20,9 @@ use surfel_math::project::ViewSplat;
 use surfel_model::{Camera, Scene, Settings};
 use surfel_render::{Region, View};
 
-/// A picture to be drawn.
+/// An image to be drawn.
 #[derive(Clone, Debug)]
-pub struct Picture {
+pub struct Image {
     /// What is drawn.
     pub scene: Scene,
     /// From where.
@@ -33,7 +33,7 @@ pub struct Picture {
     pub settings: Settings,
 }
 
-impl Picture {
+impl Image {
     /// The view of its region.
     ///
     /// # Panics
@@ -43,18 +43,18 @@ impl Picture {
     }
 }
 
-/// What a picture should be.
+/// What an image should be.
 #[derive(Clone, Debug)]
 pub enum Truth {
     /// One unfiltered splat, so many times, in exact arithmetic.
     Exact(ViewSplat<f64>, u32),
-    /// What the f64 reference makes of the picture itself.
+    /// What the f64 reference makes of the image itself.
     Reference,
-    /// What the f64 reference makes of another picture, which has no such difficulty.
-    Easier(Box<Picture>),
+    /// What the f64 reference makes of another image, which has no such difficulty.
+    Easier(Box<Image>),
 }
 
-/// What is compared, over pixels that both pictures hit.
+/// What is compared, over pixels that both images hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measure {
     /// Σw, absolute, in units of [`Probe::scale`].
@@ -63,15 +63,15 @@ pub enum Measure {
     Depth,
     /// Colour, absolute.
     Color,
-    /// Share of the hit pixels that one of the two pictures has and the other hasn't.
+    /// Share of the hit pixels that one of the two images has and the other hasn't.
     Coverage,
 }
 
-/// A picture at one value of a parameter.
+/// An image at one value of a parameter.
 #[derive(Clone, Debug)]
 pub struct Probe {
-    /// The picture.
-    pub picture: Picture,
+    /// The image.
+    pub image: Image,
     /// What it should be.
     pub truth: Truth,
     /// How much the rounding of one operation may matter: the law's error is this times the unit roundoff.
@@ -117,7 +117,7 @@ pub struct Sweep {
     pub values: Vec<f64>,
     /// The farthest value at which nothing may break.
     pub required: f64,
-    /// Pictures at a value.
+    /// Images at a value.
     pub probes: fn(f64) -> Vec<Probe>,
 }
 

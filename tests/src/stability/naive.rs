@@ -1,7 +1,7 @@
 //! The formulas that ours replace, as published and in f32, and how far off they are.
 
 use super::exact::Exact;
-use super::{Naive, Picture, Probe, Truth};
+use super::{Image, Naive, Probe, Truth};
 use surfel_math::clip::Curve;
 use surfel_math::project::{Projected, ViewSplat};
 use surfel_math::{V2, V3, filter, kernel};
@@ -14,39 +14,39 @@ fn cross(a: V3<f32>, b: V3<f32>) -> V3<f32> {
     V3::new(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 }
 
-/// The error of what ours replaces, in units of [`Probe::scale`]; NaN where that is nothing. A result that is no number is an
-/// error of 1.
+/// The error of what ours replaces, in units of [`Probe::scale`]; NaN where that is nothing. A result that is no number
+/// is an error of 1.
 pub(super) fn error(probe: &Probe) -> f64 {
     match (&probe.naive, &probe.truth) {
-        (Naive::Matrix(splat), _) => matrix(splat, &probe.picture) / probe.scale,
-        (Naive::Covariance(splat), _) => covariance(splat, &probe.picture) / probe.scale,
-        (Naive::Moved(drawn), Truth::Exact(meant, _)) => moved(meant, drawn, &probe.picture),
+        (Naive::Matrix(splat), _) => matrix(splat, &probe.image) / probe.scale,
+        (Naive::Covariance(splat), _) => covariance(splat, &probe.image) / probe.scale,
+        (Naive::Moved(drawn), Truth::Exact(meant, _)) => moved(meant, drawn, &probe.image),
         (Naive::Known(error), _) => *error,
         (Naive::Nothing | Naive::Moved(_), _) => f64::NAN,
     }
 }
 
-/// The same error where the splat that is drawn isn't the one that is meant: what rounding of inputs costs, without any of
-/// arithmetic.
-fn moved(meant: &ViewSplat<f64>, drawn: &ViewSplat<f64>, picture: &Picture) -> f64 {
-    let view = picture.view();
+/// The same error where the splat that is drawn isn't the one that is meant: what rounding of inputs costs, without any
+/// of arithmetic.
+fn moved(meant: &ViewSplat<f64>, drawn: &ViewSplat<f64>, image: &Image) -> f64 {
+    let view = image.view();
     let (a, b) = (Exact::new(meant, &view.projection), Exact::new(drawn, &view.projection));
     let mut worst = 0.0f64;
-    for pixel in pixels(picture) {
-        let weight = |e: &Exact| e.hit(pixel).map_or(0.0, |h| kernel::weight(h.rho_squared, picture.settings.cutoff));
+    for pixel in pixels(image) {
+        let weight = |e: &Exact| e.hit(pixel).map_or(0.0, |h| kernel::weight(h.rho_squared, image.settings.cutoff));
         worst = worst.max((weight(&a) - weight(&b)).abs());
     }
     worst
 }
 
-fn pixels(picture: &Picture) -> impl Iterator<Item = [u32; 2]> + use<> {
-    let region = picture.view().region;
+fn pixels(image: &Image) -> impl Iterator<Item = [u32; 2]> + use<> {
+    let region = image.view().region;
     (0..region.width * region.height).map(move |i| [region.x + i % region.width, region.y + i / region.width])
 }
 
 /// Largest weight error of G06 eq. 5–6 as printed: rows of adj[s t p]/det, their constant terms at pixel 0, 0.
-fn matrix(splat: &ViewSplat<f64>, picture: &Picture) -> f64 {
-    let projection = picture.view().projection;
+fn matrix(splat: &ViewSplat<f64>, image: &Image) -> f64 {
+    let projection = image.view().projection;
     let exact = Exact::new(splat, &projection);
     let (p, s, t) = (single(splat.p), single(splat.s), single(splat.t));
     let [fx, fy] = projection.focal_px.map(|v| v as f32);
@@ -57,9 +57,9 @@ fn matrix(splat: &ViewSplat<f64>, picture: &Picture) -> f64 {
         let (x, y) = (r.x / det / fx, r.y / det / fy);
         [x, y, r.z / det - x * cx - y * cy]
     });
-    let cutoff = picture.settings.cutoff as f32;
+    let cutoff = image.settings.cutoff as f32;
     let mut worst = f64::NAN;
-    for pixel in pixels(picture) {
+    for pixel in pixels(image) {
         let at = |f: [f32; 3]| f[0] * (pixel[0] as f32 + 0.5) + f[1] * (pixel[1] as f32 + 0.5) + f[2];
         let [u, v, w] = forms.map(at);
         let rho_squared = (u * u + v * v) / (w * w);
@@ -75,11 +75,11 @@ fn matrix(splat: &ViewSplat<f64>, picture: &Picture) -> f64 {
     worst
 }
 
-/// Largest weight error of Z01 eq. 6-9 as printed: V = JJᵀ/(2c) + σ²·I as a matrix, inverted by its determinant, about the
-/// projected centre in absolute pixels; against the same filter by ours in f64. G06 and B05 print no formula of their own for
-/// a splat's shrinking weight.
-fn covariance(splat: &ViewSplat<f64>, picture: &Picture) -> f64 {
-    let (projection, settings) = (picture.view().projection, &picture.settings);
+/// Largest weight error of Z01 eq. 6-9 as printed: V = JJᵀ/(2c) + σ²·I as a matrix, inverted by its determinant, about
+/// the projected centre in absolute pixels; against the same filter by ours in f64. G06 and B05 print no formula of
+/// their own for a splat's shrinking weight.
+fn covariance(splat: &ViewSplat<f64>, image: &Image) -> f64 {
+    let (projection, settings) = (image.view().projection, &image.settings);
     let projected = Projected::new(splat, &projection);
     let wanted = filter::ewa(&projected, settings.prefilter_radius_px);
     let center = V2::new(
@@ -101,7 +101,7 @@ fn covariance(splat: &ViewSplat<f64>, picture: &Picture) -> f64 {
     let determinant = a * c - b * b;
     let scale = ((xx * yy - xy * xy) / determinant).sqrt();
     let mut worst = f64::NAN;
-    for pixel in pixels(picture) {
+    for pixel in pixels(image) {
         let d = V2::new(pixel[0] as f32 + 0.5 - at.x, pixel[1] as f32 + 0.5 - at.y);
         let beta = 0.5 * (c * d.x * d.x - 2.0 * b * d.x * d.y + a * d.y * d.y) / determinant;
         let got = scale * (-beta).exp();

@@ -1,7 +1,8 @@
 //! What sweeps found, as a table and as a page.
 
 use super::{Outcome, Point, Sweep, first_break};
-use surfel_plot::{Axis, Chart, Page, Scale, Series, Style, Table};
+use surfel_bench::chart::{Axis, Chart, Series, Style};
+use surfel_bench::page::{Page, Table};
 
 /// A sweep and what backends made of it.
 pub struct Measured {
@@ -59,18 +60,19 @@ pub fn breaks(measured: &[Measured], backends: &[String]) -> Table {
 pub fn page(measured: &[Measured], backends: &[String]) -> String {
     let mut page = Page::new("Numerical stability");
     page.paragraph(
-        "Surfel draws surfaces as overlapping disks. Each sweep takes one picture and drives one of its numbers from where \
-         nothing is difficult to where arithmetic fails: disks seen from their edge, sizes from atoms to galaxies, cameras a \
-         billion units from the origin. The curves show how far each backend's picture is off; what it should be is computed \
-         in exact arithmetic (whole numbers of any length) where a sweep has a single splat, and by the f64 reference else.",
+        "Surfel draws surfaces as overlapping disks. Each sweep takes one image and drives one of its numbers from \
+         where nothing is difficult to where arithmetic fails: disks seen from their edge, sizes from atoms to \
+         galaxies, cameras a billion units from the origin. The curves show how far each backend's image is off; what \
+         it should be is computed in exact arithmetic (whole numbers of any length) where a sweep has a single splat, \
+         and by the f64 reference else.",
     );
     page.paragraph(
-        "Dashed lines are bounds that follow from the number of roundings, not from the measurement; an error above its bound \
-         is a fault, as is a pixel that is not finite, and one that is covered and shouldn't be, or the other way round, \
-         unless the exact result is within 1e-3 pixels or 1e-4 of the decision. Where a bound passes 1, weights may be \
-         anything: the picture can't be had in that precision. The green range is what has to work. Dotted curves are the \
-         formulas as published, in f32. An error of 0, or one below the chart, lies on its lower edge; a gap means that no \
-         pixel was covered, and where the reference is the truth it has no curve.",
+        "Dashed lines are bounds that follow from the number of roundings, not from the measurement; an error above \
+         its bound is a fault, as is a pixel that is not finite, and one that is covered and shouldn't be, or the \
+         other way round, unless the exact result is within 1e-3 pixels or 1e-4 of the decision. Where a bound passes \
+         1, weights may be anything: the image can't be had in that precision. The green range is what has to work. \
+         Dotted curves are the formulas as published, in f32. An error of 0, or one below the chart, lies on its lower \
+         edge; a gap means that no pixel was covered, and where the reference is the truth it has no curve.",
     );
     page.section("The first value at which anything breaks");
     page.table(&breaks(measured, backends));
@@ -90,7 +92,6 @@ pub fn page(measured: &[Measured], backends: &[String]) -> String {
 fn chart(one: &Measured, backends: &[String]) -> Chart {
     let values = &one.sweep.values;
     let [first, last] = [values.first(), values.last()].map(|v| v.copied().unwrap_or(1.0));
-    let scale = if last < first { Scale::LogDown } else { Scale::Log };
     let mut series = Vec::new();
     // A curve of nothing has no place in the legend.
     let mut add = |name: String, style, color, points: Vec<[f64; 2]>| {
@@ -109,8 +110,8 @@ fn chart(one: &Measured, backends: &[String]) -> Chart {
     let required = if (last < first) == (one.sweep.required < last) { last } else { one.sweep.required };
     Chart {
         title: format!("{}: error against {}", one.sweep.name, one.sweep.parameter),
-        x: Axis::new(one.sweep.parameter, scale),
-        y: Axis::new(measure(one.sweep.measure), Scale::Log).over([1e-10, 1.0]),
+        x: Axis { descends: last < first, ..Axis::new(one.sweep.parameter) },
+        y: Axis::new(measure(one.sweep.measure)).over([1e-10, 1.0]),
         series,
         shaded: Some(([first, required], "has to work".to_owned())),
     }

@@ -1,6 +1,6 @@
 //! Sweeps of many splats.
 
-use super::{Measure, Naive, Picture, Probe, Sweep, Truth, powers};
+use super::{Image, Measure, Naive, Probe, Sweep, Truth, powers};
 use crate::build::{Splat, camera, confetti, scene};
 use glam::DVec3;
 use surfel_math::V3;
@@ -14,13 +14,13 @@ pub(super) fn sweeps() -> Vec<Sweep> {
     let scale = |name, values, required| Sweep {
         name,
         parameter: "unit of the scene's coordinates",
-        about: "A ball of 80 splats of every tilt, camera included, in larger or smaller units: the picture has to stay the \
-                same. f32 ends at 3.4e38; squares of coordinates do at 1.8e19 and 1e-19, and denormal numbers begin at \
-                1.2e-38.",
-        law: "the conformance tolerance, 1.2e-3 of a colour, outside of decision margins: the tilts of random splats have no \
-              one law",
-        naive: "the weight of one of the splats by adj[s t p]/det as printed (G06 eq. 5-6), in f32: products of three coordinates \
-                overflow or vanish first",
+        about: "A ball of 80 splats of every tilt, camera included, in larger or smaller units: the image has to stay \
+                the same. f32 ends at 3.4e38; squares of coordinates do at 1.8e19 and 1e-19, and denormal numbers \
+                begin at 1.2e-38.",
+        law: "the conformance tolerance, 1.2e-3 of a colour, outside of decision margins: the tilts of random splats \
+              have no one law",
+        naive: "the weight of one of the splats by adj[s t p]/det as printed (G06 eq. 5-6), in f32: products of three \
+                coordinates overflow or vanish first",
         measure: Measure::Color,
         values,
         required,
@@ -47,7 +47,8 @@ fn scaled(unit: f64) -> Vec<Probe> {
     let by = |v: DVec3| (v * unit).as_vec3().as_dvec3();
     let scaled = |s: Splat| Splat { p: by(s.p), s: by(s.s), t: by(s.t), ..s };
     let all = confetti(80, 0.12, 3.0, 5);
-    // For the formula that ours replaces the one in the picture's middle that faces the eye most: seen at an angle none fares better.
+    // For the formula that ours replaces the one in the image's middle that faces the eye most: seen at an angle none
+    // fares better.
     let facing = |s: &Splat| s.s.cross(s.t).normalize().dot((s.p - DVec3::Z * 3.0).normalize()).abs();
     let middle = all.iter().copied().filter(|s| s.p.truncate().length() < 0.6);
     let facing_most = middle.max_by(|a, b| facing(a).total_cmp(&facing(b))).map(scaled);
@@ -68,8 +69,8 @@ fn scaled(unit: f64) -> Vec<Probe> {
     };
     let naive = facing_most.map_or(Naive::Nothing, |s| Naive::Matrix(seen(s)));
     let splats: Vec<Splat> = all.into_iter().map(scaled).filter(is_valid).collect();
-    let picture = Picture { scene: scene(&splats), camera: view, region: None, settings: Settings::default() };
-    vec![Probe { picture, truth: Truth::Reference, amplification: 0.0, floor: TOLERANCE, scale: 1.0, naive }]
+    let image = Image { scene: scene(&splats), camera: view, region: None, settings: Settings::default() };
+    vec![Probe { image, truth: Truth::Reference, amplification: 0.0, floor: TOLERANCE, scale: 1.0, naive }]
 }
 
 fn overlap(count: f64) -> Vec<Probe> {
@@ -90,9 +91,9 @@ fn overlap(count: f64) -> Vec<Probe> {
     };
     let view = |v: DVec3| V3::new(v.x, -v.y, -v.z);
     let one = ViewSplat { p: view(splat.p), s: view(splat.s), t: view(splat.t), n: V3::new(0.0, 0.0, -1.0) };
-    let settings = Settings { filter: Filter::None, ..Settings::default() };
+    let settings = Settings::default().with_filter(Filter::None);
     vec![Probe {
-        picture: Picture { scene: scene(&splats), camera, region: None, settings },
+        image: Image { scene: scene(&splats), camera, region: None, settings },
         truth: Truth::Exact(one, count as u32),
         amplification: count + 64.0,
         floor: 0.0,

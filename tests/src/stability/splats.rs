@@ -1,6 +1,6 @@
 //! Sweeps of one splat, held against exact arithmetic.
 
-use super::{Measure, Naive, Picture, Probe, Sweep, Truth, powers};
+use super::{Image, Measure, Naive, Probe, Sweep, Truth, powers};
 use crate::build::{Clipped, Splat, clipped_cloud, cloud, object};
 use crate::random::Random;
 use glam::DVec3;
@@ -17,8 +17,8 @@ use surfel_render::Region;
 
 /// Steepest slope of exp(−2ρ²).
 const STEEPEST: f64 = 1.213;
-/// Roundings on the way from a splat's coordinates to a pixel's offset in units of its axes, counted in f32 setup: three
-/// each for normal, view, centre and column, two for the determinant, one each for the offset and the form.
+/// Roundings on the way from a splat's coordinates to a pixel's offset in units of its axes, counted in f32 setup:
+/// three each for normal, view, centre and column, two for the determinant, one each for the offset and the form.
 const ROUNDINGS: f64 = 16.0;
 /// Of the 4K camera: pixels, and where its principal point is.
 const FOCAL_PX: f64 = 2000.0;
@@ -28,18 +28,20 @@ const PRINCIPAL_PX: [f64; 2] = [1920.25, 1080.5];
 const Z: f64 = 4.0;
 const COLOR: [f32; 3] = [0.7, 0.4, 0.2];
 
-const LAW: &str = "|Δw| ≤ 1.213·δ/r_minor: 1.213 is the kernel's steepest slope, r_minor the projected minor radius in pixels \
-                   (at least h under a filter, whose factor ℓ/h adds as much again), δ = 16·(r_major + 1)·unit roundoff pixels for 16 roundings between a \
-                   coordinate and an offset; besides, the kernel polynomial's 1.3e-6 and the planes' rounding to f32";
-const SHARE_LAW: &str = "as before, in units of the splat's own weight ℓ/h, and 16·unit roundoff·r_major/ℓ for ℓ, which has the \
-                         same 16 roundings";
-const SKEW_LAW: &str = "as elevation-filtered, in units of the splat's own weight ℓ/h, and 32·unit roundoff for ℓ: principal axes are \
-                        stored, so that nearly parallel ones add nothing";
-const NEAR_LAW: &str = "|Δw| ≤ 1.213·4·(|U| + |V| + ρ|W|)/W·unit roundoff, the forms by the sizes of their terms about the \
-                        picture's middle: the image need not be an ellipse";
+const LAW: &str = "|Δw| ≤ 1.213·δ/r_minor: 1.213 is the kernel's steepest slope, r_minor the projected minor radius in \
+                   pixels (at least h under a filter, whose factor ℓ/h adds as much again), δ = 16·(r_major + 1)·unit \
+                   roundoff pixels for 16 roundings between a coordinate and an offset; besides, the kernel \
+                   polynomial's 1.3e-6 and the planes' rounding to f32";
+const SHARE_LAW: &str = "as before, in units of the splat's own weight ℓ/h, and 16·unit roundoff·r_major/ℓ for ℓ, \
+                         which has the same 16 roundings";
+const SKEW_LAW: &str = "as elevation-filtered, in units of the splat's own weight ℓ/h, and 32·unit roundoff for ℓ: \
+                        principal axes are stored, so that nearly parallel ones add nothing";
+const NEAR_LAW: &str = "|Δw| ≤ 1.213·4·(|U| + |V| + ρ|W|)/W·unit roundoff, the forms by the sizes of their terms about \
+                        the image's middle: the image need not be an ellipse";
 const MATRIX: &str = "adj[s t p]/det as printed (G06 eq. 5-6), constant terms at pixel (0, 0), in f32";
-const COVARIANCE: &str = "the filter of Z01 eq. 6-9 as printed, its covariance matrix inverted by its determinant and the weight the \
-                          root of two determinants' quotient, in f32; held against the same filter in f64, since it is another than ours";
+const COVARIANCE: &str = "the filter of Z01 eq. 6-9 as printed, its covariance matrix inverted by its determinant and \
+                          the weight the root of two determinants' quotient, in f32; held against the same filter in \
+                          f64, since it is another than ours";
 
 pub(super) fn sweeps() -> Vec<Sweep> {
     let elevations = || [90.0, 45.0].into_iter().chain(powers(1.0, -9.0, 1.0)).collect();
@@ -57,8 +59,8 @@ pub(super) fn sweeps() -> Vec<Sweep> {
     };
     vec![
         Sweep {
-            about: "A disk of 12 px in the corner of a 4K picture, tilted until it is seen from its edge and its image is a \
-                    line. Below 5.7e-4° it is edge-on and not drawn, by definition.",
+            about: "A disk of 12 px in the corner of a 4K image, tilted until it is seen from its edge and its image \
+                    is a line. Below 5.7e-4° it is edge-on and not drawn, by definition.",
             naive: MATRIX,
             ..sweep("elevation", "elevation above edge-on, degrees", elevations(), 1e-9, elevation)
         },
@@ -68,11 +70,12 @@ pub(super) fn sweeps() -> Vec<Sweep> {
             ..sweep("elevation-filtered", "elevation above edge-on, degrees", elevations(), 1e-9, elevation_filtered)
         },
         Sweep {
-            about: "The same again, the error in units of the splat's own largest weight, which shrinks with its width: what shows \
-                    where it lies beside nothing but others like it. The width is the disk's times the sine of its elevation, \
-                    of which f32 has the sine to 1e-6 at most: 0.6 % of the weight at 0.01 degrees, 10 % at 5.7e-4, the last that \
-                    is drawn. This is stated and not mended: such a splat is 2e-4 and 1e-5 of its length wide, and in a picture counts \
-                    by that. Closer to edge-on, pixels are within the margin of that decision and not compared.",
+            about: "The same again, the error in units of the splat's own largest weight, which shrinks with its \
+                    width: what shows where it lies beside nothing but others like it. The width is the disk's times \
+                    the sine of its elevation, of which f32 has the sine to 1e-6 at most: 0.6 % of the weight at 0.01 \
+                    degrees, 10 % at 5.7e-4, the last that is drawn. This is stated and not mended: such a splat is \
+                    2e-4 and 1e-5 of its length wide, and in an image counts by that. Closer to edge-on, pixels are \
+                    within the margin of that decision and not compared.",
             law: SHARE_LAW,
             naive: COVARIANCE,
             ..sweep(
@@ -84,8 +87,8 @@ pub(super) fn sweeps() -> Vec<Sweep> {
             )
         },
         Sweep {
-            about: "An ellipse of 12 px that becomes a needle: its minor axis is 1/aspect of its major one. Beyond 1e4 it lies \
-                    between all pixel centres: that is what filters are for.",
+            about: "An ellipse of 12 px that becomes a needle: its minor axis is 1/aspect of its major one. Beyond 1e4 \
+                    it lies between all pixel centres: that is what filters are for.",
             naive: MATRIX,
             ..sweep("aspect", "aspect ratio", powers(0.0, 12.0, 1.0), 1e8, aspect)
         },
@@ -95,22 +98,22 @@ pub(super) fn sweeps() -> Vec<Sweep> {
             ..sweep("aspect-filtered", "aspect ratio", powers(0.0, 12.0, 1.0), 1e8, aspect_filtered)
         },
         Sweep {
-            about: "An ellipse given by half-axes that are nearly parallel: its normal is the cross product of two nearly \
-                    equal vectors. Files with axes that are parallel in f32 are refused.",
+            about: "An ellipse given by half-axes that are nearly parallel: its normal is the cross product of two \
+                    nearly equal vectors. Files with axes that are parallel in f32 are refused.",
             naive: MATRIX,
             ..sweep("skew", "sine of the angle between the half-axes", powers(0.0, -6.0, 0.5), 1e-6, skew)
         },
         Sweep {
-            about: "A needle with the filter, given by half-axes that are both nearly along it: the longer one, and one and a half \
-                    of it beside the shorter one. Errors are in units of the splat's own weight.",
+            about: "A needle with the filter, given by half-axes that are both nearly along it: the longer one, and \
+                    one and a half of it beside the shorter one. Errors are in units of the splat's own weight.",
             law: SKEW_LAW,
             naive: COVARIANCE,
             ..sweep("aspect-skewed", "aspect ratio", powers(0.0, 6.0, 0.5), 1e5, aspect_skewed)
         },
         Sweep {
-            about: "A splat that shrinks far below a pixel, with the filter: its weight shrinks by its area. A pixel whose sum \
-                    of weights is below 1e-36, where f32's normal numbers are about to end, is left empty; that is reached \
-                    at a radius of 1e-21. Errors are in units of the splat's own weight.",
+            about: "A splat that shrinks far below a pixel, with the filter: its weight shrinks by its area. A pixel \
+                    whose sum of weights is below 1e-36, where f32's normal numbers are about to end, is left empty; \
+                    that is reached at a radius of 1e-21. Errors are in units of the splat's own weight.",
             naive: COVARIANCE,
             ..sweep("radius-small", "radius at distance 4, world units", powers(-2.0, -30.0, 1.0), 1e-15, radius_small)
         },
@@ -121,23 +124,24 @@ pub(super) fn sweeps() -> Vec<Sweep> {
             ..sweep("radius-large", "radius at distance 4, world units", powers(0.0, 30.0, 1.0), 1e15, radius_large)
         },
         Sweep {
-            about: "A disk of radius 1 that moves away, with the filter, until its weight is below 1e-36. Errors are in units of \
-                    the splat's own weight.",
+            about: "A disk of radius 1 that moves away, with the filter, until its weight is below 1e-36. Errors are \
+                    in units of the splat's own weight.",
             naive: COVARIANCE,
             ..sweep("distance", "distance, world units", powers(1.0, 30.0, 1.0), 1e15, distance)
         },
         Sweep {
-            about: "A disk of radius 1 around the camera, whose plane comes closer and closer to the eye: most of it lies \
-                    behind the eye, the rest reaches to the horizon. Below 1e-5 of the distance to its centre it is edge-on \
-                    and not drawn.",
+            about: "A disk of radius 1 around the camera, whose plane comes closer and closer to the eye: most of it \
+                    lies behind the eye, the rest reaches to the horizon. Below 1e-5 of the distance to its centre it \
+                    is edge-on and not drawn.",
             law: NEAR_LAW,
             naive: MATRIX,
             ..sweep("eye-plane", "distance of the eye from the disk's plane", powers(-1.0, -12.0, 1.0), 1e-9, eye_plane)
         },
         Sweep {
-            about: "A disk at distance 4 and a near plane that is closer and closer to the eye: how well depth is kept.",
-            law: "|Δz|/z ≤ 16·unit roundoff/sin(elevation): depth is p_z times the reciprocal of a form that is linear over \
-                  pixels; nothing depends on the near plane",
+            about: "A disk at distance 4 and a near plane that is closer and closer to the eye: how well depth is \
+                    kept.",
+            law: "|Δz|/z ≤ 16·unit roundoff/sin(elevation): depth is p_z times the reciprocal of a form that is linear \
+                  over pixels; nothing depends on the near plane",
             naive: "a 24-bit depth buffer with far = 10·z, read back",
             measure: Measure::Depth,
             ..sweep("near", "distance over z_near", powers(0.5, 30.0, 0.5), 1e12, near)
@@ -149,17 +153,19 @@ pub(super) fn sweeps() -> Vec<Sweep> {
             ..sweep("offset", "distance from the origin over the disk's distance", powers(0.0, 15.0, 1.0), 1e9, offset)
         },
         Sweep {
-            about: "A disk of 4 px in the last corner of larger and larger images, of which only that corner is rendered.",
+            about: "A disk of 4 px in the last corner of larger and larger images, of which only that corner is \
+                    rendered.",
             naive: MATRIX,
             ..sweep("image", "image side, pixels", sides, 16384.0, image)
         },
         Sweep {
-            about: "A disk whose centre is far outside of the picture, and of which just a rim of 8 px reaches in.",
+            about: "A disk whose centre is far outside of the image, and of which just a rim of 8 px reaches in.",
             naive: MATRIX,
-            ..sweep("outside", "distance of the centre from the picture, px", powers(0.0, 9.0, 1.0), 1e6, outside)
+            ..sweep("outside", "distance of the centre from the image, px", powers(0.0, 9.0, 1.0), 1e6, outside)
         },
         Sweep {
-            about: "A disk cut by a rational Bézier curve of larger and larger weight: the curve becomes its control polygon.",
+            about: "A disk cut by a rational Bézier curve of larger and larger weight: the curve becomes its control \
+                    polygon.",
             law: "no pixel is on the wrong side of the curve but within 1e-3 px of it",
             naive: "C12 eq. 7 as printed, t = (a ± √(a² − bc))/c, in f32",
             measure: Measure::Coverage,
@@ -187,8 +193,8 @@ fn ellipse(p: DVec3, s: DVec3, t: DVec3) -> ViewSplat<f64> {
     ViewSplat { p: V3::from(p), s: V3::from(s), t: V3::from(t), n: V3::from(n) }
 }
 
-/// An ellipse whose centre is seen at a pixel, its half-axes `radii` long, its plane at an elevation (radians) above edge-on;
-/// `turn` is about the line of sight.
+/// An ellipse whose centre is seen at a pixel, its half-axes `radii` long, its plane at an elevation (radians) above
+/// edge-on; `turn` is about the line of sight.
 fn tilted(pixel: [f64; 2], z: f64, radii: [f64; 2], elevation: f64, turn: f64) -> ViewSplat<f64> {
     let [x, y] = [0, 1].map(|axis| (pixel[axis] - PRINCIPAL_PX[axis]) / FOCAL_PX);
     let p = DVec3::new(x, y, 1.0) * z;
@@ -225,7 +231,7 @@ fn world(v: V3<f64>) -> DVec3 {
 }
 
 fn unfiltered() -> Settings {
-    Settings { filter: Filter::None, ..Settings::default() }
+    Settings::default().with_filter(Filter::None)
 }
 
 fn scene(splats: &[Splat]) -> Scene {
@@ -251,15 +257,15 @@ fn amplification(splat: &ViewSplat<f64>, projection: &Projection, h_px: f64) -> 
     (STEEPEST + factor) * ROUNDINGS * (major.max(h_px) + 1.0) / minor.max(h_px)
 }
 
-/// A splat in a picture of its own, without a filter and against exact arithmetic, or with `principal` and against f64.
+/// A splat in an image of its own, without a filter and against exact arithmetic, or with `principal` and against f64.
 fn probe(splat: ViewSplat<f64>, (camera, region): (Camera, Region), filtered: bool) -> Probe {
     let settings = if filtered { Settings::default() } else { unfiltered() };
     let h = if filtered { settings.prefilter_radius_px } else { 0.0 };
-    let picture = Picture { scene: scene(&[in_scene(&splat)]), camera, region: Some(region), settings };
-    let projection = picture.view().projection;
+    let image = Image { scene: scene(&[in_scene(&splat)]), camera, region: Some(region), settings };
+    let projection = image.view().projection;
     Probe {
         amplification: amplification(&splat, &projection, h),
-        picture,
+        image,
         truth: if filtered { Truth::Reference } else { Truth::Exact(splat, 1) },
         floor: 0.0,
         scale: 1.0,
@@ -270,17 +276,17 @@ fn probe(splat: ViewSplat<f64>, (camera, region): (Camera, Region), filtered: bo
 /// A filtered splat, its weight in units of its own largest, ∏ min(1, ℓ/h), whose relative error is that of ℓ.
 fn shrunk(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     let probe = probe(splat, crop, true);
-    let [major, minor] = lengths(&splat, &probe.picture.view().projection);
-    let h = probe.picture.settings.prefilter_radius_px;
+    let [major, minor] = lengths(&splat, &probe.image.view().projection);
+    let h = probe.image.settings.prefilter_radius_px;
     let scale = (major / h).min(1.0) * (minor / h).min(1.0);
     Probe { scale, amplification: probe.amplification + ROUNDINGS * major / minor, ..probe }
 }
 
-/// An unfiltered splat near the eye, whose image need not be an ellipse: the law's amplification is that of its forms, each
-/// of which errs by four roundings of its terms about the middle of the picture, over W.
+/// An unfiltered splat near the eye, whose image need not be an ellipse: the law's amplification is that of its forms,
+/// each of which errs by four roundings of its terms about the middle of the image, over W.
 fn near_probe(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     let probe = probe(splat, crop, false);
-    let view = probe.picture.view();
+    let view = probe.image.view();
     let Region { x, y, width, height } = view.region;
     let mapped = through_near(&splat, &view.projection);
     let forms = [mapped.footprint.u, mapped.footprint.v, mapped.footprint.w];
@@ -299,7 +305,7 @@ fn near_probe(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     Probe { amplification, ..probe }
 }
 
-/// Where the splats of the 4K picture are: a pixel near a corner, and turns.
+/// Where the splats of the 4K image are: a pixel near a corner, and turns.
 const CORNER: [f64; 2] = [3600.3, 1900.7];
 const TURNS: [f64; 3] = [0.2, 1.4, 2.9];
 /// World radius that is so many pixels at [`Z`].
@@ -416,7 +422,7 @@ fn offset(distance: f64) -> Vec<Probe> {
     let one = |turn: f64| {
         let splat = tilted(CORNER, Z, [radius(12.0); 2], 1.0, turn);
         let mut probe = probe(splat, corner(CORNER, 28, 0.01), false);
-        let [_, minor] = lengths(&splat, &probe.picture.view().projection);
+        let [_, minor] = lengths(&splat, &probe.image.view().projection);
         let rounding_px = 4.0 * offset.length() * f64::EPSILON * 0.5 * FOCAL_PX / Z;
         let local = in_scene(&splat);
         let column = |v: DVec3| Column3::from_f64(&[v]);
@@ -424,9 +430,9 @@ fn offset(distance: f64) -> Vec<Probe> {
         let mut data = CloudData::new(offset, column(local.p), shape);
         data.colors = Some(vec![COLOR]);
         let cloud = SplatCloud::new(data, OnInvalid::Refuse).expect("sweeps hold valid splats").0;
-        probe.picture.scene.objects = vec![object(cloud)];
-        probe.picture.camera.eye = offset.to_array();
-        probe.picture.camera.target = (offset + DVec3::NEG_Z * distance.max(1.0)).to_array();
+        probe.image.scene.objects = vec![object(cloud)];
+        probe.image.camera.eye = offset.to_array();
+        probe.image.camera.target = (offset + DVec3::NEG_Z * distance.max(1.0)).to_array();
         let drawn = single(offset + local.p) - single(offset);
         let drawn = ViewSplat { p: V3::from(DVec3::new(drawn.x, -drawn.y, -drawn.z)), ..splat };
         Probe { floor: (STEEPEST * rounding_px / minor).min(1.0), naive: Naive::Moved(drawn), ..probe }
@@ -474,7 +480,7 @@ fn clip(weight: f64) -> Vec<Probe> {
         let splat = ellipse(DVec3::new(x, y, Z), DVec3::X * r, DVec3::NEG_Y * r);
         let mut probe = probe(splat, corner(CORNER, 30, 0.01), false);
         let clipped = Clipped { splat: in_scene(&splat), curve: Some(curve), lines: Vec::new(), mode: ClipMode::And };
-        probe.picture.scene.objects = vec![object(clipped_cloud(&[clipped]))];
+        probe.image.scene.objects = vec![object(clipped_cloud(&[clipped]))];
         let control = V2::new(f64::from(u), f64::from(v));
         let curve = Curve::from_angles(f64::from(curve.theta1), f64::from(curve.theta3), control, f64::from(curve.w));
         Probe { truth: Truth::Reference, amplification: 0.0, naive: Naive::Known(misjudged(&curve)), ..probe }

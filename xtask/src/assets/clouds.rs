@@ -19,7 +19,7 @@ pub(super) const CHECKERBOARD_SCENE: &str = r#"{
 }
 "#;
 
-/// A square of side 2 about (0, 0, −1.2), turned by 80° out of the picture's plane, seen from the origin.
+/// A square of side 2 about (0, 0, −1.2), turned by 80° out of the image's plane, seen from the origin.
 pub(super) fn checkerboard() -> Cloud {
     let n = SQUARES * DISKS_A_SQUARE;
     let spacing = 2.0 / n as f64;

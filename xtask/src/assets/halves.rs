@@ -1,4 +1,4 @@
-//! Spot cut into two meshes, for pictures that are half splats and half polygons.
+//! Spot cut into two meshes, for images that are half splats and half polygons.
 
 use std::io;
 use std::path::Path;

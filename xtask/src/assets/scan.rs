@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::Path;
 
-/// Points in all, and how far they lie off the surface along each axis, at most, in the model's units (she is 1.7 high).
+/// Points in all, and how far they lie off the surface along each axis, at most, in the model's units (she is 1.7
+/// high).
 const POINTS: f64 = 120_000.0;
 const NOISE: f64 = 0.006;
 

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 use surfel::model::{Cull, Geometry, Object, Shader};
-use surfel::sample::{HybridOptions, hybrid_from_mesh};
-use surfel::{Camera, HybridObject, Material, NoProgress, Scene, Settings, View};
+use surfel::sample::{OctreeOptions, octree_from_mesh};
+use surfel::{Camera, Material, NoProgress, Scene, Settings};
 
 use super::figures::Figures;
 use super::measure::{self, Backends};
@@ -27,21 +27,18 @@ pub(crate) fn all(
 ) -> Result<(), Failure> {
     let mesh = clouds::bumpy_mesh(if quick { 96 } else { 256 });
     let camera = subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, size);
-    let hybrid = Arc::new(hybrid_from_mesh(&mesh, &HybridOptions::default(), &NoProgress)?);
+    let octree = Arc::new(octree_from_mesh(&mesh, &OctreeOptions::default(), &NoProgress)?);
     let whole = subject(Geometry::Mesh(Arc::new(mesh)), &camera, if quick { 3 } else { 8 });
-    // Until a view is chosen it has the octree's own splats, all of them.
-    let all_splats = subject(Geometry::Splats(Arc::new(hybrid.cloud().clone())), &camera, 1);
-    let view = View::new(&camera)?;
-    let octree = [HybridObject { object: 0, hybrid }];
     let mut levels = Vec::new();
     for error_px in ERRORS_PX {
-        let scene = surfel::at_detail(&all_splats.scene, &octree, &view, error_px)?;
         let variant = if error_px == ERRORS_PX[0] {
             Variant::of_scene(DEFAULT, DEFAULT.to_owned())
         } else {
             Variant::of_scene("level of detail", format!("{error_px} px"))
         };
-        levels.push((variant, Subject { scene, ..subject(whole.scene.objects[0].geometry.clone(), &camera, 1) }));
+        let chosen = subject(Geometry::Octree(octree.clone()), &camera, 1);
+        let settings = chosen.settings.with_lod_error_px(error_px);
+        levels.push((variant, Subject { settings, ..chosen }));
     }
     measure::details(&whole, &levels, backends, runs, figures)
 }
@@ -49,13 +46,13 @@ pub(crate) fn all(
 fn subject(geometry: Geometry, camera: &Camera, samples: u32) -> Subject {
     let material = Material { cull: Cull::Back, ..Material::default() };
     let object = Object { geometry, world_from_object: DAffine3::from_translation(DVec3::ZERO), material };
-    let lights = Some(surfel::studio_lights(camera));
+    let lights = Some(surfel::scene::studio_lights(camera));
     Subject {
         name: "octree",
         about: "a bumpy ball as an octree of splats and polygons, by the size of the splats that may stand for them",
         scene: Scene { objects: vec![object], lights, ..Scene::default() },
         camera: camera.clone(),
-        settings: Settings { shader: Shader::Phong, ..Settings::default() },
+        settings: Settings::default().with_shader(Shader::Phong),
         truth: Approximates::Samples(samples),
         clips: false,
         transparent: false,

@@ -1,15 +1,15 @@
-//! Scenes of one feature each, beside the plainest scene there is. Cost follows content, so what a scene lacks must plan the
-//! plain frame, whatever the settings say; and so must what it has while the settings leave it out.
+//! Scenes of one feature each, beside the plainest scene there is. Cost follows content, so what a scene lacks must
+//! plan the plain frame, whatever the settings say; and so must what it has while the settings leave it out.
 
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
 use surfel::model::{
-    ClipColumns, ClipCurve, ClipLine, ClipMode, ClipPolicy, CloudData, Column3, Geometry, Matcap, Mesh, ModelError,
-    NO_LINE, Object, OnInvalid, Shader, Shape, Transparency,
+    ClipColumns, ClipCurve, ClipLine, ClipMode, ClipPolicy, CloudData, Column3, EdgeAa, Geometry, Matcap, Mesh,
+    ModelError, NO_LINE, Object, OnInvalid, Shader, Shape, Transparency,
 };
-use surfel::sample::{HybridOptions, hybrid_from_mesh};
-use surfel::{HybridObject, Light, Material, NoProgress, Planes, Scene, Settings, SplatCloud, View};
+use surfel::sample::{OctreeOptions, octree_from_mesh};
+use surfel::{Light, Material, NoProgress, Planes, Scene, Settings, SplatCloud, View};
 
 use crate::{Failure, clouds};
 
@@ -55,7 +55,8 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
     let peel = set(|s| s.transparency = Transparency::Peel { layers: 4, drop_last: false });
     let abuffer = set(|s| s.transparency = Transparency::ABuffer { layers: 8 });
     let whole = set(|s| s.clip = ClipPolicy::Off);
-    let octree = octree(view)?;
+    // 4 px of 256: the detail at which some of it is splats and some polygons.
+    let octree_px = f64::from(view.size[0]) / 64.0;
     Ok(vec![
         Case::new("nothing: white disks, unlit", plain()?, unlit),
         Case::new("colours", with(colors)?, unlit),
@@ -68,13 +69,17 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
         Case::new("toon", plain()?, set(|s| s.shader = Shader::Toon)),
         Case::new("matcap", clay(plain()?), set(|s| s.shader = Shader::Matcap)),
         Case::new("eye-dome lighting (edl)", plain()?, set(|s| s.shader = Shader::Edl)),
-        Case::new("antialiased edges", plain()?, set(|s| s.edge_aa = true)),
+        Case::new("edges by coverage", plain()?, set(|s| s.edge_aa = EdgeAa::Coverage)),
+        Case::new("edges by samples", plain()?, set(|s| s.edge_aa = EdgeAa::Samples)),
         Case::new("clip lines, one a splat", with(clip_lines)?, unlit),
         Case::new("clip curves, one a splat", with(clip_curves)?, unlit),
         Case::new("transparent splats, peel:4", with(alphas)?, peel),
         Case::new("transparent splats, abuffer:8", with(alphas)?, abuffer),
         Case::new("a polygon mesh", with_quad(plain()?)?, unlit),
-        Case { other_scene: true, ..Case::new("an octree, of splats and polygons", octree, unlit) },
+        Case {
+            other_scene: true,
+            ..Case::new("an octree, of splats and polygons", octree()?, unlit.with_lod_error_px(octree_px))
+        },
         Case::new("peel:4, nothing transparent", plain()?, peel).absent(),
         Case::new("abuffer:8, nothing transparent", plain()?, abuffer).absent(),
         Case::new("alphas, transparency off", with(alphas)?, unlit).absent(),
@@ -172,13 +177,10 @@ fn with_quad(mut scene: Scene) -> Result<Scene, ModelError> {
     Ok(scene)
 }
 
-/// The same surface as an octree, at the detail at which some of it is splats and some polygons.
-fn octree(view: &View) -> Result<Scene, Failure> {
+/// The same surface as an octree.
+fn octree() -> Result<Scene, Failure> {
     let mut mesh = clouds::bumpy_mesh(64);
     mesh.colors = None;
-    let hybrid = Arc::new(hybrid_from_mesh(&mesh, &HybridOptions::default(), &NoProgress)?);
-    let whole = scene(hybrid.cloud().clone());
-    // 4 px of 256.
-    let error_px = f64::from(view.size[0]) / 64.0;
-    Ok(surfel::at_detail(&whole, &[HybridObject { object: 0, hybrid }], view, error_px)?)
+    let octree = octree_from_mesh(&mesh, &OctreeOptions::default(), &NoProgress)?;
+    Ok(Scene { objects: vec![object(octree.into())], ..Scene::default() })
 }

@@ -14,7 +14,7 @@ pub(crate) struct Figures {
     version: u32,
     pub machine: Machine,
     pub backend: BackendFacts,
-    /// Of every picture, pixels.
+    /// Of every image, pixels.
     pub size: [u32; 2],
     /// Frames that times are medians of.
     pub runs: usize,
@@ -26,7 +26,7 @@ pub(crate) struct Figures {
     /// What the whole run took.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// Other backends, on fewer subjects and smaller pictures.
+    /// Other backends, on fewer subjects and smaller images.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub others: Vec<Self>,
 }
@@ -41,14 +41,14 @@ pub(crate) struct SubjectFacts {
     pub splats: u64,
 }
 
-/// How far two pictures' colours are apart, linear and premultiplied.
+/// How far two images' colours are apart, linear and premultiplied.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Error {
     pub max_abs: f64,
     /// 99.9 % of the pixels are off by no more.
     pub p999: f64,
     pub rmse: f64,
-    /// dB; none for equal pictures.
+    /// dB; none for equal images.
     pub psnr_db: Option<f64>,
 }
 
@@ -58,9 +58,9 @@ pub(crate) struct Row {
     pub subject: String,
     pub knob: String,
     pub value: String,
-    /// Why the backend draws no such picture; what follows is then the reference's.
+    /// Why the backend draws no such image; what follows is then the reference's.
     pub not_drawn: Option<String>,
-    /// Median time on the processor of a frame on one thread, milliseconds; of a GPU the time on the clock.
+    /// Median time on the CPU of a frame on one thread, milliseconds; of a GPU the time on the clock.
     pub ms: Option<f64>,
     /// All splats over that.
     pub splats_per_s: Option<f64>,
@@ -77,7 +77,7 @@ pub(crate) struct Row {
     pub model_depth: Option<f64>,
     /// RMS angle between normals where both have one, degrees.
     pub model_normal_deg: Option<f64>,
-    /// Against the picture of the preset `reference` by the reference, dB; none for equal pictures.
+    /// Against the image of the preset `reference` by the reference, dB; none for equal images.
     pub from_reference_preset_db: Option<f64>,
 }
 

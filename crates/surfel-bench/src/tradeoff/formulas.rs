@@ -1,10 +1,11 @@
-//! What the innermost formulas cost and how far they are off: the kernel and the reciprocal. They are no settings, since the
-//! ones that are used are the fastest that err by less than anything can see; this is the measurement behind that.
+//! What the innermost formulas cost and how far they are off: the kernel and the reciprocal. They are no settings,
+//! since the ones that are used are the fastest that err by less than anything can see; this is the measurement behind
+//! that.
 
 use std::time::Instant;
 
+use surfel_bench::page::Table;
 use surfel_cpu::formulas::{Formula, Reciprocal, Weight};
-use surfel_plot::Table;
 
 use super::measure::median;
 use crate::Failure;
@@ -29,7 +30,7 @@ struct Case {
 
 /// Every formula with its error and its time.
 pub(crate) fn table() -> Result<Table, Failure> {
-    let cases = cases().ok_or("this processor lacks the least instructions of the backend cpu")?;
+    let cases = cases().ok_or("this CPU lacks the least instructions of the backend cpu")?;
     let mut times: Vec<Vec<f64>> = vec![Vec::new(); cases.len()];
     let mut outputs = vec![0.0; COUNT];
     for _ in 0..RUNS {
@@ -76,15 +77,15 @@ fn cases() -> Option<Vec<Case>> {
             Weight::PowerOfTwo,
             "right for any exponent, which a kernel doesn't need",
         ),
-        weight("kernel: degree 5, squared", Weight::Polynomial, "used: below f32's error of ρ² in most pictures"),
+        weight("kernel: degree 5, squared", Weight::Polynomial, "used: below f32's error of ρ² in most images"),
         weight("kernel: degree 3, squared", Weight::Cubic, "would break the promise of 90 dB"),
         weight("kernel: table of 33, interpolated", Weight::Interpolated, "dominated: reads one by one"),
         weight("kernel: table of 256, nearest", Weight::Nearest, "dominated: reads one by one"),
         reciprocal("1/w: division", Reciprocal::Division, "slower, and no more accurate than its input"),
-        reciprocal("1/w: linear guess, 2 steps of Halley", Reciprocal::Halley, "used: the same bits on any processor"),
+        reciprocal("1/w: linear guess, 2 steps of Halley", Reciprocal::Halley, "used: the same bits on any CPU"),
         reciprocal("1/w: linear guess, 1 step", Reciprocal::HalleyOnce, "would break the promise of 90 dB"),
-        reciprocal("1/w: processor's estimate, 1 step of Newton", Reciprocal::NewtonOnce, "differs between processors"),
-        reciprocal("1/w: processor's estimate", Reciprocal::Estimate, "differs between processors, breaks 90 dB"),
+        reciprocal("1/w: CPU's estimate, 1 step of Newton", Reciprocal::NewtonOnce, "differs between CPUs"),
+        reciprocal("1/w: CPU's estimate", Reciprocal::Estimate, "differs between CPUs, breaks 90 dB"),
     ]
     .into_iter()
     .collect()

@@ -18,19 +18,20 @@ pub(crate) struct Backends {
     pub wide: Backend,
     pub narrow: Backend,
     pub reference: Backend,
-    /// Times are the processor's.
-    pub on_processor: bool,
+    /// Times are the CPU's.
+    pub on_cpu: bool,
 }
 
 impl Backends {
     pub(crate) fn start(name: &str, adapter: Option<String>) -> Result<Self, Failure> {
-        let options = |quantised| BackendOptions { threads: 1, adapter: adapter.clone(), quantised };
+        let one_thread = BackendOptions::default().with_threads(1).with_adapter(adapter);
+        let options = |quantised| one_thread.clone().with_quantised(quantised);
         let free = BackendOptions::default();
         Ok(Self {
             wide: Backend::by_name(name, &options(false))?,
             narrow: Backend::by_name(name, &options(true))?,
             reference: Backend::by_name("reference", &free)?,
-            on_processor: name == "cpu" || name == "reference",
+            on_cpu: name == "cpu" || name == "reference",
         })
     }
 }
@@ -64,12 +65,12 @@ pub(crate) fn subject(
     figures: &mut Figures,
 ) -> Result<(), Failure> {
     let view = View::new(&subject.camera)?;
-    let on_processor = backends.on_processor;
+    let on_cpu = backends.on_cpu;
     let applies = |variant: &Variant| match variant.only {
         Only::Everything => true,
         Only::Clips => subject.clips,
         Only::Transparent => subject.transparent,
-        Only::Graphics => !on_processor,
+        Only::Graphics => !on_cpu,
         Only::Lit => subject.settings.shader == surfel::model::Shader::Phong,
     };
     let exact = backends.reference.upload(&subject.scene)?;
@@ -77,28 +78,28 @@ pub(crate) fn subject(
     let mut ready = Vec::new();
     for variant in variants::all(quick).into_iter().filter(applies) {
         let scene = usize::from(variant.quantised);
-        ready.push(first_picture(backends, (&scenes, scene), &view, variant, &subject.settings));
+        ready.push(first_image(backends, (&scenes, scene), &view, variant, &subject.settings));
     }
     time(backends, &scenes, &view, &mut ready, runs)?;
     let reference = &mut backends.reference;
     let truth = truth(subject, reference, &exact, &view)?;
-    let best = picture(reference, &exact, &view, &Preset::Reference.apply(subject.settings))?;
-    // Storage and presets of the same settings have the same picture.
+    let best = image(reference, &exact, &view, &Preset::Reference.apply(subject.settings))?;
+    // Storage and presets of the same settings have the same image.
     let mut drawn: Vec<(Settings, Option<Frame>)> = Vec::new();
     for one in ready {
         let known = drawn.iter().position(|(settings, _)| *settings == one.settings);
         let at = known.unwrap_or(drawn.len());
         if known.is_none() {
-            drawn.push((one.settings, picture(reference, &exact, &view, &one.settings).ok()));
+            drawn.push((one.settings, image(reference, &exact, &view, &one.settings).ok()));
         }
-        figures.rows.push(row(subject, &one, drawn[at].1.as_ref(), &truth, Some(&best), on_processor)?);
+        figures.rows.push(row(subject, &one, drawn[at].1.as_ref(), &truth, Some(&best), on_cpu)?);
     }
     figures.subjects.push(facts(subject, subject.truth.words()));
     Ok(())
 }
 
-/// Measures scenes that stand for the same thing in more and less detail, the first of which is the default, and adds their
-/// rows. The truth is that of the subject, which isn't drawn.
+/// Measures scenes that stand for the same thing in more and less detail, the first of which is the default, and adds
+/// their rows. The truth is that of the subject, which isn't drawn.
 pub(crate) fn details(
     subject: &Subject,
     levels: &[(Variant, Subject)],
@@ -112,20 +113,20 @@ pub(crate) fn details(
     let scenes = levels.iter().map(|(_, level)| backends.wide.upload(&level.scene)).collect::<Result<Vec<_>, _>>()?;
     let mut ready = Vec::new();
     for (at, (variant, level)) in levels.iter().enumerate() {
-        ready.push(first_picture(backends, (&scenes, at), &view, variant.clone(), &level.settings));
+        ready.push(first_image(backends, (&scenes, at), &view, variant.clone(), &level.settings));
     }
     time(backends, &scenes, &view, &mut ready, runs)?;
     for ((_, level), one) in levels.iter().zip(&ready) {
         let exact = backends.reference.upload(&level.scene)?;
-        let at_same = picture(&mut backends.reference, &exact, &view, &one.settings)?;
-        figures.rows.push(row(level, one, Some(&at_same), &truth, None, backends.on_processor)?);
+        let at_same = image(&mut backends.reference, &exact, &view, &one.settings)?;
+        figures.rows.push(row(level, one, Some(&at_same), &truth, None, backends.on_cpu)?);
     }
     figures.subjects.push(facts(subject, subject.truth.words()));
     Ok(())
 }
 
-/// The variant with its picture, all planes.
-fn first_picture(
+/// The variant with its image, all planes.
+fn first_image(
     backends: &mut Backends,
     (scenes, scene): (&[BackendScene], usize),
     view: &View,
@@ -135,7 +136,7 @@ fn first_picture(
     let settings = variant.settings(settings);
     let frame = Frame::default();
     let mut one = Ready { variant, settings, scene, frame, stats: Stats::default(), not_drawn: None, ms: Vec::new() };
-    match draw(backends, scenes, view, &mut one, Planes { fragments: true, ..Planes::ALL }) {
+    match draw(backends, scenes, view, &mut one, Planes::ALL.with_fragments(true)) {
         Ok(stats) => one.stats = stats,
         Err(error) => one.not_drawn = Some(error.to_string()),
     }
@@ -157,9 +158,9 @@ fn draw(
     view: &View,
     one: &mut Ready,
     planes: Planes,
-) -> Result<Stats, surfel::RenderError> {
+) -> Result<Stats, surfel::render::RenderError> {
     let backend = if one.variant.quantised { &mut backends.narrow } else { &mut backends.wide };
-    backend.render(&scenes[one.scene], view, &one.settings, planes, &mut one.frame)
+    backend.render_into(&scenes[one.scene], view, &one.settings, planes, &mut one.frame)
 }
 
 /// One frame of each in turn, again and again, so that what disturbs the machine disturbs all alike. Colour alone.
@@ -176,7 +177,7 @@ fn time(
             let (clock, busy) = (Instant::now(), busy_ms());
             draw(backends, scenes, view, one, Planes::COLOR)?;
             let elapsed = clock.elapsed().as_secs_f64() * 1e3;
-            let busy = busy_ms().zip(busy).map(|(end, start)| end - start).filter(|_| backends.on_processor);
+            let busy = busy_ms().zip(busy).map(|(end, start)| end - start).filter(|_| backends.on_cpu);
             one.ms.push(busy.unwrap_or(elapsed));
             one.frame = kept;
         }
@@ -184,14 +185,14 @@ fn time(
     Ok(())
 }
 
-fn picture(
+fn image(
     reference: &mut Backend,
     scene: &BackendScene,
     view: &View,
     settings: &Settings,
-) -> Result<Frame, surfel::RenderError> {
+) -> Result<Frame, surfel::render::RenderError> {
     let mut frame = Frame::default();
-    reference.render(scene, view, settings, Planes { margin: true, ..Planes::ALL }, &mut frame)?;
+    reference.render_into(scene, view, settings, Planes::ALL.with_margin(true), &mut frame)?;
     Ok(frame)
 }
 
@@ -210,11 +211,11 @@ fn truth(subject: &Subject, reference: &mut Backend, exact: &BackendScene, view:
             reference.render_supersampled(exact, view, &subject.settings, Planes::ALL, *n, &mut frame)?;
         }
         Approximates::Drawn(settings) => {
-            reference.render(exact, view, settings, Planes::ALL, &mut frame)?;
+            reference.render_into(exact, view, settings, Planes::ALL, &mut frame)?;
         }
     }
-    let mask = vec![true; frame.color.len()];
-    Ok(Truth { color: frame.color.to_vec(), depth: frame.depth, normal: frame.normal, mask })
+    let mask = vec![true; frame.color().len()];
+    Ok(Truth { color: frame.color().to_vec(), depth: frame.depth().to_vec(), normal: frame.normal().to_vec(), mask })
 }
 
 fn row(
@@ -223,31 +224,31 @@ fn row(
     at_same: Option<&Frame>,
     truth: &Truth,
     best: Option<&Frame>,
-    on_processor: bool,
+    on_cpu: bool,
 ) -> Result<Row, Failure> {
     let drawn = one.not_drawn.is_none();
     let size = subject.camera.size;
     let shown = if drawn { Some(&one.frame) } else { at_same };
     let fidelity = at_same.filter(|_| drawn).map(|want| {
-        let mask: Vec<bool> = want.margin.iter().map(|&m| m == 0.0).collect();
-        error(&one.frame.color, &want.color, &mask)
+        let mask: Vec<bool> = want.margin().iter().map(|&m| m == 0.0).collect();
+        error(one.frame.color(), want.color(), &mask)
     });
-    // Another shader is another picture.
+    // Another shader is another image.
     let comparable = one.settings.shader == subject.settings.shader;
     let (mut model, mut model_flip, mut depth, mut normal) = (None, None, None, None);
     let mut model_inside = None;
     // Both by the reference: fidelity has no part in it.
     let best = best.zip(at_same).filter(|_| one.variant.preset().is_some());
-    let from_best = best.map(|(best, same)| error(&same.color, &best.color, &vec![true; best.color.len()]));
+    let from_best = best.map(|(best, same)| error(same.color(), best.color(), &vec![true; best.color().len()]));
     if let Some(frame) = shown.filter(|_| comparable) {
-        model = Some(error(&frame.color, &truth.color, &truth.mask));
+        model = Some(error(frame.color(), &truth.color, &truth.mask));
         let inside = truth.inside(size);
         // A background of its own covers everything.
         let has_rim = subject.scene.background[3] == 0.0 && inside.contains(&true);
-        model_inside = has_rim.then(|| error(&frame.color, &truth.color, &inside));
-        model_flip = Some(flip(size, &frame.color, truth)?);
-        depth = relative_depth(&frame.depth, truth);
-        normal = angle_deg(&frame.normal, truth);
+        model_inside = has_rim.then(|| error(frame.color(), &truth.color, &inside));
+        model_flip = Some(flip(size, frame.color(), truth)?);
+        depth = relative_depth(frame.depth(), truth);
+        normal = angle_deg(frame.normal(), truth);
     }
     let ms = median(&one.ms);
     let splats = splats(subject);
@@ -259,7 +260,7 @@ fn row(
         ms,
         splats_per_s: ms.map(|ms| splats as f64 / (ms * 1e-3)),
         bytes_per_splat: drawn.then_some(one.stats.bytes_per_splat),
-        fragments: Some(one.stats.fragments).filter(|&n| n > 0 || (drawn && on_processor)),
+        fragments: Some(one.stats.fragments).filter(|&n| n > 0 || (drawn && on_cpu)),
         fidelity,
         model,
         model_inside,

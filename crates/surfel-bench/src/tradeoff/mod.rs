@@ -2,7 +2,6 @@
 
 mod costs;
 mod detail;
-mod evaluators;
 mod features;
 mod figures;
 mod formulas;
@@ -18,7 +17,7 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 use surfel::{Backend, Renderer};
-use surfel_plot::Table;
+use surfel_bench::page::Table;
 
 use crate::machine::Machine;
 use crate::report::BackendFacts;
@@ -27,8 +26,8 @@ use crate::{Failure, tradeoff::figures::Figures};
 /// Measures what every setting costs: time, and error against the truth that it approximates.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// What draws; several with commas. The first one has all subjects, the others the smaller ones at 128² pixels. `all` is
-    /// cpu,wgpu,ash, without those that don't start.
+    /// What draws; several with commas. The first one has all subjects, the others the smaller ones at 128² pixels.
+    /// `all` is cpu,wgpu,ash, without those that don't start.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "cpu")]
     backend: Vec<Which>,
     /// A part of the GPU adapter's name.
@@ -37,7 +36,7 @@ pub(crate) struct Arguments {
     /// 256² pixels and few runs: two minutes at most on two threads.
     #[arg(long)]
     quick: bool,
-    /// Pixels on a side of all pictures; 512, or 256 with --quick.
+    /// Pixels on a side of all images; 512, or 256 with --quick.
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(32..=4096))]
     size: Option<u32>,
     /// Only subjects whose name has this in it; several times for several.
@@ -52,9 +51,9 @@ pub(crate) struct Arguments {
     /// Where the page goes.
     #[arg(long, value_name = "FILE.html", default_value = "target/tradeoff.html")]
     report: PathBuf,
-    /// Print tables as Markdown.
-    #[arg(long)]
-    markdown: bool,
+    /// Write the tables as Markdown, over what is there: docs/data/tradeoff.md is made so.
+    #[arg(long, value_name = "FILE.md")]
+    markdown: Option<PathBuf>,
 }
 
 /// Backends that can be asked for.
@@ -98,8 +97,6 @@ pub(crate) struct Findings {
     pub features: Table,
     pub formulas: Table,
     pub normals: Table,
-    /// Shares of splats by evaluator; of the backend `cpu` alone.
-    pub evaluators: Option<Table>,
     /// Other backends, with what their knobs do to fidelity.
     pub others: Vec<(BackendFacts, Table)>,
 }
@@ -128,9 +125,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         eprintln!("octree: by level of detail");
         detail::all(size, arguments.quick, &mut backends, runs, &mut figures)?;
     }
-    eprintln!("features, evaluators and formulas");
+    eprintln!("features and formulas");
     let features = costs::table(&mut backends, runs, size)?;
-    let evaluators = (*first == "cpu").then(|| evaluators::table(&subjects, runs)).transpose()?;
     let (formulas, normals) = (formulas::table()?, normals::table());
     drop(backends);
     for name in others {
@@ -143,9 +139,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let values = verdict::values(&figures);
     let others = figures.others.iter().map(|other| (other.backend.clone(), verdict::fidelity(other))).collect();
     figures.seconds = Some(start.elapsed().as_secs_f64());
-    let findings = Findings { values, features, formulas, normals, evaluators, others, figures };
-    print(&findings, arguments.markdown);
-    for path in [&arguments.output, &arguments.report] {
+    let findings = Findings { values, features, formulas, normals, others, figures };
+    for (title, table) in tables(&findings) {
+        println!("{title}\n\n{}", table.text());
+    }
+    for path in [&arguments.output, &arguments.report].into_iter().chain(&arguments.markdown) {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder)?;
         }
@@ -154,6 +152,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     surfel::io::atomic::write(&arguments.output, true, |out| out.write_all(json.as_bytes()))?;
     let page = page::page(&findings);
     surfel::io::atomic::write(&arguments.report, true, |out| out.write_all(page.as_bytes()))?;
+    if let Some(path) = &arguments.markdown {
+        let text = markdown(&findings);
+        surfel::io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
+        println!("{}", path.display());
+    }
     println!("{}\n{}", arguments.output.display(), arguments.report.display());
     println!("took {:.0} s", start.elapsed().as_secs_f64());
     Ok(())
@@ -191,26 +194,49 @@ fn other(arguments: &Arguments, backends: &mut measure::Backends) -> Result<Figu
     Ok(figures)
 }
 
-fn print(findings: &Findings, as_markdown: bool) {
+/// All tables with their titles.
+fn tables(findings: &Findings) -> Vec<(String, Table)> {
     let figures = &findings.figures;
-    let show = |title: &str, table: &Table| {
-        println!("{title}\n\n{}", if as_markdown { table.markdown() } else { table.text() });
-    };
-    show("Presets", &verdict::presets(figures));
-    show("Knobs, over the default's", &verdict::table(&findings.values));
-    show("Claims", &verdict::claims(figures));
-    show("Model errors, RMSE", &verdict::errors(figures, |r| r.model));
-    show("Model errors without rims, RMSE", &verdict::errors(figures, |r| r.model_inside));
-    show("Features", &findings.features);
-    if let Some(evaluators) = &findings.evaluators {
-        show("Evaluators", evaluators);
-    }
-    show("Formulas", &findings.formulas);
-    show("Normals", &findings.normals);
+    let mut tables = vec![
+        ("Presets".to_owned(), verdict::presets(figures)),
+        ("Settings".to_owned(), verdict::settings(&findings.values)),
+        ("Level of detail".to_owned(), verdict::levels_of_detail(&findings.values)),
+        ("Claims".to_owned(), verdict::claims(figures)),
+        ("Model errors, RMSE".to_owned(), verdict::errors(figures, |r| r.model)),
+        ("Model errors without rims, RMSE".to_owned(), verdict::errors(figures, |r| r.model_inside)),
+        ("Features".to_owned(), findings.features.clone()),
+        ("Formulas".to_owned(), findings.formulas.clone()),
+        ("Normals".to_owned(), findings.normals.clone()),
+    ];
     for (backend, table) in &findings.others {
         let kind = if backend.is_software { ", software Vulkan" } else { "" };
-        show(&format!("Fidelity of {} ({}{kind})", backend.name, backend.adapter), table);
+        tables.push((format!("Fidelity of {} ({}{kind})", backend.name, backend.adapter), table.clone()));
     }
+    tables
+}
+
+/// The tables as a Markdown file.
+fn markdown(findings: &Findings) -> String {
+    let figures = &findings.figures;
+    let names: Vec<&str> = figures.subjects.iter().map(|subject| subject.name.as_str()).collect();
+    let mut text = format!(
+        "<!-- Written by `cargo xtask tradeoff --markdown FILE`. -->\n\n# Speed against accuracy: figures\n\n\
+         {} ({}), one thread of {}, {}×{} pixels, medians of {} frames, commit {}.\n\
+         Ratios are over the default's, geometric means over {} subjects: {}.\n",
+        figures.backend.name,
+        figures.backend.adapter,
+        figures.machine.processor,
+        figures.size[0],
+        figures.size[1],
+        figures.runs,
+        figures.machine.commit,
+        names.len(),
+        names.join(", ")
+    );
+    for (title, table) in tables(findings).iter().filter(|(_, table)| !table.rows.is_empty()) {
+        text += &format!("\n## {title}\n\n{}", table.markdown());
+    }
+    text
 }
 
 fn facts(backend: &Backend) -> BackendFacts {

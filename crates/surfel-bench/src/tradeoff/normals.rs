@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 use surfel::math::{V3, quantise};
-use surfel_plot::Table;
+use surfel_bench::page::Table;
 
 /// Directions that errors are the largest of, spread evenly.
 const DIRECTIONS: u32 = 40_000;
@@ -97,7 +97,8 @@ mod tests {
     #[test]
     fn normals_err_by_about_half_a_step_of_what_keeps_them() {
         let errors = WAYS.map(|way| largest_error(way.keep));
-        // Half a step in each coordinate. On the octahedron's faces, 1/√3 from the origin, z changes by both: √6/2·√3 steps.
+        // Half a step in each coordinate. On the octahedron's faces, 1/√3 from the origin, z changes by both: √6/2·√3
+        // steps.
         for (error, step) in
             errors.into_iter().zip([2f64.powi(-24), 1.0 / 32767.0, 2f64.powi(-11), 1.0 / 127.0, 1.0 / 127.0])
         {

@@ -1,6 +1,7 @@
-//! The page: what to choose, what it costs, and the pictures' errors.
+//! The page: what to choose, what it costs, and the images' errors.
 
-use surfel_plot::{Axis, Chart, Page, Scale, Series, Style};
+use surfel_bench::chart::{Axis, Chart, Series, Style};
+use surfel_bench::page::Page;
 
 use super::Findings;
 use super::figures::Figures;
@@ -9,22 +10,22 @@ use super::verdict;
 
 /// A self-contained page.
 pub(crate) fn page(findings: &Findings) -> String {
-    let Findings { figures, values, features, formulas, normals, evaluators, others } = findings;
+    let Findings { figures, values, features, formulas, normals, others } = findings;
     let mut page = Page::new("Speed against accuracy");
     page.paragraph(
-        "Surfel draws surfaces as overlapping disks (splats). Its settings trade speed for accuracy. Each picture below was \
-         drawn with one setting changed and all others as they are by default, timed, and compared twice.",
+        "Surfel draws surfaces as overlapping disks (splats). Its settings trade speed for accuracy. Each image below \
+         was drawn with one setting changed and all others as they are by default, timed, and compared twice.",
     );
     page.paragraph(
-        "Fidelity is the backend against the f64 reference at the same settings: what single precision and fast code cost. \
-         Model error is the picture against what it approximates: the surface itself where it has a closed form, else the \
-         exact, unfiltered splats with many samples a pixel. The two are never mixed.",
+        "Fidelity is the backend against the f64 reference at the same settings: what single precision and fast code \
+         cost. Model error is the image against what it approximates: the surface itself where it has a closed form, \
+         else the exact, unfiltered splats with many samples a pixel. The two are never mixed.",
     );
     let machine = &figures.machine;
     let load = machine.load.map_or_else(|| "unknown".to_owned(), |load| format!("{load:.1}"));
     page.paragraph(&format!(
-        "{} ({}), one thread of {}, {}x{} pixels, commit {}, load {load}. Times are medians of {} frames drawn in turn with \
-         all others, on the processor's own clock; differences of 3 % are noise.",
+        "{} ({}), one thread of {}, {}x{} pixels, commit {}, load {load}. Times are medians of {} frames drawn in turn \
+         with all others, on the CPU's own clock; differences of 3 % are noise.",
         figures.backend.name,
         figures.backend.adapter,
         machine.processor,
@@ -38,75 +39,68 @@ pub(crate) fn page(findings: &Findings) -> String {
     }
     page.section("Which preset?");
     page.paragraph(
-        "A preset is a named choice of settings. Times and errors are over the defaults', geometric means over the subjects. The \
-         PSNR of the subject that has least, and what the preset promises; a red row breaks its promise. 'From preset \
-         reference' compares two pictures by the reference: fidelity has no part in it.",
+        "A preset is a named choice of settings. Times and errors are over the defaults', geometric means over the \
+         subjects. The PSNR of the subject that has least, and what the preset promises; a red row breaks its promise. \
+         'From preset reference' compares two images by the reference: fidelity has no part in it.",
     );
     page.table(&verdict::presets(figures));
     page.section("Which setting?");
     page.paragraph(
-        "Over the default's: time, model error (RMSE) of whole pictures and without rims, fragments and memory, geometric means \
-         over the subjects. A red row is dominated: the named value of the same knob is at least as fast and as accurate, and \
-         clearly better in something.",
+        "Over the default's: time, model error (RMSE) of whole images and without rims, fragments and memory, \
+         geometric means over the subjects. A red row is dominated: the named value of the same knob is at least as \
+         fast and as accurate, and clearly better in something.",
     );
-    page.table(&verdict::table(values));
+    page.table(&verdict::settings(values));
+    page.heading("Level of detail");
+    page.table(&verdict::levels_of_detail(values));
     page.section("What the papers claim");
     page.table(&verdict::claims(figures));
     page.section("What a scene's features cost");
     page.paragraph(&format!(
-        "Each feature alone, added to {} white, unlit, opaque disks. Passes, sums (what is added up for a pixel, four bytes each), and what \
-         a GPU has for it (textures drawn into, their bytes a pixel, shaders that run) are the frame plan's; bytes a splat and milliseconds \
-         are measured. A green row has a feature that is absent: asked for and not in the scene, or in the scene and left out by the \
-         settings. Its plan is the plain one, which is tested, and its cost is none. GPUs have no A-buffer.",
+        "Each feature alone, added to {} white, unlit, opaque disks. Passes, sums (what is added up for a pixel, four \
+         bytes each), and what a GPU has for it (textures drawn into, their bytes a pixel, shaders that run) are the \
+         frame plan's; bytes a splat and milliseconds are measured. A green row has a feature that is absent: asked \
+         for and not in the scene, or in the scene and left out by the settings. Its plan is the plain one, which is \
+         tested, and its cost is none. GPUs have no A-buffer.",
         super::features::SPLATS
     ));
     page.table(features);
-    if let Some(evaluators) = evaluators {
-        page.section("Only as exact as need be");
-        page.paragraph(
-            "The processor backend draws each splat by the cheapest evaluator whose error is bound for it, whatever the preset. Shallow: the \
-             filter leaves the splat alone, and its depth varies by less than a 64th, so that three terms stand for a reciprocal (at most \
-             6e-8 off, 5e-7 with a filter's reach). Soft: as shallow, but filtered. Plain: unfiltered, with the whole reciprocal. General: \
-             right for any splat in front of the eye. Dots: splats of a few pixels, known pixel by pixel. In f64: splats that reach the near plane or span half of their distance. \
-             'Saved' is the time against all splats by the general one, and the last column how far both pictures are apart; \
-             presets promise 3e-5 (90 dB).",
-        );
-        page.table(evaluators);
-    }
     page.section("What is no setting, and why");
     page.paragraph(
-        "The kernel e^(−2ρ²), which weighs a splat at a pixel, and the reciprocal that perspective needs are computed for every \
-         splat at every pixel it covers. Other ways to compute them, over 2048 numbers in cache, against f64: no setting chooses \
-         between them, since the one that is used is the fastest whose error no picture shows. The third column is the largest \
-         error of a weight that follows; 3e-5 of white is 90 dB, which presets promise.",
+        "The kernel e^(−2ρ²), which weighs a splat at a pixel, and the reciprocal that perspective needs are computed \
+         for every splat at every pixel it covers. Other ways to compute them, over 2048 numbers in cache, against \
+         f64: no setting chooses between them, since the one that is used is the fastest whose error no image shows. \
+         The third column is the largest error of a weight that follows; 3e-5 of white is 90 dB, which presets \
+         promise.",
     );
     page.table(formulas);
     page.paragraph(
-        "Normals have no setting of their own: they are kept as the splats are, in 32 or 16 bits (the setting 'storage'), in the least \
-         memory whose error no picture shows. Largest angles over 40,000 directions; a lit colour changes by no more than the angle in \
-         radians, and a step of 8-bit colour is 4e-3.",
+        "Normals have no setting of their own: they are kept as the splats are, in 32 or 16 bits (the setting \
+         'storage'), in the least memory whose error no image shows. Largest angles over 40,000 directions; a lit \
+         colour changes by no more than the angle in radians, and a step of 8-bit colour is 4e-3.",
     );
     page.table(normals);
     for (backend, table) in others {
         page.section(&format!("Fidelity of {} ({})", backend.name, backend.adapter));
         let software = if backend.is_software {
-            " This is software Vulkan: the processor computes what a graphics card would, so that errors are those of shaders \
-             in single precision, and times say nothing about graphics cards."
+            " This is software Vulkan: the CPU computes what a graphics card would, so that errors are those of \
+             shaders in single precision, and times say nothing about graphics cards."
         } else {
             ""
         };
         page.paragraph(&format!(
-            "The same scenes at {0}x{0} pixels on this backend, against the f64 reference at the same settings, outside of pixels \
-             that hang on rounding; model error and time over this backend's default.{software}",
+            "The same scenes at {0}x{0} pixels on this backend, against the f64 reference at the same settings, \
+             outside of pixels that hang on rounding; model error and time over this backend's default.{software}",
             super::OTHERS_SIZE
         ));
         page.table(table);
     }
     page.section("Subjects");
     page.paragraph(
-        "A point is a setting, all others being the defaults': to the left is faster, below is closer to the truth. The line is the front, \
-         which nothing beats in both. Labels that would cover something are left out; the table below has every number. An error \
-         below the chart lies on its lower edge. What the backend doesn't draw has an error (by the reference) and no time.",
+        "A point is a setting, all others being the defaults': to the left is faster, below is closer to the truth. \
+         The line is the front, which nothing beats in both. Labels that would cover something are left out; the table \
+         below has every number. An error below the chart lies on its lower edge. What the backend doesn't draw has an \
+         error (by the reference) and no time.",
     );
     for subject in &figures.subjects {
         page.heading(&subject.name);
@@ -121,8 +115,8 @@ pub(crate) fn page(findings: &Findings) -> String {
     page.table(&verdict::errors(figures, |r| r.model));
     page.section("Model errors without rims (RMSE)");
     page.paragraph(
-        "Of pixels that the truth covers wholly, as their eight neighbours are. A filter makes every silhouette wider by up to \
-         its radius, which outweighs all else in whole pictures; what it is for shows here.",
+        "Of pixels that the truth covers wholly, as their eight neighbours are. A filter makes every silhouette wider \
+         by up to its radius, which outweighs all else in whole images; what it is for shows here.",
     );
     page.table(&verdict::errors(figures, |r| r.model_inside));
     page.html()
@@ -178,11 +172,11 @@ fn chart(figures: &Figures, subject: &str) -> Chart {
     }
     let most = points.iter().map(|p| p.2[1]).fold(0.0, f64::max);
     let least = points.iter().map(|p| p.2[1]).fold(f64::INFINITY, f64::min);
-    let error = Axis::new("model error, RMSE of linear colour (1 = white)", Scale::Log);
+    let error = Axis::new("model error, RMSE of linear colour (1 = white)");
     let y = if least < most / MOST_RANGE { error.over([most / MOST_RANGE, 1.1 * most]) } else { error };
     Chart {
         title: format!("{subject}: time against model error"),
-        x: Axis::new("milliseconds a frame, one thread", Scale::Log),
+        x: Axis::new("milliseconds a frame, one thread"),
         y,
         series,
         shaded: None,

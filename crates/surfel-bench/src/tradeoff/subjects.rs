@@ -13,7 +13,7 @@ use surfel::{Camera, Light, Material, NoProgress, Scene, Settings, SplatCloud};
 use super::truth::{self, Truth};
 use crate::{Failure, clouds};
 
-/// A scene, its view, and what its picture approximates.
+/// A scene, its view, and what its image approximates.
 pub(crate) struct Subject {
     pub name: &'static str,
     /// What it stresses.
@@ -28,13 +28,13 @@ pub(crate) struct Subject {
     pub is_made: bool,
 }
 
-/// What a picture approximates.
+/// What an image approximates.
 pub(crate) enum Approximates {
     /// A surface in closed form, box-filtered.
     Surface(Truth),
     /// Its own splats without a filter, by so many samples a pixel and side.
     Samples(u32),
-    /// The reference's picture with these settings.
+    /// The reference's image with these settings.
     Drawn(Settings),
 }
 
@@ -178,7 +178,7 @@ fn horizon(size: u32) -> Result<Subject, Failure> {
 /// Rings that get finer outward until pixels can't show them.
 fn zone_plate(size: u32) -> Result<Subject, Failure> {
     let (center, axes) = (DVec3::ZERO, [DVec3::X, DVec3::new(0.0, 0.9, 0.4358)]);
-    // 0.7 cycles a pixel at the corners of a picture of 256².
+    // 0.7 cycles a pixel at the corners of an image of 256².
     let pattern = |a: f64, b: f64| [0.5 + 0.45 * (45.0 * PI * (a * a + b * b)).cos(); 3];
     let camera = camera([0.0, 0.0, 2.6], [0.0; 3], 45.0, size);
     let truth = truth::cast(&camera, &truth::plane(center, axes, pattern), true)?;
@@ -274,13 +274,13 @@ fn bumpy(size: u32, samples: u32, quick: bool) -> Result<Subject, Failure> {
     let mut scene = scene(clouds::ball(if quick { 60_000 } else { 154_000 })?);
     scene.objects[0].material.cull = Cull::Back;
     let camera = camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, size);
-    scene.lights = Some(surfel::studio_lights(&camera));
+    scene.lights = Some(surfel::scene::studio_lights(&camera));
     Ok(Subject {
         name: "bumpy",
         about: "a bumpy closed surface, lit: what a scan is to a renderer",
         scene,
         camera,
-        settings: Settings { shader: Shader::Phong, ..Settings::default() },
+        settings: Settings::default().with_shader(Shader::Phong),
         truth: Approximates::Samples(samples),
         clips: false,
         transparent: false,
@@ -310,7 +310,7 @@ fn cylinder(size: u32, samples: u32) -> Result<Subject, Failure> {
         about: "a hundred large splats clipped along circular creases, by normals",
         scene: scene(cloud),
         camera: camera([1.9, 1.7, 2.6], [0.0; 3], 38.0, size),
-        settings: Settings { shader: Shader::Normal, ..Settings::default() },
+        settings: Settings::default().with_shader(Shader::Normal),
         truth: Approximates::Samples(samples),
         clips: true,
         transparent: false,
@@ -339,17 +339,15 @@ fn glass(size: u32) -> Result<Subject, Failure> {
     let mut scene = scene(SplatCloud::new(data, OnInvalid::Refuse)?.0);
     scene.lights = Some(vec![Light::Directional { direction: [-0.6, -0.7, -0.5], color: [0.9; 3], shadow: false }]);
     scene.background = [1.0; 4];
-    let settings = Settings {
-        shader: Shader::Phong,
-        transparency: Transparency::Peel { layers: 6, drop_last: false },
-        ..Settings::default()
-    };
+    let settings = Settings::default()
+        .with_shader(Shader::Phong)
+        .with_transparency(Transparency::Peel { layers: 6, drop_last: false });
     Ok(Subject {
         name: "27 spheres",
         about: "27 transparent spheres, up to a dozen layers (G06, figure 6)",
         scene,
         camera: camera([2.0, 1.4, 4.5], [0.0; 3], 40.0, size),
-        truth: Approximates::Drawn(Settings { transparency: Transparency::ABuffer { layers: 64 }, ..settings }),
+        truth: Approximates::Drawn(settings.with_transparency(Transparency::ABuffer { layers: 64 })),
         settings,
         clips: false,
         transparent: true,
@@ -373,7 +371,7 @@ fn model(name: &'static str, about: &'static str, path: &Path, size: u32, sample
         about,
         scene,
         camera: Camera { size: [size; 2], ..opened.file.camera },
-        settings: Settings { shader: Shader::Phong, ..Settings::default() },
+        settings: Settings::default().with_shader(Shader::Phong),
         truth: Approximates::Samples(samples),
         clips: false,
         transparent: false,
@@ -394,7 +392,7 @@ fn sharp_model(path: &Path, size: u32, samples: u32) -> Result<Subject, Failure>
         about: "a CAD part as 2500 clipped splats, by normals",
         scene: scene(cloud),
         camera: Camera { size: [size; 2], ..opened.file.camera },
-        settings: Settings { shader: Shader::Normal, ..Settings::default() },
+        settings: Settings::default().with_shader(Shader::Normal),
         truth: Approximates::Samples(samples),
         clips: true,
         transparent: false,

@@ -1,4 +1,4 @@
-//! What pictures approximate: closed forms, sampled.
+//! What images approximate: closed forms, sampled.
 
 use glam::DVec3;
 use surfel::{Camera, View};
@@ -6,7 +6,7 @@ use surfel::{Camera, View};
 /// Samples a pixel and side of closed forms.
 const SAMPLES: u32 = 8;
 
-/// What a picture should be.
+/// What an image should be.
 pub(crate) struct Truth {
     /// Linear, premultiplied.
     pub color: Vec<[f32; 4]>,
@@ -45,7 +45,8 @@ pub(crate) struct Met {
 /// A surface that rays can be cast at: eye and direction.
 pub(crate) type Surface = dyn Fn(DVec3, DVec3) -> Option<Met> + Sync;
 
-/// The surface box-filtered over pixels, before transparent black. Where `whole`, pixels that it doesn't fill don't count.
+/// The surface box-filtered over pixels, before transparent black. Where `whole`, pixels that it doesn't fill don't
+/// count.
 pub(crate) fn cast(camera: &Camera, surface: &Surface, whole: bool) -> Result<Truth, crate::Failure> {
     let view = View::new(camera)?;
     let [width, height] = camera.size;
@@ -84,8 +85,8 @@ pub(crate) fn cast(camera: &Camera, surface: &Surface, whole: bool) -> Result<Tr
     Ok(truth)
 }
 
-/// The plane through `center` that `across` and `away` (orthogonal, of the plane's half size) span, where a and b are within
-/// ±1; `pattern` gives its albedo there.
+/// The plane through `center` that `across` and `away` (orthogonal, of the plane's half size) span, where a and b are
+/// within ±1; `pattern` gives its albedo there.
 pub(crate) fn plane(
     center: DVec3,
     [across, away]: [DVec3; 2],

@@ -1,6 +1,6 @@
 //! The knobs, one value at a time.
 
-use surfel::model::{Accumulate, ClipPolicy, DepthTolerance, Filter, Mapping, Shader, Transparency};
+use surfel::model::{Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, Shader, Transparency};
 use surfel::{Preset, Settings};
 
 /// The name of every knob's value that nothing was changed of.
@@ -18,14 +18,14 @@ pub(crate) struct Variant {
     change: Change,
 }
 
-/// What of a picture a knob needs to matter.
+/// What of an image a knob needs to matter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Only {
     Everything,
     Clips,
     Transparent,
     Lit,
-    /// Backends on graphics processors.
+    /// Backends on graphics CPUs.
     Graphics,
 }
 
@@ -38,7 +38,7 @@ enum Change {
     Prefilter(f64),
     Tolerance(f64),
     Accumulate(Accumulate),
-    EdgeAa(bool),
+    EdgeAa(EdgeAa),
     Clip(ClipPolicy),
     Transparency(Transparency),
     Shader(Shader),
@@ -84,12 +84,14 @@ impl Variant {
             Change::Prefilter(h) => s.prefilter_radius_px = h,
             Change::Tolerance(k) => s.depth_tolerance = DepthTolerance::Relative(k),
             Change::Accumulate(accumulate) => s.accumulate = accumulate,
-            Change::EdgeAa(on) => s.edge_aa = on,
+            Change::EdgeAa(edge_aa) => s.edge_aa = edge_aa,
             Change::Clip(clip) => s.clip = clip,
             Change::Transparency(transparency) => s.transparency = transparency,
             Change::Shader(shader) => s.shader = shader,
             Change::Preset(preset) => s = preset.apply(s),
-            Change::Edges(cutoff, h) => (s.edge_aa, s.cutoff, s.prefilter_radius_px) = (true, cutoff, h),
+            Change::Edges(cutoff, h) => {
+                (s.edge_aa, s.cutoff, s.prefilter_radius_px) = (EdgeAa::Samples, cutoff, h);
+            }
             Change::Plainest => (s.filter, s.mapping) = (Filter::None, Mapping::Affine),
             Change::Paper(filter) => {
                 (s.filter, s.cutoff, s.prefilter_radius_px) = (filter, 1.0, std::f64::consts::SQRT_2);
@@ -117,7 +119,8 @@ pub(crate) fn all(quick: bool) -> Vec<Variant> {
     }
     variants.push(Variant { quantised: true, ..new("storage", &"16 bits", Change::Nothing) });
     variants.push(new("accumulate", &"f16", Change::Accumulate(Accumulate::F16)).only(Only::Graphics));
-    variants.push(new("edge antialiasing", &"on", Change::EdgeAa(true)));
+    variants.push(new("edge antialiasing", &"on", Change::EdgeAa(EdgeAa::Coverage)));
+    variants.push(new("edge antialiasing", &"samples", Change::EdgeAa(EdgeAa::Samples)));
     for (name, clip) in [("paper", ClipPolicy::Paper), ("line", ClipPolicy::Line), ("off", ClipPolicy::Off)] {
         variants.push(new("clip", &name, Change::Clip(clip)).only(Only::Clips));
     }
@@ -127,7 +130,7 @@ pub(crate) fn all(quick: bool) -> Vec<Variant> {
             Transparency::Peel { layers, drop_last: true },
             Transparency::ABuffer { layers },
         ];
-        // The A-buffer's picture doesn't depend on its length (§8).
+        // The A-buffer's image doesn't depend on its length (§8).
         let of_interest = kinds.into_iter().filter(|t| match t {
             Transparency::ABuffer { .. } => layers == 8,
             Transparency::Peel { drop_last, .. } => !drop_last || layers == 4,
@@ -181,7 +184,7 @@ mod tests {
 
     #[test]
     fn variants_differ_from_the_default_and_from_each_other() {
-        let base = Settings { shader: Shader::Phong, ..Settings::default() };
+        let base = Settings::default().with_shader(Shader::Phong);
         let all = all(false);
         assert!(self::all(true).len() < all.len());
         for (i, a) in all.iter().enumerate().skip(1) {

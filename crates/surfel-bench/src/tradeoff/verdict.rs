@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use surfel::Preset;
-use surfel_plot::Table;
+use surfel_bench::page::Table;
 
 use super::figures::{Error, Figures, Row};
 use super::variants::{DEFAULT, default_value};
@@ -117,8 +117,20 @@ fn decibels(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0} dB"))
 }
 
-/// The values as a table.
-pub(crate) fn table(values: &[Value]) -> Table {
+/// The knob of octrees, whose subject no other knob has.
+const LEVEL_OF_DETAIL: &str = "level of detail";
+
+/// Values of the knob of octrees, in splats' pixels.
+pub(crate) fn levels_of_detail(values: &[Value]) -> Table {
+    let mut table = Table::new(&["splats of at most", "time", "model error", "without rims"]);
+    for v in values.iter().filter(|v| v.knob == LEVEL_OF_DETAIL) {
+        table.rows.push(vec![v.value.clone(), times(v.cost), times(v.error), times(v.inside)]);
+    }
+    table
+}
+
+/// Values of all other knobs.
+pub(crate) fn settings(values: &[Value]) -> Table {
     let mut table = Table::new(&[
         "knob",
         "value",
@@ -131,7 +143,7 @@ pub(crate) fn table(values: &[Value]) -> Table {
         "fidelity ≥",
         "dominated by",
     ]);
-    for v in values {
+    for v in values.iter().filter(|v| v.knob != LEVEL_OF_DETAIL) {
         let worst = v.worst.as_ref().map_or_else(|| "-".to_owned(), |(ratio, name)| format!("{ratio:.2}× {name}"));
         if v.dominated_by.is_some() {
             table.marked.push((table.rows.len(), false));
@@ -152,8 +164,8 @@ pub(crate) fn table(values: &[Value]) -> Table {
     table
 }
 
-/// How far each value of each knob is from the reference at the same settings: least PSNR and where, the worst pixel, and the
-/// model error and the time over the default's.
+/// How far each value of each knob is from the reference at the same settings: least PSNR and where, the worst pixel,
+/// and the model error and the time over the default's.
 pub(crate) fn fidelity(figures: &Figures) -> Table {
     let mut table =
         Table::new(&["knob", "value", "fidelity ≥", "on", "largest error", "model error", "time", "drawn on"]);
@@ -167,7 +179,7 @@ pub(crate) fn fidelity(figures: &Figures) -> Table {
         let summary = value(figures, knob, Some(name));
         let rows = || figures.rows.iter().filter(|r| r.knob == knob && r.value == name);
         let errors = rows().filter_map(|r| Some((r.fidelity?, r.subject.as_str())));
-        // Equal pictures have no PSNR.
+        // Equal images have no PSNR.
         let least = errors.clone().filter_map(|(e, on)| Some((e.psnr_db?, on))).min_by(|a, b| a.0.total_cmp(&b.0));
         let largest = errors.map(|(e, _)| e.max_abs).reduce(f64::max);
         table.rows.push(vec![
@@ -184,7 +196,8 @@ pub(crate) fn fidelity(figures: &Figures) -> Table {
     table
 }
 
-/// Presets: time over the default's, and the least of both promises over subjects. A row whose promise is broken is marked.
+/// Presets: time over the default's, and the least of both promises over subjects. A row whose promise is broken is
+/// marked.
 pub(crate) fn presets(figures: &Figures) -> Table {
     let mut table = Table::new(&[
         "preset",
@@ -215,7 +228,7 @@ pub(crate) fn presets(figures: &Figures) -> Table {
         if is_short(summary.fidelity_db, fidelity_db) || is_short(least.map(|l| l.0), model_db) {
             table.marked.push((table.rows.len(), false));
         }
-        let same = || "the same picture".to_owned();
+        let same = || "the same image".to_owned();
         table.rows.push(vec![
             name.to_owned(),
             times(summary.cost),
@@ -231,7 +244,7 @@ pub(crate) fn presets(figures: &Figures) -> Table {
     table
 }
 
-/// Model error by subject and value: RMSE, of whole pictures or without rims.
+/// Model error by subject and value: RMSE, of whole images or without rims.
 pub(crate) fn errors(figures: &Figures, error: impl Fn(&Row) -> Option<Error>) -> Table {
     let subjects: Vec<&str> = figures.subjects.iter().map(|s| s.name.as_str()).collect();
     let mut head = vec!["knob", "value"];

@@ -3,8 +3,9 @@
 #![allow(dead_code, unreachable_pub, missing_docs, reason = "each test program uses a part of this")]
 
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 /// A folder that is removed afterwards.
 pub struct Folder(PathBuf);
@@ -52,7 +53,23 @@ impl Folder {
         Run(output, words.to_owned())
     }
 
-    /// The picture's planes.
+    /// Runs `surfel` in a folder of this one, with `stdin`.
+    pub fn run_in(&self, folder: &str, words: &str, stdin: &[u8]) -> Run {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_surfel"))
+            .current_dir(self.0.join(folder))
+            .args(words.split_whitespace())
+            .env("NO_COLOR", "1")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // Who doesn't read stdin closes it.
+        let _ = child.stdin.take().unwrap().write_all(stdin);
+        Run(child.wait_with_output().unwrap(), format!("{words} (in {folder:?})"))
+    }
+
+    /// The image's planes.
     pub fn image(&self, name: &str) -> surfel::io::Planes {
         surfel::io::read_image(&self.0.join(name)).unwrap()
     }

@@ -1,7 +1,7 @@
 //! Draws frames of one size of splat, for instruction counts: `plane RADIUS_PX FRAMES`, AVX2, one thread.
 //!
-//! Prints the block pairs of a frame. Counts for one frame and for eleven, subtracted and divided by ten, are those of a
-//! frame without start and upload; see docs/performance.md.
+//! Prints the block pairs of a frame. Counts for one frame and for eleven, subtracted and divided by ten, are those of
+//! a frame without start and upload; see docs/performance.md.
 
 use surfel_cpu::{Options, Renderer, SimdLevel};
 use surfel_model::{Settings, Shader};
@@ -16,13 +16,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("RADIUS_PX is out of range, expected 0.1 to 256".into());
     }
     let (scene, view) = scene::plane(radius_px)?;
-    let mut renderer = Renderer::with_options(&Options { threads: 1, simd: SimdLevel::Avx2, ..Options::default() })?;
+    let mut renderer = Renderer::new(Options::default().with_threads(1).with_simd(SimdLevel::Avx2))?;
     let resident = renderer.upload(&scene)?;
-    let settings = Settings { shader: Shader::Phong, ..Settings::default() };
+    let settings = Settings::default().with_shader(Shader::Phong);
     let mut frame = Frame::default();
     for i in 0..frames as usize {
-        let planes = Planes { fragments: i == 0, ..Planes::COLOR };
-        let stats = renderer.render(&resident, &view, &settings, planes, &mut frame)?;
+        let planes = Planes::COLOR.with_fragments(i == 0);
+        let stats = renderer.render_into(&resident, &view, &settings, planes, &mut frame)?;
         if i == 0 {
             println!("splats {} drawn {} fragments {}", stats.splats, stats.drawn, stats.fragments);
             stats.counters.iter().for_each(|(name, value)| println!("{name} {value}"));

@@ -1,4 +1,4 @@
-//! A plane of equal disks that fills the picture.
+//! A plane of equal disks that fills the image.
 
 use glam::{DVec3, Vec3};
 use surfel_model::{Camera, CloudData, Column3, ModelError, OnInvalid, Projection, Scene, Shape, SplatCloud};
@@ -6,11 +6,11 @@ use surfel_render::View;
 
 const SIZE: u32 = 512;
 
-/// Distance of the plane, in pixels: most splats are as shallow as in an ordinary picture.
+/// Distance of the plane, in pixels: most splats are as shallow as in an ordinary image.
 const DISTANCE: f64 = 1000.0;
 
-/// Disks of this radius in pixels, 1.1 of the distance to their neighbours, tilted by up to 60°, before a camera whose pixels are
-/// the plane's units.
+/// Disks of this radius in pixels, 1.1 of the distance to their neighbours, tilted by up to 60°, before a camera whose
+/// pixels are the plane's units.
 pub(crate) fn plane(radius_px: f64) -> Result<(Scene, View), ModelError> {
     let spacing_px = radius_px / 1.1;
     let side = (f64::from(SIZE) / spacing_px).ceil();
@@ -28,7 +28,7 @@ pub(crate) fn plane(radius_px: f64) -> Result<(Scene, View), ModelError> {
     let colors = centers.iter().map(|c| (0.5 + 0.001 * *c).to_array()).collect();
     let shape = Shape::Disks { normals: Column3::from_f32(normals), radii: vec![radius_px as f32; count] };
     let data = CloudData { colors: Some(colors), ..CloudData::new(DVec3::ZERO, Column3::from_f32(centers), shape) };
-    let scene = Scene::of_cloud(SplatCloud::new(data, OnInvalid::Refuse)?.0);
+    let scene = Scene::from(SplatCloud::new(data, OnInvalid::Refuse)?.0);
     let camera = Camera {
         eye: [0.0, 0.0, DISTANCE],
         target: [0.0; 3],

@@ -1,195 +1,313 @@
-//! The part of the glTF 2.0 document that Surfel reads. Everything else is ignored.
+//! The document: JSON into the `gltf` crate's types, checked so that walking them can't panic.
+//!
+//! The crate is given only what is read, so that nothing wrong with animations, cameras, samplers or most of a material
+//! keeps a file from being opened. Extensions and attributes that the crate has no types for are looked up in the JSON
+//! itself.
 
-use serde::Deserialize;
-use std::collections::BTreeMap;
+use crate::error::{Problem, quote};
+use crate::scene_file::json_problem;
+use gltf::Primitive;
+use gltf::json::Root;
+use gltf::json::validation::Error;
+use serde_json::{Map, Value};
+use std::collections::BTreeSet;
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-pub(super) struct Document {
-    pub(super) asset: Asset,
-    pub(super) extensions_required: Vec<String>,
-    pub(super) scene: Option<usize>,
-    pub(super) scenes: Vec<Scene>,
-    pub(super) nodes: Vec<Node>,
-    pub(super) meshes: Vec<Mesh>,
-    pub(super) accessors: Vec<Accessor>,
-    pub(super) buffer_views: Vec<BufferView>,
-    pub(super) buffers: Vec<Buffer>,
-    pub(super) materials: Vec<Material>,
-    pub(super) textures: Vec<Texture>,
-    pub(super) images: Vec<Image>,
+/// Extensions that a file may require because they are read.
+const READ: [&str; 4] = ["KHR_mesh_quantization", "KHR_texture_transform", "KHR_gaussian_splatting", INSTANCES];
+/// Extensions that a file may require although they are not read: without them, shape and base colour are right.
+const HARMLESS: [&str; 6] = [
+    "KHR_animation_pointer",
+    "KHR_xmp_json_ld",
+    "EXT_mesh_features",
+    "EXT_instance_features",
+    "EXT_structural_metadata",
+    "KHR_techniques_webgl",
+];
+/// Parts of the names of further ones: a base colour is there without a material's, lights don't count, and of a
+/// texture in a format that isn't read there is another, or a note says that it is missing.
+const HARMLESS_PARTS: [&str; 3] = [MATERIAL, "_lights_", "_texture_"];
+/// Part of the names of material extensions.
+const MATERIAL: &str = "_materials_";
+/// The older material model, whose diffuse colour is taken as the base colour.
+const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
+pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
+pub(super) const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
+pub(super) const GAUSSIANS: &str = "KHR_gaussian_splatting";
+pub(super) const WEBP: &str = "EXT_texture_webp";
+pub(super) const INSTANCES: &str = "EXT_mesh_gpu_instancing";
+
+/// A document whose indices are all in range and whose enumerations are all known.
+pub(super) struct CheckedDocument {
+    pub(super) gltf: gltf::Document,
+    /// The JSON as it is, for extensions, and for numbers that the crate rounds. Nothing in it is checked.
+    pub(super) raw: Value,
+    pub(super) notes: Vec<String>,
 }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Asset {
-    pub(super) version: String,
-}
+impl CheckedDocument {
+    /// An extension of a primitive.
+    pub(super) fn primitive_extension(&self, primitive: &Primitive<'_>, mesh: usize, name: &str) -> Option<&Value> {
+        self.primitive(primitive, mesh)?.get("extensions")?.get(name)
+    }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Scene {
-    pub(super) nodes: Vec<usize>,
-}
+    /// The accessor of an attribute that the crate has no name for; it may not exist.
+    pub(super) fn attribute(&self, primitive: &Primitive<'_>, mesh: usize, name: &str) -> Option<usize> {
+        let index = self.primitive(primitive, mesh)?.get("attributes")?.get(name)?.as_u64()?;
+        Some(usize::try_from(index).unwrap_or(usize::MAX))
+    }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Node {
-    pub(super) children: Vec<usize>,
-    pub(super) mesh: Option<usize>,
-    pub(super) skin: Option<usize>,
-    pub(super) matrix: Option<[f64; 16]>,
-    pub(super) translation: Option<[f64; 3]>,
-    pub(super) rotation: Option<[f64; 4]>,
-    pub(super) scale: Option<[f64; 3]>,
-}
+    fn primitive(&self, primitive: &Primitive<'_>, mesh: usize) -> Option<&Value> {
+        self.raw.get("meshes")?.get(mesh)?.get("primitives")?.get(primitive.index())
+    }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Mesh {
-    pub(super) primitives: Vec<Primitive>,
-}
+    /// How meshopt has compressed a buffer view, or marked a buffer as one without data.
+    pub(super) fn meshopt(&self, array: &str, index: usize) -> Option<&Value> {
+        let extensions = self.raw.get(array)?.get(index)?.get("extensions")?;
+        MESHOPT.iter().find_map(|name| extensions.get(name))
+    }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Primitive {
-    pub(super) attributes: BTreeMap<String, usize>,
-    pub(super) indices: Option<usize>,
-    pub(super) material: Option<usize>,
-    pub(super) mode: Option<u32>,
-    pub(super) extensions: PrimitiveExtensions,
-}
+    /// An extension of a texture.
+    pub(super) fn texture_extension(&self, index: usize, name: &str) -> Option<&Value> {
+        self.raw.get("textures")?.get(index)?.get("extensions")?.get(name)
+    }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct PrimitiveExtensions {
-    #[serde(rename = "KHR_gaussian_splatting")]
-    pub(super) gaussian_splatting: Option<GaussianSplatting>,
-}
+    /// The names of a texture's extensions.
+    pub(super) fn texture_extensions(&self, index: usize) -> impl Iterator<Item = &str> {
+        let extensions = self.raw.get("textures").and_then(|all| all.get(index)?.get("extensions")?.as_object());
+        extensions.into_iter().flat_map(Map::keys).map(String::as_str)
+    }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-pub(super) struct GaussianSplatting {
-    pub(super) kernel: Option<String>,
-    pub(super) color_space: Option<String>,
-    pub(super) extensions: BTreeMap<String, serde_json::Value>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(super) struct Accessor {
-    pub(super) buffer_view: Option<usize>,
-    #[serde(default)]
-    pub(super) byte_offset: usize,
-    pub(super) component_type: u32,
-    #[serde(default)]
-    pub(super) normalized: bool,
-    pub(super) count: usize,
-    #[serde(rename = "type")]
-    pub(super) kind: String,
-    pub(super) sparse: Option<Sparse>,
-}
-
-#[derive(Debug, Deserialize)]
-pub(super) struct Sparse {
-    pub(super) count: usize,
-    pub(super) indices: SparseIndices,
-    pub(super) values: SparseValues,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(super) struct SparseIndices {
-    pub(super) buffer_view: usize,
-    #[serde(default)]
-    pub(super) byte_offset: usize,
-    pub(super) component_type: u32,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(super) struct SparseValues {
-    pub(super) buffer_view: usize,
-    #[serde(default)]
-    pub(super) byte_offset: usize,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(super) struct BufferView {
-    pub(super) buffer: usize,
-    #[serde(default)]
-    pub(super) byte_offset: usize,
-    pub(super) byte_length: usize,
-    pub(super) byte_stride: Option<usize>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(super) struct Buffer {
-    pub(super) uri: Option<String>,
-    pub(super) byte_length: usize,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-pub(super) struct Material {
-    pub(super) pbr_metallic_roughness: Pbr,
-    pub(super) alpha_mode: Option<String>,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-pub(super) struct Pbr {
-    pub(super) base_color_factor: Option<[f32; 4]>,
-    pub(super) base_color_texture: Option<TextureInfo>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(super) struct TextureInfo {
-    pub(super) index: usize,
-    #[serde(default)]
-    pub(super) tex_coord: u32,
-    #[serde(default)]
-    pub(super) extensions: TextureExtensions,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct TextureExtensions {
-    #[serde(rename = "KHR_texture_transform")]
-    pub(super) transform: Option<TextureTransform>,
-}
-
-/// uv' = translate(offset) · rotate(−rotation) · scale(scale) · uv, v downwards.
-#[derive(Clone, Copy, Debug, Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-pub(super) struct TextureTransform {
-    pub(super) offset: Option<[f32; 2]>,
-    pub(super) rotation: f32,
-    pub(super) scale: Option<[f32; 2]>,
-    pub(super) tex_coord: Option<u32>,
-}
-
-impl TextureTransform {
-    pub(super) fn apply(&self, [u, v]: [f32; 2]) -> [f32; 2] {
-        let ([su, sv], [ou, ov]) = (self.scale.unwrap_or([1.0; 2]), self.offset.unwrap_or_default());
-        let (u, v) = (u * su, v * sv);
-        let (sin, cos) = self.rotation.sin_cos();
-        [cos * u + sin * v + ou, cos * v - sin * u + ov]
+    /// The accessors that place the instances of a node, by name.
+    pub(super) fn instancing(&self, node: usize) -> Option<&Map<String, Value>> {
+        self.raw.get("nodes")?.get(node)?.get("extensions")?.get(INSTANCES)?.get("attributes")?.as_object()
     }
 }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Texture {
-    pub(super) source: Option<usize>,
+/// Parses and checks a document.
+pub(super) fn parse(json: &[u8]) -> Result<CheckedDocument, Problem> {
+    let raw: Value = serde_json::from_slice(json).map_err(|e| not_valid(&e))?;
+    let version = raw.pointer("/asset/version").and_then(Value::as_str).unwrap_or_default();
+    if !version.starts_with("2.") {
+        let what = format!("the glTF version is {}", quote(version));
+        return Err(Problem::new(what).expected("\"asset\": {\"version\": \"2.0\"}"));
+    }
+    check_required(&raw)?;
+    let mut read = raw.clone();
+    let notes = strip(&mut read);
+    // By way of text, because the crate's own function for it is compiled with the crate; another would cost seconds of
+    // each build.
+    let text = serde_json::to_vec(&read).map_err(|e| not_valid(&e))?;
+    let root = Root::from_slice(&text).map_err(|error| {
+        // The document as it was gives the place, too.
+        Root::from_slice(json).err().map_or_else(|| Problem { location: None, ..not_valid(&error) }, |e| not_valid(&e))
+    })?;
+    Ok(CheckedDocument { gltf: validate(root, &read)?, raw, notes })
 }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-pub(super) struct Image {
-    pub(super) uri: Option<String>,
-    pub(super) buffer_view: Option<usize>,
+fn not_valid(error: &serde_json::Error) -> Problem {
+    let problem = json_problem(error);
+    Problem { what: format!("is not a valid glTF document: {}", problem.what), ..problem }
+}
+
+/// An error if the file requires an extension without which it would look wrong.
+fn check_required(raw: &Value) -> Result<(), Problem> {
+    for name in items(raw, "extensionsRequired").filter_map(Value::as_str) {
+        let feature = match name {
+            DRACO if cfg!(feature = "draco") => continue,
+            name if MESHOPT.contains(&name) && cfg!(feature = "meshopt") => continue,
+            name if READ.contains(&name) || HARMLESS.contains(&name) => continue,
+            name if HARMLESS_PARTS.iter().any(|part| name.contains(part)) => continue,
+            DRACO => Some("draco"),
+            name if MESHOPT.contains(&name) => Some("meshopt"),
+            _ => None,
+        };
+        let problem = Problem::new(format!("requires the glTF extension {}, which is not read", quote(name)));
+        return Err(match feature {
+            Some(feature) => problem.help(format!("build with the Cargo feature \"{feature}\" of surfel-io")),
+            None => problem.help("export it again without that extension"),
+        });
+    }
+    Ok(())
+}
+
+fn items<'a>(of: &'a Value, key: &str) -> impl Iterator<Item = &'a Value> + use<'a> {
+    of.get(key).and_then(Value::as_array).into_iter().flatten()
+}
+
+fn objects<'a>(
+    of: &'a mut Map<String, Value>,
+    key: &str,
+) -> impl Iterator<Item = &'a mut Map<String, Value>> + use<'a> {
+    of.get_mut(key).and_then(Value::as_array_mut).into_iter().flatten().filter_map(Value::as_object_mut)
+}
+
+fn keep(object: &mut Map<String, Value>, keys: &[&str]) {
+    object.retain(|key, _| keys.contains(&key.as_str()));
+}
+
+/// Takes out what isn't read or not by the crate, and says which of it changes the picture.
+fn strip(raw: &mut Value) -> Vec<String> {
+    let Some(root) = raw.as_object_mut() else { return Vec::new() };
+    keep(
+        root,
+        &[
+            "asset",
+            "scene",
+            "scenes",
+            "nodes",
+            "meshes",
+            "skins",
+            "accessors",
+            "bufferViews",
+            "buffers",
+            "materials",
+            "textures",
+            "images",
+        ],
+    );
+    for node in objects(root, "nodes") {
+        keep(node, &["children", "mesh", "skin", "matrix", "translation", "rotation", "scale", "weights"]);
+    }
+    for scene in objects(root, "scenes") {
+        keep(scene, &["nodes"]);
+        scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
+    }
+    objects(root, "skins").for_each(|skin| keep(skin, &["inverseBindMatrices", "joints"]));
+    objects(root, "textures").for_each(|texture| keep(texture, &["source"]));
+    objects(root, "images").for_each(|image| keep(image, &["uri", "bufferView"]));
+    let view = ["buffer", "byteOffset", "byteLength", "byteStride"];
+    objects(root, "buffers").for_each(|buffer| keep(buffer, &["uri", "byteLength"]));
+    objects(root, "bufferViews").for_each(|v| keep(v, &view));
+    let accessor = ["bufferView", "byteOffset", "count", "componentType", "type", "normalized", "sparse"];
+    objects(root, "accessors").for_each(|a| keep(a, &accessor));
+    let mut ignored = BTreeSet::new();
+    objects(root, "materials").for_each(|material| strip_material(material, &mut ignored));
+    let materials = root.get("materials").and_then(Value::as_array).map_or(0, Vec::len) as u64;
+    for mesh in objects(root, "meshes") {
+        keep(mesh, &["primitives", "weights"]);
+        objects(mesh, "primitives").for_each(|primitive| strip_primitive(primitive, materials, &mut ignored));
+    }
+    let mut notes = Vec::new();
+    if !ignored.is_empty() {
+        let names: Vec<String> =
+            ignored.iter().take(12).map(|name| quote(name).trim_matches('\'').to_owned()).collect();
+        notes.push(format!("ignored the material extensions {}: only the base colour is used", names.join(", ")));
+    }
+    notes
+}
+
+fn strip_material(material: &mut Map<String, Value>, ignored: &mut BTreeSet<String>) {
+    keep(material, &["pbrMetallicRoughness", "alphaMode", "alphaCutoff", "extensions"]);
+    let known = ["OPAQUE", "MASK", "BLEND"];
+    if material.get("alphaMode").is_some_and(|mode| !mode.as_str().is_some_and(|mode| known.contains(&mode))) {
+        material.remove("alphaMode");
+    }
+    if material.get("alphaCutoff").is_some_and(|cutoff| !cutoff.is_number()) {
+        material.remove("alphaCutoff");
+    }
+    if let Some(pbr) = material.get_mut("pbrMetallicRoughness").and_then(Value::as_object_mut) {
+        keep(pbr, &["baseColorFactor", "baseColorTexture"]);
+    }
+    if let Some(extensions) = material.get_mut("extensions").and_then(Value::as_object_mut) {
+        note_ignored(extensions, ignored);
+        keep(extensions, &[SPECULAR_GLOSSINESS]);
+        if let Some(pbr) = extensions.get_mut(SPECULAR_GLOSSINESS).and_then(Value::as_object_mut) {
+            keep(pbr, &["diffuseFactor", "diffuseTexture"]);
+        }
+    }
+}
+
+fn note_ignored(extensions: &Map<String, Value>, ignored: &mut BTreeSet<String>) {
+    let names = extensions.keys().filter(|name| name.contains(MATERIAL) && *name != SPECULAR_GLOSSINESS);
+    ignored.extend(names.cloned());
+}
+
+fn strip_primitive(primitive: &mut Map<String, Value>, materials: u64, ignored: &mut BTreeSet<String>) {
+    keep(primitive, &["attributes", "indices", "material", "mode", "targets", "extensions"]);
+    if primitive.get("material").and_then(Value::as_u64).is_some_and(|material| material >= materials) {
+        primitive.remove("material");
+    }
+    if let Some(extensions) = primitive.remove("extensions").as_ref().and_then(Value::as_object) {
+        note_ignored(extensions, ignored);
+    }
+    if let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) {
+        attributes.retain(|name, _| is_known(name));
+    }
+    objects(primitive, "targets").for_each(|target| keep(target, &["POSITION", "NORMAL"]));
+}
+
+/// True for attributes that the `gltf` crate has a name for.
+fn is_known(name: &str) -> bool {
+    let numbered = ["COLOR_", "TEXCOORD_", "JOINTS_", "WEIGHTS_"];
+    let number = numbered.iter().find_map(|start| name.strip_prefix(start));
+    matches!(name, "POSITION" | "NORMAL" | "TANGENT") || number.is_some_and(|n| n.parse::<u32>().is_ok())
+}
+
+/// An error for anything that the crate would panic about.
+fn validate(root: Root, read: &Value) -> Result<gltf::Document, Problem> {
+    // The crate's own check looks up positions before it has checked their index.
+    let accessors = root.accessors.len();
+    for attributes in root.meshes.iter().flat_map(|m| &m.primitives).map(|p| &p.attributes) {
+        if let Some(index) = attributes.values().find(|index| index.value() >= accessors) {
+            return Err(out_of_range("accessor", index.value(), accessors));
+        }
+    }
+    if let Err(gltf::Error::Validation(found)) = gltf::Document::from_json(root.clone())
+        && let Some((path, error)) = found.iter().find(|(path, error)| !is_harmless(path.as_str(), *error))
+    {
+        return Err(describe(path.as_str(), *error, read));
+    }
+    Ok(gltf::Document::from_json_without_validation(root))
+}
+
+/// True for what the crate's check finds although a reader can do without: bounds of positions, buffer views of
+/// compressed or zero accessors, odd strides.
+fn is_harmless(path: &str, error: Error) -> bool {
+    match error {
+        Error::Missing => true,
+        Error::Invalid => path.ends_with("byteStride"),
+        _ => false,
+    }
+}
+
+/// A fault of the crate's check in our words.
+fn describe(path: &str, error: Error, raw: &Value) -> Problem {
+    let keys: Vec<&str> = path.split(['.', '[', ']', '"']).filter(|key| !key.is_empty()).collect();
+    let value = keys.iter().try_fold(raw, |value, key| match value {
+        Value::Array(items) => items.get(key.parse::<usize>().ok()?),
+        other => other.get(key),
+    });
+    let place = quote(path);
+    if error == Error::IndexOutOfBounds {
+        // The last key that isn't a number says what is referred to.
+        let key = keys.iter().rev().find(|key| key.parse::<usize>().is_err()).copied().unwrap_or_default();
+        let (what, array) = match key {
+            "mesh" => ("mesh", "meshes"),
+            "skin" => ("skin", "skins"),
+            "scene" => ("scene", "scenes"),
+            "children" | "joints" | "nodes" => ("node", "nodes"),
+            "bufferView" => ("bufferView", "bufferViews"),
+            "buffer" => ("buffer", "buffers"),
+            "material" => ("material", "materials"),
+            "index" => ("texture", "textures"),
+            "source" => ("image", "images"),
+            _ => ("accessor", "accessors"),
+        };
+        let count = items(raw, array).count();
+        if let Some(index) = value.and_then(Value::as_u64) {
+            return out_of_range(what, index as usize, count);
+        }
+        return Problem::new(format!("{place} refers to a {what} that does not exist: there are {count}"));
+    }
+    let shown = value.map_or("missing".into(), |value| quote(value.to_string()));
+    if keys.last() == Some(&"mode") {
+        return Problem::new(format!("a primitive has mode {}", shown.trim_matches('\''))).expected("0 to 6");
+    }
+    Problem::new(format!("is not a valid glTF document: {place} is {shown}")).expected("a value that glTF 2.0 knows")
+}
+
+/// An index beyond what there is.
+pub(super) fn out_of_range(what: &str, index: usize, count: usize) -> Problem {
+    Problem::new(format!("{what} {index} does not exist: there are {count}"))
+        .help("export the file again: it is damaged")
 }

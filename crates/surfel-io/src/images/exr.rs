@@ -1,8 +1,8 @@
 //! OpenEXR: one part with unnamed R G B A, Z, normal.X/Y/Z and weight; ZIP, lossless.
 
-use super::{Planes, PlanesView};
-use crate::error::Problem;
-use crate::{IoError, atomic};
+use super::planes::{Planes, PlanesView};
+use crate::atomic;
+use crate::error::{IoError, Problem};
 use exr::meta::MetaData;
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
@@ -93,7 +93,7 @@ fn attribute_name(name: &str) -> Text {
 }
 
 /// Puts a header's attributes in the order of their names: the writer keeps them in a hash map, whose order is
-/// a different one in each run. Leaves anything it doesn't understand as it is.
+/// a different one in each run. A header that can't be taken apart stays as it is.
 fn sort_attributes(bytes: &mut [u8]) {
     const START: usize = 8; // magic number and version
     let string = |from: usize| Some(from + bytes.get(from..)?.iter().position(|&b| b == 0)? + 1);
@@ -140,15 +140,19 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
     if header.channels.list.iter().any(|c| c.sampling.area() != 1) {
         return Err(Problem::new("has subsampled channels").expected("a value for every pixel in each channel"));
     }
-    let image = read_exr()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(problem)?;
+    // The crate's decompression of B44 panics over some damaged blocks; the file is refused then, too.
+    let decode = || {
+        read_exr()
+            .no_deep_data()
+            .largest_resolution_level()
+            .all_channels()
+            .first_valid_layer()
+            .all_attributes()
+            .non_parallel()
+            .from_buffered(Cursor::new(bytes))
+            .map_err(problem)
+    };
+    let image = std::panic::catch_unwind(decode).unwrap_or_else(|_| Err(Problem::new("is damaged").help(help)))?;
     let layer = image.layer_data;
     let (width, height) = (layer.size.width(), layer.size.height());
     let mut metadata: Vec<(String, String)> = (layer.attributes.other.iter().chain(&image.attributes.other))

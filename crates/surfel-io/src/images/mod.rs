@@ -1,100 +1,32 @@
-//! Pictures: the planes of a frame, written as PNG or EXR and read back.
+//! Pictures: the planes of a frame, written as PNG, JPEG or EXR and read back, and textures.
 
-mod exr;
-mod png;
+mod decode;
+#[cfg(feature = "exr")]
+pub(crate) mod exr;
+#[cfg(feature = "jpeg")]
+mod jpeg;
+#[cfg(feature = "jpeg")]
+pub(crate) mod jpeg_writer;
+pub(crate) mod planes;
+pub(crate) mod png;
+pub(crate) mod texture;
+#[cfg(feature = "webp")]
+mod webp;
 
-pub use self::exr::{ExrOptions, save_exr, write_exr};
-pub use self::png::{BitDepth, PngOptions, save_png, write_png};
-
-use crate::error::{Fault, Problem, quote};
-use crate::{IoError, files};
-use std::io;
+use crate::error::{Fault, IoError, Problem, quote};
+use crate::files;
+use decode::{Samples, can_hold, decode, size_of};
+use planes::Planes;
 use std::path::Path;
-use surfel_model::MAX_IMAGE_PIXELS;
+use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
 
 /// Largest image file that is read, in bytes.
 const MAX_FILE_BYTES: u64 = 4 << 30;
+/// Most memory that decoding a picture may take, in bytes.
+const MAX_DECODED_BYTES: usize = 8 << 30;
 
-/// The planes of a picture, row by row from the top, one value a pixel; what isn't there costs nothing.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Planes {
-    /// Width in pixels.
-    pub width: u32,
-    /// Height in pixels.
-    pub height: u32,
-    /// Linear premultiplied RGBA.
-    pub color: Option<Vec<[f32; 4]>>,
-    /// View-space planar depth in world units; +∞ where nothing is.
-    pub depth: Option<Vec<f32>>,
-    /// World normal, unit length or zero.
-    pub normal: Option<Vec<[f32; 3]>>,
-    /// Σw.
-    pub weight: Option<Vec<f32>>,
-    /// Other planes by their channels' names, such as `mask`.
-    pub other: Vec<(String, Vec<f32>)>,
-    /// Text attributes, in the order of their names.
-    pub metadata: Vec<(String, String)>,
-}
-
-impl Planes {
-    /// Borrows all planes, to write them.
-    pub fn view(&self) -> PlanesView<'_> {
-        PlanesView {
-            width: self.width,
-            height: self.height,
-            color: self.color.as_deref(),
-            depth: self.depth.as_deref(),
-            normal: self.normal.as_deref(),
-            weight: self.weight.as_deref(),
-            other: self.other.iter().map(|(name, values)| (name.as_str(), values.as_slice())).collect(),
-        }
-    }
-}
-
-/// Borrowed [`Planes`]: what a picture is written from.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct PlanesView<'a> {
-    /// Width in pixels.
-    pub width: u32,
-    /// Height in pixels.
-    pub height: u32,
-    /// Linear premultiplied RGBA.
-    pub color: Option<&'a [[f32; 4]]>,
-    /// View-space planar depth in world units; +∞ where nothing is.
-    pub depth: Option<&'a [f32]>,
-    /// World normal.
-    pub normal: Option<&'a [[f32; 3]]>,
-    /// Σw.
-    pub weight: Option<&'a [f32]>,
-    /// Other planes by their channels' names.
-    pub other: Vec<(&'a str, &'a [f32])>,
-}
-
-impl PlanesView<'_> {
-    /// The number of pixels, if every plane has as many.
-    fn pixels(&self) -> io::Result<usize> {
-        let invalid = |message: String| Err(io::Error::new(io::ErrorKind::InvalidInput, message));
-        let pixels = u64::from(self.width) * u64::from(self.height);
-        if pixels == 0 || pixels > MAX_IMAGE_PIXELS {
-            return invalid(format!("a picture of {}x{} can't be written", self.width, self.height));
-        }
-        let pixels = pixels as usize;
-        let lengths = [
-            ("colour", self.color.map(<[_]>::len)),
-            ("depth", self.depth.map(<[_]>::len)),
-            ("normal", self.normal.map(<[_]>::len)),
-            ("weight", self.weight.map(<[_]>::len)),
-        ];
-        let named = lengths.into_iter().filter_map(|(name, n)| Some((name, n?)));
-        let others = self.other.iter().map(|(name, values)| (*name, values.len()));
-        match named.chain(others).find(|&(_, n)| n != pixels) {
-            Some((name, n)) => invalid(format!("the {name} plane has {n} pixels, the picture {pixels}")),
-            None => Ok(pixels),
-        }
-    }
-}
-
-/// Reads a picture: EXR with all planes that it has, or PNG or JPEG as linear premultiplied colour.
+/// Reads a picture: EXR with all planes that it has, or PNG, JPEG or WebP as linear premultiplied colour. The texts of
+/// EXR attributes and of PNG chunks before the pixels are its metadata.
 ///
 /// # Errors
 /// [`IoError`] if it can't be read, is damaged, too large, or of another format.
@@ -109,14 +41,42 @@ pub fn read_image(path: &Path) -> Result<Planes, IoError> {
 pub fn read_image_bytes(bytes: &[u8], name: &Path) -> Result<Planes, IoError> {
     let read = || {
         if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
-            exr::read(bytes)
-        } else if bytes.starts_with(b"\x89PNG\r\n\x1a\n") || bytes.starts_with(&[0xff, 0xd8, 0xff]) {
-            png::read(bytes)
+            #[cfg(feature = "exr")]
+            return exr::read(bytes);
+            #[cfg(not(feature = "exr"))]
+            return Err(Problem::not_built("OpenEXR", "exr"));
+        } else if decode::is_image(bytes) {
+            read_color(bytes)
         } else {
             let found = quote(&bytes[..bytes.len().min(12)]);
             Err(Problem::new(format!("is not a picture that can be read: it starts with {found}"))
-                .expected("OpenEXR, PNG or JPEG"))
+                .expected("OpenEXR, PNG, JPEG or WebP"))
         }
     };
     read().map_err(|problem| Fault::from(problem).of(name))
+}
+
+/// PNG, JPEG or WebP as the colour plane.
+fn read_color(bytes: &[u8]) -> Result<Planes, Problem> {
+    let problem = |why: String| {
+        let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();
+        Problem::new(format!("can't be read as a picture: {why}")).help("copy or export the file again: it is damaged")
+    };
+    let (width, height) = size_of(bytes).map_err(problem)?;
+    let side = MAX_IMAGE_SIDE;
+    if u64::from(width) * u64::from(height) > MAX_IMAGE_PIXELS || width > side || height > side {
+        let what = format!("is a picture of {width}x{height} pixels");
+        return Err(Problem::new(what).expected(format!("at most {MAX_IMAGE_PIXELS} pixels, {side} a side")));
+    }
+    if !can_hold(bytes, width, height) {
+        let what = format!("says that it has {width}x{height} pixels, but is {} bytes long", bytes.len());
+        return Err(Problem::new(what).help("copy or export the file again: it is damaged"));
+    }
+    let image = decode(bytes, MAX_DECODED_BYTES).map_err(problem)?;
+    let color = match image.samples {
+        Samples::Eight(texels) => texels.into_iter().map(decode::linear_8_bit).collect(),
+        Samples::Sixteen(texels) => texels.into_iter().map(decode::linear_16_bit).collect(),
+    };
+    let metadata = decode::texts(bytes);
+    Ok(Planes { width: image.width, height: image.height, color: Some(color), metadata, ..Planes::default() })
 }

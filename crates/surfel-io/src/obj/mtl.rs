@@ -1,13 +1,13 @@
-//! MTL material libraries: base colour, opacity and base-colour texture.
+//! MTL material libraries: base colour, opacity and their textures.
 
 use crate::ascii::{Lines, number, words};
+use crate::context::Context;
 use crate::error::quote;
-use crate::load::Context;
-use crate::mesh_build::Material;
-use crate::texture;
+use crate::images::texture;
+use crate::materials::Material;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_model::Texture;
+use surfel_model::{AlphaMode, Texture};
 
 /// Most textures that one file may bring, which bounds the memory for them.
 const MAX_TEXTURES: usize = 64;
@@ -16,6 +16,59 @@ struct Entry {
     color: [f32; 3],
     alpha: f32,
     map: Option<String>,
+    opacity_map: Option<String>,
+}
+
+/// The images that a material names.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Maps<'a> {
+    color: Option<&'a str>,
+    opacity: Option<&'a str>,
+}
+
+impl Maps<'_> {
+    /// Both images as one texture, of the size of the first that can be had. What can't is noted.
+    fn read(self, so_far: usize, context: &mut Context<'_>) -> Option<Texture> {
+        let mut decode = |map: Option<&str>| {
+            let map = map?;
+            let result = if so_far < MAX_TEXTURES {
+                context.siblings.read(map).and_then(|bytes| context.textures.decode(&bytes))
+            } else {
+                Err(format!("there are more than {MAX_TEXTURES}"))
+            };
+            result.map_err(|why| context.note(texture::missing(map, &why))).ok()
+        };
+        let color = decode(self.color);
+        // Many materials name the same image for both and mean its alpha.
+        let opacity = if self.opacity == self.color { None } else { decode(self.opacity) };
+        match (color, opacity) {
+            (Some(color), Some(opacity)) => Some(with_opacity(color, &opacity)),
+            (None, Some(opacity)) => {
+                let white = Texture { srgba8: vec![[255; 4]; opacity.srgba8.len()], ..opacity };
+                Some(with_opacity(white, &opacity))
+            }
+            (color, None) => color,
+        }
+    }
+}
+
+/// A texture with another's alpha, or its grey where that is opaque, as opacity.
+fn with_opacity(mut color: Texture, opacity: &Texture) -> Texture {
+    let has_alpha = opacity.srgba8.iter().any(|t| t[3] < 255);
+    let of = |[r, g, b, a]: [u8; 4]| {
+        let grey = (u16::from(r) + u16::from(g) + u16::from(b)) / 3;
+        if has_alpha { a } else { grey as u8 }
+    };
+    let nearest = |at: u32, from: u32, to: u32| (u64::from(at) * u64::from(to) / u64::from(from)) as usize;
+    let (width, height) = (color.width, color.height);
+    for (y, row) in (0..height).zip(color.srgba8.chunks_mut(width.max(1) as usize)) {
+        let start = nearest(y, height, opacity.height) * opacity.width as usize;
+        for (x, texel) in (0..width).zip(row) {
+            let found = opacity.srgba8.get(start + nearest(x, width, opacity.width));
+            texel[3] = found.map_or(255, |&texel| of(texel));
+        }
+    }
+    color
 }
 
 /// The materials of `names` (name → index) and their textures; empty if none of them says anything. Whatever is
@@ -32,46 +85,29 @@ pub(super) fn resolve(
             continue;
         }
         known.push(library);
-        match context.beside.read(library) {
+        match context.siblings.read(library) {
             Ok(bytes) => parse(&bytes, folder_of(library), &mut entries),
             Err(why) => context.note(format!("left out the material library {}: {why}", quote(library))),
         }
     }
     let mut materials = vec![Material::WHITE; names.len()];
     let mut textures: Vec<Arc<Texture>> = Vec::new();
-    let mut loaded: HashMap<&str, Option<usize>> = HashMap::new();
+    let mut loaded: HashMap<Maps<'_>, Option<usize>> = HashMap::new();
     let mut in_order: Vec<(&String, u32)> = names.iter().map(|(name, &i)| (name, i)).collect();
     in_order.sort_unstable_by_key(|&(_, i)| i);
     for (name, i) in in_order {
         let Some(entry) = entries.get(name) else {
             continue;
         };
-        let image = entry.map.as_deref().and_then(|map| {
-            if let Some(&index) = loaded.get(map) {
-                return index;
-            }
-            let result = if textures.len() < MAX_TEXTURES {
-                context.beside.read(map).and_then(|bytes| context.textures.decode(&bytes))
-            } else {
-                Err(format!("there are more than {MAX_TEXTURES}"))
-            };
-            let index = match result {
-                Ok(texture) => {
-                    textures.push(Arc::new(texture));
-                    Some(textures.len() - 1)
-                }
-                Err(why) => {
-                    context.note(texture::missing(map, &why));
-                    None
-                }
-            };
-            loaded.insert(map, index);
-            index
+        let maps = Maps { color: entry.map.as_deref(), opacity: entry.opacity_map.as_deref() };
+        let image = *loaded.entry(maps).or_insert_with(|| {
+            textures.push(Arc::new(maps.read(textures.len(), context)?));
+            Some(textures.len() - 1)
         });
         // Many exporters write a black Kd beside a texture and mean the texture.
         let [r, g, b] = if image.is_some() && entry.color == [0.0; 3] { [1.0; 3] } else { entry.color };
         if let Some(material) = materials.get_mut(i as usize) {
-            *material = Material { factor: [r, g, b, entry.alpha], texture: image };
+            *material = Material { factor: [r, g, b, entry.alpha], texture: image, alpha: AlphaMode::Blend };
         }
     }
     if materials.iter().all(|m| m.texture.is_none() && m.factor == [1.0; 4]) {
@@ -92,7 +128,7 @@ fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>) {
         let Some(keyword) = words.next() else { continue };
         let rest = super::rest_of(line, keyword);
         if keyword == b"newmtl" {
-            entries.insert(rest.clone(), Entry { color: [1.0; 3], alpha: 1.0, map: None });
+            entries.insert(rest.clone(), Entry { color: [1.0; 3], alpha: 1.0, map: None, opacity_map: None });
             current = Some(rest);
             continue;
         }
@@ -108,14 +144,17 @@ fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>) {
             }
             b"d" => entry.alpha = fraction().unwrap_or(1.0),
             b"Tr" => entry.alpha = 1.0 - fraction().unwrap_or(0.0),
-            b"map_Kd" => {
-                let map = without_options(&rest);
-                let is_whole = std::path::Path::new(&map).is_absolute();
-                entry.map = Some(if is_whole { map } else { format!("{folder}{map}") });
-            }
+            b"map_Kd" => entry.map = Some(path_of(&rest, folder)),
+            b"map_d" => entry.opacity_map = Some(path_of(&rest, folder)),
             _ => {}
         }
     }
+}
+
+/// The file of a map statement.
+fn path_of(statement: &str, folder: &str) -> String {
+    let map = without_options(statement);
+    if std::path::Path::new(&map).is_absolute() { map } else { format!("{folder}{map}") }
 }
 
 /// The file name of a map statement, which options such as `-s 1 1 1` may precede.
@@ -127,7 +166,8 @@ fn without_options(statement: &str) -> String {
     while let Some(option) = rest.strip_prefix('-') {
         rest = option.trim_start_matches(|c: char| !c.is_whitespace()).trim_start();
         while let Some((word, after)) = rest.split_once(char::is_whitespace) {
-            if word.parse::<f64>().is_err() && word != "on" && word != "off" {
+            let is_channel = matches!(word, "r" | "g" | "b" | "m" | "l" | "z");
+            if word.parse::<f64>().is_err() && word != "on" && word != "off" && !is_channel {
                 break;
             }
             rest = after.trim_start();

@@ -1,38 +1,13 @@
-//! PLY data: every wanted property as a column of its own type. Nothing is allocated by a count that the
-//! bytes present don't back.
+//! PLY data, text or binary: every wanted property becomes a column of its own type. Nothing is allocated by a count
+//! that the bytes present don't back.
 
-use super::PlyEncoding;
+use super::encoding::PlyEncoding;
 use super::header::{ElementDef, Header, Kind, ScalarType};
+use super::table::{Lists, Table};
 use crate::ascii::{line_at, number, number_f32};
 use crate::error::{Fault, Location, Problem, quote};
 use std::ops::Range;
 use surfel_model::ExtraValues;
-
-/// The columns of one element.
-#[derive(Debug, Default)]
-pub(crate) struct Table {
-    pub(crate) scalars: Vec<(String, ExtraValues)>,
-    pub(crate) lists: Vec<(String, Lists)>,
-}
-
-impl Table {
-    /// Takes a column out.
-    pub(crate) fn take(&mut self, name: &str) -> Option<ExtraValues> {
-        let index = self.scalars.iter().position(|(n, _)| n == name)?;
-        Some(self.scalars.remove(index).1)
-    }
-
-    pub(crate) fn has(&self, name: &str) -> bool {
-        self.scalars.iter().any(|(n, _)| n == name)
-    }
-}
-
-/// A column of integer lists, end to end. Negative items are `u32::MAX`.
-#[derive(Debug, Default)]
-pub(crate) struct Lists {
-    pub(crate) lengths: Vec<u32>,
-    pub(crate) items: Vec<u32>,
-}
 
 /// What a reader wants of an element.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -123,7 +98,7 @@ macro_rules! each {
     };
 }
 
-/// Where reading is, for reading and for saying so.
+/// The place that has been read up to, which messages name.
 struct Cursor<'a> {
     bytes: &'a [u8],
     position: usize,
@@ -196,7 +171,7 @@ fn integer<T: TryFrom<i64>>(word: &[u8]) -> Option<T> {
 
 fn read_binary<const BIG: bool>(cursor: &mut Cursor<'_>, columns: &mut [Column]) -> Result<(), Fault> {
     let properties = &cursor.element.properties;
-    // What a row takes at least: of a list its count.
+    // A row takes at least its scalars and the counts of its lists.
     let least: usize = properties
         .iter()
         .map(|p| match p.kind {

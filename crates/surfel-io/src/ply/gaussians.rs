@@ -1,17 +1,19 @@
 //! Gaussian-splat PLY files, recognised by their properties (2DGS: two scales, 3DGS: three).
 
-use super::body::Table;
-use super::{interpret_comments, require, take, take_positions};
+use super::comments::interpret_comments;
+use super::table::{Table, require, take, take_positions};
 use crate::columns::{to_f32, to_f64};
+use crate::content::Content;
+use crate::context::Context;
 use crate::error::Fault;
 use crate::gaussians::{Gaussians, Kind, SH_C0};
-use crate::load::{Content, Context};
 use glam::{DQuat, DVec3};
 
 const REQUIRED: [&str; 10] =
     ["scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0", "f_dc_1", "f_dc_2"];
 
-/// True for a Gaussian-splat file; an error for one that lacks a part. A file with a radius or half-axes is ours.
+/// True for a Gaussian-splat file; an error for one that lacks a part. A file with a radius or half-axes is in Surfel's
+/// own profile.
 pub(super) fn recognise(table: &Table) -> Result<bool, Fault> {
     if table.has("radius") || table.has("su") || !["scale_0", "rot_0", "f_dc_0"].iter().any(|n| table.has(n)) {
         return Ok(false);

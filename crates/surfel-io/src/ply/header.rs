@@ -1,6 +1,6 @@
 //! PLY headers: elements, properties and comments, before any data is touched.
 
-use super::PlyEncoding;
+use super::encoding::PlyEncoding;
 use crate::error::{Fault, Location, Problem, quote};
 
 /// Longest header, in bytes. Bounds the number of properties, too.

@@ -1,10 +1,12 @@
 //! PLY meshes: polygons and triangle strips.
 
-use super::body::{Lists, Table};
-use super::{interpret_comments, take_positions, take_set};
+use super::comments::interpret_comments;
+use super::table::{Lists, Table, list, take_positions, take_set};
+use crate::columns;
+use crate::content::Content;
+use crate::context::Context;
 use crate::error::Fault;
-use crate::load::{Content, Context};
-use crate::{columns, texture};
+use crate::images::texture;
 use std::sync::Arc;
 use surfel_model::Mesh;
 
@@ -31,7 +33,7 @@ pub(super) fn build(
     };
     if !table.scalars.is_empty() {
         let names: Vec<&str> = table.scalars.iter().map(|(n, _)| n.as_str()).collect();
-        context.note(format!("ignored the vertex properties {}: a mesh has no use for them", super::list(&names)));
+        context.note(format!("ignored the vertex properties {}: a mesh has no use for them", list(&names)));
     }
     let mut triangles = Vec::new();
     if let Some(faces) = faces {
@@ -40,10 +42,10 @@ pub(super) fn build(
     if let Some(strips) = strips {
         unroll(&strips, &mut triangles);
     }
-    let mut mesh = Mesh { origin, positions, triangles, normals, colors, alphas, uvs, up, comments, texture: None };
+    let mut mesh = Mesh { origin, positions, triangles, normals, colors, alphas, uvs, up, comments, ..Mesh::default() };
     let named = mesh.comments.iter().find_map(|c| c.trim().strip_prefix("TextureFile")).map(|n| n.trim().to_owned());
     if let (Some(name), true) = (named, mesh.uvs.is_some()) {
-        match context.beside.read(&name).and_then(|bytes| context.textures.decode(&bytes)) {
+        match context.siblings.read(&name).and_then(|bytes| context.textures.decode(&bytes)) {
             Ok(texture) => mesh.texture = Some(Arc::new(texture)),
             Err(why) => context.note(texture::missing(&name, &why)),
         }
@@ -57,7 +59,7 @@ fn to_arrays([x, y, z]: [Vec<f32>; 3]) -> Vec<[f32; 3]> {
 
 /// Polygons as fans about their first corner.
 fn fan(faces: &Lists, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) {
-    // Exact: every item beyond a polygon's second makes a triangle.
+    // Every item beyond a polygon's second makes a triangle, so this is exact.
     triangles.reserve(faces.lengths.iter().map(|&n| (n as usize).saturating_sub(2)).sum());
     let (mut rest, mut skipped) = (faces.items.as_slice(), 0);
     for &length in &faces.lengths {

@@ -1,9 +1,11 @@
 //! Splats and points of the PLY profile.
 
-use super::{body::Table, interpret_comments, require, take, take_positions, take_set};
+use super::comments::{interpret_comments, is_oriented};
+use super::table::{Table, require, take, take_positions, take_set};
 use crate::columns;
+use crate::content::Content;
+use crate::context::Context;
 use crate::error::{Fault, Problem};
-use crate::load::{Content, Context};
 use surfel_model::{ClipColumns, ClipCurve, ClipLine, ClipMode, CloudData, ExtraColumn, NO_LINE, PointCloud, Shape};
 
 const AXES: [&str; 6] = ["su", "sv", "sw", "tu", "tv", "tw"];
@@ -49,6 +51,7 @@ pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Conte
         shading_normals,
         clips,
         interior_weight,
+        oriented: comments.iter().any(|comment| is_oriented(comment)),
         up,
         extras,
         comments,

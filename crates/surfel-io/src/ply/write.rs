@@ -1,8 +1,10 @@
-//! Splat PLY files, from which the same cloud can be read again.
+//! Writing splat clouds as PLY, from which the same cloud can be read again.
 
-use super::{PlyEncoding, comment_interior_weight, comment_up};
+use super::comments::{comment_interior_weight, comment_up, is_oriented};
+use super::encoding::PlyEncoding;
+use crate::atomic;
 use crate::color::exact_8_bit;
-use crate::{IoError, atomic};
+use crate::error::IoError;
 use glam::DVec3;
 use std::fmt::Write as _;
 use std::io::{self, Write};
@@ -60,7 +62,7 @@ fn header(cloud: &SplatCloud, encoding: PlyEncoding, columns: &[(String, Values<
     let data = cloud.data();
     let mut text = format!("ply\nformat {} 1.0\n", encoding.name());
     // The cloud's own values win over comments of its source that say otherwise.
-    let (mut up, mut weight) = (data.up, data.interior_weight);
+    let (mut up, mut weight, mut oriented) = (data.up, data.interior_weight, data.oriented);
     for comment in &data.comments {
         if let Some(said) = comment_up(comment) {
             if data.up != Some(said) {
@@ -74,6 +76,12 @@ fn header(cloud: &SplatCloud, encoding: PlyEncoding, columns: &[(String, Values<
             }
             weight = None;
         }
+        if is_oriented(comment) {
+            if !data.oriented {
+                continue;
+            }
+            oriented = false;
+        }
         // A line break would end the comment and start a header line.
         let line: String = comment.chars().map(|c| if c.is_control() { ' ' } else { c }).take(8000).collect();
         let _ = writeln!(text, "comment {line}");
@@ -84,6 +92,9 @@ fn header(cloud: &SplatCloud, encoding: PlyEncoding, columns: &[(String, Values<
     }
     if let Some(weight) = weight {
         let _ = writeln!(text, "comment interior_weight {weight}");
+    }
+    if oriented {
+        text.push_str("comment oriented\n");
     }
     let _ = writeln!(text, "element vertex {}", cloud.len());
     for (name, values) in columns {

@@ -72,7 +72,7 @@ pub(crate) struct Spec {
 }
 
 impl Spec {
-    /// All sizes and tilts over the picture; elevation at least `least_elevation` radians.
+    /// All sizes and tilts over the image; elevation at least `least_elevation` radians.
     pub(crate) fn random(random: &mut Random, least_elevation: f64) -> Self {
         Self {
             pixel: [random.range(0.0, 3840.0), random.range(0.0, 2160.0)],

@@ -19,7 +19,7 @@ pub struct HdrFlip {
     pub exposures: usize,
 }
 
-/// HDR-FLIP between two pictures of opaque linear RGB pixels, row by row from the top, with the exposure range
+/// HDR-FLIP between two images of opaque linear RGB pixels, row by row from the top, with the exposure range
 /// of the reference and the ACES tone mapper (Narkowicz's fit, pre-exposure 0.6 removed).
 ///
 /// Negative values count as 0, infinite ones as the largest f32. Note: deviation from the paper: where the

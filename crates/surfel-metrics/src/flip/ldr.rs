@@ -127,7 +127,7 @@ impl<P: Fn(usize) -> [f64; 3]> Side<P> {
     }
 }
 
-/// Error of every pixel in [0, 1] between two pictures given as linear RGB in [0, 1] by pixel index.
+/// Error of every pixel in [0, 1] between two images given as linear RGB in [0, 1] by pixel index.
 pub(super) fn error_map(
     width: usize,
     height: usize,

@@ -1,4 +1,4 @@
-//! ꟻLIP: how different two pictures look when flipped back and forth on one screen.
+//! ꟻLIP: how different two images look when flipped back and forth on one screen.
 //!
 //! - LDR ([`ldr`]): P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström, M. D. Fairchild,
 //!   *ꟻLIP: A Difference Evaluator for Alternating Images*, HPG 2020.
@@ -8,7 +8,7 @@
 //! Note: deviation from the papers: filters run separably, which gives the same sums (a Gaussian is separable,
 //! and the blue-yellow filter is a sum of two), in f64.
 //!
-//! NaN: a pixel where either picture holds NaN has error 1 and is black to the filters on both sides, so that
+//! NaN: a pixel where either image holds NaN has error 1 and is black to the filters on both sides, so that
 //! it doesn't spread. Infinities and other values outside [0, 1] are clamped.
 
 mod color;
@@ -32,12 +32,12 @@ pub enum Encoding {
     Srgb,
 }
 
-/// How FLIP looks at its pictures.
+/// How FLIP looks at its images.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlipOptions {
     /// Pixels in a degree of the visual angle, from 1 to 1000. Default [`DEFAULT_PIXELS_PER_DEGREE`].
     pub pixels_per_degree: f64,
-    /// Encoding of both pictures.
+    /// Encoding of both images.
     pub encoding: Encoding,
 }
 
@@ -56,7 +56,7 @@ pub struct FlipMap {
     pub height: u32,
     /// Error of every pixel in [0, 1], row by row from the top.
     pub error: Vec<f32>,
-    /// Its mean, 0 for an empty picture.
+    /// Its mean, 0 for an empty image.
     pub mean: f64,
 }
 
@@ -69,14 +69,14 @@ impl FlipMap {
 
     /// The error map in [`magma`](crate::colormap::magma), sRGB-encoded, row by row from the top.
     pub fn to_magma(&self) -> Vec<[u8; 3]> {
-        crate::colormap::magma_picture(&self.error, 1.0)
+        crate::colormap::magma_image(&self.error, 1.0)
     }
 }
 
-/// LDR-FLIP between two pictures of opaque RGB pixels, row by row from the top, values in [0, 1].
+/// LDR-FLIP between two images of opaque RGB pixels, row by row from the top, values in [0, 1].
 ///
 /// # Errors
-/// [`MetricsError::Length`] where a picture isn't `width`·`height` pixels, [`MetricsError::OutOfRange`] for
+/// [`MetricsError::Length`] where an image isn't `width`·`height` pixels, [`MetricsError::OutOfRange`] for
 /// pixels per degree outside [1, 1000].
 pub fn ldr(
     width: u32,
@@ -99,7 +99,7 @@ fn decoder(encoding: Encoding) -> fn(f64) -> f64 {
     }
 }
 
-/// The error map of what `view` shows (linear RGB in [0, 1]) of pixel `i` of each picture, with the crate's
+/// The error map of what `view` shows (linear RGB in [0, 1]) of pixel `i` of each image, with the crate's
 /// rule for NaN.
 fn map_without_nan(
     width: u32,
@@ -126,8 +126,8 @@ fn check(
     options: &FlipOptions,
 ) -> Result<(), MetricsError> {
     let count = pixel_count(width, height, 3)?;
-    check_length("the reference picture", reference.len(), count, "width x height")?;
-    check_length("the test picture", test.len(), count, "width x height")?;
+    check_length("the reference image", reference.len(), count, "width x height")?;
+    check_length("the test image", test.len(), count, "width x height")?;
     if (1.0..=1000.0).contains(&options.pixels_per_degree) {
         Ok(())
     } else {

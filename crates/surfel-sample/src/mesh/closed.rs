@@ -3,38 +3,69 @@
 use std::collections::HashMap;
 use surfel_model::Mesh;
 
-/// True if the mesh bounds a volume: every edge has one triangle on either side, wound the same way, and the volume inside
-/// is positive, so that no back of a triangle is ever seen from outside. Vertices at the same position count as
-/// one (texture seams split them); triangles without area are ignored.
+/// Comment of a cloud that covers a closed mesh from outside, so that none of its splats is seen from behind.
+pub const CLOSED_MESH: &str = "covers a closed mesh";
+
+/// Share of a mesh's edges that may be walked twice the same way where its triangles are wound alike: scans and exports
+/// have a few bad triangles.
+const MISWOUND: f64 = 0.01;
+
+/// True if the mesh bounds a volume: every edge has one triangle on either side, wound the same way, and the volume
+/// inside is positive, and nothing is see-through, so that no back of a triangle is ever seen from outside. Vertices at
+/// the same position count as one (texture seams split them); triangles without area are ignored.
 pub fn is_closed(mesh: &Mesh) -> bool {
-    if mesh.triangles.is_empty() || mesh.validate().is_err() {
-        return false;
-    }
-    let mut first_at = HashMap::with_capacity(mesh.positions.len());
-    let welded: Vec<u32> = (0..mesh.positions.len())
-        .map(|i| {
-            // Adding zero makes −0 and 0 the same position.
-            let key = (mesh.positions.get(i) + 0.0).to_array().map(f64::to_bits);
-            *first_at.entry(key).or_insert(i as u32)
-        })
-        .collect();
-    // +1 for an edge walked one way, −1 for the other: all cancel on a closed, consistently wound surface.
-    let mut edges: HashMap<(u32, u32), i32> = HashMap::with_capacity(mesh.triangles.len() * 3 / 2);
-    let mut volume = 0.0;
-    let center = mesh.positions.get(0);
-    for corners in &mesh.triangles {
-        let [a, b, c] = corners.map(|i| welded[i as usize]);
-        if a == b || b == c || c == a {
-            continue;
+    let walk = Walk::new(mesh);
+    !mesh.is_see_through() && walk.volume > 0.0 && walk.edges.values().all(|&sum| sum == 0)
+}
+
+/// True if the mesh's triangles are wound alike, so that their normals all point out of the same surface, open or
+/// closed: of a hundred edges at most one is walked twice the same way. Vertices at the same position count as one.
+pub fn is_oriented(mesh: &Mesh) -> bool {
+    let walk = Walk::new(mesh);
+    let miswound = walk.edges.values().filter(|sum| sum.abs() > 1).count();
+    !walk.edges.is_empty() && miswound as f64 <= MISWOUND * walk.edges.len() as f64
+}
+
+/// A walk around every triangle.
+#[derive(Default)]
+struct Walk {
+    /// +1 for an edge walked one way, −1 for the other: all cancel on a closed, consistently wound surface.
+    edges: HashMap<(u32, u32), i32>,
+    /// Six times the volume inside.
+    volume: f64,
+}
+
+impl Walk {
+    /// Around a mesh; of nothing if it is invalid.
+    fn new(mesh: &Mesh) -> Self {
+        let mut walk = Self::default();
+        if mesh.triangles.is_empty() || mesh.validate().is_err() {
+            return walk;
         }
-        for (from, to) in [(a, b), (b, c), (c, a)] {
-            let (key, way) = if from < to { ((from, to), 1) } else { ((to, from), -1) };
-            *edges.entry(key).or_default() += way;
+        let mut first_at = HashMap::with_capacity(mesh.positions.len());
+        let welded: Vec<u32> = (0..mesh.positions.len())
+            .map(|i| {
+                // Adding zero makes −0 and 0 the same position.
+                let key = (mesh.positions.get(i) + 0.0).to_array().map(f64::to_bits);
+                *first_at.entry(key).or_insert(i as u32)
+            })
+            .collect();
+        walk.edges.reserve(mesh.triangles.len() * 3 / 2);
+        let center = mesh.positions.get(0);
+        for corners in &mesh.triangles {
+            let [a, b, c] = corners.map(|i| welded[i as usize]);
+            if a == b || b == c || c == a {
+                continue;
+            }
+            for (from, to) in [(a, b), (b, c), (c, a)] {
+                let (key, way) = if from < to { ((from, to), 1) } else { ((to, from), -1) };
+                *walk.edges.entry(key).or_default() += way;
+            }
+            let [p, q, r] = [a, b, c].map(|i| mesh.positions.get(i as usize) - center);
+            walk.volume += p.dot(q.cross(r));
         }
-        let [p, q, r] = [a, b, c].map(|i| mesh.positions.get(i as usize) - center);
-        volume += p.dot(q.cross(r));
+        walk
     }
-    volume > 0.0 && edges.values().all(|&sum| sum == 0)
 }
 
 #[cfg(test)]
@@ -61,6 +92,12 @@ mod tests {
     }
 
     #[test]
+    fn what_can_be_seen_through_is_not_closed() {
+        let glass = Mesh { alphas: Some(vec![1.0, 1.0, 0.5, 1.0]), ..tetrahedron() };
+        assert!(!is_closed(&glass) && is_closed(&Mesh { alphas: Some(vec![1.0; 4]), ..tetrahedron() }));
+    }
+
+    #[test]
     fn an_open_an_inside_out_and_an_inconsistent_mesh_are_not() {
         let mut open = tetrahedron();
         open.triangles.pop();
@@ -72,5 +109,16 @@ mod tests {
         inconsistent.triangles[1].swap(0, 1);
         assert!(!is_closed(&inconsistent));
         assert!(!is_closed(&Mesh::default()));
+    }
+
+    #[test]
+    fn a_mesh_is_oriented_if_it_is_wound_alike_open_or_not() {
+        let mut mesh = tetrahedron();
+        assert!(is_oriented(&mesh));
+        mesh.triangles.pop();
+        assert!(is_oriented(&mesh));
+        mesh.triangles[1].swap(0, 1);
+        assert!(!is_oriented(&mesh));
+        assert!(!is_oriented(&Mesh::default()));
     }
 }

@@ -1,28 +1,31 @@
 //! A given number of samples, spread evenly over the surface.
 
-use super::MeshReport;
+use super::borders::{Borders, Kind, clip_columns};
 use super::eliminate::eliminate;
-use super::features::Features;
-use super::geometry::Geometry;
+use super::geometry::{Geometry, SAME_NORMAL, Smooth};
+use super::options::MeshReport;
 use super::random::Random;
-use crate::neighbours::{Neighbours, map_each};
+use super::see_through;
+use crate::neighbours::Neighbours;
+use crate::parallel::map_each;
 use crate::radii::Spacing;
 use crate::tree::KdTree;
 use crate::{Progress, SampleError, assemble, radii};
 use glam::DVec3;
-use surfel_math::basis::unit;
-use surfel_model::{CloudData, Mesh, Shape};
+use surfel_math::basis::{orthonormal, unit};
+use surfel_model::{ClipColumns, CloudData, Mesh, Shape};
 
 /// Candidates a sample for elimination. Three cost half of Yuksel's five; the least distance falls by a tenth.
 const OVERSAMPLING: usize = 3;
 /// Above this many samples, stratification is all there is: elimination takes seconds a million.
 const MOST_ELIMINATED: usize = 1_000_000;
-/// Cosine of 20°: a disk tilted more than that against its face no longer covers its share of it, and stands out
-/// of the surface.
-const MOST_TILTED: f64 = 0.939_692_620_785_908;
+/// Radii that a splat is tried at, over its own, where lines leave too little of it: what they cut off doesn't grow.
+const GROWTH: [f64; 3] = [1.3, 1.7, MOST_GROWN];
+/// The largest.
+pub(crate) const MOST_GROWN: f64 = 2.2;
 
 /// A place on the surface.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Sample {
     face: u32,
     barycentric: [f64; 3],
@@ -35,12 +38,15 @@ pub(crate) fn splats(
     report: &mut MeshReport,
     progress: &dyn Progress,
 ) -> Result<CloudData, SampleError> {
-    splats_and_faces(mesh, count, radius_scale, report, progress).map(|(data, _)| data)
+    let whole = |_: u32| false;
+    splats_and_faces(mesh, &whole, count, radius_scale, report, progress).map(|(data, _)| data)
 }
 
-/// The same, with the triangle that each splat lies on.
+/// The columns of [`splats`], and the triangle that each splat lies on. `is_cut` says of an open edge, by the corner
+/// (3·triangle + 0..3) that it starts at, that the mesh is part of a larger one, which goes on there.
 pub(crate) fn splats_and_faces(
     mesh: &Mesh,
+    is_cut: &dyn Fn(u32) -> bool,
     count: usize,
     radius_scale: f64,
     report: &mut MeshReport,
@@ -56,8 +62,9 @@ pub(crate) fn splats_and_faces(
     if area <= 0.0 || !area.is_finite() {
         return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
     }
-    let (corner_normals, features) = geometry.smooth();
-    report.feature_edges = features.len();
+    let Smooth { corner_normals, feature_edges, mut borders, regions } = geometry.smooth();
+    borders.iter_mut().filter(|b| b.kind == Kind::Open && is_cut(b.corner)).for_each(|b| b.kind = Kind::Cut);
+    report.feature_edges = feature_edges;
 
     let samples = spread(&geometry, count, area, progress);
     let positions: Vec<DVec3> = samples.iter().map(|s| place(&geometry, s)).collect();
@@ -70,8 +77,8 @@ pub(crate) fn splats_and_faces(
         })
         .collect();
     drop(corner_normals);
-    let planes: Vec<DVec3> =
-        samples.iter().zip(&smooth).map(|(s, n)| plane_normal(geometry.normals[s.face as usize], *n)).collect();
+    // Geometry alone decides where a splat lies and which side of it is seen.
+    let planes: Vec<DVec3> = samples.iter().map(|s| geometry.normals[s.face as usize]).collect();
 
     let spacing = (area / count as f64).sqrt();
     let mut radii = if count > MOST_ELIMINATED {
@@ -81,9 +88,12 @@ pub(crate) fn splats_and_faces(
         vec![radii::DENSITY * spacing; count]
     };
     radii.iter_mut().for_each(|r| *r *= radius_scale);
-    let shape = shape(&positions, &planes, &radii, &features, radii::DENSITY * spacing * radius_scale, progress);
-    let mut data = CloudData::new(mesh.origin, super::centers(mesh, &positions), shape);
-    if planes != smooth {
+    let on = Placed { positions: &positions, planes: &planes, radii: &radii };
+    let borders = Borders::new(&geometry, &borders, &regions, spacing * radius_scale, count);
+    let Bordered { shape, clips } = bordered(&on, &borders, |i| regions[samples[i].face as usize], progress);
+    let mut data = CloudData { clips, ..CloudData::new(mesh.origin, assemble::centers(mesh, &positions), shape) };
+    // A flat facet's splats have no other normals than their own.
+    if planes.iter().zip(&smooth).any(|(plane, smooth)| plane.dot(*smooth) < SAME_NORMAL) {
         data.shading_normals = Some(assemble::normals32(&smooth));
     }
     let rgba = geometry.is_painted().then(|| {
@@ -91,16 +101,11 @@ pub(crate) fn splats_and_faces(
             samples.len(),
             &crate::NoProgress,
             || (),
-            |(), i| geometry.color(samples[i].face as usize, samples[i].barycentric),
+            |(), i| geometry.color_about(samples[i].face as usize, samples[i].barycentric, spacing),
         )
     });
     (data.colors, data.alphas) = assemble::paint(rgba);
-    Ok((data, samples.iter().map(|s| s.face).collect()))
-}
-
-/// Normal of a disk on a face: the smooth one, unless that leans too far.
-pub(crate) fn plane_normal(face: DVec3, smooth: DVec3) -> DVec3 {
-    if face.dot(smooth) >= MOST_TILTED { smooth } else { face }
+    Ok(see_through::cut(&geometry, data, samples.iter().map(|s| s.face).collect()))
 }
 
 /// Radii that cover the gaps that stratified samples leave.
@@ -116,35 +121,68 @@ fn measured_radii(
     Ok(cloud.slot_of.iter().map(|s| sizes.radii[*s as usize] * cloud.scale).collect())
 }
 
-/// Disks, or ellipses where the surface has features to trim them to.
-fn shape(
-    positions: &[DVec3],
-    planes: &[DVec3],
-    radii: &[f64],
-    features: &[[DVec3; 2]],
-    typical: f64,
+/// Splats on the surface, before borders cut them.
+struct Placed<'a> {
+    positions: &'a [DVec3],
+    /// Unit normals.
+    planes: &'a [DVec3],
+    radii: &'a [f64],
+}
+
+/// Splats that end at the borders of the surface.
+struct Bordered {
+    shape: Shape,
+    clips: Option<ClipColumns>,
+}
+
+/// Disks, or ellipses and the lines that clip them where a border cuts any.
+fn bordered(
+    on: &Placed,
+    borders: &Borders,
+    region_of: impl Fn(usize) -> u32 + Sync,
     progress: &dyn Progress,
-) -> Shape {
-    let disks = || Shape::Disks {
-        normals: assemble::normals32(planes),
-        radii: radii.iter().map(|r| assemble::radius32(*r)).collect(),
+) -> Bordered {
+    let disks = || Bordered {
+        shape: Shape::Disks {
+            normals: assemble::normals32(on.planes),
+            radii: on.radii.iter().map(|r| assemble::radius32(*r)).collect(),
+        },
+        clips: None,
     };
-    if features.is_empty() {
+    let count = on.positions.len();
+    if borders.is_empty() {
         return disks();
     }
-    let features = Features::new(features, typical, 4 * positions.len() + features.len());
-    progress.stage("creases", positions.len() as u64);
-    let trimmed = map_each(positions.len(), progress, || (), |(), i| features.trim(positions[i], planes[i], radii[i]));
-    if trimmed.iter().all(Option::is_none) {
+    progress.stage("borders", count as u64);
+    let axes = |i: usize, scale: f64| {
+        let (u, v) = orthonormal(on.planes[i]);
+        (u * on.radii[i] * scale, v * on.radii[i] * scale)
+    };
+    let kept = map_each(
+        count,
+        progress,
+        || (),
+        |(), i| {
+            let at = |scale: f64| borders.keep(on.positions[i], axes(i, scale), region_of(i));
+            let (mut scale, mut kept) = (1.0, at(1.0)?);
+            for larger in GROWTH {
+                if kept.area * scale * scale >= kept.least() {
+                    break;
+                }
+                // It meets every border that a smaller one does.
+                (scale, kept) = (larger, at(larger)?);
+            }
+            kept.widen(kept.least() / (scale * scale));
+            Some((scale, kept))
+        },
+    );
+    let clips = clip_columns(kept.iter().map(|kept| kept.as_ref().map(|(_, kept)| kept)));
+    if clips.is_none() {
         return disks();
     }
-    let axes = trimmed.into_iter().zip(planes).zip(radii).map(|((axes, normal), radius)| {
-        axes.unwrap_or_else(|| {
-            let (u, v) = surfel_math::basis::orthonormal(*normal);
-            (u * *radius, v * *radius)
-        })
-    });
-    assemble::ellipses(&axes.collect::<Vec<_>>())
+    let scale = |i: usize| kept[i].as_ref().map_or(1.0, |(scale, _)| *scale);
+    let shape = assemble::ellipses(&(0..count).map(|i| axes(i, scale(i))).collect::<Vec<_>>());
+    Bordered { shape, clips }
 }
 
 fn place(geometry: &Geometry, sample: &Sample) -> DVec3 {

@@ -1,9 +1,10 @@
-//! Blue noise by weighted sample elimination (Yuksel 2015, "Sample elimination for generating Poisson disk sample sets").
+//! Blue noise by weighted sample elimination (Yuksel 2015, "Sample elimination for generating Poisson disk sample
+//! sets").
 
+use crate::parallel::map_tasks;
 use crate::progress::Progress;
 use crate::tree::{KdTree, Nearest};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Yuksel's exponent α, and β and γ of the weight limit that keeps close pairs from hiding everything else (§3).
@@ -32,16 +33,15 @@ pub(crate) fn eliminate(tree: &KdTree, normals: &[DVec3], keep: usize, area: f64
     let least = reach * (1.0 - (keep as f64 / count as f64).powf(GAMMA)) * BETA;
     let thinning = Thinning { tree, normals, reach, least };
     progress.stage("even samples", count as u64);
-    let left: Vec<Vec<u32>> = blocks(count)
-        .into_par_iter()
-        .map(|block| {
-            // Rounded sums: every block keeps its share, and all of them together exactly `keep`.
-            let share = |end: usize| (end as u128 * keep as u128 / count as u128) as usize;
-            let left = thinning.thin(&block, share(block.end) - share(block.start));
-            progress.advance(block.len() as u64);
-            left
-        })
-        .collect();
+    let blocks = blocks(count);
+    let left = map_tasks(blocks.len(), |i| {
+        let block = &blocks[i];
+        // Rounded sums: every block keeps its share, and all of them together exactly `keep`.
+        let share = |end: usize| (end as u128 * keep as u128 / count as u128) as usize;
+        let left = thinning.thin(block, share(block.end) - share(block.start));
+        progress.advance(block.len() as u64);
+        left
+    });
     left.concat()
 }
 

@@ -1,17 +1,24 @@
 //! A mesh's faces, welded vertices and smooth normals, in f64 relative to its origin.
 
+use super::borders::{Border, Kind};
+use crate::parallel::map_each;
+use crate::progress::NoProgress;
 use glam::DVec3;
 use rayon::prelude::*;
-use surfel_math::basis::unit;
-use surfel_model::Mesh;
+use surfel_math::basis::{orthonormal, unit};
+use surfel_model::{AlphaMode, Mesh};
 
 /// Cosine of the crease angle, 40°: faces that meet at a larger one don't share a smooth normal.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
+/// Cosine of a fiftieth of a degree: normals that differ by less are one.
+pub(crate) const SAME_NORMAL: f64 = 1.0 - 6e-8;
+/// Cosine of 15°: splats on faces that meet at less don't stand out by half the distance between them.
+const BENT_COS: f64 = 0.965_925_826_289_068;
 /// A triangle has no area when it is thinner than this share of its longest edge: below it, its normal is made of
 /// the rounding of f32 positions.
 const THINNEST: f64 = 1e-9;
 
-/// What the samplers ask of a mesh. Indices must be valid and positions finite.
+/// A mesh as the samplers read it. Indices must be valid and positions finite.
 pub(crate) struct Geometry<'a> {
     pub(crate) mesh: &'a Mesh,
     pub(crate) positions: Vec<DVec3>,
@@ -34,6 +41,18 @@ struct Side {
     forward: bool,
 }
 
+/// How a surface is smooth, and where it isn't.
+pub(crate) struct Smooth {
+    /// Unit normals of every corner.
+    pub(crate) corner_normals: Vec<[DVec3; 3]>,
+    /// Edges that are creases or open.
+    pub(crate) feature_edges: usize,
+    /// Such edges, and those at which the surface bends by more than 15°, from each of their sides.
+    pub(crate) borders: Vec<Border>,
+    /// The smooth part of the surface that each face belongs to: the parts that creases and open edges divide.
+    pub(crate) regions: Vec<u32>,
+}
+
 impl<'a> Geometry<'a> {
     pub(crate) fn new(mesh: &'a Mesh) -> Self {
         let positions: Vec<DVec3> = (0..mesh.positions.len()).map(|i| mesh.positions.get(i)).collect();
@@ -50,7 +69,8 @@ impl<'a> Geometry<'a> {
                 (DVec3::ZERO, 0.0)
             }
         };
-        let (normals, areas) = mesh.triangles.par_iter().map(face).unzip();
+        let faces = map_each(mesh.triangles.len(), &NoProgress, || (), |(), i| face(&mesh.triangles[i]));
+        let (normals, areas) = faces.into_iter().unzip();
         let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for p in &positions {
             (lo, hi) = (lo.min(*p), hi.max(*p));
@@ -96,27 +116,29 @@ impl<'a> Geometry<'a> {
     }
 
     /// The corner angle of `face` at its corner 0..3.
-    fn angle(&self, face: usize, corner: usize) -> f64 {
+    pub(crate) fn angle(&self, face: usize, corner: usize) -> f64 {
         let p = self.corners(face);
         let (a, b) = (p[(corner + 1) % 3] - p[corner], p[(corner + 2) % 3] - p[corner]);
         a.cross(b).length().atan2(a.dot(b))
     }
 
-    /// Smooth unit normals of every corner, and the edges that are creases or borders (their two ends).
+    /// Smooth unit normals of every corner, the edges that are creases or open, and the parts that these divide.
     ///
     /// Where the mesh has vertex normals, they are the answer. Else normals are averaged over the corners of a
     /// vertex, weighted by angle (Thürmer and Wüthrich 1998), across edges of at most 40° only.
-    pub(crate) fn smooth(&self) -> (Vec<[DVec3; 3]>, Vec<[DVec3; 2]>) {
-        let (corners, features) = self.smooth_corners(&self.weld());
-        let own = |(face, smooth): (usize, [DVec3; 3])| {
-            let Some(given) = &self.mesh.normals else { return smooth };
+    pub(crate) fn smooth(&self) -> Smooth {
+        let smooth = self.smooth_corners(&self.weld());
+        let Some(given) = &self.mesh.normals else { return smooth };
+        let own = |face: usize| {
+            let smooth = smooth.corner_normals[face];
             let given = self.mesh.triangles[face].map(|i| unit(DVec3::from(given[i as usize].map(f64::from))));
             std::array::from_fn(|k| if given[k] == DVec3::ZERO { smooth[k] } else { given[k] })
         };
-        (corners.into_par_iter().enumerate().map(own).collect(), features)
+        let corner_normals = map_each(smooth.corner_normals.len(), &NoProgress, || (), |(), face| own(face));
+        Smooth { corner_normals, ..smooth }
     }
 
-    fn smooth_corners(&self, weld: &[u32]) -> (Vec<[DVec3; 3]>, Vec<[DVec3; 2]>) {
+    fn smooth_corners(&self, weld: &[u32]) -> Smooth {
         let mut sides: Vec<Side> = Vec::with_capacity(3 * self.areas.len());
         for (face, t) in self.mesh.triangles.iter().enumerate() {
             if self.areas[face] == 0.0 {
@@ -128,17 +150,31 @@ impl<'a> Geometry<'a> {
             }
         }
         sides.par_sort_unstable_by_key(|s| (s.lo, s.hi, s.corner));
-        // Groups of corners that share a normal.
+        // Groups of corners that share a normal, and of faces that nothing divides.
         let mut group: Vec<u32> = (0..3 * self.areas.len() as u32).collect();
-        let mut features = Vec::new();
+        let mut regions: Vec<u32> = (0..self.areas.len() as u32).collect();
+        let (mut borders, mut feature_edges) = (Vec::new(), 0);
+        let normal = |side: &Side| self.normals[side.corner as usize / 3];
         for edge in sides.chunk_by(|a, b| (a.lo, a.hi) == (b.lo, b.hi)) {
             match edge {
                 [a, b] if a.forward != b.forward && self.is_smooth(a, b) => {
                     // The corner where one face's edge starts is where the other's ends.
                     join(&mut group, a.corner, next(b.corner));
                     join(&mut group, next(a.corner), b.corner);
+                    join(&mut regions, a.corner / 3, b.corner / 3);
+                    if normal(a).dot(normal(b)) < BENT_COS {
+                        borders.extend([self.border(a, Some(b), Kind::Bend), self.border(b, Some(a), Kind::Bend)]);
+                    }
                 }
-                _ => features.push([self.positions[edge[0].lo as usize], self.positions[edge[0].hi as usize]]),
+                [a, b] => {
+                    borders.extend([self.border(a, Some(b), Kind::Crease), self.border(b, Some(a), Kind::Crease)]);
+                    feature_edges += 1;
+                }
+                all => {
+                    let kind = if all.len() == 1 { Kind::Open } else { Kind::Crease };
+                    borders.extend(all.iter().map(|side| self.border(side, None, kind)));
+                    feature_edges += 1;
+                }
             }
         }
         let mut sums = vec![DVec3::ZERO; group.len()];
@@ -154,7 +190,17 @@ impl<'a> Geometry<'a> {
                 if n == DVec3::ZERO { self.normals[face] } else { n }
             })
         });
-        (corners.collect(), features)
+        let corner_normals = corners.collect();
+        let regions: Vec<u32> = (0..regions.len() as u32).map(|face| find(&mut regions, face)).collect();
+        Smooth { corner_normals, feature_edges, borders, regions }
+    }
+
+    /// An edge as its face sees it, `across` the other one there.
+    fn border(&self, side: &Side, across: Option<&Side>, kind: Kind) -> Border {
+        let corners = self.corners(side.corner as usize / 3);
+        let k = side.corner as usize % 3;
+        let across = across.map(|other| other.corner / 3);
+        Border { ends: [corners[k], corners[(k + 1) % 3]], corner: side.corner, across, kind }
     }
 
     fn is_smooth(&self, a: &Side, b: &Side) -> bool {
@@ -181,13 +227,63 @@ impl<'a> Geometry<'a> {
     /// True when the mesh has colours or a texture.
     pub(crate) fn is_painted(&self) -> bool {
         let m = self.mesh;
-        m.colors.is_some() || m.alphas.is_some() || (m.texture.is_some() && m.uvs.is_some())
+        m.colors.is_some() || m.alphas.is_some() || m.is_textured()
     }
 
-    /// Linear RGB and alpha at barycentric coordinates `b` of a face.
+    /// Alpha at barycentric coordinates `b` of a face, whatever its material makes of it.
+    pub(crate) fn alpha(&self, face: usize, b: [f64; 3]) -> f32 {
+        let t = self.mesh.triangles[face].map(|i| i as usize);
+        let mix = |value: &dyn Fn(usize) -> f32| (0..3).map(|k| b[k] as f32 * value(t[k])).sum::<f32>();
+        let own = self.mesh.alphas.as_ref().map_or(1.0, |a| mix(&|i| a[i]));
+        match (self.mesh.material(face).texture, &self.mesh.uvs) {
+            (Some(texture), Some(uvs)) => own * texture.sample([mix(&|i| uvs[i][0]), mix(&|i| uvs[i][1])])[3],
+            _ => own,
+        }
+    }
+
+    /// Linear RGB and opacity of what lies about barycentric coordinates `b` of a face, in a square of side `extent`
+    /// (in object units), by nine samples: what a splat stands for. Places count by their opacity. Where no texture
+    /// varies, the one sample.
+    pub(crate) fn color_about(&self, face: usize, b: [f64; 3], extent: f64) -> [f32; 4] {
+        let own = self.color(face, b);
+        let material = self.mesh.material(face);
+        if material.texture.is_none() || self.mesh.uvs.is_none() {
+            return own;
+        }
+        let along = orthonormal(self.normals[face]);
+        let (Some(u), Some(v)) = (self.barycentric_change(face, along.0), self.barycentric_change(face, along.1))
+        else {
+            return own;
+        };
+        let (mut sum, mut plain) = ([0.0; 4], [0.0; 3]);
+        for (x, y) in [-1.0, 0.0, 1.0].into_iter().flat_map(|y| [-1.0, 0.0, 1.0].map(|x| (x, y))) {
+            let at: [f64; 3] = std::array::from_fn(|k| b[k] + (x * u[k] + y * v[k]) * extent / 3.0);
+            // Beyond an edge another triangle has the surface, and perhaps another part of the texture.
+            let [r, g, b, a] = if at.iter().all(|b| *b >= 0.0) { self.color(face, at) } else { own };
+            sum.iter_mut().zip([r * a, g * a, b * a, a]).for_each(|(s, c)| *s += c);
+            plain.iter_mut().zip([r, g, b]).for_each(|(s, c)| *s += c);
+        }
+        let [r, g, b, a] = sum;
+        let [r, g, b] = if a > 0.0 { [r / a, g / a, b / a] } else { plain.map(|c| c / 9.0) };
+        let opacity = if material.alpha == AlphaMode::Blend { a / 9.0 } else { own[3] };
+        [r, g, b, opacity]
+    }
+
+    /// How barycentric coordinates of a face change along a vector; `None` where it has no area.
+    pub(crate) fn barycentric_change(&self, face: usize, along: DVec3) -> Option<[f64; 3]> {
+        let [a, b, c] = self.corners(face);
+        let (e, f) = (b - a, c - a);
+        let (ee, ef, ff) = (e.dot(e), e.dot(f), f.dot(f));
+        let (x, y) = (along.dot(e), along.dot(f));
+        let scale = 1.0 / (ee * ff - ef * ef);
+        let (v, w) = ((ff * x - ef * y) * scale, (ee * y - ef * x) * scale);
+        (self.areas[face] > 0.0 && v.is_finite() && w.is_finite()).then_some([-v - w, v, w])
+    }
+
+    /// Linear RGB and opacity at barycentric coordinates `b` of a face: 0 where its material cuts it.
     pub(crate) fn color(&self, face: usize, b: [f64; 3]) -> [f32; 4] {
-        let (t, b) = (self.mesh.triangles[face].map(|i| i as usize), b.map(|x| x as f32));
-        let mix = |value: &dyn Fn(usize) -> f32| (0..3).map(|k| b[k] * value(t[k])).sum::<f32>();
+        let t = self.mesh.triangles[face].map(|i| i as usize);
+        let mix = |value: &dyn Fn(usize) -> f32| (0..3).map(|k| b[k] as f32 * value(t[k])).sum::<f32>();
         let mut color = [1.0; 4];
         if let Some(c) = &self.mesh.colors {
             for (channel, out) in color[..3].iter_mut().enumerate() {
@@ -197,10 +293,14 @@ impl<'a> Geometry<'a> {
         if let Some(a) = &self.mesh.alphas {
             color[3] = mix(&|i| a[i]);
         }
-        if let (Some(texture), Some(uvs)) = (&self.mesh.texture, &self.mesh.uvs) {
-            let texel = texture.sample([mix(&|i| uvs[i][0]), mix(&|i| uvs[i][1])]);
+        let material = self.mesh.material(face);
+        if let (Some(texture), Some(uvs)) = (material.texture, &self.mesh.uvs) {
+            let uv = [mix(&|i| uvs[i][0]), mix(&|i| uvs[i][1])];
+            let is_seen = material.alpha != AlphaMode::Opaque;
+            let texel = if is_seen { texture.sample_by_alpha(uv) } else { texture.sample(uv) };
             color.iter_mut().zip(texel).for_each(|(c, t)| *c *= t);
         }
+        color[3] = material.alpha.opacity(color[3]);
         color
     }
 }

@@ -1,78 +1,310 @@
-//! An octree over a mesh's triangles, by their centroids.
+//! A mesh as an octree of splats and polygons (rendering model §6, after G06 §5.2).
 
+use super::closed::is_oriented;
+use super::count::{MOST_GROWN, splats_and_faces};
+use super::face_tree::{FaceTree, Node};
 use super::geometry::Geometry;
+use super::options::{MeshMethod, MeshReport};
+use super::transitions::{EdgeSplat, distance_to_segment, shared_edges};
+use crate::{Progress, SampleError, assemble, interior, radii};
 use glam::DVec3;
-use std::ops::Range;
+use std::collections::BTreeMap;
+use surfel_math::basis::{orthonormal, unit};
+use surfel_model::{
+    ClipColumns, ClipLine, CloudData, Mesh, NO_LINE, Octree, OctreeNode, OnInvalid, SplatCloud, Transition,
+};
 
-/// Deepest level: splats 2⁸ times as fine as the root's.
-const DEEPEST: u32 = 8;
+/// Most splats of one level of the octree.
+const MOST_IN_LEVEL: f64 = 4e6;
 
-/// A cube of the octree that has triangles.
-pub(crate) struct Node {
-    pub(crate) depth: u32,
-    /// Its triangles, as a range of [`Octree::order`].
-    pub(crate) faces: Range<usize>,
-    /// Indices of its parts; none for a leaf.
-    pub(crate) children: Range<u32>,
+/// How a mesh becomes an octree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OctreeOptions {
+    /// Most triangles in a leaf; at least 1.
+    pub leaf_triangles: usize,
+    /// Splats along the side of a node's cube, on a surface parallel to it; at least 1.
+    pub splats_per_side: u32,
 }
 
-/// Nodes breadth first; the parts of a node follow one another.
-pub(crate) struct Octree {
-    pub(crate) nodes: Vec<Node>,
-    /// Triangles, those of a node next to one another.
-    pub(crate) order: Vec<u32>,
-    /// Side of the root's cube.
-    pub(crate) side: f64,
+impl Default for OctreeOptions {
+    /// 64 triangles, which a leaf's 256 splats and more stand for.
+    fn default() -> Self {
+        Self { leaf_triangles: 64, splats_per_side: 16 }
+    }
 }
 
-impl Octree {
-    /// Divides until at most `leaf_triangles` are left in a cube. Every triangle belongs to one leaf, whole.
-    pub(crate) fn new(geometry: &Geometry, leaf_triangles: usize) -> Self {
-        let count = geometry.areas.len();
-        let centroid = |face: u32| geometry.corners(face as usize).iter().sum::<DVec3>() / 3.0;
-        let centroids: Vec<DVec3> = (0..count as u32).map(centroid).collect();
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for c in &centroids {
-            (low, high) = (low.min(*c), high.max(*c));
-        }
-        let mut order: Vec<u32> = (0..count as u32).collect();
-        let mut nodes = vec![Node { depth: 0, faces: 0..count, children: 0..0 }];
-        let mut cubes = vec![((low + high) * 0.5, (high - low).max_element() * 0.5)];
-        let mut i = 0;
-        while i < nodes.len() {
-            let (faces, depth, (center, half)) = (nodes[i].faces.clone(), nodes[i].depth, cubes[i]);
-            i += 1;
-            if faces.len() <= leaf_triangles || depth >= DEEPEST {
-                continue;
+/// Puts a mesh into an octree: every node has splats for its part of the surface, half as far apart as those of the
+/// node above, and a leaf has its polygons besides. Edges between leaves get splats of their own, centred on them and
+/// as large as the finer leaf's, whose splats within half a spacing of such an edge are left out; creases above 40° get
+/// none.
+///
+/// A mesh without normals gets those that its splats are shaded with: smooth but for creases above 40°. Colours come
+/// from textures and vertices as in [`super::splats_from_mesh`]; the interior weight is that of the leaves' splats.
+/// Polygons take one texture: where the mesh has several, they show them by their vertices' colours
+/// ([`Mesh::with_one_material`]). Deterministic.
+///
+/// # Errors
+/// As [`super::splats_from_mesh`] with [`MeshMethod::Count`]; [`SampleError::Option`] for an option of 0.
+pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Progress) -> Result<Octree, SampleError> {
+    if options.leaf_triangles == 0 || options.splats_per_side == 0 {
+        return Err(SampleError::option("leaf_triangles or splats_per_side", 0, "at least 1"));
+    }
+    mesh.validate()?;
+    SampleError::check_count("triangles", mesh.triangles.len())?;
+    if mesh.triangles.is_empty() {
+        return Err(SampleError::Empty { what: "mesh", missing: "triangles" });
+    }
+    let smooth = if mesh.normals.is_none() { Some(with_smooth_normals(mesh)) } else { None };
+    let mesh = smooth.as_ref().unwrap_or(mesh);
+    let geometry = Geometry::new(mesh);
+    let area = geometry.total_area();
+    if area <= 0.0 || !area.is_finite() {
+        return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
+    }
+    let tree = FaceTree::new(&geometry, options.leaf_triangles);
+    let spacing_at = |depth: u32| tree.side / f64::from(options.splats_per_side) / f64::from(depth).exp2();
+    // Corners at which an edge of the whole mesh starts where splats end.
+    let mut is_border = vec![false; 3 * mesh.triangles.len()];
+    let shared = {
+        let smooth = geometry.smooth();
+        smooth.borders.iter().for_each(|border| is_border[border.corner as usize] = true);
+        let spacing_of = |leaf: u32| spacing_at(tree.nodes[leaf as usize].depth);
+        shared_edges(&geometry, &smooth.corner_normals, &tree.leaf_of_face(), spacing_of)
+    };
+    let mut edges_of: BTreeMap<u32, Vec<[DVec3; 2]>> = BTreeMap::new();
+    for (leaves, shared) in &shared {
+        let depths = leaves.map(|leaf| tree.nodes[leaf as usize].depth);
+        // Where leaves differ, their edge has the finer one's splats, which can't stand for the coarser one's.
+        let finest = leaves.iter().zip(depths).filter(|(_, depth)| *depth == depths[0].max(depths[1]));
+        finest.for_each(|(leaf, _)| edges_of.entry(*leaf).or_default().extend(&shared.edges));
+    }
+    let mut splats = Collected::default();
+    let mut nodes: Vec<OctreeNode> = Vec::with_capacity(tree.nodes.len());
+    for level in tree.nodes.chunk_by(|a, b| a.depth == b.depth) {
+        let spacing = spacing_at(level[0].depth);
+        let first = nodes.len() as u32;
+        let sampled = Level::new(&geometry, &is_border, &tree, level, spacing, progress)?;
+        let radius = radii::DENSITY * sampled.spacing;
+        for (i, node) in (first..).zip(level) {
+            let edges = edges_of.get(&i).map_or(&[][..], Vec::as_slice);
+            let start = splats.len();
+            for &k in &sampled.splats_of[(i - first) as usize] {
+                let near = |edge: &[DVec3; 2]| {
+                    distance_to_segment(sampled.cloud.data().centers.get(k), *edge) < 0.5 * sampled.spacing
+                };
+                if !edges.iter().any(near) {
+                    splats.push(&sampled.cloud, k);
+                }
             }
-            let octant = |face: u32| {
-                let c = centroids[face as usize];
-                usize::from(c.x >= center.x) | usize::from(c.y >= center.y) << 1 | usize::from(c.z >= center.z) << 2
-            };
-            order[faces.clone()].sort_by_key(|&face| octant(face));
-            let first = nodes.len() as u32;
-            let mut start = faces.start;
-            while start < faces.end {
-                let part = octant(order[start]);
-                let end = start + order[start..faces.end].partition_point(|&face| octant(face) == part);
-                nodes.push(Node { depth: depth + 1, faces: start..end, children: 0..0 });
-                let sign = |bit: usize| if part >> bit & 1 == 1 { 0.5 } else { -0.5 };
-                cubes.push((center + DVec3::new(sign(0), sign(1), sign(2)) * half, half * 0.5));
-                start = end;
-            }
-            nodes[i - 1].children = first..nodes.len() as u32;
+            let faces = &tree.order[node.faces.clone()];
+            let own = (start..splats.len()).map(|k| splats.normals[k as usize]);
+            // Splats that borders cut may have grown, also those of the nodes below, which are half as large.
+            let largest = if splats.is_clipped(start) { radius * f64::max(1.0, 0.5 * MOST_GROWN) } else { radius };
+            let largest = splats.radius_from(start).max(largest);
+            let mut described = describe(&geometry, faces, own, radius, largest);
+            described.children = node.children.clone();
+            described.splats = start..splats.len();
+            described.triangles = node.faces.start as u32..node.faces.end as u32;
+            nodes.push(described);
         }
-        Self { nodes, order, side: geometry.extent }
+    }
+    let transitions = shared
+        .iter()
+        .map(|(leaves, shared)| {
+            let start = splats.len();
+            shared.splats.iter().filter(|splat| splat.color[3] > 0.0).for_each(|splat| splats.push_edge(splat));
+            Transition { leaves: *leaves, splats: start..splats.len() }
+        })
+        .collect();
+    let ordered = some_triangles(mesh, &tree.order).with_one_material();
+    let cloud = splats.cloud(mesh, geometry.is_painted())?;
+    weighted(Octree::new(cloud, ordered, nodes, transitions)?)
+}
+
+/// Some of the triangles, in this order, with all vertices.
+fn some_triangles(mesh: &Mesh, faces: &[u32]) -> Mesh {
+    Mesh {
+        triangles: faces.iter().map(|face| mesh.triangles[*face as usize]).collect(),
+        materials: mesh.materials.as_ref().map(|all| all.select(faces.iter().copied())),
+        ..mesh.clone()
+    }
+}
+
+/// The mesh with the normals that its splats are shaded with, so that both look alike. A vertex whose triangles meet at
+/// a crease becomes several.
+fn with_smooth_normals(mesh: &Mesh) -> Mesh {
+    let corner_normals = Geometry::new(mesh).smooth().corner_normals;
+    let mut vertex_of: BTreeMap<(u32, [u32; 3]), u32> = BTreeMap::new();
+    let (mut sources, mut normals): (Vec<u32>, Vec<[f32; 3]>) = (Vec::new(), Vec::new());
+    let mut place = |i: u32, normal: DVec3| {
+        let normal = normal.as_vec3().to_array();
+        *vertex_of.entry((i, normal.map(f32::to_bits))).or_insert_with(|| {
+            sources.push(i);
+            normals.push(normal);
+            sources.len() as u32 - 1
+        })
+    };
+    let corners = mesh.triangles.iter().zip(&corner_normals);
+    let triangles = corners.map(|(t, n)| [0, 1, 2].map(|k| place(t[k], n[k]))).collect();
+    let pick = |column: &Vec<[f32; 3]>| sources.iter().map(|&i| column[i as usize]).collect();
+    Mesh {
+        positions: mesh.positions.select(&sources),
+        triangles,
+        normals: Some(normals),
+        colors: mesh.colors.as_ref().map(pick),
+        alphas: mesh.alphas.as_ref().map(|column| sources.iter().map(|&i| column[i as usize]).collect()),
+        uvs: mesh.uvs.as_ref().map(|column| sources.iter().map(|&i| column[i as usize]).collect()),
+        ..mesh.clone()
+    }
+}
+
+/// Measures the interior weight where splats are finest.
+fn weighted(octree: Octree) -> Result<Octree, SampleError> {
+    let leaves = octree.nodes().iter().filter(|n| n.is_leaf()).map(|n| n.splats.clone());
+    let finest: Vec<_> = leaves.chain(octree.transitions().iter().map(|t| t.splats.clone())).collect();
+    let weight = interior::interior_weight(&octree.cloud_of(&finest)?);
+    let mut cloud = octree.cloud().clone();
+    if let Some(weight) = weight {
+        cloud.set_interior_weight(weight);
+    }
+    cloud.set_oriented(is_oriented(octree.mesh()));
+    Ok(Octree::new(cloud, octree.mesh().clone(), octree.nodes().to_vec(), octree.transitions().to_vec())?)
+}
+
+/// The surface of all nodes of one depth, sampled at once, so that nodes meet without a seam.
+struct Level {
+    cloud: SplatCloud,
+    spacing: f64,
+    /// Splats of each node.
+    splats_of: Vec<Vec<usize>>,
+}
+
+impl Level {
+    fn new(
+        geometry: &Geometry,
+        is_border: &[bool],
+        tree: &FaceTree,
+        nodes: &[Node],
+        spacing: f64,
+        progress: &dyn Progress,
+    ) -> Result<Self, SampleError> {
+        let mesh = geometry.mesh;
+        let faces: Vec<u32> = nodes.iter().flat_map(|n| tree.order[n.faces.clone()].iter().copied()).collect();
+        let node_of: Vec<usize> = nodes.iter().enumerate().flat_map(|(i, n)| n.faces.clone().map(move |_| i)).collect();
+        let area: f64 = faces.iter().map(|face| geometry.areas[*face as usize]).sum();
+        let mut splats_of = vec![Vec::new(); nodes.len()];
+        let empty = || CloudData::new(mesh.origin, assemble::centers(mesh, &[]), assemble::ellipses(&[]));
+        if area <= 0.0 {
+            return Ok(Self { cloud: SplatCloud::new(empty(), OnInvalid::Refuse)?.0, spacing, splats_of });
+        }
+        let count = (area / (spacing * spacing)).ceil().clamp(1.0, MOST_IN_LEVEL);
+        let part = some_triangles(mesh, &faces);
+        let mut report = MeshReport {
+            method: MeshMethod::Count(count as usize),
+            splats: 0,
+            degenerate: 0,
+            feature_edges: 0,
+            median_radius: 0.0,
+            interior_weight: None,
+        };
+        let is_cut = |corner: u32| !is_border[3 * faces[corner as usize / 3] as usize + corner as usize % 3];
+        let (data, on_face) = splats_and_faces(&part, &is_cut, count as usize, 1.0, &mut report, progress)?;
+        for (splat, face) in on_face.iter().enumerate() {
+            splats_of[node_of[*face as usize]].push(splat);
+        }
+        let cloud = SplatCloud::new(data, OnInvalid::Refuse)?.0;
+        Ok(Self { cloud, spacing: (area / count).sqrt(), splats_of })
+    }
+}
+
+/// Sphere and cone of a node's triangles and splats; ranges are left empty.
+fn describe(
+    geometry: &Geometry,
+    faces: &[u32],
+    splats: impl Iterator<Item = DVec3>,
+    radius: f64,
+    largest: f64,
+) -> OctreeNode {
+    let vertices = || faces.iter().flat_map(|face| geometry.corners(*face as usize));
+    let (low, high) = vertices().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    let center = (low + high) * 0.5;
+    let reach = vertices().map(|v| (v - center).length()).fold(0.0, f64::max);
+    let weighted = |face: &u32| geometry.normals[*face as usize] * geometry.areas[*face as usize];
+    let axis = unit(faces.iter().map(weighted).sum());
+    let normals = faces.iter().map(|face| geometry.normals[*face as usize]).filter(|n| *n != DVec3::ZERO).chain(splats);
+    // A hair wider, for the rounding of the normals themselves.
+    let cosine = normals.map(|n| n.dot(axis)).fold(1.0, f64::min) - 1e-6;
+    let has_axis = axis != DVec3::ZERO;
+    OctreeNode {
+        center: center.to_array(),
+        // The splats of all nodes below lie on the same triangles and are no larger.
+        radius: reach + largest,
+        splat_radius: radius,
+        cone_axis: if has_axis { axis.to_array() } else { [0.0, 0.0, 1.0] },
+        cone_cosine: if has_axis { cosine.max(-1.0) } else { -1.0 },
+        children: 0..0,
+        splats: 0..0,
+        triangles: 0..0,
+    }
+}
+
+/// Splats of all nodes, in the order of the file.
+#[derive(Default)]
+struct Collected {
+    centers: Vec<DVec3>,
+    axes: Vec<(DVec3, DVec3)>,
+    normals: Vec<DVec3>,
+    shading_normals: Vec<DVec3>,
+    colors: Vec<[f32; 4]>,
+    clip_lines: Vec<[ClipLine; 4]>,
+}
+
+impl Collected {
+    fn len(&self) -> u32 {
+        self.centers.len() as u32
     }
 
-    /// The leaf of every triangle.
-    pub(crate) fn leaf_of_face(&self) -> Vec<u32> {
-        let mut leaves = vec![0; self.order.len()];
-        for (i, node) in self.nodes.iter().enumerate().filter(|(_, n)| n.children.is_empty()) {
-            for face in &self.order[node.faces.clone()] {
-                leaves[*face as usize] = i as u32;
-            }
+    /// Splats from `start` on are clipped, one or more of them.
+    fn is_clipped(&self, start: u32) -> bool {
+        self.clip_lines[start as usize..].iter().any(|lines| !lines[0].a.is_nan())
+    }
+
+    /// The largest semi-axis from splat `start` on.
+    fn radius_from(&self, start: u32) -> f64 {
+        self.axes[start as usize..].iter().map(|(s, _)| s.length()).fold(0.0, f64::max)
+    }
+
+    fn push(&mut self, cloud: &SplatCloud, i: usize) {
+        self.centers.push(cloud.data().centers.get(i));
+        self.axes.push(cloud.axes(i));
+        self.normals.push(cloud.normal(i));
+        self.shading_normals.push(cloud.shading_normal(i));
+        let [r, g, b] = cloud.color(i);
+        self.colors.push([r, g, b, cloud.alpha(i)]);
+        let lines = cloud.data().clips.as_ref().and_then(|clips| clips.lines.as_ref());
+        self.clip_lines.push(lines.map_or([NO_LINE; 4], |lines| lines[i]));
+    }
+
+    fn push_edge(&mut self, splat: &EdgeSplat) {
+        let (s, t) = orthonormal(splat.normal);
+        self.centers.push(splat.center);
+        self.axes.push((s * splat.radius, t * splat.radius));
+        self.normals.push(splat.normal);
+        self.shading_normals.push(splat.shading_normal);
+        self.colors.push(splat.color);
+        self.clip_lines.push([NO_LINE; 4]);
+    }
+
+    fn cloud(self, mesh: &Mesh, painted: bool) -> Result<SplatCloud, SampleError> {
+        SampleError::check_count("splats", self.centers.len())?;
+        let shape = assemble::ellipses(&self.axes);
+        let mut data = CloudData::new(mesh.origin, assemble::centers(mesh, &self.centers), shape);
+        data.shading_normals = Some(assemble::normals32(&self.shading_normals));
+        if self.is_clipped(0) {
+            data.clips = Some(ClipColumns { lines: Some(self.clip_lines), ..ClipColumns::default() });
         }
-        leaves
+        (data.colors, data.alphas) = assemble::paint(painted.then_some(self.colors));
+        data.up = mesh.up;
+        Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
     }
 }

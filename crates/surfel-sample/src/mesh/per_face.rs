@@ -1,8 +1,10 @@
 //! One ellipse a triangle (Bézier clipping paper 2012, §5.1).
 
-use super::MeshReport;
-use super::geometry::Geometry;
-use crate::neighbours::map_each;
+use super::borders::{Border, Borders, Kind, clip_columns};
+use super::geometry::{Geometry, Smooth};
+use super::options::MeshReport;
+use super::see_through;
+use crate::parallel::map_each;
 use crate::{Progress, SampleError, assemble};
 use glam::DVec3;
 use surfel_math::basis::unit;
@@ -51,7 +53,16 @@ pub(crate) fn splats(
         },
     );
     let (centers, axes): (Vec<DVec3>, Vec<_>) = made.into_iter().unzip();
-    let mut data = CloudData::new(mesh.origin, super::centers(mesh, &centers), assemble::ellipses(&axes));
+    let mut data = CloudData::new(mesh.origin, assemble::centers(mesh, &centers), assemble::ellipses(&axes));
+    let Smooth { borders, regions, feature_edges, .. } = geometry.smooth();
+    report.feature_edges = feature_edges;
+    // Where the surface is smooth, ellipses overlap their triangles and blend.
+    let borders: Vec<Border> = borders.into_iter().filter(|border| border.kind != Kind::Bend).collect();
+    let spacing = (geometry.total_area() / faces.len() as f64).sqrt();
+    let borders = Borders::new(&geometry, &borders, &regions, spacing, faces.len());
+    let kept = |i: usize| borders.keep(centers[i], axes[i], regions[faces[i]]);
+    let kept = map_each(faces.len(), &crate::NoProgress, || (), |(), i| kept(i));
+    data.clips = clip_columns(kept.iter().map(Option::as_ref));
     if let Some(normals) = &mesh.normals {
         let at = |face: &usize| {
             let sum: DVec3 =
@@ -63,7 +74,7 @@ pub(crate) fn splats(
     }
     let rgba = geometry.is_painted().then(|| faces.iter().map(|f| geometry.color(*f, CENTROID)).collect());
     (data.colors, data.alphas) = assemble::paint(rgba);
-    Ok(data)
+    Ok(see_through::cut(&geometry, data, faces.iter().map(|f| *f as u32).collect()).0)
 }
 
 #[cfg(test)]

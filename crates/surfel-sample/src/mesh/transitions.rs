@@ -27,7 +27,8 @@ pub(crate) struct Shared {
     pub(crate) splats: Vec<EdgeSplat>,
 }
 
-/// Pairs of leaves, the lower first, and what they share. `spacing_of` is the distance between a leaf's splats.
+/// Pairs of leaves, the lower first, and the edges that they share. `spacing_of` is the distance between a leaf's
+/// splats.
 pub(crate) fn shared_edges(
     geometry: &Geometry,
     corner_normals: &[[DVec3; 3]],
@@ -72,7 +73,7 @@ pub(crate) fn shared_edges(
             let smooth = if smooth.length() > 1e-6 { unit(smooth) } else { between };
             entry.splats.push(EdgeSplat {
                 center: a + (b - a) * along,
-                normal: super::count::plane_normal(between, smooth),
+                normal: between,
                 shading_normal: smooth,
                 radius: radii::DENSITY * spacing,
                 color: geometry.color(face as usize, barycentric),

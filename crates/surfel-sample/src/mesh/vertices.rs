@@ -1,18 +1,36 @@
 //! A mesh's vertices as points.
 
-use super::geometry::Geometry;
-use super::{MeshMethod, MeshOptions, MeshReport};
+use super::closed::is_oriented;
+use super::geometry::{Geometry, SAME_NORMAL};
+use super::options::{MeshMethod, MeshOptions, MeshReport};
 use crate::{PointOptions, Progress, SampleError, assemble, points};
 use glam::DVec3;
-use surfel_model::{Mesh, PointCloud, SplatCloud};
+use surfel_math::basis::unit;
+use surfel_model::{CloudData, Column3, Mesh, OnInvalid, PointCloud, SplatCloud};
+
+/// Cosine of the angle, 60°, up to which normals in one place are those of one surface.
+const AGREE: f64 = 0.5;
 
 /// The vertices of a mesh as points, with its own normals or angle-weighted ones, and the colours of its texture and
 /// vertices. Vertices in the same place whose normals agree within 60° (texture seams) become one point; vertices
-/// of no triangle have normal zero (unknown).
+/// of no triangle have normal zero (unknown). Vertices that their material cuts, or whose alpha is 0, are left out.
 ///
 /// # Errors
 /// [`SampleError::Empty`] without vertices, [`SampleError::Model`] for a mesh that isn't valid.
 pub fn points_from_mesh(mesh: &Mesh) -> Result<PointCloud, SampleError> {
+    Ok(vertices(mesh)?.points)
+}
+
+/// Vertices as points.
+struct Vertices {
+    points: PointCloud,
+    /// The vertex that each point is.
+    sources: Vec<u32>,
+    /// For each vertex of the mesh the first vertex in the same place.
+    weld: Vec<u32>,
+}
+
+fn vertices(mesh: &Mesh) -> Result<Vertices, SampleError> {
     mesh.validate()?;
     if mesh.positions.is_empty() {
         return Err(SampleError::Empty { what: "mesh", missing: "vertices" });
@@ -24,6 +42,10 @@ pub fn points_from_mesh(mesh: &Mesh) -> Result<PointCloud, SampleError> {
     let normals = geometry.vertex_normals(&weld);
     let rgba = geometry.is_painted().then(|| vertex_colors(&geometry));
     let (colors, alphas) = assemble::paint(rgba);
+    let unseen: Vec<bool> = match &alphas {
+        Some(alphas) => alphas.iter().map(|a| *a == 0.0).collect(),
+        None => vec![false; mesh.positions.len()],
+    };
     let mut points = PointCloud {
         origin: mesh.origin,
         positions: mesh.positions.clone(),
@@ -39,23 +61,31 @@ pub fn points_from_mesh(mesh: &Mesh) -> Result<PointCloud, SampleError> {
         .enumerate()
         .map(|(i, first)| {
             let (n, m) = (normals[i], normals[*first as usize]);
-            i == *first as usize || (n != DVec3::ZERO && m != DVec3::ZERO && n.dot(m) < 0.5)
+            !unseen[i] && (i == *first as usize || (n != DVec3::ZERO && m != DVec3::ZERO && n.dot(m) < AGREE))
         })
         .collect();
+    let sources = (0..keep.len() as u32).filter(|i| keep[*i as usize]).collect();
     if keep.contains(&false) {
         points.retain(&keep);
     }
-    Ok(points)
+    Ok(Vertices { points, sources, weld })
 }
 
 fn vertex_colors(geometry: &Geometry) -> Vec<[f32; 4]> {
     let mesh = geometry.mesh;
+    // A vertex belongs to one material, which any of its triangles tells.
+    let mut face_of = vec![usize::MAX; mesh.positions.len()];
+    for (face, t) in mesh.triangles.iter().enumerate() {
+        t.iter().for_each(|i| face_of[*i as usize] = face);
+    }
     let at = |i: usize| {
+        let material = mesh.material(face_of[i]);
         let [r, g, b] = mesh.colors.as_ref().map_or([1.0; 3], |c| c[i]);
         let mut color = [r, g, b, mesh.alphas.as_ref().map_or(1.0, |a| a[i])];
-        if let (Some(texture), Some(uvs)) = (&mesh.texture, &mesh.uvs) {
+        if let (Some(texture), Some(uvs)) = (material.texture, &mesh.uvs) {
             color.iter_mut().zip(texture.sample(uvs[i])).for_each(|(c, t)| *c *= t);
         }
+        color[3] = material.alpha.opacity(color[3]);
         color
     };
     (0..mesh.positions.len()).map(at).collect()
@@ -66,10 +96,25 @@ pub(crate) fn splats(
     options: &MeshOptions,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, MeshReport), SampleError> {
-    let points = points_from_mesh(mesh)?;
+    let Vertices { mut points, sources, weld } = vertices(mesh)?;
     let point_options = PointOptions { radius_scale: options.radius_scale, ..PointOptions::default() };
-    let (cloud, found) = points::splats_from_points(&points, &point_options, progress)?;
-    let degenerate = Geometry::new(mesh).degenerate();
+    let geometry = Geometry::new(mesh);
+    // The mesh's own normals shade; where a splat lies and which side of it is seen is its faces' to decide.
+    let shading = points.normals.clone().filter(|_| mesh.normals.is_some());
+    if let Some(shading) = &shading {
+        points.normals = Some(assemble::normals32(&plane_normals(&geometry, &weld, &sources, shading)));
+    }
+    let (mut cloud, found) = points::splats_from_points(&points, &point_options, progress)?;
+    if let Some(shading) = shading {
+        let of = |i: usize| Some(unit(shading.get(i))).filter(|n| *n != DVec3::ZERO).unwrap_or(cloud.normal(i));
+        let normals: Vec<DVec3> = (0..cloud.len()).map(of).collect();
+        if normals.iter().enumerate().any(|(i, n)| cloud.normal(i).dot(*n) < SAME_NORMAL) {
+            let shading_normals = Some(assemble::normals32(&normals));
+            cloud = SplatCloud::new(CloudData { shading_normals, ..cloud.into_data() }, OnInvalid::Refuse)?.0;
+        }
+    }
+    cloud.set_oriented(is_oriented(mesh));
+    let degenerate = geometry.degenerate();
     let report = MeshReport {
         method: MeshMethod::PerVertex,
         splats: cloud.len(),
@@ -79,4 +124,27 @@ pub(crate) fn splats(
         interior_weight: found.interior_weight,
     };
     Ok((cloud, report))
+}
+
+/// Unit normals of the planes that splats at some vertices lie in: those of the faces that meet there, weighted by
+/// angle, as far as they agree with the vertex's own normal within 60°, so that hard edges stay hard. Where none does,
+/// all faces count; without any, the own normal stays.
+fn plane_normals(geometry: &Geometry, weld: &[u32], sources: &[u32], own: &Column3) -> Vec<DVec3> {
+    let mut corners: Vec<(u32, u32)> = Vec::with_capacity(3 * geometry.areas.len());
+    for (face, t) in geometry.mesh.triangles.iter().enumerate().filter(|(face, _)| geometry.areas[*face] > 0.0) {
+        corners.extend((0..3).map(|k| (weld[t[k] as usize], (3 * face + k) as u32)));
+    }
+    corners.sort_unstable();
+    let of = |(i, source): (usize, &u32)| {
+        let own = unit(own.get(i));
+        let place = weld[*source as usize];
+        let from = corners.partition_point(|(at, _)| *at < place);
+        let here = || corners[from..].iter().take_while(|(at, _)| *at == place).map(|(_, corner)| *corner as usize);
+        let normal = |corner: usize| geometry.normals[corner / 3];
+        let weighted = |corner: usize| geometry.angle(corner / 3, corner % 3) * normal(corner);
+        let agreeing = unit(here().filter(|corner| normal(*corner).dot(own) >= AGREE).map(weighted).sum());
+        let all: DVec3 = unit(here().map(weighted).sum());
+        [agreeing, all, own].into_iter().find(|n| *n != DVec3::ZERO).unwrap_or_default()
+    };
+    sources.iter().enumerate().map(of).collect()
 }

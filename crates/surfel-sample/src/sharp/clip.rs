@@ -1,4 +1,4 @@
-//! What clips the splat of a triangle: the ridges that its ellipse reaches over.
+//! Clips the splat of a triangle by the ridges that its ellipse reaches over.
 
 use super::conic::Conic;
 use super::surface::normal_of;
@@ -7,7 +7,8 @@ use crate::tree::KdTree;
 use glam::{DVec2, DVec3};
 use surfel_model::{ClipCurve, ClipLine, NO_LINE};
 
-/// How much larger than the ellipse through the triangle's corners a splat is, so that its corners don't lie on its rim.
+/// How much larger than the ellipse through the triangle's corners a splat is, so that its corners don't lie on its
+/// rim.
 pub(crate) const REACH: f64 = 1.1;
 /// Largest splat, over the ellipse through the corners, where a bulging ridge asks for more.
 const MOST_REACH: f64 = 1.6;
@@ -17,12 +18,12 @@ const DIRECTIONS: u32 = 64;
 const SLACK: f64 = 1e-4;
 /// Sizes tried for a cut to the triangle, over the triangle; a disk of [`REACH`] has no corner beyond twice its size.
 const CUTS: [f64; 5] = [1.6, 1.4, 1.25, 1.1, 1.03];
-/// The smallest, but for what the splat has to cover beyond its triangle. Neighbours overlap by as much: a sliver seen from the
-/// side may hold a pixel that its own filtered footprint just misses, and a neighbour has to fill it.
+/// The smallest, but for what the splat has to cover beyond its triangle. Neighbours overlap by as much: a sliver seen
+/// from the side may hold a pixel that its own filtered footprint just misses, and a neighbour has to fill it.
 const LEAST_CUT: f64 = 1.01;
 /// Directions in which a splat is looked at for what stands off the surface.
 const RING: u32 = 32;
-/// What a line leaves beyond what is to be kept, in (u, v), where both touch: many times the rounding of f32.
+/// Slack of a line beyond the part to be kept, in (u, v), where both touch: many times the rounding of f32.
 const HAIR: f64 = 2e-5;
 /// A curve that leaves its chord by less than this, in (u, v), is a line.
 const STRAIGHT_UV: f64 = 1e-3;
@@ -88,6 +89,13 @@ pub(crate) struct ClippedSplat {
     pub lines: [ClipLine; 4],
     /// One curve and four lines couldn't keep all that is beyond out: it is cut to about its triangle.
     pub is_cut_back: bool,
+}
+
+impl Default for ClippedSplat {
+    fn default() -> Self {
+        let [center, s, t] = [DVec3::ZERO; 3];
+        Self { center, s, t, curve: None, lines: [NO_LINE; 4], is_cut_back: false }
+    }
 }
 
 impl ClippedSplat {
@@ -199,7 +207,7 @@ pub(crate) fn clip(
 
     let own_lines = clipper.lines.len();
     let triangle: Vec<DVec2> = corners.iter().map(|p| clipper.uv(*p)).collect();
-    // What is to be kept: the triangle and its own ridges, where they bulge.
+    // To be kept: the triangle and its own ridges, where they bulge.
     let bulges = own_borders().flat_map(|border| border.conic.even_points(PIECE_SAMPLES)).map(|p| clipper.uv(p));
     let kept: Vec<DVec2> = triangle.iter().copied().chain(bulges).collect();
     let radius = clipper.s.length();
@@ -225,7 +233,7 @@ pub(crate) fn clip(
             None => beyond.push((border.ridge, i, points)),
         }
     }
-    // Those that reach farthest in come first: a line for them may serve the next.
+    // Ridges that reach farthest in come first: a line for them may serve the next.
     beyond.sort_by(|x, y| nearest(&x.2).total_cmp(&nearest(&y.2)).then(x.1.cmp(&y.1)));
     let mut unwanted = Vec::new();
     for (.., points) in beyond {
@@ -283,8 +291,9 @@ fn nearest(points: &[DVec2]) -> f64 {
     points.iter().map(|q| q.length_squared()).fold(f64::INFINITY, f64::min)
 }
 
-/// A line that keeps `kept` and as little as possible of the points: among those that have the two on different sides, the
-/// one that keeps the most of the disk; where there is none, the one that comes closest, which keeps `kept`. Also the gap between the two, negative where they overlap.
+/// A line that keeps `kept` and as little as possible of the points: among those that have the two on different sides,
+/// the one that keeps the most of the disk; where there is none, the one that comes closest, which keeps `kept`. Also
+/// the gap between the two, negative where they overlap.
 fn between(kept: &[DVec2], points: &[DVec2]) -> ([f64; 3], f64) {
     let mut best = ([0.0, 0.0, 1.0], f64::NEG_INFINITY, f64::NEG_INFINITY);
     // All around, and exactly along what is to be kept and what is not: both may touch in a corner.
@@ -336,7 +345,8 @@ fn to_rim(conic: &Conic) -> Option<f64> {
 }
 
 impl Clipper {
-    /// Adds lines that keep points (in order of angle) out and what is to be kept in: one where that does, else one for each half.
+    /// Adds lines that keep points (in order of angle) out and what is to be kept in: one where that does, else one for
+    /// each half.
     fn keep_out(&mut self, kept: &[DVec2], points: &[DVec2]) {
         if points.is_empty() || points.iter().all(|q| !self.keeps(*q)) {
             return;
@@ -354,9 +364,9 @@ impl Clipper {
         }
     }
 
-    /// Cuts to the triangle enlarged about its middle, where one curve and four lines can't keep all points out: as large as
-    /// keeps them out, and `least` times at the least, which misses nothing. The first `own` lines,
-    /// and the curve, are edges of the triangle already.
+    /// Cuts to the triangle enlarged about its middle, where one curve and four lines can't keep all points out: as
+    /// large as keeps them out, and `least` times at the least, which misses nothing. The first `own` lines, and the
+    /// curve, are edges of the triangle already.
     fn cut_to(&mut self, triangle: &[DVec2], own: usize, least: f64, points: &[DVec2]) {
         self.lines.truncate(own);
         let on_line = |[x, y, c]: &[f64; 3], p: DVec2| (x * p.x + y * p.y + c).abs() < 1e-9;

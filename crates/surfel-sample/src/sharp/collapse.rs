@@ -1,5 +1,5 @@
-//! Fewer, larger triangles by edge collapse (Garland and Heckbert 1997) with C12 §5.2's two rules: a collapse is refused
-//! when a splat of the new triangles couldn't be clipped to its ridges, and a curve's error joins the priority.
+//! Fewer, larger triangles by edge collapse (Garland and Heckbert 1997) with C12 §5.2's two rules: a collapse is
+//! refused when a splat of the new triangles couldn't be clipped to its ridges, and a curve's error joins the priority.
 
 use super::conic::{even_points, parabola_error};
 use super::surface::{Edge, Kind, Piece, Surface, edge, normal_of};
@@ -8,8 +8,8 @@ use glam::{DMat3, DVec3};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// What an edge's squared length adds to the squared error in the order of collapses. Where the surface is flat it makes
-/// the triangles even; elsewhere it is small beside a chord's error.
+/// Share of an edge's squared length that is added to its squared error in the order of collapses. Where the surface is
+/// flat it makes the triangles even; elsewhere it is small beside a chord's error.
 const EVENNESS: f64 = 1e-5;
 /// Least cosine between a triangle's normal before and after.
 const LEAST_TURN: f64 = 0.7;
@@ -17,8 +17,8 @@ const LEAST_TURN: f64 = 0.7;
 const SLIVER: f64 = 0.1;
 /// Longest edge, over that of an even triangulation of as many triangles: a large splat's depth tolerance is large.
 const LONGEST: f64 = 2.2;
-/// Largest error of a collapse, over the longest edge that is allowed then: before a curved part loses its shape, flat ones
-/// get longer edges.
+/// Largest error of a collapse, over the longest edge that is allowed then: before a curved part loses its shape, flat
+/// ones get longer edges.
 const DEAREST: f64 = 0.01;
 /// How often all edges are looked at.
 const ROUNDS: usize = 8;
@@ -33,7 +33,7 @@ pub(crate) struct Limits {
     pub faces: usize,
     /// Largest error of a collapse, in units of the surface.
     pub error: f64,
-    /// What a ridge may leave its chord and still count as straight.
+    /// How far a ridge may leave its chord and still count as straight.
     pub straight: f64,
     /// Cosine of the angle that makes a crease.
     pub crease_cos: f64,
@@ -99,8 +99,8 @@ struct Collapser<'a> {
     heap: BinaryHeap<Reverse<(u64, u32, u32)>>,
 }
 
-/// Collapses edges of `surface`, cheapest first, until a limit is met. Returns the square root of the largest error that a
-/// collapse was taken for.
+/// Collapses edges of `surface`, cheapest first, until a limit is met. Returns the square root of the largest error
+/// that a collapse was taken for.
 pub(crate) fn collapse(
     surface: &mut Surface,
     limits: Limits,
@@ -170,8 +170,8 @@ impl Collapser<'_> {
         }
     }
 
-    /// Collapses, cheapest first, until nothing is left to try or the next one's error is above `dearest`; returns the largest
-    /// squared error, and whether `dearest` was met.
+    /// Collapses, cheapest first, until nothing is left to try or the next one's error is above `dearest`; returns the
+    /// largest squared error, and whether `dearest` was met.
     fn round(&mut self, dearest: f64, left: &mut usize, progress: &dyn Progress) -> (f64, bool) {
         let mut largest = 0.0f64;
         while *left > self.limits.faces {

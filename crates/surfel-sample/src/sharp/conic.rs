@@ -12,7 +12,7 @@ const WEIGHT: (f64, f64) = (0.05, 20.0);
 const STEPS: usize = 160;
 
 /// A rational quadratic Bézier curve with end weights 1 (C12 eq. 3).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Conic {
     pub p1: DVec3,
     pub p2: DVec3,
@@ -37,7 +37,7 @@ impl Conic {
         self.p1 + ((self.p2 - self.p1) * b + (self.p3 - self.p1) * c) / (a + b + c)
     }
 
-    /// The same curve from its other end.
+    /// This curve from its other end.
     pub(crate) fn reversed(&self) -> Self {
         Self { p1: self.p3, p3: self.p1, ..*self }
     }
@@ -47,8 +47,8 @@ impl Conic {
         Self { p1: f(self.p1), p2: f(self.p2), p3: f(self.p3), w: self.w }
     }
 
-    /// The part of the same conic between parameters `t0` and `t1`, which may lie outside [0, 1]; `None` where that isn't
-    /// a Bézier curve of positive weights.
+    /// The part of the same conic between parameters `t0` and `t1`, which may lie outside [0, 1]; `None` where that
+    /// isn't a Bézier curve of positive weights.
     pub(crate) fn part(&self, t0: f64, t1: f64) -> Option<Self> {
         let homogeneous = |p: DVec3, w: f64| DVec4::from((p * w, w));
         let h = [homogeneous(self.p1, 1.0), homogeneous(self.p2, self.w), homogeneous(self.p3, 1.0)];
@@ -102,8 +102,8 @@ pub(crate) fn even_points(line: &[DVec3], count: usize) -> Vec<DVec3> {
     (0..count).map(point).collect()
 }
 
-/// Largest distance between a polyline and its own best parabola, by least squares over P2: the quick figure for what one
-/// curve costs, before it is fitted.
+/// Largest distance between a polyline and its own best parabola, by least squares over P2: the quick figure for what
+/// one curve costs, before it is fitted.
 pub(crate) fn parabola_error(line: &[DVec3]) -> f64 {
     let (Some(&a), Some(&b)) = (line.first(), line.last()) else { return 0.0 };
     if line.len() < 3 {
@@ -122,15 +122,15 @@ pub(crate) fn parabola_error(line: &[DVec3]) -> f64 {
 }
 
 /// A curve fitted to a polyline.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Fit {
     pub conic: Conic,
     /// Eq. 12 of the start, and of the fitted curve: at most the start's.
     pub errors: [f64; 2],
 }
 
-/// Fits a curve through the ends of a polyline (C12 §4): from the parabola through the bisector's point, P2 = 2I − M with
-/// w = 1 (the paper's eq. 10 prints 2I + M), downhill in P2 and ln w over eq. 12.
+/// Fits a curve through the ends of a polyline (C12 §4): from the parabola through the bisector's point, P2 = 2I − M
+/// with w = 1 (the paper's eq. 10 prints 2I + M), downhill in P2 and ln w over eq. 12.
 ///
 /// Deterministic, bounded, and never worse than its start: the best curve met is the result.
 pub(crate) fn fit(line: &[DVec3]) -> Fit {

@@ -2,12 +2,12 @@
 
 use super::clip::ClippedSplat;
 use crate::mesh::geometry::Geometry;
+use crate::parallel::map_tasks;
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
 use obvhs::{Boundable, BvhBuildParams};
-use rayon::prelude::*;
 use std::time::Duration;
 use surfel_math::V2;
 use surfel_math::clip::Clip;
@@ -20,16 +20,16 @@ const SPLAT_SAMPLES: usize = 24;
 /// Splats against their mesh. Distances in object units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SharpErrors {
-    /// From what splats keep of their disks to the mesh: mean and largest.
+    /// From the kept parts of splats to the mesh: mean and largest.
     pub splats_to_mesh: [f64; 2],
-    /// From the mesh to what splats keep: mean and largest.
+    /// From the mesh to the kept parts of splats: mean and largest.
     pub mesh_to_splats: [f64; 2],
     /// Mean angle between a splat's normal and the mesh's where it is nearest, degrees.
     pub normal_deg: f64,
 }
 
 impl SharpErrors {
-    /// What the comment begins with.
+    /// The beginning of the comment.
     pub const PREFIX: &str = "sharp errors: ";
 
     /// The figures as a line for a file's header, which `surfel info` shows.
@@ -100,7 +100,8 @@ impl Boxes {
         });
     }
 
-    /// The least of `distance` (a box's index to a distance) about `p`, and whose it is: in growing boxes, from `guess` on.
+    /// The least of `distance` (a box's index to a distance) about `p`, and whose it is: in growing boxes, from `guess`
+    /// on.
     fn nearest(&self, p: DVec3, guess: f64, extent: f64, distance: impl Fn(usize) -> f64) -> (f64, usize) {
         let mut radius = guess.max(1e-12 * extent);
         loop {
@@ -116,6 +117,36 @@ impl Boxes {
             }
             radius *= 2.0;
         }
+    }
+}
+
+/// The point of a mesh that is nearest to another point.
+struct Foot {
+    /// How far it is from the other.
+    distance: f64,
+    /// A triangle that it lies on; 0 where the mesh has none.
+    face: usize,
+    barycentric: [f64; 3],
+}
+
+/// How far sampled points of splats are from a mesh.
+#[derive(Clone, Copy, Default)]
+struct Deviation {
+    /// Sum of distances.
+    distances: f64,
+    largest: f64,
+    /// Sum of the angles between normals.
+    degrees: f64,
+    /// Number of points.
+    count: usize,
+}
+
+impl Deviation {
+    fn add(&mut self, other: &Self) {
+        self.distances += other.distances;
+        self.largest = self.largest.max(other.largest);
+        self.degrees += other.degrees;
+        self.count += other.count;
     }
 }
 
@@ -136,51 +167,57 @@ impl<'a> MeshIndex<'a> {
         Self { geometry, boxes: Boxes::new(&bounds, frame), faces, guess }
     }
 
-    /// Distance to the mesh, the nearest triangle, and barycentric coordinates there.
-    fn nearest(&self, p: DVec3) -> (f64, usize, [f64; 3]) {
+    /// The point of the mesh that is nearest to `p`.
+    fn nearest(&self, p: DVec3) -> Foot {
         let at = |i: usize| closest(p, self.geometry.corners(self.faces[i]));
         let (distance, i) = self.boxes.nearest(p, self.guess, self.geometry.extent, |i| at(i).0);
         match self.faces.get(i) {
-            Some(face) => (distance, *face, at(i).1),
-            None => (f64::INFINITY, 0, [1.0, 0.0, 0.0]),
+            Some(face) => Foot { distance, face: *face, barycentric: at(i).1 },
+            None => Foot { distance: f64::INFINITY, face: 0, barycentric: [1.0, 0.0, 0.0] },
         }
     }
 
     /// How far a point is from the mesh: positive outside of it.
     pub(crate) fn signed_distance(&self, p: DVec3) -> f64 {
-        let (distance, face, [a, b, c]) = self.nearest(p);
+        let Foot { distance, face, barycentric: [a, b, c] } = self.nearest(p);
         let [x, y, z] = self.geometry.corners(face);
         let out = (p - (x * a + y * b + z * c)).dot(self.geometry.normals[face]);
         distance.copysign(out)
     }
 
+    /// The triangle nearest to a point.
+    pub(crate) fn face(&self, p: DVec3) -> u32 {
+        self.nearest(p).face as u32
+    }
+
     /// The mesh's colour nearest to a point.
     pub(crate) fn color(&self, geometry: &Geometry, p: DVec3) -> [f32; 4] {
-        let (_, face, barycentric) = self.nearest(p);
-        geometry.color(face, barycentric)
+        let foot = self.nearest(p);
+        geometry.color(foot.face, foot.barycentric)
     }
 
     /// Distances both ways and normals.
     pub(crate) fn errors(&self, splats: &[ClippedSplat]) -> SharpErrors {
         let clips: Vec<Option<Clip<f64>>> = splats.iter().map(clip_of).collect();
-        let forward: Vec<(f64, f64, f64, usize)> = splats
-            .par_iter()
-            .zip(&clips)
-            .map(|(splat, clip)| {
-                let normal = surfel_math::basis::unit(splat.s.cross(splat.t));
-                let (mut sum, mut largest, mut angle, mut count) = (0.0, 0.0f64, 0.0, 0);
-                for uv in spiral(SPLAT_SAMPLES).filter(|uv| clip.is_none_or(|c| c.keeps(*uv))) {
-                    let (distance, face, _) = self.nearest(splat.center + splat.s * uv.x + splat.t * uv.y);
-                    let cosine = normal.dot(self.geometry.normals[face]).clamp(-1.0, 1.0);
-                    (sum, largest, count) = (sum + distance, largest.max(distance), count + 1);
-                    angle += cosine.acos().to_degrees();
-                }
-                (sum, largest, angle, count)
-            })
-            .collect();
-        let total =
-            forward.iter().fold((0.0, 0.0f64, 0.0, 0usize), |a, b| (a.0 + b.0, a.1.max(b.1), a.2 + b.2, a.3 + b.3));
-        let count = total.3.max(1) as f64;
+        let forward = map_tasks(splats.len(), |i| {
+            let (splat, clip) = (&splats[i], &clips[i]);
+            let normal = surfel_math::basis::unit(splat.s.cross(splat.t));
+            let mut deviation = Deviation::default();
+            for uv in spiral(SPLAT_SAMPLES).filter(|uv| clip.is_none_or(|c| c.keeps(*uv))) {
+                let foot = self.nearest(splat.center + splat.s * uv.x + splat.t * uv.y);
+                let cosine = normal.dot(self.geometry.normals[foot.face]).clamp(-1.0, 1.0);
+                deviation.add(&Deviation {
+                    distances: foot.distance,
+                    largest: foot.distance,
+                    degrees: cosine.acos().to_degrees(),
+                    count: 1,
+                });
+            }
+            deviation
+        });
+        let mut total = Deviation::default();
+        forward.iter().for_each(|of_splat| total.add(of_splat));
+        let count = total.count.max(1) as f64;
 
         let frame = self.boxes.frame;
         let disks = |s: &ClippedSplat| {
@@ -189,21 +226,17 @@ impl<'a> MeshIndex<'a> {
         };
         let boxes = Boxes::new(&splats.iter().map(disks).collect::<Vec<_>>(), frame);
         let step = self.faces.len().div_ceil(MESH_SAMPLES).max(1);
-        let back: Vec<f64> = (0..self.faces.len())
-            .into_par_iter()
-            .filter(|i| i % step == 0)
-            .map(|i| {
-                let [a, b, c] = self.geometry.corners(self.faces[i]);
-                let p = a + ((b - a) + (c - a)) / 3.0;
-                let distance = |i: usize| distance_to(&splats[i], clips[i].as_ref(), p);
-                boxes.nearest(p, 1e-2 * self.guess, self.geometry.extent, distance).0
-            })
-            .collect();
+        let back = map_tasks(self.faces.len().div_ceil(step), |i| {
+            let [a, b, c] = self.geometry.corners(self.faces[i * step]);
+            let p = a + ((b - a) + (c - a)) / 3.0;
+            let distance = |i: usize| distance_to(&splats[i], clips[i].as_ref(), p);
+            boxes.nearest(p, 1e-2 * self.guess, self.geometry.extent, distance).0
+        });
         let largest = back.iter().fold(0.0f64, |a, b| a.max(*b));
         SharpErrors {
-            splats_to_mesh: [total.0 / count, total.1],
+            splats_to_mesh: [total.distances / count, total.largest],
             mesh_to_splats: [back.iter().sum::<f64>() / back.len().max(1) as f64, largest],
-            normal_deg: total.2 / count,
+            normal_deg: total.degrees / count,
         }
     }
 }
@@ -224,8 +257,8 @@ fn spiral(count: usize) -> impl Iterator<Item = V2<f64>> {
     })
 }
 
-/// Distance of a point to what a splat keeps: to its foot on the plane where that is kept; else an upper bound, to where the
-/// way from the foot to the nearest kept point of the spiral meets what is kept.
+/// Distance of a point to what a splat keeps: to its foot on the plane where that is kept; else an upper bound, to
+/// where the way from the foot to the nearest kept point of the spiral meets what is kept.
 fn distance_to(splat: &ClippedSplat, clip: Option<&Clip<f64>>, p: DVec3) -> f64 {
     let d = p - splat.center;
     let foot = V2::new(d.dot(splat.s) / splat.s.length_squared(), d.dot(splat.t) / splat.t.length_squared());

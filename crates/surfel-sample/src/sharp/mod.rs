@@ -1,20 +1,25 @@
-//! Meshes to clipped splats that keep sharp features (C12 §4, §5).
+//! Clipped splats that keep sharp features, of meshes (C12 §4, §5) and of points.
+//!
+//! From a mesh:
 //!
 //! 1. `surface`: creases by dihedral angle, and borders, chained into smooth ridges from corner to corner;
 //! 2. `collapse`: fewer triangles, no ridge lost and no splat that can't be clipped;
 //! 3. `conic`: one curve for each piece of a ridge, in space, so that both sides clip against the same;
 //! 4. `clip`: an ellipse a triangle, its own ridges clipped exactly and others kept out;
 //! 5. `measure`: how far splats and mesh are apart.
+//!
+//! `points` does without a mesh: it clips the splats of a point cloud along the edges that the points show.
 
 mod clip;
 mod collapse;
 mod conic;
 mod measure;
+mod points;
 mod surface;
 
 use crate::mesh::geometry::Geometry;
-use crate::mesh::{centers, is_closed};
-use crate::neighbours::map_each;
+use crate::mesh::{CLOSED_MESH, is_closed, is_oriented, see_through};
+use crate::parallel::map_each;
 use crate::{Progress, SampleError, assemble, interior};
 use clip::{Border, Borders, ClippedSplat};
 use conic::Conic;
@@ -25,21 +30,22 @@ use surface::{Surface, edge, normal_of};
 use surfel_model::{ClipColumns, ClipCurve, ClipMode, CloudData, Mesh, OnInvalid, SplatCloud};
 
 pub use measure::SharpErrors;
+pub use points::{SharpPointsReport, sharpen_points};
 
-/// Comment of a cloud that covers a closed mesh from outside: nobody sees the back of one of its splats.
-pub const CLOSED_MESH: &str = "covers a closed mesh";
-/// What a ridge may leave its chord and still be clipped by a line, over the largest side of the bounds: a twentieth of a
-/// pixel of a picture 1000 px wide.
+/// How far a ridge may leave its chord and still be clipped by a line, over the largest side of the bounds: a twentieth
+/// of a pixel of an image 1000 px wide.
 const STRAIGHT: f64 = 5e-5;
 
-/// What both sides of a ridge reach over it at least, over the largest side of the bounds: 50 times the rounding of f32.
+/// How far both sides of a ridge reach over it at least, over the largest side of the bounds: 50 times the rounding of
+/// f32.
 const LEAST_OVERLAP: f64 = 5e-6;
+
 /// How far a splat may stand off the mesh beyond its own triangle before it is cut back, over the largest side of the
-/// bounds: a quarter of a pixel of a picture 1000 px wide. What stands off is seen past silhouettes.
+/// bounds: a quarter of a pixel of an image 1000 px wide. What stands off is seen past silhouettes.
 const STRAY: f64 = 2.5e-4;
 
-/// The same, over the splat's larger radius: where a surface is curved all over, splats have to overlap to blend. More than
-/// this covers too much of a silhouette, less shows facets.
+/// How far a splat may stand off the mesh, over its larger radius: where a surface is curved all over, splats have
+/// to overlap to blend. More than this covers too much of a silhouette, less shows facets.
 const STRAY_SHARE: f64 = 0.035;
 
 /// How a mesh becomes clipped splats.
@@ -80,7 +86,7 @@ impl SharpOptions {
     }
 }
 
-/// What was found and made.
+/// Report of a conversion to clipped splats.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SharpReport {
     /// Splats made.
@@ -95,8 +101,8 @@ pub struct SharpReport {
     pub ridges: [usize; 2],
     /// Mean distance between ridges and curves (C12 eq. 12) before and after fitting, object units.
     pub curve_errors: [f64; 2],
-    /// Mean distance of curved ridges from the planes of the splats on their two sides (C12 fig. 11), object units: with
-    /// each splat in its triangle's plane, and with the plane moved to the ridge's mean height, as it is.
+    /// Mean distance of curved ridges from the planes of the splats on their two sides (C12 fig. 11), object units:
+    /// with each splat in its triangle's plane, and with the plane moved to the ridge's mean height, as it is.
     pub mismatch: [f64; 2],
     /// Splats against mesh.
     pub errors: SharpErrors,
@@ -109,8 +115,8 @@ pub struct SharpReport {
 /// Makes clipped splats of a mesh: an ellipse a triangle, clipped along creases and borders, so that a few large splats
 /// have the mesh's edges.
 ///
-/// With [`SharpOptions::splats`] or [`SharpOptions::error`] the mesh is simplified first; where it has fewer than half as
-/// many triangles as splats are asked for, its triangles are cut into four as long as they stay at most that many.
+/// With [`SharpOptions::splats`] or [`SharpOptions::error`] the mesh is simplified first; where it has fewer than half
+/// as many triangles as splats are asked for, its triangles are cut into four as long as they stay at most that many.
 /// Colours are those of the mesh at the splats' centres. Origin, up and comments carry over, the errors are added as a
 /// comment, and the cloud's `interior_weight` is set.
 ///
@@ -158,7 +164,7 @@ pub fn sharp_splats_from_mesh(
         let distance = |p: DVec3| index.signed_distance(p).abs();
         collapse::collapse(&mut surface, limits, &distance, progress);
     }
-    let (mut borders, own, regions, curve_errors) = borders(&surface, straight);
+    let Sides { mut borders, own, regions, curve_errors } = borders(&surface, straight);
     let stray = STRAY * surface.extent;
     let (lifts, mismatch) = lift(&surface, &mut borders, &own, LEAST_OVERLAP * surface.extent);
     progress.stage("clips", surface.faces.len() as u64);
@@ -179,6 +185,7 @@ pub fn sharp_splats_from_mesh(
     let errors = index.errors(&splats);
     progress.advance(1);
     let mut cloud = assemble_cloud(mesh, &geometry, &index, &splats, &errors)?;
+    cloud.set_oriented(is_oriented(mesh));
     let interior_weight = interior::interior_weight(&cloud);
     if let Some(weight) = interior_weight {
         cloud.set_interior_weight(weight);
@@ -199,10 +206,19 @@ pub fn sharp_splats_from_mesh(
     Ok((cloud, report))
 }
 
-type Sides = (Borders, Vec<[Option<usize>; 3]>, Vec<u32>, [f64; 2]);
+/// The borders of a surface's smooth regions.
+struct Sides {
+    /// Two for each piece of a ridge: one for either side.
+    borders: Borders,
+    /// The borders along the edges of each triangle.
+    own: Vec<[Option<usize>; 3]>,
+    /// The smooth region that each triangle belongs to.
+    regions: Vec<u32>,
+    /// Mean errors of the curves before and after fitting.
+    curve_errors: [f64; 2],
+}
 
-/// One curve for each piece of a ridge and a border for each of its sides; each triangle's own borders; the smooth region
-/// that each triangle belongs to; mean errors of the curves before and after fitting.
+/// Fits one curve to each piece of a ridge and makes a border of either of its sides.
 fn borders(surface: &Surface, straight: f64) -> Sides {
     let regions = regions(surface);
     let mut pieces: Vec<_> = surface.pieces.iter().map(|(e, p)| (*e, *p)).collect();
@@ -239,7 +255,7 @@ fn borders(surface: &Surface, straight: f64) -> Sides {
         })
     });
     let own = own.collect();
-    (Borders::new(all), own, regions, errors)
+    Sides { borders: Borders::new(all), own, regions, curve_errors: errors }
 }
 
 /// Numbers the parts of the surface that no ridge divides.
@@ -277,8 +293,8 @@ fn regions(surface: &Surface) -> Vec<u32> {
     regions
 }
 
-/// How far each triangle's plane is moved along its normal toward its own curved borders, which bulge out of it where the
-/// surface is curved across the ridge, and the mean distance of those borders from the planes before and after (C12
+/// How far each triangle's plane is moved along its normal toward its own curved borders, which bulge out of it where
+/// the surface is curved across the ridge, and the mean distance of those borders from the planes before and after (C12
 /// fig. 11). What is left opens a gap between the two sides of a ridge, so both overlap by as much there; everywhere by
 /// `least_overlap`, more than the rounding of f32 axes.
 fn lift(
@@ -332,7 +348,7 @@ fn assemble_cloud(
 ) -> Result<SplatCloud, SampleError> {
     let positions: Vec<DVec3> = splats.iter().map(|s| s.center).collect();
     let axes: Vec<(DVec3, DVec3)> = splats.iter().map(|s| (s.s, s.t)).collect();
-    let mut data = CloudData::new(mesh.origin, centers(mesh, &positions), assemble::ellipses(&axes));
+    let mut data = CloudData::new(mesh.origin, assemble::centers(mesh, &positions), assemble::ellipses(&axes));
     if splats.iter().any(ClippedSplat::is_clipped) {
         let none = ClipCurve { theta1: 0.0, theta3: 0.0, u: 0.0, v: 0.0, w: f32::NAN };
         let has_curves = splats.iter().any(|s| s.curve.is_some());
@@ -345,6 +361,10 @@ fn assemble_cloud(
     }
     let rgba = geometry.is_painted().then(|| splats.iter().map(|s| index.color(geometry, s.center)).collect());
     (data.colors, data.alphas) = assemble::paint(rgba);
+    if mesh.is_see_through() {
+        let faces = positions.iter().map(|p| index.face(*p)).collect();
+        data = see_through::cut(geometry, data, faces).0;
+    }
     data.up = mesh.up;
     data.comments = mesh.comments.clone();
     data.comments.push(errors.comment());

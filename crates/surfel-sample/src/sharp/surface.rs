@@ -14,7 +14,7 @@ pub(crate) fn edge(a: u32, b: u32) -> Edge {
     (a.min(b), a.max(b))
 }
 
-/// What holds a vertex in place.
+/// The feature that holds a vertex in place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// Nothing: it may move over the surface.
@@ -52,8 +52,8 @@ pub(crate) fn normal_of([a, b, c]: [DVec3; 3]) -> DVec3 {
 }
 
 impl Surface {
-    /// Welds vertices in the same place, leaves out triangles without area, and finds the ridges: edges where faces meet at
-    /// more than the crease angle, and edges that don't have one face on either side, wound alike.
+    /// Welds vertices in the same place, leaves out triangles without area, and finds the ridges: edges where faces
+    /// meet at more than the crease angle, and edges that don't have one face on either side, wound alike.
     pub(crate) fn new(geometry: &Geometry, crease_cos: f64) -> Self {
         let weld = geometry.weld();
         let mut index = HashMap::new();

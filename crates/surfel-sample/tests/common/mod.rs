@@ -78,8 +78,16 @@ impl<'a> Index<'a> {
         let v = s.cross(d).dot(-n) / det;
         let lambda = s.cross(t).dot(d) / det;
         let rho2 = u * u + v * v;
-        (rho2 <= 1.0 && lambda.abs() <= self.cloud.radius_max(i)).then(|| (-2.0 * rho2).exp())
+        (rho2 <= 1.0 && keeps(self.cloud, i, u, v) && lambda.abs() <= self.cloud.radius_max(i))
+            .then(|| (-2.0 * rho2).exp())
     }
+}
+
+/// True if every line of splat `i` keeps a point, given in its half-axes.
+pub(crate) fn keeps(cloud: &SplatCloud, i: usize, u: f64, v: f64) -> bool {
+    let lines = cloud.data().clips.iter().flat_map(|clips| &clips.lines).flat_map(|lines| lines[i]);
+    let mut lines = lines.filter(|line| !line.a.is_nan());
+    lines.all(|line| f64::from(line.a) * u + f64::from(line.b) * v + f64::from(line.c) >= 0.0)
 }
 
 /// What share of `places` (position, normal) is under no splat and under at least two, and the median Σw.

@@ -143,11 +143,13 @@ pub(crate) const KERNELS: &[Kernel] = &[
         "let t = turn_after(Turn(vec2f(x0, x1), vec2f(x2, x3)), Turn(vec2f(x4, x5), vec2f(x6, x7)));",
         "t.first.x; t.first.y; t.second.x; t.second.y", inputs::numbers::<8>, inputs::wild::<8>, Some(turned_terms)),
     kernel!("clip_through", 36 => &[3, 3, 3, 1, 3, 3, 3, 3, 1], through,
-        "let clip = Clip(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8), x9, array<Linear, 4>(Linear(x10, x11, x12),
+        "let clip = Clip(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8), x9, array<Linear, 4>(Linear(x10, \
+         x11, x12),
              Linear(x13, x14, x15), Linear(x16, x17, x18), Linear(x19, x20, x21)), x22);
          let c = clip_through(clip, Footprint(Linear(x23, x24, x25), Linear(x26, x27, x28), Linear(x29, x30, x31)),
              Turn(vec2f(x32, x33), vec2f(x34, x35)));",
-        "c.chord.c; c.chord.x; c.chord.y; c.side1.c; c.side1.x; c.side1.y; c.side3.c; c.side3.x; c.side3.y; c.curve_sign;
+        "c.chord.c; c.chord.x; c.chord.y; c.side1.c; c.side1.x; c.side1.y; c.side3.c; c.side3.x; c.side3.y; \
+         c.curve_sign;
          c.lines[0].c; c.lines[0].x; c.lines[0].y; c.lines[1].c; c.lines[1].x; c.lines[1].y; c.lines[2].c; c.lines[2].x;
          c.lines[2].y; c.lines[3].c; c.lines[3].x; c.lines[3].y; c.line_sign",
         |r| through_input(r, inputs::footprint), |r| through_input(r, inputs::wild_footprint), Some(through_terms)),
@@ -158,7 +160,8 @@ pub(crate) const KERNELS: &[Kernel] = &[
     kernel!("clip_keeps", 25 => &[1], keeps, CLIP, "flag(clip_keeps(clip, vec2f(x23, x24)))",
         |r| clear_of_the_curve(r, 0.5), |r| clear_of_the_curve(r, 6.0), None),
     wide!("adjust_axes_turned", 12 => &[3, 3, 2, 2], adjust_axes_turned,
-        "let a = adjust_axes_turned(ViewSplat(vec3f(x0, x1, x2), vec3f(x3, x4, x5), vec3f(x6, x7, x8), vec3f(x9, x10, x11)), true);",
+        "let a = adjust_axes_turned(ViewSplat(vec3f(x0, x1, x2), vec3f(x3, x4, x5), vec3f(x6, x7, x8), vec3f(x9, x10, \
+         x11)), true);",
         "a.axes.s.x; a.axes.s.y; a.axes.s.z; a.axes.t.x; a.axes.t.y; a.axes.t.z;
          a.turn.first.x; a.turn.first.y; a.turn.second.x; a.turn.second.y",
         inputs::clear_ellipse, inputs::tilted_disk, Some(adjust_terms)),

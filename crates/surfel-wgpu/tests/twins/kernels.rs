@@ -19,7 +19,7 @@ pub(crate) struct Kernel {
     /// Numbers that it gives.
     pub outputs: usize,
     /// Lengths of the vectors among them.
-    pub groups: &'static [usize],
+    pub workgroups: &'static [usize],
     /// Statements before the results.
     pub wgsl: &'static str,
     /// The results, separated by semicolons.
@@ -28,26 +28,28 @@ pub(crate) struct Kernel {
     pub exact: fn(&[f64]) -> Vec<f64>,
     pub ordinary: fn(&mut Random) -> Vec<f32>,
     pub adversarial: fn(&mut Random) -> Vec<f32>,
-    /// What an ulp of a group of outputs is measured at where terms may cancel, or a result is as uncertain as its inputs.
+    /// What an ulp of a group of outputs is measured at where terms may cancel, or a result is as uncertain as its
+    /// inputs.
     pub scale: Option<fn(&[f64], usize) -> f64>,
 }
 
 macro_rules! kernel {
-    ($name:literal, $inputs:literal => $groups:expr, $f:ident, $wgsl:expr, $results:literal, $ordinary:expr,
+    ($name:literal, $inputs:literal => $workgroups:expr, $f:ident, $wgsl:expr, $results:literal, $ordinary:expr,
      $adversarial:expr, $scale:expr) => {
-        Kernel { rounded: $f::<f32>, ..wide!($name, $inputs => $groups, $f::<f64>, $wgsl, $results, $ordinary, $adversarial, $scale) }
+        Kernel { rounded: $f::<f32>, ..wide!($name, $inputs => $workgroups, $f::<f64>, $wgsl, $results, $ordinary,
+        $adversarial, $scale) }
     };
 }
 
 /// A kernel whose twin is f64 alone: the CPU's error is that of rounding the result.
 macro_rules! wide {
-    ($name:literal, $inputs:literal => $groups:expr, $f:expr, $wgsl:expr, $results:literal, $ordinary:expr,
+    ($name:literal, $inputs:literal => $workgroups:expr, $f:expr, $wgsl:expr, $results:literal, $ordinary:expr,
      $adversarial:expr, $scale:expr) => {
         Kernel {
             name: $name,
             inputs: $inputs,
-            outputs: sum($groups),
-            groups: $groups,
+            outputs: sum($workgroups),
+            workgroups: $workgroups,
             wgsl: $wgsl,
             results: $results,
             rounded: |x| f32s(&$f(&x.iter().map(|&v| v.into()).collect::<Vec<f64>>())),
@@ -354,7 +356,8 @@ pub(crate) const KERNELS: &[Kernel] = &[
         inputs::cancelling_pair, None),
     kernel!("v2_cross", 4 => &[1], v2_cross, "", "v2_cross(vec2f(x0, x1), vec2f(x2, x3))", inputs::numbers::<4>,
         inputs::cancelling_pair, None),
-    kernel!("v2_length", 2 => &[1], v2_length, "", "v2_length(vec2f(x0, x1))", inputs::numbers::<2>, inputs::wild::<2>, None),
+    kernel!("v2_length", 2 => &[1], v2_length, "", "v2_length(vec2f(x0, x1))", inputs::numbers::<2>,
+    inputs::wild::<2>, None),
     kernel!("v3_dot", 6 => &[1], v3_dot, "", "v3_dot(vec3f(x0, x1, x2), vec3f(x3, x4, x5))", inputs::numbers::<6>,
         inputs::wild::<6>, Some(dot3_terms)),
     kernel!("v3_cross", 6 => &[3], v3_cross, "let c = v3_cross(vec3f(x0, x1, x2), vec3f(x3, x4, x5));",
@@ -376,7 +379,8 @@ pub(crate) const KERNELS: &[Kernel] = &[
     kernel!("svd2_of_columns", 5 => &[1, 1, 2], svd, "let d = svd2_of_columns(vec2f(x0, x1), vec2f(x2, x3), x4);",
         "d.major; d.minor; d.major_axis.x; d.major_axis.y", inputs::ellipse, inputs::wild_ellipse, None),
     kernel!("svd2_of_columns/circles", 5 => &[1, 1], singular_values,
-        "let d = svd2_of_columns(vec2f(x0, x1), vec2f(x2, x3), x4);", "d.major; d.minor", inputs::circle, inputs::circle, None),
+        "let d = svd2_of_columns(vec2f(x0, x1), vec2f(x2, x3), x4);", "d.major; d.minor", inputs::circle,
+        inputs::circle, None),
     kernel!("svd2_minor_axis", 2 => &[2], minor_axis, "let v = svd2_minor_axis(Svd2(1.0, 1.0, vec2f(x0, x1)));",
         "v.x; v.y", inputs::numbers::<2>, inputs::wild::<2>, None),
     kernel!("projected_new/perspective", 12 => &[2, 2, 1, 2, 2, 1, 1, 1], projected_perspective,
@@ -397,10 +401,12 @@ pub(crate) const KERNELS: &[Kernel] = &[
     kernel!("radius_max", 6 => &[1], radius_max, "", "radius_max(vec3f(x0, x1, x2), vec3f(x3, x4, x5))",
         inputs::numbers::<6>, |r| r.axes(), None),
     kernel!("projection_offset_from/perspective", 5 => &[2], offset_perspective,
-        "let d = projection_offset_from(Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE),
+        "let d = projection_offset_from(Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, \
+         PERSPECTIVE),
              vec3f(x0, x1, x2), vec2f(x3, x4));", "d.x; d.y", point_and_base, wild_point_and_base, None),
     kernel!("projection_offset_from/orthographic", 5 => &[2], offset_orthographic,
-        "let d = projection_offset_from(Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC),
+        "let d = projection_offset_from(Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, \
+         ORTHOGRAPHIC),
              vec3f(x0, x1, x2), vec2f(x3, x4));", "d.x; d.y", point_and_base, wild_point_and_base, Some(offset_terms)),
     kernel!("linear_new", 3 => &[3], linear_new, "let l = linear_new(x0, vec2f(x1, x2));", "l.c; l.x; l.y",
         inputs::numbers::<3>, inputs::wild::<3>, None),
@@ -416,45 +422,55 @@ pub(crate) const KERNELS: &[Kernel] = &[
         "let f = footprint_about_center(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6));",
         "f.u.x; f.u.y; f.v.x; f.v.y; f.w.x; f.w.y", inputs::projected, inputs::wild_projected, None),
     kernel!("footprint_unfiltered/projective", 13 => &[2, 2, 2], unfiltered_projective,
-        "let f = footprint_unfiltered(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), true);",
+        "let f = footprint_unfiltered(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, \
+         x10, x11), true);",
         "f.u.x; f.u.y; f.v.x; f.v.y; f.w.x; f.w.y", inputs::projected, inputs::wild_projected, None),
     kernel!("footprint_unfiltered/affine", 13 => &[2, 2, 2], unfiltered_affine,
-        "let f = footprint_unfiltered(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), false);",
+        "let f = footprint_unfiltered(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, \
+         x10, x11), false);",
         "f.u.x; f.u.y; f.v.x; f.v.y; f.w.x; f.w.y", inputs::projected, inputs::wild_projected, None),
     kernel!("filtered_plain", 11 => &[2, 2, 2, 1, 1, 2, 2], plain,
         "let f = filtered_plain(Footprint(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)));",
         "f.footprint.u.x; f.footprint.u.y; f.footprint.v.x; f.footprint.v.y; f.footprint.w.x; f.footprint.w.y;
          f.weight_scale; f.coverage_scale;
-         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::footprint, inputs::wild_footprint, None),
+         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::footprint, inputs::wild_footprint,
+        None),
     kernel!("principal", 13 => &[2, 2, 2, 1, 1, 2, 2], principal,
-        "let f = principal(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), x12, true);",
+        "let f = principal(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), \
+         x12, true);",
         "f.footprint.u.x; f.footprint.u.y; f.footprint.v.x; f.footprint.v.y; f.footprint.w.x; f.footprint.w.y;
          f.weight_scale; f.coverage_scale;
-         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::projected, inputs::wild_projected, Some(principal_terms)),
+         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::projected, inputs::wild_projected,
+        Some(principal_terms)),
     kernel!("ewa", 13 => &[2, 2, 2, 1, 1, 2, 2], ewa,
         "let f = ewa(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), x12);",
         "f.footprint.u.x; f.footprint.u.y; f.footprint.v.x; f.footprint.v.y; f.footprint.w.x; f.footprint.w.y;
          f.weight_scale; f.coverage_scale;
-         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::projected, inputs::wild_projected, None),
+         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::projected, inputs::wild_projected,
+        None),
     kernel!("area_ratio", 13 => &[1], area_ratio, "",
         "area_ratio(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), x12)",
         inputs::projected, inputs::wild_projected, None),
     kernel!("adjust", 13 => &[2, 2, 2, 1, 1, 2, 2], adjust,
-        "let f = adjust(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), x12, true);",
+        "let f = adjust(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), x12, \
+         true);",
         "f.footprint.u.x; f.footprint.u.y; f.footprint.v.x; f.footprint.v.y; f.footprint.w.x; f.footprint.w.y;
          f.weight_scale; f.coverage_scale;
-         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::projected, inputs::sized_projected, None),
+         f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::projected,
+        inputs::sized_projected, None),
     kernel!("bounds_ellipse", 13 => &[4], bounds_ellipse,
         "let e = bounds_ellipse(vec2f(x0, x1), vec2f(x2, x3), vec2f(x5, x6));",
         "e.least.x; e.least.y; e.greatest.x; e.greatest.y", inputs::projected, inputs::wild_projected, None),
     kernel!("bounds_unfiltered", 13 => &[4], bounds_unfiltered,
-        "let e = bounds_unfiltered(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, x11), true);",
+        "let e = bounds_unfiltered(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, x10, \
+         x11), true);",
         "e.least.x; e.least.y; e.greatest.x; e.greatest.y", inputs::projected, inputs::wild_projected, None),
     kernel!("bounds_footprint", 6 => &[4], bounds_footprint,
         "let e = bounds_footprint(Footprint(Linear(0.0, x0, x1), Linear(0.0, x2, x3), Linear(1.0, x4, x5)));",
         "e.least.x; e.least.y; e.greatest.x; e.greatest.y", inputs::forms, inputs::wild_forms, None),
     kernel!("depth_plane_at/reciprocal", 7 => &[1], depth_reciprocal, "",
-        "depth_plane_at(DepthPlane(vec2f(x1, x2), x0, 1.0, x3, x4), vec2f(x5, x6), DEPTH_RECIPROCAL)", depth, wild_depth,
+        "depth_plane_at(DepthPlane(vec2f(x1, x2), x0, 1.0, x3, x4), vec2f(x5, x6), DEPTH_RECIPROCAL)", depth,
+        wild_depth,
         Some(depth_terms)),
     kernel!("depth_plane_at/linear", 7 => &[1], depth_linear, "",
         "depth_plane_at(DepthPlane(vec2f(x1, x2), x0, 1.0, x3, x4), vec2f(x5, x6), DEPTH_LINEAR)", depth, wild_depth,

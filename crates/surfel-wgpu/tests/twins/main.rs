@@ -1,5 +1,5 @@
-//! Each WGSL formula against its twin in surfel-math, on a real driver: both are run on the same f32 inputs, and their errors
-//! are measured against the twin's f64 instantiation. The GPU's may be at most twice the CPU's plus 4 ulp.
+//! Each WGSL formula against its twin in surfel-math, on a real driver: both are run on the same f32 inputs, and their
+//! errors are measured against the twin's f64 instantiation. The GPU's may be at most twice the CPU's plus 4 ulp.
 
 #[macro_use]
 mod kernels;
@@ -39,7 +39,7 @@ fn error(kernel: &Kernel, inputs: &[Vec<f32>], got: &[f32]) -> Error {
             continue;
         }
         let mut at = 0;
-        for (index, &length) in kernel.groups.iter().enumerate() {
+        for (index, &length) in kernel.workgroups.iter().enumerate() {
             let group = &exact[at..at + length];
             // The scale of a vector is its largest coordinate; a sum that may cancel says what its terms are.
             let largest = group.iter().fold(0.0f64, |a, b| a.max(b.abs()));

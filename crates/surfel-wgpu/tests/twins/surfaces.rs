@@ -4,10 +4,11 @@ use crate::inputs::{self, Random, f32s};
 use crate::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2, v3};
 use surfel_math::mapping::Linear;
 use surfel_math::triangle::Triangle;
-use surfel_math::{Real, V2, depth, eye_dome, matcap, shadow, toon, triangle};
+use surfel_math::{Real, V2, V3, depth, eye_dome, facing, matcap, shadow, toon, triangle};
 
 /// A triangle of the first twelve numbers, in WGSL.
-const TRIANGLE: &str = "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)), vec3f(x9, x10, x11));";
+const TRIANGLE: &str = "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)), \
+ vec3f(x9, x10, x11));";
 
 fn triangle<R: Real>(x: &[R]) -> Triangle<R> {
     let linear = |i: usize| Linear::new(x[i], v2(&x[i + 1..]));
@@ -37,6 +38,18 @@ fn gradient_perspective<R: Real>(x: &[R]) -> Vec<R> {
 fn gradient_orthographic<R: Real>(x: &[R]) -> Vec<R> {
     let g = depth::plane_gradient(v3(x), v3(&x[3..]), &ORTHOGRAPHIC);
     vec![g.x, g.y]
+}
+fn nearness<R: Real>(x: &[R]) -> Vec<R> {
+    [false, true].map(|back_facing| facing::nearness(x[0], x[1], back_facing)).to_vec()
+}
+fn back_normal<R: Real>(x: &[R]) -> Vec<R> {
+    let V3 { x, y, z } = facing::back_normal(v3(x), x[3], v3(&x[4..]));
+    vec![x, y, z]
+}
+/// A normal, its splat's cosine and a direction to the eye.
+fn at_a_rim(random: &mut Random) -> Vec<f32> {
+    let cosine = [random.range(0.0, 0.25), random.range(0.26, 1.0)][usize::from(random.signed() < 0.0)];
+    f32s(&[random.direction().to_vec(), vec![-cosine], random.direction().to_vec()].concat())
 }
 fn smoothstep<R: Real>(x: &[R]) -> Vec<R> {
     vec![toon::smoothstep(x[0], 0.25, 0.5)]
@@ -116,6 +129,10 @@ fn interpolate_terms(x: &[f64], _: usize) -> f64 {
 fn depth_terms(x: &[f64], _: usize) -> f64 {
     (0..3).map(|i| (x[i + 9] * x[i + 12]).abs()).sum()
 }
+/// Depth and tolerance of either sign may cancel.
+fn nearness_terms(x: &[f64], _: usize) -> f64 {
+    x[0].abs().max(x[1].abs())
+}
 /// The denominator n·p may cancel.
 fn plane_terms(x: &[f64], _: usize) -> f64 {
     let (p, n) = (v3(x), v3(&x[3..]));
@@ -174,7 +191,8 @@ pub(crate) const KERNELS: &[Kernel] = &[
     kernel!("triangle_contains", 14 => &[1], contains, TRIANGLE, "flag(triangle_contains(t, vec2f(x12, x13)))",
         |r| edges(r, 1.0), |r| { let k = r.wild(6.0).abs(); edges(r, k) }, None),
     kernel!("triangle_barycentric", 14 => &[3], barycentric, "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2),
-         Linear(x3, x4, x5), Linear(x6, x7, x8)), vec3f(x9, x10, x11)); let b = triangle_barycentric(t, vec2f(x12, x13));",
+         Linear(x3, x4, x5), Linear(x6, x7, x8)), vec3f(x9, x10, x11)); let b = triangle_barycentric(t, vec2f(x12, \
+         x13));",
         "b.x; b.y; b.z", |r| edges(r, 1.0), |r| { let k = r.wild(6.0).abs(); edges(r, k) }, Some(barycentric_terms)),
     kernel!("triangle_depth", 15 => &[1], triangle_depth, TRIANGLE, "triangle_depth(t, vec3f(x12, x13, x14))",
         inputs::numbers::<15>, inputs::wild::<15>, Some(depth_terms)),
@@ -182,7 +200,8 @@ pub(crate) const KERNELS: &[Kernel] = &[
          Linear(x3, x4, x5), Linear(x6, x7, x8)), vec3f(x9, x10, x11));
          let g = triangle_gradient(t, vec3f(x14, x15, x16), x17, vec2f(x12, x13));", "g.x; g.y",
         |r| { let v = [r.signed(), r.signed(), r.signed(), r.signed()]; with(edges(r, 1.0), &v) },
-        |r| { let v = [r.wild(3.0), r.wild(3.0), r.wild(3.0), r.wild(3.0)]; with(edges(r, 1e-4), &v) }, Some(gradient_terms)),
+        |r| { let v = [r.wild(3.0), r.wild(3.0), r.wild(3.0), r.wild(3.0)]; with(edges(r, 1e-4), &v) },
+        Some(gradient_terms)),
     kernel!("interpolate", 6 => &[1], interpolate, "", "interpolate(vec3f(x0, x1, x2), vec3f(x3, x4, x5))",
         inputs::numbers::<6>, inputs::wild::<6>, Some(interpolate_terms)),
     kernel!("plane_gradient/perspective", 6 => &[2], gradient_perspective,
@@ -193,17 +212,26 @@ pub(crate) const KERNELS: &[Kernel] = &[
         "let g = plane_gradient(vec3f(x0, x1, x2), vec3f(x3, x4, x5),
          Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC));", "g.x; g.y",
         point_and_normal, wild_point_and_normal, None),
+    kernel!("nearness", 2 => &[1, 1], nearness, "", "nearness(x0, x1, false); nearness(x0, x1, true)",
+        inputs::numbers::<2>, inputs::wild::<2>, Some(nearness_terms)),
+    kernel!("back_normal", 7 => &[3], back_normal,
+        "let n = back_normal(vec3f(x0, x1, x2), x3, vec3f(x4, x5, x6));", "n.x; n.y; n.z", at_a_rim, at_a_rim, None),
     kernel!("lookup_bias", 1 => &[1, 1], lookup_bias,
         "let p = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE);
          let o = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC);",
         "lookup_bias(x0, p); lookup_bias(x0, o)", inputs::numbers::<1>, inputs::wild::<1>, None),
-    kernel!("tap_weights", 1 => &[4], tap_weights, "let w = tap_weights(x0);", "w.x; w.y; w.z; w.w", share, share, None),
-    wide!("taps", 1 => &[1, 4], taps, "let t = taps(x0);", "t.first; t.weights.x; t.weights.y; t.weights.z; t.weights.w",
+    kernel!("tap_weights", 1 => &[4], tap_weights, "let w = tap_weights(x0);", "w.x; w.y; w.z; w.w", share, share,
+    None),
+    wide!("taps", 1 => &[1, 4], taps, "let t = taps(x0);",
+    "t.first; t.weights.x; t.weights.y; t.weights.z; t.weights.w",
         |r| texel(r, 100.0), |r| texel(r, 1e4), Some(taps_terms)),
     wide!("slope_allowance", 3 => &[1], slope_allowance, "",
-        "slope_allowance(x0, vec2f(x1, x2), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE))",
-        |r| f32s(&[r.range(1.0, 10.0), r.signed(), r.signed()]), |r| f32s(&[r.wild(5.0).abs(), r.wild(3.0), r.wild(3.0)]), None),
-    kernel!("toon_smoothstep", 1 => &[1], smoothstep, "", "toon_smoothstep(x0, 0.25, 0.5)", share, at_a_step, Some(steep)),
+        "slope_allowance(x0, vec2f(x1, x2), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, \
+         PERSPECTIVE))",
+        |r| f32s(&[r.range(1.0, 10.0), r.signed(), r.signed()]), |r| f32s(&[r.wild(5.0).abs(), r.wild(3.0),
+        r.wild(3.0)]), None),
+    kernel!("toon_smoothstep", 1 => &[1], smoothstep, "", "toon_smoothstep(x0, 0.25, 0.5)", share, at_a_step,
+    Some(steep)),
     kernel!("toon_ramp", 1 => &[1], ramp, "", "toon_ramp(x0)", share, at_a_step, Some(steep)),
     kernel!("toon_highlight", 1 => &[1], highlight, "", "toon_highlight(x0)", share, at_a_step, Some(steep)),
     kernel!("toon_line", 1 => &[1], line, "", "toon_line(x0)", share, at_a_step, Some(steep)),
@@ -211,7 +239,8 @@ pub(crate) const KERNELS: &[Kernel] = &[
         "let b = matcap_coordinates(vec3f(x0, x1, x2), vec3f(x3, x4, x5), vec3f(x6, x7, x8));", "b.x; b.y",
         three_directions, three_directions, Some(ball_terms)),
     kernel!("eye_dome_rise_weight", 2 => &[1], rise_weight, "",
-        "eye_dome_rise_weight(vec2f(x0, x1), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE))",
+        "eye_dome_rise_weight(vec2f(x0, x1), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, \
+         PERSPECTIVE))",
         inputs::numbers::<2>, inputs::wild::<2>, None),
     kernel!("eye_dome_brightness", 2 => &[1, 1], brightness,
         "let p = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE);
@@ -219,6 +248,8 @@ pub(crate) const KERNELS: &[Kernel] = &[
         "eye_dome_brightness(x0, x1, p); eye_dome_brightness(x0, x1, o)",
         |r| f32s(&[r.range(1.0, 10.0), r.range(0.0, 5.0)]), |r| f32s(&[r.wild(4.0).abs(), r.wild(4.0).abs()]), None),
     kernel!("toon_step_back_limit", 3 => &[1], limit, "",
-        "toon_step_back_limit(x0, vec2f(x1, x2), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE))",
-        |r| f32s(&[r.range(1.0, 10.0), r.signed(), r.signed()]), |r| f32s(&[r.wild(5.0).abs(), r.wild(3.0), r.wild(3.0)]), None),
+        "toon_step_back_limit(x0, vec2f(x1, x2), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, \
+         0.0, PERSPECTIVE))",
+        |r| f32s(&[r.range(1.0, 10.0), r.signed(), r.signed()]), |r| f32s(&[r.wild(5.0).abs(), r.wild(3.0),
+        r.wild(3.0)]), None),
 ];

@@ -1,4 +1,4 @@
-//! What a collapse keeps.
+//! Properties that a collapse preserves.
 
 use super::super::conic;
 use super::*;
@@ -100,8 +100,8 @@ fn collapse_keeps_a_crease_between_two_faces() {
                 assert_eq!(is_crease, piece.is_some() && beyond.len() == 1, "{height}: {face:?} {k}");
                 let Some(piece) = piece.filter(|_| is_crease) else { continue };
                 kept += piece.to - piece.from;
-                // The polygon of n sides is up to 1 − cos(π/n) = 1.2e-3 within the circle; as much again is the curve's, and a
-                // hundredth of it what the search for the curve leaves the plane.
+                // The polygon of n sides is up to 1 − cos(π/n) = 1.2e-3 within the circle; as much again is the
+                // curve's, and a hundredth of it what the search for the curve leaves the plane.
                 for p in conic::fit(&surface.line(piece)).conic.even_points(33) {
                     assert!((p.truncate().length() - 1.0).abs() < 2.4e-3 && p.z.abs() < 1.2e-5, "{height}: {p}");
                 }

@@ -1,0 +1,88 @@
+//! A scene file's paths, absolute while the program works and relative where it is written.
+
+use crate::failure::Failure;
+use crate::stdin::is_stdin;
+use std::path::{Component, Path, PathBuf};
+use surfel::model::SceneFile;
+
+/// The path from the root, without looking at the disk.
+pub(crate) fn absolute(path: &Path) -> Result<PathBuf, Failure> {
+    std::path::absolute(path).map_err(|e| Failure::other(format!("{}: has no absolute path: {e}", path.display())))
+}
+
+/// Calls `change` with every path of a scene file, but the name of stdin.
+pub(crate) fn for_each(
+    file: &mut SceneFile,
+    mut change: impl FnMut(&mut PathBuf) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let objects = file.objects.iter_mut().flat_map(|o| [&mut o.splats, &mut o.mesh, &mut o.convert.texture]);
+    let paths = objects.chain([&mut file.matcap]).flatten();
+    paths.filter(|path| !is_stdin(path)).try_for_each(&mut change)
+}
+
+/// A scene file of absolute paths with paths relative to `folder`, which exists.
+pub(crate) fn relative_to(folder: &Path, file: &SceneFile) -> Result<SceneFile, Failure> {
+    let mut file = file.clone();
+    for_each(&mut file, |path| {
+        *path = relative(path, folder);
+        Ok(())
+    })?;
+    Ok(file)
+}
+
+/// The way from `folder` to an absolute path, with slashes; the path itself where there is none (another drive).
+///
+/// Both folders are taken without symbolic links, because `..` out of a link doesn't lead back to where it lies.
+pub(crate) fn relative(path: &Path, folder: &Path) -> PathBuf {
+    let real = |folder: &Path| std::fs::canonicalize(folder).or_else(|_| std::path::absolute(folder));
+    let (Some(parent), Some(name), Ok(folder)) = (path.parent(), path.file_name(), real(folder)) else {
+        return path.to_path_buf();
+    };
+    let Ok(parent) = real(parent) else { return path.to_path_buf() };
+    let parts = |path: &Path| path.components().map(|c| c.as_os_str().to_owned()).collect::<Vec<_>>();
+    let (from, to) = (parts(&folder), parts(&parent));
+    let common = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    let rooted = |path: &Path| matches!(path.components().next(), Some(Component::Prefix(_)));
+    if common == 0 && (rooted(&folder) || rooted(&parent)) {
+        return path.to_path_buf();
+    }
+    let up = std::iter::repeat_n("..".into(), from.len() - common);
+    let steps = up.chain(to.into_iter().skip(common)).chain([name.to_owned()]);
+    let mut text = std::ffi::OsString::new();
+    for step in steps {
+        if !text.is_empty() {
+            text.push("/");
+        }
+        text.push(step);
+    }
+    // The one name that would be taken for stdin.
+    if text == *"-" { PathBuf::from("./-") } else { PathBuf::from(text) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn relative_paths_lead_from_the_folder_to_the_file() {
+        let root = std::env::temp_dir().join(format!("surfel-paths-{}", std::process::id()));
+        std::fs::create_dir_all(root.join("a/b")).unwrap();
+        std::fs::create_dir_all(root.join("c")).unwrap();
+        for (path, folder, expected) in [
+            ("a/x.ply", "a", "x.ply"),
+            ("a/b/x.ply", "a", "b/x.ply"),
+            ("a/x.ply", "a/b", "../x.ply"),
+            ("c/x.ply", "a/b", "../../c/x.ply"),
+            ("a/-", "a", "./-"),
+        ] {
+            assert_eq!(relative(&root.join(path), &root.join(folder)), Path::new(expected), "{path} from {folder}");
+        }
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(root.join("a/b"), root.join("link")).unwrap();
+            let way = relative(&root.join("c/x.ply"), &root.join("link"));
+            assert_eq!(way, Path::new("../../c/x.ply"), "out of where the link leads");
+        }
+        std::fs::remove_dir_all(&root).unwrap();
+    }
+}

@@ -1,0 +1,198 @@
+//! A view cut into cells: parts that a thread sets up and draws by itself, whose records fit its cache.
+//!
+//! A record is written once and read once or twice. Set up all together, those of a million splats are gone from the
+//! caches before they are drawn, and waiting for memory takes a third of a frame.
+
+use crate::cull::chunks::{MeshPart, VisibleChunk, mesh_parts};
+use crate::cull::object::{ObjectView, inside};
+use crate::cull::occlusion;
+use crate::scene::mesh::StoredMesh;
+use crate::tiles::grid::Grid;
+use surfel_render::{ChosenParts, Region, View};
+
+/// A part of a view: whole tiles, as far as its region goes.
+pub(crate) struct Cell {
+    pub region: Region,
+    /// Chunks that may touch it, from near to far.
+    pub chunks: Vec<VisibleChunk>,
+    /// How many of them come first, if the others may be occluded; else all.
+    pub first: usize,
+    /// Parts of meshes that may touch it.
+    pub mesh_parts: Vec<MeshPart>,
+    /// What it costs, about, in splats.
+    cost: f64,
+}
+
+/// What a covered pixel costs, in splats.
+const SPLATS_PER_PIXEL: f64 = 0.3;
+
+/// Cells a thread, at least, where a frame is cut at all, so that none waits long for the last.
+const CELLS_PER_THREAD: usize = 8;
+
+/// Tiles of a cell, about, where screen-space passes keep a G-buffer of it: at 16 KiB each they should about fit its
+/// cache.
+const TILES_OF_GBUFFER: usize = 128;
+
+/// What a cell is made of.
+#[derive(Clone, Copy)]
+enum Part {
+    Chunk(VisibleChunk),
+    Mesh(MeshPart),
+}
+
+/// A part and the pixels that it may touch, as far as there are any: least x and y, greatest x and y.
+#[derive(Clone, Copy)]
+struct Placed {
+    part: Part,
+    /// Splats, or triangles: one costs about as much as the other.
+    splats: f64,
+    /// Memory that they take, in records.
+    load: f64,
+    /// Areas of its splats together, pixels.
+    area_px: f64,
+    /// Nearest and farthest depth.
+    depths: [f64; 2],
+    pixels: [f64; 4],
+}
+
+impl Placed {
+    /// What it is in some pixels.
+    fn share_in(&self, pixels: &[f64; 4]) -> occlusion::Share {
+        let share = self.share(pixels);
+        occlusion::Share { splats: self.splats * share, area_px: self.area_px * share, depths: self.depths }
+    }
+
+    /// The share of its splats in some pixels.
+    fn share(&self, pixels: &[f64; 4]) -> f64 {
+        let side = |axis: usize| {
+            let length = self.pixels[axis + 2] - self.pixels[axis];
+            let common = self.pixels[axis + 2].min(pixels[axis + 2]) - self.pixels[axis].max(pixels[axis]);
+            if length > 0.0 { (common / length).clamp(0.0, 1.0) } else { 1.0 }
+        };
+        side(0) * side(1)
+    }
+
+    /// True if it may touch some pixels, or what lies so far around them.
+    fn touches(&self, pixels: &[f64; 4], reach: f64) -> bool {
+        (0..2)
+            .all(|axis| self.pixels[axis] <= pixels[axis + 2] + reach && self.pixels[axis + 2] >= pixels[axis] - reach)
+    }
+}
+
+/// What limits the size of cells.
+#[derive(Clone, Copy)]
+pub(crate) struct CellLimits {
+    /// Most splats and triangles; those of many tiles count for more. At 140 bytes each they should about fit a cache.
+    pub splats: usize,
+    /// Pixels beside a cell that its own depend on.
+    pub reach_px: u32,
+    pub threads: usize,
+}
+
+/// Cuts the grid's region into cells within the limits, as far as tiles allow, the costliest first.
+pub(crate) fn divide(
+    objects: &[ObjectView<'_>],
+    chunks: &[VisibleChunk],
+    meshes: &[StoredMesh],
+    octrees: &[ChosenParts],
+    view: &View,
+    grid: &Grid,
+    limits: &CellLimits,
+) -> Vec<Cell> {
+    let of_chunk = |visible: &VisibleChunk| {
+        let (object, chunk) = visible.of(objects);
+        let center = object.center(chunk);
+        let around = object.pixels(center, chunk);
+        let pixels = inside(around, grid.region);
+        // What lies about the eye may occlude anything or nothing, and what is transparent occludes nothing.
+        let area_px =
+            if around[0].is_finite() && !object.is_transparent() { object.area_px(center, chunk) } else { 0.0 };
+        let load = object.load(center, chunk, pixels, grid.tile_px());
+        let (part, splats) = (Part::Chunk(*visible), chunk.count as f64);
+        Placed { part, splats, load, area_px, depths: object.depths(center, chunk), pixels }
+    };
+    let of_mesh = |(part, pixels): (MeshPart, [f64; 4])| {
+        let triangles = meshes[part.mesh as usize].part(part.part).len() as f64;
+        let (part, pixels) = (Part::Mesh(part), inside(pixels, grid.region));
+        Placed { part, splats: triangles, load: triangles, area_px: 0.0, depths: [0.0; 2], pixels }
+    };
+    let seen = |p: &Placed| p.pixels[0] <= p.pixels[2] && p.pixels[1] <= p.pixels[3];
+    let mesh_parts = mesh_parts(meshes, octrees, view).map(of_mesh).filter(seen);
+    let placed: Vec<Placed> = chunks.iter().map(of_chunk).chain(mesh_parts).collect();
+    let pixels = f64::from(grid.region.width) * f64::from(grid.region.height);
+    let total = placed.iter().map(|p| p.splats).sum::<f64>() + pixels * SPLATS_PER_PIXEL;
+    // One thread need not share, and cuts only what exceeds its cache.
+    let is_shared = limits.threads > 1 || placed.iter().map(|p| p.splats).sum::<f64>() > limits.splats as f64;
+    let mut cells_wanted = if is_shared { limits.threads * CELLS_PER_THREAD } else { 1 };
+    if limits.reach_px > 0 {
+        cells_wanted = cells_wanted.max(grid.tiles() / TILES_OF_GBUFFER);
+    }
+    let cost = total / cells_wanted as f64;
+    let limits = Limits { load: limits.splats.max(1) as f64, cost, reach: f64::from(limits.reach_px) };
+    let mut cells = Vec::new();
+    limits.split(grid, [0, grid.columns, 0, grid.rows], &placed, &mut cells);
+    cells.sort_by(|a, b| b.cost.total_cmp(&a.cost));
+    cells
+}
+
+/// Where cells are cut no further.
+struct Limits {
+    /// In records.
+    load: f64,
+    cost: f64,
+    /// Pixels around a cell that its own depend on.
+    reach: f64,
+}
+
+impl Limits {
+    fn split(&self, grid: &Grid, tiles: [u32; 4], placed: &[Placed], cells: &mut Vec<Cell>) {
+        let pixels = bounds(grid, tiles);
+        let sum = |[splats, load]: [f64; 2], p: &Placed| {
+            let share = p.share(&pixels);
+            [splats + p.splats * share, load + p.load * share]
+        };
+        let [splats, load] = placed.iter().fold([0.0; 2], sum);
+        let area = (pixels[2] - pixels[0]) * (pixels[3] - pixels[1]);
+        let cost = splats + if placed.is_empty() { 0.0 } else { area * SPLATS_PER_PIXEL };
+        let [x0, x1, y0, y1] = tiles;
+        let small = x1 - x0 <= 1 && y1 - y0 <= 1;
+        if small || (load <= self.load && cost <= self.cost) {
+            let (mut chunks, mut mesh_parts) = (Vec::new(), Vec::new());
+            for placed in placed {
+                match placed.part {
+                    Part::Chunk(chunk) => chunks.push(chunk),
+                    Part::Mesh(part) => mesh_parts.push(part),
+                }
+            }
+            // Chunks come before meshes.
+            let shares = placed[..chunks.len()].iter().map(|p| p.share_in(&pixels));
+            let first = occlusion::first(shares, area, self.load);
+            cells.push(Cell { region: region(&pixels), chunks, first, mesh_parts, cost });
+            return;
+        }
+        let halves = if x1 - x0 >= y1 - y0 {
+            let middle = x0.midpoint(x1);
+            [[x0, middle, y0, y1], [middle, x1, y0, y1]]
+        } else {
+            let middle = y0.midpoint(y1);
+            [[x0, x1, y0, middle], [x0, x1, middle, y1]]
+        };
+        for tiles in halves {
+            let pixels = bounds(grid, tiles);
+            let inside: Vec<Placed> = placed.iter().filter(|p| p.touches(&pixels, self.reach)).copied().collect();
+            self.split(grid, tiles, &inside, cells);
+        }
+    }
+}
+
+/// Pixels of some tiles inside the grid's region: least x and y, greatest x and y.
+fn bounds(grid: &Grid, [x0, x1, y0, y1]: [u32; 4]) -> [f64; 4] {
+    let (r, size) = (grid.region, grid.tile_px());
+    let x = |column: u32| (grid.origin[0] + column * size).clamp(r.x, r.x + r.width);
+    let y = |row: u32| (grid.origin[1] + row * size).clamp(r.y, r.y + r.height);
+    [x(x0), y(y0), x(x1), y(y1)].map(f64::from)
+}
+
+fn region([x0, y0, x1, y1]: &[f64; 4]) -> Region {
+    Region { x: *x0 as u32, y: *y0 as u32, width: (x1 - x0) as u32, height: (y1 - y0) as u32 }
+}

@@ -1,0 +1,85 @@
+//! Which groups of a chunk's splats a region may see: all sixteen are tested at once.
+
+use crate::cull::object::{ObjectView, RegionSides, pixels_of_box};
+use crate::scene::cloud::Chunk;
+use crate::scene::groups::Groups;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::math::{Bits, transform};
+use crate::tiles::drawn::{BlockSet, DrawnBlocks};
+use fearless_simd::{Simd, mask32x16};
+use glam::DVec3;
+use surfel_math::{Real, V3};
+use surfel_model::Cull;
+
+/// Groups that may be seen, as bits, given the chunk's centre in view space.
+#[inline(always)]
+pub(crate) fn visible<S: Simd>(
+    simd: S,
+    groups: &Groups,
+    view: &ObjectView<'_>,
+    chunk: &Chunk,
+    center: DVec3,
+    sides: &RegionSides,
+    drawn: DrawnBlocks<'_>,
+) -> u64 {
+    let k = |v: f64| Lanes::splat(simd, v as f32);
+    let group = groups.decode(simd, chunk);
+    let p = transform(&view.linear.as_mat3(), group.center) + V3::new(k(center.x), k(center.y), k(center.z));
+    let mut culled = beyond(sides, &p, group.radius);
+    if view.material.cull == Cull::Back {
+        // As `ObjectView::is_back_facing`, with cosines taken for 1.
+        let eye = view.eye_in_object;
+        let back_facing = if view.view.projection.is_perspective() {
+            let ray = chunk.space.origin - eye;
+            let ray = group.center + V3::new(k(ray.x), k(ray.y), k(ray.z));
+            group.sine.mul_add(ray.length(), group.radius).lt(group.axis.dot(ray))
+        } else {
+            group.sine.lt(group.axis.dot(V3::new(k(eye.x), k(eye.y), k(eye.z))))
+        };
+        culled |= back_facing;
+    }
+    let visible = !culled.bits() & (u64::MAX >> (64 - chunk.count.div_ceil(LANES)));
+    match drawn.set() {
+        Some(set) => touching(set, view, &p, group.radius * k(sides.reach), visible),
+        None => visible,
+    }
+}
+
+/// Those of some groups, given by spheres in view space, that may touch some blocks.
+#[inline(never)]
+fn touching<S: Simd>(
+    set: &BlockSet,
+    view: &ObjectView<'_>,
+    p: &V3<Lanes<S>>,
+    radius: Lanes<S>,
+    mut groups: u64,
+) -> u64 {
+    let [x, y, z, radius] = [p.x, p.y, p.z, radius].map(Lanes::to_array);
+    let margin = view.plan.splat_filter.reach_px();
+    let mut touching = 0;
+    while groups != 0 {
+        let i = groups.trailing_zeros() as usize;
+        groups &= groups - 1;
+        let center = DVec3::new(x[i].into(), y[i].into(), z[i].into());
+        // Far above the rounding of lanes.
+        let half = DVec3::splat(f64::from(radius[i]) * (1.0 + 1e-5) + 1e-6 * center.length());
+        let pixels = pixels_of_box(&view.view.projection, center, half, margin);
+        touching |= u64::from(set.touches(pixels)) << i;
+    }
+    touching
+}
+
+/// Which of sixteen spheres lie beyond a region's sides, given in view space and in the object's lengths.
+#[inline(always)]
+fn beyond<S: Simd>(sides: &RegionSides, p: &V3<Lanes<S>>, radius: Lanes<S>) -> mask32x16<S> {
+    let k = |v: f64| radius.constant(v);
+    let radius = radius * k(sides.reach);
+    let depth = if sides.perspective { p.z } else { radius.one() };
+    let [[left, right], [top, bottom]] = sides.slopes;
+    let [[left_length, right_length], [top_length, bottom_length]] = sides.lengths;
+    let beyond = (radius * k(left_length)).lt(depth * k(left) - p.x)
+        | (radius * k(right_length)).lt(p.x - depth * k(right))
+        | (radius * k(top_length)).lt(depth * k(top) - p.y)
+        | (radius * k(bottom_length)).lt(p.y - depth * k(bottom));
+    if sides.perspective { beyond & (radius * k(4.0)).le(p.z) } else { beyond }
+}

@@ -1,0 +1,251 @@
+//! A cloud in a view: its object transform, what its chunks may cover, and which of them can't be seen.
+
+use crate::scene::cloud::{Chunk, StoredObject};
+use crate::tiles::bins::{Entry, RECORD_BYTES};
+use glam::{DMat3, DVec3};
+use surfel_math::projection::{Projection, ProjectionKind};
+use surfel_model::{Cull, Filter, Material};
+use surfel_render::{FramePlan, Region, View};
+
+/// Memory of a tile's entry over that of a record with one.
+const ENTRY_SHARE: f64 = size_of::<Entry>() as f64 / (RECORD_BYTES + size_of::<Entry>()) as f64;
+
+/// What is the same for all splats of an object in a view.
+pub(crate) struct ObjectView<'a> {
+    pub object: &'a StoredObject,
+    pub index: u32,
+    /// The object's, unless nothing is to be culled.
+    pub material: Material,
+    /// Object to view directions, and view position of the object's origin.
+    pub linear: DMat3,
+    pub origin: DVec3,
+    /// Object to world normals up to scale: cofactors with the sign of the determinant.
+    pub normals: DMat3,
+    /// Object to view normals; a rotation if `scale` is given, and `normals` then another.
+    pub view_normals: DMat3,
+    /// Factor of all lengths, of an object placed without distortion.
+    pub scale: Option<f64>,
+    /// −1 of an object placed as its mirror image, else 1.
+    pub handedness: f64,
+    /// Factor by which the object's largest length grows.
+    stretch: f64,
+    /// The eye, or of an orthographic view the unit direction away from it, in object space.
+    pub eye_in_object: DVec3,
+    pub view: &'a View,
+    pub plan: &'a FramePlan,
+}
+
+impl<'a> ObjectView<'a> {
+    fn new(object: &'a StoredObject, index: u32, view: &'a View, plan: &'a FramePlan, cull: Cull) -> Self {
+        let m = object.world_from_object.matrix3;
+        let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
+        let scale = cofactors.to_cols_array().iter().fold(0.0f64, |a, b| a.max(b.abs()));
+        let sign = 1.0f64.copysign(m.determinant());
+        let inverse = object.world_from_object.inverse();
+        let uniform = uniform_scale(&m);
+        // The Frobenius norm bounds the largest singular value.
+        let stretch = uniform
+            .map_or_else(|| m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt(), |scale| scale * (1.0 + 1e-6));
+        let normals = cofactors * (sign / uniform.map_or(scale, |length| length * length));
+        let eye_in_object = if view.projection.is_perspective() {
+            inverse.transform_point3(view.eye)
+        } else {
+            surfel_math::basis::unit(inverse.transform_vector3(view.forward()))
+        };
+        Self {
+            object,
+            index,
+            material: Material {
+                cull: if cull == Cull::None { cull } else { object.material.cull },
+                ..object.material
+            },
+            eye_in_object,
+            linear: view.view_from_world * m,
+            origin: view.view_from_world * (object.world_from_object.translation - view.eye),
+            normals,
+            view_normals: view.view_from_world * normals,
+            scale: uniform,
+            handedness: sign,
+            stretch,
+            view,
+            plan,
+        }
+    }
+
+    /// Of all clouds of a scene. [`Cull::None`]: back-facing splats are drawn, whatever the material says.
+    pub(crate) fn all(clouds: &'a [StoredObject], view: &'a View, plan: &'a FramePlan, cull: Cull) -> Vec<Self> {
+        clouds.iter().zip(0..).map(|(cloud, index)| Self::new(cloud, index, view, plan, cull)).collect()
+    }
+
+    /// True if some of its splats are drawn as transparent.
+    pub(crate) fn is_transparent(&self) -> bool {
+        self.plan.separates_transparent && self.object.alphas.is_some()
+    }
+
+    /// True if front- and back-facing splats of it are kept apart.
+    pub(crate) fn keeps_facings(&self) -> bool {
+        self.plan.keeps_facings && self.object.oriented
+    }
+
+    /// View position of a chunk's origin.
+    pub(crate) fn center(&self, chunk: &Chunk) -> DVec3 {
+        self.origin + self.linear * chunk.space.origin
+    }
+
+    /// True if the material leaves back faces out and every splat of the chunk is one.
+    ///
+    /// Facing is affine invariant, so the eye is brought into the object's space: a normal within the cone faces away
+    /// from every ray through the chunk's bounding sphere if its angle to the axis of both stays below 90°.
+    pub(crate) fn is_back_facing(&self, chunk: &Chunk) -> bool {
+        if self.material.cull != Cull::Back {
+            return false;
+        }
+        let Some(cone) = &chunk.cone else { return false };
+        let (toward, spread_sine) = match self.view.projection.kind {
+            ProjectionKind::Perspective => {
+                let ray = chunk.space.origin - self.eye_in_object;
+                let distance = ray.length();
+                if distance <= chunk.radius {
+                    return false;
+                }
+                (ray / distance, chunk.radius / distance)
+            }
+            ProjectionKind::Orthographic { .. } => (self.eye_in_object, 0.0),
+        };
+        // cos(a) > sin(cone + spread), for both below 90° together; the slack is far above f32's rounding in setup.
+        let spread_cosine = (1.0 - spread_sine * spread_sine).max(0.0).sqrt();
+        let sine = cone.sine * spread_cosine + cone.cosine * spread_sine;
+        let cosine = cone.cosine * spread_cosine - cone.sine * spread_sine;
+        cosine > 0.0 && toward.dot(cone.axis) > sine + 1e-4
+    }
+
+    /// Pixels that a chunk may touch: least x and y, greatest x and y. All there are where a bounding sphere about the
+    /// eye tells nothing.
+    pub(crate) fn pixels(&self, center: DVec3, chunk: &Chunk) -> [f64; 4] {
+        let half = self.half(chunk) * self.leaving();
+        pixels_of_box(&self.view.projection, center, half, self.plan.splat_filter.reach_px())
+    }
+
+    /// Nearest and farthest depth of a chunk's splats.
+    pub(crate) fn depths(&self, center: DVec3, chunk: &Chunk) -> [f64; 2] {
+        let half = self.half(chunk);
+        [center.z - half.z, center.z + half.z]
+    }
+
+    /// Half the sides of a box about a chunk's origin that holds its splats, along the view's axes.
+    fn half(&self, chunk: &Chunk) -> DVec3 {
+        let (m, half) = (&self.linear, chunk.half);
+        let side = m.x_axis.abs() * half.x + m.y_axis.abs() * half.y + m.z_axis.abs() * half.z;
+        side.min(DVec3::splat(chunk.radius * self.stretch))
+    }
+
+    /// By how much larger what a splat covers may be than the splat, seen from its centre.
+    fn leaving(&self) -> f64 {
+        // An affine footprint leaves the splat's own outline, by less than half its distance from the centre
+        // (p_z/z < 3/2 on its far side); three times the bounding sphere is ample.
+        let affine = !self.plan.splat_filter.projective || self.plan.splat_filter.filter == Filter::Ewa;
+        if affine && self.view.projection.is_perspective() { 3.0 } else { 1.0 }
+    }
+
+    /// The region's sides, seen from the eye.
+    pub(crate) fn sides(&self, region: Region) -> RegionSides {
+        let projection = &self.view.projection;
+        let margin = self.plan.splat_filter.reach_px();
+        let slopes = |axis: usize, start: u32, length: u32| {
+            let limits = [f64::from(start) - margin, f64::from(start + length) + margin];
+            limits.map(|limit| (limit - projection.principal_px[axis]) / projection.focal_px[axis])
+        };
+        let slopes = [slopes(0, region.x, region.width), slopes(1, region.y, region.height)];
+        let perspective = projection.is_perspective();
+        RegionSides {
+            slopes,
+            lengths: slopes.map(|pair| pair.map(|slope| if perspective { slope.hypot(1.0) } else { 1.0 })),
+            perspective,
+            reach: self.stretch * self.leaving(),
+        }
+    }
+
+    /// True if no splat of the chunk can touch the region.
+    pub(crate) fn is_outside(&self, center: DVec3, chunk: &Chunk, region: Region) -> bool {
+        let projection = &self.view.projection;
+        let [nearest, farthest] = self.depths(center, chunk);
+        let [x0, y0, x1, y1] = self.pixels(center, chunk);
+        let [start_x, start_y, end_x, end_y] =
+            [region.x, region.y, region.x + region.width, region.y + region.height].map(f64::from);
+        farthest < projection.near
+            || nearest > projection.far()
+            || x1 < start_x
+            || x0 > end_x
+            || y1 < start_y
+            || y0 > end_y
+    }
+
+    /// Memory that a chunk's splats take where they lie in these pixels, in records of splats of one tile each: large
+    /// ones have an entry in every tile of so many pixels a side.
+    pub(crate) fn load(&self, center: DVec3, chunk: &Chunk, [x0, y0, x1, y1]: [f64; 4], tile_px: u32) -> f64 {
+        let count = chunk.count as f64;
+        let side = (self.area_px(center, chunk) / count).sqrt() + 2.0 * self.plan.splat_filter.reach_px();
+        // Of a chunk about the eye all that there is: its area is no number, or any.
+        let tiles = |length: f64| 1.0 + side.min(length).max(0.0) / f64::from(tile_px);
+        count * (1.0 + ENTRY_SHARE * (tiles(x1 - x0) * tiles(y1 - y0) - 1.0))
+    }
+
+    /// Area of a chunk's splats in pixels, did they face the eye.
+    pub(crate) fn area_px(&self, center: DVec3, chunk: &Chunk) -> f64 {
+        let [fx, fy] = self.view.projection.focal_px;
+        let depth = if self.view.projection.is_perspective() { center.z } else { 1.0 };
+        chunk.area * (self.stretch / depth).powi(2) * fx * fy
+    }
+}
+
+/// A box of pixels as far as it lies in a region: least x and y, greatest x and y.
+pub(crate) fn inside([x0, y0, x1, y1]: [f64; 4], r: Region) -> [f64; 4] {
+    let [x, y, end_x, end_y] = [r.x, r.y, r.x + r.width, r.y + r.height].map(f64::from);
+    [x0.max(x), y0.max(y), x1.min(end_x), y1.min(end_y)]
+}
+
+/// Pixels that a box about a point of view space may touch, and a margin around them: least x and y, greatest x and y.
+/// All there are where it is about the eye. `half` is half of its sides.
+pub(crate) fn pixels_of_box(projection: &Projection, center: DVec3, half: DVec3, margin_px: f64) -> [f64; 4] {
+    if projection.is_perspective() && center.z < 4.0 * half.z {
+        return [f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
+    }
+    let range = |axis: usize| {
+        let (at, half_side) = ([center.x, center.y][axis], [half.x, half.y][axis]);
+        let slopes = match projection.kind {
+            // The least slope is that of the near side where it is negative.
+            ProjectionKind::Perspective => [-1.0, 1.0].map(|sign: f64| {
+                let edge = at + sign * half_side;
+                edge / (center.z - sign * half.z.copysign(edge))
+            }),
+            ProjectionKind::Orthographic { .. } => [at - half_side, at + half_side],
+        };
+        let px = slopes.map(|slope| slope.mul_add(projection.focal_px[axis], projection.principal_px[axis]));
+        [px[0].min(px[1]) - margin_px, px[0].max(px[1]) + margin_px]
+    };
+    let ([x0, x1], [y0, y1]) = (range(0), range(1));
+    [x0, y0, x1, y1]
+}
+
+/// Planes through the eye and a region's sides, moved out by what a filter adds.
+pub(crate) struct RegionSides {
+    /// Left and right, top and bottom: slopes, or of an orthographic view coordinates.
+    pub slopes: [[f64; 2]; 2],
+    /// Lengths of the planes' normals.
+    pub lengths: [[f64; 2]; 2],
+    pub perspective: bool,
+    /// Of a unit of length in the object.
+    pub reach: f64,
+}
+
+/// The factor of all lengths, if the matrix is a rotation (or reflection) and that; within rounding of f32.
+fn uniform_scale(m: &DMat3) -> Option<f64> {
+    let columns = [m.x_axis, m.y_axis, m.z_axis];
+    let scale = m.x_axis.length();
+    let slack = 1e-9 * scale * scale;
+    let fits = (0..3).all(|i| {
+        (columns[i].length_squared() - scale * scale).abs() <= slack
+            && columns[i].dot(columns[(i + 1) % 3]).abs() <= slack
+    });
+    (fits && scale > 0.0).then_some(scale)
+}

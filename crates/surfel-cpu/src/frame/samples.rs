@@ -1,0 +1,100 @@
+//! Samples of a cell's edges: what lies about sampled pixels is set up once more, in the view of samples, and drawn.
+
+use crate::cull::cells::Cell;
+use crate::cull::chunks::VisibleChunk;
+use crate::cull::object::ObjectView;
+use crate::frame::totals::Totals;
+use crate::frame::{Drawing, FrameInputs, is_opaque_splats_only};
+use crate::raster::inputs::{RasterFrame, RasterInputs};
+use crate::raster::listing::Listing;
+use crate::screen::composite::{CompositeJob, Extras};
+use crate::screen::samples::SampleJob;
+use crate::screen::steps::StepPlanes;
+use crate::screen::tile::{TileJob, TileScratch};
+use crate::setup::prepare::{CellSetup, CellSplats};
+use crate::setup::triangles::{TriangleSegment, project_some};
+use crate::shade::lighting::Lighting;
+use crate::tiles::drawn::{BlockSet, DrawnBlocks};
+use crate::tiles::target::Target;
+use surfel_model::Cull;
+use surfel_render::{Pass, View};
+
+/// The view whose pixels are samples, and what is drawn in it.
+pub(super) struct SampleView<'a> {
+    pub view: &'a View,
+    pub objects: Vec<ObjectView<'a>>,
+    pub raster: RasterFrame,
+    pub lighting: Lighting,
+}
+
+impl SampleView<'_> {
+    /// The chunks of a cell, in their order, that may touch a sampled pixel.
+    fn chunks(&self, cell: &Cell, sampled: &BlockSet) -> Vec<VisibleChunk> {
+        let touches = |visible: &&VisibleChunk| {
+            let (object, chunk) = visible.of(&self.objects);
+            sampled.touches(object.pixels(object.center(chunk), chunk))
+        };
+        cell.chunks.iter().filter(touches).copied().collect()
+    }
+}
+
+impl Drawing<'_> {
+    /// Draws the sampled pixels of a cell: how many bytes that took.
+    pub(super) fn draw_samples(
+        &self,
+        samples: &SampleView<'_>,
+        cell: &Cell,
+        planes: &StepPlanes<'_>,
+        target: &mut Target<'_>,
+        scratch: &mut TileScratch<'static>,
+        totals: &mut Totals,
+    ) -> usize {
+        let FrameInputs { instructions, pools, plan, .. } = *self.inputs;
+        let sampled = planes.sampled(instructions, cell.region, &mut scratch.neighbourhood);
+        if sampled.count == 0 {
+            return 0;
+        }
+        let (grid, drawn) = (sampled.grid, DrawnBlocks::some(&sampled));
+        let mut splats = CellSplats::default();
+        let setup = CellSetup { instructions, objects: &samples.objects, tiny: None, pool: &pools.setup };
+        setup.add_some(&samples.chunks(cell, &sampled), &grid, cell.region, drawn, &mut splats);
+        let triangles =
+            project_some(instructions, self.meshes, &cell.mesh_parts, samples.view, &grid, Cull::Back, drawn);
+        if plan.has(Pass::RemainingLayer) {
+            let CellSplats { transparent, near, .. } = &mut splats;
+            transparent.iter_mut().for_each(|segment| self.light_splats(&samples.lighting, segment, near));
+        }
+        let job = SampleJob {
+            tiles: CompositeJob {
+                tiles: TileJob {
+                    listing: Listing { segments: &splats.segments, grid },
+                    inputs: RasterInputs {
+                        frame: &samples.raster,
+                        near: &splats.near,
+                        clips: &splats.clips,
+                        largest_epsilon: splats.largest_epsilon(),
+                    },
+                    lighting: &samples.lighting,
+                    by_splats: false,
+                },
+                extras: Extras {
+                    meshes: self.meshes,
+                    triangles: &triangles,
+                    transparent: &splats.transparent,
+                    layers: self.layers,
+                },
+                opaque_splats_only: is_opaque_splats_only(plan),
+            },
+            sampled: &sampled,
+            grid: *planes.grid,
+            gbuffer: planes.gbuffer,
+            lighting: &self.lighting,
+        };
+        let mut own = std::mem::take(scratch).for_others();
+        totals.counters += job.draw(instructions, target, &mut own);
+        *scratch = own.for_others();
+        let bytes = splats.bytes() + triangles.iter().map(TriangleSegment::bytes).sum::<usize>();
+        pools.setup.give_back(splats.segments);
+        bytes
+    }
+}

@@ -1,0 +1,119 @@
+//! Times and counts of a frame.
+
+use crate::setup::prepare::CellSplats;
+use crate::tiles::driver::Counters;
+use std::time::Duration;
+use surfel_render::{FramePlan, Pass, PassTime, Stats};
+
+/// Times and counts of a frame, or of the cells that one thread draws.
+#[derive(Default)]
+pub(crate) struct Totals {
+    pub shadows_ms: f64,
+    pub cull_ms: f64,
+    /// Sorting included.
+    setup_ms: f64,
+    binning_ms: f64,
+    pub tiles_ms: f64,
+    pub screen_ms: f64,
+    /// Cells with anything in them.
+    cells: usize,
+    /// Splats of chunks that lie outside of the view, that are back-facing, and that are occluded in their cell.
+    pub outside: u64,
+    pub back_facing: u64,
+    pub occluded: u64,
+    set_up: u64,
+    drawn: u64,
+    /// Clips of splats that were set up, in each cell that they touch.
+    clips: u64,
+    tile_pairs: u64,
+    /// Most bytes that a cell used; of a frame, of all threads together.
+    cell_bytes: usize,
+    /// Bytes of shadow maps.
+    pub shadow_bytes: usize,
+    /// Bytes of records and lists, of all cells.
+    bytes: u64,
+    pub counters: Counters,
+}
+
+impl Totals {
+    /// Adds what setting up took.
+    pub(crate) fn set_up_in(&mut self, time: Duration, splats: &CellSplats) {
+        let ms = time.as_secs_f64() * 1e3;
+        self.setup_ms += ms;
+        self.binning_ms += ms * splats.sort_share();
+    }
+
+    /// Counts a cell, with the bytes that it used besides its splats.
+    pub(crate) fn add_cell(&mut self, splats: &CellSplats, bytes: usize) {
+        self.cells += 1;
+        self.set_up += splats.set_up();
+        self.drawn += splats.drawn();
+        self.clips += splats.clips.count() as u64;
+        self.tile_pairs += splats.tile_pairs();
+        self.bytes += splats.bytes() as u64;
+        self.cell_bytes = self.cell_bytes.max(splats.bytes() + bytes);
+    }
+
+    /// Adds what all threads did in so many milliseconds. They set up and draw cells at the same time: stages are
+    /// shares of that time.
+    pub(crate) fn add_threads(&mut self, threads: &[Self], wall_ms: f64) {
+        let busy: f64 = threads.iter().map(|t| t.setup_ms + t.tiles_ms + t.screen_ms).sum();
+        let wall = wall_ms / busy.max(f64::MIN_POSITIVE);
+        for thread in threads {
+            self.setup_ms += thread.setup_ms * wall;
+            self.binning_ms += thread.binning_ms * wall;
+            self.tiles_ms += thread.tiles_ms * wall;
+            self.screen_ms += thread.screen_ms * wall;
+            self.cells += thread.cells;
+            self.occluded += thread.occluded;
+            self.set_up += thread.set_up;
+            self.drawn += thread.drawn;
+            self.clips += thread.clips;
+            self.tile_pairs += thread.tile_pairs;
+            self.bytes += thread.bytes;
+            self.counters += thread.counters;
+            self.cell_bytes += thread.cell_bytes;
+        }
+    }
+
+    pub(crate) fn report(&self, plan: &FramePlan, stats: &mut Stats) {
+        let pass = |name, ms| PassTime { name, ms };
+        if plan.has(Pass::ShadowMap) {
+            stats.passes.push(pass("shadow maps", self.shadows_ms));
+        }
+        stats.passes.extend([
+            pass("cull", self.cull_ms),
+            pass("setup", self.setup_ms - self.binning_ms),
+            pass("binning", self.binning_ms),
+            pass("tiles", self.tiles_ms),
+        ]);
+        if plan.reach_px() > 0 {
+            stats.passes.push(pass("edges", self.screen_ms));
+        }
+        stats.drawn = self.drawn;
+        // Counting costs time.
+        if plan.planes.fragments {
+            stats.fragments = self.counters.contributing;
+            stats.counters.push(("fragments_inside", self.counters.inside as f64));
+        }
+        let pairs = self.counters.block_pairs.max(1) as f64;
+        stats.counters.extend([
+            ("cells", self.cells as f64),
+            ("culled_outside", self.outside as f64),
+            ("culled_back_facing", self.back_facing as f64),
+            ("culled_occluded", self.occluded as f64),
+            ("set_up", self.set_up as f64),
+            ("culled", (stats.splats.saturating_sub(self.drawn)) as f64),
+            ("clips", self.clips as f64),
+            ("tile_pairs", self.tile_pairs as f64),
+            ("block_pairs", self.counters.block_pairs as f64),
+            ("fragments_tested", (16 * self.counters.block_pairs).saturating_sub(self.counters.spared) as f64),
+            ("edge_pixels", self.counters.edge_pixels as f64),
+            ("batch_bytes", self.cell_bytes as f64),
+            ("shadow_bytes", self.shadow_bytes as f64),
+            // Splats are read once, records and lists written once and read once.
+            ("bytes_moved", self.set_up as f64 * stats.bytes_per_splat + 2.0 * self.bytes as f64),
+            ("tile_ns_per_block_pair", (self.tiles_ms + self.screen_ms) * 1e6 * stats.threads as f64 / pairs),
+        ]);
+    }
+}

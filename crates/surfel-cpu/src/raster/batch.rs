@@ -1,0 +1,102 @@
+//! The splats of a block's list, batch by batch.
+
+use crate::raster::fragment::{cheap_batch, fragment};
+use crate::raster::inputs::RasterInputs;
+use crate::setup::evaluate::Fragment;
+use crate::setup::record::{Batch, Record};
+use crate::simd::lanes::Lanes;
+use crate::tiles::lists::{BATCH, BlockList};
+use fearless_simd::Simd;
+
+/// The pixels of the block whose first one is (x, y).
+#[derive(Clone, Copy)]
+pub(crate) struct Pixels<S: Simd> {
+    first: (i32, i32),
+    /// Columns and rows.
+    at: (Lanes<S>, Lanes<S>),
+}
+
+impl<S: Simd> Pixels<S> {
+    #[inline(always)]
+    pub(crate) fn new(simd: S, (x, y): (i32, i32)) -> Self {
+        let k = |v: i32| Lanes::splat(simd, v as f32);
+        Self { first: (x, y), at: (Lanes::block_columns(simd) + k(x), Lanes::block_rows(simd) + k(y)) }
+    }
+}
+
+/// What is done with fragments. Not a closure: one that is called in several places isn't inlined into SIMD code.
+pub(crate) trait Visit<S: Simd> {
+    /// Takes the number of the batch that comes next.
+    #[inline(always)]
+    fn begin(&mut self, _number: usize) {}
+
+    /// Takes in fragments of splat `j` of the batch.
+    fn add(&mut self, simd: S, fragment: Fragment<S>, j: usize, record: &Record);
+
+    /// Depth behind which nothing matters any more, if it has changed.
+    fn farthest(&self) -> Option<f32>;
+}
+
+/// How many batches are drawn before depth thresholds are read again, to skip what lies behind them.
+const ASKED: usize = 4;
+
+/// Computes the fragments of a list's splats, a batch together where it can be, except those behind `farthest` or the
+/// depth thresholds so far: how many splats were computed.
+#[inline(always)]
+pub(crate) fn for_each_batch<S: Simd>(
+    simd: S,
+    list: BlockList<'_, '_, Record>,
+    mut farthest: f32,
+    pixels: &Pixels<S>,
+    inputs: &RasterInputs<'_>,
+    visit: &mut impl Visit<S>,
+) -> u32 {
+    let (mut tested, mut last) = (0, 0);
+    let all = list.batches();
+    for (number, &[i, j, k, l]) in all.iter().enumerate() {
+        let [(a, a_z), (b, b_z), (c, c_z), (d, d_z)] = [list.get(i), list.get(j), list.get(k), list.get(l)];
+        // The first alone decides, nearly always.
+        if farthest < a_z && farthest < b_z && farthest < c_z && farthest < d_z {
+            continue;
+        }
+        tested += BATCH as u32;
+        last = number;
+        let records = [a, b, c, d];
+        visit.begin(number);
+        match Batch::of(&records) {
+            Batch::Unfiltered => {
+                add_all(simd, cheap_batch::<S, false>(simd, records, [pixels.at; BATCH], inputs), records, visit);
+            }
+            Batch::Filtered => {
+                add_all(simd, cheap_batch::<S, true>(simd, records, [pixels.at; BATCH], inputs), records, visit);
+            }
+            Batch::Scalar => {
+                for (j, record) in records.into_iter().enumerate() {
+                    visit.add(simd, fragment(simd, record, pixels.at, pixels.first, inputs), j, record);
+                }
+            }
+        }
+        if number % ASKED == ASKED - 1
+            && number + 1 < all.len()
+            && let Some(depth) = visit.farthest()
+        {
+            farthest = depth;
+        }
+    }
+    // The last batch may be filled up with empty splats.
+    let filled = if last + 1 == all.len() { (BATCH * all.len() - list.len()) as u32 } else { 0 };
+    tested.saturating_sub(filled)
+}
+
+#[inline(always)]
+fn add_all<S: Simd>(
+    simd: S,
+    [e, f, g, h]: [Fragment<S>; BATCH],
+    [a, b, c, d]: [&Record; BATCH],
+    visit: &mut impl Visit<S>,
+) {
+    visit.add(simd, e, 0, a);
+    visit.add(simd, f, 1, b);
+    visit.add(simd, g, 2, c);
+    visit.add(simd, h, 3, d);
+}

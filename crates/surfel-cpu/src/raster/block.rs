@@ -1,0 +1,340 @@
+//! Visibility and attributes of one block of 4×4 pixels (§5), a lane for each: two loops over the same list of splats,
+//! with the block's sums in registers.
+
+use crate::raster::batch::{Pixels, Visit, for_each_batch};
+use crate::raster::facing::Sides;
+use crate::raster::filter::FragmentFilter;
+use crate::raster::inputs::{RasterInputs, Wanted};
+use crate::raster::sums::{Sums, accumulate};
+use crate::setup::evaluate::Fragment;
+use crate::setup::record::Record;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::math::largest;
+use crate::tiles::lists::{BATCH, BlockList};
+use fearless_simd::Simd;
+use fearless_simd::prelude::SimdMask;
+use surfel_math::Real;
+
+/// Most splats of a block whose fragments are remembered between the loops; past that they are computed twice.
+const REMEMBERED: usize = 256;
+
+/// Fragments of a block between the loops. Aligned as the cache lines are: what crosses two costs twice.
+#[repr(align(64))]
+pub(crate) struct BlockScratch {
+    /// Depths (+∞ outside the footprint) and weights of batch after batch.
+    fragments: [[[[f32; LANES]; 2]; BATCH]; REMEMBERED / BATCH],
+    /// Which batches they are.
+    batches: [u32; REMEMBERED / BATCH],
+}
+
+impl Default for BlockScratch {
+    fn default() -> Self {
+        Self { fragments: [[[[0.0; LANES]; 2]; BATCH]; REMEMBERED / BATCH], batches: [0; REMEMBERED / BATCH] }
+    }
+}
+
+/// What the first loop carries along.
+struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool> {
+    threshold: Lanes<S>,
+    threshold_epsilon: Lanes<S>,
+    /// In place of the threshold where facings are kept apart.
+    sides: Sides<S>,
+    largest_epsilon: f32,
+    inside: u32,
+    filter: &'a L,
+    /// How many batches are remembered.
+    count: usize,
+    scratch: &'b mut BlockScratch,
+}
+
+impl<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool> Visit<S>
+    for FirstLoop<'_, '_, S, L, EPSILON, COUNT, REMEMBER>
+{
+    #[inline(always)]
+    fn begin(&mut self, number: usize) {
+        if REMEMBER && let Some(batch) = self.scratch.batches.get_mut(self.count) {
+            *batch = number as u32;
+            self.count += 1;
+        }
+    }
+
+    #[inline(always)]
+    fn add(&mut self, simd: S, mut fragment: Fragment<S>, j: usize, record: &Record) {
+        let k = |v: f32| Lanes::splat(simd, v);
+        if let Some(exists) = self.filter.exists(fragment.z) {
+            fragment.visible &= exists;
+            fragment.inside &= exists;
+        }
+        if COUNT {
+            // Not an ordinary sum, of which the compiler would make one of lanes: they have enough to do.
+            self.inside = self.inside.saturating_add(fragment.inside.to_bitmask().count_ones());
+        }
+        let infinity = k(f32::INFINITY);
+        let visible = Lanes::select(fragment.visible, fragment.z, infinity);
+        if L::KEEPS_FACINGS {
+            self.sides.add::<EPSILON>(simd, record, visible);
+        } else {
+            let value = visible + k(record.epsilon());
+            if EPSILON {
+                self.threshold_epsilon =
+                    Lanes::select(value.lt(self.threshold), k(record.epsilon()), self.threshold_epsilon);
+            }
+            self.threshold = self.threshold.min(value);
+        }
+        if REMEMBER {
+            // Always within: a branch here would keep masks from staying in their registers.
+            let batch = &mut self.scratch.fragments[self.count.wrapping_sub(1) % (REMEMBERED / BATCH)];
+            let [z, weight] = &mut batch[j % BATCH];
+            Lanes::select(fragment.inside, fragment.z, infinity).store(z);
+            fragment.weight.store(weight);
+        }
+    }
+
+    #[inline(always)]
+    fn farthest(&self) -> Option<f32> {
+        let threshold = match L::KEEPS_FACINGS {
+            true => self.sides.farthest_within(self.largest_epsilon),
+            false => self.threshold,
+        };
+        Some(largest(self.filter.relevant(threshold)))
+    }
+}
+
+/// Runs both loops over the block whose first pixel is given. Only fragments that `filter` leaves exist. Sums that the
+/// plan doesn't want aren't touched.
+#[inline(always)]
+pub(crate) fn draw<S: Simd, L: FragmentFilter<S>>(
+    simd: S,
+    list: BlockList<'_, '_, Record>,
+    first_px: (i32, i32),
+    inputs: &RasterInputs<'_>,
+    filter: L,
+    scratch: &mut BlockScratch,
+    sums: &mut Sums<S>,
+) {
+    let Wanted { epsilon, counts, .. } = inputs.frame.wanted;
+    let few = BATCH * list.batches().len() <= REMEMBERED;
+    // Copies of what is measured to pay; what is rare shares one.
+    match (epsilon || L::IS_RARE, counts, few) {
+        (false, false, true) => {
+            both_loops::<S, L, false, false, true>(simd, list, first_px, inputs, filter, scratch, sums);
+        }
+        (true, false, true) => {
+            both_loops::<S, L, true, false, true>(simd, list, first_px, inputs, filter, scratch, sums);
+        }
+        (_, true, true) => both_loops::<S, L, true, true, true>(simd, list, first_px, inputs, filter, scratch, sums),
+        (_, _, false) => both_loops::<S, L, true, true, false>(simd, list, first_px, inputs, filter, scratch, sums),
+    }
+}
+
+/// [`draw`], with the threshold's ε and counts of fragments if they are wanted, and with fragments remembered if there
+/// are few enough.
+///
+/// Out of line, for all who draw blocks.
+#[inline(never)]
+fn both_loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool>(
+    simd: S,
+    list: BlockList<'_, '_, Record>,
+    first_px: (i32, i32),
+    inputs: &RasterInputs<'_>,
+    filter: L,
+    scratch: &mut BlockScratch,
+    sums: &mut Sums<S>,
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || loops::<S, L, EPSILON, COUNT, REMEMBER>(simd, list, first_px, inputs, filter, scratch, sums),
+    );
+}
+
+#[inline(always)]
+fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool>(
+    simd: S,
+    list: BlockList<'_, '_, Record>,
+    first_px: (i32, i32),
+    inputs: &RasterInputs<'_>,
+    mut filter: L,
+    scratch: &mut BlockScratch,
+    sums: &mut Sums<S>,
+) {
+    let pixels = Pixels::new(simd, first_px);
+    let (threshold, threshold_epsilon) = (Lanes::splat(simd, f32::INFINITY), Lanes::splat(simd, 0.0));
+    let mut first = FirstLoop::<_, _, EPSILON, COUNT, REMEMBER> {
+        threshold,
+        threshold_epsilon,
+        sides: Sides::new(simd),
+        largest_epsilon: inputs.largest_epsilon,
+        inside: 0,
+        filter: &filter,
+        count: 0,
+        scratch,
+    };
+    // A splat behind all depth thresholds matters in neither loop.
+    sums.tested = for_each_batch(simd, list, f32::INFINITY, &pixels, inputs, &mut first);
+    let FirstLoop { mut threshold, mut threshold_epsilon, sides, inside, count, scratch, .. } = first;
+    if L::KEEPS_FACINGS {
+        let shown = sides.shown();
+        (threshold, threshold_epsilon) = (shown.threshold, shown.epsilon);
+        filter.show(&shown);
+    }
+    (sums.threshold, sums.inside) = (threshold, inside);
+    if EPSILON {
+        sums.threshold_epsilon = threshold_epsilon;
+    }
+    filter.settle(sums.threshold);
+    if REMEMBER {
+        let remembered = Remembered { list, scratch, count };
+        let a = &inputs.frame.wanted.attributes;
+        // Which are summed is known to each loop: sums then stay in registers.
+        let generic = COUNT | a.material | (a.coverage & inputs.frame.coverage_of_weight.is_none());
+        match (a.color, a.normal, a.depth) {
+            (false, true, false) if !generic => remembered.add::<S, false, true, false>(simd, sums, &filter),
+            (true, false, false) if !generic => remembered.add::<S, true, false, false>(simd, sums, &filter),
+            (true, true, false) if !generic => remembered.add::<S, true, true, false>(simd, sums, &filter),
+            (true, true, true) if !generic => remembered.add::<S, true, true, true>(simd, sums, &filter),
+            _ => remembered.add_all(simd, sums, &filter, inputs),
+        }
+    } else {
+        second_loop(simd, list, &pixels, sums, filter, inputs);
+    }
+    sums.cover(inputs.frame);
+}
+
+/// The depths up to which fragments are added: any where there is no threshold, but not +∞, which is no fragment.
+#[inline(always)]
+fn reach<S: Simd>(threshold: Lanes<S>) -> Lanes<S> {
+    threshold.min(threshold.constant(f64::from(f32::MAX)))
+}
+
+/// What the first loop remembered.
+struct Remembered<'a, 'b, 'c> {
+    list: BlockList<'a, 'b, Record>,
+    scratch: &'c BlockScratch,
+    count: usize,
+}
+
+impl<'a> Remembered<'a, '_, '_> {
+    /// Batch after batch of splats, with their fragments.
+    #[inline(always)]
+    fn batches(&self) -> impl Iterator<Item = ([&'a Record; BATCH], &[[[f32; LANES]; 2]; BATCH])> {
+        let batches = self.scratch.batches[..self.count].iter().zip(&self.scratch.fragments);
+        batches.map(|(&number, fragments)| {
+            let [i, j, k, l] = self.list.batches()[number as usize];
+            let record = |i| self.list.get(i).0;
+            ([record(i), record(j), record(k), record(l)], fragments)
+        })
+    }
+
+    /// The second loop over what was remembered, for sums of weights, and of colours, normals and depths if they are
+    /// wanted.
+    #[inline(always)]
+    fn add<S: Simd, const COLOR: bool, const NORMAL: bool, const DEPTH: bool>(
+        &self,
+        simd: S,
+        sums: &mut Sums<S>,
+        filter: &impl FragmentFilter<S>,
+    ) {
+        let k = |v: f32| Lanes::splat(simd, v);
+        let zero = k(0.0);
+        let [mut total, mut depth, mut r, mut g, mut b, mut x, mut y, mut z_sum] = [zero; 8];
+        let threshold = reach(sums.threshold);
+        for (records, fragments) in self.batches() {
+            for (record, [z, weight]) in records.into_iter().zip(fragments) {
+                let z = Lanes::load(simd, z);
+                let mask = filter.adds(z, record, z.le(threshold));
+                let weight = Lanes::select(mask, Lanes::load(simd, weight), zero);
+                total = total + weight;
+                if COLOR {
+                    r = weight.mul_add(k(record.red()), r);
+                    g = weight.mul_add(k(record.green()), g);
+                    b = weight.mul_add(k(record.blue()), b);
+                }
+                if NORMAL {
+                    x = weight.mul_add(k(record.normal_x()), x);
+                    y = weight.mul_add(k(record.normal_y()), y);
+                    z_sum = weight.mul_add(k(record.normal_z()), z_sum);
+                }
+                if DEPTH {
+                    depth = Lanes::select(mask, weight.mul_add(z, depth), depth);
+                }
+            }
+        }
+        sums.weight = total;
+        if COLOR {
+            sums.color = [r, g, b];
+        }
+        if NORMAL {
+            sums.normal = [x, y, z_sum];
+        }
+        if DEPTH {
+            sums.depth = depth;
+        }
+    }
+
+    /// The same for any attributes.
+    #[inline(always)]
+    fn add_all<S: Simd>(
+        &self,
+        simd: S,
+        sums: &mut Sums<S>,
+        filter: &impl FragmentFilter<S>,
+        inputs: &RasterInputs<'_>,
+    ) {
+        let threshold = reach(sums.threshold);
+        sums.clear();
+        for (records, fragments) in self.batches() {
+            for (record, [z, weight]) in records.into_iter().zip(fragments) {
+                let z = Lanes::load(simd, z);
+                let mask = filter.adds(z, record, z.le(threshold));
+                accumulate(simd, sums, record, mask, z, Lanes::load(simd, weight), inputs);
+            }
+        }
+    }
+}
+
+/// The second loop where fragments weren't remembered: thresholds are known, and splats behind them are skipped.
+///
+/// Out of line: it is long, and most blocks don't come here.
+#[cold]
+#[inline(never)]
+fn second_loop<S: Simd>(
+    simd: S,
+    list: BlockList<'_, '_, Record>,
+    pixels: &Pixels<S>,
+    sums: &mut Sums<S>,
+    filter: impl FragmentFilter<S>,
+    inputs: &RasterInputs<'_>,
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            let farthest = largest(filter.relevant(sums.threshold));
+            sums.clear();
+            for_each_batch(simd, list, farthest, pixels, inputs, &mut SecondLoop { sums, filter, inputs });
+        },
+    );
+}
+
+/// What the second loop carries along where fragments weren't remembered.
+struct SecondLoop<'a, 'b, S: Simd, L> {
+    sums: &'a mut Sums<S>,
+    filter: L,
+    inputs: &'a RasterInputs<'b>,
+}
+
+impl<S: Simd, L: FragmentFilter<S>> Visit<S> for SecondLoop<'_, '_, S, L> {
+    #[inline(always)]
+    fn add(&mut self, simd: S, mut fragment: Fragment<S>, _: usize, record: &Record) {
+        if let Some(exists) = self.filter.exists(fragment.z) {
+            fragment.inside &= exists;
+        }
+        let near = fragment.inside & fragment.z.le(self.sums.threshold);
+        let mask = self.filter.adds(fragment.z, record, near);
+        accumulate(simd, self.sums, record, mask, fragment.z, fragment.weight, self.inputs);
+    }
+
+    #[inline(always)]
+    fn farthest(&self) -> Option<f32> {
+        None
+    }
+}

@@ -1,0 +1,143 @@
+//! Front- and back-facing splats of oriented clouds, kept apart in a block (§5): thresholds of both, and which of them
+//! a pixel shows.
+
+use crate::raster::filter::FragmentFilter;
+use crate::setup::record::Record;
+use crate::simd::lanes::Lanes;
+use fearless_simd::{Simd, mask32x16};
+use surfel_math::Real;
+use surfel_math::facing::BACK_FACING_LAG;
+
+const FAR: f32 = f32::INFINITY;
+
+/// By facing ([`crate::setup::record::Facing`]): what takes a fragment out of the front's thresholds, the back's, and
+/// what is nearest of either; and the share of ε by which it counts as farther there.
+const OUT_OF: [[f32; 5]; 3] = [[0.0, 0.0, FAR, FAR, 0.0], [0.0, FAR, 0.0, FAR, 0.0], [FAR, 0.0, FAR, 0.0, LAG]];
+const LAG: f32 = BACK_FACING_LAG as f32;
+
+/// What visibility finds of both sides.
+#[derive(Clone, Copy)]
+pub(crate) struct Sides<S: Simd> {
+    front: Side<S>,
+    back: Side<S>,
+}
+
+#[derive(Clone, Copy)]
+struct Side<S: Simd> {
+    /// min(z + ε), and its ε.
+    threshold: Lanes<S>,
+    epsilon: Lanes<S>,
+    /// How near its fragments come.
+    nearest: Lanes<S>,
+}
+
+impl<S: Simd> Side<S> {
+    #[inline(always)]
+    fn lower<const EPSILON: bool>(&mut self, threshold: Lanes<S>, epsilon: Lanes<S>, nearest: Lanes<S>) {
+        if EPSILON {
+            self.epsilon = Lanes::select(threshold.lt(self.threshold), epsilon, self.epsilon);
+        }
+        self.threshold = self.threshold.min(threshold);
+        self.nearest = self.nearest.min(nearest);
+    }
+}
+
+/// The side that each pixel shows.
+#[derive(Clone, Copy)]
+pub(crate) struct Shown<S: Simd> {
+    pub threshold: Lanes<S>,
+    pub epsilon: Lanes<S>,
+    /// By facing: +∞ where the pixel shows it, else −∞.
+    limits: [Lanes<S>; 3],
+}
+
+impl<S: Simd> Sides<S> {
+    #[inline(always)]
+    pub(crate) fn new(simd: S) -> Self {
+        let far = Lanes::splat(simd, FAR);
+        let side = Side { threshold: far, epsilon: Lanes::splat(simd, 0.0), nearest: far };
+        Self { front: side, back: side }
+    }
+
+    /// Takes in a splat's visibility fragments: their depths, +∞ where there is none.
+    #[inline(always)]
+    pub(crate) fn add<const EPSILON: bool>(&mut self, simd: S, record: &Record, z: Lanes<S>) {
+        let k = |v: f32| Lanes::splat(simd, v);
+        let [front, back, nearest_front, nearest_back, lag] = OUT_OF[record.facing() as usize];
+        let (epsilon, value) = (k(record.epsilon()), z + k(record.epsilon()));
+        let nearest = z + k(lag * record.epsilon());
+        self.front.lower::<EPSILON>(value + k(front), epsilon, nearest + k(nearest_front));
+        self.back.lower::<EPSILON>(value + k(back), epsilon, nearest + k(nearest_back));
+    }
+
+    /// Depths behind which nothing matters, whichever splats come: whichever side is shown in the end.
+    #[inline(always)]
+    pub(crate) fn farthest(&self) -> Lanes<S> {
+        self.front.threshold.max(self.back.threshold)
+    }
+
+    /// The same where no splat that comes has a larger ε: the side that is shown in the end has a fragment that is no
+    /// farther than the nearest so far, and its threshold lies no more than that fragment's ε behind it.
+    #[inline(always)]
+    pub(crate) fn farthest_within(&self, largest_epsilon: f32) -> Lanes<S> {
+        let nearest = self.front.nearest.min(self.back.nearest);
+        let reach = nearest + nearest.constant(largest_epsilon.into());
+        self.farthest().min(reach)
+    }
+
+    #[inline(always)]
+    pub(crate) fn shown(&self) -> Shown<S> {
+        let Self { front, back } = *self;
+        let shows_back = back.nearest.lt(front.nearest);
+        let far = front.nearest.constant(f64::INFINITY);
+        // Where nothing oriented is hit, whatever is filtered there is shown.
+        let shows_any = far.le(front.nearest.min(back.nearest));
+        Shown {
+            threshold: Lanes::select(shows_back, back.threshold, front.threshold),
+            epsilon: Lanes::select(shows_back, back.epsilon, front.epsilon),
+            limits: [far, Lanes::select(shows_back, -far, far), Lanes::select(shows_back | shows_any, far, -far)],
+        }
+    }
+}
+
+/// Another filter, where facings are kept apart.
+pub(crate) struct ByFacing<S: Simd, L> {
+    other: L,
+    shown: Shown<S>,
+}
+
+impl<S: Simd, L> ByFacing<S, L> {
+    #[inline(always)]
+    pub(crate) fn new(simd: S, other: L) -> Self {
+        Self { other, shown: Sides::new(simd).shown() }
+    }
+}
+
+impl<S: Simd, L: FragmentFilter<S>> FragmentFilter<S> for ByFacing<S, L> {
+    const KEEPS_FACINGS: bool = true;
+
+    #[inline(always)]
+    fn exists(&self, z: Lanes<S>) -> Option<mask32x16<S>> {
+        self.other.exists(z)
+    }
+
+    #[inline(always)]
+    fn relevant(&self, threshold: Lanes<S>) -> Lanes<S> {
+        self.other.relevant(threshold)
+    }
+
+    #[inline(always)]
+    fn settle(&mut self, threshold: Lanes<S>) {
+        self.other.settle(threshold);
+    }
+
+    #[inline(always)]
+    fn show(&mut self, shown: &Shown<S>) {
+        self.shown = *shown;
+    }
+
+    #[inline(always)]
+    fn adds(&self, z: Lanes<S>, record: &Record, mask: mask32x16<S>) -> mask32x16<S> {
+        self.other.adds(z, record, mask & z.lt(self.shown.limits[record.facing() as usize]))
+    }
+}

@@ -1,0 +1,218 @@
+//! Transparent splats over a block (§8): the sums of all layers from one traversal of its splats.
+//!
+//! Depth peeling (G06 §6) draws a layer by two passes over all splats. Here a block's fragments are computed once and
+//! remembered; then each layer is two loops over those that no layer before it took, which is the same image to the
+//! bit. The A-buffer is layers without end: a fragment begins a new surface exactly where peeling begins a new layer.
+
+use crate::raster::fragment::{cheap_batch, fragment};
+use crate::raster::inputs::RasterInputs;
+use crate::raster::sums::{Sums, accumulate, add_weighted};
+use crate::setup::evaluate::Fragment;
+use crate::setup::record::{Batch, Record};
+use crate::setup::segment::TransparentSplat;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::tiles::lists::{BATCH, Listable};
+use fearless_simd::Simd;
+use fearless_simd::prelude::SimdMask;
+use surfel_math::Real;
+
+/// A transparent splat in a block's list.
+#[derive(Clone, Copy)]
+pub(crate) struct TransparentItem<'a> {
+    pub record: &'a Record,
+    pub splat: &'a TransparentSplat,
+}
+
+/// A splat's fragments of a block.
+#[derive(Clone, Copy, Default)]
+#[repr(align(64))]
+struct Remembered {
+    /// Depth inside the filtered footprint, and inside the unfiltered one; NaN elsewhere.
+    inside_z: [f32; LANES],
+    visible_z: [f32; LANES],
+    weight: [f32; LANES],
+    epsilon: f32,
+    alpha: f32,
+    /// Index in the block's list.
+    splat: u32,
+}
+
+/// What a thread reuses from block to block.
+#[derive(Default)]
+pub(crate) struct LayerScratch {
+    fragments: Vec<Remembered>,
+    /// Those with fragments that no layer has taken.
+    left: Vec<u32>,
+}
+
+impl LayerScratch {
+    /// True if no fragment is left.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.left.is_empty()
+    }
+}
+
+/// What was found while fragments were gathered.
+pub(crate) struct Gathered<S: Simd> {
+    /// The nearest layer's depth thresholds, and ε of the splats that set them.
+    pub threshold: Lanes<S>,
+    pub threshold_epsilon: Lanes<S>,
+    /// Pairs of block and splat that were computed, and fragments of theirs that nothing opaque occludes.
+    pub tested: u32,
+    pub inside: u32,
+}
+
+/// A layer of a block.
+pub(crate) struct Layer<S: Simd> {
+    pub sums: Sums<S>,
+    /// Σwα.
+    pub alpha: Lanes<S>,
+    /// The next layer's depth thresholds.
+    pub next: Lanes<S>,
+}
+
+/// A block of transparent splats before what is opaque.
+pub(crate) struct TransparentBlock<'a, S: Simd> {
+    pub simd: S,
+    pub list: &'a [TransparentItem<'a>],
+    /// First pixel.
+    pub at: (i32, i32),
+    pub inputs: &'a RasterInputs<'a>,
+    pub opaque_depth: Lanes<S>,
+}
+
+impl<S: Simd> TransparentBlock<'_, S> {
+    /// Remembers the fragments that nothing opaque occludes.
+    #[inline(always)]
+    pub(crate) fn gather(&self, scratch: &mut LayerScratch) -> Gathered<S> {
+        let (simd, (x, y)) = (self.simd, self.at);
+        let k = |v: f32| Lanes::splat(simd, v);
+        let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
+        let LayerScratch { fragments: remembered, left } = scratch;
+        if remembered.len() < self.list.len() {
+            remembered.resize_with(self.list.len(), Remembered::default);
+        }
+        let mut gathered = Gathered { threshold: k(f32::INFINITY), threshold_epsilon: k(0.0), tested: 0, inside: 0 };
+        let mut count = 0;
+        for (number, items) in self.list.chunks(BATCH).enumerate() {
+            let mut z_min = f32::INFINITY;
+            for item in items {
+                z_min = z_min.min(item.record.z_min());
+            }
+            if self.opaque_depth.lt(k(z_min)).all_true() {
+                continue;
+            }
+            gathered.tested += items.len() as u32;
+            let records = items.first_chunk::<BATCH>().map(|items| items.map(|item| item.record));
+            let batch = records.map(|records| (Batch::of(&records), records));
+            match batch {
+                Some((batch @ (Batch::Unfiltered | Batch::Filtered), records)) => {
+                    let fragments = match batch {
+                        Batch::Unfiltered => cheap_batch::<S, false>(simd, records, [at; BATCH], self.inputs),
+                        _ => cheap_batch::<S, true>(simd, records, [at; BATCH], self.inputs),
+                    };
+                    for (j, f) in fragments.into_iter().enumerate() {
+                        self.remember(remembered, &mut count, BATCH * number + j, f, &mut gathered);
+                    }
+                }
+                _ => {
+                    for (j, item) in items.iter().enumerate() {
+                        let f = fragment(simd, item.record, at, self.at, self.inputs);
+                        self.remember(remembered, &mut count, BATCH * number + j, f, &mut gathered);
+                    }
+                }
+            }
+        }
+        left.clear();
+        left.extend(0..count as u32);
+        gathered
+    }
+
+    /// Remembers the fragments of splat `i` at a place of their own, if there are any, and counts the splat then.
+    #[inline(always)]
+    fn remember(
+        &self,
+        remembered: &mut [Remembered],
+        count: &mut usize,
+        i: usize,
+        f: Fragment<S>,
+        gathered: &mut Gathered<S>,
+    ) {
+        let TransparentItem { record, splat } = self.list[i];
+        let exists = f.z.le(self.opaque_depth);
+        let (inside, visible) = (f.inside & exists, f.visible & exists);
+        let epsilon = f.z.constant(record.epsilon().into());
+        let value = f.z + epsilon;
+        let nearer = visible & value.lt(gathered.threshold);
+        gathered.threshold = Lanes::select(nearer, value, gathered.threshold);
+        gathered.threshold_epsilon = Lanes::select(nearer, epsilon, gathered.threshold_epsilon);
+        // Written in any case and counted where there is something: a branch would often be guessed wrong.
+        let to = &mut remembered[*count];
+        let nan = f.z.constant(f64::NAN);
+        Lanes::select(inside, f.z, nan).store(&mut to.inside_z);
+        Lanes::select(visible, f.z, nan).store(&mut to.visible_z);
+        f.weight.store(&mut to.weight);
+        (to.epsilon, to.alpha, to.splat) = (record.epsilon(), splat.alpha, i as u32);
+        *count += usize::from((inside | visible).to_bitmask() != 0);
+        gathered.inside += inside.to_bitmask().count_ones();
+    }
+
+    /// The layer behind `beyond` up to its threshold. Fragments that are taken are left no longer.
+    #[inline(always)]
+    pub(crate) fn layer(&self, beyond: Lanes<S>, threshold: Lanes<S>, scratch: &mut LayerScratch) -> Layer<S> {
+        let simd = self.simd;
+        let LayerScratch { fragments, left } = scratch;
+        let mut next = Lanes::splat(simd, f32::INFINITY);
+        let mut sums = Sums::new(simd);
+        let mut alpha = Lanes::splat(simd, 0.0);
+        let mut count = 0;
+        // A closure for `retain` would not be inlined into vector code.
+        for k in 0..left.len() {
+            let i = left[k];
+            let f = &fragments[i as usize];
+            let (z, visible_z) = (Lanes::load(simd, &f.inside_z), Lanes::load(simd, &f.visible_z));
+            let mask = beyond.lt(z) & z.le(threshold);
+            if mask.to_bitmask() != 0 {
+                let weight = Lanes::load(simd, &f.weight);
+                accumulate(simd, &mut sums, self.list[f.splat as usize].record, mask, z, weight, self.inputs);
+                let weight = Lanes::select(mask, weight, weight.zero());
+                alpha = weight.mul_add(Lanes::splat(simd, f.alpha), alpha);
+            }
+            let behind = threshold.lt(visible_z);
+            let value = visible_z + Lanes::splat(simd, f.epsilon);
+            next = Lanes::select(behind & value.lt(next), value, next);
+            left[count] = i;
+            count += usize::from((behind | threshold.lt(z)).to_bitmask() != 0);
+        }
+        left.truncate(count);
+        sums.cover(self.inputs.frame);
+        Layer { sums, alpha, next }
+    }
+
+    /// The last layer: every fragment that remains, in colours lit per splat, weighted by its alpha, so that the more
+    /// opaque ones count for more.
+    #[inline(always)]
+    pub(crate) fn remaining(&self, beyond: Lanes<S>, scratch: &LayerScratch) -> Layer<S> {
+        let simd = self.simd;
+        let zero = Lanes::splat(simd, 0.0);
+        let (mut sums, mut alpha) = (Sums::new(simd), zero);
+        for &i in &scratch.left {
+            let f = &scratch.fragments[i as usize];
+            let z = Lanes::load(simd, &f.inside_z);
+            let mask = beyond.lt(z);
+            if mask.to_bitmask() == 0 {
+                continue;
+            }
+            let TransparentItem { record, splat } = &self.list[f.splat as usize];
+            let own = zero.constant(splat.alpha.into());
+            let weight = Lanes::select(mask, Lanes::load(simd, &f.weight), zero) * own;
+            sums.weight = sums.weight + weight;
+            sums.fragments = sums.fragments + Lanes::select(mask, zero.one(), zero);
+            sums.depth = weight.mul_add(Lanes::select(mask, z, zero), sums.depth);
+            alpha = weight.mul_add(own, alpha);
+            add_weighted(&mut sums.color, weight, splat.lit);
+            add_weighted(&mut sums.normal, weight, [record.normal_x(), record.normal_y(), record.normal_z()]);
+        }
+        Layer { sums, alpha, next: zero }
+    }
+}

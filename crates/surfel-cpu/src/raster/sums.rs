@@ -1,0 +1,127 @@
+//! Sums of a block's fragments.
+
+use crate::raster::inputs::{RasterFrame, RasterInputs, Wanted};
+use crate::setup::near::NearSplat;
+use crate::setup::record::{Class, Record};
+use crate::simd::lanes::Lanes;
+use fearless_simd::{Simd, mask32x16};
+use surfel_math::Real;
+
+/// Σw below this has lost its attributes to underflow: the pixel is empty. Only splats smaller than 1e-14 pixels
+/// (by c = 2; 1e-7 by the greatest cutoff) weigh less.
+const LEAST_WEIGHT: f32 = 1e-36;
+
+/// Sums of a block. What the plan doesn't want stays zero.
+#[derive(Clone, Copy)]
+pub(crate) struct Sums<S: Simd> {
+    /// Depth threshold: min(z + ε), +∞ where nothing is. Fragments up to it add their attributes.
+    pub threshold: Lanes<S>,
+    /// The ε of the splat that set it.
+    pub threshold_epsilon: Lanes<S>,
+    pub weight: Lanes<S>,
+    pub fragments: Lanes<S>,
+    pub color: [Lanes<S>; 3],
+    pub normal: [Lanes<S>; 3],
+    pub depth: Lanes<S>,
+    pub material: [Lanes<S>; 4],
+    pub coverage: Lanes<S>,
+    /// Pairs of block and splat that were computed, and lanes of them inside a filtered footprint.
+    pub tested: u32,
+    pub inside: u32,
+}
+
+impl<S: Simd> Sums<S> {
+    #[inline(always)]
+    pub(crate) fn new(simd: S) -> Self {
+        let zero = Lanes::splat(simd, 0.0);
+        Self {
+            threshold: Lanes::splat(simd, f32::INFINITY),
+            threshold_epsilon: zero,
+            weight: zero,
+            fragments: zero,
+            color: [zero; 3],
+            normal: [zero; 3],
+            depth: zero,
+            material: [zero; 4],
+            coverage: zero,
+            tested: 0,
+            inside: 0,
+        }
+    }
+
+    /// Nothing is added yet.
+    #[inline(always)]
+    pub(crate) fn clear(&mut self) {
+        let none = Self::new(self.threshold.0.simd);
+        let Self { threshold, threshold_epsilon, tested, inside, .. } = *self;
+        *self = Self { threshold, threshold_epsilon, tested, inside, ..none };
+    }
+
+    /// Where anything was added.
+    #[inline(always)]
+    pub(crate) fn has_weight(&self) -> mask32x16<S> {
+        self.weight.constant(f64::from(LEAST_WEIGHT)).le(self.weight)
+    }
+
+    /// To be called when all is added: coverage, where it follows from the weight.
+    #[inline(always)]
+    pub(crate) fn cover(&mut self, frame: &RasterFrame) {
+        if let Some(scale) = frame.coverage_of_weight {
+            self.coverage = self.weight * Lanes::splat(self.weight.0.simd, scale);
+        }
+    }
+}
+
+/// Adds numbers times a weight.
+#[inline(always)]
+pub(crate) fn add_weighted<S: Simd, const N: usize>(sums: &mut [Lanes<S>; N], weight: Lanes<S>, numbers: [f32; N]) {
+    for (sum, number) in sums.iter_mut().zip(numbers) {
+        *sum = weight.mul_add(Lanes::splat(weight.0.simd, number), *sum);
+    }
+}
+
+/// Adds weighted attributes where `mask` says so.
+#[inline(always)]
+pub(crate) fn accumulate<S: Simd>(
+    simd: S,
+    sums: &mut Sums<S>,
+    record: &Record,
+    mask: mask32x16<S>,
+    z: Lanes<S>,
+    weight: Lanes<S>,
+    inputs: &RasterInputs<'_>,
+) {
+    let RasterFrame { wanted: Wanted { attributes, .. }, factors, coverage, coverage_of_weight, .. } = inputs.frame;
+    let k = |v: f32| Lanes::splat(simd, v);
+    let zero = k(0.0);
+    let weight = Lanes::select(mask, weight, zero);
+    sums.weight = sums.weight + weight;
+    sums.fragments = sums.fragments + Lanes::select(mask, k(1.0), zero);
+    if attributes.color {
+        add_weighted(&mut sums.color, weight, [record.red(), record.green(), record.blue()]);
+    }
+    if attributes.normal {
+        add_weighted(&mut sums.normal, weight, [record.normal_x(), record.normal_y(), record.normal_z()]);
+    }
+    if attributes.depth {
+        sums.depth = weight.mul_add(Lanes::select(mask, z, zero), sums.depth);
+    }
+    if attributes.material | (attributes.coverage & coverage_of_weight.is_none()) {
+        let object = object_of(record, inputs.near);
+        if attributes.material {
+            add_weighted(&mut sums.material, weight, factors[object]);
+        }
+        if attributes.coverage && coverage_of_weight.is_none() {
+            sums.coverage = weight.mul_add(k(record.coverage_scale() * coverage[object]), sums.coverage);
+        }
+    }
+}
+
+/// Index of a record's object.
+#[inline(always)]
+pub(crate) fn object_of(record: &Record, near: &[NearSplat]) -> usize {
+    match record.class() {
+        Class::Near => near[record.object()].object as usize,
+        _ => record.object(),
+    }
+}

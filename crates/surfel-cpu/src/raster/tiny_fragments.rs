@@ -1,0 +1,57 @@
+//! Fragments of a tiny splat, four at a time: a record holds their depths and weights, whose signs say which are
+//! visible.
+
+use crate::setup::record::Record;
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x4, mask32x4};
+
+/// Four depths and four weights of a tiny splat, from these fields on.
+#[inline(always)]
+pub(crate) fn fragments_of<S: Simd>(simd: S, record: &Record, depths: usize, weights: usize) -> (f32x4<S>, f32x4<S>) {
+    let four = |first: usize| f32x4::from_slice(simd, &record.0[first..first + 4]);
+    (four(depths), four(weights))
+}
+
+/// The first three of four lanes.
+#[inline(always)]
+pub(crate) fn first_three<S: Simd>(simd: S) -> mask32x4<S> {
+    f32x4::load_array(simd, [0.0, 0.0, 0.0, 1.0]).simd_lt(f32x4::splat(simd, 0.5))
+}
+
+/// Fragments that contribute to four pixels.
+pub(crate) struct Contributing {
+    /// Zero where a fragment doesn't contribute, as are weights.
+    pub depths: [f32; 4],
+    pub weights: [f32; 4],
+    /// Which fragments contribute.
+    pub bits: u32,
+}
+
+/// The fragments of `has` that lie no deeper than the thresholds of their pixels. Depths only where all `N` = 8 numbers
+/// are summed.
+#[inline(always)]
+pub(crate) fn contributing<S: Simd, const N: usize>(
+    simd: S,
+    depths: f32x4<S>,
+    weights: f32x4<S>,
+    has: mask32x4<S>,
+    thresholds: f32x4<S>,
+) -> Contributing {
+    let zero = f32x4::splat(simd, 0.0);
+    let mask = has & depths.simd_le(thresholds);
+    let depths = if N == 8 { mask.select(depths, zero).to_array() } else { [0.0; 4] };
+    Contributing { depths, weights: mask.select(weights.abs(), zero).to_array(), bits: mask.to_bitmask() as u32 }
+}
+
+/// Lanes whose weight has a sign.
+#[inline(always)]
+pub(crate) fn is_visible<S: Simd>(weights: f32x4<S>) -> mask32x4<S> {
+    let simd = weights.simd;
+    f32x4::splat(simd, 1.0).copysign(weights).simd_lt(f32x4::splat(simd, 0.0))
+}
+
+/// How many pixels of a mask are drawn: those that have a depth threshold.
+#[inline(always)]
+pub(crate) fn drawn<S: Simd>(simd: S, mask: mask32x4<S>, thresholds: f32x4<S>) -> u64 {
+    u64::from((mask & f32x4::splat(simd, f32::NEG_INFINITY).simd_lt(thresholds)).to_bitmask().count_ones())
+}

@@ -1,0 +1,490 @@
+//! Tiles of tiny splats: drawn splat by splat, sums in memory, pixel by pixel, where other tiles are drawn block by
+//! block.
+//!
+//! Splats that aren't tiny are drawn here a block at a time: it costs more than in a tile drawn by blocks, so a tile
+//! needs enough tiny splats ([`is_faster_by_splats`]).
+
+use crate::raster::fragment::{self, cheap_batch};
+use crate::raster::inputs::RasterInputs;
+use crate::raster::listing::Listing;
+use crate::raster::pixel_sums::{Aligned, Numbers};
+use crate::raster::sums::Sums;
+use crate::raster::tiny_fragments::{Contributing, contributing, drawn, first_three, fragments_of, is_visible};
+use crate::setup::evaluate::Fragment;
+use crate::setup::record::{Batch, FORMS, Record};
+use crate::setup::segment::Segment;
+use crate::setup::tiny::first_px;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::tiles::bins::Kind;
+use crate::tiles::driver::Counters;
+use crate::tiles::grid::{BLOCK, Rect, TILE_BLOCKS};
+use crate::tiles::pool::emptied;
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x4};
+use surfel_math::Real;
+use surfel_render::Attributes;
+
+/// How far a tiny splat may reach beyond its tile, in pixels.
+const BEYOND: usize = 2;
+
+/// Pixels of a row: a tile's and those beyond.
+const STRIDE: usize = (TILE_BLOCKS * BLOCK) as usize + 2 * BEYOND;
+
+/// All pixels, and as many as the last tiny splat's last four reach beyond them.
+const ALL: usize = STRIDE * STRIDE + 4;
+
+/// A splat that is not tiny at a block of the tile.
+#[derive(Clone, Copy)]
+struct Pair<'a> {
+    record: &'a Record,
+    first_px: (i32, i32),
+    /// Index of its first pixel.
+    pixel: u32,
+}
+
+/// What a thread reuses from tile to tile.
+#[derive(Default)]
+pub(crate) struct TinyScratch<'a> {
+    /// Every pixel's depth threshold so far, min(z + ε); −∞ where none is drawn.
+    thresholds: Vec<f32>,
+    /// Of every pixel, one after another: sums of three attributes and of weights; or of six, of weights and of depths.
+    sums: Aligned,
+    /// Fragments that were added to every pixel.
+    counts: Vec<f32>,
+    pairs: Vec<Pair<'a>>,
+    /// Of every pair, sixteen depths (NaN outside the footprint) and sixteen weights.
+    remembered: Aligned,
+}
+
+impl TinyScratch<'_> {
+    /// The same memory, for other splats.
+    pub(crate) fn for_others<'b>(self) -> TinyScratch<'b> {
+        let Self { thresholds, sums, counts, pairs, remembered } = self;
+        TinyScratch { thresholds, sums, counts, pairs: emptied(pairs), remembered }
+    }
+}
+
+/// A tile that is drawn splat by splat.
+pub(crate) struct TinyTile<'a, 'b> {
+    pub listing: &'b Listing<'a>,
+    pub inputs: &'b RasterInputs<'a>,
+    pub number: usize,
+    /// Its pixels in the target.
+    pub rect: Rect,
+    /// Whether fragments are counted pixel by pixel.
+    pub counts: bool,
+}
+
+impl<'a> TinyTile<'a, '_> {
+    /// Numbers of a pixel that are summed: 8, or 4 where no more are wanted.
+    pub(crate) fn sums_all(&self) -> bool {
+        let attributes = &self.inputs.frame.wanted.attributes;
+        attributes.depth | (attributes.color & attributes.normal)
+    }
+
+    /// Sums all splats into the scratch, `N` numbers a pixel: which blocks are touched.
+    #[inline(always)]
+    pub(crate) fn draw<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        scratch: &mut TinyScratch<'a>,
+        counters: &mut Counters,
+    ) -> u64 {
+        let tile = Tile { origin: self.listing.grid.block_px(self.number, 0), rect: self.rect };
+        scratch.clear::<N>(tile, self.counts);
+        let touched = scratch.look_at_tiny(simd, self.listing, self.number, tile, counters);
+        scratch.look_at_pairs(simd, tile, self.inputs, counters);
+        scratch.add::<S, N>(simd, self, tile, counters);
+        touched
+    }
+
+    /// The sums of the block whose first pixel is given.
+    #[inline(always)]
+    pub(crate) fn sums_of<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        at: (i32, i32),
+        scratch: &mut TinyScratch<'a>,
+    ) -> Sums<S> {
+        let tile = Tile { origin: self.listing.grid.block_px(self.number, 0), rect: self.rect };
+        scratch.sums_of::<S, N>(simd, tile.index(at), &self.inputs.frame.wanted.attributes, self.counts)
+    }
+}
+
+/// Where a tile's first pixel is, and which of them are drawn.
+#[derive(Clone, Copy)]
+struct Tile {
+    origin: (i32, i32),
+    rect: Rect,
+}
+
+impl Tile {
+    /// Index of a pixel.
+    #[inline(always)]
+    fn index(&self, (x, y): (i32, i32)) -> usize {
+        let (x, y) = (x - self.origin.0 + BEYOND as i32, y - self.origin.1 + BEYOND as i32);
+        (y.max(0) as usize) * STRIDE + x.max(0) as usize
+    }
+
+    /// Index of a tiny splat's first pixel.
+    #[inline(always)]
+    fn index_of(&self, record: &Record) -> usize {
+        self.index(first_px(record))
+    }
+}
+
+/// Pixels from a block's first to its last, and from a tiny splat's.
+const OF_BLOCK: usize = 3 * STRIDE + 4;
+const OF_TINY: usize = 2 * STRIDE + 4;
+
+impl<'a> TinyScratch<'a> {
+    /// Nothing is drawn yet.
+    fn clear<const N: usize>(&mut self, tile: Tile, counts: bool) {
+        self.pairs.clear();
+        self.thresholds.clear();
+        self.thresholds.resize(ALL, f32::NEG_INFINITY);
+        let rect = tile.rect;
+        for y in rect.y..rect.end_y {
+            let row = tile.index((rect.x, y));
+            let row = self.thresholds.get_mut(row..row + (rect.end_x - rect.x).max(0) as usize);
+            row.unwrap_or_default().fill(f32::INFINITY);
+        }
+        self.sums.reserve(ALL * N);
+        self.sums.0.fill(0.0);
+        self.counts.clear();
+        if counts {
+            self.counts.resize(ALL, 0.0);
+        }
+    }
+
+    /// The first loop over tiny splats lowers depth thresholds. It also lists pairs of other splats and blocks, and
+    /// returns the blocks that are touched, a bit each.
+    #[inline(always)]
+    fn look_at_tiny<S: Simd>(
+        &mut self,
+        simd: S,
+        listing: &Listing<'a>,
+        number: usize,
+        tile: Tile,
+        counters: &mut Counters,
+    ) -> u64 {
+        let mut touched = 0;
+        let (infinity, three) = (f32x4::splat(simd, f32::INFINITY), first_three(simd));
+        for segment in listing.segments {
+            let entries = segment.of(number);
+            counters.block_pairs += entries.len() as u64;
+            for entry in entries {
+                touched |= entry.blocks;
+                let record = &segment.records[entry.record as usize];
+                if entry.kind() == Kind::Any {
+                    let mut blocks = entry.blocks;
+                    counters.block_pairs += u64::from(blocks.count_ones()) - 1;
+                    while blocks != 0 {
+                        let (x, y) = listing.grid.block_px(number, blocks.trailing_zeros());
+                        blocks &= blocks - 1;
+                        self.pairs.push(Pair { record, first_px: (x, y), pixel: tile.index((x, y)) as u32 });
+                    }
+                    continue;
+                }
+                let first = tile.index_of(record);
+                let own = self.thresholds.get_mut(first..).and_then(|pixels| pixels.first_chunk_mut::<OF_TINY>());
+                let Some(thresholds) = own else { continue };
+                if entry.kind() == Kind::Tiny2 {
+                    lower_thresholds(simd, fragments_of(simd, record, FORMS, FORMS + 4), record.epsilon(), thresholds);
+                    counters.spared += 12;
+                } else {
+                    let epsilon = f32x4::splat(simd, record.epsilon());
+                    for row in 0..3 {
+                        let (depths, weights) = fragments_of(simd, record, FORMS + 3 * row, FORMS + 9 + 3 * row);
+                        let values = (is_visible(weights) & three).select(depths + epsilon, infinity);
+                        let thresholds = &mut thresholds[STRIDE * row..STRIDE * row + 4];
+                        values.min(f32x4::from_slice(simd, thresholds)).store_slice(thresholds);
+                    }
+                    counters.spared += 7;
+                }
+            }
+        }
+        touched
+    }
+
+    /// The first loop over pairs lowers depth thresholds, and remembers the pairs' fragments.
+    #[inline(always)]
+    fn look_at_pairs<S: Simd>(&mut self, simd: S, tile: Tile, inputs: &RasterInputs<'_>, counters: &mut Counters) {
+        self.remembered.reserve(2 * LANES * self.pairs.len());
+        let remembered = self.remembered.numbers();
+        for (pairs, to) in self.pairs.chunks(4).zip(remembered.chunks_mut(8 * LANES)) {
+            let mut values = [[0.0; LANES]; 4];
+            let four = match pairs {
+                [a, b, c, d] => Some((pairs, [a.record, b.record, c.record, d.record])),
+                _ => None,
+            };
+            match four {
+                Some(([a, b, c, d], records)) if Batch::of(&records) != Batch::Scalar => {
+                    let at = [a.at(simd), b.at(simd), c.at(simd), d.at(simd)];
+                    let fragments = cheap_batch::<S, true>(simd, records, at, inputs);
+                    for i in 0..4 {
+                        counters.inside += inside(tile, at[i], &fragments[i]);
+                        take_in(simd, records[i], &fragments[i], &mut to[2 * LANES * i..], &mut values[i]);
+                    }
+                }
+                _ => {
+                    for (i, (pair, values)) in pairs.iter().zip(&mut values).enumerate() {
+                        let at = pair.at(simd);
+                        let fragment = fragment::fragment(simd, pair.record, at, pair.first_px, inputs);
+                        counters.inside += inside(tile, at, &fragment);
+                        take_in(simd, pair.record, &fragment, &mut to[2 * LANES * i..], values);
+                    }
+                }
+            }
+            for (pair, values) in pairs.iter().zip(&values) {
+                let own = self.thresholds.get_mut(pair.pixel as usize..);
+                let own = own.and_then(|pixels| pixels.first_chunk_mut::<OF_BLOCK>());
+                let Some(thresholds) = own else { continue };
+                for row in 0..4 {
+                    let thresholds = &mut thresholds[STRIDE * row..STRIDE * row + 4];
+                    let values = f32x4::from_slice(simd, &values[4 * row..4 * row + 4]);
+                    values.min(f32x4::from_slice(simd, thresholds)).store_slice(thresholds);
+                }
+            }
+        }
+    }
+
+    /// The second loop adds the fragments up to the depth thresholds, in splat order.
+    #[inline(always)]
+    fn add<S: Simd, const N: usize>(
+        &mut self,
+        simd: S,
+        drawn_tile: &TinyTile<'a, '_>,
+        tile: Tile,
+        counters: &mut Counters,
+    ) {
+        let TinyTile { listing, inputs, number, counts, .. } = *drawn_tile;
+        let attributes = &inputs.frame.wanted.attributes;
+        let Self { thresholds, sums, counts: all_counts, pairs, remembered } = self;
+        let sums = sums.numbers().as_chunks_mut::<N>().0;
+        let three = first_three(simd);
+        let mut pairs = pairs.iter().zip(remembered.numbers().as_chunks::<{ 2 * LANES }>().0);
+        for segment in listing.segments {
+            for entry in segment.of(number) {
+                let record = &segment.records[entry.record as usize];
+                let numbers = Numbers::<S, N>::of(simd, record.attributes(), attributes);
+                if entry.kind() == Kind::Any {
+                    for (pair, remembered) in pairs.by_ref().take(entry.blocks.count_ones() as usize) {
+                        let pixel = pair.pixel as usize;
+                        let bits = add_pair(simd, remembered, &numbers, (thresholds, sums), pixel);
+                        counters.contributing += u64::from(bits.count_ones());
+                        if counts {
+                            count(all_counts, pixel, (0..16).map(|i| (i % 4, i / 4, bits >> i & 1)));
+                        }
+                    }
+                    continue;
+                }
+                let pixel = tile.index_of(record);
+                let side = if entry.kind() == Kind::Tiny2 { 2 } else { 3 };
+                let mut bits = 0;
+                if side == 2 {
+                    let fragments = fragments_of(simd, record, FORMS, FORMS + 4);
+                    let (inside, contributing) = add_four(simd, fragments, &numbers, (thresholds, sums), pixel);
+                    counters.inside += inside;
+                    bits = contributing;
+                } else {
+                    let own = thresholds.get(pixel..).and_then(|pixels| pixels.first_chunk::<OF_TINY>());
+                    let to = sums.get_mut(pixel..).and_then(|sums| sums.first_chunk_mut::<OF_TINY>());
+                    let (Some(own), Some(to)) = (own, to) else { continue };
+                    for row in 0..3 {
+                        let (depths, weights) = fragments_of(simd, record, FORMS + 3 * row, FORMS + 9 + 3 * row);
+                        let has = weights.simd_le(weights) & three;
+                        let here = f32x4::from_slice(simd, &own[STRIDE * row..STRIDE * row + 4]);
+                        let found = contributing::<S, N>(simd, depths, weights, has, here);
+                        for i in 0..3 {
+                            numbers.add(simd, found.weights[i], found.depths[i], &mut to[STRIDE * row + i]);
+                        }
+                        counters.inside += drawn(simd, has, here);
+                        bits |= found.bits << (3 * row);
+                    }
+                }
+                counters.contributing += u64::from(bits.count_ones());
+                if counts {
+                    count(all_counts, pixel, (0..side * side).map(|i| (i % side, i / side, bits >> i & 1)));
+                }
+            }
+        }
+    }
+
+    /// The sums of the block whose first pixel has an index.
+    #[inline(always)]
+    fn sums_of<S: Simd, const N: usize>(
+        &mut self,
+        simd: S,
+        pixel: usize,
+        attributes: &Attributes,
+        counts: bool,
+    ) -> Sums<S> {
+        let mut planes = [Lanes::splat(simd, 0.0); N];
+        for (row, planes) in planes.chunks_exact_mut(N / 4).enumerate() {
+            let numbers = self.sums.numbers().get((pixel + row * STRIDE) * N..).unwrap_or_default();
+            for (plane, numbers) in planes.iter_mut().zip(numbers.chunks_exact(LANES)) {
+                *plane = Lanes::load(simd, numbers);
+            }
+        }
+        // From pixel by pixel to number by number.
+        let planes = Lanes::transpose(planes);
+        let mut sums = Sums::new(simd);
+        let three = |at: usize| [planes[at], planes[at + 1], planes[at + 2]];
+        if N == 8 {
+            (sums.color, sums.normal, sums.weight, sums.depth) = (three(0), three(3), planes[6], planes[7]);
+        } else {
+            sums.weight = planes[3];
+            if attributes.normal {
+                sums.normal = three(0);
+            } else {
+                sums.color = three(0);
+            }
+        }
+        if counts {
+            sums.fragments = rows(simd, self.counts.get(pixel..).unwrap_or_default());
+        }
+        sums
+    }
+}
+
+/// Numbers of the pixels of a block, given from its first one on.
+#[inline(always)]
+fn rows<S: Simd>(simd: S, numbers: &[f32]) -> Lanes<S> {
+    let Some(numbers) = numbers.first_chunk::<OF_BLOCK>() else { return Lanes::splat(simd, f32::NEG_INFINITY) };
+    let row = |i: usize| f32x4::from_slice(simd, &numbers[STRIDE * i..STRIDE * i + 4]);
+    Lanes(row(0).combine(row(1)).combine(row(2).combine(row(3))))
+}
+
+/// Numbers of the pixels of a tiny splat, given from its first one on.
+#[inline(always)]
+fn four_of<S: Simd>(simd: S, numbers: &[f32; OF_TINY]) -> f32x4<S> {
+    f32x4::load_array(simd, [numbers[0], numbers[1], numbers[STRIDE], numbers[STRIDE + 1]])
+}
+
+/// Lowers the depth thresholds of a tiny splat's 2×2 pixels, given from its first one on.
+#[inline(always)]
+fn lower_thresholds<S: Simd>(
+    simd: S,
+    (depths, weights): (f32x4<S>, f32x4<S>),
+    epsilon: f32,
+    thresholds: &mut [f32; OF_TINY],
+) {
+    let infinity = f32x4::splat(simd, f32::INFINITY);
+    let values = is_visible(weights).select(depths + f32x4::splat(simd, epsilon), infinity);
+    let nearest = values.min(four_of(simd, thresholds)).to_array();
+    for (i, nearest) in nearest.into_iter().enumerate() {
+        thresholds[STRIDE * (i / 2) + i % 2] = nearest;
+    }
+}
+
+/// Adds a tiny splat of 2×2 pixels at its first pixel: how many of its fragments are drawn, and which contribute, as
+/// bits.
+#[inline(always)]
+fn add_four<S: Simd, const N: usize>(
+    simd: S,
+    (depths, weights): (f32x4<S>, f32x4<S>),
+    numbers: &Numbers<S, N>,
+    (thresholds, sums): (&[f32], &mut [[f32; N]]),
+    pixel: usize,
+) -> (u64, u32) {
+    let own = thresholds.get(pixel..).and_then(|pixels| pixels.first_chunk::<OF_TINY>());
+    let to = sums.get_mut(pixel..).and_then(|sums| sums.first_chunk_mut::<OF_TINY>());
+    let (Some(own), Some(to)) = (own, to) else { return (0, 0) };
+    let has = weights.simd_le(weights);
+    let here = four_of(simd, own);
+    let Contributing { depths, weights, bits } = contributing::<S, N>(simd, depths, weights, has, here);
+    for i in 0..4 {
+        numbers.add(simd, weights[i], depths[i], &mut to[STRIDE * (i / 2) + i % 2]);
+    }
+    (drawn(simd, has, here), bits)
+}
+
+/// How many fragments of a block's pixels are drawn.
+#[inline(always)]
+fn inside<S: Simd>(tile: Tile, at: (Lanes<S>, Lanes<S>), fragment: &Fragment<S>) -> u64 {
+    u64::from((fragment.inside & tile.rect.holds(at)).to_bitmask().count_ones())
+}
+
+impl Pair<'_> {
+    /// Its pixels.
+    #[inline(always)]
+    fn at<S: Simd>(&self, simd: S) -> (Lanes<S>, Lanes<S>) {
+        let (x, y) = self.first_px;
+        let (x, y) = (Lanes::splat(simd, x as f32), Lanes::splat(simd, y as f32));
+        (Lanes::block_columns(simd) + x, Lanes::block_rows(simd) + y)
+    }
+}
+
+/// Remembers a splat's fragments, and gives what they may lower its pixels' thresholds to.
+#[inline(always)]
+fn take_in<S: Simd>(
+    simd: S,
+    record: &Record,
+    fragment: &Fragment<S>,
+    remembered: &mut [f32],
+    values: &mut [f32; LANES],
+) {
+    let nan = Lanes::splat(simd, f32::NAN);
+    if let Some(to) = remembered.first_chunk_mut::<{ 2 * LANES }>() {
+        Lanes::select(fragment.inside, fragment.z, nan).store(to);
+        fragment.weight.store(&mut to[LANES..]);
+    }
+    let value = fragment.z + Lanes::splat(simd, record.epsilon());
+    Lanes::select(fragment.visible, value, Lanes::splat(simd, f32::INFINITY)).store(values);
+}
+
+/// Adds a splat at a block: which of its fragments contribute, as bits.
+#[inline(always)]
+fn add_pair<S: Simd, const N: usize>(
+    simd: S,
+    remembered: &[f32; 2 * LANES],
+    numbers: &Numbers<S, N>,
+    (thresholds, sums): (&[f32], &mut [[f32; N]]),
+    pixel: usize,
+) -> u32 {
+    let Some(sums) = sums.get_mut(pixel..).and_then(|sums| sums.first_chunk_mut::<OF_BLOCK>()) else { return 0 };
+    let (depths, weights) = (Lanes::load(simd, remembered), Lanes::load(simd, &remembered[LANES..]));
+    let mask = depths.le(rows(simd, thresholds.get(pixel..).unwrap_or_default()));
+    let zero = Lanes::splat(simd, 0.0);
+    let weights = Lanes::select(mask, weights, zero).to_array();
+    let depths = if N == 8 { Lanes::select(mask, depths, zero).to_array() } else { [0.0; LANES] };
+    for i in 0..LANES {
+        numbers.add(simd, weights[i], depths[i], &mut sums[STRIDE * (i / 4) + i % 4]);
+    }
+    mask.to_bitmask() as u32
+}
+
+/// Counts fragments that contribute (1, else 0) at columns and rows from a pixel on.
+fn count(counts: &mut [f32], pixel: usize, fragments: impl Iterator<Item = (usize, usize, u32)>) {
+    for (column, row, contributes) in fragments {
+        if let Some(count) = counts.get_mut(pixel + STRIDE * row + column) {
+            *count += contributes as f32;
+        }
+    }
+}
+
+/// Numbers that a tile may remember between its loops. One with more is drawn block by block, which computes them
+/// twice.
+const REMEMBERED: usize = 1 << 22;
+
+/// What a pair of tiny splat and block costs where a tile is drawn block by block, another pair there, a tiny splat
+/// where it is drawn splat by splat, and another splat's pair there.
+const COSTS: [usize; 4] = [40, 30, 10, 45];
+
+/// True if a tile is drawn splat by splat: if so many of its splats are tiny that it is faster.
+pub(crate) fn is_faster_by_splats(segments: &[Segment], tile: usize) -> bool {
+    let [tiny_by_blocks, by_blocks, tiny, pair] = COSTS;
+    let [mut splats, mut pairs] = [0; 2];
+    for entry in segments.iter().flat_map(|segment| segment.of(tile)) {
+        if entry.kind() != Kind::Any {
+            splats += 1;
+            continue;
+        }
+        pairs += entry.blocks.count_ones() as usize;
+        if 2 * LANES * pairs > REMEMBERED {
+            return false;
+        }
+    }
+    splats > 0 && splats * tiny + pairs * pair < splats * tiny_by_blocks + pairs * by_blocks
+}

@@ -1,0 +1,232 @@
+//! The nearest triangle of each pixel of a block (§6).
+
+use crate::setup::triangles::ScreenTriangle;
+use crate::simd::lanes::{LANES, Lanes};
+use fearless_simd::prelude::SimdMask;
+use fearless_simd::{Simd, mask32x16};
+use surfel_math::depth::step_allowance;
+use surfel_math::mapping::Linear;
+use surfel_math::projection::Projection;
+use surfel_math::triangle::Triangle;
+use surfel_math::{Real, V2};
+
+/// The nearest polygons of a block.
+#[derive(Clone, Copy)]
+pub(crate) struct Nearest<S: Simd> {
+    /// +∞ where there is none.
+    pub z: Lanes<S>,
+    /// Index in the block's list, as bits.
+    which: Lanes<S>,
+}
+
+/// A form about the first pixel of a block. Rounded once, so that neighbours, whose edges are each other's negatives,
+/// still judge by the same number.
+#[inline(always)]
+fn about<S: Simd>(simd: S, form: &Linear<f64>, first: V2<f64>) -> Linear<Lanes<S>> {
+    let k = |v: f64| Lanes::splat(simd, v as f32);
+    Linear { c: k(form.at(first)), x: k(form.x), y: k(form.y) }
+}
+
+/// Centre of a pixel.
+pub(crate) fn center((x, y): (i32, i32)) -> V2<f64> {
+    V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
+}
+
+/// Pixel of a block's lane.
+pub(crate) fn pixel_of((x, y): (i32, i32), lane: usize) -> (i32, i32) {
+    (x + (lane % 4) as i32, y + (lane / 4) as i32)
+}
+
+/// The nearest polygon of every pixel of a block; of equally near ones the first. Depths outside of `exists` are left
+/// out.
+#[inline(always)]
+pub(crate) fn nearest<S: Simd>(simd: S, list: &[&ScreenTriangle], at: (i32, i32), exists: [f32; 2]) -> Nearest<S> {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let first = center(at);
+    let d = V2::new(Lanes::block_columns(simd), Lanes::block_rows(simd));
+    let mut nearest = Nearest { z: k(f32::INFINITY), which: k(0.0) };
+    for (i, t) in list.iter().enumerate() {
+        if nearest.z.le(k(t.z_min)).all_true() {
+            continue;
+        }
+        let [a, b, c] = &t.triangle.edges;
+        let edges = [about(simd, a, first), about(simd, b, first), about(simd, c, first)];
+        let triangle = Triangle { edges, z: [k(0.0); 3] };
+        let inside = triangle.contains(d);
+        if inside.to_bitmask() == 0 {
+            continue;
+        }
+        // In this order no depth of a large triangle's far corner is cancelled by another's in f32.
+        let z = about(simd, &t.depth, first).at(d) / about(simd, &t.weight, first).at(d);
+        let closer = inside & k(exists[0]).le(z) & z.le(k(exists[1])) & z.lt(nearest.z);
+        nearest.z = Lanes::select(closer, z, nearest.z);
+        nearest.which = Lanes::select(closer, k(f32::from_bits(i as u32)), nearest.which);
+    }
+    nearest
+}
+
+impl<S: Simd> Nearest<S> {
+    /// Where the polygons of the lanes of `wanted` end, for their neighbours (§5, edges by samples).
+    #[inline(never)]
+    pub(crate) fn end(
+        &self,
+        simd: S,
+        list: &[&ScreenTriangle],
+        projection: &Projection,
+        at: (i32, i32),
+        wanted: mask32x16<S>,
+    ) -> Lanes<S> {
+        let (mut z, which, bits) = (self.z.to_array(), self.indices(), wanted.to_bitmask());
+        for (lane, z) in z.iter_mut().enumerate().filter(|(lane, _)| bits >> lane & 1 == 1) {
+            let Some(t) = list.get(which[lane]) else { continue };
+            let own = f64::from(*z);
+            let gradient = t.triangle.gradient(t.triangle.z, own, center(pixel_of(at, lane)));
+            *z = (own + step_allowance(own, gradient, projection)) as f32;
+        }
+        Lanes::load(simd, &z)
+    }
+
+    /// Index in the block's list of a lane's polygon.
+    #[inline(always)]
+    pub(crate) fn indices(&self) -> [usize; LANES] {
+        self.which.to_array().map(|bits| bits.to_bits() as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cull::chunks::{MeshPart, mesh_parts};
+    use crate::scene::mesh::StoredMesh;
+    use crate::setup::triangles::{TriangleSegment, project};
+    use crate::simd::level::{Instructions, SimdLevel, with_instructions};
+    use crate::tiles::grid::Grid;
+    use glam::{DAffine3, DVec3};
+    use std::sync::Arc;
+    use surfel_model::{Camera, Column3, Cull, Geometry, Material, Mesh, Object, Projection};
+    use surfel_render::View;
+
+    const SIZE: u32 = 64;
+
+    fn view() -> View {
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, target, up) = ([0.0, 0.0, 3.0], [0.0; 3], [0.0, 1.0, 0.0]);
+        View::new(&Camera { eye, target, up, projection, near: 0.1, far: None, size: [SIZE; 2] }).unwrap()
+    }
+
+    /// Pseudo-random numbers in [−1, 1).
+    fn noise(i: usize) -> f64 {
+        let x = (i as f64 * 12.9898).sin() * 43758.5453;
+        2.0 * (x - x.floor()) - 1.0
+    }
+
+    /// A sheet that fills the image and more, bent at random in all directions but nowhere folded, of n×n quads whose
+    /// diagonals turn either way.
+    fn crumpled(n: usize, seed: usize) -> Mesh {
+        let vertex = |i: usize| {
+            let (x, y) = ((i % (n + 1)) as f64 / n as f64 - 0.5, (i / (n + 1)) as f64 / n as f64 - 0.5);
+            let bend = 0.3 / n as f64;
+            DVec3::new(
+                3.4 * x + bend * noise(3 * i + seed),
+                3.4 * y + bend * noise(3 * i + 1 + seed),
+                bend * noise(3 * i + 2 + seed),
+            )
+        };
+        let positions: Vec<DVec3> = (0..(n + 1) * (n + 1)).map(vertex).collect();
+        let triangles = (0..n * n).flat_map(|i| {
+            let a = (i / n * (n + 1) + i % n) as u32;
+            let [b, c, d] = [a + 1, a + n as u32 + 1, a + n as u32 + 2];
+            if (i + seed).is_multiple_of(2) { [[a, b, d], [a, d, c]] } else { [[a, b, c], [b, d, c]] }
+        });
+        Mesh { positions: Column3::from_f64(&positions), triangles: triangles.collect(), ..Mesh::default() }
+    }
+
+    fn stored(mesh: Mesh) -> StoredMesh {
+        let mesh = Arc::new(mesh);
+        let geometry = Geometry::Mesh(mesh.clone());
+        let object = Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() };
+        StoredMesh::new(&object, &mesh, &[])
+    }
+
+    fn projected(instructions: Instructions, meshes: &[StoredMesh], view: &View, grid: &Grid) -> Vec<TriangleSegment> {
+        let parts: Vec<MeshPart> = mesh_parts(meshes, &[], view).map(|(part, _)| part).collect();
+        project(instructions, meshes, &parts, view, grid, Cull::None)
+    }
+
+    /// How many triangles cover each pixel, whatever their depth, as the tiles' lists have them.
+    fn coverage(mesh: Mesh, tile_blocks: u32) -> Vec<u32> {
+        let (view, meshes) = (view(), [stored(mesh)]);
+        let grid = Grid::new(view.region, tile_blocks);
+        let mut counts = vec![0; (SIZE * SIZE) as usize];
+        let instructions = Instructions::new(SimdLevel::Best).unwrap();
+        for segment in projected(instructions, &meshes, &view, &grid) {
+            for tile in 0..grid.tiles() {
+                for entry in segment.lists.of(tile) {
+                    for block in (0..64u32).filter(|block| entry.blocks >> block & 1 != 0) {
+                        let px = |tile: u32, block: u32| (tile * grid.tile_px() + block * 4) as i32;
+                        let at = (px(tile as u32 % grid.columns, block % 8), px(tile as u32 / grid.columns, block / 8));
+                        let list = [&segment.triangles[entry.record as usize]];
+                        let z = with_instructions!(instructions, simd =>
+                            nearest(simd, &list, at, [0.1, f32::MAX]).z.to_array());
+                        for (lane, z) in z.into_iter().enumerate().filter(|(_, z)| z.is_finite()) {
+                            assert!(z > 0.0);
+                            let (x, y) = pixel_of(at, lane);
+                            counts[(y as u32 * SIZE + x as u32) as usize] += 1;
+                        }
+                    }
+                }
+            }
+        }
+        counts
+    }
+
+    #[test]
+    fn polygons_of_a_closed_sheet_cover_every_pixel_once() {
+        for (seed, n) in [(1, 3), (2, 8), (3, 21), (4, 100)] {
+            for tile_blocks in [2, 8] {
+                let counts = coverage(crumpled(n, seed), tile_blocks);
+                let wrong = counts.iter().filter(|count| **count != 1).count();
+                assert_eq!(wrong, 0, "{n}×{n}, tiles of {tile_blocks} blocks");
+            }
+        }
+    }
+
+    #[test]
+    fn polygon_edges_through_pixel_centres_belong_to_one_side() {
+        // A quad whose sides and diagonal run through centres: x = ±1 and y = ±1 at depth 2 are pixels 16 and 48 at
+        // this focal length.
+        let quad = |shift: f64| {
+            let at = |x: f64, y: f64| DVec3::new(x + shift, y + shift, 1.0);
+            let positions = Column3::from_f64(&[at(-0.25, -0.25), at(0.25, -0.25), at(0.25, 0.25), at(-0.25, 0.25)]);
+            Mesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3]], ..Mesh::default() }
+        };
+        let mut view = view();
+        // A pixel is 1/16 at depth 2: all numbers are exact.
+        view.projection.focal_px = [32.0; 2];
+        let half_pixel = 1.0 / 32.0;
+        for shift in [0.0, half_pixel] {
+            let meshes = [stored(quad(shift))];
+            let grid = Grid::new(view.region, 8);
+            let instructions = Instructions::new(SimdLevel::Best).unwrap();
+            let segments = projected(instructions, &meshes, &view, &grid);
+            let list: Vec<&ScreenTriangle> = segments.iter().flat_map(|s| &s.triangles).collect();
+            let mut counts = [0, 0];
+            for y in (0..SIZE as i32).step_by(4) {
+                for x in (0..SIZE as i32).step_by(4) {
+                    for one in &list {
+                        with_instructions!(instructions, simd => {
+                            let z = nearest(simd, &[one], (x, y), [0.1, f32::MAX]).z.to_array();
+                            counts[0] += z.iter().filter(|z| z.is_finite()).count();
+                        });
+                    }
+                    with_instructions!(instructions, simd => {
+                        let z = nearest(simd, &list, (x, y), [0.1, f32::MAX]).z.to_array();
+                        counts[1] += z.iter().filter(|z| z.is_finite()).count();
+                    });
+                }
+            }
+            // 8×8 pixels, each once, wherever the edges run.
+            assert_eq!(counts, [64, 64], "shifted by {shift}");
+        }
+    }
+}

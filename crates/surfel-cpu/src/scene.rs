@@ -1,0 +1,8 @@
+//! What stays resident from upload to the last frame: clouds in chunks with bounds, their clips, and meshes.
+
+pub(crate) mod clips;
+pub(crate) mod cloud;
+pub(crate) mod column;
+pub(crate) mod groups;
+pub(crate) mod mesh;
+pub(crate) mod resident;

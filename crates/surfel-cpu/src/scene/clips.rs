@@ -1,0 +1,167 @@
+//! Clips of splats (§7), over their (u, v).
+//!
+//! Most clips are a line or two: only the forms that a clip has are stored, in one list for many splats.
+
+use crate::simd::lanes::LANES;
+use surfel_math::clip::Clip;
+use surfel_math::mapping::Linear;
+use surfel_model::{ClipPolicy, SplatCloud};
+
+/// Index of a splat without a clip.
+const NONE: u32 = u32::MAX;
+
+/// Which forms follow those of a clip's lines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Curve {
+    /// None.
+    Absent,
+    /// One, at least 0 where pixels are kept: the chord in the curve's place.
+    Chord,
+    /// [`Clip::chord`], `side1` and `side3`; the inside is kept.
+    Inside,
+    /// The same; the outside is kept.
+    Outside,
+}
+
+impl Curve {
+    #[inline(always)]
+    pub(crate) fn forms(self) -> usize {
+        match self {
+            Self::Absent => 0,
+            Self::Chord => 1,
+            Self::Inside | Self::Outside => 3,
+        }
+    }
+}
+
+/// Which forms a clip has, in a list of many clips' forms.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Head {
+    /// Index of the first.
+    pub first: u32,
+    /// Number of lines, whose forms come first: negated where one line that keeps is enough.
+    pub lines: u8,
+    pub any_line: bool,
+    pub curve: Curve,
+    /// The forms over the unfiltered footprint are followed by as many over the filtered one.
+    pub has_filtered: bool,
+}
+
+impl Head {
+    #[inline(always)]
+    pub(crate) fn forms(self) -> usize {
+        usize::from(self.lines) + self.curve.forms()
+    }
+}
+
+/// The clips of an object's splats, over their (u, v).
+#[derive(Default)]
+pub(crate) struct StoredClips {
+    /// Of every slot of the object's columns.
+    of_slot: Vec<u32>,
+    heads: Vec<Head>,
+    forms: Vec<Linear<f32>>,
+}
+
+/// A stored clip under a policy.
+#[derive(Clone, Copy)]
+pub(crate) struct StoredClip<'a> {
+    pub head: Head,
+    pub lines: &'a [Linear<f32>],
+    pub curve: &'a [Linear<f32>],
+    /// The curve's first form, times this, takes the place of all of them.
+    pub straightened: Option<f32>,
+}
+
+impl StoredClips {
+    /// Adds the next slot: splat `i` of a cloud.
+    pub(crate) fn push(&mut self, cloud: &SplatCloud, i: usize) {
+        let Some(clip) = cloud.data().clips.as_ref().and_then(|c| c.clip(i, ClipPolicy::Exact)) else {
+            self.of_slot.push(NONE);
+            return;
+        };
+        self.of_slot.push(self.heads.len() as u32);
+        let nothing = Clip::nothing();
+        let lines = clip.lines.iter().rposition(|line| *line != nothing.lines[0]).map_or(0, |last| last + 1);
+        // Where one line that keeps is enough, one that keeps nothing looks like an absent one, and must be there.
+        let lines = lines.max(usize::from(clip.line_sign < 0.0));
+        let curve = if clip.chord == nothing.chord {
+            Curve::Absent
+        } else if clip.side1 == nothing.side1 && clip.side3 == nothing.side3 {
+            Curve::Chord
+        } else if clip.curve_sign < 0.0 {
+            Curve::Outside
+        } else {
+            Curve::Inside
+        };
+        let (first, any_line) = (self.forms.len() as u32, clip.line_sign < 0.0);
+        self.heads.push(Head { first, lines: lines as u8, any_line, curve, has_filtered: false });
+        let clip = clip.map(|v| v as f32);
+        self.forms.extend_from_slice(&clip.lines[..lines]);
+        match curve {
+            Curve::Absent => (),
+            Curve::Chord => self.forms.push(times(&clip.chord, -1.0)),
+            Curve::Inside | Curve::Outside => self.forms.extend([clip.chord, clip.side1, clip.side3]),
+        }
+    }
+
+    /// True if no slot has a clip.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.heads.is_empty()
+    }
+
+    /// Which of sixteen slots from `at` on have a clip, as bits.
+    #[inline(always)]
+    pub(crate) fn clipped(&self, at: usize) -> u64 {
+        let slots = self.of_slot.get(at..).unwrap_or_default();
+        (0..LANES).zip(slots).fold(0, |bits, (i, clip)| bits | u64::from(*clip != NONE) << i)
+    }
+
+    /// The clip of a slot under a policy.
+    pub(crate) fn get(&self, slot: usize, policy: ClipPolicy) -> Option<StoredClip<'_>> {
+        let mut head = *self.heads.get(*self.of_slot.get(slot)? as usize)?;
+        let (first, lines) = (head.first as usize, usize::from(head.lines));
+        let (lines, curve) = self.forms.get(first..first + head.forms())?.split_at_checked(lines)?;
+        let straightened = match (policy, head.curve) {
+            (ClipPolicy::Off, _) => return None,
+            // Pixels where `chord` is at most 0 are kept.
+            (ClipPolicy::Line, Curve::Inside) => Some(-1.0),
+            (ClipPolicy::Line, Curve::Outside) => Some(1.0),
+            _ => None,
+        };
+        if straightened.is_some() {
+            head.curve = Curve::Chord;
+        }
+        Some(StoredClip { head, lines, curve, straightened })
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.of_slot.as_slice()) + size_of_val(self.heads.as_slice()) + size_of_val(self.forms.as_slice())
+    }
+}
+
+#[inline(always)]
+pub(crate) fn times(l: &Linear<f32>, k: f32) -> Linear<f32> {
+    Linear { c: l.c * k, x: l.x * k, y: l.y * k }
+}
+
+impl StoredClip<'_> {
+    /// All of it, over (u, v).
+    pub(crate) fn whole(&self) -> Clip<f64> {
+        let wide = |l: &Linear<f32>| Linear { c: l.c.into(), x: l.x.into(), y: l.y.into() };
+        let mut clip = Clip::nothing();
+        for (line, form) in clip.lines.iter_mut().zip(self.lines) {
+            *line = wide(form);
+        }
+        clip.line_sign = if self.head.any_line { -1.0 } else { 1.0 };
+        match (self.head.curve, self.curve) {
+            (Curve::Chord, [form, ..]) => clip.chord = wide(&times(form, -self.straightened.unwrap_or(1.0))),
+            (curve, [chord, side1, side3]) => {
+                (clip.chord, clip.side1, clip.side3) = (wide(chord), wide(side1), wide(side3));
+                clip.curve_sign = if curve == Curve::Outside { -1.0 } else { 1.0 };
+            }
+            _ => (),
+        }
+        clip
+    }
+}

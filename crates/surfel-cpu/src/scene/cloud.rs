@@ -1,0 +1,242 @@
+//! Splats as they stay resident: Morton order, chunks of 256, f32 about an f64 origin.
+
+use crate::scene::clips::StoredClips;
+use crate::scene::column::{Column, Column3, Units};
+use crate::scene::groups::{BoundedSplat, Groups};
+use crate::simd::lanes::LANES;
+use glam::{DAffine3, DVec3, Vec3};
+use std::f64::consts::PI;
+use surfel_math::kernel::interior_weight_at_cutoff;
+use surfel_model::{CHUNK_SPLATS, ChunkSpace, Storage, chunks, stored_axes};
+use surfel_model::{Material, Object, Octree, Shape, SplatCloud};
+
+/// Most splats of a chunk.
+pub(crate) const CHUNK: usize = CHUNK_SPLATS;
+
+const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
+
+/// Extent and orientation of the splats.
+pub(crate) enum StoredShape {
+    /// Unit normals and radii.
+    Disks { normals: Units, radii: Column },
+    /// Half-axes.
+    Ellipses { s: Column3, t: Column3 },
+}
+
+/// Up to 256 splats that lie close together.
+pub(crate) struct Chunk {
+    /// Object-space origin of the centres, and what 16 bits are relative to.
+    pub space: ChunkSpace,
+    /// Radius about the origin of a bounding sphere that holds the splats (not only their centres), object units.
+    pub radius: f64,
+    /// Half the sides of a box about the origin that holds them too, along the object's axes.
+    pub half: DVec3,
+    /// Areas of its splats together, object units.
+    pub area: f64,
+    /// One of its splats, as an index into the cloud: those of an octree's chunk are drawn together or not at all.
+    pub member: u32,
+    /// First splat in the columns.
+    pub first: usize,
+    /// Number of splats.
+    pub count: usize,
+    /// A cone about all normals, if it is narrower than a half space.
+    pub cone: Option<Cone>,
+}
+
+/// Directions within an angle of an axis.
+pub(crate) struct Cone {
+    pub axis: DVec3,
+    pub sine: f64,
+    pub cosine: f64,
+}
+
+impl Cone {
+    /// The cone about the mean of some unit vectors.
+    fn about(normals: impl Iterator<Item = DVec3> + Clone) -> Option<Self> {
+        let axis = normals.clone().sum::<DVec3>().try_normalize()?;
+        // Rounding of the stored f32 normals, and some more.
+        let cosine = normals.map(|n| axis.dot(n)).fold(1.0, f64::min) - 1e-6;
+        (cosine > 0.0).then(|| Self { axis, sine: (1.0 - cosine * cosine).sqrt(), cosine })
+    }
+}
+
+/// One object's splats.
+pub(crate) struct StoredObject {
+    pub world_from_object: DAffine3,
+    pub material: Material,
+    /// Index of the scene's object, if it is an octree.
+    pub octree: Option<usize>,
+    pub chunks: Vec<Chunk>,
+    /// Of each chunk.
+    pub groups: Vec<Groups>,
+    /// Centres about their chunks' origins.
+    pub centers: Column3,
+    pub shape: StoredShape,
+    pub colors: Option<Column3>,
+    pub shading_normals: Option<Units>,
+    pub clips: Option<StoredClips>,
+    /// Of every slot, where some splat is transparent. Not rounded: 1 must stay 1.
+    pub alphas: Option<Vec<f32>>,
+    /// W0 of the material, or of the cloud; 0 if neither says.
+    interior_weight: f64,
+    /// Its normals all point out of the same surface.
+    pub oriented: bool,
+}
+
+impl StoredObject {
+    /// Orders and stores a cloud.
+    pub(crate) fn new(cloud: &SplatCloud, world_from_object: DAffine3, material: Material, storage: Storage) -> Self {
+        Self::ordered(cloud, (world_from_object, material), storage, std::iter::once(cloud.morton_order()))
+    }
+
+    /// Stores an octree's cloud, in chunks of one node or transition.
+    pub(crate) fn of_octree(index: usize, octree: &Octree, object: &Object, storage: Storage) -> Self {
+        let place = (object.world_from_object, object.material);
+        let stored = Self::ordered(octree.cloud(), place, storage, octree.parts().map(Iterator::collect));
+        Self { octree: Some(index), ..stored }
+    }
+
+    /// Stores a cloud's splats in this order, in chunks of one of its parts.
+    fn ordered(
+        cloud: &SplatCloud,
+        (world_from_object, material): (DAffine3, Material),
+        storage: Storage,
+        parts: impl Iterator<Item = Vec<u32>>,
+    ) -> Self {
+        let padded = cloud.len() + cloud.len() / LANES;
+        let data = cloud.data();
+        let mut stored = Self {
+            world_from_object,
+            material,
+            octree: None,
+            chunks: Vec::with_capacity(padded / CHUNK),
+            groups: Vec::with_capacity(padded / CHUNK),
+            centers: Column3::new(storage, padded),
+            shape: match data.shape {
+                Shape::Disks { .. } => {
+                    StoredShape::Disks { normals: Units::new(storage, padded), radii: Column::new(storage, padded) }
+                }
+                Shape::Ellipses { .. } => StoredShape::Ellipses {
+                    s: Column3::new(Storage::F32, padded),
+                    t: Column3::new(Storage::F32, padded),
+                },
+            },
+            colors: data.colors.as_ref().map(|_| Column3::new(storage, padded)),
+            shading_normals: data.shading_normals.as_ref().map(|_| Units::new(storage, padded)),
+            clips: data.clips.as_ref().map(|_| StoredClips::default()),
+            alphas: cloud.is_transparent().then(|| Vec::with_capacity(padded)),
+            interior_weight: material.interior_weight.or(data.interior_weight).unwrap_or(0.0),
+            oriented: material.is_oriented(cloud),
+        };
+        for order in parts {
+            for (space, members) in chunks(cloud, &order, storage) {
+                stored.push_chunk(cloud, space, members);
+            }
+        }
+        // A file may have columns of clips and none in them.
+        stored.clips.take_if(|clips| clips.is_empty());
+        stored.trim();
+        stored
+    }
+
+    /// Gives back the memory of slots that a chunk's end might have needed.
+    fn trim(&mut self) {
+        self.chunks.shrink_to_fit();
+        self.groups.shrink_to_fit();
+        self.centers.trim();
+        match &mut self.shape {
+            StoredShape::Disks { normals, radii } => {
+                normals.trim();
+                radii.trim();
+            }
+            StoredShape::Ellipses { s, t } => [s, t].into_iter().for_each(Column3::trim),
+        }
+        self.colors.iter_mut().for_each(Column3::trim);
+        self.shading_normals.iter_mut().for_each(Units::trim);
+        self.alphas.iter_mut().for_each(Vec::shrink_to_fit);
+    }
+
+    fn push_chunk(&mut self, cloud: &SplatCloud, space: ChunkSpace, members: &[u32]) {
+        let centers: Vec<DVec3> = members.iter().map(|&i| cloud.center(i as usize)).collect();
+        let cone = Cone::about(members.iter().map(|&i| cloud.normal(i as usize)));
+        let (mut radius, mut half, mut area) = (0.0f64, DVec3::ZERO, 0.0);
+        let first = self.centers.len();
+        let member = members.first().copied().unwrap_or_default();
+        self.chunks.push(Chunk { space, radius: 0.0, half, area, member, first, count: members.len(), cone });
+        // The last splat fills the lanes up; setup ignores what lies past `count`.
+        for slot in 0..members.len().next_multiple_of(LANES) {
+            let k = slot.min(members.len() - 1);
+            let i = members[k] as usize;
+            self.centers.push((centers[k] - space.origin).as_vec3(), space.center);
+            let from_origin = centers[k] - space.origin;
+            radius = radius.max(from_origin.length() + cloud.radius_max(i));
+            let (s, t) = cloud.axes(i);
+            half = half.max(from_origin.abs() + (s * s + t * t).map(f64::sqrt));
+            if slot == k {
+                area += PI * s.cross(t).length();
+            }
+            match &mut self.shape {
+                StoredShape::Disks { normals, radii } => {
+                    normals.push(cloud.normal(i).as_vec3());
+                    radii.push(cloud.radius_max(i) as f32, space.radius);
+                }
+                StoredShape::Ellipses { s, t } => {
+                    let (a, b) = stored_axes(cloud, i);
+                    s.push(a, 1.0);
+                    t.push(b, 1.0);
+                }
+            }
+            if let Some(colors) = &mut self.colors {
+                colors.push(Vec3::from(cloud.color(i)), space.color);
+            }
+            if let Some(clips) = &mut self.clips {
+                clips.push(cloud, i);
+            }
+            if let Some(alphas) = &mut self.alphas {
+                alphas.push(cloud.alpha(i));
+            }
+            if let Some(normals) = &mut self.shading_normals {
+                normals.push(cloud.shading_normal(i).as_vec3());
+            }
+        }
+        if let Some(chunk) = self.chunks.last_mut() {
+            // Stored centres and radii are rounded, by 16 bits to 1e-4 of the bounding sphere at most.
+            chunk.radius = radius * (1.0 + 1e-4);
+            chunk.half = half + DVec3::splat(radius * 1e-4);
+            chunk.area = area;
+            let bounded = members.iter().zip(&centers).map(|(&i, center)| BoundedSplat {
+                center: center - space.origin,
+                radius: cloud.radius_max(i as usize) + radius * 1e-4,
+                normal: cloud.normal(i as usize),
+            });
+            let bounded: Vec<_> = bounded.collect();
+            self.groups.push(Groups::of(chunk, &bounded));
+        }
+    }
+
+    /// 1/W0: coverage of a unit of weight inside the cloud's surface (§5). 1 where W0 is not known, and then not
+    /// needed.
+    pub(crate) fn coverage_per_weight(&self, cutoff: f64) -> f32 {
+        if self.interior_weight > 0.0 {
+            (1.0 / interior_weight_at_cutoff(self.interior_weight, cutoff)) as f32
+        } else {
+            1.0
+        }
+    }
+
+    /// Bytes of heap memory in use.
+    pub(crate) fn bytes(&self) -> usize {
+        let shape = match &self.shape {
+            StoredShape::Disks { normals, radii } => normals.bytes() + radii.bytes(),
+            StoredShape::Ellipses { s, t } => s.bytes() + t.bytes(),
+        };
+        shape
+            + self.centers.bytes()
+            + self.colors.as_ref().map_or(0, Column3::bytes)
+            + self.shading_normals.as_ref().map_or(0, Units::bytes)
+            + self.clips.as_ref().map_or(0, StoredClips::bytes)
+            + self.alphas.as_ref().map_or(0, |a| size_of_val(a.as_slice()))
+            + size_of_val(self.chunks.as_slice())
+            + size_of_val(self.groups.as_slice())
+    }
+}

@@ -1,0 +1,135 @@
+//! Meshes, with bounding spheres about their triangles.
+
+use glam::{DAffine3, DMat3, DVec3};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Arc;
+use surfel_math::basis::{normal_matrix, unit};
+use surfel_model::{Material, Mesh, Mipmaps, Object, Octree};
+use surfel_render::View;
+
+/// One object of polygons.
+pub(crate) struct StoredMesh {
+    pub mesh: Arc<Mesh>,
+    pub world_from_object: DAffine3,
+    pub material: Material,
+    /// The mesh's texture and its smaller levels.
+    pub mipmaps: Option<Arc<Mipmaps>>,
+    /// Object to world normals, up to scale.
+    pub normals: DMat3,
+    /// Index of the scene's object, if it is an octree.
+    pub octree: Option<usize>,
+    /// Its triangles' indices, such that neighbours follow each other.
+    order: Vec<u32>,
+    pub parts: Vec<Part>,
+}
+
+/// Triangles that lie together: of an octree, of one leaf.
+pub(crate) struct Part {
+    pub bounds: BoundingSphere,
+    /// Which of the mesh's order.
+    triangles: Range<usize>,
+}
+
+impl Part {
+    /// The part of these of a mesh's triangles.
+    fn new(mesh: &Mesh, order: &[u32], triangles: Range<usize>) -> Self {
+        Self { bounds: BoundingSphere::about(mesh, &order[triangles.clone()]), triangles }
+    }
+}
+
+/// Ranges of at most [`PART`].
+fn cut(range: Range<usize>) -> impl Iterator<Item = Range<usize>> + Clone {
+    range.clone().step_by(PART).map(move |first| first..(first + PART).min(range.end))
+}
+
+/// Triangles of a part: enough that looking at its bounds costs nothing, and few enough to lie close together.
+const PART: usize = 256;
+
+/// A sphere about some triangles, in the object, about the mesh's origin.
+pub(crate) struct BoundingSphere {
+    pub center: DVec3,
+    pub radius: f64,
+}
+
+impl BoundingSphere {
+    fn about(mesh: &Mesh, triangles: &[u32]) -> Self {
+        let corners = || triangles.iter().flat_map(|&t| mesh.triangles[t as usize]);
+        let corners = || corners().map(|i| mesh.positions.get(i as usize));
+        let (min, max) = extent(corners());
+        let center = 0.5 * (min + max);
+        Self { center, radius: corners().map(|p| p.distance(center)).fold(0.0, f64::max) }
+    }
+}
+
+fn extent(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
+    points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)))
+}
+
+/// A mesh's triangles in Morton order of their first corners.
+fn morton_order(mesh: &Mesh) -> Vec<u32> {
+    let first = |t: &[u32; 3]| mesh.positions.get(t[0] as usize);
+    let (min, max) = extent(mesh.triangles.iter().map(first));
+    let side = (max - min).max_element();
+    let scale = if side > 0.0 { 1023.0 / side } else { 0.0 };
+    let key = |t: &[u32; 3]| {
+        let [x, y, z] = ((first(t) - min) * scale).to_array().map(|c| c as u32);
+        (0..10).fold(0u32, |key, bit| {
+            let axis = |c: u32, at: u32| (c >> bit & 1) << (3 * bit + at);
+            key | axis(x, 0) | axis(y, 1) | axis(z, 2)
+        })
+    };
+    let mut keyed: Vec<(u32, u32)> = (0..).zip(&mesh.triangles).map(|(i, t)| (key(t), i)).collect();
+    keyed.par_sort_unstable();
+    keyed.into_iter().map(|(_, i)| i).collect()
+}
+
+impl StoredMesh {
+    /// A mesh as it is drawn; smaller levels of a texture that another object has are shared.
+    pub(crate) fn new(object: &Object, mesh: &Arc<Mesh>, others: &[Self]) -> Self {
+        let order = morton_order(mesh);
+        let parts: Vec<Range<usize>> = cut(0..order.len()).collect();
+        Self::in_parts(object, mesh, others, order, &parts)
+    }
+
+    /// An octree's triangles, leaf by leaf.
+    pub(crate) fn of_octree(index: usize, octree: &Octree, object: &Object, others: &[Self]) -> Self {
+        let mesh = octree.shared_mesh();
+        let leaves = octree.nodes().iter().filter(|node| node.is_leaf());
+        let parts: Vec<Range<usize>> =
+            leaves.flat_map(|leaf| cut(leaf.triangles.start as usize..leaf.triangles.end as usize)).collect();
+        let order = (0..mesh.triangles.len() as u32).collect();
+        Self { octree: Some(index), ..Self::in_parts(object, &mesh, others, order, &parts) }
+    }
+
+    fn in_parts(object: &Object, mesh: &Arc<Mesh>, others: &[Self], order: Vec<u32>, parts: &[Range<usize>]) -> Self {
+        Self {
+            mesh: mesh.clone(),
+            world_from_object: object.world_from_object,
+            material: object.material,
+            mipmaps: Mipmaps::of_mesh(mesh, others.iter().filter_map(|other| other.mipmaps.as_ref())),
+            normals: normal_matrix(&object.world_from_object.matrix3),
+            octree: None,
+            parts: parts.par_iter().map(|triangles| Part::new(mesh, &order, triangles.clone())).collect(),
+            order,
+        }
+    }
+
+    /// Indices of a part's triangles.
+    pub(crate) fn part(&self, part: u32) -> &[u32] {
+        self.parts.get(part as usize).and_then(|part| self.order.get(part.triangles.clone())).unwrap_or_default()
+    }
+
+    /// Object to view directions, and view position of the mesh's origin.
+    pub(crate) fn in_view(&self, view: &View) -> (DMat3, DVec3) {
+        // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
+        let origin = self.world_from_object.transform_point3(self.mesh.origin) - view.eye;
+        (view.view_from_world * self.world_from_object.matrix3, view.view_from_world * origin)
+    }
+
+    /// Unit world normal of a triangle's own plane: the side from which its corners run counter-clockwise.
+    pub(crate) fn flat_normal(&self, triangle: usize) -> DVec3 {
+        let [a, b, c] = self.mesh.triangles[triangle].map(|i| self.mesh.positions.get(i as usize));
+        unit(self.normals * (b - a).cross(c - a))
+    }
+}

@@ -1,0 +1,11 @@
+//! From blocks to tiles of the image: what is drawn tile by tile, and screen-space passes over a G-buffer of a tile and
+//! its neighbours.
+
+pub(crate) mod composite;
+pub(crate) mod eye_dome;
+pub(crate) mod gbuffer;
+pub(crate) mod layer_steps;
+pub(crate) mod neighbourhood;
+pub(crate) mod samples;
+pub(crate) mod steps;
+pub(crate) mod tile;

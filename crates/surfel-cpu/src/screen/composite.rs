@@ -1,0 +1,425 @@
+//! Tiles of frames with more than opaque splats: polygons (§6), transparent layers (§8), and screen-space passes, edges
+//! and outlines (§5). A frame without any of them is drawn by `tile` alone.
+
+use crate::raster::block;
+use crate::raster::facing::ByFacing;
+use crate::raster::filter::{BehindDepth, EveryFragment, MeshBlend};
+use crate::raster::layers::{TransparentBlock, TransparentItem};
+use crate::raster::listing::list_triangles;
+use crate::raster::sums::Sums;
+use crate::raster::triangles::nearest;
+use crate::scene::mesh::StoredMesh;
+use crate::screen::eye_dome::EyeDome;
+use crate::screen::gbuffer::{BLOCKS, GBuffer, GBufferTile, Reach};
+use crate::screen::layer_steps::LayerSteps;
+use crate::screen::tile::{TileJob, TileScratch};
+use crate::setup::segment::TransparentSegment;
+use crate::setup::triangles::TriangleSegment;
+use crate::shade::resolve::{divided, lit, outline_limit};
+use crate::shade::surface::Shaded;
+use crate::shade::transparent::{CompositedLayers, Layers, composite};
+use crate::simd::lanes::Lanes;
+use crate::simd::level::{Instructions, with_instructions};
+use crate::tiles::driver::Counters;
+use crate::tiles::lists::ItemLists;
+use crate::tiles::target::{Pixels, Target};
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, i32x16, mask32x16};
+use surfel_math::kernel::FULL_COVERAGE;
+use surfel_math::{Real, eye_dome};
+use surfel_model::Shader;
+
+/// What a cell has besides opaque splats.
+pub(crate) struct Extras<'a> {
+    pub meshes: &'a [StoredMesh],
+    pub triangles: &'a [TriangleSegment],
+    pub transparent: &'a [TransparentSegment],
+    pub layers: Layers,
+}
+
+/// All tiles of a cell.
+pub(crate) struct CompositeJob<'a> {
+    pub tiles: TileJob<'a>,
+    pub extras: Extras<'a>,
+    /// Nothing but opaque splats is drawn.
+    pub opaque_splats_only: bool,
+}
+
+/// The opaque surfaces of a block.
+pub(super) struct Front<S: Simd> {
+    pub sums: Sums<S>,
+    /// Where the nearest polygons are, whatever occludes them, where the block has any.
+    polygon: Option<Reach<S>>,
+    pub shaded: Shaded<S>,
+    /// +∞ where nothing is.
+    pub opaque_depth: Lanes<S>,
+}
+
+impl<'a> CompositeJob<'a> {
+    fn is_empty(&self, tile: usize) -> bool {
+        self.tiles.listing.is_empty(tile)
+            && self.extras.triangles.iter().all(|s| s.lists.of(tile).is_empty())
+            && self.extras.transparent.iter().all(|s| s.segment.of(tile).is_empty())
+    }
+
+    pub(super) fn list_transparent(&self, tile: usize, wanted: u64, lists: &mut ItemLists<TransparentItem<'a>>) -> u64 {
+        lists.clear();
+        for TransparentSegment { segment, splats } in self.extras.transparent {
+            for entry in segment.of(tile) {
+                let i = entry.record as usize;
+                let item = TransparentItem { record: &segment.records[i], splat: &splats[i] };
+                lists.push(item, entry.blocks & wanted);
+            }
+        }
+        lists.finish()
+    }
+
+    /// Draws a tile, transparent layers included unless a screen-space pass comes first.
+    ///
+    /// The one place where the tiles' loops are called from: all that they do is inlined into them, once for each
+    /// level.
+    #[inline(never)]
+    pub(crate) fn draw(
+        &self,
+        instructions: Instructions,
+        target: &mut Target<'_>,
+        gbuffer: Option<&mut GBufferTile<'_>>,
+        scratch: &mut TileScratch<'a>,
+    ) -> Counters {
+        if self.opaque_splats_only {
+            with_instructions!(instructions, simd =>
+                simd.vectorize(#[inline(always)] || self.tiles.draw(simd, target, gbuffer, scratch)))
+        } else {
+            with_instructions!(instructions, simd =>
+                simd.vectorize(#[inline(always)] || self.draw_all(simd, target, gbuffer, scratch)))
+        }
+    }
+
+    #[inline(always)]
+    fn draw_all<S: Simd>(
+        &self,
+        simd: S,
+        target: &mut Target<'_>,
+        mut gbuffer: Option<&mut GBufferTile<'_>>,
+        scratch: &mut TileScratch<'a>,
+    ) -> Counters {
+        let mut counters = Counters::default();
+        let (tile, background) = (target.tile, self.tiles.lighting.background);
+        let is_empty = self.is_empty(tile);
+        if let Some(gbuffer) = &mut gbuffer {
+            gbuffer.begin(is_empty);
+        }
+        if is_empty {
+            target.fill_empty(background);
+            return counters;
+        }
+        let mut left = self.tiles.listing.grid.blocks(tile);
+        self.tiles.listing.list(tile, left, &mut scratch.lists.splats);
+        let with_triangles = list_triangles(self.extras.triangles, tile, left, &mut scratch.lists.triangles);
+        let opaque = scratch.lists.splats.touched() | with_triangles;
+        let transparent =
+            if gbuffer.is_none() { self.list_transparent(tile, left, &mut scratch.transparent) } else { 0 };
+        let mut contributing = i32x16::splat(simd, 0);
+        while left != 0 {
+            let block = left.trailing_zeros();
+            left &= left - 1;
+            let at = self.tiles.listing.grid.block_px(tile, block);
+            if (opaque | transparent) >> block & 1 == 0 {
+                target.put_empty(self.tiles.listing.grid.block_px(tile, 0), 1 << block, background);
+                continue;
+            }
+            let front = self.front(simd, block, at, scratch);
+            counters.block_pairs += u64::from(front.sums.tested);
+            counters.inside += u64::from(front.sums.inside);
+            let mut pixels =
+                front.shaded.over_background(simd, self.tiles.lighting.background_color(), front.sums.fragments);
+            if let Some(gbuffer) = &mut gbuffer {
+                self.put_gbuffer(simd, gbuffer, (block, at), &front);
+            } else if transparent >> block & 1 != 0 {
+                pixels = self.layers(simd, block, at, front.opaque_depth, scratch, &mut counters).over(&pixels);
+            }
+            let counts: i32x16<S> = pixels.fragments.0.to_int();
+            contributing += counts * target.rect.lanes_inside(simd, at);
+            target.put(at, &pixels);
+        }
+        counters.contributing = contributing.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();
+        counters
+    }
+
+    /// What is opaque in a block: splats, polygons, or the ones blended over the others.
+    #[inline(always)]
+    pub(super) fn front<S: Simd>(
+        &self,
+        simd: S,
+        block: u32,
+        at: (i32, i32),
+        scratch: &mut TileScratch<'a>,
+    ) -> Front<S> {
+        let (job, lighting) = (&self.tiles, self.tiles.lighting);
+        let (splats, triangles) = (scratch.lists.splats.of(simd, block), scratch.lists.triangles.of(block));
+        let infinite = Lanes::splat(simd, f32::INFINITY);
+        if triangles.is_empty() && splats.is_empty() {
+            let sums = Sums::new(simd);
+            return Front { sums, polygon: None, shaded: Shaded::nothing(simd), opaque_depth: infinite };
+        }
+        let mut polygon = None;
+        let mut sums = Sums::new(simd);
+        let facings = job.inputs.frame.wanted.facings;
+        if triangles.is_empty() && facings {
+            let filter = ByFacing::new(simd, EveryFragment);
+            block::draw(simd, splats, at, &job.inputs, filter, &mut scratch.block, &mut sums);
+        } else if triangles.is_empty() {
+            block::draw(simd, splats, at, &job.inputs, EveryFragment, &mut scratch.block, &mut sums);
+        } else {
+            let nearest = nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
+            let mut shown = nearest.z;
+            let filter = MeshBlend { polygon: &mut shown };
+            if facings {
+                let filter = ByFacing::new(simd, filter);
+                block::draw(simd, splats, at, &job.inputs, filter, &mut scratch.block, &mut sums);
+            } else {
+                block::draw(simd, splats, at, &job.inputs, filter, &mut scratch.block, &mut sums);
+            }
+            polygon = Some((nearest, shown));
+        }
+        let mut shaded = lit(simd, lighting, divided(simd, lighting, &sums), at);
+        let mut opaque_depth = Lanes::select(shaded.covered, shaded.z, infinite);
+        let reach = polygon.as_ref().map(|(nearest, _)| {
+            let wanted =
+                if job.inputs.frame.wanted.polygon_ends { nearest.z.lt(infinite) } else { infinite.lt(infinite) };
+            Reach { begin: nearest.z, end: nearest.end(simd, triangles, lighting.projection(), at, wanted) }
+        });
+        if let Some((nearest, shown)) = polygon {
+            let mask = shown.lt(infinite);
+            if mask.to_bitmask() != 0 {
+                let surface = nearest.surface(simd, triangles, self.extras.meshes, at, mask);
+                let behind = lit(simd, lighting, surface, at);
+                let share = (sums.coverage * shown.constant(1.0 / FULL_COVERAGE)).min(shown.one());
+                shaded = shaded.blended_over(&behind, share);
+                opaque_depth = opaque_depth.min(shown);
+            }
+        }
+        Front { sums, polygon: reach, shaded, opaque_depth }
+    }
+
+    #[inline(always)]
+    fn put_gbuffer<S: Simd>(
+        &self,
+        simd: S,
+        gbuffer: &mut GBufferTile<'_>,
+        (block, at): (u32, (i32, i32)),
+        front: &Front<S>,
+    ) {
+        let infinite = Lanes::splat(simd, f32::INFINITY);
+        gbuffer.put_edges(block, &front.sums, front.polygon);
+        gbuffer.put_opaque(block, front.opaque_depth);
+        gbuffer.put_depth(block, Lanes::select(front.shaded.covered, front.shaded.z, infinite));
+        if gbuffer.want_limit() {
+            let limit = outline_limit(simd, self.tiles.lighting, &front.shaded, at);
+            gbuffer.put_limit(block, Lanes::select(front.shaded.covered, limit, infinite));
+        }
+    }
+
+    /// A block's transparent layers.
+    #[inline(always)]
+    pub(super) fn layers<S: Simd>(
+        &self,
+        simd: S,
+        block: u32,
+        at: (i32, i32),
+        opaque_depth: Lanes<S>,
+        scratch: &mut TileScratch<'a>,
+        counters: &mut Counters,
+    ) -> CompositedLayers<S> {
+        let TileScratch { transparent, layers, .. } = scratch;
+        let block =
+            TransparentBlock { simd, list: transparent.of(block), at, inputs: &self.tiles.inputs, opaque_depth };
+        let composited = composite(&block, self.extras.layers, self.tiles.lighting, layers);
+        counters.block_pairs += u64::from(composited.tested);
+        counters.inside += u64::from(composited.inside);
+        composited
+    }
+
+    /// [`Self::finish`] by these instructions.
+    #[inline(never)]
+    pub(crate) fn finish_on(
+        &self,
+        instructions: Instructions,
+        target: &mut Target<'_>,
+        gbuffer: &GBuffer,
+        layer_steps: Option<&mut LayerSteps>,
+        scratch: &mut TileScratch<'a>,
+    ) -> Counters {
+        with_instructions!(instructions, simd =>
+            simd.vectorize(#[inline(always)] || self.finish(simd, target, gbuffer, layer_steps, scratch)))
+    }
+
+    /// The screen-space pass over a tile: outlines or eye-dome lighting, then edges with what lies behind them, then
+    /// transparent layers before all of it.
+    #[inline(always)]
+    fn finish<S: Simd>(
+        &self,
+        simd: S,
+        target: &mut Target<'_>,
+        gbuffer: &GBuffer,
+        mut layer_steps: Option<&mut LayerSteps>,
+        scratch: &mut TileScratch<'a>,
+    ) -> Counters {
+        let mut counters = Counters::default();
+        let tile = target.tile;
+        if self.is_empty(tile) {
+            return counters;
+        }
+        let listing = &self.tiles.listing;
+        let mut edges = [0u16; BLOCKS];
+        let (stepped, deep) = self.edges(simd, target, gbuffer, scratch, &mut edges);
+        self.draw_over(simd, target, gbuffer, scratch);
+        let transparent = self.list_transparent(tile, listing.grid.blocks(tile), &mut scratch.transparent);
+        if stepped != 0 {
+            listing.list_some(tile, deep, &mut scratch.lists.splats);
+            list_triangles(self.extras.triangles, tile, stepped, &mut scratch.lists.triangles);
+        }
+        let mut added = i32x16::splat(simd, 0);
+        let mut wanted = stepped | transparent;
+        while wanted != 0 {
+            let block = wanted.trailing_zeros();
+            wanted &= wanted - 1;
+            let at = listing.grid.block_px(tile, block);
+            let mut color = target.color(simd, at);
+            if stepped >> block & 1 != 0 {
+                let edges = (edges[block as usize % BLOCKS], deep >> block & 1 != 0);
+                let (behind, edge) = self.behind(simd, (tile, block), edges, gbuffer, scratch, &mut counters);
+                let q = gbuffer.coverage(simd, tile, block);
+                let q = q.min(q.one());
+                for (front, behind) in color.iter_mut().zip(behind) {
+                    *front = Lanes::select(edge, q.mul_add(*front, (q.one() - q) * behind), *front);
+                }
+            }
+            if transparent >> block & 1 == 0 {
+                target.put_color(at, color);
+                continue;
+            }
+            let layers = self.layers(simd, block, at, gbuffer.opaque(simd, tile, block), scratch, &mut counters);
+            if let Some(steps) = &mut layer_steps {
+                steps.put(tile, block, &layers);
+            }
+            let counts: i32x16<S> = layers.fragments.0.to_int();
+            added += counts * target.rect.lanes_inside(simd, at);
+            let behind = Pixels { color, ..target.get(simd, at) };
+            target.put(at, &layers.over(&behind));
+        }
+        counters.contributing = added.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();
+        counters
+    }
+
+    /// A tile's edge pixels that may show what lies behind them: bits of each block's; the blocks that have any, and
+    /// those of them where anything is kept.
+    #[inline(always)]
+    fn edges<S: Simd>(
+        &self,
+        simd: S,
+        target: &Target<'_>,
+        gbuffer: &GBuffer,
+        scratch: &mut TileScratch<'a>,
+        edges: &mut [u16; BLOCKS],
+    ) -> (u64, u64) {
+        let (tile, listing) = (target.tile, &self.tiles.listing);
+        let (mut stepped, mut deep) = (0, 0);
+        let mut left = gbuffer.marks(tile).thin;
+        let Some((begins, reach)) = gbuffer.edges(tile).filter(|_| left != 0) else { return (stepped, deep) };
+        let neighbourhood = &mut scratch.neighbourhood;
+        // −∞ is never behind anything.
+        neighbourhood.load(begins, &listing.grid, tile, |tile| gbuffer.marks(tile), 1, f32::NEG_INFINITY);
+        neighbourhood.steps(simd, reach, left, edges);
+        let infinite = Lanes::splat(simd, f32::INFINITY);
+        while left != 0 {
+            let block = left.trailing_zeros();
+            left &= left - 1;
+            let own = &mut edges[block as usize % BLOCKS];
+            if *own != 0 {
+                *own &= target.rect.lanes_of_block(listing.grid.block_px(tile, block)) as u16;
+                let has_threshold = gbuffer.threshold(simd, tile, block).lt(infinite).to_bitmask() as u16;
+                stepped |= u64::from(*own != 0) << block;
+                deep |= u64::from(*own & has_threshold != 0) << block;
+            }
+        }
+        (stepped, deep)
+    }
+
+    /// Lines, or eye-dome lighting, over what a tile shows. The neighbourhood then has its depths.
+    #[inline(always)]
+    fn draw_over<S: Simd>(&self, simd: S, target: &mut Target<'_>, gbuffer: &GBuffer, scratch: &mut TileScratch<'a>) {
+        let (tile, listing) = (target.tile, &self.tiles.listing);
+        let (first, touched) = (listing.grid.block_px(tile, 0), gbuffer.marks(tile).touched);
+        let neighbourhood = &mut scratch.neighbourhood;
+        let marks = |tile| gbuffer.marks(tile);
+        if touched == 0 {
+            return;
+        }
+        if self.tiles.lighting.shader == Shader::Edl && gbuffer.has_depths() {
+            neighbourhood.load(gbuffer.depths(), &listing.grid, tile, marks, eye_dome::REACH_PX, EyeDome::OUTSIDE);
+            EyeDome::new(neighbourhood, self.tiles.lighting.projection()).darken(simd, target, touched, first);
+        }
+        let Some((depths, limits)) = gbuffer.lines(tile) else { return };
+        let mut lines = [0u16; BLOCKS];
+        neighbourhood.load(depths, &listing.grid, tile, marks, 1, f32::NEG_INFINITY);
+        neighbourhood.steps(simd, limits, touched, &mut lines);
+        for (block, &line) in (0..).zip(&lines).filter(|(_, line)| **line != 0) {
+            target.blacken(listing.grid.block_px(tile, block), line);
+        }
+    }
+
+    /// What lies behind a block's edges, and which pixels are edges: none that a polygon covers, which splats are
+    /// blended over anyway (§6). With the bits of what may be an edge comes whether anything is kept there.
+    #[inline(always)]
+    fn behind<S: Simd>(
+        &self,
+        simd: S,
+        (tile, block): (usize, u32),
+        (edges, deep): (u16, bool),
+        gbuffer: &GBuffer,
+        scratch: &mut TileScratch<'a>,
+        counters: &mut Counters,
+    ) -> ([Lanes<S>; 4], mask32x16<S>) {
+        let (job, lighting) = (&self.tiles, self.tiles.lighting);
+        let at = job.listing.grid.block_px(tile, block);
+        let threshold = gbuffer.threshold(simd, tile, block);
+        let infinite = Lanes::splat(simd, f32::INFINITY);
+        let mut edge = mask32x16::from_bitmask(simd, edges.into());
+        let mut sums = Sums::new(simd);
+        if deep {
+            let filter = BehindDepth { depth: threshold, pixels: edge & threshold.lt(infinite) };
+            block::draw(
+                simd,
+                scratch.lists.splats.of(simd, block),
+                at,
+                &job.inputs,
+                filter,
+                &mut scratch.block,
+                &mut sums,
+            );
+            counters.block_pairs += u64::from(sums.tested);
+            counters.inside += u64::from(sums.inside);
+        }
+        let mut shaded = lit(simd, lighting, divided(simd, lighting, &sums), at);
+        let triangles = scratch.lists.triangles.of(block);
+        if !triangles.is_empty() {
+            let nearest = nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
+            edge &= !(nearest.z.le(threshold) & nearest.z.lt(infinite));
+            let before = nearest.z.lt(Lanes::select(shaded.covered, shaded.z, infinite));
+            // Where nothing is kept the background alone lies behind.
+            let mask = edge & before & threshold.lt(infinite);
+            if mask.to_bitmask() != 0 {
+                let surface = nearest.surface(simd, triangles, self.extras.meshes, at, mask);
+                shaded = lit(simd, lighting, surface, at).or(&shaded);
+            }
+        }
+        if lighting.shader == Shader::Edl && gbuffer.has_depths() {
+            let (x, y) = job.listing.grid.block_px(tile, 0);
+            let dome = EyeDome::new(&scratch.neighbourhood, lighting.projection());
+            shaded.color = shaded.color * dome.of_block(simd, (at.0 - x, at.1 - y), shaded.z);
+        }
+        counters.edge_pixels += u64::from(edge.to_bitmask().count_ones());
+        (shaded.over_background(simd, lighting.background_color(), sums.fragments).color, edge)
+    }
+}

@@ -1,0 +1,197 @@
+//! A tile's numbers with those of its neighbours' pixels around them: what screen-space passes compare, sixteen pixels
+//! of a row at a time.
+
+use crate::screen::gbuffer::{BLOCKS, Marks, SIDE, TileRows};
+use crate::simd::lanes::{LANES, Lanes};
+use crate::tiles::grid::{BLOCK, Grid, Rect, TILE_BLOCKS};
+use fearless_simd::prelude::SimdMask;
+use fearless_simd::{Simd, mask32x16};
+use surfel_math::Real;
+
+/// Pixels above and below a tile: as far as any pass looks.
+const ROWS_AROUND: usize = 2;
+
+/// Pixels to its left, at least as many, and to its right: sixteen may start two pixels right of a tile's last sixteen.
+const COLUMNS_AROUND: usize = 8;
+
+/// Blocks side by side in sixteen pixels of a row.
+const ABREAST: u32 = LANES as u32 / BLOCK;
+
+/// Pixels of a tile and around it.
+#[repr(align(64))]
+pub(crate) struct Neighbourhood([[f32; SIDE + 2 * COLUMNS_AROUND]; SIDE + 2 * ROWS_AROUND]);
+
+impl Default for Neighbourhood {
+    fn default() -> Self {
+        Self([[0.0; SIDE + 2 * COLUMNS_AROUND]; SIDE + 2 * ROWS_AROUND])
+    }
+}
+
+impl Neighbourhood {
+    /// Takes in a tile and `reach` pixels around it: +∞ where nothing is, `outside` where there are no pixels.
+    pub(crate) fn load(
+        &mut self,
+        plane: &[TileRows],
+        grid: &Grid,
+        tile: usize,
+        marks: impl Fn(usize) -> Marks,
+        reach: i32,
+        outside: f32,
+    ) {
+        let of = |other: usize| plane.get(other).filter(|_| marks(other).touched != 0);
+        self.load_from(of, grid, tile, reach, [f32::INFINITY, outside]);
+    }
+
+    /// The same from tiles' rows by themselves, where a number stands for those of tiles without any, and another where
+    /// there are no pixels.
+    pub(crate) fn load_from<'p>(
+        &mut self,
+        rows_of: impl Fn(usize) -> Option<&'p TileRows>,
+        grid: &Grid,
+        tile: usize,
+        reach: i32,
+        [nothing, outside]: [f32; 2],
+    ) {
+        let (size, columns) = (grid.tile_px() as i32, grid.columns as i32);
+        let (column, row) = (tile as i32 % columns, tile as i32 / columns);
+        let first_x = grid.origin[0] as i32 + column * size;
+        let first_y = grid.origin[1] as i32 + row * size;
+        self.0.as_flattened_mut().fill(outside);
+        for (dx, dy) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))) {
+            if !(0..columns).contains(&(column + dx)) || !(0..grid.rows as i32).contains(&(row + dy)) {
+                continue;
+            }
+            let other = ((row + dy) * columns + column + dx) as usize;
+            // From here on about this tile's first pixel.
+            let rect = Rect::of_tile(grid, other, grid.region);
+            let (x0, x1) = ((rect.x - first_x).max(-reach), (rect.end_x - first_x).min(size + reach));
+            let (y0, y1) = ((rect.y - first_y).max(-reach), (rect.end_y - first_y).min(size + reach));
+            if x0 >= x1 {
+                continue;
+            }
+            let from = rows_of(other);
+            let (left, end) = ((x0 - dx * size) as usize, (x1 - dx * size) as usize);
+            for y in y0..y1 {
+                let to = &mut self.0[(y + ROWS_AROUND as i32) as usize];
+                let to = &mut to[(x0 + COLUMNS_AROUND as i32) as usize..(x1 + COLUMNS_AROUND as i32) as usize];
+                match from {
+                    Some(from) => to.copy_from_slice(&from.0[(y - dy * size) as usize][left..end]),
+                    None => to.fill(nothing),
+                }
+            }
+        }
+    }
+
+    /// Sixteen numbers of a row, from a pixel of the tile, or up to two outside, on. Those past the tile's own columns
+    /// and two more mean nothing.
+    #[inline(always)]
+    pub(crate) fn row<S: Simd>(&self, simd: S, x: i32, y: i32) -> Lanes<S> {
+        let row = self.0.get((y + ROWS_AROUND as i32) as usize);
+        let at = (x + COLUMNS_AROUND as i32) as usize;
+        Lanes::load(simd, row.and_then(|row| row.get(at..)).unwrap_or_default())
+    }
+
+    /// The number of a pixel of the tile, or up to two outside.
+    pub(crate) fn at(&self, x: i32, y: i32) -> f32 {
+        let row = self.0.get((y + ROWS_AROUND as i32) as usize);
+        row.and_then(|row| row.get((x + COLUMNS_AROUND as i32) as usize)).copied().unwrap_or(f32::INFINITY)
+    }
+
+    /// Sixteen numbers of 4×4 pixels, from a pixel of the tile, or up to two outside, on.
+    #[inline(always)]
+    pub(crate) fn block<S: Simd>(&self, simd: S, x: i32, y: i32) -> Lanes<S> {
+        let mut values = [0.0; LANES];
+        let at = (x + COLUMNS_AROUND as i32) as usize;
+        let rows = self.0.iter().skip((y + ROWS_AROUND as i32) as usize);
+        for (four, row) in values.chunks_exact_mut(4).zip(rows) {
+            if let Some(numbers) = row.get(at..at + 4) {
+                four.copy_from_slice(numbers);
+            }
+        }
+        Lanes::load(simd, &values)
+    }
+
+    /// Of each of the `wanted` blocks the pixels, a bit each, beside which a number is greater than their own: among
+    /// their own and their eight neighbours'.
+    #[inline(always)]
+    pub(crate) fn steps<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {
+        for first in (0..BLOCKS as u32).step_by(ABREAST as usize) {
+            let abreast = wanted >> first & ((1 << ABREAST) - 1);
+            if abreast == 0 {
+                continue;
+            }
+            let x = (first % TILE_BLOCKS * BLOCK) as i32;
+            let y = (first / TILE_BLOCKS * BLOCK) as i32;
+            // The greatest of three in a row: of the one above, the four, and the one below.
+            let mut rows = [Lanes::splat(simd, 0.0); BLOCK as usize + 2];
+            for (row, y) in rows.iter_mut().zip(y - 1..) {
+                *row = self.row(simd, x - 1, y).max(self.row(simd, x, y)).max(self.row(simd, x + 1, y));
+            }
+            for j in 0..BLOCK as usize {
+                let greatest = rows[j].max(rows[j + 1]).max(rows[j + 2]);
+                let own = Lanes::load(simd, &own.0[y as usize + j][x as usize..]);
+                let bits = own.lt(greatest).to_bitmask();
+                if bits == 0 {
+                    continue;
+                }
+                for block in 0..ABREAST {
+                    let four = bits >> (BLOCK * block) & 0xf & (abreast >> block & 1).wrapping_neg();
+                    steps[(first + block) as usize % BLOCKS] |= (four << (BLOCK as usize * j)) as u16;
+                }
+            }
+        }
+    }
+
+    /// The same among their four neighbours' that share a side with them.
+    #[inline(always)]
+    pub(crate) fn rises<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {
+        self.compare(simd, wanted, steps, |x, y| {
+            let beside = self.row(simd, x - 1, y).max(self.row(simd, x + 1, y));
+            own_row(simd, own, x, y).lt(beside.max(self.row(simd, x, y - 1)).max(self.row(simd, x, y + 1)))
+        });
+    }
+
+    /// Where one of these four numbers is less.
+    #[inline(always)]
+    pub(crate) fn falls<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {
+        self.compare(simd, wanted, steps, |x, y| {
+            let beside = self.row(simd, x - 1, y).min(self.row(simd, x + 1, y));
+            beside.min(self.row(simd, x, y - 1)).min(self.row(simd, x, y + 1)).lt(own_row(simd, own, x, y))
+        });
+    }
+
+    /// Adds the bits of sixteen pixels of a row after another, in the `wanted` blocks.
+    #[inline(always)]
+    fn compare<S: Simd>(
+        &self,
+        _simd: S,
+        wanted: u64,
+        steps: &mut [u16; BLOCKS],
+        bits_of: impl Fn(i32, i32) -> mask32x16<S>,
+    ) {
+        for first in (0..BLOCKS as u32).step_by(ABREAST as usize) {
+            let abreast = wanted >> first & ((1 << ABREAST) - 1);
+            if abreast == 0 {
+                continue;
+            }
+            let x = (first % TILE_BLOCKS * BLOCK) as i32;
+            let y = (first / TILE_BLOCKS * BLOCK) as i32;
+            for j in 0..BLOCK {
+                let bits = bits_of(x, y + j as i32).to_bitmask();
+                if bits == 0 {
+                    continue;
+                }
+                for block in 0..ABREAST {
+                    let four = bits >> (BLOCK * block) & 0xf & (abreast >> block & 1).wrapping_neg();
+                    steps[(first + block) as usize % BLOCKS] |= (four << (BLOCK * j)) as u16;
+                }
+            }
+        }
+    }
+}
+
+/// Sixteen of a tile's own numbers.
+#[inline(always)]
+fn own_row<S: Simd>(simd: S, own: &TileRows, x: i32, y: i32) -> Lanes<S> {
+    Lanes::load(simd, own.0.get(y as usize).and_then(|row| row.get(x as usize..)).unwrap_or_default())
+}

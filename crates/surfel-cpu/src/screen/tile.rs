@@ -1,0 +1,203 @@
+//! One tile of opaque splats: lists of its blocks' splats, then block after block from visibility to finished pixels.
+
+use crate::raster::block::{self, BlockScratch};
+use crate::raster::facing::ByFacing;
+use crate::raster::filter::EveryFragment;
+use crate::raster::inputs::RasterInputs;
+use crate::raster::layers::{LayerScratch, TransparentItem};
+use crate::raster::listing::{ListScratch, Listing};
+use crate::raster::sums::Sums;
+use crate::raster::tiny_tile::{TinyScratch, TinyTile, is_faster_by_splats};
+use crate::screen::gbuffer::GBufferTile;
+use crate::screen::neighbourhood::Neighbourhood;
+use crate::shade::lighting::Lighting;
+use crate::shade::resolve::resolve;
+use crate::tiles::driver::Counters;
+use crate::tiles::grid::block_px;
+use crate::tiles::lists::ItemLists;
+use crate::tiles::target::Target;
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, i32x16};
+
+/// What a thread reuses from tile to tile.
+#[derive(Default)]
+pub(crate) struct TileScratch<'a> {
+    pub lists: ListScratch<'a>,
+    pub block: Box<BlockScratch>,
+    tiny: TinyScratch<'a>,
+    pub transparent: ItemLists<TransparentItem<'a>>,
+    pub layers: LayerScratch,
+    pub neighbourhood: Box<Neighbourhood>,
+}
+
+impl TileScratch<'_> {
+    /// The same memory, for tiles of other records.
+    pub(crate) fn for_others<'b>(self) -> TileScratch<'b> {
+        let Self { lists, block, tiny, transparent, layers, neighbourhood } = self;
+        TileScratch {
+            lists: lists.for_others(),
+            block,
+            tiny: tiny.for_others(),
+            transparent: transparent.for_others(),
+            layers,
+            neighbourhood,
+        }
+    }
+}
+
+/// Blocks that are lit together: the CPU computes one where another's numbers aren't there yet.
+const TOGETHER: usize = 4;
+
+/// Tiles of a cell's opaque splats.
+pub(crate) struct TileJob<'a> {
+    pub listing: Listing<'a>,
+    pub inputs: RasterInputs<'a>,
+    pub lighting: &'a Lighting,
+    /// Whether tiles may be drawn splat by splat.
+    pub by_splats: bool,
+}
+
+impl<'a> TileJob<'a> {
+    /// Draws a tile.
+    #[inline(always)]
+    pub(crate) fn draw<S: Simd>(
+        &self,
+        simd: S,
+        target: &mut Target<'_>,
+        mut gbuffer: Option<&mut GBufferTile<'_>>,
+        scratch: &mut TileScratch<'a>,
+    ) -> Counters {
+        let mut counters = Counters::default();
+        let tile = target.tile;
+        let is_empty = self.listing.is_empty(tile);
+        if let Some(gbuffer) = &mut gbuffer {
+            gbuffer.begin(is_empty);
+        }
+        if is_empty {
+            target.fill_empty(self.lighting.background);
+            return counters;
+        }
+        if gbuffer.is_none() && self.by_splats && is_faster_by_splats(self.listing.segments, tile) {
+            return self.draw_tiny(simd, target, &mut scratch.tiny);
+        }
+        let mut contributing = i32x16::splat(simd, 0);
+        let mut left = self.listing.grid.blocks(tile);
+        self.listing.list(tile, left, &mut scratch.lists.splats);
+        let touched = left & scratch.lists.splats.touched();
+        let origin = self.listing.grid.block_px(tile, 0);
+        target.put_empty(origin, left & !touched, self.lighting.background);
+        left = touched;
+        let mut sums = [Sums::new(simd); TOGETHER];
+        while left != 0 {
+            let first = left;
+            let mut count = 0;
+            while let Some(sums) = sums.get_mut(count)
+                && left != 0
+            {
+                let block = left.trailing_zeros();
+                left &= left - 1;
+                count += 1;
+                let at = block_px(origin, block);
+                let list = scratch.lists.splats.of(simd, block);
+                if self.inputs.frame.wanted.facings {
+                    let filter = ByFacing::new(simd, EveryFragment);
+                    block::draw(simd, list, at, &self.inputs, filter, &mut scratch.block, sums);
+                } else {
+                    block::draw(simd, list, at, &self.inputs, EveryFragment, &mut scratch.block, sums);
+                }
+                counters.block_pairs += u64::from(sums.tested);
+                counters.inside += u64::from(sums.inside);
+            }
+            let mut these = first;
+            for sums in &sums[..count] {
+                let block = these.trailing_zeros();
+                these &= these.wrapping_sub(1);
+                let inside = target.rect.lanes_inside(simd, block_px(origin, block));
+                contributing += sums.fragments.0.to_int::<i32x16<S>>() * inside;
+                if let Some(gbuffer) = &mut gbuffer {
+                    gbuffer.put_edges(block, sums, None);
+                }
+            }
+            finish(simd, self.lighting, &sums[..count], first, origin, target);
+        }
+        counters.contributing = contributing.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();
+        counters
+    }
+
+    /// Draws a tile splat by splat.
+    #[inline(always)]
+    fn draw_tiny<S: Simd>(&self, simd: S, target: &mut Target<'_>, scratch: &mut TinyScratch<'a>) -> Counters {
+        let mut counters = Counters::default();
+        let tile = TinyTile {
+            listing: &self.listing,
+            inputs: &self.inputs,
+            number: target.tile,
+            rect: target.rect,
+            counts: target.has_fragments(),
+        };
+        if tile.sums_all() {
+            let touched = tile.draw::<S, 8>(simd, scratch, &mut counters);
+            self.finish_tiny::<S, 8>(simd, &tile, touched, scratch, target);
+        } else {
+            let touched = tile.draw::<S, 4>(simd, scratch, &mut counters);
+            self.finish_tiny::<S, 4>(simd, &tile, touched, scratch, target);
+        }
+        counters
+    }
+
+    /// Lights and writes the blocks that are touched. Out of line: a short function keeps its numbers in registers.
+    #[inline(never)]
+    fn finish_tiny<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        tile: &TinyTile<'a, '_>,
+        touched: u64,
+        scratch: &mut TinyScratch<'a>,
+        target: &mut Target<'_>,
+    ) {
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                let (grid, number) = (&self.listing.grid, target.tile);
+                let (blocks, origin) = (grid.blocks(number), grid.block_px(number, 0));
+                target.put_empty(origin, blocks & !touched, self.lighting.background);
+                let mut left = blocks & touched;
+                while left != 0 {
+                    let block = left.trailing_zeros();
+                    left &= left - 1;
+                    let at = block_px(origin, block);
+                    let sums = tile.sums_of::<S, N>(simd, at, scratch);
+                    target.put(at, &resolve(simd, self.lighting, &sums, at));
+                }
+            },
+        );
+    }
+}
+
+/// Divides, lights and writes the first of a tile's blocks whose bits are set, one for each of some sums. The tile
+/// begins at pixel `origin`. Several at once: each is a long chain of operations, and a CPU overlaps such chains where
+/// nothing else comes between.
+///
+/// Out of line: a short function keeps its numbers in registers.
+#[inline(never)]
+fn finish<S: Simd>(
+    simd: S,
+    lighting: &Lighting,
+    sums: &[Sums<S>],
+    blocks: u64,
+    origin: (i32, i32),
+    target: &mut Target<'_>,
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            let mut left = blocks;
+            for sums in sums {
+                let block = left.trailing_zeros() % u64::BITS;
+                left &= left.wrapping_sub(1);
+                let at = block_px(origin, block);
+                target.put(at, &resolve(simd, lighting, sums, at));
+            }
+        },
+    );
+}

@@ -1,0 +1,178 @@
+//! Clips of splats (§7) over pixels, as a frame needs them.
+
+use crate::scene::clips::{Curve, Head, StoredClip, times};
+use crate::simd::lanes::{LANES, Lanes};
+use fearless_simd::{Simd, mask32x16};
+use surfel_math::clip::{Clip, Turn, composed};
+use surfel_math::mapping::{Footprint, Linear};
+use surfel_math::{Real, V2};
+
+/// How a splat's (u, v) lie over pixels.
+#[derive(Clone, Copy)]
+pub(crate) struct Mapping<'a> {
+    pub footprint: &'a Footprint<f32>,
+    /// From the footprint's (u, v) to the splat's.
+    pub turn: &'a Turn<f32>,
+}
+
+/// Appends a clip's forms over pixels, as a footprint shows it.
+#[inline(always)]
+fn push_forms(clip: &StoredClip<'_>, to: Mapping<'_>, forms: &mut Vec<Linear<f32>>) {
+    for line in clip.lines {
+        forms.push(composed(line, to.footprint, to.turn));
+    }
+    match (clip.straightened, clip.curve) {
+        (Some(sign), [chord, ..]) => forms.push(composed(&times(chord, sign), to.footprint, to.turn)),
+        (_, curve) => {
+            for form in curve {
+                forms.push(composed(form, to.footprint, to.turn));
+            }
+        }
+    }
+}
+
+/// Clips over pixels of some splats of a frame.
+#[derive(Default)]
+pub(crate) struct ScreenClips {
+    heads: Vec<Head>,
+    forms: Vec<Linear<f32>>,
+    /// Number of the first one in the frame.
+    first: u32,
+}
+
+impl ScreenClips {
+    /// Empties it; the next clip has this number.
+    pub(crate) fn restart(&mut self, first: u32) {
+        self.heads.clear();
+        self.forms.clear();
+        self.first = first;
+    }
+
+    /// Adds a clip as a splat's unfiltered footprint sees it and, if that is another, as the filtered one does: its
+    /// number.
+    #[inline(always)]
+    pub(crate) fn push(&mut self, clip: &StoredClip<'_>, visible: Mapping<'_>, filtered: Option<Mapping<'_>>) -> u32 {
+        let number = self.first + self.heads.len() as u32;
+        let first = self.forms.len() as u32;
+        self.heads.push(Head { first, has_filtered: filtered.is_some(), ..clip.head });
+        push_forms(clip, visible, &mut self.forms);
+        if let Some(filtered) = filtered {
+            push_forms(clip, filtered, &mut self.forms);
+        }
+        number
+    }
+
+    fn bytes(&self) -> usize {
+        size_of_val(self.heads.as_slice()) + size_of_val(self.forms.as_slice())
+    }
+}
+
+/// Clips of all splats of a cell. Each setup numbers its own, so that nobody has to go over records afterwards.
+#[derive(Default)]
+pub(crate) struct CellClips {
+    /// Two for each setup: of opaque splats, and of transparent ones.
+    lists: Vec<ScreenClips>,
+}
+
+/// Each list has 2 to this many numbers: records of as many splats would not fit memory.
+const SHIFT: u32 = 30;
+
+impl CellClips {
+    /// The first numbers of the next setup's two lists. Of the four lists that have numbers a cell needs no more.
+    pub(crate) fn next_numbers(&self) -> [u32; 2] {
+        [0, 1].map(|list| ((self.lists.len() + list) as u32).wrapping_shl(SHIFT))
+    }
+
+    /// Adds the next list.
+    pub(crate) fn push(&mut self, list: ScreenClips) {
+        self.lists.push(list);
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        self.lists.iter().map(ScreenClips::bytes).sum()
+    }
+
+    /// How many clips there are.
+    pub(crate) fn count(&self) -> usize {
+        self.lists.iter().map(|list| list.heads.len()).sum()
+    }
+
+    /// The clip of this number.
+    #[inline(always)]
+    pub(crate) fn get(&self, number: u32) -> Option<ScreenClip<'_>> {
+        let list = self.lists.get((number >> SHIFT) as usize)?;
+        let head = *list.heads.get(number.wrapping_sub(list.first) as usize)?;
+        let (first, count) = (head.first as usize, head.forms());
+        let visible = list.forms.get(first..first + count)?;
+        let filtered = if head.has_filtered { Some(list.forms.get(first + count..first + 2 * count)?) } else { None };
+        Some(ScreenClip { head, visible, filtered })
+    }
+}
+
+/// A splat's clip over pixels, as its two footprints see it.
+#[derive(Clone, Copy)]
+pub(crate) struct ScreenClip<'a> {
+    head: Head,
+    visible: &'a [Linear<f32>],
+    /// Absent where the footprints are the same.
+    filtered: Option<&'a [Linear<f32>]>,
+}
+
+impl ScreenClip<'_> {
+    /// Pixels at these offsets that the unfiltered and the filtered footprint keep.
+    #[inline(always)]
+    pub(crate) fn keeps<S: Simd>(&self, visible: V2<Lanes<S>>, filtered: V2<Lanes<S>>) -> [mask32x16<S>; 2] {
+        let keeps = self.part_keeps(self.visible, visible);
+        match self.filtered {
+            Some(forms) => [keeps, self.part_keeps(forms, filtered)],
+            None => [keeps, keeps],
+        }
+    }
+
+    #[inline(always)]
+    fn part_keeps<S: Simd>(&self, forms: &[Linear<f32>], d: V2<Lanes<S>>) -> mask32x16<S> {
+        let zero = d.x.zero();
+        let (lines, curve) = forms.split_at_checked(usize::from(self.head.lines)).unwrap_or_default();
+        let lines_keep = match lines.split_first() {
+            None => zero.le(zero),
+            Some((first, others)) => {
+                // As `Clip::lines_keep`, of the lines that there are.
+                let mut least = widened(first, zero).at(d);
+                for line in others {
+                    least = least.min(widened(line, zero).at(d));
+                }
+                if self.head.any_line { least.le(zero) } else { zero.le(least) }
+            }
+        };
+        match curve {
+            [] => lines_keep,
+            [chord] => lines_keep & zero.le(widened(chord, zero).at(d)),
+            [chord, side1, side3, ..] => {
+                let curve = Clip {
+                    chord: widened(chord, zero),
+                    side1: widened(side1, zero),
+                    side3: widened(side3, zero),
+                    curve_sign: zero.constant(if self.head.curve == Curve::Outside { -1.0 } else { 1.0 }),
+                    lines: [Linear { c: zero, x: zero, y: zero }; 4],
+                    line_sign: zero,
+                };
+                curve.curve_keeps(d) & lines_keep
+            }
+            _ => lines_keep,
+        }
+    }
+}
+
+#[inline(always)]
+fn widened<S: Simd>(l: &Linear<f32>, like: Lanes<S>) -> Linear<Lanes<S>> {
+    let simd = like.0.simd;
+    Linear { c: Lanes::splat(simd, l.c), x: Lanes::splat(simd, l.x), y: Lanes::splat(simd, l.y) }
+}
+
+/// Turns of a group's splats.
+#[inline(always)]
+pub(crate) fn turns<S: Simd>(turn: &Turn<Lanes<S>>) -> [Turn<f32>; LANES] {
+    let Turn { first, second } = turn;
+    let [a, b, c, d] = [first.x, first.y, second.x, second.y].map(Lanes::to_array);
+    std::array::from_fn(|i| Turn { first: V2::new(a[i], b[i]), second: V2::new(c[i], d[i]) })
+}

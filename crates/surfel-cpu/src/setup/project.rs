@@ -1,0 +1,548 @@
+//! From stored splats to records, a group of 16 at a time.
+
+use crate::cull::groups;
+use crate::cull::object::{ObjectView, RegionSides};
+use crate::scene::clips::StoredClips;
+use crate::scene::cloud::{Chunk, StoredShape};
+use crate::setup::clips::{Mapping, turns};
+use crate::setup::evaluate::{CHEAP_DEPTH, CHEAP_FILTERED_DEPTH, CHEAP_RADIUS_PX, CHEAP_STEEPNESS};
+use crate::setup::footprint::{adjust_axes, gradient_of, pixel_range};
+use crate::setup::mask::{self, MaskForm, Masks};
+use crate::setup::record::{BlockBox, FILTERED, Facing, GENERAL, Record, RecordLanes, UNFILTERED};
+use crate::setup::rows::MaskForms;
+use crate::setup::segment::{Segment, TransparentSplat};
+use crate::setup::tiny::TinyFinder;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::math::{Bits, largest, orthonormal, transform, unit, vector};
+use crate::tiles::bins::Entries;
+use crate::tiles::drawn::DrawnBlocks;
+use crate::tiles::grid::Grid;
+use fearless_simd::prelude::{SimdFloat, SimdMask};
+use fearless_simd::{Simd, mask32x16};
+use glam::{DVec3, Vec3};
+use surfel_math::bounds::{self, Extent};
+use surfel_math::clip::Turn;
+use surfel_math::depth::projected_tolerance;
+use surfel_math::facing::back_normal;
+use surfel_math::filter::{self, Filtered};
+use surfel_math::mapping::Footprint;
+use surfel_math::project::{Area, Projected, ViewSplat, radius_max};
+use surfel_math::{Real, V2, V3};
+use surfel_model::{ClipPolicy, Cull, Filter};
+use surfel_render::Region;
+
+/// Relative slack of a fragment's depth: several roundings.
+const RANGE_SLACK: f64 = 1e-6;
+
+/// Slack of a record's pixel box: f32 rounding of box and anchor, many times over, and still far below a pixel.
+const BOX_SLACK_PX: f64 = 2e-3;
+
+/// Where setup puts records and rarer shapes of some chunks.
+pub(crate) struct SetupOutput<'a> {
+    /// What is drawn: the view's region or a part of it.
+    pub grid: Grid,
+    /// Where centres of splats count as drawn: parts that overlap share them out.
+    pub counted: Region,
+    /// Where splats of few pixels are evaluated here.
+    pub tiny: Option<&'a TinyFinder>,
+    pub segment: &'a mut Segment,
+    /// In splat order.
+    pub entries: &'a mut Entries,
+    /// Of others no entry is needed.
+    pub drawn: DrawnBlocks<'a>,
+    /// Where transparent splats go, if the plan draws them by themselves.
+    pub transparent: Option<&'a mut TransparentOutput>,
+}
+
+/// Transparent splats of some chunks.
+#[derive(Default)]
+pub(crate) struct TransparentOutput {
+    pub segment: Segment,
+    pub entries: Entries,
+    /// One a record.
+    pub splats: Vec<TransparentSplat>,
+}
+
+impl SetupOutput<'_> {
+    /// Where the record of a splat goes: by itself if it is transparent.
+    #[inline(always)]
+    pub(crate) fn part(&mut self, transparent: Option<TransparentSplat>) -> SetupOutput<'_> {
+        match (transparent, &mut self.transparent) {
+            (Some(splat), Some(output)) => {
+                output.splats.push(splat);
+                SetupOutput {
+                    grid: self.grid,
+                    counted: self.counted,
+                    tiny: None,
+                    segment: &mut output.segment,
+                    entries: &mut output.entries,
+                    drawn: self.drawn,
+                    transparent: None,
+                }
+            }
+            _ => SetupOutput {
+                grid: self.grid,
+                counted: self.counted,
+                tiny: None,
+                segment: self.segment,
+                entries: self.entries,
+                drawn: self.drawn,
+                transparent: None,
+            },
+        }
+    }
+
+    /// Appends splat `i` of a group: the index of its record.
+    #[inline(always)]
+    fn push<S: Simd>(&mut self, simd: S, record: &Record, (masks, i): (&Masks, usize), form: MaskForm<'_>) -> usize {
+        let index = self.segment.records.len();
+        self.segment.records.push(*record);
+        let visit = |entry| self.entries.push(entry);
+        masks.for_tiles(simd, i, (record, index as u32), &self.grid, form, visit);
+        index
+    }
+
+    /// Appends a splat of which every block of its box counts.
+    pub(crate) fn push_box<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, form: MaskForm<'_>) {
+        let index = self.segment.records.len() as u32;
+        self.segment.records.push(*record);
+        mask::for_tiles(simd, (record, index), blocks, &self.grid, form, |entry| {
+            self.entries.push(entry);
+        });
+    }
+}
+
+impl ObjectView<'_> {
+    /// What a splat of a slot has besides its record, if it is transparent; its centre is in view space.
+    #[inline(always)]
+    pub(crate) fn transparent(&self, slot: usize, center: impl FnOnce() -> [f32; 3]) -> Option<TransparentSplat> {
+        let alphas = self.object.alphas.as_ref().filter(|_| self.is_transparent())?;
+        let alpha = alphas.get(slot).copied().filter(|&alpha| alpha < 1.0)?;
+        Some(TransparentSplat { alpha, center: center(), lit: [0.0; 3] })
+    }
+
+    /// Appends the records of a chunk.
+    #[inline(always)]
+    pub(crate) fn project_chunk<S: Simd>(&self, simd: S, index: usize, sides: &RegionSides, out: &mut SetupOutput<'_>) {
+        let (chunk, bounds) = (&self.object.chunks[index], &self.object.groups[index]);
+        let center = self.center(chunk);
+        if self.is_outside(center, chunk, out.grid.region) {
+            return;
+        }
+        out.segment.set_up += chunk.count as u64;
+        let mut visible = groups::visible(simd, bounds, self, chunk, center, sides, out.drawn);
+        if visible == 0 {
+            return;
+        }
+        out.segment.records.make_room(chunk.count + LANES);
+        while visible != 0 {
+            let first = LANES * visible.trailing_zeros() as usize;
+            visible &= visible - 1;
+            let group = Group { chunk, at: chunk.first + first, active: (chunk.count - first).min(LANES) };
+            self.group(simd, group, center, out);
+        }
+    }
+
+    #[inline(always)]
+    fn group<S: Simd>(&self, simd: S, group: Group<'_>, center: DVec3, out: &mut SetupOutput<'_>) {
+        let Group { chunk, at, .. } = group;
+        let object = self.object;
+        let linear = self.linear.as_mat3();
+        let k = |v: f64| Lanes::splat(simd, v as f32);
+        let c = V3::new(k(center.x), k(center.y), k(center.z));
+        let p = transform(&linear, object.centers.load(simd, at, chunk.space.center)) + c;
+        let normals = self.normals.as_mat3();
+        let (normal, area) = match &object.shape {
+            StoredShape::Disks { normals, .. } => (normals.load(simd, at), None),
+            StoredShape::Ellipses { s, t } => {
+                let (s, t) = (s.load(simd, at, 1.0), t.load(simd, at, 1.0));
+                let (a, b) = (s.max_abs().scale_to_one(), t.max_abs().scale_to_one());
+                let cross = (s * a).cross(t * b);
+                let square = cross.dot(cross);
+                let inverse = square.inverse_sqrt();
+                let (sine, scale) = (square * inverse * k(self.handedness), k(self.scale.unwrap_or(1.0)));
+                (cross * inverse, Some(Area { sine, k_s: a.scale_to_one() * scale, k_t: b.scale_to_one() * scale }))
+            }
+        };
+        // A rotated unit normal is one.
+        let (world_normal, n) = if self.scale.is_some() {
+            (transform(&normals, normal), transform(&self.view_normals.as_mat3(), normal))
+        } else {
+            let world_normal = unit(transform(&normals, normal));
+            (world_normal, transform(&self.view.view_from_world.as_mat3(), world_normal))
+        };
+        let (s, t, radius) = match (&object.shape, self.scale) {
+            // Any pair of half-axes serves a disk, unless a clip is given in them.
+            (StoredShape::Disks { radii, .. }, Some(scale)) if object.clips.is_none() => {
+                let r = radii.load(simd, at, chunk.space.radius) * k(scale);
+                let (s, t) = orthonormal(n);
+                (s * r, t * r, Some(r))
+            }
+            (StoredShape::Disks { radii, .. }, _) => {
+                let r = radii.load(simd, at, chunk.space.radius);
+                let (s, t) = orthonormal(normal);
+                (transform(&linear, s * r), transform(&linear, t * r), None)
+            }
+            (StoredShape::Ellipses { s, t }, _) => {
+                (transform(&linear, s.load(simd, at, 1.0)), transform(&linear, t.load(simd, at, 1.0)), None)
+            }
+        };
+        let splat = ViewSplat { p, s, t, n };
+        // Turning a pair of half-axes keeps its product.
+        let area = radius.map(Area::of_disk).or(area.filter(|_| self.scale.is_some()));
+        let shading = match &object.shading_normals {
+            Some(c) => unit(transform(&normals, c.load(simd, at))),
+            None => world_normal,
+        };
+        let white = k(1.0);
+        let color = match &object.colors {
+            Some(colors) => colors.load(simd, at, chunk.space.color),
+            None => V3::new(white, white, white),
+        };
+        let splats = GroupLanes { splat, radius, area, shading, color };
+        self.project(simd, &splats, group, out);
+    }
+
+    #[inline(always)]
+    fn project<S: Simd>(&self, simd: S, splats: &GroupLanes<S>, group: Group<'_>, out: &mut SetupOutput<'_>) {
+        let GroupLanes { splat, radius, area, shading, color } = *splats;
+        let Group { chunk, at, active } = group;
+        let projection = &self.view.projection;
+        let settings = &self.plan.splat_filter;
+        let material = &self.material;
+        let k = |v: f64| Lanes::splat(simd, v as f32);
+        let (zero, one) = (k(0.0), k(1.0));
+        let perspective = projection.is_perspective();
+        let near = k(projection.near);
+        let z = splat.p.z;
+        let extent = splat.s.z.mul_add(splat.s.z, splat.t.z * splat.t.z).sqrt();
+        let inside = near.le(z + extent) & (z - extent).le(k(projection.far().min(f64::from(f32::MAX))));
+        let before_near = z.lt(near);
+        let close = if perspective { before_near | (z * k(0.5)).le(extent) } else { before_near };
+        let live = (1u64 << active) - 1;
+        let to_near = (inside & close).bits() & live;
+        if to_near != 0 {
+            self.push_near(simd, chunk, at, to_near, out);
+        }
+        let ordinary = (inside & !close).bits() & live;
+        if ordinary == 0 {
+            return;
+        }
+        // Lanes that aren't ordinary go on with a harmless depth; their results are never read.
+        let z = Lanes::select(inside & !close, z, k(projection.near * 4.0));
+        let splat = &ViewSplat { p: V3::new(splat.p.x, splat.p.y, z), ..splat };
+        let h = k(settings.radius_px);
+        let (adjusted, visible_turn) =
+            if settings.filter == Filter::Adjust { adjust_axes(splat, perspective) } else { (*splat, Turn::none(one)) };
+        let area = match area {
+            Some(area) => area,
+            None => Area::of(&adjusted),
+        };
+        let projected = Projected::with_area(&adjusted, area, projection);
+        let back_facing = zero.le(projected.facing);
+        let mut keep = !projected.is_edge_on();
+        if material.cull == Cull::Back {
+            keep &= !back_facing;
+        }
+        if keep.bits() & ordinary == 0 {
+            return;
+        }
+        let radius = match radius {
+            Some(radius) => radius,
+            None => radius_max(splat.s, splat.t),
+        };
+        let epsilon = projected_tolerance(z, &projected, radius, h, settings.tolerance, projection);
+        let visible = Footprint::unfiltered(&projected, settings.projective);
+        let mut extent_px = bounds::unfiltered(&projected, settings.projective);
+        let clips = self.object.clips.as_ref().filter(|_| self.plan.clip != ClipPolicy::Off);
+        // Where no splat of the group is small, the filter isn't computed.
+        let acts = match settings.filter {
+            Filter::Principal => !filter::is_surely_wide(&projected, h) & keep,
+            _ => keep,
+        };
+        let mut filtered = match settings.filter {
+            _ if acts.bits() & ordinary == 0 => Filtered::plain(visible),
+            Filter::None => Filtered::plain(visible),
+            Filter::Clamp => {
+                extent_px = extent_px.union(Extent::symmetric(V2::new(h, h)));
+                Filtered::plain(visible)
+            }
+            Filter::Adjust => filter::adjust(&projected, h, settings.projective),
+            Filter::Ewa => filter::ewa(&projected, h),
+            // Filter::Principal, the default, which one of a model to come is drawn with, too.
+            _ => filter::principal_or_unturned(&projected, h, settings.projective, clips.is_some()),
+        };
+        if clips.is_none() {
+            filtered.turn = Turn::none(one);
+        }
+        if !matches!(settings.filter, Filter::None | Filter::Clamp) && acts.bits() & ordinary != 0 {
+            extent_px = extent_px.union(bounds::footprint(&filtered.footprint));
+        }
+        let extent_px = extent_px.grow(k(BOX_SLACK_PX));
+        let inverse_z = if perspective { one / z } else { one };
+        let base = V2::new(
+            pixel_of(splat.p.x * inverse_z, projection.focal_px[0], projection.principal_px[0]),
+            pixel_of(splat.p.y * inverse_z, projection.focal_px[1], projection.principal_px[1]),
+        );
+        let fraction = projection.offset_from(splat.p, base);
+        let region = out.grid.region;
+        let columns =
+            pixel_range(base.x, fraction.x + extent_px.min.x, fraction.x + extent_px.max.x, region.x, region.width);
+        let rows =
+            pixel_range(base.y, fraction.y + extent_px.min.y, fraction.y + extent_px.max.y, region.y, region.height);
+        let keep = (keep & columns.0.lt(columns.1) & rows.0.lt(rows.1)).bits() & ordinary;
+        if keep == 0 {
+            return;
+        }
+        // A splat that several parts of the view draw counts in the one where its centre is, or would be were it moved
+        // in.
+        let (whole, counted) = (self.view.region, out.counted);
+        let here = moved_inside(base.x, (whole.x, whole.width), (counted.x, counted.width))
+            & moved_inside(base.y, (whole.y, whole.height), (counted.y, counted.height));
+        out.segment.drawn += u64::from((here.bits() & keep).count_ones());
+        let (gradient, range) = if settings.projective {
+            // 1/(1 + e) and 1/(1 − e).
+            let e = extent * inverse_z;
+            let q = one / ((one - e) * (one + e));
+            (-projected.depth_gradient, [(one - e) * q, (one + e) * q])
+        } else if perspective {
+            (projected.depth_gradient * z, [z - extent, z + extent])
+        } else {
+            (projected.depth_gradient, [z - extent, z + extent])
+        };
+        if self.keeps_facings() {
+            let kept = Lanes::select(mask32x16::from_bitmask(simd, keep), epsilon, zero);
+            out.segment.largest_epsilon = out.segment.largest_epsilon.max(largest(kept));
+        }
+        let shown = self.shown_normal(simd, splat.p, shading, (back_facing, projected.facing_cosine), keep);
+        let f = &filtered.footprint;
+        let (z_min, z_max) = (z - extent, z + extent);
+        let unclipped = near.lt(z_min * k(1.0 - RANGE_SLACK))
+            & (z_max * k(1.0 + RANGE_SLACK)).lt(k(projection.far().min(f64::from(f32::MAX))));
+        let one_footprint = match settings.filter {
+            Filter::None => one.le(one),
+            // Both axes keep their length: the same ellipse, turned within the disk, with the same w.
+            Filter::Principal => one.le(filtered.weight_scale),
+            _ => one.lt(one),
+        };
+        let steepness = gradient.x.abs() + gradient.y.abs();
+        let constant_depth = match settings.projective {
+            true => extent.le(z * k(CHEAP_DEPTH)) & steepness.le(k(CHEAP_STEEPNESS)),
+            false => one.lt(one),
+        };
+        let unfiltered = one_footprint & unclipped & constant_depth;
+        let (u, v, w) = (
+            V2::select(unfiltered, gradient_of(&visible.u), gradient_of(&f.u)),
+            V2::select(unfiltered, gradient_of(&visible.v), gradient_of(&f.v)),
+            V2::select(unfiltered, gradient_of(&visible.w), gradient_of(&f.w)),
+        );
+        // The filtered disk reaches h beyond the other at most.
+        let is_clamp = settings.filter == Filter::Clamp;
+        let filtered_steepness = w.x.abs() + w.y.abs();
+        let slow = h.mul_add(filtered_steepness, extent * inverse_z).le(k(CHEAP_FILTERED_DEPTH))
+            & filtered_steepness.le(k(CHEAP_STEEPNESS))
+            & h.le(k(CHEAP_RADIUS_PX));
+        let cheap = if is_clamp { one.lt(one) } else { constant_depth & slow & unclipped };
+        // What is drawn together finds the range in the same form: of e, and none where the footprint is the disk.
+        let unlimited = k(f64::from(f32::MAX));
+        let bits = |value: u32| Lanes::splat(simd, f32::from_bits(value));
+        let half = k(0.5);
+        let records = RecordLanes {
+            base_x: base.x,
+            base_y: base.y,
+            offset_x: half - fraction.x,
+            offset_y: half - fraction.y,
+            u_x: u.x,
+            u_y: u.y,
+            v_x: v.x,
+            v_y: v.y,
+            depth_x: gradient.x,
+            depth_y: gradient.y,
+            z,
+            range_min: Lanes::select(unfiltered, -unlimited, Lanes::select(cheap, range[0] - one, range[0])),
+            range_max: Lanes::select(unfiltered, unlimited, Lanes::select(cheap, range[1] - one, range[1])),
+            epsilon,
+            nearest: z_min - z_max.abs() * k(RANGE_SLACK),
+            class_bits: Lanes::select(
+                unfiltered,
+                bits(UNFILTERED),
+                Lanes::select(cheap, bits(FILTERED), bits(GENERAL)),
+            ),
+            red: color.x,
+            green: color.y,
+            blue: color.z,
+            normal_x: shown.x,
+            normal_y: shown.y,
+            normal_z: shown.z,
+            visible_u_x: visible.u.x,
+            visible_u_y: visible.u.y,
+            visible_v_x: visible.v.x,
+            visible_v_y: visible.v.y,
+            w_x: w.x,
+            w_y: w.y,
+            weight_scale: filtered.weight_scale,
+            coverage_scale: if settings.filter == Filter::Clamp {
+                filter::area_ratio(&projected, h)
+            } else {
+                filtered.coverage_scale
+            },
+            object_bits: if self.keeps_facings() {
+                let [front, back] = [false, true].map(|back| Facing::of(back).with_object(self.index));
+                Lanes::select(back_facing, bits(back), bits(front))
+            } else {
+                bits(self.index)
+            },
+            clip_bits: bits(0),
+        };
+        let whole_box = settings.filter == Filter::Clamp;
+        let form = MaskForm { drawn: out.drawn, linear_depth: !settings.projective, whole_box };
+        let wide = MaskForms {
+            offset: V2::new(half - fraction.x, half - fraction.y),
+            base,
+            u,
+            v,
+            // Every filter's footprint holds the unfiltered one, and its w changes no more.
+            w: if settings.projective { range[1] } else { one },
+        };
+        let mut masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &out.grid, form);
+        let clips = clips.map(|clips| (clips, clips.clipped(at) & keep)).filter(|(_, clipped)| *clipped != 0).map(
+            |(clips, clipped)| Clips {
+                clips,
+                at,
+                clipped,
+                policy: self.plan.clip,
+                projective: settings.projective,
+                visible: turns(&visible_turn),
+                filtered: turns(&visible_turn.after(&filtered.turn)),
+            },
+        );
+        if !self.is_transparent() {
+            let clipped = clips.as_ref().map_or(0, |clips| clips.clipped);
+            let keep = keep & masks.touching() & masks.drawn(form.drawn, &out.grid);
+            let SetupOutput { grid, tiny, segment, entries, .. } = out;
+            let tiny = match tiny {
+                Some(tiny) if clipped == 0 => tiny.find(&records, keep, [columns.0, columns.1, rows.0, rows.1]),
+                _ => None,
+            };
+            if let Some(tiny) = &tiny {
+                masks.set_tiny(tiny.bits());
+            }
+            let first = segment.records.push_group(records, tiny.as_ref(), keep);
+            masks.entries(simd, keep, (&segment.records, first), grid, form, entries);
+            if let Some(clips) = &clips {
+                for i in lanes_of(clips.clipped & keep) {
+                    let before = keep & ((1 << i) - 1);
+                    clips.clip(i, first as usize + before.count_ones() as usize, segment);
+                }
+            }
+            return;
+        }
+        let records = records.transposed();
+        let [x, y, z] = [splat.p.x.to_array(), splat.p.y.to_array(), splat.p.z.to_array()];
+        for i in lanes_of(keep) {
+            let mut part = out.part(self.transparent(at + i, || [x[i], y[i], z[i]]));
+            let index = part.push(simd, &records[i], (&masks, i), form);
+            if let Some(clips) = &clips {
+                clips.clip(i, index, part.segment);
+            }
+        }
+    }
+}
+
+impl ObjectView<'_> {
+    /// Shading normals as splats show them: those of back-facing ones turned to the eye where the material is
+    /// two-sided, but for what reaches past the contour of an oriented surface (§2).
+    #[inline(always)]
+    fn shown_normal<S: Simd>(
+        &self,
+        simd: S,
+        p: V3<Lanes<S>>,
+        shading: V3<Lanes<S>>,
+        (back_facing, cosine): (mask32x16<S>, Lanes<S>),
+        keep: u64,
+    ) -> V3<Lanes<S>> {
+        let one = Lanes::splat(simd, 1.0);
+        if !self.material.two_sided {
+            return shading;
+        }
+        if self.object.oriented && back_facing.bits() & keep != 0 {
+            let to_world = self.view.view_from_world.transpose().as_mat3();
+            let to_eye = match self.view.projection.is_perspective() {
+                true => -unit(p),
+                false => vector(simd, Vec3::NEG_Z),
+            };
+            let turned = back_normal(shading, cosine, transform(&to_world, to_eye));
+            return V3::select(back_facing, turned, shading);
+        }
+        shading * Lanes::select(back_facing, -one, one)
+    }
+}
+
+/// A group of 16 splats of a chunk.
+#[derive(Clone, Copy)]
+struct Group<'a> {
+    chunk: &'a Chunk,
+    /// Slot of the first.
+    at: usize,
+    /// How many there are; the other lanes repeat one.
+    active: usize,
+}
+
+/// Its splats in view space.
+struct GroupLanes<S: Simd> {
+    splat: ViewSplat<Lanes<S>>,
+    /// Of disks that nothing distorts.
+    radius: Option<Lanes<S>>,
+    /// Where it is known without the half-axes.
+    area: Option<Area<Lanes<S>>>,
+    /// World shading normals.
+    shading: V3<Lanes<S>>,
+    color: V3<Lanes<S>>,
+}
+
+/// What clips a group.
+struct Clips<'a> {
+    clips: &'a StoredClips,
+    /// The first one's slot.
+    at: usize,
+    /// Which of them have a clip, as bits.
+    clipped: u64,
+    policy: ClipPolicy,
+    projective: bool,
+    visible: [Turn<f32>; LANES],
+    filtered: [Turn<f32>; LANES],
+}
+
+impl Clips<'_> {
+    /// Clips splat `i` of the group, whose record has this index, if it has a clip.
+    #[inline(always)]
+    fn clip(&self, i: usize, index: usize, segment: &mut Segment) {
+        let Some(clip) = self.clips.get(self.at + i, self.policy) else { return };
+        let Some(record) = segment.records.get_mut(index) else { return };
+        let unfiltered = record.visible_footprint(self.projective);
+        let filtered = record.filtered_footprint();
+        let unfiltered = Mapping { footprint: &unfiltered, turn: &self.visible[i] };
+        let filtered = Mapping { footprint: &filtered, turn: &self.filtered[i] };
+        let other = record.is_filtered().then_some(filtered);
+        record.set_clip(segment.clips.push(&clip, unfiltered, other));
+    }
+}
+
+/// Whether pixels, moved into the first range if they are outside, lie in the second: starts and lengths.
+#[inline(always)]
+fn moved_inside<S: Simd>(at: Lanes<S>, (first, length): (u32, u32), (start, count): (u32, u32)) -> mask32x16<S> {
+    let k = |v: u32| at.constant(f64::from(v));
+    let at = at.max(k(first)).min(k((first + length).saturating_sub(1)));
+    k(start).le(at) & at.lt(k(start + count))
+}
+
+/// Indices of set bits.
+fn lanes_of(bits: u64) -> impl Iterator<Item = usize> {
+    (0..LANES).filter(move |i| bits >> i & 1 == 1)
+}
+
+/// The pixel that holds a point of this slope (orthographic: coordinate) along one axis.
+#[inline(always)]
+fn pixel_of<S: Simd>(slope: Lanes<S>, focal_px: f64, principal_px: f64) -> Lanes<S> {
+    Lanes(slope.mul_add(slope.constant(focal_px), slope.constant(principal_px)).0.floor())
+}

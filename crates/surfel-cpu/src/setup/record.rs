@@ -1,0 +1,358 @@
+//! What a splat is on the screen, as the tile loops read it.
+
+use crate::setup::tiny::TinyLanes;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::tiles::bins::RECORD_BYTES;
+use crate::tiles::lists::Listable;
+use crate::tiles::pool::Reused;
+use fearless_simd::Simd;
+use surfel_math::mapping::{Footprint, Linear};
+
+/// Which of the evaluators draws a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Class {
+    /// No fragment lies before z_near or beyond z_far, and the depth, of the exact mapping, is nearly constant: it
+    /// differs by less than a 64th over the disk and by less than a 12th over its blocks.
+    Cheap,
+    /// Everything else that is set up in lanes.
+    General,
+    /// A [tiny splat](crate::setup::tiny): depths and weights are known pixel by pixel.
+    Tiny,
+    /// A splat near the eye, set up in f64: [`Record::object`] is its index among the segment's near splats.
+    Near,
+}
+
+/// Which side of its surface a splat shows, where that is kept apart (§5).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Facing {
+    /// Its cloud isn't oriented, or the plan keeps no facings apart.
+    Undeclared,
+    Front,
+    Back,
+}
+
+/// Where facings are among the bits of an object's index.
+const FACING: u32 = 30;
+
+impl Facing {
+    /// Of a splat of an oriented cloud.
+    pub(crate) fn of(back_facing: bool) -> Self {
+        if back_facing { Self::Back } else { Self::Front }
+    }
+
+    /// An object's index with it.
+    pub(crate) fn with_object(self, object: u32) -> u32 {
+        object | (self as u32) << FACING
+    }
+}
+
+/// Classes as bits: cheap splats whose filtered and unfiltered footprint are the same, others, general ones, those near
+/// the eye, and tiny ones of 2×2 and of 3×3 pixels.
+pub(crate) const UNFILTERED: u32 = 0;
+pub(crate) const FILTERED: u32 = 1;
+pub(crate) const GENERAL: u32 = 4;
+const NEAR: u32 = 8;
+pub(crate) const TINY: [u32; 2] = [16, 32];
+
+/// Among the bits of a class: the splat has a clip.
+const CLIPPED: u32 = 64;
+
+/// How a batch of 4 splats is evaluated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Batch {
+    /// Together: all are cheap and unfiltered, and none has a clip.
+    Unfiltered,
+    /// Together: all are cheap, and none has a clip.
+    Filtered,
+    /// One by one.
+    Scalar,
+}
+
+impl Batch {
+    #[inline(always)]
+    pub(crate) fn of([a, b, c, d]: &[&Record; 4]) -> Self {
+        match any([a, b, c, d]) {
+            0 => Self::Unfiltered,
+            1 => Self::Filtered,
+            _ => Self::Scalar,
+        }
+    }
+}
+
+/// All set bits of four splats' classes.
+#[inline(always)]
+fn any([a, b, c, d]: [&Record; 4]) -> u32 {
+    let bits = |bits: f32| bits.to_bits();
+    bits(a.class_bits()) | bits(b.class_bits()) | bits(c.class_bits()) | bits(d.class_bits())
+}
+
+/// Numbers of a record.
+pub(crate) const FIELDS: usize = 32;
+
+/// A splat's footprint and attributes, two cache lines. All forms are about the anchor, the projected centre, in
+/// pixels.
+///
+/// The first line is what an unfiltered splat's footprint needs; fields are read by name through the methods. Aligned
+/// to both: CPUs fetch lines in such pairs.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(align(128))]
+pub(crate) struct Record(pub(crate) [f32; FIELDS]);
+
+macro_rules! fields {
+    ($($(#[$doc:meta])* $name:ident = $at:literal;)*) => {
+        impl Record {
+            $($(#[$doc])* #[inline(always)] pub(crate) fn $name(&self) -> f32 { self.0[$at] })*
+        }
+
+        /// The records of a group in lanes, field by field.
+        #[derive(Clone, Copy)]
+        pub(crate) struct RecordLanes<S: Simd> {
+            $(pub $name: Lanes<S>,)*
+        }
+
+        impl<S: Simd> RecordLanes<S> {
+            /// One record in all lanes. What isn't used costs nothing.
+            #[inline(always)]
+            pub(crate) fn splat(simd: S, record: &Record) -> Self {
+                Self { $($name: Lanes::splat(simd, record.$name()),)* }
+            }
+
+            #[inline(always)]
+            fn to_fields(self) -> [[Lanes<S>; LANES]; 2] {
+                let zero = Lanes::splat(self.base_x.0.simd, 0.0);
+                let mut fields = [[zero; LANES]; 2];
+                $(fields[$at / LANES][$at % LANES] = self.$name;)*
+                fields
+            }
+        }
+    };
+}
+
+fields! {
+    /// Column of the anchor's pixel.
+    base_x = 0;
+    base_y = 1;
+    /// ε.
+    epsilon = 2;
+    /// No fragment of the splat is nearer: [`Listable::z_min`].
+    nearest = 3;
+    /// [`Class`], as bits: and one for a clip.
+    class_bits = 4;
+    /// From the anchor to its pixel's centre: ½ less the anchor's fraction.
+    offset_x = 5;
+    offset_y = 6;
+    /// Gradients of the filtered (u·w', v·w').
+    u_x = 7;
+    u_y = 8;
+    v_x = 9;
+    v_y = 10;
+    /// Gradient of the plane's depth: of p_z/z (perspective), or of z.
+    depth_x = 11;
+    depth_y = 12;
+    /// Depth at the anchor.
+    z = 13;
+    /// Range of the depth form over the disk: of p_z/z, or of z. Of a filtered cheap splat of p_z/z − 1; of an
+    /// unfiltered one all there is.
+    range_min = 14;
+    range_max = 15;
+    /// Gradients of the unfiltered (u·w', v·w').
+    visible_u_x = 16;
+    visible_u_y = 17;
+    visible_v_x = 18;
+    visible_v_y = 19;
+    /// Gradient of the filtered w'.
+    w_x = 20;
+    w_y = 21;
+    /// Factor of the weight.
+    weight_scale = 22;
+    red = 23;
+    green = 24;
+    blue = 25;
+    /// World shading normal, turned to the eye where the material is two-sided.
+    normal_x = 26;
+    normal_y = 27;
+    normal_z = 28;
+    /// Coverage of a unit of weight, but for the cloud's W0.
+    coverage_scale = 29;
+    /// Index of the object, for its material; of a near splat its own. In the highest two bits, the facing. As bits.
+    object_bits = 30;
+    /// 1 more than the number of the splat's clip, 0 without one. As bits.
+    clip_bits = 31;
+}
+
+/// The first of the eighteen fields of forms, in which a [tiny splat](crate::setup::tiny) has its depths and weights.
+pub(crate) const FORMS: usize = 5;
+
+const _: () = assert!(size_of::<Record>() == RECORD_BYTES, "lists count records by their bytes");
+
+/// The field of [`Listable::z_min`].
+const Z_MIN: usize = 3;
+
+/// The field of the class, and the first of a colour and a normal.
+pub(crate) const CLASS: usize = 4;
+pub(crate) const COLOR: usize = 23;
+
+impl Record {
+    #[inline(always)]
+    pub(crate) fn class(&self) -> Class {
+        match self.class_bits().to_bits() & !CLIPPED {
+            UNFILTERED | FILTERED => Class::Cheap,
+            GENERAL => Class::General,
+            NEAR => Class::Near,
+            _ => Class::Tiny,
+        }
+    }
+
+    /// True of cheap and general splats whose filtered footprint may be another than the unfiltered one.
+    #[inline(always)]
+    pub(crate) fn is_filtered(&self) -> bool {
+        matches!(self.class_bits().to_bits() & !CLIPPED, FILTERED | GENERAL)
+    }
+
+    /// Side of a tiny splat, in pixels.
+    #[inline(always)]
+    pub(crate) fn tiny_side(&self) -> usize {
+        if self.class_bits().to_bits() == TINY[0] { 2 } else { 3 }
+    }
+
+    #[inline(always)]
+    pub(crate) fn object(&self) -> usize {
+        (self.object_bits().to_bits() & ((1 << FACING) - 1)) as usize
+    }
+
+    #[inline(always)]
+    pub(crate) fn facing(&self) -> Facing {
+        match self.object_bits().to_bits() >> FACING {
+            1 => Facing::Front,
+            2 => Facing::Back,
+            _ => Facing::Undeclared,
+        }
+    }
+
+    /// The unfiltered footprint about the anchor. Not of a near splat.
+    #[inline(always)]
+    pub(crate) fn visible_footprint(&self, projective: bool) -> Footprint<f32> {
+        let (x, y) = if projective { (self.depth_x(), self.depth_y()) } else { (0.0, 0.0) };
+        Footprint {
+            u: Linear { c: 0.0, x: self.visible_u_x(), y: self.visible_u_y() },
+            v: Linear { c: 0.0, x: self.visible_v_x(), y: self.visible_v_y() },
+            w: Linear { c: 1.0, x, y },
+        }
+    }
+
+    /// The filtered footprint about the anchor. Not of a near splat.
+    #[inline(always)]
+    pub(crate) fn filtered_footprint(&self) -> Footprint<f32> {
+        Footprint {
+            u: Linear { c: 0.0, x: self.u_x(), y: self.u_y() },
+            v: Linear { c: 0.0, x: self.v_x(), y: self.v_y() },
+            w: Linear { c: 1.0, x: self.w_x(), y: self.w_y() },
+        }
+    }
+
+    /// Number of the clip.
+    #[inline(always)]
+    pub(crate) fn clip(&self) -> Option<u32> {
+        self.clip_bits().to_bits().checked_sub(1)
+    }
+
+    pub(crate) fn set_clip(&mut self, number: u32) {
+        self.0[31] = f32::from_bits(number.wrapping_add(1));
+        self.0[CLASS] = f32::from_bits(self.class_bits().to_bits() | CLIPPED);
+    }
+
+    /// Colour and normal.
+    #[inline(always)]
+    pub(crate) fn attributes(&self) -> [f32; 6] {
+        [self.red(), self.green(), self.blue(), self.normal_x(), self.normal_y(), self.normal_z()]
+    }
+
+    /// Moves the index of a near splat.
+    pub(crate) fn renumber(&mut self, first_near: usize) {
+        if self.class() == Class::Near {
+            self.0[30] = f32::from_bits(self.facing().with_object((self.object() + first_near) as u32));
+        }
+    }
+
+    /// Stands for a near splat in the tiles' lists.
+    pub(crate) fn near(index: u32, z_min: f32, color: [f32; 3], normal: [f32; 3], epsilon: f32) -> Self {
+        let mut fields = [0.0; FIELDS];
+        fields[2] = epsilon;
+        fields[Z_MIN] = z_min;
+        fields[CLASS] = f32::from_bits(NEAR);
+        fields[COLOR..COLOR + 3].copy_from_slice(&color);
+        fields[COLOR + 3..COLOR + 6].copy_from_slice(&normal);
+        fields[29] = 1.0;
+        fields[30] = f32::from_bits(index);
+        Self(fields)
+    }
+}
+
+/// A splat without a fragment anywhere.
+static EMPTY: Record = {
+    let mut fields = [0.0; FIELDS];
+    fields[0] = f32::NAN;
+    Record(fields)
+};
+
+impl Listable for Record {
+    const EMPTY: &'static Self = &EMPTY;
+
+    #[inline(always)]
+    fn z_min(&self) -> f32 {
+        self.0[Z_MIN]
+    }
+}
+
+/// Records one after another.
+pub(crate) type Records = Reused<Record>;
+
+impl Records {
+    /// Appends those of a group that are in `keep`, as bits: index of the first.
+    #[inline(always)]
+    pub(crate) fn push_group<S: Simd>(
+        &mut self,
+        records: RecordLanes<S>,
+        tiny: Option<&TinyLanes<S>>,
+        keep: u64,
+    ) -> u32 {
+        let mut fields = records.to_fields();
+        if let Some(tiny) = tiny {
+            tiny.write(&mut fields);
+        }
+        let [low, high] = fields;
+        let (low, high) = (Lanes::transpose(low), Lanes::transpose(high));
+        let first = self.len();
+        if let Some(room) = self.room::<LANES>() {
+            let mut at = 0;
+            for i in 0..LANES {
+                // The next one overwrites it if it isn't kept.
+                let record = &mut room[at % LANES];
+                low[i].store(&mut record.0);
+                high[i].store(&mut record.0[LANES..]);
+                at += (keep >> i & 1) as usize;
+            }
+            self.advance(at);
+        }
+        first as u32
+    }
+}
+
+/// Blocks that a splat may touch: first column, first row, end column, end row, in blocks from the grid's origin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct BlockBox(pub [u32; 4]);
+
+impl<S: Simd> RecordLanes<S> {
+    /// The records one by one.
+    #[inline(always)]
+    pub(crate) fn transposed(self) -> [Record; LANES] {
+        let [low, high] = self.to_fields();
+        let (low, high) = (Lanes::transpose(low), Lanes::transpose(high));
+        let mut records = [Record([0.0; FIELDS]); LANES];
+        for i in 0..LANES {
+            low[i].store(&mut records[i].0);
+            high[i].store(&mut records[i].0[LANES..]);
+        }
+        records
+    }
+}

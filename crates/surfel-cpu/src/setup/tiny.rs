@@ -1,0 +1,153 @@
+//! Tiny splats: splats of 2×2 or 3×3 pixels at most, of which setup finds the fragments.
+//!
+//! A splat of two pixels fills three of a block's sixteen lanes and touches two blocks. Setup has sixteen splats in its
+//! lanes: it computes them all at a pixel each, four or nine times, by the formulas of `fragment.rs`, and their records
+//! hold depths and weights in place of forms. Tiles of tiny splats are drawn splat by splat (`dot_tiles.rs`); in
+//! others, tiny splats are looked up where other splats are computed. Numbers and their order are the same in any case,
+//! and so is every bit.
+
+use crate::setup::evaluate::{self, Fragment, FrameConstants};
+use crate::setup::record::{CLASS, FORMS, GENERAL, Record, RecordLanes, TINY};
+use crate::simd::lanes::{LANES, Lanes};
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, i32x16, mask32x16};
+use surfel_math::{Real, V2};
+use surfel_render::{FramePlan, View};
+
+/// What the records of a group's tiny splats hold in place of forms: row by row depths, then weights. A weight is NaN
+/// where the pixel is outside the filtered footprint, and has a sign where it is inside the unfiltered one.
+pub(crate) struct TinyLanes<S: Simd> {
+    /// Splats of 2×2 pixels, and of 3×3.
+    four: mask32x16<S>,
+    nine: mask32x16<S>,
+    /// Column and row of the first pixel, as whole numbers' bits.
+    first_px: V2<Lanes<S>>,
+    /// Of 3×3 pixels.
+    depths: [Lanes<S>; 9],
+    weights: [Lanes<S>; 9],
+}
+
+/// The first 2×2 of 3×3 pixels.
+const CORNER: [usize; 4] = [0, 1, 3, 4];
+
+impl<S: Simd> TinyLanes<S> {
+    /// The tiny splats of 2×2 pixels, and of 3×3, as bits.
+    #[inline(always)]
+    pub(crate) fn bits(&self) -> [u64; 2] {
+        [self.four.to_bitmask(), self.nine.to_bitmask()]
+    }
+
+    #[inline(always)]
+    pub(crate) fn write(&self, fields: &mut [[Lanes<S>; LANES]; 2]) {
+        let bits = |bits: u32| Lanes::splat(self.first_px.x.0.simd, f32::from_bits(bits));
+        let fields = fields.as_flattened_mut();
+        for (at, four, nine) in [
+            (0, self.first_px.x, self.first_px.x),
+            (1, self.first_px.y, self.first_px.y),
+            (CLASS, bits(TINY[0]), bits(TINY[1])),
+        ] {
+            fields[at] = Lanes::select(self.four, four, Lanes::select(self.nine, nine, fields[at]));
+        }
+        if self.nine.to_bitmask() != 0 {
+            for (field, value) in fields[FORMS..].iter_mut().zip(self.depths.iter().chain(&self.weights)) {
+                *field = Lanes::select(self.nine, *value, *field);
+            }
+        }
+        for (i, pixel) in CORNER.into_iter().enumerate() {
+            for (at, numbers) in [(FORMS + i, &self.depths), (FORMS + 4 + i, &self.weights)] {
+                fields[at] = Lanes::select(self.four, numbers[pixel], fields[at]);
+            }
+        }
+    }
+}
+
+/// What finds tiny splats, from the plan.
+pub(crate) struct TinyFinder {
+    frame: FrameConstants,
+}
+
+impl TinyFinder {
+    pub(crate) fn new(plan: &FramePlan, view: &View) -> Self {
+        Self { frame: FrameConstants::new(plan, view) }
+    }
+
+    /// Finds which of a group's splats are tiny, by their ranges of pixels.
+    #[inline(always)]
+    pub(crate) fn find<S: Simd>(
+        &self,
+        r: &RecordLanes<S>,
+        keep: u64,
+        [first_column, end_column, first_row, end_row]: [Lanes<S>; 4],
+    ) -> Option<TinyLanes<S>> {
+        let (zero, one) = (r.z.zero(), r.z.one());
+        let two = one + one;
+        // The 2×2 pixels whose centres are nearest, and the 3×3 around the one with the splat's centre.
+        let x = r.base_x - Lanes::select(zero.lt(r.offset_x), one, zero);
+        let y = r.base_y - Lanes::select(zero.lt(r.offset_y), one, zero);
+        let four = x.le(first_column) & end_column.le(x + two) & y.le(first_row) & end_row.le(y + two);
+        let (left, top) = (r.base_x - one, r.base_y - one);
+        let columns = left.le(first_column) & end_column.le(r.base_x + two);
+        let nine = columns & top.le(first_row) & end_row.le(r.base_y + two) & !four;
+        // A few among others would make their tiles dearer, not cheaper.
+        let tiny = ((four | nine).to_bitmask() & keep).count_ones();
+        if tiny == 0 || 4 * tiny < 3 * keep.count_ones() {
+            return None;
+        }
+        let (x, y) = (Lanes::select(four, x, left), Lanes::select(four, y, top));
+        let classes: i32x16<S> = r.class_bits.0.bitcast();
+        let cheap: mask32x16<S> = classes.simd_lt(i32x16::splat(r.z.0.simd, GENERAL as i32));
+        let all_cheap = !cheap.to_bitmask() & keep == 0;
+        let side = if nine.to_bitmask() & keep == 0 { 2 } else { 3 };
+        let (mut depths, mut weights) = ([zero; 9], [zero; 9]);
+        for row in 0..side {
+            for column in 0..side {
+                let px = V2::new(x + x.constant(f64::from(column)), y + y.constant(f64::from(row)));
+                let d = ((px.x - r.base_x) + r.offset_x, (px.y - r.base_y) + r.offset_y);
+                let mut found = Numbers::of(&evaluate::cheap(r, d, &self.frame));
+                if !all_cheap {
+                    found = found.where_else(cheap, Numbers::of(&evaluate::general(r, d, &self.frame)));
+                }
+                let i = (3 * row + column) as usize;
+                (depths[i], weights[i]) = (found.depth, found.weight);
+            }
+        }
+        Some(TinyLanes { four, nine, first_px: V2::new(whole_bits(x), whole_bits(y)), depths, weights })
+    }
+}
+
+/// Sixteen fragments as records hold them.
+struct Numbers<S: Simd> {
+    depth: Lanes<S>,
+    weight: Lanes<S>,
+}
+
+impl<S: Simd> Numbers<S> {
+    #[inline(always)]
+    fn of(fragment: &Fragment<S>) -> Self {
+        let (one, nan) = (fragment.z.one(), fragment.z.constant(f64::NAN));
+        let sign = Lanes::select(fragment.visible, -one, one);
+        Self { depth: fragment.z, weight: Lanes::select(fragment.inside, fragment.weight, nan).copysign(sign) }
+    }
+
+    /// These where a mask says so, others elsewhere.
+    #[inline(always)]
+    fn where_else(&self, mask: mask32x16<S>, others: Self) -> Self {
+        Self {
+            depth: Lanes::select(mask, self.depth, others.depth),
+            weight: Lanes::select(mask, self.weight, others.weight),
+        }
+    }
+}
+
+/// Whole numbers as bits.
+#[inline(always)]
+fn whole_bits<S: Simd>(v: Lanes<S>) -> Lanes<S> {
+    let whole: i32x16<S> = v.0.to_int();
+    Lanes(whole.bitcast())
+}
+
+/// Column and row of a tiny splat's first pixel.
+#[inline(always)]
+pub(crate) fn first_px(record: &Record) -> (i32, i32) {
+    (record.0[0].to_bits() as i32, record.0[1].to_bits() as i32)
+}

@@ -1,0 +1,237 @@
+//! Triangles on the screen, sorted into tiles (§6).
+
+use crate::cull::chunks::MeshPart;
+use crate::scene::mesh::StoredMesh;
+use crate::simd::level::{Instructions, with_instructions};
+use crate::tiles::bins::{Entries, Entry, Kind, TileLists};
+use crate::tiles::drawn::DrawnBlocks;
+use crate::tiles::grid::{BLOCK, Grid, TILE_BLOCKS};
+use fearless_simd::Simd;
+use glam::{DMat3, DVec3};
+use surfel_math::bounds::Extent;
+use surfel_math::mapping::Linear;
+use surfel_math::triangle::{self, Triangle};
+use surfel_math::{V2, V3};
+use surfel_model::Cull;
+use surfel_render::View;
+
+/// Pixels by which a box is grown: far above the rounding of its corners, and below what costs time.
+const BOX_SLACK_PX: f64 = 1e-3;
+
+/// A triangle on the screen.
+pub(crate) struct ScreenTriangle {
+    /// Index of the mesh, and of the triangle in it.
+    pub mesh: u32,
+    pub index: u32,
+    /// About the origin of all pixels, so that neighbours judge their edge by the same number. Edges are multiplied by
+    /// a power of two that makes their gradients about 1: that rounds nothing, so neighbours still agree.
+    pub triangle: Triangle<f64>,
+    /// Σ E and Σ E·z over the edges' values E: the depth is the second over the first.
+    pub weight: Linear<f64>,
+    pub depth: Linear<f64>,
+    /// No fragment is nearer.
+    pub z_min: f32,
+    /// Faces away from the eye.
+    pub back_facing: bool,
+}
+
+/// Some triangles of a mesh, with each tile's list of them in their order.
+pub(crate) struct TriangleSegment {
+    pub triangles: Vec<ScreenTriangle>,
+    pub lists: TileLists,
+}
+
+impl TriangleSegment {
+    /// Bytes of heap memory in use.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.triangles.as_slice()) + self.lists.bytes()
+    }
+}
+
+/// Projects the triangles of some parts of meshes that may touch the grid's region, in scene order. Under
+/// [`Cull::None`] back faces aren't left out, whatever the material says.
+pub(crate) fn project(
+    instructions: Instructions,
+    meshes: &[StoredMesh],
+    parts: &[MeshPart],
+    view: &View,
+    grid: &Grid,
+    cull: Cull,
+) -> Vec<TriangleSegment> {
+    project_some(instructions, meshes, parts, view, grid, cull, DrawnBlocks::default())
+}
+
+/// [`project`] of what touches some blocks.
+pub(crate) fn project_some(
+    instructions: Instructions,
+    meshes: &[StoredMesh],
+    parts: &[MeshPart],
+    view: &View,
+    grid: &Grid,
+    cull: Cull,
+    drawn: DrawnBlocks<'_>,
+) -> Vec<TriangleSegment> {
+    let mut segments = Vec::new();
+    for of_mesh in parts.chunk_by(|a, b| a.mesh == b.mesh) {
+        let index = of_mesh[0].mesh;
+        let mesh = &meshes[index as usize];
+        // Of equally near triangles the first is shown: they come in the mesh's order.
+        let mut triangles: Vec<u32> = of_mesh.iter().flat_map(|part| mesh.part(part.part)).copied().collect();
+        triangles.sort_unstable();
+        let projector = Projector::new(mesh, index, view, cull, drawn);
+        // Formulas in f64 need no lanes, but a CPU's fused multiply-add.
+        segments.push(with_instructions!(instructions, simd =>
+            simd.vectorize(#[inline(always)] || projector.all(&triangles, grid))));
+    }
+    segments
+}
+
+/// What is the same for all triangles of a mesh in a view.
+struct Projector<'a> {
+    mesh: &'a StoredMesh,
+    /// Its index.
+    index: u32,
+    view: &'a View,
+    cull: Cull,
+    drawn: DrawnBlocks<'a>,
+    linear: DMat3,
+    /// View position of the mesh's origin.
+    origin: DVec3,
+}
+
+impl<'a> Projector<'a> {
+    fn new(mesh: &'a StoredMesh, index: u32, view: &'a View, cull: Cull, drawn: DrawnBlocks<'a>) -> Self {
+        let (linear, origin) = mesh.in_view(view);
+        let cull = if cull == Cull::None { cull } else { mesh.material.cull };
+        Self { mesh, index, view, cull, drawn, linear, origin }
+    }
+
+    /// Projects some of the mesh's triangles and sorts them into tiles.
+    #[inline(always)]
+    fn all(&self, indices: &[u32], grid: &Grid) -> TriangleSegment {
+        let (mut triangles, mut entries) = (Vec::new(), Entries::default());
+        for &index in indices {
+            if let Some((triangle, extent)) = self.project(index as usize) {
+                let before = entries.len();
+                for_tiles(&triangle, &extent, triangles.len() as u32, (grid, self.drawn), &mut entries);
+                if entries.len() > before {
+                    triangles.push(triangle);
+                }
+            }
+        }
+        let mut lists = TileLists::default();
+        lists.sort(&mut entries, grid);
+        TriangleSegment { triangles, lists }
+    }
+
+    #[inline(always)]
+    fn project(&self, k: usize) -> Option<(ScreenTriangle, Extent<f64>)> {
+        let mut corners = [DVec3::ZERO; 3];
+        for (corner, i) in corners.iter_mut().zip(self.mesh.mesh.triangles[k]) {
+            *corner = self.origin + self.linear * self.mesh.mesh.positions.get(i as usize);
+        }
+        let projection = &self.view.projection;
+        if corners.iter().all(|p| p.z < projection.near) || corners.iter().all(|p| p.z > projection.far()) {
+            return None;
+        }
+        // Which side shows is computed only where it matters.
+        let back_facing = (self.cull == Cull::Back || self.mesh.material.two_sided) && {
+            let normal = self.view.view_from_world * self.mesh.flat_normal(k);
+            let facing = if projection.is_perspective() { normal.dot(corners[0]) } else { normal.z };
+            facing >= 0.0
+        };
+        if self.cull == Cull::Back && back_facing {
+            return None;
+        }
+        let z_min = corners.iter().map(|p| p.z).fold(f64::INFINITY, f64::min).max(projection.near);
+        let corners = corners.map(V3::from);
+        let extent = triangle::bounds(corners, projection)?;
+        let triangle = scaled(Triangle::new(corners, V2::new(0.0, 0.0), projection))?;
+        let [a, b, c] = triangle.edges;
+        let weight = Linear { c: a.c + b.c + c.c, x: a.x + b.x + c.x, y: a.y + b.y + c.y };
+        let sum = |v: [f64; 3]| triangle::interpolate(v, triangle.z);
+        let depth = Linear { c: sum([a.c, b.c, c.c]), x: sum([a.x, b.x, c.x]), y: sum([a.y, b.y, c.y]) };
+        // Several roundings of f32 nearer.
+        let z_min = (z_min * (1.0 - 1e-6)) as f32;
+        let (mesh, index) = (self.index, k as u32);
+        Some((ScreenTriangle { mesh, index, triangle, weight, depth, z_min, back_facing }, extent))
+    }
+}
+
+/// The same triangle with edges whose largest gradient is between 1 and 2; `None` where none has any, or is finite.
+#[inline(always)]
+fn scaled(mut t: Triangle<f64>) -> Option<Triangle<f64>> {
+    let largest = t.edges.iter().fold(0.0f64, |m, e| m.max(e.x.abs()).max(e.y.abs()));
+    let exponent = (largest.to_bits() >> 52) as i64;
+    let finite = t.edges.iter().all(|e| e.x.is_finite() && e.y.is_finite() && e.c.is_finite());
+    // 2^−e has the biased exponent 2046 − exponent.
+    let scale = f64::from_bits(u64::try_from(2046 - exponent).ok()? << 52);
+    if exponent == 0 || !scale.is_normal() || !finite {
+        return None;
+    }
+    for e in &mut t.edges {
+        (e.c, e.x, e.y) = (e.c * scale, e.x * scale, e.y * scale);
+    }
+    Some(t)
+}
+
+/// Adds an entry for every tile whose pixels a triangle may cover.
+#[inline(always)]
+fn for_tiles(
+    t: &ScreenTriangle,
+    extent: &Extent<f64>,
+    index: u32,
+    (grid, drawn): (&Grid, DrawnBlocks<'_>),
+    entries: &mut Entries,
+) {
+    let r = grid.region;
+    let Some([x0, x1]) = blocks(extent.min.x, extent.max.x, [r.x, r.width], grid.origin[0]) else { return };
+    let Some([y0, y1]) = blocks(extent.min.y, extent.max.y, [r.y, r.height], grid.origin[1]) else { return };
+    let size = grid.tile_blocks;
+    // Of few blocks all count.
+    let small = x1 - x0 < 2 && y1 - y0 < 2;
+    for row in y0 / size..=y1 / size {
+        for column in x0 / size..=x1 / size {
+            let first = [column * size, row * size];
+            let mut bits = 0u64;
+            let wanted = drawn.of(row * grid.columns + column);
+            if wanted == 0 {
+                continue;
+            }
+            for y in y0.max(first[1])..=y1.min(first[1] + size - 1) {
+                for x in x0.max(first[0])..=x1.min(first[0] + size - 1) {
+                    let [cx, cy] = [grid.origin[0] + x * BLOCK, grid.origin[1] + y * BLOCK];
+                    let hit = small || may_cover(t, V2::new(f64::from(cx) + 2.0, f64::from(cy) + 2.0));
+                    bits |= u64::from(hit) << (TILE_BLOCKS * (y - first[1]) + x - first[0]);
+                }
+            }
+            bits &= wanted;
+            if bits != 0 {
+                entries.push(Entry::new(bits, index, row * grid.columns + column, Kind::Any));
+            }
+        }
+    }
+}
+
+/// First and last block, from the grid's origin, of the pixels of a range whose centres lie between two coordinates.
+fn blocks(min: f64, max: f64, [start, length]: [u32; 2], origin: u32) -> Option<[u32; 2]> {
+    let (low, high) = (f64::from(start), f64::from(start + length));
+    // Saturating casts: a box that isn't finite is cut to the region.
+    let first = (min - 0.5 - BOX_SLACK_PX).ceil().clamp(low, high) as u32;
+    let end = ((max - 0.5 + BOX_SLACK_PX).floor() + 1.0).clamp(low, high) as u32;
+    (first < end).then(|| [(first - origin) / BLOCK, (end - 1 - origin) / BLOCK])
+}
+
+/// False if an edge shows that no pixel of the block with this centre is covered.
+#[inline(always)]
+fn may_cover(t: &ScreenTriangle, center: V2<f64>) -> bool {
+    let [a, b, c] = &t.triangle.edges;
+    reaches(a, center) && reaches(b, center) && reaches(c, center)
+}
+
+/// True if an edge's inner side reaches the block with this centre.
+#[inline(always)]
+fn reaches(edge: &Linear<f64>, center: V2<f64>) -> bool {
+    // Pixel centres are at most 1.5 from the block's.
+    edge.at(center) + (1.5 + BOX_SLACK_PX) * (edge.x.abs() + edge.y.abs()) >= 0.0
+}

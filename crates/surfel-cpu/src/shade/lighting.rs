@@ -1,0 +1,333 @@
+//! The lights of a frame, and what they make of surfaces (§5), sixteen pixels at a time.
+
+use crate::shade::matcap::MatcapSphere;
+use crate::shade::shadow_map::{self, ShadowMap};
+use crate::shade::surface::Surface;
+use crate::shade::view_ray::{Place, ViewRay, ViewRays};
+use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::math::{unit_or_zero, vector};
+use fearless_simd::Simd;
+use fearless_simd::prelude::SimdMask;
+use glam::{DVec3, Mat3, Vec3};
+use std::sync::Arc;
+use surfel_math::projection::Projection;
+use surfel_math::{Real, V3, toon};
+use surfel_model::{Light, Matcap, Shader};
+use surfel_render::{Attributes, FramePlan, Planes, SAMPLES_SIDE, View};
+
+/// Where a light shines from. Positions are relative to the eye, so that nothing is lost far from the origin.
+enum Source {
+    Directional { to_light: Vec3 },
+    Point { position: Vec3 },
+    Spot { position: Vec3, direction: Vec3, inner: f64, outer: f64 },
+}
+
+/// A light as the shader reads it. Colours are by the diffuse and the specular factor, where all objects share them.
+struct FrameLight {
+    source: Source,
+    /// Its shadow maps.
+    maps: Vec<ShadowMap>,
+    diffuse: Vec3,
+    specular: Vec3,
+}
+
+/// Everything that lights a frame.
+pub(crate) struct Lighting {
+    pub shader: Shader,
+    pub planes: Planes,
+    pub attributes: Attributes,
+    lights: Arc<[FrameLight]>,
+    /// By the ambient factor, where all objects share it.
+    ambient: Vec3,
+    /// Whether all lights shine everywhere from the same direction: where a surface is doesn't matter then.
+    are_afar: bool,
+    /// Ambient, diffuse, specular, shininess where all objects share them.
+    pub material: [f32; 4],
+    /// See [`whole_power`], where all objects share the exponent.
+    whole_shininess: Option<(u32, f32)>,
+    /// Linear, premultiplied.
+    pub background: [f32; 4],
+    /// Where the shader is `matcap`.
+    pub matcap: Option<MatcapSphere>,
+    pub rays: ViewRays,
+    /// Side of a pixel of the image, in pixels of the view.
+    pub pixel_px: f64,
+    view: View,
+}
+
+impl Lighting {
+    pub(crate) fn new(
+        plan: &FramePlan,
+        view: &View,
+        lights: &[Light],
+        shadows: Vec<ShadowMap>,
+        ambient: [f64; 3],
+        material: [f64; 4],
+        background: [f64; 4],
+    ) -> Self {
+        let unit = |v: &[f64; 3]| surfel_math::basis::unit(DVec3::from(*v)).as_vec3();
+        let relative = |p: &[f64; 3]| (DVec3::from(*p) - view.eye).as_vec3();
+        let factors = if plan.attributes.material { [1.0; 4] } else { material };
+        let by = |color: &[f64; 3], factor: f64| (DVec3::from(*color) * factor).as_vec3();
+        let light = |light: &Light| {
+            let (source, color) = match light {
+                Light::Directional { direction, color, .. } => {
+                    (Source::Directional { to_light: -unit(direction) }, color)
+                }
+                Light::Point { position, color } => (Source::Point { position: relative(position) }, color),
+                Light::Spot { position, direction, color, inner_deg, outer_deg, .. } => {
+                    let (position, direction) = (relative(position), unit(direction));
+                    (Source::Spot { position, direction, inner: *inner_deg, outer: *outer_deg }, color)
+                }
+                // A light of a model to come gives none.
+                _ => (Source::Directional { to_light: Vec3::Z }, &[0.0; 3]),
+            };
+            FrameLight { source, maps: Vec::new(), diffuse: by(color, factors[1]), specular: by(color, factors[2]) }
+        };
+        let mut lights: Vec<FrameLight> = lights.iter().map(light).collect();
+        for shadow in shadows {
+            if let Some(light) = lights.get_mut(shadow.light) {
+                light.maps.push(shadow);
+            }
+        }
+        let is_afar = |l: &FrameLight| matches!(l.source, Source::Directional { .. }) && l.maps.is_empty();
+        Self {
+            shader: plan.shader,
+            planes: plan.planes,
+            attributes: plan.attributes,
+            are_afar: lights.iter().all(is_afar),
+            lights: lights.into(),
+            ambient: by(&ambient, factors[0]),
+            material: material.map(|m| m as f32),
+            whole_shininess: whole_power(material[3]).filter(|_| !plan.attributes.material),
+            background: background.map(|c| c as f32),
+            rays: ViewRays::of(view),
+            pixel_px: 1.0,
+            view: view.clone(),
+            matcap: None,
+        }
+    }
+
+    /// With what the shader `matcap` looks up, if it is the frame's.
+    pub(crate) fn with_matcap(self, image: Option<Arc<Matcap>>) -> Self {
+        let wanted = self.shader == Shader::Matcap && self.planes.color;
+        Self { matcap: wanted.then(|| MatcapSphere::new(image.unwrap_or_else(Matcap::builtin))), ..self }
+    }
+
+    /// The same light for the colours of the view of samples.
+    pub(crate) fn of_samples(&self, plan: &FramePlan, view: &View) -> Self {
+        Self {
+            planes: plan.planes,
+            lights: self.lights.clone(),
+            matcap: self.matcap.clone(),
+            rays: ViewRays::of(view),
+            pixel_px: f64::from(SAMPLES_SIDE),
+            view: view.clone(),
+            ..*self
+        }
+    }
+
+    /// Linear, premultiplied; `None` where no colour is wanted.
+    pub(crate) fn background_color(&self) -> Option<[f32; 4]> {
+        self.planes.color.then_some(self.background)
+    }
+
+    /// World position relative to the eye of a view position.
+    pub(crate) fn world_from_view(&self, p: Vec3) -> Vec3 {
+        self.rays.world_from_view * p
+    }
+
+    /// To turn from world axes to the view's.
+    pub(crate) fn view_from_world(&self) -> Mat3 {
+        self.rays.world_from_view.transpose()
+    }
+
+    /// The view's.
+    pub(crate) fn projection(&self) -> &Projection {
+        &self.view.projection
+    }
+
+    /// z_near.
+    pub(crate) fn near(&self) -> f32 {
+        self.view.projection.near as f32
+    }
+}
+
+/// An exponent that a few multiplications serve better than a logarithm, and the base whose power is still a normal
+/// number: smaller ones would make the CPU stop for every product that isn't. 256 roundings are 1.5e-5 of a highlight.
+fn whole_power(exponent: f64) -> Option<(u32, f32)> {
+    let suits = (1.0..=256.0).contains(&exponent) && exponent.fract() == 0.0;
+    suits.then(|| (exponent as u32, 1e-36f64.powf(1.0 / exponent) as f32))
+}
+
+/// A surface that is seen and lit.
+struct Lit<S: Simd> {
+    normal: V3<Lanes<S>>,
+    view_ray: ViewRay<S>,
+    /// 2(n·s) of the unnormalised view ray s.
+    along_ray: Lanes<S>,
+    matte: V3<Lanes<S>>,
+    gloss: V3<Lanes<S>>,
+}
+
+impl<S: Simd> Lit<S> {
+    /// (n·l) of the unit vector to a light, and r·v of its mirror image r = 2(n·l)n − l and the unit vector to the eye
+    /// v = −s/|s|.
+    #[inline(always)]
+    fn cosines(&self, to_light: V3<Lanes<S>>) -> (Lanes<S>, Lanes<S>) {
+        let cosine = self.normal.dot(to_light);
+        let mirrored =
+            (-cosine).mul_add(self.along_ray, to_light.dot(self.view_ray.ray)) * self.view_ray.inverse_length;
+        (cosine, mirrored)
+    }
+}
+
+#[inline(always)]
+fn plus<S: Simd>(sum: V3<Lanes<S>>, color: Vec3, by: Lanes<S>) -> V3<Lanes<S>> {
+    let c = vector(by.0.simd, color);
+    V3::new(c.x.mul_add(by, sum.x), c.y.mul_add(by, sum.y), c.z.mul_add(by, sum.z))
+}
+
+/// What the lights make of a surface; the toon shader's steps and lines with them, if `TOON`.
+#[inline(always)]
+pub(crate) fn phong<S: Simd, const TOON: bool>(
+    simd: S,
+    lighting: &Lighting,
+    surface: &Surface<S>,
+    place: Place<S>,
+) -> V3<Lanes<S>> {
+    let zero = Lanes::splat(simd, 0.0);
+    let Surface { normal, albedo, .. } = *surface;
+    let view_ray = lighting.rays.view_ray(simd, place);
+    let along = normal.dot(view_ray.ray);
+    let none = V3::new(zero, zero, zero);
+    let ambient = vector(simd, lighting.ambient);
+    let mut lit = Lit { normal, view_ray, along_ray: along + along, matte: ambient, gloss: none };
+    let is_glossy = lighting.material[2] != 0.0;
+    if !TOON && lighting.are_afar && !lighting.attributes.material {
+        for light in lighting.lights.iter() {
+            let Source::Directional { to_light } = light.source else { continue };
+            let (cosine, mirrored) = lit.cosines(vector(simd, to_light));
+            lit.matte = plus(lit.matte, light.diffuse, cosine.max(zero));
+            if is_glossy {
+                let highlight = highlight(lighting, mirrored, Lanes::splat(simd, lighting.material[3]));
+                lit.gloss = plus(lit.gloss, light.specular, Lanes::select(zero.lt(cosine), highlight, zero));
+            }
+        }
+    } else {
+        // A copy: what is handed over lies in memory.
+        let own = *surface;
+        lit = nearby::<S, TOON>(simd, lighting, &own, place, lit);
+    }
+    let Lit { matte, gloss, .. } = lit;
+    let c = V3::new(
+        albedo.x.mul_add(matte.x, gloss.x),
+        albedo.y.mul_add(matte.y, gloss.y),
+        albedo.z.mul_add(matte.z, gloss.z),
+    );
+    if TOON {
+        let there = zero.lt(normal.dot(normal));
+        let facing = (along * lit.view_ray.inverse_length).abs();
+        return c * toon::line(Lanes::select(there, facing, zero.one()));
+    }
+    c
+}
+
+/// Adds lights of any kind, with their shadows. Out of line, so that others, which are more frequent, stay in
+/// registers.
+#[inline(never)]
+fn nearby<S: Simd, const TOON: bool>(
+    simd: S,
+    lighting: &Lighting,
+    surface: &Surface<S>,
+    place: Place<S>,
+    lit: Lit<S>,
+) -> Lit<S> {
+    simd.vectorize(
+        #[inline(always)]
+        || add_all::<S, TOON>(simd, lighting, surface, place, lit),
+    )
+}
+
+#[inline(always)]
+fn add_all<S: Simd, const TOON: bool>(
+    simd: S,
+    lighting: &Lighting,
+    surface: &Surface<S>,
+    place: Place<S>,
+    mut lit: Lit<S>,
+) -> Lit<S> {
+    let zero = Lanes::splat(simd, 0.0);
+    let differ = lighting.attributes.material;
+    let [ambient, diffuse, specular, shininess] = surface.material;
+    if differ {
+        lit.matte = lit.matte * ambient;
+    }
+    let position = lighting.rays.position(simd, place, lit.view_ray.ray, surface.z);
+    for light in lighting.lights.iter() {
+        let mut strength = None;
+        let to_light = match &light.source {
+            Source::Directional { to_light } => vector(simd, *to_light),
+            Source::Point { position: at } => unit_or_zero(vector(simd, *at) - position),
+            Source::Spot { position: at, direction, inner, outer } => {
+                let to_light = unit_or_zero(vector(simd, *at) - position);
+                strength = Some(spot_strength(simd, to_light, *direction, *inner, *outer));
+                to_light
+            }
+        };
+        let (cosine, mirrored) = lit.cosines(to_light);
+        let faces = zero.lt(cosine);
+        let mut matte = cosine.max(zero);
+        let mut gloss = zero;
+        if differ || lighting.material[2] != 0.0 {
+            gloss = Lanes::select(faces, highlight(lighting, mirrored, shininess), zero);
+        }
+        let mask = faces & surface.covered;
+        if !light.maps.is_empty() && mask.to_bitmask() != 0 {
+            // The share of the light that reaches the surface.
+            let share = shadow_map::reaching(simd, &light.maps, position, lit.normal, mask);
+            (matte, gloss) = (matte * share, gloss * share);
+        }
+        if TOON {
+            (matte, gloss) = (toon::ramp(matte), toon::highlight(gloss));
+        }
+        if differ {
+            (matte, gloss) = (matte * diffuse, gloss * specular);
+        }
+        if let Some(strength) = strength {
+            (matte, gloss) = (matte * strength, gloss * strength);
+        }
+        lit.matte = plus(lit.matte, light.diffuse, matte);
+        lit.gloss = plus(lit.gloss, light.specular, gloss);
+    }
+    lit
+}
+
+/// (r·v)^shininess.
+#[inline(always)]
+fn highlight<S: Simd>(lighting: &Lighting, mirrored: Lanes<S>, shininess: Lanes<S>) -> Lanes<S> {
+    match lighting.whole_shininess {
+        Some((n, least)) => mirrored.max(mirrored.constant(least.into())).whole_power(n),
+        None => mirrored.max(mirrored.zero()).min(mirrored.one()).power(shininess),
+    }
+}
+
+/// Strength of a spot light: smoothstep between its half-angles. The angle needs an arctangent, so it is scalar.
+#[cold]
+fn spot_strength<S: Simd>(simd: S, to_light: V3<Lanes<S>>, direction: Vec3, inner: f64, outer: f64) -> Lanes<S> {
+    let (x, y, z) = (to_light.x.to_array(), to_light.y.to_array(), to_light.z.to_array());
+    let strength: [f32; LANES] = std::array::from_fn(|i| {
+        let ray = -DVec3::new(x[i].into(), y[i].into(), z[i].into());
+        let axis = direction.as_dvec3();
+        let angle = (2.0 * (ray - axis).length().atan2((ray + axis).length())).to_degrees();
+        let t = if angle <= inner {
+            1.0
+        } else if angle >= outer {
+            0.0
+        } else {
+            (outer - angle) / (outer - inner)
+        };
+        (t * t * (3.0 - 2.0 * t)) as f32
+    });
+    Lanes::load(simd, &strength)
+}

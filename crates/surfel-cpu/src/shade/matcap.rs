@@ -1,0 +1,70 @@
+//! The shader `matcap` (§5): an image of a lit sphere, looked up by the normals of a block.
+
+use crate::simd::lanes::{LANES, Lanes};
+use fearless_simd::prelude::SimdMask;
+use fearless_simd::{Simd, mask32x16};
+use std::sync::Arc;
+use surfel_math::{Real, V2, V3, matcap};
+use surfel_model::Matcap;
+
+/// The sphere as a frame looks it up.
+#[derive(Clone)]
+pub(crate) struct MatcapSphere {
+    image: Arc<Matcap>,
+    /// Texels from the rim's left or upper end to the other.
+    span: [f32; 2],
+    width: usize,
+}
+
+impl MatcapSphere {
+    pub(crate) fn new(image: Arc<Matcap>) -> Self {
+        let size = image.size();
+        Self { span: size.map(|side| (side - 1) as f32), width: size[0] as usize, image }
+    }
+
+    /// Its colour where its normal is that of a surface; black where nothing is covered. The normal, the direction to
+    /// the eye and the view's downward one, all in the same axes.
+    #[inline(always)]
+    pub(crate) fn color<S: Simd>(
+        &self,
+        simd: S,
+        covered: mask32x16<S>,
+        [normal, to_eye, down]: [V3<Lanes<S>>; 3],
+    ) -> V3<Lanes<S>> {
+        let at = matcap::coordinates(normal, to_eye, down);
+        let half = |c: Lanes<S>| c.mul_add(c.constant(0.5), c.constant(0.5)).max(c.zero()).min(c.one());
+        let [width, height] = self.span.map(|span| Lanes::splat(simd, span));
+        let at = V2::new(half(at.x) * width, half(at.y) * height);
+        self.sample(simd, covered, at)
+    }
+
+    /// Bilinear samples, lane by lane: there is no gather on every machine.
+    #[inline(always)]
+    fn sample<S: Simd>(&self, simd: S, covered: mask32x16<S>, at: V2<Lanes<S>>) -> V3<Lanes<S>> {
+        let (x, y) = (at.x.to_array(), at.y.to_array());
+        let mut found = [[0.0f32; LANES]; 3];
+        let mut left = covered.to_bitmask() & 0xffff;
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let (column, row) = (x[lane] as usize, y[lane] as usize);
+            let (fx, fy) = (x[lane] - column as f32, y[lane] - row as f32);
+            // The last column and row have nothing beyond them, and no share of it.
+            let (right, below) = (usize::from(fx > 0.0), if fy > 0.0 { self.width } else { 0 });
+            let first = row * self.width + column;
+            let texels = [first, first + right, first + below, first + below + right].map(|i| self.texel(i));
+            for (channel, lanes) in found.iter_mut().enumerate() {
+                let [a, b, c, d] = texels.map(|texel| texel[channel]);
+                let (upper, lower) = (fx.mul_add(b - a, a), fx.mul_add(d - c, c));
+                lanes[lane] = fy.mul_add(lower - upper, upper);
+            }
+        }
+        let [r, g, b] = found.map(|channel| Lanes::load(simd, &channel));
+        V3::new(r, g, b)
+    }
+
+    #[inline(always)]
+    fn texel(&self, i: usize) -> [f32; 3] {
+        self.image.texels().get(i).copied().unwrap_or_default()
+    }
+}

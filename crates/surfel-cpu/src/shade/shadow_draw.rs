@@ -1,0 +1,138 @@
+//! Shadow maps drawn (§5): depth thresholds seen from the lights, by the same cells, setup and tiles as an image.
+
+use crate::cull::cells::{self, CellLimits};
+use crate::cull::chunks::visible_chunks;
+use crate::cull::object::ObjectView;
+use crate::raster::depth::thresholds;
+use crate::raster::inputs::{RasterFrame, RasterInputs};
+use crate::raster::listing::{ListScratch, Listing, list_triangles};
+use crate::raster::triangles::{Nearest, center, nearest, pixel_of};
+use crate::scene::resident::ResidentScene;
+use crate::setup::prepare::{CellSetup, CellSplats, SetupPool};
+use crate::setup::triangles::{ScreenTriangle, TriangleSegment, project};
+use crate::shade::shadow_map::ShadowMap;
+use crate::simd::lanes::Lanes;
+use crate::simd::level::{Instructions, with_instructions};
+use crate::tiles::driver::{self, Tuning};
+use crate::tiles::grid::Grid;
+use crate::tiles::target::{Rows, cut, put_plane};
+use fearless_simd::Simd;
+use glam::DVec3;
+use surfel_math::Real;
+use surfel_math::depth::slope_allowance;
+use surfel_math::projection::Projection;
+use surfel_model::Cull;
+use surfel_render::{Attributes, FramePlan, Region, ShadowMap as PlannedMap};
+
+/// What draws the shadow maps of a frame.
+pub(crate) struct ShadowDrawing<'a> {
+    pub instructions: Instructions,
+    pub tuning: Tuning,
+    pub pool: &'a SetupPool,
+    pub scene: &'a ResidentScene,
+    pub plan: &'a FramePlan,
+    /// The image's.
+    pub eye: DVec3,
+}
+
+impl ShadowDrawing<'_> {
+    /// Draws all maps of the plan. Everything opaque casts, whichever side of it the light or the eye sees.
+    pub(crate) fn draw_all(&self) -> Vec<ShadowMap> {
+        self.plan.shadow_maps.iter().map(|map| self.draw(map)).collect()
+    }
+
+    fn draw(&self, map: &PlannedMap) -> ShadowMap {
+        let plan = FramePlan {
+            splat_filter: map.splat_filter,
+            attributes: Attributes::default(),
+            passes: Vec::new(),
+            keeps_facings: false,
+            shadow_maps: Vec::new(),
+            ..self.plan.clone()
+        };
+        let (view, region) = (&map.view, map.view.region);
+        let [width, height] = view.size.map(|size| size as usize);
+        let mut plane = vec![f32::INFINITY; width * height];
+        let objects = ObjectView::all(&self.scene.clouds, view, &plan, Cull::None);
+        let chunks = visible_chunks(&objects).chunks;
+        let setup = CellSetup { instructions: self.instructions, objects: &objects, tiny: None, pool: self.pool };
+        let frame = RasterFrame::depth_only(&plan, view);
+        let grid = Grid::new(region, self.tuning.tile_blocks);
+        let threads = rayon::current_num_threads();
+        let limits = CellLimits { splats: self.tuning.cell_splats, reach_px: 0, threads };
+        let cells = cells::divide(&objects, &chunks, &self.scene.meshes, &plan.octrees, view, &grid, &limits);
+        let parts: Vec<Region> = cells.iter().map(|cell| cell.region).collect();
+        let jobs = cells.into_iter().zip(cut(&mut plane, region, &parts)).collect();
+        driver::run(jobs, ListScratch::default, |scratch: &mut ListScratch<'static>, (cell, mut target)| {
+            let mut splats = CellSplats::default();
+            let grid = Grid::new(cell.region, self.tuning.tile_blocks);
+            setup.add(&cell.chunks, &grid, cell.region, &mut splats);
+            let triangles = project(self.instructions, &self.scene.meshes, &cell.mesh_parts, view, &grid, Cull::None);
+            let inputs = RasterInputs { frame: &frame, near: &splats.near, clips: &splats.clips, largest_epsilon: 0.0 };
+            let listing = Listing { segments: &splats.segments, grid };
+            let cell = MapCell { listing, triangles: &triangles, projection: &view.projection, inputs };
+            let mut lists = std::mem::take(scratch).for_others();
+            for tile in 0..grid.tiles() {
+                with_instructions!(self.instructions, simd =>
+                    simd.vectorize(#[inline(always)] || cell.draw(simd, tile, &mut target, &mut lists)));
+            }
+            *scratch = lists.for_others();
+            self.pool.give_back(splats.segments);
+        });
+        ShadowMap {
+            light: map.light,
+            projection: view.projection,
+            map_from_world: view.view_from_world.as_mat3(),
+            to_eye: (self.eye - view.eye).as_vec3(),
+            side: width,
+            thresholds: plane,
+        }
+    }
+}
+
+/// A cell of a map.
+struct MapCell<'a> {
+    listing: Listing<'a>,
+    triangles: &'a [TriangleSegment],
+    projection: &'a Projection,
+    inputs: RasterInputs<'a>,
+}
+
+impl<'a> MapCell<'a> {
+    #[inline(always)]
+    fn draw<S: Simd>(&self, simd: S, tile: usize, target: &mut Rows<'_, f32>, scratch: &mut ListScratch<'a>) {
+        let grid = &self.listing.grid;
+        let all = grid.blocks(tile);
+        list_triangles(self.triangles, tile, all, &mut scratch.triangles);
+        self.listing.list(tile, all, &mut scratch.splats);
+        let mut left = all;
+        while left != 0 {
+            let block = left.trailing_zeros();
+            left &= left - 1;
+            let at = grid.block_px(tile, block);
+            let (splats, triangles) = (scratch.splats.of(simd, block), scratch.triangles.of(block));
+            if splats.is_empty() && triangles.is_empty() {
+                continue;
+            }
+            let mut threshold = thresholds(simd, splats, at, &self.inputs);
+            if !triangles.is_empty() {
+                let nearest = nearest(simd, triangles, at, self.inputs.frame.constants.depth_range());
+                threshold = threshold.min(self.allowed(simd, &nearest, triangles, at));
+            }
+            put_plane(target, at, threshold);
+        }
+    }
+
+    /// Depths of a block's triangles, bias included.
+    #[inline(always)]
+    fn allowed<S: Simd>(&self, simd: S, nearest: &Nearest<S>, list: &[&ScreenTriangle], at: (i32, i32)) -> Lanes<S> {
+        let (mut z, which) = (nearest.z.to_array(), nearest.indices());
+        for (lane, z) in z.iter_mut().enumerate().filter(|(_, z)| z.is_finite()) {
+            let Some(t) = list.get(which[lane]) else { continue };
+            let own = f64::from(*z);
+            let gradient = t.triangle.gradient(t.triangle.z, own, center(pixel_of(at, lane)));
+            *z = (own + slope_allowance(own, gradient, self.projection)) as f32;
+        }
+        Lanes::load(simd, &z)
+    }
+}

@@ -1,0 +1,120 @@
+//! Shadow maps (§5): the share of a light that reaches a point.
+
+use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::math::transform;
+use fearless_simd::prelude::{SimdFloat, SimdMask};
+use fearless_simd::{Simd, mask32x16};
+use glam::{Mat3, Vec3};
+use surfel_math::depth::plane_gradient;
+use surfel_math::projection::Projection;
+use surfel_math::shadow::{TAPS, lookup_bias, tap_weights};
+use surfel_math::{Real, V2, V3};
+
+/// A drawn shadow map.
+pub(crate) struct ShadowMap {
+    /// Index of its light.
+    pub light: usize,
+    pub projection: Projection,
+    pub map_from_world: Mat3,
+    /// From the light to the eye of the image, world space.
+    pub to_eye: Vec3,
+    pub side: usize,
+    /// Depth, bias included, up to which each texel is lit.
+    pub thresholds: Vec<f32>,
+}
+
+/// Share of a light that reaches points, through all of its maps: of several the one along whose axis a point lies
+/// farthest. `position` is relative to the eye, `normal` a unit vector, both in world space; other lanes than those of
+/// `wanted` mean nothing.
+#[inline(always)]
+pub(crate) fn reaching<S: Simd>(
+    simd: S,
+    maps: &[ShadowMap],
+    position: V3<Lanes<S>>,
+    normal: V3<Lanes<S>>,
+    wanted: mask32x16<S>,
+) -> Lanes<S> {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let mut farthest = k(f32::NEG_INFINITY);
+    for shadow in maps {
+        farthest = farthest.max(shadow.in_map(simd, position).z);
+    }
+    let mut share = k(1.0);
+    for shadow in maps {
+        let p = shadow.in_map(simd, position);
+        let own = wanted & farthest.le(p.z);
+        if own.to_bitmask() != 0 {
+            let n = transform(&shadow.map_from_world, normal);
+            share = Lanes::select(own, shadow.share(simd, p, n), share);
+        }
+    }
+    share
+}
+
+impl ShadowMap {
+    /// Bytes of heap memory in use.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.thresholds.as_slice())
+    }
+
+    /// A position relative to the eye, in the map's view.
+    #[inline(always)]
+    fn in_map<S: Simd>(&self, simd: S, position: V3<Lanes<S>>) -> V3<Lanes<S>> {
+        let k = |v: f32| Lanes::splat(simd, v);
+        let o = self.to_eye;
+        transform(&self.map_from_world, position + V3::new(k(o.x), k(o.y), k(o.z)))
+    }
+
+    /// The same for points and normals in the map's view.
+    #[inline(never)]
+    fn share<S: Simd>(&self, simd: S, p: V3<Lanes<S>>, normal: V3<Lanes<S>>) -> Lanes<S> {
+        simd.vectorize(
+            #[inline(always)]
+            || self.filtered(simd, p, normal),
+        )
+    }
+
+    #[inline(always)]
+    fn filtered<S: Simd>(&self, simd: S, p: V3<Lanes<S>>, normal: V3<Lanes<S>>) -> Lanes<S> {
+        let k = |v: f32| Lanes::splat(simd, v);
+        let (projection, one) = (&self.projection, k(1.0));
+        let before = p.z.lt(k(projection.near as f32));
+        let depth = if projection.is_perspective() { Lanes::select(before, one, p.z) } else { one };
+        let [fx, fy] = projection.focal_px.map(|f| k(f as f32));
+        let [cx, cy] = projection.principal_px.map(|c| k(c as f32));
+        let at = V2::new((p.x / depth).mul_add(fx, cx), (p.y / depth).mul_add(fy, cy));
+        let gradient = plane_gradient(p, normal, projection);
+        let nearer = p.z - lookup_bias(p.z, projection);
+        let (columns, rows) = (taps(at.x), taps(at.y));
+        let (left, top) = (columns.0.to_array().map(|v| v as i32), rows.0.to_array().map(|v| v as i32));
+        let mut share = k(0.0);
+        for (j, row_weight) in (0u8..).zip(rows.1) {
+            let row_z = (rows.0 + k(f32::from(j) + 0.5) - at.y).mul_add(gradient.y, nearer);
+            for (i, column_weight) in (0u8..).zip(columns.1) {
+                let mut thresholds = [0.0; LANES];
+                for (threshold, (x, y)) in thresholds.iter_mut().zip(left.iter().zip(&top)) {
+                    *threshold = self.texel(x.wrapping_add(i.into()), y.wrapping_add(j.into()));
+                }
+                let z = (columns.0 + k(f32::from(i) + 0.5) - at.x).mul_add(gradient.x, row_z);
+                let lit = z.le(Lanes::load(simd, &thresholds));
+                share = share + Lanes::select(lit, column_weight * row_weight, k(0.0));
+            }
+        }
+        Lanes::select(before, one, share)
+    }
+
+    /// The threshold of this column and row; +∞ outside of the map, where nothing casts.
+    #[inline(always)]
+    fn texel(&self, x: i32, y: i32) -> f32 {
+        let (x, y) = (x as u32 as usize, y as u32 as usize);
+        if x < self.side && y < self.side { self.thresholds[y * self.side + x] } else { f32::INFINITY }
+    }
+}
+
+/// First column (or row) and the weights of a lookup.
+#[inline(always)]
+fn taps<S: Simd>(texel: Lanes<S>) -> (Lanes<S>, [Lanes<S>; TAPS]) {
+    let from_center = texel - texel.constant(0.5);
+    let whole = Lanes(from_center.0.floor());
+    (whole - texel.one(), tap_weights(from_center - whole))
+}

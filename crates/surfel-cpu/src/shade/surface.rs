@@ -1,0 +1,111 @@
+//! What pixels show, before and after it is lit.
+
+use crate::simd::lanes::Lanes;
+use crate::tiles::target::Pixels;
+use fearless_simd::{Simd, mask32x16};
+use surfel_math::{Real, V3};
+
+/// What a pixel shows before it is lit.
+#[derive(Clone, Copy)]
+pub(crate) struct Surface<S: Simd> {
+    /// Where there is one; elsewhere numbers are finite and mean nothing.
+    pub covered: mask32x16<S>,
+    pub albedo: V3<Lanes<S>>,
+    /// Unit world normal, or zero.
+    pub normal: V3<Lanes<S>>,
+    pub z: Lanes<S>,
+    /// Ambient, diffuse, specular, shininess.
+    pub material: [Lanes<S>; 4],
+    pub weight: Lanes<S>,
+}
+
+/// A surface that is lit.
+#[derive(Clone, Copy)]
+pub(crate) struct Shaded<S: Simd> {
+    pub covered: mask32x16<S>,
+    /// Means nothing where nothing is covered, as do depth and normal.
+    pub color: V3<Lanes<S>>,
+    pub z: Lanes<S>,
+    pub normal: V3<Lanes<S>>,
+    pub weight: Lanes<S>,
+}
+
+impl<S: Simd> Shaded<S> {
+    /// No surface anywhere.
+    #[inline(always)]
+    pub(crate) fn nothing(simd: S) -> Self {
+        let zero = Lanes::splat(simd, 0.0);
+        let none = V3::new(zero, zero, zero);
+        Self { covered: zero.lt(zero), color: none, z: zero, normal: none, weight: zero }
+    }
+
+    /// The surface, or the background where there is none; `None` where no colour is wanted.
+    #[inline(always)]
+    pub(crate) fn over_background(&self, simd: S, background: Option<[f32; 4]>, fragments: Lanes<S>) -> Pixels<S> {
+        let k = |v: f32| Lanes::splat(simd, v);
+        let (zero, covered) = (k(0.0), self.covered);
+        let mut color = [zero; 4];
+        if let Some([r, g, b, a]) = background {
+            let over = |c: Lanes<S>, background: f32| Lanes::select(covered, c, k(background));
+            let lit = self.color;
+            color = [over(lit.x, r), over(lit.y, g), over(lit.z, b), over(k(1.0), a)];
+        }
+        let normal = V3::select(covered, self.normal, V3::new(zero, zero, zero));
+        Pixels {
+            color,
+            depth: Lanes::select(covered, self.z, k(f32::INFINITY)),
+            normal: [normal.x, normal.y, normal.z],
+            weight: Lanes::select(covered, self.weight, zero),
+            fragments,
+        }
+    }
+
+    /// This surface, or another where there is none.
+    #[inline(always)]
+    pub(crate) fn or(&self, other: &Self) -> Self {
+        let (mask, pick) = (self.covered, |a: V3<Lanes<S>>, b: V3<Lanes<S>>| V3::select(self.covered, a, b));
+        Self {
+            covered: mask | other.covered,
+            color: pick(self.color, other.color),
+            z: Lanes::select(mask, self.z, other.z),
+            normal: pick(self.normal, other.normal),
+            weight: Lanes::select(mask, self.weight, other.weight),
+        }
+    }
+
+    /// This surface over another by a share, where there is another: colour, Z and normal alike (§6).
+    #[inline(always)]
+    pub(crate) fn blended_over(&self, behind: &Self, share: Lanes<S>) -> Self {
+        let one = share.one();
+        // Where there is nothing to blend, a surface stands alone.
+        let share = Lanes::select(self.covered, share, one.zero());
+        let share = Lanes::select(behind.covered, share, one);
+        let rest = one - share;
+        let mix = |a: Lanes<S>, b: Lanes<S>| {
+            let mixed = a.mul_add(share, b * rest);
+            Lanes::select(self.covered, Lanes::select(behind.covered, mixed, a), b)
+        };
+        let mix3 = |a: V3<Lanes<S>>, b: V3<Lanes<S>>| V3::new(mix(a.x, b.x), mix(a.y, b.y), mix(a.z, b.z));
+        let normal = mix3(self.normal, behind.normal);
+        Self {
+            covered: self.covered | behind.covered,
+            color: mix3(self.color, behind.color),
+            z: mix(self.z, behind.z),
+            normal: V3::select(
+                self.covered & behind.covered,
+                direction_or_zero([normal.x, normal.y, normal.z]),
+                normal,
+            ),
+            weight: Lanes::select(self.covered, self.weight, one.zero()),
+        }
+    }
+}
+
+#[inline(always)]
+pub(crate) fn direction_or_zero<S: Simd>([x, y, z]: [Lanes<S>; 3]) -> V3<Lanes<S>> {
+    let square = x.mul_add(x, y.mul_add(y, z * z));
+    // Of smaller squares the root is some finite number.
+    let there = x.constant(1e-30).lt(square);
+    let inverse = Lanes::select(there, square.inverse_sqrt(), x.zero());
+    V3::new(x * inverse, y * inverse, z * inverse)
+}

@@ -1,0 +1,181 @@
+//! Transparent layers, lit and composited front to back (§8).
+
+use crate::raster::layers::{Layer, LayerScratch, TransparentBlock};
+use crate::setup::record::Record;
+use crate::setup::segment::TransparentSplat;
+use crate::shade::lighting::Lighting;
+use crate::shade::resolve::{divided, lit, shaded};
+use crate::shade::surface::{Shaded, Surface};
+use crate::shade::view_ray::Place;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::tiles::target::Pixels;
+use fearless_simd::{Simd, mask32x16};
+use surfel_math::kernel::FULL_COVERAGE;
+use surfel_math::{Real, V3};
+use surfel_render::{FramePlan, Pass};
+
+/// Which layers are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Layers {
+    /// Layers that are peeled, at most.
+    peeled: u32,
+    /// The rest is blended into one more.
+    remaining: bool,
+    /// Surfaces count by their coverage (Z01 §6).
+    by_coverage: bool,
+}
+
+impl Layers {
+    /// The plan's.
+    pub(crate) fn new(plan: &FramePlan) -> Self {
+        let abuffer = plan.has(Pass::ABuffer);
+        let peeled = if abuffer { u32::MAX } else { plan.peeled_layers() as u32 };
+        Self { peeled, remaining: plan.has(Pass::RemainingLayer), by_coverage: abuffer }
+    }
+}
+
+/// What transparent splats add to a block.
+pub(crate) struct CompositedLayers<S: Simd> {
+    /// Premultiplied.
+    color: V3<Lanes<S>>,
+    /// Share of what lies behind that shows through.
+    transmittance: Lanes<S>,
+    /// The nearest layer.
+    nearest: Shaded<S>,
+    pub fragments: Lanes<S>,
+    /// How many layers aren't empty, and where the nearest one may lie: its depth threshold, less and more by ε.
+    pub count: Lanes<S>,
+    pub begin: Lanes<S>,
+    pub end: Lanes<S>,
+    /// Pairs of block and splat that were computed, and fragments of theirs that nothing opaque occludes.
+    pub tested: u32,
+    pub inside: u32,
+}
+
+/// Draws all layers of a block, nearest first.
+#[inline(always)]
+pub(crate) fn composite<S: Simd>(
+    block: &TransparentBlock<'_, S>,
+    layers: Layers,
+    lighting: &Lighting,
+    scratch: &mut LayerScratch,
+) -> CompositedLayers<S> {
+    let simd = block.simd;
+    let gathered = block.gather(scratch);
+    let mut composited = CompositedLayers::new(simd, gathered.tested, gathered.inside);
+    composited.begin = gathered.threshold - gathered.threshold_epsilon;
+    composited.end = gathered.threshold + gathered.threshold_epsilon;
+    let (mut beyond, mut threshold) = (Lanes::splat(simd, f32::NEG_INFINITY), gathered.threshold);
+    for _ in 0..layers.peeled {
+        if scratch.is_empty() {
+            return composited;
+        }
+        let Layer { sums, alpha, next } = block.layer(beyond, threshold, scratch);
+        let surface = divided(simd, lighting, &sums);
+        let mut alpha = alpha / Lanes::select(surface.covered, sums.weight, alpha.one());
+        if layers.by_coverage {
+            alpha = alpha * (sums.coverage * alpha.constant(1.0 / FULL_COVERAGE)).min(alpha.one());
+        }
+        composited.add_behind(&lit(simd, lighting, surface, block.at), alpha, sums.fragments);
+        (beyond, threshold) = (threshold, next);
+    }
+    if layers.remaining {
+        let Layer { sums, alpha, .. } = block.remaining(beyond, scratch);
+        let Surface { covered, normal, z, weight, .. } = divided(simd, lighting, &sums);
+        let inverse = alpha.one() / Lanes::select(covered, weight, alpha.one());
+        let [r, g, b] = sums.color;
+        let shaded = Shaded { covered, color: V3::new(r, g, b) * inverse, z, normal, weight };
+        composited.add_behind(&shaded, alpha * inverse, sums.fragments);
+    }
+    composited
+}
+
+impl<S: Simd> CompositedLayers<S> {
+    #[inline(always)]
+    fn new(simd: S, tested: u32, inside: u32) -> Self {
+        let zero = Lanes::splat(simd, 0.0);
+        Self {
+            color: V3::new(zero, zero, zero),
+            transmittance: zero.one(),
+            nearest: Shaded::nothing(simd),
+            fragments: zero,
+            count: zero,
+            begin: zero.constant(f64::INFINITY),
+            end: zero.constant(f64::INFINITY),
+            tested,
+            inside,
+        }
+    }
+
+    /// Puts a surface behind the layers there are: the same as blending back to front (Z01 eq. 12).
+    #[inline(always)]
+    fn add_behind(&mut self, surface: &Shaded<S>, alpha: Lanes<S>, fragments: Lanes<S>) {
+        let zero = alpha.zero();
+        let alpha = Lanes::select(surface.covered, alpha, zero);
+        let color = V3::select(surface.covered, surface.color, V3::new(zero, zero, zero));
+        self.color = self.color + color * (alpha * self.transmittance);
+        self.transmittance = self.transmittance * (alpha.one() - alpha);
+        let (first, n): (mask32x16<S>, _) = (surface.covered & !self.nearest.covered, &mut self.nearest);
+        n.z = Lanes::select(first, surface.z, n.z);
+        n.normal = V3::select(first, surface.normal, n.normal);
+        n.weight = Lanes::select(first, surface.weight, n.weight);
+        n.covered |= first;
+        self.count = self.count + Lanes::select(surface.covered, alpha.one(), zero);
+        self.fragments = self.fragments + fragments;
+    }
+
+    /// Pixels seen through the layers.
+    #[inline(always)]
+    pub(crate) fn over(&self, behind: &Pixels<S>) -> Pixels<S> {
+        let t = self.transmittance;
+        let [r, g, b, a] = behind.color;
+        let (c, n, there) = (&self.color, &self.nearest, self.nearest.covered);
+        let [x, y, z] = behind.normal;
+        let normal = V3::select(there, n.normal, V3::new(x, y, z));
+        let color = [r.mul_add(t, c.x), g.mul_add(t, c.y), b.mul_add(t, c.z), a.mul_add(t, t.one() - t)];
+        Pixels {
+            color,
+            depth: Lanes::select(there, n.z, behind.depth),
+            normal: [normal.x, normal.y, normal.z],
+            weight: Lanes::select(there, n.weight, behind.weight),
+            fragments: behind.fragments + self.fragments,
+        }
+    }
+}
+
+/// Lights transparent splats at their centres, sixteen at a time. `factors` are those of a record's material.
+#[inline(always)]
+pub(crate) fn light_splats<S: Simd>(
+    simd: S,
+    lighting: &Lighting,
+    records: &[Record],
+    splats: &mut [TransparentSplat],
+    factors: impl Fn(&Record) -> [f32; 4],
+) {
+    for (records, splats) in records.chunks(LANES).zip(splats.chunks_mut(LANES)) {
+        let mut fields = [[0.0; LANES]; 14];
+        for (i, (record, splat)) in records.iter().zip(splats.iter()).enumerate() {
+            let color = [record.red(), record.green(), record.blue()];
+            let normal = [record.normal_x(), record.normal_y(), record.normal_z()];
+            let position = lighting.world_from_view(splat.center.into()).to_array();
+            // Where the centre lies before z_near the stored depth would exceed 1.
+            let z = [splat.center[2].max(lighting.near())];
+            let numbers = color.into_iter().chain(normal).chain(position).chain(z).chain(factors(record));
+            fields.iter_mut().zip(numbers).for_each(|(field, number)| field[i] = number);
+        }
+        let lane = |i: usize| Lanes::load(simd, &fields[i]);
+        let vector = |i: usize| V3::new(lane(i), lane(i + 1), lane(i + 2));
+        let one = Lanes::splat(simd, 1.0);
+        let surface = Surface {
+            covered: one.le(one),
+            albedo: vector(0),
+            normal: vector(3),
+            z: lane(9),
+            material: [lane(10), lane(11), lane(12), lane(13)],
+            weight: one,
+        };
+        let lit = shaded(simd, lighting, &surface, Place::Points(vector(6)));
+        let (r, g, b) = (lit.x.to_array(), lit.y.to_array(), lit.z.to_array());
+        splats.iter_mut().enumerate().for_each(|(i, splat)| splat.lit = [r[i], g[i], b[i]]);
+    }
+}

@@ -1,0 +1,118 @@
+//! View rays: the rays of a view through sixteen pixels, and what lies on them. Axes are the world's, positions
+//! relative to the eye.
+
+use crate::simd::lanes::Lanes;
+use crate::simd::math::{transform, unit_or_zero, vector};
+use fearless_simd::Simd;
+use glam::{DVec3, Mat3, Vec3};
+use surfel_math::projection::Projection;
+use surfel_math::{Real, V3};
+use surfel_render::View;
+
+/// Where a surface is.
+#[derive(Clone, Copy)]
+pub(crate) enum Place<S: Simd> {
+    /// In the block of pixels that has this first one.
+    Block((i32, i32)),
+    /// At these positions.
+    Points(V3<Lanes<S>>),
+}
+
+/// From the eye to surfaces.
+#[derive(Clone, Copy)]
+pub(crate) struct ViewRay<S: Simd> {
+    /// Of any length.
+    pub ray: V3<Lanes<S>>,
+    /// 1 over its length.
+    pub inverse_length: Lanes<S>,
+}
+
+impl<S: Simd> ViewRay<S> {
+    /// The unit vector to the eye.
+    #[inline(always)]
+    pub(crate) fn to_eye(self) -> V3<Lanes<S>> {
+        self.ray * -self.inverse_length
+    }
+}
+
+/// What finds a view's rays.
+pub(crate) struct ViewRays {
+    pub world_from_view: Mat3,
+    projection: Projection,
+    /// What a ray gains from column to column and from row to row, and the ray through the centre of the first pixel.
+    /// They reach to z = 1 in view space; all of an orthographic view are its forward direction.
+    across: Vec3,
+    down: Vec3,
+    first: Vec3,
+}
+
+impl ViewRays {
+    pub(crate) fn of(view: &View) -> Self {
+        let axes = view.view_from_world.transpose();
+        let projection = view.projection;
+        let ([fx, fy], [cx, cy]) = (projection.focal_px, projection.principal_px);
+        let (right, down, forward) = (axes.x_axis, axes.y_axis, axes.z_axis);
+        let [across, down, first] = match projection.is_perspective() {
+            true => [right / fx, down / fy, right * ((0.5 - cx) / fx) + down * ((0.5 - cy) / fy) + forward],
+            false => [right * 0.0, down * 0.0, forward],
+        };
+        let [across, down, first] = [across, down, first].map(DVec3::as_vec3);
+        Self { world_from_view: axes.as_mat3(), projection, across, down, first }
+    }
+
+    /// The view ray to a place.
+    #[inline(always)]
+    pub(crate) fn view_ray<S: Simd>(&self, simd: S, place: Place<S>) -> ViewRay<S> {
+        let (first, one) = (vector(simd, self.first), Lanes::splat(simd, 1.0));
+        match place {
+            Place::Block(at) => {
+                let (x, y) = pixels(simd, at);
+                let (across, down) = (vector(simd, self.across), vector(simd, self.down));
+                // From whole pixel numbers, so that it doesn't depend on where a block starts.
+                let ray = V3::new(
+                    x.mul_add(across.x, y.mul_add(down.x, first.x)),
+                    x.mul_add(across.y, y.mul_add(down.y, first.y)),
+                    x.mul_add(across.z, y.mul_add(down.z, first.z)),
+                );
+                ViewRay { ray, inverse_length: ray.dot(ray).inverse_sqrt() }
+            }
+            Place::Points(p) if self.projection.is_perspective() => {
+                ViewRay { ray: unit_or_zero(p), inverse_length: one }
+            }
+            Place::Points(_) => ViewRay { ray: first, inverse_length: one },
+        }
+    }
+
+    /// The position of a place at depth z, where `ray` is the view ray to it.
+    #[inline(always)]
+    pub(crate) fn position<S: Simd>(&self, simd: S, place: Place<S>, ray: V3<Lanes<S>>, z: Lanes<S>) -> V3<Lanes<S>> {
+        match place {
+            Place::Points(position) => position,
+            Place::Block(_) if self.projection.is_perspective() => ray * z,
+            Place::Block(at) => {
+                let (x, y) = self.slopes(simd, at);
+                transform(&self.world_from_view, V3::new(x, y, z))
+            }
+        }
+    }
+
+    /// x/z and y/z of the rays through a block's pixels, or x and y of an orthographic view, in view space.
+    #[inline(always)]
+    pub(crate) fn slopes<S: Simd>(&self, simd: S, at: (i32, i32)) -> (Lanes<S>, Lanes<S>) {
+        let (p, (x, y)) = (&self.projection, pixels(simd, at));
+        (slope(x, p.focal_px[0], p.principal_px[0]), slope(y, p.focal_px[1], p.principal_px[1]))
+    }
+}
+
+/// Column and row of a block's pixels.
+#[inline(always)]
+fn pixels<S: Simd>(simd: S, (x, y): (i32, i32)) -> (Lanes<S>, Lanes<S>) {
+    let (x, y) = (Lanes::splat(simd, x as f32), Lanes::splat(simd, y as f32));
+    (Lanes::block_columns(simd) + x, Lanes::block_rows(simd) + y)
+}
+
+/// A ray's slope along one axis.
+#[inline(always)]
+fn slope<S: Simd>(pixel: Lanes<S>, focal_px: f64, principal_px: f64) -> Lanes<S> {
+    pixel.mul_add(pixel.constant(1.0 / focal_px), pixel.constant((0.5 - principal_px) / focal_px))
+}

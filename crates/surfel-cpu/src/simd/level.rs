@@ -1,0 +1,106 @@
+//! Which SIMD instructions a renderer uses.
+
+#[cfg(feature = "scalar")]
+use fearless_simd::Fallback;
+use fearless_simd::Level;
+#[cfg(target_arch = "x86_64")]
+use fearless_simd::x86::{Avx2, Avx512};
+
+/// Which SIMD instructions to use. Changes the speed and no bit of an image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum SimdLevel {
+    /// The best that the CPU has.
+    #[default]
+    Best,
+    /// AVX2 where there is any better, else the best.
+    Avx2,
+    /// None: one number after another, for CPUs without others. Far slower, and as much code as all others together.
+    #[cfg(feature = "scalar")]
+    Scalar,
+}
+
+impl SimdLevel {
+    /// All that this build has.
+    pub const ALL: &'static [Self] = &[
+        Self::Best,
+        Self::Avx2,
+        #[cfg(feature = "scalar")]
+        Self::Scalar,
+    ];
+}
+
+/// Instructions that the CPU is known to have.
+///
+/// Fewer than `fearless_simd` knows: every one is a copy of the whole rasteriser, and those without a fused
+/// multiply-add are no faster than none.
+#[derive(Clone, Copy)]
+pub(crate) enum Instructions {
+    #[cfg(target_arch = "x86_64")]
+    Avx512(Avx512),
+    #[cfg(target_arch = "x86_64")]
+    Avx2(Avx2),
+    #[cfg(not(target_arch = "x86_64"))]
+    Other(Level),
+    #[cfg(feature = "scalar")]
+    Scalar(Fallback),
+}
+
+impl Instructions {
+    /// The instructions for a level on this CPU, if it has them.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) fn new(level: SimdLevel) -> Option<Self> {
+        let best = Level::new();
+        let found = match level {
+            SimdLevel::Best => best.as_avx512().map(Self::Avx512).or(best.as_avx2().map(Self::Avx2)),
+            SimdLevel::Avx2 => best.as_avx2().map(Self::Avx2),
+            #[cfg(feature = "scalar")]
+            SimdLevel::Scalar => None,
+        };
+        #[cfg(feature = "scalar")]
+        let found = found.or(Some(Self::Scalar(Fallback::new())));
+        found
+    }
+
+    /// The instructions for a level on this CPU, if it has them.
+    #[cfg(not(target_arch = "x86_64"))]
+    pub(crate) fn new(level: SimdLevel) -> Option<Self> {
+        Some(match level {
+            #[cfg(feature = "scalar")]
+            SimdLevel::Scalar => Self::Scalar(Fallback::new()),
+            _ => Self::Other(Level::new()),
+        })
+    }
+
+    /// Their name.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512(_) => "AVX-512",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2(_) => "AVX2",
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Other(_) => std::env::consts::ARCH,
+            #[cfg(feature = "scalar")]
+            Self::Scalar(_) => "scalar",
+        }
+    }
+}
+
+/// Runs an expression with the token of some [`Instructions`].
+macro_rules! with_instructions {
+    ($instructions:expr, $simd:ident => $run:expr) => {
+        match $instructions {
+            #[cfg(target_arch = "x86_64")]
+            $crate::simd::level::Instructions::Avx512($simd) => $run,
+            #[cfg(target_arch = "x86_64")]
+            $crate::simd::level::Instructions::Avx2($simd) => $run,
+            #[cfg(not(target_arch = "x86_64"))]
+            $crate::simd::level::Instructions::Other(level) => fearless_simd::dispatch!(level, $simd => $run),
+            #[cfg(feature = "scalar")]
+            $crate::simd::level::Instructions::Scalar($simd) => $run,
+        }
+    };
+}
+
+pub(crate) use with_instructions;

@@ -1,0 +1,67 @@
+//! Jobs for all threads, in a given order, and what is counted meanwhile.
+
+use crate::tiles::grid::TILE_BLOCKS;
+use std::sync::{Mutex, PoisonError};
+
+/// How work is cut. Changes the speed and memory, and no bit of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Tuning {
+    /// Blocks along the side of a tile: 2, 4 or 8.
+    pub tile_blocks: u32,
+    /// Most splats and triangles that a thread sets up before it draws them, as near as tiles allow. At 140 bytes each
+    /// they should about fit its cache. Those on the border of two cells are set up twice.
+    pub cell_splats: usize,
+    /// Whether chunks behind all that a cell shows are found and left out.
+    pub culls_occluded: bool,
+    /// Whether splats of few pixels are evaluated by setup, and tiles of them drawn splat by splat.
+    pub finds_tiny: bool,
+}
+
+impl Default for Tuning {
+    fn default() -> Self {
+        Self { tile_blocks: TILE_BLOCKS, cell_splats: 1 << 15, culls_occluded: true, finds_tiny: true }
+    }
+}
+
+/// Takes every job on some thread, in the order given, with something of the thread's own.
+pub(crate) fn run<T: Send, A: Send>(
+    jobs: Vec<T>,
+    own: impl Fn() -> A + Sync,
+    take: impl Fn(&mut A, T) + Sync,
+) -> Vec<A> {
+    let queue = Mutex::new(jobs.into_iter());
+    rayon::broadcast(|_| {
+        let mut own = own();
+        loop {
+            // A thread that panics takes the whole frame with it, whatever the queue says.
+            let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+            let Some(job) = next else { return own };
+            take(&mut own, job);
+        }
+    })
+}
+
+/// What was counted while tiles were drawn.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Counters {
+    /// Pairs of block and splat that were computed.
+    pub block_pairs: u64,
+    /// Fragments inside a filtered footprint.
+    pub inside: u64,
+    /// Pixels of these pairs that weren't computed, since the splat is tiny.
+    pub spared: u64,
+    /// Fragments that contributed to a pixel.
+    pub contributing: u64,
+    /// Edge pixels that were blended.
+    pub edge_pixels: u64,
+}
+
+impl std::ops::AddAssign for Counters {
+    fn add_assign(&mut self, o: Self) {
+        self.block_pairs += o.block_pairs;
+        self.inside += o.inside;
+        self.spared += o.spared;
+        self.contributing += o.contributing;
+        self.edge_pixels += o.edge_pixels;
+    }
+}

@@ -1,0 +1,330 @@
+//! The splats, or triangles, of each block of a tile, in their order.
+
+use crate::simd::compress::{self, BITS};
+use crate::tiles::bins::Entry;
+use crate::tiles::pool::emptied;
+use fearless_simd::Simd;
+
+/// Splats that are drawn together.
+pub(crate) const BATCH: usize = 4;
+
+/// What block lists refer to.
+pub(crate) trait Listable: 'static {
+    /// Fills up the last batch: it has no fragment anywhere.
+    const EMPTY: &'static Self;
+
+    /// No fragment is nearer.
+    fn z_min(&self) -> f32;
+}
+
+/// A splat's record, and its [`Listable::z_min`]: the record of one behind all depth thresholds isn't read.
+pub(crate) type Listed<'a, R> = (&'a R, f32);
+
+/// The splats of a block.
+pub(crate) struct BlockList<'a, 'b, R> {
+    /// All of the tile's, and an empty one.
+    splats: &'b [Listed<'a, R>],
+    /// Indices of the block's, in their order, in batches of 4; the last up to three are empty.
+    batches: &'b [[u32; BATCH]],
+    count: usize,
+}
+
+impl<R> Clone for BlockList<'_, '_, R> {
+    #[inline(always)]
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<R> Copy for BlockList<'_, '_, R> {}
+
+impl<'a, 'b, R> BlockList<'a, 'b, R> {
+    /// Splats of the block.
+    pub(crate) fn len(&self) -> usize {
+        self.count
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// Indices of the block's splats, in batches of 4. The last up to three are of an empty one.
+    #[inline(always)]
+    pub(crate) fn batches(&self) -> &'b [[u32; BATCH]] {
+        self.batches
+    }
+
+    /// A splat by its index.
+    #[inline(always)]
+    pub(crate) fn get(&self, index: u32) -> Listed<'a, R> {
+        self.splats[index as usize]
+    }
+}
+
+/// Lists of all blocks of a tile, as a matrix of bits: splat by splat it is filled, block by block it is read.
+///
+/// Pushing each splat onto the lists of its blocks costs a mispredicted branch a splat and a store a pair; turning 64
+/// splats' masks around costs the same whatever is in them. Filling also brings a tile's records near the CPU, many
+/// at a time, where the blocks' loops would wait for one after another.
+pub(crate) struct BlockLists<'a, R> {
+    splats: Vec<Listed<'a, R>>,
+    /// Of each 64 splats: before they are full, the blocks of each splat; then the splats of each block.
+    words: Vec<[u64; BITS]>,
+    /// Indices of the splats of [`ROW`] blocks, block after block, and room for what is written beyond their end.
+    order: Vec<u32>,
+    /// Where each block's begin, and how many they are.
+    parts: [(usize, usize); ROW],
+    /// Which blocks these are.
+    row: Option<usize>,
+}
+
+impl<R> Default for BlockLists<'_, R> {
+    fn default() -> Self {
+        Self { splats: Vec::new(), words: Vec::new(), order: Vec::new(), parts: [(0, 0); ROW], row: None }
+    }
+}
+
+impl<'a, R: Listable> BlockLists<'a, R> {
+    pub(crate) fn clear(&mut self) {
+        self.splats.clear();
+        self.words.clear();
+        self.row = None;
+    }
+
+    /// The same memory, for other splats.
+    pub(crate) fn for_others<'b>(self) -> BlockLists<'b, R> {
+        let Self { splats, words, order, .. } = self;
+        BlockLists { splats: emptied(splats), words, order, ..BlockLists::default() }
+    }
+
+    /// Appends the splats of a tile's entries to the lists of those of their blocks that are `wanted`.
+    #[inline(always)]
+    pub(crate) fn extend(&mut self, records: &'a [R], entries: &[Entry], wanted: u64) {
+        let first = self.splats.len();
+        self.words.resize((first + entries.len()).div_ceil(BITS), [0; BITS]);
+        // Where a splat is found late, the next ones are looked for meanwhile.
+        self.splats.extend(entries.iter().map(|entry| {
+            let record = &records[entry.record as usize];
+            (record, record.z_min())
+        }));
+        for (mask, entry) in self.words.as_flattened_mut()[first..].iter_mut().zip(entries) {
+            *mask = entry.blocks & wanted;
+        }
+    }
+
+    /// [`Self::extend`] for few blocks: splats that touch none of them are left out.
+    pub(crate) fn extend_some(&mut self, records: &'a [R], entries: &[Entry], wanted: u64) {
+        for entry in entries.iter().filter(|entry| entry.blocks & wanted != 0) {
+            let at = self.splats.len() % BITS;
+            if at == 0 {
+                self.words.push([0; BITS]);
+            }
+            if let Some(word) = self.words.last_mut() {
+                word[at] = entry.blocks & wanted;
+            }
+            let record = &records[entry.record as usize];
+            self.splats.push((record, record.z_min()));
+        }
+    }
+
+    /// To be called after the last splat.
+    #[inline(always)]
+    pub(crate) fn finish(&mut self) {
+        self.words.iter_mut().for_each(transpose);
+        self.splats.push((R::EMPTY, f32::INFINITY));
+    }
+
+    /// Blocks whose lists aren't empty, a bit each.
+    pub(crate) fn touched(&self) -> u64 {
+        touched(&self.words)
+    }
+
+    /// The list of a block.
+    #[inline(always)]
+    pub(crate) fn of<S: Simd>(&mut self, simd: S, block: u32) -> BlockList<'a, '_, R> {
+        let block = block as usize % BITS;
+        if self.row != Some(block / ROW) {
+            self.list_row(simd, block / ROW);
+        }
+        let (first, count) = self.parts[block % ROW];
+        let order = &self.order[first..first + count.next_multiple_of(BATCH)];
+        BlockList { splats: &self.splats, batches: order.as_chunks().0, count }
+    }
+
+    /// Lists the splats of a row of blocks: several together, since what has just been written in parts can't be read
+    /// in others.
+    #[inline(always)]
+    fn list_row<S: Simd>(&mut self, simd: S, row: usize) {
+        self.row = Some(row);
+        // Every block may have every splat, and what means nothing after them.
+        let room = ROW * (BITS * self.words.len() + BATCH) + BITS;
+        if self.order.len() < room {
+            self.order.resize(room, 0);
+        }
+        // The last word has no bits past the last splat, after which comes the empty one.
+        let empty = self.splats.len().saturating_sub(1) as u32;
+        let mut at = 0;
+        for (block, part) in (ROW * row..).zip(&mut self.parts) {
+            let begin = at;
+            for (word, first) in self.words.iter().zip((0..).step_by(BITS)) {
+                let bits = word[block % BITS];
+                if let Some(to) = self.order.get_mut(at..).and_then(|rest| rest.first_chunk_mut()) {
+                    compress::set_bits(simd, bits, first, to);
+                }
+                at += bits.count_ones() as usize;
+            }
+            *part = (begin, at - begin);
+            if let Some(rest) = self.order.get_mut(at..).and_then(|rest| rest.first_chunk_mut::<BATCH>()) {
+                *rest = [empty; BATCH];
+            }
+            at = begin + (at - begin).next_multiple_of(BATCH);
+        }
+    }
+}
+
+/// Blocks that are listed together.
+const ROW: usize = 8;
+
+/// Blocks whose lists aren't empty, a bit each, from turned words.
+fn touched(words: &[[u64; BITS]]) -> u64 {
+    let any = |block: &usize| words.iter().any(|word| word[*block] != 0);
+    (0..BITS).filter(any).fold(0, |bits, block| bits | 1 << block)
+}
+
+/// [`BlockLists`] of anything: of what few frames have.
+pub(crate) struct ItemLists<T> {
+    items: Vec<T>,
+    words: Vec<[u64; BITS]>,
+    /// The list asked for last.
+    list: Vec<T>,
+}
+
+impl<T> Default for ItemLists<T> {
+    fn default() -> Self {
+        Self { items: Vec::new(), words: Vec::new(), list: Vec::new() }
+    }
+}
+
+impl<T: Copy> ItemLists<T> {
+    pub(crate) fn clear(&mut self) {
+        self.items.clear();
+        self.words.clear();
+    }
+
+    /// The same memory, for other items.
+    pub(crate) fn for_others<U>(self) -> ItemLists<U> {
+        let Self { items, words, list } = self;
+        ItemLists { items: emptied(items), words, list: emptied(list) }
+    }
+
+    /// Appends an item to the lists of `blocks`, a bit each.
+    #[inline(always)]
+    pub(crate) fn push(&mut self, item: T, blocks: u64) {
+        let at = self.items.len() % BITS;
+        if at == 0 {
+            self.words.push([0; BITS]);
+        }
+        if let Some(word) = self.words.last_mut() {
+            word[at] = blocks;
+        }
+        self.items.push(item);
+    }
+
+    /// To be called after the last item: blocks whose lists aren't empty, a bit each.
+    pub(crate) fn finish(&mut self) -> u64 {
+        self.words.iter_mut().for_each(transpose);
+        touched(&self.words)
+    }
+
+    /// The list of a block.
+    pub(crate) fn of(&mut self, block: u32) -> &[T] {
+        self.list.clear();
+        for (word, items) in self.words.iter().zip(self.items.chunks(BITS)) {
+            let mut bits = word[block as usize % BITS];
+            while bits != 0 {
+                // The last word has no bits past the last item.
+                self.list.extend(items.get(bits.trailing_zeros() as usize));
+                bits &= bits - 1;
+            }
+        }
+        &self.list
+    }
+}
+
+/// Bit i of word j becomes bit j of word i (Warren, Hacker's Delight, 7-3).
+#[inline(always)]
+fn transpose(words: &mut [u64; BITS]) {
+    let mut width = BITS / 2;
+    let mut mask = u64::MAX >> width;
+    while width != 0 {
+        for pair in words.chunks_exact_mut(2 * width) {
+            let (low, high) = pair.split_at_mut(width);
+            for (a, b) in low.iter_mut().zip(high) {
+                let swap = ((*a >> width) ^ *b) & mask;
+                *b ^= swap;
+                *a ^= swap << width;
+            }
+        }
+        width /= 2;
+        mask ^= mask << width;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::level::{Instructions, SimdLevel, with_instructions};
+    use crate::simd::xorshift::Xorshift;
+    use crate::tiles::bins::Kind;
+
+    /// A depth, which tells one from others.
+    #[derive(Debug, PartialEq)]
+    struct At(f32);
+
+    impl Listable for At {
+        const EMPTY: &'static Self = &Self(f32::NAN);
+
+        fn z_min(&self) -> f32 {
+            self.0
+        }
+    }
+
+    #[test]
+    fn lists_hold_each_blocks_splats_in_order_for_any_number_of_splats() {
+        for &level in SimdLevel::ALL {
+            let instructions = Instructions::new(level).unwrap();
+            with_instructions!(instructions, simd => check_lists(simd));
+        }
+    }
+
+    fn check_lists<S: Simd>(simd: S) {
+        let records: Vec<At> = (0..200u16).map(|i| At(f32::from(i))).collect();
+        // Sparse and dense masks, some empty.
+        let mut numbers = Xorshift::new();
+        let mut random = move || numbers.bits();
+        let mut lists = BlockLists::default();
+        for count in [0, 1, 63, 64, 65, 128, 200] {
+            let masks: Vec<u64> =
+                (0..count).map(|i| if i % 3 == 0 { random() & random() } else { 1 << (random() % 64) }).collect();
+            let masks: Vec<u64> = masks.iter().enumerate().map(|(i, &m)| if i % 7 == 3 { 0 } else { m }).collect();
+            let entries: Vec<Entry> =
+                (0..).zip(&masks).map(|(record, &blocks)| Entry::new(blocks, record, 0, Kind::Any)).collect();
+            lists.clear();
+            // From two segments.
+            lists.extend(&records, &entries[..count / 3], u64::MAX);
+            lists.extend(&records, &entries[count / 3..], u64::MAX);
+            lists.finish();
+            for block in 0..64 {
+                let expected: Vec<usize> = (0..count).filter(|&i| masks[i] >> block & 1 == 1).collect();
+                let list = lists.of(simd, block);
+                assert_eq!(list.len(), expected.len(), "{count} splats, block {block}");
+                let listed: Vec<Listed<'_, At>> = list.batches().as_flattened().iter().map(|&i| list.get(i)).collect();
+                let (own, rest) = listed.split_at(list.len());
+                let found: Vec<usize> = own.iter().map(|(record, _)| record.0 as usize).collect();
+                assert_eq!(found, expected, "{count} splats, block {block}");
+                assert!(own.iter().all(|(r, z)| r.0 == *z));
+                assert!(rest.len() < BATCH && rest.iter().all(|(r, z)| r.0.is_nan() && *z == f32::INFINITY));
+            }
+        }
+    }
+}

@@ -1,0 +1,346 @@
+//! Where tiles write: planes cut into parts that threads own, in safe Rust.
+
+use crate::simd::lanes::{LANES, Lanes};
+use crate::tiles::grid::{BLOCK, Grid, Rect, block_px};
+use fearless_simd::Simd;
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, Ordering};
+use surfel_math::Real;
+use surfel_render::{PlanesMut, Region};
+
+/// Finished pixels of a block.
+pub(crate) struct Pixels<S: Simd> {
+    /// Linear, premultiplied.
+    pub color: [Lanes<S>; 4],
+    pub depth: Lanes<S>,
+    pub normal: [Lanes<S>; 3],
+    pub weight: Lanes<S>,
+    pub fragments: Lanes<S>,
+}
+
+/// The rows of a plane inside a part of its region.
+pub(crate) struct Rows<'a, T> {
+    pub rect: Rect,
+    rows: Vec<&'a mut [T]>,
+}
+
+impl<T: Copy> Rows<'_, T> {
+    /// Writes the part of a block's row that lies inside.
+    #[inline(always)]
+    pub(crate) fn put(&mut self, (x, y): (i32, i32), values: [T; 4]) {
+        let row = y - self.rect.y;
+        if row < 0 {
+            return;
+        }
+        let Some(row) = self.rows.get_mut(row as usize) else { return };
+        let at = x - self.rect.x;
+        if at >= 0
+            && let Some(four) = row.get_mut(at as usize..at as usize + 4)
+        {
+            four.copy_from_slice(&values);
+            return;
+        }
+        for (i, value) in values.into_iter().enumerate() {
+            let at = at + i as i32;
+            if at >= 0
+                && let Some(pixel) = row.get_mut(at as usize)
+            {
+                *pixel = value;
+            }
+        }
+    }
+
+    /// Writes one value to the pixels that lie inside of a tile's blocks whose bits are set.
+    fn put_all(&mut self, origin: (i32, i32), blocks: u64, value: T) {
+        let mut left = if self.rows.is_empty() { 0 } else { blocks };
+        while left != 0 {
+            let (x, y) = block_px(origin, left.trailing_zeros());
+            left &= left - 1;
+            (0..BLOCK as i32).for_each(|j| self.put((x, y + j), [value; 4]));
+        }
+    }
+
+    /// The part of a row that lies inside of a tile: of its pixels from a given one on, at most `length`, those from
+    /// the first inside on, and how many are left out before.
+    fn run(&mut self, tile: &Rect, (x, y): (i32, i32), length: usize) -> (usize, &mut [T]) {
+        let (start, end) = (x.max(tile.x), (x + length as i32).min(tile.end_x));
+        let row = usize::try_from(y - self.rect.y).ok().and_then(|row| self.rows.get_mut(row));
+        let Some(row) = row.filter(|_| start < end && (tile.y..tile.end_y).contains(&y)) else { return (0, &mut []) };
+        let [first, last] = [start, end].map(|x| (x - self.rect.x) as usize);
+        ((start - x) as usize, row.get_mut(first..last).unwrap_or_default())
+    }
+
+    /// Value of a pixel inside.
+    fn get(&self, x: i32, y: i32) -> Option<T> {
+        let (column, row) = (usize::try_from(x - self.rect.x).ok()?, usize::try_from(y - self.rect.y).ok()?);
+        self.rows.get(row)?.get(column).copied()
+    }
+
+    /// Values of a block's pixels; `outside` where there are none.
+    fn block(&self, (x, y): (i32, i32), outside: T) -> [T; LANES] {
+        let mut values = [outside; LANES];
+        for (j, four) in (0..).zip(values.chunks_exact_mut(4)) {
+            let row = usize::try_from(y + j - self.rect.y).ok().and_then(|row| self.rows.get(row));
+            let column = usize::try_from(x - self.rect.x).ok();
+            if let Some(pixels) = row.zip(column).and_then(|(row, at)| row.get(at..at + 4)) {
+                four.copy_from_slice(pixels);
+                continue;
+            }
+            for (i, value) in (0..).zip(four) {
+                *value = self.get(x + i, y + j).unwrap_or(outside);
+            }
+        }
+        values
+    }
+
+    /// Writes one value to a rectangle's pixels, all of which lie inside.
+    fn fill(&mut self, rect: &Rect, value: T) {
+        let range = |from: i32, to: i32, first: i32| (from - first) as usize..(to - first) as usize;
+        for row in self.rows.get_mut(range(rect.y, rect.end_y, self.rect.y)).unwrap_or_default() {
+            row[range(rect.x, rect.end_x, self.rect.x)].fill(value);
+        }
+    }
+}
+
+/// Cuts a plane of `region`'s pixels into `parts`, which share the region out. An empty plane gives parts without rows.
+pub(crate) fn cut<'a, T>(plane: &'a mut [T], region: Region, parts: &[Region]) -> Vec<Rows<'a, T>> {
+    let height = |part: &Region| if plane.is_empty() { 0 } else { part.height as usize };
+    let mut cut: Vec<Rows<'a, T>> =
+        parts.iter().map(|part| Rows { rect: Rect::of(*part), rows: Vec::with_capacity(height(part)) }).collect();
+    let changes: BTreeSet<u32> = parts.iter().flat_map(|part| [part.y, part.y + part.height]).collect();
+    let mut left_to_right: Vec<usize> = (0..parts.len()).collect();
+    left_to_right.sort_by_key(|&i| parts[i].x);
+    let mut here = Vec::new();
+    for (y, mut row) in (region.y..).zip(plane.chunks_mut(region.width.max(1) as usize)) {
+        if changes.contains(&y) {
+            let has_row = |i: &usize| (parts[*i].y..parts[*i].y + parts[*i].height).contains(&y);
+            here = left_to_right.iter().copied().filter(has_row).collect();
+        }
+        for &i in &here {
+            let (own, rest) = row.split_at_mut(row.len().min(parts[i].width as usize));
+            cut[i].rows.push(own);
+            row = rest;
+        }
+    }
+    cut
+}
+
+/// Which of an image's tiles hold the background alone.
+#[derive(Clone, Copy)]
+pub(crate) struct TileBackground<'a> {
+    pub grid: &'a Grid,
+    pub tiles: &'a [AtomicBool],
+}
+
+impl TileBackground<'_> {
+    /// The tile that has these pixels.
+    fn tile(&self, rect: &Rect) -> Option<&AtomicBool> {
+        if rect.is_empty() { None } else { self.tiles.get(self.grid.tile_of(rect.x, rect.y)) }
+    }
+}
+
+/// The frame's planes inside a part of its region, and a tile of them.
+pub(crate) struct Target<'a> {
+    /// The tile that is drawn, and its pixels inside the part.
+    pub tile: usize,
+    pub rect: Rect,
+    background: TileBackground<'a>,
+    /// Whether the tile holds the background alone.
+    is_background: bool,
+    color: Rows<'a, [f32; 4]>,
+    depth: Rows<'a, f32>,
+    normal: Rows<'a, [f32; 3]>,
+    weight: Rows<'a, f32>,
+    fragments: Rows<'a, u32>,
+}
+
+impl<'a> Target<'a> {
+    /// Cuts the planes of a region into parts that share it out.
+    pub(crate) fn cut(
+        planes: PlanesMut<'a>,
+        region: Region,
+        parts: &[Region],
+        background: TileBackground<'a>,
+    ) -> Vec<Self> {
+        let color = cut(planes.color, region, parts);
+        let depth = cut(planes.depth, region, parts);
+        let normal = cut(planes.normal, region, parts);
+        let weight = cut(planes.weight, region, parts);
+        let fragments = cut(planes.fragments, region, parts);
+        let geometry = depth.into_iter().zip(normal).zip(weight).zip(fragments);
+        let parts = color.into_iter().zip(geometry).map(|(color, (((depth, normal), weight), fragments))| Self {
+            tile: 0,
+            rect: color.rect,
+            background,
+            is_background: false,
+            color,
+            depth,
+            normal,
+            weight,
+            fragments,
+        });
+        parts.collect()
+    }
+
+    /// Goes to a tile of a grid.
+    pub(crate) fn go_to(&mut self, grid: &Grid, tile: usize) {
+        (self.tile, self.rect) = (tile, Rect::of_tile(grid, tile, grid.region).common(&self.color.rect));
+        self.is_background = self.background.tile(&self.rect).is_some_and(|tile| tile.load(Ordering::Relaxed));
+    }
+
+    /// Notes whether the tile holds the background alone.
+    #[inline(always)]
+    fn set_background(&mut self, is_background: bool) {
+        if self.is_background != is_background {
+            self.is_background = is_background;
+            if let Some(tile) = self.background.tile(&self.rect) {
+                tile.store(is_background, Ordering::Relaxed);
+            }
+        }
+    }
+
+    /// True if fragments are counted pixel by pixel.
+    pub(crate) fn has_fragments(&self) -> bool {
+        !self.fragments.rows.is_empty()
+    }
+
+    /// Fills the whole tile with what is where nothing is, unless it is there.
+    pub(crate) fn fill_empty(&mut self, background: [f32; 4]) {
+        if self.rect.is_empty() || self.is_background {
+            return;
+        }
+        self.set_background(true);
+        let rect = &self.rect;
+        self.color.fill(rect, background);
+        self.depth.fill(rect, f32::INFINITY);
+        self.normal.fill(rect, [0.0; 3]);
+        self.weight.fill(rect, 0.0);
+        self.fragments.fill(rect, 0);
+    }
+
+    /// Fills a tile's blocks whose bits are set with what is where nothing is. The tile begins at pixel `origin`.
+    pub(crate) fn put_empty(&mut self, origin: (i32, i32), blocks: u64, background: [f32; 4]) {
+        self.set_background(false);
+        self.color.put_all(origin, blocks, background);
+        self.depth.put_all(origin, blocks, f32::INFINITY);
+        self.normal.put_all(origin, blocks, [0.0; 3]);
+        self.weight.put_all(origin, blocks, 0.0);
+        self.fragments.put_all(origin, blocks, 0);
+    }
+
+    /// A block's pixels as they were written; 0 where there are none.
+    pub(crate) fn get<S: Simd>(&self, simd: S, at: (i32, i32)) -> Pixels<S> {
+        let normal = self.normal.block(at, [0.0; 3]);
+        let lanes = |value: &dyn Fn(usize) -> f32| Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(value));
+        let fragments = self.fragments.block(at, 0);
+        Pixels {
+            color: self.color(simd, at),
+            depth: Lanes::load(simd, &self.depth.block(at, 0.0)),
+            normal: [0, 1, 2].map(|c| lanes(&|i| normal[i][c])),
+            weight: Lanes::load(simd, &self.weight.block(at, 0.0)),
+            fragments: lanes(&|i| fragments[i] as f32),
+        }
+    }
+
+    /// A block's colours as they were written; 0 where there are none.
+    #[inline(always)]
+    pub(crate) fn color<S: Simd>(&self, simd: S, at: (i32, i32)) -> [Lanes<S>; 4] {
+        let pixels = self.color.block(at, [0.0; 4]);
+        let mut rows = [Lanes::splat(simd, 0.0); 4];
+        for (row, numbers) in rows.iter_mut().zip(pixels.as_flattened().chunks_exact(LANES)) {
+            *row = Lanes::load(simd, numbers);
+        }
+        // Interleaving turns six bits of an index by two: after a third time all is as it was.
+        Lanes::interleave4(Lanes::interleave4(rows))
+    }
+
+    /// Writes the colour of a pixel, if it lies inside.
+    pub(crate) fn put_one(&mut self, pixel: (i32, i32), color: [f32; 4]) {
+        self.set_background(false);
+        if let (_, [to]) = self.color.run(&self.rect, pixel, 1) {
+            *to = color;
+        }
+    }
+
+    /// Writes a block's colours.
+    #[inline(always)]
+    pub(crate) fn put_color<S: Simd>(&mut self, (x, y): (i32, i32), color: [Lanes<S>; 4]) {
+        self.set_background(false);
+        if self.color.rows.is_empty() {
+            return;
+        }
+        for (j, row) in Lanes::interleave4(color).iter().enumerate() {
+            let row = row.to_array();
+            let (four, _) = row.as_chunks::<4>();
+            if let Some(four) = four.first_chunk::<4>() {
+                self.color.put((x, y + j as i32), *four);
+            }
+        }
+    }
+
+    /// Multiplies the colours, not the alpha, of sixteen pixels of a row, as far as they lie inside.
+    #[inline(always)]
+    pub(crate) fn dim<S: Simd>(&mut self, simd: S, at: (i32, i32), by: Lanes<S>) {
+        self.set_background(false);
+        let (before, pixels) = self.color.run(&self.rect, at, LANES);
+        if before == 0 && pixels.len() == LANES {
+            let factors = Lanes::interleave4([by, by, by, by.one()]);
+            for (four, factor) in pixels.as_flattened_mut().chunks_exact_mut(LANES).zip(factors) {
+                (Lanes::load(simd, four) * factor).store(four);
+            }
+            return;
+        }
+        for (pixel, factor) in pixels.iter_mut().zip(&by.to_array()[before.min(LANES)..]) {
+            pixel[..3].iter_mut().for_each(|c| *c *= factor);
+        }
+    }
+
+    /// Makes those of a block's pixels black whose bits are set.
+    pub(crate) fn blacken(&mut self, (x, y): (i32, i32), bits: u16) {
+        self.set_background(false);
+        for i in (0..LANES as i32).filter(|i| bits >> i & 1 == 1) {
+            if let (_, [pixel]) = self.color.run(&self.rect, (x + i % 4, y + i / 4), 1) {
+                pixel[..3].fill(0.0);
+            }
+        }
+    }
+
+    /// Writes a block's pixels.
+    #[inline(always)]
+    pub(crate) fn put<S: Simd>(&mut self, (x, y): (i32, i32), pixels: &Pixels<S>) {
+        self.set_background(false);
+        self.put_color((x, y), pixels.color);
+        put_plane(&mut self.depth, (x, y), pixels.depth);
+        put_plane(&mut self.weight, (x, y), pixels.weight);
+        if !self.normal.rows.is_empty() {
+            let [nx, ny, nz] = pixels.normal;
+            let (nx, ny, nz) = (nx.to_array(), ny.to_array(), nz.to_array());
+            for j in 0..4 {
+                let mut values = [[0.0; 3]; 4];
+                for (i, value) in values.iter_mut().enumerate() {
+                    *value = [nx[4 * j + i], ny[4 * j + i], nz[4 * j + i]];
+                }
+                self.normal.put((x, y + j as i32), values);
+            }
+        }
+        if !self.fragments.rows.is_empty() {
+            let counts = pixels.fragments.to_array();
+            for j in 0..4 {
+                let four = [counts[4 * j], counts[4 * j + 1], counts[4 * j + 2], counts[4 * j + 3]];
+                self.fragments.put((x, y + j as i32), four.map(|count| count as u32));
+            }
+        }
+    }
+}
+
+/// Writes a block's numbers into a plane.
+#[inline(always)]
+pub(crate) fn put_plane<S: Simd>(plane: &mut Rows<'_, f32>, (x, y): (i32, i32), values: Lanes<S>) {
+    if plane.rows.is_empty() {
+        return;
+    }
+    let values: [f32; LANES] = values.to_array();
+    for j in 0..4 {
+        plane.put((x, y + j as i32), [values[4 * j], values[4 * j + 1], values[4 * j + 2], values[4 * j + 3]]);
+    }
+}

@@ -1,0 +1,13 @@
+//! What a frame uploads beside the resident scene: a view's tiles, their uniforms, visible chunks, splats at the near
+//! plane, and polygons.
+
+pub(crate) mod culling;
+pub(crate) mod near_plane;
+pub(crate) mod object_transform;
+pub(crate) mod pixel_range;
+pub(crate) mod planes;
+pub(crate) mod polygons;
+pub(crate) mod shadow_maps;
+pub(crate) mod tile;
+pub(crate) mod tiling;
+pub(crate) mod uniforms;

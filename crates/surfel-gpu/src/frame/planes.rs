@@ -1,0 +1,96 @@
+//! Planes of a tile as the shading pass writes them: one array of floats.
+
+use surfel_render::{Frame, Planes, Region};
+use surfel_shaders::layout;
+
+/// Where each wanted plane starts in the array, in floats, or `layout::ABSENT`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlaneLayout {
+    pub(crate) color_at: u32,
+    pub(crate) depth_at: u32,
+    pub(crate) normal_at: u32,
+    pub(crate) weight_at: u32,
+    pub(crate) fragments_at: u32,
+    /// Floats in all.
+    pub floats: u32,
+}
+
+/// Floats of a pixel in all planes together.
+pub(crate) fn floats_per_pixel(planes: Planes) -> u32 {
+    let Planes { color, depth, normal, weight, fragments, .. } = planes;
+    4 * u32::from(color) + u32::from(depth) + 3 * u32::from(normal) + u32::from(weight) + u32::from(fragments)
+}
+
+impl PlaneLayout {
+    /// The layout for a tile of `pixels` pixels. The caller has made sure that 32 bits count its floats.
+    pub(crate) fn new(planes: Planes, pixels: u32) -> Self {
+        let mut floats = 0u32;
+        let mut plane = |wanted: bool, channels: u32| {
+            let at = if wanted { floats } else { layout::ABSENT };
+            floats += if wanted { channels * pixels } else { 0 };
+            at
+        };
+        let (color_at, depth_at) = (plane(planes.color, 4), plane(planes.depth, 1));
+        let (normal_at, weight_at) = (plane(planes.normal, 3), plane(planes.weight, 1));
+        let fragments_at = plane(planes.fragments, 1);
+        Self { color_at, depth_at, normal_at, weight_at, fragments_at, floats }
+    }
+
+    /// Copies a tile's planes into their place in the frame of `region`. Returns the number of fragments, where they
+    /// were counted.
+    pub fn store(&self, values: &[f32], tile: Region, region: Region, frame: &mut Frame) -> u64 {
+        let (columns, pixels) = (tile.width as usize, tile.width as usize * tile.height as usize);
+        let (width, left) = (region.width as usize, (tile.x - region.x) as usize);
+        let part = |at: u32, channels: usize| {
+            let start = at as usize;
+            if at == layout::ABSENT { None } else { values.get(start..start + channels * pixels) }
+        };
+        let rows = |row: usize| ((tile.y - region.y) as usize + row) * width + left;
+        let copy = |from: Option<&[f32]>, channels: usize, to: &mut [f32]| {
+            for (row, line) in from.into_iter().flat_map(|f| f.chunks_exact(columns * channels)).enumerate() {
+                let start = rows(row) * channels;
+                if let Some(place) = to.get_mut(start..start + line.len()) {
+                    place.copy_from_slice(line);
+                }
+            }
+        };
+        copy(part(self.color_at, 4), 4, frame.color_mut().as_flattened_mut());
+        copy(part(self.depth_at, 1), 1, frame.depth_mut());
+        copy(part(self.normal_at, 3), 3, frame.normal_mut().as_flattened_mut());
+        copy(part(self.weight_at, 1), 1, frame.weight_mut());
+        let mut fragments = 0;
+        let counts = part(self.fragments_at, 1).into_iter().flat_map(|f| f.chunks_exact(columns));
+        for (row, line) in counts.enumerate() {
+            for (place, &count) in frame.fragments_mut().iter_mut().skip(rows(row)).zip(line) {
+                *place = count as u32;
+                fragments += count as u64;
+            }
+        }
+        fragments
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_land_in_their_place_and_absent_planes_take_no_room() {
+        let planes = Planes::ALL.with_color(false).with_fragments(true);
+        let region = Region { x: 10, y: 20, width: 3, height: 2 };
+        let mut frame = Frame::default();
+        frame.reset(3, 2, planes);
+        for (tile, base) in [(Region { width: 2, ..region }, 0.0), (Region { x: 12, width: 1, ..region }, 100.0)] {
+            let pixels = tile.width * tile.height;
+            let layout = PlaneLayout::new(planes, pixels);
+            assert_eq!(layout.floats, pixels * 6);
+            let values: Vec<f32> = (0..layout.floats).map(|i| base + i as f32).collect();
+            layout.store(&values, tile, region, &mut frame);
+        }
+        assert_eq!(frame.depth(), [0.0, 1.0, 100.0, 2.0, 3.0, 101.0]);
+        assert_eq!(frame.normal()[3], [10.0, 11.0, 12.0]);
+        assert_eq!(frame.normal()[5], [105.0, 106.0, 107.0]);
+        assert_eq!(frame.fragments(), [20, 21, 110, 22, 23, 111]);
+        assert!(frame.color().is_empty());
+    }
+}

@@ -1,0 +1,96 @@
+//! Shadow maps (§5): the views of lights, drawn as frames of their own.
+
+use crate::frame::tile::TileData;
+use crate::frame::tiling::tiles;
+use crate::frame::uniforms::{FrameScene, MAP_TEXELS, ShadowMapSlot};
+use crate::scene::limits::Limits;
+use crate::scene::segment::UploadedScene;
+use std::sync::Arc;
+use surfel_render::{Attributes, FramePlan, Pass, Planes, ShadowMap, View};
+
+/// Texels of a plan's maps, one at least: a binding of nothing is an error.
+///
+/// # Errors
+/// What is wrong and what to do, if the device's buffers don't hold them.
+pub fn shadow_texels(plan: &FramePlan, limits: Limits) -> Result<u64, String> {
+    let maps = plan.shadow_maps.len() as u64;
+    let bytes = 4 * maps * u64::from(MAP_TEXELS);
+    if bytes <= limits.buffer_bytes && maps * u64::from(MAP_TEXELS) <= u64::from(u32::MAX) {
+        return Ok((bytes / 4).max(1));
+    }
+    Err(format!(
+        "{maps} shadow maps need {bytes} bytes, more than the {} of the device's buffers; let fewer lights cast \
+         shadows",
+        limits.buffer_bytes
+    ))
+}
+
+/// Name in the statistics of all passes that draw shadow maps.
+pub const SHADOW_MAPS: &str = "shadow maps";
+
+/// The shadow maps that were drawn last. They serve again while the scene, its lights and the settings that they depend
+/// on are the same, wherever the eye is.
+pub struct ShadowMapCache<B> {
+    /// Their texels.
+    pub texels: B,
+    scene: Arc<()>,
+    maps: Vec<(View, FramePlan)>,
+}
+
+impl<B> ShadowMapCache<B> {
+    /// Caches maps that were drawn by these jobs.
+    pub fn new(texels: B, scene: &UploadedScene, jobs: &[ShadowMapJob]) -> Self {
+        Self { texels, scene: scene.identity.clone(), maps: jobs.iter().map(ShadowMapJob::key).collect() }
+    }
+
+    /// True if these jobs would draw the same.
+    pub fn fits(&self, scene: &UploadedScene, jobs: &[ShadowMapJob]) -> bool {
+        Arc::ptr_eq(&self.scene, &scene.identity) && self.maps.iter().cloned().eq(jobs.iter().map(ShadowMapJob::key))
+    }
+}
+
+/// The work of drawing one shadow map.
+pub struct ShadowMapJob {
+    /// The map's plan: visibility of splats, and polygons.
+    pub plan: FramePlan,
+    /// The data that all tiles of the map share.
+    pub frame: FrameScene,
+    view: View,
+}
+
+impl ShadowMapJob {
+    /// What the map depends on besides the scene.
+    fn key(&self) -> (View, FramePlan) {
+        (self.view.clone(), self.plan.clone())
+    }
+
+    /// The map's tiles.
+    pub fn tiles(&self, scene: &UploadedScene, limits: Limits) -> Vec<TileData> {
+        let tiles = tiles(&self.view, &self.plan, limits);
+        tiles.into_iter().map(|tile| TileData::new(scene, &self.frame, &self.view, &self.plan, tile)).collect()
+    }
+}
+
+/// The jobs of a plan's shadow maps. Everything opaque casts shadows, whichever side of it the light or the eye sees.
+pub fn shadow_map_jobs(scene: &UploadedScene, plan: &FramePlan) -> Vec<ShadowMapJob> {
+    let job = |(i, map): (usize, &ShadowMap)| {
+        let none = Planes::COLOR.with_color(false);
+        let passes = plan.passes.iter().copied().filter(|pass| *pass == Pass::Polygons);
+        let own = FramePlan {
+            passes: [Pass::ShadowMap].into_iter().chain(passes).collect(),
+            splat_filter: map.splat_filter,
+            attributes: Attributes::default(),
+            shadow_maps: Vec::new(),
+            keeps_facings: false,
+            planes: none,
+            ..plan.clone()
+        };
+        let slot = ShadowMapSlot { at: i as u32 * MAP_TEXELS };
+        ShadowMapJob {
+            frame: FrameScene::of_shadow_map(scene, &map.view, &own, slot),
+            view: map.view.clone(),
+            plan: own,
+        }
+    };
+    plan.shadow_maps.iter().enumerate().map(job).collect()
+}

@@ -1,0 +1,238 @@
+//! What a tile of a frame needs beside the resident scene: visible chunks, splats at the near plane, polygons,
+//! uniforms.
+
+use crate::frame::culling::{is_outside, may_reach_near};
+use crate::frame::near_plane::{NearPlaneChunk, NearPlaneRecords, NearPlaneSetup};
+use crate::frame::planes::PlaneLayout;
+use crate::frame::polygons::polygon_words;
+use crate::frame::tiling::targets_of;
+use crate::frame::uniforms::{FrameScene, TileRegions, frame_words};
+use crate::passes::pass_list::is_of_shadow_map;
+use crate::passes::schedule::VisibleSegments;
+use crate::scene::clip::Variant;
+use crate::scene::limits::Limits;
+use crate::scene::segment::{Segment, UploadedScene};
+use crate::struct_writer::StructWriter;
+use rayon::prelude::*;
+use surfel_model::ClipPolicy;
+use surfel_render::{FramePlan, Pass, Region, View};
+use surfel_shaders::layout;
+
+/// Polygons of a tile are fewer than this: targets hold their numbers as floats.
+const MOST_POLYGONS: u32 = 1 << 24;
+
+/// A segment's data for a tile.
+#[derive(Clone, Debug)]
+pub struct SegmentData {
+    /// Whether it is drawn as clipped.
+    pub variant: Variant,
+    /// Whether it is drawn in layers.
+    pub is_transparent: bool,
+    /// The shaders' `chunks`.
+    pub chunks: Vec<u32>,
+    /// The shaders' `near_bits`, one word at least.
+    pub near_bits: Vec<u32>,
+    /// True if no splat of it can touch the tile.
+    pub is_outside: bool,
+    /// Depth of the farthest chunk that can touch it.
+    farthest: f64,
+}
+
+/// Splats that reach the near plane and are drawn by the same pipelines; one at least.
+#[derive(Clone, Debug)]
+pub struct NearRecords {
+    /// Whether they are drawn as clipped.
+    pub variant: Variant,
+    /// Whether they are drawn in layers.
+    pub is_transparent: bool,
+    /// The shaders' `records`.
+    pub records: Vec<u32>,
+    /// The same records with centres, for per-splat lighting; empty where no layer is lit so.
+    pub lit: Vec<u32>,
+    /// The shaders' `record_clips`; empty where splats aren't clipped.
+    pub clips: Vec<u32>,
+}
+
+impl NearRecords {
+    /// Number of records.
+    pub fn count(&self) -> u32 {
+        (self.records.len() / (layout::record::SIZE / 4)) as u32
+    }
+}
+
+/// A tile's data beside the resident scene.
+#[derive(Clone, Debug)]
+pub struct TileData {
+    /// The pixels of the image that its targets hold: the tile and, for screen-space passes, a border.
+    pub targets: Region,
+    /// Size of the tile itself, which is shaded.
+    pub shaded: [u32; 2],
+    /// The shaders' `frame`.
+    pub frame: Vec<u32>,
+    /// One for each segment of the scene.
+    pub segments: Vec<SegmentData>,
+    /// Splats that reach the near plane.
+    pub near: Vec<NearRecords>,
+    /// The shaders' `polygons` that may touch it; one of zeros where there are none.
+    pub polygons: Vec<u32>,
+    /// Number of polygons.
+    pub polygon_count: u32,
+    /// Layout of the planes that the tile's shading writes.
+    pub planes: PlaneLayout,
+}
+
+impl TileData {
+    /// The data of a tile of a frame.
+    pub fn new(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
+        let planes = PlaneLayout::new(plan.planes, tile.width * tile.height);
+        let targets = targets_of(tile, view, plan);
+        let setup = NearPlaneSetup { view, plan, tile: targets };
+        let parts: Vec<(SegmentData, NearPlaneRecords)> =
+            scene.segments.par_iter().map(|segment| segment_data(scene, frame, segment, &setup)).collect();
+        let mut polygons = match plan.has(Pass::Polygons) {
+            true => polygon_words(&scene.meshes, &plan.octrees, view, targets, is_of_shadow_map(plan)),
+            false => Vec::new(),
+        };
+        let polygon_count = (polygons.len() / (layout::polygon::SIZE / 4)) as u32;
+        polygons.resize(polygons.len().max(layout::polygon::SIZE / 4), 0);
+        let mut near: Vec<NearRecords> = Vec::new();
+        let mut segments = Vec::with_capacity(parts.len());
+        for (segment, own) in parts {
+            let (variant, is_transparent) = (segment.variant, segment.is_transparent);
+            segments.push(segment);
+            if own.records.is_empty() {
+                continue;
+            }
+            match near.iter_mut().find(|n| n.variant == variant && n.is_transparent == is_transparent) {
+                Some(alike) => {
+                    alike.records.extend(own.records);
+                    alike.lit.extend(own.lit);
+                    alike.clips.extend(own.clips);
+                }
+                None => near.push(NearRecords {
+                    variant,
+                    is_transparent,
+                    records: own.records,
+                    lit: own.lit,
+                    clips: own.clips,
+                }),
+            }
+        }
+        let mut frame = frame_words(scene, frame, view, plan, &TileRegions { tile, targets }, &planes);
+        let farthest = segments.iter().map(|segment| segment.farthest).fold(view.projection.near, f64::max);
+        // A power of two that f32 holds, whatever the scene's scale.
+        let unit = farthest.log2().round().clamp(-100.0, 100.0).exp2() as f32;
+        for (offset, value) in [(layout::frame::DEPTH_UNIT, unit), (layout::frame::PER_DEPTH_UNIT, 1.0 / unit)] {
+            if let Some(word) = frame.get_mut(offset / 4) {
+                *word = value.to_bits();
+            }
+        }
+        Self { targets, shaded: [tile.width, tile.height], frame, segments, near, polygons, polygon_count, planes }
+    }
+
+    /// Checks that its polygons fit the device.
+    ///
+    /// # Errors
+    /// What is wrong and what to do, if they don't.
+    pub fn check(&self, limits: Limits) -> Result<(), String> {
+        let bytes = 4 * self.polygons.len() as u64;
+        if bytes <= limits.buffer_bytes && self.polygon_count < MOST_POLYGONS {
+            return Ok(());
+        }
+        let (count, most) = (self.polygon_count, limits.buffer_bytes);
+        Err(format!(
+            "{count} polygons in view need {bytes} bytes, expected at most {most} and {MOST_POLYGONS} polygons; render \
+             by --region, or have the mesh converted to splats"
+        ))
+    }
+
+    /// Sets the mapping of a host's depth buffer that the tile is composed into. It holds `offset` + `scale`/z in a
+    /// perspective projection, and `offset` + `scale`·z in an orthographic one.
+    pub fn set_host_depth(&mut self, offset: f32, scale: f32) {
+        let at = layout::frame::HOST_DEPTH / 4;
+        for (word, value) in self.frame.iter_mut().skip(at).zip([offset, scale]) {
+            *word = value.to_bits();
+        }
+    }
+
+    /// The segments that may touch the tile.
+    pub fn visible(&self) -> VisibleSegments {
+        let inside = self.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside);
+        let (transparent, opaque): (Vec<_>, Vec<_>) = inside.partition(|(_, segment)| segment.is_transparent);
+        let indices = |found: Vec<(usize, &SegmentData)>| found.into_iter().map(|(i, _)| i).collect();
+        let near_transparent = self.near.iter().any(|near| near.is_transparent);
+        VisibleSegments { opaque: indices(opaque), transparent: indices(transparent), near_transparent }
+    }
+
+    /// Number of records of splats at the near plane.
+    pub fn near_count(&self) -> u32 {
+        self.near.iter().map(NearRecords::count).sum()
+    }
+
+    /// The variants of its splats. Whole ones are always among them, so that every draw has a pipeline.
+    pub fn variants(&self) -> Vec<Variant> {
+        let seen = self.segments.iter().filter(|s| !s.is_outside).map(|s| s.variant);
+        let clipped = seen.chain(self.near.iter().map(|n| n.variant)).any(|v| v == Variant::Clipped);
+        if clipped { vec![Variant::Whole, Variant::Clipped] } else { vec![Variant::Whole] }
+    }
+}
+
+fn segment_data(
+    scene: &UploadedScene,
+    frame: &FrameScene,
+    segment: &Segment,
+    setup: &NearPlaneSetup<'_>,
+) -> (SegmentData, NearPlaneRecords) {
+    use layout::chunk as at;
+    let variant = if setup.plan.clip == ClipPolicy::Off { Variant::Whole } else { segment.variant };
+    let is_transparent = segment.is_transparent && setup.plan.separates_transparent;
+    let (chunks, near_bits) = (Vec::new(), Vec::new());
+    let mut data = SegmentData { variant, is_transparent, chunks, near_bits, is_outside: true, farthest: 0.0 };
+    let mut near = NearPlaneRecords::default();
+    let index = segment.object as usize;
+    let (Some(object), Some(transform)) = (scene.objects.get(index), frame.transforms.get(index)) else {
+        return (data, near);
+    };
+    let selection = object.octree.as_ref().and_then(|(index, _)| setup.plan.selection_of(*index));
+    data.chunks.reserve(segment.chunks.len() * at::SIZE / 4);
+    for chunk in &segment.chunks {
+        let center = transform.point(chunk.space.origin);
+        let members = segment.members.get(chunk.first as usize..(chunk.first + chunk.count) as usize);
+        let members = members.unwrap_or_default();
+        // An octree's chunk is drawn as a whole or not at all, so that any of its splats tells.
+        let is_drawn = selection.is_none_or(|chosen| members.first().is_some_and(|&splat| chosen.has_splat(splat)));
+        let state = if !is_drawn || is_outside(chunk, center, transform, setup.tile, setup.view, setup.plan) {
+            layout::CHUNK_OUTSIDE
+        } else if may_reach_near(chunk, center, transform, setup.view) {
+            let near_chunk = NearPlaneChunk {
+                object,
+                object_index: segment.object,
+                transform,
+                members,
+                space: &chunk.space,
+                storage: scene.storage,
+                variant,
+                is_transparent,
+            };
+            let bits = setup.chunk(&near_chunk, &mut near);
+            bits.map_or(layout::CHUNK_ORDINARY, |bits| {
+                let start = data.near_bits.len() as u32;
+                data.near_bits.extend(bits);
+                start
+            })
+        } else {
+            layout::CHUNK_ORDINARY
+        };
+        if state != layout::CHUNK_OUTSIDE {
+            data.is_outside = false;
+            data.farthest = data.farthest.max(center.z);
+        }
+        let mut words = StructWriter::new(at::SIZE);
+        words.vec3(at::CENTER, center).u32(at::STATE, state);
+        data.chunks.extend(words.into_words());
+    }
+    if data.near_bits.is_empty() {
+        data.near_bits.push(0);
+    }
+    (data, near)
+}

@@ -1,0 +1,94 @@
+//! Cuts a frame into tiles that fit the device.
+
+use crate::frame::planes::floats_per_pixel;
+use crate::passes::pass_list::has_layers;
+use crate::scene::limits::Limits;
+use surfel_render::{FramePlan, Region, View};
+use surfel_shaders::layout;
+
+/// Largest side of a tile: records count its pixels in 16 bits.
+const LARGEST_SIDE: u32 = u16::MAX as u32;
+
+/// The region of a tile's targets: the tile and a border of the pixels inside the image that screen-space passes read.
+pub(crate) fn targets_of(tile: Region, view: &View, plan: &FramePlan) -> Region {
+    tile.grown(plan.reach_px(), view.size)
+}
+
+/// Cuts the view's region into tiles whose targets and planes are within the limits.
+pub fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region> {
+    let side = limits.texture_side.min(LARGEST_SIDE).saturating_sub(2 * plan.reach_px()).max(1);
+    let layer_bytes = if has_layers(plan) { layout::layer_composite::SIZE as u64 } else { 0 };
+    let bytes = layer_bytes.max(4 * u64::from(floats_per_pixel(plan.planes).max(1)));
+    let pixels = (limits.buffer_bytes.min(u64::from(u32::MAX)) / bytes).max(1);
+    // The border counts, too.
+    let borders = 2 * u64::from(plan.reach_px());
+    let within = |pixels: u64| pixels.saturating_sub(borders).clamp(1, u64::from(side)) as u32;
+    let width = view.region.width.min(within(pixels / (1 + borders)));
+    let height = view.region.height.min(within(pixels / (u64::from(width) + borders)));
+    let mut tiles = Vec::new();
+    let r = view.region;
+    for y in (0..r.height).step_by(height as usize) {
+        for x in (0..r.width).step_by(width.max(1) as usize) {
+            tiles.push(Region {
+                x: r.x + x,
+                y: r.y + y,
+                width: width.min(r.width - x),
+                height: height.min(r.height - y),
+            });
+        }
+    }
+    tiles
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Camera, Projection, Settings};
+    use surfel_render::{Capabilities, Pass, Planes, SceneSummary, plan};
+
+    fn view(size: [u32; 2]) -> View {
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0]);
+        View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap()
+    }
+
+    fn planned(view: &View, planes: Planes) -> FramePlan {
+        let capabilities = Capabilities::everything("test");
+        plan(&SceneSummary::default(), view, &Settings::default(), planes, &capabilities).unwrap()
+    }
+
+    #[test]
+    fn tiles_cover_every_pixel_once_within_the_limits() {
+        let view = view([100, 70]);
+        let plan = planned(&view, Planes::ALL);
+        // 9 floats, 36 bytes a pixel: at most 277 pixels a tile.
+        let limits = |side, bytes| Limits::default().within(bytes, side);
+        let tiles = tiles(&view, &plan, limits(64, 10_000));
+        let mut hits = vec![0; 7000];
+        for t in &tiles {
+            assert!(t.width <= 64 && t.height <= 64 && t.width * t.height <= 277, "{t:?}");
+            for y in t.y..t.y + t.height {
+                for x in t.x..t.x + t.width {
+                    hits[(y * 100 + x) as usize] += 1;
+                }
+            }
+        }
+        assert!(hits.iter().all(|&h| h == 1));
+        assert_eq!(super::tiles(&view, &plan, limits(8192, 1 << 27)).len(), 1);
+    }
+
+    #[test]
+    fn targets_have_a_border_inside_the_image_for_edges_alone() {
+        let view = view([100, 70]);
+        let plain = planned(&view, Planes::COLOR);
+        let edges = FramePlan { passes: vec![Pass::EdgeAntialiasing], ..plain.clone() };
+        let tile = Region { x: 0, y: 30, width: 50, height: 40 };
+        assert_eq!(targets_of(tile, &view, &plain), tile);
+        assert_eq!(targets_of(tile, &view, &edges), Region { x: 0, y: 29, width: 51, height: 41 });
+        assert!(
+            tiles(&view, &edges, Limits::default().within(1 << 27, 64))
+                .iter()
+                .all(|t| targets_of(*t, &view, &edges).width <= 64)
+        );
+    }
+}

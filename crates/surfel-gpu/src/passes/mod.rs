@@ -1,0 +1,12 @@
+//! The passes of a frame: what each draws, into which targets, in which order, and what that costs.
+
+pub(crate) mod draw;
+pub(crate) mod fill_rate;
+pub(crate) mod layer_draws;
+pub(crate) mod memory;
+pub(crate) mod pass_list;
+pub(crate) mod pixel_pass;
+pub(crate) mod plan_cost;
+pub(crate) mod probe;
+pub(crate) mod schedule;
+pub(crate) mod targets;

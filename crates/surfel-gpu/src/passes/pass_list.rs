@@ -1,0 +1,115 @@
+//! The passes of a plan, in order.
+
+use crate::passes::draw::{Draw, Layer, Sums};
+use crate::passes::pixel_pass::PixelPass;
+use surfel_model::Shader;
+use surfel_render::{FramePlan, Pass};
+
+/// An entry of a pass list. Each is complete, over all splats or pixels, before the next begins.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum PassEntry {
+    /// Render passes over the same splats, which don't depend on each other.
+    Draws(Vec<Draw>),
+    /// A compute pass over pixels.
+    Pixels(PixelPass),
+}
+
+impl PassEntry {
+    /// True if it is for transparent splats alone.
+    pub(crate) fn is_of_layers(&self) -> bool {
+        match self {
+            Self::Draws(draws) => draws.iter().any(|draw| draw.is_transparent()),
+            Self::Pixels(pass) => {
+                matches!(pass, PixelPass::PeeledLayer | PixelPass::NextLayer | PixelPass::RemainingLayer)
+            }
+        }
+    }
+}
+
+/// True if a plan draws transparent splats in layers.
+pub(crate) fn has_layers(plan: &FramePlan) -> bool {
+    plan.has(Pass::PeelLayer) || plan.has(Pass::RemainingLayer)
+}
+
+/// True if a plan is of a shadow map: nothing is shaded.
+pub(crate) fn is_of_shadow_map(plan: &FramePlan) -> bool {
+    !plan.has(Pass::Shade)
+}
+
+/// The passes of a plan.
+pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
+    let edges = plan.has(Pass::EdgeAntialiasing);
+    let polygons = plan.has(Pass::Polygons);
+    let sums =
+        |layer| PassEntry::Draws(Sums::of(plan, layer).into_iter().map(|sums| Draw::Sums(layer, sums)).collect());
+    let one = |draw| PassEntry::Draws(vec![draw]);
+    let facings = plan.keeps_facings;
+    let visibility = match (facings, edges) {
+        (false, false) => Draw::Visibility,
+        (false, true) => Draw::VisibilityWithTolerance,
+        (true, false) => Draw::ShownVisibility,
+        (true, true) => Draw::ShownVisibilityWithTolerance,
+    };
+    let mut list: Vec<PassEntry> = facings.then(|| one(Draw::Facing)).into_iter().collect();
+    list.push(one(visibility));
+    list.extend(polygons.then(|| one(Draw::Polygons)));
+    if is_of_shadow_map(plan) {
+        list.push(PassEntry::Pixels(PixelPass::StoreShadow));
+        return list;
+    }
+    list.push(sums(match (facings, polygons) {
+        (false, false) => Layer::Front,
+        (false, true) => Layer::MeshBlend,
+        (true, false) => Layer::Shown,
+        (true, true) => Layer::ShownMeshBlend,
+    }));
+    if edges {
+        list.extend([one(Draw::Edges), one(Draw::EdgeBackgroundVisibility), sums(Layer::EdgeBackground)]);
+    }
+    list.extend(has_layers(plan).then_some(PassEntry::Pixels(PixelPass::BeginLayers)));
+    let next = |is_first: bool| (!is_first).then_some(PassEntry::Pixels(PixelPass::NextLayer));
+    for i in 0..plan.peeled_layers() {
+        list.extend(next(i == 0));
+        list.extend([one(Draw::PeeledVisibility), sums(Layer::Peeled), PassEntry::Pixels(PixelPass::PeeledLayer)]);
+    }
+    if plan.has(Pass::RemainingLayer) {
+        list.extend(next(plan.peeled_layers() == 0));
+        list.extend([sums(Layer::Remaining), PassEntry::Pixels(PixelPass::RemainingLayer)]);
+    }
+    let more = polygons || has_layers(plan) || plan.reach_px() > 0 || !plan.shadow_maps.is_empty();
+    let full = more || plan.shader == Shader::Toon;
+    list.push(PassEntry::Pixels(if full { PixelPass::Shade } else { PixelPass::ShadeSplats }));
+    list
+}
+
+impl Draw {
+    /// The draws that a plan needs, each once.
+    pub fn of(plan: &FramePlan) -> Vec<Self> {
+        let draws = pass_list(plan).into_iter().flat_map(|entry| match entry {
+            PassEntry::Draws(draws) => draws,
+            PassEntry::Pixels(_) => Vec::new(),
+        });
+        distinct(draws)
+    }
+}
+
+impl PixelPass {
+    /// The pixel passes that a plan needs, each once.
+    pub fn of(plan: &FramePlan) -> Vec<Self> {
+        let passes = pass_list(plan).into_iter().filter_map(|entry| match entry {
+            PassEntry::Pixels(pass) => Some(pass),
+            PassEntry::Draws(_) => None,
+        });
+        distinct(passes)
+    }
+}
+
+/// Each item once, in order of appearance.
+pub(crate) fn distinct<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
+    all.fold(Vec::new(), |mut found, one| {
+        if !found.contains(&one) {
+            found.push(one);
+        }
+        found
+    })
+}

@@ -1,0 +1,98 @@
+//! Compute passes over the pixels of a tile: shading, compositing of layers, storing of shadow maps.
+
+use crate::passes::targets::Target;
+
+/// A compute pass over pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum PixelPass {
+    /// Starts the layer composites: finds the opaque depth that occludes transparent splats.
+    BeginLayers,
+    /// The same, with a host's depth buffer occluding them, too; no plan needs it.
+    BeginLayersInHost,
+    /// Shades a peeled layer and composites it under those before it.
+    PeeledLayer,
+    /// Ends the layers if nothing remains; runs once, not for each pixel.
+    NextLayer,
+    /// Composites all remaining transparent splats under the layers.
+    RemainingLayer,
+    /// Writes a part of a shadow map.
+    StoreShadow,
+    /// Shades the image.
+    Shade,
+    /// Shades an image of opaque splats alone, without shadows and screen-space passes.
+    ShadeSplats,
+}
+
+/// The textures that pixel passes read, by binding; each reads some of them.
+pub const PIXEL_PASS_TEXTURES: [(u32, Target); 16] = [
+    (0, Target::Color),
+    (1, Target::Surface),
+    (2, Target::Material),
+    (3, Target::Counts),
+    (5, Target::EdgeThreshold),
+    (6, Target::ThresholdTolerance),
+    (7, Target::EdgeBackgroundColor),
+    (8, Target::EdgeBackgroundSurface),
+    (9, Target::EdgeBackgroundMaterial),
+    (10, Target::DepthThreshold),
+    (11, Target::Polygons),
+    (16, Target::LayerColor),
+    (17, Target::LayerSurface),
+    (18, Target::LayerMaterial),
+    (19, Target::LayerCounts),
+    (20, Target::LayerThreshold),
+];
+
+/// Bindings of the buffers that pixel passes read and write, in this order: planes, polygons, texels, layer composites
+/// to write, layer composites to read, texels of the shadow map that is drawn, indirect draws of layers.
+pub const PIXEL_PASS_BUFFERS: [u32; 7] = [4, 12, 13, 14, 15, 21, 22];
+
+/// Binding of a host's depth buffer.
+pub const HOST_DEPTH_BINDING: u32 = 23;
+
+impl PixelPass {
+    /// Its entry point.
+    pub fn entry(self) -> &'static str {
+        match self {
+            Self::BeginLayers => "begin_layers",
+            Self::BeginLayersInHost => "begin_layers_in_host",
+            Self::PeeledLayer => "peeled_layer",
+            Self::NextLayer => "next_layer",
+            Self::RemainingLayer => "remaining_layer",
+            Self::StoreShadow => "store_shadow",
+            Self::Shade => "shade",
+            Self::ShadeSplats => "shade_splats",
+        }
+    }
+
+    /// Whether it shades the image: it is the last, and runs over the tile without its border.
+    pub fn is_shade(self) -> bool {
+        matches!(self, Self::Shade | Self::ShadeSplats)
+    }
+
+    /// Width and height of its invocations, in pixels, for a tile of these targets and this shaded size.
+    pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
+        match self {
+            Self::Shade | Self::ShadeSplats => shaded,
+            Self::NextLayer => [1, 1],
+            Self::BeginLayers
+            | Self::BeginLayersInHost
+            | Self::PeeledLayer
+            | Self::RemainingLayer
+            | Self::StoreShadow => targets,
+        }
+    }
+
+    /// Its name in the statistics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::BeginLayers
+            | Self::BeginLayersInHost
+            | Self::PeeledLayer
+            | Self::NextLayer
+            | Self::RemainingLayer => "layers",
+            Self::StoreShadow => "shadow maps",
+            Self::Shade | Self::ShadeSplats => "shade",
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! What a plan costs a GPU, whatever the API and the size of the image: counted, not measured.
+
+use crate::passes::draw::Draw;
+use crate::passes::memory::Precision;
+use crate::passes::pass_list::{distinct, has_layers};
+use crate::passes::pixel_pass::PixelPass;
+use crate::passes::targets::Target;
+use crate::scene::clip::Variant;
+use surfel_model::ClipPolicy;
+use surfel_render::{FramePlan, Pass};
+use surfel_shaders::layout;
+
+/// What a plan needs of a GPU.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlanCost {
+    /// Shaders that run, each once: the entry points of pipelines' last stages.
+    pub shaders: Vec<String>,
+    /// Textures that are drawn into.
+    pub targets: Vec<Target>,
+    /// Bytes a pixel of those and of layer composites. Planes that are read back, and shadow maps, which have pixels of
+    /// their own, don't count.
+    pub bytes_per_pixel: usize,
+}
+
+impl PlanCost {
+    /// The cost of a plan; `None` for one that no GPU backend draws (an A-buffer).
+    pub fn of(plan: &FramePlan) -> Option<Self> {
+        if plan.has(Pass::ABuffer) {
+            return None;
+        }
+        let (mut draws, mut pixels) = (Draw::of(plan), PixelPass::of(plan));
+        let frame_draws = draws.clone();
+        if !plan.shadow_maps.is_empty() {
+            // A map has a visibility pass alone, whose depths go to a buffer.
+            draws.push(Draw::Visibility);
+            pixels.push(PixelPass::StoreShadow);
+        }
+        let mut variants = vec![Variant::Whole];
+        variants.extend((plan.clip != ClipPolicy::Off).then_some(Variant::Clipped));
+        let of_splats = variants.iter().flat_map(|&variant| {
+            let drawn = draws.iter().filter(|draw| draw.draws_records());
+            let fragments = drawn.map(move |draw| fragment(*draw, variant));
+            std::iter::once(variant.setup()).chain(fragments)
+        });
+        let others = draws.iter().filter(|draw| !draw.draws_records()).map(|draw| fragment(*draw, Variant::Whole));
+        let of_pixels = pixels.iter().map(|pass| pass.entry().to_owned());
+        let shaders = distinct(of_splats.chain(others).chain(of_pixels));
+        let targets =
+            distinct(frame_draws.iter().flat_map(|d| d.depth().into_iter().chain(d.colors().iter().copied())));
+        let sums = Precision::of(plan, true);
+        let layer_composites = if has_layers(plan) { layout::layer_composite::SIZE } else { 0 };
+        let bytes_per_pixel = targets.iter().map(|t| t.format().bytes(sums) as usize).sum::<usize>() + layer_composites;
+        Some(Self { shaders, targets, bytes_per_pixel })
+    }
+}
+
+fn fragment(draw: Draw, variant: Variant) -> String {
+    let [_, fragment] = draw.entries(variant);
+    fragment
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Accumulate, Camera, EdgeAa, Projection, Settings, Transparency};
+    use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
+
+    fn cost(summary: &SceneSummary, change: impl FnOnce(&mut Settings)) -> Option<PlanCost> {
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
+        let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
+        let mut settings = Settings::default();
+        change(&mut settings);
+        let capabilities = Capabilities::everything("test");
+        PlanCost::of(&plan(summary, &view, &settings, Planes::COLOR, &capabilities).unwrap())
+    }
+
+    #[test]
+    fn plan_of_white_splats_needs_depth_and_one_set_of_sums() {
+        let plain = cost(&SceneSummary::default(), |_| ()).unwrap();
+        assert_eq!(plain.targets, [Target::DepthThreshold, Target::Color]);
+        assert_eq!(plain.bytes_per_pixel, 4 + 16);
+        assert_eq!(plain.shaders.len(), 4, "{:?}", plain.shaders);
+        let half = cost(&SceneSummary::default(), |s| s.accumulate = Accumulate::F16).unwrap();
+        assert_eq!(half.bytes_per_pixel, 4 + 8);
+    }
+
+    #[test]
+    fn features_cost_what_they_need_and_nothing_where_they_are_absent() {
+        let plain = cost(&SceneSummary::default(), |_| ()).unwrap();
+        let peel = |s: &mut Settings| s.transparency = Transparency::Peel { layers: 3, drop_last: false };
+        assert_eq!(cost(&SceneSummary::default(), peel), Some(plain.clone()));
+        let clips = SceneSummary { clips: true, ..SceneSummary::default() };
+        assert_eq!(cost(&clips, |s| s.clip = ClipPolicy::Off), Some(plain.clone()));
+        let clipped = cost(&clips, |_| ()).unwrap();
+        // Setup, visibility and sums once more.
+        assert_eq!((clipped.shaders.len(), &clipped.targets), (plain.shaders.len() + 3, &plain.targets));
+        let glass = SceneSummary { transparent: true, ..SceneSummary::default() };
+        let layers = cost(&glass, peel).unwrap();
+        assert!(layers.bytes_per_pixel > plain.bytes_per_pixel + layout::layer_composite::SIZE);
+        assert!(layers.shaders.iter().any(|s| s == "peeled_layer"));
+        let edges = cost(&SceneSummary::default(), |s| s.edge_aa = EdgeAa::Coverage).unwrap();
+        assert!(
+            edges.targets.contains(&Target::EdgeBackgroundColor) && edges.targets.contains(&Target::ThresholdTolerance)
+        );
+        assert_eq!(cost(&glass, |s| s.transparency = Transparency::ABuffer { layers: 4 }), None);
+    }
+}

@@ -1,0 +1,226 @@
+//! The steps of a tile, in order, whatever API executes them.
+
+use crate::passes::draw::Draw;
+use crate::passes::pass_list::{PassEntry, pass_list};
+use crate::passes::pixel_pass::PixelPass;
+use surfel_render::{Feature, FramePlan};
+
+/// Features that no GPU backend draws.
+pub const UNSUPPORTED: &[Feature] = &[Feature::ABuffer, Feature::EdgeSamples, Feature::Margin];
+
+/// The parts of a scene that may touch a tile, as indices of its segments.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct VisibleSegments {
+    /// Segments of splats that are drawn as opaque.
+    pub opaque: Vec<usize>,
+    /// Segments of splats that are drawn in layers.
+    pub transparent: Vec<usize>,
+    /// Some splats at the near plane are drawn in layers.
+    pub near_transparent: bool,
+}
+
+impl VisibleSegments {
+    /// True if any splat is drawn in layers.
+    pub fn has_transparent(&self) -> bool {
+        self.near_transparent || !self.transparent.is_empty()
+    }
+}
+
+/// A step of a tile. Segments are given as indices of the scene's.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// Projects splats to records.
+    Setup {
+        /// The splats' segments.
+        segments: Vec<usize>,
+        /// Their splats have not been set up in this tile before, and count as drawn.
+        first: bool,
+    },
+    /// Runs a render pass.
+    Draw {
+        /// The pass.
+        draw: Draw,
+        /// The segments whose records it draws.
+        segments: Vec<usize>,
+        /// It is the tile's first of its kind: it clears its targets, and draws the splats at the near plane, too.
+        first: bool,
+    },
+    /// Runs a compute pass over pixels.
+    PixelPass(PixelPass),
+}
+
+impl Step {
+    /// Its name in the statistics.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Setup { .. } => "setup",
+            Self::Draw { draw, .. } => draw.name(),
+            Self::PixelPass(pass) => pass.name(),
+        }
+    }
+}
+
+/// The steps of a tile that these segments may touch. Records that fit into memory together are set up once; where one
+/// buffer serves all segments in turn (`shared_records`) they are set up again for each pass over the splats.
+pub fn schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
+    let again = shared_records && visible.opaque.len() + visible.transparent.len() > 1;
+    // The segments that are set up and drawn at a time.
+    let batches = |segments: &[usize]| -> Vec<Vec<usize>> {
+        if again && segments.len() > 1 {
+            segments.iter().map(|&segment| vec![segment]).collect()
+        } else {
+            vec![segments.to_vec()]
+        }
+    };
+    let (opaque, transparent) = (batches(&visible.opaque), batches(&visible.transparent));
+    let mut is_set_up = [false; 2];
+    let mut steps = Vec::new();
+    for entry in pass_list(plan) {
+        if entry.is_of_layers() && !visible.has_transparent() {
+            continue;
+        }
+        let batches = if entry.is_of_layers() { &transparent } else { &opaque };
+        let was_set_up = &mut is_set_up[usize::from(entry.is_of_layers())];
+        match entry {
+            PassEntry::Pixels(pass) => steps.push(Step::PixelPass(pass)),
+            PassEntry::Draws(draws) if draws.iter().any(|draw| !draw.draws_records()) => {
+                let without_records = |&draw: &Draw| Step::Draw { draw, segments: Vec::new(), first: true };
+                steps.extend(draws.iter().map(without_records));
+            }
+            PassEntry::Draws(draws) => {
+                for (i, segments) in batches.iter().enumerate() {
+                    if !segments.is_empty() && (again || !*was_set_up) {
+                        steps.push(Step::Setup { segments: segments.clone(), first: !*was_set_up });
+                    }
+                    let draw = |&draw: &Draw| Step::Draw { draw, segments: segments.clone(), first: i == 0 };
+                    steps.extend(draws.iter().map(draw));
+                }
+                *was_set_up = true;
+            }
+        }
+    }
+    steps
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::passes::draw::{Layer, Sums};
+    use crate::passes::targets::TargetFormat;
+    use surfel_model::{Camera, EdgeAa, Projection, Settings};
+    use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
+
+    fn view() -> View {
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
+        View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap()
+    }
+
+    fn planned(planes: Planes, edge_aa: EdgeAa) -> FramePlan {
+        let capabilities = Capabilities::everything("test");
+        let settings = Settings::default().with_edge_aa(edge_aa);
+        plan(&SceneSummary::default(), &view(), &settings, planes, &capabilities).unwrap()
+    }
+
+    fn opaque(segments: &[usize]) -> VisibleSegments {
+        VisibleSegments { opaque: segments.to_vec(), ..VisibleSegments::default() }
+    }
+
+    fn draws(steps: &[Step]) -> Vec<Draw> {
+        let draw = |step: &Step| if let Step::Draw { draw, .. } = step { Some(*draw) } else { None };
+        steps.iter().filter_map(draw).collect()
+    }
+
+    fn setups(steps: &[Step]) -> usize {
+        steps.iter().filter(|s| matches!(s, Step::Setup { .. })).count()
+    }
+
+    #[test]
+    fn unlit_image_needs_one_pass_of_one_target() {
+        let front = |planes| Sums::of(&planned(planes, EdgeAa::Off), Layer::Front);
+        assert_eq!(front(Planes::COLOR), [Sums::Color]);
+        assert_eq!(front(Planes::ALL), [Sums::Surface]);
+        assert_eq!(front(Planes::COLOR.with_fragments(true)), [Sums::Color, Sums::MaterialCounts]);
+    }
+
+    #[test]
+    fn records_of_their_own_are_set_up_once_and_shared_ones_for_each_pass() {
+        let plan = planned(Planes::COLOR, EdgeAa::Off);
+        let own = schedule(&plan, &opaque(&[0, 2, 5]), false);
+        assert_eq!((own.len(), setups(&own)), (4, 1));
+        let shared = schedule(&plan, &opaque(&[0, 2, 5]), true);
+        assert_eq!(setups(&shared), 6);
+        // Visibility of all comes before the first sum.
+        let first_sum = draws(&shared).iter().position(|d| d.is_additive()).unwrap();
+        assert!(!draws(&shared)[first_sum..].contains(&Draw::Visibility));
+        assert_eq!(setups(&schedule(&plan, &opaque(&[3]), true)), 1);
+        // A tile that nothing touches is cleared and shaded all the same.
+        let empty = schedule(&plan, &opaque(&[]), false);
+        assert_eq!(empty.iter().map(Step::name).collect::<Vec<_>>(), ["visibility", "attributes", "shade"]);
+    }
+
+    #[test]
+    fn edges_alone_draw_a_background_behind_the_front_surface() {
+        let (front, behind) = (|s| Draw::Sums(Layer::Front, s), |s| Draw::Sums(Layer::EdgeBackground, s));
+        let plan = planned(Planes::COLOR, EdgeAa::Coverage);
+        let expected = [
+            Draw::VisibilityWithTolerance,
+            front(Sums::Color),
+            front(Sums::MaterialCounts),
+            Draw::Edges,
+            Draw::EdgeBackgroundVisibility,
+            behind(Sums::Color),
+        ];
+        assert_eq!(draws(&schedule(&plan, &opaque(&[0]), false)), expected);
+        assert_eq!(Draw::of(&plan), expected);
+        assert_eq!(setups(&schedule(&plan, &opaque(&[0, 1]), true)), 8);
+        assert_eq!(Draw::of(&planned(Planes::COLOR, EdgeAa::Off)), [Draw::Visibility, front(Sums::Color)]);
+    }
+
+    #[test]
+    fn no_pass_reads_what_it_draws_into_and_none_is_wider_than_32_bytes() {
+        for draw in Draw::of(&planned(Planes::ALL, EdgeAa::Coverage)) {
+            let drawn = draw.colors().iter().copied().chain(draw.depth());
+            for target in drawn {
+                assert!(draw.reads().iter().all(|read| read.1 != target), "{draw:?}");
+            }
+            let four = |target: &&crate::Target| target.format() == TargetFormat::Sums4;
+            assert!(draw.colors().len() <= 2 && draw.colors().iter().filter(four).count() <= 2);
+        }
+    }
+
+    #[test]
+    fn layers_are_drawn_only_where_transparent_splats_are_seen() {
+        use PixelPass::{BeginLayers, NextLayer, PeeledLayer, RemainingLayer, Shade};
+        let capabilities = Capabilities::everything("test");
+        let summary = SceneSummary { transparent: true, ..SceneSummary::default() };
+        let settings = Settings::default().with_transparency("peel:3".parse().unwrap());
+        let plan = plan(&summary, &view(), &settings, Planes::COLOR, &capabilities).unwrap();
+        let pixels = |steps: &[Step]| -> Vec<PixelPass> {
+            steps.iter().filter_map(|s| if let Step::PixelPass(pixels) = s { Some(*pixels) } else { None }).collect()
+        };
+        let clear = schedule(&plan, &opaque(&[0, 1]), false);
+        assert_eq!(pixels(&clear), [BeginLayers, Shade]);
+        assert!(draws(&clear).iter().all(|draw| !draw.is_transparent()));
+        let visible = VisibleSegments { opaque: vec![0], transparent: vec![1], near_transparent: false };
+        for shared in [false, true] {
+            let steps = schedule(&plan, &visible, shared);
+
+            let expected = [BeginLayers, PeeledLayer, NextLayer, PeeledLayer, NextLayer, RemainingLayer, Shade];
+            assert_eq!(pixels(&steps), expected);
+            for step in &steps {
+                if let Step::Draw { draw, segments, .. } = step {
+                    assert_eq!(segments, if draw.is_transparent() { &visible.transparent } else { &visible.opaque });
+                }
+            }
+            let first = steps.iter().filter(|s| matches!(s, Step::Setup { first: true, .. })).count();
+            assert_eq!((first, setups(&steps)), (2, if shared { 2 + 5 } else { 2 }));
+        }
+        let splats = [EdgeAa::Off, EdgeAa::Coverage].map(|edges| PixelPass::of(&planned(Planes::COLOR, edges)));
+        assert_eq!(splats, [[PixelPass::ShadeSplats], [Shade]]);
+        assert_eq!(
+            Draw::of(&planned(Planes::COLOR, EdgeAa::Off)).iter().filter(|draw| draw.is_transparent()).count(),
+            0
+        );
+    }
+}

@@ -1,0 +1,128 @@
+//! The textures that passes draw into, whatever the API.
+
+/// A texture of a tile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Target {
+    /// Depth buffer of the depth threshold, the least z + ε of a pixel, as a reversed depth z_near/z.
+    DepthThreshold,
+    /// Σw·(colour, 1).
+    Color,
+    /// Σw·(normal, z).
+    Surface,
+    /// Σw·material factors.
+    Material,
+    /// Number of fragments, and coverage.
+    Counts,
+    /// The depth threshold z + ε, and the ε of the splat that it is of.
+    ThresholdTolerance,
+    /// The depth threshold at edge pixels as a reversed depth, else 0.
+    EdgeThreshold,
+    /// Like `DepthThreshold`, for the edge background.
+    EdgeBackgroundThreshold,
+    /// Depth buffer of the nearest polygon, reversed.
+    PolygonDepth,
+    /// The nearest polygon's depth, and one more than its index.
+    Polygons,
+    /// Depth buffer of the nearest fragment of oriented splats, reversed.
+    FacingDepth,
+    /// The side that it shows.
+    Facing,
+    /// Like `Color`, for the edge background.
+    EdgeBackgroundColor,
+    /// Like `Surface`, for the edge background.
+    EdgeBackgroundSurface,
+    /// Like `Material`, for the edge background.
+    EdgeBackgroundMaterial,
+    /// Like `DepthThreshold`, for a transparent layer.
+    LayerThreshold,
+    /// Like `Color`, for a transparent layer.
+    LayerColor,
+    /// Like `Surface`, for a transparent layer.
+    LayerSurface,
+    /// Like `Material`, for a transparent layer.
+    LayerMaterial,
+    /// Number of fragments, and Σw·alpha.
+    LayerCounts,
+}
+
+/// What a texel holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TargetFormat {
+    /// A depth buffer in f32.
+    Depth,
+    /// Four sums, in the precision of the sums.
+    Sums4,
+    /// Two sums.
+    Sums2,
+    /// Two numbers in f32.
+    Exact2,
+    /// One number in f32.
+    Exact1,
+}
+
+impl Target {
+    /// All of them.
+    pub const ALL: [Self; 20] = [
+        Self::DepthThreshold,
+        Self::Color,
+        Self::Surface,
+        Self::Material,
+        Self::Counts,
+        Self::ThresholdTolerance,
+        Self::EdgeThreshold,
+        Self::PolygonDepth,
+        Self::Polygons,
+        Self::FacingDepth,
+        Self::Facing,
+        Self::EdgeBackgroundThreshold,
+        Self::EdgeBackgroundColor,
+        Self::EdgeBackgroundSurface,
+        Self::EdgeBackgroundMaterial,
+        Self::LayerThreshold,
+        Self::LayerColor,
+        Self::LayerSurface,
+        Self::LayerMaterial,
+        Self::LayerCounts,
+    ];
+
+    /// A name for messages and debuggers.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::DepthThreshold => "depth threshold",
+            Self::Color => "colour sums",
+            Self::Surface => "surface sums",
+            Self::Material => "material sums",
+            Self::Counts => "fragment counts",
+            Self::ThresholdTolerance => "depth threshold and tolerance",
+            Self::EdgeThreshold => "edge threshold",
+            Self::PolygonDepth => "polygon depth",
+            Self::Polygons => "polygons",
+            Self::FacingDepth => "depth of the shown side",
+            Self::Facing => "shown side",
+            Self::EdgeBackgroundThreshold => "depth threshold of the edge background",
+            Self::EdgeBackgroundColor => "colour sums of the edge background",
+            Self::EdgeBackgroundSurface => "surface sums of the edge background",
+            Self::EdgeBackgroundMaterial => "material sums of the edge background",
+            Self::LayerThreshold => "depth threshold of a layer",
+            Self::LayerColor => "colour sums of a layer",
+            Self::LayerSurface => "surface sums of a layer",
+            Self::LayerMaterial => "material sums of a layer",
+            Self::LayerCounts => "fragment counts of a layer",
+        }
+    }
+
+    /// What its texels hold.
+    pub fn format(self) -> TargetFormat {
+        match self {
+            Self::DepthThreshold
+            | Self::EdgeBackgroundThreshold
+            | Self::PolygonDepth
+            | Self::FacingDepth
+            | Self::LayerThreshold => TargetFormat::Depth,
+            Self::Counts | Self::LayerCounts => TargetFormat::Sums2,
+            Self::ThresholdTolerance | Self::Polygons => TargetFormat::Exact2,
+            Self::EdgeThreshold | Self::Facing => TargetFormat::Exact1,
+            _ => TargetFormat::Sums4,
+        }
+    }
+}

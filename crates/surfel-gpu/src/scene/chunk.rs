@@ -1,0 +1,42 @@
+//! Chunks: splats that lie close together, with bounds for culling.
+
+use surfel_model::SplatCloud;
+use surfel_model::{CHUNK_SPLATS, ChunkSpace};
+use surfel_shaders::layout;
+
+const _: () = assert!(CHUNK_SPLATS == layout::CHUNK_SPLATS as usize, "shaders count the splats of a chunk, too");
+
+/// Up to 256 splats that lie close together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Chunk {
+    /// Object-space origin of the centres, and the scales of stored numbers.
+    pub space: ChunkSpace,
+    /// Radius about the origin of a bounding sphere of the splats (not only of their centres), object units.
+    pub bounding_radius: f64,
+    /// Larger half-axis of the largest splat, object units.
+    pub largest_radius: f64,
+    /// First splat, counted within the segment.
+    pub first: u32,
+    /// Number of splats.
+    pub count: u32,
+}
+
+impl Chunk {
+    /// The chunk of these splats, the first of which is the segment's `first`.
+    pub(crate) fn new(cloud: &SplatCloud, members: &[u32], space: ChunkSpace, first: u32) -> Self {
+        let mut chunk = Self { space, bounding_radius: 0.0, largest_radius: 0.0, first, count: members.len() as u32 };
+        for &i in members {
+            let radius = cloud.radius_max(i as usize);
+            chunk.largest_radius = chunk.largest_radius.max(radius);
+            chunk.bounding_radius =
+                chunk.bounding_radius.max((cloud.center(i as usize) - space.origin).length() + radius);
+        }
+        // Stored centres and radii are rounded, by 16 bits to 1e-4 of the bounding radius at most.
+        let rounded = 1.0 + 1e-4;
+        Self {
+            bounding_radius: chunk.bounding_radius * rounded,
+            largest_radius: chunk.largest_radius * rounded,
+            ..chunk
+        }
+    }
+}

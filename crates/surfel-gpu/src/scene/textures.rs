@@ -1,0 +1,46 @@
+//! Textures of polygons, as the shaders' `texels` hold them.
+
+use std::sync::Arc;
+use surfel_model::{Mesh, Mipmaps, Texture};
+use surfel_shaders::layout;
+
+/// The buffer of all textures: each once, with its mipmaps.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct TextureBuffer {
+    /// Decoded values of the 256 sRGB bytes, then the textures; empty without textures.
+    pub words: Vec<u32>,
+    /// Textures and the words where they start.
+    found: Vec<(Arc<Texture>, u32)>,
+}
+
+impl TextureBuffer {
+    /// The word where the texture of a mesh starts, or `layout::ABSENT`; adds the texture if it is new.
+    pub(crate) fn add(&mut self, mesh: &Mesh) -> u32 {
+        let Some(texture) = mesh.texture.as_ref().filter(|t| mesh.uvs.is_some() && is_whole(t)) else {
+            return layout::ABSENT;
+        };
+        if let Some((_, at)) = self.found.iter().find(|(other, _)| Arc::ptr_eq(other, texture)) {
+            return *at;
+        }
+        if self.words.is_empty() {
+            let decoded = |c: u32| surfel_math::srgb::decode(f64::from(c) / 255.0) as f32;
+            self.words.extend((0..256).map(|c| decoded(c).to_bits()));
+        }
+        let at = self.words.len() as u32;
+        let mipmaps = Mipmaps::new(texture.clone());
+        self.words.extend([texture.width, texture.height, mipmaps.levels().count() as u32]);
+        let texels = texture.width as usize * texture.height as usize;
+        self.words.extend(texture.srgba8.iter().take(texels).map(|&t| u32::from_le_bytes(t)));
+        for level in mipmaps.levels() {
+            self.words.extend(level.iter().flat_map(|&[r, g, b, _]| [r, g, b]).map(f32::to_bits));
+        }
+        self.found.push((texture.clone(), at));
+        at
+    }
+}
+
+/// False for a damaged or empty texture, which counts as white.
+fn is_whole(texture: &Texture) -> bool {
+    let texels = texture.width as usize * texture.height as usize;
+    texels > 0 && texture.srgba8.len() >= texels
+}

@@ -1,0 +1,230 @@
+//! The upload of a scene: cuts clouds into segments and packs them one at a time.
+
+use crate::scene::chunk::Chunk;
+use crate::scene::clip::{self, Variant};
+use crate::scene::limits::Limits;
+use crate::scene::segment::{RecordBytes, Segment, UploadedMesh, UploadedObject, UploadedScene};
+use crate::scene::stored_splats::{StoredLayout, StoredWriter};
+use crate::scene::textures::TextureBuffer;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use surfel_model::{ChunkSpace, Storage, chunks};
+use surfel_model::{Geometry, Scene, SplatCloud};
+use surfel_render::{RenderError, SceneSummary};
+use surfel_shaders::layout;
+
+/// Most splats of a segment: 144 MiB of records.
+const SEGMENT_SPLATS: usize = 1 << 20;
+
+/// An upload in progress. Segments are packed one at a time, so that memory holds a copy of one at most.
+pub struct Upload {
+    scene: UploadedScene,
+    segments: VecDeque<PlannedSegment>,
+    splat_bytes: u64,
+    needed_bytes: u64,
+}
+
+/// A segment that is still to be uploaded.
+struct PlannedSegment {
+    object: u32,
+    variant: Variant,
+    is_transparent: bool,
+    members: Vec<u32>,
+    /// Its chunks, in order.
+    chunks: Vec<PlannedChunk>,
+}
+
+/// A chunk of a planned segment.
+struct PlannedChunk {
+    /// Origin and scales of its numbers.
+    space: ChunkSpace,
+    /// One past the last of its splats among the segment's members.
+    end: usize,
+}
+
+impl Upload {
+    /// Starts an upload.
+    ///
+    /// # Errors
+    /// [`RenderError::Model`] if the scene is invalid, [`RenderError::SceneTooLarge`] if it doesn't fit into the
+    /// memory, [`RenderError::Backend`] if the device's buffers hold no splats, or not the textures.
+    pub fn new(scene: &Scene, storage: Storage, limits: Limits, backend: &'static str) -> Result<Self, RenderError> {
+        scene.validate()?;
+        let summary = SceneSummary::of(scene);
+        let refused = |message| Err(RenderError::Backend { backend, message });
+        let widest = if summary.clips { Variant::Clipped } else { Variant::Whole };
+        if segment_splats(limits, widest) < layout::CHUNK_SPLATS as usize {
+            let most = limits.buffer_bytes;
+            return refused(format!("the device's storage buffers hold {most} bytes, too few to draw from"));
+        }
+        let [r, g, b, a] = scene.background;
+        let (mut objects, mut meshes) = (Vec::new(), Vec::new());
+        let mut textures = TextureBuffer::default();
+        // Of equally near polygons the first is drawn: those of octrees come after all meshes.
+        let mut octrees = Vec::new();
+        for (index, object) in scene.objects.iter().enumerate() {
+            let (world_from_object, material) = (object.world_from_object, object.material);
+            match &object.geometry {
+                Geometry::Splats(cloud) => {
+                    objects.push(UploadedObject { cloud: cloud.clone(), octree: None, world_from_object, material });
+                }
+                Geometry::Mesh(mesh) => {
+                    mesh.validate()?;
+                    for mesh in mesh.by_texture() {
+                        let texture_at = textures.add(&mesh);
+                        meshes.push(UploadedMesh { mesh, octree: None, world_from_object, material, texture_at });
+                    }
+                }
+                Geometry::Octree(octree) => {
+                    let (cloud, parts) = (octree.shared_cloud(), Some((index, octree.clone())));
+                    objects.push(UploadedObject { cloud, octree: parts, world_from_object, material });
+                    octrees.push((index, octree.shared_mesh(), object));
+                }
+            }
+        }
+        for (index, mesh, object) in octrees {
+            let (world_from_object, material) = (object.world_from_object, object.material);
+            let texture_at = textures.add(&mesh);
+            meshes.push(UploadedMesh { mesh, octree: Some(index), world_from_object, material, texture_at });
+        }
+        let texel_bytes = 4 * textures.words.len() as u64;
+        if texel_bytes > limits.buffer_bytes.min(4 * u64::from(u32::MAX)) {
+            let most = limits.buffer_bytes;
+            return refused(format!(
+                "the textures need {texel_bytes} bytes, more than the {most} of the device's buffers"
+            ));
+        }
+        if textures.words.is_empty() {
+            textures.words.push(0);
+        }
+        let of_object = |(object, uploaded): (usize, &UploadedObject)| {
+            planned_segments(object as u32, uploaded, storage, |variant| segment_splats(limits, variant))
+        };
+        let segments: VecDeque<PlannedSegment> = objects.iter().enumerate().flat_map(of_object).collect();
+        let words = |planned: &PlannedSegment| {
+            let cloud = objects.get(planned.object as usize).map(|object| &object.cloud);
+            cloud.map_or(0, |cloud| planned.fields(cloud, storage).words(planned.members.len(), planned.chunks.len()))
+        };
+        let splat_bytes = 4 * segments.iter().map(words).sum::<u64>();
+        let records: Vec<RecordBytes> =
+            segments.iter().map(|planned| RecordBytes::of(planned.members.len(), planned.variant)).collect();
+        let needed = splat_bytes + texel_bytes + RecordBytes::total(&records, limits);
+        if needed > limits.memory_bytes {
+            return Err(RenderError::SceneTooLarge { backend, needed, available: limits.memory_bytes });
+        }
+        let scene = UploadedScene {
+            summary,
+            storage,
+            segments: Vec::with_capacity(segments.len()),
+            texels: textures.words,
+            identity: Arc::new(()),
+            objects,
+            meshes,
+            lights: scene.lights.clone(),
+            ambient: scene.ambient,
+            matcap: scene.matcap.clone(),
+            background: [r * a, g * a, b * a, a],
+        };
+        Ok(Self { scene, segments, splat_bytes, needed_bytes: needed })
+    }
+
+    /// Bytes of all segments' splats together.
+    pub fn splat_bytes(&self) -> u64 {
+        self.splat_bytes
+    }
+
+    /// Bytes of splats, textures and records together.
+    pub fn needed_bytes(&self) -> u64 {
+        self.needed_bytes
+    }
+
+    /// Words of the next segment's splats, or `None` after the last.
+    pub fn next_segment(&mut self) -> Option<Vec<u32>> {
+        let planned = self.segments.pop_front()?;
+        let cloud = &self.scene.objects.get(planned.object as usize)?.cloud;
+        let storage = self.scene.storage;
+        let fields = planned.fields(cloud, storage);
+        let mut packed = StoredWriter::new(storage);
+        let mut chunks = Vec::with_capacity(planned.chunks.len());
+        let mut first = 0;
+        for (index, &PlannedChunk { space, end }) in planned.chunks.iter().enumerate() {
+            let members = planned.members.get(first..end).unwrap_or_default();
+            let code = index as u32 * layout::CHUNK_SPLATS;
+            for (k, &i) in members.iter().enumerate() {
+                fields.push(cloud, i as usize, &space, code + k as u32, &mut packed);
+            }
+            chunks.push(Chunk::new(cloud, members, space, first as u32));
+            first = end;
+        }
+        let (words, scales_at) = packed.finish(planned.chunks.iter().map(|chunk| chunk.space));
+        let PlannedSegment { object, variant, is_transparent, members, .. } = planned;
+        let uniform = fields.uniform(object, members.len() as u32, scales_at);
+        self.scene.segments.push(Segment { object, variant, is_transparent, chunks, members, uniform });
+        Some(words)
+    }
+
+    /// What the CPU keeps, after the last segment.
+    pub fn finish(self) -> UploadedScene {
+        self.scene
+    }
+}
+
+impl PlannedSegment {
+    fn new(object: u32, variant: Variant, is_transparent: bool) -> Self {
+        Self { object, variant, is_transparent, members: Vec::new(), chunks: Vec::new() }
+    }
+
+    fn fields(&self, cloud: &SplatCloud, storage: Storage) -> StoredLayout {
+        StoredLayout::of(cloud, self.variant, self.is_transparent, storage)
+    }
+}
+
+/// Most splats of a segment.
+fn segment_splats(limits: Limits, variant: Variant) -> usize {
+    let largest = match variant {
+        Variant::Whole => layout::record::SIZE,
+        Variant::Clipped => layout::record::SIZE.max(layout::record_clip::SIZE),
+    };
+    (limits.buffer_bytes / largest as u64).min(SEGMENT_SPLATS as u64) as usize
+}
+
+/// The segments of a cloud, apart by clip variant and transparency; none is empty. Chunks are cut before splats are
+/// separated so, so that their stored numbers are those of the CPU backend.
+fn planned_segments(
+    object: u32,
+    uploaded: &UploadedObject,
+    storage: Storage,
+    most: impl Fn(Variant) -> usize,
+) -> Vec<PlannedSegment> {
+    let cloud: &SplatCloud = &uploaded.cloud;
+    let (has_clips, has_alphas) = (cloud.data().clips.is_some(), cloud.is_transparent());
+    let kinds = [false, true].map(|transparent| [Variant::Whole, Variant::Clipped].map(|v| (v, transparent)));
+    let mut open = kinds.as_flattened().iter().map(|&(v, transparent)| PlannedSegment::new(object, v, transparent));
+    let mut open: Vec<PlannedSegment> = open.by_ref().collect();
+    let mut full = Vec::new();
+    // A chunk of an octree holds splats of one node or transition.
+    let orders: Vec<Vec<u32>> = match &uploaded.octree {
+        Some((_, octree)) => octree.parts().map(Iterator::collect).collect(),
+        None => vec![cloud.morton_order()],
+    };
+    for (space, members) in orders.iter().flat_map(|order| chunks(cloud, order, storage)) {
+        for segment in &mut open {
+            let is_own = |i: usize| {
+                (has_alphas && cloud.alpha(i) < 1.0) == segment.is_transparent
+                    && (has_clips && clip::is_clipped(cloud, i)) == (segment.variant == Variant::Clipped)
+            };
+            let own: Vec<u32> = members.iter().copied().filter(|&i| is_own(i as usize)).collect();
+            if own.is_empty() {
+                continue;
+            }
+            if segment.members.len() + own.len() > most(segment.variant) {
+                let next = PlannedSegment::new(object, segment.variant, segment.is_transparent);
+                full.push(std::mem::replace(segment, next));
+            }
+            segment.members.extend(own);
+            segment.chunks.push(PlannedChunk { space, end: segment.members.len() });
+        }
+    }
+    full.extend(open.into_iter().filter(|segment| !segment.members.is_empty()));
+    full
+}

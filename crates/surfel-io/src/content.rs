@@ -1,0 +1,90 @@
+//! What a file can hold, and how it is to be loaded.
+
+use std::path::PathBuf;
+use surfel_model::{Mesh, Octree, PointCloud, Shape, SplatCloud, Up};
+
+/// How to load.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// Drops invalid splats and says how many, instead of refusing the file.
+    pub repair: bool,
+    /// A texture (PNG, JPEG or WebP) for a mesh that has texture coordinates and names no texture itself.
+    pub texture: Option<PathBuf>,
+}
+
+/// What a file held.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Content {
+    /// Splats, valid and ready to be drawn.
+    Splats(SplatCloud),
+    /// Points without extent; all positions are finite.
+    Points(PointCloud),
+    /// Triangles; indices are in range and positions finite.
+    Mesh(Mesh),
+    /// Splats and polygons in an octree.
+    Octree(Box<Octree>),
+}
+
+impl Content {
+    /// The axis that the file itself says is up.
+    pub fn own_up(&self) -> Option<Up> {
+        match self {
+            Self::Splats(splats) => splats.data().up,
+            Self::Points(points) => points.up,
+            Self::Mesh(mesh) => mesh.up,
+            Self::Octree(octree) => octree.mesh().up,
+        }
+    }
+
+    /// The attributes in words: "position", "normal", "colour", … and the names of those that Surfel doesn't
+    /// interpret.
+    pub(crate) fn attributes(&self) -> Vec<String> {
+        let mut found = vec!["position".to_owned()];
+        let mut add = |there: bool, name: &str| {
+            if there {
+                found.push(name.to_owned());
+            }
+        };
+        let extras = match self {
+            Self::Splats(splats) => {
+                let d = splats.data();
+                let clips = d.clips.as_ref();
+                let disks = matches!(d.shape, Shape::Disks { .. });
+                add(disks, "normal");
+                add(disks, "radius");
+                add(!disks, "half-axes");
+                add(d.shading_normals.is_some(), "shading normal");
+                add(d.colors.is_some(), "colour");
+                add(d.alphas.is_some(), "alpha");
+                add(clips.is_some_and(|c| c.curves.is_some()), "clip curve");
+                add(clips.is_some_and(|c| c.lines.is_some()), "clip lines");
+                add(d.interior_weight.is_some(), "interior weight");
+                d.extras.as_slice()
+            }
+            Self::Points(p) => {
+                add(p.normals.is_some(), "normal");
+                add(p.colors.is_some(), "colour");
+                add(p.alphas.is_some(), "alpha");
+                p.extras.as_slice()
+            }
+            Self::Mesh(mesh) => {
+                of_mesh(mesh, &mut add);
+                &[]
+            }
+            Self::Octree(octree) => {
+                of_mesh(octree.mesh(), &mut add);
+                &[]
+            }
+        };
+        found.extend(extras.iter().map(|e| e.name.escape_debug().to_string()));
+        found
+    }
+}
+
+fn of_mesh(m: &Mesh, add: &mut impl FnMut(bool, &str)) {
+    add(m.normals.is_some(), "normal");
+    add(m.colors.is_some(), "colour");
+    add(m.alphas.is_some(), "alpha");
+    add(m.uvs.is_some(), "texture coordinates");
+    add(m.textures().next().is_some(), "texture");
+}

@@ -1,0 +1,69 @@
+//! What every reader is given: the options, the files beside its own, and a place for its notes. The checks that all
+//! splats, points and meshes go through are here, too.
+
+use crate::content::{Content, LoadOptions};
+use crate::error::{Fault, Problem};
+use crate::files::{self, Siblings};
+use crate::images::texture::TextureDecoder;
+use std::sync::Arc;
+use surfel_model::{CloudData, Mesh, OnInvalid, PointCloud, SplatCloud};
+
+/// What readers share while one file is loaded.
+pub(crate) struct Context<'a> {
+    pub(crate) options: &'a LoadOptions,
+    /// The files that lie beside the one being loaded.
+    pub(crate) siblings: Siblings,
+    /// What the user should know, as sentences without a full stop.
+    pub(crate) notes: Vec<String>,
+    /// Decodes textures within what one file may use.
+    pub(crate) textures: TextureDecoder,
+    /// The splats were Gaussians.
+    pub(crate) gaussian: bool,
+}
+
+impl<'a> Context<'a> {
+    pub(crate) fn new(options: &'a LoadOptions, siblings: Siblings) -> Self {
+        Self { options, siblings, notes: Vec::new(), textures: TextureDecoder::new(), gaussian: false }
+    }
+
+    pub(crate) fn note(&mut self, note: String) {
+        self.notes.push(note);
+    }
+
+    /// Validates splats, or drops the invalid ones.
+    pub(crate) fn splats(&mut self, data: CloudData) -> Result<Content, Fault> {
+        let on_invalid = if self.options.repair { OnInvalid::Drop } else { OnInvalid::Refuse };
+        let (cloud, repaired) = SplatCloud::new(data, on_invalid)?;
+        if let Some((index, problem)) = repaired.first {
+            self.note(format!("dropped {} invalid splats; the first was splat {index}: {problem}", repaired.dropped));
+        }
+        Ok(Content::Splats(cloud))
+    }
+
+    /// Drops points whose position isn't finite.
+    pub(crate) fn points(&mut self, mut points: PointCloud) -> Result<Content, Fault> {
+        points.check_columns()?;
+        let dropped = points.drop_non_finite();
+        if dropped > 0 {
+            self.note(format!("dropped {dropped} points whose coordinates are not finite"));
+        }
+        Ok(Content::Points(points))
+    }
+
+    /// Validates a mesh and gives it the texture of the options, if it wants one.
+    pub(crate) fn mesh(&mut self, mut mesh: Mesh) -> Result<Content, Fault> {
+        mesh.validate()?;
+        let untextured = mesh.uvs.is_some() && mesh.textures().next().is_none();
+        if let Some(path) = self.options.texture.as_ref().filter(|_| untextured) {
+            let texture = files::read(path, 1 << 30).map_err(|e| e.to_string());
+            let texture = texture.and_then(|bytes| self.textures.decode(&bytes));
+            let texture =
+                texture.map_err(|why| Problem::new(format!("can't use the texture {}: {why}", path.display())))?;
+            let texture = Arc::new(texture);
+            let materials = mesh.materials.iter_mut().flat_map(|all| &mut all.materials);
+            materials.for_each(|material| material.texture = Some(texture.clone()));
+            mesh.texture = Some(texture);
+        }
+        Ok(Content::Mesh(mesh))
+    }
+}

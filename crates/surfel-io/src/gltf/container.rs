@@ -1,0 +1,51 @@
+//! The two containers of glTF: JSON alone, and GLB, which is JSON and one buffer in a file.
+
+use crate::error::{Fault, Location, Problem};
+
+/// The parts of a file.
+pub(super) struct Container<'a> {
+    pub(super) json: &'a [u8],
+    /// GLB's buffer, which is the document's first one.
+    pub(super) binary: Option<&'a [u8]>,
+}
+
+/// "JSON" and "BIN\0", little endian.
+const JSON: u32 = 0x4E4F_534A;
+const BINARY: u32 = 0x004E_4942;
+
+/// Splits a file by its signature.
+pub(super) fn split(bytes: &[u8]) -> Result<Container<'_>, Fault> {
+    let (json, binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
+    let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
+    // Blanks pad the chunk; some programs write zeros.
+    let length = json.iter().rposition(|&b| b != 0 && !b.is_ascii_whitespace()).map_or(0, |last| last + 1);
+    Ok(Container { json: &json[..length], binary })
+}
+
+/// The JSON and the binary chunk of a GLB file.
+fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
+    let word = |offset: usize| {
+        let raw = bytes.get(offset..offset.checked_add(4)?)?;
+        Some(u32::from_le_bytes(raw.try_into().ok()?))
+    };
+    if word(4) != Some(2) {
+        let what = format!("the GLB version is {}", word(4).map_or("missing".into(), |v| v.to_string()));
+        return Err(Problem::new(what).at(Location::Byte(4)).expected("2").into());
+    }
+    let chunk = |offset: usize, kind: u32| {
+        let length = word(offset)? as usize;
+        if word(offset.checked_add(4)?)? != kind {
+            return None;
+        }
+        let start = offset.checked_add(8)?;
+        let end = start.checked_add(length)?;
+        Some((bytes.get(start..end)?, end))
+    };
+    let Some((json, end)) = chunk(12, JSON) else {
+        let problem = Problem::new("the GLB file has no complete JSON chunk").at(Location::Byte(12));
+        return Err(problem.help("copy or export the file again: it is incomplete").into());
+    };
+    // A chunk is to be padded to four bytes, and its length to count the padding; not every program does either.
+    let binary = chunk(end, BINARY).or_else(|| chunk(end.next_multiple_of(4), BINARY));
+    Ok((json, binary.map(|(data, _)| data)))
+}

@@ -1,0 +1,162 @@
+//! Primitives: their attributes in the model's types, at rest and in world space.
+
+use super::buffers::Asset;
+use super::document::out_of_range;
+use super::draco::DracoMesh;
+use super::materials::BaseColor;
+use super::rest_pose::{Pose, add_displacements};
+use crate::error::Problem;
+use glam::{DAffine3, DMat3, DVec3};
+use gltf::{Primitive, Semantic};
+
+/// Where a primitive's attributes come from: its accessors or a compressed mesh.
+pub(super) struct Attributes<'a> {
+    pub(super) asset: &'a Asset<'a>,
+    pub(super) primitive: &'a Primitive<'a>,
+    /// The index of the primitive's mesh.
+    pub(super) mesh: usize,
+    pub(super) compressed: Option<&'a DracoMesh>,
+}
+
+/// A primitive's vertices in world space; every column has one value a vertex.
+pub(super) struct Vertices {
+    pub(super) positions: Vec<DVec3>,
+    pub(super) normals: Option<Vec<[f32; 3]>>,
+    /// Linear RGB and alpha.
+    pub(super) colors: Option<Vec<[f32; 4]>>,
+    pub(super) uvs: Option<Vec<[f32; 2]>>,
+    /// The placement turns corners around.
+    pub(super) mirrored: bool,
+}
+
+impl Attributes<'_> {
+    /// An attribute's values, `N` a vertex, if the primitive has it.
+    pub(super) fn floats<const N: usize>(&self, semantic: &Semantic) -> Result<Option<Vec<[f32; N]>>, Problem> {
+        let Some(accessor) = self.primitive.get(semantic) else { return Ok(None) };
+        let name = semantic.to_string();
+        match self.compressed.and_then(|mesh| mesh.floats(&name, accessor.normalized())) {
+            Some(values) => Ok(Some(values)),
+            None => self.asset.floats(&accessor).map(Some),
+        }
+    }
+
+    /// The values of an attribute that the `gltf` crate has no name for, if the primitive has it.
+    pub(super) fn named_floats<const N: usize>(&self, name: &str) -> Result<Option<Vec<[f32; N]>>, Problem> {
+        let document = self.asset.document;
+        let Some(index) = document.attribute(self.primitive, self.mesh, name) else { return Ok(None) };
+        let accessors = document.gltf.accessors();
+        let count = accessors.len();
+        let accessor = document.gltf.accessors().nth(index);
+        self.asset.floats(&accessor.ok_or_else(|| out_of_range("accessor", index, count))?).map(Some)
+    }
+
+    /// The vertices that primitives are made of, in order.
+    pub(super) fn corners(&self, vertices: usize) -> Result<Vec<u32>, Problem> {
+        match (self.compressed, self.primitive.indices()) {
+            (Some(mesh), _) => Ok(mesh.corners()),
+            (None, Some(indices)) => self.asset.indices(&indices),
+            (None, None) => Ok((0..vertices as u32).collect()),
+        }
+    }
+
+    /// Positions and normals as stored, with the morph targets of these weights added.
+    pub(super) fn at_rest(&self, positions: &mut [[f32; 3]], weights: &[f32]) -> Result<Option<Normals>, Problem> {
+        let mut normals = self.floats::<3>(&Semantic::Normals)?;
+        let targets = self.primitive.morph_targets().zip(weights).filter(|(_, weight)| **weight != 0.0);
+        for (target, &weight) in targets {
+            if let Some(accessor) = target.positions() {
+                let displacements = self.asset.floats::<3>(&accessor)?;
+                same_count("a morph target", Some(displacements.len()), positions.len())?;
+                add_displacements(positions, &displacements, weight);
+            }
+            if let (Some(normals), Some(accessor)) = (&mut normals, target.normals()) {
+                add_displacements(normals, &self.asset.floats::<3>(&accessor)?, weight);
+            }
+        }
+        Ok(normals)
+    }
+
+    /// All attributes of the surface. `normals` are those of [`Self::at_rest`].
+    pub(super) fn surface(
+        &self,
+        positions: Vec<[f32; 3]>,
+        normals: Option<Normals>,
+        base: Option<&BaseColor>,
+    ) -> Result<Surface, Problem> {
+        let n = positions.len();
+        let colors = self.floats::<4>(&Semantic::Colors(0))?;
+        let uvs = self.floats::<2>(&Semantic::TexCoords(base.map_or(0, |b| b.set)))?;
+        same_count("NORMAL", normals.as_ref().map(Vec::len), n)?;
+        same_count("COLOR_0", colors.as_ref().map(Vec::len), n)?;
+        same_count("TEXCOORD", uvs.as_ref().map(Vec::len), n)?;
+        let transform = base.and_then(|b| b.transform);
+        let uvs = match (uvs, transform) {
+            (Some(uvs), Some(transform)) => Some(uvs.into_iter().map(|uv| transform.apply(uv)).collect()),
+            (uvs, _) => uvs,
+        };
+        Ok(Surface { positions, normals, colors, uvs })
+    }
+}
+
+/// A primitive's vertices where they are stored, at rest.
+pub(super) struct Surface {
+    positions: Vec<[f32; 3]>,
+    normals: Option<Normals>,
+    colors: Option<Vec<[f32; 4]>>,
+    uvs: Option<Vec<[f32; 2]>>,
+}
+
+impl Surface {
+    /// All vertices in world space.
+    pub(super) fn place(&self, pose: &Pose) -> Vertices {
+        Vertices {
+            positions: world_positions(&self.positions, pose),
+            normals: self.normals.as_ref().map(|normals| world_normals(normals, pose)),
+            colors: self.colors.clone(),
+            uvs: self.uvs.clone(),
+            mirrored: pose.of_vertex(0).matrix3.determinant() < 0.0,
+        }
+    }
+}
+
+/// Normals of a primitive, one a vertex.
+pub(super) type Normals = Vec<[f32; 3]>;
+
+/// Positions in world space.
+pub(super) fn world_positions(positions: &[[f32; 3]], pose: &Pose) -> Vec<DVec3> {
+    let place = |(i, p): (usize, &[f32; 3])| pose.of_vertex(i).transform_point3(DVec3::from(p.map(f64::from)));
+    positions.iter().enumerate().map(place).collect()
+}
+
+fn world_normals(normals: &Normals, pose: &Pose) -> Normals {
+    let rigid = match pose {
+        Pose::Rigid(world) => Some(inverse_transpose(*world)),
+        Pose::Skinned(_) => None,
+    };
+    let place = |(i, &n)| transform_normal(rigid.unwrap_or_else(|| inverse_transpose(pose.of_vertex(i))), n);
+    normals.iter().enumerate().map(place).collect()
+}
+
+/// An error unless an attribute that is there has as many values as there are positions.
+pub(super) fn same_count(name: &str, found: Option<usize>, positions: usize) -> Result<(), Problem> {
+    match found {
+        Some(found) if found != positions => {
+            Err(Problem::new(format!("{name} has {found} values")).expected(format!("{positions}, as POSITION")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The inverse transpose up to scale, which is finite for any finite matrix.
+fn inverse_transpose(world: DAffine3) -> DMat3 {
+    let m = world.matrix3;
+    let sign = 1.0_f64.copysign(m.determinant());
+    DMat3::from_cols(m.y_axis.cross(m.z_axis) * sign, m.z_axis.cross(m.x_axis) * sign, m.x_axis.cross(m.y_axis) * sign)
+}
+
+fn transform_normal(matrix: DMat3, normal: [f32; 3]) -> [f32; 3] {
+    if matrix == DMat3::IDENTITY {
+        return normal;
+    }
+    surfel_math::basis::unit(matrix * DVec3::from(normal.map(f64::from))).as_vec3().to_array()
+}

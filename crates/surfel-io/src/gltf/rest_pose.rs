@@ -1,0 +1,89 @@
+//! The rest pose: morph targets at their default weights, and skins where their joints are.
+
+use super::buffers::Asset;
+use super::nodes::Nodes;
+use crate::error::Problem;
+use glam::{DAffine3, DMat3, DMat4, DVec3};
+use gltf::Skin;
+use std::rc::Rc;
+
+/// Where a primitive's vertices go.
+pub(super) enum Pose {
+    /// All by the same placement: that of their node.
+    Rigid(DAffine3),
+    /// Each by a blend of joints.
+    Skinned(SkinnedPose),
+}
+
+/// Joints and their shares, four of each a set.
+pub(super) struct SkinnedPose {
+    /// World from the mesh as it was bound, for each joint.
+    pub(super) joints: Rc<Vec<DAffine3>>,
+    /// Indices and weights of each vertex, a set at a time.
+    pub(super) sets: Vec<JointSet>,
+    /// Where a vertex goes that no joint holds.
+    pub(super) world: DAffine3,
+}
+
+/// `JOINTS_n` and `WEIGHTS_n`.
+pub(super) struct JointSet {
+    pub(super) indices: Vec<[f32; 4]>,
+    pub(super) weights: Vec<[f32; 4]>,
+}
+
+impl Pose {
+    /// World from a vertex's own space.
+    pub(super) fn of_vertex(&self, vertex: usize) -> DAffine3 {
+        match self {
+            Self::Rigid(world) => *world,
+            Self::Skinned(skinned) => skinned.of_vertex(vertex),
+        }
+    }
+}
+
+impl SkinnedPose {
+    fn of_vertex(&self, vertex: usize) -> DAffine3 {
+        let (mut linear, mut translation, mut total) = (DMat3::ZERO, DVec3::ZERO, 0.0);
+        for set in &self.sets {
+            let (Some(indices), Some(weights)) = (set.indices.get(vertex), set.weights.get(vertex)) else { continue };
+            for (&index, &weight) in indices.iter().zip(weights) {
+                // Joints are counted by integers, which these floats hold exactly.
+                let Some(joint) = self.joints.get(index as usize).filter(|_| weight != 0.0) else { continue };
+                let weight = f64::from(weight);
+                linear += joint.matrix3 * weight;
+                translation += joint.translation * weight;
+                total += weight;
+            }
+        }
+        // Weights of 8 bits don't always come to one.
+        if total > 0.0 {
+            return DAffine3 { matrix3: linear * (1.0 / total), translation: translation / total };
+        }
+        self.world
+    }
+}
+
+/// World from the mesh as it was bound, for each joint of a skin.
+pub(super) fn joints(asset: &Asset<'_>, skin: &Skin<'_>, nodes: &Nodes) -> Result<Vec<DAffine3>, Problem> {
+    let joints: Vec<usize> =
+        asset.document.gltf.as_json().skins[skin.index()].joints.iter().map(gltf::json::Index::value).collect();
+    let inverse = skin.inverse_bind_matrices().map(|accessor| asset.floats::<16>(&accessor)).transpose()?;
+    if let Some(matrices) = inverse.as_ref().filter(|m| m.len() < joints.len()) {
+        let what = format!("a skin of {} joints has {} inverse bind matrices", joints.len(), matrices.len());
+        return Err(Problem::new(what).expected("one for each joint"));
+    }
+    let bound = |i: usize| match inverse.as_ref().and_then(|m| m.get(i)) {
+        Some(matrix) => DAffine3::from_mat4(DMat4::from_cols_array(&matrix.map(f64::from))),
+        None => DAffine3::IDENTITY,
+    };
+    Ok(joints.iter().enumerate().map(|(i, &node)| nodes.world[node] * bound(i)).collect())
+}
+
+/// Adds a morph target's displacements, as far as it has them.
+pub(super) fn add_displacements(values: &mut [[f32; 3]], displacements: &[[f32; 3]], weight: f32) {
+    for (value, by) in values.iter_mut().zip(displacements) {
+        for (v, d) in value.iter_mut().zip(by) {
+            *v += weight * d;
+        }
+    }
+}

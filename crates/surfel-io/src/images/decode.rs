@@ -1,0 +1,143 @@
+//! PNG, JPEG and WebP as texels of four samples, within given memory.
+//!
+//! A palette, greys and bits below eight are expanded; samples of 16 bits stay. No colour profile is applied: samples
+//! are taken as sRGB-encoded, and alpha as straight.
+
+use crate::color::{linear_of_8_bit, linear_of_16_bit};
+use std::io::Cursor;
+
+/// A decoded image, row by row from the top.
+pub(super) struct Decoded {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) samples: Samples,
+}
+
+/// Red, green, blue and alpha of each texel, in as many bits as the file has.
+pub(super) enum Samples {
+    Eight(Vec<[u8; 4]>),
+    Sixteen(Vec<[u16; 4]>),
+}
+
+pub(super) fn is_png(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"\x89PNG\r\n\x1a\n")
+}
+
+pub(super) fn is_jpeg(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0xff, 0xd8, 0xff])
+}
+
+pub(super) fn is_webp(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP")
+}
+
+/// True if the bytes are of an image that is decoded here, or would be in another build.
+pub(super) fn is_image(bytes: &[u8]) -> bool {
+    is_png(bytes) || is_jpeg(bytes) || is_webp(bytes)
+}
+
+/// True if `bytes` bytes of an image can hold that many pixels: decoders allocate by the header's word.
+///
+/// Deflate packs at most 1032 bytes into one, which is 8256 pixels of one bit; JPEG less. WebP has a form in which a
+/// pixel takes no bit at all, so up to 4096² of one colour are believed.
+pub(super) fn can_hold(bytes: &[u8], width: u32, height: u32) -> bool {
+    let free = if is_webp(bytes) { 1 << 24 } else { 1 << 16 };
+    u64::from(width) * u64::from(height) <= bytes.len() as u64 * 8256 + free
+}
+
+/// Width and height as the file's header says, or why there is none.
+pub(super) fn size_of(bytes: &[u8]) -> Result<(u32, u32), String> {
+    if is_png(bytes) {
+        let reader = png::Decoder::new(Cursor::new(bytes)).read_info().map_err(|e| e.to_string())?;
+        return Ok(reader.info().size());
+    }
+    if is_jpeg(bytes) {
+        #[cfg(feature = "jpeg")]
+        return super::jpeg::size_of(bytes);
+        #[cfg(not(feature = "jpeg"))]
+        return Err("this build reads no JPEG (Cargo feature \"jpeg\" of surfel-io)".into());
+    }
+    if is_webp(bytes) {
+        #[cfg(feature = "webp")]
+        return super::webp::size_of(bytes);
+        #[cfg(not(feature = "webp"))]
+        return Err("this build reads no WebP (Cargo feature \"webp\" of surfel-io)".into());
+    }
+    Err("it is neither PNG nor JPEG nor WebP".into())
+}
+
+/// Decodes an image whose size has been checked, or says why not.
+pub(super) fn decode(bytes: &[u8], max_bytes: usize) -> Result<Decoded, String> {
+    if is_png(bytes) {
+        return decode_png(bytes, max_bytes);
+    }
+    #[cfg(feature = "webp")]
+    if is_webp(bytes) {
+        return super::webp::decode(bytes, max_bytes);
+    }
+    #[cfg(feature = "jpeg")]
+    return super::jpeg::decode(bytes);
+    #[cfg(not(feature = "jpeg"))]
+    Err("this build reads no JPEG (Cargo feature \"jpeg\" of surfel-io)".into())
+}
+
+fn decode_png(bytes: &[u8], max_bytes: usize) -> Result<Decoded, String> {
+    let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: max_bytes });
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let mut reader = decoder.read_info().map_err(|e| e.to_string())?;
+    let (width, height) = reader.info().size();
+    let (color, depth) = reader.output_color_type();
+    let size = reader.output_buffer_size().filter(|&size| size <= max_bytes);
+    let mut data = vec![0; size.ok_or("its samples take more memory than they may")?];
+    reader.next_frame(&mut data).map_err(|e| e.to_string())?;
+    let samples = if depth == png::BitDepth::Sixteen {
+        let words: Vec<u16> = data.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
+        Samples::Sixteen(texels(&words, color.samples(), u16::MAX))
+    } else {
+        Samples::Eight(texels(&data, color.samples(), u8::MAX))
+    };
+    Ok(Decoded { width, height, samples })
+}
+
+/// Keywords and texts of a PNG's `tEXt` and `iTXt` chunks before its pixels, in the order of their names; none of any
+/// other format.
+pub(super) fn texts(bytes: &[u8]) -> Vec<(String, String)> {
+    if !is_png(bytes) {
+        return Vec::new();
+    }
+    let Ok(reader) = png::Decoder::new(Cursor::new(bytes)).read_info() else { return Vec::new() };
+    let info = reader.info();
+    let latin = info.uncompressed_latin1_text.iter().map(|c| (c.keyword.clone(), c.text.clone()));
+    let utf8 = info.utf8_text.iter().filter_map(|c| Some((c.keyword.clone(), c.get_text().ok()?)));
+    let mut texts: Vec<_> = latin.chain(utf8).collect();
+    texts.sort();
+    texts
+}
+
+/// Greys, greys with alpha, RGB or RGBA, by the number of channels, as RGBA.
+pub(super) fn texels<T: Copy>(samples: &[T], channels: usize, opaque: T) -> Vec<[T; 4]> {
+    let of = |t: &[T]| match *t {
+        [grey] => [grey, grey, grey, opaque],
+        [grey, alpha] => [grey, grey, grey, alpha],
+        [r, g, b] => [r, g, b, opaque],
+        [r, g, b, alpha, ..] => [r, g, b, alpha],
+        [] => [opaque; 4],
+    };
+    samples.chunks_exact(channels.max(1)).map(of).collect()
+}
+
+/// A texel of 8-bit levels as a linear premultiplied colour.
+pub(super) fn linear_8_bit([r, g, b, a]: [u8; 4]) -> [f32; 4] {
+    let table = linear_of_8_bit();
+    premultiply([r, g, b].map(|c| table[usize::from(c)]), f32::from(a) / 255.0)
+}
+
+/// A texel of 16-bit levels as a linear premultiplied colour.
+pub(super) fn linear_16_bit([r, g, b, a]: [u16; 4]) -> [f32; 4] {
+    let table = linear_of_16_bit();
+    premultiply([r, g, b].map(|c| table[usize::from(c)]), f32::from(a) / 65_535.0)
+}
+
+fn premultiply([r, g, b]: [f32; 3], a: f32) -> [f32; 4] {
+    [r * a, g * a, b * a, a]
+}

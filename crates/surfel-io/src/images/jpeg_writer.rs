@@ -1,0 +1,68 @@
+//! Writing JPEG: baseline, sRGB-encoded, without chroma subsampling, blended onto a background.
+
+use super::planes::PlanesView;
+use crate::atomic;
+use crate::color::nearest_8_bit;
+use crate::error::IoError;
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+use std::io::{self, Write};
+use std::path::Path;
+
+/// Largest width or height of a JPEG, in pixels.
+const MAX_SIDE: u32 = 65_535;
+
+/// How to write a JPEG.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JpegOptions {
+    /// Quality as the Independent JPEG Group's library counts it, from 1 (worst) to 100; 92 by default.
+    pub quality: u8,
+    /// Linear RGB of what lies behind the picture: a JPEG has no alpha, so `color + (1 - alpha) * background` is
+    /// written.
+    pub background: [f32; 3],
+}
+
+impl Default for JpegOptions {
+    fn default() -> Self {
+        Self { quality: 92, background: [0.0; 3] }
+    }
+}
+
+/// Writes the colour plane as JPEG: 8 bits, sRGB-encoded, 4:4:4, blended onto the background. NaN becomes 0.
+///
+/// # Errors
+/// [`io::Error`] if there is no colour plane, its size is wrong or more than 65,535 pixels a side, the quality is out
+/// of its range, or `out` fails.
+pub fn write_jpeg(out: &mut dyn Write, planes: &PlanesView<'_>, options: &JpegOptions) -> io::Result<()> {
+    let invalid = |message: String| io::Error::new(io::ErrorKind::InvalidInput, message);
+    let pixels = planes.pixels()?;
+    let color = planes.color.filter(|c| c.len() == pixels);
+    let color = color.ok_or_else(|| invalid("a JPEG needs a colour plane".to_owned()))?;
+    let too_large = || {
+        let (width, height) = (planes.width, planes.height);
+        invalid(format!("{width}x{height} pixels, expected at most {MAX_SIDE} a side in a JPEG: write a PNG"))
+    };
+    let side = |pixels: u32| u16::try_from(pixels).map_err(|_| too_large());
+    if !(1..=100).contains(&options.quality) {
+        return Err(invalid(format!("a JPEG's quality is {}, expected 1 to 100", options.quality)));
+    }
+    let data: Vec<u8> = color.iter().flat_map(|&c| to_rgb(c, options.background)).collect();
+    let mut encoder = Encoder::new(out, options.quality);
+    // Halved chroma would smear the edges of coloured things, which are sharp here.
+    encoder.set_sampling_factor(SamplingFactor::F_1_1);
+    let written = encoder.encode(&data, side(planes.width)?, side(planes.height)?, ColorType::Rgb);
+    written.map_err(io::Error::other)
+}
+
+/// As [`write_jpeg`], to a file that appears whole or not at all.
+///
+/// # Errors
+/// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
+pub fn save_jpeg(path: &Path, overwrite: bool, planes: &PlanesView<'_>, options: &JpegOptions) -> Result<(), IoError> {
+    atomic::write(path, overwrite, |out| write_jpeg(out, planes, options))
+}
+
+fn to_rgb([r, g, b, a]: [f32; 4], background: [f32; 3]) -> [u8; 3] {
+    // A NaN fails the comparison: what has no alpha shows the background alone.
+    let (color, behind) = if a > 0.0 { ([r, g, b], 1.0 - a.min(1.0)) } else { ([0.0; 3], 1.0) };
+    std::array::from_fn(|c| nearest_8_bit(color[c] + behind * background[c]))
+}

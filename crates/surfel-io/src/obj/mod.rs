@@ -1,0 +1,267 @@
+//! Wavefront OBJ with its MTL materials.
+//!
+//! Positions keep every decimal. Vertex colours (`v x y z r g b`) are what a program displayed, so they are
+//! sRGB-encoded; `Kd` is linear and multiplies the texture.
+
+mod mtl;
+
+use crate::ascii::{Lines, number, words};
+use crate::color::linear_of_unit;
+use crate::columns::measured_positions;
+use crate::content::Content;
+use crate::context::Context;
+use crate::error::{Fault, Location, Problem, quote};
+use crate::materials::Parts;
+use glam::DVec3;
+use std::collections::HashMap;
+use surfel_model::PointCloud;
+
+/// A corner without texture coordinate or normal.
+const NONE: u32 = u32::MAX;
+
+/// True if `head` starts like OBJ: with one of its keywords.
+pub(crate) fn looks_like(head: &[u8]) -> bool {
+    let mut lines = Lines::new(head).filter_map(|(_, line)| words(line).next()).filter(|w| !w.starts_with(b"#"));
+    let keywords: [&[u8]; 9] = [b"v", b"vn", b"vt", b"f", b"o", b"g", b"mtllib", b"usemtl", b"s"];
+    lines.next().is_some_and(|w| keywords.contains(&w))
+}
+
+/// A file's statements, with material names resolved to indices.
+#[derive(Default)]
+struct Obj {
+    positions: Vec<DVec3>,
+    /// As displayed; shorter than `positions` where only some vertices are coloured.
+    colors: Vec<[f32; 3]>,
+    uvs: Vec<[f32; 2]>,
+    normals: Vec<[f32; 3]>,
+    /// Position, texture coordinate, normal, material.
+    corners: Vec<[u32; 4]>,
+    /// Number of corners of each face.
+    faces: Vec<u32>,
+    names: HashMap<String, u32>,
+    material: u32,
+    libraries: Vec<String>,
+    comments: Vec<String>,
+    lines_ignored: usize,
+}
+
+pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
+    let mut obj = Obj::default();
+    let mut joined: Vec<u8> = Vec::new();
+    for (number, line) in Lines::new(bytes) {
+        // A backslash joins a line to the next.
+        if let Some(part) = line.strip_suffix(b"\\") {
+            joined.extend_from_slice(part);
+            joined.push(b' ');
+        } else if joined.is_empty() {
+            obj.statement(line).map_err(|p| p.at(Location::Line(number)))?;
+        } else {
+            joined.extend_from_slice(line);
+            obj.statement(&std::mem::take(&mut joined)).map_err(|p| p.at(Location::Line(number)))?;
+        }
+    }
+    if !joined.is_empty() {
+        obj.statement(&joined)?;
+    }
+    if obj.positions.is_empty() {
+        return Err(Problem::new("holds no vertex").expected("OBJ lines 'v X Y Z'").into());
+    }
+    if obj.lines_ignored > 0 {
+        context.note(format!("ignored {} curves, lines or other elements that are not polygons", obj.lines_ignored));
+    }
+    if obj.faces.is_empty() { obj.points(context) } else { obj.mesh(context) }
+}
+
+impl Obj {
+    fn statement(&mut self, line: &[u8]) -> Result<(), Problem> {
+        let mut words = words(line);
+        let Some(keyword) = words.next() else { return Ok(()) };
+        match keyword {
+            b"v" => self.vertex(words)?,
+            b"vt" => {
+                let [u, v] = numbers(&mut words, "vt U V", 1)?;
+                self.uvs.push([u as f32, 1.0 - v as f32]);
+            }
+            b"vn" => {
+                let n: [f64; 3] = numbers(&mut words, "vn X Y Z", 3)?;
+                self.normals.push(n.map(|x| x as f32));
+            }
+            b"f" => self.face(words)?,
+            b"usemtl" => {
+                let name = rest_of(line, keyword);
+                let next = u32::try_from(self.names.len()).unwrap_or(NONE);
+                self.material = *self.names.entry(name).or_insert(next);
+            }
+            b"mtllib" => self.libraries.push(rest_of(line, keyword)),
+            b"l" | b"curv" | b"curv2" | b"surf" => self.lines_ignored += 1,
+            _ if keyword.starts_with(b"#") && self.positions.is_empty() && self.comments.len() < 1000 => {
+                let text = String::from_utf8_lossy(line);
+                let text = text.trim().trim_start_matches('#').trim();
+                if !text.is_empty() {
+                    self.comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
+                }
+            }
+            // Groups, smoothing and free-form parameters say nothing about shape or colour here.
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn vertex<'a>(&mut self, mut words: impl Iterator<Item = &'a [u8]>) -> Result<(), Problem> {
+        self.positions.push(DVec3::from(numbers::<3>(&mut words, "v X Y Z", 3)?));
+        let mut rest = [0.0; 4];
+        let mut count = 0;
+        for word in words.take(4) {
+            rest[count] = number(word).ok_or_else(|| bad_number(word, "v X Y Z [R G B]"))?;
+            count += 1;
+        }
+        // One number more is a weight, which polygons don't have; three or four are a colour.
+        if count >= 3 {
+            self.colors.resize(self.positions.len() - 1, [1.0; 3]);
+            self.colors.push([rest[0], rest[1], rest[2]].map(linear_of_unit));
+        }
+        Ok(())
+    }
+
+    fn face<'a>(&mut self, words: impl Iterator<Item = &'a [u8]>) -> Result<(), Problem> {
+        let start = self.corners.len();
+        for word in words {
+            let mut parts = word.split(|&b| b == b'/');
+            let mut index = |count: usize, what: &str, needed: bool| {
+                let text = parts.next().unwrap_or(b"");
+                if text.is_empty() && !needed {
+                    return Ok(NONE);
+                }
+                let value: Option<i64> = std::str::from_utf8(text).ok().and_then(|t| t.parse().ok());
+                let resolved = value.and_then(|v| if v < 0 { v.checked_add(count as i64) } else { v.checked_sub(1) });
+                match resolved.and_then(|i| usize::try_from(i).ok()).filter(|&i| i < count) {
+                    Some(i) => Ok(i as u32),
+                    None => Err(Problem::new(format!("a face refers to {what} {} of {count}", quote(text)))
+                        .expected(format!("1 to {count}, or -{count} to -1; declared before the face"))),
+                }
+            };
+            let position = index(self.positions.len(), "vertex", true)?;
+            let uv = index(self.uvs.len(), "texture coordinate", false)?;
+            let normal = index(self.normals.len(), "normal", false)?;
+            self.corners.push([position, uv, normal, self.material]);
+        }
+        self.faces.push((self.corners.len() - start) as u32);
+        Ok(())
+    }
+
+    fn points(mut self, context: &mut Context<'_>) -> Result<Content, Fault> {
+        let (origin, positions) = measured_positions(&self.positions);
+        let n = positions.len();
+        let colors = (!self.colors.is_empty()).then(|| {
+            self.colors.resize(n, [1.0; 3]);
+            self.colors
+        });
+        // Without faces, normals belong to vertices by their order, as point exporters write them.
+        let normals = (self.normals.len() == n)
+            .then(|| surfel_model::Column3::from_f32(self.normals.iter().map(|&n| n.into()).collect()));
+        let comments = self.comments;
+        context.points(PointCloud { origin, positions, normals, colors, comments, ..PointCloud::default() })
+    }
+
+    fn mesh(mut self, context: &mut Context<'_>) -> Result<Content, Fault> {
+        let (materials, textures) = mtl::resolve(&self.libraries, &self.names, context);
+        let has_uvs = self.corners.iter().any(|c| c[1] != NONE);
+        let with_normal = self.corners.iter().filter(|c| c[2] != NONE).count();
+        let has_normals = with_normal == self.corners.len();
+        if with_normal > 0 && !has_normals {
+            context.note("ignored the normals: some corners have none".into());
+        }
+        // Materials that all look alike need no vertices of their own.
+        if materials.is_empty() {
+            self.corners.iter_mut().for_each(|c| c[3] = 0);
+        }
+        let n = self.positions.len();
+        let mut parts = Parts { exact: true, comments: std::mem::take(&mut self.comments), ..Parts::default() };
+        let mut indices: Vec<u32> = Vec::with_capacity(self.corners.len());
+        if !has_uvs && !has_normals && materials.is_empty() {
+            indices.extend(self.corners.iter().map(|c| c[0]));
+            parts.positions = self.positions;
+            parts.materials_of = vec![0; n];
+            if !self.colors.is_empty() {
+                self.colors.resize(n, [1.0; 3]);
+                parts.colors = Some(self.colors.iter().map(|c| [c[0], c[1], c[2], 1.0]).collect());
+            }
+        } else {
+            self.split(has_uvs, has_normals, &mut parts, &mut indices);
+        }
+        let (mut rest, mut skipped) = (indices.as_slice(), 0);
+        for &count in &self.faces {
+            let (face, after) = rest.split_at(rest.len().min(count as usize));
+            rest = after;
+            match face {
+                [first, middle @ ..] if middle.len() >= 2 => {
+                    parts.triangles.extend(middle.windows(2).map(|w| [*first, w[0], w[1]]));
+                }
+                _ => skipped += 1,
+            }
+        }
+        if skipped > 0 {
+            context.note(format!("skipped {skipped} faces with fewer than 3 corners"));
+        }
+        context.parts(parts, &materials, &textures)
+    }
+
+    /// A vertex for each different corner, in order of first use.
+    fn split(&self, has_uvs: bool, has_normals: bool, parts: &mut Parts, indices: &mut Vec<u32>) {
+        let mut index: HashMap<[u32; 4], u32> = HashMap::with_capacity(self.positions.len());
+        let (mut uvs, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
+        for corner in &self.corners {
+            let mut key = *corner;
+            if !has_normals {
+                key[2] = NONE;
+            }
+            let next = parts.positions.len() as u32;
+            indices.push(*index.entry(key).or_insert_with(|| {
+                let [position, uv, normal, material] = key.map(|i| i as usize);
+                parts.positions.push(self.positions[position]);
+                parts.materials_of.push(material as u32);
+                if has_uvs {
+                    uvs.push(self.uvs.get(uv).copied().unwrap_or_default());
+                }
+                if has_normals {
+                    normals.push(self.normals.get(normal).copied().unwrap_or_default());
+                }
+                if !self.colors.is_empty() {
+                    let c = self.colors.get(position).copied().unwrap_or([1.0; 3]);
+                    colors.push([c[0], c[1], c[2], 1.0]);
+                }
+                next
+            }));
+        }
+        parts.uvs = has_uvs.then_some(uvs);
+        parts.normals = has_normals.then_some(normals);
+        parts.colors = (!self.colors.is_empty()).then_some(colors);
+    }
+}
+
+/// The text after a keyword: names and paths may hold blanks.
+fn rest_of(line: &[u8], keyword: &[u8]) -> String {
+    let line = line.trim_ascii();
+    String::from_utf8_lossy(line[keyword.len().min(line.len())..].trim_ascii()).into_owned()
+}
+
+/// `N` numbers, of which the first `needed` must be there; the others are 0.
+fn numbers<'a, const N: usize>(
+    words: &mut impl Iterator<Item = &'a [u8]>,
+    form: &str,
+    needed: usize,
+) -> Result<[f64; N], Problem> {
+    let mut values = [0.0; N];
+    for (i, value) in values.iter_mut().enumerate() {
+        match words.next() {
+            Some(word) => *value = number(word).ok_or_else(|| bad_number(word, form))?,
+            None if i >= needed => {}
+            None => return Err(Problem::new(format!("found {i} numbers")).expected(format!("'{form}'"))),
+        }
+    }
+    Ok(values)
+}
+
+fn bad_number(word: &[u8], form: &str) -> Problem {
+    Problem::new(format!("found {}, which is not a number", quote(word))).expected(format!("'{form}'"))
+}

@@ -1,0 +1,24 @@
+//! The encodings of PLY data.
+
+/// The three encodings of PLY data.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PlyEncoding {
+    /// Decimal text.
+    Ascii,
+    /// Binary, least significant byte first.
+    #[default]
+    BinaryLittleEndian,
+    /// Binary, most significant byte first.
+    BinaryBigEndian,
+}
+
+impl PlyEncoding {
+    /// As a header's format line says it.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Ascii => "ascii",
+            Self::BinaryLittleEndian => "binary_little_endian",
+            Self::BinaryBigEndian => "binary_big_endian",
+        }
+    }
+}

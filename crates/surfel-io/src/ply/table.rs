@@ -1,0 +1,79 @@
+//! The columns of a PLY element, and taking them out by name: a group of properties is complete or absent.
+
+use crate::columns;
+use crate::error::{Fault, Problem, quote};
+use glam::DVec3;
+use surfel_model::{Column3, ExtraValues};
+
+/// The columns of one element.
+#[derive(Debug, Default)]
+pub(crate) struct Table {
+    pub(crate) scalars: Vec<(String, ExtraValues)>,
+    pub(crate) lists: Vec<(String, Lists)>,
+}
+
+impl Table {
+    /// Takes a column out.
+    pub(crate) fn take(&mut self, name: &str) -> Option<ExtraValues> {
+        let index = self.scalars.iter().position(|(n, _)| n == name)?;
+        Some(self.scalars.remove(index).1)
+    }
+
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.scalars.iter().any(|(n, _)| n == name)
+    }
+}
+
+/// A column of integer lists, end to end. Negative items are `u32::MAX`.
+#[derive(Debug, Default)]
+pub(crate) struct Lists {
+    pub(crate) lengths: Vec<u32>,
+    pub(crate) items: Vec<u32>,
+}
+
+/// Takes x, y and z, whose presence has been checked.
+pub(super) fn take_positions(table: &mut Table) -> Result<(DVec3, Column3), Fault> {
+    take(table, ["x", "y", "z"]).map(columns::positions)
+}
+
+/// Takes columns that have to be there.
+pub(super) fn take<const N: usize>(table: &mut Table, names: [&str; N]) -> Result<[ExtraValues; N], Fault> {
+    require(table, &names)?;
+    let columns: Vec<_> = names.iter().filter_map(|n| table.take(n)).collect();
+    columns.try_into().map_err(|_| Problem::new(format!("the properties {} are incomplete", list(&names))).into())
+}
+
+/// Takes a set of columns if all are there; some but not all is an error.
+pub(super) fn take_set<const N: usize>(table: &mut Table, names: [&str; N]) -> Result<Option<[ExtraValues; N]>, Fault> {
+    if names.iter().any(|n| table.has(n)) { take(table, names).map(Some) } else { Ok(None) }
+}
+
+/// An error unless all of `names` are there.
+pub(super) fn require(table: &Table, names: &[&str]) -> Result<(), Fault> {
+    let (found, missing): (Vec<&str>, Vec<&str>) = names.iter().partition(|n| table.has(n));
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let what = if found.is_empty() {
+        let all: Vec<&str> = table.scalars.iter().map(|(n, _)| n.as_str()).collect();
+        format!("its vertices lack {}; they have {}", list(&missing), list(&all))
+    } else {
+        format!("its vertices have {} but lack {}", list(&found), list(&missing))
+    };
+    Err(Problem::new(what).expected(format!("all of {}", names.join(" "))).help(EXPECTED_SETS).into())
+}
+
+/// Help for a set of properties that isn't complete.
+const EXPECTED_SETS: &str = "splats need x y z and nx ny nz radius, or x y z and su sv sw tu tv tw; points need x y z";
+
+/// Names in a message, at most 24 of them.
+pub(super) fn list(names: &[&str]) -> String {
+    if names.is_empty() {
+        return "nothing".into();
+    }
+    let mut shown: Vec<String> = names.iter().take(24).map(|n| quote(n).trim_matches('\'').to_owned()).collect();
+    if names.len() > shown.len() {
+        shown.push(format!("… ({} in all)", names.len()));
+    }
+    shown.join(" ")
+}

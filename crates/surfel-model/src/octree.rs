@@ -1,0 +1,224 @@
+//! A surface held twice, as splats of several sizes and as polygons, in an octree (rendering model §6).
+
+use crate::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape, SplatCloud};
+use glam::DVec3;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// A part of the surface: the polygons in it, and splats in their place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OctreeNode {
+    /// Centre of a sphere around its splats and polygons, relative to the mesh's origin, object units.
+    pub center: [f64; 3],
+    /// The sphere's radius.
+    pub radius: f64,
+    /// Larger semi-axis of its splats: what drawing them instead of the surface may be off by.
+    pub splat_radius: f64,
+    /// Axis of a cone that holds the outward normals of its splats and polygons; a unit vector.
+    pub cone_axis: [f64; 3],
+    /// Cosine of the cone's half-angle; −1 for one that holds every direction.
+    pub cone_cosine: f64,
+    /// Its parts, as indices of nodes; none in a leaf, at most 8.
+    pub children: Range<u32>,
+    /// Its splats, as indices into the cloud.
+    pub splats: Range<u32>,
+    /// All polygons in it, as indices into the mesh's triangles.
+    pub triangles: Range<u32>,
+}
+
+impl OctreeNode {
+    /// True for a node without parts.
+    pub fn is_leaf(&self) -> bool {
+        self.children.is_empty()
+    }
+}
+
+/// Splats centred on the edges that two leaves share.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Transition {
+    /// The leaves, as indices of nodes.
+    pub leaves: [u32; 2],
+    /// The splats, as indices into the cloud.
+    pub splats: Range<u32>,
+}
+
+/// An octree of splats and polygons. A validated one: its ranges fit, and it is a tree.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Octree {
+    cloud: Arc<SplatCloud>,
+    mesh: Arc<Mesh>,
+    nodes: Vec<OctreeNode>,
+    transitions: Vec<Transition>,
+}
+
+impl Octree {
+    /// Checks the parts and puts them together.
+    ///
+    /// Nodes come in breadth-first order, the root first, so that the children of all nodes follow one another; the
+    /// splats of the nodes follow one another in the same order, and then those of the transitions. The triangles of a
+    /// node's children follow one another and are all of its own; the root has all.
+    ///
+    /// # Errors
+    /// [`ModelError`] naming the first node or transition that breaks this, or the mesh's own;
+    /// [`ModelError::Conflict`] for a mesh with [`Mesh::materials`].
+    pub fn new(
+        cloud: SplatCloud,
+        mesh: Mesh,
+        nodes: Vec<OctreeNode>,
+        transitions: Vec<Transition>,
+    ) -> Result<Self, ModelError> {
+        mesh.validate()?;
+        if mesh.materials.is_some() {
+            let problem = "an octree's mesh has a material for each triangle, expected one for all: give it \
+                           Mesh::with_one_material";
+            return Err(ModelError::Conflict(problem.into()));
+        }
+        let broken = |what: &str, i: usize, problem: &str| {
+            Err(ModelError::Conflict(format!("{what} {i} of the octree {problem}: the file is damaged")))
+        };
+        let finite = |n: &OctreeNode| {
+            let numbers = [n.center, n.cone_axis, [n.radius, n.splat_radius, n.cone_cosine]];
+            numbers.as_flattened().iter().all(|v| v.is_finite()) && n.radius >= 0.0 && n.splat_radius >= 0.0
+        };
+        let whole = nodes.first().map(|n| &n.triangles);
+        if whole != Some(&(0..mesh.triangles.len() as u32)) {
+            return broken("node", 0, "doesn't hold all triangles");
+        }
+        let (mut next_node, mut next_splat) = (1, 0);
+        for (i, node) in nodes.iter().enumerate() {
+            if !finite(node) {
+                return broken("node", i, "has a number out of range");
+            }
+            if node.splats.start != next_splat || node.splats.end < node.splats.start {
+                return broken("node", i, "has splats out of order");
+            }
+            next_splat = node.splats.end;
+            if node.is_leaf() {
+                continue;
+            }
+            let children = node.children.clone();
+            if children.start != next_node || children.len() > 8 || children.end as usize > nodes.len() {
+                return broken("node", i, "has children out of order");
+            }
+            next_node = children.end;
+            let mut next_triangle = node.triangles.start;
+            for child in &nodes[children.start as usize..children.end as usize] {
+                if child.triangles.start != next_triangle || child.triangles.end < next_triangle {
+                    return broken("node", i, "has children whose triangles are out of order");
+                }
+                next_triangle = child.triangles.end;
+            }
+            if next_triangle != node.triangles.end {
+                return broken("node", i, "has triangles that its children lack");
+            }
+        }
+        if next_node as usize != nodes.len() {
+            return broken("node", next_node as usize, "has no parent");
+        }
+        for (i, transition) in transitions.iter().enumerate() {
+            let [a, b] = transition.leaves.map(|l| nodes.get(l as usize).is_some_and(OctreeNode::is_leaf));
+            if !a || !b || transition.leaves[0] == transition.leaves[1] {
+                return broken("transition", i, "isn't between two leaves");
+            }
+            if transition.splats.start != next_splat || transition.splats.end < next_splat {
+                return broken("transition", i, "has splats out of order");
+            }
+            next_splat = transition.splats.end;
+        }
+        if next_splat as usize != cloud.len() {
+            return broken("splat", next_splat as usize, "belongs to nothing, or isn't there");
+        }
+        Ok(Self { cloud: Arc::new(cloud), mesh: Arc::new(mesh), nodes, transitions })
+    }
+
+    /// All splats.
+    pub fn cloud(&self) -> &SplatCloud {
+        &self.cloud
+    }
+
+    /// All polygons.
+    pub fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+
+    /// Sets what the Σw of its splats is inside the surface (must be finite and greater than 0, else ignored).
+    pub fn set_interior_weight(&mut self, weight: f64) {
+        Arc::make_mut(&mut self.cloud).set_interior_weight(weight);
+    }
+
+    /// All splats, to be kept.
+    pub fn shared_cloud(&self) -> Arc<SplatCloud> {
+        self.cloud.clone()
+    }
+
+    /// All polygons, to be kept.
+    pub fn shared_mesh(&self) -> Arc<Mesh> {
+        self.mesh.clone()
+    }
+
+    /// The nodes, the root first.
+    pub fn nodes(&self) -> &[OctreeNode] {
+        &self.nodes
+    }
+
+    /// Splats on the edges between leaves.
+    pub fn transitions(&self) -> &[Transition] {
+        &self.transitions
+    }
+
+    /// Splats that are drawn together or not at all: of each node, and then of each transition, as indices into the
+    /// cloud. They follow one another.
+    pub fn parts(&self) -> impl Iterator<Item = Range<u32>> + '_ {
+        let of_nodes = self.nodes.iter().map(|node| node.splats.clone());
+        of_nodes.chain(self.transitions.iter().map(|transition| transition.splats.clone()))
+    }
+
+    /// The finest splats: those of leaves and of transitions, as indices into the cloud.
+    pub fn finest(&self) -> impl Iterator<Item = Range<u32>> + '_ {
+        let of_leaves = self.nodes.iter().filter(|node| node.is_leaf()).map(|node| node.splats.clone());
+        of_leaves.chain(self.transitions.iter().map(|transition| transition.splats.clone()))
+    }
+
+    /// Heap memory in use, in bytes.
+    pub fn bytes(&self) -> usize {
+        self.cloud.bytes() + size_of_val(self.nodes.as_slice()) + size_of_val(self.transitions.as_slice())
+    }
+
+    /// Some of the splats, as a cloud of their own; ranges out of bounds are cut off.
+    ///
+    /// # Errors
+    /// None in practice: parts of a valid cloud are valid.
+    pub fn cloud_of(&self, splats: &[Range<u32>]) -> Result<SplatCloud, ModelError> {
+        let count = self.cloud.len() as u32;
+        let indices: Vec<u32> = splats.iter().flat_map(|r| r.start..r.end.min(count)).collect();
+        let d = self.cloud.data();
+        let pick3 = |column: &Vec<[f32; 3]>| indices.iter().map(|&i| column[i as usize]).collect();
+        let pick = |column: &Vec<f32>| indices.iter().map(|&i| column[i as usize]).collect::<Vec<f32>>();
+        let shape = match &d.shape {
+            Shape::Disks { normals, radii } => Shape::Disks { normals: normals.select(&indices), radii: pick(radii) },
+            Shape::Ellipses { s, t } => Shape::Ellipses { s: s.select(&indices), t: t.select(&indices) },
+        };
+        let data = CloudData {
+            colors: d.colors.as_ref().map(pick3),
+            alphas: d.alphas.as_ref().map(pick),
+            shading_normals: d.shading_normals.as_ref().map(|n: &Column3| n.select(&indices)),
+            clips: d.clips.as_ref().map(|clips| clips.select(&indices)),
+            interior_weight: d.interior_weight,
+            oriented: d.oriented,
+            up: d.up,
+            ..CloudData::new(d.origin, d.centers.select(&indices), shape)
+        };
+        Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
+    }
+
+    /// Some of the polygons, as a mesh with the vertices they use; ranges out of bounds are cut off.
+    pub fn mesh_of(&self, triangles: &[Range<u32>]) -> Mesh {
+        let count = self.mesh.triangles.len() as u32;
+        self.mesh.part(triangles.iter().flat_map(|r| r.start..r.end.min(count)))
+    }
+
+    /// Centre of a node's sphere in object space.
+    pub fn center_of(&self, node: &OctreeNode) -> DVec3 {
+        self.mesh.origin + DVec3::from(node.center)
+    }
+}

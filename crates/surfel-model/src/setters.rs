@@ -1,0 +1,17 @@
+//! Setters of structures that other crates can't write as literals.
+
+/// Writes a setter for each field, inside an `impl`: `with_name name: Type`. For this workspace's crates.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! setters {
+    ($($with:ident $field:ident: $type:ty,)*) => {
+        $(
+            #[doc = concat!("With another [`", stringify!($field), "`](Self::", stringify!($field), ").")]
+            #[must_use]
+            pub fn $with(mut self, $field: $type) -> Self {
+                self.$field = $field;
+                self
+            }
+        )*
+    };
+}

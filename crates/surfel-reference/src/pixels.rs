@@ -1,0 +1,52 @@
+//! Pixels of a rectangle: their centres, and those that a footprint may touch.
+
+use crate::margin;
+use surfel_math::V2;
+use surfel_math::bounds::Extent;
+use surfel_render::Region;
+
+/// Centre of the pixel in column `x` and row `y`.
+pub(crate) fn center(x: u32, y: u32) -> V2<f64> {
+    V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
+}
+
+/// Centre of pixel `index` of a rectangle, counted row by row.
+pub(crate) fn center_in(rect: Region, index: usize) -> V2<f64> {
+    center(rect.x + index as u32 % rect.width, rect.y + index as u32 / rect.width)
+}
+
+/// The 8-neighbours inside a rectangle of pixel `index`, counted row by row.
+pub(crate) fn neighbours(rect: Region, index: usize) -> impl Iterator<Item = usize> + use<> {
+    let (width, height) = (rect.width as usize, rect.height as usize);
+    let (x, y) = (index % width, index / width);
+    let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
+    (y.saturating_sub(1)..=(y + 1).min(height - 1))
+        .flat_map(move |row| columns.clone().map(move |column| row * width + column))
+        .filter(move |&neighbour| neighbour != index)
+}
+
+/// The neighbours inside a rectangle that share a side with pixel `index`, counted row by row.
+pub(crate) fn side_neighbours(rect: Region, index: usize) -> impl Iterator<Item = usize> + use<> {
+    let (width, height) = (rect.width as usize, rect.height as usize);
+    let (x, y) = (index % width, index / width);
+    let left = (x > 0).then(|| index - 1);
+    let right = (x + 1 < width).then(|| index + 1);
+    let above = (y > 0).then(|| index - width);
+    let below = (y + 1 < height).then(|| index + width);
+    [left, right, above, below].into_iter().flatten()
+}
+
+/// Columns and rows of `rect` whose pixel centres lie in `extent`, grown by a hair so that neither rounding
+/// nor the margin loses one.
+pub(crate) fn touched(extent: &Extent<f64>, rect: Region) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
+    let range = |min: f64, max: f64, start: u32, length: u32| {
+        let (lo, hi) = (f64::from(start), f64::from(start + length));
+        // Float-to-int casts saturate: an infinite box is clipped to the rectangle.
+        // Samples are a quarter of a pixel wide.
+        let slack = 8.0 * margin::RIM_PX;
+        let first = (min - 0.5 - slack).ceil().clamp(lo, hi) as u32;
+        let end = ((max - 0.5 + slack).floor() + 1.0).clamp(lo, hi) as u32;
+        first..end.max(first)
+    };
+    (range(extent.min.x, extent.max.x, rect.x, rect.width), range(extent.min.y, extent.max.y, rect.y, rect.height))
+}

@@ -1,0 +1,91 @@
+//! Edges by samples (§5): pixels beside a step of depth as the mean of 4×4 samples.
+//!
+//! Samples are the pixels of an image that is four times as wide and high: all of it is drawn.
+
+use crate::frame::{Front, OpaqueImage};
+use crate::pixels::center_in;
+use crate::scene::ResidentScene;
+use crate::shade::Lighting;
+use crate::steps::Steps;
+use rayon::prelude::*;
+use surfel_render::SAMPLES_SIDE;
+
+/// A pixel's colour by samples.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Sampled {
+    /// Linear premultiplied RGBA.
+    pub color: [f64; 4],
+    /// A decision of one of them is within its margin.
+    pub marginal: bool,
+}
+
+/// The pixels of a rectangle that are sampled.
+pub(crate) struct Samples {
+    /// Of the pixels that aren't sampled it means nothing.
+    pixels: Vec<Sampled>,
+    wanted: Vec<bool>,
+    /// Rounding could decide otherwise.
+    open: Vec<bool>,
+}
+
+impl Samples {
+    /// Finds and draws the sampled pixels of an image that is shaded.
+    pub(crate) fn draw(scene: &ResidentScene, image: &OpaqueImage, front: &Front) -> Self {
+        let (rect, lighting) = (image.rect, image.lighting);
+        let transparent = front.nearest_transparent(lighting, rect);
+        let transparent = transparent.as_ref().map(|passes| (passes, front.layers.as_slice()));
+        let (meshes, view) = (front.meshes.as_ref(), lighting.view);
+        let steps = Steps { front: &front.passes, meshes, transparent, rect, view };
+        let wanted = steps.pixels();
+        let open = if lighting.plan.planes.margin { steps.marginal() } else { Vec::new() };
+        Self { pixels: sampled(scene, image, &wanted), wanted, open }
+    }
+
+    /// The colour of a pixel, if it is sampled.
+    pub(crate) fn of(&self, at: usize) -> Option<&Sampled> {
+        self.wanted[at].then(|| &self.pixels[at])
+    }
+
+    /// True if rounding could decide otherwise whether a pixel is sampled.
+    pub(crate) fn marginal(&self, at: usize) -> bool {
+        self.open.get(at).copied().unwrap_or(false)
+    }
+}
+
+/// Colours by samples of the wanted pixels of an image's rectangle.
+fn sampled(scene: &ResidentScene, image: &OpaqueImage, wanted: &[bool]) -> Vec<Sampled> {
+    let mut sampled = vec![Sampled::default(); wanted.len()];
+    if !wanted.contains(&true) {
+        return sampled;
+    }
+    let (view, plan) = (image.lighting.view.of_samples(), image.lighting.plan.of_samples());
+    let lighting = Lighting { view: &view, plan: &plan, matcap: image.lighting.matcap.clone(), ..*image.lighting };
+    let rect = image.rect.of_samples();
+    let front = Front::draw(scene, &lighting, rect, f64::from(SAMPLES_SIDE));
+    let fine = OpaqueImage::new(&lighting, rect, scene.background, &front);
+    let pixels = sampled.par_iter_mut().enumerate().filter(|(at, _)| wanted[*at]);
+    pixels.for_each(|(at, pixel)| *pixel = mean(image, &fine, &front, at));
+    sampled
+}
+
+/// The mean of a pixel's samples.
+fn mean(image: &OpaqueImage, fine: &OpaqueImage, front: &Front, at: usize) -> Sampled {
+    let (width, side) = (image.rect.width as usize, SAMPLES_SIDE as usize);
+    let share = 1.0 / (side * side) as f64;
+    let mut pixel = Sampled::default();
+    for (j, i) in (0..side).flat_map(|j| (0..side).map(move |i| (j, i))) {
+        let sample = (at / width * side + j) * width * side + at % width * side + i;
+        let place = center_in(fine.rect, sample);
+        let (surface, mut marginal) = fine.front_surface(sample, place);
+        let (surface, open) = image.under_screen_space(surface, at, place * (1.0 / side as f64));
+        marginal |= open;
+        let mut color = fine.over_background(surface);
+        if let Some(layers) = front.layers.get(sample) {
+            color = layers.over(color);
+            marginal |= layers.marginal;
+        }
+        pixel.marginal |= marginal;
+        pixel.color.iter_mut().zip(color).for_each(|(sum, c)| *sum += c * share);
+    }
+    pixel
+}

@@ -1,0 +1,112 @@
+//! Scenes as the reference keeps them between frames.
+
+use glam::{DAffine3, DVec3};
+use std::sync::Arc;
+use surfel_model::{Geometry, Light, Matcap, Material, Mesh, Mipmaps, Object, Scene, SplatCloud};
+use surfel_render::{RenderError, SceneSummary};
+
+/// A scene as the reference holds it: shared clouds and what belongs to their objects.
+pub struct ResidentScene {
+    pub(crate) summary: SceneSummary,
+    pub(crate) objects: Vec<ResidentObject>,
+    pub(crate) meshes: Vec<ResidentMesh>,
+    /// The material of the first object.
+    pub(crate) material: Material,
+    pub(crate) lights: Option<Vec<Light>>,
+    pub(crate) ambient: DVec3,
+    pub(crate) matcap: Option<Arc<Matcap>>,
+    /// Linear premultiplied RGBA.
+    pub(crate) background: [f64; 4],
+}
+
+/// One object of splats.
+#[derive(Clone)]
+pub(crate) struct ResidentObject {
+    /// Index of the scene's object.
+    pub source: usize,
+    pub cloud: Arc<SplatCloud>,
+    pub world_from_object: DAffine3,
+    pub material: Material,
+    pub interior_weight: Option<f64>,
+    pub first_splat: u32,
+}
+
+/// One object of polygons.
+#[derive(Clone)]
+pub(crate) struct ResidentMesh {
+    /// Index of the scene's object.
+    pub source: usize,
+    pub mesh: Arc<Mesh>,
+    pub world_from_object: DAffine3,
+    pub material: Material,
+    /// The mesh's texture and its smaller levels.
+    pub mipmaps: Option<Arc<Mipmaps>>,
+}
+
+impl ResidentScene {
+    /// Shares a scene's clouds and meshes, and builds the smaller levels of its textures.
+    ///
+    /// # Errors
+    /// [`RenderError`] for an invalid scene, and for more splats than 32 bits can number.
+    pub(crate) fn of(scene: &Scene) -> Result<Self, RenderError> {
+        scene.validate()?;
+        let mut first_splat = 0u64;
+        let (mut objects, mut meshes) = (Vec::new(), Vec::new());
+        let mut add = |source: usize, object: &Object, cloud: Arc<SplatCloud>| {
+            let first = first_splat as u32;
+            first_splat += cloud.len() as u64;
+            objects.push(ResidentObject {
+                source,
+                world_from_object: object.world_from_object,
+                material: object.material,
+                interior_weight: object.material.interior_weight.or(cloud.data().interior_weight),
+                first_splat: first,
+                cloud,
+            });
+        };
+        // Of equally near polygons the first is drawn: those of octrees come after all meshes.
+        let mut octrees = Vec::new();
+        for (source, object) in scene.objects.iter().enumerate() {
+            match &object.geometry {
+                Geometry::Splats(cloud) => add(source, object, cloud.clone()),
+                Geometry::Mesh(mesh) => {
+                    mesh.validate()?;
+                    for part in mesh.by_texture() {
+                        meshes.push(resident_mesh(source, object, &part, &meshes));
+                    }
+                }
+                Geometry::Octree(octree) => {
+                    add(source, object, octree.shared_cloud());
+                    octrees.push((source, object, octree.shared_mesh()));
+                }
+            }
+        }
+        for (source, object, mesh) in octrees {
+            meshes.push(resident_mesh(source, object, &mesh, &meshes));
+        }
+        if first_splat > u64::from(u32::MAX) {
+            return Err(RenderError::Backend {
+                backend: "reference",
+                message: format!("the scene has {first_splat} splats, at most {} can be drawn", u32::MAX),
+            });
+        }
+        let [r, g, b, a] = scene.background;
+        Ok(Self {
+            summary: SceneSummary::of(scene),
+            objects,
+            meshes,
+            material: scene.objects.first().map_or(Material::default(), |o| o.material),
+            lights: scene.lights.clone(),
+            ambient: DVec3::from(scene.ambient),
+            matcap: scene.matcap.clone(),
+            background: [r * a, g * a, b * a, a],
+        })
+    }
+}
+
+/// A mesh as it is drawn. Objects with the same texture share its smaller levels.
+fn resident_mesh(source: usize, object: &Object, mesh: &Arc<Mesh>, others: &[ResidentMesh]) -> ResidentMesh {
+    let mipmaps = Mipmaps::of_mesh(mesh, others.iter().filter_map(|other| other.mipmaps.as_ref()));
+    let (world_from_object, material) = (object.world_from_object, object.material);
+    ResidentMesh { source, mesh: mesh.clone(), world_from_object, material, mipmaps }
+}

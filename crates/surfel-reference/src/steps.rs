@@ -1,0 +1,140 @@
+//! Steps of depth between neighbouring pixels (§5, edges by samples).
+
+use crate::frame::MeshLayer;
+use crate::layer_compositor::LayerCompositor;
+use crate::margin;
+use crate::pixels::{center_in, side_neighbours};
+use crate::raster::Passes;
+use crate::threshold::{PossibleThresholds, Threshold};
+use surfel_math::depth::step_allowance;
+use surfel_render::{Region, View};
+
+/// From where to where the nearest surface of a pixel may lie. `end` is −∞ where only one of its footprints has it: a
+/// step to every neighbour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Reach {
+    begin: f64,
+    end: f64,
+}
+
+impl Reach {
+    const NONE: Self = Self { begin: f64::INFINITY, end: f64::INFINITY };
+
+    fn of(threshold: Threshold) -> Self {
+        Self { begin: threshold.depth - threshold.epsilon, end: threshold.depth + threshold.epsilon }
+    }
+
+    /// A step from one to the other.
+    fn steps_to(self, other: Self) -> bool {
+        other.begin > self.end || self.begin > other.end
+    }
+
+    /// True if rounding could make a step of it, or take it away.
+    fn nearly_steps_to(self, other: Self) -> bool {
+        margin::on_step(self.end, other.begin) || margin::on_step(other.end, self.begin)
+    }
+}
+
+/// The surfaces among which steps are found.
+pub(crate) struct Steps<'a> {
+    pub front: &'a Passes,
+    pub meshes: Option<&'a MeshLayer<'a>>,
+    /// Visibility of the transparent splats before what is opaque, and what they come to; none without any.
+    pub transparent: Option<(&'a Passes, &'a [LayerCompositor])>,
+    pub rect: Region,
+    pub view: &'a View,
+}
+
+impl Steps<'_> {
+    /// The pixels beside a step, this side of it or that.
+    pub(crate) fn pixels(&self) -> Vec<bool> {
+        let reaches: Vec<[Reach; 2]> = (0..self.count())
+            .map(|at| {
+                let opaque = self.opaque(at, self.front.thresholds[at], true);
+                [opaque, self.transparent.map_or(Reach::NONE, |(passes, _)| Reach::of(passes.thresholds[at]))]
+            })
+            .collect();
+        let steps = |a: usize, b: usize| {
+            (0..2).any(|i| reaches[a][i].steps_to(reaches[b][i])) || self.layers(a) != self.layers(b)
+        };
+        (0..self.count()).map(|at| side_neighbours(self.rect, at).any(|n| steps(at, n))).collect()
+    }
+
+    /// The pixels for which rounding could decide otherwise: no neighbour decides it for sure, and one may.
+    pub(crate) fn marginal(&self) -> Vec<bool> {
+        let possible: Vec<[Vec<Reach>; 2]> = (0..self.count()).map(|at| self.possible(at)).collect();
+        let open_layers = |at: usize| self.transparent.is_some_and(|(_, layers)| layers[at].marginal);
+        let is_marginal = |at: usize| {
+            let mut perhaps = false;
+            for n in side_neighbours(self.rect, at) {
+                let mut surely = !open_layers(at) && !open_layers(n) && self.layers(at) != self.layers(n);
+                perhaps |= open_layers(at) || open_layers(n);
+                for (own, other) in possible[at].iter().zip(&possible[n]) {
+                    let pairs = || own.iter().flat_map(|a| other.iter().map(|b| (*a, *b)));
+                    surely |= pairs().all(|(a, b)| a.steps_to(b) && !a.nearly_steps_to(b));
+                    perhaps |= pairs().any(|(a, b)| a.steps_to(b) || a.nearly_steps_to(b));
+                }
+                if surely {
+                    return false;
+                }
+            }
+            perhaps
+        };
+        (0..self.count()).map(is_marginal).collect()
+    }
+
+    fn count(&self) -> usize {
+        self.rect.width as usize * self.rect.height as usize
+    }
+
+    /// Layers that aren't empty.
+    fn layers(&self, at: usize) -> u32 {
+        self.transparent.map_or(0, |(_, layers)| layers[at].count)
+    }
+
+    /// The nearest opaque surface: of splats with this threshold, or a polygon, if it is there.
+    fn opaque(&self, at: usize, threshold: Threshold, with_polygon: bool) -> Reach {
+        let splats = Reach::of(threshold);
+        let hit = self.meshes.filter(|_| with_polygon).map(|meshes| (meshes, meshes.hits[at]));
+        let Some((meshes, hit)) = hit.filter(|(_, hit)| hit.z.is_finite()) else {
+            let has_weight = self.front.sums[at].weight > 0.0;
+            let end = if has_weight == threshold.depth.is_finite() { splats.end } else { f64::NEG_INFINITY };
+            return Reach { end, ..splats };
+        };
+        if splats.begin <= hit.z {
+            return splats;
+        }
+        let gradient = meshes.polygons.depth_gradient(&hit, center_in(self.rect, at));
+        Reach { begin: hit.z, end: hit.z + step_allowance(hit.z, gradient, &self.view.projection) }
+    }
+
+    /// What the nearest opaque and the nearest transparent surface may be, however marginal tests come out.
+    fn possible(&self, at: usize) -> [Vec<Reach>; 2] {
+        let all = |possible: &PossibleThresholds| {
+            let PossibleThresholds { nearest, farthest, tie } = *possible;
+            [nearest, farthest, if tie.depth.is_finite() { tie } else { nearest }]
+        };
+        let polygon = self.meshes.map(|meshes| meshes.hits[at]);
+        let mut opaque = Vec::new();
+        for threshold in all(&self.front.possible[at]) {
+            opaque.push(self.opaque(at, threshold, true));
+            if polygon.is_some_and(|hit| hit.marginal) {
+                opaque.push(self.opaque(at, threshold, false));
+            }
+            // Equally near: it may be either.
+            if polygon.is_some_and(|hit| margin::on_depth(hit.z, threshold.depth - threshold.epsilon)) {
+                opaque.push(Reach::of(threshold));
+            }
+        }
+        let sums = &self.front.sums[at];
+        if polygon.is_none_or(|hit| hit.z.is_infinite()) && sums.marginal && sums.fragments <= 1 {
+            // The one fragment may be none, or none one.
+            opaque.push(Reach::of(self.front.thresholds[at]));
+            opaque.push(Reach { end: f64::NEG_INFINITY, ..Reach::of(self.front.thresholds[at]) });
+        }
+        let transparent = self
+            .transparent
+            .map_or(vec![Reach::NONE], |(passes, _)| all(&passes.possible[at]).into_iter().map(Reach::of).collect());
+        [opaque, transparent]
+    }
+}

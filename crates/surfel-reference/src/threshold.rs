@@ -1,0 +1,84 @@
+//! The depth thresholds that visibility leaves in pixels (§5).
+
+use crate::splat::{Facing, ScreenSplat};
+use surfel_math::facing::nearness;
+
+/// The depth up to which fragments belong to a pixel's nearest surface: its smallest z + ε.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Threshold {
+    /// z + ε of the writer; +∞ where there is no visibility fragment.
+    pub depth: f64,
+    /// ε of the writer.
+    pub epsilon: f64,
+    /// The side that the pixel shows of oriented surfaces; undeclared: any.
+    pub facing: Facing,
+}
+
+impl Threshold {
+    pub(crate) const NONE: Self = Self { depth: f64::INFINITY, epsilon: 0.0, facing: Facing::Undeclared };
+
+    /// The one that a fragment at depth `z` sets.
+    pub(crate) fn of(splat: &ScreenSplat, z: f64) -> Self {
+        Self { depth: z + splat.epsilon, epsilon: splat.epsilon, ..Self::NONE }
+    }
+
+    /// Lowers it to another one's depth. Of equal ones the first stays: splats come in index order, so that the
+    /// smallest (z + ε, index) wins.
+    pub(crate) fn lower(&mut self, other: Self) {
+        if other.depth < self.depth {
+            *self = other;
+        }
+    }
+
+    /// True if the pixel shows the side that a splat does.
+    pub(crate) fn shows(&self, facing: Facing) -> bool {
+        self.facing == Facing::Undeclared || facing == Facing::Undeclared || facing == self.facing
+    }
+}
+
+/// The thresholds that a pixel could have, however its marginal tests come out.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PossibleThresholds {
+    /// The one if every fragment on a rim is inside.
+    pub nearest: Threshold,
+    /// The one if none is.
+    pub farthest: Threshold,
+    /// One as near as the pixel's within the margin, by another ε; none if there is no such.
+    pub tie: Threshold,
+}
+
+/// What visibility finds of both sides of oriented surfaces in a pixel (§5): front-facing, then back-facing.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sides {
+    /// Thresholds over the fragments of either side. Those of undeclared splats count for both.
+    pub thresholds: [Threshold; 2],
+    /// How near either side's fragments come; +∞ without any.
+    pub nearest: [f64; 2],
+}
+
+impl Sides {
+    pub(crate) const NONE: Self = Self { thresholds: [Threshold::NONE; 2], nearest: [f64::INFINITY; 2] };
+
+    /// Takes in a visibility fragment.
+    pub(crate) fn add(&mut self, splat: &ScreenSplat, facing: Facing, z: f64) {
+        let own = Threshold::of(splat, z);
+        for (side, its_own) in [Facing::Front, Facing::Back].into_iter().enumerate() {
+            if facing == Facing::Undeclared || facing == its_own {
+                self.thresholds[side].lower(own);
+            }
+            if facing == its_own {
+                let near = nearness(z, splat.epsilon, facing == Facing::Back);
+                self.nearest[side] = self.nearest[side].min(near);
+            }
+        }
+    }
+
+    /// The pixel's threshold, of the side that it shows.
+    pub(crate) fn shown(&self) -> Threshold {
+        match self.nearest {
+            [f64::INFINITY, f64::INFINITY] => self.thresholds[0],
+            [front, back] if back < front => Threshold { facing: Facing::Back, ..self.thresholds[1] },
+            _ => Threshold { facing: Facing::Front, ..self.thresholds[0] },
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! Frames as files.
+
+use crate::Frame;
+use std::path::Path;
+use surfel_io::{ExrOptions, IoError, PlanesView, PngOptions};
+
+impl Frame {
+    /// Writes the colour plane as PNG: sRGB-encoded, 8 bits, straight alpha. A file of that name is overwritten; it
+    /// appears whole or not at all. [`surfel_io::save_png`] also writes 16 bits and metadata.
+    ///
+    /// # Errors
+    /// [`IoError`] if there is no colour plane or the file can't be written.
+    pub fn save_png(&self, path: impl AsRef<Path>) -> Result<(), IoError> {
+        surfel_io::save_png(path.as_ref(), true, &self.planes(), &PngOptions::default())
+    }
+
+    /// Writes all planes that there are as OpenEXR: linear, premultiplied, colour in 16 bits and the others in 32. A
+    /// file of that name is overwritten; it appears whole or not at all. [`surfel_io::save_exr`] also writes metadata,
+    /// and colour in 32 bits.
+    ///
+    /// # Errors
+    /// [`IoError`] if the frame has no plane or the file can't be written.
+    pub fn save_exr(&self, path: impl AsRef<Path>) -> Result<(), IoError> {
+        surfel_io::save_exr(path.as_ref(), true, &self.planes(), &ExrOptions::default())
+    }
+
+    /// Borrows the planes that there are, as [`surfel_io`] writes them.
+    pub fn planes(&self) -> PlanesView<'_> {
+        fn there<T>(plane: &[T]) -> Option<&[T]> {
+            (!plane.is_empty()).then_some(plane)
+        }
+        PlanesView {
+            width: self.width(),
+            height: self.height(),
+            color: there(self.color()),
+            depth: there(self.depth()),
+            normal: there(self.normal()),
+            weight: there(self.weight()),
+            ..PlanesView::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Planes;
+
+    #[test]
+    fn frames_are_saved_with_the_planes_they_have() {
+        let folder = std::env::temp_dir().join(format!("surfel-frame-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let [png, exr] = ["a.png", "a.exr"].map(|name| folder.join(name));
+        let mut frame = Frame::default();
+        frame.reset(3, 2, Planes::COLOR.with_depth(true));
+        frame.color_mut()[4] = [1.0, 0.0, 1.0, 1.0];
+        frame.depth_mut()[4] = 2.5;
+        // The second time over the first.
+        for _ in 0..2 {
+            frame.save_png(&png).unwrap();
+            frame.save_exr(&exr).unwrap();
+        }
+        let (flat, whole) = (surfel_io::read_image(&png).unwrap(), surfel_io::read_image(&exr).unwrap());
+        assert_eq!((flat.width, flat.height, flat.color.unwrap()[4]), (3, 2, [1.0, 0.0, 1.0, 1.0]));
+        assert_eq!((whole.depth.unwrap()[4], whole.normal), (2.5, None));
+        frame.reset(3, 2, Planes::COLOR.with_color(false));
+        assert!(frame.save_png(&png).is_err());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

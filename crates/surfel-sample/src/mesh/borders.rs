@@ -1,0 +1,467 @@
+//! Creases and open edges, and how splats end at them.
+//!
+//! A splat near an edge of its smooth part of the surface keeps what lies on its own side of up to four lines. Where
+//! an edge is concave, one line keeps less than the surface there, and leaves the rest to the splats beside it.
+
+use super::geometry::Geometry;
+use crate::radii;
+use crate::tree::{KdTree, Nearest};
+use glam::{DVec2, DVec3};
+use surfel_model::{ClipColumns, ClipLine, NO_LINE};
+
+/// Most lines of a splat: what the rendering model has (§7).
+const MOST_LINES: usize = 4;
+/// Edge pieces looked at for one splat. Of an edge between two faces there are two, one for either side.
+const MOST_PIECES: usize = 48;
+/// Edges that stand off a splat's plane by more than this, over its radius, belong to another part of the surface, and
+/// so do those whose faces are turned by more than about 70° from it.
+const FARTHEST: f64 = 0.5;
+const FACING: f64 = 0.3;
+/// What hangs over an edge by less than this, in (u, v), isn't worth a line.
+const SLACK: f64 = 0.02;
+/// How far a line may seem to lie behind a splat's centre where the surface is curved, in (u, v).
+const BEHIND: f64 = 0.05;
+/// Both sides of an edge reach over it by this much, in (u, v): many times the rounding of f32.
+const HAIR: f64 = 2e-5;
+/// Corners of the polygon that stands for a disk.
+const RING: u32 = 24;
+/// What a splat keeps at least of its disk, in (u, v), where only open edges cut it, and where creases do: of parts of
+/// the surface that are narrower than splats are apart, few have a splat, and those stand for the others. Spread over
+/// a surface at the radius that density asks for, a splat's own share is 0.37.
+const LEAST_AT_OPEN_EDGES: f64 = 0.4;
+const LEAST_AT_CREASES: f64 = 1.1;
+/// How far splats may stand out of a surface where it bends, over the distance between them: a third of a pixel where
+/// that is two.
+const STANDING_OUT: f64 = 0.15;
+/// How far splats hang over where another part of an octree begins, over their radius.
+const OVER_CUT: f64 = 0.2;
+/// Area of a face that has splats to itself, over a splat's share of the surface.
+const RESOLVED: f64 = 3.0;
+
+/// Why a splat ends at an edge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// There is no face on the other side.
+    Open,
+    /// Faces meet at a large angle, or more than two of them, or their windings disagree.
+    Crease,
+    /// The surface is smooth, but bends by so much that splats would stand out of it.
+    Bend,
+    /// The surface goes on, but another part of an octree has it.
+    Cut,
+}
+
+/// An edge where splats end, seen from the face on one of its sides.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Border {
+    /// Its ends, with the face on the left when seen from outside.
+    pub(crate) ends: [DVec3; 2],
+    /// The corner (3·face + 0..3) that it starts at.
+    pub(crate) corner: u32,
+    /// The face on the other side, where there is one and no more.
+    pub(crate) across: Option<u32>,
+    pub(crate) kind: Kind,
+}
+
+impl Border {
+    fn face(&self) -> u32 {
+        self.corner / 3
+    }
+}
+
+/// Part of a border.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    ends: [DVec3; 2],
+    /// The face's unit normal.
+    normal: DVec3,
+    /// That of the face on the other side, if both are of the same region.
+    across: Option<DVec3>,
+    region: u32,
+    kind: Kind,
+    overhang: f64,
+}
+
+/// All borders of a surface, cut into pieces no longer than a splat's radius, to be found by place.
+pub(crate) struct Borders {
+    tree: KdTree,
+    pieces: Vec<Piece>,
+    /// Half the length of the longest piece.
+    half: f64,
+}
+
+/// What a splat keeps of its disk, in (u, v).
+#[derive(Clone, Debug)]
+pub(crate) struct Kept {
+    lines: Vec<Line>,
+    /// Area of what the lines keep; the whole disk has π.
+    pub(crate) area: f64,
+}
+
+/// Keeps normal·q ≤ offset.
+#[derive(Clone, Copy, Debug)]
+struct Line {
+    normal: DVec2,
+    offset: f64,
+    kind: Kind,
+}
+
+/// A piece in a splat's plane, what is to be kept on its left.
+#[derive(Clone, Copy, Debug)]
+struct Segment {
+    a: DVec2,
+    b: DVec2,
+    kind: Kind,
+    /// How far the line lies beyond it.
+    overhang: f64,
+}
+
+impl Borders {
+    /// Cuts the borders of a surface for splats `spacing` apart, of which `count` are made, into pieces of about their
+    /// radius. `regions` has one number a face. Faces that have no splats to themselves may be hung over where the
+    /// surface is smooth.
+    pub(crate) fn new(geometry: &Geometry, borders: &[Border], regions: &[u32], spacing: f64, count: usize) -> Self {
+        let is_resolved = |face: u32| geometry.areas[face as usize] >= RESOLVED * spacing * spacing;
+        let counts = |b: &&Border| b.kind != Kind::Bend || (is_resolved(b.face()) && b.across.is_some_and(is_resolved));
+        let total: f64 = borders.iter().filter(counts).map(|b| b.ends[0].distance(b.ends[1])).sum();
+        let most = (4 * count + borders.len()).max(1);
+        let length = (radii::DENSITY * spacing).max(total / most as f64);
+        let (mut pieces, mut half) = (Vec::new(), 0.0_f64);
+        for border in borders.iter().filter(counts) {
+            let normal_of = |face: u32| geometry.normals[face as usize];
+            let (region, normal) = (regions[border.face() as usize], normal_of(border.face()));
+            let across = border.across.filter(|face| regions[*face as usize] == region).map(normal_of);
+            let overhang = match (border.kind, border.across) {
+                (Kind::Bend, Some(other)) => STANDING_OUT * spacing / normal.cross(normal_of(other)).length(),
+                (Kind::Cut, _) => OVER_CUT * radii::DENSITY * spacing,
+                _ => 0.0,
+            };
+            let [a, b] = border.ends;
+            let parts = (a.distance(b) / length).ceil().clamp(1.0, most as f64) as usize;
+            let at = |i: usize| a.lerp(b, i as f64 / parts as f64);
+            let piece =
+                |i: usize| Piece { ends: [at(i), at(i + 1)], normal, across, region, kind: border.kind, overhang };
+            pieces.extend((0..parts).map(piece));
+            half = half.max(0.5 * a.distance(b) / parts as f64);
+        }
+        let middles: Vec<DVec3> = pieces.iter().map(|piece| 0.5 * (piece.ends[0] + piece.ends[1])).collect();
+        Self { tree: KdTree::new(&middles), pieces, half }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.pieces.is_empty()
+    }
+
+    /// What the splat at `p` with the half-axes `axes`, s no shorter than t, keeps on a face of `region`; `None` where
+    /// nothing cuts it.
+    pub(crate) fn keep(&self, p: DVec3, axes: (DVec3, DVec3), region: u32) -> Option<Kept> {
+        let segments = self.segments(p, axes, region);
+        let (mut lines, mut polygon): (Vec<Line>, Vec<DVec2>) = (Vec::new(), Vec::new());
+        while lines.len() < MOST_LINES {
+            let overhang = |line: &Line| {
+                let kept = polygon.iter().map(|q| line.normal.dot(*q)).fold(f64::NEG_INFINITY, f64::max);
+                if polygon.is_empty() { 1.0 - line.offset } else { kept - line.offset }
+            };
+            let worth = |segment: &Segment| {
+                segment.part(&lines)?;
+                let line = segment.line(&segments, &lines)?;
+                Some((overhang(&line), line)).filter(|(overhang, _)| *overhang > SLACK)
+            };
+            let mut all = segments.iter().filter_map(worth);
+            // The nearest first, then whatever cuts off most.
+            let best = if lines.is_empty() { all.next() } else { all.max_by(|x, y| x.0.total_cmp(&y.0)) };
+            let Some((_, line)) = best else { break };
+            if polygon.is_empty() {
+                polygon = ring();
+            }
+            polygon = cut(&polygon, &line);
+            lines.push(line);
+        }
+        (!lines.is_empty()).then(|| Kept { area: area(&polygon), lines })
+    }
+
+    /// The pieces near a splat in its own (u, v), nearest first.
+    fn segments(&self, p: DVec3, (s, t): (DVec3, DVec3), region: u32) -> Vec<Segment> {
+        let radius = s.length();
+        let normal = s.cross(t).normalize_or_zero();
+        let mut found = Nearest::within(MOST_PIECES, radius + self.half);
+        self.tree.nearest(p, &mut found);
+        let flat = |q: DVec3| {
+            let d = q - p;
+            DVec2::new(d.dot(s) / s.length_squared(), d.dot(t) / t.length_squared())
+        };
+        let near = |slot: &(f64, u32)| {
+            let piece = &self.pieces[self.tree.index(slot.1 as usize)];
+            let facing = piece.normal.dot(normal);
+            // Of an edge between two faces of the region, the side that the splat is on counts.
+            let is_own =
+                piece.region == region && facing > FACING && piece.across.is_none_or(|n| n.dot(normal) <= facing);
+            let is_near = |q: &DVec3| (*q - p).dot(normal).abs() < FARTHEST * radius;
+            if !is_own || !piece.ends.iter().any(is_near) {
+                return None;
+            }
+            let [a, b] = piece.ends.map(flat);
+            Some(Segment { a, b, kind: piece.kind, overhang: piece.overhang / radius })
+        };
+        let all = found.items().iter().filter_map(near);
+        let is_met = |s: &Segment| s.a != s.b && s.nearest().length() + s.overhang < 1.0;
+        let mut segments: Vec<Segment> = all.filter(is_met).collect();
+        segments.sort_by(|x, y| x.nearest().length_squared().total_cmp(&y.nearest().length_squared()));
+        segments
+    }
+}
+
+impl Segment {
+    /// The unit vector along it, and where on it the foot of the origin is, 0 to 1.
+    fn foot(&self) -> (DVec2, f64) {
+        let along = self.b - self.a;
+        (along.normalize_or_zero(), -self.a.dot(along) / along.length_squared())
+    }
+
+    fn nearest(&self) -> DVec2 {
+        self.a.lerp(self.b, self.foot().1.clamp(0.0, 1.0))
+    }
+
+    /// The part within the unit disk and, but for the other side of a strip, well within what the lines keep.
+    fn part(&self, lines: &[Line]) -> Option<[DVec2; 2]> {
+        let along = self.b - self.a;
+        let (square, half) = (along.length_squared(), self.a.dot(along));
+        let root = (half * half - square * (self.a.length_squared() - 1.0)).sqrt();
+        // NaN, where the line misses the disk, leaves nothing.
+        let (mut from, mut to) = (((-half - root) / square).max(0.0), ((-half + root) / square).min(1.0));
+        if root.is_nan() {
+            return None;
+        }
+        let outward = -self.foot().0.perp();
+        for line in lines {
+            // A border on the other side of a narrow strip counts however narrow it is.
+            let slack = if outward.dot(line.normal) < 0.0 { 0.0 } else { SLACK };
+            let (start, change) = (line.normal.dot(self.a) - line.offset + slack, line.normal.dot(along));
+            if change.abs() < 1e-12 {
+                if start > 0.0 {
+                    return None;
+                }
+            } else if change > 0.0 {
+                to = to.min(-start / change);
+            } else {
+                from = from.max(-start / change);
+            }
+        }
+        (from < to).then(|| [self.a + along * from, self.a + along * to])
+    }
+
+    /// The line that a splat about the origin ends at because of this border; `None` where it faces away.
+    fn line(&self, all: &[Self], lines: &[Line]) -> Option<Line> {
+        let (direction, place) = self.foot();
+        let outward = -direction.perp();
+        let offset = outward.dot(self.a);
+        if offset < -BEHIND {
+            return None;
+        }
+        let support = Line { normal: outward, offset: offset.max(0.0) + self.overhang, kind: self.kind };
+        // The ends overlap a little: a curved border has gaps between its pieces' feet.
+        if (-0.05..=1.05).contains(&place) {
+            return Some(support);
+        }
+        let corner = self.nearest();
+        let is_left = |other: &Self| {
+            let faces_away = -(other.foot().0.perp()).dot(other.a) < -BEHIND;
+            let within = |q: DVec2| outward.dot(q) <= support.offset + BEHIND;
+            faces_away || other.part(lines).is_none_or(|part| part.into_iter().all(within))
+        };
+        if corner.length() < 1e-6 || all.iter().all(is_left) {
+            return Some(support);
+        }
+        // A reflex corner: what lies behind it belongs to others.
+        Some(Line { normal: corner.normalize(), offset: corner.length() + self.overhang, kind: self.kind })
+    }
+}
+
+impl Kept {
+    /// What a splat keeps at the least before lines are moved away from it.
+    pub(crate) fn least(&self) -> f64 {
+        let is_open = |line: &Line| matches!(line.kind, Kind::Open | Kind::Cut);
+        if self.lines.iter().all(is_open) { LEAST_AT_OPEN_EDGES } else { LEAST_AT_CREASES }
+    }
+
+    /// Moves the lines outward until the least area is kept.
+    pub(crate) fn widen(&mut self, least: f64) {
+        let moved = |by: f64| self.lines.iter().map(move |line| Line { offset: line.offset + by, ..*line });
+        let area_of = |by: f64| area(&moved(by).fold(ring(), |polygon, line| cut(&polygon, &line)));
+        if self.area >= least {
+            return;
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..12 {
+            let middle = 0.5 * (low + high);
+            if area_of(middle) < least { low = middle } else { high = middle }
+        }
+        self.area = area_of(high);
+        self.lines = moved(high).collect();
+    }
+
+    /// The lines as the model has them.
+    fn clip_lines(&self) -> [ClipLine; 4] {
+        let mut all = [NO_LINE; 4];
+        for (out, line) in all.iter_mut().zip(&self.lines) {
+            let c = (line.offset + HAIR) as f32;
+            *out = ClipLine { a: -line.normal.x as f32, b: -line.normal.y as f32, c };
+        }
+        all
+    }
+}
+
+/// The columns of a cloud whose splats keep this of themselves; `None` where nothing clips any.
+pub(crate) fn clip_columns<'a>(kept: impl Iterator<Item = Option<&'a Kept>> + Clone) -> Option<ClipColumns> {
+    if kept.clone().all(|kept| kept.is_none()) {
+        return None;
+    }
+    let lines = kept.map(|kept| kept.map_or([NO_LINE; 4], Kept::clip_lines)).collect();
+    Some(ClipColumns { lines: Some(lines), ..ClipColumns::default() })
+}
+
+/// A polygon in place of the unit disk.
+fn ring() -> Vec<DVec2> {
+    (0..RING).map(|i| DVec2::from_angle(std::f64::consts::TAU * f64::from(i) / f64::from(RING))).collect()
+}
+
+/// The part of a convex polygon that a line keeps.
+fn cut(polygon: &[DVec2], line: &Line) -> Vec<DVec2> {
+    let mut kept = Vec::with_capacity(polygon.len() + 1);
+    for (i, a) in polygon.iter().enumerate() {
+        let b = polygon[(i + 1) % polygon.len()];
+        let (da, db) = (line.normal.dot(*a) - line.offset, line.normal.dot(b) - line.offset);
+        if da <= 0.0 {
+            kept.push(*a);
+        }
+        if (da <= 0.0) != (db <= 0.0) {
+            kept.push(*a + (b - *a) * (da / (da - db)));
+        }
+    }
+    kept
+}
+
+fn area(polygon: &[DVec2]) -> f64 {
+    (0..polygon.len()).map(|i| 0.5 * polygon[i].perp_dot(polygon[(i + 1) % polygon.len()])).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Column3, Mesh};
+
+    fn surface(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
+        Mesh { positions: Column3::from_f64(positions), triangles, ..Mesh::default() }
+    }
+
+    /// What the splat of radius 1 at `p` keeps on `face`, among splats as far apart as that radius is made for.
+    fn kept(mesh: &Mesh, p: DVec3, face: usize, radius: f64) -> Option<Kept> {
+        let geometry = Geometry::new(mesh);
+        let smooth = geometry.smooth();
+        let borders = Borders::new(&geometry, &smooth.borders, &smooth.regions, 1.0 / radii::DENSITY, 1000);
+        let (u, v) = surfel_math::basis::orthonormal(geometry.normals[face]);
+        borders.keep(p, (u * radius, v * radius), smooth.regions[face])
+    }
+
+    fn keeps(kept: &Kept, q: DVec2) -> bool {
+        kept.lines.iter().all(|line| line.normal.dot(q) <= line.offset)
+    }
+
+    /// The half plane x < 0, as far as it matters.
+    fn half_plane() -> Mesh {
+        let positions = [[-99.0, -99.0], [0.0, -99.0], [0.0, 99.0], [-99.0, 99.0]];
+        surface(&positions.map(|[x, y]| DVec3::new(x, y, 0.0)), vec![[0, 1, 2], [0, 2, 3]])
+    }
+
+    #[test]
+    fn keep_ends_at_an_open_edge_and_nowhere_else() {
+        for distance in [0.0, 0.3, 0.9] {
+            let kept = kept(&half_plane(), DVec3::X * -distance, 0, 1.0).unwrap();
+            let [line] = kept.lines[..] else { panic!("{kept:?}") };
+            assert!((line.normal - DVec2::X).length() < 1e-12 && (line.offset - distance).abs() < 1e-12, "{line:?}");
+        }
+        assert!(kept(&half_plane(), DVec3::X * -1.1, 0, 1.0).is_none());
+        // Of the half disk, a polygon of 24 corners keeps 1.1 % less.
+        let half = kept(&half_plane(), DVec3::ZERO, 0, 1.0).unwrap().area;
+        assert!((half / std::f64::consts::FRAC_PI_2 - 0.989).abs() < 1e-3, "{half}");
+    }
+
+    #[test]
+    fn keep_follows_convex_corners_and_leaves_what_lies_behind_reflex_ones() {
+        // An L: the square of side 20 without its upper right quarter, which begins at the origin.
+        let positions = [[-10.0, -10.0], [10.0, -10.0], [10.0, 0.0], [0.0, 0.0], [0.0, 10.0], [-10.0, 10.0]];
+        let mesh =
+            surface(&positions.map(|[x, y]| DVec3::new(x, y, 0.0)), vec![[0, 1, 2], [0, 2, 3], [0, 3, 5], [3, 4, 5]]);
+        let corner = kept(&mesh, DVec3::new(9.9, -9.8, 0.0), 0, 1.0).unwrap();
+        assert_eq!(corner.lines.len(), 2);
+        assert!(keeps(&corner, DVec2::new(-0.5, 0.5)) && keeps(&corner, DVec2::new(0.09, -0.19)));
+        assert!(!keeps(&corner, DVec2::new(0.11, 0.0)) && !keeps(&corner, DVec2::new(0.0, -0.21)));
+        // In the corner's diagonal, neither edge is opposite.
+        let reflex = kept(&mesh, DVec3::new(-0.3, -0.3, 0.0), 1, 1.0).unwrap();
+        assert!(keeps(&reflex, DVec2::new(0.29, 0.29)) && !keeps(&reflex, DVec2::new(0.32, 0.32)));
+        let beside = kept(&mesh, DVec3::new(0.5, -0.2, 0.0), 1, 1.0).unwrap();
+        assert_eq!(beside.lines.len(), 1);
+        assert!(!keeps(&beside, DVec2::new(0.0, 0.21)) && keeps(&beside, DVec2::new(-0.9, 0.19)));
+    }
+
+    /// A roof along y whose sides, faces 0 and 3, fall by `degrees`; shallow faces join their far ends, so that both
+    /// are of one region.
+    fn roof(degrees: f64) -> Mesh {
+        let eave = |side: f64, y: f64| fall(side, degrees) * 50.0 + DVec3::Y * y;
+        let positions = [
+            DVec3::Y * -50.0,
+            DVec3::Y * 50.0,
+            eave(-1.0, -50.0),
+            eave(-1.0, 50.0),
+            eave(1.0, -50.0),
+            eave(1.0, 50.0),
+            DVec3::new(-20.0, 400.0, -10.0),
+            DVec3::new(20.0, 400.0, -10.0),
+        ];
+        let mesh =
+            surface(&positions, vec![[0, 1, 3], [0, 3, 2], [0, 4, 5], [0, 5, 1], [1, 6, 3], [1, 7, 6], [1, 5, 7]]);
+        assert_eq!(Geometry::new(&mesh).smooth().regions, [0; 7]);
+        mesh
+    }
+
+    /// The way down on one side of the roof.
+    fn fall(side: f64, degrees: f64) -> DVec3 {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        DVec3::new(side * cos, 0.0, -sin)
+    }
+
+    #[test]
+    fn keep_takes_the_side_that_the_splat_is_on() {
+        let mesh = roof(25.0);
+        for (side, face) in [(-1.0, 0), (1.0, 3)] {
+            // So near to the ridge that the other side's edge is hardly behind it.
+            let down = fall(side, 25.0);
+            let kept = kept(&mesh, down * 1e-3, face, 1.0).unwrap();
+            let (u, v) = surfel_math::basis::orthonormal(Geometry::new(&mesh).normals[face]);
+            let way = DVec2::new(down.dot(u), down.dot(v));
+            assert!((way.length() - 1.0).abs() < 1e-9);
+            assert!(keeps(&kept, 0.9 * way) && !keeps(&kept, -0.002 * way), "{face}: {kept:?}");
+        }
+    }
+
+    #[test]
+    fn keep_hangs_over_bends_by_what_stands_out() {
+        let on_ridge = |degrees: f64| kept(&roof(0.5 * degrees), DVec3::ZERO, 3, 1.0);
+        assert!(on_ridge(14.0).is_none(), "smooth enough");
+        let bent = on_ridge(30.0).unwrap();
+        assert!((bent.lines[0].offset - STANDING_OUT / radii::DENSITY / 0.5).abs() < 1e-9, "{bent:?}");
+        assert!(on_ridge(50.0).unwrap().lines[0].offset.abs() < 1e-9);
+    }
+
+    #[test]
+    fn widen_leaves_a_splat_its_share() {
+        // A ribbon much narrower than splats are apart.
+        let positions = [[-99.0, 0.0], [99.0, 0.0], [99.0, 0.01], [-99.0, 0.01]];
+        let ribbon = surface(&positions.map(|[x, y]| DVec3::new(x, y, 0.0)), vec![[0, 1, 2], [0, 2, 3]]);
+        let mut kept = kept(&ribbon, DVec3::new(0.0, 0.005, 0.0), 0, 1.0).unwrap();
+        assert!(kept.area < 0.021);
+        let least = kept.least();
+        kept.widen(least);
+        assert!((kept.area - LEAST_AT_OPEN_EDGES).abs() < 1e-3, "{kept:?}");
+    }
+}

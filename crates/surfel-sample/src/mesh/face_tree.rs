@@ -1,0 +1,78 @@
+//! An octree over a mesh's triangles, by their centroids.
+
+use super::geometry::Geometry;
+use glam::DVec3;
+use std::ops::Range;
+
+/// Deepest level: splats 2⁸ times as fine as the root's.
+const DEEPEST: u32 = 8;
+
+/// A cube of the octree that has triangles.
+pub(crate) struct Node {
+    pub(crate) depth: u32,
+    /// Its triangles, as a range of [`FaceTree::order`].
+    pub(crate) faces: Range<usize>,
+    /// Indices of its parts; none for a leaf.
+    pub(crate) children: Range<u32>,
+}
+
+/// Nodes breadth first; the parts of a node follow one another.
+pub(crate) struct FaceTree {
+    pub(crate) nodes: Vec<Node>,
+    /// Triangles, those of a node next to one another.
+    pub(crate) order: Vec<u32>,
+    /// Side of the root's cube.
+    pub(crate) side: f64,
+}
+
+impl FaceTree {
+    /// Divides until at most `leaf_triangles` are left in a cube. Every triangle belongs to one leaf, whole.
+    pub(crate) fn new(geometry: &Geometry, leaf_triangles: usize) -> Self {
+        let count = geometry.areas.len();
+        let centroid = |face: u32| geometry.corners(face as usize).iter().sum::<DVec3>() / 3.0;
+        let centroids: Vec<DVec3> = (0..count as u32).map(centroid).collect();
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for c in &centroids {
+            (low, high) = (low.min(*c), high.max(*c));
+        }
+        let mut order: Vec<u32> = (0..count as u32).collect();
+        let mut nodes = vec![Node { depth: 0, faces: 0..count, children: 0..0 }];
+        let mut cubes = vec![((low + high) * 0.5, (high - low).max_element() * 0.5)];
+        let mut i = 0;
+        while i < nodes.len() {
+            let (faces, depth, (center, half)) = (nodes[i].faces.clone(), nodes[i].depth, cubes[i]);
+            i += 1;
+            if faces.len() <= leaf_triangles || depth >= DEEPEST {
+                continue;
+            }
+            let octant = |face: u32| {
+                let c = centroids[face as usize];
+                usize::from(c.x >= center.x) | usize::from(c.y >= center.y) << 1 | usize::from(c.z >= center.z) << 2
+            };
+            order[faces.clone()].sort_by_key(|&face| octant(face));
+            let first = nodes.len() as u32;
+            let mut start = faces.start;
+            while start < faces.end {
+                let part = octant(order[start]);
+                let end = start + order[start..faces.end].partition_point(|&face| octant(face) == part);
+                nodes.push(Node { depth: depth + 1, faces: start..end, children: 0..0 });
+                let sign = |bit: usize| if part >> bit & 1 == 1 { 0.5 } else { -0.5 };
+                cubes.push((center + DVec3::new(sign(0), sign(1), sign(2)) * half, half * 0.5));
+                start = end;
+            }
+            nodes[i - 1].children = first..nodes.len() as u32;
+        }
+        Self { nodes, order, side: geometry.extent }
+    }
+
+    /// The leaf of every triangle.
+    pub(crate) fn leaf_of_face(&self) -> Vec<u32> {
+        let mut leaves = vec![0; self.order.len()];
+        for (i, node) in self.nodes.iter().enumerate().filter(|(_, n)| n.children.is_empty()) {
+            for face in &self.order[node.faces.clone()] {
+                leaves[*face as usize] = i as u32;
+            }
+        }
+        leaves
+    }
+}

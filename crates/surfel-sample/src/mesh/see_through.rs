@@ -1,0 +1,400 @@
+//! Splats of surfaces that can be seen through: they end where their material is cut, and where it stops being opaque.
+//!
+//! Alpha is looked up in each splat's own disk, on the plane of its triangle. Where it is kept in a part of the disk
+//! only, four disks of half the size stand for it, twice over if there aren't too many of them; and the contour in what
+//! remains becomes up to four clip lines. Splats of which nothing is there are left out.
+
+use super::geometry::Geometry;
+use crate::assemble;
+use crate::parallel::map_each;
+use glam::{DVec2, DVec3};
+use surfel_math::basis::{orthonormal, unit};
+use surfel_model::{AlphaMode, ClipColumns, ClipLine, ClipMode, CloudData, Column3, NO_LINE, Shape};
+
+/// Directions in which the contour is looked for, and steps out to the disk's rim along each.
+const DIRECTIONS: usize = 24;
+const STEPS: usize = 6;
+/// How far the contour's points may be off a line, as a share of the disk's radius.
+const STRAIGHT: f64 = 0.1;
+/// Alpha below which nothing is seen: half a level of 256.
+const NOTHING: f32 = 0.5 / 255.0;
+/// A disk is left out if nothing is seen as far as its neighbours reach into it, in radii: those that are seen would
+/// otherwise lose what their alpha is averaged with, and stand out.
+const REACH: f64 = 2.25;
+/// Barycentric coordinates this far outside of a triangle say nothing of its texture.
+const FAR: f64 = 4.0;
+/// How often a disk is divided.
+const DIVISIONS: usize = 2;
+/// Most disks that division may add: as many as there are, and this many.
+const MOST_ADDED: usize = 100_000;
+/// Share of a disk's radius that is half the distance to its neighbours.
+const OWN_SHARE: f64 = 0.5 / crate::radii::DENSITY;
+
+/// A splat, or a part of one.
+#[derive(Clone, Copy, Default)]
+struct Piece {
+    /// Index of the splat.
+    source: u32,
+    /// Place of its centre in the splat's disk, and its size as a share of the splat's.
+    at: DVec2,
+    scale: f64,
+    color: [f32; 4],
+    fate: Fate,
+}
+
+/// What becomes of a piece.
+#[derive(Clone, Copy, Default)]
+enum Fate {
+    #[default]
+    Whole,
+    /// The contour of what is kept runs through it.
+    Clipped([ClipLine; 4]),
+    /// It isn't there, but for a part that doesn't hold its centre.
+    Scraps,
+    /// It is transparent, but for a part that is opaque.
+    Mixed,
+    Gone,
+}
+
+/// A splat's disk on its triangle: barycentric coordinates of its centre and their change along its half-axes.
+struct Disk<'a> {
+    geometry: &'a Geometry<'a>,
+    face: usize,
+    center: [f64; 3],
+    along_s: [f64; 3],
+    along_t: [f64; 3],
+}
+
+/// Leaves out what isn't there, and clips splats to what is. `faces` are the triangles of the splats.
+pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (CloudData, Vec<u32>) {
+    if !geometry.mesh.is_see_through() {
+        return (data, faces);
+    }
+    let axes: Vec<(DVec3, DVec3)> = (0..faces.len()).map(|i| axes_of(&data.shape, i)).collect();
+    let disk = |i: usize| Disk::new(geometry, faces[i] as usize, data.centers.get(i), axes[i]);
+    let whole = |i: usize| {
+        let [r, g, b] = data.colors.as_ref().map_or([1.0; 3], |colors| colors[i]);
+        let opacity = data.alphas.as_ref().map_or(1.0, |alphas| alphas[i]);
+        let piece = Piece { source: i as u32, scale: 1.0, color: [r, g, b, opacity], ..Piece::default() };
+        Piece { fate: disk(i).map_or(Fate::Whole, |disk| fate(&disk, &piece)), ..piece }
+    };
+    let mut pieces = map_each(faces.len(), &crate::NoProgress, || (), |(), i| whole(i));
+    // A curve can't be had in a part of its splat.
+    let has_curve = |i: u32| data.clips.as_ref().is_some_and(|clips| clips.curve(i as usize).is_some());
+    let is_mixed = |p: &Piece| matches!(p.fate, Fate::Clipped(_) | Fate::Scraps | Fate::Mixed) && !has_curve(p.source);
+    let mut left = faces.len() + MOST_ADDED;
+    for _ in 0..DIVISIONS {
+        let mixed = pieces.iter().filter(|piece| is_mixed(piece)).count();
+        if mixed == 0 || 4 * mixed > left {
+            break;
+        }
+        left -= 4 * mixed;
+        let divided = map_each(
+            pieces.len(),
+            &crate::NoProgress,
+            || (),
+            |(), i| {
+                let piece = pieces[i];
+                match disk(piece.source as usize).filter(|_| is_mixed(&piece)) {
+                    Some(disk) => quarters(&disk, &piece).to_vec(),
+                    None => vec![piece],
+                }
+            },
+        );
+        pieces = divided.into_iter().flatten().collect();
+    }
+    pieces.retain(|piece| !matches!(piece.fate, Fate::Gone | Fate::Scraps));
+    let faces = pieces.iter().map(|piece| faces[piece.source as usize]).collect();
+    (assembled(data, &axes, &pieces), faces)
+}
+
+/// Four disks of half the size in the place of one.
+fn quarters(disk: &Disk<'_>, piece: &Piece) -> [Piece; 4] {
+    let offset = OWN_SHARE * piece.scale;
+    [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(x, y)| {
+        let (at, scale) = (piece.at + DVec2::new(x, y) * offset, 0.5 * piece.scale);
+        let part = Piece { at, scale, color: disk.color(at, scale), ..*piece };
+        Piece { fate: fate(disk, &part), ..part }
+    })
+}
+
+/// The splats that the pieces are.
+fn assembled(data: CloudData, axes: &[(DVec3, DVec3)], pieces: &[Piece]) -> CloudData {
+    let sources: Vec<u32> = pieces.iter().map(|piece| piece.source).collect();
+    let clipped = pieces.iter().any(|piece| matches!(piece.fate, Fate::Clipped(_)));
+    let divided = pieces.iter().any(|piece| piece.scale < 1.0);
+    let own_axes = |p: &Piece| {
+        let (s, t) = axes[p.source as usize];
+        (s * p.scale, t * p.scale)
+    };
+    let shape = match &data.shape {
+        Shape::Disks { normals, radii } if !clipped && !divided => Shape::Disks {
+            normals: normals.select(&sources),
+            radii: sources.iter().map(|&i| radii[i as usize]).collect(),
+        },
+        _ => assemble::ellipses(&pieces.iter().map(own_axes).collect::<Vec<_>>()),
+    };
+    let centers = if divided {
+        let center = |p: &Piece| {
+            let (s, t) = axes[p.source as usize];
+            data.centers.get(p.source as usize) + s * p.at.x + t * p.at.y
+        };
+        let all: Vec<DVec3> = pieces.iter().map(center).collect();
+        if data.centers.low().is_some() {
+            Column3::from_f64(&all)
+        } else {
+            Column3::from_f32(all.iter().map(|p| p.as_vec3()).collect())
+        }
+    } else {
+        data.centers.select(&sources)
+    };
+    let (colors, alphas) = assemble::paint(Some(pieces.iter().map(|piece| piece.color).collect()));
+    let clips = (clipped || data.clips.is_some()).then(|| {
+        let mut clips = data.clips.clone().unwrap_or_default();
+        let (had_lines, had_modes) = (clips.lines.take(), clips.modes.take());
+        let mode = |p: &Piece| had_modes.as_ref().map_or(ClipMode::And, |modes| modes[p.source as usize]);
+        let lines = |p: &Piece| {
+            let given = had_lines.as_ref().map_or([NO_LINE; 4], |lines| lines[p.source as usize]);
+            let mut lines = given.map(|line| in_part(line, p));
+            let has_lines = lines.iter().any(|line| !line.a.is_nan());
+            if let Fate::Clipped(more) = &p.fate
+                && !(has_lines && mode(p) == ClipMode::Or)
+            {
+                let free = lines.iter_mut().filter(|line| line.a.is_nan());
+                free.zip(more.iter().filter(|line| !line.a.is_nan())).for_each(|(line, new)| *line = *new);
+                return (lines, ClipMode::And);
+            }
+            (lines, mode(p))
+        };
+        let (lines, modes) = pieces.iter().map(lines).unzip();
+        let curves = clips.curves.map(|curves| sources.iter().map(|&i| curves[i as usize]).collect());
+        ClipColumns { curves, lines: Some(lines), modes: Some(modes) }
+    });
+    let shading_normals = data.shading_normals.as_ref().map(|column| column.select(&sources));
+    CloudData { centers, shape, colors, alphas, shading_normals, clips, ..data }
+}
+
+/// A line of a splat in the units of a part of it.
+fn in_part(line: ClipLine, part: &Piece) -> ClipLine {
+    let (a, b) = (f64::from(line.a), f64::from(line.b));
+    let c = f64::from(line.c) + a * part.at.x + b * part.at.y;
+    ClipLine { a: (a * part.scale) as f32, b: (b * part.scale) as f32, c: c as f32 }
+}
+
+fn axes_of(shape: &Shape, i: usize) -> (DVec3, DVec3) {
+    match shape {
+        Shape::Ellipses { s, t } => (s.get(i), t.get(i)),
+        Shape::Disks { normals, radii } => {
+            let (s, t) = orthonormal(unit(normals.get(i)));
+            (s * f64::from(radii[i]), t * f64::from(radii[i]))
+        }
+    }
+}
+
+/// What becomes of a piece by its colour's opacity and the alpha in its disk.
+fn fate(disk: &Disk<'_>, piece: &Piece) -> Fate {
+    let alpha = |at: DVec2| disk.alpha(piece.at + at * piece.scale);
+    let ring = |reach: f64| (0..DIRECTIONS).flat_map(move |k| [0.33, 0.66, 1.0].map(|r| direction(k) * (r * reach)));
+    let opacity = piece.color[3];
+    match disk.geometry.mesh.material(disk.face).alpha {
+        AlphaMode::Opaque => Fate::Whole,
+        AlphaMode::Mask { cutoff } if opacity > 0.0 => contour(alpha, cutoff),
+        AlphaMode::Mask { cutoff } if ring(1.0).any(|at| alpha(at) >= cutoff) => Fate::Scraps,
+        AlphaMode::Mask { .. } => Fate::Gone,
+        AlphaMode::Blend if opacity >= assemble::SOLID => contour(alpha, assemble::SOLID),
+        AlphaMode::Blend if opacity < NOTHING && ring(REACH).all(|at| alpha(at) < NOTHING) => Fate::Gone,
+        AlphaMode::Blend if ring(1.0).any(|at| alpha(at) >= assemble::SOLID) => Fate::Mixed,
+        AlphaMode::Blend => Fate::Whole,
+    }
+}
+
+impl<'a> Disk<'a> {
+    /// `None` where alpha is the same all over the triangle, and where that has no area.
+    fn new(geometry: &'a Geometry<'a>, face: usize, center: DVec3, (s, t): (DVec3, DVec3)) -> Option<Self> {
+        let mesh = geometry.mesh;
+        let textured = mesh.uvs.is_some() && mesh.material(face).texture.is_some();
+        let one_alpha = mesh.alphas.as_ref().is_none_or(|a| {
+            let [a, b, c] = mesh.triangles[face].map(|i| a[i as usize]);
+            a == b && b == c && a >= assemble::SOLID
+        });
+        if !textured && one_alpha {
+            return None;
+        }
+        let [along_s, along_t] = [s, t].map(|axis| geometry.barycentric_change(face, axis));
+        let to_center = geometry.barycentric_change(face, center - geometry.corners(face)[0])?;
+        let center = [1.0 + to_center[0], to_center[1], to_center[2]];
+        Some(Self { geometry, face, center, along_s: along_s?, along_t: along_t? })
+    }
+
+    /// Alpha at a place in units of the half-axes.
+    fn alpha(&self, at: DVec2) -> f32 {
+        self.geometry.alpha(self.face, self.barycentric(at))
+    }
+
+    /// Colour and opacity of a part.
+    fn color(&self, at: DVec2, scale: f64) -> [f32; 4] {
+        let radius = 0.5 * (self.length(self.along_s) + self.length(self.along_t)) * scale;
+        self.geometry.color_about(self.face, self.barycentric(at), 2.0 * OWN_SHARE * radius)
+    }
+
+    fn barycentric(&self, at: DVec2) -> [f64; 3] {
+        let b: [f64; 3] = std::array::from_fn(|k| self.center[k] + at.x * self.along_s[k] + at.y * self.along_t[k]);
+        if b.iter().all(|b| b.abs() < FAR) { b } else { self.center }
+    }
+
+    /// Length of a vector that is given by its change of barycentric coordinates.
+    fn length(&self, change: [f64; 3]) -> f64 {
+        let [a, b, c] = self.geometry.corners(self.face);
+        ((b - a) * change[1] + (c - a) * change[2]).length()
+    }
+}
+
+fn direction(k: usize) -> DVec2 {
+    DVec2::from_angle(std::f64::consts::TAU * k as f64 / DIRECTIONS as f64)
+}
+
+/// Lines along the contour where alpha falls below `level` on the way out from the centre, where it doesn't.
+fn contour(alpha: impl Fn(DVec2) -> f32, level: f32) -> Fate {
+    let own = alpha(DVec2::ZERO);
+    let crossing = |k: usize| {
+        let mut before = own.max(level);
+        for step in 1..=STEPS {
+            let at = direction(k) * (step as f64 / STEPS as f64);
+            let here = alpha(at);
+            if here < level {
+                let share = f64::from((before - level) / (before - here));
+                return Some(direction(k) * ((step as f64 - 1.0 + share) / STEPS as f64));
+            }
+            before = here;
+        }
+        None
+    };
+    let points: [Option<DVec2>; DIRECTIONS] = std::array::from_fn(crossing);
+    let mut left = points;
+    let mut lines = [NO_LINE; 4];
+    for line in &mut lines {
+        let nearest = (0..DIRECTIONS).filter_map(|k| Some((k, left[k]?)));
+        let Some((k, _)) = nearest.min_by(|a, b| a.1.length_squared().total_cmp(&b.1.length_squared())) else { break };
+        let (normal, distance) = straight(&points, k);
+        *line = ClipLine { a: -normal.x as f32, b: -normal.y as f32, c: distance as f32 };
+        left[k] = None;
+        for point in &mut left {
+            if point.is_some_and(|p| p.dot(normal) >= distance - STRAIGHT) {
+                *point = None;
+            }
+        }
+    }
+    if lines[0].a.is_nan() { Fate::Whole } else { Fate::Clipped(lines) }
+}
+
+/// The line through as many points about the `k`th as lie on one: its unit normal away from the centre, and how far
+/// from the centre it is.
+fn straight(points: &[Option<DVec2>; DIRECTIONS], k: usize) -> (DVec2, f64) {
+    let own = points[k].unwrap_or_default();
+    let mut best = (own.normalize_or(direction(k)), own.length());
+    let mut chosen = vec![own];
+    for reach in 1..=DIRECTIONS / 4 {
+        let pair = [(k + reach) % DIRECTIONS, (k + DIRECTIONS - reach) % DIRECTIONS].map(|i| points[i]);
+        chosen.extend(pair.into_iter().flatten());
+        if chosen.len() < 2 {
+            break;
+        }
+        let mean = chosen.iter().sum::<DVec2>() / chosen.len() as f64;
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for d in chosen.iter().map(|p| *p - mean) {
+            (xx, xy, yy) = (xx + d.x * d.x, xy + d.x * d.y, yy + d.y * d.y);
+        }
+        // The direction of most extent, and across it.
+        let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
+        let normal = DVec2::from_angle(angle).perp();
+        let normal = if normal.dot(mean) < 0.0 { -normal } else { normal };
+        let distance = normal.dot(mean);
+        if chosen.iter().any(|p| (normal.dot(*p) - distance).abs() > STRAIGHT) {
+            break;
+        }
+        best = (normal, distance);
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::{MeshMethod, MeshOptions, splats_from_mesh};
+    use glam::Vec3;
+    use std::sync::Arc;
+    use surfel_math::V2;
+    use surfel_model::{ClipPolicy, Mesh, MeshMaterial, SplatCloud, Texture, TriangleMaterials};
+
+    /// A unit square whose texture of 64 columns has this alpha, by u.
+    fn square(alpha: impl Fn(f32) -> u8, mode: AlphaMode) -> Mesh {
+        let texel = |x: u32| [255, 255, 255, alpha((x as f32 + 0.5) / 64.0)];
+        let texture = Texture { width: 64, height: 1, srgba8: (0..64).map(texel).collect() };
+        let material = MeshMaterial { texture: Some(Arc::new(texture)), alpha: mode };
+        Mesh {
+            positions: Column3::from_f32(vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y]),
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            uvs: Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
+            materials: Some(TriangleMaterials { materials: vec![material], of_triangle: vec![0; 2] }),
+            ..Mesh::default()
+        }
+    }
+
+    fn splats(mesh: &Mesh) -> SplatCloud {
+        splats_from_mesh(mesh, &MeshOptions::new(MeshMethod::Count(2000)), &crate::NoProgress).unwrap().0
+    }
+
+    /// Whether any splat's disk, as far as it isn't clipped, holds a place; opaque ones, or any.
+    fn is_covered(cloud: &SplatCloud, p: DVec3, opaque: bool) -> bool {
+        (0..cloud.len()).any(|i| {
+            let (d, (s, t)) = (p - cloud.center(i), cloud.axes(i));
+            let at = V2::new(d.dot(s) / s.length_squared(), d.dot(t) / t.length_squared());
+            let clip = cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, ClipPolicy::Exact));
+            let inside = at.x * at.x + at.y * at.y <= 1.0 && clip.is_none_or(|clip| clip.keeps(at));
+            inside && (!opaque || cloud.alpha(i) == 1.0)
+        })
+    }
+
+    /// Places of a grid over the square, away from its own border.
+    fn places() -> impl Iterator<Item = DVec3> {
+        let at = |i: usize| 0.06 + 0.88 * i as f64 / 60.0;
+        (0..61).flat_map(move |x| (0..13).map(move |y| DVec3::new(at(x), at(5 * y), 0.0)))
+    }
+
+    #[test]
+    fn masks_are_covered_up_to_their_edge_and_not_beyond() {
+        // A wide stripe and a stem of 4/64, narrower than a splat's disk of 0.074.
+        let kept = |u: f32| (0.25..0.5).contains(&u) || (0.75..0.8125).contains(&u);
+        let cloud = splats(&square(|u| if kept(u) { 255 } else { 0 }, AlphaMode::Mask { cutoff: 0.5 }));
+        assert!(cloud.data().alphas.is_none());
+        // Interpolated between texels, alpha is ½ at the stripes' ends; a tenth of a divided disk's radius is 0.002.
+        for p in places().filter(|p| [0.25, 0.5, 0.75, 0.8125].iter().all(|end| (p.x - end).abs() > 0.01)) {
+            assert_eq!(is_covered(&cloud, p, false), kept(p.x as f32), "{p}");
+        }
+    }
+
+    #[test]
+    fn what_is_opaque_ends_where_blending_begins_and_what_is_not_seen_is_left_out() {
+        let alpha = |u: f32| match u {
+            0.3..0.6 => 128,
+            0.6..0.9 => 255,
+            _ => 0,
+        };
+        let cloud = splats(&square(alpha, AlphaMode::Blend));
+        for p in places().filter(|p| [0.6, 0.9].iter().all(|end| (p.x - end).abs() > 0.02)) {
+            assert_eq!(is_covered(&cloud, p, true), (0.6..0.9).contains(&p.x), "{p}");
+        }
+        let half = (0..cloud.len()).filter(|&i| (0.4..0.5).contains(&cloud.center(i).x));
+        assert!(half.map(|i| cloud.alpha(i)).all(|a| (a - 128.0 / 255.0).abs() < 1e-3));
+        // Splats that show nothing are there only to average with those that do.
+        let unseen: Vec<f64> = (0..cloud.len()).filter(|&i| cloud.alpha(i) == 0.0).map(|i| cloud.center(i).x).collect();
+        assert!(!unseen.is_empty() && unseen.iter().all(|x| *x > 0.1), "{unseen:?}");
+    }
+
+    #[test]
+    fn opaque_alpha_changes_nothing() {
+        let opaque = square(|u| if u < 0.5 { 0 } else { 255 }, AlphaMode::Opaque);
+        let cloud = splats(&opaque);
+        assert_eq!((cloud.len(), cloud.data().alphas.is_none()), (2000, true));
+    }
+}

@@ -1,0 +1,201 @@
+//! From points and meshes to splats, as the options say, and what there is to tell about it.
+
+use crate::load::{Conversion, UnusedOption};
+use crate::{Error, LoadOptions};
+use std::path::Path;
+use surfel_io::Content;
+use surfel_model::{Column3, Mesh, OnInvalid, PointCloud, Shape, SplatCloud};
+use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
+
+/// The options that have nothing to act on in what a file holds.
+pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOption> {
+    let holds = match content {
+        Content::Splats(_) => "splats",
+        Content::Points(_) => "points",
+        Content::Mesh(_) => "a mesh",
+        Content::Octree(_) => "an octree",
+    };
+    let (points, mesh) = (holds == "points", holds == "a mesh");
+    // What is one splat a vertex of a mesh is one splat a point of points.
+    let (method, fits) = match options.method {
+        Some(MeshMethod::Count(_)) => ("splats", mesh),
+        Some(MeshMethod::PerFace) => ("per_face", mesh),
+        Some(MeshMethod::PerVertex) => ("per_vertex", mesh || points),
+        None => ("", true),
+    };
+    let given = [
+        (method, fits, "a mesh"),
+        ("max_points", options.max_points.is_none() || points, "points"),
+        ("radius_scale", options.radius_scale == 1.0 || holds != "an octree", "splats, points or a mesh"),
+        ("sharp", !options.sharp || points || mesh, "points or a mesh"),
+        ("error", options.sharp_error.is_none() || mesh, "a mesh"),
+    ];
+    let unused = given.into_iter().filter(|(_, fits, _)| !fits);
+    unused.map(|(option, _, expected)| UnusedOption { option, holds, expected }).collect()
+}
+
+/// Splats with other radii, and the interior weight that goes with them.
+pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error> {
+    let mut data = cloud.into_data();
+    let column = |c: &Column3| Column3::from_f32(c.high().iter().map(|v| *v * scale as f32).collect());
+    match &mut data.shape {
+        Shape::Disks { radii, .. } => radii.iter_mut().for_each(|r| *r *= scale as f32),
+        Shape::Ellipses { s, t } => (*s, *t) = (column(s), column(t)),
+    }
+    data.interior_weight = None;
+    let (mut cloud, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
+    if let Some(weight) = surfel_sample::interior_weight(&cloud) {
+        cloud.set_interior_weight(weight);
+    }
+    Ok(cloud)
+}
+
+/// Splats of points.
+pub(crate) fn points(
+    mut points: PointCloud,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
+    let dropped = options.max_points.map_or(0, |most| points.thin(most));
+    if dropped > 0 {
+        notes.push(format!("{} of {} points are left, evenly chosen", points.len(), points.len() + dropped));
+    }
+    let point_options = PointOptions { radius_scale: options.radius_scale, ..PointOptions::default() };
+    let made = surfel_sample::splats_from_points(&points, &point_options, progress);
+    let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+    notes.push(points_note(&report));
+    let cloud = if options.sharp { sharpen(cloud, path, options, notes, progress)? } else { cloud };
+    Ok((cloud, Conversion::Points(report)))
+}
+
+/// Splats of a mesh.
+pub(crate) fn mesh(
+    mesh: &Mesh,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
+    if options.sharp {
+        return sharp(mesh, path, options, notes, progress);
+    }
+    let method = options.method.unwrap_or(MeshOptions::auto(mesh).method);
+    let mesh_options = MeshOptions { method, radius_scale: options.radius_scale };
+    let made = surfel_sample::splats_from_mesh(mesh, &mesh_options, progress);
+    let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+    notes.push(mesh_note(mesh, &report));
+    Ok((cloud, Conversion::Mesh(report)))
+}
+
+/// Splats of points, clipped along the edges that the points show.
+#[cfg(feature = "sharp")]
+fn sharpen(
+    cloud: SplatCloud,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<SplatCloud, Error> {
+    let angle = options.crease_angle_deg.unwrap_or(surfel_sample::SharpOptions::default().crease_angle_deg);
+    let made = surfel_sample::sharpen_points(&cloud, angle, progress);
+    let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+    notes.push(match report.clipped {
+        0 => format!("no edge of {angle} degrees or more is found in the points, nothing is clipped"),
+        clipped => format!("{clipped} splats clipped along edges, {} of them at corners", report.corners),
+    });
+    Ok(cloud)
+}
+
+/// Clipped splats of a mesh.
+#[cfg(feature = "sharp")]
+fn sharp(
+    mesh: &Mesh,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
+    let defaults = surfel_sample::SharpOptions::default();
+    let sharp_options = surfel_sample::SharpOptions {
+        crease_angle_deg: options.crease_angle_deg.unwrap_or(defaults.crease_angle_deg),
+        splats: options.method.and_then(|method| if let MeshMethod::Count(n) = method { Some(n) } else { None }),
+        error: options.sharp_error,
+        radius_scale: options.radius_scale,
+    };
+    let made = surfel_sample::sharp_splats_from_mesh(mesh, &sharp_options, progress);
+    let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+    let [ridges, edges] = report.ridges;
+    notes.push(format!(
+        "a mesh of {} triangles, {ridges} ridges of {edges} edges: {} splats, {} clipped by a curve, {} by lines",
+        mesh.triangles.len(),
+        report.splats,
+        report.with_curve,
+        report.with_lines
+    ));
+    notes.push(report.errors.comment());
+    Ok((cloud, Conversion::SharpMesh(Box::new(report))))
+}
+
+#[cfg(not(feature = "sharp"))]
+fn sharpen(
+    _: SplatCloud,
+    path: &Path,
+    _: &LoadOptions,
+    _: &mut Vec<String>,
+    _: &dyn Progress,
+) -> Result<SplatCloud, Error> {
+    Err(not_built(path))
+}
+
+#[cfg(not(feature = "sharp"))]
+fn sharp(
+    _: &Mesh,
+    path: &Path,
+    _: &LoadOptions,
+    _: &mut Vec<String>,
+    _: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
+    Err(not_built(path))
+}
+
+#[cfg(not(feature = "sharp"))]
+fn not_built(path: &Path) -> Error {
+    let problem = "clipped splats are asked for, which need Cargo's feature 'sharp': build with --features sharp";
+    Error::Unsuitable { path: path.to_path_buf(), problem: problem.to_owned() }
+}
+
+fn points_note(report: &PointReport) -> String {
+    let normals = match (report.normals_given, report.normals_estimated) {
+        (_, 0) => "normals kept".to_owned(),
+        (0, _) => "normals estimated from neighbours".to_owned(),
+        (given, estimated) => format!("{given} normals kept, {estimated} estimated from neighbours"),
+    };
+    let mut note = format!(
+        "a point cloud: {} splats, {normals}, radii estimated from neighbours (median {:.4})",
+        report.splats, report.median_radius
+    );
+    if report.outliers > 0 {
+        note += &format!("; {} isolated points", report.outliers);
+    }
+    note
+}
+
+fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
+    let how = match report.method {
+        MeshMethod::PerFace => "one a face",
+        MeshMethod::PerVertex => "one a vertex",
+        MeshMethod::Count(_) => "spread over the surface",
+    };
+    let mut note = format!(
+        "a mesh of {} triangles: {} splats, {how} (median radius {:.4})",
+        mesh.triangles.len(),
+        report.splats,
+        report.median_radius
+    );
+    if report.degenerate > 0 {
+        note += &format!("; {} triangles have no area", report.degenerate);
+    }
+    note
+}

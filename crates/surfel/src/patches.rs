@@ -1,0 +1,163 @@
+//! A small sample of a scene's surface, on which up and view are judged: its cost doesn't grow with the data.
+
+use glam::DVec3;
+use surfel_model::{Geometry, Object};
+
+/// Patches that a sample has at most.
+pub(crate) const MOST: usize = 20_000;
+/// Patches below which a sample says nothing of a shape.
+const FEWEST: usize = 24;
+/// Patches that may lie far out, as a share, and how many times as far as the rest that is ([`crate::framing`] frames
+/// without them too).
+const STRAY: (f64, f64) = (1.0 / 200.0, 4.0);
+
+/// A piece of surface. Lengths are in units of the sample's `scale`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Patch {
+    /// Its centre, from the sample's middle; at most 1 long.
+    pub(crate) position: DVec3,
+    /// Unit outward normal.
+    pub(crate) normal: DVec3,
+    /// Half-axes, grown by what the sample leaves out, so that the patches still cover the surface.
+    pub(crate) axes: [DVec3; 2],
+    /// Area of the ellipse with these half-axes, over π.
+    pub(crate) area: f64,
+    /// Linear RGB.
+    pub(crate) color: [f32; 3],
+}
+
+/// A sample of a scene's surface, without stray points.
+#[derive(Clone, Debug)]
+pub(crate) struct Patches {
+    pub(crate) all: Vec<Patch>,
+    /// World position that the patches' positions are relative to: the middle of their bounds.
+    pub(crate) middle: DVec3,
+    /// World length that is 1 here: half the diagonal of their bounds.
+    pub(crate) scale: f64,
+    /// Sum of the patches' areas.
+    pub(crate) area: f64,
+    /// Their mean position, by area.
+    pub(crate) centroid: DVec3,
+}
+
+/// Spreads the numbers of a sample, so that its step never falls in with an order of the data.
+fn scattered(i: u64) -> u64 {
+    // The finaliser of SplitMix64 (Steele, Lea, Flood 2014).
+    let z = (i ^ (i >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// Number of splats or triangles of a geometry.
+fn count(geometry: &Geometry) -> usize {
+    match geometry {
+        Geometry::Splats(cloud) => cloud.len(),
+        Geometry::Mesh(mesh) => mesh.triangles.len(),
+        Geometry::Octree(octree) => octree.finest().map(|range| range.len()).sum(),
+    }
+}
+
+impl Patches {
+    /// A sample of these objects; `None` where there are too few splats to tell a shape, or no finite extent.
+    pub(crate) fn of(objects: &[Object]) -> Option<Self> {
+        let total: usize = objects.iter().map(|o| count(&o.geometry)).sum();
+        let wanted = total.min(MOST);
+        let growth = (total as f64 / wanted.max(1) as f64).sqrt();
+        let mut all = Vec::with_capacity(wanted);
+        let mut first = 0;
+        for object in objects {
+            let len = count(&object.geometry);
+            let last = first + len;
+            let place = |k: usize| -> usize {
+                let (lo, hi) = (k * total / wanted, (k + 1) * total / wanted);
+                lo + (scattered(k as u64) % (hi - lo).max(1) as u64) as usize
+            };
+            let from = (first * wanted).checked_div(total).unwrap_or(0).saturating_sub(1);
+            let numbers = (from..wanted).map(place).skip_while(|i| *i < first).take_while(|i| *i < last);
+            take(object, numbers.map(|i| i - first), growth, &mut all);
+            first = last;
+        }
+        Self::normalised(all)
+    }
+
+    fn normalised(mut all: Vec<Patch>) -> Option<Self> {
+        all.retain(|p| p.position.is_finite() && p.area.is_finite() && p.normal.is_finite());
+        if all.len() < FEWEST {
+            return None;
+        }
+        let half = all.len() / 2;
+        let median = |axis: usize| {
+            let mut values: Vec<f64> = all.iter().map(|p| p.position[axis]).collect();
+            *values.select_nth_unstable_by(half, f64::total_cmp).1
+        };
+        let center = DVec3::new(median(0), median(1), median(2));
+        let mut distances: Vec<f64> = all.iter().map(|p| p.position.distance(center)).collect();
+        let rank = all.len() - 1 - (all.len() as f64 * STRAY.0) as usize;
+        let core = *distances.select_nth_unstable_by(rank, f64::total_cmp).1;
+        all.retain(|p| p.position.distance(center) <= STRAY.1 * core);
+        let fold = |f: fn(DVec3, DVec3) -> DVec3| all.iter().map(|p| p.position).reduce(f);
+        let (lo, hi) = (fold(DVec3::min)?, fold(DVec3::max)?);
+        let (middle, scale) = ((lo + hi) * 0.5, 0.5 * (hi - lo).length());
+        if !(scale > 0.0 && scale.is_finite()) {
+            return None;
+        }
+        for patch in &mut all {
+            patch.position = (patch.position - middle) / scale;
+            patch.axes = patch.axes.map(|axis| axis / scale);
+            patch.area /= scale * scale;
+        }
+        let area = all.iter().map(|p| p.area).sum();
+        let patches = Self { all, middle, scale, area, centroid: DVec3::ZERO };
+        Some(Self { centroid: patches.mean(|p| p.position), ..patches })
+    }
+
+    /// The mean of a vector over the surface.
+    pub(crate) fn mean(&self, of: impl Fn(&Patch) -> DVec3) -> DVec3 {
+        self.all.iter().map(|p| of(p) * p.area).sum::<DVec3>() / self.area
+    }
+
+    /// Lengths of the bounds.
+    pub(crate) fn extent(&self) -> DVec3 {
+        let fold = |f: fn(DVec3, DVec3) -> DVec3| self.all.iter().map(|p| p.position).reduce(f).unwrap_or_default();
+        fold(DVec3::max) - fold(DVec3::min)
+    }
+}
+
+/// Adds the splats or triangles of these numbers, in world space.
+fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all: &mut Vec<Patch>) {
+    let m = object.world_from_object;
+    let flip = if m.matrix3.determinant() < 0.0 { -1.0 } else { 1.0 };
+    let mut add = |p: DVec3, s: DVec3, t: DVec3, color: [f32; 3]| {
+        let (s, t) = (m.transform_vector3(s), m.transform_vector3(t));
+        let cross = s.cross(t);
+        let area = cross.length();
+        if area > 0.0 {
+            let (position, normal) = (m.transform_point3(p), cross * (flip / area));
+            all.push(Patch { position, normal, axes: [s * growth, t * growth], area, color });
+        }
+    };
+    match &object.geometry {
+        Geometry::Splats(cloud) => {
+            for i in numbers {
+                let (s, t) = cloud.axes(i);
+                add(cloud.center(i), s, t, cloud.color(i));
+            }
+        }
+        Geometry::Octree(octree) => {
+            let cloud = octree.cloud();
+            let finest: Vec<u32> = octree.finest().flatten().collect();
+            for i in numbers.map(|i| finest[i] as usize) {
+                let (s, t) = cloud.axes(i);
+                add(cloud.center(i), s, t, cloud.color(i));
+            }
+        }
+        Geometry::Mesh(mesh) => {
+            for i in numbers {
+                let [a, b, c] = mesh.triangles[i].map(|v| mesh.positions.get(v as usize));
+                let color = mesh.colors.as_ref().map_or([1.0; 3], |c| c[mesh.triangles[i][0] as usize]);
+                // The ellipse of half the triangle's height about its centroid.
+                add(mesh.origin + (a + b + c) / 3.0, (b - a) / 3.0, (c - a) / 3.0, color);
+            }
+        }
+    }
+}

@@ -1,0 +1,420 @@
+//! Which axis is up, from the shape of what is there.
+//!
+//! Upright things stand: Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects" (ACM TOG 27:3),
+//! judge the planes that a shape can stand on by static stability, symmetry and support. Here the planes are the six
+//! that face a coordinate axis, since files are tilted by nothing else: y and z are mistaken for each other.
+
+use crate::patches::Patches;
+use glam::{DVec2, DVec3};
+use std::fmt;
+use surfel_model::Up;
+
+/// How the up axis of a scene without a statement was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum UpReason {
+    /// The file says it.
+    Stated,
+    /// It is part of the file's format.
+    Format,
+    /// Two coordinates are those of a map.
+    Georeferenced,
+    /// It stands on a base, steadily, and not so on the opposite side.
+    Base,
+    /// It spreads out as ground does.
+    Ground,
+    /// It is long and tapers at both ends, so it lies.
+    Lying,
+    /// It is mirror-symmetric from left to right.
+    Mirrored,
+    /// Nothing speaks for an axis: meshes and splats are mostly +y, points +z.
+    Convention,
+}
+
+impl fmt::Display for UpReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Stated => "the file says so",
+            Self::Format => "by the file's format",
+            Self::Georeferenced => "by its map coordinates",
+            Self::Base => "it stands on a base",
+            Self::Ground => "it spreads out as ground does",
+            Self::Lying => "it lies along its length",
+            Self::Mirrored => "left and right are mirrored",
+            Self::Convention => "nothing in the data says it, this is most common",
+        })
+    }
+}
+
+/// An up axis and how it was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Upright {
+    /// The axis.
+    pub up: Up,
+    /// Where it is from.
+    pub reason: UpReason,
+}
+
+/// Map coordinates in metres: UTM, Gauss–Krüger, national grids and Web Mercator away from its origin.
+const MAP: std::ops::RangeInclusive<f64> = 1e5..=3e7;
+/// Heights above the sea, and sizes of scenes that lie on a map, in metres.
+const MOST_HEIGHT: f64 = 1e4;
+/// Thickness of the bottom layer that touches the ground, in heights, or where it is flat in half diagonals.
+const CONTACT: (f64, f64) = (0.02, 0.004);
+/// Facets of a base are this level, as the cosine to the axis.
+const LEVEL: f64 = 0.95;
+/// Cells along each side of the footprint in which a base is filled.
+const FOOTPRINT: usize = 24;
+/// Cells along a half diagonal in which mirror images are compared, at most; of fewer patches, a cell holds a few.
+const VOXELS: f64 = 20.0;
+const PATCHES_OF_VOXELS: f64 = 6.0;
+/// Slopes at which a standing shape begins to be steady and fully is: distance of the centroid from the support's rim,
+/// over its height.
+const STEADY: (f64, f64) = (0.04, 0.14);
+/// What feet say that stand at corners, and the hull between them, of the footprint, from which they begin to and do.
+const FEET_WEIGHT: f64 = 0.7;
+const CORNERS: (f64, f64) = (0.5, 0.8);
+/// Share of the footprint that the top of a table fills.
+const TABLE: f64 = 0.85;
+/// Ground faces up within 60° and is this thin, of its smaller width; and no more than half of it is quite level, as
+/// drawings are.
+const GROUND: (f64, f64) = (0.5, 0.35);
+/// What evidence weighs against a base, whose best is 1.5: hull and half the fill of its footprint.
+const GROUND_WEIGHT: f64 = 0.8;
+const MIRROR_WEIGHT: f64 = 0.8;
+const LYING_WEIGHT: f64 = 0.6;
+/// By how much the best mirror plane begins to be better than the next, and fully is; and the length across it below
+/// which every shape is its own mirror image, as cells go.
+const MIRROR_LEAD: (f64, f64) = (0.03, 0.15);
+const THIN: f64 = 0.3;
+/// The share that it mirrors, at which it begins to be a mirror plane and fully is: of scans, some plane is the best.
+const MIRROR_SHARE: (f64, f64) = (0.7, 0.85);
+/// The share that a mirror plane mirrors, of a body whose gaze is looked for; how much longer than wide such a body is;
+/// where its ends and their tips begin, of its half length; and by how much one is taller, and how far its tip is above
+/// the ground, of its height.
+const MIRRORED: f64 = 0.9;
+const LONGER: f64 = 1.25;
+const END: f64 = 0.4;
+const TIP: f64 = 0.8;
+const HIGHER: f64 = 0.15;
+const CHIN: f64 = 0.35;
+/// Lengths, in the larger of the two widths, from which what tapers at both ends lies.
+const LONG: f64 = 1.75;
+/// What each axis must bring to win over the convention, in the order of [`Up::ALL`].
+const COST_OF_MESHES: [f64; 6] = [0.6, 0.9, 0.0, 0.7, 0.2, 0.7];
+const COST_OF_POINTS: [f64; 6] = [0.6, 0.9, 0.2, 0.7, 0.0, 0.7];
+
+/// The up axis of a scene whose files don't say it. Deterministic; time doesn't grow with the data.
+pub(crate) fn upright(patches: Option<&Patches>, points: bool) -> Upright {
+    let convention = if points { Up::PlusZ } else { Up::PlusY };
+    let nothing = Upright { up: convention, reason: UpReason::Convention };
+    let Some(patches) = patches else { return nothing };
+    if let Some(up) = map_height(patches) {
+        return Upright { up, reason: UpReason::Georeferenced };
+    }
+    let shape = Shape::of(patches);
+    let costs = if points { COST_OF_POINTS } else { COST_OF_MESHES };
+    let mut best = (f64::NEG_INFINITY, nothing);
+    for (up, cost) in Up::ALL.into_iter().zip(costs) {
+        let evidence = shape.evidence(up);
+        let score = evidence.total() - cost;
+        if score > best.0 {
+            best = (score, Upright { up, reason: shape.reason(evidence) });
+        }
+    }
+    best.1
+}
+
+/// The axis that is height, where the two others are map coordinates.
+fn map_height(patches: &Patches) -> Option<Up> {
+    let at = patches.middle.abs();
+    let is_map = |k: usize| MAP.contains(&at[k]) && patches.scale < 0.5 * at[k];
+    let is_height = |k: usize| at[k] <= MOST_HEIGHT;
+    [Up::PlusX, Up::PlusY, Up::PlusZ].into_iter().enumerate().find_map(|(k, up)| {
+        let [u, v] = others(k);
+        (is_height(k) && is_map(u) && is_map(v)).then_some(up)
+    })
+}
+
+fn others(k: usize) -> [usize; 2] {
+    [(k + 1) % 3, (k + 2) % 3]
+}
+
+/// The axis of an up direction, 0 to 2.
+fn axis_of(up: Up) -> usize {
+    up.vector().abs().max_position()
+}
+
+/// What speaks for an axis.
+#[derive(Clone, Copy, Debug, Default)]
+struct Evidence {
+    base: f64,
+    ground: f64,
+    mirror: f64,
+    lying: f64,
+}
+
+impl Evidence {
+    fn total(&self) -> f64 {
+        self.base + self.ground + self.mirror + self.lying
+    }
+}
+
+/// How a shape stands on its lowest points.
+#[derive(Clone, Copy, Debug, Default)]
+struct Standing {
+    /// Area of the hull of what touches the ground, of the footprint's hull.
+    hull: f64,
+    /// Share of the footprint that is a level base.
+    fill: f64,
+    /// 0 where it would topple, 1 where it is steady.
+    steady: f64,
+}
+
+impl Standing {
+    /// How well it rests, 0 to 1.5.
+    fn rest(self) -> f64 {
+        self.steady * (self.hull + 0.5 * self.fill)
+    }
+
+    /// On feet, tips or a rim rather than on a base.
+    fn is_on_feet(self) -> bool {
+        self.steady * self.hull > 0.25 && self.fill < 0.5 * self.hull
+    }
+
+    /// On a base that is solid.
+    fn is_on_base(self) -> bool {
+        self.steady * self.hull > 0.15 && self.fill > 0.6 * self.hull
+    }
+}
+
+/// What is measured of a shape.
+#[derive(Debug)]
+struct Shape {
+    /// How it stands with each of [`Up::ALL`] up.
+    standing: [Standing; 6],
+    /// Shares of its surface that are their own mirror image across the centroid, axis by axis.
+    mirror: [f64; 3],
+    /// Lengths along the axes.
+    extent: [f64; 3],
+    /// Evidence of ground, axis by axis.
+    ground: [bool; 3],
+    /// Sums of the normals, axis by axis: negative where the surface faces down.
+    facing: DVec3,
+}
+
+impl Shape {
+    fn of(patches: &Patches) -> Self {
+        let extent = patches.extent().to_array();
+        Self {
+            standing: Up::ALL.map(|up| standing(patches, up)),
+            mirror: mirror(patches),
+            extent,
+            ground: [0, 1, 2].map(|k| is_ground(patches, extent, k)),
+            facing: patches.mean(|p| p.normal),
+        }
+    }
+
+    fn evidence(&self, up: Up) -> Evidence {
+        let k = axis_of(up);
+        let [here, opposite] = [up as usize, up as usize ^ 1].map(|i| self.standing[i]);
+        let [u, v] = others(k);
+        let negative = up.vector()[k] < 0.0;
+        let tapers = here.rest().max(opposite.rest()) < 0.15;
+        let long = self.extent[k] > LONG * self.extent[u].max(self.extent[v]);
+        let mirrored_across = self.leads(u).max(self.leads(v)) > 0.5;
+        Evidence {
+            base: base([here, opposite], negative),
+            ground: if self.ground[k] && !negative && self.facing[k] >= 0.0 { GROUND_WEIGHT } else { 0.0 },
+            mirror: -MIRROR_WEIGHT * self.leads(k),
+            lying: if long && tapers && mirrored_across { -LYING_WEIGHT } else { 0.0 },
+        }
+    }
+
+    fn leads(&self, k: usize) -> f64 {
+        leads(self.mirror, self.extent, k)
+    }
+
+    /// The strongest of what speaks for an axis, or against the others.
+    fn reason(&self, evidence: Evidence) -> UpReason {
+        let against = |f: fn(&Evidence) -> f64| Up::ALL.into_iter().any(|up| f(&self.evidence(up)) < -0.2);
+        if evidence.base.max(evidence.ground) > 0.25 {
+            return if evidence.base > evidence.ground { UpReason::Base } else { UpReason::Ground };
+        }
+        match (against(|e| e.lying), against(|e| e.mirror)) {
+            (true, _) => UpReason::Lying,
+            (_, true) => UpReason::Mirrored,
+            _ => UpReason::Convention,
+        }
+    }
+}
+
+/// 1 where the mirror plane across axis `k` is clearly better than the two others, 0 where it isn't.
+fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
+    let [u, v] = others(k);
+    let lead = mirror[k] - mirror[u].max(mirror[v]);
+    let share = smoothstep(MIRROR_SHARE.0, MIRROR_SHARE.1, mirror[k]);
+    if extent[k] > THIN { share * smoothstep(MIRROR_LEAD.0, MIRROR_LEAD.1, lead) } else { 0.0 }
+}
+
+/// What standing on one side and on the opposite one says for the former, 0 to 2.2, for an axis that is negative or
+/// not.
+fn base([here, opposite]: [Standing; 2], negative: bool) -> f64 {
+    let [positive, other] = if negative { [opposite, here] } else { [here, opposite] };
+    // A table rests well on its top, and a bowl on its rim: files hold them the right way up.
+    let table = positive.is_on_feet() && other.fill > TABLE;
+    let vessel = positive.is_on_base() && other.is_on_feet();
+    // What stands on feet at its corners was made to; a chair lies as well on its back.
+    let chair = !negative && !vessel && here.is_on_feet() && !opposite.is_on_feet();
+    let feet = if chair { FEET_WEIGHT * smoothstep(CORNERS.0, CORNERS.1, here.hull) } else { 0.0 };
+    match (table || vessel, negative) {
+        (true, true) => 0.0,
+        (true, false) => here.rest() + feet,
+        // What rests as well on its head, such as a box, says nothing.
+        (false, _) => (here.rest() - opposite.rest()).max(0.0) + feet,
+    }
+}
+
+/// How a shape stands with this axis up: what touches the ground, how much of it is level, and whether the centroid is
+/// steady over it.
+fn standing(patches: &Patches, up: Up) -> Standing {
+    let axis = up.vector();
+    let [u, v] = others(axis_of(up));
+    let flat = |p: DVec3| DVec2::new(p[u], p[v]);
+    let heights = || patches.all.iter().map(|p| p.position.dot(axis));
+    let (bottom, top) = heights().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| (a.min(h), b.max(h)));
+    let layer = bottom + (CONTACT.0 * (top - bottom)).max(CONTACT.1);
+    let touching = || patches.all.iter().filter(|p| p.position.dot(axis) <= layer);
+    let support = hull(touching().map(|p| flat(p.position)).collect());
+    if support.len() < 3 {
+        return Standing::default();
+    }
+    let height = (patches.centroid.dot(axis) - bottom).max(CONTACT.1);
+    let steady = smoothstep(STEADY.0, STEADY.1, distance_inside(&support, flat(patches.centroid)) / height);
+    let footprint = hull(patches.all.iter().map(|p| flat(p.position)).collect());
+    let area = polygon_area(&footprint);
+    if steady == 0.0 || area <= 0.0 {
+        return Standing::default();
+    }
+    let fold = |f: fn(DVec2, DVec2) -> DVec2| footprint.iter().copied().reduce(f).unwrap_or_default();
+    let (lo, hi) = (fold(DVec2::min), fold(DVec2::max));
+    let cell = |p: DVec3| {
+        let at = (flat(p) - lo) / (hi - lo) * FOOTPRINT as f64;
+        let [x, y] = at.to_array().map(|c| (c as usize).min(FOOTPRINT - 1));
+        y * FOOTPRINT + x
+    };
+    let count = |cells: [bool; FOOTPRINT * FOOTPRINT]| cells.into_iter().filter(|c| *c).count() as f64;
+    let mut base = [false; FOOTPRINT * FOOTPRINT];
+    touching().filter(|p| p.normal.dot(axis).abs() > LEVEL).for_each(|p| base[cell(p.position)] = true);
+    let of_cells = (hi - lo).element_product() / (FOOTPRINT * FOOTPRINT) as f64;
+    Standing { hull: polygon_area(&support) / area, fill: (count(base) * of_cells / area).min(1.0), steady }
+}
+
+/// Where a body looks that stands on feet, is mirrored from left to right and longer than wide: toward the end at
+/// which it is taller, as animals carry their heads. `None` for everything else.
+pub(crate) fn gaze(patches: &Patches, up: Up) -> Option<DVec3> {
+    let axis = up.vector();
+    if !standing(patches, up).is_on_feet() {
+        return None;
+    }
+    let mirror = mirror(patches);
+    let extent = patches.extent().to_array();
+    let [u, v] = others(axis_of(up));
+    let is_mirror = |k: usize| leads(mirror, extent, k) > 0.5 && mirror[k] > MIRRORED;
+    let along = [(u, v), (v, u)].into_iter().find(|(across, _)| is_mirror(*across));
+    let (across, along) = along?;
+    if extent[along] < LONGER * extent[across] {
+        return None;
+    }
+    let mut forward = DVec3::ZERO;
+    forward[along] = 1.0;
+    let height = extent[axis_of(up)];
+    // Heights above the ground at one end, from this share of the half length on.
+    let heights = |end: f64, from: f64| {
+        let there = patches.all.iter().map(|p| p.position).filter(move |p| p[along] * end > from * 0.5 * extent[along]);
+        there.map(|p| p.dot(axis) / height + 0.5)
+    };
+    let top = |end: f64| heights(end, END).fold(f64::NEG_INFINITY, f64::max);
+    let lead = top(1.0) - top(-1.0);
+    // A head is held up; the tall end of a car goes down to the ground.
+    let chin = heights(lead.signum(), TIP).fold(f64::INFINITY, f64::min);
+    (lead.abs() > HIGHER && chin > CHIN).then_some(forward * lead.signum())
+}
+
+fn smoothstep(a: f64, b: f64, x: f64) -> f64 {
+    let t = ((x - a) / (b - a)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+/// The surface is a thin height field over this axis, and not a drawing in its plane.
+fn is_ground(patches: &Patches, extent: [f64; 3], k: usize) -> bool {
+    let [u, v] = others(k);
+    let share = |least: f64| {
+        let areas = patches.all.iter().filter(|p| p.normal[k].abs() > least).map(|p| p.area);
+        areas.sum::<f64>() / patches.area
+    };
+    extent[k] < GROUND.1 * extent[u].min(extent[v]) && share(GROUND.0) > 0.85 && share(0.999) < 0.5
+}
+
+/// Shares of the surface whose mirror image across the centroid, axis by axis, is surface too, within a cell.
+fn mirror(patches: &Patches) -> [f64; 3] {
+    // Positions are within 1 of the middle, so within 2 of the centroid.
+    const SIDE: usize = 2 * (2 * VOXELS as usize + 2) + 1;
+    let voxels = (patches.all.len() as f64 / PATCHES_OF_VOXELS).sqrt().min(VOXELS);
+    let cell = |p: DVec3| (p * voxels).round().to_array().map(|c| (c + 2.0 * VOXELS + 2.0) as usize);
+    let index = |[x, y, z]: [usize; 3]| (z * SIDE + y) * SIDE + x;
+    let mut near = vec![false; SIDE * SIDE * SIDE];
+    for p in &patches.all {
+        let [x, y, z] = cell(p.position - patches.centroid);
+        for z in z - 1..=z + 1 {
+            for y in y - 1..=y + 1 {
+                let middle = index([x, y, z]);
+                near[middle - 1..=middle + 1].fill(true);
+            }
+        }
+    }
+    [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
+        let mirrored = |p: DVec3| p - axis * (2.0 * p.dot(axis));
+        let found = patches.all.iter().filter(|p| near[index(cell(mirrored(p.position - patches.centroid)))]);
+        found.map(|p| p.area).sum::<f64>() / patches.area
+    })
+}
+
+/// The convex hull, counter-clockwise (Andrew 1979, monotone chain).
+fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
+    points.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    points.dedup();
+    if points.len() < 3 {
+        return points;
+    }
+    let half = |points: &mut dyn Iterator<Item = DVec2>| {
+        let mut chain: Vec<DVec2> = Vec::new();
+        for p in points {
+            while let [.., a, b] = chain[..]
+                && (b - a).perp_dot(p - b) <= 0.0
+            {
+                chain.pop();
+            }
+            chain.push(p);
+        }
+        chain.pop();
+        chain
+    };
+    let mut chain = half(&mut points.iter().copied());
+    chain.append(&mut half(&mut points.iter().rev().copied()));
+    chain
+}
+
+fn edges(polygon: &[DVec2]) -> impl Iterator<Item = [DVec2; 2]> + '_ {
+    polygon.iter().zip(polygon.iter().cycle().skip(1)).map(|(a, b)| [*a, *b])
+}
+
+fn polygon_area(polygon: &[DVec2]) -> f64 {
+    0.5 * edges(polygon).map(|[a, b]| a.perp_dot(b)).sum::<f64>()
+}
+
+/// Distance from a point to the nearest edge of a convex polygon around it; negative outside.
+fn distance_inside(polygon: &[DVec2], p: DVec2) -> f64 {
+    let distances = edges(polygon).map(|[a, b]| (b - a).normalize_or_zero().perp_dot(p - a));
+    distances.fold(f64::INFINITY, f64::min)
+}

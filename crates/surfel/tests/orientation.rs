@@ -1,0 +1,252 @@
+//! Which axis is up and which side is shown, of shapes made for it, of Spot, and of what says nothing.
+
+use std::path::Path;
+use std::sync::Arc;
+use surfel::framing::{UpReason, ViewAngles, ViewAxes, best_view, upright};
+use surfel::glam::{DAffine3, DMat3, DVec3, Vec3};
+use surfel::model::{Column3, Geometry, Material, Mesh, Object, OnInvalid, Up};
+use surfel::sample::{MeshMethod, MeshOptions, splats_from_mesh};
+use surfel::{LoadOptions, NoProgress, SplatCloud};
+
+/// Triangles in y-up coordinates.
+#[derive(Default)]
+struct Shape {
+    positions: Vec<DVec3>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl Shape {
+    /// Adds a surface over a grid of parameters in [0, 1]².
+    fn grid(mut self, [nu, nv]: [u32; 2], at: impl Fn(f64, f64) -> DVec3) -> Self {
+        let first = self.positions.len() as u32;
+        for j in 0..=nv {
+            for i in 0..=nu {
+                self.positions.push(at(f64::from(i) / f64::from(nu), f64::from(j) / f64::from(nv)));
+            }
+        }
+        for (i, j) in (0..nv).flat_map(|j| (0..nu).map(move |i| (i, j))) {
+            let a = first + j * (nu + 1) + i;
+            let [b, c, d] = [a + 1, a + nu + 1, a + nu + 2];
+            self.triangles.extend([[a, b, d], [a, d, c]]);
+        }
+        self
+    }
+
+    fn block(self, lo: [f64; 3], hi: [f64; 3]) -> Self {
+        let (lo, hi) = (DVec3::from(lo), DVec3::from(hi));
+        let corner = |x: f64, y: f64, z: f64| lo + (hi - lo) * DVec3::new(x, y, z);
+        self.grid([1, 1], |u, v| corner(u, v, 1.0))
+            .grid([1, 1], |u, v| corner(1.0 - u, v, 0.0))
+            .grid([1, 1], |u, v| corner(1.0, v, 1.0 - u))
+            .grid([1, 1], |u, v| corner(0.0, v, u))
+            .grid([1, 1], |u, v| corner(u, 1.0, 1.0 - v))
+            .grid([1, 1], |u, v| corner(u, 0.0, v))
+    }
+
+    fn ball(self, center: [f64; 3], radii: [f64; 3]) -> Self {
+        self.grid([48, 24], |u, v| {
+            let ((sin, cos), polar) = ((std::f64::consts::TAU * u).sin_cos(), std::f64::consts::PI * (v - 0.5));
+            DVec3::from(center) + DVec3::from(radii) * DVec3::new(sin * polar.cos(), polar.sin(), cos * polar.cos())
+        })
+    }
+
+    fn table() -> Self {
+        let leg = |shape: Self, x: f64, z: f64| shape.block([x - 0.05, 0.0, z - 0.05], [x + 0.05, 0.9, z + 0.05]);
+        let legs = [(-0.7, -0.4), (0.7, -0.4), (-0.7, 0.4), (0.7, 0.4)];
+        legs.into_iter().fold(Self::default(), |s, (x, z)| leg(s, x, z)).block([-0.8, 0.9, -0.5], [0.8, 1.0, 0.5])
+    }
+
+    fn chair() -> Self {
+        let leg = |shape: Self, x: f64, z: f64| shape.block([x - 0.03, 0.0, z - 0.03], [x + 0.03, 0.5, z + 0.03]);
+        let legs = [(-0.22, -0.22), (0.22, -0.22), (-0.22, 0.22), (0.22, 0.22)];
+        let chair = legs.into_iter().fold(Self::default(), |s, (x, z)| leg(s, x, z));
+        chair.block([-0.26, 0.5, -0.26], [0.26, 0.55, 0.26]).block([-0.26, 0.55, -0.26], [0.26, 1.1, -0.22])
+    }
+
+    /// A head on a neck, on a plinth, with a nose toward +z.
+    fn bust() -> Self {
+        let head = Self::default().ball([0.0, 1.2, 0.0], [0.32, 0.42, 0.38]).ball([0.0, 1.15, 0.38], [0.06, 0.1, 0.12]);
+        head.ball([0.0, 0.7, 0.0], [0.17, 0.3, 0.17]).block([-0.35, 0.0, -0.3], [0.35, 0.5, 0.3])
+    }
+
+    /// A calf: four legs, a body along z, and a head held high at −z.
+    fn calf() -> Self {
+        let leg = |shape: Self, x: f64, z: f64| shape.block([x - 0.06, 0.0, z - 0.06], [x + 0.06, 0.6, z + 0.06]);
+        let legs = [(-0.2, -0.5), (0.2, -0.5), (-0.2, 0.5), (0.2, 0.5)];
+        let calf = legs.into_iter().fold(Self::default(), |s, (x, z)| leg(s, x, z));
+        calf.ball([0.0, 0.75, 0.0], [0.3, 0.3, 0.75]).ball([0.0, 1.25, -0.75], [0.2, 0.22, 0.3])
+    }
+
+    /// Hills of a height of 0.2 over a square with sides of 2.
+    fn hills() -> Self {
+        let height = |x: f64, z: f64| 0.06 * (3.0 * x).sin() * (2.0 * z + 1.0).cos() + 0.04 * (7.0 * x + 4.0 * z).sin();
+        Self::default().grid([60, 60], |u, v| {
+            let (x, z) = (2.0 * u - 1.0, 1.0 - 2.0 * v);
+            DVec3::new(x, height(x, z), z)
+        })
+    }
+
+    /// The splats of this shape after a map, as a program would make them of a mesh.
+    fn object(&self, map: DAffine3, splats: usize) -> Object {
+        let positions: Vec<DVec3> = self.positions.iter().map(|p| map.transform_point3(*p)).collect();
+        let origin = positions[0];
+        let local = positions.iter().map(|p| (*p - origin).as_vec3()).collect();
+        let mesh =
+            Mesh { origin, positions: Column3::from_f32(local), triangles: self.triangles.clone(), ..Mesh::default() };
+        let options = MeshOptions { method: MeshMethod::Count(splats), ..MeshOptions::auto(&mesh) };
+        object(splats_from_mesh(&mesh, &options, &NoProgress).unwrap().0)
+    }
+}
+
+fn object(cloud: SplatCloud) -> Object {
+    let geometry = Geometry::Splats(Arc::new(cloud));
+    Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() }
+}
+
+/// Turns y-up coordinates so that another axis is up.
+fn turned(up: Up) -> DAffine3 {
+    let axis = up.vector();
+    let side = DVec3::new(axis.y.abs() + axis.z.abs(), axis.x.abs(), 0.0);
+    DAffine3::from_mat3(DMat3::from_cols(side, axis, side.cross(axis)))
+}
+
+fn spot() -> Object {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/spot/spot.obj");
+    let options = LoadOptions::default().with_method(Some(MeshMethod::Count(20_000)));
+    object(surfel::load(&path, &options, &NoProgress).unwrap().cloud)
+}
+
+#[test]
+fn standing_things_stand_in_either_convention() {
+    let shapes =
+        [("table", Shape::table()), ("chair", Shape::chair()), ("bust", Shape::bust()), ("calf", Shape::calf())];
+    for (name, shape) in &shapes {
+        for up in [Up::PlusY, Up::PlusZ] {
+            for points in [false, true] {
+                let found = upright(&[shape.object(turned(up), 8000)], points);
+                assert_eq!((found.up, found.reason), (up, UpReason::Base), "{name}, {up} up, points: {points}");
+            }
+        }
+    }
+    // What stands clearly on a solid base is believed even where files are hardly ever so.
+    let found = upright(&[Shape::bust().object(turned(Up::MinusZ), 8000)], false);
+    assert_eq!((found.up, found.reason), (Up::MinusZ, UpReason::Base));
+}
+
+#[test]
+fn ground_lies_level_by_its_coordinates_or_its_shape() {
+    let hills = Shape::hills();
+    for up in [Up::PlusY, Up::PlusZ] {
+        let found = upright(&[hills.object(turned(up), 8000)], false);
+        assert_eq!((found.up, found.reason), (up, UpReason::Ground), "{up}");
+    }
+    // UTM: a hundred metres of it, and quite flat.
+    let utm = DAffine3::from_translation(DVec3::new(691_600.0, 5_336_400.0, 520.0))
+        * DAffine3::from_mat3(DMat3::from_cols(DVec3::X * 50.0, DVec3::Z * 0.1, DVec3::NEG_Y * 50.0));
+    for points in [false, true] {
+        let found = upright(&[hills.object(utm, 8000)], points);
+        assert_eq!((found.up, found.reason), (Up::PlusZ, UpReason::Georeferenced));
+    }
+    // A drawing in the plane of x and y is none.
+    let drawing = Shape::default().grid([1, 1], |u, v| DVec3::new(u, v, 0.0));
+    assert_eq!(upright(&[drawing.object(DAffine3::IDENTITY, 2000)], false).up, Up::PlusY);
+}
+
+#[test]
+fn what_says_nothing_follows_the_convention() {
+    let ball = Shape::default().ball([0.0; 3], [1.0; 3]).object(DAffine3::IDENTITY, 8000);
+    let cube = Shape::default().block([0.0; 3], [1.0; 3]).object(DAffine3::IDENTITY, 8000);
+    for object in [ball, cube] {
+        let objects = [object];
+        let [mesh, points] = [false, true].map(|points| upright(&objects, points));
+        assert_eq!((mesh.up, mesh.reason), (Up::PlusY, UpReason::Convention));
+        assert_eq!((points.up, points.reason), (Up::PlusZ, UpReason::Convention));
+        // Every side of them shows as much: the preferred view, and of a cube a corner.
+        assert_eq!(best_view(&objects, Up::PlusY), ViewAngles::ISO);
+    }
+    assert_eq!(upright(&[], false).up, Up::PlusY);
+    assert_eq!(best_view(&[], Up::PlusZ), ViewAngles::ISO);
+}
+
+/// How far a view is from a direction in which something looks, in degrees about the up axis.
+fn off(view: ViewAngles, up: Up, front: DVec3) -> f64 {
+    let level = ViewAxes::turned(ViewAngles { elevation_deg: 0.0, ..view }, up).forward;
+    level.angle_between(-front).to_degrees()
+}
+
+#[test]
+fn spot_shows_its_face() {
+    let objects = [spot()];
+    assert_eq!(upright(&objects, false).up, Up::PlusY);
+    let view = best_view(&objects, Up::PlusY);
+    assert!(off(view, Up::PlusY, DVec3::NEG_Z) <= 60.5, "{view}");
+    // Its tail would be shown by the view that was always taken.
+    assert!(off(ViewAngles::ISO, Up::PlusY, DVec3::NEG_Z) > 120.0);
+}
+
+#[test]
+fn animals_show_their_head_in_either_convention() {
+    for up in [Up::PlusY, Up::PlusZ] {
+        let head = turned(up).transform_vector3(DVec3::NEG_Z);
+        let view = best_view(&[Shape::calf().object(turned(up), 8000)], up);
+        assert!(off(view, up, head) <= 60.5, "{up}: {view}");
+    }
+}
+
+#[test]
+fn open_surfaces_show_the_side_that_they_face() {
+    // Half a ball seen from its inside by the usual view, and a relief that faces −z.
+    let shell = Shape::default().grid([48, 48], |u, v| {
+        let ((sin, cos), polar) = ((std::f64::consts::PI * u).sin_cos(), std::f64::consts::PI * (v - 0.5));
+        DVec3::new(cos * polar.cos(), polar.sin(), -sin * polar.cos())
+    });
+    let objects = [shell.object(DAffine3::IDENTITY, 8000)];
+    let view = best_view(&objects, Up::PlusY);
+    assert!(off(view, Up::PlusY, DVec3::NEG_Z) <= 60.5, "{view}");
+}
+
+#[test]
+fn fish_lie_along_their_length() {
+    // Tapered at both ends, a fin on its back and a tail: the length is y in the first map, z in the second.
+    let fin = |shape: Shape, lo: [f64; 3], hi: [f64; 3]| shape.block(lo, hi);
+    let fish = Shape::default().ball([0.0; 3], [0.22, 0.3, 1.0]);
+    let fish = fin(fin(fish, [-0.02, 0.2, -0.2], [0.02, 0.75, 0.2]), [-0.02, -0.2, 0.95], [0.02, 0.7, 1.2]);
+    let (along_y, along_z) = (DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y), DMat3::IDENTITY);
+    let found = |map: DMat3, points| upright(&[fish.object(DAffine3::from_mat3(map), 8000)], points);
+    assert_eq!(found(along_y, false).up, Up::PlusZ);
+    assert_eq!(found(along_z, true).up, Up::PlusY);
+    assert_eq!(found(along_z, true).reason, UpReason::Lying);
+}
+
+/// Every centre moved by up to a thousandth of the diagonal along each axis.
+fn shaken(cloud: &SplatCloud, seed: u32) -> SplatCloud {
+    let (lo, hi) = cloud.bounds().unwrap();
+    let reach = 0.002 * (hi - lo).length() as f32;
+    let mut state = seed.wrapping_mul(0x9e37_79b9) | 1;
+    let mut random = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        ((state >> 8) as f32 / (1u32 << 24) as f32 - 0.5) * reach
+    };
+    let mut data = cloud.clone().into_data();
+    let moved = data.centers.high().iter().map(|p| *p + Vec3::new(random(), random(), random()));
+    data.centers = Column3::from_f32(moved.collect());
+    SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
+}
+
+#[test]
+fn small_changes_change_neither() {
+    let of = |shape: Shape| shape.object(turned(Up::PlusZ), 12_000);
+    for original in [of(Shape::table()), of(Shape::bust()), spot()] {
+        let Geometry::Splats(cloud) = &original.geometry else { panic!("made of splats") };
+        let (up, view) = {
+            let objects = [original.clone()];
+            let found = upright(&objects, false);
+            (found, best_view(&objects, found.up))
+        };
+        for seed in 0..4 {
+            let objects = [object(shaken(cloud, seed))];
+            assert_eq!(upright(&objects, false), up);
+            assert_eq!(best_view(&objects, up.up), view, "seed {seed}");
+        }
+    }
+}

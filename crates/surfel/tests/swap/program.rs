@@ -1,0 +1,14 @@
+// A program that draws by `backend`, whichever crate that is.
+
+/// Two disks, a quarter of each over the other, lit by a headlight.
+pub(crate) fn draw() -> Result<surfel::Frame, Box<dyn std::error::Error>> {
+    let (centers, normals, radii) = ([[-0.4, 0.0, 0.0], [0.4, 0.0, 0.1]], [[0.0, 0.0, 1.0]; 2], [0.6, 0.6]);
+    let colors = [[0.8, 0.2, 0.1], [0.1, 0.3, 0.8]];
+    let cloud = surfel::SplatCloud::disks(&centers, &normals, &radii)?.with_colors(&colors)?;
+    let camera = surfel::Camera::perspective([0.0, 0.0, 3.0], [0.0; 3], 45.0, [80, 60]);
+    let settings = surfel::Settings::default().with_shader(surfel::Shader::Phong);
+
+    let mut renderer = backend::Renderer::new(backend::Options::default())?;
+    let resident: backend::ResidentScene = renderer.upload(&cloud.into())?;
+    Ok(renderer.render(&resident, &camera, &settings)?)
+}

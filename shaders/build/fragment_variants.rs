@@ -1,0 +1,71 @@
+//! Fragment entry points, one for each layer, set of sums and clip variant: what varies is a few names, so they are
+//! written here once and not thirty times. They are called `VARIANT_LAYER_WHAT_fragment`; whole splats have no variant
+//! in the name.
+
+use std::fmt::Write as _;
+
+/// Layers that have a depth threshold, and so a visibility pass.
+const THRESHOLD_LAYERS: [&str; 4] = ["front", "shown", "edge_background", "peeled"];
+
+/// The sums of an attribute pass.
+struct LayerSums {
+    layer: &'static str,
+    sums: &'static [&'static str],
+}
+
+const LAYERS: [LayerSums; 7] = [
+    LayerSums { layer: "front", sums: &["color", "surface", "material_counts"] },
+    LayerSums { layer: "mesh_blend", sums: &["color", "surface", "material_counts"] },
+    LayerSums { layer: "shown", sums: &["color", "surface", "material_counts"] },
+    LayerSums { layer: "shown_mesh_blend", sums: &["color", "surface", "material_counts"] },
+    LayerSums { layer: "edge_background", sums: &["color", "surface", "material"] },
+    LayerSums { layer: "peeled", sums: &["surface", "material_counts"] },
+    LayerSums { layer: "remaining", sums: &["surface", "material_counts"] },
+];
+
+/// Prefix of the names, and the parameter that a variant's fragments have besides.
+const VARIANTS: [(&str, &str); 2] = [("", ""), ("clipped_", ", @location(9) @interpolate(flat, either) record: u32")];
+
+/// The WGSL type of a set of sums.
+fn sums_type(sums: &str) -> &'static str {
+    match sums {
+        "surface" => "SurfaceSums",
+        "material_counts" => "MaterialCountsSums",
+        _ => "@location(0) vec4f",
+    }
+}
+
+/// All entry points, as WGSL.
+pub(crate) fn entry_points() -> Result<String, std::fmt::Error> {
+    let mut text = String::new();
+    for (variant, parameter) in VARIANTS {
+        let clip = |what| if variant.is_empty() { String::new() } else { format!(" && clip_keeps_{what}(in, record)") };
+        let (visible, filtered) = (clip("visible"), clip("filtered"));
+        let mut visibility = |layer: &str, name: &str, result: &str, value: &str| {
+            writeln!(text, "@fragment")?;
+            writeln!(text, "fn {variant}{layer}_{name}_fragment(in: VisibilityVertex{parameter}) -> {result} {{")?;
+            writeln!(text, "    let z = visible_depth(in);")?;
+            writeln!(text, "    if !({layer}_is_visible(in, z){visible}) {{\n        discard;\n    }}")?;
+            writeln!(text, "    return {value};\n}}\n")
+        };
+        for layer in ["front", "shown"] {
+            visibility(layer, "threshold", "ThresholdOutput", "threshold_output(in, z)")?;
+        }
+        visibility("facing", "visibility", "FacingOutput", "facing_output(in, z)")?;
+        for layer in THRESHOLD_LAYERS {
+            visibility(layer, "visibility", "@builtin(frag_depth) f32", "reversed_depth(z + in.anchor.w)")?;
+        }
+        for LayerSums { layer, sums } in LAYERS {
+            for &sums in sums {
+                let result = sums_type(sums);
+                writeln!(text, "@fragment")?;
+                writeln!(text, "fn {variant}{layer}_{sums}_fragment(in: AttributeVertex{parameter}) -> {result} {{")?;
+                writeln!(text, "    let c = contribution(in);")?;
+                writeln!(text, "    if !(c.is_there && {layer}_accumulates(in, c.z){filtered}) {{")?;
+                writeln!(text, "        discard;\n    }}")?;
+                writeln!(text, "    return {sums}_sums_of(in, c);\n}}\n")?;
+            }
+        }
+    }
+    Ok(text)
+}

@@ -1,0 +1,63 @@
+// Entry points for clipped splats (rendering model §7): the vertices also pass the index of the record whose clip the
+// fragments evaluate. Splats without a clip have entry points of their own, and don't pay for this.
+
+@group(1) @binding(1) var<storage, read> record_clips: array<RecordClip>;
+
+struct ClippedVisibilityVertex {
+    @builtin(position) position: vec4f,
+    @location(0) @interpolate(flat, either) base: vec2i,
+    @location(1) @interpolate(flat, either) anchor: vec4f,
+    @location(2) @interpolate(flat, either) uv: vec4f,
+    @location(3) @interpolate(flat, either) depth: vec4f,
+    @location(4) @interpolate(flat, either) at_anchor: vec3f,
+    @location(5) @interpolate(flat, either) flags: u32,
+    @location(9) @interpolate(flat, either) record: u32,
+}
+
+struct ClippedAttributeVertex {
+    @builtin(position) position: vec4f,
+    @location(0) @interpolate(flat, either) base: vec2i,
+    @location(1) @interpolate(flat, either) anchor: vec4f,
+    @location(2) @interpolate(flat, either) uv: vec4f,
+    @location(3) @interpolate(flat, either) depth: vec4f,
+    @location(4) @interpolate(flat, either) at_anchor: vec3f,
+    @location(5) @interpolate(flat, either) w: vec4f,
+    @location(6) @interpolate(flat, either) color: vec3f,
+    @location(7) @interpolate(flat, either) normal: vec3f,
+    @location(8) @interpolate(flat, either) flags: u32,
+    @location(9) @interpolate(flat, either) record: u32,
+}
+
+@vertex
+fn clipped_visibility_vertex(
+    @builtin(vertex_index) vertex: u32,
+    @builtin(instance_index) instance: u32,
+) -> ClippedVisibilityVertex {
+    let v = visibility_corner(vertex, instance);
+    return ClippedVisibilityVertex(v.position, v.base, v.anchor, v.uv, v.depth, v.at_anchor, v.flags, instance);
+}
+
+fn clipped_attribute_corner(v: AttributeVertex, record: u32) -> ClippedAttributeVertex {
+    return ClippedAttributeVertex(
+        v.position, v.base, v.anchor, v.uv, v.depth, v.at_anchor, v.w, v.color, v.normal, v.flags, record,
+    );
+}
+
+@vertex
+fn clipped_attribute_vertex(
+    @builtin(vertex_index) vertex: u32,
+    @builtin(instance_index) instance: u32,
+) -> ClippedAttributeVertex {
+    return clipped_attribute_corner(attribute_corner(vertex, instance), instance);
+}
+
+fn clip_keeps_visible(in: VisibilityVertex, record: u32) -> bool {
+    return clip_keeps(record_clips[record].visible, offset_of(in.position, in.base, in.anchor.xy));
+}
+
+fn clip_keeps_filtered(in: AttributeVertex, record: u32) -> bool {
+    let d = offset_of(in.position, in.base, in.anchor.xy);
+    // Where w ≤ 0, which only `clamp` reaches, the centre decides.
+    let w = form_at(in.w.xy, d, in.at_anchor.z);
+    return clip_keeps(record_clips[record].filtered, select(vec2f(0.0, 0.0), d, 0.0 < w));
+}

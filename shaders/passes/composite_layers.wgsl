@@ -1,0 +1,156 @@
+// Compositing of transparent layers (rendering model §8), once a pixel and layer: shade a layer's sums and composite
+// them under the layers before it.
+
+@group(1) @binding(14) var<storage, read_write> layer_composites: array<LayerComposite>;
+@group(1) @binding(16) var layer_color: texture_2d<f32>;
+@group(1) @binding(17) var layer_surface: texture_2d<f32>;
+@group(1) @binding(18) var layer_material: texture_2d<f32>;
+// Number of fragments, and Σw·alpha.
+@group(1) @binding(19) var layer_counts: texture_2d<f32>;
+@group(1) @binding(20) var layer_threshold: texture_depth_2d;
+
+// Arguments of an indirect draw of transparent splats.
+struct DrawArguments {
+    vertices: u32,
+    instances: u32,
+    first_vertex: u32,
+    first_instance: u32,
+}
+
+// Indirect draws of the layers. Their instances become 0 after the last layer that has fragments.
+struct LayerDraws {
+    // 1 if a pixel has a depth threshold in the current layer: only then can a fragment lie behind it.
+    any_remaining: atomic<u32>,
+    // Layers that were drawn, the current one included.
+    drawn: u32,
+    arguments: array<DrawArguments>,
+}
+
+@group(1) @binding(22) var<storage, read_write> layer_draws: LayerDraws;
+
+fn is_in_targets(id: vec3u) -> bool {
+    return id.x < frame.size_px.x && id.y < frame.size_px.y;
+}
+
+@compute @workgroup_size(8, 8)
+fn begin_layers(@builtin(global_invocation_id) id: vec3u) {
+    if is_in_targets(id) {
+        begin_pixel_layers(id, 0.0);
+    }
+}
+
+// A host's depth buffer, of the size of what is shaded.
+@group(1) @binding(23) var host_depths: texture_depth_2d;
+
+// The same with a host's depth buffer, which occludes the transparent splats behind it.
+@compute @workgroup_size(8, 8)
+fn begin_layers_in_host(@builtin(global_invocation_id) id: vec3u) {
+    if !is_in_targets(id) {
+        return;
+    }
+    let at = vec2i(id.xy) - vec2i(frame.shade_origin_px);
+    var occluder_depth = 0.0;
+    if all(vec2i(0, 0) <= at) && all(at < vec2i(frame.shade_size_px)) {
+        let along = (textureLoad(host_depths, at, 0) - frame.host_depth.x) / frame.host_depth.y;
+        // `along` is 1/z, or z itself.
+        occluder_depth = max(frame.projection.near * along, 0.0);
+        if frame.projection.kind == ORTHOGRAPHIC {
+            occluder_depth = reversed_depth(max(along, frame.projection.near));
+        }
+    }
+    begin_pixel_layers(id, occluder_depth);
+}
+
+// Starts a pixel's layers. Fragments behind the reversed depth `occluder_depth` aren't drawn.
+fn begin_pixel_layers(id: vec3u, occluder_depth: f32) {
+    let pixel = vec2i(id.xy);
+    var layers: LayerComposite;
+    // Reversed depths are at most 1, so that every fragment is behind this.
+    layers.peeled_depth = 2.0;
+    let sums = textureLoad(color_sums, pixel, 0);
+    if LEAST_WEIGHT <= sums.w {
+        layers.opaque_depth = reversed_depth(textureLoad(surface_sums, pixel, 0).w / sums.w * frame.depth_unit);
+    }
+    let hit = polygon_hit(pixel);
+    if polygon_is_visible(pixel, hit) {
+        layers.opaque_depth = max(layers.opaque_depth, reversed_depth(hit.x));
+    }
+    layers.opaque_depth = max(layers.opaque_depth, occluder_depth);
+    layer_composites[id.y * frame.size_px.x + id.x] = layers;
+}
+
+// Porter and Duff's "under": front to back, with the result of "over" back to front.
+fn composite_under(layers: LayerComposite, point: Point, color: vec3f, alpha: f32) -> LayerComposite {
+    var more = layers;
+    let through = 1.0 - layers.opacity;
+    more.color += color * (alpha * through);
+    more.opacity = 1.0 - through * (1.0 - alpha);
+    if layers.z <= 0.0 {
+        more.normal = point.normal;
+        more.z = point.z;
+        more.weight = point.weight;
+    }
+    return more;
+}
+
+fn layer_point(pixel: vec2i) -> Point {
+    let material = textureLoad(layer_material, pixel, 0);
+    return point_of(textureLoad(layer_color, pixel, 0), textureLoad(layer_surface, pixel, 0), material);
+}
+
+@compute @workgroup_size(8, 8)
+fn peeled_layer(@builtin(global_invocation_id) id: vec3u) {
+    if !is_in_targets(id) {
+        return;
+    }
+    let pixel = vec2i(id.xy);
+    let at = id.y * frame.size_px.x + id.x;
+    var layers = layer_composites[at];
+    let counts = textureLoad(layer_counts, pixel, 0).xy;
+    let point = layer_point(pixel);
+    if point.is_there {
+        let color = color_of(position_at(pixel, point.z), point, true);
+        layers = composite_under(layers, point, color, counts.y / point.weight);
+    }
+    layers.fragments += counts.x;
+    // A threshold of 0 says that the layer took all that remained.
+    layers.peeled_depth = textureLoad(layer_threshold, pixel, 0);
+    layer_composites[at] = layers;
+    if layers.peeled_depth > 0.0 && atomicLoad(&layer_draws.any_remaining) == 0u {
+        atomicStore(&layer_draws.any_remaining, 1u);
+    }
+}
+
+// Runs once between two layers: where nothing remains, all further draws get no instances.
+@compute @workgroup_size(8, 8)
+fn next_layer(@builtin(global_invocation_id) id: vec3u) {
+    if id.x + id.y > 0u {
+        return;
+    }
+    if atomicExchange(&layer_draws.any_remaining, 0u) != 0u {
+        layer_draws.drawn += 1u;
+        return;
+    }
+    for (var i = 0u; i < arrayLength(&layer_draws.arguments); i++) {
+        layer_draws.arguments[i].instances = 0u;
+    }
+}
+
+@compute @workgroup_size(8, 8)
+fn remaining_layer(@builtin(global_invocation_id) id: vec3u) {
+    if !is_in_targets(id) {
+        return;
+    }
+    let pixel = vec2i(id.xy);
+    let at = id.y * frame.size_px.x + id.x;
+    var layers = layer_composites[at];
+    let counts = textureLoad(layer_counts, pixel, 0).xy;
+    let point = layer_point(pixel);
+    if point.is_there {
+        // The splats were lit one by one before they were summed.
+        let color = textureLoad(layer_color, pixel, 0).rgb / point.weight;
+        layers = composite_under(layers, point, color, counts.y / point.weight);
+    }
+    layers.fragments += counts.x;
+    layer_composites[at] = layers;
+}

@@ -1,0 +1,17 @@
+// The edge background (rendering model §5, edge antialiasing): the surface behind edge pixels. Visibility and attribute
+// pass run again over fragments deeper than the front surface's threshold.
+
+// The front surface's threshold at edge pixels, as a reversed depth; elsewhere 0, behind which no fragment lies.
+@group(2) @binding(1) var edge_threshold: texture_2d<f32>;
+
+fn is_edge_background(position: vec4f, z: f32) -> bool {
+    return reversed_depth(z) < textureLoad(edge_threshold, vec2i(floor(position.xy)), 0).r;
+}
+
+fn edge_background_is_visible(in: VisibilityVertex, z: f32) -> bool {
+    return z > 0.0 && is_edge_background(in.position, z);
+}
+
+fn edge_background_accumulates(in: AttributeVertex, z: f32) -> bool {
+    return is_within_threshold(in, z) && is_edge_background(in.position, z);
+}

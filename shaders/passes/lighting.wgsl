@@ -1,0 +1,86 @@
+// Phong's terms (rendering model §5), in world axes about the eye.
+
+// Unit vector to a light, and its colour there.
+struct Incident {
+    to_light: vec3f,
+    color: vec3f,
+}
+
+// Angle between unit vectors, accurate at both ends: 2·atan(|a − b|/|a + b|). The built-in arctangents may be off by
+// 4096 ulp; this polynomial (Cephes, atanf) is good to 2.
+fn angle_between(a: vec3f, b: vec3f) -> f32 {
+    let y = v3_length(a - b);
+    let x = v3_length(a + b);
+    let t = min(x, y) / max(max(x, y), 1e-30);
+    // atan t = π/4 + atan((t − 1)/(t + 1)) beyond tan(π/8).
+    let peeled_depth = t > 0.41421356;
+    let r = select(t, (t - 1.0) / (t + 1.0), peeled_depth);
+    let q = r * r;
+    let series = fma(fma(fma(0.080537446, q, -0.13877685), q, 0.19977710), q, -0.33332949);
+    let angle = fma(series * q, r, r) + select(0.0, 0.78539816, peeled_depth);
+    return 2.0 * select(angle, 1.57079633 - angle, y > x);
+}
+
+// A spot's strength at an angle from its axis: 1 up to `inner`, 0 from `outer` on, smoothstep in between.
+fn spot_strength(angle: f32, inner: f32, outer: f32) -> f32 {
+    if angle <= inner {
+        return 1.0;
+    }
+    if angle >= outer {
+        return 0.0;
+    }
+    let x = (outer - angle) / (outer - inner);
+    return x * x * (3.0 - 2.0 * x);
+}
+
+fn incident(light: Light, position: vec3f) -> Incident {
+    if light.kind == LIGHT_DIRECTIONAL {
+        return Incident(-light.direction, light.color);
+    }
+    let to_light = unit(light.position - position);
+    if light.kind == LIGHT_POINT {
+        return Incident(to_light, light.color);
+    }
+    let strength = spot_strength(angle_between(-to_light, light.direction), light.inner, light.outer);
+    return Incident(to_light, light.color * strength);
+}
+
+// base^exponent for a base in [0, 1]; 0⁰ is 1, as everywhere else.
+fn highlight(base: f32, exponent: f32) -> f32 {
+    if exponent <= 0.0 {
+        return 1.0;
+    }
+    return select(0.0, exp2(exponent * log2(max(base, 1e-37))), base > 0.0);
+}
+
+// Ambient, diffuse and specular light. With `full` (see `shade`) it is shadowed, and quantised in the steps of `toon`.
+fn lit(albedo: vec3f, normal: vec3f, position: vec3f, to_eye: vec3f, material: vec4f, full: bool) -> vec3f {
+    let is_toon = full && frame.shader_kind == SHADER_TOON;
+    var matte = frame.ambient * material.x;
+    var gloss = vec3f(0.0, 0.0, 0.0);
+    for (var i = 0u; i < frame.light_count; i++) {
+        let light = incident(lights[i], position);
+        let cosine = v3_dot(normal, light.to_light);
+        if cosine > 0.0 {
+            let reflected = normal * (2.0 * cosine) - light.to_light;
+            let shine = highlight(clamp(v3_dot(reflected, to_eye), 0.0, 1.0), material.w);
+            var share = 1.0;
+            if full {
+                share = light_visibility(lights[i], position, normal);
+            }
+            var diffuse = cosine * share;
+            var gleam = shine * share;
+            if is_toon {
+                diffuse = toon_ramp(diffuse);
+                gleam = toon_highlight(gleam);
+            }
+            matte += light.color * (material.y * diffuse);
+            gloss += light.color * (material.z * gleam);
+        }
+    }
+    let color = albedo * matte + gloss;
+    if !is_toon || v3_dot(normal, normal) <= 0.0 {
+        return color;
+    }
+    return color * toon_line(abs(v3_dot(normal, to_eye)));
+}

@@ -1,0 +1,63 @@
+// Shadow map lookup (rendering model §5): how much of a light reaches a point.
+
+// A light's view and where its texels are.
+struct ShadowMap {
+    view_from_world: mat3x3f,
+    // From the light to the eye, world axes.
+    eye: vec3f,
+    // First of its texels.
+    texels_at: u32,
+    @align(16) projection: Projection,
+}
+
+@group(0) @binding(3) var<storage, read> shadow_maps: array<ShadowMap>;
+// Row by row, the depth up to which a texel is lit, bias included.
+@group(0) @binding(4) var<storage, read> shadow_texels: array<f32>;
+
+// The share of a light that reaches a point given in a map's view.
+fn map_visibility(map: ShadowMap, p: vec3f, normal: vec3f) -> f32 {
+    let projection = map.projection;
+    if p.z < projection.near {
+        return 1.0;
+    }
+    let slope = select(p.xy / p.z, p.xy, projection.kind == ORTHOGRAPHIC);
+    let at = slope * projection.focal_px + projection.principal_px;
+    let gradient = plane_gradient(p, normal, projection);
+    let columns = taps(at.x);
+    let rows = taps(at.y);
+    let nearer = p.z - lookup_bias(p.z, projection);
+    let side = f32(frame.shadow_side);
+    var share = 0.0;
+    for (var j = 0u; j < 4u; j++) {
+        for (var i = 0u; i < 4u; i++) {
+            let tap = vec2f(columns.first + f32(i), rows.first + f32(j));
+            let z = nearer + v2_dot(gradient, tap + 0.5 - at);
+            // Outside of the map nothing casts a shadow.
+            var lit_up_to = frame.empty_depth;
+            if 0.0 <= tap.x && tap.x < side && 0.0 <= tap.y && tap.y < side {
+                lit_up_to = shadow_texels[map.texels_at + u32(tap.y) * frame.shadow_side + u32(tap.x)];
+            }
+            share += select(0.0, columns.weights[i] * rows.weights[j], z <= lit_up_to);
+        }
+    }
+    return share;
+}
+
+// The share of a light that reaches a point; position relative to the eye, world axes.
+fn light_visibility(light: Light, position: vec3f, normal: vec3f) -> f32 {
+    if light.map_count == 0u {
+        return 1.0;
+    }
+    // Of several maps, the one along whose axis the point lies farthest.
+    var best = light.first_map;
+    var p = vec3f(0.0, 0.0, 0.0);
+    for (var i = 0u; i < light.map_count; i++) {
+        let map = light.first_map + i;
+        let seen = shadow_maps[map].view_from_world * (position + shadow_maps[map].eye);
+        if i == 0u || p.z <= seen.z {
+            best = map;
+            p = seen;
+        }
+    }
+    return map_visibility(shadow_maps[best], p, shadow_maps[best].view_from_world * normal);
+}

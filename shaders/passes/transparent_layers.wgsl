@@ -1,0 +1,39 @@
+// Depth peeling of transparent splats (rendering model §8): what a pixel's layers have come to so far, and which
+// fragments are still to be drawn.
+
+// The layers of a pixel, composited front to back. All of it but the two depths is zero before the first layer.
+struct LayerComposite {
+    // Premultiplied colour of the layers so far, and their opacity.
+    color: vec3f,
+    opacity: f32,
+    // Attributes of the nearest layer; a depth of 0 says that there is none yet.
+    normal: vec3f,
+    z: f32,
+    weight: f32,
+    // Number of fragments.
+    fragments: f32,
+    // Reversed depths: unpeeled fragments are deeper than the first, and no deeper than the opaque surface (0: none).
+    peeled_depth: f32,
+    opaque_depth: f32,
+}
+
+@group(2) @binding(3) var<storage, read> layer_limits: array<LayerComposite>;
+
+fn is_unpeeled(position: vec4f, z: f32) -> bool {
+    let pixel = vec2u(floor(position.xy));
+    let at = pixel.y * frame.size_px.x + pixel.x;
+    let depth = reversed_depth(z);
+    return depth < layer_limits[at].peeled_depth && layer_limits[at].opaque_depth <= depth;
+}
+
+fn peeled_is_visible(in: VisibilityVertex, z: f32) -> bool {
+    return z > 0.0 && is_unpeeled(in.position, z);
+}
+
+fn peeled_accumulates(in: AttributeVertex, z: f32) -> bool {
+    return is_within_threshold(in, z) && is_unpeeled(in.position, z);
+}
+
+fn remaining_accumulates(in: AttributeVertex, z: f32) -> bool {
+    return is_unpeeled(in.position, z);
+}

@@ -1,0 +1,102 @@
+// The visibility pass (rendering model §5): splats are drawn as quads over their records' pixel boxes, and the depth
+// buffer keeps the least z + ε of a pixel, the depth threshold. The attribute pass shares the quads and the depths.
+
+@group(1) @binding(0) var<storage, read> records: array<Record>;
+
+struct VisibilityVertex {
+    @builtin(position) position: vec4f,
+    @location(0) @interpolate(flat, either) base: vec2i,
+    // Fraction of the anchor, scale of the depth form, ε.
+    @location(1) @interpolate(flat, either) anchor: vec4f,
+    @location(2) @interpolate(flat, either) uv: vec4f,
+    // Gradient and range of the depth form.
+    @location(3) @interpolate(flat, either) depth: vec4f,
+    // u·w, v·w, w at the anchor.
+    @location(4) @interpolate(flat, either) at_anchor: vec3f,
+    @location(5) @interpolate(flat, either) flags: u32,
+}
+
+// Corner 0 … 3 of a triangle strip over a box of the tile's pixels. An empty box has no area and no fragments.
+fn corner_of(pixels: vec2u, vertex: u32) -> vec4f {
+    let first = vec2u(pixels.x & 0xffffu, pixels.x >> 16u);
+    let end = vec2u(pixels.y & 0xffffu, pixels.y >> 16u);
+    let corner = vec2f(select(first, end, vec2<bool>((vertex & 1u) != 0u, (vertex & 2u) != 0u)));
+    let ndc = corner / vec2f(frame.size_px) * 2.0 - 1.0;
+    return vec4f(ndc.x, -ndc.y, 0.0, 1.0);
+}
+
+// From the anchor to the centre of the fragment's pixel: whole pixels are exact, so an offset is rounded once.
+fn offset_of(position: vec4f, base: vec2i, fraction: vec2f) -> vec2f {
+    let pixel = vec2i(floor(position.xy)) + frame.origin_px;
+    return vec2f(pixel - base) + (vec2f(0.5, 0.5) - fraction);
+}
+
+// gradient·d + constant.
+fn form_at(gradient: vec2f, d: vec2f, constant: f32) -> f32 {
+    return fma(gradient.x, d.x, fma(gradient.y, d.y, constant));
+}
+
+// Depth of the splat's plane within the disk's own range (§3). Both passes call this with the same numbers, so that a
+// fragment's depth is the same in both.
+fn fragment_depth(d: vec2f, depth: vec4f, scale: f32, w_at_anchor: f32, flags: u32) -> f32 {
+    if (flags & RECORD_RECIPROCAL) != 0u {
+        return scale / clamp(form_at(depth.xy, d, w_at_anchor), depth.z, depth.w);
+    }
+    return clamp(form_at(depth.xy, d, scale), depth.z, depth.w);
+}
+
+// Reversed depth z_near/z: an f32 depth buffer holds it to the last bits, near or far.
+fn reversed_depth(z: f32) -> f32 {
+    return frame.projection.near / z;
+}
+
+fn exists(z: f32) -> bool {
+    return frame.projection.near <= z && z <= frame.projection.far;
+}
+
+@vertex
+fn visibility_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> VisibilityVertex {
+    return visibility_corner(vertex, instance);
+}
+
+fn visibility_corner(vertex: u32, instance: u32) -> VisibilityVertex {
+    let r = records[instance];
+    return VisibilityVertex(
+        corner_of(r.visible_box, vertex),
+        r.base,
+        vec4f(r.fraction, r.scale, r.epsilon),
+        vec4f(r.visible_u, r.visible_v),
+        vec4f(r.depth, r.range),
+        vec3f(r.at_anchor, r.w_at_anchor),
+        r.flags,
+    );
+}
+
+// Depth of a fragment of the unfiltered splat; 0 where there is none.
+fn visible_depth(in: VisibilityVertex) -> f32 {
+    let d = offset_of(in.position, in.base, in.anchor.xy);
+    let u = form_at(in.uv.xy, d, in.at_anchor.x);
+    let v = form_at(in.uv.zw, d, in.at_anchor.y);
+    var w = 1.0;
+    if (in.flags & RECORD_RECIPROCAL) != 0u {
+        w = form_at(in.depth.xy, d, in.at_anchor.z);
+    }
+    let z = fragment_depth(d, in.depth, in.anchor.z, in.at_anchor.z, in.flags);
+    return select(0.0, z, 0.0 < w && fma(u, u, v * v) <= w * w && exists(z));
+}
+
+struct ThresholdOutput {
+    @builtin(frag_depth) depth: f32,
+    // The threshold z + ε and the ε of the splat that it is of, for edge detection. Of equal thresholds the first drawn
+    // stays, in the order of the buffers rather than of the cloud.
+    @location(0) threshold_tolerance: vec2f,
+}
+
+fn threshold_output(in: VisibilityVertex, z: f32) -> ThresholdOutput {
+    let threshold_z = z + in.anchor.w;
+    return ThresholdOutput(reversed_depth(threshold_z), vec2f(threshold_z, in.anchor.w));
+}
+
+fn front_is_visible(in: VisibilityVertex, z: f32) -> bool {
+    return z > 0.0;
+}

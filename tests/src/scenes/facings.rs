@@ -1,0 +1,204 @@
+//! Scenes of oriented clouds, whose front and back faces are kept apart.
+
+use super::Case;
+use crate::build::{Clipped, Splat, camera, clipped_cloud, cloud, confetti, object, scene, sheet, sphere, with_alpha};
+use crate::polygons::{mesh_object, quad};
+use crate::random::Random;
+use glam::{DAffine3, DMat3, DVec3};
+use surfel_model::{
+    ClipLine, ClipMode, Cull, DepthTolerance, EdgeAa, Filter, Light, Mapping, Object, Scene, Shader, Transparency,
+};
+
+pub(super) fn facing_cases() -> Vec<Case> {
+    let (shell, bowl, cube) = (thin_shell(), open_bowl(), oriented_cube());
+    let peel = Transparency::Peel { layers: 3, drop_last: false };
+    let mut cases = vec![
+        shell.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
+        shell.sampled(),
+        bowl.sampled(),
+        shell.with("affine", |s| s.mapping = Mapping::Affine),
+        shell.with("absolute", |s| s.depth_tolerance = DepthTolerance::Absolute(0.15)),
+        shell.with("orthographic", |_| ()).in_orthographic(2.3, 8.0),
+        shell.with("toon", |s| s.shader = Shader::Toon),
+        back_before_front(),
+        bowl.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
+        bowl.with("orthographic", |_| ()).in_orthographic(2.6, 9.0),
+        bowl.with("peel", |s| s.transparency = peel),
+        bowl.with("matcap", |s| s.shader = Shader::Matcap),
+        cube.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
+        cube.with("affine", |s| s.mapping = Mapping::Affine),
+        cube,
+        shell_among_undeclared(),
+        shell_among_undeclared().with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
+        shell_among_polygons(),
+        shell_among_polygons().with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
+        shell_among_polygons().with("orthographic", |_| ()).in_orthographic(2.3, 8.0),
+        shell_over_floor(),
+        inside_a_shell(),
+        inside_a_shell().with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
+        oriented_glass().with("peel", |s| s.transparency = peel),
+        oriented_glass().with("abuffer", |s| s.transparency = Transparency::ABuffer { layers: 4 }),
+    ];
+    for filter in Filter::ALL {
+        cases.push(shell.with(filter.name(), |s| s.filter = filter));
+        cases.push(bowl.with(filter.name(), |s| (s.filter, s.prefilter_radius_px) = (filter, 1.5)));
+    }
+    cases.extend([shell, bowl]);
+    cases
+}
+
+const FRONT: [f32; 3] = [0.9, 0.5, 0.1];
+const BACK: [f32; 3] = [0.1, 0.3, 0.9];
+
+fn oriented(mut object: Object, interior_weight: f64) -> Object {
+    object.material.oriented = Some(true);
+    object.material.interior_weight = Some(interior_weight);
+    object
+}
+
+fn two_lights() -> Option<Vec<Light>> {
+    Some(vec![
+        Light::Directional { direction: [1.0, -0.5, -1.0], color: [0.7, 0.6, 0.5], shadow: false },
+        Light::Point { position: [-2.0, 2.0, 1.0], color: [0.2, 0.3, 0.6] },
+    ])
+}
+
+/// A plate a quarter of a splat thick, seen at a slant, its two sides in two colours.
+fn plate() -> Vec<Splat> {
+    let (across, along) = (DVec3::new(0.8, 0.1, 0.35), DVec3::new(-0.15, 0.75, 0.3));
+    let out = across.cross(along).normalize() * 0.015;
+    let front = sheet(out, [across, along], [22, 20], 0.12, |_, _| FRONT);
+    let back = sheet(-out, [along, across], [20, 22], 0.12, |_, _| BACK);
+    [front, back].concat()
+}
+
+/// Both sides of a plate within the depth tolerance, from before and from behind: one blended with the other.
+pub fn thin_shell() -> Case {
+    let turned = DAffine3::from_translation(DVec3::new(0.5, -0.35, -0.8)) * DAffine3::from_rotation_y(2.6);
+    let twice: Vec<Splat> = plate().into_iter().chain(plate().iter().map(|splat| splat.transformed(&turned))).collect();
+    let scene = Scene { lights: two_lights(), objects: vec![oriented(object(cloud(&twice)), 4.0)], ..scene(&[]) };
+    Case::new("thin-shell", scene, camera(2.8, 45.0, [72, 64])).with("lit", |s| s.shader = Shader::Phong)
+}
+
+/// Sheets that face away, some before and some behind others that face the eye, the gap between them growing through
+/// nothing and the tolerance: the nearer side, a tie, the wrong side's threshold or tolerance.
+pub fn back_before_front() -> Case {
+    let mut random = Random::new(151);
+    let slope = DVec3::new(0.9, 0.0, 0.16);
+    let front = sheet(DVec3::ZERO, [DVec3::X, DVec3::Y * 0.9], [24, 20], 0.09, |_, _| FRONT);
+    // Backwards: (along, across).
+    let back = sheet(DVec3::new(0.0, 0.3, 0.0), [DVec3::Y * 0.4, slope], [9, 22], 0.06, |_, _| random.color());
+    let far = sheet(DVec3::new(0.0, -0.5, 0.05), [DVec3::Y * 0.3, slope * 0.8], [7, 14], 0.17, |_, _| BACK);
+    let objects = vec![oriented(object(cloud(&[front, back, far].concat())), 4.0)];
+    Case::new("back-before-front", Scene { objects, ..scene(&[]) }, camera(3.0, 45.0, [72, 72]))
+}
+
+/// Half of a sphere, seen into and from outside at once: the inside of an open surface, lit on that side, and contours.
+pub fn open_bowl() -> Case {
+    let bowl = |turn: DMat3, at: DVec3| {
+        let place = DAffine3::from_mat3_translation(turn * 0.75, at);
+        sphere(1400, 1.2, 157).into_iter().filter(|s| s.p.z < 0.2).map(move |s| s.transformed(&place))
+    };
+    let into = DMat3::from_rotation_x(0.7);
+    let away = DMat3::from_rotation_y(2.2);
+    let splats: Vec<Splat> =
+        bowl(into, DVec3::new(-0.6, 0.1, 0.0)).chain(bowl(away, DVec3::new(0.65, 0.0, -0.2))).collect();
+    let scene = Scene { lights: two_lights(), objects: vec![oriented(object(cloud(&splats)), 2.4)], ..scene(&[]) };
+    Case::new("open-bowl", scene, camera(3.4, 45.0, [96, 64])).with("lit", |s| s.shader = Shader::Phong)
+}
+
+/// A cube of six splats, each cut to its face by four lines: whole faces that share edges, no back face among them.
+pub fn oriented_cube() -> Case {
+    let line = |a: f32, b: f32| ClipLine { a, b, c: 0.5f32.sqrt() };
+    let faces = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|n| [n, -n]).map(|n| Clipped {
+        splat: Splat {
+            p: n * 0.6,
+            s: DVec3::new(n.y.abs(), n.z.abs(), n.x.abs()) * (0.6 * 2f64.sqrt()),
+            t: n.cross(DVec3::new(n.y.abs(), n.z.abs(), n.x.abs())) * (0.6 * 2f64.sqrt()),
+            color: [0.5 + 0.4 * n.x as f32, 0.5 + 0.4 * n.y as f32, 0.5 + 0.4 * n.z as f32],
+        },
+        curve: None,
+        lines: vec![line(1.0, 0.0), line(-1.0, 0.0), line(0.0, 1.0), line(0.0, -1.0)],
+        mode: ClipMode::And,
+    });
+    let mut cube = oriented(object(clipped_cloud(&faces.collect::<Vec<_>>())), 1.0);
+    cube.world_from_object = DAffine3::from_rotation_y(0.6) * DAffine3::from_rotation_x(0.5);
+    Case::new("oriented-cube", Scene { objects: vec![cube], ..scene(&[]) }, camera(3.0, 45.0, [64, 64]))
+}
+
+/// The plate among splats that aren't declared, another object that is and leaves out its back faces, and one whose
+/// cloud is declared and whose material says otherwise: whose fragments count for which side.
+pub fn shell_among_undeclared() -> Case {
+    let mut random = Random::new(163);
+    let axes = [DVec3::new(0.8, 0.0, 0.5), DVec3::new(0.0, 0.6, 0.1)];
+    let through = sheet(DVec3::new(0.1, -0.1, 0.02), axes, [14, 10], 0.1, |_, _| random.color());
+    let mut ball = oriented(object(cloud(&sphere(300, 1.2, 167))), 2.4);
+    ball.world_from_object = DAffine3::from_scale_rotation_translation(
+        DVec3::splat(0.35),
+        glam::DQuat::IDENTITY,
+        DVec3::new(-0.5, 0.35, 0.2),
+    );
+    ball.material.cull = Cull::Back;
+    let mut declared = cloud(&confetti(60, 0.09, 3.0, 173));
+    declared.set_oriented(true);
+    let mut undeclared = object(declared);
+    (undeclared.material.oriented, undeclared.material.interior_weight) = (Some(false), Some(2.0));
+    let mut other = object(cloud(&through));
+    other.material.interior_weight = Some(2.0);
+    let shell = oriented(object(cloud(&plate())), 4.0);
+    let objects = vec![other, shell, ball, undeclared];
+    let scene = Scene { lights: two_lights(), objects, ..scene(&[]) };
+    Case::new("shell-among-undeclared", scene, camera(2.8, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
+}
+
+/// The plate through a polygon: splats of one side blended over it.
+pub fn shell_among_polygons() -> Case {
+    let mut scene = scene(&[]);
+    scene.objects = vec![
+        oriented(object(cloud(&plate())), 4.0),
+        mesh_object(quad(DVec3::ZERO, [DVec3::new(0.7, 0.0, -0.2), DVec3::new(0.0, 0.5, 0.1)], 1.0)),
+    ];
+    scene.lights = two_lights();
+    Case::new("shell-among-polygons", scene, camera(2.8, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
+}
+
+/// The plate over a floor that it casts a shadow on: both of its sides cast.
+pub fn shell_over_floor() -> Case {
+    let floor = sheet(DVec3::new(0.0, -0.8, 0.0), [DVec3::X * 1.6, DVec3::NEG_Z * 1.6], [24, 24], 0.12, |_, _| BACK);
+    let objects = vec![oriented(object(cloud(&plate())), 4.0), object(cloud(&floor))];
+    let light = Light::Directional { direction: [0.3, -1.0, -0.4], color: [1.0; 3], shadow: true };
+    let scene = Scene { lights: Some(vec![light]), objects, ..scene(&[]) };
+    Case::new("shell-over-floor", scene, camera(3.4, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
+}
+
+/// Plates about the eye and through the near plane, from inside and from outside: records that are set up in f64.
+pub fn inside_a_shell() -> Case {
+    let mut random = Random::new(179);
+    let sides = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y].into_iter().flat_map(|out| {
+        let along = DVec3::NEG_Z * 1.5;
+        // Outward as seen from within: half of them face the eye, by turns.
+        let across = out.cross(DVec3::Z) * 0.5;
+        let color = random.color();
+        let at = out * 0.32 + DVec3::Z * 1.6;
+        let outer = sheet(at, [across, along], [5, 12], 0.24, |_, _| color);
+        let inner = sheet(at - out * 0.02, [along, across], [12, 5], 0.24, |_, _| color.map(|c| 1.0 - c));
+        [outer, inner].concat()
+    });
+    let objects = vec![oriented(object(cloud(&sides.collect::<Vec<_>>())), 4.0)];
+    let mut case = Case::new("inside-a-shell", Scene { objects, lights: two_lights(), ..scene(&[]) }, {
+        let mut camera = camera(3.0, 60.0, [64, 56]);
+        camera.near = 0.2;
+        camera
+    });
+    case.settings.shader = Shader::Phong;
+    case
+}
+
+/// An oriented shell of glass about an opaque one: layers keep no sides apart.
+pub fn oriented_glass() -> Case {
+    let glass = oriented(object(with_alpha(cloud(&sphere(500, 1.2, 181)), |_| 0.4)), 2.4);
+    let mut shell = oriented(object(cloud(&plate())), 4.0);
+    shell.world_from_object = DAffine3::from_scale(DVec3::splat(0.7));
+    let scene = Scene { objects: vec![glass, shell], lights: two_lights(), ..scene(&[]) };
+    Case::new("oriented-glass", scene, camera(3.2, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
+}

@@ -1,0 +1,176 @@
+//! Edges by samples (§5): pixels beside a step are means of samples, all others as they are without.
+
+use crate::drawing::{counter, drawn_once};
+use glam::{DAffine3, DVec3};
+use surfel_conformance::harness::{Verdict, check_case, render};
+use surfel_conformance::polygons::{mesh_object, quad};
+use surfel_conformance::scenes::{self, Case};
+use surfel_conformance::{build, random_scenes};
+use surfel_cpu::{Options, Renderer as Cpu};
+use surfel_model::{EdgeAa, Scene, Shader};
+use surfel_reference::Renderer as Reference;
+use surfel_render::{Frame, Planes, Region, Renderer, View};
+
+fn cpu() -> Cpu {
+    Cpu::new(Options::default()).unwrap()
+}
+
+fn reference() -> Reference {
+    Reference::new(Default::default()).unwrap()
+}
+
+/// Every scene of samples.
+fn sampled() -> Vec<Case> {
+    scenes::all().into_iter().filter(|case| case.settings.edge_aa == EdgeAa::Samples).collect()
+}
+
+/// The means of sixteen pixels each of an image without antialiasing, four times as wide and high.
+fn means(renderer: &mut impl Renderer, case: &Case) -> Vec<[f32; 4]> {
+    let mut settings = case.settings.with_edge_aa(EdgeAa::Off);
+    // An octree is cut down to the image's pixels.
+    settings.lod_error_px *= 4.0;
+    let (resident, view) = (renderer.upload(&case.scene).unwrap(), case.view().of_samples());
+    let mut fine = Frame::default();
+    renderer.render_into(&resident, &view, &settings, Planes::COLOR, &mut fine).unwrap();
+    let width = case.view().region.width as usize;
+    let mean = |at: usize| {
+        let sample = |i: usize| fine.color()[(at / width * 4 + i / 4) * width * 4 + at % width * 4 + i % 4];
+        (0..16).map(sample).fold([0.0; 4], |sum, color| std::array::from_fn(|c| sum[c] + color[c] / 16.0))
+    };
+    (0..case.view().pixels()).map(mean).collect()
+}
+
+fn distance(a: [f32; 4], b: [f32; 4]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+/// Of an image by samples: how many pixels are other than without, and whether those are means of a finer image's
+/// and all other pixels the same. A few may differ where a sample lies on a rim, by as many sixteenths.
+fn check_means(renderer: &mut impl Renderer, case: &Case) -> usize {
+    let of = |renderer: &mut _, case: &Case| render(renderer, case, Planes::ALL).unwrap();
+    let (image, plain) = (of(renderer, case), of(renderer, &case.with("off", |s| s.edge_aa = EdgeAa::Off)));
+    let means = means(renderer, case);
+    assert_eq!(image.depth(), plain.depth(), "{}: Z is the centre's", case.name);
+    assert_eq!(image.normal(), plain.normal(), "{}: the normal is the centre's", case.name);
+    let (mut changed, mut off, mut worst) = (0, 0, 0.0f32);
+    for ((color, plain), mean) in image.color().iter().zip(plain.color()).zip(&means) {
+        if color == plain {
+            continue;
+        }
+        changed += 1;
+        let error = distance(*color, *mean);
+        off += usize::from(error > 1e-3);
+        worst = worst.max(error);
+    }
+    assert!(off * 50 <= changed, "{}: {off} of {changed} pixels are no mean, worst {worst}", case.name);
+    assert!(worst < 0.2, "{}: a pixel is off by {worst}", case.name);
+    changed
+}
+
+#[test]
+fn sampled_pixels_are_means_of_an_image_four_times_as_fine() {
+    for case in sampled() {
+        // Those look at neighbours, and samples have others.
+        if matches!(case.settings.shader, Shader::Toon | Shader::Edl) {
+            continue;
+        }
+        check_means(&mut reference(), &case);
+        let changed = check_means(&mut cpu(), &case);
+        // A single pixel has no neighbours.
+        assert!(changed > 0 || case.view().pixels() == 1, "{}", case.name);
+    }
+}
+
+#[test]
+fn cpu_draws_every_scene_of_samples_as_the_reference_does() {
+    let mut reference = reference();
+    let failed: Vec<String> = sampled()
+        .iter()
+        .map(|case| check_case(&mut cpu(), &mut reference, case))
+        .filter(|report| report.verdict != Verdict::Passed)
+        .map(|report| report.to_string())
+        .collect();
+    assert!(failed.is_empty(), "{}", failed.join("\n"));
+}
+
+/// A quad that faces the eye, unlit and white: a pixel a sixteenth of a unit, its corners at these pixels.
+fn quad_at([x0, y0, x1, y1]: [f64; 4]) -> Case {
+    let (half, of_px) = (16.0, |px: f64| (px - 16.0) / 16.0);
+    let center = DVec3::new(0.5 * (of_px(x0) + of_px(x1)), -0.5 * (of_px(y0) + of_px(y1)), 0.0);
+    let axes = [DVec3::X * (0.5 * (x1 - x0) / half), DVec3::Y * (0.5 * (y1 - y0) / half)];
+    let scene =
+        Scene { objects: vec![mesh_object(quad(center, axes, 1.0))], background: [0.0; 4], ..build::scene(&[]) };
+    let camera = build::camera(1.0, 90.0, [32, 32]);
+    Case::new("quad", scene, camera).sampled()
+}
+
+#[test]
+fn edges_of_a_rectangle_have_the_share_of_samples_that_it_covers() {
+    // Samples lie at eighths: of a column that begins at ⅓ three of four are covered, of one that ends at ⅗ two.
+    let case = quad_at([8.0 + 1.0 / 3.0, 10.0, 20.6, 23.0]);
+    for image in [render(&mut reference(), &case, Planes::COLOR), render(&mut cpu(), &case, Planes::COLOR)] {
+        let image = image.unwrap();
+        let alpha = |x: usize, y: usize| image.color()[y * 32 + x][3];
+        assert_eq!([7, 8, 9, 19, 20, 21].map(|x| alpha(x, 15)), [0.0, 0.75, 1.0, 1.0, 0.5, 0.0]);
+        // Its upper and lower side lie between pixels.
+        assert_eq!([9, 10, 22, 23].map(|y| alpha(15, y)), [0.0, 1.0, 1.0, 0.0]);
+        assert_eq!(alpha(8, 10), 0.75);
+    }
+}
+
+#[test]
+fn edges_of_a_slanted_quad_are_as_smooth_as_sixteen_samples_make_them() {
+    let mut case = quad_at([6.0, 7.0, 25.0, 26.0]);
+    case.scene.objects[0].world_from_object = DAffine3::from_rotation_z(0.31);
+    let image = render(&mut cpu(), &case, Planes::COLOR).unwrap();
+    let fine = View::supersampled(&case.view(), 16).unwrap();
+    let plain = case.settings.with_edge_aa(EdgeAa::Off);
+    let mut reference = reference();
+    let resident = reference.upload(&case.scene).unwrap();
+    let mut exact = Frame::default();
+    reference.render_into(&resident, &fine, &plain, Planes::COLOR, &mut exact).unwrap();
+    let (mut squares, mut edges) = (0.0, 0);
+    for (i, color) in image.color().iter().enumerate() {
+        let (x, y) = (i % 32 * 16, i / 32 * 16);
+        let samples = (0..256).map(|k| exact.color()[(y + k / 16) * 512 + x + k % 16][3]);
+        let area = samples.sum::<f32>() / 256.0;
+        if area > 0.0 && area < 1.0 {
+            squares += (color[3] - area).powi(2);
+            edges += 1;
+        } else {
+            assert_eq!(color[3], area, "pixel {i} is no edge");
+        }
+    }
+    // A regular grid of 16: at most two columns of four off. One sample errs by .29 here.
+    let rmse = (squares / edges as f32).sqrt();
+    assert!(edges > 60 && rmse < 0.06, "{rmse} of {edges} pixels");
+}
+
+#[test]
+fn images_without_a_step_have_no_sample() {
+    let mut case = scenes::facing_plane().sampled();
+    // Its middle: the plane ends outside.
+    case.region = Some(Region { x: 20, y: 20, width: 16, height: 16 });
+    let plain = case.with("off", |s| s.edge_aa = EdgeAa::Off);
+    let (image, stats) = drawn_once(&mut cpu(), &case, Planes::ALL);
+    let (without, _) = drawn_once(&mut cpu(), &plain, Planes::ALL);
+    assert!(image.color().iter().all(|c| c[3] == 1.0), "the plane fills the region");
+    assert_eq!(counter(&stats, "edge_pixels"), Some(0.0));
+    assert_eq!(image.color(), without.color());
+    let steps = drawn_once(&mut cpu(), &scenes::closed_sphere().sampled(), Planes::ALL).1;
+    assert!(counter(&steps, "edge_pixels") > Some(100.0));
+}
+
+#[test]
+fn random_scenes_by_samples_agree_with_the_reference() {
+    let mut reference = reference();
+    let mut sampled = 0;
+    for seed in 0..60 {
+        let case = random_scenes::case(seed).sampled();
+        let report = check_case(&mut cpu(), &mut reference, &case);
+        assert_eq!(report.verdict, Verdict::Passed, "{report}");
+        let stats = drawn_once(&mut cpu(), &case, Planes::COLOR).1;
+        sampled += usize::from(counter(&stats, "edge_pixels") > Some(0.0));
+    }
+    assert!(sampled > 40, "{sampled} of 60 scenes have steps");
+}

@@ -1,0 +1,260 @@
+//! The GPU backends: the reference's image on whatever adapter there is, without a word from the validation layers, and
+//! each other's image where both have the same driver.
+
+use crate::drawing::{counter, drawn_once};
+use crate::validated_gpu;
+use surfel_ash::Limits;
+use surfel_conformance::harness::{ABSOLUTE, RELATIVE, Verdict, check_backend, check_case, render};
+use surfel_conformance::scenes::{self, Case};
+use surfel_model::Storage;
+use surfel_model::{Accumulate, DepthTolerance, EdgeAa, Light, Projection};
+use surfel_render::{Frame, Planes, Region, Renderer, View};
+
+/// Runs the same tests on each backend.
+macro_rules! on_each_backend {
+    ($($name:ident),+) => {
+        mod wgpu {
+            $(#[test] fn $name() {
+                if let Some(renderer) = crate::validated_gpu::wgpu() {
+                    super::$name(renderer);
+                    crate::validated_gpu::no_messages();
+                }
+            })+
+        }
+        mod ash {
+            $(#[test] fn $name() {
+                // What the layer says is an error of the call.
+                if let Some(renderer) = crate::validated_gpu::ash() {
+                    super::$name(renderer);
+                }
+            })+
+        }
+    };
+}
+
+on_each_backend!(
+    agrees_with_the_reference_on_every_scene,
+    region_is_that_part_of_the_whole,
+    fragment_is_kept_by_its_own_splat_without_tolerance,
+    fragments_are_counted_as_the_cpu_does,
+    layers_end_where_nothing_remains,
+    sums_in_f16_are_close,
+    empty_scene_is_background,
+    scene_of_any_size_agrees_with_the_reference
+);
+
+/// The scenes whose content a backend says that it draws.
+fn drawn(renderer: &impl Renderer) -> Vec<Case> {
+    let capabilities = renderer.info().capabilities;
+    let cases: Vec<Case> = scenes::all().into_iter().filter(|c| c.is_drawn_by(&capabilities)).collect();
+    // As many as show opaque splats alone.
+    assert!(cases.len() > 50, "{}", cases.len());
+    cases
+}
+
+fn agrees_with_the_reference_on_every_scene(mut renderer: impl Renderer) {
+    let reports = check_backend(&mut renderer);
+    let failed: Vec<String> = reports.iter().filter(|r| !r.is_ok()).map(ToString::to_string).collect();
+    assert!(failed.is_empty(), "{}", failed.join("\n"));
+    let kept: Vec<&String> =
+        reports.iter().filter(|r| !matches!(r.verdict, Verdict::Skipped(_))).map(|r| &r.name).collect();
+    let cases = drawn(&renderer);
+    assert_eq!(kept, cases.iter().map(|c| &c.name).collect::<Vec<_>>(), "refused, but said to be drawn");
+}
+
+fn region_is_that_part_of_the_whole(mut renderer: impl Renderer) {
+    let cases = drawn(&renderer);
+    // Some of each kind, and all whose edges need neighbours beyond the region.
+    let some = cases.iter().step_by(5).chain(cases.iter().filter(|c| c.settings.edge_aa != EdgeAa::Off));
+    for case in some {
+        let [width, height] = case.camera.size;
+        let region = Region { x: width / 3, y: height / 4, width: width.div_ceil(2), height: height.div_ceil(2) };
+        let whole = render(&mut renderer, case, Planes::COLOR).unwrap();
+        let view = View::of_region(&case.camera, Some(region)).unwrap();
+        let resident = renderer.upload(&case.scene).unwrap();
+        let mut part = Frame::default();
+        renderer.render_into(&resident, &view, &case.settings, Planes::COLOR, &mut part).unwrap();
+        for (i, pixel) in part.color().iter().enumerate() {
+            let (x, y) = (region.x + i as u32 % region.width, region.y + i as u32 / region.width);
+            let same = whole.color()[(y * width + x) as usize];
+            // Forms of near splats have their anchor in the middle of what is seen of them, so last bits differ there.
+            let close = pixel.iter().zip(same).all(|(a, b)| (a - b).abs() <= 1e-5);
+            assert!(close, "{} at {x},{y}: {pixel:?} {same:?}", case.name);
+        }
+    }
+}
+
+fn fragment_is_kept_by_its_own_splat_without_tolerance(mut renderer: impl Renderer) {
+    // z ≤ z decides: the passes must come to the same depth, to the bit.
+    let planes = Planes::COLOR.with_weight(true);
+    for tolerance in [DepthTolerance::Relative(0.0), DepthTolerance::Absolute(0.0)] {
+        let case = scenes::facing_splat().with("no tolerance", |s| s.depth_tolerance = tolerance);
+        let ours = render(&mut renderer, &case, planes).unwrap();
+        let theirs = render(
+            &mut surfel_cpu::Renderer::new(surfel_cpu::Options::default().with_threads(1)).unwrap(),
+            &case,
+            planes,
+        )
+        .unwrap();
+        for (&a, &b) in ours.weight().iter().zip(theirs.weight()) {
+            assert!(f64::from(a - b).abs() <= ABSOLUTE + RELATIVE * f64::from(b), "{a} {b}");
+        }
+    }
+}
+
+fn fragments_are_counted_as_the_cpu_does(mut renderer: impl Renderer) {
+    let case = scenes::closed_sphere();
+    let planes = Planes::COLOR.with_fragments(true);
+    let ours = render(&mut renderer, &case, planes).unwrap();
+    let theirs =
+        render(&mut surfel_cpu::Renderer::new(surfel_cpu::Options::default().with_threads(1)).unwrap(), &case, planes)
+            .unwrap();
+    let differ = ours.fragments().iter().zip(theirs.fragments()).filter(|(a, b)| a != b).count();
+    // A fragment on a rim may come or go by rounding.
+    assert!(differ * 100 < ours.fragments().len(), "{differ} of {}", ours.fragments().len());
+    let (_, stats) = drawn_once(&mut renderer, &case, planes);
+    assert_eq!(stats.fragments, ours.fragments().iter().map(|&n| u64::from(n)).sum::<u64>());
+    assert!(stats.drawn > 0 && stats.drawn <= stats.splats);
+}
+
+fn layers_end_where_nothing_remains(mut renderer: impl Renderer) {
+    let mut drawn = |case: &Case, layers: &str| {
+        let case = case.with(layers, |s| s.transparency = layers.parse().unwrap());
+        let (frame, stats) = drawn_once(&mut renderer, &case, Planes::ALL);
+        (frame, ["layers_drawn", "vertex_invocations"].map(|name| counter(&stats, name)))
+    };
+    for case in [scenes::panes(), scenes::glass_spheres()] {
+        let (few, all_of_few) = drawn(&case, "peel:2");
+        assert_eq!(all_of_few[0], Some(2.0), "{}", case.name);
+        let (many, some_of_many) = drawn(&case, "peel:40");
+        // What lies behind each other, some layers of rims, and the one that finds nothing.
+        let count = some_of_many[0].unwrap();
+        assert!((4.0..20.0).contains(&count), "{}: {count}", case.name);
+        // Layers that aren't drawn have no vertices.
+        let (more, as_many) = drawn(&case, "peel:64");
+        assert_eq!((&many, some_of_many), (&more, as_many), "{}", case.name);
+        assert!(few != many, "{}", case.name);
+        // With one more, the last of those drawn is peeled and not blended with what remains.
+        let (enough, _) = drawn(&case, &format!("peel:{}:drop", count + 1.0));
+        assert_eq!(many, enough, "{}", case.name);
+    }
+    // A pane is one layer, and the second finds nothing.
+    assert_eq!(drawn(&scenes::pane_through_sphere(), "peel:40").1[0], Some(2.0));
+    assert_eq!(drawn(&scenes::closed_sphere(), "peel:4").1[0], None);
+}
+
+fn sums_in_f16_are_close(mut renderer: impl Renderer) {
+    let case = scenes::closed_sphere();
+    let halves = case.with("f16", |s| s.accumulate = Accumulate::F16);
+    let [full, half] = [&case, &halves].map(|case| render(&mut renderer, case, Planes::COLOR).unwrap());
+    let worst = full.color().as_flattened().iter().zip(half.color().as_flattened()).map(|(a, b)| (a - b).abs());
+    let worst = worst.fold(0.0, f32::max);
+    // Ten fragments of 2⁻¹¹ each; identical images would mean that nothing was done in f16.
+    assert!(worst > 1e-5 && worst < 5e-3, "{worst}");
+    // Depths beyond f16's largest number, and below its least normal one.
+    for scale in [1e-5, 1e5] {
+        let case = scenes::scaled(&halves, scale);
+        let depth = |case: &Case, renderer: &mut _| render(renderer, case, Planes::ALL).unwrap().depth().to_vec();
+        let exact = depth(&case.with("f32", |s| s.accumulate = Accumulate::F32), &mut renderer);
+        for (a, b) in depth(&case, &mut renderer).iter().zip(&exact) {
+            assert!(a == b || (a - b).abs() <= 5e-3 * b, "{a} {b}");
+        }
+    }
+}
+
+fn empty_scene_is_background(mut renderer: impl Renderer) {
+    let case = scenes::facing_splat();
+    let mut scene = case.scene.clone();
+    scene.objects.clear();
+    let frame = render(&mut renderer, &Case { scene, ..case }, Planes::ALL).unwrap();
+    assert!(frame.color().iter().all(|c| *c == [0.01, 0.015, 0.025, 0.5]));
+    assert!(frame.depth().iter().all(|z| *z == f32::INFINITY) && frame.weight().iter().all(|w| *w == 0.0));
+}
+
+fn scene_of_any_size_agrees_with_the_reference(mut renderer: impl Renderer) {
+    let mut reference = surfel_reference::Renderer::new(Default::default()).unwrap();
+    for case in drawn(&renderer).iter().step_by(3) {
+        for scale in [1e-15, 1e15] {
+            let mut case = scenes::scaled(case, scale);
+            for light in case.scene.lights.iter_mut().flatten() {
+                if let Light::Point { position, .. } | Light::Spot { position, .. } = light {
+                    position.iter_mut().for_each(|p| *p *= scale);
+                }
+            }
+            if let Projection::Orthographic { height } = &mut case.camera.projection {
+                *height *= scale;
+            }
+            if let DepthTolerance::Absolute(distance) = &mut case.settings.depth_tolerance {
+                *distance *= scale;
+            }
+            let report = check_case(&mut renderer, &mut reference, &case);
+            assert!(report.is_ok(), "{report}");
+        }
+    }
+}
+
+#[test]
+fn ash_and_wgpu_draw_the_same_image_on_one_driver() {
+    let (Some(mut ash), Some(mut wgpu)) = (validated_gpu::ash(), validated_gpu::wgpu()) else { return };
+    if ash.info().adapter != wgpu.info().adapter {
+        println!("skipped: adapters differ: {} and {}", ash.info().adapter, wgpu.info().adapter);
+        return;
+    }
+    let mut worst = 0.0f32;
+    for case in &drawn(&ash) {
+        let ours = render(&mut ash, case, Planes::ALL).unwrap();
+        let theirs = render(&mut wgpu, case, Planes::ALL).unwrap();
+        let planes = [
+            (ours.color().as_flattened(), theirs.color().as_flattened()),
+            (ours.normal().as_flattened(), theirs.normal().as_flattened()),
+            (ours.depth(), theirs.depth()),
+            (ours.weight(), theirs.weight()),
+        ];
+        for (a, b) in planes.iter().flat_map(|(a, b)| a.iter().zip(b.iter())).filter(|(a, b)| a != b) {
+            // Relative above 1, so that scenes of 1e4 units count the same.
+            let error = (a - b).abs() / b.abs().max(1.0);
+            assert!(error <= 1e-5, "{}: {a} and {b}", case.name);
+            worst = worst.max(error);
+        }
+    }
+    println!("worst difference {worst:e}");
+    validated_gpu::no_messages();
+}
+
+/// Room for 256 clipped splats a buffer, a seventh of an image a tile, and no record beyond the next pass.
+const LITTLE: Limits = Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0, memory_bytes: u64::MAX };
+
+fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer) {
+    let planes = Planes::ALL.with_fragments(true);
+    // A shadow map isn't drawn in parts: its size is its meaning.
+    let casts = |c: &Case| c.scene.lights.iter().flatten().any(Light::casts_shadow);
+    let cases: Vec<Case> = drawn(whole).into_iter().filter(|c| !casts(c)).collect();
+    for case in cases.iter().step_by(6).chain(cases.iter().filter(|c| c.settings.edge_aa != EdgeAa::Off)) {
+        let [a, b] = [render(whole, case, planes).unwrap(), render(parts, case, planes).unwrap()];
+        let values =
+            |f: &Frame| -> Vec<f32> { [f.color().as_flattened(), f.normal().as_flattened(), f.weight()].concat() };
+        for (a, b) in values(&a).iter().zip(values(&b)) {
+            // Sums in another order, and forms of near splats about another anchor.
+            assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{}: {a} {b}", case.name);
+        }
+        assert_eq!(a.fragments(), b.fragments(), "{}", case.name);
+    }
+}
+
+#[test]
+fn scenes_and_images_too_large_for_the_device_are_drawn_in_parts() {
+    for storage in [Storage::F32, Storage::Quantised] {
+        let all = Limits::default();
+        if let (Some(mut whole), Some(mut parts)) =
+            (validated_gpu::ash_with(all, storage), validated_gpu::ash_with(LITTLE, storage))
+        {
+            draws_the_same_in_parts(&mut whole, &mut parts);
+        }
+        if let (Some(mut whole), Some(mut parts)) =
+            (validated_gpu::wgpu_with(all, storage), validated_gpu::wgpu_with(LITTLE, storage))
+        {
+            draws_the_same_in_parts(&mut whole, &mut parts);
+            validated_gpu::no_messages();
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! Every conformance test in one program: backends against the reference, the reference against closed forms, and the
+//! harness that compares them against faults.
+//!
+//! - the rendering model: [`closed_forms`], [`clip_closed_forms`], [`transparency_closed_forms`],
+//!   [`meshes_among_splats`], [`shadow_maps`], [`octree_levels`], [`image_invariants`], [`decision_margin`],
+//!   [`checkerboard_filter_errors`], [`textured_meshes`];
+//! - backends: [`cpu_backend`], [`gpu_backends`], [`gpu_frame_costs`], [`gpu_scene_storage`], [`feature_costs`],
+//!   [`golden_scenes`], [`stability_sweeps`], [`preset_promises`], [`random_scene_features`], [`own_images`];
+//! - splats made of meshes: [`splats_of_meshes`], [`sharp_features`]; real data: [`real_models`];
+//! - the harness itself: [`harness_catches_faults`], [`expectation_table`], [`conformance_report`];
+//! - what they share: [`drawing`], [`validated_gpu`], [`faulty_renderer`], [`scene_files`].
+
+mod checkerboard_filter_errors;
+mod clip_closed_forms;
+mod closed_forms;
+mod conformance_report;
+mod cpu_backend;
+mod decision_margin;
+mod drawing;
+mod edge_samples;
+mod expectation_table;
+mod faulty_renderer;
+mod feature_costs;
+mod golden_scenes;
+mod gpu_backends;
+mod gpu_frame_costs;
+mod gpu_scene_storage;
+mod harness_catches_faults;
+mod image_invariants;
+mod meshes_among_splats;
+mod octree_levels;
+mod own_images;
+mod preset_promises;
+mod random_scene_features;
+mod real_models;
+mod scene_files;
+mod shadow_maps;
+mod sharp_features;
+mod splats_of_meshes;
+mod stability_sweeps;
+mod textured_meshes;
+mod transparency_closed_forms;
+mod validated_gpu;

@@ -1,0 +1,223 @@
+//! What presets promise: on every scene each backend's fidelity, and the model error.
+
+use crate::validated_gpu;
+use glam::Vec3;
+use surfel_conformance::harness::{reference_frame, render};
+use surfel_conformance::scenes::{self, Case};
+use surfel_metrics::{CompareOptions, Image, compare};
+use surfel_model::{Accumulate, EdgeAa, Geometry, Scene};
+use surfel_reference::Renderer as Reference;
+use surfel_render::{Feature, Frame, Planes, Preset, Renderer, SceneSummary, inside_surfaces};
+
+/// PSNR of linear premultiplied colour, dB; of the pixels that the mask lets through.
+fn psnr(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> f64 {
+    let a = Image::new(want.width(), want.height(), want.color().as_flattened()).unwrap();
+    let b = Image::new(got.width(), got.height(), got.color().as_flattened()).unwrap();
+    compare(&a, &b, &CompareOptions { mask, flip: None, ..CompareOptions::default() }).unwrap().psnr
+}
+
+/// The scene with an interior weight for every cloud, so that edges can be antialiased.
+fn weighed(mut scene: Scene) -> Scene {
+    for object in &mut scene.objects {
+        if let Geometry::Splats(cloud) = &object.geometry
+            && object.material.interior_weight.or(cloud.data().interior_weight).is_none()
+        {
+            object.material.interior_weight = Some(surfel_sample::interior_weight(cloud).unwrap_or(1.0));
+        }
+    }
+    scene
+}
+
+fn at(case: &Case, preset: Preset) -> Case {
+    let mut case = case.with(preset.name(), |settings| *settings = preset.apply(*settings));
+    case.scene = weighed(case.scene);
+    case
+}
+
+/// Least PSNR over scenes, and where.
+struct Least {
+    db: f64,
+    scene: String,
+}
+
+impl Least {
+    fn none() -> Self {
+        Self { db: f64::INFINITY, scene: "-".into() }
+    }
+
+    fn add(&mut self, db: f64, scene: &str) {
+        if db < self.db {
+            *self = Self { db, scene: scene.into() };
+        }
+    }
+}
+
+/// Every variant of every scene that a preset draws in its own way, whatever the variant had set of what presets set.
+fn cases(preset: Preset) -> Vec<Case> {
+    let mut cases: Vec<Case> = Vec::new();
+    for case in scenes::all() {
+        // Variants of the same settings may be of another scene or view, and are cheap.
+        let scene = |case: &Case| case.name.split('/').next().unwrap_or_default().to_owned();
+        let camera = case.camera.clone();
+        let case = at(&case, preset);
+        let is_known = |other: &Case| {
+            scene(other) == scene(&case)
+                && other.settings == case.settings
+                && (&other.camera, other.region) == (&camera, case.region)
+        };
+        if !cases.iter().any(is_known) {
+            cases.push(case);
+        }
+    }
+    cases
+}
+
+/// How far depths (relative, root mean square) and normals (degrees, the same) of two images are apart, over pixels
+/// that the mask lets through and both have.
+fn geometry_errors(want: &Frame, got: &Frame, mask: &[bool]) -> [f64; 2] {
+    let root_mean = |squares: Vec<f64>| (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+    let counts = |i: &usize| mask[*i] && want.depth()[*i].is_finite() && got.depth()[*i].is_finite();
+    let depth = |i: usize| (f64::from(got.depth()[i] - want.depth()[i]) / f64::from(want.depth()[i])).powi(2);
+    let normal = |i: usize| {
+        let [a, b] = [want.normal()[i], got.normal()[i]].map(|n| Vec3::from(n).as_dvec3());
+        a.cross(b).length().atan2(a.dot(b)).to_degrees().powi(2)
+    };
+    let all = || (0..mask.len()).filter(counts);
+    [root_mean(all().map(depth).collect()), root_mean(all().map(normal).collect())]
+}
+
+/// Holds a backend's fidelity, and prints what is found.
+fn hold_fidelity(backend: &mut impl Renderer) {
+    let mut reference = Reference::new(Default::default()).unwrap();
+    let capabilities = backend.info().capabilities;
+    let mut failed = Vec::new();
+    for preset in Preset::ALL {
+        // The same settings, so the same images.
+        if preset == Preset::Reference {
+            continue;
+        }
+        let promise = preset.promise();
+        let (mut least, mut depth, mut normal) = (Least::none(), Least::none(), Least::none());
+        let mut drawn = 0;
+        for mut case in cases(preset) {
+            if !capabilities.has(Feature::EdgeSamples) {
+                // What it refuses it promises nothing of.
+                case.settings.edge_aa = EdgeAa::Off;
+            }
+            // Sums in half the precision are asked for, and no preset's.
+            if !case.is_drawn_by(&capabilities) || case.settings.accumulate == Accumulate::F16 {
+                continue;
+            }
+            let want = reference_frame(&mut reference, &case).unwrap();
+            let got = render(backend, &case, Planes::ALL).unwrap();
+            let mask: Vec<bool> = want.margin().iter().map(|&m| m == 0.0).collect();
+            let db = psnr(&want, &got, Some(&mask));
+            least.add(db, &case.name);
+            let errors = geometry_errors(&want, &got, &mask);
+            // Logarithms, so that the least is the worst here too.
+            depth.add(-errors[0].log10(), &case.name);
+            normal.add(-errors[1].log10(), &case.name);
+            drawn += 1;
+            let is_kept = db >= promise.fidelity_db
+                && errors[0] <= promise.fidelity_depth
+                && errors[1] <= promise.fidelity_normal_deg;
+            if !is_kept {
+                let [depth, normal] = errors;
+                failed.push(format!("{db:.1} dB, depth {depth:.1e}, normals {normal:.1e} degrees: {}", case.name));
+            }
+        }
+        println!(
+            "{} on {}: {drawn} images, fidelity {:.1} dB ({}), depth {:.1e} ({}), normals {:.1e} degrees ({})",
+            preset.name(),
+            backend.info().backend,
+            least.db,
+            least.scene,
+            10f64.powf(-depth.db),
+            depth.scene,
+            10f64.powf(-normal.db),
+            normal.scene
+        );
+        assert!(drawn > 60, "{drawn} images");
+    }
+    assert!(failed.is_empty(), "promises broken: {failed:#?}");
+}
+
+#[test]
+fn preset_fidelity_holds_on_cpu() {
+    hold_fidelity(&mut surfel_cpu::Renderer::new(Default::default()).unwrap());
+}
+
+#[test]
+fn preset_fidelity_holds_on_wgpu() {
+    if let Some(mut renderer) = validated_gpu::wgpu() {
+        hold_fidelity(&mut renderer);
+        validated_gpu::no_messages();
+    }
+}
+
+#[test]
+fn preset_fidelity_holds_on_ash() {
+    if let Some(mut renderer) = validated_gpu::ash() {
+        hold_fidelity(&mut renderer);
+    }
+}
+
+#[test]
+fn preset_model_errors_hold_on_every_scene() {
+    let mut reference = Reference::new(Default::default()).unwrap();
+    let mut failed = Vec::new();
+    let best: Vec<(Case, Frame)> = cases(Preset::Reference)
+        .into_iter()
+        .map(|case| {
+            let frame = reference_frame(&mut reference, &case).unwrap();
+            (case, frame)
+        })
+        .collect();
+    for preset in Preset::ALL {
+        let (mut model, mut inside) = (Least::none(), Least::none());
+        let (mut images, mut surfaces) = (0, 0);
+        let promise = preset.promise();
+        let cases = cases(preset);
+        // Presets set the same of the settings, so that they leave the same variants.
+        assert_eq!(cases.len(), best.len());
+        for (case, (best_case, best)) in cases.iter().zip(&best) {
+            let drawn = (case.settings != best_case.settings).then(|| reference_frame(&mut reference, case).unwrap());
+            let want = drawn.as_ref().unwrap_or(best);
+            let mut hold = |least: &mut Least, what: &str, db: f64, promised: f64| {
+                least.add(db, &case.name);
+                if db < promised {
+                    failed.push(format!("{}, {what}: {db:.1} dB, {}", preset.name(), case.name));
+                }
+            };
+            hold(&mut model, "whole", psnr(best, want, None), promise.model_db);
+            if let Some(mask) = inside_surfaces(best).filter(|_| !SceneSummary::of(&case.scene).transparent) {
+                hold(&mut inside, "inside", psnr(best, want, Some(&mask)), promise.inside_db);
+                surfaces += 1;
+            }
+            images += 1;
+        }
+        println!(
+            "{}: {images} images, {surfaces} of surfaces; model {:.1} dB ({}), inside {:.1} dB ({})",
+            preset.name(),
+            model.db,
+            model.scene,
+            inside.db,
+            inside.scene
+        );
+        assert!(surfaces > 30 && images > 60, "{surfaces} of {images} images have surfaces");
+    }
+    assert!(failed.is_empty(), "promises broken: {failed:#?}");
+}
+
+#[test]
+fn preset_settings_are_told_from_others() {
+    for preset in Preset::ALL {
+        let found = Preset::of(&preset.apply(surfel_model::Settings::default())).unwrap();
+        assert_eq!(found.apply(surfel_model::Settings::default()), preset.apply(surfel_model::Settings::default()));
+    }
+    let own = surfel_model::Settings::default().with_cutoff(2.5);
+    assert_eq!(Preset::of(&own), None);
+    // What is summed in half the precision keeps no promise.
+    let half = surfel_model::Settings::default().with_accumulate(Accumulate::F16);
+    assert_eq!(Preset::of(&half), None);
+}

@@ -1,0 +1,45 @@
+//! GPU backends where there is an adapter; a line that says so where there is none.
+
+use surfel_conformance::backends::{is_required, listen, take_messages};
+use surfel_model::Storage;
+
+/// The backend if it starts; else the test is skipped, or fails where the backend is required.
+fn started<R>(name: &str, start: Result<R, impl std::fmt::Display>) -> Option<R> {
+    match start {
+        Ok(renderer) => Some(renderer),
+        Err(error) if is_required(name) => panic!("SURFEL_REQUIRE asks for {name}, but: {error}"),
+        Err(error) => {
+            println!("skipped: {error}");
+            None
+        }
+    }
+}
+
+/// Fails if a validation layer, or wgpu itself, had anything to say.
+pub(crate) fn no_messages() {
+    let messages = take_messages();
+    assert!(messages.is_empty(), "{}", messages.join("\n"));
+}
+
+/// The Vulkan backend, validated: whatever the layer says is an error of the call.
+pub(crate) fn ash() -> Option<surfel_ash::Renderer> {
+    ash_with(surfel_ash::Limits::default(), Storage::F32)
+}
+
+/// The same, with less of the device, or storage of another kind.
+pub(crate) fn ash_with(limits: surfel_ash::Limits, storage: Storage) -> Option<surfel_ash::Renderer> {
+    let options = surfel_ash::Options::default().with_validation(true).with_limits(limits).with_storage(storage);
+    started("ash", surfel_ash::Renderer::new(options))
+}
+
+/// The wgpu backend, validated.
+pub(crate) fn wgpu() -> Option<surfel_wgpu::Renderer> {
+    wgpu_with(surfel_wgpu::Limits::default(), Storage::F32)
+}
+
+/// The same, with less of the device, or storage of another kind.
+pub(crate) fn wgpu_with(limits: surfel_wgpu::Limits, storage: Storage) -> Option<surfel_wgpu::Renderer> {
+    listen();
+    let options = surfel_wgpu::Options::default().with_validation(true).with_limits(limits).with_storage(storage);
+    started("wgpu", surfel_wgpu::Renderer::new(options))
+}

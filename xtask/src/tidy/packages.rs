@@ -1,0 +1,51 @@
+//! Manifests of packages, and their paragraphs in the architecture page.
+
+use std::path::{Path, PathBuf};
+
+/// Packages with lints of their own: the only one with unsafe code can't inherit the ban on it.
+const OWN_LINTS: [&str; 1] = ["surfel-ash"];
+
+/// Problems of the packages' manifests and of their mention in the architecture page.
+pub(super) fn check(root: &Path, files: &[PathBuf]) -> Vec<String> {
+    let mut problems = Vec::new();
+    let page = "docs/architecture.md";
+    let architecture = std::fs::read_to_string(root.join(page)).unwrap_or_default();
+    for manifest in files.iter().filter(|file| file.ends_with("Cargo.toml")) {
+        let name = manifest.display();
+        let Ok(text) = std::fs::read_to_string(root.join(manifest)) else { continue };
+        // A folder with a workspace of its own (fuzzing) goes by its own rules.
+        let own_workspace = text.lines().any(|line| line.trim() == "[workspace]");
+        let Some(package) = package_name(&root.join(manifest)).filter(|_| !own_workspace) else { continue };
+        if !OWN_LINTS.contains(&package.as_str()) && !inherits_lints(&text) {
+            problems.push(format!("{name}: no '[lints]' with 'workspace = true', expected in every package"));
+        }
+        if !names(&architecture, &package) {
+            problems.push(format!("{page}: doesn't name {package}, expected a paragraph on every package"));
+        }
+    }
+    problems
+}
+
+/// Whether `page` names `package` itself, not just a longer name that begins or ends with it.
+fn names(page: &str, package: &str) -> bool {
+    let part = |c: char| c.is_alphanumeric() || c == '_' || c == '-';
+    page.match_indices(package).any(|(at, _)| {
+        let after = page[at + package.len()..].chars().next();
+        !page[..at].chars().next_back().is_some_and(part) && !after.is_some_and(part)
+    })
+}
+
+fn inherits_lints(manifest: &str) -> bool {
+    let mut lines = manifest.lines().map(str::trim).skip_while(|line| *line != "[lints]").skip(1);
+    lines.by_ref().take_while(|line| !line.starts_with('[')).any(|line| line.replace(' ', "") == "workspace=true")
+}
+
+/// The name in the `[package]` table of a manifest, if there is one.
+pub(crate) fn package_name(manifest: &Path) -> Option<String> {
+    let text = std::fs::read_to_string(manifest).ok()?;
+    let mut table = text.lines().map(str::trim).skip_while(|line| *line != "[package]").skip(1);
+    table.by_ref().take_while(|line| !line.starts_with('[')).find_map(|line| {
+        let value = line.strip_prefix("name")?.trim_start().strip_prefix('=')?;
+        Some(value.trim().trim_matches('"').to_string())
+    })
+}

@@ -1,0 +1,90 @@
+//! Lines of any file: their length, leftovers, paths of one machine.
+
+/// Where lines of prose and code end at the latest.
+pub(super) const MAX_COLUMNS: usize = 120;
+
+/// Kinds of files whose lines are read in an editor.
+const READ_IN_EDITORS: [&str; 5] = [".rs", ".wgsl", ".toml", ".md", ".sh"];
+
+/// Tables that commands write: their rows are as long as they have to be.
+const GENERATED: &str = "docs/data/";
+
+/// Written in two parts, so that this file passes its own check.
+pub(super) const LEFTOVERS: [&str; 3] = [concat!("to", "do!("), concat!("un", "implemented!("), concat!("db", "g!(")];
+
+/// Folders that exist on one machine only.
+pub(super) const MACHINE_FOLDERS: [&str; 6] = [
+    concat!("/ho", "me/"),
+    concat!("/ro", "ot/"),
+    concat!("/wo", "rk/"),
+    concat!("/tm", "p/"),
+    concat!("/Us", "ers/"),
+    concat!(":\\Us", "ers\\"),
+];
+
+/// Data beside the checkout, and the one file that looks for it.
+pub(super) const BESIDE_THE_CHECKOUT: &str = concat!("../sha", "red");
+const TEST_DATA: &str = "tests/src/test_data.rs";
+
+/// Problems of one file's lines; `name` is relative to the root, with slashes.
+pub(super) fn check(name: &str, text: &str) -> Vec<String> {
+    let mut problems = Vec::new();
+    let rust = name.ends_with(".rs");
+    for (i, line) in text.lines().enumerate() {
+        let place = format!("{name}:{}", i + 1);
+        if rust && !line.trim_start().starts_with("//") {
+            for leftover in LEFTOVERS.iter().filter(|leftover| contains_word(line, leftover)) {
+                problems.push(format!("{place}: {leftover}), finish it"));
+            }
+        }
+        for folder in MACHINE_FOLDERS.iter().filter(|folder| contains_path(line, folder)) {
+            problems.push(format!("{place}: {folder} exists on one machine only, expected a relative path"));
+        }
+        if name != TEST_DATA && line.contains(BESIDE_THE_CHECKOUT) {
+            problems.push(format!("{place}: {BESIDE_THE_CHECKOUT} is for {TEST_DATA} alone"));
+        }
+    }
+    if READ_IN_EDITORS.iter().any(|end| name.ends_with(end)) && !name.starts_with(GENERATED) {
+        let long = long_lines(text, name.ends_with(".md"));
+        problems
+            .extend(long.map(|(line, columns)| format!("{name}:{line}: {columns} columns, expected {MAX_COLUMNS}")));
+    }
+    problems
+}
+
+/// Numbers of lines that are too long, with their lengths. On pages tables, images and code blocks are as long as they
+/// are.
+fn long_lines(text: &str, is_page: bool) -> impl Iterator<Item = (usize, usize)> {
+    let mut in_code = false;
+    text.lines().enumerate().filter_map(move |(i, line)| {
+        in_code ^= line.starts_with("```");
+        let is_free = is_page && (in_code || ["|", "<img", "!["].iter().any(|start| line.starts_with(start)));
+        let columns = line.chars().count();
+        (columns > MAX_COLUMNS && !is_free).then_some((i + 1, columns))
+    })
+}
+
+/// Whether `word` occurs where no longer word goes on before it.
+fn contains_word(line: &str, word: &str) -> bool {
+    before_each(line, word).any(|before| !before.is_some_and(|c| c.is_alphanumeric() || c == '_'))
+}
+
+/// Whether `phrase` occurs with no letter beside it.
+pub(super) fn contains_phrase(line: &str, phrase: &str) -> bool {
+    line.match_indices(phrase).any(|(at, _)| {
+        let beside = [line[..at].chars().next_back(), line[at + phrase.len()..].chars().next()];
+        !beside.into_iter().flatten().any(char::is_alphanumeric)
+    })
+}
+
+/// Whether `folder` occurs as the start of a path rather than inside one.
+fn contains_path(line: &str, folder: &str) -> bool {
+    let inside = |c: char| c.is_alphanumeric() || "_-.~)}]>*$\\".contains(c);
+    let drive = folder.starts_with(':');
+    before_each(line, folder).any(|before| drive || !before.is_some_and(inside))
+}
+
+/// The character before each occurrence of `needle`.
+fn before_each<'a>(line: &'a str, needle: &'a str) -> impl Iterator<Item = Option<char>> + 'a {
+    line.match_indices(needle).map(|(at, _)| line[..at].chars().next_back())
+}
