@@ -79,7 +79,8 @@ fn margin_holds_all_that_a_third_of_it_flips() {
                 let colors = got.color()[at].iter().zip(want.color()[at]);
                 colors.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
             };
-            // What doesn't jump moves by less: colours change by under 40 a pixel, depths by under 100 times themselves.
+            // What doesn't jump moves by less: colours change by under 40 a pixel, depths by under 100 times
+            // themselves.
             for at in 0..want.color().len() {
                 let color = moved(&got, at);
                 let depth = (got.depth()[at] - want.depth()[at]).abs() / want.depth()[at].abs().min(f32::MAX);
