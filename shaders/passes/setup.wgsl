@@ -54,7 +54,7 @@ fn filtered_by(projected: Projected, visible: Footprint) -> Filtered {
             return ewa(projected, frame.radius_px);
         }
         default: {
-            return filtered_plain(visible);
+            return filtered_unfiltered(visible);
         }
     }
 }

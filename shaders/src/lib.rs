@@ -123,7 +123,7 @@ pub const TWINS: &[Twin] = &[
     twin("clip_curve_keeps", "clip::Clip::curve_keeps"),
     twin("clip_lines_keep", "clip::Clip::lines_keep"),
     twin("clip_keeps", "clip::Clip::keeps"),
-    twin("filtered_plain", "filter::Filtered::plain"),
+    twin("filtered_unfiltered", "filter::Filtered::unfiltered"),
     twin("principal", "filter::principal"),
     twin("ewa", "filter::ewa"),
     twin("area_ratio", "filter::area_ratio"),

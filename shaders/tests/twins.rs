@@ -50,7 +50,7 @@ fn rust_paths() -> BTreeSet<&'static str> {
         clip::Clip::curve_keeps, as clip::Clip::<f32>::curve_keeps;
         clip::Clip::lines_keep, as clip::Clip::<f32>::lines_keep;
         clip::Clip::keeps, as clip::Clip::<f32>::keeps;
-        filter::Filtered::plain, as filter::Filtered::<f32>::plain;
+        filter::Filtered::unfiltered, as filter::Filtered::<f32>::unfiltered;
         filter::principal;
         filter::ewa;
         filter::area_ratio;

@@ -10,7 +10,7 @@ struct Filtered {
     turn: Turn,
 }
 
-fn filtered_plain(footprint: Footprint) -> Filtered {
+fn filtered_unfiltered(footprint: Footprint) -> Filtered {
     return Filtered(footprint, 1.0, 1.0, turn_none());
 }
 

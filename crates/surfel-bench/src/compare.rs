@@ -38,10 +38,10 @@ pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
         return Err("the two files have no scene and thread count in common".into());
     }
     let name = |r: &Report| {
-        format!("{} on {} ({}), commit {}", r.backend.name, r.machine.processor, r.backend.adapter, r.machine.commit)
+        format!("{} on {} ({}), commit {}", r.backend.name, r.machine.cpu, r.backend.adapter, r.machine.commit)
     };
     let mut text = format!("A  {}\nB  {}\n\n{}", name(a), name(b), aligned(&lines));
-    if a.machine.processor != b.machine.processor {
+    if a.machine.cpu != b.machine.cpu {
         text += "The machines differ: the ratios compare them too.\n";
     }
     Ok(text)

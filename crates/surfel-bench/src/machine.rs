@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// The machine and the source. What isn't known is empty.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Machine {
-    pub processor: String,
+    pub cpu: String,
     /// Threads that the system offers.
     pub threads: usize,
     pub system: String,
@@ -20,7 +20,7 @@ pub(crate) struct Machine {
 impl Machine {
     pub(crate) fn this() -> Self {
         Self {
-            processor: processor(),
+            cpu: cpu(),
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             load: load(),
@@ -45,7 +45,7 @@ pub(crate) fn busy_ms() -> Option<f64> {
 }
 
 /// Linux's name of the CPU: names alone don't tell virtual ones apart, so family and model are with it.
-fn processor() -> String {
+fn cpu() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let field = |name: &str| {
         let line = text.lines().find(|line| line.split(':').next().is_some_and(|key| key.trim() == name));

@@ -8,7 +8,7 @@ use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Renderer, Set
 use surfel_cpu::{SimdLevel, Storage};
 
 use crate::machine::{Machine, busy_ms};
-use crate::report::{BackendFacts, Ceiling, Report, Row, Samples, Subject};
+use crate::report::{BackendFacts, FillRate, Report, Row, Samples, Subject};
 use crate::scenes::{Case, Loaded, Source};
 use crate::{Arguments, Failure, Simd};
 
@@ -89,7 +89,7 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
         driver: first.info().driver.clone(),
         is_software: first.is_software(),
     };
-    let ceilings = ceilings(first)?;
+    let fill_rates = fill_rates(first)?;
     let (uploads, mut ready) = prepare(plan, cases, first)?;
     let mut frame = Frame::default();
     let counted = Planes::COLOR.with_weight(true).with_fragments(true);
@@ -137,23 +137,23 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
             rows.push(Row::new(subject, samples));
         }
     }
-    Ok(Report::new(machine, facts, ceilings, rows))
+    Ok(Report::new(machine, facts, fill_rates, rows))
 }
 
-/// Pixels on a side of what the ceilings are measured on.
+/// Pixels on a side of what fill rates are measured on.
 #[cfg(any(feature = "wgpu", feature = "ash"))]
-const CEILING_SIDE_PX: u32 = 1024;
+const FILL_RATE_SIDE_PX: u32 = 1024;
 
 /// What the GPU does at best, measured before anything else.
 #[cfg_attr(not(any(feature = "wgpu", feature = "ash")), allow(clippy::unnecessary_wraps, reason = "without GPUs"))]
-fn ceilings(backend: &mut Backend) -> Result<Vec<Ceiling>, Failure> {
+fn fill_rates(backend: &mut Backend) -> Result<Vec<FillRate>, Failure> {
     #[cfg(any(feature = "wgpu", feature = "ash"))]
     macro_rules! measured {
         ($renderer:expr) => {
             $renderer
-                .fill_rates(CEILING_SIDE_PX)?
+                .fill_rates(FILL_RATE_SIDE_PX)?
                 .into_iter()
-                .map(|rate| Ceiling { name: rate.probe.name().to_owned(), fragments_per_s: rate.fragments_per_s })
+                .map(|rate| FillRate { name: rate.probe.name().to_owned(), fragments_per_s: rate.fragments_per_s })
                 .collect()
         };
     }

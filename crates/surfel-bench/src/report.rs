@@ -18,13 +18,13 @@ pub(crate) struct Report {
     pub backend: BackendFacts,
     /// What the GPU does at best; empty for backends that aren't on one, and in older files.
     #[serde(default)]
-    pub ceilings: Vec<Ceiling>,
+    pub fill_rates: Vec<FillRate>,
     pub rows: Vec<Row>,
 }
 
 /// A rate that no pass over splats can exceed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Ceiling {
+pub(crate) struct FillRate {
     /// `clear`, `depth`, `fill`, `blend` or `blend two`.
     pub name: String,
     pub fragments_per_s: f64,
@@ -72,7 +72,7 @@ pub(crate) struct Row {
     pub drawn_per_s: f64,
     pub fragments_per_s: Option<f64>,
     /// Fragments a second of the attribute pass alone, over those that the GPU can blend into such targets: what it
-    /// reaches of the ceiling. Splats a second are the same share of what the ceiling would allow.
+    /// reaches of the fill rate. Splats a second are the same share of what that rate would allow.
     #[serde(default)]
     pub share_of_blend: Option<f64>,
     /// The same of the whole frame.
@@ -120,9 +120,9 @@ pub(crate) struct Subject {
 }
 
 impl Report {
-    pub(crate) fn new(machine: Machine, backend: BackendFacts, ceilings: Vec<Ceiling>, mut rows: Vec<Row>) -> Self {
-        rows.iter_mut().for_each(|row| row.judge(&ceilings));
-        Self { version: VERSION, machine, backend, ceilings, rows }
+    pub(crate) fn new(machine: Machine, backend: BackendFacts, fill_rates: Vec<FillRate>, mut rows: Vec<Row>) -> Self {
+        rows.iter_mut().for_each(|row| row.judge(&fill_rates));
+        Self { version: VERSION, machine, backend, fill_rates, rows }
     }
 
     /// Adds the frames of a later run of the same. Figures of one frame and rates stay those of the first run.
@@ -200,12 +200,13 @@ impl Row {
     }
 
     /// Holds its fragments against what the GPU can blend.
-    fn judge(&mut self, ceilings: &[Ceiling]) {
+    fn judge(&mut self, fill_rates: &[FillRate]) {
         // Unlit images sum up colour alone, others normal and depth, too.
         let name = if self.shader == "unlit" { "blend" } else { "blend two" };
-        let ceiling = ceilings.iter().find(|ceiling| ceiling.name == name).map(|ceiling| ceiling.fragments_per_s);
+        let fill_rate =
+            fill_rates.iter().find(|fill_rate| fill_rate.name == name).map(|fill_rate| fill_rate.fragments_per_s);
         let attributes_ms = self.stages_ms.get("attributes").copied().filter(|ms| *ms > 0.0);
-        let share = |ms: f64| Some(self.fragments? as f64 / (ms * 1e-3) / ceiling?);
+        let share = |ms: f64| Some(self.fragments? as f64 / (ms * 1e-3) / fill_rate?);
         (self.share_of_blend, self.frame_share_of_blend) = (attributes_ms.and_then(share), share(self.median_ms));
     }
 }
@@ -250,15 +251,15 @@ mod tests {
         let samples = Samples { frames_ms: vec![10.0], stats: vec![stats], fragments: 4_000_000, ..Samples::default() };
         let subject =
             Subject { scene: "s".into(), about: String::new(), shader: "phong".into(), threads: 0, size: [8, 8] };
-        let ceilings = [("blend", 9e9), ("blend two", 1e9)]
-            .map(|(name, fragments_per_s)| Ceiling { name: name.into(), fragments_per_s });
+        let fill_rates = [("blend", 9e9), ("blend two", 1e9)]
+            .map(|(name, fragments_per_s)| FillRate { name: name.into(), fragments_per_s });
         let mut row = Row::new(subject, samples);
-        row.judge(&ceilings);
+        row.judge(&fill_rates);
         // 4·10⁶ in 5 ms are 0.8·10⁹ a second.
         assert!((row.share_of_blend.unwrap() - 0.8).abs() < 1e-12);
         assert!((row.frame_share_of_blend.unwrap() - 0.4).abs() < 1e-12);
         row.shader = "unlit".into();
-        row.judge(&ceilings);
+        row.judge(&fill_rates);
         assert!((row.share_of_blend.unwrap() - 0.8 / 9.0).abs() < 1e-12);
         row.judge(&[]);
         assert_eq!(row.share_of_blend, None);
@@ -267,13 +268,8 @@ mod tests {
     #[test]
     fn report_takes_in_a_later_runs_frames_of_the_same_scene_and_threads() {
         let report = |frames: &[(&str, f64)]| {
-            let machine = Machine {
-                processor: String::new(),
-                threads: 1,
-                system: String::new(),
-                load: None,
-                commit: String::new(),
-            };
+            let machine =
+                Machine { cpu: String::new(), threads: 1, system: String::new(), load: None, commit: String::new() };
             let backend =
                 BackendFacts { name: "cpu".into(), adapter: String::new(), driver: String::new(), is_software: false };
             let row = |&(scene, ms): &(&str, f64)| {

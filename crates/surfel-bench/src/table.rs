@@ -4,22 +4,21 @@ use std::fmt::Write;
 
 use surfel_bench::page::Table;
 
-use crate::report::{Ceiling, Report, Row};
+use crate::report::{FillRate, Report, Row};
 
 /// The whole run as text.
 pub(crate) fn of(report: &Report) -> String {
     let mut text = String::new();
     let (machine, backend) = (&report.machine, &report.backend);
     let load = machine.load.map_or("unknown".to_owned(), |load| format!("{load:.1}"));
-    let _ =
-        writeln!(text, "machine   {}, {} threads, {}, load {load}", machine.processor, machine.threads, machine.system);
+    let _ = writeln!(text, "machine   {}, {} threads, {}, load {load}", machine.cpu, machine.threads, machine.system);
     let software = if backend.is_software { " — software Vulkan: the CPU computes, this is no GPU" } else { "" };
     let _ = writeln!(text, "backend   {}: {} ({}){software}", backend.name, backend.adapter, backend.driver);
     let _ = writeln!(text, "commit    {}", machine.commit);
-    if !report.ceilings.is_empty() {
-        let rate = |c: &Ceiling| format!("{} {:.0}", c.name, c.fragments_per_s * 1e-6);
-        let rates = report.ceilings.iter().map(rate).collect::<Vec<_>>().join(", ");
-        let _ = writeln!(text, "ceilings  Mfragments/s by empty shaders: {rates}");
+    if !report.fill_rates.is_empty() {
+        let rate = |c: &FillRate| format!("{} {:.0}", c.name, c.fragments_per_s * 1e-6);
+        let rates = report.fill_rates.iter().map(rate).collect::<Vec<_>>().join(", ");
+        let _ = writeln!(text, "fill rates  Mfragments/s by empty shaders: {rates}");
     }
     text.push('\n');
     let head = [
@@ -63,7 +62,7 @@ pub(crate) fn markdown(report: &Report) -> String {
          Medians and least times of a frame. A pair is a splat and a block of 4×4 pixels.\n\n{}",
         backend.name,
         backend.adapter,
-        machine.processor,
+        machine.cpu,
         machine.threads,
         machine.commit,
         table.markdown()

@@ -1,4 +1,4 @@
-//! `surfel again`: draws a picture again, from the scene that it carries.
+//! `surfel again`: draws an image again, from the scene that it carries.
 
 use crate::args::{AgainArgs, Cli, Command, RenderArgs, command};
 use crate::console::Console;
@@ -15,17 +15,17 @@ use std::path::{Path, PathBuf};
 use surfel::io::Planes;
 
 pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result<(), Failure> {
-    let name = args.picture.display();
-    let picture = surfel::io::read_image(&args.picture)?;
-    let text = |key: &str| picture.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.as_str());
+    let name = args.image.display();
+    let image = surfel::io::read_image(&args.image)?;
+    let text = |key: &str| image.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.as_str());
     let Some(scene) = text(SCENE_KEY) else {
         return Err(Failure::input(format!(
             "{name}: carries no scene, expected a PNG or EXR that surfel drew without --no-metadata\n  help: programs \
-             that edit pictures often leave such text out: take the file as it was drawn"
+             that edit images often leave such text out: take the file as it was drawn"
         )));
     };
-    let (file, keys) = surfel::scene::parse_scene_file(scene.as_bytes(), &args.picture)?;
-    let base = args.picture.parent().unwrap_or(Path::new("")).to_path_buf();
+    let (file, keys) = surfel::scene::parse_scene_file(scene.as_bytes(), &args.image)?;
+    let base = args.image.parent().unwrap_or(Path::new("")).to_path_buf();
     let stdin = Stdin::default();
 
     let mut changed = Vec::new();
@@ -35,11 +35,11 @@ pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result
     changed.extend(changed_inputs(args, &json(args, INPUTS_KEY, text(INPUTS_KEY))?, &base, &stdin)?);
     changed.iter().for_each(|what| console.note(&format!("{name}: {what}")));
 
-    let output = args.output.clone().unwrap_or_else(|| default_output(&args.picture));
+    let output = args.output.clone().unwrap_or_else(|| default_output(&args.image));
     let drawn = json(args, DRAWN_KEY, text(DRAWN_KEY))?;
     let render = render_args(args, &drawn, &output)?;
     let target = Output::new(&output, args.force, render.png16, render.exr_f32)?;
-    let is_exr = picture.depth.is_some() || picture.weight.is_some();
+    let is_exr = image.depth.is_some() || image.weight.is_some();
     if is_exr != matches!(target.format, Format::Exr { .. }) || target.format == Format::Jpeg {
         let format = if is_exr { "an EXR" } else { "a PNG" };
         return Err(Failure::usage(format!(
@@ -48,30 +48,30 @@ pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result
         )));
     }
     let mut session = Session::start(&render, Some(target), stdin, threads, console)?;
-    session.check_names(&args.picture)?;
-    let source = SceneSource { file, keys, name: args.picture.clone(), base };
-    let files = session.draw(Source::Scene(Box::new(source)), &args.picture)?.files;
+    session.check_names(&args.image)?;
+    let source = SceneSource { file, keys, name: args.image.clone(), base };
+    let files = session.draw(Source::Scene(Box::new(source)), &args.image)?.files;
     let Some(written) = files.first() else { return Ok(()) };
-    judge(args, &picture, written, &changed, &drawn, console)
+    judge(args, &image, written, &changed, &drawn, console)
 }
 
-/// Says whether the picture is the same, and fails with exit code 5 if it isn't and nothing is known to have changed.
+/// Says whether the image is the same, and fails with exit code 5 if it isn't and nothing is known to have changed.
 fn judge(
     args: &AgainArgs,
-    picture: &Planes,
+    image: &Planes,
     written: &Path,
     changed: &[String],
     drawn: &Value,
     console: &Console,
 ) -> Result<(), Failure> {
     let again = surfel::io::read_image(written)?;
-    let (name, written) = (args.picture.display(), written.display());
+    let (name, written) = (args.image.display(), written.display());
     let planes = |p: &Planes| (bits(p.color.as_ref().map(|c| c.as_flattened())), bits(p.depth.as_deref()));
-    if (again.width, again.height) == (picture.width, picture.height) && planes(&again) == planes(picture) {
-        console.note(&format!("{written}: the same picture as {name}, to the bit"));
+    if (again.width, again.height) == (image.width, image.height) && planes(&again) == planes(image) {
+        console.note(&format!("{written}: the same image as {name}, to the bit"));
         return Ok(());
     }
-    let differs = format!("{written}: is not the picture of {name} to the bit");
+    let differs = format!("{written}: is not the image of {name} to the bit");
     // What is said already, and another machine's GPU, explain it.
     if !changed.is_empty() || args.backend.is_some() || !drawn["adapter"].is_null() {
         console.note(&differs);
@@ -85,18 +85,18 @@ fn bits(plane: Option<&[f32]>) -> Vec<u32> {
     plane.into_iter().flatten().map(|value| value.to_bits()).collect()
 }
 
-/// PICTURE's name with `-again`, in the current folder.
-fn default_output(picture: &Path) -> PathBuf {
-    let mut name = picture.file_stem().unwrap_or_default().to_owned();
+/// IMAGE's name with `-again`, in the current folder.
+fn default_output(image: &Path) -> PathBuf {
+    let mut name = image.file_stem().unwrap_or_default().to_owned();
     name.push("-again.");
-    name.push(picture.extension().unwrap_or("png".as_ref()));
+    name.push(image.extension().unwrap_or("png".as_ref()));
     name.into()
 }
 
 /// An entry that holds JSON; null where there is none.
 fn json(args: &AgainArgs, key: &str, text: Option<&str>) -> Result<Value, Failure> {
     let Some(text) = text else { return Ok(Value::Null) };
-    serde_json::from_str(text).map_err(|e| Failure::input(format!("{}: {key} is damaged: {e}", args.picture.display())))
+    serde_json::from_str(text).map_err(|e| Failure::input(format!("{}: {key} is damaged: {e}", args.image.display())))
 }
 
 /// What is said of the inputs that aren't what they were.
@@ -122,13 +122,13 @@ fn changed_inputs(args: &AgainArgs, inputs: &Value, base: &Path, stdin: &Stdin) 
     }
     Err(Failure::input(format!(
         "{}: is drawn of what is not there: {}\n  help: its paths are relative to it: put the files back, or the \
-         picture beside them",
-        args.picture.display(),
+         image beside them",
+        args.image.display(),
         missing.join(", ")
     )))
 }
 
-/// The flags that draw the picture, by way of the command line's own parser.
+/// The flags that draw the image, by way of the command line's own parser.
 fn render_args(args: &AgainArgs, drawn: &Value, output: &Path) -> Result<RenderArgs, Failure> {
     let mut to = OsString::from("--output=");
     to.push(output);
@@ -148,7 +148,7 @@ fn render_args(args: &AgainArgs, drawn: &Value, output: &Path) -> Result<RenderA
             "png16" | "exr-f32" if text == "true" => words.push(format!("--{key}").into()),
             "adapter" => {}
             _ => {
-                let message = format!("{}: {DRAWN_KEY} has the unknown key '{key}'", args.picture.display());
+                let message = format!("{}: {DRAWN_KEY} has the unknown key '{key}'", args.image.display());
                 return Err(Failure::input(format!("{message}: a later version of surfel drew it")));
             }
         }
@@ -156,11 +156,11 @@ fn render_args(args: &AgainArgs, drawn: &Value, output: &Path) -> Result<RenderA
     words.extend(args.backend.iter().map(|name| format!("--backend={name}").into()));
     let damaged = |e: clap::Error| {
         let line = e.to_string().lines().next().unwrap_or_default().to_owned();
-        Failure::input(format!("{}: {DRAWN_KEY} is damaged: {line}", args.picture.display()))
+        Failure::input(format!("{}: {DRAWN_KEY} is damaged: {line}", args.image.display()))
     };
     let matches = command().try_get_matches_from(words).map_err(damaged)?;
     match Cli::from_arg_matches(&matches).map_err(damaged)?.command {
         Command::Render(render) => Ok(*render),
-        _ => Err(Failure::input(format!("{}: {DRAWN_KEY} is damaged", args.picture.display()))),
+        _ => Err(Failure::input(format!("{}: {DRAWN_KEY} is damaged", args.image.display()))),
     }
 }

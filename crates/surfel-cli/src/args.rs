@@ -36,7 +36,7 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Render an image.
     Render(Box<RenderArgs>),
-    /// Draw a picture again, from the scene that it carries.
+    /// Draw an image again, from the scene that it carries.
     Again(AgainArgs),
     /// Make splats of points or a mesh.
     Convert(ConvertArgs),
@@ -241,16 +241,16 @@ pub(crate) struct SplatArgs {
 #[derive(Args, Debug)]
 pub(crate) struct AgainArgs {
     /// A PNG or EXR that surfel drew, with its metadata.
-    #[arg(value_name = "PICTURE")]
-    pub(crate) picture: PathBuf,
-    /// Image to write, in the picture's format; PICTURE's name with -again in the current folder where nothing says
+    #[arg(value_name = "IMAGE")]
+    pub(crate) image: PathBuf,
+    /// Image to write, in the image's format; IMAGE's name with -again in the current folder where nothing says
     /// it.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
     /// Overwrite an existing file.
     #[arg(short, long)]
     pub(crate) force: bool,
-    /// Who draws, instead of the backend that drew the picture.
+    /// Who draws, instead of the backend that drew the image.
     #[arg(long, value_parser = ["auto", "cpu", "wgpu", "ash", "reference"])]
     pub(crate) backend: Option<String>,
 }

@@ -32,9 +32,9 @@ pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
     let planes = planes(&a, &b).map_err(|e| wrong(e.to_string()))?;
     if let (Some(path), Some(map)) = (&args.diff, &colors.flip) {
         let linear = |c: u8| surfel::math::srgb::decode(f64::from(c) / 255.0) as f32;
-        let picture: Vec<[f32; 4]> =
+        let image: Vec<[f32; 4]> =
             map.to_magma().into_iter().map(|[r, g, b]| [linear(r), linear(g), linear(b), 1.0]).collect();
-        let view = PlanesView { width: map.width, height: map.height, color: Some(&picture), ..PlanesView::default() };
+        let view = PlanesView { width: map.width, height: map.height, color: Some(&image), ..PlanesView::default() };
         surfel::io::save_png(path, args.force, &view, &PngOptions::default())?;
     }
     if args.json {

@@ -69,7 +69,7 @@ fn facts(args: &InfoArgs, loaded: &Loaded, file_bytes: u64) -> Value {
     let reason = match surfel::scene::up_reason(loaded) {
         Some(UpReason::Stated) => "the file says so".to_owned(),
         Some(_) => format!("as always in {}", loaded.format),
-        None => format!("default of {}; pictures judge by the shape", loaded.format),
+        None => format!("default of {}; images judge by the shape", loaded.format),
     };
     let mut facts = json!({
         "file": args.input.to_string_lossy(),

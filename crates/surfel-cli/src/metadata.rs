@@ -1,6 +1,6 @@
-//! What a picture carries, so that it can be drawn again: version, scene, how it was drawn, and its inputs' hashes.
+//! What an image carries, so that it can be drawn again: version, scene, how it was drawn, and its inputs' hashes.
 //!
-//! Only what decides the picture: neither threads nor names nor times, so that the same command writes the same bytes.
+//! Only what decides the image: neither threads nor names nor times, so that the same command writes the same bytes.
 
 use crate::args::RenderArgs;
 use crate::failure::Failure;
@@ -20,14 +20,14 @@ use surfel::render::RendererInfo;
 pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Keyword of the version.
 pub(crate) const VERSION_KEY: &str = "surfel:version";
-/// Keyword of the scene file, whose paths are relative to the picture's folder.
+/// Keyword of the scene file, whose paths are relative to the image's folder.
 pub(crate) const SCENE_KEY: &str = "surfel:scene";
-/// Keyword of what decides the picture beside the scene.
+/// Keyword of what decides the image beside the scene.
 pub(crate) const DRAWN_KEY: &str = "surfel:drawn";
 /// Keyword of the inputs and their hashes.
 pub(crate) const INPUTS_KEY: &str = "surfel:inputs";
 
-/// A file that a picture is made of.
+/// A file that an image is made of.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Input {
     /// Absolute, or `-` for stdin.
@@ -91,7 +91,7 @@ pub(crate) fn content(path: &Path, stdin: &Stdin) -> Result<Content, Failure> {
     Ok(Content::Known { bytes, sha256 })
 }
 
-/// How a picture is drawn, beside its scene: flags of `render` by their long names.
+/// How an image is drawn, beside its scene: flags of `render` by their long names.
 pub(crate) fn drawn(args: &RenderArgs, info: &RendererInfo, format: Format) -> Value {
     let mut drawn = Map::new();
     drawn.insert("backend".to_owned(), json!(info.backend));
@@ -116,7 +116,7 @@ pub(crate) fn drawn(args: &RenderArgs, info: &RendererInfo, format: Format) -> V
     Value::Object(drawn)
 }
 
-/// The entries of a picture in `folder`: of a scene with absolute paths, and its inputs.
+/// The entries of an image in `folder`: of a scene with absolute paths, and its inputs.
 ///
 /// `None` if a path is not UTF-8, which JSON must be.
 pub(crate) fn entries(

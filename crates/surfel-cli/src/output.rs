@@ -60,7 +60,7 @@ impl Output {
         self.template.as_ref().is_some_and(|t| t.contains("{input}"))
     }
 
-    /// The folder that the picture at `path` lies in; for stdout the current one.
+    /// The folder that the image at `path` lies in; for stdout the current one.
     pub(crate) fn folder(path: Option<&Path>) -> &Path {
         path.and_then(Path::parent).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
     }

@@ -88,7 +88,7 @@ impl<'a> Session<'a> {
         Ok(Self { args, output, stdin, threads, console, backend })
     }
 
-    /// The files of a picture that this backend draws, one a frame; none for stdout.
+    /// The files of an image that this backend draws, one a frame; none for stdout.
     fn names(&self, backend: &Backend, label: &Path) -> Vec<PathBuf> {
         let frames = 0..self.args.frames.unwrap_or(1);
         let name = |frame| self.output.as_ref()?.path(backend.info().backend, frame, label);
@@ -101,7 +101,7 @@ impl<'a> Session<'a> {
         self.names(backend, label).iter().try_for_each(|path| output.check(Some(path)))
     }
 
-    /// Draws each input as a picture of its own, in order. One that fails is reported, and the others still drawn; the
+    /// Draws each input as an image of its own, in order. One that fails is reported, and the others still drawn; the
     /// exit code is then that of the first failure.
     fn draw_each(&mut self) -> Result<(), Failure> {
         let inputs = &self.args.inputs;
@@ -137,7 +137,7 @@ impl<'a> Session<'a> {
         }
         match failed {
             0 => Ok(()),
-            _ => Err(Failure::with_code(first, format!("{failed} of {} pictures failed, as said above", inputs.len()))),
+            _ => Err(Failure::with_code(first, format!("{failed} of {} images failed, as said above", inputs.len()))),
         }
     }
 
@@ -179,7 +179,7 @@ impl<'a> Session<'a> {
             other = Some(choose(args, self.threads, console, refuses)?);
         }
         let result = self.draw_by(other.as_mut().unwrap_or(&mut backend), &resolved, planes, frames, label);
-        // The next picture may be one for the fastest backend again.
+        // The next image may be one for the fastest backend again.
         self.backend = Some(backend);
         result
     }
@@ -236,7 +236,7 @@ impl<'a> Session<'a> {
         Ok(Drawn { files, stats, verified })
     }
 
-    /// What the picture at `path` carries. The inputs' hashes are `carried` from frame to frame.
+    /// What the image at `path` carries. The inputs' hashes are `carried` from frame to frame.
     fn metadata(
         &self,
         output: &Output,
@@ -256,7 +256,7 @@ impl<'a> Session<'a> {
         let entries = metadata::entries(Output::folder(path), scene, &inputs, &drawn, output.format)?;
         *carried = Some(inputs);
         Ok(entries.unwrap_or_else(|| {
-            let what = "the picture carries no scene, because the name of an input or of its folder is not UTF-8";
+            let what = "the image carries no scene, because the name of an input or of its folder is not UTF-8";
             self.console.note(what);
             Vec::new()
         }))

@@ -17,7 +17,7 @@ use surfel::render::Feature;
 use surfel::scene::{AutoOptions, DEFAULT_SIZE, LoadedObjects};
 use surfel::{Backend, Camera, Light, LoadOptions, Preset, Scene, Settings};
 
-/// What a picture is of.
+/// What an image is of.
 pub(crate) enum Source {
     /// A scene file.
     Scene(Box<SceneSource>),

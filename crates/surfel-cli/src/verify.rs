@@ -42,12 +42,12 @@ pub(crate) fn verify(
     let options = BackendOptions::default().with_threads(threads);
     let mut reference = Backend::by_name("reference", &options)?;
     let resident = reference.upload(scene)?;
-    let mut picture = |settings: &Settings, planes| {
+    let mut image = |settings: &Settings, planes| {
         let mut frame = Frame::default();
         reference.render_into(&resident, view, settings, planes, &mut frame)?;
         Ok::<Frame, Failure>(frame)
     };
-    let same = picture(settings, Planes::COLOR.with_margin(true))?;
+    let same = image(settings, Planes::COLOR.with_margin(true))?;
     let mask: Vec<bool> = same.margin().iter().map(|&m| m == 0.0).collect();
     let fidelity = compare(&same, drawn, Some(&mask))?;
     // Where an octree's cloud has no interior weight, there are no antialiased edges to compare with.
@@ -56,7 +56,7 @@ pub(crate) fn verify(
     let model = match preset.filter(|_| weighed) {
         Some(preset) => {
             let planes = Planes::COLOR.with_depth(true);
-            let best = picture(&Preset::Reference.apply(*settings), planes)?;
+            let best = image(&Preset::Reference.apply(*settings), planes)?;
             let mask = inside_surfaces(&best).filter(|_| !summary.transparent);
             let inside = mask.map(|mask| compare(&best, &same, Some(&mask))).transpose()?;
             Some(Model { preset, whole: compare(&best, &same, None)?, inside })

@@ -1,20 +1,20 @@
-//! What pictures carry, and `surfel again`.
+//! What images carry, and `surfel again`.
 
 mod common;
 
 use common::{Folder, ball, cube, points, scene};
 use serde_json::{Value, json};
 
-fn text(f: &Folder, picture: &str, key: &str) -> Option<String> {
-    f.image(picture).metadata.into_iter().find(|(k, _)| k == key).map(|(_, text)| text)
+fn text(f: &Folder, image: &str, key: &str) -> Option<String> {
+    f.image(image).metadata.into_iter().find(|(k, _)| k == key).map(|(_, text)| text)
 }
 
-fn value(f: &Folder, picture: &str, key: &str) -> Value {
-    serde_json::from_str(&text(f, picture, key).unwrap_or_else(|| panic!("{picture} has no {key}"))).unwrap()
+fn value(f: &Folder, image: &str, key: &str) -> Value {
+    serde_json::from_str(&text(f, image, key).unwrap_or_else(|| panic!("{image} has no {key}"))).unwrap()
 }
 
 #[test]
-fn pictures_carry_what_decides_them_and_nothing_else() {
+fn images_carry_what_decides_them_and_nothing_else() {
     let f = Folder::new("carry");
     std::fs::create_dir_all(f.path().join("out")).unwrap();
     f.write("a.ply", ball());
@@ -22,7 +22,7 @@ fn pictures_carry_what_decides_them_and_nothing_else() {
     // Whatever a machine has: what is drawn by a GPU carries its name.
     f.run("a.ply -o out/x.png --size 24x16 --threads 1 --backend cpu").code(0);
     assert_eq!(text(&f, "out/x.png", "surfel:version").unwrap(), env!("CARGO_PKG_VERSION"));
-    // What --print-scene prints, with paths from where the picture lies.
+    // What --print-scene prints, with paths from where the image lies.
     let mut printed = f.run("a.ply --size 24x16 --print-scene").code(0).json();
     assert_eq!(printed["objects"][0]["splats"], "a.ply");
     printed["objects"][0]["splats"] = json!("../a.ply");
@@ -51,7 +51,7 @@ fn pictures_carry_what_decides_them_and_nothing_else() {
 }
 
 #[test]
-fn again_repeats_every_kind_of_picture_to_the_bit() {
+fn again_repeats_every_kind_of_image_to_the_bit() {
     let f = Folder::new("again");
     std::fs::create_dir_all(f.path().join("out")).unwrap();
     std::fs::create_dir_all(f.path().join("größe")).unwrap();
@@ -75,7 +75,7 @@ fn again_repeats_every_kind_of_picture_to_the_bit() {
     {
         f.run(&format!("{words} -o out/{i}.png")).code(0);
         let said = f.run(&format!("again out/{i}.png -o out/{i}-again.png")).code(0).stderr();
-        assert!(said.contains("the same picture") && said.contains("to the bit"), "{words}: {said}");
+        assert!(said.contains("the same image") && said.contains("to the bit"), "{words}: {said}");
         assert!(f.read(&format!("out/{i}.png")) == f.read(&format!("out/{i}-again.png")), "{words}");
     }
     // Frames of a turntable, whose lights turn with the camera.
@@ -101,7 +101,7 @@ fn again_repeats_every_kind_of_picture_to_the_bit() {
 }
 
 #[test]
-fn again_asks_the_gpu_backend_that_drew_the_picture() {
+fn again_asks_the_gpu_backend_that_drew_the_image() {
     let f = Folder::new("gpu-again");
     f.write("a.ply", ball());
     let there = f.run("backends --json").code(0).json();
@@ -132,7 +132,7 @@ fn again_says_what_is_missing_or_changed() {
     f.write("a.ply", ball().replace("0.25", "0.2"));
     let said = f.run("again x.png -o y.png").code(0).stderr();
     assert!(said.contains("a.ply has changed") && !said.contains("b.obj has changed"), "{said}");
-    assert!(said.contains("y.png: is not the picture of x.png"), "{said}");
+    assert!(said.contains("y.png: is not the image of x.png"), "{said}");
     assert_ne!(f.image("x.png").color, f.image("y.png").color);
     // All that is missing is named; nothing is written.
     std::fs::remove_file(f.path().join("a.ply")).unwrap();
@@ -152,7 +152,7 @@ fn again_says_what_is_missing_or_changed() {
     assert!(f.run("again t.png -o u.png --force").code(0).stderr().contains("t.mtl has changed"));
     std::fs::remove_file(f.path().join("t.mtl")).unwrap();
     f.run("again t.png -o u.png --force").fails(3, "t.mtl");
-    // No scene, no picture of that kind, another format.
+    // No scene, no image of that kind, another format.
     f.write("a.ply", ball());
     f.run("a.ply -o bare.png --size 8x8 --no-metadata").code(0);
     f.run("again bare.png").fails(3, "--no-metadata");
@@ -182,14 +182,14 @@ fn again_tells_of_other_versions_and_of_damaged_or_broken_promises() {
     let of = |key: &'static str| (key, text(&f, "x.png", key).unwrap());
     let (scene, drawn, inputs) = (of("surfel:scene"), of("surfel:drawn"), of("surfel:inputs"));
     let version = |text: &str| ("surfel:version", text.to_owned());
-    // The same inputs and version, but another picture: a promise that is broken.
+    // The same inputs and version, but another image: a promise that is broken.
     let own = version(env!("CARGO_PKG_VERSION"));
     forged(&f, "f.png", &[own.clone(), scene.clone(), drawn.clone(), inputs.clone()]);
-    f.run("again f.png -o y.png").fails(5, "is not the picture of f.png to the bit");
+    f.run("again f.png -o y.png").fails(5, "is not the image of f.png to the bit");
     assert_eq!(f.image("y.png").color, f.image("x.png").color);
     forged(&f, "f.png", &[version("0.0.1"), scene.clone(), drawn.clone(), inputs.clone()]);
     let said = f.run("again f.png -o y.png --force").code(0).stderr();
-    assert!(said.contains("drawn by surfel 0.0.1") && said.contains("is not the picture"), "{said}");
+    assert!(said.contains("drawn by surfel 0.0.1") && said.contains("is not the image"), "{said}");
     // Entries of unknown origin are no command line.
     for (bad, part) in [
         (r#"{"backend": "cpu", "output": "evil.png"}"#, "output"),

@@ -177,7 +177,7 @@ fn processor_and_reference_sum_in_more_than_f16() {
 }
 
 #[test]
-fn processor_draws_polygons_and_shadows() {
+fn cpu_draws_polygons_and_shadows() {
     let f = Folder::new("CPU");
     f.write("a.ply", ball());
     f.write("b.obj", cube());

@@ -7,7 +7,7 @@ use common::{Folder, cube, points, scene};
 use serde_json::{Value, json};
 
 /// The image of a scene file by the reference, all planes of it.
-fn picture(f: &Folder, file: &str) -> surfel::io::Planes {
+fn image(f: &Folder, file: &str) -> surfel::io::Planes {
     f.run(&format!("{file} -o {file}.exr --backend reference --exr-f32 --force")).code(0);
     let mut planes = f.image(&format!("{file}.exr"));
     planes.metadata.clear();
@@ -111,14 +111,14 @@ fn scene_file_defaults_are_the_documented_ones() {
         "mapping": "exact", "depth_tolerance": {"relative": 1.0}, "shader": "phong", "edge_aa": false,
         "transparency": "off", "clip": "exact", "accumulate": "f32"});
     f.write("long.json", long.to_string());
-    let want = picture(&f, "short.json");
-    assert_eq!(picture(&f, "long.json"), want);
+    let want = image(&f, "short.json");
+    assert_eq!(image(&f, "long.json"), want);
     // None of them is without effect here, but for what has nothing to act on.
     let differs = |change: &dyn Fn(&mut Value)| {
         let mut other = long.clone();
         change(&mut other);
         f.write("other.json", other.to_string());
-        picture(&f, "other.json") != want
+        image(&f, "other.json") != want
     };
     assert!(differs(&|s| s["background"] = json!([0, 0, 0, 1])));
     assert!(differs(&|s| s["ambient"] = json!([0.1, 0.2, 0.1])));
@@ -156,13 +156,13 @@ fn scene_file_matrices_are_column_major_and_compose_as_points_do() {
     ];
     f.write("b.ply", ply(ELLIPSES, &moved));
     f.write("b.json", scene("").replace("a.ply", "b.ply"));
-    let (a, b) = (picture(&f, "m.json"), picture(&f, "b.json"));
+    let (a, b) = (image(&f, "m.json"), image(&f, "b.json"));
     assert_eq!((a.color, a.depth, a.weight), (b.color, b.depth, b.weight));
     // Outside stays outside: s × t is turned about, the normal isn't (two-sided shows the same either way).
     let side = "\"a.ply\", \"material\": {\"cull\": \"back\", \"two_sided\": false}";
     f.write("c.json", scene("").replace("\"a.ply\"", &format!("{side}, \"matrix\": [{matrix}]")));
     f.write("d.json", scene("").replace("\"a.ply\"", &side.replace("a.ply", "b.ply")));
-    picture(&f, "c.json");
+    image(&f, "c.json");
     f.run("d.json -o d.exr --backend reference").code(0);
     assert!(f.image("d.exr").weight.unwrap().iter().all(|w| *w == 0.0), "s × t of the moved splats faces away");
     for bad in ["1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,2", "1,0,0,0, 1,0,0,0, 0,0,1,0, 0,0,0,1", "1,0,0"] {
@@ -179,10 +179,10 @@ fn scene_file_splats_may_be_points_or_a_mesh_and_paths_are_relative_to_it() {
     f.write("sub/p.xyz", points());
     for (file, words) in [("b.obj", "b.obj"), ("p.xyz", "p.xyz")] {
         f.write("sub/s.json", scene("\"shader\": \"phong\"").replace("a.ply", words));
-        let splats = picture(&f, "sub/s.json");
+        let splats = image(&f, "sub/s.json");
         f.run(&format!("convert sub/{file} -o sub/c.ply --force")).code(0);
         f.write("sub/c.json", scene("\"shader\": \"phong\"").replace("a.ply", "c.ply"));
-        assert_eq!(picture(&f, "sub/c.json"), splats, "{file}");
+        assert_eq!(image(&f, "sub/c.json"), splats, "{file}");
     }
     // As polygons it is another image: sharp edges, a weight of 0.
     f.write("sub/m.json", scene("").replace("\"splats\": \"a.ply\"", "\"mesh\": \"b.obj\""));
@@ -213,7 +213,7 @@ fn scene_file_lights_and_projections_have_their_forms() {
     ];
     for light in lights {
         f.write("l.json", with("lights", json!([light])));
-        picture(&f, "l.json");
+        image(&f, "l.json");
     }
     // Only what casts shadows has the key; angles are in order.
     for light in [
@@ -230,7 +230,7 @@ fn scene_file_lights_and_projections_have_their_forms() {
     let focal = 15.0 / 15f64.to_radians().tan();
     let intrinsics = json!({"intrinsics": {"fx": focal, "fy": focal, "cx": 20, "cy": 15}});
     f.write("i.json", with("camera.projection", intrinsics));
-    let (p, i) = (picture(&f, "p.json"), picture(&f, "i.json"));
+    let (p, i) = (image(&f, "p.json"), image(&f, "i.json"));
     let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a == b || (a - b).abs() < 1e-5);
     assert!(close(p.color.unwrap().as_flattened(), i.color.unwrap().as_flattened()));
     assert!(close(&p.depth.unwrap(), &i.depth.unwrap()));
@@ -241,15 +241,15 @@ fn scene_file_lights_and_projections_have_their_forms() {
     let mut ortho = ortho.clone();
     ortho["camera"]["far"] = json!(20);
     f.write("o.json", ortho.to_string());
-    picture(&f, "o.json");
+    image(&f, "o.json");
 }
 
 #[test]
-fn ply_forms_of_the_same_splats_give_the_same_picture() {
+fn ply_forms_of_the_same_splats_give_the_same_image() {
     let f = Folder::new("ply");
     f.write("a.ply", ellipses());
     f.write("s.json", scene("\"shader\": \"normal\""));
-    let want = picture(&f, "s.json");
+    let want = image(&f, "s.json");
     // Another order and other types.
     let shuffled = "double:blue double:tw double:tv double:tu double:sw double:sv double:su double:z double:y double:x \
                     double:red double:green";
@@ -264,14 +264,14 @@ fn ply_forms_of_the_same_splats_give_the_same_picture() {
             ],
         ),
     );
-    assert_eq!(picture(&f, "s.json"), want);
+    assert_eq!(image(&f, "s.json"), want);
     // The other two encodings, by way of the program's own writer.
     f.write("x.ply", ellipses());
     f.run("convert x.ply -o a.ply --force").code(0);
     assert!(f.read("a.ply").windows(20).any(|w| w == b"binary_little_endian"));
-    assert_eq!(picture(&f, "s.json"), want);
+    assert_eq!(image(&f, "s.json"), want);
     f.run("convert x.ply -o a.ply --force --ascii").code(0);
-    assert_eq!(picture(&f, "s.json"), want);
+    assert_eq!(image(&f, "s.json"), want);
     let mut big = b"ply\nformat binary_big_endian 1.0\nelement vertex 3\n".to_vec();
     for property in ELLIPSES.split(' ') {
         big.extend(format!("property {}\n", property.replace(':', " ")).bytes());
@@ -281,7 +281,7 @@ fn ply_forms_of_the_same_splats_give_the_same_picture() {
     let rows = text.split_once("end_header\n").unwrap().1;
     big.extend(rows.split_whitespace().flat_map(|v| v.parse::<f32>().unwrap().to_be_bytes()));
     f.write("a.ply", big);
-    assert_eq!(picture(&f, "s.json"), want);
+    assert_eq!(image(&f, "s.json"), want);
 }
 
 #[test]
@@ -292,7 +292,7 @@ fn ply_optional_properties_mean_what_the_profile_says() {
     let drawn = |properties: &str, row: &str, settings: &str| {
         f.write("a.ply", ply(properties, &[row]));
         f.write("s.json", scene(settings));
-        picture(&f, "s.json")
+        image(&f, "s.json")
     };
     let plain = drawn(axes, row, "");
     // No colour is white; sRGB bytes decode, floats are linear; alpha is linear either way.

@@ -100,7 +100,7 @@ fn region_is_a_crop_of_the_whole() {
 }
 
 #[test]
-fn automatic_frame_shows_everything_and_fills_the_picture() {
+fn automatic_frame_shows_everything_and_fills_the_image() {
     let f = Folder::new("framing");
     f.write("a.ply", ball());
     f.write("b.obj", cube());
@@ -140,7 +140,7 @@ fn names_are_filled_in_and_turntables_turn() {
 }
 
 #[test]
-fn pictures_go_to_stdout_and_results_nowhere_else() {
+fn images_go_to_stdout_and_results_nowhere_else() {
     let f = Folder::new("stdout");
     f.write("a.ply", ball());
     let run = f.run("a.ply -o - --size 16x16").code(0);
@@ -181,7 +181,7 @@ fn statistics_have_the_promised_keys() {
 }
 
 #[test]
-fn verified_picture_says_both_errors_and_whether_its_preset_is_kept() {
+fn verified_image_says_both_errors_and_whether_its_preset_is_kept() {
     let f = Folder::new("verify");
     f.write("a.ply", ball());
     let text = f.run("a.ply -o x.png --size 24x24 --backend cpu --verify").code(0).stdout();
@@ -197,7 +197,7 @@ fn verified_picture_says_both_errors_and_whether_its_preset_is_kept() {
 }
 
 #[test]
-fn compare_holds_a_picture_to_its_presets_promise() {
+fn compare_holds_an_image_to_its_presets_promise() {
     let f = Folder::new("verify-preset");
     f.write("a.ply", ball());
     f.run("a.ply -o best.exr --exr-f32 --size 24x24 --preset reference").code(0);
@@ -288,7 +288,7 @@ fn camera_file_and_named_views_set_the_camera() {
 }
 
 #[test]
-fn automatic_backend_is_the_processor_where_no_gpu_is() {
+fn automatic_backend_is_the_cpu_where_no_gpu_is() {
     let f = Folder::new("auto");
     f.write("a.ply", ball());
     let stats = f.run("a.ply --stats --size 8x8").code(0).json();
@@ -301,7 +301,7 @@ fn automatic_backend_is_the_processor_where_no_gpu_is() {
 }
 
 #[test]
-fn gpu_backends_draw_what_the_processor_draws() {
+fn gpu_backends_draw_what_the_cpu_draws() {
     let f = Folder::new("gpu");
     f.write("a.ply", ball());
     // GPUs draw no edges by samples, so a bare file has none there.

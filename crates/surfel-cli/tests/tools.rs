@@ -124,7 +124,7 @@ fn hybrid_holds_a_mesh_as_splats_and_polygons() {
 }
 
 #[test]
-fn what_the_processor_does_not_draw_the_reference_does() {
+fn what_the_cpu_does_not_draw_the_reference_does() {
     let f = Folder::new("frame");
     f.write("a.ply", ball());
     f.write("b.obj", cube());

@@ -1,4 +1,4 @@
-//! Files of Surfel: splats, points and meshes in; pictures and splats out; scene files both ways.
+//! Files of Surfel: splats, points and meshes in; images and splats out; scene files both ways.
 //!
 //! * [`load`]: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, STL, glTF and GLB,
 //!   XYZ and PTS, Surfel's octrees.

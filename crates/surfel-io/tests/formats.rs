@@ -243,7 +243,7 @@ fn obj_missing_library_or_texture_is_a_note() {
     assert!(loaded.notes[0].starts_with("left out the texture 'no.png'"), "{:?}", loaded.notes);
     let m = mesh(loaded);
     assert_eq!((m.colors.unwrap()[0], m.alphas.unwrap()[0]), ([1.0, 0.5, 0.25], 0.5));
-    folder.write("no.png", b"this is no picture");
+    folder.write("no.png", b"this is no image");
     assert!(load(format!("mtllib a.mtl\n{shape}")).notes[0].starts_with("left out the texture 'no.png'"));
     folder.write("yes.png", png(&[[9, 9, 9]]));
     let options = LoadOptions { texture: Some(folder.0.join("yes.png")), ..LoadOptions::default() };

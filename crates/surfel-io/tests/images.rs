@@ -1,4 +1,4 @@
-//! Pictures written and read back.
+//! Images written and read back.
 
 #![cfg(all(feature = "exr", feature = "jpeg"))]
 
@@ -219,9 +219,9 @@ const WEBP: &str = "524946463a00000057454250565038202e000000f001009d012a08000800
 fn webp_is_read_and_its_size_is_held_against_its_bytes() {
     let mut bytes: Vec<u8> =
         (0..WEBP.len()).step_by(2).map(|i| u8::from_str_radix(&WEBP[i..i + 2], 16).unwrap()).collect();
-    let picture = read(&bytes);
-    assert_eq!((picture.width, picture.height), (8, 8));
-    let color = picture.color.unwrap();
+    let image = read(&bytes);
+    assert_eq!((image.width, image.height), (8, 8));
+    let color = image.color.unwrap();
     // Lossy: two levels of 255 off, where one is 0.009 of light.
     let expected = [200.0, 100.0, 50.0].map(|level| surfel_math::srgb::decode(level / 255.0) as f32);
     for texel in color {
@@ -274,9 +274,9 @@ fn jpeg_in_color_and_grey_is_read() {
     // R = Y + 1.402 Cr, G = Y - 0.344 Cb - 0.714 Cr, B = Y + 1.772 Cb (JFIF).
     for (levels, expected) in [(&[-44, -14, 82][..], [199, 30, 59]), (&[0], [128; 3]), (&[-100], [28; 3])] {
         let bytes = jpeg(levels);
-        let picture = read(&bytes);
-        assert_eq!((picture.width, picture.height), (8, 8));
-        let color = picture.color.unwrap();
+        let image = read(&bytes);
+        assert_eq!((image.width, image.height), (8, 8));
+        let color = image.color.unwrap();
         assert_eq!(color.len(), 64);
         for texel in color {
             for (found, level) in texel.iter().zip(expected) {
@@ -285,7 +285,7 @@ fn jpeg_in_color_and_grey_is_read() {
             }
             assert_eq!(texel[3], 1.0);
         }
-        // Without its scan there is no picture.
+        // Without its scan there is no image.
         let header = bytes.windows(2).position(|w| w == [0xff, 0xda]).unwrap();
         assert!((0..=header).all(|end| read_image_bytes(&bytes[..end], Path::new("t")).is_err()));
     }

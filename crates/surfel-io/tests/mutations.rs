@@ -295,7 +295,7 @@ fn mutations_of_scene_files() {
 }
 
 #[test]
-fn mutations_of_pictures() {
+fn mutations_of_images() {
     let n = 12 * 9;
     let planes = Planes {
         width: 12,

@@ -23,7 +23,7 @@ pub struct Filtered<R> {
 impl<R: Real> Filtered<R> {
     /// An unfiltered splat.
     #[inline(always)]
-    pub fn plain(footprint: Footprint<R>) -> Self {
+    pub fn unfiltered(footprint: Footprint<R>) -> Self {
         let one = footprint.w.c.one();
         Self { footprint, weight_scale: one, coverage_scale: one, turn: Turn::none(one) }
     }

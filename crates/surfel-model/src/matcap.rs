@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn matcap_built_in_is_bright_where_light_falls_and_within_what_a_picture_shows() {
+    fn matcap_built_in_is_bright_where_light_falls_and_within_what_an_image_shows() {
         let ball = Matcap::builtin();
         let [side, _] = ball.size();
         let at = |x: f64, y: f64| {

@@ -208,7 +208,14 @@ fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<
         z_min: range.0,
         z_max: range.1,
     };
-    Some(screen_splat(mapped.anchor_px, mapped.footprint, Filtered::plain(mapped.footprint), near_box, near_box, depth))
+    Some(screen_splat(
+        mapped.anchor_px,
+        mapped.footprint,
+        Filtered::unfiltered(mapped.footprint),
+        near_box,
+        near_box,
+        depth,
+    ))
 }
 
 /// The splat in front of the eye, and how its filtered footprint's (u, v) turn back to those of its axes.
@@ -229,10 +236,10 @@ fn ordinary_shape(
     let around = |e: Extent<f64>| Extent { min: e.min + anchor, max: e.max + anchor };
     let visible_extent = bounds::unfiltered(&projected, projective);
     let filtered = match settings.filter {
-        _ if unfiltered => Filtered::plain(visible),
-        Filter::None => Filtered::plain(visible),
+        _ if unfiltered => Filtered::unfiltered(visible),
+        Filter::None => Filtered::unfiltered(visible),
         Filter::Clamp => {
-            Filtered { coverage_scale: filter::area_ratio(&projected, radius_px), ..Filtered::plain(visible) }
+            Filtered { coverage_scale: filter::area_ratio(&projected, radius_px), ..Filtered::unfiltered(visible) }
         }
         Filter::Adjust => filter::adjust(&projected, radius_px, projective),
         Filter::Ewa => filter::ewa(&projected, radius_px),

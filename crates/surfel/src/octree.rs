@@ -24,7 +24,7 @@ pub fn load_octree(
         notes.push(what.into());
     }
     let mut mesh = Arc::unwrap_or_clone(mesh);
-    // A mere default is no statement: pictures judge by the shape then.
+    // A mere default is no statement: images judge by the shape then.
     mesh.up = up_reason.map(|_| up);
     let sample = |source| Error::Sample { path: path.to_path_buf(), source };
     let octree = surfel_sample::octree_from_mesh(&mesh, &OctreeOptions::default(), progress).map_err(sample)?;

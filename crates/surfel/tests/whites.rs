@@ -30,8 +30,8 @@ fn ball(color: Option<[f32; 3]>) -> LoadedObjects {
     LoadedObjects { objects: vec![object], facts: vec![facts], ..LoadedObjects::default() }
 }
 
-/// Linear luminance of an automatic picture, row by row, and the background's.
-fn picture(loaded: LoadedObjects, shader: Shader) -> (Vec<Vec<f32>>, f32) {
+/// Linear luminance of an automatic image, row by row, and the background's.
+fn image(loaded: LoadedObjects, shader: Shader) -> (Vec<Vec<f32>>, f32) {
     let settings = Settings::default().with_shader(shader);
     let options = AutoOptions::default().with_size([96, 96]).with_settings(settings);
     let file = auto_scene(vec![bare_object(Path::new("ball.ply"))], &loaded, &options).unwrap();
@@ -55,7 +55,7 @@ fn object_of(row: &[f32], background: f32) -> &[f32] {
 #[test]
 fn lit_white_objects_are_darker_than_white_and_darkest_at_their_outline() {
     for color in [None, Some([1.0; 3]), Some([3.0; 3])] {
-        let (rows, background) = picture(ball(color), Shader::Phong);
+        let (rows, background) = image(ball(color), Shader::Phong);
         assert_eq!(background, 1.0);
         let shown: Vec<&[f32]> = rows.iter().map(|row| object_of(row, background)).collect();
         let brightest = shown.iter().flat_map(|row| row.iter()).copied().fold(0.0, f32::max);
@@ -72,13 +72,13 @@ fn lit_white_objects_are_darker_than_white_and_darkest_at_their_outline() {
 #[test]
 fn unlit_white_objects_stand_before_grey() {
     for color in [None, Some([0.95; 3])] {
-        let (rows, background) = picture(ball(color), Shader::Unlit);
+        let (rows, background) = image(ball(color), Shader::Unlit);
         let center = rows[48][48];
         // What is unlit is drawn as it is: scene-linear albedo.
         assert!((center - color.map_or(1.0, |c| c[0])).abs() < 1e-3);
         assert!(background < 0.3, "{background}");
     }
-    let (rows, background) = picture(ball(Some([0.5, 0.2, 0.1])), Shader::Unlit);
+    let (rows, background) = image(ball(Some([0.5, 0.2, 0.1])), Shader::Unlit);
     assert_eq!(background, 1.0);
     assert!((rows[48][48] - 0.5).abs() < 1e-3);
 }

@@ -225,7 +225,7 @@ fn markdown(findings: &Findings) -> String {
          Ratios are over the default's, geometric means over {} subjects: {}.\n",
         figures.backend.name,
         figures.backend.adapter,
-        figures.machine.processor,
+        figures.machine.cpu,
         figures.size[0],
         figures.size[1],
         figures.runs,

@@ -28,7 +28,7 @@ pub(crate) fn page(findings: &Findings) -> String {
          with all others, on the CPU's own clock; differences of 3 % are noise.",
         figures.backend.name,
         figures.backend.adapter,
-        machine.processor,
+        machine.cpu,
         figures.size[0],
         figures.size[1],
         machine.commit,

@@ -42,7 +42,7 @@ enum Part {
 
 /// A part and the pixels that it may touch, as far as there are any: least x and y, greatest x and y.
 #[derive(Clone, Copy)]
-struct Placed {
+struct PartInView {
     part: Part,
     /// Splats, or triangles: one costs about as much as the other.
     splats: f64,
@@ -55,7 +55,7 @@ struct Placed {
     pixels: [f64; 4],
 }
 
-impl Placed {
+impl PartInView {
     /// What it is in some pixels.
     fn share_in(&self, pixels: &[f64; 4]) -> occlusion::Share {
         let share = self.share(pixels);
@@ -109,20 +109,20 @@ pub(crate) fn divide(
             if around[0].is_finite() && !object.is_transparent() { object.area_px(center, chunk) } else { 0.0 };
         let load = object.load(center, chunk, pixels, grid.tile_px());
         let (part, splats) = (Part::Chunk(*visible), chunk.count as f64);
-        Placed { part, splats, load, area_px, depths: object.depths(center, chunk), pixels }
+        PartInView { part, splats, load, area_px, depths: object.depths(center, chunk), pixels }
     };
     let of_mesh = |(part, pixels): (MeshPart, [f64; 4])| {
         let triangles = meshes[part.mesh as usize].part(part.part).len() as f64;
         let (part, pixels) = (Part::Mesh(part), inside(pixels, grid.region));
-        Placed { part, splats: triangles, load: triangles, area_px: 0.0, depths: [0.0; 2], pixels }
+        PartInView { part, splats: triangles, load: triangles, area_px: 0.0, depths: [0.0; 2], pixels }
     };
-    let seen = |p: &Placed| p.pixels[0] <= p.pixels[2] && p.pixels[1] <= p.pixels[3];
+    let seen = |p: &PartInView| p.pixels[0] <= p.pixels[2] && p.pixels[1] <= p.pixels[3];
     let mesh_parts = mesh_parts(meshes, octrees, view).map(of_mesh).filter(seen);
-    let placed: Vec<Placed> = chunks.iter().map(of_chunk).chain(mesh_parts).collect();
+    let parts: Vec<PartInView> = chunks.iter().map(of_chunk).chain(mesh_parts).collect();
     let pixels = f64::from(grid.region.width) * f64::from(grid.region.height);
-    let total = placed.iter().map(|p| p.splats).sum::<f64>() + pixels * SPLATS_PER_PIXEL;
+    let total = parts.iter().map(|p| p.splats).sum::<f64>() + pixels * SPLATS_PER_PIXEL;
     // One thread need not share, and cuts only what exceeds its cache.
-    let is_shared = limits.threads > 1 || placed.iter().map(|p| p.splats).sum::<f64>() > limits.splats as f64;
+    let is_shared = limits.threads > 1 || parts.iter().map(|p| p.splats).sum::<f64>() > limits.splats as f64;
     let mut cells_wanted = if is_shared { limits.threads * CELLS_PER_THREAD } else { 1 };
     if limits.reach_px > 0 {
         cells_wanted = cells_wanted.max(grid.tiles() / TILES_OF_GBUFFER);
@@ -130,7 +130,7 @@ pub(crate) fn divide(
     let cost = total / cells_wanted as f64;
     let limits = Limits { load: limits.splats.max(1) as f64, cost, reach: f64::from(limits.reach_px) };
     let mut cells = Vec::new();
-    limits.split(grid, [0, grid.columns, 0, grid.rows], &placed, &mut cells);
+    limits.split(grid, [0, grid.columns, 0, grid.rows], &parts, &mut cells);
     cells.sort_by(|a, b| b.cost.total_cmp(&a.cost));
     cells
 }
@@ -145,27 +145,27 @@ struct Limits {
 }
 
 impl Limits {
-    fn split(&self, grid: &Grid, tiles: [u32; 4], placed: &[Placed], cells: &mut Vec<Cell>) {
+    fn split(&self, grid: &Grid, tiles: [u32; 4], parts: &[PartInView], cells: &mut Vec<Cell>) {
         let pixels = bounds(grid, tiles);
-        let sum = |[splats, load]: [f64; 2], p: &Placed| {
+        let sum = |[splats, load]: [f64; 2], p: &PartInView| {
             let share = p.share(&pixels);
             [splats + p.splats * share, load + p.load * share]
         };
-        let [splats, load] = placed.iter().fold([0.0; 2], sum);
+        let [splats, load] = parts.iter().fold([0.0; 2], sum);
         let area = (pixels[2] - pixels[0]) * (pixels[3] - pixels[1]);
-        let cost = splats + if placed.is_empty() { 0.0 } else { area * SPLATS_PER_PIXEL };
+        let cost = splats + if parts.is_empty() { 0.0 } else { area * SPLATS_PER_PIXEL };
         let [x0, x1, y0, y1] = tiles;
         let small = x1 - x0 <= 1 && y1 - y0 <= 1;
         if small || (load <= self.load && cost <= self.cost) {
             let (mut chunks, mut mesh_parts) = (Vec::new(), Vec::new());
-            for placed in placed {
-                match placed.part {
+            for in_view in parts {
+                match in_view.part {
                     Part::Chunk(chunk) => chunks.push(chunk),
                     Part::Mesh(part) => mesh_parts.push(part),
                 }
             }
             // Chunks come before meshes.
-            let shares = placed[..chunks.len()].iter().map(|p| p.share_in(&pixels));
+            let shares = parts[..chunks.len()].iter().map(|p| p.share_in(&pixels));
             let first = occlusion::first(shares, area, self.load);
             cells.push(Cell { region: region(&pixels), chunks, first, mesh_parts, cost });
             return;
@@ -179,7 +179,7 @@ impl Limits {
         };
         for tiles in halves {
             let pixels = bounds(grid, tiles);
-            let inside: Vec<Placed> = placed.iter().filter(|p| p.touches(&pixels, self.reach)).copied().collect();
+            let inside: Vec<PartInView> = parts.iter().filter(|p| p.touches(&pixels, self.reach)).copied().collect();
             self.split(grid, tiles, &inside, cells);
         }
     }

@@ -261,11 +261,11 @@ impl ObjectView<'_> {
             _ => keep,
         };
         let mut filtered = match settings.filter {
-            _ if acts.bits() & ordinary == 0 => Filtered::plain(visible),
-            Filter::None => Filtered::plain(visible),
+            _ if acts.bits() & ordinary == 0 => Filtered::unfiltered(visible),
+            Filter::None => Filtered::unfiltered(visible),
             Filter::Clamp => {
                 extent_px = extent_px.union(Extent::symmetric(V2::new(h, h)));
-                Filtered::plain(visible)
+                Filtered::unfiltered(visible)
             }
             Filter::Adjust => filter::adjust(&projected, h, settings.projective),
             Filter::Ewa => filter::ewa(&projected, h),

@@ -207,7 +207,7 @@ impl Exact {
             Filter::Principal => filter::principal(&projected, h, projective),
             Filter::Adjust => filter::adjust(&projected, h, projective),
             Filter::Ewa => filter::ewa(&projected, h),
-            _ => Filtered::plain(unfiltered),
+            _ => Filtered::unfiltered(unfiltered),
         };
         let (gradient, form) = match projective {
             true => (-projected.depth_gradient, DepthForm::Reciprocal),

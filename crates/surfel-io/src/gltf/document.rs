@@ -145,7 +145,7 @@ fn keep(object: &mut Map<String, Value>, keys: &[&str]) {
     object.retain(|key, _| keys.contains(&key.as_str()));
 }
 
-/// Takes out what isn't read or not by the crate, and says which of it changes the picture.
+/// Takes out what isn't read or not by the crate, and says which of it changes the image.
 fn strip(raw: &mut Value) -> Vec<String> {
     let Some(root) = raw.as_object_mut() else { return Vec::new() };
     keep(

@@ -128,7 +128,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
     let pixels = width.saturating_mul(height);
     let side = MAX_IMAGE_SIDE as usize;
     if width > side || height > side || pixels as u64 > MAX_IMAGE_PIXELS || pixels == 0 {
-        let what = format!("is a picture of {width}x{height} pixels");
+        let what = format!("is an image of {width}x{height} pixels");
         return Err(Problem::new(what).expected(format!("at most {MAX_IMAGE_PIXELS} pixels, {side} a side")));
     }
     // No compression of the format does better than deflate's 1032 to 1, so more pixels can't be in the file.

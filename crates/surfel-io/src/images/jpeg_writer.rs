@@ -16,7 +16,7 @@ const MAX_SIDE: u32 = 65_535;
 pub struct JpegOptions {
     /// Quality as the Independent JPEG Group's library counts it, from 1 (worst) to 100; 92 by default.
     pub quality: u8,
-    /// Linear RGB of what lies behind the picture: a JPEG has no alpha, so `color + (1 - alpha) * background` is
+    /// Linear RGB of what lies behind the image: a JPEG has no alpha, so `color + (1 - alpha) * background` is
     /// written.
     pub background: [f32; 3],
 }

@@ -1,4 +1,4 @@
-//! Pictures: the planes of a frame, written as PNG, JPEG or EXR and read back, and textures.
+//! Images: the planes of a frame, written as PNG, JPEG or EXR and read back, and textures.
 
 mod decode;
 #[cfg(feature = "exr")]
@@ -22,10 +22,10 @@ use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
 
 /// Largest image file that is read, in bytes.
 const MAX_FILE_BYTES: u64 = 4 << 30;
-/// Most memory that decoding a picture may take, in bytes.
+/// Most memory that decoding an image may take, in bytes.
 const MAX_DECODED_BYTES: usize = 8 << 30;
 
-/// Reads a picture: EXR with all planes that it has, or PNG, JPEG or WebP as linear premultiplied colour. The texts of
+/// Reads an image: EXR with all planes that it has, or PNG, JPEG or WebP as linear premultiplied colour. The texts of
 /// EXR attributes and of PNG chunks before the pixels are its metadata.
 ///
 /// # Errors
@@ -49,7 +49,7 @@ pub fn read_image_bytes(bytes: &[u8], name: &Path) -> Result<Planes, IoError> {
             read_color(bytes)
         } else {
             let found = quote(&bytes[..bytes.len().min(12)]);
-            Err(Problem::new(format!("is not a picture that can be read: it starts with {found}"))
+            Err(Problem::new(format!("is not an image that can be read: it starts with {found}"))
                 .expected("OpenEXR, PNG, JPEG or WebP"))
         }
     };
@@ -60,12 +60,12 @@ pub fn read_image_bytes(bytes: &[u8], name: &Path) -> Result<Planes, IoError> {
 fn read_color(bytes: &[u8]) -> Result<Planes, Problem> {
     let problem = |why: String| {
         let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();
-        Problem::new(format!("can't be read as a picture: {why}")).help("copy or export the file again: it is damaged")
+        Problem::new(format!("can't be read as an image: {why}")).help("copy or export the file again: it is damaged")
     };
     let (width, height) = size_of(bytes).map_err(problem)?;
     let side = MAX_IMAGE_SIDE;
     if u64::from(width) * u64::from(height) > MAX_IMAGE_PIXELS || width > side || height > side {
-        let what = format!("is a picture of {width}x{height} pixels");
+        let what = format!("is an image of {width}x{height} pixels");
         return Err(Problem::new(what).expected(format!("at most {MAX_IMAGE_PIXELS} pixels, {side} a side")));
     }
     if !can_hold(bytes, width, height) {

@@ -1,9 +1,9 @@
-//! The planes of a picture, which files are written from and read into.
+//! The planes of an image, which files are written from and read into.
 
 use std::io;
 use surfel_model::MAX_IMAGE_PIXELS;
 
-/// The planes of a picture, row by row from the top, one value a pixel; what isn't there costs nothing.
+/// The planes of an image, row by row from the top, one value a pixel; what isn't there costs nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Planes {
     /// Width in pixels.
@@ -39,7 +39,7 @@ impl Planes {
     }
 }
 
-/// Borrowed [`Planes`]: what a picture is written from.
+/// Borrowed [`Planes`]: what an image is written from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlanesView<'a> {
     /// Width in pixels.
@@ -64,7 +64,7 @@ impl PlanesView<'_> {
         let invalid = |message: String| Err(io::Error::new(io::ErrorKind::InvalidInput, message));
         let pixels = u64::from(self.width) * u64::from(self.height);
         if pixels == 0 || pixels > MAX_IMAGE_PIXELS {
-            return invalid(format!("a picture of {}x{} can't be written", self.width, self.height));
+            return invalid(format!("an image of {}x{} can't be written", self.width, self.height));
         }
         let pixels = pixels as usize;
         let lengths = [
@@ -76,7 +76,7 @@ impl PlanesView<'_> {
         let named = lengths.into_iter().filter_map(|(name, n)| Some((name, n?)));
         let others = self.other.iter().map(|(name, values)| (*name, values.len()));
         match named.chain(others).find(|&(_, n)| n != pixels) {
-            Some((name, n)) => invalid(format!("the {name} plane has {n} pixels, the picture {pixels}")),
+            Some((name, n)) => invalid(format!("the {name} plane has {n} pixels, the image {pixels}")),
             None => Ok(pixels),
         }
     }

@@ -10,7 +10,7 @@ use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_math::svd::Svd2;
 use surfel_math::{Real, V2, V3, basis, bounds, kernel, quantise};
 
-/// A formula, run on both processors.
+/// A formula, run by the CPU and by a GPU.
 pub(crate) struct Kernel {
     /// Name of the WGSL function, and after a slash which of its ways is taken.
     pub name: &'static str,
@@ -243,8 +243,8 @@ fn unfiltered_projective<R: Real>(x: &[R]) -> Vec<R> {
 fn unfiltered_affine<R: Real>(x: &[R]) -> Vec<R> {
     gradients(&Footprint::unfiltered(&fields(x), false))
 }
-fn plain<R: Real>(x: &[R]) -> Vec<R> {
-    filtered(&Filtered::plain(coefficients(x)))
+fn unfiltered<R: Real>(x: &[R]) -> Vec<R> {
+    filtered(&Filtered::unfiltered(coefficients(x)))
 }
 fn principal<R: Real>(x: &[R]) -> Vec<R> {
     filtered(&filter::principal(&fields(x), x[12], true))
@@ -429,8 +429,8 @@ pub(crate) const KERNELS: &[Kernel] = &[
         "let f = footprint_unfiltered(Projected(vec2f(x0, x1), vec2f(x2, x3), x4, vec2f(x5, x6), vec2f(x7, x8), x9, \
          x10, x11), false);",
         "f.u.x; f.u.y; f.v.x; f.v.y; f.w.x; f.w.y", inputs::projected, inputs::wild_projected, None),
-    kernel!("filtered_plain", 11 => &[2, 2, 2, 1, 1, 2, 2], plain,
-        "let f = filtered_plain(Footprint(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)));",
+    kernel!("filtered_unfiltered", 11 => &[2, 2, 2, 1, 1, 2, 2], unfiltered,
+        "let f = filtered_unfiltered(Footprint(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)));",
         "f.footprint.u.x; f.footprint.u.y; f.footprint.v.x; f.footprint.v.y; f.footprint.w.x; f.footprint.w.y;
          f.weight_scale; f.coverage_scale;
          f.turn.first.x; f.turn.first.y; f.turn.second.x; f.turn.second.y", inputs::footprint, inputs::wild_footprint,

@@ -38,7 +38,7 @@ fn each_input_gets_an_image_and_one_that_fails_stops_no_other() {
     let said = run.stderr();
     let errors: Vec<&str> = said.lines().filter(|l| l.starts_with("error: ")).collect();
     assert!(errors.len() == 3 && errors[0].contains("bad.ply") && errors[1].contains("nowhere.xyz"), "{said}");
-    assert!(errors[2].contains("2 of 5 pictures failed"), "{said}");
+    assert!(errors[2].contains("2 of 5 images failed"), "{said}");
     assert!(f.has("o-a.png") && f.has("o-b.png") && f.has("o-s.png") && !f.has("o-bad.png"));
     // Each is the image that it would be alone.
     f.run("b.ply -o alone.png --size 16x16").code(0);
