@@ -61,7 +61,7 @@ pub(crate) struct RenderArgs {
     #[arg(required = true, value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
     /// Image to write: .png, .exr or .jpg (quality 92, blended onto the background), - for PNG on stdout; may hold
-    /// {backend} {frame} {input}. `surfel INPUT` alone writes INPUT's name with .png to the current folder.
+    /// {backend} {frame} {input} {name}. `surfel INPUT` alone writes INPUT's name with .png to the current folder.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
     /// Overwrite existing files.
@@ -91,6 +91,12 @@ pub(crate) struct RenderArgs {
     /// A scene file's camera object, alone in a file.
     #[arg(long, value_name = "FILE", help_heading = "Camera")]
     pub(crate) camera: Option<PathBuf>,
+    /// Draw from all cameras of another program: a COLMAP folder, transforms.json, cameras.json of 3DGS, Open3D's JSON,
+    /// K, R and t as JSON, or KITTI's calibration. OUT must hold {name}, the name of a camera's image; --size scales
+    /// the images. Files without a scene are lit along the view.
+    #[arg(long, value_name = "FILE|DIR", help_heading = "Camera", conflicts_with_all = ["camera", "view", "eye",
+        "target", "camera_up", "fov_y", "ortho", "frames", "verify", "print_scene"])]
+    pub(crate) cameras: Option<PathBuf>,
     /// Frame the scene from this side; auto, where nothing is said, finds the one that shows most. Also
     /// AZIMUTH,ELEVATION in degrees: 0,0 is front, 90,0 right, 30,20 iso.
     #[arg(long, value_name = "VIEW", value_parser = values::View, conflicts_with_all = ["camera", "eye", "target"],

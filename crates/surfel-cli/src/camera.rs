@@ -3,7 +3,10 @@
 use crate::args::RenderArgs;
 use crate::failure::Failure;
 use glam::{DQuat, DVec3};
+use std::collections::HashSet;
+use std::path::Path;
 use surfel::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes};
+use surfel::io::cameras::NamedCamera;
 use surfel::model::Projection;
 use surfel::model::Up;
 use surfel::{Camera, Light, Scene};
@@ -111,6 +114,30 @@ fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     if !orthographic && own_near {
         camera.far = None;
     }
+}
+
+/// Reads `--cameras`, for images of `--size`: names and cameras.
+pub(crate) fn named(path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Failure> {
+    let of = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
+    let cameras = surfel::io::cameras::read(path)?;
+    let mut names = HashSet::new();
+    for camera in &cameras {
+        if !names.insert(&camera.name) {
+            return Err(of(format!("two cameras have images called {}\n  expected: different names", camera.name)));
+        }
+    }
+    let used = |named: NamedCamera| {
+        let camera = named.camera(size).map_err(|problem| of(problem.to_string()))?;
+        camera.validate().map_err(|e| of(format!("camera {}: {e}", named.name)))?;
+        Ok((named.name, camera))
+    };
+    cameras.into_iter().map(used).collect()
+}
+
+/// A camera of another program, which knows no near plane, with one before the scene.
+pub(crate) fn with_near(mut camera: Camera, scene: &Scene) -> Camera {
+    refit_depth(&mut camera, scene, true);
+    camera
 }
 
 /// How the camera and its lights go about the scene.

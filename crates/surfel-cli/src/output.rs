@@ -60,13 +60,18 @@ impl Output {
         self.template.as_ref().is_some_and(|t| t.contains("{input}"))
     }
 
+    /// True if every camera gets a name of its own.
+    pub(crate) fn names_cameras(&self) -> bool {
+        self.template.as_ref().is_some_and(|t| t.contains("{name}"))
+    }
+
     /// The folder that the image at `path` lies in; for stdout the current one.
     pub(crate) fn folder(path: Option<&Path>) -> &Path {
         path.and_then(Path::parent).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
     }
 
-    /// The file of a frame; `None`: stdout.
-    pub(crate) fn path(&self, backend: &str, frame: u32, input: &Path) -> Option<PathBuf> {
+    /// The file of a frame, which `camera` is the name of; `None`: stdout.
+    pub(crate) fn path(&self, backend: &str, frame: u32, camera: &str, input: &Path) -> Option<PathBuf> {
         let input = if is_stdin(input) { Path::new("stdin") } else { input };
         let stem = input.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
         let frame = format!("{frame:04}");
@@ -74,7 +79,7 @@ impl Output {
         let mut rest = self.template.as_deref()?;
         let mut name = String::new();
         'next: while !rest.is_empty() {
-            for (key, value) in [("{backend}", backend), ("{frame}", &frame), ("{input}", &stem)] {
+            for (key, value) in [("{backend}", backend), ("{frame}", &frame), ("{input}", &stem), ("{name}", camera)] {
                 if let Some(after) = rest.strip_prefix(key) {
                     name.push_str(value);
                     rest = after;
@@ -144,9 +149,9 @@ mod tests {
 
     #[test]
     fn templates_are_filled_once() {
-        let output = Output::new(Path::new("o_{input}_{backend}_{frame}_{x}.png"), false, false, false).unwrap();
-        let path = output.path("cpu", 7, Path::new("dir/{frame}.ply")).unwrap();
-        assert_eq!(path, Path::new("o_{frame}_cpu_0007_{x}.png"));
+        let output = Output::new(Path::new("o_{input}_{backend}_{frame}_{name}_{x}.png"), false, false, false).unwrap();
+        let path = output.path("cpu", 7, "a{frame}", Path::new("dir/{frame}.ply")).unwrap();
+        assert_eq!(path, Path::new("o_{frame}_cpu_0007_a{frame}_{x}.png"));
     }
 
     #[test]

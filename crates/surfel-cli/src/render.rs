@@ -59,6 +59,8 @@ pub(crate) struct Session<'a> {
     stdin: Stdin,
     threads: usize,
     console: &'a Console,
+    /// The cameras of `--cameras`, by the names of their images.
+    cameras: Vec<(String, Camera)>,
     /// `None` where nothing is drawn.
     backend: Option<Backend>,
 }
@@ -84,15 +86,30 @@ impl<'a> Session<'a> {
         console: &'a Console,
     ) -> Result<Self, Failure> {
         let draws = output.is_some() || args.stats || args.verify;
+        let cameras = args.cameras.as_ref().map(|path| camera::named(path, args.size)).transpose()?.unwrap_or_default();
+        if cameras.len() > 1 && output.as_ref().is_some_and(|o| !o.names_cameras()) {
+            return Err(Failure::usage(format!(
+                "--cameras has {} cameras, expected {{name}} in the name, as in -o out/{{name}}.png",
+                cameras.len()
+            )));
+        }
         let backend = if draws { Some(start(args, threads, console)?) } else { None };
-        Ok(Self { args, output, stdin, threads, console, backend })
+        Ok(Self { args, output, stdin, threads, console, cameras, backend })
+    }
+
+    /// How many images there are of a scene.
+    fn frames(&self) -> u32 {
+        // No set of cameras has more than 10 million.
+        if self.cameras.is_empty() { self.args.frames.unwrap_or(1) } else { self.cameras.len() as u32 }
     }
 
     /// The files of an image that this backend draws, one a frame; none for stdout.
     fn names(&self, backend: &Backend, label: &Path) -> Vec<PathBuf> {
-        let frames = 0..self.args.frames.unwrap_or(1);
-        let name = |frame| self.output.as_ref()?.path(backend.info().backend, frame, label);
-        frames.filter_map(name).collect()
+        let name = |frame: u32| {
+            let camera = self.cameras.get(frame as usize).map_or("", |(name, _)| name.as_str());
+            self.output.as_ref()?.path(backend.info().backend, frame, camera, label)
+        };
+        (0..self.frames()).filter_map(name).collect()
     }
 
     /// Refuses what couldn't be written anyway, before the work is done.
@@ -160,8 +177,9 @@ impl<'a> Session<'a> {
 
     /// Draws a scene, all frames of it; `label` is what `{input}` stands for.
     pub(crate) fn draw(&mut self, source: Source, label: &Path) -> Result<Drawn, Failure> {
-        let (args, console, frames) = (self.args, self.console, self.args.frames.unwrap_or(1));
-        let resolved = resolve(source, args, &self.stdin, console)?;
+        let (args, console) = (self.args, self.console);
+        let first = self.cameras.first().map(|(_, camera)| camera.clone());
+        let resolved = resolve(source, first, args, &self.stdin, console)?;
         camera::view(&resolved.file.camera, args)?;
         if args.print_scene {
             print_scene(&resolved.file)?;
@@ -178,7 +196,7 @@ impl<'a> Session<'a> {
         if args.backend == "auto" && refuses(&backend.info().capabilities).is_some() {
             other = Some(choose(args, self.threads, console, refuses)?);
         }
-        let result = self.draw_by(other.as_mut().unwrap_or(&mut backend), &resolved, planes, frames, label);
+        let result = self.draw_by(other.as_mut().unwrap_or(&mut backend), &resolved, planes, label);
         // The next image may be one for the fastest backend again.
         self.backend = Some(backend);
         result
@@ -189,10 +207,9 @@ impl<'a> Session<'a> {
         backend: &mut Backend,
         resolved: &Resolved,
         planes: Planes,
-        frames: u32,
         label: &Path,
     ) -> Result<Drawn, Failure> {
-        let (args, console) = (self.args, self.console);
+        let (args, console, frames) = (self.args, self.console, self.frames());
         let files = self.names(backend, label);
         if let Some(output) = &self.output {
             files.iter().try_for_each(|path| output.check(Some(path)))?;
@@ -200,7 +217,10 @@ impl<'a> Session<'a> {
         let mut job = Job { args, console, planes, runs: Vec::new(), frame: Frame::default(), scene: None };
         let mut carried = None;
         for index in 0..frames {
-            let (camera, moved) = turned(resolved, index, frames);
+            let (camera, moved) = match self.cameras.get(index as usize) {
+                Some((_, camera)) => (camera::with_near(camera.clone(), &resolved.scene), None),
+                None => turned(resolved, index, frames),
+            };
             job.render(backend, resolved, &camera, moved.as_ref())?;
             if let Some(output) = &self.output {
                 let path = files.get(index as usize).map(PathBuf::as_path);

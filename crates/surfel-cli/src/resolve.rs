@@ -84,15 +84,18 @@ pub(crate) struct Resolved {
     pub(crate) beside: BTreeSet<PathBuf>,
 }
 
+/// Loads a scene; `camera` is one of `--cameras`.
 pub(crate) fn resolve(
     source: Source,
+    camera: Option<Camera>,
     args: &RenderArgs,
     stdin: &Stdin,
     console: &Console,
 ) -> Result<Resolved, Failure> {
+    let camera = camera.map_or_else(|| camera_file(args), |camera| Ok(Some(camera)))?;
     match source {
-        Source::Scene(scene) => of_scene_file(*scene, args, stdin, console),
-        Source::Geometry(inputs) => of_geometry(&inputs, args, stdin, console),
+        Source::Scene(scene) => of_scene_file(*scene, camera, args, stdin, console),
+        Source::Geometry(inputs) => of_geometry(&inputs, camera, args, stdin, console),
     }
 }
 
@@ -121,13 +124,14 @@ fn load(
 
 fn of_scene_file(
     source: SceneSource,
+    given_camera: Option<Camera>,
     args: &RenderArgs,
     stdin: &Stdin,
     console: &Console,
 ) -> Result<Resolved, Failure> {
     let SceneSource { mut file, keys, name: path, base } = source;
     file.settings = settings(preset_under(args.preset, file.settings, &keys), args);
-    if let Some(given) = camera_file(args)? {
+    if let Some(given) = given_camera {
         file.camera = given;
     }
     // Numbers out of range are told before minutes go into loading.
@@ -171,7 +175,13 @@ fn of_scene_file(
     Ok(Resolved { file, scene, turntable, beside })
 }
 
-fn of_geometry(inputs: &[PathBuf], args: &RenderArgs, stdin: &Stdin, console: &Console) -> Result<Resolved, Failure> {
+fn of_geometry(
+    inputs: &[PathBuf],
+    given_camera: Option<Camera>,
+    args: &RenderArgs,
+    stdin: &Stdin,
+    console: &Console,
+) -> Result<Resolved, Failure> {
     let preset = args.preset.unwrap_or_default();
     let mut settings = settings(preset.apply(Settings::default().with_shader(Shader::Phong)), args);
     // What only the preset asks for keeps no GPU that is asked for by name from drawing a bare file.
@@ -192,7 +202,6 @@ fn of_geometry(inputs: &[PathBuf], args: &RenderArgs, stdin: &Stdin, console: &C
     }
     let given = args.up.and_then(|choice| choice.0);
     let up = given.unwrap_or_else(|| note_up(&loaded, console));
-    let given_camera = camera_file(args)?;
     let view = match args.view.unwrap_or_default() {
         ViewChoice::Auto if given_camera.is_none() && args.eye.is_none() && args.target.is_none() => {
             let angles = surfel::framing::best_view(&loaded.objects, up);
@@ -223,7 +232,12 @@ fn of_geometry(inputs: &[PathBuf], args: &RenderArgs, stdin: &Stdin, console: &C
     camera::view(&file.camera, args)?;
     // The lights belong to the camera, wherever the flags have put it.
     let lights = surfel::scene::studio_lights(&file.camera);
-    file.lights = Some(if args.shadows { with_shadows(lights) } else { lights });
+    file.lights = match (&args.cameras, args.shadows) {
+        // One for all cameras, so that the scene stays as it is: the light along the view.
+        (Some(_), _) => None,
+        (None, true) => Some(with_shadows(lights)),
+        (None, false) => Some(lights),
+    };
     cull(&mut file, args);
     let beside = loaded.beside.iter().map(|path| absolute(path)).collect::<Result<_, _>>()?;
     let mut scene = surfel::scene::assemble(&file, loaded.objects)?;

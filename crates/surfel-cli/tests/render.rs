@@ -4,6 +4,7 @@ mod common;
 
 use common::{Folder, ball, cube, points, scene};
 use serde_json::Value;
+use std::fs;
 
 fn metadata(f: &Folder, name: &str, key: &str) -> Value {
     let planes = f.image(name);
@@ -325,4 +326,58 @@ fn gpu_backends_draw_what_the_cpu_draws() {
         assert_eq!(stats["backend"], backend);
         assert!(stats["passes"]["visibility"].is_number() || stats["passes"].as_object().unwrap().is_empty());
     }
+}
+
+/// Three cameras about the ball of splats, each of which sees it in the middle.
+fn transforms() -> String {
+    let camera = |name: &str, x: [f64; 3], y: [f64; 3], z: [f64; 3]| {
+        let row = |i: usize| [x[i], y[i], z[i], 4.0 * z[i]];
+        serde_json::json!({ "file_path": format!("images/{name}.jpg"),
+            "transform_matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]] })
+    };
+    let frames = [
+        camera("front", [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]),
+        camera("right", [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]),
+        camera("top", [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]),
+    ];
+    serde_json::json!({ "fl_x": 60.0, "cx": 24.0, "cy": 16.0, "w": 48, "h": 32, "frames": frames }).to_string()
+}
+
+#[test]
+fn cameras_of_another_program_give_an_image_each() {
+    let f = Folder::new("cameras");
+    f.write("a.ply", ball());
+    f.write("transforms.json", transforms());
+    fs::create_dir(f.path().join("out")).unwrap();
+    let run = f.run("a.ply --cameras transforms.json -o out/{name}.exr --stats").code(0);
+    assert_eq!(run.json()["frames"], 3);
+    assert_eq!(fs::read_dir(f.path().join("out")).unwrap().count(), 3);
+    let front = f.image("out/front.exr");
+    assert_eq!((front.width, front.height), (48, 32));
+    for name in ["front", "right", "top"] {
+        let depth = f.image(&format!("out/{name}.exr")).depth.unwrap();
+        // The ball has the radius 1 and stands 4 before every camera.
+        let middle = depth[16 * 48 + 24];
+        assert!((middle - 3.0).abs() < 0.05 && depth[0].is_infinite(), "{name}: {middle}");
+    }
+    // An image of one of them is drawn again by what it carries, and smaller images show the same.
+    f.run("again out/right.exr -o again.exr").code(0);
+    assert_eq!(f.image("again.exr").depth, f.image("out/right.exr").depth);
+    f.run("a.ply --cameras transforms.json -o small_{name}.png --size 24x16").code(0);
+    assert_eq!(f.image("small_top.png").width, 24);
+}
+
+#[test]
+fn cameras_that_cannot_be_used_are_refused() {
+    let f = Folder::new("bad-cameras");
+    f.write("a.ply", ball());
+    f.write("transforms.json", transforms());
+    f.run("a.ply --cameras transforms.json -o out.png").fails(2, "{name}");
+    f.run("a.ply --cameras transforms.json --view front -o {name}.png").code(2);
+    f.write("transforms.json", transforms().replace("right", "front"));
+    f.run("a.ply --cameras transforms.json -o {name}.png").fails(3, "two cameras have images called front");
+    f.write("transforms.json", transforms().replace("\"cx\"", "\"k1\":0.1,\"cx\""));
+    f.run("a.ply --cameras transforms.json -o {name}.png").fails(3, "colmap image_undistorter");
+    f.run("a.ply --cameras none.json -o {name}.png").fails(3, "none.json");
+    assert_eq!(f.names(), ["a.ply", "transforms.json"]);
 }

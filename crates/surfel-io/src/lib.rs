@@ -4,7 +4,7 @@
 //!   XYZ and PTS, Surfel's octrees.
 //! * [`save_splat_ply`]: a splat cloud, without loss; [`save_octree`]: an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), [`read_image`]: the planes of a frame.
-//! * [`scene_file`]: scene and camera files.
+//! * [`scene_file`]: scene and camera files; [`cameras`]: cameras of other programs.
 //! * [`atomic::write`]: any file, whole or not at all.
 //!
 //! Every reader takes hostile input: no panic, no endless loop, and no more memory than a small multiple of the
@@ -19,6 +19,7 @@
 
 mod ascii;
 pub mod atomic;
+pub mod cameras;
 mod color;
 mod columns;
 mod content;
