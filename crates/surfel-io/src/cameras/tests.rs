@@ -281,7 +281,10 @@ fn cameras_that_bend_rays_are_refused_with_what_to_run() {
     truth.agrees(&one(&file).camera(None).unwrap(), 0.0);
     folder.write("cameras.txt", "7 OPENCV_FISHEYE 640 480 1 1 1 1 0 0 0 0\n");
     assert!(read(&file).unwrap_err().to_string().contains("image_undistorter"));
-    let json = folder.write("t.json", r#"{"fl_x": 1, "cx": 1, "cy": 1, "k1": 0.2, "frames": [{"transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"#);
+    let identity = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
+    let frames = [serde_json::json!({ "transform_matrix": identity })];
+    let bent = serde_json::json!({ "fl_x": 1, "cx": 1, "cy": 1, "k1": 0.2, "frames": frames });
+    let json = folder.write("t.json", bent.to_string());
     assert!(read(&json).unwrap_err().to_string().contains("k1 = 0.2"));
 }
 
