@@ -1,20 +1,26 @@
 //! Lines, words and numbers of text formats, from bytes that may be anything.
 
 /// Splits bytes into lines at LF, CRLF or lone CR, and counts them from 1.
-#[cfg(any(feature = "obj", feature = "stl", feature = "points", test))]
+#[cfg(any(feature = "obj", feature = "off", feature = "pcd", feature = "points", feature = "stl", test))]
 pub(crate) struct Lines<'a> {
     rest: &'a [u8],
     number: usize,
 }
 
-#[cfg(any(feature = "obj", feature = "stl", feature = "points", test))]
+#[cfg(any(feature = "obj", feature = "off", feature = "pcd", feature = "points", feature = "stl", test))]
 impl<'a> Lines<'a> {
     pub(crate) fn new(bytes: &'a [u8]) -> Self {
         Self { rest: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), number: 0 }
     }
+
+    /// What comes after the lines that have been taken.
+    #[cfg(feature = "pcd")]
+    pub(crate) fn rest(&self) -> &'a [u8] {
+        self.rest
+    }
 }
 
-#[cfg(any(feature = "obj", feature = "stl", feature = "points", test))]
+#[cfg(any(feature = "obj", feature = "off", feature = "pcd", feature = "points", feature = "stl", test))]
 impl<'a> Iterator for Lines<'a> {
     type Item = (usize, &'a [u8]);
 
@@ -34,7 +40,7 @@ impl<'a> Iterator for Lines<'a> {
 }
 
 /// Words of a line, separated by blanks.
-#[cfg(any(feature = "obj", feature = "stl"))]
+#[cfg(any(feature = "obj", feature = "off", feature = "pcd", feature = "stl"))]
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty())
 }

@@ -62,17 +62,22 @@ pub(crate) fn positions(values: [ExtraValues; 3]) -> (DVec3, Column3) {
 
 /// Positions from text or from a transformation, where the digits beyond f32 mean something only if f32 is
 /// coarse at the points' distance from the origin.
-#[cfg(any(feature = "obj", feature = "points", feature = "gltf"))]
+#[cfg(any(feature = "gltf", feature = "obj", feature = "off"))]
 pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for p in points.iter().filter(|p| p.is_finite()) {
         (min, max) = (min.min(*p), max.max(*p));
     }
-    // At 32 times the extent f32 still resolves 1/500,000 of it.
-    if min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element() {
+    if f32_is_enough(min, max) {
         return (DVec3::ZERO, Column3::from_f32(points.iter().map(|p| p.as_vec3()).collect()));
     }
     Column3::with_origin(points)
+}
+
+/// True if f32 holds measured points between these: at 32 times the extent it still resolves 1/500,000 of it.
+#[cfg(any(feature = "gltf", feature = "npy", feature = "obj", feature = "off", feature = "pcd", feature = "points"))]
+pub(crate) fn f32_is_enough(min: DVec3, max: DVec3) -> bool {
+    min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element()
 }
 
 /// Stored colours as linear RGB: `uchar` and `ushort` are sRGB-encoded, floats are linear, other integers are
@@ -100,5 +105,31 @@ pub(crate) fn alphas(values: ExtraValues) -> Vec<f32> {
         ExtraValues::U16(v) => v.iter().map(|&a| f32::from(a) / 65_535.0).collect(),
         ExtraValues::F32(_) | ExtraValues::F64(_) => to_f32(values),
         other => to_f64(&other).iter().map(|a| (a / 255.0).clamp(0.0, 1.0) as f32).collect(),
+    }
+}
+
+/// The value of an IEEE 754 half.
+#[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd", feature = "points"))]
+pub(crate) fn f32_of_half(half: u16) -> f32 {
+    let magnitude = u32::from(half & 0x7fff);
+    let value = match magnitude >> 10 {
+        // Subnormals count in 2⁻²⁴.
+        0 => magnitude as f32 * f32::from_bits((127 - 24) << 23),
+        31 => f32::from_bits(0x7f80_0000 | (magnitude & 0x3ff) << 13),
+        _ => f32::from_bits((magnitude << 13) + ((127 - 15) << 23)),
+    };
+    if half >> 15 == 1 { -value } else { value }
+}
+
+#[cfg(all(test, feature = "exr", feature = "npy"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves_agree_with_the_crate_half() {
+        for bits in 0..=u16::MAX {
+            let (ours, theirs) = (f32_of_half(bits), half::f16::from_bits(bits).to_f32());
+            assert!(ours.to_bits() == theirs.to_bits() || ours.is_nan() && theirs.is_nan(), "{bits:#x}");
+        }
     }
 }

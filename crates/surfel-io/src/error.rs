@@ -186,6 +186,19 @@ pub(crate) fn quote(text: impl AsRef<[u8]>) -> String {
     format!("'{shown}'")
 }
 
+/// Names in a message, at most 24 of them.
+pub(crate) fn list<S: AsRef<str>>(names: &[S]) -> String {
+    if names.is_empty() {
+        return "nothing".into();
+    }
+    let mut shown: Vec<String> =
+        names.iter().take(24).map(|n| quote(n.as_ref()).trim_matches('\'').to_owned()).collect();
+    if names.len() > shown.len() {
+        shown.push(format!("… ({} in all)", names.len()));
+    }
+    shown.join(" ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

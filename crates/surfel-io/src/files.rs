@@ -11,6 +11,19 @@ use std::path::{Path, PathBuf};
 pub(crate) const MAX_BYTES: u64 = 64 << 30;
 /// Most that is taken from something without a size, such as a pipe, in bytes.
 const MAX_STREAM_BYTES: u64 = 1 << 30;
+/// Bytes that any compressed file may have, and times its own size beyond these.
+const UNPACKED_BYTES: u64 = 64 << 20;
+const UNPACKED_TIMES: u64 = 64;
+
+/// Most bytes that are made of a compressed file of `bytes` bytes: real ones come nowhere near.
+pub(crate) fn most_unpacked(bytes: usize) -> u64 {
+    UNPACKED_BYTES + UNPACKED_TIMES * bytes as u64
+}
+
+/// What [`most_unpacked`] is, in words.
+pub(crate) fn most_unpacked_in_words() -> String {
+    format!("at most {} MiB and {UNPACKED_TIMES} times the file's size", UNPACKED_BYTES >> 20)
+}
 
 /// The whole of a file of at most `limit` bytes, or of a pipe.
 pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {

@@ -23,12 +23,88 @@ pub enum Format {
     Xyz,
     /// Leica PTS: a count, then x y z intensity r g b.
     Pts,
+    /// Leica PTX: scans with poses.
+    Ptx,
+    /// PCD of the Point Cloud Library.
+    Pcd,
+    /// An array of NumPy.
+    Npy,
+    /// Arrays of NumPy with names.
+    Npz,
+    /// Object File Format: a mesh or points as text.
+    Off,
+    /// A mesh or points compressed by Draco.
+    Drc,
+    /// Gaussian splats in rows of 32 bytes.
+    Splat,
+    /// Gaussian splats compressed as SPZ.
+    Spz,
+    /// Gaussian splats compressed as SOG.
+    Sog,
     /// Surfel's own octree of splats and polygons.
     Surfel,
 }
 
 /// What a file that is in none of the formats can be instead.
-pub(crate) const KNOWN_FORMATS: &str = "PLY, OBJ, STL, glTF, GLB, XYZ (TXT, CSV) or PTS";
+pub(crate) const KNOWN_FORMATS: &str =
+    "PLY, OBJ, OFF, STL, glTF, GLB, DRC, PCD, XYZ (TXT, CSV), PTS, PTX, NPY, NPZ, SPLAT, SPZ or SOG";
+
+/// First bytes of files that are not read: their names, and what to do.
+const UNREAD: &[(&[u8], &str, &str)] = &[
+    (b"version https://git-lfs", "is a Git LFS pointer and not the file itself", "fetch the file: git lfs pull"),
+    (b"<!DOCTYPE", "is a web page", PAGE),
+    (b"<!doctype", "is a web page", PAGE),
+    (b"<html", "is a web page", PAGE),
+    (b"<?xml", "is an XML file", "export it as PLY, GLB or OBJ"),
+    (b"LASF", "is a LAS/LAZ file", CLOUD),
+    (b"ASTM-E57", "is an E57 file", CLOUD),
+    (b"CCB2", "is a BIN file of CloudCompare", "save it as PLY in CloudCompare"),
+    (b"pnts", "is a tile of 3D Tiles", CLOUD),
+    (b"b3dm", "is a tile of 3D Tiles", "export it as GLB"),
+    (b"#ROSBAG", "is a bag of ROS", "export its point clouds as PCD"),
+    (b"\x89MCAP", "is an MCAP recording", "export its point clouds as PCD"),
+    (b"Kaydara FBX", "is an FBX file", MESH),
+    (b"BLENDER", "is a Blender file", MESH),
+    (b"PXR-USDC", "is a USD file", MESH),
+    (b"#usda", "is a USD file", MESH),
+    (b"#VRML", "is a VRML file", MESH),
+    (b"ISO-10303-21", "is a STEP file", "export a mesh of it as STL or GLB, e.g. with FreeCAD"),
+    (b"# vtk", "is a VTK file", "save it as PLY, e.g. in ParaView"),
+    (b"<VTKFile", "is a VTK file", "save it as PLY, e.g. in ParaView"),
+    (b"\x89HDF", "is an HDF5 file", ARRAY),
+    (b"MATLAB 5.0", "is a MAT file of MATLAB", ARRAY),
+    (b"PAR1", "is a Parquet file", ARRAY),
+    (b"\x80\x04\x95", "is a pickle of Python", ARRAY),
+    (b"BZh", "is compressed by bzip2", UNPACK),
+    (b"\xfd7zXZ", "is compressed by xz", UNPACK),
+    (b"\x28\xb5\x2f\xfd", "is compressed by Zstandard", UNPACK),
+    (b"7z\xbc\xaf", "is a 7z archive", UNPACK),
+    (b"Rar!", "is a RAR archive", UNPACK),
+    (b"\x89PNG", "is a PNG image, which can't be loaded as geometry", IMAGE),
+    (b"\xff\xd8\xff", "is a JPEG image, which can't be loaded as geometry", IMAGE),
+    (b"\x76\x2f\x31\x01", "is an OpenEXR image, which can't be loaded as geometry", IMAGE),
+    (b"II*\0", "is a TIFF image, which can't be loaded as geometry", IMAGE),
+    (b"%PDF", "is a PDF file", "name a file of points, splats or a mesh"),
+];
+const PAGE: &str = "download the file again: a server's answer was saved in its place";
+const CLOUD: &str = "convert it to PLY first, e.g. with CloudCompare or PDAL";
+const MESH: &str = "export it as GLB or OBJ, e.g. with Blender";
+const ARRAY: &str = "save its points from Python: numpy.save('points.npy', points)";
+const UNPACK: &str = "unpack it first";
+const IMAGE: &str = "name a file of points, splats or a mesh";
+
+/// Extensions of files that are not read and have no signature.
+const UNREAD_EXTENSIONS: &[(&str, &str, &str)] = &[
+    ("ksplat", "is a KSPLAT file", "convert it to PLY first, e.g. with splat-transform"),
+    ("rcp", "is a ReCap project", "export it as E57 or PTS in ReCap, and that as PLY"),
+    ("rcs", "is a ReCap scan", "export it as E57 or PTS in ReCap, and that as PLY"),
+    ("fls", "is a scan of FARO", "export it as PTX or XYZ in SCENE"),
+    ("3ds", "is a 3DS file", MESH),
+    ("dae", "is a COLLADA file", MESH),
+    ("dxf", "is a DXF file", MESH),
+    ("dwg", "is a DWG file", MESH),
+    ("3mf", "is a 3MF file", "export it as STL, e.g. with the program that made it"),
+];
 
 /// First bytes of a `.surfel` file. The line end shows a file that was sent as text.
 pub(crate) const OCTREE_SIGNATURE: &[u8; 8] = b"SURFEL\r\n";
@@ -44,20 +120,41 @@ impl Format {
             Self::Glb => "GLB",
             Self::Xyz => "XYZ",
             Self::Pts => "PTS",
+            Self::Ptx => "PTX",
+            Self::Pcd => "PCD",
+            Self::Npy => "NPY",
+            Self::Npz => "NPZ",
+            Self::Off => "OFF",
+            Self::Drc => "Draco",
+            Self::Splat => "SPLAT",
+            Self::Spz => "SPZ",
+            Self::Sog => "SOG",
             Self::Surfel => "Surfel octree",
         }
     }
 
-    /// By a file name's extension, in either case.
+    /// By a file name's extension, in either case; `.gz` after it doesn't count.
     pub fn from_extension(path: &Path) -> Option<Self> {
-        Some(match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+        if extension(path)? == "gz" {
+            return Self::from_extension(Path::new(path.file_stem()?));
+        }
+        Some(match extension(path)?.as_str() {
             "ply" => Self::Ply,
             "obj" => Self::Obj,
             "stl" => Self::Stl,
             "gltf" => Self::Gltf,
             "glb" => Self::Glb,
-            "xyz" | "txt" | "csv" | "asc" | "xyzrgb" | "xyzn" => Self::Xyz,
+            "xyz" | "txt" | "csv" | "asc" | "xyzrgb" | "xyzn" | "neu" | "pwn" => Self::Xyz,
             "pts" => Self::Pts,
+            "ptx" => Self::Ptx,
+            "pcd" => Self::Pcd,
+            "npy" => Self::Npy,
+            "npz" => Self::Npz,
+            "off" | "coff" | "noff" | "cnoff" => Self::Off,
+            "drc" => Self::Drc,
+            "splat" => Self::Splat,
+            "spz" => Self::Spz,
+            "sog" => Self::Sog,
             "surfel" => Self::Surfel,
             _ => return None,
         })
@@ -68,8 +165,11 @@ impl Format {
     pub(crate) fn default_up(self, holds_gaussians: bool) -> Up {
         match self {
             Self::Ply if holds_gaussians => Up::MinusY,
-            Self::Ply | Self::Obj | Self::Gltf | Self::Glb | Self::Surfel => Up::PlusY,
-            Self::Stl | Self::Xyz | Self::Pts => Up::PlusZ,
+            Self::Splat | Self::Sog => Up::MinusY,
+            Self::Ply | Self::Obj | Self::Off | Self::Gltf | Self::Glb | Self::Drc | Self::Spz | Self::Surfel => {
+                Up::PlusY
+            }
+            Self::Stl | Self::Xyz | Self::Pts | Self::Ptx | Self::Pcd | Self::Npy | Self::Npz => Up::PlusZ,
         }
     }
 
@@ -78,33 +178,69 @@ impl Format {
     /// # Errors
     /// [`Problem`] if they are those of a format that isn't geometry, or if a `.surfel` file lacks its own.
     pub(crate) fn from_signature(bytes: &[u8], hint: Option<Self>) -> Result<Option<Self>, Problem> {
-        for (magic, name) in [
-            (&b"LASF"[..], "LAS/LAZ"),
-            (b"ASTM-E57", "E57"),
-            (b"# .PCD", "PCD"),
-            (b"PK\x03\x04", "ZIP"),
-            (b"\x1f\x8b", "GZIP"),
-            (b"\x89PNG", "PNG image"),
-            (b"\x76\x2f\x31\x01", "OpenEXR image"),
-        ] {
-            if bytes.starts_with(magic) {
-                let problem = Problem::new(format!("is a {name} file, which can't be loaded as geometry"));
-                return Err(problem.expected(KNOWN_FORMATS).help("convert it to PLY first"));
-            }
+        let head = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
+        if let Some((_, what, help)) =
+            UNREAD.iter().find(|(magic, ..)| bytes.starts_with(magic) || head.starts_with(magic))
+        {
+            return Err(Problem::new(*what).expected(KNOWN_FORMATS).help(*help));
         }
-        if bytes.starts_with(OCTREE_SIGNATURE) {
-            return Ok(Some(Self::Surfel));
+        if bytes.get(257..262) == Some(b"ustar") {
+            return Err(Problem::new("is a TAR archive").expected(KNOWN_FORMATS).help(UNPACK));
+        }
+        let certain: [(&[u8], Self); 6] = [
+            (b"# .PCD", Self::Pcd),
+            (b"\x93NUMPY", Self::Npy),
+            (b"NGSP", Self::Spz),
+            (b"DRACO", Self::Drc),
+            (b"glTF", Self::Glb),
+            (OCTREE_SIGNATURE, Self::Surfel),
+        ];
+        if let Some((_, format)) = certain.iter().find(|(magic, _)| bytes.starts_with(magic)) {
+            return Ok(Some(*format));
+        }
+        if bytes.starts_with(b"PK\x03\x04") {
+            return zipped(bytes).map(Some);
         }
         if hint == Some(Self::Surfel) {
             let found = quote(&bytes[..bytes.len().min(12)]);
             let problem = Problem::new(format!("is no octree of surfel: it starts with {found}"));
             return Err(problem.expected("the signature SURFEL").help("the file is damaged, or named wrong"));
         }
-        if bytes.starts_with(b"glTF") {
-            return Ok(Some(Self::Glb));
-        }
         Ok((bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r")).then_some(Self::Ply))
     }
+}
+
+fn extension(path: &Path) -> Option<String> {
+    Some(path.extension()?.to_str()?.to_ascii_lowercase())
+}
+
+/// What a file is that isn't recognised by its content, if its name says it.
+pub(crate) fn unread_by_name(path: &Path) -> Option<Problem> {
+    let extension = extension(path)?;
+    let (_, what, help) = UNREAD_EXTENSIONS.iter().find(|(e, ..)| *e == extension)?;
+    Some(Problem::new(*what).expected(KNOWN_FORMATS).help(*help))
+}
+
+/// What a ZIP file is, by the names of its members. They stand in clear before each and in the directory at the end.
+fn zipped(bytes: &[u8]) -> Result<Format, Problem> {
+    let ends = [&bytes[..bytes.len().min(1 << 16)], &bytes[bytes.len().saturating_sub(1 << 16)..]];
+    let has = |name: &[u8]| ends.iter().any(|end| end.windows(name.len()).any(|w| w == name));
+    if has(b"meta.json") {
+        return Ok(Format::Sog);
+    }
+    if has(b".npy") {
+        return Ok(Format::Npz);
+    }
+    let (what, help) = if has(b"3dmodel.model") {
+        ("is a 3MF file", "export it as STL, e.g. with the program that made it")
+    } else if has(b"data.pkl") {
+        ("is a file of PyTorch", ARRAY)
+    } else if has(b"doc.kml") {
+        ("is a KMZ file", MESH)
+    } else {
+        ("is a ZIP archive", UNPACK)
+    };
+    Err(Problem::new(what).expected(KNOWN_FORMATS).help(help))
 }
 
 impl fmt::Display for Format {

@@ -1,19 +1,21 @@
 //! Files of Surfel: splats, points and meshes in; images and splats out; scene files both ways.
 //!
-//! * [`load`]: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, STL, glTF and GLB,
-//!   XYZ and PTS, Surfel's octrees.
+//! * [`load`]: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, OFF, STL, glTF and GLB,
+//!   Draco, PCD, XYZ, PTS and PTX, NumPy's arrays, Gaussian splats as SPLAT, SPZ and SOG, Surfel's octrees; and all of
+//!   these within gzip.
 //! * [`save_splat_ply`]: a splat cloud, without loss; [`save_octree`]: an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), [`read_image`]: the planes of a frame.
 //! * [`scene_file`]: scene and camera files; [`cameras`]: cameras of other programs.
 //! * [`atomic::write`]: any file, whole or not at all.
 //!
 //! Every reader takes hostile input: no panic, no endless loop, and no more memory than a small multiple of the
-//! file's size (images, compressed glTF meshes and glTF instances: fixed limits). Each function `save_…` has a twin
-//! `write_…` for sinks.
+//! file's size (images, compressed files and meshes, and glTF instances: fixed limits). Each function `save_…` has a
+//! twin `write_…` for sinks.
 //!
-//! Each family of formats is a Cargo feature: `obj`, `stl`, `points`, `gltf`, `draco`, `meshopt`, `jpeg`, `webp`,
-//! `exr`; all are on by default. Without them PLY, octrees, PNG and scene files remain, and a file of a format that
-//! isn't built is refused with the name of its feature.
+//! Each family of formats is a Cargo feature: `obj`, `off`, `stl`, `points`, `pcd`, `npy`, `gltf`, `draco`, `meshopt`,
+//! `gaussians`, `jpeg`, `webp`, `exr`; all are on by default, `zstd` (SPZ of version 4) is not. Without them PLY,
+//! octrees, PNG and scene files remain, and a file of a format that isn't built is refused with the name of its
+//! feature.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -24,25 +26,46 @@ mod color;
 mod columns;
 mod content;
 mod context;
+#[cfg(feature = "draco")]
+mod drc;
 mod error;
 mod files;
 mod format;
 mod gaussians;
 #[cfg(feature = "gltf")]
 mod gltf;
+mod gzip;
 mod images;
 mod load;
 #[cfg(any(feature = "obj", feature = "gltf"))]
 mod materials;
+#[cfg(feature = "npy")]
+mod npy;
 #[cfg(feature = "obj")]
 mod obj;
 mod octree;
+#[cfg(feature = "off")]
+mod off;
+#[cfg(feature = "pcd")]
+mod pcd;
 mod ply;
+#[cfg(any(feature = "npy", feature = "pcd", feature = "points"))]
+mod point_columns;
 #[cfg(feature = "points")]
 mod points;
 pub mod scene_file;
+#[cfg(feature = "gaussians")]
+mod sog;
+#[cfg(feature = "gaussians")]
+mod splat_rows;
+#[cfg(feature = "gaussians")]
+mod spz;
 #[cfg(feature = "stl")]
 mod stl;
+#[cfg(any(feature = "npy", feature = "pcd", feature = "points"))]
+mod strided;
+#[cfg(any(feature = "gaussians", feature = "npy"))]
+mod zip;
 
 pub use content::{Content, LoadOptions};
 pub use error::{IoError, Location, Problem};

@@ -2,18 +2,29 @@
 
 use crate::content::{Content, LoadOptions};
 use crate::context::Context;
+#[cfg(feature = "draco")]
+use crate::drc;
 use crate::error::{Fault, IoError, Problem, quote};
 use crate::files::{self, Siblings};
-use crate::format::{Format, KNOWN_FORMATS};
+use crate::format::{self, Format, KNOWN_FORMATS};
 #[cfg(feature = "gltf")]
 use crate::gltf;
+use crate::gzip;
+#[cfg(feature = "npy")]
+use crate::npy;
 #[cfg(feature = "obj")]
 use crate::obj;
+#[cfg(feature = "off")]
+use crate::off;
+#[cfg(feature = "pcd")]
+use crate::pcd;
 #[cfg(feature = "points")]
 use crate::points;
 #[cfg(feature = "stl")]
 use crate::stl;
 use crate::{octree, ply};
+#[cfg(feature = "gaussians")]
+use crate::{sog, splat_rows, spz};
 use std::path::{Path, PathBuf};
 use surfel_model::Up;
 
@@ -24,8 +35,8 @@ pub struct Loaded {
     pub content: Content,
     /// The format it was in.
     pub format: Format,
-    /// Which axis is up: as the file says, else the format's default. glTF, OBJ and PLY: +y. STL, XYZ and PTS:
-    /// +z. Gaussian-splat PLY: −y (their cameras look along +z with y down); as glTF: +y.
+    /// Which axis is up: as the file says, else the format's default: +z for STL and for formats of points, −y for
+    /// Gaussian-splat PLY, SPLAT and SOG (their cameras look along +z with y down), +y for all others.
     pub up: Up,
     /// The splats are Gaussians.
     pub gaussian: bool,
@@ -70,7 +81,9 @@ fn run(
         if bytes.is_empty() {
             return Err(Problem::new("is empty").into());
         }
-        let format = recognise(bytes, hint)?;
+        let unpacked = if gzip::is_gzip(bytes) { Some(gzip::decompress(bytes)?) } else { None };
+        let bytes = unpacked.as_deref().unwrap_or(bytes);
+        let format = recognise(bytes, hint, name)?;
         Ok((format, read_as(format, bytes, &mut context)?))
     };
     let (format, content) = read().map_err(|fault: Fault| fault.of(name))?;
@@ -81,17 +94,35 @@ fn run(
 }
 
 /// By the file's first bytes where they say it for certain, else by `hint`, else by a look at the content.
-fn recognise(bytes: &[u8], hint: Option<Format>) -> Result<Format, Problem> {
-    if let Some(format) = Format::from_signature(bytes, hint)?.or(hint) {
+fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path) -> Result<Format, Problem> {
+    if let Some(format) = Format::from_signature(bytes, hint)? {
         return Ok(format);
     }
     let head = &bytes[..bytes.len().min(4096)];
+    #[cfg(feature = "pcd")]
+    if pcd::looks_like(head) {
+        return Ok(Format::Pcd);
+    }
+    #[cfg(feature = "points")]
+    if points::looks_like_ptx(head) {
+        return Ok(Format::Ptx);
+    }
+    if let Some(format) = hint {
+        return Ok(format);
+    }
+    if let Some(problem) = format::unread_by_name(name) {
+        return Err(problem);
+    }
     #[cfg(feature = "stl")]
     if stl::looks_like(bytes) {
         return Ok(Format::Stl);
     }
     if head.trim_ascii_start().starts_with(b"{") {
         return Ok(Format::Gltf);
+    }
+    #[cfg(feature = "off")]
+    if off::looks_like(head) {
+        return Ok(Format::Off);
     }
     #[cfg(feature = "obj")]
     if obj::looks_like(head) {
@@ -117,6 +148,24 @@ fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Co
         Format::Gltf | Format::Glb => gltf::read(bytes, context),
         #[cfg(feature = "points")]
         Format::Xyz | Format::Pts => points::read(bytes, format == Format::Pts, context),
+        #[cfg(feature = "points")]
+        Format::Ptx => points::read_ptx(bytes, context),
+        #[cfg(feature = "pcd")]
+        Format::Pcd => pcd::read(bytes, context),
+        #[cfg(feature = "npy")]
+        Format::Npy => npy::read(bytes, context),
+        #[cfg(feature = "npy")]
+        Format::Npz => npy::read_archive(bytes, context),
+        #[cfg(feature = "off")]
+        Format::Off => off::read(bytes, context),
+        #[cfg(feature = "draco")]
+        Format::Drc => drc::read(bytes, context),
+        #[cfg(feature = "gaussians")]
+        Format::Splat => splat_rows::read(bytes, context),
+        #[cfg(feature = "gaussians")]
+        Format::Spz => spz::read(bytes, context),
+        #[cfg(feature = "gaussians")]
+        Format::Sog => sog::read(bytes, context),
         #[cfg(not(feature = "obj"))]
         Format::Obj => Err(Problem::not_built(format.name(), "obj").into()),
         #[cfg(not(feature = "stl"))]
@@ -124,6 +173,16 @@ fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Co
         #[cfg(not(feature = "gltf"))]
         Format::Gltf | Format::Glb => Err(Problem::not_built(format.name(), "gltf").into()),
         #[cfg(not(feature = "points"))]
-        Format::Xyz | Format::Pts => Err(Problem::not_built(format.name(), "points").into()),
+        Format::Xyz | Format::Pts | Format::Ptx => Err(Problem::not_built(format.name(), "points").into()),
+        #[cfg(not(feature = "pcd"))]
+        Format::Pcd => Err(Problem::not_built(format.name(), "pcd").into()),
+        #[cfg(not(feature = "npy"))]
+        Format::Npy | Format::Npz => Err(Problem::not_built(format.name(), "npy").into()),
+        #[cfg(not(feature = "off"))]
+        Format::Off => Err(Problem::not_built(format.name(), "off").into()),
+        #[cfg(not(feature = "draco"))]
+        Format::Drc => Err(Problem::not_built(format.name(), "draco").into()),
+        #[cfg(not(feature = "gaussians"))]
+        Format::Splat | Format::Spz | Format::Sog => Err(Problem::not_built(format.name(), "gaussians").into()),
     }
 }

@@ -1,38 +1,75 @@
-//! Points as columns of numbers: XYZ, TXT, CSV, ASC and PTS.
-//!
-//! Colours of these formats are what a program displayed, so they are sRGB-encoded whether they count to 255,
-//! to 65535 or to 1.
+//! Points as columns of printed numbers: XYZ, TXT, CSV, ASC and PTS; and PTX, whose scans have poses.
 
 use crate::ascii::{Lines, number};
-use crate::color::linear_of_unit;
-use crate::columns::measured_positions;
 use crate::content::Content;
 use crate::context::Context;
-use crate::error::{Fault, Location, Problem, quote};
-use glam::{DVec3, Vec3};
-use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
+use crate::error::{Fault, Location, Problem, list, quote};
+use crate::point_columns::{self, Named, Roles, Source};
+use crate::strided::{NumberType, Strided};
 
 /// Most columns of a file.
 const MAX_COLUMNS: usize = 64;
+/// Lines by which a decimal comma is told.
+const JUDGED_LINES: usize = 100;
 
-/// What a column holds.
-#[derive(Clone, Debug, PartialEq)]
-enum Role {
-    Position(usize),
-    Color(usize),
-    Normal(usize),
-    Alpha,
-    Extra(String),
+/// How a line is divided and its numbers are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Dialect {
+    /// Blanks, commas and semicolons divide.
+    Points,
+    /// Blanks and semicolons divide; a comma is a decimal point.
+    DecimalCommas,
 }
 
-/// True if `head`, the start of a file, has a line of at least three numbers before anything else.
+impl Dialect {
+    /// Decimal commas are believed where no line makes sense without them: all words that blanks and semicolons leave
+    /// are numbers, three of them at least, and a comma has digits on either side.
+    fn of(head: &[u8]) -> Self {
+        let mut with_comma = false;
+        for (_, line) in Lines::new(head).filter(|(_, line)| !is_comment(line)).take(JUDGED_LINES) {
+            let mut words = Self::DecimalCommas.words(line).peekable();
+            if words.peek().is_some_and(|w| w.first().is_some_and(|b| b.is_ascii_alphabetic() || *b == b'"')) {
+                continue;
+            }
+            let (mut count, mut numbers) = (0, true);
+            for word in words {
+                count += 1;
+                with_comma |= word.contains(&b',');
+                numbers &= Self::DecimalCommas.number(word).is_some();
+            }
+            // A count stands alone.
+            if !numbers || count == 2 || count == 0 {
+                return Self::Points;
+            }
+        }
+        if with_comma { Self::DecimalCommas } else { Self::Points }
+    }
+
+    fn words(self, line: &[u8]) -> impl Iterator<Item = &[u8]> {
+        let commas = self == Self::Points;
+        line.split(move |&b| b.is_ascii_whitespace() || b == b';' || commas && b == b',').filter(|w| !w.is_empty())
+    }
+
+    fn number(self, word: &[u8]) -> Option<f64> {
+        let Some(comma) = word.iter().position(|&b| b == b',').filter(|_| self == Self::DecimalCommas) else {
+            return number(word);
+        };
+        let (whole, fraction) = (&word[..comma], &word[comma + 1..]);
+        let digits = whole.last().is_some_and(u8::is_ascii_digit) && fraction.first().is_some_and(u8::is_ascii_digit);
+        number(&[whole, b".", fraction].concat()).filter(|_| digits)
+    }
+}
+
+/// True if `head`, the start of a file, has a line of at least three numbers before anything else but names and a
+/// count.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
-    let mut lines = Lines::new(head).filter(|(_, line)| !is_comment(line));
-    lines.next().is_some_and(|(_, line)| fields(line).count() >= 3 && fields(line).all(|w| number(w).is_some()))
-}
-
-fn fields(line: &[u8]) -> impl Iterator<Item = &[u8]> {
-    line.split(|b| b.is_ascii_whitespace() || matches!(b, b',' | b';')).filter(|w| !w.is_empty())
+    let dialect = Dialect::of(head);
+    let mut lines = Lines::new(head).map(|(_, line)| line).filter(|line| !is_comment(line));
+    let is_row =
+        |line: &[u8]| dialect.words(line).count() >= 3 && dialect.words(line).all(|w| dialect.number(w).is_some());
+    let is_count = |line: &[u8]| std::str::from_utf8(line.trim_ascii()).is_ok_and(|n| n.parse::<u64>().is_ok());
+    let is_head = |line: &[u8]| is_count(line) || names(line, Dialect::Points).is_some();
+    lines.next().is_some_and(|line| is_row(line) || is_head(line) && lines.next().is_some_and(is_row))
 }
 
 fn is_comment(line: &[u8]) -> bool {
@@ -40,17 +77,44 @@ fn is_comment(line: &[u8]) -> bool {
     line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//")
 }
 
+/// Numbers in rows of the same width, each as the 8 bytes of an `f64`.
+#[derive(Default)]
+struct Table {
+    data: Vec<u8>,
+    width: usize,
+}
+
+impl Table {
+    fn push(&mut self, row: &[f64]) {
+        row.iter().for_each(|v| self.data.extend(v.to_le_bytes()));
+    }
+
+    fn rows(&self) -> usize {
+        self.data.len() / (8 * self.width.max(1))
+    }
+
+    fn columns(&self, names: Option<Vec<String>>) -> Vec<Named<'_>> {
+        let mut names = names.unwrap_or_default();
+        names.resize(self.width, String::new());
+        let (stride, rows) = (8 * self.width, self.rows());
+        let column = |i: usize| Strided::new(&self.data, 8 * i, stride, rows, NumberType::F64, false);
+        names.into_iter().enumerate().filter_map(|(i, name)| Some(Named { name, values: column(i)? })).collect()
+    }
+}
+
 pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result<Content, Fault> {
+    let dialect = Dialect::of(&bytes[..bytes.len().min(1 << 20)]);
     let mut comments = Vec::new();
-    let mut header = None;
-    let mut values: Vec<f64> = Vec::new();
-    let mut width = 0;
+    let (mut header, mut counted) = (None, 0_u64);
+    let mut table = Table::default();
     let mut row: Vec<f64> = Vec::with_capacity(MAX_COLUMNS);
     for (line_number, line) in Lines::new(bytes) {
         if is_comment(line) {
-            if values.is_empty() && comments.len() < 1000 {
+            if table.width == 0 && comments.len() < 1000 {
                 let text = String::from_utf8_lossy(line.trim_ascii());
                 let text = text.trim_start_matches(['#', '/']).trim();
+                // The last comment before the points that names columns, names theirs.
+                header = names(text.as_bytes(), dialect).or(header);
                 if !text.is_empty() {
                     comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
                 }
@@ -60,8 +124,8 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
         let at = Location::Line(line_number);
         row.clear();
         let mut bad = None;
-        for word in fields(line) {
-            match number(word) {
+        for word in dialect.words(line) {
+            match dialect.number(word) {
                 Some(value) if row.len() < MAX_COLUMNS => row.push(value),
                 Some(_) => return Err(Problem::new(format!("more than {MAX_COLUMNS} columns")).at(at).into()),
                 None => {
@@ -71,8 +135,8 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
             }
         }
         if let Some(word) = bad {
-            if width == 0 && header.is_none() {
-                header = Some(header_roles(line).ok_or_else(|| {
+            if table.width == 0 {
+                header = Some(names(line, dialect).ok_or_else(|| {
                     let found = format!("found {} where points were expected", quote(word));
                     Problem::new(found).at(at).expected("x y z [intensity] [r g b] [nx ny nz], as numbers")
                 })?);
@@ -81,148 +145,161 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
             return Err(Problem::new(format!("found {}", quote(word))).at(at).expected("a number").into());
         }
         // A PTS file has the number of points before each scan.
-        if row.len() == 1 && (pts || width == 0) {
+        if row.len() == 1 && (pts || table.width == 0) {
+            counted = counted.saturating_add(row[0].max(0.0) as u64);
             continue;
         }
-        if width == 0 {
-            width = row.len();
-            if width < 3 {
-                return Err(Problem::new(format!("found {width} numbers")).at(at).expected("at least x y z").into());
+        if table.width == 0 {
+            table.width = row.len();
+            if table.width < 3 {
+                let problem = Problem::new(format!("found {} numbers", table.width)).at(at);
+                return Err(problem.expected("at least x y z").into());
             }
         }
-        if row.len() != width {
-            let what = format!("found {} numbers", row.len());
-            return Err(Problem::new(what).at(at).expected(format!("{width}, as in the lines before")).into());
+        if row.len() != table.width {
+            let mut problem = Problem::new(format!("found {} numbers", row.len())).at(at);
+            if dialect == Dialect::Points && line.contains(&b',') {
+                problem =
+                    problem.help("if its commas are decimal points, write points instead: they also divide columns");
+            }
+            return Err(problem.expected(format!("{}, as in the lines before", table.width)).into());
         }
-        values.extend_from_slice(&row);
+        table.push(&row);
     }
-    if width == 0 {
+    if table.width == 0 {
         return Err(Problem::new("holds no point").expected("lines of x y z [intensity] [r g b] [nx ny nz]").into());
     }
-    let header = header.filter(|roles| roles.len() == width);
-    let roles = header.unwrap_or_else(|| guess_roles(&values, width));
-    build(&values, width, &roles, comments, context)
+    if dialect == Dialect::DecimalCommas {
+        context.note("took commas as decimal points: blanks or semicolons divide the columns".into());
+    }
+    if counted > 0 && counted != table.rows() as u64 {
+        context.note(format!("the file says that it has {counted} points, and has {}", table.rows()));
+    }
+    let named = header.as_ref().map(Vec::len);
+    let header = header.filter(|names: &Vec<String>| names.len() == table.width);
+    let roles = header.as_ref().and_then(|names| Roles::by_name(names.iter().map(String::as_str)));
+    let mut columns = table.columns(header);
+    let roles = roles.unwrap_or_else(|| {
+        columns.iter_mut().for_each(|c| c.name.clear());
+        let roles = Roles::by_content(&mut columns);
+        if table.width > 3 {
+            let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
+            let why = named.map_or_else(|| "no first line names them".into(), |n| format!("the line of names has {n}"));
+            context.note(format!("took the columns as {}: {why}", list(&names)));
+        }
+        roles
+    });
+    point_columns::build(columns, &roles, Source::Text, comments, context)
 }
 
-/// Roles by a first line of names, such as `x,y,z,red,green,blue`; `None` if it names no position.
-fn header_roles(line: &[u8]) -> Option<Vec<Role>> {
-    let names: Vec<String> = fields(line)
-        .take(MAX_COLUMNS + 1)
-        .map(|w| String::from_utf8_lossy(w).trim_matches('"').to_ascii_lowercase())
-        .collect();
-    let roles: Vec<Role> = names
-        .into_iter()
-        .map(|name| match name.as_str() {
-            "x" => Role::Position(0),
-            "y" => Role::Position(1),
-            "z" => Role::Position(2),
-            "r" | "red" => Role::Color(0),
-            "g" | "green" => Role::Color(1),
-            "b" | "blue" => Role::Color(2),
-            "a" | "alpha" => Role::Alpha,
-            "nx" | "normal_x" | "normalx" => Role::Normal(0),
-            "ny" | "normal_y" | "normaly" => Role::Normal(1),
-            "nz" | "normal_z" | "normalz" => Role::Normal(2),
-            _ => Role::Extra(name.chars().filter(|c| !c.is_control()).take(60).collect()),
-        })
-        .collect();
-    let complete = |role: fn(usize) -> Role| {
-        let counts = [0, 1, 2].map(|i| roles.iter().filter(|r| **r == role(i)).count());
-        (counts == [1; 3], counts == [0; 3])
+/// The names of columns that a line gives, if these include a position.
+fn names(line: &[u8], dialect: Dialect) -> Option<Vec<String>> {
+    let text = |w: &[u8]| String::from_utf8_lossy(w).trim_matches(|c| matches!(c, '"' | '/' | '#')).to_owned();
+    // Where commas, semicolons or tabs divide, a name may hold blanks.
+    let of = |divides: &dyn Fn(u8) -> bool| {
+        let words = line.trim_ascii().split(|&b| divides(b)).map(|w| text(w.trim_ascii()));
+        let words = words.map(|w| if w.eq_ignore_ascii_case("i") { "intensity".to_owned() } else { w });
+        let found: Vec<String> = words.filter(|w| !w.is_empty()).take(MAX_COLUMNS + 1).collect();
+        Roles::by_name(found.iter().map(String::as_str)).map(|_| found)
     };
-    let (color, normal) = (complete(Role::Color), complete(Role::Normal));
-    let alphas = roles.iter().filter(|r| **r == Role::Alpha).count();
-    let ok = complete(Role::Position).0 && (color.0 || color.1) && (normal.0 || normal.1) && alphas <= 1;
-    ok.then_some(roles)
+    let commas = dialect == Dialect::Points;
+    of(&|b| matches!(b, b';' | b'\t') || commas && b == b',')
+        .or_else(|| of(&|b| matches!(b, b',' | b';') || b.is_ascii_whitespace()))
 }
 
-/// Roles by the number of columns and what is in them: x y z, then an intensity if one is left over, then
-/// triples that are normals if they have unit length, else colours.
-fn guess_roles(values: &[f64], width: usize) -> Vec<Role> {
-    let mut roles: Vec<Role> = (0..3).map(Role::Position).collect();
-    let extra = |column: usize| Role::Extra(format!("column_{}", column + 1));
-    if width % 3 == 1 {
-        roles.push(Role::Extra("intensity".into()));
-    }
-    if width % 3 != 2 {
-        let (mut colors, mut normals) = (false, false);
-        while roles.len() + 3 <= width {
-            let start = roles.len();
-            let (unit, color) = triple_kind(values, width, start);
-            if unit && !normals {
-                normals = true;
-                roles.extend((0..3).map(Role::Normal));
-            } else if color && !colors {
-                colors = true;
-                roles.extend((0..3).map(Role::Color));
-            } else {
-                roles.extend((start..start + 3).map(extra));
-            }
-        }
-    }
-    while roles.len() < width {
-        roles.push(extra(roles.len()));
-    }
-    roles
-}
-
-/// Whether three columns can be unit normals, and whether they can be colours, by up to 1000 rows.
-fn triple_kind(values: &[f64], width: usize, start: usize) -> (bool, bool) {
-    let rows = values.len() / width;
-    let sample = values.chunks_exact(width).step_by(rows.div_ceil(1000).max(1)).map(|r| &r[start..start + 3]);
-    let (mut unit, mut other, mut color) = (0, 0, true);
-    for t in sample {
-        let length = DVec3::new(t[0], t[1], t[2]).length();
-        // Normals are printed with two digits at least; points without one have zeros.
-        if (length - 1.0).abs() < 0.02 {
-            unit += 1;
-        } else if length != 0.0 && !length.is_nan() {
-            other += 1;
-        }
-        color &= t.iter().all(|c| c.is_nan() || (0.0..=65_535.0).contains(c));
-    }
-    (unit > 0 && unit >= 19 * other, color)
-}
-
-fn build(
-    values: &[f64],
-    width: usize,
-    roles: &[Role],
-    comments: Vec<String>,
-    context: &mut Context<'_>,
-) -> Result<Content, Fault> {
-    let column = |role: &Role| roles.iter().position(|r| r == role);
-    let triple = |role: fn(usize) -> Role| Some([column(&role(0))?, column(&role(1))?, column(&role(2))?]);
-    let rows = || values.chunks_exact(width);
-    let vectors = |[x, y, z]: [usize; 3]| rows().map(|r| DVec3::new(r[x], r[y], r[z])).collect::<Vec<_>>();
-    let (origin, positions) = measured_positions(&vectors(triple(Role::Position).unwrap_or([0, 1, 2])));
-    let colors = triple(Role::Color).map(|[r, g, b]| {
-        let largest = rows().flat_map(|row| [row[r], row[g], row[b]]).filter(|c| c.is_finite()).fold(0.0, f64::max);
-        let (scale, name) = match largest {
-            m if m <= 1.0 => (1.0, "1"),
-            m if m <= 255.0 => (255.0, "255"),
-            _ => (65_535.0, "65535"),
-        };
-        context.note(format!("took the colours as sRGB-encoded, from 0 to {name}"));
-        rows().map(|row| [row[r], row[g], row[b]].map(|c| linear_of_unit(c / scale))).collect()
-    });
-    let alphas = column(&Role::Alpha).map(|a| {
-        let largest = rows().map(|r| r[a]).filter(|a| a.is_finite()).fold(0.0, f64::max);
-        let scale = if largest > 1.0 { 255.0 } else { 1.0 };
-        rows().map(|r| (r[a] / scale) as f32).collect()
-    });
-    let normals =
-        triple(Role::Normal).map(|n| Column3::from_f32(vectors(n).iter().map(|n| n.as_vec3()).collect::<Vec<Vec3>>()));
-    let extras = roles
-        .iter()
-        .enumerate()
-        .filter_map(|(i, role)| match role {
-            Role::Extra(name) => {
-                let values = ExtraValues::F32(rows().map(|r| r[i] as f32).collect());
-                Some(ExtraColumn { name: name.clone(), values })
-            }
-            _ => None,
+/// True if `head`, the start of a file, is that of a PTX file: two counts, four lines of three numbers, four of four.
+pub(crate) fn looks_like_ptx(head: &[u8]) -> bool {
+    let mut lines = Lines::new(head);
+    [1, 1, 3, 3, 3, 3, 4, 4, 4, 4].into_iter().all(|n| {
+        lines.next().is_some_and(|(_, line)| {
+            let words = Dialect::Points.words(line);
+            words.map(number).try_fold(0, |n, v| Some(n + usize::from(v?.is_finite()))) == Some(n)
         })
-        .collect();
-    context.points(PointCloud { origin, positions, normals, colors, alphas, extras, up: None, comments })
+    })
+}
+
+/// Reads scans, each with its rows and columns and the pose of its scanner, by which its points are moved.
+pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
+    let mut lines = Lines::new(bytes).filter(|(_, line)| !line.trim_ascii().is_empty());
+    let mut table = Table::default();
+    let (mut scans, mut no_return) = (0_u32, 0_usize);
+    let mut row = Vec::with_capacity(8);
+    let read_row = |line: (usize, &[u8]), row: &mut Vec<f64>, expected: &[usize], what: &str| {
+        row.clear();
+        let at = Location::Line(line.0);
+        for word in Dialect::Points.words(line.1).take(8) {
+            row.push(number(word).ok_or_else(|| {
+                Problem::new(format!("found {}", quote(word))).at(at).expected(format!("a number of {what}"))
+            })?);
+        }
+        if expected.contains(&row.len()) {
+            return Ok(());
+        }
+        let expected: Vec<String> = expected.iter().map(usize::to_string).collect();
+        let problem = Problem::new(format!("found {} numbers", row.len())).at(at);
+        Err(Fault::from(problem.expected(format!("{} of {what}", expected.join(" or ")))))
+    };
+    while let Some(first) = lines.next() {
+        let mut next = |what: &str| {
+            lines.next().ok_or_else(|| {
+                let problem = Problem::new(format!("the file ends within {what} of scan {}", scans + 1));
+                Fault::from(problem.help("copy or export the file again: it is incomplete"))
+            })
+        };
+        let mut counts = [0_u64; 2];
+        let mut line = first;
+        for (i, count) in counts.iter_mut().enumerate() {
+            if i > 0 {
+                line = next("the counts")?;
+            }
+            read_row(line, &mut row, &[1], "the scan's columns and rows")?;
+            *count = row[0].max(0.0) as u64;
+        }
+        // The scanner's own place and axes are in the matrix, too.
+        for _ in 0..4 {
+            read_row(next("the pose")?, &mut row, &[3], "the scanner's pose")?;
+        }
+        let mut matrix = [[0.0; 4]; 4];
+        for line in &mut matrix {
+            read_row(next("the matrix")?, &mut row, &[4], "the scan's matrix")?;
+            line.copy_from_slice(&row[..4]);
+        }
+        for _ in 0..counts[0].saturating_mul(counts[1]) {
+            let line = next("the points")?;
+            read_row(line, &mut row, &[3, 4, 7], "x y z intensity red green blue")?;
+            let p = [row[0], row[1], row[2]];
+            if p == [0.0; 3] {
+                no_return += 1;
+                continue;
+            }
+            // Points are rows that are multiplied by the matrix from the right.
+            let moved: [f64; 3] =
+                std::array::from_fn(|k| (0..3).map(|j| p[j] * matrix[j][k]).sum::<f64>() + matrix[3][k]);
+            row[..3].copy_from_slice(&moved);
+            row.push(scans.into());
+            if table.width == 0 {
+                table.width = row.len();
+            }
+            if table.width != row.len() {
+                let problem = Problem::new(format!("found {} numbers", row.len() - 1)).at(Location::Line(line.0));
+                return Err(problem.expected(format!("{}, as in the lines before", table.width - 1)).into());
+            }
+            table.push(&row);
+        }
+        scans += 1;
+    }
+    if table.width == 0 {
+        return Err(Problem::new("holds no point").expected("scans of points that aren't all 0 0 0").into());
+    }
+    if no_return > 0 {
+        context.note(format!("left out {no_return} points at 0 0 0: the scanner got no return there"));
+    }
+    let names = ["x", "y", "z", "intensity", "red", "green", "blue"].iter().take(table.width - 1);
+    let names = names.map(|n| (*n).to_owned()).chain(["scan".to_owned()]).collect();
+    let mut columns = table.columns(Some(names));
+    let roles = Roles::by_name(columns.iter().map(|c| c.name.as_str())).unwrap_or_default();
+    if scans == 1 {
+        columns.pop();
+    }
+    point_columns::build(columns, &roles, Source::Text, Vec::new(), context)
 }

@@ -11,6 +11,15 @@ fn left_out_formats_name_their_feature_and_others_are_read() {
         (Format::Stl, cfg!(feature = "stl"), "stl"),
         (Format::Gltf, cfg!(feature = "gltf"), "gltf"),
         (Format::Xyz, cfg!(feature = "points"), "points"),
+        (Format::Ptx, cfg!(feature = "points"), "points"),
+        (Format::Pcd, cfg!(feature = "pcd"), "pcd"),
+        (Format::Npy, cfg!(feature = "npy"), "npy"),
+        (Format::Npz, cfg!(feature = "npy"), "npy"),
+        (Format::Off, cfg!(feature = "off"), "off"),
+        (Format::Drc, cfg!(feature = "draco"), "draco"),
+        (Format::Splat, cfg!(feature = "gaussians"), "gaussians"),
+        (Format::Spz, cfg!(feature = "gaussians"), "gaussians"),
+        (Format::Sog, cfg!(feature = "gaussians"), "gaussians"),
     ] {
         let error = load_bytes(b"? ?", Some(format), Path::new("t"), &LoadOptions::default()).unwrap_err();
         let hint = format!("build with the Cargo feature \"{feature}\" of surfel-io");

@@ -4,10 +4,15 @@
 #![cfg(all(
     feature = "draco",
     feature = "exr",
+    feature = "gaussians",
     feature = "meshopt",
+    feature = "npy",
     feature = "obj",
+    feature = "off",
+    feature = "pcd",
     feature = "points",
-    feature = "stl"
+    feature = "stl",
+    feature = "webp"
 ))]
 
 use std::path::Path;
@@ -311,13 +316,129 @@ fn mutations_of_images() {
 }
 
 #[test]
+fn mutations_of_pcd() {
+    let header = |data: &str| {
+        format!(
+            "# .PCD v0.7\nFIELDS x y z rgb t\nSIZE 4 4 4 4 2\nTYPE F F F U U\nCOUNT 1 1 1 1 1\nWIDTH 2\nHEIGHT 1\n\
+             VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA {data}\n"
+        )
+        .into_bytes()
+    };
+    let text = [&header("ascii")[..], b"1 2 3 255 7\nnan 2 3 65280 8\n"].concat();
+    let rows: Vec<u8> = (0..36_u8).map(|i| i.wrapping_mul(37)).collect();
+    let binary = [&header("binary")[..], &rows].concat();
+    // Literals, a short reference, a long one.
+    let stream = [3, 1, 2, 3, 4, 0x40, 3, 0xe0, 19, 0];
+    let sizes = [(stream.len() as u32).to_le_bytes(), 36_u32.to_le_bytes()].concat();
+    let packed = [&header("binary_compressed")[..], &sizes, &stream].concat();
+    damage(&[text, binary, packed], 20_000, load_as(None));
+}
+
+#[test]
+fn mutations_of_arrays() {
+    let npy = |header: &str, data: usize| {
+        let data: Vec<u8> = (0..data).map(|i| (i as u8).wrapping_mul(37)).collect();
+        [b"\x93NUMPY\x01\0", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), &data].concat()
+    };
+    let plain = npy("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 6), }\n", 48);
+    let record = "{'descr': [('xyz', '>f8', (3,)), ('', '|V2'), (('a', 'rgb'), '|u1', (3,)), ('t', '<i8')], \
+                  'fortran_order': True, 'shape': (2,), }\n";
+    let seeds =
+        [plain.clone(), npy("{'descr': '<f2', 'fortran_order': True, 'shape': (1, 2, 3)}", 12), npy(record, 74)];
+    damage(&seeds, 20_000, load_as(None));
+    // Stored in a ZIP file with its directory.
+    let faces = npy("{'descr': '|u1', 'fortran_order': False, 'shape': (1, 3), }\n", 3);
+    let (mut zip, mut directory) = (Vec::new(), Vec::new());
+    for (name, content) in [("points.npy", &plain), ("faces.npy", &faces)] {
+        let start = (zip.len() as u32).to_le_bytes();
+        let (size, length) = ((content.len() as u32).to_le_bytes(), (name.len() as u16).to_le_bytes());
+        zip.extend([b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0\0\0\0\0", &size[..], &size, &length, &[0, 0]].concat());
+        zip.extend([name.as_bytes(), content].concat());
+        let head = b"PK\x01\x02\x14\0\x14\0\0\0\0\0\0\0\0\0\0\0\0\0";
+        directory.extend([&head[..], &size, &size, &length, &[0; 12], &start, name.as_bytes()].concat());
+    }
+    let (size, start) = ((directory.len() as u32).to_le_bytes(), (zip.len() as u32).to_le_bytes());
+    zip.extend([&directory[..], b"PK\x05\x06\0\0\0\0\x02\0\x02\0", &size, &start, &[0, 0]].concat());
+    damage(&[zip], 40_000, load_as(Some(Format::Npz)));
+}
+
+#[test]
+fn mutations_of_ptx_off_and_text_dialects() {
+    let ptx =
+        b"2\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n5 6 7 1\n1 2 3 0.5 1 2 3\n0 0 0 0.5 0 0 0\n";
+    damage(&[ptx.to_vec()], 20_000, load_as(Some(Format::Ptx)));
+    let texts = [&b"//X Y Z R G B Intensity\n2\n1 2 3 4 5 6 7\n4 5 6 7 8 9 1\n"[..], b"X;Y;Z\n1,5;2,5;3\n1;2;3,25\n"];
+    damage(&texts.map(<[u8]>::to_vec), 20_000, load_as(None));
+    let offs = [
+        &b"COFF\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 0 0 1\n0 1 0 0 0 0 1 # c\n3 0 1 2 9 9 9\n"[..],
+        b"ST4OFF 1 0 0\n1 2 3 4 5 6\n",
+    ];
+    damage(&offs.map(<[u8]>::to_vec), 20_000, load_as(Some(Format::Off)));
+}
+
+#[test]
+fn mutations_of_gaussians() {
+    let row: Vec<u8> = (0..64_u8).map(|i| if i % 4 == 3 && i % 32 < 24 { 63 } else { i.wrapping_mul(5) }).collect();
+    damage(&[row], 8000, load_as(Some(Format::Splat)));
+    let spz = |version: u8, streams: usize| {
+        let head = [b"NGSP", &[version, 0, 0, 0, 2, 0, 0, 0, 1, 12, 0, 6][..]].concat();
+        [head, (0..streams).map(|i| (i as u8).wrapping_mul(37)).collect()].concat()
+    };
+    let mut fourth = spz(4, 0);
+    fourth.extend([&[32, 0, 0, 0][..], &[0; 12]].concat());
+    for n in [18_u8, 2, 6, 6, 8, 18] {
+        fourth.extend([n + 9, 0, 0, 0, 0, 0, 0, 0, n, 0, 0, 0, 0, 0, 0, 0]);
+    }
+    for n in [18_u8, 2, 6, 6, 8, 18] {
+        fourth.extend([&[0x28, 0xb5, 0x2f, 0xfd, 0x20, n, 1 | n << 3, n >> 5, 0][..], &vec![99; n.into()]].concat());
+    }
+    damage(&[spz(1, 2 * 25), spz(2, 2 * 28), spz(3, 2 * 29), fourth], 10_000, load_as(None));
+    let mut ply = b"ply\nformat binary_little_endian 1.0\nelement chunk 1\n".to_vec();
+    for name in ["x", "y", "z", "scale_x", "scale_y", "scale_z", "r", "g", "b"] {
+        ply.extend(format!("property float min_{name}\nproperty float max_{name}\n").bytes());
+    }
+    ply.extend(b"element vertex 2\nproperty uint packed_position\nproperty uint packed_rotation\n");
+    ply.extend(b"property uint packed_scale\nproperty uint packed_color\nend_header\n");
+    ply.extend((0..104_u8).map(|i| if i % 4 == 3 { 63 } else { i }));
+    damage(&[ply], 20_000, load_as(None));
+    damage(&[include_bytes!("data/points.drc").to_vec()], 20_000, load_as(None));
+}
+
+#[test]
+fn mutations_of_gzip_and_sog() {
+    use flate2::{Compression, write::GzEncoder};
+    use std::io::Write;
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+    encoder.write_all(b"x y z\n1 2 3\n4 5 6\n").unwrap();
+    damage(&[encoder.finish().unwrap()], 20_000, load_as(None));
+    // The description of a SOG file; its pictures are WebP files, whose mutations are of their own.
+    let mut picture = Vec::new();
+    let encoder = image_webp::WebPEncoder::new(&mut picture);
+    encoder.encode(&[9, 99, 199, 252], 1, 1, image_webp::ColorType::Rgba8).unwrap();
+    let part = |name: &str| format!(r#""{name}":{{"mins":[-2,-2,-2,0],"maxs":[2,2,2,1],"files":["p","p"]}}"#);
+    let meta = format!(r#"{{"count":1,{},{},{},{}}}"#, part("means"), part("scales"), part("quats"), part("sh0"));
+    let (mut zip, mut directory) = (Vec::new(), Vec::new());
+    for (name, content) in [("meta.json", meta.as_bytes()), ("p", &picture)] {
+        let start = (zip.len() as u32).to_le_bytes();
+        let (size, length) = ((content.len() as u32).to_le_bytes(), (name.len() as u16).to_le_bytes());
+        zip.extend([b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0\0\0\0\0", &size[..], &size, &length, &[0, 0]].concat());
+        zip.extend([name.as_bytes(), content].concat());
+        let head = b"PK\x01\x02\x14\0\x14\0\0\0\0\0\0\0\0\0\0\0\0\0";
+        directory.extend([&head[..], &size, &size, &length, &[0; 12], &start, name.as_bytes()].concat());
+    }
+    let (size, start) = ((directory.len() as u32).to_le_bytes(), (zip.len() as u32).to_le_bytes());
+    zip.extend([&directory[..], b"PK\x05\x06\0\0\0\0\x02\0\x02\0", &size, &start, &[0, 0]].concat());
+    damage(&[zip], 20_000, load_as(Some(Format::Sog)));
+}
+
+#[test]
 fn mutations_found_before_stay_fixed() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/finds");
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         let bytes = std::fs::read(&path).unwrap();
-        for format in [Format::Ply, Format::Obj, Format::Stl, Format::Gltf, Format::Xyz, Format::Pts, Format::Surfel] {
-            load_as(Some(format))(&bytes);
+        for extension in "ply obj stl gltf xyz pts ptx pcd npy npz off drc splat spz sog surfel".split(' ') {
+            load_as(Format::from_extension(&Path::new("a").with_extension(extension)))(&bytes);
         }
         load_as(None)(&bytes);
         drop(read_image_bytes(&bytes, &path));

@@ -56,9 +56,11 @@ impl PointCloud {
     /// Drops points whose position is not finite and returns how many there were. Colours and alphas that
     /// are not finite become white and opaque, normals that are not finite become zero (unknown).
     pub fn drop_non_finite(&mut self) -> usize {
-        let keep: Vec<bool> = (0..self.len()).map(|i| self.positions.get(i).is_finite()).collect();
-        let dropped = keep.iter().filter(|k| !**k).count();
-        if dropped > 0 {
+        let finite = |i: usize| self.positions.get(i).is_finite();
+        let mut dropped = 0;
+        if !(0..self.len()).all(finite) {
+            let keep: Vec<bool> = (0..self.len()).map(finite).collect();
+            dropped = keep.iter().filter(|k| !**k).count();
             self.retain(&keep);
         }
         if let Some(colors) = &mut self.colors {

@@ -225,14 +225,25 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
     })
 }
 
-/// Why a file's up axis is known: it says it, or its format does. `None` for OBJ, PLY and columns of numbers, which
-/// come with any axis up.
+/// Why a file's up axis is known: it says it, or its format does. `None` for OBJ, OFF, PLY, Draco, PCD and columns of
+/// numbers, which come with any axis up.
 pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
     if loaded.content.own_up().is_some() {
         return Some(UpReason::Stated);
     }
     // Gaussian splats are the only PLY files that are −y by default.
-    let is_any = matches!(loaded.format, Format::Ply | Format::Obj | Format::Xyz | Format::Surfel);
+    let is_any = matches!(
+        loaded.format,
+        Format::Ply
+            | Format::Obj
+            | Format::Off
+            | Format::Drc
+            | Format::Xyz
+            | Format::Pcd
+            | Format::Npy
+            | Format::Npz
+            | Format::Surfel
+    );
     (!is_any || loaded.up == Up::MinusY).then_some(UpReason::Format)
 }
 

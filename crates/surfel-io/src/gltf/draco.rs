@@ -49,14 +49,11 @@ mod enabled {
     use super::super::accessor::fraction;
     use super::super::buffers::Asset;
     use crate::error::Problem;
+    use draco_core::Mesh;
     use draco_core::draco_types::DataType as DracoType;
-    use draco_core::{DecodeLimits, DecoderBuffer, Mesh, MeshDecoder};
     use gltf::accessor::DataType;
     use serde_json::Value;
     use std::collections::BTreeMap;
-
-    /// Faces or points that a byte of a stream may stand for: hostile headers say more, and no real file comes near.
-    const MOST_PER_BYTE: u64 = 4096;
 
     /// A decompressed mesh.
     pub(crate) struct DracoMesh {
@@ -67,7 +64,6 @@ mod enabled {
 
     pub(super) fn decode(asset: &Asset<'_>, extension: &Value) -> Result<DracoMesh, Problem> {
         let wrong = |why: &str| {
-            let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();
             Problem::new(format!("a mesh compressed by Draco can't be read: {why}"))
                 .help("export the file again: it is damaged")
         };
@@ -79,19 +75,7 @@ mod enabled {
             .filter_map(|(name, id)| Some((name.clone(), u32::try_from(id.as_u64()?).ok()?)))
             .collect();
         let bytes = asset.view_at(usize::try_from(view).unwrap_or(usize::MAX))?;
-        let most = (bytes.len() as u64 * MOST_PER_BYTE).saturating_add(1 << 16);
-        let limits = DecodeLimits::default()
-            .with_max_points(most.min(1 << 26))
-            .with_max_faces(most.min(1 << 26))
-            .with_max_decoded_bytes(most.saturating_mul(16).min(1 << 30));
-        // The decoder checks what it reads. Should it panic all the same, the file is refused and the program goes on.
-        let decode = || {
-            let mut mesh = Mesh::new();
-            let mut buffer = DecoderBuffer::new(bytes).with_limits(limits);
-            MeshDecoder::new().decode(&mut buffer, &mut mesh).map(|()| mesh).map_err(|e| e.to_string())
-        };
-        let decoded = std::panic::catch_unwind(decode).unwrap_or_else(|_| Err("its stream is damaged".into()));
-        let mesh = decoded.map_err(|why| wrong(&why))?;
+        let mesh = crate::drc::decode(bytes).map_err(|why| wrong(&why))?;
         asset.spend_decompressed(bytes_of(&mesh))?;
         Ok(DracoMesh { mesh, ids })
     }

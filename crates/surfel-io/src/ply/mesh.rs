@@ -1,11 +1,11 @@
 //! PLY meshes: polygons and triangle strips.
 
 use super::comments::interpret_comments;
-use super::table::{Lists, Table, list, take_positions, take_set};
+use super::table::{Lists, Table, take_positions, take_set};
 use crate::columns;
 use crate::content::Content;
 use crate::context::Context;
-use crate::error::Fault;
+use crate::error::{Fault, list};
 use crate::images::texture;
 use std::sync::Arc;
 use surfel_model::Mesh;

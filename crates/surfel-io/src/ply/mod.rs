@@ -2,6 +2,7 @@
 
 mod body;
 mod comments;
+mod compressed;
 pub(crate) mod encoding;
 mod gaussians;
 mod header;
@@ -12,9 +13,9 @@ pub(crate) mod write;
 
 use crate::content::Content;
 use crate::context::Context;
-use crate::error::{Fault, Problem};
+use crate::error::{Fault, Problem, list};
 use body::Want;
-use table::{list, require};
+use table::require;
 
 /// Names of the list of a face's or strip's corners.
 const INDEX_LISTS: &[&str] = &["vertex_indices", "vertex_index"];
@@ -22,19 +23,18 @@ const INDEX_LISTS: &[&str] = &["vertex_indices", "vertex_index"];
 /// Reads a PLY file.
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let header = header::parse(bytes)?;
-    if header.elements.iter().any(|e| e.properties.iter().any(|p| p.name == "packed_position")) {
-        let problem = Problem::new("holds compressed Gaussian splats ('packed_position'), which are not read");
-        return Err(problem.help("export it as an uncompressed PLY, e.g. with splat-transform").into());
-    }
+    let packed = header.elements.iter().any(|e| e.properties.iter().any(|p| p.name == "packed_position"));
     let tables = body::read(bytes, &header, |element| match element.name.as_str() {
         "vertex" => Want::Scalars,
+        "chunk" if packed => Want::Scalars,
         "face" | "tristrips" => Want::Lists(INDEX_LISTS),
         _ => Want::Nothing,
     })?;
-    let (mut vertices, mut faces, mut strips) = (None, None, None);
+    let (mut vertices, mut chunks, mut faces, mut strips) = (None, None, None, None);
     for (name, table) in tables {
         match name.as_str() {
             "vertex" => vertices = Some(table),
+            "chunk" => chunks = Some(table),
             "face" => faces = table.lists.into_iter().next().map(|(_, lists)| lists),
             _ => strips = table.lists.into_iter().next().map(|(_, lists)| lists),
         }
@@ -44,6 +44,10 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         let what = format!("the PLY file has no 'vertex' element; it has {}", list(&names));
         return Err(Problem::new(what).expected("'element vertex N' with properties x y z").into());
     };
+    if compressed::recognise(&vertices) {
+        let harmonics = header.elements.iter().any(|e| e.name == "sh");
+        return compressed::build(vertices, chunks, harmonics, header.comments, context);
+    }
     require(&vertices, &["x", "y", "z"])?;
     let faces = faces.filter(|f| !f.lengths.is_empty());
     let strips = strips.filter(|s| !s.lengths.is_empty());

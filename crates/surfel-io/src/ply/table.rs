@@ -1,7 +1,7 @@
 //! The columns of a PLY element, and taking them out by name: a group of properties is complete or absent.
 
 use crate::columns;
-use crate::error::{Fault, Problem, quote};
+use crate::error::{Fault, Problem, list};
 use glam::DVec3;
 use surfel_model::{Column3, ExtraValues};
 
@@ -65,15 +65,3 @@ pub(super) fn require(table: &Table, names: &[&str]) -> Result<(), Fault> {
 
 /// Help for a set of properties that isn't complete.
 const EXPECTED_SETS: &str = "splats need x y z and nx ny nz radius, or x y z and su sv sw tu tv tw; points need x y z";
-
-/// Names in a message, at most 24 of them.
-pub(super) fn list(names: &[&str]) -> String {
-    if names.is_empty() {
-        return "nothing".into();
-    }
-    let mut shown: Vec<String> = names.iter().take(24).map(|n| quote(n).trim_matches('\'').to_owned()).collect();
-    if names.len() > shown.len() {
-        shown.push(format!("… ({} in all)", names.len()));
-    }
-    shown.join(" ")
-}

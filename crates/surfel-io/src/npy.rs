@@ -1,0 +1,493 @@
+//! NumPy's arrays: one in a `.npy` file, several with names in an `.npz` file.
+//!
+//! Of a plain array the last axis holds a point's numbers. Arrays of records, and those of an `.npz` file, go by their
+//! names.
+
+use crate::content::Content;
+use crate::context::Context;
+use crate::error::{Fault, Location, Problem, list, quote};
+use crate::point_columns::{self, Named, Roles, Source};
+use crate::strided::{NumberType, Strided};
+use crate::zip::Archive;
+use glam::Vec3;
+use surfel_model::Mesh;
+
+/// First bytes of a `.npy` file.
+pub(crate) const SIGNATURE: &[u8] = b"\x93NUMPY";
+/// Most columns that an array is split into.
+const MAX_COLUMNS: usize = 64;
+/// Deepest nesting in a header.
+const MAX_DEPTH: usize = 8;
+/// Names of the array that holds positions in an `.npz` file, the first of these that there is.
+const POSITIONS: [&str; 14] = [
+    "points",
+    "positions",
+    "position",
+    "xyz",
+    "vertices",
+    "verts",
+    "coords",
+    "coord",
+    "pos",
+    "pts",
+    "point_cloud",
+    "pc",
+    "pcd",
+    "arr_0",
+];
+const TRIANGLES: [&str; 4] = ["faces", "triangles", "face", "tri"];
+
+/// True if an array of this name holds a mesh's triangles.
+fn is_triangles(name: &str) -> bool {
+    TRIANGLES.iter().any(|t| name.eq_ignore_ascii_case(t))
+}
+
+/// A part of each element.
+struct Field {
+    name: String,
+    offset: usize,
+    kind: NumberType,
+    big_endian: bool,
+    count: usize,
+}
+
+struct Array<'a> {
+    fields: Vec<Field>,
+    /// It has no record type: `fields` is one without a name.
+    plain: bool,
+    item_bytes: usize,
+    shape: Vec<usize>,
+    fortran: bool,
+    data: &'a [u8],
+    /// Fields of other types, which are not read.
+    left_out: Vec<String>,
+}
+
+/// Reads one array.
+pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
+    let array = parse(bytes)?;
+    note_left_out(&array.left_out, context);
+    let mut columns = Vec::new();
+    let by_axis = columns_of("", &array, &mut columns)?;
+    if columns.first().is_none_or(|c| c.values.len() == 0) {
+        return Err(Problem::new("holds no point").expected("an array of N×3 numbers or more").into());
+    }
+    let roles = if by_axis {
+        guess(&mut columns, &array, context)?
+    } else {
+        Roles::by_name(columns.iter().map(|c| c.name.as_str())).ok_or_else(|| no_position(&columns))?
+    };
+    point_columns::build(columns, &roles, Source::Typed, Vec::new(), context)
+}
+
+/// Reads an archive of arrays.
+pub(crate) fn read_archive(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
+    let mut archive = Archive::open(bytes)?;
+    let names: Vec<_> = archive.names().collect();
+    let mut files = Vec::new();
+    for (index, name) in names.iter().enumerate() {
+        if let Some(name) = name.strip_suffix(".npy") {
+            files.push((name, archive.read(index)?));
+        }
+    }
+    let (mut arrays, mut ignored) = (Vec::new(), Vec::new());
+    for (name, content) in &files {
+        match parse(content) {
+            Ok(array) => arrays.push((*name, array)),
+            // Texts and Python's objects, mostly; the numbers beside them are of use.
+            Err(_) => ignored.push(name.to_string()),
+        }
+    }
+    let find = |names: &[&str]| {
+        names
+            .iter()
+            .find_map(|n| arrays.iter().position(|(name, a)| name.eq_ignore_ascii_case(n) && !a.shape.is_empty()))
+    };
+    let main = find(&POSITIONS).or_else(|| arrays.iter().position(|(n, _)| n.eq_ignore_ascii_case("x")));
+    let main = main.or_else(|| {
+        let is_likely =
+            |(name, array): &(&str, Array<'_>)| matches!(array.shape[..], [_, 3..=16]) && !is_triangles(name);
+        let mut likely = (0..arrays.len()).filter(|&i| is_likely(&arrays[i]));
+        likely.next().filter(|_| likely.next().is_none())
+    });
+    let Some(main) = main else {
+        let found = list(&files.iter().map(|f| f.0).collect::<Vec<_>>());
+        let problem = Problem::new(format!("has no array of positions among {found}"));
+        return Err(problem.expected("an array named points, positions or xyz, N×3; or x, y and z").into());
+    };
+    let mut columns = Vec::new();
+    let (name, array) = &arrays[main];
+    let by_axis = columns_of(if array.shape.len() > 1 { "" } else { name }, array, &mut columns)?;
+    let rows = columns.first().map_or(0, |c| c.values.len());
+    if rows == 0 {
+        return Err(Problem::new("holds no point").expected("an array of N×3 numbers or more").into());
+    }
+    if by_axis && columns.len() != 3 {
+        guess(&mut columns, &arrays[main].1, context)?;
+    } else if by_axis {
+        for (column, name) in columns.iter_mut().zip(["x", "y", "z"]) {
+            column.name = name.into();
+        }
+    }
+    let mut triangles = None;
+    for (i, (name, array)) in arrays.iter().enumerate() {
+        let first = columns.len();
+        if i == main {
+            continue;
+        }
+        if is_triangles(name) && matches!(array.shape[..], [_, 3]) && array.plain {
+            triangles = Some(array);
+            continue;
+        }
+        let per_point = columns_of(name, array, &mut columns).is_ok()
+            && columns[first..].iter().all(|c| c.values.len() == rows && !c.name.is_empty());
+        if !per_point {
+            columns.truncate(first);
+            ignored.push(name.to_string());
+        }
+        note_left_out(&array.left_out, context);
+    }
+    if !ignored.is_empty() {
+        let what = list(&ignored);
+        context.note(format!("ignored the arrays {what}: they don't hold numbers, as many as there are points"));
+    }
+    let roles = Roles::by_name(columns.iter().map(|c| c.name.as_str())).ok_or_else(|| no_position(&columns))?;
+    match triangles {
+        Some(array) => mesh(columns, &roles, array, context),
+        None => point_columns::build(columns, &roles, Source::Typed, Vec::new(), context),
+    }
+}
+
+fn mesh(
+    columns: Vec<Named<'_>>,
+    roles: &Roles,
+    triangles: &Array<'_>,
+    context: &mut Context<'_>,
+) -> Result<Content, Fault> {
+    let mut corners = Vec::new();
+    columns_of("", triangles, &mut corners)?;
+    let index = |row: usize, corner: usize| {
+        let i = corners[corner].values.at(row);
+        if i >= 0.0 && i.fract() == 0.0 && i < f64::from(u32::MAX) { i as u32 } else { u32::MAX }
+    };
+    let triangles = (0..corners[0].values.len()).map(|row| [0, 1, 2].map(|corner| index(row, corner))).collect();
+    let content = point_columns::build(columns, roles, Source::Typed, Vec::new(), context)?;
+    let Content::Points(points) = content else { return Ok(content) };
+    if !points.extras.is_empty() {
+        let names: Vec<&str> = points.extras.iter().map(|e| e.name.as_str()).collect();
+        context.note(format!("ignored the vertex columns {}: a mesh has no use for them", list(&names)));
+    }
+    context.mesh(Mesh {
+        origin: points.origin,
+        positions: points.positions,
+        triangles,
+        normals: points.normals.map(|n| n.high().iter().map(Vec3::to_array).collect()),
+        colors: points.colors,
+        alphas: points.alphas,
+        ..Mesh::default()
+    })
+}
+
+fn note_left_out(names: &[String], context: &mut Context<'_>) {
+    if !names.is_empty() {
+        context.note(format!("left out the fields {}: they aren't numbers", list(names)));
+    }
+}
+
+fn no_position(columns: &[Named<'_>]) -> Problem {
+    let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
+    Problem::new(format!("its points have no position: they have {}", list(&names))).expected("fields x, y and z")
+}
+
+fn guess(columns: &mut [Named<'_>], array: &Array<'_>, context: &mut Context<'_>) -> Result<Roles, Fault> {
+    let shape: Vec<String> = array.shape.iter().map(usize::to_string).collect();
+    let shape = shape.join("×");
+    if columns.len() < 3 || columns.len() > MAX_COLUMNS {
+        let problem = Problem::new(format!("is an array of {shape} numbers"));
+        return Err(problem.expected("N×3, N×6 or their like: a row for each point").into());
+    }
+    let roles = Roles::by_content(columns);
+    let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
+    if columns.len() > 3 || array.shape.len() != 2 || array.shape[0] == columns.len() {
+        context.note(format!("took the array of {shape} as points with the columns {}", list(&names)));
+    }
+    Ok(roles)
+}
+
+/// Splits an array into columns; true if these go by their place and not by name.
+fn columns_of<'a>(array_name: &str, array: &Array<'a>, columns: &mut Vec<Named<'a>>) -> Result<bool, Fault> {
+    let total: usize = array.shape.iter().product();
+    let column = |offset, stride, rows, field: &Field| {
+        Strided::new(array.data, offset, stride, rows, field.kind, field.big_endian)
+            .ok_or_else(|| Fault::from(Problem::new("the array's numbers lie outside of the file")))
+    };
+    let positions = POSITIONS.iter().any(|p| array_name.eq_ignore_ascii_case(p)) || array_name.is_empty();
+    let [ref field] = array.fields[..] else {
+        for field in &array.fields {
+            push_field(field, total, array, columns, &column)?;
+        }
+        return Ok(false);
+    };
+    if !array.plain {
+        push_field(field, total, array, columns, &column)?;
+        return Ok(false);
+    }
+    let n = field.kind.bytes();
+    let (rows, width, transposed) = match array.shape[..] {
+        [] | [_] => (total, 1, false),
+        [3..=16, wide] if positions && wide > MAX_COLUMNS => (wide, array.shape[0], true),
+        [.., last] => (total.checked_div(last).unwrap_or(0), last, false),
+    };
+    if width > MAX_COLUMNS {
+        let shape: Vec<String> = array.shape.iter().map(usize::to_string).collect();
+        let problem = Problem::new(format!("is an array of {} numbers", shape.join("×")));
+        return Err(problem.expected("N×3, N×6 or their like: a row for each point").into());
+    }
+    // In Fortran's order the numbers of the first axis follow each other.
+    let together = array.fortran == transposed;
+    let unnamed = positions && (width > 1 || array_name.is_empty());
+    let names = if unnamed { vec![String::new(); width] } else { expanded(array_name, width) };
+    for (i, name) in names.into_iter().enumerate() {
+        let (offset, stride) = if together { (i * n, width * n) } else { (i * rows * n, n) };
+        columns.push(Named { name, values: column(if rows == 0 { 0 } else { offset }, stride, rows, field)? });
+    }
+    Ok(unnamed)
+}
+
+fn push_field<'a>(
+    field: &Field,
+    rows: usize,
+    array: &Array<'a>,
+    columns: &mut Vec<Named<'a>>,
+    column: &impl Fn(usize, usize, usize, &Field) -> Result<Strided<'a>, Fault>,
+) -> Result<(), Fault> {
+    for (i, name) in expanded(&field.name, field.count.min(MAX_COLUMNS)).into_iter().enumerate() {
+        let offset = if rows == 0 { 0 } else { field.offset + i * field.kind.bytes() };
+        columns.push(Named { name, values: column(offset, array.item_bytes, rows, field)? });
+    }
+    Ok(())
+}
+
+/// Names of the numbers of a field or array: `normals` of three are nx, ny and nz.
+fn expanded(name: &str, count: usize) -> Vec<String> {
+    let lower = name.to_ascii_lowercase();
+    let known: &[&str] = match (lower.as_str(), count) {
+        (_, 1) => return vec![name.to_owned()],
+        (name, 3) if POSITIONS.contains(&name) => &["x", "y", "z"],
+        ("normal" | "normals" | "n" | "nrm" | "nxyz", 3) => &["nx", "ny", "nz"],
+        ("color" | "colors" | "colour" | "colours" | "rgb" | "rgba" | "vertex_colors", 3 | 4) => {
+            &["red", "green", "blue", "alpha"][..count]
+        }
+        _ => return (0..count).map(|i| format!("{name}_{i}")).collect(),
+    };
+    known.iter().map(|&n| n.to_owned()).collect()
+}
+
+fn parse(bytes: &[u8]) -> Result<Array<'_>, Fault> {
+    let wrong = |what: String| Problem::new(what).help("save it again by numpy.save");
+    let cut = || wrong("the array's header ends too early".into());
+    let rest = bytes.strip_prefix(SIGNATURE).ok_or_else(|| wrong("is no array of NumPy".into()))?;
+    let ([major, _], rest) = rest.split_first_chunk::<2>().ok_or_else(cut)?;
+    let (length, rest) = match major {
+        1 => rest.split_first_chunk::<2>().map(|(n, rest)| (usize::from(u16::from_le_bytes(*n)), rest)),
+        2 | 3 => rest.split_first_chunk::<4>().map(|(n, rest)| (u32::from_le_bytes(*n) as usize, rest)),
+        _ => return Err(wrong(format!("is an array of NumPy's format {major}")).expected("1, 2 or 3").into()),
+    }
+    .ok_or_else(cut)?;
+    let (header, data) = rest.split_at_checked(length).ok_or_else(cut)?;
+    let unreadable = || {
+        let location = Location::Byte(bytes.len() - rest.len());
+        Fault::from(wrong(format!("the array's header is {}", quote(header.trim_ascii()))).at(location))
+    };
+    let mut parser = Parser { text: header, depth: 0 };
+    let Some(Literal::Dict(entries)) = parser.literal() else { return Err(unreadable()) };
+    let entry = |name: &str| entries.iter().find(|(key, _)| matches!(key, Literal::Text(t) if t == name)).map(|e| &e.1);
+    let (Some(Literal::Bool(fortran)), Some(Literal::List(shape))) = (entry("fortran_order"), entry("shape")) else {
+        return Err(unreadable());
+    };
+    let shape: Option<Vec<usize>> = shape.iter().map(Literal::size).collect();
+    let shape = shape.ok_or_else(unreadable)?;
+    let mut array =
+        Array { fields: Vec::new(), plain: false, item_bytes: 0, shape, fortran: *fortran, data, left_out: Vec::new() };
+    match entry("descr") {
+        Some(Literal::Text(text)) => {
+            let (kind, bytes, big_endian) = number_type(text).ok_or_else(unreadable)?;
+            let Some(kind) = kind else {
+                let problem = Problem::new(format!("is an array of NumPy's type {}", quote(text)));
+                let help = "save numbers, such as points.astype('float32')";
+                return Err(problem.expected("whole or real numbers").help(help).into());
+            };
+            array.plain = true;
+            array.item_bytes = bytes;
+            array.fields.push(Field { name: String::new(), offset: 0, kind, big_endian, count: 1 });
+        }
+        Some(Literal::List(fields)) => add_fields(&mut array, fields).ok_or_else(unreadable)?,
+        _ => return Err(unreadable()),
+    }
+    let total = array.shape.iter().try_fold(array.item_bytes, |n, &axis| n.checked_mul(axis));
+    // Empty axes hide overflows of the others.
+    let product = array.shape.iter().try_fold(1_usize, |n, &axis| n.checked_mul(axis.max(1)));
+    if product.is_none() || total.is_none_or(|n| n > data.len()) {
+        let shape: Vec<String> = array.shape.iter().map(usize::to_string).collect();
+        let shape = shape.join("×");
+        let what =
+            format!("the file has {} bytes for an array of {shape} elements of {} bytes", data.len(), array.item_bytes);
+        return Err(Problem::new(what).help("copy or save the file again: it is incomplete").into());
+    }
+    Ok(array)
+}
+
+/// Appends the fields of a record: tuples of name, type and perhaps a shape.
+fn add_fields(array: &mut Array<'_>, fields: &[Literal]) -> Option<()> {
+    for field in fields {
+        let Literal::List(parts) = field else { return None };
+        let (name, kind, shape) = match &parts[..] {
+            [name, kind] => (name, kind, None),
+            [name, kind, Literal::List(shape)] => (name, kind, Some(shape)),
+            _ => return None,
+        };
+        let name = match name {
+            Literal::Text(name) => name.clone(),
+            // A title and a name.
+            Literal::List(both) => match &both[..] {
+                [_, Literal::Text(name)] => name.clone(),
+                _ => return None,
+            },
+            _ => return None,
+        };
+        let count =
+            shape.map_or(Some(1), |axes| axes.iter().try_fold(1_usize, |n, axis| n.checked_mul(axis.size()?)))?;
+        let Literal::Text(kind) = kind else { return None };
+        let (kind, bytes, big_endian) = number_type(kind)?;
+        let offset = array.item_bytes;
+        array.item_bytes = offset.checked_add(bytes.checked_mul(count)?)?;
+        match kind {
+            Some(kind) => array.fields.push(Field { name, offset, kind, big_endian, count }),
+            // Padding has no name.
+            None if name.is_empty() => {}
+            None => array.left_out.push(name),
+        }
+    }
+    Some(())
+}
+
+/// NumPy's type string, such as `<f4`: the type, if it is one of numbers, its bytes and whether it is big endian.
+fn number_type(text: &str) -> Option<(Option<NumberType>, usize, bool)> {
+    let mut chars = text.chars();
+    let order = chars.next()?;
+    let (order, letter) = if "<>|=".contains(order) { (order, chars.next()?) } else { ('=', order) };
+    let size: String = chars.take_while(char::is_ascii_digit).collect();
+    let size: usize = if size.is_empty() { usize::from(letter == '?') } else { size.parse().ok()? };
+    let kind = match (letter, size) {
+        ('b', 1) | ('u', 1) | ('?', 1) => Some(NumberType::U8),
+        ('i', 1) => Some(NumberType::I8),
+        ('i', 2) => Some(NumberType::I16),
+        ('u', 2) => Some(NumberType::U16),
+        ('i', 4) => Some(NumberType::I32),
+        ('u', 4) => Some(NumberType::U32),
+        ('i', 8) => Some(NumberType::I64),
+        ('u', 8) => Some(NumberType::U64),
+        ('f', 2) => Some(NumberType::F16),
+        ('f', 4) => Some(NumberType::F32),
+        ('f', 8) => Some(NumberType::F64),
+        _ => None,
+    };
+    // Characters take four bytes each, references to objects eight.
+    let bytes = match letter {
+        'U' => size.checked_mul(4)?,
+        'O' => 8,
+        _ => size,
+    };
+    Some((kind, bytes, order == '>'))
+}
+
+/// What a header is made of: literals of Python.
+enum Literal {
+    Text(String),
+    Size(usize),
+    Bool(bool),
+    None,
+    /// A list or tuple.
+    List(Vec<Literal>),
+    Dict(Vec<(Literal, Literal)>),
+}
+
+impl Literal {
+    fn size(&self) -> Option<usize> {
+        if let Self::Size(n) = self { Some(*n) } else { None }
+    }
+}
+
+struct Parser<'a> {
+    text: &'a [u8],
+    depth: usize,
+}
+
+impl Parser<'_> {
+    fn peek(&mut self) -> Option<u8> {
+        self.text = self.text.trim_ascii_start();
+        self.text.first().copied()
+    }
+
+    fn take(&mut self, byte: u8) -> bool {
+        let found = self.peek() == Some(byte);
+        self.text = &self.text[usize::from(found)..];
+        found
+    }
+
+    fn word(&mut self, word: &[u8]) -> bool {
+        let rest = self.text.strip_prefix(word);
+        self.text = rest.unwrap_or(self.text);
+        rest.is_some()
+    }
+
+    fn literal(&mut self) -> Option<Literal> {
+        match self.peek()? {
+            quote @ (b'\'' | b'"') => {
+                let end = 1 + self.text[1..].iter().position(|&b| b == quote)?;
+                let text = String::from_utf8_lossy(&self.text[1..end]).into_owned();
+                self.text = &self.text[end + 1..];
+                Some(Literal::Text(text))
+            }
+            b'0'..=b'9' => {
+                let end = self.text.iter().position(|b| !b.is_ascii_digit()).unwrap_or(self.text.len());
+                let size = std::str::from_utf8(&self.text[..end]).ok()?.parse().ok()?;
+                self.text = &self.text[end..];
+                // Python 2 wrote long numbers so.
+                self.word(b"L");
+                Some(Literal::Size(size))
+            }
+            b'T' => self.word(b"True").then_some(Literal::Bool(true)),
+            b'F' => self.word(b"False").then_some(Literal::Bool(false)),
+            b'N' => self.word(b"None").then_some(Literal::None),
+            open @ (b'(' | b'[' | b'{') => {
+                self.depth += 1;
+                if self.depth > MAX_DEPTH {
+                    return None;
+                }
+                let close = match open {
+                    b'(' => b')',
+                    b'[' => b']',
+                    _ => b'}',
+                };
+                self.text = &self.text[1..];
+                let (mut items, mut entries) = (Vec::new(), Vec::new());
+                while !self.take(close) {
+                    let item = self.literal()?;
+                    if open == b'{' {
+                        let value = if self.take(b':') { self.literal()? } else { return None };
+                        entries.push((item, value));
+                    } else {
+                        items.push(item);
+                    }
+                    if !self.take(b',') && self.peek() != Some(close) {
+                        return None;
+                    }
+                }
+                self.depth -= 1;
+                Some(if open == b'{' { Literal::Dict(entries) } else { Literal::List(items) })
+            }
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! OFF, the Object File Format of Geomview, as text: a mesh, or points where it has no faces.
+
+use crate::ascii::{Lines, number, words};
+use crate::color::linear_of_unit;
+use crate::columns::measured_positions;
+use crate::content::Content;
+use crate::context::Context;
+use crate::error::{Fault, Location, Problem, quote};
+use glam::{DVec3, Vec3};
+use surfel_model::{Column3, Mesh, PointCloud};
+
+/// What a vertex has besides its position, by the letters before OFF.
+#[derive(Clone, Copy, Default)]
+struct Kind {
+    textured: bool,
+    normals: bool,
+    homogeneous: bool,
+}
+
+/// The kind that a file's first word says, and what follows it in the same word; `None` if it isn't OFF's.
+fn keyword(word: &[u8]) -> Option<(Kind, &[u8])> {
+    let mut kind = Kind::default();
+    let mut rest = word;
+    if let Some(after) = rest.strip_prefix(b"ST") {
+        (kind.textured, rest) = (true, after);
+    }
+    rest = rest.strip_prefix(b"C").unwrap_or(rest);
+    if let Some(after) = rest.strip_prefix(b"N") {
+        (kind.normals, rest) = (true, after);
+    }
+    if let Some(after) = rest.strip_prefix(b"4") {
+        (kind.homogeneous, rest) = (true, after);
+    }
+    // Some files lack the blank or line end after it.
+    rest.strip_prefix(b"OFF").filter(|after| after.iter().all(u8::is_ascii_digit)).map(|after| (kind, after))
+}
+
+/// True if `head` is the start of an OFF file.
+pub(crate) fn looks_like(head: &[u8]) -> bool {
+    content_lines(head).next().is_some_and(|(_, line)| words(line).next().is_some_and(|w| keyword(w).is_some()))
+}
+
+/// Lines with more than a comment, without it.
+fn content_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
+    let content = |line: &'_ [u8]| line.iter().position(|&b| b == b'#').unwrap_or(line.len());
+    Lines::new(bytes)
+        .map(move |(n, line)| (n, &line[..content(line)]))
+        .filter(|(_, line)| !line.trim_ascii().is_empty())
+}
+
+/// The vertices' columns.
+#[derive(Default)]
+struct Vertices {
+    positions: Vec<DVec3>,
+    normals: Vec<Vec3>,
+    /// Red, green, blue and alpha as printed.
+    colors: Vec<[f64; 4]>,
+}
+
+pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
+    let mut lines = content_lines(bytes);
+    let incomplete = |what: &str| {
+        let problem = Problem::new(format!("the file ends within its {what}"));
+        Fault::from(problem.help("copy or export the file again: it is incomplete"))
+    };
+    let mut line = lines.next().ok_or_else(|| incomplete("header"))?;
+    let mut kind = Kind::default();
+    let first = words(line.1).next().unwrap_or_default();
+    if let Some((found, after)) = keyword(first) {
+        kind = found;
+        let start = line.1.len() - line.1.trim_ascii_start().len() + first.len() - after.len();
+        line.1 = &line.1[start..];
+        if line.1.trim_ascii().is_empty() {
+            line = lines.next().ok_or_else(|| incomplete("header"))?;
+        }
+    }
+    if words(line.1).next() == Some(b"BINARY") {
+        let problem = Problem::new("is a binary OFF file").expected("one of text");
+        return Err(problem.help("export it as text, or as PLY").into());
+    }
+    let mut row = Vec::new();
+    numbers(line, &mut row)?;
+    let [vertex_count, face_count] = [0, 1].map(|i| row.get(i).copied().unwrap_or(-1.0));
+    if vertex_count < 0.0 || face_count < 0.0 || row.iter().any(|n| n.fract() != 0.0) {
+        let problem = Problem::new(format!("found {} after the keyword", quote(line.1.trim_ascii())));
+        return Err(problem
+            .at(Location::Line(line.0))
+            .expected("OFF and the numbers of vertices, faces and edges")
+            .into());
+    }
+    let mut vertices = Vertices::default();
+    for _ in 0..vertex_count as u64 {
+        let line = lines.next().ok_or_else(|| incomplete("vertices"))?;
+        numbers(line, &mut row)?;
+        push_vertex(&mut vertices, kind, &row).ok_or_else(|| {
+            let problem = Problem::new(format!("a vertex has {} numbers", row.len())).at(Location::Line(line.0));
+            problem.expected("x y z, then a normal in NOFF, then a colour of 3 or 4 numbers")
+        })?;
+    }
+    let (mut triangles, mut skipped, mut colored) = (Vec::new(), 0_usize, false);
+    for _ in 0..face_count as u64 {
+        let line = lines.next().ok_or_else(|| incomplete("faces"))?;
+        numbers(line, &mut row)?;
+        let corners = row.first().copied().filter(|n| *n >= 0.0 && *n <= (row.len() - 1) as f64 && n.fract() == 0.0);
+        let Some(corners) = corners.map(|n| n as usize) else {
+            let problem = Problem::new(format!("found the face {}", quote(line.1.trim_ascii())));
+            return Err(problem
+                .at(Location::Line(line.0))
+                .expected("the number of corners and as many indices")
+                .into());
+        };
+        colored |= row.len() > corners + 1;
+        let index = |i: f64| if i >= 0.0 && i < vertex_count { Some(i as u32) } else { None };
+        let polygon: Option<Vec<u32>> = row[1..=corners].iter().map(|&i| index(i)).collect();
+        let polygon = polygon.ok_or_else(|| {
+            let problem = Problem::new(format!("the face {} has a corner out of range", quote(line.1.trim_ascii())));
+            problem.at(Location::Line(line.0)).expected(format!("indices from 0 to {}", vertex_count - 1.0))
+        })?;
+        match polygon[..] {
+            [first, ref middle @ ..] if middle.len() >= 2 => {
+                triangles.extend(middle.windows(2).map(|w| [first, w[0], w[1]]));
+            }
+            _ => skipped += 1,
+        }
+    }
+    if skipped > 0 {
+        context.note(format!("skipped {skipped} faces with fewer than 3 corners"));
+    }
+    if colored {
+        context.note("ignored the colours of faces".into());
+    }
+    finish(vertices, triangles, context)
+}
+
+fn finish(vertices: Vertices, triangles: Vec<[u32; 3]>, context: &mut Context<'_>) -> Result<Content, Fault> {
+    let n = vertices.positions.len();
+    let (origin, positions) = measured_positions(&vertices.positions);
+    let (mut colors, mut alphas) = (None, None);
+    if n > 0 && vertices.colors.len() == n {
+        let largest = vertices.colors.iter().flatten().copied().filter(|c| c.is_finite()).fold(0.0, f64::max);
+        let scale = if largest > 1.0 { 255.0 } else { 1.0 };
+        context.note(format!("took the colours as sRGB-encoded, from 0 to {scale}"));
+        let rgb = |c: &[f64; 4]| [c[0], c[1], c[2]].map(|c| linear_of_unit(c / scale));
+        colors = Some(vertices.colors.iter().map(rgb).collect());
+        // Where there is no alpha it is NaN.
+        if vertices.colors.iter().all(|c| !c[3].is_nan()) {
+            alphas = Some(vertices.colors.iter().map(|c| (c[3] / scale).clamp(0.0, 1.0) as f32).collect());
+        }
+    }
+    let normals = (n > 0 && vertices.normals.len() == n).then_some(vertices.normals);
+    if triangles.is_empty() {
+        let normals = normals.map(Column3::from_f32);
+        return context.points(PointCloud { origin, positions, normals, colors, alphas, ..PointCloud::default() });
+    }
+    let normals = normals.map(|n| n.iter().map(Vec3::to_array).collect());
+    context.mesh(Mesh { origin, positions, triangles, normals, colors, alphas, ..Mesh::default() })
+}
+
+/// All numbers of a line.
+fn numbers((number_of_line, line): (usize, &[u8]), row: &mut Vec<f64>) -> Result<(), Fault> {
+    row.clear();
+    for word in words(line) {
+        row.push(number(word).ok_or_else(|| {
+            Problem::new(format!("found {}", quote(word))).at(Location::Line(number_of_line)).expected("a number")
+        })?);
+    }
+    Ok(())
+}
+
+/// Appends a vertex; `None` if the line has too few numbers.
+fn push_vertex(vertices: &mut Vertices, kind: Kind, row: &[f64]) -> Option<()> {
+    let (position, mut rest) = row.split_at_checked(if kind.homogeneous { 4 } else { 3 })?;
+    let w = position.get(3).copied().unwrap_or(1.0);
+    vertices.positions.push(DVec3::new(position[0], position[1], position[2]) / w);
+    if kind.normals {
+        let (normal, after) = rest.split_at_checked(3)?;
+        vertices.normals.push(DVec3::new(normal[0], normal[1], normal[2]).as_vec3());
+        rest = after;
+    }
+    if kind.textured {
+        rest = rest.get(..rest.len().checked_sub(2)?)?;
+    }
+    match *rest {
+        [r, g, b] => vertices.colors.push([r, g, b, f64::NAN]),
+        [r, g, b, a] => vertices.colors.push([r, g, b, a]),
+        _ => {}
+    }
+    Some(())
+}

@@ -1,0 +1,332 @@
+//! PCD, the Point Cloud Library's files: text, binary, and binary compressed by LZF.
+
+use crate::ascii::{Lines, number, number_f32, words};
+use crate::content::Content;
+use crate::context::Context;
+use crate::error::{Fault, Location, Problem, list, quote};
+use crate::point_columns::{self, Named, Roles, Source};
+use crate::strided::{NumberType, Strided};
+
+/// Longest header, in bytes.
+const MAX_HEADER_BYTES: usize = 1 << 20;
+/// Most bytes that LZF makes of one: a reference of 3 bytes copies 7 + 255 + 2.
+const LZF_EXPANSION: usize = 88;
+/// Most numbers of one field that are kept. Histograms of features have more and are of no use here.
+const MAX_FIELD_COUNT: usize = 64;
+
+/// A field: `count` numbers of one type.
+struct Field<'a> {
+    name: &'a str,
+    kind: NumberType,
+    count: usize,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Encoding {
+    Text,
+    Binary,
+    Compressed,
+}
+
+struct Header<'a> {
+    fields: Vec<Field<'a>>,
+    points: usize,
+    viewpoint: Option<&'a str>,
+    encoding: Encoding,
+    /// Bytes of a point.
+    point_bytes: usize,
+    /// What comes after the header, and at which line and byte.
+    body: &'a [u8],
+    line: usize,
+    start: usize,
+}
+
+/// True if `head`, the start of a file, is that of a PCD file. The comment in the first line may be missing.
+pub(crate) fn looks_like(head: &[u8]) -> bool {
+    head.starts_with(b"# .PCD") || head.starts_with(b"VERSION") && head.windows(6).any(|w| w == b"FIELDS")
+}
+
+pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
+    let header = parse_header(bytes)?;
+    let place = |what: String| {
+        Problem::new(what).help("copy or export the file again: it is incomplete, or its header counts too many")
+    };
+    let too_large = || place(format!("its header counts {} points, more than there can be", header.points));
+    if header.points == 0 {
+        return Err(Problem::new("holds no point").expected("POINTS of at least 1").into());
+    }
+    let size = header.points.checked_mul(header.point_bytes).ok_or_else(too_large)?;
+    let unpacked;
+    let (data, by_field) = match header.encoding {
+        Encoding::Text => {
+            unpacked = read_text(&header)?;
+            (unpacked.as_slice(), false)
+        }
+        Encoding::Binary => {
+            let data = header.body.get(..size).ok_or_else(|| {
+                let whole = header.body.len() / header.point_bytes;
+                place(format!("the file ends within point {whole} of {}", header.points))
+                    .at(Location::Byte(bytes.len()))
+            })?;
+            (data, false)
+        }
+        Encoding::Compressed => {
+            unpacked = decompress(&header, size)?;
+            (unpacked.as_slice(), true)
+        }
+    };
+    let mut columns = Vec::new();
+    let (mut offset, mut left_out) = (0, Vec::new());
+    for field in &header.fields {
+        let n = field.kind.bytes();
+        // Compressed points lie field by field, others point by point.
+        let (start, stride) =
+            if by_field { (offset * header.points, n * field.count) } else { (offset, header.point_bytes) };
+        offset += n * field.count;
+        if field.name == "_" || field.count == 0 {
+            continue;
+        }
+        if field.count > MAX_FIELD_COUNT {
+            left_out.push(field.name);
+            continue;
+        }
+        for i in 0..field.count {
+            let name = if field.count == 1 { field.name.to_owned() } else { format!("{}_{i}", field.name) };
+            let values = Strided::new(data, start + i * n, stride, header.points, field.kind, false);
+            columns.push(Named { name, values: values.ok_or_else(too_large)? });
+        }
+    }
+    if !left_out.is_empty() {
+        let what = list(&left_out);
+        context.note(format!("left out the fields {what}: they have more than {MAX_FIELD_COUNT} numbers a point"));
+    }
+    let roles = Roles::by_name(columns.iter().map(|c| c.name.as_str())).ok_or_else(|| {
+        let names: Vec<&str> = header.fields.iter().map(|f| f.name).collect();
+        Problem::new(format!("its points have no position: the fields are {}", list(&names))).expected("fields x y z")
+    })?;
+    let mut comments = Vec::new();
+    if let Some(viewpoint) = header.viewpoint {
+        let pose: Vec<Option<f64>> = viewpoint.split_ascii_whitespace().map(|w| number(w.as_bytes())).collect();
+        if pose != [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0].map(Some) && pose.len() == 7 {
+            comments.push(format!("VIEWPOINT {viewpoint}"));
+            context.note(format!(
+                "left the points where they are stored: the sensor's pose (VIEWPOINT {viewpoint}) moves nothing"
+            ));
+        }
+    }
+    point_columns::build(columns, &roles, Source::Typed, comments, context)
+}
+
+fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
+    let (mut names, mut sizes, mut types, mut counts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut width, mut height, mut points, mut viewpoint) = (None, None, None, None);
+    let mut lines = Lines::new(&bytes[..bytes.len().min(MAX_HEADER_BYTES)]);
+    let (encoding, line, start) = loop {
+        let Some((line, raw)) = lines.next() else {
+            let problem = Problem::new("the PCD header has no DATA line");
+            return Err(problem.expected("'DATA ascii', 'DATA binary' or 'DATA binary_compressed'").into());
+        };
+        let at = Location::Line(line);
+        let text = std::str::from_utf8(raw)
+            .map_err(|_| Problem::new(format!("the PCD header has a line that is not text: {}", quote(raw))).at(at))?;
+        let mut words = text.split_ascii_whitespace();
+        let keyword = words.next().unwrap_or("#");
+        if keyword.starts_with('#') {
+            continue;
+        }
+        let words: Vec<&str> = words.collect();
+        let whole = |word: Option<&&str>| {
+            let word = word.copied().unwrap_or("");
+            word.parse::<usize>().map_err(|_| {
+                let what = format!("the PCD header has {} as its {keyword}", quote(word));
+                Problem::new(what).at(at).expected("a whole number")
+            })
+        };
+        match keyword {
+            "VERSION" => {}
+            "FIELDS" | "COLUMNS" => names = words,
+            "SIZE" => sizes = words.iter().map(|w| whole(Some(w))).collect::<Result<_, _>>()?,
+            "TYPE" => types = words,
+            "COUNT" => counts = words.iter().map(|w| whole(Some(w))).collect::<Result<_, _>>()?,
+            "WIDTH" => width = Some(whole(words.first())?),
+            "HEIGHT" => height = Some(whole(words.first())?),
+            "POINTS" => points = Some(whole(words.first())?),
+            "VIEWPOINT" => viewpoint = Some(text.trim_ascii().trim_start_matches("VIEWPOINT").trim_ascii()),
+            "DATA" => {
+                let encoding = match words.first().copied().unwrap_or("") {
+                    "ascii" => Encoding::Text,
+                    "binary" => Encoding::Binary,
+                    "binary_compressed" => Encoding::Compressed,
+                    other => {
+                        let problem = Problem::new(format!("the PCD data are {}", quote(other))).at(at);
+                        return Err(problem.expected("ascii, binary or binary_compressed").into());
+                    }
+                };
+                // The header may be longer than what is looked at.
+                break (encoding, line, bytes.len().min(MAX_HEADER_BYTES) - lines.rest().len());
+            }
+            other => {
+                let problem = Problem::new(format!("the PCD header has an unknown line {}", quote(other))).at(at);
+                return Err(problem
+                    .expected("FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, VIEWPOINT, POINTS, DATA")
+                    .into());
+            }
+        }
+    };
+    if names.is_empty() {
+        return Err(Problem::new("the PCD header has no FIELDS").expected("'FIELDS x y z' and their like").into());
+    }
+    let mut fields = Vec::with_capacity(names.len());
+    for (i, &name) in names.iter().enumerate() {
+        let (size, kind) = (sizes.get(i).copied().unwrap_or(4), types.get(i).copied().unwrap_or("F"));
+        let kind = match (kind, size) {
+            ("F", 4) => NumberType::F32,
+            ("F", 8) => NumberType::F64,
+            ("U", 1) => NumberType::U8,
+            ("U", 2) => NumberType::U16,
+            ("U", 4) => NumberType::U32,
+            ("U", 8) => NumberType::U64,
+            ("I", 1) => NumberType::I8,
+            ("I", 2) => NumberType::I16,
+            ("I", 4) => NumberType::I32,
+            ("I", 8) => NumberType::I64,
+            _ => {
+                let what = format!("the PCD field {} has the type {} of {size} bytes", quote(name), quote(kind));
+                return Err(Problem::new(what).expected("F of 4 or 8, U or I of 1, 2, 4 or 8").into());
+            }
+        };
+        fields.push(Field { name, kind, count: counts.get(i).copied().unwrap_or(1) });
+    }
+    let product = width.unwrap_or(0).saturating_mul(height.unwrap_or(1));
+    let points = points.unwrap_or(product);
+    let point_bytes = fields.iter().map(|f| f.kind.bytes().saturating_mul(f.count)).fold(0, usize::saturating_add);
+    if point_bytes == 0 {
+        return Err(Problem::new("the PCD header gives its points no numbers").expected("a COUNT of 1").into());
+    }
+    Ok(Header { fields, points, viewpoint, encoding, point_bytes, body: &bytes[start..], line, start })
+}
+
+/// Points as text, in the form of binary ones.
+fn read_text(header: &Header<'_>) -> Result<Vec<u8>, Fault> {
+    let mut data = Vec::new();
+    let mut rows = 0;
+    for (line, text) in Lines::new(header.body) {
+        let mut words = words(text).peekable();
+        if words.peek().is_none_or(|w| w.starts_with(b"#")) {
+            continue;
+        }
+        if rows == header.points {
+            break;
+        }
+        let at = Location::Line(header.line + line);
+        for field in &header.fields {
+            for _ in 0..field.count {
+                let Some(word) = words.next() else {
+                    let problem = Problem::new(format!("point {rows} has too few numbers")).at(at);
+                    return Err(problem.expected("as many as the header's FIELDS and COUNT say").into());
+                };
+                push_word(&mut data, field, word).ok_or_else(|| {
+                    Problem::new(format!("found {} as {}", quote(word), quote(field.name)))
+                        .at(at)
+                        .expected("a number of the header's TYPE")
+                })?;
+            }
+        }
+        if words.next().is_some() {
+            let problem = Problem::new(format!("point {rows} has too many numbers")).at(at);
+            return Err(problem.expected("as many as the header's FIELDS and COUNT say").into());
+        }
+        rows += 1;
+    }
+    if rows < header.points {
+        let problem = Problem::new(format!("the file ends after {rows} of {} points", header.points));
+        return Err(problem.help("copy or export the file again: it is incomplete").into());
+    }
+    Ok(data)
+}
+
+/// Appends a printed number as the field's type has it.
+fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
+    // Packed colours are floats by their type, but many programs print their bits as a whole number.
+    let packed =
+        || std::str::from_utf8(word).ok()?.parse::<u32>().ok().filter(|_| matches!(field.name, "rgb" | "rgba"));
+    match field.kind {
+        NumberType::F32 => match packed() {
+            Some(bits) => data.extend(bits.to_le_bytes()),
+            None => data.extend(number_f32(word)?.to_le_bytes()),
+        },
+        NumberType::F64 => data.extend(number(word)?.to_le_bytes()),
+        kind => {
+            let value = match std::str::from_utf8(word).ok()?.parse::<i128>() {
+                Ok(value) => value,
+                // As 255.0, and as nan where there is nothing.
+                Err(_) => number(word)? as i128,
+            };
+            let bytes = (value as i64).to_le_bytes();
+            data.extend(&bytes[..kind.bytes()]);
+        }
+    }
+    Some(())
+}
+
+/// Points compressed by LZF: two sizes, then the stream.
+fn decompress(header: &Header<'_>, size: usize) -> Result<Vec<u8>, Fault> {
+    let wrong = |what: String| {
+        Problem::new(what).at(Location::Byte(header.start)).help("copy or export the file again: it is damaged")
+    };
+    let Some(([packed, whole], stream)) = header.body.split_at_checked(8).and_then(|(sizes, stream)| {
+        let [a, b] = sizes.as_chunks::<4>().0 else { return None };
+        Some(([u32::from_le_bytes(*a), u32::from_le_bytes(*b)].map(|n| n as usize), stream))
+    }) else {
+        return Err(wrong("the file ends within the sizes of its compressed points".into()).into());
+    };
+    let stream = stream.get(..packed).ok_or_else(|| {
+        wrong(format!("the file ends {} bytes before the end of its compressed points", packed - stream.len()))
+    })?;
+    if whole != size || size > stream.len().saturating_mul(LZF_EXPANSION) {
+        let what = format!("{packed} bytes of compressed points can't become {} points of {size} bytes", header.points);
+        return Err(wrong(what).into());
+    }
+    lzf(stream, size).ok_or_else(|| wrong("its compressed points are damaged".into()).into())
+}
+
+/// Decompresses exactly `size` bytes, which have been checked against the stream's length; `None` if it is damaged.
+///
+/// A byte below 32 stands for as many literals and one. Others begin a reference: 3 bits of length, or 7 and another
+/// byte of it, and 13 bits of distance.
+fn lzf(mut stream: &[u8], size: usize) -> Option<Vec<u8>> {
+    let mut out = Vec::with_capacity(size);
+    while let [control, rest @ ..] = stream {
+        let control = usize::from(*control);
+        if control < 32 {
+            let (literals, rest) = rest.split_at_checked(control + 1)?;
+            out.extend_from_slice(literals);
+            stream = rest;
+        } else {
+            let (mut length, mut rest) = (control >> 5, rest);
+            if length == 7 {
+                let (&more, after) = rest.split_first()?;
+                (length, rest) = (length + usize::from(more), after);
+            }
+            let (&low, after) = rest.split_first()?;
+            let (length, distance) = (length + 2, (control & 31) << 8 | usize::from(low));
+            let start = out.len().checked_sub(distance + 1)?;
+            if out.len() + length > size {
+                return None;
+            }
+            if distance + 1 >= length {
+                out.extend_from_within(start..start + length);
+            } else {
+                // The copy reads what it writes.
+                for i in start..start + length {
+                    out.push(out[i]);
+                }
+            }
+            stream = after;
+        }
+        if out.len() > size {
+            return None;
+        }
+    }
+    (out.len() == size).then_some(out)
+}

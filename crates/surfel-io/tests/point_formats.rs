@@ -1,0 +1,607 @@
+//! PCD, NumPy's arrays, text dialects, PTX, OFF, and files wrapped by gzip. The files are made here, byte by byte.
+
+#![cfg(all(feature = "npy", feature = "off", feature = "pcd", feature = "points"))]
+
+use flate2::Compression;
+use flate2::write::{DeflateEncoder, GzEncoder};
+use glam::DVec3;
+use std::io::Write;
+use std::path::Path;
+use surfel_io::{Content, Format, LoadOptions, Loaded, load_bytes};
+use surfel_model::{ExtraValues, PointCloud, Up};
+
+fn try_load(name: &str, bytes: &[u8]) -> Result<Loaded, String> {
+    let hint = Format::from_extension(Path::new(name));
+    load_bytes(bytes, hint, Path::new(name), &LoadOptions::default())
+        .map_err(|e| e.to_string())
+        .inspect_err(|e| assert!(e.lines().count() <= 4, "{e}"))
+}
+
+fn load(name: &str, bytes: impl AsRef<[u8]>) -> Loaded {
+    try_load(name, bytes.as_ref()).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn points(loaded: Loaded) -> PointCloud {
+    match loaded.content {
+        Content::Points(points) => points,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn refused(name: &str, bytes: impl AsRef<[u8]>, expected: &str) {
+    let error = try_load(name, bytes.as_ref()).map(|l| l.content).unwrap_err();
+    assert!(error.contains(expected), "{error}\nexpected: {expected}");
+}
+
+/// Every part of a file from its start, but the whole, is an error.
+fn refused_when_cut(name: &str, bytes: &[u8], from: usize) {
+    for end in from..bytes.len() {
+        assert!(try_load(name, &bytes[..end]).is_err(), "{name} cut at {end} of {}", bytes.len());
+    }
+}
+
+fn places(cloud: &PointCloud) -> Vec<DVec3> {
+    (0..cloud.len()).map(|i| cloud.origin + cloud.positions.get(i)).collect()
+}
+
+/// Linear values of the sRGB-encoded levels 128 of 255 and ½.
+const HALF_OF_255: f32 = 0.215_860_5;
+const HALF: f32 = 0.214_041_14;
+
+fn pcd(fields: &str, sizes: &str, types: &str, points: usize, data: &str, body: &[u8]) -> Vec<u8> {
+    let header = format!(
+        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {fields}\nSIZE {sizes}\nTYPE {types}\n\
+         WIDTH {points}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {points}\nDATA {data}\n"
+    );
+    [header.as_bytes(), body].concat()
+}
+
+/// LZF with literals only.
+fn lzf_literals(data: &[u8]) -> Vec<u8> {
+    data.chunks(32).flat_map(|c| std::iter::once(c.len() as u8 - 1).chain(c.iter().copied())).collect()
+}
+
+fn compressed(stream: &[u8], whole: usize) -> Vec<u8> {
+    [&(stream.len() as u32).to_le_bytes(), &(whole as u32).to_le_bytes(), stream].concat()
+}
+
+fn le(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+const FIELDS: [&str; 3] =
+    ["x y z rgb normal_x normal_y normal_z intensity label", "4 4 4 4 4 4 4 4 2", "F F F F F F F F U"];
+
+/// The same three points, the last of them NaN, as text, binary and compressed.
+fn three_pcds() -> [Vec<u8>; 3] {
+    let [fields, sizes, types] = FIELDS;
+    let color = f32::from_bits(0x00ff_8000);
+    let rows = [
+        ([1.0, 2.0, 3.0, color, 0.0, 0.0, 1.0, 0.25], 7_u16),
+        ([4.0, 5.0, 6.0, color, 0.0, 1.0, 0.0, 0.5], 65_535),
+        ([f32::NAN, 0.0, 0.0, color, 0.0, 1.0, 0.0, 0.5], 9),
+    ];
+    let text: String = rows
+        .iter()
+        .map(|(v, label)| {
+            let v: Vec<String> = v.iter().map(|v| format!("{v:e}")).collect();
+            format!("{} {label}\n", v.join(" "))
+        })
+        .collect();
+    let binary: Vec<u8> = rows.iter().flat_map(|(v, label)| [le(v), label.to_le_bytes().to_vec()].concat()).collect();
+    let by_field: Vec<u8> = (0..8)
+        .flat_map(|k| rows.iter().flat_map(move |(v, _)| v[k].to_le_bytes()))
+        .chain(rows.iter().flat_map(|(_, label)| label.to_le_bytes()))
+        .collect();
+    let packed = compressed(&lzf_literals(&by_field), by_field.len());
+    [("ascii", text.as_bytes()), ("binary", &binary), ("binary_compressed", &packed)]
+        .map(|(name, body)| pcd(fields, sizes, types, 3, name, body))
+}
+
+#[test]
+fn pcd_is_the_same_in_each_encoding() {
+    for bytes in three_pcds() {
+        let loaded = load("a", &bytes);
+        assert_eq!((loaded.format, loaded.up), (Format::Pcd, Up::PlusZ));
+        assert_eq!(loaded.notes, ["dropped 1 points whose coordinates are not finite"]);
+        assert_eq!(loaded.attributes.join(" "), "position normal colour intensity label");
+        let cloud = points(loaded);
+        assert_eq!(places(&cloud), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
+        assert_eq!(cloud.colors.unwrap()[1], [1.0, HALF_OF_255, 0.0]);
+        assert_eq!(cloud.normals.unwrap().get(1), DVec3::Y);
+        assert_eq!(cloud.extras[0].values, ExtraValues::F32(vec![0.25, 0.5]));
+        assert_eq!(cloud.extras[1].values, ExtraValues::U16(vec![7, 65_535]));
+    }
+    let [text, binary, packed] = three_pcds();
+    refused_when_cut("a.pcd", &binary, 0);
+    refused_when_cut("a.pcd", &packed, 0);
+    // The last digits of a text may be missing without a trace.
+    refused_when_cut("a.pcd", &text[..text.len() - 2], 0);
+}
+
+#[test]
+fn pcd_of_every_dialect() {
+    // No comment at the start, no COUNT and no POINTS, CRLF.
+    let old = "VERSION .7\r\nFIELDS x y z\r\nSIZE 4 4 4\r\nTYPE F F F\r\nWIDTH 2\r\nHEIGHT 1\r\nDATA \
+               ascii\r\n1 2 3\r\nnan nan nan\r\n";
+    assert_eq!(points(load("a", old)).len(), 1);
+    // Packed colours as whole numbers though their type is F; rgba with and without an alpha.
+    let color =
+        |fields, types, text: &str| points(load("a", pcd(fields, "4 4 4 4", types, 1, "ascii", text.as_bytes())));
+    assert_eq!(color("x y z rgb", "F F F F", "1 2 3 16744448\n").colors.unwrap()[0], [1.0, HALF_OF_255, 0.0]);
+    assert_eq!(color("x y z rgb", "F F F U", "1 2 3 4286578688\n").colors.unwrap()[0], [HALF_OF_255, 0.0, 0.0]);
+    let opaque = color("x y z rgba", "F F F U", "1 2 3 8388608\n");
+    assert_eq!((opaque.colors.unwrap()[0], opaque.alphas), ([HALF_OF_255, 0.0, 0.0], None));
+    let half = color("x y z rgba", "F F F U", &format!("1 2 3 {}\n", 51_u32 << 24));
+    assert_eq!(half.alphas.unwrap(), [0.2]);
+    // Padding, a field of two numbers, 64-bit times, and coordinates in f64.
+    let header = "# .PCD v0.7\nFIELDS x y z _ two t\nSIZE 8 8 8 1 4 8\nTYPE F F F U I U\nCOUNT 1 1 1 3 2 1\nWIDTH 1\n\
+                  HEIGHT 1\nVIEWPOINT 1 2 3 0 1 0 0\nPOINTS 1\nDATA binary\n";
+    let mut bytes = header.as_bytes().to_vec();
+    [500_000.125_f64, 5_000_000.001, 1.5].iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+    bytes.extend([9, 9, 9]);
+    [-1_i32, 2].iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+    bytes.extend(1_700_000_000_123_456_u64.to_le_bytes());
+    let loaded = load("a", &bytes);
+    assert!(loaded.notes[0].contains("VIEWPOINT 1 2 3 0 1 0 0"), "{:?}", loaded.notes);
+    let cloud = points(loaded);
+    assert_eq!(cloud.comments, ["VIEWPOINT 1 2 3 0 1 0 0"]);
+    // The last digit of an f64 at 5e6.
+    assert!((places(&cloud)[0] - DVec3::new(500_000.125, 5_000_000.001, 1.5)).length() < 1e-9);
+    let names: Vec<&str> = cloud.extras.iter().map(|e| e.name.as_str()).collect();
+    assert_eq!(names, ["two_0", "two_1", "t"]);
+    assert_eq!(cloud.extras[0].values, ExtraValues::I32(vec![-1]));
+    assert_eq!(cloud.extras[2].values, ExtraValues::F64(vec![1_700_000_000_123_456.0]));
+}
+
+#[test]
+fn pcd_references_of_lzf_are_followed() {
+    // Twelve zeros: one literal and a reference that reads what it writes; then a long one of 7 + 15 + 2.
+    let short = [0x00, 0, 0xe0, 2, 0];
+    let bytes = pcd("x y z", "4 4 4", "F F F", 1, "binary_compressed", &compressed(&short, 12));
+    assert_eq!(places(&points(load("a", &bytes))), [DVec3::ZERO]);
+    let two: Vec<u8> = [&[11][..], &le(&[1.0, 2.0, 3.0]), &[0x40, 11, 0x40, 11, 0x40, 11]].concat();
+    let bytes = pcd("x y z", "4 4 4", "F F F", 2, "binary_compressed", &compressed(&two, 24));
+    // Field by field: 1 2, 3 1, 2 3.
+    assert_eq!(places(&points(load("a", &bytes))), [DVec3::new(1.0, 3.0, 2.0), DVec3::new(2.0, 1.0, 3.0)]);
+    for (damaged, why) in [
+        (vec![0x00, 0, 0xe0, 2, 1], "a reference to before the start"),
+        (vec![0x00, 0, 0xe0, 3, 0], "too long"),
+        (vec![0x00, 0, 0xe0, 1, 0], "too short"),
+        (vec![0x00, 0, 0xe0, 2], "cut"),
+        (vec![0x0b, 0], "cut literals"),
+    ] {
+        let bytes = pcd("x y z", "4 4 4", "F F F", 1, "binary_compressed", &compressed(&damaged, 12));
+        assert!(try_load("a", &bytes).unwrap_err().contains("compressed points are damaged"), "{why}");
+    }
+}
+
+#[test]
+fn pcd_faults_are_errors() {
+    let ok = "# .PCD v0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA \
+              ascii\n1 2 3\n";
+    assert!(try_load("a", ok.as_bytes()).is_ok());
+    for (from, to, expected) in [
+        ("POINTS 1", "POINTS 18446744073709551615", "more than there can be"),
+        ("POINTS 1", "POINTS 4000000000", "ends after 1 of 4000000000 points"),
+        ("POINTS 1", "POINTS -1", "'-1' as its POINTS (line 8)"),
+        ("POINTS 1", "POINTS 0", "holds no point"),
+        ("COUNT 1 1 1", "COUNT 0 0 0", "no numbers"),
+        ("COUNT 1 1 1", "COUNT 1 1 18446744073709551615", "more than there can be"),
+        ("SIZE 4 4 4", "SIZE 4 4 3", "the type 'F' of 3 bytes"),
+        ("FIELDS x y z", "FIELDS a b c", "no position: the fields are a b c"),
+        ("FIELDS x y z", "HELLO x y z", "unknown line 'HELLO' (line 2)"),
+        ("DATA ascii", "DATA zip", "the PCD data are 'zip'"),
+        ("DATA ascii\n1 2 3\n", "", "no DATA line"),
+        ("1 2 3", "1 2", "point 0 has too few numbers (line 10)"),
+        ("1 2 3", "1 2 3 4", "point 0 has too many numbers"),
+        ("1 2 3", "1 2 c", "found 'c' as 'z' (line 10)"),
+    ] {
+        // COUNT of 2⁶⁴ − 1 with points of one more overflows.
+        let text = ok.replace(from, to);
+        let text = if to.starts_with("COUNT 1 1 18") { text.replace("POINTS 1", "POINTS 2") } else { text };
+        refused("a.pcd", text, expected);
+    }
+    let huge = pcd("x y z", "4 4 4", "F F F", 1 << 40, "binary", &[0; 24]);
+    refused("a", huge, "ends within point 2 of 1099511627776");
+    let bomb = pcd("x y z", "4 4 4", "F F F", 300_000_000, "binary_compressed", &compressed(&[0; 9], 3_600_000_000));
+    refused("a", bomb, "can't become 300000000 points");
+}
+
+fn npy(descr: &str, fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': {descr}, 'fortran_order': {fortran}, 'shape': {shape}, }}");
+    let header = format!("{header:<width$}\n", width = (header.len() + 11).next_multiple_of(64) - 11);
+    [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), data].concat()
+}
+
+#[test]
+fn npy_of_every_type_and_order() {
+    let values: Vec<f64> = (1..=6).map(f64::from).collect();
+    let bytes =
+        |f: &dyn Fn(f64) -> Vec<u8>, order: [usize; 6]| order.iter().flat_map(|&i| f(values[i])).collect::<Vec<u8>>();
+    let (c, fortran) = ([0, 1, 2, 3, 4, 5], [0, 3, 1, 4, 2, 5]);
+    type Encode<'a> = &'a dyn Fn(f64) -> Vec<u8>;
+    let kinds: [(&str, Encode<'_>); 12] = [
+        ("'<f4'", &|v| (v as f32).to_le_bytes().into()),
+        ("'>f4'", &|v| (v as f32).to_be_bytes().into()),
+        ("'<f8'", &|v| v.to_le_bytes().into()),
+        ("'>f8'", &|v| v.to_be_bytes().into()),
+        ("'<f2'", &|v| half::f16::from_f64(v).to_le_bytes().into()),
+        ("'|i1'", &|v| vec![v as u8]),
+        ("'|u1'", &|v| vec![v as u8]),
+        ("'>i2'", &|v| (v as i16).to_be_bytes().into()),
+        ("'<u2'", &|v| (v as u16).to_le_bytes().into()),
+        ("'<i4'", &|v| (v as i32).to_le_bytes().into()),
+        ("'>u4'", &|v| (v as u32).to_be_bytes().into()),
+        ("'<i8'", &|v| (v as i64).to_le_bytes().into()),
+    ];
+    let expected = [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)];
+    for (descr, f) in kinds {
+        for (order, name, shape) in [(c, "False", "(2, 3)"), (fortran, "True", "(2, 3)"), (c, "False", "(1, 2L, 3)")] {
+            let file = npy(descr, name, shape, &bytes(f, order));
+            assert_eq!(places(&points(load("a", &file))), expected, "{descr} {name} {shape}");
+            refused_when_cut("a.npy", &file, 0);
+        }
+    }
+    // Three rows of many columns are the transpose.
+    let wide: Vec<f32> = (0..300).map(|i| i as f32).collect();
+    let cloud = points(load("a", npy("'<f4'", "False", "(3, 100)", &le(&wide))));
+    assert_eq!((cloud.len(), cloud.positions.get(7)), (100, DVec3::new(7.0, 107.0, 207.0)));
+    let cloud = points(load("a", npy("'<f4'", "True", "(3, 100)", &le(&wide))));
+    assert_eq!((cloud.len(), cloud.positions.get(7)), (100, DVec3::new(21.0, 22.0, 23.0)));
+}
+
+#[test]
+fn npy_columns_are_told_by_content_or_by_name() {
+    for (row, attributes) in [
+        (&[1.0, 2.0, 3.0, 0.5][..], "position intensity"),
+        (&[1.0, 2.0, 3.0, 0.5, 0.25, 0.125], "position colour"),
+        (&[1.0, 2.0, 3.0, 0.6, 0.0, -0.8], "position normal"),
+        (&[1.0, 2.0, 3.0, 0.6, 0.0, -0.8, 10.0, 20.0, 255.0], "position normal colour"),
+        (&[1.0, 2.0, 3.0, 0.5, 7.0], "position column_4 column_5"),
+    ] {
+        let loaded = load("a", npy("'<f4'", "False", &format!("(1, {})", row.len()), &le(row)));
+        assert_eq!(loaded.attributes.join(" "), attributes);
+        assert!(loaded.notes[0].contains(&format!("the array of 1×{} as points", row.len())), "{:?}", loaded.notes);
+    }
+    let descr = "[('xyz', '<f4', (3,)), ('', '|V2'), ('rgb', '|u1', (3,)), (('title', 'label'), '>i2'), ('id', '<U2'), \
+                 ('ok', '|b1')]";
+    let row = [&le(&[1.0, 2.0, 3.0])[..], &[9, 9], &[255, 128, 0], &[1, 2], &[0; 8], &[1]].concat();
+    let loaded = load("a", npy(descr, "False", "(1,)", &row));
+    assert_eq!(loaded.notes, ["left out the fields id: they aren't numbers"]);
+    let cloud = points(loaded);
+    assert_eq!(
+        (cloud.positions.get(0), cloud.colors.unwrap()[0]),
+        (DVec3::new(1.0, 2.0, 3.0), [1.0, HALF_OF_255, 0.0])
+    );
+    assert_eq!((cloud.extras[0].name.as_str(), &cloud.extras[0].values), ("label", &ExtraValues::I16(vec![258])));
+    assert_eq!((cloud.extras[1].name.as_str(), &cloud.extras[1].values), ("ok", &ExtraValues::U8(vec![1])));
+}
+
+#[test]
+fn npy_faults_are_errors() {
+    let data = le(&[0.0; 6]);
+    for (descr, shape, expected) in [
+        ("'<f4'", "(3, 3)", "24 bytes for an array of 3×3"),
+        ("'<f4'", "(18446744073709551615, 3)", "18446744073709551615×3 elements"),
+        ("'<f4'", "(0, 18446744073709551615, 18446744073709551615)", "bytes for an array"),
+        ("'<f4'", "(0, 3)", "holds no point"),
+        ("'<f4'", "(3, 2)", "an array of 3×2 numbers"),
+        ("'<f4'", "(6,)", "an array of 6 numbers"),
+        ("'<f4'", "()", "an array of  numbers"),
+        ("'<c8'", "(1, 3)", "NumPy's type '<c8'"),
+        ("'|O'", "(1, 3)", "NumPy's type '|O'"),
+        ("'<f99999999999999999999'", "(1, 3)", "the array's header is"),
+        ("[('x', '<f4'), ('y', '<f4')]", "(1,)", "no position: they have x y"),
+        ("[[[[[[[[[[[[1]]]]]]]]]]]]", "(1,)", "the array's header is"),
+        ("'<f4', 'x'", "(1, 3)", "the array's header is"),
+    ] {
+        refused("a.npy", npy(descr, "False", shape, &data), expected);
+    }
+    refused("a.npy", b"\x93NUMPY\x09\x00", "format 9");
+    refused("a.npy", b"hello", "is no array of NumPy");
+    refused("a", npy("'<f4'", "False", "(480, 640)", &[0; 480 * 640 * 4]), "480×640");
+}
+
+/// A ZIP file; members are deflated if asked for.
+fn zip(members: &[(&str, Vec<u8>)], deflate: bool, comment: &[u8]) -> Vec<u8> {
+    let (mut bytes, mut directory) = (Vec::new(), Vec::new());
+    for (name, content) in members {
+        let packed = if deflate {
+            let mut encoder = DeflateEncoder::new(Vec::new(), Compression::fast());
+            encoder.write_all(content).unwrap();
+            encoder.finish().unwrap()
+        } else {
+            content.clone()
+        };
+        let start = bytes.len() as u32;
+        let method = [if deflate { 8 } else { 0 }, 0];
+        let sizes = [(packed.len() as u32).to_le_bytes(), (content.len() as u32).to_le_bytes()].concat();
+        let length = (name.len() as u16).to_le_bytes();
+        // As NumPy does, the local header leaves the sizes to the directory.
+        bytes.extend([b"PK\x03\x04\x14\0\0\0", &method[..], &[0; 4], &[0; 4], &[0xff; 8], &length, &[0, 0]].concat());
+        bytes.extend(name.as_bytes());
+        bytes.extend(&packed);
+        directory.extend([b"PK\x01\x02\x14\0\x14\0\0\0", &method[..], &[0; 8], &sizes, &length, &[0; 12]].concat());
+        directory.extend(start.to_le_bytes());
+        directory.extend(name.as_bytes());
+    }
+    let (count, start) = ((members.len() as u16).to_le_bytes(), (bytes.len() as u32).to_le_bytes());
+    let size = (directory.len() as u32).to_le_bytes();
+    bytes.extend(&directory);
+    let end =
+        [b"PK\x05\x06\0\0\0\0", &count[..], &count, &size, &start, &(comment.len() as u16).to_le_bytes(), comment];
+    bytes.extend(end.concat());
+    bytes
+}
+
+#[test]
+fn npz_goes_by_names() {
+    let xyz = npy("'<f4'", "False", "(2, 3)", &le(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]));
+    let colors = npy("'|u1'", "False", "(2, 3)", &[255, 128, 0, 0, 0, 255]);
+    let normals = npy("'<f4'", "True", "(2, 3)", &le(&[0.0, 0.0, 0.0, 1.0, 1.0, 0.0]));
+    let radii = npy("'<f4'", "False", "(2,)", &le(&[0.5, 0.25]));
+    let label = npy("'<i8'", "False", "(2,)", &[[7_u8, 0, 0, 0, 0, 0, 0, 0], [8, 0, 0, 0, 0, 0, 0, 0]].concat());
+    let title = npy("'<U5'", "False", "()", &[0; 20]);
+    let members = [("points.npy", xyz.clone()), ("colors.npy", colors), ("label.npy", label), ("title.npy", title)];
+    for (deflate, comment) in [(false, &b""[..]), (true, b"a comment PK\x05\x06")] {
+        let loaded = load("a", zip(&members, deflate, comment));
+        assert_eq!((loaded.format, loaded.up), (Format::Npz, Up::PlusZ));
+        assert!(loaded.notes[0].starts_with("ignored the arrays title:"), "{:?}", loaded.notes);
+        assert_eq!(loaded.attributes.join(" "), "position colour label");
+        let cloud = points(loaded);
+        assert_eq!(cloud.colors.as_ref().unwrap()[0], [1.0, HALF_OF_255, 0.0]);
+        assert_eq!(cloud.extras[0].values, ExtraValues::F64(vec![7.0, 8.0]));
+    }
+    // Normals and radii make disks.
+    let members = [("xyz.npy", xyz.clone()), ("normals.npy", normals), ("radii.npy", radii)];
+    let Content::Splats(cloud) = load("a", zip(&members, true, b"")).content else { panic!() };
+    assert_eq!((cloud.radius_max(0), cloud.radius_max(1)), (0.5, 0.25));
+    // x, y and z on their own; any name where there is one array; a mesh.
+    let one = |v: f32| npy("'<f4'", "False", "(1,)", &le(&[v]));
+    let members = [("y.npy", one(2.0)), ("x.npy", one(1.0)), ("z.npy", one(3.0))];
+    assert_eq!(places(&points(load("a", zip(&members, false, b"")))), [DVec3::new(1.0, 2.0, 3.0)]);
+    assert_eq!(points(load("a", zip(&[("cloud.npy", xyz)], false, b""))).len(), 2);
+    let vertices = npy(
+        "'<f8'",
+        "False",
+        "(3, 3)",
+        &[[0.0_f64, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+            .as_flattened()
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect::<Vec<u8>>(),
+    );
+    let face = |i: i8| npy("'|i1'", "False", "(1, 3)", &[0, 1, i as u8]);
+    let Content::Mesh(mesh) = load("a", zip(&[("v.npy", vertices.clone()), ("faces.npy", face(2))], true, b"")).content
+    else {
+        panic!()
+    };
+    assert_eq!(mesh.triangles, [[0, 1, 2]]);
+    for i in [3, -1] {
+        assert!(try_load("a", &zip(&[("vertices.npy", vertices.clone()), ("faces.npy", face(i))], true, b"")).is_err());
+    }
+}
+
+#[test]
+fn npz_faults_are_errors() {
+    let xyz = npy("'<f4'", "False", "(2, 3)", &le(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]));
+    let whole = zip(&[("points.npy", xyz.clone())], true, b"");
+    refused_when_cut("a.npz", &whole, 0);
+    refused(
+        "a.npz",
+        zip(&[("a.npy", npy("'<f4'", "False", "(2,)", &[0; 8]))], false, b""),
+        "no array of positions among a",
+    );
+    refused("a", zip(&[("readme.txt", vec![])], false, b""), "is a ZIP archive");
+    // The directory says what isn't so: far more than deflate can make, more than there is, another method.
+    let at = whole.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
+    for (offset, bytes, expected) in [
+        (24, &0xffff_fff0_u32.to_le_bytes()[..], "claims to be 4294967280 bytes"),
+        (24, &[1, 0, 0, 0], "is damaged"),
+        (20, &[0xf0, 0xff, 0, 0], "ends within 'points.npy'"),
+        (10, &[9, 0], "method 9"),
+        (8, &[1, 0], "encrypted"),
+        (42, &[9, 9, 0, 0], "ends within 'points.npy'"),
+    ] {
+        let mut wrong = whole.clone();
+        wrong[at + offset..at + offset + bytes.len()].copy_from_slice(bytes);
+        refused("a.npz", wrong, expected);
+    }
+}
+
+fn gzip(content: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+    encoder.write_all(content).unwrap();
+    encoder.finish().unwrap()
+}
+
+#[test]
+fn gzip_is_unwrapped_and_content_decides() {
+    let ply = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float \
+                z\nend_header\n1 2 3";
+    assert_eq!(Format::from_extension(Path::new("a.XYZ.gz")), Some(Format::Xyz));
+    assert_eq!(Format::from_extension(Path::new("a.gz")), None);
+    for name in ["a.ply.gz", "a.xyz.gz", "a.gz", "a"] {
+        assert_eq!(load(name, gzip(ply)).format, Format::Ply);
+    }
+    let text = load("a.pts.gz", gzip(b"1\n1 2 3\n"));
+    assert_eq!((text.format, points(text).len()), (Format::Pts, 1));
+    // Several members follow each other; a cut, a wrong sum and more than the limit are errors.
+    assert_eq!(points(load("a.xyz.gz", [gzip(b"1 2 3\n"), gzip(b"4 5 6\n")].concat())).len(), 2);
+    let whole = gzip(&b"1 2 3\n".repeat(500));
+    refused_when_cut("a.xyz.gz", &whole, 2);
+    refused("a.xyz.gz", &whole[..whole.len() - 9], "ends too early");
+    let mut wrong = whole;
+    let n = wrong.len();
+    wrong[n - 5] ^= 1;
+    refused("a.xyz.gz", wrong, "damaged gzip file");
+    refused("a.xyz.gz", gzip(&vec![b'\n'; 80 << 20]), "compressed by gzip to");
+    refused("a.gz", gzip(&gzip(b"1 2 3\n")), "in no format");
+}
+
+#[test]
+fn text_headers_of_other_programs_are_obeyed() {
+    for (text, attributes) in [
+        ("//X Y Z R G B Intensity\n1 2 3 10 20 30 5\n", "position colour Intensity"),
+        ("//X Y Z Intensity R G B Nx Ny Nz\n1\n1 2 3 5 10 20 30 0 0 1\n", "position normal colour Intensity"),
+        ("//X,Y,Z,Rf,Gf,Bf,Scalar field\n1,2,3,0.1,0.2,0.3,7\n", "position colour Scalar field"),
+        ("# made by hand\n# x y z label\n1 2 3 4\n", "position label"),
+        ("\"X\";\"Y\";\"Z\";\"Gps Time\"\n1;2;3;4\n", "position Gps Time"),
+        ("Easting[m]\tNorthing[m]\tElevation[m]\n1\t2\t3\n", "position"),
+        ("id,x,y,z,r,g,b,a\n9,1,2,3,255,0,0,255\n", "position colour alpha id"),
+        ("x y z red green\n1 2 3 4 5\n", "position red green"),
+    ] {
+        let loaded = load("a", text);
+        assert_eq!(loaded.attributes.join(" "), attributes, "{text}");
+        assert!(loaded.notes.iter().all(|n| !n.contains("no first line")), "{:?}", loaded.notes);
+        assert_eq!(places(&points(loaded)), [DVec3::new(1.0, 2.0, 3.0)], "{text}");
+    }
+    // Names that don't fit the columns count for nothing, and a note says so.
+    let loaded = load("a.xyz", "x y z i\n1 2 3 0.5 0.5 0.5\n");
+    assert_eq!(loaded.notes[0], "took the columns as x y z red green blue: the line of names has 4");
+    // Whole numbers beyond f32, such as times, keep their digits.
+    let cloud = points(load("a.csv", "x,y,z,t\n1,2,3,123456789.25\n"));
+    assert_eq!(cloud.extras[0].values, ExtraValues::F64(vec![123_456_789.25]));
+}
+
+#[test]
+fn seven_columns_are_told_by_their_numbers() {
+    for (text, names) in [
+        ("1 2 3 -2048 10 20 30\n1 2 3 2047 10 20 255\n", "x y z intensity red green blue"),
+        ("1 2 3 10 20 30 -2048\n1 2 3 10 20 255 2047\n", "x y z red green blue intensity"),
+        ("1 2 3 10 20 30 4000\n", "x y z red green blue intensity"),
+        ("1 2 3 10 20 30 0.5\n", "x y z red green blue intensity"),
+        ("1 2 3 0.5 10 20 30\n", "x y z intensity red green blue"),
+        // Either would do: the order of PTS.
+        ("1 2 3 10 20 30 40\n", "x y z intensity red green blue"),
+        ("1 2 3 0.5 0.6 0 0.8\n", "x y z intensity nx ny nz"),
+    ] {
+        let loaded = load("a.xyz", text);
+        assert_eq!(loaded.notes[0], format!("took the columns as {names}: no first line names them"));
+    }
+}
+
+#[test]
+fn pts_of_every_dialect() {
+    for (text, rows, attributes) in [
+        ("2\n1 2 3\n4 5 6\n", 2, "position"),
+        ("1 2 3 -5\n4 5 6 7\n", 2, "position intensity"),
+        ("1\n1 2 3 10 20 30\n1\n4 5 6 10 20 30\n", 2, "position colour"),
+        ("1\n1 2 3 -2048 10 20 30\n2\n4 5 6 2047 10 20 30\n7 8 9 0 1 2 3\n", 3, "position colour intensity"),
+    ] {
+        let loaded = load("a.pts", text);
+        assert_eq!(loaded.attributes.join(" "), attributes, "{text}");
+        assert!(loaded.notes.iter().all(|n| !n.contains("says that it has")), "{:?}", loaded.notes);
+        assert_eq!(points(loaded).len(), rows);
+    }
+    let loaded = load("a.pts", "5\n1 2 3\n4 5 6\n");
+    assert!(loaded.notes.contains(&"the file says that it has 5 points, and has 2".to_owned()), "{:?}", loaded.notes);
+}
+
+#[test]
+fn decimal_commas_are_read_where_nothing_else_fits() {
+    for text in [
+        "1,5;2,25;3\n4;5,5;6,0\n",
+        "X;Y;Z\n1,5;2,25;3,0\n4;5,5;6\n",
+        "2\n1,5 2,25 3,0\n4,0 5,5 6,0\n",
+        "1,5\t2,25\t3e0\n4\t5,5\t6\n",
+    ] {
+        let loaded = load("a.txt", text);
+        assert!(loaded.notes[0].starts_with("took commas as decimal points"), "{:?}", loaded.notes);
+        assert_eq!(places(&points(loaded)), [DVec3::new(1.5, 2.25, 3.0), DVec3::new(4.0, 5.5, 6.0)], "{text}");
+    }
+    for text in ["1,2,3\n4,5,6\n", "1, 2, 3\n4, 5, 6\n", "1,2,3\n4;5;6\n", "1 ,2 ,3\n4 ,5 ,6\n"] {
+        let cloud = points(load("a.txt", text));
+        assert_eq!(places(&cloud), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)], "{text}");
+    }
+    // Commas that do both can't be told apart.
+    refused("a.csv", "1,5,2,25,3\n4,0,5,5\n", "if its commas are decimal points");
+}
+
+const PTX: &str = "2\n2\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n100 200 300 1\n1 0 0 0.5 255 0 0\n\
+                   0 0 0 0.5 0 0 0\n0 1 0 0.25 0 255 0\n0 0 1 0 0 0 255\n";
+
+#[test]
+fn ptx_scans_are_moved_by_their_poses() {
+    let loaded = load("a", format!("{PTX}{}", PTX.replace("100 200 300", "0 0 0").replace('\n', "\r\n")));
+    assert_eq!((loaded.format, loaded.up), (Format::Ptx, Up::PlusZ));
+    assert!(loaded.notes.contains(&"left out 2 points at 0 0 0: the scanner got no return there".into()));
+    assert_eq!(loaded.attributes.join(" "), "position colour intensity scan");
+    let cloud = points(loaded);
+    // A quarter turn about z: x to y, y to −x.
+    let turned = [DVec3::Y, DVec3::NEG_X, DVec3::Z];
+    let moved = turned.map(|p| p + DVec3::new(100.0, 200.0, 300.0));
+    assert_eq!(places(&cloud), [moved, turned].concat());
+    assert_eq!(cloud.extras[1].values, ExtraValues::F32([[0.0; 3], [1.0; 3]].concat()));
+    // Of one scan there is nothing to tell apart; without colours there are four columns.
+    let plain = PTX.lines().map(|l| l.split(' ').take(4).collect::<Vec<_>>().join(" ") + "\n").collect::<String>();
+    assert_eq!(load("a.ptx", &plain).attributes.join(" "), "position intensity");
+    for (from, to, expected) in [
+        ("2\n2\n", "2\n9999999999\n", "ends within the points of scan 1"),
+        ("2\n2\n", "2\n3\n", "ends within the points of scan 1"),
+        ("0 1 0 0.25 0 255 0", "0 1 0 0.25 0", "found 5 numbers (line 13)"),
+        ("0 1 0 0.25 0 255 0", "0 1 0 0.25", "found 4 numbers (line 13)"),
+        ("0 1 0 0.25 0 255 0", "0 1 0 a 0 255 0", "found 'a' (line 13)"),
+        ("100 200 300 1", "100 200", "found 2 numbers (line 10)"),
+    ] {
+        refused("a.ptx", PTX.replace(from, to), expected);
+    }
+}
+
+#[test]
+fn off_of_every_kind() {
+    let mesh = |text: &str| match load("a", text).content {
+        Content::Mesh(mesh) => mesh,
+        other => panic!("{other:?}"),
+    };
+    let square = "4 1 4\n0 0 0\n1 0 0 # a corner\n\n1 1 0\n0 1 0\n4 0 1 2 3\n";
+    for head in ["OFF\n", "# a\nOFF ", "OFF"] {
+        let m = mesh(&format!("{head}{square}"));
+        assert_eq!((m.positions.len(), &m.triangles[..]), (4, &[[0, 1, 2], [0, 2, 3]][..]), "{head}");
+    }
+    let m = mesh("COFF\n3 1 0\n0 0 0 255 128 0 255\n1 0 0 0 0 0 0\n0 1 0 0 0 0 51\n3 0 1 2 9 9 9\n");
+    assert_eq!((m.colors.unwrap()[0], m.alphas.unwrap()), ([1.0, HALF_OF_255, 0.0], vec![1.0, 0.0, 0.2]));
+    let m = mesh("CNOFF\n3 1 0\n0 0 0 0 0 1 0.5 1 0\n1 0 0 0 0 1 1 1 1\n0 1 0 0 0 1 1 1 1\n3 0 1 2\n");
+    assert_eq!((m.colors.unwrap()[0], m.normals.unwrap()[2]), ([HALF, 1.0, 0.0], [0.0, 0.0, 1.0]));
+    let m = mesh("ST4OFF\n3 1 0\n0 0 0 2 0 0\n2 0 0 2 0 0\n0 4 0 4 1 1\n3 0 1 2\n");
+    assert_eq!((m.positions.get(1), m.positions.get(2)), (DVec3::X, DVec3::Y));
+    let cloud = points(load("a", "NOFF\n1 0 0\n1 2 3 0 0 2\n"));
+    assert_eq!((cloud.positions.get(0), cloud.normals.unwrap().get(0)), (DVec3::new(1.0, 2.0, 3.0), DVec3::Z * 2.0));
+    let notes = load("a", "OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 255 0 0\n2 0 1\n").notes;
+    assert_eq!(notes, ["skipped 1 faces with fewer than 3 corners", "ignored the colours of faces"]);
+    for (text, expected) in [
+        ("OFF\n99999999999 0 0\n0 0 0\n", "ends within its vertices"),
+        ("OFF\n1 99999999999 0\n0 0 0\n", "ends within its faces"),
+        ("OFF\n1 1 0\n0 0 0\n9999999999 0 0 0\n", "found the face"),
+        ("OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "a corner out of range (line 4)"),
+        ("OFF\n1 1 0\n0 0 0\n3 0 0 -1\n", "a corner out of range"),
+        ("OFF\n1 0 0\n0 0\n", "a vertex has 2 numbers (line 3)"),
+        ("OFF\n1 0 0\n0 0 a\n", "found 'a' (line 3)"),
+        ("OFF BINARY\n", "binary OFF"),
+        ("OFF\n1 -1\n", "found '1 -1'"),
+        ("OFF\n", "ends within its header"),
+    ] {
+        refused("a.off", text, expected);
+    }
+}
+
+#[test]
+fn files_that_are_not_read_are_named() {
+    let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
+    for (name, bytes, expected) in [
+        ("a.ply", pointer.as_bytes(), "git lfs pull"),
+        ("a.xyz", b"<!DOCTYPE html><html>", "is a web page"),
+        ("a.xyz", b"\n<html>", "is a web page"),
+        ("a", b"CCB2\x01", "BIN file of CloudCompare"),
+        ("a", b"Kaydara FBX Binary", "FBX"),
+        ("a.ksplat", b"\x00\x01\x00\x00", "KSPLAT"),
+        ("a", b"\x28\xb5\x2f\xfd....", "Zstandard"),
+        ("a.png", b"\x89PNG", "PNG image"),
+    ] {
+        refused(name, bytes, expected);
+    }
+    let mut tar = vec![0; 600];
+    tar[257..262].copy_from_slice(b"ustar");
+    refused("a.tar", tar, "TAR archive");
+}
