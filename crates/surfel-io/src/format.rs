@@ -23,12 +23,20 @@ pub enum Format {
     Xyz,
     /// Leica PTS: a count, then x y z intensity r g b.
     Pts,
+    /// Points of laser scanners: ASPRS LAS 1.0 to 1.4.
+    Las,
+    /// LAS, compressed by LASzip.
+    Laz,
+    /// LAZ whose chunks are the nodes of an octree.
+    Copc,
+    /// Scans of terrestrial scanners: ASTM E2807.
+    E57,
     /// Surfel's own octree of splats and polygons.
     Surfel,
 }
 
 /// What a file that is in none of the formats can be instead.
-pub(crate) const KNOWN_FORMATS: &str = "PLY, OBJ, STL, glTF, GLB, XYZ (TXT, CSV) or PTS";
+pub(crate) const KNOWN_FORMATS: &str = "PLY, OBJ, STL, glTF, GLB, LAS, LAZ, E57, XYZ (TXT, CSV) or PTS";
 
 /// First bytes of a `.surfel` file. The line end shows a file that was sent as text.
 pub(crate) const OCTREE_SIGNATURE: &[u8; 8] = b"SURFEL\r\n";
@@ -44,6 +52,10 @@ impl Format {
             Self::Glb => "GLB",
             Self::Xyz => "XYZ",
             Self::Pts => "PTS",
+            Self::Las => "LAS",
+            Self::Laz => "LAZ",
+            Self::Copc => "COPC",
+            Self::E57 => "E57",
             Self::Surfel => "Surfel octree",
         }
     }
@@ -58,6 +70,9 @@ impl Format {
             "glb" => Self::Glb,
             "xyz" | "txt" | "csv" | "asc" | "xyzrgb" | "xyzn" => Self::Xyz,
             "pts" => Self::Pts,
+            "las" => Self::Las,
+            "laz" => Self::Laz,
+            "e57" => Self::E57,
             "surfel" => Self::Surfel,
             _ => return None,
         })
@@ -69,8 +84,24 @@ impl Format {
         match self {
             Self::Ply if holds_gaussians => Up::MinusY,
             Self::Ply | Self::Obj | Self::Gltf | Self::Glb | Self::Surfel => Up::PlusY,
-            Self::Stl | Self::Xyz | Self::Pts => Up::PlusZ,
+            Self::Stl | Self::Xyz | Self::Pts | Self::Las | Self::Laz | Self::Copc | Self::E57 => Up::PlusZ,
         }
+    }
+
+    /// The formats that are read here and there in a file, by its first bytes.
+    pub(crate) fn of_survey(head: &[u8]) -> Option<Self> {
+        if head.starts_with(b"ASTM-E57") {
+            return Some(Self::E57);
+        }
+        if !head.starts_with(b"LASF") {
+            return None;
+        }
+        let compressed = head.get(104).is_some_and(|b| b & 0xc0 != 0);
+        Some(match head.get(377..381) {
+            _ if !compressed => Self::Las,
+            Some(b"copc") => Self::Copc,
+            _ => Self::Laz,
+        })
     }
 
     /// By the file's first bytes where they say it for certain, `None` where they don't.
@@ -79,9 +110,7 @@ impl Format {
     /// [`Problem`] if they are those of a format that isn't geometry, or if a `.surfel` file lacks its own.
     pub(crate) fn from_signature(bytes: &[u8], hint: Option<Self>) -> Result<Option<Self>, Problem> {
         for (magic, name) in [
-            (&b"LASF"[..], "LAS/LAZ"),
-            (b"ASTM-E57", "E57"),
-            (b"# .PCD", "PCD"),
+            (&b"# .PCD"[..], "PCD"),
             (b"PK\x03\x04", "ZIP"),
             (b"\x1f\x8b", "GZIP"),
             (b"\x89PNG", "PNG image"),
@@ -94,6 +123,9 @@ impl Format {
         }
         if bytes.starts_with(OCTREE_SIGNATURE) {
             return Ok(Some(Self::Surfel));
+        }
+        if let Some(format) = Self::of_survey(bytes) {
+            return Ok(Some(format));
         }
         if hint == Some(Self::Surfel) {
             let found = quote(&bytes[..bytes.len().min(12)]);

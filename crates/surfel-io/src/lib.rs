@@ -1,7 +1,7 @@
 //! Files of Surfel: splats, points and meshes in; images and splats out; scene files both ways.
 //!
 //! * [`load`]: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, STL, glTF and GLB,
-//!   XYZ and PTS, Surfel's octrees.
+//!   LAS, LAZ, COPC and E57, XYZ and PTS, Surfel's octrees.
 //! * [`save_splat_ply`]: a splat cloud, without loss; [`save_octree`]: an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), [`read_image`]: the planes of a frame.
 //! * [`scene_file`]: scene and camera files.
@@ -11,8 +11,8 @@
 //! file's size (images, compressed glTF meshes and glTF instances: fixed limits). Each function `save_…` has a twin
 //! `write_…` for sinks.
 //!
-//! Each family of formats is a Cargo feature: `obj`, `stl`, `points`, `gltf`, `draco`, `meshopt`, `jpeg`, `webp`,
-//! `exr`; all are on by default. Without them PLY, octrees, PNG and scene files remain, and a file of a format that
+//! Each family of formats is a Cargo feature: `obj`, `stl`, `points`, `las`, `laz`, `e57`, `gltf`, `draco`, `meshopt`,
+//! `jpeg`, `webp`, `exr`; all are on by default. Without them PLY, octrees, PNG and scene files remain, and a file of a format that
 //! isn't built is refused with the name of its feature.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
@@ -23,6 +23,8 @@ mod color;
 mod columns;
 mod content;
 mod context;
+#[cfg(feature = "e57")]
+mod e57;
 mod error;
 mod files;
 mod format;
@@ -30,6 +32,8 @@ mod gaussians;
 #[cfg(feature = "gltf")]
 mod gltf;
 mod images;
+#[cfg(feature = "las")]
+mod las;
 mod load;
 #[cfg(any(feature = "obj", feature = "gltf"))]
 mod materials;
@@ -42,6 +46,8 @@ mod points;
 pub mod scene_file;
 #[cfg(feature = "stl")]
 mod stl;
+#[cfg(any(feature = "las", feature = "e57"))]
+mod survey;
 
 pub use content::{Content, LoadOptions};
 pub use error::{IoError, Location, Problem};

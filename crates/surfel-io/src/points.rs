@@ -224,5 +224,5 @@ fn build(
             _ => None,
         })
         .collect();
-    context.points(PointCloud { origin, positions, normals, colors, alphas, extras, up: None, comments })
+    context.points(PointCloud { origin, positions, normals, colors, alphas, extras, comments, ..PointCloud::default() })
 }

@@ -11,6 +11,8 @@ fn left_out_formats_name_their_feature_and_others_are_read() {
         (Format::Stl, cfg!(feature = "stl"), "stl"),
         (Format::Gltf, cfg!(feature = "gltf"), "gltf"),
         (Format::Xyz, cfg!(feature = "points"), "points"),
+        (Format::Las, cfg!(feature = "las"), "las"),
+        (Format::E57, cfg!(feature = "e57"), "e57"),
     ] {
         let error = load_bytes(b"? ?", Some(format), Path::new("t"), &LoadOptions::default()).unwrap_err();
         let hint = format!("build with the Cargo feature \"{feature}\" of surfel-io");
