@@ -1,6 +1,7 @@
 //! `surfel info`: what a file holds, without converting all of it.
 
 use crate::args::InfoArgs;
+use crate::attributes;
 use crate::console::Console;
 use crate::failure::Failure;
 use crate::stdin::{self, Stdin, is_stdin};
@@ -88,8 +89,7 @@ fn facts(args: &InfoArgs, loaded: &Loaded, file_bytes: u64) -> Value {
         }
         Content::Points(points) => {
             let counts = json!({ "points": points.len() });
-            let bounds = bounds(points.origin, &points.positions);
-            ("points", counts, bounds, radii_of_points(points), bytes_of_points(points), None)
+            ("points", counts, points.bounds(), radii_of_points(points), bytes_of_points(points), None)
         }
         Content::Octree(octree) => {
             let (cloud, mesh) = (octree.cloud(), octree.mesh());
@@ -107,6 +107,14 @@ fn facts(args: &InfoArgs, loaded: &Loaded, file_bytes: u64) -> Value {
             ("mesh", counts, bounds, radii_of_mesh(mesh), bytes_of_mesh(mesh), None)
         }
     };
+    let (extras, comments) = match &loaded.content {
+        Content::Splats(cloud) => (cloud.data().extras.as_slice(), cloud.data().comments.as_slice()),
+        Content::Points(points) => (points.extras.as_slice(), points.comments.as_slice()),
+        _ => (&[][..], &[][..]),
+    };
+    facts["columns"] = attributes::columns(extras);
+    facts["classes"] = attributes::classes(extras);
+    facts["crs"] = attributes::crs(comments);
     facts["kind"] = json!(kind);
     facts["counts"] = counts;
     facts["bounds"] = bounds.map_or(Value::Null, |(lo, hi)| json!({ "min": lo.to_array(), "max": hi.to_array() }));
@@ -232,6 +240,7 @@ fn text(facts: &Value) -> String {
         let (median, min, max) = (number("median"), number("min"), number("max"));
         lines.push(("radii", format!("median {median}, {min} to {max}, {}", string(&r["how"]))));
     }
+    lines.extend(attributes::lines(facts));
     lines.push(("memory", format!("{} bytes", facts["memory_bytes"])));
     if let Some(weight) = facts["interior_weight"].as_f64() {
         lines.push(("interior weight", format!("{weight}")));

@@ -5,6 +5,7 @@
 
 mod again;
 mod args;
+mod attributes;
 mod backends;
 mod camera;
 mod compare;

@@ -41,13 +41,21 @@ pub enum Format {
     Spz,
     /// Gaussian splats compressed as SOG.
     Sog,
+    /// Points of laser scanners: ASPRS LAS 1.0 to 1.4.
+    Las,
+    /// LAS, compressed by LASzip.
+    Laz,
+    /// LAZ whose chunks are the nodes of an octree.
+    Copc,
+    /// Scans of terrestrial scanners: ASTM E2807.
+    E57,
     /// Surfel's own octree of splats and polygons.
     Surfel,
 }
 
 /// What a file that is in none of the formats can be instead.
 pub(crate) const KNOWN_FORMATS: &str =
-    "PLY, OBJ, OFF, STL, glTF, GLB, DRC, PCD, XYZ (TXT, CSV), PTS, PTX, NPY, NPZ, SPLAT, SPZ or SOG";
+    "PLY, OBJ, OFF, STL, glTF, GLB, DRC, LAS, LAZ, E57, PCD, XYZ (TXT, CSV), PTS, PTX, NPY, NPZ, SPLAT, SPZ or SOG";
 
 /// First bytes of files that are not read: their names, and what to do.
 const UNREAD: &[(&[u8], &str, &str)] = &[
@@ -56,8 +64,6 @@ const UNREAD: &[(&[u8], &str, &str)] = &[
     (b"<!doctype", "is a web page", PAGE),
     (b"<html", "is a web page", PAGE),
     (b"<?xml", "is an XML file", "export it as PLY, GLB or OBJ"),
-    (b"LASF", "is a LAS/LAZ file", CLOUD),
-    (b"ASTM-E57", "is an E57 file", CLOUD),
     (b"CCB2", "is a BIN file of CloudCompare", "save it as PLY in CloudCompare"),
     (b"pnts", "is a tile of 3D Tiles", CLOUD),
     (b"b3dm", "is a tile of 3D Tiles", "export it as GLB"),
@@ -129,6 +135,10 @@ impl Format {
             Self::Splat => "SPLAT",
             Self::Spz => "SPZ",
             Self::Sog => "SOG",
+            Self::Las => "LAS",
+            Self::Laz => "LAZ",
+            Self::Copc => "COPC",
+            Self::E57 => "E57",
             Self::Surfel => "Surfel octree",
         }
     }
@@ -155,6 +165,9 @@ impl Format {
             "splat" => Self::Splat,
             "spz" => Self::Spz,
             "sog" => Self::Sog,
+            "las" => Self::Las,
+            "laz" => Self::Laz,
+            "e57" => Self::E57,
             "surfel" => Self::Surfel,
             _ => return None,
         })
@@ -170,7 +183,24 @@ impl Format {
                 Up::PlusY
             }
             Self::Stl | Self::Xyz | Self::Pts | Self::Ptx | Self::Pcd | Self::Npy | Self::Npz => Up::PlusZ,
+            Self::Las | Self::Laz | Self::Copc | Self::E57 => Up::PlusZ,
         }
+    }
+
+    /// The formats that are read here and there in a file, by its first bytes.
+    pub(crate) fn of_survey(head: &[u8]) -> Option<Self> {
+        if head.starts_with(b"ASTM-E57") {
+            return Some(Self::E57);
+        }
+        if !head.starts_with(b"LASF") {
+            return None;
+        }
+        let compressed = head.get(104).is_some_and(|b| b & 0xc0 != 0);
+        Some(match head.get(377..381) {
+            _ if !compressed => Self::Las,
+            Some(b"copc") => Self::Copc,
+            _ => Self::Laz,
+        })
     }
 
     /// By the file's first bytes where they say it for certain, `None` where they don't.
@@ -200,6 +230,9 @@ impl Format {
         }
         if bytes.starts_with(b"PK\x03\x04") {
             return zipped(bytes).map(Some);
+        }
+        if let Some(format) = Self::of_survey(bytes) {
+            return Ok(Some(format));
         }
         if hint == Some(Self::Surfel) {
             let found = quote(&bytes[..bytes.len().min(12)]);

@@ -1,8 +1,8 @@
 //! Files of Surfel: splats, points and meshes in; images and splats out; scene files both ways.
 //!
 //! * [`load`]: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, OFF, STL, glTF and GLB,
-//!   Draco, PCD, XYZ, PTS and PTX, NumPy's arrays, Gaussian splats as SPLAT, SPZ and SOG, Surfel's octrees; and all of
-//!   these within gzip.
+//!   Draco, LAS, LAZ, COPC, E57, PCD, XYZ, PTS and PTX, NumPy's arrays, Gaussian splats as SPLAT, SPZ and SOG, Surfel's
+//!   octrees; and all of these within gzip.
 //! * [`save_splat_ply`]: a splat cloud, without loss; [`save_octree`]: an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), [`read_image`]: the planes of a frame.
 //! * [`scene_file`]: scene and camera files; [`cameras`]: cameras of other programs.
@@ -12,10 +12,10 @@
 //! file's size (images, compressed files and meshes, and glTF instances: fixed limits). Each function `save_…` has a
 //! twin `write_…` for sinks.
 //!
-//! Each family of formats is a Cargo feature: `obj`, `off`, `stl`, `points`, `pcd`, `npy`, `gltf`, `draco`, `meshopt`,
-//! `gaussians`, `jpeg`, `webp`, `exr`; all are on by default, `zstd` (SPZ of version 4) is not. Without them PLY,
-//! octrees, PNG and scene files remain, and a file of a format that isn't built is refused with the name of its
-//! feature.
+//! Each family of formats is a Cargo feature: `obj`, `off`, `stl`, `points`, `pcd`, `las`, `laz`, `e57`, `npy`, `gltf`,
+//! `draco`, `meshopt`, `gaussians`, `jpeg`, `webp`, `exr`; all are on by default, `zstd` (SPZ of version 4) is not.
+//! Without them PLY, octrees, PNG and scene files remain, and a file of a format that isn't built is refused with the
+//! name of its feature.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -28,6 +28,8 @@ mod content;
 mod context;
 #[cfg(feature = "draco")]
 mod drc;
+#[cfg(feature = "e57")]
+mod e57;
 mod error;
 mod files;
 mod format;
@@ -36,6 +38,8 @@ mod gaussians;
 mod gltf;
 mod gzip;
 mod images;
+#[cfg(feature = "las")]
+mod las;
 mod load;
 #[cfg(any(feature = "obj", feature = "gltf"))]
 mod materials;
@@ -64,6 +68,8 @@ mod spz;
 mod stl;
 #[cfg(any(feature = "npy", feature = "pcd", feature = "points"))]
 mod strided;
+#[cfg(any(feature = "las", feature = "e57"))]
+mod survey;
 #[cfg(any(feature = "gaussians", feature = "npy"))]
 mod zip;
 

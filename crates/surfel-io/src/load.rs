@@ -4,12 +4,16 @@ use crate::content::{Content, LoadOptions};
 use crate::context::Context;
 #[cfg(feature = "draco")]
 use crate::drc;
+#[cfg(feature = "e57")]
+use crate::e57;
 use crate::error::{Fault, IoError, Problem, quote};
 use crate::files::{self, Siblings};
 use crate::format::{self, Format, KNOWN_FORMATS};
 #[cfg(feature = "gltf")]
 use crate::gltf;
 use crate::gzip;
+#[cfg(feature = "las")]
+use crate::las;
 #[cfg(feature = "npy")]
 use crate::npy;
 #[cfg(feature = "obj")]
@@ -25,6 +29,8 @@ use crate::stl;
 use crate::{octree, ply};
 #[cfg(feature = "gaussians")]
 use crate::{sog, splat_rows, spz};
+use std::fs::File;
+use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 use surfel_model::Up;
 
@@ -56,8 +62,21 @@ pub struct Loaded {
 /// [`IoError`] if the file can't be read, is damaged, is in a format that this build has no reader for, or holds
 /// splats that break the rules of the rendering model (§10) and `options.repair` is false.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
+    if let Some((format, mut file)) = survey_file(path) {
+        let read = |context: &mut Context<'_>| Ok((format, read_survey(format, &mut file, context)?));
+        return run(read, path, Siblings::of(path), options);
+    }
     let bytes = files::read(path, files::MAX_BYTES)?;
-    run(&bytes, Format::from_extension(path), path, Siblings::of(path), options)
+    let read = |context: &mut Context<'_>| read_bytes(&bytes, Format::from_extension(path), path, context);
+    run(read, path, Siblings::of(path), options)
+}
+
+/// A regular file of a format that is read here and there, so that its bytes needn't be in memory.
+fn survey_file(path: &Path) -> Option<(Format, File)> {
+    let mut file = File::open(path).ok().filter(|f| f.metadata().is_ok_and(|m| m.is_file()))?;
+    let mut head = Vec::new();
+    (&mut file).take(512).read_to_end(&mut head).ok()?;
+    Some((Format::of_survey(&head)?, file))
 }
 
 /// As [`load`], from memory. `hint` stands for the extension; `name` is for messages. Files that the data refer
@@ -66,27 +85,32 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
 /// # Errors
 /// As [`load`].
 pub fn load_bytes(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
-    run(bytes, hint, name, Siblings::None, options)
+    run(|context| read_bytes(bytes, hint, name, context), name, Siblings::None, options)
+}
+
+fn read_bytes(
+    bytes: &[u8],
+    hint: Option<Format>,
+    name: &Path,
+    context: &mut Context<'_>,
+) -> Result<(Format, Content), Fault> {
+    if bytes.is_empty() {
+        return Err(Problem::new("is empty").into());
+    }
+    let unpacked = if gzip::is_gzip(bytes) { Some(gzip::decompress(bytes)?) } else { None };
+    let bytes = unpacked.as_deref().unwrap_or(bytes);
+    let format = recognise(bytes, hint, name)?;
+    Ok((format, read_as(format, bytes, context)?))
 }
 
 fn run(
-    bytes: &[u8],
-    hint: Option<Format>,
+    read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
     name: &Path,
     siblings: Siblings,
     options: &LoadOptions,
 ) -> Result<Loaded, IoError> {
     let mut context = Context::new(options, siblings);
-    let mut read = || {
-        if bytes.is_empty() {
-            return Err(Problem::new("is empty").into());
-        }
-        let unpacked = if gzip::is_gzip(bytes) { Some(gzip::decompress(bytes)?) } else { None };
-        let bytes = unpacked.as_deref().unwrap_or(bytes);
-        let format = recognise(bytes, hint, name)?;
-        Ok((format, read_as(format, bytes, &mut context)?))
-    };
-    let (format, content) = read().map_err(|fault: Fault| fault.of(name))?;
+    let (format, content) = read(&mut context).map_err(|fault| fault.of(name))?;
     let up = content.own_up().unwrap_or(format.default_up(context.gaussian));
     let attributes = content.attributes();
     let beside = context.siblings.asked();
@@ -166,6 +190,9 @@ fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Co
         Format::Spz => spz::read(bytes, context),
         #[cfg(feature = "gaussians")]
         Format::Sog => sog::read(bytes, context),
+        Format::Las | Format::Laz | Format::Copc | Format::E57 => {
+            read_survey(format, &mut std::io::Cursor::new(bytes), context)
+        }
         #[cfg(not(feature = "obj"))]
         Format::Obj => Err(Problem::not_built(format.name(), "obj").into()),
         #[cfg(not(feature = "stl"))]
@@ -184,5 +211,22 @@ fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Co
         Format::Drc => Err(Problem::not_built(format.name(), "draco").into()),
         #[cfg(not(feature = "gaussians"))]
         Format::Splat | Format::Spz | Format::Sog => Err(Problem::not_built(format.name(), "gaussians").into()),
+    }
+}
+
+#[cfg_attr(not(any(feature = "las", feature = "e57")), allow(unused_variables))]
+fn read_survey<S>(format: Format, source: &mut S, context: &mut Context<'_>) -> Result<Content, Fault>
+where
+    S: Read + Seek + Send + Sync,
+{
+    match format {
+        #[cfg(feature = "e57")]
+        Format::E57 => e57::read(source, context),
+        #[cfg(not(feature = "e57"))]
+        Format::E57 => Err(Problem::not_built(format.name(), "e57").into()),
+        #[cfg(feature = "las")]
+        _ => las::read(source, format, context),
+        #[cfg(not(feature = "las"))]
+        _ => Err(Problem::not_built(format.name(), "las").into()),
     }
 }

@@ -257,7 +257,7 @@ pub(crate) fn build(
         });
     }
     let normals = normals.map(Column3::from_f32);
-    context.points(PointCloud { origin, positions, normals, colors, alphas, extras, up: None, comments })
+    context.points(PointCloud { origin, positions, normals, colors, alphas, extras, comments, ..PointCloud::default() })
 }
 
 /// Positions; `f32` as they are, others as far as their digits mean something.

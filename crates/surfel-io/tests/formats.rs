@@ -484,8 +484,7 @@ fn format_is_told_by_content_before_the_extension() {
     let ply = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float \
                 z\nend_header\n1 2 3";
     assert_eq!(load(Format::Obj, ply).format, Format::Ply);
-    for (bytes, expected) in
-        [(&b"LASF..."[..], "LAS/LAZ"), (b"\x89PNG", "PNG image"), (b"\x00\x01\x02", "in no format")]
+    for (bytes, expected) in [(&b"# .PCD v.7"[..], "PCD"), (b"\x89PNG", "PNG image"), (b"\x00\x01\x02", "in no format")]
     {
         let error = detect(bytes).unwrap_err();
         assert!(error.is_bad_input() && error.to_string().contains(expected), "{error}");

@@ -20,6 +20,8 @@ fn left_out_formats_name_their_feature_and_others_are_read() {
         (Format::Splat, cfg!(feature = "gaussians"), "gaussians"),
         (Format::Spz, cfg!(feature = "gaussians"), "gaussians"),
         (Format::Sog, cfg!(feature = "gaussians"), "gaussians"),
+        (Format::Las, cfg!(feature = "las"), "las"),
+        (Format::E57, cfg!(feature = "e57"), "e57"),
     ] {
         let error = load_bytes(b"? ?", Some(format), Path::new("t"), &LoadOptions::default()).unwrap_err();
         let hint = format!("build with the Cargo feature \"{feature}\" of surfel-io");

@@ -18,6 +18,12 @@ impl Column3 {
         Self { high, low: None }
     }
 
+    /// A column of f32 values and what f32 rounded away of each, if anything. Of another length than the values, the
+    /// latter are left out.
+    pub fn from_parts(high: Vec<Vec3>, low: Option<Vec<Vec3>>) -> Self {
+        Self { low: low.filter(|low| low.len() == high.len()), high }
+    }
+
     /// A column of f64 values, kept to about 48 bits. The low part is dropped when it is zero everywhere.
     pub fn from_f64(values: &[DVec3]) -> Self {
         let high: Vec<Vec3> = values.iter().map(|v| v.as_vec3()).collect();
@@ -44,17 +50,26 @@ impl Column3 {
         for p in points.iter().filter(|p| p.is_finite()) {
             (min, max) = (min.min(*p), max.max(*p));
         }
+        let origin = Self::origin_of(min, max);
+        if origin == DVec3::ZERO {
+            return (origin, direct);
+        }
+        let offsets: Vec<DVec3> = points.iter().map(|p| *p - origin).collect();
+        (origin, Self::from_f64(&offsets))
+    }
+
+    /// The origin that suits points within bounds: the middle, rounded to a whole power of two no finer than the extent
+    /// needs; zero where the bounds are close to zero, or empty.
+    pub fn origin_of(min: DVec3, max: DVec3) -> DVec3 {
         let extent = (max - min).max_element();
         // Close to the coordinate origin an offset gains nothing.
         let largest = min.abs().max(max.abs()).max_element();
         if min.x > max.x || largest <= 4.0 * extent {
-            return (DVec3::ZERO, direct);
+            return DVec3::ZERO;
         }
         // Points may all be the same; an origin of some 20 bits is as fine as is of use.
         let grid = extent.max(largest * 1e-6).max(f64::MIN_POSITIVE).log2().ceil().exp2();
-        let origin = ((min + max) * (0.5 / grid)).round() * grid;
-        let offsets: Vec<DVec3> = points.iter().map(|p| *p - origin).collect();
-        (origin, Self::from_f64(&offsets))
+        ((min + max) * (0.5 / grid)).round() * grid
     }
 
     /// Number of elements.
@@ -172,6 +187,35 @@ impl ExtraValues {
         each_extra!(self, v => size_of_val(v.as_slice()))
     }
 
+    /// The value, as nearly as f64 holds it, which is exactly.
+    pub fn get(&self, index: usize) -> f64 {
+        each_extra!(self, v => f64::from(v[index]))
+    }
+
+    /// The least and the largest of the finite values; `None` if there is none.
+    pub fn range(&self) -> Option<(f64, f64)> {
+        let finite = |values: &mut dyn Iterator<Item = f64>| {
+            values.filter(|v| v.is_finite()).fold(None, |range: Option<(f64, f64)>, v| {
+                Some(range.map_or((v, v), |(lo, hi)| (lo.min(v), hi.max(v))))
+            })
+        };
+        each_extra!(self, v => finite(&mut v.iter().map(|x| f64::from(*x))))
+    }
+
+    /// Their type, as PLY calls it: "uchar", "float", …
+    pub fn type_name(&self) -> &'static str {
+        match self {
+            Self::I8(_) => "char",
+            Self::U8(_) => "uchar",
+            Self::I16(_) => "short",
+            Self::U16(_) => "ushort",
+            Self::I32(_) => "int",
+            Self::U32(_) => "uint",
+            Self::F32(_) => "float",
+            Self::F64(_) => "double",
+        }
+    }
+
     /// Keeps the values whose flag is set.
     pub fn retain(&mut self, keep: &[bool]) {
         each_extra!(self, v => retain(v, keep));
@@ -199,6 +243,14 @@ mod tests {
             assert!((fast - *p).abs().max_element() < 1e-4, "{i}: {fast} {p}");
             assert!((origin + column.get(i) - *p).abs().max_element() < 1e-9);
         }
+    }
+
+    #[test]
+    fn range_is_of_the_finite_values() {
+        assert_eq!(ExtraValues::F32(vec![f32::NAN, 2.0, -1.5, f32::INFINITY]).range(), Some((-1.5, 2.0)));
+        assert_eq!(ExtraValues::F64(vec![f64::NAN]).range(), None);
+        let values = ExtraValues::U32(vec![7, u32::MAX]);
+        assert_eq!((values.range(), values.get(1)), (Some((7.0, 4_294_967_295.0)), 4_294_967_295.0));
     }
 
     #[test]

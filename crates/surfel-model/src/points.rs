@@ -20,6 +20,8 @@ pub struct PointCloud {
     pub extras: Vec<ExtraColumn>,
     /// Which axis the file says is up.
     pub up: Option<Up>,
+    /// Where the scanner stood that saw all of them, in world coordinates.
+    pub viewpoint: Option<DVec3>,
     /// Comment lines of the file.
     pub comments: Vec<String>,
 }
@@ -33,6 +35,15 @@ impl PointCloud {
     /// True when there is no point.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
+    }
+
+    /// Corners of the axis-aligned box around the points, in world coordinates; `None` if there is none.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        let first = self.origin + self.positions.high().first().map(|_| self.positions.get(0))?;
+        Some((0..self.len()).fold((first, first), |(lo, hi), i| {
+            let p = self.origin + self.positions.get(i);
+            (lo.min(p), hi.max(p))
+        }))
     }
 
     /// Checks that all columns have the same length.

@@ -20,7 +20,8 @@ pub struct PointOptions {
     pub radius_scale: f64,
     /// Neighbours that normals and spacing come from; 6 to 64, default 16.
     pub neighbours: usize,
-    /// Where estimated normals point to, in world coordinates; `None`: outward, as far as the points show it.
+    /// Where estimated normals point to, in world coordinates; `None`: to where the scanner stood, if the
+    /// points say it, else outward, as far as they show it.
     pub viewpoint: Option<DVec3>,
     /// Treatment of isolated points.
     pub outliers: Outliers,

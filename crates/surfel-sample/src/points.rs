@@ -112,7 +112,7 @@ fn complete_normals(
         return known;
     }
     normals::estimate(cloud, &mut known, progress);
-    match options.viewpoint {
+    match options.viewpoint.or(points.viewpoint) {
         Some(v) => orient::toward(cloud, &mut known, &is_given, (v - points.origin - cloud.center) / cloud.scale),
         None => {
             let up = points.up.map_or(DVec3::Z, Up::vector);

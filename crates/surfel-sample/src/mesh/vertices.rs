@@ -54,6 +54,7 @@ fn vertices(mesh: &Mesh) -> Result<Vertices, SampleError> {
         alphas,
         extras: Vec::new(),
         up: mesh.up,
+        viewpoint: None,
         comments: mesh.comments.clone(),
     };
     let keep: Vec<bool> = weld

@@ -1,0 +1,263 @@
+//! Points compressed by LASzip, decoded by the crate `laz`. What that crate believes without looking (how many chunks
+//! there are, how long their layers are, how many points come out) is checked here first.
+
+use super::header::Header;
+use super::records::Columns;
+use super::{field, unreadable};
+use crate::error::{Location, Problem};
+use crate::survey::Source;
+use ::laz::laszip::{ChunkTable, ChunkTableEntry};
+use ::laz::{LasZipDecompressor, LasZipError, LazItemRecordBuilder, LazItemType, LazVlr};
+use std::io::{BufReader, Cursor, SeekFrom};
+
+/// Most bytes that points may take once they are decoded: this and this many times the file's own. Real scans take
+/// some 4 to 20 times as many, grids of equal points up to thousands.
+const MAX_DECODED: (u64, u64) = (256 << 20, 256);
+/// Most points and bytes that are decoded at a time, unless a single chunk has more.
+const MAX_GROUP: (u64, u64) = (1 << 20, 24 << 20);
+
+fn damaged(error: &LasZipError) -> Problem {
+    Problem::new(format!("is damaged: {error}")).help("the file is cut off or damaged: copy it again")
+}
+
+/// A compressed chunk.
+#[derive(Clone, Copy, Debug)]
+struct Chunk {
+    bytes: u64,
+    points: u64,
+}
+
+pub(super) fn read(source: &mut dyn Source, header: &mut Header, file_bytes: u64) -> Result<Columns, Problem> {
+    let Some(mut record) = header.laszip.take() else {
+        return Err(Problem::new("says that its points are compressed, and lacks the record of LASzip that says how"));
+    };
+    if record.len() < 34 {
+        return Err(Problem::new("has a record of LASzip that is too short").expected("34 bytes at least"));
+    }
+    // The kinds of compressors: all points in one piece, in chunks, and in chunks of layers.
+    let kind = u16::from_le_bytes(field(&record, 0));
+    if kind == 1 {
+        // One piece has no chunks; where their size is said to vary, the crate would look for a table of them.
+        record[12..16].copy_from_slice(&1_u32.to_le_bytes());
+    }
+    let vlr = LazVlr::from_buffer(&record).map_err(|e| damaged(&e))?;
+    check_items(&vlr, header)?;
+    let layered = vlr.items().iter().any(|item| matches!(item.version(), 3 | 4));
+    match (kind, layered) {
+        (1, false) => read_in_one_piece(source, header, vlr, file_bytes),
+        (2, false) | (3, true) => read_chunks(source, header, &vlr, file_bytes, layered),
+        _ => Err(Problem::new(format!("is compressed in a way that is not known (LASzip's compressor {kind})"))),
+    }
+}
+
+/// Checks that what is decoded are points of the header's format.
+fn check_items(vlr: &LazVlr, header: &Header) -> Result<(), Problem> {
+    let extra = header.record_bytes - super::header::POINT_BYTES[usize::from(header.format)];
+    let expected = LazItemRecordBuilder::default_for_point_format_id(header.format, extra as u16);
+    let expected = expected.map_err(|e| damaged(&e))?;
+    let newer = header.format >= 6;
+    let found = vlr.items().iter();
+    let known = found.clone().all(|item| if newer { matches!(item.version(), 3 | 4) } else { item.version() <= 2 });
+    let same = vlr.items().len() == expected.len()
+        && found.zip(&expected).all(|(a, b)| a.item_type() == b.item_type() && a.size() == b.size());
+    if known && same {
+        return Ok(());
+    }
+    let what = format!("its record of LASzip doesn't describe points of format {}", header.format);
+    Err(Problem::new(what).help("the file is damaged, or by a program that adds to the standard"))
+}
+
+fn check_size(header: &Header, points: u64, file_bytes: u64) -> Result<(), Problem> {
+    let decoded = u128::from(points) * header.record_bytes as u128;
+    if decoded > u128::from(MAX_DECODED.0) + u128::from(MAX_DECODED.1) * u128::from(file_bytes) {
+        let what = format!("says that its {file_bytes} bytes hold {points} points");
+        return Err(Problem::new(what).expected("fewer: the file is damaged, or made to fill the memory"));
+    }
+    Ok(())
+}
+
+/// The compressor of LASzip 1: one piece, which only the header's count ends.
+fn read_in_one_piece(
+    source: &mut dyn Source,
+    header: &mut Header,
+    vlr: LazVlr,
+    file_bytes: u64,
+) -> Result<Columns, Problem> {
+    check_size(header, header.count, file_bytes)?;
+    let mut columns = Columns::new(header, header.count as usize);
+    source.seek(SeekFrom::Start(header.start)).map_err(unreadable)?;
+    let mut decoder = LasZipDecompressor::new(BufReader::new(source), vlr).map_err(|e| damaged(&e))?;
+    let (mut left, mut bytes) = (header.count as usize, Vec::new());
+    while left > 0 {
+        let now = left.min(super::BLOCK_BYTES / header.record_bytes + 1);
+        bytes.resize(now * header.record_bytes, 0);
+        decoder.decompress_many(&mut bytes).map_err(unreadable)?;
+        columns.append(&mut bytes);
+        left -= now;
+    }
+    Ok(columns)
+}
+
+/// Where the table of chunks is. It ends the points.
+fn table_place(source: &mut dyn Source, header: &Header, file_bytes: u64) -> Result<u64, Problem> {
+    let mut number = |at: u64| {
+        let mut bytes = [0; 8];
+        source.seek(SeekFrom::Start(at)).map_err(unreadable)?;
+        source.read_exact(&mut bytes).map_err(unreadable)?;
+        Ok::<i64, Problem>(i64::from_le_bytes(bytes))
+    };
+    let begin = header.start + 8;
+    let mut place = number(header.start)?;
+    if place == -1 {
+        // A writer that couldn't go back puts it at the end.
+        place = number(file_bytes.saturating_sub(8))?;
+    }
+    match u64::try_from(place) {
+        Ok(place) if place >= begin && place <= file_bytes.saturating_sub(8) => Ok(place),
+        _ => {
+            let what = format!("says that the table of its compressed chunks is at byte {place} of {file_bytes}");
+            Err(Problem::new(what).help("the file is cut off: copy it again"))
+        }
+    }
+}
+
+/// The chunks of a file, whose bytes follow one another.
+fn read_table(
+    source: &mut dyn Source,
+    header: &Header,
+    vlr: &LazVlr,
+    place: u64,
+    file_bytes: u64,
+) -> Result<Vec<Chunk>, Problem> {
+    let at = Location::Byte(place as usize);
+    let mut head = [0; 8];
+    source.seek(SeekFrom::Start(place)).map_err(unreadable)?;
+    source.read_exact(&mut head).map_err(unreadable)?;
+    let count = u64::from(u32::from_le_bytes(field(&head, 4)));
+    let compressed = place - header.start - 8;
+    // Each chunk begins with a point as it is.
+    if count > compressed / header.record_bytes as u64 {
+        let what = format!("says that its {compressed} bytes of points are {count} chunks");
+        return Err(Problem::new(what).at(at).help("the file is damaged"));
+    }
+    // A compressed entry is two numbers of 32 bits, and their coding takes a few bits more at worst.
+    let most = (file_bytes - place).min(64 + 16 * count);
+    let mut table = vec![0; most as usize];
+    source.seek(SeekFrom::Start(place)).map_err(unreadable)?;
+    source.read_exact(&mut table).map_err(unreadable)?;
+    let variable = vlr.uses_variable_size_chunks();
+    let entries = ChunkTable::read(&mut Cursor::new(table), variable).map_err(|e| damaged(&e.into()))?;
+    let mut total = 0_u64;
+    let mut chunks = Vec::with_capacity(entries.len());
+    for entry in &entries {
+        total = total.saturating_add(entry.byte_count);
+        if entry.byte_count < header.record_bytes as u64 || total > compressed {
+            let what = "has a table of chunks that doesn't fit its bytes";
+            return Err(Problem::new(what).at(at).help("the file is damaged"));
+        }
+        let points = if variable { entry.point_count } else { u64::from(vlr.chunk_size()) };
+        chunks.push(Chunk { bytes: entry.byte_count, points });
+    }
+    Ok(chunks)
+}
+
+fn read_chunks(
+    source: &mut dyn Source,
+    header: &mut Header,
+    vlr: &LazVlr,
+    file_bytes: u64,
+    layered: bool,
+) -> Result<Columns, Problem> {
+    let place = table_place(source, header, file_bytes)?;
+    let mut chunks = read_table(source, header, vlr, place, file_bytes)?;
+    let size = header.record_bytes;
+    let mut start = header.start + 8;
+    if layered {
+        // These say themselves how many points they hold.
+        let mut at = start;
+        for chunk in &mut chunks {
+            chunk.points = chunk.points.min(check_layers(source, at, chunk.bytes, vlr, size)?);
+            at += chunk.bytes;
+        }
+    }
+    let sum = |chunks: &[Chunk]| chunks.iter().fold(0_u64, |sum, c| sum.saturating_add(c.points));
+    let there = sum(&chunks);
+    // The last chunk of a fixed size may be shorter: only the header says so.
+    let said = header.count;
+    let certain = if layered || vlr.uses_variable_size_chunks() {
+        there
+    } else {
+        sum(&chunks[..chunks.len().saturating_sub(1)]) + u64::from(!chunks.is_empty())
+    };
+    if said < certain || said > there {
+        let took = if said == 0 { certain } else { said.min(there) };
+        header.notes.push(format!("the header says {said} points, the file holds {there}: took {took}"));
+        header.count = took;
+    }
+    let mut left = header.count;
+    for chunk in &mut chunks {
+        chunk.points = chunk.points.min(left);
+        left -= chunk.points;
+    }
+    chunks.retain(|chunk| chunk.points > 0);
+    check_size(header, header.count, file_bytes)?;
+    let mut columns = Columns::new(header, header.count as usize);
+    let (mut packed, mut bytes) = (Vec::new(), Vec::new());
+    let mut chunks = chunks.as_slice();
+    while !chunks.is_empty() {
+        let (mut points, mut packed_bytes, mut group) = (0, 0, 0);
+        while let Some(chunk) = chunks.get(group)
+            && group < 2 * rayon::current_num_threads()
+        {
+            let more = points + chunk.points;
+            if group > 0 && (more > MAX_GROUP.0 || more * size as u64 > MAX_GROUP.1) {
+                break;
+            }
+            (points, packed_bytes, group) = (more, packed_bytes + chunk.bytes, group + 1);
+        }
+        let (now, rest) = chunks.split_at(group);
+        packed.resize(packed_bytes as usize, 0);
+        source.seek(SeekFrom::Start(start)).map_err(unreadable)?;
+        source.read_exact(&mut packed).map_err(unreadable)?;
+        bytes.clear();
+        bytes.resize(points as usize * size, 0);
+        let entry = |c: &Chunk| ChunkTableEntry { point_count: c.points, byte_count: c.bytes };
+        let entries: Vec<ChunkTableEntry> = now.iter().map(entry).collect();
+        ::laz::laszip::parallel::par_decompress(&packed, &mut bytes, vlr, &entries).map_err(|e| {
+            let what = format!("is damaged among points {} to {}: {e}", columns.len(), columns.len() as u64 + points);
+            Problem::new(what).at(Location::Byte(start as usize)).help("the file is damaged: copy it again")
+        })?;
+        columns.append(&mut bytes);
+        start += packed_bytes;
+        chunks = rest;
+    }
+    Ok(columns)
+}
+
+/// Checks that the layers of a chunk are within it, and returns its number of points.
+fn check_layers(source: &mut dyn Source, at: u64, bytes: u64, vlr: &LazVlr, size: usize) -> Result<u64, Problem> {
+    let layers = |kind: LazItemType| match kind {
+        LazItemType::Point14 => 9,
+        LazItemType::RGBNIR14 => 2,
+        LazItemType::Byte14(n) => usize::from(n),
+        _ => 1,
+    };
+    let layers: usize = vlr.items().iter().map(|item| layers(item.item_type())).sum();
+    let problem = || {
+        let what = "has a compressed chunk whose layers don't fit into it";
+        Problem::new(what).at(Location::Byte(at as usize)).help("the file is damaged: copy it again")
+    };
+    let head_bytes = size + 4 + 4 * layers;
+    if (head_bytes as u64) > bytes {
+        return Err(problem());
+    }
+    let mut numbers = vec![0; 4 + 4 * layers];
+    source.seek(SeekFrom::Start(at + size as u64)).map_err(unreadable)?;
+    source.read_exact(&mut numbers).map_err(unreadable)?;
+    let mut numbers = numbers.chunks_exact(4).map(|n| u64::from(u32::from_le_bytes(field(n, 0))));
+    let points = numbers.next().unwrap_or(0);
+    if head_bytes as u64 + numbers.sum::<u64>() > bytes {
+        return Err(problem());
+    }
+    Ok(points)
+}

@@ -1,0 +1,119 @@
+//! LAS 1.0 to 1.4, LAZ and COPC: points of laser scanners. A COPC file is a LAZ file whose chunks are the nodes of an
+//! octree; all of them together are its points.
+//!
+//! The file is read in blocks, never by its header's counts alone, and isn't held in memory. Compressed chunks are
+//! decoded by the crate `laz`, as many at a time as there are threads.
+
+mod header;
+#[cfg(feature = "laz")]
+mod laz;
+mod records;
+
+use crate::content::Content;
+use crate::context::Context;
+use crate::error::{Fault, Problem};
+use crate::format::Format;
+use crate::survey::{Source, extent_words};
+use header::Header;
+use records::Columns;
+use std::io::{self, SeekFrom};
+
+/// Bytes of uncompressed points that are read at a time.
+const BLOCK_BYTES: usize = 2 << 20;
+
+/// Some bytes of a record.
+fn field<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+    let mut out = [0; N];
+    out.copy_from_slice(&bytes[at..at + N]);
+    out
+}
+
+fn unreadable(error: io::Error) -> Problem {
+    Problem::new(format!("can't be read to its end: {error}")).help("the file is cut off, or the disk fails")
+}
+
+pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Context<'_>) -> Result<Content, Fault> {
+    let file_bytes = source.seek(SeekFrom::End(0)).map_err(unreadable)?;
+    let mut header = Header::read(source, file_bytes)?;
+    let columns = if header.compressed {
+        #[cfg(feature = "laz")]
+        {
+            laz::read(source, &mut header, file_bytes)?
+        }
+        #[cfg(not(feature = "laz"))]
+        return Err(Problem::not_built("LAZ", "laz").into());
+    } else {
+        read_plain(source, &mut header)?
+    };
+    if columns.len() == 0 {
+        let what = match columns.withheld {
+            0 => "holds no point".to_owned(),
+            n => format!("holds no point but {n} that are flagged as withheld"),
+        };
+        return Err(Problem::new(what).expected("at least one").into());
+    }
+    let withheld = columns.withheld;
+    let mut notes = std::mem::take(&mut header.notes);
+    let mut points = columns.finish(&header, &mut notes);
+    points.comments = header.crs.comments();
+    let triple = |v: glam::DVec3| format!("{} {} {}", v.x, v.y, v.z);
+    points.comments.push(format!("las_scale {}", triple(header.scale)));
+    points.comments.push(format!("las_offset {}", triple(header.offset)));
+    if withheld > 0 {
+        notes.push(format!("left out {withheld} points that are flagged as withheld"));
+    }
+    if matches!(header.format, 4 | 5 | 9 | 10) {
+        notes.push("left out its waveforms".into());
+    }
+    let by = match header.software.as_str() {
+        "" => String::new(),
+        name => format!(" by {}", crate::error::quote(name)),
+    };
+    let extent = points.bounds().map_or_else(Default::default, |(lo, hi)| hi - lo);
+    // Files of local coordinates are often said to be in degrees.
+    if header.crs.is_geographic() && extent.x < 5.0 && extent.y < 5.0 {
+        notes.push("x and y are degrees: it is drawn as if they were as long as z's units; project it first".into());
+    }
+    let version = match format {
+        Format::Las => format!("LAS 1.{}", header.minor),
+        packed => format!("{packed} (LAS 1.{})", header.minor),
+    };
+    let colors = if points.colors.is_some() { "" } else { ", no colours" };
+    context.note(format!(
+        "{version} of point format {}{by}: {} points, {}, {}{colors}",
+        header.format,
+        points.len(),
+        extent_words(extent),
+        header.crs.words(),
+    ));
+    notes.into_iter().for_each(|note| context.note(note));
+    context.points(points)
+}
+
+/// Points as they are, in blocks.
+fn read_plain(source: &mut dyn Source, header: &mut Header) -> Result<Columns, Problem> {
+    let size = header.record_bytes;
+    let there = (header.end - header.start) / size as u64;
+    let said = header.count;
+    let count = match said {
+        0 => there,
+        said => said.min(there),
+    };
+    if said != count {
+        header.notes.push(format!("the header says {said} points, the file holds {there}: took {count}"));
+    } else if there > said + said / 1000 + 1000 {
+        header.notes.push(format!("the header says {said} points: left out what follows, room for {}", there - said));
+    }
+    let mut columns = Columns::new(header, count as usize);
+    source.seek(SeekFrom::Start(header.start)).map_err(unreadable)?;
+    let block = (BLOCK_BYTES / size).max(1);
+    let (mut left, mut bytes) = (count as usize, Vec::new());
+    while left > 0 {
+        let now = left.min(block);
+        bytes.resize(now * size, 0);
+        source.read_exact(&mut bytes).map_err(unreadable)?;
+        columns.append(&mut bytes);
+        left -= now;
+    }
+    Ok(columns)
+}

@@ -1,0 +1,270 @@
+//! Point records, of any format, taken apart into columns: a block of records after the other, the columns in parallel.
+
+use super::field;
+use super::header::{ExtraField, Header, POINT_BYTES};
+use crate::survey::{Scalar, SparseColumn, WideColors, take_normals};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use surfel_model::{Column3, ExtraColumn, PointCloud};
+
+/// A column that blocks of records are appended to.
+trait Sink: Send {
+    fn append(&mut self, records: &[u8], record_bytes: usize, expected: usize);
+    fn finish(self: Box<Self>) -> Option<ExtraColumn>;
+}
+
+/// A column, and where in a record its value is.
+struct Field<T, F> {
+    name: String,
+    column: SparseColumn<T>,
+    read: F,
+}
+
+impl<T: Scalar, F: Fn(&[u8]) -> T + Send> Sink for Field<T, F> {
+    fn append(&mut self, records: &[u8], record_bytes: usize, expected: usize) {
+        let values = records.chunks_exact(record_bytes).map(&self.read);
+        self.column.append(records.len() / record_bytes, expected, values);
+    }
+
+    fn finish(self: Box<Self>) -> Option<ExtraColumn> {
+        self.column.finish(self.name)
+    }
+}
+
+/// The points read so far.
+pub(super) struct Columns {
+    record_bytes: usize,
+    /// How many there will be.
+    expected: usize,
+    /// Bit of byte 15 that says that a point is deleted.
+    withheld_bit: u8,
+    pub(super) withheld: u64,
+    grid: Vec<[i32; 3]>,
+    /// Where in a record the colours are.
+    colors: Option<(usize, WideColors)>,
+    extras: Vec<Box<dyn Sink>>,
+}
+
+impl Columns {
+    pub(super) fn new(header: &Header, expected: usize) -> Self {
+        let format = header.format;
+        let has_colors = matches!(format, 2 | 3 | 5 | 7 | 8 | 10);
+        let color_at = match format {
+            2 => 20,
+            3 | 5 => 28,
+            _ => 30,
+        };
+        let colors = has_colors.then(|| (color_at, WideColors::default()));
+        let withheld_bit = if format < 6 { 0x80 } else { 0x04 };
+        let grid = Vec::with_capacity(expected);
+        let mut columns = Self {
+            record_bytes: header.record_bytes,
+            expected,
+            withheld_bit,
+            withheld: 0,
+            grid,
+            colors,
+            extras: Vec::new(),
+        };
+        columns.add_fields(format);
+        let after = POINT_BYTES[usize::from(format)];
+        for extra in &header.extra {
+            columns.add_extra(extra, after + extra.at);
+        }
+        columns
+    }
+
+    fn add<T: Scalar + 'static>(&mut self, name: &str, read: impl Fn(&[u8]) -> T + Send + 'static) {
+        self.extras.push(Box::new(Field { name: name.to_owned(), column: SparseColumn::default(), read }));
+    }
+
+    fn add_fields(&mut self, format: u8) {
+        self.add("intensity", |r| u16::from_le_bytes(field(r, 12)));
+        if format < 6 {
+            self.add("return_number", |r| r[14] & 7);
+            self.add("number_of_returns", |r| (r[14] >> 3) & 7);
+            self.add("scan_direction", |r| (r[14] >> 6) & 1);
+            self.add("edge_of_flight_line", |r| r[14] >> 7);
+            self.add("classification", |r| r[15] & 31);
+            self.add("synthetic", |r| (r[15] >> 5) & 1);
+            self.add("key_point", |r| (r[15] >> 6) & 1);
+            self.add("scan_angle", |r| r[16] as i8);
+            self.add("user_data", |r| r[17]);
+            self.add("point_source_id", |r| u16::from_le_bytes(field(r, 18)));
+            if matches!(format, 1 | 3 | 4 | 5) {
+                self.add("gps_time", |r| f64::from_le_bytes(field(r, 20)));
+            }
+        } else {
+            self.add("return_number", |r| r[14] & 15);
+            self.add("number_of_returns", |r| r[14] >> 4);
+            self.add("synthetic", |r| r[15] & 1);
+            self.add("key_point", |r| (r[15] >> 1) & 1);
+            self.add("overlap", |r| (r[15] >> 3) & 1);
+            self.add("scanner_channel", |r| (r[15] >> 4) & 3);
+            self.add("scan_direction", |r| (r[15] >> 6) & 1);
+            self.add("edge_of_flight_line", |r| r[15] >> 7);
+            self.add("classification", |r| r[16]);
+            self.add("user_data", |r| r[17]);
+            // In steps of 0.006 degrees, as the standard says.
+            self.add("scan_angle", |r| (f64::from(i16::from_le_bytes(field(r, 18))) * 0.006) as f32);
+            self.add("point_source_id", |r| u16::from_le_bytes(field(r, 20)));
+            self.add("gps_time", |r| f64::from_le_bytes(field(r, 22)));
+            if matches!(format, 8 | 10) {
+                self.add("nir", |r| u16::from_le_bytes(field(r, 36)));
+            }
+        }
+    }
+
+    fn add_extra(&mut self, extra: &ExtraField, at: usize) {
+        let name = &extra.name;
+        if let Some((scale, offset)) = extra.scaled {
+            let read = value_of(extra.kind);
+            return self.add(name, move |r| read(&r[at..]) * scale + offset);
+        }
+        match extra.kind {
+            1 => self.add(name, move |r| r[at]),
+            2 => self.add(name, move |r| r[at] as i8),
+            3 => self.add(name, move |r| u16::from_le_bytes(field(r, at))),
+            4 => self.add(name, move |r| i16::from_le_bytes(field(r, at))),
+            5 => self.add(name, move |r| u32::from_le_bytes(field(r, at))),
+            6 => self.add(name, move |r| i32::from_le_bytes(field(r, at))),
+            9 => self.add(name, move |r| f32::from_le_bytes(field(r, at))),
+            kind => {
+                let read = value_of(kind);
+                self.add(name, move |r| read(&r[at..]));
+            }
+        }
+    }
+
+    /// Points so far.
+    pub(super) fn len(&self) -> usize {
+        self.grid.len()
+    }
+
+    /// Appends whole records, less those that are withheld.
+    pub(super) fn append(&mut self, records: &mut [u8]) {
+        let size = self.record_bytes;
+        let mut kept = 0;
+        for start in (0..records.len()).step_by(size) {
+            if records[start + 15] & self.withheld_bit != 0 {
+                self.withheld += 1;
+                continue;
+            }
+            if kept < start {
+                records.copy_within(start..start + size, kept);
+            }
+            kept += size;
+        }
+        let records = &records[..kept];
+        let Self { grid, colors, extras, expected, .. } = self;
+        rayon::join(
+            || {
+                let i32_at = |r: &[u8], at| i32::from_le_bytes(field(r, at));
+                grid.extend(records.chunks_exact(size).map(|r| [i32_at(r, 0), i32_at(r, 4), i32_at(r, 8)]));
+                if let Some((at, colors)) = colors {
+                    let level = |r: &[u8], k: usize| u16::from_le_bytes(field(r, *at + 2 * k));
+                    colors.append(*expected, records.chunks_exact(size).map(|r| [0, 1, 2].map(|k| level(r, k))));
+                }
+            },
+            || extras.par_iter_mut().for_each(|sink| sink.append(records, size, *expected)),
+        );
+    }
+
+    /// The points, and what there is to tell.
+    pub(super) fn finish(self, header: &Header, notes: &mut Vec<String>) -> PointCloud {
+        let (origin, positions) = on_grid(self.grid, header.scale, header.offset);
+        let colors = self.colors.and_then(|(_, colors)| colors.finish()).map(|(colors, eight)| {
+            if eight {
+                notes.push("its colours count to 255 instead of 65535: taken as 8 bits".into());
+            }
+            colors
+        });
+        let mut extras: Vec<ExtraColumn> = self.extras.into_iter().filter_map(Sink::finish).collect();
+        let normals = take_normals(&mut extras);
+        PointCloud { origin, positions, normals, colors, extras, ..PointCloud::default() }
+    }
+}
+
+/// The value of a type of the standard's extra bytes.
+fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
+    match kind {
+        1 => |r| r[0].into(),
+        2 => |r| (r[0] as i8).into(),
+        3 => |r| u16::from_le_bytes(field(r, 0)).into(),
+        4 => |r| i16::from_le_bytes(field(r, 0)).into(),
+        5 => |r| u32::from_le_bytes(field(r, 0)).into(),
+        6 => |r| i32::from_le_bytes(field(r, 0)).into(),
+        7 => |r| u64::from_le_bytes(field(r, 0)) as f64,
+        8 => |r| i64::from_le_bytes(field(r, 0)) as f64,
+        9 => |r| f32::from_le_bytes(field(r, 0)).into(),
+        _ => |r| f64::from_le_bytes(field(r, 0)),
+    }
+}
+
+/// Points on the grid i·scale + offset as positions relative to an origin, in the memory of the grid's numbers. What
+/// f32 rounds away is kept where it matters: where it is more than a quarter of a step, so that the step isn't certain.
+fn on_grid(grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec3, Column3) {
+    let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+    for p in &grid {
+        for k in 0..3 {
+            (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k]));
+        }
+    }
+    if grid.is_empty() {
+        return (DVec3::ZERO, Column3::default());
+    }
+    let at = |p: [i32; 3]| DVec3::new(p[0].into(), p[1].into(), p[2].into()) * scale + offset;
+    let (a, b) = (at(low), at(high));
+    let (min, max) = (a.min(b), a.max(b));
+    let origin = Column3::origin_of(min, max);
+    let rest = offset - origin;
+    let from_origin = |p: [i32; 3]| DVec3::new(p[0].into(), p[1].into(), p[2].into()) * scale + rest;
+    // f32 rounds by 2⁻²⁴ of a number at most.
+    let lost = (min - origin).abs().max((max - origin).abs()) * 2f64.powi(-24);
+    let lows = lost.cmpgt(scale.abs() * 0.25).any().then(|| {
+        let low = |p: &[i32; 3]| from_origin(*p) - from_origin(*p).as_vec3().as_dvec3();
+        grid.par_iter().map(|p| low(p).as_vec3()).collect::<Vec<Vec3>>()
+    });
+    // Of the same size and alignment, so that the vector's memory is used again.
+    let highs: Vec<Vec3> = grid.into_iter().map(|p| from_origin(p).as_vec3()).collect();
+    (origin, Column3::from_parts(highs, lows))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_of_the_grid_are_certain_at_any_place_and_fineness() {
+        let scales = [1e-5, 1e-3, 0.01, -0.25];
+        let offsets = [DVec3::ZERO, DVec3::new(637_012.25, 4_851_233.0, -12.5), DVec3::new(-1e7, 1e7, 0.001)];
+        for scale in scales {
+            for offset in offsets {
+                let mut random = 7_u64;
+                let mut next = || {
+                    random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                    (random >> 33) as i32 - (1 << 30)
+                };
+                for shift in [0, 4, 12] {
+                    let grid: Vec<[i32; 3]> =
+                        (0..999).map(|_| [next() >> shift, next() >> shift, next() >> 16]).collect();
+                    let scale = DVec3::splat(scale);
+                    let (origin, column) = on_grid(grid.clone(), scale, offset);
+                    for (i, p) in grid.iter().enumerate() {
+                        let step = (origin + column.get(i) - offset) / scale;
+                        assert_eq!(step.round().to_array().map(|v| v as i32), *p, "{scale} {offset} {shift}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn kilometre_in_millimetres_needs_no_low_part() {
+        let grid = vec![[0, 0, 0], [1_000_000, 1_000_000, 50_000]];
+        let (origin, column) = on_grid(grid.clone(), DVec3::splat(0.001), DVec3::new(6e5, 5e6, 100.0));
+        assert!(column.low().is_none() && origin.x > 5.9e5);
+        let (_, fine) = on_grid(grid, DVec3::new(0.001, 0.001, 1e-6), DVec3::new(6e5, 5e6, 100.0));
+        assert!(fine.low().is_some());
+    }
+}

@@ -1,0 +1,397 @@
+//! LAS, LAZ, COPC and E57, as the crates `las`, `laz` and `e57` write them.
+
+#![cfg(all(feature = "las", feature = "laz", feature = "e57"))]
+
+mod support;
+
+use ::las::point::Format as LasFormat;
+use e57::{Record, RecordDataType, RecordName, RecordValue};
+use glam::{DQuat, DVec3, Vec3};
+use std::path::Path;
+use support::{OFFSET, STEP, Scan, e57_file, grid, hash, is_withheld, las_file, point, record, vlr};
+use surfel_io::{Content, Format, LoadOptions, Loaded, load, load_bytes};
+use surfel_model::{ExtraValues, PointCloud, Up};
+
+fn try_read(bytes: &[u8]) -> Result<Loaded, String> {
+    // The name's extension is wrong on purpose.
+    load_bytes(bytes, Some(Format::Ply), Path::new("t.ply"), &LoadOptions::default())
+        .map_err(|e| e.to_string())
+        .inspect_err(|e| assert!(e.lines().count() <= 4 && e.starts_with("t.ply: "), "{e}"))
+}
+
+fn read(bytes: &[u8]) -> (Loaded, PointCloud) {
+    let loaded = try_read(bytes).unwrap_or_else(|e| panic!("{e}"));
+    let Content::Points(points) = loaded.content.clone() else { panic!("{loaded:?}") };
+    (loaded, points)
+}
+
+fn extra<'a>(points: &'a PointCloud, name: &str) -> Option<&'a ExtraValues> {
+    points.extras.iter().find(|e| e.name == name).map(|e| &e.values)
+}
+
+fn linear(level: f64) -> f32 {
+    surfel_math::srgb::decode(level) as f32
+}
+
+/// Compares everything that `point` gives a file of this format.
+fn check_points(points: &PointCloud, format: u8, count: usize) {
+    let kind = LasFormat::new(format).unwrap();
+    let kept: Vec<usize> = (0..count).filter(|i| !is_withheld(*i)).collect();
+    assert_eq!(points.len(), kept.len());
+    let column = |name: &str| extra(points, name).unwrap_or_else(|| panic!("{format}: {name}"));
+    let names = ["intensity", "return_number", "classification", "key_point", "user_data", "point_source_id"];
+    let [intensity, returns, class, key, user, source] = names.map(column);
+    assert!(matches!(intensity, ExtraValues::U16(_)) && matches!(class, ExtraValues::U8(_)));
+    let angles = column("scan_angle");
+    let (gps, nir) = (extra(points, "gps_time"), extra(points, "nir"));
+    assert_eq!((gps.is_some(), nir.is_some()), (kind.has_gps_time, kind.has_nir));
+    assert_eq!(points.colors.is_some(), kind.has_color);
+    for (at, &i) in kept.iter().enumerate() {
+        let truth = point(i, &kind);
+        let world = points.origin + points.positions.get(at);
+        let steps = [0, 1, 2].map(|k| ((world[k] - OFFSET[k]) / STEP).round() as i64);
+        assert_eq!(steps, grid(i), "point {i} of format {format}");
+        assert_eq!(intensity.get(at), f64::from(truth.intensity));
+        assert_eq!(returns.get(at), f64::from(truth.return_number));
+        assert_eq!(class.get(at), f64::from(u8::from(truth.classification)));
+        assert_eq!(key.get(at) == 1.0, truth.is_key_point);
+        assert_eq!(user.get(at), f64::from(truth.user_data));
+        assert_eq!(source.get(at), f64::from(truth.point_source_id));
+        // Half a step of 0.006 degrees.
+        assert!((angles.get(at) - f64::from(truth.scan_angle)).abs() <= 0.003_001);
+        assert!(gps.is_none_or(|gps| gps.get(at) == truth.gps_time.unwrap()));
+        assert!(nir.is_none_or(|nir| nir.get(at) == f64::from(truth.nir.unwrap())));
+        if let Some(colors) = &points.colors {
+            let c = truth.color.unwrap();
+            let expected = [c.red, c.green, c.blue].map(|level| linear(f64::from(level) / 65_535.0));
+            assert_eq!(colors[at], expected, "point {i} of format {format}");
+        }
+    }
+}
+
+#[test]
+fn every_format_of_points_is_read_to_the_step_plain_and_compressed() {
+    for (minor, format) in [(0, 0), (1, 1), (2, 2), (2, 3), (4, 6), (4, 7), (4, 8)] {
+        for packed in [false, true] {
+            let bytes = las_file((minor, format, 0, packed), Vec::new(), 0..3000, |_| ());
+            let (loaded, points) = read(&bytes);
+            assert_eq!(loaded.format, if packed { Format::Laz } else { Format::Las });
+            assert_eq!((loaded.up, points.origin.x > 6e5), (Up::PlusZ, true));
+            check_points(&points, format, 3000);
+            let notes = loaded.notes.join("\n");
+            let name = if packed { format!("LAZ (LAS 1.{minor})") } else { format!("LAS 1.{minor}") };
+            let says = |what: &str| assert!(notes.contains(what), "{what}: {notes}");
+            says(&format!("{name} of point format {format} by 'surfel\\'s test': {} points, ", points.len()));
+            says("no CRS");
+            says(&format!("left out {} points that are flagged as withheld", 3000 - points.len()));
+        }
+    }
+}
+
+#[test]
+fn compressed_chunks_and_blocks_come_together_again() {
+    // LASzip's chunks have 50,000 points.
+    for (minor, format) in [(2, 3), (4, 7)] {
+        let bytes = las_file((minor, format, 0, true), Vec::new(), 0..120_000, |_| ());
+        check_points(&read(&bytes).1, format, 120_000);
+    }
+    let bytes = las_file((4, 7, 0, false), Vec::new(), 0..120_000, |_| ());
+    let (from_memory, points) = read(&bytes);
+    check_points(&points, 7, 120_000);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("named.obj");
+    std::fs::write(&path, &bytes).unwrap();
+    assert_eq!(load(&path, &LoadOptions::default()).unwrap(), from_memory);
+}
+
+/// A COPC file as its writers make them: nodes are chunks of different sizes.
+fn copc(nodes: &[usize]) -> Vec<u8> {
+    let count = nodes.iter().sum();
+    let plain = las_file((4, 7, 0, false), Vec::new(), 0..count, |_| ());
+    let start = u32::from_le_bytes(plain[96..100].try_into().unwrap()) as usize;
+    let builder = laz::LazVlrBuilder::default().with_point_format(7, 0).unwrap();
+    let laz_vlr = builder.with_variable_chunk_size().build();
+    let mut out = plain[..375].to_vec();
+    let add = |out: &mut Vec<u8>, user: &str, id: u16, data: &[u8]| {
+        let mut head = vec![0; 54];
+        head[2..2 + user.len()].copy_from_slice(user.as_bytes());
+        head[18..20].copy_from_slice(&id.to_le_bytes());
+        head[20..22].copy_from_slice(&(data.len() as u16).to_le_bytes());
+        out.extend(head);
+        out.extend(data);
+    };
+    add(&mut out, "copc", 1, &[0; 160]);
+    let mut record = Vec::new();
+    laz_vlr.write_to(&mut record).unwrap();
+    add(&mut out, "laszip encoded", 22_204, &record);
+    out[100..104].copy_from_slice(&2_u32.to_le_bytes());
+    out[104] |= 0x80;
+    let begin = out.len() as u32;
+    out[96..100].copy_from_slice(&begin.to_le_bytes());
+    let mut target = std::io::Cursor::new(out);
+    target.set_position(u64::from(begin));
+    let mut compressor = laz::LasZipCompressor::new(target, laz_vlr).unwrap();
+    let mut at = start;
+    for node in nodes {
+        compressor.compress_many(&plain[at..at + node * 36]).unwrap();
+        compressor.finish_current_chunk().unwrap();
+        at += node * 36;
+    }
+    compressor.done().unwrap();
+    compressor.into_inner().into_inner()
+}
+
+#[test]
+fn nodes_of_copc_are_all_its_points() {
+    let nodes = [1, 700, 3, 4000, 12];
+    let (loaded, points) = read(&copc(&nodes));
+    assert_eq!((loaded.format, loaded.format.name()), (Format::Copc, "COPC"));
+    check_points(&points, 7, nodes.iter().sum());
+}
+
+#[test]
+fn columns_that_say_nothing_are_left_out_and_8_bit_colours_are_mended() {
+    let plain = |p: &mut ::las::Point| {
+        *p = ::las::Point { x: p.x, y: p.y, z: p.z, gps_time: Some(0.0), color: p.color, ..::las::Point::default() };
+        let color = p.color.as_mut().unwrap();
+        *color = ::las::Color { red: color.red & 255, green: color.green & 255, blue: 0 };
+    };
+    let bytes = las_file((2, 3, 0, false), Vec::new(), 0..50, plain);
+    let (loaded, points) = read(&bytes);
+    assert_eq!(points.extras, []);
+    assert_eq!(loaded.attributes, ["position", "colour"]);
+    assert!(loaded.notes.iter().any(|n| n.contains("count to 255 instead of 65535")), "{:?}", loaded.notes);
+    let expected = linear(f64::from(hash(0, 4) as u8) / 255.0);
+    assert_eq!(points.colors.unwrap()[0][0], expected);
+    let black = las_file((2, 3, 0, false), Vec::new(), 0..50, |p| p.color = Some(::las::Color::default()));
+    assert!(read(&black).1.colors.is_none());
+}
+
+/// A record of the extra bytes' names and types.
+fn extra_field(name: &str, kind: u8, scaled: Option<(f64, f64)>) -> Vec<u8> {
+    let mut record = vec![0; 192];
+    record[2] = kind;
+    record[4..4 + name.len()].copy_from_slice(name.as_bytes());
+    if let Some((scale, offset)) = scaled {
+        record[3] = 8 | 16;
+        record[112..120].copy_from_slice(&scale.to_le_bytes());
+        record[136..144].copy_from_slice(&offset.to_le_bytes());
+    }
+    record
+}
+
+#[test]
+fn extra_bytes_have_their_names_types_and_scales() {
+    let fields = [
+        extra_field("height above ground", 4, Some((0.01, 5.0))),
+        extra_field("id", 5, None),
+        extra_field("pair", 13, None),
+        extra_field("NormalX", 9, None),
+        extra_field("NormalY", 9, None),
+        extra_field("NormalZ", 9, None),
+    ];
+    for (minor, format, packed) in [(2, 1, false), (2, 1, true), (4, 6, true)] {
+        let normal = |p: &mut ::las::Point| {
+            for (k, v) in [0.0_f32, 0.6, -0.8].into_iter().enumerate() {
+                p.extra_bytes[10 + 4 * k..14 + 4 * k].copy_from_slice(&v.to_le_bytes());
+            }
+            p.is_withheld = false;
+        };
+        let vlrs = vec![vlr("LASF_Spec", 4, fields.concat())];
+        let (_, points) = read(&las_file((minor, format, 22, packed), vlrs, 0..200, normal));
+        let byte = |i: usize, k: u64| hash(i, 20 + k) as u8;
+        let (height, id) = (extra(&points, "height above ground").unwrap(), extra(&points, "id").unwrap());
+        let pair = extra(&points, "pair_1").unwrap();
+        assert!(matches!((height, id, pair), (ExtraValues::F64(_), ExtraValues::U32(_), ExtraValues::U16(_))));
+        for i in 0..200 {
+            let raw = i16::from_le_bytes([byte(i, 0), byte(i, 1)]);
+            assert_eq!(height.get(i), f64::from(raw) * 0.01 + 5.0);
+            assert_eq!(id.get(i), f64::from(u32::from_le_bytes([2, 3, 4, 5].map(|k| byte(i, k)))));
+            assert_eq!(pair.get(i), f64::from(u16::from_le_bytes([byte(i, 8), byte(i, 9)])));
+        }
+        assert_eq!(points.normals.unwrap().high()[7], Vec3::new(0.0, 0.6, -0.8));
+        assert!(points.extras.iter().all(|e| !e.name.starts_with("Normal")));
+    }
+}
+
+#[test]
+fn coordinate_reference_system_scale_and_offset_become_comments() {
+    let wkt = "PROJCS[\"A / B\",\nGEOGCS[\"g\",AUTHORITY[\"EPSG\",\"4269\"]],AUTHORITY[\"EPSG\",\"26910\"]]";
+    let keys: Vec<u8> =
+        [1_u16, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 2994].iter().flat_map(|k| k.to_le_bytes()).collect();
+    let vlrs = vec![
+        vlr("LASF_Projection", 34_735, keys),
+        vlr("LASF_Projection", 34_736, 0.5_f64.to_le_bytes().to_vec()),
+        vlr("LASF_Projection", 34_737, b"Oregon|\0".to_vec()),
+    ];
+    let (loaded, points) = read(&las_file((2, 1, 0, true), vlrs, 0..10, |_| ()));
+    let comments = [
+        "crs EPSG:2994",
+        "crs_geotiff_keys 1 1 0 2 1024 0 1 1 3072 0 1 2994",
+        "crs_geotiff_doubles 0.5",
+        "crs_geotiff_text Oregon|",
+        "las_scale 0.001 0.001 0.001",
+        "las_offset 637000 4851000 -20",
+    ];
+    assert_eq!(points.comments, comments);
+    assert!(loaded.notes[0].contains("CRS 'Oregon' (EPSG:2994)"), "{:?}", loaded.notes);
+    let vlrs = vec![vlr("LASF_Projection", 2112, format!("{wkt}\0").into_bytes())];
+    let (_, points) = read(&las_file((4, 6, 0, false), vlrs, 0..10, |_| ()));
+    assert_eq!(points.comments[..2], ["crs EPSG:26910".to_owned(), format!("crs_wkt {}", wkt.replace('\n', " "))]);
+}
+
+#[test]
+fn headers_that_lie_are_told_and_believed_no_further_than_the_bytes() {
+    let plain = las_file((4, 6, 0, false), Vec::new(), 0..100, |p| p.is_withheld = false);
+    let packed = las_file((4, 6, 0, true), Vec::new(), 0..100, |p| p.is_withheld = false);
+    let old = las_file((2, 1, 0, true), Vec::new(), 0..100, |p| p.is_withheld = false);
+    for count in [0, 1_000_000_000_000_000, u64::from(u32::MAX), u64::MAX] {
+        for bytes in [&plain, &packed] {
+            let mut bytes = bytes.clone();
+            bytes[107..111].copy_from_slice(&[0; 4]);
+            bytes[247..255].copy_from_slice(&count.to_le_bytes());
+            let (loaded, points) = read(&bytes);
+            assert_eq!(points.len(), 100, "{count}");
+            let said = format!("the header says {count} points");
+            assert!(count == 0 || loaded.notes.iter().any(|n| n.contains(&said)), "{:?}", loaded.notes);
+        }
+    }
+    let mut many = old.clone();
+    many[107..111].copy_from_slice(&u32::MAX.to_le_bytes());
+    // Without layers nothing but the header says where a chunk ends: what follows the points isn't one.
+    assert!(try_read(&many).is_err());
+    let mut cut = plain.clone();
+    cut.truncate(plain.len() - 45);
+    let (loaded, points) = read(&cut);
+    assert_eq!(points.len(), 98);
+    assert!(loaded.notes.iter().any(|n| n.contains("says 100 points, the file holds 98")), "{:?}", loaded.notes);
+    for bytes in [&plain, &packed, &old] {
+        for end in [4, 100, 226, 240, 300, 376, bytes.len() / 2] {
+            let mut cut = bytes.clone();
+            cut.truncate(end);
+            if let Ok(loaded) = try_read(&cut) {
+                let Content::Points(points) = loaded.content else { panic!() };
+                assert!(points.len() < 100 && loaded.notes.iter().any(|n| n.contains("the header says")));
+            }
+        }
+    }
+    let start = u32::from_le_bytes(packed[96..100].try_into().unwrap()) as usize;
+    let set = |at: usize, value: u32| {
+        let mut bytes = packed.clone();
+        bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        bytes
+    };
+    let table = u64::from_le_bytes(packed[start..start + 8].try_into().unwrap()) as usize;
+    let refused = [
+        (set(table + 4, u32::MAX), "4294967295 chunks"),
+        (set(table + 4, 2), "2 chunks"),
+        // The first layer of the first chunk, after its first point and its count.
+        (set(start + 8 + 30 + 4, 0xffff_fff0), "layers don't fit"),
+        (set(start, 0x7fff_ffff), "table of its compressed chunks is at byte"),
+        (set(96, u32::MAX), "points begin at byte"),
+    ];
+    for (bytes, why) in refused {
+        let error = try_read(&bytes).unwrap_err();
+        assert!(error.contains(why), "{why}: {error}");
+    }
+    let mut vlrs = plain.clone();
+    vlrs[100..104].copy_from_slice(&u32::MAX.to_le_bytes());
+    assert!(read(&vlrs).0.notes.iter().any(|n| n.contains("4294967295 variable length records")));
+}
+
+/// A range of 2 at azimuth and elevation.
+fn spherical(azimuth: f64, elevation: f64) -> DVec3 {
+    2.0 * DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
+}
+
+#[test]
+fn scans_of_e57_have_their_poses_colours_and_columns() {
+    let (loaded, points) = read(&support::small_e57());
+    assert_eq!((loaded.format, loaded.up), (Format::E57, Up::PlusZ));
+    let kept: Vec<i64> = (0..60).filter(|i| i % 7 != 6).collect();
+    assert_eq!(points.len(), kept.len() + 40);
+    let turn = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
+    let scan = extra(&points, "scan").unwrap();
+    let intensity = extra(&points, "intensity").unwrap();
+    assert!(matches!(intensity, ExtraValues::U16(_)));
+    let colors = points.colors.as_ref().unwrap();
+    // f32 at the scans' distance from their middle, some 60 m: 4 µm.
+    let near = |at: usize, p: DVec3| {
+        let found = points.origin + points.positions.get(at);
+        assert!(found.distance(p) < 8e-6, "{at}: {found} {p}");
+    };
+    for (at, &i) in kept.iter().enumerate() {
+        let local = DVec3::new((i * 100) as f64, (i * i) as f64, -i as f64) * 0.001 + 0.5;
+        near(at, turn * local + DVec3::new(4e5, 5e6, 100.0));
+        assert_eq!((scan.get(at), intensity.get(at)), (0.0, (i * 1000) as f64));
+        assert_eq!(colors[at], [i * 4, 255 - i, 7].map(|level| linear(level as f64 / 255.0)));
+    }
+    for i in 0..40 {
+        let at = kept.len() + i;
+        let angles = [i as f32 * 0.1, i as f32 * 0.02].map(f64::from);
+        near(at, spherical(angles[0], angles[1]) + DVec3::new(4e5, 5e6, 0.0));
+        assert_eq!((scan.get(at), intensity.get(at), colors[at]), (1.0, 0.0, [1.0; 3]));
+    }
+    assert_eq!(points.viewpoint, None);
+    assert!(points.comments.iter().any(|c| c == "crs EPSG:25832"), "{:?}", points.comments);
+    let notes = loaded.notes.join("\n");
+    for what in ["in 2 scans", "left out 8 points that are flagged as invalid", "40 points have no colour", "'Zone'"] {
+        assert!(notes.contains(what), "{what}: {notes}");
+    }
+}
+
+#[test]
+fn single_scan_of_e57_says_where_its_scanner_stood_and_far_points_keep_their_digits() {
+    let double = RecordDataType::Double { min: None, max: None };
+    let names = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
+    let mut prototype: Vec<Record> = names.into_iter().map(|n| record(n, double.clone())).collect();
+    let truth: Vec<DVec3> =
+        (0..500).map(|i| DVec3::new(hash(i, 1) as f64, hash(i, 2) as f64, hash(i, 3) as f64) * 1e-15).collect();
+    let row = |p: &DVec3| p.to_array().map(RecordValue::Double).to_vec();
+    let scan = Scan { prototype: prototype.clone(), rows: truth.iter().map(row).collect(), pose: None };
+    let (_, points) = read(&e57_file(None, &[scan]));
+    assert_eq!(points.viewpoint, None);
+    for (i, p) in truth.iter().enumerate() {
+        // Up to 18 km: f32 alone would be off by a millimetre.
+        assert!((points.origin + points.positions.get(i)).distance(*p) < 1e-6);
+    }
+    let index = RecordDataType::Integer { min: 0, max: 100 };
+    prototype.extend([record(RecordName::RowIndex, index.clone()), record(RecordName::ColumnIndex, index)]);
+    let row = |p: &DVec3| [row(p), [3, 4].map(RecordValue::Integer).to_vec()].concat();
+    let translation = e57::Translation { x: 1.0, y: 2.0, z: 3.0 };
+    let pose = Some(e57::Transform { translation, ..e57::Transform::default() });
+    let scan = Scan { prototype, rows: truth.iter().map(row).collect(), pose };
+    let (loaded, points) = read(&e57_file(Some("EPSG:2056"), &[scan]));
+    assert_eq!(points.viewpoint, Some(DVec3::new(1.0, 2.0, 3.0)));
+    assert_eq!(loaded.attributes, ["position", "column_index", "row_index"]);
+    assert_eq!(points.comments, ["crs EPSG:2056"]);
+}
+
+#[test]
+fn damaged_e57_is_refused_in_one_sentence() {
+    let good = support::small_e57();
+    let mut flipped = good.clone();
+    flipped[200] ^= 1;
+    assert!(try_read(&flipped).unwrap_err().contains("checksum"));
+    for end in [10, 47, 500, 1024, good.len() - 1024, good.len() - 1] {
+        let mut cut = good.clone();
+        cut.truncate(end);
+        assert!(try_read(&cut).is_err(), "{end}");
+    }
+    let text = |from: &str, to: &str| {
+        let at = good.windows(from.len()).position(|w| w == from.as_bytes()).unwrap();
+        let mut bytes = good.clone();
+        bytes[at..at + from.len()].copy_from_slice(to.as_bytes());
+        support::seal(bytes)
+    };
+    // As many points as the page still has room for a number of; the points end long before.
+    let error = try_read(&text("recordCount=\"60\"", "recordCount=\"99\"")).unwrap_err();
+    assert!(error.contains("scan 1, 99 points"), "{error}");
+    // A scan of which nothing takes a bit could have any number of points.
+    let nothing = RecordDataType::Integer { min: 5, max: 5 };
+    let names = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
+    let prototype: Vec<Record> = names.into_iter().map(|n| record(n, nothing.clone())).collect();
+    let rows = vec![vec![RecordValue::Integer(5); 3]; 4];
+    let error = try_read(&e57_file(None, &[Scan { prototype, rows, pose: None }])).unwrap_err();
+    assert!(error.contains("no point"), "{error}");
+}

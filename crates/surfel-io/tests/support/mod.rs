@@ -1,0 +1,170 @@
+//! Files of scanners, written by the crates that the field uses.
+
+#![allow(dead_code, reason = "each test uses a part")]
+
+use ::las::{Builder, Color, Point, Transform, Vector, Vlr, Writer, point::Classification, point::Format};
+use e57::{E57Writer, Record, RecordDataType, RecordName, RecordValue, Transform as Pose};
+use std::io::Cursor;
+
+/// Origin of the grid, and its step.
+pub const OFFSET: [f64; 3] = [637_000.0, 4_851_000.0, -20.0];
+pub const STEP: f64 = 0.001;
+
+/// A deterministic number for point `i`, different for each `salt`.
+pub fn hash(i: usize, salt: u64) -> u64 {
+    let mut z = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(salt.wrapping_mul(0xD1B5_4A32_D192_ED03));
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// Steps of point `i` on the grid.
+pub fn grid(i: usize) -> [i64; 3] {
+    [i as i64 * 7 % 700_001, (hash(i, 1) % 900_000) as i64, (hash(i, 2) % 90_000) as i64]
+}
+
+pub fn is_withheld(i: usize) -> bool {
+    hash(i, 3).is_multiple_of(50)
+}
+
+/// Point `i` of a file of this format.
+pub fn point(i: usize, format: &Format) -> Point {
+    let at = grid(i);
+    let world = |k: usize| OFFSET[k] + at[k] as f64 * STEP;
+    let color = Color { red: hash(i, 4) as u16, green: hash(i, 5) as u16, blue: hash(i, 6) as u16 };
+    Point {
+        x: world(0),
+        y: world(1),
+        z: world(2),
+        intensity: hash(i, 7) as u16,
+        return_number: (hash(i, 8) % 5 + 1) as u8,
+        number_of_returns: 5,
+        classification: Classification::new((hash(i, 9) % 8) as u8).unwrap(),
+        is_withheld: is_withheld(i),
+        is_key_point: i % 3 == 0,
+        scan_angle: (hash(i, 10) % 60) as f32 - 30.0,
+        user_data: hash(i, 11) as u8,
+        point_source_id: hash(i, 12) as u16,
+        gps_time: format.has_gps_time.then_some(1e8 + i as f64 * 1e-6),
+        color: format.has_color.then_some(color),
+        nir: format.has_nir.then_some(hash(i, 13) as u16),
+        extra_bytes: (0..format.extra_bytes).map(|k| hash(i, 20 + u64::from(k)) as u8).collect(),
+        ..Point::default()
+    }
+}
+
+pub fn vlr(user_id: &str, record_id: u16, data: Vec<u8>) -> Vlr {
+    Vlr { user_id: user_id.into(), record_id, description: String::new(), data }
+}
+
+/// A LAS or LAZ file of these points.
+pub fn las_file(
+    (minor, format, extra, packed): (u8, u8, u16, bool),
+    vlrs: Vec<Vlr>,
+    points: impl Iterator<Item = usize>,
+    change: impl Fn(&mut Point),
+) -> Vec<u8> {
+    let mut builder = Builder::from((1, minor));
+    builder.point_format = Format::new(format).unwrap();
+    builder.point_format.extra_bytes = extra;
+    builder.point_format.is_compressed = packed;
+    let axis = |k: usize| Transform { scale: STEP, offset: OFFSET[k] };
+    builder.transforms = Vector { x: axis(0), y: axis(1), z: axis(2) };
+    builder.generating_software = "surfel's test".into();
+    builder.vlrs = vlrs;
+    let mut writer = Writer::new(Cursor::new(Vec::new()), builder.into_header().unwrap()).unwrap();
+    for i in points {
+        let mut made = point(i, &writer.header().point_format().clone());
+        change(&mut made);
+        writer.write_point(made).unwrap();
+    }
+    writer.into_inner().unwrap().into_inner()
+}
+
+/// One of the scans of an E57 file.
+pub struct Scan {
+    pub prototype: Vec<Record>,
+    pub rows: Vec<Vec<RecordValue>>,
+    pub pose: Option<Pose>,
+}
+
+pub fn record(name: RecordName, data_type: RecordDataType) -> Record {
+    Record { name, data_type }
+}
+
+/// An E57 file of these scans.
+pub fn e57_file(crs: Option<&str>, scans: &[Scan]) -> Vec<u8> {
+    let mut bytes = Cursor::new(Vec::new());
+    let mut writer = E57Writer::new(&mut bytes, "{file}").unwrap();
+    writer.set_coordinate_metadata(crs.map(str::to_owned));
+    for scan in scans {
+        let mut points = writer.add_pointcloud("{scan}", scan.prototype.clone()).unwrap();
+        points.set_transform(scan.pose.clone());
+        for row in &scan.rows {
+            points.add_point(row.clone()).unwrap();
+        }
+        points.finalize().unwrap();
+    }
+    writer.finalize().unwrap();
+    drop(writer);
+    bytes.into_inner()
+}
+
+/// Makes the check sums of an E57 file's pages right again, and its length a whole number of pages.
+pub fn seal(mut bytes: Vec<u8>) -> Vec<u8> {
+    bytes.resize(bytes.len().div_ceil(1024) * 1024, 0);
+    for page in bytes.chunks_exact_mut(1024) {
+        // CRC-32C, bit by bit; big endian in the file.
+        let mut crc = !0_u32;
+        for byte in &page[..1020] {
+            crc ^= u32::from(*byte);
+            for _ in 0..8 {
+                crc = (crc >> 1) ^ (0x82f6_3b78 & (crc & 1).wrapping_neg());
+            }
+        }
+        page[1020..].copy_from_slice(&(!crc).to_be_bytes());
+    }
+    bytes
+}
+
+/// A small E57 file with everything in it.
+pub fn small_e57() -> Vec<u8> {
+    let coordinate = RecordDataType::ScaledInteger { min: -1_000_000, max: 1_000_000, scale: 0.001, offset: 0.5 };
+    let float = RecordDataType::Single { min: None, max: None };
+    let flat = Scan {
+        prototype: vec![
+            record(RecordName::CartesianX, coordinate.clone()),
+            record(RecordName::CartesianY, coordinate.clone()),
+            record(RecordName::CartesianZ, coordinate),
+            Record::CARTESIAN_INVALID_STATE,
+            Record::COLOR_RED_U8,
+            Record::COLOR_GREEN_U8,
+            Record::COLOR_BLUE_U8,
+            Record::INTENSITY_U16,
+        ],
+        rows: (0..60_i64)
+            .map(|i| {
+                let mut row = [i * 100, i * i, -i].map(RecordValue::ScaledInteger).to_vec();
+                row.extend([i64::from(i % 7 == 6) * 2, i * 4, 255 - i, 7, i * 1000].map(RecordValue::Integer));
+                row
+            })
+            .collect(),
+        pose: Some(Pose {
+            rotation: e57::Quaternion { w: 0.5_f64.sqrt(), x: 0.0, y: 0.0, z: 0.5_f64.sqrt() },
+            translation: e57::Translation { x: 4e5, y: 5e6, z: 100.0 },
+        }),
+    };
+    let round = Scan {
+        prototype: vec![
+            record(RecordName::SphericalRange, float.clone()),
+            record(RecordName::SphericalAzimuth, float.clone()),
+            record(RecordName::SphericalElevation, float),
+        ],
+        rows: (0..40).map(|i| [2.0, i as f32 * 0.1, i as f32 * 0.02].map(RecordValue::Single).to_vec()).collect(),
+        pose: Some(Pose {
+            rotation: e57::Quaternion { w: 1.0, x: 0.0, y: 0.0, z: 0.0 },
+            translation: e57::Translation { x: 4e5, y: 5e6, z: 0.0 },
+        }),
+    };
+    e57_file(Some("PROJCS[\"Zone\",AUTHORITY[\"EPSG\",\"25832\"]]"), &[flat, round])
+}

@@ -1,0 +1,14 @@
+//! Reads any bytes as LAS, LAZ or COPC files.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use std::path::Path;
+use surfel_io::{LoadOptions, load_bytes};
+
+fuzz_target!(|bytes: &[u8]| {
+    let bytes = [b"LASF", bytes].concat();
+    if let Err(error) = load_bytes(&bytes, None, Path::new("t"), &LoadOptions::default()) {
+        assert!(error.to_string().lines().count() <= 4);
+    }
+});
