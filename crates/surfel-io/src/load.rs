@@ -39,14 +39,15 @@ pub struct Loaded {
 }
 
 /// Loads splats, points or a mesh from a file, whose format is told by its first bytes and its extension.
-/// Textures, materials and buffers that it refers to are looked for beside it.
+/// Textures, materials and buffers that it refers to are looked for beside it, in its folder and below
+/// ([`LoadOptions::allow_outside`]).
 ///
 /// # Errors
 /// [`IoError`] if the file can't be read, is damaged, is in a format that this build has no reader for, or holds
 /// splats that break the rules of the rendering model (§10) and `options.repair` is false.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     let bytes = files::read(path, files::MAX_BYTES)?;
-    run(&bytes, Format::from_extension(path), path, Siblings::of(path), options)
+    run(&bytes, Format::from_extension(path), path, Siblings::of(path, options.allow_outside), options)
 }
 
 /// As [`load`], from memory. `hint` stands for the extension; `name` is for messages. Files that the data refer
@@ -77,6 +78,7 @@ fn run(
     let up = content.own_up().unwrap_or(format.default_up(context.gaussian));
     let attributes = content.attributes();
     let beside = context.siblings.asked();
+    context.notes.extend(context.textures.told());
     Ok(Loaded { content, format, up, gaussian: context.gaussian, notes: context.notes, beside, attributes })
 }
 
