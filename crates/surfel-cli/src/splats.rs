@@ -114,7 +114,7 @@ pub(crate) fn write_color_bar<'a>(
             None => first = Some((path, coloring)),
             Some((_, known)) if known.scale == coloring.scale => {}
             Some((known, _)) => console.note(&format!(
-                "{}: its colours mean other values than those of {}, which the colour bar shows: --range makes them one",
+                "{}: its colours mean other values than those of {}, which the colour bar shows: give --range",
                 stdin::display(path),
                 stdin::display(known)
             )),

@@ -132,7 +132,11 @@ pub(crate) fn range(text: &str) -> Result<[f64; 2], String> {
 pub(crate) fn crop(text: &str) -> Result<[f64; 6], String> {
     let c: [f64; 6] = list(text, "X0,Y0,Z0,X1,Y1,Z1")?;
     let ordered = (0..3).all(|k| c[k] <= c[k + 3]);
-    if ordered { Ok(c) } else { Err("expected X0,Y0,Z0,X1,Y1,Z1 with X0 at most X1, Y0 at most Y1, Z0 at most Z1".into()) }
+    if ordered {
+        Ok(c)
+    } else {
+        Err("expected X0,Y0,Z0,X1,Y1,Z1 with X0 at most X1, Y0 at most Y1, Z0 at most Z1".into())
+    }
 }
 
 /// `--where`, whose text a scene file keeps.

@@ -37,9 +37,9 @@ fn points_are_chosen_in_order_and_the_counts_are_said() {
     let all = ["--crop", "0,0,0,14,19,1", "--classes", "6", "--returns", "first", "--where", "intensity>=120"];
     let (count, said) = left(&[&all[..], &["--every", "4"]].concat());
     assert_eq!(count, 8);
-    let expected = "chose 8 of 400 points: --crop leaves 300, --classes leaves 100, --returns leaves 50, --where leaves \
-                    30, --every leaves 8";
-    assert!(said.contains(expected), "{said}");
+    let expected = "chose 8 of 400 points: --crop leaves 300, --classes leaves 100, --returns leaves 50, ".to_owned()
+        + "--where leaves 30, --every leaves 8";
+    assert!(said.contains(&expected), "{said}");
     // The same of splats, by their extras, which convert keeps.
     left(&[]);
     f.run("convert o.ply --classes 6 -o p.ply").code(0);

@@ -1,4 +1,5 @@
-//! Strangers' files: what they refer to stays in their folder, what they cost is bounded, and nothing half written stays.
+//! Strangers' files: what they refer to stays in their folder, what they cost is bounded. And nothing half written
+//! stays.
 
 mod common;
 
@@ -8,7 +9,8 @@ use std::time::Duration;
 /// A textured square that names `library` and, in it, `texture`.
 fn square(library: &str) -> String {
     format!(
-        "mtllib {library}\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3 4/4\n"
+        "mtllib {library}\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl m\n\
+         f 1/1 2/2 3/3 4/4\n"
     )
 }
 
@@ -22,7 +24,8 @@ fn references_stay_in_the_folder_of_the_file_unless_a_flag_allows_others() {
     f.write("in/b.obj", square("sub/my%20m.mtl"));
     f.write("in/c.obj", square("/etc/passwd"));
     f.run("in/b.obj -o t.png --size 4x4").code(0);
-    let render = |words: &str| f.run(&format!("render {words} -o o.png --force --size 8x8 --per-face")).code(0).stderr();
+    let render =
+        |words: &str| f.run(&format!("render {words} -o o.png --force --size 8x8 --per-face")).code(0).stderr();
     for (file, what) in [("a", "../m.mtl"), ("b", "sub/../../t.png"), ("c", "/etc/passwd")] {
         let said = render(&format!("in/{file}.obj"));
         assert!(said.contains(what) && said.contains("--allow-outside"), "{file}: {said}");
@@ -35,8 +38,10 @@ fn references_stay_in_the_folder_of_the_file_unless_a_flag_allows_others() {
     assert!(said.contains("to the bit"), "{said}");
     // A buffer can't be left out.
     let gltf = |uri: &str| {
-        format!(r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{"uri": "{uri}", "byteLength": 4}}],
-            "scenes": [{{}}], "scene": 0}}"#)
+        format!(
+            r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{"uri": "{uri}", "byteLength": 4}}],
+            "scenes": [{{}}], "scene": 0}}"#
+        )
     };
     f.write("secret.bin", "secret");
     for uri in ["../secret.bin", "%2e%2e/secret.bin", "..%2Fsecret.bin"] {

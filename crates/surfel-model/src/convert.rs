@@ -92,8 +92,7 @@ pub enum Colormap {
 
 impl Colormap {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Viridis, Self::Cividis, Self::Turbo, Self::Coolwarm, Self::Tab20, Self::Grey];
+    pub const ALL: [Self; 6] = [Self::Viridis, Self::Cividis, Self::Turbo, Self::Coolwarm, Self::Tab20, Self::Grey];
 
     /// Its name in scene files and flags.
     pub fn name(self) -> &'static str {

@@ -7,7 +7,8 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_io::Content;
 use surfel_model::{
-    Column3, ConvertOptions, ExtraColumn, Geometry, Material, Mesh, Object, OnInvalid, PointCloud, Shape, SplatCloud, Up,
+    Column3, ConvertOptions, ExtraColumn, Geometry, Material, Mesh, Object, OnInvalid, PointCloud, Shape, SplatCloud,
+    Up,
 };
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
@@ -131,8 +132,7 @@ pub(crate) fn points(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
     let keep = {
-        let rows: (usize, &dyn Fn(usize) -> DVec3) =
-            (points.len(), &|i| points.origin + points.positions.get(i));
+        let rows: (usize, &dyn Fn(usize) -> DVec3) = (points.len(), &|i| points.origin + points.positions.get(i));
         chosen(rows, &points.extras, (path, "points"), options, notes)?
     };
     if let Some(keep) = keep {

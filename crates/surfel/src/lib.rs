@@ -58,8 +58,8 @@ pub use surfel_render as render;
 pub use surfel_sample as sample;
 
 pub use auto::{LoadedScene, open};
-pub use coloring::{Category, ColorScale, Coloring, save_color_bar};
 pub use backend::{Backend, BackendError, BackendOptions, BackendScene, backends};
+pub use coloring::{Category, ColorScale, Coloring, save_color_bar};
 pub use error::Error;
 pub use load::{Conversion, LoadOptions, LoadedCloud, load};
 pub use octree::load_octree;

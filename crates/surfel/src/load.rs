@@ -8,9 +8,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, Format, Loaded};
-use surfel_model::{
-    Colormap, ConvertOptions, EdgeAa, Mesh, Octree, Returns, Settings, SplatCloud, Transparency, Up,
-};
+use surfel_model::{Colormap, ConvertOptions, EdgeAa, Mesh, Octree, Returns, Settings, SplatCloud, Transparency, Up};
 use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
 
 /// The name that stands for [`LoadOptions::stdin`].

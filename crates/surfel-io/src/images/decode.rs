@@ -3,8 +3,8 @@
 //! A palette, greys and bits below eight are expanded; samples of 16 bits stay. No colour profile is applied: samples
 //! are taken as sRGB-encoded, and alpha as straight.
 
-use crate::color::{linear_of_8_bit, linear_of_16_bit};
 use crate::color::nearest_8_bit;
+use crate::color::{linear_of_8_bit, linear_of_16_bit};
 use std::io::Cursor;
 use surfel_model::Texture;
 
@@ -132,8 +132,11 @@ fn nearest_8_of_16_bit(level: u16) -> u8 {
 
 /// Makes an image smaller, row by row.
 struct Reducer {
-    from: (u32, u32),
+    /// Rows of the image.
+    height: u32,
     size: [u32; 2],
+    /// The first column of the image that each texel stands for, and the one after the last.
+    starts: Vec<usize>,
     /// Rows read.
     read: u32,
     /// Sums of linear premultiplied colours and how many, for the row being filled.
@@ -143,24 +146,28 @@ struct Reducer {
 
 impl Reducer {
     fn new(from: (u32, u32), size: [u32; 2]) -> Self {
-        Self { from, size, read: 0, sums: vec![Default::default(); size[0] as usize], done: Vec::new() }
-    }
-
-    /// The place of a row or column of the image among fewer.
-    fn place(at: u32, from: u32, to: u32) -> usize {
-        (u64::from(at) * u64::from(to) / u64::from(from.max(1))) as usize
+        let (width, to) = (u64::from(from.0), u64::from(size[0].max(1)));
+        let starts = (0..=to).map(|x| (x * width).div_ceil(to) as usize).collect();
+        let sums = vec![Default::default(); size[0] as usize];
+        Self { height: from.1, size, starts, read: 0, sums, done: Vec::new() }
     }
 
     fn row(&mut self, row: &[[u8; 4]]) {
-        for (x, texel) in (0..self.from.0).zip(row) {
-            let (sum, count) = &mut self.sums[Self::place(x, self.from.0, self.size[0])];
-            let color = linear_8_bit(*texel);
-            sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += c);
-            *count += 1.0;
+        let table = linear_of_8_bit();
+        for ((sum, count), ends) in self.sums.iter_mut().zip(self.starts.windows(2)) {
+            let part = row.get(ends[0]..ends[1]).unwrap_or_default();
+            for [r, g, b, a] in part {
+                let a = f32::from(*a) / 255.0;
+                sum[0] += table[usize::from(*r)] * a;
+                sum[1] += table[usize::from(*g)] * a;
+                sum[2] += table[usize::from(*b)] * a;
+                sum[3] += a;
+            }
+            *count += part.len() as f32;
         }
-        let of = |row: u32| Self::place(row, self.from.1, self.size[1]);
+        let of = |row: u32| u64::from(row) * u64::from(self.size[1]) / u64::from(self.height.max(1));
         self.read += 1;
-        if self.read >= self.from.1 || of(self.read) != of(self.read - 1) {
+        if self.read >= self.height || of(self.read) != of(self.read - 1) {
             for (sum, count) in &mut self.sums {
                 let straight = |c: f32| if sum[3] > 0.0 { nearest_8_bit(c / sum[3]) } else { 0 };
                 let alpha = (sum[3] / count.max(1.0) * 255.0 + 0.5) as u8;

@@ -1,8 +1,8 @@
 //! Colour maps as tables of sRGB levels.
 //!
-//! The tables are those that matplotlib 3.11 publishes (`_cm_listed.py`, CC0; viridis by Smith, van der Walt 2015; cividis
-//! by Nuñez, Anderton, Renslow 2018; turbo by Mikhailov 2019), coolwarm the diverging map of Moreland 2009, tab20
-//! Tableau's.
+//! The tables are those that matplotlib 3.11 publishes (`_cm_listed.py`, CC0): viridis by Smith, van der Walt 2015,
+//! cividis by Nuñez, Anderton, Renslow 2018, turbo by Mikhailov 2019; coolwarm is the diverging map of Moreland 2009,
+//! tab20 Tableau's.
 
 use surfel_model::Colormap;
 
@@ -78,7 +78,10 @@ const COOLWARM: [&str; 15] = [
     "b8122ab70d28b50927b40426",
 ];
 
-const TAB20: [&str; 2] = ["1f77b4aec7e8ff7f0effbb782ca02c98df8ad62728ff98969467bdc5b0d5", "8c564bc49c94e377c2f7b6d27f7f7fc7c7c7bcbd22dbdb8d17becf9edae5"];
+const TAB20: [&str; 2] = [
+    "1f77b4aec7e8ff7f0effbb782ca02c98df8ad62728ff98969467bdc5b0d5",
+    "8c564bc49c94e377c2f7b6d27f7f7fc7c7c7bcbd22dbdb8d17becf9edae5",
+];
 
 /// The map's colours as sRGB levels: 256 from the least value to the largest, of tab20 its 20.
 pub(super) fn levels(map: Colormap) -> Vec<[u8; 3]> {
