@@ -6,7 +6,9 @@ use clap::{Args, CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 use std::path::PathBuf;
 use surfel::framing::ViewChoice;
-use surfel::model::{Accumulate, ClipPolicy, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader, Transparency};
+use surfel::model::{
+    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Returns, Shader, Transparency,
+};
 use surfel::{Preset, Region};
 
 /// Renders splats, scans, point clouds and meshes by surface splatting.
@@ -242,6 +244,45 @@ pub(crate) struct SplatArgs {
     /// Largest distance from the mesh that simplification may cause, with --sharp.
     #[arg(long, help_heading = "Splats", value_name = "E", value_parser = values::positive, requires = "sharp")]
     pub(crate) error: Option<f64>,
+    /// Colour by this: rgb, height, normal, intensity, classification, or any other attribute of the file.
+    #[arg(long, value_name = "ATTRIBUTE", help_heading = "Splats")]
+    pub(crate) color_by: Option<String>,
+    /// Colours of values, with --color-by; by default classes have their own, few whole numbers tab20, intensity grey,
+    /// other values viridis.
+    #[arg(long, help_heading = "Splats", value_parser = values::colormap())]
+    pub(crate) colormap: Option<Colormap>,
+    /// Values at the ends of the colour map, with --color-by; the 2nd and the 98th percentile where nothing says it.
+    #[arg(long, value_name = "LO,HI", value_parser = values::range, allow_hyphen_values = true,
+        help_heading = "Splats")]
+    pub(crate) range: Option<[f64; 2]>,
+    /// Write the colours of --color-by with their values as an image of its own.
+    #[arg(long, value_name = "FILE.png", help_heading = "Splats")]
+    pub(crate) colorbar: Option<PathBuf>,
+    /// Only points and splats within this box, in the file's coordinates.
+    #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = values::crop, allow_hyphen_values = true,
+        help_heading = "Splats")]
+    pub(crate) crop: Option<[f64; 6]>,
+    /// Only points of these classes, such as 2,6.
+    #[arg(long, value_name = "N,...", value_delimiter = ',', help_heading = "Splats")]
+    pub(crate) classes: Vec<u32>,
+    /// Only these of a pulse's returns.
+    #[arg(long, help_heading = "Splats", value_parser = values::returns())]
+    pub(crate) returns: Option<Returns>,
+    /// Only points of which this is true: comparisons such as 'intensity>100 and z<=5'.
+    #[arg(long = "where", value_name = "CONDITION", value_parser = values::condition, help_heading = "Splats")]
+    pub(crate) condition: Option<String>,
+    /// Only every Nth point of those that are left.
+    #[arg(long, help_heading = "Splats", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) every: Option<u32>,
+    /// Keep more than 16 points in one place, and those at exactly 0,0,0, where sensors write that nothing came back.
+    #[arg(long, help_heading = "Splats")]
+    pub(crate) all_points: bool,
+    /// Read what a file refers to (buffers, materials, textures) outside of its own folder, too.
+    #[arg(long, help_heading = "Splats")]
+    pub(crate) allow_outside: bool,
+    /// Reduce textures to this many texels a side (default 8192).
+    #[arg(long, help_heading = "Splats", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=32_768))]
+    pub(crate) max_texture: Option<u32>,
 }
 
 #[derive(Args, Debug)]
@@ -277,7 +318,7 @@ pub(crate) struct ConvertArgs {
     pub(crate) splats: SplatArgs,
     /// Splats of every size and the mesh's own polygons, in an octree: -o OUT.surfel.
     #[arg(long, conflicts_with_all = ["per_vertex", "per_face", "splats", "radius_scale", "max_points", "cull", "ascii",
-        "repair"])]
+        "repair", "color_by", "crop", "classes", "returns", "condition", "every", "all_points", "colorbar"])]
     pub(crate) hybrid: bool,
     /// Write text instead of binary PLY.
     #[arg(long)]
@@ -295,6 +336,12 @@ pub(crate) struct InfoArgs {
     /// Drop invalid splats instead of refusing the file.
     #[arg(long)]
     pub(crate) repair: bool,
+    /// Read what a file refers to (buffers, materials, textures) outside of its own folder, too.
+    #[arg(long)]
+    pub(crate) allow_outside: bool,
+    /// Reduce textures to this many texels a side (default 8192).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=32_768))]
+    pub(crate) max_texture: Option<u32>,
 }
 
 #[derive(Args, Debug)]

@@ -35,6 +35,8 @@ fn converted(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failur
     }
     let unused: Vec<_> = loaded.unused.into_iter().map(|option| (args.input.clone(), option)).collect();
     splats::check_used(&args.splats, &unused, console)?;
+    let colorings = loaded.coloring.iter().map(|coloring| (args.input.as_path(), coloring));
+    splats::write_color_bar(&args.splats, args.force, colorings, console)?;
     let mut cloud = loaded.cloud;
     // PLY's own default needs no words.
     if loaded.up != Up::PlusY || cloud.data().up.is_some() {

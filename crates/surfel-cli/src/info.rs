@@ -50,7 +50,12 @@ pub(crate) fn run(args: &InfoArgs, console: &Console) -> Result<(), Failure> {
         let what = "is a scene file, expected splats, points or a mesh: surfel render SCENE --print-scene shows it";
         return Err(Failure::input(format!("{}: {what}", path.display())));
     }
-    let options = surfel::io::LoadOptions { repair: args.repair, texture: None };
+    let options = surfel::io::LoadOptions {
+        repair: args.repair,
+        texture: None,
+        allow_outside: args.allow_outside,
+        max_texture: args.max_texture,
+    };
     let from_stdin = if is_stdin(path) { Some(Stdin::default().bytes()?) } else { None };
     let (loaded, file_bytes) = match &from_stdin {
         Some(bytes) => (surfel::io::load_bytes(bytes, None, Path::new("stdin"), &options)?, bytes.len() as u64),

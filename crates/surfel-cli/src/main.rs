@@ -21,6 +21,8 @@ mod parse;
 mod paths;
 mod render;
 mod resolve;
+#[cfg(unix)]
+mod signals;
 mod splats;
 mod stats;
 mod stdin;
@@ -44,6 +46,8 @@ fn main() -> ExitCode {
         let place = info.location().map(|l| format!(" ({}:{})", l.file(), l.line())).unwrap_or_default();
         console::error(&format!("this is a defect of surfel, not of your input{place}: please report it"));
     }));
+    #[cfg(unix)]
+    signals::watch();
     let arguments: Vec<OsString> = std::env::args_os().collect();
     std::panic::catch_unwind(move || run(arguments)).unwrap_or(ExitCode::from(1))
 }

@@ -103,7 +103,7 @@ pub(crate) fn resolve(
 fn load(
     objects: &[ObjectFile],
     base: &Path,
-    settings: &Settings,
+    (settings, up): (&Settings, Option<Up>),
     args: &RenderArgs,
     stdin: &Stdin,
     console: &Console,
@@ -112,6 +112,7 @@ fn load(
     let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };
     // The preset that an image is verified against antialiases edges.
     let options = LoadOptions::default().with_interior_weight(args.verify).for_settings(settings).with_stdin(bytes);
+    let options = options.with_up(args.up.and_then(|choice| choice.0).or(up));
     let progress = console.progress();
     let loaded = surfel::scene::load_objects(objects, base, &options, &progress)?;
     drop(progress);
@@ -119,6 +120,8 @@ fn load(
         console.note(&format!("{}: {}", stdin::display(&note.path), note.text));
     }
     splats::check_used(&args.splats, &loaded.unused, console)?;
+    let colorings = loaded.colorings.iter().map(|(path, coloring)| (path.as_path(), coloring));
+    splats::write_color_bar(&args.splats, args.force, colorings, console)?;
     Ok(loaded)
 }
 
@@ -145,7 +148,7 @@ fn of_scene_file(
         splats::apply(&args.splats, &mut object.convert)?;
         object.convert.validate(i).map_err(out_of_range)?;
     }
-    let loaded = load(&file.objects, &base, &file.settings, args, stdin, console)?;
+    let loaded = load(&file.objects, &base, (&file.settings, file.up), args, stdin, console)?;
     if let Some(choice) = args.up {
         file.up = choice.0.or(file.up);
     }
@@ -192,7 +195,7 @@ fn of_geometry(
     }
     let mut objects: Vec<ObjectFile> = inputs.iter().map(|path| surfel::scene::bare_object(path)).collect();
     objects.iter_mut().try_for_each(|object| splats::apply(&args.splats, &mut object.convert))?;
-    let loaded = load(&objects, Path::new(""), &settings, args, stdin, console)?;
+    let loaded = load(&objects, Path::new(""), (&settings, None), args, stdin, console)?;
     let paths: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     if args.transparency.is_none()
         && let Some((transparency, note)) = surfel::scene::auto_transparency(&loaded, &paths)

@@ -4,9 +4,10 @@ use crate::args::SplatArgs;
 use crate::console::Console;
 use crate::failure::Failure;
 use crate::stdin;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use surfel::model::ConvertOptions;
 use surfel::scene::UnusedOption;
+use surfel::{ColorScale, Coloring};
 
 /// Puts what the flags say over what a scene file may have said.
 pub(crate) fn apply(args: &SplatArgs, convert: &mut ConvertOptions) -> Result<(), Failure> {
@@ -35,6 +36,30 @@ pub(crate) fn apply(args: &SplatArgs, convert: &mut ConvertOptions) -> Result<()
     convert.sharp |= args.sharp;
     convert.crease_angle = args.crease_angle.or(convert.crease_angle);
     convert.error = args.error.or(convert.error);
+    if args.color_by.is_some() {
+        // What a scene file says of its own attribute's colours means nothing for another.
+        (convert.color_by, convert.colormap, convert.range) = (args.color_by.clone(), None, None);
+    }
+    convert.colormap = args.colormap.or(convert.colormap);
+    convert.range = args.range.or(convert.range);
+    if convert.color_by.is_none() && (args.colormap.is_some() || args.range.is_some() || args.colorbar.is_some()) {
+        let flag = match (&args.colormap, &args.range) {
+            (Some(_), _) => "--colormap",
+            (_, Some(_)) => "--range",
+            _ => "--colorbar",
+        };
+        return Err(Failure::usage(format!("{flag} is for values: give --color-by ATTRIBUTE with it")));
+    }
+    convert.crop = args.crop.or(convert.crop);
+    if !args.classes.is_empty() {
+        convert.classes.clone_from(&args.classes);
+    }
+    convert.returns = args.returns.or(convert.returns);
+    convert.condition = args.condition.clone().or(convert.condition.take());
+    convert.every = args.every.or(convert.every);
+    convert.all_points |= args.all_points;
+    convert.allow_outside |= args.allow_outside;
+    convert.max_texture = args.max_texture.or(convert.max_texture);
     Ok(())
 }
 
@@ -53,6 +78,13 @@ pub(crate) fn check_used(
             "radius_scale" => args.radius_scale.is_some(),
             "sharp" => args.sharp,
             "error" => args.error.is_some(),
+            "color_by" => args.color_by.is_some(),
+            "crop" => args.crop.is_some(),
+            "classes" => !args.classes.is_empty(),
+            "returns" => args.returns.is_some(),
+            "where" => args.condition.is_some(),
+            "every" => args.every.is_some(),
+            "all_points" => args.all_points,
             _ => false,
         };
         let name = stdin::display(path);
@@ -60,7 +92,37 @@ pub(crate) fn check_used(
             let flag = option.replace('_', "-");
             return Err(Failure::usage(format!("{name}: holds {holds}, expected {expected} for --{flag}")));
         }
+        if *option == "color_by" {
+            return Err(Failure::input(format!("{name}: holds {holds}, expected {expected} for convert.color_by")));
+        }
         console.note(&format!("{name}: holds {holds}, so that convert.{option} has no effect: it is for {expected}"));
     }
+    Ok(())
+}
+
+/// Writes the colour bar that the flag asks for, of the first file that has colours of values.
+pub(crate) fn write_color_bar<'a>(
+    args: &SplatArgs,
+    force: bool,
+    colorings: impl Iterator<Item = (&'a Path, &'a Coloring)>,
+    console: &Console,
+) -> Result<(), Failure> {
+    let Some(file) = &args.colorbar else { return Ok(()) };
+    let mut first: Option<(&Path, &Coloring)> = None;
+    for (path, coloring) in colorings.filter(|(_, coloring)| coloring.scale != ColorScale::Direct) {
+        match first {
+            None => first = Some((path, coloring)),
+            Some((_, known)) if known.scale == coloring.scale => {}
+            Some((known, _)) => console.note(&format!(
+                "{}: its colours mean other values than those of {}, which the colour bar shows: give --range",
+                stdin::display(path),
+                stdin::display(known)
+            )),
+        }
+    }
+    let Some((_, coloring)) = first else {
+        return Err(Failure::usage("--colorbar is for values, but no file is coloured by one"));
+    };
+    surfel::save_color_bar(file, force, coloring)?;
     Ok(())
 }

@@ -5,7 +5,8 @@ use serde_json::Value;
 use surfel::framing::{NamedView, ViewAngles, ViewChoice};
 use surfel::model::Up;
 use surfel::model::{
-    Accumulate, ClipPolicy, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping, Shader, Transparency,
+    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping, Returns, Shader,
+    Transparency,
 };
 use surfel::{Preset, Region};
 
@@ -27,6 +28,11 @@ named!(filter, Filter, [
     "principal" => Filter::Principal, "ewa" => Filter::Ewa,
 ]);
 named!(cull, Cull, ["none" => Cull::None, "back" => Cull::Back]);
+named!(colormap, Colormap, [
+    "viridis" => Colormap::Viridis, "cividis" => Colormap::Cividis, "turbo" => Colormap::Turbo,
+    "coolwarm" => Colormap::Coolwarm, "tab20" => Colormap::Tab20, "grey" => Colormap::Grey,
+]);
+named!(returns, Returns, ["last" => Returns::Last, "first" => Returns::First, "single" => Returns::Single]);
 named!(mapping, Mapping, ["exact" => Mapping::Exact, "affine" => Mapping::Affine]);
 named!(accumulate, Accumulate, ["f32" => Accumulate::F32, "f16" => Accumulate::F16]);
 named!(clip, ClipPolicy, [
@@ -112,6 +118,30 @@ pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
         [0.0, 0.0, 0.0] => Err("expected a direction that is not zero".into()),
         direction => Ok(direction),
     }
+}
+
+/// `--range`.
+pub(crate) fn range(text: &str) -> Result<[f64; 2], String> {
+    match list(text, "LO,HI")? {
+        [lo, hi] if lo < hi => Ok([lo, hi]),
+        _ => Err("expected LO,HI with LO less than HI".into()),
+    }
+}
+
+/// `--crop`.
+pub(crate) fn crop(text: &str) -> Result<[f64; 6], String> {
+    let c: [f64; 6] = list(text, "X0,Y0,Z0,X1,Y1,Z1")?;
+    let ordered = (0..3).all(|k| c[k] <= c[k + 3]);
+    if ordered {
+        Ok(c)
+    } else {
+        Err("expected X0,Y0,Z0,X1,Y1,Z1 with X0 at most X1, Y0 at most Y1, Z0 at most Z1".into())
+    }
+}
+
+/// `--where`, whose text a scene file keeps.
+pub(crate) fn condition(text: &str) -> Result<String, String> {
+    surfel::model::parse_conditions(text).map(|_| text.trim().to_owned())
 }
 
 pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {

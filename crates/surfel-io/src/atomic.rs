@@ -1,10 +1,31 @@
 //! Files that appear whole or not at all.
 
 use crate::error::{IoError, WRITE};
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use tempfile::NamedTempFile;
+
+/// How the names of temporary files begin and end.
+const PREFIX: &str = ".surfel-";
+const SUFFIX: &str = ".tmp";
+
+/// The temporary files of this process that are there.
+static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn temporary_files() -> MutexGuard<'static, Vec<PathBuf>> {
+    TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes the temporary files of all writers of this process, and lets none make another: for a program that is about
+/// to end at once, by a signal.
+pub fn remove_temporary_files() {
+    let mut files = temporary_files();
+    files.drain(..).for_each(|path| drop(fs::remove_file(path)));
+    // Nobody publishes or makes a file without the lock.
+    std::mem::forget(files);
+}
 
 /// Writes `path` by way of a temporary file in the same folder: synced, then renamed. A reader sees the old file
 /// or the whole new one, never a part; on failure the temporary file is removed and `path` is as it was.
@@ -35,7 +56,8 @@ pub fn write(
         }
     }
     let target = if existing.is_some() { fs::canonicalize(path).map_err(system)? } else { path.to_path_buf() };
-    let temporary = temporary_in(folder_of(&target)).map_err(system)?;
+    remove_left_over(folder_of(&target));
+    let (temporary, _registered) = registered_in(folder_of(&target)).map_err(system)?;
     let mut sink = BufWriter::with_capacity(1 << 18, temporary.as_file());
     content(&mut sink).and_then(|()| sink.flush()).map_err(system)?;
     drop(sink);
@@ -54,14 +76,59 @@ pub fn write(
 /// the file system allows.
 fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".surfel-").suffix(".tmp");
+    builder.prefix(PREFIX).suffix(SUFFIX);
     // Otherwise nobody else could read the file; the system takes away what the process's umask says.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder.tempfile_in(folder)
 }
 
+/// A path among [`TEMPORARY`] as long as this lives.
+struct Registered(PathBuf);
+
+impl Drop for Registered {
+    fn drop(&mut self) {
+        temporary_files().retain(|path| *path != self.0);
+    }
+}
+
+/// A temporary file that [`remove_temporary_files`] removes, and that no other process takes for a left-over one,
+/// because it is locked.
+fn registered_in(folder: &Path) -> io::Result<(NamedTempFile, Registered)> {
+    let mut files = temporary_files();
+    loop {
+        let file = temporary_in(folder)?;
+        // Where locks don't work, nobody removes what isn't locked. Where they do, another process may have taken the
+        // file for a left-over one in the moment before.
+        let taken = matches!(file.as_file().try_lock(), Err(TryLockError::WouldBlock));
+        if !taken && file.path().exists() {
+            files.push(file.path().to_path_buf());
+            let registered = Registered(file.path().to_path_buf());
+            return Ok((file, registered));
+        }
+    }
+}
+
+/// Removes the temporary files in `folder` that no process has locked: their writers were killed.
+fn remove_left_over(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
+        if !is_file || !name.starts_with(PREFIX) || !name.ends_with(SUFFIX) {
+            continue;
+        }
+        // To be locked it must be open for writing on some systems.
+        let Ok(file) = OpenOptions::new().read(true).write(true).open(entry.path()) else { continue };
+        if file.try_lock().is_ok() {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
 fn publish(temporary: NamedTempFile, target: &Path, overwrite: bool) -> io::Result<()> {
+    // A signal's handler comes before or after.
+    let _files = temporary_files();
     if overwrite {
         temporary.persist(target)?;
     } else if let Err(failed) = temporary.persist_noclobber(target) {
@@ -78,4 +145,42 @@ fn publish(temporary: NamedTempFile, target: &Path, overwrite: bool) -> io::Resu
 
 fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_that_killed_writers_left_are_removed_and_those_being_written_are_not() {
+        let folder = std::env::temp_dir().join(format!("surfel-left-over-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let names = || {
+            let mut names: Vec<_> = fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+            names.sort();
+            names
+        };
+        for name in [".surfel-abc.tmp", ".surfel-mine", "other.tmp", ".surfel-d.tmp.txt"] {
+            fs::write(folder.join(name), "x").unwrap();
+        }
+        let mut during = Vec::new();
+        let write = |name: &str, inner: &mut dyn FnMut()| {
+            write(&folder.join(name), false, |out| {
+                inner();
+                out.write_all(b"whole")
+            })
+        };
+        write("a", &mut || {
+            // Another writer at the same time leaves this one's file alone.
+            write("b", &mut || during = names()).unwrap();
+        })
+        .unwrap();
+        let temporary = |name: &&std::ffi::OsString| name.to_string_lossy().ends_with(SUFFIX);
+        assert_eq!(during.iter().filter(temporary).count(), 3, "{during:?}");
+        assert!(!during.iter().any(|name| name == ".surfel-abc.tmp"), "{during:?}");
+        assert_eq!(names(), [".surfel-d.tmp.txt", ".surfel-mine", "a", "b", "other.tmp"]);
+        assert_eq!(fs::read(folder.join("a")).unwrap(), b"whole");
+        assert!(!temporary_files().iter().any(|path| path.starts_with(&folder)));
+        fs::remove_dir_all(&folder).unwrap();
+    }
 }

@@ -10,6 +10,11 @@ pub struct LoadOptions {
     pub repair: bool,
     /// A texture (PNG, JPEG or WebP) for a mesh that has texture coordinates and names no texture itself.
     pub texture: Option<PathBuf>,
+    /// Reads what the file refers to (buffers, materials, textures) wherever it is, not only in the file's folder and
+    /// below.
+    pub allow_outside: bool,
+    /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
+    pub max_texture: Option<u32>,
 }
 
 /// What a file held.

@@ -23,7 +23,8 @@ pub(crate) struct Context<'a> {
 
 impl<'a> Context<'a> {
     pub(crate) fn new(options: &'a LoadOptions, siblings: Siblings) -> Self {
-        Self { options, siblings, notes: Vec::new(), textures: TextureDecoder::new(), gaussian: false }
+        let textures = TextureDecoder::new(options.max_texture);
+        Self { options, siblings, notes: Vec::new(), textures, gaussian: false }
     }
 
     pub(crate) fn note(&mut self, note: String) {

@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Largest file that is loaded, in bytes.
 pub(crate) const MAX_BYTES: u64 = 64 << 30;
@@ -54,15 +54,40 @@ pub(crate) enum Siblings {
     Folder {
         /// The folder.
         path: PathBuf,
+        /// The folder, and that of the file which the named one is a link to, without links. `None` where files
+        /// outside of them are read, too.
+        inside: Option<[PathBuf; 2]>,
         /// The files that were asked for, found or not.
         asked: RefCell<BTreeSet<PathBuf>>,
     },
 }
 
+/// Why a reference isn't followed.
+const OUTSIDE: &str = "it is outside of the file's folder, where only --allow-outside reads";
+
+/// True if a path, taken from a folder, leads out of it.
+fn leaves_folder(reference: &Path) -> bool {
+    let mut depth = 0_usize;
+    for part in reference.components() {
+        match part {
+            Component::Normal(_) => depth += 1,
+            Component::CurDir => {}
+            Component::ParentDir if depth > 0 => depth -= 1,
+            Component::ParentDir | Component::RootDir | Component::Prefix(_) => return true,
+        }
+    }
+    false
+}
+
 impl Siblings {
-    pub(crate) fn of(path: &Path) -> Self {
-        let path = path.parent().map(Path::to_path_buf).unwrap_or_default();
-        Self::Folder { path, asked: RefCell::default() }
+    /// What the file at `path` may refer to: files in its folder and below, or any if `allow_outside`.
+    pub(crate) fn of(path: &Path, allow_outside: bool) -> Self {
+        let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
+        let here = if folder.as_os_str().is_empty() { Path::new(".") } else { &folder };
+        let real = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+        let of_link = real(path).parent().map(Path::to_path_buf).unwrap_or_default();
+        let inside = (!allow_outside).then(|| [real(here), of_link]);
+        Self::Folder { path: folder, inside, asked: RefCell::default() }
     }
 
     /// The files that were asked for, found or not.
@@ -75,11 +100,20 @@ impl Siblings {
 
     /// A referenced file, at most 1 GiB and regular (a device would never end), or why it can't be had.
     pub(crate) fn read(&self, reference: &str) -> Result<Vec<u8>, String> {
-        let Self::Folder { path: folder, asked } = self else {
+        let Self::Folder { path: folder, inside, asked } = self else {
             return Err("files beside the data are not available here".into());
         };
         // Exporters on Windows write backslashes, which elsewhere are part of a name.
-        let path = folder.join(reference.replace('\\', "/"));
+        let reference = reference.replace('\\', "/");
+        let path = folder.join(&reference);
+        if let Some(inside) = inside {
+            // By its words first, so that nothing is looked for outside; then where links lead to.
+            let real = || std::fs::canonicalize(&path);
+            let leaves = leaves_folder(Path::new(&reference));
+            if leaves || real().is_ok_and(|real| !inside.iter().any(|folder| real.starts_with(folder))) {
+                return Err(OUTSIDE.into());
+            }
+        }
         asked.borrow_mut().insert(path.clone());
         let metadata = std::fs::metadata(&path).map_err(|e| e.to_string())?;
         if !metadata.is_file() {
@@ -89,5 +123,50 @@ impl Siblings {
             IoError::System { source, .. } => source.to_string(),
             other => other.to_string(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn references_stay_within_the_folder() {
+        let root = std::env::temp_dir().join(format!("surfel-outside-{}", std::process::id()));
+        std::fs::create_dir_all(root.join("in/sub")).unwrap();
+        for name in ["secret", "in/a", "in/sub/b"] {
+            std::fs::write(root.join(name), name).unwrap();
+        }
+        let absolute = root.join("in/a");
+        let absolute = absolute.to_str().unwrap();
+        let read = |allow: bool, reference: &str| {
+            let siblings = Siblings::of(&root.join("in/x.gltf"), allow);
+            (siblings.read(reference), siblings.asked().len())
+        };
+        for inside in ["a", "./a", "sub/b", "sub\\b", "sub/../a"] {
+            assert!(read(false, inside).0.is_ok(), "{inside}");
+        }
+        for outside in ["../secret", "..\\secret", "sub/../../secret", "/etc/passwd", "../in/a", absolute] {
+            let (result, asked) = read(false, outside);
+            assert!(result.unwrap_err().contains("--allow-outside"), "{outside}");
+            assert_eq!(asked, 0, "{outside}: what isn't read isn't an input");
+        }
+        assert_eq!(read(true, "../secret"), (Ok(b"secret".to_vec()), 1));
+        assert!(read(true, absolute).0.is_ok());
+        assert!(!read(false, "missing").0.unwrap_err().contains("outside"));
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::symlink;
+            symlink(root.join("secret"), root.join("in/link")).unwrap();
+            assert!(read(false, "link").0.unwrap_err().contains("--allow-outside"));
+            assert!(read(true, "link").0.is_ok());
+            // A named file that is itself a link brings the folder where it leads along.
+            std::fs::create_dir_all(root.join("named")).unwrap();
+            std::fs::write(root.join("in/x.gltf"), "{}").unwrap();
+            symlink(root.join("in/x.gltf"), root.join("named/x.gltf")).unwrap();
+            symlink(root.join("in/a"), root.join("named/a")).unwrap();
+            assert!(Siblings::of(&root.join("named/x.gltf"), false).read("a").is_ok());
+        }
+        std::fs::remove_dir_all(&root).unwrap();
     }
 }

@@ -56,7 +56,8 @@ pub struct Loaded {
 }
 
 /// Loads splats, points or a mesh from a file, whose format is told by its first bytes and its extension.
-/// Textures, materials and buffers that it refers to are looked for beside it.
+/// Textures, materials and buffers that it refers to are looked for beside it, in its folder and below
+/// ([`LoadOptions::allow_outside`]).
 ///
 /// # Errors
 /// [`IoError`] if the file can't be read, is damaged, is in a format that this build has no reader for, or holds
@@ -64,11 +65,11 @@ pub struct Loaded {
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     if let Some((format, mut file)) = survey_file(path) {
         let read = |context: &mut Context<'_>| Ok((format, read_survey(format, &mut file, context)?));
-        return run(read, path, Siblings::of(path), options);
+        return run(read, path, Siblings::of(path, options.allow_outside), options);
     }
     let bytes = files::read(path, files::MAX_BYTES)?;
     let read = |context: &mut Context<'_>| read_bytes(&bytes, Format::from_extension(path), path, context);
-    run(read, path, Siblings::of(path), options)
+    run(read, path, Siblings::of(path, options.allow_outside), options)
 }
 
 /// A regular file of a format that is read here and there, so that its bytes needn't be in memory.
@@ -114,6 +115,7 @@ fn run(
     let up = content.own_up().unwrap_or(format.default_up(context.gaussian));
     let attributes = content.attributes();
     let beside = context.siblings.asked();
+    context.notes.extend(context.textures.told());
     Ok(Loaded { content, format, up, gaussian: context.gaussian, notes: context.notes, beside, attributes })
 }
 

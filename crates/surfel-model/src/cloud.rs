@@ -71,7 +71,8 @@ impl CloudData {
         }
     }
 
-    fn retain(&mut self, keep: &[bool]) {
+    /// Keeps the splats whose flag is set.
+    pub fn retain(&mut self, keep: &[bool]) {
         self.centers.retain(keep);
         match &mut self.shape {
             Shape::Disks { normals, radii } => {

@@ -142,6 +142,21 @@ pub struct ExtraColumn {
     pub values: ExtraValues,
 }
 
+impl ExtraColumn {
+    /// The column of that name: exactly, else as programs spell it otherwise: in capitals, without underscores, with
+    /// the prefix `scalar_`. `scalar_Return_Number`, `ReturnNumber` and `return_number` are the same attribute.
+    pub fn find<'a>(extras: &'a [Self], name: &str) -> Option<&'a Self> {
+        let plain = |name: &str| {
+            let lower = name.to_ascii_lowercase();
+            let lower = lower.strip_prefix("scalar_").unwrap_or(&lower);
+            lower.chars().filter(|c| c.is_alphanumeric()).collect::<String>()
+        };
+        let wanted = plain(name);
+        let exact = extras.iter().find(|e| e.name == name);
+        exact.or_else(|| extras.iter().find(|e| !wanted.is_empty() && plain(&e.name) == wanted))
+    }
+}
+
 /// Values of an [`ExtraColumn`], in the file's own type.
 #[derive(Clone, Debug, PartialEq)]
 #[expect(missing_docs, reason = "the variants are the PLY scalar types")]
@@ -216,6 +231,11 @@ impl ExtraValues {
         }
     }
 
+    /// True for the types that hold whole numbers only.
+    pub fn is_integer(&self) -> bool {
+        !matches!(self, Self::F32(_) | Self::F64(_))
+    }
+
     /// Keeps the values whose flag is set.
     pub fn retain(&mut self, keep: &[bool]) {
         each_extra!(self, v => retain(v, keep));
@@ -251,6 +271,19 @@ mod tests {
         assert_eq!(ExtraValues::F64(vec![f64::NAN]).range(), None);
         let values = ExtraValues::U32(vec![7, u32::MAX]);
         assert_eq!((values.range(), values.get(1)), (Some((7.0, 4_294_967_295.0)), 4_294_967_295.0));
+    }
+
+    #[test]
+    fn attributes_are_found_by_the_names_that_programs_give_them() {
+        let named = |name: &str| ExtraColumn { name: name.into(), values: ExtraValues::U8(vec![]) };
+        let extras = ["scalar_Return_Number", "Intensity", "intensity", "Original_cloud_index"].map(named);
+        let find = |name: &str| ExtraColumn::find(&extras, name).map(|e| e.name.as_str());
+        assert_eq!(find("return_number"), Some("scalar_Return_Number"));
+        assert_eq!(find("ReturnNumber"), Some("scalar_Return_Number"));
+        assert_eq!((find("intensity"), find("INTENSITY")), (Some("intensity"), Some("Intensity")));
+        assert_eq!((find("classification"), find(""), find("_")), (None, None, None));
+        let values = [ExtraValues::I8(vec![-3]), ExtraValues::U16(vec![65_535]), ExtraValues::F32(vec![0.5])];
+        assert_eq!(values.map(|v| (v.get(0), v.is_integer())), [(-3.0, true), (65_535.0, true), (0.5, false)]);
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //! Feature `serde`: what the scene file holds is serde's data. Feature `rayon`: sorting on all threads.
 
 mod camera;
+mod choice;
 mod chunk;
 mod clip;
 mod cloud;
@@ -29,11 +30,12 @@ mod up;
 pub use glam;
 
 pub use camera::{Camera, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, Projection};
+pub use choice::{Chosen, Comparison, Condition, Returns, choose, parse_conditions};
 pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks, stored_axes};
 pub use clip::{ClipColumns, ClipCurve, ClipLine, ClipMode, NO_LINE};
 pub use cloud::{CloudData, OnInvalid, Repaired, Shape, SplatCloud};
 pub use column::{Column3, ExtraColumn, ExtraValues};
-pub use convert::ConvertOptions;
+pub use convert::{Colormap, ConvertOptions};
 pub use error::ModelError;
 pub use light::Light;
 pub use matcap::Matcap;

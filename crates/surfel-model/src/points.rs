@@ -87,6 +87,18 @@ impl PointCloud {
         dropped
     }
 
+    /// Drops the points at exactly (0, 0, 0), if they are more than `most` and not all: depth cameras and scanners
+    /// write those where nothing came back. Returns how many are dropped.
+    pub fn drop_at_origin(&mut self, most: usize) -> usize {
+        let keep: Vec<bool> = (0..self.len()).map(|i| self.origin + self.positions.get(i) != DVec3::ZERO).collect();
+        let dropped = keep.iter().filter(|k| !**k).count();
+        if dropped <= most || dropped == self.len() {
+            return 0;
+        }
+        self.retain(&keep);
+        dropped
+    }
+
     /// Keeps at most `most` points (at least 1), in their order, and returns how many are dropped.
     ///
     /// One of each run of neighbours along a Morton curve stays, so that dense places stay denser than others in
@@ -128,6 +140,22 @@ impl PointCloud {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn points_without_a_return_are_dropped_if_they_are_many_and_not_all() {
+        let cloud = |origin: DVec3, zeros: usize, others: usize| {
+            let at = |i: usize| if i < zeros { -origin } else { DVec3::X - origin };
+            let positions: Vec<DVec3> = (0..zeros + others).map(at).collect();
+            PointCloud { origin, positions: Column3::from_f64(&positions), ..PointCloud::default() }
+        };
+        for origin in [DVec3::ZERO, DVec3::new(1024.0, 0.0, -8.0)] {
+            let dropped = |zeros, others| {
+                let mut points = cloud(origin, zeros, others);
+                (points.drop_at_origin(16), points.len())
+            };
+            assert_eq!((dropped(16, 3), dropped(17, 3), dropped(17, 0)), ((0, 19), (17, 3), (0, 17)));
+        }
+    }
 
     #[test]
     fn thinned_points_are_those_asked_for_and_leave_no_place_out() {

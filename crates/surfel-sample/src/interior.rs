@@ -3,6 +3,7 @@
 use crate::parallel::map_tasks;
 use crate::tree::KdTree;
 use glam::DVec3;
+use std::collections::HashMap;
 use surfel_math::basis::orthonormal;
 use surfel_model::{Shape, SplatCloud};
 
@@ -26,10 +27,10 @@ struct Probe {
 /// The few probes are put into a tree and all splats run past them, which costs memory for the probes only.
 pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     let count = cloud.len();
-    let probes: Vec<Probe> = {
+    let (probes, of) = {
         let m = count.min(PROBES);
         let index = |i: usize| (i as u128 * count as u128 / m as u128) as usize;
-        (0..m).map(|i| probe(cloud, index(i))).collect()
+        distinct((0..m).map(|i| probe(cloud, index(i))).collect())
     };
     let places: Vec<DVec3> = probes.iter().map(|p| p.at).collect();
     let reach: Vec<f64> = probes.iter().map(|p| p.reach).collect();
@@ -53,7 +54,23 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     for chunk in partial {
         sums.iter_mut().zip(chunk).for_each(|(sum, part)| *sum += part);
     }
+    let mut sums: Vec<f64> = of.into_iter().map(|probe| sums[probe]).collect();
     crate::radii::median(&mut sums).filter(|w| w.is_finite() && *w > 0.0)
+}
+
+/// The different ones of `probes`, and which of them each is: of many splats in one place all would sum the same.
+fn distinct(probes: Vec<Probe>) -> (Vec<Probe>, Vec<usize>) {
+    let mut known = HashMap::with_capacity(probes.len());
+    let mut different = Vec::with_capacity(probes.len());
+    let mut of = Vec::with_capacity(probes.len());
+    for probe in probes {
+        let (p, n) = (probe.at.to_array().map(f64::to_bits), probe.normal.to_array().map(f64::to_bits));
+        of.push(*known.entry((p, n, probe.reach.to_bits())).or_insert_with(|| {
+            different.push(probe);
+            different.len() - 1
+        }));
+    }
+    (different, of)
 }
 
 fn probe(cloud: &SplatCloud, k: usize) -> Probe {
@@ -94,4 +111,24 @@ fn weight(cloud: &SplatCloud, j: usize, center: DVec3, radius: f64, probe: &Prob
         }
     };
     if rho2 <= 1.0 { (-2.0 * rho2).exp() } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn splats_in_one_place_are_probed_once() {
+        let place = |i: usize| if i < 3000 { glam::Vec3::ZERO } else { glam::Vec3::X * i as f32 };
+        let centers: Vec<glam::Vec3> = (0..3020).map(place).collect();
+        let cloud = SplatCloud::disks(&centers, &vec![glam::Vec3::Z; 3020], &vec![0.25; 3020]).unwrap();
+        let probes = || (0..3020).map(|k| probe(&cloud, k)).collect::<Vec<_>>();
+        let (different, of) = distinct(probes());
+        // One of 3000 and twenty others: 21 probes, and 3000 + 20 pairs are looked at instead of nine million.
+        assert_eq!((different.len(), of.len()), (21, 3020));
+        assert!(of.iter().zip(probes()).all(|(d, p)| different[*d].at == p.at && different[*d].reach == p.reach));
+        // exp(−2ρ²) at (½, ½) is exp(−1), of 3000 splats.
+        let weight = interior_weight(&cloud).unwrap();
+        assert!((weight - 3000.0 * (-1.0_f64).exp()).abs() < 1e-6 * weight, "{weight}");
+    }
 }

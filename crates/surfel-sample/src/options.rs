@@ -25,13 +25,23 @@ pub struct PointOptions {
     pub viewpoint: Option<DVec3>,
     /// Treatment of isolated points.
     pub outliers: Outliers,
+    /// Most points in one place that become splats, at least 1; default all. So many splats in one place would look the
+    /// same, and make the image slow.
+    pub coincident: usize,
     /// Makes elliptical splats where the sampling is anisotropic (scan lines); default true.
     pub ellipses: bool,
 }
 
 impl Default for PointOptions {
     fn default() -> Self {
-        Self { radius_scale: 1.0, neighbours: 16, viewpoint: None, outliers: Outliers::Cap, ellipses: true }
+        Self {
+            radius_scale: 1.0,
+            neighbours: 16,
+            viewpoint: None,
+            outliers: Outliers::Cap,
+            coincident: usize::MAX,
+            ellipses: true,
+        }
     }
 }
 
@@ -57,8 +67,10 @@ pub struct PointReport {
     pub normals_given: usize,
     /// Points whose normal was estimated.
     pub normals_estimated: usize,
-    /// Points that coincide with an earlier one; they are kept.
+    /// Points that coincide with an earlier one.
     pub duplicates: usize,
+    /// How many of these are left out, because there are more in their place than the options want.
+    pub left_out: usize,
     /// Isolated points; capped or dropped as the options say.
     pub outliers: usize,
     /// Splats that are ellipses with an axis ratio above 1.5; 0 when the cloud came out as disks.

@@ -51,8 +51,17 @@ pub fn splats_from_points(
     report.outliers = cloud.slot_of.iter().filter(|s| sizes.isolated[**s as usize]).count();
     let mut source = Cow::Borrowed(points);
     let mut kept: Vec<u32> = (0..points.len() as u32).collect();
-    if options.outliers == Outliers::Drop && report.outliers > 0 && report.outliers < points.len() {
-        let keep: Vec<bool> = cloud.slot_of.iter().map(|s| !sizes.isolated[*s as usize]).collect();
+    let drop_outliers = options.outliers == Outliers::Drop && report.outliers > 0 && report.outliers < points.len();
+    if drop_outliers || report.duplicates >= options.coincident.max(1) {
+        let mut in_slot = vec![0_usize; cloud.len()];
+        let mut keep = vec![true; points.len()];
+        for (keep, slot) in keep.iter_mut().zip(&cloud.slot_of) {
+            let slot = *slot as usize;
+            in_slot[slot] += 1;
+            let is_room = in_slot[slot] <= options.coincident.max(1);
+            report.left_out += usize::from(!is_room);
+            *keep = is_room && !(drop_outliers && sizes.isolated[slot]);
+        }
         source.to_mut().retain(&keep);
         kept.retain(|i| keep[*i as usize]);
     }

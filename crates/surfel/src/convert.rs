@@ -1,10 +1,15 @@
 //! From points and meshes to splats, as the options say, and what there is to tell about it.
 
 use crate::load::{Conversion, UnusedOption};
-use crate::{Error, LoadOptions};
+use crate::{Error, LoadOptions, framing};
+use glam::{DAffine3, DVec3};
 use std::path::Path;
+use std::sync::Arc;
 use surfel_io::Content;
-use surfel_model::{Column3, Mesh, OnInvalid, PointCloud, Shape, SplatCloud};
+use surfel_model::{
+    Column3, ConvertOptions, ExtraColumn, Geometry, Material, Mesh, Object, OnInvalid, PointCloud, Shape, SplatCloud,
+    Up,
+};
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
 /// The options that have nothing to act on in what a file holds.
@@ -16,6 +21,7 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
         Content::Octree(_) => "an octree",
     };
     let (points, mesh) = (holds == "points", holds == "a mesh");
+    let rows = points || holds == "splats";
     // What is one splat a vertex of a mesh is one splat a point of points.
     let (method, fits) = match options.method {
         Some(MeshMethod::Count(_)) => ("splats", mesh),
@@ -29,9 +35,16 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
         ("radius_scale", options.radius_scale == 1.0 || holds != "an octree", "splats, points or a mesh"),
         ("sharp", !options.sharp || points || mesh, "points or a mesh"),
         ("error", options.sharp_error.is_none() || mesh, "a mesh"),
+        ("color_by", options.color_by.is_none() || holds != "an octree", "splats, points or a mesh"),
+        ("crop", options.crop.is_none() || rows, "points or splats"),
+        ("classes", options.classes.is_empty() || rows, "points or splats"),
+        ("returns", options.returns.is_none() || rows, "points or splats"),
+        ("where", options.condition.is_none() || rows, "points or splats"),
+        ("every", options.every.is_none() || rows, "points or splats"),
+        ("all_points", !options.all_points || points, "points"),
     ];
     let unused = given.into_iter().filter(|(_, fits, _)| !fits);
-    unused.map(|(option, _, expected)| UnusedOption { option, holds, expected }).collect()
+    unused.map(|(option, _, expected)| UnusedOption { option, holds: holds.into(), expected }).collect()
 }
 
 /// Splats with other radii, and the interior weight that goes with them.
@@ -50,6 +63,66 @@ pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error>
     Ok(cloud)
 }
 
+/// Which of a file's points or splats are chosen; `None`: all.
+fn chosen(
+    (count, position): (usize, &dyn Fn(usize) -> DVec3),
+    extras: &[ExtraColumn],
+    (path, what): (&Path, &str),
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+) -> Result<Option<Vec<bool>>, Error> {
+    let convert = ConvertOptions {
+        crop: options.crop,
+        classes: options.classes.clone(),
+        returns: options.returns,
+        condition: options.condition.clone(),
+        every: options.every,
+        ..ConvertOptions::default()
+    };
+    let unsuitable = |problem| Error::Unsuitable { path: path.to_path_buf(), problem };
+    let found = surfel_model::choose(&convert, count, position, extras).map_err(unsuitable)?;
+    let Some((_, left)) = found.left.last() else { return Ok(None) };
+    let steps: Vec<String> = found.left.iter().map(|(key, left)| format!("--{key} leaves {left}")).collect();
+    let steps = steps.join(", ");
+    if *left == 0 && count > 0 {
+        let first = position(0);
+        let (lo, hi) = (0..count).fold((first, first), |(lo, hi), i| (lo.min(position(i)), hi.max(position(i))));
+        return Err(unsuitable(format!(
+            "of its {count} {what} none is left: {steps}; they are within {},{},{},{},{},{}",
+            lo.x, lo.y, lo.z, hi.x, hi.y, hi.z
+        )));
+    }
+    notes.push(format!("chose {left} of {count} {what}: {steps}"));
+    Ok(Some(found.keep))
+}
+
+/// The splats that the options choose.
+pub(crate) fn chosen_splats(
+    cloud: SplatCloud,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+) -> Result<SplatCloud, Error> {
+    let rows: (usize, &dyn Fn(usize) -> DVec3) = (cloud.len(), &|i| cloud.center(i));
+    let Some(keep) = chosen(rows, &cloud.data().extras, (path, "splats"), options, notes)? else { return Ok(cloud) };
+    let mut data = cloud.into_data();
+    data.retain(&keep);
+    Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
+}
+
+/// The axis that the shape of splats says is up; the splats are given back.
+pub(crate) fn upright(cloud: SplatCloud, points: bool) -> (SplatCloud, Up) {
+    let cloud = Arc::new(cloud);
+    let geometry = Geometry::Splats(cloud.clone());
+    let object = Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() };
+    let up = framing::upright(std::slice::from_ref(&object), points).up;
+    drop(object);
+    (Arc::unwrap_or_clone(cloud), up)
+}
+
+/// Most points at the origin, and in any one place, that are taken for real ones.
+const COINCIDENT: usize = 16;
+
 /// Splats of points.
 pub(crate) fn points(
     mut points: PointCloud,
@@ -58,11 +131,30 @@ pub(crate) fn points(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
+    let keep = {
+        let rows: (usize, &dyn Fn(usize) -> DVec3) = (points.len(), &|i| points.origin + points.positions.get(i));
+        chosen(rows, &points.extras, (path, "points"), options, notes)?
+    };
+    if let Some(keep) = keep {
+        points.retain(&keep);
+    }
+    let total = points.len();
+    let dropped = if options.all_points { 0 } else { points.drop_at_origin(COINCIDENT) };
+    if dropped > 0 {
+        notes.push(format!(
+            "left out {dropped} of {total} points at exactly 0,0,0, where sensors write that nothing came back \
+             (--all-points keeps them)"
+        ));
+    }
     let dropped = options.max_points.map_or(0, |most| points.thin(most));
     if dropped > 0 {
         notes.push(format!("{} of {} points are left, evenly chosen", points.len(), points.len() + dropped));
     }
-    let point_options = PointOptions { radius_scale: options.radius_scale, ..PointOptions::default() };
+    let point_options = PointOptions {
+        radius_scale: options.radius_scale,
+        coincident: if options.all_points { usize::MAX } else { COINCIDENT },
+        ..PointOptions::default()
+    };
     let made = surfel_sample::splats_from_points(&points, &point_options, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
     notes.push(points_note(&report));
@@ -179,6 +271,12 @@ fn points_note(report: &PointReport) -> String {
     if report.outliers > 0 {
         note += &format!("; {} isolated points", report.outliers);
     }
+    if report.left_out > 0 {
+        note += &format!(
+            "; {} points left out, because more than {COINCIDENT} are in their place (--all-points keeps them)",
+            report.left_out
+        );
+    }
     note
 }
 
@@ -196,6 +294,9 @@ fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
     );
     if report.degenerate > 0 {
         note += &format!("; {} triangles have no area", report.degenerate);
+    }
+    if report.repeated > 0 {
+        note += &format!("; {} triangles repeat others", report.repeated);
     }
     note
 }

@@ -39,6 +39,7 @@
 
 mod auto;
 pub mod backend;
+mod coloring;
 mod convert;
 mod error;
 pub mod framing;
@@ -58,6 +59,7 @@ pub use surfel_sample as sample;
 
 pub use auto::{LoadedScene, open};
 pub use backend::{Backend, BackendError, BackendOptions, BackendScene, backends};
+pub use coloring::{Category, ColorScale, Coloring, save_color_bar};
 pub use error::Error;
 pub use load::{Conversion, LoadOptions, LoadedCloud, load};
 pub use octree::load_octree;

@@ -1,12 +1,14 @@
 //! From a file to splats: splats as they are, points and meshes converted.
 
+use crate::coloring::{self, ColorBy, Colored, Coloring};
 use crate::framing::UpReason;
 use crate::{Error, convert};
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, Format, Loaded};
-use surfel_model::{ConvertOptions, EdgeAa, Mesh, Octree, Settings, SplatCloud, Transparency, Up};
+use surfel_model::{Colormap, ConvertOptions, EdgeAa, Mesh, Octree, Returns, Settings, SplatCloud, Transparency, Up};
 use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
 
 /// The name that stands for [`LoadOptions::stdin`].
@@ -36,6 +38,32 @@ pub struct LoadOptions {
     pub sharp_error: Option<f64>,
     /// Estimates the interior weight of splat files that don't say it, which edge antialiasing needs.
     pub interior_weight: bool,
+    /// The attribute that splats are coloured by: `rgb`, `height`, `normal`, or a property of the file; `None`: their
+    /// own colours.
+    pub color_by: Option<String>,
+    /// Colours of that attribute's values; `None`: classes their own, other whole numbers of at most 20 kinds tab20,
+    /// intensity grey, the rest viridis.
+    pub colormap: Option<Colormap>,
+    /// Values at the ends of the colour map; `None`: the 2nd and the 98th percentile.
+    pub range: Option<[f64; 2]>,
+    /// The axis of `height`; `None`: as the file says, else by its shape.
+    pub up: Option<Up>,
+    /// Only points and splats within this box count: least x, y, z, then largest.
+    pub crop: Option<[f64; 6]>,
+    /// Only points of these classes count; empty: all.
+    pub classes: Vec<u32>,
+    /// Only these of a pulse's returns count.
+    pub returns: Option<Returns>,
+    /// Only points of which this is true count ([`surfel_model::parse_conditions`]).
+    pub condition: Option<String>,
+    /// Only every so-manyth point counts, after all else.
+    pub every: Option<u32>,
+    /// Points at exactly (0, 0, 0), where they are more than 16, count, and all of more than 16 in one place.
+    pub all_points: bool,
+    /// The file may refer to files outside of its own folder.
+    pub allow_outside: bool,
+    /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
+    pub max_texture: Option<u32>,
     /// What the name `-` ([`STDIN`]) stands for: the bytes of a file of any format, told by its content. `None`: a
     /// file of that name.
     pub stdin: Option<Arc<[u8]>>,
@@ -52,6 +80,18 @@ impl LoadOptions {
         with_crease_angle_deg crease_angle_deg: Option<f64>,
         with_sharp_error sharp_error: Option<f64>,
         with_interior_weight interior_weight: bool,
+        with_color_by color_by: Option<String>,
+        with_colormap colormap: Option<Colormap>,
+        with_range range: Option<[f64; 2]>,
+        with_up up: Option<Up>,
+        with_crop crop: Option<[f64; 6]>,
+        with_classes classes: Vec<u32>,
+        with_returns returns: Option<Returns>,
+        with_condition condition: Option<String>,
+        with_every every: Option<u32>,
+        with_all_points all_points: bool,
+        with_allow_outside allow_outside: bool,
+        with_max_texture max_texture: Option<u32>,
         with_stdin stdin: Option<Arc<[u8]>>,
     }
 
@@ -72,6 +112,20 @@ impl LoadOptions {
         self.sharp |= convert.sharp;
         self.crease_angle_deg = convert.crease_angle.or(self.crease_angle_deg);
         self.sharp_error = convert.error.or(self.sharp_error);
+        if convert.color_by.is_some() {
+            (self.color_by, self.colormap) = (convert.color_by.clone(), convert.colormap);
+            self.range = convert.range;
+        }
+        self.crop = convert.crop.or(self.crop);
+        if !convert.classes.is_empty() {
+            self.classes.clone_from(&convert.classes);
+        }
+        self.returns = convert.returns.or(self.returns);
+        self.condition = convert.condition.clone().or(self.condition);
+        self.every = convert.every.or(self.every);
+        self.all_points |= convert.all_points;
+        self.allow_outside |= convert.allow_outside;
+        self.max_texture = convert.max_texture.or(self.max_texture);
         self
     }
 }
@@ -100,6 +154,18 @@ impl Default for LoadOptions {
             crease_angle_deg: None,
             sharp_error: None,
             interior_weight: false,
+            color_by: None,
+            colormap: None,
+            range: None,
+            up: None,
+            crop: None,
+            classes: Vec::new(),
+            returns: None,
+            condition: None,
+            every: None,
+            all_points: false,
+            allow_outside: false,
+            max_texture: None,
             stdin: None,
         }
     }
@@ -136,6 +202,8 @@ pub struct LoadedCloud {
     pub gaussian: bool,
     /// How the splats were made.
     pub conversion: Conversion,
+    /// What they are coloured by, if that was asked for.
+    pub coloring: Option<Coloring>,
     /// The octree that the file holds; `cloud` is then its finest splats.
     pub octree: Option<Arc<Octree>>,
     /// What the user should know, as sentences without a full stop: what was dropped, assumed or estimated.
@@ -151,15 +219,20 @@ pub struct LoadedCloud {
 pub struct UnusedOption {
     /// Its key in the scene file's `convert`: "splats", "max_points", …
     pub option: &'static str,
-    /// What the file holds: "splats", "points", "a mesh" or "an octree".
-    pub holds: &'static str,
+    /// What the file holds: "splats", "points", "a mesh" or "an octree"; or which attributes.
+    pub holds: Cow<'static, str>,
     /// What the option is for.
     pub expected: &'static str,
 }
 
 /// Reads a file, or what its name [`STDIN`] stands for.
 pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
-    let io_options = surfel_io::LoadOptions { repair: options.repair, texture: options.texture.clone() };
+    let io_options = surfel_io::LoadOptions {
+        repair: options.repair,
+        texture: options.texture.clone(),
+        allow_outside: options.allow_outside,
+        max_texture: options.max_texture,
+    };
     Ok(match &options.stdin {
         Some(bytes) if path == Path::new(STDIN) => surfel_io::load_bytes(bytes, None, Path::new("stdin"), &io_options)?,
         _ => surfel_io::load(path, &io_options)?,
@@ -175,7 +248,7 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
     let loaded = read(path, options)?;
     let up_reason = up_reason(&loaded);
     let mut notes = loaded.notes;
-    let unused = convert::unused(&loaded.content, options);
+    let mut unused = convert::unused(&loaded.content, options);
     let (mut closed, mut octree) = (false, None);
     let (mut cloud, conversion) = match loaded.content {
         Content::Octree(found) => {
@@ -186,6 +259,7 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
         }
         Content::Splats(cloud) => {
             closed = cloud.data().comments.iter().any(|c| c == surfel_sample::CLOSED_MESH);
+            let cloud = convert::chosen_splats(cloud, path, options, &mut notes)?;
             let scaled = options.radius_scale != 1.0;
             (if scaled { convert::scaled(cloud, options.radius_scale)? } else { cloud }, Conversion::None)
         }
@@ -198,6 +272,27 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
     if cloud.is_empty() {
         let problem = "holds no splat, expected at least one: check that the file is complete".to_owned();
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
+    }
+    let mut coloring = None;
+    if let Some(attribute) = options.color_by.as_deref().filter(|_| octree.is_none()) {
+        let certain = options.up.or_else(|| up_reason.map(|_| loaded.up));
+        let mut axis = certain.unwrap_or(loaded.up);
+        if certain.is_none() && attribute.eq_ignore_ascii_case("height") {
+            let points = matches!(conversion, Conversion::Points(_));
+            (cloud, axis) = convert::upright(cloud, points);
+        }
+        let by = ColorBy { attribute, map: options.colormap, range: options.range, up: axis.vector() };
+        match coloring::color(&mut cloud, &by)? {
+            Colored::By(found, note) => {
+                coloring = Some(found);
+                notes.push(note);
+            }
+            Colored::Unknown(known) => unused.push(UnusedOption {
+                option: "color_by",
+                holds: format!("attributes {}", known.join(", ")).into(),
+                expected: "one of these",
+            }),
+        }
     }
     if options.interior_weight
         && cloud.data().interior_weight.is_none()
@@ -218,6 +313,7 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
         closed,
         gaussian: loaded.gaussian,
         conversion,
+        coloring,
         octree,
         notes,
         beside: loaded.beside,

@@ -7,7 +7,7 @@ pub use crate::load::{STDIN, UnusedOption, up_reason};
 
 use crate::framing::UpReason;
 use crate::load::{LoadedMesh, load_mesh};
-use crate::{Conversion, Error, LoadOptions, LoadedCloud, load};
+use crate::{Coloring, Conversion, Error, LoadOptions, LoadedCloud, load};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::Read;
@@ -42,6 +42,8 @@ pub struct LoadedObjects {
     pub beside: BTreeSet<PathBuf>,
     /// Options that none of the splat objects' files has a use for, with what the first of them holds.
     pub unused: Vec<(PathBuf, UnusedOption)>,
+    /// What files are coloured by, where that was asked for.
+    pub colorings: Vec<(PathBuf, Coloring)>,
 }
 
 /// What automatic framing and lighting need to know of an object.
@@ -149,6 +151,7 @@ pub fn load_objects(
                         closed,
                         gaussian,
                         conversion,
+                        coloring,
                         octree,
                         notes,
                         beside,
@@ -156,6 +159,7 @@ pub fn load_objects(
                         ..
                     } = load(&path, options, progress)?;
                     loaded.beside.extend(beside);
+                    loaded.colorings.extend(coloring.map(|coloring| (path.clone(), coloring)));
                     let points = matches!(conversion, Conversion::Points(_));
                     let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
                     let transparent = match &geometry {

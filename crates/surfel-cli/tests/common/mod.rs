@@ -53,6 +53,13 @@ impl Folder {
         Run(output, words.to_owned())
     }
 
+    /// Runs `surfel` here with words that may hold spaces.
+    pub fn run_words(&self, words: &[&str]) -> Run {
+        let program = env!("CARGO_BIN_EXE_surfel");
+        let output = Command::new(program).current_dir(&self.0).args(words).env("NO_COLOR", "1").output().unwrap();
+        Run(output, words.join(" "))
+    }
+
     /// Runs `surfel` in a folder of this one, with `stdin`.
     pub fn run_in(&self, folder: &str, words: &str, stdin: &[u8]) -> Run {
         let mut child = Command::new(env!("CARGO_BIN_EXE_surfel"))

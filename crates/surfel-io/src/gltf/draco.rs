@@ -135,7 +135,7 @@ mod tests {
         let json = json!({"asset": {"version": "2.0"}, "buffers": [{"byteLength": SQUARE.len()}],
             "bufferViews": [{"buffer": 0, "byteLength": SQUARE.len()}]});
         let document = document::parse(json.to_string().as_bytes()).unwrap();
-        let asset = buffers::load(&document, Some(SQUARE), &Siblings::of(Path::new("t"))).unwrap();
+        let asset = buffers::load(&document, Some(SQUARE), &Siblings::of(Path::new("t"), false)).unwrap();
         let extension = json!({"bufferView": 0, "attributes": {"POSITION": 0}});
         // There is room for one: two faces of 12 bytes, and at four points 12 and 3 bytes and two indices of 4.
         asset.spend_decompressed(buffers::MAX_DECOMPRESSED - 200).unwrap();

@@ -7,6 +7,7 @@ use crate::context::Context;
 use crate::error::quote;
 use crate::images::texture;
 use crate::materials::Material;
+use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
@@ -46,8 +47,8 @@ impl Materials {
     /// Reads all materials. A texture that can't be had is noted and left out.
     pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Self {
         let mut read = Self::default();
-        let images = asset.document.gltf.as_json().images.len();
-        let mut of_image: Vec<Option<Option<usize>>> = vec![None; images];
+        let first_alike = first_alike(asset);
+        let mut of_image: Vec<Option<Option<usize>>> = vec![None; first_alike.len()];
         for material in asset.document.gltf.materials() {
             let pbr = material.pbr_metallic_roughness();
             let (mut factor, info) = match material.pbr_specular_glossiness() {
@@ -71,7 +72,7 @@ impl Materials {
                 }
                 // The first that can be had: a texture may come in a newer format with an older one to fall back to.
                 let read_one = |image: usize| {
-                    let image = first_alike(asset, image);
+                    let image = *first_alike.get(image)?;
                     *of_image.get_mut(image)?.get_or_insert_with(|| {
                         let image = read_image(asset, image, context)?;
                         read.textures.push(Arc::new(image));
@@ -96,11 +97,12 @@ fn cutoff(material: &gltf::Material<'_>) -> f32 {
     material.alpha_cutoff().filter(|c| c.is_finite()).unwrap_or(0.5)
 }
 
-/// The first image with the same data: some exporters write one for every texture.
-fn first_alike(asset: &Asset<'_>, index: usize) -> usize {
+/// For each image the first with the same data: some exporters write one for every texture.
+fn first_alike(asset: &Asset<'_>) -> Vec<usize> {
     let images = &asset.document.gltf.as_json().images;
-    let data = |i: usize| images.get(i).map(|image| (&image.uri, image.buffer_view));
-    (0..index).find(|&i| data(i) == data(index)).unwrap_or(index)
+    let mut known = HashMap::with_capacity(images.len());
+    let all = images.iter().enumerate();
+    all.map(|(i, image)| *known.entry((&image.uri, image.buffer_view.map(|view| view.value()))).or_insert(i)).collect()
 }
 
 /// A texture's images, the best one first.

@@ -1,6 +1,6 @@
 //! Base-colour textures and matcaps: PNG, JPEG or WebP as texels of 8 bits.
 
-use super::decode::{Samples, can_hold, decode, size_of};
+use super::decode::{can_hold, decode_reduced, size_of};
 use crate::error::{Fault, IoError, Problem, quote};
 use crate::files;
 use std::path::Path;
@@ -8,6 +8,8 @@ use surfel_model::{Matcap, Texture};
 
 /// Largest texture side, in texels.
 const MAX_SIDE: u32 = 32_768;
+/// Longest side of a texture that isn't reduced, where nothing is said.
+const DEFAULT_MAX_SIDE: u32 = 8192;
 /// Most memory that decoding may take, in bytes.
 const MAX_BYTES: usize = 1 << 30;
 
@@ -15,12 +17,25 @@ const MAX_BYTES: usize = 1 << 30;
 #[derive(Debug)]
 pub(crate) struct TextureDecoder {
     texels_left: u64,
+    /// Longest side that isn't reduced.
+    max_side: u32,
+    /// How many were reduced, and the sizes of the first before and after.
+    reduced: Option<(usize, [u32; 4])>,
 }
 
 impl TextureDecoder {
     /// A decoder for one file's textures.
-    pub(crate) fn new() -> Self {
-        Self { texels_left: MAX_BYTES as u64 / 4 }
+    pub(crate) fn new(max_side: Option<u32>) -> Self {
+        let max_side = max_side.unwrap_or(DEFAULT_MAX_SIDE).max(1);
+        Self { texels_left: MAX_BYTES as u64 / 4, max_side, reduced: None }
+    }
+
+    /// What is to be said of the images that were reduced.
+    pub(crate) fn told(&self) -> Option<String> {
+        let (count, [w, h, to_w, to_h]) = self.reduced?;
+        let which = if count == 1 { "a texture".to_owned() } else { format!("{count} textures, the first") };
+        let limit = self.max_side;
+        Some(format!("reduced {which} of {w}x{h} texels to {to_w}x{to_h} (--max-texture {limit} texels a side)"))
     }
 
     /// Decodes an image, or says why not.
@@ -33,19 +48,16 @@ impl TextureDecoder {
         if texels > self.texels_left || width > MAX_SIDE || height > MAX_SIDE {
             return Err(format!("its {width}x{height} texels are more than the file's textures may have together"));
         }
-        let image = decode(bytes, MAX_BYTES)?;
+        let factor = width.max(height).div_ceil(self.max_side).max(1);
+        let texture = decode_reduced(bytes, MAX_BYTES, [width.div_ceil(factor), height.div_ceil(factor)])?;
         self.texels_left -= texels;
-        let srgba8 = match image.samples {
-            Samples::Eight(texels) => texels,
-            Samples::Sixteen(texels) => texels.into_iter().map(|t| t.map(nearest_8_of_16_bit)).collect(),
-        };
-        Ok(Texture { width: image.width, height: image.height, srgba8 })
+        if factor > 1 {
+            let first = [width, height, texture.width, texture.height];
+            let (count, first) = self.reduced.map_or((0, first), |(count, first)| (count, first));
+            self.reduced = Some((count + 1, first));
+        }
+        Ok(texture)
     }
-}
-
-/// The nearest of 256 levels.
-fn nearest_8_of_16_bit(level: u16) -> u8 {
-    ((u32::from(level) + 128) / 257) as u8
 }
 
 /// Reads an image (PNG, JPEG or WebP) of a lit sphere.
@@ -54,7 +66,7 @@ fn nearest_8_of_16_bit(level: u16) -> u8 {
 /// [`IoError`] if the file can't be read, holds no such image, or one without texels or of more than 2048 a side.
 pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
     let bytes = files::read(path, MAX_BYTES as u64)?;
-    let image = TextureDecoder::new().decode(&bytes).map_err(|why| {
+    let image = TextureDecoder::new(None).decode(&bytes).map_err(|why| {
         Fault::from(Problem::new(format!("is no image: {why}")).expected("a PNG, JPEG or WebP of a lit sphere"))
             .of(path)
     })?;

@@ -32,7 +32,7 @@ impl Maps<'_> {
         let mut decode = |map: Option<&str>| {
             let map = map?;
             let result = if so_far < MAX_TEXTURES {
-                context.siblings.read(map).and_then(|bytes| context.textures.decode(&bytes))
+                read(map, context).and_then(|bytes| context.textures.decode(&bytes))
             } else {
                 Err(format!("there are more than {MAX_TEXTURES}"))
             };
@@ -85,7 +85,7 @@ pub(super) fn resolve(
             continue;
         }
         known.push(library);
-        match context.siblings.read(library) {
+        match read(library, context) {
             Ok(bytes) => parse(&bytes, folder_of(library), &mut entries),
             Err(why) => context.note(format!("left out the material library {}: {why}", quote(library))),
         }
@@ -114,6 +114,14 @@ pub(super) fn resolve(
         materials.clear();
     }
     (materials, textures)
+}
+
+/// A file by its name, or else by what the name is without percent-encoding, which some exporters write.
+fn read(name: &str, context: &Context<'_>) -> Result<Vec<u8>, String> {
+    context.siblings.read(name).or_else(|why| {
+        let decoded = percent_encoding::percent_decode_str(name).decode_utf8().unwrap_or_default();
+        if decoded.is_empty() || decoded == name { Err(why) } else { context.siblings.read(&decoded) }
+    })
 }
 
 /// The folder that a library's path names, with its separator: its textures lie relative to it.

@@ -57,7 +57,7 @@ pub(crate) fn splats_and_faces(
     }
     SampleError::check_count("splats", count)?;
     let geometry = Geometry::new(mesh);
-    report.degenerate = geometry.degenerate();
+    (report.degenerate, report.repeated) = (geometry.degenerate(), geometry.repeated);
     let area = geometry.total_area();
     if area <= 0.0 || !area.is_finite() {
         return Err(SampleError::NoArea { triangles: mesh.triangles.len() });

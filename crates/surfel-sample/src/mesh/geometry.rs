@@ -18,6 +18,10 @@ const BENT_COS: f64 = 0.965_925_826_289_068;
 /// the rounding of f32 positions.
 const THINNEST: f64 = 1e-9;
 
+/// Area over the square of the extent from which a mesh is looked through for triangles that repeat others: a closed
+/// box has 6 at most. Splats of thousands of triangles in one place would all lie on each other.
+const MANIFOLD: f64 = 8.0;
+
 /// A mesh as the samplers read it. Indices must be valid and positions finite.
 pub(crate) struct Geometry<'a> {
     pub(crate) mesh: &'a Mesh,
@@ -28,6 +32,8 @@ pub(crate) struct Geometry<'a> {
     pub(crate) areas: Vec<f64>,
     /// Largest side of the bounds.
     pub(crate) extent: f64,
+    /// Triangles that repeat others; they count as without area.
+    pub(crate) repeated: usize,
 }
 
 /// An edge of the surface between welded vertices, seen from one of its faces.
@@ -75,7 +81,28 @@ impl<'a> Geometry<'a> {
         for p in &positions {
             (lo, hi) = (lo.min(*p), hi.max(*p));
         }
-        Self { mesh, normals, areas, extent: (hi - lo).max_element(), positions }
+        let mut geometry = Self { mesh, normals, areas, extent: (hi - lo).max_element(), repeated: 0, positions };
+        if geometry.total_area() > MANIFOLD * geometry.extent * geometry.extent {
+            geometry.drop_repeated();
+        }
+        geometry
+    }
+
+    /// Takes the area of triangles that repeat another one, with its side, corner by corner.
+    fn drop_repeated(&mut self) {
+        let key = |face: usize| {
+            let corners = self.corners(face).map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
+            let first = (0..3).min_by_key(|k| corners[*k]).unwrap_or(0);
+            [corners[first], corners[(first + 1) % 3], corners[(first + 2) % 3]]
+        };
+        let mut faces: Vec<u32> = (0..self.areas.len() as u32).filter(|f| self.areas[*f as usize] > 0.0).collect();
+        faces.par_sort_unstable_by_key(|&face| (key(face as usize), face));
+        let same = faces.windows(2).filter(|pair| key(pair[0] as usize) == key(pair[1] as usize));
+        let repeated: Vec<usize> = same.map(|pair| pair[1] as usize).collect();
+        self.repeated = repeated.len();
+        for face in repeated {
+            (self.normals[face], self.areas[face]) = (DVec3::ZERO, 0.0);
+        }
     }
 
     pub(crate) fn corners(&self, face: usize) -> [DVec3; 3] {
@@ -87,7 +114,7 @@ impl<'a> Geometry<'a> {
     }
 
     pub(crate) fn degenerate(&self) -> usize {
-        self.areas.iter().filter(|a| **a == 0.0).count()
+        self.areas.iter().filter(|a| **a == 0.0).count() - self.repeated
     }
 
     /// Area of the triangles that have an edge longer than `limit`.

@@ -68,6 +68,7 @@ pub fn splats_from_mesh(
         method: options.method,
         splats: 0,
         degenerate: 0,
+        repeated: 0,
         feature_edges: 0,
         median_radius: 0.0,
         interior_weight: None,

@@ -203,6 +203,7 @@ impl Level {
             method: MeshMethod::Count(count as usize),
             splats: 0,
             degenerate: 0,
+            repeated: 0,
             feature_edges: 0,
             median_radius: 0.0,
             interior_weight: None,

@@ -32,6 +32,8 @@ pub struct MeshReport {
     pub splats: usize,
     /// Triangles without area, which no splat was made of.
     pub degenerate: usize,
+    /// Triangles that repeat others, which no splat was made of.
+    pub repeated: usize,
     /// Creases and open edges of the surface, at which splats end, as a number of mesh edges.
     pub feature_edges: usize,
     /// Median of the larger semi-axes, in object units.

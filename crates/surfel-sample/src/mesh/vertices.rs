@@ -115,11 +115,12 @@ pub(crate) fn splats(
         }
     }
     cloud.set_oriented(is_oriented(mesh));
-    let degenerate = geometry.degenerate();
+    let (degenerate, repeated) = (geometry.degenerate(), geometry.repeated);
     let report = MeshReport {
         method: MeshMethod::PerVertex,
         splats: cloud.len(),
         degenerate,
+        repeated,
         feature_edges: 0,
         median_radius: found.median_radius,
         interior_weight: found.interior_weight,

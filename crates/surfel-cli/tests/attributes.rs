@@ -1,0 +1,146 @@
+//! Attributes: which points count, and what splats are coloured by.
+
+mod common;
+
+use common::{Folder, cube, scene};
+use serde_json::json;
+
+/// A grid of 20 × 20 points, its classes, returns and intensities told by row and column.
+fn grid() -> String {
+    let mut text = "x,y,z,intensity,classification,return_number,number_of_returns\n".to_owned();
+    for i in 0..400 {
+        let (x, y) = (i % 20, i / 20);
+        let class = if x < 10 { 2 } else { 6 };
+        text += &format!("{x},{y},{},{},{class},{},{}\n", x / 10, x * 10, 1 + y % 2, 1 + i / 200);
+    }
+    text
+}
+
+#[test]
+fn points_are_chosen_in_order_and_the_counts_are_said() {
+    let f = Folder::new("choose");
+    f.write("a.csv", grid());
+    let left = |flags: &[&str]| {
+        let words = ["convert", "a.csv", "-o", "o.ply", "--force"];
+        let run = f.run_words(&[&words[..], flags].concat()).code(0);
+        let count = f.run("info o.ply --json").code(0).json()["counts"]["splats"].as_u64().unwrap();
+        (count, run.stderr())
+    };
+    assert_eq!(left(&[]).0, 400);
+    assert_eq!(left(&["--crop", "-1,0,0,4.5,19,1"]).0, 100);
+    assert_eq!(left(&["--classes", "2,7"]).0, 200);
+    assert_eq!(left(&["--returns", "last"]).0, 200);
+    assert_eq!(left(&["--returns", "first"]).0, 200);
+    assert_eq!(left(&["--returns", "single"]).0, 200);
+    assert_eq!(left(&["--where", "intensity>150 and y<10"]).0, 40);
+    assert_eq!(left(&["--every", "3"]).0, 134);
+    let all = ["--crop", "0,0,0,14,19,1", "--classes", "6", "--returns", "first", "--where", "intensity>=120"];
+    let (count, said) = left(&[&all[..], &["--every", "4"]].concat());
+    assert_eq!(count, 8);
+    let expected = "chose 8 of 400 points: --crop leaves 300, --classes leaves 100, --returns leaves 50, ".to_owned()
+        + "--where leaves 30, --every leaves 8";
+    assert!(said.contains(&expected), "{said}");
+    // The same of splats, by their extras, which convert keeps.
+    left(&[]);
+    f.run("convert o.ply --classes 6 -o p.ply").code(0);
+    assert_eq!(f.run("info p.ply --json").code(0).json()["counts"]["splats"], 200);
+    // And by a scene file's keys.
+    let convert = json!({"classes": [6], "where": "intensity < 150", "every": 2});
+    f.write("s.json", scene("").replace("\"a.ply\"", &format!("\"a.csv\", \"convert\": {convert}")));
+    assert_eq!(f.run("s.json --stats").code(0).json()["splats"], 50);
+    assert_eq!(f.run("s.json --every 1 --stats").code(0).json()["splats"], 100);
+}
+
+#[test]
+fn what_can_not_be_chosen_is_one_clear_error() {
+    let f = Folder::new("choose-wrong");
+    f.write("a.csv", grid());
+    f.write("b.obj", cube());
+    f.write("p.xyz", common::points());
+    let fails = |words: &[&str], code: i32, part: &str| {
+        f.run_words(&[words, &["-o", "o.png", "--size", "8x8"]].concat()).fails(code, part);
+        assert!(!f.has("o.png"));
+    };
+    fails(&["a.csv", "--classes", "9"], 3, "of its 400 points none is left: --classes leaves 0");
+    fails(&["a.csv", "--crop", "50,0,0,60,1,1"], 3, "they are within 0,0,0,19,19,1");
+    fails(&["p.xyz", "--classes", "2"], 3, "has no attribute 'classification', which classes needs: it has x, y, z");
+    fails(&["a.csv", "--where", "gps>1"], 3, "'gps', which where needs: it has x, y, z, intensity, classification");
+    fails(&["a.csv", "--where", "intensity"], 2, "expected comparisons with a number");
+    fails(&["a.csv", "--crop", "1,0,0,0,1,1"], 2, "X0 at most X1");
+    fails(&["a.csv", "--returns", "second"], 2, "last");
+    fails(&["b.obj", "--classes", "2"], 2, "holds a mesh, expected points or splats for --classes");
+    fails(&["a.csv", "--color-by", "temperature"], 2, "attributes height, normal, intensity, classification");
+    fails(&["b.obj", "--color-by", "intensity"], 2, "holds attributes height, normal, expected one of these");
+    fails(&["a.csv", "--colormap", "turbo"], 2, "give --color-by ATTRIBUTE");
+    fails(&["a.csv", "--color-by", "height", "--range", "3,3"], 2, "LO less than HI");
+    fails(&["a.csv", "--color-by", "normal", "--colorbar", "bar.png"], 2, "no file is coloured by one");
+    f.write("s.json", scene("").replace("\"a.ply\"", "\"a.csv\", \"convert\": {\"where\": \"z\"}"));
+    fails(&["s.json"], 3, "objects[0].convert.where");
+}
+
+/// Colours of the splats of a file, as sRGB levels.
+fn levels(f: &Folder, file: &str) -> Vec<[u8; 3]> {
+    let text = String::from_utf8(f.read(file)).unwrap();
+    let (header, rows) = text.split_once("end_header\n").unwrap();
+    let names = header.lines().filter_map(|l| l.strip_prefix("property "));
+    let names: Vec<&str> = names.map(|l| l.split(' ').next_back().unwrap()).collect();
+    assert!(header.contains("property uchar red"), "{header}");
+    let at = ["red", "green", "blue"].map(|c| names.iter().position(|n| *n == c).unwrap());
+    let rows = rows.lines().map(|row| row.split(' ').collect::<Vec<_>>());
+    rows.map(|row| at.map(|i| row[i].parse().unwrap())).collect()
+}
+
+#[test]
+fn splats_have_the_colours_of_their_values_in_convert_and_render() {
+    let f = Folder::new("color-by");
+    f.write("a.csv", grid());
+    let convert = |flags: &str| {
+        let said = f.run(&format!("convert a.csv -o o.ply --ascii --force --color-by {flags}")).code(0).stderr();
+        (levels(&f, "o.ply"), said)
+    };
+    let (colors, said) = convert("intensity --range 0,190 --colormap viridis");
+    assert_eq!((colors[0], colors[19]), ([68, 1, 84], [253, 231, 37]));
+    assert!(said.contains("coloured by intensity by viridis from 0 to 190"), "{said}");
+    let (colors, said) = convert("intensity --colormap grey");
+    assert_eq!((colors[0], colors[19]), ([0; 3], [255; 3]));
+    assert!(said.contains("from 0 to 190, the 2nd to the 98th percentile"), "{said}");
+    let (colors, said) = convert("classification");
+    assert_eq!((colors[0], colors[19]), ([170, 110, 50], [225, 80, 70]), "ground and building");
+    assert!(said.contains("2 ground 200, 6 building 200"), "{said}");
+    let (colors, _) = convert("return_number");
+    assert_eq!((colors[0], colors[20]), ([174, 199, 232], [255, 127, 14]), "1 and 2 of tab20");
+    let (colors, said) = convert("height --colormap coolwarm");
+    assert_eq!((colors[0], colors[19]), ([59, 76, 192], [180, 4, 38]));
+    assert!(said.contains("coloured by height"), "{said}");
+    // What is drawn is what is written, and `again` draws it again.
+    f.run("convert a.csv --color-by classification -o c.ply").code(0);
+    f.run("c.ply -o c.exr --size 32x32 --exr-f32 --up +z").code(0);
+    f.run("a.csv --color-by classification -o d.exr --size 32x32 --exr-f32 --up +z").code(0);
+    assert!(f.image("c.exr").color == f.image("d.exr").color);
+    f.run("a.csv --color-by intensity --colormap turbo --range 10,90 --classes 6 -o e.png --size 32x32").code(0);
+    let said = f.run("again e.png").code(0).stderr();
+    assert!(said.contains("the same image as e.png, to the bit"), "{said}");
+    let printed = f.run("a.csv --color-by height --range -1,2 --print-scene").code(0).json();
+    assert_eq!(printed["objects"][0]["convert"], json!({"color_by": "height", "range": [-1.0, 2.0]}));
+    // A mesh has heights and normals, too.
+    f.write("b.obj", cube());
+    f.run("b.obj --color-by height --per-face -o b.png --size 8x8").code(0);
+    f.run("b.obj --color-by normal --per-face -o n.png --size 8x8").code(0);
+    assert!(f.image("b.png").color != f.image("n.png").color);
+    // Of two files the one without the attribute is grey, which is no error.
+    f.write("p.xyz", common::points());
+    f.run("a.csv p.xyz --color-by intensity -o two.png --size 8x8").code(0);
+}
+
+#[test]
+fn the_color_bar_is_an_image_of_its_own() {
+    let f = Folder::new("color-bar");
+    f.write("a.csv", grid());
+    f.run("a.csv --color-by intensity --colormap turbo --colorbar bar.png -o a.png --size 8x8").code(0);
+    f.run("convert a.csv --color-by classification --colorbar classes.png -o a.ply").code(0);
+    let bar = f.image("bar.png");
+    assert!(bar.width > 512 && bar.height > 40, "{}x{}", bar.width, bar.height);
+    let classes = f.image("classes.png");
+    assert!(classes.height > 2 * 24 && classes.width < 200);
+    f.run("a.csv --color-by intensity --colorbar bar.png -o b.png --size 8x8").fails(1, "bar.png");
+}

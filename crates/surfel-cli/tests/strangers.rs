@@ -1,0 +1,155 @@
+//! Strangers' files: what they refer to stays in their folder, what they cost is bounded. And nothing half written
+//! stays.
+
+mod common;
+
+use common::{Folder, cube};
+use std::time::Duration;
+
+/// A textured square that names `library` and, in it, `texture`.
+fn square(library: &str) -> String {
+    format!(
+        "mtllib {library}\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl m\n\
+         f 1/1 2/2 3/3 4/4\n"
+    )
+}
+
+#[test]
+fn references_stay_in_the_folder_of_the_file_unless_a_flag_allows_others() {
+    let f = Folder::new("outside");
+    std::fs::create_dir_all(f.path().join("in/sub")).unwrap();
+    f.write("m.mtl", "newmtl m\nKd 1 0 0\n");
+    f.write("in/sub/my m.mtl", "newmtl m\nKd 1 0 0\nmap_Kd ../../t.png\n");
+    f.write("in/a.obj", square("../m.mtl"));
+    f.write("in/b.obj", square("sub/my%20m.mtl"));
+    f.write("in/c.obj", square("/etc/passwd"));
+    f.run("in/b.obj -o t.png --size 4x4").code(0);
+    let render =
+        |words: &str| f.run(&format!("render {words} -o o.png --force --size 8x8 --per-face")).code(0).stderr();
+    for (file, what) in [("a", "../m.mtl"), ("b", "sub/../../t.png"), ("c", "/etc/passwd")] {
+        let said = render(&format!("in/{file}.obj"));
+        assert!(said.contains(what) && said.contains("--allow-outside"), "{file}: {said}");
+        let inputs = f.image("o.png").metadata.into_iter().find(|(key, _)| key == "surfel:inputs").unwrap().1;
+        assert!(!inputs.contains("passwd") && !inputs.contains("t.png"), "{inputs}");
+    }
+    let said = render("in/b.obj --allow-outside");
+    assert!(!said.contains("left out"), "{said}");
+    let said = f.run("again o.png -o again.png").code(0).stderr();
+    assert!(said.contains("to the bit"), "{said}");
+    // A buffer can't be left out.
+    let gltf = |uri: &str| {
+        format!(
+            r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{"uri": "{uri}", "byteLength": 4}}],
+            "scenes": [{{}}], "scene": 0}}"#
+        )
+    };
+    f.write("secret.bin", "secret");
+    for uri in ["../secret.bin", "%2e%2e/secret.bin", "..%2Fsecret.bin"] {
+        f.write("in/d.gltf", gltf(uri));
+        f.run("in/d.gltf -o x.png").fails(3, "--allow-outside");
+        let allowed = f.run("in/d.gltf -o x.png --allow-outside").code(3).stderr();
+        assert!(!allowed.contains("--allow-outside"), "{uri}: {allowed}");
+    }
+    f.run("info in/a.obj").code(0);
+    // What the user names may lie anywhere: in a scene file, too.
+    f.write("b.obj", cube());
+    f.write("in/s.json", common::scene("").replace("\"a.ply\"", "\"../b.obj\""));
+    f.run("in/s.json -o s.png").code(0);
+}
+
+#[test]
+fn textures_are_reduced_to_the_size_that_is_allowed_and_that_is_said() {
+    let f = Folder::new("max-texture");
+    f.write("b.obj", cube());
+    f.run("b.obj -o t.png --size 64x48 --no-metadata").code(0);
+    f.write("t.mtl", "newmtl m\nmap_Kd t.png\n");
+    f.write("a.obj", square("t.mtl"));
+    let said = f.run("a.obj -o a.png --size 8x8 --max-texture 20").code(0).stderr();
+    assert!(said.contains("reduced a texture of 64x48 texels to 16x12 (--max-texture 20"), "{said}");
+    let said = f.run("a.obj -o b.png --size 8x8 --max-texture 64").code(0).stderr();
+    assert!(!said.contains("reduced"), "{said}");
+    let said = f.run("info a.obj --max-texture 8").code(0).stderr();
+    assert!(said.contains("reduced"), "{said}");
+}
+
+#[test]
+fn points_that_stand_for_nothing_are_left_out_and_counted() {
+    let f = Folder::new("no-return");
+    let (good, zeros) = (common::points(), "0 0 0\n");
+    f.write("few.xyz", good.clone() + &zeros.repeat(16));
+    f.write("many.xyz", good.clone() + &zeros.repeat(17));
+    f.write("equal.xyz", "1 2 3\n".repeat(100_000));
+    f.write("zero.xyz", zeros.repeat(5000));
+    let splats = |words: &str| {
+        let run = f.run(&format!("{words} -o o.png --size 16x16 --force --stats")).code(0);
+        (run.json()["splats"].as_u64().unwrap(), run.stderr())
+    };
+    assert_eq!(splats("few.xyz").0, 316);
+    let (count, said) = splats("many.xyz");
+    assert_eq!(count, 300);
+    assert!(said.contains("left out 17 of 317 points at exactly 0,0,0") && said.contains("--all-points"), "{said}");
+    assert_eq!(splats("many.xyz --all-points").0, 317);
+    // Sixteen stand for any number, so that the time goes by the file's length.
+    let (count, said) = splats("equal.xyz");
+    assert_eq!(count, 16);
+    assert!(said.contains("99984 points left out, because more than 16 are in their place"), "{said}");
+    assert_eq!(splats("zero.xyz").0, 16);
+}
+
+#[test]
+fn a_polygon_that_repeats_its_corners_is_drawn_once() {
+    let f = Folder::new("repeats");
+    f.write("a.obj", format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nf{}\n", " 1 2 3".repeat(2000)));
+    let run = f.run("a.obj -o a.png --size 16x16 --stats").code(0);
+    // Half a square of side 512 splats, not two thousand times that, which is cut at 500,000.
+    let splats = run.json()["splats"].as_u64().unwrap();
+    assert!((100_000..200_000).contains(&splats), "{splats}");
+    assert!(run.stderr().contains("1999 triangles repeat others"), "{}", run.stderr());
+}
+
+/// A signal that ends the program in the middle of writing, until it was met there; how many temporary files stay.
+#[cfg(unix)]
+fn ended_by(f: &Folder, signal: &str) -> usize {
+    let temporary = || f.names().into_iter().filter(|name| name.ends_with(".tmp")).count();
+    for _ in 0..40 {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_surfel"))
+            .current_dir(f.path())
+            .args(["convert", "many.ply", "--ascii", "-o", "o.ply", "--quiet"])
+            .spawn()
+            .unwrap();
+        let mut met = false;
+        while child.try_wait().unwrap().is_none() {
+            if temporary() > 0 {
+                met = std::process::Command::new("kill").args([signal, &child.id().to_string()]).status().is_ok();
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let ended = child.wait().unwrap();
+        if met && !ended.success() {
+            assert!(std::os::unix::process::ExitStatusExt::signal(&ended).is_some(), "{ended}");
+            assert!(!f.has("o.ply"), "a part of a file");
+            return temporary();
+        }
+        let _ = std::fs::remove_file(f.path().join("o.ply"));
+    }
+    panic!("{signal} never came in the middle of writing");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_signal_leaves_no_temporary_file_and_the_next_run_removes_what_a_kill_left() {
+    let f = Folder::new("signals");
+    let count = 60_000;
+    let mut many = format!("ply\nformat ascii 1.0\ncomment interior_weight 3\nelement vertex {count}\n");
+    for name in ["x", "y", "z", "nx", "ny", "nz", "radius"] {
+        many += &format!("property float {name}\n");
+    }
+    many += "end_header\n";
+    (0..count).for_each(|i| many += &format!("{} {} 0.123456 0 0 1 0.75\n", i % 300, i / 300));
+    f.write("many.ply", many);
+    assert_eq!((ended_by(&f, "-TERM"), ended_by(&f, "-INT")), (0, 0));
+    assert_eq!(ended_by(&f, "-KILL"), 1);
+    f.run("convert many.ply -o whole.ply").code(0);
+    assert_eq!(f.names(), ["many.ply", "whole.ply"]);
+}
