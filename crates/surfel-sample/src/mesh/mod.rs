@@ -41,7 +41,7 @@ pub use vertices::points_from_mesh;
 ///   elimination), more are stratified. Also clipped where triangles large enough to have three splats to themselves
 ///   meet at 15° to 40°, so that disks stand out of the surface by at most 0.15 of the distance between them. Where
 ///   lines leave little of a splat, it grows up to 2.2 times; in strips narrower than about a third of the distance
-///   between splats it reaches over the edge, since few of those have a splat.
+///   between splats it reaches over the edge, since few of those have a splat, and so do those beside such strips.
 ///
 /// # Errors
 /// [`SampleError::Empty`] without vertices or triangles, [`SampleError::NoArea`] when no triangle has any,
@@ -69,6 +69,7 @@ pub fn splats_from_mesh(
         splats: 0,
         degenerate: 0,
         feature_edges: 0,
+        flat: false,
         median_radius: 0.0,
         interior_weight: None,
     };

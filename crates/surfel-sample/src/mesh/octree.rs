@@ -204,6 +204,7 @@ impl Level {
             splats: 0,
             degenerate: 0,
             feature_edges: 0,
+            flat: false,
             median_radius: 0.0,
             interior_weight: None,
         };

@@ -120,6 +120,7 @@ pub(crate) fn splats(
         splats: cloud.len(),
         degenerate,
         feature_edges: 0,
+        flat: false,
         median_radius: found.median_radius,
         interior_weight: found.interior_weight,
     };
