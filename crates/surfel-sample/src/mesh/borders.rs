@@ -119,14 +119,8 @@ struct Segment {
 impl Borders {
     /// Cuts the borders of a surface for splats `spacing` apart, of which `count` are made, into pieces of about their
     /// radius. `regions` has one number a face. Faces that have no splats to themselves may be hung over where the
-    /// surface is smooth; faces less than `narrow` wide may be hung over at creases.
-    pub(crate) fn new(
-        geometry: &Geometry,
-        borders: &[Border],
-        regions: &[u32],
-        (spacing, narrow): (f64, f64),
-        count: usize,
-    ) -> Self {
+    /// surface is smooth.
+    pub(crate) fn new(geometry: &Geometry, borders: &[Border], regions: &[u32], spacing: f64, count: usize) -> Self {
         let is_resolved = |face: u32| geometry.areas[face as usize] >= RESOLVED * spacing * spacing;
         let counts = |b: &&Border| b.kind != Kind::Bend || (is_resolved(b.face()) && b.across.is_some_and(is_resolved));
         let total: f64 = borders.iter().filter(counts).map(|b| b.ends[0].distance(b.ends[1])).sum();
@@ -140,10 +134,6 @@ impl Borders {
             let overhang = match (border.kind, border.across) {
                 (Kind::Bend, Some(other)) => STANDING_OUT * spacing / normal.cross(normal_of(other)).length(),
                 (Kind::Cut, _) => OVER_CUT * radii::DENSITY * spacing,
-                (Kind::Crease, Some(other)) => {
-                    let width = 2.0 * geometry.areas[other as usize] / border.ends[0].distance(border.ends[1]);
-                    if width < narrow { width } else { 0.0 }
-                }
                 _ => 0.0,
             };
             let [a, b] = border.ends;
@@ -368,7 +358,7 @@ mod tests {
     fn kept(mesh: &Mesh, p: DVec3, face: usize, radius: f64) -> Option<Kept> {
         let geometry = Geometry::new(mesh);
         let smooth = geometry.smooth();
-        let borders = Borders::new(&geometry, &smooth.borders, &smooth.regions, (1.0 / radii::DENSITY, 0.1), 1000);
+        let borders = Borders::new(&geometry, &smooth.borders, &smooth.regions, 1.0 / radii::DENSITY, 1000);
         let (u, v) = surfel_math::basis::orthonormal(geometry.normals[face]);
         borders.keep(p, (u * radius, v * radius), smooth.regions[face])
     }
@@ -451,21 +441,6 @@ mod tests {
             let way = DVec2::new(down.dot(u), down.dot(v));
             assert!((way.length() - 1.0).abs() < 1e-9);
             assert!(keeps(&kept, 0.9 * way) && !keeps(&kept, -0.002 * way), "{face}: {kept:?}");
-        }
-    }
-
-    #[test]
-    fn keep_hangs_over_faces_that_are_too_narrow_for_splats() {
-        for (width, overhang) in [(0.09, 0.09), (0.11, 0.0)] {
-            // A step of this height between two steps that are wide.
-            let positions = [[-9.0, 0.0], [0.0, 0.0], [0.0, -width], [9.0, -width]];
-            let at = |y: f64| positions.map(|[x, z]| DVec3::new(x, y, z));
-            let mesh = surface(
-                &[at(-9.0), at(9.0)].concat(),
-                (0..3).flat_map(|i| [[i, i + 1, i + 5], [i, i + 5, i + 4]]).collect(),
-            );
-            let kept = kept(&mesh, DVec3::new(-0.3, 0.1, 0.0), 0, 1.0).unwrap();
-            assert!((kept.lines[0].offset - 0.3 - overhang).abs() < 1e-9, "{width}: {kept:?}");
         }
     }
 

@@ -24,8 +24,6 @@ const GROWTH: [f64; 3] = [1.3, 1.7, MOST_GROWN];
 /// The largest.
 pub(crate) const MOST_GROWN: f64 = 2.2;
 
-/// Faces narrower than this, over the distance between splats, seldom have one, and are hung over by those beside them.
-const NARROW: f64 = 1.0 / 3.0;
 /// Cosine of 1°: a sample whose smooth normal is nearer to its facet's lies in a flat part.
 const FLAT: f64 = 0.999_847_695;
 
@@ -94,7 +92,7 @@ pub(crate) fn splats_and_faces(
     };
     radii.iter_mut().for_each(|r| *r *= radius_scale);
     let on = Placed { positions: &positions, planes: &planes, radii: &radii };
-    let borders = Borders::new(&geometry, &borders, &regions, (spacing * radius_scale, NARROW * spacing), count);
+    let borders = Borders::new(&geometry, &borders, &regions, spacing * radius_scale, count);
     let Bordered { shape, clips } = bordered(&on, &borders, |i| regions[samples[i].face as usize], progress);
     let mut data = CloudData { clips, ..CloudData::new(mesh.origin, assemble::centers(mesh, &positions), shape) };
     let of_facets = planes.iter().zip(&smooth).filter(|(plane, smooth)| plane.dot(**smooth) >= FLAT).count();

@@ -41,7 +41,7 @@ pub use vertices::points_from_mesh;
 ///   elimination), more are stratified. Also clipped where triangles large enough to have three splats to themselves
 ///   meet at 15° to 40°, so that disks stand out of the surface by at most 0.15 of the distance between them. Where
 ///   lines leave little of a splat, it grows up to 2.2 times; in strips narrower than about a third of the distance
-///   between splats it reaches over the edge, since few of those have a splat, and so do those beside such strips.
+///   between splats it reaches over the edge, since few of those have a splat.
 ///
 /// # Errors
 /// [`SampleError::Empty`] without vertices or triangles, [`SampleError::NoArea`] when no triangle has any,

@@ -59,7 +59,7 @@ pub(crate) fn splats(
     // Where the surface is smooth, ellipses overlap their triangles and blend.
     let borders: Vec<Border> = borders.into_iter().filter(|border| border.kind != Kind::Bend).collect();
     let spacing = (geometry.total_area() / faces.len() as f64).sqrt();
-    let borders = Borders::new(&geometry, &borders, &regions, (spacing, 0.0), faces.len());
+    let borders = Borders::new(&geometry, &borders, &regions, spacing, faces.len());
     let kept = |i: usize| borders.keep(centers[i], axes[i], regions[faces[i]]);
     let kept = map_each(faces.len(), &crate::NoProgress, || (), |(), i| kept(i));
     data.clips = clip_columns(kept.iter().map(Option::as_ref));
