@@ -4,8 +4,8 @@
 const BACK_FACING_LAG: f32 = 0.125;
 
 // Sine of the angle between a back-facing splat's plane and the ray to it, up to which it is lit as if it were
-// front-facing: 15°.
-const RIM_SINE: f32 = 0.258819045;
+// front-facing: 10°.
+const RIM_SINE: f32 = 0.173648178;
 
 // How near a visibility fragment counts for the choice of the facing that a pixel shows.
 fn nearness(z: f32, epsilon: f32, back_facing: bool) -> f32 {

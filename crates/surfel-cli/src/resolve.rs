@@ -203,6 +203,11 @@ fn of_geometry(
         settings.transparency = transparency;
         console.note(&format!("{}: {}", note.path.display(), note.text));
     }
+    if args.depth_tolerance.is_none()
+        && let Some(tolerance) = surfel::scene::auto_depth_tolerance(&loaded)
+    {
+        settings.depth_tolerance = tolerance;
+    }
     let given = args.up.and_then(|choice| choice.0);
     let up = given.unwrap_or_else(|| note_up(&loaded, console));
     let view = match args.view.unwrap_or_default() {

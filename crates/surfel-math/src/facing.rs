@@ -7,8 +7,8 @@ use crate::{Real, V3};
 pub const BACK_FACING_LAG: f64 = 0.125;
 
 /// Sine of the angle between a back-facing splat's plane and the ray to it, up to which it is lit as if it were
-/// front-facing: 15°.
-pub const RIM_SINE: f64 = 0.258_819_045_102_520_8;
+/// front-facing: 10°.
+pub const RIM_SINE: f64 = 0.173_648_177_666_930_35;
 
 /// How near a visibility fragment counts for the choice of the facing that a pixel shows.
 #[inline(always)]
@@ -38,8 +38,8 @@ mod tests {
         let shown = |degrees: f64| back_normal(at(degrees), -degrees.to_radians().sin(), to_eye);
         let close = |a: V3<f64>, b: V3<f64>| (a - b).length() < 1e-12;
         assert!(close(shown(0.0), at(0.0)));
-        assert!(close(shown(10.0), at(-10.0)), "{:?}", shown(10.0));
-        assert!(close(shown(20.0), -at(20.0)));
+        assert!(close(shown(9.0), at(-9.0)), "{:?}", shown(9.0));
+        assert!(close(shown(11.0), -at(11.0)));
         // One that leans toward the eye, whatever the splat's plane does, stays.
         assert!(close(back_normal(at(-5.0), -0.1, to_eye), at(-5.0)));
     }

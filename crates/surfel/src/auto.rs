@@ -9,7 +9,8 @@ use crate::{Error, LoadOptions};
 use glam::DVec3;
 use std::path::Path;
 use surfel_model::{
-    Camera, ConvertOptions, Cull, Light, Material, ObjectFile, Scene, SceneFile, Settings, Shader, Transparency, Up,
+    Camera, ConvertOptions, Cull, DepthTolerance, Light, Material, ObjectFile, Scene, SceneFile, Settings, Shader,
+    Transparency, Up,
 };
 use surfel_render::Preset;
 use surfel_sample::Progress;
@@ -21,6 +22,8 @@ const FILL: f64 = 0.9;
 /// Layers of transparent splats in automatic images: two panes of glass have four surfaces, and all behind the third
 /// are blended as one.
 const LAYERS: u32 = 4;
+/// Depth tolerance of flat parts and sharp splats, in radii: those lie in the surface, and need next to none to blend.
+const FLAT_TOLERANCE: f64 = 0.1;
 /// Ambient light of automatic scenes, linear RGB: shadows stay readable.
 const AMBIENT: [f64; 3] = [0.13, 0.135, 0.145];
 
@@ -96,6 +99,14 @@ pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Tra
     let transparency = Transparency::Peel { layers: LAYERS, drop_last: false };
     let text = format!("some splats are transparent: drawn as --transparency {transparency} (off draws them opaque)");
     Some((transparency, ObjectNote { path: path.to_path_buf(), text }))
+}
+
+/// The depth tolerance for files that came without a scene, where it isn't the default: objects of flat parts, as
+/// buildings are, and sharp splats need next to none, and the default would let a floor shine through the wall that it
+/// ends at.
+pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
+    let flat = !loaded.facts.is_empty() && loaded.facts.iter().all(|facts| facts.flat);
+    flat.then_some(DepthTolerance::Relative(FLAT_TOLERANCE))
 }
 
 /// Which axis is up in objects that came without a scene file, and why: the first file that says it or whose format
@@ -248,6 +259,9 @@ pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Err
                 auto.settings.transparency = transparency;
                 loaded.notes.push(note);
             }
+            if let Some(tolerance) = auto_depth_tolerance(&loaded) {
+                auto.settings.depth_tolerance = tolerance;
+            }
             let file = auto_scene(objects, &loaded, &auto)?;
             let scene = assemble(&file, loaded.objects)?;
             Ok(LoadedScene { file, scene, notes: loaded.notes })
@@ -274,6 +288,19 @@ pub fn bare_object(path: &Path) -> ObjectFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_objects_that_are_flat_all_over_are_drawn_with_less_tolerance() {
+        let facts = |flat| ObjectFacts { flat, ..ObjectFacts::default() };
+        let of = |all: &[bool]| {
+            auto_depth_tolerance(&LoadedObjects {
+                facts: all.iter().map(|&flat| facts(flat)).collect(),
+                ..LoadedObjects::default()
+            })
+        };
+        assert_eq!((of(&[]), of(&[true, false])), (None, None));
+        assert_eq!(of(&[true, true]), Some(DepthTolerance::Relative(0.1)));
+    }
 
     #[test]
     fn transparency_is_chosen_for_the_first_file_that_has_some() {

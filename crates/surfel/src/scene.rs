@@ -1,7 +1,8 @@
 //! From files to a scene, step by step: scene files, objects, and what automatic scenes are made of.
 
 pub use crate::auto::{
-    AutoOptions, DEFAULT_SIZE, auto_scene, auto_transparency, auto_up, bare_object, is_scene_file, studio_lights,
+    AutoOptions, DEFAULT_SIZE, auto_depth_tolerance, auto_scene, auto_transparency, auto_up, bare_object,
+    is_scene_file, studio_lights,
 };
 pub use crate::load::{STDIN, UnusedOption, up_reason};
 
@@ -59,6 +60,8 @@ pub struct ObjectFacts {
     pub colored: bool,
     /// Its splats cover a closed mesh from outside.
     pub closed: bool,
+    /// Where its splats overlap they hardly stand apart: they were made of a mesh of flat parts, or clipped by `sharp`.
+    pub flat: bool,
     /// Some of its splats are transparent, and none is a Gaussian: what one of those hides is a matter of how many
     /// there are.
     pub transparent: bool,
@@ -66,7 +69,15 @@ pub struct ObjectFacts {
 
 impl Default for ObjectFacts {
     fn default() -> Self {
-        Self { up: Up::PlusY, up_reason: None, points: false, colored: false, closed: false, transparent: false }
+        Self {
+            up: Up::PlusY,
+            up_reason: None,
+            points: false,
+            colored: false,
+            closed: false,
+            flat: false,
+            transparent: false,
+        }
     }
 }
 
@@ -167,7 +178,13 @@ pub fn load_objects(
                         Geometry::Octree(octree) => octree.cloud().is_transparent(),
                         Geometry::Mesh(_) => false,
                     };
-                    let facts = ObjectFacts { up, up_reason, points, closed, transparent, ..ObjectFacts::default() };
+                    let flat = match &conversion {
+                        Conversion::Mesh(report) => report.flat,
+                        Conversion::SharpMesh(_) => true,
+                        _ => false,
+                    };
+                    let facts =
+                        ObjectFacts { up, up_reason, points, closed, flat, transparent, ..ObjectFacts::default() };
                     (Known { geometry, facts, unused }, notes)
                 };
                 loaded.notes.extend(notes.into_iter().map(|text| ObjectNote { path: path.clone(), text }));

@@ -150,9 +150,9 @@ fn capsules_of_splats_look_like_their_polygons() {
             let found = differences(&mesh, if is_open { Cull::None } else { Cull::Back }, 2.0, |_| true);
             println!("{tessellation:?}, open {is_open}: RMSE {:.4}, {found:?}", found.rmse());
             assert!(found.inside > 300_000 && found.holes == 0 && found.beyond == 0, "{tessellation:?}: {found:?}");
-            // Inside of an open one, what is within 15° of edge-on is lit as its front is (§5): measured .023 to .026.
-            let (rmse, turned) = if is_open { (0.03, 80) } else { (0.02, 2000) };
-            assert!(found.rmse() < rmse && found.turned * turned < found.inside, "{tessellation:?}: {found:?}");
+            // Inside of an open one, what is within 10° of edge-on is lit as its front is (§2).
+            let turned = if is_open { 300 } else { 2000 };
+            assert!(found.rmse() < 0.02 && found.turned * turned < found.inside, "{tessellation:?}: {found:?}");
         }
     }
 }
@@ -167,7 +167,7 @@ fn a_cube_and_a_sheet_of_large_splats_end_at_their_edges() {
         assert!(found.turned * 10_000 < found.inside && found.rmse() < 0.01, "{found:?}");
     };
     ends(cube(), Cull::Back, |_| true);
-    // From behind and within 15° of edge-on, an oriented surface is lit as its front is (§5); the eye is so near that
+    // From behind and within 10° of edge-on, an oriented surface is lit as its front is (§2); the eye is so near that
     // other places of the sheet are seen at up to 15° more.
     let sheet = quad(DVec3::ZERO, [DVec3::X * 1.5, DVec3::Y], 1.0);
     ends(sheet, Cull::None, |direction| !(-0.5..0.0).contains(&direction.z));

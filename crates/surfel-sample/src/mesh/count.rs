@@ -24,6 +24,9 @@ const GROWTH: [f64; 3] = [1.3, 1.7, MOST_GROWN];
 /// The largest.
 pub(crate) const MOST_GROWN: f64 = 2.2;
 
+/// Cosine of 1°: a sample whose smooth normal is nearer to its facet's lies in a flat part.
+const FLAT: f64 = 0.999_847_695;
+
 /// A place on the surface.
 #[derive(Clone, Copy, Default)]
 struct Sample {
@@ -92,6 +95,8 @@ pub(crate) fn splats_and_faces(
     let borders = Borders::new(&geometry, &borders, &regions, spacing * radius_scale, count);
     let Bordered { shape, clips } = bordered(&on, &borders, |i| regions[samples[i].face as usize], progress);
     let mut data = CloudData { clips, ..CloudData::new(mesh.origin, assemble::centers(mesh, &positions), shape) };
+    let of_facets = planes.iter().zip(&smooth).filter(|(plane, smooth)| plane.dot(**smooth) >= FLAT).count();
+    report.flat = 10 * of_facets >= 9 * count;
     // A flat facet's splats have no other normals than their own.
     if planes.iter().zip(&smooth).any(|(plane, smooth)| plane.dot(*smooth) < SAME_NORMAL) {
         data.shading_normals = Some(assemble::normals32(&smooth));

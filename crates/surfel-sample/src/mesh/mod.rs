@@ -70,6 +70,7 @@ pub fn splats_from_mesh(
         degenerate: 0,
         repeated: 0,
         feature_edges: 0,
+        flat: false,
         median_radius: 0.0,
         interior_weight: None,
     };

@@ -205,6 +205,7 @@ impl Level {
             degenerate: 0,
             repeated: 0,
             feature_edges: 0,
+            flat: false,
             median_radius: 0.0,
             interior_weight: None,
         };

@@ -36,6 +36,8 @@ pub struct MeshReport {
     pub repeated: usize,
     /// Creases and open edges of the surface, at which splats end, as a number of mesh edges.
     pub feature_edges: usize,
+    /// At least nine in ten samples shade by their facet's own normal: the mesh consists of flat parts.
+    pub flat: bool,
     /// Median of the larger semi-axes, in object units.
     pub median_radius: f64,
     /// The cloud's interior weight, as stored in it.

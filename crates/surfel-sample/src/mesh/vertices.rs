@@ -122,6 +122,7 @@ pub(crate) fn splats(
         degenerate,
         repeated,
         feature_edges: 0,
+        flat: false,
         median_radius: found.median_radius,
         interior_weight: found.interior_weight,
     };
