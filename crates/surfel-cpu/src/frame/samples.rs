@@ -50,7 +50,7 @@ impl Drawing<'_> {
         totals: &mut Totals,
     ) -> usize {
         let FrameInputs { instructions, pools, plan, .. } = *self.inputs;
-        let sampled = planes.sampled(instructions, cell.region, &mut scratch.neighbourhood);
+        let sampled = planes.sampled(instructions, cell.region);
         if sampled.count == 0 {
             return 0;
         }

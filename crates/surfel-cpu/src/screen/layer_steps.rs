@@ -46,11 +46,6 @@ impl LayerSteps {
         self.tiles.get(tile)?.as_deref()
     }
 
-    /// True if no tile has any.
-    pub(crate) fn are_none(&self) -> bool {
-        self.tiles.iter().all(Option::is_none)
-    }
-
     /// Bytes of heap memory in use.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.tiles.as_slice()) + self.tiles.iter().flatten().count() * size_of::<LayerPlanes>()

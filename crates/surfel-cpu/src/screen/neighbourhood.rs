@@ -4,8 +4,8 @@
 use crate::screen::gbuffer::{BLOCKS, Marks, SIDE, TileRows};
 use crate::simd::lanes::{LANES, Lanes};
 use crate::tiles::grid::{BLOCK, Grid, Rect, TILE_BLOCKS};
+use fearless_simd::Simd;
 use fearless_simd::prelude::SimdMask;
-use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;
 
 /// Pixels above and below a tile: as far as any pass looks.
@@ -38,20 +38,6 @@ impl Neighbourhood {
         reach: i32,
         outside: f32,
     ) {
-        let of = |other: usize| plane.get(other).filter(|_| marks(other).touched != 0);
-        self.load_from(of, grid, tile, reach, [f32::INFINITY, outside]);
-    }
-
-    /// The same from tiles' rows by themselves, where a number stands for those of tiles without any, and another where
-    /// there are no pixels.
-    pub(crate) fn load_from<'p>(
-        &mut self,
-        rows_of: impl Fn(usize) -> Option<&'p TileRows>,
-        grid: &Grid,
-        tile: usize,
-        reach: i32,
-        [nothing, outside]: [f32; 2],
-    ) {
         let (size, columns) = (grid.tile_px() as i32, grid.columns as i32);
         let (column, row) = (tile as i32 % columns, tile as i32 / columns);
         let first_x = grid.origin[0] as i32 + column * size;
@@ -69,14 +55,14 @@ impl Neighbourhood {
             if x0 >= x1 {
                 continue;
             }
-            let from = rows_of(other);
+            let from = plane.get(other).filter(|_| marks(other).touched != 0);
             let (left, end) = ((x0 - dx * size) as usize, (x1 - dx * size) as usize);
             for y in y0..y1 {
                 let to = &mut self.0[(y + ROWS_AROUND as i32) as usize];
                 let to = &mut to[(x0 + COLUMNS_AROUND as i32) as usize..(x1 + COLUMNS_AROUND as i32) as usize];
                 match from {
                     Some(from) => to.copy_from_slice(&from.0[(y - dy * size) as usize][left..end]),
-                    None => to.fill(nothing),
+                    None => to.fill(f32::INFINITY),
                 }
             }
         }
@@ -141,57 +127,4 @@ impl Neighbourhood {
             }
         }
     }
-
-    /// The same among their four neighbours' that share a side with them.
-    #[inline(always)]
-    pub(crate) fn rises<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {
-        self.compare(simd, wanted, steps, |x, y| {
-            let beside = self.row(simd, x - 1, y).max(self.row(simd, x + 1, y));
-            own_row(simd, own, x, y).lt(beside.max(self.row(simd, x, y - 1)).max(self.row(simd, x, y + 1)))
-        });
-    }
-
-    /// Where one of these four numbers is less.
-    #[inline(always)]
-    pub(crate) fn falls<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {
-        self.compare(simd, wanted, steps, |x, y| {
-            let beside = self.row(simd, x - 1, y).min(self.row(simd, x + 1, y));
-            beside.min(self.row(simd, x, y - 1)).min(self.row(simd, x, y + 1)).lt(own_row(simd, own, x, y))
-        });
-    }
-
-    /// Adds the bits of sixteen pixels of a row after another, in the `wanted` blocks.
-    #[inline(always)]
-    fn compare<S: Simd>(
-        &self,
-        _simd: S,
-        wanted: u64,
-        steps: &mut [u16; BLOCKS],
-        bits_of: impl Fn(i32, i32) -> mask32x16<S>,
-    ) {
-        for first in (0..BLOCKS as u32).step_by(ABREAST as usize) {
-            let abreast = wanted >> first & ((1 << ABREAST) - 1);
-            if abreast == 0 {
-                continue;
-            }
-            let x = (first % TILE_BLOCKS * BLOCK) as i32;
-            let y = (first / TILE_BLOCKS * BLOCK) as i32;
-            for j in 0..BLOCK {
-                let bits = bits_of(x, y + j as i32).to_bitmask();
-                if bits == 0 {
-                    continue;
-                }
-                for block in 0..ABREAST {
-                    let four = bits >> (BLOCK * block) & 0xf & (abreast >> block & 1).wrapping_neg();
-                    steps[(first + block) as usize % BLOCKS] |= (four << (BLOCK * j)) as u16;
-                }
-            }
-        }
-    }
-}
-
-/// Sixteen of a tile's own numbers.
-#[inline(always)]
-fn own_row<S: Simd>(simd: S, own: &TileRows, x: i32, y: i32) -> Lanes<S> {
-    Lanes::load(simd, own.0.get(y as usize).and_then(|row| row.get(x as usize..)).unwrap_or_default())
 }

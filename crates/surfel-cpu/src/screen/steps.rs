@@ -1,20 +1,26 @@
 //! Which pixels are sampled (§5, edges by samples): those beside a step of depth, on either side of it.
 
-use crate::screen::gbuffer::{BLOCKS, GBuffer, TileRows};
-use crate::screen::layer_steps::{LayerPlanes, LayerSteps};
-use crate::screen::neighbourhood::Neighbourhood;
-use crate::simd::lanes::LANES;
+use crate::screen::gbuffer::{GBuffer, SIDE, TileRows};
+use crate::screen::layer_steps::LayerSteps;
+use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::level::{Instructions, with_instructions};
 use crate::tiles::drawn::BlockSet;
 use crate::tiles::grid::{BLOCK, Grid, Rect};
 use fearless_simd::Simd;
+use fearless_simd::prelude::*;
+use surfel_math::Real;
 use surfel_render::{Region, SAMPLES_SIDE};
 
 // A block of samples is a pixel.
 const _: () = assert!(SAMPLES_SIDE == BLOCK, "samples of a pixel fill a block");
 
-/// Rows of a tile that nothing touches.
-static NOTHING: TileRows = TileRows::EMPTY;
+/// Rows of a tile that nothing touches: where surfaces begin and end, and how many layers there are.
+static NOTHING: [[TileRows; 2]; 2] = [[TileRows::EMPTY, TileRows::EMPTY], [TileRows::ZERO, TileRows::ZERO]];
+
+/// A tile's pixels, row by row, a bit each.
+type Pixels = [u32; SIDE];
+
+const _: () = assert!(SIDE == u32::BITS as usize, "a row of pixels has a bit each");
 
 /// What steps are found in.
 pub(crate) struct StepPlanes<'a> {
@@ -24,35 +30,36 @@ pub(crate) struct StepPlanes<'a> {
     pub grid: &'a Grid,
 }
 
+/// What is compared.
+#[derive(Clone, Copy)]
+enum Compared {
+    /// From where to where the nearest surfaces reach.
+    Surfaces,
+    /// And the nearest transparent layers.
+    Layers,
+    /// How many of these there are: of two numbers that differ, one begins after the other ends.
+    Counts,
+}
+
 impl StepPlanes<'_> {
     /// The sampled pixels of a region of the grid, as blocks of samples.
     #[inline(never)]
-    pub(crate) fn sampled(
-        &self,
-        instructions: Instructions,
-        region: Region,
-        neighbourhood: &mut Neighbourhood,
-    ) -> BlockSet {
-        let mut sampled = BlockSet::new(Grid::new(region.of_samples(), self.grid.tile_blocks));
-        let own = Rect::of(region);
-        let mut rises = vec![[0u16; BLOCKS]; self.grid.tiles()];
-        for (tile, rises) in rises.iter_mut().enumerate() {
+    pub(crate) fn sampled(&self, instructions: Instructions, region: Region) -> BlockSet {
+        let mut found = vec![[0; SIDE]; self.grid.tiles()];
+        for tile in 0..self.grid.tiles() {
             with_instructions!(instructions, simd =>
-                simd.vectorize(#[inline(always)] || self.rises_of(simd, tile, neighbourhood, rises)));
+                simd.vectorize(#[inline(always)] || self.find(simd, tile, &mut found)));
         }
-        // Where something falls, something rises beside it.
-        let rise: Vec<bool> = rises.iter().map(|of_tile| of_tile.iter().any(|bits| *bits != 0)).collect();
-        for (tile, mut steps) in rises.into_iter().enumerate() {
-            if self.any_around(tile, &|tile: usize| rise[tile]) {
-                with_instructions!(instructions, simd =>
-                    simd.vectorize(#[inline(always)] || self.falls_of(simd, tile, neighbourhood, &mut steps)));
-            }
-            for (block, &bits) in (0..).zip(&steps).filter(|(_, bits)| **bits != 0) {
-                let (x, y) = self.grid.block_px(tile, block);
-                let bits = bits & own.lanes_of_block((x, y)) as u16;
-                let side = SAMPLES_SIDE as i32;
-                for lane in (0..LANES as i32).filter(|lane| bits >> lane & 1 == 1) {
-                    sampled.add((x + lane % 4) * side, (y + lane / 4) * side);
+        let mut sampled = BlockSet::new(Grid::new(region.of_samples(), self.grid.tile_blocks));
+        let (own, side) = (Rect::of(region), SAMPLES_SIDE as i32);
+        for (tile, found) in found.iter().enumerate() {
+            let (x, y) = self.grid.block_px(tile, 0);
+            let columns = bits(own.x - x, own.end_x - x);
+            for (y, bits) in (y..).zip(found).filter(|(y, _)| (own.y..own.end_y).contains(y)) {
+                let mut left = bits & columns;
+                while left != 0 {
+                    sampled.add((x + left.trailing_zeros() as i32) * side, y * side);
+                    left &= left - 1;
                 }
             }
         }
@@ -60,75 +67,89 @@ impl StepPlanes<'_> {
         sampled
     }
 
-    /// Finds the pixels of a tile that end before a neighbour begins, or have fewer layers.
+    /// Finds the pixels on both sides of steps within a tile, and between it and the tiles to its right and below.
     #[inline(always)]
-    fn rises_of<S: Simd>(&self, simd: S, tile: usize, neighbourhood: &mut Neighbourhood, steps: &mut [u16; BLOCKS]) {
-        let Some([begins, ends]) = self.gbuffer.reaches() else { return };
-        let (grid, wanted) = (self.grid, self.grid.blocks(tile));
-        let marks = |tile: usize| self.gbuffer.marks(tile);
-        let is_touched = marks(tile).touched != 0;
-        // Nothing ends before nothing begins.
-        if is_touched {
-            neighbourhood.load(begins, grid, tile, marks, 1, f32::NEG_INFINITY);
-            neighbourhood.rises(simd, own_rows(ends, tile, is_touched), wanted, steps);
-        }
-        if let Some(steps_of) = self.layers_around(tile) {
-            let [_, end, count] = steps_of;
-            let (far, near) = (f32::INFINITY, f32::NEG_INFINITY);
-            neighbourhood.load_from(self.of_layers(|p| &p.begin), grid, tile, 1, [far, near]);
-            neighbourhood.rises(simd, end, wanted, steps);
-            neighbourhood.load_from(self.of_layers(|p| &p.count), grid, tile, 1, [0.0, near]);
-            neighbourhood.rises(simd, count, wanted, steps);
+    fn find<S: Simd>(&self, simd: S, tile: usize, found: &mut [Pixels]) {
+        let (grid, rect) = (self.grid, Rect::of_tile(self.grid, tile, self.grid.region));
+        let (size, columns) = (grid.tile_px() as usize, grid.columns as usize);
+        let (x, y) = grid.block_px(tile, 0);
+        let inside = bits(rect.x - x, rect.end_x - x);
+        let rows = (rect.y - y) as usize..((rect.end_y - y) as usize).min(SIDE);
+        let beside = (tile % columns + 1 < columns).then_some(tile + 1);
+        let below = Some(tile + columns).filter(|below| *below < grid.tiles());
+        for what in [Compared::Surfaces, Compared::Layers, Compared::Counts] {
+            let nothing = &NOTHING[usize::from(matches!(what, Compared::Counts))];
+            let planes = |tile: usize| self.planes(what, tile);
+            let (own, right, under) = (planes(tile), beside.and_then(planes), below.and_then(planes));
+            if let Some(own) = own {
+                let mut above: Option<[[Lanes<S>; 2]; 2]> = None;
+                for y in rows.clone() {
+                    let here = [row(simd, own, 0, y), row(simd, own, LANES, y)];
+                    let mut steps = between(here[0], row(simd, own, 1, y));
+                    steps |= between(row(simd, own, LANES - 1, y), here[1]) << (LANES - 1);
+                    steps &= inside & inside >> 1;
+                    found[tile][y] |= steps | steps << 1;
+                    if let Some([left, right]) = above {
+                        let steps = (between(left, here[0]) | between(right, here[1]) << LANES) & inside;
+                        found[tile][y - 1] |= steps;
+                        found[tile][y] |= steps;
+                    }
+                    above = Some(here);
+                }
+            }
+            if let Some(beside) = beside.filter(|_| own.is_some() || right.is_some()) {
+                let ([begin, end], [begins, ends]) =
+                    (own.unwrap_or(nothing.each_ref()), right.unwrap_or(nothing.each_ref()));
+                for y in rows.clone() {
+                    let (left, right) =
+                        ([begin, end].map(|plane| plane.0[y][size - 1]), [begins, ends].map(|plane| plane.0[y][0]));
+                    let steps = u32::from(left[1] < right[0] || right[1] < left[0]);
+                    found[tile][y] |= steps << (size - 1);
+                    found[beside][y] |= steps;
+                }
+            }
+            if let Some(below) = below.filter(|_| own.is_some() || under.is_some()) {
+                let (own, under) = (own.unwrap_or(nothing.each_ref()), under.unwrap_or(nothing.each_ref()));
+                for x in [0, LANES] {
+                    let steps = between(row(simd, own, x, size - 1), row(simd, under, x, 0)) << x & inside;
+                    found[tile][size - 1] |= steps;
+                    found[below][0] |= steps;
+                }
+            }
         }
     }
 
-    /// Adds those that begin after a neighbour ends, or have more layers.
-    #[inline(always)]
-    fn falls_of<S: Simd>(&self, simd: S, tile: usize, neighbourhood: &mut Neighbourhood, steps: &mut [u16; BLOCKS]) {
-        let Some([begins, ends]) = self.gbuffer.reaches() else { return };
-        let (grid, wanted) = (self.grid, self.grid.blocks(tile));
-        let marks = |tile: usize| self.gbuffer.marks(tile);
-        neighbourhood.load(ends, grid, tile, marks, 1, f32::INFINITY);
-        neighbourhood.falls(simd, own_rows(begins, tile, marks(tile).touched != 0), wanted, steps);
-        if let Some(steps_of) = self.layers_around(tile) {
-            let [begin, _, count] = steps_of;
-            let far = f32::INFINITY;
-            neighbourhood.load_from(self.of_layers(|p| &p.end), grid, tile, 1, [far, far]);
-            neighbourhood.falls(simd, begin, wanted, steps);
-            neighbourhood.load_from(self.of_layers(|p| &p.count), grid, tile, 1, [0.0, far]);
-            neighbourhood.falls(simd, count, wanted, steps);
+    /// Where what is compared begins and ends in a tile, if there is any.
+    fn planes(&self, what: Compared, tile: usize) -> Option<[&TileRows; 2]> {
+        let layers = || self.layers.of(tile);
+        match what {
+            Compared::Surfaces => {
+                let [begins, ends] = self.gbuffer.reaches()?;
+                if self.gbuffer.marks(tile).touched == 0 {
+                    return None;
+                }
+                Some([begins.get(tile)?, ends.get(tile)?])
+            }
+            Compared::Layers => layers().map(|planes| [&planes.begin, &planes.end]),
+            Compared::Counts => layers().map(|planes| [&planes.count; 2]),
         }
-    }
-
-    /// A plane of the transparent layers, tile by tile.
-    fn of_layers<'s>(
-        &'s self,
-        plane: impl Fn(&LayerPlanes) -> &TileRows + Copy,
-    ) -> impl Fn(usize) -> Option<&'s TileRows> {
-        move |tile| self.layers.of(tile).map(plane)
-    }
-
-    /// Where a tile's nearest layers begin and end, and how many layers it has, if there are any in it or around it.
-    fn layers_around(&self, tile: usize) -> Option<[&TileRows; 3]> {
-        static ZERO: TileRows = TileRows::ZERO;
-        let has_layers = |tile: usize| self.layers.of(tile).is_some();
-        if self.layers.are_none() || !self.any_around(tile, &has_layers) {
-            return None;
-        }
-        let Some(own) = self.layers.of(tile) else { return Some([&NOTHING, &NOTHING, &ZERO]) };
-        Some([&own.begin, &own.end, &own.count])
-    }
-
-    /// True if a tile or one of those around it is such.
-    fn any_around(&self, tile: usize, is: &impl Fn(usize) -> bool) -> bool {
-        let (columns, rows) = (self.grid.columns as i32, self.grid.rows as i32);
-        let (x, y) = (tile as i32 % columns, tile as i32 / columns);
-        let inside = |x: i32, y: i32| (0..columns).contains(&x) && (0..rows).contains(&y);
-        (y - 1..=y + 1).any(|y| (x - 1..=x + 1).any(|x| inside(x, y) && is((y * columns + x) as usize)))
     }
 }
 
-/// A tile's own rows of a plane.
-fn own_rows(plane: &[TileRows], tile: usize, is_touched: bool) -> &TileRows {
-    plane.get(tile).filter(|_| is_touched).unwrap_or(&NOTHING)
+/// Bits of a tile's columns from one to before another.
+fn bits(from: i32, to: i32) -> u32 {
+    let below = |to: i32| (1u64 << to.clamp(0, SIDE as i32)) - 1;
+    (below(to) & !below(from)) as u32
+}
+
+/// Where surfaces begin and end at sixteen pixels of a row, from a given one on.
+#[inline(always)]
+fn row<S: Simd>(simd: S, planes: [&TileRows; 2], x: usize, y: usize) -> [Lanes<S>; 2] {
+    planes.map(|plane| Lanes::load(simd, &plane.0[y % SIDE][x % SIDE..]))
+}
+
+/// Which of sixteen pixels have a step to sixteen others, as bits.
+#[inline(always)]
+fn between<S: Simd>([begin, end]: [Lanes<S>; 2], [begins, ends]: [Lanes<S>; 2]) -> u32 {
+    (end.lt(begins) | ends.lt(begin)).to_bitmask() as u32
 }

@@ -284,8 +284,12 @@ pub(crate) fn for_tiles<S: Simd>(
     for row in y0 >> shift..=(y1 - 1) >> shift {
         for column in x0 >> shift..=(x1 - 1) >> shift {
             let (tile, number) = ([column * size, row * size], row * grid.columns + column);
+            let drawn = form.drawn.of(number);
+            if drawn == 0 {
+                continue;
+            }
             let in_box = inside_box(blocks, tile, size);
-            if in_box & form.drawn.of(number) == 0 {
+            if in_box & drawn == 0 {
                 continue;
             }
             let blocks = if whole { in_box } else { in_box & touched(simd, record, blocks, tile, grid, form) };
