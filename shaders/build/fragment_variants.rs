@@ -48,7 +48,7 @@ pub(crate) fn entry_points() -> Result<String, std::fmt::Error> {
             writeln!(text, "    if !({layer}_is_visible(in, z){visible}) {{\n        discard;\n    }}")?;
             writeln!(text, "    return {value};\n}}\n")
         };
-        for layer in ["front", "shown"] {
+        for layer in ["front", "shown", "peeled"] {
             visibility(layer, "threshold", "ThresholdOutput", "threshold_output(in, z)")?;
         }
         visibility("facing", "visibility", "FacingOutput", "facing_output(in, z)")?;

@@ -85,6 +85,7 @@ fn composite_under(layers: LayerComposite, point: Point, color: vec3f, alpha: f3
     let through = 1.0 - layers.opacity;
     more.color += color * (alpha * through);
     more.opacity = 1.0 - through * (1.0 - alpha);
+    more.counts += 1u << LAYER_COUNT;
     if layers.z <= 0.0 {
         more.normal = point.normal;
         more.z = point.z;
@@ -112,7 +113,7 @@ fn peeled_layer(@builtin(global_invocation_id) id: vec3u) {
         let color = color_of(position_at(pixel, point.z), point, true);
         layers = composite_under(layers, point, color, counts.y / point.weight);
     }
-    layers.fragments += counts.x;
+    layers.counts += u32(counts.x);
     // A threshold of 0 says that the layer took all that remained.
     layers.peeled_depth = textureLoad(layer_threshold, pixel, 0);
     layer_composites[at] = layers;
@@ -151,6 +152,6 @@ fn remaining_layer(@builtin(global_invocation_id) id: vec3u) {
         let color = textureLoad(layer_color, pixel, 0).rgb / point.weight;
         layers = composite_under(layers, point, color, counts.y / point.weight);
     }
-    layers.fragments += counts.x;
+    layers.counts += u32(counts.x);
     layer_composites[at] = layers;
 }

@@ -56,6 +56,15 @@ fn offset_on(p: Polygon, pixel: vec2i) -> vec2f {
     return vec2f(pixel + frame.origin_px - p.base);
 }
 
+// Bound as splat setup's `sampled_pixels`.
+@group(2) @binding(5) var polygon_sampled_pixels: texture_2d<f32>;
+
+// False for a sample of a pixel that isn't sampled.
+fn is_wanted(pixel: vec2i) -> bool {
+    let pixels = vec2i(frame.first_pixel) + pixel / i32(SAMPLES_SIDE);
+    return frame.is_of_samples == 0u || textureLoad(polygon_sampled_pixels, pixels, 0).x > 0.0;
+}
+
 struct PolygonHit {
     @builtin(frag_depth) depth: f32,
     // Depth, and one more than the polygon's index.
@@ -66,8 +75,11 @@ struct PolygonHit {
 // the vertices to a fraction of a pixel.
 @fragment
 fn polygon_fragment(in: PolygonVertex) -> PolygonHit {
-    let p = drawn_polygons[in.polygon];
     let pixel = vec2i(floor(in.position.xy));
+    if !is_wanted(pixel) {
+        discard;
+    }
+    let p = drawn_polygons[in.polygon];
     var shape = triangle_of(p);
     let d = offset_on(p, pixel);
     let z = triangle_depth(shape, triangle_barycentric(shape, d));

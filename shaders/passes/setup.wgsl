@@ -8,6 +8,9 @@
 // Only bound for clipped splats.
 @group(1) @binding(6) var<storage, read_write> record_clips_out: array<RecordClip>;
 
+// What a frame of samples is drawn about: the steps of its pixels, whose first number is above 0 where one is sampled.
+@group(1) @binding(7) var sampled_pixels: texture_2d<f32>;
+
 // Slack of pixel boxes: it exceeds the f32 rounding of box and anchor many times over, and is far below a pixel.
 const BOX_SLACK_PX: f32 = 2e-3;
 // A whole pixel that any anchor is cut to; i32 holds it and its offset to any pixel.
@@ -24,6 +27,34 @@ fn pixel_box(base: vec2f, extent: Extent) -> vec4f {
 
 fn box_is_empty(pixels: vec4f) -> bool {
     return !(pixels.x < pixels.z && pixels.y < pixels.w);
+}
+
+// Most pixels of a box that are searched for sampled ones, one after the other: boxes with more are few.
+const MOST_SEARCHED: i32 = 4096;
+
+// In a frame of samples the part of a box that sampled pixels span.
+fn sampled_part(samples: vec4f) -> vec4f {
+    if frame.is_of_samples == 0u || box_is_empty(samples) {
+        return samples;
+    }
+    let side = i32(SAMPLES_SIDE);
+    let first = vec2i(samples.xy) / side;
+    let end = (vec2i(samples.zw) + (side - 1)) / side;
+    if (end.x - first.x) * (end.y - first.y) > MOST_SEARCHED {
+        return samples;
+    }
+    var least = end;
+    var greatest = first;
+    for (var y = first.y; y < end.y; y++) {
+        for (var x = first.x; x < end.x; x++) {
+            let pixel = vec2i(x, y);
+            if textureLoad(sampled_pixels, vec2i(frame.first_pixel) + pixel, 0).x > 0.0 {
+                least = min(least, pixel);
+                greatest = max(greatest, pixel + 1);
+            }
+        }
+    }
+    return vec4f(max(samples.xy, vec2f(least * side)), min(samples.zw, vec2f(greatest * side)));
 }
 
 fn packed_box(pixels: vec4f) -> vec2u {
@@ -183,10 +214,12 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     let base = clamp(floor(along), vec2f(-FARTHEST_PX, -FARTHEST_PX), vec2f(FARTHEST_PX, FARTHEST_PX));
     let fraction = projection_offset_from(projection, splat.p, base);
     let about = Extent(fraction + slack.least, fraction + slack.greatest);
-    let visible_box =
+    let visible_pixels =
         pixel_box(base, Extent(about.least + visible_extent.least, about.greatest + visible_extent.greatest));
-    let filtered_box =
+    let filtered_pixels =
         pixel_box(base, Extent(about.least + filtered_extent.least, about.greatest + filtered_extent.greatest));
+    let visible_box = sampled_part(visible_pixels);
+    let filtered_box = sampled_part(filtered_pixels);
     if box_is_empty(visible_box) && box_is_empty(filtered_box) {
         return no_clip_footprints();
     }

@@ -142,14 +142,19 @@ fn front_depth(pixel: vec2i) -> f32 {
     return select(hit.x, z * share + hit.x * (1.0 - share), is_there);
 }
 
-// True if one of the neighbours inside the image lies beyond the surface's own slope (§5, toon).
-fn has_outline(pixel: vec2i, surface: Surface) -> bool {
+// The depth beyond which a neighbour is another surface than the one at a pixel of the targets (§5, toon).
+fn outline_limit(pixel: vec2i, surface: Surface, projection: Projection) -> f32 {
     let at = position_at(pixel, surface.z);
     var gradient = vec2f(0.0, 0.0);
     if v3_dot(surface.normal, surface.normal) > 0.0 {
-        gradient = plane_gradient(at, frame.view_from_world * surface.normal, frame.projection);
+        gradient = plane_gradient(at, frame.view_from_world * surface.normal, projection);
     }
-    let limit = toon_step_back_limit(surface.z, gradient, frame.projection);
+    return toon_step_back_limit(surface.z, gradient, projection);
+}
+
+// True if one of the neighbours inside the image lies beyond that.
+fn has_outline(pixel: vec2i, surface: Surface) -> bool {
+    let limit = outline_limit(pixel, surface, frame.projection);
     let last = vec2i(frame.size_px) - 1;
     var line = false;
     for (var y = max(pixel.y - 1, 0); y <= min(pixel.y + 1, last.y); y++) {
@@ -251,6 +256,14 @@ fn composite_over(layers: LayerComposite, color: vec4f) -> vec4f {
     return vec4f(layers.color, layers.opacity) + color * (1.0 - layers.opacity);
 }
 
+fn write_color(at: u32, color: vec4f) {
+    let to = frame.color_at + 4u * at;
+    planes[to] = color.r;
+    planes[to + 1u] = color.g;
+    planes[to + 2u] = color.b;
+    planes[to + 3u] = color.a;
+}
+
 // Entry point for frames with more than opaque splats: polygons, edges, outlines, layers, shadows or `toon`.
 @compute @workgroup_size(8, 8)
 fn shade(@builtin(global_invocation_id) id: vec3u) {
@@ -279,12 +292,7 @@ fn shade_pixel(id: vec3u, full: bool) {
         }
     }
     if frame.color_at != ABSENT {
-        let color = composite_over(layers, opaque.color);
-        let to = frame.color_at + 4u * at;
-        planes[to] = color.r;
-        planes[to + 1u] = color.g;
-        planes[to + 2u] = color.b;
-        planes[to + 3u] = color.a;
+        write_color(at, composite_over(layers, opaque.color));
     }
     if frame.depth_at != ABSENT {
         planes[frame.depth_at + at] = select(frame.empty_depth, surface.z, surface.is_there);
@@ -299,7 +307,7 @@ fn shade_pixel(id: vec3u, full: bool) {
         planes[frame.weight_at + at] = surface.weight;
     }
     if frame.fragments_at != ABSENT {
-        planes[frame.fragments_at + at] = textureLoad(count_sums, pixel, 0).r + layers.fragments;
+        planes[frame.fragments_at + at] = textureLoad(count_sums, pixel, 0).r + f32(fragments_of(layers));
     }
 }
 

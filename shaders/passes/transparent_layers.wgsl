@@ -10,14 +10,20 @@ struct LayerComposite {
     normal: vec3f,
     z: f32,
     weight: f32,
-    // Number of fragments.
-    fragments: f32,
+    // Number of fragments; from LAYER_COUNT on, of layers that aren't empty.
+    counts: u32,
     // Reversed depths: unpeeled fragments are deeper than the first, and no deeper than the opaque surface (0: none).
     peeled_depth: f32,
     opaque_depth: f32,
 }
 
+const LAYER_COUNT: u32 = 24u;
+
 @group(2) @binding(3) var<storage, read> layer_limits: array<LayerComposite>;
+
+fn fragments_of(layers: LayerComposite) -> u32 {
+    return layers.counts & ((1u << LAYER_COUNT) - 1u);
+}
 
 fn is_unpeeled(position: vec4f, z: f32) -> bool {
     let pixel = vec2u(floor(position.xy));

@@ -16,6 +16,9 @@ const SHADER_TOON: u32 = 4u;
 const SHADER_MATCAP: u32 = 5u;
 const SHADER_EDL: u32 = 6u;
 
+// Samples along a pixel's side, where edges are antialiased by samples (§5).
+const SAMPLES_SIDE: u32 = 4u;
+
 // A frame, or one tile of it where it doesn't fit into a texture. Where edges are antialiased, targets have a border of
 // one pixel more than what is shaded, for neighbours.
 struct Frame {
@@ -81,6 +84,11 @@ struct Frame {
     // First pixel, counted within the targets, and size of what is shaded.
     shade_origin_px: vec2u,
     shade_size_px: vec2u,
+    // The targets hold samples of pixels at edges, and the tile of those pixels has the two above, which are planes'.
+    is_of_samples: u32,
+    // Of the targets of that tile: their size, and the pixel that the first sample belongs to.
+    pixels_size_px: vec2u,
+    first_pixel: vec2u,
     // A host's depth buffer holds x + y/z (perspective), or x + y·z (orthographic).
     host_depth: vec2f,
     // A uniform buffer aligns structs so.

@@ -146,6 +146,7 @@ pub const TWINS: &[Twin] = &[
     twin("taps", "shadow::taps"),
     twin("tap_weights", "shadow::tap_weights"),
     twin("slope_allowance", "depth::slope_allowance"),
+    twin("step_allowance", "depth::step_allowance"),
     twin("toon_smoothstep", "toon::smoothstep"),
     twin("toon_ramp", "toon::ramp"),
     twin("toon_highlight", "toon::highlight"),

@@ -65,6 +65,7 @@ fn rust_paths() -> BTreeSet<&'static str> {
         facing::nearness;
         facing::back_normal;
         depth::slope_allowance, as depth::slope_allowance;
+        depth::step_allowance, as depth::step_allowance;
         shadow::lookup_bias;
         shadow::tap_weights;
         shadow::taps, as shadow::taps;

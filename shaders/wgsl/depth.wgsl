@@ -76,3 +76,12 @@ fn plane_gradient(p: vec3f, n: vec3f, projection: Projection) -> vec2f {
     }
     return across * -(p.z * p.z / away_from_zero(v3_dot(n, p), 0.02 * v3_length(p)));
 }
+
+// Pixels over which a polygon's own slope accounts for a step of depth to one of its eight neighbours.
+const STEP_PX: f32 = 2.0;
+
+// How far behind a polygon's depth z its own surface may lie in a neighbouring pixel.
+fn step_allowance(z: f32, gradient: vec2f, projection: Projection) -> f32 {
+    let scale = select(z, projection.height, projection.kind == ORTHOGRAPHIC);
+    return max(min(STEP_PX * v2_length(gradient), 0.1 * scale), 1e-3 * scale);
+}

@@ -88,7 +88,7 @@ impl Sets {
         let sizes = [
             size(vk::DescriptorType::UNIFORM_BUFFER, 1),
             size(vk::DescriptorType::STORAGE_BUFFER, 6),
-            size(vk::DescriptorType::SAMPLED_IMAGE, 11),
+            size(vk::DescriptorType::SAMPLED_IMAGE, 12),
         ];
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets.max(1)).pool_sizes(&sizes);
         // SAFETY: sizes and sets are not 0.

@@ -12,10 +12,11 @@ use crate::targets::Targets;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 use surfel_gpu::{
-    Draw, FrameScene, LAYER_HEADER_BYTES, Layer, NearRecords, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass, Step,
-    Sums, TileData, Variant, layer_draw_offset, layer_draw_words, workgroups,
+    Draw, FrameScene, LAYER_HEADER_BYTES, Layer, NearRecords, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass,
+    SETUP_STEPS_BINDING, Step, Sums, Target, TileData, Variant, layer_draw_offset, layer_draw_words, workgroups,
 };
 use surfel_shaders::layout;
 
@@ -30,6 +31,8 @@ pub(crate) struct Tile<'a> {
     pixels: HashMap<PixelPass, vk::DescriptorSet>,
     /// Descriptor sets of the textures that draws read.
     reads: HashMap<Draw, vk::DescriptorSet>,
+    /// Size of what it draws into of the targets, pixels.
+    size: [u32; 2],
     /// Size of the region that is shaded, pixels.
     shaded: [u32; 2],
     segments: Vec<Option<SegmentSets>>,
@@ -73,14 +76,15 @@ struct SegmentSets {
 }
 
 /// A draw of records.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct RecordDraw {
     variant: Variant,
     is_transparent: bool,
     records: vk::DescriptorSet,
     /// The set that replaces them where each splat is lit by itself.
     lit: Option<vk::DescriptorSet>,
-    count: u32,
+    /// The records that it draws, in order; layers, which are drawn indirectly, draw them all.
+    runs: Vec<Range<u32>>,
     /// Its index among the indirect draws of layers.
     index: usize,
 }
@@ -117,6 +121,9 @@ impl<'a> Tile<'a> {
             let clips = clips.filter(|_| variant == Variant::Clipped);
             sets.set(&pipelines.splats(variant)?.records_set, "records", &numbered([records].into_iter().chain(clips)))
         };
+        let bound = |reads: &[(u32, Target)]| -> Vec<(u32, Resource<'_>)> {
+            targets.images(reads).into_iter().map(|(binding, image)| (binding, Resource::Image(image))).collect()
+        };
         let mut segments = Vec::with_capacity(scene.segments.len());
         for (index, (segment, data)) in scene.segments.iter().zip(&data.segments).enumerate() {
             if data.is_outside {
@@ -129,13 +136,14 @@ impl<'a> Tile<'a> {
                 let records = &*segment.records;
                 let all = [&segment.uniform, &segment.splats, &chunks, &near_bits, &records.records, counter];
                 let clips = records.clips.iter().filter(|_| data.variant == Variant::Clipped);
-                let all = numbered(all.into_iter().chain(clips));
+                let mut all = numbered(all.into_iter().chain(clips));
+                all.extend(bound(&[(SETUP_STEPS_BINDING, Target::Steps)]));
                 sets.set(&pipelines.splats(data.variant)?.setup_set, "segment", &all)
             };
             let setup = [setup(&drawn)?, setup(&again)?];
-            let (variant, is_transparent, count) = (data.variant, data.is_transparent, segment.count);
+            let (variant, is_transparent, runs) = (data.variant, data.is_transparent, data.runs.clone());
             let records = records_set(&segment.records.records, segment.records.clips.as_ref(), variant)?;
-            let drawn = RecordDraw { variant, is_transparent, records, lit: None, count, index };
+            let drawn = RecordDraw { variant, is_transparent, records, lit: None, runs, index };
             segments.push(Some(SegmentSets { setup, drawn }));
             buffers.extend([chunks, near_bits]);
         }
@@ -158,17 +166,14 @@ impl<'a> Tile<'a> {
                 is_transparent,
                 records: set(&records)?,
                 lit: lit_set,
-                count: of_variant.count(),
+                runs: of_variant.runs(),
                 index: scene.segments.len() + i,
             });
             buffers.extend([Some(records), lit, clips].into_iter().flatten());
         }
         buffers.push(again);
-        let bound = |reads| -> Vec<(u32, Resource<'_>)> {
-            targets.images(reads).into_iter().map(|(binding, image)| (binding, Resource::Image(image))).collect()
-        };
         let mut reads = HashMap::new();
-        for &draw in draws.iter().filter(|draw| draw.has_reads()) {
+        for &draw in draws.iter().filter(|draw| draw.has_reads() && !draw.binds_as_pixel_pass()) {
             let layout = &pipelines.draw(draw, Variant::Whole, targets.key.precision)?.reads_set;
             let mut all = bound(draw.reads());
             all.extend(
@@ -204,6 +209,10 @@ impl<'a> Tile<'a> {
         for &pass in pixel_passes {
             pixel_sets.insert(pass, sets.set(&pipelines.pixels(pass)?.set, pass.entry(), &all)?);
         }
+        for &draw in draws.iter().filter(|draw| draw.binds_as_pixel_pass()) {
+            let layout = &pipelines.draw(draw, Variant::Whole, targets.key.precision)?.reads_set;
+            reads.insert(draw, sets.set(layout, draw.name(), &all)?);
+        }
         buffers.push(polygons);
         Ok(Self {
             scene,
@@ -214,7 +223,8 @@ impl<'a> Tile<'a> {
             setup_frame,
             pixels: pixel_sets,
             reads,
-            shaded: data.shaded,
+            size: [data.targets.width, data.targets.height],
+            shaded: [data.tile.width, data.tile.height],
             segments,
             near,
             polygons: (polygons_set, data.polygon_count),
@@ -227,14 +237,21 @@ impl<'a> Tile<'a> {
         })
     }
 
-    /// Records all steps, and copies of what the host reads.
-    pub(crate) fn record(&self, commands: &Commands<'_>, steps: &[Step]) -> Result<(), Failure> {
+    /// Records all steps, those of samples, and copies of what the host reads.
+    pub(crate) fn record(
+        &self,
+        commands: &Commands<'_>,
+        steps: &[Step],
+        samples: &[(Self, &[Step])],
+    ) -> Result<(), Failure> {
         self.queries.begin(commands);
-        for step in steps {
-            self.queries.timed(commands, step.name(), || self.step(commands, step))?;
-            commands.barrier();
-        }
+        self.steps(commands, steps)?;
         self.queries.end(commands);
+        if let Some((first, _)) = samples.first() {
+            first.queries.begin(commands);
+            samples.iter().try_for_each(|(part, steps)| part.steps(commands, steps))?;
+            first.queries.end(commands);
+        }
         let floats = u64::from(self.targets.key.floats);
         commands.copy(self.targets.planes.raw(), self.targets.readback.raw(), 4 * floats.max(1));
         commands.copy(self.drawn.raw(), self.drawn_readback.raw(), 4);
@@ -242,6 +259,14 @@ impl<'a> Tile<'a> {
             commands.copy(draws.raw(), readback.raw(), LAYER_HEADER_BYTES);
         }
         commands.barrier_to_host();
+        Ok(())
+    }
+
+    fn steps(&self, commands: &Commands<'_>, steps: &[Step]) -> Result<(), Failure> {
+        for step in steps {
+            self.queries.timed(commands, step.name(), || self.step(commands, step))?;
+            commands.barrier();
+        }
         Ok(())
     }
 
@@ -268,7 +293,7 @@ impl<'a> Tile<'a> {
                 let set = *self.pixels.get(pixels).ok_or_else(missing)?;
                 bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                 bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, &[self.frame, set]);
-                let [width, height] = pixels.size(self.targets.key.size, self.shaded);
+                let [width, height] = pixels.size(self.size, self.shaded);
                 dispatch(commands, [workgroups(width, "shade", 0), workgroups(height, "shade", 1)]);
                 Ok(())
             }
@@ -279,18 +304,18 @@ impl<'a> Tile<'a> {
         let vulkan = &commands.device.raw;
         let pass = &self.pipelines.draw(draw, Variant::Whole, self.targets.key.precision)?.pass;
         // Looked up before the render pass begins, which must end whatever happens.
-        let segments = segments.iter().filter_map(|&i| Some(self.segments.get(i)?.as_ref()?.drawn));
+        let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
         // Splats at the near plane belong to no segment: the first draw of a kind takes them. Draws without records
         // have no pipeline for clipped ones.
         let takes_near = first && draw.draws_records();
-        let records: Vec<RecordDraw> = segments
-            .chain(self.near.iter().copied().filter(|near| takes_near && near.is_transparent == draw.is_transparent()))
+        let records: Vec<&RecordDraw> = segments
+            .chain(self.near.iter().filter(|near| takes_near && near.is_transparent == draw.is_transparent()))
             .collect();
         let mut variants = HashMap::new();
         for variant in records.iter().map(|drawn| drawn.variant).chain([Variant::Whole]) {
             variants.insert(variant, &self.pipelines.draw(draw, variant, self.targets.key.precision)?.pipeline);
         }
-        let [width, height] = self.targets.key.size;
+        let [width, height] = self.size;
         let area = vk::Rect2D { offset: vk::Offset2D::default(), extent: vk::Extent2D { width, height } };
         let clear_values = pass.clear_values();
         let info = vk::RenderPassBeginInfo::default()
@@ -313,20 +338,19 @@ impl<'a> Tile<'a> {
             bind_pipeline(commands, pipeline, vk::PipelineBindPoint::GRAPHICS);
             bind_sets(commands, pipeline, vk::PipelineBindPoint::GRAPHICS, &sets);
         };
-        let strip = |pipeline: &Pipeline, records: Option<vk::DescriptorSet>, vertices: u32, count: u32| {
-            bind(pipeline, records);
-            // SAFETY: pipeline, sets, viewport and scissor are set; there are `count` records where records are drawn.
-            unsafe { vulkan.cmd_draw(commands.raw, vertices, count, 0, 0) };
+        let strip = |vertices: u32, run: Range<u32>| {
+            // SAFETY: pipeline, sets, viewport and scissor are set; where records are drawn, those of the run exist.
+            unsafe { vulkan.cmd_draw(commands.raw, vertices, run.len() as u32, 0, run.start) };
         };
         let quads = || {
             for drawn in &records {
                 let Some(pipeline) = variants.get(&drawn.variant) else { continue };
                 let records = drawn.lit.filter(|_| draw.is_lit()).unwrap_or(drawn.records);
+                bind(pipeline, Some(records));
                 let Some(draws) = self.layer_draws.as_ref().filter(|_| draw.is_transparent()) else {
-                    strip(pipeline, Some(records), 4, drawn.count);
+                    drawn.runs.iter().for_each(|run| strip(4, run.clone()));
                     continue;
                 };
-                bind(pipeline, Some(records));
                 let (at, stride) = (layer_draw_offset(drawn.index), layout::draw_arguments::SIZE as u32);
                 // SAFETY: pipeline, sets, viewport and scissor are set; the buffer has the usage and the arguments of
                 // this draw, of no more records than there are.
@@ -337,8 +361,14 @@ impl<'a> Tile<'a> {
             (Draw::Sums(layer, Sums::Color | Sums::Surface), _) if layer != Layer::EdgeBackground => {
                 self.queries.counted(commands, quads);
             }
-            (Draw::Edges | Draw::Probe(_), Some(pipeline)) => strip(pipeline, None, 3, draw.triangles()),
-            (Draw::Polygons, Some(pipeline)) => strip(pipeline, Some(self.polygons.0), 4, self.polygons.1),
+            (Draw::Edges | Draw::Steps | Draw::Probe(_), Some(pipeline)) => {
+                bind(pipeline, None);
+                strip(3, 0..draw.triangles());
+            }
+            (Draw::Polygons, Some(pipeline)) => {
+                bind(pipeline, Some(self.polygons.0));
+                strip(4, 0..self.polygons.1);
+            }
             _ => quads(),
         }
         // SAFETY: begun above.

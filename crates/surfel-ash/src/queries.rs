@@ -35,7 +35,7 @@ pub(crate) struct Queries {
 }
 
 impl Queries {
-    /// Queries of a tile, whose steps have the name `label` rather than their own.
+    /// Queries of a tile, whose steps have the name `label` rather than their own: their fragments don't count.
     pub(crate) fn new(device: &Arc<Device>, label: Option<&'static str>) -> Result<Self, Failure> {
         let caps = &device.caps;
         let pool = |wanted: bool, kind, count, statistics| -> Result<Option<Owned<vk::QueryPool>>, Failure> {
@@ -53,7 +53,7 @@ impl Queries {
             device: device.clone(),
             times: pool(caps.timestamp_period > 0.0, vk::QueryType::TIMESTAMP, 2 * MOST_STEPS, none)?,
             invocations: pool(caps.counts_invocations, vk::QueryType::PIPELINE_STATISTICS, 1, COUNTED)?,
-            samples: pool(caps.counts_samples, vk::QueryType::OCCLUSION, MOST_STEPS, none)?,
+            samples: pool(caps.counts_samples && label.is_none(), vk::QueryType::OCCLUSION, MOST_STEPS, none)?,
             label,
             steps: RefCell::default(),
             counted_passes: RefCell::default(),

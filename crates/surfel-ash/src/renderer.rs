@@ -17,9 +17,9 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, LAYER_HEADER_BYTES, Limits, PixelPass, Precision,
-    SHADOW_MAPS, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant, count_frame_bytes, count_layers,
-    schedule, shadow_map_jobs, shadow_texels, tiles,
+    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, LAYER_HEADER_BYTES, Limits, PixelPass,
+    Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
+    count_frame_bytes, count_layers, schedule, shadow_map_jobs, shadow_texels, tiles,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
@@ -158,19 +158,19 @@ impl Renderer {
 
     /// Makes pipelines and targets of a tile, where they aren't there from the frame before.
     fn prepare(&mut self, plan: &FramePlan, data: &TileData, work: &TileWork) -> Result<(), Failure> {
-        data.check(self.limits).map_err(Failure::Other)?;
+        work.all(data).try_for_each(|data| data.check(self.limits)).map_err(Failure::Other)?;
         let precision = Precision::of(plan, self.device.caps.blends_f32);
         let draws = work.draws.clone();
         for &pass in &work.pixel_passes {
             self.pipelines.prepare_pixels(pass)?;
         }
-        for variant in data.variants() {
+        for variant in work.all(data).flat_map(TileData::variants) {
             self.pipelines.prepare_splats(variant)?;
             for &draw in draws.iter().filter(|draw| draw.draws_records() || variant == Variant::Whole) {
                 self.pipelines.prepare(draw, variant, precision)?;
             }
         }
-        let size = [data.targets.width, data.targets.height];
+        let size = data.target_size(plan);
         let key = TargetKey { size, precision, draws, floats: data.planes.floats };
         // The old targets are freed first: both may not fit.
         let fitting = self.targets.take().filter(|targets| targets.key == key);
@@ -213,7 +213,7 @@ impl Renderer {
         stats: &mut Stats,
     ) -> Result<(), Failure> {
         for data in job.tiles(&scene.cpu, self.limits) {
-            let work = TileWork::of(&job.plan, &data, scene);
+            let work = TileWork::of(&job.plan, &data, scene, Vec::new());
             self.prepare(&job.plan, &data, &work)?;
             let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
             let queries = Queries::new(&self.device, Some(SHADOW_MAPS))?;
@@ -232,7 +232,7 @@ impl Renderer {
                     drawn_shadow_texels: texels,
                 },
             )?;
-            submit(&self.device, |commands| tile.record(commands, &work.steps))?;
+            submit(&self.device, |commands| tile.record(commands, &work.steps, &[]))?;
             queries.add(stats)?;
         }
         Ok(())
@@ -248,7 +248,9 @@ impl Renderer {
     ) -> Result<(), Failure> {
         let FrameJob { view, plan, .. } = *job;
         let data = TileData::new(&job.scene.cpu, job.frame_scene, view, plan, region);
-        let work = TileWork::of(plan, &data, job.scene);
+        let shared_records = job.scene.shared_records;
+        let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, &data), shared_records);
+        let work = TileWork::of(plan, &data, job.scene, samples);
         let counted = self.execute(job, &data, &work, stats, |planes| {
             data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame)
         })?;
@@ -273,27 +275,34 @@ impl Renderer {
         let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
         let queries = Queries::new(&self.device, None)?;
         let none = self.shadow_buffer(1)?;
-        let tile = Tile::new(
-            &self.device,
-            &TileInputs {
-                scene: job.scene,
-                pipelines: &self.pipelines,
-                targets,
-                queries: &queries,
-                frame: job.frame_scene,
-                data,
-                pixel_passes: &work.pixel_passes,
-                shadow_texels: job.shadow_texels,
-                drawn_shadow_texels: &none,
-            },
-        )?;
-        submit(&self.device, |commands| tile.record(commands, &work.steps))?;
+        let inputs = TileInputs {
+            scene: job.scene,
+            pipelines: &self.pipelines,
+            targets,
+            queries: &queries,
+            frame: job.frame_scene,
+            data,
+            pixel_passes: &work.pixel_passes,
+            shadow_texels: job.shadow_texels,
+            drawn_shadow_texels: &none,
+        };
+        let tile = Tile::new(&self.device, &inputs)?;
+        let sample_queries = Queries::new(&self.device, Some(EDGE_SAMPLES))?;
+        let mut parts = Vec::with_capacity(work.samples.len());
+        for SamplePart { data, steps } in &work.samples {
+            let tile = Tile::new(&self.device, &TileInputs { data, queries: &sample_queries, ..inputs })?;
+            parts.push((tile, steps.as_slice()));
+        }
+        submit(&self.device, |commands| tile.record(commands, &work.steps, &parts))?;
         let drawn = tile.drawn_readback.words(1)?.first().copied().unwrap_or(0);
         stats.drawn += u64::from(drawn) + u64::from(data.near_count());
         if let Some(layers) = &tile.layers_readback {
             count_layers(layers.words((LAYER_HEADER_BYTES / 4) as usize)?, stats);
         }
         queries.add(stats)?;
+        if !parts.is_empty() {
+            sample_queries.add(stats)?;
+        }
         Ok(read(targets.readback.words(data.planes.floats as usize)?))
     }
 
@@ -308,7 +317,8 @@ impl Renderer {
         let texels = self.shadow_maps(&scene, &frame.plan, &mut Stats::default())?;
         let frame_scene = FrameScene::new(&scene.cpu, &frame.view, &frame.plan);
         let data = TileData::new(&scene.cpu, &frame_scene, &frame.view, &frame.plan, frame.view.region);
-        let work = TileWork { draws: frame.draws.clone(), pixel_passes: Vec::new(), steps: frame.steps.clone() };
+        let (draws, steps) = (frame.draws.clone(), frame.steps.clone());
+        let work = TileWork { draws, pixel_passes: Vec::new(), steps, samples: Vec::new() };
         let job = FrameJob {
             scene: &scene,
             shadow_texels: &texels,
@@ -344,12 +354,19 @@ struct TileWork {
     /// The pixel passes among the steps.
     pixel_passes: Vec<PixelPass>,
     steps: Vec<Step>,
+    /// Samples of its edges.
+    samples: Vec<SamplePart>,
 }
 
 impl TileWork {
-    fn of(plan: &FramePlan, data: &TileData, scene: &ResidentScene) -> Self {
+    fn of(plan: &FramePlan, data: &TileData, scene: &ResidentScene, samples: Vec<SamplePart>) -> Self {
         let steps = schedule(plan, &data.visible(), scene.shared_records);
-        Self { draws: Draw::of(plan), pixel_passes: PixelPass::of(plan), steps }
+        Self { draws: Draw::of(plan), pixel_passes: PixelPass::of(plan), steps, samples }
+    }
+
+    /// The tile's data, and those of its samples.
+    fn all<'a>(&'a self, data: &'a TileData) -> impl Iterator<Item = &'a TileData> {
+        std::iter::once(data).chain(self.samples.iter().map(|part| &part.data))
     }
 }
 

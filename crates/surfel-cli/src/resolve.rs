@@ -12,10 +12,9 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel::framing::{NamedView, Upright, ViewChoice};
-use surfel::model::{EdgeAa, Matcap, ObjectFile, SceneFile, Shader, Up};
-use surfel::render::Feature;
+use surfel::model::{Matcap, ObjectFile, SceneFile, Shader, Up};
 use surfel::scene::{AutoOptions, DEFAULT_SIZE, LoadedObjects};
-use surfel::{Backend, Camera, Light, LoadOptions, Preset, Scene, Settings};
+use surfel::{Camera, Light, LoadOptions, Preset, Scene, Settings};
 
 /// What an image is of.
 pub(crate) enum Source {
@@ -187,12 +186,6 @@ fn of_geometry(
 ) -> Result<Resolved, Failure> {
     let preset = args.preset.unwrap_or_default();
     let mut settings = settings(preset.apply(Settings::default().with_shader(Shader::Phong)), args);
-    // What only the preset asks for keeps no GPU that is asked for by name from drawing a bare file.
-    let by_preset = args.edge_aa.is_none() && settings.edge_aa == EdgeAa::Samples;
-    if by_preset && Backend::never_draws(&args.backend, Feature::EdgeSamples) {
-        settings.edge_aa = EdgeAa::Off;
-        console.note(&format!("{} draws no edges by samples: they are jagged (--edge-aa blends them)", args.backend));
-    }
     let mut objects: Vec<ObjectFile> = inputs.iter().map(|path| surfel::scene::bare_object(path)).collect();
     objects.iter_mut().try_for_each(|object| splats::apply(&args.splats, &mut object.convert))?;
     let loaded = load(&objects, Path::new(""), (&settings, None), args, stdin, console)?;

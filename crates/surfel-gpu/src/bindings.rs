@@ -50,7 +50,7 @@ mod tests {
         let records = binding_slots(&["visibility_vertex", "attribute_vertex"], 1);
         assert_eq!(records, [BindingSlot { binding: 0, kind: BindingKind::StorageRead, stages: vec![Stage::Vertex] }]);
         let setup = binding_slots(&["setup"], 1);
-        assert_eq!(setup.iter().map(|slot| slot.binding).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
+        assert_eq!(setup.iter().map(|slot| slot.binding).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 7]);
         assert_eq!(setup[4].kind, BindingKind::StorageWrite);
         assert!(binding_slots(&["setup"], 7).is_empty());
         assert_eq!((workgroups(65, "setup", 0), workgroups(9, "shade", 1)), (2, 2));

@@ -18,6 +18,7 @@ mod struct_writer;
 
 pub use bindings::{BindingSlot, binding_slots, workgroups};
 pub use frame::planes::PlaneLayout;
+pub use frame::samples::SamplePart;
 pub use frame::shadow_maps::{SHADOW_MAPS, ShadowMapCache, ShadowMapJob, shadow_map_jobs, shadow_texels};
 pub use frame::tile::{NearRecords, SegmentData, TileData};
 pub use frame::tiling::tiles;
@@ -26,7 +27,9 @@ pub use passes::draw::{Draw, Layer, Sums};
 pub use passes::fill_rate::{FILL_RATE_RUNS, FillRate, FillRateFrame};
 pub use passes::layer_draws::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words};
 pub use passes::memory::{Precision, TargetKey, count_frame_bytes, layer_composite_bytes, target_bytes};
-pub use passes::pixel_pass::{HOST_DEPTH_BINDING, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass};
+pub use passes::pixel_pass::{
+    EDGE_SAMPLES, HOST_DEPTH_BINDING, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass, SETUP_STEPS_BINDING,
+};
 pub use passes::plan_cost::PlanCost;
 pub use passes::probe::FillRateProbe;
 pub use passes::schedule::{Step, UNSUPPORTED, VisibleSegments, schedule};

@@ -340,7 +340,7 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
         Feature::EyeDome => ("shader 'edl'", setting, OTHER_SHADERS),
         Feature::EdgeAntialiasing => ("edge antialiasing", setting, "choose --backend cpu, or --edge-aa=off"),
         Feature::EdgeSamples => {
-            ("edges by samples", setting, "choose --backend cpu, or --edge-aa=on (coverage) or off")
+            ("edges by samples", setting, "choose --backend cpu, or edges by coverage or none (--edge-aa=on, off)")
         }
         Feature::Margin => ("the decision margin plane", setting, "choose --backend reference"),
     }

@@ -3,12 +3,14 @@
 use crate::host_target::HostTarget;
 use crate::pipelines::{HostKey, Pipelines};
 use crate::queries::{Queries, Query};
-use crate::scene::{Records, ResidentScene, bind, filled};
+use crate::scene::{Records, ResidentScene, bind, bind_with, filled};
 use crate::targets::Targets;
 use std::collections::HashMap;
+use std::ops::Range;
 use surfel_gpu::{
-    Draw, FrameScene, HOST_DEPTH_BINDING, NearRecords, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass, Step,
-    TileData, Variant, binding_slots, layer_draw_offset, layer_draw_words, workgroups,
+    Draw, FrameScene, HOST_DEPTH_BINDING, NearRecords, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass,
+    SETUP_STEPS_BINDING, Step, Target, TileData, Variant, binding_slots, layer_draw_offset, layer_draw_words,
+    workgroups,
 };
 
 /// A tile: everything that its steps read.
@@ -26,6 +28,10 @@ pub(crate) struct Tile<'a> {
     pixels: HashMap<PixelPass, wgpu::BindGroup>,
     /// Bind group for composing into a host's render target.
     composite_group: wgpu::BindGroup,
+    /// The group of the draw that binds as a pixel pass, if there is one.
+    steps_group: Option<wgpu::BindGroup>,
+    /// Size of what it draws into of the targets, pixels.
+    size: [u32; 2],
     /// Size of the region that is shaded, pixels.
     shaded: [u32; 2],
     /// Counts the splats that were set up and touch the tile.
@@ -66,7 +72,8 @@ struct RecordDraw {
     group: wgpu::BindGroup,
     /// The group that replaces it where each splat is lit by itself.
     lit_group: Option<wgpu::BindGroup>,
-    count: u32,
+    /// The records that it draws, in order; layers, which are drawn indirectly, draw them all.
+    runs: Vec<Range<u32>>,
     /// Its index among the indirect draws of layers.
     index: usize,
 }
@@ -92,6 +99,7 @@ impl<'a> Tile<'a> {
         let setup_frame_group = bind(device, "frame of setup", &pipelines.setup_frame_group, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));
+        let sampled = targets.entries(&[(SETUP_STEPS_BINDING, Target::Steps)]);
         let segments = scene.segments.iter().zip(&data.segments).enumerate().map(|(index, (segment, data))| {
             let pipeline = pipelines.splats(data.variant).filter(|_| !data.is_outside)?;
             let chunks = filled(device, queue, "chunks", &data.chunks, storage);
@@ -100,11 +108,13 @@ impl<'a> Tile<'a> {
                 let records = &segment.records;
                 let buffers = [&segment.uniform, &segment.splats, &chunks, &near_bits, &records.records, counter];
                 let clips = records.clips.iter().filter(|_| data.variant == Variant::Clipped);
-                bind(device, "segment", &pipeline.setup_group, &buffers.into_iter().chain(clips).collect::<Vec<_>>())
+                let buffers: Vec<&wgpu::Buffer> = buffers.into_iter().chain(clips).collect();
+                bind_with(device, "segment", &pipeline.setup_group, &buffers, &sampled)
             });
             let group = segment.records.group(device, pipeline, data.variant);
             let (variant, is_transparent) = (data.variant, data.is_transparent);
-            let drawn = RecordDraw { variant, is_transparent, group, lit_group: None, count: segment.count, index };
+            let runs = data.runs.clone();
+            let drawn = RecordDraw { variant, is_transparent, group, lit_group: None, runs, index };
             Some(SegmentGroups { setup, drawn })
         });
         let segments = segments.collect();
@@ -120,7 +130,8 @@ impl<'a> Tile<'a> {
             let group = Records { records, clips }.group(device, pipeline, near.variant);
             let (variant, is_transparent) = (near.variant, near.is_transparent);
             let index = scene.segments.len() + i;
-            Some(RecordDraw { variant, is_transparent, group, lit_group, count: near.count(), index })
+            let runs = near.runs();
+            Some(RecordDraw { variant, is_transparent, group, lit_group, runs, index })
         });
         let near = near.collect();
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
@@ -164,6 +175,11 @@ impl<'a> Tile<'a> {
                 .filter_map(|&p| Some((p, finish(p.entry(), &pipelines.pixels(p)?.group))))
                 .collect(),
             composite_group: finish("composite_fragment", &pipelines.composite_group),
+            steps_group: targets.key.draws.iter().find(|draw| draw.binds_as_pixel_pass()).and_then(|&draw| {
+                let [_, entry] = draw.entries(Variant::Whole);
+                let pipeline = pipelines.draw(draw, Variant::Whole, targets.key.precision)?;
+                Some(finish(&entry, &pipeline.reads_group))
+            }),
             scene,
             pipelines,
             targets,
@@ -173,7 +189,8 @@ impl<'a> Tile<'a> {
             near,
             polygons_group,
             polygon_count: data.polygon_count,
-            shaded: data.shaded,
+            size: [data.targets.width, data.targets.height],
+            shaded: [data.tile.width, data.tile.height],
             drawn,
             layer_draws,
         }
@@ -192,7 +209,7 @@ impl<'a> Tile<'a> {
                     pass.set_pipeline(&pipeline.raw);
                     pass.set_bind_group(0, &self.frame_group, &[]);
                     pass.set_bind_group(1, group, &[]);
-                    let [width, height] = pixels.size(self.targets.key.size, self.shaded);
+                    let [width, height] = pixels.size(self.size, self.shaded);
                     pass.dispatch_workgroups(workgroups(width, "shade", 0), workgroups(height, "shade", 1), 1);
                 });
             }
@@ -282,6 +299,8 @@ impl<'a> Tile<'a> {
         if let Some((set, index)) = counted {
             pass.begin_pipeline_statistics_query(set, index);
         }
+        let [width, height] = self.size.map(|side| side as f32);
+        pass.set_viewport(0.0, 0.0, width, height, 0.0, 1.0);
         self.record(&mut pass, draw, segments, first);
         if counted.is_some() {
             pass.end_pipeline_statistics_query();
@@ -293,7 +312,8 @@ impl<'a> Tile<'a> {
             let Some(pipeline) = self.pipelines.draw(draw, variant, self.targets.key.precision) else { return };
             pass.set_pipeline(&pipeline.raw);
             pass.set_bind_group(0, &self.frame_group, &[]);
-            if let Some(reads) = self.targets.reads(draw) {
+            let as_pixel_pass = self.steps_group.as_ref().filter(|_| draw.binds_as_pixel_pass());
+            if let Some(reads) = as_pixel_pass.or_else(|| self.targets.reads(draw)) {
                 pass.set_bind_group(draw.reads_group(), reads, &[]);
             }
         };
@@ -319,7 +339,7 @@ impl<'a> Tile<'a> {
             pass.set_bind_group(1, lit_group.unwrap_or(&drawn.group), &[]);
             match self.layer_draws.as_ref().filter(|_| draw.is_transparent()) {
                 Some(draws) => pass.draw_indirect(draws, layer_draw_offset(drawn.index)),
-                None => pass.draw(0..4, 0..drawn.count),
+                None => drawn.runs.iter().for_each(|run| pass.draw(0..4, run.clone())),
             }
         }
     }

@@ -8,7 +8,11 @@ use crate::renderer::Renderer;
 use crate::scene::{ResidentScene, empty};
 use surfel_gpu::{FrameScene, PixelPass, Step, TargetKey, TileData, schedule};
 use surfel_model::Settings;
-use surfel_render::{Planes, RenderError, View, plan};
+use surfel_render::{Capabilities, Feature, Planes, RenderError, View, plan};
+
+/// Of edges by samples too a host's image has none: its depth buffer has one depth a pixel to test samples against.
+const CAPABILITIES: Capabilities =
+    Capabilities { backend: crate::NAME, lacks: &[Feature::ABuffer, Feature::EdgeSamples, Feature::Margin] };
 
 impl Renderer {
     /// Draws a scene into a host's render target: where its surface passes the depth test it replaces colour and depth;
@@ -23,8 +27,8 @@ impl Renderer {
     /// Nothing is read back, and no time is counted.
     ///
     /// # Errors
-    /// As [`surfel_render::Renderer::render`]; also for a region larger than a texture can be, and targets that wgpu
-    /// refuses.
+    /// As [`surfel_render::Renderer::render`]; also for edges by samples, a region larger than a texture can be, and
+    /// targets that wgpu refuses.
     pub fn render_to_view(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
@@ -34,7 +38,7 @@ impl Renderer {
         target: &HostTarget<'_>,
     ) -> Result<(), RenderError> {
         let planes = Planes::COLOR.with_depth(true);
-        let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
+        let plan = plan(&scene.cpu.summary, view, settings, planes, &CAPABILITIES)?;
         let (region, side) = (view.region, self.limits.texture_side);
         // Targets have a border of a pixel for edges.
         let side = side.saturating_sub(2);

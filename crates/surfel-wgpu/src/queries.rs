@@ -18,7 +18,7 @@ pub(crate) struct Queries {
     invocations: Option<wgpu::QuerySet>,
     /// Names of the passes so far.
     names: Vec<&'static str>,
-    /// Replaces the passes' own names.
+    /// Replaces the own names of passes that follow.
     label: Option<&'static str>,
 }
 
@@ -49,6 +49,11 @@ impl Queries {
     /// Starts a tile, whose passes have this name rather than their own.
     pub(crate) fn restart(&mut self, label: Option<&'static str>) {
         self.names.clear();
+        self.rename(label);
+    }
+
+    /// Gives the passes that follow this name rather than their own.
+    pub(crate) fn rename(&mut self, label: Option<&'static str>) {
         self.label = label;
     }
 
@@ -87,7 +92,7 @@ impl Queries {
     pub(crate) fn pass_record(&self) -> PassRecord {
         let [times, _] = self.bytes();
         PassRecord {
-            names: self.names.iter().map(|&name| self.label.unwrap_or(name)).collect(),
+            names: self.names.clone(),
             period: self.times.as_ref().map(|times| times.1),
             counts: self.invocations.is_some(),
             times_words: (times / 4) as usize,
@@ -137,7 +142,7 @@ impl<'a> Query<'a> {
         if index >= MOST_PASSES {
             return None;
         }
-        queries.names.push(name);
+        queries.names.push(queries.label.unwrap_or(name));
         Some(Self { queries, index })
     }
 

@@ -11,9 +11,9 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::Targets;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, LAYER_HEADER_BYTES, Limits, PixelPass, Precision,
-    SHADOW_MAPS, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant, count_frame_bytes, count_layers,
-    schedule, shadow_map_jobs, shadow_texels, tiles,
+    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, LAYER_HEADER_BYTES, Limits, PixelPass,
+    Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
+    count_frame_bytes, count_layers, schedule, shadow_map_jobs, shadow_texels, tiles,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
@@ -103,7 +103,7 @@ impl Renderer {
     /// The targets of a tile.
     pub(crate) fn key(&self, plan: &FramePlan, data: &TileData) -> TargetKey {
         TargetKey {
-            size: [data.targets.width, data.targets.height],
+            size: data.target_size(plan),
             precision: Precision::of(plan, self.f32_sums),
             draws: Draw::of(plan),
             floats: data.planes.floats,
@@ -209,7 +209,9 @@ impl Renderer {
         let data = TileData::new(&job.scene.cpu, job.frame_scene, view, plan, region);
         let key = self.key(plan, &data);
         let steps = schedule(plan, &data.visible(), job.scene.shared_records);
-        let tile = TileJob { data: &data, key, pixel_passes: &PixelPass::of(plan), steps: &steps };
+        let shared_records = job.scene.shared_records;
+        let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, &data), shared_records);
+        let tile = TileJob { data: &data, key, pixel_passes: &PixelPass::of(plan), steps: &steps, samples: &samples };
         stats.fragments += self.execute(job, tile, stats, |planes| {
             data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame)
         })?;
@@ -222,15 +224,16 @@ impl Renderer {
     fn execute<T>(
         &mut self,
         frame: &FrameJob<'_>,
-        TileJob { data, key, pixel_passes, steps }: TileJob<'_>,
+        TileJob { data, key, pixel_passes, steps, samples }: TileJob<'_>,
         stats: &mut Stats,
         read: impl FnOnce(&[u32]) -> T,
     ) -> Result<T, RenderError> {
-        data.check(self.limits).map_err(failed)?;
+        let all = || std::iter::once(data).chain(samples.iter().map(|part| &part.data));
+        all().try_for_each(|data| data.check(self.limits)).map_err(failed)?;
         let floats = key.floats;
         let device = self.device.clone();
         let recorded = scoped(&device, || {
-            self.prepare(key, &data.variants(), pixel_passes);
+            all().for_each(|data| self.prepare(key.clone(), &data.variants(), pixel_passes));
             let targets = self.targets.as_ref()?;
             let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
             let inputs = TileInputs {
@@ -249,6 +252,11 @@ impl Renderer {
             self.queries.restart(None);
             for step in steps {
                 tile.step(&mut encoder, step, Some(&mut self.queries));
+            }
+            self.queries.rename(Some(EDGE_SAMPLES));
+            for part in samples {
+                let tile = Tile::new(&device, &self.queue, &TileInputs { data: &part.data, ..inputs });
+                part.steps.iter().for_each(|step| tile.step(&mut encoder, step, Some(&mut self.queries)));
             }
             let costs = self.queries.resolve(&device, &mut encoder);
             let none = (&tile.drawn, 0);
@@ -301,7 +309,7 @@ impl Renderer {
         for _ in 0..FILL_RATE_RUNS {
             let key = TargetKey { draws: frame.draws.clone(), floats: 1, ..self.key(&frame.plan, &data) };
             let mut stats = Stats::default();
-            let tile = TileJob { data: &data, key, pixel_passes: &[], steps: &frame.steps };
+            let tile = TileJob { data: &data, key, pixel_passes: &[], steps: &frame.steps, samples: &[] };
             self.execute(&job, tile, &mut stats, |_| ())?;
             runs.push(stats);
         }
@@ -331,6 +339,8 @@ struct TileJob<'a> {
     key: TargetKey,
     pixel_passes: &'a [PixelPass],
     steps: &'a [Step],
+    /// Samples of its edges.
+    samples: &'a [SamplePart],
 }
 
 impl surfel_render::Renderer for Renderer {

@@ -41,21 +41,22 @@ impl Targets {
         );
         let layer_composites =
             empty(device, "layer composites", layer_composite_bytes(&key.draws, key.size), wgpu::BufferUsages::STORAGE);
-        let reads = key.draws.iter().filter(|draw| draw.has_reads()).filter_map(|&draw| {
-            let layout = &pipelines.draw(draw, Variant::Whole, key.precision)?.reads_group;
-            let mut entries = entries(&views, draw.reads());
-            let resource = layer_composites.as_entire_binding();
-            let binding = draw.layer_composites_binding();
-            entries.extend(binding.map(|binding| wgpu::BindGroupEntry { binding, resource }));
-            Some((
-                draw,
-                device.create_bind_group(&wgpu::BindGroupDescriptor {
-                    label: Some(draw.name()),
-                    layout,
-                    entries: &entries,
-                }),
-            ))
-        });
+        let reads =
+            key.draws.iter().filter(|draw| draw.has_reads() && !draw.binds_as_pixel_pass()).filter_map(|&draw| {
+                let layout = &pipelines.draw(draw, Variant::Whole, key.precision)?.reads_group;
+                let mut entries = entries(&views, draw.reads());
+                let resource = layer_composites.as_entire_binding();
+                let binding = draw.layer_composites_binding();
+                entries.extend(binding.map(|binding| wgpu::BindGroupEntry { binding, resource }));
+                Some((
+                    draw,
+                    device.create_bind_group(&wgpu::BindGroupDescriptor {
+                        label: Some(draw.name()),
+                        layout,
+                        entries: &entries,
+                    }),
+                ))
+            });
         let reads = reads.collect();
         Self { key, views, reads, planes, layer_composites }
     }

@@ -1,7 +1,7 @@
 //! Drawing into a host's render target: the same colours as a frame's, and its depth test decides where.
 
 use glam::{DVec3, Vec3};
-use surfel_model::{Camera, CloudData, Column3, OnInvalid, Projection, Scene, Settings, Shape, SplatCloud};
+use surfel_model::{Camera, CloudData, Column3, EdgeAa, OnInvalid, Projection, Scene, Settings, Shape, SplatCloud};
 use surfel_render::{Frame, Planes, Renderer as _, View};
 use surfel_wgpu::{HostDepth, HostTarget, Renderer};
 
@@ -133,6 +133,33 @@ fn host_target_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
             assert_eq!(shown == 0, farthest == 0.0, "{mapping:?}");
         }
     }
+}
+
+#[test]
+fn edges_by_samples_are_refused() {
+    let Some((device, queue)) = device() else { return };
+    let mut renderer = Renderer::from_device(device.clone(), queue).unwrap();
+    let (color_format, depth_format) = (wgpu::TextureFormat::Rgba32Float, wgpu::TextureFormat::Depth32Float);
+    let [color, depth] = [color_format, depth_format].map(|format| {
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: None,
+            size: wgpu::Extent3d { width: SIZE[0], height: SIZE[1], depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[],
+        });
+        texture.create_view(&Default::default())
+    });
+    let (mapping, resident) = (HostDepth::reversed(0.5), renderer.upload(&scene()).unwrap());
+    let target = HostTarget { color: &color, color_format, depth: &depth, depth_format, mapping };
+    let settings = Settings::default().with_edge_aa(EdgeAa::Samples);
+    let mut encoder = device.create_command_encoder(&Default::default());
+    let view = view(Projection::Perspective { fov_y_deg: 60.0 });
+    let refused = renderer.render_to_view(&mut encoder, &resident, &view, &settings, &target);
+    assert!(refused.is_err_and(|error| error.to_string().contains("edges by samples")));
 }
 
 /// Facing disks before the eye, one a distance and an alpha.

@@ -4,8 +4,8 @@
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
 use surfel_render::{
-    Capabilities, Feature, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, UploadProgress,
-    View, unsupported,
+    Capabilities, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, UploadProgress, View,
+    unsupported,
 };
 
 /// Names of backends, fastest first; `reference` is last.
@@ -230,11 +230,6 @@ impl Backend {
             rejected.push(format!("{name}: {reason}"));
         }
         Ok(Chosen { backend: Self::by_name("reference", options)?, rejected })
-    }
-
-    /// True if no backend of this name draws a feature, on any machine. It starts nothing.
-    pub fn never_draws(name: &str, feature: Feature) -> bool {
-        capabilities_of(name).is_some_and(|capabilities| !capabilities.has(feature))
     }
 
     /// Starts the backend `name`: `cpu`, `wgpu`, `ash`, `reference`, or `auto` for the fastest that works.

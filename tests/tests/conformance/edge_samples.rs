@@ -1,6 +1,7 @@
 //! Edges by samples (§5): pixels beside a step are means of samples, all others as they are without.
 
 use crate::drawing::{counter, drawn_once};
+use crate::validated_gpu;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 use surfel_conformance::harness::{Verdict, check_case, render};
@@ -25,6 +26,11 @@ fn reference() -> Reference {
 /// Every scene of samples.
 fn sampled() -> Vec<Case> {
     scenes::all().into_iter().filter(|case| case.settings.edge_aa == EdgeAa::Samples).collect()
+}
+
+/// Panes of which no layer is drawn: their steps are sampled all the same, and what lies behind is.
+fn panes_that_are_left_out() -> Case {
+    scenes::pane_through_sphere().with("peel-1-drop", |s| s.transparency = "peel:1:drop".parse().unwrap()).sampled()
 }
 
 /// The means of sixteen pixels each of an image without antialiasing, four times as wide and high.
@@ -89,11 +95,53 @@ fn cpu_draws_every_scene_of_samples_as_the_reference_does() {
     let mut reference = reference();
     let failed: Vec<String> = sampled()
         .iter()
+        .chain([&panes_that_are_left_out()])
         .map(|case| check_case(&mut cpu(), &mut reference, case))
         .filter(|report| report.verdict != Verdict::Passed)
         .map(|report| report.to_string())
         .collect();
     assert!(failed.is_empty(), "{}", failed.join("\n"));
+}
+
+fn draws_every_scene_of_samples(backend: &mut impl Renderer) {
+    let (mut reference, capabilities) = (reference(), backend.info().capabilities);
+    let cases: Vec<Case> = sampled().into_iter().filter(|case| case.is_drawn_by(&capabilities)).collect();
+    // All but the A-buffer's.
+    assert_eq!(cases.len() + 1, sampled().len());
+    let mut failed = Vec::new();
+    for case in &cases {
+        let report = check_case(backend, &mut reference, case);
+        if report.verdict != Verdict::Passed {
+            failed.push(report.to_string());
+        }
+        if !matches!(case.settings.shader, Shader::Toon | Shader::Edl) {
+            let changed = check_means(backend, case);
+            assert!(changed > 0 || case.view().pixels() == 1, "{}", case.name);
+        }
+    }
+    let random = (0..12).map(|seed| random_scenes::case(seed).sampled());
+    for case in random.chain([panes_that_are_left_out()]).filter(|case| case.is_drawn_by(&capabilities)) {
+        let report = check_case(backend, &mut reference, &case);
+        if report.verdict != Verdict::Passed {
+            failed.push(report.to_string());
+        }
+    }
+    assert!(failed.is_empty(), "{}", failed.join("\n"));
+    let plane = without_a_step();
+    let plain = plane.with("off", |s| s.edge_aa = EdgeAa::Off);
+    let [image, without] = [&plane, &plain].map(|case| drawn_once(backend, case, Planes::ALL).0);
+    assert!(image == without, "samples without a step");
+}
+
+#[test]
+fn gpus_draw_every_scene_of_samples_as_the_reference_does() {
+    if let Some(mut ash) = validated_gpu::ash() {
+        draws_every_scene_of_samples(&mut ash);
+    }
+    if let Some(mut wgpu) = validated_gpu::wgpu() {
+        draws_every_scene_of_samples(&mut wgpu);
+        validated_gpu::no_messages();
+    }
 }
 
 /// A quad that faces the eye, unlit and white: a pixel a sixteenth of a unit, its corners at these pixels.
@@ -149,11 +197,16 @@ fn edges_of_a_slanted_quad_are_as_smooth_as_sixteen_samples_make_them() {
     assert!(edges > 60 && rmse < 0.06, "{rmse} of {edges} pixels");
 }
 
+/// The middle of a plane, which ends outside.
+fn without_a_step() -> Case {
+    let mut case = scenes::facing_plane().sampled();
+    case.region = Some(Region { x: 20, y: 20, width: 16, height: 16 });
+    case
+}
+
 #[test]
 fn images_without_a_step_have_no_sample() {
-    let mut case = scenes::facing_plane().sampled();
-    // Its middle: the plane ends outside.
-    case.region = Some(Region { x: 20, y: 20, width: 16, height: 16 });
+    let case = without_a_step();
     let plain = case.with("off", |s| s.edge_aa = EdgeAa::Off);
     let (image, stats) = drawn_once(&mut cpu(), &case, Planes::ALL);
     let (without, _) = drawn_once(&mut cpu(), &plain, Planes::ALL);

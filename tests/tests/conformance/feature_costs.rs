@@ -107,13 +107,8 @@ const ROWS: [Row; 11] = [
         passes: &[Pass::EdgeAntialiasing],
         // Coverage.
         sums: 1,
-        targets: &[
-            Target::ThresholdTolerance,
-            Target::EdgeThreshold,
-            Target::EdgeBackgroundThreshold,
-            Target::EdgeBackgroundColor,
-        ],
-        // 8, 4, 4 and 16, and coverage's pass: 16 and 8.
+        targets: &[Target::EdgeThreshold, Target::EdgeBackgroundThreshold, Target::EdgeBackgroundColor],
+        // 4, 4 and 16, 8 for tolerances, and coverage's pass: 16 and 8.
         gpu_bytes: Some(56),
         // Where surfaces begin and how far they reach; the depth threshold, and coverage.
         cpu_bytes: Some(4 * PLANE + MARKS),
@@ -123,7 +118,9 @@ const ROWS: [Row; 11] = [
         name: "edges by samples",
         asked: |s| s.edge_aa = EdgeAa::Samples,
         passes: &[Pass::EdgeSamples],
-        gpu_bytes: None,
+        targets: &[Target::Steps],
+        // Steps, and tolerances of thresholds: 8 each. Samples are drawn into the image's own targets.
+        gpu_bytes: Some(16),
         // What lies about the sampled pixels is set up once more.
         cpu_bytes: None,
         ..NOTHING

@@ -64,9 +64,16 @@ fn agrees_with_the_reference_on_every_scene(mut renderer: impl Renderer) {
 
 fn region_is_that_part_of_the_whole(mut renderer: impl Renderer) {
     let cases = drawn(&renderer);
-    // Some of each kind, and all whose edges need neighbours beyond the region.
-    let some = cases.iter().step_by(5).chain(cases.iter().filter(|c| c.settings.edge_aa != EdgeAa::Off));
+    // Some of each kind, and all whose edges need neighbours beyond the region, or whose shadows are looked up.
+    let casts = |c: &Case| c.scene.lights.iter().flatten().any(Light::casts_shadow);
+    let some = cases.iter().step_by(5).chain(cases.iter().filter(|c| c.settings.edge_aa != EdgeAa::Off || casts(c)));
+    // Without shadows and with.
+    let mut worst = [0.0f32; 2];
+    let mut failed = Vec::new();
     for case in some {
+        // Forms of near splats and of polygons have their anchor in the middle of what is seen of them, so last bits
+        // differ there. Across a penumbra, a third of the light a texel, bits of a place are 1e-4 of a texel.
+        let tolerance = if casts(case) { 1e-4 } else { 1e-5 };
         let [width, height] = case.camera.size;
         let region = Region { x: width / 3, y: height / 4, width: width.div_ceil(2), height: height.div_ceil(2) };
         let whole = render(&mut renderer, case, Planes::COLOR).unwrap();
@@ -77,11 +84,16 @@ fn region_is_that_part_of_the_whole(mut renderer: impl Renderer) {
         for (i, pixel) in part.color().iter().enumerate() {
             let (x, y) = (region.x + i as u32 % region.width, region.y + i as u32 / region.width);
             let same = whole.color()[(y * width + x) as usize];
-            // Forms of near splats have their anchor in the middle of what is seen of them, so last bits differ there.
-            let close = pixel.iter().zip(same).all(|(a, b)| (a - b).abs() <= 1e-5);
-            assert!(close, "{} at {x},{y}: {pixel:?} {same:?}", case.name);
+            let error = pixel.iter().zip(same).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            let worst = &mut worst[usize::from(casts(case))];
+            *worst = worst.max(error);
+            if error > tolerance {
+                failed.push(format!("{} at {x},{y}: {pixel:?} {same:?}", case.name));
+            }
         }
     }
+    assert!(failed.is_empty(), "{}", failed.join("\n"));
+    println!("worst difference {worst:?}");
 }
 
 fn fragment_is_kept_by_its_own_splat_without_tolerance(mut renderer: impl Renderer) {
@@ -229,7 +241,10 @@ fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer)
     // A shadow map isn't drawn in parts: its size is its meaning.
     let casts = |c: &Case| c.scene.lights.iter().flatten().any(Light::casts_shadow);
     let cases: Vec<Case> = drawn(whole).into_iter().filter(|c| !casts(c)).collect();
-    for case in cases.iter().step_by(6).chain(cases.iter().filter(|c| c.settings.edge_aa != EdgeAa::Off)) {
+    // Some of each kind, and all whose edges need neighbours; by samples, of which a tile has sixteen parts, some.
+    let by = |edge_aa| cases.iter().filter(move |c| c.settings.edge_aa == edge_aa);
+    let others = cases.iter().filter(|c| c.settings.edge_aa != EdgeAa::Samples).step_by(6);
+    for case in others.chain(by(EdgeAa::Coverage)).chain(by(EdgeAa::Samples).step_by(14)) {
         let [a, b] = [render(whole, case, planes).unwrap(), render(parts, case, planes).unwrap()];
         let values =
             |f: &Frame| -> Vec<f32> { [f.color().as_flattened(), f.normal().as_flattened(), f.weight()].concat() };

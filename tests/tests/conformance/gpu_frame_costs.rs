@@ -3,8 +3,8 @@
 use crate::drawing::{counter, frame_and_stats};
 use crate::validated_gpu;
 use surfel_conformance::scenes::{self, Case};
-use surfel_model::{Light, Shader};
-use surfel_render::{Planes, Renderer, Stats};
+use surfel_model::{Camera, EdgeAa, Light, Settings, Shader};
+use surfel_render::{Frame, Planes, Renderer, Stats, View};
 
 fn ms(stats: &Stats, name: &str) -> Option<f64> {
     stats.passes.iter().find(|pass| pass.name == name).map(|pass| pass.ms)
@@ -59,6 +59,28 @@ fn counts_invocations(renderer: &mut impl Renderer) {
     assert!(counter("compute_invocations") >= splats, "{stats:?}");
 }
 
+/// Samples are drawn about sampled pixels: a small part of an image four times as wide and high.
+fn draws_samples_about_edges_alone(renderer: &mut impl Renderer) {
+    let case = scenes::closed_sphere().with("larger", |_| ());
+    let case = Case { camera: Camera { size: [192, 192], ..case.camera }, ..case };
+    let scene = renderer.upload(&case.scene).unwrap();
+    let mut drawn = |view: &View, settings: &Settings| {
+        let mut frame = Frame::default();
+        let stats = renderer.render_into(&scene, view, settings, Planes::COLOR, &mut frame).unwrap();
+        let names = ["vertex_invocations", "fragment_invocations", "target_bytes"];
+        (names.map(|name| counter(&stats, name).unwrap_or(0.0)), ms(&stats, "edge samples").is_some())
+    };
+    let (view, plain) = (case.view(), case.settings.with_edge_aa(EdgeAa::Off));
+    let (without, is_timed) = drawn(&view, &plain);
+    assert!(!is_timed);
+    let (with, is_timed) = drawn(&view, &plain.with_edge_aa(EdgeAa::Samples));
+    let (fine, _) = drawn(&view.of_samples(), &plain);
+    println!("vertices, fragments, bytes: {without:?} without, {with:?} with samples, {fine:?} of a fine image");
+    assert!(is_timed && with[1] > without[1]);
+    // Its outline is a twentieth of the ball, and splats there reach into its neighbours.
+    assert!(with[1] - without[1] < 0.3 * fine[1]);
+}
+
 /// Runs a test of the backends that there are.
 macro_rules! on_both {
     ($($test:ident: $run:ident;)+) => {
@@ -77,6 +99,7 @@ macro_rules! on_both {
 on_both! {
     shadow_maps_of_an_unchanged_scene_are_drawn_once: draws_shadow_maps_once;
     invocations_of_shaders_are_counted: counts_invocations;
+    samples_are_drawn_about_edges_alone: draws_samples_about_edges_alone;
 }
 
 #[test]

@@ -5,9 +5,9 @@ use glam::Vec3;
 use surfel_conformance::harness::{reference_frame, render};
 use surfel_conformance::scenes::{self, Case};
 use surfel_metrics::{CompareOptions, Image, compare};
-use surfel_model::{Accumulate, EdgeAa, Geometry, Scene};
+use surfel_model::{Accumulate, Geometry, Scene};
 use surfel_reference::Renderer as Reference;
-use surfel_render::{Feature, Frame, Planes, Preset, Renderer, SceneSummary, inside_surfaces};
+use surfel_render::{Frame, Planes, Preset, Renderer, SceneSummary, inside_surfaces};
 
 /// PSNR of linear premultiplied colour, dB; of the pixels that the mask lets through.
 fn psnr(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> f64 {
@@ -99,11 +99,7 @@ fn hold_fidelity(backend: &mut impl Renderer) {
         let promise = preset.promise();
         let (mut least, mut depth, mut normal) = (Least::none(), Least::none(), Least::none());
         let mut drawn = 0;
-        for mut case in cases(preset) {
-            if !capabilities.has(Feature::EdgeSamples) {
-                // What it refuses it promises nothing of.
-                case.settings.edge_aa = EdgeAa::Off;
-            }
+        for case in cases(preset) {
             // Sums in half the precision are asked for, and no preset's.
             if !case.is_drawn_by(&capabilities) || case.settings.accumulate == Accumulate::F16 {
                 continue;

@@ -7,6 +7,7 @@ pub(crate) mod object_transform;
 pub(crate) mod pixel_range;
 pub(crate) mod planes;
 pub(crate) mod polygons;
+pub(crate) mod samples;
 pub(crate) mod shadow_maps;
 pub(crate) mod tile;
 pub(crate) mod tiling;

@@ -14,8 +14,9 @@ use crate::scene::limits::Limits;
 use crate::scene::segment::{Segment, UploadedScene};
 use crate::struct_writer::StructWriter;
 use rayon::prelude::*;
+use std::ops::Range;
 use surfel_model::ClipPolicy;
-use surfel_render::{FramePlan, Pass, Region, View};
+use surfel_render::{FramePlan, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
 /// Polygons of a tile are fewer than this: targets hold their numbers as floats.
@@ -34,6 +35,8 @@ pub struct SegmentData {
     pub near_bits: Vec<u32>,
     /// True if no splat of it can touch the tile.
     pub is_outside: bool,
+    /// The splats of chunks that can, as runs of its records.
+    pub runs: Vec<Range<u32>>,
     /// Depth of the farthest chunk that can touch it.
     farthest: f64,
 }
@@ -58,6 +61,11 @@ impl NearRecords {
     pub fn count(&self) -> u32 {
         (self.records.len() / (layout::record::SIZE / 4)) as u32
     }
+
+    /// All of them, as one run.
+    pub fn runs(&self) -> Vec<Range<u32>> {
+        std::iter::once(0..self.count()).collect()
+    }
 }
 
 /// A tile's data beside the resident scene.
@@ -65,8 +73,8 @@ impl NearRecords {
 pub struct TileData {
     /// The pixels of the image that its targets hold: the tile and, for screen-space passes, a border.
     pub targets: Region,
-    /// Size of the tile itself, which is shaded.
-    pub shaded: [u32; 2],
+    /// The tile itself, which is shaded.
+    pub tile: Region,
     /// The shaders' `frame`.
     pub frame: Vec<u32>,
     /// One for each segment of the scene.
@@ -127,7 +135,34 @@ impl TileData {
                 *word = value.to_bits();
             }
         }
-        Self { targets, shaded: [tile.width, tile.height], frame, segments, near, polygons, polygon_count, planes }
+        Self { targets, tile, frame, segments, near, polygons, polygon_count, planes }
+    }
+
+    /// Size of the targets that it is drawn into: they have room for the samples of a pixel, where there are samples.
+    pub fn target_size(&self, plan: &FramePlan) -> [u32; 2] {
+        let least = if plan.has(Pass::EdgeSamples) { SAMPLES_SIDE } else { 1 };
+        [self.targets.width.max(least), self.targets.height.max(least)]
+    }
+
+    /// Makes it, of this region of samples, a part of the samples of a tile of pixels, into whose planes it writes.
+    pub(crate) fn put_among(&mut self, pixels: &Self, samples: Region) {
+        use layout::frame as at;
+        let (tile, targets) = (pixels.tile, pixels.targets);
+        let first = [samples.x / SAMPLES_SIDE - targets.x, samples.y / SAMPLES_SIDE - targets.y];
+        let pairs = [
+            (at::SHADE_ORIGIN_PX, [tile.x - targets.x, tile.y - targets.y]),
+            (at::SHADE_SIZE_PX, [tile.width, tile.height]),
+            (at::PIXELS_SIZE_PX, [targets.width, targets.height]),
+            (at::FIRST_PIXEL, first),
+        ];
+        let numbers = [(at::IS_OF_SAMPLES, 1), (at::COLOR_AT, pixels.planes.color_at)];
+        let words = pairs.into_iter().flat_map(|(at, [x, y])| [(at, x), (at + 4, y)]).chain(numbers);
+        for (offset, value) in words {
+            if let Some(word) = self.frame.get_mut(offset / 4) {
+                *word = value;
+            }
+        }
+        self.planes = pixels.planes;
     }
 
     /// Checks that its polygons fit the device.
@@ -177,6 +212,17 @@ impl TileData {
     }
 }
 
+/// Splats that are drawn along with runs on either side of them, for a draw more costs more than they do.
+const LARGEST_GAP: u32 = 1024;
+
+/// Adds a run after others.
+fn add_run(runs: &mut Vec<Range<u32>>, run: Range<u32>) {
+    match runs.last_mut().filter(|last| run.start - last.end <= LARGEST_GAP) {
+        Some(last) => last.end = run.end,
+        None => runs.push(run),
+    }
+}
+
 fn segment_data(
     scene: &UploadedScene,
     frame: &FrameScene,
@@ -187,7 +233,8 @@ fn segment_data(
     let variant = if setup.plan.clip == ClipPolicy::Off { Variant::Whole } else { segment.variant };
     let is_transparent = segment.is_transparent && setup.plan.separates_transparent;
     let (chunks, near_bits) = (Vec::new(), Vec::new());
-    let mut data = SegmentData { variant, is_transparent, chunks, near_bits, is_outside: true, farthest: 0.0 };
+    let mut data =
+        SegmentData { variant, is_transparent, chunks, near_bits, is_outside: true, runs: Vec::new(), farthest: 0.0 };
     let mut near = NearPlaneRecords::default();
     let index = segment.object as usize;
     let (Some(object), Some(transform)) = (scene.objects.get(index), frame.transforms.get(index)) else {
@@ -225,6 +272,7 @@ fn segment_data(
         };
         if state != layout::CHUNK_OUTSIDE {
             data.is_outside = false;
+            add_run(&mut data.runs, chunk.first..chunk.first + chunk.count);
             data.farthest = data.farthest.max(center.z);
         }
         let mut words = StructWriter::new(at::SIZE);
@@ -235,4 +283,18 @@ fn segment_data(
         data.near_bits.push(0);
     }
     (data, near)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_hold_every_splat_that_was_added_and_skip_what_is_far_between() {
+        let mut runs = Vec::new();
+        for first in [0, 256, 1024, 4096, 4352, 100_000] {
+            add_run(&mut runs, first..first + 256);
+        }
+        assert_eq!(runs, [0..1280, 4096..4608, 100_000..100_256]);
+    }
 }

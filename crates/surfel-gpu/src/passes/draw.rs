@@ -1,5 +1,6 @@
 //! Draws: the render passes of a tile, their entry points, and the targets that they write and read.
 
+use crate::passes::pixel_pass::EDGE_SAMPLES;
 use crate::passes::probe::FillRateProbe;
 use crate::passes::targets::Target;
 use crate::scene::clip::Variant;
@@ -77,12 +78,16 @@ pub enum Draw {
     EdgeBackgroundVisibility,
     /// Visibility of the transparent splats behind the layers before.
     PeeledVisibility,
+    /// The same of the first layer, with the threshold's tolerance, for steps.
+    PeeledVisibilityWithTolerance,
     /// The nearest polygon of each pixel.
     Polygons,
     /// Accumulates attributes.
     Sums(Layer, Sums),
     /// Finds edges.
     Edges,
+    /// Finds the pixels at steps, which are drawn by samples.
+    Steps,
     /// Measures a fill rate; no plan needs it.
     Probe(FillRateProbe),
 }
@@ -98,8 +103,10 @@ impl Draw {
             Self::ShownVisibilityWithTolerance => ("visibility", "shown_threshold"),
             Self::EdgeBackgroundVisibility => ("visibility", "edge_background_visibility"),
             Self::PeeledVisibility => ("visibility", "peeled_visibility"),
+            Self::PeeledVisibilityWithTolerance => ("visibility", "peeled_threshold"),
             Self::Polygons => return ["polygon_vertex", "polygon_fragment"].map(str::to_owned),
             Self::Edges => return ["fullscreen_vertex", "edges_fragment"].map(str::to_owned),
+            Self::Steps => return ["fullscreen_vertex", "steps_fragment"].map(str::to_owned),
             Self::Probe(probe) => {
                 let fragment = match probe {
                     FillRateProbe::Depth => "probe_depth_fragment",
@@ -148,8 +155,8 @@ impl Draw {
             Self::Facing => Some(Target::FacingDepth),
             Self::EdgeBackgroundVisibility => Some(Target::EdgeBackgroundThreshold),
             Self::Polygons => Some(Target::PolygonDepth),
-            Self::PeeledVisibility => Some(Target::LayerThreshold),
-            Self::Sums(..) | Self::Edges | Self::Probe(_) => None,
+            Self::PeeledVisibility | Self::PeeledVisibilityWithTolerance => Some(Target::LayerThreshold),
+            Self::Sums(..) | Self::Edges | Self::Steps | Self::Probe(_) => None,
         }
     }
 
@@ -165,7 +172,9 @@ impl Draw {
             Self::Probe(FillRateProbe::Fill | FillRateProbe::Blend) => &[Target::Color],
             Self::Probe(FillRateProbe::Clear | FillRateProbe::BlendTwo) => &[Target::Color, Target::Surface],
             Self::VisibilityWithTolerance | Self::ShownVisibilityWithTolerance => &[Target::ThresholdTolerance],
+            Self::PeeledVisibilityWithTolerance => &[Target::LayerTolerance],
             Self::Edges => &[Target::EdgeThreshold],
+            Self::Steps => &[Target::Steps],
             Self::Polygons => &[Target::Polygons],
             Self::Sums(layer, Sums::Color) if layer.is_front() => &[Target::Color],
             Self::Sums(layer, Sums::Surface) if layer.is_front() => &[Target::Color, Target::Surface],
@@ -189,7 +198,7 @@ impl Draw {
 
     /// Whether it draws records, with their group as group 1.
     pub fn draws_records(self) -> bool {
-        !matches!(self, Self::Edges | Self::Polygons | Self::Probe(_))
+        !matches!(self, Self::Edges | Self::Steps | Self::Polygons | Self::Probe(_))
     }
 
     /// How many full-screen triangles it draws, where it draws neither records nor polygons.
@@ -202,7 +211,12 @@ impl Draw {
 
     /// Whether it draws the transparent splats of layers, and no others; all other draws leave those out.
     pub fn is_transparent(self) -> bool {
-        matches!(self, Self::PeeledVisibility | Self::Sums(Layer::Peeled | Layer::Remaining, _))
+        matches!(
+            self,
+            Self::PeeledVisibility
+                | Self::PeeledVisibilityWithTolerance
+                | Self::Sums(Layer::Peeled | Layer::Remaining, _)
+        )
     }
 
     /// Whether each splat is lit by itself.
@@ -215,17 +229,27 @@ impl Draw {
         self.is_transparent().then_some(3)
     }
 
+    /// Whether its group is that of a pixel pass, buffers included, in place of [`Draw::reads`].
+    pub fn binds_as_pixel_pass(self) -> bool {
+        self == Self::Steps
+    }
+
     /// Whether it reads anything but records.
     pub fn has_reads(self) -> bool {
-        !self.reads().is_empty() || self.layer_composites_binding().is_some()
+        !self.reads().is_empty() || self.layer_composites_binding().is_some() || self.binds_as_pixel_pass()
     }
 
     /// The textures that it reads, by binding, in the group after the records' or the frame's.
     pub fn reads(self) -> &'static [(u32, Target)] {
         match self {
-            Self::Visibility | Self::VisibilityWithTolerance | Self::Facing | Self::Polygons => &[],
+            Self::Visibility | Self::VisibilityWithTolerance | Self::Facing => &[],
+            Self::Polygons => &[(5, Target::Steps)],
             Self::ShownVisibility | Self::ShownVisibilityWithTolerance => &[(4, Target::Facing)],
-            Self::PeeledVisibility | Self::Probe(_) | Self::Sums(Layer::Remaining, _) => &[],
+            Self::PeeledVisibility
+            | Self::PeeledVisibilityWithTolerance
+            | Self::Steps
+            | Self::Probe(_)
+            | Self::Sums(Layer::Remaining, _) => &[],
             Self::Sums(Layer::Peeled, _) => &[(0, Target::LayerThreshold)],
             Self::EdgeBackgroundVisibility => &[(1, Target::EdgeThreshold)],
             Self::Sums(Layer::Front, _) => &[(0, Target::DepthThreshold)],
@@ -241,7 +265,7 @@ impl Draw {
 
     /// Number of the group of [`Draw::reads`].
     pub fn reads_group(self) -> u32 {
-        if self.draws_records() { 2 } else { 1 }
+        if self.draws_records() || self == Self::Polygons { 2 } else { 1 }
     }
 
     /// Its name in the statistics.
@@ -255,9 +279,10 @@ impl Draw {
             Self::Polygons => "polygons",
             Self::Sums(layer, _) if layer.is_front() => "attributes",
             Self::Edges => "edges",
+            Self::Steps => EDGE_SAMPLES,
             Self::Probe(probe) => probe.name(),
             Self::EdgeBackgroundVisibility | Self::Sums(Layer::EdgeBackground, _) => "behind edges",
-            Self::PeeledVisibility | Self::Sums(_, _) => "layers",
+            Self::PeeledVisibility | Self::PeeledVisibilityWithTolerance | Self::Sums(_, _) => "layers",
         }
     }
 }

@@ -15,6 +15,11 @@ pub(crate) enum PassEntry {
 }
 
 impl PassEntry {
+    /// True if it is left out where no transparent splat is seen. What steps read is cleared even then.
+    pub(crate) fn needs_layers(&self) -> bool {
+        self.is_of_layers() && *self != Self::Draws(vec![Draw::PeeledVisibilityWithTolerance])
+    }
+
     /// True if it is for transparent splats alone.
     pub(crate) fn is_of_layers(&self) -> bool {
         match self {
@@ -26,9 +31,10 @@ impl PassEntry {
     }
 }
 
-/// True if a plan draws transparent splats in layers.
+/// True if a plan draws transparent splats in layers, or finds steps among them.
 pub(crate) fn has_layers(plan: &FramePlan) -> bool {
-    plan.has(Pass::PeelLayer) || plan.has(Pass::RemainingLayer)
+    let has_steps = plan.has(Pass::EdgeSamples) && plan.separates_transparent;
+    has_steps || plan.has(Pass::PeelLayer) || plan.has(Pass::RemainingLayer)
 }
 
 /// True if a plan is of a shadow map: nothing is shaded.
@@ -44,7 +50,8 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
         |layer| PassEntry::Draws(Sums::of(plan, layer).into_iter().map(|sums| Draw::Sums(layer, sums)).collect());
     let one = |draw| PassEntry::Draws(vec![draw]);
     let facings = plan.keeps_facings;
-    let visibility = match (facings, edges) {
+    let samples = plan.has(Pass::EdgeSamples);
+    let visibility = match (facings, edges || samples) {
         (false, false) => Draw::Visibility,
         (false, true) => Draw::VisibilityWithTolerance,
         (true, false) => Draw::ShownVisibility,
@@ -68,9 +75,13 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     }
     list.extend(has_layers(plan).then_some(PassEntry::Pixels(PixelPass::BeginLayers)));
     let next = |is_first: bool| (!is_first).then_some(PassEntry::Pixels(PixelPass::NextLayer));
+    // Steps are those of the nearest transparent splats, too, peeled or not.
+    let nearest = if samples { Draw::PeeledVisibilityWithTolerance } else { Draw::PeeledVisibility };
+    list.extend((samples && has_layers(plan) && plan.peeled_layers() == 0).then(|| one(nearest)));
     for i in 0..plan.peeled_layers() {
         list.extend(next(i == 0));
-        list.extend([one(Draw::PeeledVisibility), sums(Layer::Peeled), PassEntry::Pixels(PixelPass::PeeledLayer)]);
+        let visibility = if i == 0 { nearest } else { Draw::PeeledVisibility };
+        list.extend([one(visibility), sums(Layer::Peeled), PassEntry::Pixels(PixelPass::PeeledLayer)]);
     }
     if plan.has(Pass::RemainingLayer) {
         list.extend(next(plan.peeled_layers() == 0));
@@ -78,14 +89,26 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     }
     let more = polygons || has_layers(plan) || plan.reach_px() > 0 || !plan.shadow_maps.is_empty();
     let full = more || plan.shader == Shader::Toon;
+    list.extend(samples.then(|| one(Draw::Steps)));
     list.push(PassEntry::Pixels(if full { PixelPass::Shade } else { PixelPass::ShadeSplats }));
     list
 }
 
+/// The passes of samples at a plan's edges, in place of shading with their means; none where there are no samples.
+pub(crate) fn sample_pass_list(plan: &FramePlan) -> Vec<PassEntry> {
+    if !plan.has(Pass::EdgeSamples) {
+        return Vec::new();
+    }
+    let mut list = pass_list(&plan.of_samples());
+    list.pop();
+    list.push(PassEntry::Pixels(PixelPass::ResolveSamples));
+    list
+}
+
 impl Draw {
-    /// The draws that a plan needs, each once.
+    /// The draws that a plan needs, each once, those of samples included.
     pub fn of(plan: &FramePlan) -> Vec<Self> {
-        let draws = pass_list(plan).into_iter().flat_map(|entry| match entry {
+        let draws = pass_list(plan).into_iter().chain(sample_pass_list(plan)).flat_map(|entry| match entry {
             PassEntry::Draws(draws) => draws,
             PassEntry::Pixels(_) => Vec::new(),
         });
@@ -94,9 +117,9 @@ impl Draw {
 }
 
 impl PixelPass {
-    /// The pixel passes that a plan needs, each once.
+    /// The pixel passes that a plan needs, each once, those of samples included.
     pub fn of(plan: &FramePlan) -> Vec<Self> {
-        let passes = pass_list(plan).into_iter().filter_map(|entry| match entry {
+        let passes = pass_list(plan).into_iter().chain(sample_pass_list(plan)).filter_map(|entry| match entry {
             PassEntry::Pixels(pass) => Some(pass),
             PassEntry::Draws(_) => None,
         });

@@ -1,6 +1,7 @@
-//! Compute passes over the pixels of a tile: shading, compositing of layers, storing of shadow maps.
+//! Compute passes over the pixels of a tile: shading, compositing of layers, storing of shadow maps, means of samples.
 
 use crate::passes::targets::Target;
+use surfel_render::SAMPLES_SIDE;
 
 /// A compute pass over pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -21,10 +22,15 @@ pub enum PixelPass {
     Shade,
     /// Shades an image of opaque splats alone, without shadows and screen-space passes.
     ShadeSplats,
+    /// Shades samples and writes their means over the colours of sampled pixels.
+    ResolveSamples,
 }
 
+/// Name in the statistics of all passes that edges by samples add.
+pub const EDGE_SAMPLES: &str = "edge samples";
+
 /// The textures that pixel passes read, by binding; each reads some of them.
-pub const PIXEL_PASS_TEXTURES: [(u32, Target); 16] = [
+pub const PIXEL_PASS_TEXTURES: [(u32, Target); 18] = [
     (0, Target::Color),
     (1, Target::Surface),
     (2, Target::Material),
@@ -41,11 +47,16 @@ pub const PIXEL_PASS_TEXTURES: [(u32, Target); 16] = [
     (18, Target::LayerMaterial),
     (19, Target::LayerCounts),
     (20, Target::LayerThreshold),
+    (24, Target::LayerTolerance),
+    (25, Target::Steps),
 ];
 
 /// Bindings of the buffers that pixel passes read and write, in this order: planes, polygons, texels, layer composites
 /// to write, layer composites to read, texels of the shadow map that is drawn, indirect draws of layers.
 pub const PIXEL_PASS_BUFFERS: [u32; 7] = [4, 12, 13, 14, 15, 21, 22];
+
+/// Binding of [`Target::Steps`] in the group of splat setup, after its buffers.
+pub const SETUP_STEPS_BINDING: u32 = 7;
 
 /// Binding of a host's depth buffer.
 pub const HOST_DEPTH_BINDING: u32 = 23;
@@ -62,6 +73,7 @@ impl PixelPass {
             Self::StoreShadow => "store_shadow",
             Self::Shade => "shade",
             Self::ShadeSplats => "shade_splats",
+            Self::ResolveSamples => "resolve_samples",
         }
     }
 
@@ -75,6 +87,7 @@ impl PixelPass {
         match self {
             Self::Shade | Self::ShadeSplats => shaded,
             Self::NextLayer => [1, 1],
+            Self::ResolveSamples => targets.map(|side| side / SAMPLES_SIDE),
             Self::BeginLayers
             | Self::BeginLayersInHost
             | Self::PeeledLayer
@@ -93,6 +106,7 @@ impl PixelPass {
             | Self::RemainingLayer => "layers",
             Self::StoreShadow => "shadow maps",
             Self::Shade | Self::ShadeSplats => "shade",
+            Self::ResolveSamples => EDGE_SAMPLES,
         }
     }
 }

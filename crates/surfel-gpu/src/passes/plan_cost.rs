@@ -103,6 +103,12 @@ mod tests {
         assert!(
             edges.targets.contains(&Target::EdgeBackgroundColor) && edges.targets.contains(&Target::ThresholdTolerance)
         );
+        // Samples are drawn into the same targets: what they add are steps and tolerances, and three shaders.
+        let samples = cost(&SceneSummary::default(), |s| s.edge_aa = EdgeAa::Samples).unwrap();
+        assert_eq!(samples.bytes_per_pixel, plain.bytes_per_pixel + 8 + 8);
+        let of_samples = ["front_threshold_fragment", "steps_fragment", "resolve_samples"];
+        assert!(of_samples.iter().all(|name| samples.shaders.iter().any(|s| s == name)), "{:?}", samples.shaders);
+        assert_eq!(samples.shaders.len(), plain.shaders.len() + of_samples.len(), "{:?}", samples.shaders);
         assert_eq!(cost(&glass, |s| s.transparency = Transparency::ABuffer { layers: 4 }), None);
     }
 }

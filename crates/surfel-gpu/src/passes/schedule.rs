@@ -1,12 +1,12 @@
 //! The steps of a tile, in order, whatever API executes them.
 
 use crate::passes::draw::Draw;
-use crate::passes::pass_list::{PassEntry, pass_list};
+use crate::passes::pass_list::{PassEntry, pass_list, sample_pass_list};
 use crate::passes::pixel_pass::PixelPass;
 use surfel_render::{Feature, FramePlan};
 
 /// Features that no GPU backend draws.
-pub const UNSUPPORTED: &[Feature] = &[Feature::ABuffer, Feature::EdgeSamples, Feature::Margin];
+pub const UNSUPPORTED: &[Feature] = &[Feature::ABuffer, Feature::Margin];
 
 /// The parts of a scene that may touch a tile, as indices of its segments.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -63,6 +63,15 @@ impl Step {
 /// The steps of a tile that these segments may touch. Records that fit into memory together are set up once; where one
 /// buffer serves all segments in turn (`shared_records`) they are set up again for each pass over the splats.
 pub fn schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
+    steps(pass_list(plan), visible, shared_records)
+}
+
+/// The steps of a part of a tile's samples, as [`schedule()`] of a tile; they follow the tile's own.
+pub(crate) fn sample_schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
+    steps(sample_pass_list(plan), visible, shared_records)
+}
+
+fn steps(list: Vec<PassEntry>, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
     let again = shared_records && visible.opaque.len() + visible.transparent.len() > 1;
     // The segments that are set up and drawn at a time.
     let batches = |segments: &[usize]| -> Vec<Vec<usize>> {
@@ -75,8 +84,8 @@ pub fn schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: boo
     let (opaque, transparent) = (batches(&visible.opaque), batches(&visible.transparent));
     let mut is_set_up = [false; 2];
     let mut steps = Vec::new();
-    for entry in pass_list(plan) {
-        if entry.is_of_layers() && !visible.has_transparent() {
+    for entry in list {
+        if entry.needs_layers() && !visible.has_transparent() {
             continue;
         }
         let batches = if entry.is_of_layers() { &transparent } else { &opaque };
@@ -175,6 +184,43 @@ mod tests {
         assert_eq!(Draw::of(&plan), expected);
         assert_eq!(setups(&schedule(&plan, &opaque(&[0, 1]), true)), 8);
         assert_eq!(Draw::of(&planned(Planes::COLOR, EdgeAa::Off)), [Draw::Visibility, front(Sums::Color)]);
+    }
+
+    #[test]
+    fn edges_by_samples_find_steps_and_draw_the_frame_again_in_place_of_shading() {
+        let summary = SceneSummary { transparent: true, ..SceneSummary::default() };
+        let planned = |edge_aa, transparency: &str| {
+            let settings = Settings::default().with_edge_aa(edge_aa).with_transparency(transparency.parse().unwrap());
+            plan(&summary, &view(), &settings, Planes::COLOR, &Capabilities::everything("test")).unwrap()
+        };
+        let front = Draw::Sums(Layer::Front, Sums::Color);
+        let (plain, samples) = (planned(EdgeAa::Off, "off"), planned(EdgeAa::Samples, "off"));
+        let names = |steps: &[Step]| -> Vec<&str> { steps.iter().map(Step::name).collect() };
+        let own = schedule(&samples, &opaque(&[0]), false);
+        assert_eq!(draws(&own), [Draw::VisibilityWithTolerance, front, Draw::Steps]);
+        assert_eq!(names(&own)[3..], ["edge samples", "shade"]);
+        let again = sample_schedule(&samples, &opaque(&[0]), false);
+        assert_eq!(draws(&again), draws(&schedule(&plain, &opaque(&[0]), false)));
+        assert_eq!(again.last(), Some(&Step::PixelPass(PixelPass::ResolveSamples)));
+        assert_eq!(Draw::of(&samples), [Draw::VisibilityWithTolerance, front, Draw::Steps, Draw::Visibility]);
+        // A plan without has none of it.
+        assert!(sample_schedule(&plain, &opaque(&[0]), false).is_empty());
+        assert!(
+            !Draw::of(&plain).contains(&Draw::Steps) && !PixelPass::of(&plain).contains(&PixelPass::ResolveSamples)
+        );
+        // Steps of the nearest transparent splats are read even where there are none: that target is cleared.
+        for (transparency, count) in [("peel:1", 1), ("peel:3", 3)] {
+            let plan = planned(EdgeAa::Samples, transparency);
+            let clear = draws(&schedule(&plan, &opaque(&[0]), false));
+            let nearest = Draw::PeeledVisibilityWithTolerance;
+            assert_eq!(clear.iter().filter(|draw| draw.is_transparent()).collect::<Vec<_>>(), [&nearest]);
+            let visible = VisibleSegments { opaque: vec![0], transparent: vec![1], near_transparent: false };
+            let layers = draws(&schedule(&plan, &visible, false));
+            let visibilities = layers.iter().filter(|draw| matches!(draw, Draw::PeeledVisibility) || **draw == nearest);
+            assert_eq!(visibilities.clone().next(), Some(&nearest));
+            assert_eq!(visibilities.count(), if count == 1 { 1 } else { count - 1 });
+            assert!(!draws(&sample_schedule(&plan, &visible, false)).contains(&nearest));
+        }
     }
 
     #[test]

@@ -43,6 +43,10 @@ pub enum Target {
     LayerMaterial,
     /// Number of fragments, and Σw·alpha.
     LayerCounts,
+    /// Like `ThresholdTolerance`, for the nearest transparent splats.
+    LayerTolerance,
+    /// 1 where a pixel is sampled, and the depth of what it shows.
+    Steps,
 }
 
 /// What a texel holds.
@@ -62,7 +66,7 @@ pub enum TargetFormat {
 
 impl Target {
     /// All of them.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 22] = [
         Self::DepthThreshold,
         Self::Color,
         Self::Surface,
@@ -83,6 +87,8 @@ impl Target {
         Self::LayerSurface,
         Self::LayerMaterial,
         Self::LayerCounts,
+        Self::LayerTolerance,
+        Self::Steps,
     ];
 
     /// A name for messages and debuggers.
@@ -108,6 +114,8 @@ impl Target {
             Self::LayerSurface => "surface sums of a layer",
             Self::LayerMaterial => "material sums of a layer",
             Self::LayerCounts => "fragment counts of a layer",
+            Self::LayerTolerance => "depth threshold and tolerance of the nearest layer",
+            Self::Steps => "steps",
         }
     }
 
@@ -120,7 +128,7 @@ impl Target {
             | Self::FacingDepth
             | Self::LayerThreshold => TargetFormat::Depth,
             Self::Counts | Self::LayerCounts => TargetFormat::Sums2,
-            Self::ThresholdTolerance | Self::Polygons => TargetFormat::Exact2,
+            Self::ThresholdTolerance | Self::Polygons | Self::LayerTolerance | Self::Steps => TargetFormat::Exact2,
             Self::EdgeThreshold | Self::Facing => TargetFormat::Exact1,
             _ => TargetFormat::Sums4,
         }

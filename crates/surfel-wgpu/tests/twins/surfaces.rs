@@ -98,6 +98,9 @@ fn taps(x: &[f64]) -> Vec<f64> {
 fn slope_allowance(x: &[f64]) -> Vec<f64> {
     vec![depth::slope_allowance(x[0], V2::new(x[1], x[2]), &PERSPECTIVE)]
 }
+fn step_allowance(x: &[f64]) -> Vec<f64> {
+    [PERSPECTIVE, ORTHOGRAPHIC].map(|p| depth::step_allowance(x[0], V2::new(x[1], x[2]), &p)).to_vec()
+}
 /// A position's own ulp.
 fn taps_terms(x: &[f64], _: usize) -> f64 {
     x[0].abs()
@@ -230,6 +233,12 @@ pub(crate) const KERNELS: &[Kernel] = &[
          PERSPECTIVE))",
         |r| f32s(&[r.range(1.0, 10.0), r.signed(), r.signed()]), |r| f32s(&[r.wild(5.0).abs(), r.wild(3.0),
         r.wild(3.0)]), None),
+    wide!("step_allowance", 3 => &[1, 1], step_allowance,
+        "let p = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, 0.0, PERSPECTIVE);
+         let o = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC);",
+        "step_allowance(x0, vec2f(x1, x2), p); step_allowance(x0, vec2f(x1, x2), o)",
+        |r| f32s(&[r.range(1.0, 10.0), 0.1 * r.signed(), 0.1 * r.signed()]),
+        |r| f32s(&[r.wild(5.0).abs(), r.wild(3.0), r.wild(3.0)]), None),
     kernel!("toon_smoothstep", 1 => &[1], smoothstep, "", "toon_smoothstep(x0, 0.25, 0.5)", share, at_a_step,
     Some(steep)),
     kernel!("toon_ramp", 1 => &[1], ramp, "", "toon_ramp(x0)", share, at_a_step, Some(steep)),

@@ -1,0 +1,81 @@
+//! Samples of the pixels at edges (§5): the pixels of a finer view, drawn after a tile of pixels and into its targets.
+
+use crate::frame::tile::TileData;
+use crate::frame::uniforms::FrameScene;
+use crate::passes::schedule::{Step, sample_schedule};
+use crate::scene::segment::UploadedScene;
+use surfel_render::{FramePlan, Pass, Region, SAMPLES_SIDE, View};
+use surfel_shaders::layout;
+
+// The shaders' and the model's.
+const _: () = assert!(SAMPLES_SIDE == layout::SAMPLES_SIDE, "samples along a pixel's side");
+
+/// A part of a tile's samples: no more than its targets have room for.
+#[derive(Clone, Debug)]
+pub struct SamplePart {
+    /// What it needs beside the resident scene. Its planes are the tile's.
+    pub data: TileData,
+    /// What draws it, once the tile's own steps have been executed.
+    pub steps: Vec<Step>,
+}
+
+impl SamplePart {
+    /// The parts of the samples of a tile of pixels; none where the plan has no samples.
+    pub fn all(
+        scene: &UploadedScene,
+        frame: &FrameScene,
+        view: &View,
+        plan: &FramePlan,
+        (tile, pixels): (Region, &TileData),
+        shared_records: bool,
+    ) -> Vec<Self> {
+        if !plan.has(Pass::EdgeSamples) {
+            return Vec::new();
+        }
+        let (fine_view, fine_plan) = (view.of_samples(), plan.of_samples());
+        let part = |region: Region| {
+            let mut data = TileData::new(scene, frame, &fine_view, &fine_plan, region);
+            data.put_among(pixels, region);
+            let steps = sample_schedule(plan, &data.visible(), shared_records);
+            Self { data, steps }
+        };
+        regions(tile.of_samples(), pixels.target_size(plan)).into_iter().map(part).collect()
+    }
+}
+
+/// Cuts samples into regions of whole pixels that are no larger than `size`.
+fn regions(samples: Region, size: [u32; 2]) -> Vec<Region> {
+    let [width, height] = size.map(|side| side / SAMPLES_SIDE * SAMPLES_SIDE);
+    let rows = (0..samples.height).step_by(height as usize);
+    let columns = || (0..samples.width).step_by(width as usize);
+    let region = |x: u32, y: u32| Region {
+        x: samples.x + x,
+        y: samples.y + y,
+        width: width.min(samples.width - x),
+        height: height.min(samples.height - y),
+    };
+    rows.flat_map(|y| columns().map(move |x| region(x, y))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regions_hold_every_sample_once_in_whole_pixels_and_fit() {
+        for ([width, height], size) in [([5, 3], [7, 4]), ([1, 1], [4, 4]), ([100, 70], [102, 71]), ([30, 1], [32, 4])]
+        {
+            let samples = Region { x: 12, y: 8, width, height }.of_samples();
+            let found = regions(samples, size);
+            let mut hits = vec![0; (16 * width * height) as usize];
+            for r in &found {
+                assert!(r.width <= size[0] && r.height <= size[1], "{r:?}");
+                assert!([r.x, r.y, r.width, r.height].iter().all(|n| n % SAMPLES_SIDE == 0), "{r:?}");
+                for (x, y) in (0..r.height).flat_map(|j| (0..r.width).map(move |i| (r.x + i, r.y + j))) {
+                    hits[((y - samples.y) * samples.width + x - samples.x) as usize] += 1;
+                }
+            }
+            assert!(hits.iter().all(|&n| n == 1));
+        }
+    }
+}
