@@ -265,9 +265,15 @@ mod tests {
         let wkt =
             r#"PROJCS["NAD83 / UTM zone 10N",GEOGCS["NAD83",AUTHORITY["EPSG","4269"]],AUTHORITY["EPSG","26910"]]"#;
         assert_eq!(epsg_of_wkt(wkt), Some(26_910));
-        let compound = r#"COMPD_CS["a [b",PROJCS["p",GEOGCS["g",AUTHORITY["EPSG","1"]],AUTHORITY["EPSG","2"]],VERT_CS["v",AUTHORITY["EPSG","3"]]]"#;
+        let compound = concat!(
+            r#"COMPD_CS["a [b",PROJCS["p",GEOGCS["g",AUTHORITY["EPSG","1"]],"#,
+            r#"AUTHORITY["EPSG","2"]],VERT_CS["v",AUTHORITY["EPSG","3"]]]"#
+        );
         assert_eq!(epsg_of_wkt(compound), Some(2));
-        let without = r#"PROJCS["p",GEOGCS["g",DATUM["d",AUTHORITY["EPSG","6326"]],AUTHORITY["EPSG","4326"]],UNIT["m",1,AUTHORITY["EPSG","9001"]]]"#;
+        let without = concat!(
+            r#"PROJCS["p",GEOGCS["g",DATUM["d",AUTHORITY["EPSG","6326"]],"#,
+            r#"AUTHORITY["EPSG","4326"]],UNIT["m",1,AUTHORITY["EPSG","9001"]]]"#
+        );
         assert_eq!(epsg_of_wkt(without), None);
         assert_eq!(epsg_of_wkt(r#"PROJCRS["x",BASEGEOGCRS["y",ID["EPSG",4326]],ID["EPSG",32631]]"#), Some(32_631));
         assert_eq!(epsg_of_wkt(r#"LOCAL_CS["AUTHORITY[\"EPSG\",\"5\"]"]]]"#), None);
