@@ -90,12 +90,15 @@ pub(crate) fn read_archive(bytes: &[u8], context: &mut Context<'_>) -> Result<Co
             files.push((name, archive.read(index)?));
         }
     }
-    let (mut arrays, mut ignored) = (Vec::new(), Vec::new());
+    let (mut arrays, mut ignored, mut first_fault) = (Vec::new(), Vec::new(), None);
     for (name, content) in &files {
         match parse(content) {
             Ok(array) => arrays.push((*name, array)),
             // Texts and Python's objects, mostly; the numbers beside them are of use.
-            Err(_) => ignored.push(name.to_string()),
+            Err(fault) => {
+                ignored.push(name.to_string());
+                first_fault = first_fault.or(Some(fault));
+            }
         }
     }
     let find = |names: &[&str]| {
@@ -111,6 +114,9 @@ pub(crate) fn read_archive(bytes: &[u8], context: &mut Context<'_>) -> Result<Co
         likely.next().filter(|_| likely.next().is_none())
     });
     let Some(main) = main else {
+        if let Some(fault) = first_fault {
+            return Err(fault);
+        }
         let found = list(&files.iter().map(|f| f.0).collect::<Vec<_>>());
         let problem = Problem::new(format!("has no array of positions among {found}"));
         return Err(problem.expected("an array named points, positions or xyz, N×3; or x, y and z").into());
