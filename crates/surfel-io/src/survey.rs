@@ -181,19 +181,20 @@ pub(crate) fn plain_name(name: &str) -> String {
 /// What the three columns of a normal are called, in this form.
 pub(crate) const NORMAL_NAMES: [&str; 3] = ["normalx", "normaly", "normalz"];
 
-/// Normals out of columns that are named so.
+/// Normals out of columns that are named so. One that is zero everywhere isn't there.
 #[cfg(feature = "las")]
 pub(crate) fn take_normals(extras: &mut Vec<ExtraColumn>) -> Option<surfel_model::Column3> {
-    let at = NORMAL_NAMES.map(|name| extras.iter().position(|e| plain_name(&e.name) == name));
-    let [Some(x), Some(y), Some(z)] = at else { return None };
-    let columns = [x, y, z].map(|i| extras[i].values.clone());
-    let mut index = 0;
-    extras.retain(|_| {
-        index += 1;
-        ![x, y, z].contains(&(index - 1))
+    let mut found: [Option<Vec<f32>>; 3] = [None, None, None];
+    extras.retain_mut(|extra| match NORMAL_NAMES.iter().position(|name| plain_name(&extra.name) == *name) {
+        Some(k) => {
+            found[k] = Some(crate::columns::to_f32(std::mem::replace(&mut extra.values, ExtraValues::U8(Vec::new()))));
+            false
+        }
+        None => true,
     });
-    let [x, y, z] = columns.map(crate::columns::to_f32);
-    let vectors = x.iter().zip(&y).zip(&z).map(|((x, y), z)| glam::Vec3::new(*x, *y, *z));
+    let count = found.iter().flatten().map(Vec::len).max()?;
+    let at = |k: usize, i: usize| found[k].as_ref().and_then(|v: &Vec<f32>| v.get(i)).copied().unwrap_or(0.0);
+    let vectors = (0..count).map(|i| glam::Vec3::new(at(0, i), at(1, i), at(2, i)));
     Some(surfel_model::Column3::from_f32(vectors.collect()))
 }
 

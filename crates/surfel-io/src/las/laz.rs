@@ -150,6 +150,10 @@ fn read_table(
     let mut total = 0_u64;
     let mut chunks = Vec::with_capacity(entries.len());
     for entry in &entries {
+        // Writers that end a chunk before they are done leave an empty one.
+        if entry.byte_count == 0 {
+            continue;
+        }
         total = total.saturating_add(entry.byte_count);
         if entry.byte_count < header.record_bytes as u64 || total > compressed {
             let what = "has a table of chunks that doesn't fit its bytes";
