@@ -188,6 +188,7 @@ impl ExtraValues {
     }
 
     /// Value `i` as a number.
+    #[allow(clippy::useless_conversion, reason = "one of the eight types is f64")]
     pub fn get(&self, i: usize) -> f64 {
         each_extra!(self, v => v[i].into())
     }
