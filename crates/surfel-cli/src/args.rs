@@ -41,7 +41,7 @@ pub(crate) enum Command {
     /// Draw an image again, from the scene that it carries.
     Again(AgainArgs),
     /// Make splats of points or a mesh.
-    Convert(ConvertArgs),
+    Convert(Box<ConvertArgs>),
     /// Say what a file holds.
     Info(InfoArgs),
     /// Measure how far two images are apart.

@@ -5,9 +5,9 @@ use crate::console::Console;
 use crate::failure::Failure;
 use crate::stdin;
 use std::path::{Path, PathBuf};
+use surfel::coloring::{ColorScale, Coloring, save_color_bar};
 use surfel::model::ConvertOptions;
 use surfel::scene::UnusedOption;
-use surfel::{ColorScale, Coloring};
 
 /// Puts what the flags say over what a scene file may have said.
 pub(crate) fn apply(args: &SplatArgs, convert: &mut ConvertOptions) -> Result<(), Failure> {
@@ -123,6 +123,6 @@ pub(crate) fn write_color_bar<'a>(
     let Some((_, coloring)) = first else {
         return Err(Failure::usage("--colorbar is for values, but no file is coloured by one"));
     };
-    surfel::save_color_bar(file, force, coloring)?;
+    save_color_bar(file, force, coloring)?;
     Ok(())
 }

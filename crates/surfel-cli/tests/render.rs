@@ -31,7 +31,7 @@ fn printed_scene_gives_the_same_pixels() {
         assert!(!printed.stdout().contains(f.path().to_str().unwrap()), "{}", printed.stdout());
         f.write(&format!("{i}.json"), printed.bytes());
         // Wherever it is drawn from: the paths are relative to the scene file.
-        std::fs::create_dir_all(f.path().join("elsewhere")).unwrap();
+        fs::create_dir_all(f.path().join("elsewhere")).unwrap();
         f.run_in("elsewhere", &format!("../{i}.json -o ../b{i}.exr"), b"").code(0);
         let (a, b) = (f.image(&format!("a{i}.exr")), f.image(&format!("b{i}.exr")));
         assert!(a.color.is_some() && a.color == b.color, "{flags}");

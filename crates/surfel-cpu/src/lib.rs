@@ -6,8 +6,7 @@
 //! 2. `scene`: what stays resident: splats in Morton order, in chunks of up to 256 with an f64 origin and bounds;
 //! 3. `tiles`: blocks of 4×4 pixels, tiles of 32×32, lists of what touches them, threads and their scratch memory;
 //! 4. `cull`: chunks outside of the view, back-facing or occluded; cells, the parts of an image that one thread draws
-//!   by
-//!    itself, so that records are still in its cache when they are drawn;
+//!    by itself, so that records are still in its cache when they are drawn;
 //! 5. `setup`: 16 splats at a time become records: footprints on the screen, by `surfel-math`'s formulas over lanes,
 //!    sorted stably into tiles; splats at the near plane in f64;
 //! 6. `raster`: per block two loops over the same list, depth thresholds, then weighted sums in registers;

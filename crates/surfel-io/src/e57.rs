@@ -152,6 +152,9 @@ fn color_range(scan: &Scan, record: &Record, channel: usize) -> Option<(f64, f64
     limits.filter(fine).or_else(|| of_type().filter(fine))
 }
 
+/// Records of red, green and blue, and the range of each.
+type ColorRecords = ([usize; 3], [(f64, f64); 3]);
+
 /// How one scan's values become points.
 struct Layout<'a> {
     scan: &'a Scan,
@@ -160,7 +163,7 @@ struct Layout<'a> {
     position: [usize; 3],
     spherical: bool,
     invalid: Option<usize>,
-    color: Option<([usize; 3], [(f64, f64); 3])>,
+    color: Option<ColorRecords>,
     color_invalid: Option<usize>,
     normal: Option<[usize; 3]>,
     /// Records that become columns, with the one that says that they are invalid.

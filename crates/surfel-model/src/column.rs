@@ -202,12 +202,14 @@ impl ExtraValues {
         each_extra!(self, v => size_of_val(v.as_slice()))
     }
 
-    /// The value, as nearly as f64 holds it, which is exactly.
+    /// The value, which f64 holds exactly.
+    #[allow(clippy::useless_conversion, reason = "one of the eight types is f64")]
     pub fn get(&self, index: usize) -> f64 {
         each_extra!(self, v => f64::from(v[index]))
     }
 
     /// The least and the largest of the finite values; `None` if there is none.
+    #[allow(clippy::useless_conversion, reason = "one of the eight types is f64")]
     pub fn range(&self) -> Option<(f64, f64)> {
         let finite = |values: &mut dyn Iterator<Item = f64>| {
             values.filter(|v| v.is_finite()).fold(None, |range: Option<(f64, f64)>, v| {

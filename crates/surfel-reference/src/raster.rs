@@ -382,7 +382,9 @@ impl BandPass<'_> {
         // A fragment that doesn't exist, but by a hair: it would be among the nearest, or the only one.
         self.for_pixels(Footprints::Both, |_, splat, at, pixel| {
             let z = splat.depth_nearly_at(pixel, self.run.view);
-            let Some(z) = z.filter(|z| self.limits.admit(at, *z) && *z <= thresholds[at].depth) else { return };
+            if z.is_none_or(|z| !self.limits.admit(at, z) || z > thresholds[at].depth) {
+                return;
+            }
             sums[at].marginal |= splat.is_visible_at(pixel) || splat.rho_squared_at(pixel).is_some();
         });
         for (at, [nearest, farthest]) in sides.iter().enumerate() {

@@ -39,7 +39,7 @@
 
 mod auto;
 pub mod backend;
-mod coloring;
+pub mod coloring;
 mod convert;
 mod error;
 pub mod framing;
@@ -59,7 +59,6 @@ pub use surfel_sample as sample;
 
 pub use auto::{LoadedScene, open};
 pub use backend::{Backend, BackendError, BackendOptions, BackendScene, backends};
-pub use coloring::{Category, ColorScale, Coloring, save_color_bar};
 pub use error::Error;
 pub use load::{Conversion, LoadOptions, LoadedCloud, load};
 pub use octree::load_octree;

@@ -6,9 +6,10 @@ pub use crate::auto::{
 };
 pub use crate::load::{STDIN, UnusedOption, up_reason};
 
+use crate::coloring::Coloring;
 use crate::framing::UpReason;
 use crate::load::{LoadedMesh, load_mesh};
-use crate::{Coloring, Conversion, Error, LoadOptions, LoadedCloud, load};
+use crate::{Conversion, Error, LoadOptions, LoadedCloud, load};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::Read;

@@ -1,6 +1,6 @@
 //! Files of scanners, written by the crates that the field uses.
 
-#![allow(dead_code, reason = "each test uses a part")]
+#![allow(dead_code, unreachable_pub, missing_docs, reason = "each test uses a part")]
 
 use ::las::{Builder, Color, Point, Transform, Vector, Vlr, Writer, point::Classification, point::Format};
 use e57::{E57Writer, Record, RecordDataType, RecordName, RecordValue, Transform as Pose};
@@ -41,7 +41,7 @@ pub fn point(i: usize, format: &Format) -> Point {
         number_of_returns: 5,
         classification: Classification::new((hash(i, 9) % 8) as u8).unwrap(),
         is_withheld: is_withheld(i),
-        is_key_point: i % 3 == 0,
+        is_key_point: i.is_multiple_of(3),
         scan_angle: (hash(i, 10) % 60) as f32 - 30.0,
         user_data: hash(i, 11) as u8,
         point_source_id: hash(i, 12) as u16,
