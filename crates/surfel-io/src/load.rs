@@ -223,7 +223,14 @@ where
 {
     match format {
         #[cfg(feature = "e57")]
-        Format::E57 => e57::read(source, context),
+        Format::E57 => {
+            // As in `las`: what the crate takes for granted, a damaged file may not hold.
+            let read = std::panic::AssertUnwindSafe(|| e57::read(source, context));
+            std::panic::catch_unwind(read).unwrap_or_else(|_| {
+                let problem = Problem::new("is damaged: its packets or its XML make no sense");
+                Err(problem.help("copy the file again").into())
+            })
+        }
         #[cfg(not(feature = "e57"))]
         Format::E57 => Err(Problem::not_built(format.name(), "e57").into()),
         #[cfg(feature = "las")]

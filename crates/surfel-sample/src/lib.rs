@@ -34,8 +34,8 @@ mod tree;
 pub use error::SampleError;
 pub use interior::interior_weight;
 pub use mesh::{
-    CLOSED_MESH, MeshMethod, MeshOptions, MeshReport, OctreeOptions, is_closed, is_oriented, octree_from_mesh,
-    points_from_mesh, splats_from_mesh,
+    CLOSED_MESH, FLAT_PARTS, MeshMethod, MeshOptions, MeshReport, OctreeOptions, is_closed, is_oriented,
+    octree_from_mesh, points_from_mesh, splats_from_mesh,
 };
 pub use options::{Outliers, PointOptions, PointReport};
 pub use points::splats_from_points;

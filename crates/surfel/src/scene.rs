@@ -179,9 +179,8 @@ pub fn load_objects(
                         Geometry::Octree(octree) => octree.cloud().is_transparent(),
                         Geometry::Mesh(_) => false,
                     };
-                    let flat = match &conversion {
-                        Conversion::Mesh(report) => report.flat,
-                        Conversion::SharpMesh(_) => true,
+                    let flat = match &geometry {
+                        Geometry::Splats(cloud) => cloud.data().comments.iter().any(|c| c == surfel_sample::FLAT_PARTS),
                         _ => false,
                     };
                     let facts =

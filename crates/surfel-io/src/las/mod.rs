@@ -17,6 +17,7 @@ use crate::survey::{Source, extent_words};
 use header::Header;
 use records::Columns;
 use std::io::{self, SeekFrom};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Bytes of uncompressed points that are read at a time.
 const BLOCK_BYTES: usize = 2 << 20;
@@ -38,7 +39,12 @@ pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Contex
     let columns = if header.compressed {
         #[cfg(feature = "laz")]
         {
-            laz::read(source, &mut header, file_bytes)?
+            // The crate counts on sound streams: where it is built with checks of overflow, damaged ones make it panic.
+            let read = AssertUnwindSafe(|| laz::read(source, &mut header, file_bytes));
+            catch_unwind(read).unwrap_or_else(|_| {
+                let problem = Problem::new("is damaged: its compressed points make no sense");
+                Err(problem.help("copy the file again"))
+            })?
         }
         #[cfg(not(feature = "laz"))]
         return Err(Problem::not_built("LAZ", "laz").into());

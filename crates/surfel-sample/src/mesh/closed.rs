@@ -6,6 +6,10 @@ use surfel_model::Mesh;
 /// Comment of a cloud that covers a closed mesh from outside, so that none of its splats is seen from behind.
 pub const CLOSED_MESH: &str = "covers a closed mesh";
 
+/// Comment of a cloud whose splats hardly stand apart where they overlap: those of a mesh of flat parts, or clipped by
+/// `sharp`.
+pub const FLAT_PARTS: &str = "made of flat parts";
+
 /// Share of a mesh's edges that may be walked twice the same way where its triangles are wound alike: scans and exports
 /// have a few bad triangles.
 const MISWOUND: f64 = 0.01;

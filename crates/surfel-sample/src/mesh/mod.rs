@@ -17,7 +17,7 @@ mod vertices;
 use crate::{Progress, SampleError, interior};
 use surfel_model::{CloudData, Mesh, OnInvalid, SplatCloud};
 
-pub use closed::{CLOSED_MESH, is_closed, is_oriented};
+pub use closed::{CLOSED_MESH, FLAT_PARTS, is_closed, is_oriented};
 pub use octree::{OctreeOptions, octree_from_mesh};
 pub use options::{MeshMethod, MeshOptions, MeshReport};
 pub use vertices::points_from_mesh;
@@ -89,7 +89,12 @@ fn finish(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, MeshReport), SampleError> {
     let oriented = is_oriented(mesh);
-    let data = CloudData { up: mesh.up, comments: mesh.comments.clone(), oriented, ..data };
+    let mut comments = mesh.comments.clone();
+    comments.retain(|comment| comment != FLAT_PARTS);
+    if report.flat {
+        comments.push(FLAT_PARTS.into());
+    }
+    let data = CloudData { up: mesh.up, comments, oriented, ..data };
     let (mut cloud, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
     progress.stage("interior weight", 1);
     report.splats = cloud.len();

@@ -18,7 +18,7 @@ mod points;
 mod surface;
 
 use crate::mesh::geometry::Geometry;
-use crate::mesh::{CLOSED_MESH, is_closed, is_oriented, see_through};
+use crate::mesh::{CLOSED_MESH, FLAT_PARTS, is_closed, is_oriented, see_through};
 use crate::parallel::map_each;
 use crate::{Progress, SampleError, assemble, interior};
 use clip::{Border, Borders, ClippedSplat};
@@ -368,6 +368,7 @@ fn assemble_cloud(
     data.up = mesh.up;
     data.comments = mesh.comments.clone();
     data.comments.push(errors.comment());
+    data.comments.push(FLAT_PARTS.into());
     if is_closed(mesh) {
         data.comments.push(CLOSED_MESH.into());
     }
