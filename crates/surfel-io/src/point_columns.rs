@@ -139,13 +139,15 @@ struct Triple {
     /// Whole numbers.
     whole: bool,
     largest: f64,
+    /// How far the three lie apart in a row, summed: colours are mostly near grey.
+    spread: f64,
 }
 
 impl Triple {
     fn of(columns: [&Strided<'_>; 3]) -> Self {
         let rows = columns[0].len();
         let (mut unit, mut other) = (0, 0);
-        let mut found = Self { unit: false, color: true, whole: true, largest: 0.0 };
+        let mut found = Self { unit: false, color: true, whole: true, largest: 0.0, spread: 0.0 };
         for row in (0..rows).step_by(rows.div_ceil(1000).max(1)) {
             let t = columns.map(|c| c.at(row));
             let length = DVec3::from_array(t).length();
@@ -160,6 +162,8 @@ impl Triple {
                 found.whole &= c.fract() == 0.0;
                 found.largest = found.largest.max(c);
             }
+            let [least, most] = t.iter().fold([f64::INFINITY, 0.0], |[lo, hi], c| [c.min(lo), c.max(hi)]);
+            found.spread += if most >= least { most - least } else { 0.0 };
         }
         found.unit = unit > 0 && unit >= 19 * other;
         found
@@ -169,7 +173,8 @@ impl Triple {
     fn fits_better_than(&self, after: &Self) -> bool {
         let eight_bit = |t: &Self| t.color && t.whole && t.largest <= 255.0;
         let any = |t: &Self| t.unit || t.color;
-        any(self) && !any(after) || eight_bit(self) && !eight_bit(after) && !after.unit
+        let greyer = !eight_bit(after) || self.spread < after.spread;
+        any(self) && !any(after) || eight_bit(self) && greyer && !after.unit
     }
 }
 

@@ -475,6 +475,8 @@ fn seven_columns_are_told_by_their_numbers() {
         ("1 2 3 0.5 10 20 30\n", "x y z intensity red green blue"),
         // Either would do: the order of PTS.
         ("1 2 3 10 20 30 40\n", "x y z intensity red green blue"),
+        ("1 2 3 117 73 49 255\n1 2 4 91 87 74 255\n", "x y z red green blue intensity"),
+        ("1 2 3 255 117 73 49\n1 2 4 255 91 87 74\n", "x y z intensity red green blue"),
         ("1 2 3 0.5 0.6 0 0.8\n", "x y z intensity nx ny nz"),
     ] {
         let loaded = load("a.xyz", text);
