@@ -372,10 +372,15 @@ fn mutations_of_arrays() {
     let seeds =
         [plain.clone(), npy("{'descr': '<f2', 'fortran_order': True, 'shape': (1, 2, 3)}", 12), npy(record, 74)];
     damage(&seeds, 20_000, load_as(None));
-    // Stored in a ZIP file with its directory.
     let faces = npy("{'descr': '|u1', 'fortran_order': False, 'shape': (1, 3), }\n", 3);
+    let zip = zip(&[("points.npy", &plain), ("faces.npy", &faces)]);
+    damage(&[zip], 40_000, load_as(Some(Format::Npz)));
+}
+
+/// Files stored in a ZIP file with its directory.
+fn zip(files: &[(&str, &[u8])]) -> Vec<u8> {
     let (mut zip, mut directory) = (Vec::new(), Vec::new());
-    for (name, content) in [("points.npy", &plain), ("faces.npy", &faces)] {
+    for (name, content) in files {
         let start = (zip.len() as u32).to_le_bytes();
         let (size, length) = ((content.len() as u32).to_le_bytes(), (name.len() as u16).to_le_bytes());
         zip.extend([b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0\0\0\0\0", &size[..], &size, &length, &[0, 0]].concat());
@@ -383,9 +388,10 @@ fn mutations_of_arrays() {
         let head = b"PK\x01\x02\x14\0\x14\0\0\0\0\0\0\0\0\0\0\0\0\0";
         directory.extend([&head[..], &size, &size, &length, &[0; 12], &start, name.as_bytes()].concat());
     }
+    let count = (files.len() as u16).to_le_bytes();
     let (size, start) = ((directory.len() as u32).to_le_bytes(), (zip.len() as u32).to_le_bytes());
-    zip.extend([&directory[..], b"PK\x05\x06\0\0\0\0\x02\0\x02\0", &size, &start, &[0, 0]].concat());
-    damage(&[zip], 40_000, load_as(Some(Format::Npz)));
+    zip.extend([&directory[..], b"PK\x05\x06\0\0\0\0", &count, &count, &size, &start, &[0, 0]].concat());
+    zip
 }
 
 #[test]
@@ -443,17 +449,7 @@ fn mutations_of_gzip_and_sog() {
     encoder.encode(&[9, 99, 199, 252], 1, 1, image_webp::ColorType::Rgba8).unwrap();
     let part = |name: &str| format!(r#""{name}":{{"mins":[-2,-2,-2,0],"maxs":[2,2,2,1],"files":["p","p"]}}"#);
     let meta = format!(r#"{{"count":1,{},{},{},{}}}"#, part("means"), part("scales"), part("quats"), part("sh0"));
-    let (mut zip, mut directory) = (Vec::new(), Vec::new());
-    for (name, content) in [("meta.json", meta.as_bytes()), ("p", &picture)] {
-        let start = (zip.len() as u32).to_le_bytes();
-        let (size, length) = ((content.len() as u32).to_le_bytes(), (name.len() as u16).to_le_bytes());
-        zip.extend([b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0\0\0\0\0", &size[..], &size, &length, &[0, 0]].concat());
-        zip.extend([name.as_bytes(), content].concat());
-        let head = b"PK\x01\x02\x14\0\x14\0\0\0\0\0\0\0\0\0\0\0\0\0";
-        directory.extend([&head[..], &size, &size, &length, &[0; 12], &start, name.as_bytes()].concat());
-    }
-    let (size, start) = ((directory.len() as u32).to_le_bytes(), (zip.len() as u32).to_le_bytes());
-    zip.extend([&directory[..], b"PK\x05\x06\0\0\0\0\x02\0\x02\0", &size, &start, &[0, 0]].concat());
+    let zip = zip(&[("meta.json", meta.as_bytes()), ("p", &picture)]);
     damage(&[zip], 20_000, load_as(Some(Format::Sog)));
 }
 
