@@ -89,7 +89,7 @@ impl Crs {
             let (model, key) = if self.is_geographic() { (2, 2048) } else { (1, 3072) };
             keys.extend([[MODEL_TYPE, 0, 1, model], [key, 0, 1, stated]]);
             keys.extend(of_wkt(&VERTICALS).map(|vertical| [4096, 0, 1, vertical]));
-        } else if let Some(wkt) = self.wkt.as_ref().filter(|wkt| wkt.len() < 60_000 && !wkt.contains('|')) {
+        } else if let Some(wkt) = self.wkt.as_ref().filter(|wkt| wkt.len() < 60_000 && is_projected(wkt)) {
             text = format!("ESRI PE String = {}|", wkt.replace(|c: char| !c.is_ascii(), "?"));
             keys.extend([[MODEL_TYPE, 0, 1, 1], [3072, 0, 1, 32_767], [3073, 34_737, text.len() as u16, 0]]);
         }
@@ -162,6 +162,12 @@ const GEOGRAPHIC: [[u32; 2]; 14] = [
     [8899, 8902],
     [9000, 9000],
 ];
+
+/// True of text that can be one value of GeoTIFF and tells a system whose x and y are lengths.
+fn is_projected(wkt: &str) -> bool {
+    let roots = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "COMPD_CS[", "COMPOUNDCRS["];
+    !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root))
+}
 
 /// A directory of GeoTIFF that says of pixels that they are areas, and all else as it is. Keys that refer to what isn't
 /// there are left out.
@@ -295,13 +301,15 @@ mod tests {
         let (keys, _, text) = crs.image_keys();
         assert_eq!(text, r#"ESRI PE String = PROJCS["mine",GEOGCS["g"]]|"#);
         assert_eq!(keys[12..], [3072, 0, 1, 32_767, 3073, 34_737, text.len() as u16, 0]);
+        // What isn't a plane has no place in an image.
+        let crs = Crs { wkt: Some(r#"GEOCCS["unnamed"]"#.into()), ..Crs::default() };
+        assert_eq!(crs.image_keys(), (vec![1, 1, 0, 1, 1025, 0, 1, 1], vec![], String::new()));
     }
 
     #[test]
     fn keys_of_a_file_are_kept_but_for_those_that_point_nowhere() {
-        let keys = vec![
-            1, 1, 0, 5, 1024, 0, 1, 1, 1025, 0, 1, 2, 3073, 34_737, 4, 0, 3075, 34_737, 9, 0, 3080, 34_736, 1, 0,
-        ];
+        let keys =
+            vec![1, 1, 0, 5, 1024, 0, 1, 1, 1025, 0, 1, 2, 3073, 34_737, 4, 0, 3075, 34_737, 9, 0, 3080, 34_736, 1, 0];
         let crs = Crs { geotiff: Some((keys, vec![500_000.0], "abc|".into())), ..Crs::default() };
         let expected = vec![1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3073, 34_737, 4, 0, 3080, 34_736, 1, 0];
         assert_eq!(crs.image_keys(), (expected, vec![500_000.0], "abc|".to_owned()));

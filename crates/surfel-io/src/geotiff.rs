@@ -133,7 +133,11 @@ impl<'a> Encoder<'a> {
     fn new(image: &GeoImage, sink: Sink<'a>) -> Result<Self, TiffError> {
         let [columns, rows] = tile_counts(image.size).map(u64::from);
         let bytes = columns * rows * u64::from(TILE * TILE) * image.samples.bytes() as u64;
-        Ok(if bytes < BIG_FROM { Self::Classic(TiffEncoder::new(sink)?) } else { Self::Big(TiffEncoder::new_big(sink)?) })
+        Ok(if bytes < BIG_FROM {
+            Self::Classic(TiffEncoder::new(sink)?)
+        } else {
+            Self::Big(TiffEncoder::new_big(sink)?)
+        })
     }
 }
 
@@ -305,7 +309,8 @@ fn write_tags<K: TiffKind>(out: &mut DirectoryEncoder<'_, Sink<'_>, K>, image: &
     let [left, top] = image.left_top;
     out.write_tag(Tag::ModelPixelScaleTag, [image.pixel, image.pixel, 0.0].as_slice())?;
     out.write_tag(Tag::ModelTiepointTag, [0.0, 0.0, 0.0, left, top, 0.0].as_slice())?;
-    let (keys, doubles, text) = image.crs.clone().unwrap_or_default().image_keys();
+    let Some(crs) = &image.crs else { return Ok(()) };
+    let (keys, doubles, text) = crs.image_keys();
     out.write_tag(Tag::GeoKeyDirectoryTag, keys.as_slice())?;
     if !doubles.is_empty() {
         out.write_tag(Tag::GeoDoubleParamsTag, doubles.as_slice())?;

@@ -3,8 +3,9 @@
 //! Splats reach past the edge of a surface by up to a radius, so that the nearest surface alone would make every roof
 //! too large. At its edge its weight Σw falls, and that of what lies behind grows where it begins. So a pixel is drawn
 //! twice: with all splats, and with those that lie behind the surface found. With the weights w1 and w2 it is
-//! (w1²·first + w2²·second)/(w1² + w2²): halfway where both weigh the same, which is where the edge is likeliest, and a
-//! ramp of about the points' spacing, no wider than what the points can tell.
+//! (w1³·first + w2³·second)/(w1³ + w2³): halfway where both weigh the same, which is where the edge is likeliest, and a
+//! ramp of about the points' spacing, no wider than what the points can tell. Squares and cubes are nearest to exact
+//! surfaces: points on a grid or in scan lines prefer cubes by 3 to 5 %, random ones squares by 1 %.
 
 use super::grid::Grid;
 use super::layout::Layout;
@@ -19,6 +20,9 @@ use surfel_render::{Frame, Planes, Region, Renderer, View};
 
 /// Σw inside a surface whose cloud doesn't say it.
 const WEIGHT: f64 = 4.0;
+/// Σw over that from which on nothing behind counts: it would be less than a hundredth, since the weights of two
+/// surfaces that meet at an edge have a sum of about 1 there.
+const FULL: f64 = 1.5;
 /// Distances from a splat's centre, in its radii, at which it is compared with the surface, and directions.
 const RINGS: [f64; 2] = [0.5, 0.95];
 const DIRECTIONS: usize = 8;
@@ -61,7 +65,7 @@ pub(crate) fn draw(
     let clouds: Vec<Arc<SplatCloud>> = clouds.into_iter().map(Arc::new).collect();
     render(&clouds, &view, &settings, planes, backend, &mut frames.nearest)?;
     let own_weight = |cloud: &Arc<SplatCloud>| cloud.data().interior_weight.unwrap_or(WEIGHT);
-    let full_weight = clouds.iter().map(own_weight).fold(0.0, f64::max) as f32;
+    let full_weight = (FULL * clouds.iter().map(own_weight).fold(0.0, f64::max)) as f32;
     let surface = Surface { frame: &frames.nearest, view: &view, gsd: grid.gsd, full_weight };
     let mut hidden = Vec::new();
     for cloud in &clouds {
@@ -175,8 +179,8 @@ fn blend(surface: &Surface<'_>, behind: Option<&Frame>, normals: bool) -> BlockP
         }
         let second = behind.map(|f| (f.weight()[i], f.depth()[i]));
         let second = second.filter(|(w2, z2)| *w2 > 0.0 && w1 < surface.full_weight && *z2 > z1 && z2.is_finite());
-        // By their ratio: the squares of small weights may be nothing. An infinite one gives 0.
-        Some(second.map_or(1.0, |(w2, _)| 1.0 / (1.0 + (w2 / w1).powi(2))))
+        // By their ratio: the cubes of small weights may be nothing. An infinite one gives 0.
+        Some(second.map_or(1.0, |(w2, _)| 1.0 / (1.0 + (w2 / w1).powi(3))))
     };
     let shares: Vec<Option<f32>> = (0..side * side).into_par_iter().with_min_len(4096).map(share).collect();
     let mix = |share: f32, of: &dyn Fn(&Frame) -> f64| match behind.filter(|_| share < 1.0) {
@@ -201,6 +205,10 @@ fn blend(surface: &Surface<'_>, behind: Option<&Frame>, normals: bool) -> BlockP
         side,
         color: shares.par_iter().enumerate().with_min_len(4096).map(color).collect(),
         height: shares.par_iter().enumerate().with_min_len(4096).map(height).collect(),
-        normal: if normals { shares.par_iter().enumerate().with_min_len(4096).map(normal).collect() } else { Vec::new() },
+        normal: if normals {
+            shares.par_iter().enumerate().with_min_len(4096).map(normal).collect()
+        } else {
+            Vec::new()
+        },
     }
 }

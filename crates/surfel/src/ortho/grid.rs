@@ -31,7 +31,11 @@ impl Grid {
     pub(crate) fn of_bounds(gsd: f64, origin: [f64; 2], bounds: [f64; 4]) -> Result<Self, ModelError> {
         let words = |v: [f64; 4]| format!("{},{},{},{}", v[0], v[1], v[2], v[3]);
         if !(gsd > 0.0 && gsd.is_finite()) {
-            return Err(out_of_range("gsd", gsd.to_string(), "a finite number greater than 0, in the units of x and y"));
+            return Err(out_of_range(
+                "gsd",
+                gsd.to_string(),
+                "a finite number greater than 0, in the units of x and y",
+            ));
         }
         let [x0, y0, x1, y1] = bounds;
         if !(x0 < x1 && y0 < y1 && bounds.iter().chain(&origin).all(|v| v.is_finite())) {

@@ -34,19 +34,27 @@ pub(crate) struct Layout {
 impl Layout {
     pub(crate) fn new(grid: Grid, sources: &[Source]) -> Self {
         let gsd = grid.gsd;
-        let (mut density, mut spacing) = (0.0, 0.0_f64);
-        let mut reach = 0.0_f64;
+        let (mut density, mut spacing, mut reach) = (0.0_f64, 0.0_f64, 0.0_f64);
+        let own_density = |source: &Source| match &source.holds {
+            Holds::Points(points) if points.density.is_finite() => points.density,
+            _ => 0.0,
+        };
         for source in sources {
-            match &source.holds {
-                Holds::Points(points) if points.density.is_finite() => {
-                    density += points.density;
-                    spacing = spacing.max(points.density.sqrt().recip());
-                }
-                Holds::Points(_) => {}
-                Holds::Splats(cloud) => {
-                    reach = (0..cloud.len()).map(|i| cloud.radius_max(i)).fold(reach, f64::max);
-                }
+            if let Holds::Splats(cloud) = &source.holds {
+                reach = (0..cloud.len()).map(|i| cloud.radius_max(i)).fold(reach, f64::max);
             }
+            let own = own_density(source);
+            if own > 0.0 {
+                let middle = 0.5 * (source.bounds.0 + source.bounds.1);
+                let at = [middle.x, middle.y, middle.x, middle.y];
+                // Files that lie above each other have the density of all, those beside each other of one.
+                density = density.max(sources.iter().filter(|other| other.meets(at)).map(own_density).sum());
+                spacing = spacing.max(own.sqrt().recip());
+            }
+        }
+        // In steps, so that the same points in other files are looked at alike.
+        if spacing > 0.0 {
+            spacing = ((2.0 * spacing.log2()).ceil() / 2.0).exp2();
         }
         let halo = (HALO_SPACINGS * spacing).max(reach).max(8.0 * gsd);
         let margin = ((MARGIN_SPACINGS * spacing).max(reach) / gsd).ceil() + 4.0;

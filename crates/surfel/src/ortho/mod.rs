@@ -233,7 +233,9 @@ impl Ortho {
         images.extend(files.normals.iter().map(|path| image(path, GeoSamples::F32(3))));
         let wanted = Wanted { dsm: files.dsm.is_some(), normals: files.normals.is_some() };
         let mut stats = OrthoStats { pixels: self.grid.size.map(u64::from).iter().product(), ..OrthoStats::default() };
-        write_geotiffs(&images, files.overwrite, |tiles| self.draw_blocks(tiles, wanted, backend, progress, &mut stats))?;
+        write_geotiffs(&images, files.overwrite, |tiles| {
+            self.draw_blocks(tiles, wanted, backend, progress, &mut stats)
+        })?;
         Ok(stats)
     }
 
@@ -337,10 +339,7 @@ impl Ortho {
         let left = block[0] * block_px - margin_px;
         let rows: Vec<usize> = (y0..y1).rev().map(|y| (top - 1 - y) as usize * pixels.side).collect();
         let (from, width) = ((x0 - left) as usize, (x1 - x0) as usize);
-        let at = [
-            (x0 - self.grid.first[0]) as u32,
-            (self.grid.first[1] + i64::from(self.grid.size[1]) - y1) as u32,
-        ];
+        let at = [(x0 - self.grid.first[0]) as u32, (self.grid.first[1] + i64::from(self.grid.size[1]) - y1) as u32];
         fn cut<T: Copy>(plane: &[T], rows: &[usize], from: usize, width: usize) -> Vec<T> {
             rows.iter().flat_map(|row| &plane[row + from..row + from + width]).copied().collect()
         }
@@ -374,7 +373,9 @@ impl FixedColor {
         let (map, range) = match &found.scale {
             ColorScale::Range { map, range } => (Some(*map), Some(*range)),
             // Of classes the colours are their own.
-            ColorScale::Categories(all) if load.colormap.is_none() && all.iter().any(|c| c.name.is_some()) => (None, None),
+            ColorScale::Categories(all) if load.colormap.is_none() && all.iter().any(|c| c.name.is_some()) => {
+                (None, None)
+            }
             ColorScale::Categories(_) => (Some(Colormap::Tab20), None),
             ColorScale::Direct => (None, None),
         };
@@ -400,7 +401,8 @@ fn make_room(sources: &mut [Source], time: u64) {
             .filter(|points| points.is_loaded())
             .collect();
         let total: usize = loaded.iter().map(|points| points.bytes).sum();
-        let oldest = loaded.iter_mut().filter(|points| points.last_used() < time).min_by_key(|points| points.last_used());
+        let oldest =
+            loaded.iter_mut().filter(|points| points.last_used() < time).min_by_key(|points| points.last_used());
         match oldest {
             Some(points) if total > KEPT_BYTES / 2 => drop(points.free()),
             _ => return,

@@ -5,6 +5,8 @@ use crate::convert;
 use crate::load::{self, LoadedCloud, UnusedOption};
 use crate::{Error, LoadOptions};
 use glam::DVec3;
+use rayon::prelude::*;
+use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -198,18 +200,33 @@ impl Gathered {
         self.values.push(cloud.extras.first().map_or(f64::NAN, |extra| extra.values.get(i)));
     }
 
-    /// One cloud of them; `column` is the name of their values.
+    /// One cloud of them, in an order that depends on the points alone; `column` is the name of their values.
     pub(crate) fn finish(self, column: Option<&str>) -> PointCloud {
-        let (origin, positions) = Column3::with_origin(&self.positions);
-        let extras = column.map(|name| ExtraColumn { name: name.into(), values: ExtraValues::F64(self.values) });
-        PointCloud {
-            origin,
-            positions,
-            normals: self.has_normals.then(|| Column3::from_f32(self.normals)),
-            colors: self.has_colors.then_some(self.colors),
-            extras: extras.into_iter().collect(),
-            ..PointCloud::default()
+        let mut order: Vec<u32> = (0..self.positions.len() as u32).collect();
+        order.par_sort_unstable_by(|a, b| self.compare(*a as usize, *b as usize));
+        fn sorted<T: Copy>(values: &[T], order: &[u32]) -> Vec<T> {
+            order.iter().map(|i| values[*i as usize]).collect()
         }
+        let Self { positions, normals, has_normals, colors, has_colors, values } = self;
+        let (positions, values) = (sorted(&positions, &order), sorted(&values, &order));
+        let normals = has_normals.then(|| Column3::from_f32(sorted(&normals, &order)));
+        let colors = has_colors.then(|| sorted(&colors, &order));
+        let (origin, positions) = Column3::with_origin(&positions);
+        let extras = column.map(|name| ExtraColumn { name: name.into(), values: ExtraValues::F64(values) });
+        PointCloud { origin, positions, normals, colors, extras: extras.into_iter().collect(), ..PointCloud::default() }
+    }
+}
+
+impl Gathered {
+    /// By position, then by what else tells points apart.
+    fn compare(&self, a: usize, b: usize) -> Ordering {
+        let three =
+            |a: [f64; 3], b: [f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
+        let wide = |v: [f32; 3]| v.map(f64::from);
+        three(self.positions[a].to_array(), self.positions[b].to_array())
+            .then_with(|| three(wide(self.colors[a]), wide(self.colors[b])))
+            .then_with(|| three(wide(self.normals[a].to_array()), wide(self.normals[b].to_array())))
+            .then_with(|| self.values[a].total_cmp(&self.values[b]))
     }
 }
 
