@@ -211,7 +211,7 @@ pub(crate) struct RenderArgs {
 /// How files become splats: for `render` and `convert` alike.
 #[derive(Args, Debug, Default)]
 pub(crate) struct SplatArgs {
-    /// Drop invalid splats, and take what is whole of a LAZ file that is cut off, instead of refusing the file.
+    /// Drop invalid splats instead of refusing the file.
     #[arg(long, help_heading = "Splats")]
     pub(crate) repair: bool,
     /// Texture for meshes that have texture coordinates and name none themselves.
@@ -378,7 +378,7 @@ pub(crate) struct InfoArgs {
     /// As JSON.
     #[arg(long)]
     pub(crate) json: bool,
-    /// Drop invalid splats, and take what is whole of a LAZ file that is cut off, instead of refusing the file.
+    /// Drop invalid splats instead of refusing the file.
     #[arg(long)]
     pub(crate) repair: bool,
     /// Read what a file refers to (buffers, materials, textures) outside of its own folder, too.

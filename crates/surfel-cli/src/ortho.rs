@@ -67,7 +67,7 @@ mod with_ortho {
         let stats = ortho.draw(&files, software, &mut backend, &progress)?;
         drop(progress);
         // Sums of decimal numbers are a little off in binary.
-        let rounded = |v: f64| (v * 1e9).round() / 1e9;
+        let rounded = |v: f64| (v * 1e6).round() / 1e6;
         let ([width, height], [x0, y0, x1, y1]) = (ortho.size(), ortho.bounds().map(rounded));
         let crs = ortho.crs.as_ref().map_or_else(|| "no CRS".into(), surfel::io::Crs::words);
         let covered = 100.0 * stats.covered as f64 / stats.pixels.max(1) as f64;
