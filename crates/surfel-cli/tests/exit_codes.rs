@@ -33,7 +33,7 @@ fn usage_errors_exit_with_2() {
         ("render", "INPUT"),
         ("render a.ply -o x.png --nonsense", "--nonsense"),
         ("render s.json a.ply -o x.png", "goes alone"),
-        ("ortho a.ply --gsd 0 -o x.tif", "greater than 0"),
+        ("ortho a.ply --gsd 0 -o x.tif", "more than 0"),
         ("ortho a.ply --gsd 1e-7 -o x.tif", "larger gsd"),
         ("ortho a.ply --gsd 0.1 --bounds 1,1,0,0 -o x.tif", "X0 < X1"),
         ("ortho a.ply --gsd 0.1 --bounds 0,0,1e9,1e9 -o x.tif", "larger gsd or smaller bounds"),
