@@ -15,6 +15,7 @@ mod convert;
 mod failure;
 mod info;
 mod metadata;
+mod ortho;
 mod output;
 mod pages;
 mod parse;
@@ -81,6 +82,7 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
         Command::Render(args) => render::run(&args, threads, console),
         Command::Again(args) => again::run(&args, threads, console),
         Command::Convert(args) => convert::run(&args, console),
+        Command::Ortho(args) => ortho::run(&args, threads, console),
         Command::Info(args) => info::run(&args, console),
         Command::Compare(args) => compare::run(&args),
         Command::Backends(args) => backends::run(args.json),

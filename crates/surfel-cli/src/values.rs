@@ -113,6 +113,28 @@ pub(crate) fn point(text: &str) -> Result<[f64; 3], String> {
     list(text, "X,Y,Z")
 }
 
+pub(crate) fn place(text: &str) -> Result<[f64; 2], String> {
+    list(text, "X,Y")
+}
+
+/// A rectangle in the plane.
+pub(crate) fn bounds(text: &str) -> Result<[f64; 4], String> {
+    let bounds = list(text, "X0,Y0,X1,Y1")?;
+    if bounds[0] < bounds[2] && bounds[1] < bounds[3] {
+        return Ok(bounds);
+    }
+    Err("expected the least x and y first, then the largest: X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1".into())
+}
+
+/// The code of a coordinate reference system that GeoTIFF has a number for.
+pub(crate) fn epsg(text: &str) -> Result<u16, String> {
+    let digits = text.get(..5).filter(|p| p.eq_ignore_ascii_case("EPSG:")).map_or("", |_| &text[5..]);
+    match digits.parse() {
+        Ok(code @ 1024..=32_766) => Ok(code),
+        _ => Err("expected EPSG:N with N from 1024 to 32766, as in EPSG:25832".into()),
+    }
+}
+
 pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
     match point(text)? {
         [0.0, 0.0, 0.0] => Err("expected a direction that is not zero".into()),

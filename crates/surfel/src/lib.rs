@@ -32,7 +32,7 @@
 //! # }
 //! ```
 //!
-//! Cargo's features are backends and tools: `cpu` (the default), `reference`, `gpu` = `wgpu` and `ash`, and `sharp`,
+//! Cargo's features are backends and tools: `cpu` and `ortho` (orthoimages; the defaults), `reference`, `gpu` = `wgpu` and `ash`, and `sharp`,
 //! splats clipped along sharp features ([`sample`]).
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
@@ -45,6 +45,8 @@ mod error;
 pub mod framing;
 mod load;
 mod octree;
+#[cfg(feature = "ortho")]
+pub mod ortho;
 mod patches;
 pub mod scene;
 mod upright;
