@@ -519,6 +519,7 @@ impl ObjectView<'_> {
                 clipped,
                 policy: self.plan.clip,
                 projective: settings.projective,
+                oriented: self.object.oriented,
                 visible: turns(&visible_turn),
                 filtered: turns(&visible_turn.after(&filtered.turn)),
             },
@@ -659,6 +660,7 @@ struct Clips<'a> {
     clipped: u64,
     policy: ClipPolicy,
     projective: bool,
+    oriented: bool,
     visible: [Turn<f32>; LANES],
     filtered: [Turn<f32>; LANES],
 }
@@ -674,7 +676,7 @@ impl Clips<'_> {
         let unfiltered = Mapping { footprint: &unfiltered, turn: &self.visible[i] };
         let filtered = Mapping { footprint: &filtered, turn: &self.filtered[i] };
         let other = record.is_filtered().then_some(filtered);
-        record.set_clip(segment.clips.push(&clip, unfiltered, other));
+        record.set_clip(segment.clips.push(&clip, unfiltered, other, self.oriented));
     }
 }
 
