@@ -69,7 +69,7 @@ fn holes(mesh: &Mesh, cloud: SplatCloud) -> ([usize; Filter::ALL.len()], usize) 
 /// As bare files are drawn, with splats two pixels apart.
 #[test]
 fn splats_of_models_have_no_holes_from_any_side() {
-    for name in ["fandisk.obj", "rocker-arm.obj", "igea.ply"] {
+    for name in ["fandisk.obj", "igea.ply"] {
         let Some(mesh) = model(name) else { continue };
         let options = match MeshOptions::auto(&mesh).method {
             MeshMethod::Count(_) => MeshOptions::new(MeshMethod::Count(20_000)),
@@ -84,9 +84,11 @@ fn splats_of_models_have_no_holes_from_any_side() {
 /// Large clipped splats that are seen from the side: what they hide they must show.
 #[test]
 fn sharp_splats_have_no_holes_from_any_side() {
-    let Some(mesh) = model("fandisk.obj") else { return };
-    let options = SharpOptions { splats: Some(2500), ..SharpOptions::default() };
-    let (counts, inside) = holes(&mesh, sharp_splats_from_mesh(&mesh, &options, &NoProgress).unwrap().0);
-    println!("{counts:?} of {inside}");
-    assert!(inside > 1_000_000 && counts == [0; 5], "{counts:?} of {inside}");
+    for (name, splats) in [("fandisk.obj", Some(2500)), ("rocker-arm.obj", None)] {
+        let Some(mesh) = model(name) else { continue };
+        let options = SharpOptions { splats, ..SharpOptions::default() };
+        let (counts, inside) = holes(&mesh, sharp_splats_from_mesh(&mesh, &options, &NoProgress).unwrap().0);
+        println!("{name}: {counts:?} of {inside}");
+        assert!(inside > 700_000 && counts == [0; 5], "{name}: {counts:?} of {inside}");
+    }
 }
