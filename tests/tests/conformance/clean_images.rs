@@ -1,5 +1,5 @@
-//! Splats of models from all sides: no pixel without a splat inside of what the polygons of the same mesh cover, whatever
-//! the filter.
+//! Splats of models from all sides: no pixel without a splat inside of what the polygons of the same mesh cover,
+//! whatever the filter.
 
 use crate::splats_of_meshes::{VIEWS, directions, hole_count};
 use glam::DVec3;

@@ -24,8 +24,8 @@ pub(crate) fn fragment<S: Simd>(
 }
 
 impl<S: Simd> Fragment<S> {
-    /// Takes away what the splat's clip removes, if it has one. What is visible of an oriented clipped splat stays inside:
-    /// under a filter the clip goes with the stretched footprint, and could take away all that a pixel has.
+    /// Takes away what the splat's clip removes, if it has one. What is visible of an oriented clipped splat stays
+    /// inside: under a filter the clip goes with the stretched footprint, and could take away all that a pixel has.
     #[inline(always)]
     pub(crate) fn clip(&mut self, simd: S, record: &Record, at: (Lanes<S>, Lanes<S>), inputs: &RasterInputs<'_>) {
         if let Some(([visible, inside], holds_visible)) = clipped(simd, record, at, inputs) {

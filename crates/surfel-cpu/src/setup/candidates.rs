@@ -1,5 +1,5 @@
-//! Splats that may touch samples of a cell's pixels: setup notes them in the view of pixels, so that few are set up once
-//! more in the view of samples.
+//! Splats that may touch samples of a cell's pixels: setup notes them in the view of pixels, so that few are set up
+//! once more in the view of samples.
 
 use crate::simd::lanes::LANES;
 use crate::tiles::drawn::PixelSet;

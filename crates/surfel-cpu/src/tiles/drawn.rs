@@ -115,8 +115,8 @@ impl PixelSet {
     }
 }
 
-/// A bit for each block of a tile inside a box, row by row, eight bits a row: the box's first column and row, end column
-/// and row, and the tile's first block.
+/// A bit for each block of a tile inside a box, row by row, eight bits a row: the box's first column and row, end
+/// column and row, and the tile's first block.
 #[inline(always)]
 pub(crate) fn box_in_tile(blocks: [u32; 4], tile: [u32; 2], size: u32) -> u64 {
     let clip = |value: u32, axis: usize| (value.max(tile[axis]) - tile[axis]).min(size);
