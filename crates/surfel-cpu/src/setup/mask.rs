@@ -316,7 +316,8 @@ fn in_rows_of_eight(bits: u64, x: u32, y: u32) -> u64 {
     spread << (TILE_BLOCKS * y + x)
 }
 
-/// A bit for each block of a tile that the record may touch, within its box; of 4×4 blocks without any that is wanted, none.
+/// A bit for each block of a tile that the record may touch, within its box; of 4×4 blocks without any that is wanted,
+/// none.
 #[inline(always)]
 fn touched<S: Simd>(
     simd: S,
