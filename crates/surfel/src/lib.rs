@@ -37,17 +37,28 @@
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+mod attributes;
 mod auto;
 pub mod backend;
+pub mod camera;
 pub mod coloring;
+pub mod compare;
 mod convert;
 mod error;
 pub mod framing;
+pub mod info;
 mod load;
+pub mod metadata;
 mod octree;
 mod patches;
+pub mod paths;
+mod render_options;
+pub mod request;
 pub mod scene;
+pub mod splat_file;
+pub mod splats;
 mod upright;
+pub mod values;
 mod viewpoint;
 
 pub use surfel_io as io;
