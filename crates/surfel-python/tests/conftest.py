@@ -107,7 +107,7 @@ def data(tmp_path_factory):
 
 SCENES = {
     "points": (["points.ply"], {}, {}),
-    "colored": (["colored.ply"], {}, {"preset": "quality", "view": "front"}),
+    "colored": (["colored.ply"], {}, {"preset": "fast", "view": "front"}),
     "normals": (["normals.ply"], {"radius_scale": 1.5}, {"view": (30, -20.5), "fov_y": 25.0, "shader": "normal"}),
     "disks": (["disks.ply"], {}, {"background": "transparent", "edge_aa": "samples", "filter": "ewa"}),
     "values": (["values.ply"], {"color_by": "intensity", "colormap": "turbo", "range": (-0.5, 0.75)}, {"up": "+z"}),
