@@ -32,6 +32,9 @@ struct Cache {
     prepared: Vec<Arc<Prepared>>,
 }
 
+/// A scene in a backend: its name, whether splats are in 16 bits, and the scene.
+type Resident = ((&'static str, bool), Arc<BackendScene>);
+
 /// A scene, framed and lit.
 pub(crate) struct Prepared {
     options: RenderOptions,
@@ -39,7 +42,7 @@ pub(crate) struct Prepared {
     summary: SceneSummary,
     pub(crate) notes: Vec<String>,
     /// Where it is ready to be drawn: the backend's name and whether splats are in 16 bits.
-    resident: Mutex<Option<((&'static str, bool), Arc<BackendScene>)>>,
+    resident: Mutex<Option<Resident>>,
     /// The files and their hashes, once an image was written.
     inputs: Mutex<Option<Vec<metadata::Input>>>,
 }

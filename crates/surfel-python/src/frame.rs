@@ -59,7 +59,7 @@ fn stats_json(stats: &Stats, recipe: &Recipe) -> String {
 type Values<'py> = Option<PyReadonlyArrayDyn<'py, f32>>;
 
 fn values<'py>(py: Python<'py>, plane: Option<&Py<PyAny>>) -> PyResult<Values<'py>> {
-    plane.map(|plane| plane.bind(py).extract().map_err(PyErr::from)).transpose()
+    plane.map(|plane| plane.bind(py).extract()).transpose()
 }
 
 fn slice<'a>(values: &'a Values<'_>) -> PyResult<Option<&'a [f32]>> {
