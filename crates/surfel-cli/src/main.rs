@@ -5,26 +5,22 @@
 
 mod again;
 mod args;
-mod attributes;
 mod backends;
-mod camera;
 mod compare;
 mod config;
 mod console;
 mod convert;
 mod failure;
 mod info;
-mod metadata;
+mod options;
 mod ortho;
 mod output;
 mod pages;
 mod parse;
-mod paths;
 mod render;
 mod resolve;
 #[cfg(unix)]
 mod signals;
-mod splats;
 mod stats;
 mod stdin;
 mod stdout;

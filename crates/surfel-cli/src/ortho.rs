@@ -18,19 +18,20 @@ pub(crate) use with_ortho::run;
 mod with_ortho {
     use super::{Console, Failure, OrthoArgs};
     use crate::stdin::{self, Stdin, is_stdin};
-    use crate::{splats, stdout};
+    use crate::{options, stdout};
     use serde_json::json;
     use std::path::{Path, PathBuf};
     use surfel::io::IoError;
     use surfel::model::ConvertOptions;
     use surfel::ortho::{Ortho, OrthoFiles, OrthoOptions};
     use surfel::render::Renderer;
-    use surfel::{Backend, BackendOptions, Error, LoadOptions};
+    use surfel::{Backend, BackendOptions, Error, LoadOptions, splats};
 
     pub(crate) fn run(args: &OrthoArgs, threads: usize, console: &Console) -> Result<(), Failure> {
         check_outputs(args)?;
         let mut convert = ConvertOptions::default();
-        splats::apply(&args.splats, &mut convert)?;
+        let splat_options = options::splats(&args.splats, args.force);
+        splats::apply(&splat_options, &mut convert)?;
         let stdin = if args.inputs.iter().any(|path| is_stdin(path)) { Some(Stdin::default().bytes()?) } else { None };
         let load = LoadOptions::default().with_convert(&convert, Path::new("")).with_stdin(stdin);
         let options = OrthoOptions::new(args.gsd)
@@ -49,9 +50,9 @@ mod with_ortho {
                 None => console.note(note),
             }
         }
-        splats::check_used(&args.splats, &ortho.unused, console)?;
+        splats::check_used(&splat_options, &ortho.unused, &mut |note| console.note(&note))?;
         let colorings = ortho.coloring.iter().map(|(path, coloring)| (path.as_path(), coloring));
-        splats::write_color_bar(&args.splats, args.force, colorings, console)?;
+        splats::write_color_bar(&splat_options, colorings, &mut |note| console.note(&note))?;
         let mut backend = match args.backend.as_str() {
             "auto" => Backend::choose(&BackendOptions::default().with_threads(threads), |_| None)?.backend,
             name => Backend::by_name(name, &BackendOptions::default().with_threads(threads))?,
