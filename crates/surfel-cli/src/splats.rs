@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use crate::stdin;
 use std::path::{Path, PathBuf};
 use surfel::coloring::{ColorScale, Coloring, save_color_bar};
-use surfel::model::ConvertOptions;
+use surfel::model::{ConvertOptions, PointColors, SplatCount, TextureOption, TextureSampling};
 use surfel::scene::UnusedOption;
 
 /// Puts what the flags say over what a scene file may have said.
@@ -25,17 +25,25 @@ pub(crate) fn apply(args: &SplatArgs, convert: &mut ConvertOptions) -> Result<()
         (convert.per_vertex, convert.per_face) = (args.per_vertex, args.per_face);
     }
     convert.repair |= args.repair;
-    if let Some(texture) = &args.texture {
+    let TextureOption { file, sampling } = texture(&args.texture)?;
+    if let Some(file) = file {
         // A flag's file is looked for here, a scene file's beside it.
-        let absolute = std::path::absolute(texture);
-        convert.texture = Some(absolute.map_err(|e| Failure::usage(format!("{}: {e}", texture.display())))?);
+        let absolute = std::path::absolute(&file);
+        convert.texture.file = Some(absolute.map_err(|e| Failure::usage(format!("{}: {e}", file.display())))?);
     }
+    convert.texture.sampling = sampling.or(convert.texture.sampling);
+    convert.colors = args.colors.or(convert.colors);
     convert.splats = args.splats.or(convert.splats);
     convert.max_points = args.max_points.or(convert.max_points);
     convert.radius_scale = args.radius_scale.or(convert.radius_scale);
     convert.sharp |= args.sharp;
     convert.crease_angle = args.crease_angle.or(convert.crease_angle);
     convert.error = args.error.or(convert.error);
+    if convert.sharp && convert.splats == Some(SplatCount::Auto) {
+        return Err(Failure::usage(
+            "--sharp with --splats auto: expected --error, which chooses the number, or a number",
+        ));
+    }
     if args.color_by.is_some() {
         // What a scene file says of its own attribute's colours means nothing for another.
         (convert.color_by, convert.colormap, convert.range) = (args.color_by.clone(), None, None);
@@ -63,6 +71,21 @@ pub(crate) fn apply(args: &SplatArgs, convert: &mut ConvertOptions) -> Result<()
     Ok(())
 }
 
+/// A sampling and a file, at most one of each.
+fn texture(given: &[PathBuf]) -> Result<TextureOption, Failure> {
+    let mut option = TextureOption::default();
+    for value in given {
+        let is_first = match value.to_str().and_then(TextureSampling::from_name) {
+            Some(sampling) => option.sampling.replace(sampling).is_none(),
+            None => option.file.replace(value.clone()).is_none(),
+        };
+        if !is_first {
+            return Err(Failure::usage("--texture is given twice: expected one of point, ewa and fit, and one file"));
+        }
+    }
+    Ok(option)
+}
+
 /// Refuses flags that no input has a use for, and says which keys of a scene file are of no use.
 pub(crate) fn check_used(
     args: &SplatArgs,
@@ -78,6 +101,8 @@ pub(crate) fn check_used(
             "radius_scale" => args.radius_scale.is_some(),
             "sharp" => args.sharp,
             "error" => args.error.is_some(),
+            "texture" => args.texture.iter().any(|t| t.to_str().and_then(TextureSampling::from_name).is_some()),
+            "colors" => args.colors == Some(PointColors::Fit),
             "color_by" => args.color_by.is_some(),
             "crop" => args.crop.is_some(),
             "classes" => !args.classes.is_empty(),

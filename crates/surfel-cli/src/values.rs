@@ -5,8 +5,8 @@ use serde_json::Value;
 use surfel::framing::{NamedView, ViewAngles, ViewChoice};
 use surfel::model::Up;
 use surfel::model::{
-    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping, Returns, Shader,
-    Transparency,
+    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping, PointColors,
+    Returns, Shader, SplatCount, Transparency,
 };
 use surfel::{Preset, Region};
 
@@ -32,6 +32,7 @@ named!(colormap, Colormap, [
     "viridis" => Colormap::Viridis, "cividis" => Colormap::Cividis, "turbo" => Colormap::Turbo,
     "coolwarm" => Colormap::Coolwarm, "tab20" => Colormap::Tab20, "grey" => Colormap::Grey,
 ]);
+named!(point_colors, PointColors, ["as-is" => PointColors::AsIs, "fit" => PointColors::Fit]);
 named!(returns, Returns, ["last" => Returns::Last, "first" => Returns::First, "single" => Returns::Single]);
 named!(mapping, Mapping, ["exact" => Mapping::Exact, "affine" => Mapping::Affine]);
 named!(accumulate, Accumulate, ["f32" => Accumulate::F32, "f16" => Accumulate::F16]);
@@ -142,6 +143,14 @@ pub(crate) fn crop(text: &str) -> Result<[f64; 6], String> {
 /// `--where`, whose text a scene file keeps.
 pub(crate) fn condition(text: &str) -> Result<String, String> {
     surfel::model::parse_conditions(text).map(|_| text.trim().to_owned())
+}
+
+pub(crate) fn splat_count(text: &str) -> Result<SplatCount, String> {
+    if text == "auto" {
+        return Ok(SplatCount::Auto);
+    }
+    let count = text.parse::<u32>().ok().filter(|n| (1..=200_000_000).contains(n));
+    count.map(SplatCount::Count).ok_or_else(|| "expected auto, or a whole number from 1 to 200000000".to_owned())
 }
 
 pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
