@@ -99,7 +99,7 @@ fn errors(mesh: &Mesh) -> [[f64; 3]; 3] {
 fn figure_6_a_fit_is_sharper_close_up_and_the_same_from_afar() {
     let [minified, magnified, extreme] = errors(&painted(checkerboard));
     // "Minification … does not reveal the difference": a few hundredths of what white and black differ by.
-    assert!((minified[2] - minified[1]).abs() < 0.03, "{minified:?}");
+    assert!((minified[2] - minified[1]).abs() < 0.04, "{minified:?}");
     for [point, ewa, fit] in [magnified, extreme] {
         assert!(fit < 0.9 * ewa, "{magnified:?} {extreme:?}");
         // Black and white leave no room within the bounds: 2 % for the part of the square that is seen.
