@@ -7,7 +7,8 @@ use clap_complete::Shell;
 use std::path::PathBuf;
 use surfel::framing::ViewChoice;
 use surfel::model::{
-    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Returns, Shader, Transparency,
+    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, Mapping, PointColors, Returns, Shader,
+    SplatCount, Transparency,
 };
 use surfel::{Preset, Region};
 
@@ -214,19 +215,24 @@ pub(crate) struct SplatArgs {
     /// Drop invalid splats instead of refusing the file.
     #[arg(long, help_heading = "Splats")]
     pub(crate) repair: bool,
-    /// Texture for meshes that have texture coordinates and name none themselves.
-    #[arg(long, help_heading = "Splats", value_name = "FILE")]
-    pub(crate) texture: Option<PathBuf>,
+    /// How splats take a mesh's colours: each by itself (point), by its kernel (ewa), or all together, so that their
+    /// blend is the mesh's (fit). Anything else is a texture's file, for meshes that have texture coordinates and name
+    /// none themselves; both may be given.
+    #[arg(long, help_heading = "Splats", value_name = "point|ewa|fit|FILE")]
+    pub(crate) texture: Vec<PathBuf>,
+    /// Colours of a scan's splats: the points' own, or such that the blended surface passes through these (fit).
+    #[arg(long, help_heading = "Splats", value_parser = values::point_colors())]
+    pub(crate) colors: Option<PointColors>,
     /// One splat for each vertex of a mesh.
     #[arg(long, help_heading = "Splats", conflicts_with_all = ["per_face", "splats"])]
     pub(crate) per_vertex: bool,
     /// One splat for each triangle of a mesh.
     #[arg(long, help_heading = "Splats", conflicts_with = "splats")]
     pub(crate) per_face: bool,
-    /// This many splats spread evenly over a mesh; with --sharp, at most this many, where they are needed.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=200_000_000),
-        help_heading = "Splats")]
-    pub(crate) splats: Option<u32>,
+    /// This many splats spread evenly over a mesh, or auto: as many as its shape and texture ask for; with --sharp, at
+    /// most this many, where they are needed.
+    #[arg(long, value_name = "N|auto", value_parser = values::splat_count, help_heading = "Splats")]
+    pub(crate) splats: Option<SplatCount>,
     /// Multiplies every radius.
     #[arg(long, help_heading = "Splats", value_name = "K", value_parser = values::positive)]
     pub(crate) radius_scale: Option<f64>,
@@ -320,7 +326,7 @@ pub(crate) struct ConvertArgs {
     pub(crate) splats: SplatArgs,
     /// Splats of every size and the mesh's own polygons, in an octree: -o OUT.surfel.
     #[arg(long, conflicts_with_all = ["per_vertex", "per_face", "splats", "radius_scale", "max_points", "cull", "ascii",
-        "repair", "color_by", "crop", "classes", "returns", "condition", "every", "all_points", "colorbar"])]
+        "repair", "colors", "color_by", "crop", "classes", "returns", "condition", "every", "all_points", "colorbar"])]
     pub(crate) hybrid: bool,
     /// Write text instead of binary PLY.
     #[arg(long)]

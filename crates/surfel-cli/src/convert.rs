@@ -20,7 +20,7 @@ pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> 
 
 fn converted(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
     let progress = console.progress();
-    let options = options::splats(&args.splats, args.force);
+    let options = options::splats(&args.splats, args.force)?;
     let request = ConvertRequest { path: &args.input, options: &options, stdin: bytes(args)? };
     let loaded = request.load(&progress)?;
     drop(progress);
@@ -49,7 +49,7 @@ fn save(args: &ConvertArgs, cloud: &SplatCloud, console: &Console) -> Result<(),
 /// An octree of splats and polygons.
 fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     let progress = console.progress();
-    let options = options::splats(&args.splats, args.force);
+    let options = options::splats(&args.splats, args.force)?;
     let request = ConvertRequest { path: &args.input, options: &options, stdin: bytes(args)? };
     let (octree, notes) = surfel::load_octree(&args.input, &request.load_options()?, &progress)?;
     drop(progress);

@@ -1,12 +1,13 @@
 //! From the parsed command line to the options that decide an image.
 
 use crate::args::{RenderArgs, SplatArgs};
+use crate::failure::Failure;
 use surfel::model::ConvertOptions;
 use surfel::request::{RenderOptions, SplatOptions};
 
-pub(crate) fn render(args: &RenderArgs) -> RenderOptions {
+pub(crate) fn render(args: &RenderArgs) -> Result<RenderOptions, Failure> {
     let mut options = RenderOptions::default();
-    options.splats = splats(&args.splats, args.force);
+    options.splats = splats(&args.splats, args.force)?;
     options.size = args.size;
     options.camera.clone_from(&args.camera);
     options.cameras = args.cameras.is_some();
@@ -36,14 +37,15 @@ pub(crate) fn render(args: &RenderArgs) -> RenderOptions {
     options.samples = args.samples;
     options.turntable = args.turntable;
     options.verify = args.verify;
-    options
+    Ok(options)
 }
 
-pub(crate) fn splats(args: &SplatArgs, force: bool) -> SplatOptions {
+pub(crate) fn splats(args: &SplatArgs, force: bool) -> Result<SplatOptions, Failure> {
     let mut options = SplatOptions::default();
     options.convert = ConvertOptions {
         repair: args.repair,
-        texture: args.texture.clone(),
+        texture: Default::default(),
+        colors: args.colors,
         per_vertex: args.per_vertex,
         per_face: args.per_face,
         splats: args.splats,
@@ -67,7 +69,10 @@ pub(crate) fn splats(args: &SplatArgs, force: bool) -> SplatOptions {
     options.cull = args.cull;
     options.colorbar.clone_from(&args.colorbar);
     options.force = force;
-    options
+    for value in &args.texture {
+        options.add_texture(value.clone()).map_err(|e| Failure::usage(format!("--texture {e}")))?;
+    }
+    Ok(options)
 }
 
 #[cfg(test)]
@@ -101,7 +106,7 @@ mod tests {
     fn parsed(words: &[&str]) -> RenderOptions {
         let matches = command().try_get_matches_from(words).unwrap_or_else(|e| panic!("{words:?}: {e}"));
         match Cli::from_arg_matches(&matches).unwrap().command {
-            Command::Render(args) => render(&args),
+            Command::Render(args) => render(&args).unwrap(),
             other => panic!("{other:?}"),
         }
     }

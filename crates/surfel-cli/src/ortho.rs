@@ -30,7 +30,7 @@ mod with_ortho {
     pub(crate) fn run(args: &OrthoArgs, threads: usize, console: &Console) -> Result<(), Failure> {
         check_outputs(args)?;
         let mut convert = ConvertOptions::default();
-        let splat_options = options::splats(&args.splats, args.force);
+        let splat_options = options::splats(&args.splats, args.force)?;
         splats::apply(&splat_options, &mut convert)?;
         let stdin = if args.inputs.iter().any(|path| is_stdin(path)) { Some(Stdin::default().bytes()?) } else { None };
         let load = LoadOptions::default().with_convert(&convert, Path::new("")).with_stdin(stdin);

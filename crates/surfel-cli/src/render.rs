@@ -179,7 +179,7 @@ impl<'a> Session<'a> {
         let (args, console) = (self.args, self.console);
         let first = self.cameras.first().map(|(_, camera)| camera.clone());
         let resolved = resolve(source, first, args, &self.stdin, console)?;
-        camera::view(&resolved.file.camera, &options::render(args))?;
+        camera::view(&resolved.file.camera, &options::render(args)?)?;
         if args.print_scene {
             print_scene(&resolved.file)?;
         }
@@ -237,7 +237,7 @@ impl<'a> Session<'a> {
             }
         }
         let verified = if args.verify {
-            let view = camera::view(&resolved.file.camera, &options::render(args))?;
+            let view = camera::view(&resolved.file.camera, &options::render(args)?)?;
             let drawn = (backend.info().backend, &job.frame);
             let promised = promised(args, resolved);
             Some(verify(&resolved.file.settings, promised, &resolved.scene, &view, self.threads, drawn)?)
@@ -276,7 +276,7 @@ impl<'a> Session<'a> {
                 metadata::inputs(scene, beside, bytes.as_deref())?
             }
         };
-        let mut drawn = metadata::drawn(&options::render(self.args), self.args.storage == "16", backend.info());
+        let mut drawn = metadata::drawn(&options::render(self.args)?, self.args.storage == "16", backend.info());
         match output.format {
             Format::Png { sixteen: true } => drawn.insert("png16".to_owned(), json!(true)),
             Format::Exr { f32_color: true } => drawn.insert("exr-f32".to_owned(), json!(true)),
@@ -426,7 +426,7 @@ impl Job<'_> {
         camera: &Camera,
         moved: Option<&Scene>,
     ) -> Result<(), Failure> {
-        let view = camera::view(camera, &options::render(self.args))?;
+        let view = camera::view(camera, &options::render(self.args)?)?;
         let resident = match (self.scene.take(), moved) {
             (_, Some(moved)) => self.upload(backend, moved)?,
             (Some(resident), None) => resident,

@@ -23,7 +23,7 @@ pub(crate) fn resolve(
     stdin: &Stdin,
     console: &Console,
 ) -> Result<Resolved, Failure> {
-    let request = Request::new(source, camera, &options::render(args))?;
+    let request = Request::new(source, camera, &options::render(args)?)?;
     let from_stdin = request.objects().iter().flat_map(|o| [&o.splats, &o.mesh]).flatten().any(|path| is_stdin(path));
     let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };
     let progress = console.progress();

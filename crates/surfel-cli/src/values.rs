@@ -3,11 +3,13 @@
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use surfel::Preset;
 use surfel::framing::ViewChoice;
-use surfel::model::{Accumulate, ClipPolicy, Colormap, Cull, EdgeAa, Filter, Mapping, Returns, Shader, Up};
+use surfel::model::{
+    Accumulate, ClipPolicy, Colormap, Cull, EdgeAa, Filter, Mapping, PointColors, Returns, Shader, Up,
+};
 use surfel::values::{self, VIEWS};
 pub(crate) use surfel::values::{
     angle, background, bounds, condition, crop, cutoff, depth_tolerance, direction, epsg, fov, json_number, place,
-    point, positive, prefilter, range, region, size, transparency, view,
+    point, positive, prefilter, range, region, size, splat_count, transparency, view,
 };
 
 /// A parser of named values that is also known to help and completions.
@@ -24,6 +26,7 @@ macro_rules! named {
 named!(filter, Filter, FILTERS);
 named!(cull, Cull, CULLS);
 named!(colormap, Colormap, COLORMAPS);
+named!(point_colors, PointColors, POINT_COLORS);
 named!(returns, Returns, RETURNS);
 named!(mapping, Mapping, MAPPINGS);
 named!(accumulate, Accumulate, ACCUMULATES);

@@ -31,7 +31,7 @@ pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
 /// # Errors
 /// The first one of `change`.
 pub fn for_each(file: &mut SceneFile, mut change: impl FnMut(&mut PathBuf) -> Result<(), Error>) -> Result<(), Error> {
-    let objects = file.objects.iter_mut().flat_map(|o| [&mut o.splats, &mut o.mesh, &mut o.convert.texture]);
+    let objects = file.objects.iter_mut().flat_map(|o| [&mut o.splats, &mut o.mesh, &mut o.convert.texture.file]);
     let paths = objects.chain([&mut file.matcap]).flatten();
     paths.filter(|path| !is_stdin(path)).try_for_each(&mut change)
 }

@@ -4,7 +4,8 @@ use crate::framing::ViewChoice;
 use crate::{Error, values};
 use std::path::PathBuf;
 use surfel_model::{
-    Accumulate, ClipPolicy, ConvertOptions, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader, Transparency, Up,
+    Accumulate, ClipPolicy, ConvertOptions, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader, TextureSampling,
+    Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -124,10 +125,11 @@ impl SplatOptions {
         let convert = &mut self.convert;
         match flag {
             "repair" => convert.repair = switch(text)?,
-            "texture" => convert.texture = Some(file(text)?),
+            "texture" => self.add_texture(file(text)?)?,
             "per-vertex" => convert.per_vertex = switch(text)?,
             "per-face" => convert.per_face = switch(text)?,
-            "splats" => convert.splats = Some(whole(text, 1..=200_000_000)?),
+            "colors" => convert.colors = Some(values::point_colors(text)?),
+            "splats" => convert.splats = Some(values::splat_count(text)?),
             "radius-scale" => convert.radius_scale = Some(values::positive(text)?),
             "max-points" => convert.max_points = Some(whole(text, 1..=u32::MAX)?),
             "cull" => self.cull = Some(values::cull(text)?),
@@ -152,6 +154,23 @@ impl SplatOptions {
             _ => return Ok(false),
         }
         Ok(true)
+    }
+
+    /// Takes a value of `--texture`: the name of a sampling, or else a texture's file.
+    ///
+    /// # Errors
+    /// What is expected, if there is one of its kind already.
+    pub fn add_texture(&mut self, value: PathBuf) -> Result<(), String> {
+        let option = &mut self.convert.texture;
+        let is_first = match value.to_str().and_then(TextureSampling::from_name) {
+            Some(sampling) => option.sampling.replace(sampling).is_none(),
+            None => option.file.replace(value).is_none(),
+        };
+        if is_first {
+            Ok(())
+        } else {
+            Err("is given twice: expected one of point, ewa and fit, and one file".to_owned())
+        }
     }
 
     fn contradiction(&self) -> Option<(&'static str, &'static str)> {

@@ -6,7 +6,7 @@ use crate::paths::display;
 use crate::render_options::SplatOptions;
 use crate::scene::UnusedOption;
 use std::path::{Path, PathBuf};
-use surfel_model::ConvertOptions;
+use surfel_model::{ConvertOptions, PointColors, SplatCount};
 
 /// Puts what the options say over what a scene file may have said.
 ///
@@ -29,17 +29,24 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
         (convert.per_vertex, convert.per_face) = (said.per_vertex, said.per_face);
     }
     convert.repair |= said.repair;
-    if let Some(texture) = &said.texture {
+    if let Some(file) = &said.texture.file {
         // A flag's file is looked for here, a scene file's beside it.
-        let absolute = std::path::absolute(texture);
-        convert.texture = Some(absolute.map_err(|e| Error::Usage(format!("{}: {e}", texture.display())))?);
+        let absolute = std::path::absolute(file);
+        convert.texture.file = Some(absolute.map_err(|e| Error::Usage(format!("{}: {e}", file.display())))?);
     }
+    convert.texture.sampling = said.texture.sampling.or(convert.texture.sampling);
+    convert.colors = said.colors.or(convert.colors);
     convert.splats = said.splats.or(convert.splats);
     convert.max_points = said.max_points.or(convert.max_points);
     convert.radius_scale = said.radius_scale.or(convert.radius_scale);
     convert.sharp |= said.sharp;
     convert.crease_angle = said.crease_angle.or(convert.crease_angle);
     convert.error = said.error.or(convert.error);
+    if convert.sharp && convert.splats == Some(SplatCount::Auto) {
+        return Err(Error::Usage(
+            "--sharp with --splats auto: expected --error, which chooses the number, or a number".to_owned(),
+        ));
+    }
     if said.color_by.is_some() {
         // What a scene file says of its own attribute's colours means nothing for another.
         (convert.color_by, convert.colormap, convert.range) = (said.color_by.clone(), None, None);
@@ -86,6 +93,8 @@ pub fn check_used(
             "radius_scale" => said.radius_scale.is_some(),
             "sharp" => said.sharp,
             "error" => said.error.is_some(),
+            "texture" => said.texture.sampling.is_some(),
+            "colors" => said.colors == Some(PointColors::Fit),
             "color_by" => said.color_by.is_some(),
             "crop" => said.crop.is_some(),
             "classes" => !said.classes.is_empty(),

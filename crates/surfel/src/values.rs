@@ -5,8 +5,8 @@
 use crate::framing::{NamedView, ViewAngles, ViewChoice};
 use serde_json::Value;
 use surfel_model::{
-    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping, Returns, Shader,
-    Transparency, Up,
+    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping, PointColors,
+    Returns, Shader, SplatCount, Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -37,6 +37,7 @@ named!(colormap, COLORMAPS, Colormap, [
     "viridis" => Colormap::Viridis, "cividis" => Colormap::Cividis, "turbo" => Colormap::Turbo,
     "coolwarm" => Colormap::Coolwarm, "tab20" => Colormap::Tab20, "grey" => Colormap::Grey,
 ]);
+named!(point_colors, POINT_COLORS, PointColors, ["as-is" => PointColors::AsIs, "fit" => PointColors::Fit]);
 named!(returns, RETURNS, Returns, ["last" => Returns::Last, "first" => Returns::First, "single" => Returns::Single]);
 named!(mapping, MAPPINGS, Mapping, ["exact" => Mapping::Exact, "affine" => Mapping::Affine]);
 named!(accumulate, ACCUMULATES, Accumulate, ["f32" => Accumulate::F32, "f16" => Accumulate::F16]);
@@ -99,17 +100,11 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
 }
 
 /// `--origin`: a place in the plane.
-///
-/// # Errors
-/// What was expected.
 pub fn place(text: &str) -> Result<[f64; 2], String> {
     list(text, "X,Y")
 }
 
 /// `--bounds`: a rectangle in the plane.
-///
-/// # Errors
-/// What was expected.
 pub fn bounds(text: &str) -> Result<[f64; 4], String> {
     let bounds = list(text, "X0,Y0,X1,Y1")?;
     if bounds[0] < bounds[2] && bounds[1] < bounds[3] {
@@ -119,9 +114,6 @@ pub fn bounds(text: &str) -> Result<[f64; 4], String> {
 }
 
 /// The code of a coordinate reference system that GeoTIFF has a number for.
-///
-/// # Errors
-/// What was expected.
 pub fn epsg(text: &str) -> Result<u16, String> {
     let digits = text.get(..5).filter(|p| p.eq_ignore_ascii_case("EPSG:")).map_or("", |_| &text[5..]);
     match digits.parse() {
@@ -160,6 +152,15 @@ pub fn crop(text: &str) -> Result<[f64; 6], String> {
 /// Comparisons such as `intensity>100`, joined by `and`: their text, as a scene file keeps it.
 pub fn condition(text: &str) -> Result<String, String> {
     surfel_model::parse_conditions(text).map(|_| text.trim().to_owned())
+}
+
+/// `--splats`.
+pub fn splat_count(text: &str) -> Result<SplatCount, String> {
+    if text == "auto" {
+        return Ok(SplatCount::Auto);
+    }
+    let count = text.trim().parse::<u32>().ok().filter(|n| (1..=200_000_000).contains(n));
+    count.map(SplatCount::Count).ok_or_else(|| "expected auto, or a whole number from 1 to 200000000".to_owned())
 }
 
 /// `WxH` in pixels.

@@ -1,6 +1,6 @@
 //! The harness itself: right images pass, faulty ones don't.
 
-use crate::faulty_renderer::{FAULTS, Fault, Faulty, KnownFault};
+use crate::faulty_renderer::{FAULTS, Faulty, KnownFault};
 use surfel_conformance::harness::{Report, Truth, check, check_backend, compare_frames, reference_frame};
 use surfel_conformance::scenes;
 use surfel_reference::Renderer as Reference;

@@ -15,10 +15,11 @@ _Axis = Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
 
 class _Splats(TypedDict, total=False):
     repair: bool
-    texture: _Path
+    texture: _Path | Literal["point", "ewa", "fit"]
+    colors: Literal["as-is", "fit"]
     per_vertex: bool
     per_face: bool
-    splats: int
+    splats: int | Literal["auto"]
     radius_scale: float
     max_points: int
     cull: Literal["none", "back"]

@@ -8,7 +8,7 @@ import os
 from ._errors import UsageError
 
 SPLATS = frozenset(
-    "repair texture per_vertex per_face splats radius_scale max_points cull sharp crease_angle error color_by colormap"
+    "repair texture colors per_vertex per_face splats radius_scale max_points cull sharp crease_angle error color_by colormap"
     " range colorbar crop classes returns where every all_points allow_outside max_texture".split()
 )
 RENDER = SPLATS | frozenset(
