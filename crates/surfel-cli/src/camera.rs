@@ -2,6 +2,7 @@
 
 use crate::args::RenderArgs;
 use crate::failure::Failure;
+use crate::pieces;
 use glam::{DQuat, DVec3};
 use std::collections::HashSet;
 use std::path::Path;
@@ -32,6 +33,7 @@ pub(crate) fn is_flagged(args: &RenderArgs) -> bool {
         || args.ortho
         || args.size.is_some()
         || args.region.is_some()
+        || args.tile.is_some()
 }
 
 /// Frames a scene file's camera anew for `--view`, with the file's projection unless flags say another.
@@ -170,6 +172,6 @@ impl Turntable {
 
 /// Checks that the camera can be used; its faults are the command line's where flags made it.
 pub(crate) fn view(camera: &Camera, args: &RenderArgs) -> Result<surfel::View, Failure> {
-    surfel::View::of_region(camera, args.region)
+    surfel::View::of_region(camera, pieces::region(args, camera)?)
         .map_err(|e| if is_flagged(args) { Failure::usage(e.to_string()) } else { Failure::input(e.to_string()) })
 }

@@ -14,19 +14,23 @@ mod console;
 mod convert;
 mod failure;
 mod info;
+mod jobs;
 mod metadata;
 mod output;
 mod pages;
 mod parse;
 mod paths;
+mod pieces;
 mod render;
 mod resolve;
+mod serve;
 #[cfg(unix)]
 mod signals;
 mod splats;
 mod stats;
 mod stdin;
 mod stdout;
+mod stitch;
 mod values;
 mod verify;
 #[cfg(all(target_os = "linux", feature = "wgpu"))]
@@ -82,6 +86,9 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
         Command::Again(args) => again::run(&args, threads, console),
         Command::Convert(args) => convert::run(&args, console),
         Command::Info(args) => info::run(&args, console),
+        Command::Stitch(args) => stitch::run(&args, console),
+        Command::Serve(args) => serve::run(&args, threads, console),
+        Command::Jobs(args) => jobs::run(&args, console),
         Command::Compare(args) => compare::run(&args),
         Command::Backends(args) => backends::run(args.json),
         Command::View(_) => {

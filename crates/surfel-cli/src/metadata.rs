@@ -13,6 +13,7 @@ use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use surfel::Region;
 use surfel::model::SceneFile;
 use surfel::render::RendererInfo;
 
@@ -92,14 +93,14 @@ pub(crate) fn content(path: &Path, stdin: &Stdin) -> Result<Content, Failure> {
 }
 
 /// How an image is drawn, beside its scene: flags of `render` by their long names.
-pub(crate) fn drawn(args: &RenderArgs, info: &RendererInfo, format: Format) -> Value {
+pub(crate) fn drawn(args: &RenderArgs, region: Option<Region>, info: &RendererInfo, format: Format) -> Value {
     let mut drawn = Map::new();
     drawn.insert("backend".to_owned(), json!(info.backend));
     if !matches!(info.backend, "cpu" | "reference") {
         // Two GPUs may round differently; CPUs don't.
         drawn.insert("adapter".to_owned(), json!(info.adapter));
     }
-    if let Some(r) = args.region {
+    if let Some(r) = region {
         drawn.insert("region".to_owned(), json!(format!("{},{},{},{}", r.x, r.y, r.width, r.height)));
     }
     if let Some(n) = args.samples {

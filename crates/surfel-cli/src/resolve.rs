@@ -79,6 +79,8 @@ pub(crate) struct Resolved {
     pub(crate) file: SceneFile,
     pub(crate) scene: Scene,
     pub(crate) turntable: Turntable,
+    /// The scene's up axis, by the file, by its objects, or as the flag says.
+    pub(crate) up: Up,
     /// Files that the objects' files refer to, found or not; absolute.
     pub(crate) beside: BTreeSet<PathBuf>,
 }
@@ -174,7 +176,7 @@ fn of_scene_file(
     // A scene file's camera turns about what it looks at, about the scene's up axis or else its own.
     let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
     let turntable = Turntable { center: file.camera.target.into(), axis };
-    Ok(Resolved { file, scene, turntable, beside })
+    Ok(Resolved { file, scene, turntable, up, beside })
 }
 
 fn of_geometry(
@@ -244,7 +246,7 @@ fn of_geometry(
     let mut scene = surfel::scene::assemble(&file, loaded.objects)?;
     absolute_paths(&mut file, Path::new(""))?;
     scene.matcap = matcap(&mut file, args)?;
-    Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() }, beside })
+    Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() }, up, beside })
 }
 
 /// The up axis that the files or their shape say, and what to do if it is wrong.

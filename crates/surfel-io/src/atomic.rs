@@ -41,15 +41,29 @@ pub fn write(
     overwrite: bool,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), IoError> {
+    let existing = fs::metadata(path).ok();
+    if existing.as_ref().is_some_and(|found| !found.is_file() && !found.is_dir()) {
+        let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
+        let mut sink = BufWriter::new(OpenOptions::new().write(true).open(path).map_err(system)?);
+        return content(&mut sink).and_then(|()| sink.flush()).map_err(system);
+    }
+    write_seekable(path, overwrite, |sink| content(sink))
+}
+
+/// As [`write`], for content that goes back to what it has written: not to devices and pipes.
+///
+/// # Errors
+/// As [`write`]; also if `path` is no file.
+pub fn write_seekable(
+    path: &Path,
+    overwrite: bool,
+    content: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
+) -> Result<(), IoError> {
     let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
     let existing = fs::metadata(path).ok();
     if let Some(found) = &existing {
-        if found.is_dir() {
-            return Err(system(io::Error::other("it is a folder")));
-        }
         if !found.is_file() {
-            let mut sink = BufWriter::new(OpenOptions::new().write(true).open(path).map_err(system)?);
-            return content(&mut sink).and_then(|()| sink.flush()).map_err(system);
+            return Err(system(io::Error::other(if found.is_dir() { "it is a folder" } else { "it is no file" })));
         }
         if !overwrite {
             return Err(IoError::Exists { path: path.to_path_buf() });
