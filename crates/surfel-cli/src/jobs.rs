@@ -16,8 +16,9 @@ use std::path::Path;
 
 /// Tasks where nothing is said.
 const TASKS: usize = 64;
-/// What stands for a task's number in [`Job`], until an engine puts its own there.
-const TASK: &str = "\u{1}TASK\u{1}";
+/// What stands for a task's number in [`Job`], until an engine puts its own there: characters for private use, which
+/// JSON doesn't escape.
+const TASK: &str = "\u{e000}TASK\u{e000}";
 
 pub(crate) fn run(args: &JobsArgs, console: &Console) -> Result<(), Failure> {
     let folder = std::env::current_dir().map_err(|e| Failure::other(format!("there is no current folder: {e}")))?;
@@ -205,8 +206,8 @@ impl Job {
     }
 
     fn snakemake(&self) -> Result<String, Failure> {
-        let files = [&self.folder, &self.tile_name.replace("{tile}", "")];
-        if files.iter().any(|name| name.contains(['{', '}'])) {
+        let tile = if self.tiles.is_empty() { String::new() } else { self.tile_name.replace("{tile}", "") };
+        if [&self.folder, &tile].iter().any(|name| name.contains(['{', '}'])) {
             return Err(Failure::usage("Snakemake can't hold { or } in the name of a folder or a tile: rename it"));
         }
         // Python reads JSON's strings; Snakemake replaces what is in braces.
