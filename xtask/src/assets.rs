@@ -46,5 +46,6 @@ fn write(root: &Path, folder: &Path, sink: Sink<'_>) -> io::Result<()> {
     sink("spot-scan.xyz", scan::scan(root)?)?;
     let [left, right] = halves::halves(root)?;
     sink("spot-left.obj", left)?;
-    sink("spot-right.obj", right)
+    sink("spot-right.obj", right)?;
+    halves::MATERIALS.into_iter().try_for_each(|name| sink(name, std::fs::read(root.join("assets/spot").join(name))?))
 }

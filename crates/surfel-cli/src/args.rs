@@ -1,6 +1,6 @@
 //! The command line's grammar.
 
-use crate::pieces::{self, FrameRange, Part};
+use crate::pieces::{self, FrameRange};
 use crate::values::{self, Threshold, UpChoice};
 use clap::builder::TypedValueParser;
 use clap::{Args, CommandFactory, Parser, Subcommand};
@@ -43,6 +43,8 @@ pub(crate) enum Command {
     Again(AgainArgs),
     /// Make splats of points or a mesh.
     Convert(Box<ConvertArgs>),
+    /// Draw an orthoimage, and a surface model, as GeoTIFF.
+    Ortho(Box<OrthoArgs>),
     /// Say what a file holds.
     Info(InfoArgs),
     /// Put tiles of an image together.
@@ -200,12 +202,12 @@ pub(crate) struct RenderArgs {
     /// Only part I of N of the list of pictures: of each input all frames or cameras. I counts from 0, or from 1: N/N
     /// is 0/N. Of more than one picture, it is taken from SLURM_ARRAY_TASK_ID and _COUNT, JOB_COMPLETION_INDEX and
     /// JOB_COMPLETIONS (set it: Kubernetes doesn't), or AWS_BATCH_JOB_ARRAY_INDEX and _SIZE, where they are set.
-    #[arg(long, value_name = "I/N", value_parser = pieces::part, help_heading = "Pieces of a job")]
-    pub(crate) shard: Option<Part>,
+    #[arg(long, value_name = "I/N", value_parser = values::part, help_heading = "Pieces of a job")]
+    pub(crate) shard: Option<surfel::values::Part>,
     /// Only band I of N bands of rows, which `surfel stitch` puts together: for images too large for one run.
-    #[arg(long, value_name = "I/N", value_parser = pieces::part, conflicts_with = "region",
+    #[arg(long, value_name = "I/N", value_parser = values::part, conflicts_with = "region",
         help_heading = "Pieces of a job")]
-    pub(crate) tile: Option<Part>,
+    pub(crate) tile: Option<surfel::values::Part>,
     /// Leave out pictures whose files exist, whatever they show; those are whole, because files appear at once.
     #[arg(long, conflicts_with_all = ["force", "verify"], help_heading = "Pieces of a job")]
     pub(crate) skip_existing: bool,
@@ -346,6 +348,49 @@ pub(crate) struct ConvertArgs {
     /// Write text instead of binary PLY.
     #[arg(long)]
     pub(crate) ascii: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct OrthoArgs {
+    /// Points, splats or meshes whose z is up, as of one ground; - is stdin.
+    #[arg(required = true, value_name = "INPUT")]
+    pub(crate) inputs: Vec<PathBuf>,
+    /// Ground sampling distance: side of a pixel, in the units of x and y.
+    #[arg(long, value_name = "M", value_parser = values::positive)]
+    pub(crate) gsd: f64,
+    /// GeoTIFF to write: colours, and alpha 0 where nothing is.
+    #[arg(short, long, value_name = "RGB.tif")]
+    pub(crate) output: PathBuf,
+    /// GeoTIFF of heights to write (digital surface model), -9999 where nothing is.
+    #[arg(long, value_name = "F.tif")]
+    pub(crate) dsm: Option<PathBuf>,
+    /// GeoTIFF of unit normals to write, -9999 where nothing is.
+    #[arg(long, value_name = "F.tif")]
+    pub(crate) normals: Option<PathBuf>,
+    /// What to draw, grown to whole pixels; all where nothing says it.
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = values::bounds, allow_hyphen_values = true)]
+    pub(crate) bounds: Option<[f64; 4]>,
+    /// A corner of pixels: all edges of pixels are whole multiples of --gsd from there.
+    #[arg(long, value_name = "X,Y", value_parser = values::place, allow_hyphen_values = true, default_value = "0,0")]
+    pub(crate) origin: [f64; 2],
+    /// Image size in pixels, with its lower left corner at --origin.
+    #[arg(long, value_name = "WxH", value_parser = values::size, conflicts_with = "bounds", requires = "origin")]
+    pub(crate) size: Option<[u32; 2]>,
+    /// Coordinate reference system of the image, in place of the files'.
+    #[arg(long, value_name = "EPSG:N", value_parser = values::epsg)]
+    pub(crate) crs: Option<u16>,
+    /// Overwrite existing files.
+    #[arg(short, long)]
+    pub(crate) force: bool,
+    /// Who draws.
+    #[arg(long, default_value = "auto", value_parser = ["auto", "cpu", "wgpu", "ash", "reference"])]
+    pub(crate) backend: String,
+    /// Print times and counts as JSON on stdout.
+    #[arg(long)]
+    pub(crate) stats: bool,
+    /// How files become splats.
+    #[command(flatten)]
+    pub(crate) splats: SplatArgs,
 }
 
 #[derive(Args, Debug)]

@@ -4,7 +4,6 @@
 //! Job files are JSON where YAML is usual, which JSON is a part of: nothing in a name is then taken for syntax.
 
 use crate::args::{Cli, Command, JobsArgs, command};
-use crate::camera;
 use crate::console::Console;
 use crate::failure::Failure;
 use crate::pieces;
@@ -13,6 +12,7 @@ use crate::stdout;
 use clap::FromArgMatches;
 use serde_json::json;
 use std::path::Path;
+use surfel::camera;
 
 /// Tasks where nothing is said.
 const TASKS: usize = 64;
@@ -340,7 +340,8 @@ mod tests {
             "rule all:\n    input: expand(\"/data/my scans/.surfel-a-{task}.done\", \
              task=[\"0\",\"1\",\"2\",\"3\",\"4\",\"5\",\"6\",\"7\"])\n\nrule render:\n    output: touch(\"/data/my \
              scans/.surfel-a-{task}.done\")\n    shell: \"cd '/data/my scans' && surfel render --preset fast \
-             --turntable --frames=100 --skip-existing --shard={wildcards.task}/8 '--output=out/{{frame}}.png' -- a.json\"\n"
+             --turntable --frames=100 --skip-existing --shard={wildcards.task}/8 '--output=out/{{frame}}.png' -- \
+             a.json\"\n"
         );
     }
 

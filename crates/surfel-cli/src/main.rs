@@ -5,9 +5,7 @@
 
 mod again;
 mod args;
-mod attributes;
 mod backends;
-mod camera;
 mod compare;
 mod config;
 mod console;
@@ -15,18 +13,17 @@ mod convert;
 mod failure;
 mod info;
 mod jobs;
-mod metadata;
+mod options;
+mod ortho;
 mod output;
 mod pages;
 mod parse;
-mod paths;
 mod pieces;
 mod render;
 mod resolve;
 mod serve;
 #[cfg(unix)]
 mod signals;
-mod splats;
 mod stats;
 mod stdin;
 mod stdout;
@@ -85,6 +82,7 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
         Command::Render(args) => render::run(&args, threads, console),
         Command::Again(args) => again::run(&args, threads, console),
         Command::Convert(args) => convert::run(&args, console),
+        Command::Ortho(args) => ortho::run(&args, threads, console),
         Command::Info(args) => info::run(&args, console),
         Command::Stitch(args) => stitch::run(&args, console),
         Command::Serve(args) => serve::run(&args, threads, console),

@@ -8,38 +8,7 @@ use crate::console::Console;
 use crate::failure::Failure;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use surfel::{Camera, Region};
-
-/// Most parts that anything is cut into.
-const MAX_PARTS: u32 = 1_000_000;
-
-/// `I/N`: one of N parts. I counts from 0 or from 1, because N/N is 0/N.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Part {
-    /// Less than `count`.
-    pub(crate) index: u32,
-    pub(crate) count: u32,
-}
-
-impl Part {
-    fn new(index: u64, count: u64) -> Option<Self> {
-        let (index, count) = (u32::try_from(index).ok()?, u32::try_from(count).ok()?);
-        ((1..=MAX_PARTS).contains(&count) && index <= count).then(|| Self { index: index % count, count })
-    }
-
-    /// This part of `length` things: all parts together have each once, and lengths differ by one at most.
-    fn of(self, length: u64) -> Range<u64> {
-        let edge = |part: u32| u64::from(part) * length / u64::from(self.count);
-        edge(self.index)..edge(self.index + 1)
-    }
-}
-
-/// Parses `--shard` and `--tile`.
-pub(crate) fn part(text: &str) -> Result<Part, String> {
-    let number = |text: &str| text.trim().parse::<u64>().ok();
-    let part = text.split_once('/').and_then(|(index, count)| Part::new(number(index)?, number(count)?));
-    part.ok_or_else(|| format!("expected I/N: part I of N, I from 0 to N, N from 1 to {MAX_PARTS}, as in 3/16"))
-}
+use surfel::values::Part;
 
 /// `A-B[:STEP]`: frames from A to B, both among them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -118,7 +87,7 @@ impl Pictures {
                 1 => format!("number {}", drawn.start),
                 _ => format!("numbers {} to {}", drawn.start, drawn.end - 1),
             };
-            console.note(&format!("shard {} of {}{from}: {which} of {pictures} pictures", part.index, part.count));
+            console.note(&format!("shard {} of {}{from}: {which} of {pictures} pictures", part.index(), part.count()));
         }
         Ok(Self { frames, drawn })
     }
@@ -175,24 +144,10 @@ fn place_in_array(id: u64, count: u64, min: u64, max: u64) -> Option<u64> {
     (step > 0 && gaps * step == span && offset % step == 0).then(|| offset / step).filter(|&place| place < count)
 }
 
-/// The part of a camera's image that is drawn: a tile is a band of rows, as wide as the image.
-pub(crate) fn region(args: &RenderArgs, camera: &Camera) -> Result<Option<Region>, Failure> {
-    let Some(part) = args.tile else { return Ok(args.region) };
-    let [width, height] = camera.size;
-    if part.count > height {
-        return Err(Failure::usage(format!(
-            "--tile {}/{}: the image has {height} rows, expected at most as many tiles",
-            part.index, part.count
-        )));
-    }
-    let rows = part.of(height.into());
-    Ok(Some(Region { x: 0, y: rows.start as u32, width, height: (rows.end - rows.start) as u32 }))
-}
-
 /// The name of an image, with the number of its tile for `{tile}`.
 pub(crate) fn with_tile(output: &Path, args: &RenderArgs) -> PathBuf {
     match (args.tile, output.to_str()) {
-        (Some(part), Some(name)) => name.replace("{tile}", &format!("{:04}", part.index)).into(),
+        (Some(part), Some(name)) => name.replace("{tile}", &format!("{:04}", part.index())).into(),
         _ => output.to_path_buf(),
     }
 }
@@ -217,24 +172,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_have_everything_once_counted_from_0_or_from_1() {
-        for count in [1_u32, 2, 3, 7, 64, 1000] {
-            for length in [0_u64, 1, 2, 7, 63, 64, 65, 65_536] {
-                for first in [0, 1] {
-                    let mut all: Vec<u64> = (first..first + count)
-                        .flat_map(|i| part(&format!("{i}/{count}")).unwrap().of(length))
-                        .collect();
-                    all.sort_unstable();
-                    assert_eq!(all, (0..length).collect::<Vec<_>>(), "{count} parts of {length} from {first}");
-                }
-            }
-        }
-        for bad in ["", "1", "1/0", "3/2", "-1/2", "1/2/3", "a/b", "1/1000001", "1/99999999999999999999"] {
-            assert!(part(bad).is_err(), "{bad}");
-        }
-    }
-
-    #[test]
     fn frame_ranges_have_both_ends() {
         let range = |first, last, step| Ok(FrameRange { first, last, step });
         assert_eq!(frame_range("0-9"), range(0, 9, 1));
@@ -255,7 +192,7 @@ mod tests {
 
     #[test]
     fn clusters_say_shards_by_their_variables() {
-        let is = |index, count| Ok(Some(Part { index, count }));
+        let is = |index, count| Ok(Part::new(index, count));
         assert_eq!(environment("PATH=/bin"), Ok(None));
         assert_eq!(environment("SLURM_ARRAY_TASK_ID= SLURM_ARRAY_TASK_COUNT="), Ok(None));
         assert_eq!(environment("SLURM_ARRAY_TASK_ID=2 SLURM_ARRAY_TASK_COUNT=4"), is(2, 4));

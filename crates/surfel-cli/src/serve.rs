@@ -4,23 +4,21 @@
 //! answered by an error, and the next one is read.
 
 use crate::args::{RenderArgs, ServeArgs};
-use crate::camera;
 use crate::console::Console;
 use crate::failure::Failure;
-use crate::metadata::{self, Input};
+use crate::options;
 use crate::output::{Format, Output};
-use crate::pieces;
-use crate::render::{choose, start};
-use crate::resolve::{Resolved, Source, resolve};
+use crate::render::{choose, drawn, start};
+use crate::resolve::{self, Resolved, Source, resolve};
 use crate::stdin::{Stdin, is_stdin};
 use crate::stdout;
-use crate::values;
 use serde_json::{Value, json};
 use std::io::{self, BufRead, Read};
 use std::path::PathBuf;
+use surfel::metadata::{self, Input};
 use surfel::model::SceneFile;
 use surfel::render::{Capabilities, SceneSummary, unsupported};
-use surfel::{Backend, BackendScene, Camera, Frame, Planes, Region, Renderer};
+use surfel::{Backend, BackendScene, Camera, Frame, Planes, Region, Renderer, camera, values};
 
 /// Longest request, in bytes.
 const MAX_LINE: usize = 1 << 16;
@@ -200,7 +198,7 @@ impl<'a> Server<'a> {
     fn start(args: &'a RenderArgs, threads: usize, console: &Console) -> Result<Self, Failure> {
         let mut backend = start(args, threads, console)?;
         let stdin = Stdin::default();
-        let source = Source::of(&args.inputs, &stdin)?;
+        let source = resolve::source(&args.inputs, &stdin)?;
         let bare = matches!(source, Source::Geometry(_));
         let mut resolved = resolve(source, None, args, &stdin, console)?;
         if bare {
@@ -216,7 +214,7 @@ impl<'a> Server<'a> {
         let scene = backend.upload(&resolved.scene)?;
         let inputs = match args.no_metadata {
             true => Vec::new(),
-            false => metadata::inputs(&resolved.file, &resolved.beside, &stdin)?,
+            false => metadata::inputs(&resolved.file, &resolved.beside, None)?,
         };
         console.note(&format!("ready: the scene is in memory, drawn by '{}'", backend.info().backend));
         Ok(Self { args, resolved, inputs, backend, scene, frame: Frame::default() })
@@ -246,21 +244,11 @@ impl<'a> Server<'a> {
         let output = Output::new(path, request.force || self.args.force, self.args.png16, self.args.exr_f32)?;
         output.check(Some(path))?;
         // What flags say of the camera is in the scene's already; the request's say is like that of flags.
-        let said = RenderArgs {
-            view: request.view,
-            size: request.size,
-            region: request.region,
-            eye: None,
-            target: None,
-            camera_up: None,
-            fov_y: None,
-            ortho: false,
-            ..self.args.clone()
-        };
-        let Resolved { file, scene, up, .. } = &self.resolved;
-        let given = request.camera.as_ref().unwrap_or(&file.camera);
-        let mut camera = camera::reframe(given, scene, *up, &said).unwrap_or_else(|| given.clone());
-        camera::apply_flags(&mut camera, scene, *up, false, &said);
+        let mut said = options::render(self.args);
+        (said.view, said.size, said.region) = (request.view, request.size, request.region);
+        (said.eye, said.target, said.camera_up, said.fov_y, said.ortho) = (None, None, None, None, false);
+        let file = &self.resolved.file;
+        let camera = self.resolved.seen(request.camera.as_ref(), &said);
         let view = camera::view(&camera, &said)?;
         if view.pixels() > MAX_PIXELS {
             return Err(Failure::input(format!(
@@ -280,9 +268,9 @@ impl<'a> Server<'a> {
         let metadata = if self.args.no_metadata || output.format == Format::Jpeg {
             Vec::new()
         } else {
-            let region = pieces::region(&said, &scene.camera)?;
-            let drawn = metadata::drawn(&said, region, self.backend.info(), output.format);
-            let entries = metadata::entries(Output::folder(Some(path)), &scene, &self.inputs, &drawn, output.format)?;
+            let drawn = drawn(self.args, &said, &scene.camera, self.backend.info(), output.format)?;
+            let is_exr = matches!(output.format, Format::Exr { .. });
+            let entries = metadata::entries(Output::folder(Some(path)), &scene, &self.inputs, &drawn, is_exr)?;
             entries.unwrap_or_default()
         };
         output.write(Some(path), &self.frame, scene.background, metadata)?;

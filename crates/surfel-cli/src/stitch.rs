@@ -3,14 +3,15 @@
 use crate::args::StitchArgs;
 use crate::console::Console;
 use crate::failure::Failure;
-use crate::metadata::{self, Content, DRAWN_KEY, INPUTS_KEY, Input, SCENE_KEY, VERSION_KEY};
 use crate::output::{Format, Output};
 use crate::stdin::is_stdin;
-use serde_json::Value;
+use serde_json::{Map, Value};
 use std::path::{Component, Path, PathBuf};
 use surfel::Region;
 use surfel::io::{BitDepth, Samples, Tile};
+use surfel::metadata::{self, Content, DRAWN_KEY, INPUTS_KEY, Input, SCENE_KEY, VERSION_KEY};
 use surfel::model::SceneFile;
+use surfel::{paths, values};
 
 pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
     let output = Output::new(&args.output, args.force, false, false)?;
@@ -56,7 +57,7 @@ struct Said {
     file: SceneFile,
     version: String,
     /// How it was drawn, without its region.
-    drawn: Value,
+    drawn: Map<String, Value>,
     inputs: Value,
 }
 
@@ -78,13 +79,13 @@ impl Said {
             serde_json::from_str::<Value>(&text(key)?).map_err(damaged)
         };
         let (file, _) = surfel::scene::parse_scene_file(text(SCENE_KEY)?.as_bytes(), path)?;
-        let mut drawn = json(DRAWN_KEY)?;
+        let mut drawn = json(DRAWN_KEY)?.as_object().cloned().unwrap_or_default();
         let [width, height] = file.camera.size;
-        let region = match drawn.as_object_mut().and_then(|drawn| drawn.remove("region")) {
+        let region = match drawn.remove("region") {
             None => Region { x: 0, y: 0, width, height },
             Some(text) => text
                 .as_str()
-                .and_then(|text| crate::values::region(text).ok())
+                .and_then(|text| values::region(text).ok())
                 .ok_or_else(|| Failure::input(format!("{name}: {DRAWN_KEY} is damaged: its region is {text}")))?,
         };
         if (region.width, region.height) != (header.width, header.height) {
@@ -103,7 +104,7 @@ impl Said {
         let scene = |said: &Self| {
             let mut file = said.file.clone();
             // Every path has a file name; one without stays as it is.
-            let _ = crate::paths::for_each(&mut file, |path| {
+            let _ = paths::for_each(&mut file, |path| {
                 *path = path.file_name().map_or_else(|| path.clone(), PathBuf::from);
                 Ok(())
             });
@@ -146,7 +147,7 @@ impl Said {
         let here = std::fs::canonicalize(here).unwrap_or_else(|_| here.to_path_buf());
         let absolute = |path: &Path| clean(&here.join(path));
         let mut file = self.file.clone();
-        crate::paths::for_each(&mut file, |path| {
+        paths::for_each(&mut file, |path| {
             *path = absolute(path);
             Ok(())
         })?;
@@ -162,7 +163,8 @@ impl Said {
             };
             inputs.iter().map(input).collect()
         });
-        let entries = metadata::entries(folder, &file, &inputs.unwrap_or_default(), &self.drawn, format)?;
+        let is_exr = matches!(format, Format::Exr { .. });
+        let entries = metadata::entries(folder, &file, &inputs.unwrap_or_default(), &self.drawn, is_exr)?;
         let mut entries = entries.unwrap_or_default();
         for (key, text) in &mut entries {
             if key == VERSION_KEY {

@@ -123,14 +123,13 @@ pub(crate) fn upright(cloud: SplatCloud, points: bool) -> (SplatCloud, Up) {
 /// Most points at the origin, and in any one place, that are taken for real ones.
 const COINCIDENT: usize = 16;
 
-/// Splats of points.
-pub(crate) fn points(
+/// The points that the options choose.
+pub(crate) fn chosen_points(
     mut points: PointCloud,
     path: &Path,
     options: &LoadOptions,
     notes: &mut Vec<String>,
-    progress: &dyn Progress,
-) -> Result<(SplatCloud, Conversion), Error> {
+) -> Result<PointCloud, Error> {
     let keep = {
         let rows: (usize, &dyn Fn(usize) -> DVec3) = (points.len(), &|i| points.origin + points.positions.get(i));
         chosen(rows, &points.extras, (path, "points"), options, notes)?
@@ -150,12 +149,37 @@ pub(crate) fn points(
     if dropped > 0 {
         notes.push(format!("{} of {} points are left, evenly chosen", points.len(), points.len() + dropped));
     }
+    Ok(points)
+}
+
+/// Splats of points.
+pub(crate) fn points(
+    points: PointCloud,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
+    let points = chosen_points(points, path, options, notes)?;
+    splats_of_points(&points, None, path, options, notes, progress)
+}
+
+/// Splats of points that are chosen, whose estimated normals point to `viewpoint`, if there is one.
+pub(crate) fn splats_of_points(
+    points: &PointCloud,
+    viewpoint: Option<DVec3>,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
     let point_options = PointOptions {
         radius_scale: options.radius_scale,
+        viewpoint,
         coincident: if options.all_points { usize::MAX } else { COINCIDENT },
         ..PointOptions::default()
     };
-    let made = surfel_sample::splats_from_points(&points, &point_options, progress);
+    let made = surfel_sample::splats_from_points(points, &point_options, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
     notes.push(points_note(&report));
     let cloud = if options.sharp { sharpen(cloud, path, options, notes, progress)? } else { cloud };

@@ -245,7 +245,16 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> 
 /// [`Error::Io`] if the file can't be read or is damaged, [`Error::Sample`] if no splats can be made of it,
 /// [`Error::Unsuitable`] if it holds no splat, or `options.sharp` is set and Cargo's feature `sharp` isn't.
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
-    let loaded = read(path, options)?;
+    splats_of(read(path, options)?, path, options, progress)
+}
+
+/// Makes splats of what was read.
+pub(crate) fn splats_of(
+    loaded: Loaded,
+    path: &Path,
+    options: &LoadOptions,
+    progress: &dyn Progress,
+) -> Result<LoadedCloud, Error> {
     let up_reason = up_reason(&loaded);
     let mut notes = loaded.notes;
     let mut unused = convert::unused(&loaded.content, options);

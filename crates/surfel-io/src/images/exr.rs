@@ -281,7 +281,7 @@ fn tile_header(headers: &[Header]) -> Result<&Header, Problem> {
 /// Writes an EXR of `size`, whose lines `next` gives, with all of the header of `like` but its size and texts; the
 /// same bytes as [`write_exr`] of the same pixels.
 pub(super) fn write_rows(
-    sink: &mut BufWriter<&File>,
+    sink: &mut BufWriter<File>,
     [width, height]: [u32; 2],
     like: &Path,
     metadata: &[(String, String)],

@@ -36,7 +36,7 @@ pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOpti
     let color = color.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "a PNG needs a colour plane"))?;
     let mut writer = start_png(out, [planes.width, planes.height], options)?;
     let data: Vec<u8> = match options.depth {
-        BitDepth::Eight => color.iter().map(|&c| to_8_bit(c)).collect::<Vec<_>>().into_flattened(),
+        BitDepth::Eight => to_srgb8(color).into_flattened(),
         BitDepth::Sixteen => color.iter().map(|&c| to_16_bit(c)).collect::<Vec<_>>().into_flattened(),
     };
     writer.write_image_data(&data).map_err(io::Error::other)?;
@@ -75,6 +75,11 @@ pub(super) fn start_png<W: Write>(
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
 pub fn save_png(path: &Path, overwrite: bool, planes: &PlanesView<'_>, options: &PngOptions) -> Result<(), IoError> {
     atomic::write(path, overwrite, |out| write_png(out, planes, options))
+}
+
+/// Linear premultiplied colours as a PNG of 8 bits holds them: sRGB-encoded, straight alpha. NaN becomes 0.
+pub fn to_srgb8(color: &[[f32; 4]]) -> Vec<[u8; 4]> {
+    color.iter().map(|&c| to_8_bit(c)).collect()
 }
 
 fn straight([r, g, b, a]: [f32; 4]) -> [f32; 4] {
