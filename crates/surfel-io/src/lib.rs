@@ -89,6 +89,7 @@ pub use images::exr::{ExrOptions, save_exr, write_exr};
 pub use images::jpeg_writer::{JpegOptions, save_jpeg, write_jpeg};
 pub use images::planes::{Planes, PlanesView};
 pub use images::png::{BitDepth, PngOptions, save_png, to_srgb8, write_png};
+pub use images::stitch::{ImageHeader, Samples, Tile, read_image_header, stitch};
 pub use images::texture::load_matcap;
 pub use images::{read_image, read_image_bytes};
 pub use load::{Loaded, load, load_bytes};

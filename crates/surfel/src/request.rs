@@ -91,11 +91,22 @@ pub struct Resolved {
     pub scene: Scene,
     /// What it turns about.
     pub turntable: Turntable,
+    /// The scene's up axis: as the options, the file or its objects say.
+    pub up: Up,
     /// Files that the objects' files refer to, found or not; absolute.
     pub beside: BTreeSet<PathBuf>,
 }
 
 impl Resolved {
+    /// The camera that these options ask for, which start from `given` or else the scene's own camera.
+    pub fn seen(&self, given: Option<&Camera>, options: &RenderOptions) -> Camera {
+        let given = given.unwrap_or(&self.file.camera);
+        let reframed = camera::reframe(given, &self.scene, self.up, options);
+        let mut camera = reframed.unwrap_or_else(|| given.clone());
+        camera::apply_flags(&mut camera, &self.scene, self.up, false, options);
+        camera
+    }
+
     /// Camera of a frame of a turn in so many, and the scene with its lights moved where they have to.
     pub fn turned(&self, index: u32, frames: u32) -> (Camera, Option<Scene>) {
         if index == 0 {
@@ -256,7 +267,7 @@ fn scene_of_file(
     // A scene file's camera turns about what it looks at, about the scene's up axis or else its own.
     let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
     let turntable = Turntable { center: file.camera.target.into(), axis };
-    Ok(Resolved { file, scene, turntable, beside })
+    Ok(Resolved { file, scene, turntable, up, beside })
 }
 
 fn scene_of_geometry(
@@ -320,7 +331,7 @@ fn scene_of_geometry(
     let mut scene = assemble(&file, loaded.objects)?;
     absolute_paths(&mut file, Path::new(""))?;
     scene.matcap = matcap(&mut file, options)?;
-    Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() }, beside })
+    Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() }, up, beside })
 }
 
 /// The up axis that the files or their shape say, and what to do if it is wrong.
