@@ -105,6 +105,12 @@ pub(crate) fn drawn(args: &RenderArgs, info: &RendererInfo, format: Format) -> V
     if let Some(n) = args.samples {
         drawn.insert("samples".to_owned(), json!(n));
     }
+    if !args.planes.is_empty() {
+        drawn.insert("planes".to_owned(), json!(args.planes.join(",")));
+    }
+    if let Some(label) = &args.label {
+        drawn.insert("label".to_owned(), json!(label));
+    }
     if args.storage != "32" {
         drawn.insert("storage".to_owned(), json!(args.storage));
     }

@@ -11,6 +11,7 @@ use glam::DVec3;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use surfel::labels::DEFAULT_LABEL;
 use surfel::framing::{NamedView, Upright, ViewChoice};
 use surfel::model::{Matcap, ObjectFile, SceneFile, Shader, Up};
 use surfel::scene::{AutoOptions, DEFAULT_SIZE, LoadedObjects};
@@ -111,6 +112,10 @@ fn load(
     let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };
     // The preset that an image is verified against antialiases edges.
     let options = LoadOptions::default().with_interior_weight(args.verify).for_settings(settings).with_stdin(bytes);
+    let wants_label = args.label.is_some() || args.planes.iter().any(|plane| plane == "label");
+    let label = args.label.clone().unwrap_or_else(|| DEFAULT_LABEL.to_owned());
+    let options = options.with_rows(args.planes.iter().any(|plane| plane == "index" || plane == "object"));
+    let options = options.with_label(wants_label.then_some(label));
     let options = options.with_up(args.up.and_then(|choice| choice.0).or(up));
     let progress = console.progress();
     let loaded = surfel::scene::load_objects(objects, base, &options, &progress)?;

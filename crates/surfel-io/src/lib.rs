@@ -80,6 +80,8 @@ pub use format::Format;
 pub use images::exr::{ExrOptions, save_exr, write_exr};
 #[cfg(feature = "jpeg")]
 pub use images::jpeg_writer::{JpegOptions, save_jpeg, write_jpeg};
+#[cfg(feature = "npy")]
+pub use images::npz::{save_npz, write_npz};
 pub use images::planes::{Planes, PlanesView};
 pub use images::png::{BitDepth, PngOptions, save_png, write_png};
 pub use images::texture::load_matcap;

@@ -43,7 +43,7 @@ pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Conte
         }
         let normals = shading_normals;
         let points =
-            PointCloud { origin, positions: centers, normals, colors, alphas, extras, up, viewpoint: None, comments };
+            PointCloud { origin, positions: centers, normals, colors, alphas, extras, up, comments, ..PointCloud::default() };
         return context.points(points);
     };
     context.splats(CloudData {
