@@ -345,7 +345,8 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     {
         let found = if format == Format::Jpeg { "a JPEG" } else { "a PNG" };
         let flag = if args.planes.is_empty() { "--label" } else { "--planes" };
-        return Err(Failure::usage(format!("{flag} is for EXR and NPZ, but -o names {found}, which holds colour alone")));
+        let message = format!("{flag} is for EXR and NPZ, but -o names {found}, which holds colour alone");
+        return Err(Failure::usage(message));
     }
     if args.samples.is_some() && asks_for_planes(args) {
         return Err(Failure::usage("--samples averages, and planes of what is nearest have no mean: leave out one"));

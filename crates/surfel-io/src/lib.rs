@@ -57,6 +57,7 @@ mod ply;
 mod point_columns;
 #[cfg(feature = "points")]
 mod points;
+mod rows;
 pub mod scene_file;
 #[cfg(feature = "gaussians")]
 mod sog;

@@ -1,6 +1,10 @@
 //! Point clouds: positions without extent, before splats are made of them.
 
-use crate::{Column3, ExtraColumn, ModelError, Up, column::{retain, retain_rows}, morton};
+use crate::{
+    Column3, ExtraColumn, ModelError, Up,
+    column::{retain, retain_rows},
+    morton,
+};
 use glam::DVec3;
 
 /// Points with what a scanner or a file gave for each of them.

@@ -100,7 +100,9 @@ pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, r
     let rect = work_rect(view, plan);
     let front = Front::draw(scene, &lighting, rect, 1.0);
     let all = nearest::all(scene, &nearest::candidates(scene, &front, &lighting, rect, relative));
-    (0..view.region.width as usize * view.region.height as usize).map(|to| all[place_in(rect, view, to)].clone()).collect()
+    (0..view.region.width as usize * view.region.height as usize)
+        .map(|to| all[place_in(rect, view, to)].clone())
+        .collect()
 }
 
 /// The rectangle that passes run over: the region, grown by the neighbours that they read, inside the image.

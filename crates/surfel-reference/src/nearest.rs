@@ -70,12 +70,7 @@ fn polygon_of(scene: &ResidentScene, meshes: &MeshLayer<'_>, at: usize) -> Optio
 }
 
 /// Identities of the nearest of each pixel.
-pub(crate) fn identities(
-    scene: &ResidentScene,
-    front: &Front<'_>,
-    lighting: &Lighting,
-    rect: Region,
-) -> Vec<Identity> {
+pub(crate) fn identities(scene: &ResidentScene, front: &Front<'_>, lighting: &Lighting, rect: Region) -> Vec<Identity> {
     let first = |pixel: &Vec<Candidate>| pixel.first().map_or(Identity::NOTHING, |found| found.identity(scene));
     candidates(scene, front, lighting, rect, 0.0).iter().map(first).collect()
 }

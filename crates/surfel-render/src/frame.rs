@@ -1,7 +1,7 @@
 //! What a render gives back: linear f32 planes.
 
-use crate::background::Background;
 use crate::View;
+use crate::background::Background;
 use crate::color_plane::ColorPlane;
 use surfel_model::NO_LABEL;
 
@@ -253,14 +253,24 @@ impl Frame {
     /// For backends: finishes the planes that follow from others, when all of these are written. `identity` says what
     /// the numbers in the plane `index` stand for; it isn't called where that isn't there.
     pub fn finish(&mut self, view: &View, identity: impl Fn(u32) -> Identity) {
-        let Self { index, object, label, .. } = self;
-        for (at, (index, object)) in index.iter_mut().zip(object).enumerate() {
-            let found = identity(*index);
-            (*index, *object) = (found.row, found.object);
-            if let Some(label) = label.get_mut(at) {
-                *label = found.label;
+        for at in 0..self.index.len() {
+            self.put_identity(at, identity(self.index[at]));
+        }
+        self.locate(view);
+    }
+
+    /// For backends: says what is nearest in a pixel, if that is asked for.
+    pub fn put_identity(&mut self, at: usize, found: Identity) {
+        let planes = [(&mut self.index, found.row), (&mut self.object, found.object), (&mut self.label, found.label)];
+        for (plane, value) in planes {
+            if let Some(pixel) = plane.get_mut(at) {
+                *pixel = value;
             }
         }
+    }
+
+    /// For backends: fills the plane of positions, if there is one, by depths.
+    pub fn locate(&mut self, view: &View) {
         let width = (self.width as usize).max(1);
         for (at, (position, z)) in self.position.iter_mut().zip(&self.depth).enumerate() {
             let pixel = [view.region.x as usize + at % width, view.region.y as usize + at / width];

@@ -289,7 +289,11 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
         let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
         notes.push(format!("no attribute {attribute}, so its splats have no label (attributes: {known})"));
     }
-    if options.rows || options.label.is_some() { cloud.number_rows() } else { cloud.discard_rows() }
+    if options.rows || options.label.is_some() {
+        cloud.number_rows()
+    } else {
+        cloud.discard_rows()
+    }
     let mut coloring = None;
     if let Some(attribute) = options.color_by.as_deref().filter(|_| octree.is_none()) {
         let certain = options.up.or_else(|| up_reason.map(|_| loaded.up));

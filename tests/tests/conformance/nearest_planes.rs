@@ -76,9 +76,7 @@ fn agrees(renderer: &mut impl Renderer, step: usize) {
         count += 1;
         let resident = reference.upload(&case.scene).unwrap();
         let mut want = Frame::default();
-        reference
-            .render_into(&resident, &case.view(), &case.settings, nearest().with_margin(true), &mut want)
-            .unwrap();
+        reference.render_into(&resident, &case.view(), &case.settings, nearest().with_margin(true), &mut want).unwrap();
         let candidates = reference.nearest_candidates(&resident, &case.view(), &case.settings, MARGIN).unwrap();
         let got = drawn(renderer, case, nearest()).unwrap();
         let plain = drawn(renderer, case, Planes::ALL).unwrap();
@@ -113,11 +111,26 @@ fn cpu_shows_the_nearest_splat() {
     agrees(&mut surfel_cpu::Renderer::new(Default::default()).unwrap(), 1);
 }
 
+/// On GPUs every fourth: a driver in software takes long for all.
+#[test]
+fn wgpu_shows_the_nearest_splat() {
+    if let Some(mut renderer) = crate::validated_gpu::wgpu() {
+        agrees(&mut renderer, 4);
+        crate::validated_gpu::no_messages();
+    }
+}
+
+#[test]
+fn ash_shows_the_nearest_splat() {
+    if let Some(mut renderer) = crate::validated_gpu::ash() {
+        agrees(&mut renderer, 4);
+    }
+}
+
 #[test]
 fn rows_are_the_same_for_any_threads_regions_and_reuse() {
-    let mut renderers = [1, 3, 16].map(|threads| {
-        surfel_cpu::Renderer::new(surfel_cpu::Options::default().with_threads(threads)).unwrap()
-    });
+    let mut renderers = [1, 3, 16]
+        .map(|threads| surfel_cpu::Renderer::new(surfel_cpu::Options::default().with_threads(threads)).unwrap());
     for case in cases().iter().step_by(3) {
         let frames = renderers.each_mut().map(|r| identities(&drawn(r, case, nearest()).unwrap()));
         assert!(frames.windows(2).all(|pair| pair[0] == pair[1]), "{}", case.name);
@@ -278,7 +291,9 @@ fn plan_without_these_planes_has_no_pass_for_them_and_clouds_without_rows_are_re
     let octree = scenes::octree();
     let error = drawn(&mut Reference::new(Default::default()).unwrap(), &octree, nearest()).unwrap_err();
     assert!(matches!(error, RenderError::NoRows { .. }), "{error}");
-    assert!(drawn(&mut Reference::new(Default::default()).unwrap(), &octree, Planes::COLOR.with_position(true)).is_ok());
+    assert!(
+        drawn(&mut Reference::new(Default::default()).unwrap(), &octree, Planes::COLOR.with_position(true)).is_ok()
+    );
 }
 
 #[test]

@@ -171,18 +171,19 @@ impl<'a> Target<'a> {
         let fragments = cut(planes.fragments, region, parts);
         let index = cut(planes.index, region, parts);
         let geometry = depth.into_iter().zip(normal).zip(weight).zip(fragments.into_iter().zip(index));
-        let parts = color.into_iter().zip(geometry).map(|(color, (((depth, normal), weight), (fragments, index)))| Self {
-            tile: 0,
-            rect: color.rect,
-            background,
-            is_background: false,
-            color,
-            depth,
-            normal,
-            weight,
-            fragments,
-            index,
-        });
+        let parts =
+            color.into_iter().zip(geometry).map(|(color, (((depth, normal), weight), (fragments, index)))| Self {
+                tile: 0,
+                rect: color.rect,
+                background,
+                is_background: false,
+                color,
+                depth,
+                normal,
+                weight,
+                fragments,
+                index,
+            });
         parts.collect()
     }
 

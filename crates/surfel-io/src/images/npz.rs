@@ -87,7 +87,8 @@ impl Archive<'_> {
         let name = format!("{name}.npy");
         let size = head.len() as u64 + values.len() as u64;
         let end = self.written + size + 2 * (name.len() as u64 + 64) + self.directory.len() as u64 + 64;
-        let (Ok(start), Ok(size), Ok(_)) = (u32::try_from(self.written), u32::try_from(size), u32::try_from(end)) else {
+        let (Ok(start), Ok(size), Ok(_)) = (u32::try_from(self.written), u32::try_from(size), u32::try_from(end))
+        else {
             return Err(invalid("planes of 4 GiB and more don't fit into an NPZ: write an EXR, or draw parts".into()));
         };
         // From the version on, as both headers have it: 2.0, no flags, stored, 1980-01-01.
