@@ -141,6 +141,7 @@ mod tests {
         let material = Material { cull, ..Material::default() };
         let world_from_object = DAffine3::IDENTITY;
         let uploaded = UploadedMesh {
+            source: 0,
             mesh: Arc::new(mesh),
             octree: None,
             world_from_object,
