@@ -102,6 +102,33 @@ impl Identity {
     pub const NOTHING: Self = Self { row: NO_LABEL, object: NO_LABEL, label: NO_LABEL };
 }
 
+/// The planes of a [`Frame`], given up by it; those that it didn't have are empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FramePlanes {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Linear RGBA, premultiplied, and a few values around it that mean nothing.
+    pub color: Vec<[f32; 4]>,
+    /// Where in `color` the first pixel is.
+    pub first: usize,
+    /// Planar view-space depth.
+    pub depth: Vec<f32>,
+    /// World normals.
+    pub normal: Vec<[f32; 3]>,
+    /// Σw.
+    pub weight: Vec<f32>,
+    /// Rows of the nearest splats.
+    pub index: Vec<u32>,
+    /// Objects that are nearest.
+    pub object: Vec<u32>,
+    /// Labels of the nearest splats.
+    pub label: Vec<u32>,
+    /// World positions.
+    pub position: Vec<[f64; 3]>,
+}
+
 /// All planes of a [`Frame`], to be written at once; those that it doesn't have are empty.
 #[derive(Debug)]
 pub struct PlanesMut<'a> {
@@ -170,6 +197,24 @@ impl Frame {
         position, position_mut: [f64; 3];
         /// 1 where a decision is within its margin, else 0.
         margin, margin_mut: f32;
+    }
+
+    /// Gives the planes up, without a copy.
+    pub fn into_planes(self) -> FramePlanes {
+        let (color, first) = self.color.into_memory();
+        FramePlanes {
+            width: self.width,
+            height: self.height,
+            color,
+            first,
+            depth: self.depth,
+            normal: self.normal,
+            weight: self.weight,
+            index: self.index,
+            object: self.object,
+            label: self.label,
+            position: self.position,
+        }
     }
 
     /// Which planes there are.

@@ -7,8 +7,8 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_io::Content;
 use surfel_model::{
-    Column3, ConvertOptions, ExtraColumn, Geometry, Material, Mesh, Object, OnInvalid, PointCloud, Shape, SplatCloud,
-    Up,
+    Column3, ConvertOptions, ExtraColumn, Geometry, Material, Mesh, Object, OnInvalid, PointCloud, PointColors, Shape,
+    SplatCloud, TextureSampling, Up,
 };
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
@@ -24,13 +24,15 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
     let rows = points || holds == "splats";
     // What is one splat a vertex of a mesh is one splat a point of points.
     let (method, fits) = match options.method {
-        Some(MeshMethod::Count(_)) => ("splats", mesh),
+        Some(MeshMethod::Count(_) | MeshMethod::Detail) => ("splats", mesh),
         Some(MeshMethod::PerFace) => ("per_face", mesh),
         Some(MeshMethod::PerVertex) => ("per_vertex", mesh || points),
         None => ("", true),
     };
     let given = [
         (method, fits, "a mesh"),
+        ("texture", options.texture_sampling.is_none() || mesh || holds == "an octree", "a mesh"),
+        ("colors", options.colors == PointColors::AsIs || points, "points"),
         ("max_points", options.max_points.is_none() || points, "points"),
         ("radius_scale", options.radius_scale == 1.0 || holds != "an octree", "splats, points or a mesh"),
         ("sharp", !options.sharp || points || mesh, "points or a mesh"),
@@ -123,14 +125,13 @@ pub(crate) fn upright(cloud: SplatCloud, points: bool) -> (SplatCloud, Up) {
 /// Most points at the origin, and in any one place, that are taken for real ones.
 const COINCIDENT: usize = 16;
 
-/// Splats of points.
-pub(crate) fn points(
+/// The points that the options choose.
+pub(crate) fn chosen_points(
     mut points: PointCloud,
     path: &Path,
     options: &LoadOptions,
     notes: &mut Vec<String>,
-    progress: &dyn Progress,
-) -> Result<(SplatCloud, Conversion), Error> {
+) -> Result<PointCloud, Error> {
     let keep = {
         let rows: (usize, &dyn Fn(usize) -> DVec3) = (points.len(), &|i| points.origin + points.positions.get(i));
         chosen(rows, &points.extras, (path, "points"), options, notes)?
@@ -150,16 +151,100 @@ pub(crate) fn points(
     if dropped > 0 {
         notes.push(format!("{} of {} points are left, evenly chosen", points.len(), points.len() + dropped));
     }
+    Ok(points)
+}
+
+/// Splats of points.
+pub(crate) fn points(
+    points: PointCloud,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
+    let points = chosen_points(points, path, options, notes)?;
+    splats_of_points(&points, None, path, options, notes, progress)
+}
+
+/// Splats of points that are chosen, whose estimated normals point to `viewpoint`, if there is one.
+pub(crate) fn splats_of_points(
+    points: &PointCloud,
+    viewpoint: Option<DVec3>,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
     let point_options = PointOptions {
         radius_scale: options.radius_scale,
+        viewpoint,
         coincident: if options.all_points { usize::MAX } else { COINCIDENT },
         ..PointOptions::default()
     };
-    let made = surfel_sample::splats_from_points(&points, &point_options, progress);
+    let made = surfel_sample::splats_from_points(points, &point_options, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
     notes.push(points_note(&report));
     let cloud = if options.sharp { sharpen(cloud, path, options, notes, progress)? } else { cloud };
+    let cloud = match options.colors {
+        PointColors::AsIs => cloud,
+        PointColors::Fit => fit_colors(cloud, path, notes, progress)?,
+    };
     Ok((cloud, Conversion::Points(report)))
+}
+
+/// Splats of points with colours whose blend is the points'.
+fn fit_colors(
+    cloud: SplatCloud,
+    path: &Path,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<SplatCloud, Error> {
+    let is_colored = cloud.data().colors.is_some();
+    let made = surfel_sample::fit_point_colors(cloud, progress);
+    let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+    let [before, after] = report.held_out_rms;
+    notes.push(match report.steps {
+        _ if !is_colored => "there are no colours to fit".to_owned(),
+        None => "colours are kept as they are: fitted ones predict a held-out tenth of the points no better".to_owned(),
+        Some(steps) => format!(
+            "colours fitted in {steps} steps: a held-out tenth of the points is predicted to {after:.4} (RMS, linear \
+             light), {before:.4} as is"
+        ),
+    });
+    Ok(cloud)
+}
+
+/// Splats of a mesh whose blend shows it, as `texture_sampling` says.
+fn textured(
+    cloud: SplatCloud,
+    mesh: &Mesh,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<SplatCloud, Error> {
+    let sampling = options.texture_sampling.unwrap_or_default();
+    if sampling == TextureSampling::Point || mesh.triangles.is_empty() {
+        return Ok(cloud);
+    }
+    let made = surfel_sample::fit_to_mesh(cloud, mesh, sampling, progress);
+    let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+    let [before, after] = report.color_rms;
+    let mut note = match (sampling, report.samples) {
+        (_, 0) => "there is neither colour nor smooth normal to fit".to_owned(),
+        (TextureSampling::Fit, samples) => format!(
+            "fitted to {samples} samples of the surface in {} steps: colours blend to within {after:.4} (RMS, linear \
+             light), {before:.4} before",
+            report.steps
+        ),
+        _ => format!("colours are means under the splats' own kernels: {after:.4} off (RMS), {before:.4} before"),
+    };
+    if let Some([before, after]) = report.normal_rms {
+        let degrees = |rms: f64| (rms * 3f64.sqrt()).to_degrees();
+        note += &format!(", normals to {:.3} degrees, {:.3} before", degrees(after), degrees(before));
+    }
+    notes.push(note);
+    Ok(cloud)
 }
 
 /// Splats of a mesh.
@@ -171,14 +256,15 @@ pub(crate) fn mesh(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
     if options.sharp {
-        return sharp(mesh, path, options, notes, progress);
+        let (cloud, conversion) = sharp(mesh, path, options, notes, progress)?;
+        return Ok((textured(cloud, mesh, path, options, notes, progress)?, conversion));
     }
     let method = options.method.unwrap_or(MeshOptions::auto(mesh).method);
     let mesh_options = MeshOptions { method, radius_scale: options.radius_scale };
     let made = surfel_sample::splats_from_mesh(mesh, &mesh_options, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
     notes.push(mesh_note(mesh, &report));
-    Ok((cloud, Conversion::Mesh(report)))
+    Ok((textured(cloud, mesh, path, options, notes, progress)?, Conversion::Mesh(report)))
 }
 
 /// Splats of points, clipped along the edges that the points show.
@@ -284,7 +370,7 @@ fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
     let how = match report.method {
         MeshMethod::PerFace => "one a face",
         MeshMethod::PerVertex => "one a vertex",
-        MeshMethod::Count(_) => "spread over the surface",
+        MeshMethod::Count(_) | MeshMethod::Detail => "spread over the surface",
     };
     let mut note = format!(
         "a mesh of {} triangles: {} splats, {how} (median radius {:.4})",
@@ -292,6 +378,9 @@ fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
         report.splats,
         report.median_radius
     );
+    if let Some(detail) = report.detail {
+        note += &format!("; its shape asks for {}, its colours for {}", detail.shape, detail.colors);
+    }
     if report.degenerate > 0 {
         note += &format!("; {} triangles have no area", report.degenerate);
     }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 /// A page, or a folder of pages, and how many words each may have.
-const BUDGETS: [(&str, usize); 12] = [
+const BUDGETS: [(&str, usize); 15] = [
     ("README.md", 800),
     ("docs/architecture.md", 1500),
     ("docs/accuracy.md", 1500),
@@ -15,6 +15,9 @@ const BUDGETS: [(&str, usize); 12] = [
     ("docs/rendering-model.md", 6000),
     ("docs/format.md", 1800),
     ("docs/inputs.md", 1200),
+    ("docs/ortho.md", 450),
+    ("docs/python.md", 500),
+    ("docs/textures.md", 450),
     ("docs/decisions/", 350),
 ];
 
