@@ -23,6 +23,10 @@ const LAYERS: [LayerSums; 7] = [
     LayerSums { layer: "remaining", sums: &["surface", "material_counts"] },
 ];
 
+/// Layers whose nearest splats may be asked for, and whether polygons are among them.
+const NEAREST_LAYERS: [(&str, bool); 5] =
+    [("front", false), ("mesh_blend", true), ("shown", false), ("shown_mesh_blend", true), ("remaining", false)];
+
 /// Prefix of the names, and the parameter that a variant's fragments have besides.
 const VARIANTS: [(&str, &str); 2] = [("", ""), ("clipped_", ", @location(9) @interpolate(flat, either) record: u32")];
 
@@ -65,6 +69,17 @@ pub(crate) fn entry_points() -> Result<String, std::fmt::Error> {
                 writeln!(text, "        discard;\n    }}")?;
                 writeln!(text, "    return {sums}_sums_of(in, c);\n}}\n")?;
             }
+        }
+        for (layer, before_polygon) in NEAREST_LAYERS {
+            let [_, (_, record)] = VARIANTS;
+            let before = if before_polygon { " && is_before_polygon(in.position, c.z)" } else { "" };
+            writeln!(text, "@fragment")?;
+            writeln!(text, "fn {variant}{layer}_nearest_fragment(in: AttributeVertex{record},")?;
+            writeln!(text, "    @location(10) @interpolate(flat, either) source: u32) -> NearestOutput {{")?;
+            writeln!(text, "    let c = contribution(in);")?;
+            writeln!(text, "    if !(c.is_there && {layer}_accumulates(in, c.z){before}{filtered}) {{")?;
+            writeln!(text, "        discard;\n    }}")?;
+            writeln!(text, "    return nearest_output(c.z, source, record);\n}}\n")?;
         }
     }
     Ok(text)

@@ -81,6 +81,7 @@ struct Frame {
     normal_at: u32,
     weight_at: u32,
     fragments_at: u32,
+    nearest_at: u32,
     // First pixel, counted within the targets, and size of what is shaded.
     shade_origin_px: vec2u,
     shade_size_px: vec2u,

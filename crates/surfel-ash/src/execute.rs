@@ -338,9 +338,10 @@ impl<'a> Tile<'a> {
             bind_pipeline(commands, pipeline, vk::PipelineBindPoint::GRAPHICS);
             bind_sets(commands, pipeline, vk::PipelineBindPoint::GRAPHICS, &sets);
         };
-        let strip = |vertices: u32, run: Range<u32>| {
+        let strip = |vertices: Range<u32>, run: Range<u32>| {
             // SAFETY: pipeline, sets, viewport and scissor are set; where records are drawn, those of the run exist.
-            unsafe { vulkan.cmd_draw(commands.raw, vertices, run.len() as u32, 0, run.start) };
+            let (count, instances) = (vertices.len() as u32, run.len() as u32);
+            unsafe { vulkan.cmd_draw(commands.raw, count, instances, vertices.start, run.start) };
         };
         let quads = || {
             for drawn in &records {
@@ -348,7 +349,7 @@ impl<'a> Tile<'a> {
                 let records = drawn.lit.filter(|_| draw.is_lit()).unwrap_or(drawn.records);
                 bind(pipeline, Some(records));
                 let Some(draws) = self.layer_draws.as_ref().filter(|_| draw.is_transparent()) else {
-                    drawn.runs.iter().for_each(|run| strip(4, run.clone()));
+                    drawn.runs.iter().for_each(|run| strip(Draw::quad(drawn.index), run.clone()));
                     continue;
                 };
                 let (at, stride) = (layer_draw_offset(drawn.index), layout::draw_arguments::SIZE as u32);
@@ -363,11 +364,11 @@ impl<'a> Tile<'a> {
             }
             (Draw::Edges | Draw::Steps | Draw::Probe(_), Some(pipeline)) => {
                 bind(pipeline, None);
-                strip(3, 0..draw.triangles());
+                strip(0..3, 0..draw.triangles());
             }
             (Draw::Polygons, Some(pipeline)) => {
                 bind(pipeline, Some(self.polygons.0));
-                strip(4, 0..self.polygons.1);
+                strip(0..4, 0..self.polygons.1);
             }
             _ => quads(),
         }

@@ -252,7 +252,8 @@ impl Renderer {
         let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, &data), shared_records);
         let work = TileWork::of(plan, &data, job.scene, samples);
         let counted = self.execute(job, &data, &work, stats, |planes| {
-            data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame)
+            let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
+            data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame, identity)
         })?;
         if !self.device.caps.counts_samples {
             stats.fragments += counted;
@@ -410,6 +411,7 @@ impl surfel_render::Renderer for Renderer {
             self.tile(&job, tile, frame, &mut stats)?;
         }
         self.check_messages()?;
+        frame.locate(view);
         stats.bytes_per_splat = scene.bytes() as f64 / scene.cpu.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)

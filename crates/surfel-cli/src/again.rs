@@ -145,7 +145,9 @@ fn render_args(args: &AgainArgs, drawn: &Value, output: &Path) -> Result<RenderA
         };
         match key.as_str() {
             "backend" if args.backend.is_some() => {}
-            "backend" | "region" | "samples" | "storage" => words.push(format!("--{key}={text}").into()),
+            "backend" | "region" | "samples" | "storage" | "planes" | "label" => {
+                words.push(format!("--{key}={text}").into())
+            }
             "png16" | "exr-f32" if text == "true" => words.push(format!("--{key}").into()),
             "adapter" => {}
             _ => {

@@ -72,8 +72,8 @@ pub(crate) struct RenderArgs {
     /// INPUT gets an image of its own.
     #[arg(required = true, value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
-    /// Image to write: .png, .exr or .jpg (quality 92, blended onto the background), - for PNG on stdout; may hold
-    /// {backend} {frame} {input} {name} {tile}. `surfel INPUT` alone writes INPUT's name with .png to the current
+    /// Image to write: .png, .exr, .npz or .jpg (quality 92, blended onto the background), - for PNG on stdout; may
+    /// hold {backend} {frame} {input} {name} {tile}. `surfel INPUT` alone writes INPUT's name with .png to the current
     /// folder.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
@@ -221,6 +221,14 @@ pub(crate) struct RenderArgs {
     /// Render N times after a warm-up; the statistics are medians.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Output")]
     pub(crate) repeat: Option<u32>,
+    /// Planes that an EXR or NPZ file gets besides colour, Z, normal and weight: index (the row of the nearest splat in
+    /// its file, and its object), label (see --label), position (world).
+    #[arg(long, value_name = "PLANE,...", value_delimiter = ',', help_heading = "Output",
+        value_parser = ["index", "object", "label", "position"])]
+    pub(crate) planes: Vec<String>,
+    /// The attribute that the plane label shows, whole numbers such as classes; classification where nothing says it.
+    #[arg(long, value_name = "ATTRIBUTE", help_heading = "Output")]
+    pub(crate) label: Option<String>,
     /// Colour in EXR files as 32-bit floats.
     #[arg(long, help_heading = "Output")]
     pub(crate) exr_f32: bool,

@@ -36,6 +36,8 @@ pub(crate) fn render(args: &RenderArgs) -> Result<RenderOptions, Failure> {
     options.edge_aa = args.edge_aa;
     options.background = args.background;
     options.samples = args.samples;
+    options.planes.clone_from(&args.planes);
+    options.label.clone_from(&args.label);
     options.turntable = args.turntable;
     options.verify = args.verify;
     Ok(options)

@@ -13,6 +13,14 @@ pub(crate) enum Format {
     Png { sixteen: bool },
     Jpeg,
     Exr { f32_color: bool },
+    Npz,
+}
+
+impl Format {
+    /// Whether files hold more planes than colour.
+    pub(crate) fn has_planes(self) -> bool {
+        matches!(self, Self::Exr { .. } | Self::Npz)
+    }
 }
 
 /// What `-o` says.
@@ -37,8 +45,9 @@ impl Output {
             Some("png") => png,
             Some("jpg" | "jpeg") => Format::Jpeg,
             Some("exr") => Format::Exr { f32_color: exr_f32 },
+            Some("npz") => Format::Npz,
             _ => {
-                let what = "expected a name that ends in .png, .jpg or .exr, or - for PNG on stdout";
+                let what = "expected a name that ends in .png, .jpg, .exr or .npz, or - for PNG on stdout";
                 return Err(Failure::usage(format!("-o {name}: {what}")));
             }
         };
@@ -126,6 +135,7 @@ impl Output {
             (Some(path), Format::Exr { f32_color }) => {
                 surfel::io::save_exr(path, self.force, &planes, &ExrOptions { f32_color, metadata })?;
             }
+            (Some(path), Format::Npz) => surfel::io::save_npz(path, self.force, &planes)?,
             (Some(path), Format::Jpeg) => {
                 let [r, g, b, _] = background.map(|c| c as f32);
                 let options = JpegOptions { background: [r, g, b], ..JpegOptions::default() };

@@ -210,10 +210,7 @@ impl<'a> Session<'a> {
             print_scene(&resolved.file)?;
         }
         let Some(mut backend) = self.backend.take() else { return Ok(Drawn::default()) };
-        let planes = match self.output.as_ref().map(|o| o.format) {
-            Some(Format::Exr { .. }) => Planes::ALL,
-            _ => Planes::COLOR,
-        };
+        let planes = planes(&options::render(args)?, self.output.as_ref());
         let summary = SceneSummary::of(&resolved.scene);
         let settings = &resolved.file.settings;
         let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|e| e.to_string());
@@ -302,7 +299,7 @@ impl<'a> Session<'a> {
         backend: &Backend,
         carried: &mut Option<Vec<metadata::Input>>,
     ) -> Result<Vec<(String, String)>, Failure> {
-        if self.args.no_metadata || output.format == Format::Jpeg {
+        if self.args.no_metadata || matches!(output.format, Format::Jpeg | Format::Npz) {
             return Ok(Vec::new());
         }
         let inputs = match carried.take() {
@@ -359,13 +356,24 @@ fn promised(args: &RenderArgs, resolved: &Resolved) -> Option<Preset> {
     Preset::of(&resolved.file.settings).filter(|_| args.storage != "16")
 }
 
+/// Whether more planes are asked for than every file of planes has.
+fn asks_for_planes(args: &RenderArgs) -> bool {
+    !args.planes.is_empty() || args.label.is_some()
+}
+
+/// The planes that are drawn.
+fn planes(options: &RenderOptions, output: Option<&Output>) -> Planes {
+    let all = output.is_some_and(|o| o.format.has_planes());
+    options.planes_besides(if all { Planes::ALL } else { Planes::COLOR })
+}
+
 /// Combinations that make no sense.
 fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     let stdout = output.is_some_and(Output::is_stdout);
     pieces::check(args, output.is_some_and(|output| !output.is_stdout()))?;
     if output.is_none() && !args.print_scene && !args.stats && !args.verify {
         let expected = match args.inputs.len() {
-            1 => "expected -o OUT.png, .jpg or .exr (or --print-scene, --stats, --verify)",
+            1 => "expected -o OUT.png, .jpg, .exr or .npz (or --print-scene, --stats, --verify)",
             _ => "expected -o OUT.png for one image of all inputs, or -o {input}.png for an image of each",
         };
         return Err(Failure::usage(format!("no output is given, {expected}")));
@@ -389,7 +397,20 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     if args.samples.is_some() && !matches!(args.backend.as_str(), "auto" | "reference") {
         return Err(Failure::usage(format!("--samples needs --backend reference, found {}", args.backend)));
     }
+    if let Some(format) = output.map(|o| o.format).filter(|format| !format.has_planes())
+        && asks_for_planes(args)
+    {
+        let found = if format == Format::Jpeg { "a JPEG" } else { "a PNG" };
+        let flag = if args.planes.is_empty() { "--label" } else { "--planes" };
+        let message = format!("{flag} is for EXR and NPZ, but -o names {found}, which holds colour alone");
+        return Err(Failure::usage(message));
+    }
+    if args.samples.is_some() && asks_for_planes(args) {
+        return Err(Failure::usage("--samples averages, and planes of what is nearest have no mean: leave out one"));
+    }
     match output.map(|o| o.format) {
+        Some(Format::Npz) if args.png16 => Err(Failure::usage("--png16 is for PNG, but -o names an NPZ file")),
+        Some(Format::Npz) if args.exr_f32 => Err(Failure::usage("--exr-f32 is for EXR, but -o names an NPZ file")),
         Some(Format::Exr { .. }) if args.png16 => Err(Failure::usage("--png16 is for PNG, but -o names an EXR file")),
         Some(Format::Jpeg) if args.png16 => Err(Failure::usage("--png16 is for PNG, but -o names a JPEG")),
         Some(Format::Jpeg) if args.exr_f32 => Err(Failure::usage("--exr-f32 is for EXR, but -o names a JPEG")),

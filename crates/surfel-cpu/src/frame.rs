@@ -12,8 +12,9 @@ use crate::frame::totals::Totals;
 use crate::raster::depth::occlusion;
 use crate::raster::inputs::{RasterFrame, RasterInputs};
 use crate::raster::listing::Listing;
-use crate::raster::sums::object_of;
+use crate::raster::sums::number_of;
 use crate::scene::mesh::StoredMesh;
+use crate::scene::numbers::SplatNumbers;
 use crate::scene::resident::ResidentScene;
 use crate::screen::composite::{CompositeJob, Extras};
 use crate::screen::gbuffer::GBuffer;
@@ -71,7 +72,9 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
         totals.shadows_ms = start.elapsed().as_secs_f64() * 1e3;
     }
     let after_shadows = Instant::now();
-    let objects = ObjectView::all(&scene.clouds, view, plan, Cull::Back);
+    let mut objects = ObjectView::all(&scene.clouds, view, plan, Cull::Back);
+    let numbers = if plan.has(Pass::Nearest) { SplatNumbers::new(&scene.clouds) } else { SplatNumbers::default() };
+    objects.iter_mut().for_each(|object| object.first_number = numbers.first(object.index));
     let tiny = (tuning.finds_tiny && tiny_splats_serve(plan)).then(|| TinyFinder::new(plan, view));
     let of_samples = plan.has(Pass::EdgeSamples).then(|| (view.of_samples(), plan.of_samples()));
     let lighting = lighting(scene, view, plan, shadows);
@@ -87,7 +90,7 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
         samples,
         setup: CellSetup { instructions, objects: &objects, tiny: tiny.as_ref(), pool: &pools.setup, notes_candidates },
         meshes: if plan.has(Pass::Polygons) { &scene.meshes } else { &[] },
-        raster: raster_frame(scene, view, plan),
+        raster: RasterFrame { numbers: numbers.clone(), ..raster_frame(scene, view, plan) },
         layers: Layers::new(plan),
         lighting,
     };
@@ -95,6 +98,7 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
     (totals.outside, totals.back_facing) = (visible.outside, visible.back_facing);
     totals.cull_ms = after_shadows.elapsed().as_secs_f64() * 1e3;
     drawing.draw_cells(&visible.chunks, frame, &mut totals);
+    frame.finish(view, |number| scene.identity(&numbers, number));
     totals.report(plan, stats);
 }
 
@@ -155,7 +159,7 @@ impl Drawing<'_> {
         let triangles = project(instructions, self.meshes, &cell.mesh_parts, view, &grid, Cull::Back);
         if plan.has(Pass::RemainingLayer) {
             let CellSplats { transparent, near, .. } = &mut splats;
-            transparent.iter_mut().for_each(|segment| self.light_splats(&self.lighting, segment, near));
+            transparent.iter_mut().for_each(|segment| self.light_splats((&self.lighting, &self.raster), segment, near));
         }
         let mut candidates = splats.candidates.take();
         let after_setup = Instant::now();
@@ -246,12 +250,15 @@ impl Drawing<'_> {
     /// Lights transparent splats for the remaining layer.
     fn light_splats(
         &self,
-        lighting: &Lighting,
+        (lighting, raster): (&Lighting, &RasterFrame),
         TransparentSegment { segment, splats }: &mut TransparentSegment,
         near: &[NearSplat],
     ) {
         let factors = |record: &Record| match self.inputs.plan.attributes.material {
-            true => self.raster.factors.get(object_of(record, near)).copied().unwrap_or_default(),
+            true => {
+                let object = raster.numbers.object_of(number_of(record, near));
+                raster.factors.get(object).copied().unwrap_or_default()
+            }
             false => self.lighting.material,
         };
         with_instructions!(self.inputs.instructions, simd => {
@@ -296,5 +303,6 @@ fn tiny_splats_serve(plan: &FramePlan) -> bool {
     let Attributes { material, coverage, .. } = plan.attributes;
     // A disk of `clamp` is no ellipse.
     let ellipses = plan.splat_filter.filter != Filter::Clamp;
-    is_opaque_splats_only(plan) && plan.reach_px() == 0 && !material && !coverage && !plan.keeps_facings && ellipses
+    let sums_alone = plan.reach_px() == 0 && !plan.has(Pass::Nearest);
+    is_opaque_splats_only(plan) && sums_alone && !material && !coverage && !plan.keeps_facings && ellipses
 }

@@ -10,6 +10,7 @@ pub(crate) mod fragment;
 pub(crate) mod inputs;
 pub(crate) mod layers;
 pub(crate) mod listing;
+pub(crate) mod nearest;
 pub(crate) mod pixel_sums;
 pub(crate) mod sums;
 pub(crate) mod tiny_fragments;

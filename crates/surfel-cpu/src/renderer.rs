@@ -2,12 +2,13 @@
 
 use crate::frame::{self, FrameInputs, FramePools};
 use crate::options::Options;
+use crate::scene::numbers::SplatNumbers;
 use crate::scene::resident::ResidentScene;
 use crate::simd::level::Instructions;
 use crate::tiles::driver::Tuning;
 use std::time::Instant;
 use surfel_model::{Scene, Settings, Storage};
-use surfel_render::{Capabilities, Feature, Frame, Planes, RenderError, RendererInfo, Stats, View, plan};
+use surfel_render::{Capabilities, Feature, Frame, Pass, Planes, RenderError, RendererInfo, Stats, View, plan};
 
 pub(crate) const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin] };
 
@@ -72,6 +73,13 @@ impl surfel_render::Renderer for Renderer {
     ) -> Result<Stats, RenderError> {
         let start = Instant::now();
         let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
+        let slots: usize = scene.clouds.iter().map(|cloud| cloud.centers.len()).sum();
+        if plan.has(Pass::Nearest) && slots > SplatNumbers::MOST {
+            return Err(RenderError::Backend {
+                backend: "cpu",
+                message: format!("the planes index and label number {} splats at most", SplatNumbers::MOST),
+            });
+        }
         let mut stats = Stats::default().with_splats(plan.splats).with_threads(self.info.threads);
         stats.bytes_per_splat = scene.bytes() as f64 / scene.summary.splats.max(1) as f64;
         let (instructions, tuning, pools) = (self.instructions, self.tuning, &self.pools);

@@ -5,4 +5,5 @@ pub(crate) mod cloud;
 pub(crate) mod column;
 pub(crate) mod groups;
 pub(crate) mod mesh;
+pub(crate) mod numbers;
 pub(crate) mod resident;

@@ -6,6 +6,7 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::crs::Crs;
 use crate::error::{Fault, Problem, quote};
+use crate::rows::KeptRows;
 use crate::survey::{NORMAL_NAMES, Scalar, Source, SparseColumn, extent_words, one_line};
 use ::e57::{E57Reader, PointCloud as Scan, Record, RecordDataType, RecordName, RecordValue};
 use glam::{DMat3, DQuat, DVec3, Vec3};
@@ -261,6 +262,7 @@ struct Points {
     colors: Option<Vec<[f32; 3]>>,
     extras: BTreeMap<String, Typed>,
     scans: Option<SparseColumn<u32>>,
+    kept: KeptRows,
     invalid: u64,
     colorless: u64,
 }
@@ -273,7 +275,9 @@ impl Points {
         let flagged = |row: &[RecordValue], i: Option<usize>| i.is_some_and(|i| value(row, i) != 0.0);
         let all = batch.chunks_exact(records.len());
         let count = all.len();
-        let rows: Vec<&[RecordValue]> = all.filter(|row| !flagged(row, layout.invalid)).collect();
+        let is_valid = |row: &&[RecordValue]| !flagged(row, layout.invalid);
+        let rows: Vec<&[RecordValue]> = all.clone().filter(is_valid).collect();
+        all.for_each(|row| if is_valid(&row) { self.kept.keep() } else { self.kept.skip() });
         self.invalid += (count - rows.len()) as u64;
         let world: Vec<DVec3> = rows
             .iter()
@@ -363,6 +367,7 @@ impl Points {
             positions: Column3::from_parts(self.high, self.low),
             normals: self.normals.map(Column3::from_f32),
             colors: self.colors,
+            rows: self.kept.finish(),
             extras,
             ..PointCloud::default()
         }

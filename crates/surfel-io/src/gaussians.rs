@@ -78,6 +78,7 @@ impl Context<'_> {
             alphas: Some(keep.iter().map(|&i| g.alphas[i as usize]).collect()),
             up: g.up,
             comments: g.comments,
+            rows: (keep.len() < total).then_some(keep.clone()),
             ..CloudData::new(g.origin, g.centers.select(&keep), shape)
         })
     }

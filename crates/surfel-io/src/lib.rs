@@ -61,6 +61,7 @@ mod ply;
 mod point_columns;
 #[cfg(feature = "points")]
 mod points;
+mod rows;
 pub mod scene_file;
 #[cfg(feature = "gaussians")]
 mod sog;
@@ -87,6 +88,8 @@ pub use geotiff::{GeoImage, GeoSamples, GeoTiles, write_geotiffs};
 pub use images::exr::{ExrOptions, save_exr, write_exr};
 #[cfg(feature = "jpeg")]
 pub use images::jpeg_writer::{JpegOptions, save_jpeg, write_jpeg};
+#[cfg(feature = "npy")]
+pub use images::npz::{save_npz, write_npz};
 pub use images::planes::{Planes, PlanesView};
 pub use images::png::{BitDepth, PngOptions, save_png, to_srgb8, write_png};
 pub use images::stitch::{ImageHeader, Samples, Tile, read_image_header, stitch};

@@ -5,6 +5,7 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, list, quote};
 use crate::point_columns::{self, Named, Roles, Source};
+use crate::rows::KeptRows;
 use crate::strided::{NumberType, Strided};
 
 /// Most columns of a file.
@@ -223,7 +224,7 @@ pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Conten
     let mut lines = Lines::new(bytes).filter(|(_, line)| !line.trim_ascii().is_empty());
     let mut table = Table::default();
     let (mut scans, mut no_return) = (0_u32, 0_usize);
-    let mut row = Vec::with_capacity(8);
+    let (mut row, mut rows) = (Vec::with_capacity(8), KeptRows::default());
     let read_row = |line: (usize, &[u8]), row: &mut Vec<f64>, expected: &[usize], what: &str| {
         row.clear();
         let at = Location::Line(line.0);
@@ -270,8 +271,10 @@ pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Conten
             let p = [row[0], row[1], row[2]];
             if p == [0.0; 3] {
                 no_return += 1;
+                rows.skip();
                 continue;
             }
+            rows.keep();
             // Points are rows that are multiplied by the matrix from the right.
             let moved: [f64; 3] =
                 std::array::from_fn(|k| (0..3).map(|j| p[j] * matrix[j][k]).sum::<f64>() + matrix[3][k]);
@@ -301,5 +304,7 @@ pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Conten
     if scans == 1 {
         columns.pop();
     }
-    point_columns::build(columns, &roles, Source::Text, Vec::new(), context)
+    let mut content = point_columns::build(columns, &roles, Source::Text, Vec::new(), context)?;
+    rows.give(&mut content);
+    Ok(content)
 }

@@ -17,6 +17,7 @@ fn planes() -> Planes {
         normal: Some((0..n).map(|i| [f(i, 3.0), -0.0, -f(i, 4.0)]).collect()),
         weight: Some((0..n).map(|i| f(i, 5.0)).collect()),
         other: vec![("fragments".into(), (0..n).map(|i| i as f32).collect())],
+        whole: Vec::new(),
         metadata: Vec::new(),
     }
 }
@@ -322,4 +323,30 @@ fn png_of_16_bits_palettes_and_transparent_colors_is_read() {
     assert_eq!(bits, [[0.0, 0.0, 0.0, 1.0], [1.0; 4]]);
     let key = png_texels(Color::Rgb, Depth::Eight, &[1, 2, 3, 128, 128, 128], &[], &[0, 1, 0, 2, 0, 3]);
     assert_eq!(key, [[0.0; 4], [coarse, coarse, coarse, 1.0]]);
+}
+
+#[test]
+fn whole_numbers_and_positions_are_kept() {
+    let ids = vec![0, 16_777_217, 4_294_967_294, 4_294_967_295];
+    let whole = vec![("index".to_owned(), ids.clone()), ("object".to_owned(), vec![3; 4])];
+    let planes = Planes { width: 2, height: 2, whole, ..Planes::default() };
+    let far = [[4_500_000.062_5, -7_100_000.0, f64::INFINITY]; 4];
+    let view = surfel_io::PlanesView { position: Some(&far), ..planes.view() };
+    let mut bytes = Vec::new();
+    write_exr(&mut bytes, &view, &ExrOptions::default()).unwrap();
+    let back = read(&bytes);
+    assert_eq!(back.whole, planes.whole);
+    let [x, y, z] =
+        ["position.X", "position.Y", "position.Z"].map(|name| back.other.iter().find(|(n, _)| n == name).unwrap().1[0]);
+    // EXR has f32 alone.
+    assert_eq!((x, y, z), (4_500_000.0, -7_100_000.0, f32::INFINITY));
+    let mut npz = Vec::new();
+    surfel_io::write_npz(&mut npz, &view).unwrap();
+    assert!(npz.windows(8).any(|w| w == far[0][0].to_le_bytes()), "f64 in full");
+    assert!(npz.windows(16).any(|w| w == ids.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()));
+    // Whole numbers of another size, or no plane at all, are refused.
+    let short = Planes { whole: vec![("index".into(), vec![1])], ..planes };
+    assert!(write_exr(&mut Vec::new(), &short.view(), &ExrOptions::default()).is_err());
+    let none = Planes { width: 2, height: 2, ..Planes::default() };
+    assert!(surfel_io::write_npz(&mut Vec::new(), &none.view()).is_err());
 }

@@ -535,6 +535,7 @@ fn ptx_scans_are_moved_by_their_poses() {
     let turned = [DVec3::Y, DVec3::NEG_X, DVec3::Z];
     let moved = turned.map(|p| p + DVec3::new(100.0, 200.0, 300.0));
     assert_eq!(places(&cloud), [moved, turned].concat());
+    assert_eq!(cloud.rows, Some(vec![0, 2, 3, 4, 6, 7]), "rows of all scans' points, those left out too");
     assert_eq!(cloud.extras[1].values, ExtraValues::F32([[0.0; 3], [1.0; 3]].concat()));
     // Of one scan there is nothing to tell apart; without colours there are four columns.
     let plain = PTX.lines().map(|l| l.split(' ').take(4).collect::<Vec<_>>().join(" ") + "\n").collect::<String>();

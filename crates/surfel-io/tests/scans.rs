@@ -38,6 +38,8 @@ fn check_points(points: &PointCloud, format: u8, count: usize) {
     let kind = LasFormat::new(format).unwrap();
     let kept: Vec<usize> = (0..count).filter(|i| !is_withheld(*i)).collect();
     assert_eq!(points.len(), kept.len());
+    let rows: Vec<u32> = kept.iter().map(|i| *i as u32).collect();
+    assert_eq!(points.rows.as_deref(), (rows.len() < count).then_some(&rows[..]));
     let column = |name: &str| extra(points, name).unwrap_or_else(|| panic!("{format}: {name}"));
     let names = ["intensity", "return_number", "classification", "key_point", "user_data", "point_source_id"];
     let [intensity, returns, class, key, user, source] = names.map(column);
@@ -332,6 +334,8 @@ fn scans_of_e57_have_their_poses_colours_and_columns() {
         near(at, spherical(angles[0], angles[1]) + DVec3::new(4e5, 5e6, 0.0));
         assert_eq!((scan.get(at), intensity.get(at), colors[at]), (1.0, 0.0, [1.0; 3]));
     }
+    let rows: Vec<u32> = kept.iter().map(|i| *i as u32).chain(kept.len() as u32 + 8..kept.len() as u32 + 48).collect();
+    assert_eq!(points.rows, Some(rows));
     assert_eq!(points.viewpoint, None);
     assert!(points.comments.iter().any(|c| c == "crs EPSG:25832"), "{:?}", points.comments);
     let notes = loaded.notes.join("\n");

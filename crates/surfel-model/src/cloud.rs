@@ -1,6 +1,6 @@
 //! Splat clouds as structures of arrays: an attribute that isn't there costs nothing.
 
-use crate::column::retain;
+use crate::column::{retain, retain_rows};
 use crate::{ClipColumns, Column3, ExtraColumn, ModelError, Up};
 use glam::{DVec3, Vec3};
 
@@ -46,6 +46,11 @@ pub struct CloudData {
     pub oriented: bool,
     /// Which axis is up.
     pub up: Option<Up>,
+    /// The row of the input that each splat came from, before any was dropped: what the plane `index` shows. `None`
+    /// where that is the splat's own index, or isn't wanted; renderers keep rows that are there.
+    pub rows: Option<Vec<u32>>,
+    /// What the plane `label` shows of each splat, [`NO_LABEL`] for nothing.
+    pub labels: Option<Vec<u32>>,
     /// Properties that Surfel doesn't interpret.
     pub extras: Vec<ExtraColumn>,
     /// Comment lines of the file.
@@ -66,13 +71,19 @@ impl CloudData {
             interior_weight: None,
             oriented: false,
             up: None,
+            rows: None,
+            labels: None,
             extras: Vec::new(),
             comments: Vec::new(),
         }
     }
 
-    /// Keeps the splats whose flag is set.
+    /// Keeps the splats whose flag is set. Which rows they came from is kept, too.
     pub fn retain(&mut self, keep: &[bool]) {
+        retain_rows(&mut self.rows, keep);
+        if let Some(labels) = &mut self.labels {
+            retain(labels, keep);
+        }
         self.centers.retain(keep);
         match &mut self.shape {
             Shape::Disks { normals, radii } => {
@@ -125,6 +136,8 @@ impl CloudData {
             clips.and_then(|c| c.curves.as_ref()).map(|c| ("clip curves", c.len())),
             clips.and_then(|c| c.lines.as_ref()).map(|c| ("clip lines", c.len())),
             clips.and_then(|c| c.modes.as_ref()).map(|c| ("clip modes", c.len())),
+            self.rows.as_ref().map(|c| ("rows", c.len())),
+            self.labels.as_ref().map(|c| ("labels", c.len())),
             self.extras.iter().map(|e| ("extras", e.values.len())).find(|c| c.1 != expected),
         ];
         match columns.into_iter().flatten().find(|c| c.1 != expected) {
@@ -203,6 +216,9 @@ impl CloudData {
             .then(|| "its clip line has an infinite coefficient".into())
     }
 }
+
+/// What the planes `index`, `object` and `label` hold where there is nothing to say.
+pub const NO_LABEL: u32 = u32::MAX;
 
 /// What to do with splats that break the rules (rendering model §10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -318,6 +334,45 @@ impl SplatCloud {
     pub fn with_origin(mut self, origin: impl Into<DVec3>) -> Result<Self, ModelError> {
         self.data.origin = origin.into();
         Self::checked(self.data)
+    }
+
+    /// With the row of the input that each splat came from: what the plane `index` shows. [`Self::number_rows`] where
+    /// splats are their own rows.
+    ///
+    /// # Errors
+    /// [`ModelError`] if there are more or fewer than splats.
+    pub fn with_rows(mut self, rows: &[u32]) -> Result<Self, ModelError> {
+        self.data.rows = Some(rows.to_vec());
+        Self::checked(self.data)
+    }
+
+    /// With what the plane `label` shows of each splat, [`NO_LABEL`] for nothing.
+    ///
+    /// # Errors
+    /// [`ModelError`] if there are more or fewer than splats.
+    pub fn with_labels(mut self, labels: &[u32]) -> Result<Self, ModelError> {
+        self.data.labels = Some(labels.to_vec());
+        Self::checked(self.data)
+    }
+
+    /// Gives splats without rows their own index as such, so that renderers keep it for the planes `index` and `label`:
+    /// 4 bytes a splat.
+    pub fn number_rows(&mut self) {
+        let count = self.len() as u32;
+        self.data.rows.get_or_insert_with(|| (0..count).collect());
+    }
+
+    /// Forgets the rows, which renderers would keep.
+    pub fn discard_rows(&mut self) {
+        self.data.rows = None;
+    }
+
+    /// Sets what the plane `label` shows of each splat, [`NO_LABEL`] for nothing; ignored if there are more or fewer
+    /// than splats.
+    pub fn set_labels(&mut self, labels: Vec<u32>) {
+        if labels.len() == self.len() {
+            self.data.labels = Some(labels);
+        }
     }
 
     fn checked(data: CloudData) -> Result<Self, ModelError> {
@@ -505,6 +560,7 @@ impl SplatCloud {
             + d.alphas.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
             + d.shading_normals.as_ref().map_or(0, Column3::bytes)
             + clips
+            + [&d.rows, &d.labels].into_iter().flatten().map(|v| size_of_val(v.as_slice())).sum::<usize>()
             + d.extras.iter().map(|e| e.values.bytes()).sum::<usize>()
     }
 }

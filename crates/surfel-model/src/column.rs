@@ -133,6 +133,14 @@ pub(crate) fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
     values.retain(|_| *flags.next().unwrap_or(&true));
 }
 
+/// Keeps the rows whose flag is set: without rows, elements are their own.
+pub(crate) fn retain_rows(rows: &mut Option<Vec<u32>>, keep: &[bool]) {
+    match rows {
+        Some(rows) => retain(rows, keep),
+        None => *rows = Some((0..).zip(keep).filter(|(_, keep)| **keep).map(|(row, _)| row).collect()),
+    }
+}
+
 /// A property that Surfel doesn't interpret, carried so that a round trip loses nothing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExtraColumn {

@@ -33,7 +33,7 @@ pub use camera::{Camera, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, Projection};
 pub use choice::{Chosen, Comparison, Condition, Returns, choose, parse_conditions};
 pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks, stored_axes};
 pub use clip::{ClipColumns, ClipCurve, ClipLine, ClipMode, NO_LINE};
-pub use cloud::{CloudData, OnInvalid, Repaired, Shape, SplatCloud};
+pub use cloud::{CloudData, NO_LABEL, OnInvalid, Repaired, Shape, SplatCloud};
 pub use column::{Column3, ExtraColumn, ExtraValues};
 pub use convert::{Colormap, ConvertOptions, PointColors, SplatCount, TextureOption, TextureSampling};
 pub use error::ModelError;

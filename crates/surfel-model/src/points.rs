@@ -1,6 +1,10 @@
 //! Point clouds: positions without extent, before splats are made of them.
 
-use crate::{Column3, ExtraColumn, ModelError, Up, column::retain, morton};
+use crate::{
+    Column3, ExtraColumn, ModelError, Up,
+    column::{retain, retain_rows},
+    morton,
+};
 use glam::DVec3;
 
 /// Points with what a scanner or a file gave for each of them.
@@ -16,6 +20,8 @@ pub struct PointCloud {
     pub colors: Option<Vec<[f32; 3]>>,
     /// Alpha in [0, 1].
     pub alphas: Option<Vec<f32>>,
+    /// The row of the input that each point came from, before any was dropped; `None` where none was.
+    pub rows: Option<Vec<u32>>,
     /// Properties that Surfel doesn't interpret.
     pub extras: Vec<ExtraColumn>,
     /// Which axis the file says is up.
@@ -56,6 +62,7 @@ impl PointCloud {
             ("normals", self.normals.as_ref().map(Column3::len)),
             ("colors", self.colors.as_ref().map(Vec::len)),
             ("alphas", self.alphas.as_ref().map(Vec::len)),
+            ("rows", self.rows.as_ref().map(Vec::len)),
             ("extras", self.extras.iter().map(|e| e.values.len()).find(|&n| n != expected)),
         ];
         match columns.into_iter().find_map(|(name, len)| Some((name, len.filter(|&n| n != expected)?))) {
@@ -119,8 +126,9 @@ impl PointCloud {
         n - most
     }
 
-    /// Keeps the points whose flag is set.
+    /// Keeps the points whose flag is set. Which rows they came from is kept, too.
     pub fn retain(&mut self, keep: &[bool]) {
+        retain_rows(&mut self.rows, keep);
         self.positions.retain(keep);
         if let Some(c) = &mut self.normals {
             c.retain(keep);

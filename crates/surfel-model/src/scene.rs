@@ -156,6 +156,20 @@ impl Scene {
     }
 }
 
+impl Scene {
+    /// Gives all splats without rows their own index as such ([`SplatCloud::number_rows`]), so that the planes `index`
+    /// and `label` can be asked for. To be called before the scene is uploaded.
+    pub fn number_rows(&mut self) {
+        for object in &mut self.objects {
+            if let Geometry::Splats(cloud) = &mut object.geometry
+                && cloud.data().rows.is_none()
+            {
+                Arc::make_mut(cloud).number_rows();
+            }
+        }
+    }
+}
+
 impl From<SplatCloud> for Geometry {
     fn from(cloud: SplatCloud) -> Self {
         Self::Splats(Arc::new(cloud))

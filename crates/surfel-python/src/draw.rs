@@ -102,8 +102,9 @@ impl Input {
         let drawn = text(metadata::DRAWN_KEY).unwrap_or_else(|| "{}".to_owned());
         let drawn: serde_json::Map<String, serde_json::Value> =
             serde_json::from_str(&drawn).map_err(|_| unsuitable("carries damaged flags: copy it again"))?;
-        let flags =
-            drawn.into_iter().filter(|(key, _)| matches!(key.as_str(), "backend" | "region" | "samples" | "storage"));
+        let flags = drawn.into_iter().filter(|(key, _)| {
+            matches!(key.as_str(), "backend" | "region" | "samples" | "storage" | "planes" | "label")
+        });
         let flags = flags.map(|(key, value)| (key, value.as_str().map_or_else(|| value.to_string(), str::to_owned)));
         let flags = flags.collect();
         Ok((Self { paths: vec![path], bytes: None, carried: Some(carried), cache: Mutex::default() }, flags))

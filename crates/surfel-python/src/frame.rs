@@ -21,6 +21,10 @@ pub(crate) struct NativeFrame {
     depth: Option<Py<PyAny>>,
     normal: Option<Py<PyAny>>,
     weight: Option<Py<PyAny>>,
+    index: Option<Py<PyAny>>,
+    object: Option<Py<PyAny>>,
+    label: Option<Py<PyAny>>,
+    position: Option<Py<PyAny>>,
     recipe: Option<Recipe>,
     /// What was measured, as JSON.
     #[pyo3(get)]
@@ -56,13 +60,13 @@ fn stats_json(stats: &Stats, recipe: &Recipe) -> String {
 }
 
 /// A plane's values, as they lie in memory.
-type Values<'py> = Option<PyReadonlyArrayDyn<'py, f32>>;
+type Values<'py, T> = Option<PyReadonlyArrayDyn<'py, T>>;
 
-fn values<'py>(py: Python<'py>, plane: Option<&Py<PyAny>>) -> PyResult<Values<'py>> {
+fn values<'py, T: Element>(py: Python<'py>, plane: Option<&Py<PyAny>>) -> PyResult<Values<'py, T>> {
     plane.map(|plane| plane.bind(py).extract()).transpose()
 }
 
-fn slice<'a>(values: &'a Values<'_>) -> PyResult<Option<&'a [f32]>> {
+fn slice<'a, T: Element>(values: &'a Values<'_, T>) -> PyResult<Option<&'a [T]>> {
     Ok(values.as_ref().map(|values| values.as_slice()).transpose()?)
 }
 
@@ -81,6 +85,10 @@ impl NativeFrame {
             depth: array(py, planes.depth, 0..pixels, &[h, w])?,
             normal: array(py, planes.normal.into_flattened(), 0..3 * pixels, &[h, w, 3])?,
             weight: array(py, planes.weight, 0..pixels, &[h, w])?,
+            index: array(py, planes.index, 0..pixels, &[h, w])?,
+            object: array(py, planes.object, 0..pixels, &[h, w])?,
+            label: array(py, planes.label, 0..pixels, &[h, w])?,
+            position: array(py, planes.position.into_flattened(), 0..3 * pixels, &[h, w, 3])?,
             recipe: Some(recipe),
             stats,
         })
@@ -94,6 +102,12 @@ impl NativeFrame {
     ) -> PyResult<T> {
         let [linear, depth] = [values(py, self.linear.as_ref())?, values(py, self.depth.as_ref())?];
         let [normal, weight] = [values(py, self.normal.as_ref())?, values(py, self.weight.as_ref())?];
+        let nearest = [&self.index, &self.object, &self.label].map(Option::as_ref);
+        let [index, object, label] = nearest.map(|plane| values::<u32>(py, plane));
+        let (index, object, label) = (index?, object?, label?);
+        let position = values::<f64>(py, self.position.as_ref())?;
+        let position = slice(&position)?;
+        let whole = [("index", slice(&index)?), ("object", slice(&object)?), ("label", slice(&label)?)];
         let (linear, depth) = (slice(&linear)?, slice(&depth)?);
         let (normal, weight) = (slice(&normal)?, slice(&weight)?);
         let (width, height) = (self.width, self.height);
@@ -105,6 +119,8 @@ impl NativeFrame {
                 depth,
                 normal: normal.map(|values| values.as_chunks::<3>().0),
                 weight,
+                position: position.map(|values| values.as_chunks::<3>().0),
+                whole: whole.into_iter().filter_map(|(name, plane)| Some((name, plane?))).collect(),
                 ..PlanesView::default()
             };
             work(&planes)
@@ -140,6 +156,26 @@ impl NativeFrame {
     #[getter]
     fn weight(&self, py: Python<'_>) -> Option<Py<PyAny>> {
         self.weight.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    #[getter]
+    fn index(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.index.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    #[getter]
+    fn object(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.object.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    #[getter]
+    fn label(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.label.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    #[getter]
+    fn position(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.position.as_ref().map(|plane| plane.clone_ref(py))
     }
 
     /// What the user should know of how it was made.
@@ -230,6 +266,10 @@ pub(crate) fn frame_of(py: Python<'_>, linear: PyReadonlyArrayDyn<'_, f32>) -> P
         depth: None,
         normal: None,
         weight: None,
+        index: None,
+        object: None,
+        label: None,
+        position: None,
         recipe: None,
         stats: "{}".to_owned(),
     })

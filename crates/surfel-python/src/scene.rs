@@ -57,11 +57,20 @@ pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: boo
             "depth" => wanted.with_depth(true),
             "normal" => wanted.with_normal(true),
             "weight" => wanted.with_weight(true),
-            _ => return Err(wrong(py, "planes", plane, "expected color, depth, normal or weight")),
+            nearest if RenderOptions::NEAREST_PLANES.contains(&nearest) => {
+                options.planes.push(nearest.to_owned());
+                wanted
+            }
+            _ => {
+                let nearest = RenderOptions::NEAREST_PLANES.join(", ");
+                let expected = format!("expected some of color, depth, normal, weight, {nearest}");
+                return Err(wrong(py, "planes", plane, &expected));
+            }
         };
     }
+    let wanted = options.planes_besides(wanted);
     if wanted == Planes::default() {
-        return Err(errors::usage(py, "planes=[]: expected one at least of color, depth, normal and weight"));
+        return Err(errors::usage(py, "planes=[]: expected one at least, such as color or depth"));
     }
     Ok(Job { options, who: Who { name, options: drawer }, planes: wanted })
 }

@@ -12,13 +12,13 @@ use crate::scene::ResidentScene;
 use crate::shade::{Lighting, Surface};
 use crate::splat::{ScreenSplat, project_all};
 use crate::threshold::Threshold;
-use crate::{abuffer, margin, peeling, shadow};
+use crate::{abuffer, margin, nearest, peeling, shadow};
 use rayon::prelude::*;
 use std::time::Instant;
 use surfel_math::V2;
 use surfel_math::kernel::FULL_COVERAGE;
-use surfel_model::{Light, Matcap};
-use surfel_render::{Frame, FramePlan, Pass, PassTime, Region, Stats, View};
+use surfel_model::{Light, Matcap, Shader};
+use surfel_render::{Frame, FramePlan, Identity, Pass, PassTime, Region, Stats, View};
 
 /// Draws a planned frame.
 pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame: &mut Frame, threads: usize) -> Stats {
@@ -63,11 +63,46 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
         lap(&mut stats, "edge samples");
     }
     image.resolve(&front.layers, sampled.as_ref(), frame);
+    if plan.has(Pass::Nearest) {
+        let found = nearest::identities(scene, &front, &lighting, rect);
+        frame.index_mut().iter_mut().enumerate().for_each(|(to, index)| *index = place_in(rect, view, to) as u32);
+        frame.finish(view, |at| found[at as usize]);
+        lap(&mut stats, "nearest");
+    } else {
+        frame.finish(view, |_| Identity::NOTHING);
+    }
     lap(&mut stats, "shade");
     let bytes: usize = scene.objects.iter().map(|o| o.cloud.bytes()).sum();
     stats.bytes_per_splat = bytes as f64 / (scene.summary.splats.max(1)) as f64;
     stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
     stats
+}
+
+/// The place in the work rectangle of a pixel of the region.
+fn place_in(rect: Region, view: &View, to: usize) -> usize {
+    let region = view.region;
+    let (x, y) = (to % region.width as usize, to / region.width as usize);
+    (y + (region.y - rect.y) as usize) * rect.width as usize + x + (region.x - rect.x) as usize
+}
+
+/// For each pixel of the region what may be the nearest there: within `relative` of the least depth, nearest first.
+pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, relative: f64) -> Vec<Vec<Identity>> {
+    let plan = &FramePlan { shader: Shader::Unlit, ..plan.clone() };
+    let lighting = Lighting {
+        view,
+        plan,
+        shadows: &[],
+        lights: &[],
+        ambient: scene.ambient,
+        matcap: Matcap::builtin(),
+        material: scene.material.factors(),
+    };
+    let rect = work_rect(view, plan);
+    let front = Front::draw(scene, &lighting, rect, 1.0);
+    let all = nearest::all(scene, &nearest::candidates(scene, &front, &lighting, rect, relative));
+    (0..view.region.width as usize * view.region.height as usize)
+        .map(|to| all[place_in(rect, view, to)].clone())
+        .collect()
 }
 
 /// The rectangle that passes run over: the region, grown by the neighbours that they read, inside the image.
@@ -77,11 +112,11 @@ fn work_rect(view: &View, plan: &FramePlan) -> Region {
 
 /// What the passes leave in each pixel of a rectangle before it is shaded, and the transparent layers before it.
 pub(crate) struct Front<'a> {
-    opaque: Vec<ScreenSplat>,
-    bands: Bands,
+    pub opaque: Vec<ScreenSplat>,
+    pub bands: Bands,
     pub passes: Passes,
     pub meshes: Option<MeshLayer<'a>>,
-    transparent: Vec<ScreenSplat>,
+    pub transparent: Vec<ScreenSplat>,
     /// By pixel; empty where nothing is transparent.
     pub layers: Vec<LayerCompositor>,
 }
@@ -132,7 +167,7 @@ impl<'a> Front<'a> {
     }
 
     /// Depth of what is opaque in each pixel; +∞ where nothing is.
-    fn opaque_depth(&self) -> Vec<f64> {
+    pub(crate) fn opaque_depth(&self) -> Vec<f64> {
         let mut depths: Vec<f64> = self.passes.sums.iter().map(Sums::resolved_depth).collect();
         if let Some(meshes) = &self.meshes {
             depths.iter_mut().zip(&meshes.depth).for_each(|(z, polygon)| *z = z.min(*polygon));
@@ -162,7 +197,7 @@ pub(crate) struct MeshLayer<'a> {
     /// The nearest ones, occluded or not.
     pub hits: Vec<Hit>,
     /// Depth of those that no splat occludes; +∞ elsewhere.
-    depth: Vec<f64>,
+    pub depth: Vec<f64>,
     /// Rounding could flip whether a splat occludes one.
     marginal: Vec<bool>,
 }

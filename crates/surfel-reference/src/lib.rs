@@ -24,6 +24,7 @@ mod frame;
 mod layer_compositor;
 mod margin;
 mod matcap;
+mod nearest;
 mod outlines;
 mod peeling;
 mod pixels;

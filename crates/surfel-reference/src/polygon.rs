@@ -123,6 +123,11 @@ impl<'a> Polygons<'a> {
         }
     }
 
+    /// Index of the mesh that a pixel hits.
+    pub(crate) fn mesh_of(&self, hit: &Hit) -> Option<usize> {
+        self.triangles.get(hit.triangle as usize).map(|t| t.mesh as usize)
+    }
+
     /// Change of the hit polygon's depth over a pixel to the right and one down.
     pub(crate) fn depth_gradient(&self, hit: &Hit, pixel: V2<f64>) -> V2<f64> {
         let t = &self.triangles[hit.triangle as usize].triangle;

@@ -67,7 +67,7 @@ pub(crate) struct Passes {
 
 /// Splats that may touch each band, in index order.
 pub(crate) struct Bands {
-    rect: Region,
+    pub rect: Region,
     lists: Vec<Vec<u32>>,
 }
 
@@ -113,7 +113,7 @@ impl<'a> DepthLimits<'a> {
     }
 
     /// True if a fragment's attributes count in front of the polygon.
-    fn reach_polygon(&self, at: usize, z: f64, epsilon: f64) -> bool {
+    pub(crate) fn reach_polygon(&self, at: usize, z: f64, epsilon: f64) -> bool {
         self.polygon.is_none_or(|p| z - epsilon <= p[at])
     }
 

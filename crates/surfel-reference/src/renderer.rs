@@ -3,7 +3,7 @@
 use crate::frame;
 use crate::scene::ResidentScene;
 use surfel_model::{EdgeAa, Scene, Settings};
-use surfel_render::{Capabilities, Frame, Planes, RenderError, RendererInfo, Stats, View, plan};
+use surfel_render::{Capabilities, Frame, Identity, Planes, RenderError, RendererInfo, Stats, View, plan};
 
 const CAPABILITIES: Capabilities = Capabilities::everything("reference");
 
@@ -67,11 +67,38 @@ impl Renderer {
         // An octree is cut down to the image's pixels, not to the samples.
         let lod_error_px = settings.lod_error_px * f64::from(samples);
         let settings = settings.with_prefilter_radius_px(0.0).with_edge_aa(EdgeAa::Off).with_lod_error_px(lod_error_px);
+        if planes.index || planes.label || planes.position {
+            return Err(RenderError::Unsupported {
+                backend: "reference",
+                feature: "a plane of what is nearest (index, label, position)",
+                found_where: "is asked for of an image averaged from samples".into(),
+                advice: "leave out the samples, or those planes: their values have no mean",
+            });
+        }
         let planes = planes.with_margin(false);
         let mut fine = Frame::default();
         let stats = surfel_render::Renderer::render_into(self, scene, &fine_view, &settings, planes, &mut fine)?;
         crate::supersample::average(&fine, samples, planes, frame);
         Ok(stats)
+    }
+}
+
+impl Renderer {
+    /// For tests: of each pixel of the view's region all that may be the nearest there, whose depths are within
+    /// `relative` of the least, nearest first; none where nothing is seen.
+    ///
+    /// # Errors
+    /// As [`surfel_render::Renderer::render_into`].
+    #[doc(hidden)]
+    pub fn nearest_candidates(
+        &mut self,
+        scene: &ResidentScene,
+        view: &View,
+        settings: &Settings,
+        relative: f64,
+    ) -> Result<Vec<Vec<Identity>>, RenderError> {
+        let plan = plan(&scene.summary, view, settings, Planes::COLOR.with_index(true), &CAPABILITIES)?;
+        Ok(self.pool.install(|| frame::candidates(scene, view, &plan, relative)))
     }
 }
 

@@ -30,6 +30,15 @@ pub enum RenderError {
         /// Index of the object.
         object: usize,
     },
+    /// The planes `index` and `label` need the rows of every cloud.
+    #[error(
+        "object {object} has no rows, which the planes index and label show: give it some by Scene::number_rows before \
+         the upload; the splats of an octree stand for many points and have none, so draw what it was made of instead"
+    )]
+    NoRows {
+        /// Index of the object.
+        object: usize,
+    },
     /// More memory than the limit would be needed.
     #[error("the frame needs {needed} bytes, more than the {limit} allowed; render it by --region")]
     TooLarge {

@@ -1,7 +1,9 @@
 //! What a render gives back: linear f32 planes.
 
+use crate::View;
 use crate::background::Background;
 use crate::color_plane::ColorPlane;
+use surfel_model::NO_LABEL;
 
 /// Which planes are wanted. A plane nobody asked for is neither computed nor stored.
 ///
@@ -19,17 +21,32 @@ pub struct Planes {
     pub weight: bool,
     /// Fragments that contributed to each pixel.
     pub fragments: bool,
+    /// Which splat is nearest in each pixel, by its row, and its object. Every cloud must have rows
+    /// ([`surfel_model::Scene::number_rows`]).
+    pub index: bool,
+    /// The nearest splat's label; `index` comes with it.
+    pub label: bool,
+    /// World positions; `depth` comes with them.
+    pub position: bool,
     /// Pixels whose result hangs on a decision within its margin (reference backend only).
     pub margin: bool,
 }
 
 impl Planes {
     /// Colour alone.
-    pub const COLOR: Self =
-        Self { color: true, depth: false, normal: false, weight: false, fragments: false, margin: false };
-    /// Everything an EXR file holds.
-    pub const ALL: Self =
-        Self { color: true, depth: true, normal: true, weight: true, fragments: false, margin: false };
+    pub const COLOR: Self = Self {
+        color: true,
+        depth: false,
+        normal: false,
+        weight: false,
+        fragments: false,
+        index: false,
+        label: false,
+        position: false,
+        margin: false,
+    };
+    /// Everything an EXR file holds that asks for no more.
+    pub const ALL: Self = Self { depth: true, normal: true, weight: true, ..Self::COLOR };
 
     surfel_model::setters! {
         with_color color: bool,
@@ -37,7 +54,16 @@ impl Planes {
         with_normal normal: bool,
         with_weight weight: bool,
         with_fragments fragments: bool,
+        with_index index: bool,
+        with_label label: bool,
+        with_position position: bool,
         with_margin margin: bool,
+    }
+
+    /// With the planes that those asked for come from.
+    #[must_use]
+    pub(crate) fn complete(self) -> Self {
+        self.with_index(self.index || self.label).with_depth(self.depth || self.position)
     }
 }
 
@@ -52,8 +78,28 @@ pub struct Frame {
     normal: Vec<[f32; 3]>,
     weight: Vec<f32>,
     fragments: Vec<u32>,
+    index: Vec<u32>,
+    object: Vec<u32>,
+    label: Vec<u32>,
+    position: Vec<[f64; 3]>,
     margin: Vec<f32>,
     background: Background,
+}
+
+/// What is nearest in a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Row of the splat in its input; [`NO_LABEL`] for a polygon.
+    pub row: u32,
+    /// Index of the scene's object.
+    pub object: u32,
+    /// The splat's label, [`NO_LABEL`] where it has none.
+    pub label: u32,
+}
+
+impl Identity {
+    /// Where nothing is.
+    pub const NOTHING: Self = Self { row: NO_LABEL, object: NO_LABEL, label: NO_LABEL };
 }
 
 /// The planes of a [`Frame`], given up by it; those that it didn't have are empty.
@@ -73,6 +119,14 @@ pub struct FramePlanes {
     pub normal: Vec<[f32; 3]>,
     /// Σw.
     pub weight: Vec<f32>,
+    /// Rows of the nearest splats.
+    pub index: Vec<u32>,
+    /// Objects that are nearest.
+    pub object: Vec<u32>,
+    /// Labels of the nearest splats.
+    pub label: Vec<u32>,
+    /// World positions.
+    pub position: Vec<[f64; 3]>,
 }
 
 /// All planes of a [`Frame`], to be written at once; those that it doesn't have are empty.
@@ -88,6 +142,8 @@ pub struct PlanesMut<'a> {
     pub weight: &'a mut [f32],
     /// Number of fragments.
     pub fragments: &'a mut [u32],
+    /// What is nearest, by numbers of the backend's own until [`Frame::identify`].
+    pub index: &'a mut [u32],
     /// Decisions within their margin.
     pub margin: &'a mut [f32],
 }
@@ -131,6 +187,14 @@ impl Frame {
         weight, weight_mut: f32;
         /// Number of fragments that contributed.
         fragments, fragments_mut: u32;
+        /// Row of the nearest splat in its input, of equally near ones the lowest; 4294967295 where there is none.
+        index, index_mut: u32;
+        /// Index of the scene's object that is nearest; 4294967295 where nothing is.
+        object, object_mut: u32;
+        /// Label of the nearest splat; 4294967295 where there is none.
+        label, label_mut: u32;
+        /// World position of what is seen at Z; +∞ where nothing is.
+        position, position_mut: [f64; 3];
         /// 1 where a decision is within its margin, else 0.
         margin, margin_mut: f32;
     }
@@ -138,8 +202,19 @@ impl Frame {
     /// Gives the planes up, without a copy.
     pub fn into_planes(self) -> FramePlanes {
         let (color, first) = self.color.into_memory();
-        let (depth, normal, weight) = (self.depth, self.normal, self.weight);
-        FramePlanes { width: self.width, height: self.height, color, first, depth, normal, weight }
+        FramePlanes {
+            width: self.width,
+            height: self.height,
+            color,
+            first,
+            depth: self.depth,
+            normal: self.normal,
+            weight: self.weight,
+            index: self.index,
+            object: self.object,
+            label: self.label,
+            position: self.position,
+        }
     }
 
     /// Which planes there are.
@@ -150,6 +225,9 @@ impl Frame {
             normal: !self.normal.is_empty(),
             weight: !self.weight.is_empty(),
             fragments: !self.fragments.is_empty(),
+            index: !self.index.is_empty(),
+            label: !self.label.is_empty(),
+            position: !self.position.is_empty(),
             margin: !self.margin.is_empty(),
         }
     }
@@ -169,6 +247,7 @@ impl Frame {
             normal: &mut self.normal,
             weight: &mut self.weight,
             fragments: &mut self.fragments,
+            index: &mut self.index,
             margin: &mut self.margin,
         };
         (planes, &mut self.background)
@@ -186,6 +265,10 @@ impl Frame {
         refill(&mut self.normal, count(planes.normal), [0.0; 3]);
         refill(&mut self.weight, count(planes.weight), 0.0);
         refill(&mut self.fragments, count(planes.fragments), 0);
+        refill(&mut self.index, count(planes.index), NO_LABEL);
+        refill(&mut self.object, count(planes.index), NO_LABEL);
+        refill(&mut self.label, count(planes.label), NO_LABEL);
+        refill(&mut self.position, count(planes.position), [f64::INFINITY; 3]);
         refill(&mut self.margin, count(planes.margin), 0.0);
     }
 
@@ -203,7 +286,41 @@ impl Frame {
         resize(&mut self.normal, count(planes.normal), [0.0; 3]);
         resize(&mut self.weight, count(planes.weight), 0.0);
         resize(&mut self.fragments, count(planes.fragments), 0);
+        resize(&mut self.index, count(planes.index), 0);
+        resize(&mut self.object, count(planes.index), 0);
+        resize(&mut self.label, count(planes.label), 0);
+        resize(&mut self.position, count(planes.position), [0.0; 3]);
         resize(&mut self.margin, count(planes.margin), 0.0);
+    }
+}
+
+impl Frame {
+    /// For backends: finishes the planes that follow from others, when all of these are written. `identity` says what
+    /// the numbers in the plane `index` stand for; it isn't called where that isn't there.
+    pub fn finish(&mut self, view: &View, identity: impl Fn(u32) -> Identity) {
+        for at in 0..self.index.len() {
+            self.put_identity(at, identity(self.index[at]));
+        }
+        self.locate(view);
+    }
+
+    /// For backends: says what is nearest in a pixel, if that is asked for.
+    pub fn put_identity(&mut self, at: usize, found: Identity) {
+        let planes = [(&mut self.index, found.row), (&mut self.object, found.object), (&mut self.label, found.label)];
+        for (plane, value) in planes {
+            if let Some(pixel) = plane.get_mut(at) {
+                *pixel = value;
+            }
+        }
+    }
+
+    /// For backends: fills the plane of positions, if there is one, by depths.
+    pub fn locate(&mut self, view: &View) {
+        let width = (self.width as usize).max(1);
+        for (at, (position, z)) in self.position.iter_mut().zip(&self.depth).enumerate() {
+            let pixel = [view.region.x as usize + at % width, view.region.y as usize + at / width];
+            *position = view.world_position(pixel.map(|i| i as f64 + 0.5), f64::from(*z));
+        }
     }
 }
 

@@ -88,6 +88,8 @@ pub enum Pass {
     Shade,
     /// What lies behind edge pixels, and its blend by coverage.
     EdgeAntialiasing,
+    /// The nearest splat of every pixel, for the planes `index` and `label`.
+    Nearest,
     /// Pixels beside a step of depth, drawn anew as the mean of samples.
     EdgeSamples,
     /// Lines where depth steps back from one pixel to the next (§5, `toon`).
@@ -169,7 +171,7 @@ impl FramePlan {
     #[must_use]
     pub fn of_samples(&self) -> Self {
         let mut plan = self.clone();
-        plan.passes.retain(|pass| !matches!(pass, Pass::EdgeSamples | Pass::Outlines | Pass::EyeDome));
+        plan.passes.retain(|pass| !matches!(pass, Pass::EdgeSamples | Pass::Outlines | Pass::EyeDome | Pass::Nearest));
         plan.planes = Planes::COLOR.with_margin(self.planes.margin);
         plan
     }
@@ -198,6 +200,7 @@ pub fn plan(
     capabilities: &Capabilities,
 ) -> Result<FramePlan, RenderError> {
     settings.validate()?;
+    let planes = planes.complete();
     let parts = |o: &SceneOctree| ChosenParts {
         object: o.object,
         selection: select(&o.octree, &o.world_from_object, o.cull, view, settings.lod_error_px),
@@ -213,6 +216,9 @@ pub fn plan(
         && let Some(object) = summary.without_interior_weight
     {
         return Err(RenderError::NoInteriorWeight { object });
+    }
+    if let Some(object) = summary.without_rows.filter(|_| planes.index) {
+        return Err(RenderError::NoRows { object });
     }
     let radius_px = if settings.filter == Filter::None { 0.0 } else { settings.prefilter_radius_px };
     let exact = settings.mapping == Mapping::Exact;
@@ -241,6 +247,7 @@ pub fn plan(
             abuffer_surfaces = layers;
         }
     }
+    passes.extend(planes.index.then_some(Pass::Nearest));
     // They take the whole image's colour, transparent layers included.
     passes.extend((edges == EdgeAa::Samples).then_some(Pass::EdgeSamples));
     let separates_transparent = transparency != Transparency::Off;

@@ -29,6 +29,8 @@ impl Frame {
         fn there<T>(plane: &[T]) -> Option<&[T]> {
             (!plane.is_empty()).then_some(plane)
         }
+        let whole = [("index", self.index()), ("object", self.object()), ("label", self.label())];
+        let whole = whole.into_iter().filter(|(_, plane)| !plane.is_empty()).collect();
         PlanesView {
             width: self.width(),
             height: self.height(),
@@ -36,6 +38,8 @@ impl Frame {
             depth: there(self.depth()),
             normal: there(self.normal()),
             weight: there(self.weight()),
+            position: there(self.position()),
+            whole,
             ..PlanesView::default()
         }
     }

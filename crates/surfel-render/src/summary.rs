@@ -41,6 +41,8 @@ pub struct SceneSummary {
     pub octrees: Vec<SceneOctree>,
     /// First object of splats whose interior weight is unknown.
     pub without_interior_weight: Option<usize>,
+    /// First object of splats without rows, or that is an octree, which has none.
+    pub without_rows: Option<usize>,
     /// Some cloud is oriented and shows its back faces, too.
     pub both_facings: bool,
 }
@@ -59,6 +61,9 @@ impl SceneSummary {
                     summary.colors |= data.colors.is_some();
                     summary.transparent |= cloud.is_transparent();
                     summary.clips |= data.clips.is_some();
+                    if data.rows.is_none() {
+                        summary.without_rows.get_or_insert(i);
+                    }
                     if object.material.interior_weight.or(data.interior_weight).is_none() {
                         summary.without_interior_weight.get_or_insert(i);
                     }
@@ -66,6 +71,7 @@ impl SceneSummary {
                 }
                 Geometry::Octree(octree) => {
                     let (cloud, data) = (octree.cloud(), octree.cloud().data());
+                    summary.without_rows.get_or_insert(i);
                     summary.splats += cloud.len() as u64;
                     summary.colors |= data.colors.is_some() || octree.mesh().colors.is_some();
                     summary.colors |= octree.mesh().texture.is_some();

@@ -2,6 +2,7 @@
 
 use crate::SAMPLES_SIDE;
 use glam::{DMat3, DVec3};
+use surfel_math::V2;
 use surfel_math::basis::unit;
 use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Camera, MAX_IMAGE_PIXELS, ModelError};
@@ -54,6 +55,16 @@ pub struct View {
 }
 
 impl View {
+    /// World position of what is seen at a pixel position at planar depth z, rounded once; +∞ where z is.
+    pub(crate) fn world_position(&self, [x, y]: [f64; 2], z: f64) -> [f64; 3] {
+        if !z.is_finite() {
+            return [f64::INFINITY; 3];
+        }
+        let (origin, direction) = self.projection.ray(V2::new(x, y));
+        let at = origin + direction * z;
+        (self.view_from_world.transpose() * DVec3::new(at.x, at.y, at.z) + self.eye).to_array()
+    }
+
     /// The view of a camera: the whole image.
     ///
     /// # Errors

@@ -78,6 +78,7 @@ pub fn splats_from_points(
         colors: source.colors,
         alphas: source.alphas,
         up: source.up,
+        rows: source.rows,
         extras: source.extras,
         comments: source.comments,
         oriented: report.normals_given == 0,

@@ -179,8 +179,7 @@ fn save(
     let view = buffer.get_mapped_range(..)?;
     let pixels: &[[f32; 4]] = bytemuck::cast_slice(&view);
     let [width, height] = SIZE;
-    let planes =
-        PlanesView { width, height, color: Some(pixels), depth: None, normal: None, weight: None, other: Vec::new() };
+    let planes = PlanesView { width, height, color: Some(pixels), ..PlanesView::default() };
     surfel_io::save_png(path, true, &planes, &PngOptions::default())?;
     Ok(())
 }

@@ -339,7 +339,7 @@ impl<'a> Tile<'a> {
             pass.set_bind_group(1, lit_group.unwrap_or(&drawn.group), &[]);
             match self.layer_draws.as_ref().filter(|_| draw.is_transparent()) {
                 Some(draws) => pass.draw_indirect(draws, layer_draw_offset(drawn.index)),
-                None => drawn.runs.iter().for_each(|run| pass.draw(0..4, run.clone())),
+                None => drawn.runs.iter().for_each(|run| pass.draw(Draw::quad(drawn.index), run.clone())),
             }
         }
     }

@@ -213,7 +213,8 @@ impl Renderer {
         let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, &data), shared_records);
         let tile = TileJob { data: &data, key, pixel_passes: &PixelPass::of(plan), steps: &steps, samples: &samples };
         stats.fragments += self.execute(job, tile, stats, |planes| {
-            data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame)
+            let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
+            data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame, identity)
         })?;
         let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
         count_frame_bytes(target_bytes, job.shadow_texels.size(), stats);
@@ -385,6 +386,7 @@ impl surfel_render::Renderer for Renderer {
         for MapCost { readback, pass_record } in costs {
             readback.read(&self.device, |parts| pass_record.add(parts.concat().as_slice(), &mut stats))?;
         }
+        frame.locate(view);
         stats.bytes_per_splat = scene.bytes() as f64 / scene.cpu.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)

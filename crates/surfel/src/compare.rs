@@ -80,6 +80,14 @@ fn planes(a: &Planes, b: &Planes) -> Result<Vec<(String, PlaneComparison)>, Metr
     add("Z", a.depth.as_deref(), b.depth.as_deref())?;
     add("normal", flat(a).as_deref(), flat(b).as_deref())?;
     add("weight", a.weight.as_deref(), b.weight.as_deref())?;
+    for (name, values) in &a.whole {
+        // Whole numbers differ by what f32 can say, though it can't say them.
+        let other = b.whole.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_slice());
+        let off = other.map(|other| {
+            values.iter().zip(other).map(|(a, b)| (f64::from(*a) - f64::from(*b)) as f32).collect::<Vec<f32>>()
+        });
+        add(name, Some(&vec![0.0; values.len()]), off.as_deref())?;
+    }
     for (name, values) in &a.other {
         let other = b.other.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_slice());
         add(name, Some(values), other)?;

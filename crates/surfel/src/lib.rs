@@ -47,6 +47,7 @@ mod convert;
 mod error;
 pub mod framing;
 pub mod info;
+pub mod labels;
 mod load;
 pub mod metadata;
 mod octree;

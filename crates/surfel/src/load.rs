@@ -2,7 +2,7 @@
 
 use crate::coloring::{self, ColorBy, Colored, Coloring};
 use crate::framing::UpReason;
-use crate::{Error, convert};
+use crate::{Error, convert, labels};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -53,6 +53,11 @@ pub struct LoadOptions {
     pub colormap: Option<Colormap>,
     /// Values at the ends of the colour map; `None`: the 2nd and the 98th percentile.
     pub range: Option<[f64; 2]>,
+    /// Keeps which row of its file each splat came from, before any was dropped, for the planes `index` and `label`.
+    pub rows: bool,
+    /// The attribute that the plane `label` shows ([`crate::labels::DEFAULT_LABEL`], or another of the file); `None`:
+    /// none is kept.
+    pub label: Option<String>,
     /// The axis of `height`; `None`: as the file says, else by its shape.
     pub up: Option<Up>,
     /// Only points and splats within this box count: least x, y, z, then largest.
@@ -92,6 +97,8 @@ impl LoadOptions {
         with_color_by color_by: Option<String>,
         with_colormap colormap: Option<Colormap>,
         with_range range: Option<[f64; 2]>,
+        with_rows rows: bool,
+        with_label label: Option<String>,
         with_up up: Option<Up>,
         with_crop crop: Option<[f64; 6]>,
         with_classes classes: Vec<u32>,
@@ -171,6 +178,8 @@ impl Default for LoadOptions {
             color_by: None,
             colormap: None,
             range: None,
+            rows: false,
+            label: None,
             up: None,
             crop: None,
             classes: Vec::new(),
@@ -295,6 +304,18 @@ pub(crate) fn splats_of(
     if cloud.is_empty() {
         let problem = "holds no splat, expected at least one: check that the file is complete".to_owned();
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
+    }
+    if let Some(attribute) = &options.label
+        && !labels::label(&mut cloud, attribute, path)?
+    {
+        let known: Vec<String> = cloud.data().extras.iter().map(|e| e.name.escape_debug().to_string()).collect();
+        let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+        notes.push(format!("no attribute {attribute}, so its splats have no label (attributes: {known})"));
+    }
+    if options.rows || options.label.is_some() {
+        cloud.number_rows()
+    } else {
+        cloud.discard_rows()
     }
     let mut coloring = None;
     if let Some(attribute) = options.color_by.as_deref().filter(|_| octree.is_none()) {

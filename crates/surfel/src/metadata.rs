@@ -125,6 +125,12 @@ pub fn drawn(
     if let Some(n) = options.samples {
         drawn.insert("samples".to_owned(), json!(n));
     }
+    if !options.planes.is_empty() {
+        drawn.insert("planes".to_owned(), json!(options.planes.join(",")));
+    }
+    if let Some(label) = &options.label {
+        drawn.insert("label".to_owned(), json!(label));
+    }
     if quantised {
         drawn.insert("storage".to_owned(), json!("16"));
     }

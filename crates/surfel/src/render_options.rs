@@ -8,7 +8,7 @@ use surfel_model::{
     Accumulate, Camera, ClipPolicy, ConvertOptions, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader,
     TextureSampling, Transparency, Up,
 };
-use surfel_render::{Preset, Region};
+use surfel_render::{Planes, Preset, Region};
 
 /// The flags of `surfel render` that decide what an image shows. What isn't said is left to the scene file, the preset
 /// and the defaults, in this order ([`crate::request`]).
@@ -81,6 +81,10 @@ pub struct RenderOptions {
     pub background: Option<[f64; 4]>,
     /// So many unfiltered samples along a pixel's side (backend reference only).
     pub samples: Option<u32>,
+    /// Planes of what is nearest, besides others: some of [`RenderOptions::NEAREST_PLANES`].
+    pub planes: Vec<String>,
+    /// The attribute that the plane `label` shows, which this asks for; `None`: [`crate::labels::DEFAULT_LABEL`].
+    pub label: Option<String>,
     /// The framed camera leaves room for the scene to turn about its up axis.
     pub turntable: bool,
     /// Interior weights are estimated for the preset that the image is verified against.
@@ -206,6 +210,31 @@ impl SplatOptions {
 }
 
 impl RenderOptions {
+    /// The names that [`RenderOptions::planes`] may hold.
+    pub const NEAREST_PLANES: [&str; 4] = ["index", "object", "label", "position"];
+
+    fn asks_for(&self, plane: &str) -> bool {
+        self.planes.iter().any(|asked| asked == plane)
+    }
+
+    /// Whether splats are drawn with their rows.
+    pub(crate) fn wants_rows(&self) -> bool {
+        self.asks_for("index") || self.asks_for("object")
+    }
+
+    /// Whether splats are drawn with their labels.
+    pub(crate) fn wants_label(&self) -> bool {
+        self.label.is_some() || self.asks_for("label")
+    }
+
+    /// These planes and those of what is nearest that the options ask for.
+    #[must_use]
+    pub fn planes_besides(&self, others: Planes) -> Planes {
+        let others = others.with_index(others.index || self.wants_rows());
+        let others = others.with_label(others.label || self.wants_label());
+        others.with_position(others.position || self.asks_for("position"))
+    }
+
     /// Sets a flag by its long name without dashes, from its text; a switch from `on` or `off`.
     ///
     /// # Errors
@@ -243,6 +272,14 @@ impl RenderOptions {
             "edge-aa" => self.edge_aa = Some(values::edge_aa(text)?),
             "background" => self.background = Some(values::background(text)?),
             "samples" => self.samples = Some(whole(text, 1..=64)?),
+            "planes" => {
+                let planes: Vec<String> = text.split(',').map(|plane| plane.trim().to_owned()).collect();
+                if planes.iter().any(|plane| !Self::NEAREST_PLANES.contains(&plane.as_str())) {
+                    return Err(format!("expected some of {}", Self::NEAREST_PLANES.join(", ")));
+                }
+                self.planes = planes;
+            }
+            "label" => self.label = Some(text.to_owned()),
             _ => return Err("there is no such flag here".to_owned()),
         }
         Ok(())
@@ -269,6 +306,10 @@ impl RenderOptions {
         let of_cameras = of_cameras.into_iter().filter(|(given, _)| self.cameras && *given);
         let of_cameras = of_cameras.map(|(_, other)| ("cameras", other));
         let lens = (ortho && self.fov_y.is_some()).then_some(("fov-y", "ortho"));
+        if self.samples.is_some() && (!self.planes.is_empty() || self.label.is_some()) {
+            let what = "--samples averages, and planes of what is nearest have no mean: leave out one";
+            return Err(Error::Usage(what.to_owned()));
+        }
         let part = (self.region.is_some() && self.tile.is_some()).then_some(("region", "tile"));
         match of_view.chain(of_cameras).chain(lens).chain(part).next() {
             Some((a, b)) => Err(Error::Usage(format!("--{a} and --{b} contradict each other: give one of them"))),
@@ -336,6 +377,7 @@ mod tests {
             ("classes", "a"),
             ("up", "w"),
             ("samples", "65"),
+            ("planes", "index,depth"),
             ("matcap", ""),
             ("output", "a.png"),
             ("radius-scale", "0"),

@@ -4,6 +4,7 @@ pub use crate::camera::Turntable;
 pub use crate::render_options::{RenderOptions, SplatOptions};
 
 use crate::framing::{self, NamedView, Upright, ViewChoice};
+use crate::labels::DEFAULT_LABEL;
 use crate::paths::{self, absolute, display, is_stdin};
 use crate::scene::{
     AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_depth_tolerance, auto_scene,
@@ -197,6 +198,9 @@ impl Request {
         // The preset that an image is verified against antialiases edges.
         let options = LoadOptions::default().with_interior_weight(self.options.verify).for_settings(&self.settings);
         let up = self.scene.as_ref().and_then(|(file, _)| file.up);
+        let label = self.options.label.clone().unwrap_or_else(|| DEFAULT_LABEL.to_owned());
+        let options = options.with_label(self.options.wants_label().then_some(label));
+        let options = options.with_rows(self.options.wants_rows());
         options.with_stdin(stdin).with_up(self.options.up.flatten().or(up))
     }
 

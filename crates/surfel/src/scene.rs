@@ -206,6 +206,14 @@ pub fn load_objects(
         loaded.facts.push(facts);
         loaded.objects.push(Object { geometry, world_from_object, material: object.material });
     }
+    let labelled = |o: &Object| matches!(&o.geometry, Geometry::Splats(cloud) if cloud.data().labels.is_some());
+    if let Some(attribute) = &options.label
+        && !loaded.objects.iter().any(labelled)
+    {
+        let first = objects.iter().find_map(|o| o.splats.clone().or(o.mesh.clone())).unwrap_or_default();
+        let problem = format!("no file has the attribute {attribute} for labels: choose another by --label ATTRIBUTE");
+        return Err(Error::Unsuitable { path: first, problem });
+    }
     let useless = useless.into_values().filter(|(times, _)| *times == converted);
     loaded.unused.extend(useless.map(|(_, first)| first));
     Ok(loaded)

@@ -3,7 +3,7 @@
 //!
 //! - the rendering model: [`closed_forms`], [`clip_closed_forms`], [`transparency_closed_forms`],
 //!   [`meshes_among_splats`], [`shadow_maps`], [`octree_levels`], [`image_invariants`], [`decision_margin`],
-//!   [`checkerboard_filter_errors`], [`textured_meshes`];
+//!   [`checkerboard_filter_errors`], [`textured_meshes`], [`nearest_planes`];
 //! - backends: [`cpu_backend`], [`gpu_backends`], [`gpu_frame_costs`], [`gpu_scene_storage`], [`feature_costs`],
 //!   [`golden_scenes`], [`stability_sweeps`], [`preset_promises`], [`random_scene_features`], [`own_images`];
 //! - splats made of meshes: [`splats_of_meshes`], [`clean_images`], [`sharp_features`],
@@ -30,6 +30,7 @@ mod gpu_scene_storage;
 mod harness_catches_faults;
 mod image_invariants;
 mod meshes_among_splats;
+mod nearest_planes;
 mod octree_levels;
 mod own_images;
 mod preset_promises;

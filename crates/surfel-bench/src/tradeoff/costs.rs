@@ -45,6 +45,7 @@ fn name(pass: Pass) -> &'static str {
         Pass::EdgeSamples => "edge samples",
         Pass::Outlines => "outlines",
         Pass::EyeDome => "eye-dome",
+        Pass::Nearest => "nearest splats",
         Pass::PeelLayer => "peeled layer",
         Pass::RemainingLayer => "what remains",
         Pass::ABuffer => "A-buffer",

@@ -14,6 +14,8 @@ const ENTRY_SHARE: f64 = size_of::<Entry>() as f64 / (RECORD_BYTES + size_of::<E
 pub(crate) struct ObjectView<'a> {
     pub object: &'a StoredObject,
     pub index: u32,
+    /// The first of its slots' numbers, which records hold where the nearest splat is wanted.
+    pub first_number: Option<u32>,
     /// The object's, unless nothing is to be culled.
     pub material: Material,
     /// Object to view directions, and view position of the object's origin.
@@ -55,6 +57,7 @@ impl<'a> ObjectView<'a> {
         Self {
             object,
             index,
+            first_number: None,
             material: Material {
                 cull: if cull == Cull::None { cull } else { object.material.cull },
                 ..object.material

@@ -53,7 +53,8 @@ impl Drawing<'_> {
             project_some(instructions, self.meshes, &cell.mesh_parts, samples.view, &grid, Cull::Back, drawn);
         if plan.has(Pass::RemainingLayer) {
             let CellSplats { transparent, near, .. } = &mut splats;
-            transparent.iter_mut().for_each(|segment| self.light_splats(&samples.lighting, segment, near));
+            let lit_by = (&samples.lighting, &samples.raster);
+            transparent.iter_mut().for_each(|segment| self.light_splats(lit_by, segment, near));
         }
         let job = SampleJob {
             tiles: CompositeJob {

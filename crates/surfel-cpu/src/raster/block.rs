@@ -182,6 +182,9 @@ fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, 
         sums.threshold_epsilon = threshold_epsilon;
     }
     filter.settle(sums.threshold);
+    if L::TRACKS {
+        filter.track(simd, list, &pixels, inputs, sums.threshold);
+    }
     if REMEMBER {
         let remembered = Remembered { list, scratch, count };
         let a = &inputs.frame.wanted.attributes;

@@ -1,8 +1,11 @@
 //! Fragment filters: which fragments of a block exist, and which add their attributes.
 
+use crate::raster::batch::Pixels;
 use crate::raster::facing::Shown;
+use crate::raster::inputs::RasterInputs;
 use crate::setup::record::Record;
 use crate::simd::lanes::Lanes;
+use crate::tiles::lists::BlockList;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;
 
@@ -13,6 +16,21 @@ pub(crate) trait FragmentFilter<S: Simd> {
 
     /// Front- and back-facing splats of oriented clouds are kept apart.
     const KEEPS_FACINGS: bool = false;
+
+    /// [`Self::track`] does something.
+    const TRACKS: bool = false;
+
+    /// Visits a block's splats again, between its two loops: its depth thresholds are known.
+    #[inline(always)]
+    fn track(
+        &mut self,
+        _simd: S,
+        _list: BlockList<'_, '_, Record>,
+        _pixels: &Pixels<S>,
+        _inputs: &RasterInputs<'_>,
+        _threshold: Lanes<S>,
+    ) {
+    }
 
     /// Which fragments at these depths exist; `None`: all.
     #[inline(always)]

@@ -1,5 +1,6 @@
 //! What all blocks of a cell share.
 
+use crate::scene::numbers::SplatNumbers;
 use crate::setup::clips::CellClips;
 use crate::setup::evaluate::FrameConstants;
 use crate::setup::near::NearSplat;
@@ -15,6 +16,8 @@ pub(crate) struct Wanted {
     pub polygon_ends: bool,
     /// How many fragments are inside footprints, and how many are added.
     pub counts: bool,
+    /// The nearest splat of each pixel.
+    pub nearest: bool,
     /// Front- and back-facing splats of oriented clouds are kept apart.
     pub facings: bool,
 }
@@ -29,6 +32,8 @@ pub(crate) struct RasterFrame {
     pub coverage: Vec<f32>,
     /// Coverage of a unit of weight, where it is the same for all splats: it isn't summed then.
     pub coverage_of_weight: Option<f32>,
+    /// What records hold in place of their objects, where the nearest splat is wanted; else empty.
+    pub numbers: SplatNumbers,
 }
 
 impl RasterFrame {
@@ -40,9 +45,11 @@ impl RasterFrame {
             epsilon: plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::EdgeSamples),
             polygon_ends: plan.has(Pass::EdgeSamples),
             counts: plan.planes.fragments,
+            nearest: plan.has(Pass::Nearest),
             facings: plan.keeps_facings,
         };
-        Self { constants: FrameConstants::new(plan, view), wanted, factors, coverage, coverage_of_weight: None }
+        let (constants, numbers) = (FrameConstants::new(plan, view), SplatNumbers::default());
+        Self { constants, wanted, factors, coverage, coverage_of_weight: None, numbers }
     }
 }
 

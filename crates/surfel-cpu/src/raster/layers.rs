@@ -6,7 +6,8 @@
 
 use crate::raster::fragment::{cheap_batch, fragment};
 use crate::raster::inputs::RasterInputs;
-use crate::raster::sums::{Sums, accumulate, add_weighted};
+use crate::raster::nearest::Nearest;
+use crate::raster::sums::{Sums, accumulate, add_weighted, number_of};
 use crate::setup::evaluate::Fragment;
 use crate::setup::record::{Batch, Record};
 use crate::setup::segment::TransparentSplat;
@@ -41,6 +42,8 @@ struct Remembered {
 #[derive(Default)]
 pub(crate) struct LayerScratch {
     fragments: Vec<Remembered>,
+    /// How many of them are the block's.
+    count: usize,
     /// Those with fragments that no layer has taken.
     left: Vec<u32>,
 }
@@ -88,7 +91,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
         let (simd, (x, y)) = (self.simd, self.at);
         let k = |v: f32| Lanes::splat(simd, v);
         let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
-        let LayerScratch { fragments: remembered, left } = scratch;
+        let LayerScratch { fragments: remembered, left, count: of_block } = scratch;
         if remembered.len() < self.list.len() {
             remembered.resize_with(self.list.len(), Remembered::default);
         }
@@ -123,6 +126,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
                 }
             }
         }
+        *of_block = count;
         left.clear();
         left.extend(0..count as u32);
         gathered
@@ -161,7 +165,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
     #[inline(always)]
     pub(crate) fn layer(&self, beyond: Lanes<S>, threshold: Lanes<S>, scratch: &mut LayerScratch) -> Layer<S> {
         let simd = self.simd;
-        let LayerScratch { fragments, left } = scratch;
+        let LayerScratch { fragments, left, .. } = scratch;
         let mut next = Lanes::splat(simd, f32::INFINITY);
         let mut sums = Sums::new(simd);
         let mut alpha = Lanes::splat(simd, 0.0);
@@ -187,6 +191,18 @@ impl<S: Simd> TransparentBlock<'_, S> {
         left.truncate(count);
         sums.cover(self.inputs.frame);
         Layer { sums, alpha, next }
+    }
+
+    /// The nearest of all fragments that were gathered.
+    #[inline(never)]
+    pub(crate) fn nearest(&self, scratch: &LayerScratch) -> Nearest<S> {
+        let mut nearest = Nearest::new(self.simd);
+        for f in &scratch.fragments[..scratch.count] {
+            let z = Lanes::load(self.simd, &f.inside_z);
+            let number = number_of(self.list[f.splat as usize].record, self.inputs.near);
+            nearest.add(z, z.le(z), number as u32, &self.inputs.frame.numbers);
+        }
+        nearest
     }
 
     /// The last layer: every fragment that remains, in colours lit per splat, weighted by its alpha, so that the more

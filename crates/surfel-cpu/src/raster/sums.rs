@@ -107,7 +107,7 @@ pub(crate) fn accumulate<S: Simd>(
         sums.depth = weight.mul_add(Lanes::select(mask, z, zero), sums.depth);
     }
     if attributes.material | (attributes.coverage & coverage_of_weight.is_none()) {
-        let object = object_of(record, inputs.near);
+        let object = inputs.frame.numbers.object_of(number_of(record, inputs.near));
         if attributes.material {
             add_weighted(&mut sums.material, weight, factors[object]);
         }
@@ -117,9 +117,9 @@ pub(crate) fn accumulate<S: Simd>(
     }
 }
 
-/// Index of a record's object.
+/// Index of a record's object, or its number where slots have numbers.
 #[inline(always)]
-pub(crate) fn object_of(record: &Record, near: &[NearSplat]) -> usize {
+pub(crate) fn number_of(record: &Record, near: &[NearSplat]) -> usize {
     match record.class() {
         Class::Near => near[record.object()].object as usize,
         _ => record.object(),

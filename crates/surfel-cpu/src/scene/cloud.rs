@@ -6,6 +6,7 @@ use crate::scene::groups::{BoundedSplat, Groups};
 use crate::simd::lanes::LANES;
 use glam::{DAffine3, DVec3, Vec3};
 use std::f64::consts::PI;
+use std::sync::Arc;
 use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_model::{CHUNK_SPLATS, ChunkSpace, Storage, chunks, stored_axes};
 use surfel_model::{Material, Object, Octree, Shape, SplatCloud};
@@ -75,6 +76,11 @@ pub(crate) struct StoredObject {
     pub colors: Option<Column3>,
     pub shading_normals: Option<Units>,
     pub clips: Option<StoredClips>,
+    /// Index of the scene's object.
+    pub source: usize,
+    /// Of every slot, where the cloud has rows and labels.
+    pub rows: Option<Arc<[u32]>>,
+    pub labels: Option<Vec<u32>>,
     /// Of every slot, where some splat is transparent. Not rounded: 1 must stay 1.
     pub alphas: Option<Vec<f32>>,
     /// W0 of the material, or of the cloud; 0 if neither says.
@@ -124,15 +130,24 @@ impl StoredObject {
             colors: data.colors.as_ref().map(|_| Column3::new(storage, padded)),
             shading_normals: data.shading_normals.as_ref().map(|_| Units::new(storage, padded)),
             clips: data.clips.as_ref().map(|_| StoredClips::default()),
+            source: 0,
+            rows: None,
+            labels: data.labels.as_ref().map(|_| Vec::with_capacity(padded)),
             alphas: cloud.is_transparent().then(|| Vec::with_capacity(padded)),
             interior_weight: material.interior_weight.or(data.interior_weight).unwrap_or(0.0),
             oriented: material.is_oriented(cloud),
         };
+        let mut rows = data.rows.as_ref().map(|rows| (rows, Vec::with_capacity(padded)));
         for order in parts {
             for (space, members) in chunks(cloud, &order, storage) {
                 stored.push_chunk(cloud, space, members);
+                if let Some((rows, of_slots)) = &mut rows {
+                    of_slots.extend(members.iter().map(|&i| rows[i as usize]));
+                    of_slots.resize(stored.centers.len(), u32::MAX);
+                }
             }
         }
+        stored.rows = rows.map(|(_, of_slots)| of_slots.into());
         // A file may have columns of clips and none in them.
         stored.clips.take_if(|clips| clips.is_empty());
         stored.trim();
@@ -154,6 +169,7 @@ impl StoredObject {
         self.colors.iter_mut().for_each(Column3::trim);
         self.shading_normals.iter_mut().for_each(Units::trim);
         self.alphas.iter_mut().for_each(Vec::shrink_to_fit);
+        self.labels.iter_mut().for_each(Vec::shrink_to_fit);
     }
 
     fn push_chunk(&mut self, cloud: &SplatCloud, space: ChunkSpace, members: &[u32]) {
@@ -194,6 +210,9 @@ impl StoredObject {
             }
             if let Some(alphas) = &mut self.alphas {
                 alphas.push(cloud.alpha(i));
+            }
+            if let (Some(to), Some(labels)) = (&mut self.labels, &cloud.data().labels) {
+                to.push(labels[i]);
             }
             if let Some(normals) = &mut self.shading_normals {
                 normals.push(cloud.shading_normal(i).as_vec3());
@@ -236,6 +255,8 @@ impl StoredObject {
             + self.shading_normals.as_ref().map_or(0, Units::bytes)
             + self.clips.as_ref().map_or(0, StoredClips::bytes)
             + self.alphas.as_ref().map_or(0, |a| size_of_val(a.as_slice()))
+            + self.rows.as_ref().map_or(0, |rows| size_of_val(&**rows))
+            + self.labels.as_ref().map_or(0, |labels| size_of_val(labels.as_slice()))
             + size_of_val(self.chunks.as_slice())
             + size_of_val(self.groups.as_slice())
     }

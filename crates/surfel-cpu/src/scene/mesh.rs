@@ -17,7 +17,9 @@ pub(crate) struct StoredMesh {
     pub mipmaps: Option<Arc<Mipmaps>>,
     /// Object to world normals, up to scale.
     pub normals: DMat3,
-    /// Index of the scene's object, if it is an octree.
+    /// Index of the scene's object.
+    pub source: usize,
+    /// The same, if it is an octree.
     pub octree: Option<usize>,
     /// Its triangles' indices, such that neighbours follow each other.
     order: Vec<u32>,
@@ -109,6 +111,7 @@ impl StoredMesh {
             material: object.material,
             mipmaps: Mipmaps::of_mesh(mesh, others.iter().filter_map(|other| other.mipmaps.as_ref())),
             normals: normal_matrix(&object.world_from_object.matrix3),
+            source: 0,
             octree: None,
             parts: parts.par_iter().map(|triangles| Part::new(mesh, &order, triangles.clone())).collect(),
             order,

@@ -2,9 +2,10 @@
 
 use crate::scene::cloud::StoredObject;
 use crate::scene::mesh::StoredMesh;
+use crate::scene::numbers::SplatNumbers;
 use std::sync::Arc;
-use surfel_model::{Geometry, Light, Matcap, Material, Scene, Storage};
-use surfel_render::{RenderError, SceneSummary};
+use surfel_model::{Geometry, Light, Matcap, Material, NO_LABEL, Scene, Storage};
+use surfel_render::{Identity, RenderError, SceneSummary};
 
 /// A scene as this backend stores it.
 pub struct ResidentScene {
@@ -29,22 +30,30 @@ impl ResidentScene {
         for (index, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
                 Geometry::Splats(cloud) => {
-                    clouds.push(StoredObject::new(cloud, object.world_from_object, object.material, storage));
+                    let mut stored = StoredObject::new(cloud, object.world_from_object, object.material, storage);
+                    stored.source = index;
+                    clouds.push(stored);
                 }
                 Geometry::Mesh(mesh) => {
                     mesh.validate()?;
                     for part in mesh.by_texture() {
-                        meshes.push(StoredMesh::new(object, &part, &meshes));
+                        let mut stored = StoredMesh::new(object, &part, &meshes);
+                        stored.source = index;
+                        meshes.push(stored);
                     }
                 }
                 Geometry::Octree(octree) => {
-                    clouds.push(StoredObject::of_octree(index, octree, object, storage));
+                    let mut stored = StoredObject::of_octree(index, octree, object, storage);
+                    stored.source = index;
+                    clouds.push(stored);
                     octrees.push((index, octree, object));
                 }
             }
         }
         for (index, octree, object) in octrees {
-            meshes.push(StoredMesh::of_octree(index, octree, object, &meshes));
+            let mut stored = StoredMesh::of_octree(index, octree, object, &meshes);
+            stored.source = index;
+            meshes.push(stored);
         }
         let [r, g, b, a] = scene.background;
         Ok(Self {
@@ -57,6 +66,22 @@ impl ResidentScene {
             matcap: scene.matcap.clone(),
             background: [r * a, g * a, b * a, a],
         })
+    }
+
+    /// What a number of the nearest stands for.
+    pub(crate) fn identity(&self, numbers: &SplatNumbers, number: u32) -> Identity {
+        if number == SplatNumbers::NOTHING {
+            return Identity::NOTHING;
+        }
+        if number & SplatNumbers::POLYGON != 0 {
+            let mesh = self.meshes.get((number & !SplatNumbers::POLYGON) as usize);
+            return Identity { object: mesh.map_or(NO_LABEL, |mesh| mesh.source as u32), ..Identity::NOTHING };
+        }
+        let (object, slot) = numbers.place(number);
+        let Some(object) = self.clouds.get(object) else { return Identity::NOTHING };
+        let of = |column: Option<&[u32]>| column.and_then(|c| c.get(slot)).copied().unwrap_or(NO_LABEL);
+        let (row, label) = (of(object.rows.as_deref()), of(object.labels.as_deref()));
+        Identity { row, object: object.source as u32, label }
     }
 
     /// Bytes of heap memory that the splats use.

@@ -6,9 +6,11 @@ use crate::raster::facing::ByFacing;
 use crate::raster::filter::{BehindDepth, EveryFragment, MeshBlend};
 use crate::raster::layers::{TransparentBlock, TransparentItem};
 use crate::raster::listing::list_triangles;
+use crate::raster::nearest;
 use crate::raster::sums::Sums;
-use crate::raster::triangles::nearest;
+use crate::raster::triangles;
 use crate::scene::mesh::StoredMesh;
+use crate::scene::numbers::SplatNumbers;
 use crate::screen::eye_dome::EyeDome;
 use crate::screen::gbuffer::{BLOCKS, GBuffer, GBufferTile, Reach};
 use crate::screen::layer_steps::LayerSteps;
@@ -18,7 +20,7 @@ use crate::setup::triangles::TriangleSegment;
 use crate::shade::resolve::{divided, lit, outline_limit};
 use crate::shade::surface::Shaded;
 use crate::shade::transparent::{CompositedLayers, Layers, composite};
-use crate::simd::lanes::Lanes;
+use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::level::{Instructions, with_instructions};
 use crate::tiles::driver::Counters;
 use crate::tiles::lists::ItemLists;
@@ -51,6 +53,8 @@ pub(super) struct Front<S: Simd> {
     /// Where the nearest polygons are, whatever occludes them, where the block has any.
     polygon: Option<Reach<S>>,
     pub shaded: Shaded<S>,
+    /// What is nearest, where that is wanted.
+    numbers: Option<[u32; LANES]>,
     /// +∞ where nothing is.
     pub opaque_depth: Lanes<S>,
 }
@@ -133,10 +137,15 @@ impl<'a> CompositeJob<'a> {
             counters.inside += u64::from(front.sums.inside);
             let mut pixels =
                 front.shaded.over_background(simd, self.tiles.lighting.background_color(), front.sums.fragments);
+            if let Some(numbers) = front.numbers {
+                target.put_index(at, numbers);
+            }
             if let Some(gbuffer) = &mut gbuffer {
                 self.put_gbuffer(simd, gbuffer, (block, at), &front);
             } else if transparent >> block & 1 != 0 {
-                pixels = self.layers(simd, block, at, front.opaque_depth, scratch, &mut counters).over(&pixels);
+                let layers = self.layers(simd, block, at, front.opaque_depth, scratch, &mut counters);
+                layers.put_index(target, at);
+                pixels = layers.over(&pixels);
             }
             let counts: i32x16<S> = pixels.fragments.0.to_int();
             contributing += counts * target.rect.lanes_inside(simd, at);
@@ -160,18 +169,37 @@ impl<'a> CompositeJob<'a> {
         let infinite = Lanes::splat(simd, f32::INFINITY);
         if triangles.is_empty() && splats.is_empty() {
             let sums = Sums::new(simd);
-            return Front { sums, polygon: None, shaded: Shaded::nothing(simd), opaque_depth: infinite };
+            let numbers = job.inputs.frame.wanted.nearest.then_some([SplatNumbers::NOTHING; LANES]);
+            return Front { sums, polygon: None, shaded: Shaded::nothing(simd), numbers, opaque_depth: infinite };
         }
         let mut polygon = None;
         let mut sums = Sums::new(simd);
-        let facings = job.inputs.frame.wanted.facings;
-        if triangles.is_empty() && facings {
+        let (facings, mut numbers) = (job.inputs.frame.wanted.facings, None);
+        if job.inputs.frame.wanted.nearest {
+            let mut shown = infinite;
+            if !triangles.is_empty() {
+                let nearest = triangles::nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
+                shown = nearest.z;
+                polygon = Some((nearest, shown));
+            }
+            let found = nearest::draw(simd, splats, at, &job.inputs, &mut shown, &mut scratch.block, &mut sums);
+            let mut found_numbers = found.numbers();
+            if let Some((nearest, shown_polygon)) = &mut polygon {
+                *shown_polygon = shown;
+                let (before, which) = (shown.lt(found.z).to_bitmask(), nearest.indices());
+                for (lane, number) in found_numbers.iter_mut().enumerate().filter(|(i, _)| before >> i & 1 == 1) {
+                    let mesh = triangles.get(which[lane]).map_or(0, |triangle| triangle.mesh);
+                    *number = SplatNumbers::POLYGON | mesh;
+                }
+            }
+            numbers = Some(found_numbers);
+        } else if triangles.is_empty() && facings {
             let filter = ByFacing::new(simd, EveryFragment);
             block::draw(simd, splats, at, &job.inputs, filter, &mut scratch.block, &mut sums);
         } else if triangles.is_empty() {
             block::draw(simd, splats, at, &job.inputs, EveryFragment, &mut scratch.block, &mut sums);
         } else {
-            let nearest = nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
+            let nearest = triangles::nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
             let mut shown = nearest.z;
             let filter = MeshBlend { polygon: &mut shown };
             if facings {
@@ -199,7 +227,7 @@ impl<'a> CompositeJob<'a> {
                 opaque_depth = opaque_depth.min(shown);
             }
         }
-        Front { sums, polygon: reach, shaded, opaque_depth }
+        Front { sums, polygon: reach, shaded, numbers, opaque_depth }
     }
 
     #[inline(always)]
@@ -305,6 +333,7 @@ impl<'a> CompositeJob<'a> {
             }
             let counts: i32x16<S> = layers.fragments.0.to_int();
             added += counts * target.rect.lanes_inside(simd, at);
+            layers.put_index(target, at);
             let behind = Pixels { color, ..target.get(simd, at) };
             target.put(at, &layers.over(&behind));
         }
@@ -404,7 +433,7 @@ impl<'a> CompositeJob<'a> {
         let mut shaded = lit(simd, lighting, divided(simd, lighting, &sums), at);
         let triangles = scratch.lists.triangles.of(block);
         if !triangles.is_empty() {
-            let nearest = nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
+            let nearest = triangles::nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
             edge &= !(nearest.z.le(threshold) & nearest.z.lt(infinite));
             let before = nearest.z.lt(Lanes::select(shaded.covered, shaded.z, infinite));
             // Where nothing is kept the background alone lies behind.

@@ -6,12 +6,14 @@ use crate::raster::filter::EveryFragment;
 use crate::raster::inputs::RasterInputs;
 use crate::raster::layers::{LayerScratch, TransparentItem};
 use crate::raster::listing::{ListScratch, Listing};
+use crate::raster::nearest;
 use crate::raster::sums::Sums;
 use crate::raster::tiny_tile::{TinyScratch, TinyTile, is_faster_by_splats};
 use crate::screen::gbuffer::GBufferTile;
 use crate::screen::neighbourhood::Neighbourhood;
 use crate::shade::lighting::Lighting;
 use crate::shade::resolve::resolve;
+use crate::simd::lanes::Lanes;
 use crate::tiles::driver::Counters;
 use crate::tiles::grid::block_px;
 use crate::tiles::lists::ItemLists;
@@ -99,7 +101,12 @@ impl<'a> TileJob<'a> {
                 count += 1;
                 let at = block_px(origin, block);
                 let list = scratch.lists.splats.of(simd, block);
-                if self.inputs.frame.wanted.facings {
+                if self.inputs.frame.wanted.nearest {
+                    let mut polygon = Lanes::splat(simd, f32::INFINITY);
+                    let block = &mut scratch.block;
+                    let nearest = nearest::draw(simd, list, at, &self.inputs, &mut polygon, block, sums);
+                    target.put_index(at, nearest.numbers());
+                } else if self.inputs.frame.wanted.facings {
                     let filter = ByFacing::new(simd, EveryFragment);
                     block::draw(simd, list, at, &self.inputs, filter, &mut scratch.block, sums);
                 } else {

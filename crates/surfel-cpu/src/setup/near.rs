@@ -179,6 +179,7 @@ impl ObjectView<'_> {
             let place = (self.view, view.with(&part));
             let near = NearSplat::new(&splat, shading, color, self, place);
             let Some((mut near, pixels)) = near else { continue };
+            near.object = self.first_number.map_or(near.object, |first| first + i as u32);
             if self.keeps_facings() {
                 out.segment.largest_epsilon = out.segment.largest_epsilon.max(near.epsilon);
             }

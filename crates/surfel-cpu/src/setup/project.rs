@@ -493,11 +493,20 @@ impl ObjectView<'_> {
             } else {
                 filtered.coverage_scale
             },
-            object_bits: if self.keeps_facings() {
-                let [front, back] = [false, true].map(|back| Facing::of(back).with_object(self.index));
-                Lanes::select(back_facing, bits(back), bits(front))
-            } else {
-                bits(self.index)
+            object_bits: match (self.first_number, self.keeps_facings()) {
+                (Some(first), keeps_facings) => {
+                    let with = |facing: Facing| {
+                        let number = |lane: usize| f32::from_bits(facing.with_object(first + (at + lane) as u32));
+                        Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(number))
+                    };
+                    let [none, front, back] = [Facing::Undeclared, Facing::Front, Facing::Back].map(with);
+                    if keeps_facings { Lanes::select(back_facing, back, front) } else { none }
+                }
+                (None, true) => {
+                    let [front, back] = [false, true].map(|back| Facing::of(back).with_object(self.index));
+                    Lanes::select(back_facing, bits(back), bits(front))
+                }
+                (None, false) => bits(self.index),
             },
             clip_bits: bits(0),
         };

@@ -8,7 +8,8 @@ use crate::shade::resolve::{divided, lit, shaded};
 use crate::shade::surface::{Shaded, Surface};
 use crate::shade::view_ray::Place;
 use crate::simd::lanes::{LANES, Lanes};
-use crate::tiles::target::Pixels;
+use crate::tiles::target::{Pixels, Target};
+use fearless_simd::prelude::SimdMask;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::kernel::FULL_COVERAGE;
 use surfel_math::{Real, V3};
@@ -43,6 +44,8 @@ pub(crate) struct CompositedLayers<S: Simd> {
     /// The nearest layer.
     nearest: Shaded<S>,
     pub fragments: Lanes<S>,
+    /// Numbers of the nearest splats, where they are wanted.
+    numbers: Option<[u32; LANES]>,
     /// How many layers aren't empty, and where the nearest one may lie: its depth threshold, less and more by ε.
     pub count: Lanes<S>,
     pub begin: Lanes<S>,
@@ -65,6 +68,9 @@ pub(crate) fn composite<S: Simd>(
     let mut composited = CompositedLayers::new(simd, gathered.tested, gathered.inside);
     composited.begin = gathered.threshold - gathered.threshold_epsilon;
     composited.end = gathered.threshold + gathered.threshold_epsilon;
+    if block.inputs.frame.wanted.nearest {
+        composited.numbers = Some(block.nearest(scratch).numbers());
+    }
     let (mut beyond, mut threshold) = (Lanes::splat(simd, f32::NEG_INFINITY), gathered.threshold);
     for _ in 0..layers.peeled {
         if scratch.is_empty() {
@@ -99,6 +105,7 @@ impl<S: Simd> CompositedLayers<S> {
             transmittance: zero.one(),
             nearest: Shaded::nothing(simd),
             fragments: zero,
+            numbers: None,
             count: zero,
             begin: zero.constant(f64::INFINITY),
             end: zero.constant(f64::INFINITY),
@@ -122,6 +129,14 @@ impl<S: Simd> CompositedLayers<S> {
         n.covered |= first;
         self.count = self.count + Lanes::select(surface.covered, alpha.one(), zero);
         self.fragments = self.fragments + fragments;
+    }
+
+    /// Writes the numbers of the nearest splats, where they are wanted and a layer is there.
+    pub(crate) fn put_index(&self, target: &mut Target<'_>, at: (i32, i32)) {
+        let Some(numbers) = self.numbers else { return };
+        let (mut shown, there) = (target.index(at), self.nearest.covered.to_bitmask());
+        shown.iter_mut().enumerate().filter(|(i, _)| there >> i & 1 == 1).for_each(|(i, to)| *to = numbers[i]);
+        target.put_index(at, shown);
     }
 
     /// Pixels seen through the layers.

@@ -1,5 +1,6 @@
 //! Where tiles write: planes cut into parts that threads own, in safe Rust.
 
+use crate::scene::numbers::SplatNumbers;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::tiles::grid::{BLOCK, Grid, Rect, block_px};
 use fearless_simd::Simd;
@@ -152,6 +153,7 @@ pub(crate) struct Target<'a> {
     normal: Rows<'a, [f32; 3]>,
     weight: Rows<'a, f32>,
     fragments: Rows<'a, u32>,
+    index: Rows<'a, u32>,
 }
 
 impl<'a> Target<'a> {
@@ -167,18 +169,21 @@ impl<'a> Target<'a> {
         let normal = cut(planes.normal, region, parts);
         let weight = cut(planes.weight, region, parts);
         let fragments = cut(planes.fragments, region, parts);
-        let geometry = depth.into_iter().zip(normal).zip(weight).zip(fragments);
-        let parts = color.into_iter().zip(geometry).map(|(color, (((depth, normal), weight), fragments))| Self {
-            tile: 0,
-            rect: color.rect,
-            background,
-            is_background: false,
-            color,
-            depth,
-            normal,
-            weight,
-            fragments,
-        });
+        let index = cut(planes.index, region, parts);
+        let geometry = depth.into_iter().zip(normal).zip(weight).zip(fragments.into_iter().zip(index));
+        let parts =
+            color.into_iter().zip(geometry).map(|(color, (((depth, normal), weight), (fragments, index)))| Self {
+                tile: 0,
+                rect: color.rect,
+                background,
+                is_background: false,
+                color,
+                depth,
+                normal,
+                weight,
+                fragments,
+                index,
+            });
         parts.collect()
     }
 
@@ -216,6 +221,7 @@ impl<'a> Target<'a> {
         self.normal.fill(rect, [0.0; 3]);
         self.weight.fill(rect, 0.0);
         self.fragments.fill(rect, 0);
+        self.index.fill(rect, SplatNumbers::NOTHING);
     }
 
     /// Fills a tile's blocks whose bits are set with what is where nothing is. The tile begins at pixel `origin`.
@@ -226,6 +232,7 @@ impl<'a> Target<'a> {
         self.normal.put_all(origin, blocks, [0.0; 3]);
         self.weight.put_all(origin, blocks, 0.0);
         self.fragments.put_all(origin, blocks, 0);
+        self.index.put_all(origin, blocks, SplatNumbers::NOTHING);
     }
 
     /// A block's pixels as they were written; 0 where there are none.
@@ -303,6 +310,18 @@ impl<'a> Target<'a> {
                 pixel[..3].fill(0.0);
             }
         }
+    }
+
+    /// Writes what is nearest in a block's pixels.
+    pub(crate) fn put_index(&mut self, (x, y): (i32, i32), numbers: [u32; LANES]) {
+        self.set_background(false);
+        let (rows, _) = numbers.as_chunks::<4>();
+        (y..).zip(rows).for_each(|(y, four)| self.index.put((x, y), *four));
+    }
+
+    /// What is nearest in a block's pixels, as it was written.
+    pub(crate) fn index(&self, at: (i32, i32)) -> [u32; LANES] {
+        self.index.block(at, SplatNumbers::NOTHING)
     }
 
     /// Writes a block's pixels.

@@ -30,6 +30,8 @@ pub(crate) struct NearPlaneRecords {
     pub lit: Vec<u32>,
     /// Words of their `RecordClip`s, where splats are clipped.
     pub clips: Vec<u32>,
+    /// Their objects and their indices in the objects' clouds.
+    pub splats: Vec<[u32; 2]>,
 }
 
 /// The view and tile that splats are set up for.
@@ -115,6 +117,7 @@ impl NearPlaneSetup<'_> {
                     out.lit.extend(centered(record.clone(), p, object_index).into_words());
                 }
                 out.records.extend(record.into_words());
+                out.splats.push([object_index, i as u32]);
                 if let Some(clip) = clip {
                     // Both footprints are the same.
                     let words = clip_words(&clip.through(&seen, &Turn::none(1.0)));

@@ -1,6 +1,6 @@
 //! Planes of a tile as the shading pass writes them: one array of floats.
 
-use surfel_render::{Frame, Planes, Region};
+use surfel_render::{Frame, Identity, Planes, Region};
 use surfel_shaders::layout;
 
 /// Where each wanted plane starts in the array, in floats, or `layout::ABSENT`.
@@ -11,14 +11,16 @@ pub struct PlaneLayout {
     pub(crate) normal_at: u32,
     pub(crate) weight_at: u32,
     pub(crate) fragments_at: u32,
+    pub(crate) nearest_at: u32,
     /// Floats in all.
     pub floats: u32,
 }
 
 /// Floats of a pixel in all planes together.
 pub(crate) fn floats_per_pixel(planes: Planes) -> u32 {
-    let Planes { color, depth, normal, weight, fragments, .. } = planes;
-    4 * u32::from(color) + u32::from(depth) + 3 * u32::from(normal) + u32::from(weight) + u32::from(fragments)
+    let Planes { color, depth, normal, weight, fragments, index, .. } = planes;
+    let whole = u32::from(fragments) + 2 * u32::from(index);
+    4 * u32::from(color) + u32::from(depth) + 3 * u32::from(normal) + u32::from(weight) + whole
 }
 
 impl PlaneLayout {
@@ -32,13 +34,20 @@ impl PlaneLayout {
         };
         let (color_at, depth_at) = (plane(planes.color, 4), plane(planes.depth, 1));
         let (normal_at, weight_at) = (plane(planes.normal, 3), plane(planes.weight, 1));
-        let fragments_at = plane(planes.fragments, 1);
-        Self { color_at, depth_at, normal_at, weight_at, fragments_at, floats }
+        let (fragments_at, nearest_at) = (plane(planes.fragments, 1), plane(planes.index, 2));
+        Self { color_at, depth_at, normal_at, weight_at, fragments_at, nearest_at, floats }
     }
 
     /// Copies a tile's planes into their place in the frame of `region`. Returns the number of fragments, where they
-    /// were counted.
-    pub fn store(&self, values: &[f32], tile: Region, region: Region, frame: &mut Frame) -> u64 {
+    /// were counted. `identity` says what the numbers of a draw, less one of polygons, and of a record stand for.
+    pub fn store(
+        &self,
+        values: &[f32],
+        tile: Region,
+        region: Region,
+        frame: &mut Frame,
+        identity: impl Fn(i32, usize) -> Identity,
+    ) -> u64 {
         let (columns, pixels) = (tile.width as usize, tile.width as usize * tile.height as usize);
         let (width, left) = (region.width as usize, (tile.x - region.x) as usize);
         let part = |at: u32, channels: usize| {
@@ -58,6 +67,14 @@ impl PlaneLayout {
         copy(part(self.depth_at, 1), 1, frame.depth_mut());
         copy(part(self.normal_at, 3), 3, frame.normal_mut().as_flattened_mut());
         copy(part(self.weight_at, 1), 1, frame.weight_mut());
+        let nearest = part(self.nearest_at, 2).into_iter().flat_map(|f| f.chunks_exact(2 * columns));
+        for (row, line) in nearest.enumerate() {
+            for (at, found) in (rows(row)..).zip(line.chunks_exact(2)) {
+                let &[source, record] = found else { continue };
+                let there = (source != 0.0).then(|| identity(source as i32 - 1, record as usize));
+                frame.put_identity(at, there.unwrap_or(Identity::NOTHING));
+            }
+        }
         let mut fragments = 0;
         let counts = part(self.fragments_at, 1).into_iter().flat_map(|f| f.chunks_exact(columns));
         for (row, line) in counts.enumerate() {
@@ -85,7 +102,7 @@ mod tests {
             let layout = PlaneLayout::new(planes, pixels);
             assert_eq!(layout.floats, pixels * 6);
             let values: Vec<f32> = (0..layout.floats).map(|i| base + i as f32).collect();
-            layout.store(&values, tile, region, &mut frame);
+            layout.store(&values, tile, region, &mut frame, |_, _| Identity::NOTHING);
         }
         assert_eq!(frame.depth(), [0.0, 1.0, 100.0, 2.0, 3.0, 101.0]);
         assert_eq!(frame.normal()[3], [10.0, 11.0, 12.0]);

@@ -26,7 +26,7 @@ struct MeshView<'a> {
     both_sides: bool,
 }
 
-/// Words of the shaders' `Polygon`s of all meshes that may touch the tile, in scene order: of equally near ones the
+/// Words of the shaders' `Polygon`s of each mesh that may touch the tile, in scene order: of equally near ones the
 /// first is drawn.
 pub(crate) fn polygon_words(
     meshes: &[UploadedMesh],
@@ -34,7 +34,7 @@ pub(crate) fn polygon_words(
     view: &View,
     tile: Region,
     both_sides: bool,
-) -> Vec<u32> {
+) -> Vec<Vec<u32>> {
     let of_mesh = |mesh: &UploadedMesh| {
         let transform = ObjectTransform::new(&mesh.world_from_object, view);
         let seen = MeshView { mesh, transform, view, tile, both_sides };
@@ -48,7 +48,7 @@ pub(crate) fn polygon_words(
         // Collected in order, whatever the number of threads.
         (0..count).into_par_iter().step_by(TRIANGLES_A_TASK).map(some).collect::<Vec<Vec<u32>>>().concat()
     };
-    meshes.iter().flat_map(of_mesh).collect()
+    meshes.iter().map(of_mesh).collect()
 }
 
 impl MeshView<'_> {
@@ -141,6 +141,7 @@ mod tests {
         let material = Material { cull, ..Material::default() };
         let world_from_object = DAffine3::IDENTITY;
         let uploaded = UploadedMesh {
+            source: 0,
             mesh: Arc::new(mesh),
             octree: None,
             world_from_object,
@@ -150,7 +151,7 @@ mod tests {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
         let (eye, up, size) = ([0.3, 0.1, 5.0], [0.0, 1.0, 0.0], [64, 64]);
         let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
-        let words = polygon_words(&[uploaded], &[], &view, region, false);
+        let words = polygon_words(&[uploaded], &[], &view, region, false).concat();
         let floats = |polygon: &[u32]| polygon.iter().map(|&w| f32::from_bits(w)).collect();
         words.chunks_exact(layout::polygon::SIZE / 4).map(floats).collect()
     }

@@ -15,8 +15,8 @@ use crate::scene::segment::{Segment, UploadedScene};
 use crate::struct_writer::StructWriter;
 use rayon::prelude::*;
 use std::ops::Range;
-use surfel_model::ClipPolicy;
-use surfel_render::{FramePlan, Pass, Region, SAMPLES_SIDE, View};
+use surfel_model::{ClipPolicy, NO_LABEL};
+use surfel_render::{FramePlan, Identity, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
 /// Polygons of a tile are fewer than this: targets hold their numbers as floats.
@@ -54,6 +54,8 @@ pub struct NearRecords {
     pub lit: Vec<u32>,
     /// The shaders' `record_clips`; empty where splats aren't clipped.
     pub clips: Vec<u32>,
+    /// Their objects and their indices in the objects' clouds.
+    splats: Vec<[u32; 2]>,
 }
 
 impl NearRecords {
@@ -85,6 +87,8 @@ pub struct TileData {
     pub polygons: Vec<u32>,
     /// Number of polygons.
     pub polygon_count: u32,
+    /// How many of them are of each mesh.
+    mesh_polygons: Vec<u32>,
     /// Layout of the planes that the tile's shading writes.
     pub planes: PlaneLayout,
 }
@@ -97,11 +101,13 @@ impl TileData {
         let setup = NearPlaneSetup { view, plan, tile: targets };
         let parts: Vec<(SegmentData, NearPlaneRecords)> =
             scene.segments.par_iter().map(|segment| segment_data(scene, frame, segment, &setup)).collect();
-        let mut polygons = match plan.has(Pass::Polygons) {
+        let of_meshes = match plan.has(Pass::Polygons) {
             true => polygon_words(&scene.meshes, &plan.octrees, view, targets, is_of_shadow_map(plan)),
             false => Vec::new(),
         };
-        let polygon_count = (polygons.len() / (layout::polygon::SIZE / 4)) as u32;
+        let polygons_in = |words: &[u32]| (words.len() / (layout::polygon::SIZE / 4)) as u32;
+        let mesh_polygons: Vec<u32> = of_meshes.iter().map(|words| polygons_in(words)).collect();
+        let (mut polygons, polygon_count) = (of_meshes.concat(), mesh_polygons.iter().sum());
         polygons.resize(polygons.len().max(layout::polygon::SIZE / 4), 0);
         let mut near: Vec<NearRecords> = Vec::new();
         let mut segments = Vec::with_capacity(parts.len());
@@ -116,6 +122,7 @@ impl TileData {
                     alike.records.extend(own.records);
                     alike.lit.extend(own.lit);
                     alike.clips.extend(own.clips);
+                    alike.splats.extend(own.splats);
                 }
                 None => near.push(NearRecords {
                     variant,
@@ -123,6 +130,7 @@ impl TileData {
                     records: own.records,
                     lit: own.lit,
                     clips: own.clips,
+                    splats: own.splats,
                 }),
             }
         }
@@ -135,7 +143,7 @@ impl TileData {
                 *word = value.to_bits();
             }
         }
-        Self { targets, tile, frame, segments, near, polygons, polygon_count, planes }
+        Self { targets, tile, frame, segments, near, polygons, polygon_count, mesh_polygons, planes }
     }
 
     /// Size of the targets that it is drawn into: they have room for the samples of a pixel, where there are samples.
@@ -188,6 +196,34 @@ impl TileData {
         for (word, value) in self.frame.iter_mut().skip(at).zip([offset, scale]) {
             *word = value.to_bits();
         }
+    }
+
+    /// What the numbers of a draw and of its record stand for: of a segment, of splats at the near plane after all
+    /// segments, or −2 for a polygon.
+    pub fn identity(&self, scene: &UploadedScene, draw: i32, record: usize) -> Identity {
+        let splat = |[object, i]: [u32; 2]| {
+            let uploaded = scene.objects.get(object as usize)?;
+            let data = uploaded.cloud.data();
+            let of = |column: &Option<Vec<u32>>| column.as_ref()?.get(i as usize).copied();
+            let (row, label) = (of(&data.rows).unwrap_or(i), of(&data.labels).unwrap_or(NO_LABEL));
+            Some(Identity { row, object: uploaded.source, label })
+        };
+        let found = match usize::try_from(draw) {
+            Ok(draw) => match scene.segments.get(draw) {
+                Some(segment) => segment.members.get(record).and_then(|&i| splat([segment.object, i])),
+                None => self.near.get(draw - scene.segments.len()).and_then(|near| splat(*near.splats.get(record)?)),
+            },
+            Err(_) => {
+                let mut last = 0;
+                let is_own = |count: &u32| {
+                    last += *count;
+                    (record as u32) < last
+                };
+                let mesh = self.mesh_polygons.iter().position(is_own).and_then(|mesh| scene.meshes.get(mesh));
+                mesh.map(|mesh| Identity { object: mesh.source, ..Identity::NOTHING })
+            }
+        };
+        found.unwrap_or(Identity::NOTHING)
     }
 
     /// The segments that may touch the tile.

@@ -195,6 +195,7 @@ pub(crate) fn frame_words(
     words.u32(at::HAS_MATERIALS, u32::from(plan.attributes.material)).u32(at::LIGHT_COUNT, frame.light_count);
     words.u32(at::COLOR_AT, planes.color_at).u32(at::DEPTH_AT, planes.depth_at).u32(at::NORMAL_AT, planes.normal_at);
     words.u32(at::WEIGHT_AT, planes.weight_at).u32(at::FRAGMENTS_AT, planes.fragments_at);
+    words.u32(at::NEAREST_AT, planes.nearest_at);
     words.into_words()
 }
 

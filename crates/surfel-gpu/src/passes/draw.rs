@@ -84,6 +84,9 @@ pub enum Draw {
     Polygons,
     /// Accumulates attributes.
     Sums(Layer, Sums),
+    /// Finds the nearest splat of each pixel: of a front surface, or of the transparent layers together
+    /// ([`Layer::Remaining`]).
+    Nearest(Layer),
     /// Finds edges.
     Edges,
     /// Finds the pixels at steps, which are drawn by samples.
@@ -114,6 +117,16 @@ impl Draw {
                     FillRateProbe::Clear | FillRateProbe::BlendTwo => "probe_surface_fragment",
                 };
                 return ["probe_vertex", fragment].map(str::to_owned);
+            }
+            Self::Nearest(layer) => {
+                let fragment = match layer {
+                    Layer::MeshBlend => "mesh_blend_nearest",
+                    Layer::Shown => "shown_nearest",
+                    Layer::ShownMeshBlend => "shown_mesh_blend_nearest",
+                    Layer::Peeled | Layer::Remaining => "remaining_nearest",
+                    Layer::Front | Layer::EdgeBackground => "front_nearest",
+                };
+                ("nearest", fragment)
             }
             Self::Sums(layer, sums) => {
                 let fragment = match (layer, sums) {
@@ -155,6 +168,7 @@ impl Draw {
             Self::Facing => Some(Target::FacingDepth),
             Self::EdgeBackgroundVisibility => Some(Target::EdgeBackgroundThreshold),
             Self::Polygons => Some(Target::PolygonDepth),
+            Self::Nearest(_) => Some(Target::NearestDepth),
             Self::PeeledVisibility | Self::PeeledVisibilityWithTolerance => Some(Target::LayerThreshold),
             Self::Sums(..) | Self::Edges | Self::Steps | Self::Probe(_) => None,
         }
@@ -176,6 +190,8 @@ impl Draw {
             Self::Edges => &[Target::EdgeThreshold],
             Self::Steps => &[Target::Steps],
             Self::Polygons => &[Target::Polygons],
+            Self::Nearest(Layer::Peeled | Layer::Remaining) => &[Target::LayerNearest],
+            Self::Nearest(_) => &[Target::Nearest],
             Self::Sums(layer, Sums::Color) if layer.is_front() => &[Target::Color],
             Self::Sums(layer, Sums::Surface) if layer.is_front() => &[Target::Color, Target::Surface],
             Self::Sums(layer, Sums::MaterialCounts) if layer.is_front() => &[Target::Material, Target::Counts],
@@ -201,6 +217,12 @@ impl Draw {
         !matches!(self, Self::Edges | Self::Steps | Self::Polygons | Self::Probe(_))
     }
 
+    /// The vertices of a quad's draw of the records with this number ([`surfel_shaders`]'s `nearest.wgsl` reads it).
+    pub fn quad(index: usize) -> std::ops::Range<u32> {
+        let first = 4 * index as u32;
+        first..first + 4
+    }
+
     /// How many full-screen triangles it draws, where it draws neither records nor polygons.
     pub fn triangles(self) -> u32 {
         match self {
@@ -216,6 +238,7 @@ impl Draw {
             Self::PeeledVisibility
                 | Self::PeeledVisibilityWithTolerance
                 | Self::Sums(Layer::Peeled | Layer::Remaining, _)
+                | Self::Nearest(Layer::Peeled | Layer::Remaining)
         )
     }
 
@@ -250,6 +273,8 @@ impl Draw {
             | Self::Steps
             | Self::Probe(_)
             | Self::Sums(Layer::Remaining, _) => &[],
+            Self::Nearest(Layer::Peeled | Layer::Remaining) => &[],
+            Self::Nearest(layer) => Self::Sums(layer, Sums::Color).reads(),
             Self::Sums(Layer::Peeled, _) => &[(0, Target::LayerThreshold)],
             Self::EdgeBackgroundVisibility => &[(1, Target::EdgeThreshold)],
             Self::Sums(Layer::Front, _) => &[(0, Target::DepthThreshold)],
@@ -277,6 +302,7 @@ impl Draw {
             | Self::ShownVisibility
             | Self::ShownVisibilityWithTolerance => "visibility",
             Self::Polygons => "polygons",
+            Self::Nearest(_) => "nearest",
             Self::Sums(layer, _) if layer.is_front() => "attributes",
             Self::Edges => "edges",
             Self::Steps => EDGE_SAMPLES,

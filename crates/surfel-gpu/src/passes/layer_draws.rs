@@ -4,6 +4,7 @@
 //! depth threshold in the layer. No count is read back in between. A layer that isn't drawn still costs the clears of
 //! its targets and a pixel pass.
 
+use crate::passes::draw::Draw;
 use crate::passes::memory::raise_counter;
 use crate::struct_writer::StructWriter;
 use surfel_render::Stats;
@@ -20,9 +21,10 @@ pub fn layer_draw_words(records: impl IntoIterator<Item = u32>) -> Vec<u32> {
     let mut words = StructWriter::new(at::ARGUMENTS);
     words.u32(at::DRAWN, 1);
     let mut words = words.into_words();
-    for count in records {
+    for (index, count) in records.into_iter().enumerate() {
         let mut draw = StructWriter::new(draw_arguments::SIZE);
         draw.u32(draw_arguments::VERTICES, 4).u32(draw_arguments::INSTANCES, count);
+        draw.u32(draw_arguments::FIRST_VERTEX, Draw::quad(index).start);
         words.extend(draw.into_words());
     }
     // An empty array can't be bound.

@@ -64,23 +64,27 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
         list.push(PassEntry::Pixels(PixelPass::StoreShadow));
         return list;
     }
-    list.push(sums(match (facings, polygons) {
+    let front = match (facings, polygons) {
         (false, false) => Layer::Front,
         (false, true) => Layer::MeshBlend,
         (true, false) => Layer::Shown,
         (true, true) => Layer::ShownMeshBlend,
-    }));
+    };
+    let nearest = plan.has(Pass::Nearest);
+    list.push(sums(front));
+    list.extend(nearest.then(|| one(Draw::Nearest(front))));
     if edges {
         list.extend([one(Draw::Edges), one(Draw::EdgeBackgroundVisibility), sums(Layer::EdgeBackground)]);
     }
     list.extend(has_layers(plan).then_some(PassEntry::Pixels(PixelPass::BeginLayers)));
+    list.extend((nearest && has_layers(plan)).then(|| one(Draw::Nearest(Layer::Remaining))));
     let next = |is_first: bool| (!is_first).then_some(PassEntry::Pixels(PixelPass::NextLayer));
     // Steps are those of the nearest transparent splats, too, peeled or not.
-    let nearest = if samples { Draw::PeeledVisibilityWithTolerance } else { Draw::PeeledVisibility };
-    list.extend((samples && has_layers(plan) && plan.peeled_layers() == 0).then(|| one(nearest)));
+    let first_layer = if samples { Draw::PeeledVisibilityWithTolerance } else { Draw::PeeledVisibility };
+    list.extend((samples && has_layers(plan) && plan.peeled_layers() == 0).then(|| one(first_layer)));
     for i in 0..plan.peeled_layers() {
         list.extend(next(i == 0));
-        let visibility = if i == 0 { nearest } else { Draw::PeeledVisibility };
+        let visibility = if i == 0 { first_layer } else { Draw::PeeledVisibility };
         list.extend([one(visibility), sums(Layer::Peeled), PassEntry::Pixels(PixelPass::PeeledLayer)]);
     }
     if plan.has(Pass::RemainingLayer) {
@@ -89,6 +93,7 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     }
     let more = polygons || has_layers(plan) || plan.reach_px() > 0 || !plan.shadow_maps.is_empty();
     let full = more || plan.shader == Shader::Toon;
+    list.extend(plan.has(Pass::Nearest).then_some(PassEntry::Pixels(PixelPass::Nearest)));
     list.extend(samples.then(|| one(Draw::Steps)));
     list.push(PassEntry::Pixels(if full { PixelPass::Shade } else { PixelPass::ShadeSplats }));
     list

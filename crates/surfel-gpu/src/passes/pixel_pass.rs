@@ -18,6 +18,8 @@ pub enum PixelPass {
     RemainingLayer,
     /// Writes a part of a shadow map.
     StoreShadow,
+    /// Writes what is nearest in each pixel.
+    Nearest,
     /// Shades the image.
     Shade,
     /// Shades an image of opaque splats alone, without shadows and screen-space passes.
@@ -30,7 +32,7 @@ pub enum PixelPass {
 pub const EDGE_SAMPLES: &str = "edge samples";
 
 /// The textures that pixel passes read, by binding; each reads some of them.
-pub const PIXEL_PASS_TEXTURES: [(u32, Target); 18] = [
+pub const PIXEL_PASS_TEXTURES: [(u32, Target); 20] = [
     (0, Target::Color),
     (1, Target::Surface),
     (2, Target::Material),
@@ -49,6 +51,8 @@ pub const PIXEL_PASS_TEXTURES: [(u32, Target); 18] = [
     (20, Target::LayerThreshold),
     (24, Target::LayerTolerance),
     (25, Target::Steps),
+    (26, Target::Nearest),
+    (27, Target::LayerNearest),
 ];
 
 /// Bindings of the buffers that pixel passes read and write, in this order: planes, polygons, texels, layer composites
@@ -71,6 +75,7 @@ impl PixelPass {
             Self::NextLayer => "next_layer",
             Self::RemainingLayer => "remaining_layer",
             Self::StoreShadow => "store_shadow",
+            Self::Nearest => "nearest",
             Self::Shade => "shade",
             Self::ShadeSplats => "shade_splats",
             Self::ResolveSamples => "resolve_samples",
@@ -85,7 +90,7 @@ impl PixelPass {
     /// Width and height of its invocations, in pixels, for a tile of these targets and this shaded size.
     pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
         match self {
-            Self::Shade | Self::ShadeSplats => shaded,
+            Self::Shade | Self::ShadeSplats | Self::Nearest => shaded,
             Self::NextLayer => [1, 1],
             Self::ResolveSamples => targets.map(|side| side / SAMPLES_SIDE),
             Self::BeginLayers
@@ -105,6 +110,7 @@ impl PixelPass {
             | Self::NextLayer
             | Self::RemainingLayer => "layers",
             Self::StoreShadow => "shadow maps",
+            Self::Nearest => "nearest",
             Self::Shade | Self::ShadeSplats => "shade",
             Self::ResolveSamples => EDGE_SAMPLES,
         }

@@ -45,6 +45,12 @@ pub enum Target {
     LayerCounts,
     /// Like `ThresholdTolerance`, for the nearest transparent splats.
     LayerTolerance,
+    /// Depth buffer of the nearest splat's fragment, reversed.
+    NearestDepth,
+    /// One more than the number of the nearest splat's draw, and its record's number.
+    Nearest,
+    /// The same, for transparent layers.
+    LayerNearest,
     /// 1 where a pixel is sampled, and the depth of what it shows.
     Steps,
 }
@@ -66,7 +72,7 @@ pub enum TargetFormat {
 
 impl Target {
     /// All of them.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 25] = [
         Self::DepthThreshold,
         Self::Color,
         Self::Surface,
@@ -88,6 +94,9 @@ impl Target {
         Self::LayerMaterial,
         Self::LayerCounts,
         Self::LayerTolerance,
+        Self::NearestDepth,
+        Self::Nearest,
+        Self::LayerNearest,
         Self::Steps,
     ];
 
@@ -115,6 +124,9 @@ impl Target {
             Self::LayerMaterial => "material sums of a layer",
             Self::LayerCounts => "fragment counts of a layer",
             Self::LayerTolerance => "depth threshold and tolerance of the nearest layer",
+            Self::NearestDepth => "depth of the nearest",
+            Self::Nearest => "nearest splats",
+            Self::LayerNearest => "nearest splats of layers",
             Self::Steps => "steps",
         }
     }
@@ -126,9 +138,15 @@ impl Target {
             | Self::EdgeBackgroundThreshold
             | Self::PolygonDepth
             | Self::FacingDepth
-            | Self::LayerThreshold => TargetFormat::Depth,
+            | Self::LayerThreshold
+            | Self::NearestDepth => TargetFormat::Depth,
             Self::Counts | Self::LayerCounts => TargetFormat::Sums2,
-            Self::ThresholdTolerance | Self::Polygons | Self::LayerTolerance | Self::Steps => TargetFormat::Exact2,
+            Self::ThresholdTolerance
+            | Self::Polygons
+            | Self::LayerTolerance
+            | Self::Nearest
+            | Self::LayerNearest
+            | Self::Steps => TargetFormat::Exact2,
             Self::EdgeThreshold | Self::Facing => TargetFormat::Exact1,
             _ => TargetFormat::Sums4,
         }

@@ -30,6 +30,8 @@ pub struct Segment {
 /// An object of splats.
 #[derive(Clone, Debug)]
 pub(crate) struct UploadedObject {
+    /// Index of the scene's object.
+    pub source: u32,
     pub cloud: Arc<SplatCloud>,
     /// If it is an octree: the index of the scene's object, and the octree.
     pub octree: Option<(usize, Arc<Octree>)>,
@@ -54,6 +56,8 @@ impl UploadedObject {
 /// An object of polygons.
 #[derive(Clone, Debug)]
 pub(crate) struct UploadedMesh {
+    /// Index of the scene's object.
+    pub source: u32,
     pub mesh: Arc<Mesh>,
     /// Index of the scene's object, if it is an octree.
     pub octree: Option<usize>,

@@ -63,29 +63,42 @@ impl Upload {
         // Of equally near polygons the first is drawn: those of octrees come after all meshes.
         let mut octrees = Vec::new();
         for (index, object) in scene.objects.iter().enumerate() {
-            let (world_from_object, material) = (object.world_from_object, object.material);
+            let (world_from_object, material, source) = (object.world_from_object, object.material, index as u32);
             match &object.geometry {
                 Geometry::Splats(cloud) => {
-                    objects.push(UploadedObject { cloud: cloud.clone(), octree: None, world_from_object, material });
+                    objects.push(UploadedObject {
+                        source,
+                        cloud: cloud.clone(),
+                        octree: None,
+                        world_from_object,
+                        material,
+                    });
                 }
                 Geometry::Mesh(mesh) => {
                     mesh.validate()?;
                     for mesh in mesh.by_texture() {
                         let texture_at = textures.add(&mesh);
-                        meshes.push(UploadedMesh { mesh, octree: None, world_from_object, material, texture_at });
+                        meshes.push(UploadedMesh {
+                            source,
+                            mesh,
+                            octree: None,
+                            world_from_object,
+                            material,
+                            texture_at,
+                        });
                     }
                 }
                 Geometry::Octree(octree) => {
                     let (cloud, parts) = (octree.shared_cloud(), Some((index, octree.clone())));
-                    objects.push(UploadedObject { cloud, octree: parts, world_from_object, material });
+                    objects.push(UploadedObject { source, cloud, octree: parts, world_from_object, material });
                     octrees.push((index, octree.shared_mesh(), object));
                 }
             }
         }
         for (index, mesh, object) in octrees {
-            let (world_from_object, material) = (object.world_from_object, object.material);
+            let (world_from_object, material, source) = (object.world_from_object, object.material, index as u32);
             let texture_at = textures.add(&mesh);
-            meshes.push(UploadedMesh { mesh, octree: Some(index), world_from_object, material, texture_at });
+            meshes.push(UploadedMesh { source, mesh, octree: Some(index), world_from_object, material, texture_at });
         }
         let texel_bytes = 4 * textures.words.len() as u64;
         if texel_bytes > limits.buffer_bytes.min(4 * u64::from(u32::MAX)) {

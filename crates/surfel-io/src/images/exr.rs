@@ -1,4 +1,4 @@
-//! OpenEXR: one part with unnamed R G B A, Z, normal.X/Y/Z and weight; ZIP, lossless.
+//! OpenEXR: one part with unnamed R G B A, Z, normal.X/Y/Z, weight, and what else a frame has; ZIP, lossless.
 
 use super::planes::{Planes, PlanesView};
 use super::stitch::{ImageHeader, Samples, check_side, damaged};
@@ -19,6 +19,9 @@ use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
+
+/// Channels of world positions.
+const POSITION: [&str; 3] = ["position.X", "position.Y", "position.Z"];
 
 /// How to write an EXR.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -54,6 +57,13 @@ pub fn write_exr(out: &mut dyn Write, planes: &PlanesView<'_>, options: &ExrOpti
         for (i, name) in ["normal.X", "normal.Y", "normal.Z"].into_iter().enumerate() {
             channels.push(AnyChannel::new(name, FlatSamples::F32(normal.iter().map(|n| n[i]).collect())));
         }
+    }
+    for (i, name) in POSITION.into_iter().enumerate() {
+        let values = planes.position.map(|p| p.iter().map(|at| at[i] as f32).collect());
+        channels.extend(values.map(|values| AnyChannel::new(name, FlatSamples::F32(values))));
+    }
+    for (name, plane) in &planes.whole {
+        channels.push(AnyChannel { name: latin(name), ..AnyChannel::new("", FlatSamples::U32(plane.to_vec())) });
     }
     for (name, plane) in &planes.other {
         channels.push(AnyChannel { name: latin(name), ..AnyChannel::new("", FlatSamples::F32(plane.to_vec())) });
@@ -163,9 +173,16 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
     let layer = image.layer_data;
     let (width, height) = (layer.size.width(), layer.size.height());
     let metadata = texts(layer.attributes.other.iter().chain(&image.attributes.other));
-    let mut channels: Vec<(String, Vec<f32>)> = layer
-        .channel_data
-        .list
+    let mut whole = Vec::new();
+    let floats = layer.channel_data.list.into_iter().filter_map(|channel| match channel.sample_data {
+        FlatSamples::U32(values) => {
+            whole.push((channel.name.to_string(), values));
+            None
+        }
+        _ => Some(channel),
+    });
+    let floats: Vec<_> = floats.collect();
+    let mut channels: Vec<(String, Vec<f32>)> = floats
         .into_iter()
         .map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect::<Vec<f32>>()))
         .filter(|(_, values)| values.len() == width * height)
@@ -189,7 +206,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
         (Some(x), Some(y), Some(z)) => Some((0..x.len()).map(|i| [x[i], y[i], z[i]]).collect()),
         _ => None,
     };
-    Ok(Planes { width: width as u32, height: height as u32, color, depth, normal, weight, other: channels, metadata })
+    whole.retain(|(_, values): &(_, Vec<u32>)| values.len() == width * height);
+    let (width, height, other) = (width as u32, height as u32, channels);
+    Ok(Planes { width, height, color, depth, normal, weight, other, whole, metadata })
 }
 
 /// Names and values of text attributes, in the order of their names.

@@ -7,6 +7,8 @@ pub(crate) mod exr;
 mod jpeg;
 #[cfg(feature = "jpeg")]
 pub(crate) mod jpeg_writer;
+#[cfg(feature = "npy")]
+pub(crate) mod npz;
 pub(crate) mod planes;
 pub(crate) mod png;
 pub(crate) mod stitch;

@@ -20,6 +20,8 @@ pub struct Planes {
     pub weight: Option<Vec<f32>>,
     /// Other planes by their channels' names, such as `mask`.
     pub other: Vec<(String, Vec<f32>)>,
+    /// Planes of whole numbers by their channels' names, such as `index`.
+    pub whole: Vec<(String, Vec<u32>)>,
     /// Text attributes, in the order of their names.
     pub metadata: Vec<(String, String)>,
 }
@@ -34,7 +36,9 @@ impl Planes {
             depth: self.depth.as_deref(),
             normal: self.normal.as_deref(),
             weight: self.weight.as_deref(),
+            position: None,
             other: self.other.iter().map(|(name, values)| (name.as_str(), values.as_slice())).collect(),
+            whole: self.whole.iter().map(|(name, values)| (name.as_str(), values.as_slice())).collect(),
         }
     }
 }
@@ -54,8 +58,12 @@ pub struct PlanesView<'a> {
     pub normal: Option<&'a [[f32; 3]]>,
     /// Σw.
     pub weight: Option<&'a [f32]>,
+    /// World positions; +∞ where nothing is. Files whose numbers are f32 hold them rounded, and read back as others.
+    pub position: Option<&'a [[f64; 3]]>,
     /// Other planes by their channels' names.
     pub other: Vec<(&'a str, &'a [f32])>,
+    /// Planes of whole numbers by their channels' names.
+    pub whole: Vec<(&'a str, &'a [u32])>,
 }
 
 impl PlanesView<'_> {
@@ -72,10 +80,12 @@ impl PlanesView<'_> {
             ("depth", self.depth.map(<[_]>::len)),
             ("normal", self.normal.map(<[_]>::len)),
             ("weight", self.weight.map(<[_]>::len)),
+            ("position", self.position.map(<[_]>::len)),
         ];
         let named = lengths.into_iter().filter_map(|(name, n)| Some((name, n?)));
         let others = self.other.iter().map(|(name, values)| (*name, values.len()));
-        match named.chain(others).find(|&(_, n)| n != pixels) {
+        let whole = self.whole.iter().map(|(name, values)| (*name, values.len()));
+        match named.chain(others).chain(whole).find(|&(_, n)| n != pixels) {
             Some((name, n)) => invalid(format!("the {name} plane has {n} pixels, the image {pixels}")),
             None => Ok(pixels),
         }

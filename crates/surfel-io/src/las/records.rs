@@ -2,6 +2,7 @@
 
 use super::field;
 use super::header::{ExtraField, Header, POINT_BYTES};
+use crate::rows::KeptRows;
 use crate::survey::{Scalar, SparseColumn, WideColors, take_normals};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -39,6 +40,7 @@ pub(super) struct Columns {
     /// Bit of byte 15 that says that a point is deleted.
     withheld_bit: u8,
     pub(super) withheld: u64,
+    rows: KeptRows,
     grid: Vec<[i32; 3]>,
     /// Where in a record the colours are.
     colors: Option<(usize, WideColors)>,
@@ -64,6 +66,7 @@ impl Columns {
             withheld: 0,
             grid,
             colors,
+            rows: KeptRows::default(),
             extras: Vec::new(),
         };
         columns.add_fields(format);
@@ -148,8 +151,10 @@ impl Columns {
         for start in (0..records.len()).step_by(size) {
             if records[start + 15] & self.withheld_bit != 0 {
                 self.withheld += 1;
+                self.rows.skip();
                 continue;
             }
+            self.rows.keep();
             if kept < start {
                 records.copy_within(start..start + size, kept);
             }
@@ -181,7 +186,8 @@ impl Columns {
         });
         let mut extras: Vec<ExtraColumn> = self.extras.into_iter().filter_map(Sink::finish).collect();
         let normals = take_normals(&mut extras);
-        PointCloud { origin, positions, normals, colors, extras, ..PointCloud::default() }
+        let rows = self.rows.finish();
+        PointCloud { origin, positions, normals, colors, rows, extras, ..PointCloud::default() }
     }
 }
 

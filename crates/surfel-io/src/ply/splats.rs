@@ -42,8 +42,17 @@ pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Conte
             return Err(problem.expected("half-axes beside clip_*, or neither").into());
         }
         let normals = shading_normals;
-        let points =
-            PointCloud { origin, positions: centers, normals, colors, alphas, extras, up, viewpoint: None, comments };
+        let points = PointCloud {
+            origin,
+            positions: centers,
+            normals,
+            colors,
+            alphas,
+            extras,
+            up,
+            comments,
+            ..PointCloud::default()
+        };
         return context.points(points);
     };
     context.splats(CloudData {

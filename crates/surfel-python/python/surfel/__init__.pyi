@@ -10,7 +10,7 @@ __version__: str
 
 _Path = str | os.PathLike[str]
 _Numbers = Sequence[float] | NDArray[Any]
-_Plane = Literal["color", "depth", "normal", "weight"]
+_Plane = Literal["color", "depth", "normal", "weight", "index", "object", "label", "position"]
 _Axis = Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
 
 class _Splats(TypedDict, total=False):
@@ -66,6 +66,7 @@ class _Render(_Splats, total=False):
     edge_aa: bool | Literal["on", "off", "samples"]
     background: _Numbers | Literal["transparent"]
     samples: int
+    label: str
     backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
     adapter: str
     storage: Literal[16, 32, "16", "32"]
@@ -90,6 +91,14 @@ class Image:
     def normal(self) -> NDArray[np.float32]: ...
     @property
     def weight(self) -> NDArray[np.float32]: ...
+    @property
+    def index(self) -> NDArray[np.uint32]: ...
+    @property
+    def object(self) -> NDArray[np.uint32]: ...
+    @property
+    def label(self) -> NDArray[np.uint32]: ...
+    @property
+    def position(self) -> NDArray[np.float64]: ...
     @property
     def notes(self) -> list[str]: ...
     @property

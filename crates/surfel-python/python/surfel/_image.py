@@ -63,6 +63,27 @@ class Image:
         return self._plane("weight")
 
     @property
+    def index(self):
+        """Rows of the nearest splats in their files: uint32 of shape (height, width); 4294967295 where there is none."""
+        return self._plane("index")
+
+    @property
+    def object(self):
+        """Numbers of the nearest objects of the scene: uint32 of shape (height, width); 4294967295 where nothing is."""
+        return self._plane("object")
+
+    @property
+    def label(self):
+        """Labels of the nearest splats, by the attribute `label=`: uint32 of shape (height, width); 4294967295 where
+        there is none."""
+        return self._plane("label")
+
+    @property
+    def position(self):
+        """World positions of what is seen: float64 of shape (height, width, 3); inf where nothing is."""
+        return self._plane("position")
+
+    @property
     def notes(self) -> list[str]:
         """What the program would say on stderr: what was dropped, assumed or estimated."""
         return self._native.notes
@@ -109,5 +130,6 @@ class Image:
     def __repr__(self) -> str:
         width, height = self.size
         names = {"linear": "color", "depth": "depth", "normal": "normal", "weight": "weight"}
+        names |= {name: name for name in ("index", "object", "label", "position")}
         planes = [name for plane, name in names.items() if getattr(self._native, plane) is not None]
         return f"<surfel.Image {width}x{height}: {', '.join(planes)}>"

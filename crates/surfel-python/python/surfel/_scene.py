@@ -60,7 +60,8 @@ class Scene:
         it is for images of `size`, which must be given. world_from_camera: (4, 4) or (3, 4), the pose of a camera that
         looks along its +z with y down, as COLMAP's and OpenCV's.
 
-        planes: some of "color", "depth", "normal", "weight"; all by default. Fewer are faster.
+        planes: some of "color", "depth", "normal", "weight"; all of these by default. Fewer are faster. "index",
+            "object", "label" and "position" are planes of what is nearest.
 
         Raises UsageError, InputError, BackendError, OSError, TypeError (an unknown keyword).
         """

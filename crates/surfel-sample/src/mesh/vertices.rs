@@ -52,10 +52,9 @@ fn vertices(mesh: &Mesh) -> Result<Vertices, SampleError> {
         normals: Some(assemble::normals32(&normals)),
         colors,
         alphas,
-        extras: Vec::new(),
         up: mesh.up,
-        viewpoint: None,
         comments: mesh.comments.clone(),
+        ..PointCloud::default()
     };
     let keep: Vec<bool> = weld
         .iter()

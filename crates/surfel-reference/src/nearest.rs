@@ -1,0 +1,129 @@
+//! Which splat, or polygon, is nearest in each pixel (§5, planes).
+
+use crate::frame::{Front, MeshLayer};
+use crate::pixels::center_in;
+use crate::raster::{Bands, DepthLimits, Run};
+use crate::scene::ResidentScene;
+use crate::shade::Lighting;
+use crate::splat::ScreenSplat;
+use surfel_model::NO_LABEL;
+use surfel_render::{Identity, Region};
+
+/// A fragment that may be the nearest of its pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Candidate {
+    pub z: f64,
+    /// Index over the whole scene's splats; [`POLYGON`] for a polygon.
+    splat: u32,
+    /// Index of the scene's object.
+    object: u32,
+    row: u32,
+}
+
+/// In place of a splat's index.
+const POLYGON: u32 = u32::MAX;
+
+impl Candidate {
+    /// Of equally near ones the splat of the lower object comes first, then the lower row, then polygons.
+    fn order(&self, other: &Self) -> std::cmp::Ordering {
+        let key = |c: &Self| (c.splat == POLYGON, c.object, c.row);
+        self.z.total_cmp(&other.z).then(key(self).cmp(&key(other)))
+    }
+
+    /// What a pixel shows of it.
+    fn identity(&self, scene: &ResidentScene) -> Identity {
+        let object = scene.objects.iter().rfind(|object| self.splat != POLYGON && object.first_splat <= self.splat);
+        let labels = object.and_then(|object| Some((object, object.cloud.data().labels.as_ref()?)));
+        let label = labels.map_or(NO_LABEL, |(object, labels)| labels[(self.splat - object.first_splat) as usize]);
+        Identity { row: self.row, object: self.object, label }
+    }
+}
+
+/// The nearest of each pixel of `rect`, and those no more than `relative` of its depth farther, nearest first; none
+/// where nothing is seen.
+pub(crate) fn candidates(
+    scene: &ResidentScene,
+    front: &Front<'_>,
+    lighting: &Lighting,
+    rect: Region,
+    relative: f64,
+) -> Vec<Vec<Candidate>> {
+    let mut pixels = front.contributing(scene, lighting);
+    let layers = front.contributing_layers(scene, lighting, rect);
+    for (at, pixel) in pixels.iter_mut().enumerate() {
+        if front.layers.get(at).is_some_and(|layers| layers.nearest.is_some()) {
+            pixel.clone_from(&layers[at]);
+        } else if let Some(polygon) = front.meshes.as_ref().and_then(|meshes| polygon_of(scene, meshes, at)) {
+            pixel.push(polygon);
+        }
+        pixel.sort_by(Candidate::order);
+        let farthest = pixel.first().map_or(0.0, |first| first.z * (1.0 + relative));
+        pixel.retain(|candidate| candidate.z <= farthest);
+    }
+    pixels
+}
+
+fn polygon_of(scene: &ResidentScene, meshes: &MeshLayer<'_>, at: usize) -> Option<Candidate> {
+    let z = meshes.depth[at];
+    let source = scene.meshes[meshes.polygons.mesh_of(&meshes.hits[at])?].source;
+    z.is_finite().then_some(Candidate { z, splat: POLYGON, object: source as u32, row: NO_LABEL })
+}
+
+/// Identities of the nearest of each pixel.
+pub(crate) fn identities(scene: &ResidentScene, front: &Front<'_>, lighting: &Lighting, rect: Region) -> Vec<Identity> {
+    let first = |pixel: &Vec<Candidate>| pixel.first().map_or(Identity::NOTHING, |found| found.identity(scene));
+    candidates(scene, front, lighting, rect, 0.0).iter().map(first).collect()
+}
+
+/// Identities of all candidates.
+pub(crate) fn all(scene: &ResidentScene, pixels: &[Vec<Candidate>]) -> Vec<Vec<Identity>> {
+    pixels.iter().map(|pixel| pixel.iter().map(|candidate| candidate.identity(scene)).collect()).collect()
+}
+
+impl Front<'_> {
+    /// The opaque fragments that add their attributes, pixel by pixel.
+    fn contributing(&self, scene: &ResidentScene, lighting: &Lighting) -> Vec<Vec<Candidate>> {
+        let polygon = self.meshes.as_ref().map(|meshes| meshes.depth.as_slice());
+        let limits = DepthLimits { polygon, ..DepthLimits::default() };
+        let run = Run { limits, ..Run::new(&self.opaque, &self.bands, lighting.view, lighting.plan) };
+        gather(scene, &run, |at, splat, z| {
+            let threshold = &self.passes.thresholds[at];
+            threshold.shows(splat.facing) && z <= threshold.depth && limits.reach_polygon(at, z, splat.epsilon)
+        })
+    }
+
+    /// The transparent fragments before what is opaque.
+    fn contributing_layers(&self, scene: &ResidentScene, lighting: &Lighting, rect: Region) -> Vec<Vec<Candidate>> {
+        if self.transparent.is_empty() {
+            return Vec::new();
+        }
+        let (bands, opaque_depth) = (Bands::new(&self.transparent, rect), self.opaque_depth());
+        let run = Run::new(&self.transparent, &bands, lighting.view, lighting.plan);
+        gather(scene, &run, |at, _, z| z <= opaque_depth[at])
+    }
+}
+
+/// The fragments inside filtered footprints of which `counts(pixel, splat, z)` is true.
+fn gather(
+    scene: &ResidentScene,
+    run: &Run<'_>,
+    counts: impl Fn(usize, &ScreenSplat, f64) -> bool,
+) -> Vec<Vec<Candidate>> {
+    let rect = run.bands.rect;
+    let mut pixels = run.fragments();
+    let candidate = |at: usize, fragment: crate::raster::Fragment| {
+        let splat = &run.splats[fragment.splat as usize];
+        let inside = splat.rho_squared_at(center_in(rect, at)).is_some();
+        if !inside || !counts(at, splat, fragment.z) {
+            return None;
+        }
+        let object = scene.objects.iter().rfind(|object| object.first_splat <= splat.index)?;
+        let i = splat.index - object.first_splat;
+        let row = object.cloud.data().rows.as_ref().map_or(i, |rows| rows[i as usize]);
+        Some(Candidate { z: fragment.z, splat: splat.index, object: object.source as u32, row })
+    };
+    let of_pixel = |(at, fragments): (usize, &mut Vec<crate::raster::Fragment>)| {
+        std::mem::take(fragments).into_iter().filter_map(|fragment| candidate(at, fragment)).collect()
+    };
+    pixels.iter_mut().enumerate().map(of_pixel).collect()
+}

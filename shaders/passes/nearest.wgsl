@@ -1,0 +1,86 @@
+// Which splat is nearest in each pixel (rendering model §5, planes): fragments that add their attributes are drawn once
+// more with a depth buffer, and leave the number of their draw and of their record.
+
+struct NearestVertex {
+    @builtin(position) position: vec4f,
+    @location(0) @interpolate(flat, either) base: vec2i,
+    @location(1) @interpolate(flat, either) anchor: vec4f,
+    @location(2) @interpolate(flat, either) uv: vec4f,
+    @location(3) @interpolate(flat, either) depth: vec4f,
+    @location(4) @interpolate(flat, either) at_anchor: vec3f,
+    @location(5) @interpolate(flat, either) w: vec4f,
+    @location(6) @interpolate(flat, either) color: vec3f,
+    @location(7) @interpolate(flat, either) normal: vec3f,
+    @location(8) @interpolate(flat, either) flags: u32,
+    @location(9) @interpolate(flat, either) record: u32,
+    // Number of the draw: its vertices begin at four times that.
+    @location(10) @interpolate(flat, either) source: u32,
+}
+
+fn nearest_corner(vertex: u32, instance: u32) -> NearestVertex {
+    let v = attribute_corner(vertex, instance);
+    return NearestVertex(
+        v.position, v.base, v.anchor, v.uv, v.depth, v.at_anchor, v.w, v.color, v.normal, v.flags,
+        instance, vertex / 4u,
+    );
+}
+
+@vertex
+fn nearest_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> NearestVertex {
+    return nearest_corner(vertex, instance);
+}
+
+@vertex
+fn clipped_nearest_vertex(
+    @builtin(vertex_index) vertex: u32,
+    @builtin(instance_index) instance: u32,
+) -> NearestVertex {
+    return nearest_corner(vertex, instance);
+}
+
+struct NearestOutput {
+    @builtin(frag_depth) depth: f32,
+    // One more than the number of the draw, and the number of the record: as floats both are exact.
+    @location(0) source: vec2f,
+}
+
+fn nearest_output(z: f32, source: u32, record: u32) -> NearestOutput {
+    return NearestOutput(reversed_depth(z), vec2f(f32(source + 1u), f32(record)));
+}
+
+// True for fragments that are no deeper than a polygon that no splat occludes.
+fn is_before_polygon(position: vec4f, z: f32) -> bool {
+    let pixel = vec2i(floor(position.xy));
+    let polygon = textureLoad(polygon_limit, pixel, 0).r;
+    let shows = polygon > 0.0 && textureLoad(depth_threshold, pixel, 0) <= reversed_depth(polygon);
+    return !shows || z <= polygon;
+}
+
+@group(1) @binding(26) var nearest_front: texture_2d<f32>;
+@group(1) @binding(27) var nearest_layer: texture_2d<f32>;
+
+// In place of the number of a draw: the record's number is that of a polygon.
+const NEAREST_POLYGON: f32 = -1.0;
+
+// Writes what is nearest in each pixel.
+@compute @workgroup_size(8, 8)
+fn nearest(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
+        return;
+    }
+    let pixel = vec2i(id.xy + frame.shade_origin_px);
+    var found = vec2f(0.0, 0.0);
+    if LEAST_WEIGHT <= textureLoad(color_sums, pixel, 0).w {
+        found = textureLoad(nearest_front, pixel, 0).xy;
+    }
+    let hit = polygon_hit(pixel);
+    if found.x == 0.0 && polygon_is_visible(pixel, hit) {
+        found = vec2f(NEAREST_POLYGON, hit.y - 1.0);
+    }
+    if frame.has_layers != 0u && layer_composites[u32(pixel.y) * frame.size_px.x + u32(pixel.x)].z > 0.0 {
+        found = textureLoad(nearest_layer, pixel, 0).xy;
+    }
+    let to = frame.nearest_at + 2u * (id.y * frame.shade_size_px.x + id.x);
+    planes[to] = found.x;
+    planes[to + 1u] = found.y;
+}
