@@ -23,7 +23,7 @@ fn usage_errors_exit_with_2() {
         ("render a.ply -o x.png --size 8x8 --region 4,4,8,8", "region"),
         ("render a.ply -o x.png --eye 1,1,1 --target 1,1,1", "camera"),
         ("render a.ply -o x.png --size 60000x60000", "pixels"),
-        ("render a.ply -o x.gif", ".png, .jpg or .exr"),
+        ("render a.ply -o x.gif", ".png, .jpg, .exr or .npz"),
         ("render a.ply -o x.jpg --png16", "JPEG"),
         ("render a.ply -o x.jpg --exr-f32", "JPEG"),
         ("a.ply a.ply", "{input}"),
