@@ -2,17 +2,15 @@
 
 use crate::edge::Edges;
 use crate::eye_dome::EyeDome;
+use crate::front::{Front, MeshLayer};
 use crate::layer_compositor::LayerCompositor;
 use crate::outlines::Outlines;
 use crate::pixels::center_in;
-use crate::polygon::{Hit, Polygons};
-use crate::raster::{Bands, DepthLimits, Passes, Run, Sums};
+use crate::raster::{Passes, Sums};
 use crate::samples::Samples;
 use crate::scene::ResidentScene;
 use crate::shade::{Lighting, Surface};
-use crate::splat::{ScreenSplat, project_all};
-use crate::threshold::Threshold;
-use crate::{abuffer, margin, nearest, peeling, shadow};
+use crate::{margin, nearest, shadow};
 use rayon::prelude::*;
 use std::time::Instant;
 use surfel_math::V2;
@@ -108,116 +106,6 @@ pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, r
 /// The rectangle that passes run over: the region, grown by the neighbours that they read, inside the image.
 fn work_rect(view: &View, plan: &FramePlan) -> Region {
     view.region.grown(plan.reach_px(), view.size)
-}
-
-/// What the passes leave in each pixel of a rectangle before it is shaded, and the transparent layers before it.
-pub(crate) struct Front<'a> {
-    pub opaque: Vec<ScreenSplat>,
-    pub bands: Bands,
-    pub passes: Passes,
-    pub meshes: Option<MeshLayer<'a>>,
-    pub transparent: Vec<ScreenSplat>,
-    /// By pixel; empty where nothing is transparent.
-    pub layers: Vec<LayerCompositor>,
-}
-
-impl<'a> Front<'a> {
-    /// A pixel of the image is so many pixels of the view wide: decision margins count in the image's.
-    pub(crate) fn draw(scene: &'a ResidentScene, lighting: &Lighting<'a>, rect: Region, pixel_px: f64) -> Self {
-        let (view, plan) = (lighting.view, lighting.plan);
-        let mut splats = project_all(&scene.objects, view, plan);
-        splats.iter_mut().for_each(|splat| splat.rim_px *= pixel_px);
-        let is_transparent = |s: &ScreenSplat| plan.separates_transparent && s.alpha < 1.0;
-        let (transparent, opaque): (Vec<_>, Vec<_>) = splats.into_iter().partition(is_transparent);
-        let bands = Bands::new(&opaque, rect);
-        let run = Run { keeps_facings: plan.keeps_facings, ..Run::new(&opaque, &bands, view, plan) };
-        let thresholds = run.thresholds();
-        let meshes = plan.has(Pass::Polygons).then(|| MeshLayer::new(scene, lighting, rect, &thresholds, pixel_px));
-        let limits = DepthLimits { polygon: meshes.as_ref().map(|m| m.depth.as_slice()), ..DepthLimits::default() };
-        let passes = Run { limits, ..run }.accumulate(thresholds);
-        let mut front = Self { opaque, bands, passes, meshes, transparent, layers: Vec::new() };
-        if !front.transparent.is_empty() {
-            front.layers = front.layers(lighting, rect);
-        }
-        front
-    }
-
-    /// The transparent layers of every pixel.
-    fn layers(&self, lighting: &Lighting, rect: Region) -> Vec<LayerCompositor> {
-        let bands = Bands::new(&self.transparent, rect);
-        let opaque_depth = self.opaque_depth();
-        let transparent =
-            peeling::TransparentSplats { splats: &self.transparent, bands: &bands, opaque_depth: &opaque_depth, rect };
-        match lighting.plan.has(Pass::ABuffer) {
-            true => abuffer::gather(&transparent, lighting),
-            false => peeling::peel(&transparent, lighting),
-        }
-    }
-
-    /// Both passes over the transparent splats before what is opaque, as if they were opaque themselves.
-    pub(crate) fn nearest_transparent(&self, lighting: &Lighting, rect: Region) -> Option<Passes> {
-        if self.transparent.is_empty() {
-            return None;
-        }
-        let bands = Bands::new(&self.transparent, rect);
-        let opaque_depth = self.opaque_depth();
-        let limits = DepthLimits { up_to: Some(&opaque_depth), ..DepthLimits::default() };
-        let run = Run { limits, ..Run::new(&self.transparent, &bands, lighting.view, lighting.plan) };
-        Some(run.accumulate(run.thresholds()))
-    }
-
-    /// Depth of what is opaque in each pixel; +∞ where nothing is.
-    pub(crate) fn opaque_depth(&self) -> Vec<f64> {
-        let mut depths: Vec<f64> = self.passes.sums.iter().map(Sums::resolved_depth).collect();
-        if let Some(meshes) = &self.meshes {
-            depths.iter_mut().zip(&meshes.depth).for_each(|(z, polygon)| *z = z.min(*polygon));
-        }
-        depths
-    }
-
-    /// The surfaces behind edges, and which pixels are edges.
-    fn behind_edges(&self, lighting: &Lighting, rect: Region) -> (Passes, Vec<bool>) {
-        let (front, polygons) = (&self.passes, self.meshes.as_ref().map_or(&[][..], |m| &m.hits));
-        let mut edges = Edges { passes: front, polygons, rect }.pixels();
-        if let Some(meshes) = &self.meshes {
-            edges.iter_mut().zip(&meshes.depth).for_each(|(edge, z)| *edge &= z.is_infinite());
-        }
-        // Where there is no threshold, nothing lies behind either.
-        let limit: Vec<f64> =
-            front.thresholds.iter().zip(&edges).map(|(t, &edge)| if edge { t.depth } else { f64::INFINITY }).collect();
-        let limits = DepthLimits { beyond: Some(&limit), ..DepthLimits::default() };
-        let run = Run { limits, ..Run::new(&self.opaque, &self.bands, lighting.view, lighting.plan) };
-        (run.accumulate(run.thresholds()), edges)
-    }
-}
-
-/// Polygons of a frame, by pixel of the work rectangle.
-pub(crate) struct MeshLayer<'a> {
-    pub polygons: Polygons<'a>,
-    /// The nearest ones, occluded or not.
-    pub hits: Vec<Hit>,
-    /// Depth of those that no splat occludes; +∞ elsewhere.
-    pub depth: Vec<f64>,
-    /// Rounding could flip whether a splat occludes one.
-    marginal: Vec<bool>,
-}
-
-impl<'a> MeshLayer<'a> {
-    fn new(
-        scene: &'a ResidentScene,
-        lighting: &Lighting<'a>,
-        rect: Region,
-        thresholds: &[Threshold],
-        pixel_px: f64,
-    ) -> Self {
-        let plan = lighting.plan;
-        let polygons = Polygons::new(&scene.meshes, lighting.view, plan);
-        let hits = polygons.nearest(rect, plan.planes.margin.then_some(margin::RIM_PX * pixel_px));
-        let pairs = || hits.iter().zip(thresholds);
-        let depth = pairs().map(|(h, t)| if h.z <= t.depth { h.z } else { f64::INFINITY }).collect();
-        let marginal = pairs().map(|(h, t)| h.marginal && h.z <= t.depth || margin::on_depth(h.z, t.depth)).collect();
-        Self { polygons, hits, depth, marginal }
-    }
 }
 
 /// The opaque image of a frame: what the passes left in each pixel, then its surfaces.

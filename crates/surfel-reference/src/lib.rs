@@ -21,6 +21,7 @@ mod clip;
 mod edge;
 mod eye_dome;
 mod frame;
+mod front;
 mod layer_compositor;
 mod margin;
 mod matcap;

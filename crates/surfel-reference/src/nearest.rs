@@ -1,6 +1,6 @@
 //! Which splat, or polygon, is nearest in each pixel (§5, planes).
 
-use crate::frame::{Front, MeshLayer};
+use crate::front::{Front, MeshLayer};
 use crate::pixels::center_in;
 use crate::raster::{Bands, DepthLimits, Run};
 use crate::scene::ResidentScene;

@@ -2,7 +2,8 @@
 //!
 //! Samples are the pixels of an image that is four times as wide and high: all of it is drawn.
 
-use crate::frame::{Front, OpaqueImage};
+use crate::frame::OpaqueImage;
+use crate::front::Front;
 use crate::pixels::center_in;
 use crate::scene::ResidentScene;
 use crate::shade::Lighting;

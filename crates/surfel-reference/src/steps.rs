@@ -1,6 +1,6 @@
 //! Steps of depth between neighbouring pixels (§5, edges by samples).
 
-use crate::frame::MeshLayer;
+use crate::front::MeshLayer;
 use crate::layer_compositor::LayerCompositor;
 use crate::margin;
 use crate::pixels::{center_in, side_neighbours};
