@@ -84,11 +84,10 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
         raster: raster_frame(scene, view, plan),
         lighting: lighting.of_samples(plan, view),
     });
-    let notes_candidates = samples.is_some();
     let drawing = Drawing {
         inputs,
         samples,
-        setup: CellSetup { instructions, objects: &objects, tiny: tiny.as_ref(), pool: &pools.setup, notes_candidates },
+        setup: CellSetup { instructions, objects: &objects, tiny: tiny.as_ref(), pool: &pools.setup },
         meshes: if plan.has(Pass::Polygons) { &scene.meshes } else { &[] },
         raster: RasterFrame { numbers: numbers.clone(), ..raster_frame(scene, view, plan) },
         layers: Layers::new(plan),
@@ -161,7 +160,6 @@ impl Drawing<'_> {
             let CellSplats { transparent, near, .. } = &mut splats;
             transparent.iter_mut().for_each(|segment| self.light_splats((&self.lighting, &self.raster), segment, near));
         }
-        let mut candidates = splats.candidates.take();
         let after_setup = Instant::now();
         totals.set_up_in(after_setup - start, &splats);
         let job = CompositeJob {
@@ -198,8 +196,7 @@ impl Drawing<'_> {
             if let Some(samples) = &self.samples {
                 let planes = StepPlanes { gbuffer: &gbuffer, layers: &layer_steps, grid: &grid };
                 let mut for_samples = own.for_others();
-                let noted = (&planes, candidates.as_mut());
-                bytes += self.draw_samples(samples, cell, noted, target, &mut for_samples, totals);
+                bytes += self.draw_samples(samples, cell, &planes, target, &mut for_samples, totals);
                 own = for_samples.for_others();
             }
             totals.screen_ms += after_tiles.elapsed().as_secs_f64() * 1e3;
@@ -214,8 +211,7 @@ impl Drawing<'_> {
         }
         *scratch = own.for_others();
         totals.add_cell(&splats, bytes);
-        splats.candidates = candidates;
-        pools.setup.give_back(splats);
+        pools.setup.give_back(splats.segments);
     }
 
     /// Sets up a cell's chunks: first the nearest, if they may occlude others; of these only what they don't occlude.
@@ -236,7 +232,6 @@ impl Drawing<'_> {
                 others.iter().partition(|chunk| map.occludes(objects, chunk));
             totals.occluded += occluded.iter().map(|chunk| chunk.of(objects).1.count as u64).sum::<u64>();
             self.setup.add(&others, grid, cell.region, &mut splats);
-            self.setup.add_occluded(&occluded, grid, cell.region, &mut splats);
         }
         splats
     }
