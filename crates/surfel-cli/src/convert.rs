@@ -1,11 +1,11 @@
 //! `surfel convert`: splats of points and meshes.
 
-use crate::args::ConvertArgs;
+use crate::args::{ConvertArgs, SplatArgs};
 use crate::console::Console;
 use crate::failure::Failure;
 use crate::stdin::{self, Stdin, is_stdin};
 use crate::{splats, stdout};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use surfel::io::{IoError, PlyEncoding};
 use surfel::model::{ConvertOptions, Cull, OnInvalid, Shape, Up};
 use surfel::sample::CLOSED_MESH;
@@ -13,6 +13,13 @@ use surfel::{LoadOptions, SplatCloud};
 
 pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     check_output(args)?;
+    if is_copc(&args.output) {
+        return copc(args, console);
+    }
+    if let Some(second) = args.more.first() {
+        let what = "is a second input, expected one (any number with -o OUT.copc.laz)";
+        return Err(Failure::usage(format!("{}: {what}", second.display())));
+    }
     if args.hybrid {
         return hybrid(args, console);
     }
@@ -100,6 +107,31 @@ fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     Ok(())
 }
 
+fn is_copc(output: &Path) -> bool {
+    output.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(".copc.laz"))
+}
+
+/// Points by levels, as COPC.
+fn copc(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
+    if args.splats != SplatArgs::default() || args.ascii {
+        let what = "takes the points as they are, so that no flag on splats, colours or choice goes with it";
+        return Err(Failure::usage(format!("-o {}: {what}", args.output.display())));
+    }
+    let inputs: Vec<PathBuf> = std::iter::once(&args.input).chain(&args.more).cloned().collect();
+    let progress = console.progress();
+    let report = surfel::levels::save_copc(&inputs, &args.output, args.force, &progress)?;
+    drop(progress);
+    report.notes.iter().for_each(|note| console.note(note));
+    console.note(&format!(
+        "{}: {} points in {} nodes of {} levels",
+        args.output.display(),
+        report.points,
+        report.nodes,
+        report.levels
+    ));
+    Ok(())
+}
+
 fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
     let output = &args.output;
     let name = output.display();
@@ -107,6 +139,7 @@ fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
     match extension.as_deref() {
         _ if output.as_os_str() == "-" => return Ok(()),
         Some("ply") if !args.hybrid => {}
+        Some("laz") if is_copc(output) && !args.hybrid => {}
         Some("surfel") if args.hybrid => {}
         _ if args.hybrid => {
             return Err(Failure::usage(format!("-o {name}: --hybrid needs a name that ends in .surfel")));
@@ -114,7 +147,11 @@ fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
         Some("surfel") => {
             return Err(Failure::usage(format!("-o {name}: only --hybrid writes .surfel files, expected a .ply")));
         }
-        _ => return Err(Failure::usage(format!("-o {name}: expected a name that ends in .ply, or - for stdout"))),
+        _ => {
+            return Err(Failure::usage(format!(
+                "-o {name}: expected a name that ends in .ply or .copc.laz, or - for stdout"
+            )));
+        }
     }
     if output.is_file() && !args.force {
         return Err(IoError::Exists { path: output.clone() }.into());

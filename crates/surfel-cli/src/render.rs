@@ -178,8 +178,7 @@ impl<'a> Session<'a> {
     /// Draws a scene, all frames of it; `label` is what `{input}` stands for.
     pub(crate) fn draw(&mut self, source: Source, label: &Path) -> Result<Drawn, Failure> {
         let (args, console) = (self.args, self.console);
-        let first = self.cameras.first().map(|(_, camera)| camera.clone());
-        let resolved = resolve(source, first, args, &self.stdin, console)?;
+        let resolved = resolve(source, &self.cameras, args, &self.stdin, console)?;
         camera::view(&resolved.file.camera, args)?;
         if args.print_scene {
             print_scene(&resolved.file)?;

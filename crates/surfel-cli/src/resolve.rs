@@ -12,9 +12,10 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel::framing::{NamedView, Upright, ViewChoice};
+use surfel::levels::Levels;
 use surfel::model::{Matcap, ObjectFile, SceneFile, Shader, Up};
 use surfel::scene::{AutoOptions, DEFAULT_SIZE, LoadedObjects};
-use surfel::{Camera, Light, LoadOptions, Preset, Scene, Settings};
+use surfel::{Camera, Light, LoadOptions, Preset, Scene, Settings, View};
 
 /// What an image is of.
 pub(crate) enum Source {
@@ -83,22 +84,25 @@ pub(crate) struct Resolved {
     pub(crate) beside: BTreeSet<PathBuf>,
 }
 
-/// Loads a scene; `camera` is one of `--cameras`.
+/// Loads a scene; `cameras` are those of `--cameras`.
 pub(crate) fn resolve(
     source: Source,
-    camera: Option<Camera>,
+    cameras: &[(String, Camera)],
     args: &RenderArgs,
     stdin: &Stdin,
     console: &Console,
 ) -> Result<Resolved, Failure> {
-    let camera = camera.map_or_else(|| camera_file(args), |camera| Ok(Some(camera)))?;
+    let first = cameras.first().map(|(_, camera)| camera.clone());
+    let camera = first.map_or_else(|| camera_file(args), |camera| Ok(Some(camera)))?;
+    let camera = (camera, cameras);
     match source {
         Source::Scene(scene) => of_scene_file(*scene, camera, args, stdin, console),
         Source::Geometry(inputs) => of_geometry(&inputs, camera, args, stdin, console),
     }
 }
 
-/// Loads objects, whose `convert` has the flags' say; with paths relative to `base`.
+/// Loads objects, whose `convert` has the flags' say, with paths relative to `base`: large files of levels as far as
+/// placing a camera takes it.
 fn load(
     objects: &[ObjectFile],
     base: &Path,
@@ -106,27 +110,67 @@ fn load(
     args: &RenderArgs,
     stdin: &Stdin,
     console: &Console,
-) -> Result<LoadedObjects, Failure> {
+) -> Result<(LoadedObjects, LoadOptions), Failure> {
     let from_stdin = objects.iter().flat_map(|o| [&o.splats, &o.mesh]).flatten().any(|path| is_stdin(path));
     let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };
     // The preset that an image is verified against antialiases edges.
     let options = LoadOptions::default().with_interior_weight(args.verify).for_settings(settings).with_stdin(bytes);
     let options = options.with_up(args.up.and_then(|choice| choice.0).or(up));
     let progress = console.progress();
+    let options = options.with_levels(Some(Levels::Overview));
     let loaded = surfel::scene::load_objects(objects, base, &options, &progress)?;
     drop(progress);
+    if !loaded.facts.iter().any(|facts| facts.partial) {
+        tell(&loaded, args, console)?;
+    }
+    Ok((loaded, options))
+}
+
+/// Reads what the views need of files of levels.
+fn refine(
+    loaded: &mut LoadedObjects,
+    (objects, base, options): (&[ObjectFile], &Path, &LoadOptions),
+    (views, error_px): (&[View], f64),
+    args: &RenderArgs,
+    console: &Console,
+) -> Result<(), Failure> {
+    if loaded.facts.iter().any(|facts| facts.partial) {
+        let progress = console.progress();
+        surfel::scene::refine_objects(loaded, objects, base, options, (views, error_px), &progress)?;
+        drop(progress);
+        tell(loaded, args, console)?;
+    }
+    Ok(())
+}
+
+/// The views of all pictures.
+fn views(
+    camera: &Camera,
+    given: &[(String, Camera)],
+    turntable: &Turntable,
+    args: &RenderArgs,
+) -> Result<Vec<View>, Failure> {
+    if !given.is_empty() {
+        return given.iter().map(|(_, camera)| camera::view(camera, args)).collect();
+    }
+    let frames = args.frames.unwrap_or(1);
+    let turned = |i: u32| turntable.at(f64::from(i) / f64::from(frames), camera, &[]).0;
+    (0..frames).map(|i| camera::view(&turned(i), args)).collect()
+}
+
+/// Says what was found in files.
+fn tell(loaded: &LoadedObjects, args: &RenderArgs, console: &Console) -> Result<(), Failure> {
     for note in &loaded.notes {
         console.note(&format!("{}: {}", stdin::display(&note.path), note.text));
     }
     splats::check_used(&args.splats, &loaded.unused, console)?;
     let colorings = loaded.colorings.iter().map(|(path, coloring)| (path.as_path(), coloring));
-    splats::write_color_bar(&args.splats, args.force, colorings, console)?;
-    Ok(loaded)
+    splats::write_color_bar(&args.splats, args.force, colorings, console)
 }
 
 fn of_scene_file(
     source: SceneSource,
-    given_camera: Option<Camera>,
+    (given_camera, cameras): (Option<Camera>, &[(String, Camera)]),
     args: &RenderArgs,
     stdin: &Stdin,
     console: &Console,
@@ -145,9 +189,10 @@ fn of_scene_file(
     for (i, object) in file.objects.iter_mut().enumerate() {
         object.world_from_object().map_err(out_of_range)?;
         splats::apply(&args.splats, &mut object.convert)?;
+        object.convert.all_levels |= args.all_levels;
         object.convert.validate(i).map_err(out_of_range)?;
     }
-    let loaded = load(&file.objects, &base, (&file.settings, file.up), args, stdin, console)?;
+    let (mut loaded, options) = load(&file.objects, &base, (&file.settings, file.up), args, stdin, console)?;
     if let Some(choice) = args.up {
         file.up = choice.0.or(file.up);
     }
@@ -166,20 +211,22 @@ fn of_scene_file(
     file.camera.validate().map_err(out_of_range)?;
     camera::apply_flags(&mut file.camera, &objects_only, up, false, args);
     cull(&mut file, args);
+    // A scene file's camera turns about what it looks at, about the scene's up axis or else its own.
+    let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
+    let turntable = Turntable { center: file.camera.target.into(), axis };
+    let seen = (&views(&file.camera, cameras, &turntable, args)?[..], file.settings.lod_error_px);
+    refine(&mut loaded, (&file.objects, &base, &options), seen, args, console)?;
     let beside = loaded.beside.iter().map(|path| absolute(path)).collect::<Result<_, _>>()?;
     let mut scene = surfel::scene::assemble(&file, loaded.objects)
         .map_err(|e| Failure::input(format!("{}: {e}", path.display())))?;
     absolute_paths(&mut file, &base)?;
     scene.matcap = matcap(&mut file, args)?;
-    // A scene file's camera turns about what it looks at, about the scene's up axis or else its own.
-    let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
-    let turntable = Turntable { center: file.camera.target.into(), axis };
     Ok(Resolved { file, scene, turntable, beside })
 }
 
 fn of_geometry(
     inputs: &[PathBuf],
-    given_camera: Option<Camera>,
+    (given_camera, cameras): (Option<Camera>, &[(String, Camera)]),
     args: &RenderArgs,
     stdin: &Stdin,
     console: &Console,
@@ -187,8 +234,11 @@ fn of_geometry(
     let preset = args.preset.unwrap_or_default();
     let mut settings = settings(preset.apply(Settings::default().with_shader(Shader::Phong)), args);
     let mut objects: Vec<ObjectFile> = inputs.iter().map(|path| surfel::scene::bare_object(path)).collect();
-    objects.iter_mut().try_for_each(|object| splats::apply(&args.splats, &mut object.convert))?;
-    let loaded = load(&objects, Path::new(""), (&settings, None), args, stdin, console)?;
+    for object in &mut objects {
+        splats::apply(&args.splats, &mut object.convert)?;
+        object.convert.all_levels |= args.all_levels;
+    }
+    let (mut loaded, load_options) = load(&objects, Path::new(""), (&settings, None), args, stdin, console)?;
     let paths: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     if args.transparency.is_none()
         && let Some((transparency, note)) = surfel::scene::auto_transparency(&loaded, &paths)
@@ -240,11 +290,14 @@ fn of_geometry(
         (None, false) => Some(lights),
     };
     cull(&mut file, args);
+    let turntable = Turntable { center, axis: up.vector() };
+    let seen = (&views(&file.camera, cameras, &turntable, args)?[..], file.settings.lod_error_px);
+    refine(&mut loaded, (&file.objects, Path::new(""), &load_options), seen, args, console)?;
     let beside = loaded.beside.iter().map(|path| absolute(path)).collect::<Result<_, _>>()?;
     let mut scene = surfel::scene::assemble(&file, loaded.objects)?;
     absolute_paths(&mut file, Path::new(""))?;
     scene.matcap = matcap(&mut file, args)?;
-    Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() }, beside })
+    Ok(Resolved { file, scene, turntable, beside })
 }
 
 /// The up axis that the files or their shape say, and what to do if it is wrong.

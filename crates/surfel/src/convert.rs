@@ -1,7 +1,7 @@
 //! From points and meshes to splats, as the options say, and what there is to tell about it.
 
 use crate::load::{Conversion, UnusedOption};
-use crate::{Error, LoadOptions, framing};
+use crate::{Error, LoadOptions, framing, levels};
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;
@@ -155,9 +155,26 @@ pub(crate) fn points(
         coincident: if options.all_points { usize::MAX } else { COINCIDENT },
         ..PointOptions::default()
     };
-    let made = surfel_sample::splats_from_points(&points, &point_options, progress);
-    let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
-    notes.push(points_note(&report));
+    let radii = levels::Radii::take(&mut points);
+    // Radii close the surface of all points only.
+    let is_thinned = dropped > 0 || options.every.is_some();
+    let (cloud, report) = match radii.splats(&points, options.radius_scale).filter(|_| !is_thinned) {
+        Some(made) => {
+            let (cloud, report) = made?;
+            notes.push(format!(
+                "a point cloud: {} splats, normals and radii (median {:.4}) as the file has them",
+                report.splats, report.median_radius
+            ));
+            (cloud, report)
+        }
+        None => {
+            let made = surfel_sample::splats_from_points(&points, &point_options, progress);
+            let made = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+            notes.push(points_note(&made.1));
+            made
+        }
+    };
+    let cloud = levels::close(cloud)?;
     let cloud = if options.sharp { sharpen(cloud, path, options, notes, progress)? } else { cloud };
     Ok((cloud, Conversion::Points(report)))
 }

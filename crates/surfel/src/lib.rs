@@ -43,6 +43,7 @@ pub mod coloring;
 mod convert;
 mod error;
 pub mod framing;
+pub mod levels;
 mod load;
 mod octree;
 mod patches;

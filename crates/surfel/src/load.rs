@@ -2,6 +2,7 @@
 
 use crate::coloring::{self, ColorBy, Colored, Coloring};
 use crate::framing::UpReason;
+use crate::levels::{self, LevelReport, Levels};
 use crate::{Error, convert};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -60,6 +61,8 @@ pub struct LoadOptions {
     pub every: Option<u32>,
     /// Points at exactly (0, 0, 0), where they are more than 16, count, and all of more than 16 in one place.
     pub all_points: bool,
+    /// What is read of a COPC file; `None`: all of it.
+    pub levels: Option<Levels>,
     /// The file may refer to files outside of its own folder.
     pub allow_outside: bool,
     /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
@@ -90,6 +93,7 @@ impl LoadOptions {
         with_condition condition: Option<String>,
         with_every every: Option<u32>,
         with_all_points all_points: bool,
+        with_levels levels: Option<Levels>,
         with_allow_outside allow_outside: bool,
         with_max_texture max_texture: Option<u32>,
         with_stdin stdin: Option<Arc<[u8]>>,
@@ -124,6 +128,9 @@ impl LoadOptions {
         self.condition = convert.condition.clone().or(self.condition);
         self.every = convert.every.or(self.every);
         self.all_points |= convert.all_points;
+        if convert.all_levels {
+            self.levels = None;
+        }
         self.allow_outside |= convert.allow_outside;
         self.max_texture = convert.max_texture.or(self.max_texture);
         self
@@ -164,6 +171,7 @@ impl Default for LoadOptions {
             condition: None,
             every: None,
             all_points: false,
+            levels: None,
             allow_outside: false,
             max_texture: None,
             stdin: None,
@@ -206,6 +214,8 @@ pub struct LoadedCloud {
     pub coloring: Option<Coloring>,
     /// The octree that the file holds; `cloud` is then its finest splats.
     pub octree: Option<Arc<Octree>>,
+    /// What was read of a COPC file, where that isn't all of it.
+    pub levels: Option<LevelReport>,
     /// What the user should know, as sentences without a full stop: what was dropped, assumed or estimated.
     pub notes: Vec<String>,
     /// Files beside it that it refers to, such as textures and buffers, whether they are there or not, sorted.
@@ -225,14 +235,19 @@ pub struct UnusedOption {
     pub expected: &'static str,
 }
 
-/// Reads a file, or what its name [`STDIN`] stands for.
-pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
-    let io_options = surfel_io::LoadOptions {
+/// The options that reading takes.
+pub(crate) fn io_options(options: &LoadOptions) -> surfel_io::LoadOptions {
+    surfel_io::LoadOptions {
         repair: options.repair,
         texture: options.texture.clone(),
         allow_outside: options.allow_outside,
         max_texture: options.max_texture,
-    };
+    }
+}
+
+/// Reads a file, or what its name [`STDIN`] stands for.
+pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
+    let io_options = io_options(options);
     Ok(match &options.stdin {
         Some(bytes) if path == Path::new(STDIN) => surfel_io::load_bytes(bytes, None, Path::new("stdin"), &io_options)?,
         _ => surfel_io::load(path, &io_options)?,
@@ -245,7 +260,10 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> 
 /// [`Error::Io`] if the file can't be read or is damaged, [`Error::Sample`] if no splats can be made of it,
 /// [`Error::Unsuitable`] if it holds no splat, or `options.sharp` is set and Cargo's feature `sharp` isn't.
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
-    let loaded = read(path, options)?;
+    let (loaded, levels) = match levels::read(path, options)? {
+        Some((loaded, report)) => (loaded, Some(report).filter(|report| !report.is_whole())),
+        None => (read(path, options)?, None),
+    };
     let up_reason = up_reason(&loaded);
     let mut notes = loaded.notes;
     let mut unused = convert::unused(&loaded.content, options);
@@ -315,6 +333,7 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
         conversion,
         coloring,
         octree,
+        levels,
         notes,
         beside: loaded.beside,
         unused,
