@@ -190,7 +190,7 @@ fn hostile_hierarchies_are_one_clear_error() {
     refused(&|b| put(b, entry, &31_i32.to_le_bytes()), "no octant");
     refused(&|b| put(b, entry, &(-1_i32).to_le_bytes()), "no octant");
     refused(&|b| put(b, entry + 4, &9_i32.to_le_bytes()), "no octant");
-    refused(&|b| put(b, entry, &2_i32.to_le_bytes()), "none above it");
+    refused(&|b| put(b, entry, &5_i32.to_le_bytes()), "none above it");
     refused(&|b| put(b, root, &good[entry..entry + 16]), "twice");
     // A page that leads to itself, and one that is all but the whole file.
     let page = |b: &mut Vec<u8>, at: u64, bytes: i32| {

@@ -72,9 +72,9 @@ impl Summary {
     /// Adds a record of format 6, 7 or 8.
     pub(super) fn add(&mut self, record: &[u8], position: [i32; 3]) {
         self.count += 1;
-        for k in 0..3 {
-            self.low[k] = self.low[k].min(position[k]);
-            self.high[k] = self.high[k].max(position[k]);
+        for (k, v) in position.into_iter().enumerate() {
+            self.low[k] = self.low[k].min(v);
+            self.high[k] = self.high[k].max(v);
         }
         if let Some(count) = usize::from(record[14] & 15).checked_sub(1).and_then(|i| self.returns.get_mut(i)) {
             *count += 1;
