@@ -55,9 +55,18 @@ fn clip_keeps_visible(in: VisibilityVertex, record: u32) -> bool {
     return clip_keeps(record_clips[record].visible, offset_of(in.position, in.base, in.anchor.xy));
 }
 
+// What is visible of an oriented clipped splat belongs to its filtered footprint, too: there its clip goes with the
+// stretched axes, and could take away all that a pixel has.
 fn clip_keeps_filtered(in: AttributeVertex, record: u32) -> bool {
     let d = offset_of(in.position, in.base, in.anchor.xy);
     // Where w ≤ 0, which only `clamp` reaches, the centre decides.
     let w = form_at(in.w.xy, d, in.at_anchor.z);
-    return clip_keeps(record_clips[record].filtered, select(vec2f(0.0, 0.0), d, 0.0 < w));
+    if clip_keeps(record_clips[record].filtered, select(vec2f(0.0, 0.0), d, 0.0 < w)) {
+        return true;
+    }
+    if objects[in.flags >> RECORD_OBJECT].oriented == 0u {
+        return false;
+    }
+    let uv = vec4f(records[record].visible_u, records[record].visible_v);
+    return is_in_unfiltered(d, uv, in.depth.xy, in.at_anchor, in.flags) && clip_keeps(record_clips[record].visible, d);
 }

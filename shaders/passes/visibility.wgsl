@@ -72,17 +72,22 @@ fn visibility_corner(vertex: u32, instance: u32) -> VisibilityVertex {
     );
 }
 
+// True inside the unfiltered splat, from gradients of its (u·w, v·w) and of its depth form.
+fn is_in_unfiltered(d: vec2f, uv: vec4f, depth: vec2f, at_anchor: vec3f, flags: u32) -> bool {
+    let u = form_at(uv.xy, d, at_anchor.x);
+    let v = form_at(uv.zw, d, at_anchor.y);
+    var w = 1.0;
+    if (flags & RECORD_RECIPROCAL) != 0u {
+        w = form_at(depth, d, at_anchor.z);
+    }
+    return 0.0 < w && fma(u, u, v * v) <= w * w;
+}
+
 // Depth of a fragment of the unfiltered splat; 0 where there is none.
 fn visible_depth(in: VisibilityVertex) -> f32 {
     let d = offset_of(in.position, in.base, in.anchor.xy);
-    let u = form_at(in.uv.xy, d, in.at_anchor.x);
-    let v = form_at(in.uv.zw, d, in.at_anchor.y);
-    var w = 1.0;
-    if (in.flags & RECORD_RECIPROCAL) != 0u {
-        w = form_at(in.depth.xy, d, in.at_anchor.z);
-    }
     let z = fragment_depth(d, in.depth, in.anchor.z, in.at_anchor.z, in.flags);
-    return select(0.0, z, 0.0 < w && fma(u, u, v * v) <= w * w && exists(z));
+    return select(0.0, z, is_in_unfiltered(d, in.uv, in.depth.xy, in.at_anchor, in.flags) && exists(z));
 }
 
 struct ThresholdOutput {

@@ -7,6 +7,7 @@
 use crate::expectations::{self, EXPECTATIONS, Extent};
 use crate::scenes::{self, Case};
 use std::fmt;
+use std::sync::OnceLock;
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo};
 
@@ -304,6 +305,15 @@ impl Truth {
         let cases = scenes::all().into_iter().filter(|case| is_wanted(&case.name));
         Ok(cases.map(|case| Self::of(&mut reference, case)).collect())
     }
+
+    /// Every scene, drawn by the reference once in a process.
+    ///
+    /// # Errors
+    /// [`RenderError`] if there is no reference.
+    pub fn of_every_scene() -> Result<&'static [Self], &'static RenderError> {
+        static TRUTHS: OnceLock<Result<Vec<Truth>, RenderError>> = OnceLock::new();
+        TRUTHS.get_or_init(|| Self::all(|_| true)).as_deref()
+    }
 }
 
 /// A backend's image and how it compares.
@@ -356,8 +366,8 @@ pub(crate) fn expect(info: &RendererInfo, extent: Extent, checked: &mut Vec<Chec
 ///
 /// What the backend says it doesn't draw is skipped; it is for the caller to know which those may be.
 pub fn check_backend<R: Renderer>(backend: &mut R) -> Vec<Report> {
-    match Truth::all(|_| true) {
-        Ok(truths) => check_all(backend, &truths, Extent::EveryScene).into_iter().map(|c| c.report).collect(),
+    match Truth::of_every_scene() {
+        Ok(truths) => check_all(backend, truths, Extent::EveryScene).into_iter().map(|c| c.report).collect(),
         Err(error) => vec![Report::failed("reference", error)],
     }
 }

@@ -7,6 +7,7 @@ mod halves;
 mod part;
 mod ply;
 mod scan;
+mod textured;
 
 use std::io;
 use std::path::Path;
@@ -44,7 +45,12 @@ fn write(root: &Path, folder: &Path, sink: Sink<'_>) -> io::Result<()> {
     sink("glass-spheres.ply", clouds::glass_spheres().to_ply())?;
     sink("part.obj", part::part().to_obj().into_bytes())?;
     sink("spot-scan.xyz", scan::scan(root)?)?;
+    sink("checkerboard-60.obj", textured::checkerboard(60))?;
+    sink("checkerboard-12.obj", textured::checkerboard(12))?;
+    sink("checkerboard-3.obj", textured::checkerboard(3))?;
+    sink("photograph.obj", textured::photograph())?;
     let [left, right] = halves::halves(root)?;
     sink("spot-left.obj", left)?;
-    sink("spot-right.obj", right)
+    sink("spot-right.obj", right)?;
+    halves::MATERIALS.into_iter().try_for_each(|name| sink(name, std::fs::read(root.join("assets/spot").join(name))?))
 }

@@ -28,7 +28,7 @@ pub(crate) fn run(root: &Path) -> bool {
             let arguments = ["doc", "--workspace", "--no-deps", "--locked"];
             command(cargo(root).args(arguments).env("RUSTDOCFLAGS", "-D warnings"))
         }),
-        step("test", &|| outcome(suites::run(root, suites::Gpu::Required))),
+        step("test", &|| outcome(suites::run(root, suites::Gpu::Required, false))),
         step("tidy", &|| outcome(tidy::run(root))),
         step("deny", &|| deny(root)),
     ];

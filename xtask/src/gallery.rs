@@ -21,6 +21,7 @@ const IMAGES: &[(&str, &[&str])] = &[
     ("scan-edl", &["assets/gallery/scan.json"]),
     ("silhouette-plain", &["assets/gallery/silhouette.json", "--edge-aa=off"]),
     ("silhouette", &["assets/gallery/silhouette.json"]),
+    ("texture", &["assets/gallery/texture.json"]),
     ("sharp-part-whole", &["assets/gallery/sharp-part.json", "--clip", "off"]),
     ("sharp-part", &["assets/gallery/sharp-part.json"]),
 ];

@@ -5,6 +5,7 @@ mod bench;
 mod ci;
 mod conformance;
 mod gallery;
+mod python;
 mod suites;
 mod tidy;
 mod vulkan;
@@ -22,7 +23,10 @@ Usage: cargo xtask COMMAND
 Commands:
   test    Run every test of the workspace, doc tests included, all backends built in, and sum up.
           Where a crate needs Vulkan and there is no driver, install a software one (as root,
-          with apt-get) or say what is skipped
+          with apt-get) or say what is skipped. The Python package is tested where python3 has venv
+          and pip finds its packages; --full runs its notebooks and rivals, too
+  wheel   Build the Python package for manylinux2014 into target/wheels, by maturin and zig of pip:
+          for x86-64, and for aarch64 where rustup has the target
   ci      Everything that must pass before a change is merged: formatting, clippy, the program
           with its default features, docs, tests, tidy, and cargo-deny where it is installed
   tidy    Cheap checks of the tree: sizes of files, lengths of lines, leftovers, machine paths,
@@ -48,7 +52,7 @@ Commands:
 
 Environment:
   SURFEL_REQUIRE    Comma-separated list of what must not be skipped: vulkan, wgpu, ash, test-data,
-                    cargo-deny
+                    cargo-deny, python
   SURFEL_TEST_DATA  Folder of golden scenes and models that aren't shipped; without it the folder
                     'shared' beside the workspace, where there is one
 
@@ -59,7 +63,9 @@ fn main() -> ExitCode {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let root = workspace_root();
     let passed = match words[..] {
-        ["test"] => suites::run(&root, Gpu::IfPresent),
+        ["test"] => suites::run(&root, Gpu::IfPresent, false),
+        ["test", "--full"] => suites::run(&root, Gpu::IfPresent, true),
+        ["wheel"] => python::wheel(&root),
         ["ci"] => ci::run(&root),
         ["tidy"] => tidy::run(&root),
         ["assets"] => assets::run(&root),

@@ -3,7 +3,8 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
-use crate::{cargo, vulkan};
+use crate::python::Tested;
+use crate::{cargo, python, required, vulkan};
 
 /// Backends whose tests need a driver.
 const GPU_BACKENDS: &str = "wgpu,ash";
@@ -20,7 +21,7 @@ pub(crate) enum Gpu {
     Required,
 }
 
-pub(crate) fn run(root: &Path, gpu: Gpu) -> bool {
+pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
     let driver = vulkan::prepare(root);
     if let Err(problem) = &driver {
         eprintln!("error: {problem}");
@@ -33,6 +34,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu) -> bool {
             return false;
         }
     };
+    let python = python::test(root, full);
     let total = summary.total();
     println!("\n== tests");
     for suite in &summary.suites {
@@ -41,11 +43,20 @@ pub(crate) fn run(root: &Path, gpu: Gpu) -> bool {
     if let Ok(Some(skipped)) = &driver {
         println!("vulkan: {skipped}");
     }
+    let python_ok = match &python {
+        Tested::Skipped(_) => !required("python"),
+        tested => *tested == Tested::Passed,
+    };
+    match &python {
+        Tested::Passed => println!("Python package: ok"),
+        Tested::Failed => println!("Python package: FAILED, see above"),
+        Tested::Skipped(why) => println!("Python package: skipped, {why}"),
+    }
     if !exit_ok && total.failed == 0 {
         println!("cargo test failed before or between the suites, see above");
     }
     println!("{} passed, {} failed, {} skipped", total.passed, total.failed, total.skipped);
-    exit_ok && total.failed == 0 && driver.is_ok()
+    exit_ok && python_ok && total.failed == 0 && driver.is_ok()
 }
 
 /// Runs all tests, passing the output through, and whether cargo was content.

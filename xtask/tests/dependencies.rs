@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Our packages from the bottom up. A package depends only on packages of a lower number; development
 /// dependencies are free.
-const LAYERS: [(&str, u32); 18] = [
+const LAYERS: [(&str, u32); 19] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
@@ -24,6 +24,7 @@ const LAYERS: [(&str, u32); 18] = [
     ("surfel-ash", 6),
     ("surfel", 7),
     ("surfel-cli", 8),
+    ("surfel-python", 8),
     ("surfel-bench", 8),
     ("surfel-viewer", 8),
     ("surfel-conformance", 9),

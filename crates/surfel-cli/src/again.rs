@@ -3,7 +3,6 @@
 use crate::args::{AgainArgs, Cli, Command, RenderArgs, command};
 use crate::console::Console;
 use crate::failure::Failure;
-use crate::metadata::{Content, DRAWN_KEY, INPUTS_KEY, SCENE_KEY, VERSION, VERSION_KEY, content};
 use crate::output::{Format, Output};
 use crate::render::Session;
 use crate::resolve::{SceneSource, Source};
@@ -13,6 +12,7 @@ use serde_json::Value;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use surfel::io::Planes;
+use surfel::metadata::{Content, DRAWN_KEY, INPUTS_KEY, SCENE_KEY, VERSION, VERSION_KEY, content};
 
 pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result<(), Failure> {
     let name = args.image.display();
@@ -108,7 +108,8 @@ fn changed_inputs(args: &AgainArgs, inputs: &Value, base: &Path, stdin: &Stdin) 
         let Some(path) = input["path"].as_str().map(Path::new) else { continue };
         let place = if is_stdin(path) { path.to_path_buf() } else { base.join(path) };
         let was_missing = input["missing"] == true;
-        match content(&place, stdin)? {
+        let bytes = if is_stdin(path) { Some(stdin.bytes()?) } else { None };
+        match content(&place, bytes.as_deref())? {
             Content::Missing if !was_missing => missing.push(place.display().to_string()),
             Content::Known { .. } if was_missing => changed.push(format!("{} was not there", place.display())),
             Content::Known { bytes, sha256 } if input["bytes"] != bytes || input["sha256"] != *sha256 => {

@@ -7,7 +7,8 @@ use clap_complete::Shell;
 use std::path::PathBuf;
 use surfel::framing::ViewChoice;
 use surfel::model::{
-    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Returns, Shader, Transparency,
+    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, Mapping, PointColors, Returns, Shader,
+    SplatCount, Transparency,
 };
 use surfel::{Preset, Region};
 
@@ -42,6 +43,8 @@ pub(crate) enum Command {
     Again(AgainArgs),
     /// Make splats of points or a mesh.
     Convert(Box<ConvertArgs>),
+    /// Draw an orthoimage, and a surface model, as GeoTIFF.
+    Ortho(Box<OrthoArgs>),
     /// Say what a file holds.
     Info(InfoArgs),
     /// Measure how far two images are apart.
@@ -210,24 +213,29 @@ pub(crate) struct RenderArgs {
 }
 
 /// How files become splats: for `render` and `convert` alike.
-#[derive(Args, Debug, Default, PartialEq)]
+#[derive(Args, Debug, Default)]
 pub(crate) struct SplatArgs {
     /// Drop invalid splats instead of refusing the file.
     #[arg(long, help_heading = "Splats")]
     pub(crate) repair: bool,
-    /// Texture for meshes that have texture coordinates and name none themselves.
-    #[arg(long, help_heading = "Splats", value_name = "FILE")]
-    pub(crate) texture: Option<PathBuf>,
+    /// How splats take a mesh's colours: each by itself (point), by its kernel (ewa), or all together, so that their
+    /// blend is the mesh's (fit). Anything else is a texture's file, for meshes that have texture coordinates and name
+    /// none themselves; both may be given.
+    #[arg(long, help_heading = "Splats", value_name = "point|ewa|fit|FILE")]
+    pub(crate) texture: Vec<PathBuf>,
+    /// Colours of a scan's splats: the points' own, or such that the blended surface passes through these (fit).
+    #[arg(long, help_heading = "Splats", value_parser = values::point_colors())]
+    pub(crate) colors: Option<PointColors>,
     /// One splat for each vertex of a mesh.
     #[arg(long, help_heading = "Splats", conflicts_with_all = ["per_face", "splats"])]
     pub(crate) per_vertex: bool,
     /// One splat for each triangle of a mesh.
     #[arg(long, help_heading = "Splats", conflicts_with = "splats")]
     pub(crate) per_face: bool,
-    /// This many splats spread evenly over a mesh; with --sharp, at most this many, where they are needed.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=200_000_000),
-        help_heading = "Splats")]
-    pub(crate) splats: Option<u32>,
+    /// This many splats spread evenly over a mesh, or auto: as many as its shape and texture ask for; with --sharp, at
+    /// most this many, where they are needed.
+    #[arg(long, value_name = "N|auto", value_parser = values::splat_count, help_heading = "Splats")]
+    pub(crate) splats: Option<SplatCount>,
     /// Multiplies every radius.
     #[arg(long, help_heading = "Splats", value_name = "K", value_parser = values::positive)]
     pub(crate) radius_scale: Option<f64>,
@@ -325,11 +333,54 @@ pub(crate) struct ConvertArgs {
     pub(crate) splats: SplatArgs,
     /// Splats of every size and the mesh's own polygons, in an octree: -o OUT.surfel.
     #[arg(long, conflicts_with_all = ["per_vertex", "per_face", "splats", "radius_scale", "max_points", "cull", "ascii",
-        "repair", "color_by", "crop", "classes", "returns", "condition", "every", "all_points", "colorbar"])]
+        "repair", "colors", "color_by", "crop", "classes", "returns", "condition", "every", "all_points", "colorbar"])]
     pub(crate) hybrid: bool,
     /// Write text instead of binary PLY.
     #[arg(long)]
     pub(crate) ascii: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct OrthoArgs {
+    /// Points, splats or meshes whose z is up, as of one ground; - is stdin.
+    #[arg(required = true, value_name = "INPUT")]
+    pub(crate) inputs: Vec<PathBuf>,
+    /// Ground sampling distance: side of a pixel, in the units of x and y.
+    #[arg(long, value_name = "M", value_parser = values::positive)]
+    pub(crate) gsd: f64,
+    /// GeoTIFF to write: colours, and alpha 0 where nothing is.
+    #[arg(short, long, value_name = "RGB.tif")]
+    pub(crate) output: PathBuf,
+    /// GeoTIFF of heights to write (digital surface model), -9999 where nothing is.
+    #[arg(long, value_name = "F.tif")]
+    pub(crate) dsm: Option<PathBuf>,
+    /// GeoTIFF of unit normals to write, -9999 where nothing is.
+    #[arg(long, value_name = "F.tif")]
+    pub(crate) normals: Option<PathBuf>,
+    /// What to draw, grown to whole pixels; all where nothing says it.
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = values::bounds, allow_hyphen_values = true)]
+    pub(crate) bounds: Option<[f64; 4]>,
+    /// A corner of pixels: all edges of pixels are whole multiples of --gsd from there.
+    #[arg(long, value_name = "X,Y", value_parser = values::place, allow_hyphen_values = true, default_value = "0,0")]
+    pub(crate) origin: [f64; 2],
+    /// Image size in pixels, with its lower left corner at --origin.
+    #[arg(long, value_name = "WxH", value_parser = values::size, conflicts_with = "bounds", requires = "origin")]
+    pub(crate) size: Option<[u32; 2]>,
+    /// Coordinate reference system of the image, in place of the files'.
+    #[arg(long, value_name = "EPSG:N", value_parser = values::epsg)]
+    pub(crate) crs: Option<u16>,
+    /// Overwrite existing files.
+    #[arg(short, long)]
+    pub(crate) force: bool,
+    /// Who draws.
+    #[arg(long, default_value = "auto", value_parser = ["auto", "cpu", "wgpu", "ash", "reference"])]
+    pub(crate) backend: String,
+    /// Print times and counts as JSON on stdout.
+    #[arg(long)]
+    pub(crate) stats: bool,
+    /// How files become splats.
+    #[command(flatten)]
+    pub(crate) splats: SplatArgs,
 }
 
 #[derive(Args, Debug)]

@@ -1,19 +1,20 @@
 //! `surfel convert`: splats of points and meshes.
 
-use crate::args::{ConvertArgs, SplatArgs};
+use crate::args::ConvertArgs;
 use crate::console::Console;
 use crate::failure::Failure;
 use crate::stdin::{self, Stdin, is_stdin};
-use crate::{splats, stdout};
-use std::path::{Path, PathBuf};
+use crate::{options, stdout};
+use std::path::PathBuf;
+use std::sync::Arc;
+use surfel::SplatCloud;
 use surfel::io::{IoError, PlyEncoding};
-use surfel::model::{ConvertOptions, Cull, OnInvalid, Shape, Up};
-use surfel::sample::CLOSED_MESH;
-use surfel::{LoadOptions, SplatCloud};
+use surfel::levels;
+use surfel::splat_file::ConvertRequest;
 
 pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     check_output(args)?;
-    if is_copc(&args.output) {
+    if levels::is_copc(&args.output) {
         return copc(args, console);
     }
     if let Some(second) = args.more.first() {
@@ -26,43 +27,18 @@ pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> 
     save(args, &converted(args, console)?, console)
 }
 
-fn options(args: &ConvertArgs) -> Result<LoadOptions, Failure> {
-    let mut convert = ConvertOptions::default();
-    splats::apply(&args.splats, &mut convert)?;
-    let stdin = if is_stdin(&args.input) { Some(Stdin::default().bytes()?) } else { None };
-    Ok(LoadOptions::default().with_convert(&convert, Path::new("")).with_stdin(stdin))
-}
-
 fn converted(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
     let progress = console.progress();
-    let loaded = surfel::load(&args.input, &options(args)?.with_interior_weight(true), &progress)?;
+    let options = options::splats(&args.splats, args.force)?;
+    let request = ConvertRequest { path: &args.input, options: &options, stdin: bytes(args)? };
+    let loaded = request.load(&progress)?;
     drop(progress);
-    for note in &loaded.notes {
-        console.note(&format!("{}: {note}", stdin::display(&args.input)));
-    }
-    let unused: Vec<_> = loaded.unused.into_iter().map(|option| (args.input.clone(), option)).collect();
-    splats::check_used(&args.splats, &unused, console)?;
-    let colorings = loaded.coloring.iter().map(|coloring| (args.input.as_path(), coloring));
-    splats::write_color_bar(&args.splats, args.force, colorings, console)?;
-    let mut cloud = loaded.cloud;
-    // PLY's own default needs no words.
-    if loaded.up != Up::PlusY || cloud.data().up.is_some() {
-        cloud.set_up(loaded.up);
-    }
-    match args.splats.cull {
-        Some(cull) => culled(cloud, cull),
-        None => Ok(cloud),
-    }
+    Ok(request.convert(loaded, &mut |note| console.note(&note))?)
 }
 
-/// Splats with the comment that lets their backs be left out, or without it.
-fn culled(cloud: SplatCloud, cull: Cull) -> Result<SplatCloud, Failure> {
-    let mut data = cloud.into_data();
-    data.comments.retain(|comment| comment != CLOSED_MESH);
-    if cull == Cull::Back {
-        data.comments.push(CLOSED_MESH.to_owned());
-    }
-    Ok(SplatCloud::new(data, OnInvalid::Refuse).map_err(surfel::Error::from)?.0)
+/// What stdin holds, where it is the input.
+fn bytes(args: &ConvertArgs) -> Result<Option<Arc<[u8]>>, Failure> {
+    Ok(if is_stdin(&args.input) { Some(Stdin::default().bytes()?) } else { None })
 }
 
 fn save(args: &ConvertArgs, cloud: &SplatCloud, console: &Console) -> Result<(), Failure> {
@@ -75,14 +51,16 @@ fn save(args: &ConvertArgs, cloud: &SplatCloud, console: &Console) -> Result<(),
     } else {
         surfel::io::save_splat_ply(&args.output, args.force, cloud, encoding)?;
     }
-    console.note(&format!("{}: {}", args.output.display(), summary(cloud)));
+    console.note(&format!("{}: {}", args.output.display(), surfel::splat_file::summary(cloud)));
     Ok(())
 }
 
 /// An octree of splats and polygons.
 fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     let progress = console.progress();
-    let (octree, notes) = surfel::load_octree(&args.input, &options(args)?, &progress)?;
+    let options = options::splats(&args.splats, args.force)?;
+    let request = ConvertRequest { path: &args.input, options: &options, stdin: bytes(args)? };
+    let (octree, notes) = surfel::load_octree(&args.input, &request.load_options()?, &progress)?;
     drop(progress);
     for note in &notes {
         console.note(&format!("{}: {note}", stdin::display(&args.input)));
@@ -107,28 +85,15 @@ fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     Ok(())
 }
 
-fn is_copc(output: &Path) -> bool {
-    output.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(".copc.laz"))
-}
-
 /// Points by levels, as COPC.
 fn copc(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
-    if args.splats != SplatArgs::default() || args.ascii {
-        let what = "takes the points as they are, so that no flag on splats, colours or choice goes with it";
-        return Err(Failure::usage(format!("-o {}: {what}", args.output.display())));
-    }
+    levels::check_copc(&args.output, &options::splats(&args.splats, args.force)?, args.ascii)?;
     let inputs: Vec<PathBuf> = std::iter::once(&args.input).chain(&args.more).cloned().collect();
     let progress = console.progress();
-    let report = surfel::levels::save_copc(&inputs, &args.output, args.force, &progress)?;
+    let report = levels::save_copc(&inputs, &args.output, args.force, &progress)?;
     drop(progress);
     report.notes.iter().for_each(|note| console.note(note));
-    console.note(&format!(
-        "{}: {} points in {} nodes of {} levels",
-        args.output.display(),
-        report.points,
-        report.nodes,
-        report.levels
-    ));
+    console.note(&format!("{}: {}", args.output.display(), levels::summary(&report)));
     Ok(())
 }
 
@@ -139,7 +104,7 @@ fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
     match extension.as_deref() {
         _ if output.as_os_str() == "-" => return Ok(()),
         Some("ply") if !args.hybrid => {}
-        Some("laz") if is_copc(output) && !args.hybrid => {}
+        Some("laz") if levels::is_copc(output) && !args.hybrid => {}
         Some("surfel") if args.hybrid => {}
         _ if args.hybrid => {
             return Err(Failure::usage(format!("-o {name}: --hybrid needs a name that ends in .surfel")));
@@ -157,16 +122,4 @@ fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
         return Err(IoError::Exists { path: output.clone() }.into());
     }
     Ok(())
-}
-
-fn summary(cloud: &SplatCloud) -> String {
-    let shape = match cloud.data().shape {
-        Shape::Disks { .. } => "disks",
-        Shape::Ellipses { .. } => "ellipses",
-    };
-    let mut radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
-    radii.sort_unstable_by(f64::total_cmp);
-    let at = |share: usize| radii.get((radii.len().saturating_sub(1)) * share / 2).copied().unwrap_or(0.0);
-    let weight = cloud.data().interior_weight.map(|w| format!(", interior weight {w:.3}")).unwrap_or_default();
-    format!("{} {shape}, radii {:.4} to {:.4}, median {:.4}{weight}", cloud.len(), at(0), at(2), at(1))
 }

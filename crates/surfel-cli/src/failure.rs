@@ -68,7 +68,7 @@ impl From<Error> for Failure {
         match error {
             Error::Backend(e) => e.into(),
             Error::Render(RenderError::Unsupported { .. }) => Self::backend(message),
-            Error::Sample { source: SampleError::Option { .. }, .. } => Self::usage(message),
+            Error::Usage(_) | Error::Sample { source: SampleError::Option { .. }, .. } => Self::usage(message),
             e if e.is_bad_input() => Self::input(message),
             _ => Self::other(message),
         }

@@ -5,25 +5,22 @@
 
 mod again;
 mod args;
-mod attributes;
 mod backends;
-mod camera;
 mod compare;
 mod config;
 mod console;
 mod convert;
 mod failure;
 mod info;
-mod metadata;
+mod options;
+mod ortho;
 mod output;
 mod pages;
 mod parse;
-mod paths;
 mod render;
 mod resolve;
 #[cfg(unix)]
 mod signals;
-mod splats;
 mod stats;
 mod stdin;
 mod stdout;
@@ -81,6 +78,7 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
         Command::Render(args) => render::run(&args, threads, console),
         Command::Again(args) => again::run(&args, threads, console),
         Command::Convert(args) => convert::run(&args, console),
+        Command::Ortho(args) => ortho::run(&args, threads, console),
         Command::Info(args) => info::run(&args, console),
         Command::Compare(args) => compare::run(&args),
         Command::Backends(args) => backends::run(args.json),

@@ -1,26 +1,26 @@
 //! `surfel render`.
 
 use crate::args::RenderArgs;
-use crate::camera;
 use crate::console::{self, Console};
 use crate::failure::Failure;
-use crate::metadata;
+use crate::options;
 use crate::output::{Format, Output};
-use crate::paths;
-use crate::resolve::{Resolved, Source, resolve};
+use crate::resolve::{self, Resolved, Source, resolve};
 use crate::stats;
-use crate::stdin::{self, Stdin};
+use crate::stdin::{self, Stdin, is_stdin};
 use crate::stdout;
 use crate::verify::{Verified, verify};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use surfel::backend::Chosen;
 use surfel::model::SceneFile;
 use surfel::render::{Capabilities, SceneSummary, unsupported};
+use surfel::request::Pictures;
 use surfel::{
     Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Preset, Progress as _, Renderer, Scene, Stats,
 };
+use surfel::{camera, metadata, paths};
 
 pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Result<(), Failure> {
     let default = default_output(args);
@@ -34,7 +34,7 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Resul
     }
     let label = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
     session.check_names(label)?;
-    let drawn = session.draw(Source::of(&args.inputs, &session.stdin)?, label)?;
+    let drawn = session.draw(resolve::source(&args.inputs, &session.stdin)?, label)?;
     if args.bare && args.output.is_none() {
         drawn.files.iter().for_each(|file| console.note(&format!("wrote {}", file.display())));
     }
@@ -161,7 +161,7 @@ impl<'a> Session<'a> {
     /// Draws one of several inputs, and gives its statistics, if they are asked for.
     fn draw_one(&mut self, input: &Path) -> Result<Option<Value>, Failure> {
         self.check_names(input)?;
-        let source = Source::of(&[input.to_path_buf()], &self.stdin)?;
+        let source = resolve::source(&[input.to_path_buf()], &self.stdin)?;
         let drawn = self.draw(source, input)?;
         if let Some(verified) = &drawn.verified {
             if !self.args.stats {
@@ -178,8 +178,12 @@ impl<'a> Session<'a> {
     /// Draws a scene, all frames of it; `label` is what `{input}` stands for.
     pub(crate) fn draw(&mut self, source: Source, label: &Path) -> Result<Drawn, Failure> {
         let (args, console) = (self.args, self.console);
-        let resolved = resolve(source, &self.cameras, args, &self.stdin, console)?;
-        camera::view(&resolved.file.camera, args)?;
+        let pictures = match &self.cameras[..] {
+            [] => Pictures::Turn(self.frames()),
+            given => Pictures::Cameras(given.iter().map(|(_, camera)| camera.clone()).collect()),
+        };
+        let resolved = resolve(source, &pictures, args, &self.stdin, console)?;
+        camera::view(&resolved.file.camera, &options::render(args)?)?;
         if args.print_scene {
             print_scene(&resolved.file)?;
         }
@@ -218,7 +222,7 @@ impl<'a> Session<'a> {
         for index in 0..frames {
             let (camera, moved) = match self.cameras.get(index as usize) {
                 Some((_, camera)) => (camera::with_near(camera.clone(), &resolved.scene), None),
-                None => turned(resolved, index, frames),
+                None => resolved.turned(index, frames),
             };
             job.render(backend, resolved, &camera, moved.as_ref())?;
             if let Some(output) = &self.output {
@@ -237,7 +241,7 @@ impl<'a> Session<'a> {
             }
         }
         let verified = if args.verify {
-            let view = camera::view(&resolved.file.camera, args)?;
+            let view = camera::view(&resolved.file.camera, &options::render(args)?)?;
             let drawn = (backend.info().backend, &job.frame);
             let promised = promised(args, resolved);
             Some(verify(&resolved.file.settings, promised, &resolved.scene, &view, self.threads, drawn)?)
@@ -269,10 +273,21 @@ impl<'a> Session<'a> {
         }
         let inputs = match carried.take() {
             Some(inputs) => inputs,
-            None => metadata::inputs(scene, beside, &self.stdin)?,
+            None => {
+                let objects = scene.objects.iter().flat_map(|o| [&o.splats, &o.mesh]).flatten();
+                let bytes =
+                    if objects.into_iter().any(|path| is_stdin(path)) { Some(self.stdin.bytes()?) } else { None };
+                metadata::inputs(scene, beside, bytes.as_deref())?
+            }
         };
-        let drawn = metadata::drawn(self.args, backend.info(), output.format);
-        let entries = metadata::entries(Output::folder(path), scene, &inputs, &drawn, output.format)?;
+        let mut drawn = metadata::drawn(&options::render(self.args)?, self.args.storage == "16", backend.info());
+        match output.format {
+            Format::Png { sixteen: true } => drawn.insert("png16".to_owned(), json!(true)),
+            Format::Exr { f32_color: true } => drawn.insert("exr-f32".to_owned(), json!(true)),
+            _ => None,
+        };
+        let is_exr = matches!(output.format, Format::Exr { .. });
+        let entries = metadata::entries(Output::folder(path), scene, &inputs, &drawn, is_exr)?;
         *carried = Some(inputs);
         Ok(entries.unwrap_or_else(|| {
             let what = "the image carries no scene, because the name of an input or of its folder is not UTF-8";
@@ -385,18 +400,6 @@ fn print_scene(file: &SceneFile) -> Result<(), Failure> {
     stdout::result(text.as_bytes())
 }
 
-/// Camera of a frame, and the scene with its lights moved where they have to.
-fn turned(resolved: &Resolved, index: u32, frames: u32) -> (Camera, Option<Scene>) {
-    if index == 0 {
-        return (resolved.file.camera.clone(), None);
-    }
-    let lights = resolved.scene.lights.clone().unwrap_or_default();
-    let turn = f64::from(index) / f64::from(frames);
-    let (camera, lights) = resolved.turntable.at(turn, &resolved.file.camera, &lights);
-    let moved = (!lights.is_empty()).then(|| Scene { lights: Some(lights), ..resolved.scene.clone() });
-    (camera, moved)
-}
-
 /// What stays from frame to frame.
 struct Job<'a> {
     args: &'a RenderArgs,
@@ -427,7 +430,7 @@ impl Job<'_> {
         camera: &Camera,
         moved: Option<&Scene>,
     ) -> Result<(), Failure> {
-        let view = camera::view(camera, self.args)?;
+        let view = camera::view(camera, &options::render(self.args)?)?;
         let resident = match (self.scene.take(), moved) {
             (_, Some(moved)) => self.upload(backend, moved)?,
             (Some(resident), None) => resident,

@@ -3,9 +3,8 @@
 use crate::failure::Failure;
 use std::cell::OnceCell;
 use std::io::{IsTerminal, Read};
-use std::path::Path;
 use std::sync::Arc;
-use surfel::scene::STDIN;
+pub(crate) use surfel::paths::{display, is_stdin};
 
 /// Most that is read from stdin, in bytes: a stream may never end.
 const MAX_BYTES: u64 = 8 << 30;
@@ -34,14 +33,4 @@ impl Stdin {
         }
         Ok(self.0.get_or_init(|| bytes.into()).clone())
     }
-}
-
-/// True for the name `-`.
-pub(crate) fn is_stdin(path: &Path) -> bool {
-    path.as_os_str() == STDIN
-}
-
-/// An input's name in messages.
-pub(crate) fn display(path: &Path) -> std::path::Display<'_> {
-    if is_stdin(path) { Path::new("stdin").display() } else { path.display() }
 }

@@ -76,3 +76,58 @@ fn scene_file_says_how_files_become_splats() {
         f.run("bad.json -o x.png").fails(3, part);
     }
 }
+
+/// A square of 20×20 quads, its vertices' colours a wave.
+fn painted() -> String {
+    let mut text = String::new();
+    for i in 0..21 * 21 {
+        let (x, y) = (f64::from(i % 21) / 10.0, f64::from(i / 21) / 10.0);
+        let level = 0.5 + 0.4 * (9.0 * x).sin() * (8.0 * y).cos();
+        text += &format!("v {x} {y} 0 {level:.4} {:.4} 0.5\n", 1.0 - level);
+    }
+    for i in (0..20 * 20).map(|i| i / 20 * 21 + i % 20 + 1) {
+        text += &format!("f {i} {} {} {}\n", i + 1, i + 22, i + 21);
+    }
+    text
+}
+
+#[test]
+fn textures_are_taken_as_the_flag_or_the_scene_says() {
+    let f = Folder::new("texture");
+    f.write("m.obj", painted());
+    f.write("p.xyz", points());
+    f.write("a.ply", ball());
+    let write =
+        |flags: &str, name: &str| f.run(&format!("convert m.obj --splats 400 {flags} -o {name}")).code(0).stderr();
+    write("", "plain.ply");
+    write("--texture point", "point.ply");
+    write("--texture ewa", "ewa.ply");
+    let said = write("--texture fit", "fit.ply");
+    assert!(said.contains("fitted to") && said.contains("colours blend to within"), "{said}");
+    assert!(f.read("plain.ply") == f.read("point.ply"));
+    assert!(f.read("ewa.ply") != f.read("fit.ply") && f.read("fit.ply") != f.read("point.ply"));
+    // The same picture by render, and from a scene file; one thread or several.
+    f.run("fit.ply -o 1.exr --size 32x32 --exr-f32").code(0);
+    f.run("m.obj --splats 400 --texture fit -o 2.exr --size 32x32 --exr-f32 --threads 1").code(0);
+    assert!(f.image("1.exr").color == f.image("2.exr").color);
+    let printed = f.run("m.obj --splats 400 --texture fit --print-scene").code(0).json();
+    assert_eq!(printed["objects"][0]["convert"], json!({ "splats": 400, "texture": "fit" }));
+    let both = f.run("m.obj --splats auto --texture x.png --texture ewa --print-scene").code(0).json();
+    let convert = &both["objects"][0]["convert"];
+    assert_eq!((&convert["splats"], &convert["texture"][1]), (&json!("auto"), &json!("ewa")), "{both}");
+    let said = f.run("convert m.obj --splats auto -o auto.ply").code(0).stderr();
+    assert!(said.contains("its shape asks for") && said.contains("its colours for"), "{said}");
+    // Colours of points.
+    let said = f.run("convert p.xyz --colors fit -o p.ply").code(0).stderr();
+    assert!(said.contains("colours"), "{said}");
+    for (words, part) in [
+        ("convert m.obj --texture fit --texture ewa -o x.ply", "--texture is given twice"),
+        ("convert p.xyz --texture fit -o x.ply", "expected a mesh for --texture"),
+        ("convert a.ply --texture ewa -o x.ply", "expected a mesh for --texture"),
+        ("convert m.obj --colors fit -o x.ply", "expected points for --colors"),
+        ("convert m.obj --splats none -o x.ply", "expected auto, or a whole number"),
+        ("convert m.obj --sharp --splats auto -o x.ply", "auto"),
+    ] {
+        f.run(words).fails(2, part);
+    }
+}

@@ -81,10 +81,11 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
         raster: raster_frame(scene, view, plan),
         lighting: lighting.of_samples(plan, view),
     });
+    let notes_candidates = samples.is_some();
     let drawing = Drawing {
         inputs,
         samples,
-        setup: CellSetup { instructions, objects: &objects, tiny: tiny.as_ref(), pool: &pools.setup },
+        setup: CellSetup { instructions, objects: &objects, tiny: tiny.as_ref(), pool: &pools.setup, notes_candidates },
         meshes: if plan.has(Pass::Polygons) { &scene.meshes } else { &[] },
         raster: raster_frame(scene, view, plan),
         layers: Layers::new(plan),
@@ -156,6 +157,7 @@ impl Drawing<'_> {
             let CellSplats { transparent, near, .. } = &mut splats;
             transparent.iter_mut().for_each(|segment| self.light_splats(&self.lighting, segment, near));
         }
+        let mut candidates = splats.candidates.take();
         let after_setup = Instant::now();
         totals.set_up_in(after_setup - start, &splats);
         let job = CompositeJob {
@@ -192,7 +194,8 @@ impl Drawing<'_> {
             if let Some(samples) = &self.samples {
                 let planes = StepPlanes { gbuffer: &gbuffer, layers: &layer_steps, grid: &grid };
                 let mut for_samples = own.for_others();
-                bytes += self.draw_samples(samples, cell, &planes, target, &mut for_samples, totals);
+                let noted = (&planes, candidates.as_mut());
+                bytes += self.draw_samples(samples, cell, noted, target, &mut for_samples, totals);
                 own = for_samples.for_others();
             }
             totals.screen_ms += after_tiles.elapsed().as_secs_f64() * 1e3;
@@ -207,7 +210,8 @@ impl Drawing<'_> {
         }
         *scratch = own.for_others();
         totals.add_cell(&splats, bytes);
-        pools.setup.give_back(splats.segments);
+        splats.candidates = candidates;
+        pools.setup.give_back(splats);
     }
 
     /// Sets up a cell's chunks: first the nearest, if they may occlude others; of these only what they don't occlude.
@@ -228,6 +232,7 @@ impl Drawing<'_> {
                 others.iter().partition(|chunk| map.occludes(objects, chunk));
             totals.occluded += occluded.iter().map(|chunk| chunk.of(objects).1.count as u64).sum::<u64>();
             self.setup.add(&others, grid, cell.region, &mut splats);
+            self.setup.add_occluded(&occluded, grid, cell.region, &mut splats);
         }
         splats
     }

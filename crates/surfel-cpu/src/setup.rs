@@ -1,5 +1,6 @@
 //! From resident splats and triangles to records on the screen, sorted into tiles; and what a record is at a pixel.
 
+pub(crate) mod candidates;
 pub(crate) mod clips;
 pub(crate) mod evaluate;
 pub(crate) mod footprint;

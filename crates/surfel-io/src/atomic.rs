@@ -42,34 +42,62 @@ pub fn write(
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), IoError> {
     let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
-    let existing = fs::metadata(path).ok();
-    if let Some(found) = &existing {
-        if found.is_dir() {
-            return Err(system(io::Error::other("it is a folder")));
-        }
-        if !found.is_file() {
-            let mut sink = BufWriter::new(OpenOptions::new().write(true).open(path).map_err(system)?);
-            return content(&mut sink).and_then(|()| sink.flush()).map_err(system);
-        }
-        if !overwrite {
-            return Err(IoError::Exists { path: path.to_path_buf() });
-        }
+    if fs::metadata(path).is_ok_and(|found| !found.is_dir() && !found.is_file()) {
+        let mut sink = BufWriter::new(OpenOptions::new().write(true).open(path).map_err(system)?);
+        return content(&mut sink).and_then(|()| sink.flush()).map_err(system);
     }
-    let target = if existing.is_some() { fs::canonicalize(path).map_err(system)? } else { path.to_path_buf() };
-    remove_left_over(folder_of(&target));
-    let (temporary, _registered) = registered_in(folder_of(&target)).map_err(system)?;
-    let mut sink = BufWriter::with_capacity(1 << 18, temporary.as_file());
-    content(&mut sink).and_then(|()| sink.flush()).map_err(system)?;
-    drop(sink);
-    if let Some(found) = existing {
-        // Where the system refuses the old permissions, the new file's own are fine.
-        let _ = temporary.as_file().set_permissions(found.permissions());
+    let mut pending = Pending::new(path, overwrite)?;
+    content(&mut pending.sink).map_err(system)?;
+    pending.publish()
+}
+
+/// A file that is being written under another name, and appears when it is published. Dropped, it is gone.
+#[derive(Debug)]
+pub(crate) struct Pending {
+    pub(crate) sink: BufWriter<File>,
+    temporary: NamedTempFile,
+    _registered: Registered,
+    path: PathBuf,
+    target: PathBuf,
+    existing: Option<fs::Metadata>,
+    overwrite: bool,
+}
+
+impl Pending {
+    /// A file that will be `path`, which must be a name for a regular file.
+    pub(crate) fn new(path: &Path, overwrite: bool) -> Result<Self, IoError> {
+        let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
+        let existing = fs::metadata(path).ok();
+        match &existing {
+            Some(found) if found.is_dir() => return Err(system(io::Error::other("it is a folder"))),
+            Some(found) if !found.is_file() => return Err(system(io::Error::other("it is a device or a pipe"))),
+            Some(_) if !overwrite => return Err(IoError::Exists { path: path.to_path_buf() }),
+            _ => {}
+        }
+        let target = if existing.is_some() { fs::canonicalize(path).map_err(system)? } else { path.to_path_buf() };
+        remove_left_over(folder_of(&target));
+        let (temporary, registered) = registered_in(folder_of(&target)).map_err(system)?;
+        let file = temporary.as_file().try_clone().map_err(system)?;
+        let sink = BufWriter::with_capacity(1 << 18, file);
+        Ok(Self { sink, temporary, _registered: registered, path: path.to_path_buf(), target, existing, overwrite })
     }
-    temporary.as_file().sync_all().map_err(system)?;
-    publish(temporary, &target, overwrite).map_err(|source| match source.kind() {
-        io::ErrorKind::AlreadyExists => IoError::Exists { path: path.to_path_buf() },
-        _ => system(source),
-    })
+
+    /// Makes it appear, whole.
+    pub(crate) fn publish(self) -> Result<(), IoError> {
+        let Self { mut sink, temporary, _registered, path, target, existing, overwrite } = self;
+        let system = |source| IoError::System { path: path.clone(), action: WRITE, source };
+        sink.flush().map_err(system)?;
+        drop(sink);
+        if let Some(found) = existing {
+            // Where the system refuses the old permissions, the new file's own are fine.
+            let _ = temporary.as_file().set_permissions(found.permissions());
+        }
+        temporary.as_file().sync_all().map_err(system)?;
+        publish(temporary, &target, overwrite).map_err(|source| match source.kind() {
+            io::ErrorKind::AlreadyExists => IoError::Exists { path: path.clone() },
+            _ => system(source),
+        })
+    }
 }
 
 /// A new file that is removed when dropped. Its name isn't derived from the target's, which may already be as long as
@@ -84,6 +112,7 @@ fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
 }
 
 /// A path among [`TEMPORARY`] as long as this lives.
+#[derive(Debug)]
 struct Registered(PathBuf);
 
 impl Drop for Registered {

@@ -4,8 +4,9 @@
 use crate::color::{linear_of_8_bit, linear_of_16_bit, linear_of_unit};
 use crate::content::Content;
 use crate::context::Context;
+use crate::crs::Crs;
 use crate::error::{Fault, Problem, quote};
-use crate::survey::{Crs, NORMAL_NAMES, Scalar, Source, SparseColumn, extent_words, one_line};
+use crate::survey::{NORMAL_NAMES, Scalar, Source, SparseColumn, extent_words, one_line};
 use ::e57::{E57Reader, PointCloud as Scan, Record, RecordDataType, RecordName, RecordValue};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use std::collections::BTreeMap;

@@ -5,6 +5,7 @@
 //!   octrees; and all of these within gzip.
 //! * [`save_splat_ply`]: a splat cloud, without loss; [`save_octree`]: an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), [`read_image`]: the planes of a frame.
+//! * `write_geotiffs` (feature `geotiff`): images with a place on Earth, tile by tile.
 //! * [`scene_file`]: scene and camera files; [`cameras`]: cameras of other programs.
 //! * [`atomic::write`]: any file, whole or not at all.
 //!
@@ -13,7 +14,7 @@
 //! twin `write_…` for sinks.
 //!
 //! Each family of formats is a Cargo feature: `obj`, `off`, `stl`, `points`, `pcd`, `las`, `laz`, `e57`, `npy`, `gltf`,
-//! `draco`, `meshopt`, `gaussians`, `jpeg`, `webp`, `exr`; all are on by default, `zstd` (SPZ of version 4) is not.
+//! `draco`, `meshopt`, `gaussians`, `jpeg`, `webp`, `exr`, `geotiff`; all are on by default, `zstd` (SPZ of version 4) is not.
 //! Without them PLY, octrees, PNG and scene files remain, and a file of a format that isn't built is refused with the
 //! name of its feature.
 
@@ -26,6 +27,7 @@ mod color;
 mod columns;
 mod content;
 mod context;
+mod crs;
 #[cfg(feature = "draco")]
 mod drc;
 #[cfg(feature = "e57")]
@@ -34,6 +36,8 @@ mod error;
 mod files;
 mod format;
 mod gaussians;
+#[cfg(feature = "geotiff")]
+mod geotiff;
 #[cfg(feature = "gltf")]
 mod gltf;
 mod gzip;
@@ -74,14 +78,17 @@ mod survey;
 mod zip;
 
 pub use content::{Content, LoadOptions};
+pub use crs::Crs;
 pub use error::{IoError, Location, Problem};
 pub use format::Format;
+#[cfg(feature = "geotiff")]
+pub use geotiff::{GeoImage, GeoSamples, GeoTiles, write_geotiffs};
 #[cfg(feature = "exr")]
 pub use images::exr::{ExrOptions, save_exr, write_exr};
 #[cfg(feature = "jpeg")]
 pub use images::jpeg_writer::{JpegOptions, save_jpeg, write_jpeg};
 pub use images::planes::{Planes, PlanesView};
-pub use images::png::{BitDepth, PngOptions, save_png, write_png};
+pub use images::png::{BitDepth, PngOptions, save_png, to_srgb8, write_png};
 pub use images::texture::load_matcap;
 pub use images::{read_image, read_image_bytes};
 #[cfg(feature = "laz")]

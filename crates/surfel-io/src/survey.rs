@@ -1,5 +1,5 @@
 //! What the formats of surveyors share: reading a file bit by bit, columns that cost nothing while they say nothing,
-//! colours of 8 or 16 bits, and coordinate reference systems.
+//! and colours of 8 or 16 bits.
 
 use crate::color::{exact_8_bit, linear_of_8_bit, linear_of_16_bit};
 use std::io::{Read, Seek};
@@ -95,84 +95,6 @@ impl WideColors {
     }
 }
 
-/// A coordinate reference system, as a file states it.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Crs {
-    /// OGC well-known text.
-    pub(crate) wkt: Option<String>,
-    /// An EPSG code, where the file states nothing else.
-    pub(crate) code: Option<u32>,
-    /// GeoTIFF: the key directory, then the doubles and texts that it refers to.
-    pub(crate) geotiff: Option<(Vec<u16>, Vec<f64>, String)>,
-}
-
-impl Crs {
-    /// Its EPSG code, where the text or the keys give one.
-    pub(crate) fn epsg(&self) -> Option<u32> {
-        let of_wkt = self.wkt.as_deref().and_then(epsg_of_wkt);
-        of_wkt.or(self.code).or_else(|| {
-            // A projected system wins over the geographic one that it is made of. 32767 stands for user-defined.
-            let key = |key| self.key(key).filter(|code| !matches!(code, 0 | 32_767));
-            key(3072).or_else(|| key(2048)).map(u32::from)
-        })
-    }
-
-    /// The value of a GeoTIFF key that stands in the directory itself.
-    fn key(&self, key: u16) -> Option<u16> {
-        let (directory, ..) = self.geotiff.as_ref()?;
-        directory.get(4..)?.chunks_exact(4).find(|e| e[0] == key && e[1] == 0).map(|e| e[3])
-    }
-
-    fn name(&self) -> Option<String> {
-        if let Some(wkt) = &self.wkt {
-            return wkt.split('"').nth(1).map(str::to_owned);
-        }
-        let (_, _, texts) = self.geotiff.as_ref()?;
-        texts.split('|').map(str::trim).find(|text| !text.is_empty()).map(str::to_owned)
-    }
-
-    /// True of coordinates that are degrees.
-    #[cfg(feature = "las")]
-    pub(crate) fn is_geographic(&self) -> bool {
-        let of_wkt = |wkt: &String| ["GEOGCS[", "GEOGCRS["].iter().any(|root| wkt.starts_with(root));
-        self.wkt.as_ref().map_or_else(|| self.key(1024) == Some(2), of_wkt)
-    }
-
-    /// In a few words: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
-    pub(crate) fn words(&self) -> String {
-        let name = self.name().map(|name| crate::error::quote(name.as_bytes()));
-        match (name, self.epsg()) {
-            (Some(name), Some(code)) => format!("CRS {name} (EPSG:{code})"),
-            (Some(name), None) => format!("CRS {name}"),
-            (None, Some(code)) => format!("CRS EPSG:{code}"),
-            (None, None) if self.geotiff.is_some() => "a CRS without a name".into(),
-            (None, None) => "no CRS".into(),
-        }
-    }
-
-    /// The comments that carry it, as docs/format.md says.
-    pub(crate) fn comments(&self) -> Vec<String> {
-        let join = |values: Vec<String>| values.join(" ");
-        let mut comments = Vec::new();
-        if let Some(code) = self.epsg() {
-            comments.push(format!("crs EPSG:{code}"));
-        }
-        if let Some(wkt) = &self.wkt {
-            comments.push(format!("crs_wkt {wkt}"));
-        }
-        if let Some((directory, doubles, texts)) = &self.geotiff {
-            comments.push(format!("crs_geotiff_keys {}", join(directory.iter().map(u16::to_string).collect())));
-            if !doubles.is_empty() {
-                comments.push(format!("crs_geotiff_doubles {}", join(doubles.iter().map(f64::to_string).collect())));
-            }
-            if !texts.is_empty() {
-                comments.push(format!("crs_geotiff_text {texts}"));
-            }
-        }
-        comments
-    }
-}
-
 /// A name without case, blanks and punctuation.
 pub(crate) fn plain_name(name: &str) -> String {
     name.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
@@ -205,49 +127,6 @@ pub(crate) fn one_line(bytes: &[u8]) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>().trim().to_owned()
 }
 
-/// What a compound system and its like are called in well-known text, in whose parts the system itself can be.
-const COMPOUNDS: [&str; 4] = ["COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS"];
-/// What systems are called there.
-const SYSTEMS: [&str; 8] =
-    ["PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOGCS", "GEOGCRS", "GEODCRS", "GEOCCS", "GEODETICCRS"];
-
-/// The EPSG code of well-known text: `AUTHORITY["EPSG","26910"]` or `ID["EPSG",26910]` of the whole, else of the first
-/// of its parts that is a horizontal system. Those of datums, units and base systems are others.
-fn epsg_of_wkt(wkt: &str) -> Option<u32> {
-    let (mut stack, mut best, mut quoted): (Vec<&str>, Option<(usize, u32)>, bool) = (Vec::new(), None, false);
-    let is_one_of = |word: &str, names: &[&str]| names.iter().any(|name| word.eq_ignore_ascii_case(name));
-    for (at, c) in wkt.char_indices() {
-        match c {
-            '"' => quoted = !quoted,
-            _ if quoted => {}
-            '[' | '(' => {
-                let word = wkt[..at].rsplit(|c: char| !c.is_ascii_alphanumeric() && c != '_').next().unwrap_or("");
-                let parents = stack.split_last().is_some_and(|(parent, above)| {
-                    let parent_fits = is_one_of(parent, &SYSTEMS) || is_one_of(parent, &COMPOUNDS);
-                    parent_fits && above.iter().all(|word| is_one_of(word, &COMPOUNDS))
-                });
-                if parents && is_one_of(word, &["AUTHORITY", "ID"]) && best.is_none_or(|(d, _)| stack.len() < d) {
-                    let rest = &wkt[at + 1..];
-                    let end = rest.find([']', ')']).unwrap_or(rest.len());
-                    let mut fields = rest[..end].split(',').map(|f| f.trim().trim_matches('"'));
-                    let is_epsg = fields.next().is_some_and(|name| name.eq_ignore_ascii_case("EPSG"));
-                    if let Some(code) = fields.next().and_then(|f| f.parse().ok()).filter(|_| is_epsg) {
-                        best = Some((stack.len(), code));
-                    }
-                }
-                // Real texts are some ten deep.
-                if stack.len() > 64 {
-                    return best.map(|(_, code)| code);
-                }
-                stack.push(word);
-            }
-            ']' | ')' => drop(stack.pop()),
-            _ => {}
-        }
-    }
-    best.map(|(_, code)| code)
-}
-
 /// An extent as "W x D x H", to four digits or whole units.
 pub(crate) fn extent_words(extent: glam::DVec3) -> String {
     let one = |v: f64| {
@@ -260,33 +139,6 @@ pub(crate) fn extent_words(extent: glam::DVec3) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn code_of_well_known_text_is_the_outermost() {
-        let wkt =
-            r#"PROJCS["NAD83 / UTM zone 10N",GEOGCS["NAD83",AUTHORITY["EPSG","4269"]],AUTHORITY["EPSG","26910"]]"#;
-        assert_eq!(epsg_of_wkt(wkt), Some(26_910));
-        let compound = concat!(
-            r#"COMPD_CS["a [b",PROJCS["p",GEOGCS["g",AUTHORITY["EPSG","1"]],"#,
-            r#"AUTHORITY["EPSG","2"]],VERT_CS["v",AUTHORITY["EPSG","3"]]]"#
-        );
-        assert_eq!(epsg_of_wkt(compound), Some(2));
-        let without = concat!(
-            r#"PROJCS["p",GEOGCS["g",DATUM["d",AUTHORITY["EPSG","6326"]],"#,
-            r#"AUTHORITY["EPSG","4326"]],UNIT["m",1,AUTHORITY["EPSG","9001"]]]"#
-        );
-        assert_eq!(epsg_of_wkt(without), None);
-        assert_eq!(epsg_of_wkt(r#"PROJCRS["x",BASEGEOGCRS["y",ID["EPSG",4326]],ID["EPSG",32631]]"#), Some(32_631));
-        assert_eq!(epsg_of_wkt(r#"LOCAL_CS["AUTHORITY[\"EPSG\",\"5\"]"]]]"#), None);
-    }
-
-    #[test]
-    fn keys_name_the_projected_system() {
-        let keys = vec![1, 1, 0, 3, 1024, 0, 1, 1, 2048, 0, 1, 4269, 3072, 0, 1, 26_915];
-        let crs = Crs { code: None, wkt: None, geotiff: Some((keys, vec![], "NAD83 / UTM 15|".into())) };
-        assert_eq!((crs.epsg(), crs.words().as_str()), (Some(26_915), "CRS 'NAD83 / UTM 15' (EPSG:26915)"));
-        assert_eq!(Crs::default().words(), "no CRS");
-    }
 
     #[test]
     fn column_of_zeros_takes_no_memory_and_a_late_value_keeps_its_place() {

@@ -27,6 +27,29 @@ impl<R: Real> Filtered<R> {
         let one = footprint.w.c.one();
         Self { footprint, weight_scale: one, coverage_scale: one, turn: Turn::none(one) }
     }
+
+    /// One or the other.
+    #[inline(always)]
+    pub fn select(mask: R::Mask, a: Self, b: Self) -> Self {
+        let linear = |a: Linear<R>, b: Linear<R>| Linear {
+            c: R::select(mask, a.c, b.c),
+            x: R::select(mask, a.x, b.x),
+            y: R::select(mask, a.y, b.y),
+        };
+        Self {
+            footprint: Footprint {
+                u: linear(a.footprint.u, b.footprint.u),
+                v: linear(a.footprint.v, b.footprint.v),
+                w: linear(a.footprint.w, b.footprint.w),
+            },
+            weight_scale: R::select(mask, a.weight_scale, b.weight_scale),
+            coverage_scale: R::select(mask, a.coverage_scale, b.coverage_scale),
+            turn: Turn {
+                first: V2::select(mask, a.turn.first, b.turn.first),
+                second: V2::select(mask, a.turn.second, b.turn.second),
+            },
+        }
+    }
 }
 
 /// `principal` (ours): the projected ellipse's axes are lengthened to at least h pixels; weight × ∏ min(1, ℓ/h).

@@ -14,18 +14,18 @@ pub struct ConvertOptions {
     /// Invalid splats are dropped and counted instead of refusing the file.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub repair: bool,
-    /// Texture (PNG or JPEG) of a mesh with texture coordinates that names none itself, relative to the scene file.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
-    pub texture: Option<PathBuf>,
+    /// How splats take a mesh's colours, and a texture for meshes that name none.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "TextureOption::is_default"))]
+    pub texture: TextureOption,
     /// One splat for each vertex of a mesh.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub per_vertex: bool,
     /// One splat for each triangle of a mesh.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub per_face: bool,
-    /// This many splats spread evenly over a mesh, 1 to 200,000,000; with `sharp` at most this many.
+    /// So many splats spread evenly over a mesh; with `sharp` at most so many.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
-    pub splats: Option<u32>,
+    pub splats: Option<SplatCount>,
     /// At most this many points of a point cloud, at least 1; evenly chosen.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub max_points: Option<u32>,
@@ -50,6 +50,9 @@ pub struct ConvertOptions {
     /// Values at the two ends of the colour map, with `color_by`; the first less than the second.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub range: Option<[f64; 2]>,
+    /// What the splats of points take of their colours.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub colors: Option<PointColors>,
     /// Only points within this box count: least x, y, z, then largest.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub crop: Option<[f64; 6]>,
@@ -77,6 +80,155 @@ pub struct ConvertOptions {
     /// Longest side of a texture in texels, 1 to 32,768 (default 8192): larger ones are reduced.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub max_texture: Option<u32>,
+}
+
+/// How many splats a mesh becomes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "CountKey", into = "CountKey"))]
+pub enum SplatCount {
+    /// As many as geometry and texture ask for.
+    Auto,
+    /// This many, 1 to 200,000,000.
+    Count(u32),
+}
+
+#[cfg(feature = "serde")]
+#[derive(Serialize, Deserialize)]
+#[serde(untagged, expecting = "a whole number of splats, or \"auto\"")]
+enum CountKey {
+    Count(u32),
+    Word(String),
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<CountKey> for SplatCount {
+    type Error = String;
+
+    fn try_from(key: CountKey) -> Result<Self, String> {
+        match key {
+            CountKey::Count(n) => Ok(Self::Count(n)),
+            CountKey::Word(word) if word == "auto" => Ok(Self::Auto),
+            CountKey::Word(word) => Err(format!("splats is \"{word}\", expected a whole number or \"auto\"")),
+        }
+    }
+}
+
+#[cfg(feature = "serde")]
+impl From<SplatCount> for CountKey {
+    fn from(count: SplatCount) -> Self {
+        match count {
+            SplatCount::Auto => Self::Word("auto".into()),
+            SplatCount::Count(n) => Self::Count(n),
+        }
+    }
+}
+
+/// How splats take a mesh's colours, and from which file. In a scene file: `"fit"`, `"bark.png"`, or both in a list. A
+/// file that is called like a sampling is `"./fit"`.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "TextureKey", into = "TextureKey"))]
+pub struct TextureOption {
+    /// Texture (PNG or JPEG) of a mesh with texture coordinates that names none itself, relative to the scene file.
+    pub file: Option<PathBuf>,
+    /// How splats take colours; `None`: [`TextureSampling::Point`].
+    pub sampling: Option<TextureSampling>,
+}
+
+impl TextureOption {
+    /// True if nothing is said.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+#[cfg(feature = "serde")]
+#[derive(Serialize, Deserialize)]
+#[serde(untagged, expecting = "\"point\", \"ewa\", \"fit\", a file's path, or one of each in a list")]
+enum TextureKey {
+    One(PathBuf),
+    Both(Vec<PathBuf>),
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<TextureKey> for TextureOption {
+    type Error = String;
+
+    fn try_from(key: TextureKey) -> Result<Self, String> {
+        let all = match key {
+            TextureKey::One(one) => vec![one],
+            TextureKey::Both(both) => both,
+        };
+        let mut option = Self::default();
+        for path in all {
+            let sampling = path.to_str().and_then(TextureSampling::from_name);
+            let is_new = match sampling {
+                Some(sampling) => option.sampling.replace(sampling).is_none(),
+                None => option.file.replace(path).is_none(),
+            };
+            if !is_new {
+                return Err("texture has two files or two samplings: give one of each".into());
+            }
+        }
+        Ok(option)
+    }
+}
+
+#[cfg(feature = "serde")]
+impl From<TextureOption> for TextureKey {
+    fn from(option: TextureOption) -> Self {
+        let plain = |file: PathBuf| {
+            let is_word = file.to_str().is_some_and(|f| TextureSampling::from_name(f).is_some());
+            if is_word { std::path::Path::new(".").join(file) } else { file }
+        };
+        let sampling = option.sampling.map(|s| PathBuf::from(s.name()));
+        match (option.file.map(plain), sampling) {
+            (Some(file), Some(sampling)) => Self::Both(vec![file, sampling]),
+            (file, sampling) => Self::One(file.or(sampling).unwrap_or_default()),
+        }
+    }
+}
+
+/// What the splats of points take of their colours.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "kebab-case"))]
+pub enum PointColors {
+    /// The points' own: the surface, which blends them, is smoother.
+    #[default]
+    AsIs,
+    /// Such ones that the blended surface passes through the points' colours, as far as these aren't noise.
+    Fit,
+}
+
+/// How splats take the colours of a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
+pub enum TextureSampling {
+    /// Each splat the mean of the square that it stands for.
+    #[default]
+    Point,
+    /// Each splat the mean under its own kernel: view-independent EWA (Z01 §5).
+    Ewa,
+    /// All splats together, so that their blend is the surface's (Z01 §5, within the bounds of a colour).
+    Fit,
+}
+
+impl TextureSampling {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Point, Self::Ewa, Self::Fit];
+
+    /// Its name in scene files and flags.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Point => "point",
+            Self::Ewa => "ewa",
+            Self::Fit => "fit",
+        }
+    }
+
+    /// The one of this name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|sampling| sampling.name() == name)
+    }
 }
 
 /// Colours of values from the least to the largest.
@@ -110,8 +262,8 @@ impl Colormap {
     }
 }
 
-/// Largest number of splats that may be asked of a mesh.
-const MAX_SPLATS: u32 = 200_000_000;
+/// One more than the largest number of splats that may be asked of a mesh.
+const MORE_SPLATS: u32 = 200_000_001;
 
 impl ConvertOptions {
     /// True if nothing is said.
@@ -139,7 +291,12 @@ impl ConvertOptions {
             let name = if self.error.is_some() { "error" } else { "crease_angle" };
             return Err(ModelError::Conflict(format!("objects[{i}].convert.{name} needs \"sharp\": true beside it")));
         }
-        if let Some(n) = self.splats.filter(|n| !(1..=MAX_SPLATS).contains(n)) {
+        if self.sharp && self.splats == Some(SplatCount::Auto) {
+            let problem =
+                format!("objects[{i}].convert.splats is \"auto\", but \"sharp\" chooses by \"error\": give that");
+            return Err(ModelError::Conflict(problem));
+        }
+        if let Some(SplatCount::Count(n @ (0 | MORE_SPLATS..))) = self.splats {
             return Err(ModelError::range(field("splats"), n, "1 to 200000000"));
         }
         if self.max_points == Some(0) {
@@ -196,11 +353,38 @@ mod tests {
         let read: ConvertOptions = serde_json::from_str(text).unwrap();
         assert_eq!(
             (read.splats, read.radius_scale, read.sharp, read.crease_angle),
-            (Some(500), Some(1.5), true, Some(30.0))
+            (Some(SplatCount::Count(500)), Some(1.5), true, Some(30.0))
         );
         assert_eq!(serde_json::to_string(&read).unwrap(), text);
         assert_eq!(serde_json::to_string(&ConvertOptions::default()).unwrap(), "{}");
         assert!(serde_json::from_str::<ConvertOptions>(r#"{"splat":5}"#).is_err());
+    }
+
+    #[test]
+    fn a_texture_is_a_sampling_a_file_or_both() {
+        let read = |text: &str| serde_json::from_str::<ConvertOptions>(text);
+        for text in [
+            r#"{"texture":"fit"}"#,
+            r#"{"texture":"bark.png"}"#,
+            r#"{"texture":["bark.png","ewa"]}"#,
+            r#"{"texture":"./point","splats":"auto","colors":"as-is"}"#,
+        ] {
+            assert_eq!(serde_json::to_string(&read(text).unwrap()).unwrap(), text);
+        }
+        let both = read(r#"{"texture": ["fit", "a.png"]}"#).unwrap().texture;
+        assert_eq!(both, TextureOption { file: Some("a.png".into()), sampling: Some(TextureSampling::Fit) });
+        let named = TextureOption { file: Some("fit".into()), sampling: None };
+        assert_eq!(serde_json::to_string(&named).unwrap(), r#""./fit""#);
+        for (text, part) in [
+            (r#"{"texture": ["a.png", "b.png"]}"#, "two files"),
+            (r#"{"texture": 5}"#, "a file's path"),
+            (r#"{"splats": "many"}"#, "auto"),
+            (r#"{"splats": 1.5}"#, "whole number"),
+            (r#"{"colors": "blur"}"#, "as-is"),
+        ] {
+            let error = read(text).unwrap_err().to_string();
+            assert!(error.contains(part), "{text}: {error}");
+        }
     }
 
     #[test]
@@ -212,6 +396,8 @@ mod tests {
             (r#"{"sharp": true, "error": 0}"#, "objects[3].convert.error"),
             (r#"{"sharp": true, "crease_angle": 181}"#, "objects[3].convert.crease_angle"),
             (r#"{"crease_angle": 20}"#, "sharp"),
+            (r#"{"sharp": true, "splats": "auto"}"#, "objects[3].convert.splats"),
+            (r#"{"splats": 200000001}"#, "objects[3].convert.splats"),
             (r#"{"per_face": true, "per_vertex": true}"#, "both per_vertex and per_face"),
             (r#"{"per_face": true, "splats": 5}"#, "both per_face and splats"),
             (r#"{"per_face": true, "sharp": true}"#, "both per_face and sharp"),

@@ -35,7 +35,7 @@ pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks, stored_a
 pub use clip::{ClipColumns, ClipCurve, ClipLine, ClipMode, NO_LINE};
 pub use cloud::{CloudData, OnInvalid, Repaired, Shape, SplatCloud};
 pub use column::{Column3, ExtraColumn, ExtraValues};
-pub use convert::{Colormap, ConvertOptions};
+pub use convert::{Colormap, ConvertOptions, PointColors, SplatCount, TextureOption, TextureSampling};
 pub use error::ModelError;
 pub use light::Light;
 pub use matcap::Matcap;

@@ -12,6 +12,8 @@ pub(crate) struct SplatClip {
     clip: Clip<f64>,
     /// In place of the clip's curve where eq. 7 of C12 is asked for.
     paper: Option<PaperCurve<f64>>,
+    /// What is visible of the splat belongs to its filtered footprint, too (§7): its cloud is oriented.
+    pub holds_visible: bool,
     /// Of the unfiltered footprint.
     pub visible_turn: Turn<f64>,
     /// Of the filtered footprint.
@@ -20,12 +22,12 @@ pub(crate) struct SplatClip {
 
 impl SplatClip {
     /// The clip of splat `i` under a policy, if it has one; footprints in the splat's own (u, v).
-    pub(crate) fn new(cloud: &SplatCloud, i: usize, policy: ClipPolicy) -> Option<Self> {
+    pub(crate) fn new(cloud: &SplatCloud, i: usize, policy: ClipPolicy, oriented: bool) -> Option<Self> {
         let clips = cloud.data().clips.as_ref()?;
         let clip = clips.clip(i, policy)?;
         let paper = (policy == ClipPolicy::Paper).then(|| clips.curve(i)).flatten().map(|c| PaperCurve::new(&c));
         let own = Turn::none(1.0);
-        Some(Self { clip, paper, visible_turn: own, filtered_turn: own })
+        Some(Self { clip, paper, holds_visible: oriented, visible_turn: own, filtered_turn: own })
     }
 
     fn keeps(&self, uv: V2<f64>) -> bool {

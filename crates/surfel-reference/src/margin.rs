@@ -51,6 +51,17 @@ pub(crate) fn is_visibility_marginal(splat: &ScreenSplat, pixel: V2<f64>) -> boo
     on_border(whole, splat.clip.as_ref(), &splat.visible, |c| &c.visible_turn, d, splat.rim_px)
 }
 
+/// True if rounding could flip whether a pixel is inside the filtered, clipped footprint.
+fn on_filtered_border(splat: &ScreenSplat, pixel: V2<f64>) -> bool {
+    let d = pixel - splat.anchor;
+    let rim = on_rim(&splat.filtered, d, splat.rim_px)
+        || splat.clamp_radius.is_some_and(|h| (d.length() - h).abs() <= splat.rim_px.max(RELATIVE * h));
+    let whole = [rim, splat.unclipped_rho_squared_at(d).is_some()];
+    let holds_visible = splat.clip.as_ref().is_some_and(|c| c.holds_visible);
+    on_border(whole, splat.clip.as_ref(), &splat.filtered, |c| &c.filtered_turn, d, splat.rim_px)
+        || (holds_visible && whole.contains(&true) && is_visibility_marginal(splat, pixel))
+}
+
 /// True if rounding could flip whether a neighbour's surface, which begins at `far`, lies beyond the reach of a pixel's
 /// own (§5, edge antialiasing).
 pub(crate) fn on_step(near: f64, far: f64) -> bool {
@@ -102,11 +113,7 @@ pub(crate) fn is_marginal(splat: &ScreenSplat, pixel: V2<f64>, z: f64, threshold
     if z > threshold.depth && !depth {
         return false;
     }
-    let d = pixel - splat.anchor;
-    let rim = on_rim(&splat.filtered, d, splat.rim_px)
-        || splat.clamp_radius.is_some_and(|h| (d.length() - h).abs() <= splat.rim_px.max(RELATIVE * h));
-    let whole = [rim, splat.unclipped_rho_squared_at(d).is_some()];
-    let border = on_border(whole, splat.clip.as_ref(), &splat.filtered, |c| &c.filtered_turn, d, splat.rim_px);
+    let border = on_filtered_border(splat, pixel);
     let inside = splat.rho_squared_at(pixel).is_some();
     border || (inside && (depth || near || splat.facing_margin <= RELATIVE))
 }

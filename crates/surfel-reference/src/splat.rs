@@ -143,7 +143,8 @@ fn project(
     };
     let radius_px = if unfiltered { 0.0 } else { settings.radius_px };
     let epsilon = tolerance(&splat, radius_max, radius_px, settings.tolerance, projection);
-    let mut clip = SplatClip::new(cloud, i, plan.clip);
+    let oriented = object.material.is_oriented(cloud);
+    let mut clip = SplatClip::new(cloud, i, plan.clip, oriented);
     if !unfiltered && settings.filter == Filter::Adjust {
         let turn;
         (splat.s, splat.t, turn) = filter::adjust_axes_turned(&splat, perspective);
@@ -161,7 +162,6 @@ fn project(
         clip.filtered_turn = clip.filtered_turn.after(&turn);
     }
     shape.clip = clip;
-    let oriented = object.material.is_oriented(cloud);
     let mut normal = unit(object_view.normals * cloud.shading_normal(i));
     if object.material.two_sided && back_facing {
         normal = match oriented {
@@ -323,9 +323,10 @@ impl ScreenSplat {
     /// ρ² of the filtered footprint, if inside and not clipped.
     pub(crate) fn rho_squared_at(&self, pixel: V2<f64>) -> Option<f64> {
         let d = pixel - self.anchor;
-        let clip = self.clip.as_ref();
-        self.unclipped_rho_squared_at(d)
-            .filter(|_| clip.is_none_or(|c| c.keeps_at(&self.filtered, &c.filtered_turn, d)))
+        let keeps = |c: &SplatClip| {
+            c.keeps_at(&self.filtered, &c.filtered_turn, d) || (c.holds_visible && self.is_visible_at(pixel))
+        };
+        self.unclipped_rho_squared_at(d).filter(|_| self.clip.as_ref().is_none_or(keeps))
     }
 
     /// ρ² of the filtered footprint at an offset, if inside it, whatever clips it.

@@ -40,6 +40,13 @@ impl ColorPlane {
     }
 }
 
+impl ColorPlane {
+    /// The memory, and where in it the first pixel is.
+    pub(crate) fn into_memory(self) -> (Vec<[f32; 4]>, usize) {
+        (self.memory, self.first)
+    }
+}
+
 impl Deref for ColorPlane {
     type Target = [[f32; 4]];
 
@@ -96,6 +103,8 @@ mod tests {
                 *last = [count as f32; 4];
                 assert_ne!(copy, plane);
             }
+            let (memory, first) = copy.into_memory();
+            assert_eq!(memory.get(first..first + count).map(<[_]>::len), Some(count));
         }
     }
 }

@@ -56,6 +56,25 @@ pub struct Frame {
     background: Background,
 }
 
+/// The planes of a [`Frame`], given up by it; those that it didn't have are empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FramePlanes {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Linear RGBA, premultiplied, and a few values around it that mean nothing.
+    pub color: Vec<[f32; 4]>,
+    /// Where in `color` the first pixel is.
+    pub first: usize,
+    /// Planar view-space depth.
+    pub depth: Vec<f32>,
+    /// World normals.
+    pub normal: Vec<[f32; 3]>,
+    /// Σw.
+    pub weight: Vec<f32>,
+}
+
 /// All planes of a [`Frame`], to be written at once; those that it doesn't have are empty.
 #[derive(Debug)]
 pub struct PlanesMut<'a> {
@@ -114,6 +133,13 @@ impl Frame {
         fragments, fragments_mut: u32;
         /// 1 where a decision is within its margin, else 0.
         margin, margin_mut: f32;
+    }
+
+    /// Gives the planes up, without a copy.
+    pub fn into_planes(self) -> FramePlanes {
+        let (color, first) = self.color.into_memory();
+        let (depth, normal, weight) = (self.depth, self.normal, self.weight);
+        FramePlanes { width: self.width, height: self.height, color, first, depth, normal, weight }
     }
 
     /// Which planes there are.

@@ -24,7 +24,7 @@ mod view;
 
 pub use background::Background;
 pub use error::RenderError;
-pub use frame::{Frame, Planes, PlanesMut};
+pub use frame::{Frame, FramePlanes, Planes, PlanesMut};
 pub use lod::{LevelNode, LevelSelection, Selection, select, select_levels};
 pub use plan::{
     Attributes, ChosenParts, FramePlan, Pass, SAMPLES_SIDE, SplatFilter, needs_interior_weight, plan, unsupported,

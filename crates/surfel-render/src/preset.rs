@@ -95,8 +95,8 @@ impl Preset {
         let (model_db, inside_db) = match self {
             // Splats across z_near, which the affine mapping leaves out, and large clipped ones.
             Self::Fastest => (10.0, 9.0),
-            // An image of one pixel, of splats that alias.
-            Self::Fast => (15.0, 24.0),
+            // Needles, which alias.
+            Self::Fast => (12.0, 24.0),
             Self::Balanced | Self::Quality | Self::Reference => (f64::INFINITY, f64::INFINITY),
         };
         Promise { fidelity_db: 90.0, fidelity_depth: 1e-4, fidelity_normal_deg: 0.01, model_db, inside_db }

@@ -6,6 +6,7 @@
 //! - [`octree_from_mesh`]: splats of every size and the polygons themselves, in an octree.
 //! - [`sharp_splats_from_mesh`]: few, large splats clipped along the mesh's creases and borders.
 //! - [`sharpen_points`]: splats of points, clipped along the edges that the points show.
+//! - [`fit_to_mesh`], [`fit_point_colors`]: colours and normals whose blend is the surface's (docs/textures.md).
 //! - [`interior_weight`]: the Σw that a cloud has inside its own surface (rendering model §5, coverage).
 //!
 //! Work runs in whatever rayon pool the caller installed; results don't depend on the number of threads.
@@ -17,6 +18,7 @@ mod assemble;
 mod cell;
 mod eigen;
 mod error;
+mod fit;
 mod interior;
 mod mesh;
 mod neighbours;
@@ -32,9 +34,10 @@ mod sharp;
 mod tree;
 
 pub use error::SampleError;
+pub use fit::{FitReport, PointFitReport, fit_point_colors, fit_to_mesh};
 pub use interior::interior_weight;
 pub use mesh::{
-    CLOSED_MESH, FLAT_PARTS, MeshMethod, MeshOptions, MeshReport, OctreeOptions, is_closed, is_oriented,
+    CLOSED_MESH, Detail, FLAT_PARTS, MeshMethod, MeshOptions, MeshReport, OctreeOptions, is_closed, is_oriented,
     octree_from_mesh, points_from_mesh, splats_from_mesh,
 };
 pub use options::{Outliers, PointOptions, PointReport};

@@ -7,8 +7,8 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_io::Content;
 use surfel_model::{
-    Column3, ConvertOptions, ExtraColumn, Geometry, Material, Mesh, Object, OnInvalid, PointCloud, Shape, SplatCloud,
-    Up,
+    Column3, ConvertOptions, ExtraColumn, Geometry, Material, Mesh, Object, OnInvalid, PointCloud, PointColors, Shape,
+    SplatCloud, TextureSampling, Up,
 };
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
@@ -24,13 +24,15 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
     let rows = points || holds == "splats";
     // What is one splat a vertex of a mesh is one splat a point of points.
     let (method, fits) = match options.method {
-        Some(MeshMethod::Count(_)) => ("splats", mesh),
+        Some(MeshMethod::Count(_) | MeshMethod::Detail) => ("splats", mesh),
         Some(MeshMethod::PerFace) => ("per_face", mesh),
         Some(MeshMethod::PerVertex) => ("per_vertex", mesh || points),
         None => ("", true),
     };
     let given = [
         (method, fits, "a mesh"),
+        ("texture", options.texture_sampling.is_none() || mesh || holds == "an octree", "a mesh"),
+        ("colors", options.colors == PointColors::AsIs || points, "points"),
         ("max_points", options.max_points.is_none() || points, "points"),
         ("radius_scale", options.radius_scale == 1.0 || holds != "an octree", "splats, points or a mesh"),
         ("sharp", !options.sharp || points || mesh, "points or a mesh"),
@@ -123,14 +125,25 @@ pub(crate) fn upright(cloud: SplatCloud, points: bool) -> (SplatCloud, Up) {
 /// Most points at the origin, and in any one place, that are taken for real ones.
 const COINCIDENT: usize = 16;
 
-/// Splats of points.
-pub(crate) fn points(
+/// The points that the options choose, without columns that only levels have a use for.
+pub(crate) fn chosen_points(
+    points: PointCloud,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+) -> Result<PointCloud, Error> {
+    let (mut points, _) = chosen_points_of_levels(points, path, options, notes)?;
+    levels::Radii::take(&mut points);
+    Ok(points)
+}
+
+/// The points that the options choose, and whether they are evenly thinned.
+fn chosen_points_of_levels(
     mut points: PointCloud,
     path: &Path,
     options: &LoadOptions,
     notes: &mut Vec<String>,
-    progress: &dyn Progress,
-) -> Result<(SplatCloud, Conversion), Error> {
+) -> Result<(PointCloud, bool), Error> {
     let keep = {
         let rows: (usize, &dyn Fn(usize) -> DVec3) = (points.len(), &|i| points.origin + points.positions.get(i));
         chosen(rows, &points.extras, (path, "points"), options, notes)?
@@ -150,33 +163,125 @@ pub(crate) fn points(
     if dropped > 0 {
         notes.push(format!("{} of {} points are left, evenly chosen", points.len(), points.len() + dropped));
     }
-    let point_options = PointOptions {
-        radius_scale: options.radius_scale,
-        coincident: if options.all_points { usize::MAX } else { COINCIDENT },
-        ..PointOptions::default()
-    };
+    Ok((points, dropped > 0 || options.every.is_some()))
+}
+
+/// Splats of points.
+pub(crate) fn points(
+    points: PointCloud,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
+    let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes)?;
     let radii = levels::Radii::take(&mut points);
     // Radii close the surface of all points only.
-    let is_thinned = dropped > 0 || options.every.is_some();
-    let (cloud, report) = match radii.splats(&points, options.radius_scale).filter(|_| !is_thinned) {
+    match radii.splats(&points, options.radius_scale).filter(|_| !is_thinned) {
         Some(made) => {
             let (cloud, report) = made?;
             notes.push(format!(
                 "a point cloud: {} splats, normals and radii (median {:.4}) as the file has them",
                 report.splats, report.median_radius
             ));
-            (cloud, report)
+            finished(cloud, report, path, options, notes, progress)
         }
-        None => {
-            let made = surfel_sample::splats_from_points(&points, &point_options, progress);
-            let made = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
-            notes.push(points_note(&made.1));
-            made
-        }
+        None => splats_of_points(&points, None, path, options, notes, progress),
+    }
+}
+
+/// Splats of points that are chosen, whose estimated normals point to `viewpoint`, if there is one.
+pub(crate) fn splats_of_points(
+    points: &PointCloud,
+    viewpoint: Option<DVec3>,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
+    let point_options = PointOptions {
+        radius_scale: options.radius_scale,
+        viewpoint,
+        coincident: if options.all_points { usize::MAX } else { COINCIDENT },
+        ..PointOptions::default()
     };
+    let made = surfel_sample::splats_from_points(points, &point_options, progress);
+    let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+    notes.push(points_note(&report));
+    finished(cloud, report, path, options, notes, progress)
+}
+
+/// Splats of points, made to close their level, clipped and coloured as the options say.
+fn finished(
+    cloud: SplatCloud,
+    report: PointReport,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
     let cloud = levels::close(cloud)?;
     let cloud = if options.sharp { sharpen(cloud, path, options, notes, progress)? } else { cloud };
+    let cloud = match options.colors {
+        PointColors::AsIs => cloud,
+        PointColors::Fit => fit_colors(cloud, path, notes, progress)?,
+    };
     Ok((cloud, Conversion::Points(report)))
+}
+
+/// Splats of points with colours whose blend is the points'.
+fn fit_colors(
+    cloud: SplatCloud,
+    path: &Path,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<SplatCloud, Error> {
+    let is_colored = cloud.data().colors.is_some();
+    let made = surfel_sample::fit_point_colors(cloud, progress);
+    let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+    let [before, after] = report.held_out_rms;
+    notes.push(match report.steps {
+        _ if !is_colored => "there are no colours to fit".to_owned(),
+        None => "colours are kept as they are: fitted ones predict a held-out tenth of the points no better".to_owned(),
+        Some(steps) => format!(
+            "colours fitted in {steps} steps: a held-out tenth of the points is predicted to {after:.4} (RMS, linear \
+             light), {before:.4} as is"
+        ),
+    });
+    Ok(cloud)
+}
+
+/// Splats of a mesh whose blend shows it, as `texture_sampling` says.
+fn textured(
+    cloud: SplatCloud,
+    mesh: &Mesh,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<SplatCloud, Error> {
+    let sampling = options.texture_sampling.unwrap_or_default();
+    if sampling == TextureSampling::Point || mesh.triangles.is_empty() {
+        return Ok(cloud);
+    }
+    let made = surfel_sample::fit_to_mesh(cloud, mesh, sampling, progress);
+    let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+    let [before, after] = report.color_rms;
+    let mut note = match (sampling, report.samples) {
+        (_, 0) => "there is neither colour nor smooth normal to fit".to_owned(),
+        (TextureSampling::Fit, samples) => format!(
+            "fitted to {samples} samples of the surface in {} steps: colours blend to within {after:.4} (RMS, linear \
+             light), {before:.4} before",
+            report.steps
+        ),
+        _ => format!("colours are means under the splats' own kernels: {after:.4} off (RMS), {before:.4} before"),
+    };
+    if let Some([before, after]) = report.normal_rms {
+        let degrees = |rms: f64| (rms * 3f64.sqrt()).to_degrees();
+        note += &format!(", normals to {:.3} degrees, {:.3} before", degrees(after), degrees(before));
+    }
+    notes.push(note);
+    Ok(cloud)
 }
 
 /// Splats of a mesh.
@@ -188,14 +293,15 @@ pub(crate) fn mesh(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
     if options.sharp {
-        return sharp(mesh, path, options, notes, progress);
+        let (cloud, conversion) = sharp(mesh, path, options, notes, progress)?;
+        return Ok((textured(cloud, mesh, path, options, notes, progress)?, conversion));
     }
     let method = options.method.unwrap_or(MeshOptions::auto(mesh).method);
     let mesh_options = MeshOptions { method, radius_scale: options.radius_scale };
     let made = surfel_sample::splats_from_mesh(mesh, &mesh_options, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
     notes.push(mesh_note(mesh, &report));
-    Ok((cloud, Conversion::Mesh(report)))
+    Ok((textured(cloud, mesh, path, options, notes, progress)?, Conversion::Mesh(report)))
 }
 
 /// Splats of points, clipped along the edges that the points show.
@@ -301,7 +407,7 @@ fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
     let how = match report.method {
         MeshMethod::PerFace => "one a face",
         MeshMethod::PerVertex => "one a vertex",
-        MeshMethod::Count(_) => "spread over the surface",
+        MeshMethod::Count(_) | MeshMethod::Detail => "spread over the surface",
     };
     let mut note = format!(
         "a mesh of {} triangles: {} splats, {how} (median radius {:.4})",
@@ -309,6 +415,9 @@ fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
         report.splats,
         report.median_radius
     );
+    if let Some(detail) = report.detail {
+        note += &format!("; its shape asks for {}, its colours for {}", detail.shape, detail.colors);
+    }
     if report.degenerate > 0 {
         note += &format!("; {} triangles have no area", report.degenerate);
     }

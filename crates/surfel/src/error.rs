@@ -33,6 +33,12 @@ pub enum Error {
         /// What was found, expected, and what to do.
         problem: String,
     },
+    /// Options that contradict or need each other, or that nothing has a use for.
+    #[error("{0}")]
+    Usage(String),
+    /// The input, as a whole, is not what is asked for.
+    #[error("{0}")]
+    Input(String),
     /// No image.
     #[error(transparent)]
     Render(#[from] RenderError),
@@ -46,9 +52,9 @@ impl Error {
     pub fn is_bad_input(&self) -> bool {
         match self {
             Self::Io(e) => e.is_bad_input(),
-            Self::Model(_) | Self::Unsuitable { .. } | Self::Render(RenderError::Model(_)) => true,
+            Self::Model(_) | Self::Unsuitable { .. } | Self::Input(_) | Self::Render(RenderError::Model(_)) => true,
             Self::Sample { source, .. } => !matches!(source, SampleError::Option { .. }),
-            Self::Render(_) | Self::Backend(_) => false,
+            Self::Render(_) | Self::Backend(_) | Self::Usage(_) => false,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Points by levels: of a COPC file as much as a view needs, and files written so.
 
 use crate::load::io_options;
+use crate::render_options::SplatOptions;
 use crate::{Error, LoadOptions};
 use glam::{DAffine3, Vec3};
 use std::path::{Path, PathBuf};
@@ -278,6 +279,28 @@ pub(crate) fn close(cloud: SplatCloud) -> Result<SplatCloud, surfel_model::Model
         cloud.set_interior_weight(weight);
     }
     Ok(cloud)
+}
+
+/// True for the name of a file that is written by levels ([`save_copc`]): it ends in .copc.laz.
+pub fn is_copc(output: &Path) -> bool {
+    output.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(".copc.laz"))
+}
+
+/// What was written, in words.
+pub fn summary(report: &CopcReport) -> String {
+    format!("{} points in {} nodes of {} levels", report.points, report.nodes, report.levels)
+}
+
+/// Refuses what can't be said of a file of points by levels: how they become splats, and text.
+///
+/// # Errors
+/// [`Error::Usage`] if anything is said.
+pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool) -> Result<(), Error> {
+    if ascii || *options != (SplatOptions { force: options.force, ..SplatOptions::default() }) {
+        let what = "takes the points as they are, so that no flag on splats, colours or choice goes with it";
+        return Err(Error::Usage(format!("-o {}: {what}", output.display())));
+    }
+    Ok(())
 }
 
 /// Writes LAS, LAZ and COPC files as one COPC file ([`surfel_io::copc::save_copc`]), whose points have normals and

@@ -32,23 +32,36 @@
 //! # }
 //! ```
 //!
-//! Cargo's features are backends and tools: `cpu` (the default), `reference`, `gpu` = `wgpu` and `ash`, and `sharp`,
-//! splats clipped along sharp features ([`sample`]).
+//! Cargo's features are backends and tools: `cpu` and `ortho` (orthoimages; the defaults), `reference`,
+//! `gpu` = `wgpu` and `ash`, and `sharp`, splats clipped along sharp features ([`sample`]).
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+mod attributes;
 mod auto;
 pub mod backend;
+pub mod camera;
 pub mod coloring;
+pub mod compare;
 mod convert;
 mod error;
 pub mod framing;
+pub mod info;
 pub mod levels;
 mod load;
+pub mod metadata;
 mod octree;
+#[cfg(feature = "ortho")]
+pub mod ortho;
 mod patches;
+pub mod paths;
+mod render_options;
+pub mod request;
 pub mod scene;
+pub mod splat_file;
+pub mod splats;
 mod upright;
+pub mod values;
 mod viewpoint;
 
 pub use surfel_io as io;

@@ -9,7 +9,10 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, Format, Loaded};
-use surfel_model::{Colormap, ConvertOptions, EdgeAa, Mesh, Octree, Returns, Settings, SplatCloud, Transparency, Up};
+use surfel_model::{
+    Colormap, ConvertOptions, EdgeAa, Mesh, Octree, PointColors, Returns, Settings, SplatCloud, SplatCount,
+    TextureSampling, Transparency, Up,
+};
 use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
 
 /// The name that stands for [`LoadOptions::stdin`].
@@ -23,6 +26,10 @@ pub struct LoadOptions {
     pub repair: bool,
     /// A texture (PNG, JPEG or WebP) for meshes with texture coordinates that name none themselves.
     pub texture: Option<PathBuf>,
+    /// How splats take the colours of meshes ([`surfel_sample::fit_to_mesh`]); `None`: [`TextureSampling::Point`].
+    pub texture_sampling: Option<TextureSampling>,
+    /// What splats of points take of their colours ([`surfel_sample::fit_point_colors`]).
+    pub colors: PointColors,
     /// How meshes become splats; `None`: as suits the mesh ([`surfel_sample::MeshOptions::auto`]).
     pub method: Option<MeshMethod>,
     /// Multiplies every radius; greater than 0. The interior weight of splat files is then estimated anew.
@@ -76,6 +83,8 @@ impl LoadOptions {
     surfel_model::setters! {
         with_repair repair: bool,
         with_texture texture: Option<PathBuf>,
+        with_texture_sampling texture_sampling: Option<TextureSampling>,
+        with_colors colors: PointColors,
         with_method method: Option<MeshMethod>,
         with_radius_scale radius_scale: f64,
         with_max_points max_points: Option<usize>,
@@ -103,13 +112,16 @@ impl LoadOptions {
     #[must_use]
     pub fn with_convert(mut self, convert: &ConvertOptions, base_dir: &Path) -> Self {
         let method = match convert.splats {
-            Some(n) => Some(MeshMethod::Count(n as usize)),
+            Some(SplatCount::Count(n)) => Some(MeshMethod::Count(n as usize)),
+            Some(SplatCount::Auto) => Some(MeshMethod::Detail),
             None if convert.per_face => Some(MeshMethod::PerFace),
             None if convert.per_vertex => Some(MeshMethod::PerVertex),
             None => None,
         };
         self.repair |= convert.repair;
-        self.texture = convert.texture.as_ref().map(|file| base_dir.join(file)).or(self.texture);
+        self.texture = convert.texture.file.as_ref().map(|file| base_dir.join(file)).or(self.texture);
+        self.texture_sampling = convert.texture.sampling.or(self.texture_sampling);
+        self.colors = convert.colors.unwrap_or(self.colors);
         self.method = method.or(self.method);
         self.radius_scale = convert.radius_scale.unwrap_or(self.radius_scale);
         self.max_points = convert.max_points.map(|n| n as usize).or(self.max_points);
@@ -154,6 +166,8 @@ impl Default for LoadOptions {
         Self {
             repair: false,
             texture: None,
+            texture_sampling: None,
+            colors: PointColors::AsIs,
             method: None,
             radius_scale: 1.0,
             max_points: None,
@@ -264,6 +278,16 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
         Some((loaded, report)) => (loaded, Some(report).filter(|report| !report.is_whole())),
         None => (read(path, options)?, None),
     };
+    Ok(LoadedCloud { levels, ..splats_of(loaded, path, options, progress)? })
+}
+
+/// Makes splats of what was read.
+pub(crate) fn splats_of(
+    loaded: Loaded,
+    path: &Path,
+    options: &LoadOptions,
+    progress: &dyn Progress,
+) -> Result<LoadedCloud, Error> {
     let up_reason = up_reason(&loaded);
     let mut notes = loaded.notes;
     let mut unused = convert::unused(&loaded.content, options);
@@ -333,7 +357,7 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
         conversion,
         coloring,
         octree,
-        levels,
+        levels: None,
         notes,
         beside: loaded.beside,
         unused,

@@ -27,6 +27,8 @@ pub fn load_octree(
     // A mere default is no statement: images judge by the shape then.
     mesh.up = up_reason.map(|_| up);
     let sample = |source| Error::Sample { path: path.to_path_buf(), source };
-    let octree = surfel_sample::octree_from_mesh(&mesh, &OctreeOptions::default(), progress).map_err(sample)?;
+    let octree_options =
+        OctreeOptions { texture: options.texture_sampling.unwrap_or_default(), ..OctreeOptions::default() };
+    let octree = surfel_sample::octree_from_mesh(&mesh, &octree_options, progress).map_err(sample)?;
     Ok((octree, notes))
 }

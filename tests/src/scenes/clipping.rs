@@ -24,6 +24,7 @@ pub(super) fn clipping_cases() -> Vec<Case> {
         constant_lines().with("ewa", |s| (s.filter, s.prefilter_radius_px) = (Filter::Ewa, 2.5)),
     ];
     for filter in Filter::ALL {
+        cases.push(clip_grazing().with(filter.name(), |s| s.filter = filter));
         // Wide filters, so that most of a footprint is what the filter made of it.
         cases.push(curves.with(filter.name(), |s| s.filter = filter));
         cases.push(clipped_confetti().with(filter.name(), |s| (s.filter, s.prefilter_radius_px) = (filter, 2.5)));
@@ -67,6 +68,29 @@ pub fn clip_curves() -> Case {
         Scene { objects: vec![object(clipped_cloud(&splats))], ..scene(&[]) },
         camera(3.2, 45.0, [96, 96]),
     )
+}
+
+/// Splats that point at the eye and keep their far ends, before a wall that they all hang on. A filter makes them wider
+/// and moves what they keep: a pixel that only the unfiltered part covers must show the wall.
+pub fn clip_grazing() -> Case {
+    let mut random = Random::new(127);
+    let camera = camera(3.2, 45.0, [96, 96]);
+    let eye = DVec3::from(camera.eye);
+    let mut splats: Vec<Clipped> = (0..36)
+        .map(|i| {
+            let at = |k: i32| f64::from(k) * 0.38 - 0.95;
+            let p = DVec3::new(at(i % 6), at(i / 6) + random.range(-0.1, 0.1), 0.0);
+            let (s, up) = (DVec3::X * 0.16, DVec3::Y * random.range(0.008, 0.014));
+            let splat = Splat { p, s, t: (p - eye).normalize() * 0.2 + up, color: random.color() };
+            let lines = vec![ClipLine { a: 0.0, b: 1.0, c: -0.5 }];
+            Clipped { splat, curve: None, lines, mode: ClipMode::And }
+        })
+        .collect();
+    let wall = Splat { p: DVec3::Z * -1.0, s: DVec3::X * 4.0, t: DVec3::Y * 4.0, color: [0.5; 3] };
+    splats.push(Clipped { splat: wall, curve: None, lines: Vec::new(), mode: ClipMode::And });
+    let mut object = object(clipped_cloud(&splats));
+    object.material.oriented = Some(true);
+    Case::new("clip-grazing", Scene { objects: vec![object], ..scene(&[]) }, camera)
 }
 
 /// One to four lines a splat, all or any of them, some with a curve as well: and for or, an absent line that counts.

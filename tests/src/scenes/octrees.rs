@@ -38,7 +38,7 @@ pub fn octree_by(choose: impl FnOnce(&Octree, &View) -> Selection) -> Case {
     let mut mesh = mesh(&vertices, ball.triangles);
     let color = |p: &DVec3| [0.5 + 0.3 * (4.0 * p.x).sin(), 0.5 + 0.3 * (2.0 * p.z).cos(), 0.6].map(|c| c as f32);
     mesh.colors = Some(vertices.iter().map(color).collect());
-    let options = OctreeOptions { leaf_triangles: 24, splats_per_side: 6 };
+    let options = OctreeOptions { leaf_triangles: 24, splats_per_side: 6, ..OctreeOptions::default() };
     let octree = octree_from_mesh(&mesh, &options, &NoProgress).expect("the ball has triangles");
     let mut camera = camera(0.0, 40.0, [72, 56]);
     (camera.eye, camera.target) = ([1.5, 1.0, 3.6], [0.1, 0.0, 0.6]);

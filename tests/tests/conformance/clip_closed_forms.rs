@@ -20,6 +20,19 @@ fn ray(case: &Case, x: u32, y: u32) -> DVec3 {
     forward + right * ((f64::from(x) + 0.5 - 0.5 * w) / f) + down * ((f64::from(y) + 0.5 - 0.5 * h) / f)
 }
 
+/// A clip that goes with a stretched splat of an oriented cloud leaves no pixel empty of what lies behind.
+#[test]
+fn grazing_clipped_splats_leave_no_pixel_empty() {
+    for filter in Filter::ALL {
+        let frame = reference_image(&scenes::clip_grazing().with("empty", |s| s.filter = filter));
+        let empty = frame.weight().iter().filter(|weight| **weight == 0.0).count();
+        let before = frame.depth().iter().filter(|depth| **depth < 4.0).count();
+        assert!(empty == 0, "{filter:?}: {empty}");
+        // `none` leaves what is thinner than a pixel to chance.
+        assert!(before > 20, "{filter:?}: {before} of splats before the wall");
+    }
+}
+
 /// Six splats with four lines each: every pixel is the face, the normal and the depth that its ray meets.
 #[test]
 fn clip_lines_make_a_perfect_cube() {

@@ -6,11 +6,13 @@
 //!   [`checkerboard_filter_errors`], [`textured_meshes`];
 //! - backends: [`cpu_backend`], [`gpu_backends`], [`gpu_frame_costs`], [`gpu_scene_storage`], [`feature_costs`],
 //!   [`golden_scenes`], [`stability_sweeps`], [`preset_promises`], [`random_scene_features`], [`own_images`];
-//! - splats made of meshes: [`splats_of_meshes`], [`sharp_features`]; real data: [`real_models`];
+//! - splats made of meshes: [`splats_of_meshes`], [`clean_images`], [`sharp_features`],
+//!   [`texture_acquisition`]; real data: [`real_models`];
 //! - the harness itself: [`harness_catches_faults`], [`expectation_table`], [`conformance_report`];
 //! - what they share: [`drawing`], [`validated_gpu`], [`faulty_renderer`], [`scene_files`].
 
 mod checkerboard_filter_errors;
+mod clean_images;
 mod clip_closed_forms;
 mod closed_forms;
 mod conformance_report;
@@ -38,6 +40,7 @@ mod shadow_maps;
 mod sharp_features;
 mod splats_of_meshes;
 mod stability_sweeps;
+mod texture_acquisition;
 mod textured_meshes;
 mod transparency_closed_forms;
 mod validated_gpu;

@@ -13,7 +13,7 @@ const SIZE: u32 = 200;
 const REACH: f64 = 2.3;
 /// Facets around and along a capsule.
 const TESSELLATIONS: [[u32; 2]; 5] = [[8, 6], [16, 8], [32, 16], [64, 32], [128, 64]];
-const VIEWS: u32 = 48;
+pub(crate) const VIEWS: u32 = 48;
 
 /// A capsule of radius 1 and length 4 about the z axis, with the normals of the smooth surface; without the upper cap
 /// if it is open.
@@ -52,12 +52,32 @@ fn area(mesh: &Mesh) -> f64 {
 }
 
 /// Even directions: a Fibonacci spiral.
-fn directions(count: u32) -> impl Iterator<Item = DVec3> {
+pub(crate) fn directions(count: u32) -> impl Iterator<Item = DVec3> {
     (0..count).map(move |i| {
         let (z, angle) = (1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(count), f64::from(i) * PI * (3.0 - 5f64.sqrt()));
         let radius = (1.0 - z * z).sqrt();
         DVec3::new(radius * angle.cos(), radius * angle.sin(), z)
     })
+}
+
+/// How many of a pixel and its neighbours polygons cover, and how many there are.
+fn covered_around(polygons: &Frame, at: usize) -> [usize; 2] {
+    let (width, height) = (polygons.width() as usize, polygons.height() as usize);
+    let (x, y) = (at % width, at / width);
+    let around = (y.saturating_sub(1)..(y + 2).min(height))
+        .flat_map(|y| (x.saturating_sub(1)..(x + 2).min(width)).map(move |x| y * width + x));
+    [around.clone().filter(|at| polygons.depth()[*at].is_finite()).count(), around.count()]
+}
+
+/// Pixels without a splat inside the polygons' silhouette, its rim of one pixel left out, and all pixels inside.
+pub(crate) fn hole_count(splats: &Frame, polygons: &Frame) -> [usize; 2] {
+    let is_inside = |at: &usize| {
+        let [covered, around] = covered_around(polygons, *at);
+        covered == around
+    };
+    let inside = (0..polygons.depth().len()).filter(is_inside);
+    let holes = inside.clone().filter(|at| splats.depth()[*at].is_infinite()).count();
+    [holes, inside.count()]
 }
 
 /// What differs between an image of splats and one of polygons, over all views.
@@ -84,15 +104,11 @@ impl Differences {
 
     fn add(&mut self, splats: &Frame, polygons: &Frame) {
         let size = SIZE as usize;
-        let is_covered = |at: usize| polygons.depth()[at].is_finite();
         for at in 0..size * size {
-            let (x, y) = (at % size, at / size);
-            let around = (y.saturating_sub(1)..(y + 2).min(size))
-                .flat_map(|y| (x.saturating_sub(1)..(x + 2).min(size)).map(move |x| y * size + x));
-            let covered = around.clone().filter(|at| is_covered(*at)).count();
+            let [covered, around] = covered_around(polygons, at);
             let alpha = splats.color()[at][3];
             self.beyond += usize::from(covered == 0 && alpha >= 0.5);
-            if covered < around.count() {
+            if covered < around {
                 continue;
             }
             self.inside += 1;

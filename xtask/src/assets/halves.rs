@@ -3,9 +3,9 @@
 use std::io;
 use std::path::Path;
 
-/// The model, relative to the workspace, and where its materials are seen from the generated files.
+/// The model, relative to the workspace, and what it names: files are read only from beside their OBJ.
 pub(super) const MODEL: &str = "assets/spot/spot.obj";
-const MATERIALS: &str = "mtllib ../spot/spot.mtl";
+pub(super) const MATERIALS: [&str; 2] = ["spot.mtl", "spot_texture.png"];
 
 /// The OBJ files of the faces whose centroids lie at negative x, and of the others. Vertices are those of the model.
 pub(super) fn halves(root: &Path) -> io::Result<[Vec<u8>; 2]> {
@@ -18,11 +18,8 @@ fn cut(text: &str) -> [Vec<u8>; 2] {
     let normals = model.normals();
     let mut halves = [Vec::new(), Vec::new()];
     for line in text.lines() {
-        let mut words = line.split_ascii_whitespace();
-        match words.next() {
-            Some("f") => {}
-            Some("mtllib") => halves.iter_mut().for_each(|half| put(half, MATERIALS)),
-            _ => halves.iter_mut().for_each(|half| put(half, line)),
+        if line.split_ascii_whitespace().next() != Some("f") {
+            halves.iter_mut().for_each(|half| put(half, line));
         }
     }
     for [x, y, z] in normals {
@@ -100,7 +97,7 @@ mod tests {
     fn halves_share_vertices_and_normals_and_divide_the_faces() {
         let text = "mtllib a.mtl\nv -1 0 0\nv 1 0 0\nv -1 1 0\nv 1 1 0\nf 1/1 2/2 3/3\nf 2/2 4/4 3/3\n";
         let [negative, positive] = cut(text).map(|half| String::from_utf8(half).unwrap());
-        let shared = "mtllib ../spot/spot.mtl\nv -1 0 0\nv 1 0 0\nv -1 1 0\nv 1 1 0\n".to_owned()
+        let shared = "mtllib a.mtl\nv -1 0 0\nv 1 0 0\nv -1 1 0\nv 1 1 0\n".to_owned()
             + &"vn 0.000000 0.000000 1.000000\n".repeat(4);
         assert_eq!(negative, format!("{shared}f 1/1/1 2/2/2 3/3/3\n"));
         assert_eq!(positive, format!("{shared}f 2/2/2 4/4/4 3/3/3\n"));

@@ -9,6 +9,7 @@ mod measure;
 mod normals;
 mod page;
 mod subjects;
+mod textures;
 mod truth;
 mod variants;
 mod verdict;
@@ -96,6 +97,7 @@ pub(crate) struct Findings {
     pub values: Vec<verdict::Value>,
     pub features: Table,
     pub formulas: Table,
+    pub textures: Table,
     pub normals: Table,
     /// Other backends, with what their knobs do to fidelity.
     pub others: Vec<(BackendFacts, Table)>,
@@ -128,6 +130,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     eprintln!("features and formulas");
     let features = costs::table(&mut backends, runs, size)?;
     let (formulas, normals) = (formulas::table()?, normals::table());
+    let textures = textures::table(&mut backends, size)?;
     drop(backends);
     for name in others {
         match measure::Backends::start(name, arguments.adapter.clone()) {
@@ -139,7 +142,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let values = verdict::values(&figures);
     let others = figures.others.iter().map(|other| (other.backend.clone(), verdict::fidelity(other))).collect();
     figures.seconds = Some(start.elapsed().as_secs_f64());
-    let findings = Findings { values, features, formulas, normals, others, figures };
+    let findings = Findings { values, features, formulas, textures, normals, others, figures };
     for (title, table) in tables(&findings) {
         println!("{title}\n\n{}", table.text());
     }
@@ -206,6 +209,7 @@ fn tables(findings: &Findings) -> Vec<(String, Table)> {
         ("Model errors without rims, RMSE".to_owned(), verdict::errors(figures, |r| r.model_inside)),
         ("Features".to_owned(), findings.features.clone()),
         ("Formulas".to_owned(), findings.formulas.clone()),
+        ("Textures".to_owned(), findings.textures.clone()),
         ("Normals".to_owned(), findings.normals.clone()),
     ];
     for (backend, table) in &findings.others {

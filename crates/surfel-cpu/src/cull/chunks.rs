@@ -13,6 +13,8 @@ use surfel_render::{ChosenParts, View};
 pub(crate) struct VisibleChunk {
     pub object: u32,
     pub chunk: u32,
+    /// Its place among all that are visible.
+    pub rank: u32,
     /// Depth of its centre: what is near comes first, so that what it occludes is found early.
     z: f64,
 }
@@ -56,13 +58,14 @@ pub(crate) fn visible_chunks(objects: &[ObjectView<'_>]) -> VisibleChunks {
                 };
                 let culled =
                     (object.is_outside(center, c, region) && count(out)) || (object.is_back_facing(c) && count(back));
-                (!culled).then_some(VisibleChunk { object: index as u32, chunk: chunk as u32, z: center.z })
+                (!culled).then_some(VisibleChunk { object: index as u32, chunk: chunk as u32, rank: 0, z: center.z })
             })
         })
         .collect();
     let order =
         |a: &VisibleChunk, b: &VisibleChunk| a.z.total_cmp(&b.z).then((a.object, a.chunk).cmp(&(b.object, b.chunk)));
     chunks.par_sort_unstable_by(order);
+    chunks.iter_mut().zip(0..).for_each(|(chunk, rank)| chunk.rank = rank);
     VisibleChunks { chunks, outside: outside.into_inner(), back_facing: back_facing.into_inner() }
 }
 

@@ -1,11 +1,10 @@
 //! Which groups of a chunk's splats a region may see: all sixteen are tested at once.
 
-use crate::cull::object::{ObjectView, RegionSides, pixels_of_box};
+use crate::cull::object::{ObjectView, RegionSides};
 use crate::scene::cloud::Chunk;
 use crate::scene::groups::Groups;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::{Bits, transform};
-use crate::tiles::drawn::{BlockSet, DrawnBlocks};
 use fearless_simd::{Simd, mask32x16};
 use glam::DVec3;
 use surfel_math::{Real, V3};
@@ -20,7 +19,6 @@ pub(crate) fn visible<S: Simd>(
     chunk: &Chunk,
     center: DVec3,
     sides: &RegionSides,
-    drawn: DrawnBlocks<'_>,
 ) -> u64 {
     let k = |v: f64| Lanes::splat(simd, v as f32);
     let group = groups.decode(simd, chunk);
@@ -38,35 +36,7 @@ pub(crate) fn visible<S: Simd>(
         };
         culled |= back_facing;
     }
-    let visible = !culled.bits() & (u64::MAX >> (64 - chunk.count.div_ceil(LANES)));
-    match drawn.set() {
-        Some(set) => touching(set, view, &p, group.radius * k(sides.reach), visible),
-        None => visible,
-    }
-}
-
-/// Those of some groups, given by spheres in view space, that may touch some blocks.
-#[inline(never)]
-fn touching<S: Simd>(
-    set: &BlockSet,
-    view: &ObjectView<'_>,
-    p: &V3<Lanes<S>>,
-    radius: Lanes<S>,
-    mut groups: u64,
-) -> u64 {
-    let [x, y, z, radius] = [p.x, p.y, p.z, radius].map(Lanes::to_array);
-    let margin = view.plan.splat_filter.reach_px();
-    let mut touching = 0;
-    while groups != 0 {
-        let i = groups.trailing_zeros() as usize;
-        groups &= groups - 1;
-        let center = DVec3::new(x[i].into(), y[i].into(), z[i].into());
-        // Far above the rounding of lanes.
-        let half = DVec3::splat(f64::from(radius[i]) * (1.0 + 1e-5) + 1e-6 * center.length());
-        let pixels = pixels_of_box(&view.view.projection, center, half, margin);
-        touching |= u64::from(set.touches(pixels)) << i;
-    }
-    touching
+    !culled.bits() & (u64::MAX >> (64 - chunk.count.div_ceil(LANES)))
 }
 
 /// Which of sixteen spheres lie beyond a region's sides, given in view space and in the object's lengths.

@@ -1,7 +1,6 @@
 //! Samples of a cell's edges: what lies about sampled pixels is set up once more, in the view of samples, and drawn.
 
 use crate::cull::cells::Cell;
-use crate::cull::chunks::VisibleChunk;
 use crate::cull::object::ObjectView;
 use crate::frame::totals::Totals;
 use crate::frame::{Drawing, FrameInputs, is_opaque_splats_only};
@@ -9,12 +8,13 @@ use crate::raster::inputs::{RasterFrame, RasterInputs};
 use crate::raster::listing::Listing;
 use crate::screen::composite::{CompositeJob, Extras};
 use crate::screen::samples::SampleJob;
-use crate::screen::steps::StepPlanes;
+use crate::screen::steps::{Sampled, StepPlanes};
 use crate::screen::tile::{TileJob, TileScratch};
+use crate::setup::candidates::Candidates;
 use crate::setup::prepare::{CellSetup, CellSplats};
 use crate::setup::triangles::{TriangleSegment, project_some};
 use crate::shade::lighting::Lighting;
-use crate::tiles::drawn::{BlockSet, DrawnBlocks};
+use crate::tiles::drawn::DrawnBlocks;
 use crate::tiles::target::Target;
 use surfel_model::Cull;
 use surfel_render::{Pass, View};
@@ -27,37 +27,28 @@ pub(super) struct SampleView<'a> {
     pub lighting: Lighting,
 }
 
-impl SampleView<'_> {
-    /// The chunks of a cell, in their order, that may touch a sampled pixel.
-    fn chunks(&self, cell: &Cell, sampled: &BlockSet) -> Vec<VisibleChunk> {
-        let touches = |visible: &&VisibleChunk| {
-            let (object, chunk) = visible.of(&self.objects);
-            sampled.touches(object.pixels(object.center(chunk), chunk))
-        };
-        cell.chunks.iter().filter(touches).copied().collect()
-    }
-}
-
 impl Drawing<'_> {
     /// Draws the sampled pixels of a cell: how many bytes that took.
     pub(super) fn draw_samples(
         &self,
         samples: &SampleView<'_>,
         cell: &Cell,
-        planes: &StepPlanes<'_>,
+        (planes, candidates): (&StepPlanes<'_>, Option<&mut Candidates>),
         target: &mut Target<'_>,
         scratch: &mut TileScratch<'static>,
         totals: &mut Totals,
     ) -> usize {
         let FrameInputs { instructions, pools, plan, .. } = *self.inputs;
-        let sampled = planes.sampled(instructions, cell.region);
+        let Sampled { blocks: sampled, pixels } = planes.sampled(instructions, cell.region);
         if sampled.count == 0 {
             return 0;
         }
         let (grid, drawn) = (sampled.grid, DrawnBlocks::some(&sampled));
         let mut splats = CellSplats::default();
-        let setup = CellSetup { instructions, objects: &samples.objects, tiny: None, pool: &pools.setup };
-        setup.add_some(&samples.chunks(cell, &sampled), &grid, cell.region, drawn, &mut splats);
+        let objects = &samples.objects;
+        let setup = CellSetup { instructions, objects, tiny: None, pool: &pools.setup, notes_candidates: false };
+        let picks = candidates.map_or_else(Vec::new, |candidates| candidates.touching(&pixels));
+        setup.add_picks(&picks, &grid, cell.region, drawn, &mut splats);
         let triangles =
             project_some(instructions, self.meshes, &cell.mesh_parts, samples.view, &grid, Cull::Back, drawn);
         if plan.has(Pass::RemainingLayer) {
@@ -94,7 +85,7 @@ impl Drawing<'_> {
         totals.counters += job.draw(instructions, target, &mut own);
         *scratch = own.for_others();
         let bytes = splats.bytes() + triangles.iter().map(TriangleSegment::bytes).sum::<usize>();
-        pools.setup.give_back(splats.segments);
+        pools.setup.give_back(splats);
         bytes
     }
 }

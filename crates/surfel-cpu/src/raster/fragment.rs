@@ -24,24 +24,26 @@ pub(crate) fn fragment<S: Simd>(
 }
 
 impl<S: Simd> Fragment<S> {
-    /// Takes away what the splat's clip removes, if it has one.
+    /// Takes away what the splat's clip removes, if it has one. What is visible of an oriented clipped splat stays
+    /// inside: under a filter the clip goes with the stretched footprint, and could take away all that a pixel has.
     #[inline(always)]
     pub(crate) fn clip(&mut self, simd: S, record: &Record, at: (Lanes<S>, Lanes<S>), inputs: &RasterInputs<'_>) {
-        if let Some([visible, inside]) = clipped(simd, record, at, inputs) {
+        if let Some(([visible, inside], holds_visible)) = clipped(simd, record, at, inputs) {
             self.visible &= visible;
-            self.inside &= inside;
+            self.inside &= if holds_visible { inside | self.visible } else { inside };
         }
     }
 }
 
-/// Pixels that a splat's clip keeps of its unfiltered and its filtered footprint.
+/// Pixels that a splat's clip keeps of its unfiltered and its filtered footprint, and whether the other holds
+/// the one.
 #[inline(always)]
 fn clipped<S: Simd>(
     simd: S,
     record: &Record,
     at: (Lanes<S>, Lanes<S>),
     inputs: &RasterInputs<'_>,
-) -> Option<[mask32x16<S>; 2]> {
+) -> Option<([mask32x16<S>; 2], bool)> {
     let clip = record.clip().and_then(|number| inputs.clips.get(number))?;
     let (d_x, d_y) = offsets(simd, record, at);
     let (mut x, mut y) = (d_x, d_y);
@@ -51,7 +53,7 @@ fn clipped<S: Simd>(
         let before = k(0.0).lt(k(record.w_x()).mul_add(d_x, k(record.w_y()).mul_add(d_y, k(1.0))));
         (x, y) = (Lanes::select(before, d_x, k(0.0)), Lanes::select(before, d_y, k(0.0)));
     }
-    Some(clip.keeps(V2::new(d_x, d_y), V2::new(x, y)))
+    Some((clip.keeps(V2::new(d_x, d_y), V2::new(x, y)), clip.holds_visible()))
 }
 
 /// Offsets of a block's pixels from the anchor. Whole pixels are exact; one rounding of an offset, not of a pixel

@@ -45,6 +45,8 @@ pub(crate) struct Head {
     pub curve: Curve,
     /// The forms over the unfiltered footprint are followed by as many over the filtered one.
     pub has_filtered: bool,
+    /// What is visible of the splat belongs to its filtered footprint, too (§7): its cloud is oriented.
+    pub holds_visible: bool,
 }
 
 impl Head {
@@ -95,7 +97,7 @@ impl StoredClips {
             Curve::Inside
         };
         let (first, any_line) = (self.forms.len() as u32, clip.line_sign < 0.0);
-        self.heads.push(Head { first, lines: lines as u8, any_line, curve, has_filtered: false });
+        self.heads.push(Head { first, lines: lines as u8, any_line, curve, has_filtered: false, holds_visible: false });
         let clip = clip.map(|v| v as f32);
         self.forms.extend_from_slice(&clip.lines[..lines]);
         match curve {

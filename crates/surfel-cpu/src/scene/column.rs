@@ -60,6 +60,18 @@ impl Column {
         }
     }
 
+    /// Sixteen numbers from anywhere, each with its scale.
+    #[inline(always)]
+    pub(crate) fn gather<S: Simd>(&self, simd: S, at: [usize; LANES], scales: &[f32; LANES]) -> Lanes<S> {
+        match self {
+            Self::F32(values) => Lanes::load(simd, &at.map(|at| values[at])),
+            Self::Quantised(steps) => {
+                let per_step = Lanes::load(simd, &scales.map(|scale| scale / STEPS));
+                Lanes::load(simd, &at.map(|at| steps_of(steps[at]))) * per_step
+            }
+        }
+    }
+
     /// Gives back memory that was asked for and isn't needed.
     pub(crate) fn trim(&mut self) {
         match self {
@@ -120,6 +132,19 @@ impl Column3 {
         V3::new(all.load(simd, x, scale), all.load(simd, x + LANES, scale), all.load(simd, x + 2 * LANES, scale))
     }
 
+    /// Sixteen vectors of any slots, each with its scale.
+    #[inline(always)]
+    pub(crate) fn gather<S: Simd>(&self, simd: S, slots: &[u32; LANES], scales: &[f32; LANES]) -> V3<Lanes<S>> {
+        let at = |axis: usize| {
+            slots.map(|slot| {
+                let lane = slot as usize % LANES;
+                3 * (slot as usize - lane) + axis * LANES + lane
+            })
+        };
+        let all = &self.coordinates;
+        V3::new(all.gather(simd, at(0), scales), all.gather(simd, at(1), scales), all.gather(simd, at(2), scales))
+    }
+
     /// Number of vectors.
     pub(crate) fn len(&self) -> usize {
         self.vectors
@@ -165,6 +190,19 @@ impl Units {
             Self::F32(column) => column.load(simd, at, 1.0),
             Self::Octahedral([x, y]) => {
                 let v = unfolded(x.load(simd, at, 1.0), y.load(simd, at, 1.0));
+                v * v.dot(v).inverse_sqrt()
+            }
+        }
+    }
+
+    /// Sixteen of any slots.
+    #[inline(always)]
+    pub(crate) fn gather<S: Simd>(&self, simd: S, slots: &[u32; LANES]) -> V3<Lanes<S>> {
+        match self {
+            Self::F32(column) => column.gather(simd, slots, &[1.0; LANES]),
+            Self::Octahedral([x, y]) => {
+                let at = slots.map(|slot| slot as usize);
+                let v = unfolded(x.gather(simd, at, &[1.0; LANES]), y.gather(simd, at, &[1.0; LANES]));
                 v * v.dot(v).inverse_sqrt()
             }
         }

@@ -4,7 +4,7 @@ use crate::screen::gbuffer::{GBuffer, SIDE, TileRows};
 use crate::screen::layer_steps::LayerSteps;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::level::{Instructions, with_instructions};
-use crate::tiles::drawn::BlockSet;
+use crate::tiles::drawn::{BlockSet, PixelSet};
 use crate::tiles::grid::{BLOCK, Grid, Rect};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
@@ -41,30 +41,34 @@ enum Compared {
     Counts,
 }
 
+/// Sampled pixels.
+pub(crate) struct Sampled {
+    /// Blocks of samples, a pixel each.
+    pub blocks: BlockSet,
+    pub pixels: PixelSet,
+}
+
 impl StepPlanes<'_> {
-    /// The sampled pixels of a region of the grid, as blocks of samples.
+    /// The sampled pixels of a region of the grid.
     #[inline(never)]
-    pub(crate) fn sampled(&self, instructions: Instructions, region: Region) -> BlockSet {
+    pub(crate) fn sampled(&self, instructions: Instructions, region: Region) -> Sampled {
         let mut found = vec![[0; SIDE]; self.grid.tiles()];
         for tile in 0..self.grid.tiles() {
             with_instructions!(instructions, simd =>
                 simd.vectorize(#[inline(always)] || self.find(simd, tile, &mut found)));
         }
-        let mut sampled = BlockSet::new(Grid::new(region.of_samples(), self.grid.tile_blocks));
         let (own, side) = (Rect::of(region), SAMPLES_SIDE as i32);
-        for (tile, found) in found.iter().enumerate() {
+        for (tile, found) in found.iter_mut().enumerate() {
             let (x, y) = self.grid.block_px(tile, 0);
             let columns = bits(own.x - x, own.end_x - x);
-            for (y, bits) in (y..).zip(found).filter(|(y, _)| (own.y..own.end_y).contains(y)) {
-                let mut left = bits & columns;
-                while left != 0 {
-                    sampled.add((x + left.trailing_zeros() as i32) * side, y * side);
-                    left &= left - 1;
-                }
+            for (y, bits) in (y..).zip(found) {
+                *bits &= if (own.y..own.end_y).contains(&y) { columns } else { 0 };
             }
         }
-        sampled.finish();
-        sampled
+        let pixels = PixelSet::new(*self.grid, found);
+        let mut blocks = BlockSet::new(Grid::new(region.of_samples(), self.grid.tile_blocks));
+        pixels.for_each(|x, y| blocks.add(x * side, y * side));
+        Sampled { blocks, pixels }
     }
 
     /// Finds the pixels on both sides of steps within a tile, and between it and the tiles to its right and below.

@@ -51,10 +51,16 @@ impl ScreenClips {
     /// Adds a clip as a splat's unfiltered footprint sees it and, if that is another, as the filtered one does: its
     /// number.
     #[inline(always)]
-    pub(crate) fn push(&mut self, clip: &StoredClip<'_>, visible: Mapping<'_>, filtered: Option<Mapping<'_>>) -> u32 {
+    pub(crate) fn push(
+        &mut self,
+        clip: &StoredClip<'_>,
+        visible: Mapping<'_>,
+        filtered: Option<Mapping<'_>>,
+        holds_visible: bool,
+    ) -> u32 {
         let number = self.first + self.heads.len() as u32;
         let first = self.forms.len() as u32;
-        self.heads.push(Head { first, has_filtered: filtered.is_some(), ..clip.head });
+        self.heads.push(Head { first, has_filtered: filtered.is_some(), holds_visible, ..clip.head });
         push_forms(clip, visible, &mut self.forms);
         if let Some(filtered) = filtered {
             push_forms(clip, filtered, &mut self.forms);
@@ -119,6 +125,12 @@ pub(crate) struct ScreenClip<'a> {
 }
 
 impl ScreenClip<'_> {
+    /// What is visible of the splat belongs to its filtered footprint, too (§7).
+    #[inline(always)]
+    pub(crate) fn holds_visible(&self) -> bool {
+        self.head.holds_visible
+    }
+
     /// Pixels at these offsets that the unfiltered and the filtered footprint keep.
     #[inline(always)]
     pub(crate) fn keeps<S: Simd>(&self, visible: V2<Lanes<S>>, filtered: V2<Lanes<S>>) -> [mask32x16<S>; 2] {

@@ -4,7 +4,7 @@ use crate::setup::record::{BlockBox, Class, Record};
 use crate::setup::rows::{Conic, HALF, MaskForms, Rows, SLACK};
 use crate::simd::lanes::{LANES, Lanes};
 use crate::tiles::bins::{Entries, Entry, Kind, OF_GROUP};
-use crate::tiles::drawn::DrawnBlocks;
+use crate::tiles::drawn::{DrawnBlocks, box_in_tile};
 use crate::tiles::grid::{BLOCK, Grid, TILE_BLOCKS};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16, mask64x8, u64x8};
@@ -288,11 +288,12 @@ pub(crate) fn for_tiles<S: Simd>(
             if drawn == 0 {
                 continue;
             }
-            let in_box = inside_box(blocks, tile, size);
+            let in_box = box_in_tile(blocks.0, tile, size);
             if in_box & drawn == 0 {
                 continue;
             }
-            let blocks = if whole { in_box } else { in_box & touched(simd, record, blocks, tile, grid, form) };
+            let blocks =
+                if whole { in_box } else { in_box & touched(simd, record, (blocks, in_box & drawn), tile, grid, form) };
             if blocks != 0 {
                 visit(Entry::new(blocks, index, number, Kind::Any));
             }
@@ -307,16 +308,6 @@ fn clipped(blocks: BlockBox, tile: [u32; 2], axis: usize, size: u32) -> (u32, u3
     (clip(blocks.0[axis]), clip(blocks.0[axis + 2]))
 }
 
-/// A bit for each block of a tile inside a box, row by row, eight bits a row; `tile` is the tile's first block.
-#[inline(always)]
-fn inside_box(blocks: BlockBox, tile: [u32; 2], size: u32) -> u64 {
-    let ((x0, x1), (y0, y1)) = (clipped(blocks, tile, 0, size), clipped(blocks, tile, 1, size));
-    let row = (1u64 << x1) - (1u64 << x0);
-    // Bit 0 of every row from y0 up to y1.
-    let rows = (0x0101_0101_0101_0101u64 >> (8 * (8 - (y1 - y0)))) << (8 * y0);
-    row.wrapping_mul(rows)
-}
-
 /// Bits of 4×4 blocks, four a row, from block (x, y) of a tile on, as eight bits a row. What runs over the tile's right
 /// side comes out in another row's unused columns: the caller knows which columns count.
 #[inline(always)]
@@ -325,12 +316,13 @@ fn in_rows_of_eight(bits: u64, x: u32, y: u32) -> u64 {
     spread << (TILE_BLOCKS * y + x)
 }
 
-/// A bit for each block of a tile that the record may touch, within its box.
+/// A bit for each block of a tile that the record may touch, within its box; of 4×4 blocks without any that is wanted,
+/// none.
 #[inline(always)]
 fn touched<S: Simd>(
     simd: S,
     record: &Record,
-    blocks: BlockBox,
+    (blocks, wanted): (BlockBox, u64),
     tile: [u32; 2],
     grid: &Grid,
     form: MaskForm<'_>,
@@ -340,6 +332,9 @@ fn touched<S: Simd>(
     let mut found = 0u64;
     for y in (y0..y1).step_by(4) {
         for x in (x0..x1).step_by(4) {
+            if in_rows_of_eight(0xffff, x, y) & wanted == 0 {
+                continue;
+            }
             let first = [tile[0] + x, tile[1] + y];
             found |= in_rows_of_eight(four_by_four(simd, record, first, grid.origin, form.linear_depth), x, y);
         }

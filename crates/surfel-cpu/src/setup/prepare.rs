@@ -2,11 +2,13 @@
 
 use crate::cull::chunks::VisibleChunk;
 use crate::cull::object::ObjectView;
+use crate::setup::candidates::{Candidates, Pick};
 use crate::setup::clips::CellClips;
 use crate::setup::near::NearSplat;
 use crate::setup::project::{SetupOutput, TransparentOutput};
 use crate::setup::segment::{Segment, TransparentSegment};
 use crate::setup::tiny::TinyFinder;
+use crate::simd::lanes::LANES;
 use crate::simd::level::{Instructions, with_instructions};
 use crate::tiles::bins::Entries;
 use crate::tiles::drawn::DrawnBlocks;
@@ -21,11 +23,13 @@ use surfel_render::Region;
 pub(crate) struct SetupPool {
     segments: Pool<Segment>,
     entries: Pool<Entries>,
+    candidates: Pool<Candidates>,
 }
 
 impl SetupPool {
-    pub(crate) fn give_back(&self, segments: Vec<Segment>) {
-        segments.into_iter().for_each(|segment| self.segments.give_back(segment));
+    pub(crate) fn give_back(&self, splats: CellSplats) {
+        splats.segments.into_iter().for_each(|segment| self.segments.give_back(segment));
+        splats.candidates.into_iter().for_each(|candidates| self.candidates.give_back(candidates));
     }
 }
 
@@ -37,6 +41,17 @@ pub(crate) struct CellSetup<'a> {
     /// Where splats of few pixels are evaluated by setup.
     pub tiny: Option<&'a TinyFinder>,
     pub pool: &'a SetupPool,
+    /// Splats that may touch samples are noted.
+    pub notes_candidates: bool,
+}
+
+/// What is set up.
+#[derive(Clone, Copy)]
+enum Source<'a> {
+    Chunks(&'a [VisibleChunk]),
+    /// For their candidates alone.
+    Occluded(&'a [VisibleChunk]),
+    Picks(&'a [Pick]),
 }
 
 /// Splats of a cell, set up and sorted into tiles.
@@ -46,6 +61,7 @@ pub(crate) struct CellSplats {
     pub transparent: Vec<TransparentSegment>,
     pub near: Vec<NearSplat>,
     pub clips: CellClips,
+    pub candidates: Option<Candidates>,
 }
 
 impl CellSplats {
@@ -83,7 +99,8 @@ impl CellSplats {
     pub(crate) fn bytes(&self) -> usize {
         let transparent: usize = self.transparent.iter().map(|t| size_of_val(t.splats.as_slice())).sum();
         let near = size_of_val(self.near.as_slice());
-        self.all().map(Segment::bytes).sum::<usize>() + transparent + near + self.clips.bytes()
+        let candidates = self.candidates.as_ref().map_or(0, Candidates::bytes);
+        self.all().map(Segment::bytes).sum::<usize>() + transparent + near + self.clips.bytes() + candidates
     }
 }
 
@@ -91,13 +108,31 @@ impl CellSetup<'_> {
     /// Sets up what of some chunks may touch a grid's region, and sorts it into its tiles, after what is in `splats`
     /// already; `counted` is what of the region no other cell has.
     pub(crate) fn add(&self, chunks: &[VisibleChunk], grid: &Grid, counted: Region, splats: &mut CellSplats) {
-        self.add_some(chunks, grid, counted, DrawnBlocks::default(), splats);
+        self.add_all(Source::Chunks(chunks), grid, counted, DrawnBlocks::default(), splats);
     }
 
-    /// [`Self::add`] of what touches some blocks.
-    pub(crate) fn add_some(
+    /// Notes the candidates of chunks that nothing else is wanted of.
+    pub(crate) fn add_occluded(&self, chunks: &[VisibleChunk], grid: &Grid, counted: Region, splats: &mut CellSplats) {
+        if self.notes_candidates && !chunks.is_empty() {
+            self.add_all(Source::Occluded(chunks), grid, counted, DrawnBlocks::default(), splats);
+        }
+    }
+
+    /// [`Self::add`] of some splats, for some blocks.
+    pub(crate) fn add_picks(
         &self,
-        chunks: &[VisibleChunk],
+        picks: &[Pick],
+        grid: &Grid,
+        counted: Region,
+        drawn: DrawnBlocks<'_>,
+        splats: &mut CellSplats,
+    ) {
+        self.add_all(Source::Picks(picks), grid, counted, drawn, splats);
+    }
+
+    fn add_all(
+        &self,
+        source: Source<'_>,
         grid: &Grid,
         counted: Region,
         drawn: DrawnBlocks<'_>,
@@ -108,6 +143,11 @@ impl CellSetup<'_> {
         segment.clear();
         entries.clear();
         let [first_clip, first_transparent_clip] = splats.clips.next_numbers();
+        if self.notes_candidates && splats.candidates.is_none() {
+            let mut candidates = self.pool.candidates.take();
+            candidates.clear();
+            splats.candidates = Some(candidates);
+        }
         segment.clips.restart(first_clip);
         transparent.segment.clips.restart(first_transparent_clip);
         let mut out = SetupOutput {
@@ -118,9 +158,11 @@ impl CellSetup<'_> {
             entries: &mut entries,
             drawn,
             transparent: Some(&mut transparent),
+            candidates: splats.candidates.as_mut(),
+            only_candidates: matches!(source, Source::Occluded(_)),
         };
         let start = Instant::now();
-        with_instructions!(self.instructions, simd => project_chunks(simd, self.objects, chunks, &mut out));
+        with_instructions!(self.instructions, simd => project(simd, self.objects, source, &mut out));
         if drawn.set().is_some() {
             [&mut entries, &mut transparent.entries].into_iter().for_each(|entries| retain(entries, drawn));
         }
@@ -156,18 +198,36 @@ fn retain(entries: &mut Entries, drawn: DrawnBlocks<'_>) {
 }
 
 #[inline(always)]
-fn project_chunks<S: Simd>(simd: S, objects: &[ObjectView<'_>], chunks: &[VisibleChunk], out: &mut SetupOutput<'_>) {
+fn project<S: Simd>(simd: S, objects: &[ObjectView<'_>], source: Source<'_>, out: &mut SetupOutput<'_>) {
     simd.vectorize(
         #[inline(always)]
-        || {
-            let mut sides = None;
-            for visible in chunks {
-                let object = &objects[visible.object as usize];
-                let sides = match &mut sides {
-                    Some((index, sides)) if *index == visible.object => &*sides,
-                    other => &other.insert((visible.object, object.sides(out.grid.region))).1,
-                };
-                object.project_chunk(simd, visible.chunk as usize, sides, out);
+        || match source {
+            Source::Chunks(chunks) | Source::Occluded(chunks) => {
+                let mut sides = None;
+                for visible in chunks {
+                    let object = &objects[visible.object as usize];
+                    let sides = match &mut sides {
+                        Some((index, sides)) if *index == visible.object => &*sides,
+                        other => &other.insert((visible.object, object.sides(out.grid.region))).1,
+                    };
+                    object.project_chunk(simd, (visible.chunk as usize, visible.rank), sides, out);
+                }
+            }
+            Source::Picks(mut picks) => {
+                while let Some(first) = picks.first() {
+                    let object = &objects[first.object as usize];
+                    let goes_on = |pick: &&Pick| pick.object == first.object && !pick.is_near;
+                    // Near ones go before and after others wherever these end, so that sums have one order.
+                    let count = picks.iter().take(LANES).take_while(goes_on).count();
+                    let (now, rest) = picks.split_at(count.max(1));
+                    if count == 0 {
+                        let chunk = &object.object.chunks[first.chunk as usize];
+                        object.push_near(simd, chunk, first.slot as usize, 1, out);
+                    } else {
+                        object.project_picks(simd, now, out);
+                    }
+                    picks = rest;
+                }
             }
         },
     );

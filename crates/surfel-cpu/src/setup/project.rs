@@ -4,6 +4,8 @@ use crate::cull::groups;
 use crate::cull::object::{ObjectView, RegionSides};
 use crate::scene::clips::StoredClips;
 use crate::scene::cloud::{Chunk, StoredShape};
+use crate::scene::column::{Column, Column3, Units};
+use crate::setup::candidates::{CandidateGroup, Candidates, Pick};
 use crate::setup::clips::{Mapping, turns};
 use crate::setup::evaluate::{CHEAP_DEPTH, CHEAP_FILTERED_DEPTH, CHEAP_RADIUS_PX, CHEAP_STEEPNESS};
 use crate::setup::footprint::{adjust_axes, gradient_of, pixel_range};
@@ -16,9 +18,9 @@ use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::{Bits, largest, orthonormal, transform, unit, vector};
 use crate::tiles::bins::Entries;
 use crate::tiles::drawn::DrawnBlocks;
-use crate::tiles::grid::Grid;
-use fearless_simd::prelude::{SimdFloat, SimdMask};
-use fearless_simd::{Simd, mask32x16};
+use crate::tiles::grid::{Grid, Rect};
+use fearless_simd::prelude::{SimdBase, SimdFloat, SimdMask};
+use fearless_simd::{Simd, i32x16, mask32x16};
 use glam::{DVec3, Vec3};
 use surfel_math::bounds::{self, Extent};
 use surfel_math::clip::Turn;
@@ -52,6 +54,10 @@ pub(crate) struct SetupOutput<'a> {
     pub drawn: DrawnBlocks<'a>,
     /// Where transparent splats go, if the plan draws them by themselves.
     pub transparent: Option<&'a mut TransparentOutput>,
+    /// Where splats are noted that may touch samples of what is counted, if they are wanted.
+    pub candidates: Option<&'a mut Candidates>,
+    /// Nothing else is wanted.
+    pub only_candidates: bool,
 }
 
 /// Transparent splats of some chunks.
@@ -78,6 +84,8 @@ impl SetupOutput<'_> {
                     entries: &mut output.entries,
                     drawn: self.drawn,
                     transparent: None,
+                    candidates: None,
+                    only_candidates: false,
                 }
             }
             _ => SetupOutput {
@@ -88,6 +96,8 @@ impl SetupOutput<'_> {
                 entries: self.entries,
                 drawn: self.drawn,
                 transparent: None,
+                candidates: None,
+                only_candidates: false,
             },
         }
     }
@@ -121,16 +131,22 @@ impl ObjectView<'_> {
         Some(TransparentSplat { alpha, center: center(), lit: [0.0; 3] })
     }
 
-    /// Appends the records of a chunk.
+    /// Appends the records of a chunk, which has this rank among all that are visible.
     #[inline(always)]
-    pub(crate) fn project_chunk<S: Simd>(&self, simd: S, index: usize, sides: &RegionSides, out: &mut SetupOutput<'_>) {
+    pub(crate) fn project_chunk<S: Simd>(
+        &self,
+        simd: S,
+        (index, rank): (usize, u32),
+        sides: &RegionSides,
+        out: &mut SetupOutput<'_>,
+    ) {
         let (chunk, bounds) = (&self.object.chunks[index], &self.object.groups[index]);
         let center = self.center(chunk);
         if self.is_outside(center, chunk, out.grid.region) {
             return;
         }
         out.segment.set_up += chunk.count as u64;
-        let mut visible = groups::visible(simd, bounds, self, chunk, center, sides, out.drawn);
+        let mut visible = groups::visible(simd, bounds, self, chunk, center, sides);
         if visible == 0 {
             return;
         }
@@ -138,24 +154,74 @@ impl ObjectView<'_> {
         while visible != 0 {
             let first = LANES * visible.trailing_zeros() as usize;
             visible &= visible - 1;
-            let group = Group { chunk, at: chunk.first + first, active: (chunk.count - first).min(LANES) };
+            let active = (chunk.count - first).min(LANES);
+            let group = Group { chunk, index: index as u32, rank, at: chunk.first + first, active, picked: None };
             self.group(simd, group, center, out);
         }
     }
 
+    /// Appends the records of up to sixteen splats, none of them near.
+    #[inline(always)]
+    pub(crate) fn project_picks<S: Simd>(&self, simd: S, picks: &[Pick], out: &mut SetupOutput<'_>) {
+        let Some(last) = picks.last() else { return };
+        let mut picked = Picked {
+            slots: [0; LANES],
+            centers: [[0.0; LANES]; 3],
+            center_scales: [0.0; LANES],
+            radius_scales: [0.0; LANES],
+            color_scales: [0.0; LANES],
+        };
+        let (mut index, mut chunk) = (last.chunk, &self.object.chunks[last.chunk as usize]);
+        let mut center = self.center(chunk);
+        for i in 0..LANES {
+            // The last one fills the lanes up.
+            let pick = picks.get(i).unwrap_or(last);
+            if pick.chunk != index {
+                (index, chunk) = (pick.chunk, &self.object.chunks[pick.chunk as usize]);
+                center = self.center(chunk);
+            }
+            picked.slots[i] = pick.slot;
+            picked.centers.iter_mut().zip(center.to_array()).for_each(|(all, axis)| all[i] = axis as f32);
+            let space = &chunk.space;
+            picked.center_scales[i] = space.center;
+            picked.radius_scales[i] = space.radius;
+            picked.color_scales[i] = space.color;
+        }
+        let group = Group { chunk, index, rank: 0, at: 0, active: picks.len().min(LANES), picked: Some(&picked) };
+        self.group(simd, group, center, out);
+    }
+
     #[inline(always)]
     fn group<S: Simd>(&self, simd: S, group: Group<'_>, center: DVec3, out: &mut SetupOutput<'_>) {
-        let Group { chunk, at, .. } = group;
+        let Group { chunk, at, picked, .. } = group;
         let object = self.object;
         let linear = self.linear.as_mat3();
         let k = |v: f64| Lanes::splat(simd, v as f32);
-        let c = V3::new(k(center.x), k(center.y), k(center.z));
-        let p = transform(&linear, object.centers.load(simd, at, chunk.space.center)) + c;
+        let (from_origin, c) = match picked {
+            None => (object.centers.load(simd, at, chunk.space.center), V3::new(k(center.x), k(center.y), k(center.z))),
+            Some(picked) => {
+                let [x, y, z] = picked.centers.each_ref().map(|axis| Lanes::load(simd, axis));
+                (object.centers.gather(simd, &picked.slots, &picked.center_scales), V3::new(x, y, z))
+            }
+        };
+        let p = transform(&linear, from_origin) + c;
+        let units = |column: &Units| match picked {
+            None => column.load(simd, at),
+            Some(picked) => column.gather(simd, &picked.slots),
+        };
+        let vectors = |column: &Column3| match picked {
+            None => column.load(simd, at, 1.0),
+            Some(picked) => column.gather(simd, &picked.slots, &[1.0; LANES]),
+        };
+        let radii_of = |column: &Column| match picked {
+            None => column.load(simd, at, chunk.space.radius),
+            Some(picked) => column.gather(simd, picked.slots.map(|slot| slot as usize), &picked.radius_scales),
+        };
         let normals = self.normals.as_mat3();
         let (normal, area) = match &object.shape {
-            StoredShape::Disks { normals, .. } => (normals.load(simd, at), None),
+            StoredShape::Disks { normals, .. } => (units(normals), None),
             StoredShape::Ellipses { s, t } => {
-                let (s, t) = (s.load(simd, at, 1.0), t.load(simd, at, 1.0));
+                let (s, t) = (vectors(s), vectors(t));
                 let (a, b) = (s.max_abs().scale_to_one(), t.max_abs().scale_to_one());
                 let cross = (s * a).cross(t * b);
                 let square = cross.dot(cross);
@@ -174,29 +240,32 @@ impl ObjectView<'_> {
         let (s, t, radius) = match (&object.shape, self.scale) {
             // Any pair of half-axes serves a disk, unless a clip is given in them.
             (StoredShape::Disks { radii, .. }, Some(scale)) if object.clips.is_none() => {
-                let r = radii.load(simd, at, chunk.space.radius) * k(scale);
+                let r = radii_of(radii) * k(scale);
                 let (s, t) = orthonormal(n);
                 (s * r, t * r, Some(r))
             }
             (StoredShape::Disks { radii, .. }, _) => {
-                let r = radii.load(simd, at, chunk.space.radius);
+                let r = radii_of(radii);
                 let (s, t) = orthonormal(normal);
                 (transform(&linear, s * r), transform(&linear, t * r), None)
             }
             (StoredShape::Ellipses { s, t }, _) => {
-                (transform(&linear, s.load(simd, at, 1.0)), transform(&linear, t.load(simd, at, 1.0)), None)
+                (transform(&linear, vectors(s)), transform(&linear, vectors(t)), None)
             }
         };
         let splat = ViewSplat { p, s, t, n };
         // Turning a pair of half-axes keeps its product.
         let area = radius.map(Area::of_disk).or(area.filter(|_| self.scale.is_some()));
         let shading = match &object.shading_normals {
-            Some(c) => unit(transform(&normals, c.load(simd, at))),
+            Some(c) => unit(transform(&normals, units(c))),
             None => world_normal,
         };
         let white = k(1.0);
         let color = match &object.colors {
-            Some(colors) => colors.load(simd, at, chunk.space.color),
+            Some(colors) => match picked {
+                None => colors.load(simd, at, chunk.space.color),
+                Some(picked) => colors.gather(simd, &picked.slots, &picked.color_scales),
+            },
             None => V3::new(white, white, white),
         };
         let splats = GroupLanes { splat, radius, area, shading, color };
@@ -206,7 +275,7 @@ impl ObjectView<'_> {
     #[inline(always)]
     fn project<S: Simd>(&self, simd: S, splats: &GroupLanes<S>, group: Group<'_>, out: &mut SetupOutput<'_>) {
         let GroupLanes { splat, radius, area, shading, color } = *splats;
-        let Group { chunk, at, active } = group;
+        let Group { chunk, at, active, .. } = group;
         let projection = &self.view.projection;
         let settings = &self.plan.splat_filter;
         let material = &self.material;
@@ -222,7 +291,15 @@ impl ObjectView<'_> {
         let live = (1u64 << active) - 1;
         let to_near = (inside & close).bits() & live;
         if to_near != 0 {
-            self.push_near(simd, chunk, at, to_near, out);
+            if let Some(candidates) = &mut out.candidates {
+                let Rect { x, y, end_x, end_y } = Rect::of(out.counted);
+                let pixels = [x, y, end_x - 1, end_y - 1].map(|side| [side; LANES]);
+                let around = pixels.map(|side| side[0]);
+                candidates.push(group.candidates(self.index, (to_near, true), (around, pixels)));
+            }
+            if !out.only_candidates {
+                self.push_near(simd, chunk, at, to_near, out);
+            }
         }
         let ordinary = (inside & !close).bits() & live;
         if ordinary == 0 {
@@ -275,6 +352,10 @@ impl ObjectView<'_> {
         if clips.is_none() {
             filtered.turn = Turn::none(one);
         }
+        if group.picked.is_some() {
+            // What a splat is must not depend on those beside it.
+            filtered = Filtered::select(acts, filtered, Filtered::unfiltered(visible));
+        }
         if !matches!(settings.filter, Filter::None | Filter::Clamp) && acts.bits() & ordinary != 0 {
             extent_px = extent_px.union(bounds::footprint(&filtered.footprint));
         }
@@ -285,6 +366,32 @@ impl ObjectView<'_> {
             pixel_of(splat.p.y * inverse_z, projection.focal_px[1], projection.principal_px[1]),
         );
         let fraction = projection.offset_from(splat.p, base);
+        if let Some(candidates) = &mut out.candidates {
+            // Whatever the filter's radius, a footprint is the image of a disk whose depth changes by this share of it.
+            let share = if perspective { extent * inverse_z } else { zero };
+            let reach = |least: Lanes<S>, most: Lanes<S>| (-least).max(most) * share.mul_add(k(2.5), one);
+            let counted = Rect::of(out.counted);
+            let range = |at: Lanes<S>, fraction: Lanes<S>, reach: Lanes<S>, (first, end): (i32, i32)| {
+                let (first, last) = (k(f64::from(first)), k(f64::from(end - 1)));
+                let (from, to) = (at + Lanes((fraction - reach).0.floor()), at + Lanes((fraction + reach).0.floor()));
+                (from.max(first).min(last), to.max(first).min(last), !(to.lt(first) | last.lt(from)))
+            };
+            let (x, y) = (reach(extent_px.min.x, extent_px.max.x), reach(extent_px.min.y, extent_px.max.y));
+            let columns = range(base.x, fraction.x, x, (counted.x, counted.end_x));
+            let rows = range(base.y, fraction.y, y, (counted.y, counted.end_y));
+            let splats = (keep & columns.2 & rows.2).bits() & ordinary;
+            if splats != 0 {
+                let those = mask32x16::from_bitmask(simd, splats);
+                let least = |v: Lanes<S>| -largest(Lanes::select(those, -v, k(-f64::from(f32::MAX))));
+                let most = |v: Lanes<S>| largest(Lanes::select(those, v, k(-f64::from(f32::MAX))));
+                let around = [least(columns.0), least(rows.0), most(columns.1), most(rows.1)].map(|px| px as i32);
+                let pixels = [columns.0, rows.0, columns.1, rows.1].map(whole);
+                candidates.push(group.candidates(self.index, (splats, false), (around, pixels)));
+            }
+            if out.only_candidates {
+                return;
+            }
+        }
         let region = out.grid.region;
         let columns =
             pixel_range(base.x, fraction.x + extent_px.min.x, fraction.x + extent_px.max.x, region.x, region.width);
@@ -405,13 +512,14 @@ impl ObjectView<'_> {
             w: if settings.projective { range[1] } else { one },
         };
         let mut masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &out.grid, form);
-        let clips = clips.map(|clips| (clips, clips.clipped(at) & keep)).filter(|(_, clipped)| *clipped != 0).map(
+        let clips = clips.map(|clips| (clips, group.clipped(clips) & keep)).filter(|(_, clipped)| *clipped != 0).map(
             |(clips, clipped)| Clips {
                 clips,
-                at,
+                group,
                 clipped,
                 policy: self.plan.clip,
                 projective: settings.projective,
+                oriented: self.object.oriented,
                 visible: turns(&visible_turn),
                 filtered: turns(&visible_turn.after(&filtered.turn)),
             },
@@ -440,7 +548,7 @@ impl ObjectView<'_> {
         let records = records.transposed();
         let [x, y, z] = [splat.p.x.to_array(), splat.p.y.to_array(), splat.p.z.to_array()];
         for i in lanes_of(keep) {
-            let mut part = out.part(self.transparent(at + i, || [x[i], y[i], z[i]]));
+            let mut part = out.part(self.transparent(group.slot(i), || [x[i], y[i], z[i]]));
             let index = part.push(simd, &records[i], (&masks, i), form);
             if let Some(clips) = &clips {
                 clips.clip(i, index, part.segment);
@@ -482,10 +590,54 @@ impl ObjectView<'_> {
 #[derive(Clone, Copy)]
 struct Group<'a> {
     chunk: &'a Chunk,
+    /// The chunk's index, and its rank among all that are visible.
+    index: u32,
+    rank: u32,
     /// Slot of the first.
     at: usize,
     /// How many there are; the other lanes repeat one.
     active: usize,
+    /// What they are in place of that, where they don't follow one another.
+    picked: Option<&'a Picked>,
+}
+
+/// Splats of any chunks of an object: their slots, their chunks' origins in view space, and what their numbers are
+/// relative to.
+struct Picked {
+    slots: [u32; LANES],
+    centers: [[f32; LANES]; 3],
+    center_scales: [f32; LANES],
+    radius_scales: [f32; LANES],
+    color_scales: [f32; LANES],
+}
+
+impl Group<'_> {
+    /// The slot of splat `i`.
+    #[inline(always)]
+    fn slot(&self, i: usize) -> usize {
+        self.picked.map_or(self.at + i, |picked| picked.slots[i % LANES] as usize)
+    }
+
+    /// Which of them have a clip, as bits.
+    #[inline(always)]
+    fn clipped(&self, clips: &StoredClips) -> u64 {
+        match self.picked {
+            None => clips.clipped(self.at),
+            Some(_) => (0..LANES).fold(0, |bits, i| bits | (clips.clipped(self.slot(i)) & 1) << i),
+        }
+    }
+
+    /// Some of them, as bits, which are near or not, and the pixels that they may touch.
+    #[inline(always)]
+    fn candidates(
+        &self,
+        object: u32,
+        (splats, is_near): (u64, bool),
+        (around, pixels): ([i32; 4], [[i32; LANES]; 4]),
+    ) -> CandidateGroup {
+        let first = Pick { object, chunk: self.index, slot: self.at as u32, is_near };
+        CandidateGroup { rank: self.rank, first, splats, around, pixels }
+    }
 }
 
 /// Its splats in view space.
@@ -503,12 +655,12 @@ struct GroupLanes<S: Simd> {
 /// What clips a group.
 struct Clips<'a> {
     clips: &'a StoredClips,
-    /// The first one's slot.
-    at: usize,
+    group: Group<'a>,
     /// Which of them have a clip, as bits.
     clipped: u64,
     policy: ClipPolicy,
     projective: bool,
+    oriented: bool,
     visible: [Turn<f32>; LANES],
     filtered: [Turn<f32>; LANES],
 }
@@ -517,14 +669,14 @@ impl Clips<'_> {
     /// Clips splat `i` of the group, whose record has this index, if it has a clip.
     #[inline(always)]
     fn clip(&self, i: usize, index: usize, segment: &mut Segment) {
-        let Some(clip) = self.clips.get(self.at + i, self.policy) else { return };
+        let Some(clip) = self.clips.get(self.group.slot(i), self.policy) else { return };
         let Some(record) = segment.records.get_mut(index) else { return };
         let unfiltered = record.visible_footprint(self.projective);
         let filtered = record.filtered_footprint();
         let unfiltered = Mapping { footprint: &unfiltered, turn: &self.visible[i] };
         let filtered = Mapping { footprint: &filtered, turn: &self.filtered[i] };
         let other = record.is_filtered().then_some(filtered);
-        record.set_clip(segment.clips.push(&clip, unfiltered, other));
+        record.set_clip(segment.clips.push(&clip, unfiltered, other, self.oriented));
     }
 }
 
@@ -534,6 +686,13 @@ fn moved_inside<S: Simd>(at: Lanes<S>, (first, length): (u32, u32), (start, coun
     let k = |v: u32| at.constant(f64::from(v));
     let at = at.max(k(first)).min(k((first + length).saturating_sub(1)));
     k(start).le(at) & at.lt(k(start + count))
+}
+
+/// Whole numbers.
+#[inline(always)]
+fn whole<S: Simd>(v: Lanes<S>) -> [i32; LANES] {
+    let v: i32x16<S> = v.0.to_int();
+    v.to_array()
 }
 
 /// Indices of set bits.

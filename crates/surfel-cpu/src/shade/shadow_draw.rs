@@ -55,7 +55,8 @@ impl ShadowDrawing<'_> {
         let mut plane = vec![f32::INFINITY; width * height];
         let objects = ObjectView::all(&self.scene.clouds, view, &plan, Cull::None);
         let chunks = visible_chunks(&objects).chunks;
-        let setup = CellSetup { instructions: self.instructions, objects: &objects, tiny: None, pool: self.pool };
+        let instructions = self.instructions;
+        let setup = CellSetup { instructions, objects: &objects, tiny: None, pool: self.pool, notes_candidates: false };
         let frame = RasterFrame::depth_only(&plan, view);
         let grid = Grid::new(region, self.tuning.tile_blocks);
         let threads = rayon::current_num_threads();
@@ -77,7 +78,7 @@ impl ShadowDrawing<'_> {
                     simd.vectorize(#[inline(always)] || cell.draw(simd, tile, &mut target, &mut lists)));
             }
             *scratch = lists.for_others();
-            self.pool.give_back(splats.segments);
+            self.pool.give_back(splats);
         });
         ShadowMap {
             light: map.light,

@@ -130,7 +130,13 @@ fn drawn(splat: &Tilted, view: &View, filter: Filter, finds_tiny: bool) -> Optio
     let instructions = Instructions::new(SimdLevel::Best).unwrap();
     let objects = ObjectView::all(&resident.clouds, view, &plan, Cull::Back);
     let (tiny, pool) = (TinyFinder::new(&plan, view), SetupPool::default());
-    let setup = CellSetup { instructions, objects: &objects, tiny: finds_tiny.then_some(&tiny), pool: &pool };
+    let setup = CellSetup {
+        instructions,
+        objects: &objects,
+        tiny: finds_tiny.then_some(&tiny),
+        pool: &pool,
+        notes_candidates: false,
+    };
     let (grid, mut splats) = (Grid::new(view.region, 8), CellSplats::default());
     setup.add(&visible_chunks(&objects).chunks, &grid, view.region, &mut splats);
     let frame = RasterFrame::depth_only(&plan, view);

@@ -32,6 +32,7 @@ fn settings() -> Vec<Settings> {
         Settings::default().with_shader(Shader::Phong),
         Settings::default().with_shader(Shader::Toon).with_edge_aa(EdgeAa::Coverage).with_transparency(layers),
         Settings::default().with_shader(Shader::Edl).with_transparency(layers),
+        Settings::default().with_shader(Shader::Phong).with_edge_aa(EdgeAa::Samples).with_transparency(layers),
     ]
 }
 
@@ -68,6 +69,9 @@ fn cases() -> Vec<Case> {
         add("ellipses", &ellipses_alone, &whole, Settings::default().with_filter(filter));
         let affine = Settings::default().with_filter(filter).with_mapping(Mapping::Affine);
         add("ellipses, affine", &ellipses_alone, &part, affine);
+        add("ellipses by samples", &ellipses_alone, &part, affine.with_edge_aa(EdgeAa::Samples));
+        let samples = Settings::default().with_filter(filter).with_edge_aa(EdgeAa::Samples);
+        add("ellipses by samples", &ellipses_alone, &whole, samples);
     }
     let clipped = ellipses(true);
     for clip in [ClipPolicy::Exact, ClipPolicy::Line, ClipPolicy::Off] {
@@ -105,6 +109,43 @@ fn occluded_chunks_are_left_out_and_no_bit_changes() {
         // 3,600 splats a wall, of which borders and the hole show some; edges show what lies behind.
         let occluded = counter(&stats, "culled_occluded");
         assert!(occluded > 1800.0 || settings.edge_aa != EdgeAa::Off, "{settings:?}: {occluded}");
+    }
+}
+
+/// Few splats are set up again in the view of samples: none must be missed, whatever the filter makes of it there.
+#[test]
+fn sampled_pixels_are_the_means_of_an_image_four_times_as_wide() {
+    let (whole, cut) = (view([100, 70], 2.9), view([90, 70], 3.02));
+    let part = View { region: Region { x: 13, y: 6, width: 62, height: 45 }, ..whole.clone() };
+    let mut scenes = vec![("ellipses", ellipses(false), &whole), ("clips", ellipses(true), &part)];
+    scenes.extend([0.002, 0.004, 0.02].map(|radius| ("specks", specks(radius), &cut)));
+    scenes.push(("haze", haze(), &part));
+    for (name, scene, view) in scenes {
+        for filter in Filter::ALL {
+            for (radius_px, mapping) in [(0.1, Mapping::Exact), (0.7, Mapping::Affine), (3.0, Mapping::Exact)] {
+                let settings = Settings::default().with_filter(filter).with_prefilter_radius_px(radius_px);
+                let settings = settings.with_mapping(mapping).with_transparency(Transparency::ABuffer { layers: 8 });
+                let pixels = |view: &View, edge_aa| {
+                    let draw = draw(Tuning::default(), &scene, view, &settings.with_edge_aa(edge_aa), Planes::COLOR);
+                    draw.0.into_iter().map(f32::from_bits).collect::<Vec<_>>()
+                };
+                let (plain, fine) = (pixels(view, EdgeAa::Off), pixels(&view.of_samples(), EdgeAa::Off));
+                let (width, mut sampled) = (view.region.width as usize, 0);
+                for (at, pixel) in pixels(view, EdgeAa::Samples).chunks(4).enumerate() {
+                    let (x, y) = (at % width, at / width);
+                    let samples = (0..16).map(|i| 4 * ((4 * y + i / 4) * 4 * width + 4 * x + i % 4));
+                    let mean = |channel: usize| samples.clone().map(|at| fine[at + channel]).sum::<f32>() / 16.0;
+                    let is = |wanted: &dyn Fn(usize) -> f32| {
+                        (0..4).all(|channel| (pixel[channel] - wanted(channel)).abs() < 2e-5)
+                    };
+                    let is_plain = is(&|channel| plain[4 * at + channel]);
+                    sampled += usize::from(!is_plain);
+                    let found = (pixel, [0, 1, 2, 3].map(mean));
+                    assert!(is_plain || is(&mean), "{name}, {filter:?}, {radius_px}, {x} {y}: {found:?}");
+                }
+                assert!(sampled > 20, "{name}, {filter:?}, {radius_px}: {sampled}");
+            }
+        }
     }
 }
 

@@ -123,6 +123,16 @@ pub fn read(path: &Path) -> Result<Vec<NamedCamera>, IoError> {
     Ok(cameras)
 }
 
+/// Reads cameras from the text of one of the files of JSON that [`read`] knows; `name` is for messages.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_json(bytes: &[u8], name: &Path) -> Result<Vec<NamedCamera>, IoError> {
+    let mut cameras = json::parse(bytes).map_err(|fault| fault.of(name))?;
+    name_all(&mut cameras);
+    Ok(cameras)
+}
+
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     ColmapBinary,

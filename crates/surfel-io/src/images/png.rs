@@ -53,7 +53,7 @@ pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOpti
     }
     let mut writer = encoder.write_header().map_err(io::Error::other)?;
     let data: Vec<u8> = match options.depth {
-        BitDepth::Eight => color.iter().map(|&c| to_8_bit(c)).collect::<Vec<_>>().into_flattened(),
+        BitDepth::Eight => to_srgb8(color).into_flattened(),
         BitDepth::Sixteen => color.iter().map(|&c| to_16_bit(c)).collect::<Vec<_>>().into_flattened(),
     };
     writer.write_image_data(&data).map_err(io::Error::other)?;
@@ -66,6 +66,11 @@ pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOpti
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
 pub fn save_png(path: &Path, overwrite: bool, planes: &PlanesView<'_>, options: &PngOptions) -> Result<(), IoError> {
     atomic::write(path, overwrite, |out| write_png(out, planes, options))
+}
+
+/// Linear premultiplied colours as a PNG of 8 bits holds them: sRGB-encoded, straight alpha. NaN becomes 0.
+pub fn to_srgb8(color: &[[f32; 4]]) -> Vec<[u8; 4]> {
+    color.iter().map(|&c| to_8_bit(c)).collect()
 }
 
 fn straight([r, g, b, a]: [f32; 4]) -> [f32; 4] {

@@ -1,7 +1,8 @@
 //! The public header block and the variable length records of LAS (ASPRS LAS 1.4 R15; 1.0 to 1.3 have less of it).
 
+use crate::crs::Crs;
 use crate::error::{Location, Problem};
-use crate::survey::{Crs, Source, one_line};
+use crate::survey::{Source, one_line};
 use glam::DVec3;
 use std::io::{self, SeekFrom};
 

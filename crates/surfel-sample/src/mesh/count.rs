@@ -34,6 +34,12 @@ struct Sample {
     barycentric: [f64; 3],
 }
 
+impl From<(u32, [f64; 3])> for Sample {
+    fn from((face, barycentric): (u32, [f64; 3])) -> Self {
+        Self { face, barycentric }
+    }
+}
+
 pub(crate) fn splats(
     mesh: &Mesh,
     count: usize,
@@ -199,9 +205,10 @@ fn place(geometry: &Geometry, sample: &Sample) -> DVec3 {
 /// `count` samples.
 fn spread(geometry: &Geometry, count: usize, area: f64, progress: &dyn Progress) -> Vec<Sample> {
     if count > MOST_ELIMINATED {
-        return stratified(geometry, count, area, progress);
+        return stratified(&geometry.areas, count, area, progress).into_iter().map(Sample::from).collect();
     }
-    let samples = stratified(geometry, count * OVERSAMPLING, area, progress);
+    let samples: Vec<Sample> =
+        stratified(&geometry.areas, count * OVERSAMPLING, area, progress).into_iter().map(Sample::from).collect();
     let positions: Vec<DVec3> = samples.iter().map(|s| place(geometry, s)).collect();
     let normals: Vec<DVec3> = samples.iter().map(|s| geometry.normals[s.face as usize]).collect();
     let tree = KdTree::new(&positions);
@@ -209,34 +216,34 @@ fn spread(geometry: &Geometry, count: usize, area: f64, progress: &dyn Progress)
     left.into_iter().map(|slot| samples[tree.index(slot as usize)]).collect()
 }
 
-/// Samples stratified by area along the order of the triangles, and by the low-discrepancy sequence R₂ (Roberts 2018,
-/// frac(½ + i/g), frac(½ + i/g²), g³ = g + 1) within each triangle.
-fn stratified(geometry: &Geometry, count: usize, area: f64, progress: &dyn Progress) -> Vec<Sample> {
+/// Triangles and barycentric coordinates, stratified by each triangle's share of the sum `total` of `areas` along the
+/// order of the triangles, and by the low-discrepancy sequence R₂ (Roberts 2018, frac(½ + i/g), frac(½ + i/g²),
+/// g³ = g + 1) within each triangle.
+pub(crate) fn stratified(areas: &[f64], count: usize, total: f64, progress: &dyn Progress) -> Vec<(u32, [f64; 3])> {
     const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
     progress.stage("samples", count as u64);
     let mut sum = 0.0;
-    let ends: Vec<f64> = geometry
-        .areas
+    let ends: Vec<f64> = areas
         .iter()
         .map(|a| {
             sum += a;
             sum
         })
         .collect();
-    let last = geometry.areas.iter().rposition(|a| *a > 0.0).unwrap_or(0);
+    let last = areas.iter().rposition(|a| *a > 0.0).unwrap_or(0);
     map_each(
         count,
         progress,
         || (),
         |(), i| {
-            let target = (i as f64 + Random::new(i as u64).unit()) / count as f64 * area;
+            let target = (i as f64 + Random::new(i as u64).unit()) / count as f64 * total;
             // Rounding may lead past the end; faces without area end where they begin and are never met.
             let face = ends.partition_point(|end| *end <= target).min(last);
             let [mut a, mut b] = STEPS.map(|step| (0.5 + i as f64 * step).fract());
             if a + b > 1.0 {
                 (a, b) = (1.0 - a, 1.0 - b);
             }
-            Sample { face: face as u32, barycentric: [1.0 - a - b, a, b] }
+            (face as u32, [1.0 - a - b, a, b])
         },
     )
 }

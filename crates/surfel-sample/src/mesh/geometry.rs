@@ -257,6 +257,15 @@ impl<'a> Geometry<'a> {
         m.colors.is_some() || m.alphas.is_some() || m.is_textured()
     }
 
+    /// Texels that a triangle shows; 0 without a texture.
+    pub(crate) fn texels(&self, face: usize) -> f64 {
+        let (Some(texture), Some(uvs)) = (self.mesh.material(face).texture, &self.mesh.uvs) else { return 0.0 };
+        let at = |i: u32| DVec3::new(uvs[i as usize][0].into(), uvs[i as usize][1].into(), 0.0);
+        let [a, b, c] = self.mesh.triangles[face].map(at);
+        let area = 0.5 * (b - a).cross(c - a).length() * f64::from(texture.width) * f64::from(texture.height);
+        if area.is_finite() { area } else { 0.0 }
+    }
+
     /// Alpha at barycentric coordinates `b` of a face, whatever its material makes of it.
     pub(crate) fn alpha(&self, face: usize, b: [f64; 3]) -> f32 {
         let t = self.mesh.triangles[face].map(|i| i as usize);

@@ -2,7 +2,8 @@
 
 mod borders;
 mod closed;
-mod count;
+pub(crate) mod count;
+mod detail;
 mod eliminate;
 mod face_tree;
 pub(crate) mod geometry;
@@ -18,6 +19,7 @@ use crate::{Progress, SampleError, interior};
 use surfel_model::{CloudData, Mesh, OnInvalid, SplatCloud};
 
 pub use closed::{CLOSED_MESH, FLAT_PARTS, is_closed, is_oriented};
+pub use detail::Detail;
 pub use octree::{OctreeOptions, octree_from_mesh};
 pub use options::{MeshMethod, MeshOptions, MeshReport};
 pub use vertices::points_from_mesh;
@@ -42,6 +44,7 @@ pub use vertices::points_from_mesh;
 ///   meet at 15° to 40°, so that disks stand out of the surface by at most 0.15 of the distance between them. Where
 ///   lines leave little of a splat, it grows up to 2.2 times; in strips narrower than about a third of the distance
 ///   between splats it reaches over the edge, since few of those have a splat.
+/// - [`MeshMethod::Detail`]: as many samples as [`Detail`] says.
 ///
 /// # Errors
 /// [`SampleError::Empty`] without vertices or triangles, [`SampleError::NoArea`] when no triangle has any,
@@ -66,6 +69,7 @@ pub fn splats_from_mesh(
     SampleError::check_count("triangles", mesh.triangles.len())?;
     let mut report = MeshReport {
         method: options.method,
+        detail: None,
         splats: 0,
         degenerate: 0,
         repeated: 0,
@@ -74,7 +78,15 @@ pub fn splats_from_mesh(
         median_radius: 0.0,
         interior_weight: None,
     };
-    let data = match options.method {
+    if options.method == MeshMethod::Detail {
+        let geometry = geometry::Geometry::new(mesh);
+        if geometry.total_area() <= 0.0 {
+            return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
+        }
+        let detail = Detail::new(&geometry);
+        (report.method, report.detail) = (MeshMethod::Count(detail.splats()), Some(detail));
+    }
+    let data = match report.method {
         MeshMethod::Count(count) => count::splats(mesh, count, options.radius_scale, &mut report, progress)?,
         _ => per_face::splats(mesh, options.radius_scale, &mut report, progress)?,
     };

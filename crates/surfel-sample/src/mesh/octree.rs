@@ -11,7 +11,8 @@ use glam::DVec3;
 use std::collections::BTreeMap;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{
-    ClipColumns, ClipLine, CloudData, Mesh, NO_LINE, Octree, OctreeNode, OnInvalid, SplatCloud, Transition,
+    ClipColumns, ClipLine, CloudData, Mesh, NO_LINE, Octree, OctreeNode, OnInvalid, SplatCloud, TextureSampling,
+    Transition,
 };
 
 /// Most splats of one level of the octree.
@@ -24,12 +25,14 @@ pub struct OctreeOptions {
     pub leaf_triangles: usize,
     /// Splats along the side of a node's cube, on a surface parallel to it; at least 1.
     pub splats_per_side: u32,
+    /// How the splats of each level take the mesh's colours ([`crate::fit_to_mesh`]).
+    pub texture: TextureSampling,
 }
 
 impl Default for OctreeOptions {
-    /// 64 triangles, which a leaf's 256 splats and more stand for.
+    /// 64 triangles, which a leaf's 256 splats and more stand for, and colours one by one.
     fn default() -> Self {
-        Self { leaf_triangles: 64, splats_per_side: 16 }
+        Self { leaf_triangles: 64, splats_per_side: 16, texture: TextureSampling::Point }
     }
 }
 
@@ -39,7 +42,8 @@ impl Default for OctreeOptions {
 /// none.
 ///
 /// A mesh without normals gets those that its splats are shaded with: smooth but for creases above 40°. Colours come
-/// from textures and vertices as in [`super::splats_from_mesh`]; the interior weight is that of the leaves' splats.
+/// from textures and vertices as in [`super::splats_from_mesh`], or are fitted level by level, so that a far view is
+/// the near one filtered (Z01 §8); the interior weight is that of the leaves' splats.
 /// Polygons take one texture: where the mesh has several, they show them by their vertices' colours
 /// ([`Mesh::with_one_material`]). Deterministic.
 ///
@@ -83,7 +87,7 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
     for level in tree.nodes.chunk_by(|a, b| a.depth == b.depth) {
         let spacing = spacing_at(level[0].depth);
         let first = nodes.len() as u32;
-        let sampled = Level::new(&geometry, &is_border, &tree, level, spacing, progress)?;
+        let sampled = Level::new(&geometry, &is_border, &tree, level, (spacing, options.texture), progress)?;
         let radius = radii::DENSITY * sampled.spacing;
         for (i, node) in (first..).zip(level) {
             let edges = edges_of.get(&i).map_or(&[][..], Vec::as_slice);
@@ -185,7 +189,7 @@ impl Level {
         is_border: &[bool],
         tree: &FaceTree,
         nodes: &[Node],
-        spacing: f64,
+        (spacing, texture): (f64, TextureSampling),
         progress: &dyn Progress,
     ) -> Result<Self, SampleError> {
         let mesh = geometry.mesh;
@@ -201,6 +205,7 @@ impl Level {
         let part = some_triangles(mesh, &faces);
         let mut report = MeshReport {
             method: MeshMethod::Count(count as usize),
+            detail: None,
             splats: 0,
             degenerate: 0,
             repeated: 0,
@@ -214,7 +219,8 @@ impl Level {
         for (splat, face) in on_face.iter().enumerate() {
             splats_of[node_of[*face as usize]].push(splat);
         }
-        let cloud = SplatCloud::new(data, OnInvalid::Refuse)?.0;
+        let (cloud, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
+        let (cloud, _) = crate::fit_to_mesh(cloud, &part, texture, progress)?;
         Ok(Self { cloud, spacing: (area / count).sqrt(), splats_of })
     }
 }

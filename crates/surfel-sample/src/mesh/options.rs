@@ -1,5 +1,6 @@
 //! Options and report of the conversion of meshes to splats.
 
+use super::detail::Detail;
 use super::geometry::Geometry;
 use surfel_model::Mesh;
 
@@ -12,6 +13,8 @@ pub enum MeshMethod {
     PerVertex,
     /// This many samples, spread evenly over the surface.
     Count(usize),
+    /// As many samples as shape and colours ask for ([`Detail`]).
+    Detail,
 }
 
 /// How a mesh becomes splats.
@@ -28,6 +31,8 @@ pub struct MeshOptions {
 pub struct MeshReport {
     /// The method used.
     pub method: MeshMethod,
+    /// What the number of samples was chosen by, with [`MeshMethod::Detail`].
+    pub detail: Option<Detail>,
     /// Splats made.
     pub splats: usize,
     /// Triangles without area, which no splat was made of.

@@ -118,6 +118,7 @@ pub(crate) fn splats(
     let (degenerate, repeated) = (geometry.degenerate(), geometry.repeated);
     let report = MeshReport {
         method: MeshMethod::PerVertex,
+        detail: None,
         splats: cloud.len(),
         degenerate,
         repeated,

@@ -80,9 +80,7 @@ pub(crate) fn color(cloud: &mut SplatCloud, by: &ColorBy<'_>) -> Result<Colored,
     let is = |what: &str| name.eq_ignore_ascii_case(what);
     let (colors, result) = if let Some(column) = ExtraColumn::find(&cloud.data().extras, name) {
         let values: Vec<f64> = (0..cloud.len()).map(|i| column.values.get(i)).collect();
-        let named = ExtraColumn { name: "classification".into(), values: ExtraValues::U8(Vec::new()) };
-        let class = ExtraColumn::find(&[named], &column.name).is_some();
-        of_values(&values, by, class, column.name.as_str())
+        of_values(&values, by, is_class(&column.name), column.name.as_str())
     } else if is("height") {
         let values: Vec<f64> = (0..cloud.len()).map(|i| cloud.center(i).dot(by.up)).collect();
         of_values(&values, &ColorBy { map: Some(by.map.unwrap_or(Colormap::Viridis)), ..*by }, false, "height")
@@ -109,6 +107,39 @@ pub(crate) fn color(cloud: &mut SplatCloud, by: &ColorBy<'_>) -> Result<Colored,
         *cloud = SplatCloud::new(data, OnInvalid::Refuse)?.0;
     }
     Ok(result)
+}
+
+/// The scale of the values that points are coloured by: of a column, or of their height.
+#[cfg(feature = "ortho")]
+pub(crate) fn scale_of(points: &surfel_model::PointCloud, by: &ColorBy<'_>) -> Colored {
+    let name = by.attribute;
+    if let Some(column) = ExtraColumn::find(&points.extras, name) {
+        let values: Vec<f64> = (0..points.len()).map(|i| column.values.get(i)).collect();
+        return of_values(&values, by, is_class(&column.name), &column.name).1;
+    }
+    let direct = |note: &str| {
+        Colored::By(Coloring { attribute: name.to_lowercase(), scale: ColorScale::Direct }, note.to_owned())
+    };
+    match name.to_lowercase().as_str() {
+        "height" => {
+            let values: Vec<f64> =
+                (0..points.len()).map(|i| (points.origin + points.positions.get(i)).dot(by.up)).collect();
+            of_values(&values, &ColorBy { map: Some(by.map.unwrap_or(Colormap::Viridis)), ..*by }, false, "height").1
+        }
+        "normal" => direct("coloured by normal: red, green and blue are x, y and z from -1 to 1"),
+        "rgb" if points.colors.is_some() => direct("coloured by the file's own colours"),
+        _ => {
+            let has_rgb = points.colors.is_some().then_some("rgb");
+            let own = has_rgb.into_iter().chain(["height", "normal"]).map(str::to_owned);
+            Colored::Unknown(own.chain(points.extras.iter().map(|e| e.name.escape_debug().to_string())).collect())
+        }
+    }
+}
+
+/// True of the name of a column of ASPRS's classes.
+fn is_class(name: &str) -> bool {
+    let named = ExtraColumn { name: "classification".into(), values: ExtraValues::U8(Vec::new()) };
+    ExtraColumn::find(&[named], name).is_some()
 }
 
 type Colors = Vec<[f32; 3]>;

@@ -1,8 +1,8 @@
-//! What `surfel info` says about a cloud's named columns: their types and ranges, how many points each class has, and
+//! What is said about a cloud's named columns: their types and ranges, how many points each class has, and
 //! the coordinate reference system.
 
 use serde_json::{Value, json};
-use surfel::model::ExtraColumn;
+use surfel_model::ExtraColumn;
 
 /// Names of the classes of LAS 1.4 R15, table 17; those of older versions where it reserves them (8 and 12).
 const ASPRS_CLASSES: [&str; 23] = [
@@ -68,23 +68,4 @@ pub(crate) fn crs(comments: &[String]) -> Value {
         (None, None) => Value::Null,
         (code, name) => json!({ "code": code, "name": name, "wkt": wkt }),
     }
-}
-
-/// The lines of all that.
-pub(crate) fn lines(facts: &Value) -> Vec<(&'static str, String)> {
-    let list = |key: &str| facts[key].as_array().into_iter().flatten();
-    let string = |value: &Value| value.as_str().unwrap_or_default().to_owned();
-    let mut lines = Vec::new();
-    for c in list("columns") {
-        lines.push(("column", format!("{}: {}, {} to {}", string(&c["name"]), string(&c["type"]), c["min"], c["max"])));
-    }
-    for c in list("classes") {
-        lines.push(("class", format!("{} ({}): {}", c["class"], string(&c["name"]), c["count"])));
-    }
-    match (facts["crs"]["code"].as_str(), facts["crs"]["name"].as_str()) {
-        (Some(code), Some(name)) => lines.push(("crs", format!("{code} ({})", name.escape_debug()))),
-        (Some(one), None) | (None, Some(one)) => lines.push(("crs", one.escape_debug().to_string())),
-        (None, None) => {}
-    }
-    lines
 }

@@ -1,52 +1,51 @@
-//! The camera that the flags ask for, and how it turns.
+//! The camera that is asked for, and how it turns.
 
-use crate::args::RenderArgs;
-use crate::failure::Failure;
+use crate::Error;
+use crate::framing::{self, DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes};
+use crate::render_options::RenderOptions;
 use glam::{DQuat, DVec3};
 use std::collections::HashSet;
 use std::path::Path;
-use surfel::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes};
-use surfel::io::cameras::NamedCamera;
-use surfel::model::Projection;
-use surfel::model::Up;
-use surfel::{Camera, Light, Scene};
+use surfel_io::cameras::NamedCamera;
+use surfel_model::{Camera, Light, Projection, Scene, Up};
+use surfel_render::View;
 
 /// Share of the image that `--view` fills.
 const FILL: f64 = 0.9;
 
 /// The projection that `--ortho` and `--fov-y` ask for.
-pub(crate) fn projection(args: &RenderArgs) -> FrameProjection {
-    if args.ortho {
+pub(crate) fn projection(options: &RenderOptions) -> FrameProjection {
+    if options.ortho {
         FrameProjection::Orthographic
     } else {
-        FrameProjection::Perspective(args.fov_y.unwrap_or(DEFAULT_FOV_Y_DEG))
+        FrameProjection::Perspective(options.fov_y.unwrap_or(DEFAULT_FOV_Y_DEG))
     }
 }
 
 /// True if a flag changes the camera, so that its faults are the command line's.
-pub(crate) fn is_flagged(args: &RenderArgs) -> bool {
-    args.eye.is_some()
-        || args.target.is_some()
-        || args.camera_up.is_some()
-        || args.fov_y.is_some()
-        || args.ortho
-        || args.size.is_some()
-        || args.region.is_some()
+pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
+    options.eye.is_some()
+        || options.target.is_some()
+        || options.camera_up.is_some()
+        || options.fov_y.is_some()
+        || options.ortho
+        || options.size.is_some()
+        || options.region.is_some()
 }
 
 /// Frames a scene file's camera anew for `--view`, with the file's projection unless flags say another.
-pub(crate) fn reframe(camera: &Camera, scene: &Scene, up: Up, args: &RenderArgs) -> Option<Camera> {
-    let view = args.view?;
-    let size = args.size.unwrap_or(camera.size);
-    let projection = match (args.ortho || args.fov_y.is_some(), camera.projection) {
-        (true, _) => projection(args),
+pub(crate) fn reframe(camera: &Camera, scene: &Scene, up: Up, options: &RenderOptions) -> Option<Camera> {
+    let view = options.view?;
+    let size = options.size.unwrap_or(camera.size);
+    let projection = match (options.ortho || options.fov_y.is_some(), camera.projection) {
+        (true, _) => projection(options),
         (false, Projection::Orthographic { .. }) => FrameProjection::Orthographic,
         (false, Projection::Perspective { fov_y_deg }) => FrameProjection::Perspective(fov_y_deg),
         (false, Projection::Intrinsics { fy, .. }) => FrameProjection::Perspective(fov_of(fy, size[1])),
     };
     let axes = ViewAxes::of_choice(view, &scene.objects, up);
-    let turning = args.turntable.then(|| up.vector());
-    surfel::framing::frame_camera(scene, &FrameOptions { axes, projection, size, fill: FILL, turning })
+    let turning = options.turntable.then(|| up.vector());
+    framing::frame_camera(scene, &FrameOptions { axes, projection, size, fill: FILL, turning })
 }
 
 fn fov_of(focal_px: f64, height_px: u32) -> f64 {
@@ -54,23 +53,23 @@ fn fov_of(focal_px: f64, height_px: u32) -> f64 {
 }
 
 /// What a camera has to be changed by: the flags, and if its near plane is ours to choose.
-pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: bool, args: &RenderArgs) {
+pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: bool, options: &RenderOptions) {
     let before = camera.clone();
-    if let Some(size) = args.size {
+    if let Some(size) = options.size {
         camera.size = size;
     }
-    if let Some(eye) = args.eye {
+    if let Some(eye) = options.eye {
         camera.eye = eye;
     }
-    if let Some(target) = args.target {
+    if let Some(target) = options.target {
         camera.target = target;
     }
-    if let Some(camera_up) = args.camera_up {
+    if let Some(camera_up) = options.camera_up {
         camera.up = camera_up;
-    } else if (args.eye.is_some() || args.target.is_some()) && own_near {
+    } else if (options.eye.is_some() || options.target.is_some()) && own_near {
         camera.up = upward(camera, up);
     }
-    if args.ortho && !matches!(camera.projection, Projection::Orthographic { .. }) {
+    if options.ortho && !matches!(camera.projection, Projection::Orthographic { .. }) {
         let distance = DVec3::from(camera.eye).distance(DVec3::from(camera.target));
         let height = match camera.projection {
             Projection::Perspective { fov_y_deg } => 2.0 * distance * (0.5 * fov_y_deg.to_radians()).tan(),
@@ -79,7 +78,7 @@ pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: 
         };
         camera.projection = Projection::Orthographic { height };
     }
-    if let Some(fov_y_deg) = args.fov_y {
+    if let Some(fov_y_deg) = options.fov_y {
         camera.projection = Projection::Perspective { fov_y_deg };
     }
     if *camera != before {
@@ -94,15 +93,14 @@ fn upward(camera: &Camera, up: Up) -> [f64; 3] {
     if forward.cross(along).length() > 1e-6 {
         return along.into();
     }
-    let view =
-        if forward.dot(along) < 0.0 { surfel::framing::NamedView::Top } else { surfel::framing::NamedView::Bottom };
+    let view = if forward.dot(along) < 0.0 { framing::NamedView::Top } else { framing::NamedView::Bottom };
     ViewAxes::named(view, up).up.into()
 }
 
 /// Near and far planes about the scene: near only where it is ours to choose, far only where it is needed.
 fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     let forward = ViewAxes::of(camera).forward;
-    let Some((first, last)) = surfel::framing::depth_range(scene, camera.eye.into(), forward) else { return };
+    let Some((first, last)) = framing::depth_range(scene, camera.eye.into(), forward) else { return };
     let size = (last - first).max(1e-6);
     if own_near {
         camera.near = if first > 0.0 { 0.5 * first } else { 1e-3 * size };
@@ -116,10 +114,25 @@ fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     }
 }
 
-/// Reads `--cameras`, for images of `--size`: names and cameras.
-pub(crate) fn named(path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Failure> {
-    let of = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
-    let cameras = surfel::io::cameras::read(path)?;
+/// Reads the cameras of another program, for images of `size`: names and cameras.
+///
+/// # Errors
+/// [`Error::Io`] and [`Error::Unsuitable`] saying what is wrong with the file.
+pub fn named(path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
+    let cameras = surfel_io::cameras::read(path)?;
+    with_names(cameras, path, size)
+}
+
+/// As [`named`], from the text of a file of JSON.
+///
+/// # Errors
+/// As [`named`].
+pub fn named_in_json(json: &[u8], name: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
+    with_names(surfel_io::cameras::read_json(json, name)?, name, size)
+}
+
+fn with_names(cameras: Vec<NamedCamera>, path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
+    let of = |problem: String| Error::Unsuitable { path: path.to_path_buf(), problem };
     let mut names = HashSet::new();
     for camera in &cameras {
         if !names.insert(&camera.name) {
@@ -135,21 +148,23 @@ pub(crate) fn named(path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, 
 }
 
 /// A camera of another program, which knows no near plane, with one before the scene.
-pub(crate) fn with_near(mut camera: Camera, scene: &Scene) -> Camera {
+pub fn with_near(mut camera: Camera, scene: &Scene) -> Camera {
     refit_depth(&mut camera, scene, true);
     camera
 }
 
 /// How the camera and its lights go about the scene.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Turntable {
-    pub(crate) center: DVec3,
-    pub(crate) axis: DVec3,
+pub struct Turntable {
+    /// A point of the axis, world space.
+    pub center: DVec3,
+    /// Its direction, a unit vector.
+    pub axis: DVec3,
 }
 
 impl Turntable {
     /// The camera and lights after `turn` of a revolution: the scene turns before them, so they go the other way.
-    pub(crate) fn at(&self, turn: f64, camera: &Camera, lights: &[Light]) -> (Camera, Vec<Light>) {
+    pub fn at(&self, turn: f64, camera: &Camera, lights: &[Light]) -> (Camera, Vec<Light>) {
         let rotation = DQuat::from_axis_angle(self.axis, -std::f64::consts::TAU * turn);
         let direction = |v: [f64; 3]| -> [f64; 3] { (rotation * DVec3::from(v)).into() };
         let point = |p: [f64; 3]| -> [f64; 3] { (self.center + rotation * (DVec3::from(p) - self.center)).into() };
@@ -168,8 +183,11 @@ impl Turntable {
     }
 }
 
-/// Checks that the camera can be used; its faults are the command line's where flags made it.
-pub(crate) fn view(camera: &Camera, args: &RenderArgs) -> Result<surfel::View, Failure> {
-    surfel::View::of_region(camera, args.region)
-        .map_err(|e| if is_flagged(args) { Failure::usage(e.to_string()) } else { Failure::input(e.to_string()) })
+/// Checks that the camera can be used.
+///
+/// # Errors
+/// [`Error::Usage`] where the options made it, else [`Error::Model`].
+pub fn view(camera: &Camera, options: &RenderOptions) -> Result<View, Error> {
+    View::of_region(camera, options.region)
+        .map_err(|e| if is_flagged(options) { Error::Usage(e.to_string()) } else { e.into() })
 }

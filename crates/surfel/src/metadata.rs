@@ -2,44 +2,49 @@
 //!
 //! Only what decides the image: neither threads nor names nor times, so that the same command writes the same bytes.
 
-use crate::args::RenderArgs;
-use crate::failure::Failure;
-use crate::output::Format;
-use crate::paths;
-use crate::stdin::{Stdin, is_stdin};
+use crate::Error;
+use crate::paths::{self, is_stdin};
+use crate::render_options::RenderOptions;
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use surfel::model::SceneFile;
-use surfel::render::RendererInfo;
+use surfel_io::IoError;
+use surfel_model::SceneFile;
+use surfel_render::RendererInfo;
 
 /// This program's version.
-pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Keyword of the version.
-pub(crate) const VERSION_KEY: &str = "surfel:version";
+pub const VERSION_KEY: &str = "surfel:version";
 /// Keyword of the scene file, whose paths are relative to the image's folder.
-pub(crate) const SCENE_KEY: &str = "surfel:scene";
+pub const SCENE_KEY: &str = "surfel:scene";
 /// Keyword of what decides the image beside the scene.
-pub(crate) const DRAWN_KEY: &str = "surfel:drawn";
+pub const DRAWN_KEY: &str = "surfel:drawn";
 /// Keyword of the inputs and their hashes.
-pub(crate) const INPUTS_KEY: &str = "surfel:inputs";
+pub const INPUTS_KEY: &str = "surfel:inputs";
 
 /// A file that an image is made of.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Input {
+pub struct Input {
     /// Absolute, or `-` for stdin.
-    pub(crate) path: PathBuf,
-    pub(crate) content: Content,
+    pub path: PathBuf,
+    /// What it holds.
+    pub content: Content,
 }
 
 /// What a file holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Content {
+pub enum Content {
     /// Size in bytes and SHA-256 in hexadecimal digits.
-    Known { bytes: u64, sha256: String },
+    Known {
+        /// Bytes.
+        bytes: u64,
+        /// Digits.
+        sha256: String,
+    },
     /// A pipe, which is read but once.
     Unknown,
     /// A file that another one refers to, and that isn't there.
@@ -47,8 +52,11 @@ pub(crate) enum Content {
 }
 
 /// The files that a scene names and those that these refer to (`beside`), each once, with their hashes; paths are
-/// absolute.
-pub(crate) fn inputs(file: &SceneFile, beside: &BTreeSet<PathBuf>, stdin: &Stdin) -> Result<Vec<Input>, Failure> {
+/// absolute. `stdin` is what the name `-` stands for.
+///
+/// # Errors
+/// [`Error::Io`] for one that can't be read.
+pub fn inputs(file: &SceneFile, beside: &BTreeSet<PathBuf>, stdin: Option<&[u8]>) -> Result<Vec<Input>, Error> {
     let mut names = beside.clone();
     paths::for_each(&mut file.clone(), |path| {
         names.insert(path.clone());
@@ -59,15 +67,18 @@ pub(crate) fn inputs(file: &SceneFile, beside: &BTreeSet<PathBuf>, stdin: &Stdin
     names.into_iter().map(|path| Ok(Input { content: content(&path, stdin)?, path })).collect()
 }
 
-/// Size and hash of a file or of stdin.
-pub(crate) fn content(path: &Path, stdin: &Stdin) -> Result<Content, Failure> {
+/// Size and hash of a file, or of `stdin` where its name is `-`.
+///
+/// # Errors
+/// [`Error::Io`] if it can't be read.
+pub fn content(path: &Path, stdin: Option<&[u8]>) -> Result<Content, Error> {
     let mut hash = Sha256::new();
     let bytes = if is_stdin(path) {
-        let bytes = stdin.bytes()?;
-        hash.update(&bytes);
+        let Some(bytes) = stdin else { return Ok(Content::Unknown) };
+        hash.update(bytes);
         bytes.len() as u64
     } else {
-        let failed = |e: std::io::Error| Failure::input(format!("{}: cannot read it: {e}", path.display()));
+        let failed = |source| IoError::System { path: path.to_path_buf(), action: "read it", source };
         let metadata = match path.metadata() {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Content::Missing),
             metadata => metadata.map_err(failed)?,
@@ -91,41 +102,40 @@ pub(crate) fn content(path: &Path, stdin: &Stdin) -> Result<Content, Failure> {
     Ok(Content::Known { bytes, sha256 })
 }
 
-/// How an image is drawn, beside its scene: flags of `render` by their long names.
-pub(crate) fn drawn(args: &RenderArgs, info: &RendererInfo, format: Format) -> Value {
+/// How an image is drawn, beside its scene: flags of `render` by their long names. What is said of the file's format
+/// is the caller's to add.
+pub fn drawn(options: &RenderOptions, quantised: bool, info: &RendererInfo) -> Map<String, Value> {
     let mut drawn = Map::new();
     drawn.insert("backend".to_owned(), json!(info.backend));
     if !matches!(info.backend, "cpu" | "reference") {
         // Two GPUs may round differently; CPUs don't.
         drawn.insert("adapter".to_owned(), json!(info.adapter));
     }
-    if let Some(r) = args.region {
+    if let Some(r) = options.region {
         drawn.insert("region".to_owned(), json!(format!("{},{},{},{}", r.x, r.y, r.width, r.height)));
     }
-    if let Some(n) = args.samples {
+    if let Some(n) = options.samples {
         drawn.insert("samples".to_owned(), json!(n));
     }
-    if args.storage != "32" {
-        drawn.insert("storage".to_owned(), json!(args.storage));
+    if quantised {
+        drawn.insert("storage".to_owned(), json!("16"));
     }
-    match format {
-        Format::Png { sixteen: true } => drawn.insert("png16".to_owned(), json!(true)),
-        Format::Exr { f32_color: true } => drawn.insert("exr-f32".to_owned(), json!(true)),
-        _ => None,
-    };
-    Value::Object(drawn)
+    drawn
 }
 
 /// The entries of an image in `folder`: of a scene with absolute paths, and its inputs.
 ///
 /// `None` if a path is not UTF-8, which JSON must be.
-pub(crate) fn entries(
+///
+/// # Errors
+/// None today.
+pub fn entries(
     folder: &Path,
     scene: &SceneFile,
     inputs: &[Input],
-    drawn: &Value,
-    format: Format,
-) -> Result<Option<Vec<(String, String)>>, Failure> {
+    drawn: &Map<String, Value>,
+    is_exr: bool,
+) -> Result<Option<Vec<(String, String)>>, Error> {
     let Ok(text) = serde_json::to_string(&paths::relative_to(folder, scene)?) else { return Ok(None) };
     let mut list = Vec::new();
     for Input { path, content } in inputs {
@@ -140,15 +150,15 @@ pub(crate) fn entries(
     let mut entries = vec![
         (VERSION_KEY, VERSION.to_owned()),
         (SCENE_KEY, ascii(&text)),
-        (DRAWN_KEY, ascii(&drawn.to_string())),
+        (DRAWN_KEY, ascii(&json!(drawn).to_string())),
         (INPUTS_KEY, ascii(&Value::Array(list).to_string())),
     ];
-    if matches!(format, Format::Exr { .. }) {
+    if is_exr {
         // Compositors show an EXR's attributes, where parts are easier to read than the whole.
         let json = |value: serde_json::Result<String>| value.unwrap_or_default();
         entries.push(("surfel:camera", json(serde_json::to_string(&scene.camera))));
         entries.push(("surfel:settings", json(serde_json::to_string(&scene.settings))));
-        if let Some(region) = drawn["region"].as_str() {
+        if let Some(region) = drawn.get("region").and_then(Value::as_str) {
             entries.push(("surfel:region", region.to_owned()));
         }
     }
@@ -185,11 +195,11 @@ mod tests {
     fn content_is_told_by_size_and_sha_256() {
         let path = std::env::temp_dir().join(format!("surfel-hash-{}", std::process::id()));
         std::fs::write(&path, "abc").unwrap();
-        let found = content(&path, &Stdin::default()).unwrap();
+        let found = content(&path, None).unwrap();
         std::fs::remove_file(&path).unwrap();
         // FIPS 180-2, appendix B.1.
         let digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         assert_eq!(found, Content::Known { bytes: 3, sha256: digest.to_owned() });
-        assert_eq!(content(&path, &Stdin::default()).unwrap(), Content::Missing);
+        assert_eq!(content(&path, None).unwrap(), Content::Missing);
     }
 }

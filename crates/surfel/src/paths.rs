@@ -1,27 +1,46 @@
 //! A scene file's paths, absolute while the program works and relative where it is written.
 
-use crate::failure::Failure;
-use crate::stdin::is_stdin;
+use crate::Error;
+use crate::load::STDIN;
 use std::path::{Component, Path, PathBuf};
-use surfel::model::SceneFile;
+use surfel_io::IoError;
+use surfel_model::SceneFile;
+
+/// True for the name `-`.
+pub fn is_stdin(path: &Path) -> bool {
+    path.as_os_str() == STDIN
+}
+
+/// An input's name in messages.
+pub fn display(path: &Path) -> std::path::Display<'_> {
+    if is_stdin(path) { Path::new("stdin").display() } else { path.display() }
+}
 
 /// The path from the root, without looking at the disk.
-pub(crate) fn absolute(path: &Path) -> Result<PathBuf, Failure> {
-    std::path::absolute(path).map_err(|e| Failure::other(format!("{}: has no absolute path: {e}", path.display())))
+///
+/// # Errors
+/// [`Error::Io`] where the current folder is gone.
+pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
+    let action = "find where it is";
+    let failed = |source| IoError::System { path: path.to_path_buf(), action, source }.into();
+    std::path::absolute(path).map_err(failed)
 }
 
 /// Calls `change` with every path of a scene file, but the name of stdin.
-pub(crate) fn for_each(
-    file: &mut SceneFile,
-    mut change: impl FnMut(&mut PathBuf) -> Result<(), Failure>,
-) -> Result<(), Failure> {
-    let objects = file.objects.iter_mut().flat_map(|o| [&mut o.splats, &mut o.mesh, &mut o.convert.texture]);
+///
+/// # Errors
+/// The first one of `change`.
+pub fn for_each(file: &mut SceneFile, mut change: impl FnMut(&mut PathBuf) -> Result<(), Error>) -> Result<(), Error> {
+    let objects = file.objects.iter_mut().flat_map(|o| [&mut o.splats, &mut o.mesh, &mut o.convert.texture.file]);
     let paths = objects.chain([&mut file.matcap]).flatten();
     paths.filter(|path| !is_stdin(path)).try_for_each(&mut change)
 }
 
 /// A scene file of absolute paths with paths relative to `folder`, which exists.
-pub(crate) fn relative_to(folder: &Path, file: &SceneFile) -> Result<SceneFile, Failure> {
+///
+/// # Errors
+/// None today.
+pub fn relative_to(folder: &Path, file: &SceneFile) -> Result<SceneFile, Error> {
     let mut file = file.clone();
     for_each(&mut file, |path| {
         *path = relative(path, folder);
@@ -33,7 +52,7 @@ pub(crate) fn relative_to(folder: &Path, file: &SceneFile) -> Result<SceneFile, 
 /// The way from `folder` to an absolute path, with slashes; the path itself where there is none (another drive).
 ///
 /// Both folders are taken without symbolic links, because `..` out of a link doesn't lead back to where it lies.
-pub(crate) fn relative(path: &Path, folder: &Path) -> PathBuf {
+pub fn relative(path: &Path, folder: &Path) -> PathBuf {
     let real = |folder: &Path| std::fs::canonicalize(folder).or_else(|_| std::path::absolute(folder));
     let (Some(parent), Some(name), Ok(folder)) = (path.parent(), path.file_name(), real(folder)) else {
         return path.to_path_buf();

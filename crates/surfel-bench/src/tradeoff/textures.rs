@@ -1,0 +1,115 @@
+//! What it costs to fit splats to a texture, and what it gains: `--texture`.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::Vec3;
+use surfel::model::{Cull, Geometry, Mesh, Object, TextureSampling};
+use surfel::sample::{MeshMethod, MeshOptions, fit_to_mesh, splats_from_mesh};
+use surfel::{Camera, Material, NoProgress, Scene, Settings};
+use surfel_bench::page::Table;
+use surfel_metrics::{CompareOptions, Image, compare};
+
+use super::measure::Backends;
+use super::subjects;
+use crate::{Failure, clouds};
+
+/// Splats of the ball.
+const SPLATS: usize = 40_000;
+/// Polygons are drawn so many times larger, and averaged.
+const SAMPLES: u32 = 4;
+
+/// Colours of a place of the ball.
+type Paint = fn(Vec3) -> [f32; 3];
+
+const PAINTS: [(&str, Paint); 3] = [("smooth", smooth), ("as in a photo", fractal), ("black and white", squares)];
+
+fn smooth(p: Vec3) -> [f32; 3] {
+    (Vec3::splat(0.5) + 0.3 * (60.0 * p).map(f32::sin)).to_array()
+}
+
+/// Waves whose height falls with their frequency, as in photographs.
+fn fractal(p: Vec3) -> [f32; 3] {
+    let wave = |octave: i32| {
+        let frequency = 4.0 * 1.7f32.powi(octave);
+        let turned = Vec3::new(p.x + 0.7 * p.y, p.y - 0.6 * p.z, p.z + 0.8 * p.x);
+        (frequency * turned + Vec3::splat(octave as f32)).map(f32::sin) / 1.7f32.powi(octave)
+    };
+    let sum: Vec3 = (0..8).map(wave).sum();
+    (Vec3::splat(0.5) + 0.15 * sum).clamp(Vec3::ZERO, Vec3::ONE).to_array()
+}
+
+fn squares(p: Vec3) -> [f32; 3] {
+    let index = (p * 14.0).floor();
+    [((index.x + index.y + index.z) as i32).rem_euclid(2) as f32; 3]
+}
+
+/// Every way to take colours, on every kind of texture.
+pub(crate) fn table(backends: &mut Backends, size: u32) -> Result<Table, Failure> {
+    let head = ["texture", "splats take it by", "ms", "of them to fit", "RMSE close", "FLIP close", "RMSE whole"];
+    let mut table = Table::new(&head);
+    let close = subjects::camera([0.2, 0.4, 1.9], [0.1, 0.1, 0.0], 12.0, size);
+    let whole = subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, size);
+    for (name, paint) in PAINTS {
+        let mut mesh = clouds::bumpy_mesh(360);
+        let positions = (0..mesh.positions.len()).map(|i| mesh.positions.get(i).as_vec3());
+        mesh.colors = Some(positions.map(paint).collect());
+        let truths = [&close, &whole].map(|camera| truth(backends, &mesh, camera));
+        let [close_truth, whole_truth] = truths;
+        let (close_truth, whole_truth) = (close_truth?, whole_truth?);
+        for sampling in TextureSampling::ALL {
+            let start = Instant::now();
+            let options = MeshOptions::new(MeshMethod::Count(SPLATS));
+            let (cloud, _) = splats_from_mesh(&mesh, &options, &NoProgress)?;
+            let made = start.elapsed();
+            let (cloud, _) = fit_to_mesh(cloud, &mesh, sampling, &NoProgress)?;
+            let all = start.elapsed();
+            let geometry = Geometry::from(cloud);
+            let [rmse, flip] = errors(&draw(backends, &geometry, &close)?, &close_truth, size)?;
+            let [far, _] = errors(&draw(backends, &geometry, &whole)?, &whole_truth, size)?;
+            table.rows.push(vec![
+                name.to_owned(),
+                sampling.name().to_owned(),
+                format!("{:.0}", all.as_secs_f64() * 1e3),
+                format!("{:.0}", (all - made).as_secs_f64() * 1e3),
+                format!("{rmse:.4}"),
+                format!("{flip:.4}"),
+                format!("{far:.4}"),
+            ]);
+        }
+    }
+    Ok(table)
+}
+
+/// The colours alone, unlit.
+fn draw(backends: &mut Backends, geometry: &Geometry, camera: &Camera) -> Result<Vec<[f32; 4]>, Failure> {
+    let material = Material { cull: Cull::Back, ..Material::default() };
+    let object = Object { geometry: geometry.clone(), world_from_object: glam::DAffine3::IDENTITY, material };
+    let scene = Scene { objects: vec![object], ..Scene::default() };
+    let resident = backends.wide.upload(&scene)?;
+    Ok(backends.wide.render(&resident, camera, &Settings::default())?.color().to_vec())
+}
+
+/// The polygons, averaged over each pixel.
+fn truth(backends: &mut Backends, mesh: &Mesh, camera: &Camera) -> Result<Vec<[f32; 4]>, Failure> {
+    let [width, height] = camera.size;
+    let fine = Camera { size: [width * SAMPLES, height * SAMPLES], ..camera.clone() };
+    let fine = draw(backends, &Geometry::Mesh(Arc::new(mesh.clone())), &fine)?;
+    let pixel = |i: u32| {
+        let mut sum = [0.0; 4];
+        for k in 0..SAMPLES * SAMPLES {
+            let (x, y) = (i % width * SAMPLES + k % SAMPLES, i / width * SAMPLES + k / SAMPLES);
+            let sample = fine[(y * width * SAMPLES + x) as usize];
+            sum.iter_mut().zip(sample).for_each(|(s, c)| *s += c / (SAMPLES * SAMPLES) as f32);
+        }
+        sum
+    };
+    Ok((0..width * height).map(pixel).collect())
+}
+
+/// RMSE and FLIP.
+fn errors(image: &[[f32; 4]], truth: &[[f32; 4]], size: u32) -> Result<[f64; 2], Failure> {
+    let of = |pixels| Image::new(size, size, pixels);
+    let found = compare(&of(truth.as_flattened())?, &of(image.as_flattened())?, &CompareOptions::default())?;
+    Ok([found.rmse, found.flip_mean.unwrap_or(f64::NAN)])
+}

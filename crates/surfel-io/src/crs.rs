@@ -1,0 +1,317 @@
+//! Coordinate reference systems, as files state them: EPSG codes, well-known text, GeoTIFF keys.
+
+/// A coordinate reference system, as a file states it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Crs {
+    /// OGC well-known text.
+    pub(crate) wkt: Option<String>,
+    /// An EPSG code, where the file states nothing else.
+    pub(crate) code: Option<u32>,
+    /// GeoTIFF: the key directory, then the doubles and texts that it refers to.
+    pub(crate) geotiff: Option<(Vec<u16>, Vec<f64>, String)>,
+}
+
+impl Crs {
+    /// The one of this EPSG code.
+    pub fn of_epsg(code: u16) -> Self {
+        Self { code: Some(code.into()), ..Self::default() }
+    }
+
+    /// What comments carry of it, in the form that docs/format.md gives; `None` if they carry nothing.
+    pub fn of_comments(comments: &[String]) -> Option<Self> {
+        fn numbers<T: std::str::FromStr>(text: &str) -> Vec<T> {
+            text.split_ascii_whitespace().map_while(|word| word.parse().ok()).collect()
+        }
+        let after = |key: &str| comments.iter().find_map(|comment| comment.strip_prefix(key));
+        let directory: Vec<u16> = after("crs_geotiff_keys ").map(numbers).unwrap_or_default();
+        let crs = Self {
+            wkt: after("crs_wkt ").map(str::to_owned),
+            code: after("crs EPSG:").and_then(|code| code.trim().parse().ok()),
+            geotiff: (directory.len() >= 8).then(|| {
+                let doubles = after("crs_geotiff_doubles ").map(numbers).unwrap_or_default();
+                (directory, doubles, after("crs_geotiff_text ").unwrap_or_default().to_owned())
+            }),
+        };
+        (crs != Self::default()).then_some(crs)
+    }
+
+    /// Its EPSG code, where the text or the keys give one.
+    pub fn epsg(&self) -> Option<u32> {
+        let of_wkt = self.wkt.as_deref().and_then(epsg_of_wkt);
+        of_wkt.or(self.code).or_else(|| {
+            // A projected system wins over the geographic one that it is made of. 32767 stands for user-defined.
+            let key = |key| self.key(key).filter(|code| !matches!(code, 0 | 32_767));
+            if self.key(3072).is_some() { key(3072) } else { key(2048) }.map(u32::from)
+        })
+    }
+
+    /// The value of a GeoTIFF key that stands in the directory itself.
+    fn key(&self, key: u16) -> Option<u16> {
+        let (directory, ..) = self.geotiff.as_ref()?;
+        directory.get(4..)?.chunks_exact(4).find(|e| e[0] == key && e[1] == 0).map(|e| e[3])
+    }
+
+    fn name(&self) -> Option<String> {
+        if let Some(wkt) = &self.wkt {
+            return wkt.split('"').nth(1).map(str::to_owned);
+        }
+        let (_, _, texts) = self.geotiff.as_ref()?;
+        texts.split('|').map(str::trim).find(|text| !text.is_empty()).map(str::to_owned)
+    }
+
+    /// True of coordinates that are degrees. Of an EPSG code alone it is known for those in common use.
+    pub fn is_geographic(&self) -> bool {
+        let of_wkt = |wkt: &String| ["GEOGCS[", "GEOGCRS["].iter().any(|root| wkt.starts_with(root));
+        let of_code = || self.code.is_some_and(|code| GEOGRAPHIC.iter().any(|[lo, hi]| (*lo..=*hi).contains(&code)));
+        match (&self.wkt, &self.geotiff) {
+            (Some(wkt), _) => of_wkt(wkt),
+            (None, Some(_)) => self.key(MODEL_TYPE) == Some(2),
+            (None, None) => of_code(),
+        }
+    }
+
+    /// GeoTIFF's directory of keys for an image whose pixels are areas, and the doubles and text that it refers to
+    /// (GeoTIFF 1.1). A system that is known as text alone is given as Esri's programs do, which GDAL reads.
+    pub(crate) fn image_keys(&self) -> (Vec<u16>, Vec<f64>, String) {
+        let code = |value: Option<u32>| value.and_then(|code| u16::try_from(code).ok()).filter(|code| *code < 32_767);
+        let of_wkt = |systems: &[&str]| code(self.wkt.as_deref().and_then(|wkt| code_of_wkt(wkt, systems)));
+        let mut text = String::new();
+        let mut keys: Vec<[u16; 4]> = vec![[RASTER_TYPE, 0, 1, 1]];
+        let stated = match (&self.wkt, &self.geotiff) {
+            (Some(_), _) => of_wkt(&SYSTEMS),
+            (None, Some(_)) => None,
+            (None, None) => code(self.code),
+        };
+        if let (None, Some(whole)) = (stated, &self.geotiff) {
+            return pixel_is_area(whole);
+        }
+        if let Some(stated) = stated {
+            let (model, key) = if self.is_geographic() { (2, 2048) } else { (1, 3072) };
+            keys.extend([[MODEL_TYPE, 0, 1, model], [key, 0, 1, stated]]);
+            keys.extend(of_wkt(&VERTICALS).map(|vertical| [4096, 0, 1, vertical]));
+        } else if let Some(wkt) = self.wkt.as_ref().filter(|wkt| wkt.len() < 60_000 && is_projected(wkt)) {
+            text = format!("ESRI PE String = {}|", wkt.replace(|c: char| !c.is_ascii(), "?"));
+            keys.extend([[MODEL_TYPE, 0, 1, 1], [3072, 0, 1, 32_767], [3073, 34_737, text.len() as u16, 0]]);
+        }
+        keys.sort_unstable();
+        let mut directory = vec![1, 1, 0, keys.len() as u16];
+        directory.extend(keys.iter().flatten());
+        (directory, Vec::new(), text)
+    }
+
+    /// It in a few words: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
+    pub fn words(&self) -> String {
+        let name = self.name().map(|name| crate::error::quote(name.as_bytes()));
+        match (name, self.epsg()) {
+            (Some(name), Some(code)) => format!("CRS {name} (EPSG:{code})"),
+            (Some(name), None) => format!("CRS {name}"),
+            (None, Some(code)) => format!("CRS EPSG:{code}"),
+            (None, None) if self.geotiff.is_some() => "a CRS without a name".into(),
+            (None, None) => "no CRS".into(),
+        }
+    }
+
+    /// The comments that carry it, as docs/format.md says.
+    pub fn comments(&self) -> Vec<String> {
+        let join = |values: Vec<String>| values.join(" ");
+        let mut comments = Vec::new();
+        if let Some(code) = self.epsg() {
+            comments.push(format!("crs EPSG:{code}"));
+        }
+        if let Some(wkt) = &self.wkt {
+            comments.push(format!("crs_wkt {wkt}"));
+        }
+        if let Some((directory, doubles, texts)) = &self.geotiff {
+            comments.push(format!("crs_geotiff_keys {}", join(directory.iter().map(u16::to_string).collect())));
+            if !doubles.is_empty() {
+                comments.push(format!("crs_geotiff_doubles {}", join(doubles.iter().map(f64::to_string).collect())));
+            }
+            if !texts.is_empty() {
+                comments.push(format!("crs_geotiff_text {texts}"));
+            }
+        }
+        comments
+    }
+}
+
+/// What a compound system and its like are called in well-known text, in whose parts the system itself can be.
+const COMPOUNDS: [&str; 4] = ["COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS"];
+/// What systems are called there.
+const SYSTEMS: [&str; 8] =
+    ["PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOGCS", "GEOGCRS", "GEODCRS", "GEOCCS", "GEODETICCRS"];
+
+/// What systems of heights are called there.
+const VERTICALS: [&str; 3] = ["VERT_CS", "VERTCRS", "VERTICALCRS"];
+/// GeoTIFF's keys of what x and y are, and of what a pixel is.
+const MODEL_TYPE: u16 = 1024;
+const RASTER_TYPE: u16 = 1025;
+/// Ranges of EPSG codes that hold geographic systems alone (EPSG 12), of those in common use.
+const GEOGRAPHIC: [[u32; 2]; 14] = [
+    [4001, 4025],
+    [4120, 4216],
+    [4218, 4327],
+    [4490, 4490],
+    [4600, 4646],
+    [4657, 4765],
+    [4937, 4937],
+    [4979, 4979],
+    [6318, 6319],
+    [6667, 6668],
+    [6782, 6783],
+    [7843, 7844],
+    [8899, 8902],
+    [9000, 9000],
+];
+
+/// True of text that can be one value of GeoTIFF and tells a system whose x and y are lengths.
+fn is_projected(wkt: &str) -> bool {
+    let roots = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "COMPD_CS[", "COMPOUNDCRS["];
+    !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root))
+}
+
+/// A directory of GeoTIFF that says of pixels that they are areas, and all else as it is. Keys that refer to what isn't
+/// there are left out.
+fn pixel_is_area(whole: &(Vec<u16>, Vec<f64>, String)) -> (Vec<u16>, Vec<f64>, String) {
+    let (directory, doubles, text) = whole;
+    let text: String = text.chars().map(|c| if c.is_ascii() { c } else { '?' }).collect();
+    let fits = |key: &[u16; 4]| {
+        let end = usize::from(key[3]) + usize::from(key[2]);
+        match key[1] {
+            0 => key[2] == 1,
+            34_736 => end <= doubles.len(),
+            34_737 => end <= text.len(),
+            _ => false,
+        }
+    };
+    let keys = directory.get(4..).unwrap_or_default().chunks_exact(4).map(|key| [key[0], key[1], key[2], key[3]]);
+    let mut keys: Vec<[u16; 4]> = keys.filter(|key| key[0] != RASTER_TYPE && fits(key)).collect();
+    keys.push([RASTER_TYPE, 0, 1, 1]);
+    keys.sort_unstable();
+    keys.dedup_by_key(|key| key[0]);
+    let mut made = vec![1, 1, 0, keys.len() as u16];
+    made.extend(keys.iter().flatten());
+    (made, doubles.clone(), text)
+}
+
+/// The EPSG code of well-known text: `AUTHORITY["EPSG","26910"]` or `ID["EPSG",26910]` of the whole, else of the first
+/// of its parts that is a horizontal system. Those of datums, units and base systems are others.
+fn epsg_of_wkt(wkt: &str) -> Option<u32> {
+    let whole: Vec<&str> = SYSTEMS.into_iter().chain(COMPOUNDS).collect();
+    code_of_wkt(wkt, &whole)
+}
+
+/// The EPSG code of the first of these parts of well-known text, or of the whole, that is outermost.
+fn code_of_wkt(wkt: &str, parts: &[&str]) -> Option<u32> {
+    let (mut stack, mut best, mut quoted): (Vec<&str>, Option<(usize, u32)>, bool) = (Vec::new(), None, false);
+    let is_one_of = |word: &str, names: &[&str]| names.iter().any(|name| word.eq_ignore_ascii_case(name));
+    for (at, c) in wkt.char_indices() {
+        match c {
+            '"' => quoted = !quoted,
+            _ if quoted => {}
+            '[' | '(' => {
+                let word = wkt[..at].rsplit(|c: char| !c.is_ascii_alphanumeric() && c != '_').next().unwrap_or("");
+                let parents = stack.split_last().is_some_and(|(parent, above)| {
+                    is_one_of(parent, parts) && above.iter().all(|word| is_one_of(word, &COMPOUNDS))
+                });
+                if parents && is_one_of(word, &["AUTHORITY", "ID"]) && best.is_none_or(|(d, _)| stack.len() < d) {
+                    let rest = &wkt[at + 1..];
+                    let end = rest.find([']', ')']).unwrap_or(rest.len());
+                    let mut fields = rest[..end].split(',').map(|f| f.trim().trim_matches('"'));
+                    let is_epsg = fields.next().is_some_and(|name| name.eq_ignore_ascii_case("EPSG"));
+                    if let Some(code) = fields.next().and_then(|f| f.parse().ok()).filter(|_| is_epsg) {
+                        best = Some((stack.len(), code));
+                    }
+                }
+                // Real texts are some ten deep.
+                if stack.len() > 64 {
+                    return best.map(|(_, code)| code);
+                }
+                stack.push(word);
+            }
+            ']' | ')' => drop(stack.pop()),
+            _ => {}
+        }
+    }
+    best.map(|(_, code)| code)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn code_of_well_known_text_is_the_outermost() {
+        let wkt =
+            r#"PROJCS["NAD83 / UTM zone 10N",GEOGCS["NAD83",AUTHORITY["EPSG","4269"]],AUTHORITY["EPSG","26910"]]"#;
+        assert_eq!(epsg_of_wkt(wkt), Some(26_910));
+        let compound = concat!(
+            r#"COMPD_CS["a [b",PROJCS["p",GEOGCS["g",AUTHORITY["EPSG","1"]],"#,
+            r#"AUTHORITY["EPSG","2"]],VERT_CS["v",AUTHORITY["EPSG","3"]]]"#
+        );
+        assert_eq!(epsg_of_wkt(compound), Some(2));
+        let without = concat!(
+            r#"PROJCS["p",GEOGCS["g",DATUM["d",AUTHORITY["EPSG","6326"]],"#,
+            r#"AUTHORITY["EPSG","4326"]],UNIT["m",1,AUTHORITY["EPSG","9001"]]]"#
+        );
+        assert_eq!(epsg_of_wkt(without), None);
+        assert_eq!(epsg_of_wkt(r#"PROJCRS["x",BASEGEOGCRS["y",ID["EPSG",4326]],ID["EPSG",32631]]"#), Some(32_631));
+        assert_eq!(epsg_of_wkt(r#"LOCAL_CS["AUTHORITY[\"EPSG\",\"5\"]"]]]"#), None);
+    }
+
+    #[test]
+    fn keys_name_the_projected_system() {
+        let keys = vec![1, 1, 0, 3, 1024, 0, 1, 1, 2048, 0, 1, 4269, 3072, 0, 1, 26_915];
+        let crs = Crs { code: None, wkt: None, geotiff: Some((keys, vec![], "NAD83 / UTM 15|".into())) };
+        assert_eq!((crs.epsg(), crs.words().as_str()), (Some(26_915), "CRS 'NAD83 / UTM 15' (EPSG:26915)"));
+        assert_eq!(Crs::default().words(), "no CRS");
+        // A projection of the file's own isn't the geographic system that it is made of.
+        let keys = vec![1, 1, 0, 3, 1024, 0, 1, 1, 2048, 0, 1, 4269, 3072, 0, 1, 32_767];
+        assert_eq!(Crs { geotiff: Some((keys, vec![], String::new())), ..Crs::default() }.epsg(), None);
+    }
+
+    #[test]
+    fn comments_carry_it_there_and_back() {
+        let keys = vec![1, 1, 0, 1, 3072, 0, 1, 26_915];
+        let all = Crs {
+            wkt: Some(r#"PROJCS["a b",AUTHORITY["EPSG","26915"]]"#.into()),
+            code: Some(26_915),
+            geotiff: Some((keys, vec![0.1, 1e-300], "NAD83 / UTM 15|".into())),
+        };
+        assert_eq!(Crs::of_comments(&all.comments()), Some(all));
+        assert_eq!(Crs::of_comments(&["crs EPSG:x".into(), "other".into()]), None);
+    }
+
+    #[test]
+    fn keys_of_images_say_code_model_and_that_pixels_are_areas() {
+        let projected = vec![1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 2056];
+        assert_eq!(Crs::of_epsg(2056).image_keys(), (projected, vec![], String::new()));
+        let (geographic, ..) = Crs::of_epsg(4326).image_keys();
+        assert_eq!(geographic[4..], [1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 4326]);
+        // The whole has a code, which stands for no horizontal system: its parts' are written.
+        let wkt = concat!(
+            r#"COMPD_CS["c",PROJCS["p",GEOGCS["g",AUTHORITY["EPSG","1"]],AUTHORITY["EPSG","28992"]],"#,
+            r#"VERT_CS["v",VERT_DATUM["d",2005,AUTHORITY["EPSG","7"]],AUTHORITY["EPSG","5709"]],"#,
+            r#"AUTHORITY["EPSG","7415"]]"#
+        );
+        let crs = Crs { wkt: Some(wkt.into()), ..Crs::default() };
+        assert_eq!(crs.epsg(), Some(7415));
+        assert_eq!(crs.image_keys().0[12..], [3072, 0, 1, 28_992, 4096, 0, 1, 5709]);
+        // Without a code the text itself is.
+        let crs = Crs { wkt: Some(r#"PROJCS["mine",GEOGCS["g"]]"#.into()), ..Crs::default() };
+        let (keys, _, text) = crs.image_keys();
+        assert_eq!(text, r#"ESRI PE String = PROJCS["mine",GEOGCS["g"]]|"#);
+        assert_eq!(keys[12..], [3072, 0, 1, 32_767, 3073, 34_737, text.len() as u16, 0]);
+        // What isn't a plane has no place in an image.
+        let crs = Crs { wkt: Some(r#"GEOCCS["unnamed"]"#.into()), ..Crs::default() };
+        assert_eq!(crs.image_keys(), (vec![1, 1, 0, 1, 1025, 0, 1, 1], vec![], String::new()));
+    }
+
+    #[test]
+    fn keys_of_a_file_are_kept_but_for_those_that_point_nowhere() {
+        let keys =
+            vec![1, 1, 0, 5, 1024, 0, 1, 1, 1025, 0, 1, 2, 3073, 34_737, 4, 0, 3075, 34_737, 9, 0, 3080, 34_736, 1, 0];
+        let crs = Crs { geotiff: Some((keys, vec![500_000.0], "abc|".into())), ..Crs::default() };
+        let expected = vec![1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3073, 34_737, 4, 0, 3080, 34_736, 1, 0];
+        assert_eq!(crs.image_keys(), (expected, vec![500_000.0], "abc|".to_owned()));
+    }
+}

@@ -1,0 +1,156 @@
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+from typing_extensions import Unpack
+
+__version__: str
+
+_Path = str | os.PathLike[str]
+_Numbers = Sequence[float] | NDArray[Any]
+_Plane = Literal["color", "depth", "normal", "weight"]
+_Axis = Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
+
+class _Splats(TypedDict, total=False):
+    repair: bool
+    texture: _Path | Literal["point", "ewa", "fit"]
+    colors: Literal["as-is", "fit"]
+    per_vertex: bool
+    per_face: bool
+    splats: int | Literal["auto"]
+    radius_scale: float
+    max_points: int
+    cull: Literal["none", "back"]
+    sharp: bool
+    crease_angle: float
+    error: float
+    color_by: str
+    colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
+    range: _Numbers
+    colorbar: _Path
+    crop: _Numbers
+    classes: Sequence[int]
+    returns: Literal["last", "first", "single"]
+    where: str
+    every: int
+    all_points: bool
+    allow_outside: bool
+    max_texture: int
+
+class _Render(_Splats, total=False):
+    size: tuple[int, int]
+    camera: _Path
+    view: str | tuple[float, float]
+    eye: _Numbers
+    target: _Numbers
+    camera_up: _Numbers
+    up: _Axis
+    region: tuple[int, int, int, int]
+    fov_y: float
+    ortho: bool
+    preset: Literal["fastest", "fast", "balanced", "quality", "reference"]
+    filter: Literal["none", "clamp", "adjust", "principal", "ewa"]
+    mapping: Literal["exact", "affine"]
+    cutoff: float
+    prefilter: float
+    depth_tolerance: float | str
+    accumulate: Literal["f32", "f16"]
+    transparency: str
+    clip: Literal["exact", "paper", "line", "off"]
+    shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
+    matcap: _Path
+    lod_error: float
+    all_levels: bool
+    shadows: bool
+    edge_aa: bool | Literal["on", "off", "samples"]
+    background: _Numbers | Literal["transparent"]
+    samples: int
+    backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
+    adapter: str
+    storage: Literal[16, 32, "16", "32"]
+    threads: int
+
+class Error(Exception): ...
+class UsageError(Error, ValueError): ...
+class InputError(Error, ValueError): ...
+class BackendError(Error, RuntimeError): ...
+
+class Image:
+    name: str
+    @property
+    def size(self) -> tuple[int, int]: ...
+    @property
+    def rgba(self) -> NDArray[np.uint8]: ...
+    @property
+    def linear(self) -> NDArray[np.float32]: ...
+    @property
+    def depth(self) -> NDArray[np.float32]: ...
+    @property
+    def normal(self) -> NDArray[np.float32]: ...
+    @property
+    def weight(self) -> NDArray[np.float32]: ...
+    @property
+    def notes(self) -> list[str]: ...
+    @property
+    def stats(self) -> dict[str, Any]: ...
+    @property
+    def scene_file(self) -> dict[str, Any] | None: ...
+    def save(
+        self, path: _Path, *, force: bool = ..., png16: bool = ..., exr_f32: bool = ..., metadata: bool = ...
+    ) -> None: ...
+    def png(self, *, png16: bool = ..., metadata: bool = ...) -> bytes: ...
+    def __array__(self, dtype: DTypeLike | None = ..., copy: bool | None = ...) -> NDArray[Any]: ...
+
+class Scene:
+    def render(
+        self,
+        *,
+        K: ArrayLike | None = ...,
+        world_from_camera: ArrayLike | None = ...,
+        planes: _Plane | Iterable[_Plane] | None = ...,
+        **flags: Unpack[_Render],
+    ) -> Image: ...
+    def render_many(
+        self,
+        cameras: _Path | Iterable[tuple[ArrayLike, ArrayLike] | Mapping[str, Any]] | None = ...,
+        *,
+        frames: int | None = ...,
+        planes: _Plane | Iterable[_Plane] | None = ...,
+        **flags: Unpack[_Render],
+    ) -> Iterator[Image]: ...
+    def prepare(self, **flags: Unpack[_Render]) -> list[str]: ...
+    def info(self) -> dict[str, Any]: ...
+    def save(
+        self, output: _Path, *, hybrid: bool = ..., ascii: bool = ..., force: bool = ..., **flags: Unpack[_Splats]
+    ) -> list[str]: ...
+
+def scene(
+    points: Any,
+    normals: ArrayLike | None = ...,
+    colors: ArrayLike | None = ...,
+    radii: ArrayLike | None = ...,
+    *,
+    attributes: Mapping[str, ArrayLike] | None = ...,
+    faces: ArrayLike | None = ...,
+    **flags: Unpack[_Render],
+) -> Scene: ...
+def again(picture: _Path) -> Image: ...
+def open(*paths: _Path, **flags: Unpack[_Render]) -> Scene: ...
+def convert(
+    input: _Path | Scene,
+    output: _Path,
+    *,
+    hybrid: bool = ...,
+    ascii: bool = ...,
+    force: bool = ...,
+    **flags: Unpack[_Splats],
+) -> list[str]: ...
+def info(
+    input: _Path | Scene, *, repair: bool = ..., allow_outside: bool = ..., max_texture: int | None = ...
+) -> dict[str, Any]: ...
+def compare(
+    a: _Path | Image | ArrayLike, b: _Path | Image | ArrayLike, *, diff: _Path | None = ..., force: bool = ...
+) -> dict[str, Any]: ...
+def backends() -> list[dict[str, Any]]: ...

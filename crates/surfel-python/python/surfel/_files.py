@@ -1,0 +1,87 @@
+"""What the commands `convert`, `info`, `compare` and `backends` do."""
+
+from __future__ import annotations
+
+import json
+import os
+
+from . import _flags, _native
+from ._errors import UsageError
+from ._image import Image
+
+
+def _source(thing) -> tuple:
+    """The path of a file, and the scene that has its bytes where the path is `-`."""
+    paths = getattr(thing, "_paths", None)
+    if paths is None:
+        return os.fspath(thing), None
+    if len(paths) != 1:
+        raise UsageError(f"a scene of {len(paths)} files, expected one")
+    return paths[0], thing._native
+
+
+def convert(input, output, *, hybrid=False, ascii=False, force=False, **flags) -> list[str]:
+    """Makes splats of points or a mesh and writes them to a .ply, or with `hybrid` an octree to a .surfel: the bytes
+    that `surfel convert` writes.
+
+    input: a file, or a Scene. Other keywords as in `open` that say how files become splats. Gives what there is to say
+    about it. Raises FileExistsError without `force`, UsageError, InputError.
+    """
+    output = os.fspath(output)
+    base = getattr(input, "_base", {})
+    given = {name: value for name, value in base.items() if name in _flags.SPLATS}
+    given.update(flags)
+    ending = ".surfel" if hybrid else ".ply"
+    if not output.lower().endswith(ending):
+        raise UsageError(f"output={output!r}: expected a name that ends in {ending}")
+    path, scene = _source(input)
+    return _native.convert(path, scene, output, _flags.texts(given, _flags.SPLATS, "convert"), hybrid, ascii, force)
+
+
+def info(input, *, repair=False, allow_outside=False, max_texture=None) -> dict:
+    """What a file, or a Scene of one or of arrays, holds: the object that `surfel info --json` prints."""
+    path, scene = _source(input)
+    return json.loads(_native.info(path, scene, repair, allow_outside, max_texture))
+
+
+def _image(name: str, thing):
+    if isinstance(thing, Image):
+        return thing._native
+    if isinstance(thing, (str, os.PathLike)):
+        return os.fspath(thing)
+    import numpy as np
+
+    from ._arrays import _array
+
+    array = _array(name, thing)
+    if array.ndim != 3 or array.shape[2] not in (3, 4) or array.dtype.kind != "f":
+        raise UsageError(f"{name}: an array of shape {array.shape} and dtype {array.dtype}, expected linear colours:"
+                         " floats of shape (height, width, 3 or 4)")
+    if array.shape[2] == 3:
+        array = np.concatenate([array, np.ones_like(array[:, :, :1])], axis=2)
+    return _native.frame_of(np.ascontiguousarray(array, dtype=np.float32))
+
+
+def compare(a, b, *, diff=None, force=False) -> dict:
+    """How far image `b` is from the reference `a`: the object that `surfel compare --json` prints, with `max_abs`,
+    `rmse`, `psnr`, `flip`, and `planes` that both have.
+
+    a, b: files, Images, or arrays of linear premultiplied colours, floats of shape (height, width, 3 or 4). diff: a
+    .png to write FLIP's error map to. Infinite numbers are float("inf").
+
+    Raises InputError for images of different sizes.
+    """
+    diff = None if diff is None else os.fspath(diff)
+    found = json.loads(_native.compare(_image("a", a), _image("b", b), diff, force))
+
+    def plain(value):
+        if isinstance(value, dict):
+            return {key: item if key in ("a", "b") else plain(item) for key, item in value.items()}
+        return float(value) if value in ("inf", "-inf", "nan") else value
+
+    return plain(found)
+
+
+def backends() -> list[dict]:
+    """What this machine can run: the list that `surfel backends --json` prints."""
+    return json.loads(_native.backends())

@@ -1,0 +1,64 @@
+"""From keyword arguments to the texts of the command line's flags."""
+
+from __future__ import annotations
+
+import numbers
+import os
+
+from ._errors import UsageError
+
+SPLATS = frozenset(
+    "repair texture colors per_vertex per_face splats radius_scale max_points cull sharp crease_angle error color_by colormap"
+    " range colorbar crop classes returns where every all_points allow_outside max_texture".split()
+)
+RENDER = SPLATS | frozenset(
+    "size camera view eye target camera_up up region fov_y ortho preset filter mapping cutoff prefilter"
+    " depth_tolerance accumulate transparency clip shader matcap lod_error all_levels shadows edge_aa background samples backend"
+    " adapter storage threads".split()
+)
+PLANES = ("color", "depth", "normal", "weight")
+
+
+def _number(value) -> str:
+    if isinstance(value, numbers.Integral):
+        return str(int(value))
+    number = float(value)
+    return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
+
+
+def _text(name: str, value) -> str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (bool,)) or type(value).__name__ in ("bool_", "bool"):
+        return "on" if value else "off"
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    try:
+        if isinstance(value, numbers.Real) or getattr(value, "ndim", None) == 0:
+            return _number(value)
+        return ("x" if name == "size" else ",").join(_number(part) for part in value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: a {type(value).__name__}, expected text, a number or numbers") from None
+
+
+def texts(given: dict, known: frozenset, where: str) -> list[tuple[str, str]]:
+    """Pairs of a flag's name and its text; None says nothing."""
+    for name in given:
+        if name not in known:
+            import difflib
+
+            near = difflib.get_close_matches(name, known, 1)
+            help = f": did you mean {near[0]}?" if near else f", expected some of {', '.join(sorted(known))}"
+            raise TypeError(f"{where}() got an unexpected keyword argument '{name}'{help}")
+    return [(name.replace("_", "-"), _text(name, value)) for name, value in given.items() if value is not None]
+
+
+def planes_of(planes) -> list[str]:
+    """Names of planes; None is all."""
+    if planes is None:
+        return list(PLANES)
+    names = [planes] if isinstance(planes, str) else list(planes)
+    for name in names:
+        if name not in PLANES:
+            raise UsageError(f"planes: {name!r}, expected some of {', '.join(PLANES)}")
+    return names

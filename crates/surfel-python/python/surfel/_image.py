@@ -1,0 +1,113 @@
+"""An image and its planes."""
+
+from __future__ import annotations
+
+import json
+import os
+
+from ._errors import UsageError
+
+
+class Image:
+    """An image that was drawn, and what it was drawn by.
+
+    Its planes are read-only arrays of NumPy, rows from the top; `numpy.array(image.depth)` is a copy to write to. A
+    plane that wasn't asked for (`planes=`) raises `UsageError`. A notebook shows the image.
+    """
+
+    def __init__(self, native, name: str = ""):
+        self._native = native
+        self._rgba = None
+        self.name = name
+        """Name of the camera, of images of `render_many`."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self._native.width, self._native.height
+
+    def _plane(self, name: str):
+        plane = getattr(self._native, name)
+        if plane is None:
+            wanted = "color" if name == "linear" else name
+            raise UsageError(f"{name}: this plane wasn't drawn: ask for it, as in render(planes=['{wanted}'])")
+        return plane
+
+    @property
+    def linear(self):
+        """Colours: float32 of shape (height, width, 4), linear RGBA, premultiplied by alpha."""
+        return self._plane("linear")
+
+    @property
+    def rgba(self):
+        """Colours as a PNG holds them: uint8 of shape (height, width, 4), sRGB-encoded RGB and straight alpha."""
+        self._plane("linear")
+        if self._rgba is None:
+            self._rgba = self._native.rgba()
+        return self._rgba
+
+    @property
+    def depth(self):
+        """Distance along the view, not along the ray: float32 of shape (height, width), world units; inf where nothing
+        is."""
+        return self._plane("depth")
+
+    @property
+    def normal(self):
+        """Unit normals in world space: float32 of shape (height, width, 3); 0 where nothing is."""
+        return self._plane("normal")
+
+    @property
+    def weight(self):
+        """Sum of the splats' kernels: float32 of shape (height, width); 0 where nothing is."""
+        return self._plane("weight")
+
+    @property
+    def notes(self) -> list[str]:
+        """What the program would say on stderr: what was dropped, assumed or estimated."""
+        return self._native.notes
+
+    @property
+    def stats(self) -> dict:
+        """What `--stats` prints of a frame: `frame_ms`, `passes` (name to ms), `splats`, `drawn`, `threads`,
+        `backend`."""
+        return json.loads(self._native.stats)
+
+    @property
+    def scene_file(self) -> dict | None:
+        """The scene file (docs/pictures.md) that gives this image, as `--print-scene` writes it."""
+        text = self._native.scene_json()
+        return None if text is None else json.loads(text)
+
+    def save(self, path, *, force: bool = False, png16: bool = False, exr_f32: bool = False, metadata: bool = True):
+        """Writes a .png, .exr (all planes) or .jpg that appears whole or not at all, with the scene that it is of, so
+        that `surfel again` repeats it.
+
+        force: overwrites a file. png16: 16 bits a sample. exr_f32: colours as 32-bit floats. metadata: False leaves
+        the scene out.
+
+        Raises FileExistsError, UsageError (another format) and OSError.
+        """
+        self._native.save(os.fspath(path), force, png16, exr_f32, metadata)
+
+    def png(self, *, png16: bool = False, metadata: bool = True) -> bytes:
+        """The bytes of a PNG, paths in its scene relative to the current folder."""
+        self._plane("linear")
+        return self._native.png(png16, metadata)
+
+    def _repr_png_(self) -> bytes | None:
+        return None if self._native.linear is None else self.png()
+
+    def __array__(self, dtype=None, copy=None):
+        """`rgba`, so that matplotlib and Pillow take an image as it is."""
+        import numpy as np
+
+        if dtype is None and not copy:
+            return self.rgba
+        return np.array(self.rgba, dtype=dtype)
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        names = {"linear": "color", "depth": "depth", "normal": "normal", "weight": "weight"}
+        planes = [name for plane, name in names.items() if getattr(self._native, plane) is not None]
+        return f"<surfel.Image {width}x{height}: {', '.join(planes)}>"

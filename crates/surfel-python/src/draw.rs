@@ -1,0 +1,261 @@
+//! From a scene's files and options to frames; no Python here.
+
+use crate::interrupt::defect;
+use crate::pool::{Taken, Who};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use surfel::metadata;
+use surfel::model::SceneFile;
+use surfel::paths::is_stdin;
+use surfel::render::{Capabilities, SceneSummary, unsupported};
+use surfel::request::{Pictures, RenderOptions, Request, Resolved, SceneSource, Source};
+use surfel::scene::LoadedObjects;
+use surfel::{BackendScene, Camera, Error, Frame, Planes, Progress, Renderer, Scene, Stats, camera};
+
+/// Scenes that are kept ready to be drawn, besides the last.
+const KEPT: usize = 1;
+
+/// What an image is of, and all that was made of it so far.
+pub(crate) struct Input {
+    pub(crate) paths: Vec<PathBuf>,
+    /// What the name `-` among the paths stands for.
+    pub(crate) bytes: Option<Arc<[u8]>>,
+    /// The scene file that a picture carries, which is the first of the paths.
+    carried: Option<String>,
+    cache: Mutex<Cache>,
+}
+
+#[derive(Default)]
+struct Cache {
+    /// What it was loaded by, and the objects.
+    loaded: Option<(String, LoadedObjects)>,
+    prepared: Vec<Arc<Prepared>>,
+}
+
+/// A scene in a backend: its name, whether splats are in 16 bits, and the scene.
+type Resident = ((&'static str, bool), Arc<BackendScene>);
+
+/// A scene, framed and lit.
+pub(crate) struct Prepared {
+    options: RenderOptions,
+    /// The pictures whose views chose what was read of files, if they did.
+    read_for: Option<Arc<Pictures>>,
+    pub(crate) resolved: Resolved,
+    summary: SceneSummary,
+    pub(crate) notes: Vec<String>,
+    /// Where it is ready to be drawn: the backend's name and whether splats are in 16 bits.
+    resident: Mutex<Option<Resident>>,
+    /// The files and their hashes, once an image was written.
+    inputs: Mutex<Option<Vec<metadata::Input>>>,
+}
+
+/// One image that is asked for.
+#[derive(Clone)]
+pub(crate) struct Job {
+    pub(crate) options: RenderOptions,
+    /// All that are drawn of the scene together.
+    pub(crate) pictures: Arc<Pictures>,
+    pub(crate) who: Who,
+    pub(crate) planes: Planes,
+}
+
+/// Which camera an image is from.
+#[derive(Clone)]
+pub(crate) enum From {
+    /// The options'.
+    Options,
+    /// Another program's.
+    Camera(Camera),
+    /// A frame of a turn in so many.
+    Turn(u32, u32),
+}
+
+/// An image that was drawn.
+pub(crate) struct Drawn {
+    pub(crate) frame: Frame,
+    pub(crate) stats: Stats,
+    pub(crate) recipe: Recipe,
+}
+
+/// What an image carries, so that it can be drawn again.
+#[derive(Clone)]
+pub(crate) struct Recipe {
+    pub(crate) prepared: Arc<Prepared>,
+    pub(crate) input: Arc<Input>,
+    pub(crate) scene: SceneFile,
+    pub(crate) drawn: serde_json::Map<String, serde_json::Value>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Input {
+    pub(crate) fn new(paths: Vec<PathBuf>, bytes: Option<Arc<[u8]>>) -> Self {
+        Self { paths, bytes, carried: None, cache: Mutex::default() }
+    }
+
+    /// The scene of a picture, and the flags that it was drawn by.
+    pub(crate) fn of_picture(path: PathBuf) -> Result<(Self, Vec<(String, String)>), Error> {
+        let image = surfel::io::read_image(&path)?;
+        let text = |key: &str| image.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.clone());
+        let unsuitable = |problem: &str| Error::Unsuitable { path: path.clone(), problem: problem.to_owned() };
+        let Some(carried) = text(metadata::SCENE_KEY) else {
+            return Err(unsuitable("carries no scene, expected a PNG or EXR that surfel drew with metadata"));
+        };
+        let drawn = text(metadata::DRAWN_KEY).unwrap_or_else(|| "{}".to_owned());
+        let drawn: serde_json::Map<String, serde_json::Value> =
+            serde_json::from_str(&drawn).map_err(|_| unsuitable("carries damaged flags: copy it again"))?;
+        let flags =
+            drawn.into_iter().filter(|(key, _)| matches!(key.as_str(), "backend" | "region" | "samples" | "storage"));
+        let flags = flags.map(|(key, value)| (key, value.as_str().map_or_else(|| value.to_string(), str::to_owned)));
+        let flags = flags.collect();
+        Ok((Self { paths: vec![path], bytes: None, carried: Some(carried), cache: Mutex::default() }, flags))
+    }
+
+    fn source(&self) -> Result<Source, Error> {
+        let (Some(text), Some(name)) = (&self.carried, self.paths.first()) else {
+            return Source::of(&self.paths, self.bytes.as_deref());
+        };
+        let (file, keys) = surfel::scene::parse_scene_file(text.as_bytes(), name)?;
+        let base = name.parent().unwrap_or(Path::new("")).to_path_buf();
+        Ok(Source::Scene(Box::new(SceneSource { file, keys, name: name.clone(), base })))
+    }
+
+    /// Runs `work` on as many threads as are asked for.
+    fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Error> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        let pool = pool.map_err(|e| Error::Usage(format!("can't start {threads} threads: {e}")))?;
+        Ok(pool.install(work))
+    }
+
+    /// The scene that options ask for; loaded, framed and lit once.
+    pub(crate) fn prepare(
+        &self,
+        options: &RenderOptions,
+        pictures: &Arc<Pictures>,
+        threads: usize,
+        progress: &dyn Progress,
+    ) -> Result<Arc<Prepared>, Error> {
+        let mut cache = lock(&self.cache);
+        let is_read_for = |known: &Arc<Pictures>| Arc::ptr_eq(known, pictures) || known == pictures;
+        let suits = |p: &&Arc<Prepared>| p.options == *options && p.read_for.as_ref().is_none_or(is_read_for);
+        if let Some(found) = cache.prepared.iter().find(suits) {
+            return Ok(found.clone());
+        }
+        let request = Request::new(self.source()?, pictures, options)?;
+        let key = format!("{:?} {:?}", request.objects(), request.load_options(None));
+        let loaded = match &cache.loaded {
+            Some((known, loaded)) if *known == key => loaded.clone(),
+            _ => {
+                // The old goes first.
+                *cache = Cache::default();
+                let loaded = Self::on_threads(threads, || request.load(self.bytes.clone(), progress))??;
+                cache.loaded = Some((key, loaded.clone()));
+                loaded
+            }
+        };
+        let mut notes = Vec::new();
+        let read_for = loaded.facts.iter().any(|facts| facts.partial).then(|| pictures.clone());
+        let resolve = || request.resolve(loaded, progress, &mut |note| notes.push(note));
+        let resolved = Self::on_threads(threads, resolve)??;
+        let summary = SceneSummary::of(&resolved.scene);
+        let (resident, inputs) = (Mutex::default(), Mutex::default());
+        let options = options.clone();
+        let prepared = Arc::new(Prepared { options, read_for, resolved, summary, notes, resident, inputs });
+        cache.prepared.truncate(KEPT);
+        cache.prepared.insert(0, prepared.clone());
+        Ok(prepared)
+    }
+}
+
+/// Draws an image.
+pub(crate) fn draw(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Progress) -> Result<Drawn, Error> {
+    let (options, threads) = (&job.options, job.who.options.threads);
+    let prepared = input.prepare(options, &job.pictures, threads, progress)?;
+    let Resolved { file, scene, .. } = &prepared.resolved;
+    let (camera, moved) = match from {
+        From::Options => (file.camera.clone(), None),
+        From::Camera(camera) => (camera::with_near(camera.clone(), scene), None),
+        From::Turn(index, frames) => prepared.resolved.turned(*index, *frames),
+    };
+    let view = camera::view(&camera, options)?;
+    let refuses = |c: &Capabilities| {
+        unsupported(&prepared.summary, &file.settings, job.planes, c).map(|missing| missing.to_string())
+    };
+    let mut who = job.who.clone();
+    if options.samples.is_some() {
+        if !matches!(who.name.as_str(), "auto" | "reference") {
+            return Err(Error::Usage(format!("--samples needs --backend reference, found {}", who.name)));
+        }
+        who.name = "reference".to_owned();
+    }
+    let mut taken = Taken::new(&who, refuses)?;
+    let backend = taken.backend()?;
+    let quantised = who.options.quantised;
+    let resident = match &moved {
+        Some(moved) => Arc::new(backend.upload(moved)?),
+        None => prepared.resident((backend.info().backend, quantised), scene, backend)?,
+    };
+    let mut frame = Frame::default();
+    let stats = match options.samples {
+        Some(n) => backend.render_supersampled(&resident, &view, &file.settings, job.planes, n, &mut frame),
+        None => backend.render_into(&resident, &view, &file.settings, job.planes, &mut frame),
+    }?;
+    let drawn = metadata::drawn(options, quantised, backend.info());
+    let lights = moved.map_or_else(|| file.lights.clone(), |moved| moved.lights);
+    let scene = SceneFile { camera, lights, ..file.clone() };
+    drop(taken);
+    Ok(Drawn { frame, stats, recipe: Recipe { prepared, input: input.clone(), scene, drawn } })
+}
+
+impl Prepared {
+    fn resident(
+        &self,
+        key: (&'static str, bool),
+        scene: &Scene,
+        backend: &mut surfel::Backend,
+    ) -> Result<Arc<BackendScene>, Error> {
+        let mut resident = lock(&self.resident);
+        if let Some((known, found)) = resident.as_ref()
+            && *known == key
+        {
+            return Ok(found.clone());
+        }
+        *resident = None;
+        let uploaded = Arc::new(backend.upload(scene)?);
+        *resident = Some((key, uploaded.clone()));
+        Ok(uploaded)
+    }
+}
+
+impl Recipe {
+    /// The entries of an image that is written to `folder`; none if a path is not UTF-8.
+    pub(crate) fn entries(
+        &self,
+        folder: &Path,
+        format: &[(&str, serde_json::Value)],
+        is_exr: bool,
+    ) -> Result<Vec<(String, String)>, Error> {
+        let mut known = lock(&self.prepared.inputs);
+        let inputs = match known.take() {
+            Some(inputs) => inputs,
+            None => {
+                let of_bytes = self.scene.objects.iter().flat_map(|o| [&o.splats, &o.mesh]).flatten();
+                let bytes = self.input.bytes.as_deref().filter(|_| of_bytes.into_iter().any(|path| is_stdin(path)));
+                metadata::inputs(&self.scene, &self.prepared.resolved.beside, bytes)?
+            }
+        };
+        let mut drawn = self.drawn.clone();
+        drawn.extend(format.iter().map(|(key, value)| ((*key).to_owned(), value.clone())));
+        let entries = metadata::entries(folder, &self.scene, &inputs, &drawn, is_exr)?;
+        *known = Some(inputs);
+        Ok(entries.unwrap_or_default())
+    }
+
+    /// The scene file that gives the image, with paths relative to the current folder.
+    pub(crate) fn scene_json(&self) -> Result<String, Error> {
+        let text = surfel::io::scene_file::to_json_pretty(&surfel::paths::relative_to(Path::new("."), &self.scene)?);
+        if text.trim().is_empty() { Err(defect()) } else { Ok(text) }
+    }
+}

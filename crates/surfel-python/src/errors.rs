@@ -1,0 +1,67 @@
+//! Errors as Python's exceptions, in Python's words.
+
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use std::io::ErrorKind;
+use surfel::Error;
+use surfel::io::IoError;
+use surfel::render::RenderError;
+use surfel::sample::SampleError;
+
+/// A message about flags, as one about keyword arguments: `--depth-tolerance` is `depth_tolerance`.
+pub(crate) fn in_python(message: &str) -> String {
+    let mut text = String::with_capacity(message.len());
+    let mut rest = message;
+    while let Some(at) = rest.find("--") {
+        let (before, after) = (&rest[..at], &rest[at + 2..]);
+        let is_flag = !before.ends_with(['-', '/', '.']) && after.starts_with(|c: char| c.is_ascii_lowercase());
+        let length = after.find(|c: char| !c.is_ascii_alphanumeric() && c != '-').unwrap_or(after.len());
+        text.push_str(before);
+        if is_flag {
+            text.push_str(&after[..length].replace('-', "_"));
+        } else {
+            text.push_str("--");
+            text.push_str(&after[..length]);
+        }
+        rest = &after[length..];
+    }
+    text + rest
+}
+
+/// An exception of the package by its class' name.
+pub(crate) fn exception(py: Python<'_>, class: &str, message: &str) -> PyErr {
+    let made = py.import("surfel._errors").and_then(|module| module.getattr(class)?.call1((in_python(message),)));
+    match made {
+        Ok(value) => PyErr::from_value(value),
+        Err(_) => PyRuntimeError::new_err(message.to_owned()),
+    }
+}
+
+/// Arguments are at fault.
+pub(crate) fn usage(py: Python<'_>, message: &str) -> PyErr {
+    exception(py, "UsageError", message)
+}
+
+pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
+    let class = match error {
+        Error::Io(IoError::System { source, .. }) => {
+            // The classes of Python's own that scripts catch.
+            let message = error.to_string();
+            return match source.kind() {
+                ErrorKind::NotFound => pyo3::exceptions::PyFileNotFoundError::new_err(message),
+                ErrorKind::PermissionDenied => pyo3::exceptions::PyPermissionError::new_err(message),
+                _ => pyo3::exceptions::PyOSError::new_err(message),
+            };
+        }
+        Error::Io(IoError::Exists { path }) => {
+            let message =
+                format!("{}: already exists: force=True overwrites it; or choose another name", path.display());
+            return pyo3::exceptions::PyFileExistsError::new_err(message);
+        }
+        Error::Usage(_) | Error::Sample { source: SampleError::Option { .. }, .. } => "UsageError",
+        Error::Backend(_) | Error::Render(RenderError::Unsupported { .. }) => "BackendError",
+        e if e.is_bad_input() => "InputError",
+        _ => "Error",
+    };
+    exception(py, class, &error.to_string())
+}

@@ -1,0 +1,145 @@
+//! What the commands `convert`, `info`, `compare` and `backends` do.
+
+use crate::errors;
+use crate::frame::NativeFrame;
+use crate::interrupt;
+use crate::scene::{Flags, NativeScene, wrong};
+use pyo3::prelude::*;
+use serde_json::json;
+use std::path::PathBuf;
+use surfel::Error;
+use surfel::compare::{check_diff, save_diff};
+use surfel::io::{IoError, Planes, PlyEncoding};
+use surfel::request::SplatOptions;
+use surfel::splat_file::{ConvertRequest, summary};
+
+/// Writes splats, or an octree; what the user should know.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "Python's half names them")]
+pub(crate) fn convert(
+    py: Python<'_>,
+    path: PathBuf,
+    scene: Option<PyRef<'_, NativeScene>>,
+    output: PathBuf,
+    flags: Flags,
+    hybrid: bool,
+    ascii: bool,
+    force: bool,
+) -> PyResult<Vec<String>> {
+    let mut options = SplatOptions::default();
+    options.force = force;
+    for (flag, text) in &flags {
+        match options.set(flag, text) {
+            Ok(true) => {}
+            Ok(false) => return Err(wrong(py, flag, text, "there is no such argument here")),
+            Err(message) => return Err(wrong(py, flag, text, &message)),
+        }
+    }
+    let stdin = scene.and_then(|scene| scene.input.bytes.clone());
+    let notes = interrupt::run(py, move |progress| {
+        // Before the work, not after it.
+        if output.is_file() && !force {
+            return Err(IoError::Exists { path: output }.into());
+        }
+        let request = ConvertRequest { path: &path, options: &options, stdin };
+        if hybrid {
+            let (octree, notes) = surfel::load_octree(&path, &request.load_options()?, progress)?;
+            surfel::io::save_octree(&output, force, &octree)?;
+            return Ok(notes);
+        }
+        let mut notes = Vec::new();
+        let cloud = request.convert(request.load(progress)?, &mut |note| notes.push(note))?;
+        let encoding = if ascii { PlyEncoding::Ascii } else { PlyEncoding::BinaryLittleEndian };
+        surfel::io::save_splat_ply(&output, force, &cloud, encoding)?;
+        notes.push(format!("{}: {}", output.display(), summary(&cloud)));
+        Ok(notes)
+    })?;
+    Ok(notes.iter().map(|note| errors::in_python(note)).collect())
+}
+
+/// What a file holds, as JSON.
+#[pyfunction]
+pub(crate) fn info(
+    py: Python<'_>,
+    path: PathBuf,
+    scene: Option<PyRef<'_, NativeScene>>,
+    repair: bool,
+    allow_outside: bool,
+    max_texture: Option<u32>,
+) -> PyResult<String> {
+    let options = surfel::io::LoadOptions { repair, texture: None, allow_outside, max_texture };
+    let bytes = scene.and_then(|scene| scene.input.bytes.clone());
+    let facts = interrupt::run(py, move |_| surfel::info::info(&path, &options, bytes.as_deref()))?;
+    Ok(facts.to_string())
+}
+
+/// An image of a file, or one that was drawn.
+#[derive(FromPyObject)]
+pub(crate) enum ImageOrPath<'py> {
+    Frame(PyRef<'py, NativeFrame>),
+    Path(PathBuf),
+}
+
+impl ImageOrPath<'_> {
+    fn planes(&self, py: Python<'_>) -> PyResult<Planes> {
+        match self {
+            Self::Path(path) => {
+                let read = py.detach(|| surfel::io::read_image(path));
+                read.map_err(|error| errors::raise(py, &error.into()))
+            }
+            Self::Frame(frame) => frame.with_planes(py, |planes| Planes {
+                width: planes.width,
+                height: planes.height,
+                color: planes.color.map(<[_]>::to_vec),
+                depth: planes.depth.map(<[_]>::to_vec),
+                normal: planes.normal.map(<[_]>::to_vec),
+                weight: planes.weight.map(<[_]>::to_vec),
+                ..Planes::default()
+            }),
+        }
+    }
+
+    fn name(&self, otherwise: &str) -> PathBuf {
+        if let Self::Path(path) = self { path.clone() } else { otherwise.into() }
+    }
+}
+
+/// How far image `b` is from the reference `a`, as JSON.
+#[pyfunction]
+pub(crate) fn compare(
+    py: Python<'_>,
+    a: ImageOrPath<'_>,
+    b: ImageOrPath<'_>,
+    diff: Option<PathBuf>,
+    force: bool,
+) -> PyResult<String> {
+    if let Some(diff) = &diff {
+        check_diff(diff, force).map_err(|error| errors::raise(py, &error))?;
+    }
+    let names = [a.name("a"), b.name("b")];
+    let (a, b) = (a.planes(py)?, b.planes(py)?);
+    let json = interrupt::run(py, move |_| {
+        let compared = surfel::compare::compare(&a, &b, [&names[0], &names[1]])?;
+        if let Some(diff) = &diff {
+            save_diff(diff, force, &compared)?;
+        }
+        let mut json = compared.to_json();
+        let [a, b] = names.map(|name: PathBuf| name.to_string_lossy().into_owned());
+        (json["a"], json["b"]) = (a.into(), b.into());
+        Ok::<_, Error>(json)
+    })?;
+    Ok(json.to_string())
+}
+
+/// What this machine can run, as JSON.
+#[pyfunction]
+pub(crate) fn backends(py: Python<'_>) -> String {
+    let entry = |b: surfel::backend::BackendInfo| match b.state {
+        Ok(info) => json!({ "name": b.name, "available": true, "adapter": info.adapter, "driver": info.driver,
+                            "threads": info.threads, "reason": null }),
+        Err(reason) => json!({ "name": b.name, "available": false, "adapter": null, "driver": null, "threads": null,
+                               "reason": reason }),
+    };
+    let list: serde_json::Value = py.detach(|| surfel::backends().into_iter().map(entry).collect());
+    list.to_string()
+}

@@ -1,0 +1,236 @@
+//! An image's planes as arrays of NumPy, and files of them.
+
+use crate::draw::{Drawn, Recipe};
+use crate::errors;
+use numpy::{Element, PyArray1, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PySlice};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use surfel::io::{BitDepth, ExrOptions, JpegOptions, PlanesView, PngOptions};
+use surfel::{Error, Stats};
+
+/// An image that was drawn. Its arrays are views of the memory that it was drawn to, and read-only.
+#[pyclass(frozen, module = "surfel._native", name = "Frame")]
+pub(crate) struct NativeFrame {
+    #[pyo3(get)]
+    width: u32,
+    #[pyo3(get)]
+    height: u32,
+    linear: Option<Py<PyAny>>,
+    depth: Option<Py<PyAny>>,
+    normal: Option<Py<PyAny>>,
+    weight: Option<Py<PyAny>>,
+    recipe: Option<Recipe>,
+    /// What was measured, as JSON.
+    #[pyo3(get)]
+    stats: String,
+}
+
+/// An array of a plane's values, or of a part of them; `None` for a plane that isn't there.
+fn array<T: Element>(
+    py: Python<'_>,
+    values: Vec<T>,
+    range: std::ops::Range<usize>,
+    shape: &[usize],
+) -> PyResult<Option<Py<PyAny>>> {
+    if values.is_empty() {
+        return Ok(None);
+    }
+    let all = PyArray1::from_vec(py, values).into_any();
+    let part = all.get_item(PySlice::new(py, range.start as isize, range.end as isize, 1))?;
+    let shaped = part.call_method1("reshape", (shape.to_vec(),))?;
+    let arguments = PyDict::new(py);
+    arguments.set_item("write", false)?;
+    shaped.call_method("setflags", (), Some(&arguments))?;
+    Ok(Some(shaped.unbind()))
+}
+
+fn stats_json(stats: &Stats, recipe: &Recipe) -> String {
+    let passes: serde_json::Map<_, _> = stats.passes.iter().map(|p| (p.name.to_owned(), json!(p.ms))).collect();
+    let text = json!({
+        "frame_ms": stats.frame_ms, "passes": passes, "splats": stats.splats, "drawn": stats.drawn,
+        "bytes_per_splat": stats.bytes_per_splat, "threads": stats.threads, "backend": recipe.drawn.get("backend"),
+    });
+    text.to_string()
+}
+
+/// A plane's values, as they lie in memory.
+type Values<'py> = Option<PyReadonlyArrayDyn<'py, f32>>;
+
+fn values<'py>(py: Python<'py>, plane: Option<&Py<PyAny>>) -> PyResult<Values<'py>> {
+    plane.map(|plane| plane.bind(py).extract()).transpose()
+}
+
+fn slice<'a>(values: &'a Values<'_>) -> PyResult<Option<&'a [f32]>> {
+    Ok(values.as_ref().map(|values| values.as_slice()).transpose()?)
+}
+
+impl NativeFrame {
+    pub(crate) fn new(py: Python<'_>, drawn: Drawn) -> PyResult<Self> {
+        let Drawn { frame, stats, recipe } = drawn;
+        let stats = stats_json(&stats, &recipe);
+        let planes = frame.into_planes();
+        let (w, h) = (planes.width as usize, planes.height as usize);
+        let pixels = w * h;
+        let first = 4 * planes.first;
+        Ok(Self {
+            width: planes.width,
+            height: planes.height,
+            linear: array(py, planes.color.into_flattened(), first..first + 4 * pixels, &[h, w, 4])?,
+            depth: array(py, planes.depth, 0..pixels, &[h, w])?,
+            normal: array(py, planes.normal.into_flattened(), 0..3 * pixels, &[h, w, 3])?,
+            weight: array(py, planes.weight, 0..pixels, &[h, w])?,
+            recipe: Some(recipe),
+            stats,
+        })
+    }
+
+    /// Does something with the planes, while Python's other threads run.
+    pub(crate) fn with_planes<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&PlanesView<'_>) -> T + Send,
+    ) -> PyResult<T> {
+        let [linear, depth] = [values(py, self.linear.as_ref())?, values(py, self.depth.as_ref())?];
+        let [normal, weight] = [values(py, self.normal.as_ref())?, values(py, self.weight.as_ref())?];
+        let (linear, depth) = (slice(&linear)?, slice(&depth)?);
+        let (normal, weight) = (slice(&normal)?, slice(&weight)?);
+        let (width, height) = (self.width, self.height);
+        Ok(py.detach(move || {
+            let planes = PlanesView {
+                width,
+                height,
+                color: linear.map(|values| values.as_chunks::<4>().0),
+                depth,
+                normal: normal.map(|values| values.as_chunks::<3>().0),
+                weight,
+                ..PlanesView::default()
+            };
+            work(&planes)
+        }))
+    }
+
+    fn png_options(&self, folder: &Path, sixteen: bool, metadata: bool) -> Result<PngOptions, Error> {
+        let format = if sixteen { vec![("png16", json!(true))] } else { Vec::new() };
+        let recipe = self.recipe.as_ref().filter(|_| metadata);
+        let entries = recipe.map(|recipe| recipe.entries(folder, &format, false)).transpose()?;
+        let depth = if sixteen { BitDepth::Sixteen } else { BitDepth::Eight };
+        Ok(PngOptions { depth, metadata: entries.unwrap_or_default() })
+    }
+}
+
+#[pymethods]
+impl NativeFrame {
+    #[getter]
+    fn linear(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.linear.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    #[getter]
+    fn depth(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.depth.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    #[getter]
+    fn normal(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.normal.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    #[getter]
+    fn weight(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.weight.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    /// What the user should know of how it was made.
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        let notes = self.recipe.as_ref().map(|recipe| recipe.prepared.notes.as_slice());
+        notes.unwrap_or_default().iter().map(|note| errors::in_python(note)).collect()
+    }
+
+    /// The scene file that gives the image.
+    fn scene_json(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        let text = self.recipe.as_ref().map(Recipe::scene_json).transpose();
+        text.map_err(|error| errors::raise(py, &error))
+    }
+
+    /// The colours as a PNG holds them.
+    fn rgba(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
+        let made = self.with_planes(py, |planes| planes.color.map(surfel::io::to_srgb8))?;
+        let Some(pixels) = made else { return Ok(None) };
+        let (w, h) = (self.width as usize, self.height as usize);
+        array(py, pixels.into_flattened(), 0..4 * w * h, &[h, w, 4])
+    }
+
+    /// A PNG, as `surfel -o -` writes it.
+    fn png<'py>(&self, py: Python<'py>, png16: bool, metadata: bool) -> PyResult<Bound<'py, PyBytes>> {
+        let options = py.detach(|| self.png_options(Path::new("."), png16, metadata));
+        let options = options.map_err(|error| errors::raise(py, &error))?;
+        let bytes = self.with_planes(py, |planes| {
+            let mut bytes = Vec::new();
+            surfel::io::write_png(&mut bytes, planes, &options).map(|()| bytes)
+        })?;
+        Ok(PyBytes::new(py, &bytes?))
+    }
+
+    /// Writes a PNG, EXR or JPEG.
+    fn save(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        force: bool,
+        png16: bool,
+        exr_f32: bool,
+        metadata: bool,
+    ) -> PyResult<()> {
+        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let recipe = self.recipe.as_ref().filter(|_| metadata);
+        let background = self.recipe.as_ref().map_or([1.0; 4], |recipe| recipe.scene.background);
+        let raise = |error: Error| errors::raise(py, &error);
+        let written = match extension.as_str() {
+            "png" => {
+                let options = py.detach(|| self.png_options(folder, png16, metadata)).map_err(raise)?;
+                self.with_planes(py, |planes| surfel::io::save_png(&path, force, planes, &options))?
+            }
+            "exr" => {
+                let format = if exr_f32 { vec![("exr-f32", json!(true))] } else { Vec::new() };
+                let entries = py.detach(|| recipe.map(|recipe| recipe.entries(folder, &format, true)).transpose());
+                let metadata = entries.map_err(raise)?.unwrap_or_default();
+                let options = ExrOptions { f32_color: exr_f32, metadata };
+                self.with_planes(py, |planes| surfel::io::save_exr(&path, force, planes, &options))?
+            }
+            "jpg" | "jpeg" => {
+                let [r, g, b, _] = background.map(|c| c as f32);
+                let options = JpegOptions { background: [r, g, b], ..JpegOptions::default() };
+                self.with_planes(py, |planes| surfel::io::save_jpeg(&path, force, planes, &options))?
+            }
+            _ => {
+                let what = format!("path={}: expected a name that ends in .png, .jpg or .exr", path.display());
+                return Err(errors::usage(py, &what));
+            }
+        };
+        written.map_err(|error| raise(error.into()))
+    }
+}
+
+/// An image of the caller's colours: linear premultiplied RGBA, float32, (height, width, 4), contiguous.
+#[pyfunction]
+pub(crate) fn frame_of(py: Python<'_>, linear: PyReadonlyArrayDyn<'_, f32>) -> PyResult<NativeFrame> {
+    let [height, width, 4] = *linear.shape() else {
+        return Err(errors::usage(py, "expected an array of shape (height, width, 4)"));
+    };
+    let values = linear.as_slice()?.to_vec();
+    let count = values.len();
+    Ok(NativeFrame {
+        width: width as u32,
+        height: height as u32,
+        linear: array(py, values, 0..count, &[height, width, 4])?,
+        depth: None,
+        normal: None,
+        weight: None,
+        recipe: None,
+        stats: "{}".to_owned(),
+    })
+}

@@ -1,0 +1,92 @@
+//! Work on a thread of its own while Python's waits: other threads of Python run, Ctrl-C works, progress is shown.
+
+use crate::errors;
+use pyo3::prelude::*;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use surfel::{Error, Progress};
+
+/// How often signals are looked at.
+pub(crate) const TICK: Duration = Duration::from_millis(50);
+/// Work that takes less long shows no progress.
+const PATIENCE: Duration = Duration::from_millis(700);
+
+/// How far the work has come.
+#[derive(Default)]
+pub(crate) struct Reporter {
+    stage: Mutex<(String, u64)>,
+    done: AtomicU64,
+}
+
+impl Progress for Reporter {
+    fn stage(&self, name: &str, total: u64) {
+        let mut stage = self.stage.lock().unwrap_or_else(PoisonError::into_inner);
+        *stage = (name.to_owned(), total);
+        self.done.store(0, Ordering::Relaxed);
+    }
+
+    fn advance(&self, steps: u64) {
+        self.done.fetch_add(steps, Ordering::Relaxed);
+    }
+}
+
+impl Reporter {
+    fn show(&self, py: Python<'_>) -> PyResult<()> {
+        let (name, total) = self.stage.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let done = self.done.load(Ordering::Relaxed) as f64;
+        let share = if total > 0 { (done / total as f64).min(1.0) } else { 0.0 };
+        py.import("surfel._progress")?.getattr("show")?.call1((name, share)).map(|_| ())
+    }
+}
+
+/// What a panic is to Python.
+pub(crate) fn defect() -> Error {
+    Error::Input("this is a defect of surfel, not of your input: please report it".to_owned())
+}
+
+/// Runs `work` elsewhere and waits for it. On Ctrl-C the waiting ends at once; the work ends by itself and is dropped.
+pub(crate) fn run<T: Send + 'static>(
+    py: Python<'_>,
+    work: impl FnOnce(&Reporter) -> Result<T, Error> + Send + 'static,
+) -> PyResult<T> {
+    let reporter = Arc::new(Reporter::default());
+    let (sender, mut receiver) = channel();
+    let shared = reporter.clone();
+    let start = Instant::now();
+    let thread = std::thread::Builder::new().name("surfel".to_owned()).spawn(move || {
+        let result = catch_unwind(AssertUnwindSafe(|| work(&shared))).unwrap_or_else(|_| Err(defect()));
+        // Nobody waits any longer after Ctrl-C.
+        let _ = sender.send(result);
+    });
+    thread.map_err(|e| errors::exception(py, "Error", &format!("can't start a thread: {e}")))?;
+    let mut shown = false;
+    let result = loop {
+        let received;
+        (received, receiver) = py.detach(move || (receiver.recv_timeout(TICK), receiver));
+        match received {
+            Ok(result) => break result,
+            Err(RecvTimeoutError::Disconnected) => break Err(defect()),
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+        if start.elapsed() > PATIENCE {
+            reporter.show(py)?;
+            shown = true;
+        }
+        if let Err(interrupted) = py.check_signals() {
+            clear(py, shown)?;
+            return Err(interrupted);
+        }
+    };
+    clear(py, shown)?;
+    result.map_err(|error| errors::raise(py, &error))
+}
+
+fn clear(py: Python<'_>, shown: bool) -> PyResult<()> {
+    if shown {
+        py.import("surfel._progress")?.getattr("clear")?.call0()?;
+    }
+    Ok(())
+}

@@ -1,0 +1,141 @@
+//! Images from many cameras: drawn some at once, given in order.
+
+use crate::draw::{Drawn, From, Input, Job, draw};
+use crate::errors;
+use crate::frame::NativeFrame;
+use crate::interrupt::{TICK, defect};
+use pyo3::prelude::*;
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use surfel::{Error, NoProgress};
+
+/// Most images that are drawn at once: each has memory of its own.
+const MOST: usize = 4;
+
+#[derive(Default)]
+struct State {
+    /// The image that is drawn next.
+    next: usize,
+    /// The image that is given next.
+    given: usize,
+    done: BTreeMap<usize, Result<Drawn, Error>>,
+    /// Nobody wants more.
+    over: bool,
+}
+
+struct Shared {
+    state: Mutex<State>,
+    changed: Condvar,
+    from: Vec<(String, From)>,
+    /// Most images that are drawn or wait to be given.
+    ahead: usize,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Draws images until there are no more.
+    fn work(&self, input: &Arc<Input>, job: &Job) {
+        loop {
+            let mut state = self.lock();
+            while !state.over && state.next < self.from.len() && state.next >= state.given + self.ahead {
+                state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            }
+            if state.over || state.next >= self.from.len() {
+                return;
+            }
+            let index = state.next;
+            state.next += 1;
+            drop(state);
+            let Some((_, from)) = self.from.get(index) else { return };
+            let drawn = catch_unwind(AssertUnwindSafe(|| draw(input, job, from, &NoProgress)));
+            self.lock().done.insert(index, drawn.unwrap_or_else(|_| Err(defect())));
+            self.changed.notify_all();
+        }
+    }
+}
+
+/// An iterator over images.
+#[pyclass(frozen, module = "surfel._native", name = "Frames")]
+pub(crate) struct NativeFrames(Arc<Shared>);
+
+impl NativeFrames {
+    /// Starts the threads that draw.
+    pub(crate) fn start(py: Python<'_>, input: Arc<Input>, job: Job, from: Vec<(String, From)>) -> PyResult<Self> {
+        let all = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = if job.who.options.threads == 0 { all } else { job.who.options.threads };
+        // A GPU draws one image at a time, and so does what turns: its lights move, so that it is uploaded each time.
+        let alone = matches!(job.who.name.as_str(), "wgpu" | "ash") || job.options.turntable;
+        let workers = if alone { 1 } else { threads.min(MOST).min(from.len()).max(1) };
+        let shared = Shared { state: Mutex::default(), changed: Condvar::new(), from, ahead: workers + 1 };
+        let shared = Arc::new(shared);
+        for _ in 0..workers {
+            let (shared, input, mut job) = (shared.clone(), input.clone(), job.clone());
+            if !alone {
+                job.who.options.threads = (threads / workers).max(1);
+            }
+            let thread = std::thread::Builder::new().name("surfel".to_owned());
+            let started = thread.spawn(move || shared.work(&input, &job));
+            started.map_err(|e| errors::exception(py, "Error", &format!("can't start a thread: {e}")))?;
+        }
+        Ok(Self(shared))
+    }
+}
+
+#[pymethods]
+impl NativeFrames {
+    fn __len__(&self) -> usize {
+        self.0.from.len()
+    }
+
+    /// The next image and its camera's name; None after the last.
+    fn next(&self, py: Python<'_>) -> PyResult<Option<(String, NativeFrame)>> {
+        loop {
+            let shared = self.0.clone();
+            let found = py.detach(move || {
+                let mut state = shared.lock();
+                let index = state.given;
+                let name = shared.from.get(index).filter(|_| !state.over)?.0.clone();
+                if !state.done.contains_key(&index) {
+                    let waited = shared.changed.wait_timeout(state, TICK);
+                    state = waited.unwrap_or_else(PoisonError::into_inner).0;
+                }
+                let index = state.given;
+                let drawn = state.done.remove(&index);
+                if drawn.is_some() {
+                    state.given += 1;
+                    state.over |= drawn.as_ref().is_some_and(Result::is_err);
+                    shared.changed.notify_all();
+                }
+                Some((name, drawn))
+            });
+            match found {
+                None => return Ok(None),
+                Some((name, Some(Ok(drawn)))) => return Ok(Some((name, NativeFrame::new(py, drawn)?))),
+                Some((name, Some(Err(error)))) => {
+                    let error = errors::raise(py, &error);
+                    let note = format!("camera {name}");
+                    // Python 3.11 shows notes; those before it have none.
+                    let _ = error.value(py).call_method1("add_note", (note,));
+                    return Err(error);
+                }
+                Some((_, None)) => py.check_signals()?,
+            }
+        }
+    }
+
+    /// Ends the work after the images that are being drawn.
+    fn close(&self) {
+        self.0.lock().over = true;
+        self.0.changed.notify_all();
+    }
+}
+
+impl Drop for NativeFrames {
+    fn drop(&mut self) {
+        self.close();
+    }
+}

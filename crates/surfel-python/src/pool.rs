@@ -1,0 +1,83 @@
+//! Backends that are started once and used again, by one frame at a time each.
+
+use std::sync::{Mutex, PoisonError};
+use surfel::backend::Chosen;
+use surfel::render::Capabilities;
+use surfel::{Backend, BackendOptions, Error, Renderer};
+
+/// Who is to draw.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Who {
+    /// A backend's name, or `auto`.
+    pub(crate) name: String,
+    pub(crate) options: BackendOptions,
+}
+
+/// What an idle backend is known by.
+#[derive(Clone, PartialEq, Eq)]
+struct Key {
+    who: Who,
+    /// Why `auto` isn't the fastest one, where it isn't.
+    refused: Option<String>,
+    /// A process that was forked has none of its parent's threads.
+    process: u32,
+}
+
+/// Backends that nobody draws with now.
+static IDLE: Mutex<Vec<(Key, Backend)>> = Mutex::new(Vec::new());
+/// Most of them.
+const MOST: usize = 16;
+
+/// A backend, taken from the idle ones and given back when it is dropped.
+pub(crate) struct Taken {
+    key: Key,
+    backend: Option<Backend>,
+}
+
+impl Taken {
+    /// A backend that `refuses` gives no reason against.
+    pub(crate) fn new(who: &Who, refuses: impl Fn(&Capabilities) -> Option<String>) -> Result<Self, Error> {
+        let mut key = Key { who: who.clone(), refused: None, process: std::process::id() };
+        if who.name != "auto" {
+            let backend = match idle(&key) {
+                Some(backend) => backend,
+                None => Backend::by_name(&who.name, &who.options)?,
+            };
+            return Ok(Self { key, backend: Some(backend) });
+        }
+        let choose = |refuses: &dyn Fn(&Capabilities) -> Option<String>| {
+            Backend::choose(&who.options, refuses).map(|Chosen { backend, .. }| backend)
+        };
+        let fastest = Self { backend: Some(idle(&key).map_or_else(|| choose(&|_| None), Ok)?), key: key.clone() };
+        let Some(reason) = fastest.backend.as_ref().and_then(|b| refuses(&b.info().capabilities)) else {
+            return Ok(fastest);
+        };
+        key.refused = Some(reason);
+        let backend = idle(&key).map_or_else(|| choose(&refuses), Ok)?;
+        Ok(Self { key, backend: Some(backend) })
+    }
+
+    pub(crate) fn backend(&mut self) -> Result<&mut Backend, Error> {
+        self.backend.as_mut().ok_or_else(crate::interrupt::defect)
+    }
+}
+
+fn idle(key: &Key) -> Option<Backend> {
+    let mut idle = IDLE.lock().unwrap_or_else(PoisonError::into_inner);
+    let at = idle.iter().position(|(known, _)| known == key)?;
+    Some(idle.swap_remove(at).1)
+}
+
+impl Drop for Taken {
+    fn drop(&mut self) {
+        // A backend whose frame panicked is in no known state.
+        let Some(backend) = self.backend.take().filter(|_| !std::thread::panicking()) else { return };
+        let mut idle = IDLE.lock().unwrap_or_else(PoisonError::into_inner);
+        idle.push((self.key.clone(), backend));
+        if idle.len() > MOST {
+            let oldest = idle.remove(0);
+            drop(idle);
+            drop(oldest);
+        }
+    }
+}

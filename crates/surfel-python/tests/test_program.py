@@ -1,0 +1,179 @@
+"""The package gives what the program gives, to the bit."""
+
+import json
+
+import conftest
+import numpy as np
+import pytest
+import surfel
+from conftest import SCENES, words_of
+
+
+def chunks(png):
+    """A PNG's texts by keyword."""
+    at, found = 8, {}
+    while at < len(png):
+        length, kind = int.from_bytes(png[at : at + 4], "big"), png[at + 4 : at + 8]
+        if kind == b"tEXt":
+            key, text = png[at + 8 : at + 8 + length].split(b"\0", 1)
+            found[key.decode()] = text.decode()
+        at += length + 12
+    return found
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_files_are_the_programs_to_the_byte(program, data, name, tmp_path, monkeypatch):
+    inputs, opened, rendered = SCENES[name]
+    flags = {"size": (160, 120), **opened, **rendered}
+    monkeypatch.chdir(data)
+    for ending in ("png", "exr"):
+        program(data, "render", *inputs, *words_of(flags), "-o", data / f"program.{ending}", "-f")
+    image = surfel.open(*inputs, **opened).render(size=(160, 120), **rendered)
+    for ending in ("png", "exr"):
+        image.save(data / f"package.{ending}", force=True)
+        assert (data / f"package.{ending}").read_bytes() == (data / f"program.{ending}").read_bytes(), ending
+    # The planes themselves, by the program's own comparison.
+    found = surfel.compare(data / "program.exr", data / "package.exr")
+    assert found["max_abs"] == 0 and set(found["planes"]) >= {"Z", "normal", "weight"}
+    assert all(plane["max_abs"] == 0 for plane in found["planes"].values())
+    assert len(np.unique(image.rgba.reshape(-1, 4), axis=0)) > 10, "the image shows something"
+    assert np.isfinite(image.depth).any()
+
+
+def test_planes_are_what_the_exr_holds(data):
+    image = surfel.open(data / "disks.ply").render(size=(64, 48))
+    covered = np.isfinite(image.depth)
+    assert covered.any() and not covered.all()
+    lengths = np.linalg.norm(image.normal, axis=2)
+    assert np.allclose(lengths[covered], 1, atol=1e-5) and not lengths[~covered].any()
+    assert (image.weight[covered] > 0).all() and not image.weight[~covered].any()
+    assert image.rgba.dtype == np.uint8 and image.linear.dtype == image.depth.dtype == np.float32
+    assert image.linear.shape == (48, 64, 4) and image.normal.shape == (48, 64, 3) and image.size == (64, 48)
+
+
+def test_arrays_are_the_file_that_holds_them(program, data, tmp_path):
+    points, colors = conftest.sphere()
+    image = surfel.scene(points + [1e5, 2e5, 3e3], colors=colors).render(size=(160, 120))
+    program(data, "colored.ply", "--size=160x120", "-o", tmp_path / "a.png")
+    assert np.array_equal(image.rgba, read(tmp_path / "a.png"))
+    disks = surfel.scene(points, normals=points, colors=colors, radii=0.05).render(size=(160, 120))
+    program(data, "disks.ply", "--size=160x120", "-o", tmp_path / "b.png")
+    assert np.array_equal(disks.rgba, read(tmp_path / "b.png"))
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
+                      [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+    box = surfel.scene(corners, faces=faces, splats=4000).render(size=(160, 120))
+    program(data, "box.ply", "--splats=4000", "--size=160x120", "-o", tmp_path / "c.png")
+    assert np.array_equal(box.rgba, read(tmp_path / "c.png"))
+
+
+def read(path):
+    """A PNG's pixels, read by the package's own reader by way of a comparison with nothing else at hand."""
+    import struct
+    import zlib
+
+    png = path.read_bytes()
+    width, height = struct.unpack(">II", png[16:24])
+    at, packed = 8, b""
+    while at < len(png):
+        length, kind = int.from_bytes(png[at : at + 4], "big"), png[at + 4 : at + 8]
+        packed += png[at + 8 : at + 8 + length] if kind == b"IDAT" else b""
+        at += length + 12
+    rows = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, 1 + 4 * width)
+    image = np.zeros((height + 1, width + 1, 4), int)
+    for y in range(height):
+        kind, line = rows[y, 0], rows[y, 1:].reshape(width, 4).astype(int)
+        up, corner = image[y, 1:], image[y, :-1]
+        for x in range(width):
+            left = image[y + 1, x]
+            if kind == 0:
+                guess = 0
+            elif kind == 1:
+                guess = left
+            elif kind == 2:
+                guess = up[x]
+            elif kind == 3:
+                guess = (left + up[x]) // 2
+            else:
+                p = left + up[x] - corner[x]
+                a, b, c = abs(p - left), abs(p - up[x]), abs(p - corner[x])
+                guess = np.where((a <= b) & (a <= c), left, np.where(b <= c, up[x], corner[x]))
+            image[y + 1, x + 1] = (line[x] + guess) & 255
+    return image[1:, 1:].astype(np.uint8)
+
+
+def test_cameras_are_the_programs(program, data, tmp_path):
+    K = [[200.0, 0, 79.5], [0, 210.0, 59.5], [0, 0, 1]]
+    poses = []
+    for angle in (0.0, 0.7, 1.4):
+        c, s = np.cos(angle), np.sin(angle)
+        T = np.eye(4)
+        T[:3, :3] = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]).T
+        T[:3, 3] = -4 * T[:3, 2]
+        poses.append(T)
+    listed = [{"K": K, "R": T[:3, :3].T.tolist(), "t": (-T[:3, :3].T @ T[:3, 3]).tolist(), "size": [160, 120],
+               "name": f"{i:04}"} for i, T in enumerate(poses)]
+    (tmp_path / "cameras.json").write_text(json.dumps(listed))
+    program(data, "disks.ply", f"--cameras={tmp_path / 'cameras.json'}", "-o", tmp_path / "{name}.png")
+    scene = surfel.open(data / "disks.ply", size=(160, 120))
+    many = list(scene.render_many([(K, T) for T in poses]))
+    again = list(scene.render_many(tmp_path / "cameras.json", planes=["color"]))
+    assert [image.name for image in many] == [image.name for image in again] == ["0000", "0001", "0002"]
+    for i, T in enumerate(poses):
+        wanted = read(tmp_path / f"{i:04}.png")
+        one = scene.render(K=K, world_from_camera=T, planes=["color", "depth"])
+        for image in (many[i], again[i], one):
+            assert np.array_equal(image.rgba, wanted), i
+        assert np.array_equal(one.depth, many[i].depth)
+    assert not np.array_equal(many[0].rgba, many[1].rgba)
+
+
+def test_turntable_is_the_programs(program, data, tmp_path):
+    program(data, "colored.ply", "--size=96x64", "--frames=3", "--turntable", "-o", tmp_path / "{frame}.png")
+    frames = list(surfel.open(data / "colored.ply").render_many(frames=3, size=(96, 64)))
+    assert len(frames) == 3
+    for i, image in enumerate(frames):
+        assert np.array_equal(image.rgba, read(tmp_path / f"{i:04}.png")), i
+
+
+def test_info_compare_convert_and_backends_are_the_programs(program, data, tmp_path):
+    for name in ("values.ply", "box.ply", "disks.ply"):
+        assert surfel.info(data / name) == json.loads(program(data, "info", "--json", data / name))
+    arrays = surfel.scene(conftest.sphere()[0]).info()
+    assert arrays["kind"] == "points" and arrays["counts"] == {"points": 3000}
+    a, b = (surfel.open(data / "disks.ply").render(size=(80, 60), preset=p) for p in ("fast", "reference"))
+    a.save(tmp_path / "a.exr", exr_f32=True)
+    b.save(tmp_path / "b.exr", exr_f32=True)
+    told = program(tmp_path, "compare", "a.exr", "b.exr", "--json", "--diff=d.png").replace(b'"inf"', b"Infinity")
+    found = surfel.compare(a, b, diff=tmp_path / "e.png")
+    assert {**json.loads(told), "a": "a", "b": "b"} == found
+    assert (tmp_path / "d.png").read_bytes() == (tmp_path / "e.png").read_bytes()
+    assert surfel.compare(a.linear, b.linear)["rmse"] == found["rmse"] > 0
+    assert surfel.compare(a, a)["psnr"] == float("inf")
+    program(tmp_path, "convert", data / "box.ply", "--splats=500", "--cull=none", "-o", "p.ply")
+    surfel.convert(data / "box.ply", tmp_path / "q.ply", splats=500, cull="none")
+    assert (tmp_path / "p.ply").read_bytes() == (tmp_path / "q.ply").read_bytes()
+    program(tmp_path, "convert", data / "box.ply", "--hybrid", "-o", "p.surfel")
+    surfel.open(data / "box.ply").save(tmp_path / "q.surfel", hybrid=True)
+    assert (tmp_path / "p.surfel").read_bytes() == (tmp_path / "q.surfel").read_bytes()
+    named = {backend["name"]: backend for backend in surfel.backends()}
+    assert named["cpu"]["available"] and named["reference"]["available"]
+
+
+def test_pictures_are_repeated_by_the_program(program, data, tmp_path):
+    image = surfel.open(data / "colored.ply").render(size=(96, 64), view="top", edge_aa=True)
+    image.save(tmp_path / "a.png")
+    program(tmp_path, "again", "a.png", "-o", "b.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert image.scene_file["camera"]["size"] == [96, 64]
+    assert np.array_equal(surfel.again(tmp_path / "a.png").linear, image.linear)
+    image.save(tmp_path / "c.png", metadata=False)
+    with pytest.raises(surfel.InputError, match="carries no scene"):
+        surfel.again(tmp_path / "c.png")
+    assert "surfel:scene" not in chunks((tmp_path / "c.png").read_bytes())
+    # Arrays have no file: the program reads the same bytes from stdin.
+    scene = surfel.scene(conftest.sphere()[0])
+    scene.render(size=(96, 64)).save(tmp_path / "d.png")
+    assert json.loads(chunks((tmp_path / "d.png").read_bytes())["surfel:inputs"])[0]["path"] == "-"
+    program(tmp_path, "again", "d.png", "-o", "e.png", data=scene._native.data())
+    assert (tmp_path / "d.png").read_bytes() == (tmp_path / "e.png").read_bytes()

@@ -1,0 +1,123 @@
+//! The kernels of a cloud's splats on the surface that they make: what a close view blends with.
+
+use crate::parallel::map_each;
+use crate::progress::NoProgress;
+use crate::tree::KdTree;
+use glam::DVec3;
+use surfel_math::{V2, clip::Clip, kernel};
+use surfel_model::{ClipPolicy, SplatCloud};
+
+/// Radii from its centre within which a splat counts: its own, and a quarter for a surface that bends away from it.
+pub(super) const REACH: f64 = 1.25;
+/// Cosine of 60°: splats that are turned further belong to another part of the surface, as for the interior weight.
+const SAME_SURFACE: f64 = 0.5;
+/// The cutoff that the defaults draw with.
+const CUTOFF: f64 = 2.0;
+
+/// A splat's w over the places of a surface.
+#[derive(Clone, Default)]
+pub(super) struct Kernel {
+    /// Relative to the cloud's origin.
+    center: DVec3,
+    /// Unit normal; zero for a splat that counts nowhere.
+    normal: DVec3,
+    /// (u, v) of an offset in its plane are the products with these.
+    dual: [DVec3; 2],
+    /// The larger half-axis.
+    radius: f64,
+    clip: Option<Box<Clip<f64>>>,
+}
+
+impl Kernel {
+    fn new(cloud: &SplatCloud, i: usize) -> Self {
+        let (s, t) = cloud.axes(i);
+        let m = s.cross(t);
+        let scale = 1.0 / m.length_squared();
+        Self {
+            center: cloud.data().centers.get(i),
+            normal: cloud.normal(i),
+            dual: [t.cross(m) * scale, m.cross(s) * scale],
+            radius: cloud.radius_max(i),
+            clip: cloud.data().clips.as_ref().and_then(|c| c.clip(i, ClipPolicy::Exact)).map(Box::new),
+        }
+    }
+
+    /// w where the line through `point` along the unit `normal` meets the splat's plane: 0 beyond its disk, its clip
+    /// or [`REACH`], and where the normals differ by more than 60°.
+    pub(super) fn weight(&self, point: DVec3, normal: DVec3) -> f64 {
+        let d = point - self.center;
+        let reach = REACH * self.radius;
+        if d.length_squared() > reach * reach {
+            return 0.0;
+        }
+        let facing = self.normal.dot(normal);
+        if facing < SAME_SURFACE {
+            return 0.0;
+        }
+        let hit = d - self.normal.dot(d) / facing * normal;
+        let at = V2::new(hit.dot(self.dual[0]), hit.dot(self.dual[1]));
+        let rho_squared = at.x * at.x + at.y * at.y;
+        // NaN, of a splat without extent, is no place within it.
+        let within = rho_squared <= 1.0 && self.clip.as_ref().is_none_or(|clip| clip.keeps(at));
+        if within { kernel::weight(rho_squared, CUTOFF) } else { 0.0 }
+    }
+}
+
+/// All kernels in the order of a tree over their centres, where neighbours lie close together.
+pub(super) struct Kernels {
+    pub(super) tree: KdTree,
+    reach_below: Vec<f64>,
+    of_slot: Vec<Kernel>,
+}
+
+impl Kernels {
+    pub(super) fn new(cloud: &SplatCloud) -> Self {
+        let centers: Vec<DVec3> = (0..cloud.len()).map(|i| cloud.data().centers.get(i)).collect();
+        let tree = KdTree::new(&centers);
+        drop(centers);
+        let of_slot = map_each(tree.len(), &NoProgress, || (), |(), slot| Kernel::new(cloud, tree.index(slot)));
+        let reach: Vec<f64> = (0..cloud.len()).map(|i| REACH * cloud.radius_max(i)).collect();
+        let reach_below = tree.largest_below(&reach);
+        Self { tree, reach_below, of_slot }
+    }
+
+    /// Takes a splat out: it counts nowhere.
+    pub(super) fn remove(&mut self, slot: usize) {
+        self.of_slot[slot].normal = DVec3::ZERO;
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.of_slot.len()
+    }
+
+    pub(super) fn get(&self, slot: usize) -> &Kernel {
+        &self.of_slot[slot]
+    }
+
+    /// Half the median splat's diameter, for the size of cells.
+    pub(super) fn median_radius(&self) -> f64 {
+        let mut radii: Vec<f64> = self.of_slot.iter().map(|k| k.radius).collect();
+        crate::radii::median(&mut radii).unwrap_or(0.0)
+    }
+
+    /// Bounds of where the splats of some slots count.
+    pub(super) fn bounds(&self, slots: std::ops::Range<usize>) -> (DVec3, DVec3) {
+        let bound = |(lo, hi): (DVec3, DVec3), k: &Kernel| {
+            let e = DVec3::splat(REACH * k.radius);
+            (lo.min(k.center - e), hi.max(k.center + e))
+        };
+        self.of_slot[slots].iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), bound)
+    }
+
+    /// Slots, ascending, of the splats that may count within a sphere.
+    pub(super) fn near(&self, center: DVec3, radius: f64, slots: &mut Vec<u32>) {
+        slots.clear();
+        self.tree.near(center, radius, &self.reach_below, &mut |slot| {
+            let k = &self.of_slot[slot];
+            let reach = radius + REACH * k.radius;
+            if k.normal != DVec3::ZERO && center.distance_squared(k.center) <= reach * reach {
+                slots.push(slot as u32);
+            }
+        });
+    }
+}

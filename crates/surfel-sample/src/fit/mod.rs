@@ -1,0 +1,253 @@
+//! Values of splats whose blend is what a surface shows: texture acquisition (Z01 §5).
+//!
+//! The blend at a place is Σ r̂_k·c_k, where r̂_k = w_k/Σw are the splats' shares as a close view draws them. The fit
+//! minimises ∫ (f − Σ r̂_k·c_k)² over the surface, within the bounds of a colour. Z01 eq. 11 has w in place of r̂, and
+//! no bounds: its solutions leave [0, 1] (docs/decisions/020).
+
+mod kernels;
+mod points;
+mod samples;
+mod solve;
+mod system;
+#[cfg(test)]
+mod tests;
+
+use crate::mesh::geometry::Geometry;
+use crate::{Progress, SampleError};
+use glam::DVec3;
+use kernels::Kernels;
+use samples::Samples;
+use solve::{Bounds, Problem, Stop};
+use surfel_math::basis::unit;
+use surfel_model::{Column3, Mesh, OnInvalid, SplatCloud, TextureSampling};
+use system::System;
+
+pub use points::{PointFitReport, fit_point_colors};
+
+/// Where a fit ends: colours that no step changes by 1e-4, a fortieth of a step of 8 bits.
+const STOP: Stop = Stop { residual: 1e-4, steps: 400 };
+
+/// Most that a component of a shading normal changes by: where the mesh's normals turn faster than its splats can show,
+/// the solution without a bound swings past them.
+const NORMAL_CHANGE: f64 = 0.25;
+
+/// How far beyond the colours under a splat its own may go, as a share of their range: sharp peaks take a quarter to a
+/// third. Without this bound fits ripple where a surface is flat, some splats away from an edge.
+const BEYOND: f64 = 0.35;
+/// Normals end at a thirtieth of a degree.
+const NORMAL_STOP: Stop = Stop { residual: 5e-4, steps: 100 };
+/// Root mean square of a normal's components, of what their blend lacks, that is worth a fit: half a degree.
+const NORMALS_SHOW: f64 = 0.005;
+
+/// Most splats that are fitted together: each takes about a kilobyte.
+const MOST_SPLATS: usize = 1 << 25;
+/// Most splats over a place, on average: the work grows with its square. Radii of twice the spacing have 13.
+const MOST_OVER_PLACE: usize = 200;
+/// Places that are looked at for that.
+const PROBES: usize = 1024;
+
+/// Report of a fit to a mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FitReport {
+    /// Places of the surface that were compared.
+    pub samples: usize,
+    /// Steps of the solver; 0 for [`TextureSampling::Ewa`].
+    pub steps: usize,
+    /// The KKT residual: the most that a further step would change a value by.
+    pub residual: f64,
+    /// Root mean square of what the blend lacks in linear light, before and after, over the surface and channels.
+    pub color_rms: [f64; 2],
+    /// The same of shading normals, where they were fitted.
+    pub normal_rms: Option<[f64; 2]>,
+}
+
+/// Gives splats that were made of a mesh other colours and, with [`TextureSampling::Fit`], shading normals, so that
+/// their blend shows the mesh's. The splats' present values are those of [`TextureSampling::Point`], which changes
+/// nothing; alphas never change. A mesh without colours or textures leaves colours alone, a cloud without shading
+/// normals normals.
+///
+/// Splats blend where their normals and the surface's agree within 60° and their clips keep the place. Colours stay
+/// within 0 and 1, or the mesh's largest above that, and near those under the splat. Splats that lie on no part of the
+/// mesh keep their values. A surface of one colour gets that exactly. The result doesn't depend on the number of
+/// threads.
+///
+/// # Errors
+/// [`SampleError::Model`] for a mesh that isn't valid, [`SampleError::Empty`] for one without triangles,
+/// [`SampleError::NoArea`] where none has any, and [`SampleError::TooMany`] above 33 million splats, or 200
+/// over a place.
+pub fn fit_to_mesh(
+    cloud: SplatCloud,
+    mesh: &Mesh,
+    sampling: TextureSampling,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, FitReport), SampleError> {
+    mesh.validate()?;
+    SampleError::check_count("triangles", mesh.triangles.len())?;
+    if mesh.triangles.is_empty() {
+        return Err(SampleError::Empty { what: "mesh", missing: "triangles" });
+    }
+    let geometry = Geometry::new(mesh);
+    let area = geometry.total_area();
+    if area <= 0.0 || !area.is_finite() {
+        return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
+    }
+    let painted = geometry.is_painted() && cloud.data().colors.is_some();
+    let shaded = cloud.data().shading_normals.is_some() && sampling == TextureSampling::Fit;
+    if sampling == TextureSampling::Point || !(painted || shaded) || cloud.is_empty() {
+        return Ok((cloud, FitReport::default()));
+    }
+    check_splats(cloud.len())?;
+    let target = Target { geometry: &geometry, cloud: &cloud, sampling, progress };
+    let color = |face: usize, b: [f64; 3], side: f64| {
+        let [r, g, b, a] = if side > 0.0 { geometry.color_about(face, b, side) } else { geometry.color(face, b) };
+        ([r, g, b], a)
+    };
+    let corners = if shaded { geometry.smooth().corner_normals } else { Vec::new() };
+    let normal = |face: usize, b: [f64; 3]| {
+        let sum: DVec3 = corners[face].iter().zip(b).map(|(n, b)| *n * b).sum();
+        unit(sum).as_vec3().to_array()
+    };
+    let own = |i: usize| cloud.shading_normal(i).as_vec3().to_array();
+    let (colors, normals, report) = if painted && shaded {
+        let value = |face: usize, b: [f64; 3], side: f64| {
+            let (c, a) = color(face, b, side);
+            (joined(c, normal(face, b)), a)
+        };
+        let (values, report) = target.fit(3, &value, &|i| joined(cloud.color(i), own(i)))?;
+        (Some(part(&values, 0)), Some(part(&values, 3)), report)
+    } else if painted {
+        let (values, report) = target.fit(3, &color, &|i| cloud.color(i))?;
+        (Some(values), None, report)
+    } else {
+        let (values, report) = target.fit(0, &|face, b, _| (normal(face, b), 1.0), &own)?;
+        (None, Some(values), report)
+    };
+    let mut data = cloud.into_data();
+    if let Some(colors) = colors {
+        data.colors = Some(colors);
+    }
+    if let Some(normals) = normals {
+        let unit32 = |n: &[f32; 3]| unit(DVec3::from(n.map(f64::from))).as_vec3();
+        data.shading_normals = Some(Column3::from_f32(normals.iter().map(unit32).collect()));
+    }
+    Ok((SplatCloud::new(data, OnInvalid::Refuse)?.0, report))
+}
+
+fn joined(a: [f32; 3], b: [f32; 3]) -> [f32; 6] {
+    [a[0], a[1], a[2], b[0], b[1], b[2]]
+}
+
+/// Three of the channels, from `first` on.
+fn part(values: &[[f32; 6]], first: usize) -> Vec<[f32; 3]> {
+    values.iter().map(|v| std::array::from_fn(|c| v[first + c])).collect()
+}
+
+/// What a fit is made to.
+struct Target<'a> {
+    geometry: &'a Geometry<'a>,
+    cloud: &'a SplatCloud,
+    sampling: TextureSampling,
+    progress: &'a dyn Progress,
+}
+
+impl Target<'_> {
+    /// Values of all splats, by their indices. The first `colors` channels have the bounds of colours, others those of
+    /// normals.
+    fn fit<const N: usize>(
+        &self,
+        colors: usize,
+        value: &(dyn Fn(usize, [f64; 3], f64) -> ([f32; N], f32) + Sync),
+        present: &dyn Fn(usize) -> [f32; N],
+    ) -> Result<(Vec<[f32; N]>, FitReport), SampleError> {
+        let kernels = Kernels::new(self.cloud);
+        let offset = self.cloud.data().origin - self.geometry.mesh.origin;
+        let samples = Samples::of_mesh(self.geometry, offset, &kernels, value);
+        check_overlap(&kernels, &samples)?;
+        let present: Vec<[f32; N]> = (0..kernels.len()).map(|slot| present(kernels.tree.index(slot))).collect();
+        let system = System::new(&kernels, &samples, &present, self.progress);
+        let mut report = FitReport { samples: samples.len(), ..FitReport::default() };
+        let range = ranges(samples.all().iter().map(|s| &s.value).chain(&present));
+        drop(samples);
+        let mut values = present.clone();
+        let before = system.rms();
+        let mean = |rms: &[f64]| (rms.iter().map(|r| r * r).sum::<f64>() / rms.len().max(1) as f64).sqrt();
+        if colors > 0 {
+            let d = if self.sampling == TextureSampling::Ewa {
+                system.ewa.iter().map(|d| std::array::from_fn(|c| if c < colors { d[c] as f32 } else { 0.0 })).collect()
+            } else {
+                let bounds = |k: usize| within(&range, &system.local[k], &present[k]);
+                let problem = Problem { gram: &system.gram, b: &system.lanes(0), bounds: &bounds };
+                let solution = problem.minimise(STOP, &mut |_| true);
+                (report.steps, report.residual) = (solution.steps, solution.residual);
+                solution.d
+            };
+            report.color_rms = [mean(&before[..colors]), mean(&system.rms_after(0, &d)[..colors])];
+            for (value, d) in values.iter_mut().zip(&d) {
+                let bounded = |c: usize| (value[c] + d[c]).clamp(range[c][0] as f32, range[c][1] as f32);
+                let bounded: [f32; 3] = std::array::from_fn(bounded);
+                value[..3].copy_from_slice(&bounded);
+            }
+        }
+        if colors < N {
+            let off = mean(&before[colors..]);
+            let mut after = off;
+            if off > NORMALS_SHOW {
+                let bounds = |_: usize| [[-NORMAL_CHANGE, NORMAL_CHANGE]; 4];
+                let problem = Problem { gram: &system.gram, b: &system.lanes(colors), bounds: &bounds };
+                let solution = problem.minimise(NORMAL_STOP, &mut |_| true);
+                after = mean(&system.rms_after(colors, &solution.d));
+                for (value, d) in values.iter_mut().zip(&solution.d) {
+                    value[colors..].iter_mut().zip(d).for_each(|(value, d): (&mut f32, &f32)| *value += d);
+                }
+            }
+            report.normal_rms = Some([off, after]);
+        }
+        let mut by_index = vec![[0.0; N]; values.len()];
+        values.into_iter().enumerate().for_each(|(slot, value)| by_index[kernels.tree.index(slot)] = value);
+        Ok((by_index, report))
+    }
+}
+
+/// Refuses clouds whose normal equations would not be sparse.
+fn check_overlap<const N: usize>(kernels: &Kernels, samples: &Samples<N>) -> Result<(), SampleError> {
+    let probes = samples.all().iter().step_by(samples.len().div_ceil(PROBES).max(1));
+    let (mut found, mut count, mut near) = (0, 0, Vec::new());
+    for sample in probes {
+        kernels.near(samples.point(sample), 0.0, &mut near);
+        (found, count) = (found + near.len(), count + 1);
+    }
+    let (found, limit) = (found / count.max(1), MOST_OVER_PLACE);
+    let what = "splats over each other, whose colours are to be fitted,";
+    if found > limit { Err(SampleError::TooMany { what, found, limit }) } else { Ok(()) }
+}
+
+fn check_splats(found: usize) -> Result<(), SampleError> {
+    let (what, limit) = ("splats to be fitted", MOST_SPLATS);
+    if found > limit { Err(SampleError::TooMany { what, found, limit }) } else { Ok(()) }
+}
+
+/// What the values of each channel may be: 0 to 1, or the least and the largest value beyond that.
+fn ranges<'a, const N: usize>(values: impl Iterator<Item = &'a [f32; N]>) -> Bounds {
+    let mut range = [[0.0f64, 1.0]; 4];
+    for value in values {
+        for (range, v) in range.iter_mut().zip(&value[..N.min(3)]) {
+            *range = [range[0].min(f64::from(*v)), range[1].max(f64::from(*v))];
+        }
+    }
+    range
+}
+
+/// What may be added to a present value: within the range, not far beyond the samples' `local` one, and nothing always.
+fn within<const N: usize>(range: &Bounds, local: &[[f32; 2]; N], present: &[f32; N]) -> Bounds {
+    std::array::from_fn(|c| {
+        if c >= N.min(3) {
+            return [0.0; 2];
+        }
+        let [least, largest] = local[c].map(f64::from);
+        let beyond = BEYOND * (largest - least).max(0.0);
+        let present = f64::from(present[c]);
+        let low = range[c][0].max(least - beyond).min(present);
+        let high = range[c][1].min(largest + beyond).max(present);
+        if least <= largest { [low - present, high - present] } else { [0.0; 2] }
+    })
+}

@@ -1,0 +1,196 @@
+//! Places of a surface with the values that they should show, sorted into cells.
+
+use super::kernels::Kernels;
+use crate::mesh::count::stratified;
+use crate::mesh::geometry::Geometry;
+use crate::parallel::{for_chunks, map_each};
+use crate::progress::NoProgress;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use std::collections::HashMap;
+use surfel_model::SplatCloud;
+
+/// Fewest and most samples a splat: fewer leave a coefficient to chance, more than the texels are each other's copies.
+const A_SPLAT: [f64; 2] = [9.0, 36.0];
+/// Samples of all splats beyond which there are only as many as it takes: 32 to 44 bytes each.
+const MANY: f64 = 16e6;
+/// Fewest samples of a triangle where there are as many splats as triangles.
+const A_TRIANGLE: f64 = 4.0;
+/// Texels a sample beyond which it is the mean of nine places.
+const FINE: f64 = 1.5;
+/// Cells along the largest side of the bounds, at most: three coordinates share 64 bits.
+const MOST_CELLS: f64 = (1 << 20) as f64;
+
+/// A place, what it should show, and how much it counts.
+#[derive(Clone, Copy)]
+pub(super) struct Sample<const N: usize> {
+    /// Relative to [`Samples::center`].
+    at: Vec3,
+    /// Index into [`Samples::normals`].
+    normal: u32,
+    pub(super) weight: f32,
+    pub(super) value: [f32; N],
+}
+
+impl<const N: usize> Default for Sample<N> {
+    fn default() -> Self {
+        Self { at: Vec3::ZERO, normal: 0, weight: 0.0, value: [0.0; N] }
+    }
+}
+
+/// Samples, those of a cell together.
+pub(super) struct Samples<const N: usize> {
+    center: DVec3,
+    normals: Vec<DVec3>,
+    items: Vec<Sample<N>>,
+    /// Side of a cell.
+    side: f64,
+    /// Where the samples of a cell are.
+    cells: HashMap<u64, [u32; 2]>,
+}
+
+/// Cell coordinates, each of 21 bits.
+fn key(cell: [i64; 3]) -> u64 {
+    cell.iter().fold(0, |key, c| key << 21 | (c + (1 << 20)) as u64 & 0x1f_ffff)
+}
+
+impl<const N: usize> Samples<N> {
+    /// Puts samples into cells that a few splats reach. The order of equal cells is that of `items`.
+    fn sorted(center: DVec3, normals: Vec<DVec3>, mut items: Vec<Sample<N>>, kernels: &Kernels) -> Self {
+        let extent = items.iter().map(|s| s.at.abs().max_element()).fold(0.0, f32::max);
+        let side = (1.5 * kernels.median_radius()).max(2.0 * f64::from(extent) / MOST_CELLS).max(f64::MIN_POSITIVE);
+        let key_of = |s: &Sample<N>| key(s.at.to_array().map(|c| (f64::from(c) / side).floor() as i64));
+        items.par_sort_by_cached_key(key_of);
+        let mut cells = HashMap::new();
+        let mut start = 0;
+        for group in items.chunk_by(|a, b| key_of(a) == key_of(b)) {
+            cells.insert(key_of(&group[0]), [start, start + group.len() as u32]);
+            start += group.len() as u32;
+        }
+        Self { center, normals, items, side, cells }
+    }
+
+    /// Samples of the points of a cloud themselves; `value` of the point of each index, `None` to leave it out.
+    pub(super) fn of_points(cloud: &SplatCloud, kernels: &Kernels, value: &dyn Fn(usize) -> Option<[f32; N]>) -> Self {
+        let position = |i: usize| cloud.data().centers.get(i);
+        let center = middle((0..cloud.len()).map(position));
+        let normals = (0..cloud.len()).map(|i| cloud.normal(i)).collect();
+        let sample = |i: usize| {
+            let value = value(i)?;
+            Some(Sample { at: (position(i) - center).as_vec3(), normal: i as u32, weight: 1.0, value })
+        };
+        Self::sorted(center, normals, (0..cloud.len()).filter_map(sample).collect(), kernels)
+    }
+
+    /// Samples of a mesh, as many as its texels ask for, each counting by its area and opacity. `value` of a face's
+    /// barycentric coordinates and the side of the square that it stands for; `offset` leads from the mesh's origin
+    /// to the cloud's.
+    pub(super) fn of_mesh(
+        geometry: &Geometry,
+        offset: DVec3,
+        kernels: &Kernels,
+        value: &(dyn Fn(usize, [f64; 3], f64) -> ([f32; N], f32) + Sync),
+    ) -> Self {
+        let measure = Measure::new(geometry, kernels.len());
+        let center = middle(geometry.positions.iter().copied());
+        let places = stratified(&measure.samples, measure.count, measure.total, &NoProgress);
+        let mut items = vec![Sample::default(); places.len()];
+        for_chunks(&mut items, 4096, &|first, items| {
+            for (item, (face, b)) in items.iter_mut().zip(&places[first..]) {
+                let f = *face as usize;
+                let area = geometry.areas[f] / measure.samples[f] * measure.total / measure.count as f64;
+                let [p, q, r] = geometry.corners(f);
+                let point = p + (q - p) * b[1] + (r - p) * b[2];
+                let (value, opacity) = value(f, *b, if measure.coarse[f] { area.sqrt() } else { 0.0 });
+                *item = Sample {
+                    at: (point - center).as_vec3(),
+                    normal: *face,
+                    weight: (area / measure.mean_area) as f32 * opacity,
+                    value,
+                };
+            }
+        });
+        Self::sorted(center - offset, geometry.normals.clone(), items, kernels)
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.items.len()
+    }
+
+    pub(super) fn point(&self, sample: &Sample<N>) -> DVec3 {
+        self.center + sample.at.as_dvec3()
+    }
+
+    pub(super) fn normal(&self, sample: &Sample<N>) -> DVec3 {
+        self.normals[sample.normal as usize]
+    }
+
+    /// What a sample was made of: a point of [`Self::of_points`], a face of [`Self::of_mesh`].
+    pub(super) fn source(&self, sample: &Sample<N>) -> usize {
+        sample.normal as usize
+    }
+
+    /// Every sample.
+    pub(super) fn all(&self) -> &[Sample<N>] {
+        &self.items
+    }
+
+    /// The samples of each cell that meets a box, cells in ascending order.
+    pub(super) fn within(&self, (lo, hi): (DVec3, DVec3)) -> impl Iterator<Item = &[Sample<N>]> {
+        let [low, high] = [lo, hi].map(|p| ((p - self.center) / self.side).floor().to_array().map(|c| c as i64));
+        let sides: [i64; 3] = std::array::from_fn(|k| (high[k].saturating_sub(low[k])).max(0).saturating_add(1));
+        let boxed = sides.iter().fold(1i64, |n, s| n.saturating_mul(*s));
+        let mut found: Vec<(u64, [u32; 2])> = if boxed as u64 > self.cells.len() as u64 {
+            self.cells.iter().map(|(k, r)| (*k, *r)).collect()
+        } else {
+            let keys = (0..boxed).map(|i| {
+                let [x, y, z] = [i / (sides[1] * sides[2]), i / sides[2] % sides[1], i % sides[2]];
+                key([low[0] + x, low[1] + y, low[2] + z])
+            });
+            keys.filter_map(|k| self.cells.get(&k).map(|r| (k, *r))).collect()
+        };
+        found.sort_unstable();
+        found.into_iter().map(|(_, [start, end])| &self.items[start as usize..end as usize])
+    }
+}
+
+/// The middle of the bounds.
+fn middle(points: impl Iterator<Item = DVec3>) -> DVec3 {
+    let (lo, hi) = points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+    if lo.is_finite() { 0.5 * lo + 0.5 * hi } else { DVec3::ZERO }
+}
+
+/// How many samples each triangle should have.
+struct Measure {
+    /// Of each triangle, not rounded; 0 for those without area.
+    samples: Vec<f64>,
+    total: f64,
+    count: usize,
+    /// A sample stands for several texels.
+    coarse: Vec<bool>,
+    /// Area of a splat.
+    mean_area: f64,
+}
+
+impl Measure {
+    fn new(geometry: &Geometry, splats: usize) -> Self {
+        let (faces, area) = (geometry.areas.len(), geometry.total_area());
+        let mean_area = area / splats.max(1) as f64;
+        let a_triangle = A_TRIANGLE * (splats as f64 / faces.max(1) as f64).min(1.0);
+        let texels = map_each(faces, &NoProgress, || (), |(), face| geometry.texels(face));
+        let samples_at = |most: f64, face: usize| {
+            let splats = geometry.areas[face] / mean_area;
+            let wanted = texels[face].clamp(A_SPLAT[0] * splats, most * splats).max(a_triangle);
+            if geometry.areas[face] > 0.0 { wanted } else { 0.0 }
+        };
+        let total_at = |most: f64| (0..faces).map(|face| samples_at(most, face)).sum::<f64>();
+        let mut most = A_SPLAT[1];
+        while most > A_SPLAT[0] && total_at(most) > MANY {
+            most = (0.7 * most).max(A_SPLAT[0]);
+        }
+        let samples: Vec<f64> = (0..faces).map(|face| samples_at(most, face)).collect();
+        let total: f64 = samples.iter().sum();
+        let coarse = samples.iter().zip(&texels).map(|(s, t)| *t > FINE * s).collect();
+        Self { samples, total, count: total.ceil().max(1.0) as usize, coarse, mean_area }
+    }
+}

@@ -1,0 +1,281 @@
+//! The normal equations of a fit: one row a splat, sparse, in tree order.
+
+use super::kernels::Kernels;
+use super::samples::{Sample, Samples};
+use super::solve::{Lanes, Scalar};
+use crate::parallel::map_tasks;
+use crate::progress::Progress;
+use glam::DVec3;
+use std::ops::Range;
+
+/// Splats whose rows are one task's. Fixed, so that sums don't depend on the number of threads.
+const OWN: usize = 512;
+/// Differences that interpolation rounds to: a value of f32 times weights that sum to 1 but for four roundings.
+const ROUNDING: f32 = 4.0 * f32::EPSILON;
+
+/// G of the normal equations: Σ ω·r̂_k·r̂_j over the samples, r̂ the splats' shares w/Σw there.
+#[derive(Default)]
+pub(super) struct Gram {
+    /// Where the entries of a row begin, and where the last one's end.
+    pub(super) starts: Vec<usize>,
+    pub(super) columns: Vec<u32>,
+    pub(super) values: Vec<f32>,
+    /// Sums of the rows: since no entry is negative, diag(mass) − G is positive semidefinite (Gershgorin).
+    pub(super) mass: Vec<f64>,
+}
+
+impl Gram {
+    /// (G·d)_k.
+    pub(super) fn row_times<T: Scalar>(&self, k: usize, d: &[Lanes<T>]) -> Lanes<T> {
+        let mut sum = Lanes::default();
+        let entries = self.starts[k]..self.starts[k + 1];
+        for (column, value) in self.columns[entries.clone()].iter().zip(&self.values[entries]) {
+            let (d, value) = (&d[*column as usize], T::from(*value));
+            for c in 0..4 {
+                sum[c] += value * d[c];
+            }
+        }
+        sum
+    }
+}
+
+/// ½dᵀGd − bᵀd for what is added to the splats' present values, over N channels that share G.
+pub(super) struct System<const N: usize> {
+    pub(super) gram: Gram,
+    /// Σ ω·r̂_k·(f − Σ r̂_j·c_j), c the present values.
+    pub(super) b: Vec<[f64; N]>,
+    /// What view-independent EWA adds: the mean of f − c under w.
+    pub(super) ewa: Vec<[f64; N]>,
+    /// Least and largest value of the samples that a splat counts at; crossed where there is none.
+    pub(super) local: Vec<[[f32; 2]; N]>,
+    /// Σ ω·(f − Σ r̂_j·c_j)² and Σ ω.
+    energy: [f64; N],
+    weight: f64,
+}
+
+impl<const N: usize> System<N> {
+    /// `present` are the splats' values, by slot.
+    pub(super) fn new(kernels: &Kernels, samples: &Samples<N>, present: &[[f32; N]], progress: &dyn Progress) -> Self {
+        let tasks = kernels.len().div_ceil(OWN);
+        progress.stage("texture", tasks as u64);
+        let parts = map_tasks(tasks, |task| {
+            let own = task * OWN..kernels.len().min((task + 1) * OWN);
+            let part = Part::new(kernels, samples, present, own);
+            progress.advance(1);
+            part
+        });
+        let entries: usize = parts.iter().map(|p| p.columns.len()).sum();
+        let mut gram = Gram {
+            starts: vec![0],
+            columns: Vec::with_capacity(entries),
+            values: Vec::with_capacity(entries),
+            mass: Vec::new(),
+        };
+        let (mut b, mut ewa) = (Vec::with_capacity(kernels.len()), Vec::with_capacity(kernels.len()));
+        let mut local = Vec::with_capacity(kernels.len());
+        let (mut energy, mut weight) = ([0.0; N], 0.0);
+        for part in parts {
+            for length in part.lengths {
+                gram.starts.push(gram.starts[gram.starts.len() - 1] + length);
+            }
+            gram.columns.extend(part.columns);
+            gram.values.extend(part.values);
+            b.extend(part.b);
+            ewa.extend(part.ewa);
+            local.extend(part.local);
+            weight += part.weight;
+            energy.iter_mut().zip(part.energy).for_each(|(sum, e)| *sum += e);
+        }
+        let row_sum = |k: usize| gram.values[gram.starts[k]..gram.starts[k + 1]].iter().map(|v| f64::from(*v)).sum();
+        gram.mass = (0..kernels.len()).map(row_sum).collect();
+        Self { gram, b, ewa, local, energy, weight }
+    }
+
+    /// Root mean square of what the blend lacks in each channel.
+    pub(super) fn rms(&self) -> [f64; N] {
+        self.energy.map(|e| (e / self.weight.max(f64::MIN_POSITIVE)).sqrt())
+    }
+
+    /// The same of up to three channels from `first` on, after `d` is added to them.
+    pub(super) fn rms_after<T: Scalar>(&self, first: usize, d: &[Lanes<T>]) -> [f64; 3] {
+        let mut energy: [f64; 3] = std::array::from_fn(|c| self.energy.get(first + c).copied().unwrap_or(0.0));
+        for (k, b) in self.b.iter().enumerate() {
+            let gd = self.gram.row_times(k, d);
+            for (c, e) in energy.iter_mut().enumerate().take(N - first) {
+                *e += d[k][c].into() * (gd[c].into() - 2.0 * b[first + c]);
+            }
+        }
+        energy.map(|e| (e.max(0.0) / self.weight.max(f64::MIN_POSITIVE)).sqrt())
+    }
+
+    /// b of up to three channels from `first` on.
+    pub(super) fn lanes<T: Scalar>(&self, first: usize) -> Vec<Lanes<T>> {
+        let lane = |b: &[f64; N], c: usize| if c < 3 { b.get(first + c).copied().unwrap_or(0.0) } else { 0.0 };
+        self.b.iter().map(|b| std::array::from_fn(|c| T::from_f64(lane(b, c)))).collect()
+    }
+}
+
+/// The rows of some splats.
+#[derive(Clone)]
+struct Part<const N: usize> {
+    lengths: Vec<usize>,
+    columns: Vec<u32>,
+    values: Vec<f32>,
+    b: Vec<[f64; N]>,
+    ewa: Vec<[f64; N]>,
+    local: Vec<[[f32; 2]; N]>,
+    energy: [f64; N],
+    weight: f64,
+}
+
+impl<const N: usize> Default for Part<N> {
+    fn default() -> Self {
+        Self {
+            lengths: Vec::new(),
+            columns: Vec::new(),
+            values: Vec::new(),
+            b: Vec::new(),
+            ewa: Vec::new(),
+            local: Vec::new(),
+            energy: [0.0; N],
+            weight: 0.0,
+        }
+    }
+}
+
+impl<const N: usize> Part<N> {
+    fn new(kernels: &Kernels, samples: &Samples<N>, present: &[[f32; N]], own: Range<usize>) -> Self {
+        let mut part = Self { b: vec![[0.0; N]; own.len()], ..Self::default() };
+        part.local = vec![[[f32::INFINITY, f32::NEG_INFINITY]; N]; own.len()];
+        let mut rows: Vec<Vec<(u32, f64)>> = vec![Vec::new(); own.len()];
+        let mut ewa = vec![([0.0; N], 0.0); own.len()];
+        let (mut near, mut hits, mut block) = (Vec::new(), Vec::new(), Vec::new());
+        for cell in samples.within(kernels.bounds(own.clone())) {
+            let (center, radius) = sphere(samples, cell);
+            kernels.near(center, radius, &mut near);
+            let first = near.partition_point(|slot| (*slot as usize) < own.start);
+            let last = near.partition_point(|slot| (*slot as usize) < own.end);
+            if first == last {
+                continue;
+            }
+            block.clear();
+            block.resize((last - first) * near.len(), 0.0);
+            for sample in cell {
+                if !shares(kernels, samples, sample, &near, first..last, &mut hits) {
+                    continue;
+                }
+                let total: f64 = hits.iter().map(|(_, w)| w).sum();
+                let weight = f64::from(sample.weight);
+                let missing = missing(&sample.value, present, &near, &hits, total);
+                let is_first = hits.first().is_some_and(|(place, _)| (first..last).contains(place));
+                if is_first {
+                    part.weight += weight;
+                    part.energy.iter_mut().zip(missing).for_each(|(sum, m)| *sum += weight * m * m);
+                }
+                for &(k, w) in hits.iter().filter(|(place, _)| (first..last).contains(place)) {
+                    let share = weight * w / total;
+                    let row = &mut block[(k - first) * near.len()..(k - first + 1) * near.len()];
+                    for &(j, w) in &hits {
+                        row[j] += share * (w / total);
+                    }
+                    let slot = near[k] as usize;
+                    let own_row = slot - own.start;
+                    let (sum, mass) = &mut ewa[own_row];
+                    *mass += weight * w;
+                    for c in 0..N {
+                        let [least, largest] = part.local[own_row][c];
+                        part.local[own_row][c] = [least.min(sample.value[c]), largest.max(sample.value[c])];
+                        part.b[own_row][c] += share * missing[c];
+                        sum[c] += weight * w * f64::from(difference(sample.value[c], present[slot][c]));
+                    }
+                }
+            }
+            for (k, values) in (first..last).zip(block.chunks(near.len())) {
+                let entries = near.iter().zip(values).filter(|(_, v)| **v != 0.0).map(|(j, v)| (*j, *v));
+                rows[near[k] as usize - own.start].extend(entries);
+            }
+        }
+        for row in &mut rows {
+            // Stable: the parts of a sum stay in the order of their cells.
+            row.sort_by_key(|(column, _)| *column);
+            let before = part.columns.len();
+            for same in row.chunk_by(|a, b| a.0 == b.0) {
+                part.columns.push(same[0].0);
+                part.values.push(same.iter().map(|(_, v)| v).sum::<f64>() as f32);
+            }
+            part.lengths.push(part.columns.len() - before);
+        }
+        let mean = |(sum, mass): ([f64; N], f64)| if mass > 0.0 { sum.map(|s| s / mass) } else { [0.0; N] };
+        part.ewa = ewa.into_iter().map(mean).collect();
+        part
+    }
+}
+
+/// Fills `hits` with the places in `near` of the splats that count at a sample, ascending, and their w; false where
+/// none of those at `own` does.
+fn shares<const N: usize>(
+    kernels: &Kernels,
+    samples: &Samples<N>,
+    sample: &Sample<N>,
+    near: &[u32],
+    own: Range<usize>,
+    hits: &mut Vec<(usize, f64)>,
+) -> bool {
+    let (point, normal) = (samples.point(sample), samples.normal(sample));
+    let weight = |place: usize| kernels.get(near[place] as usize).weight(point, normal);
+    if sample.weight <= 0.0 {
+        return false;
+    }
+    hits.clear();
+    hits.extend(own.clone().map(|place| (place, weight(place))).filter(|(_, w)| *w > 0.0));
+    if hits.is_empty() {
+        return false;
+    }
+    let others = (0..own.start).chain(own.end..near.len());
+    hits.extend(others.map(|place| (place, weight(place))).filter(|(_, w)| *w > 0.0));
+    // Whoever asks sums in the same order.
+    hits.sort_unstable_by_key(|(place, _)| *place);
+    true
+}
+
+/// What the blend of the present values lacks at a sample: 0 exactly where all of them are the sample's.
+fn missing<const N: usize>(
+    value: &[f32; N],
+    present: &[[f32; N]],
+    near: &[u32],
+    hits: &[(usize, f64)],
+    total: f64,
+) -> [f64; N] {
+    std::array::from_fn(|c| {
+        let part =
+            |(place, w): &(usize, f64)| w / total * f64::from(difference(value[c], present[near[*place] as usize][c]));
+        hits.iter().map(part).sum()
+    })
+}
+
+/// The difference of two values, 0 where it is rounding.
+fn difference(a: f32, b: f32) -> f32 {
+    let d = a - b;
+    if d.abs() <= ROUNDING * a.abs().max(b.abs()) { 0.0 } else { d }
+}
+
+/// A sphere about samples.
+fn sphere<const N: usize>(samples: &Samples<N>, cell: &[Sample<N>]) -> (DVec3, f64) {
+    let points = || cell.iter().map(|s| samples.point(s));
+    let (lo, hi) = points().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+    let center = 0.5 * (lo + hi);
+    (center, points().map(|p| p.distance(center)).fold(0.0, f64::max))
+}
+
+/// Shares of the splats that count at a sample, by slot.
+pub(super) fn shares_at<const N: usize>(
+    kernels: &Kernels,
+    samples: &Samples<N>,
+    sample: &Sample<N>,
+) -> Vec<(u32, f64)> {
+    let (mut near, mut hits) = (Vec::new(), Vec::new());
+    kernels.near(samples.point(sample), 0.0, &mut near);
+    shares(kernels, samples, sample, &near, 0..near.len(), &mut hits);
+    let total: f64 = hits.iter().map(|(_, w)| w).sum();
+    hits.iter().map(|(place, w)| (near[*place], w / total)).collect()
+}

@@ -1,0 +1,217 @@
+//! What a file holds, without converting all of it.
+
+use crate::Error;
+use crate::attributes;
+use crate::framing::UpReason;
+use crate::load::up_reason;
+use crate::paths::is_stdin;
+use crate::scene::is_scene_file;
+use crate::values::json_number;
+use glam::DVec3;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use surfel_io::{Content, LoadOptions, Loaded};
+use surfel_model::{Column3, Mesh, PointCloud, SplatCloud};
+use surfel_sample::NoProgress;
+#[cfg(feature = "sharp")]
+use surfel_sample::SharpErrors;
+use surfel_sample::{MeshMethod, MeshOptions, PointOptions};
+
+/// Points up to which radii are estimated from all of them.
+const ALL: usize = 12_000;
+/// Places where the radii of larger clouds are estimated.
+const PATCHES: usize = 16;
+/// Points around each place that are converted, and those nearest to it whose radii count: the others lie near the
+/// patch's rim, where neighbours are missing.
+const PATCH: (usize, usize) = (600, 200);
+
+/// Splat radii, in object units.
+struct Radii {
+    median: f64,
+    min: f64,
+    max: f64,
+    how: &'static str,
+}
+
+impl Radii {
+    fn of(mut radii: Vec<f64>, how: &'static str) -> Option<Self> {
+        radii.sort_unstable_by(f64::total_cmp);
+        let (min, max) = (*radii.first()?, *radii.last()?);
+        Some(Self { median: *radii.get(radii.len() / 2)?, min, max, how })
+    }
+}
+
+/// What a file holds, without converting all of it, as the object that `surfel info --json` prints: format, counts,
+/// bounds, up axis, attributes and their ranges, estimated radii, memory, notes. `stdin` is what the name `-` stands
+/// for.
+///
+/// # Errors
+/// [`Error::Io`] if it can't be read or is damaged, [`Error::Unsuitable`] for a scene file.
+pub fn info(path: &Path, options: &LoadOptions, stdin: Option<&[u8]>) -> Result<Value, Error> {
+    if is_scene_file(path) {
+        let what = "is a scene file, expected splats, points or a mesh: surfel render SCENE --print-scene shows it";
+        return Err(Error::Unsuitable { path: path.to_path_buf(), problem: what.to_owned() });
+    }
+    let (loaded, file_bytes) = match stdin.filter(|_| is_stdin(path)) {
+        Some(bytes) => (surfel_io::load_bytes(bytes, None, Path::new("stdin"), options)?, bytes.len() as u64),
+        None => (surfel_io::load(path, options)?, std::fs::metadata(path).map(|m| m.len()).unwrap_or(0)),
+    };
+    Ok(facts(path, &loaded, file_bytes))
+}
+
+fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
+    let reason = match up_reason(loaded) {
+        Some(UpReason::Stated) => "the file says so".to_owned(),
+        Some(_) => format!("as always in {}", loaded.format),
+        None => format!("default of {}; images judge by the shape", loaded.format),
+    };
+    let mut facts = json!({
+        "file": path.to_string_lossy(),
+        "format": loaded.format.name(),
+        "file_bytes": file_bytes,
+        "up": loaded.up.name(),
+        "up_reason": reason,
+        "attributes": loaded.attributes,
+        "notes": loaded.notes,
+    });
+    let (kind, counts, bounds, radii, memory, interior_weight) = match &loaded.content {
+        Content::Splats(cloud) => {
+            let radii = Radii::of((0..cloud.len()).map(|i| cloud.radius_max(i)).collect(), "given");
+            let counts = json!({ "splats": cloud.len() });
+            ("splats", counts, cloud.bounds(), radii, cloud.bytes(), cloud.data().interior_weight)
+        }
+        Content::Points(points) => {
+            let counts = json!({ "points": points.len() });
+            ("points", counts, points.bounds(), radii_of_points(points), bytes_of_points(points), None)
+        }
+        Content::Octree(octree) => {
+            let (cloud, mesh) = (octree.cloud(), octree.mesh());
+            let radii = Radii::of((0..cloud.len()).map(|i| cloud.radius_max(i)).collect(), "given");
+            let counts = json!({ "splats": cloud.len(), "vertices": mesh.positions.len(),
+                "triangles": mesh.triangles.len(), "nodes": octree.nodes().len(),
+                "transitions": octree.transitions().len() });
+            let bounds = bounds(mesh.origin, &mesh.positions);
+            let bytes = octree.bytes() + bytes_of_mesh(mesh);
+            ("octree", counts, bounds, radii, bytes, cloud.data().interior_weight)
+        }
+        Content::Mesh(mesh) => {
+            let counts = json!({ "vertices": mesh.positions.len(), "triangles": mesh.triangles.len() });
+            let bounds = bounds(mesh.origin, &mesh.positions);
+            ("mesh", counts, bounds, radii_of_mesh(mesh), bytes_of_mesh(mesh), None)
+        }
+    };
+    let (extras, comments) = match &loaded.content {
+        Content::Splats(cloud) => (cloud.data().extras.as_slice(), cloud.data().comments.as_slice()),
+        Content::Points(points) => (points.extras.as_slice(), points.comments.as_slice()),
+        _ => (&[][..], &[][..]),
+    };
+    facts["columns"] = attributes::columns(extras);
+    facts["classes"] = attributes::classes(extras);
+    facts["crs"] = attributes::crs(comments);
+    facts["kind"] = json!(kind);
+    facts["counts"] = counts;
+    facts["bounds"] = bounds.map_or(Value::Null, |(lo, hi)| json!({ "min": lo.to_array(), "max": hi.to_array() }));
+    facts["radii"] = radii.map_or(Value::Null, |r| {
+        json!({ "median": json_number(r.median), "min": json_number(r.min), "max": json_number(r.max),
+                "estimated": r.how != "given", "how": r.how })
+    });
+    facts["memory_bytes"] = json!(memory);
+    facts["interior_weight"] = json!(interior_weight);
+    #[cfg(feature = "sharp")]
+    if let Content::Splats(cloud) = &loaded.content {
+        // What `convert --sharp` measured against the mesh.
+        let errors = cloud.data().comments.iter().find_map(|c| c.strip_prefix(SharpErrors::PREFIX));
+        facts["sharp_errors"] = json!(errors);
+    }
+    facts
+}
+
+fn bounds(origin: DVec3, positions: &Column3) -> Option<(DVec3, DVec3)> {
+    let first = origin + positions.high().first().map(|_| positions.get(0))?;
+    Some((0..positions.len()).fold((first, first), |(lo, hi), i| {
+        let p = origin + positions.get(i);
+        (lo.min(p), hi.max(p))
+    }))
+}
+
+fn bytes_of_points(p: &PointCloud) -> usize {
+    p.positions.bytes()
+        + p.normals.as_ref().map_or(0, Column3::bytes)
+        + p.colors.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
+        + p.alphas.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
+        + p.extras.iter().map(|e| e.values.bytes()).sum::<usize>()
+}
+
+fn bytes_of_mesh(m: &Mesh) -> usize {
+    m.positions.bytes()
+        + size_of_val(m.triangles.as_slice())
+        + m.normals.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
+        + m.colors.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
+        + m.alphas.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
+        + m.uvs.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
+        + m.materials.as_ref().map_or(0, |all| size_of_val(all.of_triangle.as_slice()))
+        + bytes_of_textures(m)
+}
+
+/// Each texture once, however many materials show it.
+fn bytes_of_textures(m: &Mesh) -> usize {
+    let textures: BTreeMap<_, _> = m.textures().map(|t| (Arc::as_ptr(t), size_of_val(t.srgba8.as_slice()))).collect();
+    textures.values().sum()
+}
+
+fn radii_of(cloud: &SplatCloud, count: usize) -> impl Iterator<Item = f64> {
+    (0..count.min(cloud.len())).map(|i| cloud.radius_max(i))
+}
+
+/// Radii that a render would give the points: of all of them, or of patches of a large cloud.
+fn radii_of_points(points: &PointCloud) -> Option<Radii> {
+    let convert = |points: &PointCloud| {
+        surfel_sample::splats_from_points(points, &PointOptions::default(), &NoProgress).ok().map(|made| made.0)
+    };
+    if points.len() <= ALL {
+        let cloud = convert(points)?;
+        return Radii::of(radii_of(&cloud, cloud.len()).collect(), "estimated from neighbours");
+    }
+    let positions = points.positions.high();
+    let mut radii = Vec::new();
+    for patch in 0..PATCHES {
+        let middle = positions[(2 * patch + 1) * points.len() / (2 * PATCHES)];
+        let mut near: Vec<(f32, u32)> =
+            (0..points.len() as u32).map(|i| (positions[i as usize].distance_squared(middle), i)).collect();
+        let order = |a: &(f32, u32), b: &(f32, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        near.select_nth_unstable_by(PATCH.0, order);
+        near.truncate(PATCH.0);
+        near.sort_unstable_by(order);
+        let indices: Vec<u32> = near.iter().map(|n| n.1).collect();
+        let local = PointCloud {
+            positions: points.positions.select(&indices),
+            normals: points.normals.as_ref().map(|n| n.select(&indices)),
+            ..PointCloud::default()
+        };
+        radii.extend(convert(&local).iter().flat_map(|cloud| radii_of(cloud, PATCH.1)));
+    }
+    Radii::of(radii, "estimated from neighbours, on a sample of the points")
+}
+
+/// Radii that a render would give a mesh's splats, from fewer of them where those are spread over the surface.
+fn radii_of_mesh(mesh: &Mesh) -> Option<Radii> {
+    let options = MeshOptions::auto(mesh);
+    match options.method {
+        MeshMethod::Count(count) => {
+            let few = count.min(4000);
+            let options = MeshOptions { method: MeshMethod::Count(few), ..options };
+            let (cloud, _) = surfel_sample::splats_from_mesh(mesh, &options, &NoProgress).ok()?;
+            // The spacing of n samples goes with 1/√n.
+            let scale = (few as f64 / count as f64).sqrt();
+            let radii = radii_of(&cloud, cloud.len()).map(|r| r * scale).collect();
+            Radii::of(radii, "estimated for splats spread over the surface, from fewer of them")
+        }
+        _ => {
+            let points = surfel_sample::points_from_mesh(mesh).ok()?;
+            let radii = radii_of_points(&points)?;
+            Some(Radii { how: "estimated for one splat a vertex, on a sample of them", ..radii })
+        }
+    }
+}

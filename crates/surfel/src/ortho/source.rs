@@ -1,0 +1,350 @@
+//! The points and splats that an orthoimage is drawn of, and which of them lie where.
+
+use super::layout::Layout;
+use crate::convert;
+use crate::load::{self, LoadedCloud, UnusedOption};
+use crate::{Error, LoadOptions};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, HashSet};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use surfel_io::{Content, Crs};
+use surfel_model::{Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, SplatCloud};
+use surfel_sample::Progress;
+
+/// Points by which the density of a cloud is judged, and how many a cell has then.
+const SAMPLE: usize = 1 << 17;
+const IN_A_CELL: f64 = 16.0;
+
+/// A file.
+pub(crate) struct Source {
+    pub(crate) path: PathBuf,
+    pub(crate) holds: Holds,
+    /// Bounds of the points, or of the splats.
+    pub(crate) bounds: (DVec3, DVec3),
+    pub(crate) crs: Option<Crs>,
+}
+
+/// What a file holds.
+pub(crate) enum Holds {
+    /// Points.
+    Points(Points),
+    /// Splats, or a mesh that was made into splats.
+    Splats(Arc<SplatCloud>),
+}
+
+/// Points of a file, in memory while they are needed.
+pub(crate) struct Points {
+    /// How many a square unit, where there are any.
+    pub(crate) density: f64,
+    pub(crate) bytes: usize,
+    pub(crate) has_colors: bool,
+    pub(crate) has_intensity: bool,
+    cloud: Option<PointCloud>,
+    /// Which rows of the cloud are in which bin; set when the points are sorted into bins.
+    bins: Option<BTreeMap<(i64, i64), Range<usize>>>,
+    /// When they were needed last.
+    used: u64,
+}
+
+/// What is to be said of a file that was loaded.
+#[derive(Default)]
+pub(crate) struct Told {
+    pub(crate) notes: Vec<String>,
+    pub(crate) unused: Vec<UnusedOption>,
+    pub(crate) loaded: Option<LoadedCloud>,
+}
+
+impl Source {
+    /// Loads a file; `told` gets what is to be said.
+    pub(crate) fn load(
+        path: &Path,
+        options: &LoadOptions,
+        told: &mut Told,
+        progress: &dyn Progress,
+    ) -> Result<Self, Error> {
+        let mut loaded = load::read(path, options)?;
+        let comments = match &loaded.content {
+            Content::Points(points) => points.comments.as_slice(),
+            Content::Splats(cloud) => cloud.data().comments.as_slice(),
+            _ => &[],
+        };
+        let crs = Crs::of_comments(comments);
+        told.unused = convert::unused(&loaded.content, options);
+        let path = path.to_path_buf();
+        if let Content::Points(points) = loaded.content {
+            told.notes.append(&mut loaded.notes);
+            let points = convert::chosen_points(points, &path, options, &mut told.notes)?;
+            let Some(bounds) = points.bounds() else { return Err(empty(&path)) };
+            let density = density(&points, bounds);
+            let holds = Holds::Points(Points {
+                density,
+                bytes: bytes(&points),
+                has_colors: points.colors.is_some(),
+                has_intensity: ExtraColumn::find(&points.extras, "intensity").is_some(),
+                cloud: Some(points),
+                bins: None,
+                used: 0,
+            });
+            return Ok(Self { path, holds, bounds, crs });
+        }
+        let mut made = load::splats_of(loaded, &path, options, progress)?;
+        told.notes.append(&mut made.notes);
+        let empty_cloud = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?;
+        let cloud = std::mem::replace(&mut made.cloud, empty_cloud);
+        told.loaded = Some(made);
+        let Some(bounds) = cloud.bounds() else { return Err(empty(&path)) };
+        Ok(Self { path, holds: Holds::Splats(Arc::new(cloud)), bounds, crs })
+    }
+
+    /// True if bounds in the plane (least x and y, then largest) meet this file's.
+    pub(crate) fn meets(&self, [x0, y0, x1, y1]: [f64; 4]) -> bool {
+        let (lo, hi) = self.bounds;
+        lo.x <= x1 && hi.x >= x0 && lo.y <= y1 && hi.y >= y0
+    }
+}
+
+fn empty(path: &Path) -> Error {
+    let problem = "holds no point and no splat, expected at least one: check that the file is complete".to_owned();
+    Error::Unsuitable { path: path.to_path_buf(), problem }
+}
+
+impl Points {
+    /// The cloud as it was loaded, before it is sorted into bins.
+    pub(crate) fn as_loaded(&self) -> Option<&PointCloud> {
+        self.cloud.as_ref()
+    }
+
+    /// Frees the points; they are loaded again when they are needed.
+    pub(crate) fn free(&mut self) -> usize {
+        (self.cloud, self.bins) = (None, None);
+        self.bytes
+    }
+
+    pub(crate) fn is_loaded(&self) -> bool {
+        self.cloud.is_some()
+    }
+
+    pub(crate) fn last_used(&self) -> u64 {
+        self.used
+    }
+
+    /// Sorts the points into bins, having loaded them if they aren't there.
+    pub(crate) fn prepare(
+        &mut self,
+        path: &Path,
+        options: &LoadOptions,
+        layout: &Layout,
+        column: Option<&str>,
+        time: u64,
+    ) -> Result<(), Error> {
+        self.used = time;
+        let mut cloud = match (self.cloud.take(), &self.bins) {
+            (Some(cloud), Some(_)) => {
+                self.cloud = Some(cloud);
+                return Ok(());
+            }
+            (Some(cloud), None) => cloud,
+            (None, _) => match load::read(path, options)?.content {
+                Content::Points(points) => convert::chosen_points(points, path, options, &mut Vec::new())?,
+                _ => return Err(empty(path)),
+            },
+        };
+        cloud.extras.retain(|extra| column.is_some_and(|name| extra.name == name));
+        let (cloud, bins) = binned(&cloud, layout);
+        self.bytes = bytes(&cloud);
+        (self.cloud, self.bins) = (Some(cloud), Some(bins));
+        Ok(())
+    }
+
+    /// Appends the points within bounds in the plane to a block's.
+    pub(crate) fn gather(&self, within: [f64; 4], layout: &Layout, into: &mut Gathered) {
+        let (Some(cloud), Some(bins)) = (&self.cloud, &self.bins) else { return };
+        let [x0, y0, x1, y1] = within;
+        let (columns, rows) = (layout.bin(0, x0)..=layout.bin(0, x1), layout.bin(1, y0)..=layout.bin(1, y1));
+        for row in rows {
+            for (_, range) in bins.range((row, *columns.start())..=(row, *columns.end())) {
+                for i in range.clone() {
+                    let p = cloud.origin + cloud.positions.get(i);
+                    if p.x >= x0 && p.x < x1 && p.y >= y0 && p.y < y1 {
+                        into.push(cloud, i, p);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Points of a block, of all files.
+#[derive(Default)]
+pub(crate) struct Gathered {
+    positions: Vec<DVec3>,
+    normals: Vec<glam::Vec3>,
+    has_normals: bool,
+    colors: Vec<[f32; 3]>,
+    has_colors: bool,
+    values: Vec<f64>,
+}
+
+impl Gathered {
+    fn push(&mut self, cloud: &PointCloud, i: usize, p: DVec3) {
+        self.positions.push(p);
+        // A normal of zero is one that is estimated.
+        self.normals.push(cloud.normals.as_ref().map_or(glam::Vec3::ZERO, |n| n.get(i).as_vec3()));
+        self.has_normals |= cloud.normals.is_some();
+        self.colors.push(cloud.colors.as_ref().and_then(|c| c.get(i)).copied().unwrap_or([1.0; 3]));
+        self.has_colors |= cloud.colors.is_some();
+        self.values.push(cloud.extras.first().map_or(f64::NAN, |extra| extra.values.get(i)));
+    }
+
+    /// One cloud of them, in an order that depends on the points alone; `column` is the name of their values.
+    pub(crate) fn finish(self, column: Option<&str>) -> PointCloud {
+        let mut order: Vec<u32> = (0..self.positions.len() as u32).collect();
+        order.par_sort_unstable_by(|a, b| self.compare(*a as usize, *b as usize));
+        fn sorted<T: Copy>(values: &[T], order: &[u32]) -> Vec<T> {
+            order.iter().map(|i| values[*i as usize]).collect()
+        }
+        let Self { positions, normals, has_normals, colors, has_colors, values } = self;
+        let (positions, values) = (sorted(&positions, &order), sorted(&values, &order));
+        let normals = has_normals.then(|| Column3::from_f32(sorted(&normals, &order)));
+        let colors = has_colors.then(|| sorted(&colors, &order));
+        let (origin, positions) = Column3::with_origin(&positions);
+        let extras = column.map(|name| ExtraColumn { name: name.into(), values: ExtraValues::F64(values) });
+        PointCloud { origin, positions, normals, colors, extras: extras.into_iter().collect(), ..PointCloud::default() }
+    }
+}
+
+impl Gathered {
+    /// By position, then by what else tells points apart.
+    fn compare(&self, a: usize, b: usize) -> Ordering {
+        let three =
+            |a: [f64; 3], b: [f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
+        let wide = |v: [f32; 3]| v.map(f64::from);
+        three(self.positions[a].to_array(), self.positions[b].to_array())
+            .then_with(|| three(wide(self.colors[a]), wide(self.colors[b])))
+            .then_with(|| three(wide(self.normals[a].to_array()), wide(self.normals[b].to_array())))
+            .then_with(|| self.values[a].total_cmp(&self.values[b]))
+    }
+}
+
+/// The splats whose centres lie within bounds in the plane; `None`: no splat does.
+pub(crate) fn splats_within(cloud: &SplatCloud, within: [f64; 4]) -> Result<Option<SplatCloud>, Error> {
+    let [x0, y0, x1, y1] = within;
+    let inside = |p: DVec3| p.x >= x0 && p.x < x1 && p.y >= y0 && p.y < y1;
+    let keep: Vec<bool> = (0..cloud.len()).map(|i| inside(cloud.center(i))).collect();
+    splats_kept(cloud, &keep)
+}
+
+/// The splats whose flag is set; `None`: no splat's is.
+pub(crate) fn splats_kept(cloud: &SplatCloud, keep: &[bool]) -> Result<Option<SplatCloud>, Error> {
+    if !keep.contains(&true) {
+        return Ok(None);
+    }
+    let mut data = cloud.data().clone();
+    data.retain(keep);
+    Ok(Some(SplatCloud::new(data, OnInvalid::Refuse)?.0))
+}
+
+fn bytes(points: &PointCloud) -> usize {
+    points.positions.bytes()
+        + points.normals.as_ref().map_or(0, Column3::bytes)
+        + points.colors.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
+        + points.alphas.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
+        + points.extras.iter().map(|e| e.values.bytes()).sum::<usize>()
+}
+
+/// The points in the order of their bins, and which rows each bin has. Within a bin they stay in their order.
+fn binned(cloud: &PointCloud, layout: &Layout) -> (PointCloud, BTreeMap<(i64, i64), Range<usize>>) {
+    let bin = |i: usize| {
+        let p = cloud.origin + cloud.positions.get(i);
+        (layout.bin(1, p.y), layout.bin(0, p.x))
+    };
+    let mut counts: BTreeMap<(i64, i64), usize> = BTreeMap::new();
+    let mut last = None;
+    // Points come in runs of one bin, mostly.
+    let mut run = 0;
+    for key in (0..cloud.len()).map(bin) {
+        if last != Some(key) {
+            if let Some(last) = last {
+                *counts.entry(last).or_default() += run;
+            }
+            (last, run) = (Some(key), 0);
+        }
+        run += 1;
+    }
+    if let Some(last) = last {
+        *counts.entry(last).or_default() += run;
+    }
+    let mut start = 0;
+    let mut bins = BTreeMap::new();
+    for (key, count) in counts {
+        bins.insert(key, start..start);
+        start += count;
+    }
+    let mut order = vec![0_u32; cloud.len()];
+    for i in 0..cloud.len() {
+        if let Some(range) = bins.get_mut(&bin(i)) {
+            order[range.end] = i as u32;
+            range.end += 1;
+        }
+    }
+    let pick = |values: &ExtraValues| ExtraValues::F64(order.iter().map(|i| values.get(*i as usize)).collect());
+    let sorted = PointCloud {
+        origin: cloud.origin,
+        positions: cloud.positions.select(&order),
+        normals: cloud.normals.as_ref().map(|n| n.select(&order)),
+        colors: cloud.colors.as_ref().map(|c| order.iter().map(|i| c[*i as usize]).collect()),
+        extras: cloud.extras.iter().map(|e| ExtraColumn { name: e.name.clone(), values: pick(&e.values) }).collect(),
+        ..PointCloud::default()
+    };
+    (sorted, bins)
+}
+
+/// Points a square unit of the area that they cover, judged by the cells of a square grid that hold some of a sample.
+/// Infinite where they all lie above each other.
+fn density(points: &PointCloud, (lo, hi): (DVec3, DVec3)) -> f64 {
+    let count = points.len().min(SAMPLE);
+    let extent = hi - lo;
+    let longest = extent.x.max(extent.y);
+    let mut side = (extent.x * extent.y * IN_A_CELL / count as f64).sqrt().max(longest * IN_A_CELL / count as f64);
+    if side <= 0.0 {
+        return f64::INFINITY;
+    }
+    loop {
+        let mut cells = HashSet::new();
+        for k in 0..count {
+            let p = points.positions.get((k as u128 * points.len() as u128 / count as u128) as usize) + points.origin;
+            cells.insert((((p.x - lo.x) / side) as i64, ((p.y - lo.y) / side) as i64));
+        }
+        // Far strays make the first cells too large.
+        if cells.len() as f64 * IN_A_CELL * 2.0 >= count as f64 || cells.len() > count / 4 || side < longest * 1e-9 {
+            return points.len() as f64 / (cells.len() as f64 * side * side);
+        }
+        side *= 0.5;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn density_is_that_of_the_covered_area() {
+        let random = |i: u64| (i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11) as f64 / (1_u64 << 53) as f64;
+        let mut positions: Vec<DVec3> =
+            (0..40_000).map(|i| DVec3::new(100.0 * random(2 * i), 50.0 * random(7 * i + 3), 0.0)).collect();
+        let of = |positions: &[DVec3]| {
+            let (origin, positions) = Column3::with_origin(positions);
+            let cloud = PointCloud { origin, positions, ..PointCloud::default() };
+            density(&cloud, cloud.bounds().unwrap())
+        };
+        assert!((of(&positions) - 8.0).abs() < 1.5, "{}", of(&positions));
+        // A stray far away changes little.
+        positions.push(DVec3::new(1e6, 1e6, 0.0));
+        assert!((of(&positions) - 8.0).abs() < 4.0, "{}", of(&positions));
+        assert_eq!(of(&[DVec3::ONE; 5]), f64::INFINITY);
+    }
+}

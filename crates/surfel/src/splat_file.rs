@@ -1,0 +1,86 @@
+//! From a file of points, a mesh or splats to the splats that `surfel convert` writes.
+
+use crate::paths::display;
+use crate::render_options::SplatOptions;
+use crate::{Error, LoadOptions, LoadedCloud, load, splats};
+use std::path::Path;
+use std::sync::Arc;
+use surfel_model::{ConvertOptions, Cull, OnInvalid, Shape, SplatCloud, Up};
+use surfel_sample::{CLOSED_MESH, Progress};
+
+/// A file that is to become splats.
+#[derive(Clone, Debug)]
+pub struct ConvertRequest<'a> {
+    /// The file, or `-` for `stdin`.
+    pub path: &'a Path,
+    /// How it becomes splats.
+    pub options: &'a SplatOptions,
+    /// What the name `-` stands for.
+    pub stdin: Option<Arc<[u8]>>,
+}
+
+impl ConvertRequest<'_> {
+    /// How the file is loaded.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that contradict or need each other.
+    pub fn load_options(&self) -> Result<LoadOptions, Error> {
+        self.options.check()?;
+        let mut convert = ConvertOptions::default();
+        splats::apply(self.options, &mut convert)?;
+        Ok(LoadOptions::default().with_convert(&convert, Path::new("")).with_stdin(self.stdin.clone()))
+    }
+
+    /// Loads the file; its interior weight is estimated.
+    ///
+    /// # Errors
+    /// As [`load`] and [`ConvertRequest::load_options`].
+    pub fn load(&self, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
+        load(self.path, &self.load_options()?.with_interior_weight(true), progress)
+    }
+
+    /// The splats to write. `note` is told what the user should know, as sentences without a full stop.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that the file has no use for.
+    pub fn convert(&self, loaded: LoadedCloud, note: &mut dyn FnMut(String)) -> Result<SplatCloud, Error> {
+        for text in &loaded.notes {
+            note(format!("{}: {text}", display(self.path)));
+        }
+        let unused: Vec<_> = loaded.unused.into_iter().map(|option| (self.path.to_path_buf(), option)).collect();
+        splats::check_used(self.options, &unused, note)?;
+        splats::write_color_bar(self.options, loaded.coloring.iter().map(|coloring| (self.path, coloring)), note)?;
+        let mut cloud = loaded.cloud;
+        // PLY's own default needs no words.
+        if loaded.up != Up::PlusY || cloud.data().up.is_some() {
+            cloud.set_up(loaded.up);
+        }
+        match self.options.cull {
+            Some(cull) => culled(cloud, cull),
+            None => Ok(cloud),
+        }
+    }
+}
+
+/// Splats with the comment that lets their backs be left out, or without it.
+fn culled(cloud: SplatCloud, cull: Cull) -> Result<SplatCloud, Error> {
+    let mut data = cloud.into_data();
+    data.comments.retain(|comment| comment != CLOSED_MESH);
+    if cull == Cull::Back {
+        data.comments.push(CLOSED_MESH.to_owned());
+    }
+    Ok(SplatCloud::new(data, OnInvalid::Refuse).map_err(Error::from)?.0)
+}
+
+/// Number and radii of splats, in words.
+pub fn summary(cloud: &SplatCloud) -> String {
+    let shape = match cloud.data().shape {
+        Shape::Disks { .. } => "disks",
+        Shape::Ellipses { .. } => "ellipses",
+    };
+    let mut radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
+    radii.sort_unstable_by(f64::total_cmp);
+    let at = |share: usize| radii.get((radii.len().saturating_sub(1)) * share / 2).copied().unwrap_or(0.0);
+    let weight = cloud.data().interior_weight.map(|w| format!(", interior weight {w:.3}")).unwrap_or_default();
+    format!("{} {shape}, radii {:.4} to {:.4}, median {:.4}{weight}", cloud.len(), at(0), at(2), at(1))
+}

@@ -1,0 +1,147 @@
+//! What is said on how files become splats, applied and held against what the files hold.
+
+use crate::Error;
+use crate::coloring::{ColorScale, Coloring, save_color_bar};
+use crate::paths::display;
+use crate::render_options::SplatOptions;
+use crate::scene::UnusedOption;
+use std::path::{Path, PathBuf};
+use surfel_model::{ConvertOptions, PointColors, SplatCount};
+
+/// Puts what the options say over what a scene file may have said.
+///
+/// # Errors
+/// [`Error::Usage`] for options that need others.
+pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(), Error> {
+    let said = &options.convert;
+    #[cfg(not(feature = "sharp"))]
+    if said.sharp {
+        return Err(Error::Usage(
+            "--sharp is not built into this program: build it with Cargo's feature 'sharp', as in cargo build \
+             --release --features sharp"
+                .to_owned(),
+        ));
+    }
+    if said.per_vertex || said.per_face {
+        (convert.splats, convert.sharp, convert.crease_angle, convert.error) = (None, false, None, None);
+    }
+    if said.per_vertex || said.per_face || said.splats.is_some() || said.sharp {
+        (convert.per_vertex, convert.per_face) = (said.per_vertex, said.per_face);
+    }
+    convert.repair |= said.repair;
+    if let Some(file) = &said.texture.file {
+        // A flag's file is looked for here, a scene file's beside it.
+        let absolute = std::path::absolute(file);
+        convert.texture.file = Some(absolute.map_err(|e| Error::Usage(format!("{}: {e}", file.display())))?);
+    }
+    convert.texture.sampling = said.texture.sampling.or(convert.texture.sampling);
+    convert.colors = said.colors.or(convert.colors);
+    convert.splats = said.splats.or(convert.splats);
+    convert.max_points = said.max_points.or(convert.max_points);
+    convert.radius_scale = said.radius_scale.or(convert.radius_scale);
+    convert.sharp |= said.sharp;
+    convert.crease_angle = said.crease_angle.or(convert.crease_angle);
+    convert.error = said.error.or(convert.error);
+    if convert.sharp && convert.splats == Some(SplatCount::Auto) {
+        return Err(Error::Usage(
+            "--sharp with --splats auto: expected --error, which chooses the number, or a number".to_owned(),
+        ));
+    }
+    if said.color_by.is_some() {
+        // What a scene file says of its own attribute's colours means nothing for another.
+        (convert.color_by, convert.colormap, convert.range) = (said.color_by.clone(), None, None);
+    }
+    convert.colormap = said.colormap.or(convert.colormap);
+    convert.range = said.range.or(convert.range);
+    if convert.color_by.is_none() && (said.colormap.is_some() || said.range.is_some() || options.colorbar.is_some()) {
+        let flag = match (&said.colormap, &said.range) {
+            (Some(_), _) => "--colormap",
+            (_, Some(_)) => "--range",
+            _ => "--colorbar",
+        };
+        return Err(Error::Usage(format!("{flag} is for values: give --color-by ATTRIBUTE with it")));
+    }
+    convert.crop = said.crop.or(convert.crop);
+    if !said.classes.is_empty() {
+        convert.classes.clone_from(&said.classes);
+    }
+    convert.returns = said.returns.or(convert.returns);
+    convert.condition = said.condition.clone().or(convert.condition.take());
+    convert.every = said.every.or(convert.every);
+    convert.all_points |= said.all_points;
+    convert.allow_outside |= said.allow_outside;
+    convert.max_texture = said.max_texture.or(convert.max_texture);
+    Ok(())
+}
+
+/// Refuses options that no input has a use for, and says which keys of a scene file are of no use.
+///
+/// # Errors
+/// [`Error::Usage`] for such an option, [`Error::Input`] for an attribute that the files don't have.
+pub fn check_used(
+    options: &SplatOptions,
+    unused: &[(PathBuf, UnusedOption)],
+    note: &mut dyn FnMut(String),
+) -> Result<(), Error> {
+    let said = &options.convert;
+    for (path, UnusedOption { option, holds, expected }) in unused {
+        let flagged = match *option {
+            "splats" => said.splats.is_some(),
+            "per_face" => said.per_face,
+            "per_vertex" => said.per_vertex,
+            "max_points" => said.max_points.is_some(),
+            "radius_scale" => said.radius_scale.is_some(),
+            "sharp" => said.sharp,
+            "error" => said.error.is_some(),
+            "texture" => said.texture.sampling.is_some(),
+            "colors" => said.colors == Some(PointColors::Fit),
+            "color_by" => said.color_by.is_some(),
+            "crop" => said.crop.is_some(),
+            "classes" => !said.classes.is_empty(),
+            "returns" => said.returns.is_some(),
+            "where" => said.condition.is_some(),
+            "every" => said.every.is_some(),
+            "all_points" => said.all_points,
+            _ => false,
+        };
+        let name = display(path);
+        if flagged {
+            let flag = option.replace('_', "-");
+            return Err(Error::Usage(format!("{name}: holds {holds}, expected {expected} for --{flag}")));
+        }
+        if *option == "color_by" {
+            return Err(Error::Input(format!("{name}: holds {holds}, expected {expected} for convert.color_by")));
+        }
+        note(format!("{name}: holds {holds}, so that convert.{option} has no effect: it is for {expected}"));
+    }
+    Ok(())
+}
+
+/// Writes the colour bar that is asked for, of the first file that has colours of values.
+///
+/// # Errors
+/// [`Error::Usage`] if no file has, [`Error::Io`] if it can't be written.
+pub fn write_color_bar<'a>(
+    options: &SplatOptions,
+    colorings: impl Iterator<Item = (&'a Path, &'a Coloring)>,
+    note: &mut dyn FnMut(String),
+) -> Result<(), Error> {
+    let Some(file) = &options.colorbar else { return Ok(()) };
+    let mut first: Option<(&Path, &Coloring)> = None;
+    for (path, coloring) in colorings.filter(|(_, coloring)| coloring.scale != ColorScale::Direct) {
+        match first {
+            None => first = Some((path, coloring)),
+            Some((_, known)) if known.scale == coloring.scale => {}
+            Some((known, _)) => note(format!(
+                "{}: its colours mean other values than those of {}, which the colour bar shows: give --range",
+                display(path),
+                display(known)
+            )),
+        }
+    }
+    let Some((_, coloring)) = first else {
+        return Err(Error::Usage("--colorbar is for values, but no file is coloured by one".to_owned()));
+    };
+    save_color_bar(file, options.force, coloring)?;
+    Ok(())
+}

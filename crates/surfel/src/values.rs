@@ -1,0 +1,285 @@
+//! From the texts of flags to values. The errors say what is expected.
+
+#![expect(clippy::missing_errors_doc, reason = "all fail alike: what is expected, where the text is something else")]
+
+use crate::framing::{NamedView, ViewAngles, ViewChoice};
+use serde_json::Value;
+use surfel_model::{
+    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping, PointColors,
+    Returns, Shader, SplatCount, Transparency, Up,
+};
+use surfel_render::{Preset, Region};
+
+fn by_name<T: Copy>(named: &[(&str, T)], text: &str) -> Result<T, String> {
+    let names = || named.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
+    named.iter().find(|(name, _)| *name == text).map(|(_, value)| *value).ok_or_else(|| format!("expected {}", names()))
+}
+
+/// Values by name, and their parser.
+macro_rules! named {
+    ($function:ident, $all:ident, $type:ty, [$($name:literal => $value:expr),+ $(,)?]) => {
+        #[doc = concat!("Every [`", stringify!($type), "`] by its name.")]
+        pub const $all: &[(&str, $type)] = &[$(($name, $value)),+];
+
+        #[doc = concat!("A [`", stringify!($type), "`] by its name.")]
+        pub fn $function(text: &str) -> Result<$type, String> {
+            by_name($all, text)
+        }
+    };
+}
+
+named!(filter, FILTERS, Filter, [
+    "none" => Filter::None, "clamp" => Filter::Clamp, "adjust" => Filter::Adjust,
+    "principal" => Filter::Principal, "ewa" => Filter::Ewa,
+]);
+named!(cull, CULLS, Cull, ["none" => Cull::None, "back" => Cull::Back]);
+named!(colormap, COLORMAPS, Colormap, [
+    "viridis" => Colormap::Viridis, "cividis" => Colormap::Cividis, "turbo" => Colormap::Turbo,
+    "coolwarm" => Colormap::Coolwarm, "tab20" => Colormap::Tab20, "grey" => Colormap::Grey,
+]);
+named!(point_colors, POINT_COLORS, PointColors, ["as-is" => PointColors::AsIs, "fit" => PointColors::Fit]);
+named!(returns, RETURNS, Returns, ["last" => Returns::Last, "first" => Returns::First, "single" => Returns::Single]);
+named!(mapping, MAPPINGS, Mapping, ["exact" => Mapping::Exact, "affine" => Mapping::Affine]);
+named!(accumulate, ACCUMULATES, Accumulate, ["f32" => Accumulate::F32, "f16" => Accumulate::F16]);
+named!(clip, CLIPS, ClipPolicy, [
+    "exact" => ClipPolicy::Exact, "paper" => ClipPolicy::Paper, "line" => ClipPolicy::Line, "off" => ClipPolicy::Off,
+]);
+named!(shader, SHADERS, Shader, [
+    "unlit" => Shader::Unlit, "phong" => Shader::Phong, "toon" => Shader::Toon,
+    "normal" => Shader::Normal, "depth" => Shader::Depth, "matcap" => Shader::Matcap, "edl" => Shader::Edl,
+]);
+named!(preset, PRESETS, Preset, [
+    "fastest" => Preset::Fastest, "fast" => Preset::Fast, "balanced" => Preset::Balanced,
+    "quality" => Preset::Quality, "reference" => Preset::Reference,
+]);
+named!(edge_aa, EDGE_AA, EdgeAa, ["on" => EdgeAa::Coverage, "off" => EdgeAa::Off, "samples" => EdgeAa::Samples]);
+
+/// Views by name.
+pub const VIEWS: [(&str, ViewChoice); 8] = [
+    ("auto", ViewChoice::Auto),
+    ("iso", ViewChoice::Named(NamedView::Iso)),
+    ("front", ViewChoice::Named(NamedView::Front)),
+    ("back", ViewChoice::Named(NamedView::Back)),
+    ("left", ViewChoice::Named(NamedView::Left)),
+    ("right", ViewChoice::Named(NamedView::Right)),
+    ("top", ViewChoice::Named(NamedView::Top)),
+    ("bottom", ViewChoice::Named(NamedView::Bottom)),
+];
+
+/// A view's name, or degrees to the right of the front and above the horizon.
+pub fn view(text: &str) -> Result<ViewChoice, String> {
+    if let Some((_, choice)) = VIEWS.iter().find(|(name, _)| *name == text) {
+        return Ok(*choice);
+    }
+    let names = VIEWS.map(|(name, _)| name).join(", ");
+    let wrong = |_| format!("expected {names}, or degrees from the front and above it, as in 30,20");
+    let [azimuth_deg, elevation_deg] = list(text, "AZIMUTH,ELEVATION").map_err(wrong)?;
+    if azimuth_deg.abs() > 360.0 || elevation_deg.abs() > 90.0 {
+        return Err("expected an azimuth from -360 to 360 and an elevation from -90 to 90 degrees".into());
+    }
+    Ok(ViewChoice::From(ViewAngles { azimuth_deg, elevation_deg }))
+}
+
+fn list<const N: usize>(text: &str, form: &str) -> Result<[f64; N], String> {
+    let wrong = || format!("expected {form}: {N} finite numbers with commas between them");
+    let values: Result<Vec<f64>, _> = text.split(',').map(|v| v.trim().parse::<f64>()).collect();
+    let values: [f64; N] = values.ok().and_then(|v| v.try_into().ok()).ok_or_else(wrong)?;
+    if values.iter().all(|v| v.is_finite()) { Ok(values) } else { Err(wrong()) }
+}
+
+fn number(text: &str, expected: &str, ok: impl Fn(f64) -> bool) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(value) if ok(value) => Ok(value),
+        _ => Err(format!("expected {expected}")),
+    }
+}
+
+/// Three finite numbers with commas between them.
+pub fn point(text: &str) -> Result<[f64; 3], String> {
+    list(text, "X,Y,Z")
+}
+
+/// `--origin`: a place in the plane.
+pub fn place(text: &str) -> Result<[f64; 2], String> {
+    list(text, "X,Y")
+}
+
+/// `--bounds`: a rectangle in the plane.
+pub fn bounds(text: &str) -> Result<[f64; 4], String> {
+    let bounds = list(text, "X0,Y0,X1,Y1")?;
+    if bounds[0] < bounds[2] && bounds[1] < bounds[3] {
+        return Ok(bounds);
+    }
+    Err("expected the least x and y first, then the largest: X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1".into())
+}
+
+/// The code of a coordinate reference system that GeoTIFF has a number for.
+pub fn epsg(text: &str) -> Result<u16, String> {
+    let digits = text.get(..5).filter(|p| p.eq_ignore_ascii_case("EPSG:")).map_or("", |_| &text[5..]);
+    match digits.parse() {
+        Ok(code @ 1024..=32_766) => Ok(code),
+        _ => Err("expected EPSG:N with N from 1024 to 32766, as in EPSG:25832".into()),
+    }
+}
+
+/// Three finite numbers, not all 0.
+pub fn direction(text: &str) -> Result<[f64; 3], String> {
+    match point(text)? {
+        [0.0, 0.0, 0.0] => Err("expected a direction that is not zero".into()),
+        direction => Ok(direction),
+    }
+}
+
+/// `LO,HI`, the first less than the second.
+pub fn range(text: &str) -> Result<[f64; 2], String> {
+    match list(text, "LO,HI")? {
+        [lo, hi] if lo < hi => Ok([lo, hi]),
+        _ => Err("expected LO,HI with LO less than HI".into()),
+    }
+}
+
+/// `X0,Y0,Z0,X1,Y1,Z1`: two corners of a box.
+pub fn crop(text: &str) -> Result<[f64; 6], String> {
+    let c: [f64; 6] = list(text, "X0,Y0,Z0,X1,Y1,Z1")?;
+    let ordered = (0..3).all(|k| c[k] <= c[k + 3]);
+    if ordered {
+        Ok(c)
+    } else {
+        Err("expected X0,Y0,Z0,X1,Y1,Z1 with X0 at most X1, Y0 at most Y1, Z0 at most Z1".into())
+    }
+}
+
+/// Comparisons such as `intensity>100`, joined by `and`: their text, as a scene file keeps it.
+pub fn condition(text: &str) -> Result<String, String> {
+    surfel_model::parse_conditions(text).map(|_| text.trim().to_owned())
+}
+
+/// `--splats`.
+pub fn splat_count(text: &str) -> Result<SplatCount, String> {
+    if text == "auto" {
+        return Ok(SplatCount::Auto);
+    }
+    let count = text.trim().parse::<u32>().ok().filter(|n| (1..=200_000_000).contains(n));
+    count.map(SplatCount::Count).ok_or_else(|| "expected auto, or a whole number from 1 to 200000000".to_owned())
+}
+
+/// `WxH` in pixels.
+pub fn size(text: &str) -> Result<[u32; 2], String> {
+    let wrong = || format!("expected WxH in pixels, 1 to {MAX_IMAGE_SIDE} a side, such as 1024x768");
+    let (w, h) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
+    let side = |s: &str| s.parse::<u32>().ok().filter(|s| (1..=MAX_IMAGE_SIDE).contains(s)).ok_or_else(wrong);
+    Ok([side(w)?, side(h)?])
+}
+
+/// `X,Y,W,H` in pixels.
+pub fn region(text: &str) -> Result<Region, String> {
+    let wrong = || "expected X,Y,W,H: four whole numbers of pixels, W and H at least 1".to_owned();
+    let values: Result<Vec<u32>, _> = text.split(',').map(|v| v.trim().parse::<u32>()).collect();
+    match values.map_err(|_| wrong())?[..] {
+        [x, y, width, height] if width > 0 && height > 0 => Ok(Region { x, y, width, height }),
+        _ => Err(wrong()),
+    }
+}
+
+/// An up axis' name, or `auto`: `None`.
+pub fn up(text: &str) -> Result<Option<Up>, String> {
+    if text == "auto" {
+        return Ok(None);
+    }
+    text.parse().map(Some).map_err(|_| "expected auto, +x, -x, +y, -y, +z or -z".to_owned())
+}
+
+/// Degrees between 0 and 180.
+pub fn fov(text: &str) -> Result<f64, String> {
+    number(text, "degrees, more than 0 and less than 180", |v| v > 0.0 && v < 180.0)
+}
+
+/// A kernel cutoff: more than 0, at most 50.
+pub fn cutoff(text: &str) -> Result<f64, String> {
+    number(text, "a number more than 0, at most 50", |v| v > 0.0 && v <= 50.0)
+}
+
+/// Pixels from 0 to 10,000.
+pub fn prefilter(text: &str) -> Result<f64, String> {
+    number(text, "a number of pixels from 0 to 10000", |v| (0.0..=1e4).contains(&v))
+}
+
+/// A number more than 0, at most 1,000,000.
+pub fn positive(text: &str) -> Result<f64, String> {
+    number(text, "a number more than 0, at most 1000000", |v| v > 0.0 && v <= 1e6)
+}
+
+/// Degrees from 0 to 180.
+pub fn angle(text: &str) -> Result<f64, String> {
+    number(text, "degrees from 0 to 180", |v| (0.0..=180.0).contains(&v))
+}
+
+/// `K` radii, or `abs:D` in world units.
+pub fn depth_tolerance(text: &str) -> Result<DepthTolerance, String> {
+    let expected = "K (times the splat's radius) or abs:D (world units), at least 0";
+    let ok = |v: f64| v >= 0.0 && v.is_finite();
+    match text.strip_prefix("abs:") {
+        Some(absolute) => number(absolute, expected, ok).map(DepthTolerance::Absolute),
+        None => number(text, expected, ok).map(DepthTolerance::Relative),
+    }
+}
+
+/// A way of drawing transparent splats: `off`, `peel:N`, `peel:N:drop` or `abuffer:L`.
+pub fn transparency(text: &str) -> Result<Transparency, String> {
+    text.parse().map_err(|_| "expected off, peel:N, peel:N:drop or abuffer:L, with 1 to 64 layers".to_owned())
+}
+
+/// `R,G,B[,A]` (linear, straight alpha) or `transparent`.
+pub fn background(text: &str) -> Result<[f64; 4], String> {
+    if text == "transparent" {
+        return Ok([0.0; 4]);
+    }
+    let wrong = |_| "expected R,G,B or R,G,B,A (linear numbers, A from 0 to 1), or transparent".to_owned();
+    let [r, g, b, a] = match text.split(',').count() {
+        3 => list::<3>(text, "").map(|[r, g, b]| [r, g, b, 1.0]).map_err(wrong)?,
+        _ => list::<4>(text, "").map_err(wrong)?,
+    };
+    if (0.0..=1.0).contains(&a) { Ok([r, g, b, a]) } else { Err(wrong(String::new())) }
+}
+
+/// A number for JSON, which knows no infinities: those become `"inf"` and `"-inf"`.
+pub fn json_number(value: f64) -> Value {
+    match value {
+        v if v.is_finite() => Value::from(v),
+        v if v.is_nan() => Value::from("nan"),
+        v => Value::from(if v > 0.0 { "inf" } else { "-inf" }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_out_of_range_are_refused() {
+        for bad in ["0x5", "5", "x", "-1x2", "70000x2", "1.5x2"] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+        for bad in ["1,2", "1,2,nan", "1,2,inf", "a,b,c", ""] {
+            assert!(point(bad).is_err(), "{bad}");
+        }
+        for bad in ["0,0,0,1", "1,2,3", "-1,0,1,1"] {
+            assert!(region(bad).is_err(), "{bad}");
+        }
+        for bad in ["1,1", "1,1,1,2", "red", "0,0,0,-0.1"] {
+            assert!(background(bad).is_err(), "{bad}");
+        }
+        for bad in ["0", "180", "nan", "x"] {
+            assert!(fov(bad).is_err(), "{bad}");
+        }
+        assert!(depth_tolerance("abs:-1").is_err() && depth_tolerance("inf").is_err());
+        assert_eq!(depth_tolerance("abs:0.5"), Ok(DepthTolerance::Absolute(0.5)));
+        assert_eq!(background("transparent"), Ok([0.0; 4]));
+        for bad in ["", "side", "30", "30,91", "1,2,3", "nan,0"] {
+            assert!(view(bad).is_err(), "{bad}");
+        }
+        assert_eq!(view("auto"), Ok(ViewChoice::Auto));
+        assert_eq!(view("-30,45"), Ok(ViewChoice::From(ViewAngles { azimuth_deg: -30.0, elevation_deg: 45.0 })));
+        assert_eq!(up("-Z"), Ok(Some(Up::MinusZ)));
+    }
+}

@@ -1,0 +1,147 @@
+//! The Python package: its wheels, and its tests in an environment of their own.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use crate::cargo;
+
+/// The package's folder.
+const PACKAGE: &str = "crates/surfel-python";
+/// What its tests need, as pip's requirements and as modules.
+const TESTED_BY: [(&str, &str); 3] = [("maturin>=1.9,<2", "maturin"), ("numpy", "numpy"), ("pytest", "pytest")];
+/// What the notebooks and rivals need besides.
+const SHOWN_BY: [(&str, &str); 6] = [
+    ("nbconvert", "nbconvert"),
+    ("ipykernel", "ipykernel"),
+    ("matplotlib", "matplotlib"),
+    ("laspy", "laspy"),
+    ("open3d", "open3d"),
+    ("pyvista", "pyvista"),
+];
+/// Platforms of the wheels.
+const TARGETS: [&str; 2] = ["x86_64-unknown-linux-gnu", "aarch64-unknown-linux-gnu"];
+
+/// How the package's tests went.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Tested {
+    Passed,
+    Failed,
+    Skipped(String),
+}
+
+/// Tests the package; with `full` its notebooks and rivals, too.
+pub(crate) fn test(root: &Path, full: bool) -> Tested {
+    println!("\n== Python package");
+    let python = match environment(root, &TESTED_BY) {
+        Ok(python) => python,
+        Err(why) => return Tested::Skipped(why),
+    };
+    let built = cargo(root).args(["build", "--package", "surfel-cli", "--locked"]).status();
+    let program = target(root).join("debug").join("surfel");
+    let steps = [
+        vec!["-m", "maturin", "develop", "--quiet", "--locked"],
+        vec!["-m", "pytest", "-q", "-p", "no:cacheprovider", "crates/surfel-python/tests"],
+    ];
+    let ran = |words: &[&str]| {
+        let mut command = Command::new(&python);
+        command.current_dir(root).args(words).env("SURFEL_PROGRAM", &program);
+        // Maturin installs into the environment that is active.
+        command.env("VIRTUAL_ENV", folder(root)).status().is_ok_and(|status| status.success())
+    };
+    if !built.is_ok_and(|status| status.success()) || !steps.iter().all(|words| ran(words)) {
+        return Tested::Failed;
+    }
+    if !full {
+        return Tested::Passed;
+    }
+    if let Err(why) = install(&python, &SHOWN_BY) {
+        return Tested::Skipped(format!("notebooks and rivals: {why}"));
+    }
+    let shown = [&["crates/surfel-python/examples/run_notebooks.py"][..], &["crates/surfel-python/examples/rivals.py"]];
+    if shown.iter().all(|words| ran(words)) { Tested::Passed } else { Tested::Failed }
+}
+
+/// Builds a wheel for manylinux2014 on each platform that rustup has.
+pub(crate) fn wheel(root: &Path) -> bool {
+    let tools = [("maturin>=1.9,<2", "maturin"), ("ziglang", "ziglang")];
+    let python = match environment(root, &tools) {
+        Ok(python) => python,
+        Err(why) => {
+            eprintln!("error: a wheel is built by maturin and zig of pip: {why}");
+            return false;
+        }
+    };
+    let installed = Command::new("rustup").current_dir(root).args(["target", "list", "--installed"]).output();
+    let installed = installed.map(|output| String::from_utf8_lossy(&output.stdout).into_owned()).unwrap_or_default();
+    let out = target(root).join("wheels");
+    let mut passed = true;
+    for platform in TARGETS {
+        if !installed.lines().any(|line| line.trim() == platform) {
+            println!("{platform}: skipped, Rust has no such target here: rustup target add {platform}");
+            continue;
+        }
+        let mut command = Command::new(&python);
+        command.current_dir(root).args([
+            "-m",
+            "maturin",
+            "build",
+            "--release",
+            "--locked",
+            "--zig",
+            "--target",
+            platform,
+        ]);
+        command.args(["--compatibility", "manylinux2014", "--out"]).arg(&out);
+        passed &= command.status().is_ok_and(|status| status.success());
+    }
+    println!("wheels are in {}", out.display());
+    passed
+}
+
+fn target(root: &Path) -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |folder| root.join(folder))
+}
+
+/// The environment's folder.
+fn folder(root: &Path) -> PathBuf {
+    target(root).join("python")
+}
+
+/// The interpreter of an environment that has these packages, or why there is none.
+fn environment(root: &Path, packages: &[(&str, &str)]) -> Result<PathBuf, String> {
+    if !root.join(PACKAGE).is_dir() {
+        return Err(format!("there is no {PACKAGE}"));
+    }
+    let quiet = |command: &mut Command| {
+        command.stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok_and(|status| status.success())
+    };
+    let folder = folder(root);
+    let python = folder.join("bin").join("python");
+    if !python.is_file() {
+        if !quiet(Command::new("python3").args(["-c", "import venv, ensurepip"])) {
+            return Err("python3 isn't here, or has no modules venv and ensurepip".to_owned());
+        }
+        if !quiet(Command::new("python3").args(["-m", "venv"]).arg(&folder)) {
+            return Err(format!("python3 -m venv {} failed", folder.display()));
+        }
+    }
+    install(&python, packages)?;
+    Ok(python)
+}
+
+/// Installs what isn't there yet.
+fn install(python: &Path, packages: &[(&str, &str)]) -> Result<(), String> {
+    let found = "import importlib.util as u, sys; sys.exit(any(u.find_spec(name) is None for name in sys.argv[1:]))";
+    let names = packages.iter().map(|(_, module)| module);
+    if Command::new(python).args(["-c", found]).args(names).status().is_ok_and(|status| status.success()) {
+        return Ok(());
+    }
+    let wanted: Vec<&str> = packages.iter().map(|(requirement, _)| *requirement).collect();
+    let mut pip = Command::new(python);
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--retries", "1", "--timeout", "20"]);
+    if pip.args(&wanted).status().is_ok_and(|status| status.success()) {
+        Ok(())
+    } else {
+        Err(format!("pip can't install {}", wanted.join(", ")))
+    }
+}
