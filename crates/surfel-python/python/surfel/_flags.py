@@ -13,8 +13,8 @@ SPLATS = frozenset(
 )
 RENDER = SPLATS | frozenset(
     "size camera view eye target camera_up up region fov_y ortho preset filter mapping cutoff prefilter"
-    " depth_tolerance accumulate transparency clip shader matcap lod_error all_levels shadows edge_aa background samples backend"
-    " adapter storage threads".split()
+    " depth_tolerance accumulate transparency clip shader matcap lod_error all_levels shadows edge_aa background samples"
+    " backend adapter storage threads".split()
 )
 PLANES = ("color", "depth", "normal", "weight")
 
