@@ -1,5 +1,6 @@
 //! The command line's grammar.
 
+use crate::pieces::{self, FrameRange};
 use crate::values::{self, Threshold, UpChoice};
 use clap::builder::TypedValueParser;
 use clap::{Args, CommandFactory, Parser, Subcommand};
@@ -47,6 +48,12 @@ pub(crate) enum Command {
     Ortho(Box<OrthoArgs>),
     /// Say what a file holds.
     Info(InfoArgs),
+    /// Put tiles of an image together.
+    Stitch(StitchArgs),
+    /// Draw pictures as they are asked for on stdin, of a scene that stays in memory.
+    Serve(Box<ServeArgs>),
+    /// Print a job for a cluster or a farm that draws a scene in pieces.
+    Jobs(JobsArgs),
     /// Measure how far two images are apart.
     Compare(CompareArgs),
     /// List what this machine can run.
@@ -59,14 +66,15 @@ pub(crate) enum Command {
     Man,
 }
 
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct RenderArgs {
     /// A scene file (.json), or splats, points or meshes that make one scene; - is stdin. With {input} in OUT each
     /// INPUT gets an image of its own.
     #[arg(required = true, value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
     /// Image to write: .png, .exr or .jpg (quality 92, blended onto the background), - for PNG on stdout; may hold
-    /// {backend} {frame} {input} {name}. `surfel INPUT` alone writes INPUT's name with .png to the current folder.
+    /// {backend} {frame} {input} {name} {tile}. `surfel INPUT` alone writes INPUT's name with .png to the current
+    /// folder.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
     /// Overwrite existing files.
@@ -186,12 +194,27 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "Settings")]
     pub(crate) samples: Option<u32>,
     /// Number of images; OUT must hold {frame}.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9999), requires = "turntable",
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000), requires = "turntable",
           help_heading = "Output")]
     pub(crate) frames: Option<u32>,
     /// Turn the scene about its up axis, once over all frames.
     #[arg(long, requires = "frames", help_heading = "Output")]
     pub(crate) turntable: bool,
+    /// Only these frames or cameras, which count from 0: A-B, or every STEPth with A-B:STEP.
+    #[arg(long, value_name = "A-B[:STEP]", value_parser = pieces::frame_range, help_heading = "Pieces of a job")]
+    pub(crate) frame_range: Option<FrameRange>,
+    /// Only part I of N of the list of pictures: of each input all frames or cameras. I counts from 0, or from 1: N/N
+    /// is 0/N. Of more than one picture, it is taken from SLURM_ARRAY_TASK_ID and _COUNT, JOB_COMPLETION_INDEX and
+    /// JOB_COMPLETIONS (set it: Kubernetes doesn't), or AWS_BATCH_JOB_ARRAY_INDEX and _SIZE, where they are set.
+    #[arg(long, value_name = "I/N", value_parser = values::part, help_heading = "Pieces of a job")]
+    pub(crate) shard: Option<surfel::values::Part>,
+    /// Only band I of N bands of rows, which `surfel stitch` puts together: for images too large for one run.
+    #[arg(long, value_name = "I/N", value_parser = values::part, conflicts_with = "region",
+        help_heading = "Pieces of a job")]
+    pub(crate) tile: Option<surfel::values::Part>,
+    /// Leave out pictures whose files exist, whatever they show; those are whole, because files appear at once.
+    #[arg(long, conflicts_with_all = ["force", "verify"], help_heading = "Pieces of a job")]
+    pub(crate) skip_existing: bool,
     /// Print times and counts as JSON on stdout.
     #[arg(long, conflicts_with = "print_scene", help_heading = "Output")]
     pub(crate) stats: bool,
@@ -213,7 +236,7 @@ pub(crate) struct RenderArgs {
 }
 
 /// How files become splats: for `render` and `convert` alike.
-#[derive(Args, Debug, Default)]
+#[derive(Args, Clone, Debug, Default)]
 pub(crate) struct SplatArgs {
     /// Drop invalid splats instead of refusing the file.
     #[arg(long, help_heading = "Splats")]
@@ -428,6 +451,84 @@ pub(crate) struct CompareArgs {
     /// Exit with 5 if B is farther from A, an image by the preset reference, than this preset promises.
     #[arg(long, value_parser = values::preset())]
     pub(crate) verify_preset: Option<Preset>,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct StitchArgs {
+    /// All tiles of one image, PNG or EXR, that surfel drew by --tile or --region, in any order.
+    #[arg(required = true, value_name = "TILE")]
+    pub(crate) tiles: Vec<PathBuf>,
+    /// Image to write, in the tiles' format.
+    #[arg(short, long, value_name = "OUT")]
+    pub(crate) output: PathBuf,
+    /// Overwrite an existing file.
+    #[arg(short, long)]
+    pub(crate) force: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct ServeArgs {
+    /// Read a request from each line of stdin and answer it by a line on stdout, both JSON; ends where stdin does.
+    #[arg(long, required = true)]
+    pub(crate) stdio: bool,
+    /// The scene and how it is drawn.
+    #[command(flatten)]
+    pub(crate) render: RenderArgs,
+}
+
+/// What runs a job.
+#[derive(Args, Clone, Copy, Debug)]
+#[group(required = true, multiple = false)]
+pub(crate) struct Engine {
+    /// A job template of OpenJD (Deadline Cloud, openjd-cli), as JSON.
+    #[arg(long)]
+    pub(crate) openjd: bool,
+    /// A script for Slurm's sbatch: an array of tasks.
+    #[arg(long)]
+    pub(crate) slurm: bool,
+    /// A Kubernetes Job with indexed completions, as JSON.
+    #[arg(long)]
+    pub(crate) k8s: bool,
+    /// Shell commands, one a line, as OpenCue's cuecmd and GNU parallel take them.
+    #[arg(long)]
+    pub(crate) cuecmd: bool,
+    /// A Snakefile.
+    #[arg(long)]
+    pub(crate) snakemake: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct JobsArgs {
+    /// A scene file, splats, points or meshes.
+    #[arg(required = true, value_name = "SCENE")]
+    pub(crate) inputs: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) engine: Engine,
+    /// The images; {frame}.png, {name}.png or whole.png in the current folder where nothing says it.
+    #[arg(short, long, value_name = "OUT")]
+    pub(crate) output: Option<PathBuf>,
+    /// Draw a turntable of N images.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub(crate) frames: Option<u32>,
+    /// Only these frames or cameras.
+    #[arg(long, value_name = "A-B[:STEP]", value_parser = pieces::frame_range)]
+    pub(crate) frame_range: Option<FrameRange>,
+    /// Draw from all cameras of another program.
+    #[arg(long, value_name = "FILE|DIR", conflicts_with = "frames")]
+    pub(crate) cameras: Option<PathBuf>,
+    /// Draw one image by N tiles, and put them together.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000),
+        conflicts_with_all = ["frames", "cameras", "frame_range"])]
+    pub(crate) tiles: Option<u32>,
+    /// Tasks that the pictures are shared out to; 64 where nothing says it, and at most one a picture.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "tiles")]
+    pub(crate) tasks: Option<u32>,
+    /// The container image of --k8s, which has surfel on its PATH.
+    #[arg(long, value_name = "NAME", default_value = "surfel")]
+    pub(crate) image: String,
+    /// Flags of `surfel render` for all tasks.
+    #[arg(last = true, value_name = "RENDER FLAG", allow_hyphen_values = true)]
+    pub(crate) flags: Vec<String>,
 }
 
 #[derive(Args, Debug)]

@@ -9,7 +9,9 @@ use std::path::Path;
 use toml::Value;
 
 /// Flags that exclude each other: one on the command line silences the others of the file.
-const GROUPS: [&[&str]; 4] = [
+const GROUPS: [&[&str]; 6] = [
+    &["region", "tile"],
+    &["force", "skip-existing"],
     &["ortho", "fov-y"],
     &["view", "camera", "eye", "target"],
     &["per-vertex", "per-face", "splats"],

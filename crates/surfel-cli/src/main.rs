@@ -12,18 +12,22 @@ mod console;
 mod convert;
 mod failure;
 mod info;
+mod jobs;
 mod options;
 mod ortho;
 mod output;
 mod pages;
 mod parse;
+mod pieces;
 mod render;
 mod resolve;
+mod serve;
 #[cfg(unix)]
 mod signals;
 mod stats;
 mod stdin;
 mod stdout;
+mod stitch;
 mod values;
 mod verify;
 #[cfg(all(target_os = "linux", feature = "wgpu"))]
@@ -80,6 +84,9 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
         Command::Convert(args) => convert::run(&args, console),
         Command::Ortho(args) => ortho::run(&args, threads, console),
         Command::Info(args) => info::run(&args, console),
+        Command::Stitch(args) => stitch::run(&args, console),
+        Command::Serve(args) => serve::run(&args, threads, console),
+        Command::Jobs(args) => jobs::run(&args, console),
         Command::Compare(args) => compare::run(&args),
         Command::Backends(args) => backends::run(args.json),
         Command::View(_) => {

@@ -17,6 +17,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<RenderOptions, Failure> {
     options.camera_up = args.camera_up;
     options.up = args.up.map(|choice| choice.0);
     options.region = args.region;
+    options.tile = args.tile;
     options.fov_y = args.fov_y;
     options.ortho = args.ortho;
     options.preset = args.preset;
@@ -91,6 +92,7 @@ mod tests {
         let text = match argument.get_long().unwrap_or_default() {
             "size" => "33x44",
             "region" => "1,2,3,4",
+            "tile" => "1/3",
             "up" => "-x",
             "background" => "0.25,0.5,0.75",
             "depth-tolerance" => "abs:0.5",
@@ -114,7 +116,7 @@ mod tests {
     }
 
     /// Flags on who draws and on what is written.
-    const OTHERS: [&str; 19] = [
+    const OTHERS: [&str; 22] = [
         "output",
         "force",
         "print-scene",
@@ -124,6 +126,9 @@ mod tests {
         "cameras",
         "frames",
         "turntable",
+        "frame-range",
+        "shard",
+        "skip-existing",
         "stats",
         "verify",
         "repeat",
@@ -170,6 +175,7 @@ mod tests {
             "--view top --eye 1,2,3",
             "--view top --camera a.json",
             "--fov-y 30 --ortho",
+            "--region 0,0,4,4 --tile 1/2",
             "--error 1",
             "--per-face --per-vertex",
             "--per-face --splats 9",

@@ -5,18 +5,19 @@ use crate::console::{self, Console};
 use crate::failure::Failure;
 use crate::options;
 use crate::output::{Format, Output};
+use crate::pieces::{self, Pictures};
 use crate::resolve::{self, Resolved, Source, resolve};
 use crate::stats;
 use crate::stdin::{self, Stdin, is_stdin};
 use crate::stdout;
 use crate::verify::{Verified, verify};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use surfel::backend::Chosen;
 use surfel::model::SceneFile;
-use surfel::render::{Capabilities, SceneSummary, unsupported};
-use surfel::request::Pictures;
+use surfel::render::{Capabilities, RendererInfo, SceneSummary, unsupported};
+use surfel::request::{self, RenderOptions};
 use surfel::{
     Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Preset, Progress as _, Renderer, Scene, Stats,
 };
@@ -25,7 +26,8 @@ use surfel::{camera, metadata, paths};
 pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Result<(), Failure> {
     let default = default_output(args);
     let output = args.output.as_deref().or(default.as_deref());
-    let output = output.map(|o| Output::new(o, args.force, args.png16, args.exr_f32)).transpose()?;
+    let output =
+        output.map(|o| Output::new(&pieces::with_tile(o, args), args.force, args.png16, args.exr_f32)).transpose()?;
     check(args, output.as_ref())?;
     let apart = args.inputs.len() > 1 && output.as_ref().is_some_and(Output::names_inputs);
     let mut session = Session::start(args, output, Stdin::default(), threads, console)?;
@@ -61,6 +63,8 @@ pub(crate) struct Session<'a> {
     console: &'a Console,
     /// The cameras of `--cameras`, by the names of their images.
     cameras: Vec<(String, Camera)>,
+    /// Which of all pictures are drawn.
+    pictures: Pictures,
     /// `None` where nothing is drawn.
     backend: Option<Backend>,
 }
@@ -93,29 +97,37 @@ impl<'a> Session<'a> {
                 cameras.len()
             )));
         }
-        let backend = if draws { Some(start(args, threads, console)?) } else { None };
-        Ok(Self { args, output, stdin, threads, console, cameras, backend })
-    }
-
-    /// How many images there are of a scene.
-    fn frames(&self) -> u32 {
         // No set of cameras has more than 10 million.
-        if self.cameras.is_empty() { self.args.frames.unwrap_or(1) } else { self.cameras.len() as u32 }
+        let frames = if cameras.is_empty() { args.frames.unwrap_or(1) } else { cameras.len() as u32 };
+        let inputs = if output.as_ref().is_some_and(Output::names_inputs) { args.inputs.len() } else { 1 };
+        let pictures = if draws { Pictures::of(args, inputs, frames, console)? } else { Pictures::default() };
+        let backend = if draws { Some(start(args, threads, console)?) } else { None };
+        Ok(Self { args, output, stdin, threads, console, cameras, pictures, backend })
     }
 
-    /// The files of an image that this backend draws, one a frame; none for stdout.
+    /// The frames of an input that are drawn.
+    fn frames_of(&self, label: &Path) -> &[u32] {
+        self.pictures.of_input(self.args.inputs.iter().position(|input| input == label).unwrap_or(0))
+    }
+
+    /// The files of a scene that this backend draws, one a frame; none for stdout.
     fn names(&self, backend: &Backend, label: &Path) -> Vec<PathBuf> {
         let name = |frame: u32| {
             let camera = self.cameras.get(frame as usize).map_or("", |(name, _)| name.as_str());
             self.output.as_ref()?.path(backend.info().backend, frame, camera, label)
         };
-        (0..self.frames()).filter_map(name).collect()
+        self.frames_of(label).iter().copied().filter_map(name).collect()
     }
 
     /// Refuses what couldn't be written anyway, before the work is done.
     pub(crate) fn check_names(&self, label: &Path) -> Result<(), Failure> {
         let (Some(output), Some(backend)) = (&self.output, &self.backend) else { return Ok(()) };
-        self.names(backend, label).iter().try_for_each(|path| output.check(Some(path)))
+        self.names(backend, label).iter().filter(|path| !self.skips(path)).try_for_each(|path| output.check(Some(path)))
+    }
+
+    /// True for a picture that is there already, with `--skip-existing`.
+    fn skips(&self, path: &Path) -> bool {
+        self.args.skip_existing && path.is_file()
     }
 
     /// Draws each input as an image of its own, in order. One that fails is reported, and the others still drawn; the
@@ -125,7 +137,7 @@ impl<'a> Session<'a> {
         if let Some(backend) = &self.backend {
             let names: Vec<_> = inputs.iter().map(|input| self.names(backend, input)).collect();
             for (i, name) in names.iter().enumerate() {
-                if let Some(j) = names[..i].iter().position(|earlier| earlier == name) {
+                if let Some(j) = names[..i].iter().position(|earlier| !name.is_empty() && earlier == name) {
                     return Err(Failure::usage(format!(
                         "{} and {} would both be written to {}, expected inputs of different names: draw them by two \
                          commands",
@@ -138,6 +150,9 @@ impl<'a> Session<'a> {
         }
         let (mut failed, mut first, mut stats) = (0, 0, Vec::new());
         for input in inputs {
+            if self.frames_of(input).is_empty() {
+                continue;
+            }
             match self.draw_one(input) {
                 Ok(of_input) => stats.extend(of_input),
                 Err(failure) => {
@@ -178,9 +193,19 @@ impl<'a> Session<'a> {
     /// Draws a scene, all frames of it; `label` is what `{input}` stands for.
     pub(crate) fn draw(&mut self, source: Source, label: &Path) -> Result<Drawn, Failure> {
         let (args, console) = (self.args, self.console);
+        if let Some(backend) = self.backend.as_ref().filter(|_| !args.print_scene) {
+            let (frames, names) = (self.frames_of(label).len(), self.names(backend, label));
+            if names.iter().filter(|path| self.skips(path)).count() == frames && names.len() == frames {
+                if frames > 0 {
+                    console.note(&format!("all of {frames} pictures exist, so that none is drawn"));
+                }
+                let stats = args.stats.then(|| json!({ "frames": 0, "runs": 0 }));
+                return Ok(Drawn { stats, ..Drawn::default() });
+            }
+        }
         let pictures = match &self.cameras[..] {
-            [] => Pictures::Turn(self.frames()),
-            given => Pictures::Cameras(given.iter().map(|(_, camera)| camera.clone()).collect()),
+            [] => request::Pictures::Turn(args.frames.unwrap_or(1)),
+            given => request::Pictures::Cameras(given.iter().map(|(_, camera)| camera.clone()).collect()),
         };
         let resolved = resolve(source, &pictures, args, &self.stdin, console)?;
         camera::view(&resolved.file.camera, &options::render(args)?)?;
@@ -212,21 +237,28 @@ impl<'a> Session<'a> {
         planes: Planes,
         label: &Path,
     ) -> Result<Drawn, Failure> {
-        let (args, console, frames) = (self.args, self.console, self.frames());
-        let files = self.names(backend, label);
+        let (args, console) = (self.args, self.console);
+        let names = self.names(backend, label);
+        let frame_and_name = |(i, &frame): (usize, &u32)| (frame, names.get(i).map(PathBuf::as_path));
+        let mut pictures: Vec<_> = self.frames_of(label).iter().enumerate().map(frame_and_name).collect();
+        let all = pictures.len();
+        pictures.retain(|(_, path)| !path.is_some_and(|path| self.skips(path)));
+        if pictures.len() < all {
+            console.note(&format!("left out {} of {all} pictures, which exist", all - pictures.len()));
+        }
         if let Some(output) = &self.output {
-            files.iter().try_for_each(|path| output.check(Some(path)))?;
+            pictures.iter().try_for_each(|(_, path)| output.check(*path))?;
         }
         let mut job = Job { args, console, planes, runs: Vec::new(), frame: Frame::default(), scene: None };
-        let mut carried = None;
-        for index in 0..frames {
+        let (mut carried, mut files) = (None, Vec::new());
+        let frames = pictures.len() as u32;
+        for (index, path) in pictures {
             let (camera, moved) = match self.cameras.get(index as usize) {
                 Some((_, camera)) => (camera::with_near(camera.clone(), &resolved.scene), None),
-                None => resolved.turned(index, frames),
+                None => resolved.turned(index, args.frames.unwrap_or(1)),
             };
             job.render(backend, resolved, &camera, moved.as_ref())?;
             if let Some(output) = &self.output {
-                let path = files.get(index as usize).map(PathBuf::as_path);
                 let scene = SceneFile {
                     camera,
                     lights: moved.map_or_else(|| resolved.file.lights.clone(), |moved| moved.lights),
@@ -234,7 +266,12 @@ impl<'a> Session<'a> {
                 };
                 let metadata = self.metadata(output, path, (&scene, &resolved.beside), backend, &mut carried)?;
                 self.tell_of_alpha(output, path, &job.frame, scene.background);
-                output.write(path, &job.frame, scene.background, metadata)?;
+                match output.write(path, &job.frame, scene.background, metadata) {
+                    // Another run drew the same picture meanwhile.
+                    Err(_) if path.is_some_and(|path| self.skips(path)) => {}
+                    written => written?,
+                }
+                files.extend(path.map(Path::to_path_buf));
                 if let (Some(path), Some(last)) = (path, job.runs.last()) {
                     console.detail(&format!("{}: {:.1} ms, {} splats", path.display(), last.frame_ms, last.splats));
                 }
@@ -280,12 +317,7 @@ impl<'a> Session<'a> {
                 metadata::inputs(scene, beside, bytes.as_deref())?
             }
         };
-        let mut drawn = metadata::drawn(&options::render(self.args)?, self.args.storage == "16", backend.info());
-        match output.format {
-            Format::Png { sixteen: true } => drawn.insert("png16".to_owned(), json!(true)),
-            Format::Exr { f32_color: true } => drawn.insert("exr-f32".to_owned(), json!(true)),
-            _ => None,
-        };
+        let drawn = drawn(self.args, &options::render(self.args)?, &scene.camera, backend.info(), output.format)?;
         let is_exr = matches!(output.format, Format::Exr { .. });
         let entries = metadata::entries(Output::folder(path), scene, &inputs, &drawn, is_exr)?;
         *carried = Some(inputs);
@@ -308,6 +340,23 @@ impl<'a> Session<'a> {
     }
 }
 
+/// How an image is drawn, beside its scene.
+pub(crate) fn drawn(
+    args: &RenderArgs,
+    options: &RenderOptions,
+    camera: &Camera,
+    info: &RendererInfo,
+    format: Format,
+) -> Result<Map<String, Value>, Failure> {
+    let mut drawn = metadata::drawn(options, camera, args.storage == "16", info)?;
+    match format {
+        Format::Png { sixteen: true } => drawn.insert("png16".to_owned(), json!(true)),
+        Format::Exr { f32_color: true } => drawn.insert("exr-f32".to_owned(), json!(true)),
+        _ => None,
+    };
+    Ok(drawn)
+}
+
 /// The preset whose promise holds: none of splats in 16 bits.
 fn promised(args: &RenderArgs, resolved: &Resolved) -> Option<Preset> {
     Preset::of(&resolved.file.settings).filter(|_| args.storage != "16")
@@ -316,6 +365,7 @@ fn promised(args: &RenderArgs, resolved: &Resolved) -> Option<Preset> {
 /// Combinations that make no sense.
 fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     let stdout = output.is_some_and(Output::is_stdout);
+    pieces::check(args, output.is_some_and(|output| !output.is_stdout()))?;
     if output.is_none() && !args.print_scene && !args.stats && !args.verify {
         let expected = match args.inputs.len() {
             1 => "expected -o OUT.png, .jpg or .exr (or --print-scene, --stats, --verify)",
@@ -351,7 +401,7 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     }
 }
 
-fn start(args: &RenderArgs, threads: usize, console: &Console) -> Result<Backend, Failure> {
+pub(crate) fn start(args: &RenderArgs, threads: usize, console: &Console) -> Result<Backend, Failure> {
     let name = if args.samples.is_some() { "reference" } else { args.backend.as_str() };
     if name == "auto" {
         return choose(args, threads, console, |_| None);
@@ -362,7 +412,7 @@ fn start(args: &RenderArgs, threads: usize, console: &Console) -> Result<Backend
 }
 
 /// The fastest backend that nothing speaks against, and a line on why it isn't a faster one.
-fn choose(
+pub(crate) fn choose(
     args: &RenderArgs,
     threads: usize,
     console: &Console,

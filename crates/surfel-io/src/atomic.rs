@@ -41,12 +41,25 @@ pub fn write(
     overwrite: bool,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), IoError> {
-    let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
-    if fs::metadata(path).is_ok_and(|found| !found.is_dir() && !found.is_file()) {
+    if fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir()) {
+        let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
         let mut sink = BufWriter::new(OpenOptions::new().write(true).open(path).map_err(system)?);
         return content(&mut sink).and_then(|()| sink.flush()).map_err(system);
     }
+    write_seekable(path, overwrite, |sink| content(sink))
+}
+
+/// As [`write`], for content that goes back to what it has written: not to devices and pipes.
+///
+/// # Errors
+/// As [`write`]; also if `path` is no file.
+pub fn write_seekable(
+    path: &Path,
+    overwrite: bool,
+    content: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> Result<(), IoError> {
     let mut pending = Pending::new(path, overwrite)?;
+    let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
     content(&mut pending.sink).map_err(system)?;
     pending.publish()
 }

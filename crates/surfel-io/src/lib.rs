@@ -14,9 +14,9 @@
 //! twin `write_…` for sinks.
 //!
 //! Each family of formats is a Cargo feature: `obj`, `off`, `stl`, `points`, `pcd`, `las`, `laz`, `e57`, `npy`, `gltf`,
-//! `draco`, `meshopt`, `gaussians`, `jpeg`, `webp`, `exr`, `geotiff`; all are on by default, `zstd` (SPZ of version 4) is not.
-//! Without them PLY, octrees, PNG and scene files remain, and a file of a format that isn't built is refused with the
-//! name of its feature.
+//! `draco`, `meshopt`, `gaussians`, `jpeg`, `webp`, `exr`, `geotiff`; all are on by default, `zstd` (SPZ of version 4)
+//! is not. Without them PLY, octrees, PNG and scene files remain, and a file of a format that isn't built is refused
+//! with the name of its feature.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -89,6 +89,7 @@ pub use images::exr::{ExrOptions, save_exr, write_exr};
 pub use images::jpeg_writer::{JpegOptions, save_jpeg, write_jpeg};
 pub use images::planes::{Planes, PlanesView};
 pub use images::png::{BitDepth, PngOptions, save_png, to_srgb8, write_png};
+pub use images::stitch::{ImageHeader, Samples, Tile, read_image_header, stitch};
 pub use images::texture::load_matcap;
 pub use images::{read_image, read_image_bytes};
 #[cfg(feature = "laz")]

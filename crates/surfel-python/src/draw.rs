@@ -202,7 +202,7 @@ pub(crate) fn draw(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Pr
         Some(n) => backend.render_supersampled(&resident, &view, &file.settings, job.planes, n, &mut frame),
         None => backend.render_into(&resident, &view, &file.settings, job.planes, &mut frame),
     }?;
-    let drawn = metadata::drawn(options, quantised, backend.info());
+    let drawn = metadata::drawn(options, &camera, quantised, backend.info())?;
     let lights = moved.map_or_else(|| file.lights.clone(), |moved| moved.lights);
     let scene = SceneFile { camera, lights, ..file.clone() };
     drop(taken);

@@ -31,6 +31,7 @@ pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
         || options.ortho
         || options.size.is_some()
         || options.region.is_some()
+        || options.tile.is_some()
 }
 
 /// Frames a scene file's camera anew for `--view`, with the file's projection unless flags say another.
@@ -188,6 +189,6 @@ impl Turntable {
 /// # Errors
 /// [`Error::Usage`] where the options made it, else [`Error::Model`].
 pub fn view(camera: &Camera, options: &RenderOptions) -> Result<View, Error> {
-    View::of_region(camera, options.region)
+    View::of_region(camera, options.region_of(camera)?)
         .map_err(|e| if is_flagged(options) { Error::Usage(e.to_string()) } else { e.into() })
 }

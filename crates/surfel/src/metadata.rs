@@ -12,7 +12,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use surfel_io::IoError;
-use surfel_model::SceneFile;
+use surfel_model::{Camera, SceneFile};
 use surfel_render::RendererInfo;
 
 /// This program's version.
@@ -102,16 +102,24 @@ pub fn content(path: &Path, stdin: Option<&[u8]>) -> Result<Content, Error> {
     Ok(Content::Known { bytes, sha256 })
 }
 
-/// How an image is drawn, beside its scene: flags of `render` by their long names. What is said of the file's format
-/// is the caller's to add.
-pub fn drawn(options: &RenderOptions, quantised: bool, info: &RendererInfo) -> Map<String, Value> {
+/// How a camera's image is drawn, beside its scene: flags of `render` by their long names. What is said of the file's
+/// format is the caller's to add.
+///
+/// # Errors
+/// As [`RenderOptions::region_of`].
+pub fn drawn(
+    options: &RenderOptions,
+    camera: &Camera,
+    quantised: bool,
+    info: &RendererInfo,
+) -> Result<Map<String, Value>, Error> {
     let mut drawn = Map::new();
     drawn.insert("backend".to_owned(), json!(info.backend));
     if !matches!(info.backend, "cpu" | "reference") {
         // Two GPUs may round differently; CPUs don't.
         drawn.insert("adapter".to_owned(), json!(info.adapter));
     }
-    if let Some(r) = options.region {
+    if let Some(r) = options.region_of(camera)? {
         drawn.insert("region".to_owned(), json!(format!("{},{},{},{}", r.x, r.y, r.width, r.height)));
     }
     if let Some(n) = options.samples {
@@ -120,7 +128,7 @@ pub fn drawn(options: &RenderOptions, quantised: bool, info: &RendererInfo) -> M
     if quantised {
         drawn.insert("storage".to_owned(), json!("16"));
     }
-    drawn
+    Ok(drawn)
 }
 
 /// The entries of an image in `folder`: of a scene with absolute paths, and its inputs.

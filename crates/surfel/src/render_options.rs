@@ -1,11 +1,12 @@
 //! What may be said about an image and about the files that it shows: the flags of `surfel render`, as data.
 
+use crate::Error;
 use crate::framing::ViewChoice;
-use crate::{Error, values};
+use crate::values::{self, Part};
 use std::path::PathBuf;
 use surfel_model::{
-    Accumulate, ClipPolicy, ConvertOptions, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader, TextureSampling,
-    Transparency, Up,
+    Accumulate, Camera, ClipPolicy, ConvertOptions, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader,
+    TextureSampling, Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -42,6 +43,8 @@ pub struct RenderOptions {
     pub up: Option<Option<Up>>,
     /// The part of the image that is rendered.
     pub region: Option<Region>,
+    /// Only this band of the image's rows is rendered, of so many.
+    pub tile: Option<Part>,
     /// Vertical field of view, in degrees between 0 and 180.
     pub fov_y: Option<f64>,
     /// Parallel projection.
@@ -223,6 +226,7 @@ impl RenderOptions {
             "camera-up" => self.camera_up = Some(values::direction(text)?),
             "up" => self.up = Some(values::up(text)?),
             "region" => self.region = Some(values::region(text)?),
+            "tile" => self.tile = Some(values::part(text)?),
             "fov-y" => self.fov_y = Some(values::fov(text)?),
             "ortho" => self.ortho = switch(text)?,
             "preset" => self.preset = Some(values::preset(text)?),
@@ -268,10 +272,29 @@ impl RenderOptions {
         let of_cameras = of_cameras.into_iter().filter(|(given, _)| self.cameras && *given);
         let of_cameras = of_cameras.map(|(_, other)| ("cameras", other));
         let lens = (ortho && self.fov_y.is_some()).then_some(("fov-y", "ortho"));
-        match of_view.chain(of_cameras).chain(lens).next() {
+        let part = (self.region.is_some() && self.tile.is_some()).then_some(("region", "tile"));
+        match of_view.chain(of_cameras).chain(lens).chain(part).next() {
             Some((a, b)) => Err(Error::Usage(format!("--{a} and --{b} contradict each other: give one of them"))),
             None => Ok(()),
         }
+    }
+
+    /// The part of a camera's image that is rendered: a tile is a band of rows, as wide as the image. `None`: all.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for more tiles than the image has rows.
+    pub fn region_of(&self, camera: &Camera) -> Result<Option<Region>, Error> {
+        let Some(part) = self.tile else { return Ok(self.region) };
+        let [width, height] = camera.size;
+        if part.count() > height {
+            return Err(Error::Usage(format!(
+                "--tile {}/{}: the image has {height} rows, expected at most as many tiles",
+                part.index(),
+                part.count()
+            )));
+        }
+        let rows = part.of(height.into());
+        Ok(Some(Region { x: 0, y: rows.start as u32, width, height: (rows.end - rows.start) as u32 }))
     }
 }
 
@@ -294,6 +317,7 @@ mod tests {
             [("error", "0.1"), ("size", "9x9")],
             [("view", "top"), ("eye", "1,2,3")],
             [("fov-y", "30"), ("ortho", "on")],
+            [("region", "0,0,4,4"), ("tile", "1/2")],
         ] {
             let error = checked(&wrong).unwrap_err();
             assert!(error.contains(&format!("--{}", wrong[0].0)), "{error}");

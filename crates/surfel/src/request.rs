@@ -92,11 +92,22 @@ pub struct Resolved {
     pub scene: Scene,
     /// What it turns about.
     pub turntable: Turntable,
+    /// The scene's up axis: as the options, the file or its objects say.
+    pub up: Up,
     /// Files that the objects' files refer to, found or not; absolute.
     pub beside: BTreeSet<PathBuf>,
 }
 
 impl Resolved {
+    /// The camera that these options ask for, which start from `given` or else the scene's own camera.
+    pub fn seen(&self, given: Option<&Camera>, options: &RenderOptions) -> Camera {
+        let given = given.unwrap_or(&self.file.camera);
+        let reframed = camera::reframe(given, &self.scene, self.up, options);
+        let mut camera = reframed.unwrap_or_else(|| given.clone());
+        camera::apply_flags(&mut camera, &self.scene, self.up, false, options);
+        camera
+    }
+
     /// Camera of a frame of a turn in so many, and the scene with its lights moved where they have to.
     pub fn turned(&self, index: u32, frames: u32) -> (Camera, Option<Scene>) {
         if index == 0 {
@@ -121,6 +132,8 @@ pub enum Pictures {
     Cameras(Vec<Camera>),
     /// So many of a turn about the scene.
     Turn(u32),
+    /// Any, not known yet: all is read.
+    Any,
 }
 
 impl Pictures {
@@ -225,7 +238,10 @@ impl Request {
         // The preset that an image is verified against antialiases edges.
         let options = LoadOptions::default().with_interior_weight(self.options.verify).for_settings(&self.settings);
         let up = self.scene.as_ref().and_then(|(file, _)| file.up);
-        options.with_stdin(stdin).with_up(self.options.up.flatten().or(up)).with_levels(Some(Levels::Overview))
+        options
+            .with_stdin(stdin)
+            .with_up(self.options.up.flatten().or(up))
+            .with_levels((self.pictures != Pictures::Any).then_some(Levels::Overview))
     }
 
     /// Loads the objects.
@@ -310,7 +326,7 @@ impl Request {
         let mut scene = assemble(&file, loaded.objects).map_err(in_file)?;
         absolute_paths(&mut file, &self.base)?;
         scene.matcap = matcap(&mut file, options)?;
-        Ok(Resolved { file, scene, turntable, beside })
+        Ok(Resolved { file, scene, turntable, up, beside })
     }
 
     fn scene_of_geometry(
@@ -377,7 +393,7 @@ impl Request {
         let mut scene = assemble(&file, loaded.objects)?;
         absolute_paths(&mut file, Path::new(""))?;
         scene.matcap = matcap(&mut file, options)?;
-        Ok(Resolved { file, scene, turntable, beside })
+        Ok(Resolved { file, scene, turntable, up, beside })
     }
 }
 

@@ -4,6 +4,7 @@
 
 use crate::framing::{NamedView, ViewAngles, ViewChoice};
 use serde_json::Value;
+use std::ops::Range;
 use surfel_model::{
     Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping, PointColors,
     Returns, Shader, SplatCount, Transparency, Up,
@@ -53,6 +54,47 @@ named!(preset, PRESETS, Preset, [
     "quality" => Preset::Quality, "reference" => Preset::Reference,
 ]);
 named!(edge_aa, EDGE_AA, EdgeAa, ["on" => EdgeAa::Coverage, "off" => EdgeAa::Off, "samples" => EdgeAa::Samples]);
+
+/// Most parts that anything is cut into.
+const MAX_PARTS: u32 = 1_000_000;
+
+/// `I/N`: one of N parts. I counts from 0 or from 1, because N/N is 0/N.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Part {
+    index: u32,
+    count: u32,
+}
+
+impl Part {
+    /// Part `index` of `count`, if there is one.
+    pub fn new(index: u64, count: u64) -> Option<Self> {
+        let (index, count) = (u32::try_from(index).ok()?, u32::try_from(count).ok()?);
+        ((1..=MAX_PARTS).contains(&count) && index <= count).then(|| Self { index: index % count, count })
+    }
+
+    /// Which part; less than [`Self::count`].
+    pub fn index(self) -> u32 {
+        self.index
+    }
+
+    /// How many parts there are, 1 to 1,000,000.
+    pub fn count(self) -> u32 {
+        self.count
+    }
+
+    /// This part of `length` things: all parts together have each once, and lengths differ by one at most.
+    pub fn of(self, length: u64) -> Range<u64> {
+        let edge = |part: u32| u64::from(part) * length / u64::from(self.count);
+        edge(self.index)..edge(self.index + 1)
+    }
+}
+
+/// I/N: a part of so many.
+pub fn part(text: &str) -> Result<Part, String> {
+    let number = |text: &str| text.trim().parse::<u64>().ok();
+    let part = text.split_once('/').and_then(|(index, count)| Part::new(number(index)?, number(count)?));
+    part.ok_or_else(|| format!("expected I/N: part I of N, I from 0 to N, N from 1 to {MAX_PARTS}, as in 3/16"))
+}
 
 /// Views by name.
 pub const VIEWS: [(&str, ViewChoice); 8] = [
@@ -254,6 +296,24 @@ pub fn json_number(value: f64) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn parts_have_everything_once_counted_from_0_or_from_1() {
+        for count in [1_u32, 2, 3, 7, 64, 1000] {
+            for length in [0_u64, 1, 2, 7, 63, 64, 65, 65_536] {
+                for first in [0, 1] {
+                    let mut all: Vec<u64> = (first..first + count)
+                        .flat_map(|i| part(&format!("{i}/{count}")).unwrap().of(length))
+                        .collect();
+                    all.sort_unstable();
+                    assert_eq!(all, (0..length).collect::<Vec<_>>(), "{count} parts of {length} from {first}");
+                }
+            }
+        }
+        for bad in ["", "1", "1/0", "3/2", "-1/2", "1/2/3", "a/b", "1/1000001", "1/99999999999999999999"] {
+            assert!(part(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn values_out_of_range_are_refused() {

@@ -210,7 +210,11 @@ pub(super) fn texts(bytes: &[u8]) -> Vec<(String, String)> {
         return Vec::new();
     }
     let Ok(reader) = png::Decoder::new(Cursor::new(bytes)).read_info() else { return Vec::new() };
-    let info = reader.info();
+    texts_of(reader.info())
+}
+
+/// The same of a PNG that has been read as far as its pixels.
+pub(super) fn texts_of(info: &png::Info<'_>) -> Vec<(String, String)> {
     let latin = info.uncompressed_latin1_text.iter().map(|c| (c.keyword.clone(), c.text.clone()));
     let utf8 = info.utf8_text.iter().filter_map(|c| Some((c.keyword.clone(), c.get_text().ok()?)));
     let mut texts: Vec<_> = latin.chain(utf8).collect();

@@ -1,15 +1,22 @@
 //! OpenEXR: one part with unnamed R G B A, Z, normal.X/Y/Z and weight; ZIP, lossless.
 
 use super::planes::{Planes, PlanesView};
+use super::stitch::{ImageHeader, Samples, check_side, damaged};
 use crate::atomic;
 use crate::error::{IoError, Problem};
+use exr::block::writer::ChunksWriter;
+use exr::block::{UncompressedBlock, reader::AllChunksReader};
+use exr::math::Vec2;
 use exr::meta::MetaData;
+use exr::meta::attribute::{IntegerBounds, SampleType};
+use exr::meta::header::Header;
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
     LineOrder, ReadChannels, ReadLayers, Text, WritableImage, read as read_exr,
 };
 use half::f16;
-use std::io::{self, Cursor, Write};
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
 
@@ -155,13 +162,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
     let image = std::panic::catch_unwind(decode).unwrap_or_else(|_| Err(Problem::new("is damaged").help(help)))?;
     let layer = image.layer_data;
     let (width, height) = (layer.size.width(), layer.size.height());
-    let mut metadata: Vec<(String, String)> = (layer.attributes.other.iter().chain(&image.attributes.other))
-        .filter_map(|(name, value)| match value {
-            AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
-            _ => None,
-        })
-        .collect();
-    metadata.sort();
+    let metadata = texts(layer.attributes.other.iter().chain(&image.attributes.other));
     let mut channels: Vec<(String, Vec<f32>)> = layer
         .channel_data
         .list
@@ -189,4 +190,132 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
         _ => None,
     };
     Ok(Planes { width: width as u32, height: height as u32, color, depth, normal, weight, other: channels, metadata })
+}
+
+/// Names and values of text attributes, in the order of their names.
+fn texts<'a>(attributes: impl Iterator<Item = (&'a Text, &'a AttributeValue)>) -> Vec<(String, String)> {
+    let text = |(name, value): (&Text, &AttributeValue)| match value {
+        AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
+        _ => None,
+    };
+    let mut texts: Vec<_> = attributes.filter_map(text).collect();
+    texts.sort();
+    texts
+}
+
+/// Lines of a block, as [`write_exr`] compresses them together.
+const BLOCK_LINES: usize = 16;
+/// Most channels of a tile.
+const MAX_CHANNELS: usize = 64;
+
+/// The lines of a file, of which one block is in memory: for each channel in order its samples, native endian.
+pub(super) struct ExrRows {
+    chunks: AllChunksReader<BufReader<File>>,
+    block: Vec<u8>,
+    line_bytes: usize,
+    /// The next line, and its offset in the block.
+    y: usize,
+    at: usize,
+}
+
+impl ExrRows {
+    pub(super) fn open(file: BufReader<File>) -> Result<(ImageHeader, Self), Problem> {
+        let reader = exr::block::read(file, false).map_err(|e| damaged(&e.to_string()))?;
+        let header = tile_header(reader.headers())?;
+        let channels = header.channels.list.iter().map(|channel| match channel.sample_type {
+            SampleType::F16 => (channel.name.to_string(), 2, 'h'),
+            SampleType::F32 => (channel.name.to_string(), 4, 'f'),
+            SampleType::U32 => (channel.name.to_string(), 4, 'u'),
+        });
+        let size = [header.layer_size.width(), header.layer_size.height()];
+        let [width, height] = size.map(|side| u32::try_from(side).unwrap_or(u32::MAX));
+        check_side(width, height)?;
+        let found = ImageHeader {
+            width,
+            height,
+            samples: Samples::Exr(channels.collect()),
+            metadata: texts(header.own_attributes.other.iter().chain(&header.shared_attributes.other)),
+        };
+        let line_bytes = header.channels.bytes_per_pixel * size[0];
+        let chunks = reader.all_chunks(false).map_err(|e| damaged(&e.to_string()))?;
+        Ok((found, Self { chunks, block: Vec::new(), line_bytes, y: 0, at: 0 }))
+    }
+
+    pub(super) fn next(&mut self) -> Result<&[u8], Problem> {
+        if self.at >= self.block.len() {
+            let failed = |e: exr::error::Error| damaged(&e.to_string());
+            let chunk = self.chunks.next().ok_or_else(|| damaged("it ends early"))?.map_err(failed)?;
+            let meta = exr::block::reader::ChunksReader::meta_data(&self.chunks);
+            let block = UncompressedBlock::decompress_chunk(chunk, meta, false).map_err(failed)?;
+            if block.index.pixel_position != Vec2(0, self.y) || block.data.len() < self.line_bytes {
+                return Err(damaged("its lines are not in order"));
+            }
+            (self.block, self.at) = (block.data, 0);
+        }
+        let line = self.at..self.at + self.line_bytes;
+        (self.y, self.at) = (self.y + 1, line.end);
+        self.block.get(line).ok_or_else(|| damaged("a line is cut off"))
+    }
+}
+
+/// The one header of a tile that is stored as [`write_exr`] does.
+fn tile_header(headers: &[Header]) -> Result<&Header, Problem> {
+    let ours = |header: &&Header| {
+        !header.deep
+            && header.compression == Compression::ZIP16
+            && header.blocks == exr::meta::BlockDescription::ScanLines
+            && header.line_order == LineOrder::Increasing
+            && (1..=MAX_CHANNELS).contains(&header.channels.list.len())
+            && header.channels.list.iter().all(|c| c.sampling.area() == 1)
+    };
+    match headers {
+        [header] => Some(header).filter(ours),
+        _ => None,
+    }
+    .ok_or_else(|| {
+        Problem::new("is an OpenEXR that surfel wouldn't write")
+            .expected("one part of flat lines in increasing order with ZIP compression, 16 lines a block")
+    })
+}
+
+/// Writes an EXR of `size`, whose lines `next` gives, with all of the header of `like` but its size and texts; the
+/// same bytes as [`write_exr`] of the same pixels.
+pub(super) fn write_rows(
+    sink: &mut BufWriter<File>,
+    [width, height]: [u32; 2],
+    like: &Path,
+    metadata: &[(String, String)],
+    mut next: impl FnMut(&mut [u8]) -> io::Result<()>,
+) -> io::Result<()> {
+    let meta = MetaData::read_from_file(like, false).map_err(io::Error::other)?;
+    let mut header = tile_header(&meta.headers).map_err(|problem| io::Error::other(problem.to_string()))?.clone();
+    let size = Vec2(width as usize, height as usize);
+    header.layer_size = size;
+    header.shared_attributes.display_window = IntegerBounds::from_dimensions(size);
+    header.own_attributes.other.retain(|_, value| !matches!(value, AttributeValue::Text(_)));
+    for (name, value) in metadata {
+        header.own_attributes.other.insert(attribute_name(name), AttributeValue::Text(latin(value)));
+    }
+    let header =
+        header.with_encoding(Compression::ZIP16, exr::meta::BlockDescription::ScanLines, LineOrder::Increasing);
+    let line_bytes = header.channels.bytes_per_pixel * size.width();
+    let written = exr::block::write(&mut *sink, [header].into_iter().collect(), true, |meta, chunks| {
+        for (i, index) in exr::block::enumerate_ordered_header_block_indices(&meta.headers) {
+            let mut data = vec![0; line_bytes * index.pixel_size.height().min(BLOCK_LINES)];
+            data.chunks_exact_mut(line_bytes).try_for_each(&mut next)?;
+            chunks.write_chunk(i, UncompressedBlock { index, data }.compress_to_chunk(&meta.headers)?)?;
+        }
+        Ok(())
+    });
+    written.map_err(io::Error::other)?;
+    // The header lies before the pixels, and few bytes beside its texts.
+    sink.flush()?;
+    let texts: usize = metadata.iter().map(|(name, value)| name.len() + value.len() + 64).sum();
+    let mut start = Vec::new();
+    let mut file: &File = sink.get_ref();
+    file.seek(SeekFrom::Start(0))?;
+    file.take((texts + (1 << 16)) as u64).read_to_end(&mut start)?;
+    sort_attributes(&mut start);
+    file.seek(SeekFrom::Start(0))?;
+    file.write_all(&start)
 }

@@ -9,6 +9,7 @@ mod jpeg;
 pub(crate) mod jpeg_writer;
 pub(crate) mod planes;
 pub(crate) mod png;
+pub(crate) mod stitch;
 pub(crate) mod texture;
 #[cfg(feature = "webp")]
 mod webp;

@@ -34,7 +34,22 @@ pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOpti
     let pixels = planes.pixels()?;
     let color = planes.color.filter(|c| c.len() == pixels);
     let color = color.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "a PNG needs a colour plane"))?;
-    let mut encoder = png::Encoder::new(out, planes.width, planes.height);
+    let mut writer = start_png(out, [planes.width, planes.height], options)?;
+    let data: Vec<u8> = match options.depth {
+        BitDepth::Eight => to_srgb8(color).into_flattened(),
+        BitDepth::Sixteen => color.iter().map(|&c| to_16_bit(c)).collect::<Vec<_>>().into_flattened(),
+    };
+    writer.write_image_data(&data).map_err(io::Error::other)?;
+    writer.finish().map_err(io::Error::other)
+}
+
+/// Writes all of a PNG that comes before its pixels, which are RGBA.
+pub(super) fn start_png<W: Write>(
+    out: W,
+    [width, height]: [u32; 2],
+    options: &PngOptions,
+) -> io::Result<png::Writer<W>> {
+    let mut encoder = png::Encoder::new(out, width, height);
     encoder.set_color(png::ColorType::Rgba);
     encoder.set_depth(match options.depth {
         BitDepth::Eight => png::BitDepth::Eight,
@@ -51,13 +66,7 @@ pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOpti
         let added = if ascii { encoder.add_text_chunk(key, text) } else { encoder.add_itxt_chunk(key, text) };
         added.map_err(io::Error::other)?;
     }
-    let mut writer = encoder.write_header().map_err(io::Error::other)?;
-    let data: Vec<u8> = match options.depth {
-        BitDepth::Eight => to_srgb8(color).into_flattened(),
-        BitDepth::Sixteen => color.iter().map(|&c| to_16_bit(c)).collect::<Vec<_>>().into_flattened(),
-    };
-    writer.write_image_data(&data).map_err(io::Error::other)?;
-    writer.finish().map_err(io::Error::other)
+    encoder.write_header().map_err(io::Error::other)
 }
 
 /// As [`write_png`], to a file that appears whole or not at all.

@@ -333,7 +333,11 @@ mod tests {
 
     #[test]
     fn density_is_that_of_the_covered_area() {
-        let random = |i: u64| (i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11) as f64 / (1_u64 << 53) as f64;
+        // Mixed twice: multiples alone lie on few lines.
+        let random = |i: u64| {
+            let mixed = (i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 29 ^ i).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+            ((mixed >> 32 ^ mixed).wrapping_mul(0x94D0_49BB_1331_11EB) >> 11) as f64 / (1_u64 << 53) as f64
+        };
         let mut positions: Vec<DVec3> =
             (0..40_000).map(|i| DVec3::new(100.0 * random(2 * i), 50.0 * random(7 * i + 3), 0.0)).collect();
         let of = |positions: &[DVec3]| {

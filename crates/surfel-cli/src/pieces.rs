@@ -1,0 +1,231 @@
+//! Pieces of a job: which pictures, and which part of a picture, one of several runs draws.
+//!
+//! What is shared out is the list of pictures: of each input in order, all frames or cameras in order. A shard is a
+//! stretch of it, so that the fewest inputs are loaded twice.
+
+use crate::args::RenderArgs;
+use crate::console::Console;
+use crate::failure::Failure;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use surfel::values::Part;
+
+/// `A-B[:STEP]`: frames from A to B, both among them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct FrameRange {
+    first: u32,
+    last: u32,
+    step: u32,
+}
+
+impl FrameRange {
+    /// The frames, if all of them are among so many.
+    pub(crate) fn checked(self, frames: usize) -> Result<impl Iterator<Item = u32>, String> {
+        if self.last as usize >= frames {
+            return Err(format!(
+                "--frame-range goes to {}, expected at most {}: there are {frames} frames or cameras",
+                self.last,
+                frames.saturating_sub(1)
+            ));
+        }
+        Ok((self.first..=self.last).step_by(self.step as usize))
+    }
+}
+
+impl std::fmt::Display for FrameRange {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}-{}:{}", self.first, self.last, self.step)
+    }
+}
+
+/// Parses `--frame-range`.
+pub(crate) fn frame_range(text: &str) -> Result<FrameRange, String> {
+    let parse = || {
+        let (range, step) = text.split_once(':').unwrap_or((text, "1"));
+        let (first, last) = range.split_once('-').unwrap_or((range, range));
+        let number = |text: &str| text.trim().parse::<u32>().ok();
+        let range = FrameRange { first: number(first)?, last: number(last)?, step: number(step)? };
+        (range.first <= range.last && range.step > 0).then_some(range)
+    };
+    parse().ok_or_else(|| {
+        "expected A-B or A-B:STEP: frames that count from 0, A at most B, STEP at least 1, as in 0-99:10".to_owned()
+    })
+}
+
+/// The pictures that this run draws.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Pictures {
+    /// Frames of each input that are asked for.
+    frames: Vec<u32>,
+    /// What this run draws of the list of pictures.
+    drawn: Range<usize>,
+}
+
+impl Pictures {
+    /// The share of this run in the pictures of so many inputs, each of so many frames.
+    pub(crate) fn of(args: &RenderArgs, inputs: usize, frames: u32, console: &Console) -> Result<Self, Failure> {
+        let frames: Vec<u32> = match args.frame_range {
+            None => (0..frames).collect(),
+            Some(range) => range.checked(frames as usize).map_err(Failure::usage)?.collect(),
+        };
+        let pictures = inputs * frames.len();
+        let mut drawn = 0..pictures;
+        let told = match args.shard {
+            Some(part) => Some((part, None)),
+            // One picture can't be shared, and may well be one that a job's script shares out itself.
+            None if pictures > 1 => from_environment(|name| std::env::var(name).ok())
+                .map_err(Failure::usage)?
+                .map(|(part, from)| (part, Some(from))),
+            None => None,
+        };
+        if let Some((part, from)) = told {
+            let share = part.of(pictures as u64);
+            drawn = share.start as usize..share.end as usize;
+            let from = from.map(|from| format!(" (by {from}; --shard 0/1 draws all)")).unwrap_or_default();
+            let which = match drawn.len() {
+                0 => "none".to_owned(),
+                1 => format!("number {}", drawn.start),
+                _ => format!("numbers {} to {}", drawn.start, drawn.end - 1),
+            };
+            console.note(&format!("shard {} of {}{from}: {which} of {pictures} pictures", part.index(), part.count()));
+        }
+        Ok(Self { frames, drawn })
+    }
+
+    /// The frames that are drawn of an input, by its number.
+    pub(crate) fn of_input(&self, input: usize) -> &[u32] {
+        let (start, count) = (input * self.frames.len(), self.frames.len());
+        let within = |picture: usize| picture.saturating_sub(start).min(count);
+        self.frames.get(within(self.drawn.start)..within(self.drawn.end)).unwrap_or_default()
+    }
+}
+
+/// The share that a cluster's variables say, and the variables that say it.
+///
+/// Kubernetes tells a pod its index, but not of how many: `JOB_COMPLETIONS` must be set beside it.
+fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<Option<(Part, String)>, String> {
+    let get = |name: &str| get(name).filter(|value| !value.is_empty());
+    let number = |name: &str| {
+        let parse = |value: String| {
+            let wrong = || format!("{name}={value} is no number of a task\n  help: --shard 0/1 draws all pictures");
+            value.trim().parse::<u64>().map_err(|_| wrong())
+        };
+        get(name).map(parse).transpose()
+    };
+    for [index_name, count_name] in [
+        ["SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_COUNT"],
+        ["JOB_COMPLETION_INDEX", "JOB_COMPLETIONS"],
+        ["AWS_BATCH_JOB_ARRAY_INDEX", "AWS_BATCH_JOB_ARRAY_SIZE"],
+    ] {
+        let Some(id) = number(index_name)? else { continue };
+        let Some(count) = number(count_name)? else {
+            return Err(format!(
+                "{index_name}={id} is set, but not {count_name}, of how many\n  help: set it, or give --shard I/N, or \
+                 --shard 0/1 to draw all pictures"
+            ));
+        };
+        let said = format!("{index_name}={id}, {count_name}={count}");
+        let index = match (number("SLURM_ARRAY_TASK_MIN")?, number("SLURM_ARRAY_TASK_MAX")?) {
+            (Some(min), Some(max)) if index_name.starts_with("SLURM") => place_in_array(id, count, min, max),
+            _ => Some(id),
+        };
+        let part = index.and_then(|index| Part::new(index, count));
+        let wrong = || format!("{said} is no share of an evenly numbered array\n  help: give --shard I/N");
+        return part.map(|part| Some((part, said.clone()))).ok_or_else(wrong);
+    }
+    Ok(None)
+}
+
+/// Which of `count` evenly numbered tasks the one called `id` is: Slurm's arrays may begin anywhere and have steps.
+fn place_in_array(id: u64, count: u64, min: u64, max: u64) -> Option<u64> {
+    let (offset, span) = (id.checked_sub(min)?, max.checked_sub(min)?);
+    let gaps = count.checked_sub(1)?;
+    let step = span.checked_div(gaps).unwrap_or(1);
+    (step > 0 && gaps * step == span && offset % step == 0).then(|| offset / step).filter(|&place| place < count)
+}
+
+/// The name of an image, with the number of its tile for `{tile}`.
+pub(crate) fn with_tile(output: &Path, args: &RenderArgs) -> PathBuf {
+    match (args.tile, output.to_str()) {
+        (Some(part), Some(name)) => name.replace("{tile}", &format!("{:04}", part.index())).into(),
+        _ => output.to_path_buf(),
+    }
+}
+
+/// Combinations that make no sense.
+pub(crate) fn check(args: &RenderArgs, to_files: bool) -> Result<(), Failure> {
+    if args.frame_range.is_some() && args.frames.is_none() && args.cameras.is_none() {
+        return Err(Failure::usage("--frame-range is of several frames: give --turntable --frames N, or --cameras"));
+    }
+    if args.skip_existing && !to_files {
+        return Err(Failure::usage("--skip-existing is for images in files: give -o a file name"));
+    }
+    let named = args.output.as_ref().is_some_and(|name| name.to_string_lossy().contains("{tile}"));
+    if named && args.tile.is_none() {
+        return Err(Failure::usage("-o has {tile}, the number of a tile: give --tile I/N"));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frame_ranges_have_both_ends() {
+        let range = |first, last, step| Ok(FrameRange { first, last, step });
+        assert_eq!(frame_range("0-9"), range(0, 9, 1));
+        assert_eq!(frame_range("5-5:3"), range(5, 5, 3));
+        assert_eq!(frame_range("7"), range(7, 7, 1));
+        for bad in ["", "-", "9-0", "0-9:0", "0-9:", "a-b", "0..9", "-1-3", "0-99999999999"] {
+            assert!(frame_range(bad).is_err(), "{bad}");
+        }
+    }
+
+    fn environment(text: &str) -> Result<Option<Part>, String> {
+        let get = |name: &str| {
+            let pairs = text.split(' ').filter_map(|pair| pair.split_once('='));
+            pairs.filter(|(n, _)| *n == name).map(|(_, value)| value.to_owned()).next()
+        };
+        Ok(from_environment(get)?.map(|(part, _)| part))
+    }
+
+    #[test]
+    fn clusters_say_shards_by_their_variables() {
+        let is = |index, count| Ok(Part::new(index, count));
+        assert_eq!(environment("PATH=/bin"), Ok(None));
+        assert_eq!(environment("SLURM_ARRAY_TASK_ID= SLURM_ARRAY_TASK_COUNT="), Ok(None));
+        assert_eq!(environment("SLURM_ARRAY_TASK_ID=2 SLURM_ARRAY_TASK_COUNT=4"), is(2, 4));
+        assert_eq!(environment("JOB_COMPLETION_INDEX=0 JOB_COMPLETIONS=8"), is(0, 8));
+        assert_eq!(environment("AWS_BATCH_JOB_ARRAY_INDEX=7 AWS_BATCH_JOB_ARRAY_SIZE=8"), is(7, 8));
+        // Arrays that begin elsewhere, and with steps: --array=10-30:10.
+        let slurm = |id: u32| {
+            environment(&format!(
+                "SLURM_ARRAY_TASK_ID={id} SLURM_ARRAY_TASK_COUNT=3 SLURM_ARRAY_TASK_MIN=10 SLURM_ARRAY_TASK_MAX=30"
+            ))
+        };
+        assert_eq!([slurm(10), slurm(20), slurm(30)], [is(0, 3), is(1, 3), is(2, 3)]);
+        assert!(slurm(15).is_err() && slurm(40).is_err() && slurm(0).is_err());
+        for bad in [
+            "SLURM_ARRAY_TASK_ID=x SLURM_ARRAY_TASK_COUNT=4",
+            "SLURM_ARRAY_TASK_ID=1",
+            "SLURM_ARRAY_TASK_ID=9 SLURM_ARRAY_TASK_COUNT=4",
+            "JOB_COMPLETION_INDEX=3",
+            "JOB_COMPLETION_INDEX=-1 JOB_COMPLETIONS=8",
+            "AWS_BATCH_JOB_ARRAY_INDEX=1 AWS_BATCH_JOB_ARRAY_SIZE=0",
+            // --array=1,2,4
+            "SLURM_ARRAY_TASK_ID=2 SLURM_ARRAY_TASK_COUNT=3 SLURM_ARRAY_TASK_MIN=1 SLURM_ARRAY_TASK_MAX=4",
+        ] {
+            assert!(environment(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn shards_of_several_inputs_are_stretches_of_one_list() {
+        let pictures = |drawn| Pictures { frames: vec![0, 2, 4], drawn };
+        let of = |p: &Pictures| [0, 1, 2].map(|input| p.of_input(input).to_vec());
+        assert_eq!(of(&pictures(0..9)), [vec![0, 2, 4], vec![0, 2, 4], vec![0, 2, 4]]);
+        assert_eq!(of(&pictures(2..4)), [vec![4], vec![0], vec![]]);
+        assert!(of(&pictures(6..6)).iter().all(Vec::is_empty));
+    }
+}

@@ -1,0 +1,334 @@
+//! `surfel serve --stdio`: pictures of one scene, as they are asked for.
+//!
+//! A request is a line of JSON on stdin, its answer a line of JSON on stdout, in order. A request that can't be met is
+//! answered by an error, and the next one is read.
+
+use crate::args::{RenderArgs, ServeArgs};
+use crate::console::Console;
+use crate::failure::Failure;
+use crate::options;
+use crate::output::{Format, Output};
+use crate::render::{choose, drawn, start};
+use crate::resolve::{self, Resolved, Source, resolve};
+use crate::stdin::{Stdin, is_stdin};
+use crate::stdout;
+use serde_json::{Value, json};
+use std::io::{self, BufRead, Read};
+use std::path::PathBuf;
+use surfel::metadata::{self, Input};
+use surfel::model::SceneFile;
+use surfel::render::{Capabilities, SceneSummary, unsupported};
+use surfel::{Backend, BackendScene, Camera, Frame, Planes, Region, Renderer, camera, values};
+
+/// Longest request, in bytes.
+const MAX_LINE: usize = 1 << 16;
+/// Most pixels of a picture: larger ones are drawn by regions.
+const MAX_PIXELS: usize = 1 << 26;
+
+pub(crate) fn run(args: &ServeArgs, threads: usize, console: &Console) -> Result<(), Failure> {
+    check(&args.render)?;
+    let mut server = Server::start(&args.render, threads, console)?;
+    let mut input = io::stdin().lock();
+    let mut line = Vec::new();
+    loop {
+        let answer = match read_line(&mut input, &mut line) {
+            Ok(Line::End) => return Ok(()),
+            Ok(Line::Whole) if line.trim_ascii().is_empty() => continue,
+            Ok(Line::Whole) => server.answer(&line),
+            Ok(Line::TooLong) => {
+                let message = format!("the line has more than {MAX_LINE} bytes, expected a request");
+                json!({ "ok": false, "error": message, "code": 3 })
+            }
+            Err(error) => return Err(Failure::input(format!("stdin: cannot read it: {error}"))),
+        };
+        stdout::result(format!("{answer}\n").as_bytes())?;
+    }
+}
+
+/// Flags of `render` that say what requests say.
+fn check(args: &RenderArgs) -> Result<(), Failure> {
+    let given = [
+        ("-o", args.output.is_some()),
+        ("--print-scene", args.print_scene),
+        ("--stats", args.stats),
+        ("--verify", args.verify),
+        ("--turntable", args.turntable),
+        ("--cameras", args.cameras.is_some()),
+        ("--region", args.region.is_some()),
+        ("--repeat", args.repeat.is_some()),
+        ("--samples", args.samples.is_some()),
+        ("--frame-range", args.frame_range.is_some()),
+        ("--shard", args.shard.is_some()),
+        ("--tile", args.tile.is_some()),
+        ("--skip-existing", args.skip_existing),
+    ];
+    if let Some((flag, _)) = given.into_iter().find(|(_, given)| *given) {
+        return Err(Failure::usage(format!(
+            "{flag} is not for surfel serve: requests say what is drawn, and where to"
+        )));
+    }
+    if args.inputs.iter().any(|path| is_stdin(path)) {
+        return Err(Failure::usage("-: stdin has the requests, expected a scene file, splats, points or meshes"));
+    }
+    Ok(())
+}
+
+#[derive(Debug, PartialEq, Eq)]
+enum Line {
+    End,
+    Whole,
+    TooLong,
+}
+
+/// Reads a line, of which no more than [`MAX_LINE`] bytes are kept.
+fn read_line(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Line> {
+    line.clear();
+    let count = input.by_ref().take(MAX_LINE as u64 + 1).read_until(b'\n', line)?;
+    if count == 0 {
+        return Ok(Line::End);
+    }
+    if line.last() == Some(&b'\n') || count <= MAX_LINE {
+        return Ok(Line::Whole);
+    }
+    loop {
+        let buffer = input.fill_buf()?;
+        let newline = buffer.iter().position(|&byte| byte == b'\n');
+        let (used, ended) = (newline.map_or(buffer.len(), |at| at + 1), newline.is_some() || buffer.is_empty());
+        input.consume(used);
+        if ended {
+            return Ok(Line::TooLong);
+        }
+    }
+}
+
+/// What a line asks for.
+#[derive(Debug)]
+struct Request {
+    output: PathBuf,
+    camera: Option<Camera>,
+    view: Option<surfel::framing::ViewChoice>,
+    size: Option<[u32; 2]>,
+    region: Option<Region>,
+    planes: Option<Planes>,
+    force: bool,
+}
+
+/// A request, or what is wrong with it.
+fn parse(object: &Value) -> Result<Request, String> {
+    let mut request = Request {
+        output: PathBuf::new(),
+        camera: None,
+        view: None,
+        size: None,
+        region: None,
+        planes: None,
+        force: false,
+    };
+    for (key, value) in object.as_object().ok_or("is no JSON object, expected {\"output\": \"a.png\", ...}")? {
+        let wrong = |what: &str| format!("{key}: expected {what}, found {value}");
+        match key.as_str() {
+            "id" => {}
+            "output" => request.output = value.as_str().ok_or_else(|| wrong("a file's name"))?.into(),
+            "camera" => {
+                let camera: Camera = serde_json::from_value(value.clone()).map_err(|e| format!("camera: {e}"))?;
+                camera.validate().map_err(|e| e.to_string())?;
+                request.camera = Some(camera);
+            }
+            "view" => {
+                let text = value.as_str().ok_or_else(|| wrong("a view's name or \"AZIMUTH,ELEVATION\""))?;
+                request.view = Some(values::view(text).map_err(|e| format!("view: {e}"))?);
+            }
+            "size" => {
+                let [w, h] = whole_numbers(value).ok_or_else(|| wrong("[WIDTH, HEIGHT] in pixels"))?;
+                request.size = Some(values::size(&format!("{w}x{h}")).map_err(|e| format!("size: {e}"))?);
+            }
+            "region" => {
+                let [x, y, width, height] =
+                    whole_numbers(value).ok_or_else(|| wrong("[X, Y, WIDTH, HEIGHT] in pixels"))?;
+                request.region = Some(Region { x, y, width, height });
+            }
+            "planes" => {
+                let names = value.as_array().ok_or_else(|| wrong("a list of color, depth, normal, weight"))?;
+                let mut planes = Planes::COLOR;
+                for name in names {
+                    planes = match name.as_str() {
+                        Some("color") => planes,
+                        Some("depth") => planes.with_depth(true),
+                        Some("normal") => planes.with_normal(true),
+                        Some("weight") => planes.with_weight(true),
+                        _ => return Err(wrong("a list of color, depth, normal, weight")),
+                    };
+                }
+                request.planes = Some(planes);
+            }
+            "force" => request.force = value.as_bool().ok_or_else(|| wrong("true or false"))?,
+            _ => {
+                return Err(format!(
+                    "there is no key '{key}', expected output, camera, view, size, region, planes, force or id"
+                ));
+            }
+        }
+    }
+    if request.output.as_os_str().is_empty() {
+        return Err("has no output, expected the name of a file that ends in .png, .jpg or .exr".to_owned());
+    }
+    if is_stdin(&request.output) {
+        return Err("output: expected a file's name, because answers go to stdout".to_owned());
+    }
+    Ok(request)
+}
+
+fn whole_numbers<const N: usize>(value: &Value) -> Option<[u32; N]> {
+    let numbers: Option<Vec<u32>> = value.as_array()?.iter().map(|v| u32::try_from(v.as_u64()?).ok()).collect();
+    numbers?.try_into().ok()
+}
+
+/// A scene in memory, and who draws it.
+struct Server<'a> {
+    args: &'a RenderArgs,
+    resolved: Resolved,
+    /// What every picture carries of the inputs.
+    inputs: Vec<Input>,
+    backend: Backend,
+    scene: BackendScene,
+    frame: Frame,
+}
+
+impl<'a> Server<'a> {
+    fn start(args: &'a RenderArgs, threads: usize, console: &Console) -> Result<Self, Failure> {
+        let mut backend = start(args, threads, console)?;
+        let stdin = Stdin::default();
+        let source = resolve::source(&args.inputs, &stdin)?;
+        let bare = matches!(source, Source::Geometry(_));
+        let mut resolved = resolve(source, &surfel::request::Pictures::Any, args, &stdin, console)?;
+        if bare {
+            // One scene for all cameras, as with --cameras: lit along the view.
+            (resolved.file.lights, resolved.scene.lights) = (None, None);
+        }
+        let summary = SceneSummary::of(&resolved.scene);
+        let settings = resolved.file.settings;
+        let refuses = |c: &Capabilities| unsupported(&summary, &settings, Planes::ALL, c).map(|e| e.to_string());
+        if args.backend == "auto" && refuses(&backend.info().capabilities).is_some() {
+            backend = choose(args, threads, console, refuses)?;
+        }
+        let scene = backend.upload(&resolved.scene)?;
+        let inputs = match args.no_metadata {
+            true => Vec::new(),
+            false => metadata::inputs(&resolved.file, &resolved.beside, None)?,
+        };
+        console.note(&format!("ready: the scene is in memory, drawn by '{}'", backend.info().backend));
+        Ok(Self { args, resolved, inputs, backend, scene, frame: Frame::default() })
+    }
+
+    /// The answer to a line, whatever it holds.
+    fn answer(&mut self, line: &[u8]) -> Value {
+        let request: Value = match serde_json::from_slice(line) {
+            Ok(request) => request,
+            Err(error) => {
+                return json!({ "ok": false, "error": format!("the line is not JSON: {error}"), "code": 3 });
+            }
+        };
+        let drawn = parse(&request).map_err(Failure::input).and_then(|request| self.draw(&request));
+        let mut answer = match drawn {
+            Ok(answer) => answer,
+            Err(failure) => json!({ "ok": false, "error": failure.message(), "code": failure.code() }),
+        };
+        if let Some(id) = request.get("id") {
+            answer["id"] = id.clone();
+        }
+        answer
+    }
+
+    fn draw(&mut self, request: &Request) -> Result<Value, Failure> {
+        let path = request.output.as_path();
+        let output = Output::new(path, request.force || self.args.force, self.args.png16, self.args.exr_f32)?;
+        output.check(Some(path))?;
+        // What flags say of the camera is in the scene's already; the request's say is like that of flags.
+        let mut said = options::render(self.args)?;
+        (said.view, said.size, said.region) = (request.view, request.size, request.region);
+        (said.eye, said.target, said.camera_up, said.fov_y, said.ortho) = (None, None, None, None, false);
+        let file = &self.resolved.file;
+        let camera = self.resolved.seen(request.camera.as_ref(), &said);
+        let view = camera::view(&camera, &said)?;
+        if view.pixels() > MAX_PIXELS {
+            return Err(Failure::input(format!(
+                "the picture has {} pixels, expected at most {MAX_PIXELS}: draw it by regions",
+                view.pixels()
+            )));
+        }
+        let planes = match output.format {
+            Format::Exr { .. } => request.planes.unwrap_or(Planes::ALL),
+            _ if request.planes.is_some_and(|planes| planes != Planes::COLOR) => {
+                return Err(Failure::input("planes: only an EXR holds more than the colour, expected output in .exr"));
+            }
+            _ => Planes::COLOR,
+        };
+        let stats = self.backend.render_into(&self.scene, &view, &file.settings, planes, &mut self.frame)?;
+        let scene = SceneFile { camera, ..file.clone() };
+        let metadata = if self.args.no_metadata || output.format == Format::Jpeg {
+            Vec::new()
+        } else {
+            let drawn = drawn(self.args, &said, &scene.camera, self.backend.info(), output.format)?;
+            let is_exr = matches!(output.format, Format::Exr { .. });
+            let entries = metadata::entries(Output::folder(Some(path)), &scene, &self.inputs, &drawn, is_exr)?;
+            entries.unwrap_or_default()
+        };
+        output.write(Some(path), &self.frame, scene.background, metadata)?;
+        Ok(json!({
+            "ok": true,
+            "path": path,
+            "stats": { "frame_ms": stats.frame_ms, "splats": stats.splats, "drawn": stats.drawn,
+                       "width": self.frame.width(), "height": self.frame.height() },
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_read_up_to_a_length() {
+        let long = "x".repeat(MAX_LINE + 5);
+        let fits = "y".repeat(MAX_LINE);
+        let text = format!("a\n{long}\n\n{fits}\n{long}");
+        let mut input = io::BufReader::with_capacity(7, text.as_bytes());
+        let mut line = Vec::new();
+        let mut next = || {
+            let found = read_line(&mut input, &mut line).unwrap();
+            assert!(line.len() <= MAX_LINE + 1);
+            (found, line.len())
+        };
+        assert_eq!(next(), (Line::Whole, 2));
+        assert_eq!(next().0, Line::TooLong);
+        assert_eq!(next(), (Line::Whole, 1));
+        assert_eq!(next(), (Line::Whole, MAX_LINE + 1));
+        assert_eq!(next().0, Line::TooLong);
+        assert_eq!(next().0, Line::End);
+    }
+
+    #[test]
+    fn requests_that_say_something_else_are_refused() {
+        for bad in [
+            "[]",
+            "3",
+            "{}",
+            r#"{"output": 3}"#,
+            r#"{"output": "-"}"#,
+            r#"{"output": "a.png", "what": 1}"#,
+            r#"{"output": "a.png", "size": [0, 5]}"#,
+            r#"{"output": "a.png", "size": [5]}"#,
+            r#"{"output": "a.png", "size": [4294967296, 5]}"#,
+            r#"{"output": "a.png", "region": [-1, 0, 1, 1]}"#,
+            r#"{"output": "a.png", "view": "somewhere"}"#,
+            r#"{"output": "a.png", "camera": {}}"#,
+            r#"{"output": "a.png", "planes": ["colour"]}"#,
+            r#"{"output": "a.png", "force": 1}"#,
+        ] {
+            assert!(parse(&serde_json::from_str(bad).unwrap()).is_err(), "{bad}");
+        }
+        let good = r#"{"id": [1], "output": "a.exr", "size": [5, 7], "view": "30,20", "planes": ["depth"]}"#;
+        let request = parse(&serde_json::from_str(good).unwrap()).unwrap();
+        assert_eq!((request.size, request.planes), (Some([5, 7]), Some(Planes::COLOR.with_depth(true))));
+    }
+}

@@ -1,0 +1,321 @@
+//! Tiles of an image become the image, with a band of rows in memory at a time.
+
+use super::png::{BitDepth, PngOptions, start_png};
+use crate::atomic;
+use crate::error::{Fault, IoError, Problem, READ};
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use surfel_model::MAX_IMAGE_SIDE;
+
+/// What a PNG or EXR says before its pixels.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageHeader {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// How pixels are stored.
+    pub samples: Samples,
+    /// Texts, in the order of their names.
+    pub metadata: Vec<(String, String)>,
+}
+
+/// How an image's pixels are stored.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Samples {
+    /// A PNG of RGBA.
+    Png(BitDepth),
+    /// An EXR's channels in their order: names, and bytes a sample with the type's letter (`h`, `f`, `u`).
+    Exr(Vec<(String, usize, char)>),
+}
+
+impl std::fmt::Display for Samples {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Png(BitDepth::Eight) => f.write_str("PNG of 8 bits"),
+            Self::Png(BitDepth::Sixteen) => f.write_str("PNG of 16 bits"),
+            Self::Exr(channels) => {
+                f.write_str("EXR of")?;
+                channels.iter().try_for_each(|(name, bytes, kind)| write!(f, " {name}:{kind}{}", 8 * bytes))
+            }
+        }
+    }
+}
+
+impl Samples {
+    /// Bytes a pixel of the parts in which a row is stored, one after another.
+    fn parts(&self) -> Vec<usize> {
+        match self {
+            Self::Png(BitDepth::Eight) => vec![4],
+            Self::Png(BitDepth::Sixteen) => vec![8],
+            Self::Exr(channels) => channels.iter().map(|(_, bytes, _)| *bytes).collect(),
+        }
+    }
+}
+
+/// A tile: an image's file, and where its upper left pixel is in the whole.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Tile {
+    /// The file.
+    pub path: PathBuf,
+    /// Column in the whole.
+    pub x: u32,
+    /// Row in the whole.
+    pub y: u32,
+    /// What the file says of itself ([`read_image_header`]).
+    pub header: ImageHeader,
+}
+
+impl Tile {
+    fn right(&self) -> u64 {
+        u64::from(self.x) + u64::from(self.header.width)
+    }
+
+    fn bottom(&self) -> u64 {
+        u64::from(self.y) + u64::from(self.header.height)
+    }
+}
+
+/// What a PNG or EXR that Surfel wrote says before its pixels.
+///
+/// # Errors
+/// [`IoError`] if it can't be read, is another file, or is stored in a way that Surfel doesn't write.
+pub fn read_image_header(path: &Path) -> Result<ImageHeader, IoError> {
+    Rows::open(path).map(|(header, _)| header)
+}
+
+/// Writes the whole image of `size` pixels that tiles are parts of, in their format, with the samples as they are. Only
+/// the tiles of a row are open at a time, each with one row of a PNG or 16 rows of an EXR in memory.
+///
+/// # Errors
+/// [`IoError`] if the tiles leave a pixel out or have one twice, differ in how they store pixels, or can't be read; if
+/// `out` exists and `overwrite` is false, or can't be written.
+pub fn stitch(
+    out: &Path,
+    overwrite: bool,
+    size: [u32; 2],
+    tiles: &[Tile],
+    metadata: &[(String, String)],
+) -> Result<(), IoError> {
+    let Some(first) = tiles.first() else {
+        return Err(Fault::from(Problem::new("is of no tiles").expected("at least one")).of(out));
+    };
+    if size.iter().any(|&side| side == 0 || side > MAX_IMAGE_SIDE) {
+        let what = format!("would be an image of {}x{} pixels", size[0], size[1]);
+        return Err(Fault::from(Problem::new(what).expected(format!("1 to {MAX_IMAGE_SIDE} a side"))).of(out));
+    }
+    if let Some(other) = tiles.iter().find(|tile| tile.header.samples != first.header.samples) {
+        let problem = Problem::new(format!("is a {}", other.header.samples));
+        let expected = format!("a {}, as {} is", first.header.samples, first.path.display());
+        return Err(Fault::from(problem.expected(expected)).of(&other.path));
+    }
+    let mut sorted: Vec<&Tile> = tiles.iter().collect();
+    sorted.sort_by_key(|tile| (tile.y, tile.x));
+    check_cover(size, &sorted, out)?;
+    let mut whole = Whole { size, parts: first.header.samples.parts(), waiting: &sorted, open: Vec::new(), y: 0 };
+    match &first.header.samples {
+        Samples::Png(depth) => {
+            let options = PngOptions { depth: *depth, metadata: metadata.to_vec() };
+            let mut failed = None;
+            let written = atomic::write(out, overwrite, |sink| {
+                let mut png = start_png(sink, size, &options)?;
+                let mut rows = png.stream_writer().map_err(io::Error::other)?;
+                let mut row = vec![0; whole.row_bytes()];
+                for _ in 0..size[1] {
+                    whole.next_row(&mut row).map_err(|error| keep(&mut failed, error))?;
+                    rows.write_all(&row)?;
+                }
+                rows.finish().map_err(io::Error::other)?;
+                png.finish().map_err(io::Error::other)
+            });
+            failed.map_or(written, Err)
+        }
+        #[cfg(feature = "exr")]
+        Samples::Exr(_) => {
+            let mut failed = None;
+            let written = atomic::write_seekable(out, overwrite, |sink| {
+                let next = |row: &mut [u8]| whole.next_row(row).map_err(|error| keep(&mut failed, error));
+                super::exr::write_rows(sink, size, &first.path, metadata, next)
+            });
+            failed.map_or(written, Err)
+        }
+        #[cfg(not(feature = "exr"))]
+        Samples::Exr(_) => Err(Fault::from(Problem::not_built("OpenEXR", "exr")).of(out)),
+    }
+}
+
+/// Keeps the error of a tile, which the writer of the whole knows nothing of.
+fn keep(failed: &mut Option<IoError>, error: IoError) -> io::Error {
+    *failed = Some(error);
+    io::Error::other("a tile can't be read")
+}
+
+/// Every pixel must be in one tile: `tiles` are sorted by their upper left pixels.
+fn check_cover([width, height]: [u32; 2], tiles: &[&Tile], out: &Path) -> Result<(), IoError> {
+    let outside = |tile: &&&Tile| tile.right() > u64::from(width) || tile.bottom() > u64::from(height);
+    if let Some(tile) = tiles.iter().find(outside) {
+        let Tile { x, y, header, .. } = tile;
+        let what = format!("is {}x{} pixels at {x},{y} of an image", header.width, header.height);
+        return Err(Fault::from(Problem::new(what).expected(format!("a part of {width}x{height}"))).of(&tile.path));
+    }
+    let mut edges: Vec<u64> = tiles.iter().flat_map(|tile| [u64::from(tile.y), tile.bottom()]).collect();
+    edges.extend([0, u64::from(height)]);
+    edges.sort_unstable();
+    edges.dedup();
+    let (mut waiting, mut open): (&[&Tile], Vec<&Tile>) = (tiles, Vec::new());
+    for rows in edges.windows(2) {
+        let (from, to) = (rows[0], rows[1]);
+        open.retain(|tile| tile.bottom() > from);
+        let starting = waiting.iter().take_while(|tile| u64::from(tile.y) == from).count();
+        let (now, later) = waiting.split_at(starting);
+        open.extend(now);
+        waiting = later;
+        open.sort_by_key(|tile| tile.x);
+        let mut x = 0;
+        for tile in &open {
+            if u64::from(tile.x) < x {
+                let what = format!("has pixels that another tile has, at {},{from}", tile.x);
+                return Err(Fault::from(Problem::new(what).expected("every pixel in one tile")).of(&tile.path));
+            }
+            if u64::from(tile.x) > x {
+                return Err(missing(out, (x, u64::from(tile.x)), (from, to)));
+            }
+            x = tile.right();
+        }
+        if x < u64::from(width) {
+            return Err(missing(out, (x, u64::from(width)), (from, to)));
+        }
+    }
+    Ok(())
+}
+
+fn missing(out: &Path, columns: (u64, u64), rows: (u64, u64)) -> IoError {
+    let (last_column, last_row) = (columns.1 - 1, rows.1 - 1);
+    let what =
+        format!("the columns {} to {last_column} of the rows {} to {last_row} are in no tile", columns.0, rows.0);
+    Fault::from(Problem::new(what).expected("every pixel in one tile").help("draw the missing tiles first")).of(out)
+}
+
+/// The whole, row by row.
+struct Whole<'a> {
+    size: [u32; 2],
+    /// Bytes a pixel of a row's parts.
+    parts: Vec<usize>,
+    /// Tiles that begin further down.
+    waiting: &'a [&'a Tile],
+    open: Vec<(&'a Tile, Rows)>,
+    y: u64,
+}
+
+impl Whole<'_> {
+    fn row_bytes(&self) -> usize {
+        self.parts.iter().sum::<usize>() * self.size[0] as usize
+    }
+
+    /// Puts the next row together.
+    fn next_row(&mut self, row: &mut [u8]) -> Result<(), IoError> {
+        let y = self.y;
+        self.open.retain(|(tile, _)| tile.bottom() > y);
+        while let Some((tile, later)) = self.waiting.split_first().filter(|(tile, _)| u64::from(tile.y) == y) {
+            let (header, rows) = Rows::open(&tile.path)?;
+            if header != tile.header {
+                return Err(Fault::from(Problem::new("has changed while it was read")).of(&tile.path));
+            }
+            self.open.push((*tile, rows));
+            self.waiting = later;
+        }
+        let width = self.size[0] as usize;
+        for (tile, rows) in &mut self.open {
+            let part = rows.next().map_err(|problem| Fault::from(problem).of(&tile.path))?;
+            let (x, columns) = (tile.x as usize, tile.header.width as usize);
+            let (mut to, mut from) = (0, 0);
+            for bytes in &self.parts {
+                let target = row.get_mut((to * width + x * bytes)..(to * width + (x + columns) * bytes));
+                let source = part.get(from * columns..(from + bytes) * columns);
+                if let (Some(target), Some(source)) = (target, source) {
+                    target.copy_from_slice(source);
+                }
+                (to, from) = (to + bytes, from + bytes);
+            }
+        }
+        self.y += 1;
+        Ok(())
+    }
+}
+
+/// A file's rows.
+enum Rows {
+    Png(Box<png::Reader<BufReader<File>>>),
+    #[cfg(feature = "exr")]
+    Exr(Box<super::exr::ExrRows>),
+}
+
+impl Rows {
+    fn open(path: &Path) -> Result<(ImageHeader, Self), IoError> {
+        let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
+        let mut file = File::open(path).map_err(system)?;
+        if !file.metadata().map_err(system)?.is_file() {
+            return Err(system(io::Error::other("it is no file")));
+        }
+        let mut start = Vec::new();
+        Read::by_ref(&mut file).take(8).read_to_end(&mut start).map_err(system)?;
+        file.rewind().map_err(system)?;
+        let file = BufReader::with_capacity(1 << 18, file);
+        let opened = if start.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
+            #[cfg(feature = "exr")]
+            let opened = super::exr::ExrRows::open(file).map(|(header, rows)| (header, Self::Exr(Box::new(rows))));
+            #[cfg(not(feature = "exr"))]
+            let opened = Err(Problem::not_built("OpenEXR", "exr"));
+            opened
+        } else if start == b"\x89PNG\r\n\x1a\n" {
+            open_png(file)
+        } else {
+            Err(Problem::new("is not a tile that can be read").expected("a PNG or EXR that surfel drew"))
+        };
+        opened.map_err(|problem| Fault::from(problem).of(path))
+    }
+
+    fn next(&mut self) -> Result<&[u8], Problem> {
+        match self {
+            Self::Png(reader) => match reader.next_row() {
+                Ok(Some(row)) => Ok(row.data()),
+                Ok(None) => Err(damaged("it ends early")),
+                Err(error) => Err(damaged(&error.to_string())),
+            },
+            #[cfg(feature = "exr")]
+            Self::Exr(rows) => rows.next(),
+        }
+    }
+}
+
+/// A tile that can't be decoded.
+pub(super) fn damaged(why: &str) -> Problem {
+    let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();
+    Problem::new(format!("can't be read as an image: {why}")).help("draw the tile again: it is damaged")
+}
+
+fn open_png(file: BufReader<File>) -> Result<(ImageHeader, Rows), Problem> {
+    let reader = png::Decoder::new(file).read_info().map_err(|error| damaged(&error.to_string()))?;
+    let info = reader.info();
+    let depth = match (info.color_type, info.bit_depth, info.interlaced) {
+        (png::ColorType::Rgba, png::BitDepth::Eight, false) => BitDepth::Eight,
+        (png::ColorType::Rgba, png::BitDepth::Sixteen, false) => BitDepth::Sixteen,
+        (color, bits, _) => {
+            let what = format!("is a PNG of {color:?} with {} bits", bits as u8);
+            return Err(Problem::new(what).expected("RGBA of 8 or 16 bits, not interlaced, as surfel draws it"));
+        }
+    };
+    check_side(info.width, info.height)?;
+    let metadata = super::decode::texts_of(info);
+    let header = ImageHeader { width: info.width, height: info.height, samples: Samples::Png(depth), metadata };
+    Ok((header, Rows::Png(Box::new(reader))))
+}
+
+pub(super) fn check_side(width: u32, height: u32) -> Result<(), Problem> {
+    if width == 0 || height == 0 || width > MAX_IMAGE_SIDE || height > MAX_IMAGE_SIDE {
+        let what = format!("is an image of {width}x{height} pixels");
+        return Err(Problem::new(what).expected(format!("1 to {MAX_IMAGE_SIDE} a side")));
+    }
+    Ok(())
+}
