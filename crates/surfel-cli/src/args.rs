@@ -172,10 +172,13 @@ pub(crate) struct RenderArgs {
     /// Image of a lit sphere for the shader matcap, which this chooses: a PNG, JPEG or WebP, or builtin.
     #[arg(long, value_name = "FILE|builtin", help_heading = "Settings")]
     pub(crate) matcap: Option<PathBuf>,
-    /// Octrees (.surfel): draw splats of at most this many pixels, and polygons where even the finest are larger; 1
-    /// where nothing says it.
+    /// Octrees (.surfel): draw splats of at most this many pixels, and polygons where even the finest are larger; COPC
+    /// files: the levels that this takes. 1 where nothing says it.
     #[arg(long, value_name = "PX", value_parser = values::positive, help_heading = "Settings")]
     pub(crate) lod_error: Option<f64>,
+    /// COPC: draw all points, not only as many as the view needs.
+    #[arg(long, help_heading = "Splats")]
+    pub(crate) all_levels: bool,
     /// Lights cast shadows.
     #[arg(long, help_heading = "Settings")]
     pub(crate) shadows: bool,
@@ -267,7 +270,7 @@ pub(crate) struct SplatArgs {
     /// Multiplies every radius.
     #[arg(long, help_heading = "Splats", value_name = "K", value_parser = values::positive)]
     pub(crate) radius_scale: Option<f64>,
-    /// At most this many points of a point cloud, evenly chosen.
+    /// At most this many points of a point cloud, evenly chosen; of a COPC file the coarsest (default 10 million).
     #[arg(long, help_heading = "Splats", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) max_points: Option<u32>,
     /// Leave out splats that face away, or none; by default those of closed meshes. `convert` notes in the file that
@@ -343,10 +346,14 @@ pub(crate) struct AgainArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct ConvertArgs {
-    /// Points, a mesh or splats; - is stdin.
+    /// Points, a mesh or splats; - is stdin. With -o OUT.copc.laz: any number of LAS, LAZ and COPC files.
     #[arg(value_name = "INPUT")]
     pub(crate) input: PathBuf,
-    /// Splat file to write: .ply, - for stdout.
+    /// More files, for -o OUT.copc.laz.
+    #[arg(value_name = "MORE")]
+    pub(crate) more: Vec<PathBuf>,
+    /// Splat file to write: .ply, - for stdout; or .copc.laz: the points, by levels, with their splats' normals and
+    /// radii.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: PathBuf,
     /// Overwrite an existing file.

@@ -5,13 +5,22 @@ use crate::console::Console;
 use crate::failure::Failure;
 use crate::stdin::{self, Stdin, is_stdin};
 use crate::{options, stdout};
+use std::path::PathBuf;
 use std::sync::Arc;
 use surfel::SplatCloud;
 use surfel::io::{IoError, PlyEncoding};
+use surfel::levels;
 use surfel::splat_file::ConvertRequest;
 
 pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     check_output(args)?;
+    if levels::is_copc(&args.output) {
+        return copc(args, console);
+    }
+    if let Some(second) = args.more.first() {
+        let what = "is a second input, expected one (any number with -o OUT.copc.laz)";
+        return Err(Failure::usage(format!("{}: {what}", second.display())));
+    }
     if args.hybrid {
         return hybrid(args, console);
     }
@@ -76,6 +85,18 @@ fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Points by levels, as COPC.
+fn copc(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
+    levels::check_copc(&args.output, &options::splats(&args.splats, args.force)?, args.ascii)?;
+    let inputs: Vec<PathBuf> = std::iter::once(&args.input).chain(&args.more).cloned().collect();
+    let progress = console.progress();
+    let report = levels::save_copc(&inputs, &args.output, args.force, &progress)?;
+    drop(progress);
+    report.notes.iter().for_each(|note| console.note(note));
+    console.note(&format!("{}: {}", args.output.display(), levels::summary(&report)));
+    Ok(())
+}
+
 fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
     let output = &args.output;
     let name = output.display();
@@ -83,6 +104,7 @@ fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
     match extension.as_deref() {
         _ if output.as_os_str() == "-" => return Ok(()),
         Some("ply") if !args.hybrid => {}
+        Some("laz") if levels::is_copc(output) && !args.hybrid => {}
         Some("surfel") if args.hybrid => {}
         _ if args.hybrid => {
             return Err(Failure::usage(format!("-o {name}: --hybrid needs a name that ends in .surfel")));
@@ -90,7 +112,11 @@ fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
         Some("surfel") => {
             return Err(Failure::usage(format!("-o {name}: only --hybrid writes .surfel files, expected a .ply")));
         }
-        _ => return Err(Failure::usage(format!("-o {name}: expected a name that ends in .ply, or - for stdout"))),
+        _ => {
+            return Err(Failure::usage(format!(
+                "-o {name}: expected a name that ends in .ply or .copc.laz, or - for stdout"
+            )));
+        }
     }
     if output.is_file() && !args.force {
         return Err(IoError::Exists { path: output.clone() }.into());

@@ -32,6 +32,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<RenderOptions, Failure> {
     options.shader = args.shader;
     options.matcap.clone_from(&args.matcap);
     options.lod_error = args.lod_error;
+    options.all_levels = args.all_levels;
     options.shadows = args.shadows;
     options.edge_aa = args.edge_aa;
     options.background = args.background;
@@ -66,6 +67,7 @@ pub(crate) fn splats(args: &SplatArgs, force: bool) -> Result<SplatOptions, Fail
         condition: args.condition.clone(),
         every: args.every,
         all_points: args.all_points,
+        all_levels: false,
         allow_outside: args.allow_outside,
         max_texture: args.max_texture,
     };

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use surfel::backend::Chosen;
 use surfel::model::SceneFile;
 use surfel::render::{Capabilities, RendererInfo, SceneSummary, unsupported};
-use surfel::request::RenderOptions;
+use surfel::request::{self, RenderOptions};
 use surfel::{
     Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Preset, Progress as _, Renderer, Scene, Stats,
 };
@@ -203,8 +203,11 @@ impl<'a> Session<'a> {
                 return Ok(Drawn { stats, ..Drawn::default() });
             }
         }
-        let first = self.cameras.first().map(|(_, camera)| camera.clone());
-        let resolved = resolve(source, first, args, &self.stdin, console)?;
+        let pictures = match &self.cameras[..] {
+            [] => request::Pictures::Turn(args.frames.unwrap_or(1)),
+            given => request::Pictures::Cameras(given.iter().map(|(_, camera)| camera.clone()).collect()),
+        };
+        let resolved = resolve(source, &pictures, args, &self.stdin, console)?;
         camera::view(&resolved.file.camera, &options::render(args)?)?;
         if args.print_scene {
             print_scene(&resolved.file)?;

@@ -6,8 +6,8 @@ use crate::failure::Failure;
 use crate::options;
 use crate::stdin::{Stdin, is_stdin};
 use std::path::PathBuf;
-use surfel::Camera;
-pub(crate) use surfel::request::{Request, Resolved, SceneSource, Source};
+use surfel::request::{Pictures, Request};
+pub(crate) use surfel::request::{Resolved, SceneSource, Source};
 
 /// What these inputs are.
 pub(crate) fn source(inputs: &[PathBuf], stdin: &Stdin) -> Result<Source, Failure> {
@@ -15,19 +15,23 @@ pub(crate) fn source(inputs: &[PathBuf], stdin: &Stdin) -> Result<Source, Failur
     Ok(Source::of(inputs, bytes.as_deref())?)
 }
 
-/// Loads a scene; `camera` is one of `--cameras`.
+/// Loads a scene for pictures.
 pub(crate) fn resolve(
     source: Source,
-    camera: Option<Camera>,
+    pictures: &Pictures,
     args: &RenderArgs,
     stdin: &Stdin,
     console: &Console,
 ) -> Result<Resolved, Failure> {
-    let request = Request::new(source, camera, &options::render(args)?)?;
+    let request = Request::new(source, pictures, &options::render(args)?)?;
     let from_stdin = request.objects().iter().flat_map(|o| [&o.splats, &o.mesh]).flatten().any(|path| is_stdin(path));
     let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };
     let progress = console.progress();
     let loaded = request.load(bytes, &progress)?;
+    let mut notes = Vec::new();
+    let resolved = request.resolve(loaded, &progress, &mut |note| notes.push(note));
+    // Lines of a progress bar and notes don't mix.
     drop(progress);
-    Ok(request.resolve(loaded, &mut |note| console.note(&note))?)
+    notes.iter().for_each(|note| console.note(note));
+    Ok(resolved?)
 }

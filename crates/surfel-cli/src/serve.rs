@@ -200,7 +200,7 @@ impl<'a> Server<'a> {
         let stdin = Stdin::default();
         let source = resolve::source(&args.inputs, &stdin)?;
         let bare = matches!(source, Source::Geometry(_));
-        let mut resolved = resolve(source, None, args, &stdin, console)?;
+        let mut resolved = resolve(source, &surfel::request::Pictures::Any, args, &stdin, console)?;
         if bare {
             // One scene for all cameras, as with --cameras: lit along the view.
             (resolved.file.lights, resolved.scene.lights) = (None, None);

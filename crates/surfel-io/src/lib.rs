@@ -95,6 +95,8 @@ pub use images::png::{BitDepth, PngOptions, save_png, to_srgb8, write_png};
 pub use images::stitch::{ImageHeader, Samples, Tile, read_image_header, stitch};
 pub use images::texture::load_matcap;
 pub use images::{read_image, read_image_bytes};
+#[cfg(feature = "laz")]
+pub use las::copc;
 pub use load::{Loaded, load, load_bytes};
 pub use octree::{save_octree, write_octree};
 pub use ply::encoding::PlyEncoding;

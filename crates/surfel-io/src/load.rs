@@ -89,6 +89,16 @@ pub fn load_bytes(bytes: &[u8], hint: Option<Format>, name: &Path, options: &Loa
     run(|context| read_bytes(bytes, hint, name, context), name, Siblings::None, options)
 }
 
+/// Runs a reader of a file that refers to no other.
+#[cfg(feature = "laz")]
+pub(crate) fn run_plain(
+    read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
+    name: &Path,
+    options: &LoadOptions,
+) -> Result<Loaded, IoError> {
+    run(read, name, Siblings::None, options)
+}
+
 fn read_bytes(
     bytes: &[u8],
     hint: Option<Format>,

@@ -71,6 +71,9 @@ pub struct ConvertOptions {
     /// Points at exactly (0, 0, 0), and more than 16 in one place, count as well.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub all_points: bool,
+    /// All levels of a COPC file are drawn, not only those that the view needs.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
+    pub all_levels: bool,
     /// The file may refer to files outside of its own folder.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub allow_outside: bool,

@@ -8,7 +8,7 @@ use surfel::metadata;
 use surfel::model::SceneFile;
 use surfel::paths::is_stdin;
 use surfel::render::{Capabilities, SceneSummary, unsupported};
-use surfel::request::{RenderOptions, Request, Resolved, SceneSource, Source};
+use surfel::request::{Pictures, RenderOptions, Request, Resolved, SceneSource, Source};
 use surfel::scene::LoadedObjects;
 use surfel::{BackendScene, Camera, Error, Frame, Planes, Progress, Renderer, Scene, Stats, camera};
 
@@ -38,6 +38,8 @@ type Resident = ((&'static str, bool), Arc<BackendScene>);
 /// A scene, framed and lit.
 pub(crate) struct Prepared {
     options: RenderOptions,
+    /// The pictures whose views chose what was read of files, if they did.
+    read_for: Option<Arc<Pictures>>,
     pub(crate) resolved: Resolved,
     summary: SceneSummary,
     pub(crate) notes: Vec<String>,
@@ -51,6 +53,8 @@ pub(crate) struct Prepared {
 #[derive(Clone)]
 pub(crate) struct Job {
     pub(crate) options: RenderOptions,
+    /// All that are drawn of the scene together.
+    pub(crate) pictures: Arc<Pictures>,
     pub(crate) who: Who,
     pub(crate) planes: Planes,
 }
@@ -130,15 +134,17 @@ impl Input {
     pub(crate) fn prepare(
         &self,
         options: &RenderOptions,
-        camera: Option<&Camera>,
+        pictures: &Arc<Pictures>,
         threads: usize,
         progress: &dyn Progress,
     ) -> Result<Arc<Prepared>, Error> {
         let mut cache = lock(&self.cache);
-        if let Some(found) = cache.prepared.iter().find(|prepared| prepared.options == *options) {
+        let is_read_for = |known: &Arc<Pictures>| Arc::ptr_eq(known, pictures) || known == pictures;
+        let suits = |p: &&Arc<Prepared>| p.options == *options && p.read_for.as_ref().is_none_or(is_read_for);
+        if let Some(found) = cache.prepared.iter().find(suits) {
             return Ok(found.clone());
         }
-        let request = Request::new(self.source()?, camera.cloned(), options)?;
+        let request = Request::new(self.source()?, pictures, options)?;
         let key = format!("{:?} {:?}", request.objects(), request.load_options(None));
         let loaded = match &cache.loaded {
             Some((known, loaded)) if *known == key => loaded.clone(),
@@ -151,10 +157,13 @@ impl Input {
             }
         };
         let mut notes = Vec::new();
-        let resolved = Self::on_threads(threads, || request.resolve(loaded, &mut |note| notes.push(note)))??;
+        let read_for = loaded.facts.iter().any(|facts| facts.partial).then(|| pictures.clone());
+        let resolve = || request.resolve(loaded, progress, &mut |note| notes.push(note));
+        let resolved = Self::on_threads(threads, resolve)??;
         let summary = SceneSummary::of(&resolved.scene);
         let (resident, inputs) = (Mutex::default(), Mutex::default());
-        let prepared = Arc::new(Prepared { options: options.clone(), resolved, summary, notes, resident, inputs });
+        let options = options.clone();
+        let prepared = Arc::new(Prepared { options, read_for, resolved, summary, notes, resident, inputs });
         cache.prepared.truncate(KEPT);
         cache.prepared.insert(0, prepared.clone());
         Ok(prepared)
@@ -164,8 +173,7 @@ impl Input {
 /// Draws an image.
 pub(crate) fn draw(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Progress) -> Result<Drawn, Error> {
     let (options, threads) = (&job.options, job.who.options.threads);
-    let given = if let From::Camera(camera) = from { Some(camera) } else { None };
-    let prepared = input.prepare(options, given, threads, progress)?;
+    let prepared = input.prepare(options, &job.pictures, threads, progress)?;
     let Resolved { file, scene, .. } = &prepared.resolved;
     let (camera, moved) = match from {
         From::Options => (file.camera.clone(), None),

@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel::request::RenderOptions;
+use surfel::request::{Pictures, RenderOptions};
 use surfel::{BackendOptions, Camera, Error, Planes, camera};
 
 /// Flags by their names, as texts.
@@ -72,7 +72,7 @@ pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: boo
     if wanted == Planes::default() {
         return Err(errors::usage(py, "planes=[]: expected one at least, such as color or depth"));
     }
-    Ok(Job { options, who: Who { name, options: drawer }, planes: wanted })
+    Ok(Job { options, pictures: Arc::default(), who: Who { name, options: drawer }, planes: wanted })
 }
 
 /// Cameras of a file or folder, or of JSON's text.
@@ -114,13 +114,15 @@ impl NativeScene {
         planes: Vec<String>,
         camera: Option<String>,
     ) -> PyResult<NativeFrame> {
-        let job = job(py, &flags, &planes, camera.is_some(), false)?;
+        let mut job = job(py, &flags, &planes, camera.is_some(), false)?;
         let from = match camera {
             None => From::Options,
             Some(json) => {
                 let found = cameras((None, Some(json)), job.options.size).map_err(|error| errors::raise(py, &error))?;
-                let first = found.into_iter().next().map(|(_, camera)| From::Camera(camera));
-                first.ok_or_else(|| errors::usage(py, "K: holds no camera"))?
+                let first = found.into_iter().next().map(|(_, camera)| camera);
+                let camera = first.ok_or_else(|| errors::usage(py, "K: holds no camera"))?;
+                job.pictures = Arc::new(Pictures::Cameras(vec![camera.clone()]));
+                From::Camera(camera)
             }
         };
         let input = self.input.clone();
@@ -138,11 +140,16 @@ impl NativeScene {
         json: Option<String>,
         frames: Option<u32>,
     ) -> PyResult<NativeFrames> {
-        let job = job(py, &flags, &planes, frames.is_none(), frames.is_some())?;
+        let mut job = job(py, &flags, &planes, frames.is_none(), frames.is_some())?;
         let from = match frames {
-            Some(frames) => (0..frames).map(|index| (format!("{index:04}"), From::Turn(index, frames))).collect(),
+            Some(frames) => {
+                job.pictures = Arc::new(Pictures::Turn(frames));
+                (0..frames).map(|index| (format!("{index:04}"), From::Turn(index, frames))).collect()
+            }
             None => {
                 let found = cameras((path, json), job.options.size).map_err(|error| errors::raise(py, &error))?;
+                let all = found.iter().map(|(_, camera)| camera.clone()).collect();
+                job.pictures = Arc::new(Pictures::Cameras(all));
                 found.into_iter().map(|(name, camera)| (name, From::Camera(camera))).collect()
             }
         };
@@ -154,7 +161,8 @@ impl NativeScene {
         let job = job(py, &flags, &["color".to_owned()], false, false)?;
         let input = self.input.clone();
         let threads = job.who.options.threads;
-        let prepared = interrupt::run(py, move |progress| input.prepare(&job.options, None, threads, progress))?;
+        let prepared =
+            interrupt::run(py, move |progress| input.prepare(&job.options, &job.pictures, threads, progress))?;
         Ok(prepared.notes.iter().map(|note| errors::in_python(note)).collect())
     }
 }

@@ -25,7 +25,7 @@ mod view;
 pub use background::Background;
 pub use error::RenderError;
 pub use frame::{Frame, FramePlanes, Identity, Planes, PlanesMut};
-pub use lod::{Selection, select};
+pub use lod::{LevelNode, LevelSelection, Selection, select, select_levels};
 pub use plan::{
     Attributes, ChosenParts, FramePlan, Pass, SAMPLES_SIDE, SplatFilter, needs_interior_weight, plan, unsupported,
 };

@@ -1,7 +1,9 @@
-//! Which parts of an octree a view needs, as splats or as polygons (§6, after G06 §5.2).
+//! Which parts of an octree a view needs, as splats or as polygons (§6, after G06 §5.2), and which levels of points.
 
 use crate::View;
 use glam::{DAffine3, DVec3};
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
 use std::ops::Range;
 use surfel_math::basis::unit;
 use surfel_model::{Cull, Octree, OctreeNode};
@@ -61,11 +63,12 @@ pub fn select(octree: &Octree, world_from_object: &DAffine3, cull: Cull, view: &
     let mut open: Vec<u32> = vec![0];
     while let Some(i) = open.pop() {
         let Some(node) = nodes.get(i as usize) else { continue };
-        if !eye.sees(octree.center_of(node), node) {
+        let center = octree.center_of(node);
+        if !eye.sees(center, node.radius) || eye.sees_back_of(center, node) {
             continue;
         }
         // A node too small for a splat of its size has none.
-        let small = eye.size_px(octree.center_of(node), node) <= error_px;
+        let small = eye.size_px(center, node.radius, node.splat_radius) <= error_px;
         if small && !node.splats.is_empty() {
             selection.splats.push(node.splats.clone());
             cover(nodes, i, &mut drawn);
@@ -146,19 +149,22 @@ impl<'a> Eye<'a> {
         self.view.view_from_world * (self.world_from_object.transform_point3(p) - self.view.eye)
     }
 
-    /// False if no part of a node can show.
-    fn sees(&self, center: DVec3, node: &OctreeNode) -> bool {
-        let (p, radius) = (self.at(center), node.radius * self.scale);
+    /// False if no part of a sphere can show.
+    fn sees(&self, center: DVec3, radius: f64) -> bool {
+        let (p, radius) = (self.at(center), radius * self.scale);
         let projection = &self.view.projection;
         // A filter reaches a pixel or so past a splat's own extent.
         let margin = radius + 2.0 * self.pixel_size(p.z + radius);
         if p.z + radius < projection.near || p.z - radius > projection.far() {
             return false;
         }
-        if self.sides.iter().any(|(normal, distance)| normal.dot(p) - distance < -margin) {
-            return false;
-        }
-        !(self.cull == Cull::Back && self.conformal && self.faces_away(p, radius, node))
+        !self.sides.iter().any(|(normal, distance)| normal.dot(p) - distance < -margin)
+    }
+
+    /// True if a node is left out because all of it faces away.
+    fn sees_back_of(&self, center: DVec3, node: &OctreeNode) -> bool {
+        let (p, radius) = (self.at(center), node.radius * self.scale);
+        self.cull == Cull::Back && self.conformal && self.faces_away(p, radius, node)
     }
 
     /// True if every normal in the node's cone faces away from the eye at every point of its sphere.
@@ -181,12 +187,194 @@ impl<'a> Eye<'a> {
         if p.is_perspective() { z.max(p.near) / focal } else { 1.0 / focal }
     }
 
-    /// Pixels that a node's splats measure where the node is nearest.
-    fn size_px(&self, center: DVec3, node: &OctreeNode) -> f64 {
+    /// Pixels that a length measures where a sphere is nearest.
+    fn size_px(&self, center: DVec3, radius: f64, length: f64) -> f64 {
         let p = self.at(center);
         let focal = self.view.projection.focal_px[0].max(self.view.projection.focal_px[1]);
-        let nearest = (p.z - node.radius * self.scale).max(self.view.projection.near);
+        let nearest = (p.z - radius * self.scale).max(self.view.projection.near);
         let distance = if self.view.projection.is_perspective() { nearest } else { 1.0 };
-        node.splat_radius * self.scale * focal / distance
+        length * self.scale * focal / distance
+    }
+}
+
+/// A node of points that come in levels: those of a node and of all above it are its part of the cloud.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LevelNode {
+    /// Centre of a sphere around its points, object space.
+    pub center: DVec3,
+    /// The sphere's radius.
+    pub radius: f64,
+    /// Radius of splats that close its level, object units; half of that of the level above.
+    pub splat_radius: f64,
+    /// Its own points.
+    pub points: u64,
+    /// Its parts, as indices of nodes, all after it.
+    pub children: Range<u32>,
+}
+
+/// What is drawn of points that come in levels.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LevelSelection {
+    /// Nodes in ascending order; with each those above it.
+    pub nodes: Vec<u32>,
+    /// Their points.
+    pub points: u64,
+    /// The largest such radius, in pixels, where finer nodes are missing that are in sight.
+    pub error_px: f64,
+}
+
+/// How far outside of a view nodes are still drawn, in radii of the level above: so that the splats at its rim have
+/// their neighbours.
+const RIM: f64 = 4.0;
+
+/// Chooses the nodes that views need: the root, and of each node chosen whose splats are larger than `error_px`, where
+/// they are nearest, the parts in sight. What is largest comes first, until there are `most_points`; the root is always
+/// drawn.
+pub fn select_levels(
+    nodes: &[LevelNode],
+    world_from_object: &DAffine3,
+    views: &[View],
+    error_px: f64,
+    most_points: u64,
+) -> LevelSelection {
+    let eyes: Vec<Eye<'_>> = views.iter().map(|view| Eye::new(world_from_object, Cull::None, view)).collect();
+    // Pixels of the splats that are drawn where a node isn't; none where it is out of sight.
+    let without = |node: &LevelNode| {
+        let coarser = 2.0 * node.splat_radius;
+        let sizes = eyes.iter().filter(|eye| eye.sees(node.center, node.radius + RIM * coarser));
+        sizes.map(|eye| eye.size_px(node.center, node.radius, coarser)).fold(0.0, f64::max)
+    };
+    let mut selection = LevelSelection::default();
+    let mut open = BinaryHeap::from([Wanted { size_px: f64::INFINITY, node: 0 }]);
+    while let Some(Wanted { size_px, node: i }) = open.pop() {
+        let Some(node) = nodes.get(i as usize) else { continue };
+        if !selection.nodes.is_empty() && selection.points.saturating_add(node.points) > most_points {
+            selection.error_px = size_px;
+            break;
+        }
+        selection.nodes.push(i);
+        selection.points = selection.points.saturating_add(node.points);
+        for child in node.children.clone() {
+            let size_px = nodes.get(child as usize).map_or(0.0, without);
+            if size_px > error_px {
+                open.push(Wanted { size_px, node: child });
+            } else {
+                selection.error_px = selection.error_px.max(size_px);
+            }
+        }
+    }
+    selection.nodes.sort_unstable();
+    selection
+}
+
+/// A node that is to be chosen: the largest error first, then the first.
+struct Wanted {
+    size_px: f64,
+    node: u32,
+}
+
+impl Ord for Wanted {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.size_px.total_cmp(&other.size_px).then(other.node.cmp(&self.node))
+    }
+}
+
+impl PartialOrd for Wanted {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Wanted {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Wanted {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::Camera;
+
+    /// A square of 16 x 16 cells of the size 1 about the origin, four levels of nodes, 100 points each.
+    fn square() -> Vec<LevelNode> {
+        let mut nodes = Vec::new();
+        for level in 0..5_u32 {
+            let (cells, side) = (1_u32 << level, 16.0 / f64::from(1_u32 << level));
+            let first = nodes.len() as u32 + cells * cells;
+            for i in 0..cells * cells {
+                // In Morton order, as children must follow one another.
+                let bit = |k: u32, shift: u32| (i >> (2 * k + shift) & 1) << k;
+                let at = |shift| (0..level).map(|k| bit(k, shift)).sum::<u32>();
+                let middle = |c: u32| (f64::from(c) + 0.5) * side - 8.0;
+                let children = if level == 4 { 0..0 } else { first + 4 * i..first + 4 * i + 4 };
+                let center = DVec3::new(middle(at(0)), middle(at(1)), 0.0);
+                let splat_radius = side / 10.0;
+                nodes.push(LevelNode { center, radius: side * 0.75, splat_radius, points: 100, children });
+            }
+        }
+        nodes
+    }
+
+    fn from_above(height: f64, size: u32) -> View {
+        let camera = Camera::perspective([0.0, 0.0, height], [0.0; 3], 90.0, [size, size]).with_up([0.0, 1.0, 0.0]);
+        View::new(&camera).unwrap()
+    }
+
+    #[test]
+    fn nodes_chosen_are_a_tree_whose_splats_are_small_enough() {
+        let nodes = square();
+        for (height, size) in [(10.0, 100), (100.0, 100), (3.0, 400), (1000.0, 64)] {
+            let view = from_above(height, size);
+            let error_px = 2.0;
+            let found = select_levels(&nodes, &DAffine3::IDENTITY, std::slice::from_ref(&view), error_px, u64::MAX);
+            assert!(found.nodes.is_sorted() && found.nodes[0] == 0 && found.error_px <= error_px);
+            assert_eq!(found.points, 100 * found.nodes.len() as u64);
+            let chosen = |i: u32| found.nodes.binary_search(&i).is_ok();
+            let focal = f64::from(size) / 2.0;
+            for (i, node) in nodes.iter().enumerate() {
+                for child in node.children.clone() {
+                    let nearest = height - nodes[child as usize].radius;
+                    let size_px = node.splat_radius * focal / nearest.max(view.projection.near);
+                    let center = nodes[child as usize].center;
+                    let inside = center.x.abs().max(center.y.abs()) < height;
+                    if chosen(child) {
+                        assert!(chosen(i as u32) && size_px > error_px, "{child} at {height}");
+                    } else if inside && chosen(i as u32) {
+                        assert!(size_px <= error_px + 1e-9, "{child} at {height}: {size_px}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn budget_takes_the_coarsest_first_and_views_add_up() {
+        let nodes = square();
+        let (near, far) = (from_above(4.0, 800), from_above(40.0, 100));
+        let all = select_levels(&nodes, &DAffine3::IDENTITY, std::slice::from_ref(&near), 0.5, u64::MAX);
+        let mut last = 0;
+        for most in [0, 100, 500, 2000, 10_000] {
+            let some = select_levels(&nodes, &DAffine3::IDENTITY, std::slice::from_ref(&near), 0.5, most);
+            assert!(some.points <= most.max(100) && some.points >= last);
+            assert!(some.nodes.iter().all(|i| all.nodes.contains(i)));
+            assert!(some.points == all.points || some.error_px > 0.5);
+            last = some.points;
+        }
+        let both = select_levels(&nodes, &DAffine3::IDENTITY, &[near, far.clone()], 0.5, u64::MAX);
+        let other = select_levels(&nodes, &DAffine3::IDENTITY, &[far], 0.5, u64::MAX);
+        assert!(all.nodes.iter().chain(&other.nodes).all(|i| both.nodes.contains(i)));
+    }
+
+    #[test]
+    fn nodes_out_of_sight_are_left_out() {
+        let nodes = square();
+        let camera = Camera::perspective([6.0, 6.0, 1.0], [7.0, 7.0, 0.0], 40.0, [400, 400]).with_up([0.0, 0.0, 1.0]);
+        let view = View::new(&camera).unwrap();
+        let found = select_levels(&nodes, &DAffine3::IDENTITY, &[view], 1.0, u64::MAX);
+        let is_behind = |i: &u32| nodes[*i as usize].center.x < 0.0 && nodes[*i as usize].radius < 2.0;
+        assert!(found.nodes.len() > 20 && !found.nodes.iter().any(is_behind), "{found:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! From points and meshes to splats, as the options say, and what there is to tell about it.
 
 use crate::load::{Conversion, UnusedOption};
-use crate::{Error, LoadOptions, framing};
+use crate::{Error, LoadOptions, framing, levels};
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;
@@ -125,13 +125,25 @@ pub(crate) fn upright(cloud: SplatCloud, points: bool) -> (SplatCloud, Up) {
 /// Most points at the origin, and in any one place, that are taken for real ones.
 const COINCIDENT: usize = 16;
 
-/// The points that the options choose.
+/// The points that the options choose, without columns that only levels have a use for.
 pub(crate) fn chosen_points(
-    mut points: PointCloud,
+    points: PointCloud,
     path: &Path,
     options: &LoadOptions,
     notes: &mut Vec<String>,
 ) -> Result<PointCloud, Error> {
+    let (mut points, _) = chosen_points_of_levels(points, path, options, notes)?;
+    levels::Radii::take(&mut points);
+    Ok(points)
+}
+
+/// The points that the options choose, and whether they are evenly thinned.
+fn chosen_points_of_levels(
+    mut points: PointCloud,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+) -> Result<(PointCloud, bool), Error> {
     let keep = {
         let rows: (usize, &dyn Fn(usize) -> DVec3) = (points.len(), &|i| points.origin + points.positions.get(i));
         chosen(rows, &points.extras, (path, "points"), options, notes)?
@@ -151,7 +163,7 @@ pub(crate) fn chosen_points(
     if dropped > 0 {
         notes.push(format!("{} of {} points are left, evenly chosen", points.len(), points.len() + dropped));
     }
-    Ok(points)
+    Ok((points, dropped > 0 || options.every.is_some()))
 }
 
 /// Splats of points.
@@ -162,8 +174,20 @@ pub(crate) fn points(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
-    let points = chosen_points(points, path, options, notes)?;
-    splats_of_points(&points, None, path, options, notes, progress)
+    let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes)?;
+    let radii = levels::Radii::take(&mut points);
+    // Radii close the surface of all points only.
+    match radii.splats(&points, options.radius_scale).filter(|_| !is_thinned) {
+        Some(made) => {
+            let (cloud, report) = made?;
+            notes.push(format!(
+                "a point cloud: {} splats, normals and radii (median {:.4}) as the file has them",
+                report.splats, report.median_radius
+            ));
+            finished(cloud, report, path, options, notes, progress)
+        }
+        None => splats_of_points(&points, None, path, options, notes, progress),
+    }
 }
 
 /// Splats of points that are chosen, whose estimated normals point to `viewpoint`, if there is one.
@@ -184,6 +208,19 @@ pub(crate) fn splats_of_points(
     let made = surfel_sample::splats_from_points(points, &point_options, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
     notes.push(points_note(&report));
+    finished(cloud, report, path, options, notes, progress)
+}
+
+/// Splats of points, made to close their level, clipped and coloured as the options say.
+fn finished(
+    cloud: SplatCloud,
+    report: PointReport,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<(SplatCloud, Conversion), Error> {
+    let cloud = levels::close(cloud)?;
     let cloud = if options.sharp { sharpen(cloud, path, options, notes, progress)? } else { cloud };
     let cloud = match options.colors {
         PointColors::AsIs => cloud,

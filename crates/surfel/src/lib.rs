@@ -48,6 +48,7 @@ mod error;
 pub mod framing;
 pub mod info;
 pub mod labels;
+pub mod levels;
 mod load;
 pub mod metadata;
 mod octree;

@@ -2,6 +2,7 @@
 
 use crate::coloring::{self, ColorBy, Colored, Coloring};
 use crate::framing::UpReason;
+use crate::levels::{self, LevelReport, Levels};
 use crate::{Error, convert, labels};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -72,6 +73,8 @@ pub struct LoadOptions {
     pub every: Option<u32>,
     /// Points at exactly (0, 0, 0), where they are more than 16, count, and all of more than 16 in one place.
     pub all_points: bool,
+    /// What is read of a COPC file; `None`: all of it.
+    pub levels: Option<Levels>,
     /// The file may refer to files outside of its own folder.
     pub allow_outside: bool,
     /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
@@ -106,6 +109,7 @@ impl LoadOptions {
         with_condition condition: Option<String>,
         with_every every: Option<u32>,
         with_all_points all_points: bool,
+        with_levels levels: Option<Levels>,
         with_allow_outside allow_outside: bool,
         with_max_texture max_texture: Option<u32>,
         with_stdin stdin: Option<Arc<[u8]>>,
@@ -143,6 +147,9 @@ impl LoadOptions {
         self.condition = convert.condition.clone().or(self.condition);
         self.every = convert.every.or(self.every);
         self.all_points |= convert.all_points;
+        if convert.all_levels {
+            self.levels = None;
+        }
         self.allow_outside |= convert.allow_outside;
         self.max_texture = convert.max_texture.or(self.max_texture);
         self
@@ -187,6 +194,7 @@ impl Default for LoadOptions {
             condition: None,
             every: None,
             all_points: false,
+            levels: None,
             allow_outside: false,
             max_texture: None,
             stdin: None,
@@ -229,6 +237,8 @@ pub struct LoadedCloud {
     pub coloring: Option<Coloring>,
     /// The octree that the file holds; `cloud` is then its finest splats.
     pub octree: Option<Arc<Octree>>,
+    /// What was read of a COPC file, where that isn't all of it.
+    pub levels: Option<LevelReport>,
     /// What the user should know, as sentences without a full stop: what was dropped, assumed or estimated.
     pub notes: Vec<String>,
     /// Files beside it that it refers to, such as textures and buffers, whether they are there or not, sorted.
@@ -248,14 +258,19 @@ pub struct UnusedOption {
     pub expected: &'static str,
 }
 
-/// Reads a file, or what its name [`STDIN`] stands for.
-pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
-    let io_options = surfel_io::LoadOptions {
+/// The options that reading takes.
+pub(crate) fn io_options(options: &LoadOptions) -> surfel_io::LoadOptions {
+    surfel_io::LoadOptions {
         repair: options.repair,
         texture: options.texture.clone(),
         allow_outside: options.allow_outside,
         max_texture: options.max_texture,
-    };
+    }
+}
+
+/// Reads a file, or what its name [`STDIN`] stands for.
+pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
+    let io_options = io_options(options);
     Ok(match &options.stdin {
         Some(bytes) if path == Path::new(STDIN) => surfel_io::load_bytes(bytes, None, Path::new("stdin"), &io_options)?,
         _ => surfel_io::load(path, &io_options)?,
@@ -268,7 +283,11 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> 
 /// [`Error::Io`] if the file can't be read or is damaged, [`Error::Sample`] if no splats can be made of it,
 /// [`Error::Unsuitable`] if it holds no splat, or `options.sharp` is set and Cargo's feature `sharp` isn't.
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
-    splats_of(read(path, options)?, path, options, progress)
+    let (loaded, levels) = match levels::read(path, options)? {
+        Some((loaded, report)) => (loaded, Some(report).filter(|report| !report.is_whole())),
+        None => (read(path, options)?, None),
+    };
+    Ok(LoadedCloud { levels, ..splats_of(loaded, path, options, progress)? })
 }
 
 /// Makes splats of what was read.
@@ -359,6 +378,7 @@ pub(crate) fn splats_of(
         conversion,
         coloring,
         octree,
+        levels: None,
         notes,
         beside: loaded.beside,
         unused,

@@ -71,8 +71,10 @@ pub struct RenderOptions {
     pub shader: Option<Shader>,
     /// Image of a lit sphere for the shader matcap, which this chooses; `builtin` is one without a file.
     pub matcap: Option<PathBuf>,
-    /// Octrees: splats of at most this many pixels.
+    /// Octrees and COPC files: splats of at most this many pixels.
     pub lod_error: Option<f64>,
+    /// COPC files: all points, not only as many as the view needs.
+    pub all_levels: bool,
     /// Lights cast shadows.
     pub shadows: bool,
     /// How edges are antialiased.
@@ -268,6 +270,7 @@ impl RenderOptions {
             "shader" => self.shader = Some(values::shader(text)?),
             "matcap" => self.matcap = Some(file(text)?),
             "lod-error" => self.lod_error = Some(values::positive(text)?),
+            "all-levels" => self.all_levels = switch(text)?,
             "shadows" => self.shadows = switch(text)?,
             "edge-aa" => self.edge_aa = Some(values::edge_aa(text)?),
             "background" => self.background = Some(values::background(text)?),

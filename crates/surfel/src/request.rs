@@ -5,11 +5,12 @@ pub use crate::render_options::{RenderOptions, SplatOptions};
 
 use crate::framing::{self, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
+use crate::levels::Levels;
 use crate::paths::{self, absolute, display, is_stdin};
 use crate::scene::{
     AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_depth_tolerance, auto_scene,
     auto_transparency, auto_up, bare_object, is_scene_file, load_matcap, load_objects, parse_scene_file,
-    read_scene_file, studio_lights,
+    read_scene_file, refine_objects, studio_lights,
 };
 use crate::{Error, LoadOptions, camera, splats};
 use glam::DVec3;
@@ -17,7 +18,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_model::{Camera, Light, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings, Shader, Up};
-use surfel_render::Preset;
+use surfel_render::{Preset, View};
 use surfel_sample::Progress;
 
 /// What an image is of.
@@ -121,21 +122,53 @@ impl Resolved {
     }
 }
 
-/// An image that is asked for, its options applied, before anything is loaded.
+/// Which pictures are drawn of a scene. Of large files of levels ([`crate::levels`]) as much is read as all of them
+/// need.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Pictures {
+    /// One, from the scene's camera.
+    #[default]
+    One,
+    /// One from each of another program's cameras.
+    Cameras(Vec<Camera>),
+    /// So many of a turn about the scene.
+    Turn(u32),
+    /// Any, not known yet: all is read.
+    Any,
+}
+
+impl Pictures {
+    fn first_camera(&self) -> Option<&Camera> {
+        if let Self::Cameras(cameras) = self { cameras.first() } else { None }
+    }
+
+    /// The views of all pictures, by the scene's camera.
+    fn views(&self, camera: &Camera, turntable: &Turntable, options: &RenderOptions) -> Result<Vec<View>, Error> {
+        let turned = |i: u32, frames: u32| turntable.at(f64::from(i) / f64::from(frames), camera, &[]).0;
+        match self {
+            Self::Cameras(cameras) if !cameras.is_empty() => cameras.iter().map(|c| camera::view(c, options)).collect(),
+            Self::Turn(n @ 2..) => (0..*n).map(|i| camera::view(&turned(i, *n), options)).collect(),
+            _ => Ok(vec![camera::view(camera, options)?]),
+        }
+    }
+}
+
+/// Images that are asked for, their options applied, before anything is loaded.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), surfel::Error> {
-/// use surfel::request::{Request, Source};
+/// use surfel::request::{Pictures, Request, Source};
 /// let mut options = surfel::request::RenderOptions::default();
 /// options.set("view", "front").map_err(surfel::Error::Usage)?;
-/// let request = Request::new(Source::of(&["scan.ply".into()], None)?, None, &options)?;
+/// let request = Request::new(Source::of(&["scan.ply".into()], None)?, &Pictures::One, &options)?;
 /// let loaded = request.load(None, &surfel::NoProgress)?;
-/// let resolved = request.resolve(loaded, &mut |note| eprintln!("{note}"))?;
+/// let resolved = request.resolve(loaded, &surfel::NoProgress, &mut |note| eprintln!("{note}"))?;
 /// # Ok(())
 /// # }
 /// ```
 pub struct Request {
     options: RenderOptions,
+    pictures: Pictures,
     camera: Option<Camera>,
     settings: Settings,
     objects: Vec<ObjectFile>,
@@ -146,28 +179,34 @@ pub struct Request {
 }
 
 impl Request {
-    /// Applies options; `camera` is one of another program's.
+    /// Applies options.
     ///
     /// # Errors
     /// [`Error::Usage`] for options that contradict each other, [`Error::Unsuitable`] for numbers of a scene file that
     /// are out of range, [`Error::Io`] for a file of a camera that can't be read.
-    pub fn new(source: Source, camera: Option<Camera>, options: &RenderOptions) -> Result<Self, Error> {
+    pub fn new(source: Source, pictures: &Pictures, options: &RenderOptions) -> Result<Self, Error> {
         options.check()?;
-        let camera = camera.map_or_else(|| camera_file(options), |camera| Ok(Some(camera)))?;
+        let given = pictures.first_camera().cloned();
+        let camera = given.map_or_else(|| camera_file(options), |camera| Ok(Some(camera)))?;
         match source {
-            Source::Scene(scene) => Self::of_scene_file(*scene, camera, options),
+            Source::Scene(scene) => Self::of_scene_file(*scene, pictures, camera, options),
             Source::Geometry(inputs) => {
                 let preset = options.preset.unwrap_or_default();
                 let settings = settings(preset.apply(Settings::default().with_shader(Shader::Phong)), options);
                 let mut objects: Vec<ObjectFile> = inputs.iter().map(|path| bare_object(path)).collect();
-                objects.iter_mut().try_for_each(|object| splats::apply(&options.splats, &mut object.convert))?;
-                let (options, base) = (options.clone(), PathBuf::new());
-                Ok(Self { options, camera, settings, objects, base, scene: None })
+                objects.iter_mut().try_for_each(|object| apply(options, object))?;
+                let (options, pictures, base) = (options.clone(), pictures.clone(), PathBuf::new());
+                Ok(Self { options, pictures, camera, settings, objects, base, scene: None })
             }
         }
     }
 
-    fn of_scene_file(source: SceneSource, given: Option<Camera>, options: &RenderOptions) -> Result<Self, Error> {
+    fn of_scene_file(
+        source: SceneSource,
+        pictures: &Pictures,
+        given: Option<Camera>,
+        options: &RenderOptions,
+    ) -> Result<Self, Error> {
         let SceneSource { mut file, keys, name, base } = source;
         file.settings = settings(preset_under(options.preset, file.settings, &keys), options);
         if let Some(given) = &given {
@@ -181,11 +220,12 @@ impl Request {
         }
         for (i, object) in file.objects.iter_mut().enumerate() {
             object.world_from_object().map_err(out_of_range)?;
-            splats::apply(&options.splats, &mut object.convert)?;
+            apply(options, object)?;
             object.convert.validate(i).map_err(out_of_range)?;
         }
         let (settings, objects) = (file.settings, file.objects.clone());
-        Ok(Self { options: options.clone(), camera: given, settings, objects, base, scene: Some((file, name)) })
+        let (options, pictures, scene) = (options.clone(), pictures.clone(), Some((file, name)));
+        Ok(Self { options, pictures, camera: given, settings, objects, base, scene })
     }
 
     /// The objects, whose paths are relative to the scene file's folder.
@@ -193,7 +233,8 @@ impl Request {
         &self.objects
     }
 
-    /// How the objects are loaded; `stdin` is what the name `-` stands for.
+    /// How the objects are loaded, large files of levels as far as placing a camera takes it; `stdin` is what the name
+    /// `-` stands for.
     pub fn load_options(&self, stdin: Option<Arc<[u8]>>) -> LoadOptions {
         // The preset that an image is verified against antialiases edges.
         let options = LoadOptions::default().with_interior_weight(self.options.verify).for_settings(&self.settings);
@@ -201,7 +242,10 @@ impl Request {
         let label = self.options.label.clone().unwrap_or_else(|| DEFAULT_LABEL.to_owned());
         let options = options.with_label(self.options.wants_label().then_some(label));
         let options = options.with_rows(self.options.wants_rows());
-        options.with_stdin(stdin).with_up(self.options.up.flatten().or(up))
+        options
+            .with_stdin(stdin)
+            .with_up(self.options.up.flatten().or(up))
+            .with_levels((self.pictures != Pictures::Any).then_some(Levels::Overview))
     }
 
     /// Loads the objects.
@@ -212,130 +256,178 @@ impl Request {
         load_objects(&self.objects, &self.base, &self.load_options(stdin), progress)
     }
 
-    /// The scene of these objects, framed and lit where no scene file does. `note` is told what the user should know,
-    /// as sentences without a full stop.
+    /// The scene of these objects, framed and lit where no scene file does, with the levels of large files that its
+    /// pictures need. `note` is told what the user should know, as sentences without a full stop.
     ///
     /// # Errors
     /// [`Error::Usage`] for options that nothing has a use for or that make a camera that can't be, [`Error::Model`]
     /// and [`Error::Unsuitable`] for objects that can't be framed and numbers out of range, [`Error::Io`] for a matcap
-    /// that can't be read.
-    pub fn resolve(self, loaded: LoadedObjects, note: &mut dyn FnMut(String)) -> Result<Resolved, Error> {
-        for ObjectNote { path, text } in &loaded.notes {
-            note(format!("{}: {text}", display(path)));
+    /// that can't be read; as [`load_objects`].
+    pub fn resolve(
+        mut self,
+        loaded: LoadedObjects,
+        progress: &dyn Progress,
+        note: &mut dyn FnMut(String),
+    ) -> Result<Resolved, Error> {
+        if !is_partial(&loaded) {
+            tell(&loaded, &self.options, note)?;
         }
-        splats::check_used(&self.options.splats, &loaded.unused, note)?;
-        let colorings = loaded.colorings.iter().map(|(path, coloring)| (path.as_path(), coloring));
-        splats::write_color_bar(&self.options.splats, colorings, note)?;
-        let beside = loaded.beside.iter().map(|path| absolute(path)).collect::<Result<_, _>>()?;
-        let Self { options, camera, settings, objects, base, scene } = self;
-        match scene {
-            Some((file, name)) => scene_of_file(file, (&name, &base), loaded, beside, &options),
-            None => scene_of_geometry((settings, objects), camera, loaded, beside, &options, note),
+        match self.scene.take() {
+            Some(scene) => self.scene_of_file(scene, loaded, progress, note),
+            None => self.scene_of_geometry(loaded, progress, note),
         }
     }
+
+    /// Reads what the pictures need of files of levels.
+    fn refine(
+        &self,
+        mut loaded: LoadedObjects,
+        (file, turntable): (&SceneFile, &Turntable),
+        progress: &dyn Progress,
+        note: &mut dyn FnMut(String),
+    ) -> Result<LoadedObjects, Error> {
+        if is_partial(&loaded) {
+            let views = self.pictures.views(&file.camera, turntable, &self.options)?;
+            let seen = (&views[..], file.settings.lod_error_px);
+            refine_objects(&mut loaded, &self.objects, &self.base, &self.load_options(None), seen, progress)?;
+            tell(&loaded, &self.options, note)?;
+        }
+        Ok(loaded)
+    }
+
+    fn scene_of_file(
+        self,
+        (mut file, name): (SceneFile, PathBuf),
+        loaded: LoadedObjects,
+        progress: &dyn Progress,
+        note: &mut dyn FnMut(String),
+    ) -> Result<Resolved, Error> {
+        let options = &self.options;
+        if let Some(choice) = options.up {
+            file.up = choice.or(file.up);
+        }
+        if let Some(background) = options.background {
+            file.background = background;
+        }
+        if options.shadows {
+            // Nobody sees the shadows of the default headlight.
+            file.lights = file.lights.take().map(with_shadows);
+        }
+        let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
+        let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };
+        if let Some(framed) = camera::reframe(&file.camera, &objects_only, up, options) {
+            file.camera = framed;
+        }
+        file.camera.validate().map_err(|e| out_of_range(&name, &e))?;
+        camera::apply_flags(&mut file.camera, &objects_only, up, false, options);
+        cull(&mut file, options);
+        // A scene file's camera turns about what it looks at, about the scene's up axis or else its own.
+        let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
+        let turntable = Turntable { center: file.camera.target.into(), axis };
+        let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
+        let beside = beside(&loaded)?;
+        let in_file = |e: Error| Error::Unsuitable { path: name.clone(), problem: e.to_string() };
+        let mut scene = assemble(&file, loaded.objects).map_err(in_file)?;
+        absolute_paths(&mut file, &self.base)?;
+        scene.matcap = matcap(&mut file, options)?;
+        Ok(Resolved { file, scene, turntable, up, beside })
+    }
+
+    fn scene_of_geometry(
+        mut self,
+        loaded: LoadedObjects,
+        progress: &dyn Progress,
+        note: &mut dyn FnMut(String),
+    ) -> Result<Resolved, Error> {
+        let (mut settings, given_camera, objects) = (self.settings, self.camera.take(), self.objects.clone());
+        let options = &self.options;
+        let paths: Vec<&Path> = objects.iter().filter_map(|object| object.splats.as_deref()).collect();
+        if options.transparency.is_none()
+            && let Some((transparency, about)) = auto_transparency(&loaded, &paths)
+        {
+            settings.transparency = transparency;
+            note(format!("{}: {}", about.path.display(), about.text));
+        }
+        if options.depth_tolerance.is_none()
+            && let Some(tolerance) = auto_depth_tolerance(&loaded)
+        {
+            settings.depth_tolerance = tolerance;
+        }
+        let up = options.up.flatten().unwrap_or_else(|| note_up(&loaded, note));
+        let view = match options.view.unwrap_or_default() {
+            ViewChoice::Auto if given_camera.is_none() && options.eye.is_none() && options.target.is_none() => {
+                let angles = framing::best_view(&loaded.objects, up);
+                note(format!("seen from --view {angles} (azimuth and elevation, by what it shows)"));
+                ViewChoice::From(angles)
+            }
+            // Where options say the eye or the target, the other is that of the usual view.
+            ViewChoice::Auto => ViewChoice::Named(NamedView::Iso),
+            given => given,
+        };
+        let own_near = given_camera.is_none();
+        let auto = AutoOptions::default()
+            .with_up(Some(up))
+            .with_view(view)
+            .with_projection(camera::projection(options))
+            .with_size(options.size.unwrap_or(DEFAULT_SIZE))
+            .with_camera(given_camera)
+            .with_background(options.background)
+            .with_settings(settings)
+            .with_turning(options.turntable);
+        let mut file = auto_scene(objects, &loaded, &auto)?;
+        let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };
+        let center = framing::scene_center(&objects_only).unwrap_or_default();
+        if options.eye.is_some() && options.target.is_none() && own_near {
+            file.camera.target = center.into();
+        }
+        camera::apply_flags(&mut file.camera, &objects_only, up, own_near, options);
+        camera::view(&file.camera, options)?;
+        // The lights belong to the camera, wherever the options have put it.
+        let lights = studio_lights(&file.camera);
+        file.lights = match (options.cameras, options.shadows) {
+            // One for all cameras, so that the scene stays as it is: the light along the view.
+            (true, _) => None,
+            (false, true) => Some(with_shadows(lights)),
+            (false, false) => Some(lights),
+        };
+        cull(&mut file, options);
+        let turntable = Turntable { center, axis: up.vector() };
+        let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
+        let beside = beside(&loaded)?;
+        let mut scene = assemble(&file, loaded.objects)?;
+        absolute_paths(&mut file, Path::new(""))?;
+        scene.matcap = matcap(&mut file, options)?;
+        Ok(Resolved { file, scene, turntable, up, beside })
+    }
+}
+
+/// What the options say on how an object's file becomes splats.
+fn apply(options: &RenderOptions, object: &mut ObjectFile) -> Result<(), Error> {
+    splats::apply(&options.splats, &mut object.convert)?;
+    object.convert.all_levels |= options.all_levels;
+    Ok(())
+}
+
+fn is_partial(loaded: &LoadedObjects) -> bool {
+    loaded.facts.iter().any(|facts| facts.partial)
+}
+
+/// Says what was found in files.
+fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(String)) -> Result<(), Error> {
+    for ObjectNote { path, text } in &loaded.notes {
+        note(format!("{}: {text}", display(path)));
+    }
+    splats::check_used(&options.splats, &loaded.unused, note)?;
+    let colorings = loaded.colorings.iter().map(|(path, coloring)| (path.as_path(), coloring));
+    splats::write_color_bar(&options.splats, colorings, note)
+}
+
+fn beside(loaded: &LoadedObjects) -> Result<BTreeSet<PathBuf>, Error> {
+    loaded.beside.iter().map(|path| absolute(path)).collect()
 }
 
 fn out_of_range(name: &Path, e: &ModelError) -> Error {
     Error::Unsuitable { path: name.to_path_buf(), problem: e.to_string() }
-}
-
-fn scene_of_file(
-    mut file: SceneFile,
-    (name, base): (&Path, &Path),
-    loaded: LoadedObjects,
-    beside: BTreeSet<PathBuf>,
-    options: &RenderOptions,
-) -> Result<Resolved, Error> {
-    if let Some(choice) = options.up {
-        file.up = choice.or(file.up);
-    }
-    if let Some(background) = options.background {
-        file.background = background;
-    }
-    if options.shadows {
-        // Nobody sees the shadows of the default headlight.
-        file.lights = file.lights.take().map(with_shadows);
-    }
-    let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
-    let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };
-    if let Some(framed) = camera::reframe(&file.camera, &objects_only, up, options) {
-        file.camera = framed;
-    }
-    file.camera.validate().map_err(|e| out_of_range(name, &e))?;
-    camera::apply_flags(&mut file.camera, &objects_only, up, false, options);
-    cull(&mut file, options);
-    let in_file = |e: Error| Error::Unsuitable { path: name.to_path_buf(), problem: e.to_string() };
-    let mut scene = assemble(&file, loaded.objects).map_err(in_file)?;
-    absolute_paths(&mut file, base)?;
-    scene.matcap = matcap(&mut file, options)?;
-    // A scene file's camera turns about what it looks at, about the scene's up axis or else its own.
-    let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
-    let turntable = Turntable { center: file.camera.target.into(), axis };
-    Ok(Resolved { file, scene, turntable, up, beside })
-}
-
-fn scene_of_geometry(
-    (mut settings, objects): (Settings, Vec<ObjectFile>),
-    given_camera: Option<Camera>,
-    loaded: LoadedObjects,
-    beside: BTreeSet<PathBuf>,
-    options: &RenderOptions,
-    note: &mut dyn FnMut(String),
-) -> Result<Resolved, Error> {
-    let paths: Vec<&Path> = objects.iter().filter_map(|object| object.splats.as_deref()).collect();
-    if options.transparency.is_none()
-        && let Some((transparency, about)) = auto_transparency(&loaded, &paths)
-    {
-        settings.transparency = transparency;
-        note(format!("{}: {}", about.path.display(), about.text));
-    }
-    if options.depth_tolerance.is_none()
-        && let Some(tolerance) = auto_depth_tolerance(&loaded)
-    {
-        settings.depth_tolerance = tolerance;
-    }
-    let up = options.up.flatten().unwrap_or_else(|| note_up(&loaded, note));
-    let view = match options.view.unwrap_or_default() {
-        ViewChoice::Auto if given_camera.is_none() && options.eye.is_none() && options.target.is_none() => {
-            let angles = framing::best_view(&loaded.objects, up);
-            note(format!("seen from --view {angles} (azimuth and elevation, by what it shows)"));
-            ViewChoice::From(angles)
-        }
-        // Where options say the eye or the target, the other is that of the usual view.
-        ViewChoice::Auto => ViewChoice::Named(NamedView::Iso),
-        given => given,
-    };
-    let own_near = given_camera.is_none();
-    let auto = AutoOptions::default()
-        .with_up(Some(up))
-        .with_view(view)
-        .with_projection(camera::projection(options))
-        .with_size(options.size.unwrap_or(DEFAULT_SIZE))
-        .with_camera(given_camera)
-        .with_background(options.background)
-        .with_settings(settings)
-        .with_turning(options.turntable);
-    let mut file = auto_scene(objects, &loaded, &auto)?;
-    let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };
-    let center = framing::scene_center(&objects_only).unwrap_or_default();
-    if options.eye.is_some() && options.target.is_none() && own_near {
-        file.camera.target = center.into();
-    }
-    camera::apply_flags(&mut file.camera, &objects_only, up, own_near, options);
-    camera::view(&file.camera, options)?;
-    // The lights belong to the camera, wherever the options have put it.
-    let lights = studio_lights(&file.camera);
-    file.lights = match (options.cameras, options.shadows) {
-        // One for all cameras, so that the scene stays as it is: the light along the view.
-        (true, _) => None,
-        (false, true) => Some(with_shadows(lights)),
-        (false, false) => Some(lights),
-    };
-    cull(&mut file, options);
-    let mut scene = assemble(&file, loaded.objects)?;
-    absolute_paths(&mut file, Path::new(""))?;
-    scene.matcap = matcap(&mut file, options)?;
-    Ok(Resolved { file, scene, turntable: Turntable { center, axis: up.vector() }, up, beside })
 }
 
 /// The up axis that the files or their shape say, and what to do if it is wrong.

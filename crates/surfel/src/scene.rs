@@ -8,6 +8,7 @@ pub use crate::load::{STDIN, UnusedOption, up_reason};
 
 use crate::coloring::Coloring;
 use crate::framing::UpReason;
+use crate::levels::Levels;
 use crate::load::{LoadedMesh, load_mesh};
 use crate::{Conversion, Error, LoadOptions, LoadedCloud, load};
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,6 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::IoError;
 use surfel_model::{Geometry, Matcap, Object, ObjectFile, Scene, SceneFile, Shader, Up};
+use surfel_render::View;
 use surfel_sample::Progress;
 
 /// Largest scene file that is read, in bytes: far above any real one.
@@ -63,6 +65,8 @@ pub struct ObjectFacts {
     pub closed: bool,
     /// Where its splats overlap they hardly stand apart: they were made of a mesh of flat parts, or clipped by `sharp`.
     pub flat: bool,
+    /// Of its file, coarse levels were read only ([`refine_objects`]).
+    pub partial: bool,
     /// Some of its splats are transparent, and none is a Gaussian: what one of those hides is a matter of how many
     /// there are.
     pub transparent: bool,
@@ -77,6 +81,7 @@ impl Default for ObjectFacts {
             colored: false,
             closed: false,
             flat: false,
+            partial: false,
             transparent: false,
         }
     }
@@ -165,6 +170,7 @@ pub fn load_objects(
                         conversion,
                         coloring,
                         octree,
+                        levels,
                         notes,
                         beside,
                         unused,
@@ -183,8 +189,9 @@ pub fn load_objects(
                         Geometry::Splats(cloud) => cloud.data().comments.iter().any(|c| c == surfel_sample::FLAT_PARTS),
                         _ => false,
                     };
+                    let partial = levels.is_some();
                     let facts =
-                        ObjectFacts { up, up_reason, points, closed, flat, transparent, ..ObjectFacts::default() };
+                        ObjectFacts { up, up_reason, points, closed, flat, partial, transparent, colored: false };
                     (Known { geometry, facts, unused }, notes)
                 };
                 loaded.notes.extend(notes.into_iter().map(|text| ObjectNote { path: path.clone(), text }));
@@ -217,6 +224,38 @@ pub fn load_objects(
     let useless = useless.into_values().filter(|(times, _)| *times == converted);
     loaded.unused.extend(useless.map(|(_, first)| first));
     Ok(loaded)
+}
+
+/// Reads what views need of the objects whose files were read in part, [`Levels::Overview`]: `views` are those of one
+/// picture, or of all pictures of a film, so that nothing changes between them.
+///
+/// # Errors
+/// As [`load_objects`].
+pub fn refine_objects(
+    loaded: &mut LoadedObjects,
+    objects: &[ObjectFile],
+    base_dir: &Path,
+    options: &LoadOptions,
+    (views, error_px): (&[View], f64),
+    progress: &dyn Progress,
+) -> Result<(), Error> {
+    let named = objects.iter().filter(|o| o.splats.is_some() || o.mesh.is_some());
+    let partial: Vec<(usize, &ObjectFile)> =
+        named.enumerate().filter(|(i, _)| loaded.facts.get(*i).is_some_and(|f| f.partial)).collect();
+    for (i, object) in partial {
+        let levels = Levels::Views { views: views.into(), world_from_object: object.world_from_object()?, error_px };
+        let options = options.clone().with_levels(Some(levels));
+        let mut finer = load_objects(std::slice::from_ref(object), base_dir, &options, progress)?;
+        let (Some(new), Some(facts)) = (finer.objects.pop(), finer.facts.pop()) else { continue };
+        loaded.objects[i].geometry = new.geometry;
+        loaded.facts[i] = ObjectFacts { partial: false, ..facts };
+        let same = |path: &Path| finer.notes.iter().any(|note| note.path == path);
+        loaded.notes.retain(|note| !same(&note.path));
+        loaded.notes.append(&mut finer.notes);
+        loaded.colorings.retain(|(path, _)| !finer.colorings.iter().any(|(new, _)| new == path));
+        loaded.colorings.append(&mut finer.colorings);
+    }
+    Ok(())
 }
 
 /// The matcap that a scene file names, if its settings draw with one. Its path is relative to `base_dir`.

@@ -2,8 +2,7 @@
 //! there are, how long their layers are, how many points come out) is checked here first.
 
 use super::header::Header;
-use super::records::Columns;
-use super::{field, unreadable};
+use super::{Sink, field, unreadable};
 use crate::error::{Location, Problem};
 use crate::survey::Source;
 use ::laz::laszip::{ChunkTable, ChunkTableEntry};
@@ -27,7 +26,28 @@ struct Chunk {
     points: u64,
 }
 
-pub(super) fn read(source: &mut dyn Source, header: &mut Header, file_bytes: u64) -> Result<Columns, Problem> {
+/// Hands all points to `sink`.
+pub(super) fn read(
+    source: &mut dyn Source,
+    header: &mut Header,
+    file_bytes: u64,
+    sink: &mut dyn Sink,
+) -> Result<(), Problem> {
+    let (vlr, kind) = checked_vlr(header)?;
+    let layered = is_layered(&vlr);
+    match (kind, layered) {
+        (1, false) => read_in_one_piece(source, header, vlr, file_bytes, sink),
+        (2, false) | (3, true) => read_chunks(source, header, &vlr, file_bytes, layered, sink),
+        _ => Err(Problem::new(format!("is compressed in a way that is not known (LASzip's compressor {kind})"))),
+    }
+}
+
+fn is_layered(vlr: &LazVlr) -> bool {
+    vlr.items().iter().any(|item| matches!(item.version(), 3 | 4))
+}
+
+/// The record of LASzip, which fits the header, and its kind of compressor.
+pub(super) fn checked_vlr(header: &mut Header) -> Result<(LazVlr, u16), Problem> {
     let Some(mut record) = header.laszip.take() else {
         return Err(Problem::new("says that its points are compressed, and lacks the record of LASzip that says how"));
     };
@@ -42,12 +62,7 @@ pub(super) fn read(source: &mut dyn Source, header: &mut Header, file_bytes: u64
     }
     let vlr = LazVlr::from_buffer(&record).map_err(|e| damaged(&e))?;
     check_items(&vlr, header)?;
-    let layered = vlr.items().iter().any(|item| matches!(item.version(), 3 | 4));
-    match (kind, layered) {
-        (1, false) => read_in_one_piece(source, header, vlr, file_bytes),
-        (2, false) | (3, true) => read_chunks(source, header, &vlr, file_bytes, layered),
-        _ => Err(Problem::new(format!("is compressed in a way that is not known (LASzip's compressor {kind})"))),
-    }
+    Ok((vlr, kind))
 }
 
 /// Checks that what is decoded are points of the header's format.
@@ -67,7 +82,7 @@ fn check_items(vlr: &LazVlr, header: &Header) -> Result<(), Problem> {
     Err(Problem::new(what).help("the file is damaged, or by a program that adds to the standard"))
 }
 
-fn check_size(header: &Header, points: u64, file_bytes: u64) -> Result<(), Problem> {
+pub(super) fn check_size(header: &Header, points: u64, file_bytes: u64) -> Result<(), Problem> {
     let decoded = u128::from(points) * header.record_bytes as u128;
     if decoded > u128::from(MAX_DECODED.0) + u128::from(MAX_DECODED.1) * u128::from(file_bytes) {
         let what = format!("says that its {file_bytes} bytes hold {points} points");
@@ -82,9 +97,10 @@ fn read_in_one_piece(
     header: &mut Header,
     vlr: LazVlr,
     file_bytes: u64,
-) -> Result<Columns, Problem> {
+    sink: &mut dyn Sink,
+) -> Result<(), Problem> {
     check_size(header, header.count, file_bytes)?;
-    let mut columns = Columns::new(header, header.count as usize);
+    sink.start(header, header.count as usize);
     source.seek(SeekFrom::Start(header.start)).map_err(unreadable)?;
     let mut decoder = LasZipDecompressor::new(BufReader::new(source), vlr).map_err(|e| damaged(&e))?;
     let (mut left, mut bytes) = (header.count as usize, Vec::new());
@@ -92,10 +108,10 @@ fn read_in_one_piece(
         let now = left.min(super::BLOCK_BYTES / header.record_bytes + 1);
         bytes.resize(now * header.record_bytes, 0);
         decoder.decompress_many(&mut bytes).map_err(unreadable)?;
-        columns.append(&mut bytes);
+        sink.append(&mut bytes)?;
         left -= now;
     }
-    Ok(columns)
+    Ok(())
 }
 
 /// Where the table of chunks is. It ends the points.
@@ -171,7 +187,8 @@ fn read_chunks(
     vlr: &LazVlr,
     file_bytes: u64,
     layered: bool,
-) -> Result<Columns, Problem> {
+    sink: &mut dyn Sink,
+) -> Result<(), Problem> {
     let place = table_place(source, header, file_bytes)?;
     let mut chunks = read_table(source, header, vlr, place, file_bytes)?;
     let size = header.record_bytes;
@@ -205,7 +222,8 @@ fn read_chunks(
     }
     chunks.retain(|chunk| chunk.points > 0);
     check_size(header, header.count, file_bytes)?;
-    let mut columns = Columns::new(header, header.count as usize);
+    sink.start(header, header.count as usize);
+    let mut done = 0;
     let (mut packed, mut bytes) = (Vec::new(), Vec::new());
     let mut chunks = chunks.as_slice();
     while !chunks.is_empty() {
@@ -225,17 +243,17 @@ fn read_chunks(
         source.read_exact(&mut packed).map_err(unreadable)?;
         bytes.clear();
         bytes.resize(points as usize * size, 0);
-        let entry = |c: &Chunk| ChunkTableEntry { point_count: c.points, byte_count: c.bytes };
-        let entries: Vec<ChunkTableEntry> = now.iter().map(entry).collect();
-        ::laz::laszip::parallel::par_decompress(&packed, &mut bytes, vlr, &entries).map_err(|e| {
-            let what = format!("is damaged among points {} to {}: {e}", columns.len(), columns.len() as u64 + points);
+        let entries: Vec<(u64, u64)> = now.iter().map(|c| (c.points, c.bytes)).collect();
+        decode(&packed, &mut bytes, vlr, &entries).map_err(|e| {
+            let what = format!("is damaged among points {done} to {}: {e}", done + points);
             Problem::new(what).at(Location::Byte(start as usize)).help("the file is damaged: copy it again")
         })?;
-        columns.append(&mut bytes);
+        sink.append(&mut bytes)?;
+        done += points;
         start += packed_bytes;
         chunks = rest;
     }
-    Ok(columns)
+    Ok(())
 }
 
 /// Checks that the layers of a chunk are within it, and returns its number of points.
@@ -264,4 +282,22 @@ fn check_layers(source: &mut dyn Source, at: u64, bytes: u64, vlr: &LazVlr, size
         return Err(problem());
     }
     Ok(points)
+}
+
+/// Checks that a chunk's layers are within it, and returns its number of points if it says so itself.
+pub(super) fn chunk_points(
+    source: &mut dyn Source,
+    at: u64,
+    bytes: u64,
+    vlr: &LazVlr,
+    size: usize,
+) -> Result<Option<u64>, Problem> {
+    if is_layered(vlr) { check_layers(source, at, bytes, vlr, size).map(Some) } else { Ok(None) }
+}
+
+/// Decodes chunks, given by their points and bytes.
+pub(super) fn decode(packed: &[u8], points: &mut [u8], vlr: &LazVlr, chunks: &[(u64, u64)]) -> Result<(), LasZipError> {
+    let entry = |c: &(u64, u64)| ChunkTableEntry { point_count: c.0, byte_count: c.1 };
+    let entries: Vec<ChunkTableEntry> = chunks.iter().map(entry).collect();
+    ::laz::laszip::parallel::par_decompress(packed, points, vlr, &entries)
 }

@@ -4,6 +4,8 @@
 //! The file is read in blocks, never by its header's counts alone, and isn't held in memory. Compressed chunks are
 //! decoded by the crate `laz`, as many at a time as there are threads.
 
+#[cfg(feature = "laz")]
+pub mod copc;
 mod header;
 #[cfg(feature = "laz")]
 mod laz;
@@ -33,24 +35,67 @@ fn unreadable(error: io::Error) -> Problem {
     Problem::new(format!("can't be read to its end: {error}")).help("the file is cut off, or the disk fails")
 }
 
+/// What points go to, block by block.
+trait Sink {
+    /// Says how many points there will be.
+    fn start(&mut self, header: &Header, count: usize);
+    /// Takes whole records.
+    fn append(&mut self, records: &mut [u8]) -> Result<(), Problem>;
+}
+
+impl Sink for Option<Columns> {
+    fn start(&mut self, header: &Header, count: usize) {
+        *self = Some(Columns::new(header, count));
+    }
+
+    fn append(&mut self, records: &mut [u8]) -> Result<(), Problem> {
+        if let Some(columns) = self {
+            columns.append(records);
+        }
+        Ok(())
+    }
+}
+
+/// Hands all points of a file to `sink`.
+fn read_records(
+    source: &mut dyn Source,
+    header: &mut Header,
+    file_bytes: u64,
+    sink: &mut dyn Sink,
+) -> Result<(), Problem> {
+    if !header.compressed {
+        return read_plain(source, header, sink);
+    }
+    #[cfg(feature = "laz")]
+    {
+        // The crate counts on sound streams: where it is built with checks of overflow, damaged ones make it panic.
+        let read = AssertUnwindSafe(|| laz::read(source, header, file_bytes, sink));
+        catch_unwind(read).unwrap_or_else(|_| {
+            let problem = Problem::new("is damaged: its compressed points make no sense");
+            Err(problem.help("copy the file again"))
+        })
+    }
+    #[cfg(not(feature = "laz"))]
+    Err(Problem::not_built("LAZ", "laz"))
+}
+
 pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Context<'_>) -> Result<Content, Fault> {
     let file_bytes = source.seek(SeekFrom::End(0)).map_err(unreadable)?;
     let mut header = Header::read(source, file_bytes)?;
-    let columns = if header.compressed {
-        #[cfg(feature = "laz")]
-        {
-            // The crate counts on sound streams: where it is built with checks of overflow, damaged ones make it panic.
-            let read = AssertUnwindSafe(|| laz::read(source, &mut header, file_bytes));
-            catch_unwind(read).unwrap_or_else(|_| {
-                let problem = Problem::new("is damaged: its compressed points make no sense");
-                Err(problem.help("copy the file again"))
-            })?
-        }
-        #[cfg(not(feature = "laz"))]
-        return Err(Problem::not_built("LAZ", "laz").into());
-    } else {
-        read_plain(source, &mut header)?
-    };
+    let mut columns = None;
+    read_records(source, &mut header, file_bytes, &mut columns)?;
+    finish(columns, header, format, None, context)
+}
+
+/// The points read, and what there is to tell of them; `of` is how many the file has, where they are not all.
+fn finish(
+    columns: Option<Columns>,
+    mut header: Header,
+    format: Format,
+    of: Option<u64>,
+    context: &mut Context<'_>,
+) -> Result<Content, Fault> {
+    let columns = columns.unwrap_or_else(|| Columns::new(&header, 0));
     if columns.len() == 0 {
         let what = match columns.withheld {
             0 => "holds no point".to_owned(),
@@ -86,9 +131,10 @@ pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Contex
     };
     let colors = if points.colors.is_some() { "" } else { ", no colours" };
     context.note(format!(
-        "{version} of point format {}{by}: {} points, {}, {}{colors}",
+        "{version} of point format {}{by}: {}{} points, {}, {}{colors}",
         header.format,
         points.len(),
+        of.map_or_else(String::new, |all| format!(" of {all}")),
         extent_words(extent),
         header.crs.words(),
     ));
@@ -97,7 +143,7 @@ pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Contex
 }
 
 /// Points as they are, in blocks.
-fn read_plain(source: &mut dyn Source, header: &mut Header) -> Result<Columns, Problem> {
+fn read_plain(source: &mut dyn Source, header: &mut Header, sink: &mut dyn Sink) -> Result<(), Problem> {
     let size = header.record_bytes;
     let there = (header.end - header.start) / size as u64;
     let said = header.count;
@@ -110,7 +156,7 @@ fn read_plain(source: &mut dyn Source, header: &mut Header) -> Result<Columns, P
     } else if there > said + said / 1000 + 1000 {
         header.notes.push(format!("the header says {said} points: left out what follows, room for {}", there - said));
     }
-    let mut columns = Columns::new(header, count as usize);
+    sink.start(header, count as usize);
     source.seek(SeekFrom::Start(header.start)).map_err(unreadable)?;
     let block = (BLOCK_BYTES / size).max(1);
     let (mut left, mut bytes) = (count as usize, Vec::new());
@@ -118,8 +164,8 @@ fn read_plain(source: &mut dyn Source, header: &mut Header) -> Result<Columns, P
         let now = left.min(block);
         bytes.resize(now * size, 0);
         source.read_exact(&mut bytes).map_err(unreadable)?;
-        columns.append(&mut bytes);
+        sink.append(&mut bytes)?;
         left -= now;
     }
-    Ok(columns)
+    Ok(())
 }

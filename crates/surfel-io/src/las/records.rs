@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use surfel_model::{Column3, ExtraColumn, PointCloud};
 
 /// A column that blocks of records are appended to.
-trait Sink: Send {
+trait Gather: Send {
     fn append(&mut self, records: &[u8], record_bytes: usize, expected: usize);
     fn finish(self: Box<Self>) -> Option<ExtraColumn>;
 }
@@ -21,7 +21,7 @@ struct Field<T, F> {
     read: F,
 }
 
-impl<T: Scalar, F: Fn(&[u8]) -> T + Send> Sink for Field<T, F> {
+impl<T: Scalar, F: Fn(&[u8]) -> T + Send> Gather for Field<T, F> {
     fn append(&mut self, records: &[u8], record_bytes: usize, expected: usize) {
         let values = records.chunks_exact(record_bytes).map(&self.read);
         self.column.append(records.len() / record_bytes, expected, values);
@@ -44,7 +44,7 @@ pub(super) struct Columns {
     grid: Vec<[i32; 3]>,
     /// Where in a record the colours are.
     colors: Option<(usize, WideColors)>,
-    extras: Vec<Box<dyn Sink>>,
+    extras: Vec<Box<dyn Gather>>,
 }
 
 impl Columns {
@@ -184,7 +184,7 @@ impl Columns {
             }
             colors
         });
-        let mut extras: Vec<ExtraColumn> = self.extras.into_iter().filter_map(Sink::finish).collect();
+        let mut extras: Vec<ExtraColumn> = self.extras.into_iter().filter_map(Gather::finish).collect();
         let normals = take_normals(&mut extras);
         let rows = self.rows.finish();
         PointCloud { origin, positions, normals, colors, rows, extras, ..PointCloud::default() }
@@ -192,7 +192,7 @@ impl Columns {
 }
 
 /// The value of a type of the standard's extra bytes.
-fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
+pub(super) fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
     match kind {
         1 => |r| r[0].into(),
         2 => |r| (r[0] as i8).into(),
@@ -209,7 +209,7 @@ fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
 
 /// Points on the grid i·scale + offset as positions relative to an origin, in the memory of the grid's numbers. What
 /// f32 rounds away is kept where it matters: where it is more than a quarter of a step, so that the step isn't certain.
-fn on_grid(grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec3, Column3) {
+pub(super) fn on_grid(grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec3, Column3) {
     let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
     for p in &grid {
         for k in 0..3 {

@@ -62,6 +62,7 @@ class _Render(_Splats, total=False):
     shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
     matcap: _Path
     lod_error: float
+    all_levels: bool
     shadows: bool
     edge_aa: bool | Literal["on", "off", "samples"]
     background: _Numbers | Literal["transparent"]

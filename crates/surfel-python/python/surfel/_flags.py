@@ -13,7 +13,7 @@ SPLATS = frozenset(
 )
 RENDER = SPLATS | frozenset(
     "size camera view eye target camera_up up region fov_y ortho preset filter mapping cutoff prefilter"
-    " depth_tolerance accumulate transparency clip shader matcap lod_error shadows edge_aa background samples label backend"
+    " depth_tolerance accumulate transparency clip shader matcap lod_error all_levels shadows edge_aa background samples label backend"
     " adapter storage threads".split()
 )
 PLANES = ("color", "depth", "normal", "weight")

@@ -1,0 +1,128 @@
+//! Points by levels: written as COPC, and drawn as far as a view needs them.
+
+mod common;
+
+use common::Folder;
+
+/// A LAS file of format 7: a hilly sheet of `side`² coloured points 0.1 apart, jittered, in millimetres.
+fn las(side: u32) -> Vec<u8> {
+    let mut bytes = vec![0; 375];
+    bytes[..4].copy_from_slice(b"LASF");
+    bytes[24..26].copy_from_slice(&[1, 4]);
+    bytes[94..96].copy_from_slice(&375_u16.to_le_bytes());
+    bytes[96..100].copy_from_slice(&375_u32.to_le_bytes());
+    bytes[104] = 7;
+    bytes[105..107].copy_from_slice(&36_u16.to_le_bytes());
+    let extent = f64::from(side) * 0.1;
+    for (k, offset) in [600_000.0, 5_000_000.0, 100.0].into_iter().enumerate() {
+        let mut put = |at: usize, v: f64| bytes[at + 8 * k..at + 8 * k + 8].copy_from_slice(&v.to_le_bytes());
+        put(131, 0.001);
+        put(155, offset);
+        put(179 + 8 * k, offset + if k == 2 { 10.0 } else { extent });
+        put(187 + 8 * k, offset - if k == 2 { 10.0 } else { 0.0 });
+    }
+    bytes[247..255].copy_from_slice(&u64::from(side * side).to_le_bytes());
+    let mut random = 1_u64;
+    let mut jitter = || {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (random >> 40) as f64 / f64::from(1 << 24) * 0.05
+    };
+    for i in 0..side * side {
+        let (x, y) = (f64::from(i % side) * 0.1 + jitter(), f64::from(i / side) * 0.1 + jitter());
+        let z = 3.0 * (x * 0.2).sin() * (y * 0.17).cos();
+        [x, y, z].iter().for_each(|v| bytes.extend_from_slice(&((v * 1000.0).round() as i32).to_le_bytes()));
+        bytes.extend_from_slice(&[0, 0, 0x11, 0, 2, 0, 0, 0, 0, 0]);
+        bytes.extend_from_slice(&f64::from(i).to_le_bytes());
+        let level = |on: bool| if on { 52_000_u16 } else { 9_000 };
+        let stripe = (x / 5.0).floor() as i64 + (y / 5.0).floor() as i64;
+        let color = [level(stripe % 2 == 0), 30_000, level(stripe % 3 == 0)];
+        color.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+    }
+    bytes
+}
+
+/// How many bytes were read, out of how many, in MiB.
+fn read_mib(notes: &str) -> [f64; 2] {
+    let line = notes.lines().find(|line| line.contains("drawn by levels")).unwrap_or_else(|| panic!("{notes}"));
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let at = words.iter().position(|word| *word == "MiB").unwrap();
+    [words[at - 3].parse().unwrap(), words[at - 1].parse().unwrap()]
+}
+
+#[test]
+fn view_of_a_large_file_reads_what_it_needs_and_looks_like_all_of_it() {
+    let folder = Folder::new("levels");
+    folder.write("in.las", las(600));
+    folder.run("convert in.las -o out.copc.laz").code(0);
+    assert_eq!(folder.names(), ["in.las", "out.copc.laz"]);
+    let far = "--size 160x120 --eye 600030,4999930,190 --target 600030,5000030,100 --fov-y 40 --no-metadata";
+    let near = "--size 160x120 --eye 600030,5000010,112 --target 600030,5000030,100 --fov-y 40 --no-metadata";
+    for (name, view, most) in [("far", far, 0.5), ("near", near, 0.95)] {
+        folder.run(&format!("render out.copc.laz {view} --all-levels -o {name}-all.png")).code(0);
+        let notes = folder.run(&format!("render out.copc.laz {view} -o {name}.png")).code(0).stderr();
+        let [read, all] = read_mib(&notes);
+        assert!(read < most * all, "{name}: {read} of {all} MiB");
+        // What a picture by levels at 1 px may differ by from one of all points.
+        folder.run(&format!("compare {name}-all.png {name}.png --fail-above flip=0.02")).code(0);
+        // Coarser levels are fewer bytes and still cover what all points cover.
+        let coarse = folder.run(&format!("render out.copc.laz {view} --lod-error 4 -o {name}-4.png")).code(0).stderr();
+        assert!(read_mib(&coarse)[0] < read, "{coarse}");
+        let alpha = |image: &str| -> Vec<f32> { folder.image(image).color.unwrap().iter().map(|c| c[3]).collect() };
+        let (whole, levels) = (alpha(&format!("{name}-all.png")), alpha(&format!("{name}-4.png")));
+        let inside =
+            |i: usize| [0, 1, 2, 159, 160, 161, 320].iter().all(|d| whole.get(i + d).is_none_or(|a| *a == 1.0));
+        let holes = (320..whole.len() - 480).filter(|i| inside(*i) && levels[*i] < 0.99).count();
+        assert_eq!(holes, 0, "{name}");
+    }
+    let limited = folder.run(&format!("render out.copc.laz {near} --max-points 60000 -o few.png")).code(0).stderr();
+    assert!(limited.contains("--max-points ends it at"), "{limited}");
+}
+
+#[test]
+fn rows_and_tiles_are_those_of_all_whatever_levels_are_read() {
+    let folder = Folder::new("levels-rows");
+    folder.write("in.las", las(400));
+    folder.run("convert in.las -o out.copc.laz").code(0);
+    let view = "out.copc.laz --size 96x80 --eye 600020,4999980,140 --target 600020,5000020,100 --no-metadata";
+    let loaded = surfel::io::load(&folder.path().join("out.copc.laz"), &Default::default()).unwrap();
+    let surfel::io::Content::Points(points) = loaded.content else { panic!("no points") };
+    for flags in ["--lod-error 3", "--all-levels"] {
+        let notes = folder.run(&format!("{view} --planes index,position -o a.exr --force {flags}")).code(0).stderr();
+        assert_eq!(notes.contains("drawn by levels"), flags != "--all-levels", "{notes}");
+        let image = folder.image("a.exr");
+        let index = &image.whole.iter().find(|(name, _)| name == "index").unwrap().1;
+        let other = |name: &str| &image.other.iter().find(|(n, _)| n == name).unwrap().1;
+        let (x, y) = (other("position.X"), other("position.Y"));
+        let mut seen = 0;
+        for i in (0..index.len()).filter(|i| index[*i] != u32::MAX) {
+            let point = points.origin + points.positions.get(index[i] as usize);
+            // The splats of a level of 3 pixels are less than 2 wide, and single precision is half a unit here.
+            let away = [f64::from(x[i]) - point.x, f64::from(y[i]) - point.y];
+            assert!(away.iter().all(|d| d.abs() < 2.0), "{flags}: row {} is {away:?} away", index[i]);
+            seen += 1;
+        }
+        assert!(seen > 1000, "{flags}: {seen}");
+    }
+    // Tiles choose by the whole image.
+    folder.run(&format!("{view} --lod-error 3 -o whole.png")).code(0);
+    let whole = folder.image("whole.png").color.unwrap();
+    for i in 0..4 {
+        folder.run(&format!("{view} --lod-error 3 --tile {i}/4 -o tile.png --force")).code(0);
+        let tile = folder.image("tile.png");
+        assert_eq!((tile.width, tile.height), (96, 20));
+        assert_eq!(tile.color.unwrap(), whole[96 * 20 * i..][..96 * 20], "tile {i}");
+    }
+}
+
+#[test]
+fn file_that_a_view_needs_all_of_is_drawn_as_ever() {
+    let folder = Folder::new("levels-small");
+    folder.write("in.las", las(60));
+    folder.run("convert in.las -o out.copc.laz").code(0);
+    let notes = folder.run("render out.copc.laz --size 64x64 -o a.png --no-metadata").code(0).stderr();
+    assert!(!notes.contains("by levels") && notes.contains("normals and radii"), "{notes}");
+    folder.run("render out.copc.laz --size 64x64 -o b.png --no-metadata --all-levels").code(0);
+    assert_eq!(folder.read("a.png"), folder.read("b.png"));
+    folder.run("convert in.las in.las -o out.ply").fails(2, "second input");
+    folder.run("convert in.las -o other.copc.laz --max-points 9").fails(2, "takes the points as they are");
+}

@@ -1,0 +1,338 @@
+//! The octree of a COPC file, and some of its nodes.
+
+use super::super::header::Header;
+use super::super::laz::{checked_vlr, chunk_points, decode};
+use super::super::records::Columns;
+use super::super::{field, finish, unreadable};
+use super::octants::{cell, code};
+use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES};
+use crate::content::{Content, LoadOptions};
+use crate::error::{IoError, Location, Problem, READ};
+use crate::format::Format;
+use crate::load::{self, Loaded};
+use crate::survey::Source;
+use ::laz::LazVlr;
+use glam::DVec3;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+/// Most levels below the root.
+const MAX_LEVEL: u32 = super::octants::BITS;
+
+/// A node of the octree.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CopcNode {
+    /// Levels from the root, which has 0.
+    pub level: u32,
+    /// Its octant among those of its level, along x, y and z.
+    pub cell: [u32; 3],
+    /// Bytes of its compressed points.
+    pub bytes: u64,
+    /// Its own points, besides which those above it and below it have theirs.
+    pub points: u64,
+    /// Its parts, as indices of nodes; at most 8.
+    pub children: Range<u32>,
+    /// Where its compressed points are.
+    at: u64,
+}
+
+/// A COPC file that is open, of which no point has been read.
+#[derive(Debug)]
+pub struct Copc {
+    path: PathBuf,
+    file_bytes: u64,
+    header_points: u64,
+    center: DVec3,
+    half: f64,
+    spacing: f64,
+    nodes: Vec<CopcNode>,
+}
+
+/// The points of some nodes.
+#[derive(Clone, Debug)]
+pub struct NodePoints {
+    /// As from any file.
+    pub loaded: Loaded,
+    /// How many points there are of the first of the nodes, of the first two, and so on.
+    pub ends: Vec<usize>,
+}
+
+impl Copc {
+    /// Opens a file and reads its hierarchy; `None` if it is no COPC file.
+    ///
+    /// # Errors
+    /// [`IoError`] if it can't be read, its hierarchy doesn't fit the file, or it isn't a tree.
+    pub fn open(path: &Path) -> Result<Option<Self>, IoError> {
+        let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
+        let mut file = File::open(path).map_err(system)?;
+        if !file.metadata().map_err(system)?.is_file() {
+            return Ok(None);
+        }
+        let mut head = Vec::new();
+        (&mut file).take(512).read_to_end(&mut head).map_err(system)?;
+        if Format::of_survey(&head) != Some(Format::Copc) {
+            return Ok(None);
+        }
+        let read = Self::read(path, &mut file);
+        read.map(Some).map_err(|problem| IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) })
+    }
+
+    fn read(path: &Path, file: &mut File) -> Result<Self, Problem> {
+        let file_bytes = file.seek(SeekFrom::End(0)).map_err(unreadable)?;
+        let header = Header::read(file, file_bytes)?;
+        let mut info = [0; INFO_BYTES];
+        file.seek(SeekFrom::Start(INFO_AT as u64)).map_err(unreadable)?;
+        file.read_exact(&mut info).map_err(unreadable)?;
+        let number = |i: usize| f64::from_le_bytes(field(&info, 8 * i));
+        let center = DVec3::new(number(0), number(1), number(2));
+        let (half, spacing) = (number(3), number(4));
+        let is_size = |v: f64| v > 0.0 && v.is_finite();
+        if !center.is_finite() || !is_size(half) || !is_size(spacing) {
+            let what = format!("has an octree about {center} of half-size {half} and spacing {spacing}");
+            let problem = Problem::new(what).at(Location::Byte(INFO_AT));
+            return Err(problem.expected("finite numbers, and sizes greater than 0"));
+        }
+        let root = [40, 48].map(|at| u64::from_le_bytes(field(&info, at)));
+        let pages = Pages { header: &header, file_bytes, entries: BTreeMap::new(), points_bytes: 0 };
+        let nodes = pages.read(file, root)?;
+        Ok(Self { path: path.to_path_buf(), file_bytes, header_points: header.count, center, half, spacing, nodes })
+    }
+
+    /// The nodes, level by level; the children of each follow one another.
+    pub fn nodes(&self) -> &[CopcNode] {
+        &self.nodes
+    }
+
+    /// Points of all nodes.
+    pub fn points(&self) -> u64 {
+        self.nodes.iter().map(|node| node.points).sum()
+    }
+
+    /// Points as the header says.
+    pub fn header_points(&self) -> u64 {
+        self.header_points
+    }
+
+    /// Distance between the points of a level, object units; half of that of the level above.
+    pub fn spacing(&self, level: u32) -> f64 {
+        self.spacing * (-f64::from(level)).exp2()
+    }
+
+    /// Centre of a node's cube, and half of its side.
+    pub fn cube(&self, node: &CopcNode) -> (DVec3, f64) {
+        let half = self.half * (-f64::from(node.level)).exp2();
+        let corner = self.center - self.half;
+        (corner + DVec3::from(node.cell.map(|c| 2.0 * f64::from(c) + 1.0)) * half, half)
+    }
+
+    /// The octant of `level` that a point is in, object units; those outside of the cube are in the next.
+    pub fn cell_of(&self, point: DVec3, level: u32) -> [u32; 3] {
+        let cells = f64::from(level).exp2();
+        let at = (point - (self.center - self.half)) / (2.0 * self.half) * cells;
+        at.to_array().map(|v| v.floor().clamp(0.0, cells - 1.0) as u32)
+    }
+
+    /// The row of the first point of each node, as its file stores them one after another.
+    pub fn first_rows(&self) -> Vec<u64> {
+        let mut order: Vec<usize> = (0..self.nodes.len()).collect();
+        order.sort_by_key(|i| self.nodes[*i].at);
+        let (mut rows, mut next) = (vec![0; self.nodes.len()], 0);
+        for i in order {
+            rows[i] = next;
+            next += self.nodes[i].points;
+        }
+        rows
+    }
+
+    /// Reads the points of some nodes (indices of nodes; others are ignored), in this order.
+    ///
+    /// # Errors
+    /// [`IoError`] if the file can't be read or a node is damaged.
+    pub fn points_of(&self, nodes: &[u32], options: &LoadOptions) -> Result<NodePoints, IoError> {
+        let mut ends = Vec::with_capacity(nodes.len());
+        let nodes: Vec<&CopcNode> = nodes.iter().filter_map(|i| self.nodes.get(*i as usize)).collect();
+        let system = |source| IoError::System { path: self.path.clone(), action: READ, source };
+        let mut file = File::open(&self.path).map_err(system)?;
+        let loaded = load::run_plain(
+            |context| {
+                let mut header = Header::read(&mut file, self.file_bytes)?;
+                let read = AssertUnwindSafe(|| read_nodes(&mut file, &mut header, &nodes, &mut ends));
+                let columns = catch_unwind(read).unwrap_or_else(|_| {
+                    let problem = Problem::new("is damaged: its compressed points make no sense");
+                    Err(problem.help("copy the file again"))
+                })?;
+                let content = finish(Some(columns), header, Format::Copc, Some(self.points()), context)?;
+                Ok((Format::Copc, content))
+            },
+            &self.path,
+            options,
+        )?;
+        // Positions on a grid are finite, so that none has been dropped.
+        debug_assert!(matches!(&loaded.content, Content::Points(p) if Some(&p.len()) == ends.last()));
+        Ok(NodePoints { loaded, ends })
+    }
+}
+
+/// Bytes of nodes that are decoded at a time, before and after, unless one has more.
+const GROUP_BYTES: (u64, u64) = (16 << 20, 48 << 20);
+
+fn read_nodes(
+    source: &mut dyn Source,
+    header: &mut Header,
+    nodes: &[&CopcNode],
+    ends: &mut Vec<usize>,
+) -> Result<Columns, Problem> {
+    let (vlr, _) = checked_vlr(header)?;
+    let size = header.record_bytes as u64;
+    let count: u64 = nodes.iter().map(|node| node.points).sum();
+    let mut columns = Columns::new(header, count as usize);
+    let mut rest = nodes;
+    let (mut packed, mut bytes) = (Vec::new(), Vec::new());
+    while !rest.is_empty() {
+        let (mut group, mut sums) = (0, (0, 0));
+        while let Some(node) = rest.get(group) {
+            let next = (sums.0 + node.bytes, sums.1 + node.points * size);
+            if group > 0 && (next.0 > GROUP_BYTES.0 || next.1 > GROUP_BYTES.1) {
+                break;
+            }
+            (group, sums) = (group + 1, next);
+        }
+        let (now, after) = rest.split_at(group);
+        packed.clear();
+        for node in now.iter().filter(|node| node.points > 0) {
+            check_node(source, node, &vlr, header.record_bytes)?;
+            let start = packed.len();
+            packed.resize(start + node.bytes as usize, 0);
+            source.seek(SeekFrom::Start(node.at)).map_err(unreadable)?;
+            source.read_exact(&mut packed[start..]).map_err(unreadable)?;
+        }
+        bytes.clear();
+        bytes.resize(sums.1 as usize, 0);
+        let chunks: Vec<(u64, u64)> = now.iter().filter(|n| n.points > 0).map(|n| (n.points, n.bytes)).collect();
+        decode(&packed, &mut bytes, &vlr, &chunks).map_err(|e| {
+            let at = now.first().map_or(0, |node| node.at);
+            Problem::new(format!("is damaged: {e}")).at(Location::Byte(at as usize)).help("copy the file again")
+        })?;
+        let mut at = 0;
+        for node in now {
+            let end = at + (node.points * size) as usize;
+            columns.append(&mut bytes[at..end]);
+            ends.push(columns.len());
+            at = end;
+        }
+        rest = after;
+    }
+    Ok(columns)
+}
+
+/// Checks that a node has as many points as the hierarchy says.
+fn check_node(source: &mut dyn Source, node: &CopcNode, vlr: &LazVlr, record_bytes: usize) -> Result<(), Problem> {
+    let there = chunk_points(source, node.at, node.bytes, vlr, record_bytes)?;
+    if there.is_some_and(|there| there != node.points) {
+        let (there, said) = (there.unwrap_or(0), node.points);
+        let what = format!("has {there} points in a node that its hierarchy says has {said}");
+        return Err(Problem::new(what).at(Location::Byte(node.at as usize)).help("the file is damaged"));
+    }
+    Ok(())
+}
+
+/// The pages of a hierarchy as they are read.
+struct Pages<'a> {
+    header: &'a Header,
+    file_bytes: u64,
+    entries: BTreeMap<(u32, u64), CopcNode>,
+    points_bytes: u64,
+}
+
+impl Pages<'_> {
+    fn read(mut self, source: &mut dyn Source, root: [u64; 2]) -> Result<Vec<CopcNode>, Problem> {
+        let (mut open, mut seen, mut total) = (vec![root], BTreeSet::new(), 0_u64);
+        while let Some([at, bytes]) = open.pop() {
+            let place = Location::Byte(at.min(self.file_bytes) as usize);
+            let fault = |what: String| Problem::new(what).at(place).help("the file is cut off or damaged");
+            if at.checked_add(bytes).is_none_or(|end| end > self.file_bytes) || bytes % ENTRY_BYTES as u64 != 0 {
+                let what = format!("says that a page of its hierarchy has {bytes} bytes at byte {at}");
+                return Err(fault(what).expected(format!("whole entries within its {} bytes", self.file_bytes)));
+            }
+            total = total.saturating_add(bytes);
+            if !seen.insert(at) || total > self.file_bytes {
+                return Err(fault("has a hierarchy whose pages lead back to one another".into()));
+            }
+            let mut page = vec![0; bytes as usize];
+            source.seek(SeekFrom::Start(at)).map_err(unreadable)?;
+            source.read_exact(&mut page).map_err(unreadable)?;
+            for entry in page.chunks_exact(ENTRY_BYTES) {
+                if let Some(next) = self.add(entry).map_err(fault)? {
+                    open.push(next);
+                }
+            }
+        }
+        self.finish()
+    }
+
+    /// Adds an entry, or gives the page that it leads to.
+    fn add(&mut self, entry: &[u8]) -> Result<Option<[u64; 2]>, String> {
+        let number = |at: usize| i32::from_le_bytes(field(entry, at));
+        let [level, x, y, z] = [0, 4, 8, 12].map(number);
+        let at = u64::from_le_bytes(field(entry, 16));
+        let (bytes, points) = (number(24), number(28));
+        let name = format!("node {level}-{x}-{y}-{z}");
+        let (Ok(bytes), true) = (u64::try_from(bytes), points >= -1) else {
+            return Err(format!("has {name} with {points} points in {bytes} bytes"));
+        };
+        if points == -1 {
+            return Ok(Some([at, bytes]));
+        }
+        let points = points as u64;
+        let level = u32::try_from(level).ok().filter(|l| *l <= MAX_LEVEL);
+        let within = |v: i32, level: u32| u32::try_from(v).ok().filter(|v| u64::from(*v) < 1 << level);
+        let cell = level.and_then(|level| Some([within(x, level)?, within(y, level)?, within(z, level)?]));
+        let (Some(level), Some(cell)) = (level, cell) else {
+            return Err(format!("has {name}, which is no octant of {MAX_LEVEL} levels at most"));
+        };
+        if points > 0 {
+            let starts = self.header.start + 8;
+            let ends = at.checked_add(bytes).is_some_and(|end| end <= self.file_bytes);
+            self.points_bytes = self.points_bytes.saturating_add(bytes);
+            if at < starts || !ends || bytes < self.header.record_bytes as u64 || self.points_bytes > self.file_bytes {
+                return Err(format!("has {name} with {points} points in {bytes} bytes at byte {at}"));
+            }
+        }
+        let node = CopcNode { level, cell, bytes, points, children: 0..0, at };
+        match self.entries.insert((level, code(cell)), node) {
+            Some(_) => Err(format!("has {name} twice")),
+            None => Ok(None),
+        }
+    }
+
+    /// The nodes, each with its children.
+    fn finish(self) -> Result<Vec<CopcNode>, Problem> {
+        let all = self.entries.values().fold(0_u64, |sum, node| sum.saturating_add(node.points));
+        super::super::laz::check_size(self.header, all, self.file_bytes)?;
+        let mut nodes: Vec<CopcNode> = self.entries.into_values().collect();
+        let index: BTreeMap<(u32, u64), usize> =
+            nodes.iter().enumerate().map(|(i, n)| ((n.level, code(n.cell)), i)).collect();
+        for i in 0..nodes.len() {
+            let (level, own) = (nodes[i].level, code(nodes[i].cell));
+            if level == 0 {
+                continue;
+            }
+            let Some(parent) = index.get(&(level - 1, own >> 3)) else {
+                let [x, y, z] = cell(own);
+                let what = format!("has node {level}-{x}-{y}-{z} in its hierarchy, and none above it");
+                return Err(Problem::new(what).help("the file is damaged"));
+            };
+            let children = &mut nodes[*parent].children;
+            let start = if children.start == children.end { i as u32 } else { children.start };
+            *children = start..i as u32 + 1;
+        }
+        match nodes.first() {
+            Some(_) => Ok(nodes),
+            None => Err(Problem::new("has a hierarchy without nodes").help("the file is damaged")),
+        }
+    }
+}

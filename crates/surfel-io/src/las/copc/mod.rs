@@ -1,0 +1,25 @@
+//! COPC 1.0 (copc.io): a LAZ file whose chunks are the nodes of an octree. Every point is in one node; a node and those
+//! above it hold its part of the cloud at the node's spacing, half of which the nodes below have.
+
+mod build;
+mod hierarchy;
+mod octants;
+mod output;
+mod records;
+mod spill;
+mod write;
+
+pub use hierarchy::{Copc, CopcNode, NodePoints};
+pub use write::{CopcReport, PointSplat, Prepare, save_copc};
+
+/// Bytes of the record with the octree's place, and of its entries in the hierarchy.
+const INFO_BYTES: usize = 160;
+const ENTRY_BYTES: usize = 32;
+/// Where that record is: it is the first, and the header has 375 bytes.
+const INFO_AT: usize = 375 + 54;
+
+/// Names of the extra bytes that Surfel adds to each point.
+pub(crate) const RADIUS: &str = "splat_radius";
+const NORMALS: [&str; 3] = ["NormalX", "NormalY", "NormalZ"];
+pub(crate) const LEVEL_COLORS: [&str; 3] = ["level_red", "level_green", "level_blue"];
+pub(crate) const LEVEL_NORMALS: [&str; 3] = ["level_normal_x", "level_normal_y", "level_normal_z"];

@@ -1,0 +1,237 @@
+//! The file itself: header, records, chunks, their table, and the hierarchy.
+
+use super::super::header::POINT_BYTES;
+use super::octants::cell;
+use super::{ENTRY_BYTES, INFO_BYTES};
+use ::laz::LazVlr;
+use ::laz::laszip::{ChunkTable, ChunkTableEntry};
+use glam::DVec3;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+
+/// A variable length record of the input, as it is.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Record {
+    /// Reserved bytes, user name and number, as they are in the file.
+    pub(super) head: [u8; 20],
+    pub(super) description: [u8; 32],
+    pub(super) data: Vec<u8>,
+}
+
+impl Record {
+    pub(super) fn new(user: &str, id: u16, data: Vec<u8>) -> Self {
+        let mut head = [0; 20];
+        head[2..2 + user.len()].copy_from_slice(user.as_bytes());
+        head[18..].copy_from_slice(&id.to_le_bytes());
+        Self { head, description: [0; 32], data }
+    }
+
+    pub(super) fn is(&self, user: &str, id: u16) -> bool {
+        self.head[2..18].split(|b| *b == 0).next() == Some(user.as_bytes()) && self.head[18..] == id.to_le_bytes()
+    }
+
+    fn is_extended(&self) -> bool {
+        self.data.len() > usize::from(u16::MAX)
+    }
+
+    fn write(&self, out: &mut Vec<u8>) {
+        out.extend_from_slice(&self.head);
+        match self.is_extended() {
+            true => out.extend_from_slice(&(self.data.len() as u64).to_le_bytes()),
+            false => out.extend_from_slice(&(self.data.len() as u16).to_le_bytes()),
+        }
+        out.extend_from_slice(&self.description);
+        out.extend_from_slice(&self.data);
+    }
+}
+
+/// What the header says of all points together.
+#[derive(Clone, Debug)]
+pub(super) struct Summary {
+    pub(super) count: u64,
+    pub(super) low: [i32; 3],
+    pub(super) high: [i32; 3],
+    /// Points of each return, by its number less one.
+    pub(super) returns: [u64; 15],
+    pub(super) gps_time: [f64; 2],
+}
+
+impl Default for Summary {
+    fn default() -> Self {
+        Self {
+            count: 0,
+            low: [i32::MAX; 3],
+            high: [i32::MIN; 3],
+            returns: [0; 15],
+            gps_time: [f64::INFINITY, f64::NEG_INFINITY],
+        }
+    }
+}
+
+impl Summary {
+    /// Adds a record of format 6, 7 or 8.
+    pub(super) fn add(&mut self, record: &[u8], position: [i32; 3]) {
+        self.count += 1;
+        for (k, v) in position.into_iter().enumerate() {
+            self.low[k] = self.low[k].min(v);
+            self.high[k] = self.high[k].max(v);
+        }
+        if let Some(count) = usize::from(record[14] & 15).checked_sub(1).and_then(|i| self.returns.get_mut(i)) {
+            *count += 1;
+        }
+        let time = f64::from_le_bytes(super::super::field(record, 22));
+        if time.is_finite() {
+            self.gps_time = [self.gps_time[0].min(time), self.gps_time[1].max(time)];
+        }
+    }
+}
+
+/// The octree's cube, in coordinates of the file.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cube {
+    pub(super) center: DVec3,
+    pub(super) half: f64,
+    pub(super) spacing: f64,
+}
+
+/// A node's chunk in the file of chunks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Chunk {
+    pub(super) level: u32,
+    pub(super) code: u64,
+    pub(super) at: u64,
+    pub(super) bytes: u64,
+    pub(super) points: u64,
+}
+
+/// What stays as the first input has it.
+pub(super) struct Template {
+    /// The first 375 bytes of its header, zeros where there are fewer.
+    pub(super) header: Vec<u8>,
+    pub(super) records: Vec<Record>,
+    pub(super) format: u8,
+    pub(super) extra_bytes: usize,
+    pub(super) scale: DVec3,
+    pub(super) offset: DVec3,
+}
+
+/// Writes the file: nodes from the root down, so that coarse levels are read in one go.
+pub(super) fn write(
+    out: &mut dyn Write,
+    of: &Template,
+    laz: &LazVlr,
+    (summary, cube): (&Summary, &Cube),
+    mut chunks: Vec<Chunk>,
+    source: &mut File,
+) -> io::Result<()> {
+    chunks.sort_unstable_by_key(|chunk| (chunk.level, chunk.code));
+    let mut laszip = Vec::new();
+    laz.write_to(&mut laszip)?;
+    let (long, short): (Vec<&Record>, Vec<&Record>) = of.records.iter().partition(|r| r.is_extended());
+    let laszip = Record::new("laszip encoded", 22_204, laszip);
+    let own = [54 + INFO_BYTES, 54 + laszip.data.len()];
+    let start = (375 + own.iter().sum::<usize>() + short.iter().map(|r| 54 + r.data.len()).sum::<usize>()) as u64;
+    let mut table = ChunkTable::with_capacity(chunks.len());
+    let (mut at, mut hierarchy) = (start + 8, Vec::with_capacity(chunks.len() * ENTRY_BYTES));
+    for entry in with_parents(&chunks) {
+        let (level, code, chunk) = entry;
+        hierarchy.extend_from_slice(&(level as i32).to_le_bytes());
+        cell(code).iter().for_each(|v| hierarchy.extend_from_slice(&(*v as i32).to_le_bytes()));
+        let (offset, bytes, points) = chunk.map_or((0, 0, 0), |c| (at, c.bytes as i32, c.points as i32));
+        hierarchy.extend_from_slice(&offset.to_le_bytes());
+        hierarchy.extend_from_slice(&bytes.to_le_bytes());
+        hierarchy.extend_from_slice(&points.to_le_bytes());
+        if let Some(chunk) = chunk {
+            table.push(ChunkTableEntry { point_count: chunk.points, byte_count: chunk.bytes });
+            at += chunk.bytes;
+        }
+    }
+    let mut packed_table = Vec::new();
+    table.write_to(&mut packed_table, laz)?;
+    let extended_at = at + packed_table.len() as u64;
+    let hierarchy_at = extended_at + 60;
+
+    let mut head = of.header.clone();
+    header(&mut head, of, summary, start, (short.len() + 2, extended_at, long.len() + 1));
+    let mut info = Vec::with_capacity(INFO_BYTES);
+    let time = if summary.gps_time[0] <= summary.gps_time[1] { summary.gps_time } else { [0.0; 2] };
+    for value in [cube.center.x, cube.center.y, cube.center.z, cube.half, cube.spacing] {
+        info.extend_from_slice(&value.to_le_bytes());
+    }
+    info.extend_from_slice(&hierarchy_at.to_le_bytes());
+    info.extend_from_slice(&(hierarchy.len() as u64).to_le_bytes());
+    time.iter().for_each(|t| info.extend_from_slice(&t.to_le_bytes()));
+    info.resize(INFO_BYTES, 0);
+    Record::new("copc", 1, info).write(&mut head);
+    laszip.write(&mut head);
+    short.iter().for_each(|record| record.write(&mut head));
+    head.extend_from_slice(&(at as i64).to_le_bytes());
+    out.write_all(&head)?;
+    let mut bytes = Vec::new();
+    for chunk in &chunks {
+        bytes.resize(chunk.bytes as usize, 0);
+        source.seek(SeekFrom::Start(chunk.at))?;
+        source.read_exact(&mut bytes)?;
+        out.write_all(&bytes)?;
+    }
+    out.write_all(&packed_table)?;
+    let mut tail = Vec::new();
+    // An extended record, however short it is.
+    let mut pages = Record::new("copc", 1000, Vec::new());
+    pages.description[..13].copy_from_slice(b"EPT Hierarchy");
+    tail.extend_from_slice(&pages.head);
+    tail.extend_from_slice(&(hierarchy.len() as u64).to_le_bytes());
+    tail.extend_from_slice(&pages.description);
+    tail.extend_from_slice(&hierarchy);
+    long.iter().for_each(|record| record.write(&mut tail));
+    out.write_all(&tail)
+}
+
+/// The nodes in the order of the chunks, and those without points that lead to them.
+fn with_parents(chunks: &[Chunk]) -> Vec<(u32, u64, Option<Chunk>)> {
+    let mut nodes: std::collections::BTreeMap<(u32, u64), Option<Chunk>> = std::collections::BTreeMap::new();
+    for chunk in chunks {
+        for above in 1..=chunk.level {
+            nodes.entry((chunk.level - above, chunk.code >> (3 * above))).or_default();
+        }
+        nodes.insert((chunk.level, chunk.code), Some(*chunk));
+    }
+    nodes.into_iter().map(|((level, code), chunk)| (level, code, chunk)).collect()
+}
+
+/// Makes the first input's header that of the file.
+fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: (usize, u64, usize)) {
+    let mut put = |at: usize, bytes: &[u8]| h[at..at + bytes.len()].copy_from_slice(bytes);
+    let mut software = [0; 32];
+    let name = concat!("Surfel ", env!("CARGO_PKG_VERSION")).as_bytes();
+    software[..name.len()].copy_from_slice(name);
+    put(0, b"LASF");
+    put(24, &[1, 4]);
+    put(58, &software);
+    put(94, &375_u16.to_le_bytes());
+    put(96, &(start as u32).to_le_bytes());
+    put(100, &(records.0 as u32).to_le_bytes());
+    put(104, &[of.format | 0x80]);
+    put(105, &((POINT_BYTES[usize::from(of.format)] + of.extra_bytes) as u16).to_le_bytes());
+    // The counts of LAS 1.0 to 1.3.
+    put(107, &[0; 24]);
+    for k in 0..3 {
+        put(131 + 8 * k, &of.scale[k].to_le_bytes());
+        put(155 + 8 * k, &of.offset[k].to_le_bytes());
+        let ends = [summary.high[k], summary.low[k]].map(|v| f64::from(v) * of.scale[k] + of.offset[k]);
+        put(179 + 16 * k, &ends[0].max(ends[1]).to_le_bytes());
+        put(187 + 16 * k, &ends[0].min(ends[1]).to_le_bytes());
+    }
+    // No waveforms.
+    put(227, &[0; 8]);
+    put(235, &records.1.to_le_bytes());
+    put(243, &(records.2 as u32).to_le_bytes());
+    put(247, &summary.count.to_le_bytes());
+    for (i, count) in summary.returns.iter().enumerate() {
+        put(255 + 8 * i, &count.to_le_bytes());
+    }
+    // Of the flags those of GPS time and synthetic returns stay; well-known text is said where there is some.
+    let flags = u16::from_le_bytes([h[6], h[7]]) & 0b1001;
+    let wkt = if of.records.iter().any(|r| r.is("LASF_Projection", 2112)) { 16 } else { 0 };
+    h[6..8].copy_from_slice(&(flags | wkt).to_le_bytes());
+}

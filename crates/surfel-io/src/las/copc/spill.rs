@@ -1,0 +1,158 @@
+//! Records sorted into lists that are larger than memory: a temporary file without a name, which is gone when the
+//! process is, however it ends.
+
+use std::collections::HashMap;
+use std::fs::File;
+use std::hash::Hash;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::Path;
+
+/// Bytes of a list that are written at a time.
+const BLOCK_BYTES: usize = 256 << 10;
+/// Bytes of all lists that are held in memory.
+const HELD_BYTES: usize = 64 << 20;
+
+/// A file without a name in `folder`.
+pub(super) fn unnamed(folder: &Path) -> io::Result<File> {
+    tempfile::tempfile_in(folder)
+}
+
+/// Some records, on disk but for the last ones.
+#[derive(Debug, Default)]
+pub(super) struct List {
+    held: Vec<u8>,
+    blocks: Vec<(u64, usize)>,
+    pub(super) bytes: u64,
+}
+
+/// Lists of records by key.
+pub(super) struct Spill<K> {
+    file: File,
+    end: u64,
+    index: HashMap<K, usize>,
+    lists: Vec<List>,
+    held: usize,
+    /// What the last record went to; the next is mostly beside it.
+    last: Option<(K, usize)>,
+}
+
+impl<K: Copy + Eq + Hash> Spill<K> {
+    pub(super) fn new(folder: &Path) -> io::Result<Self> {
+        let (index, lists) = (HashMap::new(), Vec::new());
+        Ok(Self { file: unnamed(folder)?, end: 0, index, lists, held: 0, last: None })
+    }
+
+    pub(super) fn append(&mut self, key: K, records: &[u8]) -> io::Result<()> {
+        let at = match self.last {
+            Some((last, at)) if last == key => at,
+            _ => *self.index.entry(key).or_insert_with(|| {
+                self.lists.push(List::default());
+                self.lists.len() - 1
+            }),
+        };
+        self.last = Some((key, at));
+        let list = &mut self.lists[at];
+        list.held.extend_from_slice(records);
+        list.bytes += records.len() as u64;
+        self.held += records.len();
+        if list.held.len() >= BLOCK_BYTES {
+            self.write(at)?;
+        } else if self.held >= HELD_BYTES {
+            (0..self.lists.len()).try_for_each(|at| self.write(at))?;
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, at: usize) -> io::Result<()> {
+        let list = &mut self.lists[at];
+        if list.held.is_empty() {
+            return Ok(());
+        }
+        self.file.seek(SeekFrom::Start(self.end))?;
+        self.file.write_all(&list.held)?;
+        list.blocks.push((self.end, list.held.len()));
+        self.end += list.held.len() as u64;
+        self.held -= list.held.len();
+        list.held = Vec::new();
+        Ok(())
+    }
+
+    /// How many lists there are.
+    pub(super) fn count(&self) -> usize {
+        self.index.len()
+    }
+
+    /// Gives lists other keys; those that get the same become one.
+    pub(super) fn merge(&mut self, key: impl Fn(K) -> K) -> io::Result<()> {
+        (0..self.lists.len()).try_for_each(|at| self.write(at))?;
+        let mut old: Vec<(K, usize)> = std::mem::take(&mut self.index).into_iter().collect();
+        old.sort_unstable_by_key(|(_, at)| *at);
+        let mut lists = std::mem::take(&mut self.lists);
+        for (old_key, at) in old {
+            let list = std::mem::take(&mut lists[at]);
+            let into = *self.index.entry(key(old_key)).or_insert_with(|| {
+                self.lists.push(List::default());
+                self.lists.len() - 1
+            });
+            self.lists[into].blocks.extend(list.blocks);
+            self.lists[into].bytes += list.bytes;
+        }
+        self.last = None;
+        Ok(())
+    }
+
+    /// The keys, and how many bytes each has.
+    pub(super) fn sizes(&self) -> impl Iterator<Item = (K, u64)> + '_ {
+        self.index.iter().map(|(key, at)| (*key, self.lists[*at].bytes))
+    }
+
+    /// Takes a list out.
+    pub(super) fn take(&mut self, key: K) -> List {
+        self.last = None;
+        let list = self.index.remove(&key).map(|at| std::mem::take(&mut self.lists[at])).unwrap_or_default();
+        self.held -= list.held.len();
+        list
+    }
+
+    /// Hands over the blocks of a list in the order in which they came.
+    pub(super) fn read(&mut self, list: &List, each: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
+        let mut bytes = Vec::new();
+        for (at, length) in &list.blocks {
+            bytes.resize(*length, 0);
+            self.file.seek(SeekFrom::Start(*at))?;
+            self.file.read_exact(&mut bytes)?;
+            each(&bytes)?;
+        }
+        each(&list.held)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_come_back_whole_and_in_order_and_memory_holds_few_of_them() {
+        let mut spill = Spill::new(&std::env::temp_dir()).unwrap();
+        let record = |i: u32| [i; 64].map(u32::to_le_bytes).concat();
+        let most = 600_000_u32;
+        for i in 0..most {
+            spill.append(i * 7 % 5 % 3, &record(i)).unwrap();
+            assert!(spill.held < HELD_BYTES);
+        }
+        assert_eq!(spill.sizes().map(|(_, bytes)| bytes).sum::<u64>(), u64::from(most) * 256);
+        for key in 0..3 {
+            if key == 1 {
+                spill.merge(|key| key + 10).unwrap();
+            }
+            let list = spill.take(if key == 0 { 0 } else { key + 10 });
+            let mut expected = (0..most).filter(|i| i * 7 % 5 % 3 == key);
+            let mut each = |bytes: &[u8]| {
+                bytes.chunks_exact(256).for_each(|r| assert_eq!(r, record(expected.next().unwrap())));
+                Ok(())
+            };
+            spill.read(&list, &mut each).unwrap();
+            assert_eq!(expected.next(), None);
+        }
+    }
+}

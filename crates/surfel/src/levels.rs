@@ -1,0 +1,373 @@
+//! Points by levels: of a COPC file as much as a view needs, and files written so.
+
+use crate::load::io_options;
+use crate::render_options::SplatOptions;
+use crate::{Error, LoadOptions};
+use glam::{DAffine3, Vec3};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use surfel_io::copc::{Copc, CopcNode, CopcReport, PointSplat};
+use surfel_io::{Content, Loaded};
+use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, Shape, SplatCloud};
+use surfel_render::{LevelNode, View, select_levels};
+use surfel_sample::{PointOptions, PointReport, Progress};
+
+/// Most points of an overview.
+const OVERVIEW_POINTS: u64 = 100_000;
+/// Most points that a view draws where nothing says it.
+pub const DEFAULT_MOST_POINTS: u64 = 10_000_000;
+/// Radius over the distance between the points of a level: a level's points are those nearest to the middles of cells,
+/// and the farthest that a place can be from the nearest of them is the diagonal of a cell's face.
+const CLOSING: f32 = std::f32::consts::SQRT_2;
+/// A level's distance says nothing where a file's points are nearer to one another than this part of it.
+const MOST_GROWN: f32 = 4.0;
+/// Fewer points than these make no surface of their own.
+const LEAST_POINTS: usize = 16;
+
+/// A column that lives until splats are made: how far apart points are where finer ones are missing, else 0.
+const SPACING: &str = "surfel_level_spacing";
+/// Columns of files that Surfel wrote.
+const RADIUS: &str = "splat_radius";
+const COLORS: [&str; 3] = ["level_red", "level_green", "level_blue"];
+const NORMALS: [&str; 3] = ["level_normal_x", "level_normal_y", "level_normal_z"];
+
+/// What is read of a COPC file.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Levels {
+    /// The coarsest levels: enough to place a camera.
+    Overview,
+    /// What views need.
+    Views {
+        /// The views; all of one picture, or of one film.
+        views: Arc<[View]>,
+        /// Where the file's points are.
+        world_from_object: DAffine3,
+        /// Finer points are left out where splats are at most so large, in pixels.
+        error_px: f64,
+    },
+}
+
+/// What was read of a COPC file.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LevelReport {
+    /// Points read, and how many there are.
+    pub points: [u64; 2],
+    /// Nodes read, and how many there are.
+    pub nodes: [usize; 2],
+    /// Compressed bytes read, and how many there are.
+    pub bytes: [u64; 2],
+    /// Largest radius of a splat, in pixels, where finer points in sight are missing; 0 for an overview.
+    pub error_px: f64,
+    /// The number of points ended the choice, not the size of splats.
+    pub is_limited: bool,
+}
+
+impl LevelReport {
+    /// True if nothing is missing.
+    pub fn is_whole(&self) -> bool {
+        self.points[0] == self.points[1]
+    }
+}
+
+/// Reads what the options say of a COPC file; `None` where they say all, or it is another file.
+pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Option<(Loaded, LevelReport)>, Error> {
+    let Some(levels) = options.levels.as_ref().filter(|_| options.stdin.is_none() || path != Path::new("-")) else {
+        return Ok(None);
+    };
+    let Some(copc) = Copc::open(path).or_else(|error| if path.is_file() { Err(error) } else { Ok(None) })? else {
+        return Ok(None);
+    };
+    let most = options.max_points.map_or(DEFAULT_MOST_POINTS, |most| most as u64);
+    let (nodes, error_px, is_limited) = match levels {
+        Levels::Overview => (overview(copc.nodes()), 0.0, false),
+        Levels::Views { views, world_from_object, error_px } => {
+            let nodes: Vec<LevelNode> = copc.nodes().iter().map(|node| level_node(&copc, node)).collect();
+            let found = select_levels(&nodes, world_from_object, views, *error_px, most);
+            (found.nodes, found.error_px, found.error_px > *error_px)
+        }
+    };
+    let all = copc.nodes();
+    let chosen = || nodes.iter().map(|i| &all[*i as usize]);
+    let report = LevelReport {
+        points: [chosen().map(|n| n.points).sum(), copc.points()],
+        nodes: [nodes.len(), all.len()],
+        bytes: [chosen().map(|n| n.bytes).sum(), all.iter().map(|n| n.bytes).sum()],
+        error_px,
+        is_limited,
+    };
+    let mut found = copc.points_of(&nodes, &io_options(options))?;
+    if let Content::Points(points) = &mut found.loaded.content {
+        if !report.is_whole() {
+            mark(&copc, &nodes, &found.ends, points);
+        }
+        if options.rows || options.label.is_some() {
+            points.rows = Some(rows(&copc, &nodes, points, path)?);
+        }
+    }
+    if !report.is_whole() && *levels != Levels::Overview {
+        found.loaded.notes.push(note(&report, options.max_points.is_some()));
+    }
+    Ok(Some((found.loaded, report)))
+}
+
+/// Rows in the file of points that were read of these nodes, which know their rows among all that was read.
+fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Vec<u32>, Error> {
+    // Row 4294967295 says that there is no splat.
+    if copc.points() >= u64::from(u32::MAX) {
+        let problem = format!(
+            "has {} points, and rows of a plane end at 4294967294: leave out the planes index and label",
+            copc.points()
+        );
+        return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
+    }
+    let first = copc.first_rows();
+    let in_file = nodes.iter().flat_map(|node| {
+        let first = first[*node as usize];
+        (first..first + copc.nodes()[*node as usize].points).map(|row| row as u32)
+    });
+    Ok(match &read.rows {
+        None => in_file.collect(),
+        Some(kept) => {
+            let in_file: Vec<u32> = in_file.collect();
+            kept.iter().map(|row| in_file[*row as usize]).collect()
+        }
+    })
+}
+
+/// What a view left out, and what to do to have it.
+fn note(report: &LevelReport, is_asked: bool) -> String {
+    let mebibytes = report.bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
+    let error_px = report.error_px;
+    let why = match (report.is_limited, is_asked) {
+        (true, true) => format!("--max-points ends it at splats of {error_px:.1} px"),
+        (true, false) => format!("the limit ends it at splats of {error_px:.1} px; --max-points raises it"),
+        (false, _) => format!("splats of {error_px:.2} px at most; --lod-error draws finer ones"),
+    };
+    format!(
+        "drawn by levels: {} of {} nodes, {:.1} of {:.1} MiB read ({why}; --all-levels draws all points)",
+        report.nodes[0], report.nodes[1], mebibytes[0], mebibytes[1]
+    )
+}
+
+/// Whole levels from the root down.
+fn overview(nodes: &[CopcNode]) -> Vec<u32> {
+    let (mut chosen, mut points) = (0, 0);
+    for level in nodes.chunk_by(|a, b| a.level == b.level) {
+        points += level.iter().map(|node| node.points).sum::<u64>();
+        // Above the first level with points nothing is to be seen.
+        if points > OVERVIEW_POINTS && nodes[..chosen].iter().any(|node| node.points > 0) {
+            break;
+        }
+        chosen += level.len();
+    }
+    (0..chosen as u32).collect()
+}
+
+fn level_node(copc: &Copc, node: &CopcNode) -> LevelNode {
+    let (center, half) = copc.cube(node);
+    let splat_radius = f64::from(CLOSING) * copc.spacing(node.level);
+    LevelNode {
+        center,
+        radius: half * 3_f64.sqrt(),
+        splat_radius,
+        points: node.points,
+        children: node.children.clone(),
+    }
+}
+
+/// Gives points the distance between points where finer ones are missing, and there the colours and normals of their
+/// level, if the file has them.
+fn mark(copc: &Copc, chosen: &[u32], ends: &[usize], points: &mut PointCloud) {
+    let all = copc.nodes();
+    let mut is_chosen = vec![false; all.len()];
+    chosen.iter().for_each(|i| is_chosen[*i as usize] = true);
+    let (origin, mut start) = (points.origin, 0);
+    let mut spacing = vec![0.0_f32; points.len()];
+    let mut is_own = vec![false; points.len()];
+    for (node, end) in chosen.iter().zip(ends) {
+        for i in start..*end {
+            let at = origin + points.positions.get(i);
+            let mut deepest = *node as usize;
+            spacing[i] = loop {
+                let next = all[deepest].level + 1;
+                let cell = copc.cell_of(at, next);
+                let mut children = all[deepest].children.clone();
+                match children.find(|c| all[*c as usize].cell == cell) {
+                    // No finer point is near.
+                    None => break 0.0,
+                    Some(child) if is_chosen[child as usize] => deepest = child as usize,
+                    Some(_) => break copc.spacing(all[deepest].level) as f32,
+                }
+            };
+            is_own[i] = spacing[i] > 0.0 && deepest == *node as usize;
+        }
+        start = *end;
+    }
+    let column = |names: [&str; 3]| names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
+    let colors = column(COLORS).map(|c| c.map(|values| (0..points.len()).map(|i| values.get(i)).collect::<Vec<f64>>()));
+    if let ([Some(red), Some(green), Some(blue)], Some(linear)) = (&colors, &mut points.colors) {
+        for (i, color) in linear.iter_mut().enumerate().filter(|(i, _)| is_own[*i]) {
+            *color = [red[i], green[i], blue[i]].map(|v| surfel_math::srgb::decode(v / 65_535.0) as f32);
+        }
+    }
+    let normals =
+        column(NORMALS).map(|c| c.map(|values| (0..points.len()).map(|i| values.get(i)).collect::<Vec<f64>>()));
+    if let ([Some(x), Some(y), Some(z)], Some(own)) = (&normals, &mut points.normals) {
+        let of_level = |i: usize| Vec3::new(x[i] as f32, y[i] as f32, z[i] as f32);
+        let vectors = (0..own.len()).map(|i| (is_own[i], of_level(i), own.get(i).as_vec3()));
+        let vectors = vectors.map(|(is_own, level, own)| if is_own && level != Vec3::ZERO { level } else { own });
+        *own = Column3::from_f32(vectors.collect());
+    }
+    points.extras.push(ExtraColumn { name: SPACING.into(), values: ExtraValues::F32(spacing) });
+}
+
+/// The radii that a file of Surfel gives its points.
+pub(crate) struct Radii(Option<Vec<f32>>);
+
+impl Radii {
+    /// Takes what Surfel added out of a cloud's columns.
+    pub(crate) fn take(points: &mut PointCloud) -> Self {
+        let radii = take_f32(&mut points.extras, RADIUS);
+        points.extras.retain(|e| !COLORS.contains(&e.name.as_str()) && !NORMALS.contains(&e.name.as_str()));
+        Self(radii)
+    }
+
+    /// Splats as the file has them: normals and radii; `None` where it lacks them.
+    pub(crate) fn splats(
+        &self,
+        points: &PointCloud,
+        scale: f64,
+    ) -> Option<Result<(SplatCloud, PointReport), surfel_model::ModelError>> {
+        let (radii, normals) = (self.0.as_ref()?, points.normals.as_ref()?);
+        let known = |radius: &f32| *radius > 0.0 && radius.is_finite();
+        let mut sorted: Vec<f32> = radii.iter().copied().filter(known).collect();
+        let middle = sorted.len().checked_sub(1)? / 2;
+        let median = *sorted.select_nth_unstable_by(middle, f32::total_cmp).1;
+        let radii = radii.iter().map(|r| if known(r) { *r } else { median } * scale as f32).collect();
+        let up = |n: Vec3| if n.is_finite() && n != Vec3::ZERO { n } else { Vec3::Z };
+        let normals = Column3::from_f32((0..normals.len()).map(|i| up(normals.get(i).as_vec3())).collect());
+        let data = CloudData {
+            colors: points.colors.clone(),
+            alphas: points.alphas.clone(),
+            up: points.up,
+            extras: points.extras.clone(),
+            comments: points.comments.clone(),
+            ..CloudData::new(points.origin, points.positions.clone(), Shape::Disks { normals, radii })
+        };
+        Some(SplatCloud::new(data, OnInvalid::Refuse).map(|(mut splats, _)| {
+            let mut report = PointReport::default();
+            (report.splats, report.normals_given) = (splats.len(), splats.len());
+            report.median_radius = f64::from(median) * scale;
+            report.interior_weight = surfel_sample::interior_weight(&splats);
+            if let Some(weight) = report.interior_weight {
+                splats.set_interior_weight(weight);
+            }
+            (splats, report)
+        }))
+    }
+}
+
+fn take_f32(extras: &mut Vec<ExtraColumn>, name: &str) -> Option<Vec<f32>> {
+    let at = extras.iter().position(|e| e.name == name)?;
+    match extras.remove(at).values {
+        ExtraValues::F32(values) => Some(values),
+        _ => None,
+    }
+}
+
+/// Makes splats large enough to close the level that they are of.
+pub(crate) fn close(cloud: SplatCloud) -> Result<SplatCloud, surfel_model::ModelError> {
+    let weight = cloud.data().interior_weight;
+    if !cloud.data().extras.iter().any(|e| e.name == SPACING) {
+        return Ok(cloud);
+    }
+    let mut data = cloud.into_data();
+    let spacing = take_f32(&mut data.extras, SPACING).unwrap_or_default();
+    let closing = |radius: f32, i: usize| {
+        let apart = spacing.get(i).copied().unwrap_or(0.0);
+        radius.max((CLOSING * apart).min(MOST_GROWN * radius))
+    };
+    match &mut data.shape {
+        Shape::Disks { radii, .. } => radii.iter_mut().enumerate().for_each(|(i, r)| *r = closing(*r, i)),
+        Shape::Ellipses { s, t } => {
+            let grown = |axis: &Column3| {
+                let one = |i: usize| {
+                    let v = axis.get(i).as_vec3();
+                    v * (closing(v.length(), i) / v.length().max(f32::MIN_POSITIVE))
+                };
+                Column3::from_f32((0..axis.len()).map(one).collect())
+            };
+            (*s, *t) = (grown(s), grown(t));
+        }
+    }
+    data.interior_weight = None;
+    let (mut cloud, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
+    if let Some(weight) = surfel_sample::interior_weight(&cloud).or(weight) {
+        cloud.set_interior_weight(weight);
+    }
+    Ok(cloud)
+}
+
+/// True for the name of a file that is written by levels ([`save_copc`]): it ends in .copc.laz.
+pub fn is_copc(output: &Path) -> bool {
+    output.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(".copc.laz"))
+}
+
+/// What was written, in words.
+pub fn summary(report: &CopcReport) -> String {
+    format!("{} points in {} nodes of {} levels", report.points, report.nodes, report.levels)
+}
+
+/// Refuses what can't be said of a file of points by levels: how they become splats, and text.
+///
+/// # Errors
+/// [`Error::Usage`] if anything is said.
+pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool) -> Result<(), Error> {
+    if ascii || *options != (SplatOptions { force: options.force, ..SplatOptions::default() }) {
+        let what = "takes the points as they are, so that no flag on splats, colours or choice goes with it";
+        return Err(Error::Usage(format!("-o {}: {what}", output.display())));
+    }
+    Ok(())
+}
+
+/// Writes LAS, LAZ and COPC files as one COPC file ([`surfel_io::copc::save_copc`]), whose points have normals and
+/// radii besides, so that views of it are drawn at once.
+///
+/// # Errors
+/// As [`surfel_io::copc::save_copc`].
+pub fn save_copc(
+    inputs: &[PathBuf],
+    output: &Path,
+    overwrite: bool,
+    progress: &dyn Progress,
+) -> Result<CopcReport, Error> {
+    let prepare = |points: &PointCloud| -> Result<Vec<PointSplat>, String> {
+        if points.len() < LEAST_POINTS {
+            return Ok(vec![PointSplat::default(); points.len()]);
+        }
+        let options = PointOptions { coincident: usize::MAX, ellipses: false, ..PointOptions::default() };
+        let made = surfel_sample::splats_from_points(points, &options, &surfel_sample::NoProgress);
+        let (cloud, _) = made.map_err(|e| e.to_string())?;
+        let splat = |i: usize| {
+            let normal = surfel_math::basis::unit(cloud.normal(i)).as_vec3().to_array();
+            PointSplat { normal, radius: cloud.radius_max(i) as f32 }
+        };
+        Ok((0..cloud.len()).map(splat).collect())
+    };
+    let stage = std::cell::RefCell::new(("", 0));
+    let tell = |name: &'static str, done: u64, all: u64| {
+        let mut last = stage.borrow_mut();
+        if last.0 != name {
+            progress.stage(name, all);
+            *last = (name, 0);
+        }
+        progress.advance(done.saturating_sub(last.1));
+        last.1 = done;
+    };
+    Ok(surfel_io::copc::save_copc(inputs, output, overwrite, Some(&prepare), &tell)?)
+}
+
+/// Where the points of an object are; for [`Levels::Views`].
+pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> Levels {
+    Levels::Views { views: views.into(), world_from_object, error_px }
+}
