@@ -339,8 +339,8 @@ impl<'a> Tile<'a> {
             bind_sets(commands, pipeline, vk::PipelineBindPoint::GRAPHICS, &sets);
         };
         let strip = |vertices: Range<u32>, run: Range<u32>| {
-            // SAFETY: pipeline, sets, viewport and scissor are set; where records are drawn, those of the run exist.
             let (count, instances) = (vertices.len() as u32, run.len() as u32);
+            // SAFETY: pipeline, sets, viewport and scissor are set; where records are drawn, those of the run exist.
             unsafe { vulkan.cmd_draw(commands.raw, count, instances, vertices.start, run.start) };
         };
         let quads = || {

@@ -146,7 +146,7 @@ fn render_args(args: &AgainArgs, drawn: &Value, output: &Path) -> Result<RenderA
         match key.as_str() {
             "backend" if args.backend.is_some() => {}
             "backend" | "region" | "samples" | "storage" | "planes" | "label" => {
-                words.push(format!("--{key}={text}").into())
+                words.push(format!("--{key}={text}").into());
             }
             "png16" | "exr-f32" if text == "true" => words.push(format!("--{key}").into()),
             "adapter" => {}

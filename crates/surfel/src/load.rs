@@ -332,9 +332,9 @@ pub(crate) fn splats_of(
         notes.push(format!("no attribute {attribute}, so its splats have no label (attributes: {known})"));
     }
     if options.rows || options.label.is_some() {
-        cloud.number_rows()
+        cloud.number_rows();
     } else {
-        cloud.discard_rows()
+        cloud.discard_rows();
     }
     let mut coloring = None;
     if let Some(attribute) = options.color_by.as_deref().filter(|_| octree.is_none()) {

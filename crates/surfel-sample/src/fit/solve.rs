@@ -81,8 +81,8 @@ impl<T: Scalar> Problem<'_, T> {
             let momentum = T::from_f64(if restart { 0.0 } else { (from - 1.0) / t });
             for_chunks(&mut y, CHUNK, &|first, y| {
                 for (k, y) in (first..).zip(y) {
+                    *y = next[k];
                     for c in 0..4 {
-                        y[c] = next[k][c];
                         y[c] += momentum * (next[k][c] - d[k][c]);
                     }
                 }

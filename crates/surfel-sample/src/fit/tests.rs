@@ -367,7 +367,7 @@ fn normals_blend_to_those_of_the_surface() {
     let triangles = quads.flat_map(|(i, j)| {
         [[index(i, j), index(i + 1, j), index(i + 1, j + 1)], [index(i, j), index(i + 1, j + 1), index(i, j + 1)]]
     });
-    let normals = vertices.iter().map(|v| v.to_array()).collect();
+    let normals = vertices.iter().map(Vec3::to_array).collect();
     let mesh = Mesh {
         triangles: triangles.collect(),
         positions: Column3::from_f32(vertices),

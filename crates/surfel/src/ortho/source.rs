@@ -31,7 +31,7 @@ pub(crate) struct Source {
 /// What a file holds.
 pub(crate) enum Holds {
     /// Points.
-    Points(Points),
+    Points(Box<Points>),
     /// Splats, or a mesh that was made into splats.
     Splats(Arc<SplatCloud>),
 }
@@ -80,7 +80,7 @@ impl Source {
             let points = convert::chosen_points(points, &path, options, &mut told.notes)?;
             let Some(bounds) = points.bounds() else { return Err(empty(&path)) };
             let density = density(&points, bounds);
-            let holds = Holds::Points(Points {
+            let holds = Holds::Points(Box::new(Points {
                 density,
                 bytes: bytes(&points),
                 has_colors: points.colors.is_some(),
@@ -88,7 +88,7 @@ impl Source {
                 cloud: Some(points),
                 bins: None,
                 used: 0,
-            });
+            }));
             return Ok(Self { path, holds, bounds, crs });
         }
         let mut made = load::splats_of(loaded, &path, options, progress)?;
