@@ -7,7 +7,7 @@ use crate::context::Context;
 use crate::error::Fault;
 use glam::DVec3;
 use std::sync::Arc;
-use surfel_model::{AlphaMode, Column3, Mesh, MeshMaterial, Texture, TriangleMaterials};
+use surfel_model::{AlphaMode, Column3, Mesh, MeshMaterial, NormalMap, Texture, TriangleMaterials};
 
 /// Base colour of a part, and what its alpha means.
 #[derive(Clone, Debug)]
@@ -17,10 +17,12 @@ pub(crate) struct Material {
     /// Index into the file's textures.
     pub(crate) texture: Option<usize>,
     pub(crate) alpha: AlphaMode,
+    /// Index into the file's textures, and its scale.
+    pub(crate) normal_map: Option<(usize, f32)>,
 }
 
 impl Material {
-    pub(crate) const WHITE: Self = Self { factor: [1.0; 4], texture: None, alpha: AlphaMode::Opaque };
+    pub(crate) const WHITE: Self = Self { factor: [1.0; 4], texture: None, alpha: AlphaMode::Opaque, normal_map: None };
 }
 
 /// Vertices and triangles with a material each; all columns have one value a vertex.
@@ -66,7 +68,12 @@ impl Context<'_> {
         let alphas = alphas.map(|c| c.iter().map(|c| c[3]).collect());
         let texture_of =
             |m: &Material| m.texture.filter(|_| parts.uvs.is_some()).and_then(|t| textures.get(t)).cloned();
-        let made_of = |m: &Material| MeshMaterial { texture: texture_of(m), alpha: m.alpha };
+        let normal_map_of = |m: &Material| {
+            let (image, scale) = m.normal_map.filter(|_| parts.uvs.is_some())?;
+            Some(NormalMap { image: textures.get(image)?.clone(), scale })
+        };
+        let made_of =
+            |m: &Material| MeshMaterial { texture: texture_of(m), alpha: m.alpha, normal_map: normal_map_of(m) };
         // The last one is for what has none.
         let all: Vec<MeshMaterial> = materials.iter().chain([&Material::WHITE]).map(made_of).collect();
         let index_of = |t: &[u32; 3]| {
@@ -102,6 +109,7 @@ fn shared(all: TriangleMaterials, vertex_alphas: bool) -> (Option<Arc<Texture>>,
     // Where nothing has an alpha below 1, all modes are alike.
     let alphas_of = |m: &MeshMaterial| m.texture.as_ref().is_some_and(|t| t.srgba8.iter().any(|t| t[3] < 255));
     let plain = |m: &MeshMaterial| match m.alpha {
+        _ if m.normal_map.is_some() => false,
         AlphaMode::Blend => true,
         AlphaMode::Opaque => !alphas_of(m),
         AlphaMode::Mask { cutoff } => cutoff <= 1.0 && !vertex_alphas && !alphas_of(m),

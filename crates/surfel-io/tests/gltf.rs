@@ -391,6 +391,37 @@ fn gltf_every_triangle_keeps_its_own_texture_and_alpha_mode() {
 }
 
 #[test]
+fn gltf_normal_maps_are_read_where_they_lie_as_the_colours_do() {
+    let image = uri(&png(&[[204, 128, 230, 255]]));
+    let base = |moved: Value| {
+        let mut document = textured(json!({"source": 0}), json!([{"uri": image}]));
+        document["materials"][0]["normalTexture"] = moved;
+        document
+    };
+    let loaded = load(&base(json!({"index": 0, "scale": 0.5})));
+    assert!(loaded.notes.is_empty(), "{:?}", loaded.notes);
+    let map = mesh(loaded).material(0).normal_map.cloned().unwrap();
+    assert_eq!((map.scale, &map.image.srgba8[..]), (0.5, &[[204, 128, 230, 255]][..]));
+    // Moved otherwise than the colours: left out, with a note. The same way: read.
+    let transform = json!({"KHR_texture_transform": {"offset": [0.5, 0]}});
+    let mut document = base(json!({"index": 0, "extensions": transform}));
+    let loaded = load(&document);
+    assert_eq!(loaded.notes, ["left out a normal map whose texture coordinates aren't the colours'"]);
+    assert!(mesh(loaded).material(0).normal_map.is_none());
+    document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] = transform;
+    assert!(mesh(load(&document)).material(0).normal_map.is_some());
+    // Without a texture of colours, texture coordinates are the map's.
+    document["materials"][0]["pbrMetallicRoughness"] = json!({});
+    let m = mesh(load(&document));
+    assert!(m.material(0).normal_map.is_some() && m.material(0).texture.is_none());
+    assert!(m.uvs.unwrap()[0][0] >= 0.5);
+    // What isn't there, or makes no sense, is none.
+    for odd in [json!({"index": 7}), json!({"index": "x"}), json!({"index": 0, "texCoord": 3}), json!(4)] {
+        assert!(mesh(load(&base(odd.clone()))).material(0).normal_map.is_none(), "{odd}");
+    }
+}
+
+#[test]
 fn gltf_instances_are_placed_one_by_one() {
     let mut d = Document::default();
     let position = d.floats(&TRIANGLE, "VEC3", 3);

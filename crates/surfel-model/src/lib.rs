@@ -39,7 +39,7 @@ pub use convert::{Colormap, ConvertOptions, PointColors, SplatCount, TextureOpti
 pub use error::ModelError;
 pub use light::Light;
 pub use matcap::Matcap;
-pub use mesh::{AlphaMode, MaterialRef, Mesh, MeshMaterial, TriangleMaterials};
+pub use mesh::{AlphaMode, MaterialRef, Mesh, MeshMaterial, NormalMap, TriangleMaterials};
 pub use octree::{Octree, OctreeNode, Transition};
 pub use points::PointCloud;
 pub use scene::{Cull, Geometry, Material, Object, ObjectFile, Scene, SceneFile};

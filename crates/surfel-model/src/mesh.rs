@@ -37,6 +37,25 @@ pub struct MeshMaterial {
     pub texture: Option<Arc<Texture>>,
     /// What the product of alphas means.
     pub alpha: AlphaMode,
+    /// Shading normals finer than the mesh's.
+    pub normal_map: Option<NormalMap>,
+}
+
+/// An image of shading normals in a triangle's own axes: right and up in the image, and out of the surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NormalMap {
+    /// The image, for the mesh's `uvs`; a component is 2·level/255 − 1.
+    pub image: Arc<Texture>,
+    /// Factor of the components right and up.
+    pub scale: f32,
+}
+
+impl NormalMap {
+    /// The normal at `uv` along right, up and out, of about unit length.
+    pub fn sample(&self, uv: [f32; 2]) -> [f32; 3] {
+        let [x, y, z, _] = self.image.sample_numbers(uv).map(|v| 2.0 * v - 1.0);
+        [x * self.scale, y * self.scale, z]
+    }
 }
 
 /// A material for each triangle.
@@ -133,12 +152,13 @@ impl Mesh {
     /// What a triangle is made of.
     pub fn material(&self, triangle: usize) -> MaterialRef<'_> {
         match &self.materials {
-            None => MaterialRef { texture: self.texture.as_ref(), alpha: AlphaMode::Blend },
+            None => MaterialRef { texture: self.texture.as_ref(), alpha: AlphaMode::Blend, normal_map: None },
             Some(all) => {
                 let own = all.of_triangle.get(triangle).and_then(|&i| all.materials.get(i as usize));
                 own.map_or(MaterialRef::default(), |own| MaterialRef {
                     texture: own.texture.as_ref(),
                     alpha: own.alpha,
+                    normal_map: own.normal_map.as_ref(),
                 })
             }
         }
@@ -283,6 +303,8 @@ pub struct MaterialRef<'a> {
     pub texture: Option<&'a Arc<Texture>>,
     /// What its alpha means.
     pub alpha: AlphaMode,
+    /// Its normal map.
+    pub normal_map: Option<&'a NormalMap>,
 }
 
 impl TriangleMaterials {
@@ -325,7 +347,8 @@ mod tests {
     /// Four triangles about a point, of three materials with two textures.
     fn fan() -> Mesh {
         let (red, blue) = (texel([255, 0, 0, 255]), texel([0, 0, 255, 128]));
-        let material = |texture: &Arc<Texture>, alpha| MeshMaterial { texture: Some(texture.clone()), alpha };
+        let material =
+            |texture: &Arc<Texture>, alpha| MeshMaterial { texture: Some(texture.clone()), alpha, normal_map: None };
         let mask = AlphaMode::Mask { cutoff: 0.75 };
         Mesh {
             positions: Column3::from_f32(vec![Vec3::ZERO, Vec3::X, Vec3::Y, -Vec3::X, -Vec3::Y]),

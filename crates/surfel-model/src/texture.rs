@@ -3,7 +3,7 @@
 use crate::Mesh;
 use std::sync::{Arc, LazyLock};
 
-/// A base-colour image, linear RGB with straight alpha.
+/// A base-colour image, linear RGB with straight alpha; or one of other numbers ([`crate::NormalMap`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// Width in texels.
@@ -21,6 +21,16 @@ impl Texture {
             return [1.0; 4];
         }
         bilinear(uv, self.width as usize, self.height as usize, |i| linear(self.srgba8[i]))
+    }
+
+    /// As [`Self::sample`], for images of numbers that no colour's encoding is applied to: each 0 to 1.
+    pub fn sample_numbers(&self, uv: [f32; 2]) -> [f32; 4] {
+        if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
+            return [1.0; 4];
+        }
+        bilinear(uv, self.width as usize, self.height as usize, |i| {
+            self.srgba8[i].map(|level| f32::from(level) / 255.0)
+        })
     }
 
     /// As [`Self::sample`], each texel's colour counting by its alpha: what is next to texels that can't be seen keeps

@@ -71,6 +71,11 @@ impl CheckedDocument {
         self.raw.get("textures")?.get(index)?.get("extensions")?.get(name)
     }
 
+    /// What a material says of its normal texture.
+    pub(super) fn normal_texture(&self, material: usize) -> Option<&Value> {
+        self.raw.get("materials")?.get(material)?.get("normalTexture")
+    }
+
     /// The names of a texture's extensions.
     pub(super) fn texture_extensions(&self, index: usize) -> impl Iterator<Item = &str> {
         let extensions = self.raw.get("textures").and_then(|all| all.get(index)?.get("extensions")?.as_object());

@@ -7,6 +7,7 @@ use crate::context::Context;
 use crate::error::quote;
 use crate::images::texture;
 use crate::materials::Material;
+use serde_json::Value;
 use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
@@ -28,7 +29,7 @@ pub(super) struct BaseColor {
 }
 
 /// uv' = translate(offset) · rotate(−rotation) · scale(scale) · uv, v downwards.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 pub(super) struct TextureTransform {
     offset: [f32; 2],
     rotation: f32,
@@ -36,6 +37,17 @@ pub(super) struct TextureTransform {
 }
 
 impl TextureTransform {
+    /// As an extension says it, whose keys all have a default.
+    fn of(extension: &Value) -> Self {
+        let number = |key: &str, default: [f32; 2]| {
+            let pair = extension.get(key).and_then(Value::as_array);
+            let at = |i: usize| pair.and_then(|p| p.get(i)?.as_f64()).map_or(default[i], |v| v as f32);
+            [at(0), at(1)]
+        };
+        let rotation = extension.get("rotation").and_then(Value::as_f64).unwrap_or(0.0) as f32;
+        Self { offset: number("offset", [0.0; 2]), rotation, scale: number("scale", [1.0; 2]) }
+    }
+
     pub(super) fn apply(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         let (u, v) = (u * self.scale[0], v * self.scale[1]);
         let (sin, cos) = self.rotation.sin_cos();
@@ -49,7 +61,7 @@ impl Materials {
         let mut read = Self::default();
         let first_alike = first_alike(asset);
         let mut of_image: Vec<Option<Option<usize>>> = vec![None; first_alike.len()];
-        for material in asset.document.gltf.materials() {
+        for (number, material) in asset.document.gltf.materials().enumerate() {
             let pbr = material.pbr_metallic_roughness();
             let (mut factor, info) = match material.pbr_specular_glossiness() {
                 Some(older) => (older.diffuse_factor(), older.diffuse_texture()),
@@ -63,23 +75,26 @@ impl Materials {
             if alpha == AlphaMode::Opaque {
                 factor[3] = 1.0;
             }
-            let mut found = BaseColor { material: Material { factor, texture: None, alpha }, transform: None, set: 0 };
-            if let Some(info) = info {
-                let index = info.texture().index();
-                let images = images_of(asset, &info.texture());
-                if images.is_empty() {
-                    context.note(texture::missing(&format!("texture {index}"), &why_empty(asset, index)));
-                }
-                // The first that can be had: a texture may come in a newer format with an older one to fall back to.
-                let read_one = |image: usize| {
+            let material = Material { factor, texture: None, alpha, normal_map: None };
+            let mut found = BaseColor { material, transform: None, set: 0 };
+            // The first that can be had: a texture may come in a newer format with an older one to fall back to.
+            let mut read_first = |images: Vec<usize>, context: &mut Context<'_>| {
+                images.into_iter().find_map(|image| {
                     let image = *first_alike.get(image)?;
                     *of_image.get_mut(image)?.get_or_insert_with(|| {
                         let image = read_image(asset, image, context)?;
                         read.textures.push(Arc::new(image));
                         Some(read.textures.len() - 1)
                     })
-                };
-                found.material.texture = images.into_iter().find_map(read_one);
+                })
+            };
+            if let Some(info) = info {
+                let index = info.texture().index();
+                let images = images_of(asset, &info.texture());
+                if images.is_empty() {
+                    context.note(texture::missing(&format!("texture {index}"), &why_empty(asset, index)));
+                }
+                found.material.texture = read_first(images, context);
                 found.set = info.tex_coord();
                 if let Some(t) = info.texture_transform() {
                     found.transform =
@@ -87,9 +102,41 @@ impl Materials {
                     found.set = t.tex_coord().unwrap_or(found.set);
                 }
             }
+            if let Some(normals) = asset.document.normal_texture(number).and_then(|v| NormalTexture::of(asset, v)) {
+                let has_own = found.material.texture.is_none();
+                if has_own || (found.set, found.transform) == (normals.set, normals.transform) {
+                    (found.set, found.transform) = (normals.set, normals.transform);
+                    let image = read_first(normals.images, context);
+                    found.material.normal_map = image.map(|image| (image, normals.scale));
+                } else {
+                    let what = "left out a normal map whose texture coordinates aren't the colours'";
+                    context.note(what.to_owned());
+                }
+            }
             read.all.push(found);
         }
         read
+    }
+}
+
+/// A material's normal texture.
+struct NormalTexture {
+    images: Vec<usize>,
+    scale: f32,
+    set: u32,
+    transform: Option<TextureTransform>,
+}
+
+impl NormalTexture {
+    /// As a document says it, unchecked; `None` if there is no such texture, or it has no image that is read.
+    fn of(asset: &Asset<'_>, said: &Value) -> Option<Self> {
+        let number = |of: &Value, key: &str| of.get(key).and_then(Value::as_u64).and_then(|v| u32::try_from(v).ok());
+        let texture = asset.document.gltf.textures().nth(number(said, "index")? as usize)?;
+        let images = images_of(asset, &texture);
+        let scale = said.get("scale").and_then(Value::as_f64).filter(|v| v.is_finite()).unwrap_or(1.0) as f32;
+        let extension = said.get("extensions").and_then(|all| all.get("KHR_texture_transform"));
+        let set = extension.and_then(|e| number(e, "texCoord")).or_else(|| number(said, "texCoord")).unwrap_or(0);
+        (!images.is_empty()).then(|| Self { images, scale, set, transform: extension.map(TextureTransform::of) })
     }
 }
 

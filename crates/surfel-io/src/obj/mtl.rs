@@ -107,7 +107,8 @@ pub(super) fn resolve(
         // Many exporters write a black Kd beside a texture and mean the texture.
         let [r, g, b] = if image.is_some() && entry.color == [0.0; 3] { [1.0; 3] } else { entry.color };
         if let Some(material) = materials.get_mut(i as usize) {
-            *material = Material { factor: [r, g, b, entry.alpha], texture: image, alpha: AlphaMode::Blend };
+            let factor = [r, g, b, entry.alpha];
+            *material = Material { factor, texture: image, alpha: AlphaMode::Blend, normal_map: None };
         }
     }
     if materials.iter().all(|m| m.texture.is_none() && m.factor == [1.0; 4]) {

@@ -103,15 +103,15 @@ pub fn fit_to_mesh(
         ([r, g, b], a)
     };
     let corners = if shaded { geometry.smooth().corner_normals } else { Vec::new() };
-    let normal = |face: usize, b: [f64; 3]| {
+    let normal = |face: usize, b: [f64; 3], side: f64| {
         let sum: DVec3 = corners[face].iter().zip(b).map(|(n, b)| *n * b).sum();
-        unit(sum).as_vec3().to_array()
+        geometry.mapped_normal(face, b, unit(sum), side).as_vec3().to_array()
     };
     let own = |i: usize| cloud.shading_normal(i).as_vec3().to_array();
     let (colors, normals, report) = if painted && shaded {
         let value = |face: usize, b: [f64; 3], side: f64| {
             let (c, a) = color(face, b, side);
-            (joined(c, normal(face, b)), a)
+            (joined(c, normal(face, b, side)), a)
         };
         let (values, report) = target.fit(3, &value, &|i| joined(cloud.color(i), own(i)))?;
         (Some(part(&values, 0)), Some(part(&values, 3)), report)
@@ -119,7 +119,7 @@ pub fn fit_to_mesh(
         let (values, report) = target.fit(3, &color, &|i| cloud.color(i))?;
         (Some(values), None, report)
     } else {
-        let (values, report) = target.fit(0, &|face, b, _| (normal(face, b), 1.0), &own)?;
+        let (values, report) = target.fit(0, &|face, b, side| (normal(face, b, side), 1.0), &own)?;
         (None, Some(values), report)
     };
     let mut data = cloud.into_data();

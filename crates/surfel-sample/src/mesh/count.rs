@@ -103,6 +103,11 @@ pub(crate) fn splats_and_faces(
     let mut data = CloudData { clips, ..CloudData::new(mesh.origin, assemble::centers(mesh, &positions), shape) };
     let of_facets = planes.iter().zip(&smooth).filter(|(plane, smooth)| plane.dot(**smooth) >= FLAT).count();
     report.flat = 10 * of_facets >= 9 * count;
+    let mapped = |i: usize| {
+        let sample = &samples[i];
+        geometry.mapped_normal(sample.face as usize, sample.barycentric, smooth[i], spacing)
+    };
+    let smooth = map_each(samples.len(), &crate::NoProgress, || (), |(), i| mapped(i));
     // A flat facet's splats have no other normals than their own.
     if planes.iter().zip(&smooth).any(|(plane, smooth)| plane.dot(*smooth) < SAME_NORMAL) {
         data.shading_normals = Some(assemble::normals32(&smooth));

@@ -3,7 +3,7 @@
 use super::borders::{Border, Kind};
 use crate::parallel::map_each;
 use crate::progress::NoProgress;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{AlphaMode, Mesh};
@@ -255,6 +255,51 @@ impl<'a> Geometry<'a> {
     pub(crate) fn is_painted(&self) -> bool {
         let m = self.mesh;
         m.colors.is_some() || m.alphas.is_some() || m.is_textured()
+    }
+
+    /// What normal maps make of the smooth unit normal at barycentric coordinates `b` of a face: the mean of what lies
+    /// about it in a square of side `extent` (in object units), by nine samples; by one where that is 0. The image's
+    /// axes follow the texture coordinates of the face.
+    pub(crate) fn mapped_normal(&self, face: usize, b: [f64; 3], smooth: DVec3, extent: f64) -> DVec3 {
+        let (Some(map), Some(uvs)) = (self.mesh.material(face).normal_map, &self.mesh.uvs) else { return smooth };
+        let Some((right, up)) = self.image_axes(face, smooth) else { return smooth };
+        let t = self.mesh.triangles[face].map(|i| uvs[i as usize]);
+        let at = |b: [f64; 3]| {
+            let uv = [0, 1].map(|axis| (0..3).map(|k| b[k] as f32 * t[k][axis]).sum::<f32>());
+            DVec3::from(map.sample(uv).map(f64::from))
+        };
+        let plane = orthonormal(self.normals[face]);
+        let changes = (self.barycentric_change(face, plane.0), self.barycentric_change(face, plane.1));
+        let mean = match changes {
+            (Some(u), Some(v)) if extent > 0.0 => {
+                let places = [-1.0, 0.0, 1.0].into_iter().flat_map(|y| [-1.0, 0.0, 1.0].map(|x| (x, y)));
+                let about = places.map(|(x, y)| {
+                    let at: [f64; 3] = std::array::from_fn(|k| b[k] + (x * u[k] + y * v[k]) * extent / 3.0);
+                    if at.iter().all(|b| *b >= 0.0) { at } else { b }
+                });
+                about.map(at).sum::<DVec3>()
+            }
+            _ => at(b),
+        };
+        let mapped = unit(right * mean.x + up * mean.y + smooth * mean.z);
+        if mapped == DVec3::ZERO { smooth } else { mapped }
+    }
+
+    /// Where right and up in an image point on a face, as unit vectors across a normal; `None` where the texture
+    /// coordinates don't spread over the face.
+    fn image_axes(&self, face: usize, normal: DVec3) -> Option<(DVec3, DVec3)> {
+        let uvs = self.mesh.uvs.as_ref()?;
+        let [a, b, c] = self.corners(face);
+        let [p, q, r] = self.mesh.triangles[face].map(|i| DVec2::from(uvs[i as usize].map(f64::from)));
+        let (e, f, g, h) = (b - a, c - a, q - p, r - p);
+        let turns = g.perp_dot(h);
+        let across = |v: DVec3| unit(v - normal * normal.dot(v));
+        // (e h.y − f g.y)/turns is how places change with u, and downwards is along v.
+        let right = across((e * h.y - f * g.y) * turns.signum());
+        let down = (f * g.x - e * h.x) * turns.signum();
+        let up = normal.cross(right);
+        let up = if up.dot(down) > 0.0 { -up } else { up };
+        (turns != 0.0 && right != DVec3::ZERO && right.is_finite()).then_some((right, up))
     }
 
     /// Texels that a triangle shows; 0 without a texture.

@@ -330,7 +330,7 @@ mod tests {
     fn square(alpha: impl Fn(f32) -> u8, mode: AlphaMode) -> Mesh {
         let texel = |x: u32| [255, 255, 255, alpha((x as f32 + 0.5) / 64.0)];
         let texture = Texture { width: 64, height: 1, srgba8: (0..64).map(texel).collect() };
-        let material = MeshMaterial { texture: Some(Arc::new(texture)), alpha: mode };
+        let material = MeshMaterial { texture: Some(Arc::new(texture)), alpha: mode, normal_map: None };
         Mesh {
             positions: Column3::from_f32(vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y]),
             triangles: vec![[0, 1, 2], [0, 2, 3]],
