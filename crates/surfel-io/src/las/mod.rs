@@ -39,8 +39,9 @@ pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Contex
     let columns = if header.compressed {
         #[cfg(feature = "laz")]
         {
+            let repair = context.options.repair;
             // The crate counts on sound streams: where it is built with checks of overflow, damaged ones make it panic.
-            let read = AssertUnwindSafe(|| laz::read(source, &mut header, file_bytes));
+            let read = AssertUnwindSafe(|| laz::read(source, &mut header, file_bytes, repair));
             catch_unwind(read).unwrap_or_else(|_| {
                 let problem = Problem::new("is damaged: its compressed points make no sense");
                 Err(problem.help("copy the file again"))
