@@ -459,7 +459,7 @@ pub(crate) struct StitchArgs {
     /// All tiles of one image, PNG or EXR, that surfel drew by --tile or --region, in any order.
     #[arg(required = true, value_name = "TILE")]
     pub(crate) tiles: Vec<PathBuf>,
-    /// Image to write, in the tiles' format.
+    /// Image to write, in the tiles' format; of PNGs also a .tif.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: PathBuf,
     /// Overwrite an existing file.
