@@ -86,6 +86,13 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Runs `work` on as many threads as are asked for.
+pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Error> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = pool.map_err(|e| Error::Usage(format!("can't start {threads} threads: {e}")))?;
+    Ok(pool.install(work))
+}
+
 impl Input {
     pub(crate) fn new(paths: Vec<PathBuf>, bytes: Option<Arc<[u8]>>) -> Self {
         Self { paths, bytes, carried: None, cache: Mutex::default() }
@@ -119,13 +126,6 @@ impl Input {
         Ok(Source::Scene(Box::new(SceneSource { file, keys, name: name.clone(), base })))
     }
 
-    /// Runs `work` on as many threads as are asked for.
-    fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Error> {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let pool = pool.map_err(|e| Error::Usage(format!("can't start {threads} threads: {e}")))?;
-        Ok(pool.install(work))
-    }
-
     /// The scene that options ask for; loaded, framed and lit once.
     pub(crate) fn prepare(
         &self,
@@ -145,13 +145,13 @@ impl Input {
             _ => {
                 // The old goes first.
                 *cache = Cache::default();
-                let loaded = Self::on_threads(threads, || request.load(self.bytes.clone(), progress))??;
+                let loaded = on_threads(threads, || request.load(self.bytes.clone(), progress))??;
                 cache.loaded = Some((key, loaded.clone()));
                 loaded
             }
         };
         let mut notes = Vec::new();
-        let resolved = Self::on_threads(threads, || request.resolve(loaded, &mut |note| notes.push(note)))??;
+        let resolved = on_threads(threads, || request.resolve(loaded, &mut |note| notes.push(note)))??;
         let summary = SceneSummary::of(&resolved.scene);
         let (resident, inputs) = (Mutex::default(), Mutex::default());
         let prepared = Arc::new(Prepared { options: options.clone(), resolved, summary, notes, resident, inputs });
