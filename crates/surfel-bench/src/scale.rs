@@ -151,7 +151,7 @@ fn simulate(job: &Job, workers: usize, losses_per_hour: f64, random: &mut Random
     // Times at which workers are free, in nanoseconds, which have an order.
     let ns = |s: f64| (s * 1e9) as u128;
     let s = |ns: u128| ns as f64 * 1e-9;
-    let mut free: BinaryHeap<Reverse<u128>> = (0..workers.min(job.tasks.len())).map(|_| Reverse(0)).collect();
+    let mut free: BinaryHeap<Reverse<u128>> = (0..workers).map(|_| Reverse(0)).collect();
     // Tasks that were lost, and when that was known.
     let mut again: Vec<(f64, (f64, f64))> = Vec::new();
     let (mut outcome, mut storage_free, mut dispatch_free) = (Outcome::default(), 0.0_f64, 0.0_f64);

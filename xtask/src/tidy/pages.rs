@@ -18,7 +18,7 @@ const BUDGETS: [(&str, usize); 17] = [
     ("docs/jobs.md", 750),
     ("docs/ortho.md", 450),
     ("docs/python.md", 500),
-    ("docs/scale.md", 500),
+    ("docs/scale.md", 700),
     ("docs/textures.md", 450),
     ("docs/decisions/", 350),
 ];
