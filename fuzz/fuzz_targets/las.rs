@@ -9,7 +9,10 @@ use surfel_io::{LoadOptions, load_bytes};
 // A decoder's panic that the reader catches is no find: without libFuzzer's hook, it unwinds as in the program.
 fuzz_target!(init: std::panic::set_hook(Box::new(|_| ())), |bytes: &[u8]| {
     let bytes = [b"LASF", bytes].concat();
-    if let Err(error) = load_bytes(&bytes, None, Path::new("t"), &LoadOptions::default()) {
-        assert!(error.to_string().lines().count() <= 4);
+    for repair in [false, true] {
+        let options = LoadOptions { repair, ..LoadOptions::default() };
+        if let Err(error) = load_bytes(&bytes, None, Path::new("t"), &options) {
+            assert!(error.to_string().lines().count() <= 4);
+        }
     }
 });

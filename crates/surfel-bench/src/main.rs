@@ -6,6 +6,7 @@ mod compare;
 mod machine;
 mod measure;
 mod report;
+mod scale;
 mod scenes;
 mod table;
 mod tradeoff;
@@ -115,6 +116,8 @@ pub(crate) struct Arguments {
 enum Command {
     /// What every setting costs, in time and in error; as `cargo xtask tradeoff`.
     Tradeoff(tradeoff::Arguments),
+    /// What jobs of many pieces take on many workers, simulated.
+    Scale(scale::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -128,8 +131,10 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(Command::Tradeoff(arguments)) = &arguments.command {
-        return tradeoff::run(arguments);
+    match &arguments.command {
+        Some(Command::Tradeoff(arguments)) => return tradeoff::run(arguments),
+        Some(Command::Scale(arguments)) => return scale::run(arguments),
+        None => {}
     }
     if let Some([a, b]) = arguments.compare.as_deref() {
         let are_files = [a, b].map(|path| path.extension().is_some_and(|extension| extension == "json"));

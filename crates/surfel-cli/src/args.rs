@@ -246,7 +246,7 @@ pub(crate) struct RenderArgs {
 /// How files become splats: for `render` and `convert` alike.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct SplatArgs {
-    /// Drop invalid splats instead of refusing the file.
+    /// Drop invalid splats, and take what is whole of a LAZ file that is cut off, instead of refusing the file.
     #[arg(long, help_heading = "Splats")]
     pub(crate) repair: bool,
     /// How splats take a mesh's colours: each by itself (point), by its kernel (ewa), or all together, so that their
@@ -422,7 +422,7 @@ pub(crate) struct InfoArgs {
     /// As JSON.
     #[arg(long)]
     pub(crate) json: bool,
-    /// Drop invalid splats instead of refusing the file.
+    /// Drop invalid splats, and take what is whole of a LAZ file that is cut off, instead of refusing the file.
     #[arg(long)]
     pub(crate) repair: bool,
     /// Read what a file refers to (buffers, materials, textures) outside of its own folder, too.
@@ -466,7 +466,7 @@ pub(crate) struct StitchArgs {
     /// All tiles of one image, PNG or EXR, that surfel drew by --tile or --region, in any order.
     #[arg(required = true, value_name = "TILE")]
     pub(crate) tiles: Vec<PathBuf>,
-    /// Image to write, in the tiles' format.
+    /// Image to write, in the tiles' format; of PNGs also a .tif.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: PathBuf,
     /// Overwrite an existing file.

@@ -14,9 +14,13 @@ use surfel::model::SceneFile;
 use surfel::{paths, values};
 
 pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
-    let output = Output::new(&args.output, args.force, false, false)?;
+    // A TIFF has a PNG's samples.
+    let extension = args.output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    let is_tiff = matches!(extension.as_deref(), Some("tif" | "tiff"));
+    let output = if is_tiff { args.output.with_extension("png") } else { args.output.clone() };
+    let output = Output::new(&output, args.force, false, false)?;
     if output.is_stdout() {
-        return Err(Failure::usage("-o -: a whole image goes to a file, expected a name in .png or .exr"));
+        return Err(Failure::usage("-o -: a whole image goes to a file, expected a name in .png, .tif or .exr"));
     }
     output.check(Some(&args.output))?;
     let said: Vec<Said> = args.tiles.iter().map(|path| Said::of(path)).collect::<Result<_, _>>()?;
@@ -44,6 +48,9 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
         )));
     }
     let size = first.file.camera.size;
+    if is_tiff {
+        console.detail(&format!("{}: keeps nothing of the scene: surfel again needs a PNG", args.output.display()));
+    }
     let metadata = first.of_whole(Output::folder(Some(&args.output)), format)?;
     let tiles: Vec<Tile> = said.iter().map(|said| said.tile.clone()).collect();
     surfel::io::stitch(&args.output, args.force, size, &tiles, &metadata)?;

@@ -107,7 +107,18 @@ fn tiles_that_do_not_fit_are_refused() {
     f.run("stitch t0.png t2.png -o w.png").fails(3, "rows 10 to 19 are in no tile");
     f.run("stitch t0.png t1.png t1.png t2.png -o w.png").fails(3, "that another tile has");
     f.run("stitch t0.png t1.png t2.png -o w.exr").fails(2, "expected a name in .png");
-    f.run("stitch t0.png t1.png t2.png -o w.tiff").fails(2, "w.tiff");
+    f.run("stitch t0.png t1.png t2.png -o w.gif").fails(2, "w.gif");
+    f.run("stitch t0.png t2.png -o w.tif").fails(3, "rows 10 to 19 are in no tile");
+    for i in 0..3 {
+        f.run(&format!("scene.json -o t{i}.exr --tile {i}/3")).code(0);
+    }
+    f.run("stitch t0.exr t1.exr t2.exr -o w.tif").fails(2, "expected a name in .exr");
+    f.write("w.tif", "mine");
+    f.run("stitch t0.png t1.png t2.png -o w.tif").fails(1, "already exists");
+    assert_eq!(f.read("w.tif"), b"mine");
+    f.run("stitch t0.png t1.png t2.png -f -o w.tif").code(0);
+    let tiff = f.read("w.tif");
+    assert!(tiff.starts_with(b"II*\0") || tiff.starts_with(b"MM\0*"));
     f.run("stitch t0.png t1.png absent.png -o w.png").fails(3, "absent.png");
     f.run("scene.json -o other.png --tile 2/3 --cutoff 1.5").code(0);
     f.run("stitch t0.png t1.png other.png -o w.png").fails(3, "a setting differs");

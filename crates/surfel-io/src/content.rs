@@ -6,7 +6,8 @@ use surfel_model::{Mesh, Octree, PointCloud, Shape, SplatCloud, Up};
 /// How to load.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LoadOptions {
-    /// Drops invalid splats and says how many, instead of refusing the file.
+    /// Drops invalid splats, and takes the whole chunks of a LAZ file that is cut off, and says how many, instead of
+    /// refusing the file.
     pub repair: bool,
     /// A texture (PNG, JPEG or WebP) for a mesh that has texture coordinates and names no texture itself.
     pub texture: Option<PathBuf>,

@@ -350,3 +350,56 @@ fn whole_numbers_and_positions_are_kept() {
     let none = Planes { width: 2, height: 2, ..Planes::default() };
     assert!(surfel_io::write_npz(&mut Vec::new(), &none.view()).is_err());
 }
+
+#[cfg(feature = "geotiff")]
+#[test]
+fn tiles_become_a_tiff_with_their_samples() {
+    use std::fs::File;
+    use std::io::BufReader;
+    use surfel_io::{PlanesView, Tile, save_png, stitch};
+    let folder = tempfile::tempdir().unwrap();
+    // Two strips of 1 MiB and a shorter one; of 16 bits a few more.
+    let (width, edges) = (603, [0, 301, 640, 947]);
+    let color = |x: u32, y: u32| {
+        let alpha = if x.is_multiple_of(7) { 0.0 } else { 0.25 + 0.75 * y as f32 / 947.0 };
+        [x as f32 / 603.0, y as f32 / 947.0, ((x * 31 + y * 17) % 97) as f32 / 97.0, 1.0].map(|c| c * alpha)
+    };
+    for depth in [BitDepth::Eight, BitDepth::Sixteen] {
+        let options = PngOptions { depth, ..PngOptions::default() };
+        let save = |name: &str, from: u32, to: u32| {
+            let pixels: Vec<_> = (from..to).flat_map(|y| (0..width).map(move |x| color(x, y))).collect();
+            let planes = PlanesView { width, height: to - from, color: Some(&pixels), ..PlanesView::default() };
+            let path = folder.path().join(name);
+            save_png(&path, true, &planes, &options).unwrap();
+            path
+        };
+        let tiles: Vec<Tile> = (edges.windows(2))
+            .map(|e| {
+                let path = save(&format!("{}.png", e[0]), e[0], e[1]);
+                let header = surfel_io::read_image_header(&path).unwrap();
+                Tile { path, x: 0, y: e[0], header }
+            })
+            .collect();
+        let whole = folder.path().join("whole.TIF");
+        stitch(&whole, true, [width, 947], &tiles, &[]).unwrap();
+        let mut png = png::Decoder::new(BufReader::new(File::open(save("whole.png", 0, 947)).unwrap()));
+        png.set_transformations(png::Transformations::IDENTITY);
+        let mut png = png.read_info().unwrap();
+        let mut expected = vec![0; png.output_buffer_size().unwrap()];
+        png.next_frame(&mut expected).unwrap();
+        let mut tiff = tiff::decoder::Decoder::new(BufReader::new(File::open(&whole).unwrap())).unwrap();
+        assert_eq!(tiff.dimensions().unwrap(), (width, 947));
+        let bits = if depth == BitDepth::Eight { 8 } else { 16 };
+        assert_eq!(tiff.colortype().unwrap(), tiff::ColorType::RGBA(bits));
+        let found: Vec<u8> = match tiff.read_image().unwrap() {
+            tiff::decoder::DecodingResult::U8(samples) => samples,
+            tiff::decoder::DecodingResult::U16(samples) => samples.into_iter().flat_map(u16::to_be_bytes).collect(),
+            other => panic!("{other:?}"),
+        };
+        assert!(found == expected, "{bits} bits");
+        // A tile that is missing leaves the file as it was.
+        let before = std::fs::read(&whole).unwrap();
+        assert!(stitch(&whole, true, [width, 947], &tiles[1..], &[]).is_err());
+        assert!(std::fs::read(&whole).unwrap() == before);
+    }
+}

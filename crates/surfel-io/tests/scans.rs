@@ -301,6 +301,38 @@ fn headers_that_lie_are_told_and_believed_no_further_than_the_bytes() {
     assert!(read(&vlrs).0.notes.iter().any(|n| n.contains("4294967295 variable length records")));
 }
 
+#[test]
+fn whole_chunks_of_a_file_that_is_cut_off_are_read_on_request() {
+    // Chunks have 50,000 points.
+    for (minor, format) in [(4, 6), (2, 1)] {
+        let whole = las_file((minor, format, 0, true), Vec::new(), 0..120_000, |p| p.is_withheld = false);
+        let (_, all) = read(&whole);
+        for (share, least) in [(0.95, 100_000), (0.6, 50_000)] {
+            let cut = &whole[..(whole.len() as f64 * share) as usize];
+            assert!(try_read(cut).unwrap_err().contains("cut off"));
+            let options = LoadOptions { repair: true, ..LoadOptions::default() };
+            let loaded = load_bytes(cut, None, Path::new("t.laz"), &options).unwrap();
+            let Content::Points(points) = &loaded.content else { panic!() };
+            assert_eq!(points.len(), least, "1.{minor}, {share}");
+            let position = |cloud: &PointCloud, i: usize| cloud.origin + cloud.positions.get(i);
+            let farthest = (0..least).map(|i| position(points, i).distance(position(&all, i))).fold(0.0, f64::max);
+            assert!(farthest < 1e-9, "{farthest}");
+            assert!(loaded.notes.iter().any(|n| n.contains("is missing")), "{:?}", loaded.notes);
+            assert!(loaded.notes.iter().any(|n| n.contains("says 120000 points")), "{:?}", loaded.notes);
+        }
+        // A count that lies takes no memory for what isn't there.
+        let mut lies = whole[..whole.len() / 2].to_vec();
+        lies[107..111].copy_from_slice(&if minor == 4 { [0; 4] } else { [255; 4] });
+        if minor == 4 {
+            lies[247..255].copy_from_slice(&u64::MAX.to_le_bytes());
+        }
+        let options = LoadOptions { repair: true, ..LoadOptions::default() };
+        let loaded = load_bytes(&lies, None, Path::new("t.laz"), &options).unwrap();
+        let Content::Points(points) = &loaded.content else { panic!() };
+        assert_eq!(points.len(), 50_000);
+    }
+}
+
 /// A range of 2 at azimuth and elevation.
 fn spherical(azimuth: f64, elevation: f64) -> DVec3 {
     2.0 * DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())

@@ -90,6 +90,13 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Runs `work` on as many threads as are asked for.
+pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Error> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = pool.map_err(|e| Error::Usage(format!("can't start {threads} threads: {e}")))?;
+    Ok(pool.install(work))
+}
+
 impl Input {
     pub(crate) fn new(paths: Vec<PathBuf>, bytes: Option<Arc<[u8]>>) -> Self {
         Self { paths, bytes, carried: None, cache: Mutex::default() }
@@ -123,13 +130,6 @@ impl Input {
         Ok(Source::Scene(Box::new(SceneSource { file, keys, name: name.clone(), base })))
     }
 
-    /// Runs `work` on as many threads as are asked for.
-    fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Error> {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let pool = pool.map_err(|e| Error::Usage(format!("can't start {threads} threads: {e}")))?;
-        Ok(pool.install(work))
-    }
-
     /// The scene that options ask for; loaded, framed and lit once.
     pub(crate) fn prepare(
         &self,
@@ -151,7 +151,7 @@ impl Input {
             _ => {
                 // The old goes first.
                 *cache = Cache::default();
-                let loaded = Self::on_threads(threads, || request.load(self.bytes.clone(), progress))??;
+                let loaded = on_threads(threads, || request.load(self.bytes.clone(), progress))??;
                 cache.loaded = Some((key, loaded.clone()));
                 loaded
             }
@@ -159,7 +159,7 @@ impl Input {
         let mut notes = Vec::new();
         let read_for = loaded.facts.iter().any(|facts| facts.partial).then(|| pictures.clone());
         let resolve = || request.resolve(loaded, progress, &mut |note| notes.push(note));
-        let resolved = Self::on_threads(threads, resolve)??;
+        let resolved = on_threads(threads, resolve)??;
         let summary = SceneSummary::of(&resolved.scene);
         let (resident, inputs) = (Mutex::default(), Mutex::default());
         let options = options.clone();

@@ -1,17 +1,20 @@
-//! What the commands `convert`, `info`, `compare` and `backends` do.
+//! What the commands `convert`, `ortho`, `info`, `compare` and `backends` do.
 
+use crate::draw::on_threads;
 use crate::errors;
 use crate::frame::NativeFrame;
 use crate::interrupt;
+use crate::pool::{Taken, Who};
 use crate::scene::{Flags, NativeScene, wrong};
 use pyo3::prelude::*;
 use serde_json::json;
 use std::path::PathBuf;
-use surfel::Error;
 use surfel::compare::{check_diff, save_diff};
 use surfel::io::{IoError, Planes, PlyEncoding};
+use surfel::ortho::{OrthoFiles, OrthoOptions, OrthoRequest};
 use surfel::request::SplatOptions;
 use surfel::splat_file::{ConvertRequest, summary};
+use surfel::{BackendOptions, Error, Renderer, values};
 
 /// Writes splats, or an octree; what the user should know.
 #[pyfunction]
@@ -57,6 +60,57 @@ pub(crate) fn convert(
     Ok(notes.iter().map(|note| errors::in_python(note)).collect())
 }
 
+/// Draws an orthoimage; what `--stats` prints, as JSON, and what the user should know.
+#[pyfunction]
+pub(crate) fn ortho(
+    py: Python<'_>,
+    inputs: Vec<PathBuf>,
+    scene: Option<PyRef<'_, NativeScene>>,
+    output: PathBuf,
+    flags: Flags,
+    force: bool,
+) -> PyResult<(String, Vec<String>)> {
+    let mut splats = SplatOptions::default();
+    splats.force = force;
+    let mut options = OrthoOptions::new(0.0);
+    let mut files = OrthoFiles { color: output, overwrite: force, ..OrthoFiles::default() };
+    let mut who = Who { name: "auto".to_owned(), options: BackendOptions::default() };
+    for (flag, text) in &flags {
+        let known = match flag.as_str() {
+            "gsd" => values::positive(text).map(|gsd| options.gsd = gsd),
+            "bounds" => values::bounds(text).map(|bounds| options.bounds = Some(bounds)),
+            "origin" => values::place(text).map(|origin| options.origin = origin),
+            "size" => values::size(text).map(|size| options.size = Some(size)),
+            "crs" => values::epsg(text).map(|code| options.epsg = Some(code)),
+            "dsm" | "normals" => {
+                let file = if flag == "dsm" { &mut files.dsm } else { &mut files.normals };
+                *file = Some(text.into());
+                Ok(())
+            }
+            _ => match who.set(flag, text) {
+                Ok(false) => splats.set(flag, text).map(|_| ()),
+                set => set.map(|_| ()),
+            },
+        };
+        known.map_err(|message| wrong(py, flag, text, &message))?;
+    }
+    let stdin = scene.and_then(|scene| scene.input.bytes.clone());
+    let (json, notes) = interrupt::run(py, move |progress| {
+        let request = OrthoRequest { inputs: &inputs, options, splats: &splats, files: &files, stdin };
+        let mut notes = Vec::new();
+        let stats = on_threads(who.options.threads, || {
+            let mut ortho = request.open(progress, &mut |note| notes.push(note))?;
+            let mut taken = Taken::new(&who, |_| None)?;
+            let backend = taken.backend()?;
+            let software = concat!("surfel ", env!("CARGO_PKG_VERSION"));
+            let stats = ortho.draw(&files, software, backend, progress)?;
+            Ok::<_, Error>(ortho.stats_json(&stats, backend.info().backend))
+        })??;
+        Ok((stats, notes))
+    })?;
+    Ok((json.to_string(), notes.iter().map(|note| errors::in_python(note)).collect()))
+}
+
 /// What a file holds, as JSON.
 #[pyfunction]
 pub(crate) fn info(
@@ -94,6 +148,12 @@ impl ImageOrPath<'_> {
                 depth: planes.depth.map(<[_]>::to_vec),
                 normal: planes.normal.map(<[_]>::to_vec),
                 weight: planes.weight.map(<[_]>::to_vec),
+                whole: planes.whole.iter().map(|(name, plane)| ((*name).to_owned(), plane.to_vec())).collect(),
+                // As an EXR holds them.
+                other: planes.position.map_or_else(Vec::new, |position| {
+                    let axis = |i: usize| position.iter().map(|p| p[i] as f32).collect();
+                    ["X", "Y", "Z"].iter().enumerate().map(|(i, n)| (format!("position.{n}"), axis(i))).collect()
+                }),
                 ..Planes::default()
             }),
         }

@@ -210,7 +210,7 @@ impl NativeFrame {
         Ok(PyBytes::new(py, &bytes?))
     }
 
-    /// Writes a PNG, EXR or JPEG.
+    /// Writes a PNG, EXR, NPZ or JPEG.
     fn save(
         &self,
         py: Python<'_>,
@@ -237,13 +237,14 @@ impl NativeFrame {
                 let options = ExrOptions { f32_color: exr_f32, metadata };
                 self.with_planes(py, |planes| surfel::io::save_exr(&path, force, planes, &options))?
             }
+            "npz" => self.with_planes(py, |planes| surfel::io::save_npz(&path, force, planes))?,
             "jpg" | "jpeg" => {
                 let [r, g, b, _] = background.map(|c| c as f32);
                 let options = JpegOptions { background: [r, g, b], ..JpegOptions::default() };
                 self.with_planes(py, |planes| surfel::io::save_jpeg(&path, force, planes, &options))?
             }
             _ => {
-                let what = format!("path={}: expected a name that ends in .png, .jpg or .exr", path.display());
+                let what = format!("path={}: expected a name that ends in .png, .jpg, .exr or .npz", path.display());
                 return Err(errors::usage(py, &what));
             }
         };

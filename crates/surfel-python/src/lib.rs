@@ -17,7 +17,7 @@ mod native {
     use super::*;
 
     #[pymodule_export]
-    use crate::files::{backends, compare, convert, info};
+    use crate::files::{backends, compare, convert, info, ortho};
     #[pymodule_export]
     use crate::frame::{NativeFrame, frame_of};
     #[pymodule_export]

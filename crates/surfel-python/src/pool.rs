@@ -13,6 +13,27 @@ pub(crate) struct Who {
     pub(crate) options: BackendOptions,
 }
 
+impl Who {
+    /// Sets a flag on who draws, from its text; false for a name that is none of these flags.
+    pub(crate) fn set(&mut self, flag: &str, text: &str) -> Result<bool, String> {
+        match flag {
+            "backend" => self.name = text.to_owned(),
+            "adapter" => self.options.adapter = Some(text.to_owned()),
+            "storage" => match text {
+                "32" => self.options.quantised = false,
+                "16" => self.options.quantised = true,
+                _ => return Err("expected 32 or 16".to_owned()),
+            },
+            "threads" => match text.parse::<u16>() {
+                Ok(n @ 1..=1024) => self.options.threads = usize::from(n),
+                _ => return Err("expected a whole number from 1 to 1024".to_owned()),
+            },
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+}
+
 /// What an idle backend is known by.
 #[derive(Clone, PartialEq, Eq)]
 struct Key {

@@ -31,22 +31,10 @@ pub(crate) fn wrong(py: Python<'_>, flag: &str, text: &str, message: &str) -> Py
 /// What the flags ask for.
 pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: bool, turntable: bool) -> PyResult<Job> {
     let mut options = RenderOptions::default();
-    let (mut name, mut drawer) = ("auto".to_owned(), BackendOptions::default());
+    let mut who = Who { name: "auto".to_owned(), options: BackendOptions::default() };
     for (flag, text) in flags {
-        match flag.as_str() {
-            "backend" => name.clone_from(text),
-            "adapter" => drawer.adapter = Some(text.clone()),
-            "storage" => match text.as_str() {
-                "32" => drawer.quantised = false,
-                "16" => drawer.quantised = true,
-                _ => return Err(wrong(py, flag, text, "expected 32 or 16")),
-            },
-            "threads" => match text.parse::<u16>() {
-                Ok(n @ 1..=1024) => drawer.threads = usize::from(n),
-                _ => return Err(wrong(py, flag, text, "expected a whole number from 1 to 1024")),
-            },
-            _ => options.set(flag, text).map_err(|message| wrong(py, flag, text, &message))?,
-        }
+        let set = who.set(flag, text).and_then(|set| if set { Ok(()) } else { options.set(flag, text) });
+        set.map_err(|message| wrong(py, flag, text, &message))?;
     }
     options.cameras = cameras;
     options.turntable = turntable;
@@ -72,7 +60,7 @@ pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: boo
     if wanted == Planes::default() {
         return Err(errors::usage(py, "planes=[]: expected one at least, such as color or depth"));
     }
-    Ok(Job { options, pictures: Arc::default(), who: Who { name, options: drawer }, planes: wanted })
+    Ok(Job { options, pictures: Arc::default(), who, planes: wanted })
 }
 
 /// Cameras of a file or folder, or of JSON's text.

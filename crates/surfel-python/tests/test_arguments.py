@@ -182,7 +182,7 @@ def test_objects_of_other_libraries_are_taken_by_their_arrays():
 
 
 def test_stubs_know_every_flag():
-    from surfel._flags import RENDER, SPLATS
+    from surfel._flags import ORTHO, RENDER, SPLATS
 
     stub = pathlib.Path(surfel.__file__).with_name("__init__.pyi")
     tree = ast.parse(stub.read_text())
@@ -192,5 +192,6 @@ def test_stubs_know_every_flag():
             flags[node.name] = {item.target.id for item in node.body if isinstance(item, ast.AnnAssign)}
     assert flags["_Splats"] == SPLATS
     assert flags["_Splats"] | flags["_Render"] == RENDER
+    assert flags["_Splats"] | flags["_Ortho"] | {"gsd", "dsm", "normals"} == ORTHO
     defined = {n.name for n in tree.body if isinstance(n, (ast.ClassDef, ast.FunctionDef))} | {"__version__"}
     assert set(surfel.__all__) <= defined

@@ -102,6 +102,92 @@ def read(path):
     return image[1:, 1:].astype(np.uint8)
 
 
+def test_planes_of_what_is_nearest_are_the_programs(program, data, tmp_path):
+    flags = {"size": (96, 72), "label": "classification"}
+    names = ["index", "object", "label", "position"]
+    for ending in ("npz", "exr"):
+        words = [*words_of(flags), "--planes=index,object,label,position", "-o", f"program.{ending}"]
+        program(tmp_path, data / "values.ply", data / "points.ply", *words)
+        image = surfel.open(data / "values.ply", data / "points.ply").render(
+            planes=["color", "depth", "normal", "weight", *names], **flags)
+        image.save(tmp_path / f"package.{ending}")
+    assert (tmp_path / "program.npz").read_bytes() == (tmp_path / "package.npz").read_bytes()
+    held = np.load(tmp_path / "program.npz")
+    for name in ("index", "object", "label"):
+        plane = getattr(image, name)
+        assert plane.dtype == np.uint32 and plane.shape == (72, 96) and np.array_equal(plane, held[name]), name
+    assert image.position.dtype == np.float64
+    assert np.array_equal(image.position, np.stack([held[f"position.{axis}"] for axis in "XYZ"], axis=2))
+    assert np.array_equal(image.depth, held["Z"]) and np.array_equal(image.linear[..., 2], held["B"])
+    covered = np.isfinite(image.depth)
+    assert covered.any() and not covered.all()
+    assert (image.index[covered] < 3000).all() and (image.index[~covered] == 2**32 - 1).all()
+    assert (image.object[~covered] == 2**32 - 1).all() and set(np.unique(image.object[covered])) <= {0, 1}
+    first = covered & (image.object == 0)
+    assert np.array_equal(image.label[first], image.index[first] % 7), "the file's classes are rows modulo 7"
+    assert np.isinf(image.position[~covered]).all() and (np.abs(image.position[covered]) < 1.2).all()
+    # By the program's own comparison, and against what was drawn.
+    wanted = {"Z", "index", "object", "label", "position.X", "position.Y", "position.Z"}
+    for b in (tmp_path / "package.exr", image):
+        found = surfel.compare(tmp_path / "program.exr", b)["planes"]
+        assert wanted <= set(found) and all(plane["differing"] == 0 for plane in found.values()), found
+    other = surfel.open(data / "values.ply", data / "points.ply").render(
+        planes=["color", *names], **{**flags, "view": "back"})
+    found = surfel.compare(image, other)["planes"]
+    assert set(names[:3]) | {"position.X"} <= set(found) and all(plane["differing"] > 0 for plane in found.values())
+
+
+def test_tiles_are_rows_of_the_whole(program, data, tmp_path):
+    scene = surfel.open(data / "disks.ply", size=(64, 50))
+    whole = scene.render()
+    for i in range(4):
+        scene.render(tile=(i, 4)).save(tmp_path / f"{i}.exr", exr_f32=True)
+        program(data, "disks.ply", "--size=64x50", f"--tile={i}/4", "--exr-f32", "-o", tmp_path / f"p{i}.exr")
+        assert (tmp_path / f"{i}.exr").read_bytes() == (tmp_path / f"p{i}.exr").read_bytes()
+    rows = np.concatenate([scene.render(tile=f"{i}/4").linear for i in range(4)])
+    assert np.array_equal(rows, whole.linear)
+    program(tmp_path, "stitch", *[f"{i}.exr" for i in range(4)], "-o", "whole.exr")
+    assert surfel.compare(tmp_path / "whole.exr", whole)["max_abs"] == 0
+    with pytest.raises(surfel.UsageError, match="tile=5/4: expected I/N"):
+        scene.render(tile=(5, 4))
+    with pytest.raises(surfel.UsageError, match="region"):
+        scene.render(tile=(0, 4), region=(0, 0, 8, 8))
+
+
+def test_orthoimages_are_the_programs(program, data, tmp_path):
+    x, y = np.meshgrid(np.arange(0, 10, 0.25), np.arange(0, 8, 0.25))
+    ground = np.stack([x, y, np.sin(x) + 100], axis=-1).reshape(-1, 3) + [500_000, 5_400_000, 0]
+    conftest.ply(tmp_path / "ground.ply", ground, attributes=[("classification", np.arange(len(ground)) % 3)])
+    flags = {"gsd": 0.5, "crs": "EPSG:25832", "bounds": (500001, 5400001, 500008, 5400006.5)}
+    files = ["-o", "p.tif", "--dsm=pd.tif", "--normals=pn.tif", "--stats"]
+    told = json.loads(program(tmp_path, "ortho", "ground.ply", *words_of(flags), *files))
+    output = {"dsm": tmp_path / "d.tif", "normals": tmp_path / "n.tif"}
+    found = surfel.ortho(tmp_path / "ground.ply", tmp_path / "a.tif", **output, **flags)
+    for mine, its in (("a", "p"), ("d", "pd"), ("n", "pn")):
+        assert (tmp_path / f"{mine}.tif").read_bytes() == (tmp_path / f"{its}.tif").read_bytes(), its
+    same = ("size", "bounds", "gsd", "pixels", "covered", "splats")
+    assert {key: found[key] for key in same} == {key: told[key] for key in same}
+    assert found["size"] == [14, 11] and found["covered"] == 14 * 11 and any("colour" in n for n in found["notes"])
+    # Arrays, and files of which some points are chosen.
+    surfel.ortho(surfel.scene(ground), tmp_path / "b.tif", **flags)
+    program(tmp_path, "ortho", "ground.ply", *words_of(flags), "--classes=1", "-o", "q.tif")
+    surfel.ortho([tmp_path / "ground.ply"], tmp_path / "c.tif", classes=[1], **flags)
+    assert (tmp_path / "c.tif").read_bytes() == (tmp_path / "q.tif").read_bytes() != (tmp_path / "a.tif").read_bytes()
+    with pytest.raises(FileExistsError, match="force=True"):
+        surfel.ortho(tmp_path / "ground.ply", tmp_path / "a.tif", gsd=1)
+    surfel.ortho(tmp_path / "ground.ply", tmp_path / "a.tif", gsd=1, force=True)
+    for wrong, what in [({"gsd": 0}, "gsd=0"), ({"gsd": 1, "crs": "25832"}, "EPSG:25832"),
+                        ({"gsd": 1, "bounds": (0, 0, 1, 1), "size": (4, 4)}, "bounds"),
+                        ({"gsd": 1, "dsm": tmp_path / "e.tif"}, "file, too"), ({"gsd": 1, "threads": 0}, "threads=0")]:
+        with pytest.raises(surfel.UsageError, match=what):
+            surfel.ortho(tmp_path / "ground.ply", tmp_path / "e.tif", **wrong)
+    with pytest.raises(TypeError, match="did you mean"):
+        surfel.ortho(tmp_path / "ground.ply", tmp_path / "e.tif", gsd=1, bound=(0, 0, 1, 1))
+    with pytest.raises(surfel.UsageError, match=".tif"):
+        surfel.ortho(tmp_path / "ground.ply", tmp_path / "e.png", gsd=1)
+    assert not (tmp_path / "e.tif").exists()
+
+
 def test_cameras_are_the_programs(program, data, tmp_path):
     K = [[200.0, 0, 79.5], [0, 210.0, 59.5], [0, 0, 1]]
     poses = []

@@ -22,7 +22,8 @@ pub const STDIN: &str = "-";
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct LoadOptions {
-    /// Drops invalid splats and says how many, instead of refusing the file.
+    /// Drops invalid splats, and takes the whole chunks of a LAZ file that is cut off, and says how many, instead of
+    /// refusing the file.
     pub repair: bool,
     /// A texture (PNG, JPEG or WebP) for meshes with texture coordinates that name none themselves.
     pub texture: Option<PathBuf>,

@@ -63,6 +63,9 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
         Case::new("ellipses", with(ellipses)?, unlit),
         Case { quantised: true, ..Case::new("16-bit storage", plain()?, unlit) },
         Case { planes: Planes::ALL, ..Case::new("depth, normal and weight planes", plain()?, unlit) },
+        Case { planes: Planes::COLOR.with_index(true), ..Case::new("index and object planes", with(rows)?, unlit) },
+        Case { planes: Planes::COLOR.with_label(true), ..Case::new("label plane", with(rows)?, unlit) },
+        Case { planes: Planes::COLOR.with_position(true), ..Case::new("position plane", plain()?, unlit) },
         Case::new("light (phong)", plain()?, phong),
         Case::new("light, objects of different material", materials(plain()?), phong),
         Case::new("light that casts a shadow", sunny(plain()?), phong),
@@ -82,6 +85,7 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
         },
         Case::new("peel:4, nothing transparent", plain()?, peel).absent(),
         Case::new("abuffer:8, nothing transparent", plain()?, abuffer).absent(),
+        Case::new("rows and labels, planes not asked for", with(rows)?, unlit).absent(),
         Case::new("alphas, transparency off", with(alphas)?, unlit).absent(),
         Case::new("clip lines, clip off", with(clip_lines)?, whole).absent(),
         Case::new("a shadow, materials and a matcap, unlit", clay(materials(sunny(plain()?))), unlit).absent(),
@@ -107,6 +111,13 @@ fn scene(cloud: SplatCloud) -> Scene {
 
 fn colors(data: &mut CloudData) {
     data.colors = Some(vec![[0.5, 0.6, 0.7]; data.centers.len()]);
+}
+
+/// Rows of a file, and a class each.
+fn rows(data: &mut CloudData) {
+    let n = data.centers.len() as u32;
+    data.rows = Some((0..n).collect());
+    data.labels = Some((0..n).map(|i| i % 7).collect());
 }
 
 fn alphas(data: &mut CloudData) {

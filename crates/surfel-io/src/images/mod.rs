@@ -1,4 +1,4 @@
-//! Images: the planes of a frame, written as PNG, JPEG or EXR and read back, and textures.
+//! Images: the planes of a frame, written as PNG, JPEG, EXR, NPZ or TIFF and read back, and textures.
 
 mod decode;
 #[cfg(feature = "exr")]
@@ -13,6 +13,8 @@ pub(crate) mod planes;
 pub(crate) mod png;
 pub(crate) mod stitch;
 pub(crate) mod texture;
+#[cfg(feature = "geotiff")]
+mod tiff;
 #[cfg(feature = "webp")]
 mod webp;
 

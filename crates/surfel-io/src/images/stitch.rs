@@ -85,8 +85,9 @@ pub fn read_image_header(path: &Path) -> Result<ImageHeader, IoError> {
     Rows::open(path).map(|(header, _)| header)
 }
 
-/// Writes the whole image of `size` pixels that tiles are parts of, in their format, with the samples as they are. Only
-/// the tiles of a row are open at a time, each with one row of a PNG or 16 rows of an EXR in memory.
+/// Writes the whole image of `size` pixels that tiles are parts of, with the samples as they are: in their format, or
+/// of PNGs a TIFF where `out` ends in .tif or .tiff, without `metadata`. Only the tiles of a row are open at a time,
+/// each with one row of a PNG or 16 rows of an EXR in memory.
 ///
 /// # Errors
 /// [`IoError`] if the tiles leave a pixel out or have one twice, differ in how they store pixels, or can't be read; if
@@ -114,7 +115,23 @@ pub fn stitch(
     sorted.sort_by_key(|tile| (tile.y, tile.x));
     check_cover(size, &sorted, out)?;
     let mut whole = Whole { size, parts: first.header.samples.parts(), waiting: &sorted, open: Vec::new(), y: 0 };
+    let is_tiff = out.extension().is_some_and(|e| e.eq_ignore_ascii_case("tif") || e.eq_ignore_ascii_case("tiff"));
     match &first.header.samples {
+        Samples::Exr(_) if is_tiff => {
+            let problem = Problem::new("is a TIFF, but the tiles are EXRs").expected("a name in .exr");
+            Err(Fault::from(problem).of(out))
+        }
+        #[cfg(not(feature = "geotiff"))]
+        Samples::Png(_) if is_tiff => Err(Fault::from(Problem::not_built("TIFF", "geotiff")).of(out)),
+        #[cfg(feature = "geotiff")]
+        Samples::Png(depth) if is_tiff => {
+            let mut failed = None;
+            let written = atomic::write_seekable(out, overwrite, |sink| {
+                let next = |row: &mut [u8]| whole.next_row(row).map_err(|error| keep(&mut failed, error));
+                super::tiff::write_rows(sink, size, *depth, "surfel", next)
+            });
+            failed.map_or(written, Err)
+        }
         Samples::Png(depth) => {
             let options = PngOptions { depth: *depth, metadata: metadata.to_vec() };
             let mut failed = None;

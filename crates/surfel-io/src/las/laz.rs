@@ -7,7 +7,7 @@ use crate::error::{Location, Problem};
 use crate::survey::Source;
 use ::laz::laszip::{ChunkTable, ChunkTableEntry};
 use ::laz::{LasZipDecompressor, LasZipError, LazItemRecordBuilder, LazItemType, LazVlr};
-use std::io::{BufReader, Cursor, SeekFrom};
+use std::io::{self, BufReader, Cursor, Read, Seek, SeekFrom};
 
 /// Most bytes that points may take once they are decoded: this and this many times the file's own. Real scans take
 /// some 4 to 20 times as many, grids of equal points up to thousands.
@@ -26,18 +26,30 @@ struct Chunk {
     points: u64,
 }
 
-/// Hands all points to `sink`.
+/// Hands all points to `sink`; with `repair` those of a file that is cut off, as far as its chunks are whole.
 pub(super) fn read(
     source: &mut dyn Source,
     header: &mut Header,
     file_bytes: u64,
+    repair: bool,
     sink: &mut dyn Sink,
 ) -> Result<(), Problem> {
     let (vlr, kind) = checked_vlr(header)?;
     let layered = is_layered(&vlr);
     match (kind, layered) {
         (1, false) => read_in_one_piece(source, header, vlr, file_bytes, sink),
-        (2, false) | (3, true) => read_chunks(source, header, &vlr, file_bytes, layered, sink),
+        (2, false) | (3, true) => {
+            let table = table_place(source, header, file_bytes)
+                .and_then(|place| read_table(source, header, &vlr, place, file_bytes));
+            let chunks = match table {
+                Err(_) if repair && layered => whole_chunks(source, header, &vlr, file_bytes)?,
+                Err(_) if repair && !vlr.uses_variable_size_chunks() => {
+                    return read_without_table(source, header, vlr, file_bytes, sink);
+                }
+                table => table?,
+            };
+            read_chunks(source, header, &vlr, (file_bytes, layered, chunks), sink)
+        }
         _ => Err(Problem::new(format!("is compressed in a way that is not known (LASzip's compressor {kind})"))),
     }
 }
@@ -185,12 +197,9 @@ fn read_chunks(
     source: &mut dyn Source,
     header: &mut Header,
     vlr: &LazVlr,
-    file_bytes: u64,
-    layered: bool,
+    (file_bytes, layered, mut chunks): (u64, bool, Vec<Chunk>),
     sink: &mut dyn Sink,
 ) -> Result<(), Problem> {
-    let place = table_place(source, header, file_bytes)?;
-    let mut chunks = read_table(source, header, vlr, place, file_bytes)?;
     let size = header.record_bytes;
     let mut start = header.start + 8;
     if layered {
@@ -256,8 +265,92 @@ fn read_chunks(
     Ok(())
 }
 
+/// What a user should know of points that were read without the table of their chunks.
+const CUT_OFF: &str =
+    "the table of its compressed chunks is missing, as of a file that is cut off: took the whole ones";
+
+/// The chunks of layers that lie whole in a file without a table of them, as far as the header counts.
+fn whole_chunks(
+    source: &mut dyn Source,
+    header: &mut Header,
+    vlr: &LazVlr,
+    file_bytes: u64,
+) -> Result<Vec<Chunk>, Problem> {
+    let (mut chunks, mut at, mut left) = (Vec::new(), header.start + 8, header.count);
+    while left > 0 && at < file_bytes {
+        // What isn't a chunk is the end.
+        let Ok((points, bytes)) = layers_at(source, at, vlr, header.record_bytes) else { break };
+        if points == 0 || bytes > file_bytes - at {
+            break;
+        }
+        chunks.push(Chunk { bytes, points });
+        (at, left) = (at + bytes, left.saturating_sub(points));
+    }
+    header.notes.push(CUT_OFF.into());
+    Ok(chunks)
+}
+
+/// A source that goes forward alone: the crate then looks for no table of chunks.
+struct Forward<'a>(BufReader<&'a mut dyn Source>);
+
+impl Read for Forward<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.0.read(bytes)
+    }
+}
+
+impl Seek for Forward<'_> {
+    fn seek(&mut self, _: SeekFrom) -> io::Result<u64> {
+        Err(io::ErrorKind::NotSeekable.into())
+    }
+}
+
+/// Chunks of one size after the other, as far as they are whole.
+fn read_without_table(
+    source: &mut dyn Source,
+    header: &mut Header,
+    vlr: LazVlr,
+    file_bytes: u64,
+    sink: &mut dyn Sink,
+) -> Result<(), Problem> {
+    let said = header.count;
+    let chunk = u64::from(vlr.chunk_size()).max(1);
+    sink.start(header, 0);
+    source.seek(SeekFrom::Start(header.start)).map_err(unreadable)?;
+    let mut decoder = LasZipDecompressor::new(Forward(BufReader::new(source)), vlr).map_err(|e| damaged(&e))?;
+    let mut bytes = Vec::new();
+    let mut took = 0;
+    while took < said {
+        let now = chunk.min(said - took);
+        check_size(header, took + now, file_bytes)?;
+        bytes.clear();
+        bytes.resize(now as usize * header.record_bytes, 0);
+        if decoder.decompress_many(&mut bytes).is_err() {
+            break;
+        }
+        sink.append(&mut bytes)?;
+        took += now;
+    }
+    header.notes.push(CUT_OFF.into());
+    header.notes.push(format!("the header says {said} points, the file holds {took} in whole chunks: took {took}"));
+    Ok(())
+}
+
 /// Checks that the layers of a chunk are within it, and returns its number of points.
 fn check_layers(source: &mut dyn Source, at: u64, bytes: u64, vlr: &LazVlr, size: usize) -> Result<u64, Problem> {
+    let problem = || {
+        let what = "has a compressed chunk whose layers don't fit into it";
+        Problem::new(what).at(Location::Byte(at as usize)).help("the file is damaged: copy it again")
+    };
+    match layers_at(source, at, vlr, size) {
+        Ok((points, there)) if there <= bytes => Ok(points),
+        Err(error) if error.kind() != io::ErrorKind::UnexpectedEof => Err(unreadable(error)),
+        _ => Err(problem()),
+    }
+}
+
+/// Points and bytes of the chunk of layers at `at`, as it says itself.
+fn layers_at(source: &mut dyn Source, at: u64, vlr: &LazVlr, size: usize) -> io::Result<(u64, u64)> {
     let layers = |kind: LazItemType| match kind {
         LazItemType::Point14 => 9,
         LazItemType::RGBNIR14 => 2,
@@ -265,23 +358,13 @@ fn check_layers(source: &mut dyn Source, at: u64, bytes: u64, vlr: &LazVlr, size
         _ => 1,
     };
     let layers: usize = vlr.items().iter().map(|item| layers(item.item_type())).sum();
-    let problem = || {
-        let what = "has a compressed chunk whose layers don't fit into it";
-        Problem::new(what).at(Location::Byte(at as usize)).help("the file is damaged: copy it again")
-    };
-    let head_bytes = size + 4 + 4 * layers;
-    if (head_bytes as u64) > bytes {
-        return Err(problem());
-    }
     let mut numbers = vec![0; 4 + 4 * layers];
-    source.seek(SeekFrom::Start(at + size as u64)).map_err(unreadable)?;
-    source.read_exact(&mut numbers).map_err(unreadable)?;
+    source.seek(SeekFrom::Start(at + size as u64))?;
+    source.read_exact(&mut numbers)?;
     let mut numbers = numbers.chunks_exact(4).map(|n| u64::from(u32::from_le_bytes(field(n, 0))));
     let points = numbers.next().unwrap_or(0);
-    if head_bytes as u64 + numbers.sum::<u64>() > bytes {
-        return Err(problem());
-    }
-    Ok(points)
+    let head_bytes = (size + 4 + 4 * layers) as u64;
+    Ok((points, head_bytes + numbers.sum::<u64>()))
 }
 
 /// Checks that a chunk's layers are within it, and returns its number of points if it says so itself.

@@ -56,11 +56,12 @@ impl Sink for Option<Columns> {
     }
 }
 
-/// Hands all points of a file to `sink`.
+/// Hands all points of a file to `sink`; with `repair` those of a compressed one that is cut off, as far as it goes.
 fn read_records(
     source: &mut dyn Source,
     header: &mut Header,
     file_bytes: u64,
+    repair: bool,
     sink: &mut dyn Sink,
 ) -> Result<(), Problem> {
     if !header.compressed {
@@ -69,12 +70,14 @@ fn read_records(
     #[cfg(feature = "laz")]
     {
         // The crate counts on sound streams: where it is built with checks of overflow, damaged ones make it panic.
-        let read = AssertUnwindSafe(|| laz::read(source, header, file_bytes, sink));
+        let read = AssertUnwindSafe(|| laz::read(source, header, file_bytes, repair, sink));
         catch_unwind(read).unwrap_or_else(|_| {
             let problem = Problem::new("is damaged: its compressed points make no sense");
             Err(problem.help("copy the file again"))
         })
     }
+    #[cfg(not(feature = "laz"))]
+    let _ = repair;
     #[cfg(not(feature = "laz"))]
     Err(Problem::not_built("LAZ", "laz"))
 }
@@ -83,7 +86,7 @@ pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Contex
     let file_bytes = source.seek(SeekFrom::End(0)).map_err(unreadable)?;
     let mut header = Header::read(source, file_bytes)?;
     let mut columns = None;
-    read_records(source, &mut header, file_bytes, &mut columns)?;
+    read_records(source, &mut header, file_bytes, context.options.repair, &mut columns)?;
     finish(columns, header, format, None, context)
 }
 

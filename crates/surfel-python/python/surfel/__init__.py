@@ -12,7 +12,7 @@ arrays that are wrong `InputError`, both `ValueError`; backends that aren't here
 from __future__ import annotations
 
 from ._errors import BackendError, Error, InputError, UsageError
-from ._files import backends, compare, convert, info
+from ._files import backends, compare, convert, info, ortho
 from ._image import Image
 from ._native import __version__
 from ._scene import Scene, again, open, scene
@@ -31,5 +31,6 @@ __all__ = [
     "convert",
     "info",
     "open",
+    "ortho",
     "scene",
 ]

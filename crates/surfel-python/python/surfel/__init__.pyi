@@ -48,6 +48,7 @@ class _Render(_Splats, total=False):
     camera_up: _Numbers
     up: _Axis
     region: tuple[int, int, int, int]
+    tile: tuple[int, int] | str
     fov_y: float
     ortho: bool
     preset: Literal["fastest", "fast", "balanced", "quality", "reference"]
@@ -71,6 +72,14 @@ class _Render(_Splats, total=False):
     backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
     adapter: str
     storage: Literal[16, 32, "16", "32"]
+    threads: int
+
+class _Ortho(_Splats, total=False):
+    bounds: _Numbers
+    origin: _Numbers
+    size: tuple[int, int]
+    crs: str
+    backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
     threads: int
 
 class Error(Exception): ...
@@ -156,6 +165,16 @@ def convert(
     force: bool = ...,
     **flags: Unpack[_Splats],
 ) -> list[str]: ...
+def ortho(
+    inputs: _Path | Iterable[_Path] | Scene,
+    output: _Path,
+    *,
+    gsd: float,
+    dsm: _Path | None = ...,
+    normals: _Path | None = ...,
+    force: bool = ...,
+    **flags: Unpack[_Ortho],
+) -> dict[str, Any]: ...
 def info(
     input: _Path | Scene, *, repair: bool = ..., allow_outside: bool = ..., max_texture: int | None = ...
 ) -> dict[str, Any]: ...

@@ -1,4 +1,4 @@
-"""What the commands `convert`, `info`, `compare` and `backends` do."""
+"""What the commands `convert`, `ortho`, `info`, `compare` and `backends` do."""
 
 from __future__ import annotations
 
@@ -38,6 +38,29 @@ def convert(input, output, *, hybrid=False, ascii=False, force=False, **flags) -
     return _native.convert(path, scene, output, _flags.texts(given, _flags.SPLATS, "convert"), hybrid, ascii, force)
 
 
+def ortho(inputs, output, *, gsd, dsm=None, normals=None, force=False, **flags) -> dict:
+    """Draws files, or a Scene, from above, north up, to a GeoTIFF: the bytes that `surfel ortho` writes.
+
+    inputs: a file, a list of files of one ground, or a Scene; z is up. output: a .tif of colours. gsd: side of a pixel
+    in the units of x and y. dsm, normals: .tif files of heights and of unit normals, where they are wanted.
+    Other keywords are flags of `surfel ortho`: `bounds=(x0, y0, x1, y1)`, `origin=(x, y)`, `size=(width, height)`,
+    `crs="EPSG:25832"`, `backend`, `threads`, and those of `open` that say how files become splats.
+
+    Gives what `--stats` prints, and `notes`. Raises FileExistsError without `force`, UsageError, InputError.
+    """
+    base = getattr(inputs, "_base", {})
+    given = {name: value for name, value in base.items() if name in _flags.SPLATS}
+    given.update(flags, gsd=gsd, dsm=dsm, normals=normals)
+    given = _flags.texts(given, _flags.ORTHO, "ortho")
+    paths, scene = getattr(inputs, "_paths", None), getattr(inputs, "_native", None)
+    if paths is None:
+        paths = [os.fspath(path) for path in ([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs)]
+    if not paths:
+        raise UsageError("inputs: no file, expected one at least")
+    stats, notes = _native.ortho(paths, scene, os.fspath(output), given, force)
+    return {**json.loads(stats), "notes": notes}
+
+
 def info(input, *, repair=False, allow_outside=False, max_texture=None) -> dict:
     """What a file, or a Scene of one or of arrays, holds: the object that `surfel info --json` prints."""
     path, scene = _source(input)
@@ -66,7 +89,7 @@ def compare(a, b, *, diff=None, force=False) -> dict:
     """How far image `b` is from the reference `a`: the object that `surfel compare --json` prints, with `max_abs`,
     `rmse`, `psnr`, `flip`, and `planes` that both have.
 
-    a, b: files, Images, or arrays of linear premultiplied colours, floats of shape (height, width, 3 or 4). diff: a
+    a, b: files, Images (positions rounded to float32, as in an EXR), or arrays of linear premultiplied colours, floats of shape (height, width, 3 or 4). diff: a
     .png to write FLIP's error map to. Infinite numbers are float("inf").
 
     Raises InputError for images of different sizes.

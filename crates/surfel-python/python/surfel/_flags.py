@@ -12,10 +12,11 @@ SPLATS = frozenset(
     " range colorbar crop classes returns where every all_points allow_outside max_texture".split()
 )
 RENDER = SPLATS | frozenset(
-    "size camera view eye target camera_up up region fov_y ortho preset filter mapping cutoff prefilter"
+    "size camera view eye target camera_up up region tile fov_y ortho preset filter mapping cutoff prefilter"
     " depth_tolerance accumulate transparency clip shader matcap lod_error all_levels shadows edge_aa background samples label backend"
     " adapter storage threads".split()
 )
+ORTHO = SPLATS | frozenset("gsd dsm normals bounds origin size crs backend threads".split())
 PLANES = ("color", "depth", "normal", "weight")
 NEAREST = ("index", "object", "label", "position")
 
@@ -37,7 +38,7 @@ def _text(name: str, value) -> str:
     try:
         if isinstance(value, numbers.Real) or getattr(value, "ndim", None) == 0:
             return _number(value)
-        return ("x" if name == "size" else ",").join(_number(part) for part in value)
+        return {"size": "x", "tile": "/"}.get(name, ",").join(_number(part) for part in value)
     except (TypeError, ValueError):
         raise TypeError(f"{name}: a {type(value).__name__}, expected text, a number or numbers") from None
 

@@ -101,8 +101,8 @@ class Image:
         return None if text is None else json.loads(text)
 
     def save(self, path, *, force: bool = False, png16: bool = False, exr_f32: bool = False, metadata: bool = True):
-        """Writes a .png, .exr (all planes) or .jpg that appears whole or not at all, with the scene that it is of, so
-        that `surfel again` repeats it.
+        """Writes a .png, .exr (all planes), .npz (all planes, for `numpy.load`) or .jpg that appears whole or not at
+        all; a .png and an .exr with the scene that it is of, so that `surfel again` repeats it.
 
         force: overwrites a file. png16: 16 bits a sample. exr_f32: colours as 32-bit floats. metadata: False leaves
         the scene out.

@@ -51,7 +51,7 @@ class Scene:
         """Draws one image.
 
         Keywords are the flags of `surfel render`, with its defaults: `size=(width, height)` (1024x1024), `view="auto"`
-        or a side or (azimuth, elevation) in degrees, `eye`, `target`, `camera_up`, `up`, `region`, `fov_y`, `ortho`,
+        or a side or (azimuth, elevation) in degrees, `eye`, `target`, `camera_up`, `up`, `region`, `tile=(i, n)` (band i of n of the rows), `fov_y`, `ortho`,
         `camera` (a file), `preset="balanced"`, `filter`, `mapping`, `cutoff`, `prefilter`, `depth_tolerance`,
         `transparency`, `clip`, `shader`, `matcap`, `lod_error`, `all_levels`, `shadows`, `edge_aa`, `background`,
         `samples`, `backend`, `adapter`, `storage`, `threads`, and those on how files become splats (`open`).

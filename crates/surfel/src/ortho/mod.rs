@@ -7,6 +7,7 @@
 mod block;
 mod grid;
 mod layout;
+mod request;
 mod source;
 
 use crate::coloring::{self, ColorBy, ColorScale, Colored, Coloring};
@@ -16,6 +17,7 @@ use block::{BlockPixels, Frames};
 use glam::DVec3;
 use grid::Grid;
 use layout::Layout;
+pub use request::OrthoRequest;
 use source::{Gathered, Holds, Source, Told, splats_within};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

@@ -354,7 +354,7 @@ impl<'a> Writer<'a> {
                 record: Vec::new(),
                 failed: None,
             };
-            let read = read_records(&mut input.file, &mut input.header, input.file_bytes, &mut sorter);
+            let read = read_records(&mut input.file, &mut input.header, input.file_bytes, false, &mut sorter);
             match (sorter.failed.take(), read) {
                 (Some(error), _) => return Err(error.into()),
                 (None, read) => read.map_err(|problem| invalid(&input.path, problem))?,

@@ -1,0 +1,103 @@
+//! From what a user asks for to an orthoimage: the command `surfel ortho`.
+
+use super::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
+use crate::paths::display;
+use crate::render_options::SplatOptions;
+use crate::{Error, LoadOptions, splats};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use surfel_io::IoError;
+use surfel_model::{ConvertOptions, ModelError};
+use surfel_sample::Progress;
+
+/// Files whose orthoimage is asked for.
+#[derive(Clone, Debug)]
+pub struct OrthoRequest<'a> {
+    /// The files; `-` stands for `stdin`.
+    pub inputs: &'a [PathBuf],
+    /// The grid; how files are loaded is said by `splats`.
+    pub options: OrthoOptions,
+    /// How files become splats.
+    pub splats: &'a SplatOptions,
+    /// What to write.
+    pub files: &'a OrthoFiles,
+    /// What the name `-` stands for.
+    pub stdin: Option<Arc<[u8]>>,
+}
+
+impl OrthoRequest<'_> {
+    /// Loads the files. `note` is told what the user should know, as sentences without a full stop.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a grid that is out of range, names that aren't TIFF's or are the same, and options that
+    /// contradict or that the files have no use for; [`Error::Io`] for files that are there already; and as
+    /// [`Ortho::open`].
+    pub fn open(&self, progress: &dyn Progress, note: &mut dyn FnMut(String)) -> Result<Ortho, Error> {
+        self.check_files()?;
+        if self.options.bounds.is_some() && self.options.size.is_some() {
+            return Err(Error::Usage("--size cannot be used with --bounds: both say what to draw".to_owned()));
+        }
+        self.splats.check()?;
+        let mut convert = ConvertOptions::default();
+        splats::apply(self.splats, &mut convert)?;
+        let load = LoadOptions::default().with_convert(&convert, Path::new("")).with_stdin(self.stdin.clone());
+        let options = self.options.clone().with_load(load.with_interior_weight(true));
+        let inputs: Vec<&Path> = self.inputs.iter().map(PathBuf::as_path).collect();
+        let ortho = Ortho::open(&inputs, &options, progress).map_err(|error| match error {
+            // A grid that can't be is its flags' fault.
+            Error::Model(e @ ModelError::OutOfRange { .. }) => Error::Usage(format!("--{e}")),
+            other => other,
+        })?;
+        for (path, text) in &ortho.notes {
+            match path {
+                Some(path) => note(format!("{}: {text}", display(path))),
+                None => note(text.clone()),
+            }
+        }
+        splats::check_used(self.splats, &ortho.unused, note)?;
+        splats::write_color_bar(self.splats, ortho.coloring.iter().map(|(path, c)| (path.as_path(), c)), note)?;
+        Ok(ortho)
+    }
+
+    /// Refuses names that aren't TIFF's, that are the same, or that are taken.
+    fn check_files(&self) -> Result<(), Error> {
+        let OrthoFiles { color, dsm, normals, overwrite } = self.files;
+        let files = [("-o", Some(color)), ("--dsm", dsm.as_ref()), ("--normals", normals.as_ref())];
+        let files: Vec<(&str, &PathBuf)> = files.into_iter().filter_map(|(flag, file)| Some((flag, file?))).collect();
+        for (i, (flag, file)) in files.iter().enumerate() {
+            let extension = file.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+            let wrong = |what: &str| Err(Error::Usage(format!("{flag} {}: {what}", file.display())));
+            if !matches!(extension.as_deref(), Some("tif" | "tiff")) {
+                return wrong("expected a name that ends in .tif");
+            }
+            if let Some((other, _)) = files[..i].iter().find(|(_, known)| known == file) {
+                return wrong(&format!("is the name of {other}'s file, too"));
+            }
+            if self.inputs.contains(file) {
+                return wrong("is an input, too");
+            }
+            if file.exists() && !overwrite {
+                return Err(IoError::Exists { path: (*file).clone() }.into());
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Ortho {
+    /// What `surfel ortho --stats` prints of an image that the backend of this name drew.
+    pub fn stats_json(&self, stats: &OrthoStats, backend: &str) -> Value {
+        let ms = |time: std::time::Duration| time.as_secs_f64() * 1e3;
+        json!({
+            "size": self.size(), "bounds": self.rounded_bounds(), "gsd": self.options.gsd, "pixels": stats.pixels,
+            "covered": stats.covered, "splats": stats.splats, "prepare_ms": ms(stats.preparing),
+            "draw_ms": ms(stats.drawing), "write_ms": ms(stats.writing), "backend": backend,
+        })
+    }
+
+    /// The bounds as decimal numbers, whose sums are a little off in binary.
+    pub fn rounded_bounds(&self) -> [f64; 4] {
+        self.bounds().map(|v| (v * 1e6).round() / 1e6)
+    }
+}
