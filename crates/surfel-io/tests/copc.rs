@@ -8,7 +8,7 @@ use ::las::{Point, Reader};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use support::{OFFSET, STEP, las_file, vlr};
-use surfel_io::copc::{Copc, PointSplat, Prepare, save_copc};
+use surfel_io::copc::{Copc, NodeColumns, PointSplat, Prepare, save_copc};
 use surfel_io::{Content, LoadOptions, load};
 use surfel_model::PointCloud;
 
@@ -103,7 +103,7 @@ fn nodes_hold_what_is_in_their_cubes_and_the_file_is_the_same_for_any_number_of_
     for i in &all {
         let node = &copc.nodes()[*i as usize];
         let (center, half) = copc.cube(node);
-        let found = copc.points_of(&[*i], &LoadOptions::default());
+        let found = copc.points_of(&[*i], NodeColumns::All, &LoadOptions::default());
         if node.points == 0 {
             continue;
         }
@@ -118,7 +118,7 @@ fn nodes_hold_what_is_in_their_cubes_and_the_file_is_the_same_for_any_number_of_
         }
     }
     // All at once they are as one by one, and as the plain reader has them, which knows nothing of nodes.
-    let whole = copc.points_of(&all, &LoadOptions::default()).unwrap();
+    let whole = copc.points_of(&all, NodeColumns::All, &LoadOptions::default()).unwrap();
     let Content::Points(points) = &whole.loaded.content else { panic!() };
     assert_eq!((points.len(), whole.ends.last()), (seen, Some(&seen)));
     let plain = load(&output, &LoadOptions::default()).unwrap();
@@ -214,7 +214,7 @@ fn hostile_hierarchies_are_one_clear_error() {
     std::fs::write(&path, &bytes).unwrap();
     let copc = Copc::open(&path).unwrap().unwrap();
     let nodes: Vec<u32> = (0..copc.nodes().len() as u32).collect();
-    let error = copc.points_of(&nodes, &LoadOptions::default()).unwrap_err().to_string();
+    let error = copc.points_of(&nodes, NodeColumns::All, &LoadOptions::default()).unwrap_err().to_string();
     assert!(error.contains("in a node that its hierarchy says"), "{error}");
     // Any byte of the hierarchy may be wrong: an error or points, never a panic.
     for at in root..root + length.min(160) {
@@ -222,7 +222,7 @@ fn hostile_hierarchies_are_one_clear_error() {
         bytes[at] ^= 0x41;
         std::fs::write(&path, &bytes).unwrap();
         if let Ok(Some(copc)) = Copc::open(&path) {
-            let _ = copc.points_of(&[0, 1], &LoadOptions::default());
+            let _ = copc.points_of(&[0, 1], NodeColumns::All, &LoadOptions::default());
         }
     }
 }

@@ -220,7 +220,7 @@ fn finished(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
-    let cloud = levels::close(cloud)?;
+    let cloud = levels::close(cloud, options.interior_weight)?;
     let cloud = if options.sharp { sharpen(cloud, path, options, notes, progress)? } else { cloud };
     let cloud = match options.colors {
         PointColors::AsIs => cloud,

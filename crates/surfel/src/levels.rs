@@ -6,7 +6,7 @@ use crate::{Error, LoadOptions};
 use glam::{DAffine3, Vec3};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel_io::copc::{Copc, CopcNode, CopcReport, PointSplat};
+use surfel_io::copc::{Copc, CopcNode, CopcReport, NodeColumns, PointSplat};
 use surfel_io::{Content, Loaded};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, Shape, SplatCloud};
 use surfel_render::{LevelNode, View, select_levels};
@@ -95,7 +95,11 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Option<(Loaded,
         error_px,
         is_limited,
     };
-    let mut found = copc.points_of(&nodes, &io_options(options))?;
+    // What chooses points may be any column.
+    let has_choice = !options.classes.is_empty() || options.returns.is_some() || options.condition.is_some();
+    let has_values = options.color_by.is_some() || options.label.is_some();
+    let columns = if has_choice || has_values { NodeColumns::All } else { NodeColumns::Splats };
+    let mut found = copc.points_of(&nodes, columns, &io_options(options))?;
     if let Content::Points(points) = &mut found.loaded.content {
         if !report.is_whole() {
             mark(&copc, &nodes, &found.ends, points);
@@ -204,16 +208,13 @@ fn mark(copc: &Copc, chosen: &[u32], ends: &[usize], points: &mut PointCloud) {
         start = *end;
     }
     let column = |names: [&str; 3]| names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
-    let colors = column(COLORS).map(|c| c.map(|values| (0..points.len()).map(|i| values.get(i)).collect::<Vec<f64>>()));
-    if let ([Some(red), Some(green), Some(blue)], Some(linear)) = (&colors, &mut points.colors) {
+    if let ([Some(red), Some(green), Some(blue)], Some(linear)) = (column(COLORS), &mut points.colors) {
         for (i, color) in linear.iter_mut().enumerate().filter(|(i, _)| is_own[*i]) {
-            *color = [red[i], green[i], blue[i]].map(|v| surfel_math::srgb::decode(v / 65_535.0) as f32);
+            *color = [red, green, blue].map(|levels| surfel_math::srgb::decode(levels.get(i) / 65_535.0) as f32);
         }
     }
-    let normals =
-        column(NORMALS).map(|c| c.map(|values| (0..points.len()).map(|i| values.get(i)).collect::<Vec<f64>>()));
-    if let ([Some(x), Some(y), Some(z)], Some(own)) = (&normals, &mut points.normals) {
-        let of_level = |i: usize| Vec3::new(x[i] as f32, y[i] as f32, z[i] as f32);
+    if let ([Some(x), Some(y), Some(z)], Some(own)) = (column(NORMALS), &mut points.normals) {
+        let of_level = |i: usize| Vec3::new(x.get(i) as f32, y.get(i) as f32, z.get(i) as f32);
         let vectors = (0..own.len()).map(|i| (is_own[i], of_level(i), own.get(i).as_vec3()));
         let vectors = vectors.map(|(is_own, level, own)| if is_own && level != Vec3::ZERO { level } else { own });
         *own = Column3::from_f32(vectors.collect());
@@ -258,7 +259,9 @@ impl Radii {
             let mut report = PointReport::default();
             (report.splats, report.normals_given) = (splats.len(), splats.len());
             report.median_radius = f64::from(median) * scale;
-            report.interior_weight = surfel_sample::interior_weight(&splats);
+            // Splats of levels are made larger first.
+            let is_level = splats.data().extras.iter().any(|e| e.name == SPACING);
+            report.interior_weight = if is_level { None } else { surfel_sample::interior_weight(&splats) };
             if let Some(weight) = report.interior_weight {
                 splats.set_interior_weight(weight);
             }
@@ -275,8 +278,8 @@ fn take_f32(extras: &mut Vec<ExtraColumn>, name: &str) -> Option<Vec<f32>> {
     }
 }
 
-/// Makes splats large enough to close the level that they are of.
-pub(crate) fn close(cloud: SplatCloud) -> Result<SplatCloud, surfel_model::ModelError> {
+/// Makes splats large enough to close the level that they are of, `weighed` if the interior weight is needed.
+pub(crate) fn close(cloud: SplatCloud, weighed: bool) -> Result<SplatCloud, surfel_model::ModelError> {
     let weight = cloud.data().interior_weight;
     if !cloud.data().extras.iter().any(|e| e.name == SPACING) {
         return Ok(cloud);
@@ -302,7 +305,7 @@ pub(crate) fn close(cloud: SplatCloud) -> Result<SplatCloud, surfel_model::Model
     }
     data.interior_weight = None;
     let (mut cloud, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
-    if let Some(weight) = surfel_sample::interior_weight(&cloud).or(weight) {
+    if weighed && let Some(weight) = surfel_sample::interior_weight(&cloud).or(weight) {
         cloud.set_interior_weight(weight);
     }
     Ok(cloud)

@@ -9,7 +9,7 @@ mod records;
 mod spill;
 mod write;
 
-pub use hierarchy::{Copc, CopcNode, NodePoints};
+pub use hierarchy::{Copc, CopcNode, NodeColumns, NodePoints};
 pub use write::{CopcReport, PointSplat, Prepare, save_copc};
 
 /// Bytes of the record with the octree's place, and of its entries in the hierarchy.
