@@ -33,7 +33,10 @@ mod with_ortho {
         let splat_options = options::splats(&args.splats, args.force)?;
         splats::apply(&splat_options, &mut convert)?;
         let stdin = if args.inputs.iter().any(|path| is_stdin(path)) { Some(Stdin::default().bytes()?) } else { None };
-        let load = LoadOptions::default().with_convert(&convert, Path::new("")).with_stdin(stdin);
+        let load = LoadOptions::default()
+            .with_convert(&convert, Path::new(""))
+            .with_stdin(stdin)
+            .with_memory(splat_options.memory);
         let options = OrthoOptions::new(args.gsd)
             .with_origin(args.origin)
             .with_bounds(args.bounds)

@@ -47,7 +47,8 @@ fn written(folder: &Path, files: &[Vec<u8>], prepare: bool) -> PathBuf {
         assert!(points.bounds().is_some_and(|(low, _)| low.x > 6e5));
         Ok(vec![PointSplat { normal: [0.0, 0.6, 0.8], radius: 0.123 }; points.len()])
     };
-    let report = save_copc(&inputs, &output, true, prepare.then_some(&splats as Prepare<'_>), &|_, _, _| ()).unwrap();
+    let report =
+        save_copc(&inputs, &output, true, 1 << 30, prepare.then_some(&splats as Prepare<'_>), &|_, _, _| ()).unwrap();
     assert!(report.nodes > 1 && report.levels > 1, "{report:?}");
     output
 }
@@ -133,7 +134,8 @@ fn inputs_that_do_not_go_together_or_are_damaged_leave_nothing() {
     let good = las_bytes(4, 7, 0, true, 3000..6000);
     let refused = |bytes: &[u8], what: &str| {
         std::fs::write(&b, bytes).unwrap();
-        let error = save_copc(&[a.clone(), b.clone()], &output, false, None, &|_, _, _| ()).unwrap_err().to_string();
+        let error =
+            save_copc(&[a.clone(), b.clone()], &output, false, 1 << 30, None, &|_, _, _| ()).unwrap_err().to_string();
         assert!(error.contains("b.laz") && error.contains(what) && error.lines().count() <= 4, "{error}");
         let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
         assert_eq!(left.len(), 2, "{left:?}");
@@ -153,7 +155,7 @@ fn inputs_that_do_not_go_together_or_are_damaged_leave_nothing() {
     moved[155..163].copy_from_slice(&(OFFSET[0] - 700.0).to_le_bytes());
     moved[179..227].fill(0);
     std::fs::write(&b, &moved).unwrap();
-    let report = save_copc(&[a.clone(), b.clone()], &output, false, None, &|_, _, _| ()).unwrap();
+    let report = save_copc(&[a.clone(), b.clone()], &output, false, 1 << 30, None, &|_, _, _| ()).unwrap();
     assert_eq!(report.points, 6000);
     let (low, high) = match load(&output, &LoadOptions::default()).unwrap().content {
         Content::Points(points) => points.bounds().unwrap(),

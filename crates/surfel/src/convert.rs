@@ -1,7 +1,7 @@
 //! From points and meshes to splats, as the options say, and what there is to tell about it.
 
 use crate::load::{Conversion, UnusedOption};
-use crate::{Error, LoadOptions, framing, levels};
+use crate::{Error, LoadOptions, framing, levels, memory};
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;
@@ -199,6 +199,8 @@ pub(crate) fn splats_of_points(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
+    let remedy = memory::Remedy::Points;
+    memory::check(path, points.len() as u64, memory::PREPARED_BYTES, options.memory, remedy)?;
     let point_options = PointOptions {
         radius_scale: options.radius_scale,
         viewpoint,

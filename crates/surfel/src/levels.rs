@@ -2,11 +2,11 @@
 
 use crate::load::io_options;
 use crate::render_options::SplatOptions;
-use crate::{Error, LoadOptions};
+use crate::{Error, LoadOptions, memory};
 use glam::{DAffine3, Vec3};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel_io::copc::{Copc, CopcNode, CopcReport, NodeColumns, PointSplat};
+use surfel_io::copc::{Copc, CopcNode, CopcReport, LEAST_MEMORY, NodeColumns, PointSplat};
 use surfel_io::{Content, Loaded};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, Shape, SplatCloud};
 use surfel_render::{LevelNode, View, select_levels};
@@ -95,6 +95,7 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Option<(Loaded,
         error_px,
         is_limited,
     };
+    memory::check(path, report.points[0], memory::KNOWN_BYTES, options.memory, memory::Remedy::Fewer)?;
     // What chooses points may be any column.
     let has_choice = !options.classes.is_empty() || options.returns.is_some() || options.condition.is_some();
     let has_values = options.color_by.is_some() || options.label.is_some();
@@ -326,7 +327,7 @@ pub fn summary(report: &CopcReport) -> String {
 /// # Errors
 /// [`Error::Usage`] if anything is said.
 pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool) -> Result<(), Error> {
-    if ascii || *options != (SplatOptions { force: options.force, ..SplatOptions::default() }) {
+    if ascii || *options != (SplatOptions { force: options.force, memory: options.memory, ..SplatOptions::default() }) {
         let what = "takes the points as they are, so that no flag on splats, colours or choice goes with it";
         return Err(Error::Usage(format!("-o {}: {what}", output.display())));
     }
@@ -334,16 +335,23 @@ pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool) -> Result<
 }
 
 /// Writes LAS, LAZ and COPC files as one COPC file ([`surfel_io::copc::save_copc`]), whose points have normals and
-/// radii besides, so that views of it are drawn at once.
+/// radii besides, so that views of it are drawn at once. It takes about `memory` bytes, or
+/// [`memory::default_budget`](crate::memory::default_budget).
 ///
 /// # Errors
-/// As [`surfel_io::copc::save_copc`].
+/// [`Error::Usage`] for fewer than [`surfel_io::copc::LEAST_MEMORY`]; as [`surfel_io::copc::save_copc`].
 pub fn save_copc(
     inputs: &[PathBuf],
     output: &Path,
     overwrite: bool,
+    memory: Option<u64>,
     progress: &dyn Progress,
 ) -> Result<CopcReport, Error> {
+    if let Some(bytes) = memory.filter(|bytes| *bytes < LEAST_MEMORY) {
+        let problem = format!("--memory {bytes}: writing by levels takes at least {LEAST_MEMORY} bytes (1G)");
+        return Err(Error::Usage(problem));
+    }
+    let memory = memory.or_else(memory::default_budget).unwrap_or(LEAST_MEMORY);
     let prepare = |points: &PointCloud| -> Result<Vec<PointSplat>, String> {
         if points.len() < LEAST_POINTS {
             return Ok(vec![PointSplat::default(); points.len()]);
@@ -367,7 +375,7 @@ pub fn save_copc(
         progress.advance(done.saturating_sub(last.1));
         last.1 = done;
     };
-    Ok(surfel_io::copc::save_copc(inputs, output, overwrite, Some(&prepare), &tell)?)
+    Ok(surfel_io::copc::save_copc(inputs, output, overwrite, memory, Some(&prepare), &tell)?)
 }
 
 /// Where the points of an object are; for [`Levels::Views`].

@@ -30,12 +30,28 @@ use surfel_model::{Column3, PointCloud};
 struct Limits {
     /// Points of a cell that the grid is made for, on a surface.
     cell_points: u64,
-    /// Most points of a part, but for more in one place, and of all parts that are in memory.
+    /// Most points of a part, but for more in one place.
     most_points: u64,
+    /// Most points of all parts that are in memory, unless one has more.
+    held_points: u64,
 }
 
-/// With normals and radii, some 300 bytes a point.
-const LIMITS: Limits = Limits { cell_points: 1_000_000, most_points: 2_000_000 };
+/// Bytes of a point that is in memory, with its normal and radius, and of what else there is.
+const HELD_POINT_BYTES: u64 = 350;
+const OTHER_BYTES: u64 = 256 << 20;
+/// Bytes that writing takes: those of one part.
+pub const LEAST_MEMORY: u64 = 1 << 30;
+
+impl Limits {
+    /// What fits into so many bytes. Only how many parts are made at once depends on it, not what is written.
+    fn new(memory: u64) -> Self {
+        let (cell_points, most_points) = (1_000_000, 2_000_000);
+        let useful = cell_points * rayon::current_num_threads() as u64;
+        let room = memory.saturating_sub(OTHER_BYTES) / HELD_POINT_BYTES;
+        Self { cell_points, most_points, held_points: room.min(useful).max(most_points) }
+    }
+}
+
 /// Parts see the points beyond their border that are nearer than their side over this: some 16 of a surface's points,
 /// where it has as many of them as a cell is made for.
 const MARGIN: i64 = 64;
@@ -86,7 +102,7 @@ struct Input {
 /// Each point also gets, as extra bytes, the mean colour of the points that it stands for at its level; with `prepare`
 /// its radius, its normal and the mean normal too, which is called for some parts of the cloud at once, each with the
 /// points around it. Deterministic, whatever the number of threads. `progress` is told a stage's name, how much of it
-/// is done and of how much.
+/// is done and of how much. It takes about `memory` bytes, but not less than [`LEAST_MEMORY`].
 ///
 /// # Errors
 /// [`IoError::Invalid`] for an input that isn't one of these, is damaged or doesn't go with the first;
@@ -95,10 +111,11 @@ pub fn save_copc(
     inputs: &[PathBuf],
     output: &Path,
     overwrite: bool,
+    memory: u64,
     prepare: Option<Prepare<'_>>,
     progress: &dyn Fn(&'static str, u64, u64),
 ) -> Result<CopcReport, IoError> {
-    save(inputs, output, overwrite, prepare, progress, LIMITS)
+    save(inputs, output, overwrite, prepare, progress, Limits::new(memory))
 }
 
 fn save(
@@ -555,7 +572,7 @@ impl<'a> Writer<'a> {
             return Ok(());
         }
         let waiting = self.waiting.iter().map(|part| part.records.len() / size).sum::<usize>() as u64;
-        if waiting + points > self.limits.most_points {
+        if waiting + points > self.limits.held_points {
             self.make_waiting(frame)?;
         }
         let mut records = Vec::with_capacity(bytes(&lists) as usize);
@@ -1079,6 +1096,29 @@ mod tests {
         las_of(&(0..count).map(point).collect::<Vec<_>>())
     }
 
+    #[test]
+    fn file_does_not_depend_on_how_many_parts_are_made_at_once() {
+        let folder = std::env::temp_dir().join(format!("surfel-copc-held-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let input = folder.join("in.las");
+        std::fs::write(&input, las(200_000)).unwrap();
+        let prepare = |cloud: &PointCloud| {
+            let splat = |i: usize| PointSplat { normal: [0.0, 0.0, 1.0], radius: cloud.len() as f32 + i as f32 };
+            Ok((0..cloud.len()).map(splat).collect())
+        };
+        let written = |held_points: u64| {
+            let output = folder.join(format!("{held_points}.copc.laz"));
+            let limits = Limits { cell_points: 20_000, most_points: 30_000, held_points };
+            save(std::slice::from_ref(&input), &output, true, Some(&prepare), &|_, _, _| (), limits).unwrap();
+            std::fs::read(output).unwrap()
+        };
+        let one_by_one = written(0);
+        assert!(written(60_000) == one_by_one && written(u64::MAX) == one_by_one);
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(Limits::new(0).held_points, 2_000_000);
+        assert!(Limits::new(1 << 40).held_points >= 2_000_000);
+    }
+
     /// Normal and radius of each point of hills of `side`² points, half a metre apart and 100 m wide at least, by the
     /// points' numbers.
     fn hill_splats(side: u64, limits: Limits) -> Vec<(DVec3, f64)> {
@@ -1126,13 +1166,13 @@ mod tests {
     #[test]
     fn splats_at_borders_of_parts_are_those_of_the_whole_cloud() {
         let side = 512;
-        let whole = hill_splats(side, Limits { cell_points: 1_000_000, most_points: 1_000_000 });
+        let whole = hill_splats(side, Limits { cell_points: 1_000_000, most_points: 1_000_000, held_points: 0 });
         // Cells of 128² points or of 256², divided once or twice; margins are two points wide at least, where those of
         // real files are eight. Two are enough for normals and for all radii but one in a hundred.
         for (cell_points, most_points, most_grown_share) in
             [(16_384, 100_000, 0.01), (65_536, 20_000, 0.0), (262_144, 20_000, 0.0)]
         {
-            let parts = hill_splats(side, Limits { cell_points, most_points });
+            let parts = hill_splats(side, Limits { cell_points, most_points, held_points: 0 });
             let (mut turned, mut grown) = (0, 0);
             let (mut most_turned, mut most_grown) = (0.0_f64, 0.0_f64);
             for ((normal, radius), (n, r)) in whole.iter().zip(&parts) {
@@ -1156,7 +1196,7 @@ mod tests {
         std::fs::write(&input, las(300_000)).unwrap();
         let nodes = |most_points: u64| {
             let output = folder.join(format!("{most_points}.copc.laz"));
-            let limits = Limits { cell_points: 100_000, most_points };
+            let limits = Limits { cell_points: 100_000, most_points, held_points: most_points };
             save(std::slice::from_ref(&input), &output, true, None, &|_, _, _| (), limits).unwrap();
             let copc = Copc::open(&output).unwrap().unwrap();
             copc.nodes().iter().map(|n| (n.level, n.cell, n.points)).collect::<Vec<_>>()
