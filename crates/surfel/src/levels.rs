@@ -19,7 +19,8 @@ pub const DEFAULT_MOST_POINTS: u64 = 10_000_000;
 /// Radius over the distance between the points of a level: a level's points are those nearest to the middles of cells,
 /// and the farthest that a place can be from the nearest of them is the diagonal of a cell's face.
 const CLOSING: f32 = std::f32::consts::SQRT_2;
-/// A level's distance says nothing where a file's points are nearer to one another than this part of it.
+/// A level's distance says nothing where the points read are nearer to one another than this part of it. Radii that a
+/// file states are of all its points, and say nothing of a level's.
 const MOST_GROWN: f32 = 4.0;
 /// Fewer points than these make no surface of their own.
 const LEAST_POINTS: usize = 16;
@@ -279,8 +280,9 @@ fn take_f32(extras: &mut Vec<ExtraColumn>, name: &str) -> Option<Vec<f32>> {
     }
 }
 
-/// Makes splats large enough to close the level that they are of, `weighed` if the interior weight is needed.
-pub(crate) fn close(cloud: SplatCloud, weighed: bool) -> Result<SplatCloud, surfel_model::ModelError> {
+/// Makes splats large enough to close the level that they are of, `weighed` if the interior weight is needed; `stated`
+/// if the file says their radii.
+pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<SplatCloud, surfel_model::ModelError> {
     let weight = cloud.data().interior_weight;
     if !cloud.data().extras.iter().any(|e| e.name == SPACING) {
         return Ok(cloud);
@@ -289,7 +291,8 @@ pub(crate) fn close(cloud: SplatCloud, weighed: bool) -> Result<SplatCloud, surf
     let spacing = take_f32(&mut data.extras, SPACING).unwrap_or_default();
     let closing = |radius: f32, i: usize| {
         let apart = spacing.get(i).copied().unwrap_or(0.0);
-        radius.max((CLOSING * apart).min(MOST_GROWN * radius))
+        let grown = CLOSING * apart;
+        radius.max(if stated { grown } else { grown.min(MOST_GROWN * radius) })
     };
     match &mut data.shape {
         Shape::Disks { radii, .. } => radii.iter_mut().enumerate().for_each(|(i, r)| *r = closing(*r, i)),
@@ -381,4 +384,26 @@ pub fn save_copc(
 /// Where the points of an object are; for [`Levels::Views`].
 pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> Levels {
     Levels::Views { views: views.into(), world_from_object, error_px }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn splats_close_their_level_however_dense_all_points_are() {
+        let cloud = || {
+            let centers = Column3::from_f32(vec![Vec3::ZERO, Vec3::X]);
+            let normals = Column3::from_f32(vec![Vec3::Z; 2]);
+            let spacing = ExtraColumn { name: SPACING.into(), values: ExtraValues::F32(vec![1.0, 0.0]) };
+            let shape = Shape::Disks { normals, radii: vec![0.1; 2] };
+            let data = CloudData { extras: vec![spacing], ..CloudData::new(glam::DVec3::ZERO, centers, shape) };
+            SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
+        };
+        // As stated, of all points; and as found among those that were read.
+        for (stated, radius) in [(true, CLOSING), (false, MOST_GROWN * 0.1)] {
+            let closed = close(cloud(), false, stated).unwrap();
+            assert_eq!([0, 1].map(|i| closed.radius_max(i) as f32), [radius, 0.1]);
+        }
+    }
 }
