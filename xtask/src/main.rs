@@ -5,6 +5,7 @@ mod bench;
 mod ci;
 mod conformance;
 mod gallery;
+mod growth;
 mod python;
 mod suites;
 mod tidy;
@@ -44,6 +45,8 @@ Commands:
           and that aren't shipped (a lion with its shadow, igea drawn as a toon) into target/gallery
   bench   Time frames of known scenes on a backend; --markdown docs/data/bench.md keeps the table,
           --help says more
+  growth FOLDER MILLIONS...
+          Convert so many million generated points to levels, and draw them: time, memory and disk
   tradeoff [OPTIONS]
           Measure what every setting costs in time and in error, and write a page; --quick takes two
           minutes, --backend all measures GPU backends too, --markdown docs/data/tradeoff.md keeps
@@ -75,6 +78,7 @@ fn main() -> ExitCode {
             return conformance::run(&root, program, options);
         }
         ["bench", ref rest @ ..] => bench::run(&root, rest),
+        ["growth", ref rest @ ..] => growth::run(&root, rest),
         ["tradeoff", ..] => bench::run(&root, &words),
         [] => {
             eprintln!("{HELP}");

@@ -273,6 +273,10 @@ pub(crate) struct SplatArgs {
     /// At most this many points of a point cloud, evenly chosen; of a COPC file the coarsest (default 10 million).
     #[arg(long, help_heading = "Splats", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) max_points: Option<u32>,
+    /// Memory that points may take, such as 4G or 512M (default 60 % of the machine's): more than fit are refused, and
+    /// COPC is written in pieces that do.
+    #[arg(long, help_heading = "Splats", value_name = "SIZE", value_parser = values::memory)]
+    pub(crate) memory: Option<u64>,
     /// Leave out splats that face away, or none; by default those of closed meshes. `convert` notes in the file that
     /// its splats cover a closed mesh, or doesn't.
     #[arg(long, help_heading = "Splats", value_parser = values::cull())]

@@ -87,10 +87,11 @@ fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
 
 /// Points by levels, as COPC.
 fn copc(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
-    levels::check_copc(&args.output, &options::splats(&args.splats, args.force)?, args.ascii)?;
+    let options = options::splats(&args.splats, args.force)?;
+    levels::check_copc(&args.output, &options, args.ascii)?;
     let inputs: Vec<PathBuf> = std::iter::once(&args.input).chain(&args.more).cloned().collect();
     let progress = console.progress();
-    let report = levels::save_copc(&inputs, &args.output, args.force, &progress)?;
+    let report = levels::save_copc(&inputs, &args.output, args.force, options.memory, &progress)?;
     drop(progress);
     report.notes.iter().for_each(|note| console.note(note));
     console.note(&format!("{}: {}", args.output.display(), levels::summary(&report)));

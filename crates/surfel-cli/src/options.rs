@@ -72,6 +72,7 @@ pub(crate) fn splats(args: &SplatArgs, force: bool) -> Result<SplatOptions, Fail
         max_texture: args.max_texture,
     };
     options.cull = args.cull;
+    options.memory = args.memory;
     options.colorbar.clone_from(&args.colorbar);
     options.force = force;
     for value in &args.texture {
@@ -102,6 +103,7 @@ mod tests {
             "crop" => "0,1,2,3,4,5",
             "range" => "-1.5,2",
             "classes" => "2,6",
+            "memory" => "1.5G",
             "where" => "intensity>3",
             "eye" | "target" | "camera-up" => "1,2.5,-3",
             _ => "7",

@@ -97,6 +97,8 @@ pub use images::texture::load_matcap;
 pub use images::{read_image, read_image_bytes};
 #[cfg(feature = "laz")]
 pub use las::copc;
+#[cfg(feature = "las")]
+pub use las::survey_points;
 pub use load::{Loaded, load, load_bytes};
 pub use octree::{save_octree, write_octree};
 pub use ply::encoding::PlyEncoding;

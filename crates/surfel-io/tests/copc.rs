@@ -8,7 +8,7 @@ use ::las::{Point, Reader};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use support::{OFFSET, STEP, las_file, vlr};
-use surfel_io::copc::{Copc, PointSplat, Prepare, save_copc};
+use surfel_io::copc::{Copc, NodeColumns, PointSplat, Prepare, save_copc};
 use surfel_io::{Content, LoadOptions, load};
 use surfel_model::PointCloud;
 
@@ -47,7 +47,8 @@ fn written(folder: &Path, files: &[Vec<u8>], prepare: bool) -> PathBuf {
         assert!(points.bounds().is_some_and(|(low, _)| low.x > 6e5));
         Ok(vec![PointSplat { normal: [0.0, 0.6, 0.8], radius: 0.123 }; points.len()])
     };
-    let report = save_copc(&inputs, &output, true, prepare.then_some(&splats as Prepare<'_>), &|_, _, _| ()).unwrap();
+    let report =
+        save_copc(&inputs, &output, true, 1 << 30, prepare.then_some(&splats as Prepare<'_>), &|_, _, _| ()).unwrap();
     assert!(report.nodes > 1 && report.levels > 1, "{report:?}");
     output
 }
@@ -103,7 +104,7 @@ fn nodes_hold_what_is_in_their_cubes_and_the_file_is_the_same_for_any_number_of_
     for i in &all {
         let node = &copc.nodes()[*i as usize];
         let (center, half) = copc.cube(node);
-        let found = copc.points_of(&[*i], &LoadOptions::default());
+        let found = copc.points_of(&[*i], NodeColumns::All, &LoadOptions::default());
         if node.points == 0 {
             continue;
         }
@@ -118,7 +119,7 @@ fn nodes_hold_what_is_in_their_cubes_and_the_file_is_the_same_for_any_number_of_
         }
     }
     // All at once they are as one by one, and as the plain reader has them, which knows nothing of nodes.
-    let whole = copc.points_of(&all, &LoadOptions::default()).unwrap();
+    let whole = copc.points_of(&all, NodeColumns::All, &LoadOptions::default()).unwrap();
     let Content::Points(points) = &whole.loaded.content else { panic!() };
     assert_eq!((points.len(), whole.ends.last()), (seen, Some(&seen)));
     let plain = load(&output, &LoadOptions::default()).unwrap();
@@ -133,7 +134,8 @@ fn inputs_that_do_not_go_together_or_are_damaged_leave_nothing() {
     let good = las_bytes(4, 7, 0, true, 3000..6000);
     let refused = |bytes: &[u8], what: &str| {
         std::fs::write(&b, bytes).unwrap();
-        let error = save_copc(&[a.clone(), b.clone()], &output, false, None, &|_, _, _| ()).unwrap_err().to_string();
+        let error =
+            save_copc(&[a.clone(), b.clone()], &output, false, 1 << 30, None, &|_, _, _| ()).unwrap_err().to_string();
         assert!(error.contains("b.laz") && error.contains(what) && error.lines().count() <= 4, "{error}");
         let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
         assert_eq!(left.len(), 2, "{left:?}");
@@ -153,7 +155,7 @@ fn inputs_that_do_not_go_together_or_are_damaged_leave_nothing() {
     moved[155..163].copy_from_slice(&(OFFSET[0] - 700.0).to_le_bytes());
     moved[179..227].fill(0);
     std::fs::write(&b, &moved).unwrap();
-    let report = save_copc(&[a.clone(), b.clone()], &output, false, None, &|_, _, _| ()).unwrap();
+    let report = save_copc(&[a.clone(), b.clone()], &output, false, 1 << 30, None, &|_, _, _| ()).unwrap();
     assert_eq!(report.points, 6000);
     let (low, high) = match load(&output, &LoadOptions::default()).unwrap().content {
         Content::Points(points) => points.bounds().unwrap(),
@@ -214,7 +216,7 @@ fn hostile_hierarchies_are_one_clear_error() {
     std::fs::write(&path, &bytes).unwrap();
     let copc = Copc::open(&path).unwrap().unwrap();
     let nodes: Vec<u32> = (0..copc.nodes().len() as u32).collect();
-    let error = copc.points_of(&nodes, &LoadOptions::default()).unwrap_err().to_string();
+    let error = copc.points_of(&nodes, NodeColumns::All, &LoadOptions::default()).unwrap_err().to_string();
     assert!(error.contains("in a node that its hierarchy says"), "{error}");
     // Any byte of the hierarchy may be wrong: an error or points, never a panic.
     for at in root..root + length.min(160) {
@@ -222,7 +224,7 @@ fn hostile_hierarchies_are_one_clear_error() {
         bytes[at] ^= 0x41;
         std::fs::write(&path, &bytes).unwrap();
         if let Ok(Some(copc)) = Copc::open(&path) {
-            let _ = copc.points_of(&[0, 1], &LoadOptions::default());
+            let _ = copc.points_of(&[0, 1], NodeColumns::All, &LoadOptions::default());
         }
     }
 }

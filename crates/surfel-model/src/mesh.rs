@@ -426,7 +426,7 @@ mod tests {
     #[test]
     fn something_is_seen_through_only_where_alpha_counts() {
         let with = |alpha| {
-            let material = MeshMaterial { texture: Some(texel([255, 255, 255, 128])), alpha };
+            let material = MeshMaterial { texture: Some(texel([255, 255, 255, 128])), alpha, normal_map: None };
             let all = TriangleMaterials { materials: vec![material], of_triangle: vec![0; 4] };
             Mesh { materials: Some(all), ..fan() }
         };

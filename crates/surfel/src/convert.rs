@@ -1,7 +1,7 @@
 //! From points and meshes to splats, as the options say, and what there is to tell about it.
 
 use crate::load::{Conversion, UnusedOption};
-use crate::{Error, LoadOptions, framing, levels};
+use crate::{Error, LoadOptions, framing, levels, memory};
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;
@@ -184,7 +184,7 @@ pub(crate) fn points(
                 "a point cloud: {} splats, normals and radii (median {:.4}) as the file has them",
                 report.splats, report.median_radius
             ));
-            finished(cloud, report, path, options, notes, progress)
+            finished((cloud, true), report, path, options, notes, progress)
         }
         None => splats_of_points(&points, None, path, options, notes, progress),
     }
@@ -199,6 +199,8 @@ pub(crate) fn splats_of_points(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
+    let remedy = memory::Remedy::Points;
+    memory::check(path, points.len() as u64, memory::PREPARED_BYTES, options.memory, remedy)?;
     let point_options = PointOptions {
         radius_scale: options.radius_scale,
         viewpoint,
@@ -208,19 +210,20 @@ pub(crate) fn splats_of_points(
     let made = surfel_sample::splats_from_points(points, &point_options, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
     notes.push(points_note(&report));
-    finished(cloud, report, path, options, notes, progress)
+    finished((cloud, false), report, path, options, notes, progress)
 }
 
-/// Splats of points, made to close their level, clipped and coloured as the options say.
+/// Splats of points, made to close their level, clipped and coloured as the options say; with them whether the file
+/// states their radii.
 fn finished(
-    cloud: SplatCloud,
+    (cloud, stated): (SplatCloud, bool),
     report: PointReport,
     path: &Path,
     options: &LoadOptions,
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
-    let cloud = levels::close(cloud)?;
+    let cloud = levels::close(cloud, options.interior_weight, stated)?;
     let cloud = if options.sharp { sharpen(cloud, path, options, notes, progress)? } else { cloud };
     let cloud = match options.colors {
         PointColors::AsIs => cloud,

@@ -2,11 +2,11 @@
 
 use crate::load::io_options;
 use crate::render_options::SplatOptions;
-use crate::{Error, LoadOptions};
+use crate::{Error, LoadOptions, memory};
 use glam::{DAffine3, Vec3};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel_io::copc::{Copc, CopcNode, CopcReport, PointSplat};
+use surfel_io::copc::{Copc, CopcNode, CopcReport, LEAST_MEMORY, NodeColumns, PointSplat};
 use surfel_io::{Content, Loaded};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, Shape, SplatCloud};
 use surfel_render::{LevelNode, View, select_levels};
@@ -19,7 +19,8 @@ pub const DEFAULT_MOST_POINTS: u64 = 10_000_000;
 /// Radius over the distance between the points of a level: a level's points are those nearest to the middles of cells,
 /// and the farthest that a place can be from the nearest of them is the diagonal of a cell's face.
 const CLOSING: f32 = std::f32::consts::SQRT_2;
-/// A level's distance says nothing where a file's points are nearer to one another than this part of it.
+/// A level's distance says nothing where the points read are nearer to one another than this part of it. Radii that a
+/// file states are of all its points, and say nothing of a level's.
 const MOST_GROWN: f32 = 4.0;
 /// Fewer points than these make no surface of their own.
 const LEAST_POINTS: usize = 16;
@@ -95,7 +96,12 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Option<(Loaded,
         error_px,
         is_limited,
     };
-    let mut found = copc.points_of(&nodes, &io_options(options))?;
+    memory::check(path, report.points[0], memory::KNOWN_BYTES, options.memory, memory::Remedy::Fewer)?;
+    // What chooses points may be any column.
+    let has_choice = !options.classes.is_empty() || options.returns.is_some() || options.condition.is_some();
+    let has_values = options.color_by.is_some() || options.label.is_some();
+    let columns = if has_choice || has_values { NodeColumns::All } else { NodeColumns::Splats };
+    let mut found = copc.points_of(&nodes, columns, &io_options(options))?;
     if let Content::Points(points) = &mut found.loaded.content {
         if !report.is_whole() {
             mark(&copc, &nodes, &found.ends, points);
@@ -204,16 +210,13 @@ fn mark(copc: &Copc, chosen: &[u32], ends: &[usize], points: &mut PointCloud) {
         start = *end;
     }
     let column = |names: [&str; 3]| names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
-    let colors = column(COLORS).map(|c| c.map(|values| (0..points.len()).map(|i| values.get(i)).collect::<Vec<f64>>()));
-    if let ([Some(red), Some(green), Some(blue)], Some(linear)) = (&colors, &mut points.colors) {
+    if let ([Some(red), Some(green), Some(blue)], Some(linear)) = (column(COLORS), &mut points.colors) {
         for (i, color) in linear.iter_mut().enumerate().filter(|(i, _)| is_own[*i]) {
-            *color = [red[i], green[i], blue[i]].map(|v| surfel_math::srgb::decode(v / 65_535.0) as f32);
+            *color = [red, green, blue].map(|levels| surfel_math::srgb::decode(levels.get(i) / 65_535.0) as f32);
         }
     }
-    let normals =
-        column(NORMALS).map(|c| c.map(|values| (0..points.len()).map(|i| values.get(i)).collect::<Vec<f64>>()));
-    if let ([Some(x), Some(y), Some(z)], Some(own)) = (&normals, &mut points.normals) {
-        let of_level = |i: usize| Vec3::new(x[i] as f32, y[i] as f32, z[i] as f32);
+    if let ([Some(x), Some(y), Some(z)], Some(own)) = (column(NORMALS), &mut points.normals) {
+        let of_level = |i: usize| Vec3::new(x.get(i) as f32, y.get(i) as f32, z.get(i) as f32);
         let vectors = (0..own.len()).map(|i| (is_own[i], of_level(i), own.get(i).as_vec3()));
         let vectors = vectors.map(|(is_own, level, own)| if is_own && level != Vec3::ZERO { level } else { own });
         *own = Column3::from_f32(vectors.collect());
@@ -258,7 +261,9 @@ impl Radii {
             let mut report = PointReport::default();
             (report.splats, report.normals_given) = (splats.len(), splats.len());
             report.median_radius = f64::from(median) * scale;
-            report.interior_weight = surfel_sample::interior_weight(&splats);
+            // Splats of levels are made larger first.
+            let is_level = splats.data().extras.iter().any(|e| e.name == SPACING);
+            report.interior_weight = if is_level { None } else { surfel_sample::interior_weight(&splats) };
             if let Some(weight) = report.interior_weight {
                 splats.set_interior_weight(weight);
             }
@@ -275,8 +280,9 @@ fn take_f32(extras: &mut Vec<ExtraColumn>, name: &str) -> Option<Vec<f32>> {
     }
 }
 
-/// Makes splats large enough to close the level that they are of.
-pub(crate) fn close(cloud: SplatCloud) -> Result<SplatCloud, surfel_model::ModelError> {
+/// Makes splats large enough to close the level that they are of, `weighed` if the interior weight is needed; `stated`
+/// if the file says their radii.
+pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<SplatCloud, surfel_model::ModelError> {
     let weight = cloud.data().interior_weight;
     if !cloud.data().extras.iter().any(|e| e.name == SPACING) {
         return Ok(cloud);
@@ -285,7 +291,8 @@ pub(crate) fn close(cloud: SplatCloud) -> Result<SplatCloud, surfel_model::Model
     let spacing = take_f32(&mut data.extras, SPACING).unwrap_or_default();
     let closing = |radius: f32, i: usize| {
         let apart = spacing.get(i).copied().unwrap_or(0.0);
-        radius.max((CLOSING * apart).min(MOST_GROWN * radius))
+        let grown = CLOSING * apart;
+        radius.max(if stated { grown } else { grown.min(MOST_GROWN * radius) })
     };
     match &mut data.shape {
         Shape::Disks { radii, .. } => radii.iter_mut().enumerate().for_each(|(i, r)| *r = closing(*r, i)),
@@ -302,7 +309,7 @@ pub(crate) fn close(cloud: SplatCloud) -> Result<SplatCloud, surfel_model::Model
     }
     data.interior_weight = None;
     let (mut cloud, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
-    if let Some(weight) = surfel_sample::interior_weight(&cloud).or(weight) {
+    if weighed && let Some(weight) = surfel_sample::interior_weight(&cloud).or(weight) {
         cloud.set_interior_weight(weight);
     }
     Ok(cloud)
@@ -323,7 +330,7 @@ pub fn summary(report: &CopcReport) -> String {
 /// # Errors
 /// [`Error::Usage`] if anything is said.
 pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool) -> Result<(), Error> {
-    if ascii || *options != (SplatOptions { force: options.force, ..SplatOptions::default() }) {
+    if ascii || *options != (SplatOptions { force: options.force, memory: options.memory, ..SplatOptions::default() }) {
         let what = "takes the points as they are, so that no flag on splats, colours or choice goes with it";
         return Err(Error::Usage(format!("-o {}: {what}", output.display())));
     }
@@ -331,16 +338,23 @@ pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool) -> Result<
 }
 
 /// Writes LAS, LAZ and COPC files as one COPC file ([`surfel_io::copc::save_copc`]), whose points have normals and
-/// radii besides, so that views of it are drawn at once.
+/// radii besides, so that views of it are drawn at once. It takes about `memory` bytes, or
+/// [`memory::default_budget`](crate::memory::default_budget).
 ///
 /// # Errors
-/// As [`surfel_io::copc::save_copc`].
+/// [`Error::Usage`] for fewer than [`surfel_io::copc::LEAST_MEMORY`]; as [`surfel_io::copc::save_copc`].
 pub fn save_copc(
     inputs: &[PathBuf],
     output: &Path,
     overwrite: bool,
+    memory: Option<u64>,
     progress: &dyn Progress,
 ) -> Result<CopcReport, Error> {
+    if let Some(bytes) = memory.filter(|bytes| *bytes < LEAST_MEMORY) {
+        let problem = format!("--memory {bytes}: writing by levels takes at least {LEAST_MEMORY} bytes (1G)");
+        return Err(Error::Usage(problem));
+    }
+    let memory = memory.or_else(memory::default_budget).unwrap_or(LEAST_MEMORY);
     let prepare = |points: &PointCloud| -> Result<Vec<PointSplat>, String> {
         if points.len() < LEAST_POINTS {
             return Ok(vec![PointSplat::default(); points.len()]);
@@ -364,10 +378,32 @@ pub fn save_copc(
         progress.advance(done.saturating_sub(last.1));
         last.1 = done;
     };
-    Ok(surfel_io::copc::save_copc(inputs, output, overwrite, Some(&prepare), &tell)?)
+    Ok(surfel_io::copc::save_copc(inputs, output, overwrite, memory, Some(&prepare), &tell)?)
 }
 
 /// Where the points of an object are; for [`Levels::Views`].
 pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> Levels {
     Levels::Views { views: views.into(), world_from_object, error_px }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn splats_close_their_level_however_dense_all_points_are() {
+        let cloud = || {
+            let centers = Column3::from_f32(vec![Vec3::ZERO, Vec3::X]);
+            let normals = Column3::from_f32(vec![Vec3::Z; 2]);
+            let spacing = ExtraColumn { name: SPACING.into(), values: ExtraValues::F32(vec![1.0, 0.0]) };
+            let shape = Shape::Disks { normals, radii: vec![0.1; 2] };
+            let data = CloudData { extras: vec![spacing], ..CloudData::new(glam::DVec3::ZERO, centers, shape) };
+            SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
+        };
+        // As stated, of all points; and as found among those that were read.
+        for (stated, radius) in [(true, CLOSING), (false, MOST_GROWN * 0.1)] {
+            let closed = close(cloud(), false, stated).unwrap();
+            assert_eq!([0, 1].map(|i| closed.radius_max(i) as f32), [radius, 0.1]);
+        }
+    }
 }

@@ -50,6 +50,7 @@ pub mod info;
 pub mod labels;
 pub mod levels;
 mod load;
+pub mod memory;
 pub mod metadata;
 mod octree;
 #[cfg(feature = "ortho")]

@@ -3,7 +3,7 @@
 use crate::coloring::{self, ColorBy, Colored, Coloring};
 use crate::framing::UpReason;
 use crate::levels::{self, LevelReport, Levels};
-use crate::{Error, convert, labels};
+use crate::{Error, convert, labels, memory};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -76,6 +76,8 @@ pub struct LoadOptions {
     pub all_points: bool,
     /// What is read of a COPC file; `None`: all of it.
     pub levels: Option<Levels>,
+    /// Most bytes of memory that points may take, by estimate; `None`: [`crate::memory::default_budget`].
+    pub memory: Option<u64>,
     /// The file may refer to files outside of its own folder.
     pub allow_outside: bool,
     /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
@@ -111,6 +113,7 @@ impl LoadOptions {
         with_every every: Option<u32>,
         with_all_points all_points: bool,
         with_levels levels: Option<Levels>,
+        with_memory memory: Option<u64>,
         with_allow_outside allow_outside: bool,
         with_max_texture max_texture: Option<u32>,
         with_stdin stdin: Option<Arc<[u8]>>,
@@ -196,6 +199,7 @@ impl Default for LoadOptions {
             every: None,
             all_points: false,
             levels: None,
+            memory: None,
             allow_outside: false,
             max_texture: None,
             stdin: None,
@@ -286,9 +290,31 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> 
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
     let (loaded, levels) = match levels::read(path, options)? {
         Some((loaded, report)) => (loaded, Some(report).filter(|report| !report.is_whole())),
-        None => (read(path, options)?, None),
+        None => {
+            check_size(path, options)?;
+            (read(path, options)?, None)
+        }
     };
     Ok(LoadedCloud { levels, ..splats_of(loaded, path, options, progress)? })
+}
+
+/// Refuses a scan that won't fit into memory, before it is read.
+fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
+    let is_chosen = options.crop.is_some()
+        || !options.classes.is_empty()
+        || options.returns.is_some()
+        || options.condition.is_some()
+        || options.every.is_some();
+    let is_file = options.stdin.is_none() || path != Path::new(STDIN);
+    let Some((points, has_radii)) = surfel_io::survey_points(path).filter(|_| is_file && !is_chosen) else {
+        return Ok(());
+    };
+    let points = options.max_points.map_or(points, |most| points.min(most as u64));
+    let (bytes, remedy) = match has_radii {
+        true => (memory::KNOWN_BYTES, memory::Remedy::Fewer),
+        false => (memory::PREPARED_BYTES, memory::Remedy::Levels),
+    };
+    memory::check(path, points, bytes, options.memory, remedy)
 }
 
 /// Makes splats of what was read.

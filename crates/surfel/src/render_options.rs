@@ -97,7 +97,7 @@ pub struct RenderOptions {
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct SplatOptions {
-    /// All but the next two, by the names of a scene file's `convert`.
+    /// All but the others here, by the names of a scene file's `convert`.
     pub convert: ConvertOptions,
     /// Splats that face away are left out, or none; `None`: those of closed meshes.
     pub cull: Option<Cull>,
@@ -105,6 +105,8 @@ pub struct SplatOptions {
     pub colorbar: Option<PathBuf>,
     /// An existing file of that name is overwritten.
     pub force: bool,
+    /// Most bytes of memory that points may take; `None`: [`crate::memory::default_budget`].
+    pub memory: Option<u64>,
 }
 
 fn whole(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<u32, String> {
@@ -141,6 +143,7 @@ impl SplatOptions {
             "splats" => convert.splats = Some(values::splat_count(text)?),
             "radius-scale" => convert.radius_scale = Some(values::positive(text)?),
             "max-points" => convert.max_points = Some(whole(text, 1..=u32::MAX)?),
+            "memory" => self.memory = Some(values::memory(text)?),
             "cull" => self.cull = Some(values::cull(text)?),
             "sharp" => convert.sharp = switch(text)?,
             "crease-angle" => convert.crease_angle = Some(values::angle(text)?),

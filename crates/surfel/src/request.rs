@@ -244,6 +244,7 @@ impl Request {
         let options = options.with_rows(self.options.wants_rows());
         options
             .with_stdin(stdin)
+            .with_memory(self.options.splats.memory)
             .with_up(self.options.up.flatten().or(up))
             .with_levels((self.pictures != Pictures::Any).then_some(Levels::Overview))
     }

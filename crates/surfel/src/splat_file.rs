@@ -28,7 +28,10 @@ impl ConvertRequest<'_> {
         self.options.check()?;
         let mut convert = ConvertOptions::default();
         splats::apply(self.options, &mut convert)?;
-        Ok(LoadOptions::default().with_convert(&convert, Path::new("")).with_stdin(self.stdin.clone()))
+        Ok(LoadOptions::default()
+            .with_convert(&convert, Path::new(""))
+            .with_stdin(self.stdin.clone())
+            .with_memory(self.options.memory))
     }
 
     /// Loads the file; its interior weight is estimated.

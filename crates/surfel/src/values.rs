@@ -213,6 +213,17 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     Ok([side(w)?, side(h)?])
 }
 
+/// `--memory`: bytes, or with K, M, G or T units of 1024 times the one before.
+pub fn memory(text: &str) -> Result<u64, String> {
+    let text = text.trim();
+    let units = [('K', 10), ('M', 20), ('G', 30), ('T', 40)];
+    let unit = units.iter().find(|(name, _)| text.to_ascii_uppercase().ends_with(*name));
+    let (count, bits) = unit.map_or((text, 0), |(_, bits)| (&text[..text.len() - 1], *bits));
+    let bytes = count.trim().parse::<f64>().ok().map(|count| count * f64::from(bits).exp2());
+    let ok = bytes.filter(|bytes| (1.0..=2_f64.powi(60)).contains(bytes));
+    ok.map(|bytes| bytes as u64).ok_or_else(|| "expected bytes, such as 4G or 512M".to_owned())
+}
+
 /// `X,Y,W,H` in pixels.
 pub fn region(text: &str) -> Result<Region, String> {
     let wrong = || "expected X,Y,W,H: four whole numbers of pixels, W and H at least 1".to_owned();
@@ -296,6 +307,16 @@ pub fn json_number(value: f64) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn memory_is_bytes_with_or_without_a_unit() {
+        for (text, bytes) in [("7", 7), ("2K", 2048), ("512M", 512 << 20), ("1.5g", 3 << 29), (" 4 G ", 4 << 30)] {
+            assert_eq!(memory(text), Ok(bytes), "{text}");
+        }
+        for text in ["", "G", "-1G", "0", "nan", "1e99T", "4GB", "4é"] {
+            assert!(memory(text).is_err(), "{text}");
+        }
+    }
 
     #[test]
     fn parts_have_everything_once_counted_from_0_or_from_1() {

@@ -15,7 +15,7 @@ const BUDGETS: [(&str, usize); 18] = [
     ("docs/rendering-model.md", 6000),
     ("docs/format.md", 1800),
     ("docs/inputs.md", 1200),
-    ("docs/levels.md", 450),
+    ("docs/levels.md", 540),
     ("docs/jobs.md", 750),
     ("docs/ortho.md", 450),
     ("docs/python.md", 500),

@@ -6,7 +6,7 @@ use super::{Sink, field, unreadable};
 use crate::error::{Location, Problem};
 use crate::survey::Source;
 use ::laz::laszip::{ChunkTable, ChunkTableEntry};
-use ::laz::{LasZipDecompressor, LasZipError, LazItemRecordBuilder, LazItemType, LazVlr};
+use ::laz::{DecompressionSelection, LasZipDecompressor, LasZipError, LazItemRecordBuilder, LazItemType, LazVlr};
 use std::io::{self, BufReader, Cursor, Read, Seek, SeekFrom};
 
 /// Most bytes that points may take once they are decoded: this and this many times the file's own. Real scans take
@@ -378,9 +378,26 @@ pub(super) fn chunk_points(
     if is_layered(vlr) { check_layers(source, at, bytes, vlr, size).map(Some) } else { Ok(None) }
 }
 
+/// What splats are made of; other fields of layered chunks needn't be decoded.
+pub(super) fn of_splats() -> DecompressionSelection {
+    let base = DecompressionSelection::base();
+    base.decompress_z().decompress_flags().decompress_rgb().decompress_extra_bytes()
+}
+
 /// Decodes chunks, given by their points and bytes.
 pub(super) fn decode(packed: &[u8], points: &mut [u8], vlr: &LazVlr, chunks: &[(u64, u64)]) -> Result<(), LasZipError> {
+    decode_some(packed, points, vlr, chunks, DecompressionSelection::all())
+}
+
+/// Decodes some fields of chunks.
+pub(super) fn decode_some(
+    packed: &[u8],
+    points: &mut [u8],
+    vlr: &LazVlr,
+    chunks: &[(u64, u64)],
+    fields: DecompressionSelection,
+) -> Result<(), LasZipError> {
     let entry = |c: &(u64, u64)| ChunkTableEntry { point_count: c.0, byte_count: c.1 };
     let entries: Vec<ChunkTableEntry> = chunks.iter().map(entry).collect();
-    ::laz::laszip::parallel::par_decompress(packed, points, vlr, &entries)
+    ::laz::laszip::parallel::par_decompress_selective(packed, points, vlr, &entries, fields)
 }

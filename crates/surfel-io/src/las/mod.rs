@@ -18,8 +18,10 @@ use crate::format::Format;
 use crate::survey::{Source, extent_words};
 use header::Header;
 use records::Columns;
-use std::io::{self, SeekFrom};
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
 
 /// Bytes of uncompressed points that are read at a time.
 const BLOCK_BYTES: usize = 2 << 20;
@@ -80,6 +82,26 @@ fn read_records(
     let _ = repair;
     #[cfg(not(feature = "laz"))]
     Err(Problem::not_built("LAZ", "laz"))
+}
+
+/// How many points a LAS, LAZ or COPC file has, as its header says, and whether they have radii of splats, as Surfel
+/// adds them; `None` for other files, and for those whose header can't be right.
+pub fn survey_points(path: &Path) -> Option<(u64, bool)> {
+    let mut file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|m| m.is_file()))?;
+    let mut head = Vec::new();
+    (&mut file).take(512).read_to_end(&mut head).ok()?;
+    if !matches!(Format::of_survey(&head), Some(Format::Las | Format::Laz | Format::Copc)) {
+        return None;
+    }
+    let file_bytes = file.seek(SeekFrom::End(0)).ok()?;
+    let header = Header::read(&mut file, file_bytes).ok()?;
+    let has_radii = header.extra.iter().any(|e| e.name == "splat_radius");
+    if !header.compressed {
+        return Some((header.count.min((header.end - header.start) / header.record_bytes as u64), has_radii));
+    }
+    #[cfg(feature = "laz")]
+    laz::check_size(&header, header.count, file_bytes).ok()?;
+    Some((header.count, has_radii))
 }
 
 pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Context<'_>) -> Result<Content, Fault> {

@@ -49,6 +49,16 @@ pub(super) struct Columns {
 
 impl Columns {
     pub(super) fn new(header: &Header, expected: usize) -> Self {
+        let mut columns = Self::of_splats(header, expected);
+        columns.extras.clear();
+        columns.add_fields(header.format);
+        let after = POINT_BYTES[usize::from(header.format)];
+        header.extra.iter().for_each(|extra| columns.add_extra(extra, after + extra.at));
+        columns
+    }
+
+    /// Only what splats are made of: positions, colours and extra bytes, scaled ones as f32.
+    pub(super) fn of_splats(header: &Header, expected: usize) -> Self {
         let format = header.format;
         let has_colors = matches!(format, 2 | 3 | 5 | 7 | 8 | 10);
         let color_at = match format {
@@ -69,10 +79,15 @@ impl Columns {
             rows: KeptRows::default(),
             extras: Vec::new(),
         };
-        columns.add_fields(format);
         let after = POINT_BYTES[usize::from(format)];
         for extra in &header.extra {
-            columns.add_extra(extra, after + extra.at);
+            let (at, read) = (after + extra.at, value_of(extra.kind));
+            match extra.scaled {
+                Some((scale, offset)) => {
+                    columns.add(&extra.name, move |r| (read(&r[at..]) * scale + offset) as f32);
+                }
+                None => columns.add_extra(extra, at),
+            }
         }
         columns
     }

@@ -22,6 +22,7 @@ class _Splats(TypedDict, total=False):
     splats: int | Literal["auto"]
     radius_scale: float
     max_points: int
+    memory: int | str
     cull: Literal["none", "back"]
     sharp: bool
     crease_angle: float

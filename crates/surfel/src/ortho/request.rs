@@ -41,7 +41,10 @@ impl OrthoRequest<'_> {
         self.splats.check()?;
         let mut convert = ConvertOptions::default();
         splats::apply(self.splats, &mut convert)?;
-        let load = LoadOptions::default().with_convert(&convert, Path::new("")).with_stdin(self.stdin.clone());
+        let load = LoadOptions::default()
+            .with_convert(&convert, Path::new(""))
+            .with_stdin(self.stdin.clone())
+            .with_memory(self.splats.memory);
         let options = self.options.clone().with_load(load.with_interior_weight(true));
         let inputs: Vec<&Path> = self.inputs.iter().map(PathBuf::as_path).collect();
         let ortho = Ortho::open(&inputs, &options, progress).map_err(|error| match error {

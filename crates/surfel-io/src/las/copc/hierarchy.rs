@@ -1,7 +1,7 @@
 //! The octree of a COPC file, and some of its nodes.
 
 use super::super::header::Header;
-use super::super::laz::{checked_vlr, chunk_points, decode};
+use super::super::laz::{checked_vlr, chunk_points, decode_some, of_splats};
 use super::super::records::Columns;
 use super::super::{field, finish, unreadable};
 use super::octants::{cell, code};
@@ -11,7 +11,7 @@ use crate::error::{IoError, Location, Problem, READ};
 use crate::format::Format;
 use crate::load::{self, Loaded};
 use crate::survey::Source;
-use ::laz::LazVlr;
+use ::laz::{DecompressionSelection, LazVlr};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -50,6 +50,15 @@ pub struct Copc {
     half: f64,
     spacing: f64,
     nodes: Vec<CopcNode>,
+}
+
+/// Which columns of points are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NodeColumns {
+    /// All.
+    All,
+    /// What splats are made of: positions, colours, normals, and what else the extra bytes hold.
+    Splats,
 }
 
 /// The points of some nodes.
@@ -152,7 +161,7 @@ impl Copc {
     ///
     /// # Errors
     /// [`IoError`] if the file can't be read or a node is damaged.
-    pub fn points_of(&self, nodes: &[u32], options: &LoadOptions) -> Result<NodePoints, IoError> {
+    pub fn points_of(&self, nodes: &[u32], columns: NodeColumns, options: &LoadOptions) -> Result<NodePoints, IoError> {
         let mut ends = Vec::with_capacity(nodes.len());
         let nodes: Vec<&CopcNode> = nodes.iter().filter_map(|i| self.nodes.get(*i as usize)).collect();
         let system = |source| IoError::System { path: self.path.clone(), action: READ, source };
@@ -160,7 +169,7 @@ impl Copc {
         let loaded = load::run_plain(
             |context| {
                 let mut header = Header::read(&mut file, self.file_bytes)?;
-                let read = AssertUnwindSafe(|| read_nodes(&mut file, &mut header, &nodes, &mut ends));
+                let read = AssertUnwindSafe(|| read_nodes(&mut file, &mut header, &nodes, columns, &mut ends));
                 let columns = catch_unwind(read).unwrap_or_else(|_| {
                     let problem = Problem::new("is damaged: its compressed points make no sense");
                     Err(problem.help("copy the file again"))
@@ -184,12 +193,16 @@ fn read_nodes(
     source: &mut dyn Source,
     header: &mut Header,
     nodes: &[&CopcNode],
+    wanted: NodeColumns,
     ends: &mut Vec<usize>,
 ) -> Result<Columns, Problem> {
     let (vlr, _) = checked_vlr(header)?;
     let size = header.record_bytes as u64;
     let count: u64 = nodes.iter().map(|node| node.points).sum();
-    let mut columns = Columns::new(header, count as usize);
+    let (mut columns, fields) = match wanted {
+        NodeColumns::All => (Columns::new(header, count as usize), DecompressionSelection::all()),
+        NodeColumns::Splats => (Columns::of_splats(header, count as usize), of_splats()),
+    };
     let mut rest = nodes;
     let (mut packed, mut bytes) = (Vec::new(), Vec::new());
     while !rest.is_empty() {
@@ -213,7 +226,7 @@ fn read_nodes(
         bytes.clear();
         bytes.resize(sums.1 as usize, 0);
         let chunks: Vec<(u64, u64)> = now.iter().filter(|n| n.points > 0).map(|n| (n.points, n.bytes)).collect();
-        decode(&packed, &mut bytes, &vlr, &chunks).map_err(|e| {
+        decode_some(&packed, &mut bytes, &vlr, &chunks, fields).map_err(|e| {
             let at = now.first().map_or(0, |node| node.at);
             Problem::new(format!("is damaged: {e}")).at(Location::Byte(at as usize)).help("copy the file again")
         })?;

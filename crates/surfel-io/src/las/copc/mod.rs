@@ -9,8 +9,8 @@ mod records;
 mod spill;
 mod write;
 
-pub use hierarchy::{Copc, CopcNode, NodePoints};
-pub use write::{CopcReport, PointSplat, Prepare, save_copc};
+pub use hierarchy::{Copc, CopcNode, NodeColumns, NodePoints};
+pub use write::{CopcReport, LEAST_MEMORY, PointSplat, Prepare, save_copc};
 
 /// Bytes of the record with the octree's place, and of its entries in the hierarchy.
 const INFO_BYTES: usize = 160;

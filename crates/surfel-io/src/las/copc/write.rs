@@ -1,7 +1,8 @@
 //! LAS, LAZ and COPC files as one COPC file, in memory that doesn't grow with them.
 //!
-//! Points are sorted into cells of a grid in a temporary file. A cell after the other is then read back, its points get
-//! their levels, and nodes become chunks in a second such file, of which the output is put together at the end.
+//! Points are sorted into cells of a grid in a temporary file, those beside a cell's border also into its neighbours'
+//! margins. Some cells at a time are then read back, their points get splats and levels, and nodes become chunks in a
+//! second such file, of which the output is put together at the end.
 
 use super::super::header::{Header, POINT_BYTES};
 use super::super::{Sink, field, read_records, unreadable};
@@ -19,6 +20,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;
+use std::hash::Hash;
 use std::io::{self, Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use surfel_model::{Column3, PointCloud};
@@ -28,12 +30,31 @@ use surfel_model::{Column3, PointCloud};
 struct Limits {
     /// Points of a cell that the grid is made for, on a surface.
     cell_points: u64,
-    /// Most points at a time, but for more in one place.
+    /// Most points of a part, but for more in one place.
     most_points: u64,
+    /// Most points of all parts that are in memory, unless one has more.
+    held_points: u64,
 }
 
-/// With normals and radii, some 300 bytes a point.
-const LIMITS: Limits = Limits { cell_points: 1_000_000, most_points: 2_000_000 };
+/// Bytes of a point that is in memory, with its normal and radius, and of what else there is.
+const HELD_POINT_BYTES: u64 = 350;
+const OTHER_BYTES: u64 = 256 << 20;
+/// Bytes that writing takes: those of one part.
+pub const LEAST_MEMORY: u64 = 1 << 30;
+
+impl Limits {
+    /// What fits into so many bytes. Only how many parts are made at once depends on it, not what is written.
+    fn new(memory: u64) -> Self {
+        let (cell_points, most_points) = (1_000_000, 2_000_000);
+        let useful = cell_points * rayon::current_num_threads() as u64;
+        let room = memory.saturating_sub(OTHER_BYTES) / HELD_POINT_BYTES;
+        Self { cell_points, most_points, held_points: room.min(useful).max(most_points) }
+    }
+}
+
+/// Parts see the points beyond their border that are nearer than their side over this: some 16 of a surface's points,
+/// where it has as many of them as a cell is made for.
+const MARGIN: i64 = 64;
 /// Most cells that points are sorted into.
 const MOST_CELLS: usize = 1 << 16;
 /// Bytes of upper nodes that are compressed at a time.
@@ -49,7 +70,7 @@ pub struct PointSplat {
 }
 
 /// Makes a splat of each of some points that lie together.
-pub type Prepare<'a> = &'a dyn Fn(&PointCloud) -> Result<Vec<PointSplat>, String>;
+pub type Prepare<'a> = &'a (dyn Fn(&PointCloud) -> Result<Vec<PointSplat>, String> + Sync);
 
 /// What was written.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -79,8 +100,9 @@ struct Input {
 /// their offsets, in the format's columns, in extra bytes and in the coordinate reference system.
 ///
 /// Each point also gets, as extra bytes, the mean colour of the points that it stands for at its level; with `prepare`
-/// its radius, its normal and the mean normal too. Deterministic, whatever the number of threads. `progress` is told a
-/// stage's name, how much of it is done and of how much.
+/// its radius, its normal and the mean normal too, which is called for some parts of the cloud at once, each with the
+/// points around it. Deterministic, whatever the number of threads. `progress` is told a stage's name, how much of it
+/// is done and of how much. It takes about `memory` bytes, but not less than [`LEAST_MEMORY`].
 ///
 /// # Errors
 /// [`IoError::Invalid`] for an input that isn't one of these, is damaged or doesn't go with the first;
@@ -89,10 +111,11 @@ pub fn save_copc(
     inputs: &[PathBuf],
     output: &Path,
     overwrite: bool,
+    memory: u64,
     prepare: Option<Prepare<'_>>,
     progress: &dyn Fn(&'static str, u64, u64),
 ) -> Result<CopcReport, IoError> {
-    save(inputs, output, overwrite, prepare, progress, LIMITS)
+    save(inputs, output, overwrite, prepare, progress, Limits::new(memory))
 }
 
 fn save(
@@ -202,6 +225,28 @@ impl Grid {
     }
 }
 
+/// Calls `each` for every other cell of a grid that a point is nearer to than `side` / [`MARGIN`].
+fn in_reach(units: [i64; 3], side: i64, each: &mut dyn FnMut([i64; 3]) -> io::Result<()>) -> io::Result<()> {
+    let reach = side / MARGIN;
+    let ways = units.map(|u| match u.rem_euclid(side) {
+        within if within < reach => -1,
+        within if within >= side - reach => 1,
+        _ => 0,
+    });
+    if ways == [0; 3] {
+        return Ok(());
+    }
+    let cell = units.map(|u| u.div_euclid(side));
+    // Bits say along which axes it is another cell.
+    for axes in 1..8 {
+        let is_along = |k: usize| axes >> k & 1 == 1;
+        if (0..3).all(|k| !is_along(k) || ways[k] != 0) {
+            each([0, 1, 2].map(|k| cell[k] + if is_along(k) { ways[k] } else { 0 }))?;
+        }
+    }
+    Ok(())
+}
+
 /// The octree over the grid's cells.
 #[derive(Clone, Copy, Debug)]
 struct Frame {
@@ -219,6 +264,28 @@ impl Frame {
     fn code(&self, units: [i64; 3]) -> u64 {
         code([0, 1, 2].map(|k| ((units[k] - self.low[k]) / self.finest) as u32))
     }
+
+    /// The octant of a level that a point is in.
+    fn octant(&self, units: [i64; 3], level: u32) -> u64 {
+        self.code(units) >> (3 * (self.bits - level))
+    }
+}
+
+/// A part of the cloud that is in memory.
+struct Loaded {
+    part: Part,
+    records: Vec<u8>,
+    /// Those around it.
+    margin: Vec<u8>,
+}
+
+/// What became of a part.
+struct Made {
+    points: u64,
+    /// Compressed nodes: level, code, number of points, bytes.
+    packed: Vec<(u32, u64, u64, Vec<u8>)>,
+    /// Records of nodes that other parts have points of, too.
+    upper: Vec<((u32, u64), Vec<u8>)>,
 }
 
 fn position(record: &[u8]) -> [i32; 3] {
@@ -239,6 +306,10 @@ struct Writer<'a> {
     adds_normals: bool,
     grid: Grid,
     spill: Spill<[i64; 3]>,
+    /// Records of points beside a cell, by that cell; none without `prepare`.
+    margins: Spill<[i64; 3]>,
+    /// Parts that wait for others to be made with.
+    waiting: Vec<Loaded>,
     /// Records of nodes above the parts.
     upper: Spill<(u32, u64)>,
     laz: LazVlr,
@@ -327,6 +398,8 @@ impl<'a> Writer<'a> {
             adds_normals,
             grid,
             spill: Spill::new(folder)?,
+            margins: Spill::new(folder)?,
+            waiting: Vec::new(),
             upper: Spill::new(folder)?,
             laz,
             chunks: Vec::new(),
@@ -422,32 +495,17 @@ impl<'a> Writer<'a> {
             (0..=frame.depth).for_each(|l| *counts.entry((l, code >> (3 * (frame.depth - l)))).or_default() += points);
         }
         self.done = 0;
+        let mut sorted = std::mem::replace(&mut self.spill, Spill::new(&self.folder)?);
+        let mut margins = std::mem::replace(&mut self.margins, Spill::new(&self.folder)?);
         for (code, cells) in parts {
             let is_leaf = |l: &u32| counts[&(*l, code >> (3 * (frame.depth - l)))] <= LEAF_POINTS;
             let leaf_at = (0..frame.depth).find(is_leaf);
-            let lists: Vec<List> = cells.iter().map(|cell| self.spill.take(*cell)).collect();
-            let points = lists.iter().map(|list| list.bytes).sum::<u64>() / self.sorted_bytes as u64;
-            if points > self.limits.most_points && frame.depth + CELL_BITS < frame.bits {
-                let mut apart = Spill::new(&self.folder)?;
-                for list in &lists {
-                    self.spill.read(list, &mut |block| {
-                        divide(block, self.sorted_bytes, &self.grid, &frame, frame.depth, &mut apart)
-                    })?;
-                }
-                drop(lists);
-                self.build_divided(&frame, frame.depth + 1, apart)?;
-                continue;
-            }
-            let mut records = Vec::with_capacity(points as usize * self.sorted_bytes);
-            for list in &lists {
-                self.spill.read(list, &mut |block| {
-                    records.extend_from_slice(block);
-                    Ok(())
-                })?;
-            }
-            drop(lists);
-            self.build_part(&frame, frame.depth, leaf_at, &records)?;
+            let lists = cells.iter().map(|cell| sorted.take(*cell)).collect();
+            let around = cells.iter().map(|cell| margins.take(*cell)).collect();
+            self.part(&frame, (frame.depth, code, leaf_at), (&mut sorted, lists), (&mut margins, around))?;
         }
+        drop((sorted, margins));
+        self.make_waiting(&frame)?;
         let mut keys: Vec<(u32, u64)> = self.upper.sizes().map(|(key, _)| key).collect();
         keys.sort_unstable();
         let mut batch: Vec<((u32, u64), Vec<u8>)> = Vec::new();
@@ -466,105 +524,117 @@ impl<'a> Writer<'a> {
         Ok(self.compress(batch)?)
     }
 
-    /// The octants of a part that has too many points to be in memory.
-    fn build_divided(&mut self, frame: &Frame, depth: u32, mut spill: Spill<u64>) -> Result<(), Stop> {
-        let mut octants: Vec<(u64, u64)> = spill.sizes().collect();
-        octants.sort_unstable();
-        for (octant, bytes) in octants {
-            let list = spill.take(octant);
-            if bytes / self.sorted_bytes as u64 > self.limits.most_points && depth + CELL_BITS < frame.bits {
-                let mut apart = Spill::new(&self.folder)?;
-                spill
-                    .read(&list, &mut |block| divide(block, self.sorted_bytes, &self.grid, frame, depth, &mut apart))?;
-                self.build_divided(frame, depth + 1, apart)?;
-                continue;
+    /// Reads the points of an octant, and of its octants one by one where they are too many.
+    fn part<K: Copy + Eq + Hash>(
+        &mut self,
+        frame: &Frame,
+        (depth, octant, leaf_at): (u32, u64, Option<u32>),
+        (spill, lists): (&mut Spill<K>, Vec<List>),
+        (margins, around): (&mut Spill<K>, Vec<List>),
+    ) -> Result<(), Stop> {
+        let size = self.sorted_bytes;
+        let bytes = |lists: &[List]| lists.iter().map(|list| list.bytes).sum::<u64>();
+        let points = bytes(&lists) / size as u64;
+        let grid = self.grid;
+        let is_inside = |record: &[u8]| frame.octant(grid.units(position(record)), depth) == octant;
+        if points > self.limits.most_points && depth + CELL_BITS < frame.bits {
+            let [mut apart, mut beside] = [Spill::new(&self.folder)?, Spill::new(&self.folder)?];
+            let mut add_beside = |record: &[u8]| {
+                let side = frame.finest << (frame.bits - depth - 1);
+                let units = grid.units(position(record));
+                let from_root = [0, 1, 2].map(|k| units[k] - frame.low[k]);
+                in_reach(from_root, side, &mut |cell| match octant == code(cell.map(|c| (c >> 1) as u32)) {
+                    true => beside.append(code(cell.map(|c| c as u32)), record),
+                    false => Ok(()),
+                })
+            };
+            let has_splats = self.prepare.is_some();
+            for list in &lists {
+                spill.read(list, &mut |block| {
+                    block.chunks_exact(size).try_for_each(|record| {
+                        apart.append(frame.octant(grid.units(position(record)), depth + 1), record)?;
+                        if has_splats && !is_withheld(record) { add_beside(record) } else { Ok(()) }
+                    })
+                })?;
             }
-            let mut records = Vec::with_capacity(bytes as usize);
-            spill.read(&list, &mut |block| {
+            for list in &around {
+                margins.read(list, &mut |block| {
+                    block.chunks_exact(size).filter(|r| !is_inside(r)).try_for_each(&mut add_beside)
+                })?;
+            }
+            drop((lists, around));
+            let mut octants: Vec<u64> = apart.sizes().map(|(octant, _)| octant).collect();
+            octants.sort_unstable();
+            for octant in octants {
+                let (lists, around) = (vec![apart.take(octant)], vec![beside.take(octant)]);
+                self.part(frame, (depth + 1, octant, None), (&mut apart, lists), (&mut beside, around))?;
+            }
+            return Ok(());
+        }
+        let waiting = self.waiting.iter().map(|part| part.records.len() / size).sum::<usize>() as u64;
+        if waiting + points > self.limits.held_points {
+            self.make_waiting(frame)?;
+        }
+        let mut records = Vec::with_capacity(bytes(&lists) as usize);
+        for list in &lists {
+            spill.read(list, &mut |block| {
                 records.extend_from_slice(block);
                 Ok(())
             })?;
-            drop(list);
-            self.build_part(frame, depth, None, &records)?;
         }
+        let mut margin = Vec::new();
+        for list in &around {
+            margins.read(list, &mut |block| {
+                // Cells that have become one have been each other's neighbours.
+                block.chunks_exact(size).filter(|r| !is_inside(r)).for_each(|r| margin.extend_from_slice(r));
+                Ok(())
+            })?;
+        }
+        self.waiting.push(Loaded { part: Part { bits: frame.bits, depth, leaf_at }, records, margin });
         Ok(())
     }
 
-    /// Gives the points of one octant their levels, and compresses the nodes that are in it.
-    fn build_part(&mut self, frame: &Frame, depth: u32, leaf_at: Option<u32>, records: &[u8]) -> Result<(), Stop> {
-        let size = self.sorted_bytes;
-        let mut coded: Vec<Coded> = records
-            .par_chunks_exact(size)
-            .enumerate()
-            .map(|(i, record)| (frame.code(self.grid.units(position(record))), i as u32))
-            .collect();
-        coded.par_sort_unstable();
-        let splats = self.splats(records)?;
-        let color_at = (self.template.format >= 7).then_some(30);
-        let mut filtered = Filtered { records, size, color_at, splats: splats.as_deref(), of: HashMap::new() };
-        let part = Part { bits: frame.bits, depth, leaf_at };
-        let level_of = levels(&coded, &part, &mut self.taken, &mut |i, group| {
-            filtered.add(coded[i].1, coded[group].iter().map(|point| point.1));
-        });
-        let mut nodes: BTreeMap<(u32, u64), Vec<u32>> = BTreeMap::new();
-        for ((code, i), level) in coded.iter().zip(&level_of) {
-            let level = u32::from(*level);
-            nodes.entry((level, code >> (3 * (frame.bits - level)))).or_default().push(*i);
-        }
-        drop((coded, level_of));
-        let whole = |key: (u32, u64), mut indices: Vec<u32>| {
-            // Scan order compresses best.
-            indices.sort_unstable();
-            let mut bytes = Vec::with_capacity(indices.len() * (size + self.template.extra_bytes));
-            for i in indices {
-                bytes.extend_from_slice(&records[i as usize * size..][..size]);
-                filtered.write(i, self.adds_normals, &mut bytes);
-            }
-            (key, bytes)
+    /// Makes nodes of the parts that are in memory.
+    fn make_waiting(&mut self, frame: &Frame) -> Result<(), Stop> {
+        let waiting = std::mem::take(&mut self.waiting);
+        // Of larger cells than a part one part takes a point, and those after it don't.
+        let is_alone = |part: &Loaded| part.part.depth <= CELL_BITS;
+        let made: Vec<Made> = if waiting.iter().all(is_alone) {
+            let maker = self.maker();
+            let made = waiting.into_par_iter().map(|part| maker.make(frame, &part, &mut HashSet::new()));
+            made.collect::<io::Result<_>>()?
+        } else {
+            let mut taken = std::mem::take(&mut self.taken);
+            let maker = self.maker();
+            let made = waiting.into_iter().map(|part| maker.make(frame, &part, &mut taken));
+            let made = made.collect::<io::Result<_>>()?;
+            self.taken = taken;
+            made
         };
-        let made: Vec<_> = nodes.into_par_iter().map(|(key, indices)| whole(key, indices)).collect();
-        drop(filtered);
-        let (inner, upper): (Vec<_>, Vec<_>) = made.into_iter().partition(|((level, _), _)| *level >= depth);
-        for (key, bytes) in upper {
-            self.upper.append(key, &bytes)?;
+        for made in made {
+            for (key, bytes) in made.upper {
+                self.upper.append(key, &bytes)?;
+            }
+            self.write(made.packed)?;
+            self.done += made.points;
         }
-        self.compress(inner)?;
-        self.done += (records.len() / size) as u64;
         (self.progress)("building the octree", self.done, self.summary.count);
         Ok(())
     }
 
-    /// The splats of points, zeros of those that are flagged as withheld.
-    fn splats(&self, records: &[u8]) -> Result<Option<Vec<PointSplat>>, Stop> {
-        let Some(prepare) = self.prepare else { return Ok(None) };
-        let rows = || records.chunks_exact(self.sorted_bytes);
-        let kept = || rows().filter(|record| !is_withheld(record));
-        let grid: Vec<[i32; 3]> = kept().map(position).collect();
-        let (origin, positions) = super::super::records::on_grid(grid, self.template.scale, self.template.offset);
-        let normals = self.normals.map(|fields| {
-            let of = |r: &[u8]| {
-                fields.map(|(at, kind, scale, offset)| super::super::records::value_of(kind)(&r[at..]) * scale + offset)
-            };
-            Column3::from_f32(kept().map(|r| DVec3::from(of(r)).as_vec3()).collect())
-        });
-        let cloud = PointCloud { origin, positions, normals, ..PointCloud::default() };
-        let made = if cloud.is_empty() { Vec::new() } else { prepare(&cloud).map_err(io::Error::other)? };
-        if made.len() != cloud.len() {
-            return Err(Stop::Disk(io::Error::other("a part of the cloud has fewer splats than points")));
-        }
-        let mut made = made.into_iter();
-        let next = |r: &[u8]| if is_withheld(r) { PointSplat::default() } else { made.next().unwrap_or_default() };
-        Ok(Some(rows().map(next).collect()))
+    fn maker(&self) -> Maker<'_> {
+        let Self { prepare, template, sorted_bytes, normals, adds_normals, grid, laz, .. } = self;
+        let (sorted_bytes, normals, adds_normals) = (*sorted_bytes, *normals, *adds_normals);
+        Maker { prepare: *prepare, template, sorted_bytes, normals, adds_normals, grid: *grid, laz }
     }
 
     fn compress(&mut self, nodes: Vec<((u32, u64), Vec<u8>)>) -> io::Result<()> {
+        let packed = packed(nodes, &self.laz)?;
+        self.write(packed)
+    }
+
+    fn write(&mut self, packed: Vec<(u32, u64, u64, Vec<u8>)>) -> io::Result<()> {
         use std::io::Write;
-        let size = self.laz.items_size() as usize;
-        let packed = nodes.into_par_iter().map(|((level, code), bytes)| {
-            let points = (bytes.len() / size) as u64;
-            Ok((level, code, points, pack(&bytes, &self.laz)?))
-        });
-        let packed: Vec<(u32, u64, u64, Vec<u8>)> = packed.collect::<io::Result<_>>()?;
         self.chunk_file.seek(SeekFrom::Start(self.chunk_bytes))?;
         for (level, code, points, bytes) in packed {
             self.chunk_file.write_all(&bytes)?;
@@ -584,6 +654,78 @@ impl<'a> Writer<'a> {
     }
 }
 
+/// What makes nodes of parts, several at once.
+struct Maker<'a> {
+    prepare: Option<Prepare<'a>>,
+    template: &'a Template,
+    sorted_bytes: usize,
+    normals: Option<[(usize, u8, f64, f64); 3]>,
+    adds_normals: bool,
+    grid: Grid,
+    laz: &'a LazVlr,
+}
+
+impl Maker<'_> {
+    /// Gives the points of one octant their levels, and compresses the nodes that are in it.
+    fn make(&self, frame: &Frame, loaded: &Loaded, taken: &mut HashSet<(u32, u64)>) -> io::Result<Made> {
+        let (size, Loaded { part, records, margin }) = (self.sorted_bytes, loaded);
+        let splats = self.splats(records, margin)?;
+        let mut coded: Vec<Coded> = records
+            .par_chunks_exact(size)
+            .enumerate()
+            .map(|(i, record)| (frame.code(self.grid.units(position(record))), i as u32))
+            .collect();
+        coded.par_sort_unstable();
+        let color_at = (self.template.format >= 7).then_some(30);
+        let mut filtered = Filtered { records, size, color_at, splats: splats.as_deref(), of: HashMap::new() };
+        let level_of = levels(&coded, part, taken, &mut |i, group| {
+            filtered.add(coded[i].1, coded[group].iter().map(|point| point.1));
+        });
+        let mut nodes: BTreeMap<(u32, u64), Vec<u32>> = BTreeMap::new();
+        for ((code, i), level) in coded.iter().zip(&level_of) {
+            let level = u32::from(*level);
+            nodes.entry((level, code >> (3 * (frame.bits - level)))).or_default().push(*i);
+        }
+        drop((coded, level_of));
+        let whole = |key: (u32, u64), mut indices: Vec<u32>| {
+            // Scan order compresses best.
+            indices.sort_unstable();
+            let mut bytes = Vec::with_capacity(indices.len() * (size + self.template.extra_bytes));
+            for i in indices {
+                bytes.extend_from_slice(&records[i as usize * size..][..size]);
+                filtered.write(i, self.adds_normals, &mut bytes);
+            }
+            (key, bytes)
+        };
+        let made: Vec<_> = nodes.into_par_iter().map(|(key, indices)| whole(key, indices)).collect();
+        let (inner, upper): (Vec<_>, Vec<_>) = made.into_iter().partition(|((level, _), _)| *level >= part.depth);
+        Ok(Made { points: (records.len() / size) as u64, packed: packed(inner, self.laz)?, upper })
+    }
+
+    /// The splats of points among those around them, zeros of those that are flagged as withheld.
+    fn splats(&self, records: &[u8], margin: &[u8]) -> io::Result<Option<Vec<PointSplat>>> {
+        let Some(prepare) = self.prepare else { return Ok(None) };
+        let rows = || records.chunks_exact(self.sorted_bytes);
+        let kept = || rows().chain(margin.chunks_exact(self.sorted_bytes)).filter(|record| !is_withheld(record));
+        let grid: Vec<[i32; 3]> = kept().map(position).collect();
+        let (origin, positions) = super::super::records::on_grid(grid, self.template.scale, self.template.offset);
+        let normals = self.normals.map(|fields| {
+            let of = |r: &[u8]| {
+                fields.map(|(at, kind, scale, offset)| super::super::records::value_of(kind)(&r[at..]) * scale + offset)
+            };
+            Column3::from_f32(kept().map(|r| DVec3::from(of(r)).as_vec3()).collect())
+        });
+        let cloud = PointCloud { origin, positions, normals, ..PointCloud::default() };
+        let made = if cloud.is_empty() { Vec::new() } else { prepare(&cloud).map_err(io::Error::other)? };
+        if made.len() != cloud.len() {
+            return Err(io::Error::other("a part of the cloud has fewer splats than points"));
+        }
+        let mut made = made.into_iter();
+        let next = |r: &[u8]| if is_withheld(r) { PointSplat::default() } else { made.next().unwrap_or_default() };
+        Ok(Some(rows().map(next).collect()))
+    }
+}
+
 fn is_withheld(record: &[u8]) -> bool {
     record[15] & 4 != 0
 }
@@ -598,12 +740,14 @@ fn pack(points: &[u8], laz: &LazVlr) -> io::Result<Vec<u8>> {
     Ok(compressor.into_inner().into_inner().split_off(8))
 }
 
-/// Sorts records into the octants below `depth`.
-fn divide(block: &[u8], size: usize, grid: &Grid, frame: &Frame, depth: u32, apart: &mut Spill<u64>) -> io::Result<()> {
-    block.chunks_exact(size).try_for_each(|record| {
-        let code = frame.code(grid.units(position(record)));
-        apart.append(code >> (3 * (frame.bits - depth - 1)), record)
-    })
+/// Nodes as chunks.
+fn packed(nodes: Vec<((u32, u64), Vec<u8>)>, laz: &LazVlr) -> io::Result<Vec<(u32, u64, u64, Vec<u8>)>> {
+    let size = laz.items_size() as usize;
+    let packed = nodes.into_par_iter().map(|((level, code), bytes)| {
+        let points = (bytes.len() / size) as u64;
+        Ok((level, code, points, pack(&bytes, laz)?))
+    });
+    packed.collect()
 }
 
 /// What points stand for at their levels.
@@ -711,11 +855,18 @@ impl Sink for Sorter<'_, '_> {
                 }
             }
             writer.summary.add(&self.record, at);
+            let units = writer.grid.units(at);
             let mut sorted = writer.spill.append(writer.grid.cell(at), &self.record);
+            if writer.prepare.is_some() && !is_withheld(&self.record) {
+                let margins = &mut writer.margins;
+                let mut add = |cell| margins.append(cell, &self.record);
+                sorted = sorted.and_then(|()| in_reach(units, writer.grid.side(), &mut add));
+            }
             if sorted.is_ok() && writer.spill.count() > MOST_CELLS {
                 // The header's bounds are wrong: cells of twice the side.
                 writer.grid.finest *= 2;
-                sorted = writer.spill.merge(|cell| cell.map(|c| c.div_euclid(2)));
+                let halved = |cell: [i64; 3]| cell.map(|c| c.div_euclid(2));
+                sorted = writer.spill.merge(halved).and_then(|()| writer.margins.merge(halved));
             }
             if let Err(error) = sorted {
                 self.failed = Some(error);
@@ -907,8 +1058,8 @@ mod tests {
     use super::super::Copc;
     use super::*;
 
-    /// A LAS file of format 6 with points on a sheet, and half of them in one hundredth of it.
-    fn las(count: u32) -> Vec<u8> {
+    /// A LAS file of format 6, whose times number its points.
+    fn las_of(points: &[[i32; 3]]) -> Vec<u8> {
         let mut bytes = vec![0; 375];
         bytes[..4].copy_from_slice(b"LASF");
         bytes[24..26].copy_from_slice(&[1, 4]);
@@ -918,17 +1069,123 @@ mod tests {
         bytes[105..107].copy_from_slice(&30_u16.to_le_bytes());
         (0..3).for_each(|k| bytes[131 + 8 * k..139 + 8 * k].copy_from_slice(&0.01_f64.to_le_bytes()));
         (0..3).for_each(|k| bytes[179 + 16 * k..187 + 16 * k].copy_from_slice(&1000_f64.to_le_bytes()));
-        bytes[247..255].copy_from_slice(&u64::from(count).to_le_bytes());
-        let mut random = 3_u64;
-        for i in 0..count {
-            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            let within = if i % 2 == 0 { 100_000 } else { 10_000 };
-            let at = [(random >> 16) % within, (random >> 36) % within, (random >> 50) % 500];
-            at.iter().for_each(|v| bytes.extend_from_slice(&(*v as i32).to_le_bytes()));
+        bytes[247..255].copy_from_slice(&(points.len() as u64).to_le_bytes());
+        for (i, at) in points.iter().enumerate() {
+            at.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
             bytes.extend_from_slice(&[0; 10]);
-            bytes.extend_from_slice(&f64::from(i).to_le_bytes());
+            bytes.extend_from_slice(&(i as f64).to_le_bytes());
         }
         bytes
+    }
+
+    fn random(seed: u64) -> impl FnMut() -> u64 {
+        let mut random = seed;
+        move || {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            random
+        }
+    }
+
+    /// Points on a sheet, and half of them in one hundredth of it.
+    fn las(count: u64) -> Vec<u8> {
+        let mut next = random(3);
+        let point = |i: u64| {
+            let (random, within) = (next(), if i % 2 == 0 { 100_000 } else { 10_000 });
+            [(random >> 16) % within, (random >> 36) % within, (random >> 50) % 500].map(|v| v as i32)
+        };
+        las_of(&(0..count).map(point).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn file_does_not_depend_on_how_many_parts_are_made_at_once() {
+        let folder = std::env::temp_dir().join(format!("surfel-copc-held-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let input = folder.join("in.las");
+        std::fs::write(&input, las(200_000)).unwrap();
+        let prepare = |cloud: &PointCloud| {
+            let splat = |i: usize| PointSplat { normal: [0.0, 0.0, 1.0], radius: cloud.len() as f32 + i as f32 };
+            Ok((0..cloud.len()).map(splat).collect())
+        };
+        let written = |held_points: u64| {
+            let output = folder.join(format!("{held_points}.copc.laz"));
+            let limits = Limits { cell_points: 20_000, most_points: 30_000, held_points };
+            save(std::slice::from_ref(&input), &output, true, Some(&prepare), &|_, _, _| (), limits).unwrap();
+            std::fs::read(output).unwrap()
+        };
+        let one_by_one = written(0);
+        assert!(written(60_000) == one_by_one && written(u64::MAX) == one_by_one);
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(Limits::new(0).held_points, 2_000_000);
+        assert!(Limits::new(1 << 40).held_points >= 2_000_000);
+    }
+
+    /// Normal and radius of each point of hills of `side`² points, half a metre apart and 100 m wide at least, by the
+    /// points' numbers.
+    fn hill_splats(side: u64, limits: Limits) -> Vec<(DVec3, f64)> {
+        let folder = std::env::temp_dir().join(format!("surfel-copc-borders-{}-{side}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let mut next = random(9);
+        let point = |i: u64| {
+            let mut jittered = |cell: u64| (cell * 50 + (next() >> 40) % 40) as f64;
+            let (x, y) = (jittered(i % side), jittered(i / side));
+            let z = 300.0 * (x / 900.0).sin() * (y / 1100.0).cos();
+            [x, y, z].map(|v| v.round() as i32)
+        };
+        let points: Vec<[i32; 3]> = (0..side * side).map(point).collect();
+        let mut bytes = las_of(&points);
+        for (k, high) in [side as f64 * 0.5, side as f64 * 0.5, 10.0].into_iter().enumerate() {
+            bytes[179 + 16 * k..187 + 16 * k].copy_from_slice(&high.to_le_bytes());
+            bytes[187 + 16 * k..195 + 16 * k].copy_from_slice(&0_f64.to_le_bytes());
+        }
+        let (input, output) = (folder.join("in.las"), folder.join("out.copc.laz"));
+        std::fs::write(&input, bytes).unwrap();
+        let prepare = |cloud: &PointCloud| {
+            let options = surfel_sample::PointOptions { ellipses: false, ..Default::default() };
+            let made = surfel_sample::splats_from_points(cloud, &options, &surfel_sample::NoProgress);
+            let (splats, _) = made.map_err(|e| e.to_string())?;
+            let splat = |i: usize| {
+                let normal = surfel_math::basis::unit(splats.normal(i)).as_vec3().to_array();
+                PointSplat { normal, radius: splats.radius_max(i) as f32 }
+            };
+            Ok((0..splats.len()).map(splat).collect())
+        };
+        save(&[input], &output, true, Some(&prepare), &|_, _, _| (), limits).unwrap();
+        let loaded = crate::load(&output, &crate::LoadOptions::default()).unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+        let crate::Content::Points(points) = loaded.content else { panic!("no points") };
+        let column = |name: &str| &points.extras.iter().find(|e| e.name == name).unwrap().values;
+        let (numbers, radii) = (column("gps_time"), column(RADIUS));
+        let mut splats = vec![(DVec3::ZERO, 0.0); points.len()];
+        for i in 0..points.len() {
+            let normal = points.normals.as_ref().unwrap().get(i).normalize();
+            splats[numbers.get(i) as usize] = (normal, radii.get(i));
+        }
+        splats
+    }
+
+    #[test]
+    fn splats_at_borders_of_parts_are_those_of_the_whole_cloud() {
+        let side = 512;
+        let whole = hill_splats(side, Limits { cell_points: 1_000_000, most_points: 1_000_000, held_points: 0 });
+        // Cells of 128² points or of 256², divided once or twice; margins are two points wide at least, where those of
+        // real files are eight. Two are enough for normals and for all radii but one in a hundred.
+        for (cell_points, most_points, most_grown_share) in
+            [(16_384, 100_000, 0.01), (65_536, 20_000, 0.0), (262_144, 20_000, 0.0)]
+        {
+            let parts = hill_splats(side, Limits { cell_points, most_points, held_points: 0 });
+            let (mut turned, mut grown) = (0, 0);
+            let (mut most_turned, mut most_grown) = (0.0_f64, 0.0_f64);
+            for ((normal, radius), (n, r)) in whole.iter().zip(&parts) {
+                let degrees = normal.dot(*n).abs().min(1.0).acos().to_degrees();
+                let ratio = (r / radius).ln().abs();
+                turned += u32::from(degrees > 1.0);
+                grown += u32::from(ratio > 0.01);
+                (most_turned, most_grown) = (most_turned.max(degrees), most_grown.max(ratio));
+            }
+            let found = format!("{turned} turned by {most_turned:.4} at most, {grown} grown by e^{most_grown:.4}");
+            let name = format!("cells of {cell_points}, parts of {most_points}");
+            assert!(turned == 0 && f64::from(grown) <= most_grown_share * whole.len() as f64, "{name}: {found}");
+        }
     }
 
     #[test]
@@ -939,7 +1196,7 @@ mod tests {
         std::fs::write(&input, las(300_000)).unwrap();
         let nodes = |most_points: u64| {
             let output = folder.join(format!("{most_points}.copc.laz"));
-            let limits = Limits { cell_points: 100_000, most_points };
+            let limits = Limits { cell_points: 100_000, most_points, held_points: most_points };
             save(std::slice::from_ref(&input), &output, true, None, &|_, _, _| (), limits).unwrap();
             let copc = Copc::open(&output).unwrap().unwrap();
             copc.nodes().iter().map(|n| (n.level, n.cell, n.points)).collect::<Vec<_>>()

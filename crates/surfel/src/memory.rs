@@ -1,0 +1,81 @@
+//! How much memory loading may take: points that won't fit are refused before they are read.
+
+use crate::Error;
+use std::path::Path;
+
+/// Bytes that a point takes at most until it is drawn: read, its neighbours found, made a splat, and put into the
+/// backend's scene. Measured with LAZ on the CPU backend.
+pub(crate) const PREPARED_BYTES: u64 = 300;
+/// The same of a point whose file says its normal and radius.
+pub(crate) const KNOWN_BYTES: u64 = 100;
+/// What the machine's own needs leave.
+const SHARE: f64 = 0.6;
+
+/// Bytes that are used where nobody says how many: 60 % of the machine's memory, or of what its control group may use;
+/// `None` where that isn't known.
+pub fn default_budget() -> Option<u64> {
+    let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
+        let kib = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+        kib.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib << 10)
+    });
+    let group = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|text| text.trim().parse().ok());
+    let bytes = machine.into_iter().chain(group).min()?;
+    Some((bytes as f64 * SHARE) as u64)
+}
+
+/// What to do with points that won't fit.
+#[derive(Clone, Copy)]
+pub(crate) enum Remedy {
+    /// They can be written by levels.
+    Levels,
+    /// They are, and fewer can be read.
+    Fewer,
+    /// Neither is sure.
+    Points,
+}
+
+/// Refuses points that take more memory than `budget`, or than [`default_budget`].
+pub(crate) fn check(
+    path: &Path,
+    points: u64,
+    point_bytes: u64,
+    budget: Option<u64>,
+    remedy: Remedy,
+) -> Result<(), Error> {
+    let needed = points.saturating_mul(point_bytes);
+    let Some(budget) = budget.or_else(default_budget).filter(|budget| needed > *budget) else { return Ok(()) };
+    let fewer = format!("draw at most {} points (--max-points)", budget / point_bytes);
+    let remedy = match remedy {
+        Remedy::Levels => "write it by levels (surfel convert FILE -o FILE.copc.laz) and draw that".to_owned(),
+        Remedy::Fewer => fewer,
+        Remedy::Points => format!("{fewer}, or write them as LAZ, which can be drawn by levels"),
+    };
+    let gigabytes = |bytes: u64| format!("{:.1} GB", bytes as f64 / 1e9);
+    let problem = format!(
+        "has {points} points to draw, which take some {} of memory at {point_bytes} bytes each, and {} may be used: \
+         {remedy}, or allow more (--memory)",
+        gigabytes(needed),
+        gigabytes(budget),
+    );
+    Err(Error::Unsuitable { path: path.to_path_buf(), problem })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_that_do_not_fit_are_refused_with_what_to_do() {
+        let checked = |points, budget| check(Path::new("a.laz"), points, 300, Some(budget), Remedy::Levels);
+        assert!(checked(1_000_000, 300_000_000).is_ok());
+        let error = checked(1_000_001, 300_000_000).unwrap_err().to_string();
+        assert!(error.contains("0.3 GB") && error.contains("surfel convert") && error.contains("--memory"), "{error}");
+        assert!(checked(u64::MAX, u64::MAX).is_ok());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn machine_has_memory() {
+        assert!(default_budget().is_some_and(|bytes| bytes > 1 << 26));
+    }
+}
