@@ -34,6 +34,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<RenderOptions, Failure> {
     options.lod_error = args.lod_error;
     options.shadows = args.shadows;
     options.edge_aa = args.edge_aa;
+    options.composite = args.composite;
     options.background = args.background;
     options.samples = args.samples;
     options.planes.clone_from(&args.planes);
