@@ -390,7 +390,7 @@ fn gaussian_2d_becomes_an_ellipse_of_two_sigma() {
 /// Loaded as they were trained.
 fn trained(text: impl AsRef<[u8]>) -> Result<Loaded, String> {
     let options = LoadOptions { gaussians: true, ..LoadOptions::default() };
-    surfel_io::load_bytes(text.as_ref(), Some(Format::Ply), Path::new("a.ply"), &options).map_err(|e| e.to_string())
+    load_bytes(text.as_ref(), Some(Format::Ply), Path::new("a.ply"), &options).map_err(|e| e.to_string())
 }
 
 fn gaussians(loaded: Loaded) -> std::sync::Arc<surfel_model::GaussianCloud> {

@@ -111,7 +111,7 @@ impl ViewGaussian {
     }
 
     /// The plane's intersection with rays, which is exact.
-    fn flat(&self, projection: &Projection, reach: f64) -> Option<(Forms, V3<f64>, Option<[V2<f64>; 2]>)> {
+    fn flat(&self, projection: &Projection, reach: f64) -> Option<Footprint> {
         let (p, [a, b, _], [fx, fy]) = (self.center, self.axes, projection.focal_px);
         let cross = a.cross(b);
         let area = cross.length();
@@ -158,7 +158,7 @@ impl ViewGaussian {
     }
 
     /// Its volume's projection, linearised at the centre.
-    fn solid(&self, projection: &Projection, size_px: [f64; 2], reach: f64) -> (Forms, V3<f64>, Option<[V2<f64>; 2]>) {
+    fn solid(&self, projection: &Projection, size_px: [f64; 2], reach: f64) -> Footprint {
         let (p, [fx, fy]) = (self.center, projection.focal_px);
         let limited = |x: f64, f: f64, size: f64| {
             let limit = SLOPE_LIMIT * 0.5 * size / f;
@@ -191,7 +191,8 @@ impl ViewGaussian {
     }
 }
 
-type Forms = GaussianForms<f64>;
+/// What pixels see, the plane's unit normal, and bounds.
+type Footprint = (GaussianForms<f64>, V3<f64>, Option<[V2<f64>; 2]>);
 
 /// The depth that the plane `distortion` compares, in [0, 1] from [`NEAR`] to 100 units.
 #[inline(always)]
@@ -285,7 +286,7 @@ mod tests {
     #[test]
     fn rays_meet_points_of_the_plane_where_they_are() {
         for projection in [VIEW, ORTHO] {
-            for tilt in [0.0, 0.5, 1.4, 1.5707, 2.5] {
+            for tilt in [0.0, 0.5, 1.4, 1.57, 2.5] {
                 for scale in [1e-6, 0.01, 0.5] {
                     let g = gaussian([0.3, -0.2, 4.0], tilt, [scale, 2.0 * scale, 0.0], true);
                     let seen = g.project(&projection, [640.0, 480.0]).unwrap();

@@ -43,7 +43,6 @@ impl Frame {
             position: there(self.position()),
             other,
             whole,
-            ..PlanesView::default()
         }
     }
 }
