@@ -297,6 +297,9 @@ pub(crate) fn frame_of(py: Python<'_>, linear: PyReadonlyArrayDyn<'_, f32>) -> P
         object: None,
         label: None,
         position: None,
+        alpha: None,
+        median_depth: None,
+        distortion: None,
         recipe: None,
         stats: "{}".to_owned(),
     })
