@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Folders of `surfel-cpu` in the order of a frame. Each imports only from those before it; files beside them know all.
-const STAGES: [&str; 8] = ["simd", "scene", "tiles", "cull", "setup", "raster", "shade", "screen"];
+const STAGES: [&str; 9] = ["simd", "scene", "tiles", "cull", "setup", "raster", "shade", "screen", "gaussians"];
 
 /// Most files that may import each other in a circle.
 const LARGEST_CIRCLE: usize = 3;

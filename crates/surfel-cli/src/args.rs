@@ -8,8 +8,8 @@ use clap_complete::Shell;
 use std::path::PathBuf;
 use surfel::framing::ViewChoice;
 use surfel::model::{
-    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, Mapping, PointColors, Returns, Shader,
-    SplatCount, Transparency,
+    Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, Mapping, PointColors, Returns,
+    Shader, SplatCount, Transparency,
 };
 use surfel::{Preset, Region};
 
@@ -163,6 +163,10 @@ pub(crate) struct RenderArgs {
     /// How transparent splats are drawn: off, peel:N, peel:N:drop or abuffer:L.
     #[arg(long, value_name = "MODE", value_parser = values::transparency, help_heading = "Settings")]
     pub(crate) transparency: Option<Transparency>,
+    /// Trained Gaussians (2DGS and 3DGS PLY, SPLAT, SPZ, SOG): each over the next, as they were trained, or as opaque
+    /// surfaces; over where they are alone and no other flag is for surfaces.
+    #[arg(long, value_parser = values::composite(), help_heading = "Settings")]
+    pub(crate) composite: Option<Composite>,
     /// How clip curves are evaluated.
     #[arg(long, value_parser = values::clip(), help_heading = "Settings")]
     pub(crate) clip: Option<ClipPolicy>,
@@ -225,9 +229,10 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Output")]
     pub(crate) repeat: Option<u32>,
     /// Planes that an EXR or NPZ file gets besides colour, Z, normal and weight: index (the row of the nearest splat in
-    /// its file, and its object), label (see --label), position (world).
+    /// its file, and its object), label (see --label), position (world); of trained Gaussians alpha, median_depth,
+    /// distortion. Depth (Z) and normal are there anyway.
     #[arg(long, value_name = "PLANE,...", value_delimiter = ',', help_heading = "Output",
-        value_parser = ["index", "object", "label", "position"])]
+        value_parser = surfel::request::RenderOptions::MORE_PLANES)]
     pub(crate) planes: Vec<String>,
     /// The attribute that the plane label shows, whole numbers such as classes; classification where nothing says it.
     #[arg(long, value_name = "ATTRIBUTE", help_heading = "Output")]

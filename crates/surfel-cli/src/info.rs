@@ -10,6 +10,7 @@ use serde_json::Value;
 pub(crate) fn run(args: &InfoArgs, console: &Console) -> Result<(), Failure> {
     let path = &args.input;
     let options = surfel::io::LoadOptions {
+        gaussians: false,
         repair: args.repair,
         texture: None,
         allow_outside: args.allow_outside,

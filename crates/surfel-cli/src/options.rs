@@ -35,6 +35,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<RenderOptions, Failure> {
     options.all_levels = args.all_levels;
     options.shadows = args.shadows;
     options.edge_aa = args.edge_aa;
+    options.composite = args.composite;
     options.background = args.background;
     options.samples = args.samples;
     options.planes.clone_from(&args.planes);

@@ -136,7 +136,7 @@ fn what_holds_no_planes_is_a_usage_error_and_unfit_labels_are_bad_input() {
         ("a.csv -o a.png --planes index", 2, "--planes is for EXR and NPZ, but -o names a PNG"),
         ("a.csv -o a.jpg --label classification", 2, "--label is for EXR and NPZ, but -o names a JPEG"),
         ("a.csv -o - --planes position", 2, "--planes is for EXR and NPZ"),
-        ("a.csv -o a.exr --planes depth", 2, "index"),
+        ("a.csv -o a.exr --planes uv", 2, "index"),
         ("a.csv -o a.exr --planes index --samples 2", 2, "have no mean"),
         ("a.csv -o a.npz --png16", 2, "NPZ"),
         ("a.csv -o a.exr --label mood", 3, "no file has the attribute mood"),

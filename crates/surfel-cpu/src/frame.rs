@@ -9,6 +9,7 @@ use crate::cull::chunks::{VisibleChunk, visible_chunks};
 use crate::cull::object::ObjectView;
 use crate::frame::samples::SampleView;
 use crate::frame::totals::Totals;
+use crate::gaussians;
 use crate::raster::depth::occlusion;
 use crate::raster::inputs::{RasterFrame, RasterInputs};
 use crate::raster::listing::Listing;
@@ -63,6 +64,9 @@ pub(crate) struct FrameInputs<'a> {
 /// Draws a frame, on the threads that the caller is on.
 pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stats) {
     let FrameInputs { instructions, tuning, pools, scene, view, plan } = *inputs;
+    if plan.has(Pass::Gaussians) {
+        return gaussians::draw(instructions, scene, (view, plan), frame, stats);
+    }
     let start = Instant::now();
     frame.resize(view.region.width, view.region.height, plan.planes);
     let shadows = ShadowDrawing { instructions, tuning, pool: &pools.setup, scene, plan, eye: view.eye }.draw_all();

@@ -15,6 +15,8 @@
 //!    look at a
 //!    G-buffer of a tile and its neighbours.
 //!
+//! `gaussians` draws trained Gaussians, which have none of these stages, by `simd` and `scene` alone.
+//!
 //! `renderer` and `frame` know all of them. What a frame lacks costs it nothing.
 //!
 //! Output is bit-identical for any number of threads and any SIMD level: every sum is in splat order, every operation
@@ -24,6 +26,7 @@ mod cull;
 #[doc(hidden)]
 pub mod formulas;
 mod frame;
+mod gaussians;
 mod options;
 mod raster;
 mod renderer;

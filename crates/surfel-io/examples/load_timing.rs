@@ -20,6 +20,7 @@ fn main() {
                     Content::Splats(s) => format!("{} splats", s.len()),
                     Content::Points(p) => format!("{} points", p.len()),
                     Content::Mesh(m) => format!("{} vertices, {} triangles", m.positions.len(), m.triangles.len()),
+                    Content::Gaussians(g) => format!("{} Gaussians", g.len()),
                     Content::Octree(h) => format!("{} splats, {} nodes", h.cloud().len(), h.nodes().len()),
                 };
                 let (format, up, attributes) = (loaded.format, loaded.up, loaded.attributes.join(", "));

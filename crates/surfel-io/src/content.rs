@@ -1,7 +1,8 @@
 //! What a file can hold, and how it is to be loaded.
 
 use std::path::PathBuf;
-use surfel_model::{Mesh, Octree, PointCloud, Shape, SplatCloud, Up};
+use std::sync::Arc;
+use surfel_model::{GaussianCloud, Mesh, Octree, PointCloud, Shape, SplatCloud, Up};
 
 /// How to load.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -11,6 +12,8 @@ pub struct LoadOptions {
     pub repair: bool,
     /// A texture (PNG, JPEG or WebP) for a mesh that has texture coordinates and names no texture itself.
     pub texture: Option<PathBuf>,
+    /// Gaussians are kept as they were trained ([`Content::Gaussians`]), and not made a surface.
+    pub gaussians: bool,
     /// Reads what the file refers to (buffers, materials, textures) wherever it is, not only in the file's folder and
     /// below.
     pub allow_outside: bool,
@@ -29,6 +32,8 @@ pub enum Content {
     Mesh(Mesh),
     /// Splats and polygons in an octree.
     Octree(Box<Octree>),
+    /// Trained Gaussians, where [`LoadOptions::gaussians`] asks for them.
+    Gaussians(Arc<GaussianCloud>),
 }
 
 impl Content {
@@ -39,6 +44,7 @@ impl Content {
             Self::Points(points) => points.up,
             Self::Mesh(mesh) => mesh.up,
             Self::Octree(octree) => octree.mesh().up,
+            Self::Gaussians(gaussians) => gaussians.data().up,
         }
     }
 
@@ -75,6 +81,10 @@ impl Content {
             }
             Self::Mesh(mesh) => {
                 of_mesh(mesh, &mut add);
+                &[]
+            }
+            Self::Gaussians(_) => {
+                ["standard deviations", "rotation", "opacity", "colour"].into_iter().for_each(|name| add(true, name));
                 &[]
             }
             Self::Octree(octree) => {

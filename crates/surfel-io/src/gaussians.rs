@@ -5,12 +5,11 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::error::Fault;
 use glam::{DQuat, DVec3};
-use surfel_model::{CloudData, Column3, Shape, Up};
+use std::sync::Arc;
+use surfel_model::{CloudData, Column3, GaussianCloud, GaussianData, GaussianKind, OnInvalid, Shape, Up};
 
 /// Value of the constant spherical harmonic, ½·√(1/π).
 pub(crate) const SH_C0: f64 = 0.282_094_791_773_878_14;
-/// Opacity below which a Gaussian is left out: haze, which a surface does not have.
-const MIN_OPACITY: f32 = 0.05;
 /// Half-axis of a splat in standard deviations: √(2c) at the default cutoff c = 2 makes the kernels equal.
 const HALF_AXIS_SIGMAS: f64 = 2.0;
 
@@ -33,24 +32,98 @@ pub(crate) struct Gaussians {
     pub(crate) rotations: Vec<DQuat>,
     /// Opacity in [0, 1].
     pub(crate) alphas: Vec<f32>,
-    /// Colours as displayed; clamped to [0, 1] here.
+    /// Colours as displayed, without what depends on the direction; clamped to [0, 1] for surfaces.
     pub(crate) display_colors: Vec<[f64; 3]>,
+    /// What depends on it.
+    pub(crate) harmonics: Harmonics,
     /// The colours are linear and not sRGB-encoded.
     pub(crate) linear_colors: bool,
     pub(crate) up: Option<Up>,
     pub(crate) comments: Vec<String>,
 }
 
+/// Coefficients of spherical harmonics of degree 1 and higher.
+#[derive(Default)]
+pub(crate) enum Harmonics {
+    /// None.
+    #[default]
+    None,
+    /// Some, which the reader leaves out: so many for each splat where that is known.
+    Unread(Option<usize>),
+    /// Those of degree 1 to 3, (degree + 1)² − 1 of RGB for each splat.
+    Read(u32, Vec<[f32; 3]>),
+}
+
+impl Harmonics {
+    /// Coefficients of a splat that a surface has no use for, as words.
+    fn left_out(&self) -> Option<String> {
+        let count = match self {
+            Self::None | Self::Read(0, _) => return None,
+            Self::Unread(count) => *count,
+            Self::Read(degree, _) => Some(3 * ((*degree as usize + 1).pow(2) - 1)),
+        };
+        let count = count.map_or_else(|| "the file's".to_owned(), |n| n.to_string());
+        Some(format!("used the splats' base colours only: {count} spherical-harmonics coefficients are ignored"))
+    }
+}
+
+impl Gaussians {
+    /// The Gaussians as they were trained.
+    fn trained(self) -> GaussianData {
+        let constant = |c: &[f64; 3]| c.map(|c| ((c - 0.5) / SH_C0) as f32);
+        let (degree, rest) = match self.harmonics {
+            Harmonics::Read(degree, rest) => (degree, rest),
+            _ => (0, Vec::new()),
+        };
+        let each = (degree as usize + 1).pow(2) - 1;
+        let mut harmonics = Vec::with_capacity(self.display_colors.len() * (each + 1));
+        for (i, color) in self.display_colors.iter().enumerate() {
+            harmonics.push(constant(color));
+            harmonics.extend_from_slice(&rest[i * each..(i + 1) * each]);
+        }
+        GaussianData {
+            origin: self.origin,
+            centers: self.centers,
+            kind: if self.kind == Kind::Flat { GaussianKind::Flat } else { GaussianKind::Solid },
+            sigmas: self.sigmas.iter().map(|s| s.as_vec3().to_array()).collect(),
+            rotations: self.rotations.iter().map(|q| (*q * q.length().recip()).as_quat().to_array()).collect(),
+            opacities: self.alphas,
+            degree,
+            harmonics,
+            linear_colors: self.linear_colors,
+            up: self.up,
+        }
+    }
+}
+
 impl Context<'_> {
-    /// Splats spanned by the Gaussians' own axes, by the two largest where there are three.
+    /// As the options ask: trained Gaussians, or the surface that they make.
     pub(crate) fn gaussians(&mut self, g: Gaussians) -> Result<Content, Fault> {
         self.gaussian = true;
+        if !self.options.gaussians {
+            return self.surface(g);
+        }
+        if let Harmonics::Unread(_) = g.harmonics {
+            self.notes.extend(g.harmonics.left_out());
+        }
+        let on_invalid = if self.options.repair { OnInvalid::Drop } else { OnInvalid::Refuse };
+        let (cloud, repaired) = GaussianCloud::new(g.trained(), on_invalid)?;
+        if let Some((index, problem)) = repaired.first {
+            self.note(format!("dropped {} invalid splats; the first was splat {index}: {problem}", repaired.dropped));
+        }
+        Ok(Content::Gaussians(Arc::new(cloud)))
+    }
+
+    /// Splats spanned by the Gaussians' own axes, by the two largest where there are three.
+    fn surface(&mut self, g: Gaussians) -> Result<Content, Fault> {
+        self.notes.extend(g.harmonics.left_out());
         let total = g.centers.len();
         // NaN stays, so that an invalid splat is reported and not lost here.
-        let faint = |a: f32| a < MIN_OPACITY;
+        let faint = |a: f32| a < GaussianCloud::FAINT;
         let keep: Vec<u32> = (0u32..).zip(&g.alphas).filter(|&(_, &a)| !faint(a)).map(|(i, _)| i).collect();
         if keep.len() < total {
-            self.note(format!("dropped {} Gaussians with an opacity below {MIN_OPACITY}", total - keep.len()));
+            let (dropped, least) = (total - keep.len(), GaussianCloud::FAINT);
+            self.note(format!("dropped {dropped} Gaussians with an opacity below {least}"));
         }
         if g.kind == Kind::Solid && total > 0 {
             self.note("3D Gaussians are drawn as disks spanned by their two largest axes".into());

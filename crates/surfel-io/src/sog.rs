@@ -3,7 +3,7 @@
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem, quote};
-use crate::gaussians::{Gaussians, Kind, SH_C0};
+use crate::gaussians::{Gaussians, Harmonics, Kind, SH_C0};
 use crate::zip::Archive;
 use glam::{DQuat, DVec3};
 use serde::Deserialize;
@@ -93,9 +93,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     };
     let (low, high) = (picture(&meta.means, 0)?, picture(&meta.means, 1)?);
     let (quats, scales, sh0) = (picture(&meta.quats, 0)?, picture(&meta.scales, 0)?, picture(&meta.sh0, 0)?);
-    if meta.harmonics.is_some() {
-        context.note("used the splats' base colours only: the harmonics of the SOG file are ignored".into());
-    }
+    let harmonics = if meta.harmonics.is_some() { Harmonics::Unread(None) } else { Harmonics::None };
     let center = |low: &[u8; 4], high: &[u8; 4]| {
         DVec3::from([0, 1, 2].map(|i| {
             let fraction = f64::from(u16::from_le_bytes([low[i], high[i]])) / 65_535.0;
@@ -116,6 +114,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         rotations: quats.iter().map(rotation).collect(),
         alphas: sh0.iter().map(|c| alpha(c) as f32).collect(),
         display_colors: sh0.iter().map(|c| [0, 1, 2].map(|i| 0.5 + SH_C0 * meta.sh0.value(i, c[i]))).collect(),
+        harmonics,
         linear_colors: false,
         up: None,
         comments: Vec::new(),

@@ -3,7 +3,7 @@
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem};
-use crate::gaussians::{Gaussians, Kind};
+use crate::gaussians::{Gaussians, Harmonics, Kind};
 use glam::{DQuat, DVec3};
 use surfel_model::Column3;
 
@@ -36,6 +36,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
             .collect(),
         alphas: rows.iter().map(|r| unit(r[27]) as f32).collect(),
         display_colors: rows.iter().map(|r| [24, 25, 26].map(|i| unit(r[i]))).collect(),
+        harmonics: Harmonics::None,
         linear_colors: false,
         up: None,
         comments: Vec::new(),

@@ -4,7 +4,7 @@ use crate::columns::f32_of_half;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
-use crate::gaussians::{Gaussians, Kind, SH_C0};
+use crate::gaussians::{Gaussians, Harmonics, Kind, SH_C0};
 use glam::{DQuat, DVec3};
 use surfel_model::Column3;
 
@@ -122,11 +122,16 @@ fn streams_of_version_4(bytes: &[u8], header: &Header, sizes: [usize; 6]) -> Res
 }
 
 fn build(header: &Header, streams: [&[u8]; 6], context: &mut Context<'_>) -> Result<Content, Fault> {
-    let [positions, alphas, colors, scales, rotations, _] = streams;
-    if header.degree > 0 {
-        let n = 3 * HARMONICS[header.degree];
-        context.note(format!("used the splats' base colours only: {n} spherical-harmonics coefficients are ignored"));
-    }
+    let [positions, alphas, colors, scales, rotations, rest] = streams;
+    let harmonics = match header.degree {
+        0 => Harmonics::None,
+        // Rows of RGB for each coefficient; 128 is zero.
+        degree @ 1..=3 => {
+            let value = |c: u8| (f32::from(c) - 128.0) / 128.0;
+            Harmonics::Read(degree as u32, rest.as_chunks::<3>().0.iter().map(|c| c.map(value)).collect())
+        }
+        degree => Harmonics::Unread(Some(3 * HARMONICS[degree])),
+    };
     if header.flags & 2 != 0 {
         context.note("ignored the file's extensions, of which one can turn its axes".into());
     }
@@ -168,6 +173,7 @@ fn build(header: &Header, streams: [&[u8]; 6], context: &mut Context<'_>) -> Res
             .iter()
             .map(|c| c.map(|c| 0.5 + SH_C0 * (level(&c) - 0.5) / COLOR_SCALE))
             .collect(),
+        harmonics,
         linear_colors: false,
         up: None,
         comments: Vec::new(),

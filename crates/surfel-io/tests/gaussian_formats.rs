@@ -124,6 +124,35 @@ fn spz_of_every_gzip_version_is_read() {
     }
 }
 
+#[test]
+fn spz_and_splat_rows_are_read_as_trained() {
+    let options = LoadOptions { gaussians: true, ..LoadOptions::default() };
+    let load = |name: &str, bytes: &[u8]| {
+        let loaded = load_bytes(bytes, Format::from_extension(Path::new(name)), Path::new(name), &options).unwrap();
+        assert!(loaded.gaussian && loaded.notes.is_empty(), "{:?}", loaded.notes);
+        match loaded.content {
+            Content::Gaussians(cloud) => cloud,
+            other => panic!("{other:?}"),
+        }
+    };
+    let (header, mut streams) = spz(3);
+    streams[5] = vec![0, 64, 255, 128, 129, 127, 1, 2, 3];
+    let cloud = load("a.spz", &[header, streams.concat()].concat());
+    let rest = &cloud.coefficients(0)[1..];
+    let step = 1.0 / 128.0;
+    assert_eq!(rest[..2], [[-1.0, -0.5, 127.0 * step], [0.0, step, -step]]);
+    assert_eq!((cloud.data().degree, cloud.data().kind), (1, surfel_model::GaussianKind::Solid));
+    assert!((cloud.data().opacities[0] - 0.8).abs() < 1e-6);
+    let mut row = le(&[1.0, -2.0, 3.0, 1.0, 0.5, 0.001]);
+    row.extend([255, 128, 0, 5, 219, 128, 128, 219]);
+    let cloud = load("a.splat", &row);
+    assert_eq!((cloud.len(), cloud.data().sigmas[0], cloud.data().degree), (1, [1.0, 0.5, 0.001], 0));
+    let shown = cloud.coefficients(0)[0].map(|c| f64::from(c) * 0.282_094_791_773_878_14 + 0.5);
+    for (shown, level) in shown.into_iter().zip([255.0, 128.0, 0.0]) {
+        assert!((shown - level / 255.0).abs() < 1e-6, "{shown}");
+    }
+}
+
 /// A frame of Zstandard with one raw block of fewer than 256 bytes.
 fn zstd(content: &[u8]) -> Vec<u8> {
     let block = 1 | (content.len() as u32) << 3;

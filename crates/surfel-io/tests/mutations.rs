@@ -118,7 +118,7 @@ fn damage(seeds: &[Vec<u8>], rounds: usize, read: impl Fn(&[u8])) {
 fn load_as(format: Option<Format>) -> impl Fn(&[u8]) {
     move |bytes| {
         for repair in [false, true] {
-            let options = LoadOptions { repair, ..LoadOptions::default() };
+            let options = LoadOptions { repair, gaussians: repair, ..LoadOptions::default() };
             match load_bytes(bytes, format, Path::new("t"), &options) {
                 Ok(loaded) => drop(loaded),
                 Err(error) => {

@@ -387,6 +387,73 @@ fn gaussian_2d_becomes_an_ellipse_of_two_sigma() {
     assert_eq!(cloud.color(0), [0.214_041_14, 1.0, 0.0]);
 }
 
+/// Loaded as they were trained.
+fn trained(text: impl AsRef<[u8]>) -> Result<Loaded, String> {
+    let options = LoadOptions { gaussians: true, ..LoadOptions::default() };
+    load_bytes(text.as_ref(), Some(Format::Ply), Path::new("a.ply"), &options).map_err(|e| e.to_string())
+}
+
+fn gaussians(loaded: Loaded) -> std::sync::Arc<surfel_model::GaussianCloud> {
+    match loaded.content {
+        Content::Gaussians(cloud) => cloud,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn trained_gaussians_keep_their_columns_in_any_order() {
+    use surfel_model::GaussianKind;
+    for degree in 0..=3_usize {
+        let rest = 3 * ((degree + 1).pow(2) - 1);
+        // Names last to first: they are told by their number, and all of a channel come together.
+        let names: String = (0..rest).rev().map(|i| format!("float f_rest_{i},")).collect();
+        let values: String = (0..rest).rev().map(|i| format!("{i} ")).collect();
+        let text = ascii(
+            &format!(
+                "{names}float opacity,float x,float y,float z,float f_dc_0,float f_dc_1,float f_dc_2,float scale_0,\
+                 float scale_1,float rot_0,float rot_1,float rot_2,float rot_3"
+            ),
+            &format!("{values}-9 1 2 3 0.5 -1 9 -2.302585093 -1.609437912 0 0 2 0"),
+        );
+        let loaded = trained(&text).unwrap();
+        assert!(loaded.gaussian && loaded.notes.is_empty(), "{:?}", loaded.notes);
+        let cloud = gaussians(loaded);
+        let d = cloud.data();
+        assert_eq!(
+            (cloud.len(), d.kind, d.degree, cloud.center(0)),
+            (1, GaussianKind::Flat, degree as u32, DVec3::new(1.0, 2.0, 3.0))
+        );
+        assert!((d.opacities[0] - 1.0 / (1.0 + 9f32.exp())).abs() < 1e-9, "haze stays");
+        assert!((d.sigmas[0][0] - 0.1).abs() < 1e-7 && (d.sigmas[0][1] - 0.2).abs() < 1e-7);
+        // w, x, y, z in the file: half a turn about y.
+        assert_eq!(d.rotations[0], [0.0, 1.0, 0.0, 0.0]);
+        let coefficients = cloud.coefficients(0);
+        for (found, want) in coefficients[0].iter().zip([0.5, -1.0, 9.0]) {
+            assert!((found - want).abs() < 1e-6, "{coefficients:?}");
+        }
+        let each = rest / 3;
+        for (k, found) in coefficients[1..].iter().enumerate() {
+            assert_eq!(*found, [k, each + k, 2 * each + k].map(|i| i as f32));
+        }
+    }
+}
+
+#[test]
+fn trained_gaussians_that_are_odd_are_told() {
+    let solid = gaussians(trained(gaussian_text(Some("0"), "1 0 0 0", "0")).unwrap());
+    assert_eq!((solid.data().kind, solid.sigmas(0)[2]), (surfel_model::GaussianKind::Solid, 1.0));
+    let loaded = trained(gaussian_text(None, "1 0 0 0", "0")).unwrap();
+    assert!(loaded.notes[0].contains("1 spherical-harmonics"), "{:?}", loaded.notes);
+    assert!(trained(gaussian_text(None, "0 0 0 0", "0")).unwrap_err().contains("splat 0 is invalid: its rotation"));
+    assert!(trained(gaussian_text(None, "1 0 0 0", "nan")).unwrap_err().contains("opacity"));
+    // What isn't of Gaussians is as ever.
+    let points = trained(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+                          end_header\n1 2 3\n",
+    );
+    assert!(matches!(points.unwrap().content, Content::Points(_)));
+}
+
 #[test]
 fn gaussian_3d_is_spanned_by_its_two_largest_axes() {
     // The first axis is the smallest here.

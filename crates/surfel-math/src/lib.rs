@@ -14,6 +14,8 @@
 //! [`triangle`] does the same for polygons; [`shadow`] samples shadow maps; [`toon`], [`matcap`] and [`eye_dome`] are
 //! shaders; [`quantise`] stores numbers in 16 bits.
 //!
+//! [`gaussian`] is for trained Gaussians, which are drawn one over another.
+//!
 //! Section numbers (§) refer to `docs/rendering-model.md`. Nothing here allocates or does I/O.
 
 pub mod basis;
@@ -24,6 +26,7 @@ pub mod depth;
 pub mod eye_dome;
 pub mod facing;
 pub mod filter;
+pub mod gaussian;
 pub mod kernel;
 pub mod mapping;
 pub mod matcap;

@@ -14,6 +14,7 @@ mod cloud;
 mod column;
 mod convert;
 mod error;
+mod gaussians;
 mod light;
 mod matcap;
 mod mesh;
@@ -37,12 +38,15 @@ pub use cloud::{CloudData, NO_LABEL, OnInvalid, Repaired, Shape, SplatCloud};
 pub use column::{Column3, ExtraColumn, ExtraValues};
 pub use convert::{Colormap, ConvertOptions, PointColors, SplatCount, TextureOption, TextureSampling};
 pub use error::ModelError;
+pub use gaussians::{GaussianCloud, GaussianData, GaussianKind};
 pub use light::Light;
 pub use matcap::Matcap;
 pub use mesh::{AlphaMode, MaterialRef, Mesh, MeshMaterial, NormalMap, TriangleMaterials};
 pub use octree::{Octree, OctreeNode, Transition};
 pub use points::PointCloud;
 pub use scene::{Cull, Geometry, Material, Object, ObjectFile, Scene, SceneFile};
-pub use settings::{Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, Settings, Shader, Transparency};
+pub use settings::{
+    Accumulate, ClipPolicy, Composite, DepthTolerance, EdgeAa, Filter, Mapping, Settings, Shader, Transparency,
+};
 pub use texture::{Mipmaps, Texture};
 pub use up::Up;

@@ -1,7 +1,7 @@
 //! Materials, objects, scenes, and the scene file that describes them.
 
 use crate::range::{finite, positive};
-use crate::{Camera, ConvertOptions, Light, Matcap, Mesh, ModelError, Octree, Settings, SplatCloud, Up};
+use crate::{Camera, ConvertOptions, GaussianCloud, Light, Matcap, Mesh, ModelError, Octree, Settings, SplatCloud, Up};
 use glam::{DAffine3, DMat4};
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
@@ -95,6 +95,8 @@ pub enum Geometry {
     Mesh(Arc<Mesh>),
     /// Splats of several sizes and polygons, of which every view gets what it needs.
     Octree(Arc<Octree>),
+    /// Trained Gaussians, drawn over one another and not as a surface: a scene has nothing else then.
+    Gaussians(Arc<GaussianCloud>),
 }
 
 /// Something in the scene.
@@ -185,6 +187,12 @@ impl From<Mesh> for Geometry {
 impl From<Octree> for Geometry {
     fn from(octree: Octree) -> Self {
         Self::Octree(Arc::new(octree))
+    }
+}
+
+impl From<GaussianCloud> for Geometry {
+    fn from(gaussians: GaussianCloud) -> Self {
+        Self::Gaussians(Arc::new(gaussians))
     }
 }
 

@@ -32,6 +32,9 @@ pub struct Settings {
     pub clip: ClipPolicy,
     /// Precision of accumulation.
     pub accumulate: Accumulate,
+    /// How files of trained Gaussians are drawn.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_surface"))]
+    pub composite: Composite,
     /// Largest radius in pixels of the splats that are chosen of an octree; greater than 0.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_default_lod_error"))]
     pub lod_error_px: f64,
@@ -44,6 +47,12 @@ const DEFAULT_LOD_ERROR_PX: f64 = 1.0;
 #[cfg(feature = "serde")]
 fn is_default_lod_error(error_px: &f64) -> bool {
     *error_px == DEFAULT_LOD_ERROR_PX
+}
+
+/// Scene files say it only of Gaussians that stay such.
+#[cfg(feature = "serde")]
+fn is_surface(composite: &Composite) -> bool {
+    *composite == Composite::Surface
 }
 
 impl Default for Settings {
@@ -59,6 +68,7 @@ impl Default for Settings {
             transparency: Transparency::Off,
             clip: ClipPolicy::Exact,
             accumulate: Accumulate::F32,
+            composite: Composite::Surface,
             lod_error_px: DEFAULT_LOD_ERROR_PX,
         }
     }
@@ -82,6 +92,7 @@ impl Settings {
         with_transparency transparency: Transparency,
         with_clip clip: ClipPolicy,
         with_accumulate accumulate: Accumulate,
+        with_composite composite: Composite,
         with_lod_error_px lod_error_px: f64,
     }
 
@@ -352,6 +363,18 @@ pub enum ClipPolicy {
     Line,
     /// No clipping.
     Off,
+}
+
+/// How trained Gaussians are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
+#[non_exhaustive]
+pub enum Composite {
+    /// As opaque surface splats of two standard deviations.
+    #[default]
+    Surface,
+    /// One over another, as they were trained ([`crate::Geometry::Gaussians`]).
+    Over,
 }
 
 /// Precision in which weighted attributes are summed, at least.

@@ -121,7 +121,7 @@ pub(crate) fn info(
     allow_outside: bool,
     max_texture: Option<u32>,
 ) -> PyResult<String> {
-    let options = surfel::io::LoadOptions { repair, texture: None, allow_outside, max_texture };
+    let options = surfel::io::LoadOptions { repair, texture: None, gaussians: false, allow_outside, max_texture };
     let bytes = scene.and_then(|scene| scene.input.bytes.clone());
     let facts = interrupt::run(py, move |_| surfel::info::info(&path, &options, bytes.as_deref()))?;
     Ok(facts.to_string())

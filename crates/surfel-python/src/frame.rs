@@ -25,6 +25,9 @@ pub(crate) struct NativeFrame {
     object: Option<Py<PyAny>>,
     label: Option<Py<PyAny>>,
     position: Option<Py<PyAny>>,
+    alpha: Option<Py<PyAny>>,
+    median_depth: Option<Py<PyAny>>,
+    distortion: Option<Py<PyAny>>,
     recipe: Option<Recipe>,
     /// What was measured, as JSON.
     #[pyo3(get)]
@@ -89,6 +92,9 @@ impl NativeFrame {
             object: array(py, planes.object, 0..pixels, &[h, w])?,
             label: array(py, planes.label, 0..pixels, &[h, w])?,
             position: array(py, planes.position.into_flattened(), 0..3 * pixels, &[h, w, 3])?,
+            alpha: array(py, planes.alpha, 0..pixels, &[h, w])?,
+            median_depth: array(py, planes.median_depth, 0..pixels, &[h, w])?,
+            distortion: array(py, planes.distortion, 0..pixels, &[h, w])?,
             recipe: Some(recipe),
             stats,
         })
@@ -107,6 +113,11 @@ impl NativeFrame {
         let (index, object, label) = (index?, object?, label?);
         let position = values::<f64>(py, self.position.as_ref())?;
         let position = slice(&position)?;
+        let of_gaussians = [&self.alpha, &self.median_depth, &self.distortion].map(Option::as_ref);
+        let [alpha, median_depth, distortion] = of_gaussians.map(|plane| values::<f32>(py, plane));
+        let (alpha, median_depth, distortion) = (alpha?, median_depth?, distortion?);
+        let other =
+            [("alpha", slice(&alpha)?), ("median_depth", slice(&median_depth)?), ("distortion", slice(&distortion)?)];
         let whole = [("index", slice(&index)?), ("object", slice(&object)?), ("label", slice(&label)?)];
         let (linear, depth) = (slice(&linear)?, slice(&depth)?);
         let (normal, weight) = (slice(&normal)?, slice(&weight)?);
@@ -120,6 +131,7 @@ impl NativeFrame {
                 normal: normal.map(|values| values.as_chunks::<3>().0),
                 weight,
                 position: position.map(|values| values.as_chunks::<3>().0),
+                other: other.into_iter().filter_map(|(name, plane)| Some((name, plane?))).collect(),
                 whole: whole.into_iter().filter_map(|(name, plane)| Some((name, plane?))).collect(),
                 ..PlanesView::default()
             };
@@ -176,6 +188,21 @@ impl NativeFrame {
     #[getter]
     fn position(&self, py: Python<'_>) -> Option<Py<PyAny>> {
         self.position.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    #[getter]
+    fn alpha(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.alpha.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    #[getter]
+    fn median_depth(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.median_depth.as_ref().map(|plane| plane.clone_ref(py))
+    }
+
+    #[getter]
+    fn distortion(&self, py: Python<'_>) -> Option<Py<PyAny>> {
+        self.distortion.as_ref().map(|plane| plane.clone_ref(py))
     }
 
     /// What the user should know of how it was made.
@@ -271,6 +298,9 @@ pub(crate) fn frame_of(py: Python<'_>, linear: PyReadonlyArrayDyn<'_, f32>) -> P
         object: None,
         label: None,
         position: None,
+        alpha: None,
+        median_depth: None,
+        distortion: None,
         recipe: None,
         stats: "{}".to_owned(),
     })

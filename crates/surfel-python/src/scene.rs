@@ -45,12 +45,12 @@ pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: boo
             "depth" => wanted.with_depth(true),
             "normal" => wanted.with_normal(true),
             "weight" => wanted.with_weight(true),
-            nearest if RenderOptions::NEAREST_PLANES.contains(&nearest) => {
-                options.planes.push(nearest.to_owned());
+            more if RenderOptions::MORE_PLANES.contains(&more) => {
+                options.planes.push(more.to_owned());
                 wanted
             }
             _ => {
-                let nearest = RenderOptions::NEAREST_PLANES.join(", ");
+                let nearest = RenderOptions::MORE_PLANES.join(", ");
                 let expected = format!("expected some of color, depth, normal, weight, {nearest}");
                 return Err(wrong(py, "planes", plane, &expected));
             }

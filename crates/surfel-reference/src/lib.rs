@@ -14,6 +14,7 @@
 //! - `edge` finds edge pixels, `steps` and `samples` are edges by samples, `outlines` draws lines; `peeling` and
 //!   `abuffer` find transparent layers, which a `layer_compositor` puts over the opaque image;
 //! - `margin` finds decisions that rounding could flip;
+//! - `gaussians` draws trained Gaussians, one over another, and has nothing of the above;
 //! - `frame` runs a plan's passes in order, `supersample` averages a finer frame, `renderer` is the backend.
 
 mod abuffer;
@@ -22,6 +23,7 @@ mod edge;
 mod eye_dome;
 mod frame;
 mod front;
+mod gaussians;
 mod layer_compositor;
 mod margin;
 mod matcap;

@@ -1,9 +1,9 @@
 //! The backend `reference`: uploads scenes and renders frames on threads of its own.
 
-use crate::frame;
 use crate::scene::ResidentScene;
+use crate::{frame, gaussians};
 use surfel_model::{EdgeAa, Scene, Settings};
-use surfel_render::{Capabilities, Frame, Identity, Planes, RenderError, RendererInfo, Stats, View, plan};
+use surfel_render::{Capabilities, Frame, Identity, Pass, Planes, RenderError, RendererInfo, Stats, View, plan};
 
 const CAPABILITIES: Capabilities = Capabilities::everything("reference");
 
@@ -122,6 +122,7 @@ impl surfel_render::Renderer for Renderer {
         frame: &mut Frame,
     ) -> Result<Stats, RenderError> {
         let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
-        Ok(self.pool.install(|| frame::render(scene, view, &plan, frame, self.info.threads)))
+        let draw = if plan.has(Pass::Gaussians) { gaussians::render } else { frame::render };
+        Ok(self.pool.install(|| draw(scene, view, &plan, frame, self.info.threads)))
     }
 }

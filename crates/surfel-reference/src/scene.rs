@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
-use surfel_model::{Geometry, Light, Matcap, Material, Mesh, Mipmaps, Object, Scene, SplatCloud};
+use surfel_model::{GaussianCloud, Geometry, Light, Matcap, Material, Mesh, Mipmaps, Object, Scene, SplatCloud};
 use surfel_render::{RenderError, SceneSummary};
 
 /// A scene as the reference holds it: shared clouds and what belongs to their objects.
@@ -10,6 +10,8 @@ pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
     pub(crate) objects: Vec<ResidentObject>,
     pub(crate) meshes: Vec<ResidentMesh>,
+    /// Gaussians and their placement; of a scene of surfaces there are none.
+    pub(crate) gaussians: Vec<(Arc<GaussianCloud>, DAffine3)>,
     /// The material of the first object.
     pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
@@ -65,7 +67,7 @@ impl ResidentScene {
             });
         };
         // Of equally near polygons the first is drawn: those of octrees come after all meshes.
-        let mut octrees = Vec::new();
+        let (mut octrees, mut gaussians) = (Vec::new(), Vec::new());
         for (source, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
                 Geometry::Splats(cloud) => add(source, object, cloud.clone()),
@@ -75,6 +77,7 @@ impl ResidentScene {
                         meshes.push(resident_mesh(source, object, &part, &meshes));
                     }
                 }
+                Geometry::Gaussians(cloud) => gaussians.push((cloud.clone(), object.world_from_object)),
                 Geometry::Octree(octree) => {
                     add(source, object, octree.shared_cloud());
                     octrees.push((source, object, octree.shared_mesh()));
@@ -95,6 +98,7 @@ impl ResidentScene {
             summary: SceneSummary::of(scene),
             objects,
             meshes,
+            gaussians,
             material: scene.objects.first().map_or(Material::default(), |o| o.material),
             lights: scene.lights.clone(),
             ambient: DVec3::from(scene.ambient),

@@ -28,6 +28,12 @@ pub struct Planes {
     pub label: bool,
     /// World positions; `depth` comes with them.
     pub position: bool,
+    /// Σw of Gaussians: what they cover.
+    pub alpha: bool,
+    /// Depth at which half of the light of Gaussians is gone.
+    pub median_depth: bool,
+    /// How far the depths of a pixel's Gaussians are spread.
+    pub distortion: bool,
     /// Pixels whose result hangs on a decision within its margin (reference backend only).
     pub margin: bool,
 }
@@ -43,6 +49,9 @@ impl Planes {
         index: false,
         label: false,
         position: false,
+        alpha: false,
+        median_depth: false,
+        distortion: false,
         margin: false,
     };
     /// Everything an EXR file holds that asks for no more.
@@ -57,6 +66,9 @@ impl Planes {
         with_index index: bool,
         with_label label: bool,
         with_position position: bool,
+        with_alpha alpha: bool,
+        with_median_depth median_depth: bool,
+        with_distortion distortion: bool,
         with_margin margin: bool,
     }
 
@@ -82,6 +94,9 @@ pub struct Frame {
     object: Vec<u32>,
     label: Vec<u32>,
     position: Vec<[f64; 3]>,
+    alpha: Vec<f32>,
+    median_depth: Vec<f32>,
+    distortion: Vec<f32>,
     margin: Vec<f32>,
     background: Background,
 }
@@ -127,6 +142,12 @@ pub struct FramePlanes {
     pub label: Vec<u32>,
     /// World positions.
     pub position: Vec<[f64; 3]>,
+    /// What Gaussians cover.
+    pub alpha: Vec<f32>,
+    /// Median depths of Gaussians.
+    pub median_depth: Vec<f32>,
+    /// Spread of their depths.
+    pub distortion: Vec<f32>,
 }
 
 /// All planes of a [`Frame`], to be written at once; those that it doesn't have are empty.
@@ -144,6 +165,12 @@ pub struct PlanesMut<'a> {
     pub fragments: &'a mut [u32],
     /// What is nearest, by numbers of the backend's own until [`Frame::identify`].
     pub index: &'a mut [u32],
+    /// What Gaussians cover.
+    pub alpha: &'a mut [f32],
+    /// Median depths of Gaussians.
+    pub median_depth: &'a mut [f32],
+    /// Spread of their depths.
+    pub distortion: &'a mut [f32],
     /// Decisions within their margin.
     pub margin: &'a mut [f32],
 }
@@ -181,7 +208,7 @@ impl Frame {
         color, color_mut: [f32; 4];
         /// Planar view-space depth Z = Σwz/Σw, world units; +∞ where nothing is.
         depth, depth_mut: f32;
-        /// Unit world normals; zero where nothing is.
+        /// Unit world normals; zero where nothing is. Of Gaussians Σw·n, which is as long as they cover.
         normal, normal_mut: [f32; 3];
         /// Σw.
         weight, weight_mut: f32;
@@ -195,6 +222,13 @@ impl Frame {
         label, label_mut: u32;
         /// World position of what is seen at Z; +∞ where nothing is.
         position, position_mut: [f64; 3];
+        /// Σw of Gaussians, in [0, 1].
+        alpha, alpha_mut: f32;
+        /// Depth of the last Gaussian before which more than half of the light is left; +∞ where nothing is.
+        median_depth, median_depth_mut: f32;
+        /// Σ over pairs of Gaussians of their weights times the squared difference of their depths, in the measure of
+        /// 2DGS; 0 where nothing is.
+        distortion, distortion_mut: f32;
         /// 1 where a decision is within its margin, else 0.
         margin, margin_mut: f32;
     }
@@ -214,6 +248,9 @@ impl Frame {
             object: self.object,
             label: self.label,
             position: self.position,
+            alpha: self.alpha,
+            median_depth: self.median_depth,
+            distortion: self.distortion,
         }
     }
 
@@ -228,6 +265,9 @@ impl Frame {
             index: !self.index.is_empty(),
             label: !self.label.is_empty(),
             position: !self.position.is_empty(),
+            alpha: !self.alpha.is_empty(),
+            median_depth: !self.median_depth.is_empty(),
+            distortion: !self.distortion.is_empty(),
             margin: !self.margin.is_empty(),
         }
     }
@@ -248,6 +288,9 @@ impl Frame {
             weight: &mut self.weight,
             fragments: &mut self.fragments,
             index: &mut self.index,
+            alpha: &mut self.alpha,
+            median_depth: &mut self.median_depth,
+            distortion: &mut self.distortion,
             margin: &mut self.margin,
         };
         (planes, &mut self.background)
@@ -269,6 +312,9 @@ impl Frame {
         refill(&mut self.object, count(planes.index), NO_LABEL);
         refill(&mut self.label, count(planes.label), NO_LABEL);
         refill(&mut self.position, count(planes.position), [f64::INFINITY; 3]);
+        refill(&mut self.alpha, count(planes.alpha), 0.0);
+        refill(&mut self.median_depth, count(planes.median_depth), f32::INFINITY);
+        refill(&mut self.distortion, count(planes.distortion), 0.0);
         refill(&mut self.margin, count(planes.margin), 0.0);
     }
 
@@ -290,6 +336,9 @@ impl Frame {
         resize(&mut self.object, count(planes.index), 0);
         resize(&mut self.label, count(planes.label), 0);
         resize(&mut self.position, count(planes.position), [0.0; 3]);
+        resize(&mut self.alpha, count(planes.alpha), 0.0);
+        resize(&mut self.median_depth, count(planes.median_depth), 0.0);
+        resize(&mut self.distortion, count(planes.distortion), 0.0);
         resize(&mut self.margin, count(planes.margin), 0.0);
     }
 }

@@ -10,6 +10,7 @@ mod background;
 mod color_plane;
 mod error;
 mod frame;
+mod gaussians;
 mod lod;
 mod needs;
 mod plan;
@@ -25,6 +26,7 @@ mod view;
 pub use background::Background;
 pub use error::RenderError;
 pub use frame::{Frame, FramePlanes, Identity, Planes, PlanesMut};
+pub use gaussians::GaussianView;
 pub use lod::{LevelNode, LevelSelection, Selection, select, select_levels};
 pub use plan::{
     Attributes, ChosenParts, FramePlan, Pass, SAMPLES_SIDE, SplatFilter, needs_interior_weight, plan, unsupported,
@@ -33,6 +35,6 @@ pub use preset::{Preset, Promise, inside_surfaces};
 pub use renderer::{Capabilities, Feature, Renderer, RendererInfo, UploadProgress};
 pub use shadow::{SHADOW_BIAS_RADII, SHADOW_MAP_SIDE, ShadowMap, ShadowScene};
 pub use stats::{PassTime, Stats};
-pub use summary::{SceneOctree, SceneSummary};
+pub use summary::{GaussianColors, SceneOctree, SceneSummary};
 pub use surfel_model::Settings;
 pub use view::{Region, View};

@@ -2,11 +2,14 @@
 
 use crate::needs::ShaderNeeds;
 use crate::{
-    Capabilities, Feature, Planes, RenderError, SceneOctree, SceneSummary, Selection, ShadowMap, View, select,
+    Capabilities, Feature, GaussianColors, Planes, RenderError, SceneOctree, SceneSummary, Selection, ShadowMap, View,
+    select,
 };
 use surfel_math::depth::Tolerance;
 use surfel_math::eye_dome;
-use surfel_model::{Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, Settings, Shader, Transparency};
+use surfel_model::{
+    Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, ModelError, Settings, Shader, Transparency,
+};
 
 /// Samples along a pixel's side, where edges are antialiased by samples (§5): four by four.
 pub const SAMPLES_SIDE: u32 = 4;
@@ -102,6 +105,8 @@ pub enum Pass {
     RemainingLayer,
     /// Transparent fragments gathered into surfaces, pixel by pixel (§8).
     ABuffer,
+    /// Trained Gaussians, one over another: the whole image (docs/gaussians.md).
+    Gaussians,
 }
 
 /// What is drawn of an object that is an octree.
@@ -212,6 +217,9 @@ pub fn plan(
     if let Some(error) = unsupported(summary, settings, planes, capabilities) {
         return Err(error);
     }
+    if let Some(of_gaussians) = plan_of_gaussians(summary, settings, planes)? {
+        return Ok(of_gaussians);
+    }
     if needs_interior_weight(summary, settings)
         && let Some(object) = summary.without_interior_weight
     {
@@ -289,6 +297,64 @@ pub fn plan(
     })
 }
 
+/// The plan of a scene of Gaussians, of which no setting of surfaces has a part; `None` for surfaces.
+fn plan_of_gaussians(
+    summary: &SceneSummary,
+    settings: &Settings,
+    planes: Planes,
+) -> Result<Option<FramePlan>, RenderError> {
+    let conflict = |what: &str| Err(RenderError::Model(ModelError::Conflict(what.to_owned())));
+    if summary.gaussians.is_none() {
+        return match planes.alpha || planes.median_depth || planes.distortion {
+            true => conflict(
+                "the planes alpha, median_depth and distortion are of Gaussians, and the scene shows surfaces: leave \
+                 them out, or draw a file of Gaussians with --composite over",
+            ),
+            false => Ok(None),
+        };
+    }
+    if summary.surfaces {
+        return conflict(
+            "the scene has Gaussians and surfaces, expected one or the other: --composite surface draws Gaussians as \
+             surfaces, too",
+        );
+    }
+    if summary.gaussians == Some(GaussianColors::Mixed) {
+        return conflict(
+            "the scene has Gaussians of linear colours and of displayed ones, expected one kind: they blend with each \
+             other; --composite surface draws both",
+        );
+    }
+    if planes.index {
+        return conflict(
+            "the planes index, object and label are of surfaces, and Gaussians are drawn over one another: leave them \
+             out, or --composite surface",
+        );
+    }
+    Ok(Some(FramePlan {
+        passes: vec![Pass::Gaussians],
+        splat_filter: SplatFilter {
+            filter: Filter::None,
+            radius_px: 0.0,
+            cutoff: settings.cutoff,
+            projective: false,
+            drop_before_near: false,
+            tolerance: Tolerance::Absolute(0.0),
+        },
+        clip: ClipPolicy::Off,
+        attributes: Attributes::default(),
+        accumulate: Accumulate::F32,
+        separates_transparent: false,
+        keeps_facings: false,
+        shadow_maps: Vec::new(),
+        octrees: Vec::new(),
+        splats: summary.splats,
+        abuffer_surfaces: 0,
+        shader: Shader::Unlit,
+        planes,
+    }))
+}
+
 /// True if the image needs the clouds' interior weights (§5, coverage): whoever loads a scene estimates them then.
 pub fn needs_interior_weight(summary: &SceneSummary, settings: &Settings) -> bool {
     let abuffer = matches!(settings.transparency, Transparency::ABuffer { .. });
@@ -307,17 +373,21 @@ pub fn unsupported(
     let transparent = summary.transparent.then_some(settings.transparency);
     let shader = ShaderNeeds::of(settings.shader);
     let lit = shader.lights && planes.color;
+    // Settings of surfaces ask nothing of a backend that draws Gaussians.
+    let of_surfaces = summary.gaussians.is_none();
     let needs = [
         (Feature::Meshes, summary.may_have_polygons()),
         (Feature::Clips, summary.clips && settings.clip != ClipPolicy::Off),
         (Feature::Peel, matches!(transparent, Some(Transparency::Peel { .. }))),
         (Feature::ABuffer, matches!(transparent, Some(Transparency::ABuffer { .. }))),
         (Feature::Shadows, summary.shadows.is_some() && lit),
-        (Feature::EdgeAntialiasing, settings.edge_aa == EdgeAa::Coverage),
-        (Feature::EdgeSamples, settings.edge_aa == EdgeAa::Samples && planes.color),
+        (Feature::EdgeAntialiasing, settings.edge_aa == EdgeAa::Coverage && of_surfaces),
+        (Feature::EdgeSamples, settings.edge_aa == EdgeAa::Samples && planes.color && of_surfaces),
+        (Feature::Gaussians, !of_surfaces),
         (Feature::Margin, planes.margin),
     ];
-    let mut needs = needs.into_iter().chain(shader.feature.map(|feature| (feature, true)));
+    let of_shader = shader.feature.filter(|_| of_surfaces).map(|feature| (feature, true));
+    let mut needs = needs.into_iter().chain(of_shader);
     let (missing, _) = needs.find(|(feature, needed)| *needed && !capabilities.has(*feature))?;
     let (feature, found_where, advice) = describe(missing);
     let found_where = found_where.to_owned();
@@ -349,6 +419,11 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
         Feature::EdgeSamples => {
             ("edges by samples", setting, "choose --backend cpu, or edges by coverage or none (--edge-aa=on, off)")
         }
+        Feature::Gaussians => (
+            "Gaussians drawn one over another",
+            "are in the scene (\"composite\": \"over\")",
+            "choose --backend cpu, or --composite surface",
+        ),
         Feature::Margin => ("the decision margin plane", setting, "choose --backend reference"),
     }
 }

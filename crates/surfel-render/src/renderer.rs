@@ -40,6 +40,8 @@ features! {
     Matcap,
     /// Eye-dome lighting, the shader `edl` (§5).
     EyeDome,
+    /// Trained Gaussians, drawn one over another (docs/gaussians.md).
+    Gaussians,
     /// The decision margin plane.
     Margin,
 }

@@ -31,6 +31,8 @@ impl Frame {
         }
         let whole = [("index", self.index()), ("object", self.object()), ("label", self.label())];
         let whole = whole.into_iter().filter(|(_, plane)| !plane.is_empty()).collect();
+        let other = [("alpha", self.alpha()), ("median_depth", self.median_depth()), ("distortion", self.distortion())];
+        let other = other.into_iter().filter(|(_, plane)| !plane.is_empty()).collect();
         PlanesView {
             width: self.width(),
             height: self.height(),
@@ -39,8 +41,8 @@ impl Frame {
             normal: there(self.normal()),
             weight: there(self.weight()),
             position: there(self.position()),
+            other,
             whole,
-            ..PlanesView::default()
         }
     }
 }

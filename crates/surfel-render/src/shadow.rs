@@ -139,6 +139,8 @@ fn for_extents(scene: &Scene, mut each: impl FnMut(DVec3, f64)) {
         match &object.geometry {
             Geometry::Splats(cloud) => for_splats(cloud, m, &mut each),
             Geometry::Mesh(mesh) => for_vertices(mesh, m, &mut each),
+            // They cast and take no shadow.
+            Geometry::Gaussians(_) => {}
             Geometry::Octree(octree) => {
                 for_splats(octree.cloud(), m, &mut each);
                 for_vertices(octree.mesh(), m, &mut each);

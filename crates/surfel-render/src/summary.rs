@@ -18,6 +18,17 @@ pub struct SceneOctree {
     pub cull: Cull,
 }
 
+/// In which space the colours of a scene's Gaussians blend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GaussianColors {
+    /// As displayed (sRGB-encoded).
+    Displayed,
+    /// Linear light.
+    Linear,
+    /// Some so, some so: they can't be blended with each other.
+    Mixed,
+}
+
 /// What planning needs to know of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneSummary {
@@ -39,6 +50,10 @@ pub struct SceneSummary {
     pub shadows: Option<ShadowScene>,
     /// Objects that are octrees.
     pub octrees: Vec<SceneOctree>,
+    /// Some object is of Gaussians, which have such colours.
+    pub gaussians: Option<GaussianColors>,
+    /// Some object isn't of Gaussians.
+    pub surfaces: bool,
     /// First object of splats whose interior weight is unknown.
     pub without_interior_weight: Option<usize>,
     /// First object of splats without rows, or that is an octree, which has none.
@@ -54,6 +69,7 @@ impl SceneSummary {
         let mut summary = Self { lights_nearby, shadows: ShadowScene::of(scene), ..Self::default() };
         let mut first_factors = None;
         for (i, object) in scene.objects.iter().enumerate() {
+            summary.surfaces |= !matches!(object.geometry, Geometry::Gaussians(_));
             match &object.geometry {
                 Geometry::Splats(cloud) => {
                     let data = cloud.data();
@@ -83,6 +99,13 @@ impl SceneSummary {
                     summary.both_facings |= object.material.is_oriented(cloud) && object.material.cull == Cull::None;
                     let (world_from_object, cull) = (object.world_from_object, object.material.cull);
                     summary.octrees.push(SceneOctree { object: i, octree: octree.clone(), world_from_object, cull });
+                }
+                Geometry::Gaussians(cloud) => {
+                    summary.splats += cloud.len() as u64;
+                    let linear = cloud.data().linear_colors;
+                    let colors = if linear { GaussianColors::Linear } else { GaussianColors::Displayed };
+                    let first = *summary.gaussians.get_or_insert(colors);
+                    summary.gaussians = Some(if first == colors { first } else { GaussianColors::Mixed });
                 }
                 Geometry::Mesh(mesh) => {
                     summary.meshes = true;

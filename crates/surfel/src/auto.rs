@@ -4,13 +4,13 @@ use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes,
 use crate::framing::{UpReason, Upright, upright};
 use crate::patches::Patches;
 use crate::scene::ObjectFacts;
-use crate::scene::{LoadedObjects, ObjectNote, assemble, load_objects, load_scene, read_scene_file};
+use crate::scene::{LoadedObjects, ObjectNote, assemble, load_bare_objects, load_scene, read_scene_file};
 use crate::{Error, LoadOptions};
 use glam::DVec3;
 use std::path::Path;
 use surfel_model::{
-    Camera, ConvertOptions, Cull, DepthTolerance, Light, Material, ObjectFile, Scene, SceneFile, Settings, Shader,
-    Transparency, Up,
+    Camera, Composite, ConvertOptions, Cull, DepthTolerance, Light, Material, ObjectFile, Scene, SceneFile, Settings,
+    Shader, Transparency, Up,
 };
 use surfel_render::Preset;
 use surfel_sample::Progress;
@@ -99,6 +99,15 @@ pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Tra
     let transparency = Transparency::Peel { layers: LAYERS, drop_last: false };
     let text = format!("some splats are transparent: drawn as --transparency {transparency} (off draws them opaque)");
     Some((transparency, ObjectNote { path: path.to_path_buf(), text }))
+}
+
+/// The settings for files of trained Gaussians that came without a scene, and a note that says so; `None` for surfaces.
+/// `paths` are those of the objects.
+pub fn auto_composite(loaded: &LoadedObjects, paths: &[&Path], settings: Settings) -> Option<(Settings, ObjectNote)> {
+    let path = paths.first().filter(|_| loaded.all_gaussians())?.to_path_buf();
+    let text = "drawn as trained, Gaussian over Gaussian (--composite over; surface draws them as opaque surfaces)";
+    let settings = settings.with_composite(Composite::Over).with_shader(Shader::Unlit);
+    Some((settings, ObjectNote { path, text: text.to_owned() }))
 }
 
 /// The depth tolerance for files that came without a scene, where it isn't the default: objects of flat parts, as
@@ -253,8 +262,12 @@ pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Err
         }
         paths => {
             let objects = paths.iter().map(|path| bare_object(path)).collect::<Vec<_>>();
-            let mut loaded = load_objects(&objects, Path::new(""), &options, progress)?;
+            let mut loaded = load_bare_objects(&objects, Path::new(""), &options, progress)?;
             let mut auto = AutoOptions::default();
+            if let Some((settings, note)) = auto_composite(&loaded, paths, auto.settings) {
+                auto.settings = settings;
+                loaded.notes.push(note);
+            }
             if let Some((transparency, note)) = auto_transparency(&loaded, paths) {
                 auto.settings.transparency = transparency;
                 loaded.notes.push(note);

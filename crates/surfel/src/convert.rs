@@ -19,7 +19,9 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
         Content::Points(_) => "points",
         Content::Mesh(_) => "a mesh",
         Content::Octree(_) => "an octree",
+        Content::Gaussians(_) => "Gaussians",
     };
+    let whole = ["an octree", "Gaussians"].contains(&holds);
     let (points, mesh) = (holds == "points", holds == "a mesh");
     let rows = points || holds == "splats";
     // What is one splat a vertex of a mesh is one splat a point of points.
@@ -34,10 +36,10 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
         ("texture", options.texture_sampling.is_none() || mesh || holds == "an octree", "a mesh"),
         ("colors", options.colors == PointColors::AsIs || points, "points"),
         ("max_points", options.max_points.is_none() || points, "points"),
-        ("radius_scale", options.radius_scale == 1.0 || holds != "an octree", "splats, points or a mesh"),
+        ("radius_scale", options.radius_scale == 1.0 || !whole, "splats, points or a mesh"),
         ("sharp", !options.sharp || points || mesh, "points or a mesh"),
         ("error", options.sharp_error.is_none() || mesh, "a mesh"),
-        ("color_by", options.color_by.is_none() || holds != "an octree", "splats, points or a mesh"),
+        ("color_by", options.color_by.is_none() || !whole, "splats, points or a mesh"),
         ("crop", options.crop.is_none() || rows, "points or splats"),
         ("classes", options.classes.is_empty() || rows, "points or splats"),
         ("returns", options.returns.is_none() || rows, "points or splats"),

@@ -8,7 +8,7 @@ use std::fmt;
 use surfel_math::V2;
 use surfel_math::basis::unit;
 use surfel_math::clip::Clip;
-use surfel_model::{Camera, ClipPolicy, Geometry, Object, Projection, Scene, SplatCloud, Up};
+use surfel_model::{Camera, ClipPolicy, GaussianCloud, Geometry, Object, Projection, Scene, SplatCloud, Up};
 
 /// Vertical field of view of automatic cameras, in degrees: that of a short telephoto lens, which distorts little.
 pub const DEFAULT_FOV_Y_DEG: f64 = 35.0;
@@ -207,6 +207,12 @@ fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, DVec3, DVec3)) {
         };
         match &object.geometry {
             Geometry::Splats(cloud) => (0..cloud.len()).for_each(|i| splat(cloud, i)),
+            Geometry::Gaussians(gaussians) => {
+                for i in (0..gaussians.len()).filter(|i| gaussians.data().opacities[*i] >= GaussianCloud::FAINT) {
+                    let (s, t) = gaussians.ellipse(i);
+                    f(m.transform_point3(gaussians.center(i)), m.transform_vector3(s), m.transform_vector3(t));
+                }
+            }
             Geometry::Octree(octree) => {
                 octree.finest().flatten().for_each(|i| splat(octree.cloud(), i as usize));
             }
@@ -284,6 +290,7 @@ impl Len for Geometry {
             Self::Splats(cloud) => cloud.len(),
             Self::Mesh(mesh) => mesh.positions.len(),
             Self::Octree(octree) => octree.finest().map(|range| range.len()).sum(),
+            Self::Gaussians(gaussians) => gaussians.len(),
         }
     }
 }

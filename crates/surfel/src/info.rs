@@ -96,6 +96,11 @@ fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
             let bytes = octree.bytes() + bytes_of_mesh(mesh);
             ("octree", counts, bounds, radii, bytes, cloud.data().interior_weight)
         }
+        Content::Gaussians(gaussians) => {
+            let counts = json!({ "splats": gaussians.len() });
+            let bounds = bounds(gaussians.data().origin, &gaussians.data().centers);
+            ("Gaussians", counts, bounds, None, gaussians.bytes(), None)
+        }
         Content::Mesh(mesh) => {
             let counts = json!({ "vertices": mesh.positions.len(), "triangles": mesh.triangles.len() });
             let bounds = bounds(mesh.origin, &mesh.positions);

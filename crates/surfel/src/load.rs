@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, Format, Loaded};
 use surfel_model::{
-    Colormap, ConvertOptions, EdgeAa, Mesh, Octree, PointColors, Returns, Settings, SplatCloud, SplatCount,
+    Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, PointColors, Returns, Settings, SplatCloud, SplatCount,
     TextureSampling, Transparency, Up,
 };
 use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
@@ -78,6 +78,8 @@ pub struct LoadOptions {
     pub levels: Option<Levels>,
     /// Most bytes of memory that points may take, by estimate; `None`: [`crate::memory::default_budget`].
     pub memory: Option<u64>,
+    /// Files of trained Gaussians are kept as such, and not made a surface: by [`crate::scene::load_objects`] alone.
+    pub gaussians: bool,
     /// The file may refer to files outside of its own folder.
     pub allow_outside: bool,
     /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
@@ -114,6 +116,7 @@ impl LoadOptions {
         with_all_points all_points: bool,
         with_levels levels: Option<Levels>,
         with_memory memory: Option<u64>,
+        with_gaussians gaussians: bool,
         with_allow_outside allow_outside: bool,
         with_max_texture max_texture: Option<u32>,
         with_stdin stdin: Option<Arc<[u8]>>,
@@ -161,14 +164,16 @@ impl LoadOptions {
 }
 
 impl LoadOptions {
-    /// With what these settings may need of a cloud: its interior weight, for edges antialiased by coverage and
-    /// A-buffers. Whether a scene does need it, [`surfel_render::needs_interior_weight`] knows once it is loaded.
+    /// With what these settings may need of a file: Gaussians as they were trained, and a cloud's interior weight, for
+    /// edges antialiased by coverage and A-buffers. Whether a scene does need that,
+    /// [`surfel_render::needs_interior_weight`] knows once it is loaded.
     #[must_use]
     pub fn for_settings(self, settings: &Settings) -> Self {
         let coverage = settings.edge_aa == EdgeAa::Coverage;
         let needed = coverage || matches!(settings.transparency, Transparency::ABuffer { .. });
         let interior_weight = self.interior_weight || needed;
-        self.with_interior_weight(interior_weight)
+        let gaussians = self.gaussians || settings.composite == Composite::Over;
+        self.with_interior_weight(interior_weight).with_gaussians(gaussians)
     }
 }
 
@@ -200,6 +205,7 @@ impl Default for LoadOptions {
             all_points: false,
             levels: None,
             memory: None,
+            gaussians: false,
             allow_outside: false,
             max_texture: None,
             stdin: None,
@@ -268,6 +274,7 @@ pub(crate) fn io_options(options: &LoadOptions) -> surfel_io::LoadOptions {
     surfel_io::LoadOptions {
         repair: options.repair,
         texture: options.texture.clone(),
+        gaussians: options.gaussians,
         allow_outside: options.allow_outside,
         max_texture: options.max_texture,
     }
@@ -288,14 +295,18 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> 
 /// [`Error::Io`] if the file can't be read or is damaged, [`Error::Sample`] if no splats can be made of it,
 /// [`Error::Unsuitable`] if it holds no splat, or `options.sharp` is set and Cargo's feature `sharp` isn't.
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
-    let (loaded, levels) = match levels::read(path, options)? {
-        Some((loaded, report)) => (loaded, Some(report).filter(|report| !report.is_whole())),
-        None => {
-            check_size(path, options)?;
-            (read(path, options)?, None)
-        }
-    };
+    let options = &options.clone().with_gaussians(false);
+    let (loaded, levels) = read_needed(path, options)?;
     Ok(LoadedCloud { levels, ..splats_of(loaded, path, options, progress)? })
+}
+
+/// Reads a file, and of one by levels what the options ask for, with what was left out of it.
+pub(crate) fn read_needed(path: &Path, options: &LoadOptions) -> Result<(Loaded, Option<LevelReport>), Error> {
+    if let Some((loaded, report)) = levels::read(path, options)? {
+        return Ok((loaded, Some(report).filter(|report| !report.is_whole())));
+    }
+    check_size(path, options)?;
+    Ok((read(path, options)?, None))
 }
 
 /// Refuses a scan that won't fit into memory, before it is read.
@@ -341,6 +352,7 @@ pub(crate) fn splats_of(
             let scaled = options.radius_scale != 1.0;
             (if scaled { convert::scaled(cloud, options.radius_scale)? } else { cloud }, Conversion::None)
         }
+        Content::Gaussians(_) => return Err(not_splats(path)),
         Content::Points(points) => convert::points(points, path, options, &mut notes, progress)?,
         Content::Mesh(mesh) => {
             closed = surfel_sample::is_closed(&mesh);
@@ -412,6 +424,12 @@ pub(crate) fn splats_of(
     })
 }
 
+/// Gaussians where splats are wanted.
+fn not_splats(path: &Path) -> Error {
+    let problem = "holds trained Gaussians, expected splats: leave out --composite over".to_owned();
+    Error::Unsuitable { path: path.to_path_buf(), problem }
+}
+
 /// Why a file's up axis is known: it says it, or its format does. `None` for OBJ, OFF, PLY, Draco, PCD and columns of
 /// numbers, which come with any axis up.
 pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
@@ -472,6 +490,7 @@ pub(crate) fn load_mesh(
         Content::Mesh(_) => "a mesh without triangles",
         Content::Points(_) => "points",
         Content::Splats(_) => "splats",
+        Content::Gaussians(_) => "Gaussians",
     };
     let problem = format!("holds {found}, expected triangles for an object's \"mesh\": give it as \"splats\"");
     Err(Error::Unsuitable { path: path.to_path_buf(), problem })

@@ -53,6 +53,7 @@ fn count(geometry: &Geometry) -> usize {
     match geometry {
         Geometry::Splats(cloud) => cloud.len(),
         Geometry::Mesh(mesh) => mesh.triangles.len(),
+        Geometry::Gaussians(gaussians) => gaussians.len(),
         Geometry::Octree(octree) => octree.finest().map(|range| range.len()).sum(),
     }
 }
@@ -141,6 +142,12 @@ fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all:
             for i in numbers {
                 let (s, t) = cloud.axes(i);
                 add(cloud.center(i), s, t, cloud.color(i));
+            }
+        }
+        Geometry::Gaussians(gaussians) => {
+            for i in numbers {
+                let (s, t) = gaussians.ellipse(i);
+                add(gaussians.center(i), s, t, [0.5; 3]);
             }
         }
         Geometry::Octree(octree) => {

@@ -5,7 +5,7 @@ use crate::framing::ViewChoice;
 use crate::values::{self, Part};
 use std::path::PathBuf;
 use surfel_model::{
-    Accumulate, Camera, ClipPolicy, ConvertOptions, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader,
+    Accumulate, Camera, ClipPolicy, Composite, ConvertOptions, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader,
     TextureSampling, Transparency, Up,
 };
 use surfel_render::{Planes, Preset, Region};
@@ -65,6 +65,9 @@ pub struct RenderOptions {
     pub accumulate: Option<Accumulate>,
     /// How transparent splats are drawn.
     pub transparency: Option<Transparency>,
+    /// How trained Gaussians are drawn; `None`: over one another, unless options are given that surfaces alone have a
+    /// use for.
+    pub composite: Option<Composite>,
     /// How clip curves are evaluated.
     pub clip: Option<ClipPolicy>,
     /// How pixels are shaded.
@@ -83,7 +86,7 @@ pub struct RenderOptions {
     pub background: Option<[f64; 4]>,
     /// So many unfiltered samples along a pixel's side (backend reference only).
     pub samples: Option<u32>,
-    /// Planes of what is nearest, besides others: some of [`RenderOptions::NEAREST_PLANES`].
+    /// Planes besides others: some of [`RenderOptions::MORE_PLANES`].
     pub planes: Vec<String>,
     /// The attribute that the plane `label` shows, which this asks for; `None`: [`crate::labels::DEFAULT_LABEL`].
     pub label: Option<String>,
@@ -215,8 +218,10 @@ impl SplatOptions {
 }
 
 impl RenderOptions {
-    /// The names that [`RenderOptions::planes`] may hold.
-    pub const NEAREST_PLANES: [&str; 4] = ["index", "object", "label", "position"];
+    /// The names that [`RenderOptions::planes`] may hold: of what is nearest, of Gaussians, and two that every file of
+    /// planes has.
+    pub const MORE_PLANES: [&str; 9] =
+        ["index", "object", "label", "position", "alpha", "median_depth", "distortion", "depth", "normal"];
 
     fn asks_for(&self, plane: &str) -> bool {
         self.planes.iter().any(|asked| asked == plane)
@@ -232,11 +237,40 @@ impl RenderOptions {
         self.label.is_some() || self.asks_for("label")
     }
 
-    /// These planes and those of what is nearest that the options ask for.
+    /// The first option that is given and that surfaces alone have a use for.
+    pub(crate) fn of_surfaces(&self) -> Option<&'static str> {
+        let convert =
+            ConvertOptions { repair: false, allow_outside: false, max_texture: None, ..self.splats.convert.clone() };
+        let given = [
+            (self.shader.is_some(), "shader"),
+            (self.matcap.is_some(), "matcap"),
+            (self.shadows, "shadows"),
+            (self.edge_aa.is_some(), "edge-aa"),
+            (self.transparency.is_some(), "transparency"),
+            (self.clip.is_some(), "clip"),
+            (self.filter.is_some(), "filter"),
+            (self.mapping.is_some(), "mapping"),
+            (self.cutoff.is_some(), "cutoff"),
+            (self.prefilter.is_some(), "prefilter"),
+            (self.depth_tolerance.is_some(), "depth-tolerance"),
+            (self.splats.cull.is_some(), "cull"),
+            (self.wants_label(), "label"),
+            (self.wants_rows(), "planes"),
+            (!convert.is_default(), "crop, --every, --color-by or what else chooses and changes splats"),
+        ];
+        given.into_iter().find_map(|(is_given, flag)| is_given.then_some(flag))
+    }
+
+    /// These planes and those that the options ask for.
     #[must_use]
     pub fn planes_besides(&self, others: Planes) -> Planes {
         let others = others.with_index(others.index || self.wants_rows());
         let others = others.with_label(others.label || self.wants_label());
+        let others = others.with_alpha(others.alpha || self.asks_for("alpha"));
+        let others = others.with_median_depth(others.median_depth || self.asks_for("median_depth"));
+        let others = others.with_distortion(others.distortion || self.asks_for("distortion"));
+        let others = others.with_depth(others.depth || self.asks_for("depth"));
+        let others = others.with_normal(others.normal || self.asks_for("normal"));
         others.with_position(others.position || self.asks_for("position"))
     }
 
@@ -269,6 +303,7 @@ impl RenderOptions {
             "depth-tolerance" => self.depth_tolerance = Some(values::depth_tolerance(text)?),
             "accumulate" => self.accumulate = Some(values::accumulate(text)?),
             "transparency" => self.transparency = Some(values::transparency(text)?),
+            "composite" => self.composite = Some(values::composite(text)?),
             "clip" => self.clip = Some(values::clip(text)?),
             "shader" => self.shader = Some(values::shader(text)?),
             "matcap" => self.matcap = Some(file(text)?),
@@ -280,8 +315,8 @@ impl RenderOptions {
             "samples" => self.samples = Some(whole(text, 1..=64)?),
             "planes" => {
                 let planes: Vec<String> = text.split(',').map(|plane| plane.trim().to_owned()).collect();
-                if planes.iter().any(|plane| !Self::NEAREST_PLANES.contains(&plane.as_str())) {
-                    return Err(format!("expected some of {}", Self::NEAREST_PLANES.join(", ")));
+                if planes.iter().any(|plane| !Self::MORE_PLANES.contains(&plane.as_str())) {
+                    return Err(format!("expected some of {}", Self::MORE_PLANES.join(", ")));
                 }
                 self.planes = planes;
             }
@@ -315,6 +350,13 @@ impl RenderOptions {
         if self.samples.is_some() && (!self.planes.is_empty() || self.label.is_some()) {
             let what = "--samples averages, and planes of what is nearest have no mean: leave out one";
             return Err(Error::Usage(what.to_owned()));
+        }
+        if self.composite == Some(Composite::Over)
+            && let Some(flag) = self.of_surfaces()
+        {
+            return Err(Error::Usage(format!(
+                "--{flag} is for surfaces, and --composite over draws Gaussians as they were trained: leave out one"
+            )));
         }
         let part = (self.region.is_some() && self.tile.is_some()).then_some(("region", "tile"));
         match of_view.chain(of_cameras).chain(lens).chain(part).next() {
@@ -362,6 +404,8 @@ mod tests {
             [("view", "top"), ("eye", "1,2,3")],
             [("fov-y", "30"), ("ortho", "on")],
             [("region", "0,0,4,4"), ("tile", "1/2")],
+            [("shader", "phong"), ("composite", "over")],
+            [("crop", "0,0,0,1,1,1"), ("composite", "over")],
         ] {
             let error = checked(&wrong).unwrap_err();
             assert!(error.contains(&format!("--{}", wrong[0].0)), "{error}");
@@ -383,7 +427,8 @@ mod tests {
             ("classes", "a"),
             ("up", "w"),
             ("samples", "65"),
-            ("planes", "index,depth"),
+            ("planes", "index,uv"),
+            ("composite", "under"),
             ("matcap", ""),
             ("output", "a.png"),
             ("radius-scale", "0"),

@@ -8,9 +8,9 @@ use crate::labels::DEFAULT_LABEL;
 use crate::levels::Levels;
 use crate::paths::{self, absolute, display, is_stdin};
 use crate::scene::{
-    AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_depth_tolerance, auto_scene,
-    auto_transparency, auto_up, bare_object, is_scene_file, load_matcap, load_objects, parse_scene_file,
-    read_scene_file, refine_objects, studio_lights,
+    AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_composite, auto_depth_tolerance, auto_scene,
+    auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap, load_objects,
+    parse_scene_file, read_scene_file, refine_objects, studio_lights,
 };
 use crate::{Error, LoadOptions, camera, splats};
 use glam::DVec3;
@@ -242,7 +242,9 @@ impl Request {
         let label = self.options.label.clone().unwrap_or_else(|| DEFAULT_LABEL.to_owned());
         let options = options.with_label(self.options.wants_label().then_some(label));
         let options = options.with_rows(self.options.wants_rows());
+        let gaussians = options.gaussians || self.tells_composite();
         options
+            .with_gaussians(gaussians)
             .with_stdin(stdin)
             .with_memory(self.options.splats.memory)
             .with_up(self.options.up.flatten().or(up))
@@ -254,7 +256,23 @@ impl Request {
     /// # Errors
     /// As [`load_objects`].
     pub fn load(&self, stdin: Option<Arc<[u8]>>, progress: &dyn Progress) -> Result<LoadedObjects, Error> {
-        load_objects(&self.objects, &self.base, &self.load_options(stdin), progress)
+        let options = self.load_options(stdin);
+        if self.tells_composite() {
+            return load_bare_objects(&self.objects, &self.base, &options, progress);
+        }
+        let loaded = load_objects(&self.objects, &self.base, &options, progress)?;
+        if options.gaussians && !loaded.has_gaussians() {
+            let first = self.objects.iter().find_map(|object| object.splats.clone().or(object.mesh.clone()));
+            let problem = "holds no trained Gaussians, which --composite over draws: expected a PLY of 2DGS or 3DGS, \
+                           SPLAT, SPZ, SOG or glTF with KHR_gaussian_splatting; leave out --composite over";
+            return Err(Error::Unsuitable { path: first.unwrap_or_default(), problem: problem.to_owned() });
+        }
+        Ok(loaded)
+    }
+
+    /// Whether the files themselves say how Gaussians are drawn.
+    fn tells_composite(&self) -> bool {
+        self.scene.is_none() && self.options.composite.is_none() && self.options.of_surfaces().is_none()
     }
 
     /// The scene of these objects, framed and lit where no scene file does, with the levels of large files that its
@@ -343,6 +361,12 @@ impl Request {
         let (mut settings, given_camera, objects) = (self.settings, self.camera.take(), self.objects.clone());
         let options = &self.options;
         let paths: Vec<&Path> = objects.iter().filter_map(|object| object.splats.as_deref()).collect();
+        if let Some((over, about)) = auto_composite(&loaded, &paths, settings) {
+            settings = over;
+            if options.composite.is_none() {
+                note(format!("{}: {}", about.path.display(), about.text));
+            }
+        }
         if options.transparency.is_none()
             && let Some((transparency, about)) = auto_transparency(&loaded, &paths)
         {
@@ -480,6 +504,7 @@ fn settings(base: Settings, options: &RenderOptions) -> Settings {
         .with_transparency(options.transparency.unwrap_or(base.transparency))
         .with_clip(options.clip.unwrap_or(base.clip))
         .with_accumulate(options.accumulate.unwrap_or(base.accumulate))
+        .with_composite(options.composite.unwrap_or(base.composite))
         .with_lod_error_px(options.lod_error.unwrap_or(base.lod_error_px))
 }
 

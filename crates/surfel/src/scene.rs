@@ -1,23 +1,23 @@
 //! From files to a scene, step by step: scene files, objects, and what automatic scenes are made of.
 
 pub use crate::auto::{
-    AutoOptions, DEFAULT_SIZE, auto_depth_tolerance, auto_scene, auto_transparency, auto_up, bare_object,
-    is_scene_file, studio_lights,
+    AutoOptions, DEFAULT_SIZE, auto_composite, auto_depth_tolerance, auto_scene, auto_transparency, auto_up,
+    bare_object, is_scene_file, studio_lights,
 };
 pub use crate::load::{STDIN, UnusedOption, up_reason};
 
 use crate::coloring::Coloring;
 use crate::framing::UpReason;
 use crate::levels::Levels;
-use crate::load::{LoadedMesh, load_mesh};
-use crate::{Conversion, Error, LoadOptions, LoadedCloud, load};
+use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of};
+use crate::{Conversion, Error, LoadOptions, LoadedCloud, convert};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel_io::IoError;
-use surfel_model::{Geometry, Matcap, Object, ObjectFile, Scene, SceneFile, Shader, Up};
+use surfel_io::{Content, IoError, Loaded};
+use surfel_model::{GaussianCloud, Geometry, Matcap, Object, ObjectFile, Scene, SceneFile, Shader, Up};
 use surfel_render::View;
 use surfel_sample::Progress;
 
@@ -120,6 +120,54 @@ struct Known {
     unused: Vec<UnusedOption>,
 }
 
+/// Trained Gaussians, and what the user should know of them.
+fn gaussians(
+    cloud: &Arc<GaussianCloud>,
+    read: &Loaded,
+    path: &Path,
+    options: &LoadOptions,
+) -> Result<(Known, Vec<String>), Error> {
+    if cloud.is_empty() {
+        let problem = "holds no Gaussian, expected at least one: check that the file is complete".to_owned();
+        return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
+    }
+    let facts = ObjectFacts { up: read.up, up_reason: up_reason(read), ..ObjectFacts::default() };
+    let unused = convert::unused(&read.content, options);
+    Ok((Known { geometry: Geometry::Gaussians(cloud.clone()), facts, unused }, read.notes.clone()))
+}
+
+/// As [`load_objects`], and files of trained Gaussians are kept as such if all files are: what one sees of files that
+/// come without a scene.
+///
+/// # Errors
+/// As [`load_objects`].
+pub fn load_bare_objects(
+    objects: &[ObjectFile],
+    base_dir: &Path,
+    options: &LoadOptions,
+    progress: &dyn Progress,
+) -> Result<LoadedObjects, Error> {
+    let loaded = load_objects(objects, base_dir, &options.clone().with_gaussians(true), progress)?;
+    if !loaded.has_gaussians() || loaded.all_gaussians() {
+        return Ok(loaded);
+    }
+    // Surfaces are drawn with surfaces.
+    load_objects(objects, base_dir, &options.clone().with_gaussians(false), progress)
+}
+
+impl LoadedObjects {
+    /// Whether some object is of trained Gaussians.
+    pub fn has_gaussians(&self) -> bool {
+        self.objects.iter().any(|object| matches!(object.geometry, Geometry::Gaussians(_)))
+    }
+
+    /// Whether there are objects, and all are of trained Gaussians.
+    pub fn all_gaussians(&self) -> bool {
+        let mut geometries = self.objects.iter().map(|object| &object.geometry);
+        self.has_gaussians() && geometries.all(|geometry| matches!(geometry, Geometry::Gaussians(_)))
+    }
+}
+
 /// Loads the files of `objects`; each file once, however often it is used. Paths are relative to `base_dir`. Interior
 /// weights are estimated where the options ask for it and where there are meshes among splats.
 ///
@@ -161,38 +209,44 @@ pub fn load_objects(
                     let facts = ObjectFacts { up, up_reason, ..ObjectFacts::default() };
                     (Known { geometry: Geometry::Mesh(mesh), facts, unused: Vec::new() }, notes)
                 } else {
-                    let LoadedCloud {
-                        cloud,
-                        up,
-                        up_reason,
-                        closed,
-                        gaussian,
-                        conversion,
-                        coloring,
-                        octree,
-                        levels,
-                        notes,
-                        beside,
-                        unused,
-                        ..
-                    } = load(&path, options, progress)?;
-                    loaded.beside.extend(beside);
-                    loaded.colorings.extend(coloring.map(|coloring| (path.clone(), coloring)));
-                    let points = matches!(conversion, Conversion::Points(_));
-                    let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
-                    let transparent = match &geometry {
-                        Geometry::Splats(cloud) => cloud.is_transparent() && !gaussian,
-                        Geometry::Octree(octree) => octree.cloud().is_transparent(),
-                        Geometry::Mesh(_) => false,
-                    };
-                    let flat = match &geometry {
-                        Geometry::Splats(cloud) => cloud.data().comments.iter().any(|c| c == surfel_sample::FLAT_PARTS),
-                        _ => false,
-                    };
-                    let partial = levels.is_some();
-                    let facts =
-                        ObjectFacts { up, up_reason, points, closed, flat, partial, transparent, colored: false };
-                    (Known { geometry, facts, unused }, notes)
+                    let (read, levels) = read_needed(&path, options)?;
+                    if let Content::Gaussians(cloud) = &read.content {
+                        gaussians(cloud, &read, &path, options)?
+                    } else {
+                        let LoadedCloud {
+                            cloud,
+                            up,
+                            up_reason,
+                            closed,
+                            gaussian,
+                            conversion,
+                            coloring,
+                            octree,
+                            notes,
+                            beside,
+                            unused,
+                            ..
+                        } = splats_of(read, &path, options, progress)?;
+                        loaded.beside.extend(beside);
+                        loaded.colorings.extend(coloring.map(|coloring| (path.clone(), coloring)));
+                        let points = matches!(conversion, Conversion::Points(_));
+                        let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
+                        let transparent = match &geometry {
+                            Geometry::Splats(cloud) => cloud.is_transparent() && !gaussian,
+                            Geometry::Octree(octree) => octree.cloud().is_transparent(),
+                            Geometry::Mesh(_) | Geometry::Gaussians(_) => false,
+                        };
+                        let flat = match &geometry {
+                            Geometry::Splats(cloud) => {
+                                cloud.data().comments.iter().any(|c| c == surfel_sample::FLAT_PARTS)
+                            }
+                            _ => false,
+                        };
+                        let partial = levels.is_some();
+                        let facts =
+                            ObjectFacts { up, up_reason, points, closed, flat, partial, transparent, colored: false };
+                        (Known { geometry, facts, unused }, notes)
+                    }
                 };
                 loaded.notes.extend(notes.into_iter().map(|text| ObjectNote { path: path.clone(), text }));
                 known.insert(key, found.clone());
@@ -203,6 +257,7 @@ pub fn load_objects(
             Geometry::Splats(cloud) => cloud.data().colors.is_some(),
             Geometry::Mesh(mesh) => mesh.colors.is_some() || mesh.is_textured(),
             Geometry::Octree(octree) => octree.cloud().data().colors.is_some(),
+            Geometry::Gaussians(_) => true,
         };
         if !as_mesh {
             converted += 1;

@@ -6,8 +6,8 @@ use crate::framing::{NamedView, ViewAngles, ViewChoice};
 use serde_json::Value;
 use std::ops::Range;
 use surfel_model::{
-    Accumulate, ClipPolicy, Colormap, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping, PointColors,
-    Returns, Shader, SplatCount, Transparency, Up,
+    Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping,
+    PointColors, Returns, Shader, SplatCount, Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -53,6 +53,7 @@ named!(preset, PRESETS, Preset, [
     "fastest" => Preset::Fastest, "fast" => Preset::Fast, "balanced" => Preset::Balanced,
     "quality" => Preset::Quality, "reference" => Preset::Reference,
 ]);
+named!(composite, COMPOSITES, Composite, ["surface" => Composite::Surface, "over" => Composite::Over]);
 named!(edge_aa, EDGE_AA, EdgeAa, ["on" => EdgeAa::Coverage, "off" => EdgeAa::Off, "samples" => EdgeAa::Samples]);
 
 /// Most parts that anything is cut into.

@@ -34,6 +34,8 @@ pub fn store(case: &Case, folder: &Path) -> Result<PathBuf, IoError> {
                 save_octree(&path, true, octree)?;
                 file.splats = Some(name);
             }
+            // Random scenes have none.
+            Geometry::Gaussians(_) => {}
             Geometry::Mesh(mesh) => {
                 let texture = path.with_extension("png");
                 if let Some(image) = &mesh.texture {

@@ -2,6 +2,7 @@
 
 mod clipping;
 mod facings;
+mod gaussians;
 mod geometry;
 mod meshes;
 mod numeric;
@@ -14,6 +15,7 @@ mod transparency;
 
 pub use clipping::*;
 pub use facings::*;
+pub use gaussians::*;
 pub use geometry::*;
 pub use meshes::*;
 pub use numeric::*;
@@ -83,5 +85,6 @@ pub fn all() -> Vec<Case> {
     cases.extend(style_cases());
     cases.extend(facing_cases());
     cases.extend(samples::sample_cases());
+    cases.extend(gaussian_cases());
     cases
 }

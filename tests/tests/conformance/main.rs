@@ -3,7 +3,7 @@
 //!
 //! - the rendering model: [`closed_forms`], [`clip_closed_forms`], [`transparency_closed_forms`],
 //!   [`meshes_among_splats`], [`shadow_maps`], [`octree_levels`], [`image_invariants`], [`decision_margin`],
-//!   [`checkerboard_filter_errors`], [`textured_meshes`], [`nearest_planes`];
+//!   [`checkerboard_filter_errors`], [`textured_meshes`], [`nearest_planes`], [`trained_gaussians`];
 //! - backends: [`cpu_backend`], [`gpu_backends`], [`gpu_frame_costs`], [`gpu_scene_storage`], [`feature_costs`],
 //!   [`golden_scenes`], [`stability_sweeps`], [`preset_promises`], [`random_scene_features`], [`own_images`];
 //! - splats made of meshes: [`splats_of_meshes`], [`clean_images`], [`sharp_features`],
@@ -43,5 +43,6 @@ mod splats_of_meshes;
 mod stability_sweeps;
 mod texture_acquisition;
 mod textured_meshes;
+mod trained_gaussians;
 mod transparency_closed_forms;
 mod validated_gpu;

@@ -32,12 +32,14 @@ fn numbered(cloud: &SplatCloud) -> SplatCloud {
     cloud.clone().with_rows(&column(row)).unwrap().with_labels(&column(label)).unwrap()
 }
 
-/// The scenes without octrees, their splats with rows and labels, and some where features meet.
+/// The scenes without octrees and Gaussians, their splats with rows and labels, and some where features meet.
 fn cases() -> Vec<Case> {
     let mut cases = scenes::all();
     cases.push(scenes::thin_shell().with("edges", |s| s.edge_aa = EdgeAa::Samples));
     cases.push(scenes::glass_spheres().with("dropped", |s| s.transparency = "peel:1:drop".parse().unwrap()));
-    cases.retain(|case| !case.scene.objects.iter().any(|o| matches!(o.geometry, Geometry::Octree(_))));
+    cases.retain(|case| {
+        !case.scene.objects.iter().any(|o| matches!(o.geometry, Geometry::Octree(_) | Geometry::Gaussians(_)))
+    });
     for case in &mut cases {
         for object in &mut case.scene.objects {
             if let Geometry::Splats(cloud) = &mut object.geometry {

@@ -103,6 +103,7 @@ fn features(case: &Case) -> Vec<String> {
                 add(data.clips.as_ref().is_some_and(|c| c.curves.is_some()), "clips");
             }
             Geometry::Octree(_) => add(true, "octree"),
+            Geometry::Gaussians(_) => add(true, "gaussians"),
             Geometry::Mesh(mesh) => {
                 add(true, "mesh");
                 add(mesh.texture.is_some(), "texture");

@@ -54,6 +54,7 @@ fn models_have_the_documented_sizes() {
             Content::Splats(s) => (s.len(), usize::MAX),
             Content::Points(p) => (p.len(), 0),
             Content::Mesh(m) => (m.positions.len(), m.triangles.len()),
+            Content::Gaussians(g) => (g.len(), 0),
             Content::Octree(h) => (h.cloud().len(), h.mesh().triangles.len()),
         };
         assert_eq!(found, (vertices, triangles), "{name}");

@@ -12,7 +12,9 @@ pub(crate) fn scene(file: &SceneFile, folder: &Path) -> Scene {
         let geometry = match surfel_io::load(&path, &LoadOptions::default()).unwrap().content {
             Content::Splats(cloud) => Geometry::Splats(Arc::new(cloud)),
             Content::Mesh(mesh) => Geometry::Mesh(Arc::new(mesh)),
-            Content::Points(_) | Content::Octree(_) => panic!("{} has no splats", path.display()),
+            Content::Points(_) | Content::Octree(_) | Content::Gaussians(_) => {
+                panic!("{} has no splats", path.display())
+            }
         };
         Object { geometry, world_from_object: object.world_from_object().unwrap(), material: object.material }
     });

@@ -49,6 +49,7 @@ fn name(pass: Pass) -> &'static str {
         Pass::PeelLayer => "peeled layer",
         Pass::RemainingLayer => "what remains",
         Pass::ABuffer => "A-buffer",
+        Pass::Gaussians => "Gaussians",
     }
 }
 

@@ -3,10 +3,10 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, DQuat, DVec3, Vec3};
 use surfel::model::{
-    ClipColumns, ClipCurve, ClipLine, ClipMode, ClipPolicy, CloudData, Column3, EdgeAa, Geometry, Matcap, Mesh,
-    ModelError, NO_LINE, Object, OnInvalid, Shader, Shape, Transparency,
+    ClipColumns, ClipCurve, ClipLine, ClipMode, ClipPolicy, CloudData, Column3, EdgeAa, GaussianCloud, GaussianData,
+    GaussianKind, Geometry, Matcap, Mesh, ModelError, NO_LINE, Object, OnInvalid, Shader, Shape, Transparency,
 };
 use surfel::sample::{OctreeOptions, octree_from_mesh};
 use surfel::{Light, Material, NoProgress, Planes, Scene, Settings, SplatCloud, View};
@@ -83,6 +83,7 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
             other_scene: true,
             ..Case::new("an octree, of splats and polygons", octree()?, unlit.with_lod_error_px(octree_px))
         },
+        Case { other_scene: true, ..Case::new("trained Gaussians, one over another", gaussians()?, unlit) },
         Case::new("peel:4, nothing transparent", plain()?, peel).absent(),
         Case::new("abuffer:8, nothing transparent", plain()?, abuffer).absent(),
         Case::new("rows and labels, planes not asked for", with(rows)?, unlit).absent(),
@@ -99,6 +100,27 @@ fn cloud(change: impl FnOnce(&mut CloudData)) -> Result<SplatCloud, Failure> {
     data.interior_weight = Some(3.0);
     change(&mut data);
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
+}
+
+/// As many flat Gaussians where the plain scene's splats are, half as opaque.
+fn gaussians() -> Result<Scene, Failure> {
+    let ball = clouds::ball(SPLATS)?;
+    let count = ball.len();
+    let sigma = |i: usize| 0.5 * ball.radius_max(i) as f32;
+    let turn = |i: usize| DQuat::from_rotation_arc(DVec3::Z, ball.normal(i).normalize()).as_quat().to_array();
+    let data = GaussianData {
+        origin: ball.data().origin,
+        centers: ball.data().centers.clone(),
+        kind: GaussianKind::Flat,
+        sigmas: (0..count).map(|i| [sigma(i), sigma(i), 0.0]).collect(),
+        rotations: (0..count).map(turn).collect(),
+        opacities: vec![0.5; count],
+        degree: 0,
+        harmonics: vec![[0.4, 0.2, 0.0]; count],
+        linear_colors: false,
+        up: None,
+    };
+    Ok(Scene::from(GaussianCloud::new(data, OnInvalid::Refuse)?.0))
 }
 
 fn object(geometry: Geometry) -> Object {

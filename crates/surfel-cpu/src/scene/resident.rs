@@ -3,15 +3,24 @@
 use crate::scene::cloud::StoredObject;
 use crate::scene::mesh::StoredMesh;
 use crate::scene::numbers::SplatNumbers;
+use glam::DAffine3;
 use std::sync::Arc;
-use surfel_model::{Geometry, Light, Matcap, Material, NO_LABEL, Scene, Storage};
+use surfel_model::{GaussianCloud, Geometry, Light, Matcap, Material, NO_LABEL, Scene, Storage};
 use surfel_render::{Identity, RenderError, SceneSummary};
+
+/// An object of Gaussians.
+pub(crate) struct StoredGaussians {
+    pub(crate) gaussians: Arc<GaussianCloud>,
+    pub(crate) world_from_object: DAffine3,
+}
 
 /// A scene as this backend stores it.
 pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
     pub(crate) clouds: Vec<StoredObject>,
     pub(crate) meshes: Vec<StoredMesh>,
+    /// Of a scene of surfaces there are none.
+    pub(crate) gaussians: Vec<StoredGaussians>,
     /// The first object's.
     pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
@@ -26,7 +35,7 @@ impl ResidentScene {
     pub(crate) fn new(scene: &Scene, storage: Storage) -> Result<Self, RenderError> {
         let (mut clouds, mut meshes) = (Vec::new(), Vec::new());
         // Of equally near polygons the first is seen: those of octrees come after all meshes.
-        let mut octrees = Vec::new();
+        let (mut octrees, mut gaussians) = (Vec::new(), Vec::new());
         for (index, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
                 Geometry::Splats(cloud) => {
@@ -41,6 +50,10 @@ impl ResidentScene {
                         stored.source = index;
                         meshes.push(stored);
                     }
+                }
+                Geometry::Gaussians(cloud) => {
+                    let world_from_object = object.world_from_object;
+                    gaussians.push(StoredGaussians { gaussians: cloud.clone(), world_from_object });
                 }
                 Geometry::Octree(octree) => {
                     let mut stored = StoredObject::of_octree(index, octree, object, storage);
@@ -60,6 +73,7 @@ impl ResidentScene {
             summary: SceneSummary::of(scene),
             clouds,
             meshes,
+            gaussians,
             material: scene.objects.first().map_or(Material::default(), |object| object.material),
             lights: scene.lights.clone(),
             ambient: scene.ambient,
@@ -84,8 +98,16 @@ impl ResidentScene {
         Identity { row, object: object.source as u32, label }
     }
 
+    /// The background's linear colour with straight alpha.
+    pub(crate) fn straight_background(&self) -> [f64; 4] {
+        let [r, g, b, a] = self.background;
+        let [r, g, b] = [r, g, b].map(|c| if a > 0.0 { c / a } else { 0.0 });
+        [r, g, b, a]
+    }
+
     /// Bytes of heap memory that the splats use.
     pub fn bytes(&self) -> usize {
-        self.clouds.iter().map(StoredObject::bytes).sum()
+        let gaussians = self.gaussians.iter().map(|stored| stored.gaussians.bytes());
+        self.clouds.iter().map(StoredObject::bytes).chain(gaussians).sum()
     }
 }

@@ -23,9 +23,9 @@ pub struct PlanCost {
 }
 
 impl PlanCost {
-    /// The cost of a plan; `None` for one that no GPU backend draws (an A-buffer).
+    /// The cost of a plan; `None` for one that no GPU backend draws (an A-buffer, Gaussians).
     pub fn of(plan: &FramePlan) -> Option<Self> {
-        if plan.has(Pass::ABuffer) {
+        if plan.has(Pass::ABuffer) || plan.has(Pass::Gaussians) {
             return None;
         }
         let (mut draws, mut pixels) = (Draw::of(plan), PixelPass::of(plan));

@@ -88,6 +88,8 @@ impl Upload {
                         });
                     }
                 }
+                // Whoever plans a frame of them is refused.
+                Geometry::Gaussians(_) => {}
                 Geometry::Octree(octree) => {
                     let (cloud, parts) = (octree.shared_cloud(), Some((index, octree.clone())));
                     objects.push(UploadedObject { source, cloud, octree: parts, world_from_object, material });

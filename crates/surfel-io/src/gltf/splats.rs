@@ -6,7 +6,7 @@ use crate::columns::measured_positions;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem, quote};
-use crate::gaussians::{Gaussians, Kind, SH_C0};
+use crate::gaussians::{Gaussians, Harmonics, Kind, SH_C0};
 use glam::{DAffine3, DQuat, DVec3};
 use serde_json::Value;
 
@@ -19,6 +19,8 @@ pub(super) struct GatheredSplats {
     alphas: Vec<f32>,
     colors: Vec<[f64; 3]>,
     linear: bool,
+    /// Some have spherical harmonics, which nodes would have to turn.
+    harmonics: bool,
     /// A node's scale is not the same in all directions.
     sheared: bool,
 }
@@ -46,6 +48,7 @@ impl GatheredSplats {
         let scales = attribute::<3>(attributes, "SCALE", n)?;
         let alphas = attribute::<1>(attributes, "OPACITY", n)?;
         let colors = attribute::<3>(attributes, "SH_DEGREE_0_COEF_0", n)?;
+        self.harmonics |= attributes.named_floats::<3>(&format!("{GAUSSIANS}:SH_DEGREE_1_COEF_0"))?.is_some();
         let (scale, rotation, _) = world.to_scale_rotation_translation();
         let uniform = scale.abs().max_element() - scale.abs().min_element() <= 1e-6 * scale.abs().max_element();
         self.sheared |= !uniform || scale.min_element() < 0.0;
@@ -73,6 +76,7 @@ impl GatheredSplats {
             rotations: self.rotations,
             alphas: self.alphas,
             display_colors: self.colors,
+            harmonics: if self.harmonics { Harmonics::Unread(None) } else { Harmonics::None },
             linear_colors: self.linear,
             up: None,
             comments: Vec::new(),

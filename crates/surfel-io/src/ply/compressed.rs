@@ -6,7 +6,7 @@ use crate::columns::to_f64;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem};
-use crate::gaussians::{Gaussians, Kind};
+use crate::gaussians::{Gaussians, Harmonics, Kind};
 use glam::{DQuat, DVec3};
 use surfel_model::{Column3, ExtraValues};
 
@@ -73,9 +73,7 @@ pub(super) fn build(
         let what = format!("has {} chunks for {} splats", center_bounds.0[0].len(), positions.len());
         return Err(Problem::new(what).expected(format!("{needed}, one for each {CHUNK} splats")).into());
     }
-    if harmonics {
-        context.note("used the splats' base colours only: the file's harmonics are ignored".into());
-    }
+    let harmonics = if harmonics { Harmonics::Unread(None) } else { Harmonics::None };
     let three = |v: u32| [fraction(v, 21, 11), fraction(v, 11, 10), fraction(v, 0, 11)];
     let centers = positions.iter().enumerate().map(|(i, &p)| center_bounds.at(i, three(p)).as_vec3());
     let sigmas = scales.iter().enumerate().map(|(i, &s)| {
@@ -94,6 +92,7 @@ pub(super) fn build(
         rotations: rotations.iter().map(|&r| rotation(r)).collect(),
         alphas: colors.iter().map(|&c| fraction(c, 0, 8) as f32).collect(),
         display_colors: display.collect(),
+        harmonics,
         linear_colors: false,
         up,
         comments,

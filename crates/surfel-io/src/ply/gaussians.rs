@@ -6,7 +6,7 @@ use crate::columns::{to_f32, to_f64};
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::Fault;
-use crate::gaussians::{Gaussians, Kind, SH_C0};
+use crate::gaussians::{Gaussians, Harmonics, Kind, SH_C0};
 use glam::{DQuat, DVec3};
 
 const REQUIRED: [&str; 10] =
@@ -37,11 +37,7 @@ pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Conte
     let [s0, s1, w, x, y, z, opacity] = [s0, s1, r0, r1, r2, r3, opacity].map(|v| to_f64(&v));
     let [red, green, blue] = [red, green, blue].map(to_f32);
     let n = centers.len();
-    let rest = table.scalars.iter().filter(|(name, _)| name.starts_with("f_rest_")).count();
-    if rest > 0 {
-        context
-            .note(format!("used the splats' base colours only: {rest} spherical-harmonics coefficients are ignored"));
-    }
+    let harmonics = harmonics(&mut table, n, context);
     let display = |dc: f32| 0.5 + SH_C0 * f64::from(dc);
     context.gaussians(Gaussians {
         origin,
@@ -53,8 +49,28 @@ pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Conte
         rotations: (0..n).map(|i| DQuat::from_xyzw(x[i], y[i], z[i], w[i])).collect(),
         alphas: opacity.iter().map(|o| (1.0 / (1.0 + (-o).exp())) as f32).collect(),
         display_colors: (0..n).map(|i| [display(red[i]), display(green[i]), display(blue[i])]).collect(),
+        harmonics,
         linear_colors: false,
         up,
         comments,
     })
+}
+
+/// The columns `f_rest_N`: all coefficients of red, then of green, then of blue.
+fn harmonics(table: &mut Table, splats: usize, context: &Context<'_>) -> Harmonics {
+    let rest = table.scalars.iter().filter(|(name, _)| name.starts_with("f_rest_")).count();
+    let degree = [0, 9, 24, 45].iter().position(|n| *n == rest);
+    let (Some(degree), true) = (degree, context.options.gaussians) else {
+        return if rest == 0 { Harmonics::None } else { Harmonics::Unread(Some(rest)) };
+    };
+    let each = rest / 3;
+    let mut all = vec![[0.0; 3]; splats * each];
+    for number in 0..rest {
+        let Some(column) = table.take(&format!("f_rest_{number}")) else { return Harmonics::Unread(Some(rest)) };
+        let (channel, k) = (number / each, number % each);
+        for (i, value) in to_f32(column).into_iter().enumerate() {
+            all[i * each + k][channel] = value;
+        }
+    }
+    Harmonics::Read(degree as u32, all)
 }

@@ -10,7 +10,9 @@ __version__: str
 
 _Path = str | os.PathLike[str]
 _Numbers = Sequence[float] | NDArray[Any]
-_Plane = Literal["color", "depth", "normal", "weight", "index", "object", "label", "position"]
+_Plane = Literal[
+    "color", "depth", "normal", "weight", "index", "object", "label", "position", "alpha", "median_depth", "distortion"
+]
 _Axis = Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
 
 class _Splats(TypedDict, total=False):
@@ -60,6 +62,7 @@ class _Render(_Splats, total=False):
     depth_tolerance: float | str
     accumulate: Literal["f32", "f16"]
     transparency: str
+    composite: Literal["surface", "over"]
     clip: Literal["exact", "paper", "line", "off"]
     shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
     matcap: _Path
@@ -110,6 +113,12 @@ class Image:
     def label(self) -> NDArray[np.uint32]: ...
     @property
     def position(self) -> NDArray[np.float64]: ...
+    @property
+    def alpha(self) -> NDArray[np.float32]: ...
+    @property
+    def median_depth(self) -> NDArray[np.float32]: ...
+    @property
+    def distortion(self) -> NDArray[np.float32]: ...
     @property
     def notes(self) -> list[str]: ...
     @property

@@ -13,12 +13,13 @@ SPLATS = frozenset(
 )
 RENDER = SPLATS | frozenset(
     "size camera view eye target camera_up up region tile fov_y ortho preset filter mapping cutoff prefilter"
-    " depth_tolerance accumulate transparency clip shader matcap lod_error all_levels shadows edge_aa background samples label backend"
+    " depth_tolerance accumulate transparency composite clip shader matcap lod_error all_levels shadows edge_aa background samples label backend"
     " adapter storage threads".split()
 )
 ORTHO = SPLATS | frozenset("gsd dsm normals bounds origin size crs backend threads".split())
 PLANES = ("color", "depth", "normal", "weight")
 NEAREST = ("index", "object", "label", "position")
+GAUSSIANS = ("alpha", "median_depth", "distortion")
 
 
 def _number(value) -> str:
@@ -56,11 +57,11 @@ def texts(given: dict, known: frozenset, where: str) -> list[tuple[str, str]]:
 
 
 def planes_of(planes) -> list[str]:
-    """Names of planes; None is all but those of what is nearest."""
+    """Names of planes; None is all but those of what is nearest and of Gaussians."""
     if planes is None:
         return list(PLANES)
     names = [planes] if isinstance(planes, str) else list(planes)
     for name in names:
-        if name not in PLANES + NEAREST:
-            raise UsageError(f"planes: {name!r}, expected some of {', '.join(PLANES + NEAREST)}")
+        if name not in PLANES + NEAREST + GAUSSIANS:
+            raise UsageError(f"planes: {name!r}, expected some of {', '.join(PLANES + NEAREST + GAUSSIANS)}")
     return names

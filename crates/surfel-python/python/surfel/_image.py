@@ -84,6 +84,23 @@ class Image:
         return self._plane("position")
 
     @property
+    def alpha(self):
+        """What trained Gaussians cover: float32 of shape (height, width), 0 to 1."""
+        return self._plane("alpha")
+
+    @property
+    def median_depth(self):
+        """Depth at which half of the light of trained Gaussians is gone: float32 of shape (height, width); inf where
+        nothing is."""
+        return self._plane("median_depth")
+
+    @property
+    def distortion(self):
+        """How far the depths of a pixel's trained Gaussians are spread, as 2DGS measures it: float32 of shape (height,
+        width)."""
+        return self._plane("distortion")
+
+    @property
     def notes(self) -> list[str]:
         """What the program would say on stderr: what was dropped, assumed or estimated."""
         return self._native.notes
@@ -130,6 +147,6 @@ class Image:
     def __repr__(self) -> str:
         width, height = self.size
         names = {"linear": "color", "depth": "depth", "normal": "normal", "weight": "weight"}
-        names |= {name: name for name in ("index", "object", "label", "position")}
+        names |= {name: name for name in ("index", "object", "label", "position", "alpha", "median_depth", "distortion")}
         planes = [name for plane, name in names.items() if getattr(self._native, plane) is not None]
         return f"<surfel.Image {width}x{height}: {', '.join(planes)}>"

@@ -1,0 +1,36 @@
+//! Tiles of 16×16 pixels.
+
+use surfel_render::Region;
+
+/// Side of a tile.
+pub(super) const TILE_PX: u32 = 16;
+
+/// Tiles over a region, from its corner on.
+pub(super) struct TileGrid {
+    pub region: Region,
+    pub columns: usize,
+    rows: usize,
+}
+
+impl TileGrid {
+    pub(super) fn new(region: Region) -> Self {
+        let [columns, rows] = [region.width, region.height].map(|px| px.div_ceil(TILE_PX) as usize);
+        Self { region, columns, rows }
+    }
+
+    pub(super) fn tiles(&self) -> usize {
+        self.columns * self.rows
+    }
+
+    /// The pixels of a tile.
+    pub(super) fn pixels(&self, tile: usize) -> Region {
+        let [x, y] = [tile % self.columns, tile / self.columns].map(|at| at as u32 * TILE_PX);
+        let Region { width, height, .. } = self.region;
+        Region {
+            x: self.region.x + x,
+            y: self.region.y + y,
+            width: TILE_PX.min(width - x),
+            height: TILE_PX.min(height - y),
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Trained Gaussians, one over another (docs/gaussians.md), front to back in tiles of 16×16 pixels.
+//!
+//! All are sorted once by the depth of their centres. `records` cuts that order into parts, projects each part's
+//! Gaussians and lists them by tile; `tile` blends a tile's lists, part after part, so that the order of each pixel is
+//! the same for any number of threads.
+
+mod grid;
+mod records;
+mod tile;
+
+use crate::gaussians::grid::{TILE_PX, TileGrid};
+use crate::scene::resident::ResidentScene;
+use crate::simd::level::{Instructions, with_instructions};
+use fearless_simd::Simd;
+use rayon::prelude::*;
+use records::Part;
+use std::time::Instant;
+use surfel_math::gaussian;
+use surfel_render::{Frame, FramePlan, GaussianColors, Identity, PassTime, Stats, View};
+use tile::{Tile, TileInputs};
+
+/// Entries of tiles' lists that are in memory at once, unless one tile alone has more.
+const MOST_ENTRIES: u64 = 1 << 24;
+
+/// Draws a frame of Gaussians, on the threads that the caller is on.
+pub(crate) fn draw(
+    instructions: Instructions,
+    scene: &ResidentScene,
+    (view, plan): (&View, &FramePlan),
+    frame: &mut Frame,
+    stats: &mut Stats,
+) {
+    let mut last = Instant::now();
+    let mut lap = |stats: &mut Stats, name| {
+        let now = Instant::now();
+        stats.passes.push(PassTime { name, ms: (now - last).as_secs_f64() * 1e3 });
+        last = now;
+    };
+    let grid = TileGrid::new(view.region);
+    let order = records::in_order(&scene.gaussians, view);
+    lap(stats, "sort");
+    let mut parts = records::project(&scene.gaussians, &order, view, &grid);
+    drop(order);
+    lap(stats, "project");
+    stats.drawn = parts.iter().map(|part| part.records.len() as u64).sum();
+    let linear = scene.summary.gaussians == Some(GaussianColors::Linear);
+    let background = gaussian::background(scene.straight_background(), linear);
+    let near = gaussian::near(&view.projection) as f32;
+    frame.resize(view.region.width, view.region.height, plan.planes);
+    let inputs = TileInputs { grid: &grid, near, background, linear, planes: plan.planes };
+    let batches = records::batches(&parts, &grid, MOST_ENTRIES);
+    let (cells, mut tested) = (batches.len() as f64, 0);
+    for tiles in batches {
+        parts.par_iter_mut().for_each(|part| part.list(&tiles, &grid));
+        let first = tiles.start;
+        let drawn: Vec<Tile> =
+            tiles.into_par_iter().map(|t| draw_tile(instructions, &inputs, &parts, t, first)).collect();
+        for (t, tile) in drawn.iter().enumerate() {
+            tile.write(&grid, first + t, frame);
+            stats.fragments += tile.fragments();
+            tested += tile.tested;
+        }
+    }
+    let culled = (plan.splats - stats.drawn) as f64;
+    stats.counters = vec![
+        ("cells", cells),
+        ("culled", culled),
+        ("culled_outside", culled),
+        ("culled_back_facing", 0.0),
+        ("set_up", stats.drawn as f64),
+        ("fragments_tested", tested as f64),
+        ("fragments_inside", stats.fragments as f64),
+    ];
+    frame.finish(view, |_| Identity::NOTHING);
+    lap(stats, "blend");
+}
+
+fn draw_tile(instructions: Instructions, inputs: &TileInputs<'_>, parts: &[Part], tile: usize, first: usize) -> Tile {
+    with_instructions!(instructions, simd => {
+        simd.vectorize(#[inline(always)] || Tile::draw(simd, inputs, parts, tile, first))
+    })
+}
+
+const _: () = assert!(TILE_PX == crate::simd::lanes::LANES as u32, "a row of a tile is a vector");

@@ -1,0 +1,442 @@
+//! Trained Gaussians, drawn one over another (`docs/gaussians.md`).
+//!
+//! Source: Huang et al. 2024 (2DGS), Kerbl et al. 2023 (3DGS) after Zwicker et al. 2001, *EWA Volume Splatting*.
+
+use crate::projection::{Projection, ProjectionKind};
+use crate::{Real, V2, V3, srgb};
+
+/// Planar depth before which perspective views show nothing, as in training; world units.
+pub const NEAR: f64 = 0.2;
+/// Depth that [`distortion_depth`] takes to 1.
+const FAR: f64 = 100.0;
+/// Most that one Gaussian covers of a pixel.
+pub const MAX_ALPHA: f64 = 0.99;
+/// Least that counts.
+pub const MIN_ALPHA: f64 = 1.0 / 255.0;
+/// A Gaussian that would leave less light than this to those behind it ends its pixel, and isn't drawn itself.
+pub const MIN_TRANSMITTANCE: f64 = 1e-4;
+/// Weight of a squared distance in pixels from the projected centre: the low-pass filter of flat Gaussians.
+const LOW_PASS: f64 = 2.0;
+/// Variance in square pixels that is added to the footprints of solid ones.
+const DILATION: f64 = 0.3;
+/// Slopes are kept within this many half-widths of the image where solid Gaussians are linearised.
+const SLOPE_LIMIT: f64 = 1.3;
+/// Sine of the angle from edge-on below which a flat one isn't drawn (rendering model §2).
+const EDGE_ON: f64 = 1e-5;
+/// Largest coefficient of a form, so that products stay numbers in f32.
+const MOST: f64 = 1e15;
+
+/// Where perspective views begin: at the camera's near plane, but not before [`NEAR`].
+pub fn near(projection: &Projection) -> f64 {
+    if projection.is_perspective() { projection.near.max(NEAR) } else { projection.near }
+}
+
+/// A Gaussian in view space.
+#[derive(Clone, Copy, Debug)]
+pub struct ViewGaussian {
+    /// Its centre.
+    pub center: V3<f64>,
+    /// Its axes, of length 1 before the object's matrix. Of a flat one the first two span its plane.
+    pub axes: [V3<f64>; 3],
+    /// Standard deviations along them.
+    pub sigmas: [f64; 3],
+    /// Flat, not solid.
+    pub flat: bool,
+    /// Opacity in [0, 1].
+    pub opacity: f64,
+}
+
+/// A Gaussian as a view shows it.
+#[derive(Clone, Copy, Debug)]
+pub struct ProjectedGaussian {
+    /// Where its centre is, pixels.
+    pub center_px: V2<f64>,
+    /// What pixels see of it.
+    pub forms: GaussianForms<f64>,
+    /// Unit normal in view space, toward the eye; of a solid one its shortest axis.
+    pub normal: V3<f64>,
+    /// Offsets from the centre, least and largest, beyond which it covers less than [`MIN_ALPHA`]; `None`: unknown.
+    pub bounds_px: Option<[V2<f64>; 2]>,
+}
+
+/// Linear forms of an offset d from a projected centre: the ray meets the Gaussian's plane at (u, v)/w standard
+/// deviations and depth z/w.
+#[derive(Clone, Copy, Debug)]
+pub struct GaussianForms<R> {
+    /// Coefficients of d.
+    pub u: [R; 2],
+    /// Coefficients of d.
+    pub v: [R; 2],
+    /// Coefficients of d, and the value at the centre.
+    pub w: [R; 3],
+    /// Coefficients of d, and the value at the centre.
+    pub z: [R; 3],
+    /// Weight of |d|², for flat ones.
+    pub low_pass: R,
+}
+
+impl<R: Real> GaussianForms<R> {
+    /// ρ² = min(ρ₃d², 2·|d|²), for solid ones ρ₃d², and the depth, which is infinite or NaN where the ray is parallel
+    /// to the plane.
+    #[inline(always)]
+    pub fn at(&self, d: V2<R>) -> (R, R) {
+        let linear = |f: [R; 3]| f[0].mul_add(d.x, f[1].mul_add(d.y, f[2]));
+        let inverse = d.x.one() / linear(self.w);
+        let u = self.u[0].mul_add(d.x, self.u[1] * d.y) * inverse;
+        let v = self.v[0].mul_add(d.x, self.v[1] * d.y) * inverse;
+        let on_plane = u.mul_add(u, v * v);
+        let on_screen = self.low_pass * d.x.mul_add(d.x, d.y * d.y);
+        (on_plane.min(on_screen), linear(self.z) * inverse)
+    }
+}
+
+impl ViewGaussian {
+    /// The Gaussian in a view of an image of this size; `None` where it shows nothing: too near, too far, edge-on, of
+    /// no area, or too transparent.
+    pub fn project(&self, projection: &Projection, size_px: [f64; 2]) -> Option<ProjectedGaussian> {
+        let p = self.center;
+        let far = projection.far();
+        // NaN shows nothing.
+        let is_within = p.z > near(projection) && p.z <= far && self.opacity >= MIN_ALPHA;
+        if !is_within {
+            return None;
+        }
+        let reach = 2.0 * (self.opacity / MIN_ALPHA).ln();
+        let center_px = projection.pixel(p);
+        let (forms, normal, bounds_px) =
+            if self.flat { self.flat(projection, reach)? } else { self.solid(projection, size_px, reach) };
+        let toward = if projection.is_perspective() { normal.dot(p) } else { normal.z };
+        let normal = if toward > 0.0 { -normal } else { normal };
+        Some(ProjectedGaussian { center_px, forms, normal, bounds_px })
+    }
+
+    /// The plane's intersection with rays, which is exact.
+    fn flat(&self, projection: &Projection, reach: f64) -> Option<Footprint> {
+        let (p, [a, b, _], [fx, fy]) = (self.center, self.axes, projection.focal_px);
+        let cross = a.cross(b);
+        let area = cross.length();
+        let n = cross * (1.0 / area);
+        let perspective = projection.is_perspective();
+        let (facing, distance) = if perspective { (n.dot(p), p.length()) } else { (n.z, 1.0) };
+        let [su, sv, _] = self.sigmas;
+        let is_seen = facing.abs() > EDGE_ON * distance && su > 0.0 && sv > 0.0;
+        if !is_seen {
+            return None;
+        }
+        let (of_u, of_v) =
+            if perspective { (b.cross(p), p.cross(a)) } else { (V3::new(b.y, -b.x, 0.0), V3::new(-a.y, a.x, 0.0)) };
+        let form = |c: V3<f64>, sigma: f64| [c.x / fx, c.y / fy].map(|c| (c / (area * sigma)).clamp(-MOST, MOST));
+        let slope = [n.x / fx, n.y / fy];
+        let (w, z) = if perspective {
+            ([slope[0], slope[1], facing / p.z], [0.0, 0.0, facing])
+        } else {
+            ([0.0, 0.0, n.z], [-slope[0], -slope[1], p.z * n.z])
+        };
+        let forms = GaussianForms { u: form(of_u, su), v: form(of_v, sv), w, z, low_pass: LOW_PASS };
+        // Points of the ellipse are (A·e)/(1 + B·e) from the centre, |e|² = reach.
+        let of_axis = |axis: V3<f64>, sigma: f64| match perspective {
+            true => {
+                let k = sigma / p.z;
+                (V2::new(fx * (axis.x - axis.z * p.x / p.z) * k, fy * (axis.y - axis.z * p.y / p.z) * k), axis.z * k)
+            }
+            false => (V2::new(fx * axis.x * sigma, fy * axis.y * sigma), 0.0),
+        };
+        let ((s, s_depth), (t, t_depth)) = (of_axis(a, su), of_axis(b, sv));
+        let low_pass = (reach / LOW_PASS).sqrt();
+        let d = 1.0 - reach * (s_depth * s_depth + t_depth * t_depth);
+        let extent = |s: f64, t: f64| {
+            let middle = -reach * (s * s_depth + t * t_depth) / d;
+            let half = (middle * middle + reach * (s * s + t * t) / d).sqrt();
+            [(middle - half).min(-low_pass), (middle + half).max(low_pass)]
+        };
+        // Nearly at the eye's plane rounding counts.
+        let bounds = (d > 1e-6).then(|| {
+            let ([x0, x1], [y0, y1]) = (extent(s.x, t.x), extent(s.y, t.y));
+            [V2::new(x0, y0), V2::new(x1, y1)]
+        });
+        Some((forms, n, bounds))
+    }
+
+    /// Its volume's projection, linearised at the centre.
+    fn solid(&self, projection: &Projection, size_px: [f64; 2], reach: f64) -> Footprint {
+        let (p, [fx, fy]) = (self.center, projection.focal_px);
+        let limited = |x: f64, f: f64, size: f64| {
+            let limit = SLOPE_LIMIT * 0.5 * size / f;
+            (x / p.z).clamp(-limit, limit)
+        };
+        let (sx, sy) = (limited(p.x, fx, size_px[0]), limited(p.y, fy, size_px[1]));
+        let (mut xx, mut xy, mut yy) = (DILATION, 0.0, DILATION);
+        for (axis, sigma) in self.axes.into_iter().zip(self.sigmas) {
+            let c = axis * sigma;
+            let (x, y) = match projection.kind {
+                ProjectionKind::Perspective => (fx * (c.x - sx * c.z) / p.z, fy * (c.y - sy * c.z) / p.z),
+                ProjectionKind::Orthographic { .. } => (fx * c.x, fy * c.y),
+            };
+            (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
+        }
+        let determinant = f64::difference_of_products(xx, yy, xy, xy).max(DILATION * DILATION);
+        let forms = GaussianForms {
+            u: [(yy / determinant).sqrt(), -xy / (yy * determinant).sqrt()],
+            v: [0.0, yy.sqrt().recip()],
+            w: [0.0, 0.0, 1.0],
+            z: [0.0, 0.0, p.z],
+            // Larger than any ρ² that shows.
+            low_pass: 1e30,
+        };
+        let half = V2::new((reach * xx).sqrt(), (reach * yy).sqrt());
+        let length = |k: usize| self.sigmas[k] * self.axes[k].length();
+        let least = (0..3).reduce(|a, b| if length(b) < length(a) { b } else { a }).unwrap_or(2);
+        let n = self.axes[(least + 1) % 3].cross(self.axes[(least + 2) % 3]);
+        (forms, n * n.length().recip(), Some([-half, half]))
+    }
+}
+
+/// What pixels see, the plane's unit normal, and bounds.
+type Footprint = (GaussianForms<f64>, V3<f64>, Option<[V2<f64>; 2]>);
+
+/// The depth that the plane `distortion` compares, in [0, 1] from [`NEAR`] to 100 units.
+#[inline(always)]
+pub fn distortion_depth<R: Real>(z: R) -> R {
+    let scale = FAR / (FAR - NEAR);
+    (z.one() - z.constant(NEAR) / z) * z.constant(scale)
+}
+
+/// The constant spherical harmonic, ½·√(1/π).
+pub const SH_C0: f64 = 0.282_094_791_773_878_14;
+
+/// The colour that (degree + 1)² coefficients of real spherical harmonics give in a unit direction from the eye: ½ +
+/// Σ c·Y, at least 0. At most 16 coefficients count.
+pub fn color(coefficients: &[[f32; 3]], [x, y, z]: [f64; 3]) -> [f64; 3] {
+    const C1: f64 = 0.488_602_511_902_919_9;
+    const C2: [f64; 3] = [1.092_548_430_592_079_2, 0.315_391_565_252_520_05, 0.546_274_215_296_039_6];
+    const C3: [f64; 5] = [
+        0.590_043_589_926_643_5,
+        2.890_611_442_640_554,
+        0.457_045_799_464_465_8,
+        0.373_176_332_590_115_4,
+        1.445_305_721_320_277,
+    ];
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    let basis = [
+        SH_C0,
+        -C1 * y,
+        C1 * z,
+        -C1 * x,
+        C2[0] * x * y,
+        -C2[0] * y * z,
+        C2[1] * (2.0 * zz - xx - yy),
+        -C2[0] * x * z,
+        C2[2] * (xx - yy),
+        -C3[0] * y * (3.0 * xx - yy),
+        C3[1] * x * y * z,
+        -C3[2] * y * (4.0 * zz - xx - yy),
+        C3[3] * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+        -C3[2] * x * (4.0 * zz - xx - yy),
+        C3[4] * z * (xx - yy),
+        -C3[0] * x * (xx - 3.0 * yy),
+    ];
+    let mut sum = [0.5; 3];
+    for (c, y) in coefficients.iter().zip(basis) {
+        for (sum, c) in sum.iter_mut().zip(c) {
+            *sum += f64::from(*c) * y;
+        }
+    }
+    sum.map(|c| c.max(0.0))
+}
+
+/// What lies behind Gaussians: RGB in their colour space times alpha, and alpha, of a linear colour with straight
+/// alpha.
+pub fn background([r, g, b, a]: [f64; 4], linear_colors: bool) -> [f64; 4] {
+    let [r, g, b] = [r, g, b].map(|c| if linear_colors { c } else { srgb::encode(c.max(0.0)) } * a);
+    [r, g, b, a]
+}
+
+/// Linear premultiplied RGBA of a pixel: blended colours over [`background`] where the transmittance is left.
+pub fn resolve(colors: [f64; 3], transmittance: f64, background: [f64; 4], linear_colors: bool) -> [f64; 4] {
+    let alpha = 1.0 - transmittance + transmittance * background[3];
+    let over = |k: usize| transmittance.mul_add(background[k], colors[k]);
+    let linear = |c: f64| if linear_colors || alpha <= 0.0 { c } else { srgb::decode(c / alpha) * alpha };
+    [linear(over(0)), linear(over(1)), linear(over(2)), alpha]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const VIEW: Projection = Projection {
+        kind: ProjectionKind::Perspective,
+        focal_px: [500.0, 480.0],
+        principal_px: [320.0, 240.0],
+        near: 0.01,
+    };
+    const ORTHO: Projection =
+        Projection { kind: ProjectionKind::Orthographic { height: 2.0, far: 50.0 }, focal_px: [240.0, 240.0], ..VIEW };
+
+    /// Unit axes turned by two angles.
+    fn turned(azimuth: f64, tilt: f64) -> [V3<f64>; 3] {
+        let ((sa, ca), (st, ct)) = (azimuth.sin_cos(), tilt.sin_cos());
+        [V3::new(ca, sa, 0.0), V3::new(-sa * ct, ca * ct, st), V3::new(sa * st, -ca * st, ct)]
+    }
+
+    fn gaussian(center: [f64; 3], tilt: f64, sigmas: [f64; 3], flat: bool) -> ViewGaussian {
+        let [x, y, z] = center;
+        ViewGaussian { center: V3::new(x, y, z), axes: turned(0.7, tilt), sigmas, flat, opacity: 0.8 }
+    }
+
+    #[test]
+    fn rays_meet_points_of_the_plane_where_they_are() {
+        for projection in [VIEW, ORTHO] {
+            for tilt in [0.0, 0.5, 1.4, 1.57, 2.5] {
+                for scale in [1e-6, 0.01, 0.5] {
+                    let g = gaussian([0.3, -0.2, 4.0], tilt, [scale, 2.0 * scale, 0.0], true);
+                    let seen = g.project(&projection, [640.0, 480.0]).unwrap();
+                    let [a, b, _] = g.axes;
+                    for (u, v) in [(0.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.6, 1.1)] {
+                        let q = g.center + a * (u * scale) + b * (v * 2.0 * scale);
+                        let d = projection.pixel(q);
+                        let d = V2::new(d.x - seen.center_px.x, d.y - seen.center_px.y);
+                        // Without the low-pass.
+                        let (rho, z) = GaussianForms { low_pass: 1e30, ..seen.forms }.at(d);
+                        // A pixel's coordinate has an error of 1e-13, which edge-on planes and tiny splats magnify.
+                        let error = 1e-9 + 1e-12 / scale / tilt.cos().abs();
+                        assert!((rho - (u * u + v * v)).abs() < 20.0 * error, "{tilt} {scale} {u} {v}: {rho}");
+                        assert!((z - q.z).abs() < error, "{tilt} {scale}: {z} {}", q.z);
+                    }
+                    let (rho, _) = seen.forms.at(V2::new(0.3, -0.4));
+                    assert!(rho <= 2.0 * 0.25 + 1e-12);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn bounds_hold_all_that_shows_and_hardly_more() {
+        for projection in [VIEW, ORTHO] {
+            for (flat, tilt, scale) in
+                [(true, 0.3, 0.05), (true, 1.3, 0.3), (true, 1.0, 1e-4), (false, 0.9, 0.1), (false, 0.2, 1e-5)]
+            {
+                let g = gaussian([0.3, -0.2, 4.0], tilt, [scale, 2.0 * scale, 0.3 * scale], flat);
+                let seen = g.project(&projection, [640.0, 480.0]).unwrap();
+                let [lo, hi] = seen.bounds_px.unwrap();
+                let (mut found_lo, mut found_hi) = (V2::new(0.0, 0.0), V2::new(0.0, 0.0));
+                let steps = 400;
+                for i in 0..=steps {
+                    for j in 0..=steps {
+                        let at = |lo: f64, hi: f64, i: i32| {
+                            lo + 1.2 * (hi - lo) * f64::from(i) / f64::from(steps) - 0.1 * (hi - lo)
+                        };
+                        let d = V2::new(at(lo.x, hi.x, i), at(lo.y, hi.y, j));
+                        let (rho, z) = seen.forms.at(d);
+                        if g.opacity * (-0.5 * rho).exp() >= MIN_ALPHA && z > 0.0 {
+                            found_lo = V2::new(found_lo.x.min(d.x), found_lo.y.min(d.y));
+                            found_hi = V2::new(found_hi.x.max(d.x), found_hi.y.max(d.y));
+                        }
+                    }
+                }
+                let size = [hi.x - lo.x, hi.y - lo.y];
+                let slack = [found_lo.x - lo.x, found_lo.y - lo.y, hi.x - found_hi.x, hi.y - found_hi.y];
+                for (k, slack) in slack.into_iter().enumerate() {
+                    // A step of the search is 0.003 of the size.
+                    assert!(slack >= -1e-9 && slack < 0.02 * size[k % 2], "{flat} {tilt} {scale}: {slack} of {size:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn gaussians_that_show_nothing_are_left_out() {
+        let shown = |g: ViewGaussian, p: &Projection| g.project(p, [640.0, 480.0]).is_some();
+        let plain = gaussian([0.0, 0.0, 1.0], 0.2, [0.1; 3], true);
+        assert!(shown(plain, &VIEW) && shown(plain, &ORTHO));
+        let moved = |z: f64| ViewGaussian { center: V3::new(0.0, 0.0, z), ..plain };
+        assert!(!shown(moved(0.2), &VIEW) && shown(moved(0.2001), &VIEW) && shown(moved(0.02), &ORTHO));
+        assert!(!shown(moved(f64::NAN), &VIEW) && !shown(moved(60.0), &ORTHO));
+        assert!(!shown(ViewGaussian { opacity: 0.0039, ..plain }, &VIEW));
+        assert!(shown(ViewGaussian { opacity: 1.0, ..plain }, &VIEW));
+        let edge = std::f64::consts::FRAC_PI_2;
+        assert!(!shown(ViewGaussian { axes: turned(0.0, edge), ..plain }, &VIEW));
+        assert!(shown(ViewGaussian { axes: turned(0.0, edge + 1e-4), ..plain }, &VIEW));
+        assert!(!shown(ViewGaussian { sigmas: [0.1, 0.0, 0.1], ..plain }, &VIEW));
+        // The tiniest has the extent of the low-pass filter.
+        let point = ViewGaussian { sigmas: [1e-38; 3], ..plain }.project(&VIEW, [640.0, 480.0]).unwrap();
+        let (rho, z) = point.forms.at(V2::new(0.5, 0.5));
+        assert_eq!((rho, (z - 1.0).abs() < 1e-2), (1.0, true));
+    }
+
+    #[test]
+    fn solid_gaussians_on_the_axis_project_as_their_covariance() {
+        let axes = [V3::new(1.0, 0.0, 0.0), V3::new(0.0, 1.0, 0.0), V3::new(0.0, 0.0, 1.0)];
+        let g =
+            ViewGaussian { center: V3::new(0.0, 0.0, 2.0), axes, sigmas: [0.1, 0.2, 0.3], flat: false, opacity: 1.0 };
+        let seen = g.project(&VIEW, [640.0, 480.0]).unwrap();
+        let variance = [(500.0 * 0.1 / 2.0_f64).powi(2) + 0.3, (480.0 * 0.2 / 2.0_f64).powi(2) + 0.3];
+        for d in [V2::new(7.0, 0.0), V2::new(0.0, 30.0), V2::new(-12.0, 9.0)] {
+            let exact = d.x * d.x / variance[0] + d.y * d.y / variance[1];
+            let (rho, z) = seen.forms.at(d);
+            assert!((rho - exact).abs() < 1e-12 && z == 2.0, "{rho} {exact}");
+        }
+        assert!((seen.normal.x.abs() - 1.0).abs() < 1e-12);
+    }
+
+    /// Exact values of the real harmonics, from their definition by Legendre functions.
+    fn harmonic(l: i32, m: i32, [x, y, z]: [f64; 3]) -> f64 {
+        let (theta, phi) = (z.acos(), y.atan2(x));
+        let k = m.unsigned_abs() as usize;
+        let (s, c) = (theta.sin(), theta.cos());
+        // Associated Legendre functions with the Condon–Shortley phase.
+        let p = match (l, k) {
+            (0, 0) => 1.0,
+            (1, 0) => c,
+            (1, 1) => -s,
+            (2, 0) => 0.5 * (3.0 * c * c - 1.0),
+            (2, 1) => -3.0 * c * s,
+            (2, 2) => 3.0 * s * s,
+            (3, 0) => 0.5 * (5.0 * c.powi(3) - 3.0 * c),
+            (3, 1) => -1.5 * (5.0 * c * c - 1.0) * s,
+            (3, 2) => 15.0 * c * s * s,
+            _ => -15.0 * s.powi(3),
+        };
+        let factorial = |n: i32| (1..=n).map(f64::from).product::<f64>();
+        let m_abs = m.abs();
+        let norm =
+            (f64::from(2 * l + 1) / (4.0 * std::f64::consts::PI) * factorial(l - m_abs) / factorial(l + m_abs)).sqrt();
+        let root2 = std::f64::consts::SQRT_2;
+        match m {
+            0 => norm * p,
+            m if m > 0 => root2 * norm * p * (f64::from(m) * phi).cos(),
+            m => root2 * norm * p * (f64::from(-m) * phi).sin(),
+        }
+    }
+
+    #[test]
+    fn harmonics_are_those_of_their_definition() {
+        for direction in [[0.6, 0.0, 0.8], [-0.36, 0.48, 0.8], [0.48, -0.6, -0.64], [0.0, 0.6, -0.8]] {
+            let mut i = 0;
+            for l in 0..=3 {
+                for m in -l..=l {
+                    let mut coefficients = vec![[0.0; 3]; 16];
+                    coefficients[i] = [0.1, -0.2, 0.3];
+                    let found = color(&coefficients, direction);
+                    for (found, c) in found.into_iter().zip(coefficients[i]) {
+                        let exact = 0.5 + f64::from(c) * harmonic(l, m, direction);
+                        assert!((found - exact).abs() < 1e-12, "{l} {m} {direction:?}: {found} {exact}");
+                    }
+                    i += 1;
+                }
+            }
+        }
+        assert_eq!(color(&[[-9.0, 0.0, 9.0]], [0.0, 0.0, 1.0])[..2], [0.0, 0.5]);
+    }
+
+    #[test]
+    fn pixels_blend_as_displayed_and_come_out_linear() {
+        let half = background([1.0, 1.0, 1.0, 1.0], false);
+        let [r, _, _, a] = resolve([0.25, 0.0, 0.0], 0.5, half, false);
+        assert!((srgb::encode(r) - 0.75).abs() < 1e-7 && a == 1.0);
+        let [r, _, _, a] = resolve([0.25, 0.0, 0.0], 0.5, [0.0; 4], false);
+        assert!((srgb::encode(r / a) - 0.5).abs() < 1e-7 && a == 0.5);
+        assert_eq!(resolve([0.25, 0.0, 0.0], 0.5, [0.0; 4], true), [0.25, 0.0, 0.0, 0.5]);
+        assert_eq!(resolve([0.0; 3], 1.0, [0.0; 4], false), [0.0; 4]);
+        assert!((distortion_depth(0.2), distortion_depth(100.0)) == (0.0, 1.0));
+    }
+}

@@ -1,0 +1,191 @@
+//! Trained Gaussians, one over another (docs/gaussians.md): every pixel by itself.
+
+use crate::scene::ResidentScene;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::time::Instant;
+use surfel_math::gaussian::{self, GaussianForms, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, distortion_depth};
+use surfel_math::{V2, V3};
+use surfel_render::{Frame, FramePlan, GaussianColors, GaussianView, Identity, PassTime, Stats, View};
+
+/// How near to flipping a decision is, relatively, to be within its margin; and a pixel to a rim, in pixels.
+const MARGIN: f64 = 1e-4;
+const RIM_PX: f64 = 1e-3;
+
+/// A Gaussian that the view may show.
+struct Seen {
+    /// Depth of its centre.
+    depth: f64,
+    center_px: V2<f64>,
+    bounds_px: Option<[V2<f64>; 2]>,
+    forms: GaussianForms<f64>,
+    opacity: f64,
+    color: DVec3,
+    /// World space.
+    normal: DVec3,
+}
+
+/// Sums of a pixel, front to back.
+struct Pixel {
+    transmittance: f64,
+    color: DVec3,
+    normal: DVec3,
+    depth: f64,
+    median_depth: f64,
+    distortion: f64,
+    /// Σw·m and Σw·m², m the depth that `distortion` compares.
+    moments: [f64; 2],
+    fragments: u32,
+    marginal: bool,
+    /// Share by which the transmittance changes over the width of a rim.
+    slack: f64,
+}
+
+/// Draws a planned frame.
+pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame: &mut Frame, threads: usize) -> Stats {
+    let start = Instant::now();
+    let seen = in_order(scene, view);
+    let sorted = Instant::now();
+    let region = view.region;
+    let near = gaussian::near(&view.projection);
+    let pixels: Vec<Pixel> = (0..view.pixels())
+        .into_par_iter()
+        .map(|at| {
+            let [x, y] = [at % region.width as usize, at / region.width as usize];
+            let x = f64::from(region.x) + x as f64 + 0.5;
+            let y = f64::from(region.y) + y as f64 + 0.5;
+            Pixel::through(&seen, V2::new(x, y), near)
+        })
+        .collect();
+    let linear = scene.summary.gaussians == Some(GaussianColors::Linear);
+    // The scene keeps it premultiplied.
+    let [r, g, b, a] = scene.background;
+    let straight = [r, g, b].map(|c| if a > 0.0 { c / a } else { 0.0 });
+    let background = gaussian::background([straight[0], straight[1], straight[2], a], linear);
+    frame.reset(region.width, region.height, plan.planes);
+    let planes = frame.planes_mut();
+    fill(planes.color, &pixels, |p| {
+        gaussian::resolve(p.color.to_array(), p.transmittance, background, linear).map(|c| c as f32)
+    });
+    let of_what_is_there = |p: &Pixel, value: f64| if p.transmittance < 1.0 { value as f32 } else { f32::INFINITY };
+    fill(planes.depth, &pixels, |p| of_what_is_there(p, p.depth / (1.0 - p.transmittance)));
+    fill(planes.median_depth, &pixels, |p| of_what_is_there(p, p.median_depth));
+    fill(planes.normal, &pixels, |p| p.normal.as_vec3().to_array());
+    fill(planes.weight, &pixels, |p| (1.0 - p.transmittance) as f32);
+    fill(planes.alpha, &pixels, |p| (1.0 - p.transmittance) as f32);
+    fill(planes.distortion, &pixels, |p| p.distortion as f32);
+    fill(planes.fragments, &pixels, |p| p.fragments);
+    fill(planes.margin, &pixels, |p| f32::from(u8::from(p.marginal)));
+    frame.finish(view, |_| Identity::NOTHING);
+    let mut stats = Stats::default().with_splats(plan.splats).with_drawn(seen.len() as u64).with_threads(threads);
+    stats.fragments = pixels.iter().map(|p| u64::from(p.fragments)).sum();
+    let bytes: usize = scene.gaussians.iter().map(|(cloud, _)| cloud.bytes()).sum();
+    stats.bytes_per_splat = bytes as f64 / plan.splats.max(1) as f64;
+    stats.passes.push(PassTime { name: "sort", ms: (sorted - start).as_secs_f64() * 1e3 });
+    stats.passes.push(PassTime { name: "blend", ms: sorted.elapsed().as_secs_f64() * 1e3 });
+    stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
+    stats
+}
+
+fn fill<T>(plane: &mut [T], pixels: &[Pixel], value: impl Fn(&Pixel) -> T) {
+    plane.iter_mut().zip(pixels).for_each(|(at, pixel)| *at = value(pixel));
+}
+
+/// What the view may show, by the depth of centres; equally deep ones in the scene's order.
+fn in_order(scene: &ResidentScene, view: &View) -> Vec<Seen> {
+    let mut all = Vec::new();
+    for (cloud, world_from_object) in &scene.gaussians {
+        let seen = GaussianView::new(cloud, world_from_object, view);
+        all.extend((0..cloud.len()).filter_map(|i| {
+            let projected = seen.project(i)?;
+            let V3 { x, y, z } = projected.normal;
+            Some(Seen {
+                depth: seen.depth(i),
+                center_px: projected.center_px,
+                bounds_px: projected.bounds_px,
+                forms: projected.forms,
+                opacity: cloud.data().opacities[i].into(),
+                color: seen.color(i).into(),
+                normal: view.view_from_world.transpose() * DVec3::new(x, y, z),
+            })
+        }));
+    }
+    all.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+    all
+}
+
+impl Pixel {
+    /// Blends what a ray through a place meets.
+    fn through(seen: &[Seen], at: V2<f64>, near: f64) -> Self {
+        let mut pixel = Self {
+            transmittance: 1.0,
+            color: DVec3::ZERO,
+            normal: DVec3::ZERO,
+            depth: 0.0,
+            median_depth: 0.0,
+            distortion: 0.0,
+            moments: [0.0; 2],
+            fragments: 0,
+            marginal: false,
+            slack: 0.0,
+        };
+        for gaussian in seen {
+            if !pixel.blend(gaussian, V2::new(at.x - gaussian.center_px.x, at.y - gaussian.center_px.y), near) {
+                break;
+            }
+        }
+        pixel
+    }
+
+    /// Blends one behind what is there, at an offset from its centre; false if no more light is left.
+    fn blend(&mut self, gaussian: &Seen, d: V2<f64>, near: f64) -> bool {
+        if let Some([lo, hi]) = gaussian.bounds_px {
+            // A little more than the bounds: decisions at them may be within their margin.
+            let out = |d: f64, lo: f64, hi: f64| d < 1.01 * lo || d > 1.01 * hi;
+            if out(d.x, lo.x, hi.x) || out(d.y, lo.y, hi.y) {
+                return true;
+            }
+        }
+        let seen_at = |x: f64, y: f64| {
+            let (rho, z) = gaussian.forms.at(V2::new(d.x + x, d.y + y));
+            ((gaussian.opacity * (-0.5 * rho).exp()).min(MAX_ALPHA), z)
+        };
+        let (alpha, z) = seen_at(0.0, 0.0);
+        // Limits of alpha and depth are rims: what goes through one over the width of a rim is open.
+        let (mut alphas, mut depths) = ([alpha; 2], [z; 2]);
+        for (alpha, z) in [seen_at(RIM_PX, 0.0), seen_at(-RIM_PX, 0.0), seen_at(0.0, RIM_PX), seen_at(0.0, -RIM_PX)] {
+            alphas = [alphas[0].min(alpha), alphas[1].max(alpha)];
+            depths = [depths[0].min(z), depths[1].max(z)];
+        }
+        let goes_through =
+            |[least, most]: [f64; 2], limit: f64| least * (1.0 - MARGIN) < limit && most * (1.0 + MARGIN) >= limit;
+        let may_show = alphas[1] * (1.0 + MARGIN) >= MIN_ALPHA;
+        self.marginal |= may_show && (goes_through(alphas, MIN_ALPHA) || goes_through(depths, near));
+        let is_open = |value: f64, limit: f64, slack: f64| (value / limit - 1.0).abs() < MARGIN + slack;
+        let is_there = alpha >= MIN_ALPHA && z >= near && z.is_finite();
+        if !is_there {
+            return true;
+        }
+        let left = self.transmittance * (1.0 - alpha);
+        self.marginal |= is_open(self.transmittance, 0.5, self.slack);
+        self.slack += (alphas[1] - alphas[0]) / (1.0 - alpha);
+        self.marginal |= is_open(left, MIN_TRANSMITTANCE, self.slack);
+        if left < MIN_TRANSMITTANCE {
+            return false;
+        }
+        let weight = alpha * self.transmittance;
+        self.color += gaussian.color * weight;
+        self.normal += gaussian.normal * weight;
+        self.depth += z * weight;
+        if self.transmittance > 0.5 {
+            self.median_depth = z;
+        }
+        let m = distortion_depth(z);
+        let [first, second] = self.moments;
+        self.distortion += weight * (m * m * (1.0 - self.transmittance) + second - 2.0 * m * first);
+        self.moments = [first + weight * m, second + weight * m * m];
+        self.transmittance = left;
+        self.fragments += 1;
+        true
+    }
+}

@@ -1,0 +1,66 @@
+//! A cloud of Gaussians as a view sees it: what backends that draw them start from.
+
+use crate::View;
+use glam::{DAffine3, DVec3};
+use surfel_math::gaussian::{self, ProjectedGaussian, ViewGaussian};
+use surfel_math::{V3, projection::Projection};
+use surfel_model::{GaussianCloud, GaussianKind};
+
+/// A cloud of Gaussians before a camera.
+pub struct GaussianView<'a> {
+    cloud: &'a GaussianCloud,
+    view_from_object: DAffine3,
+    /// The eye in object space; in orthographic views the direction in which it looks.
+    eye: DVec3,
+    projection: Projection,
+    size_px: [f64; 2],
+}
+
+fn v3(v: DVec3) -> V3<f64> {
+    V3::new(v.x, v.y, v.z)
+}
+
+impl<'a> GaussianView<'a> {
+    /// An object's Gaussians in a view.
+    pub fn new(cloud: &'a GaussianCloud, world_from_object: &DAffine3, view: &View) -> Self {
+        let view_from_world = DAffine3::from_mat3(view.view_from_world) * DAffine3::from_translation(-view.eye);
+        let object_from_world = world_from_object.inverse();
+        let eye = match view.projection.is_perspective() {
+            true => object_from_world.transform_point3(view.eye),
+            false => object_from_world.transform_vector3(view.forward()),
+        };
+        Self {
+            cloud,
+            view_from_object: view_from_world * *world_from_object,
+            eye,
+            projection: view.projection,
+            size_px: view.size.map(f64::from),
+        }
+    }
+
+    /// Depth of a centre, by which Gaussians are put in order: the same bits whoever asks.
+    pub fn depth(&self, i: usize) -> f64 {
+        self.view_from_object.transform_point3(self.cloud.center(i)).z
+    }
+
+    /// What the view shows of Gaussian `i`; `None` for nothing.
+    pub fn project(&self, i: usize) -> Option<ProjectedGaussian> {
+        let view_gaussian = ViewGaussian {
+            center: v3(self.view_from_object.transform_point3(self.cloud.center(i))),
+            axes: self.cloud.axes(i).map(|axis| v3(self.view_from_object.transform_vector3(axis))),
+            sigmas: self.cloud.sigmas(i),
+            flat: self.cloud.data().kind == GaussianKind::Flat,
+            opacity: self.cloud.data().opacities[i].into(),
+        };
+        view_gaussian.project(&self.projection, self.size_px)
+    }
+
+    /// The colour of Gaussian `i` as seen from the eye, in the cloud's own colour space.
+    pub fn color(&self, i: usize) -> [f64; 3] {
+        let direction = match self.projection.is_perspective() {
+            true => self.cloud.center(i) - self.eye,
+            false => self.eye,
+        };
+        gaussian::color(self.cloud.coefficients(i), direction.normalize_or_zero().to_array())
+    }
+}

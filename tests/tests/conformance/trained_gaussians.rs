@@ -1,0 +1,320 @@
+//! Trained Gaussians (docs/gaussians.md): the reference against the formulas as they were published, the CPU against
+//! the reference, and what a plan has of them.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3, dvec2, dvec3};
+use surfel_conformance::build::{camera, cloud, object, sphere};
+use surfel_conformance::scenes::{
+    Case, gaussian_extremes, gaussian_field, gaussian_object, gaussian_scene, gaussians_of, no_gaussians,
+    random_gaussians, two_gaussian_objects,
+};
+use surfel_model::{Column3, EdgeAa, GaussianData, GaussianKind, Projection, Shader};
+use surfel_reference::Renderer as Reference;
+use surfel_render::{
+    Capabilities, Feature, Frame, Pass, Planes, Region, Renderer, SceneSummary, View, plan, unsupported,
+};
+
+/// All planes that show Gaussians.
+fn planes() -> Planes {
+    let planes = Planes::ALL.with_alpha(true).with_median_depth(true).with_distortion(true).with_position(true);
+    planes.with_fragments(true)
+}
+
+fn drawn(renderer: &mut impl Renderer, case: &Case, planes: Planes) -> Frame {
+    let resident = renderer.upload(&case.scene).unwrap();
+    let mut frame = Frame::default();
+    renderer.render_into(&resident, &case.view(), &case.settings, planes, &mut frame).unwrap();
+    frame
+}
+
+fn reference() -> Reference {
+    Reference::new(Default::default()).unwrap()
+}
+
+fn cpu(threads: usize) -> surfel_cpu::Renderer {
+    surfel_cpu::Renderer::new(surfel_cpu::Options::default().with_threads(threads)).unwrap()
+}
+
+/// Red, green, blue, alpha; expected depth, median depth, distortion, Σw·n; of a pixel.
+type Values = [f64; 10];
+
+fn values(frame: &Frame) -> Vec<Values> {
+    let of = |i: usize| -> Values {
+        let [r, g, b, _] = frame.color()[i];
+        let [x, y, z] = frame.normal()[i];
+        let (depth, median) = (frame.depth()[i], frame.median_depth()[i]);
+        [r, g, b, frame.alpha()[i], depth, median, frame.distortion()[i], x, y, z].map(f64::from)
+    };
+    (0..frame.color().len()).map(of).collect()
+}
+
+/// A flat cloud before a camera without a background, by the formulas of the 2DGS paper and its renderer, pixel by
+/// pixel: homogeneous planes of the pixel and their intersection with the splat's.
+fn published(data: &GaussianData, view: &View) -> Vec<Values> {
+    let [[fx, fy], [cx, cy]] = [view.projection.focal_px, view.projection.principal_px];
+    let mut splats = Vec::new();
+    for i in 0..data.opacities.len() {
+        let [x, y, z, w] = DQuat::from_array(data.rotations[i].map(f64::from)).normalize().to_array();
+        let columns = [
+            dvec3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+            dvec3(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+            dvec3(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+        ];
+        let (center, sigma) = (data.centers.get(i), data.sigmas[i].map(f64::from));
+        let p = view.view_from_world * (center - view.eye);
+        let tangents = [columns[0] * sigma[0], columns[1] * sigma[1]].map(|t| view.view_from_world * t);
+        let normal = if columns[2].dot(center - view.eye) > 0.0 { -columns[2] } else { columns[2] };
+        let to_pixels = |v: DVec3| dvec3(fx * v.x + cx * v.z, fy * v.y + cy * v.z, v.z);
+        // Rows of the splat-to-pixel matrix: T_u, T_v and T_w.
+        let rows = DMat3::from_cols(to_pixels(tangents[0]), to_pixels(tangents[1]), to_pixels(p)).transpose();
+        let d = (center - view.eye).normalize();
+        let (xx, yy, zz) = (d.x * d.x, d.y * d.y, d.z * d.z);
+        #[rustfmt::skip]
+        let basis = [
+            0.28209479177387814,
+            -0.4886025119029199 * d.y, 0.4886025119029199 * d.z, -0.4886025119029199 * d.x,
+            1.0925484305920792 * d.x * d.y, -1.0925484305920792 * d.y * d.z,
+            0.31539156525252005 * (2.0 * zz - xx - yy), -1.0925484305920792 * d.x * d.z, 0.5462742152960396 * (xx - yy),
+            -0.5900435899266435 * d.y * (3.0 * xx - yy), 2.890611442640554 * d.x * d.y * d.z,
+            -0.4570457994644658 * d.y * (4.0 * zz - xx - yy),
+            0.3731763325901154 * d.z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+            -0.4570457994644658 * d.x * (4.0 * zz - xx - yy), 1.445305721320277 * d.z * (xx - yy),
+            -0.5900435899266435 * d.x * (xx - 3.0 * yy),
+        ];
+        let each = data.coefficients();
+        let own = &data.harmonics[i * each..(i + 1) * each];
+        let color =
+            own.iter().zip(basis).fold(DVec3::splat(0.5), |sum, (c, y)| sum + DVec3::from(c.map(f64::from)) * y);
+        splats.push((p.z, rows, color.max(DVec3::ZERO), normal, f64::from(data.opacities[i])));
+    }
+    splats.retain(|s| s.0 > 0.2);
+    splats.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let pixel = |at: usize| -> Values {
+        let (x, y) = ((at % view.size[0] as usize) as f64 + 0.5, (at / view.size[0] as usize) as f64 + 0.5);
+        let (mut t, mut c, mut n, mut depth, mut median) = (1.0, DVec3::ZERO, DVec3::ZERO, 0.0, f64::INFINITY);
+        let (mut m1, mut m2, mut distortion) = (0.0, 0.0, 0.0);
+        for (z, rows, color, normal, opacity) in &splats {
+            let [tu, tv, tw] = [rows.x_axis, rows.y_axis, rows.z_axis];
+            let (k, l) = (tw * x - tu, tw * y - tv);
+            let cross = k.cross(l);
+            if cross.z == 0.0 {
+                continue;
+            }
+            let s = dvec2(cross.x, cross.y) / cross.z;
+            let center = dvec2(tu.z, tv.z) / z;
+            let rho = s.length_squared().min(2.0 * (dvec2(x, y) - center).length_squared());
+            let z = tw.dot(dvec3(s.x, s.y, 1.0));
+            let alpha = (opacity * (-0.5 * rho).exp()).min(0.99);
+            if z < 0.2 || alpha < 1.0 / 255.0 {
+                continue;
+            }
+            if t * (1.0 - alpha) < 1e-4 {
+                break;
+            }
+            let w = alpha * t;
+            let m = 100.0 / 99.8 * (1.0 - 0.2 / z);
+            distortion += (m * m * (1.0 - t) + m2 - 2.0 * m * m1) * w;
+            (depth, m1, m2) = (depth + z * w, m1 + m * w, m2 + m * m * w);
+            median = if t > 0.5 { z } else { median };
+            (n, c) = (n + *normal * w, c + *color * w);
+            t *= 1.0 - alpha;
+        }
+        let alpha = 1.0 - t;
+        let linear = |c: f64| match c / alpha {
+            _ if alpha == 0.0 => 0.0,
+            c if c <= 0.04045 => alpha * c / 12.92,
+            c => alpha * ((c + 0.055) / 1.055).powf(2.4),
+        };
+        let expected = if alpha > 0.0 { depth / alpha } else { f64::INFINITY };
+        [linear(c.x), linear(c.y), linear(c.z), alpha, expected, median, distortion, n.x, n.y, n.z]
+    };
+    (0..view.pixels()).map(pixel).collect()
+}
+
+/// The largest difference outside of the margin, relative where numbers are above 1.
+fn worst(got: &[Values], want: &[Values], margin: &[f32]) -> f64 {
+    let open = margin.iter().filter(|m| **m != 0.0).count();
+    assert!(open * 40 <= margin.len(), "{open} of {} pixels are within the margin", margin.len());
+    let mut worst: f64 = 0.0;
+    for ((got, want), _) in got.iter().zip(want).zip(margin).filter(|(_, margin)| **margin == 0.0) {
+        for (got, want) in got.iter().zip(want) {
+            let off = if got == want { 0.0 } else { (got - want).abs() / want.abs().max(1.0) };
+            assert!(!off.is_nan(), "{got} {want}");
+            worst = worst.max(off);
+        }
+    }
+    worst
+}
+
+#[test]
+fn reference_draws_flat_gaussians_by_the_published_formulas() {
+    let mut field = gaussian_field(GaussianKind::Flat);
+    let mut extremes = gaussian_extremes();
+    let mut near = field.clone();
+    near.camera.eye = [0.1, 0.0, 1.05];
+    for case in [&mut field, &mut extremes, &mut near] {
+        case.scene.background = [0.0; 4];
+        let frame = drawn(&mut reference(), case, planes().with_margin(true));
+        let want = published(gaussians_of(case).unwrap().data(), &case.view());
+        // f32 planes of f64 sums.
+        let worst = worst(&values(&frame), &want, frame.margin());
+        println!("{}: {worst:.1e}", case.name);
+        assert!(worst < 1e-5, "{}: {worst}", case.name);
+        assert!(want.iter().filter(|v| v[3] > 0.05).count() > 500, "{}: nothing is seen", case.name);
+    }
+}
+
+#[test]
+fn cpu_draws_gaussians_as_the_reference_does() {
+    let mut linear = gaussian_field(GaussianKind::Flat);
+    linear.scene = gaussian_scene(GaussianData { linear_colors: true, ..random_gaussians(100, GaussianKind::Flat, 5) });
+    let field = gaussian_field(GaussianKind::Flat);
+    let mut orthographic = field.clone();
+    orthographic.camera.projection = Projection::Orthographic { height: 2.0 };
+    orthographic.camera.far = Some(20.0);
+    let solid = gaussian_field(GaussianKind::Solid);
+    for case in [field, linear, orthographic, solid, gaussian_extremes(), two_gaussian_objects()] {
+        let want = drawn(&mut reference(), &case, planes().with_margin(true));
+        let got = drawn(&mut cpu(2), &case, planes());
+        let worst = worst(&values(&got), &values(&want), want.margin());
+        println!("{}: {worst:.1e}", case.name);
+        assert!(worst < 1e-3, "{}: {worst}", case.name);
+        assert_eq!(got.weight(), got.alpha());
+    }
+}
+
+#[test]
+fn cpu_draws_the_same_bits_for_any_threads_regions_planes_and_levels() {
+    let bits = |frame: &Frame| -> Vec<u32> {
+        let floats = frame.color().as_flattened().iter().chain(frame.normal().as_flattened());
+        floats.chain(frame.depth()).chain(frame.distortion()).map(|v| v.to_bits()).collect()
+    };
+    for case in [gaussian_field(GaussianKind::Flat), gaussian_extremes(), two_gaussian_objects()] {
+        let whole = drawn(&mut cpu(1), &case, planes());
+        for threads in [2, 7] {
+            assert!(bits(&drawn(&mut cpu(threads), &case, planes())) == bits(&whole), "{}", case.name);
+        }
+        for level in surfel_cpu::SimdLevel::ALL {
+            let options = surfel_cpu::Options::default().with_threads(2).with_simd(*level);
+            let mut renderer = surfel_cpu::Renderer::new(options).unwrap();
+            assert!(bits(&drawn(&mut renderer, &case, planes())) == bits(&whole), "{} {level:?}", case.name);
+        }
+        assert_eq!(drawn(&mut cpu(2), &case, Planes::COLOR).color(), whole.color());
+        let region = Region { x: 5, y: 9, width: 21, height: 30 };
+        let part = drawn(&mut cpu(2), &Case { region: Some(region), ..case.clone() }, planes());
+        let [width, _] = case.camera.size;
+        for (i, pixel) in part.color().iter().enumerate() {
+            let (x, y) = (region.x + i as u32 % region.width, region.y + i as u32 / region.width);
+            let at = (y * width + x) as usize;
+            assert_eq!((pixel, part.depth()[i]), (&whole.color()[at], whole.depth()[at]), "{} {x} {y}", case.name);
+        }
+    }
+}
+
+/// One face-on Gaussian, σ = 0.1 in both directions, in the middle.
+fn one(opacity: f32) -> GaussianData {
+    let mut data = no_gaussians(GaussianKind::Flat);
+    data.centers = Column3::from_f64(&[DVec3::ZERO]);
+    data.sigmas = vec![[0.1, 0.1, 0.0]];
+    data.rotations = vec![[0.0, 0.0, 0.0, 1.0]];
+    data.opacities = vec![opacity];
+    data.harmonics = vec![[1.0, 0.0, -1.0]];
+    data
+}
+
+#[test]
+fn one_gaussian_has_the_values_of_its_closed_form() {
+    for opacity in [0.0, 0.0039, 0.5, 1.0] {
+        let mut case = Case::new("one", gaussian_scene(one(opacity)), camera(2.0, 45.0, [33, 33]));
+        case.scene.background = [0.0; 4];
+        for frame in [drawn(&mut reference(), &case, planes()), drawn(&mut cpu(1), &case, planes())] {
+            let focal = case.view().projection.focal_px[0];
+            for (i, got) in values(&frame).iter().enumerate() {
+                let d = dvec2((i % 33) as f64 - 16.0, (i / 33) as f64 - 16.0);
+                // One standard deviation is 0.1·f/2 pixels.
+                let rho = (d.length() / (0.05 * focal)).powi(2).min(2.0 * d.length_squared());
+                let alpha = (f64::from(opacity) * (-0.5 * rho).exp()).min(0.99);
+                let alpha = if alpha < 1.0 / 255.0 { 0.0 } else { alpha };
+                assert!((got[3] - alpha).abs() < 1e-6, "{i}: {got:?} {alpha}");
+                if alpha > 0.0 {
+                    assert!((got[4] - 2.0).abs() < 1e-5 && (got[9] - alpha).abs() < 1e-5, "{got:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn scenes_of_nothing_show_the_background() {
+    let case = Case::new("none", gaussian_scene(no_gaussians(GaussianKind::Flat)), camera(2.0, 45.0, [20, 9]));
+    for frame in [drawn(&mut reference(), &case, planes()), drawn(&mut cpu(2), &case, planes())] {
+        let [r, g, b, a] = case.scene.background;
+        for (i, got) in frame.color().iter().enumerate() {
+            let off = [r * a, g * a, b * a, a].into_iter().zip(got).map(|(want, got)| (want - f64::from(*got)).abs());
+            assert!(off.fold(0.0, f64::max) < 1e-6, "{got:?}");
+            let rest = (frame.alpha()[i], frame.depth()[i], frame.median_depth()[i], frame.distortion()[i]);
+            assert_eq!(rest, (0.0, f32::INFINITY, f32::INFINITY, 0.0));
+        }
+    }
+}
+
+#[test]
+fn colors_stay_with_the_object_where_it_is_turned() {
+    let still = gaussian_field(GaussianKind::Flat);
+    let turn = DAffine3::from_rotation_y(1.1) * DAffine3::from_translation(dvec3(0.3, -0.2, 0.5));
+    let mut turned = still.clone();
+    turned.scene.objects[0].world_from_object = turn;
+    let along = |v: [f64; 3]| turn.transform_point3(v.into()).to_array();
+    turned.camera.eye = along(still.camera.eye);
+    turned.camera.target = along(still.camera.target);
+    turned.camera.up = turn.transform_vector3(still.camera.up.into()).to_array();
+    let [a, b] = [&still, &turned].map(|case| drawn(&mut reference(), case, planes().with_margin(true)));
+    let (mut a_values, mut b_values) = (values(&a), values(&b));
+    // Normals turn, too.
+    a_values.iter_mut().chain(&mut b_values).for_each(|v| v[7..].fill(0.0));
+    assert!(worst(&b_values, &a_values, a.margin()) < 1e-5);
+}
+
+#[test]
+fn plan_of_gaussians_has_one_pass_and_surfaces_have_none_of_it() {
+    let everything = Capabilities::everything("test");
+    let planned =
+        |case: &Case, planes| plan(&SceneSummary::of(&case.scene), &case.view(), &case.settings, planes, &everything);
+    let field = gaussian_field(GaussianKind::Flat);
+    let plain = planned(&field, Planes::COLOR).unwrap();
+    assert_eq!((plain.passes.as_slice(), plain.attributes.sums(), plain.reach_px()), (&[Pass::Gaussians][..], 1, 0));
+    // Settings of surfaces decide nothing.
+    let other = field.with("other", |s| *s = s.with_edge_aa(EdgeAa::Samples).with_shader(Shader::Toon));
+    assert_eq!(planned(&other, Planes::COLOR).unwrap(), plain);
+    let without = Capabilities { backend: "gpu", lacks: &[Feature::Gaussians, Feature::Toon, Feature::EdgeSamples] };
+    let refused = |case: &Case| {
+        let summary = SceneSummary::of(&case.scene);
+        unsupported(&summary, &case.settings, Planes::COLOR, &without).map(|e| e.to_string())
+    };
+    assert!(refused(&other).unwrap().contains("--composite surface"));
+    let ball = Case::new("ball", surfel_model::Scene::from(cloud(&sphere(50, 1.2, 1))), camera(3.0, 45.0, [16; 2]));
+    assert!(!planned(&ball, Planes::ALL).unwrap().has(Pass::Gaussians) && refused(&ball).is_none());
+    // Planes of one kind of scene, asked for of the other.
+    for planes in
+        [Planes::COLOR.with_alpha(true), Planes::COLOR.with_median_depth(true), Planes::COLOR.with_distortion(true)]
+    {
+        assert!(planned(&field, planes).is_ok());
+        assert!(planned(&ball, planes).unwrap_err().to_string().contains("--composite over"));
+    }
+    assert!(planned(&field, Planes::COLOR.with_index(true)).unwrap_err().to_string().contains("index"));
+    // One or the other.
+    let mut mixed = field.clone();
+    mixed.scene.objects.push(object(cloud(&sphere(50, 1.2, 1))));
+    assert!(planned(&mixed, Planes::COLOR).unwrap_err().to_string().contains("surfaces"));
+    let mut spaces = field.clone();
+    spaces.scene.objects.push(gaussian_object(GaussianData { linear_colors: true, ..one(0.5) }));
+    assert!(planned(&spaces, Planes::COLOR).unwrap_err().to_string().contains("linear"));
+}
+
+#[test]
+fn frame_without_planes_of_gaussians_holds_none() {
+    let case = gaussian_field(GaussianKind::Flat);
+    for frame in [drawn(&mut reference(), &case, Planes::COLOR), drawn(&mut cpu(1), &case, Planes::COLOR)] {
+        assert!(frame.alpha().is_empty() && frame.median_depth().is_empty() && frame.distortion().is_empty());
+        assert!(frame.depth().is_empty() && frame.normal().is_empty() && frame.weight().is_empty());
+    }
+}
