@@ -5,6 +5,7 @@ mod clouds;
 mod compare;
 mod machine;
 mod measure;
+mod prepare;
 mod report;
 mod scenes;
 mod table;
@@ -115,6 +116,8 @@ pub(crate) struct Arguments {
 enum Command {
     /// What every setting costs, in time and in error; as `cargo xtask tradeoff`.
     Tradeoff(tradeoff::Arguments),
+    /// What it costs to make splats of points.
+    Prepare(prepare::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -128,8 +131,10 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(Command::Tradeoff(arguments)) = &arguments.command {
-        return tradeoff::run(arguments);
+    match &arguments.command {
+        Some(Command::Tradeoff(arguments)) => return tradeoff::run(arguments),
+        Some(Command::Prepare(arguments)) => return prepare::run(arguments),
+        None => {}
     }
     if let Some([a, b]) = arguments.compare.as_deref() {
         let are_files = [a, b].map(|path| path.extension().is_some_and(|extension| extension == "json"));
