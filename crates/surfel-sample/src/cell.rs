@@ -63,7 +63,8 @@ impl Cell {
         &self.buffers[self.current][..self.len]
     }
 
-    /// Cuts off the part that is nearer to `n` than to the origin; `half` is half of its square. False if there is none.
+    /// Cuts off the part that is nearer to `n` than to the origin; `half` is half of its square. False if there is no
+    /// such part.
     #[inline]
     fn clip(&mut self, n: Vec2, half: f32) -> bool {
         if half == 0.0 || self.len == MOST_CORNERS {

@@ -44,7 +44,8 @@ pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
     (order.map(|i| a[i][i] * scale), order.map(|i| DVec3::from_array(v[i]).normalize_or(DVec3::Z)))
 }
 
-/// Eigenvalues in ascending order of a symmetric matrix without negative ones, and the unit eigenvector of the smallest.
+/// Eigenvalues in ascending order of a symmetric matrix without negative ones, and the smallest one's unit
+/// eigenvector.
 ///
 /// The smallest root of the characteristic polynomial by Newton's method from below, where it is concave, and the
 /// eigenvector as the cross product of two rows. Where these are almost parallel, [`symmetric3`] does it.

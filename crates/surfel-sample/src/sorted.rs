@@ -258,8 +258,8 @@ fn distinct(x: &mut Vec<i32>, y: &mut Vec<i32>, z: &mut Vec<i32>) -> Vec<u32> {
     starts
 }
 
-/// Sorts each run of [`RUN`] points so that the points of a leaf are close together in all directions, which on a Morton
-/// curve they aren't where it jumps. Returns where each point was.
+/// Sorts each run of [`RUN`] points so that the points of a leaf are close together in all directions, which on a
+/// Morton curve they aren't where it jumps. Returns where each point was.
 fn compact(x: &mut [i32], y: &mut [i32], z: &mut [i32]) -> Vec<u32> {
     let mut from = vec![0_u32; x.len()];
     let columns = x.chunks_mut(RUN).zip(y.chunks_mut(RUN)).zip(z.chunks_mut(RUN)).zip(from.chunks_mut(RUN));
