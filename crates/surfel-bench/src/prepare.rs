@@ -26,6 +26,9 @@ pub(crate) struct Arguments {
     runs: usize,
 }
 
+/// A run's seconds, those on CPUs where the system tells, and those of each stage.
+type Run = (f64, Option<f64>, Vec<(String, f64)>);
+
 /// Seconds of each stage.
 struct Clock(Mutex<(Instant, Vec<(String, f64)>)>);
 
@@ -69,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let points = PointCloud { positions: Column3::from_f32(shuffled), ..PointCloud::default() };
         for &threads in &arguments.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-            let mut best: Option<(f64, Option<f64>, Vec<(String, f64)>)> = None;
+            let mut best: Option<Run> = None;
             for _ in 0..arguments.runs.max(1) {
                 let (clock, start, busy) = (Clock::new(), Instant::now(), busy_ms());
                 pool.install(|| splats_from_points(&points, &PointOptions::default(), &clock))?;

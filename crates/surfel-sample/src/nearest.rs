@@ -1,14 +1,16 @@
 //! Exact nearest neighbours of points in Morton order: all that lie near a leaf are gathered once, side by side, and
 //! each of the leaf's points then looks at them by SIMD.
 
-use crate::sorted::{LEAF, SortedPoints};
+use crate::sorted::{Bounds, LEAF, SortedPoints};
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x16, i32x16};
+use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16};
 
 /// Lanes of a step.
 const LANES: usize = 16;
 /// Candidates beyond which a search by itself is faster.
 const MOST: usize = 2048;
+/// Room for those, a leaf that goes beyond them, and a last step.
+const ROOM: usize = MOST + 2 * LEAF;
 /// How often a leaf's candidates are gathered for one query, before it searches by itself.
 const MOST_GATHERED: usize = 8;
 /// Squared distance that most queries' farthest neighbour is within, over that of the query before.
@@ -35,6 +37,15 @@ struct Candidates {
     count: usize,
 }
 
+/// Candidates within a bound, in slot order.
+#[derive(Clone, Debug, Default)]
+struct Survivors {
+    distances2: Vec<f32>,
+    /// Places among the candidates.
+    places: Vec<u32>,
+    keys: Vec<u64>,
+}
+
 /// A search with its buffers. Queries that come in the order of their slots are the fastest.
 ///
 /// What it finds depends on the points alone: the nearest in f32 squared distance, equal ones by slot.
@@ -52,7 +63,8 @@ pub(crate) struct Search<'a> {
     typical2: f32,
     largest2: f32,
     stack: Vec<(usize, usize)>,
-    keys: Vec<u64>,
+    leaves: Vec<usize>,
+    survivors: Survivors,
     found: [u64; MOST_NEIGHBOURS],
     slots: [u32; MOST_NEIGHBOURS],
 }
@@ -69,7 +81,8 @@ impl<'a> Search<'a> {
             typical2: 0.0,
             largest2: 0.0,
             stack: Vec::new(),
-            keys: Vec::new(),
+            leaves: Vec::new(),
+            survivors: Survivors::default(),
             found: [0; MOST_NEIGHBOURS],
             slots: [0; MOST_NEIGHBOURS],
         }
@@ -131,7 +144,7 @@ impl<'a> Search<'a> {
                 continue;
             }
             let bound2 = sure2.min(self.complete2).min(first2);
-            if scan(self.level, &self.candidates, q, bound2, count, &mut self.keys, &mut self.found) {
+            if scan(self.level, &self.candidates, q, bound2, count, &mut self.survivors, &mut self.found) {
                 for (slot, key) in self.slots[..count].iter_mut().zip(&self.found) {
                     *slot = self.candidates.slots[*key as u32 as usize];
                 }
@@ -147,44 +160,30 @@ impl<'a> Search<'a> {
 
     /// Collects the points within a squared distance of the leaf's box; false if there are too many.
     fn gather(&mut self, reach2: f32) -> bool {
-        let c = &mut self.candidates;
-        for column in [&mut c.x, &mut c.y, &mut c.z] {
-            column.resize(MOST + 2 * LEAF, 0);
-        }
-        c.slots.resize(MOST + 2 * LEAF, 0);
-        c.count = 0;
         self.complete2 = -1.0;
         // f32 squares are within 2⁻²² of exact.
         let reach = (f64::from(reach2).sqrt() * 1.000_001 + 1.0).min(f64::from(i32::MAX)) as i32;
         let levels = self.points.levels();
         let region = levels[0][self.leaf].grown(reach);
         self.stack.clear();
+        self.leaves.clear();
         self.stack.push((levels.len() - 1, 0));
         while let Some((level, index)) = self.stack.pop() {
             if level > 0 {
                 // The first child on top, so that candidates come in the order of their slots.
                 let children = self.points.children(level, index).rev();
                 self.stack.extend(children.filter(|i| levels[level - 1][*i].meets(&region)).map(|i| (level - 1, i)));
-                continue;
+            } else if levels[0][index].meets(&region) {
+                self.leaves.push(index);
             }
-            if !levels[0][index].meets(&region) {
-                continue;
-            }
-            for slot in self.points.leaf(index) {
-                let [x, y, z] = self.points.at(slot);
-                let n = c.count;
-                (c.x[n], c.y[n], c.z[n], c.slots[n]) = (x, y, z, slot as u32);
-                let is_inside = (x >= region.lo[0])
-                    & (x <= region.hi[0])
-                    & (y >= region.lo[1])
-                    & (y <= region.hi[1])
-                    & (z >= region.lo[2])
-                    & (z <= region.hi[2]);
-                c.count += usize::from(is_inside);
-            }
-            if c.count > MOST {
-                return false;
-            }
+        }
+        let (points, leaves, candidates) = (self.points, &self.leaves, &mut self.candidates);
+        for column in [&mut candidates.x, &mut candidates.y, &mut candidates.z] {
+            column.resize(ROOM, 0);
+        }
+        candidates.slots.resize(ROOM, 0);
+        if !dispatch!(self.level, simd => collect_by(simd, points, leaves, &region, candidates)) {
+            return false;
         }
         self.complete2 = reach2;
         true
@@ -236,6 +235,58 @@ impl<'a> Search<'a> {
     }
 }
 
+/// Collects the points of `leaves` that are in `region`; false if there are too many.
+#[inline(always)]
+fn collect_by<S: Simd>(
+    simd: S,
+    points: &SortedPoints,
+    leaves: &[usize],
+    region: &Bounds,
+    candidates: &mut Candidates,
+) -> bool {
+    let c = candidates;
+    c.count = 0;
+    for leaf in leaves {
+        if c.count > MOST {
+            return false;
+        }
+        let range = points.leaf(*leaf);
+        let (xs, ys, zs) = (&points.x[range.clone()], &points.y[range.clone()], &points.z[range.clone()]);
+        let first = range.start as u32;
+        let (x_steps, y_steps, z_steps) =
+            (xs.as_chunks::<LANES>().0, ys.as_chunks::<LANES>().0, zs.as_chunks::<LANES>().0);
+        for step in 0..x_steps.len().min(y_steps.len()).min(z_steps.len()) {
+            let x = within(simd, &x_steps[step], region.lo[0], region.hi[0]);
+            let y = within(simd, &y_steps[step], region.lo[1], region.hi[1]);
+            let z = within(simd, &z_steps[step], region.lo[2], region.hi[2]);
+            let mut bits = (x & y & z).to_bitmask() as u32;
+            while bits != 0 {
+                let i = bits.trailing_zeros() as usize % LANES;
+                let n = c.count;
+                (c.x[n], c.y[n], c.z[n]) = (x_steps[step][i], y_steps[step][i], z_steps[step][i]);
+                c.slots[n] = first + (step * LANES + i) as u32;
+                c.count += 1;
+                bits &= bits - 1;
+            }
+        }
+        for i in xs.len() / LANES * LANES..xs.len() {
+            let p = [xs[i], ys[i], zs[i]];
+            if region.meets(&Bounds { lo: p, hi: p }) {
+                let n = c.count;
+                (c.x[n], c.y[n], c.z[n], c.slots[n]) = (p[0], p[1], p[2], first + i as u32);
+                c.count += 1;
+            }
+        }
+    }
+    c.count <= MOST
+}
+
+#[inline(always)]
+fn within<S: Simd>(simd: S, coordinates: &[i32; LANES], lo: i32, hi: i32) -> mask32x16<S> {
+    let c = i32x16::load_array_ref(simd, coordinates);
+    c.simd_ge(i32x16::splat(simd, lo)) & c.simd_le(i32x16::splat(simd, hi))
+}
+
 /// The `count` nearest candidates within a squared distance as keys, nearest first: the bits of the distance above
 /// the candidate's index. False if there are fewer.
 fn scan(
@@ -244,13 +295,12 @@ fn scan(
     q: [i32; 3],
     bound2: f32,
     count: usize,
-    keys: &mut Vec<u64>,
+    survivors: &mut Survivors,
     found: &mut [u64; MOST_NEIGHBOURS],
 ) -> bool {
-    if keys.len() < candidates.slots.len() + LANES {
-        keys.resize(candidates.slots.len() + LANES, 0);
-    }
-    dispatch!(level, simd => scan_by(simd, candidates, q, bound2, count, keys, found))
+    survivors.distances2.resize(ROOM, 0.0);
+    survivors.places.resize(ROOM, 0);
+    dispatch!(level, simd => scan_by(simd, candidates, q, bound2, count, survivors, found))
 }
 
 #[inline(always)]
@@ -265,7 +315,7 @@ fn scan_by<S: Simd>(
     q: [i32; 3],
     bound2: f32,
     count: usize,
-    keys: &mut [u64],
+    survivors: &mut Survivors,
     found: &mut [u64; MOST_NEIGHBOURS],
 ) -> bool {
     // No closure: those aren't inlined into SIMD code.
@@ -274,6 +324,7 @@ fn scan_by<S: Simd>(
     let c = candidates;
     let (xs, ys, zs) = (c.x.as_chunks::<LANES>().0, c.y.as_chunks::<LANES>().0, c.z.as_chunks::<LANES>().0);
     let steps = c.count.div_ceil(LANES).min(xs.len()).min(ys.len()).min(zs.len());
+    let (distances2, places) = (&mut survivors.distances2[..ROOM], &mut survivors.places[..ROOM]);
     let mut n = 0;
     for step in 0..steps {
         let first = step * LANES;
@@ -291,8 +342,8 @@ fn scan_by<S: Simd>(
         }
         let d2 = d2.to_array();
         while bits != 0 {
-            let i = bits.trailing_zeros();
-            keys[n] = u64::from(d2[i as usize].to_bits()) << 32 | u64::from(first as u32 + i);
+            let i = bits.trailing_zeros() as usize % LANES;
+            (distances2[n], places[n]) = (d2[i], (first + i) as u32);
             n += 1;
             bits &= bits - 1;
         }
@@ -301,30 +352,39 @@ fn scan_by<S: Simd>(
         return false;
     }
     if n > RANKED {
-        keys[..n].select_nth_unstable(count - 1);
-        n = count;
-    }
-    // Each key's rank is the number of smaller ones: no branch to guess wrong.
-    let padded = n.next_multiple_of(8);
-    keys[n..padded].fill(u64::MAX);
-    let groups = keys[..padded].as_chunks::<8>().0;
-    for i in 0..n {
-        let key = keys[i];
-        let mut smaller = [0_u64; 8];
-        for group in groups {
-            for lane in 0..8 {
-                smaller[lane] += u64::from(group[lane] < key);
-            }
+        let keys = &mut survivors.keys;
+        keys.clear();
+        for i in 0..n {
+            keys.push(key(distances2[i], places[i]));
         }
+        keys.select_nth_unstable(count - 1);
+        keys[..count].sort_unstable();
+        found[..count].copy_from_slice(&keys[..count]);
+        return true;
+    }
+    // Each one's rank is the number of nearer ones, and of equal ones before it: no branch to guess wrong.
+    distances2[n..n.next_multiple_of(LANES)].fill(f32::INFINITY);
+    let groups = distances2[..n.next_multiple_of(LANES)].as_chunks::<LANES>().0;
+    for i in 0..n {
+        let own = f32x16::splat(simd, distances2[i]);
         let mut rank = 0;
-        for in_lane in smaller {
-            rank += in_lane as usize;
+        for (g, group) in groups.iter().enumerate() {
+            let other = f32x16::load_array_ref(simd, group);
+            let nearer = other.simd_lt(own).to_bitmask() as u32;
+            let as_near = other.simd_le(own).to_bitmask() as u32;
+            let before = (1_u32 << i.saturating_sub(g * LANES).min(LANES)) - 1;
+            rank += (nearer | (as_near & before)).count_ones() as usize;
         }
         if rank < count {
-            found[rank] = key;
+            found[rank] = key(distances2[i], places[i]);
         }
     }
     true
+}
+
+#[inline(always)]
+fn key(distance2: f32, place: u32) -> u64 {
+    u64::from(distance2.to_bits()) << 32 | u64::from(place)
 }
 
 #[cfg(test)]

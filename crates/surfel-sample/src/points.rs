@@ -162,7 +162,7 @@ impl Made<'_> {
             let normal = |i: usize| {
                 let own = self.oriented[self.slot(input(i))].normal;
                 // A given normal may be too short for f32, or too long.
-                let given = self.given.get(input(i)).map(|n| n.as_vec3());
+                let given = self.given.get(input(i)).map(DVec3::as_vec3);
                 given.filter(|n| n.is_finite() && *n != Vec3::ZERO).unwrap_or(own)
             };
             let radius = |i: usize| assemble::radius32(self.sizes.radius(self.slot(input(i))) * self.scale);

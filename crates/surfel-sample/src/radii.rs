@@ -48,8 +48,9 @@ const ISOLATED: f64 = 8.0;
 /// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
 const RING: usize = 6;
 
-/// Points of a task. What lies around them is measured too, and again by its own task: a tenth of a plane's points.
-const BLOCK: usize = RUN;
+/// Points of a task. What lies around them is measured too, and again by its own task: of random points
+/// on a surface, about a tenth.
+const BLOCK: usize = 2 * RUN;
 /// Numbers that are computed side by side.
 const LANES: usize = 16;
 
@@ -87,7 +88,7 @@ impl Form {
     const STEPS: f64 = 32_767.0;
 
     fn new(is_isolated: bool, is_loose: bool, ellipse: Option<(f64, f64)>) -> Self {
-        let flags = u32::from(is_isolated) * Self::ISOLATED | u32::from(is_loose) * Self::LOOSE;
+        let flags = (u32::from(is_isolated) * Self::ISOLATED) | (u32::from(is_loose) * Self::LOOSE);
         // The long axis's angle in the normal's tangent frame, up to half a turn; and its length over the short one's.
         let packed = ellipse.map_or(0, |(angle, ratio)| {
             let turn = (angle / std::f64::consts::PI).rem_euclid(1.0);

@@ -324,7 +324,7 @@ fn levels(x: &[i32], y: &[i32], z: &[i32]) -> Vec<Vec<Bounds>> {
     });
     let mut levels = vec![leaves];
     while let Some(below) = levels.last().filter(|l| l.len() > 1) {
-        let group = |boxes: &[Bounds]| boxes.iter().fold(Bounds::default(), |all, b| all.with(b));
+        let group = |boxes: &[Bounds]| boxes.iter().fold(Bounds::default(), Bounds::with);
         levels.push(below.chunks(FAN).map(group).collect());
     }
     levels
