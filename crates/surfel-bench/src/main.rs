@@ -5,6 +5,7 @@ mod clouds;
 mod compare;
 mod machine;
 mod measure;
+mod prepare;
 mod report;
 mod scale;
 mod scenes;
@@ -118,6 +119,8 @@ enum Command {
     Tradeoff(tradeoff::Arguments),
     /// What jobs of many pieces take on many workers, simulated.
     Scale(scale::Arguments),
+    /// What it costs to make splats of points.
+    Prepare(prepare::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -134,6 +137,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.command {
         Some(Command::Tradeoff(arguments)) => return tradeoff::run(arguments),
         Some(Command::Scale(arguments)) => return scale::run(arguments),
+        Some(Command::Prepare(arguments)) => return prepare::run(arguments),
         None => {}
     }
     if let Some([a, b]) = arguments.compare.as_deref() {

@@ -133,7 +133,6 @@ impl NativeFrame {
                 position: position.map(|values| values.as_chunks::<3>().0),
                 other: other.into_iter().filter_map(|(name, plane)| Some((name, plane?))).collect(),
                 whole: whole.into_iter().filter_map(|(name, plane)| Some((name, plane?))).collect(),
-                ..PlanesView::default()
             };
             work(&planes)
         }))

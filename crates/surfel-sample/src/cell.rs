@@ -3,79 +3,133 @@
 //! A surface closes where every splat covers its own cell, so the cell's farthest corner is the least radius that
 //! can work, and its second moments say how the sampling is stretched.
 
-use glam::DVec2;
+use glam::Vec2;
 
-/// A convex polygon around the origin, clipped by bisectors. Buffers are kept between cells.
-#[derive(Clone, Debug, Default)]
+/// Neighbours that a cell is built among at most.
+pub(crate) const MOST_IN_CELL: usize = 64;
+/// Corners of a square and one more for each neighbour.
+const MOST_CORNERS: usize = MOST_IN_CELL + 5;
+
+/// A corner, and whether the edge that starts there is a bisector.
+#[derive(Clone, Copy, Debug, Default)]
+struct Corner {
+    at: Vec2,
+    is_bisector: bool,
+}
+
+/// A convex polygon around the origin, clipped by bisectors. Kept between cells.
+#[derive(Clone, Debug)]
 pub(crate) struct Cell {
-    /// Corners counter-clockwise, each with whether the edge that starts there is a bisector.
-    corners: Vec<(DVec2, bool)>,
-    spare: Vec<(DVec2, bool)>,
+    /// Corners counter-clockwise, and room for those that a clip leaves.
+    buffers: [[Corner; MOST_CORNERS]; 2],
+    /// Which of the two they are in.
+    current: usize,
+    len: usize,
+    /// How far each corner is beyond a bisector.
+    beyond: [f32; MOST_CORNERS],
+}
+
+impl Default for Cell {
+    fn default() -> Self {
+        let buffers = [[Corner::default(); MOST_CORNERS]; 2];
+        Self { buffers, current: 0, len: 0, beyond: [0.0; MOST_CORNERS] }
+    }
 }
 
 impl Cell {
-    /// The cell of the origin among `neighbours`, within a square of half-width `limit`.
-    pub(crate) fn build(&mut self, neighbours: &[DVec2], limit: f64) {
-        self.corners.clear();
-        for corner in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-            self.corners.push((limit * DVec2::from(corner), false));
+    /// The cell of the origin among at most [`MOST_IN_CELL`] `neighbours`, nearest first, within a square of
+    /// half-width 1.
+    pub(crate) fn build(&mut self, neighbours: &[Vec2]) {
+        self.current = 0;
+        self.len = 4;
+        for (corner, (x, y)) in self.buffers[0].iter_mut().zip([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) {
+            *corner = Corner { at: Vec2::new(x, y), is_bisector: false };
         }
+        let mut reach2 = 2.0;
         for n in neighbours {
-            self.clip(*n);
+            let square = n.length_squared();
+            // Neither this bisector nor any later one reaches the cell.
+            if square >= 4.0 * reach2 {
+                break;
+            }
+            if self.clip(*n, 0.5 * square) {
+                reach2 = self.polygon().iter().map(|c| c.at.length_squared()).fold(0.0, f32::max);
+            }
         }
     }
 
-    /// Cuts off the part that is nearer to `n` than to the origin.
-    fn clip(&mut self, n: DVec2) {
-        let half = 0.5 * n.length_squared();
-        let beyond = |c: DVec2| c.dot(n) - half;
-        if half == 0.0 || self.corners.iter().all(|c| beyond(c.0) <= 0.0) {
-            return;
+    #[inline]
+    fn polygon(&self) -> &[Corner] {
+        &self.buffers[self.current][..self.len]
+    }
+
+    /// Cuts off the part that is nearer to `n` than to the origin; `half` is half of its square. False if there is no
+    /// such part.
+    #[inline]
+    fn clip(&mut self, n: Vec2, half: f32) -> bool {
+        if half == 0.0 || self.len == MOST_CORNERS {
+            return false;
         }
-        self.spare.clear();
-        for (i, &(a, edge)) in self.corners.iter().enumerate() {
-            let b = self.corners[(i + 1) % self.corners.len()].0;
-            let (da, db) = (beyond(a), beyond(b));
-            let crossing = a + (b - a) * (da / (da - db));
-            match (da <= 0.0, db <= 0.0) {
-                (true, true) => self.spare.push((a, edge)),
-                (true, false) => self.spare.extend([(a, edge), (crossing, true)]),
-                (false, true) => self.spare.push((crossing, edge)),
-                (false, false) => {}
+        let len = self.len;
+        let [a, b] = &mut self.buffers;
+        let (from, to) = if self.current == 0 { (&*a, b) } else { (&*b, a) };
+        let mut is_cut = false;
+        for (b, c) in self.beyond[..len].iter_mut().zip(from) {
+            *b = c.at.dot(n) - half;
+            is_cut |= *b > 0.0;
+        }
+        if !is_cut {
+            return false;
+        }
+        let mut kept = 0;
+        for i in 0..len {
+            let next = if i + 1 == len { 0 } else { i + 1 };
+            let (da, db) = (self.beyond[i], self.beyond[next]);
+            if da <= 0.0 {
+                to[kept] = from[i];
+                kept += 1;
+            }
+            if (da <= 0.0) != (db <= 0.0) {
+                let at = from[i].at + (from[next].at - from[i].at) * (da / (da - db));
+                // Leaving, the bisector begins; entering, the edge goes on.
+                to[kept] = Corner { at, is_bisector: da <= 0.0 || from[i].is_bisector };
+                kept += 1;
             }
         }
-        std::mem::swap(&mut self.corners, &mut self.spare);
+        (self.len, self.current) = (kept, 1 - self.current);
+        true
     }
 
     /// True when bisectors bound the cell all around.
     pub(crate) fn is_closed(&self) -> bool {
-        self.corners.iter().all(|c| c.1)
+        self.polygon().iter().all(|c| c.is_bisector)
     }
 
     /// Corners where two bisectors meet.
-    pub(crate) fn corners(&self) -> impl Iterator<Item = DVec2> {
-        let last = self.corners.last().is_some_and(|c| c.1);
-        let before = std::iter::once(last).chain(self.corners.iter().map(|c| c.1));
-        self.corners.iter().zip(before).filter(|(c, before)| c.1 && *before).map(|(c, _)| c.0)
+    pub(crate) fn corners(&self) -> impl Iterator<Item = Vec2> {
+        let all = self.polygon();
+        let before = all.last().into_iter().chain(all);
+        all.iter().zip(before).filter(|(c, before)| c.is_bisector && before.is_bisector).map(|(c, _)| c.at)
     }
 
     /// Distance of the farthest of [`Cell::corners`], 0 when there is none.
-    pub(crate) fn reach(&self) -> f64 {
-        self.corners().map(DVec2::length).fold(0.0, f64::max)
+    pub(crate) fn reach(&self) -> f32 {
+        self.corners().map(Vec2::length_squared).fold(0.0, f32::max).sqrt()
     }
 
     /// Area, and the second moments xx, xy, yy about the centroid divided by the area.
-    pub(crate) fn moments(&self) -> (f64, [f64; 3]) {
-        let (mut area, mut first, mut second) = (0.0, DVec2::ZERO, [0.0; 3]);
-        for (i, (a, _)) in self.corners.iter().enumerate() {
-            let b = self.corners[(i + 1) % self.corners.len()].0;
+    pub(crate) fn moments(&self) -> (f32, [f32; 3]) {
+        let (mut area, mut first, mut second) = (0.0, Vec2::ZERO, [0.0; 3]);
+        let all = self.polygon();
+        for (i, corner) in all.iter().enumerate() {
+            let (a, b) = (corner.at, all[if i + 1 == all.len() { 0 } else { i + 1 }].at);
             let double = a.perp_dot(b);
             area += 0.5 * double;
-            first += (*a + b) * (double / 6.0);
-            let quadratic = |i: usize, j: usize| 2.0 * (a[i] * a[j] + b[i] * b[j]) + a[i] * b[j] + a[j] * b[i];
-            second[0] += double / 24.0 * quadratic(0, 0);
-            second[1] += double / 24.0 * quadratic(0, 1);
-            second[2] += double / 24.0 * quadratic(1, 1);
+            first += (a + b) * (double / 6.0);
+            let part = double / 24.0;
+            second[0] += part * (2.0 * (a.x * a.x + b.x * b.x) + 2.0 * a.x * b.x);
+            second[1] += part * (2.0 * (a.x * a.y + b.x * b.y) + a.x * b.y + a.y * b.x);
+            second[2] += part * (2.0 * (a.y * a.y + b.y * b.y) + 2.0 * a.y * b.y);
         }
         if area <= 0.0 {
             return (0.0, [0.0; 3]);
@@ -89,41 +143,53 @@ impl Cell {
 mod tests {
     use super::*;
 
-    fn grid(width: f64, height: f64) -> Vec<DVec2> {
+    fn grid(width: f32, height: f32) -> Vec<Vec2> {
         let mut all = Vec::new();
-        for j in -2..=2 {
-            for i in -2..=2 {
-                all.push(DVec2::new(width * f64::from(i), height * f64::from(j)));
+        for j in -2..=2_i8 {
+            for i in -2..=2_i8 {
+                all.push(Vec2::new(width * f32::from(i), height * f32::from(j)));
             }
         }
+        all.sort_by(|a, b| a.length().total_cmp(&b.length()));
         all
     }
 
     #[test]
     fn cell_of_a_grid_is_its_rectangle() {
         let mut cell = Cell::default();
-        cell.build(&grid(1.0, 4.0), 10.0);
+        cell.build(&grid(0.1, 0.4));
         assert!(cell.is_closed());
         let (area, [xx, xy, yy]) = cell.moments();
-        // A rectangle's variances are side² / 12.
-        assert!((area - 4.0).abs() < 1e-13 && (xx - 1.0 / 12.0).abs() < 1e-13, "{area} {xx}");
-        assert!((yy - 16.0 / 12.0).abs() < 1e-13 && xy.abs() < 1e-13, "{yy} {xy}");
+        // A rectangle's variances are side² / 12. Tolerances are 1e-6 of what is measured: some ten roundings of f32.
+        assert!((area - 0.04).abs() < 4e-8 && (xx - 0.01 / 12.0).abs() < 1e-9, "{area} {xx}");
+        assert!((yy - 0.16 / 12.0).abs() < 1e-8 && xy.abs() < 1e-8, "{yy} {xy}");
         let reach = cell.reach();
-        assert!((reach - 4.25_f64.sqrt()).abs() < 1e-13, "{reach}");
+        assert!((reach - 0.0425_f32.sqrt()).abs() < 1e-7, "{reach}");
     }
 
     #[test]
     fn cell_at_a_border_is_open_but_knows_its_inner_corners() {
         let mut cell = Cell::default();
-        let inner: Vec<DVec2> = grid(1.0, 1.0).into_iter().filter(|p| p.x <= 0.0).collect();
-        cell.build(&inner, 10.0);
+        let inner: Vec<Vec2> = grid(0.1, 0.1).into_iter().filter(|p| p.x <= 0.0).collect();
+        cell.build(&inner);
         assert!(!cell.is_closed());
         // A diagonal neighbour's bisector may touch a corner and leave it there twice.
-        let mut corners: Vec<DVec2> = cell.corners().collect();
-        corners.dedup_by(|a, b| a.distance(*b) < 1e-13);
+        let mut corners: Vec<Vec2> = cell.corners().collect();
+        corners.dedup_by(|a, b| a.distance(*b) < 1e-7);
         assert_eq!(corners.len(), 2, "{corners:?}");
         for c in corners {
-            assert!((c - DVec2::new(-0.5, 0.5_f64.copysign(c.y))).length() < 1e-13, "{c}");
+            assert!((c - Vec2::new(-0.05, 0.05_f32.copysign(c.y))).length() < 1e-7, "{c}");
         }
+    }
+
+    #[test]
+    fn cells_among_the_most_neighbours_on_a_circle_have_a_corner_for_each() {
+        let at = |i: usize| Vec2::from_angle(i as f32 / MOST_IN_CELL as f32 * std::f32::consts::TAU) * 0.5;
+        let mut cell = Cell::default();
+        cell.build(&(0..MOST_IN_CELL).map(at).collect::<Vec<_>>());
+        assert!(cell.is_closed());
+        // The bisectors of a regular polygon: a disk of radius ¼, but for its corners.
+        let radius = 0.25 / (std::f32::consts::PI / MOST_IN_CELL as f32).cos();
+        assert!((cell.reach() - radius).abs() < 1e-6 && cell.corners().count() >= MOST_IN_CELL);
     }
 }

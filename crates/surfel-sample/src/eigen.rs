@@ -26,8 +26,9 @@ pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
                 continue;
             }
             let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-            let t = 1.0_f64.copysign(theta) / (theta.abs() + theta.hypot(1.0));
-            let c = 1.0 / t.hypot(1.0);
+            // θ² overflows from 1e154 on: the rotation is then by 1/(2θ), which is nothing.
+            let t = 1.0_f64.copysign(theta) / (theta.abs() + (1.0 + theta * theta).sqrt());
+            let c = 1.0 / (1.0 + t * t).sqrt();
             let s = t * c;
             for row in &mut a {
                 (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
@@ -43,10 +44,58 @@ pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
     (order.map(|i| a[i][i] * scale), order.map(|i| DVec3::from_array(v[i]).normalize_or(DVec3::Z)))
 }
 
+/// Eigenvalues in ascending order of a symmetric matrix without negative ones, and the smallest one's unit
+/// eigenvector.
+///
+/// The smallest root of the characteristic polynomial by Newton's method from below, where it is concave, and the
+/// eigenvector as the cross product of two rows. Where these are almost parallel, [`symmetric3`] does it.
+pub(crate) fn smallest3(m: Symmetric3) -> ([f64; 3], DVec3) {
+    let trace = m[0] + m[3] + m[5];
+    if !(trace > 0.0 && trace.is_finite()) {
+        let (values, vectors) = symmetric3(m);
+        return (values, vectors[0]);
+    }
+    let [xx, xy, xz, yy, yz, zz] = m.map(|x| x / trace);
+    // λ³ − λ² + bλ − c, of which the trace is 1.
+    let b = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz;
+    let c = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz);
+    let mut smallest = 0.0;
+    for _ in 0..NEWTON {
+        let value = ((smallest - 1.0) * smallest + b) * smallest - c;
+        let slope = (3.0 * smallest - 2.0) * smallest + b;
+        let step = value / slope;
+        // Rounding may make the polynomial's value at 0 positive.
+        if step.is_nan() || step >= -1e-15 {
+            break;
+        }
+        smallest -= step;
+    }
+    let rows =
+        [DVec3::new(xx - smallest, xy, xz), DVec3::new(xy, yy - smallest, yz), DVec3::new(xz, yz, zz - smallest)];
+    let crosses = [rows[0].cross(rows[1]), rows[0].cross(rows[2]), rows[1].cross(rows[2])];
+    let lengths = crosses.map(DVec3::length_squared);
+    let largest = (0..3).fold(0, |best, i| if lengths[i] > lengths[best] { i } else { best });
+    if lengths[largest] < PARALLEL {
+        let (values, vectors) = symmetric3(m);
+        return (values, vectors[0]);
+    }
+    // The others' sum and product.
+    let (sum, product) = (1.0 - smallest, b - smallest * (1.0 - smallest));
+    let root = (0.25 * sum * sum - product).max(0.0).sqrt();
+    let values = [smallest, (0.5 * sum - root).max(smallest), 0.5 * sum + root];
+    (values.map(|v| v * trace), crosses[largest] / lengths[largest].sqrt())
+}
+
+/// Newton steps of [`smallest3`] at most: from a triple root, each takes a third of the way.
+const NEWTON: usize = 24;
+/// Square of the largest cross product of two rows, of a matrix of trace 1, below which [`symmetric3`] is called: where
+/// the two smaller eigenvalues are closer than 1e-6, and rounding, over the square of that, turns the vector by 1e-4.
+const PARALLEL: f64 = 1e-12;
+
 /// Eigenvalues (larger first) of [[xx, xy], [xy, yy]] and the larger one's unit eigenvector.
 pub(crate) fn symmetric2(xx: f64, xy: f64, yy: f64) -> ([f64; 2], DVec2) {
     let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
-    let radius = half.hypot(xy);
+    let radius = (half * half + xy * xy).sqrt();
     let angle = 0.5 * xy.atan2(half);
     ([mean + radius, mean - radius], DVec2::from_angle(angle))
 }
@@ -93,6 +142,38 @@ mod tests {
             }
             assert!(found[0] <= found[1] && found[1] <= found[2]);
             assert!(vectors[0].cross(vectors[1]).dot(vectors[2]).abs() > 1.0 - 1e-14);
+        }
+    }
+
+    #[test]
+    fn smallest3_agrees_with_rotations_at_any_conditioning() {
+        let mut random = crate::mesh::random::Random::new(5);
+        for round in 0..2000 {
+            let (s, t) = surfel_math::basis::orthonormal(DVec3::new(random.unit() - 0.5, random.unit(), random.unit()));
+            let (u, w) = surfel_math::basis::orthonormal(s + t * random.unit());
+            let middle = 10.0_f64.powi(-(round % 7));
+            let values = [middle * random.unit() * f64::from(round % 3) * 0.5, middle, 1.0 + random.unit()];
+            let mut values = values;
+            values.sort_by(f64::total_cmp);
+            let m = product(values, [u, w, u.cross(w)]).map(|x| x * 1e12);
+            let ((found, vector), (exact, vectors)) = (smallest3(m), symmetric3(m));
+            for k in 0..3 {
+                assert!((found[k] - exact[k]).abs() < 1e-8 * exact[2], "{k}: {found:?} {exact:?}");
+            }
+            // Rounding moves the eigenvalue by 1e-16 over the gap to the next one, and that turns the vector by as much
+            // over the gap again.
+            let gap = (exact[1] - exact[0]) / exact[2];
+            let turn = vector.cross(vectors[0]).length();
+            assert!(turn < 1e-13 + 2e-15 / (gap * gap), "{round}: {turn} at {gap}");
+            assert!((vector.length() - 1.0).abs() < 1e-14);
+        }
+        let (values, vector) = smallest3([3.0, 0.0, 0.0, 1.0, 0.0, 2.0]);
+        // A few roundings.
+        assert!(values.into_iter().zip([1.0, 2.0, 3.0]).all(|(v, exact)| (v - exact).abs() < 4e-15), "{values:?}");
+        assert!(vector.abs().distance(DVec3::Y) < 4e-15, "{vector}");
+        for m in [[0.0; 6], [f64::NAN; 6], [1.0, 0.0, 0.0, 1.0, 0.0, 1.0], [1.0; 6], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]] {
+            let (values, vector) = smallest3(m);
+            assert!(values.iter().all(|v| v.is_finite()) && (vector.length() - 1.0).abs() < 1e-14, "{m:?}");
         }
     }
 

@@ -1,6 +1,6 @@
 //! Makes splats of point clouds and triangle meshes: normals, local spacing, radii, surface sampling.
 //!
-//! - [`splats_from_points`]: normals by PCA where they are missing, oriented by a minimum spanning tree, and
+//! - [`splats_from_points`]: normals by PCA where they are missing, with signs that neighbours agree on, and
 //!   radii from each point's Voronoi cell in its tangent plane, so that the surface closes.
 //! - [`splats_from_mesh`]: one splat a face, one a vertex, or blue-noise samples.
 //! - [`octree_from_mesh`]: splats of every size and the polygons themselves, in an octree.
@@ -11,8 +11,10 @@
 //!
 //! Work runs in whatever rayon pool the caller installed; results don't depend on the number of threads.
 //!
-//! Neighbours come from a small k-d tree of our own rather than a crate's: it never allocates in a query, breaks
-//! ties of equal distance in a fixed order, takes any number of coincident points, and cannot panic on them.
+//! Points are sorted along a Morton curve and prepared in blocks, whose neighbours come from what lies near a leaf of
+//! 32 points, gathered once for all of them. The search is our own rather than a crate's: it never allocates in a
+//! query, breaks ties of equal distance in a fixed order, takes any number of coincident points, and is several times
+//! as fast. A small k-d tree serves where the queries aren't the points themselves.
 
 mod assemble;
 mod cell;
@@ -21,6 +23,8 @@ mod error;
 mod fit;
 mod interior;
 mod mesh;
+mod nearest;
+#[cfg(feature = "sharp")]
 mod neighbours;
 mod normals;
 mod options;
@@ -31,6 +35,7 @@ mod progress;
 mod radii;
 #[cfg(feature = "sharp")]
 mod sharp;
+mod sorted;
 mod tree;
 
 pub use error::SampleError;

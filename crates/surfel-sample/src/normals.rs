@@ -1,47 +1,85 @@
 //! Unoriented normals by principal component analysis (Hoppe et al. 1992, "Surface reconstruction from unorganized
 //! points", §3.2).
 
-use crate::eigen::{Symmetric3, symmetric3};
-use crate::neighbours::{Neighbours, WIDE};
-use crate::parallel::map_each;
-use crate::progress::Progress;
-use crate::tree::Nearest;
+use crate::eigen::{Symmetric3, smallest3};
+use crate::nearest::Search;
+use crate::sorted::SortedPoints;
 use glam::DVec3;
 
 /// Below this ratio of the middle to the largest variance, neighbours lie on one line (all on one scan line, say)
 /// and more of them are looked at. A 16-neighbourhood that touches the adjacent scan lines is above 0.05.
 const COLLINEAR: f64 = 0.02;
 
-/// Fills the zero entries of `normals` (one a slot) with unit normals of arbitrary sign.
-pub(crate) fn estimate(cloud: &Neighbours, normals: &mut [DVec3], progress: &dyn Progress) {
-    progress.stage("normals", cloud.len() as u64);
-    let state = || (Nearest::new(WIDE + 1), Vec::new());
-    let estimated = map_each(cloud.len(), progress, state, |(found, wide), slot| {
-        if normals[slot] != DVec3::ZERO {
-            return normals[slot];
-        }
-        let (values, vectors) = symmetric3(covariance(cloud, slot, cloud.of(slot)));
-        if values[1] > COLLINEAR * values[2] || cloud.degree < 3 {
-            return vectors[0];
-        }
-        cloud.widen(slot, found, wide);
-        symmetric3(covariance(cloud, slot, wide)).1[0]
-    });
-    normals.copy_from_slice(&estimated);
+/// Neighbours that a second look takes, where the first ones don't surround a point. 48 reach the adjacent scan line
+/// up to a spacing ratio of 1:20.
+pub(crate) const WIDE: usize = 48;
+
+/// Numbers that are summed side by side, in the same order on every machine.
+const LANES: usize = 16;
+
+/// A unit normal of arbitrary sign from a point's nearest neighbours, the farthest of which has this squared distance.
+pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, near: &[u32], farthest2: f32) -> DVec3 {
+    let (values, normal) = smallest3(covariance(points, slot, near));
+    if values[1] > COLLINEAR * values[2] || near.len() < 3 {
+        return normal;
+    }
+    let (wide, _) = search.nearest(slot, WIDE, wider(farthest2, near.len()));
+    smallest3(covariance(points, slot, wide)).1
 }
 
-/// Covariance of a point and `neighbours` about their mean, without the division by their number.
-pub(crate) fn covariance(cloud: &Neighbours, slot: usize, neighbours: &[u32]) -> Symmetric3 {
-    let p = cloud.point(slot);
-    // Relative to the point, so that nothing cancels far from the working origin.
-    let offset = |j: &u32| cloud.point(*j as usize) - p;
-    let mean = neighbours.iter().map(offset).sum::<DVec3>() / (neighbours.len() + 1) as f64;
-    let mut m = [0.0; 6];
-    for d in neighbours.iter().map(offset).chain([DVec3::ZERO]) {
-        let d = d - mean;
-        for (sum, product) in m.iter_mut().zip([d.x * d.x, d.x * d.y, d.x * d.z, d.y * d.y, d.y * d.z, d.z * d.z]) {
-            *sum += product;
+/// A guess of the squared distance of the farthest of [`WIDE`] neighbours from that of `count`: some above what it is
+/// where points are spread evenly over a surface.
+pub(crate) fn wider(farthest2: f32, count: usize) -> f32 {
+    1.3 * farthest2 * (WIDE as f32 / count.max(1) as f32)
+}
+
+/// Covariance of a point and `neighbours` about their mean, times their number, in steps.
+pub(crate) fn covariance(points: &SortedPoints, slot: usize, neighbours: &[u32]) -> Symmetric3 {
+    let p = points.at(slot);
+    let (mut first, mut second) = ([[0.0_f32; LANES]; 3], [[0.0_f32; LANES]; 6]);
+    for part in neighbours.chunks(LANES) {
+        // Relative to the point, exactly, so that nothing cancels far from the origin; zeros add nothing.
+        let mut d = [[0.0_f32; LANES]; 3];
+        for (i, j) in part.iter().enumerate() {
+            let q = points.at(*j as usize);
+            for k in 0..3 {
+                d[k][i] = (q[k] - p[k]) as f32;
+            }
+        }
+        let [x, y, z] = d;
+        for i in 0..LANES {
+            first[0][i] += x[i];
+            first[1][i] += y[i];
+            first[2][i] += z[i];
+            second[0][i] += x[i] * x[i];
+            second[1][i] += x[i] * y[i];
+            second[2][i] += x[i] * z[i];
+            second[3][i] += y[i] * y[i];
+            second[4][i] += y[i] * z[i];
+            second[5][i] += z[i] * z[i];
         }
     }
-    m
+    let count = (neighbours.len() + 1) as f64;
+    let [x, y, z] = first.map(sum);
+    let [xx, xy, xz, yy, yz, zz] = second.map(sum);
+    [
+        xx - x * x / count,
+        xy - x * y / count,
+        xz - x * z / count,
+        yy - y * y / count,
+        yz - y * z / count,
+        zz - z * z / count,
+    ]
+}
+
+/// The sum of all lanes.
+fn sum(mut lanes: [f32; LANES]) -> f64 {
+    let mut half = LANES / 2;
+    while half > 0 {
+        for i in 0..half {
+            lanes[i] += lanes[i + half];
+        }
+        half /= 2;
+    }
+    f64::from(lanes[0])
 }

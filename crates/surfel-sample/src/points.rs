@@ -1,10 +1,12 @@
 //! Points to splats.
 
-use crate::neighbours::Neighbours;
-use crate::radii::{self, Sizes, Spacing, median};
-use crate::{Outliers, PointOptions, PointReport, Progress, SampleError};
-use crate::{assemble, interior, normals, orient};
-use glam::DVec3;
+use crate::orient::{Oriented, Outside};
+use crate::parallel::map_each;
+use crate::radii::{self, Sizes, Spacing};
+use crate::sorted::SortedPoints;
+use crate::{NoProgress, Outliers, PointOptions, PointReport, Progress, SampleError};
+use crate::{assemble, interior, orient};
+use glam::{DVec3, Vec3};
 use std::borrow::Cow;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{CloudData, Column3, OnInvalid, PointCloud, Shape, SplatCloud, Up};
@@ -36,42 +38,47 @@ pub fn splats_from_points(
     if points.is_empty() {
         return Err(SampleError::Empty { what: "point cloud", missing: "points" });
     }
-    let positions: Vec<DVec3> = (0..points.len()).map(|i| points.positions.get(i)).collect();
-    let cloud = Neighbours::new(&positions, options.neighbours, progress)?;
-    drop(positions);
+    progress.stage("sorting", points.len() as u64);
+    let sorted = SortedPoints::new(points.len(), |i| points.positions.get(i))?;
+    progress.advance(points.len() as u64);
 
-    let mut report = PointReport { duplicates: points.len() - cloud.len(), ..PointReport::default() };
+    let mut report = PointReport { duplicates: points.len() - sorted.len(), ..PointReport::default() };
     let given = GivenNormals(points.normals.as_ref());
-    report.normals_given = (0..points.len()).filter(|i| given.get(*i).is_some()).count();
+    report.normals_given = given.count();
     report.normals_estimated = points.len() - report.normals_given;
-    let unit_normals = complete_normals(points, &given, &cloud, options, progress);
-    let sizes =
-        radii::sizes(&cloud, &unit_normals, Spacing::Unknown(LONE_RADIUS / radii::DENSITY), options.ellipses, progress);
+    let degree = options.neighbours.min(sorted.len() - 1);
+    let oriented = complete_normals(points, &given, &sorted, degree, options, progress);
+    let lone = Spacing::Unknown(LONE_RADIUS / radii::DENSITY / sorted.step);
+    let sizes = radii::sizes(&sorted, &oriented, degree, lone, options.ellipses, progress);
+    let (slot_of, slots, scale) = (sorted.slots(), sorted.len(), sorted.step * options.radius_scale);
+    drop(sorted);
 
-    report.outliers = cloud.slot_of.iter().filter(|s| sizes.isolated[**s as usize]).count();
+    report.outliers = slot_of.iter().filter(|s| sizes.is_isolated(**s as usize)).count();
     let mut source = Cow::Borrowed(points);
-    let mut kept: Vec<u32> = (0..points.len() as u32).collect();
+    let mut kept: Option<Vec<u32>> = None;
     let drop_outliers = options.outliers == Outliers::Drop && report.outliers > 0 && report.outliers < points.len();
     if drop_outliers || report.duplicates >= options.coincident.max(1) {
-        let mut in_slot = vec![0_usize; cloud.len()];
+        let mut in_slot = vec![0_usize; slots];
         let mut keep = vec![true; points.len()];
-        for (keep, slot) in keep.iter_mut().zip(&cloud.slot_of) {
+        for (keep, slot) in keep.iter_mut().zip(&slot_of) {
             let slot = *slot as usize;
             in_slot[slot] += 1;
             let is_room = in_slot[slot] <= options.coincident.max(1);
             report.left_out += usize::from(!is_room);
-            *keep = is_room && !(drop_outliers && sizes.isolated[slot]);
+            *keep = is_room && !(drop_outliers && sizes.is_isolated(slot));
         }
         source.to_mut().retain(&keep);
-        kept.retain(|i| keep[*i as usize]);
+        kept = Some((0..points.len() as u32).filter(|i| keep[*i as usize]).collect());
     }
-    let scale = cloud.scale * options.radius_scale;
-    let shape = shape(&kept, &cloud, &sizes, &unit_normals, &given, scale);
-    let slots = kept.iter().map(|i| cloud.slot_of[*i as usize] as usize);
-    let mut larger: Vec<f64> = slots.clone().map(|s| sizes.radii[s] * scale).collect();
-    report.splats = kept.len();
-    report.median_radius = median(&mut larger).unwrap_or(0.0);
+    let made = Made { slot_of: &slot_of, oriented: &oriented, sizes: &sizes, given: &given, scale };
+    let input = |i: usize| kept.as_ref().map_or(i, |k| k[i] as usize);
+    report.splats = source.len();
+    report.median_radius =
+        radii::median_of(report.splats, |i| assemble::radius32(sizes.radius(made.slot(input(i))) * scale))
+            .map_or(0.0, f64::from);
     report.ellipses = sizes.stretched;
+    let shape = made.shape(report.splats, &input);
+    drop((slot_of, oriented, sizes, kept));
 
     let source = source.into_owned();
     let data = CloudData {
@@ -101,72 +108,93 @@ impl GivenNormals<'_> {
     fn get(&self, i: usize) -> Option<DVec3> {
         self.0.map(|c| c.get(i)).filter(|n| n.is_finite() && *n != DVec3::ZERO)
     }
+
+    /// How many there are.
+    fn count(&self) -> usize {
+        self.0.map_or(0, |c| (0..c.len()).filter(|i| self.get(*i).is_some()).count())
+    }
 }
 
 /// A unit normal for each slot: given where one of its points has one, else estimated and oriented.
 fn complete_normals(
     points: &PointCloud,
     given: &GivenNormals,
-    cloud: &Neighbours,
+    sorted: &SortedPoints,
+    degree: usize,
     options: &PointOptions,
     progress: &dyn Progress,
-) -> Vec<DVec3> {
-    let mut known = vec![DVec3::ZERO; cloud.len()];
-    for (i, slot) in cloud.slot_of.iter().enumerate() {
-        if known[*slot as usize] == DVec3::ZERO {
-            known[*slot as usize] = given.get(i).map_or(DVec3::ZERO, unit);
-        }
+) -> Vec<Oriented> {
+    let known = given.0.map(|_| {
+        let normal = |slot: usize| {
+            let first = sorted.inputs(slot).iter().find_map(|i| given.get(*i as usize));
+            first.map_or(Vec3::ZERO, |n| unit(n).as_vec3())
+        };
+        map_each(sorted.len(), &NoProgress, || (), |(), slot| normal(slot))
+    });
+    if let Some(known) = known.as_ref().filter(|k| k.iter().all(|n| *n != Vec3::ZERO)) {
+        return known.iter().map(|normal| Oriented { normal: *normal, farthest2: 0.0 }).collect();
     }
-    let is_given: Vec<bool> = known.iter().map(|n| *n != DVec3::ZERO).collect();
-    if is_given.iter().all(|g| *g) {
-        return known;
-    }
-    normals::estimate(cloud, &mut known, progress);
-    match options.viewpoint.or(points.viewpoint) {
-        Some(v) => orient::toward(cloud, &mut known, &is_given, (v - points.origin - cloud.center) / cloud.scale),
-        None => {
-            let up = points.up.map_or(DVec3::Z, Up::vector);
-            orient::orient(cloud, &mut known, &is_given, up, progress);
-        }
-    }
-    known
+    let outside = match options.viewpoint.or(points.viewpoint) {
+        Some(v) => Outside::Toward((v - points.origin - sorted.center) / sorted.step),
+        None => Outside::Outward { up: points.up.map_or(DVec3::Z, Up::vector) },
+    };
+    orient::normals(sorted, degree, known.as_deref(), outside, progress)
 }
 
-/// The shape column of the points `kept`.
-fn shape(
-    kept: &[u32],
-    cloud: &Neighbours,
-    sizes: &Sizes,
-    unit_normals: &[DVec3],
-    given: &GivenNormals,
+/// What there is to know about each slot.
+struct Made<'a> {
+    slot_of: &'a [u32],
+    oriented: &'a [Oriented],
+    sizes: &'a Sizes,
+    given: &'a GivenNormals<'a>,
+    /// Object units of a step, times what radii are to be multiplied by.
     scale: f64,
-) -> Shape {
-    let slot = |i: u32| cloud.slot_of[i as usize] as usize;
-    let Some(axes) = &sizes.axes else {
-        let normal = |i: &u32| given.get(*i as usize).unwrap_or(unit_normals[slot(*i)]).as_vec3();
-        // A given normal may be too short for f32, or too long.
-        let sound = |n: glam::Vec3, i: &u32| {
-            if n.is_finite() && n != glam::Vec3::ZERO { n } else { unit_normals[slot(*i)].as_vec3() }
-        };
-        return Shape::Disks {
-            normals: Column3::from_f32(kept.iter().map(|i| sound(normal(i), i)).collect()),
-            radii: kept.iter().map(|i| assemble::radius32(sizes.radii[slot(*i)] * scale)).collect(),
-        };
-    };
-    let own = |i: &u32| {
-        let (s, t) = axes[slot(*i)];
-        let (s, t) = (s * scale, t * scale);
-        // Coincident points share a slot, but not always a normal.
-        let normal = given.get(*i as usize).map_or(unit_normals[slot(*i)], unit);
-        match normal.dot(unit_normals[slot(*i)]) {
-            same if same > 0.999 => (s, t),
-            opposite if opposite < -0.999 => (s, -t),
-            _ => {
-                let (u, v) = orthonormal(normal);
-                let radius = (s.length() * t.length()).sqrt();
-                (u * radius, v * radius)
-            }
+}
+
+impl Made<'_> {
+    fn slot(&self, input: usize) -> usize {
+        self.slot_of[input] as usize
+    }
+
+    /// The shape column of `count` points, of which `input` says their index in the input.
+    fn shape(&self, count: usize, input: &(impl Fn(usize) -> usize + Sync)) -> Shape {
+        if self.sizes.stretched == 0 {
+            let normal = |i: usize| {
+                let own = self.oriented[self.slot(input(i))].normal;
+                // A given normal may be too short for f32, or too long.
+                let given = self.given.get(input(i)).map(DVec3::as_vec3);
+                given.filter(|n| n.is_finite() && *n != Vec3::ZERO).unwrap_or(own)
+            };
+            let radius = |i: usize| assemble::radius32(self.sizes.radius(self.slot(input(i))) * self.scale);
+            return Shape::Disks {
+                normals: Column3::from_f32(map_each(count, &NoProgress, || (), |(), i| normal(i))),
+                radii: map_each(count, &NoProgress, || (), |(), i| radius(i)),
+            };
         }
-    };
-    assemble::ellipses(&kept.iter().map(own).collect::<Vec<_>>())
+        let axes = |i: usize| {
+            let slot = self.slot(input(i));
+            let own = self.oriented[slot].normal.as_dvec3();
+            let (s, t) = self.sizes.axes(slot, own);
+            let (s, t) = (s * self.scale, t * self.scale);
+            // Coincident points share a slot, but not always a normal.
+            let normal = self.given.get(input(i)).map_or(own, unit);
+            match normal.dot(own) {
+                same if same > 0.999 => (s, t),
+                opposite if opposite < -0.999 => (s, -t),
+                _ => {
+                    let (u, v) = orthonormal(normal);
+                    let radius = (s.length() * t.length()).sqrt();
+                    (u * radius, v * radius)
+                }
+            }
+        };
+        let half = |i: usize| {
+            let (s, t) = axes(i);
+            (s.as_vec3(), t.as_vec3())
+        };
+        Shape::Ellipses {
+            s: Column3::from_f32(map_each(count, &NoProgress, || (), |(), i| half(i).0)),
+            t: Column3::from_f32(map_each(count, &NoProgress, || (), |(), i| half(i).1)),
+        }
+    }
 }

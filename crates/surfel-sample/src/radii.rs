@@ -7,14 +7,17 @@
 //! are all covered has no holes. Where cells are stretched alike over a neighbourhood (scan lines), the same two
 //! rules are applied after the affine map that makes them round, and the splat is an ellipse.
 
-use crate::cell::Cell;
+use crate::cell::{Cell, MOST_IN_CELL};
 use crate::eigen::symmetric2;
-use crate::neighbours::{Neighbours, WIDE};
-use crate::parallel::map_each;
+use crate::nearest::{Search, distance2};
+use crate::normals::{WIDE, wider};
+use crate::orient::Oriented;
+use crate::parallel::{for_chunks, map_tasks};
 use crate::progress::Progress;
-use crate::tree::Nearest;
-use glam::{DVec2, DVec3};
-use surfel_math::basis::orthonormal;
+use crate::sorted::{RUN, SortedPoints};
+use glam::{DVec2, DVec3, Vec2, Vec3};
+use std::collections::HashMap;
+use std::ops::Range;
 
 /// Radius over the square root of the area per point.
 pub(crate) const DENSITY: f64 = 1.65;
@@ -34,58 +37,118 @@ const STRETCHED_SHARE: f64 = 0.1;
 /// A closed cell is believed when its corners are no farther than this share of the farthest neighbour: at a border,
 /// where points jut out by chance, cells close far outside the surface. Shares for the table's neighbours and for
 /// the wider look, which is more generous in itself; half the spacing of scan lines must pass.
-const BELIEVED: f64 = 0.75;
-const BELIEVED_WIDE: f64 = 0.55;
+const BELIEVED: f32 = 0.75;
+const BELIEVED_WIDE: f32 = 0.55;
 /// Neighbours take part in a point's cell when their normals agree within 60°, and they lie within 60° of its
 /// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
-const AGREE: f64 = 0.5;
-const STEEPEST: f64 = 0.866;
+const AGREE: f32 = 0.5;
+const STEEPEST: f32 = 0.866;
 /// A point is isolated when its spacing is this many times the median of its neighbours' spacings.
 const ISOLATED: f64 = 8.0;
 /// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
 const RING: usize = 6;
 
-/// Sizes in working units, one a slot.
+/// Points of a task. What lies around them is measured too, and again by its own task: of random points
+/// on a surface, about a tenth.
+const BLOCK: usize = 2 * RUN;
+/// Numbers that are computed side by side.
+const LANES: usize = 16;
+
+/// Sizes in steps, one a slot.
 #[derive(Debug)]
 pub(crate) struct Sizes {
-    pub(crate) radii: Vec<f64>,
-    /// Half-axes (s, t) of every splat, s × t along the normal, where the cloud is stretched; the number of splats
-    /// that are not circles is `stretched`.
-    pub(crate) axes: Option<Vec<(DVec3, DVec3)>>,
+    all: Vec<Size>,
+    /// The spacing of the cloud.
+    typical: f64,
+    /// Splats that are not circles, where the cloud is stretched, else 0.
     pub(crate) stretched: usize,
-    pub(crate) isolated: Vec<bool>,
 }
 
-/// Measures of one point's cell; f32 halves the memory, and 1e-7 is nothing here.
-#[derive(Clone, Copy, Default)]
-struct Summary {
-    /// Area of a closed cell, else 0.
-    area: f32,
-    /// Distance of the farthest corner, 0 when there is none.
-    reach: f32,
-    /// Distance to the sixth neighbour.
+/// A size as one point's neighbourhood suggests it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Size {
+    /// Radius of a disk; 0 where there is no neighbour.
+    radius: f32,
+    /// √ of the area per point.
     spacing: f32,
-    /// Second moments of a closed cell about its centroid over its area: xx xy xz yy yz zz in space.
-    moments: [f32; 6],
+    /// √ of the product of an ellipse's half-axes.
+    mean: f32,
+    form: Form,
 }
 
-#[derive(Clone)]
-struct Work {
-    cell: Cell,
-    offsets: Vec<DVec2>,
-    found: Nearest,
-    wide: Vec<u32>,
-    values: Vec<f64>,
-}
+/// What else there is to a size, in 32 bits.
+#[derive(Clone, Copy, Debug, Default)]
+struct Form(u32);
 
-impl Work {
-    fn new() -> Self {
-        let found = Nearest::new(WIDE + 1);
-        Self { cell: Cell::default(), offsets: Vec::new(), found, wide: Vec::new(), values: Vec::new() }
+impl Form {
+    const ISOLATED: u32 = 1 << 31;
+    /// Neither it nor any neighbour is surrounded: a few stray points are, and they must not become large.
+    const LOOSE: u32 = 1 << 30;
+    /// Steps of the angle's and the ratio's 15 bits.
+    const STEPS: f64 = 32_767.0;
+
+    fn new(is_isolated: bool, is_loose: bool, ellipse: Option<(f64, f64)>) -> Self {
+        let flags = (u32::from(is_isolated) * Self::ISOLATED) | (u32::from(is_loose) * Self::LOOSE);
+        // The long axis's angle in the normal's tangent frame, up to half a turn; and its length over the short one's.
+        let packed = ellipse.map_or(0, |(angle, ratio)| {
+            let turn = (angle / std::f64::consts::PI).rem_euclid(1.0);
+            ((ratio / MOST_STRETCHED * Self::STEPS).round() as u32) << 15 | (turn * Self::STEPS).round() as u32
+        });
+        Self(flags | packed)
+    }
+
+    fn is(self, flag: u32) -> bool {
+        self.0 & flag != 0
+    }
+
+    fn ellipse(self) -> Option<(f64, f64)> {
+        let ratio = self.0 >> 15 & 0x7fff;
+        let angle = f64::from(self.0 & 0x7fff) / Self::STEPS * std::f64::consts::PI;
+        (ratio > 0).then_some((angle, f64::from(ratio) / Self::STEPS * MOST_STRETCHED))
     }
 }
 
-/// The spacing of points, as far as it is known beforehand, in working units.
+impl Sizes {
+    /// Radius of a disk of this slot, kept within what suits the cloud.
+    fn bounded(&self, own: f64, size: &Size) -> f64 {
+        match (own > 0.0, size.form.is(Form::ISOLATED), size.form.is(Form::LOOSE)) {
+            (false, ..) => DENSITY * self.typical,
+            (true, true, _) => own.min(DENSITY * self.typical),
+            (true, false, true) => own.min(LARGEST * DENSITY * self.typical),
+            (true, false, false) => own,
+        }
+    }
+
+    pub(crate) fn is_isolated(&self, slot: usize) -> bool {
+        self.all[slot].form.is(Form::ISOLATED)
+    }
+
+    /// The larger half-axis.
+    pub(crate) fn radius(&self, slot: usize) -> f64 {
+        let size = &self.all[slot];
+        match size.form.ellipse().filter(|_| self.stretched > 0) {
+            Some((_, ratio)) => self.bounded(f64::from(size.mean), size) * ratio.sqrt(),
+            None => self.bounded(f64::from(size.radius), size),
+        }
+    }
+
+    /// Half-axes (s, t), s × t along the unit `normal`.
+    pub(crate) fn axes(&self, slot: usize, normal: DVec3) -> (DVec3, DVec3) {
+        let size = &self.all[slot];
+        let (u, v) = tangents(normal.as_vec3());
+        let (u, v) = (u.as_dvec3(), v.as_dvec3());
+        let Some((angle, ratio)) = size.form.ellipse().filter(|_| self.stretched > 0) else {
+            let radius = self.bounded(f64::from(size.radius), size);
+            return (u * radius, v * radius);
+        };
+        let (mean, direction) = (self.bounded(f64::from(size.mean), size), DVec2::from_angle(angle));
+        let s = u * direction.x + v * direction.y;
+        let t = v * direction.x - u * direction.y;
+        (s * (mean * ratio.sqrt()), t * (mean / ratio.sqrt()))
+    }
+}
+
+/// The spacing of points, as far as it is known beforehand, in steps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Spacing {
     /// Nothing; a cloud that has none (one point) gets this.
@@ -94,211 +157,375 @@ pub(crate) enum Spacing {
     Known(f64),
 }
 
-/// Measures sizes for points with unit `normals` (one a slot); ellipses only if `ellipses`.
+/// Measures sizes from the `degree` nearest of each point (one of `oriented` a slot); ellipses only if `ellipses`.
 pub(crate) fn sizes(
-    cloud: &Neighbours,
-    normals: &[DVec3],
+    points: &SortedPoints,
+    oriented: &[Oriented],
+    degree: usize,
     spacing: Spacing,
     ellipses: bool,
     progress: &dyn Progress,
 ) -> Sizes {
     let (Spacing::Unknown(fallback) | Spacing::Known(fallback)) = spacing;
-    let known = if let Spacing::Known(s) = spacing { Some(s) } else { None };
-    let count = cloud.len();
-    progress.stage("radii", 2 * count as u64);
-    let measure = Measure { cloud, normals, known };
-    let summaries = map_each(count, progress, Work::new, |work, slot| measure.summary(slot, work));
-    let results = map_each(count, progress, Work::new, |work, slot| measure.size(slot, &summaries, work));
-
-    let typical = median(&mut results.iter().map(|r| r.spacing).filter(|s| *s > 0.0).collect::<Vec<_>>());
-    let typical = typical.unwrap_or(fallback);
-    let radius = |own: f64, r: &Size| match (own > 0.0, r.isolated, r.is_loose) {
-        (false, ..) => DENSITY * typical,
-        (true, true, _) => own.min(DENSITY * typical),
-        (true, false, true) => own.min(LARGEST * DENSITY * typical),
-        (true, false, false) => own,
-    };
-    let stretched = results.iter().filter(|r| r.ellipse.is_some()).count();
-    let isolated = results.iter().map(|r| r.isolated).collect();
-    let mut radii: Vec<f64> = results.iter().map(|r| radius(r.radius, r)).collect();
-    if !ellipses || (stretched as f64) < STRETCHED_SHARE * count as f64 {
-        return Sizes { radii, axes: None, stretched: 0, isolated };
-    }
-    let axes = results.iter().zip(&mut radii).zip(normals).map(|((r, radius_max), normal)| {
-        let (u, v) = orthonormal(*normal);
-        let Some(Ellipse { angle, ratio, radius: own }) = r.ellipse else { return (u * *radius_max, v * *radius_max) };
-        let (mean, direction) = (radius(own, r), DVec2::from_angle(angle));
-        *radius_max = mean * ratio.sqrt();
-        let s = u * direction.x + v * direction.y;
-        let t = v * direction.x - u * direction.y;
-        (s * *radius_max, t * (mean / ratio.sqrt()))
+    let known = if let Spacing::Known(s) = spacing { Some(s as f32) } else { None };
+    let count = points.len();
+    progress.stage("radii", count as u64);
+    let mut all = vec![Size::default(); count];
+    let degree = degree.min(count - 1);
+    for_chunks(&mut all, BLOCK, &|first, sizes| {
+        let mut block = Block::new(points, oriented, degree, known, ellipses);
+        block.measure(first..first + sizes.len());
+        for (i, size) in sizes.iter_mut().enumerate() {
+            *size = block.size(i);
+        }
+        progress.advance(sizes.len() as u64);
     });
-    let axes = axes.collect();
-    Sizes { radii, axes: Some(axes), stretched, isolated }
+    let typical = median_of(count, |i| all[i].spacing).filter(|s| *s > 0.0).map_or(fallback, f64::from);
+    let stretched = all.iter().filter(|s| s.form.ellipse().is_some()).count();
+    let is_stretched = stretched > 0 && stretched as f64 >= STRETCHED_SHARE * count as f64;
+    Sizes { all, typical, stretched: if is_stretched { stretched } else { 0 } }
 }
 
-/// A size as one point's neighbourhood suggests it.
-#[derive(Clone, Default)]
-struct Size {
-    /// Radius of a disk; 0 where there is no neighbour.
-    radius: f64,
-    /// √ of the area per point.
-    spacing: f64,
-    ellipse: Option<Ellipse>,
-    isolated: bool,
-    /// Neither it nor any neighbour is surrounded: a few stray points are, and they must not become large.
-    is_loose: bool,
+/// Measures of one point's cell, in steps.
+#[derive(Clone, Copy, Default)]
+struct Summary {
+    /// Area of a closed cell, else 0.
+    area: f32,
+    /// Distance of the farthest corner, 0 when there is none.
+    reach: f32,
+    /// Distance to the sixth neighbour.
+    spacing: f32,
+    /// Whether more neighbours than the row's closed it.
+    is_wide: bool,
+    /// Second moments of a closed cell about its centroid: xx xy xz yy yz zz in space.
+    moments: [f32; 6],
 }
 
-#[derive(Clone)]
-struct Ellipse {
-    /// Of the long axis, in the normal's tangent frame.
-    angle: f64,
-    /// Long axis over short axis.
-    ratio: f64,
-    /// √ of the product of the half-axes.
-    radius: f64,
+/// Unit tangents of a unit normal, as `surfel_math::basis::orthonormal` has them.
+#[inline]
+fn tangents(n: Vec3) -> (Vec3, Vec3) {
+    let sign = 1.0_f32.copysign(n.z);
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-struct Measure<'a> {
-    cloud: &'a Neighbours,
-    normals: &'a [DVec3],
-    known: Option<f64>,
+/// Cells of a run of slots and of the points around them.
+struct Block<'a> {
+    points: &'a SortedPoints,
+    oriented: &'a [Oriented],
+    degree: usize,
+    known: Option<f32>,
+    ellipses: bool,
+    search: Search<'a>,
+    cell: Cell,
+    offsets: [Vec2; MOST_IN_CELL],
+    /// The run, the slots of other points that are neighbours of its own, in ascending order, and the neighbours of
+    /// them all, own ones first.
+    own: Range<usize>,
+    halo: Vec<u32>,
+    rows: Vec<u32>,
+    summaries: Vec<Summary>,
+    /// Those of points farther away, where a wider look takes them.
+    far: HashMap<u32, Summary>,
 }
 
-impl Measure<'_> {
+impl<'a> Block<'a> {
+    fn new(
+        points: &'a SortedPoints,
+        oriented: &'a [Oriented],
+        degree: usize,
+        known: Option<f32>,
+        ellipses: bool,
+    ) -> Self {
+        Self {
+            points,
+            oriented,
+            degree,
+            known,
+            ellipses,
+            search: Search::new(points),
+            cell: Cell::default(),
+            offsets: [Vec2::ZERO; MOST_IN_CELL],
+            own: 0..0,
+            halo: Vec::new(),
+            rows: Vec::new(),
+            summaries: Vec::new(),
+            far: HashMap::new(),
+        }
+    }
+
+    /// Builds the cells.
+    fn measure(&mut self, own: Range<usize>) {
+        for slot in own.clone() {
+            let (near, _) = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2);
+            self.rows.extend_from_slice(near);
+        }
+        self.halo.extend(self.rows.iter().filter(|j| !own.contains(&(**j as usize))));
+        self.halo.sort_unstable();
+        self.halo.dedup();
+        for slot in &self.halo {
+            let slot = *slot as usize;
+            let (near, _) = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2);
+            self.rows.extend_from_slice(near);
+        }
+        let rows = std::mem::take(&mut self.rows);
+        for i in 0..own.len() + self.halo.len() {
+            let slot = if i < own.len() { own.start + i } else { self.halo[i - own.len()] as usize };
+            let summary = self.summary(slot, &rows[i * self.degree..(i + 1) * self.degree]);
+            self.summaries.push(summary);
+        }
+        (self.rows, self.own) = (rows, own);
+    }
+
+    #[inline]
     fn same_side(&self, a: usize, b: usize) -> bool {
-        self.normals[a].dot(self.normals[b]) >= AGREE
+        self.oriented[a].normal.dot(self.oriented[b].normal) >= AGREE
     }
 
-    /// Builds the cell of `slot` among `neighbours`, unrolled into its tangent plane: directions are projected,
-    /// distances are kept, as on the surface itself. True if it is closed, with corners within the `believed` share
-    /// of the farthest neighbour's distance.
-    fn cell(&self, slot: usize, neighbours: &[u32], believed: f64, cell: &mut Cell, offsets: &mut Vec<DVec2>) -> bool {
-        let (p, n) = (self.cloud.point(slot), self.normals[slot]);
-        let (u, v) = orthonormal(n);
-        offsets.clear();
-        let mut limit = 0.0;
-        for &j in neighbours {
-            let d = self.cloud.point(j as usize) - p;
-            let distance = d.length();
-            limit = distance;
-            if d.dot(n).abs() <= STEEPEST * distance && self.same_side(slot, j as usize) {
-                let flat = DVec2::new(d.dot(u), d.dot(v));
-                offsets.push(flat * (distance / flat.length()));
+    /// The summary of a slot, which was measured or is now.
+    fn summary_of(&mut self, slot: u32) -> Summary {
+        if let Some(known) = self.measured(slot) {
+            return *known;
+        }
+        if let Some(known) = self.far.get(&slot) {
+            return *known;
+        }
+        let (near, _) = self.search.nearest(slot as usize, self.degree, self.oriented[slot as usize].farthest2);
+        let near = near.to_vec();
+        let summary = self.summary(slot as usize, &near);
+        self.far.insert(slot, summary);
+        summary
+    }
+
+    #[inline]
+    fn measured(&self, slot: u32) -> Option<&Summary> {
+        if self.own.contains(&(slot as usize)) {
+            return Some(&self.summaries[slot as usize - self.own.start]);
+        }
+        self.halo.binary_search(&slot).ok().map(|i| &self.summaries[self.own.len() + i])
+    }
+
+    /// Builds the cell of `slot` among `near`, unrolled into its tangent plane: directions are projected, distances
+    /// are kept, as on the surface itself. Lengths are in units of the farthest one's distance, which is returned.
+    /// True if it is closed, with corners within the `believed` share of that distance.
+    fn build(&mut self, slot: usize, near: &[u32], believed: f32) -> (bool, f32) {
+        let (p, n) = (self.points.at(slot), self.oriented[slot].normal);
+        let (u, v) = tangents(n);
+        let Some(last) = near.last() else { return (false, 0.0) };
+        let limit2 = distance2(self.points.at(*last as usize), p);
+        let limit = limit2.sqrt();
+        let mut count = 0;
+        for part in near.chunks(LANES) {
+            let (mut d, mut m) = ([[0.0_f32; LANES]; 3], [[0.0_f32; LANES]; 3]);
+            for (i, j) in part.iter().enumerate() {
+                let (q, o) = (self.points.at(*j as usize), self.oriented[*j as usize].normal);
+                for k in 0..3 {
+                    (d[k][i], m[k][i]) = ((q[k] - p[k]) as f32, o[k]);
+                }
+            }
+            let (mut at, mut takes_part) = ([[0.0_f32; LANES]; 2], [false; LANES]);
+            for i in 0..LANES {
+                let [x, y, z] = [d[0][i], d[1][i], d[2][i]];
+                let square = x * x + y * y + z * z;
+                let above = x * n.x + y * n.y + z * n.z;
+                let flat = [x * u.x + y * u.y + z * u.z, x * v.x + y * v.y + z * v.z];
+                let scale = (square / ((flat[0] * flat[0] + flat[1] * flat[1]) * limit2)).sqrt();
+                let facing = m[0][i] * n.x + m[1][i] * n.y + m[2][i] * n.z;
+                (at[0][i], at[1][i]) = (flat[0] * scale, flat[1] * scale);
+                takes_part[i] = (above * above <= STEEPEST * STEEPEST * square) & (facing >= AGREE);
+            }
+            for i in 0..part.len() {
+                self.offsets[count] = Vec2::new(at[0][i], at[1][i]);
+                count += usize::from(takes_part[i]);
             }
         }
-        cell.build(offsets, limit);
+        self.cell.build(&self.offsets[..count]);
         // Where half of the neighbours are another sheet's, the farthest of this one's would be farther.
-        let share = offsets.len() as f64 / neighbours.len().max(1) as f64;
-        cell.is_closed() && cell.reach() * share.sqrt() <= believed * limit
+        let share = count as f32 / near.len() as f32;
+        (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit)
     }
 
-    /// Builds the cell of `slot`, among more neighbours when those of the table don't close it; true if it is closed.
-    fn best_cell(&self, slot: usize, work: &mut Work) -> bool {
-        let near = self.cloud.of(slot);
-        if self.cell(slot, near, BELIEVED, &mut work.cell, &mut work.offsets) {
-            return true;
+    /// Builds the cell of `slot`, among more neighbours when those of its row don't close it: whether it is closed,
+    /// the unit of its lengths, and whether it took more.
+    fn best_cell(&mut self, slot: usize, near: &[u32]) -> (bool, f32, bool) {
+        let (is_closed, unit) = self.build(slot, near, BELIEVED);
+        if is_closed || self.points.len() <= near.len() + 1 {
+            return (is_closed, unit, false);
         }
-        if self.cloud.len() > near.len() + 1 {
-            self.cloud.widen(slot, &mut work.found, &mut work.wide);
-            if self.cell(slot, &work.wide, BELIEVED_WIDE, &mut work.cell, &mut work.offsets) {
-                return true;
-            }
+        let wide = self.wide(slot, unit);
+        let (is_closed, wide_unit) = self.build(slot, &wide, BELIEVED_WIDE);
+        if is_closed {
+            return (true, wide_unit, true);
         }
         // At a border the wider view only adds slivers along it.
-        self.cell(slot, near, BELIEVED, &mut work.cell, &mut work.offsets);
-        false
+        self.build(slot, near, BELIEVED);
+        (false, unit, false)
     }
 
-    fn summary(&self, slot: usize, work: &mut Work) -> Summary {
-        let near = self.cloud.of(slot);
+    /// More neighbours than a row has, the farthest of which is this far.
+    fn wide(&mut self, slot: usize, farthest: f32) -> WideRow {
+        let (found, _) = self.search.nearest(slot, WIDE, wider(farthest * farthest, self.degree));
+        let mut wide = WideRow { slots: [0; WIDE], len: found.len() };
+        wide.slots[..found.len()].copy_from_slice(found);
+        wide
+    }
+
+    fn summary(&mut self, slot: usize, near: &[u32]) -> Summary {
         let Some(&ring) = near.get(RING - 1).or(near.last()) else { return Summary::default() };
-        let spacing = self.cloud.point(ring as usize).distance(self.cloud.point(slot)) as f32;
-        let is_closed = self.best_cell(slot, work);
-        let reach = work.cell.reach() as f32;
+        let spacing = distance2(self.points.at(ring as usize), self.points.at(slot)).sqrt();
+        let (is_closed, unit, is_wide) = self.best_cell(slot, near);
+        let reach = self.cell.reach() * unit;
         if !is_closed {
-            return Summary { reach, spacing, ..Summary::default() };
+            return Summary { reach, spacing, is_wide, ..Summary::default() };
         }
-        let (area, [xx, xy, yy]) = work.cell.moments();
-        let (u, v) = orthonormal(self.normals[slot]);
-        let scale = if area > 0.0 { 1.0 / area } else { 0.0 };
-        let at = |i: usize, j: usize| {
-            (scale * (xx * u[i] * u[j] + xy * (u[i] * v[j] + v[i] * u[j]) + yy * v[i] * v[j])) as f32
-        };
-        let moments = [at(0, 0), at(0, 1), at(0, 2), at(1, 1), at(1, 2), at(2, 2)];
-        Summary { area: area as f32, reach, spacing, moments }
+        let (area, [xx, xy, yy]) = self.cell.moments();
+        let square = unit * unit;
+        let mut moments = [0.0; 6];
+        if self.ellipses {
+            let (u, v) = tangents(self.oriented[slot].normal);
+            let at =
+                |i: usize, j: usize| square * (xx * u[i] * u[j] + xy * (u[i] * v[j] + v[i] * u[j]) + yy * v[i] * v[j]);
+            moments = [at(0, 0), at(0, 1), at(0, 2), at(1, 1), at(1, 2), at(2, 2)];
+        }
+        Summary { area: area * square, reach, spacing, is_wide, moments }
     }
 
-    /// Median area and mean moments of the closed cells of `slot` and `neighbours`.
-    fn smooth(
-        &self,
-        slot: usize,
-        neighbours: &[u32],
-        all: &[Summary],
-        areas: &mut Vec<f64>,
-    ) -> Option<(f64, [f64; 6])> {
-        areas.clear();
-        let mut sum = [0.0; 6];
-        for j in neighbours.iter().map(|j| *j as usize).chain([slot]) {
-            if all[j].area > 0.0 && self.same_side(slot, j) {
-                areas.push(f64::from(all[j].area));
-                for (s, m) in sum.iter_mut().zip(all[j].moments) {
-                    *s += f64::from(m);
+    /// The size of the point at place `i` of the run.
+    fn size(&mut self, i: usize) -> Size {
+        let slot = self.own.start + i;
+        let rows = std::mem::take(&mut self.rows);
+        let near = &rows[i * self.degree..(i + 1) * self.degree];
+        let size = self.size_among(slot, near);
+        self.rows = rows;
+        size
+    }
+
+    fn size_among(&mut self, slot: usize, near: &[u32]) -> Size {
+        let own = self.summaries[slot - self.own.start];
+        let mut smooth = Smooth::default();
+        let mut wider_spaced = 0;
+        for j in near {
+            let Some(other) = self.measured(*j) else { continue };
+            wider_spaced += usize::from(ISOLATED as f32 * other.spacing < own.spacing);
+            if other.area > 0.0 && self.same_side(slot, *j as usize) {
+                smooth.add(other);
+            }
+        }
+        // More than half of the neighbours are that much closer to each other.
+        let is_isolated = self.degree >= RING && wider_spaced > (near.len() - 1) / 2;
+        smooth.add(&own);
+        if smooth.len == 0 && self.points.len() > near.len() + 1 {
+            let wide = self.wide(slot, own.spacing * 2.0);
+            for j in wide.iter() {
+                let other = self.summary_of(*j);
+                if other.area > 0.0 && self.same_side(slot, *j as usize) {
+                    smooth.add(&other);
                 }
             }
         }
-        Some((median(areas)?, sum))
-    }
-
-    fn size(&self, slot: usize, all: &[Summary], work: &mut Work) -> Size {
-        let near = self.cloud.of(slot);
-        let isolated = self.is_isolated(slot, all, &mut work.values);
-        let mut smooth = self.smooth(slot, near, all, &mut work.values);
-        if smooth.is_none() && self.cloud.len() > near.len() + 1 {
-            self.cloud.widen(slot, &mut work.found, &mut work.wide);
-            smooth = self.smooth(slot, &work.wide, all, &mut work.values);
-        }
-        let Some((area, moments)) = smooth else {
+        let Some(area) = smooth.median() else {
             // Nothing is surrounded here: a line, a pair, a sliver. Its neighbours' distances are all there is.
-            let p = self.cloud.point(slot);
-            let near = near.iter().take(2).map(|j| self.cloud.point(*j as usize).distance(p)).fold(0.0, f64::max);
-            return Size { radius: DENSITY * near, spacing: near, ellipse: None, isolated, is_loose: true };
+            let p = self.points.at(slot);
+            let near =
+                near.iter().take(2).map(|j| distance2(self.points.at(*j as usize), p)).fold(0.0, f32::max).sqrt();
+            let form = Form::new(is_isolated, true, None);
+            return Size { radius: DENSITY as f32 * near, spacing: near, mean: 0.0, form };
         };
         let spacing = self.known.unwrap_or(area.sqrt());
-        let largest = if all[slot].area > 0.0 { LARGEST } else { LARGEST_AT_BORDER };
-        let bounded = |reach: f64| (COVER * reach).clamp(DENSITY * spacing, largest * DENSITY * spacing);
-        let radius = bounded(f64::from(all[slot].reach));
-        let ellipse = self.ellipse(slot, moments, bounded, work);
-        Size { radius, spacing, ellipse, isolated, is_loose: false }
+        let density = DENSITY as f32 * spacing;
+        let largest = if own.area > 0.0 { LARGEST } else { LARGEST_AT_BORDER } as f32 * density;
+        let bounded = |reach: f32| (COVER as f32 * reach).clamp(density, largest);
+        let ellipse = if self.ellipses { self.ellipse(slot, near, own.is_wide, &smooth.moments) } else { None };
+        let (mean, axis) = ellipse.map_or((0.0, None), |(angle, ratio, reach)| (bounded(reach), Some((angle, ratio))));
+        Size { radius: bounded(own.reach), spacing, mean, form: Form::new(is_isolated, false, axis) }
     }
 
-    fn ellipse(&self, slot: usize, m: [f64; 6], bounded: impl Fn(f64) -> f64, work: &mut Work) -> Option<Ellipse> {
-        let (u, v) = orthonormal(self.normals[slot]);
-        let along = |a: DVec3, b: DVec3| {
-            a.x * (m[0] * b.x + m[1] * b.y + m[2] * b.z)
-                + a.y * (m[1] * b.x + m[3] * b.y + m[4] * b.z)
-                + a.z * (m[2] * b.x + m[4] * b.y + m[5] * b.z)
+    /// Angle and axis ratio of the ellipse with these moments, where it is stretched, and how far the cell reaches
+    /// once it is made round.
+    fn ellipse(&mut self, slot: usize, near: &[u32], is_wide: bool, m: &[f32; 6]) -> Option<(f64, f64, f32)> {
+        let (u, v) = tangents(self.oriented[slot].normal);
+        let along = |a: Vec3, b: Vec3| {
+            f64::from(
+                a.x * (m[0] * b.x + m[1] * b.y + m[2] * b.z)
+                    + a.y * (m[1] * b.x + m[3] * b.y + m[4] * b.z)
+                    + a.z * (m[2] * b.x + m[4] * b.y + m[5] * b.z),
+            )
         };
-        let ([large, small], direction) = symmetric2(along(u, u), along(u, v), along(v, v));
+        let (xx, xy, yy) = (along(u, u), along(u, v), along(v, v));
+        // Of eigenvalues a ± b, the ratio is above q where b > a·(q − 1)/(q + 1).
+        const LEAST: f64 = (STRETCHED * STRETCHED - 1.0) / (STRETCHED * STRETCHED + 1.0);
+        let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
+        if half * half + xy * xy <= LEAST * LEAST * mean * mean {
+            return None;
+        }
+        let ([large, small], direction) = symmetric2(xx, xy, yy);
         let ratio = (large / small.max(large * 1e-9)).sqrt();
         if ratio.is_nan() || ratio <= STRETCHED {
             return None;
         }
         let ratio = ratio.min(MOST_STRETCHED);
-        self.best_cell(slot, work);
-        let round = |c: DVec2| DVec2::new(c.dot(direction) / ratio.sqrt(), c.dot(direction.perp()) * ratio.sqrt());
-        let reach = work.cell.corners().map(|c| round(c).length()).fold(0.0, f64::max);
-        Some(Ellipse { angle: direction.to_angle(), ratio, radius: bounded(reach) })
+        let unit = if is_wide {
+            let wide = self.wide(slot, self.oriented[slot].farthest2.sqrt());
+            self.build(slot, &wide, BELIEVED_WIDE).1
+        } else {
+            self.build(slot, near, BELIEVED).1
+        };
+        let (direction, root) = (direction.as_vec2(), ratio.sqrt() as f32);
+        let round = |c: Vec2| Vec2::new(c.dot(direction) / root, c.dot(direction.perp()) * root);
+        let reach = self.cell.corners().map(|c| round(c).length_squared()).fold(0.0, f32::max).sqrt() * unit;
+        Some((f64::from(direction.to_angle()), ratio, reach))
+    }
+}
+
+struct WideRow {
+    slots: [u32; WIDE],
+    len: usize,
+}
+
+impl std::ops::Deref for WideRow {
+    type Target = [u32];
+
+    fn deref(&self) -> &[u32] {
+        &self.slots[..self.len]
+    }
+}
+
+/// Areas and the sum of the moments of closed cells.
+struct Smooth {
+    areas: [f32; MOST_IN_CELL + 1],
+    len: usize,
+    moments: [f32; 6],
+}
+
+impl Default for Smooth {
+    fn default() -> Self {
+        Self { areas: [0.0; MOST_IN_CELL + 1], len: 0, moments: [0.0; 6] }
+    }
+}
+
+impl Smooth {
+    #[inline]
+    fn add(&mut self, cell: &Summary) {
+        self.areas[self.len] = cell.area;
+        self.len += usize::from(cell.area > 0.0);
+        for (sum, m) in self.moments.iter_mut().zip(cell.moments) {
+            *sum += m;
+        }
     }
 
-    fn is_isolated(&self, slot: usize, all: &[Summary], values: &mut Vec<f64>) -> bool {
-        if self.cloud.degree < RING {
-            return false;
-        }
-        values.clear();
-        values.extend(self.cloud.of(slot).iter().map(|j| f64::from(all[*j as usize].spacing)));
-        median(values).is_some_and(|typical| f64::from(all[slot].spacing) > ISOLATED * typical)
+    /// The lower median of the areas: the one with as many smaller ones, by counting, which guesses no branch wrong.
+    fn median(&self) -> Option<f32> {
+        let areas = &self.areas[..self.len];
+        let middle = areas.len().checked_sub(1)? / 2;
+        areas.iter().copied().find(|a| {
+            let (mut smaller, mut equal) = (0, 0);
+            for other in areas {
+                smaller += usize::from(other < a);
+                equal += usize::from(other == a);
+            }
+            (smaller..smaller + equal).contains(&middle)
+        })
     }
 }
 
@@ -306,4 +533,65 @@ impl Measure<'_> {
 pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     let middle = values.len().checked_sub(1)? / 2;
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// The lower median of those of 0..`count` whose value is greater than 0, without a copy of them all.
+pub(crate) fn median_of(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<f32> {
+    /// Bits of a positive number that tell its bin.
+    const SHIFT: u32 = 16;
+    const BINS: usize = 1 << (31 - SHIFT);
+    let tasks = count.div_ceil(1 << 14).clamp(1, 32);
+    let range = |task: usize| task * count / tasks..(task + 1) * count / tasks;
+    let parts = map_tasks(tasks, |task| {
+        let mut bins = vec![0_usize; BINS];
+        for v in range(task).map(&value).filter(|v| *v > 0.0) {
+            bins[(v.to_bits() >> SHIFT) as usize] += 1;
+        }
+        bins
+    });
+    let bins: Vec<usize> = (0..BINS).map(|b| parts.iter().map(|p| p[b]).sum()).collect();
+    let mut middle = bins.iter().sum::<usize>().checked_sub(1)? / 2;
+    let bin = bins.iter().position(|n| {
+        let is_here = middle < *n;
+        middle -= if is_here { 0 } else { *n };
+        is_here
+    })?;
+    let here = |v: &f32| *v > 0.0 && (v.to_bits() >> SHIFT) as usize == bin;
+    let mut values = map_tasks(tasks, |task| range(task).map(&value).filter(here).collect::<Vec<f32>>()).concat();
+    Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_without_a_copy_are_those_of_sorted_values() {
+        let mut random = crate::mesh::random::Random::new(9);
+        for count in [0, 1, 2, 17, 40_001] {
+            let values: Vec<f32> = (0..count).map(|_| (random.unit() * 3.0 - 0.5).powi(3) as f32).collect();
+            let mut sorted: Vec<f32> = values.iter().copied().filter(|v| *v > 0.0).collect();
+            sorted.sort_by(f32::total_cmp);
+            let expected = sorted.len().checked_sub(1).map(|last| sorted[last / 2]);
+            assert_eq!(median_of(count, |i| values[i]), expected);
+            let mut smooth = Smooth::default();
+            values.iter().take(60).for_each(|area| smooth.add(&Summary { area: *area, ..Summary::default() }));
+            let mut first: Vec<f32> = values.iter().take(60).copied().filter(|v| *v > 0.0).collect();
+            first.sort_by(f32::total_cmp);
+            assert_eq!(smooth.median(), first.len().checked_sub(1).map(|last| first[last / 2]));
+        }
+    }
+
+    #[test]
+    fn forms_keep_angle_and_ratio_to_a_ten_thousandth() {
+        for (angle, ratio) in [(-1.5, 1.6), (0.0, 16.0), (0.3, 2.0), (1.57, 7.7)] {
+            let form = Form::new(true, false, Some((angle, ratio)));
+            assert!(form.is(Form::ISOLATED) && !form.is(Form::LOOSE));
+            let (found, other) = form.ellipse().unwrap();
+            // Half a turn is the same ellipse.
+            let turn = ((found - angle) / std::f64::consts::PI + 0.5).rem_euclid(1.0) - 0.5;
+            assert!(turn.abs() < 3e-5 && (other - ratio).abs() < 3e-4, "{angle} {ratio}: {found} {other}");
+        }
+        assert!(Form::new(false, true, None).ellipse().is_none());
+    }
 }

@@ -174,10 +174,6 @@ pub(crate) struct Nearest {
 }
 
 impl Nearest {
-    pub(crate) fn new(limit: usize) -> Self {
-        Self::within(limit, f64::INFINITY)
-    }
-
     /// Looks for the `limit` nearest items, none farther than `distance`.
     pub(crate) fn within(limit: usize, distance: f64) -> Self {
         let limit = limit.max(1);
@@ -230,7 +226,7 @@ mod tests {
         for (count, levels) in [(1, 1e9), (2, 1.0), (13, 3.0), (400, 4.0), (3000, 1e9), (3000, 9.0), (500, 1.0)] {
             let points = scattered(count, levels);
             let tree = KdTree::new(&points);
-            let mut found = Nearest::new(10);
+            let mut found = Nearest::within(10, f64::INFINITY);
             for q in scattered(40, 17.0) {
                 tree.nearest(q, &mut found);
                 let mut all: Vec<(f64, u32)> =

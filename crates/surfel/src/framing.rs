@@ -8,7 +8,7 @@ use std::fmt;
 use surfel_math::V2;
 use surfel_math::basis::unit;
 use surfel_math::clip::Clip;
-use surfel_model::{Camera, ClipPolicy, GaussianCloud, Geometry, Object, Projection, Scene, SplatCloud, Up};
+use surfel_model::{Camera, ClipPolicy, GaussianCloud, Geometry, Object, Projection, Scene, Shape, SplatCloud, Up};
 
 /// Vertical field of view of automatic cameras, in degrees: that of a short telephoto lens, which distorts little.
 pub const DEFAULT_FOV_Y_DEG: f64 = 35.0;
@@ -174,35 +174,70 @@ const TURNS: u32 = 24;
 
 /// Least value over the scene of a linear function of position, for each of several functions.
 struct Support {
-    directions: Vec<DVec3>,
+    /// Gradients, and their lengths.
+    directions: Vec<(DVec3, f64)>,
     least: Vec<f64>,
 }
 
 impl Support {
     fn new(directions: Vec<DVec3>) -> Self {
         let least = vec![f64::INFINITY; directions.len()];
-        Self { directions, least }
+        Self { directions: directions.into_iter().map(|g| (g, g.length())).collect(), least }
     }
 
-    fn add(&mut self, p: DVec3, s: DVec3, t: DVec3) {
-        for (g, least) in self.directions.iter().zip(&mut self.least) {
-            // An ellipse p + u·s + v·t reaches |(g·s, g·t)| to either side.
-            *least = least.min(g.dot(p) - g.dot(s).hypot(g.dot(t)));
+    /// Adds a splat at `p`.
+    fn add(&mut self, p: DVec3, splat: &Extent) {
+        for ((g, length), least) in self.directions.iter().zip(&mut self.least) {
+            let middle = g.dot(p);
+            // Most splats are too far inside to matter.
+            if middle - length * splat.reach < *least {
+                // An ellipse p + u·s + v·t reaches |(g·s, g·t)| to either side.
+                let (s, t) = (splat.axes)();
+                *least = least.min(middle - g.dot(s).hypot(g.dot(t)));
+            }
         }
     }
 }
 
-/// Calls `f` with centre and half-axes of every splat, in world space; with no axes for vertices of meshes, and for
-/// points on the outline of what a clip keeps.
-fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, DVec3, DVec3)) {
+/// How far a splat reaches from its centre, in world space.
+struct Extent<'a> {
+    /// No point of it is farther away.
+    reach: f64,
+    /// Its half-axes; zero for what is a point.
+    axes: &'a dyn Fn() -> (DVec3, DVec3),
+}
+
+const POINT: Extent = Extent { reach: 0.0, axes: &|| (DVec3::ZERO, DVec3::ZERO) };
+
+/// Calls `f` with centre and extent of every splat, in world space; with none for vertices of meshes, and for points on
+/// the outline of what a clip keeps.
+fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, &Extent)) {
     for object in &scene.objects {
         let m = object.world_from_object;
+        // No vector gets longer than this many times: the 2-norm is at most √ of the 1-norm times the ∞-norm. And a
+        // little more, for what rounding adds.
+        let columns = m.matrix3.to_cols_array_2d().map(|c| c.map(f64::abs));
+        let of_column = columns.map(|c| c.iter().sum::<f64>()).into_iter().fold(0.0, f64::max);
+        let of_row = (0..3).map(|k| columns.iter().map(|c| c[k]).sum::<f64>()).fold(0.0, f64::max);
+        let growth = (of_column * of_row).sqrt() * (1.0 + 1e-9);
         let mut splat = |cloud: &SplatCloud, i: usize| {
-            let (s, t) = cloud.axes(i);
-            let (p, s, t) = (m.transform_point3(cloud.center(i)), m.transform_vector3(s), m.transform_vector3(t));
+            let p = m.transform_point3(cloud.center(i));
+            let axes = || {
+                let (s, t) = cloud.axes(i);
+                (m.transform_vector3(s), m.transform_vector3(t))
+            };
             match cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, ClipPolicy::Exact)) {
-                Some(clip) => outline(&clip).for_each(|d| f(p + s * d.x + t * d.y, DVec3::ZERO, DVec3::ZERO)),
-                None => f(p, s, t),
+                Some(clip) => {
+                    let (s, t) = axes();
+                    outline(&clip).for_each(|d| f(p + s * d.x + t * d.y, &POINT));
+                }
+                None => {
+                    let reach = match &cloud.data().shape {
+                        Shape::Disks { radii, .. } => f64::from(radii[i]),
+                        Shape::Ellipses { s, t } => (s.get(i).length_squared() + t.get(i).length_squared()).sqrt(),
+                    };
+                    f(p, &Extent { reach: reach * growth, axes: &axes });
+                }
             }
         };
         match &object.geometry {
@@ -210,7 +245,9 @@ fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, DVec3, DVec3)) {
             Geometry::Gaussians(gaussians) => {
                 for i in (0..gaussians.len()).filter(|i| gaussians.data().opacities[*i] >= GaussianCloud::FAINT) {
                     let (s, t) = gaussians.ellipse(i);
-                    f(m.transform_point3(gaussians.center(i)), m.transform_vector3(s), m.transform_vector3(t));
+                    let axes = || (m.transform_vector3(s), m.transform_vector3(t));
+                    let reach = (s.length_squared() + t.length_squared()).sqrt() * growth;
+                    f(m.transform_point3(gaussians.center(i)), &Extent { reach, axes: &axes });
                 }
             }
             Geometry::Octree(octree) => {
@@ -218,7 +255,7 @@ fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, DVec3, DVec3)) {
             }
             Geometry::Mesh(mesh) => {
                 for i in 0..mesh.positions.len() {
-                    f(m.transform_point3(mesh.origin + mesh.positions.get(i)), DVec3::ZERO, DVec3::ZERO);
+                    f(m.transform_point3(mesh.origin + mesh.positions.get(i)), &POINT);
                 }
             }
         }
@@ -241,8 +278,11 @@ fn outline(clip: &Clip<f64>) -> impl Iterator<Item = V2<f64>> + '_ {
 
 fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool) -> Option<(DVec3, DVec3)> {
     let mut bounds: Option<(DVec3, DVec3)> = None;
-    for_each_splat(scene, |p, s, t| {
-        if keep(p) {
+    for_each_splat(scene, |p, splat| {
+        let is_inside =
+            |(lo, hi): (DVec3, DVec3)| (p - splat.reach).cmpge(lo).all() && (p + splat.reach).cmple(hi).all();
+        if keep(p) && !bounds.is_some_and(is_inside) {
+            let (s, t) = (splat.axes)();
             let e = (s * s + t * t).map(f64::sqrt);
             let (lo, hi) = bounds.unwrap_or((p - e, p + e));
             bounds = Some((lo.min(p - e), hi.max(p + e)));
@@ -258,7 +298,7 @@ fn trimmed(scene: &Scene, (lo, hi): (DVec3, DVec3)) -> (DVec3, f64) {
     let total: usize = scene.objects.iter().map(|o| o.geometry.len()).sum();
     let step = (total / 20_000).max(1);
     let mut index = 0;
-    for_each_splat(scene, |p, _, _| {
+    for_each_splat(scene, |p, _| {
         if index % step == 0 {
             coordinates.iter_mut().zip(p.to_array()).for_each(|(c, x)| c.push(x));
         }
@@ -323,9 +363,9 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
         None => vec![DQuat::IDENTITY],
     };
     let mut support = Support::new(rotations.iter().flat_map(|r| local.map(|g| *r * g)).collect());
-    for_each_splat(scene, |p, s, t| {
+    for_each_splat(scene, |p, splat| {
         if keep(p) {
-            support.add(p - center, s, t);
+            support.add(p - center, splat);
         }
     });
     let mut least = [f64::INFINITY; 6];
@@ -366,7 +406,7 @@ pub fn scene_center(scene: &Scene) -> Option<DVec3> {
 /// Least and largest planar depth of the scene from `eye` along the unit vector `forward`; `None` without objects.
 pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f64)> {
     let mut support = Support::new(vec![forward, -forward]);
-    for_each_splat(scene, |p, s, t| support.add(p - eye, s, t));
+    for_each_splat(scene, |p, splat| support.add(p - eye, splat));
     let (first, last) = (support.least[0], -support.least[1]);
     (first.is_finite() && last.is_finite()).then_some((first, last))
 }

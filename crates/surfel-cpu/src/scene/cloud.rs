@@ -5,6 +5,7 @@ use crate::scene::column::{Column, Column3, Units};
 use crate::scene::groups::{BoundedSplat, Groups};
 use crate::simd::lanes::LANES;
 use glam::{DAffine3, DVec3, Vec3};
+use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::sync::Arc;
 use surfel_math::kernel::interior_weight_at_cutoff;
@@ -13,6 +14,11 @@ use surfel_model::{Material, Object, Octree, Shape, SplatCloud};
 
 /// Most splats of a chunk.
 pub(crate) const CHUNK: usize = CHUNK_SPLATS;
+
+/// Chunks that one task stores, and tasks between which what they stored is put together: as many more splats are in
+/// memory twice.
+const TASK: usize = 32;
+const WAVE: usize = 32;
 
 const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
 
@@ -102,49 +108,76 @@ impl StoredObject {
         Self { octree: Some(index), ..stored }
     }
 
+    /// An object with a cloud's columns and nothing in them.
+    fn empty(
+        cloud: &SplatCloud,
+        (world_from_object, material): (DAffine3, Material),
+        storage: Storage,
+        capacity: usize,
+    ) -> Self {
+        let data = cloud.data();
+        Self {
+            world_from_object,
+            material,
+            octree: None,
+            chunks: Vec::with_capacity(capacity / CHUNK),
+            groups: Vec::with_capacity(capacity / CHUNK),
+            centers: Column3::new(storage, capacity),
+            shape: match data.shape {
+                Shape::Disks { .. } => {
+                    StoredShape::Disks { normals: Units::new(storage, capacity), radii: Column::new(storage, capacity) }
+                }
+                Shape::Ellipses { .. } => StoredShape::Ellipses {
+                    s: Column3::new(Storage::F32, capacity),
+                    t: Column3::new(Storage::F32, capacity),
+                },
+            },
+            colors: data.colors.as_ref().map(|_| Column3::new(storage, capacity)),
+            shading_normals: data.shading_normals.as_ref().map(|_| Units::new(storage, capacity)),
+            clips: data.clips.as_ref().map(|_| StoredClips::default()),
+            source: 0,
+            rows: None,
+            labels: data.labels.as_ref().map(|_| Vec::with_capacity(capacity)),
+            alphas: cloud.is_transparent().then(|| Vec::with_capacity(capacity)),
+            interior_weight: material.interior_weight.or(data.interior_weight).unwrap_or(0.0),
+            oriented: material.is_oriented(cloud),
+        }
+    }
+
     /// Stores a cloud's splats in this order, in chunks of one of its parts.
     fn ordered(
         cloud: &SplatCloud,
-        (world_from_object, material): (DAffine3, Material),
+        place: (DAffine3, Material),
         storage: Storage,
         parts: impl Iterator<Item = Vec<u32>>,
     ) -> Self {
         let padded = cloud.len() + cloud.len() / LANES;
-        let data = cloud.data();
-        let mut stored = Self {
-            world_from_object,
-            material,
-            octree: None,
-            chunks: Vec::with_capacity(padded / CHUNK),
-            groups: Vec::with_capacity(padded / CHUNK),
-            centers: Column3::new(storage, padded),
-            shape: match data.shape {
-                Shape::Disks { .. } => {
-                    StoredShape::Disks { normals: Units::new(storage, padded), radii: Column::new(storage, padded) }
-                }
-                Shape::Ellipses { .. } => StoredShape::Ellipses {
-                    s: Column3::new(Storage::F32, padded),
-                    t: Column3::new(Storage::F32, padded),
-                },
-            },
-            colors: data.colors.as_ref().map(|_| Column3::new(storage, padded)),
-            shading_normals: data.shading_normals.as_ref().map(|_| Units::new(storage, padded)),
-            clips: data.clips.as_ref().map(|_| StoredClips::default()),
-            source: 0,
-            rows: None,
-            labels: data.labels.as_ref().map(|_| Vec::with_capacity(padded)),
-            alphas: cloud.is_transparent().then(|| Vec::with_capacity(padded)),
-            interior_weight: material.interior_weight.or(data.interior_weight).unwrap_or(0.0),
-            oriented: material.is_oriented(cloud),
-        };
-        let mut rows = data.rows.as_ref().map(|rows| (rows, Vec::with_capacity(padded)));
+        let mut stored = Self::empty(cloud, place, storage, padded);
+        let mut rows = cloud.data().rows.as_ref().map(|rows| (rows, Vec::with_capacity(padded)));
         for order in parts {
-            for (space, members) in chunks(cloud, &order, storage) {
-                stored.push_chunk(cloud, space, members);
-                if let Some((rows, of_slots)) = &mut rows {
-                    of_slots.extend(members.iter().map(|&i| rows[i as usize]));
-                    of_slots.resize(stored.centers.len(), u32::MAX);
+            let mut chunks = chunks(cloud, &order, storage);
+            loop {
+                let wave: Vec<_> = chunks.by_ref().take(WAVE * TASK).collect();
+                if wave.is_empty() {
+                    break;
                 }
+                if let Some((rows, of_slots)) = &mut rows {
+                    for (_, members) in &wave {
+                        of_slots.extend(members.iter().map(|&i| rows[i as usize]));
+                        of_slots.resize(of_slots.len().next_multiple_of(LANES), u32::MAX);
+                    }
+                }
+                if stored.clips.is_some() {
+                    wave.iter().for_each(|(space, members)| stored.push_chunk(cloud, *space, members));
+                    continue;
+                }
+                let part_of = |task: &[(ChunkSpace, &[u32])]| {
+                    let mut part = Self::empty(cloud, place, storage, TASK * CHUNK);
+                    task.iter().for_each(|(space, members)| part.push_chunk(cloud, *space, members));
+                    part
+                };
+                let parts: Vec<Self> = wave.par_chunks(TASK).map(part_of).collect();
+                parts.into_iter().for_each(|part| stored.append(part));
             }
         }
         stored.rows = rows.map(|(_, of_slots)| of_slots.into());
@@ -152,6 +185,29 @@ impl StoredObject {
         stored.clips.take_if(|clips| clips.is_empty());
         stored.trim();
         stored
+    }
+
+    /// Adds the chunks of another part of the same cloud, without clips.
+    fn append(&mut self, part: Self) {
+        let base = self.centers.len();
+        self.chunks.extend(part.chunks.into_iter().map(|chunk| Chunk { first: base + chunk.first, ..chunk }));
+        self.groups.extend(part.groups);
+        self.centers.append(part.centers);
+        match (&mut self.shape, part.shape) {
+            (StoredShape::Disks { normals, radii }, StoredShape::Disks { normals: n, radii: r }) => {
+                normals.append(n);
+                radii.append(r);
+            }
+            (StoredShape::Ellipses { s, t }, StoredShape::Ellipses { s: a, t: b }) => {
+                s.append(a);
+                t.append(b);
+            }
+            _ => debug_assert!(false, "parts of a cloud have its shape"),
+        }
+        self.colors.iter_mut().zip(part.colors).for_each(|(column, more)| column.append(more));
+        self.shading_normals.iter_mut().zip(part.shading_normals).for_each(|(column, more)| column.append(more));
+        self.labels.iter_mut().zip(part.labels).for_each(|(column, more)| column.extend(more));
+        self.alphas.iter_mut().zip(part.alphas).for_each(|(column, more)| column.extend(more));
     }
 
     /// Gives back the memory of slots that a chunk's end might have needed.

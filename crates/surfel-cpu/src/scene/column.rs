@@ -51,6 +51,15 @@ impl Column {
         }
     }
 
+    /// Adds what another column of the same storage holds.
+    pub(crate) fn append(&mut self, more: Self) {
+        match (self, more) {
+            (Self::F32(values), Self::F32(more)) => values.extend_from_slice(&more),
+            (Self::Quantised(steps), Self::Quantised(more)) => steps.extend_from_slice(&more),
+            _ => debug_assert!(false, "columns of one storage"),
+        }
+    }
+
     /// Sixteen numbers.
     #[inline(always)]
     pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> Lanes<S> {
@@ -112,6 +121,13 @@ impl Column3 {
         self.vectors += 1;
     }
 
+    /// Adds what another column of the same storage holds, after a whole number of groups.
+    pub(crate) fn append(&mut self, more: Self) {
+        debug_assert!(self.vectors.is_multiple_of(LANES));
+        self.coordinates.append(more.coordinates);
+        self.vectors += more.vectors;
+    }
+
     /// Sixteen vectors from slot `at` on, a multiple of sixteen.
     #[inline(always)]
     pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> V3<Lanes<S>> {
@@ -156,6 +172,18 @@ impl Units {
                 x.push(a, 1.0);
                 y.push(b, 1.0);
             }
+        }
+    }
+
+    /// Adds what another column of the same storage holds, after a whole number of groups.
+    pub(crate) fn append(&mut self, more: Self) {
+        match (self, more) {
+            (Self::F32(column), Self::F32(more)) => column.append(more),
+            (Self::Octahedral([x, y]), Self::Octahedral([a, b])) => {
+                x.append(a);
+                y.append(b);
+            }
+            _ => debug_assert!(false, "columns of one storage"),
         }
     }
 

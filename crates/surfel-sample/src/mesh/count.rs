@@ -6,9 +6,10 @@ use super::geometry::{Geometry, SAME_NORMAL, Smooth};
 use super::options::MeshReport;
 use super::random::Random;
 use super::see_through;
-use crate::neighbours::Neighbours;
+use crate::orient::Oriented;
 use crate::parallel::map_each;
 use crate::radii::Spacing;
+use crate::sorted::SortedPoints;
 use crate::tree::KdTree;
 use crate::{Progress, SampleError, assemble, radii};
 use glam::DVec3;
@@ -131,10 +132,12 @@ fn measured_radii(
     spacing: f64,
     progress: &dyn Progress,
 ) -> Result<Vec<f64>, SampleError> {
-    let cloud = Neighbours::new(positions, 16, progress)?;
-    let normals: Vec<DVec3> = cloud.first_of.iter().map(|i| planes[*i as usize]).collect();
-    let sizes = radii::sizes(&cloud, &normals, Spacing::Known(spacing / cloud.scale), false, progress);
-    Ok(cloud.slot_of.iter().map(|s| sizes.radii[*s as usize] * cloud.scale).collect())
+    let points = SortedPoints::new(positions.len(), |i| positions[i])?;
+    let normal = |slot: usize| planes[points.inputs(slot)[0] as usize].as_vec3();
+    let oriented: Vec<Oriented> =
+        (0..points.len()).map(|slot| Oriented { normal: normal(slot), farthest2: 0.0 }).collect();
+    let sizes = radii::sizes(&points, &oriented, 16, Spacing::Known(spacing / points.step), false, progress);
+    Ok(points.slots().iter().map(|s| sizes.radius(*s as usize) * points.step).collect())
 }
 
 /// Splats on the surface, before borders cut them.

@@ -192,7 +192,7 @@ mod tests {
             let left = eliminate(&tree, &vec![DVec3::Z; points.len()], keep, 1.0, &NoProgress);
             assert_eq!(left.len(), keep);
             let hexagonal = 2.0 * (1.0 / (2.0 * 3.0_f64.sqrt() * keep as f64)).sqrt();
-            let mut found = Nearest::new(2);
+            let mut found = Nearest::within(2, f64::INFINITY);
             let kept = KdTree::new(&left.iter().map(|s| tree.point(*s as usize)).collect::<Vec<_>>());
             let mut closest: Vec<f64> = (0..keep)
                 .map(|s| {

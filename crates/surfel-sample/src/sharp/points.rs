@@ -4,10 +4,10 @@
 //! Source: ours. Z04 and C12 clip, but take edges as given.
 
 use crate::eigen::symmetric3;
+use crate::nearest::Search;
 use crate::neighbours::Neighbours;
 use crate::normals::covariance;
 use crate::parallel::map_each;
-use crate::tree::Nearest;
 use crate::{Progress, SampleError, assemble, interior, radii};
 use glam::DVec3;
 use surfel_math::basis::{orthonormal, unit};
@@ -77,11 +77,9 @@ pub fn sharpen_points(
     let points = Neighbours::new(&positions, FLAT_NEIGHBOURS, progress)?;
     let patches = Patches::new(&points, cloud, crease_angle_deg.to_radians(), progress);
     progress.stage("edges", points.len() as u64);
-    let state = || (Nearest::new(WIDE + 1), Vec::new());
-    let sides = map_each(points.len(), progress, state, |(found, wide), slot| {
-        points.widen(slot, found, wide);
-        patches.side(slot, wide)
-    });
+    let state = || Search::new(&points.points);
+    let sides =
+        map_each(points.len(), progress, state, |search, slot| patches.side(slot, search.nearest(slot, WIDE, 0.0).0));
     assemble_cloud(cloud, &points, &sides, &positions)
 }
 
@@ -173,11 +171,11 @@ impl<'a> Patches<'a> {
             || (),
             |(), slot| {
                 let near = points.of(slot);
-                let (values, vectors) = symmetric3(covariance(points, slot, near));
+                let (values, vectors) = symmetric3(covariance(&points.points, slot, near));
                 let count = (near.len() + 1) as f64;
                 let offset = |j: &u32| points.point(*j as usize) - points.point(slot);
                 let center = points.point(slot) + near.iter().map(offset).sum::<DVec3>() / count;
-                let outward = cloud.normal(points.first_of[slot] as usize);
+                let outward = cloud.normal(points.points.inputs(slot)[0] as usize);
                 let normal = if vectors[0].dot(outward) < 0.0 { -vectors[0] } else { vectors[0] };
                 let [residual, _, extent] = values.map(|v| (v / count).max(0.0).sqrt());
                 let spacing =
@@ -343,10 +341,10 @@ fn assemble_cloud(
                 let radius = (s.length() * t.length()).sqrt();
                 (s, t) = orthonormal(normal);
                 (s, t) = (s * radius, t * radius);
-                *center = points.center + side.center * points.scale;
+                *center = points.points.center + side.center * points.points.step;
                 report.turned += 1;
             }
-            let keeps = side.keeps.iter().map(|(into, d)| [s.dot(*into), t.dot(*into), d * points.scale]);
+            let keeps = side.keeps.iter().map(|(into, d)| [s.dot(*into), t.dot(*into), d * points.points.step]);
             let keeps: Vec<[f64; 3]> = keeps.collect();
             // Lines that miss the disk clip nothing, nor do any if one of those of which one is enough keeps all.
             let is_whole = side.mode == ClipMode::Or && keeps.iter().any(|[a, b, c]| *c >= a.hypot(*b));

@@ -740,8 +740,11 @@ fn pack(points: &[u8], laz: &LazVlr) -> io::Result<Vec<u8>> {
     Ok(compressor.into_inner().into_inner().split_off(8))
 }
 
+/// Level, octant, number of points, and their chunk.
+type Packed = (u32, u64, u64, Vec<u8>);
+
 /// Nodes as chunks.
-fn packed(nodes: Vec<((u32, u64), Vec<u8>)>, laz: &LazVlr) -> io::Result<Vec<(u32, u64, u64, Vec<u8>)>> {
+fn packed(nodes: Vec<((u32, u64), Vec<u8>)>, laz: &LazVlr) -> io::Result<Vec<Packed>> {
     let size = laz.items_size() as usize;
     let packed = nodes.into_par_iter().map(|((level, code), bytes)| {
         let points = (bytes.len() / size) as u64;
@@ -1090,7 +1093,7 @@ mod tests {
     fn las(count: u64) -> Vec<u8> {
         let mut next = random(3);
         let point = |i: u64| {
-            let (random, within) = (next(), if i % 2 == 0 { 100_000 } else { 10_000 });
+            let (random, within) = (next(), if i.is_multiple_of(2) { 100_000 } else { 10_000 });
             [(random >> 16) % within, (random >> 36) % within, (random >> 50) % 500].map(|v| v as i32)
         };
         las_of(&(0..count).map(point).collect::<Vec<_>>())

@@ -1,0 +1,451 @@
+//! Exact nearest neighbours of points in Morton order: all that lie near a leaf are gathered once, side by side, and
+//! each of the leaf's points then looks at them by SIMD.
+
+use crate::sorted::{Bounds, LEAF, SortedPoints};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16};
+
+/// Lanes of a step.
+const LANES: usize = 16;
+/// Candidates beyond which a search by itself is faster.
+const MOST: usize = 2048;
+/// Room for those, a leaf that goes beyond them, and a last step.
+const ROOM: usize = MOST + 2 * LEAF;
+/// How often a leaf's candidates are gathered for one query, before it searches by itself.
+const MOST_GATHERED: usize = 8;
+/// Squared distance that most queries' farthest neighbour is within, over that of the query before.
+const LIKELY: f32 = 1.5;
+/// Survivors beyond which the farther ones are dropped before those that stay are ranked.
+const RANKED: usize = 96;
+/// Most neighbours that are looked for.
+pub(crate) const MOST_NEIGHBOURS: usize = 128;
+
+/// Squared distance in steps, as every search computes it.
+#[inline(always)]
+pub(crate) fn distance2(p: [i32; 3], q: [i32; 3]) -> f32 {
+    let [x, y, z] = [(p[0] - q[0]) as f32, (p[1] - q[1]) as f32, (p[2] - q[2]) as f32];
+    x * x + y * y + z * z
+}
+
+/// Points near a leaf, in slot order, as columns with room to a whole number of steps.
+#[derive(Clone, Debug, Default)]
+struct Candidates {
+    x: Vec<i32>,
+    y: Vec<i32>,
+    z: Vec<i32>,
+    slots: Vec<u32>,
+    count: usize,
+}
+
+/// Candidates within a bound, in slot order.
+#[derive(Clone, Debug, Default)]
+struct Survivors {
+    distances2: Vec<f32>,
+    /// Places among the candidates.
+    places: Vec<u32>,
+    keys: Vec<u64>,
+}
+
+/// A search with its buffers. Queries that come in the order of their slots are the fastest.
+///
+/// What it finds depends on the points alone: the nearest in f32 squared distance, equal ones by slot.
+pub(crate) struct Search<'a> {
+    points: &'a SortedPoints,
+    level: Level,
+    candidates: Candidates,
+    /// The leaf that the candidates are for, and the squared distance from each of its points within which they are
+    /// complete.
+    leaf: usize,
+    complete2: f32,
+    /// The last query in this leaf and its farthest neighbour's squared distance, for this many neighbours.
+    last: Option<([i32; 3], f32, usize)>,
+    /// Largest squared distance of a farthest neighbour in the leaf before, over the number of neighbours.
+    typical2: f32,
+    largest2: f32,
+    stack: Vec<(usize, usize)>,
+    leaves: Vec<usize>,
+    survivors: Survivors,
+    found: [u64; MOST_NEIGHBOURS],
+    slots: [u32; MOST_NEIGHBOURS],
+}
+
+impl<'a> Search<'a> {
+    pub(crate) fn new(points: &'a SortedPoints) -> Self {
+        Self {
+            points,
+            level: Level::new(),
+            candidates: Candidates::default(),
+            leaf: usize::MAX,
+            complete2: -1.0,
+            last: None,
+            typical2: 0.0,
+            largest2: 0.0,
+            stack: Vec::new(),
+            leaves: Vec::new(),
+            survivors: Survivors::default(),
+            found: [0; MOST_NEIGHBOURS],
+            slots: [0; MOST_NEIGHBOURS],
+        }
+    }
+
+    /// The `count` (at most [`MOST_NEIGHBOURS`]) nearest to a point, nearest first, without itself; fewer where the
+    /// cloud has no more. `guess2` is about the squared distance that the farthest may have, or 0. Also the farthest's.
+    pub(crate) fn nearest(&mut self, slot: usize, count: usize, guess2: f32) -> (&[u32], f32) {
+        let count = count.min(self.points.len() - 1).min(MOST_NEIGHBOURS);
+        if count == 0 {
+            return (&[], 0.0);
+        }
+        let q = self.points.at(slot);
+        let found = self.near_leaf(slot, q, count, guess2) || self.alone(q, count);
+        debug_assert!(found);
+        let farthest2 = f32::from_bits((self.found[count - 1] >> 32) as u32);
+        self.last = Some((q, farthest2, count));
+        self.largest2 = self.largest2.max(farthest2 / count as f32);
+        (&self.slots[..count], farthest2)
+    }
+
+    /// Looks among the leaf's candidates; false where they are too many or too few.
+    fn near_leaf(&mut self, slot: usize, q: [i32; 3], count: usize, guess2: f32) -> bool {
+        let leaf = slot / LEAF;
+        if leaf != self.leaf {
+            if self.largest2 > 0.0 {
+                self.typical2 = self.largest2;
+            }
+            (self.leaf, self.complete2, self.last, self.largest2) = (leaf, -1.0, None, 0.0);
+        }
+        let (mut sure2, mut near2) = (f32::INFINITY, guess2);
+        if let Some((p, farthest2, n)) = self.last
+            && n >= count
+        {
+            // Its neighbours and the last query itself surround the last query, so as many are within this.
+            let reach = farthest2.sqrt() + distance2(p, q).sqrt();
+            sure2 = reach * reach * 1.000_01;
+            if near2 == 0.0 {
+                near2 = LIKELY * farthest2;
+            }
+        }
+        let mut want2 = if guess2 > 0.0 { guess2 } else { self.typical2 * count as f32 };
+        if want2 <= 0.0 {
+            let b = &self.points.levels()[0][leaf];
+            want2 = distance2(b.lo, b.hi) * 0.25;
+        }
+        // What is looked at first; all candidates, where that is too little.
+        let mut first2 = if near2 > 0.0 { near2 } else { f32::INFINITY };
+        want2 = want2.min(sure2);
+        want2 = if self.points.len() <= MOST { f32::MAX } else { want2.max(4.0) };
+        for _ in 0..MOST_GATHERED {
+            // Some more than this query wants, so that those after it find what they need.
+            if self.complete2 < want2 && !self.gather(1.3 * want2) {
+                if want2 >= sure2 {
+                    return false;
+                }
+                // Denser here than where the last query was.
+                want2 *= 0.25;
+                continue;
+            }
+            let bound2 = sure2.min(self.complete2).min(first2);
+            if scan(self.level, &self.candidates, q, bound2, count, &mut self.survivors, &mut self.found) {
+                for (slot, key) in self.slots[..count].iter_mut().zip(&self.found) {
+                    *slot = self.candidates.slots[*key as u32 as usize];
+                }
+                return true;
+            }
+            if first2 >= self.complete2 {
+                want2 = (2.0 * self.complete2).min(sure2 * 1.001);
+            }
+            first2 = f32::INFINITY;
+        }
+        false
+    }
+
+    /// Collects the points within a squared distance of the leaf's box; false if there are too many.
+    fn gather(&mut self, reach2: f32) -> bool {
+        self.complete2 = -1.0;
+        // f32 squares are within 2⁻²² of exact.
+        let reach = (f64::from(reach2).sqrt() * 1.000_001 + 1.0).min(f64::from(i32::MAX)) as i32;
+        let levels = self.points.levels();
+        let region = levels[0][self.leaf].grown(reach);
+        self.stack.clear();
+        self.leaves.clear();
+        self.stack.push((levels.len() - 1, 0));
+        while let Some((level, index)) = self.stack.pop() {
+            if level > 0 {
+                // The first child on top, so that candidates come in the order of their slots.
+                let children = self.points.children(level, index).rev();
+                self.stack.extend(children.filter(|i| levels[level - 1][*i].meets(&region)).map(|i| (level - 1, i)));
+            } else if levels[0][index].meets(&region) {
+                self.leaves.push(index);
+            }
+        }
+        let (points, leaves, candidates) = (self.points, &self.leaves, &mut self.candidates);
+        for column in [&mut candidates.x, &mut candidates.y, &mut candidates.z] {
+            column.resize(ROOM, 0);
+        }
+        candidates.slots.resize(ROOM, 0);
+        if !dispatch!(self.level, simd => collect_by(simd, points, leaves, &region, candidates)) {
+            return false;
+        }
+        self.complete2 = reach2;
+        true
+    }
+
+    /// Looks by itself, from the top of the tree.
+    fn alone(&mut self, q: [i32; 3], count: usize) -> bool {
+        let levels = self.points.levels();
+        let mut n = 0;
+        let mut farthest2 = f32::INFINITY;
+        // Rounding up to two units in the last place may make a box look farther than a point in it.
+        const SLACK: f32 = 0.999_999;
+        let mut stack: Vec<(f32, usize, usize)> = vec![(0.0, levels.len() - 1, 0)];
+        while let Some((distance, level, index)) = stack.pop() {
+            if n == count && distance * SLACK > farthest2 {
+                continue;
+            }
+            if level > 0 {
+                let from = stack.len();
+                stack.extend(
+                    self.points.children(level, index).map(|i| (levels[level - 1][i].distance2(q), level - 1, i)),
+                );
+                // The nearest on top.
+                stack[from..].sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.2.cmp(&a.2)));
+                continue;
+            }
+            for slot in self.points.leaf(index) {
+                let d = distance2(self.points.at(slot), q);
+                let key = u64::from(d.to_bits()) << 32 | slot as u64;
+                if d == 0.0 || (n == count && key >= self.found[count - 1]) {
+                    continue;
+                }
+                let mut at = if n == count { count - 1 } else { n };
+                n = (n + 1).min(count);
+                while at > 0 && self.found[at - 1] > key {
+                    self.found[at] = self.found[at - 1];
+                    at -= 1;
+                }
+                self.found[at] = key;
+                if n == count {
+                    farthest2 = f32::from_bits((self.found[count - 1] >> 32) as u32);
+                }
+            }
+        }
+        for (slot, key) in self.slots[..n].iter_mut().zip(&self.found) {
+            *slot = *key as u32;
+        }
+        n == count
+    }
+}
+
+/// Collects the points of `leaves` that are in `region`; false if there are too many.
+#[inline(always)]
+fn collect_by<S: Simd>(
+    simd: S,
+    points: &SortedPoints,
+    leaves: &[usize],
+    region: &Bounds,
+    candidates: &mut Candidates,
+) -> bool {
+    let c = candidates;
+    c.count = 0;
+    for leaf in leaves {
+        if c.count > MOST {
+            return false;
+        }
+        let range = points.leaf(*leaf);
+        let (xs, ys, zs) = (&points.x[range.clone()], &points.y[range.clone()], &points.z[range.clone()]);
+        let first = range.start as u32;
+        let (x_steps, y_steps, z_steps) =
+            (xs.as_chunks::<LANES>().0, ys.as_chunks::<LANES>().0, zs.as_chunks::<LANES>().0);
+        for step in 0..x_steps.len().min(y_steps.len()).min(z_steps.len()) {
+            let x = within(simd, &x_steps[step], region.lo[0], region.hi[0]);
+            let y = within(simd, &y_steps[step], region.lo[1], region.hi[1]);
+            let z = within(simd, &z_steps[step], region.lo[2], region.hi[2]);
+            let mut bits = (x & y & z).to_bitmask() as u32;
+            while bits != 0 {
+                let i = bits.trailing_zeros() as usize % LANES;
+                let n = c.count;
+                (c.x[n], c.y[n], c.z[n]) = (x_steps[step][i], y_steps[step][i], z_steps[step][i]);
+                c.slots[n] = first + (step * LANES + i) as u32;
+                c.count += 1;
+                bits &= bits - 1;
+            }
+        }
+        for i in xs.len() / LANES * LANES..xs.len() {
+            let p = [xs[i], ys[i], zs[i]];
+            if region.meets(&Bounds { lo: p, hi: p }) {
+                let n = c.count;
+                (c.x[n], c.y[n], c.z[n], c.slots[n]) = (p[0], p[1], p[2], first + i as u32);
+                c.count += 1;
+            }
+        }
+    }
+    c.count <= MOST
+}
+
+#[inline(always)]
+fn within<S: Simd>(simd: S, coordinates: &[i32; LANES], lo: i32, hi: i32) -> mask32x16<S> {
+    let c = i32x16::load_array_ref(simd, coordinates);
+    c.simd_ge(i32x16::splat(simd, lo)) & c.simd_le(i32x16::splat(simd, hi))
+}
+
+/// The `count` nearest candidates within a squared distance as keys, nearest first: the bits of the distance above
+/// the candidate's index. False if there are fewer.
+fn scan(
+    level: Level,
+    candidates: &Candidates,
+    q: [i32; 3],
+    bound2: f32,
+    count: usize,
+    survivors: &mut Survivors,
+    found: &mut [u64; MOST_NEIGHBOURS],
+) -> bool {
+    survivors.distances2.resize(ROOM, 0.0);
+    survivors.places.resize(ROOM, 0);
+    dispatch!(level, simd => scan_by(simd, candidates, q, bound2, count, survivors, found))
+}
+
+#[inline(always)]
+fn difference<S: Simd>(simd: S, coordinates: &[i32; LANES], from: i32x16<S>) -> f32x16<S> {
+    (i32x16::load_array_ref(simd, coordinates) - from).to_float()
+}
+
+#[inline(always)]
+fn scan_by<S: Simd>(
+    simd: S,
+    candidates: &Candidates,
+    q: [i32; 3],
+    bound2: f32,
+    count: usize,
+    survivors: &mut Survivors,
+    found: &mut [u64; MOST_NEIGHBOURS],
+) -> bool {
+    // No closure: those aren't inlined into SIMD code.
+    let (qx, qy, qz) = (i32x16::splat(simd, q[0]), i32x16::splat(simd, q[1]), i32x16::splat(simd, q[2]));
+    let (bound, zero) = (f32x16::splat(simd, bound2), f32x16::splat(simd, 0.0));
+    let c = candidates;
+    let (xs, ys, zs) = (c.x.as_chunks::<LANES>().0, c.y.as_chunks::<LANES>().0, c.z.as_chunks::<LANES>().0);
+    let steps = c.count.div_ceil(LANES).min(xs.len()).min(ys.len()).min(zs.len());
+    let (distances2, places) = (&mut survivors.distances2[..ROOM], &mut survivors.places[..ROOM]);
+    let mut n = 0;
+    for step in 0..steps {
+        let first = step * LANES;
+        let x = difference(simd, &xs[step], qx);
+        let y = difference(simd, &ys[step], qy);
+        let z = difference(simd, &zs[step], qz);
+        let d2 = x * x + y * y + z * z;
+        let near = d2.simd_le(bound) & d2.simd_gt(zero);
+        let mut bits = near.to_bitmask() as u32;
+        if c.count - first < LANES {
+            bits &= (1 << (c.count - first)) - 1;
+        }
+        if bits == 0 {
+            continue;
+        }
+        let d2 = d2.to_array();
+        while bits != 0 {
+            let i = bits.trailing_zeros() as usize % LANES;
+            (distances2[n], places[n]) = (d2[i], (first + i) as u32);
+            n += 1;
+            bits &= bits - 1;
+        }
+    }
+    if n < count {
+        return false;
+    }
+    if n > RANKED {
+        let keys = &mut survivors.keys;
+        keys.clear();
+        for i in 0..n {
+            keys.push(key(distances2[i], places[i]));
+        }
+        keys.select_nth_unstable(count - 1);
+        keys[..count].sort_unstable();
+        found[..count].copy_from_slice(&keys[..count]);
+        return true;
+    }
+    // Each one's rank is the number of nearer ones, and of equal ones before it: no branch to guess wrong.
+    distances2[n..n.next_multiple_of(LANES)].fill(f32::INFINITY);
+    let groups = distances2[..n.next_multiple_of(LANES)].as_chunks::<LANES>().0;
+    for i in 0..n {
+        let own = f32x16::splat(simd, distances2[i]);
+        let mut rank = 0;
+        for (g, group) in groups.iter().enumerate() {
+            let other = f32x16::load_array_ref(simd, group);
+            let nearer = other.simd_lt(own).to_bitmask() as u32;
+            let as_near = other.simd_le(own).to_bitmask() as u32;
+            let before = (1_u32 << i.saturating_sub(g * LANES).min(LANES)) - 1;
+            rank += (nearer | (as_near & before)).count_ones() as usize;
+        }
+        if rank < count {
+            found[rank] = key(distances2[i], places[i]);
+        }
+    }
+    true
+}
+
+#[inline(always)]
+fn key(distance2: f32, place: u32) -> u64 {
+    u64::from(distance2.to_bits()) << 32 | u64::from(place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::random::Random;
+    use glam::DVec3;
+
+    /// All others by squared distance and slot.
+    fn brute_force(points: &SortedPoints, slot: usize, count: usize) -> Vec<u32> {
+        let q = points.at(slot);
+        let mut all: Vec<(f32, u32)> =
+            (0..points.len()).filter(|s| *s != slot).map(|s| (distance2(points.at(s), q), s as u32)).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        all.into_iter().take(count).map(|a| a.1).collect()
+    }
+
+    fn check(name: &str, positions: &[DVec3], step: usize) {
+        let points = SortedPoints::new(positions.len(), |i| positions[i]).unwrap();
+        let mut search = Search::new(&points);
+        for count in [1, 16, 48, MOST_NEIGHBOURS] {
+            for slot in (0..points.len()).step_by(step) {
+                let expected = brute_force(&points, slot, count);
+                let (found, farthest2) = search.nearest(slot, count, 0.0);
+                assert_eq!(found, expected, "{name}: {count} of {slot}");
+                let last = expected.last().map_or(0.0, |j| distance2(points.at(*j as usize), points.at(slot)));
+                assert_eq!(farthest2, last);
+                // What is known of the farthest one changes nothing, nor does a guess that is wrong.
+                for guess2 in [last, 0.1 * last, 9.0 * last] {
+                    assert_eq!(search.nearest(slot, count, guess2).0, expected, "{name}: {count} of {slot}, {guess2}");
+                }
+            }
+        }
+        let mut alone = Search::new(&points);
+        for slot in (0..points.len()).step_by(3 * step) {
+            let count = 16.min(points.len() - 1);
+            assert!(count == 0 || alone.alone(points.at(slot), count));
+            assert_eq!(alone.slots[..count], brute_force(&points, slot, count), "{name}: {slot} by itself");
+        }
+    }
+
+    #[test]
+    fn nearest_agrees_with_brute_force() {
+        let mut random = Random::new(7);
+        let mut scattered = |count: usize, levels: f64| -> Vec<DVec3> {
+            let mut coordinate = || (random.unit() * levels).floor() / levels;
+            (0..count).map(|_| DVec3::new(coordinate(), coordinate(), coordinate())).collect()
+        };
+        for count in [1, 2, 3, 31, 32, 33, 200] {
+            check("few", &scattered(count, 1e9), 1);
+        }
+        check("scattered", &scattered(5000, 1e9), 37);
+        // Few levels: most distances tie.
+        check("ties", &scattered(9000, 17.0), 61);
+        // A dense cluster that strays look at, more than candidates have room for.
+        let mut clusters: Vec<DVec3> = scattered(6000, 1e9).iter().map(|p| *p * 1e-3).collect();
+        clusters.extend(scattered(40, 1e9));
+        check("strays", &clusters, 43);
+        let line: Vec<DVec3> = (0..4000).map(|i| DVec3::new(f64::from(i), 0.0, f64::from(i % 2) * 1e-3)).collect();
+        check("line", &line, 59);
+        let sheet: Vec<DVec3> = scattered(6000, 1e9).iter().map(|p| DVec3::new(p.x, p.y * p.y * p.y, 0.0)).collect();
+        check("sheet", &sheet, 41);
+    }
+}

@@ -1,0 +1,417 @@
+//! Distinct points along a Morton curve, in fixed point, with a tree of boxes around runs of them.
+
+use crate::SampleError;
+use crate::parallel::{for_chunks, map_tasks};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Points of a leaf. Measured on 1 M points: 16 and 64 are slower by a tenth.
+pub(crate) const LEAF: usize = 32;
+/// Points of a run: a power of two of leaves.
+pub(crate) const RUN: usize = 128 * LEAF;
+/// Boxes that one of the next level holds.
+const FAN: usize = 8;
+/// Coordinates reach this far to either side of the middle: differences of two fit an i32.
+const REACH: f64 = 1_073_741_823.0;
+/// Points of a task.
+const CHUNK: usize = 1 << 15;
+
+/// A box, corners included.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds {
+    pub(crate) lo: [i32; 3],
+    pub(crate) hi: [i32; 3],
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Self { lo: [i32::MAX; 3], hi: [i32::MIN; 3] }
+    }
+}
+
+impl Bounds {
+    fn with(self, other: &Self) -> Self {
+        let pick = |k: usize| (self.lo[k].min(other.lo[k]), self.hi[k].max(other.hi[k]));
+        let [x, y, z] = [pick(0), pick(1), pick(2)];
+        Self { lo: [x.0, y.0, z.0], hi: [x.1, y.1, z.1] }
+    }
+
+    /// This box and what is within `distance` of it along each axis.
+    pub(crate) fn grown(&self, distance: i32) -> Self {
+        Self { lo: self.lo.map(|c| c.saturating_sub(distance)), hi: self.hi.map(|c| c.saturating_add(distance)) }
+    }
+
+    #[inline]
+    pub(crate) fn meets(&self, other: &Self) -> bool {
+        (0..3).all(|k| self.lo[k] <= other.hi[k] && other.lo[k] <= self.hi[k])
+    }
+
+    /// Squared distance of `p`, 0 inside.
+    #[inline]
+    pub(crate) fn distance2(&self, p: [i32; 3]) -> f32 {
+        let along = |k: usize| {
+            let d = (i64::from(self.lo[k]) - i64::from(p[k])).max(i64::from(p[k]) - i64::from(self.hi[k])).max(0);
+            d as f32
+        };
+        let [x, y, z] = [along(0), along(1), along(2)];
+        x * x + y * y + z * z
+    }
+}
+
+/// Distinct points. They are addressed by *slot*, their place in an order where neighbours in space mostly lie close
+/// together in memory: runs of 4096 along a Morton curve, each of them in k-d order.
+///
+/// Coordinates are whole steps from the middle of all, 2⁻³⁰ of half their extent each: points nearer to each other
+/// than that count as one, and differences are exact however far from the origin the points are.
+#[derive(Debug)]
+pub(crate) struct SortedPoints {
+    pub(crate) x: Vec<i32>,
+    pub(crate) y: Vec<i32>,
+    pub(crate) z: Vec<i32>,
+    /// Input indices by slot; those of coincident points one after another, in ascending order.
+    order: Vec<u32>,
+    /// Where each slot's indices start in `order`, and the end of the last; empty where no points coincide.
+    starts: Vec<u32>,
+    /// Boxes of leaves, of groups of leaves, and so on up to one.
+    levels: Vec<Vec<Bounds>>,
+    /// The middle, in object coordinates.
+    pub(crate) center: DVec3,
+    /// Object units of a step.
+    pub(crate) step: f64,
+}
+
+/// Spreads the low 21 bits of `x` to every third bit.
+fn spread(x: u32) -> u64 {
+    let x = u64::from(x) & 0x1f_ffff;
+    let x = (x | x << 32) & 0x001f_0000_0000_ffff;
+    let x = (x | x << 16) & 0x001f_0000_ff00_00ff;
+    let x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
+    let x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
+    (x | x << 2) & 0x1249_2492_4924_9249
+}
+
+/// The upper 63 of the 93 bits of a Morton code.
+fn upper(p: [i32; 3]) -> u64 {
+    let [x, y, z] = p.map(|c| spread((c + (1 << 30)) as u32 >> 10));
+    x | y << 1 | z << 2
+}
+
+/// The lower 30.
+fn lower(p: [i32; 3]) -> u64 {
+    let [x, y, z] = p.map(|c| spread((c + (1 << 30)) as u32 & 0x3ff));
+    x | y << 1 | z << 2
+}
+
+impl SortedPoints {
+    /// Sorts `total` positions.
+    ///
+    /// # Errors
+    /// [`SampleError::NotFinite`] or [`SampleError::TooMany`].
+    pub(crate) fn new(total: usize, position: impl Fn(usize) -> DVec3 + Sync) -> Result<Self, SampleError> {
+        SampleError::check_count("points", total)?;
+        let (lo, hi) = extent(total, &position)?;
+        // Halves first: hi − lo may overflow where neither does.
+        let (center, half) = (0.5 * lo + 0.5 * hi, (0.5 * hi - 0.5 * lo).max_element());
+        let half = if half > 0.0 { half } else { 1.0 };
+        let fixed = |i: usize| ((position(i) - center) / half * REACH).round().to_array().map(|c| c as i32);
+        let mut keyed = vec![(0_u64, 0_u32); total];
+        for_chunks(&mut keyed, CHUNK, &|first, chunk| {
+            for (i, key) in (first..).zip(chunk) {
+                *key = (upper(fixed(i)), i as u32);
+            }
+        });
+        keyed.par_sort_unstable();
+        // Points that are close together, as all of a cloud with one far stray are.
+        let same = |keyed: &[(u64, u32)], i: usize| i > 0 && i < keyed.len() && keyed[i].0 == keyed[i - 1].0;
+        let mut at = 0;
+        while at < total {
+            let mut end = at + 1;
+            while same(&keyed, end) {
+                end += 1;
+            }
+            if end > at + 1 {
+                let mut run: Vec<(u64, u32)> =
+                    keyed[at..end].iter().map(|k| (lower(fixed(k.1 as usize)), k.1)).collect();
+                run.par_sort_unstable();
+                keyed[at..end].iter_mut().zip(run).for_each(|(k, r)| k.1 = r.1);
+            }
+            at = end;
+        }
+        let mut order = vec![0_u32; total];
+        for_chunks(&mut order, CHUNK, &|first, chunk| {
+            chunk.iter_mut().zip(&keyed[first..]).for_each(|(o, k)| *o = k.1);
+        });
+        drop(keyed);
+        let column = |axis: usize| {
+            let mut column = vec![0_i32; total];
+            for_chunks(&mut column, CHUNK, &|first, chunk| {
+                let place = |i: &u32| {
+                    let p = position(*i as usize)[axis];
+                    ((p - center[axis]) / half * REACH).round() as i32
+                };
+                chunk.iter_mut().zip(&order[first..]).for_each(|(c, i)| *c = place(i));
+            });
+            column
+        };
+        let (mut x, mut y, mut z) = (column(0), column(1), column(2));
+        let starts = distinct(&mut x, &mut y, &mut z);
+        let (order, starts) = reordered(order, starts, &compact(&mut x, &mut y, &mut z));
+        let levels = levels(&x, &y, &z);
+        Ok(Self { x, y, z, order, starts, levels, center, step: half / REACH })
+    }
+
+    /// Number of distinct points.
+    pub(crate) fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    /// Number of points given.
+    pub(crate) fn total(&self) -> usize {
+        self.order.len()
+    }
+
+    /// In steps from the middle.
+    #[inline]
+    pub(crate) fn at(&self, slot: usize) -> [i32; 3] {
+        [self.x[slot], self.y[slot], self.z[slot]]
+    }
+
+    /// In steps from the middle.
+    #[inline]
+    pub(crate) fn point(&self, slot: usize) -> DVec3 {
+        DVec3::new(f64::from(self.x[slot]), f64::from(self.y[slot]), f64::from(self.z[slot]))
+    }
+
+    /// Indices of the input points at `slot`, ascending; at least one.
+    #[inline]
+    pub(crate) fn inputs(&self, slot: usize) -> &[u32] {
+        if self.starts.is_empty() {
+            &self.order[slot..=slot]
+        } else {
+            &self.order[self.starts[slot] as usize..self.starts[slot + 1] as usize]
+        }
+    }
+
+    /// The slot of each input point.
+    pub(crate) fn slots(&self) -> Vec<u32> {
+        let slots: Vec<AtomicU32> = (0..self.total()).map(|_| AtomicU32::new(0)).collect();
+        map_tasks(self.len().div_ceil(CHUNK), |task| {
+            for slot in task * CHUNK..self.len().min((task + 1) * CHUNK) {
+                self.inputs(slot).iter().for_each(|i| slots[*i as usize].store(slot as u32, Ordering::Relaxed));
+            }
+        });
+        slots.into_iter().map(AtomicU32::into_inner).collect()
+    }
+
+    /// Boxes of leaves, of groups of leaves, and so on up to one.
+    pub(crate) fn levels(&self) -> &[Vec<Bounds>] {
+        &self.levels
+    }
+
+    /// The children of a box.
+    pub(crate) fn children(&self, level: usize, index: usize) -> std::ops::Range<usize> {
+        index * FAN..((index + 1) * FAN).min(self.levels[level - 1].len())
+    }
+
+    /// The slots of a leaf.
+    pub(crate) fn leaf(&self, index: usize) -> std::ops::Range<usize> {
+        index * LEAF..((index + 1) * LEAF).min(self.len())
+    }
+}
+
+/// Corners of the points' box.
+fn extent(total: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Result<(DVec3, DVec3), SampleError> {
+    let parts = map_tasks(total.div_ceil(CHUNK), |task| {
+        let (mut lo, mut hi, mut finite) = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
+        for i in task * CHUNK..total.min((task + 1) * CHUNK) {
+            let p = position(i);
+            finite &= p.is_finite();
+            (lo, hi) = (lo.min(p), hi.max(p));
+        }
+        (lo, hi, finite)
+    });
+    if !parts.iter().all(|p| p.2) {
+        let bad = || (0..total).filter(|i| !position(*i).is_finite());
+        return Err(SampleError::NotFinite { index: bad().next().unwrap_or(0), count: bad().count(), total });
+    }
+    let fold = |f: fn(DVec3, DVec3) -> DVec3, of: fn(&(DVec3, DVec3, bool)) -> DVec3| parts.iter().map(of).reduce(f);
+    Ok((fold(DVec3::min, |p| p.0).unwrap_or(DVec3::ZERO), fold(DVec3::max, |p| p.1).unwrap_or(DVec3::ZERO)))
+}
+
+/// Leaves the first of equal points, and says where each one's start; nothing if all differ.
+fn distinct(x: &mut Vec<i32>, y: &mut Vec<i32>, z: &mut Vec<i32>) -> Vec<u32> {
+    let total = x.len();
+    let is_first = |i: usize| i == 0 || x[i] != x[i - 1] || y[i] != y[i - 1] || z[i] != z[i - 1];
+    if (0..total).all(is_first) {
+        return Vec::new();
+    }
+    let mut starts: Vec<u32> = (0..total).filter(|i| is_first(*i)).map(|i| i as u32).collect();
+    for column in [x, y, z] {
+        for (to, from) in starts.iter().enumerate() {
+            column[to] = column[*from as usize];
+        }
+        column.truncate(starts.len());
+        column.shrink_to_fit();
+    }
+    starts.push(total as u32);
+    starts
+}
+
+/// Sorts each run of [`RUN`] points so that the points of a leaf are close together in all directions, which on a
+/// Morton curve they aren't where it jumps. Returns where each point was.
+fn compact(x: &mut [i32], y: &mut [i32], z: &mut [i32]) -> Vec<u32> {
+    let mut from = vec![0_u32; x.len()];
+    let columns = x.chunks_mut(RUN).zip(y.chunks_mut(RUN)).zip(z.chunks_mut(RUN)).zip(from.chunks_mut(RUN));
+    let mut runs: Vec<_> = columns.collect();
+    for_chunks(&mut runs, 1, &|run, columns| {
+        let (((x, y), z), from) = &mut columns[0];
+        let mut items: Vec<([i32; 3], u32)> =
+            (0..x.len()).map(|i| ([x[i], y[i], z[i]], (run * RUN + i) as u32)).collect();
+        split(&mut items);
+        for (i, (p, index)) in items.into_iter().enumerate() {
+            (x[i], y[i], z[i], from[i]) = (p[0], p[1], p[2], index);
+        }
+    });
+    from
+}
+
+/// Halves the items along the longest side of their box, at a whole number of leaves, until a leaf is left.
+fn split(items: &mut [([i32; 3], u32)]) {
+    let leaves = items.len().div_ceil(LEAF);
+    if leaves < 2 {
+        return;
+    }
+    let bounds = items.iter().fold(Bounds::default(), |all, i| all.with(&Bounds { lo: i.0, hi: i.0 }));
+    let side = |k: usize| i64::from(bounds.hi[k]) - i64::from(bounds.lo[k]);
+    let axis = (1..3).fold(0, |best, k| if side(k) > side(best) { k } else { best });
+    // The left part is a power of two, so that groups of leaves are parts too.
+    let middle = leaves.next_power_of_two() / 2 * LEAF;
+    items.select_nth_unstable_by_key(middle, |i| (i.0[axis], i.1));
+    let (left, right) = items.split_at_mut(middle);
+    split(left);
+    split(right);
+}
+
+/// The inputs of slots that are taken from other places.
+fn reordered(order: Vec<u32>, starts: Vec<u32>, from: &[u32]) -> (Vec<u32>, Vec<u32>) {
+    if starts.is_empty() {
+        let mut new = vec![0_u32; order.len()];
+        for_chunks(&mut new, CHUNK, &|first, chunk| {
+            chunk.iter_mut().zip(&from[first..]).for_each(|(to, from)| *to = order[*from as usize]);
+        });
+        return (new, starts);
+    }
+    let (mut new, mut new_starts) = (Vec::with_capacity(order.len()), Vec::with_capacity(starts.len()));
+    for i in from {
+        new_starts.push(new.len() as u32);
+        let i = *i as usize;
+        new.extend_from_slice(&order[starts[i] as usize..starts[i + 1] as usize]);
+    }
+    new_starts.push(new.len() as u32);
+    (new, new_starts)
+}
+
+fn levels(x: &[i32], y: &[i32], z: &[i32]) -> Vec<Vec<Bounds>> {
+    let mut leaves = vec![Bounds::default(); x.len().div_ceil(LEAF)];
+    for_chunks(&mut leaves, CHUNK / LEAF, &|first, chunk| {
+        for (i, bounds) in (first..).zip(chunk) {
+            for s in i * LEAF..x.len().min((i + 1) * LEAF) {
+                let p = [x[s], y[s], z[s]];
+                *bounds = bounds.with(&Bounds { lo: p, hi: p });
+            }
+        }
+    });
+    let mut levels = vec![leaves];
+    while let Some(below) = levels.last().filter(|l| l.len() > 1) {
+        let group = |boxes: &[Bounds]| boxes.iter().fold(Bounds::default(), Bounds::with);
+        levels.push(below.chunks(FAN).map(group).collect());
+    }
+    levels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::random::Random;
+
+    fn of(positions: &[DVec3]) -> SortedPoints {
+        SortedPoints::new(positions.len(), |i| positions[i]).unwrap()
+    }
+
+    #[test]
+    fn slots_lead_to_all_coincident_points_in_order_far_from_the_origin() {
+        let mut random = Random::new(2);
+        // A few hundred places for a thousand points.
+        let mut level = || (random.unit() * 8.0).floor() - 1e7;
+        let positions: Vec<DVec3> = (0..1000).map(|_| DVec3::new(level(), level(), level())).collect();
+        let points = of(&positions);
+        let slots = points.slots();
+        let mut seen = 0;
+        for slot in 0..points.len() {
+            let inputs = points.inputs(slot);
+            assert!(inputs.is_sorted() && inputs.iter().all(|i| slots[*i as usize] as usize == slot));
+            let first = positions[inputs[0] as usize];
+            assert_eq!(positions.iter().filter(|p| **p == first).count(), inputs.len());
+            assert!((points.point(slot) * points.step + points.center - first).length() < 1e-8);
+            seen += inputs.len();
+        }
+        assert_eq!((seen, points.total()), (1000, 1000));
+    }
+
+    #[test]
+    fn differences_keep_f32s_digits_and_more_at_ten_million_metres() {
+        // A scan of 100 m with points 0.1 mm apart, in f64 map coordinates.
+        let origin = DVec3::new(4.5e6, 9.9e6, 300.0);
+        let mut positions: Vec<DVec3> = (0..500).map(|i| origin + DVec3::new(1e-4 * f64::from(i), 0.0, 0.0)).collect();
+        positions.push(origin + DVec3::splat(100.0));
+        let points = of(&positions);
+        let slots = points.slots();
+        assert_eq!(points.len(), 501);
+        for i in 1..500 {
+            let between = points.x[slots[i] as usize] - points.x[slots[i - 1] as usize];
+            // Half a step each, 5e-8 m, and what f64 rounds away at 9.9e6 m: 1e-9.
+            assert!((f64::from(between) * points.step - 1e-4).abs() < 1.1e-7, "{i}: {between}");
+        }
+    }
+
+    #[test]
+    fn points_closer_than_any_spacing_count_as_one_and_strays_leave_the_others_sorted() {
+        let mut positions = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+        positions.extend((0..100).map(|i| DVec3::splat(1e-13 * f64::from(i))));
+        assert_eq!(of(&positions).len(), 3);
+        // Within 2⁻²¹ of the extent, where the upper bits of all codes are the same.
+        let mut random = Random::new(3);
+        let mut positions: Vec<DVec3> =
+            (0..3000).map(|_| DVec3::new(random.unit(), random.unit(), random.unit()) * 1e-7).collect();
+        positions.push(DVec3::ONE);
+        let points = of(&positions);
+        // Of so many points on a tenth of the steps few coincide, and leaves are as small as if they were alone.
+        let alone = of(&positions[..3000]);
+        let side = |points: &SortedPoints| {
+            let leaves = &points.levels()[0][..90];
+            leaves.iter().map(|b| f64::from(b.hi[0] - b.lo[0]) * points.step).sum::<f64>()
+        };
+        assert!(points.len() > 2900 && side(&points) < 1.2 * side(&alone), "{} {}", side(&points), side(&alone));
+    }
+
+    #[test]
+    fn boxes_hold_what_is_below_them() {
+        let mut random = Random::new(4);
+        let positions: Vec<DVec3> =
+            (0..5000).map(|_| DVec3::new(random.unit(), random.unit(), random.unit())).collect();
+        let points = of(&positions);
+        assert_eq!(points.levels().last().unwrap().len(), 1);
+        for (level, boxes) in points.levels().iter().enumerate().skip(1) {
+            for (i, b) in boxes.iter().enumerate() {
+                assert!(points.children(level, i).all(|c| {
+                    let child = &points.levels()[level - 1][c];
+                    (0..3).all(|k| b.lo[k] <= child.lo[k] && child.hi[k] <= b.hi[k])
+                }));
+            }
+        }
+        for (i, b) in points.levels()[0].iter().enumerate() {
+            assert!(points.leaf(i).all(|s| b.distance2(points.at(s)) == 0.0));
+        }
+    }
+}
