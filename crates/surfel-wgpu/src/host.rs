@@ -11,8 +11,10 @@ use surfel_model::Settings;
 use surfel_render::{Capabilities, Feature, Planes, RenderError, View, plan};
 
 /// Of edges by samples too a host's image has none: its depth buffer has one depth a pixel to test samples against.
-const CAPABILITIES: Capabilities =
-    Capabilities { backend: crate::NAME, lacks: &[Feature::ABuffer, Feature::EdgeSamples, Feature::Margin] };
+const CAPABILITIES: Capabilities = Capabilities {
+    backend: crate::NAME,
+    lacks: &[Feature::ABuffer, Feature::EdgeSamples, Feature::Gaussians, Feature::Margin],
+};
 
 impl Renderer {
     /// Draws a scene into a host's render target: where its surface passes the depth test it replaces colour and depth;

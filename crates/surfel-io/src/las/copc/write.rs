@@ -1171,9 +1171,10 @@ mod tests {
         let side = 512;
         let whole = hill_splats(side, Limits { cell_points: 1_000_000, most_points: 1_000_000, held_points: 0 });
         // Cells of 128² points or of 256², divided once or twice; margins are two points wide at least, where those of
-        // real files are eight. Two are enough for normals and for all radii but one in a hundred.
+        // real files are eight. Two are enough for normals and for all radii but one in a hundred. Radii are decided
+        // in f32 about a run of points, and parts have other runs: one of 262,144 was found to differ by 2 %.
         for (cell_points, most_points, most_grown_share) in
-            [(16_384, 100_000, 0.01), (65_536, 20_000, 0.0), (262_144, 20_000, 0.0)]
+            [(16_384, 100_000, 0.01), (65_536, 20_000, 1e-5), (262_144, 20_000, 1e-5)]
         {
             let parts = hill_splats(side, Limits { cell_points, most_points, held_points: 0 });
             let (mut turned, mut grown) = (0, 0);
