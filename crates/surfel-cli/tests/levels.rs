@@ -118,21 +118,21 @@ fn rows_and_tiles_are_those_of_all_whatever_levels_are_read() {
 fn points_that_do_not_fit_into_memory_are_refused_with_what_to_do() {
     let folder = Folder::new("levels-memory");
     folder.write("in.las", las(60));
-    folder.write("in.xyz", "0 0 0\n1 0 0\n0 1 0\n1 1 0\n");
+    folder.write("in.xyz", "0 0 0\n1 0 0\n0 1 0\n1 1 0\n2 0 0\n2 1 0\n");
     folder.run("convert in.las -o out.copc.laz --memory 2G").code(0);
     folder.run("render in.las --size 16x16 -o a.png --memory 2M").code(0);
     for (command, expected) in [
-        ("render in.las --memory 1M", "surfel convert"),
-        ("render in.las --memory 100K --max-points 342", "0.0 GB of memory at 300 bytes"),
+        ("render in.las --memory 512K", "surfel convert"),
+        ("render in.las --memory 100K --max-points 513", "0.0 GB of memory at 200 bytes"),
         ("render out.copc.laz --memory 100K", "at most 1024 points (--max-points)"),
         ("render out.copc.laz --memory 100K --all-levels", "at most 1024 points (--max-points)"),
-        ("render in.xyz --memory 1K", "has 4 points to draw"),
+        ("render in.xyz --memory 1K", "has 6 points to draw"),
         ("render in.las --memory 1K --every 2", "has 1800 points to draw"),
     ] {
         folder.run(&format!("{command} -o b.png")).fails(3, expected).fails(3, "--memory");
     }
-    folder.run("convert in.las -o b.ply --memory 1M").fails(3, "--memory");
-    folder.run("render in.las --size 16x16 -o c.png --memory 100K --max-points 341").code(0);
+    folder.run("convert in.las -o b.ply --memory 512K").fails(3, "--memory");
+    folder.run("render in.las --size 16x16 -o c.png --memory 100K --max-points 512").code(0);
     folder.run("convert in.las -o less.copc.laz --memory 512M").fails(2, "takes at least");
     assert_eq!(folder.names(), ["a.png", "c.png", "in.las", "in.xyz", "out.copc.laz"]);
 }
