@@ -62,7 +62,9 @@ def test_two_threads_draw_at_once_and_others_run():
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_ends_the_waiting():
     code = (
-        "import surfel, numpy as np, sys\n"
+        "import surfel, numpy as np, signal\n"
+        # What runs the tests in the background may ignore the signal, and a child would, too.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "rng = np.random.default_rng(1)\n"
         "scene = surfel.scene(rng.normal(size=(200000, 3)), backend='reference', threads=1)\n"
         "print('ready', flush=True)\n"
