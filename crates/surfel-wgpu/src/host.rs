@@ -108,3 +108,13 @@ fn is_readable(depth: &wgpu::TextureView) -> bool {
     let stencil = texture.format().has_stencil_aspect();
     texture.usage().contains(wgpu::TextureUsages::TEXTURE_BINDING) && !stencil && texture.sample_count() == 1
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hosts_lack_all_that_the_backend_lacks() {
+        assert!(surfel_gpu::UNSUPPORTED.iter().all(|feature| CAPABILITIES.lacks.contains(feature)));
+    }
+}

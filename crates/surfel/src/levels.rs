@@ -6,7 +6,9 @@ use crate::{Error, LoadOptions, memory};
 use glam::{DAffine3, Vec3};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel_io::copc::{Copc, CopcNode, CopcReport, LEAST_MEMORY, NodeColumns, PointSplat};
+use surfel_io::copc::{
+    Copc, CopcNode, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, NodeColumns, PointSplat, RADIUS,
+};
 use surfel_io::{Content, Loaded};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, Shape, SplatCloud};
 use surfel_render::{LevelNode, View, select_levels};
@@ -27,10 +29,6 @@ const LEAST_POINTS: usize = 16;
 
 /// A column that lives until splats are made: how far apart points are where finer ones are missing, else 0.
 const SPACING: &str = "surfel_level_spacing";
-/// Columns of files that Surfel wrote.
-const RADIUS: &str = "splat_radius";
-const COLORS: [&str; 3] = ["level_red", "level_green", "level_blue"];
-const NORMALS: [&str; 3] = ["level_normal_x", "level_normal_y", "level_normal_z"];
 
 /// What is read of a COPC file.
 #[derive(Clone, Debug, PartialEq)]
@@ -210,12 +208,12 @@ fn mark(copc: &Copc, chosen: &[u32], ends: &[usize], points: &mut PointCloud) {
         start = *end;
     }
     let column = |names: [&str; 3]| names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
-    if let ([Some(red), Some(green), Some(blue)], Some(linear)) = (column(COLORS), &mut points.colors) {
+    if let ([Some(red), Some(green), Some(blue)], Some(linear)) = (column(LEVEL_COLORS), &mut points.colors) {
         for (i, color) in linear.iter_mut().enumerate().filter(|(i, _)| is_own[*i]) {
             *color = [red, green, blue].map(|levels| surfel_math::srgb::decode(levels.get(i) / 65_535.0) as f32);
         }
     }
-    if let ([Some(x), Some(y), Some(z)], Some(own)) = (column(NORMALS), &mut points.normals) {
+    if let ([Some(x), Some(y), Some(z)], Some(own)) = (column(LEVEL_NORMALS), &mut points.normals) {
         let of_level = |i: usize| Vec3::new(x.get(i) as f32, y.get(i) as f32, z.get(i) as f32);
         let vectors = (0..own.len()).map(|i| (is_own[i], of_level(i), own.get(i).as_vec3()));
         let vectors = vectors.map(|(is_own, level, own)| if is_own && level != Vec3::ZERO { level } else { own });
@@ -231,7 +229,7 @@ impl Radii {
     /// Takes what Surfel added out of a cloud's columns.
     pub(crate) fn take(points: &mut PointCloud) -> Self {
         let radii = take_f32(&mut points.extras, RADIUS);
-        points.extras.retain(|e| !COLORS.contains(&e.name.as_str()) && !NORMALS.contains(&e.name.as_str()));
+        points.extras.retain(|e| !LEVEL_COLORS.iter().chain(&LEVEL_NORMALS).any(|name| e.name == *name));
         Self(radii)
     }
 

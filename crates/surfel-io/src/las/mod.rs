@@ -23,6 +23,8 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+/// Name of the extra bytes in which a file of Surfel says how far a point's splat reaches.
+pub const RADIUS: &str = "splat_radius";
 /// Bytes of uncompressed points that are read at a time.
 const BLOCK_BYTES: usize = 2 << 20;
 
@@ -95,7 +97,7 @@ pub fn survey_points(path: &Path) -> Option<(u64, bool)> {
     }
     let file_bytes = file.seek(SeekFrom::End(0)).ok()?;
     let header = Header::read(&mut file, file_bytes).ok()?;
-    let has_radii = header.extra.iter().any(|e| e.name == "splat_radius");
+    let has_radii = header.extra.iter().any(|e| e.name == RADIUS);
     if !header.compressed {
         return Some((header.count.min((header.end - header.start) / header.record_bytes as u64), has_radii));
     }

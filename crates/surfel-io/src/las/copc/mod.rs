@@ -9,6 +9,7 @@ mod records;
 mod spill;
 mod write;
 
+pub use super::RADIUS;
 pub use hierarchy::{Copc, CopcNode, NodeColumns, NodePoints};
 pub use write::{CopcReport, LEAST_MEMORY, PointSplat, Prepare, save_copc};
 
@@ -18,8 +19,9 @@ const ENTRY_BYTES: usize = 32;
 /// Where that record is: it is the first, and the header has 375 bytes.
 const INFO_AT: usize = 375 + 54;
 
-/// Names of the extra bytes that Surfel adds to each point.
-pub(crate) const RADIUS: &str = "splat_radius";
+/// Names of the extra bytes with a point's normal.
 const NORMALS: [&str; 3] = ["NormalX", "NormalY", "NormalZ"];
-pub(crate) const LEVEL_COLORS: [&str; 3] = ["level_red", "level_green", "level_blue"];
-pub(crate) const LEVEL_NORMALS: [&str; 3] = ["level_normal_x", "level_normal_y", "level_normal_z"];
+/// Of those with the mean colour of the points that one stands for at its level.
+pub const LEVEL_COLORS: [&str; 3] = ["level_red", "level_green", "level_blue"];
+/// Of those with their mean normal.
+pub const LEVEL_NORMALS: [&str; 3] = ["level_normal_x", "level_normal_y", "level_normal_z"];

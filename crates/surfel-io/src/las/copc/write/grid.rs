@@ -1,0 +1,107 @@
+//! The grid that points are sorted into, and the octree over its cells.
+
+use crate::las::copc::build::CELL_BITS;
+use crate::las::copc::octants::{BITS, code};
+use glam::DVec3;
+use std::io;
+
+/// Parts see the points beyond their border that are nearer than their side over this: some 16 of a surface's points,
+/// where it has as many of them as a cell is made for.
+const MARGIN: i64 = 64;
+
+/// The grid that points are sorted into, on the inputs' own steps.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grid {
+    /// Steps of the grid's unit in a step of each axis: 1 where axes have the same scale.
+    pub(super) steps: DVec3,
+    pub(super) unit: f64,
+    /// Least corner, in units.
+    pub(super) low: [i64; 3],
+    /// Units in the side of the finest cell of the octree.
+    pub(super) finest: i64,
+    /// Finest cells along a cell of the grid, as a power of two.
+    pub(super) cell_bits: u32,
+}
+
+impl Grid {
+    pub(super) fn new(scale: DVec3, low: [f64; 3], longest: f64, count: u64, cell_points: u64) -> Self {
+        let magnitude = scale.abs();
+        // 2²¹ units are in a step at most, so that a position of 32 bits has 53.
+        let unit = magnitude.min_element().max(magnitude.max_element() * 2f64.powi(-21));
+        let longest = (longest / unit).clamp(0.0, 2f64.powi(53)) as i64 + 1;
+        let mut depth = 0;
+        while depth < CELL_BITS && count >> (2 * depth) > cell_points {
+            depth += 1;
+        }
+        let side = (longest >> depth) + 1;
+        // A side of finest · 2^cell_bits, where finest has 8 bits, so that no side is more than 1/128 longer.
+        let side_bits = i64::BITS - side.leading_zeros();
+        let cell_bits = side_bits.saturating_sub(8).clamp(CELL_BITS, BITS - depth);
+        let finest = ((side - 1) >> cell_bits) + 1;
+        let low = [0, 1, 2].map(|k| (low[k] / unit).clamp(-2f64.powi(60), 2f64.powi(60)).floor() as i64);
+        Self { steps: scale / unit, unit, low, finest, cell_bits }
+    }
+
+    pub(super) fn side(&self) -> i64 {
+        self.finest << self.cell_bits
+    }
+
+    pub(super) fn units(&self, position: [i32; 3]) -> [i64; 3] {
+        let on = |k: usize| match self.steps[k] {
+            1.0 => i64::from(position[k]),
+            steps => (f64::from(position[k]) * steps).round() as i64,
+        };
+        [0, 1, 2].map(|k| on(k) - self.low[k])
+    }
+
+    pub(super) fn cell(&self, position: [i32; 3]) -> [i64; 3] {
+        let side = self.side();
+        self.units(position).map(|u| u.div_euclid(side))
+    }
+}
+
+/// Calls `each` for every other cell of a grid that a point is nearer to than `side` / [`MARGIN`].
+pub(super) fn in_reach(units: [i64; 3], side: i64, each: &mut dyn FnMut([i64; 3]) -> io::Result<()>) -> io::Result<()> {
+    let reach = side / MARGIN;
+    let ways = units.map(|u| match u.rem_euclid(side) {
+        within if within < reach => -1,
+        within if within >= side - reach => 1,
+        _ => 0,
+    });
+    if ways == [0; 3] {
+        return Ok(());
+    }
+    let cell = units.map(|u| u.div_euclid(side));
+    // Bits say along which axes it is another cell.
+    for axes in 1..8 {
+        let is_along = |k: usize| axes >> k & 1 == 1;
+        if (0..3).all(|k| !is_along(k) || ways[k] != 0) {
+            each([0, 1, 2].map(|k| cell[k] + if is_along(k) { ways[k] } else { 0 }))?;
+        }
+    }
+    Ok(())
+}
+
+/// The octree over the grid's cells.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frame {
+    /// Least corner of the root, in units from the grid's.
+    pub(super) low: [i64; 3],
+    /// Bits of codes.
+    pub(super) bits: u32,
+    /// Units in the side of the finest cell.
+    pub(super) finest: i64,
+    /// Level of the parts that points are sorted into.
+    pub(super) depth: u32,
+}
+
+impl Frame {
+    pub(super) fn code(&self, units: [i64; 3]) -> u64 {
+        code([0, 1, 2].map(|k| ((units[k] - self.low[k]) / self.finest) as u32))
+    }
+
+    /// The octant of a level that a point is in.
+    pub(super) fn octant(&self, units: [i64; 3], level: u32) -> u64 {
+        self.code(units) >> (3 * (self.bits - level))
+    }
+}

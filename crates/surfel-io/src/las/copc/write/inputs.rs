@@ -1,0 +1,157 @@
+//! Files that are written as one: what they share, and the records that are copied.
+
+use crate::error::{IoError, Location, Problem, READ};
+use crate::format::Format;
+use crate::las::copc::output::Record;
+use crate::las::copc::records;
+use crate::las::header::{Header, POINT_BYTES};
+use crate::las::{field, unreadable};
+use crate::survey::Source;
+use glam::DVec3;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// Most bytes of a variable length record that is copied, and most records.
+const MAX_RECORD_BYTES: u64 = 1 << 20;
+const MAX_RECORDS: usize = 256;
+
+/// One of the inputs.
+pub(super) struct Input {
+    pub(super) path: PathBuf,
+    pub(super) file: File,
+    pub(super) file_bytes: u64,
+    pub(super) header: Header,
+    /// What its grid's numbers need to be those of the first input's.
+    pub(super) shift: [i64; 3],
+}
+
+/// Why writing ends early.
+pub(super) enum Stop {
+    Input(IoError),
+    Disk(io::Error),
+}
+
+impl From<io::Error> for Stop {
+    fn from(error: io::Error) -> Self {
+        Self::Disk(error)
+    }
+}
+
+pub(super) fn invalid(path: &Path, problem: Problem) -> Stop {
+    Stop::Input(IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) })
+}
+
+/// Opens an input, and reads its header.
+pub(super) fn open(path: &Path) -> Result<(Input, Vec<u8>), Stop> {
+    let system = |source| Stop::Input(IoError::System { path: path.to_path_buf(), action: READ, source });
+    let mut file = File::open(path).map_err(system)?;
+    let mut raw = Vec::new();
+    (&mut file).take(512).read_to_end(&mut raw).map_err(system)?;
+    if !matches!(Format::of_survey(&raw), Some(Format::Las | Format::Laz | Format::Copc)) {
+        let problem = Problem::new("is no LAS, LAZ or COPC file").expected("one: only these are written as COPC");
+        return Err(invalid(path, problem));
+    }
+    raw.truncate(375);
+    let file_bytes = file.seek(SeekFrom::End(0)).map_err(system)?;
+    let header = Header::read(&mut file, file_bytes).map_err(|problem| invalid(path, problem))?;
+    // What older headers lack is what follows them.
+    let own = usize::from(u16::from_le_bytes(field(&raw, 94)));
+    raw.truncate(own.max(227));
+    raw.resize(375, 0);
+    Ok((Input { path: path.to_path_buf(), file, file_bytes, header, shift: [0; 3] }, raw))
+}
+
+/// Steps from an offset to another one.
+pub(super) fn shift(scale: DVec3, first: DVec3, other: DVec3) -> Result<[i64; 3], Problem> {
+    let steps = (other - first) / scale;
+    let whole = steps.round();
+    // Offsets of 10⁷ in steps of 10⁻⁵ are rounded by some 10⁻⁴ of a step.
+    if (steps - whole).abs().max_element() > 1e-3 || whole.abs().max_element() > 2f64.powi(40) {
+        let what = format!("has the offset {other}, which is no whole number of steps from the first input's {first}");
+        return Err(Problem::new(what).help("convert it by itself, or give its points the first's offset"));
+    }
+    Ok(whole.to_array().map(|v| v as i64))
+}
+
+/// Checks that two inputs can be one file.
+pub(super) fn check_alike(first: &Input, other: &Input) -> Result<(), Problem> {
+    let (a, b) = (&first.header, &other.header);
+    let unlike = |what: &str, found: String, expected: String| {
+        let problem = Problem::new(format!("has {what} {found}")).expected(format!("{expected}, as the first input"));
+        Err(problem.help("convert files apart that differ"))
+    };
+    if a.scale != b.scale {
+        return unlike("the coordinate scale", b.scale.to_string(), a.scale.to_string());
+    }
+    let formats = [a.format, b.format].map(records::target);
+    if formats[0] != formats[1] {
+        return unlike("points of format", b.format.to_string(), a.format.to_string());
+    }
+    let names = |h: &Header| h.extra.iter().map(|e| e.name.clone()).collect::<Vec<_>>().join(", ");
+    let bytes = |h: &Header| h.record_bytes - POINT_BYTES[usize::from(h.format)];
+    if a.extra != b.extra || bytes(a) != bytes(b) {
+        let words = |h: &Header| format!("{} ({})", bytes(h), names(h));
+        return unlike("extra bytes", words(b), words(a));
+    }
+    if a.crs != b.crs {
+        return unlike("", b.crs.words(), a.crs.words());
+    }
+    Ok(())
+}
+
+/// The variable length records that are copied; extended ones become ordinary ones where they are short enough.
+pub(super) fn raw_records(source: &mut dyn Source, raw: &[u8], file_bytes: u64) -> Result<Vec<Record>, Problem> {
+    let u32_at = |at: usize| u32::from_le_bytes(field(raw, at));
+    let start = u64::from(u32_at(96));
+    let mut found = Vec::new();
+    let header_bytes = u64::from(u16::from_le_bytes(field(raw, 94))).max(227);
+    read_list(source, (header_bytes, start), u32_at(100), false, &mut found)?;
+    if raw[25] >= 4 {
+        let at = u64::from_le_bytes(field(raw, 235));
+        if at >= start {
+            read_list(source, (at, file_bytes), u32_at(243), true, &mut found)?;
+        }
+    }
+    Ok(found)
+}
+
+pub(super) fn read_list(
+    source: &mut dyn Source,
+    (mut at, end): (u64, u64),
+    count: u32,
+    extended: bool,
+    found: &mut Vec<Record>,
+) -> Result<(), Problem> {
+    let head_bytes = if extended { 60 } else { 54 };
+    for _ in 0..count {
+        if at.checked_add(head_bytes).is_none_or(|next| next > end) {
+            break;
+        }
+        let mut head = [0; 60];
+        source.seek(SeekFrom::Start(at)).map_err(unreadable)?;
+        let head = &mut head[..head_bytes as usize];
+        source.read_exact(head).map_err(unreadable)?;
+        let length =
+            if extended { u64::from_le_bytes(field(head, 20)) } else { u64::from(u16::from_le_bytes(field(head, 20))) };
+        at += head_bytes;
+        if length > end - at {
+            break;
+        }
+        let mut record = Record { head: field(head, 0), description: field(head, head.len() - 32), data: Vec::new() };
+        at += length;
+        let made_anew =
+            [("laszip encoded", 22_204), ("copc", 1), ("copc", 1000), ("LASF_Spec", 7), ("LASF_Spec", 65_535)];
+        if made_anew.iter().any(|(user, id)| record.is(user, *id)) {
+            continue;
+        }
+        if length > MAX_RECORD_BYTES || found.len() >= MAX_RECORDS {
+            let what = "has variable length records that are larger or more than any real ones";
+            return Err(Problem::new(what).at(Location::Byte(at as usize)).help("the file is damaged"));
+        }
+        record.data.resize(length as usize, 0);
+        source.read_exact(&mut record.data).map_err(unreadable)?;
+        found.push(record);
+    }
+    Ok(())
+}

@@ -1,0 +1,215 @@
+//! Nodes of the parts of a cloud: splats and levels of their points, and what points stand for at their levels.
+
+use super::grid::{Frame, Grid};
+use crate::las::copc::build::{Coded, Part, levels};
+use crate::las::copc::output::Template;
+use crate::las::field;
+use crate::las::records::{on_grid, value_of};
+use ::laz::LazVlr;
+use ::laz::laszip::LasZipCompressor;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::io::{self, Cursor};
+use surfel_model::{Column3, PointCloud};
+
+/// The splat of a point: where its surface faces, and how far it reaches.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PointSplat {
+    /// Unit normal; zero if it is unknown.
+    pub normal: [f32; 3],
+    /// Radius, object units; 0 if it is unknown.
+    pub radius: f32,
+}
+
+/// Makes a splat of each of some points that lie together.
+pub type Prepare<'a> = &'a (dyn Fn(&PointCloud) -> Result<Vec<PointSplat>, String> + Sync);
+
+/// A part of the cloud that is in memory.
+pub(super) struct Loaded {
+    pub(super) part: Part,
+    pub(super) records: Vec<u8>,
+    /// Those around it.
+    pub(super) margin: Vec<u8>,
+}
+
+/// What became of a part.
+pub(super) struct Made {
+    pub(super) points: u64,
+    /// Compressed nodes: level, code, number of points, bytes.
+    pub(super) packed: Vec<Packed>,
+    /// Records of nodes that other parts have points of, too.
+    pub(super) upper: Vec<((u32, u64), Vec<u8>)>,
+}
+
+/// What makes nodes of parts, several at once.
+pub(super) struct Maker<'a> {
+    pub(super) prepare: Option<Prepare<'a>>,
+    pub(super) template: &'a Template,
+    pub(super) sorted_bytes: usize,
+    pub(super) normals: Option<[(usize, u8, f64, f64); 3]>,
+    pub(super) adds_normals: bool,
+    pub(super) grid: Grid,
+    pub(super) laz: &'a LazVlr,
+}
+
+impl Maker<'_> {
+    /// Gives the points of one octant their levels, and compresses the nodes that are in it.
+    pub(super) fn make(&self, frame: &Frame, loaded: &Loaded, taken: &mut HashSet<(u32, u64)>) -> io::Result<Made> {
+        let (size, Loaded { part, records, margin }) = (self.sorted_bytes, loaded);
+        let splats = self.splats(records, margin)?;
+        let mut coded: Vec<Coded> = records
+            .par_chunks_exact(size)
+            .enumerate()
+            .map(|(i, record)| (frame.code(self.grid.units(position(record))), i as u32))
+            .collect();
+        coded.par_sort_unstable();
+        let color_at = (self.template.format >= 7).then_some(30);
+        let mut filtered = Filtered { records, size, color_at, splats: splats.as_deref(), of: HashMap::new() };
+        let level_of = levels(&coded, part, taken, &mut |i, group| {
+            filtered.add(coded[i].1, coded[group].iter().map(|point| point.1));
+        });
+        let mut nodes: BTreeMap<(u32, u64), Vec<u32>> = BTreeMap::new();
+        for ((code, i), level) in coded.iter().zip(&level_of) {
+            let level = u32::from(*level);
+            nodes.entry((level, code >> (3 * (frame.bits - level)))).or_default().push(*i);
+        }
+        drop((coded, level_of));
+        let whole = |key: (u32, u64), mut indices: Vec<u32>| {
+            // Scan order compresses best.
+            indices.sort_unstable();
+            let mut bytes = Vec::with_capacity(indices.len() * (size + self.template.extra_bytes));
+            for i in indices {
+                bytes.extend_from_slice(&records[i as usize * size..][..size]);
+                filtered.write(i, self.adds_normals, &mut bytes);
+            }
+            (key, bytes)
+        };
+        let made: Vec<_> = nodes.into_par_iter().map(|(key, indices)| whole(key, indices)).collect();
+        let (inner, upper): (Vec<_>, Vec<_>) = made.into_iter().partition(|((level, _), _)| *level >= part.depth);
+        Ok(Made { points: (records.len() / size) as u64, packed: packed(inner, self.laz)?, upper })
+    }
+
+    /// The splats of points among those around them, zeros of those that are flagged as withheld.
+    pub(super) fn splats(&self, records: &[u8], margin: &[u8]) -> io::Result<Option<Vec<PointSplat>>> {
+        let Some(prepare) = self.prepare else { return Ok(None) };
+        let rows = || records.chunks_exact(self.sorted_bytes);
+        let kept = || rows().chain(margin.chunks_exact(self.sorted_bytes)).filter(|record| !is_withheld(record));
+        let grid: Vec<[i32; 3]> = kept().map(position).collect();
+        let (origin, positions) = on_grid(grid, self.template.scale, self.template.offset);
+        let normals = self.normals.map(|fields| {
+            let of = |r: &[u8]| fields.map(|(at, kind, scale, offset)| value_of(kind)(&r[at..]) * scale + offset);
+            Column3::from_f32(kept().map(|r| DVec3::from(of(r)).as_vec3()).collect())
+        });
+        let cloud = PointCloud { origin, positions, normals, ..PointCloud::default() };
+        let made = if cloud.is_empty() { Vec::new() } else { prepare(&cloud).map_err(io::Error::other)? };
+        if made.len() != cloud.len() {
+            return Err(io::Error::other("a part of the cloud has fewer splats than points"));
+        }
+        let mut made = made.into_iter();
+        let next = |r: &[u8]| if is_withheld(r) { PointSplat::default() } else { made.next().unwrap_or_default() };
+        Ok(Some(rows().map(next).collect()))
+    }
+}
+
+pub(super) fn is_withheld(record: &[u8]) -> bool {
+    record[15] & 4 != 0
+}
+
+/// A chunk of these points.
+pub(super) fn pack(points: &[u8], laz: &LazVlr) -> io::Result<Vec<u8>> {
+    let other = |e: ::laz::LasZipError| io::Error::other(e.to_string());
+    let mut compressor = LasZipCompressor::new(Cursor::new(Vec::new()), laz.clone()).map_err(other)?;
+    compressor.compress_many(points)?;
+    compressor.finish_current_chunk()?;
+    // Before it is the place of a table of chunks, which the file has one of.
+    Ok(compressor.into_inner().into_inner().split_off(8))
+}
+
+/// Level, octant, number of points, and their chunk.
+pub(super) type Packed = (u32, u64, u64, Vec<u8>);
+
+/// Nodes as chunks.
+pub(super) fn packed(nodes: Vec<((u32, u64), Vec<u8>)>, laz: &LazVlr) -> io::Result<Vec<Packed>> {
+    let size = laz.items_size() as usize;
+    let packed = nodes.into_par_iter().map(|((level, code), bytes)| {
+        let points = (bytes.len() / size) as u64;
+        Ok((level, code, points, pack(&bytes, laz)?))
+    });
+    packed.collect()
+}
+
+/// What points stand for at their levels.
+pub(super) struct Filtered<'a> {
+    pub(super) records: &'a [u8],
+    pub(super) size: usize,
+    pub(super) color_at: Option<usize>,
+    pub(super) splats: Option<&'a [PointSplat]>,
+    /// Mean colour, and mean normal.
+    pub(super) of: HashMap<u32, ([u16; 3], [i8; 3])>,
+}
+
+impl Filtered<'_> {
+    pub(super) fn record(&self, i: u32) -> &[u8] {
+        &self.records[i as usize * self.size..][..self.size]
+    }
+
+    pub(super) fn color(&self, i: u32) -> [u16; 3] {
+        let at = self.color_at.unwrap_or(0);
+        [0, 2, 4].map(|k| u16::from_le_bytes(field(self.record(i), at + k)))
+    }
+
+    pub(super) fn normal(&self, i: u32) -> [f32; 3] {
+        self.splats.map_or([0.0; 3], |splats| splats[i as usize].normal)
+    }
+
+    /// Point `i` stands for others, itself among them.
+    pub(super) fn add(&mut self, i: u32, others: impl Iterator<Item = u32>) {
+        let own = glam::Vec3::from(self.normal(i));
+        let (mut count, mut color, mut normal) = (0_u64, [0.0_f64; 3], glam::Vec3::ZERO);
+        let table = crate::color::linear_of_16_bit();
+        for other in others.filter(|other| !is_withheld(self.record(*other))) {
+            count += 1;
+            if self.color_at.is_some() {
+                let levels = self.color(other);
+                (0..3).for_each(|k| color[k] += f64::from(table[usize::from(levels[k])]));
+            }
+            let n = glam::Vec3::from(self.normal(other));
+            // Both sides of a thin sheet don't cancel.
+            normal += if n.dot(own) < 0.0 { -n } else { n };
+        }
+        if count > 1 {
+            let color = color.map(|sum| (surfel_math::srgb::encode(sum / count as f64) * 65_535.0).round() as u16);
+            self.of.insert(i, (color, eight_bits(normal.normalize_or_zero().to_array())));
+        }
+    }
+
+    /// Appends the extra bytes of a point.
+    pub(super) fn write(&self, i: u32, adds_normals: bool, out: &mut Vec<u8>) {
+        let filtered = self.of.get(&i);
+        if let Some(splats) = self.splats {
+            let splat = &splats[i as usize];
+            // Eight bits behind the point: what comes after compresses to nothing. Rounded up, so that nothing opens.
+            let bits = splat.radius.to_bits();
+            out.extend_from_slice(&(bits.saturating_add(0x7fff) & 0xffff_8000).to_le_bytes());
+            let own = eight_bits(splat.normal);
+            let bytes = |n: [i8; 3]| n.map(|v| v as u8);
+            if adds_normals {
+                out.extend_from_slice(&bytes(own));
+            }
+            out.extend_from_slice(&bytes(filtered.map_or(own, |f| f.1)));
+        }
+        if self.color_at.is_some() {
+            let color = filtered.map_or_else(|| self.color(i), |f| f.0);
+            color.iter().for_each(|level| out.extend_from_slice(&level.to_le_bytes()));
+        }
+    }
+}
+
+pub(super) fn eight_bits(normal: [f32; 3]) -> [i8; 3] {
+    normal.map(|v| (v * 127.0).round() as i8)
+}
+
+pub(super) fn position(record: &[u8]) -> [i32; 3] {
+    [0, 4, 8].map(|at| i32::from_le_bytes(field(record, at)))
+}
