@@ -27,8 +27,11 @@ impl<'a> Context<'a> {
         Self { options, siblings, notes: Vec::new(), textures, gaussian: false }
     }
 
+    /// Keeps a note, once.
     pub(crate) fn note(&mut self, note: String) {
-        self.notes.push(note);
+        if !self.notes.contains(&note) {
+            self.notes.push(note);
+        }
     }
 
     /// Validates splats, or drops the invalid ones.

@@ -167,6 +167,17 @@ impl From<ModelError> for Fault {
 }
 
 impl Fault {
+    /// The fault of a part, which `name` says.
+    #[cfg(feature = "gltf")]
+    pub(crate) fn within(self, name: &str) -> Self {
+        let mut problem = match self {
+            Self::Problem(problem) => problem,
+            Self::Model(error) => Box::new(Problem::new(error.to_string())),
+        };
+        problem.what = format!("in {}: {}", quote(name), problem.what);
+        Self::Problem(problem)
+    }
+
     pub(crate) fn of(self, path: &Path) -> IoError {
         let path = path.to_path_buf();
         match self {

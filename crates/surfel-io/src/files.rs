@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Component, Path, PathBuf};
+use std::rc::Rc;
 
 /// Largest file that is loaded, in bytes.
 pub(crate) const MAX_BYTES: u64 = 64 << 30;
@@ -57,8 +58,8 @@ pub(crate) enum Siblings {
         /// The folder, and that of the file which the named one is a link to, without links. `None` where files
         /// outside of them are read, too.
         inside: Option<[PathBuf; 2]>,
-        /// The files that were asked for, found or not.
-        asked: RefCell<BTreeSet<PathBuf>>,
+        /// The files that were asked for, found or not; shared by all that is read with them.
+        asked: Rc<RefCell<BTreeSet<PathBuf>>>,
     },
 }
 
@@ -87,7 +88,17 @@ impl Siblings {
         let real = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
         let of_link = real(path).parent().map(Path::to_path_buf).unwrap_or_default();
         let inside = (!allow_outside).then(|| [real(here), of_link]);
-        Self::Folder { path: folder, inside, asked: RefCell::default() }
+        Self::Folder { path: folder, inside, asked: Rc::default() }
+    }
+
+    /// What a file in a folder below may refer to.
+    #[cfg(feature = "gltf")]
+    pub(crate) fn below(&self, folder: &str) -> Self {
+        let mut siblings = self.clone();
+        if let Self::Folder { path, .. } = &mut siblings {
+            path.push(folder);
+        }
+        siblings
     }
 
     /// The files that were asked for, found or not.

@@ -49,13 +49,17 @@ pub enum Format {
     Copc,
     /// Scans of terrestrial scanners: ASTM E2807.
     E57,
+    /// Points in the tiles of 3D Tiles 1.0 and 1.1, by the tileset's JSON.
+    Tileset,
+    /// A tile of points of 3D Tiles 1.0.
+    Pnts,
     /// Surfel's own octree of splats and polygons.
     Surfel,
 }
 
 /// What a file that is in none of the formats can be instead.
-pub(crate) const KNOWN_FORMATS: &str =
-    "PLY, OBJ, OFF, STL, glTF, GLB, DRC, LAS, LAZ, E57, PCD, XYZ (TXT, CSV), PTS, PTX, NPY, NPZ, SPLAT, SPZ or SOG";
+pub(crate) const KNOWN_FORMATS: &str = "PLY, OBJ, OFF, STL, glTF, GLB, DRC, LAS, LAZ, E57, PCD, XYZ (TXT, CSV), PTS, \
+     PTX, NPY, NPZ, 3D Tiles, SPLAT, SPZ or SOG";
 
 /// First bytes of files that are not read: their names, and what to do.
 const UNREAD: &[(&[u8], &str, &str)] = &[
@@ -65,7 +69,6 @@ const UNREAD: &[(&[u8], &str, &str)] = &[
     (b"<html", "is a web page", PAGE),
     (b"<?xml", "is an XML file", "export it as PLY, GLB or OBJ"),
     (b"CCB2", "is a BIN file of CloudCompare", "save it as PLY in CloudCompare"),
-    (b"pnts", "is a tile of 3D Tiles", CLOUD),
     (b"b3dm", "is a tile of 3D Tiles", "export it as GLB"),
     (b"#ROSBAG", "is a bag of ROS", "export its point clouds as PCD"),
     (b"\x89MCAP", "is an MCAP recording", "export its point clouds as PCD"),
@@ -93,7 +96,6 @@ const UNREAD: &[(&[u8], &str, &str)] = &[
     (b"%PDF", "is a PDF file", "name a file of points, splats or a mesh"),
 ];
 const PAGE: &str = "download the file again: a server's answer was saved in its place";
-const CLOUD: &str = "convert it to PLY first, e.g. with CloudCompare or PDAL";
 const MESH: &str = "export it as GLB or OBJ, e.g. with Blender";
 const ARRAY: &str = "save its points from Python: numpy.save('points.npy', points)";
 const UNPACK: &str = "unpack it first";
@@ -139,6 +141,8 @@ impl Format {
             Self::Laz => "LAZ",
             Self::Copc => "COPC",
             Self::E57 => "E57",
+            Self::Tileset => "3D Tiles",
+            Self::Pnts => "PNTS",
             Self::Surfel => "Surfel octree",
         }
     }
@@ -168,6 +172,7 @@ impl Format {
             "las" => Self::Las,
             "laz" => Self::Laz,
             "e57" => Self::E57,
+            "pnts" => Self::Pnts,
             "surfel" => Self::Surfel,
             _ => return None,
         })
@@ -183,7 +188,7 @@ impl Format {
                 Up::PlusY
             }
             Self::Stl | Self::Xyz | Self::Pts | Self::Ptx | Self::Pcd | Self::Npy | Self::Npz => Up::PlusZ,
-            Self::Las | Self::Laz | Self::Copc | Self::E57 => Up::PlusZ,
+            Self::Las | Self::Laz | Self::Copc | Self::E57 | Self::Tileset | Self::Pnts => Up::PlusZ,
         }
     }
 
@@ -217,12 +222,13 @@ impl Format {
         if bytes.get(257..262) == Some(b"ustar") {
             return Err(Problem::new("is a TAR archive").expected(KNOWN_FORMATS).help(UNPACK));
         }
-        let certain: [(&[u8], Self); 6] = [
+        let certain: [(&[u8], Self); 7] = [
             (b"# .PCD", Self::Pcd),
             (b"\x93NUMPY", Self::Npy),
             (b"NGSP", Self::Spz),
             (b"DRACO", Self::Drc),
             (b"glTF", Self::Glb),
+            (b"pnts", Self::Pnts),
             (OCTREE_SIGNATURE, Self::Surfel),
         ];
         if let Some((_, format)) = certain.iter().find(|(magic, _)| bytes.starts_with(magic)) {

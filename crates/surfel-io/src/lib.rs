@@ -1,8 +1,8 @@
 //! Files of Surfel: splats, points and meshes in; images and splats out; scene files both ways.
 //!
 //! * [`load`]: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, OFF, STL, glTF and GLB,
-//!   Draco, LAS, LAZ, COPC, E57, PCD, XYZ, PTS and PTX, NumPy's arrays, Gaussian splats as SPLAT, SPZ and SOG, Surfel's
-//!   octrees; and all of these within gzip.
+//!   Draco, 3D Tiles of points, LAS, LAZ, COPC, E57, PCD, XYZ, PTS and PTX, NumPy's arrays, Gaussian splats as SPLAT,
+//!   SPZ and SOG, Surfel's octrees; and all of these within gzip.
 //! * [`save_splat_ply`]: a splat cloud, without loss; [`save_octree`]: an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), [`read_image`]: the planes of a frame.
 //! * `write_geotiffs` (feature `geotiff`): images with a place on Earth, tile by tile.
@@ -35,6 +35,8 @@ mod e57;
 mod error;
 mod files;
 mod format;
+#[cfg(feature = "gltf")]
+mod gathered_points;
 mod gaussians;
 #[cfg(feature = "geotiff")]
 mod geotiff;
@@ -75,6 +77,8 @@ mod stl;
 mod strided;
 #[cfg(any(feature = "las", feature = "e57"))]
 mod survey;
+#[cfg(feature = "gltf")]
+mod tileset;
 #[cfg(any(feature = "gaussians", feature = "npy"))]
 mod zip;
 
@@ -99,7 +103,7 @@ pub use images::{read_image, read_image_bytes};
 pub use las::copc;
 #[cfg(feature = "las")]
 pub use las::survey_points;
-pub use load::{Loaded, load, load_bytes};
+pub use load::{Loaded, is_tileset, load, load_bytes};
 pub use octree::{save_octree, write_octree};
 pub use ply::encoding::PlyEncoding;
 pub use ply::write::{save_splat_ply, write_splat_ply};

@@ -26,7 +26,9 @@ use crate::pcd;
 use crate::points;
 #[cfg(feature = "stl")]
 use crate::stl;
-use crate::{octree, ply};
+#[cfg(feature = "gltf")]
+use crate::tileset;
+use crate::{octree, ply, scene_file};
 #[cfg(feature = "gaussians")]
 use crate::{sog, splat_rows, spz};
 use std::fs::File;
@@ -78,6 +80,14 @@ fn survey_file(path: &Path) -> Option<(Format, File)> {
     let mut head = Vec::new();
     (&mut file).take(512).read_to_end(&mut head).ok()?;
     Some((Format::of_survey(&head)?, file))
+}
+
+/// True for the JSON of a tileset of 3D Tiles, whose name could be a scene file's.
+pub fn is_tileset(path: &Path) -> bool {
+    #[cfg(feature = "gltf")]
+    return files::read(path, scene_file::MAX_BYTES).is_ok_and(|bytes| tileset::looks_like(&bytes));
+    #[cfg(not(feature = "gltf"))]
+    return false;
 }
 
 /// As [`load`], from memory. `hint` stands for the extension; `name` is for messages. Files that the data refer
@@ -153,6 +163,10 @@ fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path) -> Result<Format, 
     if stl::looks_like(bytes) {
         return Ok(Format::Stl);
     }
+    #[cfg(feature = "gltf")]
+    if tileset::looks_like(bytes) {
+        return Ok(Format::Tileset);
+    }
     if head.trim_ascii_start().starts_with(b"{") {
         return Ok(Format::Gltf);
     }
@@ -182,6 +196,10 @@ fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Co
         Format::Stl => stl::read(bytes, context),
         #[cfg(feature = "gltf")]
         Format::Gltf | Format::Glb => gltf::read(bytes, context),
+        #[cfg(feature = "gltf")]
+        Format::Tileset => tileset::read(bytes, context),
+        #[cfg(feature = "gltf")]
+        Format::Pnts => tileset::read_pnts(bytes, context),
         #[cfg(feature = "points")]
         Format::Xyz | Format::Pts => points::read(bytes, format == Format::Pts, context),
         #[cfg(feature = "points")]
@@ -210,7 +228,9 @@ fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Co
         #[cfg(not(feature = "stl"))]
         Format::Stl => Err(Problem::not_built(format.name(), "stl").into()),
         #[cfg(not(feature = "gltf"))]
-        Format::Gltf | Format::Glb => Err(Problem::not_built(format.name(), "gltf").into()),
+        Format::Gltf | Format::Glb | Format::Tileset | Format::Pnts => {
+            Err(Problem::not_built(format.name(), "gltf").into())
+        }
         #[cfg(not(feature = "points"))]
         Format::Xyz | Format::Pts | Format::Ptx => Err(Problem::not_built(format.name(), "points").into()),
         #[cfg(not(feature = "pcd"))]

@@ -7,7 +7,7 @@ use std::path::Path;
 use surfel_model::{Camera, SceneFile};
 
 /// Largest scene file, in bytes: far above any real one, far below what would hurt.
-const MAX_BYTES: u64 = 64 << 20;
+pub(crate) const MAX_BYTES: u64 = 64 << 20;
 
 /// Reads a scene file. Its numbers are not checked here (`Scene::validate`, `Camera::validate` do that).
 ///

@@ -221,6 +221,21 @@ fn mutations_of_gltf() {
     glb.extend(b"JSON");
     glb.extend(json.as_bytes());
     damage(&[glb], 4000, load_as(None));
+    let tile = |body: &str| {
+        let json = format!(r#"{{"POINTS_LENGTH":2,"POSITION":{{"byteOffset":0}},"RGB565":{{"byteOffset":24}}{body}}}"#);
+        let mut tile = b"pnts\x01\0\0\0\0\0\0\0".to_vec();
+        for length in [json.len() as u32, 28, 0, 0] {
+            tile.extend(length.to_le_bytes());
+        }
+        tile.extend(json.as_bytes());
+        tile.extend([7; 28]);
+        tile
+    };
+    damage(&[tile(""), tile(r#","RTC_CENTER":[1,2,3]"#)], 6000, load_as(None));
+    let tileset = br#"{"asset":{"gltfUpAxis":"z"},"geometricError":1,"root":{"refine":"ADD",
+"transform":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1],
+"boundingVolume":{"box":[0,0,0,1,0,0,0,1,0,0,0,1]},"contents":[{"uri":"a"}],"children":[{"content":{"url":"b"}}]}}"#;
+    damage(&[tileset.to_vec()], 6000, load_as(Some(Format::Tileset)));
 }
 
 /// A GLB file of this document, whose buffer holds these bytes.

@@ -246,6 +246,11 @@ impl ExtraValues {
         !matches!(self, Self::F32(_) | Self::F64(_))
     }
 
+    /// Cuts the values off, or appends zeros.
+    pub fn resize(&mut self, len: usize) {
+        each_extra!(self, v => v.resize(len, Default::default()));
+    }
+
     /// Keeps the values whose flag is set.
     pub fn retain(&mut self, keep: &[bool]) {
         each_extra!(self, v => retain(v, keep));

@@ -16,19 +16,36 @@ mod primitive;
 mod rest_pose;
 mod scene;
 mod splats;
-mod uri;
+pub(crate) mod uri;
 
+use self::buffers::Asset;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::Fault;
+use crate::files::Siblings;
+use crate::gathered_points::PointsPart;
 
 /// Reads a glTF document, or a GLB file by its signature.
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
+    with_asset(bytes, &context.siblings.clone(), context, scene::read)
+}
+
+/// Reads the points of a document in a folder below the context's; `None` if it has none.
+pub(crate) fn read_points(bytes: &[u8], folder: &str, context: &mut Context<'_>) -> Result<Option<PointsPart>, Fault> {
+    with_asset(bytes, &context.siblings.below(folder), context, scene::read_points)
+}
+
+fn with_asset<T>(
+    bytes: &[u8],
+    siblings: &Siblings,
+    context: &mut Context<'_>,
+    read: impl FnOnce(&Asset<'_>, &mut Context<'_>) -> Result<T, Fault>,
+) -> Result<T, Fault> {
     let container = container::split(bytes)?;
     let document = document::parse(container.json)?;
     for note in &document.notes {
         context.note(note.clone());
     }
-    let asset = buffers::load(&document, container.binary, &context.siblings)?;
-    scene::read(&asset, context)
+    let asset = buffers::load(&document, container.binary, siblings)?;
+    read(&asset, context)
 }

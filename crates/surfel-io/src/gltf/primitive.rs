@@ -6,7 +6,8 @@ use super::draco::DracoMesh;
 use super::materials::BaseColor;
 use super::rest_pose::{Pose, add_displacements};
 use crate::error::Problem;
-use glam::{DAffine3, DMat3, DVec3};
+use crate::gathered_points::{inverse_transpose, transform_normal};
+use glam::DVec3;
 use gltf::{Primitive, Semantic};
 
 /// Where a primitive's attributes come from: its accessors or a compressed mesh.
@@ -145,18 +146,4 @@ pub(super) fn same_count(name: &str, found: Option<usize>, positions: usize) -> 
         }
         _ => Ok(()),
     }
-}
-
-/// The inverse transpose up to scale, which is finite for any finite matrix.
-fn inverse_transpose(world: DAffine3) -> DMat3 {
-    let m = world.matrix3;
-    let sign = 1.0_f64.copysign(m.determinant());
-    DMat3::from_cols(m.y_axis.cross(m.z_axis) * sign, m.z_axis.cross(m.x_axis) * sign, m.x_axis.cross(m.y_axis) * sign)
-}
-
-fn transform_normal(matrix: DMat3, normal: [f32; 3]) -> [f32; 3] {
-    if matrix == DMat3::IDENTITY {
-        return normal;
-    }
-    surfel_math::basis::unit(matrix * DVec3::from(normal.map(f64::from))).as_vec3().to_array()
 }

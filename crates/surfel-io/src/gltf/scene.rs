@@ -9,17 +9,16 @@ use super::nodes::Nodes;
 use super::primitive::{Attributes, Vertices, same_count, world_positions};
 use super::rest_pose::{JointSet, Pose, SkinnedPose, joints};
 use super::splats::GatheredSplats;
-use crate::columns::measured_positions;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem};
+use crate::gathered_points::{GatheredPoints, PointsPart};
 use crate::materials::{Material, Parts};
-use glam::{DAffine3, DVec3};
+use glam::DAffine3;
 use gltf::mesh::Mode;
 use gltf::{Node, Primitive, Semantic};
 use std::collections::HashMap;
 use std::rc::Rc;
-use surfel_model::{Column3, PointCloud};
 
 /// Most vertices or corners of a scene, those of morph targets and joints counted: instances multiply what the file
 /// holds.
@@ -42,17 +41,25 @@ struct Gathered {
     compressed: HashMap<(usize, usize), Rc<Option<DracoMesh>>>,
 }
 
-#[derive(Default)]
-struct GatheredPoints {
-    positions: Vec<DVec3>,
-    normals: Vec<[f32; 3]>,
-    colors: Vec<[f32; 4]>,
-    any_normal: bool,
-    any_color: bool,
-}
-
 /// Reads what the default scene draws.
 pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
+    let all = gather(asset, context)?;
+    if all.skinned > 0 {
+        context.note("drew skinned meshes in their rest pose".into());
+    }
+    if all.lines > 0 {
+        context.note(format!("ignored {} primitives that are lines", all.lines));
+    }
+    all.finish(context)
+}
+
+/// Reads the points of the default scene; `None` if it has none.
+pub(super) fn read_points(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Option<PointsPart>, Fault> {
+    let points = gather(asset, context)?.points;
+    Ok((!points.positions.is_empty()).then(|| points.into_part()))
+}
+
+fn gather(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Gathered, Problem> {
     let mut all = Gathered {
         parts: Parts::default(),
         points: GatheredPoints::default(),
@@ -74,13 +81,7 @@ pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Conte
             all.add(asset, &nodes, &node, &primitive)?;
         }
     }
-    if all.skinned > 0 {
-        context.note("drew skinned meshes in their rest pose".into());
-    }
-    if all.lines > 0 {
-        context.note(format!("ignored {} primitives that are lines", all.lines));
-    }
-    all.finish(context)
+    Ok(all)
 }
 
 impl Gathered {
@@ -136,7 +137,10 @@ impl Gathered {
         let base = material.and_then(|m| self.materials.all.get(m));
         let surface = attributes.surface(positions, normals, base)?;
         if primitive.mode() == Mode::Points {
-            poses.iter().for_each(|pose| self.points.add(surface.place(pose)));
+            for pose in &poses {
+                let Vertices { positions, normals, colors, .. } = surface.place(pose);
+                self.points.add(PointsPart { positions, normals, colors, extras: Vec::new() });
+            }
             return Ok(());
         }
         let corners = attributes.corners(n)?;
@@ -279,32 +283,5 @@ fn append<T: Copy>(column: &mut Option<Vec<T>>, values: Option<Vec<T>>, base: us
             all.extend(values);
             *column = Some(all);
         }
-    }
-}
-
-impl GatheredPoints {
-    fn add(&mut self, vertices: Vertices) {
-        let Vertices { positions, normals, colors, .. } = vertices;
-        let total = self.positions.len() + positions.len();
-        self.positions.extend(positions);
-        self.any_normal |= normals.is_some();
-        self.any_color |= colors.is_some();
-        self.normals.extend(normals.into_iter().flatten());
-        self.normals.resize(total, [0.0; 3]);
-        self.colors.extend(colors.into_iter().flatten());
-        self.colors.resize(total, [1.0; 4]);
-    }
-
-    fn finish(self, context: &mut Context<'_>) -> Result<Content, Fault> {
-        let (origin, positions) = measured_positions(&self.positions);
-        let alphas = self.any_color && self.colors.iter().any(|c| c[3] < 1.0);
-        context.points(PointCloud {
-            origin,
-            positions,
-            normals: self.any_normal.then(|| Column3::from_f32(self.normals.into_iter().map(Into::into).collect())),
-            alphas: alphas.then(|| self.colors.iter().map(|c| c[3]).collect()),
-            colors: self.any_color.then(|| self.colors.iter().map(|c| [c[0], c[1], c[2]]).collect()),
-            ..PointCloud::default()
-        })
     }
 }

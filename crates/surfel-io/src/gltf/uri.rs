@@ -5,7 +5,7 @@ use data_url::{DataUrl, DataUrlError};
 use percent_encoding::percent_decode_str;
 
 /// What a URI refers to, or why it can't be had.
-pub(super) fn read(uri: &str, siblings: &Siblings) -> Result<Vec<u8>, String> {
+pub(crate) fn read(uri: &str, siblings: &Siblings) -> Result<Vec<u8>, String> {
     match DataUrl::process(uri) {
         Ok(url) => return url.decode_to_vec().map(|(data, _)| data).map_err(|_| "its base64 is damaged".into()),
         Err(DataUrlError::NoComma) => return Err("the data URI has no comma".into()),

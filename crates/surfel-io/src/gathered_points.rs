@@ -1,0 +1,151 @@
+//! Points of several parts of a file, or of several files, as one cloud: a column that only some parts have is filled
+//! where the others lack it.
+
+use crate::columns::{measured_positions, to_f64};
+use crate::content::Content;
+use crate::context::Context;
+use crate::error::Fault;
+use glam::{DAffine3, DMat3, DVec3};
+use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
+
+/// One part's points in world space. A column that is there has a value for each point.
+#[derive(Default)]
+pub(crate) struct PointsPart {
+    pub(crate) positions: Vec<DVec3>,
+    pub(crate) normals: Option<Vec<[f32; 3]>>,
+    /// Linear RGB and alpha.
+    pub(crate) colors: Option<Vec<[f32; 4]>>,
+    pub(crate) extras: Vec<ExtraColumn>,
+}
+
+impl PointsPart {
+    /// Moves the points with the space that they are in.
+    pub(crate) fn place(&mut self, world_from_part: DAffine3) {
+        self.positions.iter_mut().for_each(|p| *p = world_from_part.transform_point3(*p));
+        let normals = inverse_transpose(world_from_part);
+        self.normals.iter_mut().flatten().for_each(|n| *n = transform_normal(normals, *n));
+    }
+}
+
+/// The inverse transpose up to scale, which is finite for any finite matrix.
+pub(crate) fn inverse_transpose(world: DAffine3) -> DMat3 {
+    let m = world.matrix3;
+    let sign = 1.0_f64.copysign(m.determinant());
+    DMat3::from_cols(m.y_axis.cross(m.z_axis) * sign, m.z_axis.cross(m.x_axis) * sign, m.x_axis.cross(m.y_axis) * sign)
+}
+
+/// A normal by an inverse transpose, of unit length unless nothing changes.
+pub(crate) fn transform_normal(matrix: DMat3, normal: [f32; 3]) -> [f32; 3] {
+    if matrix == DMat3::IDENTITY {
+        return normal;
+    }
+    surfel_math::basis::unit(matrix * DVec3::from(normal.map(f64::from))).as_vec3().to_array()
+}
+
+/// The parts so far, one after the other.
+#[derive(Default)]
+pub(crate) struct GatheredPoints {
+    pub(crate) positions: Vec<DVec3>,
+    normals: Vec<[f32; 3]>,
+    colors: Vec<[f32; 4]>,
+    any_normal: bool,
+    any_color: bool,
+    extras: Vec<ExtraColumn>,
+}
+
+impl GatheredPoints {
+    pub(crate) fn add(&mut self, part: PointsPart) {
+        let before = self.positions.len();
+        self.positions.extend(part.positions);
+        let total = self.positions.len();
+        self.any_normal |= part.normals.is_some();
+        self.any_color |= part.colors.is_some();
+        self.normals.extend(part.normals.into_iter().flatten());
+        self.normals.resize(total, [0.0; 3]);
+        self.colors.extend(part.colors.into_iter().flatten());
+        self.colors.resize(total, [1.0; 4]);
+        for extra in part.extras {
+            match self.extras.iter_mut().find(|e| e.name == extra.name) {
+                Some(known) => append(&mut known.values, &extra.values),
+                None => {
+                    let mut values = extra.values.clone();
+                    values.resize(0);
+                    values.resize(before);
+                    append(&mut values, &extra.values);
+                    self.extras.push(ExtraColumn { name: extra.name, values });
+                }
+            }
+        }
+        self.extras.iter_mut().for_each(|extra| extra.values.resize(total));
+    }
+
+    /// Turns all points by a rotation about `center`, which comes to lie at the origin.
+    pub(crate) fn turn(&mut self, center: DVec3, rotation: DMat3) {
+        self.positions.iter_mut().for_each(|p| *p = rotation * (*p - center));
+        self.normals.iter_mut().for_each(|n| *n = (rotation * DVec3::from(n.map(f64::from))).as_vec3().to_array());
+    }
+
+    /// All parts as one.
+    pub(crate) fn into_part(self) -> PointsPart {
+        let Self { positions, normals, colors, any_normal, any_color, extras } = self;
+        PointsPart { positions, normals: any_normal.then_some(normals), colors: any_color.then_some(colors), extras }
+    }
+
+    /// The cloud, without positions that aren't finite.
+    pub(crate) fn finish(self, context: &mut Context<'_>) -> Result<Content, Fault> {
+        let (origin, positions) = measured_positions(&self.positions);
+        let alphas = self.any_color && self.colors.iter().any(|c| c[3] < 1.0);
+        context.points(PointCloud {
+            origin,
+            positions,
+            normals: self.any_normal.then(|| Column3::from_f32(self.normals.into_iter().map(Into::into).collect())),
+            alphas: alphas.then(|| self.colors.iter().map(|c| c[3]).collect()),
+            colors: self.any_color.then(|| self.colors.iter().map(|c| [c[0], c[1], c[2]]).collect()),
+            extras: self.extras,
+            ..PointCloud::default()
+        })
+    }
+}
+
+/// Appends values to a column; it becomes one of f64 if they are of different types.
+fn append(column: &mut ExtraValues, values: &ExtraValues) {
+    use ExtraValues::*;
+    match (&mut *column, values) {
+        (I8(column), I8(values)) => column.extend(values),
+        (U8(column), U8(values)) => column.extend(values),
+        (I16(column), I16(values)) => column.extend(values),
+        (U16(column), U16(values)) => column.extend(values),
+        (I32(column), I32(values)) => column.extend(values),
+        (U32(column), U32(values)) => column.extend(values),
+        (F32(column), F32(values)) => column.extend(values),
+        (F64(column), F64(values)) => column.extend(values),
+        (other, values) => {
+            let mut all = to_f64(other);
+            all.extend(to_f64(values));
+            *column = F64(all);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_that_only_some_parts_have_are_filled() {
+        let extra = |name: &str, values| ExtraColumn { name: name.into(), values };
+        let part = |x: f64, normal: bool, extras| PointsPart {
+            positions: vec![DVec3::X * x],
+            normals: normal.then(|| vec![[0.0, 0.0, 1.0]]),
+            colors: None,
+            extras,
+        };
+        let mut all = GatheredPoints::default();
+        all.add(part(1.0, false, vec![]));
+        all.add(part(2.0, true, vec![extra("a", ExtraValues::U8(vec![7])), extra("b", ExtraValues::U8(vec![9]))]));
+        all.add(part(3.0, false, vec![extra("b", ExtraValues::I16(vec![-9]))]));
+        assert_eq!(all.normals, [[0.0; 3], [0.0, 0.0, 1.0], [0.0; 3]]);
+        let columns = [("a", ExtraValues::U8(vec![0, 7, 0])), ("b", ExtraValues::F64(vec![0.0, 9.0, -9.0]))];
+        assert_eq!(all.extras, columns.map(|(name, values)| extra(name, values)));
+    }
+}
