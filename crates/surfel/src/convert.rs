@@ -128,6 +128,7 @@ pub(crate) fn upright(cloud: SplatCloud, points: bool) -> (SplatCloud, Up) {
 const COINCIDENT: usize = 16;
 
 /// The points that the options choose, without columns that only levels have a use for.
+#[cfg(feature = "ortho")]
 pub(crate) fn chosen_points(
     points: PointCloud,
     path: &Path,
