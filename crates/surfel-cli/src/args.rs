@@ -251,7 +251,7 @@ pub(crate) struct RenderArgs {
 /// How files become splats: for `render` and `convert` alike.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct SplatArgs {
-    /// Drop invalid splats, and take what is whole of a LAZ file that is cut off, instead of refusing the file.
+    /// Drop invalid splats, and take what is whole of a LAZ or E57 file that is damaged, instead of refusing the file.
     #[arg(long, help_heading = "Splats")]
     pub(crate) repair: bool,
     /// How splats take a mesh's colours: each by itself (point), by its kernel (ewa), or all together, so that their
@@ -435,7 +435,7 @@ pub(crate) struct InfoArgs {
     /// As JSON.
     #[arg(long)]
     pub(crate) json: bool,
-    /// Drop invalid splats, and take what is whole of a LAZ file that is cut off, instead of refusing the file.
+    /// Drop invalid splats, and take what is whole of a LAZ or E57 file that is damaged, instead of refusing the file.
     #[arg(long)]
     pub(crate) repair: bool,
     /// Read what a file refers to (buffers, materials, textures) outside of its own folder, too.
