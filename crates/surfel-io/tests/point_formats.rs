@@ -550,6 +550,22 @@ fn text_headers_of_other_programs_are_obeyed() {
 }
 
 #[test]
+fn degrees_are_told_by_their_names() {
+    for header in ["lat,lon,alt,id", "Latitude,Longitude,Height,id", "latitude;longitude;elevation;id"] {
+        let divider = if header.contains(';') { ";" } else { "," };
+        let rows = "\n47.5,8.25,400,1\n47.6,8.5,401,2\n".replace(',', divider);
+        let loaded = load("a.csv", header.to_owned() + &rows);
+        assert!(
+            loaded.notes.iter().any(|n| n.starts_with("x and y are degrees, by their names")),
+            "{:?}",
+            loaded.notes
+        );
+        assert_eq!(places(&points(loaded))[1], DVec3::new(8.5, 47.6, 401.0), "{header}");
+    }
+    assert!(!load("a.csv", "long,x,y,z\n1,8.25,47.5,400\n").notes.join(" ").contains("degrees"));
+}
+
+#[test]
 fn seven_columns_are_told_by_their_numbers() {
     for (text, names) in [
         ("1 2 3 -2048 10 20 30\n1 2 3 2047 10 20 255\n", "x y z intensity red green blue"),
