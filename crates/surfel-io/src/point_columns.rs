@@ -9,7 +9,7 @@ use crate::columns::f32_is_enough;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::Fault;
-use crate::strided::{NumberType, Strided, vectors, vectors_f32};
+use crate::strided::{self, NumberType, Strided, vectors_f32};
 use glam::{DVec3, Vec3};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, PointCloud, Shape};
 
@@ -289,11 +289,15 @@ pub(crate) fn positions(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     if columns.iter().all(narrow) || enough() {
         return (DVec3::ZERO, Column3::from_f32(vectors_f32(columns)));
     }
-    Column3::with_origin(&vectors(columns))
+    strided::with_origin(columns)
 }
 
 /// Colours by what they count to.
 fn levels(columns: [Strided<'_>; 3], source: Source, context: &mut Context<'_>) -> Vec<[f32; 3]> {
+    if source == Source::Typed && columns.iter().all(|c| c.kind() == NumberType::U8) {
+        let table = linear_of_8_bit();
+        return Strided::bytes_of(columns).map(|levels| levels.map(|level| table[usize::from(level)])).collect();
+    }
     let largest = columns.iter().map(Strided::largest).fold(0.0, f64::max);
     let whole = source == Source::Typed && columns.iter().all(|c| c.kind().is_integer());
     let (scale, name) = match largest {

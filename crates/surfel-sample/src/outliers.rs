@@ -55,10 +55,13 @@ pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool
     if sorted.len() >= LEAST_POINTS {
         let distances = distances(&sorted);
         let limit = limit(&distances);
+        let least = distances.iter().copied().fold(f32::INFINITY, f32::min);
         let is_alone = |search: &mut Search<'_>, slot: usize| {
             let own = f64::from(distances[slot]);
             let closer = |other: &&u32| own > LEAST_RATIO * f64::from(distances[**other as usize]);
-            own > limit || search.nearest(slot, NEIGHBOURS, 0.0).0.iter().filter(closer).count() > NEIGHBOURS / 2
+            own > limit
+                || own > LEAST_RATIO * f64::from(least)
+                    && search.nearest(slot, NEIGHBOURS, 0.0).0.iter().filter(closer).count() > NEIGHBOURS / 2
         };
         let alone = map_each(sorted.len(), &NoProgress, || Search::new(&sorted), is_alone);
         for slot in (0..sorted.len()).filter(|slot| alone[*slot]) {
