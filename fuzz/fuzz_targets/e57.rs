@@ -21,7 +21,10 @@ fuzz_target!(init: std::panic::set_hook(Box::new(|_| ())), |bytes: &[u8]| {
         }
         page[1020..].copy_from_slice(&(!crc).to_be_bytes());
     }
-    if let Err(error) = load_bytes(&bytes, None, Path::new("t"), &LoadOptions::default()) {
-        assert!(error.to_string().lines().count() <= 4);
+    for repair in [false, true] {
+        let options = LoadOptions { repair, ..LoadOptions::default() };
+        if let Err(error) = load_bytes(&bytes, None, Path::new("t"), &options) {
+            assert!(error.to_string().lines().count() <= 4);
+        }
     }
 });

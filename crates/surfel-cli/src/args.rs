@@ -8,8 +8,8 @@ use clap_complete::Shell;
 use std::path::PathBuf;
 use surfel::framing::ViewChoice;
 use surfel::model::{
-    Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, Mapping, PointColors, Returns,
-    Shader, SplatCount, Transparency,
+    Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Outliers, PointColors,
+    Returns, Shader, SplatCount, Transparency,
 };
 use surfel::{Preset, Region};
 
@@ -251,7 +251,7 @@ pub(crate) struct RenderArgs {
 /// How files become splats: for `render` and `convert` alike.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct SplatArgs {
-    /// Drop invalid splats, and take what is whole of a LAZ file that is cut off, instead of refusing the file.
+    /// Drop invalid splats, and take what is whole of a LAZ or E57 file that is damaged, instead of refusing the file.
     #[arg(long, help_heading = "Splats")]
     pub(crate) repair: bool,
     /// How splats take a mesh's colours: each by itself (point), by its kernel (ewa), or all together, so that their
@@ -328,6 +328,9 @@ pub(crate) struct SplatArgs {
     /// Keep more than 16 points in one place, and those at exactly 0,0,0, where sensors write that nothing came back.
     #[arg(long, help_heading = "Splats")]
     pub(crate) all_points: bool,
+    /// Keep points that stand alone, or drop those that are more than 8 times as far from their 8 nearest as is usual.
+    #[arg(long, help_heading = "Splats", value_parser = values::outliers())]
+    pub(crate) outliers: Option<Outliers>,
     /// Read what a file refers to (buffers, materials, textures) outside of its own folder, too.
     #[arg(long, help_heading = "Splats")]
     pub(crate) allow_outside: bool,
@@ -373,7 +376,8 @@ pub(crate) struct ConvertArgs {
     pub(crate) splats: SplatArgs,
     /// Splats of every size and the mesh's own polygons, in an octree: -o OUT.surfel.
     #[arg(long, conflicts_with_all = ["per_vertex", "per_face", "splats", "radius_scale", "max_points", "cull", "ascii",
-        "repair", "colors", "color_by", "crop", "classes", "returns", "condition", "every", "all_points", "colorbar"])]
+        "repair", "colors", "color_by", "crop", "classes", "returns", "condition", "every", "all_points", "outliers",
+        "colorbar"])]
     pub(crate) hybrid: bool,
     /// Write text instead of binary PLY.
     #[arg(long)]
@@ -431,7 +435,7 @@ pub(crate) struct InfoArgs {
     /// As JSON.
     #[arg(long)]
     pub(crate) json: bool,
-    /// Drop invalid splats, and take what is whole of a LAZ file that is cut off, instead of refusing the file.
+    /// Drop invalid splats, and take what is whole of a LAZ or E57 file that is damaged, instead of refusing the file.
     #[arg(long)]
     pub(crate) repair: bool,
     /// Read what a file refers to (buffers, materials, textures) outside of its own folder, too.

@@ -68,6 +68,7 @@ pub(crate) fn splats(args: &SplatArgs, force: bool) -> Result<SplatOptions, Fail
         condition: args.condition.clone(),
         every: args.every,
         all_points: args.all_points,
+        outliers: args.outliers,
         all_levels: false,
         allow_outside: args.allow_outside,
         max_texture: args.max_texture,

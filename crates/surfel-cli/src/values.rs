@@ -4,7 +4,8 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use surfel::Preset;
 use surfel::framing::ViewChoice;
 use surfel::model::{
-    Accumulate, ClipPolicy, Colormap, Composite, Cull, EdgeAa, Filter, Mapping, PointColors, Returns, Shader, Up,
+    Accumulate, ClipPolicy, Colormap, Composite, Cull, EdgeAa, Filter, Mapping, Outliers, PointColors, Returns, Shader,
+    Up,
 };
 use surfel::values::{self, VIEWS};
 pub(crate) use surfel::values::{
@@ -26,6 +27,7 @@ macro_rules! named {
 named!(filter, Filter, FILTERS);
 named!(cull, Cull, CULLS);
 named!(colormap, Colormap, COLORMAPS);
+named!(outliers, Outliers, OUTLIERS);
 named!(point_colors, PointColors, POINT_COLORS);
 named!(returns, Returns, RETURNS);
 named!(mapping, Mapping, MAPPINGS);

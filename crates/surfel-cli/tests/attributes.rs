@@ -40,6 +40,21 @@ fn points_are_chosen_in_order_and_the_counts_are_said() {
     let expected = "chose 8 of 400 points: --crop leaves 300, --classes leaves 100, --returns leaves 50, ".to_owned()
         + "--where leaves 30, --every leaves 8";
     assert!(said.contains(&expected), "{said}");
+    // Points that stand alone: two strays, by the flag and by a scene file's key.
+    f.write("s.csv", grid() + "9,9,500,0,2,1,1\n-1e8,0,0,0,2,1,1\n");
+    let strays = |flags: &str| {
+        let run = f.run(&format!("convert s.csv -o t.ply --force {flags}")).code(0);
+        let counts = f.run("info t.ply --json").code(0).json()["counts"]["splats"].as_u64().unwrap();
+        (counts, run.stderr())
+    };
+    assert_eq!(strays("").0, 402);
+    assert_eq!(strays("--outliers keep").0, 402);
+    let (count, said) = strays("--outliers drop");
+    assert_eq!(count, 400);
+    assert!(said.contains("left out 2 of 402 points as outliers: they are more than 8 times"), "{said}");
+    f.write("o.json", scene("").replace("\"a.ply\"", "\"s.csv\", \"convert\": {\"outliers\": \"drop\"}"));
+    assert_eq!(f.run("o.json --stats").code(0).json()["splats"], 400);
+    assert_eq!(f.run("o.json --stats --outliers keep").code(0).json()["splats"], 402);
     // The same of splats, by their extras, which convert keeps.
     left(&[]);
     f.run("convert o.ply --classes 6 -o p.ply").code(0);
@@ -69,6 +84,7 @@ fn what_can_not_be_chosen_is_one_clear_error() {
     fails(&["a.csv", "--crop", "1,0,0,0,1,1"], 2, "X0 at most X1");
     fails(&["a.csv", "--returns", "second"], 2, "last");
     fails(&["b.obj", "--classes", "2"], 2, "holds a mesh, expected points or splats for --classes");
+    fails(&["b.obj", "--outliers", "drop"], 2, "holds a mesh, expected points for --outliers");
     fails(&["a.csv", "--color-by", "temperature"], 2, "attributes height, normal, intensity, classification");
     fails(&["b.obj", "--color-by", "intensity"], 2, "holds attributes height, normal, expected one of these");
     fails(&["a.csv", "--colormap", "turbo"], 2, "give --color-by ATTRIBUTE");

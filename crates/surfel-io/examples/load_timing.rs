@@ -1,4 +1,5 @@
-//! Loads each file named on the command line five times and prints the median time, what was found and the notes.
+//! Loads each file named on the command line five times and prints the median time, what was found, the most memory
+//! that the process had so far (where Linux tells it), and the notes.
 
 use std::path::Path;
 use std::time::Instant;
@@ -9,11 +10,14 @@ fn main() {
         let mut times = Vec::new();
         let mut last = None;
         for _ in 0..5 {
+            drop(last.take());
             let start = Instant::now();
             last = Some(load(Path::new(&name), &LoadOptions::default()));
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
         times.sort_by(f64::total_cmp);
+        let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+        let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap_or("?").trim();
         match last {
             Some(Ok(loaded)) => {
                 let what = match &loaded.content {
@@ -24,7 +28,7 @@ fn main() {
                     Content::Octree(h) => format!("{} splats, {} nodes", h.cloud().len(), h.nodes().len()),
                 };
                 let (format, up, attributes) = (loaded.format, loaded.up, loaded.attributes.join(", "));
-                println!("{name}: {:.1} ms, {format}, {what}, up {up}; {attributes}", times[2]);
+                println!("{name}: {:.1} ms, {format}, {what}, up {up}; {attributes}; peak {peak}", times[2]);
                 loaded.notes.iter().for_each(|note| println!("  note: {note}"));
             }
             Some(Err(error)) => println!("{error}"),

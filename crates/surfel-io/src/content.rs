@@ -7,8 +7,8 @@ use surfel_model::{GaussianCloud, Mesh, Octree, PointCloud, Shape, SplatCloud, U
 /// How to load.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LoadOptions {
-    /// Drops invalid splats, and takes the whole chunks of a LAZ file that is cut off, and says how many, instead of
-    /// refusing the file.
+    /// Drops invalid splats, takes the whole chunks of a LAZ file that is cut off and what comes before the damage of
+    /// an E57 file's scans, and says how many, instead of refusing the file.
     pub repair: bool,
     /// A texture (PNG, JPEG or WebP) for a mesh that has texture coordinates and names no texture itself.
     pub texture: Option<PathBuf>,

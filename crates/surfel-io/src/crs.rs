@@ -1,5 +1,7 @@
 //! Coordinate reference systems, as files state them: EPSG codes, well-known text, GeoTIFF keys.
 
+use glam::DVec3;
+
 /// A coordinate reference system, as a file states it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Crs {
@@ -68,6 +70,32 @@ impl Crs {
             (None, Some(_)) => self.key(MODEL_TYPE) == Some(2),
             (None, None) => of_code(),
         }
+    }
+
+    /// What to do about points whose x and y are degrees, which the system says or, without one, their numbers: `step`
+    /// is what these are whole multiples of. Files of local coordinates are often said to be in degrees, and are no
+    /// more than a few of them wide.
+    #[cfg_attr(not(feature = "las"), allow(dead_code))]
+    pub(crate) fn degrees_note(&self, (lo, hi): (DVec3, DVec3), step: Option<DVec3>) -> Option<String> {
+        let extent = hi - lo;
+        let on_earth = lo.x >= -180.0 && hi.x <= 360.0 && lo.y >= -90.0 && hi.y <= 90.0;
+        if !on_earth || extent.x.max(extent.y) >= 5.0 {
+            return None;
+        }
+        // Steps of lengths are alike on all axes; those of degrees are a hundred thousand times less.
+        let looks_so = |step: DVec3| step.x.max(step.y) <= 1e-6 && step.z >= 100.0 * step.x;
+        let (found, from) = match (self.is_geographic(), *self == Self::default() && step.is_some_and(looks_so)) {
+            (true, _) => ("x and y are degrees", ""),
+            (false, true) => ("x and y look like degrees", " --filters.reprojection.in_srs=EPSG:4326"),
+            _ => return None,
+        };
+        let middle = 0.5 * (lo + hi);
+        let zone = ((middle.x + 180.0).rem_euclid(360.0) / 6.0).floor() as u32 + 1;
+        let utm = if middle.y < 0.0 { 32_700 } else { 32_600 } + zone.min(60);
+        Some(format!(
+            "{found}: it is drawn as if they were as long as z's units; project it first, as by pdal translate IN OUT \
+             reprojection{from} --filters.reprojection.out_srs=EPSG:{utm} (UTM)"
+        ))
     }
 
     /// GeoTIFF's directory of keys for an image whose pixels are areas, and the doubles and text that it refers to
@@ -238,6 +266,36 @@ fn code_of_wkt(wkt: &str, parts: &[&str]) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn degrees_are_told_with_where_to_project_them() {
+        let bounds = |x: f64, y: f64, side: f64| (DVec3::new(x, y, 100.0), DVec3::new(x + side, y + side, 150.0));
+        let (fine, even) = (Some(DVec3::new(1e-7, 1e-7, 1e-3)), Some(DVec3::splat(1e-3)));
+        let said = |crs: &Crs, bounds, step| crs.degrees_note(bounds, step).unwrap_or_default();
+        let (degrees, none) = (Crs::of_epsg(4326), Crs::default());
+        // Zones of UTM: 3° W to 3° E is 30 and 31; Auckland is 60 S, and so is what counts to 360.
+        for (x, y, code) in [(-0.2, 51.5, 32_630), (0.1, 51.5, 32_631), (174.7, -36.9, 32_760), (-180.0, 10.0, 32_601)]
+        {
+            let note = said(&degrees, bounds(x, y, 0.01), even);
+            assert!(
+                note.starts_with("x and y are degrees") && note.contains(&format!("out_srs=EPSG:{code} ")),
+                "{note}"
+            );
+            assert_eq!(said(&degrees, bounds(x.rem_euclid(360.0), y, 0.01), None), note);
+            let note = said(&none, bounds(x, y, 0.01), fine);
+            assert!(note.starts_with("x and y look like degrees") && note.contains("in_srs=EPSG:4326"), "{note}");
+        }
+        // Local coordinates, projected ones, and a system that says what the numbers are.
+        for quiet in [
+            degrees.degrees_note(bounds(0.0, 0.0, 40.0), fine),
+            degrees.degrees_note(bounds(4e5, 5e6, 1.0), fine),
+            none.degrees_note(bounds(1.0, 2.0, 0.5), even),
+            none.degrees_note(bounds(1.0, 2.0, 0.5), None),
+            Crs::of_epsg(25_832).degrees_note(bounds(1.0, 2.0, 0.5), fine),
+        ] {
+            assert_eq!(quiet, None);
+        }
+    }
 
     #[test]
     fn code_of_well_known_text_is_the_outermost() {

@@ -21,20 +21,42 @@ const BATCH: (usize, usize) = (8192, 4);
 /// point is so far that it would be more than a quarter of this.
 const CERTAIN_M: f64 = 1e-4;
 
-/// Seeks within what is buffered already: the crate seeks to each page before it reads it.
-struct Pages<R>(BufReader<R>);
+/// Seeks within what is buffered already: the crate seeks to each page before it reads it. The end is that of the last
+/// whole page, if the file is to be repaired.
+struct Pages<R> {
+    reader: BufReader<R>,
+    end: Option<u64>,
+}
+
+impl<R: Read + Seek> Pages<R> {
+    fn new(mut source: R, file_bytes: u64, repair: bool) -> io::Result<Self> {
+        let mut size = [0; 8];
+        if repair && source.seek(SeekFrom::Start(40)).is_ok() && source.read_exact(&mut size).is_ok() {
+            let size = u64::from_le_bytes(size).max(1);
+            source.seek(SeekFrom::Start(0))?;
+            let reader = BufReader::with_capacity(1 << 16, source);
+            return Ok(Self { reader, end: Some(file_bytes / size * size) });
+        }
+        source.seek(SeekFrom::Start(0))?;
+        Ok(Self { reader: BufReader::with_capacity(1 << 16, source), end: None })
+    }
+}
 
 impl<R: Read + Seek> Read for Pages<R> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        self.0.read(bytes)
+        self.reader.read(bytes)
     }
 }
 
 impl<R: Read + Seek> Seek for Pages<R> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        let SeekFrom::Start(to) = to else { return self.0.seek(to) };
-        let at = self.0.stream_position()?;
-        self.0.seek_relative(to.wrapping_sub(at) as i64)?;
+        let to = match (to, self.end) {
+            (SeekFrom::Start(to), _) => to,
+            (SeekFrom::End(0), Some(end)) => end,
+            _ => return self.reader.seek(to),
+        };
+        let at = self.reader.stream_position()?;
+        self.reader.seek_relative(to.wrapping_sub(at) as i64)?;
         Ok(to)
     }
 }
@@ -387,8 +409,9 @@ fn decoder(range: (f64, f64)) -> fn(f64, (f64, f64)) -> f32 {
 
 pub(crate) fn read(source: &mut dyn Source, context: &mut Context<'_>) -> Result<Content, Fault> {
     let file_bytes = source.seek(SeekFrom::End(0)).map_err(problem)?;
-    source.seek(SeekFrom::Start(0)).map_err(problem)?;
-    let mut reader = E57Reader::new(Pages(BufReader::with_capacity(1 << 16, source))).map_err(problem)?;
+    let repair = context.options.repair;
+    let pages = Pages::new(source, file_bytes, repair).map_err(problem)?;
+    let mut reader = E57Reader::new(pages).map_err(problem)?;
     let scans = reader.pointclouds();
     let mut notes = Vec::new();
     let mut layouts = Vec::new();
@@ -419,7 +442,24 @@ pub(crate) fn read(source: &mut dyn Source, context: &mut Context<'_>) -> Result
         }
     }
     for layout in &layouts {
-        read_scan(&mut reader, layout, &mut points)?;
+        let before = points.kept.read();
+        match read_scan(&mut reader, layout, &mut points) {
+            Err(error) if repair => {
+                let (scan, all) = (layout.index + 1, layout.scan.records);
+                let why = one_line(error.to_string().as_bytes());
+                let why: String = why.chars().take(200).collect();
+                notes.push(format!(
+                    "scan {scan} is damaged: took {} of its {all} points ({why})",
+                    points.kept.read() - before
+                ));
+            }
+            read => read.map_err(|error| {
+                let (scan, all) = (layout.index + 1, layout.scan.records);
+                let problem =
+                    problem(format!("scan {scan}, {all} points: {error} after {}", points.kept.read() - before));
+                problem.help("copy the file again; --repair takes the points before the damage")
+            })?,
+        }
     }
     let (invalid, colorless) = (points.invalid, points.colorless);
     let mut cloud = points.finish();
@@ -463,41 +503,36 @@ fn crs_of(text: &str) -> Crs {
     Crs { wkt: (code.is_none() && text.contains('[')).then_some(text), code, ..Crs::default() }
 }
 
-/// Reads a scan: on a thread of its own, as the crate's work takes as long as ours.
+/// Reads a scan as far as it goes: on a thread of its own, as the crate's work takes as long as ours.
 fn read_scan<R: Read + Seek + Send>(
     reader: &mut E57Reader<R>,
     layout: &Layout<'_>,
     points: &mut Points,
-) -> Result<(), Problem> {
+) -> Result<(), ::e57::Error> {
     let width = layout.scan.prototype.len();
-    let rows = reader.pointcloud_raw(layout.scan).map_err(problem)?;
-    let (send, receive) = mpsc::sync_channel::<Result<Vec<RecordValue>, ::e57::Error>>(BATCH.1);
+    let rows = reader.pointcloud_raw(layout.scan)?;
+    let (send, receive) = mpsc::sync_channel::<Vec<RecordValue>>(BATCH.1);
     std::thread::scope(|scope| {
-        scope.spawn(move || {
+        let reading = scope.spawn(move || {
             let new = || Vec::with_capacity(BATCH.0 * width);
             let mut batch = new();
+            let mut end = Ok(());
             for row in rows {
                 match row {
                     Ok(row) => batch.extend(row),
                     Err(error) => {
-                        let _ = send.send(Err(error));
-                        return;
+                        end = Err(error);
+                        break;
                     }
                 }
-                if batch.len() >= BATCH.0 * width && send.send(Ok(std::mem::replace(&mut batch, new()))).is_err() {
-                    return;
+                if batch.len() >= BATCH.0 * width && send.send(std::mem::replace(&mut batch, new())).is_err() {
+                    return Ok(());
                 }
             }
-            let _ = send.send(Ok(batch));
+            let _ = send.send(batch);
+            end
         });
-        let mut done = 0;
-        for batch in receive {
-            let batch = batch.map_err(|error| {
-                problem(format!("scan {}, {} points: {error} after {done}", layout.index + 1, layout.scan.records))
-            })?;
-            done += batch.len() / width;
-            points.append(layout, &batch);
-        }
-        Ok(())
+        receive.into_iter().for_each(|batch| points.append(layout, &batch));
+        reading.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
 }

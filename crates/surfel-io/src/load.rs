@@ -153,6 +153,10 @@ fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path) -> Result<Format, 
     if points::looks_like_ptx(head) {
         return Ok(Format::Ptx);
     }
+    #[cfg(feature = "gaussians")]
+    if matches!(hint, None | Some(Format::Sog)) && head.trim_ascii_start().starts_with(b"{") && sog::looks_like(bytes) {
+        return Ok(Format::Sog);
+    }
     if let Some(format) = hint {
         return Ok(format);
     }

@@ -9,7 +9,7 @@ use crate::columns::f32_is_enough;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::Fault;
-use crate::strided::{NumberType, Strided, vectors, vectors_f32};
+use crate::strided::{self, NumberType, Strided, vectors_f32};
 use glam::{DVec3, Vec3};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, PointCloud, Shape};
 
@@ -20,7 +20,7 @@ pub(crate) struct Named<'a> {
 }
 
 /// Names that columns go by, without case, units and quotes; of several sets that are there, the first counts.
-const POSITIONS: [[&str; 3]; 9] = [
+const POSITIONS: [[&str; 3]; 17] = [
     ["x", "y", "z"],
     ["x_coord", "y_coord", "z_coord"],
     ["xcoord", "ycoord", "zcoord"],
@@ -30,6 +30,14 @@ const POSITIONS: [[&str; 3]; 9] = [
     ["easting", "northing", "elevation"],
     ["easting", "northing", "height"],
     ["easting", "northing", "altitude"],
+    ["longitude", "latitude", "z"],
+    ["longitude", "latitude", "height"],
+    ["longitude", "latitude", "altitude"],
+    ["longitude", "latitude", "elevation"],
+    ["lon", "lat", "z"],
+    ["lon", "lat", "alt"],
+    ["lon", "lat", "height"],
+    ["lon", "lat", "elevation"],
 ];
 const COLORS: [[&str; 3]; 6] = [
     ["red", "green", "blue"],
@@ -196,6 +204,10 @@ pub(crate) fn build(
     context: &mut Context<'_>,
 ) -> Result<Content, Fault> {
     let triple = |set: [usize; 3]| set.map(|i| columns[i].values);
+    if plain_name(&columns[roles.position[0]].name).starts_with("lon") {
+        let what = "x and y are degrees, by their names: it is drawn as if they were as long as z's units";
+        context.note(format!("{what}; project it first, as by pdal translate"));
+    }
     let (origin, positions) = positions(triple(roles.position));
     let normals = roles.normal.map(|set| vectors_f32(triple(set)));
     let (mut colors, mut alphas) = (roles.color.map(|set| levels(triple(set), source, context)), None);
@@ -277,11 +289,15 @@ pub(crate) fn positions(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     if columns.iter().all(narrow) || enough() {
         return (DVec3::ZERO, Column3::from_f32(vectors_f32(columns)));
     }
-    Column3::with_origin(&vectors(columns))
+    strided::with_origin(columns)
 }
 
 /// Colours by what they count to.
 fn levels(columns: [Strided<'_>; 3], source: Source, context: &mut Context<'_>) -> Vec<[f32; 3]> {
+    if source == Source::Typed && columns.iter().all(|c| c.kind() == NumberType::U8) {
+        let table = linear_of_8_bit();
+        return Strided::bytes_of(columns).map(|levels| levels.map(|level| table[usize::from(level)])).collect();
+    }
     let largest = columns.iter().map(Strided::largest).fold(0.0, f64::max);
     let whole = source == Source::Typed && columns.iter().all(|c| c.kind().is_integer());
     let (scale, name) = match largest {

@@ -28,6 +28,12 @@ impl KeptRows {
         self.read = self.read.saturating_add(1);
     }
 
+    /// Rows so far, those that are left out, too.
+    #[cfg(feature = "e57")]
+    pub(crate) fn read(&self) -> u32 {
+        self.read
+    }
+
     /// The rows, if some were left out.
     pub(crate) fn finish(self) -> Option<Vec<u32>> {
         self.rows

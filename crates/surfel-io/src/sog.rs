@@ -1,12 +1,14 @@
-//! SOG: Gaussians whose numbers are the pixels of pictures, a pixel a splat, in a ZIP file.
+//! SOG: Gaussians whose numbers are the pixels of pictures, a pixel a splat, in a ZIP file or beside their `meta.json`.
 
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem, quote};
+use crate::files::Siblings;
 use crate::gaussians::{Gaussians, Harmonics, Kind, SH_C0};
 use crate::zip::Archive;
 use glam::{DQuat, DVec3};
 use serde::Deserialize;
+use std::borrow::Cow;
 use surfel_model::Column3;
 
 /// What `meta.json` says. Version 1 has ranges where version 2 has tables of 256 values.
@@ -51,13 +53,52 @@ impl Part {
     }
 }
 
+/// Longest `meta.json` by itself: a few tables of 256 numbers.
+const MAX_META_BYTES: usize = 1 << 20;
+
+/// True of a `meta.json` whose pictures lie beside it.
+pub(crate) fn looks_like(bytes: &[u8]) -> bool {
+    let has = |word: &str| bytes.windows(word.len()).any(|w| w == word.as_bytes());
+    bytes.len() <= MAX_META_BYTES && ["\"means\"", "\"quats\"", "\"sh0\"", "\"files\""].iter().all(|word| has(word))
+}
+
+/// Where the pictures are.
+enum Pictures<'a> {
+    /// Members of an archive, in this folder of it.
+    Members(Archive<'a>, String),
+    /// Files beside the one that is read.
+    Beside(&'a Siblings),
+}
+
+impl<'a> Pictures<'a> {
+    fn read(&mut self, name: &str) -> Result<Cow<'a, [u8]>, Fault> {
+        let what = quote(name);
+        match self {
+            Self::Members(archive, folder) => {
+                let member = archive.find(&format!("{folder}{name}"));
+                let none = || Problem::new(format!("the SOG file has no {what}, which meta.json names"));
+                archive.read(member.ok_or_else(none)?)
+            }
+            Self::Beside(siblings) => siblings.read(name).map(Cow::Owned).map_err(|why| {
+                let problem = Problem::new(format!("can't read the picture {what}, which it names: {why}"));
+                problem.help("keep meta.json and its pictures in one folder").into()
+            }),
+        }
+    }
+}
+
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
-    let mut archive = Archive::open(bytes)?;
-    // Of several levels of detail, the first.
-    let meta_name = archive.names().find(|n| n == "meta.json" || n.ends_with("/meta.json"));
-    let Some(meta_name) = meta_name else { return Err(Problem::new("the SOG file has no meta.json").into()) };
-    let folder = meta_name.trim_end_matches("meta.json").to_owned();
-    let json = archive.read(archive.find(&meta_name).unwrap_or_default())?;
+    let (json, mut pictures) = if bytes.starts_with(b"PK") {
+        let mut archive = Archive::open(bytes)?;
+        // Of several levels of detail, the first.
+        let meta_name = archive.names().find(|n| n == "meta.json" || n.ends_with("/meta.json"));
+        let Some(meta_name) = meta_name else { return Err(Problem::new("the SOG file has no meta.json").into()) };
+        let folder = meta_name.trim_end_matches("meta.json").to_owned();
+        let json = archive.read(archive.find(&meta_name).unwrap_or_default())?;
+        (json, Pictures::Members(archive, folder))
+    } else {
+        (Cow::Borrowed(bytes), Pictures::Beside(&context.siblings))
+    };
     let meta: Meta = serde_json::from_slice(&json).map_err(|why| {
         let why: String = why.to_string().chars().take(200).filter(|c| !c.is_control()).collect();
         Problem::new(format!("its meta.json is no description of SOG: {why}"))
@@ -73,12 +114,9 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     let mut picture = |part: &Part, index: usize| -> Result<Vec<[u8; 4]>, Fault> {
         let name = part.files.get(index).ok_or_else(|| Problem::new("its meta.json names too few pictures"))?;
         let what = quote(name);
-        let member = archive.find(&format!("{folder}{name}"));
-        let member =
-            member.ok_or_else(|| Problem::new(format!("the SOG file has no {what}, which meta.json names")))?;
         let mut texels = context
             .textures
-            .decode(&archive.read(member)?)
+            .decode(&pictures.read(name)?)
             .map_err(|why| {
                 let why: String = why.chars().take(200).filter(|c| !c.is_control()).collect();
                 Problem::new(format!("the picture {what} of the SOG file can't be read: {why}"))

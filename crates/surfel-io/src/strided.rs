@@ -4,7 +4,7 @@
 
 use crate::columns::f32_of_half;
 use glam::{DVec3, Vec3};
-use surfel_model::ExtraValues;
+use surfel_model::{Column3, ExtraValues};
 
 /// The types of number that files store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -125,14 +125,23 @@ impl<'a> Strided<'a> {
     /// A number; 0 beyond the last.
     #[inline]
     pub(crate) fn at(&self, row: usize) -> f64 {
-        let start = row * self.stride;
-        by_type!(self, number => {
-            let mut raw = self.bytes.get(start..).and_then(<[u8]>::first_chunk).copied().unwrap_or_default();
-            if self.big_endian {
-                raw.reverse();
-            }
-            number(raw)
-        })
+        by_type!(self, number => number(self.raw_at(row)))
+    }
+
+    /// The bytes of a number, little endian; zeros beyond the last.
+    #[inline]
+    fn raw_at<const N: usize>(&self, row: usize) -> [u8; N] {
+        let mut raw = self.bytes.get(row * self.stride..).and_then(<[u8]>::first_chunk).copied().unwrap_or([0; N]);
+        if self.big_endian {
+            raw.reverse();
+        }
+        raw
+    }
+
+    /// Three columns of bytes, row by row.
+    pub(crate) fn bytes_of([a, b, c]: [Self; 3]) -> impl Iterator<Item = [u8; 3]> {
+        let rows = |c: Self| c.bytes.chunks(c.stride).map(|row| row.first().copied().unwrap_or(0));
+        rows(a).zip(rows(b)).zip(rows(c)).map(|((a, b), c)| [a, b, c])
     }
 
     /// A function of every number.
@@ -175,21 +184,18 @@ impl<'a> Strided<'a> {
     }
 }
 
-/// Three columns of the same length as vectors.
-pub(crate) fn vectors(columns: [Strided<'_>; 3]) -> Vec<DVec3> {
+/// Three columns of the same length as vectors, with their origin.
+pub(crate) fn with_origin(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     let [x, y, z] = columns;
-    let mut all = Vec::with_capacity(x.rows);
     if columns.iter().all(|c| c.kind == NumberType::F64) {
-        let number = |raw: [u8; 8]| f64::from_le_bytes(raw);
-        let rows = x.raw().zip(y.raw()).zip(z.raw());
-        all.extend(rows.map(|((x, y), z)| DVec3::new(number(x), number(y), number(z))));
+        let number = |c: &Strided<'_>, i: usize| f64::from_le_bytes(c.raw_at(i));
+        Column3::with_origin_of(x.rows, |i| DVec3::new(number(&x, i), number(&y, i), number(&z, i)))
     } else {
-        all.extend((0..x.rows).map(|i| DVec3::new(x.at(i), y.at(i), z.at(i))));
+        Column3::with_origin_of(x.rows, |i| DVec3::new(x.at(i), y.at(i), z.at(i)))
     }
-    all
 }
 
-/// As [`vectors`], in f32. Numbers of more digits are rounded.
+/// Three columns of the same length as vectors of f32. Numbers of more digits are rounded.
 pub(crate) fn vectors_f32(columns: [Strided<'_>; 3]) -> Vec<Vec3> {
     let [x, y, z] = columns;
     let mut all = Vec::with_capacity(x.rows);
@@ -242,7 +248,8 @@ mod tests {
             for column in columns.map(Option::unwrap) {
                 assert_eq!((column.at(0), column.map(|v| v)), (expected, vec![expected]), "{kind:?}");
                 assert_eq!(crate::columns::to_f64(&column.values()), [expected], "{kind:?}");
-                assert_eq!(vectors([column; 3]), [DVec3::splat(expected)]);
+                let (origin, all) = with_origin([column; 3]);
+                assert_eq!(origin + all.get(0), DVec3::splat(expected));
                 assert_eq!(vectors_f32([column; 3]), [DVec3::splat(expected).as_vec3()]);
                 assert_eq!(column.largest(), expected.max(0.0));
             }

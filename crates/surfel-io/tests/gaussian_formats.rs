@@ -225,18 +225,26 @@ fn picture(texel: [u8; 4]) -> Vec<u8> {
 }
 
 fn sog(meta: &str) -> Vec<u8> {
+    let members = sog_members(meta);
+    let names: Vec<String> = members.iter().map(|(name, _)| format!("scene/{name}")).collect();
+    let members = names.iter().zip(members).map(|(name, (_, bytes))| (name.as_str(), bytes));
+    zip(&members.collect::<Vec<_>>())
+}
+
+/// `meta.json` and its pictures.
+fn sog_members(meta: &str) -> [(&'static str, Vec<u8>); 6] {
     // Logarithms of 2, −3 and 4, within −2 and 2, in 16 bits.
     let place = [2.0_f64.ln(), -(3.0_f64.ln()), 4.0_f64.ln()];
     let place = place.map(|v| ((v + 2.0) / 4.0 * 65_535.0).round() as u16);
     // Of the rotation w is left out, and z is √½·(2·255/255 − 1).
-    zip(&[
-        ("scene/meta.json", meta.as_bytes().to_vec()),
-        ("scene/means_l.webp", picture([place[0] as u8, place[1] as u8, place[2] as u8, 255])),
-        ("scene/means_u.webp", picture([(place[0] >> 8) as u8, (place[1] >> 8) as u8, (place[2] >> 8) as u8, 255])),
-        ("scene/quats.webp", picture([128, 128, 255, 252])),
-        ("scene/scales.webp", picture([2, 1, 0, 255])),
-        ("scene/sh0.webp", picture([2, 1, 0, 204])),
-    ])
+    [
+        ("meta.json", meta.as_bytes().to_vec()),
+        ("means_l.webp", picture([place[0] as u8, place[1] as u8, place[2] as u8, 255])),
+        ("means_u.webp", picture([(place[0] >> 8) as u8, (place[1] >> 8) as u8, (place[2] >> 8) as u8, 255])),
+        ("quats.webp", picture([128, 128, 255, 252])),
+        ("scales.webp", picture([2, 1, 0, 255])),
+        ("sh0.webp", picture([2, 1, 0, 204])),
+    ]
 }
 
 const FILES: &str = r#""files":["means_l.webp","means_u.webp"]"#;
@@ -272,6 +280,33 @@ fn sog_of_both_versions_is_read() {
     let cloud = splats("a", sog(&meta), Up::MinusY);
     check(&cloud, 1e-6, 2e-4, 0.012);
     assert!((cloud.alpha(0) - 0.8).abs() < 1e-6 && cloud.color(0) == [1.0, 0.214_041_14, 0.0]);
+}
+
+#[test]
+fn sog_of_files_in_a_folder_is_read_by_its_meta_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let meta = folder.path().join("meta.json");
+    for (name, bytes) in sog_members(&sog2()) {
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+    }
+    let loaded = surfel_io::load(&meta, &LoadOptions::default()).unwrap();
+    assert_eq!((loaded.format, loaded.up, loaded.beside.len()), (Format::Sog, Up::MinusY, 5));
+    let Content::Splats(cloud) = loaded.content else { panic!("{:?}", loaded.content) };
+    assert_eq!(cloud, splats("a", sog(&sog2()), Up::MinusY));
+    let refused = |meta: &Path, expected: &str| {
+        let error = surfel_io::load(meta, &LoadOptions::default()).unwrap_err().to_string();
+        assert!(error.contains(expected) && error.lines().count() <= 4, "{error}");
+    };
+    // Pictures elsewhere, and none at all.
+    let out = sog2().replace("\"sh0.webp\"", "\"../sh0.webp\"");
+    std::fs::write(&meta, out).unwrap();
+    refused(&meta, "can't read the picture '../sh0.webp', which it names: it is outside");
+    std::fs::write(&meta, sog2()).unwrap();
+    std::fs::remove_file(folder.path().join("quats.webp")).unwrap();
+    refused(&meta, "can't read the picture 'quats.webp'");
+    // From memory there is nothing beside it.
+    let error = try_load("meta.json", sog2().as_bytes()).unwrap_err();
+    assert!(error.contains("not available here"), "{error}");
 }
 
 #[test]

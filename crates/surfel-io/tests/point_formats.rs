@@ -5,6 +5,7 @@
 use flate2::Compression;
 use flate2::write::{DeflateEncoder, GzEncoder};
 use glam::DVec3;
+use pcd_rs::{DataKind, DynReader, DynRecord, Field, ValueKind, WriterInit};
 use std::io::Write;
 use std::path::Path;
 use surfel_io::{Content, Format, LoadOptions, Loaded, load_bytes};
@@ -117,6 +118,89 @@ fn pcd_is_the_same_in_each_encoding() {
     refused_when_cut("a.pcd", &packed, 0);
     // The last digits of a text may be missing without a trace.
     refused_when_cut("a.pcd", &text[..text.len() - 2], 0);
+}
+
+/// Points of all types that PCD has, among them floats whose text must be read back to the bit.
+fn pcd_rs_points() -> (pcd_rs::Schema, Vec<DynRecord>) {
+    let kinds = [
+        ("x", ValueKind::F32, 1),
+        ("y", ValueKind::F64, 1),
+        ("z", ValueKind::F32, 1),
+        ("a", ValueKind::U8, 1),
+        ("b", ValueKind::U16, 3),
+        ("c", ValueKind::U32, 1),
+        ("d", ValueKind::I8, 1),
+        ("e", ValueKind::I16, 1),
+        ("f", ValueKind::I32, 2),
+    ];
+    let row = |i: i64| {
+        // Runs of equal values make references of LZF, short and long ones; the others are literals.
+        let mixed = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
+        let part = |shift: u32| (mixed >> shift) as i32;
+        DynRecord(vec![
+            Field::F32(vec![i as f32 / 7.0]),
+            Field::F64(vec![5.0e6 + i as f64 / 3.0]),
+            Field::F32(vec![if i % 900 < 600 { -2.5 } else { f32::from_bits(0x3000_0000 | part(9) as u32 >> 9) }]),
+            Field::U8(vec![(i / 300) as u8]),
+            Field::U16(vec![part(3) as u16, 7, (i % 5) as u16]),
+            Field::U32(vec![part(20) as u32]),
+            Field::I8(vec![part(5) as i8]),
+            Field::I16(vec![part(1) as i16]),
+            Field::I32(vec![part(31), -1]),
+        ])
+    };
+    (kinds.into_iter().collect(), (0..2500).map(row).collect())
+}
+
+#[test]
+fn pcd_of_another_program_is_read_to_the_bit() {
+    let (schema, records) = pcd_rs_points();
+    for data_kind in [DataKind::Ascii, DataKind::Binary, DataKind::BinaryCompressed] {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let (width, height) = (records.len() as u64, 1);
+        let viewpoint = Default::default();
+        let init = WriterInit { width, height, viewpoint, data_kind, schema: Some(schema.clone()), version: None };
+        let mut writer = init.build_from_writer(&mut bytes).unwrap();
+        records.iter().for_each(|record| writer.push(record).unwrap());
+        writer.finish().unwrap();
+        let bytes = bytes.into_inner();
+        let cloud = points(load("a", &bytes));
+        assert_eq!(cloud.len(), records.len(), "{data_kind:?}");
+        let value = |i: usize, field: usize, k: usize| match &records[i].0[field] {
+            Field::U8(v) => f64::from(v[k]),
+            Field::U16(v) => f64::from(v[k]),
+            Field::U32(v) => f64::from(v[k]),
+            Field::I8(v) => f64::from(v[k]),
+            Field::I16(v) => f64::from(v[k]),
+            Field::I32(v) => f64::from(v[k]),
+            Field::F32(v) => f64::from(v[k]),
+            Field::F64(v) => v[k],
+            other => panic!("{other:?}"),
+        };
+        let names = [("a", 3, 0), ("b_0", 4, 0), ("b_1", 4, 1), ("b_2", 4, 2), ("c", 5, 0), ("d", 6, 0), ("e", 7, 0)];
+        for i in 0..cloud.len() {
+            let p = cloud.origin + cloud.positions.get(i);
+            let truth = DVec3::new(value(i, 0, 0), value(i, 1, 0), value(i, 2, 0));
+            // f32 pairs keep 48 bits of what is some 800 from the middle at 5e6: the origin's own rounding is more.
+            assert!((p - truth).abs().max_element() <= 1e-9, "{data_kind:?} {i}: {p} {truth}");
+            for (name, field, k) in names.into_iter().chain([("f_0", 8, 0), ("f_1", 8, 1)]) {
+                let column = cloud.extras.iter().find(|e| e.name == name).unwrap_or_else(|| panic!("{name}"));
+                assert_eq!(column.values.get(i), value(i, field, k), "{data_kind:?} {name} {i}");
+            }
+        }
+    }
+}
+
+#[test]
+fn pcd_means_the_same_to_another_program() {
+    for bytes in three_pcds() {
+        let cloud = points(load("a", &bytes));
+        let others: Vec<DynRecord> = DynReader::from_bytes(&bytes).unwrap().collect::<Result<_, _>>().unwrap();
+        assert_eq!(others.len(), 3);
+        for (place, other) in places(&cloud).iter().zip(&others) {
+            assert_eq!(Some(place.as_vec3().to_array()), other.to_xyz::<f32>());
+        }
+    }
 }
 
 #[test]
@@ -463,6 +547,22 @@ fn text_headers_of_other_programs_are_obeyed() {
     // Whole numbers beyond f32, such as times, keep their digits.
     let cloud = points(load("a.csv", "x,y,z,t\n1,2,3,123456789.25\n"));
     assert_eq!(cloud.extras[0].values, ExtraValues::F64(vec![123_456_789.25]));
+}
+
+#[test]
+fn degrees_are_told_by_their_names() {
+    for header in ["lat,lon,alt,id", "Latitude,Longitude,Height,id", "latitude;longitude;elevation;id"] {
+        let divider = if header.contains(';') { ";" } else { "," };
+        let rows = "\n47.5,8.25,400,1\n47.6,8.5,401,2\n".replace(',', divider);
+        let loaded = load("a.csv", header.to_owned() + &rows);
+        assert!(
+            loaded.notes.iter().any(|n| n.starts_with("x and y are degrees, by their names")),
+            "{:?}",
+            loaded.notes
+        );
+        assert_eq!(places(&points(loaded))[1], DVec3::new(8.5, 47.6, 401.0), "{header}");
+    }
+    assert!(!load("a.csv", "long,x,y,z\n1,8.25,47.5,400\n").notes.join(" ").contains("degrees"));
 }
 
 #[test]

@@ -437,3 +437,61 @@ fn damaged_e57_is_refused_in_one_sentence() {
     let error = try_read(&support::seal(bytes)).unwrap_err();
     assert!(error.contains("no point"), "{error}");
 }
+
+/// With `repair`.
+fn repaired(bytes: &[u8]) -> Result<Loaded, String> {
+    let mut options = LoadOptions::default();
+    options.repair = true;
+    load_bytes(bytes, None, Path::new("a"), &options).map_err(|e| e.to_string())
+}
+
+#[test]
+fn damaged_e57_is_read_up_to_its_damage_if_asked() {
+    let double = RecordDataType::Double { min: None, max: None };
+    let names = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
+    let prototype: Vec<Record> = names.into_iter().map(|n| record(n, double.clone())).collect();
+    let row = |i: i32| [f64::from(i), f64::from(i % 7), 0.5].map(RecordValue::Double).to_vec();
+    let scan =
+        |from: i32| Scan { prototype: prototype.clone(), rows: (from..from + 20_000).map(row).collect(), pose: None };
+    let good = e57_file(Some("EPSG:2056"), &[scan(0), scan(50_000)]);
+    let whole = repaired(&good).unwrap();
+    assert_eq!(whole.content, try_read(&good).unwrap().content);
+    assert!(!whole.notes.join("\n").contains("damaged"));
+    // A page in the middle of the first scan; 24 bytes a point.
+    let mut damaged = good.clone();
+    let page = 200;
+    damaged[page * 1024 + 77] ^= 4;
+    let error = try_read(&damaged).unwrap_err();
+    assert!(error.contains("--repair") && error.contains("scan 1, 20000 points"), "{error}");
+    let loaded = repaired(&damaged).unwrap();
+    let Content::Points(points) = &loaded.content else { panic!("{:?}", loaded.content) };
+    let first = points.len() - 20_000;
+    // All packets (of 64 KiB at most) that end before the page, and what is taken has its place.
+    let most = page * 1020 / 24;
+    assert!(first <= most && first + 65_536 / 24 >= most, "{first} of {most}");
+    for i in [0, 1, first - 1, first, first + 19_999] {
+        let x = if i < first { i } else { 50_000 + i - first };
+        assert_eq!(points.origin + points.positions.get(i), DVec3::new(x as f64, (x % 7) as f64, 0.5), "{i}");
+    }
+    let said = format!("scan 1 is damaged: took {first} of its 20000 points");
+    assert!(loaded.notes.iter().any(|note| note.starts_with(&said)), "{:?}", loaded.notes);
+    // A scan whose start is damaged, and all of them.
+    let pages = good.len() / 1024;
+    let second = (0..pages).rfind(|page| {
+        let mut damaged = good.clone();
+        damaged[page * 1024 + 500] ^= 1;
+        repaired(&damaged).is_ok_and(|l| matches!(&l.content, Content::Points(p) if p.len() == 20_000))
+    });
+    assert!(second.is_some_and(|page| page > pages / 3), "{second:?} of {pages}");
+    let mut none = good.clone();
+    (0..pages / 2 + 20).for_each(|page| none[page * 1024 + 100] ^= u8::from(page > 0));
+    let error = repaired(&none).unwrap_err();
+    assert!(error.contains("no point") && error.lines().count() <= 4, "{error}");
+    // Bytes behind the last page are nobody's; a file without its end lacks the XML that says what it holds.
+    let longer = [&good[..], &[1; 333]].concat();
+    assert!(try_read(&longer).is_err());
+    assert_eq!(repaired(&longer).unwrap().content, whole.content);
+    for end in [10, 47, 500, 1024, 20_000, good.len() / 2, good.len() - 1024, good.len() - 1] {
+        assert!(repaired(&good[..end]).is_err(), "{end}");
+    }
+}

@@ -42,20 +42,33 @@ impl Column3 {
     /// finite points' bounds, rounded to a whole power of two no finer than the extent needs, and offsets
     /// are exact to about 48 bits of the extent. Non-finite points stay non-finite.
     pub fn with_origin(points: &[DVec3]) -> (DVec3, Self) {
-        let direct = Self::from_f64(points);
-        if direct.low.is_none() {
-            return (DVec3::ZERO, direct);
+        Self::with_origin_of(points.len(), |i| points[i])
+    }
+
+    /// As [`Self::with_origin`], of points that needn't be in memory; each is asked for twice.
+    pub fn with_origin_of(count: usize, point: impl Fn(usize) -> DVec3) -> (DVec3, Self) {
+        let split = |p: DVec3| {
+            let high = p.as_vec3();
+            (high, if high.is_finite() { (p - high.as_dvec3()).as_vec3() } else { Vec3::ZERO })
+        };
+        let (mut min, mut max, mut exact) = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
+        for p in (0..count).map(&point) {
+            exact &= split(p).1 == Vec3::ZERO;
+            if p.is_finite() {
+                (min, max) = (min.min(p), max.max(p));
+            }
         }
-        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for p in points.iter().filter(|p| p.is_finite()) {
-            (min, max) = (min.min(*p), max.max(*p));
+        if exact {
+            return (DVec3::ZERO, Self::from_f32((0..count).map(|i| point(i).as_vec3()).collect()));
         }
         let origin = Self::origin_of(min, max);
-        if origin == DVec3::ZERO {
-            return (origin, direct);
+        let (mut high, mut low) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        for (h, l) in (0..count).map(|i| split(point(i) - origin)) {
+            high.push(h);
+            low.push(l);
         }
-        let offsets: Vec<DVec3> = points.iter().map(|p| *p - origin).collect();
-        (origin, Self::from_f64(&offsets))
+        let exact = low.iter().all(|l| *l == Vec3::ZERO);
+        (origin, Self { high, low: (!exact).then_some(low) })
     }
 
     /// The origin that suits points within bounds: the middle, rounded to a whole power of two no finer than the extent

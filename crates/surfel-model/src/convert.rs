@@ -71,6 +71,9 @@ pub struct ConvertOptions {
     /// Points at exactly (0, 0, 0), and more than 16 in one place, count as well.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub all_points: bool,
+    /// Whether points that stand alone count; a COPC file is read whole for that.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub outliers: Option<Outliers>,
     /// All levels of a COPC file are drawn, not only those that the view needs.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub all_levels: bool,
@@ -197,6 +200,17 @@ pub enum PointColors {
     AsIs,
     /// Such ones that the blended surface passes through the points' colours, as far as these aren't noise.
     Fit,
+}
+
+/// What becomes of points that stand alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
+pub enum Outliers {
+    /// They count as all others.
+    #[default]
+    Keep,
+    /// They are left out.
+    Drop,
 }
 
 /// How splats take the colours of a surface.

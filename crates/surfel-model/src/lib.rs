@@ -36,7 +36,7 @@ pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks, stored_a
 pub use clip::{ClipColumns, ClipCurve, ClipLine, ClipMode, NO_LINE};
 pub use cloud::{CloudData, NO_LABEL, OnInvalid, Repaired, Shape, SplatCloud};
 pub use column::{Column3, ExtraColumn, ExtraValues};
-pub use convert::{Colormap, ConvertOptions, PointColors, SplatCount, TextureOption, TextureSampling};
+pub use convert::{Colormap, ConvertOptions, Outliers, PointColors, SplatCount, TextureOption, TextureSampling};
 pub use error::ModelError;
 pub use gaussians::{GaussianCloud, GaussianData, GaussianKind};
 pub use light::Light;

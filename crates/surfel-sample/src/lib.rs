@@ -2,6 +2,7 @@
 //!
 //! - [`splats_from_points`]: normals by PCA where they are missing, with signs that neighbours agree on, and
 //!   radii from each point's Voronoi cell in its tangent plane, so that the surface closes.
+//! - [`outliers`]: which points stand alone.
 //! - [`splats_from_mesh`]: one splat a face, one a vertex, or blue-noise samples.
 //! - [`octree_from_mesh`]: splats of every size and the polygons themselves, in an octree.
 //! - [`sharp_splats_from_mesh`]: few, large splats clipped along the mesh's creases and borders.
@@ -29,6 +30,7 @@ mod neighbours;
 mod normals;
 mod options;
 mod orient;
+mod outliers;
 mod parallel;
 mod points;
 mod progress;
@@ -45,7 +47,8 @@ pub use mesh::{
     CLOSED_MESH, Detail, FLAT_PARTS, MeshMethod, MeshOptions, MeshReport, OctreeOptions, is_closed, is_oriented,
     octree_from_mesh, points_from_mesh, splats_from_mesh,
 };
-pub use options::{Outliers, PointOptions, PointReport};
+pub use options::{PointOptions, PointReport};
+pub use outliers::outliers;
 pub use points::splats_from_points;
 pub use progress::{NoProgress, Progress};
 #[cfg(feature = "sharp")]

@@ -3,16 +3,6 @@
 use crate::SampleError;
 use glam::DVec3;
 
-/// The treatment of isolated points.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Outliers {
-    /// Keep them with a radius no larger than the cloud's typical one.
-    #[default]
-    Cap,
-    /// Drop them.
-    Drop,
-}
-
 /// How splats are made of points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointOptions {
@@ -23,8 +13,6 @@ pub struct PointOptions {
     /// Where estimated normals point to, in world coordinates; `None`: to where the scanner stood, if the
     /// points say it, else outward, as far as they show it.
     pub viewpoint: Option<DVec3>,
-    /// Treatment of isolated points.
-    pub outliers: Outliers,
     /// Most points in one place that become splats, at least 1; default all. So many splats in one place would look the
     /// same, and make the image slow.
     pub coincident: usize,
@@ -34,14 +22,7 @@ pub struct PointOptions {
 
 impl Default for PointOptions {
     fn default() -> Self {
-        Self {
-            radius_scale: 1.0,
-            neighbours: 16,
-            viewpoint: None,
-            outliers: Outliers::Cap,
-            coincident: usize::MAX,
-            ellipses: true,
-        }
+        Self { radius_scale: 1.0, neighbours: 16, viewpoint: None, coincident: usize::MAX, ellipses: true }
     }
 }
 
@@ -71,8 +52,9 @@ pub struct PointReport {
     pub duplicates: usize,
     /// How many of these are left out, because there are more in their place than the options want.
     pub left_out: usize,
-    /// Isolated points; capped or dropped as the options say.
-    pub outliers: usize,
+    /// Points that are much farther from their neighbours than these from each other. Their radii are no larger than
+    /// the cloud's typical one.
+    pub isolated: usize,
     /// Splats that are ellipses with an axis ratio above 1.5; 0 when the cloud came out as disks.
     pub ellipses: usize,
     /// Median of the larger semi-axes, in object units.

@@ -4,7 +4,7 @@ use crate::orient::{Oriented, Outside};
 use crate::parallel::map_each;
 use crate::radii::{self, Sizes, Spacing};
 use crate::sorted::SortedPoints;
-use crate::{NoProgress, Outliers, PointOptions, PointReport, Progress, SampleError};
+use crate::{NoProgress, PointOptions, PointReport, Progress, SampleError};
 use crate::{assemble, interior, orient};
 use glam::{DVec3, Vec3};
 use std::borrow::Cow;
@@ -53,19 +53,17 @@ pub fn splats_from_points(
     let (slot_of, slots, scale) = (sorted.slots(), sorted.len(), sorted.step * options.radius_scale);
     drop(sorted);
 
-    report.outliers = slot_of.iter().filter(|s| sizes.is_isolated(**s as usize)).count();
+    report.isolated = slot_of.iter().filter(|s| sizes.is_isolated(**s as usize)).count();
     let mut source = Cow::Borrowed(points);
     let mut kept: Option<Vec<u32>> = None;
-    let drop_outliers = options.outliers == Outliers::Drop && report.outliers > 0 && report.outliers < points.len();
-    if drop_outliers || report.duplicates >= options.coincident.max(1) {
+    if report.duplicates >= options.coincident.max(1) {
         let mut in_slot = vec![0_usize; slots];
         let mut keep = vec![true; points.len()];
         for (keep, slot) in keep.iter_mut().zip(&slot_of) {
             let slot = *slot as usize;
             in_slot[slot] += 1;
-            let is_room = in_slot[slot] <= options.coincident.max(1);
-            report.left_out += usize::from(!is_room);
-            *keep = is_room && !(drop_outliers && sizes.is_isolated(slot));
+            *keep = in_slot[slot] <= options.coincident.max(1);
+            report.left_out += usize::from(!*keep);
         }
         source.to_mut().retain(&keep);
         kept = Some((0..points.len() as u32).filter(|i| keep[*i as usize]).collect());

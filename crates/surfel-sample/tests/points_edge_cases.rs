@@ -4,8 +4,8 @@ mod common;
 
 use common::{Lcg, points};
 use glam::DVec3;
-use surfel_model::{ExtraColumn, ExtraValues, PointCloud, Shape, Up};
-use surfel_sample::{NoProgress, Outliers, PointOptions, SampleError, splats_from_points};
+use surfel_model::{PointCloud, Shape, Up};
+use surfel_sample::{NoProgress, PointOptions, SampleError, outliers, splats_from_points};
 
 fn disk(count: usize, seed: u64) -> Vec<DVec3> {
     let mut random = Lcg(seed);
@@ -112,22 +112,79 @@ fn orientation_of_a_sheet_is_up_or_toward_the_viewpoint() {
 }
 
 #[test]
-fn outliers_are_capped_or_dropped_with_their_columns() {
+fn isolated_points_get_no_large_radius() {
     let mut positions = disk(2000, 9);
     positions.extend([DVec3::new(0.5, 0.5, 3.0), DVec3::new(9.0, 0.0, 0.0)]);
-    let mut cloud = points(&positions, None);
-    let values: Vec<i32> = (0..2002).collect();
-    cloud.extras = vec![ExtraColumn { name: "id".into(), values: ExtraValues::I32(values) }];
-    let options = PointOptions::default();
-    let (capped, report) = splats_from_points(&cloud, &options, &NoProgress).unwrap();
-    assert_eq!((report.outliers, capped.len()), (2, 2002));
+    let (splats, report) =
+        splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
+    assert_eq!((report.isolated, splats.len()), (2, 2002));
     for i in [2000, 2001] {
-        assert!(capped.radius_max(i) < 1.5 * report.median_radius, "{}", capped.radius_max(i));
+        assert!(splats.radius_max(i) < 1.5 * report.median_radius, "{}", splats.radius_max(i));
     }
-    let options = PointOptions { outliers: Outliers::Drop, ..options };
-    let (dropped, report) = splats_from_points(&cloud, &options, &NoProgress).unwrap();
-    assert_eq!((report.outliers, dropped.len()), (2, 2000));
-    assert_eq!(dropped.data().extras[0].values, ExtraValues::I32((0..2000).collect()));
+}
+
+/// Rows of those that are outliers.
+fn outliers_of(positions: &[DVec3]) -> Vec<usize> {
+    let found = outliers(&points(positions, None), &NoProgress).unwrap();
+    (0..positions.len()).filter(|i| found[*i]).collect()
+}
+
+#[test]
+fn outliers_are_found_however_far_and_however_many() {
+    let good = disk(2000, 9);
+    let strays = [DVec3::new(0.5, 0.5, 3.0), DVec3::new(9.0, 0.0, 0.0)];
+    // At any distance, beside each other, and moved to where f32 has no millimetres.
+    for scale in [1.0, 1e3, 1e8, 1e30] {
+        let with: Vec<DVec3> = good.iter().copied().chain(strays.map(|s| s * scale)).collect();
+        assert_eq!(outliers_of(&with), [2000, 2001], "{scale}");
+    }
+    let far: Vec<DVec3> = good.iter().chain(&strays).map(|p| *p + DVec3::new(4.5e6, 5.1e5, 300.0)).collect();
+    assert_eq!(outliers_of(&far), [2000, 2001]);
+    let pair = [DVec3::new(0.0, 0.0, 5.0), DVec3::new(0.0, 0.0, 5.0), DVec3::new(0.001, 0.0, 5.0)];
+    let with: Vec<DVec3> = pair.into_iter().chain(good.iter().copied()).collect();
+    assert_eq!(outliers_of(&with), [0, 1, 2]);
+    // So many that no one of them is alone, where mean and deviation would be theirs.
+    let noise = |i: usize| {
+        let part = |k: usize| ((i * 3 + k) as f64 * 0.618_033_988_749_9).fract() * 40.0 - 20.0;
+        DVec3::new(part(0), ((i as f64) * 0.754_877_666_2).fract() * 40.0 - 20.0, part(2))
+    };
+    let many: Vec<DVec3> = good.iter().copied().chain((0..300).map(noise).filter(|p| p.length() > 3.0)).collect();
+    assert_eq!(outliers_of(&many), (2000..many.len()).collect::<Vec<_>>());
+    assert!(many.len() > 2290);
+}
+
+#[test]
+fn clean_clouds_have_no_outliers() {
+    assert_eq!(outliers_of(&disk(5000, 3)), [0; 0]);
+    let grid = |i: usize| DVec3::new((i % 50) as f64, (i / 50) as f64, 0.0);
+    assert_eq!(outliers_of(&(0..2500).map(grid).collect::<Vec<_>>()), [0; 0]);
+    // Density that falls with the square of the distance, as on the ground around a scanner; 200 to one.
+    let ground = |i: usize| {
+        let (ring, angle) = (i / 360, (i % 360) as f64);
+        let distance = 1.6 / (0.2 - 0.0015 * ring as f64);
+        DVec3::new(distance * angle.to_radians().cos(), distance * angle.to_radians().sin(), -1.6)
+    };
+    assert_eq!(outliers_of(&(0..360 * 125).map(ground).collect::<Vec<_>>()), [0; 0]);
+    // Nothing can be said of few, of equal ones, and of none.
+    let spread: Vec<DVec3> = (0..15).map(|i| DVec3::splat(2_f64.powi(i))).collect();
+    assert_eq!(outliers_of(&spread), [0; 0]);
+    assert_eq!(outliers_of(&[DVec3::ONE; 1000]), [0; 0]);
+    assert_eq!(outliers_of(&[DVec3::ONE]), [0; 0]);
+    assert_eq!(outliers_of(&[]), [0; 0]);
+    // Coincident points aren't nearer to each other than to others.
+    let twice: Vec<DVec3> = disk(500, 3).into_iter().flat_map(|p| [p; 20]).chain(disk(500, 4)).collect();
+    assert_eq!(outliers_of(&twice), [0; 0]);
+    let holey = points(&[DVec3::ZERO, DVec3::NAN, DVec3::INFINITY], None);
+    assert_eq!(outliers(&holey, &NoProgress).unwrap_err(), SampleError::NotFinite { index: 1, count: 2, total: 3 });
+}
+
+#[test]
+fn strays_beside_dense_parts_are_outliers_where_others_are_as_sparse() {
+    // A dense ball, and half of all points so sparse that no limit for all finds strays beside the ball.
+    let ball = disk(4000, 5).into_iter().map(|p| p * 0.1);
+    let sparse = disk(4000, 6).into_iter().map(|p| p * 30.0 + DVec3::new(100.0, 0.0, 0.0));
+    let all: Vec<DVec3> = ball.chain(sparse).chain([DVec3::new(0.0, 0.0, 0.4)]).collect();
+    assert_eq!(outliers_of(&all), [8000]);
 }
 
 #[test]

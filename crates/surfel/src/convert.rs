@@ -7,8 +7,8 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_io::Content;
 use surfel_model::{
-    Column3, ConvertOptions, ExtraColumn, Geometry, Material, Mesh, Object, OnInvalid, PointCloud, PointColors, Shape,
-    SplatCloud, TextureSampling, Up,
+    Column3, ConvertOptions, ExtraColumn, Geometry, Material, Mesh, Object, OnInvalid, Outliers, PointCloud,
+    PointColors, Shape, SplatCloud, TextureSampling, Up,
 };
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
@@ -46,6 +46,7 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
         ("where", options.condition.is_none() || rows, "points or splats"),
         ("every", options.every.is_none() || rows, "points or splats"),
         ("all_points", !options.all_points || points, "points"),
+        ("outliers", options.outliers == Outliers::Keep || points, "points"),
     ];
     let unused = given.into_iter().filter(|(_, fits, _)| !fits);
     unused.map(|(option, _, expected)| UnusedOption { option, holds: holds.into(), expected }).collect()
@@ -134,8 +135,9 @@ pub(crate) fn chosen_points(
     path: &Path,
     options: &LoadOptions,
     notes: &mut Vec<String>,
+    progress: &dyn Progress,
 ) -> Result<PointCloud, Error> {
-    let (mut points, _) = chosen_points_of_levels(points, path, options, notes)?;
+    let (mut points, _) = chosen_points_of_levels(points, path, options, notes, progress)?;
     levels::Radii::take(&mut points);
     Ok(points)
 }
@@ -146,6 +148,7 @@ fn chosen_points_of_levels(
     path: &Path,
     options: &LoadOptions,
     notes: &mut Vec<String>,
+    progress: &dyn Progress,
 ) -> Result<(PointCloud, bool), Error> {
     let keep = {
         let rows: (usize, &dyn Fn(usize) -> DVec3) = (points.len(), &|i| points.origin + points.positions.get(i));
@@ -160,6 +163,18 @@ fn chosen_points_of_levels(
         notes.push(format!(
             "left out {dropped} of {total} points at exactly 0,0,0, where sensors write that nothing came back \
              (--all-points keeps them)"
+        ));
+    }
+    if options.outliers == Outliers::Drop {
+        let total = points.len();
+        let found = surfel_sample::outliers(&points, progress);
+        let mut keep = found.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
+        keep.iter_mut().for_each(|alone| *alone = !*alone);
+        points.retain(&keep);
+        notes.push(format!(
+            "left out {} of {total} points as outliers: they are more than 8 times as far from their 8 nearest as is \
+             usual in the cloud or around them",
+            total - points.len()
         ));
     }
     let dropped = options.max_points.map_or(0, |most| points.thin(most));
@@ -177,7 +192,7 @@ pub(crate) fn points(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
-    let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes)?;
+    let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes, progress)?;
     let radii = levels::Radii::take(&mut points);
     // Radii close the surface of all points only.
     match radii.splats(&points, options.radius_scale).filter(|_| !is_thinned) {
@@ -397,8 +412,8 @@ fn points_note(report: &PointReport) -> String {
         "a point cloud: {} splats, {normals}, radii estimated from neighbours (median {:.4})",
         report.splats, report.median_radius
     );
-    if report.outliers > 0 {
-        note += &format!("; {} isolated points", report.outliers);
+    if report.isolated > 0 {
+        note += &format!("; {} isolated points (--outliers drop leaves them out)", report.isolated);
     }
     if report.left_out > 0 {
         note += &format!(

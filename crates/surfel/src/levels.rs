@@ -10,7 +10,7 @@ use surfel_io::copc::{
     Copc, CopcNode, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, NodeColumns, PointSplat, RADIUS,
 };
 use surfel_io::{Content, Loaded};
-use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, Shape, SplatCloud};
+use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Outliers, PointCloud, Shape, SplatCloud};
 use surfel_render::{LevelNode, View, select_levels};
 use surfel_sample::{PointOptions, PointReport, Progress};
 
@@ -70,9 +70,9 @@ impl LevelReport {
 
 /// Reads what the options say of a COPC file; `None` where they say all, or it is another file.
 pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Option<(Loaded, LevelReport)>, Error> {
-    let Some(levels) = options.levels.as_ref().filter(|_| options.stdin.is_none() || path != Path::new("-")) else {
-        return Ok(None);
-    };
+    // Points of a level stand alone where finer ones of it aren't read.
+    let is_by_levels = options.outliers == Outliers::Keep && (options.stdin.is_none() || path != Path::new("-"));
+    let Some(levels) = options.levels.as_ref().filter(|_| is_by_levels) else { return Ok(None) };
     let Some(copc) = Copc::open(path).or_else(|error| if path.is_file() { Err(error) } else { Ok(None) })? else {
         return Ok(None);
     };

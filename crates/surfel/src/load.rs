@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, Format, Loaded};
 use surfel_model::{
-    Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, PointColors, Returns, Settings, SplatCloud, SplatCount,
-    TextureSampling, Transparency, Up,
+    Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, Outliers, PointColors, Returns, Settings, SplatCloud,
+    SplatCount, TextureSampling, Transparency, Up,
 };
 use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
 
@@ -74,6 +74,8 @@ pub struct LoadOptions {
     pub every: Option<u32>,
     /// Points at exactly (0, 0, 0), where they are more than 16, count, and all of more than 16 in one place.
     pub all_points: bool,
+    /// Whether points that stand alone count ([`surfel_sample::outliers`]). Where not, COPC files are read whole.
+    pub outliers: Outliers,
     /// What is read of a COPC file; `None`: all of it.
     pub levels: Option<Levels>,
     /// Most bytes of memory that points may take, by estimate; `None`: [`crate::memory::default_budget`].
@@ -114,6 +116,7 @@ impl LoadOptions {
         with_condition condition: Option<String>,
         with_every every: Option<u32>,
         with_all_points all_points: bool,
+        with_outliers outliers: Outliers,
         with_levels levels: Option<Levels>,
         with_memory memory: Option<u64>,
         with_gaussians gaussians: bool,
@@ -154,6 +157,7 @@ impl LoadOptions {
         self.condition = convert.condition.clone().or(self.condition);
         self.every = convert.every.or(self.every);
         self.all_points |= convert.all_points;
+        self.outliers = convert.outliers.unwrap_or(self.outliers);
         if convert.all_levels {
             self.levels = None;
         }
@@ -203,6 +207,7 @@ impl Default for LoadOptions {
             condition: None,
             every: None,
             all_points: false,
+            outliers: Outliers::Keep,
             levels: None,
             memory: None,
             gaussians: false,

@@ -164,6 +164,7 @@ impl SplatOptions {
             "where" => convert.condition = Some(values::condition(text)?),
             "every" => convert.every = Some(whole(text, 1..=u32::MAX)?),
             "all-points" => convert.all_points = switch(text)?,
+            "outliers" => convert.outliers = Some(values::outliers(text)?),
             "allow-outside" => convert.allow_outside = switch(text)?,
             "max-texture" => convert.max_texture = Some(whole(text, 1..=32_768)?),
             _ => return Ok(false),

@@ -6,7 +6,7 @@ use crate::paths::display;
 use crate::render_options::SplatOptions;
 use crate::scene::UnusedOption;
 use std::path::{Path, PathBuf};
-use surfel_model::{ConvertOptions, PointColors, SplatCount};
+use surfel_model::{ConvertOptions, Outliers, PointColors, SplatCount};
 
 /// Puts what the options say over what a scene file may have said.
 ///
@@ -69,6 +69,7 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     convert.condition = said.condition.clone().or(convert.condition.take());
     convert.every = said.every.or(convert.every);
     convert.all_points |= said.all_points;
+    convert.outliers = said.outliers.or(convert.outliers);
     convert.allow_outside |= said.allow_outside;
     convert.max_texture = said.max_texture.or(convert.max_texture);
     Ok(())
@@ -102,6 +103,7 @@ pub fn check_used(
             "where" => said.condition.is_some(),
             "every" => said.every.is_some(),
             "all_points" => said.all_points,
+            "outliers" => said.outliers == Some(Outliers::Drop),
             _ => false,
         };
         let name = display(path);

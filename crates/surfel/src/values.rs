@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::ops::Range;
 use surfel_model::{
     Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping,
-    PointColors, Returns, Shader, SplatCount, Transparency, Up,
+    Outliers, PointColors, Returns, Shader, SplatCount, Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -39,6 +39,7 @@ named!(colormap, COLORMAPS, Colormap, [
     "coolwarm" => Colormap::Coolwarm, "tab20" => Colormap::Tab20, "grey" => Colormap::Grey,
 ]);
 named!(point_colors, POINT_COLORS, PointColors, ["as-is" => PointColors::AsIs, "fit" => PointColors::Fit]);
+named!(outliers, OUTLIERS, Outliers, ["keep" => Outliers::Keep, "drop" => Outliers::Drop]);
 named!(returns, RETURNS, Returns, ["last" => Returns::Last, "first" => Returns::First, "single" => Returns::Single]);
 named!(mapping, MAPPINGS, Mapping, ["exact" => Mapping::Exact, "affine" => Mapping::Affine]);
 named!(accumulate, ACCUMULATES, Accumulate, ["f32" => Accumulate::F32, "f16" => Accumulate::F16]);

@@ -147,11 +147,9 @@ fn finish(
         "" => String::new(),
         name => format!(" by {}", crate::error::quote(name)),
     };
-    let extent = points.bounds().map_or_else(Default::default, |(lo, hi)| hi - lo);
-    // Files of local coordinates are often said to be in degrees.
-    if header.crs.is_geographic() && extent.x < 5.0 && extent.y < 5.0 {
-        notes.push("x and y are degrees: it is drawn as if they were as long as z's units; project it first".into());
-    }
+    let bounds = points.bounds();
+    notes.extend(bounds.and_then(|bounds| header.crs.degrees_note(bounds, Some(header.scale))));
+    let extent = bounds.map_or_else(Default::default, |(lo, hi)| hi - lo);
     let version = match format {
         Format::Las => format!("LAS 1.{}", header.minor),
         packed => format!("{packed} (LAS 1.{})", header.minor),

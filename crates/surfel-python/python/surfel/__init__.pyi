@@ -39,6 +39,7 @@ class _Splats(TypedDict, total=False):
     where: str
     every: int
     all_points: bool
+    outliers: Literal["keep", "drop"]
     allow_outside: bool
     max_texture: int
 

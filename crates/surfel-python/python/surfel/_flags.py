@@ -9,7 +9,7 @@ from ._errors import UsageError
 
 SPLATS = frozenset(
     "repair texture colors per_vertex per_face splats radius_scale max_points cull sharp crease_angle error color_by colormap"
-    " range colorbar crop classes returns where every all_points allow_outside max_texture memory".split()
+    " range colorbar crop classes returns where every all_points outliers allow_outside max_texture memory".split()
 )
 RENDER = SPLATS | frozenset(
     "size camera view eye target camera_up up region tile fov_y ortho preset filter mapping cutoff prefilter"

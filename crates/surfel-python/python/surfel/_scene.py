@@ -175,7 +175,7 @@ def open(*paths, **flags) -> Scene:
     Keywords are flags of `surfel render`, for all images; those on how files become splats are `repair`, `texture`,
     `per_vertex`, `per_face`, `splats`, `radius_scale`, `max_points`, `cull`, `sharp`, `crease_angle`, `error`,
     `color_by`, `colormap`, `range`, `colorbar`, `crop`, `classes`, `returns`, `where`, `every`, `all_points`,
-    `allow_outside`, `max_texture` and `memory`. Files are read by the first image.
+    `outliers`, `allow_outside`, `max_texture` and `memory`. Files are read by the first image.
 
     Raises FileNotFoundError, TypeError (an unknown keyword).
     """

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, Crs};
 use surfel_model::{Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, SplatCloud};
-use surfel_sample::Progress;
+use surfel_sample::{NoProgress, Progress};
 
 /// Points by which the density of a cloud is judged, and how many a cell has then.
 const SAMPLE: usize = 1 << 17;
@@ -77,7 +77,7 @@ impl Source {
         let path = path.to_path_buf();
         if let Content::Points(points) = loaded.content {
             told.notes.append(&mut loaded.notes);
-            let points = convert::chosen_points(points, &path, options, &mut told.notes)?;
+            let points = convert::chosen_points(points, &path, options, &mut told.notes, progress)?;
             let Some(bounds) = points.bounds() else { return Err(empty(&path)) };
             let density = density(&points, bounds);
             let holds = Holds::Points(Box::new(Points {
@@ -149,7 +149,7 @@ impl Points {
             }
             (Some(cloud), None) => cloud,
             (None, _) => match load::read(path, options)?.content {
-                Content::Points(points) => convert::chosen_points(points, path, options, &mut Vec::new())?,
+                Content::Points(points) => convert::chosen_points(points, path, options, &mut Vec::new(), &NoProgress)?,
                 _ => return Err(empty(path)),
             },
         };

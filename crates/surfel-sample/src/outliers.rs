@@ -1,0 +1,107 @@
+//! Which points of a cloud stand alone.
+//!
+//! Statistical outlier removal ([Rusu 2008] §3.1.1, as in PCL, Open3D and PDAL) takes a point out where the mean
+//! distance to its nearest neighbours is above mean + n·σ of the cloud's. A far stray makes σ as large as one likes,
+//! and of clean clouds it takes 2 to 5 %. So here the middle is the median and the spread the median absolute
+//! deviation, of logarithms, which hold ratios of density; 3.5 of these are Iglewicz and Hoaglin's limit (1993).
+//! A second rule compares each point with its own neighbours (as local outlier factors do, Breunig et al. 2000): it
+//! finds strays near dense parts where density varies too much for any limit for all.
+//!
+//! [Rusu 2008]: https://doi.org/10.1016/j.robot.2008.08.005
+
+use crate::nearest::{Search, distance2};
+use crate::parallel::map_each;
+use crate::radii::median_of;
+use crate::sorted::SortedPoints;
+use crate::{NoProgress, Progress, SampleError};
+use glam::DVec3;
+use surfel_model::PointCloud;
+
+/// Neighbours that a point's distance is the mean of: as PDAL's `filters.outlier`.
+const NEIGHBOURS: usize = 8;
+/// Distinct points below which no one is an outlier.
+const LEAST_POINTS: usize = 2 * NEIGHBOURS;
+/// Standard deviations of the logarithm of distance, of its normal part.
+const DEVIATIONS: f64 = 3.5;
+/// Standard deviations of a normal distribution that the median absolute deviation is.
+const MAD: f64 = 0.674_489_75;
+/// No limit is less than this times the median: borders and tufts of what is even otherwise stay.
+const LEAST_RATIO: f64 = 8.0;
+/// Median distances from the middle beyond which a point is one in any case: a grid that holds it has no cells for
+/// the others.
+const FARTHEST: f64 = 1e4;
+/// Points that middle and median distance are taken of.
+const SAMPLE: usize = 1 << 20;
+
+/// Which points are outliers; never all of them.
+///
+/// Where d is a point's mean distance to its 8 nearest others (coincident points count as one), it is an outlier if
+/// 1. d is more than 8 times the cloud's median d, and ln d is more than 3.5 standard deviations, as the median
+///    absolute deviation gives them, above the median; or
+/// 2. d is more than 8 times that of more than half of these 8; or
+/// 3. it is 10,000 times as far from the middle of all points as half of these are.
+///
+/// Nine strays in one place are none by this rule, and of clouds of fewer than 16 distinct points none is by 1 and 2.
+///
+/// # Errors
+/// [`SampleError::NotFinite`] and [`SampleError::TooMany`], as [`crate::splats_from_points`].
+pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool>, SampleError> {
+    let position = |i: usize| points.positions.get(i);
+    let count = points.len();
+    progress.stage("outliers", count as u64);
+    let mut found = far(count, &position);
+    let near: Vec<u32> = (0..count as u32).filter(|i| !found[*i as usize]).collect();
+    let sorted = SortedPoints::new(near.len(), |i| position(near[i] as usize))?;
+    if sorted.len() >= LEAST_POINTS {
+        let distances = distances(&sorted);
+        let limit = limit(&distances);
+        let least = distances.iter().copied().fold(f32::INFINITY, f32::min);
+        let is_alone = |search: &mut Search<'_>, slot: usize| {
+            let own = f64::from(distances[slot]);
+            let closer = |other: &&u32| own > LEAST_RATIO * f64::from(distances[**other as usize]);
+            own > limit
+                || own > LEAST_RATIO * f64::from(least)
+                    && search.nearest(slot, NEIGHBOURS, 0.0).0.iter().filter(closer).count() > NEIGHBOURS / 2
+        };
+        let alone = map_each(sorted.len(), &NoProgress, || Search::new(&sorted), is_alone);
+        for slot in (0..sorted.len()).filter(|slot| alone[*slot]) {
+            sorted.inputs(slot).iter().for_each(|i| found[near[*i as usize] as usize] = true);
+        }
+    }
+    progress.advance(count as u64);
+    Ok(found)
+}
+
+/// Points that are far from all others by the third rule.
+fn far(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<bool> {
+    let taken = count.min(SAMPLE);
+    let sample: Vec<DVec3> =
+        (0..taken).map(|k| position((k as u128 * count as u128 / taken as u128) as usize)).collect();
+    let median = |mut values: Vec<f64>| {
+        let middle = values.len().checked_sub(1).map_or(0, |last| last / 2);
+        if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    };
+    let middle = DVec3::from([0, 1, 2].map(|axis| median(sample.iter().map(|p| p[axis]).collect())));
+    let typical = median(sample.iter().map(|p| (*p - middle).length()).collect());
+    let is_far = |i: usize| typical > 0.0 && (position(i) - middle).length() > FARTHEST * typical;
+    map_each(count, &NoProgress, || (), |(), i| is_far(i))
+}
+
+/// Mean distance to the nearest neighbours, in steps, one a slot.
+fn distances(points: &SortedPoints) -> Vec<f32> {
+    let mean = |search: &mut Search<'_>, slot: usize| {
+        let (near, _) = search.nearest(slot, NEIGHBOURS, 0.0);
+        let distance = |other: &u32| f64::from(distance2(points.at(*other as usize), points.at(slot))).sqrt();
+        (near.iter().map(distance).sum::<f64>() / near.len() as f64) as f32
+    };
+    map_each(points.len(), &NoProgress, || Search::new(points), mean)
+}
+
+/// The distance above which a point is an outlier by the first rule.
+fn limit(distances: &[f32]) -> f64 {
+    let Some(median) = median_of(distances.len(), |i| distances[i]).map(f64::from) else { return f64::INFINITY };
+    // Zero counts, too.
+    let deviation = |i: usize| ((f64::from(distances[i]) / median).ln().abs() as f32).max(f32::MIN_POSITIVE);
+    let spread = median_of(distances.len(), deviation).map_or(0.0, f64::from) / MAD;
+    median * (DEVIATIONS * spread).exp().max(LEAST_RATIO)
+}
