@@ -25,7 +25,7 @@ Commands:
   test    Run every test of the workspace, doc tests included, all backends built in, and sum up.
           Where a crate needs Vulkan and there is no driver, install a software one (as root,
           with apt-get) or say what is skipped. The Python package is tested where python3 has venv
-          and pip finds its packages; --full runs its notebooks and rivals, too
+          and pip finds its packages; --full runs its notebooks, Ray, Dask and rivals, too
   wheel   Build the Python package for manylinux2014 into target/wheels, by maturin and zig of pip:
           for x86-64, and for aarch64 where rustup has the target
   ci      Everything that must pass before a change is merged: formatting, clippy, the program

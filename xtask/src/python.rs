@@ -7,10 +7,13 @@ use crate::cargo;
 
 /// The package's folder.
 const PACKAGE: &str = "crates/surfel-python";
+const TESTS: &str = "crates/surfel-python/tests";
 /// What its tests need, as pip's requirements and as modules.
 const TESTED_BY: [(&str, &str); 3] = [("maturin>=1.9,<2", "maturin"), ("numpy", "numpy"), ("pytest", "pytest")];
-/// What the notebooks and rivals need besides.
-const SHOWN_BY: [(&str, &str); 6] = [
+/// What the notebooks, engines and rivals need besides.
+const SHOWN_BY: [(&str, &str); 8] = [
+    ("ray", "ray"),
+    ("distributed", "distributed"),
     ("nbconvert", "nbconvert"),
     ("ipykernel", "ipykernel"),
     ("matplotlib", "matplotlib"),
@@ -29,7 +32,7 @@ pub(crate) enum Tested {
     Skipped(String),
 }
 
-/// Tests the package; with `full` its notebooks and rivals, too.
+/// Tests the package; with `full` its notebooks, engines and rivals, too.
 pub(crate) fn test(root: &Path, full: bool) -> Tested {
     println!("\n== Python package");
     let python = match environment(root, &TESTED_BY) {
@@ -40,7 +43,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     let program = target(root).join("debug").join("surfel");
     let steps = [
         vec!["-m", "maturin", "develop", "--quiet", "--locked"],
-        vec!["-m", "pytest", "-q", "-p", "no:cacheprovider", "crates/surfel-python/tests"],
+        vec!["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not engines", TESTS],
     ];
     let ran = |words: &[&str]| {
         let mut command = Command::new(&python);
@@ -55,9 +58,13 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
         return Tested::Passed;
     }
     if let Err(why) = install(&python, &SHOWN_BY) {
-        return Tested::Skipped(format!("notebooks and rivals: {why}"));
+        return Tested::Skipped(format!("notebooks, engines and rivals: {why}"));
     }
-    let shown = [&["crates/surfel-python/examples/run_notebooks.py"][..], &["crates/surfel-python/examples/rivals.py"]];
+    let shown = [
+        vec!["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "engines", TESTS],
+        vec!["crates/surfel-python/examples/run_notebooks.py"],
+        vec!["crates/surfel-python/examples/rivals.py"],
+    ];
     if shown.iter().all(|words| ran(words)) { Tested::Passed } else { Tested::Failed }
 }
 

@@ -2,9 +2,11 @@
 
 use crate::interrupt::defect;
 use crate::pool::{Taken, Who};
+use serde_json::json;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use surfel::metadata;
+use surfel::metadata::{self, Content};
 use surfel::model::SceneFile;
 use surfel::paths::is_stdin;
 use surfel::render::{Capabilities, SceneSummary, unsupported};
@@ -42,11 +44,21 @@ pub(crate) struct Prepared {
     read_for: Option<Arc<Pictures>>,
     pub(crate) resolved: Resolved,
     summary: SceneSummary,
-    pub(crate) notes: Vec<String>,
+    pub(crate) notes: Arc<[String]>,
     /// Where it is ready to be drawn: the backend's name and whether splats are in 16 bits.
     resident: Mutex<Option<Resident>>,
-    /// The files and their hashes, once an image was written.
-    inputs: Mutex<Option<Vec<metadata::Input>>>,
+    files: Arc<Files>,
+}
+
+/// The files that a scene is made of.
+#[derive(Default)]
+pub(crate) struct Files {
+    /// Those that others refer to.
+    beside: BTreeSet<PathBuf>,
+    /// What the name `-` stands for.
+    bytes: Option<Arc<[u8]>>,
+    /// All of them and their hashes, once an image was written.
+    known: Mutex<Option<Vec<metadata::Input>>>,
 }
 
 /// One image that is asked for.
@@ -80,8 +92,8 @@ pub(crate) struct Drawn {
 /// What an image carries, so that it can be drawn again.
 #[derive(Clone)]
 pub(crate) struct Recipe {
-    pub(crate) prepared: Arc<Prepared>,
-    pub(crate) input: Arc<Input>,
+    pub(crate) notes: Arc<[String]>,
+    files: Arc<Files>,
     pub(crate) scene: SceneFile,
     pub(crate) drawn: serde_json::Map<String, serde_json::Value>,
 }
@@ -161,9 +173,10 @@ impl Input {
         let resolve = || request.resolve(loaded, progress, &mut |note| notes.push(note));
         let resolved = on_threads(threads, resolve)??;
         let summary = SceneSummary::of(&resolved.scene);
-        let (resident, inputs) = (Mutex::default(), Mutex::default());
-        let options = options.clone();
-        let prepared = Arc::new(Prepared { options, read_for, resolved, summary, notes, resident, inputs });
+        let (options, notes, resident) = (options.clone(), notes.into(), Mutex::default());
+        let (beside, bytes) = (resolved.beside.clone(), self.bytes.clone());
+        let files = Arc::new(Files { beside, bytes, known: Mutex::default() });
+        let prepared = Arc::new(Prepared { options, read_for, resolved, summary, notes, resident, files });
         cache.prepared.truncate(KEPT);
         cache.prepared.insert(0, prepared.clone());
         Ok(prepared)
@@ -207,7 +220,8 @@ pub(crate) fn draw(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Pr
     let lights = moved.map_or_else(|| file.lights.clone(), |moved| moved.lights);
     let scene = SceneFile { camera, lights, ..file.clone() };
     drop(taken);
-    Ok(Drawn { frame, stats, recipe: Recipe { prepared, input: input.clone(), scene, drawn } })
+    let (notes, files) = (prepared.notes.clone(), prepared.files.clone());
+    Ok(Drawn { frame, stats, recipe: Recipe { notes, files, scene, drawn } })
 }
 
 impl Prepared {
@@ -231,6 +245,18 @@ impl Prepared {
 }
 
 impl Recipe {
+    /// The files that the image is made of.
+    fn inputs(&self) -> Result<Vec<metadata::Input>, Error> {
+        let mut known = lock(&self.files.known);
+        if let Some(inputs) = known.as_ref() {
+            return Ok(inputs.clone());
+        }
+        let of_bytes = self.scene.objects.iter().flat_map(|o| [&o.splats, &o.mesh]).flatten();
+        let bytes = self.files.bytes.as_deref().filter(|_| of_bytes.into_iter().any(|path| is_stdin(path)));
+        let inputs = metadata::inputs(&self.scene, &self.files.beside, bytes)?;
+        Ok(known.insert(inputs).clone())
+    }
+
     /// The entries of an image that is written to `folder`; none if a path is not UTF-8.
     pub(crate) fn entries(
         &self,
@@ -238,19 +264,9 @@ impl Recipe {
         format: &[(&str, serde_json::Value)],
         is_exr: bool,
     ) -> Result<Vec<(String, String)>, Error> {
-        let mut known = lock(&self.prepared.inputs);
-        let inputs = match known.take() {
-            Some(inputs) => inputs,
-            None => {
-                let of_bytes = self.scene.objects.iter().flat_map(|o| [&o.splats, &o.mesh]).flatten();
-                let bytes = self.input.bytes.as_deref().filter(|_| of_bytes.into_iter().any(|path| is_stdin(path)));
-                metadata::inputs(&self.scene, &self.prepared.resolved.beside, bytes)?
-            }
-        };
         let mut drawn = self.drawn.clone();
         drawn.extend(format.iter().map(|(key, value)| ((*key).to_owned(), value.clone())));
-        let entries = metadata::entries(folder, &self.scene, &inputs, &drawn, is_exr)?;
-        *known = Some(inputs);
+        let entries = metadata::entries(folder, &self.scene, &self.inputs()?, &drawn, is_exr)?;
         Ok(entries.unwrap_or_default())
     }
 
@@ -258,5 +274,41 @@ impl Recipe {
     pub(crate) fn scene_json(&self) -> Result<String, Error> {
         let text = surfel::io::scene_file::to_json_pretty(&surfel::paths::relative_to(Path::new("."), &self.scene)?);
         if text.trim().is_empty() { Err(defect()) } else { Ok(text) }
+    }
+
+    /// All of it as JSON, for another process; `None` if a path is not UTF-8.
+    pub(crate) fn to_json(&self) -> Result<Option<String>, Error> {
+        let Ok(scene) = serde_json::to_value(&self.scene) else { return Ok(None) };
+        let mut inputs = Vec::new();
+        for metadata::Input { path, content } in self.inputs()? {
+            let Some(path) = path.to_str() else { return Ok(None) };
+            inputs.push(match content {
+                Content::Known { bytes, sha256 } => json!([path, bytes, sha256]),
+                Content::Unknown => json!([path, null, null]),
+                Content::Missing => json!([path, null, "missing"]),
+            });
+        }
+        let json = json!({ "scene": scene, "drawn": self.drawn, "inputs": inputs, "notes": &*self.notes });
+        Ok(Some(json.to_string()))
+    }
+
+    /// Reads what [`Recipe::to_json`] wrote.
+    pub(crate) fn from_json(text: &str) -> Option<Self> {
+        let json: serde_json::Value = serde_json::from_str(text).ok()?;
+        let scene = serde_json::to_vec(json.get("scene")?).ok()?;
+        let (scene, _) = surfel::scene::parse_scene_file(&scene, Path::new("image")).ok()?;
+        let notes = json.get("notes")?.as_array()?.iter().map(|note| note.as_str().map(str::to_owned));
+        let inputs = json.get("inputs")?.as_array()?.iter().map(|input| {
+            let content = match (input.get(1)?.as_u64(), input.get(2)?.as_str()) {
+                (Some(bytes), Some(sha256)) => Content::Known { bytes, sha256: sha256.to_owned() },
+                (_, None) => Content::Unknown,
+                (None, Some(_)) => Content::Missing,
+            };
+            Some(metadata::Input { path: input.get(0)?.as_str()?.into(), content })
+        });
+        let known = Mutex::new(Some(inputs.collect::<Option<_>>()?));
+        let files = Arc::new(Files { known, ..Files::default() });
+        let drawn = json.get("drawn")?.as_object()?.clone();
+        Some(Self { notes: notes.collect::<Option<_>>()?, files, scene, drawn })
     }
 }

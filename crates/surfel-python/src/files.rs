@@ -14,14 +14,14 @@ use surfel::io::{IoError, Planes, PlyEncoding};
 use surfel::ortho::{OrthoFiles, OrthoOptions, OrthoRequest};
 use surfel::request::SplatOptions;
 use surfel::splat_file::{ConvertRequest, summary};
-use surfel::{BackendOptions, Error, Renderer, values};
+use surfel::{BackendOptions, Error, Renderer, levels, values};
 
-/// Writes splats, or an octree; what the user should know.
+/// Writes splats, an octree or points by levels; what the user should know.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "Python's half names them")]
 pub(crate) fn convert(
     py: Python<'_>,
-    path: PathBuf,
+    inputs: Vec<PathBuf>,
     scene: Option<PyRef<'_, NativeScene>>,
     output: PathBuf,
     flags: Flags,
@@ -31,8 +31,9 @@ pub(crate) fn convert(
 ) -> PyResult<Vec<String>> {
     let mut options = SplatOptions::default();
     options.force = force;
+    let mut who = Who::default();
     for (flag, text) in &flags {
-        match options.set(flag, text) {
+        match if flag == "threads" { who.set(flag, text) } else { options.set(flag, text) } {
             Ok(true) => {}
             Ok(false) => return Err(wrong(py, flag, text, "there is no such argument here")),
             Err(message) => return Err(wrong(py, flag, text, &message)),
@@ -44,18 +45,38 @@ pub(crate) fn convert(
         if output.is_file() && !force {
             return Err(IoError::Exists { path: output }.into());
         }
-        let request = ConvertRequest { path: &path, options: &options, stdin };
-        if hybrid {
-            let (octree, notes) = surfel::load_octree(&path, &request.load_options()?, progress)?;
-            surfel::io::save_octree(&output, force, &octree)?;
-            return Ok(notes);
-        }
-        let mut notes = Vec::new();
-        let cloud = request.convert(request.load(progress)?, &mut |note| notes.push(note))?;
-        let encoding = if ascii { PlyEncoding::Ascii } else { PlyEncoding::BinaryLittleEndian };
-        surfel::io::save_splat_ply(&output, force, &cloud, encoding)?;
-        notes.push(format!("{}: {}", output.display(), summary(&cloud)));
-        Ok(notes)
+        let is_copc = levels::is_copc(&output) && !hybrid;
+        let path = match &inputs[..] {
+            [path] => path,
+            [path, ..] if is_copc => path,
+            _ => {
+                return Err(Error::Usage(format!(
+                    "{} inputs, expected one, or any number of LAZ files and an output \
+                                                  that ends in .copc.laz",
+                    inputs.len()
+                )));
+            }
+        };
+        let request = ConvertRequest { path, options: &options, stdin };
+        on_threads(who.options.threads, || {
+            if is_copc {
+                levels::check_copc(&output, &options, ascii)?;
+                let report = levels::save_copc(&inputs, &output, force, options.memory, progress)?;
+                let summary = format!("{}: {}", output.display(), levels::summary(&report));
+                return Ok(report.notes.into_iter().chain([summary]).collect());
+            }
+            if hybrid {
+                let (octree, notes) = surfel::load_octree(path, &request.load_options()?, progress)?;
+                surfel::io::save_octree(&output, force, &octree)?;
+                return Ok(notes);
+            }
+            let mut notes = Vec::new();
+            let cloud = request.convert(request.load(progress)?, &mut |note| notes.push(note))?;
+            let encoding = if ascii { PlyEncoding::Ascii } else { PlyEncoding::BinaryLittleEndian };
+            surfel::io::save_splat_ply(&output, force, &cloud, encoding)?;
+            notes.push(format!("{}: {}", output.display(), summary(&cloud)));
+            Ok(notes)
+        })?
     })?;
     Ok(notes.iter().map(|note| errors::in_python(note)).collect())
 }

@@ -207,7 +207,7 @@ impl NativeFrame {
     /// What the user should know of how it was made.
     #[getter]
     fn notes(&self) -> Vec<String> {
-        let notes = self.recipe.as_ref().map(|recipe| recipe.prepared.notes.as_slice());
+        let notes = self.recipe.as_ref().map(|recipe| &*recipe.notes);
         notes.unwrap_or_default().iter().map(|note| errors::in_python(note)).collect()
     }
 
@@ -215,6 +215,13 @@ impl NativeFrame {
     fn scene_json(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let text = self.recipe.as_ref().map(Recipe::scene_json).transpose();
         text.map_err(|error| errors::raise(py, &error))
+    }
+
+    /// What `frame_of` makes the same image of, beside its planes.
+    fn recipe(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        let recipe = self.recipe.as_ref();
+        let text = py.detach(|| recipe.map(Recipe::to_json).transpose());
+        Ok(text.map_err(|error| errors::raise(py, &error))?.flatten())
     }
 
     /// The colours as a PNG holds them.
@@ -278,29 +285,64 @@ impl NativeFrame {
     }
 }
 
-/// An image of the caller's colours: linear premultiplied RGBA, float32, (height, width, 4), contiguous.
+/// An image of the planes of another one, by their names, and what that one's `stats` and `recipe` are.
 #[pyfunction]
-pub(crate) fn frame_of(py: Python<'_>, linear: PyReadonlyArrayDyn<'_, f32>) -> PyResult<NativeFrame> {
-    let [height, width, 4] = *linear.shape() else {
-        return Err(errors::usage(py, "expected an array of shape (height, width, 4)"));
-    };
-    let values = linear.as_slice()?.to_vec();
-    let count = values.len();
+#[pyo3(signature = (planes, stats = "{}".to_owned(), recipe = None))]
+pub(crate) fn frame_of(
+    py: Python<'_>,
+    planes: &Bound<'_, PyDict>,
+    stats: String,
+    recipe: Option<&str>,
+) -> PyResult<NativeFrame> {
+    let mut size = None;
+    let linear = given::<f32>(planes, "linear", &[4], &mut size)?;
+    let [depth, weight, alpha, median_depth, distortion] = ["depth", "weight", "alpha", "median_depth", "distortion"]
+        .map(|name| given::<f32>(planes, name, &[], &mut size));
+    let normal = given::<f32>(planes, "normal", &[3], &mut size)?;
+    let [index, object, label] = ["index", "object", "label"].map(|name| given::<u32>(planes, name, &[], &mut size));
+    let position = given::<f64>(planes, "position", &[3], &mut size)?;
+    let wrong = || errors::usage(py, "an image without a plane, or that another version of surfel drew");
+    let [height, width] = size.ok_or_else(wrong)?;
+    let recipe = recipe.map(|text| Recipe::from_json(text).ok_or_else(wrong)).transpose()?;
     Ok(NativeFrame {
         width: width as u32,
         height: height as u32,
-        linear: array(py, values, 0..count, &[height, width, 4])?,
-        depth: None,
-        normal: None,
-        weight: None,
-        index: None,
-        object: None,
-        label: None,
-        position: None,
-        alpha: None,
-        median_depth: None,
-        distortion: None,
-        recipe: None,
-        stats: "{}".to_owned(),
+        linear,
+        depth: depth?,
+        normal,
+        weight: weight?,
+        index: index?,
+        object: object?,
+        label: label?,
+        position,
+        alpha: alpha?,
+        median_depth: median_depth?,
+        distortion: distortion?,
+        recipe,
+        stats,
     })
+}
+
+/// A plane of this name, contiguous and read-only, of as many pixels as those before it.
+fn given<T: Element>(
+    planes: &Bound<'_, PyDict>,
+    name: &str,
+    channels: &[usize],
+    size: &mut Option<[usize; 2]>,
+) -> PyResult<Option<Py<PyAny>>> {
+    let Some(plane) = planes.get_item(name)? else { return Ok(None) };
+    let values: PyReadonlyArrayDyn<'_, T> = plane.extract()?;
+    let fits = match *values.shape() {
+        [height, width, ref rest @ ..] => rest == channels && *size.get_or_insert([height, width]) == [height, width],
+        _ => false,
+    };
+    if !fits || values.as_slice().is_err() {
+        let what = format!("{name}: an array of shape {:?}, expected contiguous rows of pixels", values.shape());
+        return Err(errors::usage(planes.py(), &what));
+    }
+    drop(values);
+    let arguments = PyDict::new(planes.py());
+    arguments.set_item("write", false)?;
+    plane.call_method("setflags", (), Some(&arguments))?;
+    Ok(Some(plane.unbind()))
 }

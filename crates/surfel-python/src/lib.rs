@@ -21,7 +21,7 @@ mod native {
     #[pymodule_export]
     use crate::frame::{NativeFrame, frame_of};
     #[pymodule_export]
-    use crate::many::NativeFrames;
+    use crate::many::{NativeFrames, NativeMany};
     #[pymodule_export]
     use crate::scene::NativeScene;
 

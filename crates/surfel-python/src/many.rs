@@ -3,7 +3,7 @@
 use crate::draw::{Drawn, From, Input, Job, draw};
 use crate::errors;
 use crate::frame::NativeFrame;
-use crate::interrupt::{TICK, defect};
+use crate::interrupt::{self, TICK, defect};
 use pyo3::prelude::*;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -58,13 +58,52 @@ impl Shared {
     }
 }
 
+/// Pictures of a scene, none drawn yet.
+#[pyclass(frozen, module = "surfel._native", name = "Many")]
+pub(crate) struct NativeMany {
+    pub(crate) input: Arc<Input>,
+    pub(crate) job: Job,
+    /// Names of cameras, and the cameras.
+    pub(crate) from: Vec<(String, From)>,
+}
+
+#[pymethods]
+impl NativeMany {
+    fn __len__(&self) -> usize {
+        self.from.len()
+    }
+
+    /// The name of the camera of one of them.
+    fn name(&self, py: Python<'_>, index: usize) -> PyResult<&str> {
+        Ok(&self.of(py, index)?.0)
+    }
+
+    /// Draws one of them, by its number.
+    fn draw(&self, py: Python<'_>, index: usize) -> PyResult<NativeFrame> {
+        let (input, job, from) = (self.input.clone(), self.job.clone(), self.of(py, index)?.1.clone());
+        NativeFrame::new(py, interrupt::run(py, move |progress| draw(&input, &job, &from, progress))?)
+    }
+
+    /// Starts to draw all of them, some at once.
+    fn start(&self, py: Python<'_>) -> PyResult<NativeFrames> {
+        NativeFrames::start(py, self.input.clone(), self.job.clone(), self.from.clone())
+    }
+}
+
+impl NativeMany {
+    fn of(&self, py: Python<'_>, index: usize) -> PyResult<&(String, From)> {
+        let none = || errors::usage(py, &format!("there is no picture {index} among {}", self.from.len()));
+        self.from.get(index).ok_or_else(none)
+    }
+}
+
 /// An iterator over images.
 #[pyclass(frozen, module = "surfel._native", name = "Frames")]
 pub(crate) struct NativeFrames(Arc<Shared>);
 
 impl NativeFrames {
     /// Starts the threads that draw.
-    pub(crate) fn start(py: Python<'_>, input: Arc<Input>, job: Job, from: Vec<(String, From)>) -> PyResult<Self> {
+    fn start(py: Python<'_>, input: Arc<Input>, job: Job, from: Vec<(String, From)>) -> PyResult<Self> {
         let all = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = if job.who.options.threads == 0 { all } else { job.who.options.threads };
         // A GPU draws one image at a time, and so does what turns: its lights move, so that it is uploaded each time.
@@ -87,10 +126,6 @@ impl NativeFrames {
 
 #[pymethods]
 impl NativeFrames {
-    fn __len__(&self) -> usize {
-        self.0.from.len()
-    }
-
     /// The next image and its camera's name; None after the last.
     fn next(&self, py: Python<'_>) -> PyResult<Option<(String, NativeFrame)>> {
         loop {

@@ -4,7 +4,7 @@ use crate::draw::{From, Input, Job, draw};
 use crate::errors;
 use crate::frame::NativeFrame;
 use crate::interrupt;
-use crate::many::NativeFrames;
+use crate::many::NativeMany;
 use crate::pool::Who;
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
@@ -70,7 +70,8 @@ pub(crate) fn cameras(
 ) -> Result<Vec<(String, Camera)>, Error> {
     match (path, json) {
         (Some(path), _) => camera::named(&path, size),
-        (None, json) => camera::named_in_json(json.unwrap_or_default().as_bytes(), Path::new("camera"), size),
+        (None, Some(json)) => camera::named_in_json(json.as_bytes(), Path::new("camera"), size),
+        (None, None) => Ok(Vec::new()),
     }
 }
 
@@ -118,8 +119,8 @@ impl NativeScene {
         NativeFrame::new(py, drawn)
     }
 
-    /// Draws an image from each camera of a file, a folder or JSON, or each frame of a turn.
-    fn render_many(
+    /// An image from each camera of a file, a folder or JSON, or each frame of a turn.
+    fn many(
         &self,
         py: Python<'_>,
         flags: Flags,
@@ -127,7 +128,7 @@ impl NativeScene {
         path: Option<PathBuf>,
         json: Option<String>,
         frames: Option<u32>,
-    ) -> PyResult<NativeFrames> {
+    ) -> PyResult<NativeMany> {
         let mut job = job(py, &flags, &planes, frames.is_none(), frames.is_some())?;
         let from = match frames {
             Some(frames) => {
@@ -141,7 +142,7 @@ impl NativeScene {
                 found.into_iter().map(|(name, camera)| (name, From::Camera(camera))).collect()
             }
         };
-        NativeFrames::start(py, self.input.clone(), job, from)
+        Ok(NativeMany { input: self.input.clone(), job, from })
     }
 
     /// Loads, frames and lights the scene, so that the first image needn't.

@@ -11,6 +11,10 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 
+def pytest_configure(config):
+    config.addinivalue_line("markers", "engines: needs Ray and Dask, which `cargo xtask test --full` installs")
+
+
 def find_program():
     """The program, from SURFEL_PROGRAM or the newest build of this checkout."""
     given = os.environ.get("SURFEL_PROGRAM")

@@ -1,6 +1,7 @@
 """Threads, memory, interruption, forks and start-up."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -101,6 +102,26 @@ def test_forked_processes_draw():
         os.kill(child, signal.SIGKILL)
         pytest.fail("the child hangs")
     assert os.waitstatus_to_exitcode(status) == 0
+
+
+def test_scenes_and_images_are_pickled(data, tmp_path):
+    flags = {"size": (64, 48), "planes": ["color", "depth", "normal", "weight", "index", "object", "position"]}
+    for scene in (surfel.open(data / "disks.ply"), surfel.scene(sphere(500)[0], shader="normal")):
+        image = scene.render(**flags)
+        for other in (pickle.loads(pickle.dumps(image)), pickle.loads(pickle.dumps(scene)).render(**flags)):
+            for plane in ("linear", "rgba", "depth", "normal", "weight", "index", "object", "position"):
+                assert np.array_equal(getattr(other, plane), getattr(image, plane)), plane
+                assert not getattr(other, plane).flags.writeable
+            for ending in ("png", "exr", "npz"):
+                image.save(tmp_path / f"a.{ending}", force=True)
+                other.save(tmp_path / f"b.{ending}", force=True)
+                assert (tmp_path / f"a.{ending}").read_bytes() == (tmp_path / f"b.{ending}").read_bytes(), ending
+            assert other.notes == image.notes and other.stats.keys() == image.stats.keys()
+            assert other.scene_file == image.scene_file
+            with pytest.raises(surfel.UsageError, match="label"):
+                _ = other.label
+    few = surfel.scene(sphere(500)[0]).render(size=(8, 8), planes="depth", tile=(1, 2))
+    assert pickle.loads(pickle.dumps(few)).depth.shape == (4, 8)
 
 
 def test_importing_loads_nothing_large():

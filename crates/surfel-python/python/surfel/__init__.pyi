@@ -79,6 +79,9 @@ class _Render(_Splats, total=False):
     storage: Literal[16, 32, "16", "32"]
     threads: int
 
+class _Convert(_Splats, total=False):
+    threads: int
+
 class _Ortho(_Splats, total=False):
     bounds: _Numbers
     origin: _Numbers
@@ -152,7 +155,7 @@ class Scene:
     def prepare(self, **flags: Unpack[_Render]) -> list[str]: ...
     def info(self) -> dict[str, Any]: ...
     def save(
-        self, output: _Path, *, hybrid: bool = ..., ascii: bool = ..., force: bool = ..., **flags: Unpack[_Splats]
+        self, output: _Path, *, hybrid: bool = ..., ascii: bool = ..., force: bool = ..., **flags: Unpack[_Convert]
     ) -> list[str]: ...
 
 def scene(
@@ -168,13 +171,13 @@ def scene(
 def again(picture: _Path) -> Image: ...
 def open(*paths: _Path, **flags: Unpack[_Render]) -> Scene: ...
 def convert(
-    input: _Path | Scene,
+    input: _Path | Iterable[_Path] | Scene,
     output: _Path,
     *,
     hybrid: bool = ...,
     ascii: bool = ...,
     force: bool = ...,
-    **flags: Unpack[_Splats],
+    **flags: Unpack[_Convert],
 ) -> list[str]: ...
 def ortho(
     inputs: _Path | Iterable[_Path] | Scene,

@@ -10,32 +10,41 @@ from ._errors import UsageError
 from ._image import Image
 
 
+def _paths(things) -> list[str]:
+    """Names of files: of one, of several, or of a Scene's."""
+    paths = getattr(things, "_paths", None)
+    if paths is None:
+        paths = [os.fspath(path) for path in ([things] if isinstance(things, (str, os.PathLike)) else things)]
+    if not paths:
+        raise UsageError("inputs: no file, expected one at least")
+    return paths
+
+
 def _source(thing) -> tuple:
     """The path of a file, and the scene that has its bytes where the path is `-`."""
-    paths = getattr(thing, "_paths", None)
-    if paths is None:
-        return os.fspath(thing), None
+    paths = _paths(thing)
     if len(paths) != 1:
         raise UsageError(f"a scene of {len(paths)} files, expected one")
-    return paths[0], thing._native
+    return paths[0], getattr(thing, "_native", None)
 
 
 def convert(input, output, *, hybrid=False, ascii=False, force=False, **flags) -> list[str]:
-    """Makes splats of points or a mesh and writes them to a .ply, or with `hybrid` an octree to a .surfel: the bytes
-    that `surfel convert` writes.
+    """Makes splats of points or a mesh and writes them to a .ply, with `hybrid` an octree to a .surfel, or sorts points
+    of any number of LAZ files by levels into a .copc.laz: the bytes that `surfel convert` writes.
 
-    input: a file, or a Scene. Other keywords as in `open` that say how files become splats. Gives what there is to say
-    about it. Raises FileExistsError without `force`, UsageError, InputError.
+    input: a file, a list of files for a .copc.laz, or a Scene. Other keywords as in `open` that say how files become
+    splats, and `threads`. Gives what there is to say about it. Raises FileExistsError without `force`, UsageError,
+    InputError.
     """
     output = os.fspath(output)
     base = getattr(input, "_base", {})
     given = {name: value for name, value in base.items() if name in _flags.SPLATS}
     given.update(flags)
-    ending = ".surfel" if hybrid else ".ply"
-    if not output.lower().endswith(ending):
-        raise UsageError(f"output={output!r}: expected a name that ends in {ending}")
-    path, scene = _source(input)
-    return _native.convert(path, scene, output, _flags.texts(given, _flags.SPLATS, "convert"), hybrid, ascii, force)
+    endings = (".surfel",) if hybrid else (".ply", ".copc.laz")
+    if not output.lower().endswith(endings):
+        raise UsageError(f"output={output!r}: expected a name that ends in {' or '.join(endings)}")
+    given = _flags.texts(given, _flags.CONVERT, "convert")
+    return _native.convert(_paths(input), getattr(input, "_native", None), output, given, hybrid, ascii, force)
 
 
 def ortho(inputs, output, *, gsd, dsm=None, normals=None, force=False, **flags) -> dict:
@@ -52,12 +61,7 @@ def ortho(inputs, output, *, gsd, dsm=None, normals=None, force=False, **flags) 
     given = {name: value for name, value in base.items() if name in _flags.SPLATS}
     given.update(flags, gsd=gsd, dsm=dsm, normals=normals)
     given = _flags.texts(given, _flags.ORTHO, "ortho")
-    paths, scene = getattr(inputs, "_paths", None), getattr(inputs, "_native", None)
-    if paths is None:
-        paths = [os.fspath(path) for path in ([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs)]
-    if not paths:
-        raise UsageError("inputs: no file, expected one at least")
-    stats, notes = _native.ortho(paths, scene, os.fspath(output), given, force)
+    stats, notes = _native.ortho(_paths(inputs), getattr(inputs, "_native", None), os.fspath(output), given, force)
     return {**json.loads(stats), "notes": notes}
 
 
@@ -82,7 +86,7 @@ def _image(name: str, thing):
                          " floats of shape (height, width, 3 or 4)")
     if array.shape[2] == 3:
         array = np.concatenate([array, np.ones_like(array[:, :, :1])], axis=2)
-    return _native.frame_of(np.ascontiguousarray(array, dtype=np.float32))
+    return _native.frame_of({"linear": np.array(array, dtype=np.float32, order="C")})
 
 
 def compare(a, b, *, diff=None, force=False) -> dict:

@@ -16,6 +16,7 @@ RENDER = SPLATS | frozenset(
     " depth_tolerance accumulate transparency composite clip shader matcap lod_error all_levels shadows edge_aa background samples label backend"
     " adapter storage threads".split()
 )
+CONVERT = SPLATS | {"threads"}
 ORTHO = SPLATS | frozenset("gsd dsm normals bounds origin size crs backend threads".split())
 PLANES = ("color", "depth", "normal", "weight")
 NEAREST = ("index", "object", "label", "position")

@@ -5,14 +5,45 @@ from __future__ import annotations
 import json
 import os
 
+from . import _native
 from ._errors import UsageError
+
+
+_PLANES = ("linear", "depth", "normal", "weight", "index", "object", "label", "position", "alpha", "median_depth",
+           "distortion")
+
+
+def _made(planes: dict, stats: str, recipe: str | None, name: str) -> Image:
+    import numpy as np
+
+    planes = {key: np.require(plane, requirements=["C", "A"]) for key, plane in planes.items()}
+    return Image(_native.frame_of(planes, stats, recipe), name)
+
+
+def joined(bands: list[Image]) -> Image:
+    """The image of which these are all tiles, from the top."""
+    import numpy as np
+
+    def planes(image):
+        return image.__reduce__()[1][0]
+
+    whole = {name: np.concatenate([planes(band)[name] for band in bands]) for name in planes(bands[0])}
+    # What a worker measured of a band says little of the whole, but for how long they took together.
+    stats = {key: bands[0].stats[key] for key in ("splats", "threads", "backend")}
+    stats["frame_ms"] = sum(band.stats["frame_ms"] for band in bands)
+    recipe = bands[0]._native.recipe()
+    if recipe is not None:
+        recipe = json.loads(recipe)
+        recipe["drawn"].pop("region", None)
+        recipe = json.dumps(recipe)
+    return _made(whole, json.dumps(stats), recipe, bands[0].name)
 
 
 class Image:
     """An image that was drawn, and what it was drawn by.
 
     Its planes are read-only arrays of NumPy, rows from the top; `numpy.array(image.depth)` is a copy to write to. A
-    plane that wasn't asked for (`planes=`) raises `UsageError`. A notebook shows the image.
+    plane that wasn't asked for (`planes=`) raises `UsageError`. A notebook shows the image. It can be pickled.
     """
 
     def __init__(self, native, name: str = ""):
@@ -136,6 +167,11 @@ class Image:
     def _repr_png_(self) -> bytes | None:
         return None if self._native.linear is None else self.png()
 
+    def __reduce__(self):
+        planes = {name: getattr(self._native, name) for name in _PLANES}
+        planes = {name: plane for name, plane in planes.items() if plane is not None}
+        return _made, (planes, self._native.stats, self._native.recipe(), self.name)
+
     def __array__(self, dtype=None, copy=None):
         """`rgba`, so that matplotlib and Pillow take an image as it is."""
         import numpy as np
@@ -146,7 +182,5 @@ class Image:
 
     def __repr__(self) -> str:
         width, height = self.size
-        names = {"linear": "color", "depth": "depth", "normal": "normal", "weight": "weight"}
-        names |= {name: name for name in ("index", "object", "label", "position", "alpha", "median_depth", "distortion")}
-        planes = [name for plane, name in names.items() if getattr(self._native, plane) is not None]
+        planes = [name.replace("linear", "color") for name in _PLANES if getattr(self._native, name) is not None]
         return f"<surfel.Image {width}x{height}: {', '.join(planes)}>"

@@ -33,10 +33,32 @@ def _camera(K, world_from_camera, size, name=None) -> dict:
     return camera
 
 
+def _listed(cameras, size) -> list[dict]:
+    """A list of cameras as the JSON that `--cameras` reads."""
+    listed = []
+    for i, camera in enumerate(cameras):
+        if isinstance(camera, dict):
+            unknown = set(camera) - {"K", "world_from_camera", "size", "name"}
+            if unknown or not {"K", "world_from_camera"} <= set(camera):
+                raise InputError(f"cameras[{i}]: keys {sorted(camera)}, expected K and world_from_camera, and"
+                                 " size and name if you like")
+            K, T, own, name = (camera.get(k) for k in ("K", "world_from_camera", "size", "name"))
+        else:
+            try:
+                (K, T), own, name = camera, None, None
+            except (TypeError, ValueError):
+                raise InputError(f"cameras[{i}]: expected (K, world_from_camera) or a dict of them") from None
+        if own is None and size is None:
+            raise UsageError(f"size: needed, as in size=(640, 480), or in cameras[{i}]")
+        listed.append(_camera(K, T, own, f"{i:04}" if name is None else name))
+    return listed
+
+
 class Scene:
     """Files, or arrays, that make one scene; made by `scene` and `open`.
 
-    What was loaded, estimated and uploaded for an image serves the next. Threads of Python may draw it at once.
+    What was loaded, estimated and uploaded for an image serves the next. Threads of Python may draw it at once. Pickled
+    for another process it is its files' names, which that process loads, or its arrays.
     """
 
     def __init__(self, native, paths: list[str], flags: dict):
@@ -84,39 +106,25 @@ class Scene:
 
         Raises what `render` raises; of cameras in files InputError.
         """
+        frames = self._many(cameras, frames, planes, flags).start()
+        try:
+            while (drawn := frames.next()) is not None:
+                name, frame = drawn
+                yield Image(frame, name)
+        finally:
+            frames.close()
+
+    def _many(self, cameras, frames, planes, flags):
+        """The pictures of `render_many`, none drawn yet."""
         if (cameras is None) == (frames is None):
             raise UsageError("cameras or frames: expected one of them")
         path, text = None, None
         if isinstance(cameras, (str, os.PathLike)):
             path = os.fspath(cameras)
         elif cameras is not None:
-            size = flags.get("size", self._base.get("size"))
-            listed = []
-            for i, camera in enumerate(cameras):
-                if isinstance(camera, dict):
-                    unknown = set(camera) - {"K", "world_from_camera", "size", "name"}
-                    if unknown or not {"K", "world_from_camera"} <= set(camera):
-                        raise InputError(f"cameras[{i}]: keys {sorted(camera)}, expected K and world_from_camera, and"
-                                         " size and name if you like")
-                    K, T, own, name = (camera.get(k) for k in ("K", "world_from_camera", "size", "name"))
-                else:
-                    try:
-                        (K, T), own, name = camera, None, None
-                    except (TypeError, ValueError):
-                        raise InputError(f"cameras[{i}]: expected (K, world_from_camera) or a dict of them") from None
-                if own is None and size is None:
-                    raise UsageError(f"size: needed, as in size=(640, 480), or in cameras[{i}]")
-                listed.append(_camera(K, T, own, f"{i:04}" if name is None else name))
-            if not listed:
-                return
-            text = json.dumps(listed)
-        many = self._native.render_many(self._texts(flags, "render_many"), _flags.planes_of(planes), path, text, frames)
-        try:
-            while (drawn := many.next()) is not None:
-                name, frame = drawn
-                yield Image(frame, name)
-        finally:
-            many.close()
+            listed = _listed(cameras, flags.get("size", self._base.get("size")))
+            text = json.dumps(listed) if listed else None
+        return self._native.many(self._texts(flags, "render_many"), _flags.planes_of(planes), path, text, frames)
 
     def prepare(self, **flags) -> list[str]:
         """Loads the files and makes splats of them, which the first `render` of these flags would do; what there is to
@@ -135,8 +143,21 @@ class Scene:
 
         return convert(self, output, **flags)
 
+    def __reduce__(self):
+        # Another process loads the files, or gets the arrays.
+        paths = [path if path == "-" else os.path.abspath(path) for path in self._paths]
+        return _unpickled, (paths, self._native.data(), self._base)
+
     def __repr__(self) -> str:
         return f"<surfel.Scene of {'arrays' if self._paths == ['-'] else ', '.join(self._paths)}>"
+
+
+def _unpickled(paths, data, flags) -> Scene:
+    if data is not None:
+        import numpy as np
+
+        data = np.frombuffer(data, np.uint8)
+    return Scene(_native.Scene(paths, data), paths, flags)
 
 
 def scene(points, normals=None, colors=None, radii=None, *, attributes=None, faces=None, **flags) -> Scene:

@@ -1,0 +1,97 @@
+"""What runs in the worker processes of Ray and Dask: the same pictures as in one process, to the bit."""
+
+from __future__ import annotations
+
+import os
+
+from ._errors import UsageError
+from ._files import convert
+from ._image import Image
+from ._scene import Scene
+
+
+class Frames:
+    """A scene that stays loaded, and pictures of it by cameras or frames. Pickled it is what it is made of."""
+
+    def __init__(self, scene: Scene, cameras, frames, planes, output, flags: dict):
+        if cameras is not None and not isinstance(cameras, (str, os.PathLike)):
+            cameras = list(cameras)
+        self._made_of = scene, cameras, frames, planes, output, flags
+        self._output = None if output is None else os.path.abspath(output)
+        self._many = scene._many(cameras, frames, planes, flags)
+        if self._output is not None and "{name}" not in self._output and len(self._many) > 1:
+            raise UsageError(f"output={output!r}: expected {{name}} in the name, for several images")
+
+    def __reduce__(self):
+        scene, cameras, frames, planes, _, flags = self._made_of
+        return Frames, (scene, cameras, frames, planes, self._output, flags)
+
+    def __len__(self) -> int:
+        return len(self._many)
+
+    def draw(self, i: int):
+        """Picture i, or the name of its file."""
+        name = self._many.name(i)
+        path = None if self._output is None else self._output.replace("{name}", name)
+        # A task that a lost worker had ended is begun anew.
+        if path is None or not os.path.exists(path):
+            image = Image(self._many.draw(i), name)
+            if path is None:
+                return image
+            image.save(path)
+        return path
+
+
+class Tiles:
+    """A scene that stays loaded, and bands of rows of one picture of it. Pickled it is what it is made of."""
+
+    def __init__(self, scene: Scene, tiles: int, flags: dict):
+        if not isinstance(tiles, int) or tiles < 1:
+            raise UsageError(f"tiles={tiles!r}: expected a whole number of at least 1")
+        self._made_of = scene, tiles, flags
+        # Arguments that make no sense are told before workers start.
+        given = {name: value for name, value in flags.items() if name not in ("K", "world_from_camera", "planes")}
+        scene._texts(given, "render")
+
+    def __reduce__(self):
+        return Tiles, self._made_of
+
+    def __len__(self) -> int:
+        return self._made_of[1]
+
+    def draw(self, i: int) -> Image:
+        scene, tiles, flags = self._made_of
+        return scene.render(tile=(i, tiles), **flags)
+
+
+class Files:
+    """Files of which each is converted by itself."""
+
+    def __init__(self, inputs, output: str, flags: dict):
+        self._flags = flags
+        self._inputs = [os.path.abspath(path) for path in inputs]
+        self._outputs = []
+        for path in self._inputs:
+            stem = os.path.basename(path).split(".")[0]
+            self._outputs.append(os.path.abspath(os.fspath(output).replace("{stem}", stem)))
+        twice = [path for path in self._outputs if self._outputs.count(path) > 1]
+        if twice:
+            raise UsageError(f"output={output!r}: {twice[0]} of several inputs, expected {{stem}} and other names")
+
+    def __len__(self) -> int:
+        return len(self._inputs)
+
+    def draw(self, i: int) -> str:
+        if not os.path.exists(self._outputs[i]):
+            convert(self._inputs[i], self._outputs[i], **self._flags)
+        return self._outputs[i]
+
+
+def in_order(count: int, ahead: int, start, wait):
+    """Starts task after task, so many ahead of the one that is given next, and gives what they gave."""
+    for i in range(count):
+        start(i)
+        if i >= ahead:
+            yield wait()
+    for _ in range(min(count, ahead)):
+        yield wait()
