@@ -4,7 +4,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use surfel::Preset;
 use surfel::framing::ViewChoice;
 use surfel::model::{
-    Accumulate, ClipPolicy, Colormap, Composite, Cull, EdgeAa, Filter, Mapping, PointColors, Returns, Shader, Up,
+    Accumulate, ClipPolicy, Colormap, Composite, Cull, EdgeAa, Filter, Mapping, PointColors, Returns, Shader, Sort, Up,
 };
 use surfel::values::{self, VIEWS};
 pub(crate) use surfel::values::{
@@ -34,6 +34,7 @@ named!(clip, ClipPolicy, CLIPS);
 named!(shader, Shader, SHADERS);
 named!(preset, Preset, PRESETS);
 named!(composite, Composite, COMPOSITES);
+named!(sort, Sort, SORTS);
 named!(edge_aa, EdgeAa, EDGE_AA);
 
 /// Parses `--view`: a name, which help and completions know too, or AZIMUTH,ELEVATION.
