@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use surfel::framing::ViewChoice;
 use surfel::model::{
     Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Outliers, PointColors,
-    Returns, Shader, SplatCount, Transparency,
+    Returns, Shader, Sort, SplatCount, Transparency,
 };
 use surfel::{Preset, Region};
 
@@ -167,6 +167,10 @@ pub(crate) struct RenderArgs {
     /// surfaces; over where they are alone and no other flag is for surfaces.
     #[arg(long, value_parser = values::composite(), help_heading = "Settings")]
     pub(crate) composite: Option<Composite>,
+    /// Trained Gaussians, order in which they are drawn over one another: by their centres, as trained, or exact in each
+    /// pixel, where nothing pops.
+    #[arg(long, value_parser = values::sort(), help_heading = "Settings")]
+    pub(crate) sort: Option<Sort>,
     /// How clip curves are evaluated.
     #[arg(long, value_parser = values::clip(), help_heading = "Settings")]
     pub(crate) clip: Option<ClipPolicy>,

@@ -36,6 +36,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<RenderOptions, Failure> {
     options.shadows = args.shadows;
     options.edge_aa = args.edge_aa;
     options.composite = args.composite;
+    options.sort = args.sort;
     options.background = args.background;
     options.samples = args.samples;
     options.planes.clone_from(&args.planes);

@@ -5,7 +5,7 @@ use surfel::Preset;
 use surfel::framing::ViewChoice;
 use surfel::model::{
     Accumulate, ClipPolicy, Colormap, Composite, Cull, EdgeAa, Filter, Mapping, Outliers, PointColors, Returns, Shader,
-    Up,
+    Sort, Up,
 };
 use surfel::values::{self, VIEWS};
 pub(crate) use surfel::values::{
@@ -36,6 +36,7 @@ named!(clip, ClipPolicy, CLIPS);
 named!(shader, Shader, SHADERS);
 named!(preset, Preset, PRESETS);
 named!(composite, Composite, COMPOSITES);
+named!(sort, Sort, SORTS);
 named!(edge_aa, EdgeAa, EDGE_AA);
 
 /// Parses `--view`: a name, which help and completions know too, or AZIMUTH,ELEVATION.

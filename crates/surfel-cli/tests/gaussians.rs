@@ -79,6 +79,11 @@ fn flags_of_surfaces_and_other_files_beside_make_surfaces_of_gaussians() {
     f.run("s.json -o over.exr --composite over").code(0);
     f.write("o.json", scene("\"composite\": \"over\""));
     f.run("o.json -o same.exr").code(0);
+    f.write("p.json", scene("\"composite\": \"over\", \"sort\": \"pixel\""));
+    f.run("p.json -o p.exr").code(0);
+    f.run("o.json -o q.exr --sort pixel").code(0);
+    assert_eq!(f.image("p.exr").color, f.image("q.exr").color);
+    assert_eq!(print("flat.ply --sort pixel")["sort"], json!("pixel"));
     assert_eq!(f.image("over.exr").color, f.image("same.exr").color);
     assert_ne!(f.image("over.exr").color, f.image("surface.exr").color);
     f.run("convert flat.ply -o splats.ply").code(0);
@@ -94,6 +99,13 @@ fn what_cannot_be_drawn_over_is_refused() {
     f.run("flat.ply -o a.png --composite over --crop 0,0,0,1,1,1").fails(2, "--crop");
     f.run("flat.ply -o a.exr --composite over --planes index").fails(2, "--planes");
     f.run("ball.ply -o a.png --composite over").fails(3, "--composite over");
+    f.run("flat.ply -o a.png --sort pixel --shader phong").fails(2, "--shader");
+    f.run("flat.ply -o a.png --sort pixel --composite surface").fails(2, "--sort");
+    f.run("flat.ply -o a.png --sort depth").fails(2, "pixel");
+    f.run("ball.ply -o a.png --sort pixel").fails(3, "--sort");
+    f.write("s.json", scene(""));
+    f.write("a.ply", gaussians(None));
+    f.run("s.json -o a.png --sort pixel").fails(3, "--sort");
     f.run("flat.ply ball.ply -o a.png --composite over").fails(3, "surfaces");
     f.run("ball.ply -o a.exr --planes alpha").fails(3, "--composite over");
     f.run("flat.ply -o a.png --composite under").fails(2, "surface");

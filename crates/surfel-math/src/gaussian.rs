@@ -57,6 +57,8 @@ pub struct ProjectedGaussian {
     pub normal: V3<f64>,
     /// Offsets from the centre, least and largest, beyond which it covers less than [`MIN_ALPHA`]; `None`: unknown.
     pub bounds_px: Option<[V2<f64>; 2]>,
+    /// Depth before which nothing of it shows.
+    pub nearest: f64,
 }
 
 /// Linear forms of an offset d from a projected centre: the ray meets the Gaussian's plane at (u, v)/w standard
@@ -93,7 +95,12 @@ impl<R: Real> GaussianForms<R> {
 impl ViewGaussian {
     /// The Gaussian in a view of an image of this size; `None` where it shows nothing: too near, too far, edge-on, of
     /// no area, or too transparent.
-    pub fn project(&self, projection: &Projection, size_px: [f64; 2]) -> Option<ProjectedGaussian> {
+    pub fn project(
+        &self,
+        projection: &Projection,
+        size_px: [f64; 2],
+        rules: &GaussianRules,
+    ) -> Option<ProjectedGaussian> {
         let p = self.center;
         let far = projection.far();
         // NaN shows nothing.
@@ -103,11 +110,11 @@ impl ViewGaussian {
         }
         let reach = 2.0 * (self.opacity / MIN_ALPHA).ln();
         let center_px = projection.pixel(p);
-        let (forms, normal, bounds_px) =
-            if self.flat { self.flat(projection, reach)? } else { self.solid(projection, size_px, reach) };
+        let Footprint { forms, normal, bounds_px, nearest } =
+            if self.flat { self.flat(projection, reach)? } else { self.solid(projection, size_px, reach, rules) };
         let toward = if projection.is_perspective() { normal.dot(p) } else { normal.z };
         let normal = if toward > 0.0 { -normal } else { normal };
-        Some(ProjectedGaussian { center_px, forms, normal, bounds_px })
+        Some(ProjectedGaussian { center_px, forms, normal, bounds_px, nearest })
     }
 
     /// The plane's intersection with rays, which is exact.
@@ -154,11 +161,17 @@ impl ViewGaussian {
             let ([x0, x1], [y0, y1]) = (extent(s.x, t.x), extent(s.y, t.y));
             [V2::new(x0, y0), V2::new(x1, y1)]
         });
-        Some((forms, n, bounds))
+        let on_plane = p.z - (reach * (a.z * su).hypot(b.z * sv).powi(2)).sqrt();
+        let per_pixel = slope[0].hypot(slope[1]) / facing.abs();
+        let on_screen = match perspective {
+            true => (p.z.recip() + low_pass * per_pixel).recip(),
+            false => p.z - low_pass * per_pixel,
+        };
+        Some(Footprint { forms, normal: n, bounds_px: bounds, nearest: on_plane.min(on_screen) })
     }
 
     /// Its volume's projection, linearised at the centre.
-    fn solid(&self, projection: &Projection, size_px: [f64; 2], reach: f64) -> Footprint {
+    fn solid(&self, projection: &Projection, size_px: [f64; 2], reach: f64, rules: &GaussianRules) -> Footprint {
         let (p, [fx, fy]) = (self.center, projection.focal_px);
         let limited = |x: f64, f: f64, size: f64| {
             let limit = SLOPE_LIMIT * 0.5 * size / f;
@@ -166,6 +179,8 @@ impl ViewGaussian {
         };
         let (sx, sy) = (limited(p.x, fx, size_px[0]), limited(p.y, fy, size_px[1]));
         let (mut xx, mut xy, mut yy) = (DILATION, 0.0, DILATION);
+        // Covariances of the depth with a pixel's place.
+        let (mut xz, mut yz) = (0.0, 0.0);
         for (axis, sigma) in self.axes.into_iter().zip(self.sigmas) {
             let c = axis * sigma;
             let (x, y) = match projection.kind {
@@ -173,13 +188,17 @@ impl ViewGaussian {
                 ProjectionKind::Orthographic { .. } => (fx * c.x, fy * c.y),
             };
             (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
+            (xz, yz) = (xz + x * c.z, yz + y * c.z);
         }
         let determinant = f64::difference_of_products(xx, yy, xy, xy).max(DILATION * DILATION);
+        let (u, v) = ([(yy / determinant).sqrt(), -xy / (yy * determinant).sqrt()], [0.0, yy.sqrt().recip()]);
+        // Σ⁻¹ is u·uᵀ + v·vᵀ.
+        let (zu, zv) = if rules.depth_along_ray { (u[0] * xz + u[1] * yz, v[1] * yz) } else { (0.0, 0.0) };
         let forms = GaussianForms {
-            u: [(yy / determinant).sqrt(), -xy / (yy * determinant).sqrt()],
-            v: [0.0, yy.sqrt().recip()],
+            u,
+            v,
             w: [0.0, 0.0, 1.0],
-            z: [0.0, 0.0, p.z],
+            z: [u[0] * zu, u[1] * zu + v[1] * zv, p.z],
             // Larger than any ρ² that shows.
             low_pass: 1e30,
         };
@@ -187,12 +206,42 @@ impl ViewGaussian {
         let length = |k: usize| self.sigmas[k] * self.axes[k].length();
         let least = (0..3).reduce(|a, b| if length(b) < length(a) { b } else { a }).unwrap_or(2);
         let n = self.axes[(least + 1) % 3].cross(self.axes[(least + 2) % 3]);
-        (forms, n * n.length().recip(), Some([-half, half]))
+        let normal = n * n.length().recip();
+        Footprint { forms, normal, bounds_px: Some([-half, half]), nearest: p.z - reach.sqrt() * zu.hypot(zv) }
     }
 }
 
-/// What pixels see, the plane's unit normal, and bounds.
-type Footprint = (GaussianForms<f64>, V3<f64>, Option<[V2<f64>; 2]>);
+/// What a [`ProjectedGaussian`] has besides its centre; the normal may face away.
+struct Footprint {
+    forms: GaussianForms<f64>,
+    normal: V3<f64>,
+    bounds_px: Option<[V2<f64>; 2]>,
+    nearest: f64,
+}
+
+/// How Gaussians are projected; the default is as they were trained.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GaussianRules {
+    /// A solid one's depth is that where it is densest along a pixel's ray (Radl et al. 2024, StopThePop), in the
+    /// linearised projection: its mean where it is seen at that pixel. Else it is the centre's.
+    pub depth_along_ray: bool,
+}
+
+/// A depth as pixels compare it, rounded to 17 bits, so that rounding rarely decides on the order of Gaussians in one
+/// plane: whole numbers in the order of depths, which are positive.
+pub fn depth_step(z: f64) -> u64 {
+    (z.to_bits() + (1 << (DEPTH_BITS_F64 - 1))) >> DEPTH_BITS_F64
+}
+
+/// [`depth_step`] in f32, where it is another number.
+#[inline(always)]
+pub fn depth_step_f32(z: f32) -> u32 {
+    (z.to_bits() + (1 << (DEPTH_BITS_F32 - 1))) >> DEPTH_BITS_F32
+}
+
+/// Bits that steps of depths lack.
+const DEPTH_BITS_F64: u32 = 52 - 16;
+const DEPTH_BITS_F32: u32 = 23 - 16;
 
 /// The depth that the plane `distortion` compares, in [0, 1] from [`NEAR`] to 100 units.
 #[inline(always)]
@@ -289,7 +338,7 @@ mod tests {
             for tilt in [0.0, 0.5, 1.4, 1.57, 2.5] {
                 for scale in [1e-6, 0.01, 0.5] {
                     let g = gaussian([0.3, -0.2, 4.0], tilt, [scale, 2.0 * scale, 0.0], true);
-                    let seen = g.project(&projection, [640.0, 480.0]).unwrap();
+                    let seen = g.project(&projection, [640.0, 480.0], &GaussianRules::default()).unwrap();
                     let [a, b, _] = g.axes;
                     for (u, v) in [(0.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.6, 1.1)] {
                         let q = g.center + a * (u * scale) + b * (v * 2.0 * scale);
@@ -316,7 +365,7 @@ mod tests {
                 [(true, 0.3, 0.05), (true, 1.3, 0.3), (true, 1.0, 1e-4), (false, 0.9, 0.1), (false, 0.2, 1e-5)]
             {
                 let g = gaussian([0.3, -0.2, 4.0], tilt, [scale, 2.0 * scale, 0.3 * scale], flat);
-                let seen = g.project(&projection, [640.0, 480.0]).unwrap();
+                let seen = g.project(&projection, [640.0, 480.0], &GaussianRules::default()).unwrap();
                 let [lo, hi] = seen.bounds_px.unwrap();
                 let (mut found_lo, mut found_hi) = (V2::new(0.0, 0.0), V2::new(0.0, 0.0));
                 let steps = 400;
@@ -344,8 +393,64 @@ mod tests {
     }
 
     #[test]
+    fn nothing_shows_before_the_nearest_depth_and_something_hardly_behind_it() {
+        let rules = GaussianRules { depth_along_ray: true };
+        for projection in [VIEW, ORTHO] {
+            for (flat, tilt, scale) in
+                [(true, 0.3, 0.05), (true, 1.3, 0.3), (true, 1.55, 1e-3), (false, 0.9, 0.1), (false, 0.2, 1e-5)]
+            {
+                let g = gaussian([0.3, -0.2, 4.0], tilt, [scale, 2.0 * scale, 0.3 * scale], flat);
+                let seen = g.project(&projection, [640.0, 480.0], &rules).unwrap();
+                let [lo, hi] = seen.bounds_px.unwrap();
+                let (mut found, steps) = (f64::INFINITY, 600);
+                for at in 0..=steps * steps {
+                    let part = |k: i32| f64::from(k) / f64::from(steps);
+                    let (x, y) = (part(at % (steps + 1)), part(at / (steps + 1)));
+                    let (rho, z) = seen.forms.at(V2::new(lo.x + x * (hi.x - lo.x), lo.y + y * (hi.y - lo.y)));
+                    if g.opacity * (-0.5 * rho).exp() >= MIN_ALPHA && z > 0.0 {
+                        found = found.min(z);
+                    }
+                }
+                let extent = 4.0 - seen.nearest;
+                assert!(found >= seen.nearest - 1e-9 && found <= seen.nearest + 0.05 * extent + 1e-9, "{flat} {tilt}");
+            }
+        }
+    }
+
+    #[test]
+    fn solid_gaussians_are_as_deep_as_they_are_dense_along_rays() {
+        let size = 640.0;
+        let rules = GaussianRules { depth_along_ray: true };
+        let g = gaussian([0.3, -0.2, 4.0], 0.9, [0.2, 0.1, 0.05], false);
+        // Pixels so small that they blur nothing, about the centre, where the projection is linear.
+        let fine = Projection { focal_px: [5e5, 4.8e5], principal_px: [3.2e5, 2.4e5], ..VIEW };
+        let seen = g.project(&fine, [1e3 * size, 750.0 * size], &rules).unwrap();
+        for d in [V2::new(0.0, 0.0), V2::new(40.0, 0.0), V2::new(-10.0, 30.0)] {
+            let px = V2::new(seen.center_px.x + d.x, seen.center_px.y + d.y);
+            let ray = V3::new((px.x - 3.2e5) / 5e5, (px.y - 2.4e5) / 4.8e5, 1.0);
+            // The density at p + t·ray is exp(−½ Σ ((t·ray − c)·axis/σ)²), largest where its derivative is 0.
+            let (mut over, mut under) = (0.0, 0.0);
+            for (axis, sigma) in g.axes.into_iter().zip(g.sigmas) {
+                let (r, c) = (ray.dot(axis) / sigma, g.center.dot(axis) / sigma);
+                (over, under) = (over + r * c, under + r * r);
+            }
+            let (_, z) = seen.forms.at(d);
+            assert!((z - over / under).abs() < 1e-6, "{d:?}: {z} {}", over / under);
+        }
+        let (_, z) = g.project(&fine, [1e3 * size; 2], &GaussianRules::default()).unwrap().forms.at(V2::new(40.0, 0.0));
+        assert_eq!(z, 4.0);
+    }
+
+    #[test]
+    fn depth_steps_are_in_order_and_wider_than_rounding() {
+        assert!(depth_step(2.0) == depth_step(2.0 - 1e-6) && depth_step(2.0) == depth_step(2.0 + 1e-6));
+        assert!(depth_step_f32(2.0) == depth_step_f32(2.0 - 1e-6) && depth_step_f32(0.7) < depth_step_f32(0.7001));
+        assert!(depth_step(0.7) < depth_step(0.7001) && depth_step(1e9) < depth_step(f64::INFINITY));
+    }
+
+    #[test]
     fn gaussians_that_show_nothing_are_left_out() {
-        let shown = |g: ViewGaussian, p: &Projection| g.project(p, [640.0, 480.0]).is_some();
+        let shown = |g: ViewGaussian, p: &Projection| g.project(p, [640.0, 480.0], &GaussianRules::default()).is_some();
         let plain = gaussian([0.0, 0.0, 1.0], 0.2, [0.1; 3], true);
         assert!(shown(plain, &VIEW) && shown(plain, &ORTHO));
         let moved = |z: f64| ViewGaussian { center: V3::new(0.0, 0.0, z), ..plain };
@@ -358,7 +463,9 @@ mod tests {
         assert!(shown(ViewGaussian { axes: turned(0.0, edge + 1e-4), ..plain }, &VIEW));
         assert!(!shown(ViewGaussian { sigmas: [0.1, 0.0, 0.1], ..plain }, &VIEW));
         // The tiniest has the extent of the low-pass filter.
-        let point = ViewGaussian { sigmas: [1e-38; 3], ..plain }.project(&VIEW, [640.0, 480.0]).unwrap();
+        let point = ViewGaussian { sigmas: [1e-38; 3], ..plain }
+            .project(&VIEW, [640.0, 480.0], &GaussianRules::default())
+            .unwrap();
         let (rho, z) = point.forms.at(V2::new(0.5, 0.5));
         assert_eq!((rho, (z - 1.0).abs() < 1e-2), (1.0, true));
     }
@@ -368,7 +475,7 @@ mod tests {
         let axes = [V3::new(1.0, 0.0, 0.0), V3::new(0.0, 1.0, 0.0), V3::new(0.0, 0.0, 1.0)];
         let g =
             ViewGaussian { center: V3::new(0.0, 0.0, 2.0), axes, sigmas: [0.1, 0.2, 0.3], flat: false, opacity: 1.0 };
-        let seen = g.project(&VIEW, [640.0, 480.0]).unwrap();
+        let seen = g.project(&VIEW, [640.0, 480.0], &GaussianRules::default()).unwrap();
         let variance = [(500.0 * 0.1 / 2.0_f64).powi(2) + 0.3, (480.0 * 0.2 / 2.0_f64).powi(2) + 0.3];
         for d in [V2::new(7.0, 0.0), V2::new(0.0, 30.0), V2::new(-12.0, 9.0)] {
             let exact = d.x * d.x / variance[0] + d.y * d.y / variance[1];

@@ -35,6 +35,9 @@ pub struct Settings {
     /// How files of trained Gaussians are drawn.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_surface"))]
     pub composite: Composite,
+    /// The order in which trained Gaussians are drawn one over another.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_by_center"))]
+    pub sort: Sort,
     /// Largest radius in pixels of the splats that are chosen of an octree; greater than 0.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_default_lod_error"))]
     pub lod_error_px: f64,
@@ -55,6 +58,12 @@ fn is_surface(composite: &Composite) -> bool {
     *composite == Composite::Surface
 }
 
+/// Scene files say it only of Gaussians in another order.
+#[cfg(feature = "serde")]
+fn is_by_center(sort: &Sort) -> bool {
+    *sort == Sort::Center
+}
+
 impl Default for Settings {
     fn default() -> Self {
         Self {
@@ -69,6 +78,7 @@ impl Default for Settings {
             clip: ClipPolicy::Exact,
             accumulate: Accumulate::F32,
             composite: Composite::Surface,
+            sort: Sort::Center,
             lod_error_px: DEFAULT_LOD_ERROR_PX,
         }
     }
@@ -93,6 +103,7 @@ impl Settings {
         with_clip clip: ClipPolicy,
         with_accumulate accumulate: Accumulate,
         with_composite composite: Composite,
+        with_sort sort: Sort,
         with_lod_error_px lod_error_px: f64,
     }
 
@@ -375,6 +386,18 @@ pub enum Composite {
     Surface,
     /// One over another, as they were trained ([`crate::Geometry::Gaussians`]).
     Over,
+}
+
+/// In which order trained Gaussians are drawn one over another.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
+#[non_exhaustive]
+pub enum Sort {
+    /// By the depth of their centres, the same in all pixels, as they were trained.
+    #[default]
+    Center,
+    /// By the depth at which each pixel's ray meets them: nothing pops where the camera turns.
+    Pixel,
 }
 
 /// Precision in which weighted attributes are summed, at least.

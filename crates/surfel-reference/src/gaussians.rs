@@ -4,13 +4,19 @@ use crate::scene::ResidentScene;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::time::Instant;
-use surfel_math::gaussian::{self, GaussianForms, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, distortion_depth};
+use surfel_math::gaussian::{
+    self, GaussianForms, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, depth_step, distortion_depth,
+};
 use surfel_math::{V2, V3};
+use surfel_model::Sort;
 use surfel_render::{Frame, FramePlan, GaussianColors, GaussianView, Identity, PassTime, Stats, View};
 
 /// How near to flipping a decision is, relatively, to be within its margin; and a pixel to a rim, in pixels.
 const MARGIN: f64 = 1e-4;
 const RIM_PX: f64 = 1e-3;
+/// How near depths are, relatively, whose order rounding to f32 may change; and the change of a colour that counts.
+const DEPTH_MARGIN: f64 = 5e-7;
+const CHANGE_MARGIN: f64 = 1e-4;
 
 /// A Gaussian that the view may show.
 struct Seen {
@@ -23,6 +29,22 @@ struct Seen {
     color: DVec3,
     /// World space.
     normal: DVec3,
+    /// Its place among the scene's.
+    number: usize,
+}
+
+/// A Gaussian where a ray meets it.
+struct Fragment<'a> {
+    gaussian: &'a Seen,
+    alpha: f64,
+    z: f64,
+    shows: bool,
+    /// Whether it shows is within the margin.
+    open: bool,
+    /// Least and largest over the width of a rim.
+    alphas: [f64; 2],
+    /// About the place, as far as a rim is wide.
+    depths: [f64; 4],
 }
 
 /// Sums of a pixel, front to back.
@@ -44,7 +66,7 @@ struct Pixel {
 /// Draws a planned frame.
 pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame: &mut Frame, threads: usize) -> Stats {
     let start = Instant::now();
-    let seen = in_order(scene, view);
+    let seen = by_centers(scene, view, plan);
     let sorted = Instant::now();
     let region = view.region;
     let near = gaussian::near(&view.projection);
@@ -54,7 +76,7 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
             let [x, y] = [at % region.width as usize, at / region.width as usize];
             let x = f64::from(region.x) + x as f64 + 0.5;
             let y = f64::from(region.y) + y as f64 + 0.5;
-            Pixel::through(&seen, V2::new(x, y), near)
+            Pixel::through(&seen, V2::new(x, y), near, plan)
         })
         .collect();
     let linear = scene.summary.gaussians == Some(GaussianColors::Linear);
@@ -92,10 +114,10 @@ fn fill<T>(plane: &mut [T], pixels: &[Pixel], value: impl Fn(&Pixel) -> T) {
 }
 
 /// What the view may show, by the depth of centres; equally deep ones in the scene's order.
-fn in_order(scene: &ResidentScene, view: &View) -> Vec<Seen> {
-    let mut all = Vec::new();
+fn by_centers(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<Seen> {
+    let (mut all, mut first) = (Vec::new(), 0);
     for (cloud, world_from_object) in &scene.gaussians {
-        let seen = GaussianView::new(cloud, world_from_object, view);
+        let seen = GaussianView::new(cloud, world_from_object, (view, plan));
         all.extend((0..cloud.len()).filter_map(|i| {
             let projected = seen.project(i)?;
             let V3 { x, y, z } = projected.normal;
@@ -107,16 +129,55 @@ fn in_order(scene: &ResidentScene, view: &View) -> Vec<Seen> {
                 opacity: cloud.data().opacities[i].into(),
                 color: seen.color(i).into(),
                 normal: view.view_from_world.transpose() * DVec3::new(x, y, z),
+                number: first + i,
             })
         }));
+        first += cloud.len();
     }
     all.sort_by(|a, b| a.depth.total_cmp(&b.depth));
     all
 }
 
+impl<'a> Fragment<'a> {
+    /// What a ray through a place meets of a Gaussian; `None` for what surely doesn't show.
+    fn of(gaussian: &'a Seen, at: V2<f64>, near: f64) -> Option<Self> {
+        let d = V2::new(at.x - gaussian.center_px.x, at.y - gaussian.center_px.y);
+        if let Some([lo, hi]) = gaussian.bounds_px {
+            // A little more than the bounds: decisions at them may be within their margin.
+            let out = |d: f64, lo: f64, hi: f64| d < 1.01 * lo || d > 1.01 * hi;
+            if out(d.x, lo.x, hi.x) || out(d.y, lo.y, hi.y) {
+                return None;
+            }
+        }
+        let seen_at = |[x, y]: [f64; 2]| {
+            let (rho, z) = gaussian.forms.at(V2::new(d.x + x, d.y + y));
+            ((gaussian.opacity * (-0.5 * rho).exp()).min(MAX_ALPHA), z)
+        };
+        let (alpha, z) = seen_at([0.0; 2]);
+        // Limits of alpha and depth are rims: what goes through one over the width of a rim is open.
+        let about = [[RIM_PX, 0.0], [-RIM_PX, 0.0], [0.0, RIM_PX], [0.0, -RIM_PX]].map(seen_at);
+        let range =
+            |at: f64, about: [f64; 4]| about.into_iter().fold([at; 2], |[least, most], v| [least.min(v), most.max(v)]);
+        let (alphas, depths) = (range(alpha, about.map(|(alpha, _)| alpha)), about.map(|(_, z)| z));
+        let goes_through =
+            |[least, most]: [f64; 2], limit: f64| least * (1.0 - MARGIN) < limit && most * (1.0 + MARGIN) >= limit;
+        let may_show = alphas[1] * (1.0 + MARGIN) >= MIN_ALPHA;
+        let open = may_show && (goes_through(alphas, MIN_ALPHA) || goes_through(range(z, depths), near));
+        let shows = alpha >= MIN_ALPHA && z >= near && z.is_finite();
+        (shows || open).then_some(Self { gaussian, alpha, z, shows, open, alphas, depths })
+    }
+
+    /// True if nothing but the scene's order decides which of two is in front.
+    fn is_surely_in_step_with(&self, other: &Self) -> bool {
+        let mut depths = self.depths.into_iter().chain(other.depths);
+        let step = depth_step(self.z);
+        depths.all(|z| depth_step(z * (1.0 - DEPTH_MARGIN)) == step && depth_step(z * (1.0 + DEPTH_MARGIN)) == step)
+    }
+}
+
 impl Pixel {
     /// Blends what a ray through a place meets.
-    fn through(seen: &[Seen], at: V2<f64>, near: f64) -> Self {
+    fn through(seen: &[Seen], at: V2<f64>, near: f64, plan: &FramePlan) -> Self {
         let mut pixel = Self {
             transmittance: 1.0,
             color: DVec3::ZERO,
@@ -129,43 +190,53 @@ impl Pixel {
             marginal: false,
             slack: 0.0,
         };
-        for gaussian in seen {
-            if !pixel.blend(gaussian, V2::new(at.x - gaussian.center_px.x, at.y - gaussian.center_px.y), near) {
-                break;
+        let fragments = seen.iter().filter_map(|gaussian| Fragment::of(gaussian, at, near));
+        match plan.sort {
+            Sort::Pixel => {
+                let mut fragments: Vec<Fragment<'_>> = fragments.collect();
+                fragments.sort_by_key(|f| (depth_step(f.z), f.gaussian.number));
+                for (i, fragment) in fragments.iter().enumerate() {
+                    pixel.marginal |= plan.planes.margin && pixel.may_swap(fragment, &fragments[i + 1..]);
+                    if !pixel.blend(fragment) {
+                        break;
+                    }
+                }
+            }
+            // Sort::Center, the default.
+            _ => {
+                for fragment in fragments {
+                    if !pixel.blend(&fragment) {
+                        break;
+                    }
+                }
             }
         }
         pixel
     }
 
-    /// Blends one behind what is there, at an offset from its centre; false if no more light is left.
-    fn blend(&mut self, gaussian: &Seen, d: V2<f64>, near: f64) -> bool {
-        if let Some([lo, hi]) = gaussian.bounds_px {
-            // A little more than the bounds: decisions at them may be within their margin.
-            let out = |d: f64, lo: f64, hi: f64| d < 1.01 * lo || d > 1.01 * hi;
-            if out(d.x, lo.x, hi.x) || out(d.y, lo.y, hi.y) {
-                return true;
+    /// True if rounding may change the order of a fragment and ones behind it so that it is seen.
+    fn may_swap(&self, front: &Fragment<'_>, behind: &[Fragment<'_>]) -> bool {
+        let change = |f: &Fragment<'_>| {
+            let is_apart = front.depths.iter().zip(f.depths).all(|(z, other)| other > z * (1.0 + 2.0 * DEPTH_MARGIN));
+            if is_apart || front.is_surely_in_step_with(f) {
+                return 0.0;
             }
-        }
-        let seen_at = |x: f64, y: f64| {
-            let (rho, z) = gaussian.forms.at(V2::new(d.x + x, d.y + y));
-            ((gaussian.opacity * (-0.5 * rho).exp()).min(MAX_ALPHA), z)
+            let difference = (f.gaussian.color - front.gaussian.color).abs();
+            let difference = difference.max((f.gaussian.normal - front.gaussian.normal).abs());
+            difference.max_element() * f.alpha * front.alpha * self.transmittance
         };
-        let (alpha, z) = seen_at(0.0, 0.0);
-        // Limits of alpha and depth are rims: what goes through one over the width of a rim is open.
-        let (mut alphas, mut depths) = ([alpha; 2], [z; 2]);
-        for (alpha, z) in [seen_at(RIM_PX, 0.0), seen_at(-RIM_PX, 0.0), seen_at(0.0, RIM_PX), seen_at(0.0, -RIM_PX)] {
-            alphas = [alphas[0].min(alpha), alphas[1].max(alpha)];
-            depths = [depths[0].min(z), depths[1].max(z)];
-        }
-        let goes_through =
-            |[least, most]: [f64; 2], limit: f64| least * (1.0 - MARGIN) < limit && most * (1.0 + MARGIN) >= limit;
-        let may_show = alphas[1] * (1.0 + MARGIN) >= MIN_ALPHA;
-        self.marginal |= may_show && (goes_through(alphas, MIN_ALPHA) || goes_through(depths, near));
-        let is_open = |value: f64, limit: f64, slack: f64| (value / limit - 1.0).abs() < MARGIN + slack;
-        let is_there = alpha >= MIN_ALPHA && z >= near && z.is_finite();
-        if !is_there {
+        let changes: f64 = behind.iter().filter(|f| f.shows).map(change).sum();
+        front.shows && changes > CHANGE_MARGIN
+    }
+
+    /// Blends a fragment behind what is there; false if no more light is left.
+    fn blend(&mut self, fragment: &Fragment<'_>) -> bool {
+        let Fragment { gaussian, alpha, z, alphas, .. } = *fragment;
+        self.marginal |= fragment.open;
+        if !fragment.shows {
             return true;
         }
+        let is_open = |value: f64, limit: f64, slack: f64| (value / limit - 1.0).abs() < MARGIN + slack;
         let left = self.transmittance * (1.0 - alpha);
         self.marginal |= is_open(self.transmittance, 0.5, self.slack);
         self.slack += (alphas[1] - alphas[0]) / (1.0 - alpha);

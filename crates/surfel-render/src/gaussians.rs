@@ -1,10 +1,10 @@
 //! A cloud of Gaussians as a view sees it: what backends that draw them start from.
 
-use crate::View;
+use crate::{FramePlan, View};
 use glam::{DAffine3, DVec3};
-use surfel_math::gaussian::{self, ProjectedGaussian, ViewGaussian};
+use surfel_math::gaussian::{self, GaussianRules, ProjectedGaussian, ViewGaussian};
 use surfel_math::{V3, projection::Projection};
-use surfel_model::{GaussianCloud, GaussianKind};
+use surfel_model::{GaussianCloud, GaussianKind, Sort};
 
 /// A cloud of Gaussians before a camera.
 pub struct GaussianView<'a> {
@@ -14,6 +14,7 @@ pub struct GaussianView<'a> {
     eye: DVec3,
     projection: Projection,
     size_px: [f64; 2],
+    rules: GaussianRules,
 }
 
 fn v3(v: DVec3) -> V3<f64> {
@@ -22,7 +23,7 @@ fn v3(v: DVec3) -> V3<f64> {
 
 impl<'a> GaussianView<'a> {
     /// An object's Gaussians in a view.
-    pub fn new(cloud: &'a GaussianCloud, world_from_object: &DAffine3, view: &View) -> Self {
+    pub fn new(cloud: &'a GaussianCloud, world_from_object: &DAffine3, (view, plan): (&View, &FramePlan)) -> Self {
         let view_from_world = DAffine3::from_mat3(view.view_from_world) * DAffine3::from_translation(-view.eye);
         let object_from_world = world_from_object.inverse();
         let eye = match view.projection.is_perspective() {
@@ -35,10 +36,11 @@ impl<'a> GaussianView<'a> {
             eye,
             projection: view.projection,
             size_px: view.size.map(f64::from),
+            rules: GaussianRules { depth_along_ray: plan.sort == Sort::Pixel },
         }
     }
 
-    /// Depth of a centre, by which Gaussians are put in order: the same bits whoever asks.
+    /// Depth of a centre: the same bits whoever asks.
     pub fn depth(&self, i: usize) -> f64 {
         self.view_from_object.transform_point3(self.cloud.center(i)).z
     }
@@ -52,7 +54,7 @@ impl<'a> GaussianView<'a> {
             flat: self.cloud.data().kind == GaussianKind::Flat,
             opacity: self.cloud.data().opacities[i].into(),
         };
-        view_gaussian.project(&self.projection, self.size_px)
+        view_gaussian.project(&self.projection, self.size_px, &self.rules)
     }
 
     /// The colour of Gaussian `i` as seen from the eye, in the cloud's own colour space.

@@ -8,7 +8,7 @@ use crate::{
 use surfel_math::depth::Tolerance;
 use surfel_math::eye_dome;
 use surfel_model::{
-    Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, ModelError, Settings, Shader, Transparency,
+    Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, ModelError, Settings, Shader, Sort, Transparency,
 };
 
 /// Samples along a pixel's side, where edges are antialiased by samples (§5): four by four.
@@ -152,6 +152,8 @@ pub struct FramePlan {
     pub abuffer_surfaces: u32,
     /// How pixels are shaded.
     pub shader: Shader,
+    /// In which order [`Pass::Gaussians`] draws.
+    pub sort: Sort,
     /// Planes of the frame.
     pub planes: Planes,
 }
@@ -293,6 +295,7 @@ pub fn plan(
         passes,
         accumulate: settings.accumulate,
         shader: settings.shader,
+        sort: Sort::Center,
         planes,
     })
 }
@@ -351,6 +354,7 @@ fn plan_of_gaussians(
         splats: summary.splats,
         abuffer_surfaces: 0,
         shader: Shader::Unlit,
+        sort: settings.sort,
         planes,
     }))
 }

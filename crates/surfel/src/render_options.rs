@@ -6,7 +6,7 @@ use crate::values::{self, Part};
 use std::path::PathBuf;
 use surfel_model::{
     Accumulate, Camera, ClipPolicy, Composite, ConvertOptions, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader,
-    TextureSampling, Transparency, Up,
+    Sort, TextureSampling, Transparency, Up,
 };
 use surfel_render::{Planes, Preset, Region};
 
@@ -68,6 +68,8 @@ pub struct RenderOptions {
     /// How trained Gaussians are drawn; `None`: over one another, unless options are given that surfaces alone have a
     /// use for.
     pub composite: Option<Composite>,
+    /// In which order trained Gaussians are drawn over one another.
+    pub sort: Option<Sort>,
     /// How clip curves are evaluated.
     pub clip: Option<ClipPolicy>,
     /// How pixels are shaded.
@@ -243,6 +245,7 @@ impl RenderOptions {
         let convert =
             ConvertOptions { repair: false, allow_outside: false, max_texture: None, ..self.splats.convert.clone() };
         let given = [
+            (self.composite == Some(Composite::Surface), "composite surface"),
             (self.shader.is_some(), "shader"),
             (self.matcap.is_some(), "matcap"),
             (self.shadows, "shadows"),
@@ -305,6 +308,7 @@ impl RenderOptions {
             "accumulate" => self.accumulate = Some(values::accumulate(text)?),
             "transparency" => self.transparency = Some(values::transparency(text)?),
             "composite" => self.composite = Some(values::composite(text)?),
+            "sort" => self.sort = Some(values::sort(text)?),
             "clip" => self.clip = Some(values::clip(text)?),
             "shader" => self.shader = Some(values::shader(text)?),
             "matcap" => self.matcap = Some(file(text)?),
@@ -352,11 +356,12 @@ impl RenderOptions {
             let what = "--samples averages, and planes of what is nearest have no mean: leave out one";
             return Err(Error::Usage(what.to_owned()));
         }
-        if self.composite == Some(Composite::Over)
+        let over = if self.sort.is_some() { "sort" } else { "composite over" };
+        if (self.composite == Some(Composite::Over) || self.sort.is_some())
             && let Some(flag) = self.of_surfaces()
         {
             return Err(Error::Usage(format!(
-                "--{flag} is for surfaces, and --composite over draws Gaussians as they were trained: leave out one"
+                "--{flag} is for surfaces, and --{over} for Gaussians drawn as they were trained: leave out one"
             )));
         }
         let part = (self.region.is_some() && self.tile.is_some()).then_some(("region", "tile"));
@@ -407,6 +412,8 @@ mod tests {
             [("region", "0,0,4,4"), ("tile", "1/2")],
             [("shader", "phong"), ("composite", "over")],
             [("crop", "0,0,0,1,1,1"), ("composite", "over")],
+            [("shader", "phong"), ("sort", "pixel")],
+            [("composite", "surface"), ("sort", "center")],
         ] {
             let error = checked(&wrong).unwrap_err();
             assert!(error.contains(&format!("--{}", wrong[0].0)), "{error}");
@@ -430,6 +437,7 @@ mod tests {
             ("samples", "65"),
             ("planes", "index,uv"),
             ("composite", "under"),
+            ("sort", "depth"),
             ("matcap", ""),
             ("output", "a.png"),
             ("radius-scale", "0"),

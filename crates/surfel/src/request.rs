@@ -257,15 +257,17 @@ impl Request {
     /// As [`load_objects`].
     pub fn load(&self, stdin: Option<Arc<[u8]>>, progress: &dyn Progress) -> Result<LoadedObjects, Error> {
         let options = self.load_options(stdin);
-        if self.tells_composite() {
-            return load_bare_objects(&self.objects, &self.base, &options, progress);
-        }
-        let loaded = load_objects(&self.objects, &self.base, &options, progress)?;
-        if options.gaussians && !loaded.has_gaussians() {
+        let bare = self.tells_composite();
+        let load = if bare { load_bare_objects } else { load_objects };
+        let loaded = load(&self.objects, &self.base, &options, progress)?;
+        let flag = if self.options.sort.is_some() { "--sort" } else { "--composite over" };
+        if (options.gaussians && !bare || self.options.sort.is_some()) && !loaded.has_gaussians() {
             let first = self.objects.iter().find_map(|object| object.splats.clone().or(object.mesh.clone()));
-            let problem = "holds no trained Gaussians, which --composite over draws: expected a PLY of 2DGS or 3DGS, \
-                           SPLAT, SPZ, SOG or glTF with KHR_gaussian_splatting; leave out --composite over";
-            return Err(Error::Unsuitable { path: first.unwrap_or_default(), problem: problem.to_owned() });
+            let problem = format!(
+                "holds no trained Gaussians that are drawn over one another, which {flag} is for: expected a PLY of \
+                 2DGS or 3DGS, SPLAT, SPZ, SOG or glTF with KHR_gaussian_splatting; leave out {flag}"
+            );
+            return Err(Error::Unsuitable { path: first.unwrap_or_default(), problem });
         }
         Ok(loaded)
     }
@@ -505,6 +507,7 @@ fn settings(base: Settings, options: &RenderOptions) -> Settings {
         .with_clip(options.clip.unwrap_or(base.clip))
         .with_accumulate(options.accumulate.unwrap_or(base.accumulate))
         .with_composite(options.composite.unwrap_or(base.composite))
+        .with_sort(options.sort.unwrap_or(base.sort))
         .with_lod_error_px(options.lod_error.unwrap_or(base.lod_error_px))
 }
 

@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::ops::Range;
 use surfel_model::{
     Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping,
-    Outliers, PointColors, Returns, Shader, SplatCount, Transparency, Up,
+    Outliers, PointColors, Returns, Shader, Sort, SplatCount, Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -55,6 +55,7 @@ named!(preset, PRESETS, Preset, [
     "quality" => Preset::Quality, "reference" => Preset::Reference,
 ]);
 named!(composite, COMPOSITES, Composite, ["surface" => Composite::Surface, "over" => Composite::Over]);
+named!(sort, SORTS, Sort, ["center" => Sort::Center, "pixel" => Sort::Pixel]);
 named!(edge_aa, EDGE_AA, EdgeAa, ["on" => EdgeAa::Coverage, "off" => EdgeAa::Off, "samples" => EdgeAa::Samples]);
 
 /// Most parts that anything is cut into.

@@ -3,11 +3,12 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, dvec2, dvec3};
 use surfel_conformance::build::{camera, cloud, object, sphere};
+use surfel_conformance::random::Random;
 use surfel_conformance::scenes::{
     Case, gaussian_extremes, gaussian_field, gaussian_object, gaussian_scene, gaussians_of, no_gaussians,
     random_gaussians, two_gaussian_objects,
 };
-use surfel_model::{Column3, EdgeAa, GaussianData, GaussianKind, Projection, Shader};
+use surfel_model::{Column3, EdgeAa, GaussianData, GaussianKind, Projection, Shader, Sort};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{
     Capabilities, Feature, Frame, Pass, Planes, Region, Renderer, SceneSummary, View, plan, unsupported,
@@ -24,6 +25,10 @@ fn drawn(renderer: &mut impl Renderer, case: &Case, planes: Planes) -> Frame {
     let mut frame = Frame::default();
     renderer.render_into(&resident, &case.view(), &case.settings, planes, &mut frame).unwrap();
     frame
+}
+
+fn by_pixel(case: &Case) -> Case {
+    case.with(&format!("{} by pixel", case.name), |s| s.sort = Sort::Pixel)
 }
 
 fn reference() -> Reference {
@@ -49,7 +54,7 @@ fn values(frame: &Frame) -> Vec<Values> {
 
 /// A flat cloud before a camera without a background, by the formulas of the 2DGS paper and its renderer, pixel by
 /// pixel: homogeneous planes of the pixel and their intersection with the splat's.
-fn published(data: &GaussianData, view: &View) -> Vec<Values> {
+fn published(data: &GaussianData, view: &View, sort: Sort) -> Vec<Values> {
     let [[fx, fy], [cx, cy]] = [view.projection.focal_px, view.projection.principal_px];
     let mut splats = Vec::new();
     for i in 0..data.opacities.len() {
@@ -84,7 +89,7 @@ fn published(data: &GaussianData, view: &View) -> Vec<Values> {
         let own = &data.harmonics[i * each..(i + 1) * each];
         let color =
             own.iter().zip(basis).fold(DVec3::splat(0.5), |sum, (c, y)| sum + DVec3::from(c.map(f64::from)) * y);
-        splats.push((p.z, rows, color.max(DVec3::ZERO), normal, f64::from(data.opacities[i])));
+        splats.push((p.z, rows, color.max(DVec3::ZERO), normal, f64::from(data.opacities[i]), i));
     }
     splats.retain(|s| s.0 > 0.2);
     splats.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -92,7 +97,8 @@ fn published(data: &GaussianData, view: &View) -> Vec<Values> {
         let (x, y) = ((at % view.size[0] as usize) as f64 + 0.5, (at / view.size[0] as usize) as f64 + 0.5);
         let (mut t, mut c, mut n, mut depth, mut median) = (1.0, DVec3::ZERO, DVec3::ZERO, 0.0, f64::INFINITY);
         let (mut m1, mut m2, mut distortion) = (0.0, 0.0, 0.0);
-        for (z, rows, color, normal, opacity) in &splats {
+        let mut fragments = Vec::new();
+        for (z, rows, color, normal, opacity, number) in &splats {
             let [tu, tv, tw] = [rows.x_axis, rows.y_axis, rows.z_axis];
             let (k, l) = (tw * x - tu, tw * y - tv);
             let cross = k.cross(l);
@@ -107,6 +113,15 @@ fn published(data: &GaussianData, view: &View) -> Vec<Values> {
             if z < 0.2 || alpha < 1.0 / 255.0 {
                 continue;
             }
+            // The order: of its pixel's fragments by 17 bits of z, or of the centres.
+            let unit = (z.log2().floor() - 16.0).exp2();
+            let step = if sort == Sort::Pixel { (z / unit).round() * unit } else { 0.0 };
+            fragments.push((step, *number, z, alpha, color, normal));
+        }
+        if sort == Sort::Pixel {
+            fragments.sort_by(|a, b| (a.0, a.1).partial_cmp(&(b.0, b.1)).unwrap());
+        }
+        for (_, _, z, alpha, color, normal) in fragments {
             if t * (1.0 - alpha) < 1e-4 {
                 break;
             }
@@ -153,13 +168,15 @@ fn reference_draws_flat_gaussians_by_the_published_formulas() {
     near.camera.eye = [0.1, 0.0, 1.05];
     for case in [&mut field, &mut extremes, &mut near] {
         case.scene.background = [0.0; 4];
-        let frame = drawn(&mut reference(), case, planes().with_margin(true));
-        let want = published(gaussians_of(case).unwrap().data(), &case.view());
-        // f32 planes of f64 sums.
-        let worst = worst(&values(&frame), &want, frame.margin());
-        println!("{}: {worst:.1e}", case.name);
-        assert!(worst < 1e-5, "{}: {worst}", case.name);
-        assert!(want.iter().filter(|v| v[3] > 0.05).count() > 500, "{}: nothing is seen", case.name);
+        for case in [case.clone(), by_pixel(case)] {
+            let frame = drawn(&mut reference(), &case, planes().with_margin(true));
+            let want = published(gaussians_of(&case).unwrap().data(), &case.view(), case.settings.sort);
+            // f32 planes of f64 sums.
+            let worst = worst(&values(&frame), &want, frame.margin());
+            println!("{}: {worst:.1e}", case.name);
+            assert!(worst < 1e-5, "{}: {worst}", case.name);
+            assert!(want.iter().filter(|v| v[3] > 0.05).count() > 500, "{}: nothing is seen", case.name);
+        }
     }
 }
 
@@ -172,7 +189,8 @@ fn cpu_draws_gaussians_as_the_reference_does() {
     orthographic.camera.projection = Projection::Orthographic { height: 2.0 };
     orthographic.camera.far = Some(20.0);
     let solid = gaussian_field(GaussianKind::Solid);
-    for case in [field, linear, orthographic, solid, gaussian_extremes(), two_gaussian_objects()] {
+    let cases = [field, linear, orthographic, solid, gaussian_extremes(), two_gaussian_objects()];
+    for case in cases.iter().cloned().chain(cases.iter().map(by_pixel)) {
         let want = drawn(&mut reference(), &case, planes().with_margin(true));
         let got = drawn(&mut cpu(2), &case, planes());
         let worst = worst(&values(&got), &values(&want), want.margin());
@@ -188,7 +206,8 @@ fn cpu_draws_the_same_bits_for_any_threads_regions_planes_and_levels() {
         let floats = frame.color().as_flattened().iter().chain(frame.normal().as_flattened());
         floats.chain(frame.depth()).chain(frame.distortion()).map(|v| v.to_bits()).collect()
     };
-    for case in [gaussian_field(GaussianKind::Flat), gaussian_extremes(), two_gaussian_objects()] {
+    let cases = [gaussian_field(GaussianKind::Flat), gaussian_extremes(), two_gaussian_objects()];
+    for case in cases.iter().cloned().chain(cases.iter().map(by_pixel)) {
         let whole = drawn(&mut cpu(1), &case, planes());
         for threads in [2, 7] {
             assert!(bits(&drawn(&mut cpu(threads), &case, planes())) == bits(&whole), "{}", case.name);
@@ -285,6 +304,7 @@ fn plan_of_gaussians_has_one_pass_and_surfaces_have_none_of_it() {
     // Settings of surfaces decide nothing.
     let other = field.with("other", |s| *s = s.with_edge_aa(EdgeAa::Samples).with_shader(Shader::Toon));
     assert_eq!(planned(&other, Planes::COLOR).unwrap(), plain);
+    assert_ne!(planned(&by_pixel(&field), Planes::COLOR).unwrap(), plain);
     let without = Capabilities { backend: "gpu", lacks: &[Feature::Gaussians, Feature::Toon, Feature::EdgeSamples] };
     let refused = |case: &Case| {
         let summary = SceneSummary::of(&case.scene);
@@ -316,5 +336,89 @@ fn frame_without_planes_of_gaussians_holds_none() {
     for frame in [drawn(&mut reference(), &case, Planes::COLOR), drawn(&mut cpu(1), &case, Planes::COLOR)] {
         assert!(frame.alpha().is_empty() && frame.median_depth().is_empty() && frame.distortion().is_empty());
         assert!(frame.depth().is_empty() && frame.normal().is_empty() && frame.weight().is_empty());
+    }
+}
+
+#[test]
+fn what_is_in_one_order_everywhere_is_drawn_alike_in_both() {
+    // Sheets behind one another, which no ray meets in another order than that of their centres.
+    let mut data = no_gaussians(GaussianKind::Flat);
+    let centers: Vec<DVec3> =
+        (0..40).map(|i| dvec3(0.02 * f64::from(i), 0.0, -0.05 * f64::from((i * 7) % 40))).collect();
+    data.centers = Column3::from_f64(&centers);
+    for i in 0..40 {
+        data.sigmas.push([0.3, 0.1, 0.0]);
+        data.rotations.push([0.0, 0.0, 0.0, 1.0]);
+        data.opacities.push(0.4);
+        data.harmonics.push([0.1 * i as f32 - 1.7, 1.0, 0.0]);
+    }
+    let case = Case::new("sheets", gaussian_scene(data), camera(2.0, 45.0, [40, 30]));
+    let [center, pixel] = [case.clone(), by_pixel(&case)].map(|case| drawn(&mut cpu(2), &case, planes()));
+    assert_eq!(values(&center), values(&pixel));
+    let tilted = case.with("tilted", |_| ());
+    let tilted = Case { camera: surfel_model::Camera { eye: [1.5, 0.0, 1.5], ..tilted.camera }, ..tilted };
+    let [center, pixel] = [tilted.clone(), by_pixel(&tilted)].map(|case| drawn(&mut cpu(2), &case, planes()));
+    assert_ne!(center.color(), pixel.color());
+}
+
+#[test]
+fn turning_camera_makes_gaussians_pop_in_the_order_of_centers_alone() {
+    for kind in [GaussianKind::Flat, GaussianKind::Solid] {
+        let mut random = Random::new(5);
+        let mut data = random_gaussians(150, kind, 11);
+        for i in 0..150 {
+            // Through each other, and so large and little tilted that pixels resolve them.
+            data.sigmas[i] = [(); 3].map(|()| random.range(0.2, 0.4) as f32);
+            let [x, y] = [(); 2].map(|()| random.range(-0.8, 0.8));
+            data.rotations[i] = (DQuat::from_rotation_x(x) * DQuat::from_rotation_y(y)).as_quat().to_array();
+        }
+        let case = Case::new("turning", gaussian_scene(data), camera(3.2, 45.0, [96, 96]));
+        let [center, pixel] = [case.clone(), by_pixel(&case)].map(|case| Turning::of(&case, 60));
+        println!("{kind:?}: {center:.4?} {pixel:.4?}");
+        assert!(center.largest_over_median > 2.0 && center.beyond_motion > 0.02, "{kind:?}: {center:?}");
+        assert!(pixel.largest_over_median < 1.2 && pixel.beyond_motion < 0.005, "{kind:?}: {pixel:?}");
+    }
+}
+
+/// How images change where the camera turns by 0.1° at a time, which is less than half a pixel.
+#[derive(Debug)]
+struct Turning {
+    /// The mean change of an image: the largest over the median of all steps.
+    largest_over_median: f64,
+    /// The largest change of a pixel to what none of 8×8 samples of it showed before.
+    beyond_motion: f64,
+}
+
+impl Turning {
+    fn of(case: &Case, steps: u32) -> Self {
+        let mut renderer = cpu(2);
+        let mut image = |step: u32, fine: u32| {
+            let mut case = case.clone();
+            let (sin, cos) = (0.1 * f64::from(step)).to_radians().sin_cos();
+            case.camera.target = [3.2 * sin, 0.0, 3.2 * (1.0 - cos)];
+            case.camera.size = case.camera.size.map(|side| side * fine);
+            drawn(&mut renderer, &case, Planes::COLOR).color().to_vec()
+        };
+        let (mut means, mut beyond_motion) = (Vec::new(), 0.0_f32);
+        let width = case.camera.size[0] as usize;
+        for step in 1..steps {
+            let (before, samples, after) = (image(step - 1, 1), image(step - 1, 8), image(step, 1));
+            let mut sum = 0.0;
+            for (at, value) in after.iter().enumerate() {
+                let corner = at / width * 64 * width + at % width * 8;
+                let of_pixel = (0..64).map(|k| samples[corner + k / 8 * 8 * width + k % 8]);
+                let range = of_pixel.fold([[f32::MAX; 4], [f32::MIN; 4]], |[least, most], v| {
+                    [std::array::from_fn(|c| least[c].min(v[c])), std::array::from_fn(|c| most[c].max(v[c]))]
+                });
+                for c in 0..3 {
+                    beyond_motion = beyond_motion.max(range[0][c] - value[c]).max(value[c] - range[1][c]);
+                    sum += f64::from((value[c] - before[at][c]).abs());
+                }
+            }
+            means.push(sum / (3 * after.len()) as f64);
+        }
+        means.sort_by(f64::total_cmp);
+        let largest_over_median = means[means.len() - 1] / means[means.len() / 2];
+        Self { largest_over_median, beyond_motion: beyond_motion.into() }
     }
 }

@@ -1,21 +1,24 @@
 //! Trained Gaussians, one over another (docs/gaussians.md), front to back in tiles of 16×16 pixels.
 //!
-//! All are sorted once by the depth of their centres. `records` cuts that order into parts, projects each part's
+//! All are sorted once by the depth of their centres, or of where they begin. `records` cuts that order into parts, projects each part's
 //! Gaussians and lists them by tile; `tile` blends a tile's lists, part after part, so that the order of each pixel is
-//! the same for any number of threads.
+//! the same for any number of threads; `pending` sorts the fragments of each pixel where that is asked for.
 
 mod grid;
+mod pending;
 mod records;
 mod tile;
 
 use crate::gaussians::grid::{TILE_PX, TileGrid};
+use crate::gaussians::pending::Pending;
 use crate::scene::resident::ResidentScene;
 use crate::simd::level::{Instructions, with_instructions};
 use fearless_simd::Simd;
 use rayon::prelude::*;
-use records::Part;
+use records::Record;
 use std::time::Instant;
 use surfel_math::gaussian;
+use surfel_model::Sort;
 use surfel_render::{Frame, FramePlan, GaussianColors, Identity, PassTime, Stats, View};
 use tile::{Tile, TileInputs};
 
@@ -37,9 +40,9 @@ pub(crate) fn draw(
         last = now;
     };
     let grid = TileGrid::new(view.region);
-    let order = records::in_order(&scene.gaussians, view);
+    let order = records::in_order(&scene.gaussians, (view, plan));
     lap(stats, "sort");
-    let mut parts = records::project(&scene.gaussians, &order, view, &grid);
+    let mut parts = records::project(&scene.gaussians, &order, (view, plan), &grid);
     drop(order);
     lap(stats, "project");
     stats.drawn = parts.iter().map(|part| part.records.len() as u64).sum();
@@ -53,8 +56,13 @@ pub(crate) fn draw(
     for tiles in batches {
         parts.par_iter_mut().for_each(|part| part.list(&tiles, &grid));
         let first = tiles.start;
-        let drawn: Vec<Tile> =
-            tiles.into_par_iter().map(|t| draw_tile(instructions, &inputs, &parts, t, first)).collect();
+        let listed = &parts;
+        let draw = |pending: &mut Option<_>, tile: usize| {
+            let records = listed.iter().flat_map(|part| part.of_tile(tile - first));
+            draw_tile(instructions, &inputs, records, tile, pending.as_mut())
+        };
+        let pending = || (plan.sort == Sort::Pixel).then(Pending::default);
+        let drawn: Vec<Tile> = tiles.into_par_iter().map_init(pending, draw).collect();
         for (t, tile) in drawn.iter().enumerate() {
             tile.write(&grid, first + t, frame);
             stats.fragments += tile.fragments();
@@ -75,9 +83,15 @@ pub(crate) fn draw(
     lap(stats, "blend");
 }
 
-fn draw_tile(instructions: Instructions, inputs: &TileInputs<'_>, parts: &[Part], tile: usize, first: usize) -> Tile {
+fn draw_tile<'a>(
+    instructions: Instructions,
+    inputs: &TileInputs<'_>,
+    records: impl Iterator<Item = &'a Record>,
+    tile: usize,
+    pending: Option<&mut Pending<'a>>,
+) -> Tile {
     with_instructions!(instructions, simd => {
-        simd.vectorize(#[inline(always)] || Tile::draw(simd, inputs, parts, tile, first))
+        simd.vectorize(#[inline(always)] || Tile::draw(simd, inputs, records, tile, pending))
     })
 }
 

@@ -6,7 +6,8 @@ use rayon::prelude::*;
 use std::ops::Range;
 use surfel_math::gaussian::{self, GaussianForms};
 use surfel_math::{V2, V3};
-use surfel_render::{GaussianView, Region, View};
+use surfel_model::Sort;
+use surfel_render::{FramePlan, GaussianView, Region, View};
 
 /// Gaussians of a part: enough to amortise its lists, few enough to share work among threads.
 const PART: usize = 1 << 15;
@@ -21,6 +22,10 @@ pub(super) struct Record {
     pub color: [f32; 3],
     /// World space.
     pub normal: [f32; 3],
+    /// Depth before which it doesn't show: at least 0, and no less than that of records before it in pixel order.
+    pub nearest: f32,
+    /// Its place among the scene's.
+    pub number: u32,
     /// Pixels that it may touch, within the region.
     pub rows: Range<u32>,
     columns: Range<u32>,
@@ -39,35 +44,53 @@ pub(super) struct Part {
 /// A Gaussian's place in the order.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
-    /// Bits of the depth of its centre, which is positive.
+    /// Bits of the depth, not negative, by which it is in order.
     depth: u64,
     cloud: u32,
     index: u32,
 }
 
-/// All Gaussians behind the near plane by the depth of their centres; equally deep ones in the scene's order.
-pub(super) fn in_order(clouds: &[StoredGaussians], view: &View) -> Vec<Place> {
+/// All Gaussians behind the near plane by the depth of their centres, or for pixels to put them in order by the depth
+/// at which they begin; equally deep ones in the scene's order.
+pub(super) fn in_order(clouds: &[StoredGaussians], (view, plan): (&View, &FramePlan)) -> Vec<Place> {
     let near = gaussian::near(&view.projection);
     let mut order: Vec<Place> = Vec::new();
     for (cloud, StoredGaussians { gaussians, world_from_object }) in clouds.iter().enumerate() {
-        let seen = GaussianView::new(gaussians, world_from_object, view);
-        order.par_extend((0..gaussians.len()).into_par_iter().filter_map(|i| {
-            let depth = seen.depth(i);
-            (depth > near).then(|| Place { depth: depth.to_bits(), cloud: cloud as u32, index: i as u32 })
-        }));
+        let seen = GaussianView::new(gaussians, world_from_object, (view, plan));
+        let depth = |i: usize| match plan.sort {
+            Sort::Pixel => seen.project(i).map(|projected| projected.nearest.max(0.0)),
+            // Sort::Center, the default.
+            _ => Some(seen.depth(i)).filter(|depth| *depth > near),
+        };
+        order.par_extend(
+            (0..gaussians.len())
+                .into_par_iter()
+                .filter_map(|i| Some(Place { depth: depth(i)?.to_bits(), cloud: cloud as u32, index: i as u32 })),
+        );
     }
     order.par_sort_unstable_by_key(|place| (place.depth, place.cloud, place.index));
     order
 }
 
 /// Records of those that the view shows, in parts.
-pub(super) fn project(clouds: &[StoredGaussians], order: &[Place], view: &View, grid: &TileGrid) -> Vec<Part> {
+pub(super) fn project(
+    clouds: &[StoredGaussians],
+    order: &[Place],
+    (view, plan): (&View, &FramePlan),
+    grid: &TileGrid,
+) -> Vec<Part> {
     let seen: Vec<GaussianView<'_>> =
-        clouds.iter().map(|c| GaussianView::new(&c.gaussians, &c.world_from_object, view)).collect();
+        clouds.iter().map(|c| GaussianView::new(&c.gaussians, &c.world_from_object, (view, plan))).collect();
+    let mut firsts = vec![0];
+    firsts.extend(clouds.iter().scan(0, |sum, c| {
+        *sum += c.gaussians.len();
+        Some(*sum)
+    }));
     let record = |place: &Place| {
         let (cloud, i) = (place.cloud as usize, place.index as usize);
         let opacity = clouds[cloud].gaussians.data().opacities[i];
-        record(&seen[cloud], i, opacity, view, grid.region)
+        let record = record(&seen[cloud], i, opacity, view, grid.region)?;
+        Some(Record { number: (firsts[cloud] + i) as u32, ..record })
     };
     order
         .par_chunks(PART)
@@ -98,6 +121,8 @@ fn record(seen: &GaussianView<'_>, i: usize, opacity: f32, view: &View, region: 
         opacity,
         color: three(seen.color(i)),
         normal: normal.as_vec3().to_array(),
+        nearest: projected.nearest.max(0.0) as f32,
+        number: 0,
         rows,
         columns,
     })

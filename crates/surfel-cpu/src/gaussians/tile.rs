@@ -1,7 +1,8 @@
 //! A tile of 16×16 pixels: its Gaussians front to back, a row of pixels at a time.
 
 use crate::gaussians::grid::{TILE_PX, TileGrid};
-use crate::gaussians::records::{Part, Record};
+use crate::gaussians::pending::{Pending, key};
+use crate::gaussians::records::Record;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::Bits;
 use fearless_simd::Simd;
@@ -9,7 +10,7 @@ use surfel_math::gaussian::{self, GaussianForms, MAX_ALPHA, MIN_ALPHA, MIN_TRANS
 use surfel_math::{Real, V2};
 use surfel_render::{Frame, Planes, Region};
 
-const SIDE: usize = TILE_PX as usize;
+pub(super) const SIDE: usize = TILE_PX as usize;
 
 /// What all tiles share.
 pub(super) struct TileInputs<'a> {
@@ -21,7 +22,7 @@ pub(super) struct TileInputs<'a> {
     pub planes: Planes,
 }
 
-type Row = [f32; LANES];
+pub(super) type Row = [f32; LANES];
 type Rows = [Row; SIDE];
 
 /// Sums of planes besides the colour.
@@ -36,6 +37,14 @@ struct Sums {
     fragments: Rows,
 }
 
+/// A Gaussian at each pixel of a row.
+struct Fragments<S: Simd> {
+    alpha: Lanes<S>,
+    z: Lanes<S>,
+    color: [Lanes<S>; 3],
+    normal: [Lanes<S>; 3],
+}
+
 /// A tile's pixels.
 pub(super) struct Tile {
     transmittance: Rows,
@@ -43,6 +52,8 @@ pub(super) struct Tile {
     color: [Rows; 3],
     /// 1 where light may be left, else 0.
     open: Rows,
+    /// Rows with such pixels.
+    open_rows: u32,
     sums: Option<Box<Sums>>,
     /// Pixels that were compared with a Gaussian.
     pub tested: u64,
@@ -50,15 +61,24 @@ pub(super) struct Tile {
 }
 
 impl Tile {
-    /// Blends a tile, whose records the parts list by its number since the `first`.
+    /// Blends a tile's records; with room for pending fragments in the order of each pixel.
     #[inline(always)]
-    pub(super) fn draw<S: Simd>(simd: S, inputs: &TileInputs<'_>, parts: &[Part], tile: usize, first: usize) -> Self {
+    pub(super) fn draw<'a, S: Simd>(
+        simd: S,
+        inputs: &TileInputs<'_>,
+        records: impl Iterator<Item = &'a Record>,
+        tile: usize,
+        mut pending: Option<&mut Pending<'a>>,
+    ) -> Self {
         let pixels = inputs.grid.pixels(tile);
         let mut drawn = Self::empty(pixels, inputs.planes);
+        if let Some(pending) = &mut pending {
+            pending.clear();
+        }
         match drawn.sums.take() {
-            None => drawn.blend::<S, false>(simd, inputs, parts, tile - first, pixels, &mut Sums::default()),
+            None => drawn.blend::<S, false>(simd, inputs, records, pixels, &mut Sums::default(), pending),
             Some(mut sums) => {
-                drawn.blend::<S, true>(simd, inputs, parts, tile - first, pixels, &mut sums);
+                drawn.blend::<S, true>(simd, inputs, records, pixels, &mut sums, pending);
                 drawn.sums = Some(sums);
             }
         }
@@ -77,6 +97,7 @@ impl Tile {
             transmittance: [[1.0; LANES]; SIDE],
             color: [[[0.0; LANES]; SIDE]; 3],
             open: std::array::from_fn(open),
+            open_rows: pixels.height,
             sums: (depth || normal || median_depth || distortion || fragments).then(Box::default),
             tested: 0,
             resolved: Vec::new(),
@@ -84,18 +105,17 @@ impl Tile {
     }
 
     #[inline(always)]
-    fn blend<S: Simd, const SUMS: bool>(
+    fn blend<'a, S: Simd, const SUMS: bool>(
         &mut self,
         simd: S,
         inputs: &TileInputs<'_>,
-        parts: &[Part],
-        listed: usize,
+        records: impl Iterator<Item = &'a Record>,
         pixels: Region,
         sums: &mut Sums,
+        mut pending: Option<&mut Pending<'a>>,
     ) {
         let columns = Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(|x| x as f32));
-        let mut open_rows = pixels.height;
-        for record in parts.iter().flat_map(|part| part.of_tile(listed)) {
+        for record in records {
             let rows = record.rows.start.max(pixels.y)..record.rows.end.min(pixels.y + pixels.height);
             // Whole numbers, exact: only the fraction rounds.
             let left = (pixels.x as i32 - record.base[0]) as f32;
@@ -114,33 +134,97 @@ impl Tile {
                     & Lanes::splat(simd, inputs.near).le(z)
                     & z.lt(z.constant(1e30))
                     & open.zero().lt(open);
-                if shows.bits() == 0 {
+                let bits = shows.bits();
+                if bits == 0 {
                     continue;
                 }
-                let before = Lanes::load(simd, &self.transmittance[row]);
-                let left = before * (alpha.one() - alpha);
-                let ends = shows & left.lt(left.constant(MIN_TRANSMITTANCE));
-                let drawn = shows & !ends;
-                let weight = Lanes::select(drawn, alpha * before, alpha.zero());
-                for (sum, c) in self.color.iter_mut().zip(record.color) {
-                    add(simd, &mut sum[row], weight, Lanes::splat(simd, c));
+                match &mut pending {
+                    None => {
+                        let [color, normal] = [record.color, record.normal].map(|v| v.map(|c| Lanes::splat(simd, c)));
+                        self.blend_row::<S, SUMS>(row, &Fragments { alpha, z, color, normal }, shows, sums);
+                    }
+                    Some(pending) => {
+                        if pending.add(row, bits, &alpha.to_array(), &z.to_array(), record) {
+                            self.blend_pending::<S, SUMS>(simd, row, key(record.nearest, 0), pending, sums);
+                        }
+                    }
                 }
-                if SUMS {
-                    sums.add(simd, row, record, (weight, before, z), drawn);
+                if self.open_rows == 0 {
+                    return;
                 }
-                Lanes::select(drawn, left, before).store(&mut self.transmittance[row]);
-                if ends.bits() != 0 {
-                    let still = Lanes::select(ends, open.zero(), open);
-                    still.store(&mut self.open[row]);
-                    if still.zero().lt(still).bits() == 0 {
-                        open_rows -= 1;
-                        if open_rows == 0 {
-                            return;
+            }
+        }
+        if let Some(pending) = pending {
+            for row in 0..pixels.height as usize {
+                self.blend_pending::<S, SUMS>(simd, row, u64::MAX, pending, sums);
+            }
+        }
+    }
+
+    /// Blends a row's fragments behind what is there.
+    #[inline(always)]
+    fn blend_row<S: Simd, const SUMS: bool>(
+        &mut self,
+        row: usize,
+        fragments: &Fragments<S>,
+        shows: <Lanes<S> as Real>::Mask,
+        sums: &mut Sums,
+    ) {
+        let Fragments { alpha, color, .. } = *fragments;
+        let simd = alpha.0.simd;
+        let before = Lanes::load(simd, &self.transmittance[row]);
+        let left = before * (alpha.one() - alpha);
+        let ends = shows & left.lt(left.constant(MIN_TRANSMITTANCE));
+        let drawn = shows & !ends;
+        let weight = Lanes::select(drawn, alpha * before, alpha.zero());
+        for (sum, c) in self.color.iter_mut().zip(color) {
+            add(simd, &mut sum[row], weight, c);
+        }
+        if SUMS {
+            sums.add(row, fragments, (weight, before), drawn);
+        }
+        Lanes::select(drawn, left, before).store(&mut self.transmittance[row]);
+        if ends.bits() != 0 {
+            let still = Lanes::select(ends, alpha.zero(), Lanes::load(simd, &self.open[row]));
+            still.store(&mut self.open[row]);
+            self.open_rows -= u32::from(still.zero().lt(still).bits() == 0);
+        }
+    }
+
+    /// Blends the pending fragments of a row whose keys are less than a limit.
+    #[inline(always)]
+    fn blend_pending<S: Simd, const SUMS: bool>(
+        &mut self,
+        simd: S,
+        row: usize,
+        limit: u64,
+        pending: &mut Pending<'_>,
+        sums: &mut Sums,
+    ) {
+        let ready = pending.sort(row, limit, &self.transmittance[row]);
+        let of_row = &mut pending.fragments[row * LANES..(row + 1) * LANES];
+        for k in 0..ready.into_iter().max().unwrap_or(0) {
+            let (mut alpha, mut z) = ([0.0; LANES], [1.0; LANES]);
+            let (mut color, mut normal) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+            for (lane, fragments) in of_row.iter().enumerate() {
+                if let Some(fragment) = fragments[..ready[lane]].get(k) {
+                    (alpha[lane], z[lane]) = (fragment.alpha, fragment.z);
+                    for c in 0..3 {
+                        color[c][lane] = fragment.record.color[c];
+                        if SUMS {
+                            normal[c][lane] = fragment.record.normal[c];
                         }
                     }
                 }
             }
+            let lanes = |v: Row| Lanes::load(simd, &v);
+            let open = lanes(self.open[row]);
+            let alpha = lanes(alpha);
+            let shows = alpha.zero().lt(alpha) & open.zero().lt(open);
+            let fragments = Fragments { alpha, z: lanes(z), color: color.map(lanes), normal: normal.map(lanes) };
+            self.blend_row::<S, SUMS>(row, &fragments, shows, sums);
         }
+        of_row.iter_mut().zip(ready).for_each(|(fragments, ready)| drop(fragments.drain(..ready)));
     }
 
     /// Colours as an image has them.
@@ -197,14 +281,15 @@ impl Sums {
     #[inline(always)]
     fn add<S: Simd>(
         &mut self,
-        simd: S,
         row: usize,
-        record: &Record,
-        (weight, before, z): (Lanes<S>, Lanes<S>, Lanes<S>),
+        fragments: &Fragments<S>,
+        (weight, before): (Lanes<S>, Lanes<S>),
         drawn: <Lanes<S> as Real>::Mask,
     ) {
-        for (sum, n) in self.normal.iter_mut().zip(record.normal) {
-            add(simd, &mut sum[row], weight, Lanes::splat(simd, n));
+        let z = fragments.z;
+        let simd = z.0.simd;
+        for (sum, n) in self.normal.iter_mut().zip(fragments.normal) {
+            add(simd, &mut sum[row], weight, n);
         }
         // Depths of what isn't drawn may be anything.
         let z = Lanes::select(drawn, z, z.one());

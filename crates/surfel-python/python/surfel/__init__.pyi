@@ -64,6 +64,7 @@ class _Render(_Splats, total=False):
     accumulate: Literal["f32", "f16"]
     transparency: str
     composite: Literal["surface", "over"]
+    sort: Literal["center", "pixel"]
     clip: Literal["exact", "paper", "line", "off"]
     shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
     matcap: _Path

@@ -13,7 +13,7 @@ SPLATS = frozenset(
 )
 RENDER = SPLATS | frozenset(
     "size camera view eye target camera_up up region tile fov_y ortho preset filter mapping cutoff prefilter"
-    " depth_tolerance accumulate transparency composite clip shader matcap lod_error all_levels shadows edge_aa background samples label backend"
+    " depth_tolerance accumulate transparency composite sort clip shader matcap lod_error all_levels shadows edge_aa background samples label backend"
     " adapter storage threads".split()
 )
 CONVERT = SPLATS | {"threads"}

@@ -75,7 +75,7 @@ class Scene:
         Keywords are the flags of `surfel render`, with its defaults: `size=(width, height)` (1024x1024), `view="auto"`
         or a side or (azimuth, elevation) in degrees, `eye`, `target`, `camera_up`, `up`, `region`, `tile=(i, n)` (band i of n of the rows), `fov_y`, `ortho`,
         `camera` (a file), `preset="balanced"`, `filter`, `mapping`, `cutoff`, `prefilter`, `depth_tolerance`,
-        `transparency`, `composite`, `clip`, `shader`, `matcap`, `lod_error`, `all_levels`, `shadows`, `edge_aa`,
+        `transparency`, `composite`, `sort`, `clip`, `shader`, `matcap`, `lod_error`, `all_levels`, `shadows`, `edge_aa`,
         `background`, `samples`, `backend`, `adapter`, `storage`, `threads`, and those on how files become splats (`open`).
 
         K: (3, 3), focal lengths and principal point in pixels, counted from the first pixel's centre as OpenCV does;
