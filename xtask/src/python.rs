@@ -11,9 +11,12 @@ const TESTS: &str = "crates/surfel-python/tests";
 /// What its tests need, as pip's requirements and as modules.
 const TESTED_BY: [(&str, &str); 3] = [("maturin>=1.9,<2", "maturin"), ("numpy", "numpy"), ("pytest", "pytest")];
 /// What the notebooks, engines and rivals need besides.
-const SHOWN_BY: [(&str, &str); 8] = [
+const SHOWN_BY: [(&str, &str); 11] = [
     ("ray", "ray"),
     ("distributed", "distributed"),
+    ("openjd-cli", "openjd"),
+    ("kubernetes-validate", "kubernetes_validate"),
+    ("snakemake", "snakemake"),
     ("nbconvert", "nbconvert"),
     ("ipykernel", "ipykernel"),
     ("matplotlib", "matplotlib"),

@@ -2,11 +2,13 @@
 exact surface, a torus whose rays are intersected by f64.
 
 Writes a table in Markdown. A rival that isn't installed, or has no way to draw without a display, is said to be left
-out. Usage: python rivals.py [POINTS [SIDE]]
+out. Usage: python rivals.py [POINTS [SIDE]]; docs/data/rivals.md has what it printed.
 """
 
 import sys
 import time
+from importlib.metadata import version
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -135,7 +137,9 @@ def main():
         other = np.roll(depth, (dy, dx), (0, 1))
         with np.errstate(invalid="ignore"):
             steady &= np.isfinite(other) & (np.abs(other - depth) < 0.05)
-    print(f"A torus of {len(points)} points, {SIDE}x{SIDE} pixels; {steady.sum()} pixels inside of its surface.\n")
+    versions = ", ".join(f"{name} {version(name)}" for name in ("surfel", "open3d", "pyvista") if find_spec(name))
+    print(f"A torus of {len(points)} points, {SIDE}x{SIDE} pixels; {steady.sum()} pixels inside of its surface;"
+          f" {versions}.\n")
     print("| | ms a frame | holes | depth wrong by over 0.05 | median depth error | 95 % | median normal error |")
     print("| --- | --: | --: | --: | --: | --: | --: |")
     rivals = [("surfel", of_surfel, False), ("surfel, normals given", of_surfel, True), ("Open3D", of_open3d, None),
