@@ -142,7 +142,7 @@ pub(crate) struct RenderArgs {
     /// Named trade of speed for accuracy.
     #[arg(long, value_parser = values::preset(), help_heading = "Settings")]
     pub(crate) preset: Option<Preset>,
-    /// Screen-space filter.
+    /// Screen-space filter; of trained Gaussians drawn over one another clamp, as they were trained, or principal.
     #[arg(long, value_parser = values::filter(), help_heading = "Settings")]
     pub(crate) filter: Option<Filter>,
     /// How splats are mapped to the screen.

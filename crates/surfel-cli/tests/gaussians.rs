@@ -84,6 +84,20 @@ fn flags_of_surfaces_and_other_files_beside_make_surfaces_of_gaussians() {
     f.run("o.json -o q.exr --sort pixel").code(0);
     assert_eq!(f.image("p.exr").color, f.image("q.exr").color);
     assert_eq!(print("flat.ply --sort pixel")["sort"], json!("pixel"));
+    // Of the filters two are of Gaussians.
+    for (filter, of_gaussians) in [("clamp", json!(null)), ("principal", json!("principal"))] {
+        let settings = print(&format!("flat.ply --filter {filter}"));
+        assert_eq!((&settings["composite"], &settings["gaussian_filter"]), (&json!("over"), &of_gaussians));
+        f.run(&format!("o.json -o {filter}.exr --filter {filter}")).code(0);
+    }
+    assert_eq!(f.image("clamp.exr").color, f.image("same.exr").color);
+    assert_ne!(f.image("principal.exr").color, f.image("same.exr").color);
+    assert_eq!(print("flat.ply --filter ewa")["composite"], json!(null));
+    f.write("g.json", scene("\"composite\": \"over\", \"gaussian_filter\": \"principal\""));
+    f.run("g.json -o g.exr").code(0);
+    assert_eq!(f.image("principal.exr").color, f.image("g.exr").color);
+    f.write("g.json", scene("\"composite\": \"over\", \"gaussian_filter\": \"ewa\""));
+    f.run("g.json -o h.exr").fails(3, "clamp or principal");
     assert_eq!(f.image("over.exr").color, f.image("same.exr").color);
     assert_ne!(f.image("over.exr").color, f.image("surface.exr").color);
     f.run("convert flat.ply -o splats.ply").code(0);
@@ -103,6 +117,8 @@ fn what_cannot_be_drawn_over_is_refused() {
     f.run("flat.ply -o a.png --sort pixel --composite surface").fails(2, "--sort");
     f.run("flat.ply -o a.png --sort depth").fails(2, "pixel");
     f.run("ball.ply -o a.png --sort pixel").fails(3, "--sort");
+    f.run("flat.ply -o a.png --composite over --filter ewa").fails(2, "--filter");
+    f.run("flat.ply -o a.png --composite over --prefilter 1").fails(2, "--prefilter");
     f.write("s.json", scene(""));
     f.write("a.ply", gaussians(None));
     f.run("s.json -o a.png --sort pixel").fails(3, "--sort");
@@ -119,4 +135,26 @@ fn what_cannot_be_drawn_over_is_refused() {
     );
     f.run("none.ply -o b.png").fails(3, "no Gaussian");
     assert!(!f.has("b.png"));
+}
+
+#[test]
+fn what_is_too_near_to_be_drawn_is_said() {
+    let f = Folder::new("near");
+    let small = |text: String| {
+        let small = |line: &str| {
+            let mut words: Vec<String> = line.split(' ').map(Into::into).collect();
+            words[..3].iter_mut().for_each(|v| *v = (0.01 * v.parse::<f64>().unwrap()).to_string());
+            words.join(" ") + "\n"
+        };
+        let (head, rows) = text.split_once("end_header\n").unwrap();
+        format!("{head}end_header\n{}", rows.lines().map(small).collect::<String>()).replace("-1.2 -1.6", "-6 -6")
+    };
+    f.write("small.ply", small(gaussians(None)));
+    f.write("flat.ply", gaussians(None));
+    let run = f.run("small.ply -o a.png --size 40x30").code(0);
+    assert!(run.stderr().contains("4 of 4") && run.stderr().contains("--ortho"), "{}", run.stderr());
+    for words in ["small.ply --ortho", "flat.ply", "small.ply --composite surface"] {
+        let run = f.run(&format!("{words} -o b.png --size 40x30 --force")).code(0);
+        assert!(!run.stderr().contains("nearer"), "{words}: {}", run.stderr());
+    }
 }

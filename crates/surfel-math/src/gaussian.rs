@@ -2,8 +2,10 @@
 //!
 //! Source: Huang et al. 2024 (2DGS), Kerbl et al. 2023 (3DGS) after Zwicker et al. 2001, *EWA Volume Splatting*.
 
+use crate::mapping::{Footprint as SplatFootprint, Linear};
+use crate::project::{Projected, ViewSplat};
 use crate::projection::{Projection, ProjectionKind};
-use crate::{Real, V2, V3, srgb};
+use crate::{Real, V2, V3, filter, srgb};
 
 /// Planar depth before which perspective views show nothing, as in training; world units.
 pub const NEAR: f64 = 0.2;
@@ -15,10 +17,18 @@ pub const MAX_ALPHA: f64 = 0.99;
 pub const MIN_ALPHA: f64 = 1.0 / 255.0;
 /// A Gaussian that would leave less light than this to those behind it ends its pixel, and isn't drawn itself.
 pub const MIN_TRANSMITTANCE: f64 = 1e-4;
+/// Σw of a pixel up to which nothing is there that has a depth.
+pub const MIN_WEIGHT: f64 = 1e-12;
 /// Weight of a squared distance in pixels from the projected centre: the low-pass filter of flat Gaussians.
 const LOW_PASS: f64 = 2.0;
 /// Variance in square pixels that is added to the footprints of solid ones.
 const DILATION: f64 = 0.3;
+/// Larger than any ρ² that shows.
+const NO_LOW_PASS: f64 = 1e30;
+/// Standard deviations from the centre of a surface splat to its rim.
+const RADIUS: f64 = 2.0;
+/// Half-width of what has none.
+const LEAST_PX: f64 = 1e-6;
 /// Slopes are kept within this many half-widths of the image where solid Gaussians are linearised.
 const SLOPE_LIMIT: f64 = 1.3;
 /// Sine of the angle from edge-on below which a flat one isn't drawn (rendering model §2).
@@ -59,6 +69,8 @@ pub struct ProjectedGaussian {
     pub bounds_px: Option<[V2<f64>; 2]>,
     /// Depth before which nothing of it shows.
     pub nearest: f64,
+    /// What α is multiplied by: the share of a filtered footprint that it covers, 1 as it was trained.
+    pub weight: f64,
 }
 
 /// Linear forms of an offset d from a projected centre: the ray meets the Gaussian's plane at (u, v)/w standard
@@ -110,15 +122,17 @@ impl ViewGaussian {
         }
         let reach = 2.0 * (self.opacity / MIN_ALPHA).ln();
         let center_px = projection.pixel(p);
-        let Footprint { forms, normal, bounds_px, nearest } =
-            if self.flat { self.flat(projection, reach)? } else { self.solid(projection, size_px, reach, rules) };
+        let Footprint { forms, normal, bounds_px, nearest, weight } = match self.flat {
+            true => self.flat(projection, reach, rules)?,
+            false => self.solid(projection, size_px, reach, rules),
+        };
         let toward = if projection.is_perspective() { normal.dot(p) } else { normal.z };
         let normal = if toward > 0.0 { -normal } else { normal };
-        Some(ProjectedGaussian { center_px, forms, normal, bounds_px, nearest })
+        Some(ProjectedGaussian { center_px, forms, normal, bounds_px, nearest, weight })
     }
 
     /// The plane's intersection with rays, which is exact.
-    fn flat(&self, projection: &Projection, reach: f64) -> Option<Footprint> {
+    fn flat(&self, projection: &Projection, reach: f64, rules: &GaussianRules) -> Option<Footprint> {
         let (p, [a, b, _], [fx, fy]) = (self.center, self.axes, projection.focal_px);
         let cross = a.cross(b);
         let area = cross.length();
@@ -130,6 +144,9 @@ impl ViewGaussian {
         if !is_seen {
             return None;
         }
+        if let Some(h_px) = rules.principal_px {
+            return Some(self.principal(projection, reach, n, h_px));
+        }
         let (of_u, of_v) =
             if perspective { (b.cross(p), p.cross(a)) } else { (V3::new(b.y, -b.x, 0.0), V3::new(-a.y, a.x, 0.0)) };
         let form = |c: V3<f64>, sigma: f64| [c.x / fx, c.y / fy].map(|c| (c / (area * sigma)).clamp(-MOST, MOST));
@@ -140,7 +157,6 @@ impl ViewGaussian {
             ([0.0, 0.0, n.z], [-slope[0], -slope[1], p.z * n.z])
         };
         let forms = GaussianForms { u: form(of_u, su), v: form(of_v, sv), w, z, low_pass: LOW_PASS };
-        // Points of the ellipse are (A·e)/(1 + B·e) from the centre, |e|² = reach.
         let of_axis = |axis: V3<f64>, sigma: f64| match perspective {
             true => {
                 let k = sigma / p.z;
@@ -150,16 +166,8 @@ impl ViewGaussian {
         };
         let ((s, s_depth), (t, t_depth)) = (of_axis(a, su), of_axis(b, sv));
         let low_pass = (reach / LOW_PASS).sqrt();
-        let d = 1.0 - reach * (s_depth * s_depth + t_depth * t_depth);
-        let extent = |s: f64, t: f64| {
-            let middle = -reach * (s * s_depth + t * t_depth) / d;
-            let half = (middle * middle + reach * (s * s + t * t) / d).sqrt();
-            [(middle - half).min(-low_pass), (middle + half).max(low_pass)]
-        };
-        // Nearly at the eye's plane rounding counts.
-        let bounds = (d > 1e-6).then(|| {
-            let ([x0, x1], [y0, y1]) = (extent(s.x, t.x), extent(s.y, t.y));
-            [V2::new(x0, y0), V2::new(x1, y1)]
+        let bounds = ellipse_bounds([s, t], [s_depth, t_depth], reach).map(|[lo, hi]| {
+            [V2::new(lo.x.min(-low_pass), lo.y.min(-low_pass)), V2::new(hi.x.max(low_pass), hi.y.max(low_pass))]
         });
         let on_plane = p.z - (reach * (a.z * su).hypot(b.z * sv).powi(2)).sqrt();
         let per_pixel = slope[0].hypot(slope[1]) / facing.abs();
@@ -167,7 +175,39 @@ impl ViewGaussian {
             true => (p.z.recip() + low_pass * per_pixel).recip(),
             false => p.z - low_pass * per_pixel,
         };
-        Some(Footprint { forms, normal: n, bounds_px: bounds, nearest: on_plane.min(on_screen) })
+        Some(Footprint { forms, normal: n, bounds_px: bounds, nearest: on_plane.min(on_screen), weight: 1.0 })
+    }
+
+    /// A flat one as a filtered surface splat of two standard deviations.
+    fn principal(&self, projection: &Projection, reach: f64, n: V3<f64>, h_px: f64) -> Footprint {
+        let (p, [a, b, _], [su, sv, _]) = (self.center, self.axes, self.sigmas);
+        let splat = ViewSplat { p, s: a * (RADIUS * su), t: b * (RADIUS * sv), n };
+        let filtered = filter::principal(&Projected::new(&splat, projection), h_px.max(LEAST_PX), true);
+        let SplatFootprint { u, v, w } = filtered.footprint;
+        let per_sigma = |form: Linear<f64>| [RADIUS * form.x, RADIUS * form.y];
+        let (u, v) = (per_sigma(u), per_sigma(v));
+        // Rows of an orthogonal matrix's, by the lengths of the axes: its inverse are these.
+        let axis = |[x, y]: [f64; 2]| V2::new(x, y) * (x * x + y * y).recip();
+        let (s, t) = (axis(u), axis(v));
+        let depth = |axis: V2<f64>| -(w.x * axis.x + w.y * axis.y);
+        let (s_depth, t_depth) = (depth(s), depth(t));
+        let perspective = projection.is_perspective();
+        let (w, z) = match perspective {
+            true => ([w.x, w.y, 1.0], [0.0, 0.0, p.z]),
+            false => ([0.0, 0.0, 1.0], [-w.x, -w.y, p.z]),
+        };
+        let slant = s_depth.hypot(t_depth);
+        let bounds_px = match perspective {
+            true => ellipse_bounds([s, t], [s_depth, t_depth], reach),
+            false => ellipse_bounds([s, t], [0.0; 2], reach),
+        };
+        Footprint {
+            forms: GaussianForms { u, v, w, z, low_pass: NO_LOW_PASS },
+            normal: n,
+            bounds_px,
+            nearest: p.z - reach.sqrt() * slant * if perspective { p.z } else { 1.0 },
+            weight: filtered.weight_scale,
+        }
     }
 
     /// Its volume's projection, linearised at the centre.
@@ -178,7 +218,8 @@ impl ViewGaussian {
             (x / p.z).clamp(-limit, limit)
         };
         let (sx, sy) = (limited(p.x, fx, size_px[0]), limited(p.y, fy, size_px[1]));
-        let (mut xx, mut xy, mut yy) = (DILATION, 0.0, DILATION);
+        let dilation = if rules.principal_px.is_some() { 0.0 } else { DILATION };
+        let (mut xx, mut xy, mut yy) = (dilation, 0.0, dilation);
         // Covariances of the depth with a pixel's place.
         let (mut xz, mut yz) = (0.0, 0.0);
         for (axis, sigma) in self.axes.into_iter().zip(self.sigmas) {
@@ -190,24 +231,36 @@ impl ViewGaussian {
             (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
             (xz, yz) = (xz + x * c.z, yz + y * c.z);
         }
-        let determinant = f64::difference_of_products(xx, yy, xy, xy).max(DILATION * DILATION);
-        let (u, v) = ([(yy / determinant).sqrt(), -xy / (yy * determinant).sqrt()], [0.0, yy.sqrt().recip()]);
+        let (u, v, weight) = match rules.principal_px {
+            None => {
+                let determinant = f64::difference_of_products(xx, yy, xy, xy).max(DILATION * DILATION);
+                ([(yy / determinant).sqrt(), -xy / (yy * determinant).sqrt()], [0.0, yy.sqrt().recip()], 1.0)
+            }
+            Some(h_px) => {
+                let h = (h_px / RADIUS).max(LEAST_PX);
+                let (half, middle) = (0.5 * (xx - yy), 0.5 * (xx + yy));
+                let [long, short] = [1.0, -1.0].map(|sign| (middle + sign * half.hypot(xy)).max(0.0).sqrt());
+                let (sin, cos) = (0.5 * xy.atan2(half)).sin_cos();
+                let (wide, thin) = (long.max(h), short.max(h));
+                (xx, yy) = ((wide * cos).powi(2) + (thin * sin).powi(2), (wide * sin).powi(2) + (thin * cos).powi(2));
+                ([cos / wide, sin / wide], [-sin / thin, cos / thin], (long / wide) * (short / thin))
+            }
+        };
         // Σ⁻¹ is u·uᵀ + v·vᵀ.
-        let (zu, zv) = if rules.depth_along_ray { (u[0] * xz + u[1] * yz, v[1] * yz) } else { (0.0, 0.0) };
+        let (zu, zv) = if rules.depth_along_ray { (u[0] * xz + u[1] * yz, v[0] * xz + v[1] * yz) } else { (0.0, 0.0) };
         let forms = GaussianForms {
             u,
             v,
             w: [0.0, 0.0, 1.0],
-            z: [u[0] * zu, u[1] * zu + v[1] * zv, p.z],
-            // Larger than any ρ² that shows.
-            low_pass: 1e30,
+            z: [u[0] * zu + v[0] * zv, u[1] * zu + v[1] * zv, p.z],
+            low_pass: NO_LOW_PASS,
         };
         let half = V2::new((reach * xx).sqrt(), (reach * yy).sqrt());
         let length = |k: usize| self.sigmas[k] * self.axes[k].length();
         let least = (0..3).reduce(|a, b| if length(b) < length(a) { b } else { a }).unwrap_or(2);
         let n = self.axes[(least + 1) % 3].cross(self.axes[(least + 2) % 3]);
         let normal = n * n.length().recip();
-        Footprint { forms, normal, bounds_px: Some([-half, half]), nearest: p.z - reach.sqrt() * zu.hypot(zv) }
+        Footprint { forms, normal, bounds_px: Some([-half, half]), nearest: p.z - reach.sqrt() * zu.hypot(zv), weight }
     }
 }
 
@@ -217,6 +270,20 @@ struct Footprint {
     normal: V3<f64>,
     bounds_px: Option<[V2<f64>; 2]>,
     nearest: f64,
+    weight: f64,
+}
+
+/// Bounds of a projected ellipse about its centre: its points are (A·e)/(1 + b·e) from there, |e|² = reach, with A's
+/// columns and b given; `None` where it reaches the eye's plane, nearly so because rounding counts there.
+fn ellipse_bounds([s, t]: [V2<f64>; 2], [s_depth, t_depth]: [f64; 2], reach: f64) -> Option<[V2<f64>; 2]> {
+    let d = 1.0 - reach * (s_depth * s_depth + t_depth * t_depth);
+    let extent = |s: f64, t: f64| {
+        let middle = -reach * (s * s_depth + t * t_depth) / d;
+        let half = (middle * middle + reach * (s * s + t * t) / d).sqrt();
+        [middle - half, middle + half]
+    };
+    let ([x0, x1], [y0, y1]) = (extent(s.x, t.x), extent(s.y, t.y));
+    (d > 1e-6).then(|| [V2::new(x0, y0), V2::new(x1, y1)])
 }
 
 /// How Gaussians are projected; the default is as they were trained.
@@ -225,6 +292,9 @@ pub struct GaussianRules {
     /// A solid one's depth is that where it is densest along a pixel's ray (Radl et al. 2024, StopThePop), in the
     /// linearised projection: its mean where it is seen at that pixel. Else it is the centre's.
     pub depth_along_ray: bool,
+    /// Half-axes of two standard deviations get at least so many pixels by the filter `principal` of surface splats
+    /// (rendering model §4), instead of a flat one's low-pass and a solid one's dilation.
+    pub principal_px: Option<f64>,
 }
 
 /// A depth as pixels compare it, rounded to 17 bits, so that rounding rarely decides on the order of Gaussians in one
@@ -360,12 +430,13 @@ mod tests {
 
     #[test]
     fn bounds_hold_all_that_shows_and_hardly_more() {
-        for projection in [VIEW, ORTHO] {
+        for (projection, principal_px) in [(VIEW, None), (ORTHO, None), (VIEW, Some(0.7)), (ORTHO, Some(0.7))] {
+            let rules = GaussianRules { principal_px, ..GaussianRules::default() };
             for (flat, tilt, scale) in
                 [(true, 0.3, 0.05), (true, 1.3, 0.3), (true, 1.0, 1e-4), (false, 0.9, 0.1), (false, 0.2, 1e-5)]
             {
                 let g = gaussian([0.3, -0.2, 4.0], tilt, [scale, 2.0 * scale, 0.3 * scale], flat);
-                let seen = g.project(&projection, [640.0, 480.0], &GaussianRules::default()).unwrap();
+                let seen = g.project(&projection, [640.0, 480.0], &rules).unwrap();
                 let [lo, hi] = seen.bounds_px.unwrap();
                 let (mut found_lo, mut found_hi) = (V2::new(0.0, 0.0), V2::new(0.0, 0.0));
                 let steps = 400;
@@ -394,8 +465,8 @@ mod tests {
 
     #[test]
     fn nothing_shows_before_the_nearest_depth_and_something_hardly_behind_it() {
-        let rules = GaussianRules { depth_along_ray: true };
-        for projection in [VIEW, ORTHO] {
+        for (projection, principal_px) in [(VIEW, None), (ORTHO, None), (VIEW, Some(0.7)), (ORTHO, Some(0.7))] {
+            let rules = GaussianRules { depth_along_ray: true, principal_px };
             for (flat, tilt, scale) in
                 [(true, 0.3, 0.05), (true, 1.3, 0.3), (true, 1.55, 1e-3), (false, 0.9, 0.1), (false, 0.2, 1e-5)]
             {
@@ -420,7 +491,7 @@ mod tests {
     #[test]
     fn solid_gaussians_are_as_deep_as_they_are_dense_along_rays() {
         let size = 640.0;
-        let rules = GaussianRules { depth_along_ray: true };
+        let rules = GaussianRules { depth_along_ray: true, principal_px: None };
         let g = gaussian([0.3, -0.2, 4.0], 0.9, [0.2, 0.1, 0.05], false);
         // Pixels so small that they blur nothing, about the centre, where the projection is linear.
         let fine = Projection { focal_px: [5e5, 4.8e5], principal_px: [3.2e5, 2.4e5], ..VIEW };
@@ -439,6 +510,58 @@ mod tests {
         }
         let (_, z) = g.project(&fine, [1e3 * size; 2], &GaussianRules::default()).unwrap().forms.at(V2::new(40.0, 0.0));
         assert_eq!(z, 4.0);
+    }
+
+    #[test]
+    fn principal_lengthens_projected_axes_and_weighs_by_their_area() {
+        let h = 0.7;
+        let rules = GaussianRules { principal_px: Some(h), ..GaussianRules::default() };
+        for projection in [VIEW, ORTHO] {
+            for tilt in [0.0, 0.5, 1.4] {
+                for scale in [1e-5, 1e-4, 1e-3, 3e-3, 0.1] {
+                    for flat in [true, false] {
+                        let sigmas = [scale, 2.0 * scale, if flat { 0.0 } else { 0.3 * scale }];
+                        let g = gaussian([0.3, -0.2, 4.0], tilt, sigmas, flat);
+                        let seen = g.project(&projection, [640.0, 480.0], &rules).unwrap();
+                        // The covariance of the projection by small differences, of two standard deviations.
+                        let at = |v: V3<f64>| projection.pixel(g.center + v);
+                        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+                        for (axis, sigma) in g.axes.into_iter().zip(sigmas) {
+                            let (step, length) = (1e-5, 2.0 * sigma);
+                            let (a, b) = (at(axis * step), at(axis * -step));
+                            let x = (a.x - b.x) / (2.0 * step) * length;
+                            let y = (a.y - b.y) / (2.0 * step) * length;
+                            (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
+                        }
+                        let c = glam::DMat2::from_cols_array(&[xx, xy, xy, yy]);
+                        let (mean, half) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
+                        let lengths = [mean + half, (mean - half).max(0.0)].map(f64::sqrt);
+                        let share: f64 = lengths.iter().map(|l| (l / h).min(1.0)).product();
+                        assert!((seen.weight - share).abs() < 1e-6 * share, "{flat} {tilt} {scale}: {}", seen.weight);
+                        // Projectors onto the axes, one for each.
+                        let one = (c - glam::DMat2::IDENTITY * (mean - half)) * (0.5 / half);
+                        let other = glam::DMat2::IDENTITY - one;
+                        let wide = one * lengths[0].max(h).powi(-2) + other * lengths[1].max(h).powi(-2);
+                        for d in [glam::DVec2::new(0.2, 0.1), glam::DVec2::new(-0.3, 0.4)] {
+                            let exact = 4.0 * d.dot(wide * d);
+                            let (rho, z) = seen.forms.at(V2::new(d.x, d.y));
+                            // Perspective within a footprint of half a pixel, but at an edge.
+                            assert!((rho - exact).abs() < 1e-2 * exact, "{flat} {tilt} {scale}: {rho} {exact}");
+                            assert!((z - 4.0).abs() < 0.1, "{z}");
+                        }
+                    }
+                }
+            }
+        }
+        // What is wide on the screen stays exact.
+        let g = gaussian([0.3, -0.2, 4.0], 1.0, [0.1, 0.2, 0.0], true);
+        let [own, trained] =
+            [&rules, &GaussianRules::default()].map(|rules| g.project(&VIEW, [640.0, 480.0], rules).unwrap());
+        for d in [V2::new(9.0, 3.0), V2::new(-20.0, 11.0)] {
+            let (rho, z) = own.forms.at(d);
+            let (exact, exact_z) = trained.forms.at(d);
+            assert!((rho - exact).abs() < 1e-9 * exact && (z - exact_z).abs() < 1e-9 && own.weight == 1.0);
+        }
     }
 
     #[test]

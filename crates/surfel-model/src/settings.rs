@@ -38,6 +38,10 @@ pub struct Settings {
     /// The order in which trained Gaussians are drawn one over another.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_by_center"))]
     pub sort: Sort,
+    /// Screen-space filter of trained Gaussians drawn one over another: `clamp`, that of their training, or
+    /// `principal`, as [`Self::filter`] says it of surfaces.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_clamp"))]
+    pub gaussian_filter: Filter,
     /// Largest radius in pixels of the splats that are chosen of an octree; greater than 0.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_default_lod_error"))]
     pub lod_error_px: f64,
@@ -56,6 +60,12 @@ fn is_default_lod_error(error_px: &f64) -> bool {
 #[cfg(feature = "serde")]
 fn is_surface(composite: &Composite) -> bool {
     *composite == Composite::Surface
+}
+
+/// Scene files say it only of Gaussians filtered otherwise.
+#[cfg(feature = "serde")]
+fn is_clamp(filter: &Filter) -> bool {
+    *filter == Filter::Clamp
 }
 
 /// Scene files say it only of Gaussians in another order.
@@ -79,6 +89,7 @@ impl Default for Settings {
             accumulate: Accumulate::F32,
             composite: Composite::Surface,
             sort: Sort::Center,
+            gaussian_filter: Filter::Clamp,
             lod_error_px: DEFAULT_LOD_ERROR_PX,
         }
     }
@@ -104,6 +115,7 @@ impl Settings {
         with_accumulate accumulate: Accumulate,
         with_composite composite: Composite,
         with_sort sort: Sort,
+        with_gaussian_filter gaussian_filter: Filter,
         with_lod_error_px lod_error_px: f64,
     }
 
@@ -122,6 +134,10 @@ impl Settings {
         let (DepthTolerance::Relative(t) | DepthTolerance::Absolute(t)) = self.depth_tolerance;
         if !(t >= 0.0 && t.is_finite()) {
             return Err(ModelError::range("settings.depth_tolerance", t, "a finite number, at least 0"));
+        }
+        if !matches!(self.gaussian_filter, Filter::Clamp | Filter::Principal) {
+            let found = self.gaussian_filter.name();
+            return Err(ModelError::range("settings.gaussian_filter", found, "clamp or principal"));
         }
         if !(self.lod_error_px > 0.0 && self.lod_error_px.is_finite()) {
             let found = self.lod_error_px;
@@ -452,6 +468,10 @@ mod tests {
         for error in [0.0, -1.0, f64::NAN] {
             refused("lod_error_px", &|s| s.lod_error_px = error);
         }
+        for filter in [Filter::None, Filter::Adjust, Filter::Ewa] {
+            refused("gaussian_filter", &|s| s.gaussian_filter = filter);
+        }
+        assert_eq!(check(&|s| s.gaussian_filter = Filter::Principal), Ok(()));
         // A plan has a pass for each.
         for layers in [0, 65, u32::MAX] {
             refused("transparency", &|s| s.transparency = Transparency::Peel { layers, drop_last: false });

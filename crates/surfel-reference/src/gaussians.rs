@@ -5,7 +5,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::time::Instant;
 use surfel_math::gaussian::{
-    self, GaussianForms, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, depth_step, distortion_depth,
+    self, GaussianForms, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, MIN_WEIGHT, depth_step, distortion_depth,
 };
 use surfel_math::{V2, V3};
 use surfel_model::Sort;
@@ -26,6 +26,8 @@ struct Seen {
     bounds_px: Option<[V2<f64>; 2]>,
     forms: GaussianForms<f64>,
     opacity: f64,
+    /// What α is multiplied by.
+    weight: f64,
     color: DVec3,
     /// World space.
     normal: DVec3,
@@ -50,6 +52,7 @@ struct Fragment<'a> {
 /// Sums of a pixel, front to back.
 struct Pixel {
     transmittance: f64,
+    weight: f64,
     color: DVec3,
     normal: DVec3,
     depth: f64,
@@ -89,8 +92,8 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
     fill(planes.color, &pixels, |p| {
         gaussian::resolve(p.color.to_array(), p.transmittance, background, linear).map(|c| c as f32)
     });
-    let of_what_is_there = |p: &Pixel, value: f64| if p.transmittance < 1.0 { value as f32 } else { f32::INFINITY };
-    fill(planes.depth, &pixels, |p| of_what_is_there(p, p.depth / (1.0 - p.transmittance)));
+    let of_what_is_there = |p: &Pixel, value: f64| if p.weight > MIN_WEIGHT { value as f32 } else { f32::INFINITY };
+    fill(planes.depth, &pixels, |p| of_what_is_there(p, p.depth / p.weight));
     fill(planes.median_depth, &pixels, |p| of_what_is_there(p, p.median_depth));
     fill(planes.normal, &pixels, |p| p.normal.as_vec3().to_array());
     fill(planes.weight, &pixels, |p| (1.0 - p.transmittance) as f32);
@@ -127,6 +130,7 @@ fn by_centers(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<Seen>
                 bounds_px: projected.bounds_px,
                 forms: projected.forms,
                 opacity: cloud.data().opacities[i].into(),
+                weight: projected.weight,
                 color: seen.color(i).into(),
                 normal: view.view_from_world.transpose() * DVec3::new(x, y, z),
                 number: first + i,
@@ -164,6 +168,7 @@ impl<'a> Fragment<'a> {
         let may_show = alphas[1] * (1.0 + MARGIN) >= MIN_ALPHA;
         let open = may_show && (goes_through(alphas, MIN_ALPHA) || goes_through(range(z, depths), near));
         let shows = alpha >= MIN_ALPHA && z >= near && z.is_finite();
+        let (alpha, alphas) = (alpha * gaussian.weight, alphas.map(|alpha| alpha * gaussian.weight));
         (shows || open).then_some(Self { gaussian, alpha, z, shows, open, alphas, depths })
     }
 
@@ -180,6 +185,7 @@ impl Pixel {
     fn through(seen: &[Seen], at: V2<f64>, near: f64, plan: &FramePlan) -> Self {
         let mut pixel = Self {
             transmittance: 1.0,
+            weight: 0.0,
             color: DVec3::ZERO,
             normal: DVec3::ZERO,
             depth: 0.0,
@@ -245,6 +251,7 @@ impl Pixel {
             return false;
         }
         let weight = alpha * self.transmittance;
+        self.weight += weight;
         self.color += gaussian.color * weight;
         self.normal += gaussian.normal * weight;
         self.depth += z * weight;

@@ -1,10 +1,10 @@
 //! A cloud of Gaussians as a view sees it: what backends that draw them start from.
 
-use crate::{FramePlan, View};
+use crate::{FramePlan, SplatFilter, View};
 use glam::{DAffine3, DVec3};
 use surfel_math::gaussian::{self, GaussianRules, ProjectedGaussian, ViewGaussian};
 use surfel_math::{V3, projection::Projection};
-use surfel_model::{GaussianCloud, GaussianKind, Sort};
+use surfel_model::{Filter, GaussianCloud, GaussianKind, Sort};
 
 /// A cloud of Gaussians before a camera.
 pub struct GaussianView<'a> {
@@ -30,13 +30,17 @@ impl<'a> GaussianView<'a> {
             true => object_from_world.transform_point3(view.eye),
             false => object_from_world.transform_vector3(view.forward()),
         };
+        let SplatFilter { filter, radius_px, .. } = plan.splat_filter;
         Self {
             cloud,
             view_from_object: view_from_world * *world_from_object,
             eye,
             projection: view.projection,
             size_px: view.size.map(f64::from),
-            rules: GaussianRules { depth_along_ray: plan.sort == Sort::Pixel },
+            rules: GaussianRules {
+                depth_along_ray: plan.sort == Sort::Pixel,
+                principal_px: (filter == Filter::Principal).then_some(radius_px),
+            },
         }
     }
 

@@ -337,8 +337,8 @@ fn plan_of_gaussians(
     Ok(Some(FramePlan {
         passes: vec![Pass::Gaussians],
         splat_filter: SplatFilter {
-            filter: Filter::None,
-            radius_px: 0.0,
+            filter: settings.gaussian_filter,
+            radius_px: if settings.gaussian_filter == Filter::Principal { settings.prefilter_radius_px } else { 0.0 },
             cutoff: settings.cutoff,
             projective: false,
             drop_before_near: false,

@@ -114,6 +114,9 @@ pub struct SplatOptions {
     pub memory: Option<u64>,
 }
 
+/// Filters that trained Gaussians are drawn with.
+const OF_GAUSSIANS: [Filter; 2] = [Filter::Clamp, Filter::Principal];
+
 fn whole(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<u32, String> {
     let wrong = || format!("expected a whole number from {} to {}", range.start(), range.end());
     text.trim().parse::<u32>().ok().filter(|n| range.contains(n)).ok_or_else(wrong)
@@ -252,10 +255,10 @@ impl RenderOptions {
             (self.edge_aa.is_some(), "edge-aa"),
             (self.transparency.is_some(), "transparency"),
             (self.clip.is_some(), "clip"),
-            (self.filter.is_some(), "filter"),
+            (self.filter.is_some_and(|filter| !OF_GAUSSIANS.contains(&filter)), "filter"),
             (self.mapping.is_some(), "mapping"),
             (self.cutoff.is_some(), "cutoff"),
-            (self.prefilter.is_some(), "prefilter"),
+            (self.prefilter.is_some() && self.filter != Some(Filter::Principal), "prefilter"),
             (self.depth_tolerance.is_some(), "depth-tolerance"),
             (self.splats.cull.is_some(), "cull"),
             (self.wants_label(), "label"),

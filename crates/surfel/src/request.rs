@@ -17,7 +17,10 @@ use glam::DVec3;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel_model::{Camera, Light, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings, Shader, Up};
+use surfel_math::gaussian;
+use surfel_model::{
+    Camera, Composite, Geometry, Light, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings, Shader, Up,
+};
 use surfel_render::{Preset, View};
 use surfel_sample::Progress;
 
@@ -351,6 +354,7 @@ impl Request {
         let mut scene = assemble(&file, loaded.objects).map_err(in_file)?;
         absolute_paths(&mut file, &self.base)?;
         scene.matcap = matcap(&mut file, options)?;
+        note_near(&scene, &file.camera, note);
         Ok(Resolved { file, scene, turntable, up, beside })
     }
 
@@ -364,7 +368,7 @@ impl Request {
         let options = &self.options;
         let paths: Vec<&Path> = objects.iter().filter_map(|object| object.splats.as_deref()).collect();
         if let Some((over, about)) = auto_composite(&loaded, &paths, settings) {
-            settings = over;
+            settings = of_gaussians(over, options);
             if options.composite.is_none() {
                 note(format!("{}: {}", about.path.display(), about.text));
             }
@@ -424,6 +428,7 @@ impl Request {
         let mut scene = assemble(&file, loaded.objects)?;
         absolute_paths(&mut file, Path::new(""))?;
         scene.matcap = matcap(&mut file, options)?;
+        note_near(&scene, &file.camera, note);
         Ok(Resolved { file, scene, turntable, up, beside })
     }
 }
@@ -447,6 +452,27 @@ fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(St
     splats::check_used(&options.splats, &loaded.unused, note)?;
     let colorings = loaded.colorings.iter().map(|(path, coloring)| (path.as_path(), coloring));
     splats::write_color_bar(&options.splats, colorings, note)
+}
+
+/// Says it where most trained Gaussians before the camera are nearer than such are drawn.
+fn note_near(scene: &Scene, camera: &Camera, note: &mut dyn FnMut(String)) {
+    let Some(view) = View::new(camera).ok().filter(|view| view.projection.is_perspective()) else { return };
+    let (near, forward) = (gaussian::near(&view.projection), view.forward());
+    let (mut before, mut too_near) = (0, 0);
+    for object in &scene.objects {
+        let Geometry::Gaussians(cloud) = &object.geometry else { continue };
+        for i in 0..cloud.len() {
+            let depth = forward.dot(object.world_from_object.transform_point3(cloud.center(i)) - view.eye);
+            before += u64::from(depth > 0.0);
+            too_near += u64::from(depth > 0.0 && depth <= near);
+        }
+    }
+    if 2 * too_near > before {
+        note(format!(
+            "{too_near} of {before} Gaussians before the camera are nearer than {near} units, and such aren't drawn: \
+             --ortho shows them, and so does a scene file whose \"matrix\" makes them larger"
+        ));
+    }
 }
 
 fn beside(loaded: &LoadedObjects) -> Result<BTreeSet<PathBuf>, Error> {
@@ -495,8 +521,15 @@ fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>)
     settings
 }
 
+/// Settings of Gaussians drawn over one another: `--filter` is theirs, then.
+fn of_gaussians(settings: Settings, options: &RenderOptions) -> Settings {
+    let over = options.filter.filter(|_| settings.composite == Composite::Over);
+    settings.with_gaussian_filter(over.unwrap_or(settings.gaussian_filter))
+}
+
 fn settings(base: Settings, options: &RenderOptions) -> Settings {
-    base.with_filter(options.filter.unwrap_or(base.filter))
+    let settings = base
+        .with_filter(options.filter.unwrap_or(base.filter))
         .with_cutoff(options.cutoff.unwrap_or(base.cutoff))
         .with_prefilter_radius_px(options.prefilter.unwrap_or(base.prefilter_radius_px))
         .with_mapping(options.mapping.unwrap_or(base.mapping))
@@ -508,7 +541,8 @@ fn settings(base: Settings, options: &RenderOptions) -> Settings {
         .with_accumulate(options.accumulate.unwrap_or(base.accumulate))
         .with_composite(options.composite.unwrap_or(base.composite))
         .with_sort(options.sort.unwrap_or(base.sort))
-        .with_lod_error_px(options.lod_error.unwrap_or(base.lod_error_px))
+        .with_lod_error_px(options.lod_error.unwrap_or(base.lod_error_px));
+    of_gaussians(settings, options)
 }
 
 fn with_shadows(mut lights: Vec<Light>) -> Vec<Light> {

@@ -97,11 +97,11 @@ pub fn gaussian_extremes() -> Case {
     for i in 0..10 {
         let x = 0.2 * f64::from(i) - 0.9;
         let tilt = DQuat::from_rotation_z(0.3 * f64::from(i)) * DQuat::from_rotation_y(half * f64::from(i) / 12.0);
-        add([x, 0.6, 0.0], [0.01, 0.3], tilt, 0.9);
+        add([x, 0.6, 0.0], [0.3 * 10f32.powi(-i / 2 - 1), 0.3], tilt, 0.9);
         add([x, 0.3, 0.1], [1e-30, 1e-30], tilt, 1.0);
         add([x, 0.0, 0.2], [0.0, 0.1], tilt, 0.7);
-        // One is edge-on.
-        let from_edge = [1.0, 0.3, 0.1, 0.03, 0.0][i as usize % 5];
+        // Some are edge-on, or nearly so.
+        let from_edge = [1.0, 0.1, 1e-2, 1e-3, 1e-4, 1e-6, 0.0, 0.3, 0.03, 3e-3][i as usize];
         add(
             [x, if from_edge == 0.0 { 0.0 } else { -0.3 }, -0.2],
             [0.05, 0.05],
@@ -116,6 +116,9 @@ pub fn gaussian_extremes() -> Case {
     add([0.0, -1.0, 0.0], [3.0, 3.0], DQuat::from_rotation_x(half), 0.6);
     add([0.0, -0.4, 0.5], [1e4, 1e4], DQuat::from_rotation_x(half + 0.1), 0.3);
     add([0.0, 0.0, 1.85], [1.0, 1.0], DQuat::IDENTITY, 1.0);
+    // Sheets through each other before the eye and through the near plane.
+    add([0.2, 0.1, 1.6], [0.3, 0.5], DQuat::from_rotation_y(1.2), 0.2);
+    add([0.2, 0.1, 1.7], [0.4, 0.2], DQuat::from_rotation_y(-1.3) * DQuat::from_rotation_x(0.4), 0.2);
     data.centers = Column3::from_f64(&centers);
     Case::new("extreme gaussians", gaussian_scene(data), camera(2.0, 60.0, [48, 48]))
 }

@@ -2,10 +2,11 @@
 
 use super::{Image, Measure, Naive, Probe, Sweep, Truth, powers};
 use crate::build::{Splat, camera, confetti, scene};
+use crate::scenes::{gaussian_scene, random_gaussians};
 use glam::DVec3;
 use surfel_math::V3;
 use surfel_math::project::ViewSplat;
-use surfel_model::{Camera, Filter, Settings};
+use surfel_model::{Camera, Column3, Filter, GaussianKind, Settings, Sort};
 
 /// What the conformance harness allows: 2e-4 + 1e-3 of the value.
 const TOLERANCE: f64 = 1.2e-3;
@@ -39,6 +40,18 @@ pub(super) fn sweeps() -> Vec<Sweep> {
             values: powers(0.0, 6.0, 0.5).into_iter().map(f64::round).collect(),
             required: 1e6,
             probes: overlap,
+        },
+        Sweep {
+            name: "gaussian-distance",
+            parameter: "distance of the eye from the middle of trained Gaussians",
+            about: "Flat and solid Gaussians in a box of half a unit, in both orders: from 0.5 on the eye is among \
+                    them, and what is nearer than 0.2 is left out, of flat ones pixel by pixel.",
+            law: "the conformance tolerance, 1.2e-3 of a colour, outside of decision margins",
+            naive: "",
+            measure: Measure::Color,
+            values: powers(1.0, -6.0, 0.5),
+            required: 1e-6,
+            probes: near_gaussians,
         },
     ]
 }
@@ -100,4 +113,22 @@ fn overlap(count: f64) -> Vec<Probe> {
         scale: count,
         naive: Naive::Known(super::naive::half_sum(count as u32, 0.75)),
     }]
+}
+
+fn near_gaussians(distance: f64) -> Vec<Probe> {
+    let probe = |(kind, sort): (GaussianKind, Sort)| {
+        let mut data = random_gaussians(60, kind, 9);
+        let centers: Vec<DVec3> = (0..60).map(|i| 0.5 * data.centers.get(i)).collect();
+        data.centers = Column3::from_f64(&centers);
+        let image = Image {
+            scene: gaussian_scene(data),
+            camera: camera(distance, 60.0, [40, 40]),
+            region: None,
+            settings: Settings::default().with_sort(sort),
+        };
+        let (truth, naive) = (Truth::Reference, Naive::Nothing);
+        Probe { image, truth, amplification: 0.0, floor: TOLERANCE, scale: 1.0, naive }
+    };
+    let kinds = [GaussianKind::Flat, GaussianKind::Solid];
+    kinds.into_iter().flat_map(|kind| [Sort::Center, Sort::Pixel].map(|sort| (kind, sort))).map(probe).collect()
 }

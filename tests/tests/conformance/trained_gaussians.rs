@@ -8,7 +8,7 @@ use surfel_conformance::scenes::{
     Case, gaussian_extremes, gaussian_field, gaussian_object, gaussian_scene, gaussians_of, no_gaussians,
     random_gaussians, two_gaussian_objects,
 };
-use surfel_model::{Column3, EdgeAa, GaussianData, GaussianKind, Projection, Shader, Sort};
+use surfel_model::{Column3, EdgeAa, Filter, GaussianData, GaussianKind, Projection, Shader, Sort};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{
     Capabilities, Feature, Frame, Pass, Planes, Region, Renderer, SceneSummary, View, plan, unsupported,
@@ -29,6 +29,10 @@ fn drawn(renderer: &mut impl Renderer, case: &Case, planes: Planes) -> Frame {
 
 fn by_pixel(case: &Case) -> Case {
     case.with(&format!("{} by pixel", case.name), |s| s.sort = Sort::Pixel)
+}
+
+fn by_principal(case: &Case) -> Case {
+    case.with("principal", |s| s.gaussian_filter = Filter::Principal)
 }
 
 fn reference() -> Reference {
@@ -189,8 +193,16 @@ fn cpu_draws_gaussians_as_the_reference_does() {
     orthographic.camera.projection = Projection::Orthographic { height: 2.0 };
     orthographic.camera.far = Some(20.0);
     let solid = gaussian_field(GaussianKind::Solid);
-    let cases = [field, linear, orthographic, solid, gaussian_extremes(), two_gaussian_objects()];
-    for case in cases.iter().cloned().chain(cases.iter().map(by_pixel)) {
+    let far = |mut case: Case| {
+        // Hardly one is larger than a pixel.
+        case.camera.eye[2] = 60.0;
+        case.camera.projection = Projection::Perspective { fov_y_deg: 8.0 };
+        case
+    };
+    let mut cases = vec![field, linear, orthographic, solid, gaussian_extremes(), two_gaussian_objects()];
+    cases.extend([far(gaussian_field(GaussianKind::Flat)), far(gaussian_field(GaussianKind::Solid))]);
+    let principal = cases.iter().map(by_principal);
+    for case in cases.iter().cloned().chain(cases.iter().map(by_pixel)).chain(principal) {
         let want = drawn(&mut reference(), &case, planes().with_margin(true));
         let got = drawn(&mut cpu(2), &case, planes());
         let worst = worst(&values(&got), &values(&want), want.margin());
@@ -207,7 +219,8 @@ fn cpu_draws_the_same_bits_for_any_threads_regions_planes_and_levels() {
         floats.chain(frame.depth()).chain(frame.distortion()).map(|v| v.to_bits()).collect()
     };
     let cases = [gaussian_field(GaussianKind::Flat), gaussian_extremes(), two_gaussian_objects()];
-    for case in cases.iter().cloned().chain(cases.iter().map(by_pixel)) {
+    let both = cases.iter().map(by_pixel).map(|case| by_principal(&case));
+    for case in cases.iter().cloned().chain(cases.iter().map(by_pixel)).chain(both) {
         let whole = drawn(&mut cpu(1), &case, planes());
         for threads in [2, 7] {
             assert!(bits(&drawn(&mut cpu(threads), &case, planes())) == bits(&whole), "{}", case.name);
@@ -305,6 +318,7 @@ fn plan_of_gaussians_has_one_pass_and_surfaces_have_none_of_it() {
     let other = field.with("other", |s| *s = s.with_edge_aa(EdgeAa::Samples).with_shader(Shader::Toon));
     assert_eq!(planned(&other, Planes::COLOR).unwrap(), plain);
     assert_ne!(planned(&by_pixel(&field), Planes::COLOR).unwrap(), plain);
+    assert_ne!(planned(&by_principal(&field), Planes::COLOR).unwrap(), plain);
     let without = Capabilities { backend: "gpu", lacks: &[Feature::Gaussians, Feature::Toon, Feature::EdgeSamples] };
     let refused = |case: &Case| {
         let summary = SceneSummary::of(&case.scene);
@@ -372,11 +386,12 @@ fn turning_camera_makes_gaussians_pop_in_the_order_of_centers_alone() {
             let [x, y] = [(); 2].map(|()| random.range(-0.8, 0.8));
             data.rotations[i] = (DQuat::from_rotation_x(x) * DQuat::from_rotation_y(y)).as_quat().to_array();
         }
-        let case = Case::new("turning", gaussian_scene(data), camera(3.2, 45.0, [96, 96]));
-        let [center, pixel] = [case.clone(), by_pixel(&case)].map(|case| Turning::of(&case, 60));
+        let case = Case::new("turning", gaussian_scene(data), camera(3.2, 45.0, [64, 64]));
+        let [center, pixel] = [case.clone(), by_pixel(&case)].map(|case| Turning::of(&case, 40));
         println!("{kind:?}: {center:.4?} {pixel:.4?}");
-        assert!(center.largest_over_median > 2.0 && center.beyond_motion > 0.02, "{kind:?}: {center:?}");
-        assert!(pixel.largest_over_median < 1.2 && pixel.beyond_motion < 0.005, "{kind:?}: {pixel:?}");
+        assert!(center.largest_over_median > 1.8 && center.beyond_motion > 0.03, "{kind:?}: {center:?}");
+        // Between two edges that are less than a quarter of a pixel apart, no sample may fall.
+        assert!(pixel.largest_over_median < 1.2 && pixel.beyond_motion < 0.012, "{kind:?}: {pixel:?}");
     }
 }
 
@@ -385,7 +400,7 @@ fn turning_camera_makes_gaussians_pop_in_the_order_of_centers_alone() {
 struct Turning {
     /// The mean change of an image: the largest over the median of all steps.
     largest_over_median: f64,
-    /// The largest change of a pixel to what none of 8×8 samples of it showed before.
+    /// The largest change of a pixel to what none of 4×4 samples of it showed before.
     beyond_motion: f64,
 }
 
@@ -402,11 +417,11 @@ impl Turning {
         let (mut means, mut beyond_motion) = (Vec::new(), 0.0_f32);
         let width = case.camera.size[0] as usize;
         for step in 1..steps {
-            let (before, samples, after) = (image(step - 1, 1), image(step - 1, 8), image(step, 1));
+            let (before, samples, after) = (image(step - 1, 1), image(step - 1, 4), image(step, 1));
             let mut sum = 0.0;
             for (at, value) in after.iter().enumerate() {
-                let corner = at / width * 64 * width + at % width * 8;
-                let of_pixel = (0..64).map(|k| samples[corner + k / 8 * 8 * width + k % 8]);
+                let corner = at / width * 16 * width + at % width * 4;
+                let of_pixel = (0..16).map(|k| samples[corner + k / 4 * 4 * width + k % 4]);
                 let range = of_pixel.fold([[f32::MAX; 4], [f32::MIN; 4]], |[least, most], v| {
                     [std::array::from_fn(|c| least[c].min(v[c])), std::array::from_fn(|c| most[c].max(v[c]))]
                 });
@@ -420,5 +435,73 @@ impl Turning {
         means.sort_by(f64::total_cmp);
         let largest_over_median = means[means.len() - 1] / means[means.len() / 2];
         Self { largest_over_median, beyond_motion: beyond_motion.into() }
+    }
+}
+
+/// RMSE of linear light in an image of 48×48 against the mean of 8×8 unfiltered samples a pixel.
+fn error(case: &Case) -> f64 {
+    let mut samples = by_principal(case);
+    samples.settings.prefilter_radius_px = 0.0;
+    samples.camera.size = samples.camera.size.map(|side| 8 * side);
+    let width = case.camera.size[0] as usize;
+    let (image, samples) = (drawn(&mut cpu(2), case, Planes::COLOR), drawn(&mut cpu(2), &samples, Planes::COLOR));
+    let mut sum = 0.0;
+    for (at, pixel) in image.color().iter().enumerate() {
+        let corner = at / width * 64 * width + at % width * 8;
+        for c in 0..3 {
+            let of_pixel = (0..64).map(|k| f64::from(samples.color()[corner + k / 8 * 8 * width + k % 8][c]));
+            sum += (f64::from(pixel[c]) - of_pixel.sum::<f64>() / 64.0).powi(2);
+        }
+    }
+    (sum / (3 * image.color().len()) as f64).sqrt()
+}
+
+#[test]
+fn principal_is_nearer_to_supersampled_gaussians_than_what_they_were_trained_with() {
+    for kind in [GaussianKind::Flat, GaussianKind::Solid] {
+        // A ball in squares of two colours; Gaussians are as far apart as they are wide.
+        let mut random = Random::new(3);
+        let mut data = no_gaussians(kind);
+        let spacing = (4.0 * std::f64::consts::PI / 20_000.0_f64).sqrt();
+        let mut centers = Vec::new();
+        for _ in 0..20_000 {
+            let n = random.direction();
+            centers.push(n);
+            let [a, b] = [(); 2].map(|()| (random.factor(0.4, 1.0) * spacing) as f32);
+            data.sigmas.push([a, b, 0.05 * spacing as f32]);
+            data.rotations.push(DQuat::from_rotation_arc(DVec3::Z, n).as_quat().to_array());
+            data.opacities.push(random.range(0.3, 1.0) as f32);
+            let is_dark = ((n.x * 6.0).floor() + (n.y * 6.0).floor()) % 2.0 == 0.0;
+            data.harmonics.push(if is_dark { [-1.4, -1.2, -0.8] } else { [1.5, 1.2, 0.6] });
+        }
+        data.centers = Column3::from_f64(&centers);
+        let mut case = Case::new("ball", gaussian_scene(data), camera(40.0, 3.2, [48, 48]));
+        for (zoom, gain) in [(0.25, 2.3), (0.5, 3.5), (1.0, 3.5), (4.0, 0.99), (16.0, 0.99)] {
+            // Angles are small: the image's height in units is proportional to them.
+            case.camera.projection = Projection::Perspective { fov_y_deg: 3.2 / zoom };
+            let focal = case.view().projection.focal_px[0];
+            let [trained, principal] = [error(&case), error(&by_principal(&case))];
+            let sigma_px = 0.65 * spacing * focal / 39.0;
+            println!("{kind:?}: sigma {sigma_px:.2} px: {trained:.4} as trained, {principal:.4} principal");
+            assert!(principal * gain < trained, "{kind:?} {zoom}: {trained} {principal}");
+        }
+    }
+}
+
+#[test]
+fn tiny_gaussian_covers_by_its_area_where_it_is_filtered() {
+    let mut case = by_principal(&Case::new("one", gaussian_scene(one(0.8)), camera(400.0, 45.0, [33, 33])));
+    case.scene.background = [0.0; 4];
+    let focal = case.view().projection.focal_px[0];
+    let sigma = 0.1 / 400.0 * focal;
+    // Half of the filter's half-width is one standard deviation.
+    let least = 0.5 * std::f64::consts::FRAC_1_SQRT_2;
+    for frame in [drawn(&mut reference(), &case, planes()), drawn(&mut cpu(1), &case, planes())] {
+        for (i, got) in values(&frame).iter().enumerate() {
+            let d = dvec2((i % 33) as f64 - 16.0, (i / 33) as f64 - 16.0).length() / least;
+            let alpha = 0.8 * (-0.5 * d * d).exp();
+            let alpha = if alpha < 1.0 / 255.0 { 0.0 } else { alpha * (sigma / least).powi(2) };
+            assert!((got[3] - alpha).abs() < 1e-7, "{i}: {got:?} {alpha}");
+        }
     }
 }

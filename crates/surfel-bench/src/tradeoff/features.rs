@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use surfel::model::{
-    ClipColumns, ClipCurve, ClipLine, ClipMode, ClipPolicy, CloudData, Column3, EdgeAa, GaussianCloud, GaussianData,
-    GaussianKind, Geometry, Matcap, Mesh, ModelError, NO_LINE, Object, OnInvalid, Shader, Shape, Sort, Transparency,
+    ClipColumns, ClipCurve, ClipLine, ClipMode, ClipPolicy, CloudData, Column3, EdgeAa, Filter, GaussianCloud,
+    GaussianData, GaussianKind, Geometry, Matcap, Mesh, ModelError, NO_LINE, Object, OnInvalid, Shader, Shape, Sort,
+    Transparency,
 };
 use surfel::sample::{OctreeOptions, octree_from_mesh};
 use surfel::{Light, Material, NoProgress, Planes, Scene, Settings, SplatCloud, View};
@@ -55,6 +56,7 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
     let peel = set(|s| s.transparency = Transparency::Peel { layers: 4, drop_last: false });
     let abuffer = set(|s| s.transparency = Transparency::ABuffer { layers: 8 });
     let by_pixel = set(|s| s.sort = Sort::Pixel);
+    let principal = set(|s| s.gaussian_filter = Filter::Principal);
     let whole = set(|s| s.clip = ClipPolicy::Off);
     // 4 px of 256: the detail at which some of it is splats and some polygons.
     let octree_px = f64::from(view.size[0]) / 64.0;
@@ -86,10 +88,12 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
         },
         Case { other_scene: true, ..Case::new("trained Gaussians, one over another", gaussians()?, unlit) },
         Case { other_scene: true, ..Case::new("the same in the order of each pixel", gaussians()?, by_pixel) },
+        Case { other_scene: true, ..Case::new("the same, filter principal", gaussians()?, principal) },
         Case::new("peel:4, nothing transparent", plain()?, peel).absent(),
         Case::new("abuffer:8, nothing transparent", plain()?, abuffer).absent(),
         Case::new("rows and labels, planes not asked for", with(rows)?, unlit).absent(),
         Case::new("order of each pixel, no Gaussians", plain()?, by_pixel).absent(),
+        Case::new("filter of Gaussians, none there", plain()?, principal).absent(),
         Case::new("alphas, transparency off", with(alphas)?, unlit).absent(),
         Case::new("clip lines, clip off", with(clip_lines)?, whole).absent(),
         Case::new("a shadow, materials and a matcap, unlit", clay(materials(sunny(plain()?))), unlit).absent(),

@@ -19,6 +19,8 @@ pub(super) struct Record {
     pub fraction: [f32; 2],
     pub forms: GaussianForms<f32>,
     pub opacity: f32,
+    /// What α is multiplied by.
+    pub weight: f32,
     pub color: [f32; 3],
     /// World space.
     pub normal: [f32; 3],
@@ -119,6 +121,7 @@ fn record(seen: &GaussianView<'_>, i: usize, opacity: f32, view: &View, region: 
         fraction: [(x - base[0]) as f32, (y - base[1]) as f32],
         forms: GaussianForms { u: two(u), v: two(v), w: three(w), z: three(z), low_pass: low_pass as f32 },
         opacity,
+        weight: projected.weight as f32,
         color: three(seen.color(i)),
         normal: normal.as_vec3().to_array(),
         nearest: projected.nearest.max(0.0) as f32,

@@ -6,7 +6,9 @@ use crate::gaussians::records::Record;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::Bits;
 use fearless_simd::Simd;
-use surfel_math::gaussian::{self, GaussianForms, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, distortion_depth};
+use surfel_math::gaussian::{
+    self, GaussianForms, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, MIN_WEIGHT, distortion_depth,
+};
 use surfel_math::{Real, V2};
 use surfel_render::{Frame, Planes, Region};
 
@@ -28,6 +30,8 @@ type Rows = [Row; SIDE];
 /// Sums of planes besides the colour.
 #[derive(Default)]
 struct Sums {
+    /// Σw: more precise than 1 − T where little is there.
+    weight: Rows,
     normal: [Rows; 3],
     depth: Rows,
     median_depth: Rows,
@@ -138,6 +142,7 @@ impl Tile {
                 if bits == 0 {
                     continue;
                 }
+                let alpha = alpha * Lanes::splat(simd, record.weight);
                 match &mut pending {
                     None => {
                         let [color, normal] = [record.color, record.normal].map(|v| v.map(|c| Lanes::splat(simd, c)));
@@ -261,8 +266,9 @@ impl Tile {
                 fill(plane, &row, |x| 1.0 - transmittance[x]);
             }
             let Some(sums) = &self.sums else { continue };
-            let there = |x: usize, value: f32| if transmittance[x] < 1.0 { value } else { f32::INFINITY };
-            fill(planes.depth, &row, |x| there(x, sums.depth[y][x] / (1.0 - transmittance[x])));
+            let weight = &sums.weight[y];
+            let there = |x: usize, value: f32| if weight[x] > MIN_WEIGHT as f32 { value } else { f32::INFINITY };
+            fill(planes.depth, &row, |x| there(x, sums.depth[y][x] / weight[x]));
             fill(planes.median_depth, &row, |x| there(x, sums.median_depth[y][x]));
             fill(planes.distortion, &row, |x| sums.distortion[y][x]);
             fill(planes.normal, &row, |x| sums.normal.each_ref().map(|rows| rows[y][x]));
@@ -293,6 +299,7 @@ impl Sums {
         }
         // Depths of what isn't drawn may be anything.
         let z = Lanes::select(drawn, z, z.one());
+        add(simd, &mut self.weight[row], weight, weight.one());
         add(simd, &mut self.depth[row], weight, z);
         let median = Lanes::load(simd, &self.median_depth[row]);
         Lanes::select(drawn & z.constant(0.5).lt(before), z, median).store(&mut self.median_depth[row]);
