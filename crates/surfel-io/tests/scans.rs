@@ -440,8 +440,7 @@ fn damaged_e57_is_refused_in_one_sentence() {
 
 /// With `repair`.
 fn repaired(bytes: &[u8]) -> Result<Loaded, String> {
-    let mut options = LoadOptions::default();
-    options.repair = true;
+    let options = LoadOptions { repair: true, ..LoadOptions::default() };
     load_bytes(bytes, None, Path::new("a"), &options).map_err(|e| e.to_string())
 }
 

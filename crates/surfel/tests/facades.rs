@@ -1,10 +1,11 @@
-//! A building with floors inside: none of them shows through the walls that it ends at.
+//! A building with floors inside: none of them shows through the walls that it ends at. Walls of points: each pixel of
+//! them has their depth.
 
 use std::fmt::Write as _;
 use surfel::io::Content;
-use surfel::model::{DepthTolerance, Geometry, Scene};
+use surfel::model::{Camera, DepthTolerance, Geometry, Scene};
 
-use surfel::{Backend, Frame, LoadedScene, NoProgress, open};
+use surfel::{Backend, Frame, LoadedScene, NoProgress, Planes, Renderer, View, open};
 
 /// Height of a storey.
 const STOREY: f64 = 0.35;
@@ -74,4 +75,76 @@ fn floors_do_not_shine_through_the_walls_of_a_bare_building() {
     assert!(inside > 10_000, "{inside}");
     // Measured: 676 and 1342 of 117,481. Those that are left come from the part of the tolerance that grows with slope.
     assert!(bare * 100 < inside && bare * 3 < tolerant * 2, "{bare} {tolerant} of {inside}");
+}
+
+/// Depth of 15,625 points as a file's bare picture has it, 128 by 96 pixels, and how many of the pixels that `truth`
+/// gives a depth (by the ray's x and y at z = 1) have no point projected into them.
+fn depth_of_points(name: &str, points: &[[f64; 3]], truth: impl Fn(f64, f64) -> f64) -> (Vec<[f64; 2]>, usize) {
+    const SIZE: [u32; 2] = [128, 96];
+    const FOCAL_PX: f64 = 112.5;
+    let path = std::env::temp_dir().join(format!("surfel-{name}-{}.xyz", std::process::id()));
+    let text: String = points.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
+    std::fs::write(&path, text).unwrap();
+    let LoadedScene { mut file, scene, .. } = open(&[&path], &NoProgress).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    let (fx, fy, cx, cy) = (FOCAL_PX, FOCAL_PX, 64.0, 48.0);
+    file.camera = Camera::intrinsics([0.0; 3], [0.0, 0.0, 1.0], [fx, fy], [cx, cy], SIZE);
+    file.camera.up = [0.0, -1.0, 0.0];
+    let (mut backend, mut frame) = (Backend::auto().unwrap(), Frame::default());
+    let resident = backend.upload(&scene).unwrap();
+    let view = View::new(&file.camera).unwrap();
+    backend.render_into(&resident, &view, &file.settings, Planes::ALL, &mut frame).unwrap();
+    let mut is_hit = vec![false; frame.depth().len()];
+    for [x, y, z] in points {
+        let [column, row] = [x / z * fx + cx, y / z * fy + cy].map(f64::floor);
+        if (0.0..128.0).contains(&column) && (0.0..96.0).contains(&row) {
+            is_hit[row as usize * 128 + column as usize] = true;
+        }
+    }
+    let (mut depths, mut empty) = (Vec::new(), 0);
+    for (i, depth) in frame.depth().iter().enumerate() {
+        let expected = truth(((i % 128) as f64 + 0.5 - cx) / fx, ((i / 128) as f64 + 0.5 - cy) / fy);
+        if expected.is_finite() {
+            depths.push([f64::from(*depth), expected]);
+            empty += usize::from(!is_hit[i]);
+        }
+    }
+    (depths, empty)
+}
+
+#[test]
+fn walls_of_points_have_depth_in_every_pixel() {
+    // 1.3 points a pixel, as a million on 1024 by 768: of the pixels 0.72 have none (Open3D's project_to_depth_image
+    // leaves as many empty, and 0.084 of the sphere's; of 0.38 of the sphere's it shows the far side).
+    let mut state = 7_u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let mut wall = Vec::new();
+    let mut sphere = Vec::new();
+    for _ in 0..15_625 {
+        let (x, y) = (4.0 * random() - 2.0, 4.0 * random() - 2.0);
+        wall.push([x, y, 2.0 + 0.3 * x]);
+        let (z, angle) = (2.0 * random() - 1.0, std::f64::consts::TAU * random());
+        let ring = (1.0 - z * z).sqrt();
+        sphere.push([ring * angle.cos(), ring * angle.sin(), z + 3.0]);
+    }
+    let (depths, empty) = depth_of_points("wall", &wall, |x, _| 2.0 / (1.0 - 0.3 * x));
+    assert!(depths.len() == 128 * 96 && empty * 10 > depths.len() * 6, "{empty} of {}", depths.len());
+    for [depth, expected] in depths {
+        // f32 points, normals and sums: some ulp of 3 m.
+        assert!((depth - expected).abs() < 1e-5, "{depth} {expected}");
+    }
+    let hit = |x: f64, y: f64| {
+        let a = x * x + y * y + 1.0;
+        // Within the outline: splats end somewhere beyond.
+        if 9.0 - 8.0 * a > 0.0 { (3.0 - (9.0 - 8.0 * a).sqrt()) / a } else { f64::INFINITY }
+    };
+    let (depths, empty) = depth_of_points("sphere", &sphere, hit);
+    assert!(depths.len() > 4900 && empty * 100 > depths.len() * 5, "{empty} of {}", depths.len());
+    let mean = depths.iter().map(|[depth, expected]| (depth - expected).powi(2)).sum::<f64>() / depths.len() as f64;
+    // Disks on a sphere, 0.05 large, lie 0.001 off at their rims; at the outline they are seen from the side. The far
+    // side is 2 away.
+    assert!(mean.sqrt() < 0.01, "{}", mean.sqrt());
 }
