@@ -306,6 +306,7 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> 
 /// [`Error::Unsuitable`] if it holds no splat, or `options.sharp` is set and Cargo's feature `sharp` isn't.
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
     let options = &options.clone().with_gaussians(false);
+    progress.stage("reading", 0);
     let (loaded, levels) = read_needed(path, options)?;
     Ok(LoadedCloud { levels, ..splats_of(loaded, path, options, progress)? })
 }
