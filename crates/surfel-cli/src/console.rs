@@ -1,8 +1,10 @@
 //! What the user sees on stderr.
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use std::fmt;
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
+use std::time::Duration;
 use surfel::Progress;
 
 /// Longest line of an error message, in characters.
@@ -61,12 +63,7 @@ impl Progress for Bar {
             if let Some(bar) = current.take() {
                 bar.finish_and_clear();
             }
-            let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr());
-            if let Ok(style) = ProgressStyle::with_template("{msg:>20} {wide_bar} {percent:>3} %") {
-                bar.set_style(style);
-            }
-            bar.set_message(name.to_owned());
-            *current = Some(bar);
+            *current = Some(bar(name, total, ProgressDrawTarget::stderr()));
         });
     }
 
@@ -87,6 +84,56 @@ impl Drop for Bar {
             }
         });
     }
+}
+
+/// Steps of a stage below which nothing is to be said of their rate.
+const LEAST_STEPS: u64 = 2;
+/// How often a bar is drawn that nothing has advanced.
+const TICK: Duration = Duration::from_millis(250);
+
+/// A bar that says stage, rate and time left; of a stage of a single step, or of nobody knows how many, how long it has
+/// lasted.
+fn bar(name: &str, total: u64, target: ProgressDrawTarget) -> ProgressBar {
+    let (length, template) = match total {
+        0..LEAST_STEPS => (None, "{msg:>20} {spinner} {lasted}"),
+        _ => (Some(total), "{msg:>20} {wide_bar} {percent:>3} % {rate:>8} {left:>11}"),
+    };
+    let bar = ProgressBar::with_draw_target(length, target);
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        type Out<'a> = &'a mut dyn fmt::Write;
+        // Text that can't be written isn't shown.
+        let rate = |state: &ProgressState, out: Out<'_>| _ = out.write_str(&rate(state.per_sec()));
+        let left = |state: &ProgressState, out: Out<'_>| _ = out.write_str(&left(state));
+        let lasted = |state: &ProgressState, out: Out<'_>| _ = out.write_str(&clock(state.elapsed().as_secs()));
+        bar.set_style(style.with_key("rate", rate).with_key("left", left).with_key("lasted", lasted));
+    }
+    bar.set_message(name.to_owned());
+    bar.enable_steady_tick(TICK);
+    bar
+}
+
+/// Steps a second in three digits.
+fn rate(per_second: f64) -> String {
+    let (scaled, unit) = match per_second {
+        r if r >= 999.5e6 => (r / 1e9, " G/s"),
+        r if r >= 999.5e3 => (r / 1e6, " M/s"),
+        r if r >= 999.5 => (r / 1e3, " k/s"),
+        r if r > 0.0 => (r, " /s"),
+        _ => return String::new(),
+    };
+    let digits = usize::from(scaled < 99.95) + usize::from(scaled < 9.995);
+    format!("{scaled:.digits$}{unit}")
+}
+
+/// The time left; nothing where no step has been done.
+fn left(state: &ProgressState) -> String {
+    if state.pos() == 0 { String::new() } else { format!("{} left", clock(state.eta().as_secs())) }
+}
+
+/// Seconds, as 0:07 or 1:02:03.
+fn clock(seconds: u64) -> String {
+    let (hours, minutes, seconds) = (seconds / 3600, seconds / 60 % 60, seconds % 60);
+    if hours > 0 { format!("{hours}:{minutes:02}:{seconds:02}") } else { format!("{minutes}:{seconds:02}") }
 }
 
 /// Prints an error: `error:` and at most four lines.
@@ -111,4 +158,85 @@ pub(crate) fn error(message: &str) {
 fn to_stderr(text: &str) {
     // Nobody is left to tell where stderr is closed.
     let _ = std::io::stderr().lock().write_all(text.as_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io;
+    use std::sync::Arc;
+
+    /// A terminal that keeps all that is written to it.
+    #[derive(Clone, Debug, Default)]
+    struct Terminal(Arc<Mutex<String>>);
+
+    impl Terminal {
+        fn push(&self, text: &str) -> io::Result<()> {
+            self.0.lock().unwrap().push_str(text);
+            Ok(())
+        }
+    }
+
+    impl indicatif::TermLike for Terminal {
+        fn width(&self) -> u16 {
+            80
+        }
+        fn move_cursor_up(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+        fn move_cursor_down(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+        fn move_cursor_right(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+        fn move_cursor_left(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+        fn write_line(&self, text: &str) -> io::Result<()> {
+            self.push(&format!("{text}\n"))
+        }
+        fn write_str(&self, text: &str) -> io::Result<()> {
+            self.push(text)
+        }
+        fn clear_line(&self) -> io::Result<()> {
+            self.push("\n")
+        }
+        fn flush(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// What a terminal shows of a bar of so many steps, half of which are done.
+    fn shown(total: u64) -> String {
+        let terminal = Terminal::default();
+        let bar = bar("normals", total, ProgressDrawTarget::term_like_with_hz(Box::new(terminal.clone()), 255));
+        for _ in 0..20 {
+            std::thread::sleep(Duration::from_millis(20));
+            bar.inc(total / 40);
+        }
+        bar.abandon();
+        let text = terminal.0.lock().unwrap().clone();
+        text
+    }
+
+    #[test]
+    fn bars_say_stage_rate_and_time_left() {
+        let text = shown(4_000_000);
+        let line = text.lines().rev().find(|line| line.contains(" M/s")).unwrap_or_else(|| panic!("{text}"));
+        assert!(line.trim_start().starts_with("normals ") && line.contains("50 %"), "{line}");
+        assert!(line.trim_end().ends_with("left") && line.contains("0:0"), "{line}");
+        assert!(line.chars().count() <= 80, "{line}");
+        let single = shown(1);
+        assert!(single.contains("normals") && single.contains("0:00") && !single.contains("left"), "{single}");
+    }
+
+    #[test]
+    fn rates_have_three_digits_and_times_are_clocks() {
+        let rates = [0.0, 0.5, 9.994, 9.996, 99.96, 999.4, 999.6, 1_234.0, 999_600.0, 12.34e6, 2.5e9];
+        let texts = ["", "0.50 /s", "9.99 /s", "10.0 /s", "100 /s", "999 /s", "1.00 k/s", "1.23 k/s", "1.00 M/s"];
+        let texts = texts.into_iter().chain(["12.3 M/s", "2.50 G/s"]);
+        assert!(rates.into_iter().map(rate).eq(texts), "{:?}", rates.map(rate));
+        assert_eq!([0, 59, 60, 3599, 3600, 7384].map(clock), ["0:00", "0:59", "1:00", "59:59", "1:00:00", "2:03:04"]);
+    }
 }

@@ -508,6 +508,8 @@ impl Job<'_> {
             (None, None) => self.upload(backend, &resolved.scene)?,
         };
         let settings = &resolved.file.settings;
+        let bar = self.console.progress();
+        bar.stage("drawing", 0);
         let mut once = |planes| match self.args.samples {
             Some(n) => backend.render_supersampled(&resident, &view, settings, planes, n, &mut self.frame),
             None => backend.render_into(&resident, &view, settings, planes, &mut self.frame),

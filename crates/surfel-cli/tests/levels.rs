@@ -79,6 +79,30 @@ fn view_of_a_large_file_reads_what_it_needs_and_looks_like_all_of_it() {
 }
 
 #[test]
+fn camera_is_the_same_for_a_part_of_the_levels_and_for_all() {
+    let folder = Folder::new("levels-camera");
+    folder.write("in.las", las(600));
+    folder.run("convert in.las -o out.copc.laz").code(0);
+    let camera = |flags: &str| {
+        let printed = folder.run(&format!("render {flags} --size 160x120 --print-scene")).code(0).json();
+        let camera = &printed["camera"];
+        let place = |key: &str| [0, 1, 2].map(|k| camera[key][k].as_f64().unwrap());
+        (place("eye"), place("target"))
+    };
+    assert_eq!(camera("out.copc.laz --lod-error 3"), camera("out.copc.laz --all-levels"));
+    // The coarsest levels have at most 100,000 points, and with the next more, on 60 m by 60 m: they are at most 0.38 m
+    // apart. Each end of what they cover is half of that off, which moves the eye by the same part of its distance.
+    let apart = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+    let (levels, points) = (camera("out.copc.laz --view iso"), camera("in.las --view iso"));
+    let (off, away) = (apart(levels.0, points.0), apart(points.0, points.1));
+    assert!(off < 0.38 / 60.0 * away, "{off} of {away}");
+    for (name, flags) in [("some", ""), ("all", "--all-levels")] {
+        folder.run(&format!("render out.copc.laz {flags} --size 160x120 --no-metadata -o {name}.png")).code(0);
+    }
+    folder.run("compare all.png some.png --fail-above flip=0.02").code(0);
+}
+
+#[test]
 fn rows_and_tiles_are_those_of_all_whatever_levels_are_read() {
     let folder = Folder::new("levels-rows");
     folder.write("in.las", las(400));

@@ -33,7 +33,8 @@ const SPACING: &str = "surfel_level_spacing";
 /// What is read of a COPC file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Levels {
-    /// The coarsest levels: enough to place a camera.
+    /// The coarsest levels: enough to place a camera. Their splats have gaps, so that what they cover is no larger than
+    /// what all points do.
     Overview,
     /// What views need.
     Views {
@@ -101,7 +102,7 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Option<(Loaded,
     let columns = if has_choice || has_values { NodeColumns::All } else { NodeColumns::Splats };
     let mut found = copc.points_of(&nodes, columns, &io_options(options))?;
     if let Content::Points(points) = &mut found.loaded.content {
-        if !report.is_whole() {
+        if !report.is_whole() && *levels != Levels::Overview {
             mark(&copc, &nodes, &found.ends, points);
         }
         if options.rows || options.label.is_some() {

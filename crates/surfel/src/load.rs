@@ -158,7 +158,8 @@ impl LoadOptions {
         self.every = convert.every.or(self.every);
         self.all_points |= convert.all_points;
         self.outliers = convert.outliers.unwrap_or(self.outliers);
-        if convert.all_levels {
+        // The coarsest levels place a camera, whatever is drawn then, unless they may hold none of the points.
+        if convert.all_levels && (self.levels != Some(Levels::Overview) || self.chooses_points()) {
             self.levels = None;
         }
         self.allow_outside |= convert.allow_outside;
@@ -168,6 +169,15 @@ impl LoadOptions {
 }
 
 impl LoadOptions {
+    /// Whether a part of the points is asked for: a place, classes, returns, attributes.
+    fn chooses_points(&self) -> bool {
+        self.crop.is_some()
+            || !self.classes.is_empty()
+            || self.returns.is_some()
+            || self.condition.is_some()
+            || self.every.is_some()
+    }
+
     /// With what these settings may need of a file: Gaussians as they were trained, and a cloud's interior weight, for
     /// edges antialiased by coverage and A-buffers. Whether a scene does need that,
     /// [`surfel_render::needs_interior_weight`] knows once it is loaded.
@@ -301,6 +311,7 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> 
 /// [`Error::Unsuitable`] if it holds no splat, or `options.sharp` is set and Cargo's feature `sharp` isn't.
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
     let options = &options.clone().with_gaussians(false);
+    progress.stage("reading", 0);
     let (loaded, levels) = read_needed(path, options)?;
     Ok(LoadedCloud { levels, ..splats_of(loaded, path, options, progress)? })
 }
@@ -316,13 +327,9 @@ pub(crate) fn read_needed(path: &Path, options: &LoadOptions) -> Result<(Loaded,
 
 /// Refuses a scan that won't fit into memory, before it is read.
 fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
-    let is_chosen = options.crop.is_some()
-        || !options.classes.is_empty()
-        || options.returns.is_some()
-        || options.condition.is_some()
-        || options.every.is_some();
     let is_file = options.stdin.is_none() || path != Path::new(STDIN);
-    let Some((points, has_radii)) = surfel_io::survey_points(path).filter(|_| is_file && !is_chosen) else {
+    let is_all = is_file && !options.chooses_points();
+    let Some((points, has_radii)) = surfel_io::survey_points(path).filter(|_| is_all) else {
         return Ok(());
     };
     let points = options.max_points.map_or(points, |most| points.min(most as u64));

@@ -204,6 +204,7 @@ pub fn load_objects(
         let Known { geometry, mut facts, unused } = match known.get(&key) {
             Some(found) => found.clone(),
             None => {
+                progress.stage("reading", 0);
                 let (found, notes) = if as_mesh {
                     let LoadedMesh { mesh, up, up_reason, notes } = load_mesh(&path, options, &mut loaded.beside)?;
                     let facts = ObjectFacts { up, up_reason, ..ObjectFacts::default() };

@@ -115,14 +115,15 @@ pub(super) struct Template {
     pub(super) offset: DVec3,
 }
 
-/// Writes the file: nodes from the root down, so that coarse levels are read in one go.
+/// Writes the file: nodes from the root down, so that coarse levels are read in one go. `copied` is told how many bytes
+/// of chunks there are.
 pub(super) fn write(
     out: &mut dyn Write,
     of: &Template,
     laz: &LazVlr,
     (summary, cube): (&Summary, &Cube),
-    mut chunks: Vec<Chunk>,
-    source: &mut File,
+    (mut chunks, source): (Vec<Chunk>, &mut File),
+    copied: &dyn Fn(u64),
 ) -> io::Result<()> {
     chunks.sort_unstable_by_key(|chunk| (chunk.level, chunk.code));
     let mut laszip = Vec::new();
@@ -167,12 +168,14 @@ pub(super) fn write(
     short.iter().for_each(|record| record.write(&mut head));
     head.extend_from_slice(&(at as i64).to_le_bytes());
     out.write_all(&head)?;
-    let mut bytes = Vec::new();
+    let (mut bytes, mut done) = (Vec::new(), 0);
     for chunk in &chunks {
         bytes.resize(chunk.bytes as usize, 0);
         source.seek(SeekFrom::Start(chunk.at))?;
         source.read_exact(&mut bytes)?;
         out.write_all(&bytes)?;
+        done += chunk.bytes;
+        copied(done);
     }
     out.write_all(&packed_table)?;
     let mut tail = Vec::new();

@@ -497,7 +497,9 @@ impl<'a> Writer<'a> {
         let levels = self.chunks.iter().map(|chunk| chunk.level + 1).max().unwrap_or(0);
         let report = CopcReport { points: self.summary.count, nodes: self.chunks.len(), levels, notes: self.notes };
         let Some(cube) = self.cube else { return Err(io::Error::other("no octree was built")) };
-        output::write(sink, &self.template, &self.laz, (&self.summary, &cube), self.chunks, &mut self.chunk_file)?;
+        let copied = |bytes| (self.progress)("writing the file", bytes, self.chunk_bytes);
+        let source = (self.chunks, &mut self.chunk_file);
+        output::write(sink, &self.template, &self.laz, (&self.summary, &cube), source, &copied)?;
         Ok(report)
     }
 }
