@@ -167,7 +167,7 @@ pub(crate) struct RenderArgs {
     /// surfaces; over where they are alone and no other flag is for surfaces.
     #[arg(long, value_parser = values::composite(), help_heading = "Settings")]
     pub(crate) composite: Option<Composite>,
-    /// Trained Gaussians, order in which they are drawn over one another: by their centres, as trained, or exact in each
+    /// Order in which trained Gaussians are drawn over one another: by their centres, as trained, or exact in each
     /// pixel, where nothing pops.
     #[arg(long, value_parser = values::sort(), help_heading = "Settings")]
     pub(crate) sort: Option<Sort>,

@@ -1,8 +1,9 @@
 //! Trained Gaussians, one over another (docs/gaussians.md), front to back in tiles of 16×16 pixels.
 //!
-//! All are sorted once by the depth of their centres, or of where they begin. `records` cuts that order into parts, projects each part's
-//! Gaussians and lists them by tile; `tile` blends a tile's lists, part after part, so that the order of each pixel is
-//! the same for any number of threads; `pending` sorts the fragments of each pixel where that is asked for.
+//! All are sorted once by the depth of their centres, or of where they begin. `records` cuts that order into parts,
+//! projects each part's Gaussians and lists them by tile; `tile` blends a tile's lists, part after part, so that the
+//! order of each pixel is the same for any number of threads; `pending` sorts the fragments of each pixel where that is
+//! asked for.
 
 mod grid;
 mod pending;
