@@ -448,9 +448,9 @@ fn error(case: &Case) -> f64 {
     let mut sum = 0.0;
     for (at, pixel) in image.color().iter().enumerate() {
         let corner = at / width * 64 * width + at % width * 8;
-        for c in 0..3 {
+        for (c, value) in pixel[..3].iter().enumerate() {
             let of_pixel = (0..64).map(|k| f64::from(samples.color()[corner + k / 8 * 8 * width + k % 8][c]));
-            sum += (f64::from(pixel[c]) - of_pixel.sum::<f64>() / 64.0).powi(2);
+            sum += (f64::from(*value) - of_pixel.sum::<f64>() / 64.0).powi(2);
         }
     }
     (sum / (3 * image.color().len()) as f64).sqrt()
