@@ -186,9 +186,9 @@ impl Drawing<'_> {
         if plan.reach_px() > 0 {
             let mut gbuffer = pools.gbuffers.take();
             gbuffer.reset_for(&grid, plan);
-            for (tile, mut numbers) in gbuffer.cut().into_iter().enumerate() {
+            for tile in 0..grid.tiles() {
                 target.go_to(&grid, tile);
-                totals.counters += job.draw(instructions, target, Some(&mut numbers), &mut own);
+                totals.counters += job.draw(instructions, target, Some(&mut gbuffer.tile(tile)), &mut own);
             }
             let after_tiles = Instant::now();
             totals.tiles_ms += (after_tiles - after_setup).as_secs_f64() * 1e3;

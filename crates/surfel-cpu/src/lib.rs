@@ -12,8 +12,7 @@
 //! 6. `raster`: per block two loops over the same list, depth thresholds, then weighted sums in registers;
 //! 7. `shade`: sums are divided and lit; shadow maps; transparent layers are composited;
 //! 8. `screen`: blocks become tiles of the image while they are hot; edge antialiasing, outlines and eye-dome lighting
-//!    look at a
-//!    G-buffer of a tile and its neighbours.
+//!    look at a G-buffer of a tile and its neighbours.
 //!
 //! `gaussians` draws trained Gaussians, which have none of these stages, by `simd` and `scene` alone.
 //!

@@ -5,7 +5,6 @@
 
 use crate::cull::chunks::{MeshPart, VisibleChunk, mesh_parts};
 use crate::cull::object::{ObjectView, inside};
-use crate::cull::occlusion;
 use crate::scene::mesh::StoredMesh;
 use crate::tiles::grid::Grid;
 use surfel_render::{ChosenParts, Region, View};
@@ -33,6 +32,16 @@ const CELLS_PER_THREAD: usize = 8;
 /// cache.
 const TILES_OF_GBUFFER: usize = 128;
 
+/// Splats over each point of a cell that come first: some surfaces, of three or four each.
+const LAYERS: f64 = 10.0;
+
+/// Least share of a cell's splats behind the first layers for which occlusion culling pays.
+const WORTHWHILE: f64 = 0.3;
+
+/// Share of the most splats of a cell of which so much is asked: fewer are drawn as soon as it is known what occludes
+/// them.
+const ENOUGH: f64 = 0.5;
+
 /// What a cell is made of.
 #[derive(Clone, Copy)]
 enum Part {
@@ -56,12 +65,6 @@ struct PartInView {
 }
 
 impl PartInView {
-    /// What it is in some pixels.
-    fn share_in(&self, pixels: &[f64; 4]) -> occlusion::Share {
-        let share = self.share(pixels);
-        occlusion::Share { splats: self.splats * share, area_px: self.area_px * share, depths: self.depths }
-    }
-
     /// The share of its splats in some pixels.
     fn share(&self, pixels: &[f64; 4]) -> f64 {
         let side = |axis: usize| {
@@ -165,8 +168,7 @@ impl Limits {
                 }
             }
             // Chunks come before meshes.
-            let shares = parts[..chunks.len()].iter().map(|p| p.share_in(&pixels));
-            let first = occlusion::first(shares, area, self.load);
+            let first = first(&parts[..chunks.len()], &pixels, self.load);
             cells.push(Cell { region: region(&pixels), chunks, first, mesh_parts, cost });
             return;
         }
@@ -183,6 +185,26 @@ impl Limits {
             self.split(grid, tiles, &inside, cells);
         }
     }
+}
+
+/// How many of a cell's chunks, from near to far, are set up before others are asked whether something occludes them:
+/// all, or the first layers. `most` is how many splats a cell may have.
+fn first(chunks: &[PartInView], pixels: &[f64; 4], most: f64) -> usize {
+    let enough = LAYERS * (pixels[2] - pixels[0]) * (pixels[3] - pixels[1]);
+    let (mut area, mut farthest) = (0.0, 0.0f64);
+    let Some(first) = chunks.iter().position(|chunk| {
+        area += chunk.area_px * chunk.share(pixels);
+        if area <= enough {
+            farthest = farthest.max(chunk.depths[1]);
+        }
+        area > enough
+    }) else {
+        return chunks.len();
+    };
+    let splats = |chunk: &PartInView| chunk.splats * chunk.share(pixels);
+    let behind: f64 = chunks[first..].iter().filter(|chunk| chunk.depths[0] > farthest).map(splats).sum();
+    let total: f64 = chunks.iter().map(splats).sum();
+    if total > ENOUGH * most && behind > WORTHWHILE * total { first } else { chunks.len() }
 }
 
 /// Pixels of some tiles inside the grid's region: least x and y, greatest x and y.

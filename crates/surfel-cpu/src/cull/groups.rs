@@ -3,6 +3,7 @@
 use crate::cull::object::{ObjectView, RegionSides, pixels_of_box};
 use crate::scene::cloud::Chunk;
 use crate::scene::groups::Groups;
+use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::{Bits, transform};
 use crate::tiles::drawn::{BlockSet, DrawnBlocks};
@@ -47,19 +48,11 @@ pub(crate) fn visible<S: Simd>(
 
 /// Those of some groups, given by spheres in view space, that may touch some blocks.
 #[inline(never)]
-fn touching<S: Simd>(
-    set: &BlockSet,
-    view: &ObjectView<'_>,
-    p: &V3<Lanes<S>>,
-    radius: Lanes<S>,
-    mut groups: u64,
-) -> u64 {
+fn touching<S: Simd>(set: &BlockSet, view: &ObjectView<'_>, p: &V3<Lanes<S>>, radius: Lanes<S>, groups: u64) -> u64 {
     let [x, y, z, radius] = [p.x, p.y, p.z, radius].map(Lanes::to_array);
     let margin = view.plan.splat_filter.reach_px();
     let mut touching = 0;
-    while groups != 0 {
-        let i = groups.trailing_zeros() as usize;
-        groups &= groups - 1;
+    for i in ones(groups) {
         let center = DVec3::new(x[i].into(), y[i].into(), z[i].into());
         // Far above the rounding of lanes.
         let half = DVec3::splat(f64::from(radius[i]) * (1.0 + 1e-5) + 1e-6 * center.length());

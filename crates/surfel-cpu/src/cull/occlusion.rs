@@ -8,47 +8,8 @@ use crate::cull::object::{ObjectView, inside};
 use crate::tiles::grid::{BLOCK, Grid};
 use surfel_render::Region;
 
-/// Splats over each point of a cell that come first: some surfaces, of three or four each.
-const LAYERS: f64 = 10.0;
-
-/// Least share of a cell's splats behind the first layers for which occlusion culling pays.
-const WORTHWHILE: f64 = 0.3;
-
-/// Share of the most splats of a cell of which so much is asked: fewer are drawn as soon as it is known what occludes
-/// them.
-const ENOUGH: f64 = 0.5;
-
 /// Slack of a chunk's nearest depth, relative to its farthest: far above rounding in setup.
 const DEPTH_SLACK: f64 = 1e-5;
-
-/// What a chunk is in a cell.
-pub(crate) struct Share {
-    pub splats: f64,
-    /// Areas of its splats in the cell together, pixels.
-    pub area_px: f64,
-    /// Nearest and farthest depth.
-    pub depths: [f64; 2],
-}
-
-/// How many of a cell's chunks, from near to far, are set up before others are asked whether something occludes them:
-/// all, or the first layers. `most` is how many splats a cell may have.
-pub(crate) fn first(chunks: impl ExactSizeIterator<Item = Share> + Clone, cell_px: f64, most: f64) -> usize {
-    let all = chunks.len();
-    let (enough, mut area, mut farthest) = (LAYERS * cell_px, 0.0, 0.0f64);
-    let Some(first) = chunks.clone().position(|chunk| {
-        area += chunk.area_px;
-        if area <= enough {
-            farthest = farthest.max(chunk.depths[1]);
-        }
-        area > enough
-    }) else {
-        return all;
-    };
-    let behind: f64 =
-        chunks.clone().skip(first).filter(|chunk| chunk.depths[0] > farthest).map(|chunk| chunk.splats).sum();
-    let total: f64 = chunks.map(|chunk| chunk.splats).sum();
-    if total > ENOUGH * most && behind > WORTHWHILE * total { first } else { all }
-}
 
 /// The farthest depth threshold of each block of a cell: nothing behind it is seen there.
 pub(crate) struct OcclusionMap {

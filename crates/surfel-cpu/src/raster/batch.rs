@@ -18,9 +18,8 @@ pub(crate) struct Pixels<S: Simd> {
 
 impl<S: Simd> Pixels<S> {
     #[inline(always)]
-    pub(crate) fn new(simd: S, (x, y): (i32, i32)) -> Self {
-        let k = |v: i32| Lanes::splat(simd, v as f32);
-        Self { first: (x, y), at: (Lanes::block_columns(simd) + k(x), Lanes::block_rows(simd) + k(y)) }
+    pub(crate) fn new(simd: S, first: (i32, i32)) -> Self {
+        Self { first, at: Lanes::block_pixels(simd, first) }
     }
 }
 

@@ -88,9 +88,9 @@ impl<S: Simd> TransparentBlock<'_, S> {
     /// Remembers the fragments that nothing opaque occludes.
     #[inline(always)]
     pub(crate) fn gather(&self, scratch: &mut LayerScratch) -> Gathered<S> {
-        let (simd, (x, y)) = (self.simd, self.at);
+        let simd = self.simd;
         let k = |v: f32| Lanes::splat(simd, v);
-        let at = (Lanes::block_columns(simd) + k(x as f32), Lanes::block_rows(simd) + k(y as f32));
+        let at = Lanes::block_pixels(simd, self.at);
         let LayerScratch { fragments: remembered, left, count: of_block } = scratch;
         if remembered.len() < self.list.len() {
             remembered.resize_with(self.list.len(), Remembered::default);

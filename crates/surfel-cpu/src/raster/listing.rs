@@ -16,7 +16,7 @@ pub(crate) struct Listing<'a> {
 impl<'a> Listing<'a> {
     /// True if no opaque splat touches a tile.
     pub(crate) fn is_empty(&self, tile: usize) -> bool {
-        self.segments.iter().all(|s| s.of(tile).is_empty())
+        self.segments.iter().all(|s| s.lists.of(tile).is_empty())
     }
 
     /// Fills the lists of a tile's blocks, those that are `wanted`.
@@ -24,7 +24,7 @@ impl<'a> Listing<'a> {
     pub(crate) fn list(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a, Record>) {
         lists.clear();
         for segment in self.segments {
-            lists.extend(&segment.records, segment.of(tile), wanted);
+            lists.extend(&segment.records, segment.lists.of(tile), wanted);
         }
         lists.finish();
     }
@@ -34,7 +34,7 @@ impl<'a> Listing<'a> {
     pub(crate) fn list_some(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a, Record>) {
         lists.clear();
         for segment in self.segments {
-            lists.extend_some(&segment.records, segment.of(tile), wanted);
+            lists.extend_some(&segment.records, segment.lists.of(tile), wanted);
         }
         lists.finish();
     }

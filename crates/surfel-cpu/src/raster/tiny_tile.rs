@@ -14,6 +14,7 @@ use crate::setup::evaluate::Fragment;
 use crate::setup::record::{Batch, FORMS, Record};
 use crate::setup::segment::Segment;
 use crate::setup::tiny::first_px;
+use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::tiles::bins::Kind;
 use crate::tiles::driver::Counters;
@@ -171,18 +172,16 @@ impl<'a> TinyScratch<'a> {
         let mut touched = 0;
         let (infinity, three) = (f32x4::splat(simd, f32::INFINITY), first_three(simd));
         for segment in listing.segments {
-            let entries = segment.of(number);
+            let entries = segment.lists.of(number);
             counters.block_pairs += entries.len() as u64;
             for entry in entries {
                 touched |= entry.blocks;
                 let record = &segment.records[entry.record as usize];
                 if entry.kind() == Kind::Any {
-                    let mut blocks = entry.blocks;
-                    counters.block_pairs += u64::from(blocks.count_ones()) - 1;
-                    while blocks != 0 {
-                        let (x, y) = listing.grid.block_px(number, blocks.trailing_zeros());
-                        blocks &= blocks - 1;
-                        self.pairs.push(Pair { record, first_px: (x, y), pixel: tile.index((x, y)) as u32 });
+                    counters.block_pairs += u64::from(entry.blocks.count_ones()) - 1;
+                    for block in ones(entry.blocks) {
+                        let first_px = listing.grid.block_px(number, block as u32);
+                        self.pairs.push(Pair { record, first_px, pixel: tile.index(first_px) as u32 });
                     }
                     continue;
                 }
@@ -220,7 +219,12 @@ impl<'a> TinyScratch<'a> {
             };
             match four {
                 Some(([a, b, c, d], records)) if Batch::of(&records) != Batch::Scalar => {
-                    let at = [a.at(simd), b.at(simd), c.at(simd), d.at(simd)];
+                    let at = [
+                        Lanes::block_pixels(simd, a.first_px),
+                        Lanes::block_pixels(simd, b.first_px),
+                        Lanes::block_pixels(simd, c.first_px),
+                        Lanes::block_pixels(simd, d.first_px),
+                    ];
                     let fragments = cheap_batch::<S, true>(simd, records, at, inputs);
                     for i in 0..4 {
                         counters.inside += inside(tile, at[i], &fragments[i]);
@@ -229,7 +233,7 @@ impl<'a> TinyScratch<'a> {
                 }
                 _ => {
                     for (i, (pair, values)) in pairs.iter().zip(&mut values).enumerate() {
-                        let at = pair.at(simd);
+                        let at = Lanes::block_pixels(simd, pair.first_px);
                         let fragment = fragment::fragment(simd, pair.record, at, pair.first_px, inputs);
                         counters.inside += inside(tile, at, &fragment);
                         take_in(simd, pair.record, &fragment, &mut to[2 * LANES * i..], values);
@@ -265,7 +269,7 @@ impl<'a> TinyScratch<'a> {
         let three = first_three(simd);
         let mut pairs = pairs.iter().zip(remembered.numbers().as_chunks::<{ 2 * LANES }>().0);
         for segment in listing.segments {
-            for entry in segment.of(number) {
+            for entry in segment.lists.of(number) {
                 let record = &segment.records[entry.record as usize];
                 let numbers = Numbers::<S, N>::of(simd, record.attributes(), attributes);
                 if entry.kind() == Kind::Any {
@@ -406,16 +410,6 @@ fn inside<S: Simd>(tile: Tile, at: (Lanes<S>, Lanes<S>), fragment: &Fragment<S>)
     u64::from((fragment.inside & tile.rect.holds(at)).to_bitmask().count_ones())
 }
 
-impl Pair<'_> {
-    /// Its pixels.
-    #[inline(always)]
-    fn at<S: Simd>(&self, simd: S) -> (Lanes<S>, Lanes<S>) {
-        let (x, y) = self.first_px;
-        let (x, y) = (Lanes::splat(simd, x as f32), Lanes::splat(simd, y as f32));
-        (Lanes::block_columns(simd) + x, Lanes::block_rows(simd) + y)
-    }
-}
-
 /// Remembers a splat's fragments, and gives what they may lower its pixels' thresholds to.
 #[inline(always)]
 fn take_in<S: Simd>(
@@ -476,7 +470,7 @@ const COSTS: [usize; 4] = [40, 30, 10, 45];
 pub(crate) fn is_faster_by_splats(segments: &[Segment], tile: usize) -> bool {
     let [tiny_by_blocks, by_blocks, tiny, pair] = COSTS;
     let [mut splats, mut pairs] = [0; 2];
-    for entry in segments.iter().flat_map(|segment| segment.of(tile)) {
+    for entry in segments.iter().flat_map(|segment| segment.lists.of(tile)) {
         if entry.kind() != Kind::Any {
             splats += 1;
             continue;

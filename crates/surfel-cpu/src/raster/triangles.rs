@@ -1,12 +1,11 @@
 //! The nearest triangle of each pixel of a block (§6).
 
 use crate::setup::triangles::ScreenTriangle;
+use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
+use fearless_simd::Simd;
 use fearless_simd::prelude::SimdMask;
-use fearless_simd::{Simd, mask32x16};
-use surfel_math::depth::step_allowance;
 use surfel_math::mapping::Linear;
-use surfel_math::projection::Projection;
 use surfel_math::triangle::Triangle;
 use surfel_math::{Real, V2};
 
@@ -66,22 +65,22 @@ pub(crate) fn nearest<S: Simd>(simd: S, list: &[&ScreenTriangle], at: (i32, i32)
 }
 
 impl<S: Simd> Nearest<S> {
-    /// Where the polygons of the lanes of `wanted` end, for their neighbours (§5, edges by samples).
+    /// Depths of the polygons, of the lanes whose bits are set moved back by what their depth and its gradient allow.
     #[inline(never)]
-    pub(crate) fn end(
+    pub(crate) fn moved_back(
         &self,
         simd: S,
         list: &[&ScreenTriangle],
-        projection: &Projection,
         at: (i32, i32),
-        wanted: mask32x16<S>,
+        lanes: u64,
+        allowance: impl Fn(f64, V2<f64>) -> f64,
     ) -> Lanes<S> {
-        let (mut z, which, bits) = (self.z.to_array(), self.indices(), wanted.to_bitmask());
-        for (lane, z) in z.iter_mut().enumerate().filter(|(lane, _)| bits >> lane & 1 == 1) {
+        let (mut z, which) = (self.z.to_array(), self.indices());
+        for lane in ones(lanes) {
             let Some(t) = list.get(which[lane]) else { continue };
-            let own = f64::from(*z);
+            let own = f64::from(z[lane]);
             let gradient = t.triangle.gradient(t.triangle.z, own, center(pixel_of(at, lane)));
-            *z = (own + step_allowance(own, gradient, projection)) as f32;
+            z[lane] = (own + allowance(own, gradient)) as f32;
         }
         Lanes::load(simd, &z)
     }

@@ -2,11 +2,9 @@
 //! and outlines (§5). A frame without any of them is drawn by `tile` alone.
 
 use crate::raster::block;
-use crate::raster::facing::ByFacing;
-use crate::raster::filter::{BehindDepth, EveryFragment, MeshBlend};
+use crate::raster::filter::BehindDepth;
 use crate::raster::layers::{TransparentBlock, TransparentItem};
 use crate::raster::listing::list_triangles;
-use crate::raster::nearest;
 use crate::raster::sums::Sums;
 use crate::raster::triangles;
 use crate::scene::mesh::StoredMesh;
@@ -20,6 +18,7 @@ use crate::setup::triangles::TriangleSegment;
 use crate::shade::resolve::{divided, lit, outline_limit};
 use crate::shade::surface::Shaded;
 use crate::shade::transparent::{CompositedLayers, Layers, composite};
+use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::level::{Instructions, with_instructions};
 use crate::tiles::driver::Counters;
@@ -27,6 +26,7 @@ use crate::tiles::lists::ItemLists;
 use crate::tiles::target::{Pixels, Target};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16};
+use surfel_math::depth::step_allowance;
 use surfel_math::kernel::FULL_COVERAGE;
 use surfel_math::{Real, eye_dome};
 use surfel_model::Shader;
@@ -63,13 +63,13 @@ impl<'a> CompositeJob<'a> {
     fn is_empty(&self, tile: usize) -> bool {
         self.tiles.listing.is_empty(tile)
             && self.extras.triangles.iter().all(|s| s.lists.of(tile).is_empty())
-            && self.extras.transparent.iter().all(|s| s.segment.of(tile).is_empty())
+            && self.extras.transparent.iter().all(|s| s.segment.lists.of(tile).is_empty())
     }
 
     pub(super) fn list_transparent(&self, tile: usize, wanted: u64, lists: &mut ItemLists<TransparentItem<'a>>) -> u64 {
         lists.clear();
         for TransparentSegment { segment, splats } in self.extras.transparent {
-            for entry in segment.of(tile) {
+            for entry in segment.lists.of(tile) {
                 let i = entry.record as usize;
                 let item = TransparentItem { record: &segment.records[i], splat: &splats[i] };
                 lists.push(item, entry.blocks & wanted);
@@ -117,16 +117,14 @@ impl<'a> CompositeJob<'a> {
             target.fill_empty(background);
             return counters;
         }
-        let mut left = self.tiles.listing.grid.blocks(tile);
-        self.tiles.listing.list(tile, left, &mut scratch.lists.splats);
-        let with_triangles = list_triangles(self.extras.triangles, tile, left, &mut scratch.lists.triangles);
+        let blocks = self.tiles.listing.grid.blocks(tile);
+        self.tiles.listing.list(tile, blocks, &mut scratch.lists.splats);
+        let with_triangles = list_triangles(self.extras.triangles, tile, blocks, &mut scratch.lists.triangles);
         let opaque = scratch.lists.splats.touched() | with_triangles;
         let transparent =
-            if gbuffer.is_none() { self.list_transparent(tile, left, &mut scratch.transparent) } else { 0 };
+            if gbuffer.is_none() { self.list_transparent(tile, blocks, &mut scratch.transparent) } else { 0 };
         let mut contributing = i32x16::splat(simd, 0);
-        while left != 0 {
-            let block = left.trailing_zeros();
-            left &= left - 1;
+        for block in ones(blocks).map(|block| block as u32) {
             let at = self.tiles.listing.grid.block_px(tile, block);
             if (opaque | transparent) >> block & 1 == 0 {
                 target.put_empty(self.tiles.listing.grid.block_px(tile, 0), 1 << block, background);
@@ -173,49 +171,29 @@ impl<'a> CompositeJob<'a> {
             return Front { sums, polygon: None, shaded: Shaded::nothing(simd), numbers, opaque_depth: infinite };
         }
         let mut polygon = None;
-        let mut sums = Sums::new(simd);
-        let (facings, mut numbers) = (job.inputs.frame.wanted.facings, None);
-        if job.inputs.frame.wanted.nearest {
-            let mut shown = infinite;
-            if !triangles.is_empty() {
-                let nearest = triangles::nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
-                shown = nearest.z;
-                polygon = Some((nearest, shown));
-            }
-            let found = nearest::draw(simd, splats, at, &job.inputs, &mut shown, &mut scratch.block, &mut sums);
+        if !triangles.is_empty() {
+            let nearest = triangles::nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
+            polygon = Some((nearest, nearest.z));
+        }
+        let (mut sums, mut numbers) = (Sums::new(simd), None);
+        let shown = polygon.as_mut().map(|(_, shown)| shown);
+        if let Some(found) = job.draw_splats(simd, splats, at, shown, &mut scratch.block, &mut sums) {
             let mut found_numbers = found.numbers();
-            if let Some((nearest, shown_polygon)) = &mut polygon {
-                *shown_polygon = shown;
-                let (before, which) = (shown.lt(found.z).to_bitmask(), nearest.indices());
-                for (lane, number) in found_numbers.iter_mut().enumerate().filter(|(i, _)| before >> i & 1 == 1) {
+            if let Some((nearest, shown)) = &polygon {
+                let which = nearest.indices();
+                for lane in ones(shown.lt(found.z).to_bitmask()) {
                     let mesh = triangles.get(which[lane]).map_or(0, |triangle| triangle.mesh);
-                    *number = SplatNumbers::POLYGON | mesh;
+                    found_numbers[lane] = SplatNumbers::POLYGON | mesh;
                 }
             }
             numbers = Some(found_numbers);
-        } else if triangles.is_empty() && facings {
-            let filter = ByFacing::new(simd, EveryFragment);
-            block::draw(simd, splats, at, &job.inputs, filter, &mut scratch.block, &mut sums);
-        } else if triangles.is_empty() {
-            block::draw(simd, splats, at, &job.inputs, EveryFragment, &mut scratch.block, &mut sums);
-        } else {
-            let nearest = triangles::nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
-            let mut shown = nearest.z;
-            let filter = MeshBlend { polygon: &mut shown };
-            if facings {
-                let filter = ByFacing::new(simd, filter);
-                block::draw(simd, splats, at, &job.inputs, filter, &mut scratch.block, &mut sums);
-            } else {
-                block::draw(simd, splats, at, &job.inputs, filter, &mut scratch.block, &mut sums);
-            }
-            polygon = Some((nearest, shown));
         }
         let mut shaded = lit(simd, lighting, divided(simd, lighting, &sums), at);
         let mut opaque_depth = Lanes::select(shaded.covered, shaded.z, infinite);
         let reach = polygon.as_ref().map(|(nearest, _)| {
-            let wanted =
-                if job.inputs.frame.wanted.polygon_ends { nearest.z.lt(infinite) } else { infinite.lt(infinite) };
-            Reach { begin: nearest.z, end: nearest.end(simd, triangles, lighting.projection(), at, wanted) }
+            let ends = if job.inputs.frame.wanted.polygon_ends { nearest.z.lt(infinite).to_bitmask() } else { 0 };
+            let step = |z, gradient| step_allowance(z, gradient, lighting.projection());
+            Reach { begin: nearest.z, end: nearest.moved_back(simd, triangles, at, ends, step) }
         });
         if let Some((nearest, shown)) = polygon {
             let mask = shown.lt(infinite);
@@ -240,8 +218,7 @@ impl<'a> CompositeJob<'a> {
     ) {
         let infinite = Lanes::splat(simd, f32::INFINITY);
         gbuffer.put_edges(block, &front.sums, front.polygon);
-        gbuffer.put_opaque(block, front.opaque_depth);
-        gbuffer.put_depth(block, Lanes::select(front.shaded.covered, front.shaded.z, infinite));
+        gbuffer.put_depths(block, front.opaque_depth, Lanes::select(front.shaded.covered, front.shaded.z, infinite));
         if gbuffer.want_limit() {
             let limit = outline_limit(simd, self.tiles.lighting, &front.shaded, at);
             gbuffer.put_limit(block, Lanes::select(front.shaded.covered, limit, infinite));
@@ -308,10 +285,7 @@ impl<'a> CompositeJob<'a> {
             list_triangles(self.extras.triangles, tile, stepped, &mut scratch.lists.triangles);
         }
         let mut added = i32x16::splat(simd, 0);
-        let mut wanted = stepped | transparent;
-        while wanted != 0 {
-            let block = wanted.trailing_zeros();
-            wanted &= wanted - 1;
+        for block in ones(stepped | transparent).map(|block| block as u32) {
             let at = listing.grid.block_px(tile, block);
             let mut color = target.color(simd, at);
             if stepped >> block & 1 != 0 {
@@ -354,16 +328,14 @@ impl<'a> CompositeJob<'a> {
     ) -> (u64, u64) {
         let (tile, listing) = (target.tile, &self.tiles.listing);
         let (mut stepped, mut deep) = (0, 0);
-        let mut left = gbuffer.marks(tile).thin;
-        let Some((begins, reach)) = gbuffer.edges(tile).filter(|_| left != 0) else { return (stepped, deep) };
+        let thin = gbuffer.marks(tile).thin;
+        let Some((begins, reach)) = gbuffer.edges(tile).filter(|_| thin != 0) else { return (stepped, deep) };
         let neighbourhood = &mut scratch.neighbourhood;
         // −∞ is never behind anything.
         neighbourhood.load(begins, &listing.grid, tile, |tile| gbuffer.marks(tile), 1, f32::NEG_INFINITY);
-        neighbourhood.steps(simd, reach, left, edges);
+        neighbourhood.steps(simd, reach, thin, edges);
         let infinite = Lanes::splat(simd, f32::INFINITY);
-        while left != 0 {
-            let block = left.trailing_zeros();
-            left &= left - 1;
+        for block in ones(thin).map(|block| block as u32) {
             let own = &mut edges[block as usize % BLOCKS];
             if *own != 0 {
                 *own &= target.rect.lanes_of_block(listing.grid.block_px(tile, block)) as u16;

@@ -77,23 +77,6 @@ impl TileBlocks {
     }
 }
 
-/// One of each.
-#[derive(Default)]
-struct Planes<R, B> {
-    /// Edge antialiasing: where the nearest surface begins; how far the pixel's own reaches, −∞ where there are
-    /// fragments but no threshold, and +∞ where nothing would show through an edge; the depth threshold; coverage.
-    /// Edges by samples: where the nearest surface begins and ends.
-    begin: R,
-    reach: R,
-    threshold: B,
-    coverage: B,
-    /// Outlines and eye-dome lighting: depth of the front surface. Outlines: how deep a neighbour may be.
-    depth: R,
-    limit: R,
-    /// Transparent layers: depth of what is opaque.
-    opaque: B,
-}
-
 /// What is known of a tile's blocks, a bit each.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Marks {
@@ -104,10 +87,21 @@ pub(crate) struct Marks {
 }
 
 /// Numbers of all tiles of a grid. Their memory lasts from frame to frame: those of tiles and blocks that nothing
-/// touches are an earlier frame's.
+/// touches, and planes that the plan doesn't need, are an earlier frame's.
 #[derive(Default)]
 pub(crate) struct GBuffer {
-    planes: Planes<Vec<TileRows>, Vec<TileBlocks>>,
+    /// Edge antialiasing: where the nearest surface begins; how far the pixel's own reaches, −∞ where there are
+    /// fragments but no threshold, and +∞ where nothing would show through an edge; the depth threshold; coverage.
+    /// Edges by samples: where the nearest surface begins and ends.
+    begin: Vec<TileRows>,
+    reach: Vec<TileRows>,
+    threshold: Vec<TileBlocks>,
+    coverage: Vec<TileBlocks>,
+    /// Outlines and eye-dome lighting: depth of the front surface. Outlines: how deep a neighbour may be.
+    depth: Vec<TileRows>,
+    limit: Vec<TileRows>,
+    /// Transparent layers: depth of what is opaque.
+    opaque: Vec<TileBlocks>,
     marks: Vec<Marks>,
     wanted: Wanted,
 }
@@ -124,93 +118,77 @@ struct Wanted {
 
 /// A tile's part, while it is drawn.
 pub(crate) struct GBufferTile<'a> {
-    wanted: Wanted,
-    planes: Planes<Option<&'a mut TileRows>, Option<&'a mut TileBlocks>>,
-    marks: &'a mut Marks,
+    all: &'a mut GBuffer,
+    tile: usize,
 }
 
 impl GBufferTile<'_> {
     /// To be called before anything is put: nothing is there, or something.
     pub(crate) fn begin(&mut self, is_empty: bool) {
-        *self.marks = Marks::default();
+        let Self { all, tile } = self;
+        all.marks[*tile] = Marks::default();
         if !is_empty {
-            let ends = if self.wanted.samples { &mut self.planes.reach } else { &mut None };
-            let planes = [&mut self.planes.begin, &mut self.planes.depth, ends];
-            planes.into_iter().flatten().for_each(|plane| plane.0.as_flattened_mut().fill(f32::INFINITY));
+            let Wanted { edges, samples, .. } = all.wanted;
+            let has_depths = all.has_depths();
+            for (plane, wanted) in
+                [(&mut all.begin, edges || samples), (&mut all.depth, has_depths), (&mut all.reach, samples)]
+            {
+                if wanted {
+                    plane[*tile].0.as_flattened_mut().fill(f32::INFINITY);
+                }
+            }
         }
     }
 
     /// Writes what edges need of a block: of its splats, and where its nearest polygons are, +∞ where there is none.
     #[inline(always)]
     pub(crate) fn put_edges<S: Simd>(&mut self, block: u32, sums: &Sums<S>, polygon: Option<Reach<S>>) {
-        if self.wanted.samples {
-            self.put_reach(block, Reach::of(sums, polygon));
-            return;
-        }
-        let polygon = polygon.map(|polygon| polygon.begin);
-        let Planes {
-            begin: Some(begins),
-            reach: Some(reaches),
-            threshold: Some(thresholds),
-            coverage: Some(coverage),
-            ..
-        } = &mut self.planes
-        else {
-            return;
-        };
-        let begin = sums.threshold - sums.threshold_epsilon;
-        self.marks.touched |= 1 << block;
-        begins.put(block, polygon.map_or(begin, |z| begin.min(z)));
-        let q = sums.coverage;
-        let (never, always) = (q.constant(f64::INFINITY), q.constant(f64::NEG_INFINITY));
-        let without_threshold = Lanes::select(q.zero().lt(q), always, never);
-        let reach = Lanes::select(sums.threshold.lt(never), sums.threshold + sums.threshold_epsilon, without_threshold);
-        let reach = Lanes::select(q.lt(q.one()), reach, never);
-        reaches.put(block, reach);
-        self.marks.thin |= u64::from(any_below(reach, never)) << block;
-        thresholds.put(block, sums.threshold);
-        coverage.put(block, q);
-    }
-
-    /// Writes where a block's nearest surfaces begin and end.
-    #[inline(always)]
-    fn put_reach<S: Simd>(&mut self, block: u32, reach: Reach<S>) {
-        self.marks.touched |= 1 << block;
-        if let Planes { begin: Some(begins), reach: Some(ends), .. } = &mut self.planes {
-            begins.put(block, reach.begin);
-            ends.put(block, reach.end);
+        let Self { all, tile } = self;
+        let tile = *tile;
+        if all.wanted.samples {
+            let reach = Reach::of(sums, polygon);
+            all.marks[tile].touched |= 1 << block;
+            all.begin[tile].put(block, reach.begin);
+            all.reach[tile].put(block, reach.end);
+        } else if all.wanted.edges {
+            let begin = sums.threshold - sums.threshold_epsilon;
+            let q = sums.coverage;
+            let (never, always) = (q.constant(f64::INFINITY), q.constant(f64::NEG_INFINITY));
+            let without_threshold = Lanes::select(q.zero().lt(q), always, never);
+            let reach =
+                Lanes::select(sums.threshold.lt(never), sums.threshold + sums.threshold_epsilon, without_threshold);
+            let reach = Lanes::select(q.lt(q.one()), reach, never);
+            all.marks[tile].touched |= 1 << block;
+            all.marks[tile].thin |= u64::from(any_below(reach, never)) << block;
+            all.begin[tile].put(block, polygon.map_or(begin, |polygon| begin.min(polygon.begin)));
+            all.reach[tile].put(block, reach);
+            all.threshold[tile].put(block, sums.threshold);
+            all.coverage[tile].put(block, q);
         }
     }
 
-    /// Writes the depth of what is opaque in a block.
+    /// Writes the depth of what is opaque in a block, and of its front surfaces; +∞ where there is none.
     #[inline(always)]
-    pub(crate) fn put_opaque<S: Simd>(&mut self, block: u32, depth: Lanes<S>) {
-        self.marks.touched |= 1 << block;
-        if let Some(plane) = &mut self.planes.opaque {
-            plane.put(block, depth);
+    pub(crate) fn put_depths<S: Simd>(&mut self, block: u32, opaque: Lanes<S>, front: Lanes<S>) {
+        let Self { all, tile } = self;
+        all.marks[*tile].touched |= 1 << block;
+        if all.wanted.opaque {
+            all.opaque[*tile].put(block, opaque);
         }
-    }
-
-    /// Writes depths of a block's front surfaces, +∞ where there is none.
-    #[inline(always)]
-    pub(crate) fn put_depth<S: Simd>(&mut self, block: u32, depth: Lanes<S>) {
-        self.marks.touched |= 1 << block;
-        if let Some(plane) = &mut self.planes.depth {
-            plane.put(block, depth);
+        if all.has_depths() {
+            all.depth[*tile].put(block, front);
         }
     }
 
     /// True if it is needed how deep a block's neighbours may be.
     pub(crate) fn want_limit(&self) -> bool {
-        self.planes.limit.is_some()
+        self.all.wanted.lines
     }
 
     /// Writes how deep a block's neighbours may be, +∞ where nothing is.
     #[inline(always)]
     pub(crate) fn put_limit<S: Simd>(&mut self, block: u32, limit: Lanes<S>) {
-        if let Some(plane) = &mut self.planes.limit {
-            plane.put(block, limit);
-        }
+        self.all.limit[self.tile].put(block, limit);
     }
 }
 
@@ -233,15 +211,17 @@ impl GBuffer {
         let Wanted { edges, samples, lines, dome, opaque } = self.wanted;
         let tiles = grid.tiles();
         let steps = edges || samples;
-        let p = &mut self.planes;
-        for (plane, wanted) in
-            [(&mut p.begin, steps), (&mut p.reach, steps), (&mut p.depth, lines || dome), (&mut p.limit, lines)]
-        {
+        for (plane, wanted) in [
+            (&mut self.begin, steps),
+            (&mut self.reach, steps),
+            (&mut self.depth, lines || dome),
+            (&mut self.limit, lines),
+        ] {
             if wanted && plane.len() < tiles {
                 plane.resize(tiles, TileRows::EMPTY);
             }
         }
-        for (plane, wanted) in [(&mut p.threshold, edges), (&mut p.coverage, edges), (&mut p.opaque, opaque)] {
+        for (plane, wanted) in [(&mut self.threshold, edges), (&mut self.coverage, edges), (&mut self.opaque, opaque)] {
             if wanted && plane.len() < tiles {
                 plane.resize(tiles, TileBlocks::EMPTY);
             }
@@ -252,39 +232,14 @@ impl GBuffer {
 
     /// Bytes of heap memory in use.
     pub(crate) fn bytes(&self) -> usize {
-        let p = &self.planes;
-        let rows = [&p.begin, &p.reach, &p.depth, &p.limit].map(|v| size_of_val(v.as_slice()));
-        let blocks = [&p.threshold, &p.coverage, &p.opaque].map(|v| size_of_val(v.as_slice()));
+        let rows = [&self.begin, &self.reach, &self.depth, &self.limit].map(|v| size_of_val(v.as_slice()));
+        let blocks = [&self.threshold, &self.coverage, &self.opaque].map(|v| size_of_val(v.as_slice()));
         rows.iter().chain(&blocks).sum::<usize>() + size_of_val(self.marks.as_slice())
     }
 
-    /// Each tile's part.
-    pub(crate) fn cut(&mut self) -> Vec<GBufferTile<'_>> {
-        let Wanted { edges, samples, lines, dome, opaque } = self.wanted;
-        let steps = edges || samples;
-        fn wanted<T>(plane: &mut [T], wanted: bool) -> std::slice::IterMut<'_, T> {
-            if wanted { plane.iter_mut() } else { Default::default() }
-        }
-        let p = &mut self.planes;
-        let (mut begin, mut reach) = (wanted(&mut p.begin, steps), wanted(&mut p.reach, steps));
-        let (mut threshold, mut coverage) = (wanted(&mut p.threshold, edges), wanted(&mut p.coverage, edges));
-        let (mut depth, mut limit) = (wanted(&mut p.depth, lines || dome), wanted(&mut p.limit, lines));
-        let mut opaque = wanted(&mut p.opaque, opaque);
-        let all = self.wanted;
-        let tile = |marks| GBufferTile {
-            wanted: all,
-            planes: Planes {
-                begin: begin.next(),
-                reach: reach.next(),
-                threshold: threshold.next(),
-                coverage: coverage.next(),
-                depth: depth.next(),
-                limit: limit.next(),
-                opaque: opaque.next(),
-            },
-            marks,
-        };
-        self.marks.iter_mut().map(tile).collect()
+    /// A tile's part, of a plan's.
+    pub(crate) fn tile(&mut self, tile: usize) -> GBufferTile<'_> {
+        GBufferTile { all: self, tile }
     }
 
     /// What is known of a tile's blocks.
@@ -294,19 +249,17 @@ impl GBuffer {
 
     /// Where the nearest surfaces begin, and how far a tile's own reach.
     pub(crate) fn edges(&self, tile: usize) -> Option<(&[TileRows], &TileRows)> {
-        let Planes { begin, reach, .. } = &self.planes;
-        reach.get(tile).filter(|_| self.wanted.edges).map(|own| (begin.as_slice(), own))
+        self.reach.get(tile).filter(|_| self.wanted.edges).map(|own| (self.begin.as_slice(), own))
     }
 
     /// Where the nearest surfaces begin, and where they end, for edges by samples.
     pub(crate) fn reaches(&self) -> Option<[&[TileRows]; 2]> {
-        self.wanted.samples.then_some([&self.planes.begin, &self.planes.reach])
+        self.wanted.samples.then_some([&self.begin, &self.reach])
     }
 
     /// Depths of front surfaces, and how deep a tile's neighbours may be.
     pub(crate) fn lines(&self, tile: usize) -> Option<(&[TileRows], &TileRows)> {
-        let Planes { depth, limit, .. } = &self.planes;
-        limit.get(tile).filter(|_| self.wanted.lines).map(|own| (depth.as_slice(), own))
+        self.limit.get(tile).filter(|_| self.wanted.lines).map(|own| (self.depth.as_slice(), own))
     }
 
     /// True if there are depths of front surfaces.
@@ -316,19 +269,19 @@ impl GBuffer {
 
     /// Depths of front surfaces.
     pub(crate) fn depths(&self) -> &[TileRows] {
-        &self.planes.depth
+        &self.depth
     }
 
     /// Depth thresholds of a block that is touched.
     #[inline(always)]
     pub(crate) fn threshold<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
-        block_of(simd, &self.planes.threshold, tile, block)
+        block_of(simd, &self.threshold, tile, block)
     }
 
     /// Coverage of a block that is touched.
     #[inline(always)]
     pub(crate) fn coverage<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
-        block_of(simd, &self.planes.coverage, tile, block)
+        block_of(simd, &self.coverage, tile, block)
     }
 
     /// Depth of what is opaque in a block; +∞ where nothing is.
@@ -336,7 +289,7 @@ impl GBuffer {
     pub(crate) fn opaque<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
         match self.marks(tile).touched >> block & 1 {
             0 => Lanes::splat(simd, f32::INFINITY),
-            _ => block_of(simd, &self.planes.opaque, tile, block),
+            _ => block_of(simd, &self.opaque, tile, block),
         }
     }
 }

@@ -2,21 +2,23 @@
 
 use crate::raster::block::{self, BlockScratch};
 use crate::raster::facing::ByFacing;
-use crate::raster::filter::EveryFragment;
-use crate::raster::inputs::RasterInputs;
+use crate::raster::filter::{EveryFragment, MeshBlend};
+use crate::raster::inputs::{RasterInputs, Wanted};
 use crate::raster::layers::{LayerScratch, TransparentItem};
 use crate::raster::listing::{ListScratch, Listing};
-use crate::raster::nearest;
+use crate::raster::nearest::{self, Nearest};
 use crate::raster::sums::Sums;
 use crate::raster::tiny_tile::{TinyScratch, TinyTile, is_faster_by_splats};
 use crate::screen::gbuffer::GBufferTile;
 use crate::screen::neighbourhood::Neighbourhood;
+use crate::setup::record::Record;
 use crate::shade::lighting::Lighting;
 use crate::shade::resolve::resolve;
+use crate::simd::compress::ones;
 use crate::simd::lanes::Lanes;
 use crate::tiles::driver::Counters;
 use crate::tiles::grid::block_px;
-use crate::tiles::lists::ItemLists;
+use crate::tiles::lists::{BlockList, ItemLists};
 use crate::tiles::target::Target;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16};
@@ -91,34 +93,21 @@ impl<'a> TileJob<'a> {
         left = touched;
         let mut sums = [Sums::new(simd); TOGETHER];
         while left != 0 {
-            let first = left;
-            let mut count = 0;
-            while let Some(sums) = sums.get_mut(count)
-                && left != 0
-            {
-                let block = left.trailing_zeros();
+            let (first, mut count) = (left, 0);
+            for (block, sums) in ones(first).zip(&mut sums) {
                 left &= left - 1;
                 count += 1;
+                let block = block as u32;
                 let at = block_px(origin, block);
                 let list = scratch.lists.splats.of(simd, block);
-                if self.inputs.frame.wanted.nearest {
-                    let mut polygon = Lanes::splat(simd, f32::INFINITY);
-                    let block = &mut scratch.block;
-                    let nearest = nearest::draw(simd, list, at, &self.inputs, &mut polygon, block, sums);
+                if let Some(nearest) = self.draw_splats(simd, list, at, None, &mut scratch.block, sums) {
                     target.put_index(at, nearest.numbers());
-                } else if self.inputs.frame.wanted.facings {
-                    let filter = ByFacing::new(simd, EveryFragment);
-                    block::draw(simd, list, at, &self.inputs, filter, &mut scratch.block, sums);
-                } else {
-                    block::draw(simd, list, at, &self.inputs, EveryFragment, &mut scratch.block, sums);
                 }
                 counters.block_pairs += u64::from(sums.tested);
                 counters.inside += u64::from(sums.inside);
             }
-            let mut these = first;
-            for sums in &sums[..count] {
-                let block = these.trailing_zeros();
-                these &= these.wrapping_sub(1);
+            for (block, sums) in ones(first).zip(&sums[..count]) {
+                let block = block as u32;
                 let inside = target.rect.lanes_inside(simd, block_px(origin, block));
                 contributing += sums.fragments.0.to_int::<i32x16<S>>() * inside;
                 if let Some(gbuffer) = &mut gbuffer {
@@ -129,6 +118,42 @@ impl<'a> TileJob<'a> {
         }
         counters.contributing = contributing.to_array().iter().map(|&count| u64::from(count.unsigned_abs())).sum();
         counters
+    }
+
+    /// Draws a block's opaque splats, before the nearest polygons where it has any: which splats are nearest, where that
+    /// is wanted.
+    #[inline(always)]
+    pub(super) fn draw_splats<S: Simd>(
+        &self,
+        simd: S,
+        list: BlockList<'_, '_, Record>,
+        at: (i32, i32),
+        polygon: Option<&mut Lanes<S>>,
+        scratch: &mut BlockScratch,
+        sums: &mut Sums<S>,
+    ) -> Option<Nearest<S>> {
+        let inputs = &self.inputs;
+        let Wanted { nearest, facings, .. } = inputs.frame.wanted;
+        match (polygon, facings) {
+            (Some(polygon), _) if nearest => {
+                return Some(nearest::draw(simd, list, at, inputs, polygon, scratch, sums));
+            }
+            (None, _) if nearest => {
+                let mut polygon = Lanes::splat(simd, f32::INFINITY);
+                return Some(nearest::draw(simd, list, at, inputs, &mut polygon, scratch, sums));
+            }
+            (None, false) => block::draw(simd, list, at, inputs, EveryFragment, scratch, sums),
+            (None, true) => {
+                let filter = ByFacing::new(simd, EveryFragment);
+                block::draw(simd, list, at, inputs, filter, scratch, sums);
+            }
+            (Some(polygon), false) => block::draw(simd, list, at, inputs, MeshBlend { polygon }, scratch, sums),
+            (Some(polygon), true) => {
+                let filter = ByFacing::new(simd, MeshBlend { polygon });
+                block::draw(simd, list, at, inputs, filter, scratch, sums);
+            }
+        }
+        None
     }
 
     /// Draws a tile splat by splat.
@@ -168,11 +193,8 @@ impl<'a> TileJob<'a> {
                 let (grid, number) = (&self.listing.grid, target.tile);
                 let (blocks, origin) = (grid.blocks(number), grid.block_px(number, 0));
                 target.put_empty(origin, blocks & !touched, self.lighting.background);
-                let mut left = blocks & touched;
-                while left != 0 {
-                    let block = left.trailing_zeros();
-                    left &= left - 1;
-                    let at = block_px(origin, block);
+                for block in ones(blocks & touched) {
+                    let at = block_px(origin, block as u32);
                     let sums = tile.sums_of::<S, N>(simd, at, scratch);
                     target.put(at, &resolve(simd, self.lighting, &sums, at));
                 }
@@ -198,11 +220,8 @@ fn finish<S: Simd>(
     simd.vectorize(
         #[inline(always)]
         || {
-            let mut left = blocks;
-            for sums in sums {
-                let block = left.trailing_zeros() % u64::BITS;
-                left &= left.wrapping_sub(1);
-                let at = block_px(origin, block);
+            for (block, sums) in ones(blocks).zip(sums) {
+                let at = block_px(origin, block as u32);
                 target.put(at, &resolve(simd, lighting, sums, at));
             }
         },

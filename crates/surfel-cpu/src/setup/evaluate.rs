@@ -46,8 +46,7 @@ pub(crate) const CHEAP_DEPTH: f64 = 1.0 / 64.0;
 pub(crate) const CHEAP_FILTERED_DEPTH: f64 = 1.0 / 39.0;
 
 /// Steepest plane of a cheap splat, relative depth a pixel. Its blocks reach at most 12 pixels beyond its disks; over
-/// them
-/// |e| is below 0.4, and what lies outside of a disk is still found outside.
+/// them |e| is below 0.4, and what lies outside of a disk is still found outside.
 pub(crate) const CHEAP_STEEPNESS: f64 = 1.0 / 32.0;
 
 /// Widest filter, in pixels, of a splat that may be cheap.

@@ -76,7 +76,7 @@ impl CellSplats {
 
     /// Pairs of record and tile.
     pub(crate) fn tile_pairs(&self) -> u64 {
-        self.all().map(|s| s.pairs() as u64).sum()
+        self.all().map(|s| s.lists.len() as u64).sum()
     }
 
     /// Bytes of heap memory in use.
@@ -125,11 +125,11 @@ impl CellSetup<'_> {
             [&mut entries, &mut transparent.entries].into_iter().for_each(|entries| retain(entries, drawn));
         }
         let after_setup = Instant::now();
-        segment.sort(&mut entries, grid);
+        segment.lists.sort(&mut entries, grid);
         self.pool.entries.give_back(entries);
         let has_transparent = !transparent.splats.is_empty();
         if has_transparent {
-            transparent.segment.sort(&mut transparent.entries, grid);
+            transparent.segment.lists.sort(&mut transparent.entries, grid);
         }
         segment.set_up_s = (after_setup - start).as_secs_f64();
         segment.sort_s = after_setup.elapsed().as_secs_f64();

@@ -136,7 +136,7 @@ fields! {
     epsilon = 2;
     /// No fragment of the splat is nearer: [`Listable::z_min`].
     nearest = 3;
-    /// [`Class`], as bits: and one for a clip.
+    /// [`Class`], as bits, and one more for a clip.
     class_bits = 4;
     /// From the anchor to its pixel's centre: ½ less the anchor's fraction.
     offset_x = 5;

@@ -3,8 +3,7 @@
 use crate::setup::clips::{CellClips, ScreenClips};
 use crate::setup::near::NearSplat;
 use crate::setup::record::Records;
-use crate::tiles::bins::{Entries, Entry, TileLists};
-use crate::tiles::grid::Grid;
+use crate::tiles::bins::TileLists;
 
 /// Some chunks' records, with each tile's list of them in splat order.
 #[derive(Default)]
@@ -19,6 +18,7 @@ pub(crate) struct Segment {
     /// Seconds of a thread that setting up and sorting took.
     pub set_up_s: f64,
     pub sort_s: f64,
+    /// The records that touch each tile.
     pub lists: TileLists,
     /// The largest ε of splats whose sides are kept apart; 0 without any.
     pub largest_epsilon: f32,
@@ -35,11 +35,6 @@ impl Segment {
         (self.set_up_s, self.sort_s) = (0.0, 0.0);
     }
 
-    /// Sorts the records' entries into tiles.
-    pub(crate) fn sort(&mut self, unsorted: &mut Entries, grid: &Grid) {
-        self.lists.sort(unsorted, grid);
-    }
-
     /// Moves its near splats and clips to the end of everyone's.
     pub(crate) fn move_rare(&mut self, near: &mut Vec<NearSplat>, clips: &mut CellClips) {
         clips.push(std::mem::take(&mut self.clips));
@@ -47,16 +42,6 @@ impl Segment {
             self.records.iter_mut().for_each(|record| record.renumber(near.len()));
             near.append(&mut self.near);
         }
-    }
-
-    /// The records that touch a tile, in splat order.
-    pub(crate) fn of(&self, tile: usize) -> &[Entry] {
-        self.lists.of(tile)
-    }
-
-    /// Pairs of record and tile.
-    pub(crate) fn pairs(&self) -> usize {
-        self.lists.len()
     }
 
     /// Bytes of heap memory in use.

@@ -1,8 +1,8 @@
 //! Tiny splats: splats of 2×2 or 3×3 pixels at most, of which setup finds the fragments.
 //!
 //! A splat of two pixels fills three of a block's sixteen lanes and touches two blocks. Setup has sixteen splats in its
-//! lanes: it computes them all at a pixel each, four or nine times, by the formulas of `fragment.rs`, and their records
-//! hold depths and weights in place of forms. Tiles of tiny splats are drawn splat by splat (`dot_tiles.rs`); in
+//! lanes: it computes them all at a pixel each, four or nine times, by the formulas of `evaluate.rs`, and their records
+//! hold depths and weights in place of forms. Tiles of tiny splats are drawn splat by splat (`tiny_tile.rs`); in
 //! others, tiny splats are looked up where other splats are computed. Numbers and their order are the same in any case,
 //! and so is every bit.
 

@@ -1,5 +1,6 @@
 //! The shader `matcap` (§5): an image of a lit sphere, looked up by the normals of a block.
 
+use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
 use fearless_simd::prelude::SimdMask;
 use fearless_simd::{Simd, mask32x16};
@@ -43,10 +44,7 @@ impl MatcapSphere {
     fn sample<S: Simd>(&self, simd: S, covered: mask32x16<S>, at: V2<Lanes<S>>) -> V3<Lanes<S>> {
         let (x, y) = (at.x.to_array(), at.y.to_array());
         let mut found = [[0.0f32; LANES]; 3];
-        let mut left = covered.to_bitmask() & 0xffff;
-        while left != 0 {
-            let lane = left.trailing_zeros() as usize;
-            left &= left - 1;
+        for lane in ones(covered.to_bitmask()) {
             let (column, row) = (x[lane] as usize, y[lane] as usize);
             let (fx, fy) = (x[lane] - column as f32, y[lane] - row as f32);
             // The last column and row have nothing beyond them, and no share of it.

@@ -4,6 +4,7 @@ use crate::raster::triangles::{Nearest, center, pixel_of};
 use crate::scene::mesh::StoredMesh;
 use crate::setup::triangles::ScreenTriangle;
 use crate::shade::surface::Surface;
+use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
 use fearless_simd::prelude::SimdMask;
 use fearless_simd::{Simd, mask32x16};
@@ -27,10 +28,8 @@ impl<S: Simd> Nearest<S> {
             #[inline(always)]
             || {
                 let (mut albedo, mut normal, mut factors) = ([[1.0; LANES]; 3], [[0.0; LANES]; 3], [[0.0; LANES]; 4]);
-                let (which, mut bits) = (self.indices(), mask.to_bitmask());
-                while bits != 0 {
-                    let lane = bits.trailing_zeros() as usize;
-                    bits &= bits - 1;
+                let which = self.indices();
+                for lane in ones(mask.to_bitmask()) {
                     let Some(&t) = list.get(which[lane]) else { continue };
                     let Some(mesh) = meshes.get(t.mesh as usize) else { continue };
                     let (color, direction) = look(t, mesh, center(pixel_of(at, lane)));

@@ -6,17 +6,18 @@ use crate::cull::object::ObjectView;
 use crate::raster::depth::thresholds;
 use crate::raster::inputs::{RasterFrame, RasterInputs};
 use crate::raster::listing::{ListScratch, Listing, list_triangles};
-use crate::raster::triangles::{Nearest, center, nearest, pixel_of};
+use crate::raster::triangles::nearest;
 use crate::scene::resident::ResidentScene;
 use crate::setup::prepare::{CellSetup, CellSplats, SetupPool};
-use crate::setup::triangles::{ScreenTriangle, TriangleSegment, project};
+use crate::setup::triangles::{TriangleSegment, project};
 use crate::shade::shadow_map::ShadowMap;
-use crate::simd::lanes::Lanes;
+use crate::simd::compress::ones;
 use crate::simd::level::{Instructions, with_instructions};
 use crate::tiles::driver::{self, Tuning};
 use crate::tiles::grid::Grid;
-use crate::tiles::target::{Rows, cut, put_plane};
+use crate::tiles::target::{Rows, cut};
 use fearless_simd::Simd;
+use fearless_simd::prelude::SimdMask;
 use glam::DVec3;
 use surfel_math::Real;
 use surfel_math::depth::slope_allowance;
@@ -105,10 +106,7 @@ impl<'a> MapCell<'a> {
         let all = grid.blocks(tile);
         list_triangles(self.triangles, tile, all, &mut scratch.triangles);
         self.listing.list(tile, all, &mut scratch.splats);
-        let mut left = all;
-        while left != 0 {
-            let block = left.trailing_zeros();
-            left &= left - 1;
+        for block in ones(all).map(|block| block as u32) {
             let at = grid.block_px(tile, block);
             let (splats, triangles) = (scratch.splats.of(simd, block), scratch.triangles.of(block));
             if splats.is_empty() && triangles.is_empty() {
@@ -117,22 +115,11 @@ impl<'a> MapCell<'a> {
             let mut threshold = thresholds(simd, splats, at, &self.inputs);
             if !triangles.is_empty() {
                 let nearest = nearest(simd, triangles, at, self.inputs.frame.constants.depth_range());
-                threshold = threshold.min(self.allowed(simd, &nearest, triangles, at));
+                let there = nearest.z.lt(threshold.constant(f64::INFINITY)).to_bitmask();
+                let bias = |z, gradient| slope_allowance(z, gradient, self.projection);
+                threshold = threshold.min(nearest.moved_back(simd, triangles, at, there, bias));
             }
-            put_plane(target, at, threshold);
+            target.put_lanes(at, threshold);
         }
-    }
-
-    /// Depths of a block's triangles, bias included.
-    #[inline(always)]
-    fn allowed<S: Simd>(&self, simd: S, nearest: &Nearest<S>, list: &[&ScreenTriangle], at: (i32, i32)) -> Lanes<S> {
-        let (mut z, which) = (nearest.z.to_array(), nearest.indices());
-        for (lane, z) in z.iter_mut().enumerate().filter(|(_, z)| z.is_finite()) {
-            let Some(t) = list.get(which[lane]) else { continue };
-            let own = f64::from(*z);
-            let gradient = t.triangle.gradient(t.triangle.z, own, center(pixel_of(at, lane)));
-            *z = (own + slope_allowance(own, gradient, self.projection)) as f32;
-        }
-        Lanes::load(simd, &z)
     }
 }

@@ -7,6 +7,7 @@ use crate::shade::lighting::Lighting;
 use crate::shade::resolve::{divided, lit, shaded};
 use crate::shade::surface::{Shaded, Surface};
 use crate::shade::view_ray::Place;
+use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::tiles::target::{Pixels, Target};
 use fearless_simd::prelude::SimdMask;
@@ -134,8 +135,8 @@ impl<S: Simd> CompositedLayers<S> {
     /// Writes the numbers of the nearest splats, where they are wanted and a layer is there.
     pub(crate) fn put_index(&self, target: &mut Target<'_>, at: (i32, i32)) {
         let Some(numbers) = self.numbers else { return };
-        let (mut shown, there) = (target.index(at), self.nearest.covered.to_bitmask());
-        shown.iter_mut().enumerate().filter(|(i, _)| there >> i & 1 == 1).for_each(|(i, to)| *to = numbers[i]);
+        let mut shown = target.index(at);
+        ones(self.nearest.covered.to_bitmask()).for_each(|i| shown[i] = numbers[i]);
         target.put_index(at, shown);
     }
 

@@ -66,7 +66,7 @@ impl ViewRays {
         let (first, one) = (vector(simd, self.first), Lanes::splat(simd, 1.0));
         match place {
             Place::Block(at) => {
-                let (x, y) = pixels(simd, at);
+                let (x, y) = Lanes::block_pixels(simd, at);
                 let (across, down) = (vector(simd, self.across), vector(simd, self.down));
                 // From whole pixel numbers, so that it doesn't depend on where a block starts.
                 let ray = V3::new(
@@ -99,16 +99,9 @@ impl ViewRays {
     /// x/z and y/z of the rays through a block's pixels, or x and y of an orthographic view, in view space.
     #[inline(always)]
     pub(crate) fn slopes<S: Simd>(&self, simd: S, at: (i32, i32)) -> (Lanes<S>, Lanes<S>) {
-        let (p, (x, y)) = (&self.projection, pixels(simd, at));
+        let (p, (x, y)) = (&self.projection, Lanes::block_pixels(simd, at));
         (slope(x, p.focal_px[0], p.principal_px[0]), slope(y, p.focal_px[1], p.principal_px[1]))
     }
-}
-
-/// Column and row of a block's pixels.
-#[inline(always)]
-fn pixels<S: Simd>(simd: S, (x, y): (i32, i32)) -> (Lanes<S>, Lanes<S>) {
-    let (x, y) = (Lanes::splat(simd, x as f32), Lanes::splat(simd, y as f32));
-    (Lanes::block_columns(simd) + x, Lanes::block_rows(simd) + y)
 }
 
 /// A ray's slope along one axis.

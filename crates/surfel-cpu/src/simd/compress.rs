@@ -5,6 +5,16 @@ use fearless_simd::Simd;
 /// Bits of a word.
 pub(crate) const BITS: usize = 64;
 
+/// The number of each bit that is set, from the lowest on.
+#[inline(always)]
+pub(crate) fn ones(mut bits: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lowest = (bits != 0).then(|| bits.trailing_zeros() as usize);
+        bits &= bits.wrapping_sub(1);
+        lowest
+    })
+}
+
 /// How many are written at once.
 const FOUR: usize = 4;
 

@@ -73,6 +73,13 @@ impl<S: Simd> Lanes<S> {
         Self(f32x16::load_array(simd, std::array::from_fn(|i| (i / 4) as f32)))
     }
 
+    /// Columns and rows of the pixels of the block whose first one is given.
+    #[inline(always)]
+    pub(crate) fn block_pixels(simd: S, (x, y): (i32, i32)) -> (Self, Self) {
+        let k = |v: i32| Self::splat(simd, v as f32);
+        (Self::block_columns(simd) + k(x), Self::block_rows(simd) + k(y))
+    }
+
     /// Sixteen rows of N numbers, one after another, as N columns of sixteen: of N = 16, lane j of result i is lane i
     /// of input j.
     #[inline(always)]
@@ -220,34 +227,31 @@ pub(crate) fn has_fused_multiply_add<S: Simd>(simd: S) -> bool {
     !simd.level().is_fallback()
 }
 
-macro_rules! operator {
-    ($trait:ident, $name:ident) => {
-        impl<S: Simd> $trait for Lanes<S> {
-            type Output = Self;
-            #[inline(always)]
-            fn $name(self, other: Self) -> Self {
-                let a = self;
-                in_line_unless_scalar!(S, (a: Lanes<S>, other: Lanes<S>) -> Lanes<S> {
-                    Lanes($trait::$name(a.0, other.0))
-                })
-            }
+/// A method of lanes whose first argument is `self`, in line but at the scalar level.
+macro_rules! method {
+    ($name:ident($a:ident $(, $b:ident)*) -> $result:ty $body:block) => {
+        #[inline(always)]
+        fn $name(self $(, $b: Self)*) -> $result {
+            let $a = self;
+            in_line_unless_scalar!(S, ($a: Lanes<S> $(, $b: Lanes<S>)*) -> $result $body)
         }
     };
 }
 
-operator!(Add, add);
-operator!(Sub, sub);
-operator!(Mul, mul);
-operator!(Div, div);
-
-impl<S: Simd> Neg for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        let a = self;
-        in_line_unless_scalar!(S, (a: Lanes<S>) -> Lanes<S> { Lanes(-a.0) })
-    }
+macro_rules! operator {
+    ($trait:ident, $name:ident($($argument:ident),*)) => {
+        impl<S: Simd> $trait for Lanes<S> {
+            type Output = Self;
+            method!($name($($argument),*) -> Lanes<S> { Lanes($trait::$name($($argument.0),*)) });
+        }
+    };
 }
+
+operator!(Add, add(a, b));
+operator!(Sub, sub(a, b));
+operator!(Mul, mul(a, b));
+operator!(Div, div(a, b));
+operator!(Neg, neg(a));
 
 impl<S: Simd> Real for Lanes<S> {
     type Mask = mask32x16<S>;
@@ -256,43 +260,13 @@ impl<S: Simd> Real for Lanes<S> {
     fn constant(self, value: f64) -> Self {
         Self::splat(self.0.simd, value as f32)
     }
-    #[inline(always)]
-    fn mul_add(self, b: Self, c: Self) -> Self {
-        let a = self;
-        in_line_unless_scalar!(S, (a: Lanes<S>, b: Lanes<S>, c: Lanes<S>) -> Lanes<S> {
-            Lanes(a.0.mul_add_precise(b.0, c.0))
-        })
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        let a = self;
-        in_line_unless_scalar!(S, (a: Lanes<S>) -> Lanes<S> { Lanes(a.0.sqrt()) })
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        let a = self;
-        in_line_unless_scalar!(S, (a: Lanes<S>) -> Lanes<S> { Lanes(a.0.abs()) })
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        let a = self;
-        in_line_unless_scalar!(S, (a: Lanes<S>, other: Lanes<S>) -> Lanes<S> { Lanes(a.0.min(other.0)) })
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        let a = self;
-        in_line_unless_scalar!(S, (a: Lanes<S>, other: Lanes<S>) -> Lanes<S> { Lanes(a.0.max(other.0)) })
-    }
-    #[inline(always)]
-    fn lt(self, other: Self) -> mask32x16<S> {
-        let a = self;
-        in_line_unless_scalar!(S, (a: Lanes<S>, other: Lanes<S>) -> mask32x16<S> { a.0.simd_lt(other.0) })
-    }
-    #[inline(always)]
-    fn le(self, other: Self) -> mask32x16<S> {
-        let a = self;
-        in_line_unless_scalar!(S, (a: Lanes<S>, other: Lanes<S>) -> mask32x16<S> { a.0.simd_le(other.0) })
-    }
+    method!(mul_add(a, b, c) -> Lanes<S> { Lanes(a.0.mul_add_precise(b.0, c.0)) });
+    method!(sqrt(a) -> Lanes<S> { Lanes(a.0.sqrt()) });
+    method!(abs(a) -> Lanes<S> { Lanes(a.0.abs()) });
+    method!(min(a, b) -> Lanes<S> { Lanes(a.0.min(b.0)) });
+    method!(max(a, b) -> Lanes<S> { Lanes(a.0.max(b.0)) });
+    method!(lt(a, b) -> mask32x16<S> { a.0.simd_lt(b.0) });
+    method!(le(a, b) -> mask32x16<S> { a.0.simd_le(b.0) });
     #[inline(always)]
     fn select(mask: mask32x16<S>, a: Self, b: Self) -> Self {
         in_line_unless_scalar!(S, (mask: mask32x16<S>, a: Lanes<S>, b: Lanes<S>) -> Lanes<S> {

@@ -140,7 +140,7 @@ fn drawn(splat: &Tilted, view: &View, filter: Filter, finds_tiny: bool) -> Optio
     let mut drawn =
         Drawn { class: record.class(), batch: Batch::of(&[record; 4]), hits: Vec::new(), in_batch: Vec::new() };
     for tile in 0..grid.tiles() {
-        for entry in segment.of(tile) {
+        for entry in segment.lists.of(tile) {
             for block in (0..64).filter(|block| entry.blocks >> block & 1 == 1) {
                 let px = grid.block_px(tile, block);
                 with_instructions!(instructions, simd => draw_block(simd, record, px, &inputs, &mut drawn));

@@ -100,13 +100,7 @@ impl Rect {
         let row = tile as u32 / grid.columns;
         let [x, y] = [grid.origin[0] + column * size, grid.origin[1] + row * size].map(|v| v as i32);
         let whole = Self { x, y, end_x: x + size as i32, end_y: y + size as i32 };
-        let r = Self::of(region);
-        Self {
-            x: whole.x.max(r.x),
-            y: whole.y.max(r.y),
-            end_x: whole.end_x.min(r.end_x),
-            end_y: whole.end_y.min(r.end_y),
-        }
+        whole.common(&Self::of(region))
     }
 
     /// The smallest rectangle that holds both.

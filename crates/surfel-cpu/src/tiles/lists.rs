@@ -240,12 +240,8 @@ impl<T: Copy> ItemLists<T> {
     pub(crate) fn of(&mut self, block: u32) -> &[T] {
         self.list.clear();
         for (word, items) in self.words.iter().zip(self.items.chunks(BITS)) {
-            let mut bits = word[block as usize % BITS];
-            while bits != 0 {
-                // The last word has no bits past the last item.
-                self.list.extend(items.get(bits.trailing_zeros() as usize));
-                bits &= bits - 1;
-            }
+            // The last word has no bits past the last item.
+            self.list.extend(compress::ones(word[block as usize % BITS]).filter_map(|i| items.get(i)));
         }
         &self.list
     }

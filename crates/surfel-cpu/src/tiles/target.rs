@@ -1,6 +1,7 @@
 //! Where tiles write: planes cut into parts that threads own, in safe Rust.
 
 use crate::scene::numbers::SplatNumbers;
+use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::tiles::grid::{BLOCK, Grid, Rect, block_px};
 use fearless_simd::Simd;
@@ -51,12 +52,18 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
+    /// Writes the part of a block that lies inside.
+    #[inline(always)]
+    fn put_block(&mut self, (x, y): (i32, i32), values: [T; LANES]) {
+        for (y, four) in (y..).zip(values.as_chunks().0) {
+            self.put((x, y), *four);
+        }
+    }
+
     /// Writes one value to the pixels that lie inside of a tile's blocks whose bits are set.
     fn put_all(&mut self, origin: (i32, i32), blocks: u64, value: T) {
-        let mut left = if self.rows.is_empty() { 0 } else { blocks };
-        while left != 0 {
-            let (x, y) = block_px(origin, left.trailing_zeros());
-            left &= left - 1;
+        for block in ones(if self.rows.is_empty() { 0 } else { blocks }) {
+            let (x, y) = block_px(origin, block as u32);
             (0..BLOCK as i32).for_each(|j| self.put((x, y + j), [value; 4]));
         }
     }
@@ -99,6 +106,16 @@ impl<T: Copy> Rows<'_, T> {
         let range = |from: i32, to: i32, first: i32| (from - first) as usize..(to - first) as usize;
         for row in self.rows.get_mut(range(rect.y, rect.end_y, self.rect.y)).unwrap_or_default() {
             row[range(rect.x, rect.end_x, self.rect.x)].fill(value);
+        }
+    }
+}
+
+impl Rows<'_, f32> {
+    /// Writes the part of a block that lies inside, where the plane is there.
+    #[inline(always)]
+    pub(crate) fn put_lanes<S: Simd>(&mut self, at: (i32, i32), values: Lanes<S>) {
+        if !self.rows.is_empty() {
+            self.put_block(at, values.to_array());
         }
     }
 }
@@ -164,27 +181,27 @@ impl<'a> Target<'a> {
         parts: &[Region],
         background: TileBackground<'a>,
     ) -> Vec<Self> {
-        let color = cut(planes.color, region, parts);
-        let depth = cut(planes.depth, region, parts);
-        let normal = cut(planes.normal, region, parts);
-        let weight = cut(planes.weight, region, parts);
-        let fragments = cut(planes.fragments, region, parts);
-        let index = cut(planes.index, region, parts);
-        let geometry = depth.into_iter().zip(normal).zip(weight).zip(fragments.into_iter().zip(index));
-        let parts =
-            color.into_iter().zip(geometry).map(|(color, (((depth, normal), weight), (fragments, index)))| Self {
+        let mut color = cut(planes.color, region, parts).into_iter();
+        let mut depth = cut(planes.depth, region, parts).into_iter();
+        let mut normal = cut(planes.normal, region, parts).into_iter();
+        let mut weight = cut(planes.weight, region, parts).into_iter();
+        let mut fragments = cut(planes.fragments, region, parts).into_iter();
+        let mut index = cut(planes.index, region, parts).into_iter();
+        let target = |part: &Region| {
+            Some(Self {
                 tile: 0,
-                rect: color.rect,
+                rect: Rect::of(*part),
                 background,
                 is_background: false,
-                color,
-                depth,
-                normal,
-                weight,
-                fragments,
-                index,
-            });
-        parts.collect()
+                color: color.next()?,
+                depth: depth.next()?,
+                normal: normal.next()?,
+                weight: weight.next()?,
+                fragments: fragments.next()?,
+                index: index.next()?,
+            })
+        };
+        parts.iter().filter_map(target).collect()
     }
 
     /// Goes to a tile of a grid.
@@ -276,11 +293,9 @@ impl<'a> Target<'a> {
         if self.color.rows.is_empty() {
             return;
         }
-        for (j, row) in Lanes::interleave4(color).iter().enumerate() {
-            let row = row.to_array();
-            let (four, _) = row.as_chunks::<4>();
-            if let Some(four) = four.first_chunk::<4>() {
-                self.color.put((x, y + j as i32), *four);
+        for (y, row) in (y..).zip(Lanes::interleave4(color)) {
+            if let Some(four) = row.to_array().as_chunks().0.first_chunk() {
+                self.color.put((x, y), *four);
             }
         }
     }
@@ -305,7 +320,7 @@ impl<'a> Target<'a> {
     /// Makes those of a block's pixels black whose bits are set.
     pub(crate) fn blacken(&mut self, (x, y): (i32, i32), bits: u16) {
         self.set_background(false);
-        for i in (0..LANES as i32).filter(|i| bits >> i & 1 == 1) {
+        for i in ones(bits.into()).map(|i| i as i32) {
             if let (_, [pixel]) = self.color.run(&self.rect, (x + i % 4, y + i / 4), 1) {
                 pixel[..3].fill(0.0);
             }
@@ -313,10 +328,9 @@ impl<'a> Target<'a> {
     }
 
     /// Writes what is nearest in a block's pixels.
-    pub(crate) fn put_index(&mut self, (x, y): (i32, i32), numbers: [u32; LANES]) {
+    pub(crate) fn put_index(&mut self, at: (i32, i32), numbers: [u32; LANES]) {
         self.set_background(false);
-        let (rows, _) = numbers.as_chunks::<4>();
-        (y..).zip(rows).for_each(|(y, four)| self.index.put((x, y), *four));
+        self.index.put_block(at, numbers);
     }
 
     /// What is nearest in a block's pixels, as it was written.
@@ -326,40 +340,17 @@ impl<'a> Target<'a> {
 
     /// Writes a block's pixels.
     #[inline(always)]
-    pub(crate) fn put<S: Simd>(&mut self, (x, y): (i32, i32), pixels: &Pixels<S>) {
+    pub(crate) fn put<S: Simd>(&mut self, at: (i32, i32), pixels: &Pixels<S>) {
         self.set_background(false);
-        self.put_color((x, y), pixels.color);
-        put_plane(&mut self.depth, (x, y), pixels.depth);
-        put_plane(&mut self.weight, (x, y), pixels.weight);
+        self.put_color(at, pixels.color);
+        self.depth.put_lanes(at, pixels.depth);
+        self.weight.put_lanes(at, pixels.weight);
         if !self.normal.rows.is_empty() {
-            let [nx, ny, nz] = pixels.normal;
-            let (nx, ny, nz) = (nx.to_array(), ny.to_array(), nz.to_array());
-            for j in 0..4 {
-                let mut values = [[0.0; 3]; 4];
-                for (i, value) in values.iter_mut().enumerate() {
-                    *value = [nx[4 * j + i], ny[4 * j + i], nz[4 * j + i]];
-                }
-                self.normal.put((x, y + j as i32), values);
-            }
+            let [x, y, z] = pixels.normal.map(Lanes::to_array);
+            self.normal.put_block(at, std::array::from_fn(|i| [x[i], y[i], z[i]]));
         }
         if !self.fragments.rows.is_empty() {
-            let counts = pixels.fragments.to_array();
-            for j in 0..4 {
-                let four = [counts[4 * j], counts[4 * j + 1], counts[4 * j + 2], counts[4 * j + 3]];
-                self.fragments.put((x, y + j as i32), four.map(|count| count as u32));
-            }
+            self.fragments.put_block(at, pixels.fragments.to_array().map(|count| count as u32));
         }
-    }
-}
-
-/// Writes a block's numbers into a plane.
-#[inline(always)]
-pub(crate) fn put_plane<S: Simd>(plane: &mut Rows<'_, f32>, (x, y): (i32, i32), values: Lanes<S>) {
-    if plane.rows.is_empty() {
-        return;
-    }
-    let values: [f32; LANES] = values.to_array();
-    for j in 0..4 {
-        plane.put((x, y + j as i32), [values[4 * j], values[4 * j + 1], values[4 * j + 2], values[4 * j + 3]]);
     }
 }
