@@ -134,6 +134,7 @@ mod tests {
         "frame-range",
         "shard",
         "skip-existing",
+        "progressive",
         "stats",
         "verify",
         "repeat",
