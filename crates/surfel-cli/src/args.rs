@@ -223,6 +223,10 @@ pub(crate) struct RenderArgs {
     /// Leave out pictures whose files exist, whatever they show; those are whole, because files appear at once.
     #[arg(long, conflicts_with_all = ["force", "verify"], help_heading = "Pieces of a job")]
     pub(crate) skip_existing: bool,
+    /// First a picture of a part of the points, which is soon in OUT; then OUT again, whole each time, until it is what
+    /// it is without this flag.
+    #[arg(long, conflicts_with = "skip_existing", help_heading = "Output")]
+    pub(crate) progressive: bool,
     /// Print times and counts as JSON on stdout.
     #[arg(long, conflicts_with = "print_scene", help_heading = "Output")]
     pub(crate) stats: bool,

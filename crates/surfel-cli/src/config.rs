@@ -9,9 +9,10 @@ use std::path::Path;
 use toml::Value;
 
 /// Flags that exclude each other: one on the command line silences the others of the file.
-const GROUPS: [&[&str]; 6] = [
+const GROUPS: [&[&str]; 7] = [
     &["region", "tile"],
     &["force", "skip-existing"],
+    &["progressive", "skip-existing"],
     &["ortho", "fov-y"],
     &["view", "camera", "eye", "target"],
     &["per-vertex", "per-face", "splats"],

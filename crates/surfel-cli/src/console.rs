@@ -55,6 +55,15 @@ impl Bar {
             f(&mut self.current.lock().unwrap_or_else(std::sync::PoisonError::into_inner));
         }
     }
+
+    /// Takes the bar away: its lines and notes don't mix.
+    pub(crate) fn clear(&self) {
+        self.with(|current| {
+            if let Some(bar) = current.take() {
+                bar.finish_and_clear();
+            }
+        });
+    }
 }
 
 impl Progress for Bar {
@@ -78,11 +87,7 @@ impl Progress for Bar {
 
 impl Drop for Bar {
     fn drop(&mut self) {
-        self.with(|current| {
-            if let Some(bar) = current.take() {
-                bar.finish_and_clear();
-            }
-        });
+        self.clear();
     }
 }
 

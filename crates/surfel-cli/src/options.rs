@@ -136,6 +136,7 @@ mod tests {
         "frame-range",
         "shard",
         "skip-existing",
+        "progressive",
         "stats",
         "verify",
         "repeat",

@@ -54,6 +54,11 @@ impl Output {
         Ok(Self { template: Some(name), format, force })
     }
 
+    /// From now on, files are replaced: they are this run's own.
+    pub(crate) fn replace(&mut self) {
+        self.force = true;
+    }
+
     /// True if the images go to stdout.
     pub(crate) fn is_stdout(&self) -> bool {
         self.template.is_none()

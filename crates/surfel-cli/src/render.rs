@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use crate::options;
 use crate::output::{Format, Output};
 use crate::pieces::{self, Pictures};
-use crate::resolve::{self, Resolved, Source, resolve};
+use crate::resolve::{self, Resolved, Source, resolve, resolve_progressively};
 use crate::stats;
 use crate::stdin::{self, Stdin, is_stdin};
 use crate::stdout;
@@ -14,8 +14,10 @@ use crate::verify::{Verified, verify};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use surfel::backend::Chosen;
 use surfel::model::SceneFile;
+use surfel::progressive::Detail;
 use surfel::render::{Capabilities, RendererInfo, SceneSummary, unsupported};
 use surfel::request::{self, RenderOptions};
 use surfel::{
@@ -58,7 +60,7 @@ fn default_output(args: &RenderArgs) -> Option<PathBuf> {
 pub(crate) struct Session<'a> {
     args: &'a RenderArgs,
     output: Option<Output>,
-    stdin: Stdin,
+    stdin: Rc<Stdin>,
     threads: usize,
     console: &'a Console,
     /// The cameras of `--cameras`, by the names of their images.
@@ -102,7 +104,7 @@ impl<'a> Session<'a> {
         let inputs = if output.as_ref().is_some_and(Output::names_inputs) { args.inputs.len() } else { 1 };
         let pictures = if draws { Pictures::of(args, inputs, frames, console)? } else { Pictures::default() };
         let backend = if draws { Some(start(args, threads, console)?) } else { None };
-        Ok(Self { args, output, stdin, threads, console, cameras, pictures, backend })
+        Ok(Self { args, output, stdin: Rc::new(stdin), threads, console, cameras, pictures, backend })
     }
 
     /// The frames of an input that are drawn.
@@ -207,9 +209,42 @@ impl<'a> Session<'a> {
             [] => request::Pictures::Turn(args.frames.unwrap_or(1)),
             given => request::Pictures::Cameras(given.iter().map(|(_, camera)| camera.clone()).collect()),
         };
-        let resolved = resolve(source, &pictures, args, &self.stdin, console)?;
+        if !args.progressive {
+            let resolved = resolve(source, &pictures, args, &self.stdin, console)?;
+            return self.draw_scene(&resolved, Detail::Full, label);
+        }
+        self.check_progressive(label)?;
+        let (mut drawn, stdin) = (Drawn::default(), Rc::clone(&self.stdin));
+        resolve_progressively(source, &pictures, args, &stdin, console, &mut |resolved, detail| {
+            drawn = self.draw_scene(&resolved, detail, label)?;
+            Ok(())
+        })?;
+        Ok(drawn)
+    }
+
+    /// Refuses what has no file that could be rewritten.
+    fn check_progressive(&self, label: &Path) -> Result<(), Failure> {
+        let Some(backend) = &self.backend else { return Ok(()) };
+        let names = self.names(backend, label);
+        let frames = self.frames_of(label).len();
+        if frames > 1 {
+            let what = format!("--progressive is of one picture, but this draws {frames}: leave it out");
+            return Err(Failure::usage(what));
+        }
+        match names.first() {
+            Some(path) if path.exists() && !path.is_file() => {
+                let what = format!("-o {}: --progressive rewrites a file, and this is none", path.display());
+                Err(Failure::usage(what))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Draws a scene that is there, all frames of it.
+    fn draw_scene(&mut self, resolved: &Resolved, detail: Detail, label: &Path) -> Result<Drawn, Failure> {
+        let (args, console) = (self.args, self.console);
         camera::view(&resolved.file.camera, &options::render(args)?)?;
-        if args.print_scene {
+        if args.print_scene && detail == Detail::Full {
             print_scene(&resolved.file)?;
         }
         let Some(mut backend) = self.backend.take() else { return Ok(Drawn::default()) };
@@ -221,9 +256,12 @@ impl<'a> Session<'a> {
         if args.backend == "auto" && refuses(&backend.info().capabilities).is_some() {
             other = Some(choose(args, self.threads, console, refuses)?);
         }
-        let result = self.draw_by(other.as_mut().unwrap_or(&mut backend), &resolved, planes, label);
+        let result = self.draw_by(other.as_mut().unwrap_or(&mut backend), resolved, detail, planes, label);
         // The next image may be one for the fastest backend again.
         self.backend = Some(backend);
+        if let (Detail::Coarse, Some(output)) = (detail, &mut self.output) {
+            output.replace();
+        }
         result
     }
 
@@ -231,6 +269,7 @@ impl<'a> Session<'a> {
         &self,
         backend: &mut Backend,
         resolved: &Resolved,
+        detail: Detail,
         planes: Planes,
         label: &Path,
     ) -> Result<Drawn, Failure> {
@@ -254,7 +293,15 @@ impl<'a> Session<'a> {
                 Some((_, camera)) => (camera::with_near(camera.clone(), &resolved.scene), None),
                 None => resolved.turned(index, args.frames.unwrap_or(1)),
             };
-            job.render(backend, resolved, &camera, moved.as_ref())?;
+            job.render(backend, resolved, detail, &camera, moved.as_ref())?;
+            if detail == Detail::Coarse {
+                if let (Some(output), Some(path)) = (&self.output, path) {
+                    // What would repeat it is that of the full picture, which takes its place.
+                    output.write(Some(path), &job.frame, resolved.file.background, Vec::new())?;
+                    console.detail(&format!("{}: a coarse picture, which a finer one replaces", path.display()));
+                }
+                continue;
+            }
             if let Some(output) = &self.output {
                 let scene = SceneFile {
                     camera,
@@ -273,6 +320,9 @@ impl<'a> Session<'a> {
                     console.detail(&format!("{}: {:.1} ms, {} splats", path.display(), last.frame_ms, last.splats));
                 }
             }
+        }
+        if detail == Detail::Coarse {
+            return Ok(Drawn::default());
         }
         let verified = if args.verify {
             let view = camera::view(&resolved.file.camera, &options::render(args)?)?;
@@ -380,6 +430,12 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
             _ => "expected -o OUT.png for one image of all inputs, or -o {input}.png for an image of each",
         };
         return Err(Failure::usage(format!("no output is given, {expected}")));
+    }
+    if args.progressive && (stdout || output.is_none()) {
+        return Err(Failure::usage("--progressive rewrites a file: give -o a file name"));
+    }
+    if args.progressive && args.inputs.len() > 1 && output.is_some_and(Output::names_inputs) {
+        return Err(Failure::usage("--progressive is of one picture, but -o has {input}: an image of each input"));
     }
     if args.print_scene && args.inputs.len() > 1 && output.is_some_and(Output::names_inputs) {
         return Err(Failure::usage("--print-scene is for one scene, but -o has {input}: an image of each input"));
@@ -498,6 +554,7 @@ impl Job<'_> {
         &mut self,
         backend: &mut Backend,
         resolved: &Resolved,
+        detail: Detail,
         camera: &Camera,
         moved: Option<&Scene>,
     ) -> Result<(), Failure> {
@@ -516,7 +573,7 @@ impl Job<'_> {
         };
         // The frame that isn't timed counts fragments, which takes some time.
         let counted = once(self.planes.with_fragments(self.args.stats))?;
-        if let Some(repeat) = self.args.repeat {
+        if let Some(repeat) = self.args.repeat.filter(|_| detail == Detail::Full) {
             for _ in 0..repeat {
                 self.runs.push(stats::with_fragments(once(self.planes)?, &counted));
             }

@@ -6,6 +6,8 @@ use crate::failure::Failure;
 use crate::options;
 use crate::stdin::{Stdin, is_stdin};
 use std::path::PathBuf;
+use std::sync::Arc;
+use surfel::progressive::{self, Detail};
 use surfel::request::{Pictures, Request};
 pub(crate) use surfel::request::{Resolved, SceneSource, Source};
 
@@ -23,15 +25,55 @@ pub(crate) fn resolve(
     stdin: &Stdin,
     console: &Console,
 ) -> Result<Resolved, Failure> {
-    let request = Request::new(source, pictures, &options::render(args)?)?;
-    let from_stdin = request.objects().iter().flat_map(|o| [&o.splats, &o.mesh]).flatten().any(|path| is_stdin(path));
-    let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };
+    let (request, bytes) = request(source, pictures, args, stdin)?;
     let progress = console.progress();
     let loaded = request.load(bytes, &progress)?;
     let mut notes = Vec::new();
     let resolved = request.resolve(loaded, &progress, &mut |note| notes.push(note));
-    // Lines of a progress bar and notes don't mix.
     drop(progress);
     notes.iter().for_each(|note| console.note(note));
     Ok(resolved?)
+}
+
+/// Loads a scene as scenes that get finer, each of which is given to `each`.
+pub(crate) fn resolve_progressively(
+    source: Source,
+    pictures: &Pictures,
+    args: &RenderArgs,
+    stdin: &Stdin,
+    console: &Console,
+    each: &mut dyn FnMut(Resolved, Detail) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let (request, bytes) = request(source, pictures, args, stdin)?;
+    let progress = console.progress();
+    let notes = std::cell::RefCell::new(Vec::new());
+    let tell = || {
+        progress.clear();
+        notes.take().iter().for_each(|note: &String| console.note(note));
+    };
+    let resolved = progressive::resolve(
+        request,
+        bytes,
+        &progress,
+        &mut |note| notes.borrow_mut().push(note),
+        &mut |scene, detail| {
+            tell();
+            each(scene, detail)
+        },
+    );
+    tell();
+    resolved
+}
+
+/// What is asked for, and what stdin holds where it is asked for.
+fn request(
+    source: Source,
+    pictures: &Pictures,
+    args: &RenderArgs,
+    stdin: &Stdin,
+) -> Result<(Request, Option<Arc<[u8]>>), Failure> {
+    let request = Request::new(source, pictures, &options::render(args)?)?;
+    let from_stdin = request.objects().iter().flat_map(|o| [&o.splats, &o.mesh]).flatten().any(|path| is_stdin(path));
+    let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };
+    Ok((request, bytes))
 }

@@ -61,6 +61,7 @@ fn check(args: &RenderArgs) -> Result<(), Failure> {
         ("--shard", args.shard.is_some()),
         ("--tile", args.tile.is_some()),
         ("--skip-existing", args.skip_existing),
+        ("--progressive", args.progressive),
     ];
     if let Some((flag, _)) = given.into_iter().find(|(_, given)| *given) {
         return Err(Failure::usage(format!(

@@ -173,3 +173,75 @@ fn file_that_a_view_needs_all_of_is_drawn_as_ever() {
     folder.run("convert in.las in.las -o out.ply").fails(2, "second input");
     folder.run("convert in.las -o other.copc.laz --max-points 9").fails(2, "takes the points as they are");
 }
+
+/// Runs `surfel`, and collects what is in `out` meanwhile: every other picture that was there.
+fn pictures_of(folder: &Folder, words: &str, out: &str) -> Vec<Vec<u8>> {
+    let mut child = folder.spawn(words);
+    let mut pictures: Vec<Vec<u8>> = Vec::new();
+    loop {
+        let ended = child.try_wait().unwrap();
+        if let Ok(bytes) = std::fs::read(folder.path().join(out))
+            && pictures.last() != Some(&bytes)
+        {
+            pictures.push(bytes);
+        }
+        if let Some(status) = ended {
+            assert!(status.success(), "surfel {words}");
+            return pictures;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn progressive_pictures_are_whole_and_the_last_is_the_one_without_the_flag() {
+    let folder = Folder::new("levels-progressive");
+    folder.write("in.las", las(600));
+    folder.run("convert in.las -o out.copc.laz").code(0);
+    let view = "--eye 600030,5000010,112 --target 600030,5000030,100 --fov-y 40 --size 320x240";
+    for (words, coarse, out) in [
+        (format!("render out.copc.laz {view}"), 2, "copc.png"),
+        (format!("render out.copc.laz {view} --planes index,position"), 2, "copc.exr"),
+        ("render in.las --size 320x240 --stats".to_owned(), 1, "las.png"),
+    ] {
+        folder.run(&format!("{words} -o {out}")).code(0);
+        let plain = folder.read(out);
+        std::fs::remove_file(folder.path().join(out)).unwrap();
+        let pictures = pictures_of(&folder, &format!("{words} --progressive -o {out}"), out);
+        assert_eq!(pictures.len(), coarse + 1, "{out}");
+        assert!(pictures.last() == Some(&plain), "{out}");
+        for (i, bytes) in pictures.iter().enumerate() {
+            let name = format!("{i}-{out}");
+            folder.write(&name, bytes);
+            let image = folder.image(&name);
+            assert_eq!((image.width, image.height), (320, 240), "{name}");
+            let covered = image.color.unwrap().iter().filter(|c| c[3] > 0.99).count();
+            assert!(covered > 320 * 240 / 4, "{name}: {covered}");
+        }
+        // A file that was there before is no picture of this run.
+        folder.run(&format!("{words} --progressive -o {out}")).fails(1, "--force");
+        assert!(folder.read(out) == plain, "{out}");
+    }
+    folder.write("ball.ply", common::ball());
+    let once = pictures_of(&folder, "render ball.ply --progressive -o ball.png", "ball.png");
+    folder.run("render ball.ply -o ball.png --force").code(0);
+    assert!(once == [folder.read("ball.png")]);
+}
+
+#[test]
+fn progressive_is_of_one_picture_in_a_file() {
+    let folder = Folder::new("levels-progressive-refused");
+    folder.write("a.ply", common::ball());
+    folder.write("b.ply", common::ball());
+    for (flags, expected) in [
+        ("a.ply -o -", "--progressive rewrites a file"),
+        ("a.ply --stats", "--progressive rewrites a file"),
+        ("a.ply --turntable --frames 3 -o {frame}.png", "one picture, but this draws 3"),
+        ("a.ply b.ply -o {input}.png", "--progressive is of one picture"),
+        ("a.ply -o a.png --skip-existing", "--skip-existing"),
+        ("a.ply -o /dev/null", "expected a name that ends in"),
+    ] {
+        folder.run(&format!("render {flags} --progressive")).fails(2, expected);
+    }
+    assert_eq!(folder.names(), ["a.ply", "b.ply"]);
+}

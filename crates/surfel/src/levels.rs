@@ -69,6 +69,11 @@ impl LevelReport {
     }
 }
 
+/// True for a COPC file that can be read.
+pub(crate) fn has_levels(path: &Path) -> bool {
+    matches!(Copc::open(path), Ok(Some(_)))
+}
+
 /// Reads what the options say of a COPC file; `None` where they say all, or it is another file.
 pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Option<(Loaded, LevelReport)>, Error> {
     // Points of a level stand alone where finer ones of it aren't read.

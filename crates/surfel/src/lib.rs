@@ -57,6 +57,7 @@ mod octree;
 pub mod ortho;
 mod patches;
 pub mod paths;
+pub mod progressive;
 mod render_options;
 pub mod request;
 pub mod scene;

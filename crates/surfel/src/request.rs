@@ -19,7 +19,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_math::gaussian;
 use surfel_model::{
-    Camera, Composite, Geometry, Light, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings, Shader, Up,
+    Camera, Composite, ConvertOptions, Geometry, Light, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings,
+    Shader, Up,
 };
 use surfel_render::{Preset, View};
 use surfel_sample::Progress;
@@ -169,6 +170,7 @@ impl Pictures {
 /// # Ok(())
 /// # }
 /// ```
+#[derive(Clone)]
 pub struct Request {
     options: RenderOptions,
     pictures: Pictures,
@@ -234,6 +236,27 @@ impl Request {
     /// The objects, whose paths are relative to the scene file's folder.
     pub fn objects(&self) -> &[ObjectFile] {
         &self.objects
+    }
+
+    /// Files of points and splats, and how they become splats.
+    pub(crate) fn files(&self) -> impl Iterator<Item = (PathBuf, &ConvertOptions)> {
+        let named =
+            |object: &ObjectFile| object.splats.as_ref().filter(|path| !is_stdin(path)).map(|p| self.base.join(p));
+        self.objects.iter().filter_map(move |object| Some((named(object)?, &object.convert)))
+    }
+
+    /// The same of fewer points, as `most` makes of how many there are at most, and of levels whose splats are so many
+    /// times as large.
+    pub(crate) fn coarser(&self, most: impl Fn(Option<u32>) -> u32, times: f64) -> Self {
+        let mut coarse = self.clone();
+        coarse.objects.iter_mut().filter(|object| object.splats.is_some()).for_each(|object| {
+            object.convert.max_points = Some(most(object.convert.max_points));
+        });
+        let scene = coarse.scene.as_mut().map(|(file, _)| &mut file.settings);
+        std::iter::once(&mut coarse.settings).chain(scene).for_each(|settings| settings.lod_error_px *= times);
+        // The full scene's is written.
+        coarse.options.splats.colorbar = None;
+        coarse
     }
 
     /// How the objects are loaded, large files of levels as far as placing a camera takes it; `stdin` is what the name

@@ -67,6 +67,8 @@ pub struct ObjectFacts {
     pub flat: bool,
     /// Of its file, coarse levels were read only ([`refine_objects`]).
     pub partial: bool,
+    /// Its file has more points than were asked for at most.
+    pub thinned: bool,
     /// Some of its splats are transparent, and none is a Gaussian: what one of those hides is a matter of how many
     /// there are.
     pub transparent: bool,
@@ -82,6 +84,7 @@ impl Default for ObjectFacts {
             closed: false,
             flat: false,
             partial: false,
+            thinned: false,
             transparent: false,
         }
     }
@@ -214,6 +217,8 @@ pub fn load_objects(
                     if let Content::Gaussians(cloud) = &read.content {
                         gaussians(cloud, &read, &path, options)?
                     } else {
+                        let most = options.max_points.unwrap_or(usize::MAX);
+                        let thinned = matches!(&read.content, Content::Points(points) if points.len() > most);
                         let LoadedCloud {
                             cloud,
                             up,
@@ -244,8 +249,17 @@ pub fn load_objects(
                             _ => false,
                         };
                         let partial = levels.is_some();
-                        let facts =
-                            ObjectFacts { up, up_reason, points, closed, flat, partial, transparent, colored: false };
+                        let facts = ObjectFacts {
+                            up,
+                            up_reason,
+                            points,
+                            closed,
+                            flat,
+                            partial,
+                            thinned,
+                            transparent,
+                            colored: false,
+                        };
                         (Known { geometry, facts, unused }, notes)
                     }
                 };

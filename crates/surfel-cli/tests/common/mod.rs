@@ -5,7 +5,7 @@
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 /// A folder that is removed afterwards.
 pub struct Folder(PathBuf);
@@ -51,6 +51,13 @@ impl Folder {
             .output()
             .unwrap();
         Run(output, words.to_owned())
+    }
+
+    /// Starts `surfel` here with words separated by spaces, without output.
+    pub fn spawn(&self, words: &str) -> Child {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_surfel"));
+        command.current_dir(&self.0).args(words.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::null());
+        command.spawn().unwrap()
     }
 
     /// Runs `surfel` here with words that may hold spaces.

@@ -120,8 +120,8 @@ impl<'a> TileJob<'a> {
         counters
     }
 
-    /// Draws a block's opaque splats, before the nearest polygons where it has any: which splats are nearest, where that
-    /// is wanted.
+    /// Draws a block's opaque splats, before the nearest polygons where it has any: which splats are nearest, where
+    /// that is wanted.
     #[inline(always)]
     pub(super) fn draw_splats<S: Simd>(
         &self,
