@@ -123,7 +123,7 @@ mod tests {
     }
 
     /// Flags on who draws and on what is written.
-    const OTHERS: [&str; 22] = [
+    const OTHERS: [&str; 23] = [
         "output",
         "force",
         "print-scene",

@@ -196,12 +196,14 @@ impl Borders {
             // Of an edge between two faces of the region, the side that the splat is on counts.
             let is_own =
                 piece.region == region && facing > FACING && piece.across.is_none_or(|n| n.dot(normal) <= facing);
-            let is_near = |q: &DVec3| (*q - p).dot(normal).abs() < FARTHEST * radius;
-            if !is_own || !piece.ends.iter().any(is_near) {
+            let heights = piece.ends.map(|q| (q - p).dot(normal).abs());
+            if !is_own || heights.iter().all(|&height| height >= FARTHEST * radius) {
                 return None;
             }
+            // A crease beyond a bend stands off the splat's plane: seen aslant, the surface reaches beyond its foot.
+            let stand_off = if piece.kind == Kind::Crease { 0.5 * (heights[0] + heights[1]) } else { 0.0 };
             let [a, b] = piece.ends.map(flat);
-            Some(Segment { a, b, kind: piece.kind, overhang: piece.overhang / radius })
+            Some(Segment { a, b, kind: piece.kind, overhang: piece.overhang.max(stand_off) / radius })
         };
         let all = found.items().iter().filter_map(near);
         let is_met = |s: &Segment| s.a != s.b && s.nearest().length() + s.overhang < 1.0;
@@ -451,6 +453,22 @@ mod tests {
         let bent = on_ridge(30.0).unwrap();
         assert!((bent.lines[0].offset - STANDING_OUT / radii::DENSITY / 0.5).abs() < 1e-9, "{bent:?}");
         assert!(on_ridge(50.0).unwrap().lines[0].offset.abs() < 1e-9);
+    }
+
+    #[test]
+    fn keep_hangs_over_creases_as_far_as_they_stand_off_its_plane() {
+        for degrees in [0.0_f64, 5.0, 10.0] {
+            // A floor that bends down gently for its last unit, and a wall below.
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            let ends = [[-50.0, 0.0], [0.0, 0.0], [cos, -sin], [cos, -sin - 50.0]];
+            let row = |y: f64| ends.map(|[x, z]| DVec3::new(x, y, z));
+            let positions = [row(-50.0), row(50.0)].concat();
+            let strip = |i: u32| [[i, i + 1, i + 5], [i, i + 5, i + 4]];
+            let mesh = surface(&positions, (0..3).flat_map(strip).collect());
+            let kept = kept(&mesh, DVec3::X * -0.2, 0, 2.0).unwrap();
+            let [line] = kept.lines[..] else { panic!("{kept:?}") };
+            assert!((line.offset - (0.2 + cos + sin) / 2.0).abs() < 1e-9, "{degrees}: {line:?}");
+        }
     }
 
     #[test]
