@@ -180,6 +180,10 @@ mod tests {
             self.0.lock().unwrap().push_str(text);
             Ok(())
         }
+
+        fn text(&self) -> String {
+            self.0.lock().unwrap().clone()
+        }
     }
 
     impl indicatif::TermLike for Terminal {
@@ -221,8 +225,7 @@ mod tests {
             bar.inc(total / 40);
         }
         bar.abandon();
-        let text = terminal.0.lock().unwrap().clone();
-        text
+        terminal.text()
     }
 
     #[test]
