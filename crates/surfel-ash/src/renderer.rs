@@ -412,6 +412,7 @@ impl surfel_render::Renderer for Renderer {
         }
         self.check_messages()?;
         frame.locate(view);
+        frame.encode(planes);
         stats.bytes_per_splat = scene.bytes() as f64 / scene.cpu.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)

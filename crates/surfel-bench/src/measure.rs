@@ -91,7 +91,8 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
     };
     let fill_rates = fill_rates(first)?;
     let (uploads, mut ready) = prepare(plan, cases, first)?;
-    let mut frame = Frame::default();
+    // One of each kind, so that none pays for planes that another leaves.
+    let mut frames = [Frame::default(), Frame::default()];
     let counted = Planes::COLOR.with_weight(true).with_fragments(true);
     // The first round warms up (pipelines, page faults, clocks) and counts: weights say which pixels are covered, and
     // some backends count fragments only where they are wanted.
@@ -102,9 +103,10 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
             }
             for (i, backend) in backends.iter_mut().enumerate() {
                 let scene = &uploads[ready.upload];
-                let planes = if round == 0 { counted } else { Planes::COLOR };
+                let planes = if round == 0 { counted } else { case.planes };
+                let frame = &mut frames[usize::from(planes.rgba8)];
                 let (start, busy) = (Instant::now(), busy_ms());
-                let stats = backend.render_into(scene, &ready.view, &ready.settings, planes, &mut frame)?;
+                let stats = backend.render_into(scene, &ready.view, &ready.settings, planes, frame)?;
                 let ms = start.elapsed().as_secs_f64() * 1e3;
                 let busy = busy_ms().zip(busy).map(|(end, start)| end - start);
                 let samples = &mut ready.samples[i];

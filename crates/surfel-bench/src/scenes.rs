@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DAffine3;
 use surfel::model::{ClipPolicy, Cull, EdgeAa, Geometry, Object, Projection, Shader};
-use surfel::{Camera, Material, NoProgress, Scene, Settings, SplatCloud};
+use surfel::{Camera, Material, NoProgress, Planes, Scene, Settings, SplatCloud};
 
 use crate::{Arguments, Failure, clouds};
 
@@ -54,6 +54,8 @@ pub(crate) struct Case {
     /// How edges are antialiased.
     edges: EdgeAa,
     clip: ClipPolicy,
+    /// What is drawn.
+    pub planes: Planes,
     /// Part of `--quick`.
     quick: bool,
 }
@@ -76,8 +78,8 @@ fn all() -> Vec<Case> {
     use Eye::{Fits, Zoomed};
     use Source::{Ball, Model, Part, Sharp, Sheet, Stack, Thick};
     let case = |name, about, source, eye, quick| {
-        let (shader, edges, clip) = (Shader::Phong, EdgeAa::Off, ClipPolicy::Exact);
-        Case { name, about, source, eye, shader, edges, clip, quick }
+        let (shader, edges, clip, planes) = (Shader::Phong, EdgeAa::Off, ClipPolicy::Exact, Planes::COLOR);
+        Case { name, about, source, eye, shader, edges, clip, planes, quick }
     };
     let (igea, lion) = (Model("igea.ply"), Model("lion_takanawa.ply"));
     let shader = |name, shader| Case { shader, ..case(name, "igea by another shader", igea, Fits, true) };
@@ -107,6 +109,7 @@ fn all() -> Vec<Case> {
         shader("igea-matcap", Shader::Matcap),
         shader("igea-toon", Shader::Toon),
         shader("igea-edl", Shader::Edl),
+        Case { planes: Planes::RGBA8, ..case("igea-rgba8", "igea in 8 bits, as a PNG holds it", igea, Fits, true) },
         edges("igea-edges", igea),
         samples("igea-samples", igea),
         case("lion", "a coloured scan of 273 k points", lion, Fits, false),

@@ -248,7 +248,7 @@ impl<'a> Session<'a> {
             print_scene(&resolved.file)?;
         }
         let Some(mut backend) = self.backend.take() else { return Ok(Drawn::default()) };
-        let planes = planes(&options::render(args)?, self.output.as_ref());
+        let planes = planes(&options::render(args)?, args.verify, self.output.as_ref());
         let summary = SceneSummary::of(&resolved.scene);
         let settings = &resolved.file.settings;
         let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|e| e.to_string());
@@ -415,9 +415,12 @@ fn asks_for_planes(args: &RenderArgs) -> bool {
 }
 
 /// The planes that are drawn.
-fn planes(options: &RenderOptions, output: Option<&Output>) -> Planes {
-    let all = output.is_some_and(|o| o.format.has_planes());
-    options.planes_besides(if all { Planes::ALL } else { Planes::COLOR })
+fn planes(options: &RenderOptions, verifies: bool, output: Option<&Output>) -> Planes {
+    options.planes_besides(match output.map(|output| output.format) {
+        Some(format) if format.has_planes() => Planes::ALL,
+        Some(Format::Png { sixteen: false }) if !verifies => Planes::RGBA8,
+        _ => Planes::COLOR,
+    })
 }
 
 /// Combinations that make no sense.

@@ -131,7 +131,8 @@ impl Drawing<'_> {
         let (planes, background) = frame.planes_and_background();
         let counts = [grid.columns, grid.rows];
         let tiles = background.squares(self.lighting.background, region, grid.tile_px(), counts);
-        let targets = Target::cut(planes, region, &parts, TileBackground { grid: &grid, tiles });
+        let background = TileBackground { grid: &grid, tiles };
+        let targets = Target::cut(planes, region, &parts, background, plan.reach_px() == 0);
         let jobs = cells.into_iter().zip(targets).collect();
         let own = || (Totals::default(), pools.scratch.take());
         let threads = driver::run(jobs, own, |(totals, scratch), (cell, mut target)| {
@@ -203,6 +204,12 @@ impl Drawing<'_> {
                 bytes += self.draw_samples(samples, cell, &planes, target, &mut for_samples, totals);
                 own = for_samples.for_others();
             }
+            with_instructions!(instructions, simd => simd.vectorize(#[inline(always)] || {
+                for tile in 0..grid.tiles() {
+                    target.go_to(&grid, tile);
+                    target.encode(simd);
+                }
+            }));
             totals.screen_ms += after_tiles.elapsed().as_secs_f64() * 1e3;
             bytes += gbuffer.bytes() + layer_steps.bytes();
             pools.gbuffers.give_back(gbuffer);

@@ -72,7 +72,9 @@ impl surfel_render::Renderer for Renderer {
         frame: &mut Frame,
     ) -> Result<Stats, RenderError> {
         let start = Instant::now();
-        let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
+        let mut plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
+        // Tiles encode colours as they write them, unless passes after theirs need these.
+        plan.planes.color = planes.color || (planes.rgba8 && (plan.reach_px() > 0 || plan.has(Pass::Gaussians)));
         let slots: usize = scene.clouds.iter().map(|cloud| cloud.centers.len()).sum();
         if plan.has(Pass::Nearest) && slots > SplatNumbers::MOST {
             return Err(RenderError::Backend {
@@ -85,6 +87,10 @@ impl surfel_render::Renderer for Renderer {
         let (instructions, tuning, pools) = (self.instructions, self.tuning, &self.pools);
         let inputs = FrameInputs { instructions, tuning, pools, scene, view, plan: &plan };
         self.threads.install(|| frame::draw(&inputs, frame, &mut stats));
+        match plan.has(Pass::Gaussians) {
+            true => frame.encode(planes),
+            false => frame.drop_color(planes),
+        }
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)
     }

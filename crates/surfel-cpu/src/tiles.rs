@@ -3,6 +3,7 @@
 pub(crate) mod bins;
 pub(crate) mod drawn;
 pub(crate) mod driver;
+mod encode;
 pub(crate) mod grid;
 pub(crate) mod lists;
 pub(crate) mod pool;

@@ -2,7 +2,6 @@
 //! where 4 GiB may not be enough. What was never written is no data.
 
 use crate::atomic::Pending;
-use crate::color::nearest_8_bit;
 use crate::crs::Crs;
 use crate::error::{IoError, WRITE};
 use flate2::Compression;
@@ -12,6 +11,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use surfel_math::srgb::nearest_8_bit;
 use tiff::TiffError;
 use tiff::encoder::{DirectoryEncoder, TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard};
 use tiff::tags::Tag;

@@ -1,5 +1,7 @@
 //! The sRGB transfer function (IEC 61966-2-1).
 
+use std::sync::OnceLock;
+
 /// Linear value of an sRGB-encoded one, both in [0, 1].
 pub fn decode(encoded: f64) -> f64 {
     if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
@@ -10,13 +12,64 @@ pub fn encode(linear: f64) -> f64 {
     if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
+/// The nearest sRGB-encoded 8-bit level (round half up), clamped; NaN is 0.
+pub fn nearest_8_bit(linear: f32) -> u8 {
+    // The tables hold the least value of each level, so that no power is taken a pixel, and a first guess at the level:
+    // near black, where the curve is steepest, 1/4096 spans less than one level.
+    static TABLES: OnceLock<([f32; 256], [u8; 4097])> = OnceLock::new();
+    let (least, guess) = TABLES.get_or_init(|| {
+        let least: [f32; 256] = std::array::from_fn(|i| decode((i as f64 - 0.5).max(0.0) / 255.0) as f32);
+        let level = |v: f32| least.iter().rposition(|&t| v >= t).unwrap_or(0) as u8;
+        (least, std::array::from_fn(|i| level(i as f32 / 4096.0)))
+    });
+    // NaN fails both comparisons and so becomes 0.
+    let v = if linear >= 1.0 {
+        1.0
+    } else if linear > 0.0 {
+        linear
+    } else {
+        0.0
+    };
+    let mut level = guess[(v * 4096.0) as usize];
+    while level < 255 && v >= least[usize::from(level) + 1] {
+        level += 1;
+    }
+    level
+}
+
+/// Straight RGBA of a premultiplied one, alpha at most 1; without alpha 0.
+pub fn straight([r, g, b, a]: [f32; 4]) -> [f32; 4] {
+    // A NaN fails the comparison, too: nothing can be divided by it.
+    if a > 0.0 { [r / a, g / a, b / a, a.min(1.0)] } else { [0.0; 4] }
+}
+
+/// A linear premultiplied colour as a PNG of 8 bits holds it: sRGB-encoded, straight alpha. NaN becomes 0.
+pub fn encode_rgba8(color: [f32; 4]) -> [u8; 4] {
+    let [r, g, b, a] = straight(color);
+    [nearest_8_bit(r), nearest_8_bit(g), nearest_8_bit(b), (a * 255.0 + 0.5) as u8]
+}
+
 #[cfg(test)]
 mod tests {
+    use super::*;
+
+    #[test]
+    fn nearest_8_bit_agrees_with_the_formula_everywhere() {
+        for i in 0..=200_000 {
+            let v = i as f32 / 200_000.0;
+            let formula = encode(f64::from(v)) * 255.0;
+            let level = f64::from(nearest_8_bit(v));
+            // Half a code, and the rounding of a decision level to f32.
+            assert!((level - formula).abs() <= 0.5 + 1e-4, "{v}: {level} {formula}");
+        }
+        assert_eq!([f32::NAN, -1.0, 2.0, f32::INFINITY].map(nearest_8_bit), [0, 0, 255, 255]);
+    }
+
     #[test]
     fn decode_inverts_encode_at_every_8_bit_level() {
         for i in 0..=255 {
             let e = f64::from(i) / 255.0;
-            assert!((super::encode(super::decode(e)) - e).abs() < 1e-7, "{i}");
+            assert!((encode(decode(e)) - e).abs() < 1e-7, "{i}");
         }
     }
 }

@@ -127,6 +127,7 @@ impl NativeFrame {
                 width,
                 height,
                 color: linear.map(|values| values.as_chunks::<4>().0),
+                rgba8: None,
                 depth,
                 normal: normal.map(|values| values.as_chunks::<3>().0),
                 weight,

@@ -75,10 +75,12 @@ impl Renderer {
                 advice: "leave out the samples, or those planes: their values have no mean",
             });
         }
-        let planes = planes.with_margin(false);
+        // Colours are averaged before they are encoded.
+        let of_samples = planes.with_margin(false).with_color(planes.shows_color()).with_rgba8(false);
         let mut fine = Frame::default();
-        let stats = surfel_render::Renderer::render_into(self, scene, &fine_view, &settings, planes, &mut fine)?;
-        crate::supersample::average(&fine, samples, planes, frame);
+        let stats = surfel_render::Renderer::render_into(self, scene, &fine_view, &settings, of_samples, &mut fine)?;
+        crate::supersample::average(&fine, samples, of_samples.with_rgba8(planes.rgba8), frame);
+        frame.encode(planes);
         Ok(stats)
     }
 }
@@ -123,6 +125,8 @@ impl surfel_render::Renderer for Renderer {
     ) -> Result<Stats, RenderError> {
         let plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
         let draw = if plan.has(Pass::Gaussians) { gaussians::render } else { frame::render };
-        Ok(self.pool.install(|| draw(scene, view, &plan, frame, self.info.threads)))
+        let stats = self.pool.install(|| draw(scene, view, &plan, frame, self.info.threads));
+        frame.encode(planes);
+        Ok(stats)
     }
 }

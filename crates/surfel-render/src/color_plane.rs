@@ -31,7 +31,7 @@ impl ColorPlane {
             // The old goes first.
             self.memory = Vec::new();
             self.memory = vec![[0.0; 4]; room];
-        } else {
+        } else if self.memory.len() < room {
             self.memory.resize(room, [0.0; 4]);
         }
         // An address that no pixel can move to the beginning of a line is left as it is.
@@ -43,7 +43,7 @@ impl ColorPlane {
 impl ColorPlane {
     /// The memory, and where in it the first pixel is.
     pub(crate) fn into_memory(self) -> (Vec<[f32; 4]>, usize) {
-        (self.memory, self.first)
+        if self.count == 0 { (Vec::new(), 0) } else { (self.memory, self.first) }
     }
 }
 

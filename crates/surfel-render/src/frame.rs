@@ -3,6 +3,7 @@
 use crate::View;
 use crate::background::Background;
 use crate::color_plane::ColorPlane;
+use surfel_math::srgb::encode_rgba8;
 use surfel_model::NO_LABEL;
 
 /// Which planes are wanted. A plane nobody asked for is neither computed nor stored.
@@ -13,6 +14,8 @@ use surfel_model::NO_LABEL;
 pub struct Planes {
     /// Premultiplied linear RGBA.
     pub color: bool,
+    /// The same as a PNG of 8 bits holds it.
+    pub rgba8: bool,
     /// Planar view-space depth.
     pub depth: bool,
     /// World normals.
@@ -42,6 +45,7 @@ impl Planes {
     /// Colour alone.
     pub const COLOR: Self = Self {
         color: true,
+        rgba8: false,
         depth: false,
         normal: false,
         weight: false,
@@ -56,9 +60,13 @@ impl Planes {
     };
     /// Everything an EXR file holds that asks for no more.
     pub const ALL: Self = Self { depth: true, normal: true, weight: true, ..Self::COLOR };
+    /// What a display or a PNG of 8 bits shows: a quarter of the bytes of [`Self::COLOR`], written while tiles are drawn
+    /// by backends that can.
+    pub const RGBA8: Self = Self { color: false, rgba8: true, ..Self::COLOR };
 
     surfel_model::setters! {
         with_color color: bool,
+        with_rgba8 rgba8: bool,
         with_depth depth: bool,
         with_normal normal: bool,
         with_weight weight: bool,
@@ -75,7 +83,13 @@ impl Planes {
     /// With the planes that those asked for come from.
     #[must_use]
     pub(crate) fn complete(self) -> Self {
-        self.with_index(self.index || self.label).with_depth(self.depth || self.position)
+        let (index, depth, color) = (self.index || self.label, self.depth || self.position, self.shows_color());
+        self.with_index(index).with_depth(depth).with_color(color)
+    }
+
+    /// True if pixels are shaded, whether their colours are kept as they are or in 8 bits.
+    pub fn shows_color(self) -> bool {
+        self.color || self.rgba8
     }
 }
 
@@ -86,6 +100,7 @@ pub struct Frame {
     width: u32,
     height: u32,
     color: ColorPlane,
+    rgba8: Vec<[u8; 4]>,
     depth: Vec<f32>,
     normal: Vec<[f32; 3]>,
     weight: Vec<f32>,
@@ -128,6 +143,8 @@ pub struct FramePlanes {
     pub color: Vec<[f32; 4]>,
     /// Where in `color` the first pixel is.
     pub first: usize,
+    /// sRGB-encoded RGBA of 8 bits, straight alpha.
+    pub rgba8: Vec<[u8; 4]>,
     /// Planar view-space depth.
     pub depth: Vec<f32>,
     /// World normals.
@@ -155,6 +172,8 @@ pub struct FramePlanes {
 pub struct PlanesMut<'a> {
     /// Linear RGBA, premultiplied.
     pub color: &'a mut [[f32; 4]],
+    /// sRGB-encoded, 8 bits, straight alpha.
+    pub rgba8: &'a mut [[u8; 4]],
     /// Planar view-space depth.
     pub depth: &'a mut [f32],
     /// World normals.
@@ -206,6 +225,9 @@ impl Frame {
     planes! {
         /// Linear RGBA, premultiplied.
         color, color_mut: [f32; 4];
+        /// sRGB-encoded RGBA of 8 bits, straight alpha, as a PNG holds it: [`encode_rgba8`] of
+        /// the colours.
+        rgba8, rgba8_mut: [u8; 4];
         /// Planar view-space depth Z = Σwz/Σw, world units; +∞ where nothing is.
         depth, depth_mut: f32;
         /// Unit world normals; zero where nothing is. Of Gaussians Σw·n, which is as long as they cover.
@@ -241,6 +263,7 @@ impl Frame {
             height: self.height,
             color,
             first,
+            rgba8: self.rgba8,
             depth: self.depth,
             normal: self.normal,
             weight: self.weight,
@@ -258,6 +281,7 @@ impl Frame {
     fn which_planes(&self) -> Planes {
         Planes {
             color: !self.color.is_empty(),
+            rgba8: !self.rgba8.is_empty(),
             depth: !self.depth.is_empty(),
             normal: !self.normal.is_empty(),
             weight: !self.weight.is_empty(),
@@ -283,6 +307,7 @@ impl Frame {
     pub fn planes_and_background(&mut self) -> (PlanesMut<'_>, &mut Background) {
         let planes = PlanesMut {
             color: &mut self.color,
+            rgba8: &mut self.rgba8,
             depth: &mut self.depth,
             normal: &mut self.normal,
             weight: &mut self.weight,
@@ -304,6 +329,7 @@ impl Frame {
         (self.width, self.height) = (width, height);
         self.color.resize(count(planes.color));
         self.color.fill([0.0; 4]);
+        refill(&mut self.rgba8, count(planes.rgba8), [0; 4]);
         refill(&mut self.depth, count(planes.depth), f32::INFINITY);
         refill(&mut self.normal, count(planes.normal), [0.0; 3]);
         refill(&mut self.weight, count(planes.weight), 0.0);
@@ -328,6 +354,7 @@ impl Frame {
         let count = |wanted: bool| if wanted { pixels } else { 0 };
         (self.width, self.height) = (width, height);
         self.color.resize(count(planes.color));
+        resize(&mut self.rgba8, count(planes.rgba8), [0; 4]);
         resize(&mut self.depth, count(planes.depth), 0.0);
         resize(&mut self.normal, count(planes.normal), [0.0; 3]);
         resize(&mut self.weight, count(planes.weight), 0.0);
@@ -351,6 +378,24 @@ impl Frame {
             self.put_identity(at, identity(self.index[at]));
         }
         self.locate(view);
+    }
+
+    /// For backends that don't encode colours while they draw: encodes them, if that is asked for, and gives up those
+    /// that aren't asked for.
+    pub fn encode(&mut self, planes: Planes) {
+        if planes.rgba8 {
+            for (encoded, color) in self.rgba8.iter_mut().zip(&*self.color) {
+                *encoded = encode_rgba8(*color);
+            }
+            self.drop_color(planes);
+        }
+    }
+
+    /// For backends: gives up colours that only encoded ones were made of.
+    pub fn drop_color(&mut self, planes: Planes) {
+        if !planes.color {
+            self.color.resize(0);
+        }
     }
 
     /// For backends: says what is nearest in a pixel, if that is asked for.

@@ -5,7 +5,7 @@ use std::path::Path;
 use surfel_io::{ExrOptions, IoError, PlanesView, PngOptions};
 
 impl Frame {
-    /// Writes the colour plane as PNG: sRGB-encoded, 8 bits, straight alpha. A file of that name is overwritten; it
+    /// Writes the colours as PNG: sRGB-encoded, 8 bits, straight alpha. A file of that name is overwritten; it
     /// appears whole or not at all. [`surfel_io::save_png`] also writes 16 bits and metadata.
     ///
     /// # Errors
@@ -37,6 +37,7 @@ impl Frame {
             width: self.width(),
             height: self.height(),
             color: there(self.color()),
+            rgba8: there(self.rgba8()),
             depth: there(self.depth()),
             normal: there(self.normal()),
             weight: there(self.weight()),

@@ -20,6 +20,7 @@ mod cpu_backend;
 mod decision_margin;
 mod drawing;
 mod edge_samples;
+mod encoded_colors;
 mod expectation_table;
 mod faulty_renderer;
 mod feature_costs;

@@ -65,6 +65,7 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
         Case::new("colours", with(colors)?, unlit),
         Case::new("ellipses", with(ellipses)?, unlit),
         Case { quantised: true, ..Case::new("16-bit storage", plain()?, unlit) },
+        Case { planes: Planes::RGBA8, ..Case::new("colours in 8 bits in place of floats", plain()?, unlit) },
         Case { planes: Planes::ALL, ..Case::new("depth, normal and weight planes", plain()?, unlit) },
         Case { planes: Planes::COLOR.with_index(true), ..Case::new("index and object planes", with(rows)?, unlit) },
         Case { planes: Planes::COLOR.with_label(true), ..Case::new("label plane", with(rows)?, unlit) },

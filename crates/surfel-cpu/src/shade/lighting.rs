@@ -110,7 +110,7 @@ impl Lighting {
 
     /// With what the shader `matcap` looks up, if it is the frame's.
     pub(crate) fn with_matcap(self, image: Option<Arc<Matcap>>) -> Self {
-        let wanted = self.shader == Shader::Matcap && self.planes.color;
+        let wanted = self.shader == Shader::Matcap && self.planes.shows_color();
         Self { matcap: wanted.then(|| MatcapSphere::new(image.unwrap_or_else(Matcap::builtin))), ..self }
     }
 
@@ -129,7 +129,7 @@ impl Lighting {
 
     /// Linear, premultiplied; `None` where no colour is wanted.
     pub(crate) fn background_color(&self) -> Option<[f32; 4]> {
-        self.planes.color.then_some(self.background)
+        self.planes.shows_color().then_some(self.background)
     }
 
     /// World position relative to the eye of a view position.

@@ -28,7 +28,7 @@ pub(crate) fn resolve<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>, at:
 pub(crate) fn lit<S: Simd>(simd: S, lighting: &Lighting, surface: Surface<S>, at: (i32, i32)) -> Shaded<S> {
     let zero = Lanes::splat(simd, 0.0);
     let mut color = V3::new(zero, zero, zero);
-    if lighting.planes.color {
+    if lighting.planes.shows_color() {
         color = shaded(simd, lighting, &surface, Place::Block(at));
     }
     let Surface { covered, normal, z, weight, .. } = surface;

@@ -3,11 +3,13 @@
 use crate::scene::numbers::SplatNumbers;
 use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
+use crate::tiles::encode;
 use crate::tiles::grid::{BLOCK, Grid, Rect, block_px};
 use fearless_simd::Simd;
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, Ordering};
 use surfel_math::Real;
+use surfel_math::srgb::encode_rgba8;
 use surfel_render::{PlanesMut, Region};
 
 /// Finished pixels of a block.
@@ -163,9 +165,12 @@ pub(crate) struct Target<'a> {
     pub tile: usize,
     pub rect: Rect,
     background: TileBackground<'a>,
+    /// Whether colours are encoded when they are written; else [`Self::encode`] does it.
+    encodes: bool,
     /// Whether the tile holds the background alone.
     is_background: bool,
     color: Rows<'a, [f32; 4]>,
+    rgba8: Rows<'a, [u8; 4]>,
     depth: Rows<'a, f32>,
     normal: Rows<'a, [f32; 3]>,
     weight: Rows<'a, f32>,
@@ -180,8 +185,10 @@ impl<'a> Target<'a> {
         region: Region,
         parts: &[Region],
         background: TileBackground<'a>,
+        encodes: bool,
     ) -> Vec<Self> {
         let mut color = cut(planes.color, region, parts).into_iter();
+        let mut rgba8 = cut(planes.rgba8, region, parts).into_iter();
         let mut depth = cut(planes.depth, region, parts).into_iter();
         let mut normal = cut(planes.normal, region, parts).into_iter();
         let mut weight = cut(planes.weight, region, parts).into_iter();
@@ -192,8 +199,10 @@ impl<'a> Target<'a> {
                 tile: 0,
                 rect: Rect::of(*part),
                 background,
+                encodes,
                 is_background: false,
                 color: color.next()?,
+                rgba8: rgba8.next()?,
                 depth: depth.next()?,
                 normal: normal.next()?,
                 weight: weight.next()?,
@@ -234,6 +243,7 @@ impl<'a> Target<'a> {
         self.set_background(true);
         let rect = &self.rect;
         self.color.fill(rect, background);
+        self.rgba8.fill(rect, encode_rgba8(background));
         self.depth.fill(rect, f32::INFINITY);
         self.normal.fill(rect, [0.0; 3]);
         self.weight.fill(rect, 0.0);
@@ -245,6 +255,9 @@ impl<'a> Target<'a> {
     pub(crate) fn put_empty(&mut self, origin: (i32, i32), blocks: u64, background: [f32; 4]) {
         self.set_background(false);
         self.color.put_all(origin, blocks, background);
+        if !self.rgba8.rows.is_empty() {
+            self.rgba8.put_all(origin, blocks, encode_rgba8(background));
+        }
         self.depth.put_all(origin, blocks, f32::INFINITY);
         self.normal.put_all(origin, blocks, [0.0; 3]);
         self.weight.put_all(origin, blocks, 0.0);
@@ -290,6 +303,9 @@ impl<'a> Target<'a> {
     #[inline(always)]
     pub(crate) fn put_color<S: Simd>(&mut self, (x, y): (i32, i32), color: [Lanes<S>; 4]) {
         self.set_background(false);
+        if self.encodes && !self.rgba8.rows.is_empty() {
+            self.rgba8.put_block((x, y), encode::rgba8(color));
+        }
         if self.color.rows.is_empty() {
             return;
         }
@@ -297,6 +313,18 @@ impl<'a> Target<'a> {
             if let Some(four) = row.to_array().as_chunks().0.first_chunk() {
                 self.color.put((x, y), *four);
             }
+        }
+    }
+
+    /// Encodes the tile's colours as they were written, in place of what is encoded when they are: for tiles that
+    /// screen-space passes change.
+    pub(crate) fn encode<S: Simd>(&mut self, simd: S) {
+        let Rect { x, y, end_x, end_y } = self.rect;
+        if self.encodes || self.is_background || self.rgba8.rows.is_empty() {
+            return;
+        }
+        for at in (y..end_y).step_by(4).flat_map(|y| (x..end_x).step_by(4).map(move |x| (x, y))) {
+            self.rgba8.put_block(at, encode::rgba8(self.color(simd, at)));
         }
     }
 

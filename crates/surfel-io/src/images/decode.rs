@@ -3,9 +3,9 @@
 //! A palette, greys and bits below eight are expanded; samples of 16 bits stay. No colour profile is applied: samples
 //! are taken as sRGB-encoded, and alpha as straight.
 
-use crate::color::nearest_8_bit;
 use crate::color::{linear_of_8_bit, linear_of_16_bit};
 use std::io::Cursor;
+use surfel_math::srgb::nearest_8_bit;
 use surfel_model::Texture;
 
 /// A decoded image, row by row from the top.

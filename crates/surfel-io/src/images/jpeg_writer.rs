@@ -2,11 +2,11 @@
 
 use super::planes::PlanesView;
 use crate::atomic;
-use crate::color::nearest_8_bit;
 use crate::error::IoError;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use std::io::{self, Write};
 use std::path::Path;
+use surfel_math::srgb::nearest_8_bit;
 
 /// Largest width or height of a JPEG, in pixels.
 const MAX_SIDE: u32 = 65_535;

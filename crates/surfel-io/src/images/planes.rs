@@ -33,6 +33,7 @@ impl Planes {
             width: self.width,
             height: self.height,
             color: self.color.as_deref(),
+            rgba8: None,
             depth: self.depth.as_deref(),
             normal: self.normal.as_deref(),
             weight: self.weight.as_deref(),
@@ -52,6 +53,8 @@ pub struct PlanesView<'a> {
     pub height: u32,
     /// Linear premultiplied RGBA.
     pub color: Option<&'a [[f32; 4]]>,
+    /// The same, sRGB-encoded in 8 bits, straight alpha: what a PNG of 8 bits is written from where it is there.
+    pub rgba8: Option<&'a [[u8; 4]]>,
     /// View-space planar depth in world units; +∞ where nothing is.
     pub depth: Option<&'a [f32]>,
     /// World normal.
@@ -77,6 +80,7 @@ impl PlanesView<'_> {
         let pixels = pixels as usize;
         let lengths = [
             ("colour", self.color.map(<[_]>::len)),
+            ("encoded colour", self.rgba8.map(<[_]>::len)),
             ("depth", self.depth.map(<[_]>::len)),
             ("normal", self.normal.map(<[_]>::len)),
             ("weight", self.weight.map(<[_]>::len)),

@@ -2,10 +2,12 @@
 
 use super::planes::PlanesView;
 use crate::atomic;
-use crate::color::{nearest_8_bit, nearest_16_bit};
+use crate::color::nearest_16_bit;
 use crate::error::IoError;
+use std::borrow::Cow;
 use std::io::{self, Write};
 use std::path::Path;
+use surfel_math::srgb::{encode_rgba8, straight};
 
 /// Bits of a PNG's samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -26,18 +28,21 @@ pub struct PngOptions {
     pub metadata: Vec<(String, String)>,
 }
 
-/// Writes the colour plane as PNG: sRGB-encoded, straight alpha, with an sRGB chunk. NaN becomes 0.
+/// Writes the colour plane as PNG: sRGB-encoded, straight alpha, with an sRGB chunk. NaN becomes 0. Of 8 bits the
+/// encoded plane does where it is there.
 ///
 /// # Errors
 /// [`io::Error`] if there is no colour plane, its size is wrong, or `out` fails.
 pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOptions) -> io::Result<()> {
-    let pixels = planes.pixels()?;
-    let color = planes.color.filter(|c| c.len() == pixels);
-    let color = color.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "a PNG needs a colour plane"))?;
+    planes.pixels()?;
+    let encoded = planes.rgba8.filter(|_| options.depth == BitDepth::Eight);
+    let missing = || io::Error::new(io::ErrorKind::InvalidInput, "a PNG needs a colour plane");
+    let color = if encoded.is_some() { &[] } else { planes.color.ok_or_else(missing)? };
     let mut writer = start_png(out, [planes.width, planes.height], options)?;
-    let data: Vec<u8> = match options.depth {
-        BitDepth::Eight => to_srgb8(color).into_flattened(),
-        BitDepth::Sixteen => color.iter().map(|&c| to_16_bit(c)).collect::<Vec<_>>().into_flattened(),
+    let data: Cow<'_, [u8]> = match (encoded, options.depth) {
+        (Some(encoded), _) => encoded.as_flattened().into(),
+        (None, BitDepth::Eight) => to_srgb8(color).into_flattened().into(),
+        (None, BitDepth::Sixteen) => color.iter().map(|&c| to_16_bit(c)).collect::<Vec<_>>().into_flattened().into(),
     };
     writer.write_image_data(&data).map_err(io::Error::other)?;
     writer.finish().map_err(io::Error::other)
@@ -79,17 +84,7 @@ pub fn save_png(path: &Path, overwrite: bool, planes: &PlanesView<'_>, options: 
 
 /// Linear premultiplied colours as a PNG of 8 bits holds them: sRGB-encoded, straight alpha. NaN becomes 0.
 pub fn to_srgb8(color: &[[f32; 4]]) -> Vec<[u8; 4]> {
-    color.iter().map(|&c| to_8_bit(c)).collect()
-}
-
-fn straight([r, g, b, a]: [f32; 4]) -> [f32; 4] {
-    // A NaN fails the comparison, too: nothing can be divided by it.
-    if a > 0.0 { [r / a, g / a, b / a, a.min(1.0)] } else { [0.0; 4] }
-}
-
-fn to_8_bit(color: [f32; 4]) -> [u8; 4] {
-    let [r, g, b, a] = straight(color);
-    [nearest_8_bit(r), nearest_8_bit(g), nearest_8_bit(b), (a * 255.0 + 0.5) as u8]
+    color.iter().map(|&c| encode_rgba8(c)).collect()
 }
 
 fn to_16_bit(color: [f32; 4]) -> [u8; 8] {
