@@ -60,8 +60,7 @@ impl Planes {
     };
     /// Everything an EXR file holds that asks for no more.
     pub const ALL: Self = Self { depth: true, normal: true, weight: true, ..Self::COLOR };
-    /// What a display or a PNG of 8 bits shows: a quarter of the bytes of [`Self::COLOR`], written while tiles are drawn
-    /// by backends that can.
+    /// What a display or a PNG of 8 bits shows: a quarter of the bytes of [`Self::COLOR`].
     pub const RGBA8: Self = Self { color: false, rgba8: true, ..Self::COLOR };
 
     surfel_model::setters! {

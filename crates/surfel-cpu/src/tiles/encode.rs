@@ -20,8 +20,8 @@ const LEVEL_OF_FOURTH_ROOT: [f64; 8] = [
     -14.438_328_509_291_58,
 ];
 
-/// How near a level's bound a value may be before the exact tables decide: the polynomial's error, that of the roots and
-/// of sums in f32 (1e-4 together), twice over.
+/// How near a level's bound a value may be before the exact tables decide: twice the polynomial's error and that of the
+/// roots and of sums in f32, 1e-4 together.
 const UNSURE: f64 = 5e-4;
 
 /// A block's linear premultiplied colours, sRGB-encoded, straight alpha.
