@@ -10,7 +10,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let started = |storage| Renderer::new(Options::default().with_storage(storage));
     let mut renderers = [started(Storage::F32)?, started(Storage::Quantised)?];
     eprintln!("{}", renderers[0].info().adapter);
-    let planes = Planes::ALL.with_fragments(true);
+    let planes = Planes::ALL.with_fragments(true).with_rgba8(true);
     for case in scenes::all() {
         let mut line = format!("{:44}", case.name);
         for renderer in &mut renderers {
@@ -22,8 +22,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Colour, depth, normal, weight, fragments.
-fn numbers(frame: &Frame) -> [u64; 5] {
+/// Colour, depth, normal, weight, fragments, colour in 8 bits.
+fn numbers(frame: &Frame) -> [u64; 6] {
     let of = |values: &[f32]| fnv1a(values.iter().map(|value| value.to_bits()));
     [
         of(frame.color().as_flattened()),
@@ -31,6 +31,7 @@ fn numbers(frame: &Frame) -> [u64; 5] {
         of(frame.normal().as_flattened()),
         of(frame.weight()),
         fnv1a(frame.fragments().iter().copied()),
+        fnv1a(frame.rgba8().iter().copied().map(u32::from_le_bytes)),
     ]
 }
 

@@ -1,7 +1,7 @@
 //! Trained Gaussians, one over another (docs/gaussians.md), front to back in tiles of 16×16 pixels.
 //!
-//! All are sorted once by the depth of their centres, or of where they begin. `records` cuts that order into parts,
-//! projects each part's Gaussians and lists them by tile; `tile` blends a tile's lists, part after part, so that the
+//! `records` projects all, sorts them once by the depth of their centres, or of where they begin, cuts that order into
+//! parts and lists these by tile; `tile` blends a tile's lists, part after part, so that the
 //! order of each pixel is the same for any number of threads; `pending` sorts the fragments of each pixel where that is
 //! asked for.
 
@@ -41,10 +41,7 @@ pub(crate) fn draw(
         last = now;
     };
     let grid = TileGrid::new(view.region);
-    let order = records::in_order(&scene.gaussians, (view, plan));
-    lap(stats, "sort");
-    let mut parts = records::project(&scene.gaussians, &order, (view, plan), &grid);
-    drop(order);
+    let mut parts = records::project(&scene.gaussians, (view, plan), &grid);
     lap(stats, "project");
     stats.drawn = parts.iter().map(|part| part.records.len() as u64).sum();
     let linear = scene.summary.gaussians == Some(GaussianColors::Linear);

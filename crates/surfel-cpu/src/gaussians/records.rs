@@ -4,7 +4,7 @@ use crate::gaussians::grid::{TILE_PX, TileGrid};
 use crate::scene::resident::StoredGaussians;
 use rayon::prelude::*;
 use std::ops::Range;
-use surfel_math::gaussian::{self, GaussianForms};
+use surfel_math::gaussian::{self, GaussianForms, ProjectedGaussian};
 use surfel_math::{V2, V3};
 use surfel_model::Sort;
 use surfel_render::{FramePlan, GaussianView, Region, View};
@@ -13,6 +13,7 @@ use surfel_render::{FramePlan, GaussianView, Region, View};
 const PART: usize = 1 << 15;
 
 /// A Gaussian as tiles blend it.
+#[derive(Clone)]
 pub(super) struct Record {
     /// The pixel that its centre is in, and where in it: an offset from a pixel is then exact in f32.
     pub base: [i32; 2],
@@ -43,65 +44,77 @@ pub(super) struct Part {
     entries: Vec<u32>,
 }
 
-/// A Gaussian's place in the order.
+/// A record's place in the order.
 #[derive(Clone, Copy)]
-pub(super) struct Place {
+struct Place {
     /// Bits of the depth, not negative, by which it is in order.
     depth: u64,
-    cloud: u32,
+    /// Where the record is: runs and their records are in the scene's order.
+    run: u32,
     index: u32,
 }
 
-/// All Gaussians behind the near plane by the depth of their centres, or for pixels to put them in order by the depth
-/// at which they begin; equally deep ones in the scene's order.
-pub(super) fn in_order(clouds: &[StoredGaussians], (view, plan): (&View, &FramePlan)) -> Vec<Place> {
-    let near = gaussian::near(&view.projection);
-    let mut order: Vec<Place> = Vec::new();
-    for (cloud, StoredGaussians { gaussians, world_from_object }) in clouds.iter().enumerate() {
-        let seen = GaussianView::new(gaussians, world_from_object, (view, plan));
-        let depth = |i: usize| match plan.sort {
-            Sort::Pixel => seen.project(i).map(|projected| projected.nearest.max(0.0)),
-            // Sort::Center, the default.
-            _ => Some(seen.depth(i)).filter(|depth| *depth > near),
-        };
-        order.par_extend(
-            (0..gaussians.len())
-                .into_par_iter()
-                .filter_map(|i| Some(Place { depth: depth(i)?.to_bits(), cloud: cloud as u32, index: i as u32 })),
-        );
-    }
-    order.par_sort_unstable_by_key(|place| (place.depth, place.cloud, place.index));
-    order
+/// What follows each other in a cloud's memory.
+struct Run {
+    cloud: usize,
+    /// Number of the cloud's first Gaussian among the scene's.
+    first: usize,
+    range: Range<usize>,
 }
 
-/// Records of those that the view shows, in parts.
-pub(super) fn project(
-    clouds: &[StoredGaussians],
-    order: &[Place],
-    (view, plan): (&View, &FramePlan),
-    grid: &TileGrid,
-) -> Vec<Part> {
+/// Records of all Gaussians that the view shows, in parts: by the depth of their centres, or for pixels to put them in
+/// order by the depth at which they begin; equally deep ones in the scene's order.
+///
+/// They are projected in the order of their memory, where one is hundreds of bytes: in the order of depths each would
+/// wait for the memory several times.
+pub(super) fn project(clouds: &[StoredGaussians], (view, plan): (&View, &FramePlan), grid: &TileGrid) -> Vec<Part> {
     let seen: Vec<GaussianView<'_>> =
         clouds.iter().map(|c| GaussianView::new(&c.gaussians, &c.world_from_object, (view, plan))).collect();
-    let mut firsts = vec![0];
-    firsts.extend(clouds.iter().scan(0, |sum, c| {
-        *sum += c.gaussians.len();
-        Some(*sum)
-    }));
-    let record = |place: &Place| {
-        let (cloud, i) = (place.cloud as usize, place.index as usize);
-        let opacity = clouds[cloud].gaussians.data().opacities[i];
-        let record = record(&seen[cloud], i, opacity, view, grid.region)?;
-        Some(Record { number: (firsts[cloud] + i) as u32, ..record })
+    let (mut runs, mut first) = (Vec::new(), 0);
+    for (cloud, stored) in clouds.iter().enumerate() {
+        let count = stored.gaussians.len();
+        let range = |start| start..count.min(start + PART);
+        runs.extend((0..count).step_by(PART).map(|start| Run { cloud, first, range: range(start) }));
+        first += count;
+    }
+    let near = gaussian::near(&view.projection);
+    let of_run = |run: &Run| -> Vec<(u64, Record)> {
+        let (seen, opacities) = (&seen[run.cloud], &clouds[run.cloud].gaussians.data().opacities);
+        let record = |i: usize| {
+            let projected = seen.project(i)?;
+            let depth = match plan.sort {
+                Sort::Pixel => projected.nearest.max(0.0),
+                // Sort::Center, the default.
+                _ => Some(seen.depth(i)).filter(|depth| *depth > near)?,
+            };
+            let record = record(seen, i, projected, opacities[i], view, grid.region)?;
+            Some((depth.to_bits(), Record { number: (run.first + i) as u32, ..record }))
+        };
+        run.range.clone().filter_map(record).collect()
     };
-    order
-        .par_chunks(PART)
-        .map(|places| Part { records: places.iter().filter_map(record).collect(), ..Part::default() })
-        .collect()
+    let records: Vec<Vec<(u64, Record)>> = runs.par_iter().map(of_run).collect();
+    let places = |(run, records): (usize, &Vec<(u64, Record)>)| -> Vec<Place> {
+        let place = |(index, (depth, _)): (usize, &(u64, Record))| Place {
+            depth: *depth,
+            run: run as u32,
+            index: index as u32,
+        };
+        records.iter().enumerate().map(place).collect()
+    };
+    let mut order: Vec<Place> = records.par_iter().enumerate().flat_map_iter(places).collect();
+    order.par_sort_unstable_by_key(|place| (place.depth, place.run, place.index));
+    let at = |place: &Place| records[place.run as usize][place.index as usize].1.clone();
+    order.par_chunks(PART).map(|places| Part { records: places.iter().map(at).collect(), ..Part::default() }).collect()
 }
 
-fn record(seen: &GaussianView<'_>, i: usize, opacity: f32, view: &View, region: Region) -> Option<Record> {
-    let projected = seen.project(i)?;
+fn record(
+    seen: &GaussianView<'_>,
+    i: usize,
+    projected: ProjectedGaussian,
+    opacity: f32,
+    view: &View,
+    region: Region,
+) -> Option<Record> {
     let V2 { x, y } = projected.center_px;
     let [lo, hi] = projected.bounds_px.unwrap_or([V2::new(-1e9, -1e9), V2::new(1e9, 1e9)]);
     let columns = pixels(x, [lo.x, hi.x], [region.x, region.width]);
