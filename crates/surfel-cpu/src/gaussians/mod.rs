@@ -10,7 +10,7 @@ mod pending;
 mod records;
 mod tile;
 
-use crate::gaussians::grid::{TILE_PX, TileGrid};
+use crate::gaussians::grid::TileGrid;
 use crate::gaussians::pending::Pending;
 use crate::scene::resident::ResidentScene;
 use crate::simd::level::{Instructions, with_instructions};
@@ -92,5 +92,3 @@ fn draw_tile<'a>(
         simd.vectorize(#[inline(always)] || Tile::draw(simd, inputs, records, tile, pending))
     })
 }
-
-const _: () = assert!(TILE_PX == crate::simd::lanes::LANES as u32, "a row of a tile is a vector");

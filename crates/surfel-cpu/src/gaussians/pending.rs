@@ -5,11 +5,11 @@
 //! that a pixel holds few more than it shows.
 
 use crate::gaussians::records::Record;
-use crate::gaussians::tile::{Row, SIDE};
+use crate::gaussians::tile::{BLOCKS, Block};
 use crate::simd::lanes::LANES;
 use surfel_math::gaussian::{MIN_TRANSMITTANCE, depth_step_f32};
 
-/// Gaussians that a row takes between sorts, at least.
+/// Gaussians that a block takes between sorts, at least.
 const SORT_EVERY: usize = 32;
 
 /// A Gaussian at a pixel.
@@ -29,48 +29,48 @@ pub(super) fn key(z: f32, number: u32) -> u64 {
 /// The fragments of a tile that wait.
 #[derive(Default)]
 pub(super) struct Pending<'a> {
-    /// By pixel, in rows of [`LANES`].
+    /// By pixel, in blocks of [`LANES`].
     pub fragments: Vec<Vec<Fragment<'a>>>,
     /// By pixel, the key from which on nothing is seen.
     ends: Vec<u64>,
-    /// Gaussians that a row takes until it is sorted.
-    until_sort: [usize; SIDE],
+    /// Gaussians that a block takes until it is sorted.
+    until_sort: [usize; BLOCKS],
 }
 
 impl<'a> Pending<'a> {
     /// Begins a tile.
     pub(super) fn clear(&mut self) {
-        self.fragments.resize_with(SIDE * LANES, Vec::new);
+        self.fragments.resize_with(BLOCKS * LANES, Vec::new);
         self.fragments.iter_mut().for_each(Vec::clear);
         self.ends.clear();
-        self.ends.resize(SIDE * LANES, u64::MAX);
-        self.until_sort = [SORT_EVERY; SIDE];
+        self.ends.resize(BLOCKS * LANES, u64::MAX);
+        self.until_sort = [SORT_EVERY; BLOCKS];
     }
 
-    /// Adds a record at the pixels of a row that have a bit; true if it is time to sort the row.
+    /// Adds a record at the pixels of a block that have a bit; true if it is time to sort the block.
     #[inline(always)]
-    pub(super) fn add(&mut self, row: usize, bits: u64, alpha: &Row, z: &Row, record: &'a Record) -> bool {
+    pub(super) fn add(&mut self, block: usize, bits: u64, alpha: &Block, z: &Block, record: &'a Record) -> bool {
         let mut bits = bits;
         while bits != 0 {
             let lane = bits.trailing_zeros() as usize;
             bits &= bits - 1;
             // Rounding never takes it before where its record begins.
             let key = key(z[lane].max(record.nearest), record.number);
-            let pixel = row * LANES + lane;
+            let pixel = block * LANES + lane;
             if key < self.ends[pixel] {
                 self.fragments[pixel].push(Fragment { key, alpha: alpha[lane], z: z[lane], record });
             }
         }
-        self.until_sort[row] -= 1;
-        self.until_sort[row] == 0
+        self.until_sort[block] -= 1;
+        self.until_sort[block] == 0
     }
 
-    /// Sorts a row's fragments, drops those that aren't seen, and counts those at each pixel with keys below a limit.
+    /// Sorts a block's fragments, drops those that aren't seen, and counts those at each pixel with keys below a limit.
     #[inline(always)]
-    pub(super) fn sort(&mut self, row: usize, limit: u64, transmittance: &Row) -> [usize; LANES] {
+    pub(super) fn sort(&mut self, block: usize, limit: u64, transmittance: &Block) -> [usize; LANES] {
         let (mut ready, mut most_left) = ([0; LANES], 0);
         for (lane, ready) in ready.iter_mut().enumerate() {
-            let pixel = row * LANES + lane;
+            let pixel = block * LANES + lane;
             let fragments = &mut self.fragments[pixel];
             fragments.sort_unstable_by_key(|fragment| fragment.key);
             let mut left = transmittance[lane];
@@ -85,7 +85,7 @@ impl<'a> Pending<'a> {
             *ready = fragments.partition_point(|fragment| fragment.key < limit);
             most_left = most_left.max(fragments.len() - *ready);
         }
-        self.until_sort[row] = SORT_EVERY.max(2 * most_left);
+        self.until_sort[block] = SORT_EVERY.max(2 * most_left);
         ready
     }
 }

@@ -31,7 +31,7 @@ pub(super) struct Record {
     pub number: u32,
     /// Pixels that it may touch, within the region.
     pub rows: Range<u32>,
-    columns: Range<u32>,
+    pub columns: Range<u32>,
 }
 
 /// Some of the Gaussians that follow each other in order.

@@ -1,4 +1,5 @@
-//! A tile of 16×16 pixels: its Gaussians front to back, a row of pixels at a time.
+//! A tile of 16×16 pixels: its Gaussians front to back, a block of 4×4 pixels at a time. Small ones touch fewer blocks
+//! than rows.
 
 use crate::gaussians::grid::{TILE_PX, TileGrid};
 use crate::gaussians::pending::{Pending, key};
@@ -6,13 +7,18 @@ use crate::gaussians::records::Record;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::Bits;
 use fearless_simd::Simd;
+use std::ops::Range;
 use surfel_math::gaussian::{
     self, GaussianForms, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, MIN_WEIGHT, distortion_depth,
 };
 use surfel_math::{Real, V2};
 use surfel_render::{Frame, Planes, Region};
 
-pub(super) const SIDE: usize = TILE_PX as usize;
+/// Pixels of a block's side, and blocks of a tile's.
+const SIDE: usize = 4;
+/// Blocks of a tile.
+pub(super) const BLOCKS: usize = SIDE * SIDE;
+const _: () = assert!(TILE_PX as usize == SIDE * SIDE);
 
 /// What all tiles share.
 pub(super) struct TileInputs<'a> {
@@ -24,24 +30,26 @@ pub(super) struct TileInputs<'a> {
     pub planes: Planes,
 }
 
-pub(super) type Row = [f32; LANES];
-type Rows = [Row; SIDE];
+/// A number for each pixel of a block.
+pub(super) type Block = [f32; LANES];
+/// One for each pixel of a tile.
+type Blocks = [Block; BLOCKS];
 
 /// Sums of planes besides the colour.
 #[derive(Default)]
 struct Sums {
     /// Σw: more precise than 1 − T where little is there.
-    weight: Rows,
-    normal: [Rows; 3],
-    depth: Rows,
-    median_depth: Rows,
-    distortion: Rows,
+    weight: Blocks,
+    normal: [Blocks; 3],
+    depth: Blocks,
+    median_depth: Blocks,
+    distortion: Blocks,
     /// Σw·m and Σw·m², m the depth that the distortion compares.
-    moments: [Rows; 2],
-    fragments: Rows,
+    moments: [Blocks; 2],
+    fragments: Blocks,
 }
 
-/// A Gaussian at each pixel of a row.
+/// A Gaussian at each pixel of a block.
 struct Fragments<S: Simd> {
     alpha: Lanes<S>,
     z: Lanes<S>,
@@ -51,13 +59,13 @@ struct Fragments<S: Simd> {
 
 /// A tile's pixels.
 pub(super) struct Tile {
-    transmittance: Rows,
+    transmittance: Blocks,
     /// In the Gaussians' colour space.
-    color: [Rows; 3],
+    color: [Blocks; 3],
     /// 1 where light may be left, else 0.
-    open: Rows,
-    /// Rows with such pixels.
-    open_rows: u32,
+    open: Blocks,
+    /// Blocks with such pixels.
+    open_blocks: u32,
     sums: Option<Box<Sums>>,
     /// Pixels that were compared with a Gaussian.
     pub tested: u64,
@@ -93,15 +101,17 @@ impl Tile {
     }
 
     fn empty(pixels: Region, planes: Planes) -> Self {
-        let open = |y: usize| {
-            std::array::from_fn(|x| f32::from(u8::from((x as u32) < pixels.width && (y as u32) < pixels.height)))
-        };
+        let mut open = [[0.0; LANES]; BLOCKS];
+        for (x, y) in (0..pixels.height as usize).flat_map(|y| (0..pixels.width as usize).map(move |x| (x, y))) {
+            let (block, lane) = place(x, y);
+            open[block][lane] = 1.0;
+        }
         let Planes { depth, normal, median_depth, distortion, fragments, .. } = planes;
         Self {
-            transmittance: [[1.0; LANES]; SIDE],
-            color: [[[0.0; LANES]; SIDE]; 3],
-            open: std::array::from_fn(open),
-            open_rows: pixels.height,
+            transmittance: [[1.0; LANES]; BLOCKS],
+            color: [[[0.0; LANES]; BLOCKS]; 3],
+            open,
+            open_blocks: open.iter().filter(|block| block.contains(&1.0)).count() as u32,
             sums: (depth || normal || median_depth || distortion || fragments).then(Box::default),
             tested: 0,
             resolved: Vec::new(),
@@ -118,19 +128,22 @@ impl Tile {
         sums: &mut Sums,
         mut pending: Option<&mut Pending<'a>>,
     ) {
-        let columns = Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(|x| x as f32));
+        let (columns, lines) = Lanes::block_pixels(simd, (0, 0));
         for record in records {
-            let rows = record.rows.start.max(pixels.y)..record.rows.end.min(pixels.y + pixels.height);
-            // Whole numbers, exact: only the fraction rounds.
-            let left = (pixels.x as i32 - record.base[0]) as f32;
-            let dx = (columns + Lanes::splat(simd, left)) - Lanes::splat(simd, record.fraction[0] - 0.5);
             let forms = forms(simd, record);
-            self.tested += rows.len() as u64 * LANES as u64;
-            for y in rows {
-                let row = (y - pixels.y) as usize;
-                let open = Lanes::load(simd, &self.open[row]);
-                let dy = (y as i32 - record.base[1]) as f32 - (record.fraction[1] - 0.5);
-                let (rho, z) = forms.at(V2::new(dx, Lanes::splat(simd, dy)));
+            let [rows, blocks] =
+                [blocks(&record.rows, [pixels.y, pixels.height]), blocks(&record.columns, [pixels.x, pixels.width])];
+            self.tested += (rows.len() * blocks.len() * LANES) as u64;
+            for (by, bx) in rows.flat_map(|by| blocks.clone().map(move |bx| (by, bx))) {
+                let block = by * SIDE + bx;
+                let open = Lanes::load(simd, &self.open[block]);
+                // Whole numbers, exact: only the fraction rounds.
+                let offset = |pixels: Lanes<S>, start: u32, at: usize, axis: usize| {
+                    let first = (start as i32 + (at * SIDE) as i32 - record.base[axis]) as f32;
+                    (pixels + Lanes::splat(simd, first)) - Lanes::splat(simd, record.fraction[axis] - 0.5)
+                };
+                let d = V2::new(offset(columns, pixels.x, bx, 0), offset(lines, pixels.y, by, 1));
+                let (rho, z) = forms.at(d);
                 // 2^x is for x ≥ −126, where nothing shows any more.
                 let power = (rho * rho.constant(-0.5 * std::f64::consts::LOG2_E)).max(rho.constant(-126.0));
                 let alpha = (Lanes::splat(simd, record.opacity) * power.exp2()).min(rho.constant(MAX_ALPHA));
@@ -146,72 +159,73 @@ impl Tile {
                 match &mut pending {
                     None => {
                         let [color, normal] = [record.color, record.normal].map(|v| v.map(|c| Lanes::splat(simd, c)));
-                        self.blend_row::<S, SUMS>(row, &Fragments { alpha, z, color, normal }, shows, sums);
+                        self.blend_block::<S, SUMS>(block, &Fragments { alpha, z, color, normal }, shows, sums);
                     }
                     Some(pending) => {
-                        if pending.add(row, bits, &alpha.to_array(), &z.to_array(), record) {
-                            self.blend_pending::<S, SUMS>(simd, row, key(record.nearest, 0), pending, sums);
+                        if pending.add(block, bits, &alpha.to_array(), &z.to_array(), record) {
+                            self.blend_pending::<S, SUMS>(simd, block, key(record.nearest, 0), pending, sums);
                         }
                     }
                 }
-                if self.open_rows == 0 {
+                if self.open_blocks == 0 {
                     return;
                 }
             }
         }
         if let Some(pending) = pending {
-            for row in 0..pixels.height as usize {
-                self.blend_pending::<S, SUMS>(simd, row, u64::MAX, pending, sums);
+            for block in 0..BLOCKS {
+                self.blend_pending::<S, SUMS>(simd, block, u64::MAX, pending, sums);
             }
         }
     }
 
-    /// Blends a row's fragments behind what is there.
+    /// Blends a block's fragments behind what is there.
     #[inline(always)]
-    fn blend_row<S: Simd, const SUMS: bool>(
+    fn blend_block<S: Simd, const SUMS: bool>(
         &mut self,
-        row: usize,
+        block: usize,
         fragments: &Fragments<S>,
         shows: <Lanes<S> as Real>::Mask,
         sums: &mut Sums,
     ) {
         let Fragments { alpha, color, .. } = *fragments;
         let simd = alpha.0.simd;
-        let before = Lanes::load(simd, &self.transmittance[row]);
+        let before = Lanes::load(simd, &self.transmittance[block]);
         let left = before * (alpha.one() - alpha);
         let ends = shows & left.lt(left.constant(MIN_TRANSMITTANCE));
         let drawn = shows & !ends;
         let weight = Lanes::select(drawn, alpha * before, alpha.zero());
         for (sum, c) in self.color.iter_mut().zip(color) {
-            add(simd, &mut sum[row], weight, c);
+            add(simd, &mut sum[block], weight, c);
         }
         if SUMS {
-            sums.add(row, fragments, (weight, before), drawn);
+            sums.add(block, fragments, (weight, before), drawn);
         }
-        Lanes::select(drawn, left, before).store(&mut self.transmittance[row]);
+        Lanes::select(drawn, left, before).store(&mut self.transmittance[block]);
         if ends.bits() != 0 {
-            let still = Lanes::select(ends, alpha.zero(), Lanes::load(simd, &self.open[row]));
-            still.store(&mut self.open[row]);
-            self.open_rows -= u32::from(still.zero().lt(still).bits() == 0);
+            let still = Lanes::select(ends, alpha.zero(), Lanes::load(simd, &self.open[block]));
+            still.store(&mut self.open[block]);
+            self.open_blocks -= u32::from(still.zero().lt(still).bits() == 0);
         }
     }
 
-    /// Blends the pending fragments of a row whose keys are less than a limit.
+    /// Blends the pending fragments of a block whose keys are less than a limit.
     #[inline(always)]
     fn blend_pending<S: Simd, const SUMS: bool>(
         &mut self,
         simd: S,
-        row: usize,
+        block: usize,
         limit: u64,
         pending: &mut Pending<'_>,
         sums: &mut Sums,
     ) {
-        let ready = pending.sort(row, limit, &self.transmittance[row]);
-        let of_row = &mut pending.fragments[row * LANES..(row + 1) * LANES];
+        let ready = pending.sort(block, limit, &self.transmittance[block]);
+        let of_block = &mut pending.fragments[block * LANES..(block + 1) * LANES];
         for k in 0..ready.into_iter().max().unwrap_or(0) {
-            let (mut alpha, mut z) = ([0.0; LANES], [1.0; LANES]);
+            // A filter may leave an alpha of 0 to what is there.
+            let (mut alpha, mut z) = ([-1.0; LANES], [1.0; LANES]);
             let (mut color, mut normal) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
-            for (lane, fragments) in of_row.iter().enumerate() {
+            for (lane, fragments) in of_block.iter().enumerate() {
                 if let Some(fragment) = fragments[..ready[lane]].get(k) {
                     (alpha[lane], z[lane]) = (fragment.alpha, fragment.z);
                     for c in 0..3 {
@@ -222,23 +236,23 @@ impl Tile {
                     }
                 }
             }
-            let lanes = |v: Row| Lanes::load(simd, &v);
-            let open = lanes(self.open[row]);
+            let lanes = |v: Block| Lanes::load(simd, &v);
+            let open = lanes(self.open[block]);
             let alpha = lanes(alpha);
-            let shows = alpha.zero().lt(alpha) & open.zero().lt(open);
+            let shows = alpha.zero().le(alpha) & open.zero().lt(open);
             let fragments = Fragments { alpha, z: lanes(z), color: color.map(lanes), normal: normal.map(lanes) };
-            self.blend_row::<S, SUMS>(row, &fragments, shows, sums);
+            self.blend_block::<S, SUMS>(block, &fragments, shows, sums);
         }
-        of_row.iter_mut().zip(ready).for_each(|(fragments, ready)| drop(fragments.drain(..ready)));
+        of_block.iter_mut().zip(ready).for_each(|(fragments, ready)| drop(fragments.drain(..ready)));
     }
 
     /// Colours as an image has them.
     fn resolve(&mut self, inputs: &TileInputs<'_>) {
-        self.resolved = (0..SIDE * LANES)
+        self.resolved = (0..BLOCKS * LANES)
             .map(|at| {
-                let (y, x) = (at / LANES, at % LANES);
-                let color = self.color.each_ref().map(|rows| f64::from(rows[y][x]));
-                let left = f64::from(self.transmittance[y][x]);
+                let (block, lane) = (at / LANES, at % LANES);
+                let color = self.color.each_ref().map(|blocks| f64::from(blocks[block][lane]));
+                let left = f64::from(self.transmittance[block][lane]);
                 gaussian::resolve(color, left, inputs.background, inputs.linear).map(|c| c as f32)
             })
             .collect();
@@ -258,26 +272,41 @@ impl Tile {
         for y in 0..pixels.height as usize {
             let first = (pixels.y - grid.region.y) as usize * width + y * width + (pixels.x - grid.region.x) as usize;
             let row = first..first + pixels.width as usize;
-            if let Some(color) = planes.color.get_mut(row.clone()) {
-                color.copy_from_slice(&self.resolved[y * LANES..y * LANES + color.len()]);
-            }
-            let transmittance = &self.transmittance[y];
+            let of = |blocks: &Blocks, x: usize| {
+                let (block, lane) = place(x, y);
+                blocks[block][lane]
+            };
+            fill(planes.color, &row, |x| {
+                let (block, lane) = place(x, y);
+                self.resolved[block * LANES + lane]
+            });
             for plane in [&mut *planes.weight, &mut *planes.alpha] {
-                fill(plane, &row, |x| 1.0 - transmittance[x]);
+                fill(plane, &row, |x| 1.0 - of(&self.transmittance, x));
             }
             let Some(sums) = &self.sums else { continue };
-            let weight = &sums.weight[y];
-            let there = |x: usize, value: f32| if weight[x] > MIN_WEIGHT as f32 { value } else { f32::INFINITY };
-            fill(planes.depth, &row, |x| there(x, sums.depth[y][x] / weight[x]));
-            fill(planes.median_depth, &row, |x| there(x, sums.median_depth[y][x]));
-            fill(planes.distortion, &row, |x| sums.distortion[y][x]);
-            fill(planes.normal, &row, |x| sums.normal.each_ref().map(|rows| rows[y][x]));
-            fill(planes.fragments, &row, |x| sums.fragments[y][x] as u32);
+            let is_there = |x: usize| of(&sums.weight, x) > MIN_WEIGHT as f32;
+            let there = |x: usize, value: f32| if is_there(x) { value } else { f32::INFINITY };
+            fill(planes.depth, &row, |x| there(x, of(&sums.depth, x) / of(&sums.weight, x)));
+            fill(planes.median_depth, &row, |x| there(x, of(&sums.median_depth, x)));
+            fill(planes.distortion, &row, |x| of(&sums.distortion, x));
+            fill(planes.normal, &row, |x| sums.normal.each_ref().map(|blocks| of(blocks, x)));
+            fill(planes.fragments, &row, |x| of(&sums.fragments, x) as u32);
         }
     }
 }
 
-fn fill<T>(plane: &mut [T], row: &std::ops::Range<usize>, value: impl Fn(usize) -> T) {
+/// The block and the lane of a tile's pixel.
+fn place(x: usize, y: usize) -> (usize, usize) {
+    (y / SIDE * SIDE + x / SIDE, y % SIDE * SIDE + x % SIDE)
+}
+
+/// Columns or rows of a tile's blocks that have some of these pixels; the tile begins at `start`.
+fn blocks(pixels: &Range<u32>, [start, length]: [u32; 2]) -> Range<usize> {
+    let [first, end] = [pixels.start, pixels.end].map(|at| at.clamp(start, start + length) - start);
+    first as usize / SIDE..if first < end { (end as usize).div_ceil(SIDE) } else { first as usize / SIDE }
+}
+
+fn fill<T>(plane: &mut [T], row: &Range<usize>, value: impl Fn(usize) -> T) {
     if let Some(pixels) = plane.get_mut(row.clone()) {
         pixels.iter_mut().enumerate().for_each(|(x, pixel)| *pixel = value(x));
     }
@@ -287,7 +316,7 @@ impl Sums {
     #[inline(always)]
     fn add<S: Simd>(
         &mut self,
-        row: usize,
+        block: usize,
         fragments: &Fragments<S>,
         (weight, before): (Lanes<S>, Lanes<S>),
         drawn: <Lanes<S> as Real>::Mask,
@@ -295,29 +324,29 @@ impl Sums {
         let z = fragments.z;
         let simd = z.0.simd;
         for (sum, n) in self.normal.iter_mut().zip(fragments.normal) {
-            add(simd, &mut sum[row], weight, n);
+            add(simd, &mut sum[block], weight, n);
         }
         // Depths of what isn't drawn may be anything.
         let z = Lanes::select(drawn, z, z.one());
-        add(simd, &mut self.weight[row], weight, weight.one());
-        add(simd, &mut self.depth[row], weight, z);
-        let median = Lanes::load(simd, &self.median_depth[row]);
-        Lanes::select(drawn & z.constant(0.5).lt(before), z, median).store(&mut self.median_depth[row]);
+        add(simd, &mut self.weight[block], weight, weight.one());
+        add(simd, &mut self.depth[block], weight, z);
+        let median = Lanes::load(simd, &self.median_depth[block]);
+        Lanes::select(drawn & z.constant(0.5).lt(before), z, median).store(&mut self.median_depth[block]);
         let m = distortion_depth(z);
-        let [first, second] = self.moments.each_ref().map(|rows| Lanes::load(simd, &rows[row]));
+        let [first, second] = self.moments.each_ref().map(|blocks| Lanes::load(simd, &blocks[block]));
         let spread = (m * m).mul_add(z.one() - before, second) - z.constant(2.0) * m * first;
-        add(simd, &mut self.distortion[row], weight, spread);
+        add(simd, &mut self.distortion[block], weight, spread);
         let [first, second] = &mut self.moments;
-        add(simd, &mut first[row], weight, m);
-        add(simd, &mut second[row], weight, m * m);
+        add(simd, &mut first[block], weight, m);
+        add(simd, &mut second[block], weight, m * m);
         let one = Lanes::select(drawn, z.one(), z.zero());
-        add(simd, &mut self.fragments[row], one, one);
+        add(simd, &mut self.fragments[block], one, one);
     }
 }
 
-/// Adds a product to a row of sums.
+/// Adds a product to a block of sums.
 #[inline(always)]
-fn add<S: Simd>(simd: S, sums: &mut Row, weight: Lanes<S>, value: Lanes<S>) {
+fn add<S: Simd>(simd: S, sums: &mut Block, weight: Lanes<S>, value: Lanes<S>) {
     weight.mul_add(value, Lanes::load(simd, sums)).store(sums);
 }
 
