@@ -82,6 +82,15 @@ struct Frame {
     weight_at: u32,
     fragments_at: u32,
     nearest_at: u32,
+    alpha_at: u32,
+    median_depth_at: u32,
+    distortion_at: u32,
+    // Of trained Gaussians: cells in a row, whether colours are linear, where views begin, and what lies behind them in
+    // their colour space, premultiplied.
+    gaussian_columns: u32,
+    has_linear_gaussians: u32,
+    gaussian_near: f32,
+    gaussian_background: vec4f,
     // First pixel, counted within the targets, and size of what is shaded.
     shade_origin_px: vec2u,
     shade_size_px: vec2u,

@@ -17,13 +17,13 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, LAYER_HEADER_BYTES, Limits, PixelPass,
-    Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    count_frame_bytes, count_layers, schedule, shadow_map_jobs, shadow_texels, tiles,
+    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, LAYER_HEADER_BYTES, Limits,
+    PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
+    count_frame_bytes, count_layers, schedule, shadow_map_jobs, shadow_texels,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
+use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
 
 /// A device that a program has anyway.
 pub struct RawDevice {
@@ -242,20 +242,21 @@ impl Renderer {
     fn tile(
         &mut self,
         job: &FrameJob<'_>,
-        region: Region,
+        data: &TileData,
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), Failure> {
         let FrameJob { view, plan, .. } = *job;
-        let data = TileData::new(&job.scene.cpu, job.frame_scene, view, plan, region);
+        let region = data.tile;
         let shared_records = job.scene.shared_records;
-        let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, &data), shared_records);
-        let work = TileWork::of(plan, &data, job.scene, samples);
-        let counted = self.execute(job, &data, &work, stats, |planes| {
+        let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, data), shared_records);
+        let work = TileWork::of(plan, data, job.scene, samples);
+        let counted = self.execute(job, data, &work, stats, |planes| {
             let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
             data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame, identity)
         })?;
-        if !self.device.caps.counts_samples {
+        // Queries count what is drawn, and Gaussians are computed.
+        if !self.device.caps.counts_samples || plan.has(Pass::Gaussians) {
             stats.fragments += counted;
         }
         let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
@@ -296,7 +297,7 @@ impl Renderer {
         }
         submit(&self.device, |commands| tile.record(commands, &work.steps, &parts))?;
         let drawn = tile.drawn_readback.words(1)?.first().copied().unwrap_or(0);
-        stats.drawn += u64::from(drawn) + u64::from(data.near_count());
+        stats.drawn += u64::from(drawn) + u64::from(data.host_records());
         if let Some(layers) = &tile.layers_readback {
             count_layers(layers.words((LAYER_HEADER_BYTES / 4) as usize)?, stats);
         }
@@ -407,8 +408,8 @@ impl surfel_render::Renderer for Renderer {
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let texels = self.shadow_maps(scene, &plan, &mut stats)?;
         let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
-        for tile in tiles(view, &plan, self.limits) {
-            self.tile(&job, tile, frame, &mut stats)?;
+        for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits) {
+            self.tile(&job, &data.map_err(Failure::Other)?, frame, &mut stats)?;
         }
         self.check_messages()?;
         frame.locate(view);

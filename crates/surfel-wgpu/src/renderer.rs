@@ -11,13 +11,13 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::Targets;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, LAYER_HEADER_BYTES, Limits, PixelPass,
-    Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    count_frame_bytes, count_layers, schedule, shadow_map_jobs, shadow_texels, tiles,
+    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, LAYER_HEADER_BYTES, Limits,
+    PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
+    count_frame_bytes, count_layers, schedule, shadow_map_jobs, shadow_texels,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
+use surfel_render::{Frame, FramePlan, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
 
 /// The wgpu backend.
 pub struct Renderer {
@@ -201,17 +201,17 @@ impl Renderer {
     fn tile(
         &mut self,
         job: &FrameJob<'_>,
-        region: Region,
+        data: &TileData,
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), RenderError> {
         let FrameJob { view, plan, .. } = *job;
-        let data = TileData::new(&job.scene.cpu, job.frame_scene, view, plan, region);
-        let key = self.key(plan, &data);
+        let region = data.tile;
+        let key = self.key(plan, data);
         let steps = schedule(plan, &data.visible(), job.scene.shared_records);
         let shared_records = job.scene.shared_records;
-        let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, &data), shared_records);
-        let tile = TileJob { data: &data, key, pixel_passes: &PixelPass::of(plan), steps: &steps, samples: &samples };
+        let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, data), shared_records);
+        let tile = TileJob { data, key, pixel_passes: &PixelPass::of(plan), steps: &steps, samples: &samples };
         stats.fragments += self.execute(job, tile, stats, |planes| {
             let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
             data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame, identity)
@@ -280,7 +280,7 @@ impl Renderer {
                 count_layers(layers, stats);
             }
             pass_record.add(costs, stats);
-            stats.drawn += u64::from(drawn.first().copied().unwrap_or(0)) + u64::from(data.near_count());
+            stats.drawn += u64::from(drawn.first().copied().unwrap_or(0)) + u64::from(data.host_records());
             Some(read(planes))
         })?;
         self.errors.check()?;
@@ -380,8 +380,8 @@ impl surfel_render::Renderer for Renderer {
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let (texels, costs) = self.shadow_maps(scene, &plan)?;
         let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
-        for tile in tiles(view, &plan, self.limits) {
-            self.tile(&job, tile, frame, &mut stats)?;
+        for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits) {
+            self.tile(&job, &data.map_err(failed)?, frame, &mut stats)?;
         }
         for MapCost { readback, pass_record } in costs {
             readback.read(&self.device, |parts| pass_record.add(parts.concat().as_slice(), &mut stats))?;

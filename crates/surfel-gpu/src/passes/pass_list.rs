@@ -2,7 +2,7 @@
 
 use crate::passes::draw::{Draw, Layer, Sums};
 use crate::passes::pixel_pass::PixelPass;
-use surfel_model::Shader;
+use surfel_model::{Shader, Sort};
 use surfel_render::{FramePlan, Pass};
 
 /// An entry of a pass list. Each is complete, over all splats or pixels, before the next begins.
@@ -44,6 +44,10 @@ pub(crate) fn is_of_shadow_map(plan: &FramePlan) -> bool {
 
 /// The passes of a plan.
 pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
+    if plan.has(Pass::Gaussians) {
+        let by_pixel = plan.sort == Sort::Pixel;
+        return vec![PassEntry::Pixels(if by_pixel { PixelPass::GaussiansByPixel } else { PixelPass::Gaussians })];
+    }
     let edges = plan.has(Pass::EdgeAntialiasing);
     let polygons = plan.has(Pass::Polygons);
     let sums =

@@ -1,4 +1,5 @@
-//! Compute passes over the pixels of a tile: shading, compositing of layers, storing of shadow maps, means of samples.
+//! Compute passes over the pixels of a tile: shading, compositing of layers, storing of shadow maps, means of samples,
+//! trained Gaussians.
 
 use crate::passes::targets::Target;
 use surfel_render::SAMPLES_SIDE;
@@ -26,6 +27,10 @@ pub enum PixelPass {
     ShadeSplats,
     /// Shades samples and writes their means over the colours of sampled pixels.
     ResolveSamples,
+    /// Draws trained Gaussians, in the order of their centres.
+    Gaussians,
+    /// Draws them in the order of each pixel.
+    GaussiansByPixel,
 }
 
 /// Name in the statistics of all passes that edges by samples add.
@@ -59,6 +64,10 @@ pub const PIXEL_PASS_TEXTURES: [(u32, Target); 20] = [
 /// to write, layer composites to read, texels of the shadow map that is drawn, indirect draws of layers.
 pub const PIXEL_PASS_BUFFERS: [u32; 7] = [4, 12, 13, 14, 15, 21, 22];
 
+/// Bindings of a tile's [`GaussianLists`](crate::GaussianLists), which the passes of trained Gaussians read: records,
+/// lists.
+pub const GAUSSIAN_BUFFERS: [u32; 2] = [28, 29];
+
 /// Binding of [`Target::Steps`] in the group of splat setup, after its buffers.
 pub const SETUP_STEPS_BINDING: u32 = 7;
 
@@ -79,6 +88,8 @@ impl PixelPass {
             Self::Shade => "shade",
             Self::ShadeSplats => "shade_splats",
             Self::ResolveSamples => "resolve_samples",
+            Self::Gaussians => "gaussians",
+            Self::GaussiansByPixel => "gaussians_by_pixel",
         }
     }
 
@@ -90,7 +101,7 @@ impl PixelPass {
     /// Width and height of its invocations, in pixels, for a tile of these targets and this shaded size.
     pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
         match self {
-            Self::Shade | Self::ShadeSplats | Self::Nearest => shaded,
+            Self::Shade | Self::ShadeSplats | Self::Nearest | Self::Gaussians | Self::GaussiansByPixel => shaded,
             Self::NextLayer => [1, 1],
             Self::ResolveSamples => targets.map(|side| side / SAMPLES_SIDE),
             Self::BeginLayers
@@ -113,6 +124,7 @@ impl PixelPass {
             Self::Nearest => "nearest",
             Self::Shade | Self::ShadeSplats => "shade",
             Self::ResolveSamples => EDGE_SAMPLES,
+            Self::Gaussians | Self::GaussiansByPixel => "gaussians",
         }
     }
 }

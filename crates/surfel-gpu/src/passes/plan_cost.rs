@@ -23,9 +23,9 @@ pub struct PlanCost {
 }
 
 impl PlanCost {
-    /// The cost of a plan; `None` for one that no GPU backend draws (an A-buffer, Gaussians).
+    /// The cost of a plan; `None` for one that no GPU backend draws (an A-buffer).
     pub fn of(plan: &FramePlan) -> Option<Self> {
-        if plan.has(Pass::ABuffer) || plan.has(Pass::Gaussians) {
+        if plan.has(Pass::ABuffer) {
             return None;
         }
         let (mut draws, mut pixels) = (Draw::of(plan), PixelPass::of(plan));
@@ -37,6 +37,7 @@ impl PlanCost {
         }
         let mut variants = vec![Variant::Whole];
         variants.extend((plan.clip != ClipPolicy::Off).then_some(Variant::Clipped));
+        variants.retain(|_| draws.iter().any(|draw| draw.draws_records()));
         let of_splats = variants.iter().flat_map(|&variant| {
             let drawn = draws.iter().filter(|draw| draw.draws_records());
             let fragments = drawn.map(move |draw| fragment(*draw, variant));
@@ -62,8 +63,8 @@ fn fragment(draw: Draw, variant: Variant) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel_model::{Accumulate, Camera, EdgeAa, Projection, Settings, Transparency};
-    use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
+    use surfel_model::{Accumulate, Camera, EdgeAa, Projection, Settings, Sort, Transparency};
+    use surfel_render::{Capabilities, GaussianColors, Planes, SceneSummary, View, plan};
 
     fn cost(summary: &SceneSummary, change: impl FnOnce(&mut Settings)) -> Option<PlanCost> {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
@@ -109,6 +110,13 @@ mod tests {
         let of_samples = ["front_threshold_fragment", "steps_fragment", "resolve_samples"];
         assert!(of_samples.iter().all(|name| samples.shaders.iter().any(|s| s == name)), "{:?}", samples.shaders);
         assert_eq!(samples.shaders.len(), plain.shaders.len() + of_samples.len(), "{:?}", samples.shaders);
+        // Gaussians are one shader that draws into planes alone.
+        let gaussians = SceneSummary { gaussians: Some(GaussianColors::Displayed), ..SceneSummary::default() };
+        for (sort, shader) in [(Sort::Center, "gaussians"), (Sort::Pixel, "gaussians_by_pixel")] {
+            let own = cost(&gaussians, |s| s.sort = sort).unwrap();
+            assert_eq!((own.shaders, own.targets, own.bytes_per_pixel), (vec![shader.to_owned()], Vec::new(), 0));
+        }
+        assert!(!plain.shaders.iter().any(|s| s.starts_with("gaussians")));
         assert_eq!(cost(&glass, |s| s.transparency = Transparency::ABuffer { layers: 4 }), None);
     }
 }
