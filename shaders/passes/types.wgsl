@@ -67,8 +67,10 @@ struct Frame {
     has_eye_dome: u32,
     // Coverage from which splats occlude a polygon behind them.
     full_coverage: f32,
-    // Transparent splats are drawn in layers, and records of them hold alpha in place of the coverage.
+    // Transparent splats are drawn in layers, and records of them hold alpha in place of the coverage; those of an
+    // A-buffer both, packed.
     has_layers: u32,
+    has_abuffer: u32,
     // Clip curves are taken for their chords.
     clip_by_chord: u32,
     // Depths are summed in this unit, a power of two about as large as the farthest: f16 ends at 65504.

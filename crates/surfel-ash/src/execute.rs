@@ -264,8 +264,10 @@ impl<'a> Tile<'a> {
         let floats = u64::from(self.targets.key.floats);
         commands.copy(self.targets.planes.raw(), self.targets.readback.raw(), 4 * floats.max(1));
         commands.copy(self.drawn.raw(), self.drawn_readback.raw(), 4);
-        if let (Some(draws), Some(readback)) = (&self.layer_draws, &self.layers_readback) {
-            commands.copy(draws.raw(), readback.raw(), LAYER_HEADER_BYTES);
+        for tile in std::iter::once(self).chain(samples.iter().map(|part| &part.0)) {
+            if let (Some(draws), Some(readback)) = (&tile.layer_draws, &tile.layers_readback) {
+                commands.copy(draws.raw(), readback.raw(), LAYER_HEADER_BYTES);
+            }
         }
         commands.barrier_to_host();
         Ok(())

@@ -19,7 +19,7 @@ use std::time::Instant;
 use surfel_gpu::{
     Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, LAYER_HEADER_BYTES, Limits,
     PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    count_frame_bytes, count_layers, schedule, shadow_map_jobs, shadow_texels,
+    count_frame_bytes, count_layers, layers_remain, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
@@ -246,17 +246,26 @@ impl Renderer {
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), Failure> {
-        let FrameJob { view, plan, .. } = *job;
-        let region = data.tile;
-        let shared_records = job.scene.shared_records;
-        let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, data), shared_records);
-        let work = TileWork::of(plan, data, job.scene, samples);
-        let counted = self.execute(job, data, &work, stats, |planes| {
-            let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
-            data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame, identity)
-        })?;
+        let FrameJob { view, .. } = *job;
+        let (region, shared_records) = (data.tile, job.scene.shared_records);
+        let (mut plan, before) = (job.plan.clone(), [stats.drawn, stats.fragments]);
+        let counted = loop {
+            let tile = (region, data);
+            let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, &plan, tile, shared_records);
+            let work = TileWork::of(&plan, data, job.scene, samples);
+            let (counted, is_whole) = self.execute(job, data, &work, stats, |planes| {
+                let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
+                data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame, identity)
+            })?;
+            if is_whole || !plan.has(Pass::ABuffer) {
+                break counted;
+            }
+            // Its splats were counted, and are drawn once more.
+            [stats.drawn, stats.fragments] = before;
+            plan = with_more_layers(&plan).map_err(Failure::Other)?;
+        };
         // Queries count what is drawn, and Gaussians are computed.
-        if !self.device.caps.counts_samples || plan.has(Pass::Gaussians) {
+        if !self.device.caps.counts_samples || job.plan.has(Pass::Gaussians) {
             stats.fragments += counted;
         }
         let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
@@ -264,7 +273,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Executes work, waits for it, and hands the words of the planes to `read`.
+    /// Executes work, waits for it, and hands the words of the planes to `read`. Also says whether no layers remain.
     fn execute<T>(
         &mut self,
         job: &FrameJob<'_>,
@@ -272,7 +281,7 @@ impl Renderer {
         work: &TileWork,
         stats: &mut Stats,
         read: impl FnOnce(&[u32]) -> T,
-    ) -> Result<T, Failure> {
+    ) -> Result<(T, bool), Failure> {
         self.prepare(job.plan, data, work)?;
         let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
         let queries = Queries::new(&self.device, None)?;
@@ -305,7 +314,11 @@ impl Renderer {
         if !parts.is_empty() {
             sample_queries.add(stats)?;
         }
-        Ok(read(targets.readback.words(data.planes.floats as usize)?))
+        let mut is_whole = true;
+        for layers in std::iter::once(&tile).chain(parts.iter().map(|part| &part.0)).flat_map(|t| &t.layers_readback) {
+            is_whole &= !layers_remain(layers.words((LAYER_HEADER_BYTES / 4) as usize)?);
+        }
+        Ok((read(targets.readback.words(data.planes.floats as usize)?), is_whole))
     }
 
     /// The device's fill rates in targets of `side_px` pixels a side: what it does at best, for times of passes to be

@@ -26,8 +26,9 @@ pub use frame::tiling::FrameTiles;
 pub use frame::uniforms::FrameScene;
 pub use passes::draw::{Draw, Layer, Sums};
 pub use passes::fill_rate::{FILL_RATE_RUNS, FillRate, FillRateFrame};
-pub use passes::layer_draws::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words};
+pub use passes::layer_draws::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words, layers_remain};
 pub use passes::memory::{Precision, TargetKey, count_frame_bytes, layer_composite_bytes, target_bytes};
+pub use passes::pass_list::with_more_layers;
 pub use passes::pixel_pass::{
     EDGE_SAMPLES, GAUSSIAN_BUFFERS, HOST_DEPTH_BINDING, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass,
     SETUP_STEPS_BINDING,

@@ -185,7 +185,7 @@ pub(crate) fn frame_words(
     words.u32(at::HAS_POLYGONS, u32::from(plan.has(Pass::Polygons))).f64(at::FULL_COVERAGE, FULL_COVERAGE);
     words.u32(at::HAS_OUTLINES, u32::from(plan.has(Pass::Outlines)));
     words.u32(at::HAS_EYE_DOME, u32::from(plan.has(Pass::EyeDome)));
-    words.u32(at::HAS_LAYERS, u32::from(has_layers(plan)));
+    words.u32(at::HAS_LAYERS, u32::from(has_layers(plan))).u32(at::HAS_ABUFFER, u32::from(plan.has(Pass::ABuffer)));
     words.u32(at::CLIP_BY_CHORD, u32::from(plan.clip == ClipPolicy::Line));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
     words.vec3(at::AMBIENT, DVec3::from(scene.ambient)).f64s(at::BACKGROUND, scene.background);

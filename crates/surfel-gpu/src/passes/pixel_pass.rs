@@ -13,6 +13,8 @@ pub enum PixelPass {
     BeginLayersInHost,
     /// Shades a peeled layer and composites it under those before it.
     PeeledLayer,
+    /// Shades a layer of an A-buffer and composites it so, by its coverage.
+    GatheredLayer,
     /// Ends the layers if nothing remains; runs once, not for each pixel.
     NextLayer,
     /// Composites all remaining transparent splats under the layers.
@@ -37,7 +39,7 @@ pub enum PixelPass {
 pub const EDGE_SAMPLES: &str = "edge samples";
 
 /// The textures that pixel passes read, by binding; each reads some of them.
-pub const PIXEL_PASS_TEXTURES: [(u32, Target); 20] = [
+pub const PIXEL_PASS_TEXTURES: [(u32, Target); 21] = [
     (0, Target::Color),
     (1, Target::Surface),
     (2, Target::Material),
@@ -58,6 +60,7 @@ pub const PIXEL_PASS_TEXTURES: [(u32, Target); 20] = [
     (25, Target::Steps),
     (26, Target::Nearest),
     (27, Target::LayerNearest),
+    (30, Target::LayerCoverage),
 ];
 
 /// Bindings of the buffers that pixel passes read and write, in this order: planes, polygons, texels, layer composites
@@ -81,6 +84,7 @@ impl PixelPass {
             Self::BeginLayers => "begin_layers",
             Self::BeginLayersInHost => "begin_layers_in_host",
             Self::PeeledLayer => "peeled_layer",
+            Self::GatheredLayer => "gathered_layer",
             Self::NextLayer => "next_layer",
             Self::RemainingLayer => "remaining_layer",
             Self::StoreShadow => "store_shadow",
@@ -107,6 +111,7 @@ impl PixelPass {
             Self::BeginLayers
             | Self::BeginLayersInHost
             | Self::PeeledLayer
+            | Self::GatheredLayer
             | Self::RemainingLayer
             | Self::StoreShadow => targets,
         }
@@ -118,6 +123,7 @@ impl PixelPass {
             Self::BeginLayers
             | Self::BeginLayersInHost
             | Self::PeeledLayer
+            | Self::GatheredLayer
             | Self::NextLayer
             | Self::RemainingLayer => "layers",
             Self::StoreShadow => "shadow maps",
