@@ -11,8 +11,8 @@ use surfel_model::Settings;
 use surfel_render::{Capabilities, Feature, Planes, RenderError, View, plan};
 
 /// A host's image has no edges by samples: its depth buffer has one depth a pixel to test samples against. Nor has it
-/// trained Gaussians, which the host's geometry would have to be among, fragment by fragment, nor an A-buffer, for which
-/// it would have to be read back whether layers remain.
+/// trained Gaussians, which the host's geometry would have to be among, fragment by fragment, nor an A-buffer: whether
+/// layers remain would have to be read back.
 const CAPABILITIES: Capabilities = Capabilities {
     backend: crate::NAME,
     lacks: &[Feature::ABuffer, Feature::EdgeSamples, Feature::Gaussians, Feature::Margin],
