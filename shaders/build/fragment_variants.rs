@@ -13,13 +13,14 @@ struct LayerSums {
     sums: &'static [&'static str],
 }
 
-const LAYERS: [LayerSums; 7] = [
+const LAYERS: [LayerSums; 8] = [
     LayerSums { layer: "front", sums: &["color", "surface", "material_counts"] },
     LayerSums { layer: "mesh_blend", sums: &["color", "surface", "material_counts"] },
     LayerSums { layer: "shown", sums: &["color", "surface", "material_counts"] },
     LayerSums { layer: "shown_mesh_blend", sums: &["color", "surface", "material_counts"] },
     LayerSums { layer: "edge_background", sums: &["color", "surface", "material"] },
     LayerSums { layer: "peeled", sums: &["surface", "material_counts"] },
+    LayerSums { layer: "gathered", sums: &["surface", "material_coverage"] },
     LayerSums { layer: "remaining", sums: &["surface", "material_counts"] },
 ];
 
@@ -35,6 +36,7 @@ fn sums_type(sums: &str) -> &'static str {
     match sums {
         "surface" => "SurfaceSums",
         "material_counts" => "MaterialCountsSums",
+        "material_coverage" => "MaterialCoverageSums",
         _ => "@location(0) vec4f",
     }
 }

@@ -7,6 +7,8 @@
 @group(1) @binding(18) var layer_material: texture_2d<f32>;
 // Number of fragments, and Σw·alpha.
 @group(1) @binding(19) var layer_counts: texture_2d<f32>;
+// The same of an A-buffer's layer, and its coverage.
+@group(1) @binding(30) var layer_coverage: texture_2d<f32>;
 @group(1) @binding(20) var layer_threshold: texture_depth_2d;
 
 // Arguments of an indirect draw of transparent splats.
@@ -101,17 +103,29 @@ fn layer_point(pixel: vec2i) -> Point {
 
 @compute @workgroup_size(8, 8)
 fn peeled_layer(@builtin(global_invocation_id) id: vec3u) {
-    if !is_in_targets(id) {
-        return;
+    if is_in_targets(id) {
+        composite_layer(id, textureLoad(layer_counts, vec2i(id.xy), 0).xy, 1.0);
     }
+}
+
+// A surface of an A-buffer: a peeled layer that counts by its coverage.
+@compute @workgroup_size(8, 8)
+fn gathered_layer(@builtin(global_invocation_id) id: vec3u) {
+    if is_in_targets(id) {
+        let counts = textureLoad(layer_coverage, vec2i(id.xy), 0);
+        composite_layer(id, counts.xy, min(counts.z / frame.full_coverage, 1.0));
+    }
+}
+
+// Composites a layer of so many fragments and Σw·alpha, `share` of which covers the pixel.
+fn composite_layer(id: vec3u, counts: vec2f, share: f32) {
     let pixel = vec2i(id.xy);
     let at = id.y * frame.size_px.x + id.x;
     var layers = layer_composites[at];
-    let counts = textureLoad(layer_counts, pixel, 0).xy;
     let point = layer_point(pixel);
     if point.is_there {
         let color = color_of(position_at(pixel, point.z), point, true);
-        layers = composite_under(layers, point, color, counts.y / point.weight);
+        layers = composite_under(layers, point, color, counts.y / point.weight * share);
     }
     layers.counts += u32(counts.x);
     // A threshold of 0 says that the layer took all that remained.

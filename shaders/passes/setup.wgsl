@@ -259,7 +259,11 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     }
     record.coverage = filtered.coverage_scale * object.coverage;
     if frame.has_layers != 0u && segment.alpha_at != ABSENT {
-        record.coverage = stored_f32(i * segment.stride + segment.alpha_at, 0u);
+        let alpha = stored_f32(i * segment.stride + segment.alpha_at, 0u);
+        record.coverage = alpha;
+        if frame.has_abuffer != 0u {
+            record.coverage = packed_shares(alpha, filtered.coverage_scale);
+        }
     }
     record.visible_box = packed_box(visible_box);
     record.filtered_box = packed_box(filtered_box);

@@ -67,8 +67,10 @@ struct Frame {
     has_eye_dome: u32,
     // Coverage from which splats occlude a polygon behind them.
     full_coverage: f32,
-    // Transparent splats are drawn in layers, and records of them hold alpha in place of the coverage.
+    // Transparent splats are drawn in layers, and records of them hold alpha in place of the coverage; those of an
+    // A-buffer both, packed.
     has_layers: u32,
+    has_abuffer: u32,
     // Clip curves are taken for their chords.
     clip_by_chord: u32,
     // Depths are summed in this unit, a power of two about as large as the farthest: f16 ends at 65504.
@@ -82,6 +84,15 @@ struct Frame {
     weight_at: u32,
     fragments_at: u32,
     nearest_at: u32,
+    alpha_at: u32,
+    median_depth_at: u32,
+    distortion_at: u32,
+    // Of trained Gaussians: cells in a row, whether colours are linear, where views begin, and what lies behind them in
+    // their colour space, premultiplied.
+    gaussian_columns: u32,
+    has_linear_gaussians: u32,
+    gaussian_near: f32,
+    gaussian_background: vec4f,
     // First pixel, counted within the targets, and size of what is shaded.
     shade_origin_px: vec2u,
     shade_size_px: vec2u,

@@ -156,6 +156,10 @@ pub const TWINS: &[Twin] = &[
     twin("eye_dome_rise_weight", "eye_dome::rise_weight"),
     twin("eye_dome_brightness", "eye_dome::brightness"),
     twin("weight", "kernel::weight"),
+    twin("gaussian_forms_at", "gaussian::GaussianForms::at"),
+    twin("depth_step_f32", "gaussian::depth_step_f32"),
+    twin("distortion_depth", "gaussian::distortion_depth"),
+    twin("srgb_decode", "srgb::decode"),
 ];
 
 /// Functions of [`WGSL`] without a twin: parts of one, where WGSL has no closures or no fused multiply-add to rely on.

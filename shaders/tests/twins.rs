@@ -17,7 +17,9 @@ macro_rules! paths {
 }
 
 fn rust_paths() -> BTreeSet<&'static str> {
-    use surfel_math::{basis, clip, depth, filter, kernel, mapping, project, real, shadow, svd, triangle, vector};
+    use surfel_math::{
+        basis, clip, depth, filter, gaussian, kernel, mapping, project, real, shadow, srgb, svd, triangle, vector,
+    };
     BTreeSet::from(paths! {
         real::Real::difference_of_products, as <f32 as real::Real>::difference_of_products;
         real::Real::sum_of_products, as <f32 as real::Real>::sum_of_products;
@@ -83,6 +85,10 @@ fn rust_paths() -> BTreeSet<&'static str> {
         eye_dome::rise_weight;
         eye_dome::brightness;
         kernel::weight, as kernel::weight;
+        gaussian::GaussianForms::at, as gaussian::GaussianForms::<f32>::at;
+        gaussian::depth_step_f32, as gaussian::depth_step_f32;
+        gaussian::distortion_depth;
+        srgb::decode, as srgb::decode;
     })
 }
 
@@ -127,6 +133,16 @@ fn facing_is_told_by_the_same_numbers_in_both() {
     assert_eq!(layout::RIM_SINE, facing::RIM_SINE as f32);
     assert_eq!(layout::RECORD_FACING, layout::RECORD_FRONT | layout::RECORD_BACK);
     assert_eq!(layout::RECORD_OBJECT, (layout::RECORD_FACING + 8).trailing_zeros());
+}
+
+#[test]
+fn gaussians_end_at_the_same_numbers_in_both() {
+    use surfel_math::gaussian;
+    use surfel_shaders::layout;
+    assert_eq!(layout::MAX_ALPHA, gaussian::MAX_ALPHA as f32);
+    assert_eq!(layout::MIN_ALPHA, gaussian::MIN_ALPHA as f32);
+    assert_eq!(layout::MIN_TRANSMITTANCE, gaussian::MIN_TRANSMITTANCE as f32);
+    assert_eq!(layout::MIN_GAUSSIAN_WEIGHT, gaussian::MIN_WEIGHT as f32);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use crate::error::Failure;
 use crate::memory::Buffer;
 use crate::pipelines::{Pipeline, Pipelines};
 use crate::queries::Queries;
-use crate::scene::ResidentScene;
+use crate::scene::{ResidentScene, resident};
 use crate::targets::Targets;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -15,8 +15,9 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 use surfel_gpu::{
-    Draw, FrameScene, LAYER_HEADER_BYTES, Layer, NearRecords, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass,
-    SETUP_STEPS_BINDING, Step, Sums, Target, TileData, Variant, layer_draw_offset, layer_draw_words, workgroups,
+    Draw, FrameScene, GAUSSIAN_BUFFERS, GaussianLists, LAYER_HEADER_BYTES, Layer, NearRecords, PIXEL_PASS_BUFFERS,
+    PIXEL_PASS_TEXTURES, PixelPass, SETUP_STEPS_BINDING, Step, Sums, Target, TileData, Variant, layer_draw_offset,
+    layer_draw_words, workgroups,
 };
 use surfel_shaders::layout;
 
@@ -205,6 +206,13 @@ impl<'a> Tile<'a> {
         ];
         let mut all = bound(&PIXEL_PASS_TEXTURES);
         all.extend(PIXEL_PASS_BUFFERS.into_iter().zip(others.map(Resource::Buffer)));
+        let of_gaussians = match &data.gaussians {
+            Some(GaussianLists { records, lists, .. }) => {
+                vec![resident(device, "Gaussians", records)?, resident(device, "lists of Gaussians", lists)?]
+            }
+            None => Vec::new(),
+        };
+        all.extend(GAUSSIAN_BUFFERS.into_iter().zip(of_gaussians.iter().map(Resource::Buffer)));
         let mut pixel_sets = HashMap::new();
         for &pass in pixel_passes {
             pixel_sets.insert(pass, sets.set(&pipelines.pixels(pass)?.set, pass.entry(), &all)?);
@@ -214,6 +222,7 @@ impl<'a> Tile<'a> {
             reads.insert(draw, sets.set(layout, draw.name(), &all)?);
         }
         buffers.push(polygons);
+        buffers.extend(of_gaussians);
         Ok(Self {
             scene,
             pipelines,
@@ -255,8 +264,10 @@ impl<'a> Tile<'a> {
         let floats = u64::from(self.targets.key.floats);
         commands.copy(self.targets.planes.raw(), self.targets.readback.raw(), 4 * floats.max(1));
         commands.copy(self.drawn.raw(), self.drawn_readback.raw(), 4);
-        if let (Some(draws), Some(readback)) = (&self.layer_draws, &self.layers_readback) {
-            commands.copy(draws.raw(), readback.raw(), LAYER_HEADER_BYTES);
+        for tile in std::iter::once(self).chain(samples.iter().map(|part| &part.0)) {
+            if let (Some(draws), Some(readback)) = (&tile.layer_draws, &tile.layers_readback) {
+                commands.copy(draws.raw(), readback.raw(), LAYER_HEADER_BYTES);
+            }
         }
         commands.barrier_to_host();
         Ok(())

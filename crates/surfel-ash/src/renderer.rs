@@ -17,13 +17,13 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, LAYER_HEADER_BYTES, Limits, PixelPass,
-    Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    count_frame_bytes, count_layers, schedule, shadow_map_jobs, shadow_texels, tiles,
+    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, LAYER_HEADER_BYTES, Limits,
+    PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
+    count_frame_bytes, count_layers, layers_remain, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
+use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
 
 /// A device that a program has anyway.
 pub struct RawDevice {
@@ -242,20 +242,30 @@ impl Renderer {
     fn tile(
         &mut self,
         job: &FrameJob<'_>,
-        region: Region,
+        data: &TileData,
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), Failure> {
-        let FrameJob { view, plan, .. } = *job;
-        let data = TileData::new(&job.scene.cpu, job.frame_scene, view, plan, region);
-        let shared_records = job.scene.shared_records;
-        let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, &data), shared_records);
-        let work = TileWork::of(plan, &data, job.scene, samples);
-        let counted = self.execute(job, &data, &work, stats, |planes| {
-            let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
-            data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame, identity)
-        })?;
-        if !self.device.caps.counts_samples {
+        let FrameJob { view, .. } = *job;
+        let (region, shared_records) = (data.tile, job.scene.shared_records);
+        let (mut plan, before) = (job.plan.clone(), [stats.drawn, stats.fragments]);
+        let counted = loop {
+            let tile = (region, data);
+            let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, &plan, tile, shared_records);
+            let work = TileWork::of(&plan, data, job.scene, samples);
+            let (counted, is_whole) = self.execute(job, data, &work, stats, |planes| {
+                let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
+                data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame, identity)
+            })?;
+            if is_whole || !plan.has(Pass::ABuffer) {
+                break counted;
+            }
+            // Its splats were counted, and are drawn once more.
+            [stats.drawn, stats.fragments] = before;
+            plan = with_more_layers(&plan).map_err(Failure::Other)?;
+        };
+        // Queries count what is drawn, and Gaussians are computed.
+        if !self.device.caps.counts_samples || job.plan.has(Pass::Gaussians) {
             stats.fragments += counted;
         }
         let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
@@ -263,7 +273,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Executes work, waits for it, and hands the words of the planes to `read`.
+    /// Executes work, waits for it, and hands the words of the planes to `read`. Also says whether no layers remain.
     fn execute<T>(
         &mut self,
         job: &FrameJob<'_>,
@@ -271,7 +281,7 @@ impl Renderer {
         work: &TileWork,
         stats: &mut Stats,
         read: impl FnOnce(&[u32]) -> T,
-    ) -> Result<T, Failure> {
+    ) -> Result<(T, bool), Failure> {
         self.prepare(job.plan, data, work)?;
         let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
         let queries = Queries::new(&self.device, None)?;
@@ -296,7 +306,7 @@ impl Renderer {
         }
         submit(&self.device, |commands| tile.record(commands, &work.steps, &parts))?;
         let drawn = tile.drawn_readback.words(1)?.first().copied().unwrap_or(0);
-        stats.drawn += u64::from(drawn) + u64::from(data.near_count());
+        stats.drawn += u64::from(drawn) + u64::from(data.host_records());
         if let Some(layers) = &tile.layers_readback {
             count_layers(layers.words((LAYER_HEADER_BYTES / 4) as usize)?, stats);
         }
@@ -304,7 +314,11 @@ impl Renderer {
         if !parts.is_empty() {
             sample_queries.add(stats)?;
         }
-        Ok(read(targets.readback.words(data.planes.floats as usize)?))
+        let mut is_whole = true;
+        for layers in std::iter::once(&tile).chain(parts.iter().map(|part| &part.0)).flat_map(|t| &t.layers_readback) {
+            is_whole &= !layers_remain(layers.words((LAYER_HEADER_BYTES / 4) as usize)?);
+        }
+        Ok((read(targets.readback.words(data.planes.floats as usize)?), is_whole))
     }
 
     /// The device's fill rates in targets of `side_px` pixels a side: what it does at best, for times of passes to be
@@ -407,8 +421,8 @@ impl surfel_render::Renderer for Renderer {
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let texels = self.shadow_maps(scene, &plan, &mut stats)?;
         let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
-        for tile in tiles(view, &plan, self.limits) {
-            self.tile(&job, tile, frame, &mut stats)?;
+        for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits) {
+            self.tile(&job, &data.map_err(Failure::Other)?, frame, &mut stats)?;
         }
         self.check_messages()?;
         frame.locate(view);

@@ -96,7 +96,7 @@ fn segments(
 }
 
 /// Words in the device's own memory, by way of the host's.
-fn resident(device: &Arc<Device>, name: &str, words: &[u32]) -> Result<Buffer, Failure> {
+pub(crate) fn resident(device: &Arc<Device>, name: &str, words: &[u32]) -> Result<Buffer, Failure> {
     let bytes = 4 * words.len() as u64;
     let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
     let buffer = Buffer::new(device, name, bytes, usage, MemoryLocation::GpuOnly)?;

@@ -17,18 +17,21 @@ mod scene;
 mod struct_writer;
 
 pub use bindings::{BindingSlot, binding_slots, workgroups};
+pub use frame::gaussians::GaussianLists;
 pub use frame::planes::PlaneLayout;
 pub use frame::samples::SamplePart;
 pub use frame::shadow_maps::{SHADOW_MAPS, ShadowMapCache, ShadowMapJob, shadow_map_jobs, shadow_texels};
 pub use frame::tile::{NearRecords, SegmentData, TileData};
-pub use frame::tiling::tiles;
+pub use frame::tiling::FrameTiles;
 pub use frame::uniforms::FrameScene;
 pub use passes::draw::{Draw, Layer, Sums};
 pub use passes::fill_rate::{FILL_RATE_RUNS, FillRate, FillRateFrame};
-pub use passes::layer_draws::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words};
+pub use passes::layer_draws::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words, layers_remain};
 pub use passes::memory::{Precision, TargetKey, count_frame_bytes, layer_composite_bytes, target_bytes};
+pub use passes::pass_list::with_more_layers;
 pub use passes::pixel_pass::{
-    EDGE_SAMPLES, HOST_DEPTH_BINDING, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass, SETUP_STEPS_BINDING,
+    EDGE_SAMPLES, GAUSSIAN_BUFFERS, HOST_DEPTH_BINDING, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass,
+    SETUP_STEPS_BINDING,
 };
 pub use passes::plan_cost::PlanCost;
 pub use passes::probe::FillRateProbe;

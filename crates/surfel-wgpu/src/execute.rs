@@ -8,9 +8,9 @@ use crate::targets::Targets;
 use std::collections::HashMap;
 use std::ops::Range;
 use surfel_gpu::{
-    Draw, FrameScene, HOST_DEPTH_BINDING, NearRecords, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass,
-    SETUP_STEPS_BINDING, Step, Target, TileData, Variant, binding_slots, layer_draw_offset, layer_draw_words,
-    workgroups,
+    Draw, FrameScene, GAUSSIAN_BUFFERS, GaussianLists, HOST_DEPTH_BINDING, NearRecords, PIXEL_PASS_BUFFERS,
+    PIXEL_PASS_TEXTURES, PixelPass, SETUP_STEPS_BINDING, Step, Target, TileData, Variant, binding_slots,
+    layer_draw_offset, layer_draw_words, workgroups,
 };
 
 /// A tile: everything that its steps read.
@@ -136,6 +136,10 @@ impl<'a> Tile<'a> {
         let near = near.collect();
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
         let polygons_group = bind(device, "polygons", &pipelines.polygons_group, &[&polygons]);
+        let gaussians = data.gaussians.as_ref().map(|GaussianLists { records, lists, .. }| {
+            [("Gaussians", records), ("lists of Gaussians", lists)]
+                .map(|(label, words)| filled(device, queue, label, words, storage))
+        });
         let has_layers = targets.key.draws.iter().any(|draw| draw.is_transparent());
         let layer_draws = has_layers.then(|| {
             let near = data.near.iter().map(NearRecords::count);
@@ -159,12 +163,17 @@ impl<'a> Tile<'a> {
                 .into_iter()
                 .zip(buffers)
                 .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
+            let of_gaussians = GAUSSIAN_BUFFERS
+                .into_iter()
+                .zip(gaussians.iter().flatten())
+                .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
             let used = binding_slots(&[entry], 1);
             let host_depth = inputs.host_depth.map(|view| wgpu::BindGroupEntry {
                 binding: HOST_DEPTH_BINDING,
                 resource: wgpu::BindingResource::TextureView(view),
             });
-            let all = targets.entries(&PIXEL_PASS_TEXTURES).into_iter().chain(buffers).chain(host_depth);
+            let all =
+                targets.entries(&PIXEL_PASS_TEXTURES).into_iter().chain(buffers).chain(of_gaussians).chain(host_depth);
             let entries: Vec<_> = all.filter(|entry| used.iter().any(|slot| slot.binding == entry.binding)).collect();
             device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(entry), layout, entries: &entries })
         };

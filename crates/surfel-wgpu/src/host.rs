@@ -10,7 +10,9 @@ use surfel_gpu::{FrameScene, PixelPass, Step, TargetKey, TileData, schedule};
 use surfel_model::Settings;
 use surfel_render::{Capabilities, Feature, Planes, RenderError, View, plan};
 
-/// Of edges by samples too a host's image has none: its depth buffer has one depth a pixel to test samples against.
+/// A host's image has no edges by samples: its depth buffer has one depth a pixel to test samples against. Nor has it
+/// trained Gaussians, which the host's geometry would have to be among, fragment by fragment, nor an A-buffer: whether
+/// layers remain would have to be read back.
 const CAPABILITIES: Capabilities = Capabilities {
     backend: crate::NAME,
     lacks: &[Feature::ABuffer, Feature::EdgeSamples, Feature::Gaussians, Feature::Margin],
@@ -29,8 +31,8 @@ impl Renderer {
     /// Nothing is read back, and no time is counted.
     ///
     /// # Errors
-    /// As [`surfel_render::Renderer::render`]; also for edges by samples, a region larger than a texture can be, and
-    /// targets that wgpu refuses.
+    /// As [`surfel_render::Renderer::render`]; also for edges by samples, A-buffers, trained Gaussians, a region larger
+    /// than a texture can be, and targets that wgpu refuses.
     pub fn render_to_view(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,

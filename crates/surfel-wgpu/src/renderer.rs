@@ -11,13 +11,13 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::Targets;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, LAYER_HEADER_BYTES, Limits, PixelPass,
-    Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    count_frame_bytes, count_layers, schedule, shadow_map_jobs, shadow_texels, tiles,
+    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, LAYER_HEADER_BYTES, Limits,
+    PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
+    count_frame_bytes, count_layers, layers_remain, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{Frame, FramePlan, Planes, Region, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
+use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
 
 /// The wgpu backend.
 pub struct Renderer {
@@ -201,34 +201,44 @@ impl Renderer {
     fn tile(
         &mut self,
         job: &FrameJob<'_>,
-        region: Region,
+        data: &TileData,
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), RenderError> {
-        let FrameJob { view, plan, .. } = *job;
-        let data = TileData::new(&job.scene.cpu, job.frame_scene, view, plan, region);
-        let key = self.key(plan, &data);
-        let steps = schedule(plan, &data.visible(), job.scene.shared_records);
-        let shared_records = job.scene.shared_records;
-        let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, plan, (region, &data), shared_records);
-        let tile = TileJob { data: &data, key, pixel_passes: &PixelPass::of(plan), steps: &steps, samples: &samples };
-        stats.fragments += self.execute(job, tile, stats, |planes| {
-            let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
-            data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame, identity)
-        })?;
+        let FrameJob { view, .. } = *job;
+        let (region, shared_records) = (data.tile, job.scene.shared_records);
+        let (mut plan, before) = (job.plan.clone(), stats.drawn);
+        loop {
+            let key = self.key(&plan, data);
+            let steps = schedule(&plan, &data.visible(), shared_records);
+            let tile = (region, data);
+            let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, &plan, tile, shared_records);
+            let tile = TileJob { data, key, pixel_passes: &PixelPass::of(&plan), steps: &steps, samples: &samples };
+            let (fragments, is_whole) = self.execute(job, tile, stats, |planes| {
+                let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
+                data.planes.store(bytemuck::cast_slice(planes), region, view.region, frame, identity)
+            })?;
+            if is_whole || !plan.has(Pass::ABuffer) {
+                stats.fragments += fragments;
+                break;
+            }
+            // Its splats were counted, and are drawn once more.
+            stats.drawn = before;
+            plan = with_more_layers(&plan).map_err(failed)?;
+        }
         let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
         count_frame_bytes(target_bytes, job.shadow_texels.size(), stats);
         Ok(())
     }
 
-    /// Executes steps, waits for them, and hands the words of the planes to `read`.
+    /// Executes steps, waits for them, and hands the words of the planes to `read`. Also says whether no layers remain.
     fn execute<T>(
         &mut self,
         frame: &FrameJob<'_>,
         TileJob { data, key, pixel_passes, steps, samples }: TileJob<'_>,
         stats: &mut Stats,
         read: impl FnOnce(&[u32]) -> T,
-    ) -> Result<T, RenderError> {
+    ) -> Result<(T, bool), RenderError> {
         let all = || std::iter::once(data).chain(samples.iter().map(|part| &part.data));
         all().try_for_each(|data| data.check(self.limits)).map_err(failed)?;
         let floats = key.floats;
@@ -255,19 +265,22 @@ impl Renderer {
                 tile.step(&mut encoder, step, Some(&mut self.queries));
             }
             self.queries.rename(Some(EDGE_SAMPLES));
+            let mut layers_of_samples = Vec::new();
             for part in samples {
                 let tile = Tile::new(&device, &self.queue, &TileInputs { data: &part.data, ..inputs });
                 part.steps.iter().for_each(|step| tile.step(&mut encoder, step, Some(&mut self.queries)));
+                layers_of_samples.extend(tile.layer_draws);
             }
             let costs = self.queries.resolve(&device, &mut encoder);
             let none = (&tile.drawn, 0);
             let layers = tile.layer_draws.as_ref().map(|draws| (draws, LAYER_HEADER_BYTES));
-            let parts = [
+            let mut parts = vec![
                 (&targets.planes, 4 * u64::from(floats)),
                 (&tile.drawn, 4),
                 layers.unwrap_or(none),
                 costs.as_ref().map_or(none, |(buffer, bytes)| (buffer, *bytes)),
             ];
+            parts.extend(layers_of_samples.iter().map(|draws| (draws, LAYER_HEADER_BYTES)));
             let readback = Readback::record(&device, &mut encoder, &parts);
             self.queue.submit([encoder.finish()]);
             Some(readback)
@@ -275,13 +288,14 @@ impl Renderer {
         let missing = || failed("the targets were not made");
         let pass_record = self.queries.pass_record();
         let result = recorded.ok_or_else(missing)?.read(&device, |parts| {
-            let [planes, drawn, layers, costs] = parts else { return None };
+            let [planes, drawn, layers, costs, of_samples @ ..] = parts else { return None };
             if !layers.is_empty() {
                 count_layers(layers, stats);
             }
             pass_record.add(costs, stats);
-            stats.drawn += u64::from(drawn.first().copied().unwrap_or(0)) + u64::from(data.near_count());
-            Some(read(planes))
+            stats.drawn += u64::from(drawn.first().copied().unwrap_or(0)) + u64::from(data.host_records());
+            let is_whole = !layers_remain(layers) && !of_samples.iter().any(|layers| layers_remain(layers));
+            Some((read(planes), is_whole))
         })?;
         self.errors.check()?;
         result.ok_or_else(missing)
@@ -380,8 +394,8 @@ impl surfel_render::Renderer for Renderer {
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let (texels, costs) = self.shadow_maps(scene, &plan)?;
         let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
-        for tile in tiles(view, &plan, self.limits) {
-            self.tile(&job, tile, frame, &mut stats)?;
+        for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits) {
+            self.tile(&job, &data.map_err(failed)?, frame, &mut stats)?;
         }
         for MapCost { readback, pass_record } in costs {
             readback.read(&self.device, |parts| pass_record.add(parts.concat().as_slice(), &mut stats))?;

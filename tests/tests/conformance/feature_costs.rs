@@ -68,9 +68,6 @@ const NOTHING: Row = Row {
     maps: 0,
 };
 
-const LAYERS: [Target; 5] =
-    [Target::LayerThreshold, Target::LayerColor, Target::LayerSurface, Target::LayerMaterial, Target::LayerCounts];
-
 fn glass(case: &mut Case) {
     if let Geometry::Splats(cloud) = &case.scene.objects[0].geometry {
         case.scene.objects[0].geometry = Geometry::Splats(with_alpha((**cloud).clone(), |_| 0.5).into());
@@ -134,7 +131,8 @@ const ROWS: [Row; 11] = [
         passes: &[Pass::PeelLayer, Pass::PeelLayer, Pass::RemainingLayer],
         // Alpha and depth.
         sums: 2,
-        targets: &LAYERS,
+        // The layer's others are an A-buffer's, too.
+        targets: &[Target::LayerCounts],
         // 4, three of 16 and 8 for a layer, 16 for the depth of what is opaque, 48 of layer composites.
         gpu_bytes: Some(60 + 16 + 48),
         cpu_bytes: None,
@@ -149,7 +147,9 @@ const ROWS: [Row; 11] = [
         passes: &[Pass::ABuffer],
         // Alpha, depth and coverage.
         sums: 3,
-        gpu_bytes: None,
+        targets: &[Target::LayerCoverage],
+        // 4 and four of 16 for a layer, 16 for the depth of what is opaque, 24 for its coverage, 48 of composites.
+        gpu_bytes: Some(68 + 16 + 24 + 48),
         cpu_bytes: None,
         ..NOTHING
     },

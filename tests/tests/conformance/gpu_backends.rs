@@ -3,11 +3,13 @@
 
 use crate::drawing::{counter, drawn_once};
 use crate::validated_gpu;
+use glam::DVec3;
 use surfel_ash::Limits;
+use surfel_conformance::build::{Splat, camera, cloud, object, with_alpha};
 use surfel_conformance::harness::{ABSOLUTE, RELATIVE, Verdict, check_backend, check_case, render};
 use surfel_conformance::scenes::{self, Case};
 use surfel_model::Storage;
-use surfel_model::{Accumulate, DepthTolerance, EdgeAa, Light, Projection};
+use surfel_model::{Accumulate, DepthTolerance, EdgeAa, Light, Projection, Scene, Transparency};
 use surfel_render::{Frame, Planes, Region, Renderer, View};
 
 /// Runs the same tests on each backend.
@@ -38,6 +40,7 @@ on_each_backend!(
     fragment_is_kept_by_its_own_splat_without_tolerance,
     fragments_are_counted_as_the_cpu_does,
     layers_end_where_nothing_remains,
+    abuffer_has_every_surface_or_is_refused,
     sums_in_f16_are_close,
     empty_scene_is_background,
     scene_of_any_size_agrees_with_the_reference
@@ -116,6 +119,46 @@ fn fragment_is_kept_by_its_own_splat_without_tolerance(mut renderer: impl Render
             assert!(f64::from(a - b).abs() <= ABSOLUTE + RELATIVE * f64::from(b), "{a} {b}");
         }
     }
+}
+
+fn abuffer_has_every_surface_or_is_refused(mut renderer: impl Renderer) {
+    let stack = |count: usize, edge_aa| {
+        let disks: Vec<Splat> = (0..count)
+            .map(|i| {
+                let color = [0.1 + 0.8 * (i % 7) as f32 / 7.0, 0.5, 0.9 - 0.8 * (i % 3) as f32 / 3.0];
+                Splat::disk(DVec3::Z * (1.0 - 0.01 * i as f64), DVec3::Z, 0.8, color)
+            })
+            .collect();
+        let mut glass = object(with_alpha(cloud(&disks), |i| 0.01 + 0.05 * (i % 5) as f32));
+        glass.material.interior_weight = Some(1.0);
+        let scene = Scene { objects: vec![glass], ..surfel_conformance::build::scene(&disks) };
+        Case::new("stack", scene, camera(4.0, 30.0, [12, 10])).with("abuffer", |s| {
+            s.transparency = Transparency::ABuffer { layers: 3 };
+            s.depth_tolerance = DepthTolerance::Absolute(0.001);
+            s.edge_aa = edge_aa;
+        })
+    };
+    let mut reference = surfel_reference::Renderer::new(Default::default()).unwrap();
+    // Fewer than the first layers, as many, and more that take another turn or two; of samples, too.
+    for (count, edge_aa) in
+        [(3, EdgeAa::Off), (16, EdgeAa::Off), (40, EdgeAa::Off), (40, EdgeAa::Samples), (130, EdgeAa::Off)]
+    {
+        let case = stack(count, edge_aa);
+        let report = check_case(&mut renderer, &mut reference, &case);
+        assert_eq!(report.verdict, Verdict::Passed, "{count} {edge_aa:?}: {report}");
+        let resident = renderer.upload(&case.scene).unwrap();
+        let planes = Planes::COLOR.with_fragments(true);
+        let mut frame = Frame::default();
+        let stats = renderer.render_into(&resident, &case.view(), &case.settings, planes, &mut frame).unwrap();
+        assert_eq!(stats.drawn, count as u64);
+        assert_eq!(frame.fragments().iter().max(), Some(&(count as u32)));
+    }
+    let case = stack(300, EdgeAa::Off);
+    let resident = renderer.upload(&case.scene).unwrap();
+    let mut frame = Frame::default();
+    let refused = renderer.render_into(&resident, &case.view(), &case.settings, Planes::COLOR, &mut frame);
+    let message = refused.unwrap_err().to_string();
+    assert!(message.contains("255") && message.contains("--backend cpu"), "{message}");
 }
 
 fn fragments_are_counted_as_the_cpu_does(mut renderer: impl Renderer) {

@@ -1,6 +1,7 @@
-//! Trained Gaussians (docs/gaussians.md): the reference against the formulas as they were published, the CPU against
-//! the reference, and what a plan has of them.
+//! Trained Gaussians (docs/gaussians.md): the reference against the formulas as they were published, other backends
+//! against the reference, and what a plan has of them.
 
+use crate::validated_gpu::{ash, no_messages, wgpu};
 use glam::{DAffine3, DMat3, DQuat, DVec3, dvec2, dvec3};
 use surfel_conformance::build::{camera, cloud, object, sphere};
 use surfel_conformance::random::Random;
@@ -8,7 +9,7 @@ use surfel_conformance::scenes::{
     Case, gaussian_extremes, gaussian_field, gaussian_object, gaussian_scene, gaussians_of, no_gaussians,
     random_gaussians, two_gaussian_objects,
 };
-use surfel_model::{Column3, EdgeAa, Filter, GaussianData, GaussianKind, Projection, Shader, Sort};
+use surfel_model::{Column3, EdgeAa, Filter, GaussianData, GaussianKind, Projection, Shader, Sort, Storage};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{
     Capabilities, Feature, Frame, Pass, Planes, Region, Renderer, SceneSummary, View, plan, unsupported,
@@ -184,8 +185,8 @@ fn reference_draws_flat_gaussians_by_the_published_formulas() {
     }
 }
 
-#[test]
-fn cpu_draws_gaussians_as_the_reference_does() {
+/// What backends are held to, besides the cases in both orders and with both filters.
+fn cases() -> Vec<Case> {
     let mut linear = gaussian_field(GaussianKind::Flat);
     linear.scene = gaussian_scene(GaussianData { linear_colors: true, ..random_gaussians(100, GaussianKind::Flat, 5) });
     let field = gaussian_field(GaussianKind::Flat);
@@ -201,23 +202,134 @@ fn cpu_draws_gaussians_as_the_reference_does() {
     };
     let mut cases = vec![field, linear, orthographic, solid, gaussian_extremes(), two_gaussian_objects()];
     cases.extend([far(gaussian_field(GaussianKind::Flat)), far(gaussian_field(GaussianKind::Solid))]);
-    let principal = cases.iter().map(by_principal);
-    for case in cases.iter().cloned().chain(cases.iter().map(by_pixel)).chain(principal) {
+    let principal: Vec<Case> = cases.iter().map(by_principal).collect();
+    let by_pixel: Vec<Case> = cases.iter().map(by_pixel).collect();
+    [cases, by_pixel, principal].concat()
+}
+
+/// Holds a backend against the reference.
+fn agrees(renderer: &mut impl Renderer) {
+    for case in cases() {
         let want = drawn(&mut reference(), &case, planes().with_margin(true));
-        let got = drawn(&mut cpu(2), &case, planes());
+        let got = drawn(renderer, &case, planes());
         let worst = worst(&values(&got), &values(&want), want.margin());
         println!("{}: {worst:.1e}", case.name);
         assert!(worst < 1e-3, "{}: {worst}", case.name);
         assert_eq!(got.weight(), got.alpha());
+        let sure = want.margin().iter().zip(got.fragments().iter().zip(want.fragments())).filter(|(m, _)| **m == 0.0);
+        assert!(sure.clone().all(|(_, (got, want))| got == want), "{}: other fragments", case.name);
     }
 }
 
 #[test]
-fn cpu_draws_the_same_bits_for_any_threads_regions_planes_and_levels() {
-    let bits = |frame: &Frame| -> Vec<u32> {
-        let floats = frame.color().as_flattened().iter().chain(frame.normal().as_flattened());
-        floats.chain(frame.depth()).chain(frame.distortion()).map(|v| v.to_bits()).collect()
+fn cpu_draws_gaussians_as_the_reference_does() {
+    agrees(&mut cpu(2));
+}
+
+#[test]
+fn wgpu_draws_gaussians_as_the_reference_does() {
+    if let Some(mut renderer) = wgpu() {
+        agrees(&mut renderer);
+        no_messages();
+    }
+}
+
+#[test]
+fn ash_draws_gaussians_as_the_reference_does() {
+    if let Some(mut renderer) = ash() {
+        agrees(&mut renderer);
+    }
+}
+
+/// Bits of all planes.
+fn bits(frame: &Frame) -> Vec<u32> {
+    let colors = frame.color().as_flattened().iter().chain(frame.normal().as_flattened());
+    let others = [frame.depth(), frame.alpha(), frame.median_depth(), frame.distortion()].concat();
+    colors.copied().chain(others).map(f32::to_bits).chain(frame.fragments().iter().copied()).collect()
+}
+
+/// A tall heap in which more Gaussians wait than a GPU's pixel has room for, most of them hardly to be seen.
+fn heap() -> Case {
+    let mut data = random_gaussians(400, GaussianKind::Flat, 31);
+    data.sigmas.iter_mut().for_each(|sigmas| *sigmas = [0.5, 0.4, 0.0]);
+    data.opacities.iter_mut().for_each(|opacity| *opacity *= 0.04);
+    by_pixel(&Case::new("heap", gaussian_scene(data), camera(3.0, 40.0, [40, 24])))
+}
+
+#[test]
+fn gpus_draw_every_fragment_of_a_heap_in_the_order_of_pixels() {
+    let (case, others) = (heap(), planes().with_margin(true));
+    let want = drawn(&mut reference(), &case, others);
+    assert!(*want.fragments().iter().max().unwrap() > 64, "{:?}", want.fragments());
+    let check = |got: &Frame| {
+        let (mut worst, mut pixels) = (0.0_f64, 0);
+        for (i, (got, want_values)) in values(got).iter().zip(values(&want)).enumerate() {
+            if want.margin()[i] == 0.0 {
+                pixels += 1;
+                let off = got.iter().zip(want_values).map(|(got, want)| (got - want).abs() / want.abs().max(1.0));
+                worst = off.fold(worst, f64::max);
+            }
+        }
+        println!("{worst:.1e} in {pixels} pixels");
+        assert!(worst < 1e-3 && pixels > 50, "{worst} {pixels}");
     };
+    check(&drawn(&mut cpu(2), &case, planes()));
+    if let Some(mut renderer) = wgpu() {
+        check(&drawn(&mut renderer, &case, planes()));
+        no_messages();
+    }
+    if let Some(mut renderer) = ash() {
+        check(&drawn(&mut renderer, &case, planes()));
+    }
+}
+
+/// A backend with limits draws the same bits in parts, regions and without other planes; `limited` starts it.
+fn draws_the_same_bits<R: Renderer>(mut limited: impl FnMut(surfel_wgpu::Limits) -> Option<R>) -> Vec<Vec<u32>> {
+    let mut all = Vec::new();
+    let plain = surfel_wgpu::Limits::default();
+    for case in [gaussian_field(GaussianKind::Solid), by_pixel(&gaussian_extremes()), heap()] {
+        let Some(mut renderer) = limited(plain) else { continue };
+        let whole = drawn(&mut renderer, &case, planes());
+        assert_eq!(drawn(&mut renderer, &case, Planes::COLOR).color(), whole.color(), "{}", case.name);
+        let region = Region { x: 5, y: 9, width: 21, height: 14 };
+        let part = drawn(&mut renderer, &Case { region: Some(region), ..case.clone() }, planes());
+        let [width, _] = case.camera.size;
+        for (i, pixel) in part.color().iter().enumerate() {
+            let (x, y) = (region.x + i as u32 % region.width, region.y + i as u32 / region.width);
+            let at = (y * width + x) as usize;
+            assert_eq!((pixel, part.depth()[i]), (&whole.color()[at], whole.depth()[at]), "{} {x} {y}", case.name);
+        }
+        // A tenth of the records at once, textures of 33 pixels, and planes of few pixels.
+        for limits in [
+            surfel_wgpu::Limits { record_bytes: 2000, ..plain },
+            surfel_wgpu::Limits { texture_side: 33, ..plain },
+            surfel_wgpu::Limits { buffer_bytes: 48 << 10, ..plain },
+        ] {
+            let mut renderer = limited(limits).unwrap();
+            assert!(bits(&drawn(&mut renderer, &case, planes())) == bits(&whole), "{} {limits:?}", case.name);
+        }
+        // Memory that holds no cell's Gaussians.
+        let mut renderer = limited(surfel_wgpu::Limits { memory_bytes: 1 << 10, ..plain }).unwrap();
+        let resident = renderer.upload(&case.scene).unwrap();
+        let mut frame = Frame::default();
+        let refused = renderer.render_into(&resident, &case.view(), &case.settings, planes(), &mut frame);
+        let message = refused.unwrap_err().to_string();
+        assert!(message.contains("Gaussians before 16x16 pixels") && message.contains("--backend cpu"), "{message}");
+        all.push(bits(&whole));
+    }
+    all
+}
+
+#[test]
+fn gpus_draw_the_same_bits_in_parts_and_in_regions() {
+    let by_wgpu = draws_the_same_bits(|limits| crate::validated_gpu::wgpu_with(limits, Storage::F32));
+    no_messages();
+    let by_ash = draws_the_same_bits(|limits| crate::validated_gpu::ash_with(limits, Storage::F32));
+    assert!(by_wgpu.is_empty() || by_ash.is_empty() || by_wgpu.len() == by_ash.len());
+}
+
+#[test]
+fn cpu_draws_the_same_bits_for_any_threads_regions_planes_and_levels() {
     let cases = [gaussian_field(GaussianKind::Flat), gaussian_extremes(), two_gaussian_objects()];
     let both = cases.iter().map(by_pixel).map(|case| by_principal(&case));
     for case in cases.iter().cloned().chain(cases.iter().map(by_pixel)).chain(both) {

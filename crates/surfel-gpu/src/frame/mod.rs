@@ -1,7 +1,8 @@
 //! What a frame uploads beside the resident scene: a view's tiles, their uniforms, visible chunks, splats at the near
-//! plane, and polygons.
+//! plane, polygons and trained Gaussians.
 
 pub(crate) mod culling;
+pub(crate) mod gaussians;
 pub(crate) mod near_plane;
 pub(crate) mod object_transform;
 pub(crate) mod pixel_range;

@@ -111,7 +111,9 @@ impl NearPlaneSetup<'_> {
             let clip = clip.map(|clips| clips.clip(i, self.plan.clip).unwrap_or_else(Clip::nothing));
             if let Some((mut record, seen)) = self.record(&splat, shading, stored.color, chunk) {
                 if is_transparent {
-                    record.f32(layout::record::COVERAGE, object.cloud.alpha(i));
+                    let alpha = object.cloud.alpha(i);
+                    let coverage = if self.plan.has(Pass::ABuffer) { packed_shares(alpha, 1.0) } else { alpha };
+                    record.f32(layout::record::COVERAGE, coverage);
                 }
                 if is_transparent && self.plan.has(Pass::RemainingLayer) {
                     out.lit.extend(centered(record.clone(), p, object_index).into_words());
@@ -264,4 +266,10 @@ fn centered(mut record: StructWriter, center: DVec3, index: u32) -> StructWriter
     record.vec2(at::VISIBLE_U, center.truncate()).vec2(at::VISIBLE_V, DVec2::new(center.z, 0.0));
     record.u32(at::FLAGS, reciprocal | layout::RECORD_CENTERED | index << layout::RECORD_OBJECT);
     record
+}
+/// As the shaders' function: alpha and the coverage's share of its object's in one number.
+fn packed_shares(alpha: f32, coverage: f32) -> f32 {
+    let share = |share: f32| (share.clamp(0.0, 1.0) * layout::SHARE_STEPS).round() as u32;
+    let both = share(alpha) << 15 | share(coverage);
+    f32::from_bits((both >> 29) << 31 | 0x2000_0000 | (both & 0x1fff_ffff))
 }

@@ -12,15 +12,16 @@ pub struct PlaneLayout {
     pub(crate) weight_at: u32,
     pub(crate) fragments_at: u32,
     pub(crate) nearest_at: u32,
+    pub(crate) alpha_at: u32,
+    pub(crate) median_depth_at: u32,
+    pub(crate) distortion_at: u32,
     /// Floats in all.
     pub floats: u32,
 }
 
 /// Floats of a pixel in all planes together.
 pub(crate) fn floats_per_pixel(planes: Planes) -> u32 {
-    let Planes { color, depth, normal, weight, fragments, index, .. } = planes;
-    let whole = u32::from(fragments) + 2 * u32::from(index);
-    4 * u32::from(color) + u32::from(depth) + 3 * u32::from(normal) + u32::from(weight) + whole
+    PlaneLayout::new(planes, 1).floats
 }
 
 impl PlaneLayout {
@@ -35,7 +36,20 @@ impl PlaneLayout {
         let (color_at, depth_at) = (plane(planes.color, 4), plane(planes.depth, 1));
         let (normal_at, weight_at) = (plane(planes.normal, 3), plane(planes.weight, 1));
         let (fragments_at, nearest_at) = (plane(planes.fragments, 1), plane(planes.index, 2));
-        Self { color_at, depth_at, normal_at, weight_at, fragments_at, nearest_at, floats }
+        let (alpha_at, median_depth_at) = (plane(planes.alpha, 1), plane(planes.median_depth, 1));
+        let distortion_at = plane(planes.distortion, 1);
+        Self {
+            color_at,
+            depth_at,
+            normal_at,
+            weight_at,
+            fragments_at,
+            nearest_at,
+            alpha_at,
+            median_depth_at,
+            distortion_at,
+            floats,
+        }
     }
 
     /// Copies a tile's planes into their place in the frame of `region`. Returns the number of fragments, where they
@@ -67,6 +81,9 @@ impl PlaneLayout {
         copy(part(self.depth_at, 1), 1, frame.depth_mut());
         copy(part(self.normal_at, 3), 3, frame.normal_mut().as_flattened_mut());
         copy(part(self.weight_at, 1), 1, frame.weight_mut());
+        copy(part(self.alpha_at, 1), 1, frame.alpha_mut());
+        copy(part(self.median_depth_at, 1), 1, frame.median_depth_mut());
+        copy(part(self.distortion_at, 1), 1, frame.distortion_mut());
         let nearest = part(self.nearest_at, 2).into_iter().flat_map(|f| f.chunks_exact(2 * columns));
         for (row, line) in nearest.enumerate() {
             for (at, found) in (rows(row)..).zip(line.chunks_exact(2)) {
@@ -109,5 +126,22 @@ mod tests {
         assert_eq!(frame.normal()[5], [105.0, 106.0, 107.0]);
         assert_eq!(frame.fragments(), [20, 21, 110, 22, 23, 111]);
         assert!(frame.color().is_empty());
+    }
+
+    #[test]
+    fn planes_of_gaussians_have_room_where_they_are_asked_for() {
+        let none = PlaneLayout::new(Planes::ALL, 6);
+        assert_eq!([none.alpha_at, none.median_depth_at, none.distortion_at], [layout::ABSENT; 3]);
+        let one = Planes::COLOR.with_alpha(true);
+        for (planes, floats) in [(one, 5), (one.with_median_depth(true), 6), (one.with_distortion(true), 6)] {
+            assert_eq!(floats_per_pixel(planes), floats);
+        }
+        let planes = Planes::COLOR.with_color(false).with_median_depth(true).with_distortion(true);
+        let region = Region { x: 0, y: 0, width: 3, height: 1 };
+        let mut frame = Frame::default();
+        frame.reset(3, 1, planes);
+        let values = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0];
+        PlaneLayout::new(planes, 3).store(&values, region, region, &mut frame, |_, _| Identity::NOTHING);
+        assert_eq!((frame.median_depth(), frame.distortion()), (&values[..3], &values[3..]));
     }
 }

@@ -2,6 +2,7 @@
 //! uniforms.
 
 use crate::frame::culling::{is_outside, may_reach_near};
+use crate::frame::gaussians::GaussianLists;
 use crate::frame::near_plane::{NearPlaneChunk, NearPlaneRecords, NearPlaneSetup};
 use crate::frame::planes::PlaneLayout;
 use crate::frame::polygons::polygon_words;
@@ -87,7 +88,9 @@ pub struct TileData {
     pub polygons: Vec<u32>,
     /// Number of polygons.
     pub polygon_count: u32,
-    /// How many of them are of each mesh.
+    /// Trained Gaussians; `None` in frames of surfaces.
+    pub gaussians: Option<GaussianLists>,
+    /// How many of the polygons are of each mesh.
     mesh_polygons: Vec<u32>,
     /// Layout of the planes that the tile's shading writes.
     pub planes: PlaneLayout,
@@ -143,7 +146,8 @@ impl TileData {
                 *word = value.to_bits();
             }
         }
-        Self { targets, tile, frame, segments, near, polygons, polygon_count, mesh_polygons, planes }
+        let gaussians = None;
+        Self { targets, tile, frame, segments, near, polygons, polygon_count, gaussians, mesh_polygons, planes }
     }
 
     /// Size of the targets that it is drawn into: they have room for the samples of a pixel, where there are samples.
@@ -235,9 +239,10 @@ impl TileData {
         VisibleSegments { opaque: indices(opaque), transparent: indices(transparent), near_transparent }
     }
 
-    /// Number of records of splats at the near plane.
-    pub fn near_count(&self) -> u32 {
-        self.near.iter().map(NearRecords::count).sum()
+    /// Number of records that the CPU has set up: of splats at the near plane, and of Gaussians.
+    pub fn host_records(&self) -> u32 {
+        let gaussians = self.gaussians.as_ref().map_or(0, |lists| lists.count);
+        self.near.iter().map(NearRecords::count).sum::<u32>() + gaussians
     }
 
     /// The variants of its splats. Whole ones are always among them, so that every draw has a pipeline.

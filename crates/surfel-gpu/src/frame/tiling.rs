@@ -1,9 +1,13 @@
 //! Cuts a frame into tiles that fit the device.
 
+use crate::frame::gaussians::{ProjectedGaussians, halves};
 use crate::frame::planes::floats_per_pixel;
+use crate::frame::tile::TileData;
+use crate::frame::uniforms::FrameScene;
 use crate::passes::pass_list::has_layers;
 use crate::scene::limits::Limits;
-use surfel_render::{FramePlan, Region, View};
+use crate::scene::segment::UploadedScene;
+use surfel_render::{FramePlan, Pass, Region, View};
 use surfel_shaders::layout;
 
 /// Largest side of a tile: records count its pixels in 16 bits.
@@ -15,7 +19,7 @@ pub(crate) fn targets_of(tile: Region, view: &View, plan: &FramePlan) -> Region 
 }
 
 /// Cuts the view's region into tiles whose targets and planes are within the limits.
-pub fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region> {
+pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region> {
     let side = limits.texture_side.min(LARGEST_SIDE).saturating_sub(2 * plan.reach_px()).max(1);
     let layer_bytes = if has_layers(plan) { layout::layer_composite::SIZE as u64 } else { 0 };
     let bytes = layer_bytes.max(4 * u64::from(floats_per_pixel(plan.planes).max(1)));
@@ -40,11 +44,62 @@ pub fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region> {
     tiles
 }
 
+/// A frame's tiles, one after another.
+pub struct FrameTiles<'a> {
+    scene: &'a UploadedScene,
+    frame: &'a FrameScene,
+    view: &'a View,
+    plan: &'a FramePlan,
+    limits: Limits,
+    gaussians: Option<ProjectedGaussians>,
+    /// What is still to be drawn, the last first.
+    regions: Vec<Region>,
+}
+
+impl<'a> FrameTiles<'a> {
+    /// The tiles of a frame, whose Gaussians are projected here.
+    pub fn new(
+        scene: &'a UploadedScene,
+        frame: &'a FrameScene,
+        view: &'a View,
+        plan: &'a FramePlan,
+        limits: Limits,
+    ) -> Self {
+        let gaussians = plan.has(Pass::Gaussians).then(|| ProjectedGaussians::new(scene, view, plan));
+        let mut regions = tiles(view, plan, limits);
+        regions.reverse();
+        Self { scene, frame, view, plan, limits, gaussians, regions }
+    }
+}
+
+impl Iterator for FrameTiles<'_> {
+    /// A tile, or what is wrong and what to do where its Gaussians don't fit the device.
+    type Item = Result<TileData, String>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let mut region = self.regions.pop()?;
+        let mut lists = None;
+        while let Some(gaussians) = self.gaussians.as_ref().filter(|_| lists.is_none()) {
+            match (gaussians.lists(region, self.limits), halves(region)) {
+                (Ok(found), _) => lists = Some(found),
+                (Err(_), Some([first, second])) => {
+                    self.regions.push(second);
+                    region = first;
+                }
+                (Err(too_many), None) => return Some(Err(too_many.message(self.limits))),
+            }
+        }
+        let mut data = TileData::new(self.scene, self.frame, self.view, self.plan, region);
+        data.gaussians = lists;
+        Some(Ok(data))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use surfel_model::{Camera, Projection, Settings};
-    use surfel_render::{Capabilities, Pass, Planes, SceneSummary, plan};
+    use surfel_render::{Capabilities, Planes, SceneSummary, plan};
 
     fn view(size: [u32; 2]) -> View {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };

@@ -8,9 +8,10 @@ use crate::struct_writer::StructWriter;
 use glam::{DVec2, DVec3};
 use surfel_math::basis::unit;
 use surfel_math::depth::Tolerance;
+use surfel_math::gaussian;
 use surfel_math::kernel::FULL_COVERAGE;
 use surfel_model::{ClipPolicy, Cull, Filter, Light, Matcap, Material, Shader};
-use surfel_render::{FramePlan, Pass, Region, SHADOW_MAP_SIDE, View};
+use surfel_render::{FramePlan, GaussianColors, Pass, Region, SHADOW_MAP_SIDE, View};
 use surfel_shaders::layout;
 
 /// Texels of a shadow map.
@@ -184,7 +185,7 @@ pub(crate) fn frame_words(
     words.u32(at::HAS_POLYGONS, u32::from(plan.has(Pass::Polygons))).f64(at::FULL_COVERAGE, FULL_COVERAGE);
     words.u32(at::HAS_OUTLINES, u32::from(plan.has(Pass::Outlines)));
     words.u32(at::HAS_EYE_DOME, u32::from(plan.has(Pass::EyeDome)));
-    words.u32(at::HAS_LAYERS, u32::from(has_layers(plan)));
+    words.u32(at::HAS_LAYERS, u32::from(has_layers(plan))).u32(at::HAS_ABUFFER, u32::from(plan.has(Pass::ABuffer)));
     words.u32(at::CLIP_BY_CHORD, u32::from(plan.clip == ClipPolicy::Line));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
     words.vec3(at::AMBIENT, DVec3::from(scene.ambient)).f64s(at::BACKGROUND, scene.background);
@@ -195,7 +196,17 @@ pub(crate) fn frame_words(
     words.u32(at::HAS_MATERIALS, u32::from(plan.attributes.material)).u32(at::LIGHT_COUNT, frame.light_count);
     words.u32(at::COLOR_AT, planes.color_at).u32(at::DEPTH_AT, planes.depth_at).u32(at::NORMAL_AT, planes.normal_at);
     words.u32(at::WEIGHT_AT, planes.weight_at).u32(at::FRAGMENTS_AT, planes.fragments_at);
-    words.u32(at::NEAREST_AT, planes.nearest_at);
+    words.u32(at::NEAREST_AT, planes.nearest_at).u32(at::ALPHA_AT, planes.alpha_at);
+    words.u32(at::MEDIAN_DEPTH_AT, planes.median_depth_at).u32(at::DISTORTION_AT, planes.distortion_at);
+    if plan.has(Pass::Gaussians) {
+        let linear = scene.summary.gaussians == Some(GaussianColors::Linear);
+        let [r, g, b, a] = scene.background;
+        let straight = [r, g, b].map(|c| if a > 0.0 { c / a } else { 0.0 });
+        let background = gaussian::background([straight[0], straight[1], straight[2], a], linear);
+        words.u32(at::GAUSSIAN_COLUMNS, tile.width.div_ceil(layout::GAUSSIAN_CELL));
+        words.u32(at::HAS_LINEAR_GAUSSIANS, u32::from(linear)).f64(at::GAUSSIAN_NEAR, gaussian::near(p));
+        words.f64s(at::GAUSSIAN_BACKGROUND, background);
+    }
     words.into_words()
 }
 

@@ -21,6 +21,8 @@ pub enum Layer {
     EdgeBackground,
     /// A peeled layer of transparent splats.
     Peeled,
+    /// A layer of an A-buffer: a peeled one that counts by its coverage, too.
+    Gathered,
     /// All transparent splats that remain behind the peeled layers, lit one by one.
     Remaining,
 }
@@ -33,7 +35,7 @@ pub enum Sums {
     /// Colour and weight, normal and depth.
     Surface,
     /// Material factors; for the front surface also the number of fragments and coverage, for transparent layers the
-    /// number and alpha.
+    /// number and alpha, and of an A-buffer coverage.
     MaterialCounts,
 }
 
@@ -49,7 +51,7 @@ impl Sums {
     pub fn of(plan: &FramePlan, layer: Layer) -> Vec<Self> {
         let surface = plan.attributes.normal || plan.attributes.depth;
         let counts = layer.is_front() && (plan.planes.fragments || plan.attributes.coverage);
-        if matches!(layer, Layer::Peeled | Layer::Remaining) {
+        if matches!(layer, Layer::Peeled | Layer::Gathered | Layer::Remaining) {
             // A layer needs alpha, which is summed in place of coverage, whatever the attributes.
             return vec![Self::Surface, Self::MaterialCounts];
         }
@@ -123,7 +125,7 @@ impl Draw {
                     Layer::MeshBlend => "mesh_blend_nearest",
                     Layer::Shown => "shown_nearest",
                     Layer::ShownMeshBlend => "shown_mesh_blend_nearest",
-                    Layer::Peeled | Layer::Remaining => "remaining_nearest",
+                    Layer::Peeled | Layer::Gathered | Layer::Remaining => "remaining_nearest",
                     Layer::Front | Layer::EdgeBackground => "front_nearest",
                 };
                 ("nearest", fragment)
@@ -147,6 +149,8 @@ impl Draw {
                     (Layer::EdgeBackground, Sums::MaterialCounts) => "edge_background_material",
                     (Layer::Peeled, Sums::Color | Sums::Surface) => "peeled_surface",
                     (Layer::Peeled, Sums::MaterialCounts) => "peeled_material_counts",
+                    (Layer::Gathered, Sums::Color | Sums::Surface) => "gathered_surface",
+                    (Layer::Gathered, Sums::MaterialCounts) => "gathered_material_coverage",
                     (Layer::Remaining, Sums::Color | Sums::Surface) => "remaining_surface",
                     (Layer::Remaining, Sums::MaterialCounts) => "remaining_material_counts",
                 };
@@ -190,7 +194,7 @@ impl Draw {
             Self::Edges => &[Target::EdgeThreshold],
             Self::Steps => &[Target::Steps],
             Self::Polygons => &[Target::Polygons],
-            Self::Nearest(Layer::Peeled | Layer::Remaining) => &[Target::LayerNearest],
+            Self::Nearest(Layer::Peeled | Layer::Gathered | Layer::Remaining) => &[Target::LayerNearest],
             Self::Nearest(_) => &[Target::Nearest],
             Self::Sums(layer, Sums::Color) if layer.is_front() => &[Target::Color],
             Self::Sums(layer, Sums::Surface) if layer.is_front() => &[Target::Color, Target::Surface],
@@ -203,6 +207,7 @@ impl Draw {
             Self::Sums(Layer::Peeled | Layer::Remaining, Sums::MaterialCounts) => {
                 &[Target::LayerMaterial, Target::LayerCounts]
             }
+            Self::Sums(Layer::Gathered, Sums::MaterialCounts) => &[Target::LayerMaterial, Target::LayerCoverage],
             Self::Sums(_, _) => &[Target::LayerColor, Target::LayerSurface],
         }
     }
@@ -237,8 +242,8 @@ impl Draw {
             self,
             Self::PeeledVisibility
                 | Self::PeeledVisibilityWithTolerance
-                | Self::Sums(Layer::Peeled | Layer::Remaining, _)
-                | Self::Nearest(Layer::Peeled | Layer::Remaining)
+                | Self::Sums(Layer::Peeled | Layer::Gathered | Layer::Remaining, _)
+                | Self::Nearest(Layer::Peeled | Layer::Gathered | Layer::Remaining)
         )
     }
 
@@ -273,9 +278,9 @@ impl Draw {
             | Self::Steps
             | Self::Probe(_)
             | Self::Sums(Layer::Remaining, _) => &[],
-            Self::Nearest(Layer::Peeled | Layer::Remaining) => &[],
+            Self::Nearest(Layer::Peeled | Layer::Gathered | Layer::Remaining) => &[],
             Self::Nearest(layer) => Self::Sums(layer, Sums::Color).reads(),
-            Self::Sums(Layer::Peeled, _) => &[(0, Target::LayerThreshold)],
+            Self::Sums(Layer::Peeled | Layer::Gathered, _) => &[(0, Target::LayerThreshold)],
             Self::EdgeBackgroundVisibility => &[(1, Target::EdgeThreshold)],
             Self::Sums(Layer::Front, _) => &[(0, Target::DepthThreshold)],
             Self::Sums(Layer::MeshBlend, _) => &[(0, Target::DepthThreshold), (2, Target::Polygons)],

@@ -37,6 +37,12 @@ pub fn layer_draw_offset(index: usize) -> u64 {
     (at::ARGUMENTS + index * draw_arguments::SIZE) as u64
 }
 
+/// True if more layers may lie behind those that were drawn: `header` are the words of the first
+/// [`LAYER_HEADER_BYTES`].
+pub fn layers_remain(header: &[u32]) -> bool {
+    header.get(at::ANY_REMAINING / 4).is_some_and(|&any| any != 0)
+}
+
 /// Counts the layers of the tile that has the most: `header` are the words of the first [`LAYER_HEADER_BYTES`].
 pub fn count_layers(header: &[u32], stats: &mut Stats) {
     let drawn = f64::from(header.get(at::DRAWN / 4).copied().unwrap_or(0));

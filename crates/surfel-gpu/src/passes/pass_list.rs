@@ -2,7 +2,7 @@
 
 use crate::passes::draw::{Draw, Layer, Sums};
 use crate::passes::pixel_pass::PixelPass;
-use surfel_model::Shader;
+use surfel_model::{Shader, Sort};
 use surfel_render::{FramePlan, Pass};
 
 /// An entry of a pass list. Each is complete, over all splats or pixels, before the next begins.
@@ -25,7 +25,8 @@ impl PassEntry {
         match self {
             Self::Draws(draws) => draws.iter().any(|draw| draw.is_transparent()),
             Self::Pixels(pass) => {
-                matches!(pass, PixelPass::PeeledLayer | PixelPass::NextLayer | PixelPass::RemainingLayer)
+                use PixelPass::{GatheredLayer, NextLayer, PeeledLayer, RemainingLayer};
+                matches!(pass, PeeledLayer | GatheredLayer | NextLayer | RemainingLayer)
             }
         }
     }
@@ -34,7 +35,36 @@ impl PassEntry {
 /// True if a plan draws transparent splats in layers, or finds steps among them.
 pub(crate) fn has_layers(plan: &FramePlan) -> bool {
     let has_steps = plan.has(Pass::EdgeSamples) && plan.separates_transparent;
-    has_steps || plan.has(Pass::PeelLayer) || plan.has(Pass::RemainingLayer)
+    has_steps || peeled_layers(plan) > 0 || plan.has(Pass::RemainingLayer)
+}
+
+/// Layers of an A-buffer that are drawn before it is known whether there are more.
+const FIRST_LAYERS: usize = 16;
+/// Layers that are counted in 8 bits.
+const MOST_LAYERS: usize = 255;
+
+/// How many layers are peeled, those of an A-buffer included: as many as are asked for, or the first ones.
+fn peeled_layers(plan: &FramePlan) -> usize {
+    let peeled = plan.peeled_layers();
+    if plan.has(Pass::ABuffer) { peeled.max(FIRST_LAYERS) } else { peeled }
+}
+
+/// The plan that draws more layers of an A-buffer.
+///
+/// # Errors
+/// What is wrong and what to do, if there can't be more.
+pub fn with_more_layers(plan: &FramePlan) -> Result<FramePlan, String> {
+    let layers = peeled_layers(plan);
+    if layers >= MOST_LAYERS {
+        return Err(format!(
+            "a pixel has more transparent surfaces than the {MOST_LAYERS} that a GPU draws: choose --backend cpu, or \
+             --transparency peel:4"
+        ));
+    }
+    let more = (4 * layers).min(MOST_LAYERS) - plan.peeled_layers();
+    let mut plan = plan.clone();
+    plan.passes.extend(std::iter::repeat_n(Pass::PeelLayer, more));
+    Ok(plan)
 }
 
 /// True if a plan is of a shadow map: nothing is shaded.
@@ -44,6 +74,10 @@ pub(crate) fn is_of_shadow_map(plan: &FramePlan) -> bool {
 
 /// The passes of a plan.
 pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
+    if plan.has(Pass::Gaussians) {
+        let by_pixel = plan.sort == Sort::Pixel;
+        return vec![PassEntry::Pixels(if by_pixel { PixelPass::GaussiansByPixel } else { PixelPass::Gaussians })];
+    }
     let edges = plan.has(Pass::EdgeAntialiasing);
     let polygons = plan.has(Pass::Polygons);
     let sums =
@@ -81,14 +115,18 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     let next = |is_first: bool| (!is_first).then_some(PassEntry::Pixels(PixelPass::NextLayer));
     // Steps are those of the nearest transparent splats, too, peeled or not.
     let first_layer = if samples { Draw::PeeledVisibilityWithTolerance } else { Draw::PeeledVisibility };
-    list.extend((samples && has_layers(plan) && plan.peeled_layers() == 0).then(|| one(first_layer)));
-    for i in 0..plan.peeled_layers() {
+    list.extend((samples && has_layers(plan) && peeled_layers(plan) == 0).then(|| one(first_layer)));
+    let (layer, composite) = match plan.has(Pass::ABuffer) {
+        true => (Layer::Gathered, PixelPass::GatheredLayer),
+        false => (Layer::Peeled, PixelPass::PeeledLayer),
+    };
+    for i in 0..peeled_layers(plan) {
         list.extend(next(i == 0));
         let visibility = if i == 0 { first_layer } else { Draw::PeeledVisibility };
-        list.extend([one(visibility), sums(Layer::Peeled), PassEntry::Pixels(PixelPass::PeeledLayer)]);
+        list.extend([one(visibility), sums(layer), PassEntry::Pixels(composite)]);
     }
     if plan.has(Pass::RemainingLayer) {
-        list.extend(next(plan.peeled_layers() == 0));
+        list.extend(next(peeled_layers(plan) == 0));
         list.extend([sums(Layer::Remaining), PassEntry::Pixels(PixelPass::RemainingLayer)]);
     }
     let more = polygons || has_layers(plan) || plan.reach_px() > 0 || !plan.shadow_maps.is_empty();

@@ -1,4 +1,5 @@
-//! Compute passes over the pixels of a tile: shading, compositing of layers, storing of shadow maps, means of samples.
+//! Compute passes over the pixels of a tile: shading, compositing of layers, storing of shadow maps, means of samples,
+//! trained Gaussians.
 
 use crate::passes::targets::Target;
 use surfel_render::SAMPLES_SIDE;
@@ -12,6 +13,8 @@ pub enum PixelPass {
     BeginLayersInHost,
     /// Shades a peeled layer and composites it under those before it.
     PeeledLayer,
+    /// Shades a layer of an A-buffer and composites it so, by its coverage.
+    GatheredLayer,
     /// Ends the layers if nothing remains; runs once, not for each pixel.
     NextLayer,
     /// Composites all remaining transparent splats under the layers.
@@ -26,13 +29,17 @@ pub enum PixelPass {
     ShadeSplats,
     /// Shades samples and writes their means over the colours of sampled pixels.
     ResolveSamples,
+    /// Draws trained Gaussians, in the order of their centres.
+    Gaussians,
+    /// Draws them in the order of each pixel.
+    GaussiansByPixel,
 }
 
 /// Name in the statistics of all passes that edges by samples add.
 pub const EDGE_SAMPLES: &str = "edge samples";
 
 /// The textures that pixel passes read, by binding; each reads some of them.
-pub const PIXEL_PASS_TEXTURES: [(u32, Target); 20] = [
+pub const PIXEL_PASS_TEXTURES: [(u32, Target); 21] = [
     (0, Target::Color),
     (1, Target::Surface),
     (2, Target::Material),
@@ -53,11 +60,16 @@ pub const PIXEL_PASS_TEXTURES: [(u32, Target); 20] = [
     (25, Target::Steps),
     (26, Target::Nearest),
     (27, Target::LayerNearest),
+    (30, Target::LayerCoverage),
 ];
 
 /// Bindings of the buffers that pixel passes read and write, in this order: planes, polygons, texels, layer composites
 /// to write, layer composites to read, texels of the shadow map that is drawn, indirect draws of layers.
 pub const PIXEL_PASS_BUFFERS: [u32; 7] = [4, 12, 13, 14, 15, 21, 22];
+
+/// Bindings of a tile's [`GaussianLists`](crate::GaussianLists), which the passes of trained Gaussians read: records,
+/// lists.
+pub const GAUSSIAN_BUFFERS: [u32; 2] = [28, 29];
 
 /// Binding of [`Target::Steps`] in the group of splat setup, after its buffers.
 pub const SETUP_STEPS_BINDING: u32 = 7;
@@ -72,6 +84,7 @@ impl PixelPass {
             Self::BeginLayers => "begin_layers",
             Self::BeginLayersInHost => "begin_layers_in_host",
             Self::PeeledLayer => "peeled_layer",
+            Self::GatheredLayer => "gathered_layer",
             Self::NextLayer => "next_layer",
             Self::RemainingLayer => "remaining_layer",
             Self::StoreShadow => "store_shadow",
@@ -79,6 +92,8 @@ impl PixelPass {
             Self::Shade => "shade",
             Self::ShadeSplats => "shade_splats",
             Self::ResolveSamples => "resolve_samples",
+            Self::Gaussians => "gaussians",
+            Self::GaussiansByPixel => "gaussians_by_pixel",
         }
     }
 
@@ -90,12 +105,13 @@ impl PixelPass {
     /// Width and height of its invocations, in pixels, for a tile of these targets and this shaded size.
     pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
         match self {
-            Self::Shade | Self::ShadeSplats | Self::Nearest => shaded,
+            Self::Shade | Self::ShadeSplats | Self::Nearest | Self::Gaussians | Self::GaussiansByPixel => shaded,
             Self::NextLayer => [1, 1],
             Self::ResolveSamples => targets.map(|side| side / SAMPLES_SIDE),
             Self::BeginLayers
             | Self::BeginLayersInHost
             | Self::PeeledLayer
+            | Self::GatheredLayer
             | Self::RemainingLayer
             | Self::StoreShadow => targets,
         }
@@ -107,12 +123,14 @@ impl PixelPass {
             Self::BeginLayers
             | Self::BeginLayersInHost
             | Self::PeeledLayer
+            | Self::GatheredLayer
             | Self::NextLayer
             | Self::RemainingLayer => "layers",
             Self::StoreShadow => "shadow maps",
             Self::Nearest => "nearest",
             Self::Shade | Self::ShadeSplats => "shade",
             Self::ResolveSamples => EDGE_SAMPLES,
+            Self::Gaussians | Self::GaussiansByPixel => "gaussians",
         }
     }
 }

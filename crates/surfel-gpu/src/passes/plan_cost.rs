@@ -7,7 +7,7 @@ use crate::passes::pixel_pass::PixelPass;
 use crate::passes::targets::Target;
 use crate::scene::clip::Variant;
 use surfel_model::ClipPolicy;
-use surfel_render::{FramePlan, Pass};
+use surfel_render::FramePlan;
 use surfel_shaders::layout;
 
 /// What a plan needs of a GPU.
@@ -23,11 +23,8 @@ pub struct PlanCost {
 }
 
 impl PlanCost {
-    /// The cost of a plan; `None` for one that no GPU backend draws (an A-buffer, Gaussians).
-    pub fn of(plan: &FramePlan) -> Option<Self> {
-        if plan.has(Pass::ABuffer) || plan.has(Pass::Gaussians) {
-            return None;
-        }
+    /// The cost of a plan.
+    pub fn of(plan: &FramePlan) -> Self {
         let (mut draws, mut pixels) = (Draw::of(plan), PixelPass::of(plan));
         let frame_draws = draws.clone();
         if !plan.shadow_maps.is_empty() {
@@ -37,6 +34,7 @@ impl PlanCost {
         }
         let mut variants = vec![Variant::Whole];
         variants.extend((plan.clip != ClipPolicy::Off).then_some(Variant::Clipped));
+        variants.retain(|_| draws.iter().any(|draw| draw.draws_records()));
         let of_splats = variants.iter().flat_map(|&variant| {
             let drawn = draws.iter().filter(|draw| draw.draws_records());
             let fragments = drawn.map(move |draw| fragment(*draw, variant));
@@ -50,7 +48,7 @@ impl PlanCost {
         let sums = Precision::of(plan, true);
         let layer_composites = if has_layers(plan) { layout::layer_composite::SIZE } else { 0 };
         let bytes_per_pixel = targets.iter().map(|t| t.format().bytes(sums) as usize).sum::<usize>() + layer_composites;
-        Some(Self { shaders, targets, bytes_per_pixel })
+        Self { shaders, targets, bytes_per_pixel }
     }
 }
 
@@ -62,10 +60,10 @@ fn fragment(draw: Draw, variant: Variant) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel_model::{Accumulate, Camera, EdgeAa, Projection, Settings, Transparency};
-    use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
+    use surfel_model::{Accumulate, Camera, EdgeAa, Projection, Settings, Sort, Transparency};
+    use surfel_render::{Capabilities, GaussianColors, Planes, SceneSummary, View, plan};
 
-    fn cost(summary: &SceneSummary, change: impl FnOnce(&mut Settings)) -> Option<PlanCost> {
+    fn cost(summary: &SceneSummary, change: impl FnOnce(&mut Settings)) -> PlanCost {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
         let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
         let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
@@ -77,38 +75,50 @@ mod tests {
 
     #[test]
     fn plan_of_white_splats_needs_depth_and_one_set_of_sums() {
-        let plain = cost(&SceneSummary::default(), |_| ()).unwrap();
+        let plain = cost(&SceneSummary::default(), |_| ());
         assert_eq!(plain.targets, [Target::DepthThreshold, Target::Color]);
         assert_eq!(plain.bytes_per_pixel, 4 + 16);
         assert_eq!(plain.shaders.len(), 4, "{:?}", plain.shaders);
-        let half = cost(&SceneSummary::default(), |s| s.accumulate = Accumulate::F16).unwrap();
+        let half = cost(&SceneSummary::default(), |s| s.accumulate = Accumulate::F16);
         assert_eq!(half.bytes_per_pixel, 4 + 8);
     }
 
     #[test]
     fn features_cost_what_they_need_and_nothing_where_they_are_absent() {
-        let plain = cost(&SceneSummary::default(), |_| ()).unwrap();
+        let plain = cost(&SceneSummary::default(), |_| ());
         let peel = |s: &mut Settings| s.transparency = Transparency::Peel { layers: 3, drop_last: false };
-        assert_eq!(cost(&SceneSummary::default(), peel), Some(plain.clone()));
+        assert_eq!(cost(&SceneSummary::default(), peel), plain);
         let clips = SceneSummary { clips: true, ..SceneSummary::default() };
-        assert_eq!(cost(&clips, |s| s.clip = ClipPolicy::Off), Some(plain.clone()));
-        let clipped = cost(&clips, |_| ()).unwrap();
+        assert_eq!(cost(&clips, |s| s.clip = ClipPolicy::Off), plain);
+        let clipped = cost(&clips, |_| ());
         // Setup, visibility and sums once more.
         assert_eq!((clipped.shaders.len(), &clipped.targets), (plain.shaders.len() + 3, &plain.targets));
         let glass = SceneSummary { transparent: true, ..SceneSummary::default() };
-        let layers = cost(&glass, peel).unwrap();
+        let layers = cost(&glass, peel);
         assert!(layers.bytes_per_pixel > plain.bytes_per_pixel + layout::layer_composite::SIZE);
         assert!(layers.shaders.iter().any(|s| s == "peeled_layer"));
-        let edges = cost(&SceneSummary::default(), |s| s.edge_aa = EdgeAa::Coverage).unwrap();
+        let edges = cost(&SceneSummary::default(), |s| s.edge_aa = EdgeAa::Coverage);
         assert!(
             edges.targets.contains(&Target::EdgeBackgroundColor) && edges.targets.contains(&Target::ThresholdTolerance)
         );
         // Samples are drawn into the same targets: what they add are steps and tolerances, and three shaders.
-        let samples = cost(&SceneSummary::default(), |s| s.edge_aa = EdgeAa::Samples).unwrap();
+        let samples = cost(&SceneSummary::default(), |s| s.edge_aa = EdgeAa::Samples);
         assert_eq!(samples.bytes_per_pixel, plain.bytes_per_pixel + 8 + 8);
         let of_samples = ["front_threshold_fragment", "steps_fragment", "resolve_samples"];
         assert!(of_samples.iter().all(|name| samples.shaders.iter().any(|s| s == name)), "{:?}", samples.shaders);
         assert_eq!(samples.shaders.len(), plain.shaders.len() + of_samples.len(), "{:?}", samples.shaders);
-        assert_eq!(cost(&glass, |s| s.transparency = Transparency::ABuffer { layers: 4 }), None);
+        // Gaussians are one shader that draws into planes alone.
+        let gaussians = SceneSummary { gaussians: Some(GaussianColors::Displayed), ..SceneSummary::default() };
+        for (sort, shader) in [(Sort::Center, "gaussians"), (Sort::Pixel, "gaussians_by_pixel")] {
+            let own = cost(&gaussians, |s| s.sort = sort);
+            assert_eq!((own.shaders, own.targets, own.bytes_per_pixel), (vec![shader.to_owned()], Vec::new(), 0));
+        }
+        assert!(!plain.shaders.iter().any(|s| s.starts_with("gaussians")));
+        // An A-buffer's surfaces are layers whose sums have coverage, too.
+        let abuffer = |s: &mut Settings| s.transparency = Transparency::ABuffer { layers: 4 };
+        let gathered = cost(&glass, abuffer);
+        assert!(gathered.targets.contains(&Target::LayerCoverage) && !layers.targets.contains(&Target::LayerCoverage));
+        assert!(gathered.shaders.iter().any(|s| s == "gathered_layer"));
+        assert_eq!(cost(&SceneSummary::default(), abuffer), plain);
     }
 }

@@ -6,7 +6,7 @@ use crate::passes::pixel_pass::PixelPass;
 use surfel_render::{Feature, FramePlan};
 
 /// Features that no GPU backend draws.
-pub const UNSUPPORTED: &[Feature] = &[Feature::ABuffer, Feature::Gaussians, Feature::Margin];
+pub const UNSUPPORTED: &[Feature] = &[Feature::Margin];
 
 /// The parts of a scene that may touch a tile, as indices of its segments.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -262,6 +262,18 @@ mod tests {
             let first = steps.iter().filter(|s| matches!(s, Step::Setup { first: true, .. })).count();
             assert_eq!((first, setups(&steps)), (2, if shared { 2 + 5 } else { 2 }));
         }
+        let settings = Settings::default().with_transparency("abuffer:3".parse().unwrap());
+        let gathered = surfel_render::plan(&summary, &view(), &settings, Planes::COLOR, &capabilities).unwrap();
+        let layers = |plan: &FramePlan| {
+            let steps = pixels(&schedule(plan, &visible, false));
+            assert!(!steps.contains(&PeeledLayer) && !steps.contains(&RemainingLayer));
+            steps.iter().filter(|pass| **pass == PixelPass::GatheredLayer).count()
+        };
+        let more = crate::with_more_layers(&gathered).unwrap();
+        let most = crate::with_more_layers(&more).unwrap();
+        assert_eq!([&gathered, &more, &most].map(layers), [16, 64, 255]);
+        assert!(crate::with_more_layers(&most).unwrap_err().contains("255"));
+        assert_eq!(Draw::of(&gathered), Draw::of(&most));
         let splats = [EdgeAa::Off, EdgeAa::Coverage].map(|edges| PixelPass::of(&planned(Planes::COLOR, edges)));
         assert_eq!(splats, [[PixelPass::ShadeSplats], [Shade]]);
         assert_eq!(

@@ -43,6 +43,8 @@ pub enum Target {
     LayerMaterial,
     /// Number of fragments, and Σw·alpha.
     LayerCounts,
+    /// The same of an A-buffer's layer, and coverage.
+    LayerCoverage,
     /// Like `ThresholdTolerance`, for the nearest transparent splats.
     LayerTolerance,
     /// Depth buffer of the nearest splat's fragment, reversed.
@@ -72,7 +74,7 @@ pub enum TargetFormat {
 
 impl Target {
     /// All of them.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 26] = [
         Self::DepthThreshold,
         Self::Color,
         Self::Surface,
@@ -93,6 +95,7 @@ impl Target {
         Self::LayerSurface,
         Self::LayerMaterial,
         Self::LayerCounts,
+        Self::LayerCoverage,
         Self::LayerTolerance,
         Self::NearestDepth,
         Self::Nearest,
@@ -123,6 +126,7 @@ impl Target {
             Self::LayerSurface => "surface sums of a layer",
             Self::LayerMaterial => "material sums of a layer",
             Self::LayerCounts => "fragment counts of a layer",
+            Self::LayerCoverage => "fragment counts and coverage of a layer",
             Self::LayerTolerance => "depth threshold and tolerance of the nearest layer",
             Self::NearestDepth => "depth of the nearest",
             Self::Nearest => "nearest splats",

@@ -143,7 +143,7 @@ mod tests {
         let fronts = [Layer::Front, Layer::MeshBlend, Layer::Shown, Layer::ShownMeshBlend];
         let sums = fronts
             .into_iter()
-            .chain([Layer::EdgeBackground, Layer::Peeled, Layer::Remaining])
+            .chain([Layer::EdgeBackground, Layer::Peeled, Layer::Gathered, Layer::Remaining])
             .map(|l| [Sums::Color, Sums::Surface, Sums::MaterialCounts].map(|s| Draw::Sums(l, s)));
         let visibility = [
             Draw::Visibility,

@@ -8,7 +8,7 @@ pub struct Limits {
     /// Largest side of a texture, pixels.
     pub texture_side: u32,
     /// Records of a scene that take more than this, in bytes, share one buffer and are set up again for each pass,
-    /// which takes less memory and more time.
+    /// which takes less memory and more time. Trained Gaussians whose records and lists do are drawn in parts.
     pub record_bytes: u64,
     /// Memory that a scene and its records may take, bytes. A scene that needs more is refused before anything is
     /// allocated.

@@ -6,7 +6,7 @@ use crate::scene::limits::Limits;
 use glam::DAffine3;
 use std::sync::Arc;
 use surfel_math::kernel::interior_weight_at_cutoff;
-use surfel_model::{Light, Matcap, Material, Mesh, Octree, SplatCloud, Storage};
+use surfel_model::{GaussianCloud, Light, Matcap, Material, Mesh, Octree, SplatCloud, Storage};
 use surfel_render::{FramePlan, SceneSummary};
 use surfel_shaders::layout;
 
@@ -67,6 +67,13 @@ pub(crate) struct UploadedMesh {
     pub texture_at: u32,
 }
 
+/// An object of trained Gaussians, which the CPU projects for each frame.
+#[derive(Clone, Debug)]
+pub(crate) struct UploadedGaussians {
+    pub cloud: Arc<GaussianCloud>,
+    pub world_from_object: DAffine3,
+}
+
 /// What the CPU keeps of a scene.
 #[derive(Clone, Debug)]
 pub struct UploadedScene {
@@ -82,6 +89,8 @@ pub struct UploadedScene {
     pub(crate) identity: Arc<()>,
     pub(crate) objects: Vec<UploadedObject>,
     pub(crate) meshes: Vec<UploadedMesh>,
+    /// Of a scene of surfaces there are none.
+    pub(crate) gaussians: Vec<UploadedGaussians>,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: [f64; 3],
     pub(crate) matcap: Option<Arc<Matcap>>,

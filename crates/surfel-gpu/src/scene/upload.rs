@@ -3,7 +3,7 @@
 use crate::scene::chunk::Chunk;
 use crate::scene::clip::{self, Variant};
 use crate::scene::limits::Limits;
-use crate::scene::segment::{RecordBytes, Segment, UploadedMesh, UploadedObject, UploadedScene};
+use crate::scene::segment::{RecordBytes, Segment, UploadedGaussians, UploadedMesh, UploadedObject, UploadedScene};
 use crate::scene::stored_splats::{StoredLayout, StoredWriter};
 use crate::scene::textures::TextureBuffer;
 use std::collections::VecDeque;
@@ -61,7 +61,7 @@ impl Upload {
         let (mut objects, mut meshes) = (Vec::new(), Vec::new());
         let mut textures = TextureBuffer::default();
         // Of equally near polygons the first is drawn: those of octrees come after all meshes.
-        let mut octrees = Vec::new();
+        let (mut octrees, mut gaussians) = (Vec::new(), Vec::new());
         for (index, object) in scene.objects.iter().enumerate() {
             let (world_from_object, material, source) = (object.world_from_object, object.material, index as u32);
             match &object.geometry {
@@ -88,8 +88,9 @@ impl Upload {
                         });
                     }
                 }
-                // Whoever plans a frame of them is refused.
-                Geometry::Gaussians(_) => {}
+                Geometry::Gaussians(cloud) => {
+                    gaussians.push(UploadedGaussians { cloud: cloud.clone(), world_from_object });
+                }
                 Geometry::Octree(octree) => {
                     let (cloud, parts) = (octree.shared_cloud(), Some((index, octree.clone())));
                     objects.push(UploadedObject { source, cloud, octree: parts, world_from_object, material });
@@ -135,6 +136,7 @@ impl Upload {
             identity: Arc::new(()),
             objects,
             meshes,
+            gaussians,
             lights: scene.lights.clone(),
             ambient: scene.ambient,
             matcap: scene.matcap.clone(),

@@ -1,10 +1,10 @@
-//! Triangles, the slopes of planes, and the shaders `toon`, `matcap` and `edl`.
+//! Triangles, the slopes of planes, the shaders `toon`, `matcap` and `edl`, and trained Gaussians.
 
 use crate::inputs::{self, Random, f32s};
 use crate::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2, v3};
 use surfel_math::mapping::Linear;
 use surfel_math::triangle::Triangle;
-use surfel_math::{Real, V2, V3, depth, eye_dome, facing, matcap, shadow, toon, triangle};
+use surfel_math::{Real, V2, V3, depth, eye_dome, facing, gaussian, matcap, shadow, srgb, toon, triangle};
 
 /// A triangle of the first twelve numbers, in WGSL.
 const TRIANGLE: &str = "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)), \
@@ -76,6 +76,39 @@ fn rise_weight<R: Real>(x: &[R]) -> Vec<R> {
 }
 fn brightness<R: Real>(x: &[R]) -> Vec<R> {
     vec![eye_dome::brightness(x[0], x[1], &PERSPECTIVE), eye_dome::brightness(x[0], x[1], &ORTHOGRAPHIC)]
+}
+fn gaussian_forms<R: Real>(x: &[R]) -> Vec<R> {
+    let forms = gaussian::GaussianForms {
+        u: [x[0], x[1]],
+        v: [x[2], x[3]],
+        w: [x[4], x[5], x[6]],
+        z: [x[7], x[8], x[9]],
+        low_pass: x[10],
+    };
+    let (rho, z) = forms.at(v2(&x[11..]));
+    vec![rho, z]
+}
+/// Forms of a Gaussian, and an offset at which it shows. Denominators are clear of 0.
+fn gaussian_inputs(random: &mut Random) -> Vec<f32> {
+    let mut x: Vec<f64> = (0..4).map(|_| random.wild(2.0)).collect();
+    x.extend([1e-3 * random.signed(), 1e-3 * random.signed(), random.range(0.2, 1.0)]);
+    x.extend([1e-2 * random.signed(), 1e-2 * random.signed(), random.range(0.2, 9.0)]);
+    x.extend([if random.signed() < 0.0 { 2.0 } else { 1e30 }, 20.0 * random.signed(), 20.0 * random.signed()]);
+    f32s(&x)
+}
+/// Sums of products may cancel.
+fn gaussian_terms(x: &[f64], group: usize) -> f64 {
+    let [dx, dy] = [x[11].abs(), x[12].abs()];
+    let sum = |f: &[f64]| f[0].abs() * dx + f[1].abs() * dy + f.get(2).map_or(0.0, |c| c.abs());
+    let w = x[4] * x[11] + x[5] * x[12] + x[6];
+    let per_w = sum(&x[4..7]) / (w * w);
+    match group {
+        0 => (sum(&x[..2]) * per_w).powi(2) + (sum(&x[2..4]) * per_w).powi(2),
+        _ => sum(&x[7..10]) * per_w,
+    }
+}
+fn distortion_depth<R: Real>(x: &[R]) -> Vec<R> {
+    vec![gaussian::distortion_depth(x[0])]
 }
 /// Products of unit vectors may cancel, the more the nearer the sight is to straight down.
 fn ball_terms(x: &[f64], _: usize) -> f64 {
@@ -256,6 +289,17 @@ pub(crate) const KERNELS: &[Kernel] = &[
          let o = Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC);",
         "eye_dome_brightness(x0, x1, p); eye_dome_brightness(x0, x1, o)",
         |r| f32s(&[r.range(1.0, 10.0), r.range(0.0, 5.0)]), |r| f32s(&[r.wild(4.0).abs(), r.wild(4.0).abs()]), None),
+    kernel!("gaussian_forms_at", 13 => &[1, 1], gaussian_forms,
+        "let g = gaussian_forms_at(GaussianForms(vec2f(x0, x1), vec2f(x2, x3), vec3f(x4, x5, x6), vec3f(x7, x8, x9), \
+         x10), vec2f(x11, x12));",
+        "g.x; g.y", gaussian_inputs, gaussian_inputs, Some(gaussian_terms)),
+    wide!("depth_step_f32", 1 => &[1], |x: &[f64]| vec![f64::from(gaussian::depth_step_f32(x[0] as f32))], "",
+        "f32(depth_step_f32(x0))", |r| f32s(&[r.range(0.2, 9.0)]), |r| f32s(&[r.wild(9.0).abs()]), None),
+    kernel!("distortion_depth", 1 => &[1], distortion_depth, "", "distortion_depth(x0)",
+        |r| f32s(&[r.range(0.2, 9.0)]), |r| f32s(&[0.2 + r.wild(4.0).abs()]), Some(|_, _| 1.0)),
+    // A power is exp2(2.4·log2 x) in WGSL; below 1 its logarithm is off by 2⁻²¹ at most.
+    wide!("srgb_decode", 1 => &[1], |x: &[f64]| vec![srgb::decode(x[0])], "", "srgb_decode(x0)", share, share,
+        Some(|_, _| 1.0)),
     kernel!("toon_step_back_limit", 3 => &[1], limit, "",
         "toon_step_back_limit(x0, vec2f(x1, x2), Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 3e38, \
          0.0, PERSPECTIVE))",
