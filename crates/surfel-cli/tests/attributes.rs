@@ -160,3 +160,80 @@ fn the_color_bar_is_an_image_of_its_own() {
     assert!(classes.height > 2 * 24 && classes.width < 200);
     f.run("a.csv --color-by intensity --colorbar bar.png -o b.png --size 8x8").fails(1, "bar.png");
 }
+
+/// A LAS 1.2 file of a plane of 40×40 points, 0.5 apart, in millimetres from 640,000 and 9,990,000: with GeoTIFF keys,
+/// or a text.
+fn las_with_system(text: Option<&str>) -> Vec<u8> {
+    let records: Vec<(u16, Vec<u8>)> = match text {
+        Some(text) => vec![(2112, format!("{text}\0").into_bytes())],
+        None => {
+            let keys = [1_u16, 1, 0, 3, 1024, 0, 1, 1, 3072, 0, 1, 32_733, 3073, 34_737, 8, 0];
+            let keys = keys.iter().flat_map(|key| key.to_le_bytes()).collect();
+            vec![(34_735, keys), (34_737, b"Zone 33|\0".to_vec())]
+        }
+    };
+    let mut bytes = vec![0; 227];
+    bytes[..4].copy_from_slice(b"LASF");
+    bytes[24..26].copy_from_slice(&[1, 2]);
+    bytes[94..96].copy_from_slice(&227_u16.to_le_bytes());
+    bytes[100..104].copy_from_slice(&(records.len() as u32).to_le_bytes());
+    bytes[105..107].copy_from_slice(&20_u16.to_le_bytes());
+    bytes[107..111].copy_from_slice(&1600_u32.to_le_bytes());
+    for (k, (offset, extent)) in [(640_000.0, 19.501), (9_990_000.0, 19.501), (0.0, 100.0)].into_iter().enumerate() {
+        let mut put = |at: usize, v: f64| bytes[at..at + 8].copy_from_slice(&v.to_le_bytes());
+        put(131 + 8 * k, 0.001);
+        put(155 + 8 * k, offset);
+        put(179 + 16 * k, offset + extent);
+        put(187 + 16 * k, offset + if k == 2 { 100.0 } else { 0.001 });
+    }
+    for (id, data) in records {
+        let mut record = vec![0; 54];
+        record[2..17].copy_from_slice(b"LASF_Projection");
+        record[18..20].copy_from_slice(&id.to_le_bytes());
+        record[20..22].copy_from_slice(&(data.len() as u16).to_le_bytes());
+        bytes.extend(record.into_iter().chain(data));
+    }
+    let start = bytes.len() as u32;
+    bytes[96..100].copy_from_slice(&start.to_le_bytes());
+    for i in 0..1600_i32 {
+        let at = [500 * (i % 40) + 1, 500 * (i / 40) + 1, 100_000];
+        at.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        bytes.extend_from_slice(&[0, 0, 0x11, 2, 0, 0, 0, 0]);
+    }
+    bytes
+}
+
+#[test]
+fn system_and_millimetres_survive_conversion_and_orthoimages() {
+    // A zone of the south, whose y are near ten million, with a text of several lines.
+    let text =
+        "PROJCS[\"South, zone 33\",\n  GEOGCS[\"g\",AUTHORITY[\"EPSG\",\"4326\"]],AUTHORITY[\"EPSG\",\"32733\"]]";
+    for text in [None, Some(text)] {
+        let folder = Folder::new("system");
+        folder.write("in.las", las_with_system(text));
+        folder.run("convert in.las -o points.copc.laz").code(0);
+        folder.run("convert points.copc.laz -o splats.ply").code(0);
+        for input in ["in.las", "points.copc.laz", "splats.ply"] {
+            let info = folder.run(&format!("info --json {input}")).code(0).json();
+            assert_eq!(info["crs"]["code"], "EPSG:32733", "{input}");
+            let name = if text.is_some() { "South, zone 33" } else { "Zone 33" };
+            assert_eq!(info["crs"]["name"], name, "{input}");
+            folder.run(&format!("ortho {input} --gsd 0.5 -o rgb.tif --dsm dsm.tif --force")).code(0);
+            // Projected, pixels are areas, and the code stands in the directory itself.
+            let model: Vec<u8> = [1024_u16, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32_733].map(u16::to_le_bytes).concat();
+            for image in ["rgb.tif", "dsm.tif"] {
+                let bytes = folder.read(image);
+                assert!(bytes.windows(model.len()).any(|window| window == model), "{input} {image}");
+            }
+        }
+        let bounds = folder.run("info --json points.copc.laz").code(0).json()["bounds"].clone();
+        let expected = [("min", [640_000.001, 9_990_000.001, 100.0]), ("max", [640_019.501, 9_990_019.501, 100.0])];
+        for (side, expected) in expected {
+            for (k, expected) in expected.into_iter().enumerate() {
+                let found = bounds[side][k].as_f64().unwrap();
+                // What is kept as two f32 is off by a thousandth of a millimetre at most.
+                assert!((found - expected).abs() < 1e-5, "{side} {k}: {found}, expected {expected}");
+            }
+        }
+    }
+}

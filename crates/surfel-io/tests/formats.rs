@@ -233,6 +233,39 @@ fn obj_opacity_maps_are_the_alpha_of_textures() {
 }
 
 #[test]
+fn obj_normal_maps_are_read_by_what_they_hold() {
+    let folder = Folder::new("normals");
+    let shape = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.5\nusemtl m\nf 1/1 2/1 3/1\n";
+    folder.write("color.png", png(&[[255, 0, 0]]));
+    folder.write("n.png", png(&[[204, 128, 230], [128, 128, 255]]));
+    folder.write("h.png", png(&[[204; 3], [230; 3]]));
+    let load = |maps: &str| {
+        folder.write("a.mtl", format!("newmtl m\n{maps}"));
+        load_file(&folder.write("a.obj", format!("mtllib a.mtl\n{shape}")), &LoadOptions::default()).unwrap()
+    };
+    let map = |maps: &str| {
+        let loaded = load(maps);
+        assert!(loaded.notes.is_empty(), "{:?}", loaded.notes);
+        let map = mesh(loaded).material(0).normal_map.cloned().unwrap();
+        (map.scale, map.image.srgba8[0])
+    };
+    let normals = [204, 128, 230, 255];
+    assert_eq!(map("norm n.png\n"), (1.0, normals));
+    assert_eq!(map("map_Bump -bm 0.5 n.png\n"), (0.5, normals));
+    assert_eq!(map("map_Kd color.png\nbump -imfchan l n.png\n"), (1.0, normals));
+    // `norm` is what it says, whatever stands beside it.
+    for both in ["map_Bump h.png\nnorm n.png\n", "norm n.png\nmap_bump h.png\n"] {
+        assert_eq!(map(both), (1.0, normals), "{both}");
+    }
+    assert_eq!(map("norm h.png\n"), (1.0, [204, 204, 204, 255]));
+    let loaded = load("map_Kd color.png\nmap_Bump -bm 2 h.png\n");
+    assert_eq!(loaded.notes, ["left out the bump map 'h.png': it holds heights, expected normals"]);
+    let m = mesh(loaded);
+    assert!(m.material(0).normal_map.is_none() && m.texture.is_some());
+    assert!(load("norm none.png\n").notes[0].starts_with("left out the texture 'none.png'"));
+}
+
+#[test]
 fn obj_missing_library_or_texture_is_a_note() {
     let folder = Folder::new("missing");
     let shape = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n";

@@ -187,6 +187,11 @@ impl Mesh {
         }
     }
 
+    /// True if some material has a normal map.
+    pub fn has_normal_maps(&self) -> bool {
+        self.materials.as_ref().is_some_and(|all| all.materials.iter().any(|m| m.normal_map.is_some()))
+    }
+
     /// The textures of all materials, some of them perhaps several times.
     pub fn textures(&self) -> impl Iterator<Item = &Arc<Texture>> {
         let materials = self.materials.as_ref();

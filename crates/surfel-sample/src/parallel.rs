@@ -35,6 +35,17 @@ pub(crate) fn map_tasks<T: Clone + Default + Send>(count: usize, work: impl Fn(u
     results
 }
 
+/// What `work` says of each chunk of `length` items, given the index of its first item, in order.
+pub(crate) fn map_chunks<T: Send, R: Clone + Default + Send>(
+    items: &mut [T],
+    length: usize,
+    work: &(dyn Fn(usize, &mut [T]) -> R + Sync),
+) -> Vec<R> {
+    let chunks: Vec<Mutex<&mut [T]>> = items.chunks_mut(length).map(Mutex::new).collect();
+    let chunk = |i: usize| work(i * length, &mut chunks[i].lock().unwrap_or_else(PoisonError::into_inner));
+    map_tasks(chunks.len(), chunk)
+}
+
 /// Calls `work` with each chunk of `length` items, and the index of its first item.
 pub(crate) fn for_chunks<T: Send>(items: &mut [T], length: usize, work: &(dyn Fn(usize, &mut [T]) + Sync)) {
     let chunks: Vec<Mutex<&mut [T]>> = items.chunks_mut(length).map(Mutex::new).collect();

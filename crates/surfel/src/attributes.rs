@@ -63,7 +63,10 @@ pub(crate) fn classes(extras: &[ExtraColumn]) -> Value {
 pub(crate) fn crs(comments: &[String]) -> Value {
     let after = |key: &str| comments.iter().find_map(|c| c.strip_prefix(key));
     let wkt = after("crs_wkt ");
-    let name = wkt.and_then(|wkt| wkt.split('"').nth(1)).or_else(|| after("crs_geotiff_text "));
+    let name = wkt.and_then(|wkt| wkt.split('"').nth(1)).or_else(|| {
+        // GeoTIFF ends each of its texts by a bar.
+        after("crs_geotiff_text ").and_then(|texts| texts.split('|').map(str::trim).find(|text| !text.is_empty()))
+    });
     match (after("crs "), name) {
         (None, None) => Value::Null,
         (code, name) => json!({ "code": code, "name": name, "wkt": wkt }),

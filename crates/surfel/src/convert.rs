@@ -313,11 +313,16 @@ pub(crate) fn mesh(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
+    let method = options.method.unwrap_or_else(|| MeshOptions::auto(mesh).method);
+    let is_spread = !options.sharp && matches!(method, MeshMethod::Count(_) | MeshMethod::Detail);
+    if mesh.has_normal_maps() && !is_spread {
+        notes
+            .push("left out the normal maps: they shade splats that are spread over the mesh, as --splats does".into());
+    }
     if options.sharp {
         let (cloud, conversion) = sharp(mesh, path, options, notes, progress)?;
         return Ok((textured(cloud, mesh, path, options, notes, progress)?, conversion));
     }
-    let method = options.method.unwrap_or(MeshOptions::auto(mesh).method);
     let mesh_options = MeshOptions { method, radius_scale: options.radius_scale };
     let made = surfel_sample::splats_from_mesh(mesh, &mesh_options, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;

@@ -490,8 +490,7 @@ pub(crate) fn load_mesh(
             if mesh.is_see_through() {
                 notes.push("drew all polygons opaque and whole: give the file as \"splats\" to see through it".into());
             }
-            let materials = mesh.materials.iter().flat_map(|all| &all.materials);
-            if materials.into_iter().any(|material| material.normal_map.is_some()) {
+            if mesh.has_normal_maps() {
                 notes.push("drew polygons without their normal maps: give the file as \"splats\" to see them".into());
             }
             return Ok(LoadedMesh { mesh: Arc::new(mesh), up, up_reason, notes });

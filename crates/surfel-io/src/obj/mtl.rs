@@ -1,4 +1,4 @@
-//! MTL material libraries: base colour, opacity and their textures.
+//! MTL material libraries: base colour, opacity and their textures, normal maps.
 
 use crate::ascii::{Lines, number, words};
 use crate::context::Context;
@@ -17,6 +17,16 @@ struct Entry {
     alpha: f32,
     map: Option<String>,
     opacity_map: Option<String>,
+    bumps: Option<Bumps>,
+}
+
+/// A map of normals, or of what may be heights.
+struct Bumps {
+    map: String,
+    /// `-bm`.
+    scale: f32,
+    /// The keyword says that these are normals.
+    are_normals: bool,
 }
 
 /// The images that a material names.
@@ -50,6 +60,16 @@ impl Maps<'_> {
             (color, None) => color,
         }
     }
+}
+
+/// Blue by which a map of normals exceeds red and green on average, of 255: z is at least a half, so that it is 64 or
+/// more, and maps of heights are grey.
+const NORMALS_BLUE: f64 = 32.0;
+
+/// True of tangent-space normals, which most programs write as `map_Bump`.
+fn shows_normals(image: &Texture) -> bool {
+    let blue = |[r, g, b, _]: &[u8; 4]| f64::from(*b) - 0.5 * (f64::from(*r) + f64::from(*g));
+    image.srgba8.iter().map(blue).sum::<f64>() > NORMALS_BLUE * image.srgba8.len() as f64
 }
 
 /// A texture with another's alpha, or its grey where that is opaque, as opacity.
@@ -93,6 +113,7 @@ pub(super) fn resolve(
     let mut materials = vec![Material::WHITE; names.len()];
     let mut textures: Vec<Arc<Texture>> = Vec::new();
     let mut loaded: HashMap<Maps<'_>, Option<usize>> = HashMap::new();
+    let mut loaded_normals: HashMap<(&str, bool), Option<usize>> = HashMap::new();
     let mut in_order: Vec<(&String, u32)> = names.iter().map(|(name, &i)| (name, i)).collect();
     in_order.sort_unstable_by_key(|&(_, i)| i);
     for (name, i) in in_order {
@@ -104,14 +125,27 @@ pub(super) fn resolve(
             textures.push(Arc::new(maps.read(textures.len(), context)?));
             Some(textures.len() - 1)
         });
+        let normal_map = entry.bumps.as_ref().and_then(|bumps| {
+            let image = *loaded_normals.entry((&bumps.map, bumps.are_normals)).or_insert_with(|| {
+                let image = Maps { color: Some(&bumps.map), opacity: None }.read(textures.len(), context)?;
+                if !bumps.are_normals && !shows_normals(&image) {
+                    let name = quote(&bumps.map);
+                    context.note(format!("left out the bump map {name}: it holds heights, expected normals"));
+                    return None;
+                }
+                textures.push(Arc::new(image));
+                Some(textures.len() - 1)
+            });
+            Some((image?, bumps.scale))
+        });
         // Many exporters write a black Kd beside a texture and mean the texture.
         let [r, g, b] = if image.is_some() && entry.color == [0.0; 3] { [1.0; 3] } else { entry.color };
         if let Some(material) = materials.get_mut(i as usize) {
             let factor = [r, g, b, entry.alpha];
-            *material = Material { factor, texture: image, alpha: AlphaMode::Blend, normal_map: None };
+            *material = Material { factor, texture: image, alpha: AlphaMode::Blend, normal_map };
         }
     }
-    if materials.iter().all(|m| m.texture.is_none() && m.factor == [1.0; 4]) {
+    if materials.iter().all(|m| m.texture.is_none() && m.normal_map.is_none() && m.factor == [1.0; 4]) {
         materials.clear();
     }
     (materials, textures)
@@ -137,7 +171,8 @@ fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>) {
         let Some(keyword) = words.next() else { continue };
         let rest = super::rest_of(line, keyword);
         if keyword == b"newmtl" {
-            entries.insert(rest.clone(), Entry { color: [1.0; 3], alpha: 1.0, map: None, opacity_map: None });
+            let entry = Entry { color: [1.0; 3], alpha: 1.0, map: None, opacity_map: None, bumps: None };
+            entries.insert(rest.clone(), entry);
             current = Some(rest);
             continue;
         }
@@ -155,9 +190,21 @@ fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>) {
             b"Tr" => entry.alpha = 1.0 - fraction().unwrap_or(0.0),
             b"map_Kd" => entry.map = Some(path_of(&rest, folder)),
             b"map_d" => entry.opacity_map = Some(path_of(&rest, folder)),
+            // `norm` says what it is; where both are there, the other may be heights.
+            b"norm" | b"map_Norm" => entry.bumps = Some(bumps(&rest, folder, true)),
+            b"map_Bump" | b"map_bump" | b"bump" if entry.bumps.as_ref().is_none_or(|b| !b.are_normals) => {
+                entry.bumps = Some(bumps(&rest, folder, false));
+            }
             _ => {}
         }
     }
+}
+
+/// A statement such as `map_Bump -bm 0.5 FILE`.
+fn bumps(statement: &str, folder: &str, are_normals: bool) -> Bumps {
+    let mut words = statement.split_whitespace().skip_while(|word| *word != "-bm").skip(1);
+    let scale = words.next().and_then(|word| word.parse().ok()).filter(|scale: &f32| scale.is_finite());
+    Bumps { map: path_of(statement, folder), scale: scale.unwrap_or(1.0), are_normals }
 }
 
 /// The file of a map statement.

@@ -42,16 +42,17 @@ impl Kernel {
         }
     }
 
+    fn sphere(&self) -> Sphere {
+        let reach = REACH * self.radius;
+        Sphere { center: self.center, radius_squared: reach * reach }
+    }
+
     /// w where the line through `point` along the unit `normal` meets the splat's plane: 0 beyond its disk, its clip
     /// or [`REACH`], and where the normals differ by more than 60°.
     pub(super) fn weight(&self, point: DVec3, normal: DVec3) -> f64 {
         let d = point - self.center;
-        let reach = REACH * self.radius;
-        if d.length_squared() > reach * reach {
-            return 0.0;
-        }
         let facing = self.normal.dot(normal);
-        if facing < SAME_SURFACE {
+        if !self.sphere().contains(point) || facing < SAME_SURFACE {
             return 0.0;
         }
         let hit = d - self.normal.dot(d) / facing * normal;
@@ -100,18 +101,9 @@ impl Kernels {
         crate::radii::median(&mut radii).unwrap_or(0.0)
     }
 
-    /// Bounds of where the splats of some slots count.
-    pub(super) fn bounds(&self, slots: std::ops::Range<usize>) -> (DVec3, DVec3) {
-        let bound = |(lo, hi): (DVec3, DVec3), k: &Kernel| {
-            let e = DVec3::splat(REACH * k.radius);
-            (lo.min(k.center - e), hi.max(k.center + e))
-        };
-        self.of_slot[slots].iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), bound)
-    }
-
     /// Slots, ascending, of the splats that may count within a sphere.
-    pub(super) fn near(&self, center: DVec3, radius: f64, slots: &mut Vec<u32>) {
-        slots.clear();
+    pub(super) fn near(&self, center: DVec3, radius: f64) -> Vec<u32> {
+        let mut slots = Vec::new();
         self.tree.near(center, radius, &self.reach_below, &mut |slot| {
             let k = &self.of_slot[slot];
             let reach = radius + REACH * k.radius;
@@ -119,5 +111,23 @@ impl Kernels {
                 slots.push(slot as u32);
             }
         });
+        slots
+    }
+
+    /// Where the splat of a slot may count.
+    pub(super) fn sphere(&self, slot: u32) -> Sphere {
+        self.of_slot[slot as usize].sphere()
+    }
+}
+
+/// Where a splat may count.
+pub(super) struct Sphere {
+    center: DVec3,
+    radius_squared: f64,
+}
+
+impl Sphere {
+    pub(super) fn contains(&self, point: DVec3) -> bool {
+        point.distance_squared(self.center) <= self.radius_squared
     }
 }

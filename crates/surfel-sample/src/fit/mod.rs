@@ -211,10 +211,9 @@ impl Target<'_> {
 /// Refuses clouds whose normal equations would not be sparse.
 fn check_overlap<const N: usize>(kernels: &Kernels, samples: &Samples<N>) -> Result<(), SampleError> {
     let probes = samples.all().iter().step_by(samples.len().div_ceil(PROBES).max(1));
-    let (mut found, mut count, mut near) = (0, 0, Vec::new());
+    let (mut found, mut count) = (0, 0);
     for sample in probes {
-        kernels.near(samples.point(sample), 0.0, &mut near);
-        (found, count) = (found + near.len(), count + 1);
+        (found, count) = (found + kernels.near(samples.point(sample), 0.0).len(), count + 1);
     }
     let (found, limit) = (found / count.max(1), MOST_OVER_PLACE);
     let what = "splats over each other, whose colours are to be fitted,";

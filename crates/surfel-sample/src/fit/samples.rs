@@ -7,7 +7,6 @@ use crate::parallel::{for_chunks, map_each};
 use crate::progress::NoProgress;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use std::collections::HashMap;
 use surfel_model::SplatCloud;
 
 /// Fewest and most samples a splat: fewer leave a coefficient to chance, more than the texels are each other's copies.
@@ -43,10 +42,8 @@ pub(super) struct Samples<const N: usize> {
     center: DVec3,
     normals: Vec<DVec3>,
     items: Vec<Sample<N>>,
-    /// Side of a cell.
-    side: f64,
-    /// Where the samples of a cell are.
-    cells: HashMap<u64, [u32; 2]>,
+    /// Where the samples of each cell end.
+    ends: Vec<u32>,
 }
 
 /// Cell coordinates, each of 21 bits.
@@ -61,13 +58,14 @@ impl<const N: usize> Samples<N> {
         let side = (1.5 * kernels.median_radius()).max(2.0 * f64::from(extent) / MOST_CELLS).max(f64::MIN_POSITIVE);
         let key_of = |s: &Sample<N>| key(s.at.to_array().map(|c| (f64::from(c) / side).floor() as i64));
         items.par_sort_by_cached_key(key_of);
-        let mut cells = HashMap::new();
-        let mut start = 0;
-        for group in items.chunk_by(|a, b| key_of(a) == key_of(b)) {
-            cells.insert(key_of(&group[0]), [start, start + group.len() as u32]);
-            start += group.len() as u32;
-        }
-        Self { center, normals, items, side, cells }
+        let keys = map_each(items.len(), &NoProgress, || (), |(), i| key_of(&items[i]));
+        let mut end = 0;
+        let end_of = |cell: &[u64]| {
+            end += cell.len() as u32;
+            end
+        };
+        let ends = keys.chunk_by(|a, b| a == b).map(end_of).collect();
+        Self { center, normals, items, ends }
     }
 
     /// Samples of the points of a cloud themselves; `value` of the point of each index, `None` to leave it out.
@@ -135,22 +133,15 @@ impl<const N: usize> Samples<N> {
         &self.items
     }
 
-    /// The samples of each cell that meets a box, cells in ascending order.
-    pub(super) fn within(&self, (lo, hi): (DVec3, DVec3)) -> impl Iterator<Item = &[Sample<N>]> {
-        let [low, high] = [lo, hi].map(|p| ((p - self.center) / self.side).floor().to_array().map(|c| c as i64));
-        let sides: [i64; 3] = std::array::from_fn(|k| (high[k].saturating_sub(low[k])).max(0).saturating_add(1));
-        let boxed = sides.iter().fold(1i64, |n, s| n.saturating_mul(*s));
-        let mut found: Vec<(u64, [u32; 2])> = if boxed as u64 > self.cells.len() as u64 {
-            self.cells.iter().map(|(k, r)| (*k, *r)).collect()
-        } else {
-            let keys = (0..boxed).map(|i| {
-                let [x, y, z] = [i / (sides[1] * sides[2]), i / sides[2] % sides[1], i % sides[2]];
-                key([low[0] + x, low[1] + y, low[2] + z])
-            });
-            keys.filter_map(|k| self.cells.get(&k).map(|r| (k, *r))).collect()
-        };
-        found.sort_unstable();
-        found.into_iter().map(|(_, [start, end])| &self.items[start as usize..end as usize])
+    /// How many cells there are.
+    pub(super) fn cells(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// The samples of a cell.
+    pub(super) fn of_cell(&self, cell: usize) -> &[Sample<N>] {
+        let start = if cell == 0 { 0 } else { self.ends[cell - 1] };
+        &self.items[start as usize..self.ends[cell] as usize]
     }
 }
 

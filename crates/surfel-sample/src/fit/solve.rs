@@ -1,7 +1,7 @@
 //! Accelerated projected gradient for the bounded normal equations.
 
 use super::system::Gram;
-use crate::parallel::{for_chunks, map_tasks};
+use crate::parallel::{for_chunks, map_chunks};
 use std::ops::{AddAssign, Mul, Sub};
 
 /// Splats of a task.
@@ -68,10 +68,10 @@ impl<T: Scalar> Problem<'_, T> {
         let mut d = vec![Lanes::default(); n];
         let mut y = d.clone();
         let mut next = d.clone();
+        let steppers = self.steppers();
         let (mut t, mut steps) = (1.0f64, 0);
         while steps < stop.steps {
-            self.project(&y, &mut next);
-            let change = map_tasks(n.div_ceil(CHUNK), |task| self.change(task, &y, &next, &d));
+            let change = self.project(&steppers, &y, &d, &mut next);
             let uphill: f64 = change.iter().map(|c| c.uphill).sum();
             let largest = change.iter().map(|c| c.largest).fold(0.0, f64::max);
             steps += 1;
@@ -88,53 +88,68 @@ impl<T: Scalar> Problem<'_, T> {
                 }
             });
             std::mem::swap(&mut d, &mut next);
-            if !watch(&d) || largest <= 0.8 * stop.residual && self.residual(&d, &mut next) <= stop.residual {
+            if !watch(&d) || largest <= 0.8 * stop.residual && self.residual(&steppers, &d, &mut next) <= stop.residual
+            {
                 break;
             }
         }
-        let residual = self.residual(&d, &mut next);
+        let residual = self.residual(&steppers, &d, &mut next);
         Solution { d, steps, residual }
     }
 
-    /// A step from `y` along the gradient, within the bounds.
-    fn project(&self, y: &[Lanes<T>], next: &mut [Lanes<T>]) {
-        for_chunks(next, CHUNK, &|first, next| {
-            for (k, next) in (first..).zip(next) {
+    fn steppers(&self) -> Vec<Stepper<T>> {
+        let mut steppers = vec![Stepper::default(); self.b.len()];
+        for_chunks(&mut steppers, CHUNK, &|first, steppers| {
+            for (k, stepper) in (first..).zip(steppers) {
                 let (mass, bounds) = (self.gram.mass[k], (self.bounds)(k));
+                let bound = |side: usize| bounds.map(|b| T::from_f64(b[side]));
                 // What no sample shows stays as it is.
                 let step = T::from_f64(if mass > 0.0 { 1.0 / mass } else { 0.0 });
-                let gd = self.gram.row_times(k, y);
-                for c in 0..4 {
-                    let [low, high] = bounds[c].map(T::from_f64);
-                    let free = y[k][c] - step * (gd[c] - self.b[k][c]);
-                    let at_least = if free < low { low } else { free };
-                    next[c] = if at_least > high { high } else { at_least };
-                }
+                *stepper = Stepper { low: bound(0), high: bound(1), step };
             }
         });
+        steppers
     }
 
-    fn residual(&self, d: &[Lanes<T>], next: &mut [Lanes<T>]) -> f64 {
-        self.project(d, next);
-        let of = |k: usize| (0..4).map(|c| difference(d[k][c], next[k][c]).abs()).fold(0.0, f64::max);
-        (0..d.len()).map(of).fold(0.0, f64::max)
-    }
-
-    fn change(&self, task: usize, y: &[Lanes<T>], next: &[Lanes<T>], d: &[Lanes<T>]) -> Change {
-        let mut change = Change::default();
-        for k in task * CHUNK..y.len().min((task + 1) * CHUNK) {
-            for c in 0..4 {
-                let step = difference(y[k][c], next[k][c]);
-                change.uphill += self.gram.mass[k] * step * difference(next[k][c], d[k][c]);
-                change.largest = change.largest.max(step.abs());
+    /// A step from `y` along the gradient, within the bounds, and what it changes of chunks of splats; `d` is where
+    /// the last step ended.
+    fn project(&self, steppers: &[Stepper<T>], y: &[Lanes<T>], d: &[Lanes<T>], next: &mut [Lanes<T>]) -> Vec<Change> {
+        map_chunks(next, CHUNK, &|first, next| {
+            let mut change = Change::default();
+            for (k, next) in (first..).zip(next) {
+                let Stepper { low, high, step } = steppers[k];
+                let (gd, b, y) = (self.gram.row_times(k, y), self.b[k], y[k]);
+                let mut uphill = 0.0;
+                for c in 0..4 {
+                    let free = y[c] - step * (gd[c] - b[c]);
+                    let at_least = if free < low[c] { low[c] } else { free };
+                    next[c] = if at_least > high[c] { high[c] } else { at_least };
+                    let moved = difference(y[c], next[c]);
+                    uphill += moved * difference(next[c], d[k][c]);
+                    change.largest = change.largest.max(moved.abs());
+                }
+                change.uphill += self.gram.mass[k] * uphill;
             }
-        }
-        change
+            change
+        })
+    }
+
+    fn residual(&self, steppers: &[Stepper<T>], d: &[Lanes<T>], next: &mut [Lanes<T>]) -> f64 {
+        self.project(steppers, d, d, next).iter().map(|change| change.largest).fold(0.0, f64::max)
     }
 }
 
 fn difference<T: Scalar>(a: T, b: T) -> f64 {
     a.into() - b.into()
+}
+
+/// What a splat's steps need.
+#[derive(Clone, Copy, Default)]
+struct Stepper<T> {
+    low: Lanes<T>,
+    high: Lanes<T>,
+    /// 1/mass.
+    step: T,
 }
 
 /// What a step changed.

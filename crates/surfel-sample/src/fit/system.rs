@@ -1,15 +1,15 @@
 //! The normal equations of a fit: one row a splat, sparse, in tree order.
 
-use super::kernels::Kernels;
+use super::kernels::{Kernels, Sphere};
 use super::samples::{Sample, Samples};
 use super::solve::{Lanes, Scalar};
-use crate::parallel::map_tasks;
-use crate::progress::Progress;
+use crate::parallel::{map_each, map_tasks};
+use crate::progress::{NoProgress, Progress};
 use glam::DVec3;
 use std::ops::Range;
 
 /// Splats whose rows are one task's. Fixed, so that sums don't depend on the number of threads.
-const OWN: usize = 512;
+const OWN: usize = 2048;
 /// Differences that interpolation rounds to: a value of f32 times weights that sum to 1 but for four roundings.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
@@ -58,12 +58,30 @@ impl<const N: usize> System<N> {
     pub(super) fn new(kernels: &Kernels, samples: &Samples<N>, present: &[[f32; N]], progress: &dyn Progress) -> Self {
         let tasks = kernels.len().div_ceil(OWN);
         progress.stage("texture", tasks as u64);
+        let near = map_each(
+            samples.cells(),
+            &NoProgress,
+            || (),
+            |(), cell| {
+                let (center, radius) = sphere(samples, samples.of_cell(cell));
+                kernels.near(center, radius)
+            },
+        );
+        let mut cells = vec![Vec::new(); tasks];
+        for (cell, near) in near.iter().enumerate() {
+            // Slots ascend, and so do their tasks.
+            for slots in near.chunk_by(|a, b| *a as usize / OWN == *b as usize / OWN) {
+                cells[slots[0] as usize / OWN].push(cell);
+            }
+        }
         let parts = map_tasks(tasks, |task| {
             let own = task * OWN..kernels.len().min((task + 1) * OWN);
-            let part = Part::new(kernels, samples, present, own);
+            let near = cells[task].iter().map(|&cell| (samples.of_cell(cell), &*near[cell]));
+            let part = Part::new(kernels, samples, present, own, near);
             progress.advance(1);
             part
         });
+        drop(near);
         let entries: usize = parts.iter().map(|p| p.columns.len()).sum();
         let mut gram = Gram {
             starts: vec![0],
@@ -99,12 +117,17 @@ impl<const N: usize> System<N> {
     /// The same of up to three channels from `first` on, after `d` is added to them.
     pub(super) fn rms_after<T: Scalar>(&self, first: usize, d: &[Lanes<T>]) -> [f64; 3] {
         let mut energy: [f64; 3] = std::array::from_fn(|c| self.energy.get(first + c).copied().unwrap_or(0.0));
-        for (k, b) in self.b.iter().enumerate() {
-            let gd = self.gram.row_times(k, d);
-            for (c, e) in energy.iter_mut().enumerate().take(N - first) {
-                *e += d[k][c].into() * (gd[c].into() - 2.0 * b[first + c]);
+        let added = map_tasks(self.b.len().div_ceil(OWN), |task| {
+            let mut added = [0.0; 3];
+            for k in task * OWN..self.b.len().min((task + 1) * OWN) {
+                let gd = self.gram.row_times(k, d);
+                for (c, e) in added.iter_mut().enumerate().take(N - first) {
+                    *e += d[k][c].into() * (gd[c].into() - 2.0 * self.b[k][first + c]);
+                }
             }
-        }
+            added
+        });
+        added.iter().for_each(|added| energy.iter_mut().zip(added).for_each(|(e, a)| *e += a));
         energy.map(|e| (e.max(0.0) / self.weight.max(f64::MIN_POSITIVE)).sqrt())
     }
 
@@ -144,55 +167,57 @@ impl<const N: usize> Default for Part<N> {
 }
 
 impl<const N: usize> Part<N> {
-    fn new(kernels: &Kernels, samples: &Samples<N>, present: &[[f32; N]], own: Range<usize>) -> Self {
+    /// `cells` are those with splats of `own` near them: their samples, and the slots of all splats near them.
+    fn new<'a>(
+        kernels: &Kernels,
+        samples: &Samples<N>,
+        present: &[[f32; N]],
+        own: Range<usize>,
+        cells: impl Iterator<Item = (&'a [Sample<N>], &'a [u32])>,
+    ) -> Self {
         let mut part = Self { b: vec![[0.0; N]; own.len()], ..Self::default() };
         part.local = vec![[[f32::INFINITY, f32::NEG_INFINITY]; N]; own.len()];
         let mut rows: Vec<Vec<(u32, f64)>> = vec![Vec::new(); own.len()];
         let mut ewa = vec![([0.0; N], 0.0); own.len()];
-        let (mut near, mut hits, mut block) = (Vec::new(), Vec::new(), Vec::new());
-        for cell in samples.within(kernels.bounds(own.clone())) {
-            let (center, radius) = sphere(samples, cell);
-            kernels.near(center, radius, &mut near);
-            let first = near.partition_point(|slot| (*slot as usize) < own.start);
-            let last = near.partition_point(|slot| (*slot as usize) < own.end);
-            if first == last {
-                continue;
-            }
+        let (mut near, mut hits, mut block) = (Near::default(), Vec::new(), Vec::new());
+        for (cell, slots) in cells {
+            near.set(kernels, slots);
+            let first = slots.partition_point(|slot| (*slot as usize) < own.start);
+            let last = slots.partition_point(|slot| (*slot as usize) < own.end);
             block.clear();
-            block.resize((last - first) * near.len(), 0.0);
+            block.resize((last - first) * slots.len(), 0.0);
             for sample in cell {
-                if !shares(kernels, samples, sample, &near, first..last, &mut hits) {
+                let Some(total) = shares(kernels, samples, sample, &near, first..last, &mut hits) else {
                     continue;
-                }
-                let total: f64 = hits.iter().map(|(_, w)| w).sum();
+                };
                 let weight = f64::from(sample.weight);
-                let missing = missing(&sample.value, present, &near, &hits, total);
+                let missing = missing(&sample.value, present, &near, &hits);
                 let is_first = hits.first().is_some_and(|(place, _)| (first..last).contains(place));
                 if is_first {
                     part.weight += weight;
                     part.energy.iter_mut().zip(missing).for_each(|(sum, m)| *sum += weight * m * m);
                 }
-                for &(k, w) in hits.iter().filter(|(place, _)| (first..last).contains(place)) {
-                    let share = weight * w / total;
-                    let row = &mut block[(k - first) * near.len()..(k - first + 1) * near.len()];
-                    for &(j, w) in &hits {
-                        row[j] += share * (w / total);
+                for &(k, share) in hits.iter().filter(|(place, _)| (first..last).contains(place)) {
+                    let share = weight * share;
+                    let row = &mut block[(k - first) * slots.len()..(k - first + 1) * slots.len()];
+                    for &(j, other) in &hits {
+                        row[j] += share * other;
                     }
-                    let slot = near[k] as usize;
+                    let slot = slots[k] as usize;
                     let own_row = slot - own.start;
                     let (sum, mass) = &mut ewa[own_row];
-                    *mass += weight * w;
+                    *mass += share * total;
                     for c in 0..N {
                         let [least, largest] = part.local[own_row][c];
                         part.local[own_row][c] = [least.min(sample.value[c]), largest.max(sample.value[c])];
                         part.b[own_row][c] += share * missing[c];
-                        sum[c] += weight * w * f64::from(difference(sample.value[c], present[slot][c]));
+                        sum[c] += share * total * f64::from(difference(sample.value[c], present[slot][c]));
                     }
                 }
             }
-            for (k, values) in (first..last).zip(block.chunks(near.len())) {
-                let entries = near.iter().zip(values).filter(|(_, v)| **v != 0.0).map(|(j, v)| (*j, *v));
-                rows[near[k] as usize - own.start].extend(entries);
+            for (k, values) in (first..last).zip(block.chunks(slots.len())) {
+                let entries = slots.iter().zip(values).filter(|(_, v)| **v != 0.0).map(|(j, v)| (*j, *v));
+                rows[slots[k] as usize - own.start].extend(entries);
             }
         }
         for row in &mut rows {
@@ -211,46 +236,62 @@ impl<const N: usize> Part<N> {
     }
 }
 
-/// Fills `hits` with the places in `near` of the splats that count at a sample, ascending, and their w; false where
-/// none of those at `own` does.
+/// Splats near a cell, and where they may count: one after another in memory, since most don't count at a sample.
+#[derive(Default)]
+struct Near {
+    slots: Vec<u32>,
+    spheres: Vec<Sphere>,
+}
+
+impl Near {
+    fn set(&mut self, kernels: &Kernels, slots: &[u32]) {
+        self.slots.clear();
+        self.slots.extend(slots);
+        self.spheres.clear();
+        self.spheres.extend(slots.iter().map(|slot| kernels.sphere(*slot)));
+    }
+}
+
+/// Fills `hits` with the places in `near` of the splats that count at a sample, ascending, and their shares w/Σw.
+/// Gives Σw; `None` where no splat of `own` counts.
 fn shares<const N: usize>(
     kernels: &Kernels,
     samples: &Samples<N>,
     sample: &Sample<N>,
-    near: &[u32],
+    near: &Near,
     own: Range<usize>,
     hits: &mut Vec<(usize, f64)>,
-) -> bool {
+) -> Option<f64> {
     let (point, normal) = (samples.point(sample), samples.normal(sample));
-    let weight = |place: usize| kernels.get(near[place] as usize).weight(point, normal);
-    if sample.weight <= 0.0 {
-        return false;
-    }
     hits.clear();
-    hits.extend(own.clone().map(|place| (place, weight(place))).filter(|(_, w)| *w > 0.0));
-    if hits.is_empty() {
-        return false;
+    let weight = |place: usize| {
+        let reaches = near.spheres[place].contains(point);
+        if reaches { kernels.get(near.slots[place] as usize).weight(point, normal) } else { 0.0 }
+    };
+    if sample.weight <= 0.0 || !own.into_iter().any(|place| weight(place) > 0.0) {
+        return None;
     }
-    let others = (0..own.start).chain(own.end..near.len());
-    hits.extend(others.map(|place| (place, weight(place))).filter(|(_, w)| *w > 0.0));
-    // Whoever asks sums in the same order.
-    hits.sort_unstable_by_key(|(place, _)| *place);
-    true
+    for place in 0..near.slots.len() {
+        let w = weight(place);
+        if w > 0.0 {
+            hits.push((place, w));
+        }
+    }
+    let total: f64 = hits.iter().map(|(_, w)| w).sum();
+    hits.iter_mut().for_each(|(_, w)| *w /= total);
+    Some(total)
 }
 
 /// What the blend of the present values lacks at a sample: 0 exactly where all of them are the sample's.
-fn missing<const N: usize>(
-    value: &[f32; N],
-    present: &[[f32; N]],
-    near: &[u32],
-    hits: &[(usize, f64)],
-    total: f64,
-) -> [f64; N] {
-    std::array::from_fn(|c| {
-        let part =
-            |(place, w): &(usize, f64)| w / total * f64::from(difference(value[c], present[near[*place] as usize][c]));
-        hits.iter().map(part).sum()
-    })
+fn missing<const N: usize>(value: &[f32; N], present: &[[f32; N]], near: &Near, hits: &[(usize, f64)]) -> [f64; N] {
+    let mut missing = [0.0; N];
+    for (place, share) in hits {
+        let present = &present[near.slots[*place] as usize];
+        for c in 0..N {
+            missing[c] += share * f64::from(difference(value[c], present[c]));
+        }
+    }
+    missing
 }
 
 /// The difference of two values, 0 where it is rounding.
@@ -273,9 +314,9 @@ pub(super) fn shares_at<const N: usize>(
     samples: &Samples<N>,
     sample: &Sample<N>,
 ) -> Vec<(u32, f64)> {
-    let (mut near, mut hits) = (Vec::new(), Vec::new());
-    kernels.near(samples.point(sample), 0.0, &mut near);
-    shares(kernels, samples, sample, &near, 0..near.len(), &mut hits);
-    let total: f64 = hits.iter().map(|(_, w)| w).sum();
-    hits.iter().map(|(place, w)| (near[*place], w / total)).collect()
+    let (mut near, mut hits) = (Near::default(), Vec::new());
+    let slots = kernels.near(samples.point(sample), 0.0);
+    near.set(kernels, &slots);
+    shares(kernels, samples, sample, &near, 0..slots.len(), &mut hits);
+    hits.iter().map(|(place, share)| (slots[*place], *share)).collect()
 }
