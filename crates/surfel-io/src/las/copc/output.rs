@@ -156,6 +156,9 @@ impl Template {
     }
 }
 
+/// Reads the bytes of a chunk.
+pub(super) type ReadChunk<'a> = &'a mut dyn FnMut(&Chunk, &mut [u8]) -> io::Result<()>;
+
 /// Writes the file: nodes from the root down, so that coarse levels are read in one go. `read` reads a chunk; `copied`
 /// is told how many bytes of chunks there are.
 pub(super) fn write(
@@ -163,7 +166,7 @@ pub(super) fn write(
     of: &Template,
     laz: &LazVlr,
     (summary, cube): (&Summary, &Cube),
-    (mut chunks, read): (Vec<Chunk>, &mut dyn FnMut(&Chunk, &mut [u8]) -> io::Result<()>),
+    (mut chunks, read): (Vec<Chunk>, ReadChunk<'_>),
     copied: &dyn Fn(u64),
 ) -> io::Result<()> {
     chunks.sort_unstable_by_key(|chunk| (chunk.level, chunk.code));

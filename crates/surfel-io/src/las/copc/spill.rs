@@ -22,7 +22,7 @@ pub(super) fn unnamed(folder: &Path) -> io::Result<File> {
 #[derive(Debug, Default)]
 pub(super) struct List {
     held: Vec<u8>,
-    blocks: Vec<(u64, usize)>,
+    blocks: Blocks,
     pub(super) bytes: u64,
 }
 
@@ -37,13 +37,16 @@ pub(super) struct Spill<K> {
     last: Option<(K, usize)>,
 }
 
+/// Where the parts of a list begin, and how many bytes they have.
+pub(super) type Blocks = Vec<(u64, usize)>;
+
 /// Where the records are in the file: all that is needed to go on with it.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(super) struct Index<K> {
     /// Bytes of the file.
     pub(super) end: u64,
-    /// Keys in the order in which they came, and the blocks of each: where they begin, and how many bytes they have.
-    pub(super) lists: Vec<(K, Vec<(u64, usize)>)>,
+    /// Keys in the order in which they came, and where the records of each are.
+    pub(super) lists: Vec<(K, Blocks)>,
 }
 
 impl<K> Default for Index<K> {

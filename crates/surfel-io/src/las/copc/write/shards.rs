@@ -7,7 +7,7 @@ use super::{CopcReport, Writer};
 use crate::error::{IoError, Problem, READ};
 use crate::las::copc::octants::BITS;
 use crate::las::copc::output::{self, Chunk, Cube, Summary, Template};
-use crate::las::copc::spill::Index;
+use crate::las::copc::spill::{Blocks, Index};
 use crate::las::copc::write::parts::packed;
 use crate::las::field;
 use serde::{Deserialize, Serialize};
@@ -225,7 +225,7 @@ pub(super) fn merge(
     };
     let (mut summary, mut chunks) = (Summary::default(), Vec::new());
     // Which shares have records of a node above the parts.
-    let mut upper: BTreeMap<(u32, u64), Vec<(usize, &[(u64, usize)])>> = BTreeMap::new();
+    let mut upper: BTreeMap<(u32, u64), Vec<(usize, &Blocks)>> = BTreeMap::new();
     for (i, shard) in shards.iter().enumerate() {
         summary.add_all(&shard.head.summary);
         chunks.extend(shard.head.chunks.iter().map(|chunk| Chunk { file: i, ..*chunk }));

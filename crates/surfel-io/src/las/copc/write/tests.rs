@@ -160,7 +160,8 @@ fn levels_do_not_depend_on_how_many_points_are_in_memory() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// Points of a file of `count` tiles side by side, 2000 steps wide each, and what the header says of where they are.
+/// Files of `count` tiles side by side, 2048 steps wide each, with true bounds in their headers. Cells of the grid are 512
+/// steps wide for 12 tiles, and tiles end 3 steps before a cell does, so that margins reach into the next tile.
 fn tiles(folder: &Path, count: u64, points: u64) -> Vec<PathBuf> {
     let mut next = random(11);
     let tile = |tile: u64| {
@@ -170,7 +171,7 @@ fn tiles(folder: &Path, count: u64, points: u64) -> Vec<PathBuf> {
                 0 => (next() >> 33, next() >> 33),
                 _ => (next() >> 33 & 511, next() >> 33 & 511),
             };
-            let low = [tile % 4 * 2000 + x % 2000, tile / 4 * 2000 + y % 2000, (next() >> 40) % 300];
+            let low = [tile % 4 * 2048 + x % 2045, tile / 4 * 2048 + y % 2045, (next() >> 40) % 300];
             low.map(|v| v as i32)
         };
         let points: Vec<[i32; 3]> = (0..if tile % 3 == 1 { points / 50 } else { points }).map(&mut point).collect();
@@ -216,7 +217,7 @@ fn names(folder: &Path) -> Vec<String> {
 #[test]
 fn shares_put_together_are_the_file_whatever_their_number() {
     let folder = folder_of_test("shares");
-    let inputs = tiles(&folder, 12, 60_000);
+    let inputs = tiles(&folder, 12, 50_000);
     let make = |output: &Path, shard: Option<[u32; 2]>, prepare: Prepare<'_>| {
         let options = CopcOptions { shard, ..OVER };
         save(&inputs, output, &options, Some(prepare), &|_, _, _| (), TILE_LIMITS).unwrap()
@@ -226,8 +227,9 @@ fn shares_put_together_are_the_file_whatever_their_number() {
     {
         let whole = folder.join(format!("{kind}.copc.laz"));
         let report = make(&whole, None, prepare);
-        assert!(report.levels >= 5 && report.points > 400_000, "{report:?}");
-        for count in [1, 2, 3, 7, 40] {
+        assert!(report.levels >= 5 && report.points > 300_000, "{report:?}");
+        for count in if kind == "own" { &[1, 2, 3, 7, 40][..] } else { &[2] } {
+            let count = *count;
             let shard = |i: u32| {
                 let path = folder.join(format!("{kind}-{count}-{i:02}.shard"));
                 (make(&path, Some([i, count]), prepare).points, path)
@@ -341,15 +343,13 @@ fn interrupted_conversions_go_on_and_give_the_same_file() {
                     steps.set(steps.get() + 1);
                     assert!(steps.get() <= most, "interrupted");
                 };
-                let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| run(true, &progress)));
-                ended
+                std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| run(true, &progress)))
             };
             assert!(until(moment).is_err(), "{moment}");
             assert!(!output.exists());
             // What a killed run wrote after the last state, and a state that it had begun to write.
             let kept = resume_folder(&output);
             for name in [resume::POINTS, resume::MARGINS, resume::CHUNKS, resume::UPPER] {
-                use std::io::Write;
                 let file = std::fs::OpenOptions::new().append(true).open(kept.join(name));
                 file.and_then(|mut file| file.write_all(&[7; 1000])).unwrap();
             }
@@ -395,7 +395,7 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     let bytes = std::fs::read(&inputs[1]).unwrap();
     std::fs::write(&inputs[1], &bytes).unwrap();
     let time = std::time::SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(77);
-    std::fs::File::options().write(true).open(&inputs[1]).unwrap().set_modified(time).unwrap();
+    File::options().write(true).open(&inputs[1]).unwrap().set_modified(time).unwrap();
     assert!(refused(&inputs, &resume).contains("changed at 77.000000000"));
     // Without the flag it is left alone, and what the folder says stays true.
     let kept = names(&resume_folder(&output));
