@@ -160,8 +160,8 @@ fn levels_do_not_depend_on_how_many_points_are_in_memory() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// Files of `count` tiles side by side, 2048 steps wide each, with true bounds in their headers. Cells of the grid are 512
-/// steps wide for 12 tiles, and tiles end 3 steps before a cell does, so that margins reach into the next tile.
+/// Files of `count` tiles side by side, 2048 steps wide each, with true bounds in their headers. Cells of the grid are
+/// 512 steps wide for 12 tiles, and tiles end 3 steps before a cell does, so that margins reach into the next tile.
 fn tiles(folder: &Path, count: u64, points: u64) -> Vec<PathBuf> {
     let mut next = random(11);
     let tile = |tile: u64| {
