@@ -84,6 +84,15 @@ pub(crate) fn wheel(root: &Path) -> bool {
     let installed = Command::new("rustup").current_dir(root).args(["target", "list", "--installed"]).output();
     let installed = installed.map(|output| String::from_utf8_lossy(&output.stdout).into_owned()).unwrap_or_default();
     let out = target(root).join("wheels");
+    let others = std::env::var_os("PATH").unwrap_or_default();
+    let folders = std::iter::once(folder(root).join("bin")).chain(std::env::split_paths(&others));
+    let path = match std::env::join_paths(folders) {
+        Ok(path) => path,
+        Err(why) => {
+            eprintln!("error: {} can't be put on the path: {why}", folder(root).display());
+            return false;
+        }
+    };
     let mut passed = true;
     for platform in TARGETS {
         if !installed.lines().any(|line| line.trim() == platform) {
@@ -91,17 +100,11 @@ pub(crate) fn wheel(root: &Path) -> bool {
             continue;
         }
         let mut command = Command::new(&python);
-        command.current_dir(root).args([
-            "-m",
-            "maturin",
-            "build",
-            "--release",
-            "--locked",
-            "--zig",
-            "--target",
-            platform,
-        ]);
+        let build = ["-m", "maturin", "build", "--release", "--locked", "--zig", "--target", platform];
+        command.current_dir(root).args(build);
         command.args(["--compatibility", "manylinux2014", "--out"]).arg(&out);
+        // Maturin asks the first python3 of the path for zig.
+        command.env("VIRTUAL_ENV", folder(root)).env("PATH", &path);
         passed &= command.status().is_ok_and(|status| status.success());
     }
     println!("wheels are in {}", out.display());

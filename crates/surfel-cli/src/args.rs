@@ -366,14 +366,15 @@ pub(crate) struct AgainArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct ConvertArgs {
-    /// Points, a mesh or splats; - is stdin. With -o OUT.copc.laz: any number of LAS, LAZ and COPC files.
+    /// Points, a mesh or splats; - is stdin. With -o OUT.copc.laz: any number of LAS, LAZ and COPC files, or all that
+    /// --shard wrote of them.
     #[arg(value_name = "INPUT")]
     pub(crate) input: PathBuf,
     /// More files, for -o OUT.copc.laz.
     #[arg(value_name = "MORE")]
     pub(crate) more: Vec<PathBuf>,
     /// Splat file to write: .ply, - for stdout; or .copc.laz: the points, by levels, with their splats' normals and
-    /// radii.
+    /// radii; or .shard: a share of that, where {shard} is its number.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: PathBuf,
     /// Overwrite an existing file.
@@ -390,6 +391,14 @@ pub(crate) struct ConvertArgs {
     /// Write text instead of binary PLY.
     #[arg(long)]
     pub(crate) ascii: bool,
+    /// Of -o OUT.copc.laz: keep what is done in the folder OUT.copc.laz.resume until OUT is there, and go on with what
+    /// an interrupted run of the same command left. Deleting the folder gives that up.
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Only share I of N of the points, as -o NAME.shard; I counts from 0, or from 1: N/N is 0/N. With such a name it
+    /// is taken from the variables of clusters that `surfel render --help` lists, where they are set.
+    #[arg(long, value_name = "I/N", value_parser = values::part)]
+    pub(crate) shard: Option<surfel::values::Part>,
 }
 
 #[derive(Args, Debug)]

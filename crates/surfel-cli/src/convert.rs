@@ -4,18 +4,25 @@ use crate::args::ConvertArgs;
 use crate::console::Console;
 use crate::failure::Failure;
 use crate::stdin::{self, Stdin, is_stdin};
-use crate::{options, stdout};
-use std::path::PathBuf;
+use crate::{options, pieces, stdout};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel::SplatCloud;
 use surfel::io::{IoError, PlyEncoding};
-use surfel::levels;
+use surfel::levels::{self, CopcRequest};
 use surfel::splat_file::ConvertRequest;
+use surfel::values::Part;
 
 pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
-    check_output(args)?;
-    if levels::is_copc(&args.output) {
-        return copc(args, console);
+    let shard = shard(args, console)?;
+    let output = pieces::with_shard(&args.output, shard);
+    check_output(args, &output)?;
+    if levels::is_copc(&output) || levels::is_shard(&output) {
+        return copc(args, &output, shard, console);
+    }
+    levels::check_shard(&output, shard)?;
+    if args.resume {
+        return Err(Failure::usage(format!("-o {}: --resume is of OUT.copc.laz and of NAME.shard", output.display())));
     }
     if let Some(second) = args.more.first() {
         let what = "is a second input, expected one (any number with -o OUT.copc.laz)";
@@ -85,27 +92,54 @@ fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Points by levels, as COPC.
-fn copc(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
+/// The share that this run writes: by the flag, or by a cluster's variables where the output's name is a share's.
+fn shard(args: &ConvertArgs, console: &Console) -> Result<Option<Part>, Failure> {
+    if args.shard.is_some() || !levels::is_shard(&args.output) {
+        return Ok(args.shard);
+    }
+    let said = pieces::from_environment(|name| std::env::var(name).ok()).map_err(Failure::usage)?;
+    Ok(said.map(|(part, from)| {
+        console.note(&format!("shard {} of {} (by {from})", part.index(), part.count()));
+        part
+    }))
+}
+
+/// Points by levels, as COPC, or a share of them.
+fn copc(args: &ConvertArgs, output: &Path, shard: Option<Part>, console: &Console) -> Result<(), Failure> {
     let options = options::splats(&args.splats, args.force)?;
-    levels::check_copc(&args.output, &options, args.ascii)?;
+    levels::check_copc(output, &options, args.ascii, shard)?;
     let inputs: Vec<PathBuf> = std::iter::once(&args.input).chain(&args.more).cloned().collect();
     let progress = console.progress();
-    let report = levels::save_copc(&inputs, &args.output, args.force, options.memory, &progress)?;
+    let request = CopcRequest { overwrite: args.force, memory: options.memory, resume: args.resume, shard };
+    let saved = levels::save_copc(&inputs, output, &request, &progress);
     drop(progress);
+    let folder = levels::resume_folder(output);
+    let report = match saved {
+        Err(error) => {
+            if args.resume && folder.is_dir() {
+                let help = "the same command goes on with it, and deleting it gives it up";
+                console.note(&format!("{} has what is done: {help}", folder.display()));
+            }
+            return Err(error.into());
+        }
+        Ok(report) => report,
+    };
     report.notes.iter().for_each(|note| console.note(note));
-    console.note(&format!("{}: {}", args.output.display(), levels::summary(&report)));
+    console.note(&format!("{}: {}", output.display(), levels::summary(&report)));
+    if folder.is_dir() {
+        console.note(&format!("{} is left of an interrupted run with --resume: delete it", folder.display()));
+    }
     Ok(())
 }
 
-fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
-    let output = &args.output;
+fn check_output(args: &ConvertArgs, output: &Path) -> Result<(), Failure> {
     let name = output.display();
     let extension = output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     match extension.as_deref() {
         _ if output.as_os_str() == "-" => return Ok(()),
         Some("ply") if !args.hybrid => {}
         Some("laz") if levels::is_copc(output) && !args.hybrid => {}
+        Some("shard") if !args.hybrid => {}
         Some("surfel") if args.hybrid => {}
         _ if args.hybrid => {
             return Err(Failure::usage(format!("-o {name}: --hybrid needs a name that ends in .surfel")));
@@ -115,12 +149,13 @@ fn check_output(args: &ConvertArgs) -> Result<(), Failure> {
         }
         _ => {
             return Err(Failure::usage(format!(
-                "-o {name}: expected a name that ends in .ply or .copc.laz, or - for stdout"
+                "-o {name}: expected a name that ends in .ply, .copc.laz or .shard, or - for stdout"
             )));
         }
     }
-    if output.is_file() && !args.force {
-        return Err(IoError::Exists { path: output.clone() }.into());
+    // An interrupted run may have been about to end.
+    if output.is_file() && !args.force && !args.resume {
+        return Err(IoError::Exists { path: output.to_path_buf() }.into());
     }
     Ok(())
 }

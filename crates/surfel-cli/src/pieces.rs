@@ -103,11 +103,11 @@ impl Pictures {
 /// The share that a cluster's variables say, and the variables that say it.
 ///
 /// Kubernetes tells a pod its index, but not of how many: `JOB_COMPLETIONS` must be set beside it.
-fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<Option<(Part, String)>, String> {
+pub(crate) fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<Option<(Part, String)>, String> {
     let get = |name: &str| get(name).filter(|value| !value.is_empty());
     let number = |name: &str| {
         let parse = |value: String| {
-            let wrong = || format!("{name}={value} is no number of a task\n  help: --shard 0/1 draws all pictures");
+            let wrong = || format!("{name}={value} is no number of a task\n  help: --shard 0/1 is all of them");
             value.trim().parse::<u64>().map_err(|_| wrong())
         };
         get(name).map(parse).transpose()
@@ -120,8 +120,8 @@ fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<Option<(Part
         let Some(id) = number(index_name)? else { continue };
         let Some(count) = number(count_name)? else {
             return Err(format!(
-                "{index_name}={id} is set, but not {count_name}, of how many\n  help: set it, or give --shard I/N, or \
-                 --shard 0/1 to draw all pictures"
+                "{index_name}={id} is set, but not {count_name}, of how many\n  help: set it, or give --shard I/N; \
+                 --shard 0/1 is all of them"
             ));
         };
         let said = format!("{index_name}={id}, {count_name}={count}");
@@ -148,6 +148,14 @@ fn place_in_array(id: u64, count: u64, min: u64, max: u64) -> Option<u64> {
 pub(crate) fn with_tile(output: &Path, args: &RenderArgs) -> PathBuf {
     match (args.tile, output.to_str()) {
         (Some(part), Some(name)) => name.replace("{tile}", &format!("{:04}", part.index())).into(),
+        _ => output.to_path_buf(),
+    }
+}
+
+/// The name of a share of a conversion, with its number for `{shard}`.
+pub(crate) fn with_shard(output: &Path, shard: Option<Part>) -> PathBuf {
+    match (shard, output.to_str()) {
+        (Some(part), Some(name)) => name.replace("{shard}", &format!("{:04}", part.index())).into(),
         _ => output.to_path_buf(),
     }
 }

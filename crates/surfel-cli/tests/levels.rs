@@ -6,6 +6,11 @@ use common::Folder;
 
 /// A LAS file of format 7: a hilly sheet of `side`² coloured points 0.1 apart, jittered, in millimetres.
 fn las(side: u32) -> Vec<u8> {
+    las_at(side, 0)
+}
+
+/// As [`las`], `east` sheets further, with the points' own bounds in the header.
+fn las_at(side: u32, east: u32) -> Vec<u8> {
     let mut bytes = vec![0; 375];
     bytes[..4].copy_from_slice(b"LASF");
     bytes[24..26].copy_from_slice(&[1, 4]);
@@ -13,15 +18,14 @@ fn las(side: u32) -> Vec<u8> {
     bytes[96..100].copy_from_slice(&375_u32.to_le_bytes());
     bytes[104] = 7;
     bytes[105..107].copy_from_slice(&36_u16.to_le_bytes());
-    let extent = f64::from(side) * 0.1;
-    for (k, offset) in [600_000.0, 5_000_000.0, 100.0].into_iter().enumerate() {
+    let offsets = [600_000.0, 5_000_000.0, 100.0];
+    for (k, offset) in offsets.into_iter().enumerate() {
         let mut put = |at: usize, v: f64| bytes[at + 8 * k..at + 8 * k + 8].copy_from_slice(&v.to_le_bytes());
         put(131, 0.001);
         put(155, offset);
-        put(179 + 8 * k, offset + if k == 2 { 10.0 } else { extent });
-        put(187 + 8 * k, offset - if k == 2 { 10.0 } else { 0.0 });
     }
     bytes[247..255].copy_from_slice(&u64::from(side * side).to_le_bytes());
+    let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
     let mut random = 1_u64;
     let mut jitter = || {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -30,13 +34,22 @@ fn las(side: u32) -> Vec<u8> {
     for i in 0..side * side {
         let (x, y) = (f64::from(i % side) * 0.1 + jitter(), f64::from(i / side) * 0.1 + jitter());
         let z = 3.0 * (x * 0.2).sin() * (y * 0.17).cos();
-        [x, y, z].iter().for_each(|v| bytes.extend_from_slice(&((v * 1000.0).round() as i32).to_le_bytes()));
+        for (k, v) in [x + f64::from(east * side) * 0.1, y, z].into_iter().enumerate() {
+            let step = (v * 1000.0).round() as i32;
+            (low[k], high[k]) = (low[k].min(step), high[k].max(step));
+            bytes.extend_from_slice(&step.to_le_bytes());
+        }
         bytes.extend_from_slice(&[0, 0, 0x11, 0, 2, 0, 0, 0, 0, 0]);
         bytes.extend_from_slice(&f64::from(i).to_le_bytes());
         let level = |on: bool| if on { 52_000_u16 } else { 9_000 };
         let stripe = (x / 5.0).floor() as i64 + (y / 5.0).floor() as i64;
         let color = [level(stripe % 2 == 0), 30_000, level(stripe % 3 == 0)];
         color.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+    }
+    for (k, offset) in offsets.into_iter().enumerate() {
+        for (at, step) in [(179 + 16 * k, high[k]), (187 + 16 * k, low[k])] {
+            bytes[at..at + 8].copy_from_slice(&(f64::from(step) * 0.001 + offset).to_le_bytes());
+        }
     }
     bytes
 }
@@ -244,4 +257,86 @@ fn progressive_is_of_one_picture_in_a_file() {
         folder.run(&format!("render {flags} --progressive")).fails(2, expected);
     }
     assert_eq!(folder.names(), ["a.ply", "b.ply"]);
+}
+
+#[test]
+fn killed_conversion_goes_on_with_resume_and_leaves_nothing_without() {
+    let folder = Folder::new("levels-killed");
+    for east in 0..3 {
+        folder.write(&format!("{east}.las"), las_at(260, east));
+    }
+    let convert = "convert 0.las 1.las 2.las -o";
+    let began = std::time::Instant::now();
+    folder.run(&format!("{convert} whole.copc.laz")).code(0);
+    let took = began.elapsed();
+    let whole = folder.read("whole.copc.laz");
+    let names = ["0.las", "1.las", "2.las", "out.copc.laz", "whole.copc.laz"];
+    let kill = |words: &str, after: std::time::Duration| {
+        let mut child = folder.spawn(words);
+        std::thread::sleep(after);
+        child.kill().unwrap();
+        child.wait().unwrap();
+        // Absent or whole at each moment.
+        assert!(!folder.has("out.copc.laz") || folder.read("out.copc.laz") == whole);
+    };
+    let resume = format!("{convert} out.copc.laz --resume");
+    for twentieths in [1, 3, 6, 9, 12, 14, 16, 17, 18, 19, 20] {
+        kill(&resume, took * twentieths / 20);
+        // Most go on from here until the output is there; some begin anew.
+        if twentieths % 3 == 0 && !folder.has("out.copc.laz") {
+            folder.run(&resume).code(0);
+            assert_eq!(folder.names(), names);
+            assert!(folder.read("out.copc.laz") == whole, "killed after {twentieths}/20");
+            std::fs::remove_file(folder.path().join("out.copc.laz")).unwrap();
+        }
+    }
+    if folder.has("out.copc.laz.resume") {
+        folder.run(&resume).code(0);
+    }
+    assert_eq!(folder.names(), names);
+    assert!(folder.read("out.copc.laz") == whole);
+    std::fs::remove_file(folder.path().join("out.copc.laz")).unwrap();
+    // What a run without the flag leaves is gone after the next; what one with it leaves is told.
+    for half in [1, 2, 3] {
+        kill(&format!("{convert} out.copc.laz --force"), took * half / 4);
+    }
+    folder.run(&format!("{convert} out.copc.laz --force")).code(0);
+    assert_eq!(folder.names(), names);
+    std::fs::create_dir(folder.path().join("out.copc.laz.resume")).unwrap();
+    folder.write("out.copc.laz.resume/manifest.json", "{}");
+    let run = folder.run(&format!("{convert} out.copc.laz --force")).code(0);
+    assert!(run.stderr().contains("out.copc.laz.resume is left of an interrupted run with --resume: delete it"));
+    let run = folder.run(&format!("{resume} --force")).fails(3, "delete this folder to start anew");
+    assert!(run.stderr().contains("has what is done"));
+}
+
+#[test]
+fn shares_of_a_conversion_are_put_together() {
+    let folder = Folder::new("levels-shares");
+    for east in 0..3 {
+        folder.write(&format!("{east}.las"), las_at(150, east));
+    }
+    let inputs = "0.las 1.las 2.las";
+    folder.run(&format!("convert {inputs} -o whole.copc.laz")).code(0);
+    folder.run(&format!("convert {inputs} -o a-{{shard}}.shard --shard 0/2")).code(0);
+    let run = folder.run_words_with(
+        &["convert", "0.las", "1.las", "2.las", "-o", "a-{shard}.shard", "--resume"],
+        &[("SLURM_ARRAY_TASK_ID", "1"), ("SLURM_ARRAY_TASK_COUNT", "2")],
+    );
+    assert!(run.code(0).stderr().contains("shard 1 of 2 (by SLURM_ARRAY_TASK_ID=1, SLURM_ARRAY_TASK_COUNT=2)"));
+    folder.run("convert a-0001.shard -o one.copc.laz").fails(3, "is share 1 of 2, and 0 is not there once");
+    folder.run("convert a-0001.shard a-0000.shard -o merged.copc.laz").code(0);
+    assert!(folder.read("merged.copc.laz") == folder.read("whole.copc.laz"));
+    folder.run("convert a-0001.shard a-0000.shard -o merged.copc.laz").fails(1, "already exists");
+    for (words, part) in [
+        ("-o x.copc.laz --shard 0/2", "--shard 0/2 writes a name that ends in .shard"),
+        ("-o x.shard", "is the name of a share, expected --shard I/N"),
+        ("-o x.ply --shard 0/2", "--shard 0/2 writes a name that ends in .shard"),
+        ("-o x.ply --resume", "--resume is of OUT.copc.laz"),
+        ("-o x.shard --shard 0/2 --cull none", "no flag on splats"),
+    ] {
+        folder.run(&format!("convert 0.las {words}")).fails(2, part);
+    }
+    folder.run("convert a-0000.shard -o x.shard --shard 0/2").fails(3, "can't be shared out");
+    assert!(!folder.names().iter().any(|name| name.starts_with('x') || name.ends_with(".resume")));
 }

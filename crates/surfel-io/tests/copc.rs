@@ -8,12 +8,13 @@ use ::las::{Point, Reader};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use support::{OFFSET, STEP, las_file, vlr};
-use surfel_io::copc::{Copc, NodeColumns, PointSplat, Prepare, save_copc};
+use surfel_io::copc::{Copc, CopcOptions, NodeColumns, PointSplat, Prepare, save_copc};
 use surfel_io::{Content, LoadOptions, load};
 use surfel_model::PointCloud;
 
 /// Points of a test, on a bent sheet so that levels are as those of scans.
 const COUNT: usize = 120_000;
+const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 1 << 30, resume: false, shard: None };
 
 fn sheet(p: &mut Point, i: usize) {
     let (x, y) = ((i % 400) as f64, (i / 400) as f64);
@@ -47,8 +48,7 @@ fn written(folder: &Path, files: &[Vec<u8>], prepare: bool) -> PathBuf {
         assert!(points.bounds().is_some_and(|(low, _)| low.x > 6e5));
         Ok(vec![PointSplat { normal: [0.0, 0.6, 0.8], radius: 0.123 }; points.len()])
     };
-    let report =
-        save_copc(&inputs, &output, true, 1 << 30, prepare.then_some(&splats as Prepare<'_>), &|_, _, _| ()).unwrap();
+    let report = save_copc(&inputs, &output, &OVER, prepare.then_some(&splats as Prepare<'_>), &|_, _, _| ()).unwrap();
     assert!(report.nodes > 1 && report.levels > 1, "{report:?}");
     output
 }
@@ -134,8 +134,9 @@ fn inputs_that_do_not_go_together_or_are_damaged_leave_nothing() {
     let good = las_bytes(4, 7, 0, true, 3000..6000);
     let refused = |bytes: &[u8], what: &str| {
         std::fs::write(&b, bytes).unwrap();
-        let error =
-            save_copc(&[a.clone(), b.clone()], &output, false, 1 << 30, None, &|_, _, _| ()).unwrap_err().to_string();
+        let error = save_copc(&[a.clone(), b.clone()], &output, &CopcOptions::default(), None, &|_, _, _| ())
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("b.laz") && error.contains(what) && error.lines().count() <= 4, "{error}");
         let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
         assert_eq!(left.len(), 2, "{left:?}");
@@ -155,7 +156,7 @@ fn inputs_that_do_not_go_together_or_are_damaged_leave_nothing() {
     moved[155..163].copy_from_slice(&(OFFSET[0] - 700.0).to_le_bytes());
     moved[179..227].fill(0);
     std::fs::write(&b, &moved).unwrap();
-    let report = save_copc(&[a.clone(), b.clone()], &output, false, 1 << 30, None, &|_, _, _| ()).unwrap();
+    let report = save_copc(&[a.clone(), b.clone()], &output, &CopcOptions::default(), None, &|_, _, _| ()).unwrap();
     assert_eq!(report.points, 6000);
     let (low, high) = match load(&output, &LoadOptions::default()).unwrap().content {
         Content::Points(points) => points.bounds().unwrap(),

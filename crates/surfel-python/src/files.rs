@@ -11,10 +11,11 @@ use serde_json::json;
 use std::path::PathBuf;
 use surfel::compare::{check_diff, save_diff};
 use surfel::io::{IoError, Planes, PlyEncoding};
+use surfel::levels::{self, CopcRequest};
 use surfel::ortho::{OrthoFiles, OrthoOptions, OrthoRequest};
 use surfel::request::SplatOptions;
 use surfel::splat_file::{ConvertRequest, summary};
-use surfel::{BackendOptions, Error, Renderer, levels, values};
+use surfel::{BackendOptions, Error, Renderer, values};
 
 /// Writes splats, an octree or points by levels; what the user should know.
 #[pyfunction]
@@ -31,9 +32,15 @@ pub(crate) fn convert(
 ) -> PyResult<Vec<String>> {
     let mut options = SplatOptions::default();
     options.force = force;
-    let mut who = Who::default();
+    let (mut who, mut resume, mut shard) = (Who::default(), false, None);
     for (flag, text) in &flags {
-        match if flag == "threads" { who.set(flag, text) } else { options.set(flag, text) } {
+        let set = match flag.as_str() {
+            "threads" => who.set(flag, text),
+            "resume" => values::switch(text).map(|on| resume = on).map(|()| true),
+            "shard" => values::part(text).map(|part| shard = Some(part)).map(|()| true),
+            _ => options.set(flag, text),
+        };
+        match set {
             Ok(true) => {}
             Ok(false) => return Err(wrong(py, flag, text, "there is no such argument here")),
             Err(message) => return Err(wrong(py, flag, text, &message)),
@@ -42,10 +49,14 @@ pub(crate) fn convert(
     let stdin = scene.and_then(|scene| scene.input.bytes.clone());
     let notes = interrupt::run(py, move |progress| {
         // Before the work, not after it.
-        if output.is_file() && !force {
+        if output.is_file() && !force && !resume {
             return Err(IoError::Exists { path: output }.into());
         }
-        let is_copc = levels::is_copc(&output) && !hybrid;
+        let is_copc = (levels::is_copc(&output) || levels::is_shard(&output)) && !hybrid;
+        if !is_copc && (resume || shard.is_some()) {
+            let what = "--resume and --shard are of names that end in .copc.laz and in .shard";
+            return Err(Error::Usage(format!("-o {}: {what}", output.display())));
+        }
         let path = match &inputs[..] {
             [path] => path,
             [path, ..] if is_copc => path,
@@ -60,8 +71,9 @@ pub(crate) fn convert(
         let request = ConvertRequest { path, options: &options, stdin };
         on_threads(who.options.threads, || {
             if is_copc {
-                levels::check_copc(&output, &options, ascii)?;
-                let report = levels::save_copc(&inputs, &output, force, options.memory, progress)?;
+                levels::check_copc(&output, &options, ascii, shard)?;
+                let request = CopcRequest { overwrite: force, memory: options.memory, resume, shard };
+                let report = levels::save_copc(&inputs, &output, &request, progress)?;
                 let summary = format!("{}: {}", output.display(), levels::summary(&report));
                 return Ok(report.notes.into_iter().chain([summary]).collect());
             }

@@ -271,6 +271,16 @@ def test_points_by_levels_are_the_programs(program, tmp_path):
     assert any(f"{2 * len(ground)} points" in note for note in told)
     surfel.open(tmp_path / "a.las", tmp_path / "b.las").save(tmp_path / "r.copc.laz")
     assert (tmp_path / "p.copc.laz").read_bytes() == (tmp_path / "r.copc.laz").read_bytes()
+    shares = [tmp_path / f"{i}.shard" for i in range(3)]
+    for i, share in enumerate(shares):
+        surfel.convert([tmp_path / "a.las", tmp_path / "b.las"], share, shard=(i, 3), resume=True)
+    surfel.convert(shares, tmp_path / "t.copc.laz", resume=False)
+    assert (tmp_path / "p.copc.laz").read_bytes() == (tmp_path / "t.copc.laz").read_bytes()
+    assert not any(path.suffix == ".resume" for path in tmp_path.iterdir())
+    with pytest.raises(surfel.UsageError, match="writes a name that ends in .shard"):
+        surfel.convert(tmp_path / "a.las", tmp_path / "u.copc.laz", shard="0/2")
+    with pytest.raises(surfel.UsageError, match="are of names that end in"):
+        surfel.convert(tmp_path / "a.las", tmp_path / "u.ply", resume=True)
     with pytest.raises(surfel.UsageError, match="2 inputs, expected one"):
         surfel.convert([tmp_path / "a.las", tmp_path / "b.las"], tmp_path / "q.ply")
     with pytest.raises(surfel.UsageError, match="takes the points as they are"):

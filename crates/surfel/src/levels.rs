@@ -2,12 +2,14 @@
 
 use crate::load::io_options;
 use crate::render_options::SplatOptions;
+use crate::values::Part;
 use crate::{Error, LoadOptions, memory};
 use glam::{DAffine3, Vec3};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+pub use surfel_io::copc::resume_folder;
 use surfel_io::copc::{
-    Copc, CopcNode, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, NodeColumns, PointSplat, RADIUS,
+    Copc, CopcNode, CopcOptions, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, NodeColumns, PointSplat, RADIUS,
 };
 use surfel_io::{Content, Loaded};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Outliers, PointCloud, Shape, SplatCloud};
@@ -324,16 +326,37 @@ pub fn is_copc(output: &Path) -> bool {
     output.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(".copc.laz"))
 }
 
+/// True for the name of a file of a share of such a file ([`CopcRequest::shard`]): it ends in .shard.
+pub fn is_shard(output: &Path) -> bool {
+    output.extension().is_some_and(|e| e.eq_ignore_ascii_case("shard"))
+}
+
+/// How points by levels are written.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CopcRequest {
+    /// Replaces a file that is there.
+    pub overwrite: bool,
+    /// Bytes of memory that it takes about; [`memory::default_budget`](crate::memory::default_budget) where it is
+    /// `None`.
+    pub memory: Option<u64>,
+    /// Keeps what is done in the folder [`resume_folder`], and goes on with what is there.
+    pub resume: bool,
+    /// Writes one share, which a file that ends in .shard holds: of all shares together it is made.
+    pub shard: Option<Part>,
+}
+
 /// What was written, in words.
 pub fn summary(report: &CopcReport) -> String {
     format!("{} points in {} nodes of {} levels", report.points, report.nodes, report.levels)
 }
 
-/// Refuses what can't be said of a file of points by levels: how they become splats, and text.
+/// Refuses what can't be said of a file of points by levels, or of a share of one: how they become splats, and text;
+/// and a share by another name.
 ///
 /// # Errors
 /// [`Error::Usage`] if anything is said.
-pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool) -> Result<(), Error> {
+pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool, shard: Option<Part>) -> Result<(), Error> {
+    check_shard(output, shard)?;
     if ascii || *options != (SplatOptions { force: options.force, memory: options.memory, ..SplatOptions::default() }) {
         let what = "takes the points as they are, so that no flag on splats, colours or choice goes with it";
         return Err(Error::Usage(format!("-o {}: {what}", output.display())));
@@ -341,24 +364,48 @@ pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool) -> Result<
     Ok(())
 }
 
+/// Refuses a share by the name of something else, and the name of a share where there is none.
+///
+/// # Errors
+/// [`Error::Usage`] if so.
+pub fn check_shard(output: &Path, shard: Option<Part>) -> Result<(), Error> {
+    let name = output.display();
+    match shard {
+        Some(part) if !is_shard(output) => Err(Error::Usage(format!(
+            "-o {name}: --shard {}/{} writes a name that ends in .shard\n  help: `surfel convert *.shard -o \
+             OUT.copc.laz` puts all shares together",
+            part.index(),
+            part.count()
+        ))),
+        None if is_shard(output) => {
+            let what = "is the name of a share, expected --shard I/N, or a cluster's variables that say it";
+            Err(Error::Usage(format!("-o {name}: {what}")))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Writes LAS, LAZ and COPC files as one COPC file ([`surfel_io::copc::save_copc`]), whose points have normals and
-/// radii besides, so that views of it are drawn at once. It takes about `memory` bytes, or
-/// [`memory::default_budget`](crate::memory::default_budget).
+/// radii besides, so that views of it are drawn at once; or a share of it, or puts shares together.
 ///
 /// # Errors
 /// [`Error::Usage`] for fewer than [`surfel_io::copc::LEAST_MEMORY`]; as [`surfel_io::copc::save_copc`].
 pub fn save_copc(
     inputs: &[PathBuf],
     output: &Path,
-    overwrite: bool,
-    memory: Option<u64>,
+    request: &CopcRequest,
     progress: &dyn Progress,
 ) -> Result<CopcReport, Error> {
-    if let Some(bytes) = memory.filter(|bytes| *bytes < LEAST_MEMORY) {
+    if let Some(bytes) = request.memory.filter(|bytes| *bytes < LEAST_MEMORY) {
         let problem = format!("--memory {bytes}: writing by levels takes at least {LEAST_MEMORY} bytes (1G)");
         return Err(Error::Usage(problem));
     }
-    let memory = memory.or_else(memory::default_budget).unwrap_or(LEAST_MEMORY);
+    let options = CopcOptions {
+        overwrite: request.overwrite,
+        memory: request.memory.or_else(memory::default_budget).unwrap_or(LEAST_MEMORY),
+        resume: request.resume,
+        shard: request.shard.map(|part| [part.index(), part.count()]),
+    };
     let prepare = |points: &PointCloud| -> Result<Vec<PointSplat>, String> {
         if points.len() < LEAST_POINTS {
             return Ok(vec![PointSplat::default(); points.len()]);
@@ -382,7 +429,7 @@ pub fn save_copc(
         progress.advance(done.saturating_sub(last.1));
         last.1 = done;
     };
-    Ok(surfel_io::copc::save_copc(inputs, output, overwrite, memory, Some(&prepare), &tell)?)
+    Ok(surfel_io::copc::save_copc(inputs, output, &options, Some(&prepare), &tell)?)
 }
 
 /// Where the points of an object are; for [`Levels::Views`].

@@ -2,7 +2,7 @@
 
 use crate::Error;
 use crate::framing::ViewChoice;
-use crate::values::{self, Part};
+use crate::values::{self, Part, switch};
 use std::path::PathBuf;
 use surfel_model::{
     Accumulate, Camera, ClipPolicy, Composite, ConvertOptions, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader,
@@ -120,14 +120,6 @@ const OF_GAUSSIANS: [Filter; 2] = [Filter::Clamp, Filter::Principal];
 fn whole(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<u32, String> {
     let wrong = || format!("expected a whole number from {} to {}", range.start(), range.end());
     text.trim().parse::<u32>().ok().filter(|n| range.contains(n)).ok_or_else(wrong)
-}
-
-fn switch(text: &str) -> Result<bool, String> {
-    match text {
-        "on" => Ok(true),
-        "off" => Ok(false),
-        _ => Err("expected on or off".to_owned()),
-    }
 }
 
 fn file(text: &str) -> Result<PathBuf, String> {

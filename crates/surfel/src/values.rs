@@ -99,6 +99,15 @@ pub fn part(text: &str) -> Result<Part, String> {
     part.ok_or_else(|| format!("expected I/N: part I of N, I from 0 to N, N from 1 to {MAX_PARTS}, as in 3/16"))
 }
 
+/// on or off.
+pub fn switch(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err("expected on or off".to_owned()),
+    }
+}
+
 /// Views by name.
 pub const VIEWS: [(&str, ViewChoice); 8] = [
     ("auto", ViewChoice::Auto),

@@ -67,6 +67,13 @@ impl Folder {
         Run(output, words.join(" "))
     }
 
+    /// As [`Self::run_words`], with these variables.
+    pub fn run_words_with(&self, words: &[&str], variables: &[(&str, &str)]) -> Run {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_surfel"));
+        command.current_dir(&self.0).args(words).env("NO_COLOR", "1").envs(variables.iter().copied());
+        Run(command.output().unwrap(), words.join(" "))
+    }
+
     /// Runs `surfel` in a folder of this one, with `stdin`.
     pub fn run_in(&self, folder: &str, words: &str, stdin: &[u8]) -> Run {
         let mut child = Command::new(env!("CARGO_BIN_EXE_surfel"))

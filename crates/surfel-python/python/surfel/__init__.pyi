@@ -82,6 +82,8 @@ class _Render(_Splats, total=False):
 
 class _Convert(_Splats, total=False):
     threads: int
+    resume: bool
+    shard: str | tuple[int, int]
 
 class _Ortho(_Splats, total=False):
     bounds: _Numbers

@@ -33,14 +33,16 @@ def convert(input, output, *, hybrid=False, ascii=False, force=False, **flags) -
     of any number of LAZ files by levels into a .copc.laz: the bytes that `surfel convert` writes.
 
     input: a file, a list of files for a .copc.laz, or a Scene. Other keywords as in `open` that say how files become
-    splats, and `threads`. Gives what there is to say about it. Raises FileExistsError without `force`, UsageError,
+    splats, and `threads`. For a .copc.laz `resume=True` keeps what is done in a folder beside it until it is there, and
+    goes on with what an interrupted call left; `shard=(i, n)` writes share i of n to a .shard file, and a list of all n
+    is put together. Gives what there is to say about it. Raises FileExistsError without `force`, UsageError,
     InputError.
     """
     output = os.fspath(output)
     base = getattr(input, "_base", {})
     given = {name: value for name, value in base.items() if name in _flags.SPLATS}
     given.update(flags)
-    endings = (".surfel",) if hybrid else (".ply", ".copc.laz")
+    endings = (".surfel",) if hybrid else (".ply", ".copc.laz", ".shard")
     if not output.lower().endswith(endings):
         raise UsageError(f"output={output!r}: expected a name that ends in {' or '.join(endings)}")
     given = _flags.texts(given, _flags.CONVERT, "convert")

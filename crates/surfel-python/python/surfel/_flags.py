@@ -16,7 +16,7 @@ RENDER = SPLATS | frozenset(
     " depth_tolerance accumulate transparency composite sort clip shader matcap lod_error all_levels shadows edge_aa background samples label backend"
     " adapter storage threads".split()
 )
-CONVERT = SPLATS | {"threads"}
+CONVERT = SPLATS | {"threads", "resume", "shard"}
 ORTHO = SPLATS | frozenset("gsd dsm normals bounds origin size crs backend threads".split())
 PLANES = ("color", "depth", "normal", "weight")
 NEAREST = ("index", "object", "label", "position")
@@ -40,7 +40,7 @@ def _text(name: str, value) -> str:
     try:
         if isinstance(value, numbers.Real) or getattr(value, "ndim", None) == 0:
             return _number(value)
-        return {"size": "x", "tile": "/"}.get(name, ",").join(_number(part) for part in value)
+        return {"size": "x", "tile": "/", "shard": "/"}.get(name, ",").join(_number(part) for part in value)
     except (TypeError, ValueError):
         raise TypeError(f"{name}: a {type(value).__name__}, expected text, a number or numbers") from None
 

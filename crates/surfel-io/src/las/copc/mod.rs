@@ -11,7 +11,7 @@ mod write;
 
 pub use super::RADIUS;
 pub use hierarchy::{Copc, CopcNode, NodeColumns, NodePoints};
-pub use write::{CopcReport, LEAST_MEMORY, PointSplat, Prepare, save_copc};
+pub use write::{CopcOptions, CopcReport, LEAST_MEMORY, PointSplat, Prepare, resume_folder, save_copc};
 
 /// Bytes of the record with the octree's place, and of its entries in the hierarchy.
 const INFO_BYTES: usize = 160;

@@ -3,14 +3,13 @@
 use super::super::header::POINT_BYTES;
 use super::octants::cell;
 use super::{ENTRY_BYTES, INFO_BYTES};
-use ::laz::LazVlr;
 use ::laz::laszip::{ChunkTable, ChunkTableEntry};
-use glam::DVec3;
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use ::laz::{LazVlr, LazVlrBuilder};
+use serde::{Deserialize, Serialize};
+use std::io::{self, Write};
 
 /// A variable length record of the input, as it is.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Record {
     /// Reserved bytes, user name and number, as they are in the file.
     pub(super) head: [u8; 20],
@@ -46,14 +45,28 @@ impl Record {
 }
 
 /// What the header says of all points together.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 pub(super) struct Summary {
     pub(super) count: u64,
     pub(super) low: [i32; 3],
     pub(super) high: [i32; 3],
     /// Points of each return, by its number less one.
     pub(super) returns: [u64; 15],
+    #[serde(with = "bits")]
     pub(super) gps_time: [f64; 2],
+}
+
+/// JSON has no infinite numbers.
+mod bits {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(times: &[f64; 2], serializer: S) -> Result<S::Ok, S::Error> {
+        times.map(f64::to_bits).serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 2], D::Error> {
+        <[u64; 2]>::deserialize(deserializer).map(|times| times.map(f64::from_bits))
+    }
 }
 
 impl Default for Summary {
@@ -84,19 +97,33 @@ impl Summary {
             self.gps_time = [self.gps_time[0].min(time), self.gps_time[1].max(time)];
         }
     }
+
+    /// Adds other points.
+    pub(super) fn add_all(&mut self, other: &Self) {
+        self.count = self.count.saturating_add(other.count);
+        for k in 0..3 {
+            self.low[k] = self.low[k].min(other.low[k]);
+            self.high[k] = self.high[k].max(other.high[k]);
+        }
+        self.returns.iter_mut().zip(other.returns).for_each(|(sum, count)| *sum = sum.saturating_add(count));
+        self.gps_time = [self.gps_time[0].min(other.gps_time[0]), self.gps_time[1].max(other.gps_time[1])];
+    }
 }
 
 /// The octree's cube, in coordinates of the file.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Cube {
-    pub(super) center: DVec3,
+    pub(super) center: [f64; 3],
     pub(super) half: f64,
     pub(super) spacing: f64,
 }
 
-/// A node's chunk in the file of chunks.
-#[derive(Clone, Copy, Debug)]
+/// A node's chunk in a file of chunks.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 pub(super) struct Chunk {
+    /// The file's number, where there are several.
+    #[serde(skip)]
+    pub(super) file: usize,
     pub(super) level: u32,
     pub(super) code: u64,
     pub(super) at: u64,
@@ -105,24 +132,41 @@ pub(super) struct Chunk {
 }
 
 /// What stays as the first input has it.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Template {
     /// The first 375 bytes of its header, zeros where there are fewer.
     pub(super) header: Vec<u8>,
     pub(super) records: Vec<Record>,
     pub(super) format: u8,
     pub(super) extra_bytes: usize,
-    pub(super) scale: DVec3,
-    pub(super) offset: DVec3,
+    pub(super) scale: [f64; 3],
+    pub(super) offset: [f64; 3],
 }
 
-/// Writes the file: nodes from the root down, so that coarse levels are read in one go. `copied` is told how many bytes
-/// of chunks there are.
+impl Template {
+    /// Bytes of a point.
+    pub(super) fn record_bytes(&self) -> usize {
+        POINT_BYTES[usize::from(self.format)] + self.extra_bytes
+    }
+
+    /// How points are compressed.
+    pub(super) fn laz(&self) -> io::Result<LazVlr> {
+        let laz = LazVlrBuilder::default().with_point_format(self.format, self.extra_bytes as u16);
+        Ok(laz.map_err(|e| io::Error::other(e.to_string()))?.with_variable_chunk_size().build())
+    }
+}
+
+/// Reads the bytes of a chunk.
+pub(super) type ReadChunk<'a> = &'a mut dyn FnMut(&Chunk, &mut [u8]) -> io::Result<()>;
+
+/// Writes the file: nodes from the root down, so that coarse levels are read in one go. `read` reads a chunk; `copied`
+/// is told how many bytes of chunks there are.
 pub(super) fn write(
     out: &mut dyn Write,
     of: &Template,
     laz: &LazVlr,
     (summary, cube): (&Summary, &Cube),
-    (mut chunks, source): (Vec<Chunk>, &mut File),
+    (mut chunks, read): (Vec<Chunk>, ReadChunk<'_>),
     copied: &dyn Fn(u64),
 ) -> io::Result<()> {
     chunks.sort_unstable_by_key(|chunk| (chunk.level, chunk.code));
@@ -156,7 +200,7 @@ pub(super) fn write(
     header(&mut head, of, summary, start, (short.len() + 2, extended_at, long.len() + 1));
     let mut info = Vec::with_capacity(INFO_BYTES);
     let time = if summary.gps_time[0] <= summary.gps_time[1] { summary.gps_time } else { [0.0; 2] };
-    for value in [cube.center.x, cube.center.y, cube.center.z, cube.half, cube.spacing] {
+    for value in cube.center.into_iter().chain([cube.half, cube.spacing]) {
         info.extend_from_slice(&value.to_le_bytes());
     }
     info.extend_from_slice(&hierarchy_at.to_le_bytes());
@@ -171,8 +215,7 @@ pub(super) fn write(
     let (mut bytes, mut done) = (Vec::new(), 0);
     for chunk in &chunks {
         bytes.resize(chunk.bytes as usize, 0);
-        source.seek(SeekFrom::Start(chunk.at))?;
-        source.read_exact(&mut bytes)?;
+        read(chunk, &mut bytes)?;
         out.write_all(&bytes)?;
         done += chunk.bytes;
         copied(done);
@@ -215,7 +258,7 @@ fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: (
     put(96, &(start as u32).to_le_bytes());
     put(100, &(records.0 as u32).to_le_bytes());
     put(104, &[of.format | 0x80]);
-    put(105, &((POINT_BYTES[usize::from(of.format)] + of.extra_bytes) as u16).to_le_bytes());
+    put(105, &(of.record_bytes() as u16).to_le_bytes());
     // The counts of LAS 1.0 to 1.3.
     put(107, &[0; 24]);
     for k in 0..3 {

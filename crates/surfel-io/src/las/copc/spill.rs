@@ -1,6 +1,7 @@
-//! Records sorted into lists that are larger than memory: a temporary file without a name, which is gone when the
-//! process is, however it ends.
+//! Records sorted into lists that are larger than memory: a temporary file, mostly one without a name, which is gone
+//! when the process is, however it ends.
 
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fs::File;
 use std::hash::Hash;
@@ -21,7 +22,7 @@ pub(super) fn unnamed(folder: &Path) -> io::Result<File> {
 #[derive(Debug, Default)]
 pub(super) struct List {
     held: Vec<u8>,
-    blocks: Vec<(u64, usize)>,
+    blocks: Blocks,
     pub(super) bytes: u64,
 }
 
@@ -36,10 +37,48 @@ pub(super) struct Spill<K> {
     last: Option<(K, usize)>,
 }
 
+/// Where the parts of a list begin, and how many bytes they have.
+pub(super) type Blocks = Vec<(u64, usize)>;
+
+/// Where the records are in the file: all that is needed to go on with it.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub(super) struct Index<K> {
+    /// Bytes of the file.
+    pub(super) end: u64,
+    /// Keys in the order in which they came, and where the records of each are.
+    pub(super) lists: Vec<(K, Blocks)>,
+}
+
+impl<K> Default for Index<K> {
+    fn default() -> Self {
+        Self { end: 0, lists: Vec::new() }
+    }
+}
+
 impl<K: Copy + Eq + Hash> Spill<K> {
     pub(super) fn new(folder: &Path) -> io::Result<Self> {
-        let (index, lists) = (HashMap::new(), Vec::new());
-        Ok(Self { file: unnamed(folder)?, end: 0, index, lists, held: 0, last: None })
+        Ok(Self::of(unnamed(folder)?, Index::default()))
+    }
+
+    /// Lists that are in a file.
+    pub(super) fn of(file: File, stored: Index<K>) -> Self {
+        let (mut index, mut lists) = (HashMap::new(), Vec::new());
+        for (key, blocks) in stored.lists {
+            index.insert(key, lists.len());
+            let bytes = blocks.iter().map(|(_, length)| *length as u64).sum();
+            lists.push(List { held: Vec::new(), blocks, bytes });
+        }
+        Self { file, end: stored.end, index, lists, held: 0, last: None }
+    }
+
+    /// Brings all records to the disk, and says where they are.
+    pub(super) fn stored(&mut self) -> io::Result<Index<K>> {
+        (0..self.lists.len()).try_for_each(|at| self.write(at))?;
+        self.file.sync_data()?;
+        let mut lists: Vec<(K, usize)> = self.index.iter().map(|(key, at)| (*key, *at)).collect();
+        lists.sort_unstable_by_key(|(_, at)| *at);
+        let lists = lists.into_iter().map(|(key, at)| (key, self.lists[at].blocks.clone())).collect();
+        Ok(Index { end: self.end, lists })
     }
 
     pub(super) fn append(&mut self, key: K, records: &[u8]) -> io::Result<()> {

@@ -54,9 +54,14 @@ impl Grid {
         [0, 1, 2].map(|k| on(k) - self.low[k])
     }
 
-    pub(super) fn cell(&self, position: [i32; 3]) -> [i64; 3] {
+    pub(super) fn cell(&self, units: [i64; 3]) -> [i64; 3] {
         let side = self.side();
-        self.units(position).map(|u| u.div_euclid(side))
+        units.map(|u| u.div_euclid(side))
+    }
+
+    /// How far a cell's points see beyond its border, in units.
+    pub(super) fn reach(&self) -> i64 {
+        self.side() / MARGIN
     }
 }
 
@@ -82,6 +87,42 @@ pub(super) fn in_reach(units: [i64; 3], side: i64, each: &mut dyn FnMut([i64; 3]
     Ok(())
 }
 
+/// The grid's cells that an octree is over, and which of its parts each is in. Cells of which more than 128 are along
+/// its side are put together.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cells {
+    low: [i64; 3],
+    levels: u32,
+    /// Level of the parts.
+    pub(super) depth: u32,
+}
+
+impl Cells {
+    pub(super) fn new(low: [i64; 3], high: [i64; 3]) -> Self {
+        let most = (0..3).map(|k| high[k].abs_diff(low[k]) + 1).max().unwrap_or(1);
+        let levels = most.next_power_of_two().trailing_zeros();
+        Self { low, levels, depth: levels.min(CELL_BITS) }
+    }
+
+    /// The octant of a level, at most [`Self::depth`], that a cell is in, along one axis; outside of the octree it is
+    /// none of them.
+    pub(super) fn octant_along(&self, k: usize, cell: i64, level: u32) -> i64 {
+        (cell - self.low[k]) >> (self.levels - level)
+    }
+
+    /// The part that a cell is in, if it is in the octree.
+    pub(super) fn part(&self, cell: [i64; 3]) -> Option<u64> {
+        let at = [0, 1, 2].map(|k| self.octant_along(k, cell[k], self.depth));
+        at.iter().all(|v| (0..1 << self.depth).contains(v)).then(|| code(at.map(|v| v as u32)))
+    }
+
+    /// Where an octant of a level begins along one axis, and how long it is, in cells.
+    pub(super) fn stretch(&self, k: usize, octant: i64, level: u32) -> (i64, i64) {
+        let side = 1 << (self.levels - level);
+        (self.low[k] + octant * side, side)
+    }
+}
+
 /// The octree over the grid's cells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Frame {
@@ -96,6 +137,29 @@ pub(super) struct Frame {
 }
 
 impl Frame {
+    /// The octree over these cells, whose points reach from and to `ends`, in units: those of one cell may need much
+    /// less than it.
+    pub(super) fn over(grid: &Grid, cells: &Cells, ends: [[i64; 3]; 2]) -> Self {
+        if cells.levels == 0 {
+            let longest = (0..3).map(|k| ends[0][k].abs_diff(ends[1][k])).max().unwrap_or(0) as i64;
+            let mut bits = BITS;
+            while bits > CELL_BITS && longest >> (bits - 1) == 0 {
+                bits -= 1;
+            }
+            return Self { low: ends[0], bits, finest: (longest >> bits) + 1, depth: 0 };
+        }
+        let (side, mut bits, mut finest) = (grid.side(), cells.levels + grid.cell_bits, grid.finest);
+        while bits > BITS {
+            (bits, finest) = (bits - 1, finest * 2);
+        }
+        Self { low: cells.low.map(|l| l * side), bits, finest, depth: cells.depth }
+    }
+
+    /// True for what is in the octree.
+    pub(super) fn holds(&self, units: [i64; 3]) -> bool {
+        (0..3).all(|k| (0..self.finest << self.bits).contains(&(units[k] - self.low[k])))
+    }
+
     pub(super) fn code(&self, units: [i64; 3]) -> u64 {
         code([0, 1, 2].map(|k| ((units[k] - self.low[k]) / self.finest) as u32))
     }

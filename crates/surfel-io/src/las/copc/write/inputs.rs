@@ -5,7 +5,7 @@ use crate::format::Format;
 use crate::las::copc::output::Record;
 use crate::las::copc::records;
 use crate::las::header::{Header, POINT_BYTES};
-use crate::las::{field, unreadable};
+use crate::las::{Sink, field, read_records, unreadable};
 use crate::survey::Source;
 use glam::DVec3;
 use std::fs::File;
@@ -19,17 +19,36 @@ const MAX_RECORDS: usize = 256;
 /// One of the inputs.
 pub(super) struct Input {
     pub(super) path: PathBuf,
-    pub(super) file: File,
     pub(super) file_bytes: u64,
     pub(super) header: Header,
     /// What its grid's numbers need to be those of the first input's.
     pub(super) shift: [i64; 3],
+    /// Ends of its points' coordinates from the first input's offset, as its header says; zeros for what is no number.
+    pub(super) low: [f64; 3],
+    pub(super) high: [f64; 3],
+}
+
+impl Input {
+    /// Hands its points to `sink`.
+    pub(super) fn read(&mut self, sink: &mut dyn Sink) -> Result<(), Stop> {
+        let system = |source| Stop::Input(IoError::System { path: self.path.clone(), action: READ, source });
+        // Thousands of inputs aren't open at once.
+        let mut file = File::open(&self.path).map_err(system)?;
+        let read = read_records(&mut file, &mut self.header, self.file_bytes, false, sink);
+        read.map_err(|problem| invalid(&self.path, problem))
+    }
 }
 
 /// Why writing ends early.
 pub(super) enum Stop {
     Input(IoError),
     Disk(io::Error),
+}
+
+impl From<IoError> for Stop {
+    fn from(error: IoError) -> Self {
+        Self::Input(error)
+    }
 }
 
 impl From<io::Error> for Stop {
@@ -42,8 +61,8 @@ pub(super) fn invalid(path: &Path, problem: Problem) -> Stop {
     Stop::Input(IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) })
 }
 
-/// Opens an input, and reads its header.
-pub(super) fn open(path: &Path) -> Result<(Input, Vec<u8>), Stop> {
+/// An input with its header's first 375 bytes, and the file.
+pub(super) fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
     let system = |source| Stop::Input(IoError::System { path: path.to_path_buf(), action: READ, source });
     let mut file = File::open(path).map_err(system)?;
     let mut raw = Vec::new();
@@ -59,7 +78,8 @@ pub(super) fn open(path: &Path) -> Result<(Input, Vec<u8>), Stop> {
     let own = usize::from(u16::from_le_bytes(field(&raw, 94)));
     raw.truncate(own.max(227));
     raw.resize(375, 0);
-    Ok((Input { path: path.to_path_buf(), file, file_bytes, header, shift: [0; 3] }, raw))
+    let input = Input { path: path.to_path_buf(), file_bytes, header, shift: [0; 3], low: [0.0; 3], high: [0.0; 3] };
+    Ok((input, raw, file))
 }
 
 /// Steps from an offset to another one.

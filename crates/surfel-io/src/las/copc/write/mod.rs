@@ -8,26 +8,32 @@ mod extra_bytes;
 mod grid;
 mod inputs;
 mod parts;
+mod resume;
+mod shards;
+mod share;
 
 use super::build::{CELL_BITS, LEAF_POINTS, Part};
-use super::octants::{BITS, code};
+use super::octants::code;
 use super::output::{Chunk, Cube, Record, Summary, Template};
-use super::spill::{List, Spill, unnamed};
+use super::spill::{Index, List, Spill, unnamed};
 use super::{LEVEL_COLORS, NORMALS, RADIUS, output, records};
 use crate::error::{IoError, Problem};
 use crate::las::header::{Header, POINT_BYTES};
-use crate::las::{Sink, field, read_records};
-use ::laz::{LazVlr, LazVlrBuilder};
+use crate::las::{Sink, field};
+use ::laz::LazVlr;
 use extra_bytes::descriptions;
 use glam::DVec3;
-use grid::{Frame, Grid, in_reach};
+use grid::{Cells, Frame, Grid, in_reach};
 use inputs::{Input, Stop, check_alike, invalid, open, raw_records, shift};
 use parts::{Loaded, Made, Maker, Packed, is_withheld, packed, position};
 use rayon::prelude::*;
+use resume::{Kept, Manifest};
+use serde::{Deserialize, Serialize};
+use share::Share;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;
 use std::hash::Hash;
-use std::io::{self, Seek, SeekFrom};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 pub use parts::{PointSplat, Prepare};
@@ -41,6 +47,8 @@ struct Limits {
     most_points: u64,
     /// Most points of all parts that are in memory, unless one has more.
     held_points: u64,
+    /// Bytes of points after which they are brought to the disk, with `resume`.
+    kept_bytes: u64,
 }
 
 /// Bytes of a point that is in memory, with its normal and radius, and of what else there is.
@@ -55,7 +63,7 @@ impl Limits {
         let (cell_points, most_points) = (1_000_000, 2_000_000);
         let useful = cell_points * rayon::current_num_threads() as u64;
         let room = memory.saturating_sub(OTHER_BYTES) / HELD_POINT_BYTES;
-        Self { cell_points, most_points, held_points: room.min(useful).max(most_points) }
+        Self { cell_points, most_points, held_points: room.min(useful).max(most_points), kept_bytes: 256 << 20 }
     }
 }
 
@@ -65,7 +73,7 @@ const MOST_CELLS: usize = 1 << 16;
 const BATCH_BYTES: usize = 64 << 20;
 
 /// What was written.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct CopcReport {
     /// Points.
     pub points: u64,
@@ -77,6 +85,20 @@ pub struct CopcReport {
     pub notes: Vec<String>,
 }
 
+/// How points are written.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CopcOptions {
+    /// Replaces a file that is there.
+    pub overwrite: bool,
+    /// Bytes that it takes about; [`LEAST_MEMORY`] where this is less.
+    pub memory: u64,
+    /// Keeps what is done in the folder `OUTPUT.resume`, and goes on with what an interrupted conversion of the same
+    /// inputs left there. The folder is removed when the output is there.
+    pub resume: bool,
+    /// Writes one of so many shares instead: its number, which is less than how many there are.
+    pub shard: Option<[u32; 2]>,
+}
+
 /// Writes the points of LAS, LAZ and COPC files as one COPC file, each point once, with all that its record says: what
 /// was format 0 to 5 becomes 6 or 7, and waveforms are left out. Inputs must agree in scale, in whole steps between
 /// their offsets, in the format's columns, in extra bytes and in the coordinate reference system.
@@ -84,49 +106,130 @@ pub struct CopcReport {
 /// Each point also gets, as extra bytes, the mean colour of the points that it stands for at its level; with `prepare`
 /// its radius, its normal and the mean normal too, which is called for some parts of the cloud at once, each with the
 /// points around it. Deterministic, whatever the number of threads. `progress` is told a stage's name, how much of it
-/// is done and of how much. It takes about `memory` bytes, but not less than [`LEAST_MEMORY`].
+/// is done and of how much.
+///
+/// With [`CopcOptions::shard`] the file is one share, and a number of them given as `inputs` is put together. The whole
+/// doesn't depend on how many shares there are, and is as without where the bounds in the inputs' headers are those of
+/// their points; a point outside of them is refused.
 ///
 /// # Errors
-/// [`IoError::Invalid`] for an input that isn't one of these, is damaged or doesn't go with the first;
-/// [`IoError::Exists`] and [`IoError::System`] as [`crate::atomic::write`].
+/// [`IoError::Invalid`] for an input that isn't one of these, is damaged or doesn't go with the first, and for a folder
+/// of another conversion; [`IoError::Exists`] and [`IoError::System`] as [`crate::atomic::write`].
 pub fn save_copc(
     inputs: &[PathBuf],
     output: &Path,
-    overwrite: bool,
-    memory: u64,
+    options: &CopcOptions,
     prepare: Option<Prepare<'_>>,
     progress: &dyn Fn(&'static str, u64, u64),
 ) -> Result<CopcReport, IoError> {
-    save(inputs, output, overwrite, prepare, progress, Limits::new(memory))
+    if let Some(path) = inputs.iter().find(|path| shards::is_shard(path)) {
+        if options.shard.is_some() {
+            let problem = Problem::new("is a share of a conversion, which can't be shared out").expected("its inputs");
+            return Err(IoError::Invalid { path: path.clone(), problem: Box::new(problem) });
+        }
+        return shards::merge(inputs, output, options.overwrite, progress);
+    }
+    save(inputs, output, options, prepare, progress, Limits::new(options.memory))
+}
+
+/// The folder that [`CopcOptions::resume`] keeps beside an output.
+pub fn resume_folder(output: &Path) -> PathBuf {
+    resume::folder_of(output)
 }
 
 fn save(
     inputs: &[PathBuf],
     output: &Path,
-    overwrite: bool,
+    options: &CopcOptions,
     prepare: Option<Prepare<'_>>,
     progress: &dyn Fn(&'static str, u64, u64),
     limits: Limits,
 ) -> Result<CopcReport, IoError> {
+    let mut kept = None;
+    if options.resume {
+        let is_there = output.is_file() && !options.overwrite;
+        if is_there && !resume::folder_of(output).is_dir() {
+            return Err(IoError::Exists { path: output.to_path_buf() });
+        }
+        let opened = Kept::open(output, &Manifest::new(inputs, prepare.is_some(), options.shard)?)?;
+        if is_there {
+            let Some(report) = opened.report_of(output)? else {
+                return Err(IoError::Exists { path: output.to_path_buf() });
+            };
+            opened.remove();
+            return Ok(report);
+        }
+        kept = Some(opened);
+    }
     let mut report = None;
     let mut fault = None;
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let written = crate::atomic::write(output, overwrite, |sink| {
-        let mut writer = match Writer::new(inputs, folder, prepare, progress, limits) {
+    let written = crate::atomic::write(output, options.overwrite, |sink| {
+        let mut writer = match Writer::new(inputs, folder, (kept.as_ref(), options.shard), prepare, progress, limits) {
             Ok(writer) => writer,
             Err(found) => return Err(stopped(&mut fault, found)),
         };
         if let Err(found) = writer.sort_all().and_then(|()| writer.build()) {
             return Err(stopped(&mut fault, found));
         }
-        let made = writer.finish(sink)?;
+        let mut counted = Counted { sink, bytes: 0 };
+        let made = match options.shard {
+            Some(shard) => shards::write(writer, shard, &mut counted)?,
+            None => writer.finish(&mut counted)?,
+        };
+        if let Some(kept) = &kept {
+            kept.written(counted.bytes, &made)?;
+        }
         report = Some(made);
         Ok(())
     });
     match fault {
-        Some(fault) => Err(fault),
-        None => written.map(|()| report.unwrap_or_default()),
+        Some(fault) => return Err(fault),
+        None => written?,
     }
+    if let Some(kept) = kept {
+        kept.remove();
+    }
+    Ok(report.unwrap_or_default())
+}
+
+/// Counts what is written.
+struct Counted<'a> {
+    sink: &'a mut dyn Write,
+    bytes: u64,
+}
+
+impl Write for Counted<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.sink.write(bytes)?;
+        self.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.sink.flush()
+    }
+}
+
+/// What is known when the points of some inputs are sorted.
+#[derive(Deserialize, Serialize)]
+struct Sorted {
+    inputs: usize,
+    finest: i64,
+    points: Index<[i64; 3]>,
+    margins: Index<[i64; 3]>,
+    summary: Summary,
+    notes: Vec<String>,
+}
+
+/// What is known when some parts are built.
+#[derive(Default, Deserialize, Serialize)]
+struct Built {
+    parts: usize,
+    points: u64,
+    chunks: Vec<Chunk>,
+    chunk_bytes: u64,
+    upper: Index<(u32, u64)>,
 }
 
 /// Ends the writing; the fault itself is told afterwards.
@@ -143,6 +246,10 @@ fn stopped(fault: &mut Option<IoError>, found: Stop) -> io::Error {
 struct Writer<'a> {
     inputs: Vec<Input>,
     folder: PathBuf,
+    /// What keeps that which is done.
+    kept: Option<&'a Kept>,
+    /// What is made, where it isn't all.
+    share: Option<Share>,
     prepare: Option<Prepare<'a>>,
     progress: &'a dyn Fn(&'static str, u64, u64),
     template: Template,
@@ -168,6 +275,11 @@ struct Writer<'a> {
     summary: Summary,
     cube: Option<Cube>,
     limits: Limits,
+    /// How many inputs are sorted, and how many parts are built.
+    inputs_sorted: usize,
+    parts_built: usize,
+    /// Points that are read, and points that are built.
+    read: u64,
     done: u64,
     notes: Vec<String>,
 }
@@ -176,22 +288,25 @@ impl<'a> Writer<'a> {
     fn new(
         paths: &[PathBuf],
         folder: &Path,
+        (kept, shard): (Option<&'a Kept>, Option<[u32; 2]>),
         prepare: Option<Prepare<'a>>,
         progress: &'a dyn Fn(&'static str, u64, u64),
         limits: Limits,
     ) -> Result<Self, Stop> {
-        let mut opened = paths.iter().map(|path| Ok((open(path)?, path))).collect::<Result<Vec<_>, Stop>>()?;
-        let Some(((first, raw), path)) = opened.first_mut() else {
+        let opened = paths.iter().map(|path| open(path).map(|(input, raw, _)| (input, raw, path)));
+        let mut opened = opened.collect::<Result<Vec<_>, Stop>>()?;
+        let Some((first, raw, path)) = opened.first_mut() else {
             return Err(Stop::Disk(io::Error::other("no input is given")));
         };
-        let records = raw_records(&mut first.file, raw, first.file_bytes).map_err(|e| invalid(path, e))?;
+        let (.., mut file) = open(path)?;
+        let records = raw_records(&mut file, raw, first.file_bytes).map_err(|e| invalid(path, e))?;
         let format = records::target(first.header.format);
         let after = POINT_BYTES[usize::from(first.header.format)];
         let extra = &first.header.extra;
         // What Surfel added to a file that it wrote is made anew; it is at the end.
         let own = extra.iter().find(|e| e.name == RADIUS || e.name == LEVEL_COLORS[0]).map(|e| e.at);
-        let kept = own.unwrap_or(first.header.record_bytes - after);
-        let normals = NORMALS.map(|name| extra.iter().find(|e| e.name == name && e.at < kept));
+        let kept_bytes = own.unwrap_or(first.header.record_bytes - after);
+        let normals = NORMALS.map(|name| extra.iter().find(|e| e.name == name && e.at < kept_bytes));
         let normals = match normals {
             [Some(x), Some(y), Some(z)] => Some([x, y, z].map(|e| {
                 let (scale, offset) = e.scaled.unwrap_or((1.0, 0.0));
@@ -201,7 +316,7 @@ impl<'a> Writer<'a> {
         };
         let adds_normals = prepare.is_some() && normals.is_none();
         let described = records.iter().find(|r| r.is("LASF_Spec", 4)).map(|r| r.data.clone()).unwrap_or_default();
-        let (descriptions, added) = descriptions(&described, kept, prepare.is_some(), adds_normals, format >= 7);
+        let (descriptions, added) = descriptions(&described, kept_bytes, prepare.is_some(), adds_normals, format >= 7);
         let mut records: Vec<Record> = records.into_iter().filter(|r| !r.is("LASF_Spec", 4)).collect();
         if !descriptions.is_empty() {
             records.push(Record::new("LASF_Spec", 4, descriptions));
@@ -209,11 +324,13 @@ impl<'a> Writer<'a> {
         let mut header = raw.clone();
         header.resize(375, 0);
         let (scale, offset) = (first.header.scale, first.header.offset);
-        let template = Template { header, records, format, extra_bytes: kept + added, scale, offset };
+        let extra_bytes = kept_bytes + added;
+        let template =
+            Template { header, records, format, extra_bytes, scale: scale.to_array(), offset: offset.to_array() };
         let mut notes = Vec::new();
         let (mut low, mut high, mut count) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0_u64);
         let mut inputs: Vec<Input> = Vec::with_capacity(opened.len());
-        for ((mut input, raw), path) in opened {
+        for (mut input, raw, path) in opened {
             if let Some(first) = inputs.first() {
                 check_alike(first, &input).map_err(|problem| invalid(path, problem))?;
             }
@@ -222,7 +339,10 @@ impl<'a> Writer<'a> {
                 // As the header says; points outside of that only make the octree grow.
                 let ends = [179, 187].map(|at| f64::from_le_bytes(field(&raw, at + 16 * k)));
                 let ends = ends.map(|v| if v.is_finite() { v - offset[k] } else { 0.0 });
-                (low[k], high[k]) = (low[k].min(ends[0].min(ends[1])), high[k].max(ends[0].max(ends[1])));
+                (input.low[k], input.high[k]) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+                if input.header.count > 0 {
+                    (low[k], high[k]) = (low[k].min(input.low[k]), high[k].max(input.high[k]));
+                }
             }
             count = count.saturating_add(input.header.count);
             if matches!(input.header.format, 4 | 5 | 9 | 10) {
@@ -230,14 +350,38 @@ impl<'a> Writer<'a> {
             }
             inputs.push(input);
         }
+        if count == 0 {
+            (low, high) = ([0.0; 3], [0.0; 3]);
+        }
         let longest = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
-        let grid = Grid::new(scale, low, longest, count, limits.cell_points);
-        let sorted_bytes = POINT_BYTES[usize::from(format)] + kept;
-        let laz = LazVlrBuilder::default().with_point_format(format, (kept + added) as u16);
-        let laz = laz.map_err(|e| io::Error::other(e.to_string()))?.with_variable_chunk_size().build();
+        let mut grid = Grid::new(scale, low, longest, count, limits.cell_points);
+        let sorted_bytes = POINT_BYTES[usize::from(format)] + kept_bytes;
+        let laz = template.laz()?;
+        let share = shard.map(|shard| Share::new(shard, &inputs, grid, scale));
+        let (mut sorted, mut built) = (None, None);
+        if let Some(kept) = kept {
+            (sorted, built) = (kept.load::<Sorted>(resume::SORTED)?, kept.load::<Built>(resume::BUILT)?);
+        }
+        let mut built: Built = built.filter(|_| sorted.is_some()).unwrap_or_default();
+        let nothing = Sorted {
+            inputs: 0,
+            finest: grid.finest,
+            points: Index::default(),
+            margins: Index::default(),
+            summary: Summary::default(),
+            notes,
+        };
+        let sorted = sorted.unwrap_or(nothing);
+        grid.finest = sorted.finest;
+        let file = |name: &str, bytes: u64| match kept {
+            Some(kept) => kept.file(name, bytes),
+            None => Ok(unnamed(folder)?),
+        };
+        let upper = Spill::of(file(resume::UPPER, built.upper.end)?, std::mem::take(&mut built.upper));
         Ok(Self {
-            inputs,
             folder: folder.to_path_buf(),
+            kept,
+            share,
             prepare,
             progress,
             template,
@@ -245,86 +389,90 @@ impl<'a> Writer<'a> {
             normals,
             adds_normals,
             grid,
-            spill: Spill::new(folder)?,
-            margins: Spill::new(folder)?,
+            spill: Spill::of(file(resume::POINTS, sorted.points.end)?, sorted.points),
+            margins: Spill::of(file(resume::MARGINS, sorted.margins.end)?, sorted.margins),
             waiting: Vec::new(),
-            upper: Spill::new(folder)?,
+            upper,
             laz,
-            chunks: Vec::new(),
-            chunk_file: unnamed(folder)?,
-            chunk_bytes: 0,
+            chunk_file: file(resume::CHUNKS, built.chunk_bytes)?,
+            chunk_bytes: built.chunk_bytes,
+            chunks: built.chunks,
             taken: HashSet::new(),
-            summary: Summary::default(),
+            summary: sorted.summary,
             cube: None,
             limits,
-            done: 0,
-            notes,
+            inputs_sorted: sorted.inputs,
+            parts_built: built.parts,
+            read: inputs.iter().take(sorted.inputs).fold(0, |sum, input| sum.saturating_add(input.header.count)),
+            done: built.points,
+            notes: sorted.notes,
+            inputs,
         })
     }
 
     /// Sorts the points of all inputs into cells.
     fn sort_all(&mut self) -> Result<(), Stop> {
-        let all = self.inputs.iter().fold(0_u64, |sum, input| sum.saturating_add(input.header.count));
-        for mut input in std::mem::take(&mut self.inputs) {
-            let mut sorter = Sorter {
-                writer: self,
-                format: input.header.format,
-                input_bytes: input.header.record_bytes,
-                shift: input.shift,
-                all,
-                record: Vec::new(),
-                failed: None,
-            };
-            let read = read_records(&mut input.file, &mut input.header, input.file_bytes, false, &mut sorter);
-            match (sorter.failed.take(), read) {
-                (Some(error), _) => return Err(error.into()),
-                (None, read) => read.map_err(|problem| invalid(&input.path, problem))?,
+        let mut inputs = std::mem::take(&mut self.inputs);
+        let needed: Vec<bool> =
+            (0..inputs.len()).map(|i| self.share.as_ref().is_none_or(|share| share.needs(i))).collect();
+        let counts = inputs.iter().zip(&needed).filter(|(_, needed)| **needed).map(|(input, _)| input.header.count);
+        let all = counts.fold(0_u64, u64::saturating_add);
+        let (mut stored, count) = (self.summary.count, inputs.len());
+        for (i, input) in inputs.iter_mut().enumerate().skip(self.inputs_sorted) {
+            if needed[i] {
+                let (format, input_bytes, shift) = (input.header.format, input.header.record_bytes, input.shift);
+                let (record, failed) = (Vec::new(), None);
+                let mut sorter = Sorter { writer: self, input: i, format, input_bytes, shift, all, record, failed };
+                let read = input.read(&mut sorter);
+                match sorter.failed.take() {
+                    Some(error) => return Err(error.into()),
+                    None => read?,
+                }
+                let notes = input.header.notes.drain(..);
+                self.notes.extend(notes.map(|note| format!("{}: {note}", input.path.display())));
             }
-            let notes = input.header.notes.drain(..);
-            self.notes.extend(notes.map(|note| format!("{}: {note}", input.path.display())));
+            let unstored = (self.summary.count - stored).saturating_mul(self.sorted_bytes as u64);
+            if let Some(kept) = self.kept
+                && (unstored >= self.limits.kept_bytes || i + 1 == count)
+            {
+                let (points, margins) = (self.spill.stored()?, self.margins.stored()?);
+                let (finest, summary, notes) = (self.grid.finest, self.summary.clone(), self.notes.clone());
+                let state = Sorted { inputs: i + 1, finest, points, margins, summary, notes };
+                kept.save(resume::SORTED, &state)?;
+                stored = self.summary.count;
+            }
         }
+        self.inputs = inputs;
         match self.summary.count {
-            0 => Err(Stop::Disk(io::Error::other("the inputs hold no point, expected at least one"))),
+            0 if self.share.is_none() => {
+                Err(Stop::Disk(io::Error::other("the inputs hold no point, expected at least one")))
+            }
             _ => Ok(()),
         }
     }
 
-    /// The octree that holds all cells, and the level of its octants that hold them each. Cells of which more than 128
-    /// are along its side are put together.
-    fn frame(&mut self) -> (Frame, BTreeMap<u64, Vec<[i64; 3]>>) {
-        let cells: Vec<[i64; 3]> = self.spill.sizes().map(|(cell, _)| cell).collect();
-        let end = |k: usize, fold: fn(i64, i64) -> i64| cells.iter().map(|c| c[k]).reduce(fold).unwrap_or(0);
-        let low = [0, 1, 2].map(|k| end(k, i64::min));
-        let most = (0..3).map(|k| end(k, i64::max).abs_diff(low[k]) + 1).max().unwrap_or(1);
-        let levels = most.next_power_of_two().trailing_zeros();
-        if levels == 0 {
-            return (self.frame_of_one_cell(), BTreeMap::from([(0, cells)]));
-        }
-        let (side, mut bits, mut finest) = (self.grid.side(), levels + self.grid.cell_bits, self.grid.finest);
-        while bits > BITS {
-            (bits, finest) = (bits - 1, finest * 2);
-        }
-        let depth = levels.min(CELL_BITS);
-        let frame = Frame { low: low.map(|l| l * side), bits, finest, depth };
+    /// The octree that holds all cells, and the cells of each of its parts, in their order.
+    fn frame(&self) -> (Frame, BTreeMap<u64, Vec<[i64; 3]>>) {
+        let mut found: Vec<[i64; 3]> = self.spill.sizes().map(|(cell, _)| cell).collect();
+        found.sort_unstable();
+        let (frame, cells) = match &self.share {
+            Some(share) => (share.frame, share.cells),
+            None => {
+                let end =
+                    |fold: fn(i64, i64) -> i64| [0, 1, 2].map(|k| found.iter().map(|c| c[k]).reduce(fold).unwrap_or(0));
+                let cells = Cells::new(end(i64::min), end(i64::max));
+                let ends = [self.summary.low, self.summary.high].map(|end| self.grid.units(end));
+                let end = |fold: fn(i64, i64) -> i64| [0, 1, 2].map(|k| fold(ends[0][k], ends[1][k]));
+                (Frame::over(&self.grid, &cells, [end(i64::min), end(i64::max)]), cells)
+            }
+        };
         let mut parts: BTreeMap<u64, Vec<[i64; 3]>> = BTreeMap::new();
-        for cell in cells {
-            let at = [0, 1, 2].map(|k| (cell[k].abs_diff(low[k]) >> (levels - depth)) as u32);
-            parts.entry(code(at)).or_default().push(cell);
+        for cell in found {
+            if let Some(part) = cells.part(cell) {
+                parts.entry(part).or_default().push(cell);
+            }
         }
-        parts.values_mut().for_each(|cells| cells.sort_unstable());
         (frame, parts)
-    }
-
-    /// The octree of points that are all in one cell, which may be much larger than they need.
-    fn frame_of_one_cell(&self) -> Frame {
-        let ends = [self.summary.low, self.summary.high].map(|end| self.grid.units(end));
-        let low = [0, 1, 2].map(|k| ends[0][k].min(ends[1][k]));
-        let longest = (0..3).map(|k| ends[0][k].abs_diff(ends[1][k])).max().unwrap_or(0) as i64;
-        let mut bits = BITS;
-        while bits > CELL_BITS && longest >> (bits - 1) == 0 {
-            bits -= 1;
-        }
-        Frame { low, bits, finest: (longest >> bits) + 1, depth: 0 }
     }
 
     /// Gives all points their levels, and compresses the nodes.
@@ -332,7 +480,7 @@ impl<'a> Writer<'a> {
         let (frame, parts) = self.frame();
         let side = (frame.finest << frame.bits) as f64 * self.grid.unit;
         let low = [0, 1, 2].map(|k| (self.grid.low[k] + frame.low[k]) as f64 * self.grid.unit);
-        let center = self.template.offset + DVec3::from(low) + 0.5 * side;
+        let center = (DVec3::from(self.template.offset) + DVec3::from(low) + 0.5 * side).to_array();
         let spacing = side / f64::from(1_u32 << CELL_BITS);
         self.cube = Some(Cube { center, half: 0.5 * side, spacing });
         // How many points the octants have that the parts are in.
@@ -342,10 +490,18 @@ impl<'a> Writer<'a> {
             let points = cells.iter().map(|cell| bytes[cell]).sum::<u64>() / self.sorted_bytes as u64;
             (0..=frame.depth).for_each(|l| *counts.entry((l, code >> (3 * (frame.depth - l)))).or_default() += points);
         }
-        self.done = 0;
+        if let Some(share) = &self.share {
+            share.complete(&mut counts, &self.inputs)?;
+        }
         let mut sorted = std::mem::replace(&mut self.spill, Spill::new(&self.folder)?);
         let mut margins = std::mem::replace(&mut self.margins, Spill::new(&self.folder)?);
-        for (code, cells) in parts {
+        let count = parts.len();
+        for (i, (code, cells)) in parts.into_iter().enumerate().skip(self.parts_built) {
+            let points = counts[&(frame.depth, code)];
+            if !self.waiting.is_empty() && self.waiting_points() + points > self.limits.held_points {
+                self.make_waiting(&frame)?;
+                self.keep(i)?;
+            }
             let is_leaf = |l: &u32| counts[&(*l, code >> (3 * (frame.depth - l)))] <= LEAF_POINTS;
             let leaf_at = (0..frame.depth).find(is_leaf);
             let lists = cells.iter().map(|cell| sorted.take(*cell)).collect();
@@ -354,6 +510,11 @@ impl<'a> Writer<'a> {
         }
         drop((sorted, margins));
         self.make_waiting(&frame)?;
+        self.keep(count)?;
+        if self.share.is_some() {
+            // Other shares have points of the nodes above, too.
+            return Ok(());
+        }
         let mut keys: Vec<(u32, u64)> = self.upper.sizes().map(|(key, _)| key).collect();
         keys.sort_unstable();
         let mut batch: Vec<((u32, u64), Vec<u8>)> = Vec::new();
@@ -370,6 +531,23 @@ impl<'a> Writer<'a> {
             }
         }
         Ok(self.compress(batch)?)
+    }
+
+    /// Notes that so many parts are built, of which none waits. What has been taken for them is in them only: its cells
+    /// are octants of level 7 or more, and parts are of level 7 at most.
+    fn keep(&mut self, parts: usize) -> Result<(), Stop> {
+        let Some(kept) = self.kept else { return Ok(()) };
+        self.chunk_file.sync_data()?;
+        let (chunks, upper) = (std::mem::take(&mut self.chunks), self.upper.stored()?);
+        let state = Built { parts, points: self.done, chunks, chunk_bytes: self.chunk_bytes, upper };
+        kept.save(resume::BUILT, &state)?;
+        self.chunks = state.chunks;
+        Ok(())
+    }
+
+    /// Points of the parts that wait.
+    fn waiting_points(&self) -> u64 {
+        self.waiting.iter().map(|part| part.records.len() / self.sorted_bytes).sum::<usize>() as u64
     }
 
     /// Reads the points of an octant, and of its octants one by one where they are too many.
@@ -419,8 +597,7 @@ impl<'a> Writer<'a> {
             }
             return Ok(());
         }
-        let waiting = self.waiting.iter().map(|part| part.records.len() / size).sum::<usize>() as u64;
-        if waiting + points > self.limits.held_points {
+        if self.waiting_points() + points > self.limits.held_points {
             self.make_waiting(frame)?;
         }
         let mut records = Vec::with_capacity(bytes(&lists) as usize);
@@ -482,24 +659,26 @@ impl<'a> Writer<'a> {
     }
 
     fn write(&mut self, packed: Vec<Packed>) -> io::Result<()> {
-        use std::io::Write;
         self.chunk_file.seek(SeekFrom::Start(self.chunk_bytes))?;
         for (level, code, points, bytes) in packed {
             self.chunk_file.write_all(&bytes)?;
             let bytes = bytes.len() as u64;
-            self.chunks.push(Chunk { level, code, at: self.chunk_bytes, bytes, points });
+            self.chunks.push(Chunk { file: 0, level, code, at: self.chunk_bytes, bytes, points });
             self.chunk_bytes += bytes;
         }
         Ok(())
     }
 
-    fn finish(mut self, sink: &mut dyn io::Write) -> io::Result<CopcReport> {
-        let levels = self.chunks.iter().map(|chunk| chunk.level + 1).max().unwrap_or(0);
-        let report = CopcReport { points: self.summary.count, nodes: self.chunks.len(), levels, notes: self.notes };
-        let Some(cube) = self.cube else { return Err(io::Error::other("no octree was built")) };
-        let copied = |bytes| (self.progress)("writing the file", bytes, self.chunk_bytes);
-        let source = (self.chunks, &mut self.chunk_file);
-        output::write(sink, &self.template, &self.laz, (&self.summary, &cube), source, &copied)?;
+    fn finish(self, sink: &mut dyn Write) -> io::Result<CopcReport> {
+        let Self { chunks, mut chunk_file, chunk_bytes, template, laz, summary, cube, notes, progress, .. } = self;
+        let Some(cube) = cube else { return Err(io::Error::other("no octree was built")) };
+        let report = shards::report(&summary, &chunks, notes);
+        let copied = |bytes| progress("writing the file", bytes, chunk_bytes);
+        let mut read = |chunk: &Chunk, bytes: &mut [u8]| {
+            chunk_file.seek(SeekFrom::Start(chunk.at))?;
+            chunk_file.read_exact(bytes)
+        };
+        output::write(sink, &template, &laz, (&summary, &cube), (chunks, &mut read), &copied)?;
         Ok(report)
     }
 }
@@ -507,6 +686,8 @@ impl<'a> Writer<'a> {
 /// Takes the records of one input.
 struct Sorter<'w, 'a> {
     writer: &'w mut Writer<'a>,
+    /// Its number.
+    input: usize,
     format: u8,
     input_bytes: usize,
     shift: [i64; 3],
@@ -537,15 +718,24 @@ impl Sink for Sorter<'_, '_> {
                     self.record[4 * k..4 * k + 4].copy_from_slice(&v.to_le_bytes());
                 }
             }
-            writer.summary.add(&self.record, at);
             let units = writer.grid.units(at);
-            let mut sorted = writer.spill.append(writer.grid.cell(at), &self.record);
+            let cell = writer.grid.cell(units);
+            let share = writer.share.as_ref();
+            if let Some(share) = share {
+                share.check(self.input, units)?;
+            }
+            let owns = |cell| share.is_none_or(|share| share.owns(cell));
+            let mut sorted = Ok(());
+            if owns(cell) {
+                writer.summary.add(&self.record, at);
+                sorted = writer.spill.append(cell, &self.record);
+            }
             if writer.prepare.is_some() && !is_withheld(&self.record) {
                 let margins = &mut writer.margins;
-                let mut add = |cell| margins.append(cell, &self.record);
+                let mut add = |cell| if owns(cell) { margins.append(cell, &self.record) } else { Ok(()) };
                 sorted = sorted.and_then(|()| in_reach(units, writer.grid.side(), &mut add));
             }
-            if sorted.is_ok() && writer.spill.count() > MOST_CELLS {
+            if sorted.is_ok() && share.is_none() && writer.spill.count() > MOST_CELLS {
                 // The header's bounds are wrong: cells of twice the side.
                 writer.grid.finest *= 2;
                 let halved = |cell: [i64; 3]| cell.map(|c| c.div_euclid(2));
@@ -556,7 +746,8 @@ impl Sink for Sorter<'_, '_> {
                 return Err(Problem::new("can't be sorted"));
             }
         }
-        (writer.progress)("sorting points", writer.summary.count, self.all);
+        writer.read += (records.len() / self.input_bytes) as u64;
+        (writer.progress)("sorting points", writer.read, self.all);
         Ok(())
     }
 }

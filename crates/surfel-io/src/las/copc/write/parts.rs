@@ -96,7 +96,7 @@ impl Maker<'_> {
         let rows = || records.chunks_exact(self.sorted_bytes);
         let kept = || rows().chain(margin.chunks_exact(self.sorted_bytes)).filter(|record| !is_withheld(record));
         let grid: Vec<[i32; 3]> = kept().map(position).collect();
-        let (origin, positions) = on_grid(grid, self.template.scale, self.template.offset);
+        let (origin, positions) = on_grid(grid, self.template.scale.into(), self.template.offset.into());
         let normals = self.normals.map(|fields| {
             let of = |r: &[u8]| fields.map(|(at, kind, scale, offset)| value_of(kind)(&r[at..]) * scale + offset);
             Column3::from_f32(kept().map(|r| DVec3::from(of(r)).as_vec3()).collect())

@@ -2,7 +2,10 @@
 
 use super::super::Copc;
 use super::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use surfel_model::PointCloud;
+
+const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 0, resume: false, shard: None };
 
 /// A LAS file of format 6, whose times number its points.
 fn las_of(points: &[[i32; 3]]) -> Vec<u8> {
@@ -54,8 +57,8 @@ fn file_does_not_depend_on_how_many_parts_are_made_at_once() {
     };
     let written = |held_points: u64| {
         let output = folder.join(format!("{held_points}.copc.laz"));
-        let limits = Limits { cell_points: 20_000, most_points: 30_000, held_points };
-        save(std::slice::from_ref(&input), &output, true, Some(&prepare), &|_, _, _| (), limits).unwrap();
+        let limits = Limits { cell_points: 20_000, most_points: 30_000, held_points, kept_bytes: 0 };
+        save(std::slice::from_ref(&input), &output, &OVER, Some(&prepare), &|_, _, _| (), limits).unwrap();
         std::fs::read(output).unwrap()
     };
     let one_by_one = written(0);
@@ -95,7 +98,7 @@ fn hill_splats(side: u64, limits: Limits) -> Vec<(DVec3, f64)> {
         };
         Ok((0..splats.len()).map(splat).collect())
     };
-    save(&[input], &output, true, Some(&prepare), &|_, _, _| (), limits).unwrap();
+    save(&[input], &output, &OVER, Some(&prepare), &|_, _, _| (), limits).unwrap();
     let loaded = crate::load(&output, &crate::LoadOptions::default()).unwrap();
     std::fs::remove_dir_all(&folder).unwrap();
     let crate::Content::Points(points) = loaded.content else { panic!("no points") };
@@ -112,14 +115,15 @@ fn hill_splats(side: u64, limits: Limits) -> Vec<(DVec3, f64)> {
 #[test]
 fn splats_at_borders_of_parts_are_those_of_the_whole_cloud() {
     let side = 512;
-    let whole = hill_splats(side, Limits { cell_points: 1_000_000, most_points: 1_000_000, held_points: 0 });
+    let whole =
+        hill_splats(side, Limits { cell_points: 1_000_000, most_points: 1_000_000, held_points: 0, kept_bytes: 0 });
     // Cells of 128² points or of 256², divided once or twice; margins are two points wide at least, where those of
     // real files are eight. Two are enough for normals and for all radii but one in a hundred. Radii are decided
     // in f32 about a run of points, and parts have other runs: one of 262,144 was found to differ by 2 %.
     for (cell_points, most_points, most_grown_share) in
         [(16_384, 100_000, 0.01), (65_536, 20_000, 1e-5), (262_144, 20_000, 1e-5)]
     {
-        let parts = hill_splats(side, Limits { cell_points, most_points, held_points: 0 });
+        let parts = hill_splats(side, Limits { cell_points, most_points, held_points: 0, kept_bytes: 0 });
         let (mut turned, mut grown) = (0, 0);
         let (mut most_turned, mut most_grown) = (0.0_f64, 0.0_f64);
         for ((normal, radius), (n, r)) in whole.iter().zip(&parts) {
@@ -143,8 +147,8 @@ fn levels_do_not_depend_on_how_many_points_are_in_memory() {
     std::fs::write(&input, las(300_000)).unwrap();
     let nodes = |most_points: u64| {
         let output = folder.join(format!("{most_points}.copc.laz"));
-        let limits = Limits { cell_points: 100_000, most_points, held_points: most_points };
-        save(std::slice::from_ref(&input), &output, true, None, &|_, _, _| (), limits).unwrap();
+        let limits = Limits { cell_points: 100_000, most_points, held_points: most_points, kept_bytes: 0 };
+        save(std::slice::from_ref(&input), &output, &OVER, None, &|_, _, _| (), limits).unwrap();
         let copc = Copc::open(&output).unwrap().unwrap();
         copc.nodes().iter().map(|n| (n.level, n.cell, n.points)).collect::<Vec<_>>()
     };
@@ -153,5 +157,273 @@ fn levels_do_not_depend_on_how_many_points_are_in_memory() {
     // 60,000 divides cells, 45,000 more of what they are divided into; a leaf must fit.
     assert_eq!(nodes(60_000), at_once);
     assert_eq!(nodes(45_000), at_once);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// Files of `count` tiles side by side, 2048 steps wide each, with true bounds in their headers. Cells of the grid are
+/// 512 steps wide for 12 tiles, and tiles end 3 steps before a cell does, so that margins reach into the next tile.
+fn tiles(folder: &Path, count: u64, points: u64) -> Vec<PathBuf> {
+    let mut next = random(11);
+    let tile = |tile: u64| {
+        let mut point = |i: u64| {
+            // Dense in one place, sparse in others: octants above the parts have few points.
+            let (x, y) = match i % 8 {
+                0 => (next() >> 33, next() >> 33),
+                _ => (next() >> 33 & 511, next() >> 33 & 511),
+            };
+            let low = [tile % 4 * 2048 + x % 2045, tile / 4 * 2048 + y % 2045, (next() >> 40) % 300];
+            low.map(|v| v as i32)
+        };
+        let points: Vec<[i32; 3]> = (0..if tile % 3 == 1 { points / 50 } else { points }).map(&mut point).collect();
+        let mut bytes = las_of(&points);
+        for k in 0..3 {
+            let end = |fold: fn(i32, i32) -> i32| points.iter().map(|p| p[k]).reduce(fold).unwrap();
+            let mut put = |at: usize, v: i32| {
+                bytes[at + 16 * k..at + 16 * k + 8].copy_from_slice(&(f64::from(v) * 0.01).to_le_bytes());
+            };
+            put(179, end(i32::max));
+            put(187, end(i32::min));
+        }
+        let path = folder.join(format!("{tile}.las"));
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    (0..count).map(tile).collect()
+}
+
+/// Splats that depend on all points that a part is made with, and on their order.
+fn of_neighbours(cloud: &PointCloud) -> Result<Vec<PointSplat>, String> {
+    let middle = (0..cloud.len()).map(|i| cloud.positions.get(i)).sum::<DVec3>() / cloud.len() as f64;
+    let splat = |i: usize| PointSplat { normal: [0.6, 0.0, 0.8], radius: (middle.length() + i as f64) as f32 };
+    Ok((0..cloud.len()).map(splat).collect())
+}
+
+const TILE_LIMITS: Limits = Limits { cell_points: 5_000, most_points: 45_000, held_points: 50_000, kept_bytes: 0 };
+
+fn folder_of_test(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("surfel-copc-{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn shares_put_together_are_the_file_whatever_their_number() {
+    let folder = folder_of_test("shares");
+    let inputs = tiles(&folder, 12, 50_000);
+    let make = |output: &Path, shard: Option<[u32; 2]>, prepare: Prepare<'_>| {
+        let options = CopcOptions { shard, ..OVER };
+        save(&inputs, output, &options, Some(prepare), &|_, _, _| (), TILE_LIMITS).unwrap()
+    };
+    for (kind, prepare) in
+        [("own", &of_neighbours as Prepare<'_>), ("none", &|c| Ok(vec![PointSplat::default(); c.len()]))]
+    {
+        let whole = folder.join(format!("{kind}.copc.laz"));
+        let report = make(&whole, None, prepare);
+        assert!(report.levels >= 5 && report.points > 300_000, "{report:?}");
+        for count in if kind == "own" { &[1, 2, 3, 7, 40][..] } else { &[2] } {
+            let count = *count;
+            let shard = |i: u32| {
+                let path = folder.join(format!("{kind}-{count}-{i:02}.shard"));
+                (make(&path, Some([i, count]), prepare).points, path)
+            };
+            let (points, mut paths): (Vec<u64>, Vec<PathBuf>) = (0..count).map(shard).unzip();
+            if count == 3 {
+                // Shares are about as large as each other, where bounds tell; tiles are dense in corners here.
+                assert!(points.iter().all(|points| points * 10 > report.points), "{points:?}");
+            }
+            paths.reverse();
+            let merged = folder.join("merged.copc.laz");
+            let made = save_copc(&paths, &merged, &OVER, None, &|_, _, _| ()).unwrap();
+            assert_eq!((made.points, made.nodes, made.levels), (report.points, report.nodes, report.levels));
+            assert!(std::fs::read(&merged).unwrap() == std::fs::read(&whole).unwrap(), "{kind}, {count} shares");
+        }
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn shares_that_are_not_one_conversion_are_refused() {
+    let folder = folder_of_test("unlike");
+    let inputs = tiles(&folder, 4, 3_000);
+    let shard = |inputs: &[PathBuf], i: u32, count: u32| {
+        let path = folder.join(format!("{}-{i}-{count}.shard", inputs.len()));
+        let options = CopcOptions { shard: Some([i, count]), ..OVER };
+        save(inputs, &path, &options, None, &|_, _, _| (), TILE_LIMITS).unwrap();
+        path
+    };
+    let [a, b, c, d] = [shard(&inputs, 0, 2), shard(&inputs, 1, 2), shard(&inputs[1..], 1, 2), shard(&inputs, 2, 3)];
+    let output = folder.join("out.copc.laz");
+    let refused = |paths: &[&PathBuf]| {
+        let paths: Vec<PathBuf> = paths.iter().map(|path| (*path).clone()).collect();
+        let told = save_copc(&paths, &output, &OVER, None, &|_, _, _| ()).unwrap_err().to_string();
+        assert!(!output.exists() && told.lines().count() <= 4, "{told}");
+        told
+    };
+    assert!(refused(&[&a]).contains("expected 2"));
+    assert!(refused(&[&a, &a]).contains("is share 0 of 2, and 1 is not there once"));
+    assert!(refused(&[&a, &c]).contains("of another conversion"));
+    assert!(refused(&[&a, &d]).contains("of another conversion"));
+    assert!(refused(&[&a, &inputs[0]]).contains("is no share of a conversion"));
+    // Cut off or changed anywhere: an error, or the points of all shares.
+    let whole = std::fs::read(&b).unwrap();
+    for at in [8, 12, 20, 300, whole.len() / 2, whole.len() - 1] {
+        std::fs::write(&b, &whole[..at]).unwrap();
+        refused(&[&a, &b]);
+    }
+    let mut next = random(5);
+    for _ in 0..300 {
+        let mut changed = whole.clone();
+        let at = 8 + (next() >> 33) as usize % (whole.len() - 8);
+        changed[at] = (next() >> 33) as u8;
+        std::fs::write(&b, changed).unwrap();
+        let _ = save_copc(&[a.clone(), b.clone()], &output, &OVER, None, &|_, _, _| ());
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn point_outside_of_its_header_is_refused_in_a_share() {
+    let folder = folder_of_test("outside");
+    let inputs = tiles(&folder, 4, 3_000);
+    let mut bytes = std::fs::read(&inputs[1]).unwrap();
+    bytes[375..379].copy_from_slice(&100_i32.to_le_bytes());
+    std::fs::write(&inputs[1], bytes).unwrap();
+    let output = folder.join("out");
+    let told = (0..3).filter_map(|i| {
+        let options = CopcOptions { shard: Some([i, 3]), ..OVER };
+        let made = save(&inputs, &output, &options, None, &|_, _, _| (), TILE_LIMITS);
+        made.err().map(|error| error.to_string())
+    });
+    let told: Vec<String> = told.collect();
+    assert!(
+        !told.is_empty() && told.iter().all(|told| told.contains("outside of the bounds in its header")),
+        "{told:?}"
+    );
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn interrupted_conversions_go_on_and_give_the_same_file() {
+    let folder = folder_of_test("resume");
+    let inputs = tiles(&folder, 6, 40_000);
+    let before = names(&folder);
+    for shard in [None, Some([1, 2])] {
+        let output = folder.join("out");
+        let prepared = AtomicUsize::new(0);
+        let run = |resume: bool, progress: &dyn Fn(&'static str, u64, u64)| {
+            let options = CopcOptions { overwrite: false, memory: 0, resume, shard };
+            let prepare = |cloud: &PointCloud| {
+                prepared.fetch_add(1, Ordering::Relaxed);
+                of_neighbours(cloud)
+            };
+            save(&inputs, &output, &options, Some(&prepare), progress, TILE_LIMITS)
+        };
+        let counted = std::cell::Cell::new(0);
+        // Of the last stage two moments are enough.
+        let count = |name: &'static str, _: u64, _: u64| {
+            counted.set(counted.get() + if name == "writing the file" { 0 } else { 1 });
+        };
+        let report = run(false, &count).unwrap();
+        let (moments, parts) = (counted.get(), prepared.load(Ordering::Relaxed));
+        let whole = std::fs::read(&output).unwrap();
+        std::fs::remove_file(&output).unwrap();
+        let mut after = Vec::new();
+        for moment in 0..moments + 2 {
+            let until = |most: i32| {
+                let steps = std::cell::Cell::new(0);
+                let progress = |_: &'static str, _: u64, _: u64| {
+                    steps.set(steps.get() + 1);
+                    assert!(steps.get() <= most, "interrupted");
+                };
+                std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| run(true, &progress)))
+            };
+            assert!(until(moment).is_err(), "{moment}");
+            assert!(!output.exists());
+            // What a killed run wrote after the last state, and a state that it had begun to write.
+            let kept = resume_folder(&output);
+            for name in [resume::POINTS, resume::MARGINS, resume::CHUNKS, resume::UPPER] {
+                let file = std::fs::OpenOptions::new().append(true).open(kept.join(name));
+                file.and_then(|mut file| file.write_all(&[7; 1000])).unwrap();
+            }
+            std::fs::write(kept.join("built.json.new"), "{").unwrap();
+            // A second interruption, then the rest.
+            prepared.store(0, Ordering::Relaxed);
+            let second = until(2);
+            let resumed = if second.is_err() { until(i32::MAX) } else { second };
+            assert_eq!(resumed.unwrap().unwrap(), report);
+            after.push(prepared.load(Ordering::Relaxed));
+            assert!(std::fs::read(&output).unwrap() == whole, "{shard:?}, interrupted at {moment} of {moments}");
+            std::fs::remove_file(&output).unwrap();
+            assert_eq!(names(&folder), before);
+        }
+        // All parts are made again after the first moment, some in the middle, none at the end.
+        assert!(after.first().is_some_and(|made| *made >= parts) && after.last() == Some(&0), "{after:?} of {parts}");
+        assert!(after.iter().any(|made| (1..parts).contains(made)), "{after:?} of {parts}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
+    let folder = folder_of_test("manifest");
+    let inputs = tiles(&folder, 3, 3_000);
+    let output = folder.join("out.copc.laz");
+    let run = |inputs: &[PathBuf], options: &CopcOptions, fails: bool| {
+        let progress =
+            |name: &'static str, _: u64, _: u64| assert!(!fails || name != "writing the file", "interrupted");
+        let run = || save(inputs, &output, options, None, &progress, TILE_LIMITS);
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).map_err(drop)
+    };
+    let resume = CopcOptions { resume: true, ..CopcOptions::default() };
+    let refused = |inputs: &[PathBuf], options: &CopcOptions| {
+        let told = run(inputs, options, false).unwrap().unwrap_err().to_string();
+        assert!(told.lines().count() <= 4 && !output.exists(), "{told}");
+        told
+    };
+    assert!(run(&inputs, &resume, true).is_err());
+    let told = refused(&inputs[..2], &resume);
+    assert!(told.contains("3 inputs") && told.contains("2 inputs") && told.contains("delete this folder"), "{told}");
+    assert!(refused(&inputs, &CopcOptions { shard: Some([0, 2]), ..resume }).contains("--shard 0/2"));
+    let bytes = std::fs::read(&inputs[1]).unwrap();
+    std::fs::write(&inputs[1], &bytes).unwrap();
+    let time = std::time::SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(77);
+    File::options().write(true).open(&inputs[1]).unwrap().set_modified(time).unwrap();
+    assert!(refused(&inputs, &resume).contains("changed at 77.000000000"));
+    // Without the flag it is left alone, and what the folder says stays true.
+    let kept = names(&resume_folder(&output));
+    run(&inputs, &CopcOptions::default(), false).unwrap().unwrap();
+    assert_eq!(names(&resume_folder(&output)), kept);
+    std::fs::remove_file(&output).unwrap();
+    std::fs::remove_dir_all(resume_folder(&output)).unwrap();
+    // Damage is told, another's folder isn't touched, and two runs don't write one folder.
+    assert!(run(&inputs, &resume, true).is_err());
+    std::fs::write(resume_folder(&output).join(resume::SORTED), "{\"inputs\":").unwrap();
+    assert!(refused(&inputs, &resume).contains("has a damaged sorted.json"));
+    std::fs::remove_dir_all(resume_folder(&output)).unwrap();
+    assert!(run(&inputs, &resume, true).is_err());
+    std::fs::write(resume_folder(&output).join(resume::POINTS), "").unwrap();
+    assert!(refused(&inputs, &resume).contains("has 0 bytes in its file points"));
+    std::fs::remove_dir_all(resume_folder(&output)).unwrap();
+    std::fs::create_dir(resume_folder(&output)).unwrap();
+    std::fs::write(resume_folder(&output).join("thesis.txt"), "x").unwrap();
+    assert!(refused(&inputs, &resume).contains("holds thesis.txt"));
+    std::fs::remove_dir_all(resume_folder(&output)).unwrap();
+    let held = Kept::open(&output, &Manifest::new(&inputs, false, None).unwrap()).unwrap();
+    assert!(refused(&inputs, &resume).contains("another run with --resume is writing it"));
+    // A run that was killed between the output's appearance and its folder's end is done.
+    let report = run(&inputs, &CopcOptions::default(), false).unwrap().unwrap();
+    held.written(std::fs::metadata(&output).unwrap().len(), &report).unwrap();
+    drop(held);
+    assert_eq!(run(&inputs, &resume, false).unwrap().unwrap(), report);
+    assert!(!resume_folder(&output).exists());
+    assert!(matches!(run(&inputs, &resume, false).unwrap(), Err(IoError::Exists { .. })));
     std::fs::remove_dir_all(&folder).unwrap();
 }

@@ -1,0 +1,303 @@
+//! Files of shares, and the file that they are together.
+//!
+//! A signature and the length of what follows as JSON: what the share is of, its chunks, and where the records of nodes
+//! above the parts are. Then come the chunks and those records.
+
+use super::{CopcReport, Writer};
+use crate::error::{IoError, Problem, READ};
+use crate::las::copc::octants::BITS;
+use crate::las::copc::output::{self, Chunk, Cube, Summary, Template};
+use crate::las::copc::spill::{Blocks, Index};
+use crate::las::copc::write::parts::packed;
+use crate::las::field;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+const SIGNATURE: [u8; 8] = *b"SURFELS1";
+const HEAD_BYTES: u64 = 16;
+/// Bytes that are copied at a time.
+const COPIED_BYTES: u64 = 8 << 20;
+
+/// What all shares of a conversion have in common.
+#[derive(Debug, Deserialize, PartialEq, Serialize)]
+struct Common {
+    version: String,
+    /// Bytes of the inputs.
+    inputs: Vec<u64>,
+    template: Template,
+    cube: Cube,
+}
+
+/// What a share's file begins with.
+#[derive(Debug, Deserialize, Serialize)]
+struct Head {
+    /// Which share of how many.
+    shard: [u32; 2],
+    common: Common,
+    summary: Summary,
+    chunks: Vec<Chunk>,
+    chunk_bytes: u64,
+    upper: Index<(u32, u64)>,
+}
+
+/// True for a file of a share.
+pub(super) fn is_shard(path: &Path) -> bool {
+    let mut found = [0; 8];
+    File::open(path).and_then(|mut file| file.read_exact(&mut found)).is_ok() && found == SIGNATURE
+}
+
+/// Writes what a share has.
+pub(super) fn write(mut writer: Writer<'_>, shard: [u32; 2], sink: &mut dyn Write) -> io::Result<CopcReport> {
+    let Some(cube) = writer.cube else { return Err(io::Error::other("no octree was built")) };
+    let inputs = writer.inputs.iter().map(|input| input.file_bytes).collect();
+    let common = Common { version: env!("CARGO_PKG_VERSION").to_owned(), inputs, template: writer.template, cube };
+    let mut keys: Vec<((u32, u64), u64)> = writer.upper.sizes().collect();
+    keys.sort_unstable();
+    let mut upper = Index::default();
+    for (key, bytes) in &keys {
+        upper.lists.push((*key, vec![(upper.end, *bytes as usize)]));
+        upper.end += bytes;
+    }
+    let all = writer.chunk_bytes + upper.end;
+    let report = report(&writer.summary, &writer.chunks, writer.notes);
+    let (summary, chunks, chunk_bytes) = (writer.summary, writer.chunks, writer.chunk_bytes);
+    let head = serde_json::to_vec(&Head { shard, common, summary, chunks, chunk_bytes, upper })?;
+    sink.write_all(&SIGNATURE)?;
+    sink.write_all(&(head.len() as u64).to_le_bytes())?;
+    sink.write_all(&head)?;
+    writer.chunk_file.seek(SeekFrom::Start(0))?;
+    let mut done = 0;
+    while done < chunk_bytes {
+        let now = (chunk_bytes - done).min(COPIED_BYTES);
+        if io::copy(&mut (&mut writer.chunk_file).take(now), sink)? < now {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        done += now;
+        (writer.progress)("writing the file", done, all);
+    }
+    for (key, bytes) in keys {
+        let list = writer.upper.take(key);
+        writer.upper.read(&list, &mut |block| sink.write_all(block))?;
+        done += bytes;
+        (writer.progress)("writing the file", done, all);
+    }
+    Ok(report)
+}
+
+pub(super) fn report(summary: &Summary, chunks: &[Chunk], notes: Vec<String>) -> CopcReport {
+    let levels = chunks.iter().map(|chunk| chunk.level + 1).max().unwrap_or(0);
+    CopcReport { points: summary.count, nodes: chunks.len(), levels, notes }
+}
+
+/// A file of a share, of which the head is read.
+struct Shard {
+    path: PathBuf,
+    head: Head,
+    /// Where chunks begin.
+    start: u64,
+}
+
+impl Shard {
+    fn open(path: &Path) -> Result<Self, IoError> {
+        let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
+        let invalid = |problem| IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) };
+        let damaged = |what: String| invalid(Problem::new(what).help("copy the file again, or write this share again"));
+        let mut file = File::open(path).map_err(system)?;
+        let file_bytes = file.metadata().map_err(system)?.len();
+        let mut begin = Vec::new();
+        (&mut file).take(HEAD_BYTES).read_to_end(&mut begin).map_err(system)?;
+        if !begin.starts_with(&SIGNATURE) {
+            let problem = Problem::new("is no share of a conversion").expected("shares only, as others of the inputs");
+            return Err(invalid(problem.help("put all that --shard wrote together, and nothing else")));
+        }
+        let head_bytes = if begin.len() < 16 { u64::MAX } else { u64::from_le_bytes(field(&begin, 8)) };
+        let start = HEAD_BYTES.saturating_add(head_bytes);
+        if start > file_bytes {
+            return Err(damaged(format!("is cut off within its head, at byte {file_bytes}")));
+        }
+        let mut json = Vec::new();
+        (&mut file).take(head_bytes).read_to_end(&mut json).map_err(system)?;
+        let head: Head = serde_json::from_slice(&json).map_err(|e| damaged(format!("has a damaged head: {e}")))?;
+        let expected = start.checked_add(head.chunk_bytes).and_then(|v| v.checked_add(head.upper.end));
+        if expected != Some(file_bytes) {
+            return Err(damaged(format!("has {file_bytes} bytes, and its head says another number")));
+        }
+        match head.check() {
+            Some(what) => Err(damaged(what.to_owned())),
+            None => Ok(Self { path: path.to_path_buf(), head, start }),
+        }
+    }
+
+    /// Reads some bytes behind the head.
+    fn read(&self, file: &mut File, at: u64, bytes: &mut [u8]) -> io::Result<()> {
+        file.seek(SeekFrom::Start(self.start + at))?;
+        file.read_exact(bytes)
+    }
+}
+
+impl Head {
+    /// What is wrong with it, if anything is.
+    fn check(&self) -> Option<&'static str> {
+        let Common { template, cube, .. } = &self.common;
+        let is_octant = |level: u32, code: u64| level <= BITS && code >> (3 * level) == 0;
+        let is_size = |v: f64| v.is_finite() && v > 0.0;
+        let sound = matches!(template.format, 6..=8)
+            && template.header.len() == 375
+            && template.extra_bytes <= usize::from(u16::MAX) - 100
+            && template.scale.iter().all(|v| v.is_finite() && *v != 0.0)
+            && template.offset.iter().chain(&cube.center).all(|v| v.is_finite())
+            && is_size(cube.half)
+            && is_size(cube.spacing)
+            && self.shard[0] < self.shard[1];
+        if !sound {
+            return Some("says what can't be of its points");
+        }
+        let record_bytes = template.record_bytes() as u64;
+        let (mut points, mut chunk_bytes, mut upper_bytes) = (0_u64, 0_u64, 0_u64);
+        for Chunk { level, code, at, bytes, points: own, .. } in &self.chunks {
+            let within = at.checked_add(*bytes).is_some_and(|end| end <= self.chunk_bytes);
+            let counts = (1..=i32::MAX as u64).contains(own) && (record_bytes..=i32::MAX as u64).contains(bytes);
+            if !within || !counts || !is_octant(*level, *code) {
+                return Some("has a node that isn't within it");
+            }
+            points = points.saturating_add(*own);
+            chunk_bytes = chunk_bytes.saturating_add(*bytes);
+        }
+        for ((level, code), blocks) in &self.upper.lists {
+            let within =
+                |(at, bytes): &(u64, usize)| at.checked_add(*bytes as u64).is_some_and(|end| end <= self.upper.end);
+            let bytes = blocks.iter().fold(0_u64, |sum, block| sum.saturating_add(block.1 as u64));
+            if !is_octant(*level, *code) || !blocks.iter().all(within) || bytes % record_bytes != 0 {
+                return Some("has records of a node that aren't within it");
+            }
+            points = points.saturating_add(bytes / record_bytes);
+            upper_bytes = upper_bytes.saturating_add(bytes);
+        }
+        if chunk_bytes > self.chunk_bytes || upper_bytes > self.upper.end {
+            return Some("has nodes that overlap");
+        }
+        (points != self.summary.count).then_some("has not as many points as it says")
+    }
+}
+
+/// All shares of one conversion, in their order.
+fn open_all(paths: &[PathBuf]) -> Result<Vec<Shard>, IoError> {
+    let mut shards = paths.iter().map(|path| Shard::open(path)).collect::<Result<Vec<_>, _>>()?;
+    shards.sort_by_key(|shard| shard.head.shard[0]);
+    let count = shards.first().map_or(0, |shard| shard.head.shard[1]);
+    for (i, shard) in shards.iter().enumerate() {
+        let unlike = |what: String, expected: String, help: &str| {
+            let problem = Problem::new(what).expected(expected).help(help);
+            IoError::Invalid { path: shard.path.clone(), problem: Box::new(problem) }
+        };
+        let ([index, of], first) = (shard.head.shard, &shards[0]);
+        if of != count || shard.head.common != first.head.common {
+            let expected = format!("one of the {count} of the same inputs, as {}", first.path.display());
+            return Err(unlike(format!("is share {index} of {of} of another conversion"), expected, "write it again"));
+        }
+        if index as usize != i {
+            let what = format!("is share {index} of {count}, and {i} is not there once");
+            return Err(unlike(what, format!("each of 0 to {} once", count - 1), "write those that are missing"));
+        }
+    }
+    if let Some(last) = shards.last().filter(|_| shards.len() < count as usize) {
+        let what = format!("is the last of {} shares, expected {count}", shards.len());
+        let problem = Problem::new(what).help("write those that are missing");
+        return Err(IoError::Invalid { path: last.path.clone(), problem: Box::new(problem) });
+    }
+    Ok(shards)
+}
+
+/// Puts all shares of a conversion together.
+pub(super) fn merge(
+    paths: &[PathBuf],
+    output: &Path,
+    overwrite: bool,
+    progress: &dyn Fn(&'static str, u64, u64),
+) -> Result<CopcReport, IoError> {
+    let shards = open_all(paths)?;
+    let unreadable = |path: &Path, source| IoError::System { path: path.to_path_buf(), action: READ, source };
+    let Some(Shard { head: Head { common: Common { template, cube, .. }, .. }, .. }) = shards.first() else {
+        return Err(unreadable(output, io::Error::other("no input is given")));
+    };
+    let (mut summary, mut chunks) = (Summary::default(), Vec::new());
+    // Which shares have records of a node above the parts.
+    let mut upper: BTreeMap<(u32, u64), Vec<(usize, &Blocks)>> = BTreeMap::new();
+    for (i, shard) in shards.iter().enumerate() {
+        summary.add_all(&shard.head.summary);
+        chunks.extend(shard.head.chunks.iter().map(|chunk| Chunk { file: i, ..*chunk }));
+        for (key, blocks) in &shard.head.upper.lists {
+            upper.entry(*key).or_default().push((i, blocks));
+        }
+    }
+    let twice = |path: &Path| {
+        let problem =
+            Problem::new("has a node that another share has, too").help("the file is damaged: write it again");
+        IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) }
+    };
+    let mut keys: Vec<(u32, u64, usize)> = chunks.iter().map(|c| (c.level, c.code, c.file)).collect();
+    keys.extend(upper.keys().map(|key| (key.0, key.1, 0)));
+    keys.sort_unstable();
+    if let Some(same) = keys.windows(2).find(|w| (w[0].0, w[0].1) == (w[1].0, w[1].1)) {
+        return Err(twice(&shards[same[1].2].path));
+    }
+    if summary.count == 0 {
+        let problem = Problem::new("holds no point, and no other share does").expected("at least one");
+        return Err(IoError::Invalid { path: shards[0].path.clone(), problem: Box::new(problem) });
+    }
+    let mut fault = None;
+    let written = crate::atomic::write(output, overwrite, |sink| {
+        let laz = template.laz()?;
+        let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let mut made = crate::las::copc::spill::unnamed(folder)?;
+        let mut made_bytes = 0;
+        // Shares' chunks come in stretches, so that one file is open at a time.
+        let mut opened: Option<(usize, File)> = None;
+        let mut read = |i: usize, at: u64, bytes: &mut [u8]| {
+            let shard: &Shard = &shards[i];
+            let mut get = || {
+                if opened.as_ref().is_none_or(|(at, _)| *at != i) {
+                    opened = Some((i, File::open(&shard.path)?));
+                }
+                opened.as_mut().map_or(Ok(()), |(_, file)| shard.read(file, at, bytes))
+            };
+            get().map_err(|source| {
+                fault = Some(IoError::System { path: shard.path.clone(), action: READ, source });
+                io::Error::other("a share can't be read")
+            })
+        };
+        for (key, parts) in &upper {
+            let mut records = Vec::new();
+            for (i, blocks) in parts {
+                for (at, bytes) in *blocks {
+                    let end = records.len();
+                    records.resize(end + bytes, 0);
+                    read(*i, shards[*i].head.chunk_bytes + at, &mut records[end..])?;
+                }
+            }
+            for (level, code, points, bytes) in packed(vec![(*key, records)], &laz)? {
+                made.write_all(&bytes)?;
+                let (file, at, bytes) = (shards.len(), made_bytes, bytes.len() as u64);
+                chunks.push(Chunk { file, level, code, at, bytes, points });
+                made_bytes += bytes;
+            }
+        }
+        let all = chunks.iter().map(|chunk| chunk.bytes).sum();
+        let mut read_chunk = |chunk: &Chunk, bytes: &mut [u8]| match chunk.file == shards.len() {
+            true => {
+                made.seek(SeekFrom::Start(chunk.at))?;
+                made.read_exact(bytes)
+            }
+            false => read(chunk.file, chunk.at, bytes),
+        };
+        let copied = |bytes| progress("writing the file", bytes, all);
+        output::write(sink, template, &laz, (&summary, cube), (chunks.clone(), &mut read_chunk), &copied)
+    });
+    match fault {
+        Some(fault) => Err(fault),
+        None => written.map(|()| report(&summary, &chunks, Vec::new())),
+    }
+}

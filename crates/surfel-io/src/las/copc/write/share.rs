@@ -1,0 +1,227 @@
+//! The share of one of several runs in a conversion: a stretch of the octree's parts.
+//!
+//! A part is made of its own points and of those in its margin, the octree is as the inputs' headers say, and parts in
+//! one node above them are put together in the parts' order. So a file doesn't depend on where stretches end.
+
+use super::grid::{Cells, Frame, Grid};
+use super::inputs::{Input, Stop, open};
+use crate::error::Problem;
+use crate::las::copc::build::LEAF_POINTS;
+use crate::las::copc::octants::code;
+use crate::las::header::Header;
+use crate::las::{Sink, field};
+use glam::DVec3;
+use std::collections::{BTreeMap, HashMap};
+use std::ops::{Range, RangeInclusive};
+
+/// Most octants that the inputs' bounds are spread over, to tell how many points each has.
+const MOST_OCTANTS: i64 = 1 << 22;
+
+/// Least and greatest coordinates, in units of the grid.
+type Bounds = [[i64; 3]; 2];
+
+/// A stretch of the parts.
+#[derive(Debug)]
+pub(super) struct Share {
+    pub(super) frame: Frame,
+    pub(super) cells: Cells,
+    grid: Grid,
+    parts: Range<u64>,
+    /// What the headers say of the inputs with points, and by how much a rounded number may be off.
+    bounds: Vec<Option<Bounds>>,
+    off: [i64; 3],
+}
+
+impl Share {
+    /// The share `index` of `count`, each of which has about as many points.
+    pub(super) fn new([index, count]: [u32; 2], inputs: &[Input], grid: Grid, scale: DVec3) -> Self {
+        let bounds = |input: &Input| {
+            let units = |ends: [f64; 3]| grid.units((DVec3::from(ends) / scale).round().to_array().map(|v| v as i32));
+            let ends = [units(input.low), units(input.high)];
+            let end = |fold: fn(i64, i64) -> i64| [0, 1, 2].map(|k| fold(ends[0][k], ends[1][k]));
+            (input.header.count > 0).then(|| [end(i64::min), end(i64::max)])
+        };
+        let bounds: Vec<Option<Bounds>> = inputs.iter().map(bounds).collect();
+        let all = |end: usize, fold: fn(i64, i64) -> i64| {
+            [0, 1, 2].map(|k| bounds.iter().flatten().map(|b| b[end][k]).reduce(fold).unwrap_or(0))
+        };
+        let ends = [all(0, i64::min), all(1, i64::max)];
+        let cells = Cells::new(grid.cell(ends[0]), grid.cell(ends[1]));
+        let frame = Frame::over(&grid, &cells, ends);
+        let off = grid.steps.abs().ceil().to_array().map(|v| v as i64);
+        let mut share = Self { frame, cells, grid, parts: 0..0, bounds, off };
+        let mut level = cells.depth;
+        let octants = |level| {
+            let all = share.bounds.iter().flatten().map(|b| share.octants(b, level).map(long).iter().product());
+            all.fold(0_i64, i64::saturating_add)
+        };
+        while level > 0 && octants(level) > MOST_OCTANTS {
+            level -= 1;
+        }
+        share.parts = share.stretch(level, [index, count], inputs);
+        share
+    }
+
+    /// The octants of a level that bounds reach into, along each axis.
+    fn octants(&self, bounds: &Bounds, level: u32) -> [RangeInclusive<i64>; 3] {
+        let cells = bounds.map(|end| self.grid.cell(end));
+        let last = (1 << level) - 1;
+        [0, 1, 2].map(|k| {
+            let [first, end] = cells.map(|cell| self.cells.octant_along(k, cell[k], level).clamp(0, last));
+            first..=end
+        })
+    }
+
+    /// The share's parts, where points are as evenly spread over the inputs' bounds as may be.
+    fn stretch(&self, level: u32, [index, count]: [u32; 2], inputs: &[Input]) -> Range<u64> {
+        let side = self.grid.side();
+        let mut points: BTreeMap<u64, f64> = BTreeMap::new();
+        for (input, bounds) in inputs.iter().zip(&self.bounds) {
+            let Some(bounds) = bounds else { continue };
+            let [xs, ys, zs] = self.octants(bounds, level);
+            let share = |k: usize, octant: i64| {
+                let (start, cells) = self.cells.stretch(k, octant, level);
+                let (start, end) = (start * side, (start + cells) * side);
+                let within = (bounds[1][k] + 1).min(end) - bounds[0][k].max(start);
+                within.max(0) as f64 / (bounds[1][k] - bounds[0][k] + 1) as f64
+            };
+            for z in zs {
+                for y in ys.clone() {
+                    for x in xs.clone() {
+                        let of_box = share(0, x) * share(1, y) * share(2, z);
+                        let octant = code([x, y, z].map(|v| v as u32));
+                        *points.entry(octant).or_default() += input.header.count as f64 * of_box;
+                    }
+                }
+            }
+        }
+        let total: f64 = points.values().sum();
+        let mut before = 0.0;
+        let mut starts: Vec<(u64, f64)> = Vec::with_capacity(points.len());
+        for (octant, points) in points {
+            starts.push((octant, (before / total * f64::from(count)).floor()));
+            before += points;
+        }
+        let shift = 3 * (self.cells.depth - level);
+        let end = 1 << (3 * self.cells.depth);
+        let edge = |share: u32| match starts.iter().find(|(_, of)| *of >= f64::from(share)) {
+            _ if share == 0 => 0,
+            Some((octant, _)) if share < count => octant << shift,
+            _ => end,
+        };
+        edge(index)..edge(index + 1)
+    }
+
+    /// True for a cell of its own.
+    pub(super) fn owns(&self, cell: [i64; 3]) -> bool {
+        self.cells.part(cell).is_some_and(|part| self.parts.contains(&part))
+    }
+
+    /// True for an input that may have points of its own, or in their margins.
+    pub(super) fn needs(&self, input: usize) -> bool {
+        let Some(Some([low, high])) = self.bounds.get(input) else { return false };
+        let reach = self.grid.reach() + 1;
+        let grown = [[0, 1, 2].map(|k| low[k] - self.off[k] - reach), [0, 1, 2].map(|k| high[k] + self.off[k] + reach)];
+        let depth = self.cells.depth;
+        let [xs, ys, zs] = self.octants(&grown, depth);
+        // Octants are visited from the root down to those that are in the stretch, or have none of it.
+        let mut open = vec![(0, [0_i64; 3])];
+        while let Some((level, at)) = open.pop() {
+            let shift = depth - level;
+            let is_in =
+                |range: &RangeInclusive<i64>, v: i64| (range.start() >> shift..=range.end() >> shift).contains(&v);
+            if !is_in(&xs, at[0]) || !is_in(&ys, at[1]) || !is_in(&zs, at[2]) {
+                continue;
+            }
+            let start = code(at.map(|v| v as u32)) << (3 * shift);
+            let end = start + (1 << (3 * shift));
+            if end <= self.parts.start || start >= self.parts.end {
+                continue;
+            }
+            if start >= self.parts.start && end <= self.parts.end {
+                return true;
+            }
+            (0..8).for_each(|i| open.push((level + 1, [0, 1, 2].map(|k| 2 * at[k] + (i >> k & 1)))));
+        }
+        false
+    }
+
+    /// Refuses a point that isn't where its input's header says: other shares may have missed it.
+    pub(super) fn check(&self, input: usize, units: [i64; 3]) -> Result<(), Problem> {
+        let within = |b: &Bounds| (0..3).all(|k| (b[0][k] - self.off[k]..=b[1][k] + self.off[k]).contains(&units[k]));
+        if self.frame.holds(units) && self.bounds.get(input).is_some_and(|b| b.as_ref().is_some_and(within)) {
+            return Ok(());
+        }
+        let problem = Problem::new("has a point outside of the bounds in its header, which say who converts what");
+        Err(problem.help("convert without --shard, which asks no header; or mend the header"))
+    }
+
+    /// Completes the numbers of points of octants above the parts, by level and octant, of those that other shares have
+    /// parts of: exact up to the most that an octant has that isn't divided.
+    pub(super) fn complete(&self, counts: &mut HashMap<(u32, u64), u64>, inputs: &[Input]) -> Result<(), Stop> {
+        let depth = self.cells.depth;
+        for level in (0..depth).rev() {
+            let shift = 3 * (depth - level);
+            let is_shared = |octant: u64| octant << shift < self.parts.start || (octant + 1) << shift > self.parts.end;
+            let shared: Vec<u64> = counts.keys().filter(|k| k.0 == level && is_shared(k.1)).map(|k| k.1).collect();
+            for octant in shared {
+                let below = (0..8).filter_map(|i| counts.get(&(level + 1, octant * 8 + i)));
+                let known = below.fold(counts[&(level, octant)], |most, below| most.max(*below));
+                let points = if known > LEAF_POINTS { known } else { self.count(level, octant, inputs)? };
+                counts.insert((level, octant), points);
+            }
+        }
+        Ok(())
+    }
+
+    /// How many points are in an octant, or more than [`LEAF_POINTS`].
+    fn count(&self, level: u32, octant: u64, inputs: &[Input]) -> Result<u64, Stop> {
+        let side = self.frame.finest << (self.frame.bits - level);
+        let at = crate::las::copc::octants::cell(octant);
+        let low = [0, 1, 2].map(|k| self.frame.low[k] + i64::from(at[k]) * side);
+        let mut found = 0;
+        for (input, bounds) in inputs.iter().zip(&self.bounds) {
+            let Some([from, to]) = bounds else { continue };
+            if (0..3).any(|k| to[k] + self.off[k] < low[k] || from[k] - self.off[k] >= low[k] + side) {
+                continue;
+            }
+            let (mut again, ..) = open(&input.path)?;
+            let (input_bytes, shift) = (again.header.record_bytes, input.shift);
+            let mut counter = Counter { grid: self.grid, low, side, input_bytes, shift, found };
+            let read = again.read(&mut counter);
+            found = counter.found;
+            if found > LEAF_POINTS {
+                break;
+            }
+            read?;
+        }
+        Ok(found)
+    }
+}
+
+fn long(range: RangeInclusive<i64>) -> i64 {
+    range.end() - range.start() + 1
+}
+
+/// Counts the points in a cube.
+struct Counter {
+    grid: Grid,
+    low: [i64; 3],
+    side: i64,
+    input_bytes: usize,
+    shift: [i64; 3],
+    found: u64,
+}
+
+impl Sink for Counter {
+    fn start(&mut self, _: &Header, _: usize) {}
+
+    fn append(&mut self, records: &mut [u8]) -> Result<(), Problem> {
+        for record in records.chunks_exact(self.input_bytes) {
+            let at = |k: usize| i64::from(i32::from_le_bytes(field(record, 4 * k))) + self.shift[k];
+            let units = self.grid.units([0, 1, 2].map(|k| at(k) as i32));
+            self.found += u64::from((0..3).all(|k| (0..self.side).contains(&(units[k] - self.low[k]))));
+        }
+        if self.found > LEAF_POINTS { Err(Problem::new("has more points than need be counted")) } else { Ok(()) }
+    }
+}
