@@ -30,6 +30,9 @@ pub(super) struct TileInputs<'a> {
     pub planes: Planes,
 }
 
+/// Records that are fetched together: those of a tile lie anywhere in memory, which one after another would wait for.
+const TOGETHER: usize = 32;
+
 /// A number for each pixel of a block.
 pub(super) type Block = [f32; LANES];
 /// One for each pixel of a tile.
@@ -129,46 +132,57 @@ impl Tile {
         mut pending: Option<&mut Pending<'a>>,
     ) {
         let (columns, lines) = Lanes::block_pixels(simd, (0, 0));
-        for record in records {
-            let forms = forms(simd, record);
-            let [rows, blocks] =
-                [blocks(&record.rows, [pixels.y, pixels.height]), blocks(&record.columns, [pixels.x, pixels.width])];
-            self.tested += (rows.len() * blocks.len() * LANES) as u64;
-            for (by, bx) in rows.flat_map(|by| blocks.clone().map(move |bx| (by, bx))) {
-                let block = by * SIDE + bx;
-                let open = Lanes::load(simd, &self.open[block]);
-                // Whole numbers, exact: only the fraction rounds.
-                let offset = |pixels: Lanes<S>, start: u32, at: usize, axis: usize| {
-                    let first = (start as i32 + (at * SIDE) as i32 - record.base[axis]) as f32;
-                    (pixels + Lanes::splat(simd, first)) - Lanes::splat(simd, record.fraction[axis] - 0.5)
-                };
-                let d = V2::new(offset(columns, pixels.x, bx, 0), offset(lines, pixels.y, by, 1));
-                let (rho, z) = forms.at(d);
-                // 2^x is for x ≥ −126, where nothing shows any more.
-                let power = (rho * rho.constant(-0.5 * std::f64::consts::LOG2_E)).max(rho.constant(-126.0));
-                let alpha = (Lanes::splat(simd, record.opacity) * power.exp2()).min(rho.constant(MAX_ALPHA));
-                let shows = alpha.constant(MIN_ALPHA).le(alpha)
-                    & Lanes::splat(simd, inputs.near).le(z)
-                    & z.lt(z.constant(1e30))
-                    & open.zero().lt(open);
-                let bits = shows.bits();
-                if bits == 0 {
-                    continue;
-                }
-                let alpha = alpha * Lanes::splat(simd, record.weight);
-                match &mut pending {
-                    None => {
-                        let [color, normal] = [record.color, record.normal].map(|v| v.map(|c| Lanes::splat(simd, c)));
-                        self.blend_block::<S, SUMS>(block, &Fragments { alpha, z, color, normal }, shows, sums);
+        let (mut records, mut batch) = (records, Vec::with_capacity(TOGETHER));
+        loop {
+            batch.clear();
+            batch.extend(records.by_ref().take(TOGETHER).map(|record| (record, record.clone())));
+            if batch.is_empty() {
+                break;
+            }
+            for (stored, record) in &batch {
+                let forms = forms(simd, record);
+                let [rows, blocks] = [
+                    blocks(&record.rows, [pixels.y, pixels.height]),
+                    blocks(&record.columns, [pixels.x, pixels.width]),
+                ];
+                self.tested += (rows.len() * blocks.len() * LANES) as u64;
+                for (by, bx) in rows.flat_map(|by| blocks.clone().map(move |bx| (by, bx))) {
+                    let block = by * SIDE + bx;
+                    let open = Lanes::load(simd, &self.open[block]);
+                    // Whole numbers, exact: only the fraction rounds.
+                    let offset = |pixels: Lanes<S>, start: u32, at: usize, axis: usize| {
+                        let first = (start as i32 + (at * SIDE) as i32 - record.base[axis]) as f32;
+                        (pixels + Lanes::splat(simd, first)) - Lanes::splat(simd, record.fraction[axis] - 0.5)
+                    };
+                    let d = V2::new(offset(columns, pixels.x, bx, 0), offset(lines, pixels.y, by, 1));
+                    let (rho, z) = forms.at(d);
+                    // 2^x is for x ≥ −126, where nothing shows any more.
+                    let power = (rho * rho.constant(-0.5 * std::f64::consts::LOG2_E)).max(rho.constant(-126.0));
+                    let alpha = (Lanes::splat(simd, record.opacity) * power.exp2()).min(rho.constant(MAX_ALPHA));
+                    let shows = alpha.constant(MIN_ALPHA).le(alpha)
+                        & Lanes::splat(simd, inputs.near).le(z)
+                        & z.lt(z.constant(1e30))
+                        & open.zero().lt(open);
+                    let bits = shows.bits();
+                    if bits == 0 {
+                        continue;
                     }
-                    Some(pending) => {
-                        if pending.add(block, bits, &alpha.to_array(), &z.to_array(), record) {
-                            self.blend_pending::<S, SUMS>(simd, block, key(record.nearest, 0), pending, sums);
+                    let alpha = alpha * Lanes::splat(simd, record.weight);
+                    match &mut pending {
+                        None => {
+                            let [color, normal] =
+                                [record.color, record.normal].map(|v| v.map(|c| Lanes::splat(simd, c)));
+                            self.blend_block::<S, SUMS>(block, &Fragments { alpha, z, color, normal }, shows, sums);
+                        }
+                        Some(pending) => {
+                            if pending.add(block, bits, &alpha.to_array(), &z.to_array(), stored) {
+                                self.blend_pending::<S, SUMS>(simd, block, key(record.nearest, 0), pending, sums);
+                            }
                         }
                     }
-                }
-                if self.open_blocks == 0 {
-                    return;
+                    if self.open_blocks == 0 {
+                        return;
+                    }
                 }
             }
         }
