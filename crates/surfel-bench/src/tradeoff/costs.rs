@@ -169,8 +169,8 @@ mod tests {
             // Shape and storage of splats are a backend's matter.
             let same = case.absent || case.quantised || case.name == "ellipses";
             assert_eq!(decides_alike(&plan, &plain), same, "{}", case.name);
-            // Nor does a GPU have a target, a byte or a shader more; and it has one for everything that isn't absent, but
-            // for colours in 8 bits, which the host encodes.
+            // Nor does a GPU have a target, a byte or a shader more; and it has one for everything that isn't absent,
+            // but for colours in 8 bits, which the host encodes.
             let cost_more = PlanCost::of(&plan) != plain_cost;
             assert_eq!(cost_more, !same && case.name != "colours" && !case.planes.rgba8, "{}", case.name);
         }
