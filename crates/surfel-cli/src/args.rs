@@ -52,7 +52,7 @@ pub(crate) enum Command {
     Stitch(StitchArgs),
     /// Draw pictures as they are asked for on stdin, of a scene that stays in memory.
     Serve(Box<ServeArgs>),
-    /// Print a job for a cluster or a farm that draws a scene in pieces.
+    /// Print a job for a cluster or a farm that draws a scene, or converts points, in pieces.
     Jobs(JobsArgs),
     /// Measure how far two images are apart.
     Compare(CompareArgs),
@@ -392,7 +392,8 @@ pub(crate) struct ConvertArgs {
     #[arg(long)]
     pub(crate) ascii: bool,
     /// Of -o OUT.copc.laz: keep what is done in the folder OUT.copc.laz.resume until OUT is there, and go on with what
-    /// an interrupted run of the same command left. Deleting the folder gives that up.
+    /// an interrupted run of the same command left. Deleting the folder gives that up. A share that is there, of the
+    /// same inputs, stays as it is.
     #[arg(long)]
     pub(crate) resume: bool,
     /// Only share I of N of the points, as -o NAME.shard; I counts from 0, or from 1: N/N is 0/N. With such a name it
@@ -521,10 +522,10 @@ pub(crate) struct Engine {
     /// A job template of OpenJD (Deadline Cloud, openjd-cli), as JSON.
     #[arg(long)]
     pub(crate) openjd: bool,
-    /// A script for Slurm's sbatch: an array of tasks.
+    /// A script for Slurm's sbatch: an array of tasks; or for bash, where it submits a second job that needs them all.
     #[arg(long)]
     pub(crate) slurm: bool,
-    /// A Kubernetes Job with indexed completions, as JSON.
+    /// A Kubernetes Job with indexed completions, as JSON; for tiles and shares with one that waits for their files.
     #[arg(long)]
     pub(crate) k8s: bool,
     /// Shell commands, one a line, as OpenCue's cuecmd and GNU parallel take them.
@@ -542,7 +543,8 @@ pub(crate) struct JobsArgs {
     pub(crate) inputs: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) engine: Engine,
-    /// The images; {frame}.png, {name}.png or whole.png in the current folder where nothing says it.
+    /// The images; {frame}.png, {name}.png or whole.png in the current folder where nothing says it. OUT.copc.laz is a
+    /// conversion of all inputs, by shares OUT.NUMBER.shard.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
     /// Draw a turntable of N images.
@@ -558,14 +560,14 @@ pub(crate) struct JobsArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000),
         conflicts_with_all = ["frames", "cameras", "frame_range"])]
     pub(crate) tiles: Option<u32>,
-    /// Tasks that the pictures are shared out to; 64 where nothing says it, and at most one a picture.
+    /// Tasks that the pictures or points are shared out to; 64 where nothing says it, and at most one a picture.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "tiles")]
     pub(crate) tasks: Option<u32>,
     /// The container image of --k8s, which has surfel on its PATH.
     #[arg(long, value_name = "NAME", default_value = "surfel")]
     pub(crate) image: String,
-    /// Flags of `surfel render` for all tasks.
-    #[arg(last = true, value_name = "RENDER FLAG", allow_hyphen_values = true)]
+    /// Flags of `surfel render`, or of `surfel convert`, for all tasks.
+    #[arg(last = true, value_name = "FLAG", allow_hyphen_values = true)]
     pub(crate) flags: Vec<String>,
 }
 

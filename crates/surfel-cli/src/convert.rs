@@ -34,6 +34,13 @@ pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> 
     save(args, &converted(args, console)?, console)
 }
 
+/// Refuses what no input makes right, of a share.
+pub(crate) fn check(args: &ConvertArgs) -> Result<(), Failure> {
+    let output = pieces::with_shard(&args.output, args.shard);
+    check_output(args, &output)?;
+    Ok(levels::check_copc(&output, &options::splats(&args.splats, args.force)?, args.ascii, args.shard)?)
+}
+
 fn converted(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
     let progress = console.progress();
     let options = options::splats(&args.splats, args.force)?;

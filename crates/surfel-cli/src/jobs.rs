@@ -1,10 +1,11 @@
-//! `surfel jobs`: a job for an engine that exists, of the pieces that `--shard` and `--tile` draw.
+//! `surfel jobs`: a job for an engine that exists, of the pieces that `--shard` and `--tile` draw or convert.
 //!
 //! Tasks run in the folder in which the job was made, so that all paths mean what they mean there; workers share it.
 //! Job files are JSON where YAML is usual, which JSON is a part of: nothing in a name is then taken for syntax.
 
 use crate::args::{Cli, Command, JobsArgs, command};
 use crate::console::Console;
+use crate::convert;
 use crate::failure::Failure;
 use crate::pieces;
 use crate::stdin::is_stdin;
@@ -12,7 +13,7 @@ use crate::stdout;
 use clap::FromArgMatches;
 use serde_json::json;
 use std::path::Path;
-use surfel::camera;
+use surfel::{camera, levels};
 
 /// Tasks where nothing is said.
 const TASKS: usize = 64;
@@ -32,13 +33,17 @@ pub(crate) fn run(args: &JobsArgs, console: &Console) -> Result<(), Failure> {
     } else if engine.k8s {
         job.k8s(&args.image)
     } else if engine.cuecmd {
-        job.cuecmd()
+        job.cuecmd()?
     } else {
         job.snakemake()?
     };
-    console.note(&format!("{} pictures by {} tasks in {folder}", job.pictures, job.tasks));
-    if let Some(last) = job.stitch.as_ref().filter(|_| engine.slurm || engine.k8s || engine.cuecmd) {
-        console.note(&format!("when all tasks are done: {}", shell(last)));
+    console.note(&format!("{} by {} tasks in {folder}", job.what, job.tasks));
+    match &job.pieces {
+        Some(pieces) if engine.cuecmd => {
+            console.note(&format!("when all tasks are done: {}", shell(&pieces.join)));
+        }
+        Some(_) if engine.slurm => console.note("bash, not sbatch, runs the script: it submits two jobs"),
+        _ => {}
     }
     stdout::result(text.as_bytes())
 }
@@ -48,50 +53,72 @@ pub(crate) fn run(args: &JobsArgs, console: &Console) -> Result<(), Failure> {
 struct Job {
     name: String,
     folder: String,
-    /// Pictures or tiles.
-    pictures: usize,
+    /// What is made.
+    what: String,
     tasks: usize,
     /// The command of a task.
     words: Vec<String>,
-    /// Files that tasks write, one each, where they are tiles, and their name with `{tile}`.
-    tiles: Vec<String>,
-    tile_name: String,
-    /// What puts tiles together.
-    stitch: Option<Vec<String>>,
+    /// Files that tasks write, one each, where these are put together.
+    pieces: Option<Pieces>,
+}
+
+/// Files that are put together.
+#[derive(Debug)]
+struct Pieces {
+    /// Their name with [`TASK`], and their names.
+    name: String,
+    files: Vec<String>,
+    /// What putting them together is called, and its command.
+    step: &'static str,
+    join: Vec<String>,
+    whole: String,
+}
+
+impl Pieces {
+    /// So many files, whose name has `placeholder` for their number.
+    fn new([name, placeholder]: [&str; 2], count: usize, step: &'static str, whole: &str) -> Self {
+        let files: Vec<String> = (0..count).map(|i| name.replace(placeholder, &format!("{i:04}"))).collect();
+        let command = if step == "stitch" { "stitch" } else { "convert" };
+        let words = ["surfel", command].map(str::to_owned).into_iter();
+        let join = words.chain([format!("--output={whole}"), "--".to_owned()]).chain(files.iter().cloned()).collect();
+        Self { name: name.replace(placeholder, TASK), files, step, join, whole: whole.to_owned() }
+    }
 }
 
 impl Job {
     fn of(args: &JobsArgs, folder: &str) -> Result<Self, Failure> {
-        let texts = |path: &Path| {
-            let not = || Failure::usage(format!("{}: its name is not UTF-8, which job files are", path.display()));
-            if is_stdin(path) {
-                return Err(Failure::usage("-: a job's tasks have no stdin, expected a file"));
-            }
-            path.to_str().map(str::to_owned).ok_or_else(not)
-        };
-        let inputs: Vec<String> = args.inputs.iter().map(|path| texts(path)).collect::<Result<_, _>>()?;
+        let inputs: Vec<String> = args.inputs.iter().map(|path| text_of(path)).collect::<Result<_, _>>()?;
+        let is_conversion = args.output.as_deref().is_some_and(levels::is_copc);
+        let named_by = if is_conversion { args.output.as_ref() } else { args.inputs.first() };
+        let stem = named_by.and_then(|path| path.file_stem()).unwrap_or_default().to_string_lossy();
+        let stem = stem.strip_suffix(".copc").unwrap_or(&stem);
+        let plain: String =
+            stem.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' }).collect();
+        let plain = plain.trim_matches('-').chars().take(40).collect::<String>();
+        let name = format!("surfel-{plain}").trim_end_matches('-').to_owned();
+        let folder = folder.to_owned();
+        let job = Self { name, folder, what: String::new(), tasks: 0, words: Vec::new(), pieces: None };
+        if is_conversion { job.of_shares(args, inputs) } else { job.of_pictures(args, inputs) }
+    }
+
+    fn of_pictures(self, args: &JobsArgs, inputs: Vec<String>) -> Result<Self, Failure> {
         let default = match (args.cameras.is_some(), args.frames.is_some()) {
             (true, _) => "{name}.png",
             (_, true) => "{frame}.png",
             _ => "whole.png",
         };
-        let output = args.output.as_deref().map_or_else(|| Ok(default.to_owned()), texts)?;
+        let output = args.output.as_deref().map_or_else(|| Ok(default.to_owned()), text_of)?;
         let mut words: Vec<String> = ["surfel", "render"].map(str::to_owned).into();
         words.extend(args.flags.iter().cloned());
         if let Some(frames) = args.frames {
             words.extend(["--turntable".to_owned(), format!("--frames={frames}")]);
         }
         if let Some(cameras) = &args.cameras {
-            words.push(format!("--cameras={}", texts(cameras)?));
+            words.push(format!("--cameras={}", text_of(cameras)?));
         }
         if let Some(range) = args.frame_range {
             words.push(format!("--frame-range={range}"));
         }
-        let (tile_name, whole) = (tile_name(&output), output.clone());
-        let piece = match args.tiles {
-            Some(tiles) => [format!("--tile={TASK}/{tiles}"), format!("--output={tile_name}")],
-            None => [format!("--shard={TASK}/"), format!("--output={output}")],
-        };
         words.push("--skip-existing".to_owned());
         let frames = args.frames.map(|frames| frames as usize);
         let cameras = args.cameras.as_ref().map(|path| camera::named(path, None)).transpose()?;
@@ -102,34 +129,55 @@ impl Job {
         };
         let apart = inputs.len() > 1 && output.contains("{input}");
         let pictures = args.tiles.map_or(of_input * if apart { inputs.len() } else { 1 }, |tiles| tiles as usize);
-        let tasks = match args.tiles {
-            Some(tiles) => tiles as usize,
-            None => args.tasks.map_or(TASKS, |tasks| tasks as usize).min(pictures),
+        let (tasks, pieces) = match args.tiles {
+            Some(tiles) => {
+                let name = tile_name(&output);
+                words.extend([format!("--tile={TASK}/{tiles}"), format!("--output={name}")]);
+                (tiles as usize, Some(Pieces::new([&name, "{tile}"], tiles as usize, "stitch", &output)))
+            }
+            None => {
+                let tasks = args.tasks.map_or(TASKS, |tasks| tasks as usize).min(pictures);
+                words.extend([format!("--shard={TASK}/{tasks}"), format!("--output={output}")]);
+                (tasks, None)
+            }
         };
-        let [part, to] = piece;
-        words.push(if args.tiles.is_some() { part } else { format!("{part}{tasks}") });
-        words.push(to);
         words.push("--".to_owned());
-        words.extend(inputs.iter().cloned());
+        words.extend(inputs);
         check(&words, args)?;
-        let tiles: Vec<String> = args.tiles.map_or_else(Vec::new, |tiles| {
-            (0..tiles).map(|i| tile_name.replace("{tile}", &format!("{i:04}"))).collect()
-        });
-        let stitch = args.tiles.map(|_| {
-            let words = ["surfel", "stitch"].map(str::to_owned).into_iter();
-            words.chain([format!("--output={whole}"), "--".to_owned()]).chain(tiles.iter().cloned()).collect()
-        });
-        let stem = args.inputs.first().and_then(|path| path.file_stem()).unwrap_or_default().to_string_lossy();
-        let plain: String =
-            stem.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' }).collect();
-        let plain = plain.trim_matches('-').chars().take(40).collect::<String>();
-        let name = format!("surfel-{plain}").trim_end_matches('-').to_owned();
-        Ok(Self { name, folder: folder.to_owned(), pictures, tasks, words, tiles, tile_name, stitch })
+        Ok(Self { what: format!("{pictures} pictures"), tasks, words, pieces, ..self })
     }
 
-    /// A task in a shell, in the job's folder; `task` goes in as it is.
-    fn shell(&self, task: &str) -> String {
-        format!("cd {} && {}", quote(&self.folder), shell(&self.words).replace(TASK, task))
+    /// Points by levels: shares, and the file that they are together.
+    fn of_shares(self, args: &JobsArgs, inputs: Vec<String>) -> Result<Self, Failure> {
+        let output = args.output.as_deref().map_or_else(|| Ok(String::new()), text_of)?;
+        let is_of_pictures = args.frames.is_some() || args.cameras.is_some() || args.tiles.is_some();
+        if is_of_pictures || args.frame_range.is_some() {
+            let what = "is no picture: expected no --frames, --frame-range, --cameras or --tiles";
+            return Err(Failure::usage(format!("-o {output}: {what}")));
+        }
+        let tasks = args.tasks.map_or(TASKS, |tasks| tasks as usize);
+        let stem = output.get(..output.len() - ".copc.laz".len()).unwrap_or_default();
+        let name = format!("{stem}.{{shard}}.shard");
+        let mut words: Vec<String> = ["surfel", "convert"].map(str::to_owned).into();
+        words.extend(args.flags.iter().cloned());
+        let own = ["--resume".to_owned(), format!("--shard={TASK}/{tasks}"), format!("--output={name}")];
+        words.extend(own.into_iter().chain(["--".to_owned()]));
+        let what = format!("{} inputs", inputs.len());
+        words.extend(inputs);
+        let Command::Convert(parsed) = parsed(&words)? else {
+            return Err(Failure::usage("flags after -- are those of surfel convert"));
+        };
+        if parsed.force {
+            return Err(Failure::usage("tasks go on with what is there: expected no --force; delete what is old"));
+        }
+        convert::check(&parsed)?;
+        let pieces = Some(Pieces::new([&name, "{shard}"], tasks, "merge", &output));
+        Ok(Self { what, tasks, words, pieces, ..self })
+    }
+
+    /// Words in a shell, in the job's folder; `task` goes in as it is.
+    fn shell(&self, words: &[String], task: &str) -> String {
+        format!("cd {} && {}", quote(&self.folder), shell(words).replace(TASK, task))
     }
 
     /// <https://github.com/OpenJobDescription/openjd-specifications/wiki/2023-09-Template-Schemas>
@@ -139,53 +187,53 @@ impl Job {
             if script.replace(OPENJD_TASK, "").contains("{{") {
                 return Err(Failure::usage("OpenJD can't hold {{ in a name or a flag: rename the file"));
             }
+            let script = line(script)?;
             Ok(json!({ "actions": { "onRun": { "command": "bash", "args": ["-c", script] } } }))
         };
+        let first = if self.is_conversion() { "convert" } else { "render" };
         let mut steps = vec![json!({
-            "name": "render",
+            "name": first,
             "parameterSpace": { "taskParameterDefinitions": [
                 { "name": "Task", "type": "INT", "range": format!("0-{}", self.tasks - 1) }
             ] },
-            "script": run(self.shell(OPENJD_TASK))?,
+            "script": run(self.shell(&self.words, OPENJD_TASK))?,
         })];
-        if let Some(stitch) = &self.stitch {
+        if let Some(Pieces { step, join, .. }) = &self.pieces {
             steps.push(json!({
-                "name": "stitch",
-                "dependencies": [{ "dependsOn": "render" }],
-                "script": run(format!("cd {} && {}", quote(&self.folder), shell(stitch)))?,
+                "name": step,
+                "dependencies": [{ "dependsOn": first }],
+                "script": run(self.shell(join, ""))?,
             }));
         }
         Ok(pretty(&json!({ "specificationVersion": "jobtemplate-2023-09", "name": self.name, "steps": steps })))
     }
 
+    fn is_conversion(&self) -> bool {
+        self.pieces.as_ref().is_some_and(|pieces| pieces.step == "merge")
+    }
+
     fn slurm(&self) -> String {
-        let mut text = format!(
-            "#!/bin/bash\n#SBATCH --job-name={}\n#SBATCH --array=0-{}\nset -eu\n{}\n",
-            self.name,
-            self.tasks - 1,
-            self.shell("\"$SLURM_ARRAY_TASK_ID\"")
-        );
-        if let Some(stitch) = &self.stitch {
-            // A name with a line feed must stay within the comment.
-            let line = shell(stitch).replace('\n', " ");
-            text += &format!("# Then: sbatch --dependency=afterok:JOB --wrap of\n#   {line}\n");
+        let last = self.tasks - 1;
+        let mut text = format!("#!/bin/bash\n#SBATCH --job-name={}\n#SBATCH --array=0-{last}\nset -eu\n", self.name);
+        if let Some(Pieces { step, join, .. }) = &self.pieces {
+            // A script of its own: what is longer than 128 KiB is no argument.
+            text += &format!(
+                "if [ -z \"${{SLURM_ARRAY_TASK_ID-}}\" ]; then\n  # Run by bash: the array, and then what needs all of \
+                 it.\n  array=$(sbatch --parsable \"$0\")\n  exec sbatch --job-name={}-{step} \
+                 --dependency=\"afterok:${{array%%;*}}\" <<'END OF {step}'\n#!/bin/bash\n{}\nEND OF {step}\nfi\n",
+                self.name,
+                self.shell(join, "")
+            );
         }
-        text
+        text + &self.shell(&self.words, "\"$SLURM_ARRAY_TASK_ID\"") + "\n"
     }
 
     /// <https://kubernetes.io/docs/reference/kubernetes-api/workload-resources/job-v1/>
     fn k8s(&self, image: &str) -> String {
-        // $(NAME) is replaced in what a container runs, and $$ is a dollar.
-        let words = self.words.iter().map(|word| word.replace('$', "$$").replace(TASK, "$(JOB_COMPLETION_INDEX)"));
-        pretty(&json!({
-            "apiVersion": "batch/v1",
-            "kind": "Job",
-            "metadata": { "name": self.name },
-            "spec": {
-                "completionMode": "Indexed",
-                "completions": self.tasks,
-                "parallelism": self.tasks,
-                "backoffLimitPerIndex": 3,
+        let job = |name: &str, words: &[String], tasks: Option<usize>| {
+            // $(NAME) is replaced in what a container runs, and $$ is a dollar.
+            let words = words.iter().map(|word| word.replace('$', "$$").replace(TASK, "$(JOB_COMPLETION_INDEX)"));
+            let mut spec = json!({
                 "template": { "spec": {
                     "restartPolicy": "Never",
                     "containers": [{
@@ -197,54 +245,91 @@ impl Job {
                     }],
                     "volumes": [{ "name": "data", "persistentVolumeClaim": { "claimName": "surfel-data" } }],
                 } },
-            },
-        }))
+            });
+            if let Some(tasks) = tasks {
+                spec["completionMode"] = "Indexed".into();
+                (spec["completions"], spec["parallelism"]) = (tasks.into(), tasks.into());
+                spec["backoffLimitPerIndex"] = 3.into();
+            }
+            json!({ "apiVersion": "batch/v1", "kind": "Job", "metadata": { "name": name }, "spec": spec })
+        };
+        let tasks = job(&self.name, &self.words, Some(self.tasks));
+        let Some(Pieces { step, join, files, .. }) = &self.pieces else { return pretty(&tasks) };
+        // No job waits for another here, but files appear whole: this one waits for them.
+        let command = &join[..join.len() - files.len()];
+        let script = format!("for f do until [ -e \"$f\" ]; do sleep 5; done; done; exec {} \"$@\"", shell(command));
+        let words = ["sh".to_owned(), "-c".to_owned(), script, "sh".to_owned()];
+        let words: Vec<String> = words.into_iter().chain(files.iter().cloned()).collect();
+        let last = job(&format!("{}-{step}", self.name), &words, None);
+        pretty(&json!({ "apiVersion": "v1", "kind": "List", "items": [tasks, last] }))
     }
 
-    fn cuecmd(&self) -> String {
-        (0..self.tasks).map(|task| self.shell(&task.to_string()) + "\n").collect()
+    fn cuecmd(&self) -> Result<String, Failure> {
+        (0..self.tasks).map(|task| Ok(line(self.shell(&self.words, &task.to_string()))? + "\n")).collect()
     }
 
     fn snakemake(&self) -> Result<String, Failure> {
-        let tile = if self.tiles.is_empty() { String::new() } else { self.tile_name.replace("{tile}", "") };
-        if [&self.folder, &tile].iter().any(|name| name.contains(['{', '}'])) {
-            return Err(Failure::usage("Snakemake can't hold { or } in the name of a folder or a tile: rename it"));
+        let name = self.pieces.as_ref().map_or("", |pieces| &pieces.name);
+        if [&self.folder, name].iter().any(|name| name.contains(['{', '}'])) {
+            return Err(Failure::usage("Snakemake can't hold { or } in the name of a folder or a piece: rename it"));
         }
         // Python reads JSON's strings; Snakemake replaces what is in braces.
         let string = |text: &str| json!(text).to_string();
-        let command =
-            |text: &str| string(&text.replace('{', "{{").replace('}', "}}")).replace(TASK, "{wildcards.task}");
-        let script = format!("cd {} && {}", quote(&self.folder), shell(&self.words));
-        let (output, done) = if self.tiles.is_empty() {
-            let marker = format!("{}/.{}-{{task}}.done", self.folder, self.name);
-            (format!("touch({})", string(&marker)), marker)
-        } else {
-            let tile = Path::new(&self.folder).join(self.tile_name.replace("{tile}", "{task}"));
-            let tile = tile.to_string_lossy().into_owned();
-            (string(&tile), tile)
+        let command = |words: &[String]| {
+            let text = line(format!("cd {} && {}", quote(&self.folder), shell(words)))?;
+            Ok::<_, Failure>(string(&text.replace('{', "{{").replace('}', "}}")).replace(TASK, "{wildcards.task}"))
         };
-        let tasks: Vec<String> = (0..self.tasks)
-            .map(|task| if self.tiles.is_empty() { task.to_string() } else { format!("{task:04}") })
-            .collect();
+        let in_folder = |name: &str| Path::new(&self.folder).join(name).to_string_lossy().into_owned();
+        let (output, done) = match &self.pieces {
+            None => {
+                let marker = in_folder(&format!(".{}-{{task}}.done", self.name));
+                (format!("touch({})", string(&marker)), marker)
+            }
+            Some(pieces) => {
+                let piece = in_folder(&pieces.name.replace(TASK, "{task}"));
+                (string(&piece), piece)
+            }
+        };
+        let number = |task| if self.pieces.is_some() { format!("{task:04}") } else { format!("{task}") };
+        let tasks: Vec<String> = (0..self.tasks).map(number).collect();
         let all = format!("expand({}, task={})", string(&done), json!(tasks));
         let mut text = String::new();
-        if let Some(stitch) = &self.stitch {
-            let whole = stitch.iter().find_map(|word| word.strip_prefix("--output=")).unwrap_or_default();
-            let whole = string(&Path::new(&self.folder).join(whole).to_string_lossy());
-            let stitch = command(&format!("cd {} && {}", quote(&self.folder), shell(stitch)));
+        if let Some(Pieces { step, join, whole, .. }) = &self.pieces {
+            let whole = string(&in_folder(whole));
             text += &format!(
-                "rule all:\n    input: {whole}\n\nrule stitch:\n    input: {all}\n    output: {whole}\n    shell: \
-                 {stitch}\n\n"
+                "rule all:\n    input: {whole}\n\nrule {step}:\n    input: {all}\n    output: {whole}\n    shell: {}\n\n",
+                command(join)?
             );
         } else {
             text += &format!("rule all:\n    input: {all}\n\n");
         }
-        Ok(text + &format!("rule render:\n    output: {output}\n    shell: {}\n", command(&script)))
+        let first = if self.is_conversion() { "convert" } else { "render" };
+        Ok(text + &format!("rule {first}:\n    output: {output}\n    shell: {}\n", command(&self.words)?))
     }
 }
 
 /// A task's number in OpenJD.
 const OPENJD_TASK: &str = "{{Task.Param.Task}}";
+/// Bytes of a command that a shell takes as one word: what Linux leaves of 128 KiB.
+const MOST_LINE: usize = 128 * 1024 - 1;
+
+/// A command that an engine hands to a shell as one word.
+fn line(command: String) -> Result<String, Failure> {
+    if command.len() < MOST_LINE {
+        return Ok(command);
+    }
+    let what = format!("a task's command has {} bytes, expected fewer than {MOST_LINE}", command.len());
+    Err(Failure::usage(format!("{what}\n  help: fewer files, shorter names, or --slurm, whose scripts are files")))
+}
+
+/// The name of a file that tasks read or write.
+fn text_of(path: &Path) -> Result<String, Failure> {
+    if is_stdin(path) {
+        return Err(Failure::usage("-: a job's tasks have no stdin, expected a file"));
+    }
+    let not = || Failure::usage(format!("{}: its name is not UTF-8, which job files are", path.display()));
+    path.to_str().map(str::to_owned).ok_or_else(not)
+}
 
 /// OUT with `{tile}` before its extension.
 fn tile_name(output: &str) -> String {
@@ -257,8 +342,8 @@ fn tile_name(output: &str) -> String {
     }
 }
 
-/// Refuses here what every task would refuse.
-fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
+/// What a task's words are; an error is one that every task would give.
+fn parsed(words: &[String]) -> Result<Command, Failure> {
     let words = words.iter().map(|word| word.replace(TASK, "0"));
     let wrong = |e: clap::Error| {
         let text = e.to_string();
@@ -266,7 +351,12 @@ fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
         Failure::usage(format!("tasks can't run so: {}", line.strip_prefix("error: ").unwrap_or(line)))
     };
     let matches = command().try_get_matches_from(words).map_err(wrong)?;
-    let Command::Render(render) = Cli::from_arg_matches(&matches).map_err(wrong)?.command else {
+    Ok(Cli::from_arg_matches(&matches).map_err(wrong)?.command)
+}
+
+/// Refuses here what every task would refuse.
+fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
+    let Command::Render(render) = parsed(words)? else {
         return Err(Failure::usage("flags after -- are those of surfel render"));
     };
     let output = render.output.as_deref().unwrap_or(Path::new(""));
@@ -317,14 +407,14 @@ mod tests {
     #[test]
     fn jobs_share_pictures_out_to_tasks() {
         let job = job("surfel jobs a.json --frames 100 --slurm --tasks 8 -o out/{frame}.png -- --preset fast").unwrap();
-        assert_eq!((job.pictures, job.tasks), (100, 8));
+        assert_eq!((job.what.as_str(), job.tasks), ("100 pictures", 8));
         assert_eq!(
             job.slurm(),
             "#!/bin/bash\n#SBATCH --job-name=surfel-a\n#SBATCH --array=0-7\nset -eu\ncd '/data/my scans' && surfel \
              render --preset fast --turntable --frames=100 --skip-existing --shard=\"$SLURM_ARRAY_TASK_ID\"/8 \
              '--output=out/{frame}.png' -- a.json\n"
         );
-        let cuecmd = job.cuecmd();
+        let cuecmd = job.cuecmd().unwrap();
         assert_eq!(cuecmd.lines().count(), 8);
         assert!(cuecmd.lines().nth(7).unwrap().contains("--shard=7/8 "));
         let k8s: serde_json::Value = serde_json::from_str(&job.k8s("registry/surfel:1")).unwrap();
@@ -348,13 +438,46 @@ mod tests {
     #[test]
     fn tiles_are_put_together_by_a_step_of_their_own() {
         let job = job("surfel jobs a.json --tiles 3 --openjd -o whole.exr").unwrap();
-        assert_eq!(job.tiles, ["whole.0000.exr", "whole.0001.exr", "whole.0002.exr"]);
+        assert_eq!(job.pieces.as_ref().unwrap().files, ["whole.0000.exr", "whole.0001.exr", "whole.0002.exr"]);
         let openjd: serde_json::Value = serde_json::from_str(&job.openjd().unwrap()).unwrap();
         assert_eq!(openjd["steps"][1]["dependencies"][0]["dependsOn"], "render");
         let text = openjd.to_string();
         assert!(text.contains("--tile={{Task.Param.Task}}/3 '--output=whole.{tile}.exr'"), "{text}");
         assert!(text.contains("surfel stitch --output=whole.exr -- whole.0000.exr whole.0001.exr"), "{text}");
         assert!(job.snakemake().unwrap().contains("rule stitch:"));
+    }
+
+    #[test]
+    fn conversions_are_shares_and_what_they_are_together() {
+        let line = "surfel jobs a.laz b.laz --tasks 3 --slurm -o out/big.copc.laz -- --memory 4G";
+        let job = job(line).unwrap();
+        assert_eq!((job.what.as_str(), job.tasks, job.name.as_str()), ("2 inputs", 3, "surfel-big"));
+        let task = "surfel convert --memory 4G --resume --shard=\"$SLURM_ARRAY_TASK_ID\"/3 \
+                    '--output=out/big.{shard}.shard' -- a.laz b.laz";
+        let merge = "surfel convert --output=out/big.copc.laz -- out/big.0000.shard out/big.0001.shard \
+                     out/big.0002.shard";
+        let slurm = job.slurm();
+        assert!(slurm.ends_with(&format!("fi\ncd '/data/my scans' && {task}\n")), "{slurm}");
+        assert!(slurm.contains(&format!("#!/bin/bash\ncd '/data/my scans' && {merge}\nEND OF merge\n")), "{slurm}");
+        let openjd: serde_json::Value = serde_json::from_str(&job.openjd().unwrap()).unwrap();
+        assert_eq!(openjd["steps"][0]["name"], "convert");
+        assert_eq!(openjd["steps"][1]["dependencies"][0]["dependsOn"], "convert");
+        let k8s: serde_json::Value = serde_json::from_str(&job.k8s("surfel")).unwrap();
+        assert_eq!(k8s["items"][0]["spec"]["completions"], 3);
+        assert_eq!(k8s["items"][1]["metadata"]["name"], "surfel-big-merge");
+        let snakemake = job.snakemake().unwrap();
+        assert!(snakemake.contains("output: \"/data/my scans/out/big.{task}.shard\""), "{snakemake}");
+        assert!(snakemake.contains("rule merge:") && snakemake.contains("/3 '--output=out/big.{{shard}}.shard'"));
+        assert_eq!(job.cuecmd().unwrap().lines().count(), 3);
+    }
+
+    #[test]
+    fn commands_that_no_shell_takes_are_refused() {
+        let names: String = (0..9000).map(|i| format!("{i:015}.laz ")).collect();
+        let job = job(&format!("surfel jobs {names}--tasks 2 --slurm -o a.copc.laz")).unwrap();
+        assert!(job.slurm().len() > MOST_LINE);
+        let told = [job.openjd().unwrap_err(), job.snakemake().unwrap_err(), job.cuecmd().unwrap_err()];
+        assert!(told.iter().all(|failure| failure.code() == 2 && failure.message().contains("expected fewer than")));
     }
 
     #[test]
@@ -368,6 +491,13 @@ mod tests {
             "surfel jobs a.json --frame-range 0-4 --slurm",
             "surfel jobs a.json --tiles 4 --slurm -o a.jpg",
             "surfel jobs - --tiles 4 --slurm",
+            "surfel jobs - --slurm -o a.copc.laz",
+            "surfel jobs a.laz --frames 4 --slurm -o a.copc.laz",
+            "surfel jobs a.laz --slurm -o a.copc.laz -- --cull none",
+            "surfel jobs a.laz --slurm -o a.copc.laz -- --force",
+            "surfel jobs a.laz --slurm -o a.copc.laz -- --hybrid",
+            "surfel jobs a.laz --slurm -o a.copc.laz -- --shard 0/2",
+            "surfel jobs a.laz --slurm -o a.copc.laz -- --size 4x4",
         ] {
             assert_eq!(job(bad).map(|job| job.words).map_err(|f| f.code()), Err(2), "{bad}");
         }

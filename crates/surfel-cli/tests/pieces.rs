@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Folder, Run, ball};
+use common::{Folder, Run, ball, las_at};
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Command, Stdio};
 
@@ -328,9 +328,63 @@ fn shell(f: &Folder, script: &str) {
     let path = std::env::join_paths(
         std::iter::once(folder.to_path_buf()).chain(std::env::split_paths(&std::env::var_os("PATH").unwrap())),
     );
-    let run = Command::new("sh").args(["-ec", script]).env("PATH", path.unwrap()).current_dir(f.path()).output();
+    let run = Command::new("bash").args(["-ec", script]).env("PATH", path.unwrap()).current_dir(f.path()).output();
     let run = run.unwrap();
     assert!(run.status.success(), "{script}\n{}", String::from_utf8_lossy(&run.stderr));
+}
+
+/// Slurm in a shell: the tasks of an array one by one, the last first, and then what depends on it.
+const SLURM: &str = r#"sbatch() {
+    case "$1" in
+    --parsable)
+        for i in 2 1 0; do SLURM_ARRAY_TASK_ID=$i SLURM_ARRAY_TASK_COUNT=3 bash "$2"; done
+        echo "17;cluster" ;;
+    *) [ "$2" = --dependency=afterok:17 ] && bash ;;
+    esac
+}
+mkdir -p bin && { echo '#!/bin/bash' && declare -f sbatch && echo 'sbatch "$@"'; } > bin/sbatch && chmod +x bin/sbatch
+export PATH="$PWD/bin:$PATH"
+"#;
+
+#[test]
+fn jobs_convert_what_one_command_does() {
+    let f = Folder::new("a job's points");
+    for east in 0..3 {
+        f.write(&format!("{east} e.las"), las_at(150, east));
+    }
+    f.run_words(&["convert", "0 e.las", "1 e.las", "2 e.las", "-o", "whole.copc.laz"]).code(0);
+    let whole = f.read("whole.copc.laz");
+    let job = |engine: &str, output: &str| {
+        let words = ["jobs", "0 e.las", "1 e.las", "2 e.las", engine, "--tasks=3", "-o", output, "--", "--threads=1"];
+        f.run_words(&words).code(0)
+    };
+    let slurm = job("--slurm", "s it.copc.laz");
+    assert!(slurm.stderr().contains("bash, not sbatch"), "{}", slurm.stderr());
+    f.write("job.sh", slurm.bytes());
+    shell(&f, &format!("{SLURM}bash job.sh"));
+    assert!(f.read("s it.copc.laz") == whole);
+    // One task as a cluster begins it anew: its share is there, and stays.
+    let share = std::fs::metadata(f.path().join("s it.0001.shard")).unwrap().modified().unwrap();
+    shell(&f, "SLURM_ARRAY_TASK_ID=1 bash job.sh");
+    assert_eq!(std::fs::metadata(f.path().join("s it.0001.shard")).unwrap().modified().unwrap(), share);
+    let lines = job("--cuecmd", "c.copc.laz");
+    let merge = lines.stderr().lines().find_map(|l| Some(l.split_once("done: ")?.1.to_owned())).unwrap();
+    shell(&f, &format!("{}{merge}", lines.stdout()));
+    assert!(f.read("c.copc.laz") == whole);
+    // What a pod runs that waits for the files of the others.
+    let k8s: serde_json::Value = job("--k8s", "k.copc.laz").json();
+    let command = |item: usize, index: &str| -> Vec<String> {
+        let words = k8s["items"][item]["spec"]["template"]["spec"]["containers"][0]["command"].as_array().unwrap();
+        let text = |word: &serde_json::Value| word.as_str().unwrap().replace("$(JOB_COMPLETION_INDEX)", index);
+        words.iter().map(|word| text(word).replace("$$", "$")).collect()
+    };
+    let pod = |words: Vec<String>| {
+        let quoted: String = words.iter().map(|word| format!("'{}' ", word.replace('\'', r"'\''"))).collect();
+        quoted
+    };
+    let tasks: String = ["1", "2", "0"].map(|i| format!("{}\n", pod(command(0, i)))).concat();
+    shell(&f, &format!("{} &\n{tasks}wait $!\n", pod(command(1, ""))));
+    assert!(f.read("k.copc.laz") == whole);
 }
 
 #[test]
@@ -343,6 +397,12 @@ fn jobs_draw_what_one_command_does() {
     for i in 0..5 {
         assert_eq!(f.read(&format!("f000{i}.exr")), f.read(&format!("r000{i}.exr")), "frame {i}");
     }
+    // Slurm's array, and what waits for it.
+    f.write("tiles.sh", f.run("jobs scene.json --tiles 3 --slurm -o s.exr").code(0).bytes());
+    shell(&f, &format!("{SLURM}bash tiles.sh"));
+    f.run("scene.json -o once.exr").code(0);
+    assert_eq!(f.read("s.exr"), f.read("once.exr"));
+    std::fs::remove_file(f.path().join("once.exr")).unwrap();
     let run = f.run("jobs scene.json --tiles 4 --cuecmd -o whole.exr -- --cutoff 1.5").code(0);
     let stitch = run.stderr().lines().find_map(|l| Some(l.split_once("done: ")?.1.to_owned())).unwrap();
     shell(&f, &format!("{}{stitch}", run.stdout()));

@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import struct
 import subprocess
 
 import numpy as np
@@ -136,3 +137,25 @@ def words_of(flags):
         else:
             words.append(f"{flag}={value}")
     return words
+
+
+def las(path, points):
+    """Writes a LAS file of version 1.2, points of format 0 in steps of 0.001."""
+    steps = np.rint(points * 1000).astype("<i4")
+    low, high = steps.min(axis=0) / 1000, steps.max(axis=0) / 1000
+    head = b"LASF" + bytes(20) + bytes([1, 2]) + bytes(64) + struct.pack("<HHHIIBHI", 1, 2026, 227, 227, 0, 0, 20,
+                                                                           len(points))
+    head += struct.pack("<5I", len(points), 0, 0, 0, 0) + struct.pack("<6d", .001, .001, .001, 0, 0, 0)
+    head += struct.pack("<6d", high[0], low[0], high[1], low[1], high[2], low[2])
+    rows = np.zeros((len(points), 20), np.uint8)
+    rows[:, :12] = steps.view(np.uint8)
+    rows[:, 14], rows[:, 15] = 9, 2
+    path.write_bytes(head + rows.tobytes())
+
+
+def land(tiles, count, seed=3):
+    """Points of hills in so many tiles side by side, of `count` points each."""
+    random = np.random.default_rng(seed)
+    for tile in range(tiles):
+        x, y = random.uniform(0, 100, (2, count))
+        yield np.stack([x + 100 * tile, y, 5 * np.sin(x / 9) * np.cos(y / 7)], axis=1)

@@ -157,6 +157,37 @@ def test_tiles_of_a_collection_are_converted(engine, tmp_path, data):
     assert [pathlib.Path(name).name for name in names] == [f"{path.stem}.splats.ply" for path in inputs]
 
 
+def test_shares_of_a_collection_are_put_together_though_a_worker_is_killed(engine, tmp_path):
+    inputs = [tmp_path / f"{i}.las" for i in range(4)]
+    for path, points in zip(inputs, conftest.land(4, 100_000)):
+        conftest.las(path, points)
+    surfel.convert(inputs, tmp_path / "one.copc.laz")
+    output, killed = tmp_path / "all.copc.laz", []
+
+    def kill():
+        # While it converts, and not before or after.
+        while not list(tmp_path.glob("all.*.shard*")):
+            time.sleep(0.01)
+        killed.append(kill_one(engine))
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    names = list(engine.module.convert(inputs, output, shares=8, **engine.options))
+    killer.join()
+    assert killed and killed[0] not in engine.pids() and names == [str(output)]
+    assert output.read_bytes() == (tmp_path / "one.copc.laz").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        [path.name for path in inputs] + ["one.copc.laz", "all.copc.laz"])
+    # A file that exists is left as it is; shares that exist are used, and others' are refused.
+    output.write_bytes(b"mine")
+    assert list(engine.module.convert(inputs, output, shares=8, **engine.options)) == names
+    assert output.read_bytes() == b"mine"
+    output.unlink()
+    surfel.convert(inputs[:3], tmp_path / "all.0001.shard", shard=(1, 2))
+    with pytest.raises(surfel.InputError, match="a share of other inputs"):
+        list(engine.module.convert(inputs, output, shares=2, **engine.options))
+
+
 def test_errors_are_those_of_one_process(engine):
     render, many = engine.module.render, engine.module.render_many
     with pytest.raises(surfel.UsageError, match="tiles=0"):
@@ -169,6 +200,8 @@ def test_errors_are_those_of_one_process(engine):
         many(scene(), cameras(2), output="a.png", **engine.options)
     with pytest.raises(surfel.UsageError, match="stem"):
         engine.module.convert(["a/x.laz", "b/x.laz"], "{stem}.ply", **engine.options)
+    with pytest.raises(surfel.UsageError, match="shares=0"):
+        engine.module.convert(["x.laz"], "x.copc.laz", shares=0, **engine.options)
     with pytest.raises(surfel.UsageError, match="attribute"):
         list(many(scene(), cameras(2), color_by="heat", **engine.options))
     with pytest.raises(FileNotFoundError, match="absent.laz"):

@@ -15,16 +15,22 @@ pytestmark = pytest.mark.engines
 PIECES = {
     "frames": ["--frames=5", "--tasks=2", "-o", "f {frame}.png"],
     "tiles": ["--tiles=3", "-o", "whole.png"],
+    "shares": ["--tasks=3", "-o", "the land.copc.laz"],
 }
+LAND = ["land 0.las", "land 1.las"]
+# What puts pieces together.
+JOINED = {"tiles": "stitch", "shares": "merge"}
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder whose name needs quotes, with a small scene."""
+    """A folder whose name needs quotes, with a small scene and two tiles of land."""
     folder = tmp_path / "my scans"
     folder.mkdir()
     points, colors = conftest.sphere(500)
     conftest.ply(folder / "ball.ply", points, colors, normals=points, radii=points[:, 0] * 0 + 0.1)
+    for name, land in zip(LAND, conftest.land(2, 50_000)):
+        conftest.las(folder / name, land)
     return folder
 
 
@@ -32,9 +38,11 @@ def folder(tmp_path):
 def job(request, folder, program):
     """Makes a job for an engine."""
     def make(engine):
-        return program(folder, "jobs", "ball.ply", engine, *PIECES[request.param], "--", "--size=48x36").decode()
+        inputs, flags = (LAND, ["--threads=1"]) if request.param == "shares" else (["ball.ply"], ["--size=48x36"])
+        return program(folder, "jobs", *inputs, engine, *PIECES[request.param], "--", *flags).decode()
 
-    make.wanted = ["whole.png"] if request.param == "tiles" else [f"f {i:04}.png" for i in range(5)]
+    make.wanted = [f"f {i:04}.png" for i in range(5)] if request.param == "frames" else [PIECES[request.param][-1]]
+    make.joined = JOINED.get(request.param)
     return make
 
 
@@ -47,7 +55,11 @@ def run(folder, *words):
     return done.stdout
 
 
-def drawn_as_by_one_command(folder, program, job):
+def made_as_by_one_command(folder, program, job):
+    if job.joined == "merge":
+        program(folder, "convert", *LAND, "-o", "one.copc.laz")
+        assert (folder / "one.copc.laz").read_bytes() == (folder / job.wanted[0]).read_bytes()
+        return
     flags = ["--size=48x36", "--turntable", "--frames=5"] if len(job.wanted) > 1 else ["--size=48x36"]
     name = "one {frame}.png" if len(job.wanted) > 1 else "one.png"
     program(folder, "ball.ply", *flags, "-o", name)
@@ -61,8 +73,8 @@ def test_openjd_runs_jobs(folder, job, program):
     pytest.importorskip("openjd.cli")
     (folder / "job.json").write_text(job("--openjd"))
     run(folder, "openjd", "check", "job.json")
-    run(folder, "openjd", "run", "job.json", *(["--step", "stitch", "--run-dependencies"] if len(job.wanted) == 1 else []))
-    drawn_as_by_one_command(folder, program, job)
+    run(folder, "openjd", "run", "job.json", *(["--step", job.joined, "--run-dependencies"] if job.joined else []))
+    made_as_by_one_command(folder, program, job)
     broken = json.loads((folder / "job.json").read_text())
     broken["steps"][0]["script"]["actions"]["onRuns"] = {}
     (folder / "broken.json").write_text(json.dumps(broken))
@@ -74,16 +86,20 @@ def test_snakemake_runs_jobs(folder, job, program):
     pytest.importorskip("snakemake")
     (folder / "Snakefile").write_text(job("--snakemake"))
     run(folder, "snakemake", "--cores", "2", "--quiet")
-    drawn_as_by_one_command(folder, program, job)
+    made_as_by_one_command(folder, program, job)
 
 
 def test_kubernetes_takes_jobs(job):
     validate = pytest.importorskip("kubernetes_validate")
     manifest = json.loads(job("--k8s"))
-    validate.validate(manifest, validate.latest_version(), strict=True)
-    manifest["spec"]["completion"] = manifest["spec"].pop("completions")
+    manifests = manifest["items"] if job.joined else [manifest]
+    assert len({one["metadata"]["name"] for one in manifests}) == (2 if job.joined else 1)
+    for one in manifests:
+        validate.validate(one, validate.latest_version(), strict=True)
+    spec = manifests[0]["spec"]
+    spec["completion"] = spec.pop("completions")
     with pytest.raises(validate.ValidationError):
-        validate.validate(manifest, validate.latest_version(), strict=True)
+        validate.validate(manifests[0], validate.latest_version(), strict=True)
 
 
 def test_bash_reads_slurms_scripts(folder, job):

@@ -246,25 +246,11 @@ def test_info_compare_convert_and_backends_are_the_programs(program, data, tmp_p
     assert named["cpu"]["available"] and named["reference"]["available"]
 
 
-def las(path, points):
-    """Writes a LAS file of version 1.2, points of format 0 in steps of 0.001."""
-    steps = np.rint(points * 1000).astype("<i4")
-    low, high = steps.min(axis=0) / 1000, steps.max(axis=0) / 1000
-    head = b"LASF" + bytes(20) + bytes([1, 2]) + bytes(64) + struct.pack("<HHHIIBHI", 1, 2026, 227, 227, 0, 0, 20,
-                                                                           len(points))
-    head += struct.pack("<5I", len(points), 0, 0, 0, 0) + struct.pack("<6d", .001, .001, .001, 0, 0, 0)
-    head += struct.pack("<6d", high[0], low[0], high[1], low[1], high[2], low[2])
-    rows = np.zeros((len(points), 20), np.uint8)
-    rows[:, :12] = steps.view(np.uint8)
-    rows[:, 14], rows[:, 15] = 9, 2
-    path.write_bytes(head + rows.tobytes())
-
-
 def test_points_by_levels_are_the_programs(program, tmp_path):
     x, y = np.meshgrid(np.arange(0, 10, 0.2), np.arange(0, 8, 0.2))
     ground = np.stack([x, y, np.sin(x)], axis=-1).reshape(-1, 3)
-    las(tmp_path / "a.las", ground)
-    las(tmp_path / "b.las", ground + [10, 0, 0])
+    conftest.las(tmp_path / "a.las", ground)
+    conftest.las(tmp_path / "b.las", ground + [10, 0, 0])
     program(tmp_path, "convert", "a.las", "b.las", "-o", "p.copc.laz")
     told = surfel.convert([tmp_path / "a.las", tmp_path / "b.las"], tmp_path / "q.copc.laz", threads=1)
     assert (tmp_path / "p.copc.laz").read_bytes() == (tmp_path / "q.copc.laz").read_bytes()

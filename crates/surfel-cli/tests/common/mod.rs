@@ -183,3 +183,49 @@ pub fn scene(settings: &str) -> String {
             "size": [40, 30]}}, "objects": [{{"splats": "a.ply"}}], "settings": {{{settings}}}}}"#
     )
 }
+
+/// A LAS file of format 7: a hilly sheet of `side`² coloured points 0.1 apart, jittered, in millimetres, `east` sheets
+/// from the first, with the points' own bounds in the header.
+pub fn las_at(side: u32, east: u32) -> Vec<u8> {
+    let mut bytes = vec![0; 375];
+    bytes[..4].copy_from_slice(b"LASF");
+    bytes[24..26].copy_from_slice(&[1, 4]);
+    bytes[94..96].copy_from_slice(&375_u16.to_le_bytes());
+    bytes[96..100].copy_from_slice(&375_u32.to_le_bytes());
+    bytes[104] = 7;
+    bytes[105..107].copy_from_slice(&36_u16.to_le_bytes());
+    let offsets = [600_000.0, 5_000_000.0, 100.0];
+    for (k, offset) in offsets.into_iter().enumerate() {
+        let mut put = |at: usize, v: f64| bytes[at + 8 * k..at + 8 * k + 8].copy_from_slice(&v.to_le_bytes());
+        put(131, 0.001);
+        put(155, offset);
+    }
+    bytes[247..255].copy_from_slice(&u64::from(side * side).to_le_bytes());
+    let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+    let mut random = 1_u64;
+    let mut jitter = || {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (random >> 40) as f64 / f64::from(1 << 24) * 0.05
+    };
+    for i in 0..side * side {
+        let (x, y) = (f64::from(i % side) * 0.1 + jitter(), f64::from(i / side) * 0.1 + jitter());
+        let z = 3.0 * (x * 0.2).sin() * (y * 0.17).cos();
+        for (k, v) in [x + f64::from(east * side) * 0.1, y, z].into_iter().enumerate() {
+            let step = (v * 1000.0).round() as i32;
+            (low[k], high[k]) = (low[k].min(step), high[k].max(step));
+            bytes.extend_from_slice(&step.to_le_bytes());
+        }
+        bytes.extend_from_slice(&[0, 0, 0x11, 0, 2, 0, 0, 0, 0, 0]);
+        bytes.extend_from_slice(&f64::from(i).to_le_bytes());
+        let level = |on: bool| if on { 52_000_u16 } else { 9_000 };
+        let stripe = (x / 5.0).floor() as i64 + (y / 5.0).floor() as i64;
+        let color = [level(stripe % 2 == 0), 30_000, level(stripe % 3 == 0)];
+        color.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+    }
+    for (k, offset) in offsets.into_iter().enumerate() {
+        for (at, step) in [(179 + 16 * k, high[k]), (187 + 16 * k, low[k])] {
+            bytes[at..at + 8].copy_from_slice(&(f64::from(step) * 0.001 + offset).to_le_bytes());
+        }
+    }
+    bytes
+}

@@ -1,4 +1,4 @@
-"""What runs in the worker processes of Ray and Dask: the same pictures as in one process, to the bit."""
+"""What runs in the worker processes of Ray and Dask: the same pictures and files as in one process, to the bit."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from ._errors import UsageError
 from ._files import convert
 from ._image import Image
 from ._scene import Scene
+
+COPC = ".copc.laz"
 
 
 class Frames:
@@ -87,11 +89,60 @@ class Files:
         return self._outputs[i]
 
 
-def in_order(count: int, ahead: int, start, wait):
-    """Starts task after task, so many ahead of the one that is given next, and gives what they gave."""
-    for i in range(count):
-        start(i)
-        if i >= ahead:
+class Shares:
+    """Shares of one conversion, and the file that they are together: files beside it, which it is made of."""
+
+    def __init__(self, inputs, output: str, shares: int, flags: dict):
+        if not isinstance(shares, int) or shares < 1:
+            raise UsageError(f"shares={shares!r}: expected a whole number of at least 1")
+        if isinstance(inputs, (str, os.PathLike)):
+            inputs = [inputs]
+        self._flags = flags
+        self._inputs = [os.path.abspath(path) for path in inputs]
+        self._output = os.path.abspath(output)
+        stem = self._output[:-len(COPC)]
+        self._shares = [f"{stem}.{i:04}.shard" for i in range(shares)]
+
+    def __len__(self) -> int:
+        return len(self._shares)
+
+    def draw(self, i: int) -> None:
+        if not os.path.exists(self._output):
+            # What a lost worker had begun is gone on with.
+            shard = (i, len(self._shares))
+            convert(self._inputs, self._shares[i], **self._flags, shard=shard, resume=True)
+
+    def join(self) -> str:
+        if not os.path.exists(self._output):
+            convert(self._shares, self._output, **self._flags)
+        for path in filter(os.path.exists, self._shares):
+            os.remove(path)
+        return self._output
+
+
+def conversion(inputs, output, shares: int, flags: dict):
+    """One file of all inputs where that is what the name says, else a file of each."""
+    output = os.fspath(output)
+    if output.lower().endswith(COPC) and "{stem}" not in output:
+        return Shares(inputs, output, shares, flags)
+    return Files(inputs, output, flags)
+
+
+def in_order(job, ahead: int, start, start_join, wait):
+    """Starts task after task, so many ahead of the one that is given next, and gives what they gave; of a job with
+    `join` only what that gives, which starts when all tasks are done."""
+    def each():
+        for i in range(len(job)):
+            start(i)
+            if i >= ahead:
+                yield wait()
+        for _ in range(min(len(job), ahead)):
             yield wait()
-    for _ in range(min(count, ahead)):
-        yield wait()
+
+    if not hasattr(job, "join"):
+        yield from each()
+        return
+    for _ in each():
+        pass
+    start_join()
+    yield wait()

@@ -22,6 +22,10 @@ def _draw(job, i):
     return job.draw(i)
 
 
+def _join(job):
+    return job.join()
+
+
 def _done(job, client):
     """What the job's tasks give."""
     client = get_client() if client is None else client
@@ -30,8 +34,9 @@ def _done(job, client):
     tasks = deque()
     try:
         start = lambda i: tasks.append(client.submit(_draw, held, i, pure=False))  # noqa: E731
+        join = lambda: tasks.append(client.submit(_join, held, pure=False))  # noqa: E731
         ahead = 2 * max(1, sum(client.nthreads().values()))
-        yield from _workers.in_order(len(job), ahead, start, lambda: tasks.popleft().result())
+        yield from _workers.in_order(job, ahead, start, join, lambda: tasks.popleft().result())
     finally:
         client.cancel(list(tasks))
 
@@ -53,10 +58,12 @@ def render(scene, *, tiles=16, client=None, threads=1, **flags) -> Image:
     return joined(list(_done(_workers.Tiles(scene, tiles, {**flags, "threads": threads}), client)))
 
 
-def convert(inputs, output, *, client=None, threads=1, **flags):
+def convert(inputs, output, *, shares=16, client=None, threads=1, **flags):
     """`surfel.convert` of each of the files, by itself; gives the names of what was written.
 
-    output: a name with {stem}, the input's without folder and endings, in a folder that workers share. Files that exist
-    are left as they are. Raises what `surfel.convert` raises, and ValueError without a client.
+    output: a name with {stem}, the input's without folder and endings, in a folder that workers share. A name without
+    it that ends in .copc.laz is one file of all inputs, the bytes of one process: so many shares of it are written
+    beside it, and put together. Files that exist are left as they are, and unfinished shares gone on with. Raises what
+    `surfel.convert` raises, and ValueError without a client.
     """
-    return _done(_workers.Files(inputs, output, {**flags, "threads": threads}), client)
+    return _done(_workers.conversion(inputs, output, shares, {**flags, "threads": threads}), client)

@@ -20,6 +20,9 @@ class _Actor:
     def draw(self, i):
         return self._job.draw(i)
 
+    def join(self):
+        return self._job.join()
+
 
 def _done(job, workers, threads):
     """What the job's tasks give, by so many actors."""
@@ -33,7 +36,8 @@ def _done(job, workers, threads):
     pool = ActorPool(actors)
     try:
         start = lambda i: pool.submit(lambda actor, i: actor.draw.remote(i), i)  # noqa: E731
-        yield from _workers.in_order(len(job), 2 * workers, start, pool.get_next)
+        join = lambda: pool.submit(lambda actor, _: actor.join.remote(), None)  # noqa: E731
+        yield from _workers.in_order(job, 2 * workers, start, join, pool.get_next)
     finally:
         for one in actors:
             ray.kill(one)
@@ -56,11 +60,13 @@ def render(scene, *, tiles=16, workers=None, threads=1, **flags) -> Image:
     return joined(list(_done(job, workers, threads)))
 
 
-def convert(inputs, output, *, workers=None, threads=1, **flags):
+def convert(inputs, output, *, shares=16, workers=None, threads=1, **flags):
     """`surfel.convert` of each of the files, by itself; gives the names of what was written.
 
-    output: a name with {stem}, the input's without folder and endings, in a folder that workers share. Files that exist
-    are left as they are. Raises what `surfel.convert` raises.
+    output: a name with {stem}, the input's without folder and endings, in a folder that workers share. A name without
+    it that ends in .copc.laz is one file of all inputs, the bytes of one process: so many shares of it are written
+    beside it, and put together. Files that exist are left as they are, and unfinished shares gone on with. Raises what
+    `surfel.convert` raises.
     """
-    job = _workers.Files(inputs, output, {**flags, "threads": threads})
+    job = _workers.conversion(inputs, output, shares, {**flags, "threads": threads})
     return _done(job, workers, threads)

@@ -24,16 +24,30 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    pub(super) fn new(scale: DVec3, low: [f64; 3], longest: f64, count: u64, cell_points: u64) -> Self {
+    /// A grid over points that reach from and to `ends`: cells of about so many points, if they are on a surface, and at
+    /// most `most_cells` of them in that box.
+    pub(super) fn new(
+        scale: DVec3,
+        [low, high]: [[f64; 3]; 2],
+        count: u64,
+        (cell_points, most_cells): (u64, usize),
+    ) -> Self {
         let magnitude = scale.abs();
         // 2²¹ units are in a step at most, so that a position of 32 bits has 53.
         let unit = magnitude.min_element().max(magnitude.max_element() * 2f64.powi(-21));
-        let longest = (longest / unit).clamp(0.0, 2f64.powi(53)) as i64 + 1;
+        let lengths = [0, 1, 2].map(|k| ((high[k] - low[k]) / unit).clamp(0.0, 2f64.powi(53)) as i64 + 1);
+        let longest = lengths.into_iter().fold(0, i64::max);
         let mut depth = 0;
         while depth < CELL_BITS && count >> (2 * depth) > cell_points {
             depth += 1;
         }
-        let side = (longest >> depth) + 1;
+        let side = |depth: u32| (longest >> depth) + 1;
+        // Two of the cells along an axis may be cut by the box's ends.
+        let cells = |depth: u32| lengths.map(|length| (length / side(depth) + 2) as u64).into_iter().product::<u64>();
+        while depth > 0 && cells(depth) > most_cells as u64 {
+            depth -= 1;
+        }
+        let side = side(depth);
         // A side of finest · 2^cell_bits, where finest has 8 bits, so that no side is more than 1/128 longer.
         let side_bits = i64::BITS - side.leading_zeros();
         let cell_bits = side_bits.saturating_sub(8).clamp(CELL_BITS, BITS - depth);

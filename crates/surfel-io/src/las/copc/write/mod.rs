@@ -43,6 +43,8 @@ pub use parts::{PointSplat, Prepare};
 struct Limits {
     /// Points of a cell that the grid is made for, on a surface.
     cell_points: u64,
+    /// Most cells that points are sorted into.
+    most_cells: usize,
     /// Most points of a part, but for more in one place.
     most_points: u64,
     /// Most points of all parts that are in memory, unless one has more.
@@ -63,12 +65,11 @@ impl Limits {
         let (cell_points, most_points) = (1_000_000, 2_000_000);
         let useful = cell_points * rayon::current_num_threads() as u64;
         let room = memory.saturating_sub(OTHER_BYTES) / HELD_POINT_BYTES;
-        Self { cell_points, most_points, held_points: room.min(useful).max(most_points), kept_bytes: 256 << 20 }
+        let held_points = room.min(useful).max(most_points);
+        Self { cell_points, most_cells: 1 << 18, most_points, held_points, kept_bytes: 256 << 20 }
     }
 }
 
-/// Most cells that points are sorted into.
-const MOST_CELLS: usize = 1 << 16;
 /// Bytes of upper nodes that are compressed at a time.
 const BATCH_BYTES: usize = 64 << 20;
 
@@ -93,7 +94,7 @@ pub struct CopcOptions {
     /// Bytes that it takes about; [`LEAST_MEMORY`] where this is less.
     pub memory: u64,
     /// Keeps what is done in the folder `OUTPUT.resume`, and goes on with what an interrupted conversion of the same
-    /// inputs left there. The folder is removed when the output is there.
+    /// inputs left there. The folder is removed when the output is there. A share of them that is there is left so.
     pub resume: bool,
     /// Writes one of so many shares instead: its number, which is less than how many there are.
     pub shard: Option<[u32; 2]>,
@@ -110,7 +111,7 @@ pub struct CopcOptions {
 ///
 /// With [`CopcOptions::shard`] the file is one share, and a number of them given as `inputs` is put together. The whole
 /// doesn't depend on how many shares there are, and is as without where the bounds in the inputs' headers are those of
-/// their points; a point outside of them is refused.
+/// their points: where they are wider, its octree may be larger, as a note says; a point outside of them is refused.
 ///
 /// # Errors
 /// [`IoError::Invalid`] for an input that isn't one of these, is damaged or doesn't go with the first, and for a folder
@@ -149,7 +150,10 @@ fn save(
     if options.resume {
         let is_there = output.is_file() && !options.overwrite;
         if is_there && !resume::folder_of(output).is_dir() {
-            return Err(IoError::Exists { path: output.to_path_buf() });
+            return match options.shard {
+                Some(shard) => shards::done(inputs, output, shard),
+                None => Err(IoError::Exists { path: output.to_path_buf() }),
+            };
         }
         let opened = Kept::open(output, &Manifest::new(inputs, prepare.is_some(), options.shard)?)?;
         if is_there {
@@ -353,8 +357,7 @@ impl<'a> Writer<'a> {
         if count == 0 {
             (low, high) = ([0.0; 3], [0.0; 3]);
         }
-        let longest = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
-        let mut grid = Grid::new(scale, low, longest, count, limits.cell_points);
+        let mut grid = Grid::new(scale, [low, high], count, (limits.cell_points, limits.most_cells));
         let sorted_bytes = POINT_BYTES[usize::from(format)] + kept_bytes;
         let laz = template.laz()?;
         let share = shard.map(|shard| Share::new(shard, &inputs, grid, scale));
@@ -735,8 +738,8 @@ impl Sink for Sorter<'_, '_> {
                 let mut add = |cell| if owns(cell) { margins.append(cell, &self.record) } else { Ok(()) };
                 sorted = sorted.and_then(|()| in_reach(units, writer.grid.side(), &mut add));
             }
-            if sorted.is_ok() && share.is_none() && writer.spill.count() > MOST_CELLS {
-                // The header's bounds are wrong: cells of twice the side.
+            if sorted.is_ok() && share.is_none() && writer.spill.count() > writer.limits.most_cells {
+                // Points are outside of their headers' bounds, which a share refuses: cells of twice the side.
                 writer.grid.finest *= 2;
                 let halved = |cell: [i64; 3]| cell.map(|c| c.div_euclid(2));
                 sorted = writer.spill.merge(halved).and_then(|()| writer.margins.merge(halved));

@@ -29,6 +29,8 @@ struct Common {
     inputs: Vec<u64>,
     template: Template,
     cube: Cube,
+    /// Where all points are by the inputs' headers.
+    ends: [[i32; 3]; 2],
 }
 
 /// What a share's file begins with.
@@ -53,7 +55,9 @@ pub(super) fn is_shard(path: &Path) -> bool {
 pub(super) fn write(mut writer: Writer<'_>, shard: [u32; 2], sink: &mut dyn Write) -> io::Result<CopcReport> {
     let Some(cube) = writer.cube else { return Err(io::Error::other("no octree was built")) };
     let inputs = writer.inputs.iter().map(|input| input.file_bytes).collect();
-    let common = Common { version: env!("CARGO_PKG_VERSION").to_owned(), inputs, template: writer.template, cube };
+    let ends = writer.share.as_ref().map(|share| share.ends).unwrap_or_default();
+    let version = env!("CARGO_PKG_VERSION").to_owned();
+    let common = Common { version, inputs, template: writer.template, cube, ends };
     let mut keys: Vec<((u32, u64), u64)> = writer.upper.sizes().collect();
     keys.sort_unstable();
     let mut upper = Index::default();
@@ -85,6 +89,30 @@ pub(super) fn write(mut writer: Writer<'_>, shard: [u32; 2], sink: &mut dyn Writ
         (writer.progress)("writing the file", done, all);
     }
     Ok(report)
+}
+
+/// What was reported of a share that is there, if it is of these inputs as they are.
+pub(super) fn done(inputs: &[PathBuf], output: &Path, shard: [u32; 2]) -> Result<CopcReport, IoError> {
+    let found = Shard::open(output)?;
+    let stated = |path: &Path| {
+        let stated = path.metadata().and_then(|of| Ok((of.len(), of.modified()?)));
+        stated.map_err(|source| IoError::System { path: path.to_path_buf(), action: READ, source })
+    };
+    let written = stated(output)?.1;
+    let inputs = inputs.iter().map(|path| Ok((path, stated(path)?))).collect::<Result<Vec<_>, IoError>>()?;
+    let Head { shard: [index, count], common, summary, chunks, .. } = &found.head;
+    let what = match inputs.iter().find(|(_, (_, changed))| *changed > written) {
+        _ if common.version != env!("CARGO_PKG_VERSION") => format!("is of Surfel {}", common.version),
+        _ if [*index, *count] != shard => format!("is share {index} of {count}"),
+        _ if !common.inputs.iter().eq(inputs.iter().map(|(_, (bytes, _))| bytes)) => {
+            "is a share of other inputs".into()
+        }
+        Some((path, _)) => format!("is older than {}", path.display()),
+        None => return Ok(report(summary, chunks, Vec::new())),
+    };
+    let problem = Problem::new(what).expected(format!("share {} of {} of these inputs", shard[0], shard[1]));
+    let help = "delete it, or give --force, to write it again";
+    Err(IoError::Invalid { path: output.to_path_buf(), problem: Box::new(problem.help(help)) })
 }
 
 pub(super) fn report(summary: &Summary, chunks: &[Chunk], notes: Vec<String>) -> CopcReport {
@@ -220,7 +248,7 @@ pub(super) fn merge(
 ) -> Result<CopcReport, IoError> {
     let shards = open_all(paths)?;
     let unreadable = |path: &Path, source| IoError::System { path: path.to_path_buf(), action: READ, source };
-    let Some(Shard { head: Head { common: Common { template, cube, .. }, .. }, .. }) = shards.first() else {
+    let Some(Shard { head: Head { common: Common { template, cube, ends, .. }, .. }, .. }) = shards.first() else {
         return Err(unreadable(output, io::Error::other("no input is given")));
     };
     let (mut summary, mut chunks) = (Summary::default(), Vec::new());
@@ -298,6 +326,11 @@ pub(super) fn merge(
     });
     match fault {
         Some(fault) => Err(fault),
-        None => written.map(|()| report(&summary, &chunks, Vec::new())),
+        None => written.map(|()| {
+            let is_wider = [summary.low, summary.high] != *ends;
+            let note = "the inputs' headers have wider bounds than their points: the octree is as large as they say, \
+                        and may be smaller without --shard";
+            report(&summary, &chunks, if is_wider { vec![note.to_owned()] } else { Vec::new() })
+        }),
     }
 }

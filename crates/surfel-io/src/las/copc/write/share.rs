@@ -25,6 +25,8 @@ type Bounds = [[i64; 3]; 2];
 pub(super) struct Share {
     pub(super) frame: Frame,
     pub(super) cells: Cells,
+    /// Where all points are by the headers, in the first input's steps.
+    pub(super) ends: [[i32; 3]; 2],
     grid: Grid,
     parts: Range<u64>,
     /// What the headers say of the inputs with points, and by how much a rounded number may be off.
@@ -35,13 +37,22 @@ pub(super) struct Share {
 impl Share {
     /// The share `index` of `count`, each of which has about as many points.
     pub(super) fn new([index, count]: [u32; 2], inputs: &[Input], grid: Grid, scale: DVec3) -> Self {
-        let bounds = |input: &Input| {
-            let units = |ends: [f64; 3]| grid.units((DVec3::from(ends) / scale).round().to_array().map(|v| v as i32));
-            let ends = [units(input.low), units(input.high)];
-            let end = |fold: fn(i64, i64) -> i64| [0, 1, 2].map(|k| fold(ends[0][k], ends[1][k]));
-            (input.header.count > 0).then(|| [end(i64::min), end(i64::max)])
+        let steps = |input: &Input| {
+            let steps = |ends: [f64; 3]| (DVec3::from(ends) / scale).round().to_array().map(|v| v as i32);
+            let ends = [steps(input.low), steps(input.high)];
+            let end = |fold: fn(i32, i32) -> i32| [0, 1, 2].map(|k| fold(ends[0][k], ends[1][k]));
+            (input.header.count > 0).then(|| [end(i32::min), end(i32::max)])
         };
-        let bounds: Vec<Option<Bounds>> = inputs.iter().map(bounds).collect();
+        let steps: Vec<Option<[[i32; 3]; 2]>> = inputs.iter().map(steps).collect();
+        let of_all = |end: usize, fold: fn(i32, i32) -> i32| {
+            [0, 1, 2].map(|k| steps.iter().flatten().map(|b| b[end][k]).reduce(fold).unwrap_or(0))
+        };
+        let bounds = |steps: &[[i32; 3]; 2]| {
+            let ends = steps.map(|end| grid.units(end));
+            let end = |fold: fn(i64, i64) -> i64| [0, 1, 2].map(|k| fold(ends[0][k], ends[1][k]));
+            [end(i64::min), end(i64::max)]
+        };
+        let bounds: Vec<Option<Bounds>> = steps.iter().map(|steps| steps.as_ref().map(bounds)).collect();
         let all = |end: usize, fold: fn(i64, i64) -> i64| {
             [0, 1, 2].map(|k| bounds.iter().flatten().map(|b| b[end][k]).reduce(fold).unwrap_or(0))
         };
@@ -49,7 +60,8 @@ impl Share {
         let cells = Cells::new(grid.cell(ends[0]), grid.cell(ends[1]));
         let frame = Frame::over(&grid, &cells, ends);
         let off = grid.steps.abs().ceil().to_array().map(|v| v as i64);
-        let mut share = Self { frame, cells, grid, parts: 0..0, bounds, off };
+        let told = [of_all(0, i32::min), of_all(1, i32::max)];
+        let mut share = Self { frame, cells, ends: told, grid, parts: 0..0, bounds, off };
         let mut level = cells.depth;
         let octants = |level| {
             let all = share.bounds.iter().flatten().map(|b| share.octants(b, level).map(long).iter().product());

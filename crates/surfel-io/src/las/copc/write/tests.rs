@@ -57,7 +57,8 @@ fn file_does_not_depend_on_how_many_parts_are_made_at_once() {
     };
     let written = |held_points: u64| {
         let output = folder.join(format!("{held_points}.copc.laz"));
-        let limits = Limits { cell_points: 20_000, most_points: 30_000, held_points, kept_bytes: 0 };
+        let limits =
+            Limits { cell_points: 20_000, most_cells: 1 << 18, most_points: 30_000, held_points, kept_bytes: 0 };
         save(std::slice::from_ref(&input), &output, &OVER, Some(&prepare), &|_, _, _| (), limits).unwrap();
         std::fs::read(output).unwrap()
     };
@@ -115,15 +116,18 @@ fn hill_splats(side: u64, limits: Limits) -> Vec<(DVec3, f64)> {
 #[test]
 fn splats_at_borders_of_parts_are_those_of_the_whole_cloud() {
     let side = 512;
-    let whole =
-        hill_splats(side, Limits { cell_points: 1_000_000, most_points: 1_000_000, held_points: 0, kept_bytes: 0 });
+    let whole = hill_splats(
+        side,
+        Limits { cell_points: 1_000_000, most_cells: 1 << 18, most_points: 1_000_000, held_points: 0, kept_bytes: 0 },
+    );
     // Cells of 128² points or of 256², divided once or twice; margins are two points wide at least, where those of
     // real files are eight. Two are enough for normals and for all radii but one in a hundred. Radii are decided
     // in f32 about a run of points, and parts have other runs: one of 262,144 was found to differ by 2 %.
     for (cell_points, most_points, most_grown_share) in
         [(16_384, 100_000, 0.01), (65_536, 20_000, 1e-5), (262_144, 20_000, 1e-5)]
     {
-        let parts = hill_splats(side, Limits { cell_points, most_points, held_points: 0, kept_bytes: 0 });
+        let parts =
+            hill_splats(side, Limits { cell_points, most_cells: 1 << 18, most_points, held_points: 0, kept_bytes: 0 });
         let (mut turned, mut grown) = (0, 0);
         let (mut most_turned, mut most_grown) = (0.0_f64, 0.0_f64);
         for ((normal, radius), (n, r)) in whole.iter().zip(&parts) {
@@ -147,7 +151,8 @@ fn levels_do_not_depend_on_how_many_points_are_in_memory() {
     std::fs::write(&input, las(300_000)).unwrap();
     let nodes = |most_points: u64| {
         let output = folder.join(format!("{most_points}.copc.laz"));
-        let limits = Limits { cell_points: 100_000, most_points, held_points: most_points, kept_bytes: 0 };
+        let limits =
+            Limits { cell_points: 100_000, most_cells: 1 << 18, most_points, held_points: most_points, kept_bytes: 0 };
         save(std::slice::from_ref(&input), &output, &OVER, None, &|_, _, _| (), limits).unwrap();
         let copc = Copc::open(&output).unwrap().unwrap();
         copc.nodes().iter().map(|n| (n.level, n.cell, n.points)).collect::<Vec<_>>()
@@ -198,7 +203,8 @@ fn of_neighbours(cloud: &PointCloud) -> Result<Vec<PointSplat>, String> {
     Ok((0..cloud.len()).map(splat).collect())
 }
 
-const TILE_LIMITS: Limits = Limits { cell_points: 5_000, most_points: 45_000, held_points: 50_000, kept_bytes: 0 };
+const TILE_LIMITS: Limits =
+    Limits { cell_points: 5_000, most_cells: 1 << 18, most_points: 45_000, held_points: 50_000, kept_bytes: 0 };
 
 fn folder_of_test(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("surfel-copc-{name}-{}", std::process::id()));
@@ -246,6 +252,77 @@ fn shares_put_together_are_the_file_whatever_their_number() {
             assert!(std::fs::read(&merged).unwrap() == std::fs::read(&whole).unwrap(), "{kind}, {count} shares");
         }
     }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn shares_of_points_in_all_of_a_cube_are_put_together() {
+    let folder = folder_of_test("cube");
+    let mut next = random(13);
+    let mut point = |i: u64| match i {
+        0 => [0; 3],
+        1 => [4_095; 3],
+        _ => [next() >> 40, next() >> 40, next() >> 40].map(|v| (v % 4_096) as i32),
+    };
+    let mut bytes = las_of(&(0..60_000).map(&mut point).collect::<Vec<_>>());
+    let bounds = |bytes: &mut [u8], [low, high]: [f64; 2]| {
+        for k in 0..3 {
+            bytes[179 + 16 * k..187 + 16 * k].copy_from_slice(&(high * 0.01).to_le_bytes());
+            bytes[187 + 16 * k..195 + 16 * k].copy_from_slice(&(low * 0.01).to_le_bytes());
+        }
+    };
+    let input = folder.join("in.las");
+    // Of a surface these points would be in cells of which 4096 are in this cube.
+    let limits = Limits { cell_points: 300, most_cells: 1_000, ..TILE_LIMITS };
+    let make = |output: &Path, shard: Option<[u32; 2]>| {
+        let options = CopcOptions { shard, ..OVER };
+        save(std::slice::from_ref(&input), output, &options, Some(&of_neighbours), &|_, _, _| (), limits)
+    };
+    let (whole, merged) = (folder.join("whole.copc.laz"), folder.join("merged.copc.laz"));
+    let paths: Vec<PathBuf> = (0..3).map(|i| folder.join(format!("{i}.shard"))).collect();
+    let mut both = |low_and_high: [f64; 2]| {
+        bounds(&mut bytes, low_and_high);
+        std::fs::write(&input, &bytes).unwrap();
+        make(&whole, None).unwrap();
+        (0..3).for_each(|i| drop(make(&paths[i as usize], Some([i, 3])).unwrap()));
+        save_copc(&paths, &merged, &OVER, None, &|_, _, _| ()).unwrap()
+    };
+    let made = both([0.0, 4_095.0]);
+    assert!(std::fs::read(&merged).unwrap() == std::fs::read(&whole).unwrap() && made.notes.is_empty());
+    // Bounds that are wider are told.
+    let made = both([-9_000.0, 9_000.0]);
+    assert!(made.points == 60_000 && made.notes[0].contains("wider bounds than their points"), "{made:?}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn share_that_is_there_is_left_as_it_is_if_it_is_of_these_inputs() {
+    let folder = folder_of_test("done");
+    let inputs = tiles(&folder, 3, 3_000);
+    let path = folder.join("a.shard");
+    let run = |inputs: &[PathBuf], shard: [u32; 2], overwrite: bool| {
+        let options = CopcOptions { shard: Some(shard), resume: true, overwrite, memory: 0 };
+        save(inputs, &path, &options, None, &|_, _, _| (), TILE_LIMITS).map_err(|error| error.to_string())
+    };
+    let report = run(&inputs, [1, 2], false).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    assert_eq!(run(&inputs, [1, 2], false).unwrap(), report);
+    for (inputs, shard, says) in [
+        (&inputs[..], [0, 2], "is share 1 of 2\n  expected: share 0 of 2"),
+        (&inputs[..], [1, 3], "is share 1 of 2\n  expected: share 1 of 3"),
+        (&inputs[1..], [1, 2], "is a share of other inputs"),
+    ] {
+        let told = run(inputs, shard, false).unwrap_err();
+        assert!(told.contains(says) && told.contains("delete it"), "{told}");
+    }
+    let later = std::time::SystemTime::now() + std::time::Duration::from_secs(3600);
+    File::options().write(true).open(&inputs[2]).unwrap().set_modified(later).unwrap();
+    let told = run(&inputs, [1, 2], false).unwrap_err();
+    assert!(told.contains("is older than") && told.contains("2.las"), "{told}");
+    assert!(std::fs::read(&path).unwrap() == bytes);
+    assert_eq!(run(&inputs, [1, 2], true).unwrap(), report);
+    std::fs::write(&path, "x").unwrap();
+    assert!(run(&inputs, [1, 2], false).unwrap_err().contains("is no share of a conversion"));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
