@@ -67,6 +67,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
         vec!["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "engines", TESTS],
         vec!["crates/surfel-python/examples/run_notebooks.py"],
         vec!["crates/surfel-python/examples/rivals.py"],
+        vec!["crates/surfel-python/examples/engines.py", "2"],
     ];
     if shown.iter().all(|words| ran(words)) { Tested::Passed } else { Tested::Failed }
 }
