@@ -296,10 +296,8 @@ impl Job {
         let mut text = String::new();
         if let Some(Pieces { step, join, whole, .. }) = &self.pieces {
             let whole = string(&in_folder(whole));
-            text += &format!(
-                "rule all:\n    input: {whole}\n\nrule {step}:\n    input: {all}\n    output: {whole}\n    shell: {}\n\n",
-                command(join)?
-            );
+            let rule = format!("rule {step}:\n    input: {all}\n    output: {whole}\n    shell: {}", command(join)?);
+            text += &format!("rule all:\n    input: {whole}\n\n{rule}\n\n");
         } else {
             text += &format!("rule all:\n    input: {all}\n\n");
         }

@@ -24,8 +24,8 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// A grid over points that reach from and to `ends`: cells of about so many points, if they are on a surface, and at
-    /// most `most_cells` of them in that box.
+    /// A grid over `count` points in a box: cells of about so many points, if they are on a surface, and at most so many
+    /// cells in the box.
     pub(super) fn new(
         scale: DVec3,
         [low, high]: [[f64; 3]; 2],
