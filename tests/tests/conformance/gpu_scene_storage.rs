@@ -4,39 +4,33 @@ use crate::validated_gpu;
 use glam::DVec3;
 use surfel_ash::Limits;
 use surfel_conformance::build;
-use surfel_conformance::harness::{compare_frames, reference_frame, render};
-use surfel_conformance::scenes::{self, Case};
+use surfel_conformance::harness::{Truth, compare_frames, render};
+use surfel_conformance::scenes;
 use surfel_model::Storage;
 use surfel_model::{OnInvalid, Scene, SplatCloud};
 use surfel_render::{Frame, Planes, RenderError, Renderer, UploadProgress};
 
-/// Every fifth scene that the backend draws, and all with splats at the near plane.
-fn some_scenes(renderer: &impl Renderer) -> Vec<Case> {
-    let capabilities = renderer.info().capabilities;
-    let cases = scenes::all().into_iter().filter(|case| case.is_drawn_by(&capabilities)).enumerate();
-    let some: Vec<Case> =
-        cases.filter(|(i, case)| i % 5 == 0 || case.name.contains("near")).map(|(_, case)| case).collect();
-    assert!(some.len() > 15, "{}", some.len());
-    some
-}
-
-/// The same numbers are stored, so images differ by no more than two backends' do in f32.
+/// The same numbers are stored, so images differ by no more than two backends' do in f32. Of every fifth scene, and of
+/// all with splats at the near plane.
 fn draws_what_the_cpu_does(narrow: &mut impl Renderer, wide: &mut impl Renderer) {
     let options = surfel_cpu::Options::default().with_storage(Storage::Quantised);
     let mut cpu = surfel_cpu::Renderer::new(options).unwrap();
-    let mut reference = surfel_reference::Renderer::new(Default::default()).unwrap();
-    let mut as_in_f32 = 0;
-    let cases = some_scenes(narrow);
-    for case in &cases {
-        // Decisions hang on much the same pixels.
-        let exact = reference_frame(&mut reference, case).unwrap();
+    let (mut as_in_f32, mut compared) = (0, 0);
+    let drawn = Truth::of_every_scene().unwrap().iter().zip(validated_gpu::every_scene(wide));
+    let drawn = drawn.filter_map(|(truth, wide)| Some((truth, wide.got.as_ref()?))).enumerate();
+    for (_, (truth, wide)) in drawn.filter(|(i, (truth, _))| i % 5 == 0 || truth.case.name.contains("near")) {
+        let case = &truth.case;
         let [got, want] = [render(narrow, case, Planes::ALL), render(&mut cpu, case, Planes::ALL)].map(Result::unwrap);
-        let report = compare_frames(&case.name, &got, &want, exact.margin());
+        // Decisions hang on much the same pixels.
+        let margin = truth.want.as_ref().unwrap().margin();
+        let report = compare_frames(&case.name, &got, &want, margin);
         assert!(report.is_ok(), "{report}");
-        as_in_f32 += usize::from(got == render(wide, case, Planes::ALL).unwrap());
+        as_in_f32 += usize::from(got == *wide);
+        compared += 1;
     }
+    assert!(compared > 15, "{compared}");
     // A single splat is at its chunk's origin, and as large as the largest: nothing of it is rounded.
-    assert!(as_in_f32 * 3 < cases.len(), "{as_in_f32} of {}", cases.len());
+    assert!(as_in_f32 * 3 < compared, "{as_in_f32} of {compared}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use glam::DVec3;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use surfel_conformance::build::{axes, camera};
-use surfel_conformance::harness::{compare_frames, reference_frame, render};
+use surfel_conformance::harness::{Truth, compare_frames, render};
 use surfel_conformance::polygons::{cube, mesh_sphere};
 use surfel_conformance::scenes::{self, Case, without_transitions};
 use surfel_model::{Camera, Cull, Light, Octree, Shader};
@@ -249,23 +249,31 @@ fn resident(octree: &Octree) -> Case {
     case
 }
 
-/// Frames of one upload, from several places and at several sizes, are those of uploads of their own, and nothing is
-/// stored for any of them.
-fn draws_every_view_from_one_upload(renderer: &mut impl Renderer) {
+/// The ball from several places and at several sizes.
+fn views() -> Vec<Truth> {
     let case = resident(&ball());
     let mut reference = Reference::new(Default::default()).unwrap();
-    let scene = renderer.upload(&case.scene).unwrap();
-    let (mut bytes, mut chosen) = (BTreeSet::new(), BTreeSet::new());
-    for (distance, error_px) in [(3.2, 2.0), (12.0, 2.0), (1.6, 2.0), (3.2, 1e3), (3.2, 1e-6), (3.2, 2.0)] {
+    let views = [(3.2, 2.0), (12.0, 2.0), (1.6, 2.0), (3.2, 1e3), (3.2, 1e-6), (3.2, 2.0)];
+    let view = |(distance, error_px)| {
         let mut case = case.with(&format!("{error_px} px at {distance}"), |s| s.lod_error_px = error_px);
         case.camera = camera(distance, 45.0, [64, 64]);
-        let (frame, stats) = frame_and_stats(renderer, &scene, &case, Planes::ALL);
-        let (fresh, _) = drawn_once(renderer, &case, Planes::ALL);
+        Truth::of(&mut reference, case)
+    };
+    views.map(view).into()
+}
+
+/// Frames of one upload are those of uploads of their own, and nothing is stored for any of them.
+fn draws_every_view_from_one_upload(renderer: &mut impl Renderer, views: &[Truth]) {
+    let scene = renderer.upload(&views[0].case.scene).unwrap();
+    let (mut bytes, mut chosen) = (BTreeSet::new(), BTreeSet::new());
+    for Truth { case, want } in views {
+        let (frame, stats) = frame_and_stats(renderer, &scene, case, Planes::ALL);
+        let (fresh, _) = drawn_once(renderer, case, Planes::ALL);
         assert!(frame == fresh, "{}", case.name);
         bytes.insert(stats.bytes_per_splat.to_bits());
         chosen.insert(stats.splats);
-        let truth = reference_frame(&mut reference, &case).unwrap();
-        let report = compare_frames(&case.name, &frame, &truth, truth.margin());
+        let truth = want.as_ref().unwrap();
+        let report = compare_frames(&case.name, &frame, truth, truth.margin());
         assert!(report.is_ok(), "{report}");
     }
     assert!(bytes.len() == 1 && chosen.len() > 3, "{bytes:?} {chosen:?}");
@@ -273,13 +281,14 @@ fn draws_every_view_from_one_upload(renderer: &mut impl Renderer) {
 
 #[test]
 fn octree_is_uploaded_once_for_every_view() {
-    draws_every_view_from_one_upload(&mut Reference::new(Default::default()).unwrap());
-    draws_every_view_from_one_upload(&mut surfel_cpu::Renderer::new(Default::default()).unwrap());
+    let views = views();
+    draws_every_view_from_one_upload(&mut Reference::new(Default::default()).unwrap(), &views);
+    draws_every_view_from_one_upload(&mut surfel_cpu::Renderer::new(Default::default()).unwrap(), &views);
     if let Some(mut ash) = validated_gpu::ash() {
-        draws_every_view_from_one_upload(&mut ash);
+        draws_every_view_from_one_upload(&mut ash, &views);
     }
     if let Some(mut wgpu) = validated_gpu::wgpu() {
-        draws_every_view_from_one_upload(&mut wgpu);
+        draws_every_view_from_one_upload(&mut wgpu, &views);
         validated_gpu::no_messages();
     }
 }

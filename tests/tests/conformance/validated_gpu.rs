@@ -1,7 +1,11 @@
 //! GPU backends where there is an adapter; a line that says so where there is none.
 
+use std::sync::OnceLock;
 use surfel_conformance::backends::{is_required, listen, take_messages};
+use surfel_conformance::expectations::Extent;
+use surfel_conformance::harness::{Checked, Truth, check_all};
 use surfel_model::Storage;
+use surfel_render::Renderer;
 
 /// The backend if it starts; else the test is skipped, or fails where the backend is required.
 fn started<R>(name: &str, start: Result<R, impl std::fmt::Display>) -> Option<R> {
@@ -42,4 +46,12 @@ pub(crate) fn wgpu_with(limits: surfel_wgpu::Limits, storage: Storage) -> Option
     listen();
     let options = surfel_wgpu::Options::default().with_validation(true).with_limits(limits).with_storage(storage);
     started("wgpu", surfel_wgpu::Renderer::new(options))
+}
+
+/// Every scene, as this backend draws it and how it compares; a backend of this name draws them once in a process.
+pub(crate) fn every_scene(renderer: &mut impl Renderer) -> &'static [Checked] {
+    static ASH: OnceLock<Vec<Checked>> = OnceLock::new();
+    static WGPU: OnceLock<Vec<Checked>> = OnceLock::new();
+    let drawn = if renderer.info().backend == "ash" { &ASH } else { &WGPU };
+    drawn.get_or_init(|| check_all(renderer, Truth::of_every_scene().unwrap(), Extent::EveryScene))
 }
