@@ -12,7 +12,7 @@ const MARGIN: i64 = 64;
 /// The grid that points are sorted into, on the inputs' own steps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid {
-    /// Steps of the grid's unit in a step of each axis: 1 where axes have the same scale.
+    /// Units in a step of each axis, a step being what the inputs' positions are whole numbers of.
     pub(super) steps: DVec3,
     pub(super) unit: f64,
     /// Least corner, in units.
@@ -26,8 +26,9 @@ pub(super) struct Grid {
 impl Grid {
     pub(super) fn new(scale: DVec3, low: [f64; 3], longest: f64, count: u64, cell_points: u64) -> Self {
         let magnitude = scale.abs();
-        // 2²¹ units are in a step at most, so that a position of 32 bits has 53.
-        let unit = magnitude.min_element().max(magnitude.max_element() * 2f64.powi(-21));
+        // 2²¹ units are in a step at most, so that a position of 32 bits has 53. 256 are where axes have the same scale:
+        // the finest cells, 2⁷ to 2⁸ units, then divide whatever octant has points that differ.
+        let unit = (magnitude.min_element() / 256.0).max(magnitude.max_element() * 2f64.powi(-21));
         let longest = (longest / unit).clamp(0.0, 2f64.powi(53)) as i64 + 1;
         let mut depth = 0;
         while depth < CELL_BITS && count >> (2 * depth) > cell_points {
@@ -47,10 +48,7 @@ impl Grid {
     }
 
     pub(super) fn units(&self, position: [i32; 3]) -> [i64; 3] {
-        let on = |k: usize| match self.steps[k] {
-            1.0 => i64::from(position[k]),
-            steps => (f64::from(position[k]) * steps).round() as i64,
-        };
+        let on = |k: usize| (f64::from(position[k]) * self.steps[k]).round() as i64;
         [0, 1, 2].map(|k| on(k) - self.low[k])
     }
 

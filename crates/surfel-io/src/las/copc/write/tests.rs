@@ -117,11 +117,11 @@ fn splats_at_borders_of_parts_are_those_of_the_whole_cloud() {
     let side = 512;
     let whole =
         hill_splats(side, Limits { cell_points: 1_000_000, most_points: 1_000_000, held_points: 0, kept_bytes: 0 });
-    // Cells of 128² points or of 256², divided once or twice; margins are two points wide at least, where those of
-    // real files are eight. Two are enough for normals and for all radii but one in a hundred. Radii are decided
-    // in f32 about a run of points, and parts have other runs: one of 262,144 was found to differ by 2 %.
+    // Cells of 128² points, and one of 512², divided once and twice; margins are two points wide at least, where those
+    // of real files are eight. Two are enough for normals and for all radii but one in a hundred, four for all. Radii
+    // are decided in f32 about a run of points, and parts have other runs: two of 262,144 were found to differ by 4 %.
     for (cell_points, most_points, most_grown_share) in
-        [(16_384, 100_000, 0.01), (65_536, 20_000, 1e-5), (262_144, 20_000, 1e-5)]
+        [(16_384, 100_000, 0.01), (262_144, 100_000, 1e-5), (262_144, 20_000, 0.01)]
     {
         let parts = hill_splats(side, Limits { cell_points, most_points, held_points: 0, kept_bytes: 0 });
         let (mut turned, mut grown) = (0, 0);
@@ -425,5 +425,28 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     assert_eq!(run(&inputs, &resume, false).unwrap().unwrap(), report);
     assert!(!resume_folder(&output).exists());
     assert!(matches!(run(&inputs, &resume, false).unwrap(), Err(IoError::Exists { .. })));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn octants_are_divided_however_few_steps_points_are_apart() {
+    let folder = std::env::temp_dir().join(format!("surfel-copc-steps-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let (input, output) = (folder.join("in.las"), folder.join("out.copc.laz"));
+    for apart in [1, 3, 1000] {
+        let points: Vec<[i32; 3]> = (0..1 << 18).map(|i| [i % 512 * apart, i / 512 * apart, 0]).collect();
+        let mut bytes = las_of(&points);
+        for k in 0..3 {
+            let high = if k == 2 { 0.0 } else { 512.0 * 0.01 * f64::from(apart) };
+            bytes[179 + 16 * k..187 + 16 * k].copy_from_slice(&high.to_le_bytes());
+            bytes[187 + 16 * k..195 + 16 * k].copy_from_slice(&0_f64.to_le_bytes());
+        }
+        std::fs::write(&input, bytes).unwrap();
+        let limits = Limits { cell_points: 100_000, most_points: 300_000, held_points: 0, kept_bytes: 0 };
+        save(std::slice::from_ref(&input), &output, &OVER, None, &|_, _, _| (), limits).unwrap();
+        let copc = Copc::open(&output).unwrap().unwrap();
+        let most = copc.nodes().iter().map(|node| node.points).max();
+        assert!(most.is_some_and(|most| most <= LEAF_POINTS), "{apart} steps apart: {most:?}");
+    }
     std::fs::remove_dir_all(&folder).unwrap();
 }
