@@ -4,6 +4,7 @@ use super::super::header::Header;
 use super::super::laz::{checked_vlr, chunk_points, decode_some, of_splats};
 use super::super::records::Columns;
 use super::super::{field, finish, unreadable};
+use super::cache::{FileState, NodeCache};
 use super::octants::{cell, code};
 use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES};
 use crate::content::{Content, LoadOptions};
@@ -18,7 +19,11 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Bytes of nodes that are decoded at a time, before and after, unless one has more.
+const GROUP_BYTES: (u64, u64) = (16 << 20, 48 << 20);
 
 /// Most levels below the root.
 const MAX_LEVEL: u32 = super::octants::BITS;
@@ -43,8 +48,8 @@ pub struct CopcNode {
 /// A COPC file that is open, of which no point has been read.
 #[derive(Debug)]
 pub struct Copc {
-    path: PathBuf,
-    file_bytes: u64,
+    file: Arc<FileState>,
+    cache: Option<Arc<NodeCache>>,
     header_points: u64,
     center: DVec3,
     half: f64,
@@ -53,7 +58,7 @@ pub struct Copc {
 }
 
 /// Which columns of points are read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum NodeColumns {
     /// All.
     All,
@@ -108,7 +113,15 @@ impl Copc {
         let root = [40, 48].map(|at| u64::from_le_bytes(field(&info, at)));
         let pages = Pages { header: &header, file_bytes, entries: BTreeMap::new(), points_bytes: 0 };
         let nodes = pages.read(file, root)?;
-        Ok(Self { path: path.to_path_buf(), file_bytes, header_points: header.count, center, half, spacing, nodes })
+        let modified = file.metadata().and_then(|metadata| metadata.modified()).ok();
+        let file = Arc::new(FileState { path: path.to_path_buf(), bytes: file_bytes, modified });
+        Ok(Self { file, cache: None, header_points: header.count, center, half, spacing, nodes })
+    }
+
+    /// The same with nodes that stay decoded there, whoever else uses them.
+    #[must_use]
+    pub fn with_cache(self, cache: Option<Arc<NodeCache>>) -> Self {
+        Self { cache, ..self }
     }
 
     /// The nodes, level by level; the children of each follow one another.
@@ -164,12 +177,13 @@ impl Copc {
     pub fn points_of(&self, nodes: &[u32], columns: NodeColumns, options: &LoadOptions) -> Result<NodePoints, IoError> {
         let mut ends = Vec::with_capacity(nodes.len());
         let nodes: Vec<&CopcNode> = nodes.iter().filter_map(|i| self.nodes.get(*i as usize)).collect();
-        let system = |source| IoError::System { path: self.path.clone(), action: READ, source };
-        let mut file = File::open(&self.path).map_err(system)?;
+        let path = &self.file.path;
+        let system = |source| IoError::System { path: path.clone(), action: READ, source };
+        let mut file = File::open(path).map_err(system)?;
         let loaded = load::run_plain(
             |context| {
-                let mut header = Header::read(&mut file, self.file_bytes)?;
-                let read = AssertUnwindSafe(|| read_nodes(&mut file, &mut header, &nodes, columns, &mut ends));
+                let mut header = Header::read(&mut file, self.file.bytes)?;
+                let read = AssertUnwindSafe(|| self.read_nodes(&mut file, &mut header, &nodes, columns, &mut ends));
                 let columns = catch_unwind(read).unwrap_or_else(|_| {
                     let problem = Problem::new("is damaged: its compressed points make no sense");
                     Err(problem.help("copy the file again"))
@@ -177,69 +191,81 @@ impl Copc {
                 let content = finish(Some(columns), header, Format::Copc, Some(self.points()), context)?;
                 Ok((Format::Copc, content))
             },
-            &self.path,
+            path,
             options,
         )?;
         // Positions on a grid are finite, so that none has been dropped.
         debug_assert!(matches!(&loaded.content, Content::Points(p) if Some(&p.len()) == ends.last()));
         Ok(NodePoints { loaded, ends })
     }
-}
 
-/// Bytes of nodes that are decoded at a time, before and after, unless one has more.
-const GROUP_BYTES: (u64, u64) = (16 << 20, 48 << 20);
-
-fn read_nodes(
-    source: &mut dyn Source,
-    header: &mut Header,
-    nodes: &[&CopcNode],
-    wanted: NodeColumns,
-    ends: &mut Vec<usize>,
-) -> Result<Columns, Problem> {
-    let (vlr, _) = checked_vlr(header)?;
-    let size = header.record_bytes as u64;
-    let count: u64 = nodes.iter().map(|node| node.points).sum();
-    let (mut columns, fields) = match wanted {
-        NodeColumns::All => (Columns::new(header, count as usize), DecompressionSelection::all()),
-        NodeColumns::Splats => (Columns::of_splats(header, count as usize), of_splats()),
-    };
-    let mut rest = nodes;
-    let (mut packed, mut bytes) = (Vec::new(), Vec::new());
-    while !rest.is_empty() {
-        let (mut group, mut sums) = (0, (0, 0));
-        while let Some(node) = rest.get(group) {
-            let next = (sums.0 + node.bytes, sums.1 + node.points * size);
-            if group > 0 && (next.0 > GROUP_BYTES.0 || next.1 > GROUP_BYTES.1) {
-                break;
+    fn read_nodes(
+        &self,
+        source: &mut dyn Source,
+        header: &mut Header,
+        nodes: &[&CopcNode],
+        wanted: NodeColumns,
+        ends: &mut Vec<usize>,
+    ) -> Result<Columns, Problem> {
+        let (vlr, _) = checked_vlr(header)?;
+        let size = header.record_bytes as u64;
+        let count: u64 = nodes.iter().map(|node| node.points).sum();
+        let (mut columns, fields) = match wanted {
+            NodeColumns::All => (Columns::new(header, count as usize), DecompressionSelection::all()),
+            NodeColumns::Splats => (Columns::of_splats(header, count as usize), of_splats()),
+        };
+        let kept = |node: &CopcNode| {
+            let records = self.cache.as_ref()?.get(&self.file, node.at, wanted)?;
+            (records.len() as u64 == node.points * size).then_some(records)
+        };
+        let mut rest = nodes;
+        let (mut packed, mut bytes) = (Vec::new(), Vec::new());
+        while !rest.is_empty() {
+            let (mut group, mut sums) = (0, (0, 0));
+            while let Some(node) = rest.get(group) {
+                let next = (sums.0 + node.bytes, sums.1 + node.points * size);
+                if group > 0 && (next.0 > GROUP_BYTES.0 || next.1 > GROUP_BYTES.1) {
+                    break;
+                }
+                (group, sums) = (group + 1, next);
             }
-            (group, sums) = (group + 1, next);
+            let (now, after) = rest.split_at(group);
+            let found: Vec<_> = now.iter().map(|node| kept(node)).collect();
+            let missing =
+                || now.iter().zip(&found).filter(|(n, found)| n.points > 0 && found.is_none()).map(|(n, _)| n);
+            packed.clear();
+            for node in missing() {
+                check_node(source, node, &vlr, header.record_bytes)?;
+                let start = packed.len();
+                packed.resize(start + node.bytes as usize, 0);
+                source.seek(SeekFrom::Start(node.at)).map_err(unreadable)?;
+                source.read_exact(&mut packed[start..]).map_err(unreadable)?;
+            }
+            let chunks: Vec<(u64, u64)> = missing().map(|n| (n.points, n.bytes)).collect();
+            bytes.clear();
+            bytes.resize((chunks.iter().map(|(points, _)| points).sum::<u64>() * size) as usize, 0);
+            decode_some(&packed, &mut bytes, &vlr, &chunks, fields).map_err(|e| {
+                let at = now.first().map_or(0, |node| node.at);
+                Problem::new(format!("is damaged: {e}")).at(Location::Byte(at as usize)).help("copy the file again")
+            })?;
+            let mut at = 0;
+            for (node, found) in now.iter().zip(&found) {
+                if let Some(records) = found {
+                    columns.append(&mut records.to_vec());
+                } else {
+                    let end = at + (node.points * size) as usize;
+                    if let Some(cache) = self.cache.as_ref().filter(|_| node.points > 0) {
+                        cache.add(&self.file, node.at, wanted, (&bytes[at..end], node.bytes));
+                    }
+                    columns.append(&mut bytes[at..end]);
+                    at = end;
+                }
+                ends.push(columns.len());
+            }
+            rest = after;
         }
-        let (now, after) = rest.split_at(group);
-        packed.clear();
-        for node in now.iter().filter(|node| node.points > 0) {
-            check_node(source, node, &vlr, header.record_bytes)?;
-            let start = packed.len();
-            packed.resize(start + node.bytes as usize, 0);
-            source.seek(SeekFrom::Start(node.at)).map_err(unreadable)?;
-            source.read_exact(&mut packed[start..]).map_err(unreadable)?;
-        }
-        bytes.clear();
-        bytes.resize(sums.1 as usize, 0);
-        let chunks: Vec<(u64, u64)> = now.iter().filter(|n| n.points > 0).map(|n| (n.points, n.bytes)).collect();
-        decode_some(&packed, &mut bytes, &vlr, &chunks, fields).map_err(|e| {
-            let at = now.first().map_or(0, |node| node.at);
-            Problem::new(format!("is damaged: {e}")).at(Location::Byte(at as usize)).help("copy the file again")
-        })?;
-        let mut at = 0;
-        for node in now {
-            let end = at + (node.points * size) as usize;
-            columns.append(&mut bytes[at..end]);
-            ends.push(columns.len());
-            at = end;
-        }
-        rest = after;
+        Ok(columns)
     }
-    Ok(columns)
 }
 
 /// Checks that a node has as many points as the hierarchy says.
