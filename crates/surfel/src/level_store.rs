@@ -47,8 +47,8 @@ impl LevelStore {
         Some(nodes.clone())
     }
 
-    /// A LAS or LAZ file by levels, and what to say of that; `None` where writing it takes more memory than there is, or
-    /// it has levels itself.
+    /// A LAS or LAZ file by levels, and what to say of that; `None` where writing it takes more memory than there is,
+    /// or it has levels itself.
     pub(crate) fn by_levels(
         &self,
         path: &Path,

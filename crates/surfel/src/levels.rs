@@ -5,6 +5,7 @@ use crate::render_options::SplatOptions;
 use crate::values::Part;
 use crate::{Error, LoadOptions, memory};
 use glam::{DAffine3, Vec3};
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::atomic::Temporary;
@@ -118,17 +119,19 @@ pub(crate) fn read(path: &Path, copc: &Path, options: &LoadOptions) -> Result<Op
     // What chooses points may be any column.
     let has_choice = !options.classes.is_empty() || options.returns.is_some() || options.condition.is_some();
     let has_values = options.color_by.is_some() || options.label.is_some();
-    let columns = if has_choice || has_values { NodeColumns::All } else { NodeColumns::Splats };
+    let is_partial = !report.is_whole() && *levels != Levels::Overview;
+    let cut = if is_partial { Cut::new(copc.nodes(), &nodes) } else { Cut::default() };
+    let columns = if has_choice || has_values { NodeColumns::All } else { NodeColumns::Splats(&cut.is_level) };
     let mut found = copc.points_of(&nodes, columns, &io_options(options))?;
     if let Content::Points(points) = &mut found.loaded.content {
-        if !report.is_whole() && *levels != Levels::Overview {
-            mark(&copc, &nodes, &found.ends, points);
+        if is_partial {
+            mark(&copc, &cut, &nodes, &found.ends, points);
         }
         if options.rows || options.label.is_some() {
             points.rows = Some(rows(&copc, &nodes, points, path)?);
         }
     }
-    if !report.is_whole() && *levels != Levels::Overview {
+    if is_partial {
         let limit = match options.max_points {
             Some(_) => "--max-points ends it",
             None if most < DEFAULT_MOST_POINTS => "--memory ends it",
@@ -197,45 +200,83 @@ fn level_node(copc: &Copc, node: &CopcNode) -> LevelNode {
     LevelNode { center, half, splat_radius, points: node.points, children: node.children.clone() }
 }
 
+/// Where a choice of nodes ends, by the nodes' indices.
+#[derive(Default)]
+struct Cut {
+    is_chosen: Vec<bool>,
+    /// Some children aren't chosen: its points stand for theirs.
+    is_level: Vec<bool>,
+    /// All nodes below are chosen, or there are none.
+    is_complete: Vec<bool>,
+}
+
+impl Cut {
+    fn new(all: &[CopcNode], chosen: &[u32]) -> Self {
+        let mut is_chosen = vec![false; all.len()];
+        chosen.iter().for_each(|i| is_chosen[*i as usize] = true);
+        let missing = |node: &CopcNode| node.children.clone().any(|child| !is_chosen[child as usize]);
+        let is_level: Vec<bool> = all.iter().map(missing).collect();
+        let mut is_complete = vec![true; all.len()];
+        for (i, node) in all.iter().enumerate().rev() {
+            is_complete[i] = !is_level[i] && node.children.clone().all(|child| is_complete[child as usize]);
+        }
+        Self { is_chosen, is_level, is_complete }
+    }
+}
+
 /// Gives points the distance between points where finer ones are missing, and there the colours and normals of their
 /// level, if the file has them.
-fn mark(copc: &Copc, chosen: &[u32], ends: &[usize], points: &mut PointCloud) {
+fn mark(copc: &Copc, cut: &Cut, chosen: &[u32], ends: &[usize], points: &mut PointCloud) {
     let all = copc.nodes();
-    let mut is_chosen = vec![false; all.len()];
-    chosen.iter().for_each(|i| is_chosen[*i as usize] = true);
-    let (origin, mut start) = (points.origin, 0);
+    let (origin, positions) = (points.origin, &points.positions);
     let mut spacing = vec![0.0_f32; points.len()];
     let mut is_own = vec![false; points.len()];
+    let (mut rest, mut start) = ((&mut spacing[..], &mut is_own[..]), 0);
+    let mut parts = Vec::new();
     for (node, end) in chosen.iter().zip(ends) {
-        for i in start..*end {
-            let at = origin + points.positions.get(i);
-            let mut deepest = *node as usize;
-            spacing[i] = loop {
+        let (spacing, spacings) = rest.0.split_at_mut(end - start);
+        let (is_own, are_own) = rest.1.split_at_mut(end - start);
+        // Elsewhere no finer point is missing.
+        if !cut.is_complete[*node as usize] {
+            parts.push((*node as usize, start, spacing, is_own));
+        }
+        (rest, start) = ((spacings, are_own), *end);
+    }
+    parts.into_par_iter().for_each(|(node, start, spacing, is_own)| {
+        for (i, (spacing, is_own)) in spacing.iter_mut().zip(is_own).enumerate() {
+            let at = origin + positions.get(start + i);
+            let mut deepest = node;
+            *spacing = loop {
                 let next = all[deepest].level + 1;
                 let cell = copc.cell_of(at, next);
                 let mut children = all[deepest].children.clone();
                 match children.find(|c| all[*c as usize].cell == cell) {
                     // No finer point is near.
                     None => break 0.0,
-                    Some(child) if is_chosen[child as usize] => deepest = child as usize,
+                    Some(child) if cut.is_chosen[child as usize] => deepest = child as usize,
                     Some(_) => break copc.spacing(all[deepest].level) as f32,
                 }
             };
-            is_own[i] = spacing[i] > 0.0 && deepest == *node as usize;
+            *is_own = *spacing > 0.0 && deepest == node;
         }
-        start = *end;
+    });
+    // A column of zeros isn't there.
+    let column = |names: [&str; 3]| {
+        let found = names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
+        found.iter().any(Option::is_some).then_some(found)
+    };
+    let value = |values: Option<&ExtraValues>, i: usize| values.map_or(0.0, |values| values.get(i));
+    if let (Some(levels), Some(linear)) = (column(LEVEL_COLORS), &mut points.colors) {
+        linear.par_iter_mut().enumerate().filter(|(i, _)| is_own[*i]).for_each(|(i, color)| {
+            *color = levels.map(|level| surfel_math::srgb::decode(value(level, i) / 65_535.0) as f32);
+        });
     }
-    let column = |names: [&str; 3]| names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
-    if let ([Some(red), Some(green), Some(blue)], Some(linear)) = (column(LEVEL_COLORS), &mut points.colors) {
-        for (i, color) in linear.iter_mut().enumerate().filter(|(i, _)| is_own[*i]) {
-            *color = [red, green, blue].map(|levels| surfel_math::srgb::decode(levels.get(i) / 65_535.0) as f32);
-        }
-    }
-    if let ([Some(x), Some(y), Some(z)], Some(own)) = (column(LEVEL_NORMALS), &mut points.normals) {
-        let of_level = |i: usize| Vec3::new(x.get(i) as f32, y.get(i) as f32, z.get(i) as f32);
-        let vectors = (0..own.len()).map(|i| (is_own[i], of_level(i), own.get(i).as_vec3()));
-        let vectors = vectors.map(|(is_own, level, own)| if is_own && level != Vec3::ZERO { level } else { own });
-        *own = Column3::from_f32(vectors.collect());
+    if let (Some(levels), Some(own)) = (column(LEVEL_NORMALS), &mut points.normals) {
+        let vector = |i: usize| {
+            let level = if is_own[i] { Vec3::from(levels.map(|level| value(level, i) as f32)) } else { Vec3::ZERO };
+            if level == Vec3::ZERO { own.get(i).as_vec3() } else { level }
+        };
+        *own = Column3::from_f32((0..own.len()).into_par_iter().map(vector).collect());
     }
     points.extras.push(ExtraColumn { name: SPACING.into(), values: ExtraValues::F32(spacing) });
 }

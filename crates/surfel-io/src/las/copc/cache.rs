@@ -1,6 +1,5 @@
 //! Nodes of COPC files that stay decoded.
 
-use super::NodeColumns;
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -14,8 +13,19 @@ pub(super) struct FileState {
     pub(super) modified: Option<SystemTime>,
 }
 
-/// A node: its file, where in it, and which columns are decoded.
-type Key = (Arc<FileState>, u64, NodeColumns);
+/// What is decoded of a node's points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Decoded {
+    /// All.
+    All,
+    /// What splats are made of.
+    Points,
+    /// With the colours and normals of their level.
+    Level,
+}
+
+/// A node: its file, where in it, and what is decoded.
+type Key = (Arc<FileState>, u64, Decoded);
 
 /// Decoded nodes of COPC files ([`super::Copc::with_cache`]): those used last, of at most so many bytes.
 #[derive(Debug, Default)]
@@ -54,9 +64,9 @@ impl NodeCache {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub(super) fn get(&self, file: &Arc<FileState>, at: u64, columns: NodeColumns) -> Option<Arc<[u8]>> {
+    pub(super) fn get(&self, file: &Arc<FileState>, at: u64, decoded: Decoded) -> Option<Arc<[u8]>> {
         let kept = &mut *self.lock();
-        let key = (file.clone(), at, columns);
+        let key = (file.clone(), at, decoded);
         let (records, used) = kept.nodes.get_mut(&key)?;
         kept.order.remove(used);
         kept.now += 1;
@@ -66,13 +76,7 @@ impl NodeCache {
     }
 
     /// Keeps a node that was read, if there is room for it.
-    pub(super) fn add(
-        &self,
-        file: &Arc<FileState>,
-        at: u64,
-        columns: NodeColumns,
-        (records, read_bytes): (&[u8], u64),
-    ) {
+    pub(super) fn add(&self, file: &Arc<FileState>, at: u64, decoded: Decoded, (records, read_bytes): (&[u8], u64)) {
         let kept = &mut *self.lock();
         kept.read_bytes += read_bytes;
         if records.len() as u64 > kept.most_bytes {
@@ -80,7 +84,7 @@ impl NodeCache {
         }
         kept.now += 1;
         kept.bytes += records.len() as u64;
-        let key = (file.clone(), at, columns);
+        let key = (file.clone(), at, decoded);
         if let Some((old, used)) = kept.nodes.insert(key.clone(), (records.into(), kept.now)) {
             kept.bytes -= old.len() as u64;
             kept.order.remove(&used);
@@ -109,8 +113,8 @@ mod tests {
         let cache = NodeCache::default();
         let state = |bytes| Arc::new(FileState { path: "a".into(), bytes, modified: None });
         let file = state(9);
-        let add = |at: u64, len: usize| cache.add(&file, at, NodeColumns::Splats, (&vec![at as u8; len], 1));
-        let has = |at: u64| cache.get(&file, at, NodeColumns::Splats).is_some_and(|r| r.iter().all(|v| *v == at as u8));
+        let add = |at: u64, len: usize| cache.add(&file, at, Decoded::Points, (&vec![at as u8; len], 1));
+        let has = |at: u64| cache.get(&file, at, Decoded::Points).is_some_and(|r| r.iter().all(|v| *v == at as u8));
         add(1, 10);
         assert!(!has(1), "nothing is kept without a limit");
         cache.limit(30);
@@ -126,8 +130,8 @@ mod tests {
         cache.limit(12);
         assert!(has(4) && !has(3) && cache.bytes() == 12);
         // Another file of that name, and other columns, are others.
-        assert!(cache.get(&state(10), 4, NodeColumns::Splats).is_none());
-        assert!(cache.get(&file, 4, NodeColumns::All).is_none());
+        assert!(cache.get(&state(10), 4, Decoded::Points).is_none());
+        assert!(cache.get(&file, 4, Decoded::All).is_none());
         cache.limit(0);
         assert!(cache.bytes() == 0 && cache.lock().order.is_empty() && cache.lock().nodes.is_empty());
     }

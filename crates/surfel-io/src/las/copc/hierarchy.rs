@@ -1,12 +1,12 @@
 //! The octree of a COPC file, and some of its nodes.
 
-use super::super::header::Header;
-use super::super::laz::{checked_vlr, chunk_points, decode_some, of_splats};
+use super::super::header::{ExtraField, Header, POINT_BYTES};
+use super::super::laz::{checked_vlr, chunk_points, decode_some, leave_out, of_splats};
 use super::super::records::Columns;
 use super::super::{field, finish, unreadable};
-use super::cache::{FileState, NodeCache};
+use super::cache::{Decoded, FileState, NodeCache};
 use super::octants::{cell, code};
-use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES};
+use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES, LEVEL_COLORS, LEVEL_NORMALS};
 use crate::content::{Content, LoadOptions};
 use crate::error::{IoError, Location, Problem, READ};
 use crate::format::Format;
@@ -58,12 +58,24 @@ pub struct Copc {
 }
 
 /// Which columns of points are read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum NodeColumns {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NodeColumns<'a> {
     /// All.
     All,
-    /// What splats are made of: positions, colours, normals, and what else the extra bytes hold.
-    Splats,
+    /// What splats are made of: positions, colours, normals, and what else the extra bytes hold; the colours and normals
+    /// of their level only of nodes marked by their index, zeros of others.
+    Splats(&'a [bool]),
+}
+
+impl NodeColumns<'_> {
+    /// Which of them a node's points have.
+    fn of(self, node: u32) -> Decoded {
+        match self {
+            Self::All => Decoded::All,
+            Self::Splats(is_level) if is_level.get(node as usize) == Some(&true) => Decoded::Level,
+            Self::Splats(_) => Decoded::Points,
+        }
+    }
 }
 
 /// The points of some nodes.
@@ -174,9 +186,15 @@ impl Copc {
     ///
     /// # Errors
     /// [`IoError`] if the file can't be read or a node is damaged.
-    pub fn points_of(&self, nodes: &[u32], columns: NodeColumns, options: &LoadOptions) -> Result<NodePoints, IoError> {
+    pub fn points_of(
+        &self,
+        nodes: &[u32],
+        columns: NodeColumns<'_>,
+        options: &LoadOptions,
+    ) -> Result<NodePoints, IoError> {
         let mut ends = Vec::with_capacity(nodes.len());
-        let nodes: Vec<&CopcNode> = nodes.iter().filter_map(|i| self.nodes.get(*i as usize)).collect();
+        let node = |i: &u32| Some((self.nodes.get(*i as usize)?, columns.of(*i)));
+        let nodes: Vec<(&CopcNode, Decoded)> = nodes.iter().filter_map(node).collect();
         let path = &self.file.path;
         let system = |source| IoError::System { path: path.clone(), action: READ, source };
         let mut file = File::open(path).map_err(system)?;
@@ -203,26 +221,27 @@ impl Copc {
         &self,
         source: &mut dyn Source,
         header: &mut Header,
-        nodes: &[&CopcNode],
-        wanted: NodeColumns,
+        nodes: &[(&CopcNode, Decoded)],
+        wanted: NodeColumns<'_>,
         ends: &mut Vec<usize>,
     ) -> Result<Columns, Problem> {
         let (vlr, _) = checked_vlr(header)?;
         let size = header.record_bytes as u64;
-        let count: u64 = nodes.iter().map(|node| node.points).sum();
+        let count: u64 = nodes.iter().map(|(node, _)| node.points).sum();
         let (mut columns, fields) = match wanted {
             NodeColumns::All => (Columns::new(header, count as usize), DecompressionSelection::all()),
-            NodeColumns::Splats => (Columns::of_splats(header, count as usize), of_splats()),
+            NodeColumns::Splats(_) => (Columns::of_splats(header, count as usize), of_splats()),
         };
-        let kept = |node: &CopcNode| {
-            let records = self.cache.as_ref()?.get(&self.file, node.at, wanted)?;
+        let is_of_level = level_bytes(header);
+        let kept = |(node, decoded): &(&CopcNode, Decoded)| {
+            let records = self.cache.as_ref()?.get(&self.file, node.at, *decoded)?;
             (records.len() as u64 == node.points * size).then_some(records)
         };
         let mut rest = nodes;
         let (mut packed, mut bytes) = (Vec::new(), Vec::new());
         while !rest.is_empty() {
             let (mut group, mut sums) = (0, (0, 0));
-            while let Some(node) = rest.get(group) {
+            while let Some((node, _)) = rest.get(group) {
                 let next = (sums.0 + node.bytes, sums.1 + node.points * size);
                 if group > 0 && (next.0 > GROUP_BYTES.0 || next.1 > GROUP_BYTES.1) {
                     break;
@@ -230,32 +249,34 @@ impl Copc {
                 (group, sums) = (group + 1, next);
             }
             let (now, after) = rest.split_at(group);
-            let found: Vec<_> = now.iter().map(|node| kept(node)).collect();
-            let missing =
-                || now.iter().zip(&found).filter(|(n, found)| n.points > 0 && found.is_none()).map(|(n, _)| n);
+            let found: Vec<_> = now.iter().map(kept).collect();
             packed.clear();
-            for node in missing() {
+            let mut chunks: Vec<(u64, u64)> = Vec::new();
+            for ((node, decoded), _) in now.iter().zip(&found).filter(|((n, _), f)| n.points > 0 && f.is_none()) {
                 check_node(source, node, &vlr, header.record_bytes)?;
                 let start = packed.len();
                 packed.resize(start + node.bytes as usize, 0);
                 source.seek(SeekFrom::Start(node.at)).map_err(unreadable)?;
                 source.read_exact(&mut packed[start..]).map_err(unreadable)?;
+                if *decoded == Decoded::Points {
+                    leave_out(&mut packed, start, &vlr, &is_of_level);
+                }
+                chunks.push((node.points, (packed.len() - start) as u64));
             }
-            let chunks: Vec<(u64, u64)> = missing().map(|n| (n.points, n.bytes)).collect();
             bytes.clear();
             bytes.resize((chunks.iter().map(|(points, _)| points).sum::<u64>() * size) as usize, 0);
             decode_some(&packed, &mut bytes, &vlr, &chunks, fields).map_err(|e| {
-                let at = now.first().map_or(0, |node| node.at);
+                let at = now.first().map_or(0, |(node, _)| node.at);
                 Problem::new(format!("is damaged: {e}")).at(Location::Byte(at as usize)).help("copy the file again")
             })?;
             let mut at = 0;
-            for (node, found) in now.iter().zip(&found) {
+            for ((node, decoded), found) in now.iter().zip(&found) {
                 if let Some(records) = found {
                     columns.append(&mut records.to_vec());
                 } else {
                     let end = at + (node.points * size) as usize;
                     if let Some(cache) = self.cache.as_ref().filter(|_| node.points > 0) {
-                        cache.add(&self.file, node.at, wanted, (&bytes[at..end], node.bytes));
+                        cache.add(&self.file, node.at, *decoded, (&bytes[at..end], node.bytes));
                     }
                     columns.append(&mut bytes[at..end]);
                     at = end;
@@ -266,6 +287,17 @@ impl Copc {
         }
         Ok(columns)
     }
+}
+
+/// Which of the extra bytes are values of a level.
+fn level_bytes(header: &Header) -> Vec<bool> {
+    let extra_bytes = header.record_bytes - POINT_BYTES[usize::from(header.format)];
+    let mut is_of_level = vec![false; extra_bytes];
+    for extra in header.extra.iter().filter(|e| LEVEL_COLORS.iter().chain(&LEVEL_NORMALS).any(|name| e.name == *name)) {
+        let end = extra_bytes.min(extra.at + ExtraField::bytes(extra.kind));
+        is_of_level[extra.at.min(end)..end].fill(true);
+    }
+    is_of_level
 }
 
 /// Checks that a node has as many points as the hierarchy says.

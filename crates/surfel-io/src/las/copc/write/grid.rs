@@ -26,7 +26,7 @@ pub(super) struct Grid {
 impl Grid {
     pub(super) fn new(scale: DVec3, low: [f64; 3], longest: f64, count: u64, cell_points: u64) -> Self {
         let magnitude = scale.abs();
-        // 2²¹ units are in a step at most, so that a position of 32 bits has 53. 256 are where axes have the same scale:
+        // 2²¹ units are in a step at most, so that a position of 32 bits has 53. Where axes have the same scale 256 are:
         // the finest cells, 2⁷ to 2⁸ units, then divide whatever octant has points that differ.
         let unit = (magnitude.min_element() / 256.0).max(magnitude.max_element() * 2f64.powi(-21));
         let longest = (longest / unit).clamp(0.0, 2f64.powi(53)) as i64 + 1;
