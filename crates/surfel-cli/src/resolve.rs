@@ -69,7 +69,7 @@ pub(crate) fn resolve_progressively(
 type Asked = (Request, Option<Arc<[u8]>>);
 
 /// Reads the request.
-fn request(source: Source, pictures: &Pictures, args: &RenderArgs, stdin: &Stdin) -> Result<Asked, Failure> {
+pub(crate) fn request(source: Source, pictures: &Pictures, args: &RenderArgs, stdin: &Stdin) -> Result<Asked, Failure> {
     let request = Request::new(source, pictures, &options::render(args)?)?;
     let from_stdin = request.objects().iter().flat_map(|o| [&o.splats, &o.mesh]).flatten().any(|path| is_stdin(path));
     let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };

@@ -15,10 +15,15 @@ use crate::stdout;
 use serde_json::{Value, json};
 use std::io::{self, BufRead, Read};
 use std::path::PathBuf;
+use std::sync::Arc;
 use surfel::metadata::{self, Input};
 use surfel::model::SceneFile;
 use surfel::render::{Capabilities, SceneSummary, unsupported};
-use surfel::{Backend, BackendScene, Camera, Frame, Planes, Region, Renderer, camera, values};
+use surfel::request::{Pictures, Request as Loading};
+use surfel::scene::LoadedObjects;
+use surfel::{
+    Backend, BackendScene, Camera, Frame, LevelStore, NoProgress, Planes, Region, Renderer, Scene, camera, values,
+};
 
 /// Longest request, in bytes.
 const MAX_LINE: usize = 1 << 16;
@@ -191,8 +196,32 @@ struct Server<'a> {
     /// What every picture carries of the inputs.
     inputs: Vec<Input>,
     backend: Backend,
-    scene: BackendScene,
+    /// None until the first picture, where it is by levels.
+    scene: Option<BackendScene>,
+    levels: Option<ByLevels>,
     frame: Frame,
+}
+
+/// A scene that doesn't fit into memory: each picture has its own choice of levels.
+struct ByLevels {
+    loading: Loading,
+    /// The coarsest levels, which place cameras.
+    overview: LoadedObjects,
+    is_bare: bool,
+    /// Whose levels are in the backend.
+    camera: Option<Camera>,
+}
+
+impl ByLevels {
+    /// What a camera sees.
+    fn scene(&self, camera: &Camera) -> Result<Scene, surfel::Error> {
+        let loading = self.loading.clone().with_pictures(Pictures::Cameras(vec![camera.clone()]));
+        let mut scene = loading.resolve(self.overview.clone(), &NoProgress, &mut |_| ())?.scene;
+        if self.is_bare {
+            scene.lights = None;
+        }
+        Ok(scene)
+    }
 }
 
 impl<'a> Server<'a> {
@@ -201,7 +230,23 @@ impl<'a> Server<'a> {
         let stdin = Stdin::default();
         let source = resolve::source(&args.inputs, &stdin)?;
         let bare = matches!(source, Source::Geometry(_));
-        let mut resolved = resolve(source, &surfel::request::Pictures::Any, args, &stdin, console)?;
+        let (loading, _) = resolve::request(resolve::source(&args.inputs, &stdin)?, &Pictures::Any, args, &stdin)?;
+        let (mut resolved, levels) = match loading.exceeds_memory() && !args.all_levels {
+            false => (resolve(source, &Pictures::Any, args, &stdin, console)?, None),
+            true => {
+                let store = Arc::new(LevelStore::keeping_nodes());
+                let loading = loading.with_pictures(Pictures::One).with_level_store(store);
+                let progress = console.progress();
+                let overview = loading.load(None, &progress)?;
+                let mut notes = Vec::new();
+                let coarse = loading.clone().with_pictures(Pictures::Any);
+                let resolved = coarse.resolve(overview.clone(), &progress, &mut |note| notes.push(note))?;
+                drop(progress);
+                notes.iter().for_each(|note| console.note(note));
+                console.note("not all points fit into memory (--memory): each picture is drawn by levels");
+                (resolved, Some(ByLevels { loading, overview, is_bare: bare, camera: None }))
+            }
+        };
         if bare {
             // One scene for all cameras, as with --cameras: lit along the view.
             (resolved.file.lights, resolved.scene.lights) = (None, None);
@@ -212,13 +257,13 @@ impl<'a> Server<'a> {
         if args.backend == "auto" && refuses(&backend.info().capabilities).is_some() {
             backend = choose(args, threads, console, refuses)?;
         }
-        let scene = backend.upload(&resolved.scene)?;
+        let scene = if levels.is_none() { Some(backend.upload(&resolved.scene)?) } else { None };
         let inputs = match args.no_metadata {
             true => Vec::new(),
             false => metadata::inputs(&resolved.file, &resolved.beside, None)?,
         };
         console.note(&format!("ready: the scene is in memory, drawn by '{}'", backend.info().backend));
-        Ok(Self { args, resolved, inputs, backend, scene, frame: Frame::default() })
+        Ok(Self { args, resolved, inputs, backend, scene, levels, frame: Frame::default() })
     }
 
     /// The answer to a line, whatever it holds.
@@ -264,7 +309,14 @@ impl<'a> Server<'a> {
             }
             _ => Planes::COLOR,
         };
-        let stats = self.backend.render_into(&self.scene, &view, &file.settings, planes, &mut self.frame)?;
+        if let Some(levels) = self.levels.as_mut().filter(|levels| levels.camera.as_ref() != Some(&camera)) {
+            // The old goes first.
+            (self.scene, levels.camera) = (None, None);
+            self.scene = Some(self.backend.upload(&levels.scene(&camera)?)?);
+            levels.camera = Some(camera.clone());
+        }
+        let Some(scene) = &self.scene else { return Err(Failure::other("no scene is in memory")) };
+        let stats = self.backend.render_into(scene, &view, &file.settings, planes, &mut self.frame)?;
         let scene = SceneFile { camera, ..file.clone() };
         let metadata = if self.args.no_metadata || output.format == Format::Jpeg {
             Vec::new()

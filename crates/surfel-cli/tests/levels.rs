@@ -129,6 +129,65 @@ fn points_that_do_not_fit_into_memory_are_refused_with_what_to_do() {
 }
 
 #[test]
+fn error_of_any_size_draws_all_points_to_few() {
+    let folder = Folder::new("levels-extremes");
+    folder.write("in.las", las(400));
+    folder.run("convert in.las -o out.copc.laz").code(0);
+    let view = "render out.copc.laz --size 96x80 --eye 600020,4999980,140 --target 600020,5000020,100 --no-metadata";
+    folder.run(&format!("{view} --all-levels -o all.png")).code(0);
+    // The limit of points a pixel rises as splats shrink.
+    for error in ["0.01", "1e-300"] {
+        folder.run(&format!("{view} --lod-error {error} -o fine.png --force")).code(0);
+        folder.run("compare all.png fine.png --fail-above flip=0.0001").code(0);
+    }
+    let covered = |name: &str| folder.image(name).color.unwrap().iter().filter(|c| c[3] > 0.5).count();
+    for error in ["1000", "1e6"] {
+        let notes = folder.run(&format!("{view} --lod-error {error} -o coarse.png --force")).code(0).stderr();
+        assert!(notes.contains("by levels: 1 of"), "{notes}");
+        assert!(covered("coarse.png") >= covered("all.png"), "{error}");
+    }
+    for error in ["0", "-1", "NaN", "inf", "1e7"] {
+        folder.run(&format!("{view} --lod-error={error} -o no.png")).fails(2, "--lod-error");
+    }
+    assert!(!folder.has("no.png"));
+}
+
+#[test]
+fn server_draws_by_levels_what_does_not_fit() {
+    let folder = Folder::new("levels-serve");
+    folder.write("in.las", las(600));
+    folder.run("convert in.las -o out.copc.laz").code(0);
+    let camera = |x: u32| {
+        format!(
+            r#"{{"eye": [6000{x}, 5000010, 112], "target": [6000{x}, 5000030, 100], "up": [0, 0, 1], "near": 0.1,
+                 "size": [160, 120], "projection": {{"perspective": {{"fov_y_deg": 40}}}}}}"#
+        )
+        .replace('\n', " ")
+    };
+    let mut lines = Vec::new();
+    for (name, x) in [("a", 30), ("b", 40), ("c", 30)] {
+        lines.push(format!(r#"{{"output": "{name}.png", "camera": {}}}"#, camera(x)));
+        let scene = format!(r#"{{"camera": {}, "objects": [{{"splats": "out.copc.laz"}}]}}"#, camera(x));
+        folder.write(&format!("{name}.json"), scene);
+    }
+    lines.push(r#"{"output": "d.png", "view": "iso", "size": [80, 60]}"#.to_owned());
+    // All 360,000 points take 36 MB.
+    for name in ["a", "b", "c"] {
+        folder.run(&format!("{name}.json -o {name}-plain.png --memory 34M --no-metadata")).code(0);
+    }
+    let answers = folder.run_in("", "serve --stdio a.json --memory 34M --no-metadata", lines.join("\n").as_bytes());
+    let (answers, notes) = (answers.stdout(), answers.stderr());
+    assert!(
+        notes.contains("drawn by levels") && answers.lines().all(|line| line.contains(r#""ok":true"#)),
+        "{answers}"
+    );
+    for name in ["a", "b", "c"] {
+        assert!(folder.read(&format!("{name}.png")) == folder.read(&format!("{name}-plain.png")), "{name}");
+    }
+    assert!(folder.has("d.png"));
+}
+
+#[test]
 fn file_that_a_view_needs_all_of_is_drawn_as_ever() {
     let folder = Folder::new("levels-small");
     folder.write("in.las", las(60));
@@ -169,6 +228,7 @@ fn progressive_pictures_are_whole_and_the_last_is_the_one_without_the_flag() {
     for (words, coarse, out) in [
         (format!("render out.copc.laz {view}"), 2, "copc.png"),
         (format!("render out.copc.laz {view} --planes index,position"), 2, "copc.exr"),
+        (format!("render out.copc.laz {view} --all-levels"), 2, "all.png"),
         ("render in.las --size 320x240 --stats".to_owned(), 1, "las.png"),
     ] {
         folder.run(&format!("{words} -o {out}")).code(0);

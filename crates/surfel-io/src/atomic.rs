@@ -1,6 +1,6 @@
 //! Files that appear whole or not at all.
 
-use crate::error::{IoError, WRITE};
+use crate::error::{IoError, WRITE, WRITE_THERE};
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -110,6 +110,37 @@ impl Pending {
             io::ErrorKind::AlreadyExists => IoError::Exists { path: path.clone() },
             _ => system(source),
         })
+    }
+}
+
+/// A file for this process alone: gone when this is dropped and when a signal ends the program; if it is killed, when
+/// the next one makes such a file in that folder.
+#[derive(Debug)]
+pub struct Temporary {
+    file: NamedTempFile,
+    _registered: Registered,
+}
+
+impl Temporary {
+    /// Writes one in a folder.
+    ///
+    /// # Errors
+    /// [`IoError::System`] if the folder can't be written or `content` fails.
+    pub fn write(folder: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<Self, IoError> {
+        remove_left_over(folder);
+        let written = registered_in(folder).and_then(|(file, registered)| {
+            let mut sink = BufWriter::with_capacity(1 << 18, file.as_file());
+            content(&mut sink)?;
+            sink.flush()?;
+            drop(sink);
+            Ok(Self { file, _registered: registered })
+        });
+        written.map_err(|source| IoError::System { path: folder.to_path_buf(), action: WRITE_THERE, source })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        self.file.path()
     }
 }
 
@@ -223,6 +254,29 @@ mod tests {
         assert_eq!(names(), [".surfel-d.tmp.txt", ".surfel-mine", "a", "b", "other.tmp"]);
         assert_eq!(fs::read(folder.join("a")).unwrap(), b"whole");
         assert!(!temporary_files().iter().any(|path| path.starts_with(&folder)));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn temporary_files_are_there_as_long_as_they_are_held() {
+        let folder = std::env::temp_dir().join(format!("surfel-held-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let killed = folder.join(".surfel-abc.tmp");
+        fs::write(&killed, "x").unwrap();
+        let held = Temporary::write(&folder, |out| out.write_all(b"whole")).unwrap();
+        assert!(!killed.exists());
+        // Those who come later, of any process, leave it there.
+        let other = Temporary::write(&folder, |out| out.write_all(b"other")).unwrap();
+        assert_eq!([&held, &other].map(|file| fs::read(file.path()).unwrap()), [b"whole", b"other"]);
+        let path = held.path().to_path_buf();
+        drop(held);
+        assert!(!path.exists() && other.path().exists());
+        let full = || io::Error::from(io::ErrorKind::StorageFull);
+        let error = Temporary::write(&folder, |_| Err(full())).unwrap_err().to_string();
+        assert_eq!(error, format!("{}: cannot write a temporary file there: {}", folder.display(), full()));
+        drop(other);
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 0);
+        assert!(Temporary::write(&folder.join("missing"), |_| Ok(())).is_err());
         fs::remove_dir_all(&folder).unwrap();
     }
 }

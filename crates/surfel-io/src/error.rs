@@ -67,6 +67,8 @@ impl IoError {
 pub(crate) const READ: &str = "read it";
 /// The action of [`IoError::System`] when writing.
 pub(crate) const WRITE: &str = "write it";
+/// The same of a folder.
+pub(crate) const WRITE_THERE: &str = "write a temporary file there";
 
 /// Where in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,7 +12,7 @@ use surfel::paths::is_stdin;
 use surfel::render::{Capabilities, SceneSummary, unsupported};
 use surfel::request::{Pictures, RenderOptions, Request, Resolved, SceneSource, Source};
 use surfel::scene::LoadedObjects;
-use surfel::{BackendScene, Camera, Error, Frame, Planes, Progress, Renderer, Scene, Stats, camera};
+use surfel::{BackendScene, Camera, Error, Frame, LevelStore, Planes, Progress, Renderer, Scene, Stats, camera};
 
 /// Scenes that are kept ready to be drawn, besides the last.
 const KEPT: usize = 1;
@@ -25,6 +25,7 @@ pub(crate) struct Input {
     /// The scene file that a picture carries, which is the first of the paths.
     carried: Option<String>,
     cache: Mutex<Cache>,
+    level_store: Arc<LevelStore>,
 }
 
 #[derive(Default)]
@@ -111,7 +112,8 @@ pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Sen
 
 impl Input {
     pub(crate) fn new(paths: Vec<PathBuf>, bytes: Option<Arc<[u8]>>) -> Self {
-        Self { paths, bytes, carried: None, cache: Mutex::default() }
+        let level_store = Arc::new(LevelStore::keeping_nodes());
+        Self { paths, bytes, carried: None, cache: Mutex::default(), level_store }
     }
 
     /// The scene of a picture, and the flags that it was drawn by.
@@ -130,7 +132,7 @@ impl Input {
         });
         let flags = flags.map(|(key, value)| (key, value.as_str().map_or_else(|| value.to_string(), str::to_owned)));
         let flags = flags.collect();
-        Ok((Self { paths: vec![path], bytes: None, carried: Some(carried), cache: Mutex::default() }, flags))
+        Ok((Self { carried: Some(carried), ..Self::new(vec![path], None) }, flags))
     }
 
     fn source(&self) -> Result<Source, Error> {
@@ -156,7 +158,7 @@ impl Input {
         if let Some(found) = cache.prepared.iter().find(suits) {
             return Ok(found.clone());
         }
-        let request = Request::new(self.source()?, pictures, options)?;
+        let request = Request::new(self.source()?, pictures, options)?.with_level_store(self.level_store.clone());
         let key = format!("{:?} {:?}", request.objects(), request.load_options(None));
         let loaded = match &cache.loaded {
             Some((known, loaded)) if *known == key => loaded.clone(),

@@ -112,6 +112,8 @@ struct Eye<'a> {
     conformal: bool,
     /// Inward normals of the view's side planes, in view space, and their distance from the eye.
     sides: [(DVec3, f64); 4],
+    /// The object's axes in view space.
+    axes: [DVec3; 3],
 }
 
 impl<'a> Eye<'a> {
@@ -141,7 +143,8 @@ impl<'a> Eye<'a> {
             side(DVec3::Y, slope(0.0, 1)),
             side(-DVec3::Y, -slope(height, 1)),
         ];
-        Self { world_from_object, view, cull, scale, conformal, sides }
+        let axes = [m.x_axis, m.y_axis, m.z_axis].map(|axis| view.view_from_world * axis);
+        Self { world_from_object, view, cull, scale, conformal, sides, axes }
     }
 
     /// View position of an object's point.
@@ -151,14 +154,26 @@ impl<'a> Eye<'a> {
 
     /// False if no part of a sphere can show.
     fn sees(&self, center: DVec3, radius: f64) -> bool {
+        self.sees_around(center, radius, |_| 0.0)
+    }
+
+    /// False if nothing can show that is within a radius of a body, which reaches so far from its centre along a
+    /// direction in view space.
+    fn sees_around(&self, center: DVec3, radius: f64, reach: impl Fn(DVec3) -> f64) -> bool {
         let (p, radius) = (self.at(center), radius * self.scale);
         let projection = &self.view.projection;
+        let depth = radius + reach(DVec3::Z);
         // A filter reaches a pixel or so past a splat's own extent.
-        let margin = radius + 2.0 * self.pixel_size(p.z + radius);
-        if p.z + radius < projection.near || p.z - radius > projection.far() {
+        let margin = radius + 2.0 * self.pixel_size(p.z + depth);
+        if p.z + depth < projection.near || p.z - depth > projection.far() {
             return false;
         }
-        !self.sides.iter().any(|(normal, distance)| normal.dot(p) - distance < -margin)
+        !self.sides.iter().any(|(normal, distance)| normal.dot(p) - distance < -margin - reach(*normal))
+    }
+
+    /// How far a cube along the object's axes reaches from its centre along a direction in view space.
+    fn cube_reach(&self, half: f64, direction: DVec3) -> f64 {
+        half * self.axes.iter().map(|axis| axis.dot(direction).abs()).sum::<f64>()
     }
 
     /// True if a node is left out because all of it faces away.
@@ -189,9 +204,13 @@ impl<'a> Eye<'a> {
 
     /// Pixels that a length measures where a sphere is nearest.
     fn size_px(&self, center: DVec3, radius: f64, length: f64) -> f64 {
-        let p = self.at(center);
+        self.size_at(self.at(center).z - radius * self.scale, length)
+    }
+
+    /// Pixels that a length measures at a depth, or where that is before the near plane, there.
+    fn size_at(&self, z: f64, length: f64) -> f64 {
         let focal = self.view.projection.focal_px[0].max(self.view.projection.focal_px[1]);
-        let nearest = (p.z - radius * self.scale).max(self.view.projection.near);
+        let nearest = z.max(self.view.projection.near);
         let distance = if self.view.projection.is_perspective() { nearest } else { 1.0 };
         length * self.scale * focal / distance
     }
@@ -200,10 +219,10 @@ impl<'a> Eye<'a> {
 /// A node of points that come in levels: those of a node and of all above it are its part of the cloud.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevelNode {
-    /// Centre of a sphere around its points, object space.
+    /// Centre of a cube around its points, along the axes of object space.
     pub center: DVec3,
-    /// The sphere's radius.
-    pub radius: f64,
+    /// Half of the cube's side, object units.
+    pub half: f64,
     /// Radius of splats that close its level, object units; half of that of the level above.
     pub splat_radius: f64,
     /// Its own points.
@@ -241,8 +260,12 @@ pub fn select_levels(
     // Pixels of the splats that are drawn where a node isn't; none where it is out of sight.
     let without = |node: &LevelNode| {
         let coarser = 2.0 * node.splat_radius;
-        let sizes = eyes.iter().filter(|eye| eye.sees(node.center, node.radius + RIM * coarser));
-        sizes.map(|eye| eye.size_px(node.center, node.radius, coarser)).fold(0.0, f64::max)
+        let size_px = |eye: &Eye<'_>| {
+            let reach = |direction| eye.cube_reach(node.half, direction);
+            let nearest = eye.at(node.center).z - reach(DVec3::Z);
+            eye.sees_around(node.center, RIM * coarser, reach).then(|| eye.size_at(nearest, coarser))
+        };
+        eyes.iter().filter_map(size_px).fold(0.0, f64::max)
     };
     let mut selection = LevelSelection::default();
     let mut open = BinaryHeap::from([Wanted { size_px: f64::INFINITY, node: 0 }]);
@@ -312,7 +335,7 @@ mod tests {
                 let children = if level == 4 { 0..0 } else { first + 4 * i..first + 4 * i + 4 };
                 let center = DVec3::new(middle(at(0)), middle(at(1)), 0.0);
                 let splat_radius = side / 10.0;
-                nodes.push(LevelNode { center, radius: side * 0.75, splat_radius, points: 100, children });
+                nodes.push(LevelNode { center, half: side / 2.0, splat_radius, points: 100, children });
             }
         }
         nodes
@@ -336,7 +359,7 @@ mod tests {
             let focal = f64::from(size) / 2.0;
             for (i, node) in nodes.iter().enumerate() {
                 for child in node.children.clone() {
-                    let nearest = height - nodes[child as usize].radius;
+                    let nearest = height - nodes[child as usize].half;
                     let size_px = node.splat_radius * focal / nearest.max(view.projection.near);
                     let center = nodes[child as usize].center;
                     let inside = center.x.abs().max(center.y.abs()) < height;
@@ -374,7 +397,54 @@ mod tests {
         let camera = Camera::perspective([6.0, 6.0, 1.0], [7.0, 7.0, 0.0], 40.0, [400, 400]).with_up([0.0, 0.0, 1.0]);
         let view = View::new(&camera).unwrap();
         let found = select_levels(&nodes, &DAffine3::IDENTITY, &[view], 1.0, u64::MAX);
-        let is_behind = |i: &u32| nodes[*i as usize].center.x < 0.0 && nodes[*i as usize].radius < 2.0;
+        let is_behind = |i: &u32| nodes[*i as usize].center.x < 0.0 && nodes[*i as usize].half < 2.0;
         assert!(found.nodes.len() > 20 && !found.nodes.iter().any(is_behind), "{found:?}");
+    }
+
+    #[test]
+    fn cubes_are_measured_where_they_are_nearest_and_seen_wherever_a_part_is() {
+        let mut random = 1_u64;
+        let mut next = |low: f64, high: f64| {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            low + (high - low) * (random >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let (mut seen, mut left_out) = (0, 0);
+        for round in 0..1000 {
+            // From parts of a micrometre to the size of the Earth.
+            let unit = [1.0, 1e-6, 1e7][round % 3];
+            let place = |next: &mut dyn FnMut(f64, f64) -> f64| DVec3::from([(); 3].map(|()| next(-9.0, 9.0) * unit));
+            let (eye, target) = (place(&mut next), place(&mut next));
+            let mut camera = Camera::perspective(eye.to_array(), target.to_array(), next(5.0, 120.0), [640, 480]);
+            if round % 4 == 0 {
+                let (eye, target) = (eye.to_array(), target.to_array());
+                camera = Camera::orthographic(eye, target, next(0.5, 9.0) * unit, 30.0 * unit, [640, 480]);
+            }
+            camera.near = 0.01 * unit;
+            let view = View::new(&camera).unwrap();
+            let turn = glam::DQuat::from_scaled_axis(place(&mut next) / unit);
+            let world_from_object = DAffine3::from_rotation_translation(turn, place(&mut next));
+            let eye = Eye::new(&world_from_object, Cull::None, &view);
+            let (center, half) = (place(&mut next), next(0.01, 4.0) * unit);
+            let at = |[x, y, z]: [f64; 3]| eye.at(center + half * DVec3::new(x, y, z));
+            let signs = |i: u32| [0, 1, 2].map(|k| if i >> k & 1 == 1 { 1.0 } else { -1.0 });
+            let nearest = (0..8).map(|i| at(signs(i)).z).fold(f64::INFINITY, f64::min);
+            let found = eye.at(center).z - eye.cube_reach(half, DVec3::Z);
+            // Rounding of sums of a few terms.
+            assert!((found - nearest).abs() <= 1e-13 * 40.0 * unit, "{round}: {found} {nearest}");
+            let sees = eye.sees_around(center, 0.0, |direction| eye.cube_reach(half, direction));
+            let projection = &view.projection;
+            let shows = (0..500).any(|_| {
+                let p = at([(); 3].map(|()| next(-1.0, 1.0)));
+                let depth = if projection.is_perspective() { p.z } else { 1.0 };
+                let px = |k: usize| p[k] / depth * projection.focal_px[k] + projection.principal_px[k];
+                let inside = (0.0..640.0).contains(&px(0)) && (0.0..480.0).contains(&px(1));
+                inside && p.z >= projection.near && p.z <= projection.far()
+            });
+            assert!(sees || !shows, "{round}");
+            seen += u32::from(sees);
+            // The sphere around a cube sees more.
+            left_out += u32::from(!sees && eye.sees(center, half * 3_f64.sqrt()));
+        }
+        assert!(seen > 200 && left_out > 15, "{seen} {left_out}");
     }
 }

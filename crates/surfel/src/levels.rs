@@ -5,11 +5,14 @@ use crate::render_options::SplatOptions;
 use crate::values::Part;
 use crate::{Error, LoadOptions, memory};
 use glam::{DAffine3, Vec3};
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use surfel_io::atomic::Temporary;
 pub use surfel_io::copc::resume_folder;
 use surfel_io::copc::{
-    Copc, CopcNode, CopcOptions, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, NodeColumns, PointSplat, RADIUS,
+    Copc, CopcNode, CopcOptions, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, NodeColumns, PointSplat,
+    RADIUS, save_temporary_copc,
 };
 use surfel_io::{Content, Loaded};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Outliers, PointCloud, Shape, SplatCloud};
@@ -76,15 +79,23 @@ pub(crate) fn has_levels(path: &Path) -> bool {
     matches!(Copc::open(path), Ok(Some(_)))
 }
 
-/// Reads what the options say of a COPC file; `None` where they say all, or it is another file.
-pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Option<(Loaded, LevelReport)>, Error> {
+/// What the options say of files by levels; `None`: all.
+pub(crate) fn chosen<'a>(path: &Path, options: &'a LoadOptions) -> Option<&'a Levels> {
     // Points of a level stand alone where finer ones of it aren't read.
     let is_by_levels = options.outliers == Outliers::Keep && (options.stdin.is_none() || path != Path::new("-"));
-    let Some(levels) = options.levels.as_ref().filter(|_| is_by_levels) else { return Ok(None) };
-    let Some(copc) = Copc::open(path).or_else(|error| if path.is_file() { Err(error) } else { Ok(None) })? else {
+    options.levels.as_ref().filter(|_| is_by_levels)
+}
+
+/// Reads what the options say of a COPC file, which is `path` or was made of it; `None` where they say all, or it is
+/// another file.
+pub(crate) fn read(path: &Path, copc: &Path, options: &LoadOptions) -> Result<Option<(Loaded, LevelReport)>, Error> {
+    let Some(levels) = chosen(path, options) else { return Ok(None) };
+    let Some(copc) = Copc::open(copc).or_else(|error| if copc.is_file() { Err(error) } else { Ok(None) })? else {
         return Ok(None);
     };
-    let most = options.max_points.map_or(DEFAULT_MOST_POINTS, |most| most as u64);
+    let budget = options.memory.or_else(memory::default_budget);
+    let fitting = budget.map_or(u64::MAX, |bytes| bytes / memory::KNOWN_BYTES);
+    let most = options.max_points.map_or(DEFAULT_MOST_POINTS.min(fitting), |most| most as u64);
     let (nodes, error_px, is_limited) = match levels {
         Levels::Overview => (overview(copc.nodes()), 0.0, false),
         Levels::Views { views, world_from_object, error_px } => {
@@ -103,21 +114,30 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Option<(Loaded,
         is_limited,
     };
     memory::check(path, report.points[0], memory::KNOWN_BYTES, options.memory, memory::Remedy::Fewer)?;
+    let room = budget.map(|all| all - report.points[0] * memory::KNOWN_BYTES);
+    let copc = copc.with_cache(options.level_store.as_ref().and_then(|store| store.nodes(room)));
     // What chooses points may be any column.
     let has_choice = !options.classes.is_empty() || options.returns.is_some() || options.condition.is_some();
     let has_values = options.color_by.is_some() || options.label.is_some();
-    let columns = if has_choice || has_values { NodeColumns::All } else { NodeColumns::Splats };
+    let is_partial = !report.is_whole() && *levels != Levels::Overview;
+    let cut = if is_partial { Cut::new(copc.nodes(), &nodes) } else { Cut::default() };
+    let columns = if has_choice || has_values { NodeColumns::All } else { NodeColumns::Splats(&cut.is_level) };
     let mut found = copc.points_of(&nodes, columns, &io_options(options))?;
     if let Content::Points(points) = &mut found.loaded.content {
-        if !report.is_whole() && *levels != Levels::Overview {
-            mark(&copc, &nodes, &found.ends, points);
+        if is_partial {
+            mark(&copc, &cut, &nodes, &found.ends, points);
         }
         if options.rows || options.label.is_some() {
             points.rows = Some(rows(&copc, &nodes, points, path)?);
         }
     }
-    if !report.is_whole() && *levels != Levels::Overview {
-        found.loaded.notes.push(note(&report, options.max_points.is_some()));
+    if is_partial {
+        let limit = match options.max_points {
+            Some(_) => "--max-points ends it",
+            None if most < DEFAULT_MOST_POINTS => "--memory ends it",
+            None => "--max-points raises the limit that ends it",
+        };
+        found.loaded.notes.push(note(&report, limit));
     }
     Ok(Some((found.loaded, report)))
 }
@@ -147,13 +167,12 @@ fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Ve
 }
 
 /// What a view left out, and what to do to have it.
-fn note(report: &LevelReport, is_asked: bool) -> String {
+fn note(report: &LevelReport, limit: &str) -> String {
     let mebibytes = report.bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
     let error_px = report.error_px;
-    let why = match (report.is_limited, is_asked) {
-        (true, true) => format!("--max-points ends it at splats of {error_px:.1} px"),
-        (true, false) => format!("the limit ends it at splats of {error_px:.1} px; --max-points raises it"),
-        (false, _) => format!("splats of {error_px:.2} px at most; --lod-error draws finer ones"),
+    let why = match report.is_limited {
+        true => format!("{limit} at splats of {error_px:.1} px"),
+        false => format!("splats of {error_px:.2} px at most; --lod-error draws finer ones"),
     };
     format!(
         "drawn by levels: {} of {} nodes, {:.1} of {:.1} MiB read ({why}; --all-levels draws all points)",
@@ -178,54 +197,86 @@ fn overview(nodes: &[CopcNode]) -> Vec<u32> {
 fn level_node(copc: &Copc, node: &CopcNode) -> LevelNode {
     let (center, half) = copc.cube(node);
     let splat_radius = f64::from(CLOSING) * copc.spacing(node.level);
-    LevelNode {
-        center,
-        radius: half * 3_f64.sqrt(),
-        splat_radius,
-        points: node.points,
-        children: node.children.clone(),
+    LevelNode { center, half, splat_radius, points: node.points, children: node.children.clone() }
+}
+
+/// Where a choice of nodes ends, by the nodes' indices.
+#[derive(Default)]
+struct Cut {
+    is_chosen: Vec<bool>,
+    /// Some children aren't chosen: its points stand for theirs.
+    is_level: Vec<bool>,
+    /// All nodes below are chosen, or there are none.
+    is_complete: Vec<bool>,
+}
+
+impl Cut {
+    fn new(all: &[CopcNode], chosen: &[u32]) -> Self {
+        let mut is_chosen = vec![false; all.len()];
+        chosen.iter().for_each(|i| is_chosen[*i as usize] = true);
+        let missing = |node: &CopcNode| node.children.clone().any(|child| !is_chosen[child as usize]);
+        let is_level: Vec<bool> = all.iter().map(missing).collect();
+        let mut is_complete = vec![true; all.len()];
+        for (i, node) in all.iter().enumerate().rev() {
+            is_complete[i] = !is_level[i] && node.children.clone().all(|child| is_complete[child as usize]);
+        }
+        Self { is_chosen, is_level, is_complete }
     }
 }
 
 /// Gives points the distance between points where finer ones are missing, and there the colours and normals of their
 /// level, if the file has them.
-fn mark(copc: &Copc, chosen: &[u32], ends: &[usize], points: &mut PointCloud) {
+fn mark(copc: &Copc, cut: &Cut, chosen: &[u32], ends: &[usize], points: &mut PointCloud) {
     let all = copc.nodes();
-    let mut is_chosen = vec![false; all.len()];
-    chosen.iter().for_each(|i| is_chosen[*i as usize] = true);
-    let (origin, mut start) = (points.origin, 0);
+    let (origin, positions) = (points.origin, &points.positions);
     let mut spacing = vec![0.0_f32; points.len()];
     let mut is_own = vec![false; points.len()];
+    let (mut rest, mut start) = ((&mut spacing[..], &mut is_own[..]), 0);
+    let mut parts = Vec::new();
     for (node, end) in chosen.iter().zip(ends) {
-        for i in start..*end {
-            let at = origin + points.positions.get(i);
-            let mut deepest = *node as usize;
-            spacing[i] = loop {
+        let (spacing, spacings) = rest.0.split_at_mut(end - start);
+        let (is_own, are_own) = rest.1.split_at_mut(end - start);
+        // Elsewhere no finer point is missing.
+        if !cut.is_complete[*node as usize] {
+            parts.push((*node as usize, start, spacing, is_own));
+        }
+        (rest, start) = ((spacings, are_own), *end);
+    }
+    parts.into_par_iter().for_each(|(node, start, spacing, is_own)| {
+        for (i, (spacing, is_own)) in spacing.iter_mut().zip(is_own).enumerate() {
+            let at = origin + positions.get(start + i);
+            let mut deepest = node;
+            *spacing = loop {
                 let next = all[deepest].level + 1;
                 let cell = copc.cell_of(at, next);
                 let mut children = all[deepest].children.clone();
                 match children.find(|c| all[*c as usize].cell == cell) {
                     // No finer point is near.
                     None => break 0.0,
-                    Some(child) if is_chosen[child as usize] => deepest = child as usize,
+                    Some(child) if cut.is_chosen[child as usize] => deepest = child as usize,
                     Some(_) => break copc.spacing(all[deepest].level) as f32,
                 }
             };
-            is_own[i] = spacing[i] > 0.0 && deepest == *node as usize;
+            *is_own = *spacing > 0.0 && deepest == node;
         }
-        start = *end;
+    });
+    // A column of zeros isn't there.
+    let column = |names: [&str; 3]| {
+        let found = names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
+        found.iter().any(Option::is_some).then_some(found)
+    };
+    let value = |values: Option<&ExtraValues>, i: usize| values.map_or(0.0, |values| values.get(i));
+    if let (Some(levels), Some(linear)) = (column(LEVEL_COLORS), &mut points.colors) {
+        linear.par_iter_mut().enumerate().filter(|(i, _)| is_own[*i]).for_each(|(i, color)| {
+            *color = levels.map(|level| surfel_math::srgb::decode(value(level, i) / 65_535.0) as f32);
+        });
     }
-    let column = |names: [&str; 3]| names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
-    if let ([Some(red), Some(green), Some(blue)], Some(linear)) = (column(LEVEL_COLORS), &mut points.colors) {
-        for (i, color) in linear.iter_mut().enumerate().filter(|(i, _)| is_own[*i]) {
-            *color = [red, green, blue].map(|levels| surfel_math::srgb::decode(levels.get(i) / 65_535.0) as f32);
-        }
-    }
-    if let ([Some(x), Some(y), Some(z)], Some(own)) = (column(LEVEL_NORMALS), &mut points.normals) {
-        let of_level = |i: usize| Vec3::new(x.get(i) as f32, y.get(i) as f32, z.get(i) as f32);
-        let vectors = (0..own.len()).map(|i| (is_own[i], of_level(i), own.get(i).as_vec3()));
-        let vectors = vectors.map(|(is_own, level, own)| if is_own && level != Vec3::ZERO { level } else { own });
-        *own = Column3::from_f32(vectors.collect());
+    if let (Some(levels), Some(own)) = (column(LEVEL_NORMALS), &mut points.normals) {
+        let vector = |i: usize| {
+            let level = if is_own[i] { Vec3::from(levels.map(|level| value(level, i) as f32)) } else { Vec3::ZERO };
+            if level == Vec3::ZERO { own.get(i).as_vec3() } else { level }
+        };
+        *own = Column3::from_f32((0..own.len()).into_par_iter().map(vector).collect());
     }
     points.extras.push(ExtraColumn { name: SPACING.into(), values: ExtraValues::F32(spacing) });
 }
@@ -406,19 +457,42 @@ pub fn save_copc(
         resume: request.resume,
         shard: request.shard.map(|part| [part.index(), part.count()]),
     };
-    let prepare = |points: &PointCloud| -> Result<Vec<PointSplat>, String> {
-        if points.len() < LEAST_POINTS {
-            return Ok(vec![PointSplat::default(); points.len()]);
-        }
-        let options = PointOptions { coincident: usize::MAX, ellipses: false, ..PointOptions::default() };
-        let made = surfel_sample::splats_from_points(points, &options, &surfel_sample::NoProgress);
-        let (cloud, _) = made.map_err(|e| e.to_string())?;
-        let splat = |i: usize| {
-            let normal = surfel_math::basis::unit(cloud.normal(i)).as_vec3().to_array();
-            PointSplat { normal, radius: cloud.radius_max(i) as f32 }
-        };
-        Ok((0..cloud.len()).map(splat).collect())
+    let written = |progress: &dyn Fn(&'static str, u64, u64)| {
+        surfel_io::copc::save_copc(inputs, output, &options, Some(&splats_of_part), progress)
     };
+    Ok(by_stages(progress, written)?)
+}
+
+/// Writes a file as [`save_copc`] does, in `folder`, for as long as it is held.
+pub(crate) fn save_temporary(
+    input: &Path,
+    folder: &Path,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Temporary, Error> {
+    let written = |progress: &dyn Fn(&'static str, u64, u64)| {
+        save_temporary_copc(&[input.to_path_buf()], folder, memory, Some(&splats_of_part), progress)
+    };
+    Ok(by_stages(progress, written)?.0)
+}
+
+/// Normals and radii of points that are a part of a cloud.
+fn splats_of_part(points: &PointCloud) -> Result<Vec<PointSplat>, String> {
+    if points.len() < LEAST_POINTS {
+        return Ok(vec![PointSplat::default(); points.len()]);
+    }
+    let options = PointOptions { coincident: usize::MAX, ellipses: false, ..PointOptions::default() };
+    let made = surfel_sample::splats_from_points(points, &options, &surfel_sample::NoProgress);
+    let (cloud, _) = made.map_err(|e| e.to_string())?;
+    let splat = |i: usize| {
+        let normal = surfel_math::basis::unit(cloud.normal(i)).as_vec3().to_array();
+        PointSplat { normal, radius: cloud.radius_max(i) as f32 }
+    };
+    Ok((0..cloud.len()).map(splat).collect())
+}
+
+/// Tells `progress` what writing tells by stages, how much is done and of how much.
+fn by_stages<T>(progress: &dyn Progress, write: impl FnOnce(&dyn Fn(&'static str, u64, u64)) -> T) -> T {
     let stage = std::cell::RefCell::new(("", 0));
     let tell = |name: &'static str, done: u64, all: u64| {
         let mut last = stage.borrow_mut();
@@ -429,7 +503,7 @@ pub fn save_copc(
         progress.advance(done.saturating_sub(last.1));
         last.1 = done;
     };
-    Ok(surfel_io::copc::save_copc(inputs, output, &options, Some(&prepare), &tell)?)
+    write(&tell)
 }
 
 /// Where the points of an object are; for [`Levels::Views`].

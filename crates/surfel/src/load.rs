@@ -3,7 +3,7 @@
 use crate::coloring::{self, ColorBy, Colored, Coloring};
 use crate::framing::UpReason;
 use crate::levels::{self, LevelReport, Levels};
-use crate::{Error, convert, labels, memory};
+use crate::{Error, LevelStore, convert, labels, memory};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -78,6 +78,9 @@ pub struct LoadOptions {
     pub outliers: Outliers,
     /// What is read of a COPC file; `None`: all of it.
     pub levels: Option<Levels>,
+    /// What stays of files by levels from one picture to the next. With it, and `levels`, LAS and LAZ files that don't
+    /// fit into memory are drawn by levels too.
+    pub level_store: Option<Arc<LevelStore>>,
     /// Most bytes of memory that points may take, by estimate; `None`: [`crate::memory::default_budget`].
     pub memory: Option<u64>,
     /// Files of trained Gaussians are kept as such, and not made a surface: by [`crate::scene::load_objects`] alone.
@@ -118,6 +121,7 @@ impl LoadOptions {
         with_all_points all_points: bool,
         with_outliers outliers: Outliers,
         with_levels levels: Option<Levels>,
+        with_level_store level_store: Option<Arc<LevelStore>>,
         with_memory memory: Option<u64>,
         with_gaussians gaussians: bool,
         with_allow_outside allow_outside: bool,
@@ -219,6 +223,7 @@ impl Default for LoadOptions {
             all_points: false,
             outliers: Outliers::Keep,
             levels: None,
+            level_store: None,
             memory: None,
             gaussians: false,
             allow_outside: false,
@@ -312,21 +317,31 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> 
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
     let options = &options.clone().with_gaussians(false);
     progress.stage("reading", 0);
-    let (loaded, levels) = read_needed(path, options)?;
+    let (loaded, levels) = read_needed(path, options, progress)?;
     Ok(LoadedCloud { levels, ..splats_of(loaded, path, options, progress)? })
 }
 
 /// Reads a file, and of one by levels what the options ask for, with what was left out of it.
-pub(crate) fn read_needed(path: &Path, options: &LoadOptions) -> Result<(Loaded, Option<LevelReport>), Error> {
-    if let Some((loaded, report)) = levels::read(path, options)? {
-        return Ok((loaded, Some(report).filter(|report| !report.is_whole())));
+pub(crate) fn read_needed(
+    path: &Path,
+    options: &LoadOptions,
+    progress: &dyn Progress,
+) -> Result<(Loaded, Option<LevelReport>), Error> {
+    let partly = |(loaded, report): (Loaded, LevelReport)| (loaded, Some(report).filter(|report| !report.is_whole()));
+    if let Some(found) = levels::read(path, path, options)? {
+        return Ok(partly(found));
     }
-    check_size(path, options)?;
-    Ok((read(path, options)?, None))
+    let Err(too_large) = check_size(path, options) else { return Ok((read(path, options)?, None)) };
+    let store = options.level_store.as_ref().filter(|_| levels::chosen(path, options).is_some());
+    let by_levels = store.map(|store| store.by_levels(path, options, progress)).transpose()?.flatten();
+    let Some((copc, note)) = by_levels else { return Err(too_large) };
+    let (mut loaded, report) = levels::read(path, copc.path(), options)?.ok_or(too_large)?;
+    loaded.notes.insert(0, note);
+    Ok(partly((loaded, report)))
 }
 
 /// Refuses a scan that won't fit into memory, before it is read.
-fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
+pub(crate) fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
     let is_file = options.stdin.is_none() || path != Path::new(STDIN);
     let is_all = is_file && !options.chooses_points();
     let Some((points, has_radii)) = surfel_io::survey_points(path).filter(|_| is_all) else {

@@ -24,6 +24,10 @@ pub fn default_budget() -> Option<u64> {
     Some((bytes as f64 * SHARE) as u64)
 }
 
+pub(crate) fn gigabytes(bytes: u64) -> f64 {
+    bytes as f64 / 1e9
+}
+
 /// What to do with points that won't fit.
 #[derive(Clone, Copy)]
 pub(crate) enum Remedy {
@@ -51,7 +55,7 @@ pub(crate) fn check(
         Remedy::Fewer => fewer,
         Remedy::Points => format!("{fewer}, or write them as LAZ, which can be drawn by levels"),
     };
-    let gigabytes = |bytes: u64| format!("{:.1} GB", bytes as f64 / 1e9);
+    let gigabytes = |bytes: u64| format!("{:.1} GB", gigabytes(bytes));
     let problem = format!(
         "has {points} points to draw, which take some {} of memory at {point_bytes} bytes each, and {} may be used: \
          {remedy}, or allow more (--memory)",

@@ -51,7 +51,7 @@ pub fn resolve<E: From<Error>>(
     note: &mut dyn FnMut(String),
     each: &mut dyn FnMut(Resolved, Detail) -> Result<(), E>,
 ) -> Result<(), E> {
-    let has_levels = request.files().any(|(path, convert)| !convert.all_levels && levels::has_levels(&path));
+    let has_levels = request.files().any(|path| levels::has_levels(&path));
     let mut loaded;
     if has_levels {
         loaded = request.load(stdin, progress)?;

@@ -6,21 +6,21 @@ pub use crate::render_options::{RenderOptions, SplatOptions};
 use crate::framing::{self, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
 use crate::levels::Levels;
+use crate::load::check_size;
 use crate::paths::{self, absolute, display, is_stdin};
 use crate::scene::{
     AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_composite, auto_depth_tolerance, auto_scene,
     auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap, load_objects,
     parse_scene_file, read_scene_file, refine_objects, studio_lights,
 };
-use crate::{Error, LoadOptions, camera, splats};
+use crate::{Error, LevelStore, LoadOptions, camera, splats};
 use glam::DVec3;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_math::gaussian;
 use surfel_model::{
-    Camera, Composite, ConvertOptions, Geometry, Light, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings,
-    Shader, Up,
+    Camera, Composite, Geometry, Light, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings, Shader, Up,
 };
 use surfel_render::{Preset, View};
 use surfel_sample::Progress;
@@ -137,7 +137,7 @@ pub enum Pictures {
     Cameras(Vec<Camera>),
     /// So many of a turn about the scene.
     Turn(u32),
-    /// Any, not known yet: all is read.
+    /// Any, not known yet: all is read. Of what was read for others the coarsest levels stay.
     Any,
 }
 
@@ -181,6 +181,7 @@ pub struct Request {
     base: PathBuf,
     /// The scene file, if there is one, and its name.
     scene: Option<(SceneFile, PathBuf)>,
+    level_store: Arc<LevelStore>,
 }
 
 impl Request {
@@ -201,7 +202,8 @@ impl Request {
                 let mut objects: Vec<ObjectFile> = inputs.iter().map(|path| bare_object(path)).collect();
                 objects.iter_mut().try_for_each(|object| apply(options, object))?;
                 let (options, pictures, base) = (options.clone(), pictures.clone(), PathBuf::new());
-                Ok(Self { options, pictures, camera, settings, objects, base, scene: None })
+                let level_store = Arc::default();
+                Ok(Self { options, pictures, camera, settings, objects, base, scene: None, level_store })
             }
         }
     }
@@ -230,7 +232,35 @@ impl Request {
         }
         let (settings, objects) = (file.settings, file.objects.clone());
         let (options, pictures, scene) = (options.clone(), pictures.clone(), Some((file, name)));
-        Ok(Self { options, pictures, camera: given, settings, objects, base, scene })
+        let level_store = Arc::default();
+        Ok(Self { options, pictures, camera: given, settings, objects, base, scene, level_store })
+    }
+
+    /// With what stays of files by levels from one picture to the next, for requests that follow one another.
+    #[must_use]
+    pub fn with_level_store(self, level_store: Arc<LevelStore>) -> Self {
+        Self { level_store, ..self }
+    }
+
+    /// The same for other pictures.
+    #[must_use]
+    pub fn with_pictures(mut self, pictures: Pictures) -> Self {
+        if let Some(camera) = pictures.first_camera() {
+            self.camera = Some(camera.clone());
+            self.scene.iter_mut().for_each(|(file, _)| file.camera = camera.clone());
+        }
+        Self { pictures, ..self }
+    }
+
+    /// Whether the points of a LAS, LAZ or COPC file don't fit into memory all at once, so that each picture needs its
+    /// own choice of levels.
+    pub fn exceeds_memory(&self) -> bool {
+        let options = self.load_options(None);
+        let exceeds = |object: &ObjectFile| {
+            let path = self.base.join(object.splats.as_ref()?);
+            check_size(&path, &options.clone().with_convert(&object.convert, &self.base)).err()
+        };
+        self.objects.iter().any(|object| exceeds(object).is_some())
     }
 
     /// The objects, whose paths are relative to the scene file's folder.
@@ -238,11 +268,10 @@ impl Request {
         &self.objects
     }
 
-    /// Files of points and splats, and how they become splats.
-    pub(crate) fn files(&self) -> impl Iterator<Item = (PathBuf, &ConvertOptions)> {
-        let named =
-            |object: &ObjectFile| object.splats.as_ref().filter(|path| !is_stdin(path)).map(|p| self.base.join(p));
-        self.objects.iter().filter_map(move |object| Some((named(object)?, &object.convert)))
+    /// Files of points and splats.
+    pub(crate) fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let named = self.objects.iter().filter_map(|object| object.splats.as_ref());
+        named.filter(|path| !is_stdin(path)).map(|path| self.base.join(path))
     }
 
     /// The same of fewer points, as `most` makes of how many there are at most, and of levels whose splats are so many
@@ -251,6 +280,7 @@ impl Request {
         let mut coarse = self.clone();
         coarse.objects.iter_mut().filter(|object| object.splats.is_some()).for_each(|object| {
             object.convert.max_points = Some(most(object.convert.max_points));
+            object.convert.all_levels = false;
         });
         let scene = coarse.scene.as_mut().map(|(file, _)| &mut file.settings);
         std::iter::once(&mut coarse.settings).chain(scene).for_each(|settings| settings.lod_error_px *= times);
@@ -274,6 +304,7 @@ impl Request {
             .with_stdin(stdin)
             .with_memory(self.options.splats.memory)
             .with_up(self.options.up.flatten().or(up))
+            .with_level_store(Some(self.level_store.clone()))
             .with_levels((self.pictures != Pictures::Any).then_some(Levels::Overview))
     }
 
@@ -333,7 +364,7 @@ impl Request {
         progress: &dyn Progress,
         note: &mut dyn FnMut(String),
     ) -> Result<LoadedObjects, Error> {
-        if is_partial(&loaded) {
+        if is_partial(&loaded) && self.pictures != Pictures::Any {
             let views = self.pictures.views(&file.camera, turntable, &self.options)?;
             let seen = (&views[..], file.settings.lod_error_px);
             refine_objects(&mut loaded, &self.objects, &self.base, &self.load_options(None), seen, progress)?;

@@ -213,7 +213,7 @@ pub fn load_objects(
                     let facts = ObjectFacts { up, up_reason, ..ObjectFacts::default() };
                     (Known { geometry: Geometry::Mesh(mesh), facts, unused: Vec::new() }, notes)
                 } else {
-                    let (read, levels) = read_needed(&path, options)?;
+                    let (read, levels) = read_needed(&path, options, progress)?;
                     if let Content::Gaussians(cloud) = &read.content {
                         gaussians(cloud, &read, &path, options)?
                     } else {

@@ -49,7 +49,7 @@ pub(super) struct ExtraField {
 
 impl ExtraField {
     /// Bytes of a type of the standard's scalar ones.
-    fn bytes(kind: u8) -> usize {
+    pub(super) fn bytes(kind: u8) -> usize {
         match kind {
             1 | 2 => 1,
             3 | 4 => 2,

@@ -349,15 +349,19 @@ fn check_layers(source: &mut dyn Source, at: u64, bytes: u64, vlr: &LazVlr, size
     }
 }
 
-/// Points and bytes of the chunk of layers at `at`, as it says itself.
-fn layers_at(source: &mut dyn Source, at: u64, vlr: &LazVlr, size: usize) -> io::Result<(u64, u64)> {
-    let layers = |kind: LazItemType| match kind {
+/// Layers of an item.
+fn layers_of(kind: LazItemType) -> usize {
+    match kind {
         LazItemType::Point14 => 9,
         LazItemType::RGBNIR14 => 2,
         LazItemType::Byte14(n) => usize::from(n),
         _ => 1,
-    };
-    let layers: usize = vlr.items().iter().map(|item| layers(item.item_type())).sum();
+    }
+}
+
+/// Points and bytes of the chunk of layers at `at`, as it says itself.
+fn layers_at(source: &mut dyn Source, at: u64, vlr: &LazVlr, size: usize) -> io::Result<(u64, u64)> {
+    let layers: usize = vlr.items().iter().map(|item| layers_of(item.item_type())).sum();
     let mut numbers = vec![0; 4 + 4 * layers];
     source.seek(SeekFrom::Start(at + size as u64))?;
     source.read_exact(&mut numbers)?;
@@ -376,6 +380,37 @@ pub(super) fn chunk_points(
     size: usize,
 ) -> Result<Option<u64>, Problem> {
     if is_layered(vlr) { check_layers(source, at, bytes, vlr, size).map(Some) } else { Ok(None) }
+}
+
+/// Takes layers of extra bytes, those marked, out of the chunk that begins at `start` and is the last, so that nobody
+/// decodes them: all its points have zeros there. Its layers are known to be within it ([`chunk_points`]).
+pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, is_left_out: &[bool]) {
+    let (mut layers, mut at) = (0, start);
+    let mut extra = None;
+    for item in vlr.items() {
+        if matches!(item.item_type(), LazItemType::Byte14(_)) {
+            extra = Some((layers, at));
+        }
+        layers += layers_of(item.item_type());
+        at += usize::from(item.size());
+    }
+    let (Some((first, first_at)), true) = (extra, is_layered(vlr)) else { return };
+    let sizes_at = at + 4;
+    let mut from = sizes_at + 4 * layers;
+    let mut to = from;
+    for layer in 0..layers {
+        let size_at = sizes_at + 4 * layer;
+        let bytes = u32::from_le_bytes(field(packed, size_at)) as usize;
+        if layer.checked_sub(first).is_some_and(|i| is_left_out.get(i) == Some(&true)) {
+            packed[size_at..size_at + 4].fill(0);
+            packed[first_at + layer - first] = 0;
+        } else {
+            packed.copy_within(from..from + bytes, to);
+            to += bytes;
+        }
+        from += bytes;
+    }
+    packed.truncate(to);
 }
 
 /// What splats are made of; other fields of layered chunks needn't be decoded.

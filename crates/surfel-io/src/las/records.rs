@@ -224,13 +224,11 @@ pub(super) fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
 
 /// Points on the grid i·scale + offset as positions relative to an origin, in the memory of the grid's numbers. What
 /// f32 rounds away is kept where it matters: where it is more than a quarter of a step, so that the step isn't certain.
-pub(super) fn on_grid(grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec3, Column3) {
-    let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
-    for p in &grid {
-        for k in 0..3 {
-            (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k]));
-        }
-    }
+pub(super) fn on_grid(mut grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec3, Column3) {
+    let ends = |(low, high): ([i32; 3], [i32; 3]), (l, h): ([i32; 3], [i32; 3])| {
+        ([0, 1, 2].map(|k| low[k].min(l[k])), [0, 1, 2].map(|k| high[k].max(h[k])))
+    };
+    let (low, high) = grid.par_iter().map(|p| (*p, *p)).reduce(|| ([i32::MAX; 3], [i32::MIN; 3]), ends);
     if grid.is_empty() {
         return (DVec3::ZERO, Column3::default());
     }
@@ -246,8 +244,9 @@ pub(super) fn on_grid(grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec
         let low = |p: &[i32; 3]| from_origin(*p) - from_origin(*p).as_vec3().as_dvec3();
         grid.par_iter().map(|p| low(p).as_vec3()).collect::<Vec<Vec3>>()
     });
-    // Of the same size and alignment, so that the vector's memory is used again.
-    let highs: Vec<Vec3> = grid.into_iter().map(|p| from_origin(p).as_vec3()).collect();
+    // Bits of f32, of the same size and alignment as the vectors, so that the memory is used again.
+    grid.par_iter_mut().for_each(|p| *p = from_origin(*p).as_vec3().to_array().map(|v| v.to_bits() as i32));
+    let highs: Vec<Vec3> = grid.into_iter().map(|p| Vec3::from(p.map(|v| f32::from_bits(v as u32)))).collect();
     (origin, Column3::from_parts(highs, lows))
 }
 

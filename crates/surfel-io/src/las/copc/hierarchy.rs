@@ -1,11 +1,12 @@
 //! The octree of a COPC file, and some of its nodes.
 
-use super::super::header::Header;
-use super::super::laz::{checked_vlr, chunk_points, decode_some, of_splats};
+use super::super::header::{ExtraField, Header, POINT_BYTES};
+use super::super::laz::{checked_vlr, chunk_points, decode_some, leave_out, of_splats};
 use super::super::records::Columns;
 use super::super::{field, finish, unreadable};
+use super::cache::{Decoded, FileState, NodeCache};
 use super::octants::{cell, code};
-use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES};
+use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES, LEVEL_COLORS, LEVEL_NORMALS};
 use crate::content::{Content, LoadOptions};
 use crate::error::{IoError, Location, Problem, READ};
 use crate::format::Format;
@@ -18,7 +19,11 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Bytes of nodes that are decoded at a time, before and after, unless one has more.
+const GROUP_BYTES: (u64, u64) = (16 << 20, 48 << 20);
 
 /// Most levels below the root.
 const MAX_LEVEL: u32 = super::octants::BITS;
@@ -43,8 +48,8 @@ pub struct CopcNode {
 /// A COPC file that is open, of which no point has been read.
 #[derive(Debug)]
 pub struct Copc {
-    path: PathBuf,
-    file_bytes: u64,
+    file: Arc<FileState>,
+    cache: Option<Arc<NodeCache>>,
     header_points: u64,
     center: DVec3,
     half: f64,
@@ -54,11 +59,23 @@ pub struct Copc {
 
 /// Which columns of points are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NodeColumns {
+pub enum NodeColumns<'a> {
     /// All.
     All,
-    /// What splats are made of: positions, colours, normals, and what else the extra bytes hold.
-    Splats,
+    /// What splats are made of: positions, colours, normals, and what else the extra bytes hold; the colours and
+    /// normals of their level only of nodes marked by their index, zeros of others.
+    Splats(&'a [bool]),
+}
+
+impl NodeColumns<'_> {
+    /// Which of them a node's points have.
+    fn of(self, node: u32) -> Decoded {
+        match self {
+            Self::All => Decoded::All,
+            Self::Splats(is_level) if is_level.get(node as usize) == Some(&true) => Decoded::Level,
+            Self::Splats(_) => Decoded::Points,
+        }
+    }
 }
 
 /// The points of some nodes.
@@ -108,7 +125,15 @@ impl Copc {
         let root = [40, 48].map(|at| u64::from_le_bytes(field(&info, at)));
         let pages = Pages { header: &header, file_bytes, entries: BTreeMap::new(), points_bytes: 0 };
         let nodes = pages.read(file, root)?;
-        Ok(Self { path: path.to_path_buf(), file_bytes, header_points: header.count, center, half, spacing, nodes })
+        let modified = file.metadata().and_then(|metadata| metadata.modified()).ok();
+        let file = Arc::new(FileState { path: path.to_path_buf(), bytes: file_bytes, modified });
+        Ok(Self { file, cache: None, header_points: header.count, center, half, spacing, nodes })
+    }
+
+    /// The same with nodes that stay decoded there, whoever else uses them.
+    #[must_use]
+    pub fn with_cache(self, cache: Option<Arc<NodeCache>>) -> Self {
+        Self { cache, ..self }
     }
 
     /// The nodes, level by level; the children of each follow one another.
@@ -161,15 +186,22 @@ impl Copc {
     ///
     /// # Errors
     /// [`IoError`] if the file can't be read or a node is damaged.
-    pub fn points_of(&self, nodes: &[u32], columns: NodeColumns, options: &LoadOptions) -> Result<NodePoints, IoError> {
+    pub fn points_of(
+        &self,
+        nodes: &[u32],
+        columns: NodeColumns<'_>,
+        options: &LoadOptions,
+    ) -> Result<NodePoints, IoError> {
         let mut ends = Vec::with_capacity(nodes.len());
-        let nodes: Vec<&CopcNode> = nodes.iter().filter_map(|i| self.nodes.get(*i as usize)).collect();
-        let system = |source| IoError::System { path: self.path.clone(), action: READ, source };
-        let mut file = File::open(&self.path).map_err(system)?;
+        let node = |i: &u32| Some((self.nodes.get(*i as usize)?, columns.of(*i)));
+        let nodes: Vec<(&CopcNode, Decoded)> = nodes.iter().filter_map(node).collect();
+        let path = &self.file.path;
+        let system = |source| IoError::System { path: path.clone(), action: READ, source };
+        let mut file = File::open(path).map_err(system)?;
         let loaded = load::run_plain(
             |context| {
-                let mut header = Header::read(&mut file, self.file_bytes)?;
-                let read = AssertUnwindSafe(|| read_nodes(&mut file, &mut header, &nodes, columns, &mut ends));
+                let mut header = Header::read(&mut file, self.file.bytes)?;
+                let read = AssertUnwindSafe(|| self.read_nodes(&mut file, &mut header, &nodes, columns, &mut ends));
                 let columns = catch_unwind(read).unwrap_or_else(|_| {
                     let problem = Problem::new("is damaged: its compressed points make no sense");
                     Err(problem.help("copy the file again"))
@@ -177,69 +209,95 @@ impl Copc {
                 let content = finish(Some(columns), header, Format::Copc, Some(self.points()), context)?;
                 Ok((Format::Copc, content))
             },
-            &self.path,
+            path,
             options,
         )?;
         // Positions on a grid are finite, so that none has been dropped.
         debug_assert!(matches!(&loaded.content, Content::Points(p) if Some(&p.len()) == ends.last()));
         Ok(NodePoints { loaded, ends })
     }
+
+    fn read_nodes(
+        &self,
+        source: &mut dyn Source,
+        header: &mut Header,
+        nodes: &[(&CopcNode, Decoded)],
+        wanted: NodeColumns<'_>,
+        ends: &mut Vec<usize>,
+    ) -> Result<Columns, Problem> {
+        let (vlr, _) = checked_vlr(header)?;
+        let size = header.record_bytes as u64;
+        let count: u64 = nodes.iter().map(|(node, _)| node.points).sum();
+        let (mut columns, fields) = match wanted {
+            NodeColumns::All => (Columns::new(header, count as usize), DecompressionSelection::all()),
+            NodeColumns::Splats(_) => (Columns::of_splats(header, count as usize), of_splats()),
+        };
+        let is_of_level = level_bytes(header);
+        let kept = |(node, decoded): &(&CopcNode, Decoded)| {
+            let records = self.cache.as_ref()?.get(&self.file, node.at, *decoded)?;
+            (records.len() as u64 == node.points * size).then_some(records)
+        };
+        let mut rest = nodes;
+        let (mut packed, mut bytes) = (Vec::new(), Vec::new());
+        while !rest.is_empty() {
+            let (mut group, mut sums) = (0, (0, 0));
+            while let Some((node, _)) = rest.get(group) {
+                let next = (sums.0 + node.bytes, sums.1 + node.points * size);
+                if group > 0 && (next.0 > GROUP_BYTES.0 || next.1 > GROUP_BYTES.1) {
+                    break;
+                }
+                (group, sums) = (group + 1, next);
+            }
+            let (now, after) = rest.split_at(group);
+            let found: Vec<_> = now.iter().map(kept).collect();
+            packed.clear();
+            let mut chunks: Vec<(u64, u64)> = Vec::new();
+            for ((node, decoded), _) in now.iter().zip(&found).filter(|((n, _), f)| n.points > 0 && f.is_none()) {
+                check_node(source, node, &vlr, header.record_bytes)?;
+                let start = packed.len();
+                packed.resize(start + node.bytes as usize, 0);
+                source.seek(SeekFrom::Start(node.at)).map_err(unreadable)?;
+                source.read_exact(&mut packed[start..]).map_err(unreadable)?;
+                if *decoded == Decoded::Points {
+                    leave_out(&mut packed, start, &vlr, &is_of_level);
+                }
+                chunks.push((node.points, (packed.len() - start) as u64));
+            }
+            bytes.clear();
+            bytes.resize((chunks.iter().map(|(points, _)| points).sum::<u64>() * size) as usize, 0);
+            decode_some(&packed, &mut bytes, &vlr, &chunks, fields).map_err(|e| {
+                let at = now.first().map_or(0, |(node, _)| node.at);
+                Problem::new(format!("is damaged: {e}")).at(Location::Byte(at as usize)).help("copy the file again")
+            })?;
+            let mut at = 0;
+            for ((node, decoded), found) in now.iter().zip(&found) {
+                if let Some(records) = found {
+                    columns.append(&mut records.to_vec());
+                } else {
+                    let end = at + (node.points * size) as usize;
+                    if let Some(cache) = self.cache.as_ref().filter(|_| node.points > 0) {
+                        cache.add(&self.file, node.at, *decoded, (&bytes[at..end], node.bytes));
+                    }
+                    columns.append(&mut bytes[at..end]);
+                    at = end;
+                }
+                ends.push(columns.len());
+            }
+            rest = after;
+        }
+        Ok(columns)
+    }
 }
 
-/// Bytes of nodes that are decoded at a time, before and after, unless one has more.
-const GROUP_BYTES: (u64, u64) = (16 << 20, 48 << 20);
-
-fn read_nodes(
-    source: &mut dyn Source,
-    header: &mut Header,
-    nodes: &[&CopcNode],
-    wanted: NodeColumns,
-    ends: &mut Vec<usize>,
-) -> Result<Columns, Problem> {
-    let (vlr, _) = checked_vlr(header)?;
-    let size = header.record_bytes as u64;
-    let count: u64 = nodes.iter().map(|node| node.points).sum();
-    let (mut columns, fields) = match wanted {
-        NodeColumns::All => (Columns::new(header, count as usize), DecompressionSelection::all()),
-        NodeColumns::Splats => (Columns::of_splats(header, count as usize), of_splats()),
-    };
-    let mut rest = nodes;
-    let (mut packed, mut bytes) = (Vec::new(), Vec::new());
-    while !rest.is_empty() {
-        let (mut group, mut sums) = (0, (0, 0));
-        while let Some(node) = rest.get(group) {
-            let next = (sums.0 + node.bytes, sums.1 + node.points * size);
-            if group > 0 && (next.0 > GROUP_BYTES.0 || next.1 > GROUP_BYTES.1) {
-                break;
-            }
-            (group, sums) = (group + 1, next);
-        }
-        let (now, after) = rest.split_at(group);
-        packed.clear();
-        for node in now.iter().filter(|node| node.points > 0) {
-            check_node(source, node, &vlr, header.record_bytes)?;
-            let start = packed.len();
-            packed.resize(start + node.bytes as usize, 0);
-            source.seek(SeekFrom::Start(node.at)).map_err(unreadable)?;
-            source.read_exact(&mut packed[start..]).map_err(unreadable)?;
-        }
-        bytes.clear();
-        bytes.resize(sums.1 as usize, 0);
-        let chunks: Vec<(u64, u64)> = now.iter().filter(|n| n.points > 0).map(|n| (n.points, n.bytes)).collect();
-        decode_some(&packed, &mut bytes, &vlr, &chunks, fields).map_err(|e| {
-            let at = now.first().map_or(0, |node| node.at);
-            Problem::new(format!("is damaged: {e}")).at(Location::Byte(at as usize)).help("copy the file again")
-        })?;
-        let mut at = 0;
-        for node in now {
-            let end = at + (node.points * size) as usize;
-            columns.append(&mut bytes[at..end]);
-            ends.push(columns.len());
-            at = end;
-        }
-        rest = after;
+/// Which of the extra bytes are values of a level.
+fn level_bytes(header: &Header) -> Vec<bool> {
+    let extra_bytes = header.record_bytes - POINT_BYTES[usize::from(header.format)];
+    let mut is_of_level = vec![false; extra_bytes];
+    for extra in header.extra.iter().filter(|e| LEVEL_COLORS.iter().chain(&LEVEL_NORMALS).any(|name| e.name == *name)) {
+        let end = extra_bytes.min(extra.at + ExtraField::bytes(extra.kind));
+        is_of_level[extra.at.min(end)..end].fill(true);
     }
-    Ok(columns)
+    is_of_level
 }
 
 /// Checks that a node has as many points as the hierarchy says.

@@ -2,6 +2,7 @@
 //! above it hold its part of the cloud at the node's spacing, half of which the nodes below have.
 
 mod build;
+mod cache;
 mod hierarchy;
 mod octants;
 mod output;
@@ -10,8 +11,11 @@ mod spill;
 mod write;
 
 pub use super::RADIUS;
+pub use cache::NodeCache;
 pub use hierarchy::{Copc, CopcNode, NodeColumns, NodePoints};
-pub use write::{CopcOptions, CopcReport, LEAST_MEMORY, PointSplat, Prepare, resume_folder, save_copc};
+pub use write::{
+    CopcOptions, CopcReport, LEAST_MEMORY, PointSplat, Prepare, resume_folder, save_copc, save_temporary_copc,
+};
 
 /// Bytes of the record with the octree's place, and of its entries in the hierarchy.
 const INFO_BYTES: usize = 160;

@@ -12,7 +12,7 @@ const MARGIN: i64 = 64;
 /// The grid that points are sorted into, on the inputs' own steps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid {
-    /// Steps of the grid's unit in a step of each axis: 1 where axes have the same scale.
+    /// Units in a step of each axis, a step being what the inputs' positions are whole numbers of.
     pub(super) steps: DVec3,
     pub(super) unit: f64,
     /// Least corner, in units.
@@ -24,8 +24,8 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// A grid over `count` points in a box: cells of about so many points, if they are on a surface, and at most so many
-    /// cells in the box.
+    /// A grid over `count` points in a box: cells of about so many points, if they are on a surface, and at most so
+    /// many cells in the box.
     pub(super) fn new(
         scale: DVec3,
         [low, high]: [[f64; 3]; 2],
@@ -33,8 +33,9 @@ impl Grid {
         (cell_points, most_cells): (u64, usize),
     ) -> Self {
         let magnitude = scale.abs();
-        // 2²¹ units are in a step at most, so that a position of 32 bits has 53.
-        let unit = magnitude.min_element().max(magnitude.max_element() * 2f64.powi(-21));
+        // A step has 2²¹ units at most, so that a position of 32 bits has 53, and 256 where axes have the same scale:
+        // the finest cells, 2⁷ to 2⁸ units, then divide whatever octant has points that differ.
+        let unit = (magnitude.min_element() / 256.0).max(magnitude.max_element() * 2f64.powi(-21));
         let lengths = [0, 1, 2].map(|k| ((high[k] - low[k]) / unit).clamp(0.0, 2f64.powi(53)) as i64 + 1);
         let longest = lengths.into_iter().fold(0, i64::max);
         let mut depth = 0;
@@ -61,10 +62,7 @@ impl Grid {
     }
 
     pub(super) fn units(&self, position: [i32; 3]) -> [i64; 3] {
-        let on = |k: usize| match self.steps[k] {
-            1.0 => i64::from(position[k]),
-            steps => (f64::from(position[k]) * steps).round() as i64,
-        };
+        let on = |k: usize| (f64::from(position[k]) * self.steps[k]).round() as i64;
         [0, 1, 2].map(|k| on(k) - self.low[k])
     }
 

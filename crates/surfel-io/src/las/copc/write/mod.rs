@@ -17,6 +17,7 @@ use super::octants::code;
 use super::output::{Chunk, Cube, Record, Summary, Template};
 use super::spill::{Index, List, Spill, unnamed};
 use super::{LEVEL_COLORS, NORMALS, RADIUS, output, records};
+use crate::atomic::Temporary;
 use crate::error::{IoError, Problem};
 use crate::las::header::{Header, POINT_BYTES};
 use crate::las::{Sink, field};
@@ -138,6 +139,21 @@ pub fn resume_folder(output: &Path) -> PathBuf {
     resume::folder_of(output)
 }
 
+/// Writes such a file in `folder`, for as long as it is held.
+///
+/// # Errors
+/// As [`save_copc`].
+pub fn save_temporary_copc(
+    inputs: &[PathBuf],
+    folder: &Path,
+    memory: u64,
+    prepare: Option<Prepare<'_>>,
+    progress: &dyn Fn(&'static str, u64, u64),
+) -> Result<(Temporary, CopcReport), IoError> {
+    let write = |content: Content<'_>| Temporary::write(folder, content);
+    write_by(inputs, folder, (None, None), prepare, progress, Limits::new(memory), write)
+}
+
 fn save(
     inputs: &[PathBuf],
     output: &Path,
@@ -165,11 +181,33 @@ fn save(
         }
         kept = Some(opened);
     }
-    let mut report = None;
-    let mut fault = None;
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let written = crate::atomic::write(output, options.overwrite, |sink| {
-        let mut writer = match Writer::new(inputs, folder, (kept.as_ref(), options.shard), prepare, progress, limits) {
+    let part = (kept.as_ref(), options.shard);
+    let write = |content: Content<'_>| crate::atomic::write(output, options.overwrite, content);
+    let ((), report) = write_by(inputs, folder, part, prepare, progress, limits, write)?;
+    if let Some(kept) = kept {
+        kept.remove();
+    }
+    Ok(report)
+}
+
+/// Writes a file's content.
+type Content<'a> = &'a mut dyn FnMut(&mut dyn Write) -> io::Result<()>;
+
+/// Hands the content to `write`, which gives what it made of it. Points are sorted in `folder`.
+fn write_by<T>(
+    inputs: &[PathBuf],
+    folder: &Path,
+    (kept, shard): (Option<&Kept>, Option<[u32; 2]>),
+    prepare: Option<Prepare<'_>>,
+    progress: &dyn Fn(&'static str, u64, u64),
+    limits: Limits,
+    write: impl FnOnce(Content<'_>) -> Result<T, IoError>,
+) -> Result<(T, CopcReport), IoError> {
+    let mut report = CopcReport::default();
+    let mut fault = None;
+    let written = write(&mut |sink| {
+        let mut writer = match Writer::new(inputs, folder, (kept, shard), prepare, progress, limits) {
             Ok(writer) => writer,
             Err(found) => return Err(stopped(&mut fault, found)),
         };
@@ -177,24 +215,19 @@ fn save(
             return Err(stopped(&mut fault, found));
         }
         let mut counted = Counted { sink, bytes: 0 };
-        let made = match options.shard {
+        report = match shard {
             Some(shard) => shards::write(writer, shard, &mut counted)?,
             None => writer.finish(&mut counted)?,
         };
-        if let Some(kept) = &kept {
-            kept.written(counted.bytes, &made)?;
+        if let Some(kept) = kept {
+            kept.written(counted.bytes, &report)?;
         }
-        report = Some(made);
         Ok(())
     });
     match fault {
-        Some(fault) => return Err(fault),
-        None => written?,
+        Some(fault) => Err(fault),
+        None => written.map(|made| (made, report)),
     }
-    if let Some(kept) = kept {
-        kept.remove();
-    }
-    Ok(report.unwrap_or_default())
 }
 
 /// Counts what is written.

@@ -1,6 +1,6 @@
 //! Files don't depend on how their parts are made.
 
-use super::super::Copc;
+use super::super::{Copc, LEVEL_NORMALS, NodeColumns};
 use super::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use surfel_model::PointCloud;
@@ -120,11 +120,11 @@ fn splats_at_borders_of_parts_are_those_of_the_whole_cloud() {
         side,
         Limits { cell_points: 1_000_000, most_cells: 1 << 18, most_points: 1_000_000, held_points: 0, kept_bytes: 0 },
     );
-    // Cells of 128² points or of 256², divided once or twice; margins are two points wide at least, where those of
-    // real files are eight. Two are enough for normals and for all radii but one in a hundred. Radii are decided
-    // in f32 about a run of points, and parts have other runs: one of 262,144 was found to differ by 2 %.
+    // Cells of 128² points, and one of 512², divided once and twice; margins are two points wide at least, where those
+    // of real files are eight. Two are enough for normals and for all radii but one in a hundred, four for all. Radii
+    // are decided in f32 about a run of points, and parts have other runs: two of 262,144 were found to differ by 4 %.
     for (cell_points, most_points, most_grown_share) in
-        [(16_384, 100_000, 0.01), (65_536, 20_000, 1e-5), (262_144, 20_000, 1e-5)]
+        [(16_384, 100_000, 0.01), (262_144, 100_000, 1e-5), (262_144, 20_000, 0.01)]
     {
         let parts =
             hill_splats(side, Limits { cell_points, most_cells: 1 << 18, most_points, held_points: 0, kept_bytes: 0 });
@@ -502,5 +502,78 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     assert_eq!(run(&inputs, &resume, false).unwrap().unwrap(), report);
     assert!(!resume_folder(&output).exists());
     assert!(matches!(run(&inputs, &resume, false).unwrap(), Err(IoError::Exists { .. })));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn octants_are_divided_however_few_steps_points_are_apart() {
+    let folder = std::env::temp_dir().join(format!("surfel-copc-steps-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let (input, output) = (folder.join("in.las"), folder.join("out.copc.laz"));
+    for apart in [1, 3, 1000] {
+        let points: Vec<[i32; 3]> = (0..1 << 18).map(|i| [i % 512 * apart, i / 512 * apart, 0]).collect();
+        let mut bytes = las_of(&points);
+        for k in 0..3 {
+            let high = if k == 2 { 0.0 } else { 512.0 * 0.01 * f64::from(apart) };
+            bytes[179 + 16 * k..187 + 16 * k].copy_from_slice(&high.to_le_bytes());
+            bytes[187 + 16 * k..195 + 16 * k].copy_from_slice(&0_f64.to_le_bytes());
+        }
+        std::fs::write(&input, bytes).unwrap();
+        let limits =
+            Limits { cell_points: 100_000, most_cells: 1 << 18, most_points: 300_000, held_points: 0, kept_bytes: 0 };
+        save(std::slice::from_ref(&input), &output, &OVER, None, &|_, _, _| (), limits).unwrap();
+        let copc = Copc::open(&output).unwrap().unwrap();
+        let most = copc.nodes().iter().map(|node| node.points).max();
+        assert!(most.is_some_and(|most| most <= LEAF_POINTS), "{apart} steps apart: {most:?}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn values_of_levels_are_read_of_the_nodes_that_want_them() {
+    let folder = std::env::temp_dir().join(format!("surfel-copc-level-values-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let (input, output) = (folder.join("in.las"), folder.join("out.copc.laz"));
+    std::fs::write(&input, las(150_000)).unwrap();
+    let prepare = |cloud: &PointCloud| {
+        let splat = |i: usize| {
+            let at = cloud.positions.get(i);
+            let normal = DVec3::new(at.x.sin(), at.y.cos(), 1.0).normalize().as_vec3().to_array();
+            PointSplat { normal, radius: 0.1 + at.x.abs() as f32 }
+        };
+        Ok((0..cloud.len()).map(splat).collect())
+    };
+    let limits =
+        Limits { cell_points: 50_000, most_cells: 1 << 18, most_points: 100_000, held_points: 0, kept_bytes: 0 };
+    save(&[input], &output, &OVER, Some(&prepare), &|_, _, _| (), limits).unwrap();
+    let copc = Copc::open(&output).unwrap().unwrap();
+    let nodes: Vec<u32> = (0..copc.nodes().len() as u32).collect();
+    let read = |is_level: &[bool]| {
+        let found = copc.points_of(&nodes, NodeColumns::Splats(is_level), &crate::LoadOptions::default()).unwrap();
+        let crate::Content::Points(points) = found.loaded.content else { panic!("no points") };
+        (points, found.ends)
+    };
+    let values = |points: &PointCloud, name: &str, i: usize| {
+        points.extras.iter().find(|e| e.name == name).map_or(0.0, |e| e.values.get(i))
+    };
+    let marked = 3;
+    let one: Vec<bool> = nodes.iter().map(|i| *i == marked).collect();
+    let ((whole, ends), (some, _), (none, _)) = (read(&vec![true; nodes.len()]), read(&one), read(&[]));
+    let of_marked = ends[marked as usize - 1]..ends[marked as usize];
+    assert!(nodes.len() > 5 && !of_marked.is_empty());
+    for (points, has_levels) in [(&some, true), (&none, false)] {
+        assert!(points.positions == whole.positions && points.normals == whole.normals);
+        let mut seen = 0;
+        for i in 0..whole.len() {
+            assert_eq!(values(points, RADIUS, i), values(&whole, RADIUS, i));
+            for name in LEVEL_NORMALS {
+                let wanted = has_levels && of_marked.contains(&i);
+                let expected = if wanted { values(&whole, name, i) } else { 0.0 };
+                assert_eq!(values(points, name, i), expected, "{name} of {i}");
+                seen += u32::from(wanted && expected != 0.0);
+            }
+        }
+        assert_eq!(seen > 0, has_levels);
+    }
     std::fs::remove_dir_all(&folder).unwrap();
 }

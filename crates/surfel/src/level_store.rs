@@ -1,0 +1,222 @@
+//! What stays of files by levels from one picture to the next.
+
+use crate::levels;
+use crate::memory::{self, default_budget};
+use crate::{Error, LoadOptions};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use surfel_io::atomic::Temporary;
+use surfel_io::copc::{LEAST_MEMORY, NodeCache};
+use surfel_sample::Progress;
+
+/// What stays of files by levels from one picture to the next: LAS and LAZ files that don't fit into memory, written by
+/// levels to temporary files, and, where many pictures follow, decoded nodes. The files are gone when this is dropped,
+/// and when a signal ends a program that calls [`surfel_io::atomic::remove_temporary_files`].
+pub struct LevelStore {
+    nodes: Option<Arc<NodeCache>>,
+    converted: Mutex<BTreeMap<PathBuf, Arc<Temporary>>>,
+    /// Memory that writing by levels takes.
+    least_memory: u64,
+}
+
+impl Default for LevelStore {
+    /// Without decoded nodes: for one picture, or for several that share one choice of nodes.
+    fn default() -> Self {
+        Self { nodes: None, converted: Mutex::default(), least_memory: LEAST_MEMORY }
+    }
+}
+
+impl LevelStore {
+    /// With decoded nodes: for pictures that choose their nodes each. They take what the points of a picture leave of
+    /// [`LoadOptions::memory`].
+    pub fn keeping_nodes() -> Self {
+        Self { nodes: Some(Arc::default()), ..Self::default() }
+    }
+
+    /// Compressed bytes of points that were read so far; 0 where no nodes are kept.
+    pub fn read_bytes(&self) -> u64 {
+        self.nodes.as_ref().map_or(0, |nodes| nodes.read_bytes())
+    }
+
+    /// The nodes that are kept, of which there will be no more than `room_bytes`.
+    pub(crate) fn nodes(&self, room_bytes: Option<u64>) -> Option<Arc<NodeCache>> {
+        let nodes = self.nodes.as_ref()?;
+        nodes.limit(room_bytes.unwrap_or(0));
+        Some(nodes.clone())
+    }
+
+    /// A LAS or LAZ file by levels, and what to say of that; `None` where writing it takes more memory than there is,
+    /// or it has levels itself.
+    pub(crate) fn by_levels(
+        &self,
+        path: &Path,
+        options: &LoadOptions,
+        progress: &dyn Progress,
+    ) -> Result<Option<(Arc<Temporary>, String)>, Error> {
+        let mut converted = self.converted.lock().unwrap_or_else(PoisonError::into_inner);
+        let budget = options.memory.or_else(default_budget).unwrap_or(0);
+        if !converted.contains_key(path) {
+            if budget < self.least_memory || levels::has_levels(path) {
+                return Ok(None);
+            }
+            let file = levels::save_temporary(path, &large_files_folder(), budget, progress)?;
+            converted.insert(path.to_path_buf(), Arc::new(file));
+        }
+        Ok(converted.get(path).map(|file| {
+            let written_bytes = std::fs::metadata(file.path()).map_or(0, |metadata| metadata.len());
+            let note = format!(
+                "all its points don't fit into the {:.1} GB that may be used, so they were written by levels first, to \
+                 a temporary file of {:.1} GB: surfel convert FILE -o FILE.copc.laz keeps it",
+                memory::gigabytes(budget),
+                memory::gigabytes(written_bytes),
+            );
+            (file.clone(), note)
+        }))
+    }
+}
+
+/// Where large temporary files go: TMPDIR, or else where the system doesn't keep them in memory.
+fn large_files_folder() -> PathBuf {
+    let on_disk = Path::new("/var/tmp");
+    let is_said = std::env::var_os("TMPDIR").is_some();
+    if !is_said && cfg!(unix) && on_disk.is_dir() { on_disk.to_path_buf() } else { std::env::temp_dir() }
+}
+
+impl fmt::Debug for LevelStore {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("LevelStore")
+    }
+}
+
+impl PartialEq for LevelStore {
+    /// True for itself alone.
+    fn eq(&self, other: &Self) -> bool {
+        std::ptr::eq(self, other)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::levels::CopcRequest;
+    use crate::request::{Pictures, RenderOptions, Request, Resolved, Source};
+    use std::fs;
+    use surfel_model::{Camera, Geometry, SplatCloud};
+    use surfel_sample::NoProgress;
+
+    /// A LAS file of format 6: hills of `side`² points 0.1 apart, in millimetres.
+    fn las(side: u32) -> Vec<u8> {
+        let mut bytes = vec![0; 375];
+        bytes[..4].copy_from_slice(b"LASF");
+        bytes[24..26].copy_from_slice(&[1, 4]);
+        bytes[94..96].copy_from_slice(&375_u16.to_le_bytes());
+        bytes[96..100].copy_from_slice(&375_u32.to_le_bytes());
+        bytes[104] = 6;
+        bytes[105..107].copy_from_slice(&30_u16.to_le_bytes());
+        for k in 0..3 {
+            let mut put = |at: usize, v: f64| bytes[at..at + 8].copy_from_slice(&v.to_le_bytes());
+            put(131 + 8 * k, 0.001);
+            put(179 + 16 * k, if k == 2 { 3.0 } else { f64::from(side) * 0.1 });
+            put(187 + 16 * k, if k == 2 { -3.0 } else { 0.0 });
+        }
+        bytes[247..255].copy_from_slice(&u64::from(side * side).to_le_bytes());
+        for i in 0..side * side {
+            let [x, y] = [i % side, i / side].map(|v| f64::from(v) * 0.1);
+            let z = 3.0 * (x * 0.2).sin() * (y * 0.17).cos();
+            [x, y, z].iter().for_each(|v| bytes.extend_from_slice(&((v * 1000.0).round() as i32).to_le_bytes()));
+            bytes.extend_from_slice(&[0; 18]);
+        }
+        bytes
+    }
+
+    const SIDE: u32 = 400;
+
+    /// A folder with `in.las`.
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("surfel-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join("in.las"), las(SIDE)).unwrap();
+        folder
+    }
+
+    fn camera(eye: [f64; 3]) -> Camera {
+        Camera::perspective(eye, [eye[0], 20.0, 0.0], 30.0, [160, 120]).with_up([0.0, 0.0, 1.0])
+    }
+
+    fn request(path: &Path, memory: &str, store: &Arc<LevelStore>) -> Request {
+        let mut options = RenderOptions::default();
+        options.set("memory", memory).unwrap();
+        let source = Source::of(&[path.to_path_buf()], None).unwrap();
+        Request::new(source, &Pictures::One, &options).unwrap().with_level_store(store.clone())
+    }
+
+    fn resolved(request: &Request, eye: [f64; 3]) -> Result<(Resolved, Vec<String>), Error> {
+        let loaded = request.load(None, &NoProgress)?;
+        let mut notes = Vec::new();
+        let asked = request.clone().with_pictures(Pictures::Cameras(vec![camera(eye)]));
+        Ok((asked.resolve(loaded, &NoProgress, &mut |note| notes.push(note))?, notes))
+    }
+
+    fn cloud(resolved: &Resolved) -> &SplatCloud {
+        match &resolved.scene.objects[0].geometry {
+            Geometry::Splats(cloud) => cloud,
+            _ => panic!("no splats"),
+        }
+    }
+
+    #[test]
+    fn file_that_does_not_fit_is_drawn_as_if_it_had_been_converted_first() {
+        let folder = folder("store-converts");
+        let (input, converted) = (folder.join("in.las"), folder.join("out.copc.laz"));
+        levels::save_copc(&[input.clone()], &converted, &CopcRequest::default(), &NoProgress).unwrap();
+        // Enough for the 100 bytes a point of what a view needs, not for the 200 of all.
+        let (memory, eye) = ("12M", [20.0, -150.0, 80.0]);
+        let store = Arc::new(LevelStore { least_memory: 0, ..LevelStore::default() });
+        let (found, notes) = resolved(&request(&input, memory, &store), eye).unwrap();
+        assert!(notes.iter().any(|note| note.contains("written by levels first")), "{notes:?}");
+        let (expected, notes) = resolved(&request(&converted, memory, &Arc::default()), eye).unwrap();
+        assert!(!notes.iter().any(|note| note.contains("written by levels first")), "{notes:?}");
+        assert_eq!(found.file.camera, expected.file.camera);
+        assert!(cloud(&found).len() < (SIDE * SIDE) as usize && cloud(&found) == cloud(&expected));
+        // It is written once, and gone with the last who knows it.
+        let temporary = store.converted.lock().unwrap()[&input].path().to_path_buf();
+        let (again, _) = resolved(&request(&input, memory, &store), [30.0, -150.0, 80.0]).unwrap();
+        assert!(!cloud(&again).is_empty());
+        assert!(temporary.exists() && store.converted.lock().unwrap()[&input].path() == temporary);
+        drop(store);
+        assert!(!temporary.exists());
+        // Where even writing it takes more, it is refused.
+        let error = resolved(&request(&input, memory, &Arc::default()), eye).unwrap_err().to_string();
+        assert!(error.contains("surfel convert"), "{error}");
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn views_that_come_back_read_nothing() {
+        let folder = folder("store-keeps");
+        let converted = folder.join("out.copc.laz");
+        levels::save_copc(&[folder.join("in.las")], &converted, &CopcRequest::default(), &NoProgress).unwrap();
+        let eyes = [[8.0, 2.0, 4.0], [32.0, 2.0, 4.0], [20.0, -20.0, 10.0]];
+        let plain: Vec<_> =
+            eyes.iter().map(|eye| resolved(&request(&converted, "100M", &Arc::default()), *eye).unwrap()).collect();
+        let drawn = |store: &Arc<LevelStore>, memory: &str, eye: usize| {
+            let (found, _) = resolved(&request(&converted, memory, store), eyes[eye]).unwrap();
+            assert!(cloud(&found) == cloud(&plain[eye].0), "{eye}");
+            store.read_bytes()
+        };
+        let store = Arc::new(LevelStore::keeping_nodes());
+        let read = [0, 1, 2].map(|eye| drawn(&store, "100M", eye));
+        assert!(0 < read[0] && read[0] < read[1] && read[1] <= read[2], "{read:?}");
+        assert_eq!([0, 1, 2, 0].map(|eye| drawn(&store, "100M", eye)), [read[2]; 4]);
+        // What the points of a picture leave bounds it; with none left, all is read again.
+        let needs = plain.iter().map(|(resolved, _)| cloud(resolved).len() as u64 * memory::KNOWN_BYTES).max().unwrap();
+        let store = Arc::new(LevelStore::keeping_nodes());
+        let first = drawn(&store, &needs.to_string(), 0);
+        assert!(store.nodes.as_ref().unwrap().bytes() <= needs);
+        let second = drawn(&store, &needs.to_string(), 1);
+        assert!(second > first && drawn(&store, &needs.to_string(), 0) > second);
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}
