@@ -28,6 +28,8 @@ mod columns;
 mod content;
 mod context;
 mod crs;
+#[cfg(any(feature = "npy", feature = "pcd"))]
+mod depth_image;
 #[cfg(feature = "draco")]
 mod drc;
 #[cfg(feature = "e57")]

@@ -5,6 +5,7 @@
 
 use crate::content::Content;
 use crate::context::Context;
+use crate::depth_image;
 use crate::error::{Fault, Location, Problem, list, quote};
 use crate::point_columns::{self, Named, Roles, Source};
 use crate::strided::{NumberType, Strided};
@@ -77,7 +78,11 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     } else {
         Roles::by_name(columns.iter().map(|c| c.name.as_str())).ok_or_else(|| no_position(&columns))?
     };
-    point_columns::build(columns, &roles, Source::Typed, Vec::new(), context)
+    let mut content = point_columns::build(columns, &roles, Source::Typed, Vec::new(), context)?;
+    if let ([rows, columns, _], false) = (&array.shape[..], array.fortran) {
+        depth_image::recognise(&mut content, [*columns, *rows], context);
+    }
+    Ok(content)
 }
 
 /// Reads an archive of arrays.

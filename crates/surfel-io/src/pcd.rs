@@ -3,9 +3,12 @@
 use crate::ascii::{Lines, number, number_f32, words};
 use crate::content::Content;
 use crate::context::Context;
+use crate::depth_image;
 use crate::error::{Fault, Location, Problem, list, quote};
 use crate::point_columns::{self, Named, Roles, Source};
 use crate::strided::{NumberType, Strided};
+use glam::DVec3;
+use surfel_model::Up;
 
 /// Longest header, in bytes.
 const MAX_HEADER_BYTES: usize = 1 << 20;
@@ -31,6 +34,8 @@ enum Encoding {
 struct Header<'a> {
     fields: Vec<Field<'a>>,
     points: usize,
+    /// Columns and rows of an image, where the points are one.
+    image: Option<[usize; 2]>,
     viewpoint: Option<&'a str>,
     encoding: Encoding,
     /// Bytes of a point.
@@ -104,17 +109,29 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         let names: Vec<&str> = header.fields.iter().map(|f| f.name).collect();
         Problem::new(format!("its points have no position: the fields are {}", list(&names))).expected("fields x y z")
     })?;
-    let mut comments = Vec::new();
+    let (mut comments, mut upright_sensor) = (Vec::new(), None);
     if let Some(viewpoint) = header.viewpoint {
         let pose: Vec<Option<f64>> = viewpoint.split_ascii_whitespace().map(|w| number(w.as_bytes())).collect();
         if pose != [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0].map(Some) && pose.len() == 7 {
             comments.push(format!("VIEWPOINT {viewpoint}"));
+            if let [Some(x), Some(y), Some(z), _, Some(half_turn_about_x), ..] = pose[..] {
+                let place = DVec3::new(x, y, z);
+                upright_sensor = (half_turn_about_x.abs() > 0.999 && place.is_finite()).then_some(place);
+            }
+            let taken = if upright_sensor.is_some() { "it turns -y up" } else { "it moves nothing" };
             context.note(format!(
-                "left the points where they are stored: the sensor's pose (VIEWPOINT {viewpoint}) moves nothing"
+                "left the points where they are stored, whatever the sensor's pose (VIEWPOINT {viewpoint}): {taken}"
             ));
         }
     }
-    point_columns::build(columns, &roles, Source::Typed, comments, context)
+    let mut content = point_columns::build(columns, &roles, Source::Typed, comments, context)?;
+    if let Some(image) = header.image {
+        depth_image::recognise(&mut content, image, context);
+    }
+    if let (Content::Points(points), Some(_)) = (&mut content, upright_sensor) {
+        (points.up, points.viewpoint) = (Some(Up::MinusY), upright_sensor);
+    }
+    Ok(content)
 }
 
 fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
@@ -203,7 +220,8 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
     if point_bytes == 0 {
         return Err(Problem::new("the PCD header gives its points no numbers").expected("a COUNT of 1").into());
     }
-    Ok(Header { fields, points, viewpoint, encoding, point_bytes, body: &bytes[start..], line, start })
+    let image = width.zip(height).filter(|(_, rows)| *rows > 1 && points == product).map(<[usize; 2]>::from);
+    Ok(Header { fields, points, image, viewpoint, encoding, point_bytes, body: &bytes[start..], line, start })
 }
 
 /// Points as text, in the form of binary ones.

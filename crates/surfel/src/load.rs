@@ -381,8 +381,12 @@ pub(crate) fn splats_of(
         }
         Content::Gaussians(_) => return Err(not_splats(path)),
         Content::Points(points) => convert::points(points, path, options, &mut notes, progress)?,
-        Content::Mesh(mesh) => {
+        Content::Mesh(mut mesh) => {
+            // One that is turned around may be a room, seen from inside: its backs are drawn.
             closed = surfel_sample::is_closed(&mesh);
+            if surfel_sample::turn_outward(&mut mesh) {
+                notes.push("turned its triangles around: they are wound inside out".to_owned());
+            }
             convert::mesh(&mesh, path, options, &mut notes, progress)?
         }
     };

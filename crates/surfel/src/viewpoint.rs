@@ -36,10 +36,18 @@ const TIE: f64 = 0.03;
 /// Share of visible surface that faces away over the whole ring, from which facing means nothing.
 const MEANINGLESS: f64 = 0.6;
 
+/// Steepest ray of a depth camera, over its axis, and the share of a surface that faces it: rims face anywhere.
+const WIDEST: f64 = 1.5;
+const SEEN: f64 = 0.95;
+
 /// The view from which the most is seen. Deterministic; time doesn't grow with the data.
 pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
     let Some(patches) = patches else { return ViewAngles::ISO };
-    let from_front = ViewAxes::turned(ViewAngles { azimuth_deg: 0.0, elevation_deg: 0.0 }, up);
+    let level = ViewAngles { azimuth_deg: 0.0, elevation_deg: 0.0 };
+    if up == Up::MinusY && is_seen_along_z(patches) {
+        return level;
+    }
+    let from_front = ViewAxes::turned(level, up);
     let front = gaze(patches, up).unwrap_or(-from_front.forward);
     let judge = Judge::new(patches);
     let ring = RING.map(|azimuth_deg| {
@@ -67,6 +75,16 @@ pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
     let high = ViewAngles { elevation_deg: HIGH_DEG, ..chosen.1 };
     let from_high = score(high, &judge.look(&ViewAxes::turned(high, up)));
     if from_high - HIGH_COST > chosen.0 { high } else { chosen.1 }
+}
+
+/// True of what a depth camera saw that looks along z, at the origin or far away: from elsewhere it is torn.
+fn is_seen_along_z(patches: &Patches) -> bool {
+    let is_seen = |p: &&Patch| {
+        let at = patches.middle + p.position * patches.scale;
+        let is_before_origin = at.x.abs().max(at.y.abs()) < WIDEST * at.z;
+        p.normal.dot(if is_before_origin { at } else { DVec3::Z }) < 0.0
+    };
+    patches.all.iter().filter(is_seen).count() as f64 > SEEN * patches.all.len() as f64
 }
 
 /// What a view shows.

@@ -250,3 +250,66 @@ fn small_changes_change_neither() {
         }
     }
 }
+
+/// A file of this text, for a test.
+fn written(name: &str, text: &str) -> std::path::PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+#[test]
+fn depth_images_are_seen_from_their_camera() {
+    // A wall with a box before it, as a camera of 60 px focal length has them, right, down and ahead.
+    let pixel = |i: usize| {
+        let (column, row) = ((i % 64) as f64, (i / 64) as f64);
+        let depth = if (20.0..40.0).contains(&column) && row > 20.0 { 1.2 } else { 2.0 };
+        if i % 11 == 0 { DVec3::NAN } else { DVec3::new((column - 31.5) / 60.0, (row - 23.5) / 60.0, 1.0) * depth }
+    };
+    let points: Vec<DVec3> = (0..64 * 48).map(pixel).collect();
+    let loaded = |name: &str, size: [usize; 2], viewpoint: &str, points: &[DVec3]| {
+        let [columns, rows] = size;
+        let mut text = format!(
+            "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {columns}\nHEIGHT {rows}\n\
+             VIEWPOINT {viewpoint}\nPOINTS {}\nDATA ascii\n",
+            points.len()
+        );
+        points.iter().for_each(|p| text.push_str(&format!("{} {} {}\n", p.x, p.y, p.z)));
+        surfel::load(&written(name, &text), &LoadOptions::default(), &NoProgress).unwrap()
+    };
+    let view = |cloud: SplatCloud, up: Up| best_view(&[object(cloud)], up);
+    let identity = "0 0 0 1 0 0 0";
+    let level = ViewAngles { azimuth_deg: 0.0, elevation_deg: 0.0 };
+    let image = loaded("image.pcd", [64, 48], identity, &points);
+    assert_eq!((image.up, image.up_reason), (Up::MinusY, Some(UpReason::Stated)));
+    assert!((0..image.cloud.len()).all(|i| image.cloud.normal(i).dot(image.cloud.center(i)) < 0.0));
+    assert_eq!(view(image.cloud, image.up), level);
+    // Points alone tell nothing of a camera, but a sensor's pose does, upside down.
+    let alone = loaded("alone.pcd", [64 * 48, 1], identity, &points);
+    assert_eq!(alone.up_reason, None);
+    let turned = loaded("turned.pcd", [64 * 48, 1], "0 0 0 0 1 0 0", &points);
+    assert_eq!((turned.up, turned.up_reason), (Up::MinusY, Some(UpReason::Stated)));
+    assert_eq!(view(turned.cloud, turned.up), level);
+    // From a pose that is none, nothing follows.
+    let broken = loaded("broken.pcd", [64 * 48, 1], "0 nan 0 0 1 0 0", &points);
+    assert_eq!(broken.up_reason, None);
+}
+
+#[test]
+fn meshes_that_are_wound_inside_out_are_turned_around() {
+    let ball = Shape::default().ball([0.0; 3], [1.0; 3]);
+    let of = |name: &str, turned: bool| {
+        let mut text: String = ball.positions.iter().map(|p| format!("v {} {} {}\n", p.x, p.y, p.z)).collect();
+        for [a, b, c] in &ball.triangles {
+            let [b, c] = if turned { [c, b] } else { [b, c] };
+            text.push_str(&format!("f {} {} {}\n", a + 1, b + 1, c + 1));
+        }
+        surfel::load(&written(name, &text), &LoadOptions::default(), &NoProgress).unwrap()
+    };
+    let says = |notes: &[String]| notes.iter().any(|note| note.contains("inside out"));
+    for (name, turned) in [("ball.obj", false), ("inside_out.obj", true)] {
+        let loaded = of(name, turned);
+        assert_eq!(says(&loaded.notes), turned, "{:?}", loaded.notes);
+        assert!((0..loaded.cloud.len()).all(|i| loaded.cloud.normal(i).dot(loaded.cloud.center(i)) > 0.0), "{name}");
+    }
+}

@@ -1,5 +1,6 @@
 //! Whether a mesh has an inside.
 
+use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use surfel_model::Mesh;
 
@@ -28,6 +29,46 @@ pub fn is_oriented(mesh: &Mesh) -> bool {
     let walk = Walk::new(mesh);
     let miswound = walk.edges.values().filter(|sum| sum.abs() > 1).count();
     !walk.edges.is_empty() && miswound as f64 <= MISWOUND * walk.edges.len() as f64
+}
+
+/// How nearly the area vectors of a surface that bounds a volume cancel, over its area, and how much of the volume that
+/// a sphere of its area has it bounds at least.
+const OPEN: f64 = 0.05;
+const ROUND: f64 = 0.01;
+
+/// Turns a mesh around that is wound inside out, as some exporters leave them: wound alike, with next to no opening,
+/// and around a negative volume. Normals are turned if they go with the winding. True if it was.
+pub fn turn_outward(mesh: &mut Mesh) -> bool {
+    if !is_oriented(mesh) {
+        return false;
+    }
+    let corners = |t: &[u32; 3]| t.map(|i| mesh.positions.get(i as usize));
+    let count = 3.0 * mesh.triangles.len() as f64;
+    let center = mesh.triangles.iter().flat_map(corners).map(|p| p / count).sum::<DVec3>();
+    // Twice the areas, and six times the volume.
+    let (mut whole, mut area, mut volume, mut agreement) = (DVec3::ZERO, 0.0, 0.0, 0.0);
+    for triangle in &mesh.triangles {
+        let [p, q, r] = corners(triangle).map(|p| p - center);
+        let normal = (q - p).cross(r - p);
+        whole += normal;
+        area += normal.length();
+        volume += p.dot(q.cross(r));
+        if let Some(normals) = &mesh.normals {
+            agreement += triangle.iter().map(|i| Vec3::from(normals[*i as usize]).as_dvec3().dot(normal)).sum::<f64>();
+        }
+    }
+    // 36π V² = A³ of a sphere, whose volume goes with the root.
+    let least = ROUND * (0.5 * area).powf(1.5) / (6.0 * std::f64::consts::PI.sqrt());
+    if whole.length() > OPEN * area || !(volume / 6.0 < -least) {
+        return false;
+    }
+    mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    if agreement > 0.0
+        && let Some(normals) = &mut mesh.normals
+    {
+        normals.as_flattened_mut().iter_mut().for_each(|c| *c = -*c);
+    }
+    true
 }
 
 /// A walk around every triangle.
@@ -75,7 +116,6 @@ impl Walk {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
     use surfel_model::Column3;
 
     fn tetrahedron() -> Mesh {
@@ -124,5 +164,40 @@ mod tests {
         mesh.triangles[1].swap(0, 1);
         assert!(!is_oriented(&mesh));
         assert!(!is_oriented(&Mesh::default()));
+    }
+
+    #[test]
+    fn what_is_wound_inside_out_is_turned_around_once() {
+        let mut mesh = tetrahedron();
+        assert!(!turn_outward(&mut mesh) && mesh == tetrahedron());
+        mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        let outward = vec![[-1.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        for (scale, offset) in [(1.0, 0.0), (1e-15, 0.0), (1e12, 0.0), (1.0, 1e7)] {
+            let place = |i| tetrahedron().positions.get(i) * scale + offset;
+            let positions = Column3::from_f64(&(0..4).map(place).collect::<Vec<_>>());
+            let mut other = Mesh { positions: positions.clone(), normals: Some(outward.clone()), ..mesh.clone() };
+            assert!(turn_outward(&mut other), "{scale} {offset}");
+            let wound = Mesh { positions, triangles: tetrahedron().triangles, ..Mesh::default() };
+            assert!(is_closed(&Mesh { triangles: other.triangles.clone(), ..wound }));
+            // Normals that point outward already stay; those that go with the winding are turned, too.
+            assert!(other.normals.as_ref() == Some(&outward));
+            assert!(!turn_outward(&mut other));
+        }
+        let inward = outward.iter().map(|n| n.map(|c: f32| -c)).collect();
+        let mut other = Mesh { normals: Some(inward), ..mesh };
+        assert!(turn_outward(&mut other));
+        assert_eq!(other.normals, Some(outward));
+    }
+
+    #[test]
+    fn open_and_flat_surfaces_are_never_turned_around() {
+        let mut bowl = tetrahedron();
+        bowl.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        bowl.triangles.pop();
+        assert!(!turn_outward(&mut bowl));
+        // Two sides of a sheet, wound alike, have no inside.
+        let positions = Column3::from_f32(vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+        let mut sheet = Mesh { positions, triangles: vec![[0, 2, 1], [0, 1, 2]], ..Mesh::default() };
+        assert!(!turn_outward(&mut sheet) && !turn_outward(&mut Mesh::default()));
     }
 }

@@ -18,7 +18,7 @@ mod vertices;
 use crate::{Progress, SampleError, interior};
 use surfel_model::{CloudData, Mesh, OnInvalid, SplatCloud};
 
-pub use closed::{CLOSED_MESH, FLAT_PARTS, is_closed, is_oriented};
+pub use closed::{CLOSED_MESH, FLAT_PARTS, is_closed, is_oriented, turn_outward};
 pub use detail::Detail;
 pub use octree::{OctreeOptions, octree_from_mesh};
 pub use options::{MeshMethod, MeshOptions, MeshReport};

@@ -1,0 +1,119 @@
+//! Depth images: points in the order of a camera's pixels, in the camera's axes.
+
+use crate::content::Content;
+use crate::context::Context;
+use glam::{DVec2, DVec3};
+use surfel_model::{PointCloud, Up};
+
+/// Least rows and columns, and points with a depth among those that are looked at.
+const FEWEST: usize = 16;
+/// Most points that are looked at.
+const MOST: usize = 20_000;
+/// How nearly the slopes x/z and y/z are linear in column and row, as their correlation: lenses and rounded depths bend
+/// them a little.
+const LINEAR: f64 = 0.99;
+
+/// Says of points that come row by row what their camera knew, if they are its depth image in its own axes, x right,
+/// y down and z ahead: −y is up, and the camera is at the origin.
+pub(crate) fn recognise(content: &mut Content, [columns, rows]: [usize; 2], context: &mut Context<'_>) {
+    let Content::Points(points) = content else { return };
+    if points.up.is_none() && points.viewpoint.is_none() && is_depth_image(points, [columns, rows]) {
+        points.up = Some(Up::MinusY);
+        points.viewpoint = Some(DVec3::ZERO);
+        context.note(format!("its {columns}×{rows} points are a camera's depth image: -y is up, the camera at 0,0,0"));
+    }
+}
+
+/// True if the slopes of the points are those of the pixels of a pinhole camera at the origin that looks along z.
+fn is_depth_image(points: &PointCloud, [columns, rows]: [usize; 2]) -> bool {
+    // Where points without a depth are left out already, the others know their rows.
+    let place = |i: usize| points.rows.as_ref().map_or(i, |rows| rows[i] as usize);
+    let count = points.len().checked_sub(1).map_or(0, |last| place(last) + 1);
+    if columns < FEWEST || rows < FEWEST || columns.checked_mul(rows).is_none_or(|all| count > all) {
+        return false;
+    }
+    if points.rows.is_none() && count < columns * rows {
+        return false;
+    }
+    let step = points.len().div_ceil(MOST);
+    // Columns and rows are hit alike by a step that has no divisor in common with them.
+    let step = (step..).find(|step| gcd(*step, columns) == 1).unwrap_or(1);
+    let mut seen = Vec::new();
+    for i in (0..points.len()).step_by(step) {
+        let p = points.origin + points.positions.get(i);
+        if !p.is_finite() || p == DVec3::ZERO {
+            continue;
+        }
+        if p.z <= 0.0 {
+            return false;
+        }
+        let pixel = DVec2::new((place(i) % columns) as f64, (place(i) / columns) as f64);
+        seen.push((pixel, DVec2::new(p.x / p.z, p.y / p.z)));
+    }
+    seen.len() >= FEWEST * FEWEST / 4 && (0..2).all(|k| correlation(seen.iter().map(|(a, b)| (a[k], b[k]))) > LINEAR)
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+/// Pearson's correlation; NaN where one doesn't vary.
+fn correlation(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+    let count = pairs.clone().count() as f64;
+    let (a, b) = pairs.clone().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / count, b + y / count));
+    let moments = |(aa, ab, bb): (f64, f64, f64), (x, y): (f64, f64)| {
+        let (x, y) = (x - a, y - b);
+        (aa + x * x, ab + x * y, bb + y * y)
+    };
+    let (aa, ab, bb) = pairs.fold((0.0, 0.0, 0.0), moments);
+    ab / (aa * bb).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::Column3;
+
+    const SIZE: [usize; 2] = [64, 48];
+
+    /// A wavy wall as a camera of 60 px focal length sees it, in axes that are `turned` from the camera's.
+    fn image(turned: impl Fn(DVec3) -> DVec3) -> PointCloud {
+        let at = |i: usize| {
+            let (column, row) = ((i % SIZE[0]) as f64, (i / SIZE[0]) as f64);
+            let depth = if column > 40.0 { 1.2 } else { 2.0 + 0.1 * (0.3 * row).sin() };
+            let missing = i % 7 == 0;
+            if missing {
+                DVec3::NAN
+            } else {
+                turned(DVec3::new((column - 31.0) / 60.0, (row - 23.0) / 60.0, 1.0) * depth)
+            }
+        };
+        let positions: Vec<DVec3> = (0..SIZE[0] * SIZE[1]).map(at).collect();
+        PointCloud { positions: Column3::from_f64(&positions), ..PointCloud::default() }
+    }
+
+    #[test]
+    fn pixels_of_a_camera_in_its_axes_are_told_from_others() {
+        assert!(is_depth_image(&image(|p| p), SIZE));
+        let mut dropped = image(|p| p);
+        assert!(dropped.drop_non_finite() > 400 && is_depth_image(&dropped, SIZE));
+        assert!(!is_depth_image(&dropped, [SIZE[0] - 1, SIZE[1] + 2]));
+        let tells: [fn(DVec3) -> DVec3; 5] = [
+            |p| DVec3::new(p.z, -p.x, -p.y),
+            |p| DVec3::new(p.x, -p.y, -p.z),
+            |p| DVec3::new(p.x, -p.y, p.z),
+            |p| p + DVec3::new(0.0, 0.0, -3.0),
+            |p| p + DVec3::new(0.0, 4.0 * p.z * p.z, 0.0),
+        ];
+        for (i, turned) in tells.into_iter().enumerate() {
+            assert!(!is_depth_image(&image(turned), SIZE), "{i}");
+        }
+        // In another order, or not an image.
+        assert!(!is_depth_image(&image(|p| p), [SIZE[1], SIZE[0]]));
+        assert!(!is_depth_image(&image(|p| p), [SIZE[0] * SIZE[1], 1]));
+        assert!(!is_depth_image(&image(|p| p), [SIZE[0], SIZE[1] + 1]));
+        assert!(!is_depth_image(&image(|_| DVec3::NAN), SIZE));
+        assert!(!is_depth_image(&image(|_| DVec3::ZERO), SIZE));
+        assert!(!is_depth_image(&image(|_| DVec3::Z), SIZE));
+    }
+}
