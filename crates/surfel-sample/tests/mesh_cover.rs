@@ -99,7 +99,7 @@ fn count_covers_a_cube_to_its_edges_and_stays_on_it() {
 fn count_covers_facets_narrower_than_splats_are_apart() {
     // A plate whose rim is folded ten times: strips of an eighth of a spacing, of which few have a splat of their own.
     let (length, width) = (24.0, 0.125);
-    let slope = |i: u32| if i % 2 == 0 { 1.0 } else { 0.0 };
+    let slope = |i: u32| f64::from((i + 1) % 2);
     let mut rim = vec![DVec3::X * -20.0];
     rim.extend((0..=10).map(|i| DVec3::new(f64::from(i), 0.0, slope(i)) * width * 0.5_f64.sqrt()));
     let positions = [rim.clone(), rim.iter().map(|p| *p + DVec3::Y * length).collect()].concat();
