@@ -96,6 +96,26 @@ fn count_covers_a_cube_to_its_edges_and_stays_on_it() {
 }
 
 #[test]
+fn count_covers_facets_narrower_than_splats_are_apart() {
+    // A plate whose rim is folded ten times: strips of an eighth of a spacing, of which few have a splat of their own.
+    let (length, width) = (24.0, 0.125);
+    let slope = |i: u32| f64::from((i + 1) % 2);
+    let mut rim = vec![DVec3::X * -20.0];
+    rim.extend((0..=10).map(|i| DVec3::new(f64::from(i), 0.0, slope(i)) * width * 0.5_f64.sqrt()));
+    let positions = [rim.clone(), rim.iter().map(|p| *p + DVec3::Y * length).collect()].concat();
+    let row = rim.len() as u32;
+    let plate =
+        mesh(&positions, (0..row - 1).flat_map(|i| [[i, i + 1, i + 1 + row], [i, i + 1 + row, i + row]]).collect());
+    for count in [400, 510, 600] {
+        let cloud = sampled(&plate, MeshMethod::Count(count));
+        assert_eq!(cloud.len(), count);
+        let c = coverage(&cloud, &places(&plate, 100_000));
+        println!("folded, {count}: {c:?}");
+        assert_eq!(c.holes, 0, "{count}: {c:?}");
+    }
+}
+
+#[test]
 fn count_covers_a_smooth_globe_with_smooth_normals() {
     let globe = globe(24);
     for count in [2000, 20_000] {

@@ -69,7 +69,7 @@ fn holes(mesh: &Mesh, cloud: SplatCloud) -> ([usize; Filter::ALL.len()], usize) 
 /// As bare files are drawn, with splats two pixels apart.
 #[test]
 fn splats_of_models_have_no_holes_from_any_side() {
-    for name in ["fandisk.obj", "igea.ply"] {
+    for name in ["fandisk.obj", "rocker-arm.obj", "igea.ply"] {
         let Some(mesh) = model(name) else { continue };
         let options = match MeshOptions::auto(&mesh).method {
             MeshMethod::Count(_) => MeshOptions::new(MeshMethod::Count(20_000)),

@@ -15,8 +15,8 @@ const MOST_LINES: usize = 4;
 const MOST_PIECES: usize = 48;
 /// Edges that stand off a splat's plane by more than this, over its radius, belong to another part of the surface, and
 /// so do those whose faces are turned by more than about 70° from it.
-const FARTHEST: f64 = 0.5;
-const FACING: f64 = 0.3;
+pub(super) const FARTHEST: f64 = 0.5;
+pub(super) const FACING: f64 = 0.3;
 /// What hangs over an edge by less than this, in (u, v), isn't worth a line.
 const SLACK: f64 = 0.02;
 /// How far a line may seem to lie behind a splat's centre where the surface is curved, in (u, v).
@@ -73,6 +73,7 @@ impl Border {
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     ends: [DVec3; 2],
+    face: u32,
     /// The face's unit normal.
     normal: DVec3,
     /// That of the face on the other side, if both are of the same region.
@@ -139,8 +140,8 @@ impl Borders {
             let [a, b] = border.ends;
             let parts = (a.distance(b) / length).ceil().clamp(1.0, most as f64) as usize;
             let at = |i: usize| a.lerp(b, i as f64 / parts as f64);
-            let piece =
-                |i: usize| Piece { ends: [at(i), at(i + 1)], normal, across, region, kind: border.kind, overhang };
+            let (face, kind) = (border.face(), border.kind);
+            let piece = |i: usize| Piece { ends: [at(i), at(i + 1)], face, normal, across, region, kind, overhang };
             pieces.extend((0..parts).map(piece));
             half = half.max(0.5 * a.distance(b) / parts as f64);
         }
@@ -150,6 +151,36 @@ impl Borders {
 
     pub(crate) fn is_empty(&self) -> bool {
         self.pieces.is_empty()
+    }
+
+    /// Creases and open edges, on either side.
+    fn ends(&self) -> impl Iterator<Item = &Piece> {
+        self.pieces.iter().filter(|piece| matches!(piece.kind, Kind::Open | Kind::Crease))
+    }
+
+    /// Length of creases and open edges; of edges between faces, twice.
+    pub(crate) fn length(&self) -> f64 {
+        self.ends().map(|piece| piece.ends[0].distance(piece.ends[1])).sum()
+    }
+
+    /// Places on either side of creases and open edges, one a `step` of their length, and `inset` toward the middle of
+    /// its face, each with that.
+    pub(crate) fn places(&self, geometry: &Geometry, step: f64, inset: f64) -> impl Iterator<Item = (u32, DVec3)> {
+        let mut next = 0.5 * step;
+        self.ends().flat_map(move |piece| {
+            let [a, b, c] = geometry.corners(piece.face as usize);
+            let middle = a + ((b - a) + (c - a)) / 3.0;
+            let [from, to] = piece.ends;
+            let length = from.distance(to);
+            let first = next;
+            let count = ((length - first) / step).ceil().max(0.0);
+            next = first + count * step - length;
+            (0..count as usize).map(move |i| {
+                let on_edge = from.lerp(to, (first + i as f64 * step) / length);
+                let way = middle - on_edge;
+                (piece.face, on_edge + way * (inset / way.length()).min(1.0))
+            })
+        })
     }
 
     /// What the splat at `p` with the half-axes `axes`, s no shorter than t, keeps on a face of `region`; `None` where
@@ -284,6 +315,11 @@ impl Kept {
     pub(crate) fn least(&self) -> f64 {
         let is_open = |line: &Line| matches!(line.kind, Kind::Open | Kind::Cut);
         if self.lines.iter().all(is_open) { LEAST_AT_OPEN_EDGES } else { LEAST_AT_CREASES }
+    }
+
+    /// Whether a place in (u, v) is kept.
+    pub(crate) fn keeps(&self, q: DVec2) -> bool {
+        self.lines.iter().all(|line| line.normal.dot(q) <= line.offset + HAIR)
     }
 
     /// Moves the lines outward until the least area is kept.

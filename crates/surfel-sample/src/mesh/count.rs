@@ -1,7 +1,8 @@
 //! A given number of samples, spread evenly over the surface.
 
-use super::borders::{Borders, Kind, clip_columns};
+use super::borders::{Borders, FACING, FARTHEST, Kept, Kind, clip_columns};
 use super::eliminate::eliminate;
+use super::gaps::{self, EYES};
 use super::geometry::{Geometry, SAME_NORMAL, Smooth};
 use super::options::MeshReport;
 use super::random::Random;
@@ -12,7 +13,7 @@ use crate::radii::Spacing;
 use crate::sorted::SortedPoints;
 use crate::tree::KdTree;
 use crate::{Progress, SampleError, assemble, radii};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{ClipColumns, CloudData, Mesh, Shape};
 
@@ -28,16 +29,28 @@ pub(crate) const MOST_GROWN: f64 = 2.2;
 /// Cosine of 1°: a sample whose smooth normal is nearer to its facet's lies in a flat part.
 const FLAT: f64 = 0.999_847_695;
 
+/// A place that stands off a splat's plane by less, over its reach, is in it.
+const IN_PLANE: f64 = 1e-3;
+
 /// A place on the surface.
 #[derive(Clone, Copy, Default)]
-struct Sample {
-    face: u32,
+pub(super) struct Sample {
+    pub(super) face: u32,
     barycentric: [f64; 3],
 }
 
 impl From<(u32, [f64; 3])> for Sample {
     fn from((face, barycentric): (u32, [f64; 3])) -> Self {
         Self { face, barycentric }
+    }
+}
+
+impl Sample {
+    /// A place of a face.
+    pub(super) fn at(geometry: &Geometry, face: u32, place: DVec3) -> Self {
+        let [a, ..] = geometry.corners(face as usize);
+        let [u, v, w] = geometry.barycentric_change(face as usize, place - a).unwrap_or_default();
+        Self { face, barycentric: [1.0 + u, v, w] }
     }
 }
 
@@ -78,6 +91,25 @@ pub(crate) fn splats_and_faces(
 
     let samples = spread(&geometry, count, area, progress);
     let positions: Vec<DVec3> = samples.iter().map(|s| place(&geometry, s)).collect();
+    // Geometry alone decides where a splat lies and which side of it is seen.
+    let planes: Vec<DVec3> = samples.iter().map(|s| geometry.normals[s.face as usize]).collect();
+    let spacing = (area / count as f64).sqrt();
+    let mut radii = if count > MOST_ELIMINATED {
+        measured_radii(&positions, &planes, spacing, progress)?
+    } else {
+        // Blue noise of known density: gaps of more than a spacing don't occur, and the density rule covers 1.65.
+        vec![radii::DENSITY * spacing; count]
+    };
+    radii.iter_mut().for_each(|r| *r *= radius_scale);
+    let mut on = Placed { samples, positions, planes, radii };
+    let borders = Borders::new(&geometry, &borders, &regions, spacing * radius_scale, count);
+    let mut kept = on.all_grown(&borders, &regions, progress);
+    // Splats that are scaled down leave gaps anyway.
+    if count <= MOST_ELIMINATED && radius_scale >= 1.0 {
+        gaps::fill(&geometry, &borders, &regions, &mut on, &mut kept);
+    }
+    let Bordered { shape, clips } = on.bordered(&kept);
+    let Placed { samples, positions, planes, .. } = on;
     let smooth: Vec<DVec3> = samples
         .iter()
         .map(|s| {
@@ -87,20 +119,6 @@ pub(crate) fn splats_and_faces(
         })
         .collect();
     drop(corner_normals);
-    // Geometry alone decides where a splat lies and which side of it is seen.
-    let planes: Vec<DVec3> = samples.iter().map(|s| geometry.normals[s.face as usize]).collect();
-
-    let spacing = (area / count as f64).sqrt();
-    let mut radii = if count > MOST_ELIMINATED {
-        measured_radii(&positions, &planes, spacing, progress)?
-    } else {
-        // Blue noise of known density: gaps of more than a spacing don't occur, and the density rule covers 1.65.
-        vec![radii::DENSITY * spacing; count]
-    };
-    radii.iter_mut().for_each(|r| *r *= radius_scale);
-    let on = Placed { positions: &positions, planes: &planes, radii: &radii };
-    let borders = Borders::new(&geometry, &borders, &regions, spacing * radius_scale, count);
-    let Bordered { shape, clips } = bordered(&on, &borders, |i| regions[samples[i].face as usize], progress);
     let mut data = CloudData { clips, ..CloudData::new(mesh.origin, assemble::centers(mesh, &positions), shape) };
     let of_facets = planes.iter().zip(&smooth).filter(|(plane, smooth)| plane.dot(**smooth) >= FLAT).count();
     report.flat = 10 * of_facets >= 9 * count;
@@ -141,12 +159,16 @@ fn measured_radii(
 }
 
 /// Splats on the surface, before borders cut them.
-struct Placed<'a> {
-    positions: &'a [DVec3],
+pub(super) struct Placed {
+    pub(super) samples: Vec<Sample>,
+    pub(super) positions: Vec<DVec3>,
     /// Unit normals.
-    planes: &'a [DVec3],
-    radii: &'a [f64],
+    pub(super) planes: Vec<DVec3>,
+    pub(super) radii: Vec<f64>,
 }
+
+/// How large a splat is that borders cut, over its radius, and what it keeps.
+pub(super) type Grown = (f64, Kept);
 
 /// Splats that end at the borders of the surface.
 struct Bordered {
@@ -154,54 +176,95 @@ struct Bordered {
     clips: Option<ClipColumns>,
 }
 
-/// Disks, or ellipses and the lines that clip them where a border cuts any.
-fn bordered(
-    on: &Placed,
-    borders: &Borders,
-    region_of: impl Fn(usize) -> u32 + Sync,
-    progress: &dyn Progress,
-) -> Bordered {
-    let disks = || Bordered {
-        shape: Shape::Disks {
-            normals: assemble::normals32(on.planes),
-            radii: on.radii.iter().map(|r| assemble::radius32(*r)).collect(),
-        },
-        clips: None,
-    };
-    let count = on.positions.len();
-    if borders.is_empty() {
-        return disks();
+impl Placed {
+    fn axes(&self, i: usize, scale: f64) -> (DVec3, DVec3) {
+        let (u, v) = orthonormal(self.planes[i]);
+        (u * self.radii[i] * scale, v * self.radii[i] * scale)
     }
-    progress.stage("borders", count as u64);
-    let axes = |i: usize, scale: f64| {
-        let (u, v) = orthonormal(on.planes[i]);
-        (u * on.radii[i] * scale, v * on.radii[i] * scale)
-    };
-    let kept = map_each(
-        count,
-        progress,
-        || (),
-        |(), i| {
-            let at = |scale: f64| borders.keep(on.positions[i], axes(i, scale), region_of(i));
-            let (mut scale, mut kept) = (1.0, at(1.0)?);
-            for larger in GROWTH {
-                if kept.area * scale * scale >= kept.least() {
-                    break;
-                }
-                // It meets every border that a smaller one does.
-                (scale, kept) = (larger, at(larger)?);
+
+    /// Puts a splat elsewhere.
+    pub(super) fn put(&mut self, i: usize, sample: Sample, geometry: &Geometry) {
+        self.samples[i] = sample;
+        self.positions[i] = place(geometry, &sample);
+        self.planes[i] = geometry.normals[sample.face as usize];
+    }
+
+    /// What is left of a splat; `None` where no border cuts it.
+    pub(super) fn grown(&self, i: usize, borders: &Borders, regions: &[u32]) -> Option<Grown> {
+        let region = regions[self.samples[i].face as usize];
+        let at = |scale: f64| borders.keep(self.positions[i], self.axes(i, scale), region);
+        let (mut scale, mut kept) = (1.0, at(1.0)?);
+        for larger in GROWTH {
+            if kept.area * scale * scale >= kept.least() {
+                break;
             }
-            kept.widen(kept.least() / (scale * scale));
-            Some((scale, kept))
-        },
-    );
-    let clips = clip_columns(kept.iter().map(|kept| kept.as_ref().map(|(_, kept)| kept)));
-    if clips.is_none() {
-        return disks();
+            // It meets every border that a smaller one does.
+            (scale, kept) = (larger, at(larger)?);
+        }
+        kept.widen(kept.least() / (scale * scale));
+        Some((scale, kept))
     }
-    let scale = |i: usize| kept[i].as_ref().map_or(1.0, |(scale, _)| *scale);
-    let shape = assemble::ellipses(&(0..count).map(|i| axes(i, scale(i))).collect::<Vec<_>>());
-    Bordered { shape, clips }
+
+    /// That of each.
+    fn all_grown(&self, borders: &Borders, regions: &[u32], progress: &dyn Progress) -> Vec<Option<Grown>> {
+        let count = self.samples.len();
+        if borders.is_empty() {
+            return vec![None; count];
+        }
+        progress.stage("borders", count as u64);
+        map_each(count, progress, || (), |(), i| self.grown(i, borders, regions))
+    }
+
+    /// How far a splat reaches.
+    pub(super) fn reach(&self, i: usize, kept: &[Option<Grown>]) -> f64 {
+        self.radii[i] * kept[i].as_ref().map_or(1.0, |(scale, _)| *scale)
+    }
+
+    /// Takes from the unit vectors toward eyes that see a place bare those along which a splat covers it.
+    pub(super) fn cover(
+        &self,
+        i: usize,
+        kept: &[Option<Grown>],
+        place: DVec3,
+        eyes: &[DVec3; EYES],
+        bare: &mut [bool; EYES],
+    ) {
+        let (reach, normal) = (self.reach(i, kept), self.planes[i]);
+        let ((s, t), d) = (orthonormal(normal), place - self.positions[i]);
+        let keeps = |at: DVec3| {
+            let q = DVec2::new(at.dot(s), at.dot(t)) / reach;
+            q.length_squared() < 1.0 && kept[i].as_ref().is_none_or(|(_, kept)| kept.keeps(q))
+        };
+        let height = -d.dot(normal);
+        // In the splat's plane it is the same for all.
+        let in_plane = (height.abs() < IN_PLANE * reach).then(|| keeps(d));
+        if in_plane == Some(false) {
+            return;
+        }
+        for (to_eye, bare) in eyes.iter().zip(bare) {
+            let facing = normal.dot(*to_eye);
+            let behind = height / facing;
+            let covers = || in_plane == Some(true) || keeps(d + *to_eye * behind);
+            if *bare && facing > FACING && behind.abs() < FARTHEST * reach && covers() {
+                *bare = false;
+            }
+        }
+    }
+
+    /// Disks, or ellipses and the lines that clip them where a border cuts any.
+    fn bordered(&self, kept: &[Option<Grown>]) -> Bordered {
+        let clips = clip_columns(kept.iter().map(|kept| kept.as_ref().map(|(_, kept)| kept)));
+        let shape = if clips.is_none() {
+            Shape::Disks {
+                normals: assemble::normals32(&self.planes),
+                radii: self.radii.iter().map(|r| assemble::radius32(*r)).collect(),
+            }
+        } else {
+            let scale = |i: usize| kept[i].as_ref().map_or(1.0, |(scale, _)| *scale);
+            assemble::ellipses(&(0..kept.len()).map(|i| self.axes(i, scale(i))).collect::<Vec<_>>())
+        };
+        Bordered { shape, clips }
+    }
 }
 
 fn place(geometry: &Geometry, sample: &Sample) -> DVec3 {
