@@ -1,6 +1,7 @@
 //! PCD, the Point Cloud Library's files: text, binary, and binary compressed by LZF.
 
 use crate::ascii::{Lines, number, number_f32, words};
+use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, list, quote};
@@ -35,8 +36,7 @@ struct Header<'a> {
     encoding: Encoding,
     /// Bytes of a point.
     point_bytes: usize,
-    /// What comes after the header, and at which line and byte.
-    body: &'a [u8],
+    /// The line and byte that what comes after the header begins at.
     line: usize,
     start: usize,
 }
@@ -46,8 +46,10 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
     head.starts_with(b"# .PCD") || head.starts_with(b"VERSION") && head.windows(6).any(|w| w == b"FIELDS")
 }
 
-pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
-    let header = parse_header(bytes)?;
+pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
+    let head = bytes.at_most(0, MAX_HEADER_BYTES);
+    let header = parse_header(&head)?;
+    let body = || bytes.at_most(header.start, usize::MAX);
     let place = |what: String| {
         Problem::new(what).help("copy or export the file again: it is incomplete, or its header counts too many")
     };
@@ -59,20 +61,21 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     let unpacked;
     let (data, by_field) = match header.encoding {
         Encoding::Text => {
-            unpacked = read_text(&header)?;
-            (unpacked.as_slice(), false)
+            unpacked = read_text(&header, &body())?;
+            (Bytes::Memory(&unpacked), false)
         }
         Encoding::Binary => {
-            let data = header.body.get(..size).ok_or_else(|| {
-                let whole = header.body.len() / header.point_bytes;
-                place(format!("the file ends within point {whole} of {}", header.points))
-                    .at(Location::Byte(bytes.len()))
-            })?;
+            let data =
+                header.start.checked_add(size).and_then(|end| bytes.part(header.start..end)).ok_or_else(|| {
+                    let whole = (bytes.len() - header.start) / header.point_bytes;
+                    place(format!("the file ends within point {whole} of {}", header.points))
+                        .at(Location::Byte(bytes.len()))
+                })?;
             (data, false)
         }
         Encoding::Compressed => {
-            unpacked = decompress(&header, size)?;
-            (unpacked.as_slice(), true)
+            unpacked = decompress(&header, &body(), size)?;
+            (Bytes::Memory(&unpacked), true)
         }
     };
     let mut columns = Vec::new();
@@ -117,10 +120,11 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     point_columns::build(columns, &roles, Source::Typed, comments, context)
 }
 
+/// Parses the header at the start of `bytes`, the file's first ones.
 fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
     let (mut names, mut sizes, mut types, mut counts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut width, mut height, mut points, mut viewpoint) = (None, None, None, None);
-    let mut lines = Lines::new(&bytes[..bytes.len().min(MAX_HEADER_BYTES)]);
+    let mut lines = Lines::new(bytes);
     let (encoding, line, start) = loop {
         let Some((line, raw)) = lines.next() else {
             let problem = Problem::new("the PCD header has no DATA line");
@@ -162,8 +166,7 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
                         return Err(problem.expected("ascii, binary or binary_compressed").into());
                     }
                 };
-                // The header may be longer than what is looked at.
-                break (encoding, line, bytes.len().min(MAX_HEADER_BYTES) - lines.rest().len());
+                break (encoding, line, bytes.len() - lines.rest().len());
             }
             other => {
                 let problem = Problem::new(format!("the PCD header has an unknown line {}", quote(other))).at(at);
@@ -203,14 +206,14 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
     if point_bytes == 0 {
         return Err(Problem::new("the PCD header gives its points no numbers").expected("a COUNT of 1").into());
     }
-    Ok(Header { fields, points, viewpoint, encoding, point_bytes, body: &bytes[start..], line, start })
+    Ok(Header { fields, points, viewpoint, encoding, point_bytes, line, start })
 }
 
 /// Points as text, in the form of binary ones.
-fn read_text(header: &Header<'_>) -> Result<Vec<u8>, Fault> {
+fn read_text(header: &Header<'_>, body: &[u8]) -> Result<Vec<u8>, Fault> {
     let mut data = Vec::new();
     let mut rows = 0;
-    for (line, text) in Lines::new(header.body) {
+    for (line, text) in Lines::new(body) {
         let mut words = words(text).peekable();
         if words.peek().is_none_or(|w| w.starts_with(b"#")) {
             continue;
@@ -270,11 +273,11 @@ fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
 }
 
 /// Points compressed by LZF: two sizes, then the stream.
-fn decompress(header: &Header<'_>, size: usize) -> Result<Vec<u8>, Fault> {
+fn decompress(header: &Header<'_>, body: &[u8], size: usize) -> Result<Vec<u8>, Fault> {
     let wrong = |what: String| {
         Problem::new(what).at(Location::Byte(header.start)).help("copy or export the file again: it is damaged")
     };
-    let Some(([packed, whole], stream)) = header.body.split_at_checked(8).and_then(|(sizes, stream)| {
+    let Some(([packed, whole], stream)) = body.split_at_checked(8).and_then(|(sizes, stream)| {
         let [a, b] = sizes.as_chunks::<4>().0 else { return None };
         Some(([u32::from_le_bytes(*a), u32::from_le_bytes(*b)].map(|n| n as usize), stream))
     }) else {
