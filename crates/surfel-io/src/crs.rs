@@ -1,5 +1,6 @@
 //! Coordinate reference systems, as files state them: EPSG codes, well-known text, GeoTIFF keys.
 
+use crate::wkt::{self, Keys};
 use glam::DVec3;
 
 /// A coordinate reference system, as a file states it.
@@ -99,12 +100,10 @@ impl Crs {
     }
 
     /// GeoTIFF's directory of keys for an image whose pixels are areas, and the doubles and text that it refers to
-    /// (GeoTIFF 1.1). A system that is known as text alone is given as Esri's programs do, which GDAL reads.
+    /// (GeoTIFF 1.1). A system that is known as text alone is given by its parts, or else as Esri's programs do.
     pub(crate) fn image_keys(&self) -> (Vec<u16>, Vec<f64>, String) {
         let code = |value: Option<u32>| value.and_then(|code| u16::try_from(code).ok()).filter(|code| *code < 32_767);
         let of_wkt = |systems: &[&str]| code(self.wkt.as_deref().and_then(|wkt| code_of_wkt(wkt, systems)));
-        let mut text = String::new();
-        let mut keys: Vec<[u16; 4]> = vec![[RASTER_TYPE, 0, 1, 1]];
         let stated = match (&self.wkt, &self.geotiff) {
             (Some(_), _) => of_wkt(&SYSTEMS),
             (None, Some(_)) => None,
@@ -113,18 +112,22 @@ impl Crs {
         if let (None, Some(whole)) = (stated, &self.geotiff) {
             return pixel_is_area(whole);
         }
+        let mut made = Keys::default();
         if let Some(stated) = stated {
             let (model, key) = if self.is_geographic() { (2, 2048) } else { (1, 3072) };
-            keys.extend([[MODEL_TYPE, 0, 1, model], [key, 0, 1, stated]]);
-            keys.extend(of_wkt(&VERTICALS).map(|vertical| [4096, 0, 1, vertical]));
-        } else if let Some(wkt) = self.wkt.as_ref().filter(|wkt| wkt.len() < 60_000 && is_projected(wkt)) {
-            text = format!("ESRI PE String = {}|", wkt.replace(|c: char| !c.is_ascii(), "?"));
-            keys.extend([[MODEL_TYPE, 0, 1, 1], [3072, 0, 1, 32_767], [3073, 34_737, text.len() as u16, 0]]);
+            made.code(MODEL_TYPE, model);
+            made.code(key, stated);
+        } else if let Some(wkt) = self.wkt.as_ref().filter(|wkt| wkt.len() < 60_000) {
+            made = wkt::projected_keys(wkt).or_else(|| as_text(wkt)).unwrap_or_default();
         }
-        keys.sort_unstable();
-        let mut directory = vec![1, 1, 0, keys.len() as u16];
-        directory.extend(keys.iter().flatten());
-        (directory, Vec::new(), text)
+        if let Some(vertical) = of_wkt(&VERTICALS).filter(|_| !made.keys.is_empty()) {
+            made.code(4096, vertical);
+        }
+        made.code(RASTER_TYPE, 1);
+        made.keys.sort_unstable();
+        let mut directory = vec![1, 1, 0, made.keys.len() as u16];
+        directory.extend(made.keys.iter().flatten());
+        (directory, made.doubles, made.text)
     }
 
     /// It in a few words: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
@@ -191,10 +194,15 @@ const GEOGRAPHIC: [[u32; 2]; 14] = [
     [9000, 9000],
 ];
 
-/// True of text that can be one value of GeoTIFF and tells a system whose x and y are lengths.
-fn is_projected(wkt: &str) -> bool {
+/// The keys of a system whose x and y are lengths, as text; `None` where it can't be one value of GeoTIFF.
+fn as_text(wkt: &str) -> Option<Keys> {
     let roots = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "COMPD_CS[", "COMPOUNDCRS["];
-    !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root))
+    let is_projected = !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root));
+    is_projected.then(|| {
+        let text = format!("ESRI PE String = {}|", wkt.replace(|c: char| !c.is_ascii(), "?"));
+        let keys = vec![[MODEL_TYPE, 0, 1, 1], [3072, 0, 1, 32_767], [3073, 34_737, text.len() as u16, 0]];
+        Keys { keys, text, ..Keys::default() }
+    })
 }
 
 /// A directory of GeoTIFF that says of pixels that they are areas, and all else as it is. Keys that refer to what isn't

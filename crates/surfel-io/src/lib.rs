@@ -79,6 +79,7 @@ mod strided;
 mod survey;
 #[cfg(feature = "gltf")]
 mod tileset;
+mod wkt;
 #[cfg(any(feature = "gaussians", feature = "npy"))]
 mod zip;
 
