@@ -200,7 +200,8 @@ fn as_text(wkt: &str) -> Option<Keys> {
     let is_projected = !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root));
     is_projected.then(|| {
         let text = format!("ESRI PE String = {}|", wkt.replace(|c: char| !c.is_ascii(), "?"));
-        let keys = vec![[MODEL_TYPE, 0, 1, 1], [3072, 0, 1, 32_767], [3073, 34_737, text.len() as u16, 0]];
+        // Of a projected one, GDAL looks for the parts.
+        let keys = vec![[MODEL_TYPE, 0, 1, 32_767], [3072, 0, 1, 32_767], [3073, 34_737, text.len() as u16, 0]];
         Keys { keys, text, ..Keys::default() }
     })
 }
@@ -366,6 +367,7 @@ mod tests {
         let crs = Crs { wkt: Some(r#"PROJCS["mine",GEOGCS["g"]]"#.into()), ..Crs::default() };
         let (keys, _, text) = crs.image_keys();
         assert_eq!(text, r#"ESRI PE String = PROJCS["mine",GEOGCS["g"]]|"#);
+        assert_eq!(keys[4..8], [1024, 0, 1, 32_767]);
         assert_eq!(keys[12..], [3072, 0, 1, 32_767, 3073, 34_737, text.len() as u16, 0]);
         // What isn't a plane has no place in an image.
         let crs = Crs { wkt: Some(r#"GEOCCS["unnamed"]"#.into()), ..Crs::default() };
