@@ -90,6 +90,11 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
         Case { other_scene: true, ..Case::new("trained Gaussians, one over another", gaussians()?, unlit) },
         Case { other_scene: true, ..Case::new("the same in the order of each pixel", gaussians()?, by_pixel) },
         Case { other_scene: true, ..Case::new("the same, filter principal", gaussians()?, principal) },
+        Case {
+            other_scene: true,
+            planes: Planes::COLOR.with_alpha(true).with_median_depth(true).with_distortion(true),
+            ..Case::new("the same, planes alpha, median depth, distortion", gaussians()?, unlit)
+        },
         Case::new("peel:4, nothing transparent", plain()?, peel).absent(),
         Case::new("abuffer:8, nothing transparent", plain()?, abuffer).absent(),
         Case::new("rows and labels, planes not asked for", with(rows)?, unlit).absent(),
