@@ -55,8 +55,8 @@ fn name(pass: Pass) -> &'static str {
 
 /// What was measured of a case.
 #[derive(Clone, Default)]
-struct Measured {
-    ms: Vec<f64>,
+pub(super) struct Measured {
+    pub(super) ms: Vec<f64>,
     bytes_per_splat: Option<f64>,
 }
 
@@ -115,7 +115,12 @@ fn decides_alike(plan: &FramePlan, other: &FramePlan) -> bool {
 
 /// Draws every case in turn, again and again; the first round warms up. Each is drawn twice and timed once, as in
 /// [`super::measure`].
-fn measure(backends: &mut Backends, cases: &[Case], view: &View, runs: usize) -> Result<Vec<Measured>, Failure> {
+pub(super) fn measure(
+    backends: &mut Backends,
+    cases: &[Case],
+    view: &View,
+    runs: usize,
+) -> Result<Vec<Measured>, Failure> {
     let mut uploads: Vec<BackendScene> = Vec::new();
     for case in cases {
         let backend = if case.quantised { &mut backends.narrow } else { &mut backends.wide };

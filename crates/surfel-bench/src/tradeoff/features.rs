@@ -32,7 +32,7 @@ pub(crate) struct Case {
 }
 
 impl Case {
-    fn new(name: &'static str, scene: Scene, settings: Settings) -> Self {
+    pub(super) fn new(name: &'static str, scene: Scene, settings: Settings) -> Self {
         let planes = Planes::COLOR;
         Self { name, scene, settings, planes, quantised: false, absent: false, other_scene: false }
     }
@@ -116,7 +116,7 @@ fn cloud(change: impl FnOnce(&mut CloudData)) -> Result<SplatCloud, Failure> {
 }
 
 /// As many flat Gaussians where the plain scene's splats are, half as opaque.
-fn gaussians() -> Result<Scene, Failure> {
+pub(super) fn gaussians() -> Result<Scene, Failure> {
     let ball = clouds::ball(SPLATS)?;
     let count = ball.len();
     let sigma = |i: usize| 0.5 * ball.radius_max(i) as f32;
@@ -149,7 +149,7 @@ fn colors(data: &mut CloudData) {
 }
 
 /// Rows of a file, and a class each.
-fn rows(data: &mut CloudData) {
+pub(super) fn rows(data: &mut CloudData) {
     let n = data.centers.len() as u32;
     data.rows = Some((0..n).collect());
     data.labels = Some((0..n).map(|i| i % 7).collect());
