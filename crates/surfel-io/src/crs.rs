@@ -103,9 +103,8 @@ impl Crs {
     /// (GeoTIFF 1.1). A system that is known as text alone is given by its parts, or else as Esri's programs do.
     pub(crate) fn image_keys(&self) -> (Vec<u16>, Vec<f64>, String) {
         let code = |value: Option<u32>| value.and_then(|code| u16::try_from(code).ok()).filter(|code| *code < 32_767);
-        let of_wkt = |systems: &[&str]| code(self.wkt.as_deref().and_then(|wkt| code_of_wkt(wkt, systems)));
         let stated = match (&self.wkt, &self.geotiff) {
-            (Some(_), _) => of_wkt(&SYSTEMS),
+            (Some(wkt), _) => code(code_of_wkt(wkt, &SYSTEMS)),
             (None, Some(_)) => None,
             (None, None) => code(self.code),
         };
@@ -120,8 +119,8 @@ impl Crs {
         } else if let Some(wkt) = self.wkt.as_ref().filter(|wkt| wkt.len() < 60_000) {
             made = wkt::projected_keys(wkt).or_else(|| as_text(wkt)).unwrap_or_default();
         }
-        if let Some(vertical) = of_wkt(&VERTICALS).filter(|_| !made.keys.is_empty()) {
-            made.code(4096, vertical);
+        if let Some(wkt) = self.wkt.as_ref().filter(|_| !made.keys.is_empty()) {
+            wkt::add_vertical(&mut made, wkt);
         }
         made.code(RASTER_TYPE, 1);
         made.keys.sort_unstable();
@@ -171,8 +170,6 @@ const COMPOUNDS: [&str; 4] = ["COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS"
 const SYSTEMS: [&str; 8] =
     ["PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOGCS", "GEOGCRS", "GEODCRS", "GEOCCS", "GEODETICCRS"];
 
-/// What systems of heights are called there.
-const VERTICALS: [&str; 3] = ["VERT_CS", "VERTCRS", "VERTICALCRS"];
 /// GeoTIFF's keys of what x and y are, and of what a pixel is.
 const MODEL_TYPE: u16 = 1024;
 const RASTER_TYPE: u16 = 1025;

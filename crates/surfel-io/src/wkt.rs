@@ -145,9 +145,12 @@ enum Quantity {
     Ratio,
 }
 
+/// A number of a projection: its key, what it is, and its names.
+type Parameter = (u16, Quantity, &'static [&'static str]);
+
 /// The projection of a name in well-known text: GeoTIFF's code of it, and the keys of its numbers with their names, as
 /// GDAL writes and reads them (`gt_wkt_srs.cpp`, `geo_normalize.c`).
-fn method(name: &str) -> Option<(u16, Vec<(u16, Quantity, &'static [&'static str])>)> {
+fn method(name: &str) -> Option<(u16, Vec<Parameter>)> {
     use Quantity::{Angle, Length, Ratio};
     let [lat, lon, scale, east, north] = NATURAL;
     let at = |lat_key, lon_key| vec![(lat_key, Angle, lat), (lon_key, Angle, lon)];
@@ -210,10 +213,8 @@ pub(crate) fn projected_keys(wkt: &str) -> Option<Keys> {
     keys.text(3073, system.name());
     keys.code(3074, USER_DEFINED);
     keys.code(3075, code);
-    // The survey foot is printed with 9 to 15 digits.
-    let known = [(1.0, 9001), (0.3048, 9002), (1200.0 / 3937.0, 9003)];
-    match known.iter().find(|(size, _)| (unit / size - 1.0_f64).abs() < 1e-9) {
-        Some((_, code)) => keys.code(3076, *code),
+    match unit_code(unit) {
+        Some(code) => keys.code(3076, code),
         None => {
             keys.code(3076, USER_DEFINED);
             keys.double(3077, unit);
@@ -244,6 +245,29 @@ pub(crate) fn projected_keys(wkt: &str) -> Option<Keys> {
     }
     // A number that the keys can't hold would make it another projection.
     (taken == parameters().count()).then_some(keys)
+}
+
+/// The EPSG code of a unit of length that is so many metres: the metre, the foot or the survey foot.
+fn unit_code(metres: f64) -> Option<u16> {
+    // The survey foot is printed with 9 to 15 digits.
+    let known = [(1.0, 9001), (0.3048, 9002), (1200.0 / 3937.0, 9003)];
+    known.iter().find(|(size, _)| (metres / size - 1.0).abs() < 1e-9).map(|(_, code)| *code)
+}
+
+/// Adds the system of heights of well-known text, if it has one: its code, or its name and unit.
+pub(crate) fn add_vertical(keys: &mut Keys, wkt: &str) {
+    let root = Node::parse(wkt);
+    let Some(system) = root.as_ref().and_then(|root| root.find(&["VERTCRS", "VERTICALCRS", "VERT_CS"])) else { return };
+    if let Some(code) = system.code() {
+        return keys.code(4096, code);
+    }
+    // Of the second version it may be the axis's.
+    let unit = system.find(&LENGTH).and_then(|unit| unit_code(unit.number(1)?));
+    if let (Some(unit), false) = (unit, system.name().is_empty()) {
+        keys.code(4096, USER_DEFINED);
+        keys.text(4097, system.name());
+        keys.code(4099, unit);
+    }
 }
 
 /// The system that angles are in.
@@ -364,6 +388,28 @@ mod tests {
         let keys = projected_keys(&own).unwrap();
         let found = [2048, 2051, 2058, 2061, 2062].map(|key| value(&keys, key).unwrap());
         assert_eq!(found, ["32767", "32767", "[6378137.0]", "[2.5]", "[1.0, 2.0, 3.0]"]);
+    }
+
+    #[test]
+    fn heights_are_named_where_they_have_no_code() {
+        let vertical = |text: &str| {
+            let mut keys = Keys::default();
+            add_vertical(&mut keys, text);
+            [4096, 4097, 4099].map(|key| value(&keys, key).unwrap_or_default())
+        };
+        // As PROJ writes a compound system that has a code as a whole: none of its parts says its own.
+        let second = r#"COMPOUNDCRS["A + NAP",PROJCRS["A",CS[Cartesian,2],LENGTHUNIT["metre",1]],
+            VERTCRS["NAP height",VDATUM["Normaal"],CS[vertical,1],AXIS["(H)",up,LENGTHUNIT["foot",0.3048]]]]"#;
+        assert_eq!(vertical(second), ["32767", "NAP height|", "9002"]);
+        let first = r#"COMPD_CS["c",PROJCS["A"],VERT_CS["NAVD88",VERT_DATUM["d",2005],UNIT["metre",1],
+            AXIS["Up",UP],AUTHORITY["EPSG","5703"]]]"#;
+        assert_eq!(vertical(first), ["5703", "", ""]);
+        let other = first.replace("EPSG", "ESRI");
+        assert_eq!(vertical(&other), ["32767", "NAVD88|", "9001"]);
+        let (rods, unnamed) = (other.replace("\"metre\",1", "\"rod\",5"), other.replace("NAVD88", ""));
+        for none in [rods.as_str(), &unnamed, CONIC, "VERT_CS["] {
+            assert_eq!(vertical(none), ["", "", ""]);
+        }
     }
 
     #[test]
