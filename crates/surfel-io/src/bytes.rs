@@ -112,6 +112,12 @@ impl<'a> Bytes<'a> {
         }
     }
 
+    /// Reads them in order.
+    #[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd"))]
+    pub(crate) fn reader(self) -> impl io::BufRead {
+        io::BufReader::with_capacity(1 << 18, Reader { bytes: self, position: 0 })
+    }
+
     /// The shortest part of a file that holds all `parts` of it, and where in it each begins; `None` if it is longer
     /// than they are together, so that they are better read one by one.
     pub(crate) fn hull<const K: usize>(parts: [Self; K]) -> Option<(Self, [usize; K])> {
@@ -126,6 +132,27 @@ impl<'a> Bytes<'a> {
         }
         let starts = parts.map(|part| if let Self::File { start, .. } = part { start - first } else { 0 });
         (end - first <= total).then_some((Self::File { file, start: first, length: end - first }, starts))
+    }
+}
+
+/// Bytes, and how many of them have been read.
+#[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd"))]
+struct Reader<'a> {
+    bytes: Bytes<'a>,
+    position: usize,
+}
+
+#[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd"))]
+impl Read for Reader<'_> {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let now = out.len().min(self.bytes.len() - self.position);
+        let end = self.position + now;
+        match self.bytes {
+            Bytes::Memory(bytes) => out[..now].copy_from_slice(&bytes[self.position..end]),
+            Bytes::File { file, start, .. } => file.fill(start + self.position, &mut out[..now]),
+        }
+        self.position = end;
+        Ok(now)
     }
 }
 

@@ -7,6 +7,7 @@ use crate::context::Context;
 use crate::error::{Fault, Location, Problem, list, quote};
 use crate::point_columns::{self, Named, Roles, Source};
 use crate::strided::{NumberType, Strided};
+use std::io::Read;
 
 /// Longest header, in bytes.
 const MAX_HEADER_BYTES: usize = 1 << 20;
@@ -74,7 +75,7 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
             (data, false)
         }
         Encoding::Compressed => {
-            unpacked = decompress(&header, &body(), size)?;
+            unpacked = decompress(&header, bytes, size)?;
             (Bytes::Memory(&unpacked), true)
         }
     };
@@ -273,62 +274,59 @@ fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
 }
 
 /// Points compressed by LZF: two sizes, then the stream.
-fn decompress(header: &Header<'_>, body: &[u8], size: usize) -> Result<Vec<u8>, Fault> {
+fn decompress(header: &Header<'_>, bytes: Bytes<'_>, size: usize) -> Result<Vec<u8>, Fault> {
     let wrong = |what: String| {
         Problem::new(what).at(Location::Byte(header.start)).help("copy or export the file again: it is damaged")
     };
-    let Some(([packed, whole], stream)) = body.split_at_checked(8).and_then(|(sizes, stream)| {
-        let [a, b] = sizes.as_chunks::<4>().0 else { return None };
-        Some(([u32::from_le_bytes(*a), u32::from_le_bytes(*b)].map(|n| n as usize), stream))
-    }) else {
+    let sizes = bytes.at_most(header.start, 8);
+    let [packed, whole] = sizes.as_chunks::<4>().0 else {
         return Err(wrong("the file ends within the sizes of its compressed points".into()).into());
     };
-    let stream = stream.get(..packed).ok_or_else(|| {
-        wrong(format!("the file ends {} bytes before the end of its compressed points", packed - stream.len()))
+    let [packed, whole] = [packed, whole].map(|n| u32::from_le_bytes(*n) as usize);
+    let start = header.start + 8;
+    let there = bytes.len() - start;
+    let stream = bytes.part(start..start.saturating_add(packed)).ok_or_else(|| {
+        wrong(format!("the file ends {} bytes before the end of its compressed points", packed - there))
     })?;
     if whole != size || size > stream.len().saturating_mul(LZF_EXPANSION) {
         let what = format!("{packed} bytes of compressed points can't become {} points of {size} bytes", header.points);
         return Err(wrong(what).into());
     }
-    lzf(stream, size).ok_or_else(|| wrong("its compressed points are damaged".into()).into())
+    lzf(stream.reader(), size).ok_or_else(|| wrong("its compressed points are damaged".into()).into())
 }
 
 /// Decompresses exactly `size` bytes, which have been checked against the stream's length; `None` if it is damaged.
 ///
 /// A byte below 32 stands for as many literals and one. Others begin a reference: 3 bits of length, or 7 and another
 /// byte of it, and 13 bits of distance.
-fn lzf(mut stream: &[u8], size: usize) -> Option<Vec<u8>> {
+fn lzf(mut stream: impl Read, size: usize) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(size);
-    while let [control, rest @ ..] = stream {
-        let control = usize::from(*control);
+    let mut byte = [0];
+    while stream.read(&mut byte).ok()? == 1 {
+        let control = usize::from(byte[0]);
+        let start = out.len();
         if control < 32 {
-            let (literals, rest) = rest.split_at_checked(control + 1)?;
-            out.extend_from_slice(literals);
-            stream = rest;
-        } else {
-            let (mut length, mut rest) = (control >> 5, rest);
-            if length == 7 {
-                let (&more, after) = rest.split_first()?;
-                (length, rest) = (length + usize::from(more), after);
-            }
-            let (&low, after) = rest.split_first()?;
-            let (length, distance) = (length + 2, (control & 31) << 8 | usize::from(low));
-            let start = out.len().checked_sub(distance + 1)?;
-            if out.len() + length > size {
+            if start + control + 1 > size {
                 return None;
             }
-            if distance + 1 >= length {
-                out.extend_from_within(start..start + length);
+            out.resize(start + control + 1, 0);
+            stream.read_exact(&mut out[start..]).ok()?;
+        } else {
+            let mut next = || stream.read_exact(&mut byte).ok().map(|()| usize::from(byte[0]));
+            let length = 2 + if control >> 5 == 7 { 7 + next()? } else { control >> 5 };
+            let distance = 1 + ((control & 31) << 8 | next()?);
+            let from = start.checked_sub(distance)?;
+            if start + length > size {
+                return None;
+            }
+            if distance >= length {
+                out.extend_from_within(from..from + length);
             } else {
                 // The copy reads what it writes.
-                for i in start..start + length {
+                for i in from..from + length {
                     out.push(out[i]);
                 }
             }
-            stream = after;
-        }
-        if out.len() > size {
-            return None;
         }
     }
     (out.len() == size).then_some(out)

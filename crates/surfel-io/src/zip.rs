@@ -104,7 +104,7 @@ impl<'a> Archive<'a> {
                 }
                 self.budget -= member.whole;
                 let mut content = Vec::new();
-                let read = DeflateDecoder::new(&*data.read()).take(member.whole + 1).read_to_end(&mut content);
+                let read = DeflateDecoder::new(data.reader()).take(member.whole + 1).read_to_end(&mut content);
                 if read.is_err() || content.len() as u64 != member.whole {
                     return Err(damaged(format!("{name} in the ZIP file is damaged")));
                 }
