@@ -1,8 +1,33 @@
 //! Conversion of scalars as files store them, of any type, to the model's columns of positions, vectors and colours.
 
 use crate::color::{linear_of_8_bit, linear_of_16_bit};
+use crate::strided::{self, NumberType, Strided, combined, vectors_f32};
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, ExtraValues};
+
+/// A column: in memory, or where it is stored.
+#[derive(Debug)]
+pub(crate) enum Numbers<'a> {
+    Held(ExtraValues),
+    Stored(Strided<'a>),
+}
+
+impl From<Numbers<'_>> for ExtraValues {
+    fn from(numbers: Numbers<'_>) -> Self {
+        match numbers {
+            Numbers::Held(values) => values,
+            Numbers::Stored(column) => column.values(),
+        }
+    }
+}
+
+/// The columns that are all stored, or else all held.
+fn stored(values: [Numbers<'_>; 3]) -> Result<[Strided<'_>; 3], [ExtraValues; 3]> {
+    match values {
+        [Numbers::Stored(a), Numbers::Stored(b), Numbers::Stored(c)] => Ok([a, b, c]),
+        other => Err(other.map(ExtraValues::from)),
+    }
+}
 
 /// As f64.
 pub(crate) fn to_f64(values: &ExtraValues) -> Vec<f64> {
@@ -19,8 +44,8 @@ pub(crate) fn to_f64(values: &ExtraValues) -> Vec<f64> {
 }
 
 /// As f32, rounded to nearest.
-pub(crate) fn to_f32(values: ExtraValues) -> Vec<f32> {
-    match values {
+pub(crate) fn to_f32(values: impl Into<ExtraValues>) -> Vec<f32> {
+    match values.into() {
         ExtraValues::F32(v) => v,
         other => to_f64(&other).into_iter().map(|x| x as f32).collect(),
     }
@@ -45,18 +70,24 @@ fn exact_f32(values: [ExtraValues; 3]) -> Result<Vec<Vec3>, Vec<DVec3>> {
 }
 
 /// Three scalar columns as one of vectors; f64 sources keep their detail.
-pub(crate) fn vectors(values: [ExtraValues; 3]) -> Column3 {
-    match exact_f32(values) {
-        Ok(v) => Column3::from_f32(v),
-        Err(v) => Column3::from_f64(&v),
+pub(crate) fn vectors(values: [Numbers<'_>; 3]) -> Column3 {
+    match stored(values).map_err(exact_f32) {
+        Ok(columns) if columns.iter().all(|c| c.kind().fits_f32()) => Column3::from_f32(vectors_f32(columns)),
+        Ok(columns) => strided::of_f64(columns, DVec3::ZERO),
+        Err(Ok(v)) => Column3::from_f32(v),
+        Err(Err(v)) => Column3::from_f64(&v),
     }
 }
 
 /// Three scalar columns as positions, f64 ones relative to an origin.
-pub(crate) fn positions(values: [ExtraValues; 3]) -> (DVec3, Column3) {
-    match exact_f32(values) {
-        Ok(v) => (DVec3::ZERO, Column3::from_f32(v)),
-        Err(v) => Column3::with_origin(&v),
+pub(crate) fn positions(values: [Numbers<'_>; 3]) -> (DVec3, Column3) {
+    match stored(values).map_err(exact_f32) {
+        Ok(columns) if columns.iter().all(|c| c.kind().fits_f32()) => {
+            (DVec3::ZERO, Column3::from_f32(vectors_f32(columns)))
+        }
+        Ok(columns) => strided::with_origin(columns),
+        Err(Ok(v)) => (DVec3::ZERO, Column3::from_f32(v)),
+        Err(Err(v)) => Column3::with_origin(&v),
     }
 }
 
@@ -82,7 +113,15 @@ pub(crate) fn f32_is_enough(min: DVec3, max: DVec3) -> bool {
 
 /// Stored colours as linear RGB: `uchar` and `ushort` are sRGB-encoded, floats are linear, other integers are
 /// sRGB-encoded levels from 0 to 255.
-pub(crate) fn colors(values: [ExtraValues; 3]) -> Vec<[f32; 3]> {
+pub(crate) fn colors(values: [Numbers<'_>; 3]) -> Vec<[f32; 3]> {
+    let values = match stored(values) {
+        Ok(columns) if columns.iter().all(|c| c.kind() == NumberType::U8) => {
+            let table = linear_of_8_bit();
+            return combined(columns, |levels| levels.map(|level| table[level as usize]));
+        }
+        Ok(columns) => columns.map(|column| column.values()),
+        Err(values) => values,
+    };
     if let [ExtraValues::U8(r), ExtraValues::U8(g), ExtraValues::U8(b)] = &values {
         let table = linear_of_8_bit();
         return zip3(r, g, b, |r, g, b| [r, g, b].map(|c| table[usize::from(c)]));
@@ -100,16 +139,15 @@ fn linear(values: ExtraValues) -> Vec<f32> {
 }
 
 /// Stored alpha as a fraction: `ushort` counts to 65535, other integers to 255.
-pub(crate) fn alphas(values: ExtraValues) -> Vec<f32> {
-    match values {
+pub(crate) fn alphas(values: impl Into<ExtraValues>) -> Vec<f32> {
+    match values.into() {
         ExtraValues::U16(v) => v.iter().map(|&a| f32::from(a) / 65_535.0).collect(),
-        ExtraValues::F32(_) | ExtraValues::F64(_) => to_f32(values),
+        values @ (ExtraValues::F32(_) | ExtraValues::F64(_)) => to_f32(values),
         other => to_f64(&other).iter().map(|a| (a / 255.0).clamp(0.0, 1.0) as f32).collect(),
     }
 }
 
 /// The value of an IEEE 754 half.
-#[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd", feature = "points"))]
 pub(crate) fn f32_of_half(half: u16) -> f32 {
     let magnitude = u32::from(half & 0x7fff);
     let value = match magnitude >> 10 {

@@ -1,5 +1,6 @@
 //! Coordinate reference systems, as files state them: EPSG codes, well-known text, GeoTIFF keys.
 
+use crate::wkt::{self, Keys};
 use glam::DVec3;
 
 /// A coordinate reference system, as a file states it.
@@ -99,32 +100,33 @@ impl Crs {
     }
 
     /// GeoTIFF's directory of keys for an image whose pixels are areas, and the doubles and text that it refers to
-    /// (GeoTIFF 1.1). A system that is known as text alone is given as Esri's programs do, which GDAL reads.
+    /// (GeoTIFF 1.1). A system that is known as text alone is given by its parts, or else as Esri's programs do.
     pub(crate) fn image_keys(&self) -> (Vec<u16>, Vec<f64>, String) {
         let code = |value: Option<u32>| value.and_then(|code| u16::try_from(code).ok()).filter(|code| *code < 32_767);
-        let of_wkt = |systems: &[&str]| code(self.wkt.as_deref().and_then(|wkt| code_of_wkt(wkt, systems)));
-        let mut text = String::new();
-        let mut keys: Vec<[u16; 4]> = vec![[RASTER_TYPE, 0, 1, 1]];
         let stated = match (&self.wkt, &self.geotiff) {
-            (Some(_), _) => of_wkt(&SYSTEMS),
+            (Some(wkt), _) => code(code_of_wkt(wkt, &SYSTEMS)),
             (None, Some(_)) => None,
             (None, None) => code(self.code),
         };
         if let (None, Some(whole)) = (stated, &self.geotiff) {
             return pixel_is_area(whole);
         }
+        let mut made = Keys::default();
         if let Some(stated) = stated {
             let (model, key) = if self.is_geographic() { (2, 2048) } else { (1, 3072) };
-            keys.extend([[MODEL_TYPE, 0, 1, model], [key, 0, 1, stated]]);
-            keys.extend(of_wkt(&VERTICALS).map(|vertical| [4096, 0, 1, vertical]));
-        } else if let Some(wkt) = self.wkt.as_ref().filter(|wkt| wkt.len() < 60_000 && is_projected(wkt)) {
-            text = format!("ESRI PE String = {}|", wkt.replace(|c: char| !c.is_ascii(), "?"));
-            keys.extend([[MODEL_TYPE, 0, 1, 1], [3072, 0, 1, 32_767], [3073, 34_737, text.len() as u16, 0]]);
+            made.code(MODEL_TYPE, model);
+            made.code(key, stated);
+        } else if let Some(wkt) = self.wkt.as_ref().filter(|wkt| wkt.len() < 60_000) {
+            made = wkt::projected_keys(wkt).or_else(|| as_text(wkt)).unwrap_or_default();
         }
-        keys.sort_unstable();
-        let mut directory = vec![1, 1, 0, keys.len() as u16];
-        directory.extend(keys.iter().flatten());
-        (directory, Vec::new(), text)
+        if let Some(wkt) = self.wkt.as_ref().filter(|_| !made.keys.is_empty()) {
+            wkt::add_vertical(&mut made, wkt);
+        }
+        made.code(RASTER_TYPE, 1);
+        made.keys.sort_unstable();
+        let mut directory = vec![1, 1, 0, made.keys.len() as u16];
+        directory.extend(made.keys.iter().flatten());
+        (directory, made.doubles, made.text)
     }
 
     /// It in a few words: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
@@ -168,8 +170,6 @@ const COMPOUNDS: [&str; 4] = ["COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS"
 const SYSTEMS: [&str; 8] =
     ["PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOGCS", "GEOGCRS", "GEODCRS", "GEOCCS", "GEODETICCRS"];
 
-/// What systems of heights are called there.
-const VERTICALS: [&str; 3] = ["VERT_CS", "VERTCRS", "VERTICALCRS"];
 /// GeoTIFF's keys of what x and y are, and of what a pixel is.
 const MODEL_TYPE: u16 = 1024;
 const RASTER_TYPE: u16 = 1025;
@@ -191,10 +191,16 @@ const GEOGRAPHIC: [[u32; 2]; 14] = [
     [9000, 9000],
 ];
 
-/// True of text that can be one value of GeoTIFF and tells a system whose x and y are lengths.
-fn is_projected(wkt: &str) -> bool {
+/// The keys of a system whose x and y are lengths, as text; `None` where it can't be one value of GeoTIFF.
+fn as_text(wkt: &str) -> Option<Keys> {
     let roots = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "COMPD_CS[", "COMPOUNDCRS["];
-    !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root))
+    let is_projected = !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root));
+    is_projected.then(|| {
+        let text = format!("ESRI PE String = {}|", wkt.replace(|c: char| !c.is_ascii(), "?"));
+        // Of a projected one, GDAL looks for the parts.
+        let keys = vec![[MODEL_TYPE, 0, 1, 32_767], [3072, 0, 1, 32_767], [3073, 34_737, text.len() as u16, 0]];
+        Keys { keys, text, ..Keys::default() }
+    })
 }
 
 /// A directory of GeoTIFF that says of pixels that they are areas, and all else as it is. Keys that refer to what isn't
@@ -358,6 +364,7 @@ mod tests {
         let crs = Crs { wkt: Some(r#"PROJCS["mine",GEOGCS["g"]]"#.into()), ..Crs::default() };
         let (keys, _, text) = crs.image_keys();
         assert_eq!(text, r#"ESRI PE String = PROJCS["mine",GEOGCS["g"]]|"#);
+        assert_eq!(keys[4..8], [1024, 0, 1, 32_767]);
         assert_eq!(keys[12..], [3072, 0, 1, 32_767, 3073, 34_737, text.len() as u16, 0]);
         // What isn't a plane has no place in an image.
         let crs = Crs { wkt: Some(r#"GEOCCS["unnamed"]"#.into()), ..Crs::default() };

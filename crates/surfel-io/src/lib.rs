@@ -22,6 +22,7 @@
 
 mod ascii;
 pub mod atomic;
+mod bytes;
 pub mod cameras;
 mod color;
 mod columns;
@@ -75,12 +76,12 @@ mod splat_rows;
 mod spz;
 #[cfg(feature = "stl")]
 mod stl;
-#[cfg(any(feature = "npy", feature = "pcd", feature = "points"))]
 mod strided;
 #[cfg(any(feature = "las", feature = "e57"))]
 mod survey;
 #[cfg(feature = "gltf")]
 mod tileset;
+mod wkt;
 #[cfg(any(feature = "gaussians", feature = "npy"))]
 mod zip;
 

@@ -1,12 +1,13 @@
 //! Loading: the table of readers. A file's format is told here, and its reader called.
 
+use crate::bytes::{Bytes, OpenFile};
 use crate::content::{Content, LoadOptions};
 use crate::context::Context;
 #[cfg(feature = "draco")]
 use crate::drc;
 #[cfg(feature = "e57")]
 use crate::e57;
-use crate::error::{Fault, IoError, Problem, quote};
+use crate::error::{Fault, IoError, Problem, READ, quote};
 use crate::files::{self, Siblings};
 use crate::format::{self, Format, KNOWN_FORMATS};
 #[cfg(feature = "gltf")]
@@ -69,6 +70,12 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
         let read = |context: &mut Context<'_>| Ok((format, read_survey(format, &mut file, context)?));
         return run(read, path, Siblings::of(path, options.allow_outside), options);
     }
+    if let Some((format, file)) = columns_file(path) {
+        let read = |context: &mut Context<'_>| Ok((format, read_columns(format, file.bytes(), context)?));
+        let loaded = run(read, path, Siblings::of(path, options.allow_outside), options);
+        let failure = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
+        return file.failure().map_or(loaded, |source| Err(failure(source)));
+    }
     let bytes = files::read(path, files::MAX_BYTES)?;
     let read = |context: &mut Context<'_>| read_bytes(&bytes, Format::from_extension(path), path, context);
     run(read, path, Siblings::of(path, options.allow_outside), options)
@@ -80,6 +87,20 @@ fn survey_file(path: &Path) -> Option<(Format, File)> {
     let mut head = Vec::new();
     (&mut file).take(512).read_to_end(&mut head).ok()?;
     Some((Format::of_survey(&head)?, file))
+}
+
+/// A regular file of a format whose columns are read where they lie, so that they are in memory once.
+fn columns_file(path: &Path) -> Option<(Format, OpenFile)> {
+    const END_BYTES: usize = 1 << 16;
+    let file = OpenFile::open(path)?;
+    let bytes = file.bytes();
+    let mut ends = bytes.at_most(0, END_BYTES).into_owned();
+    ends.extend_from_slice(&bytes.at_most(bytes.len().saturating_sub(END_BYTES).max(ends.len()), END_BYTES));
+    let format = Format::from_signature(&ends, None).ok()?;
+    #[cfg(feature = "pcd")]
+    let format = format.or(pcd::looks_like(&ends[..ends.len().min(4096)]).then_some(Format::Pcd));
+    let format = format.filter(|f| matches!(f, Format::Ply | Format::Pcd | Format::Npy | Format::Npz))?;
+    Some((format, file))
 }
 
 /// True for the JSON of a tileset of 3D Tiles, whose name could be a scene file's.
@@ -192,7 +213,7 @@ fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path) -> Result<Format, 
 
 fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     match format {
-        Format::Ply => ply::read(bytes, context),
+        Format::Ply | Format::Pcd | Format::Npy | Format::Npz => read_columns(format, Bytes::Memory(bytes), context),
         Format::Surfel => octree::read(bytes, context),
         #[cfg(feature = "obj")]
         Format::Obj => obj::read(bytes, context),
@@ -208,12 +229,6 @@ fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Co
         Format::Xyz | Format::Pts => points::read(bytes, format == Format::Pts, context),
         #[cfg(feature = "points")]
         Format::Ptx => points::read_ptx(bytes, context),
-        #[cfg(feature = "pcd")]
-        Format::Pcd => pcd::read(bytes, context),
-        #[cfg(feature = "npy")]
-        Format::Npy => npy::read(bytes, context),
-        #[cfg(feature = "npy")]
-        Format::Npz => npy::read_archive(bytes, context),
         #[cfg(feature = "off")]
         Format::Off => off::read(bytes, context),
         #[cfg(feature = "draco")]
@@ -237,16 +252,28 @@ fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Co
         }
         #[cfg(not(feature = "points"))]
         Format::Xyz | Format::Pts | Format::Ptx => Err(Problem::not_built(format.name(), "points").into()),
-        #[cfg(not(feature = "pcd"))]
-        Format::Pcd => Err(Problem::not_built(format.name(), "pcd").into()),
-        #[cfg(not(feature = "npy"))]
-        Format::Npy | Format::Npz => Err(Problem::not_built(format.name(), "npy").into()),
         #[cfg(not(feature = "off"))]
         Format::Off => Err(Problem::not_built(format.name(), "off").into()),
         #[cfg(not(feature = "draco"))]
         Format::Drc => Err(Problem::not_built(format.name(), "draco").into()),
         #[cfg(not(feature = "gaussians"))]
         Format::Splat | Format::Spz | Format::Sog => Err(Problem::not_built(format.name(), "gaussians").into()),
+    }
+}
+
+fn read_columns(format: Format, bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
+    match format {
+        #[cfg(feature = "pcd")]
+        Format::Pcd => pcd::read(bytes, context),
+        #[cfg(feature = "npy")]
+        Format::Npy => npy::read(bytes, context),
+        #[cfg(feature = "npy")]
+        Format::Npz => npy::read_archive(bytes, context),
+        #[cfg(not(feature = "pcd"))]
+        Format::Pcd => Err(Problem::not_built(format.name(), "pcd").into()),
+        #[cfg(not(feature = "npy"))]
+        Format::Npy | Format::Npz => Err(Problem::not_built(format.name(), "npy").into()),
+        _ => ply::read(bytes, context),
     }
 }
 

@@ -3,12 +3,13 @@
 //! Of a plain array the last axis holds a point's numbers. Arrays of records, and those of an `.npz` file, go by their
 //! names.
 
+use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
 use crate::depth_image;
 use crate::error::{Fault, Location, Problem, list, quote};
 use crate::point_columns::{self, Named, Roles, Source};
-use crate::strided::{NumberType, Strided};
+use crate::strided::{NumberType, Strided, combined};
 use crate::zip::Archive;
 use glam::Vec3;
 use surfel_model::Mesh;
@@ -59,13 +60,13 @@ struct Array<'a> {
     item_bytes: usize,
     shape: Vec<usize>,
     fortran: bool,
-    data: &'a [u8],
+    data: Bytes<'a>,
     /// Fields of other types, which are not read.
     left_out: Vec<String>,
 }
 
 /// Reads one array.
-pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
+pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let array = parse(bytes)?;
     note_left_out(&array.left_out, context);
     let mut columns = Vec::new();
@@ -86,18 +87,18 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
 }
 
 /// Reads an archive of arrays.
-pub(crate) fn read_archive(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
-    let mut archive = Archive::open(bytes)?;
+pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
+    let mut archive = Archive::of(bytes)?;
     let names: Vec<_> = archive.names().collect();
     let mut files = Vec::new();
     for (index, name) in names.iter().enumerate() {
         if let Some(name) = name.strip_suffix(".npy") {
-            files.push((name, archive.read(index)?));
+            files.push((name, archive.open(index)?));
         }
     }
     let (mut arrays, mut ignored, mut first_fault) = (Vec::new(), Vec::new(), None);
     for (name, content) in &files {
-        match parse(content) {
+        match parse(content.bytes()) {
             Ok(array) => arrays.push((*name, array)),
             // Texts and Python's objects, mostly; the numbers beside them are of use.
             Err(fault) => {
@@ -177,11 +178,8 @@ fn mesh(
 ) -> Result<Content, Fault> {
     let mut corners = Vec::new();
     columns_of("", triangles, &mut corners)?;
-    let index = |row: usize, corner: usize| {
-        let i = corners[corner].values.at(row);
-        if i >= 0.0 && i.fract() == 0.0 && i < f64::from(u32::MAX) { i as u32 } else { u32::MAX }
-    };
-    let triangles = (0..corners[0].values.len()).map(|row| [0, 1, 2].map(|corner| index(row, corner))).collect();
+    let index = |i: f64| if i >= 0.0 && i.fract() == 0.0 && i < f64::from(u32::MAX) { i as u32 } else { u32::MAX };
+    let triangles = combined([0, 1, 2].map(|corner| corners[corner].values), |row: [f64; 3]| row.map(index));
     let content = point_columns::build(columns, roles, Source::Typed, Vec::new(), context)?;
     let Content::Points(points) = content else { return Ok(content) };
     if !points.extras.is_empty() {
@@ -294,23 +292,27 @@ fn expanded(name: &str, count: usize) -> Vec<String> {
     known.iter().map(|&n| n.to_owned()).collect()
 }
 
-fn parse(bytes: &[u8]) -> Result<Array<'_>, Fault> {
+fn parse(bytes: Bytes<'_>) -> Result<Array<'_>, Fault> {
     let wrong = |what: String| Problem::new(what).help("save it again by numpy.save");
     let cut = || wrong("the array's header ends too early".into());
-    let rest = bytes.strip_prefix(SIGNATURE).ok_or_else(|| wrong("is no array of NumPy".into()))?;
+    let head = bytes.at_most(0, SIGNATURE.len() + 6);
+    let rest = head.strip_prefix(SIGNATURE).ok_or_else(|| wrong("is no array of NumPy".into()))?;
     let ([major, _], rest) = rest.split_first_chunk::<2>().ok_or_else(cut)?;
-    let (length, rest) = match major {
-        1 => rest.split_first_chunk::<2>().map(|(n, rest)| (usize::from(u16::from_le_bytes(*n)), rest)),
-        2 | 3 => rest.split_first_chunk::<4>().map(|(n, rest)| (u32::from_le_bytes(*n) as usize, rest)),
+    let length = match major {
+        1 => rest.first_chunk().map(|n| usize::from(u16::from_le_bytes(*n))),
+        2 | 3 => rest.first_chunk().map(|n| u32::from_le_bytes(*n) as usize),
         _ => return Err(wrong(format!("is an array of NumPy's format {major}")).expected("1, 2 or 3").into()),
     }
     .ok_or_else(cut)?;
-    let (header, data) = rest.split_at_checked(length).ok_or_else(cut)?;
+    let start = SIGNATURE.len() + if *major == 1 { 4 } else { 6 };
+    let body = start.checked_add(length).filter(|end| *end <= bytes.len()).ok_or_else(cut)?;
+    let header = bytes.at_most(start, length);
+    let data = bytes.part(body..bytes.len()).ok_or_else(cut)?;
     let unreadable = || {
-        let location = Location::Byte(bytes.len() - rest.len());
+        let location = Location::Byte(start);
         Fault::from(wrong(format!("the array's header is {}", quote(header.trim_ascii()))).at(location))
     };
-    let mut parser = Parser { text: header, depth: 0 };
+    let mut parser = Parser { text: &header, depth: 0 };
     let Some(Literal::Dict(entries)) = parser.literal() else { return Err(unreadable()) };
     let entry = |name: &str| entries.iter().find(|(key, _)| matches!(key, Literal::Text(t) if t == name)).map(|e| &e.1);
     let (Some(Literal::Bool(fortran)), Some(Literal::List(shape))) = (entry("fortran_order"), entry("shape")) else {

@@ -3,6 +3,7 @@
 //! A signature and a version, then sections, each with a tag and a length; unknown ones are skipped. Little endian.
 
 use crate::atomic;
+use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, IoError, Location, Problem, quote};
@@ -175,7 +176,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
 }
 
 fn read_splats(bytes: &[u8], context: &mut Context<'_>) -> Result<surfel_model::SplatCloud, Fault> {
-    match crate::ply::read(bytes, context)? {
+    match crate::ply::read(Bytes::Memory(bytes), context)? {
         Content::Splats(cloud) => Ok(cloud),
         _ => Err(Problem::new("its section SPLT holds no splats").expected("a splat PLY").into()),
     }

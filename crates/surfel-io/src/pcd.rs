@@ -1,6 +1,7 @@
 //! PCD, the Point Cloud Library's files: text, binary, and binary compressed by LZF.
 
 use crate::ascii::{Lines, number, number_f32, words};
+use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
 use crate::depth_image;
@@ -8,6 +9,7 @@ use crate::error::{Fault, Location, Problem, list, quote};
 use crate::point_columns::{self, Named, Roles, Source};
 use crate::strided::{NumberType, Strided};
 use glam::DVec3;
+use std::io::Read;
 use surfel_model::Up;
 
 /// Longest header, in bytes.
@@ -40,8 +42,7 @@ struct Header<'a> {
     encoding: Encoding,
     /// Bytes of a point.
     point_bytes: usize,
-    /// What comes after the header, and at which line and byte.
-    body: &'a [u8],
+    /// The line and byte that what comes after the header begins at.
     line: usize,
     start: usize,
 }
@@ -51,8 +52,10 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
     head.starts_with(b"# .PCD") || head.starts_with(b"VERSION") && head.windows(6).any(|w| w == b"FIELDS")
 }
 
-pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
-    let header = parse_header(bytes)?;
+pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
+    let head = bytes.at_most(0, MAX_HEADER_BYTES);
+    let header = parse_header(&head)?;
+    let body = || bytes.at_most(header.start, usize::MAX);
     let place = |what: String| {
         Problem::new(what).help("copy or export the file again: it is incomplete, or its header counts too many")
     };
@@ -64,20 +67,21 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     let unpacked;
     let (data, by_field) = match header.encoding {
         Encoding::Text => {
-            unpacked = read_text(&header)?;
-            (unpacked.as_slice(), false)
+            unpacked = read_text(&header, &body())?;
+            (Bytes::Memory(&unpacked), false)
         }
         Encoding::Binary => {
-            let data = header.body.get(..size).ok_or_else(|| {
-                let whole = header.body.len() / header.point_bytes;
-                place(format!("the file ends within point {whole} of {}", header.points))
-                    .at(Location::Byte(bytes.len()))
-            })?;
+            let data =
+                header.start.checked_add(size).and_then(|end| bytes.part(header.start..end)).ok_or_else(|| {
+                    let whole = (bytes.len() - header.start) / header.point_bytes;
+                    place(format!("the file ends within point {whole} of {}", header.points))
+                        .at(Location::Byte(bytes.len()))
+                })?;
             (data, false)
         }
         Encoding::Compressed => {
-            unpacked = decompress(&header, size)?;
-            (unpacked.as_slice(), true)
+            unpacked = decompress(&header, bytes, size)?;
+            (Bytes::Memory(&unpacked), true)
         }
     };
     let mut columns = Vec::new();
@@ -134,10 +138,11 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     Ok(content)
 }
 
+/// Parses the header at the start of `bytes`, the file's first ones.
 fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
     let (mut names, mut sizes, mut types, mut counts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut width, mut height, mut points, mut viewpoint) = (None, None, None, None);
-    let mut lines = Lines::new(&bytes[..bytes.len().min(MAX_HEADER_BYTES)]);
+    let mut lines = Lines::new(bytes);
     let (encoding, line, start) = loop {
         let Some((line, raw)) = lines.next() else {
             let problem = Problem::new("the PCD header has no DATA line");
@@ -179,8 +184,7 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
                         return Err(problem.expected("ascii, binary or binary_compressed").into());
                     }
                 };
-                // The header may be longer than what is looked at.
-                break (encoding, line, bytes.len().min(MAX_HEADER_BYTES) - lines.rest().len());
+                break (encoding, line, bytes.len() - lines.rest().len());
             }
             other => {
                 let problem = Problem::new(format!("the PCD header has an unknown line {}", quote(other))).at(at);
@@ -221,14 +225,14 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
         return Err(Problem::new("the PCD header gives its points no numbers").expected("a COUNT of 1").into());
     }
     let image = width.zip(height).filter(|(_, rows)| *rows > 1 && points == product).map(<[usize; 2]>::from);
-    Ok(Header { fields, points, image, viewpoint, encoding, point_bytes, body: &bytes[start..], line, start })
+    Ok(Header { fields, points, image, viewpoint, encoding, point_bytes, line, start })
 }
 
 /// Points as text, in the form of binary ones.
-fn read_text(header: &Header<'_>) -> Result<Vec<u8>, Fault> {
+fn read_text(header: &Header<'_>, body: &[u8]) -> Result<Vec<u8>, Fault> {
     let mut data = Vec::new();
     let mut rows = 0;
-    for (line, text) in Lines::new(header.body) {
+    for (line, text) in Lines::new(body) {
         let mut words = words(text).peekable();
         if words.peek().is_none_or(|w| w.starts_with(b"#")) {
             continue;
@@ -288,62 +292,59 @@ fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
 }
 
 /// Points compressed by LZF: two sizes, then the stream.
-fn decompress(header: &Header<'_>, size: usize) -> Result<Vec<u8>, Fault> {
+fn decompress(header: &Header<'_>, bytes: Bytes<'_>, size: usize) -> Result<Vec<u8>, Fault> {
     let wrong = |what: String| {
         Problem::new(what).at(Location::Byte(header.start)).help("copy or export the file again: it is damaged")
     };
-    let Some(([packed, whole], stream)) = header.body.split_at_checked(8).and_then(|(sizes, stream)| {
-        let [a, b] = sizes.as_chunks::<4>().0 else { return None };
-        Some(([u32::from_le_bytes(*a), u32::from_le_bytes(*b)].map(|n| n as usize), stream))
-    }) else {
+    let sizes = bytes.at_most(header.start, 8);
+    let [packed, whole] = sizes.as_chunks::<4>().0 else {
         return Err(wrong("the file ends within the sizes of its compressed points".into()).into());
     };
-    let stream = stream.get(..packed).ok_or_else(|| {
-        wrong(format!("the file ends {} bytes before the end of its compressed points", packed - stream.len()))
+    let [packed, whole] = [packed, whole].map(|n| u32::from_le_bytes(*n) as usize);
+    let start = header.start + 8;
+    let there = bytes.len() - start;
+    let stream = bytes.part(start..start.saturating_add(packed)).ok_or_else(|| {
+        wrong(format!("the file ends {} bytes before the end of its compressed points", packed - there))
     })?;
     if whole != size || size > stream.len().saturating_mul(LZF_EXPANSION) {
         let what = format!("{packed} bytes of compressed points can't become {} points of {size} bytes", header.points);
         return Err(wrong(what).into());
     }
-    lzf(stream, size).ok_or_else(|| wrong("its compressed points are damaged".into()).into())
+    lzf(stream.reader(), size).ok_or_else(|| wrong("its compressed points are damaged".into()).into())
 }
 
 /// Decompresses exactly `size` bytes, which have been checked against the stream's length; `None` if it is damaged.
 ///
 /// A byte below 32 stands for as many literals and one. Others begin a reference: 3 bits of length, or 7 and another
 /// byte of it, and 13 bits of distance.
-fn lzf(mut stream: &[u8], size: usize) -> Option<Vec<u8>> {
+fn lzf(mut stream: impl Read, size: usize) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(size);
-    while let [control, rest @ ..] = stream {
-        let control = usize::from(*control);
+    let mut byte = [0];
+    while stream.read(&mut byte).ok()? == 1 {
+        let control = usize::from(byte[0]);
+        let start = out.len();
         if control < 32 {
-            let (literals, rest) = rest.split_at_checked(control + 1)?;
-            out.extend_from_slice(literals);
-            stream = rest;
-        } else {
-            let (mut length, mut rest) = (control >> 5, rest);
-            if length == 7 {
-                let (&more, after) = rest.split_first()?;
-                (length, rest) = (length + usize::from(more), after);
-            }
-            let (&low, after) = rest.split_first()?;
-            let (length, distance) = (length + 2, (control & 31) << 8 | usize::from(low));
-            let start = out.len().checked_sub(distance + 1)?;
-            if out.len() + length > size {
+            if start + control + 1 > size {
                 return None;
             }
-            if distance + 1 >= length {
-                out.extend_from_within(start..start + length);
+            out.resize(start + control + 1, 0);
+            stream.read_exact(&mut out[start..]).ok()?;
+        } else {
+            let mut next = || stream.read_exact(&mut byte).ok().map(|()| usize::from(byte[0]));
+            let length = 2 + if control >> 5 == 7 { 7 + next()? } else { control >> 5 };
+            let distance = 1 + ((control & 31) << 8 | next()?);
+            let from = start.checked_sub(distance)?;
+            if start + length > size {
+                return None;
+            }
+            if distance >= length {
+                out.extend_from_within(from..from + length);
             } else {
                 // The copy reads what it writes.
-                for i in start..start + length {
+                for i in from..from + length {
                     out.push(out[i]);
                 }
             }
-            stream = after;
-        }
-        if out.len() > size {
-            return None;
         }
     }
     (out.len() == size).then_some(out)

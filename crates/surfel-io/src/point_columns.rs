@@ -9,7 +9,7 @@ use crate::columns::f32_is_enough;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::Fault;
-use crate::strided::{self, NumberType, Strided, vectors_f32};
+use crate::strided::{self, NumberType, Strided, combined, ranges, vectors_f32};
 use glam::{DVec3, Vec3};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, PointCloud, Shape};
 
@@ -224,11 +224,11 @@ pub(crate) fn build(
     if let Some((_, alpha, bits)) = packed {
         let table = linear_of_8_bit();
         let level = |bits: u32, shift: u32| table[(bits >> shift & 255) as usize];
-        let bits = bits.map(|v| v as u32);
-        colors = Some(bits.iter().map(|&b| [level(b, 16), level(b, 8), level(b, 0)]).collect());
-        // Many writers leave the alpha of all points 0, which stands for nothing.
-        if alpha && bits.iter().any(|b| b >> 24 != 0) {
-            alphas = Some(bits.iter().map(|b| (b >> 24) as f32 / 255.0).collect());
+        colors = Some(bits.map(|b| [16, 8, 0].map(|shift| level(b as u32, shift))));
+        if alpha {
+            let stored = bits.map(|b| (b as u32 >> 24) as f32 / 255.0);
+            // Many writers leave the alpha of all points 0, which stands for nothing.
+            alphas = stored.iter().any(|a| *a != 0.0).then_some(stored);
         }
     }
     let mut radii = None;
@@ -263,18 +263,21 @@ pub(crate) fn build(
             ExtraColumn { name: column.name.chars().filter(|c| !c.is_control()).take(60).collect(), values }
         })
         .collect();
-    if let (Some((_, radii)), Some(normals)) = (radii, &normals) {
-        let shape = Shape::Disks { normals: Column3::from_f32(normals.clone()), radii };
-        return context.splats(CloudData {
+    let normals = normals.map(Column3::from_f32);
+    match (radii, normals) {
+        (Some((_, radii)), Some(normals)) => context.splats(CloudData {
             colors,
             alphas,
             extras,
             comments,
-            ..CloudData::new(origin, positions, shape)
-        });
+            ..CloudData::new(origin, positions, Shape::Disks { normals, radii })
+        }),
+        (_, normals) => {
+            let points =
+                PointCloud { origin, positions, normals, colors, alphas, extras, comments, ..PointCloud::default() };
+            context.points(points)
+        }
     }
-    let normals = normals.map(Column3::from_f32);
-    context.points(PointCloud { origin, positions, normals, colors, alphas, extras, comments, ..PointCloud::default() })
 }
 
 /// Positions; `f32` as they are, others as far as their digits mean something.
@@ -283,7 +286,7 @@ pub(crate) fn positions(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
         matches!(c.kind(), NumberType::F32 | NumberType::F16) || c.kind().is_integer() && c.kind().bytes() <= 2
     };
     let enough = || {
-        let [x, y, z] = columns.map(|c| c.range());
+        let [x, y, z] = ranges(columns);
         f32_is_enough(DVec3::new(x.0, y.0, z.0), DVec3::new(x.1, y.1, z.1))
     };
     if columns.iter().all(narrow) || enough() {
@@ -296,9 +299,9 @@ pub(crate) fn positions(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
 fn levels(columns: [Strided<'_>; 3], source: Source, context: &mut Context<'_>) -> Vec<[f32; 3]> {
     if source == Source::Typed && columns.iter().all(|c| c.kind() == NumberType::U8) {
         let table = linear_of_8_bit();
-        return Strided::bytes_of(columns).map(|levels| levels.map(|level| table[usize::from(level)])).collect();
+        return combined(columns, |levels| levels.map(|level| table[level as usize]));
     }
-    let largest = columns.iter().map(Strided::largest).fold(0.0, f64::max);
+    let largest = ranges(columns).iter().fold(0.0, |most: f64, range| most.max(range.1));
     let whole = source == Source::Typed && columns.iter().all(|c| c.kind().is_integer());
     let (scale, name) = match largest {
         m if m <= 1.0 && !whole => (1.0, "1"),
@@ -313,6 +316,5 @@ fn levels(columns: [Strided<'_>; 3], source: Source, context: &mut Context<'_>) 
     if columns.iter().any(|c| c.kind() != NumberType::U8) {
         context.note(format!("took the colours as sRGB-encoded, from 0 to {name}"));
     }
-    let [r, g, b] = columns.map(|c| c.map(level));
-    r.into_iter().zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect()
+    combined(columns, |row| row.map(level))
 }

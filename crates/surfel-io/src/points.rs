@@ -1,6 +1,7 @@
 //! Points as columns of printed numbers: XYZ, TXT, CSV, ASC and PTS; and PTX, whose scans have poses.
 
 use crate::ascii::{Lines, number};
+use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, list, quote};
@@ -98,7 +99,7 @@ impl Table {
         let mut names = names.unwrap_or_default();
         names.resize(self.width, String::new());
         let (stride, rows) = (8 * self.width, self.rows());
-        let column = |i: usize| Strided::new(&self.data, 8 * i, stride, rows, NumberType::F64, false);
+        let column = |i: usize| Strided::new(Bytes::Memory(&self.data), 8 * i, stride, rows, NumberType::F64, false);
         names.into_iter().enumerate().filter_map(|(i, name)| Some(Named { name, values: column(i)? })).collect()
     }
 }

@@ -1,5 +1,6 @@
 //! SOG: Gaussians whose numbers are the pixels of pictures, a pixel a splat, in a ZIP file or beside their `meta.json`.
 
+use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem, quote};
@@ -89,7 +90,7 @@ impl<'a> Pictures<'a> {
 
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let (json, mut pictures) = if bytes.starts_with(b"PK") {
-        let mut archive = Archive::open(bytes)?;
+        let mut archive = Archive::of(Bytes::Memory(bytes))?;
         // Of several levels of detail, the first.
         let meta_name = archive.names().find(|n| n == "meta.json" || n.ends_with("/meta.json"));
         let Some(meta_name) = meta_name else { return Err(Problem::new("the SOG file has no meta.json").into()) };

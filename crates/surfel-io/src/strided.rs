@@ -1,9 +1,13 @@
-//! Columns of numbers in memory as files lay them out: of any type and byte order, at any distance from each other.
+//! Columns of numbers as files lay them out: of any type and byte order, at any distance from each other. They are read
+//! block by block, in parallel, so that what they become is all that is ever in memory.
 
 #![cfg_attr(not(all(feature = "npy", feature = "pcd")), allow(dead_code))]
 
+use crate::bytes::Bytes;
 use crate::columns::f32_of_half;
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use std::ops::Range;
 use surfel_model::{Column3, ExtraValues};
 
 /// The types of number that files store.
@@ -32,6 +36,11 @@ impl NumberType {
         }
     }
 
+    /// True if every number of the type is an f32.
+    pub(crate) fn fits_f32(self) -> bool {
+        self.bytes() <= 2 || self == Self::F32
+    }
+
     pub(crate) fn is_integer(self) -> bool {
         !matches!(self, Self::F16 | Self::F32 | Self::F64)
     }
@@ -41,11 +50,94 @@ impl NumberType {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Strided<'a> {
     /// From the first number to the end of the last.
-    bytes: &'a [u8],
+    bytes: Bytes<'a>,
     stride: usize,
     rows: usize,
     kind: NumberType,
     big_endian: bool,
+}
+
+/// Bytes and rows of columns that are in memory at a time, in each thread.
+const BLOCK_BYTES: usize = 1 << 18;
+const BLOCK_ROWS: usize = 1 << 14;
+
+/// Some rows of K columns as `f64`, and where they are made.
+struct Block<const K: usize> {
+    bytes: [Vec<u8>; K],
+    numbers: [Vec<f64>; K],
+}
+
+impl<const K: usize> Block<K> {
+    fn new() -> Self {
+        Self { bytes: [const { Vec::new() }; K], numbers: [const { Vec::new() }; K] }
+    }
+
+    /// Reads rows that the columns have.
+    fn read(&mut self, columns: &[Strided<'_>; K], rows: Range<usize>) {
+        let Some(parts) = columns.iter().map(|c| c.part(rows.clone())).collect::<Option<Vec<_>>>() else { return };
+        let Ok(parts) = <[Bytes<'_>; K]>::try_from(parts) else { return };
+        let mut decode = |k: usize, bytes: &[u8]| columns[k].decode(bytes, rows.len(), &mut self.numbers[k]);
+        if let Some((hull, starts)) = Bytes::hull(parts) {
+            let bytes = hull.read_into(&mut self.bytes[0]);
+            starts.into_iter().enumerate().for_each(|(k, start)| decode(k, &bytes[start..]));
+        } else {
+            for (k, part) in parts.into_iter().enumerate() {
+                decode(k, part.read_into(&mut self.bytes[k]));
+            }
+        }
+    }
+
+    fn row(&self, row: usize) -> [f64; K] {
+        std::array::from_fn(|k| self.numbers[k][row])
+    }
+}
+
+/// How many rows of these columns make a block.
+fn block_rows(columns: &[Strided<'_>]) -> usize {
+    let stride = columns.iter().map(|c| c.stride).max().unwrap_or(1);
+    (BLOCK_BYTES / stride.max(1)).clamp(1, BLOCK_ROWS)
+}
+
+/// A function of every row of columns of the same length.
+pub(crate) fn combined<const K: usize, R: Copy + Default + Send>(
+    columns: [Strided<'_>; K],
+    f: impl Fn([f64; K]) -> R + Sync,
+) -> Vec<R> {
+    let mut all = vec![R::default(); columns[0].rows];
+    let rows = block_rows(&columns);
+    all.par_chunks_mut(rows).enumerate().for_each_init(Block::new, |block, (i, out)| {
+        block.read(&columns, i * rows..i * rows + out.len());
+        out.iter_mut().enumerate().for_each(|(row, out)| *out = f(block.row(row)));
+    });
+    all
+}
+
+/// Folds the rows of each block of columns of the same length, and then the blocks in their order.
+fn folded<const K: usize, R: Clone + Send + Sync>(
+    columns: [Strided<'_>; K],
+    none: R,
+    fold: impl Fn(R, [f64; K]) -> R + Sync,
+    join: impl Fn(R, R) -> R,
+) -> R {
+    let (count, rows) = (columns[0].rows, block_rows(&columns));
+    let of_block = |block: &mut Block<K>, i: usize| {
+        let range = i * rows..count.min((i + 1) * rows);
+        block.read(&columns, range.clone());
+        (0..range.len()).fold(none.clone(), |all, row| fold(all, block.row(row)))
+    };
+    let blocks: Vec<R> = (0..count.div_ceil(rows)).into_par_iter().map_init(Block::new, of_block).collect();
+    blocks.into_iter().fold(none.clone(), join)
+}
+
+/// The least and the largest finite number of each column; infinities where there is none.
+pub(crate) fn ranges<const K: usize>(columns: [Strided<'_>; K]) -> [(f64, f64); K] {
+    let wider = |(a, b): (f64, f64), (c, d): (f64, f64)| (a.min(c), b.max(d));
+    let none = [(f64::INFINITY, f64::NEG_INFINITY); K];
+    let join = |a: [(f64, f64); K], b: [(f64, f64); K]| std::array::from_fn(|k| wider(a[k], b[k]));
+    let with = |all: [(f64, f64); K], row: [f64; K]| {
+        std::array::from_fn(|k| if row[k].is_finite() { wider(all[k], (row[k], row[k])) } else { all[k] })
+    };
+    folded(columns, none, with, join)
 }
 
 /// Evaluates an expression with `$number` the function that makes an `f64` of the bytes of a number of the column's
@@ -81,7 +173,7 @@ macro_rules! by_type {
 impl<'a> Strided<'a> {
     /// The column that begins at `offset`; `None` if it doesn't lie within `bytes`.
     pub(crate) fn new(
-        bytes: &'a [u8],
+        bytes: Bytes<'a>,
         offset: usize,
         stride: usize,
         rows: usize,
@@ -92,7 +184,7 @@ impl<'a> Strided<'a> {
             0 => 0,
             rows => stride.checked_mul(rows - 1)?.checked_add(kind.bytes())?,
         };
-        let bytes = bytes.get(offset..offset.checked_add(length)?)?;
+        let bytes = bytes.part(offset..offset.checked_add(length)?)?;
         (stride >= kind.bytes()).then_some(Self { bytes, stride, rows, kind, big_endian })
     }
 
@@ -109,108 +201,110 @@ impl<'a> Strided<'a> {
         (kind.bytes() == self.kind.bytes()).then_some(Self { kind, ..self })
     }
 
-    /// The bytes of each number, little endian.
-    #[inline]
-    fn raw<const N: usize>(&self) -> impl Iterator<Item = [u8; N]> {
-        let big_endian = self.big_endian;
-        self.bytes.chunks(self.stride).map(move |row| {
-            let mut raw = row.first_chunk::<N>().copied().unwrap_or([0; N]);
-            if big_endian {
-                raw.reverse();
-            }
-            raw
-        })
+    /// The bytes of these rows; `None` if there are none or it doesn't have them.
+    fn part(&self, rows: Range<usize>) -> Option<Bytes<'a>> {
+        let last = rows.end.checked_sub(1).filter(|last| rows.start <= *last)?;
+        self.bytes.part(rows.start * self.stride..last * self.stride + self.kind.bytes())
+    }
+
+    /// The numbers of rows whose bytes these are.
+    fn decode(&self, bytes: &[u8], rows: usize, numbers: &mut Vec<f64>) {
+        numbers.clear();
+        by_type!(self, number => {
+            let of_row = |row: &[u8]| {
+                let mut raw = row.first_chunk().copied().unwrap_or_default();
+                if self.big_endian {
+                    raw.reverse();
+                }
+                number(raw)
+            };
+            numbers.extend(bytes.chunks(self.stride).take(rows).map(of_row));
+        });
+        numbers.resize(rows, 0.0);
     }
 
     /// A number; 0 beyond the last.
-    #[inline]
     pub(crate) fn at(&self, row: usize) -> f64 {
-        by_type!(self, number => number(self.raw_at(row)))
-    }
-
-    /// The bytes of a number, little endian; zeros beyond the last.
-    #[inline]
-    fn raw_at<const N: usize>(&self, row: usize) -> [u8; N] {
-        let mut raw = self.bytes.get(row * self.stride..).and_then(<[u8]>::first_chunk).copied().unwrap_or([0; N]);
-        if self.big_endian {
-            raw.reverse();
+        let mut block = Block::new();
+        if row < self.rows {
+            block.read(&[*self], row..row + 1);
         }
-        raw
-    }
-
-    /// Three columns of bytes, row by row.
-    pub(crate) fn bytes_of([a, b, c]: [Self; 3]) -> impl Iterator<Item = [u8; 3]> {
-        let rows = |c: Self| c.bytes.chunks(c.stride).map(|row| row.first().copied().unwrap_or(0));
-        rows(a).zip(rows(b)).zip(rows(c)).map(|((a, b), c)| [a, b, c])
+        block.numbers[0].first().copied().unwrap_or(0.0)
     }
 
     /// A function of every number.
-    pub(crate) fn map<R>(&self, f: impl Fn(f64) -> R) -> Vec<R> {
-        let mut all = Vec::with_capacity(self.rows);
-        by_type!(self, number => all.extend(self.raw().map(|raw| f(number(raw)))));
-        all
-    }
-
-    /// The least and the largest finite number; infinities where there is none.
-    pub(crate) fn range(&self) -> (f64, f64) {
-        let wider = |(a, b): (f64, f64), v: f64| if v.is_finite() { (a.min(v), b.max(v)) } else { (a, b) };
-        let none = (f64::INFINITY, f64::NEG_INFINITY);
-        by_type!(self, number => self.raw().map(number).fold(none, wider))
+    pub(crate) fn map<R: Copy + Default + Send>(&self, f: impl Fn(f64) -> R + Sync) -> Vec<R> {
+        combined([*self], |[v]| f(v))
     }
 
     /// The largest finite number, at least 0.
     pub(crate) fn largest(&self) -> f64 {
-        self.range().1.max(0.0)
+        let [(_, largest)] = ranges([*self]);
+        largest.max(0.0)
     }
 
     /// The numbers in their own type; those that the model doesn't have become `f64`, halves `f32`.
     pub(crate) fn values(&self) -> ExtraValues {
-        macro_rules! collect {
-            ($t:ty) => {
-                self.raw().map(<$t>::from_le_bytes).collect()
-            };
-        }
         match self.kind {
-            NumberType::I8 => ExtraValues::I8(collect!(i8)),
-            NumberType::U8 => ExtraValues::U8(collect!(u8)),
-            NumberType::I16 => ExtraValues::I16(collect!(i16)),
-            NumberType::U16 => ExtraValues::U16(collect!(u16)),
-            NumberType::I32 => ExtraValues::I32(collect!(i32)),
-            NumberType::U32 => ExtraValues::U32(collect!(u32)),
-            NumberType::F32 => ExtraValues::F32(collect!(f32)),
-            NumberType::F16 => ExtraValues::F32(self.map(|v| v as f32)),
+            NumberType::I8 => ExtraValues::I8(self.map(|v| v as i8)),
+            NumberType::U8 => ExtraValues::U8(self.map(|v| v as u8)),
+            NumberType::I16 => ExtraValues::I16(self.map(|v| v as i16)),
+            NumberType::U16 => ExtraValues::U16(self.map(|v| v as u16)),
+            NumberType::I32 => ExtraValues::I32(self.map(|v| v as i32)),
+            NumberType::U32 => ExtraValues::U32(self.map(|v| v as u32)),
+            NumberType::F16 | NumberType::F32 => ExtraValues::F32(self.map(|v| v as f32)),
             NumberType::I64 | NumberType::U64 | NumberType::F64 => ExtraValues::F64(self.map(|v| v)),
         }
     }
 }
 
-/// Three columns of the same length as vectors, with their origin.
+/// Three columns of the same length as vectors, with their origin, as [`Column3::with_origin`] makes them.
 pub(crate) fn with_origin(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
-    let [x, y, z] = columns;
-    if columns.iter().all(|c| c.kind == NumberType::F64) {
-        let number = |c: &Strided<'_>, i: usize| f64::from_le_bytes(c.raw_at(i));
-        Column3::with_origin_of(x.rows, |i| DVec3::new(number(&x, i), number(&y, i), number(&z, i)))
-    } else {
-        Column3::with_origin_of(x.rows, |i| DVec3::new(x.at(i), y.at(i), z.at(i)))
+    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
+    let with = |(min, max, exact): (DVec3, DVec3, bool), p: [f64; 3]| {
+        let p = DVec3::from(p);
+        let exact = exact && split(p).1 == Vec3::ZERO;
+        if p.is_finite() { (min.min(p), max.max(p), exact) } else { (min, max, exact) }
+    };
+    let (min, max, exact) = folded(columns, none, with, |(a, b, e), (c, d, f)| (a.min(c), b.max(d), e && f));
+    if exact {
+        return (DVec3::ZERO, Column3::from_f32(vectors_f32(columns)));
     }
+    let origin = Column3::origin_of(min, max);
+    (origin, of_f64(columns, origin))
+}
+
+/// A vector as f32, and what that rounds away of it.
+fn split(p: DVec3) -> (Vec3, Vec3) {
+    let high = p.as_vec3();
+    (high, if high.is_finite() { (p - high.as_dvec3()).as_vec3() } else { Vec3::ZERO })
+}
+
+/// Three columns of the same length as vectors from `origin`, with what f32 rounds away of them.
+pub(crate) fn of_f64(columns: [Strided<'_>; 3], origin: DVec3) -> Column3 {
+    let (mut high, mut low) = (vec![[0.0; 3]; columns[0].rows], vec![[0.0; 3]; columns[0].rows]);
+    let rows = block_rows(&columns);
+    let blocks = high.par_chunks_mut(rows).zip(low.par_chunks_mut(rows)).enumerate();
+    blocks.for_each_init(Block::new, |block, (i, (high, low))| {
+        block.read(&columns, i * rows..i * rows + high.len());
+        for (row, (high, low)) in high.iter_mut().zip(low).enumerate() {
+            let (h, l) = split(DVec3::from(block.row(row)) - origin);
+            (*high, *low) = (h.to_array(), l.to_array());
+        }
+    });
+    let [high, low] = [high, low].map(vectors);
+    let exact = low.iter().all(|l| *l == Vec3::ZERO);
+    Column3::from_parts(high, (!exact).then_some(low))
 }
 
 /// Three columns of the same length as vectors of f32. Numbers of more digits are rounded.
 pub(crate) fn vectors_f32(columns: [Strided<'_>; 3]) -> Vec<Vec3> {
-    let [x, y, z] = columns;
-    let mut all = Vec::with_capacity(x.rows);
-    if columns.iter().all(|c| c.kind == NumberType::F32) {
-        let number = |raw: [u8; 4]| f32::from_le_bytes(raw);
-        let rows = x.raw().zip(y.raw()).zip(z.raw());
-        all.extend(rows.map(|((x, y), z)| Vec3::new(number(x), number(y), number(z))));
-    } else if columns.iter().all(|c| c.kind == NumberType::F64) {
-        let number = |raw: [u8; 8]| f64::from_le_bytes(raw) as f32;
-        let rows = x.raw().zip(y.raw()).zip(z.raw());
-        all.extend(rows.map(|((x, y), z)| Vec3::new(number(x), number(y), number(z))));
-    } else {
-        all.extend((0..x.rows).map(|i| DVec3::new(x.at(i), y.at(i), z.at(i)).as_vec3()));
-    }
-    all
+    vectors(combined(columns, |row| row.map(|v| v as f32)))
+}
+
+/// The same memory as vectors: they have the layout of arrays, so that it is reused.
+fn vectors(arrays: Vec<[f32; 3]>) -> Vec<Vec3> {
+    arrays.into_iter().map(Vec3::from_array).collect()
 }
 
 #[cfg(test)]
@@ -220,7 +314,8 @@ mod tests {
     #[test]
     fn columns_lie_within_their_bytes() {
         let bytes: Vec<u8> = (0..24).collect();
-        let column = |offset, stride, rows| Strided::new(&bytes, offset, stride, rows, NumberType::U16, false);
+        let column =
+            |offset, stride, rows| Strided::new(Bytes::Memory(&bytes), offset, stride, rows, NumberType::U16, false);
         assert!(column(0, 12, 2).is_some() && column(10, 12, 2).is_some() && column(11, 12, 2).is_none());
         assert!(column(0, 2, 12).is_some() && column(0, 2, 13).is_none() && column(0, 1, 3).is_none());
         assert!(column(24, 2, 0).is_some() && column(25, 2, 0).is_none());
@@ -244,7 +339,8 @@ mod tests {
             let n = kind.bytes();
             let mut big = little[offset..offset + n].to_vec();
             big.reverse();
-            let columns = [Strided::new(&little, offset, n, 1, kind, false), Strided::new(&big, 0, n, 1, kind, true)];
+            let column = |bytes, at, big| Strided::new(Bytes::Memory(bytes), at, n, 1, kind, big);
+            let columns = [column(&little, offset, false), column(&big, 0, true)];
             for column in columns.map(Option::unwrap) {
                 assert_eq!((column.at(0), column.map(|v| v)), (expected, vec![expected]), "{kind:?}");
                 assert_eq!(crate::columns::to_f64(&column.values()), [expected], "{kind:?}");

@@ -2,9 +2,11 @@
 
 #![cfg_attr(not(feature = "gaussians"), allow(dead_code))]
 
+use crate::bytes::Bytes;
 use crate::error::{Fault, Problem, quote};
 use crate::files::{most_unpacked, most_unpacked_in_words};
 use flate2::read::DeflateDecoder;
+#[cfg(feature = "gaussians")]
 use std::borrow::Cow;
 use std::io::Read;
 
@@ -12,21 +14,35 @@ use std::io::Read;
 const DEFLATE_EXPANSION: u64 = 1032;
 /// A ZIP file's directory.
 pub(crate) struct Archive<'a> {
-    bytes: &'a [u8],
-    members: Vec<Member<'a>>,
+    bytes: Bytes<'a>,
+    members: Vec<Member>,
     /// Bytes that may still be unpacked.
     budget: u64,
 }
 
-#[derive(Clone, Copy)]
-struct Member<'a> {
-    name: &'a [u8],
+struct Member {
+    name: Vec<u8>,
     method: u16,
     encrypted: bool,
     packed: u64,
     whole: u64,
     /// Where its local header begins.
     start: u64,
+}
+
+/// What a member holds: as it is stored, or unpacked.
+pub(crate) enum Content<'a> {
+    Stored(Bytes<'a>),
+    Inflated(Vec<u8>),
+}
+
+impl Content<'_> {
+    pub(crate) fn bytes(&self) -> Bytes<'_> {
+        match self {
+            Self::Stored(bytes) => *bytes,
+            Self::Inflated(bytes) => Bytes::Memory(bytes),
+        }
+    }
 }
 
 fn u16_at(bytes: &[u8], at: usize) -> Option<u16> {
@@ -46,14 +62,14 @@ fn damaged(what: impl Into<String>) -> Fault {
 }
 
 impl<'a> Archive<'a> {
-    pub(crate) fn open(bytes: &'a [u8]) -> Result<Self, Fault> {
+    pub(crate) fn of(bytes: Bytes<'a>) -> Result<Self, Fault> {
         let members = directory(bytes).ok_or_else(|| damaged("the ZIP file has no directory at its end"))?;
         Ok(Self { bytes, members, budget: most_unpacked(bytes.len()) })
     }
 
     /// Names of the members in the directory's order.
-    pub(crate) fn names(&self) -> impl Iterator<Item = Cow<'a, str>> {
-        self.members.iter().map(|m| String::from_utf8_lossy(m.name))
+    pub(crate) fn names(&self) -> impl Iterator<Item = String> {
+        self.members.iter().map(|m| String::from_utf8_lossy(&m.name).into_owned())
     }
 
     /// The member of this name.
@@ -61,20 +77,25 @@ impl<'a> Archive<'a> {
         self.members.iter().position(|m| m.name == name.as_bytes())
     }
 
-    /// What the member of this index holds.
+    /// What the member of this index holds, in memory.
+    #[cfg(feature = "gaussians")]
     pub(crate) fn read(&mut self, index: usize) -> Result<Cow<'a, [u8]>, Fault> {
-        let member = self.members.get(index).copied();
-        self.unpack(member.ok_or_else(|| damaged("the ZIP file lacks a member"))?)
+        Ok(match self.open(index)? {
+            Content::Stored(bytes) => bytes.read(),
+            Content::Inflated(bytes) => bytes.into(),
+        })
     }
 
-    fn unpack(&mut self, member: Member<'a>) -> Result<Cow<'a, [u8]>, Fault> {
-        let name = quote(member.name);
-        let data = data_of(self.bytes, &member).ok_or_else(|| damaged(format!("the ZIP file ends within {name}")))?;
+    /// What the member of this index holds.
+    pub(crate) fn open(&mut self, index: usize) -> Result<Content<'a>, Fault> {
+        let member = self.members.get(index).ok_or_else(|| damaged("the ZIP file lacks a member"))?;
+        let name = quote(&member.name);
+        let data = data_of(self.bytes, member).ok_or_else(|| damaged(format!("the ZIP file ends within {name}")))?;
         if member.encrypted {
             return Err(Problem::new(format!("{name} in the ZIP file is encrypted")).help("unpack it first").into());
         }
         match member.method {
-            0 => Ok(data.into()),
+            0 => Ok(Content::Stored(data)),
             8 => {
                 let backed = member.whole <= (member.packed + 1).saturating_mul(DEFLATE_EXPANSION);
                 if !backed || member.whole > self.budget {
@@ -83,11 +104,11 @@ impl<'a> Archive<'a> {
                 }
                 self.budget -= member.whole;
                 let mut content = Vec::new();
-                let read = DeflateDecoder::new(data).take(member.whole + 1).read_to_end(&mut content);
+                let read = DeflateDecoder::new(data.reader()).take(member.whole + 1).read_to_end(&mut content);
                 if read.is_err() || content.len() as u64 != member.whole {
                     return Err(damaged(format!("{name} in the ZIP file is damaged")));
                 }
-                Ok(content.into())
+                Ok(Content::Inflated(content))
             }
             method => {
                 let problem = Problem::new(format!("{name} in the ZIP file is compressed by method {method}"));
@@ -98,32 +119,36 @@ impl<'a> Archive<'a> {
 }
 
 /// The bytes of a member, after its local header.
-fn data_of<'a>(bytes: &'a [u8], member: &Member<'_>) -> Option<&'a [u8]> {
-    let local = bytes.get(usize::try_from(member.start).ok()?..)?;
-    if u32_at(local, 0)? != 0x0403_4b50 {
+fn data_of<'a>(bytes: Bytes<'a>, member: &Member) -> Option<Bytes<'a>> {
+    let start = usize::try_from(member.start).ok()?;
+    let local = bytes.at_most(start, 30);
+    if u32_at(&local, 0)? != 0x0403_4b50 {
         return None;
     }
-    let start = 30 + usize::from(u16_at(local, 26)?) + usize::from(u16_at(local, 28)?);
-    local.get(start..)?.get(..usize::try_from(member.packed).ok()?)
+    let header = 30 + usize::from(u16_at(&local, 26)?) + usize::from(u16_at(&local, 28)?);
+    let data = start.checked_add(header)?;
+    bytes.part(data..data.checked_add(usize::try_from(member.packed).ok()?)?)
 }
 
-fn directory(bytes: &[u8]) -> Option<Vec<Member<'_>>> {
+fn directory(bytes: Bytes<'_>) -> Option<Vec<Member>> {
     // The end record has 22 bytes and a comment of up to 65535.
-    let tail = bytes.len().saturating_sub(22 + 65_535);
-    let end = (tail..bytes.len().checked_sub(21)?).rev().find(|&at| u32_at(bytes, at) == Some(0x0605_4b50))?;
-    let (mut count, mut start) = (u64::from(u16_at(bytes, end + 10)?), u64::from(u32_at(bytes, end + 16)?));
+    let tail_start = bytes.len().saturating_sub(22 + 65_535);
+    let tail = bytes.at_most(tail_start, usize::MAX);
+    let end = (0..tail.len().checked_sub(21)?).rev().find(|&at| u32_at(&tail, at) == Some(0x0605_4b50))?;
+    let (mut count, mut start) = (u64::from(u16_at(&tail, end + 10)?), u64::from(u32_at(&tail, end + 16)?));
     if count == 0xffff || start == 0xffff_ffff {
         // ZIP64: a record of 20 bytes before it says where the larger end record is.
-        let locator = end.checked_sub(20).filter(|&at| u32_at(bytes, at) == Some(0x0706_4b50));
-        if let Some(locator) = locator {
-            let larger = usize::try_from(u64_at(bytes, locator + 8)?).ok()?;
-            if u32_at(bytes, larger)? != 0x0606_4b50 {
+        let locator = (tail_start + end).checked_sub(20).map(|at| bytes.at_most(at, 20));
+        if let Some(locator) = locator.filter(|locator| u32_at(locator, 0) == Some(0x0706_4b50)) {
+            let larger = bytes.at_most(usize::try_from(u64_at(&locator, 8)?).ok()?, 56);
+            if u32_at(&larger, 0)? != 0x0606_4b50 {
                 return None;
             }
-            (count, start) = (u64_at(bytes, larger.checked_add(32)?)?, u64_at(bytes, larger.checked_add(48)?)?);
+            (count, start) = (u64_at(&larger, 32)?, u64_at(&larger, 48)?);
         }
     }
-    let mut rest = bytes.get(usize::try_from(start).ok()?..)?;
+    let all = bytes.at_most(usize::try_from(start).ok()?, usize::MAX);
+    let mut rest = &all[..];
     let mut members = Vec::new();
     for _ in 0..count {
         if u32_at(rest, 0)? != 0x0201_4b50 {
@@ -132,7 +157,7 @@ fn directory(bytes: &[u8]) -> Option<Vec<Member<'_>>> {
         let [name, extra, comment] = [28, 30, 32].map(|at| u16_at(rest, at).map(usize::from));
         let (name, extra, comment) = (name?, extra?, comment?);
         let mut member = Member {
-            name: rest.get(46..46 + name)?,
+            name: rest.get(46..46 + name)?.to_vec(),
             method: u16_at(rest, 10)?,
             encrypted: u16_at(rest, 8)? & 1 == 1,
             packed: u32_at(rest, 20)?.into(),
@@ -147,7 +172,7 @@ fn directory(bytes: &[u8]) -> Option<Vec<Member<'_>>> {
 }
 
 /// Replaces the sizes that don't fit 32 bits by those of the ZIP64 field.
-fn widen(member: &mut Member<'_>, mut extra: &[u8]) {
+fn widen(member: &mut Member, mut extra: &[u8]) {
     while let (Some(tag), Some(length)) = (u16_at(extra, 0), u16_at(extra, 2)) {
         let Some((mut field, after)) = extra[4..].split_at_checked(length.into()) else { return };
         if tag == 1 {

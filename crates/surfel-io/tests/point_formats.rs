@@ -708,3 +708,87 @@ fn files_that_are_not_read_are_named() {
     tar[257..262].copy_from_slice(b"ustar");
     refused("a.tar", tar, "TAR archive");
 }
+
+/// Columns of files are read in blocks by several threads, and are what they are from memory.
+#[test]
+fn columns_of_files_are_those_of_memory() {
+    let rows = 40_001;
+    let number = |row: usize, column: usize| ((row * 7919 + column * 104_729) % 100_003) as f64 / 64.0;
+    let npy = |kind: &str, shape: &str, fortran: &str, data: &[u8]| {
+        let header = format!("{{'descr': {kind}, 'fortran_order': {fortran}, 'shape': {shape}}}\n");
+        let length = (header.len() as u16).to_le_bytes();
+        [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), data].concat()
+    };
+    let f32s = |columns: usize| -> Vec<u8> {
+        (0..rows).flat_map(|r| (0..columns).flat_map(move |c| (number(r, c) as f32).to_le_bytes())).collect()
+    };
+    let georeferenced: Vec<u8> =
+        (0..rows).flat_map(|r| (0..3).flat_map(move |c| (4e6 + number(r, c) / 3.0).to_le_bytes())).collect();
+    let by_column: Vec<u8> = (0..3).flat_map(|c| (0..rows).flat_map(move |r| number(r, c).to_be_bytes())).collect();
+    let mixed = |big_endian: bool| -> Vec<u8> {
+        let row = |r: usize| {
+            let mut bytes = Vec::new();
+            for c in 0..3 {
+                let v = 5e5 + number(r, c) / 7.0;
+                bytes.extend(if big_endian { v.to_be_bytes() } else { v.to_le_bytes() });
+            }
+            bytes.extend([r as u8, (r / 3) as u8, 7]);
+            let (v, gps) = (r as u16, number(r, 4));
+            bytes.extend(if big_endian { v.to_be_bytes() } else { v.to_le_bytes() });
+            bytes.extend(if big_endian { gps.to_be_bytes() } else { gps.to_le_bytes() });
+            bytes
+        };
+        (0..rows).flat_map(row).collect()
+    };
+    let ply = |big_endian: bool| {
+        let format = if big_endian { "big" } else { "little" };
+        let properties = "property double x\nproperty double y\nproperty double z\nproperty uchar red\n\
+             property uchar green\nproperty uchar blue\nproperty ushort intensity\nproperty double gps\n";
+        let header = format!("ply\nformat binary_{format}_endian 1.0\nelement vertex {rows}\n{properties}end_header\n");
+        [header.into_bytes(), mixed(big_endian)].concat()
+    };
+    let pcd = |fields: &str, counts: &str, kinds: &str, sizes: &str, data: &[u8]| {
+        let header = format!(
+            "# .PCD v0.7\nFIELDS {fields}\nSIZE {sizes}\nTYPE {kinds}\nCOUNT {counts}\nPOINTS {rows}\nDATA binary\n"
+        );
+        [header.as_bytes(), data].concat()
+    };
+    let records = "[('x','<f8'),('y','<f8'),('z','<f8'),('rgb','u1',(3,)),('intensity','<u2'),('gps','<f8')]";
+    let files = [
+        ("a.npy", npy("'<f4'", &format!("({rows},3)"), "False", &f32s(3))),
+        ("b.npy", npy("'<f4'", &format!("({rows},6)"), "False", &f32s(6))),
+        ("c.npy", npy("'<f8'", &format!("({rows},3)"), "False", &georeferenced)),
+        ("d.npy", npy("'>f8'", &format!("({rows},3)"), "True", &by_column)),
+        ("e.npy", npy(records, &format!("({rows},)"), "False", &mixed(false))),
+        ("f.ply", ply(false)),
+        ("g.ply", ply(true)),
+        ("h.pcd", pcd("x y z rgb", "1 1 1 1", "F F F F", "4 4 4 4", &f32s(4))),
+        ("i.pcd", pcd("x y z feature", "1 1 1 3", "F F F F", "4 4 4 4", &f32s(6))),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in files {
+        let path = folder.path().join(name);
+        std::fs::write(&path, &bytes).unwrap();
+        let options = LoadOptions::default();
+        let of_file = surfel_io::load(&path, &options).unwrap();
+        let of_memory = load_bytes(&bytes, None, &path, &options).unwrap();
+        assert_eq!(of_file, of_memory, "{name}");
+        // Each number is what it was, also where blocks meet.
+        let Content::Points(points) = &of_file.content else { panic!("{name}") };
+        let all = [0, 1, 16_383, 16_384, 32_768, rows - 1].map(|r| {
+            let p = points.origin + points.positions.get(r);
+            let expected = match name {
+                "c.npy" => DVec3::from([0, 1, 2].map(|c| 4e6 + number(r, c) / 3.0)),
+                "e.npy" | "f.ply" | "g.ply" => DVec3::from([0, 1, 2].map(|c| 5e5 + number(r, c) / 7.0)),
+                _ => DVec3::from([0, 1, 2].map(|c| number(r, c))),
+            };
+            p.distance(expected)
+        });
+        assert!(all.iter().all(|d| *d < 1e-8), "{name}: {all:?}");
+        // One cut off is told as before.
+        let cut = &bytes[..bytes.len() - 1];
+        std::fs::write(&path, cut).unwrap();
+        let told = surfel_io::load(&path, &options).unwrap_err().to_string();
+        assert_eq!(told, load_bytes(cut, None, &path, &options).unwrap_err().to_string());
+    }
+}

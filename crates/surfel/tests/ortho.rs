@@ -95,16 +95,20 @@ const ALONG: usize = 85;
 /// Standard deviation of a point's height.
 const NOISE_M: f64 = 0.03;
 
-/// Points of the surface in rows, each away from its place at random, by a fifth of the spacing (standard deviation).
-fn scan() -> Vec<[f64; 3]> {
+/// Points of the surface in rows, each away from its place at random, by a fifth of the spacing (standard deviation);
+/// or anywhere.
+fn scan(anywhere: bool) -> Vec<[f64; 3]> {
     let spacing = SIDE_M / ALONG as f64;
     // The sum of twelve, less 6, is normal enough.
     let normal = |i: u64| (0..12).map(|k| random(12 * i + k)).sum::<f64>() - 6.0;
     (0..ALONG * ALONG)
         .map(|i| {
             let k = 3 * i as u64;
-            let x = ((i % ALONG) as f64 + 0.5 + 0.2 * normal(k)) * spacing;
-            let y = ((i / ALONG) as f64 + 0.5 + 0.2 * normal(k + 1)) * spacing;
+            let [column, row] = [i % ALONG, i / ALONG].map(|i| i as f64 + 0.5);
+            let [x, y] = match anywhere {
+                true => [random(12 * k), random(12 * k + 12)].map(|v| v * SIDE_M),
+                false => [(column + 0.2 * normal(k)) * spacing, (row + 0.2 * normal(k + 1)) * spacing],
+            };
             [x, y, surface(x, y).0 + NOISE_M * normal(k + 2)]
         })
         .collect()
@@ -162,36 +166,52 @@ fn mean_of(points: &[[f64; 3]], radius: f64, x: f64, y: f64) -> Option<f64> {
     (count > 0.0).then(|| sum / count)
 }
 
-/// The triangulation of the rows of points: two triangles for each four neighbours, divided by the shorter diagonal.
+/// Delaunay's triangulation: of all triangles around a place, its own is the lowest there once every point is lifted by
+/// its squared distance. A far one is exchanged, point by point, for lower ones.
 fn triangulated(points: &[[f64; 3]], x: f64, y: f64) -> Option<f64> {
-    let spacing = SIDE_M / ALONG as f64;
-    let middle = [x, y].map(|v| (v / spacing - 0.5).floor() as i64);
-    let corner = |i: i64, j: i64| points[j as usize * ALONG + i as usize];
-    for (di, dj) in (-2..=2).flat_map(|dj| (-2..=2).map(move |di| (di, dj))) {
-        let (i, j) = (middle[0] + di, middle[1] + dj);
-        if i < 0 || j < 0 || i + 1 >= ALONG as i64 || j + 1 >= ALONG as i64 {
-            continue;
-        }
-        let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
-        let distance = |p: [f64; 3], q: [f64; 3]| (p[0] - q[0]).hypot(p[1] - q[1]);
-        let triangles = if distance(a, c) < distance(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
-        for [p, q, r] in triangles {
-            let area =
-                |p: [f64; 3], q: [f64; 3], x: f64, y: f64| (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
-            let whole = area(p, q, r[0], r[1]);
-            let [u, v, w] = [area(q, r, x, y) / whole, area(r, p, x, y) / whole, area(p, q, x, y) / whole];
-            if u >= 0.0 && v >= 0.0 && w >= 0.0 {
-                return Some(u * p[2] + v * q[2] + w * r[2]);
-            }
+    const FAR: f64 = 1e4;
+    let from_here = points.iter().map(|p| [p[0] - x, p[1] - y, p[2]]);
+    let near: Vec<[f64; 3]> = from_here.filter(|p| p[0].hypot(p[1]) < 2.0).collect();
+    let mut corners = [[-FAR, -FAR, 0.0], [FAR, -FAR, 0.0], [0.0, FAR, 0.0]];
+    let cross = |a: [f64; 3], b: [f64; 3]| a[0] * b[1] - a[1] * b[0];
+    // Barycentric coordinates of the place, which is the origin.
+    let shares = |[a, b, c]: [[f64; 3]; 3]| {
+        let parts = [cross(b, c), cross(c, a), cross(a, b)];
+        parts.map(|part| part / parts.iter().sum::<f64>())
+    };
+    let lifted = |p: [f64; 3]| p[0] * p[0] + p[1] * p[1];
+    loop {
+        let [a, b, c] = corners;
+        // Height over the plane through the lifted corners.
+        let [ab, ac] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], lifted(p) - lifted(a)]);
+        let area = cross(ab, ac);
+        let slopes = [(ab[2] * ac[1] - ac[2] * ab[1]) / area, (ab[0] * ac[2] - ac[0] * ab[2]) / area];
+        let over = |p: &[f64; 3]| lifted(*p) - lifted(a) - slopes[0] * (p[0] - a[0]) - slopes[1] * (p[1] - a[1]);
+        let lowest = near.iter().copied().min_by(|p, q| over(p).total_cmp(&over(q)))?;
+        let around = |k: usize| {
+            let mut corners = corners;
+            corners[k] = lowest;
+            Some(corners).filter(|corners| shares(*corners).iter().all(|share| *share >= 0.0))
+        };
+        match (0..3).find_map(around).filter(|_| over(&lowest) < -1e-9) {
+            Some(lower) => corners = lower,
+            None => break,
         }
     }
-    None
+    let is_whole = corners.iter().all(|p| p[0].hypot(p[1]) < 2.0);
+    is_whole.then(|| shares(corners).iter().zip(corners).map(|(share, p)| share * p[2]).sum())
 }
 
 #[test]
-fn surface_model_is_nearer_than_means_and_as_near_as_a_triangulation() {
-    let folder = Folder::new("accuracy");
-    let points = scan();
+fn surface_model_is_nearer_than_means_and_a_triangulation() {
+    for anywhere in [false, true] {
+        accuracy(anywhere);
+    }
+}
+
+fn accuracy(anywhere: bool) {
+    let folder = Folder::new(if anywhere { "accuracy-anywhere" } else { "accuracy" });
+    let points = scan(anywhere);
     let files = folder.files("a");
     let options = OrthoOptions::new(GSD).with_bounds(Some([0.0, 0.0, SIDE_M, SIDE_M]));
     let (_, stats) = draw(&folder.write("scan.ply", &points, ""), &options, &files);
@@ -214,14 +234,16 @@ fn surface_model_is_nearer_than_means_and_as_near_as_a_triangulation() {
     let tin = errors(|x, y| triangulated(&points, x, y));
     // Noise: a triangle's height is the mean of three points, ours of those within a splat's radius.
     assert!(ours.flat_rmse < 0.8 * tin.flat_rmse && ours.flat_rmse < 0.6 * NOISE_M, "{ours:?} {tin:?}");
-    // At edges both can be no surer than the points are: of an edge of 48 m, a few pixels go either way by chance.
-    assert!(ours.rmse <= tin.rmse && ours.edge_m <= 1.03 * tin.edge_m, "{ours:?} {tin:?}");
+    // No triangle is on both sides of an edge, and many points know it better than three: of larger scenes the model
+    // has four fifths of the error; of an edge of 48 m, a few pixels go either way by chance.
+    println!("{ours:?} {tin:?}");
+    assert!(ours.rmse <= 0.95 * tin.rmse && ours.edge_m <= 0.9 * tin.edge_m, "{ours:?} {tin:?}");
 }
 
 #[test]
 fn images_of_the_same_points_have_the_same_pixels_where_they_overlap() {
     let folder = Folder::new("overlap");
-    let input = folder.write("scan.ply", &scan(), "");
+    let input = folder.write("scan.ply", &scan(false), "");
     // At this distance a block ends at 20.48, in the middle of both images.
     let options = |bounds| OrthoOptions::new(0.01).with_bounds(Some(bounds));
     let (a, b) = (folder.files("a"), folder.files("b"));
@@ -253,7 +275,7 @@ fn images_of_the_same_points_have_the_same_pixels_where_they_overlap() {
 #[test]
 fn georeferenced_points_keep_their_millimetres_and_their_system() {
     let folder = Folder::new("crs");
-    let points = scan();
+    let points = scan(false);
     let far: Vec<[f64; 3]> = points.iter().map(|[x, y, z]| [x + 637_000.0, y + 4_851_000.0, *z]).collect();
     let (near_files, far_files) = (folder.files("near"), folder.files("far"));
     let bounds = |x: f64, y: f64| Some([x + 5.05, y + 6.0, x + 25.0, y + 20.0]);
@@ -296,7 +318,7 @@ fn what_no_splat_covers_is_no_data() {
     let folder = Folder::new("gap");
     // A hole of 8 m by 8 m: far wider than a splat.
     let hole = |p: &[f64; 3]| (20.0..28.0).contains(&p[0]) && (2.0..10.0).contains(&p[1]);
-    let points: Vec<[f64; 3]> = scan().into_iter().filter(|p| !hole(p)).collect();
+    let points: Vec<[f64; 3]> = scan(false).into_iter().filter(|p| !hole(p)).collect();
     let files = folder.files("a");
     let (_, stats) = draw(&folder.write("scan.ply", &points, ""), &OrthoOptions::new(0.25), &files);
     let (width, colors) = levels(&files.color);
@@ -318,7 +340,7 @@ fn what_no_splat_covers_is_no_data() {
 #[test]
 fn what_cannot_be_drawn_is_one_clear_error() {
     let folder = Folder::new("errors");
-    let path = folder.write("scan.ply", &scan(), "");
+    let path = folder.write("scan.ply", &scan(false), "");
     let message = |path: &Path, options: &OrthoOptions| {
         let opened = Ortho::open(&[path], options, &NoProgress);
         opened.err().map(|e| e.to_string()).unwrap_or_default()
@@ -332,8 +354,8 @@ fn what_cannot_be_drawn_is_one_clear_error() {
     assert!(of(OrthoOptions::new(0.1).with_epsg(Some(4326))).contains("degrees"));
     let degrees = folder.write("degrees.ply", &[[7.0, 50.0, 100.0], [7.1, 50.1, 101.0]], "comment crs EPSG:4326\n");
     assert!(message(&degrees, &OrthoOptions::new(0.1)).contains("project it first"));
-    let other = folder.write("other.ply", &scan(), "comment crs EPSG:32633\n");
-    let first = folder.write("first.ply", &scan(), "comment crs EPSG:32632\n");
+    let other = folder.write("other.ply", &scan(false), "comment crs EPSG:32633\n");
+    let first = folder.write("first.ply", &scan(false), "comment crs EPSG:32632\n");
     let opened = Ortho::open(&[&first, &other], &OrthoOptions::new(0.5), &NoProgress);
     assert!(opened.err().unwrap().to_string().contains("--crs"));
 }
@@ -341,7 +363,7 @@ fn what_cannot_be_drawn_is_one_clear_error() {
 #[test]
 fn files_side_by_side_are_one() {
     let folder = Folder::new("files");
-    let points = scan();
+    let points = scan(false);
     let (west, east): (Vec<_>, Vec<_>) = points.iter().partition(|p| p[0] < 15.0);
     let paths = [folder.write("west.ply", &west, ""), folder.write("east.ply", &east, "")];
     let options = OrthoOptions::new(0.2).with_bounds(Some([10.0, 5.0, 20.0, 25.0]));

@@ -55,8 +55,8 @@ fn name(pass: Pass) -> &'static str {
 
 /// What was measured of a case.
 #[derive(Clone, Default)]
-struct Measured {
-    ms: Vec<f64>,
+pub(super) struct Measured {
+    pub(super) ms: Vec<f64>,
     bytes_per_splat: Option<f64>,
 }
 
@@ -113,8 +113,14 @@ fn decides_alike(plan: &FramePlan, other: &FramePlan) -> bool {
     *plan == FramePlan { splats: plan.splats, ..other.clone() }
 }
 
-/// Draws every case in turn, again and again; the first round warms up.
-fn measure(backends: &mut Backends, cases: &[Case], view: &View, runs: usize) -> Result<Vec<Measured>, Failure> {
+/// Draws every case in turn, again and again; the first round warms up. Each is drawn twice and timed once, as in
+/// [`super::measure`].
+pub(super) fn measure(
+    backends: &mut Backends,
+    cases: &[Case],
+    view: &View,
+    runs: usize,
+) -> Result<Vec<Measured>, Failure> {
     let mut uploads: Vec<BackendScene> = Vec::new();
     for case in cases {
         let backend = if case.quantised { &mut backends.narrow } else { &mut backends.wide };
@@ -125,10 +131,12 @@ fn measure(backends: &mut Backends, cases: &[Case], view: &View, runs: usize) ->
     for round in 0..=runs {
         for ((case, upload), measured) in cases.iter().zip(&uploads).zip(&mut measured) {
             let backend = if case.quantised { &mut backends.narrow } else { &mut backends.wide };
-            let (clock, busy) = (std::time::Instant::now(), busy_ms());
-            let Ok(stats) = backend.render_into(upload, view, &case.settings, case.planes, &mut frame) else {
+            let mut draw = || backend.render_into(upload, view, &case.settings, case.planes, &mut frame);
+            if draw().is_err() {
                 continue;
-            };
+            }
+            let (clock, busy) = (std::time::Instant::now(), busy_ms());
+            let stats = draw()?;
             let elapsed = clock.elapsed().as_secs_f64() * 1e3;
             let busy = busy_ms().zip(busy).map(|(end, start)| end - start).filter(|_| backends.on_cpu);
             measured.bytes_per_splat = Some(stats.bytes_per_splat);

@@ -32,7 +32,7 @@ pub(crate) struct Case {
 }
 
 impl Case {
-    fn new(name: &'static str, scene: Scene, settings: Settings) -> Self {
+    pub(super) fn new(name: &'static str, scene: Scene, settings: Settings) -> Self {
         let planes = Planes::COLOR;
         Self { name, scene, settings, planes, quantised: false, absent: false, other_scene: false }
     }
@@ -90,6 +90,11 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
         Case { other_scene: true, ..Case::new("trained Gaussians, one over another", gaussians()?, unlit) },
         Case { other_scene: true, ..Case::new("the same in the order of each pixel", gaussians()?, by_pixel) },
         Case { other_scene: true, ..Case::new("the same, filter principal", gaussians()?, principal) },
+        Case {
+            other_scene: true,
+            planes: Planes::COLOR.with_alpha(true).with_median_depth(true).with_distortion(true),
+            ..Case::new("the same, planes alpha, median depth, distortion", gaussians()?, unlit)
+        },
         Case::new("peel:4, nothing transparent", plain()?, peel).absent(),
         Case::new("abuffer:8, nothing transparent", plain()?, abuffer).absent(),
         Case::new("rows and labels, planes not asked for", with(rows)?, unlit).absent(),
@@ -111,7 +116,7 @@ fn cloud(change: impl FnOnce(&mut CloudData)) -> Result<SplatCloud, Failure> {
 }
 
 /// As many flat Gaussians where the plain scene's splats are, half as opaque.
-fn gaussians() -> Result<Scene, Failure> {
+pub(super) fn gaussians() -> Result<Scene, Failure> {
     let ball = clouds::ball(SPLATS)?;
     let count = ball.len();
     let sigma = |i: usize| 0.5 * ball.radius_max(i) as f32;
@@ -144,7 +149,7 @@ fn colors(data: &mut CloudData) {
 }
 
 /// Rows of a file, and a class each.
-fn rows(data: &mut CloudData) {
+pub(super) fn rows(data: &mut CloudData) {
     let n = data.centers.len() as u32;
     data.rows = Some((0..n).collect());
     data.labels = Some((0..n).map(|i| i % 7).collect());

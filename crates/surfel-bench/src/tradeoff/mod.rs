@@ -5,9 +5,11 @@ mod detail;
 mod features;
 mod figures;
 mod formulas;
+mod gaussians;
 mod measure;
 mod normals;
 mod page;
+mod planes;
 mod subjects;
 mod textures;
 mod truth;
@@ -96,6 +98,7 @@ pub(crate) struct Findings {
     pub figures: Figures,
     pub values: Vec<verdict::Value>,
     pub features: Table,
+    pub planes: Table,
     pub formulas: Table,
     pub textures: Table,
     pub normals: Table,
@@ -127,8 +130,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         eprintln!("octree: by level of detail");
         detail::all(size, arguments.quick, &mut backends, runs, &mut figures)?;
     }
-    eprintln!("features and formulas");
+    if arguments.wants("Gaussians") {
+        eprintln!("Gaussians: by order and filter");
+        gaussians::all(size, arguments.quick, &mut backends, runs, &mut figures)?;
+    }
+    eprintln!("features, planes and formulas");
     let features = costs::table(&mut backends, runs, size)?;
+    let planes = planes::table(&mut backends, runs, size)?;
     let (formulas, normals) = (formulas::table()?, normals::table());
     let textures = textures::table(&mut backends, size)?;
     drop(backends);
@@ -142,7 +150,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let values = verdict::values(&figures);
     let others = figures.others.iter().map(|other| (other.backend.clone(), verdict::fidelity(other))).collect();
     figures.seconds = Some(start.elapsed().as_secs_f64());
-    let findings = Findings { values, features, formulas, textures, normals, others, figures };
+    let findings = Findings { values, features, planes, formulas, textures, normals, others, figures };
     for (title, table) in tables(&findings) {
         println!("{title}\n\n{}", table.text());
     }
@@ -176,7 +184,7 @@ fn wanted(arguments: &Arguments, size: u32, quick: bool) -> Result<subjects::Sub
     let mut subjects = subjects::all(size, quick, &arguments.models)?;
     subjects.wanted.retain(|s| arguments.wants(s.name));
     subjects.left_out.retain(|(name, _)| arguments.wants(name));
-    if subjects.wanted.is_empty() && !arguments.wants("octree") {
+    if subjects.wanted.is_empty() && !["octree", "Gaussians"].iter().any(|name| arguments.wants(name)) {
         let why =
             subjects.left_out.iter().map(|(name, why)| format!("; {name} is left out: {why}")).collect::<String>();
         return Err(format!("no subject is called {}{why}", arguments.subject.join(" or ")).into());
@@ -208,6 +216,7 @@ fn tables(findings: &Findings) -> Vec<(String, Table)> {
         ("Model errors, RMSE".to_owned(), verdict::errors(figures, |r| r.model)),
         ("Model errors without rims, RMSE".to_owned(), verdict::errors(figures, |r| r.model_inside)),
         ("Features".to_owned(), findings.features.clone()),
+        ("Planes".to_owned(), findings.planes.clone()),
         ("Formulas".to_owned(), findings.formulas.clone()),
         ("Textures".to_owned(), findings.textures.clone()),
         ("Normals".to_owned(), findings.normals.clone()),

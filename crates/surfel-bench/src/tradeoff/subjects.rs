@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
 use surfel::model::{
-    CloudData, Column3, Cull, Geometry, Mesh, ModelError, Object, OnInvalid, Projection, Shader, Shape, Transparency,
+    CloudData, Column3, Cull, Geometry, Matcap, Mesh, ModelError, Object, OnInvalid, Projection, Shader, Shape,
+    Transparency,
 };
 use surfel::{Camera, Light, Material, NoProgress, Scene, Settings, SplatCloud};
 
@@ -120,7 +121,7 @@ fn scene(mut cloud: SplatCloud) -> Scene {
     if let Some(weight) = surfel::sample::interior_weight(&cloud) {
         cloud.set_interior_weight(weight);
     }
-    Scene { objects: vec![object(cloud)], ..Scene::default() }
+    Scene { objects: vec![object(cloud)], matcap: Some(Matcap::builtin()), ..Scene::default() }
 }
 
 /// Centre, normal, radius, colour.
@@ -196,7 +197,7 @@ fn zone_plate(size: u32) -> Result<Subject, Failure> {
 }
 
 /// A sphere in bands: every tilt there is, and a rim.
-fn ball(size: u32) -> Result<Subject, Failure> {
+pub(super) fn ball(size: u32) -> Result<Subject, Failure> {
     let pattern = |n: DVec3| [0.5 + 0.4 * (9.0 * n.x).sin(), 0.5 + 0.4 * (11.0 * n.y + 4.0 * n.z).sin(), 0.6];
     let count = 12_000;
     let golden = PI * (3.0 - 5f64.sqrt());
@@ -360,6 +361,7 @@ fn model(name: &'static str, about: &'static str, path: &Path, size: u32, sample
     let mut scene = opened.scene;
     // What the automatic background would add to a comparison is nothing.
     scene.background = [0.0; 4];
+    scene.matcap = Some(Matcap::builtin());
     for object in &mut scene.objects {
         if let Geometry::Splats(cloud) = &object.geometry {
             object.material.interior_weight =

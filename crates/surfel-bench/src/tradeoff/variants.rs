@@ -141,7 +141,14 @@ pub(crate) fn all(quick: bool) -> Vec<Variant> {
     }
     let off = new("transparency", &"off", Change::Transparency(Transparency::Off));
     variants.push(off.only(Only::Transparent));
-    for (name, shader) in [("unlit", Shader::Unlit), ("normal", Shader::Normal)] {
+    for (name, shader) in [
+        ("unlit", Shader::Unlit),
+        ("normal", Shader::Normal),
+        ("depth", Shader::Depth),
+        ("toon", Shader::Toon),
+        ("matcap", Shader::Matcap),
+        ("edl", Shader::Edl),
+    ] {
         variants.push(new("shader", &name, Change::Shader(shader)).only(Only::Lit));
     }
     let h = Settings::default().prefilter_radius_px;
@@ -173,6 +180,9 @@ pub(crate) fn default_value(knob: &str) -> &'static str {
         "edge antialiasing" => "off",
         "clip" => "exact",
         "shader" => "phong",
+        "sort" => "center",
+        "Gaussian filter" => "clamp",
+        "composite" => "over",
         "level of detail" => "1 px",
         _ => "the defaults",
     }

@@ -5,7 +5,10 @@ use super::encoding::PlyEncoding;
 use super::header::{ElementDef, Header, Kind, ScalarType};
 use super::table::{Lists, Table};
 use crate::ascii::{line_at, number, number_f32};
+use crate::bytes::Bytes;
+use crate::columns::Numbers;
 use crate::error::{Fault, Location, Problem, quote};
+use crate::strided::{NumberType, Strided};
 use std::ops::Range;
 use surfel_model::ExtraValues;
 
@@ -21,21 +24,26 @@ pub(crate) enum Want {
 }
 
 /// Reads the wanted elements in the order of the file, and stops after the last of them.
-pub(crate) fn read(
-    bytes: &[u8],
+///
+/// Elements of fixed length may be in a file; with others, `bytes` have to be in memory.
+pub(crate) fn read<'a>(
+    bytes: Bytes<'a>,
     header: &Header,
     want: impl Fn(&ElementDef) -> Want,
-) -> Result<Vec<(String, Table)>, Fault> {
+) -> Result<Vec<(String, Table<'a>)>, Fault> {
+    let memory = if let Bytes::Memory(memory) = bytes { memory } else { &[] };
     let last = header.elements.iter().rposition(|e| want(e) != Want::Nothing).map_or(0, |i| i + 1);
     let mut tables = Vec::new();
     let mut position = header.body;
     for element in &header.elements[..last] {
         let wanted = want(element);
-        let mut columns: Vec<Column> =
+        let mut columns: Vec<Column<'_>> =
             element.properties.iter().map(|p| Column::new(p.kind, &p.name, wanted)).collect();
-        let mut cursor = Cursor { bytes, position, element, row: 0, property: 0 };
+        let mut cursor = Cursor { bytes: memory, length: bytes.len(), position, element, row: 0, property: 0 };
+        let big_endian = header.encoding == PlyEncoding::BinaryBigEndian;
         match header.encoding {
             PlyEncoding::Ascii => read_ascii(&mut cursor, &mut columns)?,
+            _ if element.is_fixed() => read_rows(&mut cursor, bytes, big_endian, &mut columns)?,
             PlyEncoding::BinaryLittleEndian => read_binary::<false>(&mut cursor, &mut columns)?,
             PlyEncoding::BinaryBigEndian => read_binary::<true>(&mut cursor, &mut columns)?,
         }
@@ -46,7 +54,8 @@ pub(crate) fn read(
         let mut table = Table::default();
         for (column, property) in columns.into_iter().zip(&element.properties) {
             match column {
-                Column::Scalar(values) => table.scalars.push((property.name.clone(), values)),
+                Column::Scalar(values) => table.scalars.push((property.name.clone(), Numbers::Held(values))),
+                Column::Stored(column) => table.scalars.push((property.name.clone(), Numbers::Stored(column))),
                 Column::List(lists) => table.lists.push((property.name.clone(), lists)),
                 Column::Skip => {}
             }
@@ -56,13 +65,15 @@ pub(crate) fn read(
     Ok(tables)
 }
 
-enum Column {
+enum Column<'a> {
     Scalar(ExtraValues),
+    /// Numbers that stay where they are until they are asked for.
+    Stored(Strided<'a>),
     List(Lists),
     Skip,
 }
 
-impl Column {
+impl Column<'_> {
     fn new(kind: Kind, name: &str, want: Want) -> Self {
         match (kind, want) {
             (Kind::Scalar(t), Want::Scalars) => Self::Scalar(match t {
@@ -100,7 +111,10 @@ macro_rules! each {
 
 /// The place that has been read up to, which messages name.
 struct Cursor<'a> {
+    /// The file, if it is in memory.
     bytes: &'a [u8],
+    /// Of the file.
+    length: usize,
     position: usize,
     element: &'a ElementDef,
     row: usize,
@@ -117,7 +131,7 @@ impl Cursor<'_> {
         let count = self.element.count;
         let what = format!(
             "the file ends at byte {}, within element {} number {} of {count}",
-            self.bytes.len(),
+            self.length,
             quote(&self.element.name),
             self.row
         );
@@ -127,7 +141,7 @@ impl Cursor<'_> {
     }
 
     fn remaining(&self) -> usize {
-        self.bytes.len() - self.position
+        self.length - self.position
     }
 }
 
@@ -169,30 +183,8 @@ fn integer<T: TryFrom<i64>>(word: &[u8]) -> Option<T> {
     T::try_from(value).ok()
 }
 
-fn read_binary<const BIG: bool>(cursor: &mut Cursor<'_>, columns: &mut [Column]) -> Result<(), Fault> {
-    let properties = &cursor.element.properties;
-    // A row takes at least its scalars and the counts of its lists.
-    let least: usize = properties
-        .iter()
-        .map(|p| match p.kind {
-            Kind::Scalar(t) | Kind::List { count: t, .. } => t.bytes(),
-        })
-        .sum();
-    let count = cursor.element.count;
-    if least == 0 {
-        cursor.row = usize::try_from(count).unwrap_or(usize::MAX);
-        return Ok(());
-    }
-    let needed = count.saturating_mul(least as u64);
-    if needed > cursor.remaining() as u64 {
-        cursor.row = cursor.remaining() / least;
-        return Err(cursor.truncated(needed - cursor.remaining() as u64));
-    }
-    let rows = count as usize;
-    if properties.iter().all(|p| matches!(p.kind, Kind::Scalar(_))) {
-        read_rows::<BIG>(cursor, columns, rows, least);
-        return Ok(());
-    }
+fn read_binary<const BIG: bool>(cursor: &mut Cursor<'_>, columns: &mut [Column<'_>]) -> Result<(), Fault> {
+    let (rows, _) = backed_rows(cursor)?;
     for row in 0..rows {
         cursor.row = row;
         for (i, column) in columns.iter_mut().enumerate() {
@@ -247,28 +239,100 @@ fn to_i64<const BIG: bool>(kind: ScalarType, raw: &[u8]) -> i64 {
     }
 }
 
-/// Rows of fixed length, a block at a time: a block stays in cache while its columns are picked out of it.
-fn read_rows<const BIG: bool>(cursor: &mut Cursor<'_>, columns: &mut [Column], rows: usize, stride: usize) {
-    const BLOCK_ROWS: usize = 512;
-    let data = &cursor.bytes[cursor.position..cursor.position + rows * stride];
-    for column in columns.iter_mut() {
-        if let Column::Scalar(values) = column {
-            each!(values, v => v.reserve_exact(rows));
-        }
+/// The number of an element's rows, and the least bytes of one: its scalars and the counts of its lists. An error, if
+/// fewer bytes are left than they take.
+fn backed_rows(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
+    let properties = &cursor.element.properties;
+    let least: usize = properties
+        .iter()
+        .map(|p| match p.kind {
+            Kind::Scalar(t) | Kind::List { count: t, .. } => t.bytes(),
+        })
+        .sum();
+    let count = cursor.element.count;
+    if least == 0 {
+        cursor.row = usize::try_from(count).unwrap_or(usize::MAX);
+        return Ok((0, 0));
     }
-    for block in data.chunks(BLOCK_ROWS * stride) {
+    let needed = count.saturating_mul(least as u64);
+    if needed > cursor.remaining() as u64 {
+        cursor.row = cursor.remaining() / least;
+        return Err(cursor.truncated(needed - cursor.remaining() as u64));
+    }
+    Ok((count as usize, least))
+}
+
+/// Properties that become one column together, and so aren't copied before.
+const TOGETHER: [[&str; 3]; 5] =
+    [["x", "y", "z"], ["nx", "ny", "nz"], ["su", "sv", "sw"], ["tu", "tv", "tw"], ["red", "green", "blue"]];
+
+/// Rows of fixed length, a block at a time: a block stays in cache while its columns are picked out of it.
+fn read_rows<'a>(
+    cursor: &mut Cursor<'_>,
+    bytes: Bytes<'a>,
+    big_endian: bool,
+    columns: &mut [Column<'a>],
+) -> Result<(), Fault> {
+    const BLOCK_BYTES: usize = 1 << 18;
+    let (rows, stride) = backed_rows(cursor)?;
+    let end = cursor.position + rows * stride;
+    let data = bytes.part(cursor.position..end).ok_or_else(|| cursor.truncated(1))?;
+    (cursor.position, cursor.row) = (end, rows);
+    if rows == 0 {
+        return Ok(());
+    }
+    let properties = &cursor.element.properties;
+    let has = |name: &&str| properties.iter().any(|p| p.name == *name);
+    let mut offset = 0;
+    for (column, property) in columns.iter_mut().zip(properties) {
+        let Kind::Scalar(kind) = property.kind else { continue };
+        let together = TOGETHER.iter().any(|set| set.contains(&property.name.as_str()) && set.iter().all(|n| has(n)));
+        if let Column::Scalar(values) = column {
+            if let Some(stored) = Strided::new(data, offset, stride, rows, number_type(kind), big_endian)
+                && together
+            {
+                *column = Column::Stored(stored);
+            } else {
+                each!(values, v => v.reserve_exact(rows));
+            }
+        }
+        offset += kind.bytes();
+    }
+    if !columns.iter().any(|column| matches!(column, Column::Scalar(_))) {
+        return Ok(());
+    }
+    let block_rows = (BLOCK_BYTES / stride).max(1);
+    let mut buffer = Vec::new();
+    for first in (0..rows).step_by(block_rows) {
+        let range = first * stride..rows.min(first + block_rows) * stride;
+        let Some(block) = data.part(range).map(|part| part.read_into(&mut buffer)) else { break };
         let mut offset = 0;
-        for (column, property) in columns.iter_mut().zip(&cursor.element.properties) {
+        for (column, property) in columns.iter_mut().zip(properties) {
             let Kind::Scalar(kind) = property.kind else { continue };
             let end = offset + kind.bytes();
-            if let Column::Scalar(values) = column {
-                each!(values, v => pick::<_, BIG>(v, block, stride, offset..end));
+            match (column, big_endian) {
+                (Column::Scalar(values), true) => each!(values, v => pick::<_, true>(v, block, stride, offset..end)),
+                (Column::Scalar(values), false) => each!(values, v => pick::<_, false>(v, block, stride, offset..end)),
+                _ => {}
             }
             offset = end;
         }
     }
-    cursor.position += data.len();
-    cursor.row = rows;
+    Ok(())
+}
+
+/// The type as columns of numbers have it.
+fn number_type(kind: ScalarType) -> NumberType {
+    match kind {
+        ScalarType::I8 => NumberType::I8,
+        ScalarType::U8 => NumberType::U8,
+        ScalarType::I16 => NumberType::I16,
+        ScalarType::U16 => NumberType::U16,
+        ScalarType::I32 => NumberType::I32,
+        ScalarType::U32 => NumberType::U32,
+        ScalarType::F32 => NumberType::F32,
+        ScalarType::F64 => NumberType::F64,
+    }
 }
 
 /// Appends one column of a block of rows.
@@ -276,7 +340,7 @@ fn pick<T: Scalar, const BIG: bool>(column: &mut Vec<T>, block: &[u8], stride: u
     column.extend(block.chunks_exact(stride).map(|row| T::read::<BIG>(&row[bytes.clone()])));
 }
 
-fn read_ascii(cursor: &mut Cursor<'_>, columns: &mut [Column]) -> Result<(), Fault> {
+fn read_ascii(cursor: &mut Cursor<'_>, columns: &mut [Column<'_>]) -> Result<(), Fault> {
     if columns.is_empty() {
         return Ok(());
     }

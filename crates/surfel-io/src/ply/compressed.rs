@@ -14,7 +14,7 @@ const CHUNK: usize = 256;
 const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
 /// True of the vertices of such a file.
-pub(super) fn recognise(vertices: &Table) -> bool {
+pub(super) fn recognise(vertices: &Table<'_>) -> bool {
     vertices.has(PACKED[0])
 }
 
@@ -28,10 +28,10 @@ fn fraction(value: u32, shift: u32, bits: u32) -> f64 {
 struct Bounds([Vec<f64>; 3], [Vec<f64>; 3]);
 
 impl Bounds {
-    fn take(chunks: &mut Table, min: [&str; 3], max: [&str; 3]) -> Result<Self, Fault> {
+    fn take(chunks: &mut Table<'_>, min: [&str; 3], max: [&str; 3]) -> Result<Self, Fault> {
         let [a, b, c] = take(chunks, min)?;
         let [d, e, f] = take(chunks, max)?;
-        Ok(Self([a, b, c].map(|v| to_f64(&v)), [d, e, f].map(|v| to_f64(&v))))
+        Ok(Self([a, b, c].map(|v| to_f64(&v.into())), [d, e, f].map(|v| to_f64(&v.into()))))
     }
 
     /// The point at these fractions of a splat's chunk.
@@ -42,14 +42,14 @@ impl Bounds {
 }
 
 pub(super) fn build(
-    mut vertices: Table,
-    chunks: Option<Table>,
+    mut vertices: Table<'_>,
+    chunks: Option<Table<'_>>,
     harmonics: bool,
     comments: Vec<String>,
     context: &mut Context<'_>,
 ) -> Result<Content, Fault> {
     let (up, _) = interpret_comments(&comments)?;
-    let words = take(&mut vertices, PACKED)?;
+    let words = take(&mut vertices, PACKED)?.map(ExtraValues::from);
     let [ExtraValues::U32(positions), ExtraValues::U32(rotations), ExtraValues::U32(scales), ExtraValues::U32(colors)] =
         words
     else {

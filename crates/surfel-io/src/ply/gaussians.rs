@@ -14,7 +14,7 @@ const REQUIRED: [&str; 10] =
 
 /// True for a Gaussian-splat file; an error for one that lacks a part. A file with a radius or half-axes is in Surfel's
 /// own profile.
-pub(super) fn recognise(table: &Table) -> Result<bool, Fault> {
+pub(super) fn recognise(table: &Table<'_>) -> Result<bool, Fault> {
     if table.has("radius") || table.has("su") || !["scale_0", "rot_0", "f_dc_0"].iter().any(|n| table.has(n)) {
         return Ok(false);
     }
@@ -29,12 +29,12 @@ pub(super) fn recognise(table: &Table) -> Result<bool, Fault> {
     }
 }
 
-pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Context<'_>) -> Result<Content, Fault> {
+pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let (up, _) = interpret_comments(&comments)?;
     let (origin, centers) = take_positions(&mut table)?;
-    let third = table.take("scale_2").map(|v| to_f64(&v));
+    let third = table.take("scale_2").map(|v| to_f64(&v.into()));
     let [s0, s1, r0, r1, r2, r3, opacity, red, green, blue] = take(&mut table, REQUIRED)?;
-    let [s0, s1, w, x, y, z, opacity] = [s0, s1, r0, r1, r2, r3, opacity].map(|v| to_f64(&v));
+    let [s0, s1, w, x, y, z, opacity] = [s0, s1, r0, r1, r2, r3, opacity].map(|v| to_f64(&v.into()));
     let [red, green, blue] = [red, green, blue].map(to_f32);
     let n = centers.len();
     let harmonics = harmonics(&mut table, n, context);
@@ -57,7 +57,7 @@ pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Conte
 }
 
 /// The columns `f_rest_N`: all coefficients of red, then of green, then of blue.
-fn harmonics(table: &mut Table, splats: usize, context: &Context<'_>) -> Harmonics {
+fn harmonics(table: &mut Table<'_>, splats: usize, context: &Context<'_>) -> Harmonics {
     let rest = table.scalars.iter().filter(|(name, _)| name.starts_with("f_rest_")).count();
     let degree = [0, 9, 24, 45].iter().position(|n| *n == rest);
     let (Some(degree), true) = (degree, context.options.gaussians) else {

@@ -4,9 +4,9 @@ use super::encoding::PlyEncoding;
 use crate::error::{Fault, Location, Problem, quote};
 
 /// Longest header, in bytes. Bounds the number of properties, too.
-const MAX_HEADER_BYTES: usize = 1 << 20;
+pub(crate) const MAX_HEADER_BYTES: usize = 1 << 20;
 /// Longest header line, in bytes.
-const MAX_LINE_BYTES: usize = 1 << 16;
+pub(crate) const MAX_LINE_BYTES: usize = 1 << 16;
 
 /// A parsed header.
 #[derive(Debug)]
@@ -25,6 +25,13 @@ pub(crate) struct ElementDef {
     /// As the header says; nothing is allocated by it alone.
     pub(crate) count: u64,
     pub(crate) properties: Vec<PropertyDef>,
+}
+
+impl ElementDef {
+    /// True if its rows have all the same length in a binary file.
+    pub(crate) fn is_fixed(&self) -> bool {
+        self.properties.iter().all(|p| matches!(p.kind, Kind::Scalar(_)))
+    }
 }
 
 #[derive(Debug)]

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use surfel_model::Mesh;
 
 pub(super) fn build(
-    mut table: Table,
+    mut table: Table<'_>,
     faces: Option<Lists>,
     strips: Option<Lists>,
     comments: Vec<String>,

@@ -11,18 +11,30 @@ mod splats;
 mod table;
 pub(crate) mod write;
 
+use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem, list};
 use body::Want;
+use encoding::PlyEncoding;
+use header::ElementDef;
 use table::require;
 
 /// Names of the list of a face's or strip's corners.
 const INDEX_LISTS: &[&str] = &["vertex_indices", "vertex_index"];
 
 /// Reads a PLY file.
-pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
-    let header = header::parse(bytes)?;
+pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
+    // Beyond the longest header there is a byte that shows it to be too long.
+    let header = header::parse(&bytes.at_most(0, header::MAX_HEADER_BYTES + header::MAX_LINE_BYTES + 1))?;
+    let whole;
+    let is_fixed = header.encoding != PlyEncoding::Ascii && header.elements.iter().all(ElementDef::is_fixed);
+    let bytes = if is_fixed {
+        bytes
+    } else {
+        whole = bytes.read();
+        Bytes::Memory(&whole)
+    };
     let packed = header.elements.iter().any(|e| e.properties.iter().any(|p| p.name == "packed_position"));
     let tables = body::read(bytes, &header, |element| match element.name.as_str() {
         "vertex" => Want::Scalars,

@@ -11,7 +11,7 @@ use surfel_model::{ClipColumns, ClipCurve, ClipLine, ClipMode, CloudData, ExtraC
 const AXES: [&str; 6] = ["su", "sv", "sw", "tu", "tv", "tw"];
 const CURVE: [&str; 5] = ["clip_theta1", "clip_theta3", "clip_u", "clip_v", "clip_w"];
 
-pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Context<'_>) -> Result<Content, Fault> {
+pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let axes = AXES.iter().any(|n| table.has(n));
     let radius = table.has("radius");
     let (up, interior_weight) = interpret_comments(&comments)?;
@@ -35,7 +35,7 @@ pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Conte
     } else {
         (None, normals)
     };
-    let extras = table.scalars.into_iter().map(|(name, values)| ExtraColumn { name, values }).collect();
+    let extras = table.scalars.into_iter().map(|(name, values)| ExtraColumn { name, values: values.into() }).collect();
     let Some(shape) = shape else {
         if clips.is_some() {
             let problem = Problem::new("has clip properties, but no half-axes su sv sw tu tv tw to measure them in");
@@ -69,7 +69,7 @@ pub(super) fn build(mut table: Table, comments: Vec<String>, context: &mut Conte
     })
 }
 
-fn take_clips(table: &mut Table) -> Result<Option<ClipColumns>, Fault> {
+fn take_clips(table: &mut Table<'_>) -> Result<Option<ClipColumns>, Fault> {
     let curves = take_set(table, CURVE)?.map(|columns| {
         let [theta1, theta3, u, v, w] = columns.map(columns::to_f32);
         (0..w.len()).map(|i| ClipCurve { theta1: theta1[i], theta3: theta3[i], u: u[i], v: v[i], w: w[i] }).collect()
@@ -87,7 +87,7 @@ fn take_clips(table: &mut Table) -> Result<Option<ClipColumns>, Fault> {
     let modes = match table.take("clip_mode") {
         None => None,
         Some(values) => Some(
-            columns::to_f64(&values)
+            columns::to_f64(&values.into())
                 .iter()
                 .enumerate()
                 .map(|(i, mode)| match mode {

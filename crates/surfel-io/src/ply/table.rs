@@ -1,20 +1,21 @@
 //! The columns of a PLY element, and taking them out by name: a group of properties is complete or absent.
 
 use crate::columns;
+use crate::columns::Numbers;
 use crate::error::{Fault, Problem, list};
 use glam::DVec3;
-use surfel_model::{Column3, ExtraValues};
+use surfel_model::Column3;
 
 /// The columns of one element.
 #[derive(Debug, Default)]
-pub(crate) struct Table {
-    pub(crate) scalars: Vec<(String, ExtraValues)>,
+pub(crate) struct Table<'a> {
+    pub(crate) scalars: Vec<(String, Numbers<'a>)>,
     pub(crate) lists: Vec<(String, Lists)>,
 }
 
-impl Table {
+impl<'a> Table<'a> {
     /// Takes a column out.
-    pub(crate) fn take(&mut self, name: &str) -> Option<ExtraValues> {
+    pub(crate) fn take(&mut self, name: &str) -> Option<Numbers<'a>> {
         let index = self.scalars.iter().position(|(n, _)| n == name)?;
         Some(self.scalars.remove(index).1)
     }
@@ -32,24 +33,27 @@ pub(crate) struct Lists {
 }
 
 /// Takes x, y and z, whose presence has been checked.
-pub(super) fn take_positions(table: &mut Table) -> Result<(DVec3, Column3), Fault> {
+pub(super) fn take_positions(table: &mut Table<'_>) -> Result<(DVec3, Column3), Fault> {
     take(table, ["x", "y", "z"]).map(columns::positions)
 }
 
 /// Takes columns that have to be there.
-pub(super) fn take<const N: usize>(table: &mut Table, names: [&str; N]) -> Result<[ExtraValues; N], Fault> {
+pub(super) fn take<'a, const N: usize>(table: &mut Table<'a>, names: [&str; N]) -> Result<[Numbers<'a>; N], Fault> {
     require(table, &names)?;
     let columns: Vec<_> = names.iter().filter_map(|n| table.take(n)).collect();
     columns.try_into().map_err(|_| Problem::new(format!("the properties {} are incomplete", list(&names))).into())
 }
 
 /// Takes a set of columns if all are there; some but not all is an error.
-pub(super) fn take_set<const N: usize>(table: &mut Table, names: [&str; N]) -> Result<Option<[ExtraValues; N]>, Fault> {
+pub(super) fn take_set<'a, const N: usize>(
+    table: &mut Table<'a>,
+    names: [&str; N],
+) -> Result<Option<[Numbers<'a>; N]>, Fault> {
     if names.iter().any(|n| table.has(n)) { take(table, names).map(Some) } else { Ok(None) }
 }
 
 /// An error unless all of `names` are there.
-pub(super) fn require(table: &Table, names: &[&str]) -> Result<(), Fault> {
+pub(super) fn require(table: &Table<'_>, names: &[&str]) -> Result<(), Fault> {
     let (found, missing): (Vec<&str>, Vec<&str>) = names.iter().partition(|n| table.has(n));
     if missing.is_empty() {
         return Ok(());

@@ -1,14 +1,12 @@
 //! Drawing a block: from above, by a parallel projection, and where the nearest surface ends, what lies behind it.
 //!
 //! Splats reach past the edge of a surface by up to a radius, so that the nearest surface alone would make every roof
-//! too large. At its edge its weight Σw falls, and that of what lies behind grows where it begins. So a pixel is drawn
-//! twice: with all splats, and with those that lie behind the surface found. With the weights w1 and w2 it is
-//! (w1³·first + w2³·second)/(w1³ + w2³): halfway where both weigh the same, which is where the edge is likeliest, and a
-//! ramp of about the points' spacing, no wider than what the points can tell. Squares and cubes are nearest to exact
-//! surfaces: points on a grid or in scan lines prefer cubes by 3 to 5 %, random ones squares by 1 %.
+//! too large. So a pixel is drawn twice: with all splats, and with those that lie behind the surface found. Where both
+//! are, the points around it tell which side of the edge it is on (`sides.rs`).
 
 use super::grid::Grid;
 use super::layout::Layout;
+use super::sides::Sides;
 use super::source::splats_kept;
 use crate::{Backend, Error};
 use glam::{DAffine3, DMat3, DVec3};
@@ -77,9 +75,11 @@ pub(crate) fn draw(
         None
     } else {
         render(&hidden, &view, &settings, planes, backend, &mut frames.behind)?;
-        Some(&frames.behind)
+        let sides = Sides::new(clouds.iter().map(|cloud| &**cloud), layout.drawn(block, layout.halo));
+        let [left, _, _, top] = layout.drawn(block, 0.0);
+        Some(Behind { frame: &frames.behind, sides, left_top: [left, top] })
     };
-    Ok(blend(&surface, behind, normals))
+    Ok(blend(&surface, behind.as_ref(), normals))
 }
 
 fn render(
@@ -166,8 +166,16 @@ impl Surface<'_> {
     }
 }
 
-/// Both surfaces, by their weights.
-fn blend(surface: &Surface<'_>, behind: Option<&Frame>, normals: bool) -> BlockPixels {
+/// What lies behind the nearest surface.
+struct Behind<'a> {
+    frame: &'a Frame,
+    sides: Sides,
+    /// x of the left edge, y of the upper one.
+    left_top: [f64; 2],
+}
+
+/// Both surfaces, by the side of their edge that a pixel is on.
+fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, normals: bool) -> BlockPixels {
     let frame = surface.frame;
     let eye = surface.view.eye.z;
     let side = frame.width() as usize;
@@ -177,14 +185,19 @@ fn blend(surface: &Surface<'_>, behind: Option<&Frame>, normals: bool) -> BlockP
         if w1 <= 0.0 || !z1.is_finite() {
             return None;
         }
-        let second = behind.map(|f| (f.weight()[i], f.depth()[i]));
-        let second = second.filter(|(w2, z2)| *w2 > 0.0 && w1 < surface.full_weight && *z2 > z1 && z2.is_finite());
-        // By their ratio: the cubes of small weights may be nothing. An infinite one gives 0.
-        Some(second.map_or(1.0, |(w2, _)| 1.0 / (1.0 + (w2 / w1).powi(3))))
+        let Some(Behind { frame: second, sides, left_top: [left, top] }) = behind else { return Some(1.0) };
+        let (w2, z2) = (second.weight()[i], second.depth()[i]);
+        if w2 <= 0.0 || w1 >= surface.full_weight || z2 <= z1 || !z2.is_finite() {
+            return Some(1.0);
+        }
+        let at = |index: usize| (index as f64 + 0.5) * surface.gsd;
+        let heights = [z1, z2].map(|z| eye - f64::from(z));
+        let share = sides.share(left + at(i % side), top - at(i / side), heights[0], heights[1]);
+        Some(share.map_or(if w1 < w2 { 0.0 } else { 1.0 }, |share| share as f32))
     };
-    let shares: Vec<Option<f32>> = (0..side * side).into_par_iter().with_min_len(4096).map(share).collect();
+    let shares: Vec<Option<f32>> = (0..side * side).into_par_iter().with_min_len(256).map(share).collect();
     let mix = |share: f32, of: &dyn Fn(&Frame) -> f64| match behind.filter(|_| share < 1.0) {
-        Some(behind) => f64::from(share) * of(frame) + f64::from(1.0 - share) * of(behind),
+        Some(behind) => f64::from(share) * of(frame) + f64::from(1.0 - share) * of(behind.frame),
         None => of(frame),
     };
     let color = |(i, share): (usize, &Option<f32>)| {
@@ -195,7 +208,7 @@ fn blend(surface: &Surface<'_>, behind: Option<&Frame>, normals: bool) -> BlockP
     };
     let normal = |(i, share): (usize, &Option<f32>)| {
         // Between two surfaces there is none: that of the weightier one counts.
-        let of = |share: f32| if share < 0.5 { behind.unwrap_or(frame) } else { frame }.normal()[i];
+        let of = |share: f32| if share < 0.5 { behind.map_or(frame, |b| b.frame) } else { frame }.normal()[i];
         share.map_or([f32::NAN; 3], |share| {
             let n = of(share);
             if n[2] < 0.0 { n.map(|v| -v) } else { n }

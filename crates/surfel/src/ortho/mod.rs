@@ -8,6 +8,7 @@ mod block;
 mod grid;
 mod layout;
 mod request;
+mod sides;
 mod source;
 
 use crate::coloring::{self, ColorBy, ColorScale, Colored, Coloring};

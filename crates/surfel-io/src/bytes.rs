@@ -1,0 +1,195 @@
+//! Bytes in memory or in a file, any part of which is read when it is asked for.
+
+use crate::files::MAX_BYTES;
+use std::borrow::Cow;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::path::Path;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+/// A regular file that is read in parts, from several threads.
+#[derive(Debug)]
+pub(crate) struct OpenFile {
+    file: Mutex<File>,
+    length: usize,
+    failure: OnceLock<io::Error>,
+}
+
+impl OpenFile {
+    /// The file at `path`; `None` if it can't be opened, isn't regular or is larger than any that is loaded.
+    pub(crate) fn open(path: &Path) -> Option<Self> {
+        let file = File::open(path).ok()?;
+        let metadata = file.metadata().ok().filter(|m| m.is_file() && m.len() <= MAX_BYTES)?;
+        let length = usize::try_from(metadata.len()).ok()?;
+        Some(Self { file: Mutex::new(file), length, failure: OnceLock::new() })
+    }
+
+    /// All of it.
+    pub(crate) fn bytes(&self) -> Bytes<'_> {
+        Bytes::File { file: self, start: 0, length: self.length }
+    }
+
+    /// Why a part of it could not be read, if that happened. What was read since then is of no use.
+    pub(crate) fn failure(self) -> Option<io::Error> {
+        self.failure.into_inner()
+    }
+
+    /// Fills `out` with what is at `start`, or notes that this failed.
+    fn fill(&self, start: usize, out: &mut [u8]) {
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        let read = file.seek(SeekFrom::Start(start as u64)).and_then(|_| file.read_exact(out));
+        if let Err(error) = read {
+            // The first failure is the one that is told.
+            let _ = self.failure.set(error);
+        }
+    }
+}
+
+/// A sequence of bytes, in memory or in a file.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Bytes<'a> {
+    Memory(&'a [u8]),
+    /// A part of a file, which lies within it.
+    File {
+        file: &'a OpenFile,
+        start: usize,
+        length: usize,
+    },
+}
+
+impl<'a> Bytes<'a> {
+    pub(crate) fn len(self) -> usize {
+        match self {
+            Self::Memory(bytes) => bytes.len(),
+            Self::File { length, .. } => length,
+        }
+    }
+
+    /// Those of this range; `None` if it isn't within them.
+    pub(crate) fn part(self, range: Range<usize>) -> Option<Self> {
+        match self {
+            Self::Memory(bytes) => bytes.get(range).map(Self::Memory),
+            Self::File { file, start, length } => (range.start <= range.end && range.end <= length)
+                .then_some(Self::File { file, start: start + range.start, length: range.end - range.start }),
+        }
+    }
+
+    /// Those from `start` on, at most `most`.
+    pub(crate) fn at_most(self, start: usize, most: usize) -> Cow<'a, [u8]> {
+        let start = start.min(self.len());
+        let part = self.part(start..start.saturating_add(most).min(self.len()));
+        part.map_or(Cow::Borrowed(&[]), Self::read)
+    }
+
+    /// All of them. Where there is no room for them, there are none, and the file has failed.
+    pub(crate) fn read(self) -> Cow<'a, [u8]> {
+        let (file, length) = match self {
+            Self::Memory(bytes) => return bytes.into(),
+            Self::File { file, length, .. } => (file, length),
+        };
+        let mut all = Vec::new();
+        if all.try_reserve_exact(length).is_err() {
+            let _ = file.failure.set(io::ErrorKind::OutOfMemory.into());
+            return Cow::Borrowed(&[]);
+        }
+        self.read_into(&mut all);
+        all.into()
+    }
+
+    /// All of them, in `buffer` if they aren't in memory.
+    pub(crate) fn read_into<'b>(self, buffer: &'b mut Vec<u8>) -> &'b [u8]
+    where
+        'a: 'b,
+    {
+        match self {
+            Self::Memory(bytes) => bytes,
+            Self::File { file, start, length } => {
+                buffer.resize(length, 0);
+                file.fill(start, buffer);
+                buffer
+            }
+        }
+    }
+
+    /// Reads them in order.
+    #[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd"))]
+    pub(crate) fn reader(self) -> impl io::BufRead {
+        io::BufReader::with_capacity(1 << 18, Reader { bytes: self, position: 0 })
+    }
+
+    /// The shortest part of a file that holds all `parts` of it, and where in it each begins; `None` if it is longer
+    /// than they are together, so that they are better read one by one.
+    pub(crate) fn hull<const K: usize>(parts: [Self; K]) -> Option<(Self, [usize; K])> {
+        let Self::File { file, start, .. } = *parts.first()? else { return None };
+        let (mut first, mut end, mut total) = (start, start, 0_usize);
+        for part in parts {
+            let Self::File { file: of, start, length } = part else { return None };
+            if !std::ptr::eq(of, file) {
+                return None;
+            }
+            (first, end, total) = (first.min(start), end.max(start + length), total.saturating_add(length));
+        }
+        let starts = parts.map(|part| if let Self::File { start, .. } = part { start - first } else { 0 });
+        (end - first <= total).then_some((Self::File { file, start: first, length: end - first }, starts))
+    }
+}
+
+/// Bytes, and how many of them have been read.
+#[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd"))]
+struct Reader<'a> {
+    bytes: Bytes<'a>,
+    position: usize,
+}
+
+#[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd"))]
+impl Read for Reader<'_> {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let now = out.len().min(self.bytes.len() - self.position);
+        let end = self.position + now;
+        match self.bytes {
+            Bytes::Memory(bytes) => out[..now].copy_from_slice(&bytes[self.position..end]),
+            Bytes::File { file, start, .. } => file.fill(start + self.position, &mut out[..now]),
+        }
+        self.position = end;
+        Ok(now)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_of_files_are_those_of_memory() {
+        let path = std::env::temp_dir().join(format!("surfel-bytes-{}", std::process::id()));
+        let content: Vec<u8> = (0..200).collect();
+        std::fs::write(&path, &content).unwrap();
+        let file = OpenFile::open(&path).unwrap();
+        let (memory, there) = (Bytes::Memory(&content), file.bytes());
+        assert_eq!(there.len(), 200);
+        for (range, inner) in [(0..200, 3..5), (10..20, 0..10), (200..200, 0..0), (7..7, 0..0)] {
+            let [a, b] = [memory, there].map(|bytes| bytes.part(range.clone()).unwrap().part(inner.clone()).unwrap());
+            assert_eq!(a.read(), b.read());
+            assert_eq!(b.len(), inner.len());
+        }
+        for outside in [0..201, 199..201, 201..201, 5..usize::MAX] {
+            assert!(memory.part(outside.clone()).is_none() && there.part(outside).is_none());
+        }
+        assert_eq!(there.part(10..20).unwrap().at_most(8, 100), &content[18..20]);
+        assert_eq!(there.at_most(300, 1).len(), 0);
+        // Interleaved columns are read at once, others apart.
+        let part = |range| there.part(range).unwrap();
+        let (hull, starts) = Bytes::hull([part(4..104), part(0..100), part(8..108)]).unwrap();
+        assert_eq!((hull.read().into_owned(), starts), (content[..108].to_vec(), [4, 0, 8]));
+        assert!(Bytes::hull([part(0..10), part(50..60)]).is_none());
+        // What is cut off meanwhile is told.
+        std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(50).unwrap();
+        assert_eq!(there.part(0..50).unwrap().read(), &content[..50]);
+        assert!(file.failure.get().is_none());
+        assert_eq!(there.part(40..60).unwrap().read().len(), 20);
+        assert_eq!(file.failure().unwrap().kind(), io::ErrorKind::UnexpectedEof);
+        std::fs::remove_file(&path).unwrap();
+        assert!(OpenFile::open(&path).is_none() && OpenFile::open(&std::env::temp_dir()).is_none());
+    }
+}
