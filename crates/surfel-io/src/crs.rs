@@ -1,5 +1,7 @@
 //! Coordinate reference systems, as files state them: EPSG codes, well-known text, GeoTIFF keys.
 
+#![cfg_attr(not(feature = "geotiff"), allow(dead_code))]
+
 use crate::wkt::{self, Keys};
 use glam::DVec3;
 

@@ -103,12 +103,16 @@ fn columns_file(path: &Path) -> Option<(Format, OpenFile)> {
     Some((format, file))
 }
 
-/// True for the JSON of a tileset of 3D Tiles, whose name could be a scene file's.
-pub fn is_tileset(path: &Path) -> bool {
-    #[cfg(feature = "gltf")]
-    return files::read(path, scene_file::MAX_BYTES).is_ok_and(|bytes| tileset::looks_like(&bytes));
-    #[cfg(not(feature = "gltf"))]
-    return false;
+/// True for JSON that says where a geometry's files are, whose name could be a scene file's: a tileset of 3D Tiles, or
+/// SOG's `meta.json`.
+pub fn names_geometry(path: &Path) -> bool {
+    let is_known: [fn(&[u8]) -> bool; _] = [
+        #[cfg(feature = "gltf")]
+        tileset::looks_like,
+        #[cfg(feature = "gaussians")]
+        sog::looks_like,
+    ];
+    files::read(path, scene_file::MAX_BYTES).is_ok_and(|bytes| is_known.iter().any(|known| known(&bytes)))
 }
 
 /// As [`load`], from memory. `hint` stands for the extension; `name` is for messages. Files that the data refer

@@ -1,5 +1,7 @@
 //! Well-known text of both versions (OGC 01-009, ISO 19162), as far as GeoTIFF's keys can say the same.
 
+#![cfg_attr(not(feature = "geotiff"), allow(dead_code))]
+
 /// A part of well-known text: `KEYWORD[…]`.
 struct Node<'a> {
     keyword: &'a str,

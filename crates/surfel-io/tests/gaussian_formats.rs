@@ -289,6 +289,7 @@ fn sog_of_files_in_a_folder_is_read_by_its_meta_json() {
     for (name, bytes) in sog_members(&sog2()) {
         std::fs::write(folder.path().join(name), bytes).unwrap();
     }
+    assert!(surfel_io::names_geometry(&meta));
     let loaded = surfel_io::load(&meta, &LoadOptions::default()).unwrap();
     assert_eq!((loaded.format, loaded.up, loaded.beside.len()), (Format::Sog, Up::MinusY, 5));
     let Content::Splats(cloud) = loaded.content else { panic!("{:?}", loaded.content) };

@@ -6,7 +6,7 @@
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::path::Path;
-use surfel_io::{Content, Format, LoadOptions, Loaded, is_tileset, load, load_bytes};
+use surfel_io::{Content, Format, LoadOptions, Loaded, load, load_bytes, names_geometry};
 use surfel_model::{ExtraValues, PointCloud, Up};
 
 /// A tile of `pnts`: feature table, its bytes, batch table, its bytes.
@@ -69,7 +69,7 @@ fn read(files: &[(&str, Vec<u8>)], repair: bool) -> Result<Loaded, String> {
         std::fs::write(path, bytes).unwrap();
     }
     let path = folder.path().join("tileset.json");
-    assert!(is_tileset(&path));
+    assert!(names_geometry(&path));
     let error = |e: surfel_io::IoError| e.to_string().replace(&*folder.path().to_string_lossy(), "");
     let loaded = load(&path, &LoadOptions { repair, ..LoadOptions::default() }).map_err(error);
     loaded.inspect_err(|e| assert!(e.lines().count() <= 4, "{e}"))

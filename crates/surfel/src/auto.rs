@@ -282,9 +282,9 @@ pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Err
     }
 }
 
-/// True for a name that ends in `.json`, unless it is that of a tileset of 3D Tiles.
+/// True for a name that ends in `.json`, unless it is that of a tileset of 3D Tiles or of SOG.
 pub fn is_scene_file(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) && !surfel_io::is_tileset(path)
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) && !surfel_io::names_geometry(path)
 }
 
 /// An object of the file at `path`, drawn as splats where it lies.

@@ -82,7 +82,9 @@ pub(super) fn fill(
 /// Of places, the first in each cube that is as wide as splats are apart that get there, and region.
 fn apart<'a>(places: &'a [Place], radius: f64, regions: &'a [u32]) -> impl Iterator<Item = Place> + 'a {
     let mut cells = HashSet::new();
-    let cell = move |(face, q): &Place| ((*q / (APART * radius)).floor().as_i64vec3(), regions[*face as usize]);
+    let cell = move |(face, q): &Place| {
+        ((*q / (APART * radius)).to_array().map(|c| c.floor() as i64), regions[*face as usize])
+    };
     places.iter().filter(move |place| cells.insert(cell(place))).copied()
 }
 
