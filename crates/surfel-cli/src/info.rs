@@ -6,6 +6,7 @@ use crate::failure::Failure;
 use crate::stdin::{self, Stdin, is_stdin};
 use crate::stdout;
 use serde_json::Value;
+use surfel::words::{self, counted, shortest};
 
 pub(crate) fn run(args: &InfoArgs, console: &Console) -> Result<(), Failure> {
     let path = &args.input;
@@ -30,8 +31,10 @@ pub(crate) fn run(args: &InfoArgs, console: &Console) -> Result<(), Failure> {
 fn text(facts: &Value) -> String {
     let string = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     let list = |value: &Value| value.as_array().into_iter().flatten().map(string).collect::<Vec<_>>().join(", ");
+    let coordinate = |value: &Value| value.as_f64().map_or_else(|| string(value), shortest);
+    let point = |value: &Value| value.as_array().into_iter().flatten().map(coordinate).collect::<Vec<_>>().join(", ");
     let counts = facts["counts"].as_object().into_iter().flatten();
-    let counts: Vec<String> = counts.map(|(name, n)| format!("{n} {name}")).collect();
+    let counts: Vec<String> = counts.map(|(name, n)| counted(n.as_u64().unwrap_or(0), name)).collect();
     let mut lines = vec![
         ("file", format!("{} ({}, {} bytes)", string(&facts["file"]), string(&facts["format"]), facts["file_bytes"])),
         ("holds", counts.join(", ")),
@@ -39,10 +42,10 @@ fn text(facts: &Value) -> String {
         ("attributes", list(&facts["attributes"])),
     ];
     if let Some(bounds) = facts["bounds"].as_object() {
-        lines.push(("bounds", format!("({}) to ({})", list(&bounds["min"]), list(&bounds["max"]))));
+        lines.push(("bounds", format!("({}) to ({})", point(&bounds["min"]), point(&bounds["max"]))));
     }
     if let Some(r) = facts["radii"].as_object() {
-        let number = |key: &str| r[key].as_f64().map_or_else(|| string(&r[key]), |v| format!("{v:.6}"));
+        let number = |key: &str| r[key].as_f64().map_or_else(|| string(&r[key]), words::number);
         let (median, min, max) = (number("median"), number("min"), number("max"));
         lines.push(("radii", format!("median {median}, {min} to {max}, {}", string(&r["how"]))));
     }

@@ -23,7 +23,7 @@ use surfel::request::{self, RenderOptions};
 use surfel::{
     Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Preset, Progress as _, Renderer, Scene, Stats,
 };
-use surfel::{camera, metadata, paths};
+use surfel::{camera, metadata, paths, unseen};
 
 pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Result<(), Failure> {
     let default = default_output(args);
@@ -286,7 +286,7 @@ impl<'a> Session<'a> {
             pictures.iter().try_for_each(|(_, path)| output.check(*path))?;
         }
         let mut job = Job { args, console, planes, runs: Vec::new(), frame: Frame::default(), scene: None };
-        let (mut carried, mut files) = (None, Vec::new());
+        let (mut carried, mut files, mut blank) = (None, Vec::new(), 0);
         let frames = pictures.len() as u32;
         for (index, path) in pictures {
             let (camera, moved) = match self.cameras.get(index as usize) {
@@ -302,6 +302,7 @@ impl<'a> Session<'a> {
                 }
                 continue;
             }
+            blank += u32::from(unseen::is_blank(&job.frame, resolved.file.background));
             if let Some(output) = &self.output {
                 let scene = SceneFile {
                     camera,
@@ -323,6 +324,11 @@ impl<'a> Session<'a> {
         }
         if detail == Detail::Coarse {
             return Ok(Drawn::default());
+        }
+        // A part of a picture may well show nothing.
+        if blank > 0 && args.tile.is_none() && args.region.is_none() {
+            let of_all = if frames > 1 { format!(" in {blank} of {frames} pictures") } else { String::new() };
+            console.note(&format!("nothing is seen{of_all}: {}", unseen::why_blank(&resolved.scene)));
         }
         let verified = if args.verify {
             let view = camera::view(&resolved.file.camera, &options::render(args)?)?;

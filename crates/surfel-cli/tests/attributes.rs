@@ -85,8 +85,16 @@ fn what_can_not_be_chosen_is_one_clear_error() {
     fails(&["a.csv", "--returns", "second"], 2, "last");
     fails(&["b.obj", "--classes", "2"], 2, "holds a mesh, expected points or splats for --classes");
     fails(&["b.obj", "--outliers", "drop"], 2, "holds a mesh, expected points for --outliers");
-    fails(&["a.csv", "--color-by", "temperature"], 2, "attributes height, normal, intensity, classification");
-    fails(&["b.obj", "--color-by", "intensity"], 2, "holds attributes height, normal, expected one of these");
+    fails(
+        &["a.csv", "--color-by", "temperature"],
+        2,
+        "no attribute 'temperature' but height, normal, intensity, classification",
+    );
+    fails(
+        &["b.obj", "--color-by", "intensity"],
+        2,
+        "holds no attribute 'intensity' but height, normal, expected one of these",
+    );
     fails(&["a.csv", "--colormap", "turbo"], 2, "give --color-by ATTRIBUTE");
     fails(&["a.csv", "--color-by", "height", "--range", "3,3"], 2, "LO less than HI");
     fails(&["a.csv", "--color-by", "normal", "--colorbar", "bar.png"], 2, "no file is coloured by one");

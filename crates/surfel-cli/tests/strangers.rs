@@ -92,8 +92,43 @@ fn points_that_stand_for_nothing_are_left_out_and_counted() {
     // Sixteen stand for any number, so that the time goes by the file's length.
     let (count, said) = splats("equal.xyz");
     assert_eq!(count, 16);
-    assert!(said.contains("99984 points left out, because more than 16 are in their place"), "{said}");
+    assert!(said.contains("99984 points left out, because more than 16 are in their place, to a billionth"), "{said}");
     assert_eq!(splats("zero.xyz").0, 16);
+}
+
+/// Points as text PLY, one of them at `first` and the others of this scale, with an alpha.
+fn scattered(first: &str, scale: &str, alpha: f64) -> String {
+    let names = ["x", "y", "z", "alpha"].map(|name| format!("property float {name}\n")).concat();
+    let points =
+        (0..100).map(|i| format!("{}{scale} {}{scale} {}{scale} {alpha}\n", i % 10, i / 10, i % 7)).collect::<String>();
+    format!("ply\nformat ascii 1.0\nelement vertex 101\n{names}end_header\n{first} {alpha}\n{points}")
+}
+
+#[test]
+fn a_picture_without_anything_on_it_says_what_to_do() {
+    let f = Folder::new("blank");
+    f.write("clear.ply", scattered("3 3 3", "", 0.0));
+    f.write("stray.ply", scattered("1e9 0 0", "", 1.0));
+    f.write("far.ply", scattered("0 0 0", "e37", 1.0));
+    f.write("seen.ply", scattered("3 3 3", "", 1.0));
+    let said = |words: &str| f.run(&format!("{words} --size 32x32 --force")).code(0).stderr();
+    let count = |said: &str| said.matches("note: nothing is seen").count();
+    for (file, what) in [("clear", "--transparency off"), ("stray", "--outliers drop"), ("far", "scale them")] {
+        for ending in ["png", "exr", "jpg"] {
+            let said = said(&format!("{file}.ply -o o.{ending}"));
+            let note = said.lines().find(|line| line.starts_with("note: nothing is seen: "));
+            assert!(count(&said) == 1 && note.is_some_and(|note| note.contains(what)), "{file}.{ending}: {said}");
+        }
+    }
+    let turned = said("clear.ply -o o{frame}.png --turntable --frames 3");
+    assert!(count(&turned) == 1 && turned.contains("nothing is seen in 3 of 3 pictures"), "{turned}");
+    // What the notes say helps; a part of a picture may be empty.
+    for words in ["seen.ply", "clear.ply --transparency off", "stray.ply --outliers drop", "clear.ply --tile 1/2"] {
+        let said = said(&format!("{words} -o o.png"));
+        assert_eq!(count(&said), 0, "{words}: {said}");
+    }
+    let said = said("stray.ply -o o.png");
+    assert!(said.contains("1 isolated point (") && !said.contains("1 isolated points"), "{said}");
 }
 
 #[test]

@@ -45,6 +45,19 @@ pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty())
 }
 
+/// UTF-8 of text in UTF-16 that begins with a byte order mark, as spreadsheets write it; `None` for anything else.
+pub(crate) fn utf8_of_utf16(bytes: &[u8]) -> Option<Vec<u8>> {
+    let of: fn([u8; 2]) -> u16 = match bytes.first_chunk()? {
+        [0xff, 0xfe] => u16::from_le_bytes,
+        [0xfe, 0xff] => u16::from_be_bytes,
+        _ => return None,
+    };
+    let units = bytes[2..].as_chunks().0.iter().map(|unit| of(*unit));
+    let mut text = String::with_capacity(bytes.len() / 2);
+    text.extend(char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)));
+    Some(text.into_bytes())
+}
+
 /// A number as printed by any C library: also `nan`, `-nan(ind)`, `inf`, `1.#QNAN`.
 pub(crate) fn number(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;

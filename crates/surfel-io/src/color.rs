@@ -23,6 +23,12 @@ pub(crate) fn linear_of_unit(encoded: f64) -> f32 {
     srgb::decode(encoded.clamp(0.0, 1.0)) as f32
 }
 
+/// A level that counts to `scale`, sRGB-encoded, as a linear value: whole ones of 255 as the table has them.
+pub(crate) fn linear_of_level(level: f64, scale: f64) -> f32 {
+    let is_whole = scale == 255.0 && level.fract() == 0.0 && (0.0..=255.0).contains(&level);
+    if is_whole { linear_of_8_bit()[level as usize] } else { linear_of_unit(level / scale) }
+}
+
 /// The 8-bit level that decodes to exactly `linear`, if one does.
 pub(crate) fn exact_8_bit(linear: f32) -> Option<u8> {
     let level = nearest_8_bit(linear);

@@ -12,6 +12,15 @@ pub(crate) enum Numbers<'a> {
     Stored(Strided<'a>),
 }
 
+impl Numbers<'_> {
+    pub(crate) fn is_float(&self) -> bool {
+        match self {
+            Self::Held(values) => matches!(values, ExtraValues::F32(_) | ExtraValues::F64(_)),
+            Self::Stored(column) => !column.kind().is_integer(),
+        }
+    }
+}
+
 impl From<Numbers<'_>> for ExtraValues {
     fn from(numbers: Numbers<'_>) -> Self {
         match numbers {

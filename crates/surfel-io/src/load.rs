@@ -1,5 +1,6 @@
 //! Loading: the table of readers. A file's format is told here, and its reader called.
 
+use crate::ascii;
 use crate::bytes::{Bytes, OpenFile};
 use crate::content::{Content, LoadOptions};
 use crate::context::Context;
@@ -145,6 +146,9 @@ fn read_bytes(
     }
     let unpacked = if gzip::is_gzip(bytes) { Some(gzip::decompress(bytes)?) } else { None };
     let bytes = unpacked.as_deref().unwrap_or(bytes);
+    let as_text = matches!(hint, None | Some(Format::Xyz | Format::Pts));
+    let decoded = if as_text { ascii::utf8_of_utf16(bytes) } else { None };
+    let bytes = decoded.as_deref().unwrap_or(bytes);
     let format = recognise(bytes, hint, name)?;
     Ok((format, read_as(format, bytes, context)?))
 }

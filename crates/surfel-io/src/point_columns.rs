@@ -4,7 +4,7 @@
 
 #![cfg_attr(not(all(feature = "npy", feature = "pcd", feature = "points")), allow(dead_code))]
 
-use crate::color::{linear_of_8_bit, linear_of_unit};
+use crate::color::{linear_of_8_bit, linear_of_level};
 use crate::columns::f32_is_enough;
 use crate::content::Content;
 use crate::context::Context;
@@ -308,13 +308,8 @@ fn levels(columns: [Strided<'_>; 3], source: Source, context: &mut Context<'_>) 
         m if m <= 255.0 => (255.0, "255"),
         _ => (65_535.0, "65535"),
     };
-    let table = linear_of_8_bit();
-    let level = |c: f64| {
-        let whole = scale == 255.0 && c.fract() == 0.0 && (0.0..=255.0).contains(&c);
-        if whole { table[c as usize] } else { linear_of_unit(c / scale) }
-    };
     if columns.iter().any(|c| c.kind() != NumberType::U8) {
         context.note(format!("took the colours as sRGB-encoded, from 0 to {name}"));
     }
-    combined(columns, |row| row.map(level))
+    combined(columns, |row| row.map(|level| linear_of_level(level, scale)))
 }

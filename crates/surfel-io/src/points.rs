@@ -49,7 +49,15 @@ impl Dialect {
 
     fn words(self, line: &[u8]) -> impl Iterator<Item = &[u8]> {
         let commas = self == Self::Points;
-        line.split(move |&b| b.is_ascii_whitespace() || b == b';' || commas && b == b',').filter(|w| !w.is_empty())
+        let words = line.split(move |&b| b.is_ascii_whitespace() || b == b';' || commas && b == b',');
+        words.map(unquoted).filter(|w| !w.is_empty())
+    }
+
+    /// True if two dividing signs of a table have nothing between them, or a line begins or ends with one.
+    fn has_empty_cell(self, line: &[u8]) -> bool {
+        let commas = self == Self::Points;
+        let mut cells = line.split(move |&b| b == b';' || commas && b == b',');
+        cells.any(|cell| unquoted(cell.trim_ascii()).is_empty())
     }
 
     fn number(self, word: &[u8]) -> Option<f64> {
@@ -60,6 +68,11 @@ impl Dialect {
         let digits = whole.last().is_some_and(u8::is_ascii_digit) && fraction.first().is_some_and(u8::is_ascii_digit);
         number(&[whole, b".", fraction].concat()).filter(|_| digits)
     }
+}
+
+/// A value without the quotes around it, as some programs write all of them.
+fn unquoted(word: &[u8]) -> &[u8] {
+    word.strip_prefix(b"\"").and_then(|word| word.strip_suffix(b"\"")).unwrap_or(word)
 }
 
 /// True if `head`, the start of a file, has a line of at least three numbers before anything else but names and a
@@ -108,6 +121,7 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
     let dialect = Dialect::of(&bytes[..bytes.len().min(1 << 20)]);
     let mut comments = Vec::new();
     let (mut header, mut counted) = (None, 0_u64);
+    let (mut incomplete, mut first_incomplete) = (0_usize, 0);
     let mut table = Table::default();
     let mut row: Vec<f64> = Vec::with_capacity(MAX_COLUMNS);
     for (line_number, line) in Lines::new(bytes) {
@@ -146,6 +160,11 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
             }
             return Err(Problem::new(format!("found {}", quote(word))).at(at).expected("a number").into());
         }
+        if row.len() < table.width && dialect.has_empty_cell(line) {
+            first_incomplete = if incomplete == 0 { line_number } else { first_incomplete };
+            incomplete += 1;
+            continue;
+        }
         // A PTS file has the number of points before each scan.
         if row.len() == 1 && (pts || table.width == 0) {
             counted = counted.saturating_add(row[0].max(0.0) as u64);
@@ -173,6 +192,10 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
     }
     if dialect == Dialect::DecimalCommas {
         context.note("took commas as decimal points: blanks or semicolons divide the columns".into());
+    }
+    if incomplete > 0 {
+        let rows = if incomplete == 1 { "1 row".to_owned() } else { format!("{incomplete} rows") };
+        context.note(format!("left out {rows} with an empty cell, the first in line {first_incomplete}"));
     }
     if counted > 0 && counted != table.rows() as u64 {
         context.note(format!("the file says that it has {counted} points, and has {}", table.rows()));

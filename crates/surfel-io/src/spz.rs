@@ -81,7 +81,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
 #[cfg(not(feature = "zstd"))]
 fn streams_of_version_4(_: &[u8], _: &Header, _: [usize; 6]) -> Result<[Vec<u8>; 6], Fault> {
     let problem = Problem::new("is an SPZ file of version 4, and this build has no reader for Zstandard");
-    let help = "build with the Cargo feature \"zstd\" of surfel-io, or convert it to PLY, e.g. with splat-transform";
+    let help = "build with the feature zstd, as by cargo run --release --features zstd -- FILE, or convert it to PLY";
     Err(problem.help(help).into())
 }
 

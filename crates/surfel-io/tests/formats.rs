@@ -322,6 +322,11 @@ fn stl_text_and_binary_merge_equal_corners() {
     assert!(error.contains("ends within triangle 1 of 2 (byte 150)"), "{error}");
     let error = try_load(Format::Stl, text.replace("endsolid a square", "")).unwrap_err();
     assert!(error.contains("ends within facet 2"), "{error}");
+    // Wherever it is cut off, it says so.
+    for end in text.find("outer").unwrap()..text.find("endsolid").unwrap() + 8 {
+        let error = try_load(Format::Stl, &text[..end]).unwrap_err();
+        assert!(error.contains("ends within facet") && error.contains("incomplete"), "{end}: {error}");
+    }
     let error = try_load(Format::Stl, text.replace("1 1 0", "1 one 0")).unwrap_err();
     assert!(error.contains("found 'one' as a coordinate (line 6)"), "{error}");
 }
@@ -436,7 +441,9 @@ fn gltf_points_and_glb() {
     assert_eq!(loaded.format, Format::Glb);
     assert_eq!(points(loaded).positions.get(1), DVec3::new(4.0, 5.0, 6.0));
     for end in 4..glb.len() {
-        assert!(try_load(Format::Glb, &glb[..end]).is_err(), "{end}");
+        let error = try_load(Format::Glb, &glb[..end]).unwrap_err();
+        let is_whole_before = end >= 20 + json.len();
+        assert!(!is_whole_before || error.contains("cut off: copy"), "{end}: {error}");
     }
     // The same with an external buffer.
     let folder = Folder::new("gltf");

@@ -328,6 +328,32 @@ fn points_keep_normals_and_extras_and_drop_what_is_nowhere() {
 }
 
 #[test]
+fn float_colors_beyond_1_are_levels_but_in_splats() {
+    let file = |names: &str, row: &str, red: &str| {
+        let names: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();
+        format!("ply\nformat ascii 1.0\nelement vertex 1\n{names}end_header\n{row} {red} 0\n")
+    };
+    let colors = |red: &str| {
+        let loaded = load(file("x y z red green blue", "1 2 3", red));
+        let Content::Points(points) = loaded.content else { panic!() };
+        (points.colors.unwrap()[0], loaded.notes.join("; "))
+    };
+    assert_eq!(colors("1 0.25"), ([1.0, 0.25, 0.0], String::new()));
+    // sRGB decodes 128 of 255 to 0.21586 (IEC 61966-2-1), f32 to 6e-8 of it.
+    let ([r, g, b], note) = colors("255 128");
+    assert!(r == 1.0 && b == 0.0 && (f64::from(g) - 0.215_860_500_113_899).abs() < 2e-8, "{r} {g}");
+    assert_eq!(note, "took the colours as sRGB-encoded, from 0 to 255");
+    let ([r, g, _], note) = colors("65535 32896");
+    assert!(
+        r == 1.0 && (f64::from(g) - 0.215_860_500_113_899).abs() < 2e-8 && note.contains("65535"),
+        "{r} {g} {note}"
+    );
+    let loaded = load(file("x y z nx ny nz radius red green blue", "1 2 3 0 0 1 1", "2 128"));
+    let Content::Splats(splats) = loaded.content else { panic!() };
+    assert_eq!(splats.data().colors.as_ref().unwrap()[0], [2.0, 128.0, 0.0]);
+}
+
+#[test]
 fn mesh_polygons_become_fans_and_attributes_stay() {
     let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float \
                 z\nproperty float s\nproperty float t\nproperty uchar red\nproperty uchar green\nproperty uchar \

@@ -792,3 +792,45 @@ fn columns_of_files_are_those_of_memory() {
         assert_eq!(told, load_bytes(cut, None, &path, &options).unwrap_err().to_string());
     }
 }
+
+#[test]
+fn quoted_values_are_values() {
+    let cloud = points(load("a.csv", "\"X\",\"Y\",\"Z\"\n\"1.5\",\"2\",\"3\"\n4,\"5\",\"-6e0\"\n"));
+    assert_eq!(places(&cloud), [DVec3::new(1.5, 2.0, 3.0), DVec3::new(4.0, 5.0, -6.0)]);
+    let cloud = points(load("a.csv", "\"1,5\";\"2,5\";\"3\"\n\"4\";\"5\";\"6,25\"\n"));
+    assert_eq!(places(&cloud), [DVec3::new(1.5, 2.5, 3.0), DVec3::new(4.0, 5.0, 6.25)]);
+    // A comma within quotes is never taken for the end of a cell.
+    refused("a.csv", "x,y,z\n1,2,3\n\"1,5\",\"2,5\",\"3,5\"\n", "found '\\\"1' (line 3)");
+}
+
+#[test]
+fn rows_with_an_empty_cell_are_left_out_and_counted() {
+    for (text, note) in [
+        ("x,y,z\n1,2,3\nNaN,,\n4,5,6\n", "left out 1 row with an empty cell, the first in line 3"),
+        (
+            "x;y;z;i\n1;2;3;9\n;;;\n4;5;6;8\n1;2;;3\n1;2;3;\"\"\n",
+            "left out 3 rows with an empty cell, the first in line 3",
+        ),
+    ] {
+        let loaded = load("a.csv", text);
+        assert_eq!(loaded.notes, [note]);
+        assert_eq!(places(&points(loaded)), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
+    }
+    // What all lines end with is no cell.
+    assert_eq!(points(load("a.csv", "x,y,z\n1,2,3,\n4,5,6,\n")).len(), 2);
+    refused("a.csv", "x,y,z\n1,2,3\n4,5\n", "found 2 numbers (line 3)");
+}
+
+#[test]
+fn utf_16_is_read_by_its_byte_order_mark() {
+    let text = "x,y,z\r\n1,2,3\r\n4,5,6\r\n";
+    let units = || std::iter::once(0xfeff).chain(text.encode_utf16());
+    let little: Vec<u8> = units().flat_map(u16::to_le_bytes).collect();
+    let big: Vec<u8> = units().flat_map(u16::to_be_bytes).collect();
+    for bytes in [little.clone(), big, [&little[..], &[10]].concat()] {
+        let loaded = load("a.csv", bytes);
+        assert_eq!((loaded.format, loaded.notes.len()), (Format::Xyz, 0));
+        assert_eq!(places(&points(loaded)), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
+    }
+    assert!(try_load("a.csv", &little[..2]).is_err());
+}

@@ -50,7 +50,8 @@ pub struct PointReport {
     pub normals_estimated: usize,
     /// Points that coincide with an earlier one.
     pub duplicates: usize,
-    /// How many of these are left out, because there are more in their place than the options want.
+    /// How many of these are left out, because there are more in their place, to 2⁻³⁰ of the extent, than the options
+    /// want.
     pub left_out: usize,
     /// Points that are much farther from their neighbours than these from each other. Their radii are no larger than
     /// the cloud's typical one.

@@ -1,6 +1,7 @@
 //! From points and meshes to splats, as the options say, and what there is to tell about it.
 
 use crate::load::{Conversion, UnusedOption};
+use crate::words::{counted, number};
 use crate::{Error, LoadOptions, framing, levels, memory};
 use glam::{DAffine3, DVec3};
 use std::path::Path;
@@ -199,8 +200,9 @@ pub(crate) fn points(
         Some(made) => {
             let (cloud, report) = made?;
             notes.push(format!(
-                "a point cloud: {} splats, normals and radii (median {:.4}) as the file has them",
-                report.splats, report.median_radius
+                "a point cloud: {}, normals and radii (median {}) as the file has them",
+                counted(report.splats as u64, "splats"),
+                number(report.median_radius)
             ));
             finished((cloud, true), report, path, options, notes, progress)
         }
@@ -414,16 +416,18 @@ fn points_note(report: &PointReport) -> String {
         (given, estimated) => format!("{given} normals kept, {estimated} estimated from neighbours"),
     };
     let mut note = format!(
-        "a point cloud: {} splats, {normals}, radii estimated from neighbours (median {:.4})",
-        report.splats, report.median_radius
+        "a point cloud: {}, {normals}, radii estimated from neighbours (median {})",
+        counted(report.splats as u64, "splats"),
+        number(report.median_radius)
     );
     if report.isolated > 0 {
-        note += &format!("; {} isolated points (--outliers drop leaves them out)", report.isolated);
+        note += &format!("; {} (--outliers drop leaves such out)", counted(report.isolated as u64, "isolated points"));
     }
     if report.left_out > 0 {
         note += &format!(
-            "; {} points left out, because more than {COINCIDENT} are in their place (--all-points keeps them)",
-            report.left_out
+            "; {} left out, because more than {COINCIDENT} are in their place, to a billionth of the cloud's size \
+             (--all-points keeps them; --outliers drop makes a cloud with a stray point smaller)",
+            counted(report.left_out as u64, "points")
         );
     }
     note
@@ -436,16 +440,16 @@ fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
         MeshMethod::Count(_) | MeshMethod::Detail => "spread over the surface",
     };
     let mut note = format!(
-        "a mesh of {} triangles: {} splats, {how} (median radius {:.4})",
-        mesh.triangles.len(),
-        report.splats,
-        report.median_radius
+        "a mesh of {}: {}, {how} (median radius {})",
+        counted(mesh.triangles.len() as u64, "triangles"),
+        counted(report.splats as u64, "splats"),
+        number(report.median_radius)
     );
     if let Some(detail) = report.detail {
         note += &format!("; its shape asks for {}, its colours for {}", detail.shape, detail.colors);
     }
     if report.degenerate > 0 {
-        note += &format!("; {} triangles have no area", report.degenerate);
+        note += &format!("; {} of no area", counted(report.degenerate as u64, "triangles"));
     }
     if report.repeated > 0 {
         note += &format!("; {} triangles repeat others", report.repeated);

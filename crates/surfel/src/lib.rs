@@ -64,9 +64,11 @@ pub mod request;
 pub mod scene;
 pub mod splat_file;
 pub mod splats;
+pub mod unseen;
 mod upright;
 pub mod values;
 mod viewpoint;
+pub mod words;
 
 pub use surfel_io as io;
 pub use surfel_math as math;

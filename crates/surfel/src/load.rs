@@ -422,7 +422,7 @@ pub(crate) fn splats_of(
             }
             Colored::Unknown(known) => unused.push(UnusedOption {
                 option: "color_by",
-                holds: format!("attributes {}", known.join(", ")).into(),
+                holds: format!("no attribute '{}' but {}", attribute.escape_debug(), known.join(", ")).into(),
                 expected: "one of these",
             }),
         }

@@ -2,6 +2,7 @@
 
 use crate::paths::display;
 use crate::render_options::SplatOptions;
+use crate::words::{counted, number};
 use crate::{Error, LoadOptions, LoadedCloud, load, splats};
 use std::path::Path;
 use std::sync::Arc;
@@ -85,5 +86,7 @@ pub fn summary(cloud: &SplatCloud) -> String {
     radii.sort_unstable_by(f64::total_cmp);
     let at = |share: usize| radii.get((radii.len().saturating_sub(1)) * share / 2).copied().unwrap_or(0.0);
     let weight = cloud.data().interior_weight.map(|w| format!(", interior weight {w:.3}")).unwrap_or_default();
-    format!("{} {shape}, radii {:.4} to {:.4}, median {:.4}{weight}", cloud.len(), at(0), at(2), at(1))
+    let [count, least, most, median] =
+        [counted(cloud.len() as u64, shape), number(at(0)), number(at(2)), number(at(1))];
+    format!("{count}, radii {least} to {most}, median {median}{weight}")
 }

@@ -47,5 +47,10 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     };
     // A chunk is to be padded to four bytes, and its length to count the padding; not every program does either.
     let binary = chunk(end, BINARY).or_else(|| chunk(end.next_multiple_of(4), BINARY));
+    let whole = word(8).map_or(0, |length| length as usize);
+    if binary.is_none() && bytes.len() < whole {
+        let what = format!("the GLB file ends at byte {} of {whole}", bytes.len());
+        return Err(Problem::new(what).help("the file is cut off: copy or download it again").into());
+    }
     Ok((json, binary.map(|(data, _)| data)))
 }

@@ -46,6 +46,10 @@ pub(super) fn read(
                 Err(_) if repair && !vlr.uses_variable_size_chunks() => {
                     return read_without_table(source, header, vlr, file_bytes, sink);
                 }
+                // The same two kinds that a repair can read.
+                Err(problem) if layered || !vlr.uses_variable_size_chunks() => {
+                    return Err(problem.help("the file is cut off: copy it again, or --repair takes the whole chunks"));
+                }
                 table => table?,
             };
             read_chunks(source, header, &vlr, (file_bytes, layered, chunks), sink)

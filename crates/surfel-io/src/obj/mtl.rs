@@ -107,7 +107,10 @@ pub(super) fn resolve(
         known.push(library);
         match read(library, context) {
             Ok(bytes) => parse(&bytes, folder_of(library), &mut entries),
-            Err(why) => context.note(format!("left out the material library {}: {why}", quote(library))),
+            Err(why) => context.note(format!(
+                "left out the material library {}, so that what it says of colours and textures is not drawn: {why}",
+                quote(library)
+            )),
         }
     }
     let mut materials = vec![Material::WHITE; names.len()];

@@ -1,7 +1,7 @@
 //! PLY meshes: polygons and triangle strips.
 
 use super::comments::interpret_comments;
-use super::table::{Lists, Table, take_positions, take_set};
+use super::table::{Lists, Table, take_colors, take_positions, take_set};
 use crate::columns;
 use crate::content::Content;
 use crate::context::Context;
@@ -20,7 +20,7 @@ pub(super) fn build(
     let (up, _) = interpret_comments(&comments)?;
     let (origin, positions) = take_positions(&mut table)?;
     let normals = take_set(&mut table, ["nx", "ny", "nz"])?.map(|n| to_arrays(n.map(columns::to_f32)));
-    let colors = take_set(&mut table, ["red", "green", "blue"])?.map(columns::colors);
+    let colors = take_colors(&mut table, context)?;
     let alphas = table.take("alpha").map(columns::alphas);
     let uv_names = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
     let uvs = match uv_names.into_iter().find(|names| names.iter().all(|n| table.has(n))) {

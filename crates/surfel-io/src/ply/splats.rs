@@ -1,7 +1,7 @@
 //! Splats and points of the PLY profile.
 
 use super::comments::{interpret_comments, is_oriented};
-use super::table::{Table, require, take, take_positions, take_set};
+use super::table::{Table, require, take, take_colors, take_positions, take_set};
 use crate::columns;
 use crate::content::Content;
 use crate::context::Context;
@@ -22,7 +22,12 @@ pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut C
     }
     let (origin, centers) = take_positions(&mut table)?;
     let normals = take_set(&mut table, ["nx", "ny", "nz"])?.map(columns::vectors);
-    let colors = take_set(&mut table, ["red", "green", "blue"])?.map(columns::colors);
+    // Splats are of the profile, whose floats are linear also beyond 1.
+    let colors = if axes || radius {
+        take_set(&mut table, ["red", "green", "blue"])?.map(columns::colors)
+    } else {
+        take_colors(&mut table, context)?
+    };
     let alphas = table.take("alpha").map(columns::alphas);
     let clips = take_clips(&mut table)?;
     let (shape, shading_normals) = if axes {

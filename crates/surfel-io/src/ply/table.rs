@@ -1,7 +1,9 @@
 //! The columns of a PLY element, and taking them out by name: a group of properties is complete or absent.
 
+use crate::color::linear_of_level;
 use crate::columns;
 use crate::columns::Numbers;
+use crate::context::Context;
 use crate::error::{Fault, Problem, list};
 use glam::DVec3;
 use surfel_model::Column3;
@@ -50,6 +52,22 @@ pub(super) fn take_set<'a, const N: usize>(
     names: [&str; N],
 ) -> Result<Option<[Numbers<'a>; N]>, Fault> {
     if names.iter().any(|n| table.has(n)) { take(table, names).map(Some) } else { Ok(None) }
+}
+
+/// Takes red, green and blue. Floats are linear, but where they exceed 1, they are levels as a program displayed them,
+/// and a note says so.
+pub(super) fn take_colors(table: &mut Table<'_>, context: &mut Context<'_>) -> Result<Option<Vec<[f32; 3]>>, Fault> {
+    let Some(columns) = take_set(table, ["red", "green", "blue"])? else { return Ok(None) };
+    let are_floats = columns.iter().all(|c| c.is_float());
+    let mut colors = columns::colors(columns);
+    let largest = colors.as_flattened().iter().copied().filter(|c| c.is_finite()).fold(0.0, f32::max);
+    if are_floats && largest > 1.0 {
+        let scale = if largest <= 255.0 { 255.0 } else { 65_535.0 };
+        let levels = colors.as_flattened_mut();
+        levels.iter_mut().for_each(|c| *c = linear_of_level(f64::from(*c), scale));
+        context.note(format!("took the colours as sRGB-encoded, from 0 to {scale}"));
+    }
+    Ok(Some(colors))
 }
 
 /// An error unless all of `names` are there.

@@ -173,7 +173,12 @@ impl Ortho {
                                 path.to_path_buf(),
                                 UnusedOption {
                                     option: "color_by",
-                                    holds: format!("attributes {}", known.join(", ")).into(),
+                                    holds: format!(
+                                        "no attribute '{}' but {}",
+                                        attribute.escape_debug(),
+                                        known.join(", ")
+                                    )
+                                    .into(),
                                     expected: "one of these",
                                 },
                             )),

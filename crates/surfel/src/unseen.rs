@@ -1,0 +1,44 @@
+//! Pictures on which nothing is seen, and what to do about them.
+
+use glam::DVec3;
+use surfel_math::srgb::encode_rgba8;
+use surfel_model::{Geometry, Scene};
+use surfel_render::Frame;
+
+/// Smallest extent and largest coordinate whose squares f32 holds, in object units.
+const SQUARED_IN_F32: [f64; 2] = [1e-18, 1e18];
+
+/// sRGB-encoded levels of 255 by which a pixel differs from the background and still isn't seen.
+const UNSEEN: u8 = 4;
+
+/// True if no pixel of `frame`, whose plane is that of linear colours or that of 8 bits, differs from the background's
+/// colour (linear RGB and straight alpha) by more than 4 levels of 255.
+pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
+    let background = [r * a, g * a, b * a, a].map(|c| c as f32);
+    let encoded = encode_rgba8(background);
+    let some = !frame.color().is_empty() || !frame.rgba8().is_empty();
+    let alike = |color: [u8; 4]| color.iter().zip(encoded).all(|(c, b)| c.abs_diff(b) <= UNSEEN);
+    let same = |color: &[f32; 4]| *color == background || alike(encode_rgba8(*color));
+    some && frame.color().iter().all(same) && frame.rgba8().iter().all(|color| alike(*color))
+}
+
+/// Why pictures of this scene may show nothing, and what to do, in words without a full stop.
+pub fn why_blank(scene: &Scene) -> &'static str {
+    let invisible = |geometry: &Geometry| match geometry {
+        Geometry::Splats(cloud) => cloud.data().alphas.as_ref().is_some_and(|all| all.iter().all(|a| *a == 0.0)),
+        Geometry::Gaussians(cloud) => cloud.data().opacities.iter().all(|a| *a == 0.0),
+        Geometry::Mesh(_) | Geometry::Octree(_) => false,
+    };
+    if !scene.objects.is_empty() && scene.objects.iter().all(|object| invisible(&object.geometry)) {
+        return "all splats have an alpha of 0 (--transparency off draws them opaque)";
+    }
+    let bounds = |geometry: &Geometry| if let Geometry::Splats(cloud) = geometry { cloud.bounds() } else { None };
+    let [least, most] = SQUARED_IN_F32;
+    let overflows =
+        |(lo, hi): (DVec3, DVec3)| (hi - lo).max_element() < least || lo.abs().max(hi.abs()).max_element() > most;
+    if scene.objects.iter().any(|object| bounds(&object.geometry).is_some_and(overflows)) {
+        return "the coordinates' squares are beyond single precision: scale them to between 1e-18 and 1e18";
+    }
+    "look from elsewhere (--view, --camera) or before another --background; if one point lies far from all others, \
+     --outliers drop leaves it out"
+}

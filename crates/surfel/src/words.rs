@@ -1,0 +1,71 @@
+//! Numbers as messages say them.
+
+/// Three significant digits; beyond 1e±5 with a power of ten.
+pub fn number(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size if (1e-5..1e5).contains(&size) => {
+            let decimals = (2.0 - size.log10().floor()).max(0.0) as usize;
+            format!("{value:.decimals$}")
+        }
+        size if size.is_finite() => format!("{value:.2e}"),
+        _ => value.to_string(),
+    }
+}
+
+/// The shortest text that is this number: of one that came from `f32`, that of the `f32`.
+pub fn shortest(value: f64) -> String {
+    let narrow = value as f32;
+    if f64::from(narrow) == value { format!("{narrow:?}") } else { format!("{value:?}") }
+}
+
+/// A count of things: `1 point`, `2 points`, of their plural.
+pub fn counted(count: u64, plural: &str) -> String {
+    match (count, plural) {
+        (1, "vertices") => "1 vertex".to_owned(),
+        (1, _) => format!("1 {}", plural.strip_suffix('s').unwrap_or(plural)),
+        _ => format!("{count} {plural}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_three_digits_and_powers_of_ten_only_beyond_five() {
+        let cases = [
+            (0.0, "0"),
+            (1.0, "1.00"),
+            (0.000_612_3, "0.000612"),
+            (0.000_010_01, "0.0000100"),
+            (0.000_009_99, "9.99e-6"),
+            (123.4, "123"),
+            (99_999.0, "99999"),
+            (-0.5, "-0.500"),
+            (1e5, "1.00e5"),
+            (2.109_7e37, "2.11e37"),
+            (5e-324, "4.94e-324"),
+            (f64::INFINITY, "inf"),
+            (f64::NAN, "NaN"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(number(value), text);
+        }
+    }
+
+    #[test]
+    fn what_came_from_f32_is_as_short_as_it_was() {
+        assert_eq!(shortest(f64::from(0.001_808_f32)), "0.001808");
+        assert_eq!(shortest(0.001_808), "0.001808");
+        assert_eq!(shortest(431_234.567), "431234.567");
+        assert_eq!((shortest(1.0), shortest(f64::from(1e38_f32))), ("1.0".to_owned(), "1e38".to_owned()));
+    }
+
+    #[test]
+    fn one_thing_is_singular() {
+        assert_eq!(counted(1, "splats"), "1 splat");
+        assert_eq!(counted(1, "vertices"), "1 vertex");
+        assert_eq!((counted(0, "points"), counted(2, "points")), ("0 points".to_owned(), "2 points".to_owned()));
+    }
+}
