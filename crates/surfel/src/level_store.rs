@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::SystemTime;
 use surfel_io::atomic::Temporary;
 use surfel_io::copc::{LEAST_MEMORY, NodeCache};
 use surfel_sample::Progress;
@@ -16,9 +17,23 @@ use surfel_sample::Progress;
 /// and when a signal ends a program that calls [`surfel_io::atomic::remove_temporary_files`].
 pub struct LevelStore {
     nodes: Option<Arc<NodeCache>>,
-    converted: Mutex<BTreeMap<PathBuf, Arc<Temporary>>>,
+    converted: Mutex<BTreeMap<PathBuf, Converted>>,
     /// Memory that writing by levels takes.
     least_memory: u64,
+}
+
+/// A file that was written by levels.
+struct Converted {
+    /// What it was then: a file that is replaced is written again.
+    of: FileState,
+    file: Arc<Temporary>,
+}
+
+/// Bytes of a file, and when it was written.
+type FileState = Option<(u64, Option<SystemTime>)>;
+
+fn state(path: &Path) -> FileState {
+    std::fs::metadata(path).ok().map(|metadata| (metadata.len(), metadata.modified().ok()))
 }
 
 impl Default for LevelStore {
@@ -57,14 +72,16 @@ impl LevelStore {
     ) -> Result<Option<(Arc<Temporary>, String)>, Error> {
         let mut converted = self.converted.lock().unwrap_or_else(PoisonError::into_inner);
         let budget = options.memory.or_else(default_budget).unwrap_or(0);
-        if !converted.contains_key(path) {
+        let of = state(path);
+        if converted.get(path).is_none_or(|kept| kept.of != of) {
+            converted.remove(path);
             if budget < self.least_memory || levels::has_levels(path) {
                 return Ok(None);
             }
             let file = levels::save_temporary(path, &large_files_folder(), budget, progress)?;
-            converted.insert(path.to_path_buf(), Arc::new(file));
+            converted.insert(path.to_path_buf(), Converted { of, file: Arc::new(file) });
         }
-        Ok(converted.get(path).map(|file| {
+        Ok(converted.get(path).map(|Converted { file, .. }| {
             let written_bytes = std::fs::metadata(file.path()).map_or(0, |metadata| metadata.len());
             let note = format!(
                 "all its points don't fit into the {:.1} GB that may be used, so they were written by levels first, to \
@@ -181,10 +198,15 @@ mod tests {
         assert_eq!(found.file.camera, expected.file.camera);
         assert!(cloud(&found).len() < (SIDE * SIDE) as usize && cloud(&found) == cloud(&expected));
         // It is written once, and gone with the last who knows it.
-        let temporary = store.converted.lock().unwrap()[&input].path().to_path_buf();
+        let temporary = store.converted.lock().unwrap()[&input].file.path().to_path_buf();
         let (again, _) = resolved(&request(&input, memory, &store), [30.0, -150.0, 80.0]).unwrap();
         assert!(!cloud(&again).is_empty());
-        assert!(temporary.exists() && store.converted.lock().unwrap()[&input].path() == temporary);
+        assert!(temporary.exists() && store.converted.lock().unwrap()[&input].file.path() == temporary);
+        // A file that is replaced is written again.
+        fs::write(&input, las(SIDE - 1)).unwrap();
+        let (other, _) = resolved(&request(&input, memory, &store), eye).unwrap();
+        assert!(!temporary.exists() && cloud(&other) != cloud(&found));
+        let temporary = store.converted.lock().unwrap()[&input].file.path().to_path_buf();
         drop(store);
         assert!(!temporary.exists());
         // Where even writing it takes more, it is refused.

@@ -51,7 +51,9 @@ pub(crate) fn check(
     let Some(budget) = budget.or_else(default_budget).filter(|budget| needed > *budget) else { return Ok(()) };
     let fewer = format!("draw at most {} points (--max-points)", budget / point_bytes);
     let remedy = match remedy {
-        Remedy::Levels => "write it by levels (surfel convert FILE -o FILE.copc.laz) and draw that".to_owned(),
+        Remedy::Levels => {
+            "write it by levels (surfel convert FILE -o FILE.copc.laz, with 1G at least) and draw that".to_owned()
+        }
         Remedy::Fewer => fewer,
         Remedy::Points => format!("{fewer}, or write them as LAZ, which can be drawn by levels"),
     };

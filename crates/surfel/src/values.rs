@@ -227,10 +227,11 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
 
 /// `--memory`: bytes, or with K, M, G or T units of 1024 times the one before.
 pub fn memory(text: &str) -> Result<u64, String> {
-    let text = text.trim();
+    let upper = text.trim().to_ascii_uppercase();
+    let text = ["IB", "B"].into_iter().find_map(|word| upper.strip_suffix(word)).unwrap_or(&upper);
     let units = [('K', 10), ('M', 20), ('G', 30), ('T', 40)];
-    let unit = units.iter().find(|(name, _)| text.to_ascii_uppercase().ends_with(*name));
-    let (count, bits) = unit.map_or((text, 0), |(_, bits)| (&text[..text.len() - 1], *bits));
+    let unit = units.iter().find_map(|(name, bits)| Some((text.strip_suffix(*name)?, *bits)));
+    let (count, bits) = unit.unwrap_or((text, 0));
     let bytes = count.trim().parse::<f64>().ok().map(|count| count * f64::from(bits).exp2());
     let ok = bytes.filter(|bytes| (1.0..=2_f64.powi(60)).contains(bytes));
     ok.map(|bytes| bytes as u64).ok_or_else(|| "expected bytes, such as 4G or 512M".to_owned())
@@ -322,10 +323,19 @@ mod tests {
 
     #[test]
     fn memory_is_bytes_with_or_without_a_unit() {
-        for (text, bytes) in [("7", 7), ("2K", 2048), ("512M", 512 << 20), ("1.5g", 3 << 29), (" 4 G ", 4 << 30)] {
+        for (text, bytes) in [
+            ("7", 7),
+            ("2K", 2048),
+            ("512M", 512 << 20),
+            ("1.5g", 3 << 29),
+            (" 4 G ", 4 << 30),
+            ("200MB", 200 << 20),
+            ("2GiB", 2 << 30),
+            ("9b", 9),
+        ] {
             assert_eq!(memory(text), Ok(bytes), "{text}");
         }
-        for text in ["", "G", "-1G", "0", "nan", "1e99T", "4GB", "4é"] {
+        for text in ["", "G", "GB", "B", "-1G", "0", "nan", "1e99T", "4BG", "4é"] {
             assert!(memory(text).is_err(), "{text}");
         }
     }

@@ -2,8 +2,8 @@
 //! of creases, whose lines cut splats beyond them. Each gets a splat, in place of one that its neighbours stand in for.
 
 use super::borders::Borders;
-use super::count::{Grown, Placed, Sample};
 use super::geometry::Geometry;
+use super::placed::{EYES, Grown, Placed, Sample};
 use crate::NoProgress;
 use crate::parallel::map_each;
 use crate::tree::{KdTree, Nearest};
@@ -24,9 +24,8 @@ const STEP: f64 = 0.2;
 const INSETS: [f64; 3] = [0.03, 0.3, 1.0];
 /// How far apart places are that get a splat each in one round, over its radius.
 const APART: f64 = 0.5;
-/// Angles from a face's normal that it is seen at, in degrees, and all directions that it is seen from.
+/// Angles from a face's normal that it is seen at, in degrees.
 const TILTS: [f64; 2] = [25.0, 50.0];
-pub(super) const EYES: usize = 9;
 /// Splats about a place that are asked whether they cover it: at first, and where these don't.
 const ASKED: [usize; 2] = [6, 32];
 /// Splats of which one may go: the one whose neighbour is nearest.

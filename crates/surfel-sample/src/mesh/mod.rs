@@ -11,6 +11,7 @@ pub(crate) mod geometry;
 mod octree;
 mod options;
 pub(crate) mod per_face;
+mod placed;
 pub(crate) mod random;
 pub(crate) mod see_through;
 mod transitions;

@@ -1,10 +1,11 @@
 //! A mesh as an octree of splats and polygons (rendering model §6, after G06 §5.2).
 
 use super::closed::is_oriented;
-use super::count::{MOST_GROWN, splats_and_faces};
+use super::count::splats_and_faces;
 use super::face_tree::{FaceTree, Node};
 use super::geometry::Geometry;
 use super::options::{MeshMethod, MeshReport};
+use super::placed::MOST_GROWN;
 use super::transitions::{EdgeSplat, distance_to_segment, shared_edges};
 use crate::{Progress, SampleError, assemble, interior, radii};
 use glam::DVec3;
