@@ -193,7 +193,7 @@ fn spz_of_version_4_is_read() {
 #[cfg(not(feature = "zstd"))]
 #[test]
 fn spz_of_version_4_names_its_feature() {
-    refused("a.spz", spz4(), "build with the Cargo feature \"zstd\" of surfel-io");
+    refused("a.spz", spz4(), "build with the feature zstd, as by cargo run --release --features zstd");
 }
 
 /// A ZIP file of stored members.
