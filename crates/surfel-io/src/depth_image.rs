@@ -81,7 +81,7 @@ mod tests {
         let at = |i: usize| {
             let (column, row) = ((i % SIZE[0]) as f64, (i / SIZE[0]) as f64);
             let depth = if column > 40.0 { 1.2 } else { 2.0 + 0.1 * (0.3 * row).sin() };
-            let missing = i % 7 == 0;
+            let missing = i.is_multiple_of(7);
             if missing {
                 DVec3::NAN
             } else {

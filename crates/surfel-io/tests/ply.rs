@@ -328,7 +328,7 @@ fn points_keep_normals_and_extras_and_drop_what_is_nowhere() {
 }
 
 #[test]
-fn float_colors_beyond_1_are_levels_but_in_splats() {
+fn whole_float_colors_beyond_8_are_levels_but_in_splats() {
     let file = |names: &str, row: &str, red: &str| {
         let names: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();
         format!("ply\nformat ascii 1.0\nelement vertex 1\n{names}end_header\n{row} {red} 0\n")
@@ -338,7 +338,10 @@ fn float_colors_beyond_1_are_levels_but_in_splats() {
         let Content::Points(points) = loaded.content else { panic!() };
         (points.colors.unwrap()[0], loaded.notes.join("; "))
     };
-    assert_eq!(colors("1 0.25"), ([1.0, 0.25, 0.0], String::new()));
+    // Light may be brighter than white.
+    for (text, red, green) in [("1 0.25", 1.0, 0.25), ("8 1", 8.0, 1.0), ("200.5 3", 200.5, 3.0)] {
+        assert_eq!(colors(text), ([red, green, 0.0], String::new()));
+    }
     // sRGB decodes 128 of 255 to 0.21586 (IEC 61966-2-1), f32 to 6e-8 of it.
     let ([r, g, b], note) = colors("255 128");
     assert!(r == 1.0 && b == 0.0 && (f64::from(g) - 0.215_860_500_113_899).abs() < 2e-8, "{r} {g}");

@@ -113,7 +113,7 @@ POINTS, COLORS = sphere(60)
         (lambda: surfel.scene(POINTS).render(K=np.eye(3), world_from_camera=2 * np.eye(4), size=(8, 8)),
          surfel.InputError, "stretches"),
         (lambda: surfel.scene(POINTS).render(splats=10), surfel.UsageError, "holds points, expected a mesh for splats"),
-        (lambda: surfel.scene(POINTS).render(color_by="heat"), surfel.UsageError, "attributes"),
+        (lambda: surfel.scene(POINTS).render(color_by="heat"), surfel.UsageError, "attribute 'heat' but height"),
         (lambda: surfel.scene(POINTS).render(crease_angle=30), surfel.UsageError, "crease_angle is for sharp"),
         (lambda: surfel.scene(POINTS).render(backend="vulkan"), surfel.BackendError, "no backend 'vulkan'"),
         (lambda: surfel.scene(POINTS).render(threads=0), surfel.UsageError, "threads"),

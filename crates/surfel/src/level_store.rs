@@ -187,7 +187,7 @@ mod tests {
     fn file_that_does_not_fit_is_drawn_as_if_it_had_been_converted_first() {
         let folder = folder("store-converts");
         let (input, converted) = (folder.join("in.las"), folder.join("out.copc.laz"));
-        levels::save_copc(&[input.clone()], &converted, &CopcRequest::default(), &NoProgress).unwrap();
+        levels::save_copc(std::slice::from_ref(&input), &converted, &CopcRequest::default(), &NoProgress).unwrap();
         // Enough for the 100 bytes a point of what a view needs, not for the 200 of all.
         let (memory, eye) = ("12M", [20.0, -150.0, 80.0]);
         let store = Arc::new(LevelStore { least_memory: 0, ..LevelStore::default() });

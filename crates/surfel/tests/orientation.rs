@@ -264,7 +264,11 @@ fn depth_images_are_seen_from_their_camera() {
     let pixel = |i: usize| {
         let (column, row) = ((i % 64) as f64, (i / 64) as f64);
         let depth = if (20.0..40.0).contains(&column) && row > 20.0 { 1.2 } else { 2.0 };
-        if i % 11 == 0 { DVec3::NAN } else { DVec3::new((column - 31.5) / 60.0, (row - 23.5) / 60.0, 1.0) * depth }
+        if i.is_multiple_of(11) {
+            DVec3::NAN
+        } else {
+            DVec3::new((column - 31.5) / 60.0, (row - 23.5) / 60.0, 1.0) * depth
+        }
     };
     let points: Vec<DVec3> = (0..64 * 48).map(pixel).collect();
     let loaded = |name: &str, size: [usize; 2], viewpoint: &str, points: &[DVec3]| {

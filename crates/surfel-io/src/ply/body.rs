@@ -286,7 +286,7 @@ fn read_rows<'a>(
     let mut offset = 0;
     for (column, property) in columns.iter_mut().zip(properties) {
         let Kind::Scalar(kind) = property.kind else { continue };
-        let together = TOGETHER.iter().any(|set| set.contains(&property.name.as_str()) && set.iter().all(|n| has(n)));
+        let together = TOGETHER.iter().any(|set| set.contains(&property.name.as_str()) && set.iter().all(&has));
         if let Column::Scalar(values) = column {
             if let Some(stored) = Strided::new(data, offset, stride, rows, number_type(kind), big_endian)
                 && together

@@ -54,14 +54,18 @@ pub(super) fn take_set<'a, const N: usize>(
     if names.iter().any(|n| table.has(n)) { take(table, names).map(Some) } else { Ok(None) }
 }
 
-/// Takes red, green and blue. Floats are linear, but where they exceed 1, they are levels as a program displayed them,
-/// and a note says so.
+/// Brightest linear colour that whole numbers may be: up to there they could be light, beyond they are levels.
+const BRIGHTEST: f32 = 8.0;
+
+/// Takes red, green and blue. Floats are linear, but where all are whole and some beyond [`BRIGHTEST`], they are levels
+/// as a program displayed them, and a note says so.
 pub(super) fn take_colors(table: &mut Table<'_>, context: &mut Context<'_>) -> Result<Option<Vec<[f32; 3]>>, Fault> {
     let Some(columns) = take_set(table, ["red", "green", "blue"])? else { return Ok(None) };
-    let are_floats = columns.iter().all(|c| c.is_float());
+    let are_floats = columns.iter().all(Numbers::is_float);
     let mut colors = columns::colors(columns);
     let largest = colors.as_flattened().iter().copied().filter(|c| c.is_finite()).fold(0.0, f32::max);
-    if are_floats && largest > 1.0 {
+    let are_levels = largest > BRIGHTEST && colors.as_flattened().iter().all(|c| !c.is_finite() || c.fract() == 0.0);
+    if are_floats && are_levels {
         let scale = if largest <= 255.0 { 255.0 } else { 65_535.0 };
         let levels = colors.as_flattened_mut();
         levels.iter_mut().for_each(|c| *c = linear_of_level(f64::from(*c), scale));

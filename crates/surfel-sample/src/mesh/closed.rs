@@ -59,7 +59,9 @@ pub fn turn_outward(mesh: &mut Mesh) -> bool {
     }
     // 36π V² = A³ of a sphere, whose volume goes with the root.
     let least = ROUND * (0.5 * area).powf(1.5) / (6.0 * std::f64::consts::PI.sqrt());
-    if whole.length() > OPEN * area || !(volume / 6.0 < -least) {
+    let is_closed = whole.length() <= OPEN * area;
+    let is_negative = volume / 6.0 < -least;
+    if !(is_closed && is_negative) {
         return false;
     }
     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
