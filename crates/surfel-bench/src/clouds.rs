@@ -158,10 +158,10 @@ fn waves() -> Vec<(DVec3, f64, f64)> {
 }
 
 /// A generator of numbers in [0, 1): Knuth's MMIX constants, the upper bits.
-struct Random(u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    fn next(&mut self) -> f64 {
+    pub(crate) fn next(&mut self) -> f64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }

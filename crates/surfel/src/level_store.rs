@@ -7,9 +7,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::SystemTime;
 use surfel_io::atomic::Temporary;
-use surfel_io::copc::{LEAST_MEMORY, NodeCache};
+use surfel_io::copc::{FileState, LEAST_MEMORY, NodeCache};
 use surfel_sample::Progress;
 
 /// What stays of files by levels from one picture to the next: LAS and LAZ files that don't fit into memory, written by
@@ -25,15 +24,8 @@ pub struct LevelStore {
 /// A file that was written by levels.
 struct Converted {
     /// What it was then: a file that is replaced is written again.
-    of: FileState,
+    of: Option<FileState>,
     file: Arc<Temporary>,
-}
-
-/// Bytes of a file, and when it was written.
-type FileState = Option<(u64, Option<SystemTime>)>;
-
-fn state(path: &Path) -> FileState {
-    std::fs::metadata(path).ok().map(|metadata| (metadata.len(), metadata.modified().ok()))
 }
 
 impl Default for LevelStore {
@@ -72,7 +64,7 @@ impl LevelStore {
     ) -> Result<Option<(Arc<Temporary>, String)>, Error> {
         let mut converted = self.converted.lock().unwrap_or_else(PoisonError::into_inner);
         let budget = options.memory.or_else(default_budget).unwrap_or(0);
-        let of = state(path);
+        let of = FileState::of(path);
         if converted.get(path).is_none_or(|kept| kept.of != of) {
             converted.remove(path);
             if budget < self.least_memory || levels::has_levels(path) {

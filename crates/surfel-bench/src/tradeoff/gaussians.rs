@@ -1,6 +1,7 @@
 //! Trained Gaussians: the order in which they are drawn one over another, their filter, and surfaces in their place.
 
 use glam::{DQuat, DVec3};
+use surfel::math::gaussian::SH_C0;
 use surfel::math::srgb;
 use surfel::model::{CloudData, Column3, Filter, GaussianCloud, GaussianData, GaussianKind, OnInvalid, Shape, Sort};
 use surfel::{Scene, Settings, SplatCloud};
@@ -13,10 +14,6 @@ use crate::{Failure, clouds};
 
 /// Gaussians of each of the three shells.
 const SPLATS: usize = 12_000;
-/// The constant harmonic.
-const Y0: f64 = 0.282_094_791_773_878_14;
-/// Opacity from which on a Gaussian is a surface's splat.
-const LEAST_OPACITY: f32 = 0.05;
 
 /// Every order and filter of Gaussians; the first is the default.
 pub(crate) fn all(
@@ -64,11 +61,8 @@ fn subject(scene: &Scene, settings: Settings, size: u32, samples: u32) -> Subjec
 /// Shells of Gaussians, each turned away from its surface by up to a right angle, so that they cut each other.
 fn shells() -> Result<GaussianCloud, Failure> {
     let ball = clouds::ball(SPLATS)?;
-    let mut state = 1u64;
-    let mut random = move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 53) as f64
-    };
+    let mut numbers = clouds::Random(1);
+    let mut random = move || numbers.next();
     let (mut centers, mut sigmas, mut rotations) = (Vec::new(), Vec::new(), Vec::new());
     let (mut opacities, mut harmonics) = (Vec::new(), Vec::new());
     for (shell, scale) in [1.0, 0.85, 0.7].into_iter().enumerate() {
@@ -83,7 +77,7 @@ fn shells() -> Result<GaussianCloud, Failure> {
             opacities.push([0.95, 0.5, 0.2][(3.0 * random()) as usize % 3]);
             let hue = random();
             let color = [0.2 + 0.7 * hue, 0.3 + 0.3 * shell as f64, 0.9 - 0.7 * hue];
-            harmonics.push(color.map(|c| ((c - 0.5) / Y0) as f32));
+            harmonics.push(color.map(|c| ((c - 0.5) / SH_C0) as f32));
         }
     }
     let data = GaussianData {
@@ -103,11 +97,12 @@ fn shells() -> Result<GaussianCloud, Failure> {
 
 /// As `--composite surface` takes them: opaque ellipses of two standard deviations.
 fn ellipses(gaussians: &GaussianCloud) -> Result<SplatCloud, Failure> {
-    let kept: Vec<usize> = (0..gaussians.len()).filter(|&i| gaussians.data().opacities[i] >= LEAST_OPACITY).collect();
+    let kept: Vec<usize> =
+        (0..gaussians.len()).filter(|&i| gaussians.data().opacities[i] >= GaussianCloud::FAINT).collect();
     let (s, t): (Vec<_>, Vec<_>) = kept.iter().map(|&i| gaussians.ellipse(i)).unzip();
     let column = |v: &[DVec3]| Column3::from_f32(v.iter().map(|v| v.as_vec3()).collect());
     let centers: Vec<DVec3> = kept.iter().map(|&i| gaussians.center(i)).collect();
-    let color = |&i: &usize| gaussians.coefficients(i)[0].map(|c| srgb::decode(0.5 + Y0 * f64::from(c)) as f32);
+    let color = |&i: &usize| gaussians.coefficients(i)[0].map(|c| srgb::decode(0.5 + SH_C0 * f64::from(c)) as f32);
     let shape = Shape::Ellipses { s: column(&s), t: column(&t) };
     let data = CloudData {
         colors: Some(kept.iter().map(color).collect()),

@@ -228,11 +228,8 @@ pub(super) fn ball(size: u32) -> Result<Subject, Failure> {
 
 /// Ellipses of aspect 100 in a ball.
 fn needles(size: u32, samples: u32) -> Result<Subject, Failure> {
-    let mut state = 1u64;
-    let mut random = move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 53) as f64
-    };
+    let mut numbers = clouds::Random(1);
+    let mut random = move || numbers.next();
     let mut direction = move || {
         let z = 2.0 * random() - 1.0;
         let (sine, cosine) = (TAU * random()).sin_cos();

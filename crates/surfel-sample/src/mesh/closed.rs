@@ -39,7 +39,7 @@ const ROUND: f64 = 0.01;
 /// Turns a mesh around that is wound inside out, as some exporters leave them: wound alike, with next to no opening,
 /// and around a negative volume. Normals are turned if they go with the winding. True if it was.
 pub fn turn_outward(mesh: &mut Mesh) -> bool {
-    if !is_oriented(mesh) {
+    if mesh.triangles.is_empty() || mesh.validate().is_err() {
         return false;
     }
     let corners = |t: &[u32; 3]| t.map(|i| mesh.positions.get(i as usize));
@@ -61,7 +61,8 @@ pub fn turn_outward(mesh: &mut Mesh) -> bool {
     let least = ROUND * (0.5 * area).powf(1.5) / (6.0 * std::f64::consts::PI.sqrt());
     let is_closed = whole.length() <= OPEN * area;
     let is_negative = volume / 6.0 < -least;
-    if !(is_closed && is_negative) {
+    // A walk along all edges costs most: it comes last.
+    if !(is_closed && is_negative && is_oriented(mesh)) {
         return false;
     }
     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));

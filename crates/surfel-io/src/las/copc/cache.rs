@@ -1,16 +1,24 @@
 //! Nodes of COPC files that stay decoded.
 
 use std::collections::{BTreeMap, HashMap};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
 
-/// A file as it was when it was opened.
+/// A file as it was when it was opened: one of the same name may be another later.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct FileState {
+pub struct FileState {
     pub(super) path: PathBuf,
     pub(super) bytes: u64,
     pub(super) modified: Option<SystemTime>,
+}
+
+impl FileState {
+    /// That of a file that is there.
+    pub fn of(path: &Path) -> Option<Self> {
+        let metadata = std::fs::metadata(path).ok()?;
+        Some(Self { path: path.to_path_buf(), bytes: metadata.len(), modified: metadata.modified().ok() })
+    }
 }
 
 /// What is decoded of a node's points.
