@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use crate::{cargo, required, suites, tidy};
+use crate::{FEATURES, cargo, required, suites, tidy};
 
 enum Outcome {
     Passed,
@@ -19,7 +19,7 @@ pub(crate) fn run(root: &Path) -> bool {
     let steps = [
         step("fmt", &|| command(cargo(root).args(["fmt", "--all", "--check"]))),
         step("clippy", &|| {
-            let arguments = ["clippy", "--workspace", "--all-targets", "--features", suites::FEATURES, "--locked"];
+            let arguments = ["clippy", "--workspace", "--all-targets", "--features", FEATURES, "--locked"];
             command(cargo(root).args(arguments).args(["--", "-D", "warnings"]))
         }),
         // As it is built without being asked for more: without GPU backends.

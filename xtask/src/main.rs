@@ -16,6 +16,9 @@ use std::process::{Command, ExitCode};
 
 use suites::Gpu;
 
+/// Features that no package has by itself and whose tests run all the same: the program's GPU backends.
+const FEATURES: &str = "surfel-cli/wgpu,surfel-cli/ash";
+
 const HELP: &str = "\
 The project's chores.
 

@@ -3,11 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use crate::{FEATURES, cargo};
+
 /// The package's folder.
 const PACKAGE: &str = "crates/surfel-python";
+const SOURCE: &str = "crates/surfel-python/python";
 const TESTS: &str = "crates/surfel-python/tests";
 /// What its tests need, as pip's requirements and as modules.
-const TESTED_BY: [(&str, &str); 3] = [("maturin>=1.9,<2", "maturin"), ("numpy", "numpy"), ("pytest", "pytest")];
+const TESTED_BY: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
+const BUILT_BY: [(&str, &str); 1] = [("maturin>=1.9,<2", "maturin")];
 /// What the notebooks, engines and rivals need besides.
 const SHOWN_BY: [(&str, &str); 11] = [
     ("ray", "ray"),
@@ -33,7 +37,7 @@ pub(crate) enum Tested {
     Skipped(String),
 }
 
-/// Tests the package; with `full` its notebooks, engines and rivals, too.
+/// Tests the package; with `full` as maturin installs it, and its notebooks, engines and rivals, too.
 pub(crate) fn test(root: &Path, full: bool) -> Tested {
     println!("\n== Python package");
     let python = match environment(root, &TESTED_BY) {
@@ -42,17 +46,22 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     };
     // What the tests before these have built: by itself, with fewer features, half of everything is built once more.
     let program = target(root).join("debug").join("surfel");
-    let steps = [
-        vec!["-m", "maturin", "develop", "--quiet", "--locked"],
-        vec!["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not engines", TESTS],
-    ];
     let ran = |words: &[&str]| {
         let mut command = Command::new(&python);
         command.current_dir(root).args(words).env("SURFEL_PROGRAM", &program);
+        command.env("PYTHONPATH", root.join(SOURCE));
         // Maturin installs into the environment that is active.
         command.env("VIRTUAL_ENV", folder(root)).status().is_ok_and(|status| status.success())
     };
-    if !steps.iter().all(|words| ran(words)) {
+    let is_built = if full || !cfg!(target_os = "linux") {
+        if let Err(why) = install(&python, &BUILT_BY) {
+            return Tested::Skipped(why);
+        }
+        ran(&["-m", "maturin", "develop", "--quiet", "--locked"])
+    } else {
+        build(root)
+    };
+    if !is_built || !ran(&["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not engines", TESTS]) {
         return Tested::Failed;
     }
     if !full {
@@ -68,6 +77,26 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
         vec!["crates/surfel-python/examples/engines.py", "2"],
     ];
     if shown.iter().all(|words| ran(words)) { Tested::Passed } else { Tested::Failed }
+}
+
+/// Builds the extension module where Python looks for it, out of what the Rust tests have built: with their features,
+/// which by itself it doesn't have, so that everything would be built once more.
+fn build(root: &Path) -> bool {
+    let mut command = cargo(root);
+    command.args(["build", "--quiet", "--workspace", "--lib", "--tests", "--features", FEATURES, "--locked"]);
+    // As maturin does: Python itself isn't linked.
+    command.env("PYO3_BUILD_EXTENSION_MODULE", "1");
+    if !command.status().is_ok_and(|status| status.success()) {
+        return false;
+    }
+    let built = target(root).join("debug").join("libsurfel_python.so");
+    match std::fs::copy(&built, root.join(SOURCE).join("surfel").join("_native.abi3.so")) {
+        Ok(_) => true,
+        Err(why) => {
+            eprintln!("error: {} can't be copied into {SOURCE}: {why}", built.display());
+            false
+        }
+    }
 }
 
 /// Builds a wheel for manylinux2014 on each platform that rustup has.

@@ -4,13 +4,10 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
 use crate::python::Tested;
-use crate::{cargo, python, required, vulkan};
+use crate::{FEATURES, cargo, python, required, vulkan};
 
 /// Backends whose tests need a driver.
 const GPU_BACKENDS: &str = "wgpu,ash";
-
-/// Features that no package has by itself and whose tests run all the same: the program's GPU backends.
-pub(crate) const FEATURES: &str = "surfel-cli/wgpu,surfel-cli/ash";
 
 /// Whether tests of GPU backends may be skipped.
 #[derive(Clone, Copy, PartialEq, Eq)]
