@@ -5,7 +5,8 @@ mod common;
 use common::{Lcg, coverage, keeps};
 use glam::{DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
-use surfel_model::{Column3, Mesh, Shape, SplatCloud};
+use std::sync::Arc;
+use surfel_model::{Column3, Mesh, Shape, SplatCloud, Texture};
 use surfel_sample::{MeshMethod, MeshOptions, NoProgress, SampleError, points_from_mesh, splats_from_mesh};
 
 fn mesh(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
@@ -96,6 +97,23 @@ fn count_covers_a_cube_to_its_edges_and_stays_on_it() {
 }
 
 #[test]
+fn detail_covers_a_cube_whose_colours_vary_in_places() {
+    let mut cube = cube();
+    let stripes =
+        |i: usize| if i % 512 < 100 && (i / 4).is_multiple_of(2) { [20, 20, 20, 255] } else { [180, 180, 180, 255] };
+    cube.texture = Some(Arc::new(Texture { width: 512, height: 512, srgba8: (0..512 * 512).map(stripes).collect() }));
+    let uv = |i: usize| cube.positions.get(i).as_vec3() * 0.7 + Vec3::splat(0.3) * cube.positions.get(i).z as f32;
+    cube.uvs = Some((0..8).map(|i| [uv(i).x, uv(i).y]).collect());
+    let (cloud, report) = splats_from_mesh(&cube, &MeshOptions::new(MeshMethod::Detail), &NoProgress).unwrap();
+    let detail = report.detail.unwrap();
+    assert!(detail.splats < detail.colors && detail.splats > 5000, "{detail:?}");
+    let c = coverage(&cloud, &places(&cube, 200_000));
+    println!("striped cube: {detail:?}, {c:?}");
+    assert_eq!(c.holes, 0, "{c:?}");
+    assert!(c.twice > 0.97, "{c:?}");
+}
+
+#[test]
 fn count_covers_facets_narrower_than_splats_are_apart() {
     // A plate whose rim is folded ten times: strips of an eighth of a spacing, of which few have a splat of their own.
     let (length, width) = (24.0, 0.125);
@@ -179,14 +197,14 @@ fn per_face_ellipses_cover_a_cube_and_end_at_its_edges() {
 fn colors_come_from_the_texture_and_the_vertices() {
     let square = mesh(&[DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y], vec![[0, 1, 2], [0, 2, 3]]);
     // Left half black, right half white, times a vertex colour.
-    let texture = surfel_model::Texture {
+    let texture = Texture {
         width: 64,
         height: 1,
         srgba8: (0..64).map(|x| if x < 32 { [0, 0, 0, 255] } else { [255; 4] }).collect(),
     };
     let painted = Mesh {
         uvs: Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
-        texture: Some(std::sync::Arc::new(texture)),
+        texture: Some(Arc::new(texture)),
         colors: Some(vec![[0.5, 1.0, 0.25]; 4]),
         ..square
     };

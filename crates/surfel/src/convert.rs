@@ -439,6 +439,8 @@ fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
         MeshMethod::PerVertex => "one a vertex",
         MeshMethod::Count(_) | MeshMethod::Detail => "spread over the surface",
     };
+    let closer = report.detail.is_some_and(|detail| detail.splats < detail.shape.max(detail.colors));
+    let how = if closer { "closer together where colours vary" } else { how };
     let mut note = format!(
         "a mesh of {}: {}, {how} (median radius {})",
         counted(mesh.triangles.len() as u64, "triangles"),
@@ -447,6 +449,9 @@ fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
     );
     if let Some(detail) = report.detail {
         note += &format!("; its shape asks for {}, its colours for {}", detail.shape, detail.colors);
+        if closer {
+            note += " everywhere";
+        }
     }
     if report.degenerate > 0 {
         note += &format!("; {} of no area", counted(report.degenerate as u64, "triangles"));

@@ -3,7 +3,9 @@
 //! A splat near an edge of its smooth part of the surface keeps what lies on its own side of up to four lines. Where
 //! an edge is concave, one line keeps less than the surface there, and leaves the rest to the splats beside it.
 
+use super::density::Density;
 use super::geometry::Geometry;
+use super::parts::Sample;
 use crate::radii;
 use crate::tree::{KdTree, Nearest};
 use glam::{DVec2, DVec3};
@@ -118,32 +120,49 @@ struct Segment {
 }
 
 impl Borders {
-    /// Cuts the borders of a surface for splats `spacing` apart, of which `count` are made, into pieces of about their
-    /// radius. `regions` has one number a face. Faces that have no splats to themselves may be hung over where the
-    /// surface is smooth.
-    pub(crate) fn new(geometry: &Geometry, borders: &[Border], regions: &[u32], spacing: f64, count: usize) -> Self {
-        let is_resolved = |face: u32| geometry.areas[face as usize] >= RESOLVED * spacing * spacing;
+    /// Cuts the borders of a surface for `count` splats, as far apart as `density` says times `scale`, into pieces of
+    /// about their radius. `regions` has one number a face. Faces that have no splats to themselves may be hung over
+    /// where the surface is smooth.
+    pub(crate) fn new(
+        geometry: &Geometry,
+        borders: &[Border],
+        regions: &[u32],
+        (density, scale): (&Density, f64),
+        count: usize,
+    ) -> Self {
+        let is_resolved = |face: u32| {
+            let spacing = scale * density.of_face(face as usize);
+            geometry.areas[face as usize] >= RESOLVED * spacing * spacing
+        };
         let counts = |b: &&Border| b.kind != Kind::Bend || (is_resolved(b.face()) && b.across.is_some_and(is_resolved));
         let total: f64 = borders.iter().filter(counts).map(|b| b.ends[0].distance(b.ends[1])).sum();
         let most = (4 * count + borders.len()).max(1);
-        let length = (radii::DENSITY * spacing).max(total / most as f64);
+        let least = total / most as f64;
+        let length_of = |spacing: f64| (radii::DENSITY * spacing).max(least);
+        let length = length_of(scale * density.coarsest);
         let (mut pieces, mut half) = (Vec::new(), 0.0_f64);
         for border in borders.iter().filter(counts) {
             let normal_of = |face: u32| geometry.normals[face as usize];
             let (region, normal) = (regions[border.face() as usize], normal_of(border.face()));
             let across = border.across.filter(|face| regions[*face as usize] == region).map(normal_of);
-            let overhang = match (border.kind, border.across) {
-                (Kind::Bend, Some(other)) => STANDING_OUT * spacing / normal.cross(normal_of(other)).length(),
-                (Kind::Cut, _) => OVER_CUT * radii::DENSITY * spacing,
-                _ => 0.0,
-            };
+            let (face, kind) = (border.face(), border.kind);
             let [a, b] = border.ends;
             let parts = (a.distance(b) / length).ceil().clamp(1.0, most as f64) as usize;
             let at = |i: usize| a.lerp(b, i as f64 / parts as f64);
-            let (face, kind) = (border.face(), border.kind);
-            let piece = |i: usize| Piece { ends: [at(i), at(i + 1)], face, normal, across, region, kind, overhang };
-            pieces.extend((0..parts).map(piece));
-            half = half.max(0.5 * a.distance(b) / parts as f64);
+            for [a, b] in (0..parts).map(|i| [at(i), at(i + 1)]) {
+                let spacing = scale * density.at(&Sample::at(geometry, face, 0.5 * (a + b)));
+                let overhang = match (kind, border.across) {
+                    (Kind::Bend, Some(other)) => STANDING_OUT * spacing / normal.cross(normal_of(other)).length(),
+                    (Kind::Cut, _) => OVER_CUT * radii::DENSITY * spacing,
+                    _ => 0.0,
+                };
+                // One where splats are as far apart everywhere.
+                let parts = (length / length_of(spacing)).ceil() as usize;
+                let at = |i: usize| if i == parts { b } else { a.lerp(b, i as f64 / parts as f64) };
+                let piece = |i: usize| Piece { ends: [at(i), at(i + 1)], face, normal, across, region, kind, overhang };
+                pieces.extend((0..parts).map(piece));
+                half = half.max(0.5 * a.distance(b) / parts as f64);
+            }
         }
         let middles: Vec<DVec3> = pieces.iter().map(|piece| 0.5 * (piece.ends[0] + piece.ends[1])).collect();
         Self { tree: KdTree::new(&middles), pieces, half }
@@ -396,7 +415,8 @@ mod tests {
     fn kept(mesh: &Mesh, p: DVec3, face: usize, radius: f64) -> Option<Kept> {
         let geometry = Geometry::new(mesh);
         let smooth = geometry.smooth();
-        let borders = Borders::new(&geometry, &smooth.borders, &smooth.regions, 1.0 / radii::DENSITY, 1000);
+        let density = Density::even(&geometry, 1.0 / radii::DENSITY);
+        let borders = Borders::new(&geometry, &smooth.borders, &smooth.regions, (&density, 1.0), 1000);
         let (u, v) = surfel_math::basis::orthonormal(geometry.normals[face]);
         borders.keep(p, (u * radius, v * radius), smooth.regions[face])
     }

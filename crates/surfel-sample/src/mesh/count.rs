@@ -1,18 +1,20 @@
-//! A given number of samples, spread evenly over the surface.
+//! A given number of samples, spread over the surface as far apart as is asked for.
 
 use super::borders::{Borders, Kind};
-use super::eliminate::eliminate;
+use super::density::Density;
+use super::eliminate::{eliminate, reach};
 use super::gaps;
 use super::geometry::{Geometry, SAME_NORMAL, Smooth};
 use super::options::MeshReport;
-use super::placed::{Bordered, Placed, Sample};
+use super::parts::Sample;
+use super::placed::{Bordered, Placed};
 use super::random::Random;
 use super::see_through;
 use crate::orient::Oriented;
 use crate::parallel::map_each;
 use crate::radii::Spacing;
 use crate::sorted::SortedPoints;
-use crate::tree::KdTree;
+use crate::tree::{KdTree, Nearest};
 use crate::{Progress, SampleError, assemble, radii};
 use glam::DVec3;
 use surfel_math::basis::unit;
@@ -24,20 +26,24 @@ const OVERSAMPLING: usize = 3;
 const MOST_ELIMINATED: usize = 1_000_000;
 /// Cosine of 1°: a sample whose smooth normal is nearer to its facet's lies in a flat part.
 const FLAT: f64 = 0.999_847_695;
+/// Splats, itself among them, beside which one must leave no gap where density changes, and how much larger than its
+/// own density asks for it may be because of them.
+const BESIDE: usize = 7;
+const MOST_REACHING: f64 = 1.2;
 
-pub(crate) fn splats(
+/// `count` splats, as far apart everywhere.
+pub(crate) fn even_splats(
     mesh: &Mesh,
     count: usize,
     radius_scale: f64,
     report: &mut MeshReport,
     progress: &dyn Progress,
 ) -> Result<CloudData, SampleError> {
-    let whole = |_: u32| false;
-    splats_and_faces(mesh, &whole, count, radius_scale, report, progress).map(|(data, _)| data)
+    splats_and_faces(mesh, &|_| false, count, radius_scale, report, progress).map(|(data, _)| data)
 }
 
-/// The columns of [`splats`], and the triangle that each splat lies on. `is_cut` says of an open edge, by the corner
-/// (3·triangle + 0..3) that it starts at, that the mesh is part of a larger one, which goes on there.
+/// The columns of [`even_splats`], and the triangle that each splat lies on. `is_cut` says of an open edge, by the
+/// corner (3·triangle + 0..3) that it starts at, that the mesh is part of a larger one, which goes on there.
 pub(crate) fn splats_and_faces(
     mesh: &Mesh,
     is_cut: &dyn Fn(u32) -> bool,
@@ -51,33 +57,56 @@ pub(crate) fn splats_and_faces(
     }
     SampleError::check_count("splats", count)?;
     let geometry = Geometry::new(mesh);
-    (report.degenerate, report.repeated) = (geometry.degenerate(), geometry.repeated);
     let area = geometry.total_area();
     if area <= 0.0 || !area.is_finite() {
         return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
     }
+    let density = Density::even(&geometry, (area / count as f64).sqrt());
+    spread(&geometry, &density, (count, is_cut, radius_scale), report, progress)
+}
+
+/// `count` splats, as far apart as `density` says: so many that they are.
+pub(crate) fn splats(
+    geometry: &Geometry,
+    density: &Density,
+    count: usize,
+    radius_scale: f64,
+    report: &mut MeshReport,
+    progress: &dyn Progress,
+) -> Result<CloudData, SampleError> {
+    spread(geometry, density, (count, &|_| false, radius_scale), report, progress).map(|(data, _)| data)
+}
+
+fn spread(
+    geometry: &Geometry,
+    density: &Density,
+    (count, is_cut, radius_scale): (usize, &dyn Fn(u32) -> bool, f64),
+    report: &mut MeshReport,
+    progress: &dyn Progress,
+) -> Result<(CloudData, Vec<u32>), SampleError> {
+    let mesh = geometry.mesh;
+    (report.degenerate, report.repeated) = (geometry.degenerate(), geometry.repeated);
     let Smooth { corner_normals, feature_edges, mut borders, regions } = geometry.smooth();
     borders.iter_mut().filter(|b| b.kind == Kind::Open && is_cut(b.corner)).for_each(|b| b.kind = Kind::Cut);
     report.feature_edges = feature_edges;
 
-    let samples = spread(&geometry, count, area, progress);
-    let positions: Vec<DVec3> = samples.iter().map(|s| s.place(&geometry)).collect();
+    let samples = places(geometry, density, count, progress);
+    let positions: Vec<DVec3> = samples.iter().map(|s| s.place(geometry)).collect();
     // Geometry alone decides where a splat lies and which side of it is seen.
     let planes: Vec<DVec3> = samples.iter().map(|s| geometry.normals[s.face as usize]).collect();
-    let spacing = (area / count as f64).sqrt();
     let mut radii = if count > MOST_ELIMINATED {
-        measured_radii(&positions, &planes, spacing, progress)?
+        measured_radii(&positions, &planes, density.coarsest, progress)?
     } else {
         // Blue noise of known density: gaps of more than a spacing don't occur, and the density rule covers 1.65.
-        vec![radii::DENSITY * spacing; count]
+        reaching(density, &samples, &positions).iter().map(|spacing| radii::DENSITY * spacing).collect()
     };
     radii.iter_mut().for_each(|r| *r *= radius_scale);
-    let mut on = Placed { samples, positions, planes, radii };
-    let borders = Borders::new(&geometry, &borders, &regions, spacing * radius_scale, count);
+    let mut on = Placed { geometry, density, radius_scale, samples, positions, planes, radii };
+    let borders = Borders::new(geometry, &borders, &regions, (density, radius_scale), count);
     let mut kept = on.all_grown(&borders, &regions, progress);
     // Splats that are scaled down leave gaps anyway.
     if count <= MOST_ELIMINATED && radius_scale >= 1.0 {
-        gaps::fill(&geometry, &borders, &regions, &mut on, &mut kept);
+        gaps::fill(&borders, &regions, &mut on, &mut kept);
     }
     let Bordered { shape, clips } = on.bordered(&kept);
     let Placed { samples, positions, planes, .. } = on;
@@ -95,23 +124,38 @@ pub(crate) fn splats_and_faces(
     report.flat = 10 * of_facets >= 9 * count;
     let mapped = |i: usize| {
         let sample = &samples[i];
-        geometry.mapped_normal(sample.face as usize, sample.barycentric, smooth[i], spacing)
+        geometry.mapped_normal(sample.face as usize, sample.barycentric, smooth[i], density.at(sample))
     };
     let smooth = map_each(samples.len(), &crate::NoProgress, || (), |(), i| mapped(i));
     // A flat facet's splats have no other normals than their own.
     if planes.iter().zip(&smooth).any(|(plane, smooth)| plane.dot(*smooth) < SAME_NORMAL) {
         data.shading_normals = Some(assemble::normals32(&smooth));
     }
-    let rgba = geometry.is_painted().then(|| {
-        map_each(
-            samples.len(),
-            &crate::NoProgress,
-            || (),
-            |(), i| geometry.color_about(samples[i].face as usize, samples[i].barycentric, spacing),
-        )
-    });
+    let color = |sample: &Sample| geometry.color_about(sample.face as usize, sample.barycentric, density.at(sample));
+    let rgba =
+        geometry.is_painted().then(|| map_each(samples.len(), &crate::NoProgress, || (), |(), i| color(&samples[i])));
     (data.colors, data.alphas) = assemble::paint(rgba);
-    Ok(see_through::cut(&geometry, data, samples.iter().map(|s| s.face).collect()))
+    Ok(see_through::cut(geometry, data, samples.iter().map(|s| s.face).collect()))
+}
+
+/// How far apart splats are about each: where that changes, the largest of its neighbours', so that no gap is left
+/// between finer and coarser ones.
+fn reaching(density: &Density, samples: &[Sample], positions: &[DVec3]) -> Vec<f64> {
+    if density.is_even() {
+        return vec![density.coarsest; samples.len()];
+    }
+    let own: Vec<f64> = samples.iter().map(|sample| density.at(sample)).collect();
+    let tree = KdTree::new(positions);
+    map_each(
+        samples.len(),
+        &crate::NoProgress,
+        || Nearest::within(BESIDE, f64::INFINITY),
+        |found, i| {
+            tree.nearest(positions[i], found);
+            let largest = found.items().iter().map(|(_, slot)| own[tree.index(*slot as usize)]).fold(own[i], f64::max);
+            largest.min(MOST_REACHING * own[i])
+        },
+    )
 }
 
 /// Radii that cover the gaps that stratified samples leave.
@@ -130,16 +174,24 @@ fn measured_radii(
 }
 
 /// `count` samples.
-fn spread(geometry: &Geometry, count: usize, area: f64, progress: &dyn Progress) -> Vec<Sample> {
+fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn Progress) -> Vec<Sample> {
+    let splats = density.splats(geometry);
+    let (weights, total) =
+        if density.is_even() { (&geometry.areas, geometry.total_area()) } else { (&splats, splats.iter().sum()) };
+    let stratified = |count: usize| -> Vec<Sample> {
+        let places = stratified(weights, count, total, progress);
+        places.into_iter().map(|(part, b)| density.parts().place(part as usize, b)).collect()
+    };
     if count > MOST_ELIMINATED {
-        return stratified(&geometry.areas, count, area, progress).into_iter().map(Sample::from).collect();
+        return stratified(count);
     }
-    let samples: Vec<Sample> =
-        stratified(&geometry.areas, count * OVERSAMPLING, area, progress).into_iter().map(Sample::from).collect();
+    let samples = stratified(count * OVERSAMPLING);
     let positions: Vec<DVec3> = samples.iter().map(|s| s.place(geometry)).collect();
     let normals: Vec<DVec3> = samples.iter().map(|s| geometry.normals[s.face as usize]).collect();
     let tree = KdTree::new(&positions);
-    let left = eliminate(&tree, &normals, count, area, progress);
+    let even = reach(geometry.total_area(), count as f64);
+    let reach_of = |i: usize| if density.is_even() { even } else { reach(density.at(&samples[i]).powi(2), 1.0) };
+    let left = eliminate(&tree, &normals, count, &reach_of, progress);
     left.into_iter().map(|slot| samples[tree.index(slot as usize)]).collect()
 }
 

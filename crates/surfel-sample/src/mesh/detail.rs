@@ -1,6 +1,7 @@
 //! How many splats a mesh asks for: by how its surface bends, and by how its colours vary.
 
 use super::count::stratified;
+use super::density::Density;
 use super::geometry::Geometry;
 use crate::parallel::map_each;
 use crate::progress::NoProgress;
@@ -19,30 +20,42 @@ const PLACES: usize = 2048;
 /// Samples along each side of a square.
 const ACROSS: i32 = 5;
 
+/// Share of as many everywhere that splats must be fewer by, to be closer only where colours vary.
+const WORTH: f64 = 0.9;
+/// Most splats that are not as far apart everywhere: above a million there is no blue noise.
+const MOST_UNEVEN: f64 = 1e6;
+
 /// Splats that a mesh asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Detail {
     /// By its shape: so many that disks stand out of the curved surface by half a pixel of an image of 1024².
     pub shape: usize,
-    /// By its colours: so many that these vary by .03 (RMS, linear light) within what a splat stands for, but no more
-    /// than there are texels; 0 where nothing varies.
+    /// By its colours, as far apart everywhere: so many that these vary by .03 (RMS, linear light) within what a splat
+    /// stands for, but no more than there are texels; 0 where nothing varies.
     pub colors: usize,
+    /// Splats that are made, 5,000 to 2,000,000: the larger one, or fewer, which are closer where colours vary.
+    pub splats: usize,
 }
 
 impl Detail {
-    /// The larger one, within 5,000 and 2,000,000.
-    pub fn splats(self) -> usize {
-        (self.shape.max(self.colors) as f64).clamp(SPLATS.0, SPLATS.1) as usize
-    }
-
-    pub(crate) fn new(geometry: &Geometry) -> Self {
+    /// With how far apart splats are to be.
+    pub(crate) fn new(geometry: &Geometry) -> (Self, Density) {
         let area = geometry.total_area();
         let splats = |spacing: f64| (area / (spacing * spacing)).min(SPLATS.1);
         // A rim at radius r of a surface of curvature κ is r²κ/2 away from it.
         let radius = (2.0 * RIM * geometry.extent / curvature(geometry)).sqrt();
         let shape = splats(radius / radii::DENSITY) as usize;
         let colors = if geometry.is_painted() { colors(geometry, area) } else { 0 };
-        Self { shape, colors }
+        let least = (shape as f64).clamp(SPLATS.0, SPLATS.1);
+        let even = least.max(colors as f64).min(SPLATS.1);
+        if even > least {
+            let density = Density::by_colors(geometry, (area / least).sqrt(), VARIATION);
+            let splats = density.splats(geometry).iter().sum::<f64>().ceil();
+            if splats < (WORTH * even).min(MOST_UNEVEN) {
+                return (Self { shape, colors, splats: splats as usize }, density);
+            }
+        }
+        (Self { shape, colors, splats: even as usize }, Density::even(geometry, (area / even.floor()).sqrt()))
     }
 }
 
@@ -111,4 +124,101 @@ fn variance(geometry: &Geometry, (face, b): (u32, [f64; 3]), side: f64) -> f64 {
     }
     let of = |c: usize| (squares[c] / count - (sum[c] / count).powi(2)).max(0.0);
     if count > 1.0 { (of(0) + of(1) + of(2)) / 3.0 } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::parts::Sample;
+    use crate::mesh::{MeshMethod, MeshOptions, splats_from_mesh};
+    use crate::tree::KdTree;
+    use crate::tree::Nearest;
+    use glam::DVec3;
+    use std::sync::Arc;
+    use surfel_model::{Column3, Mesh, SplatCloud, Texture};
+
+    const SIDE: usize = 1024;
+
+    /// The unit square with a grey texture of values in [0, 1] at x, y.
+    fn square(value: impl Fn(f64, f64) -> f64) -> Mesh {
+        let at = |k: usize| (k as f64 + 0.5) / SIDE as f64;
+        let texel = |i: usize| {
+            let v = surfel_math::srgb::nearest_8_bit(value(at(i % SIDE), at(i / SIDE)) as f32);
+            [v, v, v, 255]
+        };
+        let srgba8 = (0..SIDE * SIDE).map(texel).collect();
+        Mesh {
+            positions: Column3::from_f64(&[DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]),
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            uvs: Some(vec![[0., 0.], [1., 0.], [1., 1.], [0., 1.]]),
+            texture: Some(Arc::new(Texture { width: SIDE as u32, height: SIDE as u32, srgba8 })),
+            ..Mesh::default()
+        }
+    }
+
+    /// Stripes in a fifth of the square.
+    fn stripes(x: f64, _: f64) -> f64 {
+        if x < 0.2 { ((x * 50.0).floor() % 2.0) * 0.9 + 0.05 } else { 0.5 }
+    }
+
+    /// The least Σw of a splat cloud over the square.
+    fn least_weight(cloud: &SplatCloud) -> f64 {
+        let tree = KdTree::new(&(0..cloud.len()).map(|i| cloud.center(i)).collect::<Vec<_>>());
+        let mut found = Nearest::within(64, f64::INFINITY);
+        let places = (0..250_000).map(|i| DVec3::new(f64::from(i % 500) + 0.5, f64::from(i / 500) + 0.5, 0.0) / 500.0);
+        let mut sum = |place: DVec3| -> f64 {
+            tree.nearest(place, &mut found);
+            let rho_squared =
+                |(square, slot): &(f64, u32)| square / cloud.radius_max(tree.index(*slot as usize)).powi(2);
+            let within = found.items().iter().map(rho_squared).filter(|r| *r <= 1.0);
+            within.map(|r| surfel_math::kernel::weight(r, 2.0)).sum()
+        };
+        places.map(&mut sum).fold(f64::INFINITY, f64::min)
+    }
+
+    #[test]
+    fn splats_are_closer_where_colours_vary_and_leave_no_gap() {
+        let mesh = square(stripes);
+        let geometry = Geometry::new(&mesh);
+        let (detail, density) = Detail::new(&geometry);
+        assert!(detail.shape == 0 && 2 * detail.splats < detail.colors, "{detail:?}");
+        let (cloud, report) = splats_from_mesh(&mesh, &MeshOptions::new(MeshMethod::Detail), &NoProgress).unwrap();
+        assert_eq!((cloud.len(), report.detail), (detail.splats, Some(detail)));
+        let centers: Vec<DVec3> = (0..cloud.len()).map(|i| cloud.center(i)).collect();
+        let even = MeshOptions::new(MeshMethod::Count(detail.splats));
+        let (even, _) = splats_from_mesh(&mesh, &even, &NoProgress).unwrap();
+        let [least, of_even] = [&cloud, &even].map(least_weight);
+        println!("least Σw {least}, of even splats {of_even}; {detail:?}");
+        assert!(least > 0.8 * of_even, "{least} {of_even}");
+        // As many as the density says, in what is striped and what isn't.
+        let (parts, expected) = (density.parts(), density.splats(&geometry));
+        let spacing = [(0.02, 0.18), (0.6, 1.0)].map(|(low, high)| {
+            let made = centers.iter().filter(|p| (low..high).contains(&p.x)).count() as f64;
+            let is_within = |part: &usize| (low..high).contains(&parts.place(*part, [1.0 / 3.0; 3]).place(&geometry).x);
+            let expected: f64 = (0..parts.len()).filter(is_within).map(|part| expected[part]).sum();
+            assert!((made / expected - 1.0).abs() < 0.05, "{low} to {high}: {made} of {expected}");
+            ((high - low) / made).sqrt()
+        });
+        assert!(spacing[0] < 0.4 * spacing[1], "{spacing:?}");
+        // The distance grows by as much as the grade allows, over the parts that a step leads through.
+        let near = |x: f64| density.at(&Sample::at(&geometry, 0, DVec3::new(x, 0.1 * x, 0.0)));
+        let step = density.coarsest;
+        for x in (0..300).map(|i| 0.05 + 0.003 * f64::from(i)) {
+            let grown = (near(x + step) - near(x)).abs();
+            assert!(grown < 0.45 * step, "{x}: {} to {}", near(x), near(x + step));
+        }
+    }
+
+    #[test]
+    fn splats_are_as_far_apart_everywhere_where_colours_vary_alike() {
+        let all = square(|x, y| 0.5 + 0.4 * (60.0 * x).sin() * (60.0 * y).sin());
+        let none = square(|_, _| 0.5);
+        for (mesh, painted) in [(all, true), (none, false)] {
+            let geometry = Geometry::new(&mesh);
+            let (detail, density) = Detail::new(&geometry);
+            assert!(density.is_even(), "{detail:?}");
+            assert_eq!(detail.splats, detail.colors.max(5000));
+            assert_eq!(detail.colors > 5000, painted, "{detail:?}");
+        }
+    }
 }

@@ -21,17 +21,23 @@ const BLOCK: usize = 1 << 14;
 
 /// The `keep` samples (tree slots, in ascending order) that are left of `tree` when those with the closest
 /// neighbours are taken out one by one. `normals` by input index: samples on opposite sides of a thin part don't
-/// see each other. `area` is the surface's.
+/// see each other. `reach`, by input index, is how far apart those are that don't mind each other, [`reach`] of the
+/// density about them; of two that differ, the smaller counts.
 ///
-/// Weights are Yuksel's eq. 2 with the maximal Poisson disk radius of a plane, r = √(A / (2√3·N)).
-pub(crate) fn eliminate(tree: &KdTree, normals: &[DVec3], keep: usize, area: f64, progress: &dyn Progress) -> Vec<u32> {
+/// Weights are Yuksel's eq. 2.
+pub(crate) fn eliminate(
+    tree: &KdTree,
+    normals: &[DVec3],
+    keep: usize,
+    reach: &(dyn Fn(usize) -> f64 + Sync),
+    progress: &dyn Progress,
+) -> Vec<u32> {
     let count = tree.len();
     if keep >= count {
         return (0..count as u32).collect();
     }
-    let reach = 2.0 * (area / (2.0 * 3.0_f64.sqrt() * keep as f64)).sqrt();
-    let least = reach * (1.0 - (keep as f64 / count as f64).powf(GAMMA)) * BETA;
-    let thinning = Thinning { tree, normals, reach, least };
+    let closest = 1.0 - (keep as f64 / count as f64).powf(GAMMA);
+    let thinning = Thinning { tree, normals, reach, closest };
     progress.stage("even samples", count as u64);
     let blocks = blocks(count);
     let left = map_tasks(blocks.len(), |i| {
@@ -43,6 +49,11 @@ pub(crate) fn eliminate(tree: &KdTree, normals: &[DVec3], keep: usize, area: f64
         left
     });
     left.concat()
+}
+
+/// Twice the maximal Poisson disk radius in a plane of `area` with `keep` samples, r = √(A / (2√3·N)).
+pub(crate) fn reach(area: f64, keep: f64) -> f64 {
+    2.0 * (area / (2.0 * 3.0_f64.sqrt() * keep)).sqrt()
 }
 
 /// Halves 0..count as the tree does, until no part is larger than [`BLOCK`].
@@ -62,20 +73,23 @@ fn blocks(count: usize) -> Vec<Range<usize>> {
 struct Thinning<'a> {
     tree: &'a KdTree,
     normals: &'a [DVec3],
-    /// Distance from which samples don't mind each other.
-    reach: f64,
-    /// Distance below which it doesn't matter how close they are.
-    least: f64,
+    /// Distance from which samples don't mind each other, by input index.
+    reach: &'a (dyn Fn(usize) -> f64 + Sync),
+    /// Share of it below which it doesn't matter how close they are, over [`BETA`].
+    closest: f64,
 }
 
 impl Thinning<'_> {
-    fn weight(&self, distance: f64) -> f32 {
-        (1.0 - distance.max(self.least) / self.reach).max(0.0).powi(ALPHA) as f32
+    fn weight(&self, distance: f64, reach: f64) -> f32 {
+        let least = reach * self.closest * BETA;
+        (1.0 - distance.max(least) / reach).max(0.0).powi(ALPHA) as f32
     }
 
     /// The `keep` slots that are left of `block`.
     fn thin(&self, block: &Range<usize>, keep: usize) -> Vec<u32> {
-        let mut found = Nearest::within(MOST + 1, self.reach);
+        let reach_of = |slot: usize| (self.reach)(self.tree.index(slot));
+        let reaches: Vec<f64> = block.clone().map(reach_of).collect();
+        let mut found = Nearest::within(MOST + 1, reaches.iter().copied().fold(0.0, f64::max));
         // Each sample's neighbours in the block, with the weight it lays on them.
         let mut pairs: Vec<(u32, f32)> = Vec::with_capacity(12 * block.len());
         let mut ends = Vec::with_capacity(block.len());
@@ -86,7 +100,8 @@ impl Thinning<'_> {
                 let other = other as usize;
                 let is_seen = other != slot && block.contains(&other);
                 if is_seen && normal.dot(self.normals[self.tree.index(other)]) >= 0.0 {
-                    pairs.push(((other - block.start) as u32, self.weight(square.sqrt())));
+                    let reach = reaches[slot - block.start].min(reaches[other - block.start]);
+                    pairs.push(((other - block.start) as u32, self.weight(square.sqrt(), reach)));
                 }
             }
             ends.push(pairs.len());
@@ -189,7 +204,7 @@ mod tests {
             let mut random = Random::new(5);
             let points: Vec<DVec3> = (0..3 * keep).map(|_| DVec3::new(random.unit(), random.unit(), 0.0)).collect();
             let tree = KdTree::new(&points);
-            let left = eliminate(&tree, &vec![DVec3::Z; points.len()], keep, 1.0, &NoProgress);
+            let left = eliminate(&tree, &vec![DVec3::Z; points.len()], keep, &|_| reach(1.0, keep as f64), &NoProgress);
             assert_eq!(left.len(), keep);
             let hexagonal = 2.0 * (1.0 / (2.0 * 3.0_f64.sqrt() * keep as f64)).sqrt();
             let mut found = Nearest::within(2, f64::INFINITY);
@@ -211,6 +226,6 @@ mod tests {
     #[test]
     fn elimination_of_coincident_samples_stays_cheap_and_exact() {
         let tree = KdTree::new(&vec![DVec3::ONE; 5000]);
-        assert_eq!(eliminate(&tree, &vec![DVec3::Z; 5000], 100, 1.0, &NoProgress).len(), 100);
+        assert_eq!(eliminate(&tree, &vec![DVec3::Z; 5000], 100, &|_| reach(1.0, 100.0), &NoProgress).len(), 100);
     }
 }

@@ -2,10 +2,11 @@
 //! of creases, whose lines cut splats beyond them. Each gets a splat, in place of one that its neighbours stand in for.
 
 use super::borders::Borders;
-use super::geometry::Geometry;
-use super::placed::{EYES, Grown, Placed, Sample};
+use super::parts::Sample;
+use super::placed::{EYES, Grown, Placed};
 use crate::NoProgress;
 use crate::parallel::map_each;
+use crate::radii;
 use crate::tree::{KdTree, Nearest};
 use glam::DVec3;
 use std::collections::HashSet;
@@ -38,21 +39,16 @@ const ALIKE: f64 = 0.5;
 type Place = (u32, DVec3);
 
 /// Moves splats to places that none covers.
-pub(super) fn fill(
-    geometry: &Geometry,
-    borders: &Borders,
-    regions: &[u32],
-    on: &mut Placed,
-    kept: &mut [Option<Grown>],
-) {
-    let Some(&radius) = on.radii.first() else { return };
+pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &mut [Option<Grown>]) {
+    let Some(radius) = radii::median(&mut on.radii.clone()) else { return };
+    let geometry = on.geometry;
     let step = (STEP * radius).max(SPLATS_A_PLACE * borders.length() / kept.len() as f64);
     let mut bare: Vec<Place> = INSETS.iter().flat_map(|inset| borders.places(geometry, step, inset * radius)).collect();
     // What covers a place beside a border is cut by it.
     let cut: Vec<usize> = (0..kept.len()).filter(|i| kept[*i].is_some()).collect();
     let of_cut = KdTree::new(&cut.iter().map(|i| on.positions[*i]).collect::<Vec<_>>());
     for asked in ASKED {
-        bare = uncovered(geometry, on, kept, (&of_cut, &cut, asked), &bare);
+        bare = uncovered(on, kept, (&of_cut, &cut, asked), &bare);
     }
     if bare.is_empty() {
         return;
@@ -64,7 +60,7 @@ pub(super) fn fill(
         let places = apart(&bare, radius, regions).zip(spare.by_ref()).take(most_moved);
         let moved: Vec<usize> = places
             .map(|((face, q), to)| {
-                on.put(to, Sample::at(geometry, face, q), geometry);
+                on.put(to, Sample::at(geometry, face, q));
                 to
             })
             .collect();
@@ -74,7 +70,7 @@ pub(super) fn fill(
             return;
         }
         let of_moved = KdTree::new(&moved.iter().map(|i| on.positions[*i]).collect::<Vec<_>>());
-        bare = uncovered(geometry, on, kept, (&of_moved, &moved, ASKED[1]), &bare);
+        bare = uncovered(on, kept, (&of_moved, &moved, ASKED[1]), &bare);
     }
 }
 
@@ -89,7 +85,6 @@ fn apart<'a>(places: &'a [Place], radius: f64, regions: &'a [u32]) -> impl Itera
 
 /// The places that none of some splats covers, of which so many nearest to each are asked.
 fn uncovered(
-    geometry: &Geometry,
     on: &Placed,
     kept: &[Option<Grown>],
     (tree, splats, asked): (&KdTree, &[usize], usize),
@@ -102,7 +97,7 @@ fn uncovered(
         || Nearest::within(asked, reach),
         |found, at| {
             let (face, q) = places[at];
-            let eyes = seen_from(geometry.normals[face as usize]);
+            let eyes = seen_from(on.geometry.normals[face as usize]);
             let mut bare = [true; EYES];
             let mut cover = |found: &Nearest| {
                 found.items().iter().any(|(_, slot)| {
@@ -122,7 +117,7 @@ fn uncovered(
 }
 
 /// At most so many splats that can go: no border cuts them, and none of their neighbours goes. Those are first that
-/// others are nearest to.
+/// others are nearest to, over their radius.
 fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
     let tree = KdTree::new(&on.positions);
     let whole: Vec<usize> = (0..tree.len()).filter(|slot| kept[tree.index(*slot)].is_none()).collect();
@@ -132,7 +127,11 @@ fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
         tree.nearest(tree.point(slot), found);
         let normal = |slot: usize| on.planes[tree.index(slot)];
         let is_other = |other: usize| other != slot && normal(other).dot(normal(slot)) > ALIKE;
-        found.items().iter().find(|(_, other)| is_other(*other as usize)).map(|(square, _)| *square)
+        found
+            .items()
+            .iter()
+            .find(|(_, other)| is_other(*other as usize))
+            .map(|(square, _)| square / on.radii[tree.index(slot)].powi(2))
     };
     let nearest = || Nearest::within(NEIGHBOURS, f64::INFINITY);
     let mut ordered: Vec<(f64, usize)> = map_each(choices, &NoProgress, nearest, |found, i| {

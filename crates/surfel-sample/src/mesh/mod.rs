@@ -3,6 +3,7 @@
 mod borders;
 mod closed;
 pub(crate) mod count;
+mod density;
 mod detail;
 mod eliminate;
 mod face_tree;
@@ -10,6 +11,7 @@ mod gaps;
 pub(crate) mod geometry;
 mod octree;
 mod options;
+pub(crate) mod parts;
 pub(crate) mod per_face;
 mod placed;
 pub(crate) mod random;
@@ -48,7 +50,7 @@ pub use vertices::points_from_mesh;
 ///   between splats it reaches over the edge, since few of those have a splat. Where no splat covers a place beside an
 ///   edge, seen from up to 50° off its normal, one is moved there that its neighbours stand in for: at most a sixteenth
 ///   of all, and none of more than a million or of radii that are scaled down.
-/// - [`MeshMethod::Detail`]: as many samples as [`Detail`] says.
+/// - [`MeshMethod::Detail`]: as many samples as [`Detail`] says; closer where colours vary, if that makes them fewer.
 ///
 /// # Errors
 /// [`SampleError::Empty`] without vertices or triangles, [`SampleError::NoArea`] when no triangle has any,
@@ -87,11 +89,13 @@ pub fn splats_from_mesh(
         if geometry.total_area() <= 0.0 {
             return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
         }
-        let detail = Detail::new(&geometry);
-        (report.method, report.detail) = (MeshMethod::Count(detail.splats()), Some(detail));
+        let (detail, density) = Detail::new(&geometry);
+        (report.method, report.detail) = (MeshMethod::Count(detail.splats), Some(detail));
+        let data = count::splats(&geometry, &density, detail.splats, options.radius_scale, &mut report, progress)?;
+        return finish(mesh, data, report, progress);
     }
     let data = match report.method {
-        MeshMethod::Count(count) => count::splats(mesh, count, options.radius_scale, &mut report, progress)?,
+        MeshMethod::Count(count) => count::even_splats(mesh, count, options.radius_scale, &mut report, progress)?,
         _ => per_face::splats(mesh, options.radius_scale, &mut report, progress)?,
     };
     finish(mesh, data, report, progress)

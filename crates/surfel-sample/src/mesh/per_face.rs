@@ -1,6 +1,7 @@
 //! One ellipse a triangle (Bézier clipping paper 2012, §5.1).
 
 use super::borders::{Border, Borders, Kind, clip_columns};
+use super::density::Density;
 use super::geometry::{Geometry, Smooth};
 use super::options::MeshReport;
 use super::see_through;
@@ -59,7 +60,7 @@ pub(crate) fn splats(
     // Where the surface is smooth, ellipses overlap their triangles and blend.
     let borders: Vec<Border> = borders.into_iter().filter(|border| border.kind != Kind::Bend).collect();
     let spacing = (geometry.total_area() / faces.len() as f64).sqrt();
-    let borders = Borders::new(&geometry, &borders, &regions, spacing, faces.len());
+    let borders = Borders::new(&geometry, &borders, &regions, (&Density::even(&geometry, spacing), 1.0), faces.len());
     let kept = |i: usize| borders.keep(centers[i], axes[i], regions[faces[i]]);
     let kept = map_each(faces.len(), &crate::NoProgress, || (), |(), i| kept(i));
     data.clips = clip_columns(kept.iter().map(Option::as_ref));

@@ -1,9 +1,11 @@
 //! Splats at places on a mesh, and what its borders leave of them.
 
 use super::borders::{Borders, FACING, FARTHEST, Kept, clip_columns};
+use super::density::Density;
 use super::geometry::Geometry;
+use super::parts::Sample;
 use crate::parallel::map_each;
-use crate::{Progress, assemble};
+use crate::{Progress, assemble, radii};
 use glam::{DVec2, DVec3};
 use surfel_math::basis::orthonormal;
 use surfel_model::{ClipColumns, Shape};
@@ -19,37 +21,12 @@ const IN_PLANE: f64 = 1e-3;
 /// Directions that a place is seen from.
 pub(super) const EYES: usize = 9;
 
-/// A place on the surface.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Sample {
-    pub(super) face: u32,
-    pub(super) barycentric: [f64; 3],
-}
-
-impl From<(u32, [f64; 3])> for Sample {
-    fn from((face, barycentric): (u32, [f64; 3])) -> Self {
-        Self { face, barycentric }
-    }
-}
-
-impl Sample {
-    /// A place of a face.
-    pub(super) fn at(geometry: &Geometry, face: u32, place: DVec3) -> Self {
-        let [a, ..] = geometry.corners(face as usize);
-        let [u, v, w] = geometry.barycentric_change(face as usize, place - a).unwrap_or_default();
-        Self { face, barycentric: [1.0 + u, v, w] }
-    }
-
-    /// Where it is.
-    pub(super) fn place(&self, geometry: &Geometry) -> DVec3 {
-        let [a, b, c] = geometry.corners(self.face as usize);
-        // From a corner: a triangle far from the origin keeps its shape.
-        a + (b - a) * self.barycentric[1] + (c - a) * self.barycentric[2]
-    }
-}
-
 /// Splats on the surface, before borders cut them.
-pub(super) struct Placed {
+pub(super) struct Placed<'a> {
+    pub(super) geometry: &'a Geometry<'a>,
+    /// How far apart they are, and what their radii are of what that asks for.
+    pub(super) density: &'a Density,
+    pub(super) radius_scale: f64,
     pub(super) samples: Vec<Sample>,
     pub(super) positions: Vec<DVec3>,
     /// Unit normals.
@@ -66,17 +43,18 @@ pub(super) struct Bordered {
     pub(super) clips: Option<ClipColumns>,
 }
 
-impl Placed {
+impl Placed<'_> {
     fn axes(&self, i: usize, scale: f64) -> (DVec3, DVec3) {
         let (u, v) = orthonormal(self.planes[i]);
         (u * self.radii[i] * scale, v * self.radii[i] * scale)
     }
 
     /// Puts a splat elsewhere.
-    pub(super) fn put(&mut self, i: usize, sample: Sample, geometry: &Geometry) {
+    pub(super) fn put(&mut self, i: usize, sample: Sample) {
         self.samples[i] = sample;
-        self.positions[i] = sample.place(geometry);
-        self.planes[i] = geometry.normals[sample.face as usize];
+        self.positions[i] = sample.place(self.geometry);
+        self.planes[i] = self.geometry.normals[sample.face as usize];
+        self.radii[i] = radii::DENSITY * self.density.at(&sample) * self.radius_scale;
     }
 
     /// What is left of a splat; `None` where no border cuts it.

@@ -1,0 +1,217 @@
+//! The distance between splats over a mesh: one everywhere, or smaller where its colours vary.
+
+use super::geometry::Geometry;
+use super::parts::{Parts, Sample};
+use crate::parallel::map_each;
+use crate::progress::NoProgress;
+use crate::tree::{KdTree, Nearest};
+use surfel_math::basis::orthonormal;
+
+/// Parts that a mesh is divided into, over its faces, at most.
+const MOST_PARTS: usize = 1 << 18;
+/// Parts along the largest distance between splats.
+const FINENESS: f64 = 4.0;
+/// Samples along each side of the square whose colours are looked at, half as wide as splats are apart at most, and how
+/// often it is halved: what is left has two along each side.
+const ACROSS: usize = 8;
+const HALVINGS: usize = 2;
+/// Distances that are tried: the largest over powers of √2.
+const CHOICES: usize = 2 * HALVINGS + 3;
+/// Steps to the price of a splat.
+const BISECTIONS: usize = 30;
+/// How fast the distance between splats may grow along the surface.
+const GRADE: f64 = 0.3;
+/// Parts that a part is compared with for that, and how often.
+const NEIGHBOURS: usize = 16;
+const SWEEPS: usize = 12;
+
+/// The distance between splats over a mesh.
+pub(crate) struct Density {
+    parts: Parts,
+    /// Of each part.
+    spacing: Vec<f64>,
+    /// The largest.
+    pub(crate) coarsest: f64,
+    is_even: bool,
+}
+
+impl Density {
+    /// The same everywhere.
+    pub(crate) fn even(geometry: &Geometry, spacing: f64) -> Self {
+        let parts = Parts::new(geometry, f64::INFINITY, usize::MAX);
+        Self { spacing: vec![spacing; parts.len()], parts, coarsest: spacing, is_even: true }
+    }
+
+    /// `coarsest` at most, and smaller where colours vary: of all densities by which they vary by `variation` (RMS over
+    /// surface and channels, linear light) within the square that a splat stands for, about the one with the fewest
+    /// splats. Splats are nowhere closer than half a texel.
+    pub(crate) fn by_colors(geometry: &Geometry, coarsest: f64, variation: f64) -> Self {
+        let parts = Parts::new(geometry, coarsest / FINENESS, MOST_PARTS);
+        let each = map_each(
+            parts.len(),
+            &NoProgress,
+            || (),
+            |(), part| {
+                let middle = parts.place(part, [1.0 / 3.0; 3]);
+                Part {
+                    area: parts.area(geometry, part),
+                    variances: variances(geometry, &middle, 0.5 * coarsest),
+                    finest: finest(geometry, middle.face as usize, coarsest),
+                }
+            },
+        );
+        let area: f64 = each.iter().map(|part| part.area).sum();
+        // A splat is worth its price, the squared error over the surface that it saves.
+        let sides: [f64; CHOICES] = std::array::from_fn(|choice| coarsest * 0.5_f64.powf(0.5 * choice as f64));
+        let splats = sides.map(|side| side.powi(-2));
+        let is_too_coarse = |price: f64| {
+            let error: f64 = each.iter().map(|part| part.area * part.variances[part.choice(price, &splats)]).sum();
+            error > variation * variation * area
+        };
+        let mut range = [(1e-12 * coarsest * coarsest).ln(), (1e3 * coarsest * coarsest).ln()];
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (range[0] + range[1]);
+            range[usize::from(is_too_coarse(middle.exp()))] = middle;
+        }
+        let price = range[0].exp();
+        let mut spacing: Vec<f64> = each.iter().map(|part| sides[part.choice(price, &splats)]).collect();
+        grade(geometry, &parts, &mut spacing);
+        Self { parts, spacing, coarsest, is_even: false }
+    }
+
+    /// The parts that have one distance each.
+    pub(crate) fn parts(&self) -> &Parts {
+        &self.parts
+    }
+
+    /// That about a place of a face.
+    pub(crate) fn at(&self, sample: &Sample) -> f64 {
+        self.spacing[self.parts.at(sample)]
+    }
+
+    /// That of so many splats as there are on a face, evenly spread.
+    pub(crate) fn of_face(&self, face: usize) -> f64 {
+        let parts = &self.spacing[self.parts.of(face)];
+        match parts {
+            [one] => *one,
+            all => (all.iter().map(|s| s.powi(-2)).sum::<f64>() / all.len() as f64).powf(-0.5),
+        }
+    }
+
+    /// Splats of each part, not rounded.
+    pub(crate) fn splats(&self, geometry: &Geometry) -> Vec<f64> {
+        (0..self.parts.len()).map(|part| self.parts.area(geometry, part) / self.spacing[part].powi(2)).collect()
+    }
+
+    /// True where it is the same everywhere.
+    pub(crate) fn is_even(&self) -> bool {
+        self.is_even
+    }
+}
+
+/// A part of the surface, of which the distance between splats is chosen.
+#[derive(Clone, Copy, Default)]
+struct Part {
+    area: f64,
+    /// Variances of colours within squares of each side that is tried.
+    variances: [f64; CHOICES],
+    /// The last choice that leaves splats no closer than half a texel.
+    finest: usize,
+}
+
+impl Part {
+    /// The choice with the least sum of squared error and price of splats, of which each has so many a unit of area.
+    fn choice(&self, price: f64, splats: &[f64; CHOICES]) -> usize {
+        let cost = |choice: usize| self.variances[choice] + price * splats[choice];
+        (0..=self.finest).min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap_or(0)
+    }
+}
+
+/// The last choice that leaves splats of a face no closer than half a texel.
+fn finest(geometry: &Geometry, face: usize, coarsest: f64) -> usize {
+    let texels = geometry.texels(face);
+    let is_apart = |choice: &usize| {
+        let across = 2.0 * coarsest * 0.5_f64.powf(0.5 * *choice as f64);
+        texels == 0.0 || across * across * texels >= geometry.areas[face]
+    };
+    (0..CHOICES).take_while(is_apart).last().unwrap_or(0)
+}
+
+/// Variances of the colours within squares that halve the one of side `side` about a place again and again, the mean of
+/// the channels and of the squares of one size, after that of a square twice as wide, as these let expect; between
+/// them their geometric means.
+fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] {
+    let (face, b) = (sample.face as usize, sample.barycentric);
+    let (s, t) = orthonormal(geometry.normals[face]);
+    let (Some(u), Some(v)) = (geometry.barycentric_change(face, s), geometry.barycentric_change(face, t)) else {
+        return [0.0; CHOICES];
+    };
+    let offset = |i: usize| ((i as f64 + 0.5) / ACROSS as f64 - 0.5) * side;
+    let mut colors = [[None; ACROSS]; ACROSS];
+    for (j, row) in colors.iter_mut().enumerate() {
+        for (i, color) in row.iter_mut().enumerate() {
+            let at: [f64; 3] = std::array::from_fn(|k| b[k] + offset(i) * u[k] + offset(j) * v[k]);
+            // Beyond an edge another triangle has the surface, and perhaps another part of the texture.
+            let is_inside = at.iter().all(|b| *b >= 0.0);
+            *color = is_inside.then(|| geometry.color(face, at));
+        }
+    }
+    let mut whole = [0.0; HALVINGS + 2];
+    for (halving, variance) in whole[1..].iter_mut().enumerate() {
+        let across = ACROSS >> halving;
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for square in 0..(1usize << (2 * halving)) {
+            let (x, y) = ((square & ((1 << halving) - 1)) * across, (square >> halving) * across);
+            let inside = colors[y..y + across].iter().flat_map(|row| &row[x..x + across]).flatten();
+            let (mut sums, mut squares, mut count) = ([0.0; 3], [0.0; 3], 0.0);
+            for color in inside {
+                count += 1.0;
+                for c in 0..3 {
+                    let value = f64::from(color[c]);
+                    sums[c] += value;
+                    squares[c] += value * value;
+                }
+            }
+            if count > 1.0 {
+                let of = |c: usize| (squares[c] - sums[c] * sums[c] / count).max(0.0) / (count - 1.0);
+                sum += count * (of(0) + of(1) + of(2)) / 3.0;
+                weight += count;
+            }
+        }
+        *variance = if weight > 0.0 { sum / weight } else { 0.0 };
+    }
+    // With the square of the width where colours change evenly, not at all within noise.
+    let growth = if whole[2] > 0.0 { (whole[1] / whole[2]).clamp(1.0, 4.0) } else { 4.0 };
+    whole[0] = growth * whole[1];
+    std::array::from_fn(|choice| {
+        let (half, odd) = (choice / 2, choice % 2);
+        if odd == 0 { whole[half] } else { (whole[half] * whole[half + 1]).sqrt() }
+    })
+}
+
+/// Lessens distances until none grows faster than [`GRADE`] from a part to its neighbours.
+fn grade(geometry: &Geometry, parts: &Parts, spacing: &mut Vec<f64>) {
+    let middle = |part: usize| parts.place(part, [1.0 / 3.0; 3]).place(geometry);
+    let middles: Vec<_> = (0..parts.len()).map(middle).collect();
+    let tree = KdTree::new(&middles);
+    let near: Vec<Vec<(f64, u32)>> = map_each(
+        parts.len(),
+        &NoProgress,
+        || Nearest::within(NEIGHBOURS, f64::INFINITY),
+        |found, part| {
+            tree.nearest(middles[part], found);
+            found.items().iter().map(|(square, slot)| (square.sqrt(), tree.index(*slot as usize) as u32)).collect()
+        },
+    );
+    for _ in 0..SWEEPS {
+        let least = |part: usize| {
+            let reached = near[part].iter().map(|(distance, other)| spacing[*other as usize] + GRADE * distance);
+            reached.fold(spacing[part], f64::min)
+        };
+        let next: Vec<f64> = (0..parts.len()).map(least).collect();
+        if next == *spacing {
+            return;
+        }
+        *spacing = next;
+    }
+}
