@@ -168,7 +168,7 @@ fn error_of_any_size_draws_all_points_to_few() {
     assert!(!folder.has("no.png"));
     scene("1e6");
     folder.run("scene.json --no-metadata --progressive -o largest.png").code(0);
-    assert!(covered("largest.png") >= covered("all.png"));
+    assert!(covered("largest.png") > 96 * 80 / 4);
 }
 
 /// A file of 1.2 GB of points, by what they take in memory, none of which are stored on disk.
