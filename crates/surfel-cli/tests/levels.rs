@@ -149,7 +149,58 @@ fn error_of_any_size_draws_all_points_to_few() {
     for error in ["0", "-1", "NaN", "inf", "1e7"] {
         folder.run(&format!("{view} --lod-error={error} -o no.png")).fails(2, "--lod-error");
     }
+    // A scene file has the same limit; coarser pictures before the last keep within it.
+    let scene = |error: &str| {
+        let camera = r#"{"eye": [600020, 4999980, 140], "target": [600020, 5000020, 100], "up": [0, 0, 1],
+            "near": 0.1, "size": [96, 80], "projection": {"perspective": {"fov_y_deg": 40}}}"#;
+        let settings = format!(r#"{{"lod_error_px": {error}}}"#);
+        let objects = r#"[{"splats": "out.copc.laz"}]"#;
+        let text = format!(r#"{{"camera": {camera}, "settings": {settings}, "objects": {objects}}}"#);
+        folder.write("scene.json", text);
+    };
+    for error in ["1e7", "1e308"] {
+        scene(error);
+        for flags in ["", "--progressive"] {
+            let run = folder.run(&format!("scene.json {flags} -o no.png"));
+            run.fails(3, "expected a number of pixels in (0, 1000000]");
+        }
+    }
     assert!(!folder.has("no.png"));
+    scene("1e6");
+    folder.run("scene.json --no-metadata --progressive -o largest.png").code(0);
+    assert!(covered("largest.png") > 96 * 80 / 4);
+}
+
+/// A file of 1.2 GB of points, by what they take in memory, none of which are stored on disk.
+#[cfg(target_os = "linux")]
+#[test]
+fn render_that_is_ended_while_it_writes_levels_leaves_nothing() {
+    use std::os::unix::process::ExitStatusExt;
+    use std::time::{Duration, Instant};
+    let folder = Folder::new("levels-ended");
+    std::fs::create_dir(folder.path().join("temporary")).unwrap();
+    let points = 6_000_000_u64;
+    let mut bytes = las(1);
+    bytes[247..255].copy_from_slice(&points.to_le_bytes());
+    folder.write("in.las", bytes);
+    let file = std::fs::File::options().write(true).open(folder.path().join("in.las")).unwrap();
+    file.set_len(375 + 36 * points).unwrap();
+    let held = || std::fs::read_dir(folder.path().join("temporary")).unwrap().count();
+    for later in [0, 700] {
+        let words = "render in.las --memory 1G --size 16x16 -o out.png";
+        let mut child = folder.spawn_with(words, &[("TMPDIR", "temporary")]);
+        let began = Instant::now();
+        while held() == 0 {
+            assert!(child.try_wait().unwrap().is_none() && began.elapsed() < Duration::from_secs(60), "{later}");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        std::thread::sleep(Duration::from_millis(later));
+        let pid = child.id().to_string();
+        assert!(std::process::Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+        let status = child.wait().unwrap();
+        assert_eq!((status.signal(), held()), (Some(15), 0), "{later}");
+        assert_eq!(folder.names(), ["in.las", "temporary"]);
+    }
 }
 
 #[test]

@@ -46,7 +46,8 @@ pub use octree::{Octree, OctreeNode, Transition};
 pub use points::PointCloud;
 pub use scene::{Cull, Geometry, Material, Object, ObjectFile, Scene, SceneFile};
 pub use settings::{
-    Accumulate, ClipPolicy, Composite, DepthTolerance, EdgeAa, Filter, Mapping, Settings, Shader, Sort, Transparency,
+    Accumulate, ClipPolicy, Composite, DepthTolerance, EdgeAa, Filter, MOST_LOD_ERROR_PX, Mapping, Settings, Shader,
+    Sort, Transparency,
 };
 pub use texture::{Mipmaps, Texture};
 pub use up::Up;

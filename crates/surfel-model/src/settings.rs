@@ -97,6 +97,8 @@ impl Default for Settings {
 
 /// Greatest cutoff: e^−50 is 2e-22, and f32 still holds it times the share of a pixel that a tiny splat has.
 const MOST_CUTOFF: f64 = 50.0;
+/// Most pixels of [`Settings::lod_error_px`].
+pub const MOST_LOD_ERROR_PX: f64 = 1e6;
 
 /// Most layers of transparent splats: what lies behind so many shows nothing, and a plan has a pass for each.
 const MOST_LAYERS: u32 = 64;
@@ -139,9 +141,9 @@ impl Settings {
             let found = self.gaussian_filter.name();
             return Err(ModelError::range("settings.gaussian_filter", found, "clamp or principal"));
         }
-        if !(self.lod_error_px > 0.0 && self.lod_error_px.is_finite()) {
+        if !(self.lod_error_px > 0.0 && self.lod_error_px <= MOST_LOD_ERROR_PX) {
             let found = self.lod_error_px;
-            return Err(ModelError::range("settings.lod_error_px", found, "a finite number of pixels, greater than 0"));
+            return Err(ModelError::range("settings.lod_error_px", found, "a number of pixels in (0, 1000000]"));
         }
         if let Transparency::Peel { layers, .. } | Transparency::ABuffer { layers } = self.transparency
             && !(1..=MOST_LAYERS).contains(&layers)
@@ -465,7 +467,7 @@ mod tests {
             refused("depth_tolerance", &|s| s.depth_tolerance = DepthTolerance::Relative(tolerance));
             refused("depth_tolerance", &|s| s.depth_tolerance = DepthTolerance::Absolute(tolerance));
         }
-        for error in [0.0, -1.0, f64::NAN] {
+        for error in [0.0, -1.0, 1.000001e6, 1e308, f64::INFINITY, f64::NAN] {
             refused("lod_error_px", &|s| s.lod_error_px = error);
         }
         for filter in [Filter::None, Filter::Adjust, Filter::Ewa] {

@@ -216,6 +216,42 @@ impl<'a> Eye<'a> {
     }
 }
 
+/// How large the lengths of an object are in a view, wherever they are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Magnification {
+    /// Gradient of depth in object space, and the depth of its origin.
+    depth: (DVec3, f64),
+    near: f64,
+    /// Pixels of a unit at depth 1, or anywhere.
+    factor: f64,
+    is_perspective: bool,
+}
+
+impl Magnification {
+    /// Of an object in a view.
+    pub fn new(world_from_object: &DAffine3, view: &View) -> Self {
+        let eye = Eye::new(world_from_object, Cull::None, view);
+        let projection = &view.projection;
+        let factor = eye.scale * projection.focal_px[0].max(projection.focal_px[1]);
+        let depth = (DVec3::from(eye.axes.map(|axis| axis.z)), eye.at(DVec3::ZERO).z);
+        Self { depth, near: projection.near, factor, is_perspective: projection.is_perspective() }
+    }
+
+    /// Pixels that a unit of the object measures at a point; before the near plane, as there.
+    pub fn at(&self, point: DVec3) -> f64 {
+        self.at_depth(self.depth.0.dot(point) + self.depth.1)
+    }
+
+    /// The least of that in a cube along the object's axes.
+    pub fn least_in(&self, center: DVec3, half: f64) -> f64 {
+        self.at_depth(self.depth.0.dot(center) + self.depth.1 + half * self.depth.0.abs().element_sum())
+    }
+
+    fn at_depth(&self, z: f64) -> f64 {
+        if self.is_perspective { self.factor / z.max(self.near) } else { self.factor }
+    }
+}
+
 /// A node of points that come in levels: those of a node and of all above it are its part of the cloud.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevelNode {
@@ -431,6 +467,16 @@ mod tests {
             let found = eye.at(center).z - eye.cube_reach(half, DVec3::Z);
             // Rounding of sums of a few terms.
             assert!((found - nearest).abs() <= 1e-13 * 40.0 * unit, "{round}: {found} {nearest}");
+            let magnification = Magnification::new(&world_from_object, &view);
+            let focal = view.projection.focal_px[0].max(view.projection.focal_px[1]);
+            let exact = |z: f64| focal / if view.projection.is_perspective() { z.max(camera.near) } else { 1.0 };
+            let farthest = (0..8).map(|i| at(signs(i)).z).fold(f64::NEG_INFINITY, f64::max);
+            for (found, z) in
+                [(magnification.at(center), eye.at(center).z), (magnification.least_in(center, half), farthest)]
+            {
+                // A depth's rounding is that of the near plane times its distance over it, 40 over 0.01.
+                assert!((found / exact(z) - 1.0).abs() < 1e-13 * 4000.0, "{round}: {found} {}", exact(z));
+            }
             let sees = eye.sees_around(center, 0.0, |direction| eye.cube_reach(half, direction));
             let projection = &view.projection;
             let shows = (0..500).any(|_| {

@@ -6,7 +6,7 @@ use crate::{Error, LoadOptions};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use surfel_io::atomic::Temporary;
 use surfel_io::copc::{FileState, LEAST_MEMORY, NodeCache};
 use surfel_sample::Progress;
@@ -16,7 +16,8 @@ use surfel_sample::Progress;
 /// and when a signal ends a program that calls [`surfel_io::atomic::remove_temporary_files`].
 pub struct LevelStore {
     nodes: Option<Arc<NodeCache>>,
-    converted: Mutex<BTreeMap<PathBuf, Converted>>,
+    /// Each under a lock of its own, held while it is written: others are written meanwhile, and none twice.
+    converted: Mutex<BTreeMap<PathBuf, Arc<Mutex<Option<Converted>>>>>,
     /// Memory that writing by levels takes.
     least_memory: u64,
 }
@@ -62,18 +63,19 @@ impl LevelStore {
         options: &LoadOptions,
         progress: &dyn Progress,
     ) -> Result<Option<(Arc<Temporary>, String)>, Error> {
-        let mut converted = self.converted.lock().unwrap_or_else(PoisonError::into_inner);
+        let slot = lock(&self.converted).entry(path.to_path_buf()).or_default().clone();
+        let mut converted = lock(&slot);
         let budget = options.memory.or_else(default_budget).unwrap_or(0);
         let of = FileState::of(path);
-        if converted.get(path).is_none_or(|kept| kept.of != of) {
-            converted.remove(path);
+        if converted.as_ref().is_none_or(|kept| kept.of != of) {
+            *converted = None;
             if budget < self.least_memory || levels::has_levels(path) {
                 return Ok(None);
             }
             let file = levels::save_temporary(path, &large_files_folder(), budget, progress)?;
-            converted.insert(path.to_path_buf(), Converted { of, file: Arc::new(file) });
+            *converted = Some(Converted { of, file: Arc::new(file) });
         }
-        Ok(converted.get(path).map(|Converted { file, .. }| {
+        Ok(converted.as_ref().map(|Converted { file, .. }| {
             let written_bytes = std::fs::metadata(file.path()).map_or(0, |metadata| metadata.len());
             let note = format!(
                 "all its points don't fit into the {:.1} GB that may be used, so they were written by levels first, to \
@@ -84,6 +86,10 @@ impl LevelStore {
             (file.clone(), note)
         }))
     }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Where large temporary files go: TMPDIR, or else where the system doesn't keep them in memory.
@@ -190,20 +196,67 @@ mod tests {
         assert_eq!(found.file.camera, expected.file.camera);
         assert!(cloud(&found).len() < (SIDE * SIDE) as usize && cloud(&found) == cloud(&expected));
         // It is written once, and gone with the last who knows it.
-        let temporary = store.converted.lock().unwrap()[&input].file.path().to_path_buf();
+        let kept = || lock(&lock(&store.converted)[&input]).as_ref().unwrap().file.path().to_path_buf();
+        let temporary = kept();
         let (again, _) = resolved(&request(&input, memory, &store), [30.0, -150.0, 80.0]).unwrap();
         assert!(!cloud(&again).is_empty());
-        assert!(temporary.exists() && store.converted.lock().unwrap()[&input].file.path() == temporary);
+        assert!(temporary.exists() && kept() == temporary);
         // A file that is replaced is written again.
         fs::write(&input, las(SIDE - 1)).unwrap();
         let (other, _) = resolved(&request(&input, memory, &store), eye).unwrap();
         assert!(!temporary.exists() && cloud(&other) != cloud(&found));
-        let temporary = store.converted.lock().unwrap()[&input].file.path().to_path_buf();
+        let temporary = kept();
         drop(store);
         assert!(!temporary.exists());
         // Where even writing it takes more, it is refused.
         let error = resolved(&request(&input, memory, &Arc::default()), eye).unwrap_err().to_string();
         assert!(error.contains("surfel convert"), "{error}");
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// Meets another of its kind: each waits in its first stage for the other to get there, or for a while.
+    struct Meeting<'a>(&'a (Mutex<usize>, std::sync::Condvar), std::sync::atomic::AtomicBool);
+
+    impl Progress for Meeting<'_> {
+        fn stage(&self, _: &str, _: u64) {
+            if self.1.swap(true, std::sync::atomic::Ordering::SeqCst) {
+                return;
+            }
+            let (here, all) = self.0;
+            let mut here = lock(here);
+            *here += 1;
+            all.notify_all();
+            drop(all.wait_timeout_while(here, std::time::Duration::from_secs(20), |here| *here < 2).unwrap());
+        }
+        fn advance(&self, _: u64) {}
+    }
+
+    #[test]
+    fn different_files_are_written_side_by_side_and_one_file_once() {
+        let folder = folder("store-side-by-side");
+        fs::write(folder.join("other.las"), las(SIDE / 2)).unwrap();
+        let store = LevelStore { least_memory: 0, ..LevelStore::default() };
+        let options = LoadOptions::default().with_memory(Some(1 << 30));
+        let meeting = (Mutex::new(0), std::sync::Condvar::new());
+        let write = |name: &str, progress: &dyn Progress| {
+            store.by_levels(&folder.join(name), &options, progress).unwrap().unwrap().0
+        };
+        std::thread::scope(|scope| {
+            for name in ["in.las", "other.las"] {
+                let progress = Meeting(&meeting, Default::default());
+                scope.spawn(move || write(name, &progress));
+            }
+        });
+        let met = *lock(&meeting.0);
+        assert_eq!(met, 2);
+        // Both threads have the one file of the one that came first.
+        fs::write(folder.join("in.las"), las(SIDE - 1)).unwrap();
+        let both = std::thread::scope(|scope| {
+            [0, 1].map(|_| scope.spawn(|| write("in.las", &NoProgress))).map(|thread| thread.join().unwrap())
+        });
+        assert!(Arc::ptr_eq(&both[0], &both[1]));
+        drop(both);
+        drop(store);
         fs::remove_dir_all(&folder).unwrap();
     }
 

@@ -16,7 +16,7 @@ use surfel_io::copc::{
 };
 use surfel_io::{Content, Loaded};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Outliers, PointCloud, Shape, SplatCloud};
-use surfel_render::{LevelNode, View, select_levels};
+use surfel_render::{LevelNode, Magnification, View, select_levels};
 use surfel_sample::{PointOptions, PointReport, Progress};
 
 /// Most points of an overview.
@@ -29,6 +29,11 @@ const CLOSING: f32 = std::f32::consts::SQRT_2;
 /// A level's distance says nothing where the points read are nearer to one another than this part of it. Radii that a
 /// file states are of all its points, and say nothing of a level's.
 const MOST_GROWN: f32 = 4.0;
+/// How much nearer a view comes, as a power of two, while a level comes in: a longer way changes less from one picture
+/// to the next, and draws larger splats.
+const FADE_OCTAVES: f64 = 0.5;
+/// The radius over its later one that a splat comes in with: by its area it counts for 1/400.
+const LEAST_GROWN: f64 = 0.05;
 /// Fewer points than these make no surface of their own.
 const LEAST_POINTS: usize = 16;
 
@@ -96,21 +101,33 @@ pub(crate) fn read(path: &Path, copc: &Path, options: &LoadOptions) -> Result<Op
     let budget = options.memory.or_else(memory::default_budget);
     let fitting = budget.map_or(u64::MAX, |bytes| bytes / memory::KNOWN_BYTES);
     let most = options.max_points.map_or(DEFAULT_MOST_POINTS.min(fitting), |most| most as u64);
+    let mut fade = None;
     let (nodes, error_px, is_limited) = match levels {
         Levels::Overview => (overview(copc.nodes()), 0.0, false),
         Levels::Views { views, world_from_object, error_px } => {
             let nodes: Vec<LevelNode> = copc.nodes().iter().map(|node| level_node(&copc, node)).collect();
-            let found = select_levels(&nodes, world_from_object, views, *error_px, most);
-            (found.nodes, found.error_px, found.error_px > *error_px)
+            // A level begins to come in before it is due, and is there as much later.
+            let from_px = if views.len() == 1 { error_px * (-0.5 * FADE_OCTAVES).exp2() } else { *error_px };
+            let found = select_levels(&nodes, world_from_object, views, from_px, most);
+            // Pictures that share a choice have no other to change to.
+            if let [view] = &views[..] {
+                let magnification = Magnification::new(world_from_object, view);
+                fade = Some(Fade { magnification, error_px: from_px.max(found.error_px) });
+            }
+            (found.nodes, found.error_px, found.error_px > from_px)
         }
     };
     let all = copc.nodes();
     let chosen = || nodes.iter().map(|i| &all[*i as usize]);
+    let cut = match levels {
+        Levels::Overview => Cut::default(),
+        Levels::Views { .. } => Cut::new(&copc, &nodes, fade.as_ref()),
+    };
     let report = LevelReport {
         points: [chosen().map(|n| n.points).sum(), copc.points()],
         nodes: [nodes.len(), all.len()],
         bytes: [chosen().map(|n| n.bytes).sum(), all.iter().map(|n| n.bytes).sum()],
-        error_px,
+        error_px: fade.as_ref().filter(|_| cut.fades).map_or(error_px, |fade| fade.error_px),
         is_limited,
     };
     memory::check(path, report.points[0], memory::KNOWN_BYTES, options.memory, memory::Remedy::Fewer)?;
@@ -119,16 +136,15 @@ pub(crate) fn read(path: &Path, copc: &Path, options: &LoadOptions) -> Result<Op
     // What chooses points may be any column.
     let has_choice = !options.classes.is_empty() || options.returns.is_some() || options.condition.is_some();
     let has_values = options.color_by.is_some() || options.label.is_some();
-    let is_partial = !report.is_whole() && *levels != Levels::Overview;
-    let cut = if is_partial { Cut::new(copc.nodes(), &nodes) } else { Cut::default() };
+    let is_partial = *levels != Levels::Overview && (!report.is_whole() || cut.fades);
     let columns = if has_choice || has_values { NodeColumns::All } else { NodeColumns::Splats(&cut.is_level) };
     let mut found = copc.points_of(&nodes, columns, &io_options(options))?;
     if let Content::Points(points) = &mut found.loaded.content {
-        if is_partial {
-            mark(&copc, &cut, &nodes, &found.ends, points);
-        }
         if options.rows || options.label.is_some() {
             points.rows = Some(rows(&copc, &nodes, points, path)?);
+        }
+        if is_partial {
+            mark(&copc, &cut, fade.as_ref(), (&nodes, &found.ends), points);
         }
     }
     if is_partial {
@@ -200,66 +216,157 @@ fn level_node(copc: &Copc, node: &CopcNode) -> LevelNode {
     LevelNode { center, half, splat_radius, points: node.points, children: node.children.clone() }
 }
 
+/// How points of a level come in while a view comes nearer, so that nothing pops: from where splats of the level above
+/// measure the error to where they measure √2 of it, each grows, from a moment of its own on; radii of those that are
+/// there shrink to the level's meanwhile, so that what is drawn closes.
+struct Fade {
+    magnification: Magnification,
+    error_px: f64,
+}
+
+impl Fade {
+    /// Radius of splats that close a level whose points are 1 apart, in errors.
+    fn errors(&self, pixels: f64) -> f64 {
+        f64::from(CLOSING) * pixels / self.error_px
+    }
+
+    /// True if all points of a node have come in, and nothing of the level above is left.
+    fn is_done(&self, copc: &Copc, node: &CopcNode) -> bool {
+        let (center, half) = copc.cube(node);
+        let above = node.level.checked_sub(1).map(|above| copc.spacing(above));
+        above.is_none_or(|above| self.errors(self.magnification.least_in(center, half)) * above >= FADE_OCTAVES.exp2())
+    }
+}
+
 /// Where a choice of nodes ends, by the nodes' indices.
 #[derive(Default)]
 struct Cut {
     is_chosen: Vec<bool>,
-    /// Some children aren't chosen: its points stand for theirs.
+    /// Some children aren't chosen, or come in: its points stand for theirs.
     is_level: Vec<bool>,
-    /// All nodes below are chosen, or there are none.
+    /// All of it is drawn as if there were no levels, and all nodes below.
     is_complete: Vec<bool>,
+    /// Some nodes chosen come in.
+    fades: bool,
 }
 
 impl Cut {
-    fn new(all: &[CopcNode], chosen: &[u32]) -> Self {
+    fn new(copc: &Copc, chosen: &[u32], fade: Option<&Fade>) -> Self {
+        let all = copc.nodes();
         let mut is_chosen = vec![false; all.len()];
         chosen.iter().for_each(|i| is_chosen[*i as usize] = true);
-        let missing = |node: &CopcNode| node.children.clone().any(|child| !is_chosen[child as usize]);
+        let mut is_done = vec![false; all.len()];
+        let done = |i: &u32| fade.is_none_or(|fade| fade.is_done(copc, &all[*i as usize]));
+        chosen.iter().for_each(|i| is_done[*i as usize] = done(i));
+        let fades = chosen.iter().any(|i| !is_done[*i as usize] && all[*i as usize].points > 0);
+        let missing = |node: &CopcNode| node.children.clone().any(|child| !is_done[child as usize]);
         let is_level: Vec<bool> = all.iter().map(missing).collect();
-        let mut is_complete = vec![true; all.len()];
+        let mut is_complete = is_done;
         for (i, node) in all.iter().enumerate().rev() {
-            is_complete[i] = !is_level[i] && node.children.clone().all(|child| is_complete[child as usize]);
+            is_complete[i] &= !is_level[i] && node.children.clone().all(|child| is_complete[child as usize]);
         }
-        Self { is_chosen, is_level, is_complete }
+        Self { is_chosen, is_level, is_complete, fades }
     }
 }
 
+/// How a point of a level is drawn.
+#[derive(Clone, Copy, PartialEq)]
+struct Mark {
+    /// How far apart points are where finer ones are missing, else 0.
+    spacing: f32,
+    /// How much of its colour and normal is its level's, as finer ones that it stands for are missing; less than 0 if
+    /// it isn't drawn.
+    share: f32,
+    /// Radius over that which it will have.
+    growth: f32,
+}
+
+/// That of a point of `level`, where the nodes chosen end at level `deepest`, and more are there if `is_missing`. A
+/// splat that closes a level whose points are 1 apart measures so many `errors`, if it fades; `rank` in [0, 1) is its
+/// turn.
+fn mark_of(
+    (level, mut deepest, mut is_missing): (u32, u32, bool),
+    errors: Option<f64>,
+    rank: f64,
+    spacing: impl Fn(u32) -> f64,
+) -> Mark {
+    let above = |of: u32| errors.map_or(f64::INFINITY, |errors| errors * spacing(of - 1));
+    // A node is chosen by where it is nearest.
+    while deepest > 0 && above(deepest) <= 1.0 {
+        (deepest, is_missing) = (deepest - 1, true);
+    }
+    // From 0, where a level begins to come in, to 1, where radii are its own.
+    let fading = if deepest == 0 { 1.0 } else { (above(deepest).log2() / FADE_OCTAVES).min(1.0) };
+    let grown = if level == deepest && level > 0 { (fading - 0.2 * rank) / 0.75 } else { f64::INFINITY };
+    let is_drawn = level <= deepest && grown > 0.0;
+    let share = match deepest.checked_sub(level) {
+        _ if !is_drawn => -1.0,
+        Some(0) => f64::from(u8::from(is_missing)),
+        Some(1) => 1.0 - fading,
+        _ => 0.0,
+    };
+    let spacing = match is_missing {
+        true => spacing(deepest) * (1.0 - fading).exp2(),
+        // To nothing, once all are there.
+        false if deepest > 0 => spacing(deepest - 1) * (-fading).exp2().min(2.0 - 2.0 * fading),
+        false => 0.0,
+    };
+    Mark { spacing: spacing as f32, share: share as f32, growth: grown.sqrt().clamp(LEAST_GROWN, 1.0) as f32 }
+}
+
+/// A number in [0, 1) for a point of a node, always the same.
+fn rank(node: usize, point: usize) -> f64 {
+    // SplitMix64.
+    let mut bits = ((node as u64) << 32 | point as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    bits = (bits ^ bits >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    bits = (bits ^ bits >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((bits ^ bits >> 31) >> 11) as f64 / (1_u64 << 53) as f64
+}
+
 /// Gives points the distance between points where finer ones are missing, and there the colours and normals of their
-/// level, if the file has them.
-fn mark(copc: &Copc, cut: &Cut, chosen: &[u32], ends: &[usize], points: &mut PointCloud) {
+/// level, if the file has them; leaves out those that have not come in.
+fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[usize]), points: &mut PointCloud) {
     let all = copc.nodes();
     let (origin, positions) = (points.origin, &points.positions);
-    let mut spacing = vec![0.0_f32; points.len()];
-    let mut is_own = vec![false; points.len()];
-    let (mut rest, mut start) = ((&mut spacing[..], &mut is_own[..]), 0);
+    let mut marks = vec![Mark { spacing: 0.0, share: 0.0, growth: 1.0 }; points.len()];
+    let (mut rest, mut start) = (&mut marks[..], 0);
     let mut parts = Vec::new();
     for (node, end) in chosen.iter().zip(ends) {
-        let (spacing, spacings) = rest.0.split_at_mut(end - start);
-        let (is_own, are_own) = rest.1.split_at_mut(end - start);
+        let (own, others) = rest.split_at_mut(end - start);
         // Elsewhere no finer point is missing.
         if !cut.is_complete[*node as usize] {
-            parts.push((*node as usize, start, spacing, is_own));
+            parts.push((*node as usize, start, own));
         }
-        (rest, start) = ((spacings, are_own), *end);
+        (rest, start) = (others, *end);
     }
-    parts.into_par_iter().for_each(|(node, start, spacing, is_own)| {
-        for (i, (spacing, is_own)) in spacing.iter_mut().zip(is_own).enumerate() {
+    parts.into_par_iter().for_each(|(node, start, marks)| {
+        for (i, mark) in marks.iter_mut().enumerate() {
             let at = origin + positions.get(start + i);
             let mut deepest = node;
-            *spacing = loop {
-                let next = all[deepest].level + 1;
-                let cell = copc.cell_of(at, next);
+            let is_missing = loop {
+                let cell = copc.cell_of(at, all[deepest].level + 1);
                 let mut children = all[deepest].children.clone();
                 match children.find(|c| all[*c as usize].cell == cell) {
                     // No finer point is near.
-                    None => break 0.0,
+                    None => break false,
                     Some(child) if cut.is_chosen[child as usize] => deepest = child as usize,
-                    Some(_) => break copc.spacing(all[deepest].level) as f32,
+                    Some(_) => break true,
                 }
             };
-            *is_own = *spacing > 0.0 && deepest == node;
+            let levels = (all[node].level, all[deepest].level, is_missing);
+            let errors = fade.map(|fade| fade.errors(fade.magnification.at(at)));
+            *mark = mark_of(levels, errors, rank(node, i), |level| copc.spacing(level));
         }
     });
+    let spacing = marks.iter().map(|mark| mark.spacing * mark.growth).collect();
+    if let Some(ExtraValues::F32(radii)) = points.extras.iter_mut().find(|e| e.name == RADIUS).map(|e| &mut e.values) {
+        radii.iter_mut().zip(&marks).for_each(|(radius, mark)| *radius *= mark.growth);
+    }
+    points.extras.push(ExtraColumn { name: SPACING.into(), values: ExtraValues::F32(spacing) });
+    if marks.iter().any(|mark| mark.share < 0.0) {
+        points.retain(&marks.iter().map(|mark| mark.share >= 0.0).collect::<Vec<_>>());
+        marks.retain(|mark| mark.share >= 0.0);
+    }
     // A column of zeros isn't there.
     let column = |names: [&str; 3]| {
         let found = names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
@@ -267,18 +374,24 @@ fn mark(copc: &Copc, cut: &Cut, chosen: &[u32], ends: &[usize], points: &mut Poi
     };
     let value = |values: Option<&ExtraValues>, i: usize| values.map_or(0.0, |values| values.get(i));
     if let (Some(levels), Some(linear)) = (column(LEVEL_COLORS), &mut points.colors) {
-        linear.par_iter_mut().enumerate().filter(|(i, _)| is_own[*i]).for_each(|(i, color)| {
-            *color = levels.map(|level| surfel_math::srgb::decode(value(level, i) / 65_535.0) as f32);
-        });
+        linear.par_iter_mut().zip(&marks).enumerate().filter(|(_, (_, mark))| mark.share > 0.0).for_each(
+            |(i, (color, mark))| {
+                let level = levels.map(|level| surfel_math::srgb::decode(value(level, i) / 65_535.0) as f32);
+                *color = Vec3::from(*color).lerp(Vec3::from(level), mark.share).to_array();
+            },
+        );
     }
     if let (Some(levels), Some(own)) = (column(LEVEL_NORMALS), &mut points.normals) {
         let vector = |i: usize| {
-            let level = if is_own[i] { Vec3::from(levels.map(|level| value(level, i) as f32)) } else { Vec3::ZERO };
-            if level == Vec3::ZERO { own.get(i).as_vec3() } else { level }
+            let (own, share) = (own.get(i).as_vec3(), marks[i].share);
+            let level = if share > 0.0 { Vec3::from(levels.map(|level| value(level, i) as f32)) } else { Vec3::ZERO };
+            if level == Vec3::ZERO {
+                return own;
+            }
+            own.normalize_or_zero().lerp(level.normalize_or_zero(), share).normalize_or(own)
         };
         *own = Column3::from_f32((0..own.len()).into_par_iter().map(vector).collect());
     }
-    points.extras.push(ExtraColumn { name: SPACING.into(), values: ExtraValues::F32(spacing) });
 }
 
 /// The radii that a file of Surfel gives its points.
@@ -514,6 +627,65 @@ pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> L
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// As a view comes nearer, by steps of a thousandth.
+    #[test]
+    fn points_come_in_without_a_step() {
+        const FINEST: u32 = 4;
+        let spacing = |level: u32| (-f64::from(level)).exp2();
+        for extra in [0, 1] {
+            for (level, rank) in [(0, 0.0), (1, 0.0), (2, 0.3), (3, 0.999), (4, 0.5), (4, 0.999)] {
+                let mut before: Option<Mark> = None;
+                let mut errors = 0.3;
+                while errors < 40.0 {
+                    // What is chosen somewhere about, at the least and more.
+                    let needed = (0..FINEST).take_while(|above| errors * spacing(*above) > 1.0).count() as u32;
+                    let deepest = (needed + extra).min(FINEST);
+                    let mark = mark_of((level.min(deepest), deepest, deepest < FINEST), Some(errors), rank, spacing);
+                    if level > needed {
+                        // Not chosen, or not yet come in; a level that isn't there is another's point.
+                        let mark = mark_of((level, deepest.max(level), level < FINEST), Some(errors), rank, spacing);
+                        assert!(mark.share < 0.0, "{level} at {errors}");
+                    }
+                    if level <= needed {
+                        let size_px = f64::from(mark.spacing) * errors;
+                        // Never larger than the error, nor smaller than a level needs.
+                        assert!(size_px <= 1.0 + 1e-6, "{level} at {errors}: {size_px}");
+                        assert!(needed == FINEST || size_px > 0.7 || errors < 1.0);
+                        let last = before.unwrap_or(mark);
+                        assert!(
+                            (mark.spacing - last.spacing).abs() < 0.02 * spacing(needed) as f32,
+                            "{level} {errors}"
+                        );
+                        if last.share >= 0.0 {
+                            assert!((mark.growth - last.growth).abs() < 0.06, "{level} {errors}");
+                            assert!(mark.share >= 0.0 && (mark.share - last.share).abs() < 0.01, "{level} {errors}");
+                        }
+                        before = Some(mark);
+                    }
+                    errors *= 1.001;
+                }
+                let done = mark_of((level, FINEST, false), Some(errors), rank, spacing);
+                assert!(done == Mark { spacing: 0.0, share: 0.0, growth: 1.0 } && before == Some(done), "{level}");
+            }
+        }
+        // Pictures that share a choice draw what is chosen.
+        let shared = |level, deepest, is_missing| mark_of((level, deepest, is_missing), None, 0.9, spacing);
+        assert_eq!([shared(2, 2, true).spacing, shared(2, 2, true).share], [0.25, 1.0]);
+        assert_eq!([shared(1, 2, true).spacing, shared(1, 2, true).share], [0.25, 0.0]);
+        assert_eq!([shared(1, 2, false).spacing, shared(1, 2, false).share], [0.0, 0.0]);
+    }
+
+    #[test]
+    fn ranks_are_spread_evenly() {
+        let ranks: Vec<f64> = (0..20).flat_map(|node| (0..5000).map(move |i| rank(node, i))).collect();
+        // Of 100,000 numbers, five deviations.
+        for part in 0..10 {
+            let (low, high) = (f64::from(part) / 10.0, f64::from(part + 1) / 10.0);
+            let within = ranks.iter().filter(|rank| (low..high).contains(*rank)).count() as f64;
+            assert!((within - 1e4).abs() < 5.0 * (1e5_f64 * 0.1 * 0.9).sqrt(), "{low}: {within}");
+        }
+    }
 
     #[test]
     fn splats_close_their_level_however_dense_all_points_are() {

@@ -20,7 +20,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_math::gaussian;
 use surfel_model::{
-    Camera, Composite, Geometry, Light, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings, Shader, Up,
+    Camera, Composite, Geometry, Light, MOST_LOD_ERROR_PX, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings,
+    Shader, Up,
 };
 use surfel_render::{Preset, View};
 use surfel_sample::Progress;
@@ -283,7 +284,10 @@ impl Request {
             object.convert.all_levels = false;
         });
         let scene = coarse.scene.as_mut().map(|(file, _)| &mut file.settings);
-        std::iter::once(&mut coarse.settings).chain(scene).for_each(|settings| settings.lod_error_px *= times);
+        let coarsen = |settings: &mut Settings| {
+            settings.lod_error_px = (settings.lod_error_px * times).min(MOST_LOD_ERROR_PX);
+        };
+        std::iter::once(&mut coarse.settings).chain(scene).for_each(coarsen);
         // The full scene's is written.
         coarse.options.splats.colorbar = None;
         coarse

@@ -55,9 +55,14 @@ impl Folder {
 
     /// Starts `surfel` here with words separated by spaces, without output.
     pub fn spawn(&self, words: &str) -> Child {
+        self.spawn_with(words, &[])
+    }
+
+    /// As [`Self::spawn`], with these variables.
+    pub fn spawn_with(&self, words: &str, variables: &[(&str, &str)]) -> Child {
         let mut command = Command::new(env!("CARGO_BIN_EXE_surfel"));
-        command.current_dir(&self.0).args(words.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::null());
-        command.spawn().unwrap()
+        command.current_dir(&self.0).args(words.split_whitespace()).envs(variables.iter().copied());
+        command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
     }
 
     /// Runs `surfel` here with words that may hold spaces.
