@@ -29,8 +29,8 @@ const CELL_POINTS: f64 = 2.0;
 const MOST_POINTS: usize = 1024;
 /// Most cells of a side.
 const MOST_CELLS: f64 = 4096.0;
-/// Directions, and how many in a row without a point whose splat lies above leave a point open to above. Fewer than half
-/// of them: of a point beside a straight edge half of all are empty.
+/// Directions, and how many in a row without a higher splat's point leave a point open to above. Fewer than half of
+/// them: of a point beside a straight edge half of all are empty.
 const DIRECTIONS: u32 = 64;
 const OPEN: u32 = 31;
 /// How far a point covers others, in radii of its own: less than 2 spacings, so that pits two points wide stay.
@@ -247,8 +247,8 @@ fn longest_run(mut ones: u64) -> u32 {
 /// Numbers that are computed at a time.
 const LANES: usize = 4;
 
-/// The points around a pixel: where they are from there, their sides (+1, −1), and their weights. Their number is made a
-/// multiple of `LANES` by others without weight.
+/// The points around a pixel: where they are from there, their sides (+1, −1), and their weights. Others without weight
+/// make their number a multiple of `LANES`.
 #[derive(Default)]
 pub(crate) struct Near {
     columns: [Vec<f64>; 3],
