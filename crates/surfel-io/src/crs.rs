@@ -198,7 +198,7 @@ fn as_text(wkt: &str) -> Option<Keys> {
     let roots = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "COMPD_CS[", "COMPOUNDCRS["];
     let is_projected = !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root));
     is_projected.then(|| {
-        let text = format!("ESRI PE String = {}|", wkt.replace(|c: char| !c.is_ascii(), "?"));
+        let text = format!("ESRI PE String = {}|", wkt::printable(wkt));
         // Of a projected one, GDAL looks for the parts.
         let keys = vec![[MODEL_TYPE, 0, 1, 32_767], [3072, 0, 1, 32_767], [3073, 34_737, text.len() as u16, 0]];
         Keys { keys, text, ..Keys::default() }
@@ -209,7 +209,7 @@ fn as_text(wkt: &str) -> Option<Keys> {
 /// there are left out.
 fn pixel_is_area(whole: &(Vec<u16>, Vec<f64>, String)) -> (Vec<u16>, Vec<f64>, String) {
     let (directory, doubles, text) = whole;
-    let text: String = text.chars().map(|c| if c.is_ascii() { c } else { '?' }).collect();
+    let text = wkt::printable(text);
     let fits = |key: &[u16; 4]| {
         let end = usize::from(key[3]) + usize::from(key[2]);
         match key[1] {
@@ -322,6 +322,23 @@ mod tests {
         assert_eq!(epsg_of_wkt(without), None);
         assert_eq!(epsg_of_wkt(r#"PROJCRS["x",BASEGEOGCRS["y",ID["EPSG",4326]],ID["EPSG",32631]]"#), Some(32_631));
         assert_eq!(epsg_of_wkt(r#"LOCAL_CS["AUTHORITY[\"EPSG\",\"5\"]"]]]"#), None);
+    }
+
+    #[test]
+    fn texts_of_keys_are_printable_whatever_a_file_says() {
+        // What a fuzzer found: an image whose system has a NUL in its name was drawn, and could not be written.
+        let named = r#"PROJCS["UTM 33",GEOGCS["g",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],
+            PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],
+            PARAMETER["central_meridian",15],UNIT["metre",1]]"#;
+        let of_wkt = |text: String| Crs { wkt: Some(text), ..Crs::default() };
+        let keys = vec![1, 1, 0, 1, 3073, 34_737, 6, 0];
+        let of_keys = Crs { geotiff: Some((keys, vec![], "a\0\u{e9}\nb|".into())), ..Crs::default() };
+        let parts = of_wkt(named.replace("UTM 33", "a\0\u{e9}\nb"));
+        let whole = of_wkt(named.replace("UTM 33", "a\0\u{e9}\nb").replace("Transverse_Mercator", "Own"));
+        for crs in [of_keys, parts, whole] {
+            let (_, _, text) = crs.image_keys();
+            assert!(text.contains("a?? b") && text.chars().all(|c| matches!(c, ' '..='~')), "{text:?}");
+        }
     }
 
     #[test]

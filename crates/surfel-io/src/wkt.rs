@@ -81,6 +81,17 @@ impl<'a> Node<'a> {
     }
 }
 
+/// A text as GeoTIFF can have it: on one line, and with question marks for control characters, of which NUL ends texts,
+/// and for those beyond ASCII.
+pub(crate) fn printable(text: &str) -> String {
+    let of_char = |c: char| match c {
+        ' '..='~' => c,
+        '\t' | '\n' | '\r' => ' ',
+        _ => '?',
+    };
+    text.chars().map(of_char).collect()
+}
+
 /// Letters and digits of a name, in lower case.
 fn plain(name: &str) -> String {
     name.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
@@ -113,7 +124,7 @@ impl Keys {
 
     fn text(&mut self, key: u16, text: &str) {
         // Bars end texts.
-        let text: String = text.chars().map(|c| if c.is_ascii() && c != '|' { c } else { '?' }).take(1000).collect();
+        let text: String = printable(text).replace('|', "?").chars().take(1000).collect();
         self.keys.push([key, 34_737, text.len() as u16 + 1, self.text.len() as u16]);
         self.text += &text;
         self.text.push('|');

@@ -6,7 +6,7 @@
 
 use super::grid::Grid;
 use super::layout::Layout;
-use super::sides::Sides;
+use super::sides::{Near, Sides};
 use super::source::splats_kept;
 use crate::{Backend, Error};
 use glam::{DAffine3, DMat3, DVec3};
@@ -65,20 +65,25 @@ pub(crate) fn draw(
     let own_weight = |cloud: &Arc<SplatCloud>| cloud.data().interior_weight.unwrap_or(WEIGHT);
     let full_weight = (FULL * clouds.iter().map(own_weight).fold(0.0, f64::max)) as f32;
     let surface = Surface { frame: &frames.nearest, view: &view, gsd: grid.gsd, full_weight };
-    let mut hidden = Vec::new();
-    for cloud in &clouds {
-        let keep: Vec<bool> =
-            (0..cloud.len()).into_par_iter().with_min_len(1024).map(|i| surface.hides(cloud, i)).collect();
-        hidden.extend(splats_kept(cloud, &keep)?.map(Arc::new));
-    }
-    let behind = if hidden.is_empty() {
-        None
-    } else {
-        render(&hidden, &view, &settings, planes, backend, &mut frames.behind)?;
-        let sides = Sides::new(clouds.iter().map(|cloud| &**cloud), layout.drawn(block, layout.halo));
-        let [left, _, _, top] = layout.drawn(block, 0.0);
-        Some(Behind { frame: &frames.behind, sides, left_top: [left, top] })
+    let hidden_of = |cloud: &Arc<SplatCloud>| -> Vec<bool> {
+        (0..cloud.len()).into_par_iter().with_min_len(1024).map(|i| surface.hides(cloud, i)).collect()
     };
+    let mut keep: Vec<Vec<bool>> = clouds.iter().map(hidden_of).collect();
+    let mut behind = None;
+    if keep.iter().any(|keep| keep.contains(&true)) {
+        let within = layout.drawn(block, layout.halo);
+        // What lies beneath a complete surface shows nowhere.
+        let sides = Sides::new(clouds.iter().map(|cloud| &**cloud), within, |cloud, i| keep[cloud][i] = false);
+        let mut hidden = Vec::new();
+        for (cloud, keep) in clouds.iter().zip(&keep) {
+            hidden.extend(splats_kept(cloud, keep)?.map(Arc::new));
+        }
+        if !hidden.is_empty() {
+            render(&hidden, &view, &settings, planes, backend, &mut frames.behind)?;
+            let [left, _, _, top] = layout.drawn(block, 0.0);
+            behind = Some(Behind { frame: &frames.behind, sides, left_top: [left, top] });
+        }
+    }
     Ok(blend(&surface, behind.as_ref(), normals))
 }
 
@@ -180,7 +185,7 @@ fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, normals: bool) -> B
     let eye = surface.view.eye.z;
     let side = frame.width() as usize;
     // Share of the first surface at a pixel; `None` where nothing is.
-    let share = |i: usize| {
+    let share = |near: &mut Near, i: usize| {
         let (w1, z1) = (frame.weight()[i], frame.depth()[i]);
         if w1 <= 0.0 || !z1.is_finite() {
             return None;
@@ -192,10 +197,11 @@ fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, normals: bool) -> B
         }
         let at = |index: usize| (index as f64 + 0.5) * surface.gsd;
         let heights = [z1, z2].map(|z| eye - f64::from(z));
-        let share = sides.share(left + at(i % side), top - at(i / side), heights[0], heights[1]);
+        let share = sides.share(left + at(i % side), top - at(i / side), heights[0], heights[1], near);
         Some(share.map_or(if w1 < w2 { 0.0 } else { 1.0 }, |share| share as f32))
     };
-    let shares: Vec<Option<f32>> = (0..side * side).into_par_iter().with_min_len(256).map(share).collect();
+    let shares: Vec<Option<f32>> =
+        (0..side * side).into_par_iter().with_min_len(256).map_init(Near::default, share).collect();
     let mix = |share: f32, of: &dyn Fn(&Frame) -> f64| match behind.filter(|_| share < 1.0) {
         Some(behind) => f64::from(share) * of(frame) + f64::from(1.0 - share) * of(behind.frame),
         None => of(frame),

@@ -13,7 +13,7 @@ const BLOCK_POINTS: f64 = 3e6;
 /// within as many again.
 const HALO_SPACINGS: f64 = 12.0;
 /// Spacings of points around a block that are drawn, too: what lies behind a surface is looked for there.
-const MARGIN_SPACINGS: f64 = 4.0;
+const MARGIN_SPACINGS: f64 = 6.0;
 /// Most pixels of that margin.
 const MOST_MARGIN_PX: i64 = 1024;
 /// Bins along a block's side.
