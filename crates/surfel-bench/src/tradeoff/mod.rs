@@ -130,6 +130,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         eprintln!("octree: by level of detail");
         detail::all(size, arguments.quick, &mut backends, runs, &mut figures)?;
     }
+    if arguments.wants("points by levels") {
+        eprintln!("points by levels: by level of detail");
+        detail::points(size, arguments.quick, &mut backends, runs, &mut figures)?;
+    }
     if arguments.wants("Gaussians") {
         eprintln!("Gaussians: by order and filter");
         gaussians::all(size, arguments.quick, &mut backends, runs, &mut figures)?;
@@ -184,7 +188,9 @@ fn wanted(arguments: &Arguments, size: u32, quick: bool) -> Result<subjects::Sub
     let mut subjects = subjects::all(size, quick, &arguments.models)?;
     subjects.wanted.retain(|s| arguments.wants(s.name));
     subjects.left_out.retain(|(name, _)| arguments.wants(name));
-    if subjects.wanted.is_empty() && !["octree", "Gaussians"].iter().any(|name| arguments.wants(name)) {
+    if subjects.wanted.is_empty()
+        && !["octree", "points by levels", "Gaussians"].iter().any(|name| arguments.wants(name))
+    {
         let why =
             subjects.left_out.iter().map(|(name, why)| format!("; {name} is left out: {why}")).collect::<String>();
         return Err(format!("no subject is called {}{why}", arguments.subject.join(" or ")).into());

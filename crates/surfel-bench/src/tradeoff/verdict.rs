@@ -117,14 +117,16 @@ fn decibels(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0} dB"))
 }
 
-/// The knob of octrees, whose subject no other knob has.
-const LEVEL_OF_DETAIL: &str = "level of detail";
+/// The knobs of octrees and of points by levels, whose subjects no other knob has.
+const LEVELS_OF_DETAIL: [(&str, &str); 2] = [("level of detail", "octree"), ("levels of points", "points by levels")];
 
-/// Values of the knob of octrees, in splats' pixels.
+/// Values of these knobs, in splats' pixels.
 pub(crate) fn levels_of_detail(values: &[Value]) -> Table {
-    let mut table = Table::new(&["splats of at most", "time", "model error", "without rims"]);
-    for v in values.iter().filter(|v| v.knob == LEVEL_OF_DETAIL) {
-        table.rows.push(vec![v.value.clone(), times(v.cost), times(v.error), times(v.inside)]);
+    let mut table = Table::new(&["of", "splats of at most", "time", "model error", "without rims"]);
+    for (knob, of) in LEVELS_OF_DETAIL {
+        for v in values.iter().filter(|v| v.knob == knob) {
+            table.rows.push(vec![of.to_owned(), v.value.clone(), times(v.cost), times(v.error), times(v.inside)]);
+        }
     }
     table
 }
@@ -143,7 +145,7 @@ pub(crate) fn settings(values: &[Value]) -> Table {
         "fidelity ≥",
         "dominated by",
     ]);
-    for v in values.iter().filter(|v| v.knob != LEVEL_OF_DETAIL) {
+    for v in values.iter().filter(|v| LEVELS_OF_DETAIL.iter().all(|(knob, _)| v.knob != *knob)) {
         let worst = v.worst.as_ref().map_or_else(|| "-".to_owned(), |(ratio, name)| format!("{ratio:.2}× {name}"));
         if v.dominated_by.is_some() {
             table.marked.push((table.rows.len(), false));

@@ -21,6 +21,8 @@ const WEIGHT: f64 = 4.0;
 /// Σw over that from which on nothing behind counts: it would be less than a hundredth, since the weights of two
 /// surfaces that meet at an edge have a sum of about 1 there.
 const FULL: f64 = 1.5;
+/// Side of the squares of pixels that look for an edge together.
+const SQUARE_PX: usize = 4;
 /// Distances from a splat's centre, in its radii, at which it is compared with the surface, and directions.
 const RINGS: [f64; 2] = [0.5, 0.95];
 const DIRECTIONS: usize = 8;
@@ -179,29 +181,103 @@ struct Behind<'a> {
     left_top: [f64; 2],
 }
 
+/// Share of the first surface at each pixel; `None` where nothing is.
+fn shares(surface: &Surface<'_>, behind: Option<&Behind<'_>>) -> Vec<Option<f32>> {
+    let (frame, side) = (surface.frame, surface.frame.width() as usize);
+    let is_there = |i: usize| frame.weight()[i] > 0.0 && frame.depth()[i].is_finite();
+    let mut shares: Vec<Option<f32>> =
+        (0..side * side).into_par_iter().with_min_len(4096).map(|i| is_there(i).then_some(1.0)).collect();
+    let Some(behind) = behind else { return shares };
+    let rows = shares.par_chunks_mut(SQUARE_PX * side).enumerate();
+    rows.for_each_init(Near::default, |near, (row, shares)| {
+        let first = row * SQUARE_PX;
+        let rows = Square { left: 0, top: first, width: side, height: shares.len() / side };
+        for square in rows.parts(SQUARE_PX) {
+            behind.each_share(surface, square, near, &mut |x, y, share| shares[(y - first) * side + x] = Some(share));
+        }
+    });
+    shares
+}
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy)]
+struct Square {
+    left: usize,
+    top: usize,
+    width: usize,
+    height: usize,
+}
+
+impl Square {
+    /// Columns and rows.
+    fn pixels(self) -> impl Iterator<Item = (usize, usize)> {
+        let columns = self.left..self.left + self.width;
+        (self.top..self.top + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
+    }
+
+    /// The squares of so many pixels a side that it consists of, smaller ones at its right and bottom.
+    fn parts(self, px: usize) -> impl Iterator<Item = Self> {
+        let (right, bottom) = (self.left + self.width, self.top + self.height);
+        (self.top..bottom).step_by(px).flat_map(move |top| {
+            let part = move |left| Self { left, top, width: px.min(right - left), height: px.min(bottom - top) };
+            (self.left..right).step_by(px).map(part)
+        })
+    }
+}
+
+impl Behind<'_> {
+    /// Hands on the shares of those pixels of a square where both surfaces are.
+    fn each_share(
+        &self,
+        surface: &Surface<'_>,
+        square: Square,
+        near: &mut Near,
+        each: &mut dyn FnMut(usize, usize, f32),
+    ) {
+        let (first, second, side) = (surface.frame, self.frame, surface.frame.width() as usize);
+        let is_between = |(x, y): &(usize, usize)| {
+            let i = y * side + x;
+            let (w1, z1, w2, z2) = (first.weight()[i], first.depth()[i], second.weight()[i], second.depth()[i]);
+            w1 > 0.0 && z1.is_finite() && w2 > 0.0 && w1 < surface.full_weight && z2 > z1 && z2.is_finite()
+        };
+        if !square.pixels().any(|pixel| is_between(&pixel)) {
+            return;
+        }
+        let [left, top] = self.left_top;
+        let at = |x: f64, y: f64| [left + x * surface.gsd, top - y * surface.gsd];
+        let middle = |s: Square| {
+            let half = |first: usize, length: usize| first as f64 + 0.5 * length as f64;
+            at(half(s.left, s.width), half(s.top, s.height))
+        };
+        let [x, y] = middle(square);
+        for part in square.parts(self.sides.square_px(x, y, surface.gsd)) {
+            let between = || part.pixels().filter(is_between);
+            let count = between().count();
+            if count == 0 {
+                continue;
+            }
+            let height = |frame: &Frame| {
+                let depths = between().map(|(x, y)| f64::from(frame.depth()[y * side + x]));
+                surface.view.eye.z - depths.sum::<f64>() / count as f64
+            };
+            let [x, y] = middle(part);
+            let edge = self.sides.edge(x, y, height(first), height(second), near);
+            for (px, py) in between() {
+                let i = py * side + px;
+                let by_weight = if first.weight()[i] < second.weight()[i] { 0.0 } else { 1.0 };
+                let [of_x, of_y] = at(px as f64 + 0.5, py as f64 + 0.5);
+                each(px, py, edge.map_or(by_weight, |edge| edge.share(of_x - x, of_y - y) as f32));
+            }
+        }
+    }
+}
+
 /// Both surfaces, by the side of their edge that a pixel is on.
 fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, normals: bool) -> BlockPixels {
     let frame = surface.frame;
     let eye = surface.view.eye.z;
     let side = frame.width() as usize;
-    // Share of the first surface at a pixel; `None` where nothing is.
-    let share = |near: &mut Near, i: usize| {
-        let (w1, z1) = (frame.weight()[i], frame.depth()[i]);
-        if w1 <= 0.0 || !z1.is_finite() {
-            return None;
-        }
-        let Some(Behind { frame: second, sides, left_top: [left, top] }) = behind else { return Some(1.0) };
-        let (w2, z2) = (second.weight()[i], second.depth()[i]);
-        if w2 <= 0.0 || w1 >= surface.full_weight || z2 <= z1 || !z2.is_finite() {
-            return Some(1.0);
-        }
-        let at = |index: usize| (index as f64 + 0.5) * surface.gsd;
-        let heights = [z1, z2].map(|z| eye - f64::from(z));
-        let share = sides.share(left + at(i % side), top - at(i / side), heights[0], heights[1], near);
-        Some(share.map_or(if w1 < w2 { 0.0 } else { 1.0 }, |share| share as f32))
-    };
-    let shares: Vec<Option<f32>> =
-        (0..side * side).into_par_iter().with_min_len(256).map_init(Near::default, share).collect();
+    let shares = shares(surface, behind);
     let mix = |share: f32, of: &dyn Fn(&Frame) -> f64| match behind.filter(|_| share < 1.0) {
         Some(behind) => f64::from(share) * of(frame) + f64::from(1.0 - share) * of(behind.frame),
         None => of(frame),
