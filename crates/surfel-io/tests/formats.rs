@@ -212,6 +212,67 @@ fn obj_materials_keep_their_textures() {
 }
 
 #[test]
+fn ply_faces_have_textures_of_their_own_as_meshlab_writes_them() {
+    let folder = Folder::new("wedges");
+    folder.write("a.png", png(&[[255, 0, 0], [0, 0, 255]]));
+    folder.write("b.png", png(&[[0, 255, 0]]));
+    let header = |format: &str, files: &str| {
+        format!(
+            "ply\nformat {format} 1.0\n{files}element vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 3\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\n\
+             property int texnumber\nend_header\n"
+        )
+    };
+    let both = "comment TextureFile a.png\ncomment TextureFile b.png\n";
+    // A square by two triangles that share a diagonal, one of each texture, and the square without coordinates.
+    let vertices = [[0.0_f32, 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+    let faces: [(&[i32], &[f32], i32); 3] = [
+        (&[0, 1, 2], &[0., 0., 0.5, 0., 0.5, 1.], 0),
+        (&[0, 2, 3], &[0., 0., 0.5, 1., 0., 1.], 1),
+        (&[0, 1, 2, 3], &[], -1),
+    ];
+    let words = |v: &[f32]| v.iter().map(|v| format!("{v} ")).collect::<String>();
+    let mut text = header("ascii", both);
+    vertices.iter().for_each(|v| text += &format!("{}\n", words(v)));
+    let mut binary = header("binary_little_endian", both).into_bytes();
+    binary.extend(vertices.as_flattened().iter().flat_map(|v| v.to_le_bytes()));
+    for (corners, uvs, texture) in faces {
+        let listed: String = corners.iter().map(|i| format!("{i} ")).collect();
+        text += &format!("{} {listed}{} {}{texture}\n", corners.len(), uvs.len(), words(uvs));
+        binary.push(corners.len() as u8);
+        binary.extend(corners.iter().flat_map(|i| i.to_le_bytes()));
+        binary.push(uvs.len() as u8);
+        binary.extend(uvs.iter().flat_map(|v| v.to_le_bytes()));
+        binary.extend(texture.to_le_bytes());
+    }
+    let big = text.replace("TextureFile b.png", "TextureFile none.png");
+    for (name, bytes) in [("ascii.ply", text.clone().into_bytes()), ("binary.ply", binary)] {
+        let loaded = load_file(&folder.write(name, bytes), &LoadOptions::default()).unwrap();
+        assert!(loaded.notes.is_empty(), "{:?}", loaded.notes);
+        let mesh = mesh(loaded);
+        assert_eq!(mesh.triangles, [[0, 1, 2], [3, 4, 5], [6, 7, 8], [6, 8, 9]], "{name}");
+        let uvs = mesh.uvs.as_ref().unwrap();
+        assert_eq!((uvs[1], uvs[4], uvs[5]), ([0.5, 1.0], [0.5, 0.0], [0.0, 0.0]), "v is turned downwards");
+        let place = |i: usize| mesh.positions.get(i).to_array();
+        assert_eq!((place(4), place(9)), ([1.0, 1.0, 0.0], [0.0, 1.0, 0.0]));
+        let texel = |triangle: usize| mesh.material(triangle).texture.map(|t| t.srgba8[0]);
+        let expected = [Some([255, 0, 0, 255]), Some([0, 255, 0, 255]), None, None];
+        assert_eq!([0, 1, 2, 3].map(texel), expected, "{name}");
+    }
+    let loaded = load_file(&folder.write("big.ply", big), &LoadOptions::default()).unwrap();
+    assert!(loaded.notes[0].starts_with("left out the texture 'none.png'"), "{:?}", loaded.notes);
+    // One texture for all needs no materials, and corners alike stay one vertex; without a texture nothing is split.
+    let one = text.replace("comment TextureFile b.png\n", "").replace("4 0 1 2 3 0 -1", "3 0 1 2 6 0 0 0.5 0 0.5 1 0");
+    let one = one.replace("0 1 1\n", "0 1 0\n");
+    let whole = mesh(load_file(&folder.write("one.ply", &one), &LoadOptions::default()).unwrap());
+    assert!(whole.materials.is_none() && whole.texture.is_some());
+    assert_eq!(whole.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 2]]);
+    let plain = one.replace("comment TextureFile a.png\n", "");
+    let plain = mesh(load_file(&folder.write("plain.ply", plain), &LoadOptions::default()).unwrap());
+    assert!(plain.uvs.is_none() && plain.positions.len() == 4);
+}
+
+#[test]
 fn obj_opacity_maps_are_the_alpha_of_textures() {
     let folder = Folder::new("opacity");
     let shape = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.5\nusemtl m\nf 1/1 2/1 3/1\n";

@@ -293,6 +293,41 @@ fn png(texels: &[[u8; 4]]) -> Vec<u8> {
 }
 
 #[test]
+fn gltf_textures_end_or_are_mirrored_as_their_samplers_say() {
+    let texels = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [9, 9, 9, 255]];
+    let mut document = textured(json!({"source": 0, "sampler": 1}), json!([{"uri": uri(&png(&texels))}]));
+    let mut d = Document::default();
+    let uvs = [0.0, 0.0, 1.25, 0.0, 0.0, 1.0];
+    let (position, uv) = (d.floats(&TRIANGLE, "VEC3", 3), d.floats(&uvs, "VEC2", 3));
+    let primitive = json!({"attributes": {"POSITION": position, "TEXCOORD_0": uv}, "material": 0});
+    let of_triangle = d.with(scene(primitive));
+    for key in ["accessors", "bufferViews", "buffers", "meshes"] {
+        document[key] = of_triangle[key].clone();
+    }
+    let shown = |wrap: u32, document: &mut Value| {
+        document["samplers"] = json!([{}, {"wrapS": wrap}]);
+        let loaded = load(document);
+        assert!(loaded.notes.is_empty(), "{:?}", loaded.notes);
+        let mesh = mesh(loaded);
+        let (texture, uvs) = (mesh.texture.unwrap(), mesh.uvs.unwrap());
+        (texture.width, [0, 1].map(|i| texture.sample_numbers(uvs[i])))
+    };
+    // At the left edge, and an eighth of the texture beyond the right one.
+    let [red, green, grey] = [texels[0], texels[1], texels[3]].map(|t| t.map(|v| f32::from(v) / 255.0));
+    let half = |a: [f32; 4], b: [f32; 4]| std::array::from_fn::<_, 4, _>(|c| 0.5 * (a[c] + b[c]));
+    let close = |a: [f32; 4], b: [f32; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+    for (wrap, width, expected) in [
+        (10_497, 4, [half(grey, red), half(red, green)]),
+        (33_071, 8, [red, grey]),
+        (33_648, 8, [red, half(grey, texels[2].map(|v| f32::from(v) / 255.0))]),
+    ] {
+        let (found, colors) = shown(wrap, &mut document);
+        assert_eq!(found, width, "{wrap}");
+        assert!((0..2).all(|i| close(colors[i], expected[i])), "{wrap}: {colors:?}, expected {expected:?}");
+    }
+}
+
+#[test]
 fn gltf_textures_of_other_formats_are_left_out() {
     let mut document =
         textured(json!({"extensions": {"KHR_texture_basisu": {"source": 0}}}), json!([{"uri": "a.ktx2"}]));

@@ -3,6 +3,7 @@
 use super::buffers::Asset;
 use super::document::WEBP;
 use super::uri;
+use super::wrap::Wrap;
 use crate::context::Context;
 use crate::error::quote;
 use crate::images::texture;
@@ -26,6 +27,8 @@ pub(super) struct BaseColor {
     pub(super) transform: Option<TextureTransform>,
     /// The number of the attribute `TEXCOORD_n`.
     pub(super) set: u32,
+    /// What lies beyond the texture's edges along u and v.
+    pub(super) wrap: [Wrap; 2],
 }
 
 /// uv' = translate(offset) · rotate(−rotation) · scale(scale) · uv, v downwards.
@@ -76,7 +79,7 @@ impl Materials {
                 factor[3] = 1.0;
             }
             let material = Material { factor, texture: None, alpha, normal_map: None };
-            let mut found = BaseColor { material, transform: None, set: 0 };
+            let mut found = BaseColor { material, transform: None, set: 0, wrap: [Wrap::Repeat; 2] };
             // The first that can be had: a texture may come in a newer format with an older one to fall back to.
             let mut read_first = |images: Vec<usize>, context: &mut Context<'_>| {
                 images.into_iter().find_map(|image| {
@@ -95,6 +98,7 @@ impl Materials {
                     context.note(texture::missing(&format!("texture {index}"), &why_empty(asset, index)));
                 }
                 found.material.texture = read_first(images, context);
+                found.wrap = Wrap::of(&asset.document.raw, index);
                 found.set = info.tex_coord();
                 if let Some(t) = info.texture_transform() {
                     found.transform =
@@ -104,6 +108,9 @@ impl Materials {
             }
             if let Some(normals) = asset.document.normal_texture(number).and_then(|v| NormalTexture::of(asset, v)) {
                 let has_own = found.material.texture.is_none();
+                if has_own {
+                    found.wrap = normals.wrap;
+                }
                 if has_own || (found.set, found.transform) == (normals.set, normals.transform) {
                     (found.set, found.transform) = (normals.set, normals.transform);
                     let image = read_first(normals.images, context);
@@ -125,6 +132,7 @@ struct NormalTexture {
     scale: f32,
     set: u32,
     transform: Option<TextureTransform>,
+    wrap: [Wrap; 2],
 }
 
 impl NormalTexture {
@@ -136,7 +144,8 @@ impl NormalTexture {
         let scale = said.get("scale").and_then(Value::as_f64).filter(|v| v.is_finite()).unwrap_or(1.0) as f32;
         let extension = said.get("extensions").and_then(|all| all.get("KHR_texture_transform"));
         let set = extension.and_then(|e| number(e, "texCoord")).or_else(|| number(said, "texCoord")).unwrap_or(0);
-        (!images.is_empty()).then(|| Self { images, scale, set, transform: extension.map(TextureTransform::of) })
+        let (transform, wrap) = (extension.map(TextureTransform::of), Wrap::of(&asset.document.raw, texture.index()));
+        (!images.is_empty()).then_some(Self { images, scale, set, transform, wrap })
     }
 }
 

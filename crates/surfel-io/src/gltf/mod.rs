@@ -17,6 +17,7 @@ mod rest_pose;
 mod scene;
 mod splats;
 pub(crate) mod uri;
+mod wrap;
 
 use self::buffers::Asset;
 use crate::content::Content;

@@ -9,6 +9,7 @@ use super::nodes::Nodes;
 use super::primitive::{Attributes, Vertices, same_count, world_positions};
 use super::rest_pose::{JointSet, Pose, SkinnedPose, joints};
 use super::splats::GatheredSplats;
+use super::wrap;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem};
@@ -244,13 +245,18 @@ impl Gathered {
         }
     }
 
-    fn finish(self, context: &mut Context<'_>) -> Result<Content, Fault> {
+    fn finish(mut self, context: &mut Context<'_>) -> Result<Content, Fault> {
         let (points, splats) = (self.points.positions.len(), self.splats.positions.len());
         if !self.parts.triangles.is_empty() {
             if points + splats > 0 {
                 context.note(format!("ignored {points} points and {splats} Gaussian splats beside the mesh"));
             }
-            let Materials { all, textures } = self.materials;
+            let Materials { mut all, mut textures } = self.materials;
+            let left = wrap::resolve(&mut self.parts, &mut all, &mut textures);
+            if left > 0 {
+                context
+                    .note(format!("repeated the textures of {left} materials that end far inside of their surfaces"));
+            }
             let materials: Vec<Material> = all.into_iter().map(|base| base.material).collect();
             return context.parts(self.parts, &materials, &textures);
         }

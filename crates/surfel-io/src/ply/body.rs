@@ -19,9 +19,13 @@ pub(crate) enum Want {
     Nothing,
     /// All scalar properties.
     Scalars,
-    /// The integer lists of these names.
+    /// The integer lists of these names, and what textures a face: MeshLab's `texcoord` and `texnumber`.
     Lists(&'static [&'static str]),
 }
+
+/// u and v of each of a face's corners in turn, and the texture that they are of.
+const COORDINATES: &str = "texcoord";
+pub(super) const TEXTURE: &str = "texnumber";
 
 /// Reads the wanted elements in the order of the file, and stops after the last of them.
 ///
@@ -57,6 +61,7 @@ pub(crate) fn read<'a>(
                 Column::Scalar(values) => table.scalars.push((property.name.clone(), Numbers::Held(values))),
                 Column::Stored(column) => table.scalars.push((property.name.clone(), Numbers::Stored(column))),
                 Column::List(lists) => table.lists.push((property.name.clone(), lists)),
+                Column::Coordinates(lists) => table.coordinates = Some(lists),
                 Column::Skip => {}
             }
         }
@@ -69,14 +74,16 @@ enum Column<'a> {
     Scalar(ExtraValues),
     /// Numbers that stay where they are until they are asked for.
     Stored(Strided<'a>),
-    List(Lists),
+    List(Lists<u32>),
+    Coordinates(Lists<f32>),
     Skip,
 }
 
 impl Column<'_> {
     fn new(kind: Kind, name: &str, want: Want) -> Self {
+        let is_wanted = want == Want::Scalars || (matches!(want, Want::Lists(_)) && name == TEXTURE);
         match (kind, want) {
-            (Kind::Scalar(t), Want::Scalars) => Self::Scalar(match t {
+            (Kind::Scalar(t), _) if is_wanted => Self::Scalar(match t {
                 ScalarType::I8 => ExtraValues::I8(Vec::new()),
                 ScalarType::U8 => ExtraValues::U8(Vec::new()),
                 ScalarType::I16 => ExtraValues::I16(Vec::new()),
@@ -88,6 +95,9 @@ impl Column<'_> {
             }),
             (Kind::List { item, .. }, Want::Lists(names)) if item.is_integer() && names.contains(&name) => {
                 Self::List(Lists::default())
+            }
+            (Kind::List { item, .. }, Want::Lists(_)) if !item.is_integer() && name == COORDINATES => {
+                Self::Coordinates(Lists::default())
             }
             _ => Self::Skip,
         }
@@ -204,11 +214,14 @@ fn read_binary<const BIG: bool>(cursor: &mut Cursor<'_>, columns: &mut [Column<'
                             .expected("0 or more")
                     })?;
                     let raw = take(cursor, length.saturating_mul(item.bytes()))?;
-                    if let Column::List(lists) = column {
-                        // An item takes at least a byte, so the file backs these.
-                        lists.lengths.push(u32::try_from(length).unwrap_or(u32::MAX));
-                        let items = raw.chunks_exact(item.bytes());
-                        lists.items.extend(items.map(|r| u32::try_from(to_i64::<BIG>(item, r)).unwrap_or(u32::MAX)));
+                    let items = raw.chunks_exact(item.bytes());
+                    // An item takes at least a byte, so the file backs these.
+                    match column {
+                        Column::List(lists) => {
+                            lists.push(items.map(|r| u32::try_from(to_i64::<BIG>(item, r)).unwrap_or(u32::MAX)));
+                        }
+                        Column::Coordinates(lists) => lists.push(items.map(|r| to_f32::<BIG>(item, r))),
+                        _ => {}
                     }
                 }
             }
@@ -237,6 +250,10 @@ fn to_i64<const BIG: bool>(kind: ScalarType, raw: &[u8]) -> i64 {
         ScalarType::U32 => u32::read::<BIG>(raw).into(),
         ScalarType::F32 | ScalarType::F64 => -1,
     }
+}
+
+fn to_f32<const BIG: bool>(kind: ScalarType, raw: &[u8]) -> f32 {
+    if kind == ScalarType::F64 { f64::read::<BIG>(raw) as f32 } else { f32::read::<BIG>(raw) }
 }
 
 /// The number of an element's rows, and the least bytes of one: its scalars and the counts of its lists. An error, if
@@ -368,13 +385,19 @@ fn read_ascii(cursor: &mut Cursor<'_>, columns: &mut [Column<'_>]) -> Result<(),
                     }
                     for _ in 0..length {
                         let word = next_word(cursor, false)?;
-                        if let Column::List(lists) = column {
-                            let item = parse_list_word(cursor, word)?;
-                            lists.items.push(u32::try_from(item).unwrap_or(u32::MAX));
+                        match column {
+                            Column::List(lists) => {
+                                let item = parse_list_word(cursor, word)?;
+                                lists.items.push(u32::try_from(item).unwrap_or(u32::MAX));
+                            }
+                            Column::Coordinates(lists) => lists.items.push(parse_word(cursor, word)?),
+                            _ => {}
                         }
                     }
-                    if let Column::List(lists) = column {
-                        lists.lengths.push(u32::try_from(length).unwrap_or(u32::MAX));
+                    match column {
+                        Column::List(lists) => lists.end(length),
+                        Column::Coordinates(lists) => lists.end(length),
+                        _ => {}
                     }
                 }
             }

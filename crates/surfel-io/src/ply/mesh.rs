@@ -1,7 +1,9 @@
 //! PLY meshes: polygons and triangle strips.
 
+use super::body::TEXTURE;
 use super::comments::interpret_comments;
 use super::table::{Lists, Table, take_colors, take_positions, take_set};
+use super::wedges::Wedges;
 use crate::columns;
 use crate::content::Content;
 use crate::context::Context;
@@ -10,10 +12,28 @@ use crate::images::texture;
 use std::sync::Arc;
 use surfel_model::Mesh;
 
+/// Polygons, and where their corners are in textures.
+pub(super) struct Faces {
+    corners: Lists<u32>,
+    coordinates: Option<Lists<f32>>,
+    /// The texture of each.
+    textures: Option<Vec<f64>>,
+}
+
+impl Faces {
+    /// `None` without polygons.
+    pub(super) fn of(mut table: Table<'_>) -> Option<Self> {
+        let textures = table.take(TEXTURE).map(|numbers| columns::to_f64(&numbers.into()));
+        let coordinates = table.coordinates.filter(|lists| !lists.items.is_empty());
+        let (_, corners) = table.lists.into_iter().next().filter(|(_, lists)| !lists.lengths.is_empty())?;
+        Some(Self { corners, coordinates, textures })
+    }
+}
+
 pub(super) fn build(
     mut table: Table<'_>,
-    faces: Option<Lists>,
-    strips: Option<Lists>,
+    faces: Option<Faces>,
+    strips: Option<Lists<u32>>,
     comments: Vec<String>,
     context: &mut Context<'_>,
 ) -> Result<Content, Fault> {
@@ -36,19 +56,29 @@ pub(super) fn build(
         context.note(format!("ignored the vertex properties {}: a mesh has no use for them", list(&names)));
     }
     let mut triangles = Vec::new();
-    if let Some(faces) = faces {
-        fan(&faces, &mut triangles, context);
+    let mut wedges = None;
+    if let Some(faces) = &faces {
+        fan(&faces.corners, &mut triangles, context);
+        let coordinates = faces.coordinates.as_ref();
+        wedges = coordinates.map(|lists| Wedges::new(&faces.corners, lists, faces.textures.as_deref()));
     }
     if let Some(strips) = strips {
         unroll(&strips, &mut triangles);
     }
     let mut mesh = Mesh { origin, positions, triangles, normals, colors, alphas, uvs, up, comments, ..Mesh::default() };
-    let named = mesh.comments.iter().find_map(|c| c.trim().strip_prefix("TextureFile")).map(|n| n.trim().to_owned());
-    if let (Some(name), true) = (named, mesh.uvs.is_some()) {
-        match context.siblings.read(&name).and_then(|bytes| context.textures.decode(&bytes)) {
-            Ok(texture) => mesh.texture = Some(Arc::new(texture)),
-            Err(why) => context.note(texture::missing(&name, &why)),
+    let names = mesh.comments.iter().filter_map(|c| c.trim().strip_prefix("TextureFile").map(|n| n.trim().to_owned()));
+    let names: Vec<String> = names.collect();
+    let mut read = |name: &String| match context.siblings.read(name).and_then(|bytes| context.textures.decode(&bytes)) {
+        Ok(texture) => Some(Arc::new(texture)),
+        Err(why) => {
+            context.note(texture::missing(name, &why));
+            None
         }
+    };
+    if let Some(wedges) = wedges.filter(|_| !names.is_empty()) {
+        wedges.split(&mut mesh, &names.iter().map(&mut read).collect::<Vec<_>>());
+    } else if let (Some(name), true) = (names.first(), mesh.uvs.is_some()) {
+        mesh.texture = read(name);
     }
     context.mesh(mesh)
 }
@@ -58,13 +88,11 @@ fn to_arrays([x, y, z]: [Vec<f32>; 3]) -> Vec<[f32; 3]> {
 }
 
 /// Polygons as fans about their first corner.
-fn fan(faces: &Lists, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) {
+fn fan(faces: &Lists<u32>, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) {
     // Every item beyond a polygon's second makes a triangle, so this is exact.
     triangles.reserve(faces.lengths.iter().map(|&n| (n as usize).saturating_sub(2)).sum());
-    let (mut rest, mut skipped) = (faces.items.as_slice(), 0);
-    for &length in &faces.lengths {
-        let (polygon, after) = rest.split_at(rest.len().min(length as usize));
-        rest = after;
+    let mut skipped = 0;
+    for polygon in faces.iter() {
         match polygon {
             [first, middle @ ..] if middle.len() >= 2 => {
                 triangles.extend(middle.windows(2).map(|w| [*first, w[0], w[1]]));
@@ -78,12 +106,9 @@ fn fan(faces: &Lists, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) 
 }
 
 /// Strips, in which −1 begins a new one. Triangles without area only steer the strip.
-fn unroll(strips: &Lists, triangles: &mut Vec<[u32; 3]>) {
-    let mut rest = strips.items.as_slice();
-    triangles.reserve(rest.len());
-    for &length in &strips.lengths {
-        let (strip, after) = rest.split_at(rest.len().min(length as usize));
-        rest = after;
+fn unroll(strips: &Lists<u32>, triangles: &mut Vec<[u32; 3]>) {
+    triangles.reserve(strips.items.len());
+    for strip in strips.iter() {
         for run in strip.split(|&i| i == u32::MAX) {
             for (i, w) in run.windows(3).enumerate() {
                 if w[0] != w[1] && w[1] != w[2] && w[0] != w[2] {

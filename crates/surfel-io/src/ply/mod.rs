@@ -9,6 +9,7 @@ mod header;
 mod mesh;
 mod splats;
 mod table;
+mod wedges;
 pub(crate) mod write;
 
 use crate::bytes::Bytes;
@@ -18,6 +19,7 @@ use crate::error::{Fault, Problem, list};
 use body::Want;
 use encoding::PlyEncoding;
 use header::ElementDef;
+use mesh::Faces;
 use table::require;
 
 /// Names of the list of a face's or strip's corners.
@@ -47,7 +49,7 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
         match name.as_str() {
             "vertex" => vertices = Some(table),
             "chunk" => chunks = Some(table),
-            "face" => faces = table.lists.into_iter().next().map(|(_, lists)| lists),
+            "face" => faces = Faces::of(table),
             _ => strips = table.lists.into_iter().next().map(|(_, lists)| lists),
         }
     }
@@ -61,7 +63,6 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
         return compressed::build(vertices, chunks, harmonics, header.comments, context);
     }
     require(&vertices, &["x", "y", "z"])?;
-    let faces = faces.filter(|f| !f.lengths.is_empty());
     let strips = strips.filter(|s| !s.lengths.is_empty());
     if faces.is_some() || strips.is_some() {
         return mesh::build(vertices, faces, strips, header.comments, context);

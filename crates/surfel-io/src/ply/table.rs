@@ -12,7 +12,9 @@ use surfel_model::Column3;
 #[derive(Debug, Default)]
 pub(crate) struct Table<'a> {
     pub(crate) scalars: Vec<(String, Numbers<'a>)>,
-    pub(crate) lists: Vec<(String, Lists)>,
+    pub(crate) lists: Vec<(String, Lists<u32>)>,
+    /// u and v of each of a face's corners in turn.
+    pub(crate) coordinates: Option<Lists<f32>>,
 }
 
 impl<'a> Table<'a> {
@@ -27,11 +29,35 @@ impl<'a> Table<'a> {
     }
 }
 
-/// A column of integer lists, end to end. Negative items are `u32::MAX`.
+/// A column of lists, end to end. Negative integers are `u32::MAX`.
 #[derive(Debug, Default)]
-pub(crate) struct Lists {
+pub(crate) struct Lists<T> {
     pub(crate) lengths: Vec<u32>,
-    pub(crate) items: Vec<u32>,
+    pub(crate) items: Vec<T>,
+}
+
+impl<T> Lists<T> {
+    /// Appends a list.
+    pub(super) fn push(&mut self, items: impl ExactSizeIterator<Item = T>) {
+        let length = items.len();
+        self.items.extend(items);
+        self.end(length);
+    }
+
+    /// Ends a list of so many items, which were appended.
+    pub(super) fn end(&mut self, length: usize) {
+        self.lengths.push(u32::try_from(length).unwrap_or(u32::MAX));
+    }
+
+    /// Each list.
+    pub(super) fn iter(&self) -> impl Iterator<Item = &[T]> {
+        let mut rest = self.items.as_slice();
+        self.lengths.iter().map(move |&length| {
+            let (list, after) = rest.split_at(rest.len().min(length as usize));
+            rest = after;
+            list
+        })
+    }
 }
 
 /// Takes x, y and z, whose presence has been checked.

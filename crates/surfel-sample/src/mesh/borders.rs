@@ -4,7 +4,7 @@
 //! an edge is concave, one line keeps less than the surface there, and leaves the rest to the splats beside it.
 
 use super::density::Density;
-use super::geometry::Geometry;
+use super::geometry::{Border, Geometry, Kind};
 use super::parts::Sample;
 use crate::radii;
 use crate::tree::{KdTree, Nearest};
@@ -39,37 +39,6 @@ const STANDING_OUT: f64 = 0.15;
 const OVER_CUT: f64 = 0.2;
 /// Area of a face that has splats to itself, over a splat's share of the surface.
 const RESOLVED: f64 = 3.0;
-
-/// Why a splat ends at an edge.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
-    /// There is no face on the other side.
-    Open,
-    /// Faces meet at a large angle, or more than two of them, or their windings disagree.
-    Crease,
-    /// The surface is smooth, but bends by so much that splats would stand out of it.
-    Bend,
-    /// The surface goes on, but another part of an octree has it.
-    Cut,
-}
-
-/// An edge where splats end, seen from the face on one of its sides.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Border {
-    /// Its ends, with the face on the left when seen from outside.
-    pub(crate) ends: [DVec3; 2],
-    /// The corner (3·face + 0..3) that it starts at.
-    pub(crate) corner: u32,
-    /// The face on the other side, where there is one and no more.
-    pub(crate) across: Option<u32>,
-    pub(crate) kind: Kind,
-}
-
-impl Border {
-    fn face(&self) -> u32 {
-        self.corner / 3
-    }
-}
 
 /// Part of a border.
 #[derive(Clone, Copy, Debug)]

@@ -1,10 +1,10 @@
 //! A given number of samples, spread over the surface as far apart as is asked for.
 
-use super::borders::{Borders, Kind};
+use super::borders::Borders;
 use super::density::Density;
 use super::eliminate::{eliminate, reach};
 use super::gaps;
-use super::geometry::{Geometry, SAME_NORMAL, Smooth};
+use super::geometry::{Geometry, Kind, SAME_NORMAL, Smooth};
 use super::options::MeshReport;
 use super::parts::Sample;
 use super::placed::{Bordered, Placed};

@@ -1,6 +1,5 @@
 //! A mesh's faces, welded vertices and smooth normals, in f64 relative to its origin.
 
-use super::borders::{Border, Kind};
 use crate::parallel::map_each;
 use crate::progress::NoProgress;
 use glam::{DVec2, DVec3};
@@ -45,6 +44,37 @@ struct Side {
     corner: u32,
     /// The face runs from `lo` to `hi`.
     forward: bool,
+}
+
+/// Why a splat ends at an edge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// There is no face on the other side.
+    Open,
+    /// Faces meet at a large angle, or more than two of them, or their windings disagree.
+    Crease,
+    /// The surface is smooth, but bends by so much that splats would stand out of it.
+    Bend,
+    /// The surface goes on, but another part of an octree has it.
+    Cut,
+}
+
+/// An edge where splats end, seen from the face on one of its sides.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Border {
+    /// Its ends, with the face on the left when seen from outside.
+    pub(crate) ends: [DVec3; 2],
+    /// The corner (3·face + 0..3) that it starts at.
+    pub(crate) corner: u32,
+    /// The face on the other side, where there is one and no more.
+    pub(crate) across: Option<u32>,
+    pub(crate) kind: Kind,
+}
+
+impl Border {
+    pub(super) fn face(&self) -> u32 {
+        self.corner / 3
+    }
 }
 
 /// How a surface is smooth, and where it isn't.

@@ -1,8 +1,8 @@
 //! One ellipse a triangle (Bézier clipping paper 2012, §5.1).
 
-use super::borders::{Border, Borders, Kind, clip_columns};
+use super::borders::{Borders, clip_columns};
 use super::density::Density;
-use super::geometry::{Geometry, Smooth};
+use super::geometry::{Border, Geometry, Kind, Smooth};
 use super::options::MeshReport;
 use super::see_through;
 use crate::parallel::map_each;

@@ -1,0 +1,233 @@
+//! Textures that don't repeat: brought into a form that may be read as if they did, as all textures are.
+//!
+//! A mirrored one gets its mirror images beside it. One that ends at its edge gets as much of the edge's colour around
+//! it as the surface shows, and a texel that the edge is blended with.
+
+use super::materials::BaseColor;
+use crate::materials::Parts;
+use serde_json::Value;
+use std::collections::HashMap;
+use std::sync::Arc;
+use surfel_model::Texture;
+
+/// Texels that may be added to a side, over its own: mirror images take as many.
+const MOST_ADDED: usize = 1;
+
+/// What lies beyond a texture's edge.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Wrap {
+    #[default]
+    Repeat,
+    Mirror,
+    Clamp,
+}
+
+impl Wrap {
+    /// Along u and v, as the document's sampler of a texture says.
+    pub(super) fn of(document: &Value, texture: usize) -> [Self; 2] {
+        let sampler = document.pointer(&format!("/textures/{texture}/sampler")).and_then(Value::as_u64);
+        let said = |key: &str| document.pointer(&format!("/samplers/{}/{key}", sampler?)).and_then(Value::as_u64);
+        ["wrapS", "wrapT"].map(|key| match said(key) {
+            Some(33_071) => Self::Clamp,
+            Some(33_648) => Self::Mirror,
+            _ => Self::Repeat,
+        })
+    }
+}
+
+/// What is done to a texture along one of its sides, and to the coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+enum Change {
+    #[default]
+    Nothing,
+    Mirrored,
+    /// Texels on either end, of so many in the whole.
+    Padded {
+        texels: usize,
+        of: usize,
+    },
+}
+
+impl Change {
+    /// For a texture of so many texels along a side, beside one of `other`, that surfaces show between two coordinates;
+    /// `None` if too much lies beyond its edges.
+    fn new(wrap: Wrap, [least, largest]: [f32; 2], size: usize, other: usize) -> Option<Self> {
+        let (least, largest, texels) = (f64::from(least), f64::from(largest), size as f64);
+        let half = 0.5 / texels;
+        let is_within = least >= half && largest <= 1.0 - half;
+        if wrap == Wrap::Repeat || is_within || size == 0 || other == 0 || least > largest {
+            return Some(Self::Nothing);
+        }
+        if wrap == Wrap::Mirror && (least < 0.0 || largest > 1.0) {
+            return Some(Self::Mirrored);
+        }
+        // A whole number of the other's texels, too.
+        let step = size / gcd(size, other);
+        let beyond = (-least).max(largest - 1.0).max(0.0) * texels;
+        let needed = (beyond.ceil() as usize).saturating_add(1).checked_next_multiple_of(step)?;
+        (needed <= MOST_ADDED * size.max(2) / 2).then_some(Self::Padded { texels: needed, of: size })
+    }
+
+    fn coordinate(self, u: f32) -> f32 {
+        match self {
+            Self::Nothing => u,
+            Self::Mirrored => 0.5 * u,
+            Self::Padded { texels, of } => {
+                let (texels, of) = (texels as f64, of as f64);
+                ((f64::from(u) * of + texels) / (of + 2.0 * texels)) as f32
+            }
+        }
+    }
+
+    /// The size of a side, and the texel that is shown at each.
+    fn side(self, size: usize) -> Vec<usize> {
+        match self {
+            Self::Nothing => (0..size).collect(),
+            Self::Mirrored => (0..size).chain((0..size).rev()).collect(),
+            Self::Padded { texels, of } => {
+                let texels = texels * size / of;
+                (0..size + 2 * texels).map(|i| i.saturating_sub(texels).min(size - 1)).collect()
+            }
+        }
+    }
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+/// Changes textures that don't repeat, and the coordinates of what shows them. The number of materials that are left as
+/// they were, since their surfaces show too much beyond their textures' edges.
+pub(super) fn resolve(parts: &mut Parts, materials: &mut [BaseColor], textures: &mut Vec<Arc<Texture>>) -> usize {
+    let Some(uvs) = &mut parts.uvs else { return 0 };
+    let mut range = vec![[[f32::INFINITY, f32::NEG_INFINITY]; 2]; materials.len()];
+    for (uv, material) in uvs.iter().zip(&parts.materials_of) {
+        let Some(range) = range.get_mut(*material as usize) else { continue };
+        for ([least, largest], u) in range.iter_mut().zip(uv) {
+            (*least, *largest) = (least.min(*u), largest.max(*u));
+        }
+    }
+    let mut left = 0;
+    let mut known = HashMap::new();
+    let mut changes = vec![[Change::Nothing; 2]; materials.len()];
+    for ((base, range), change) in materials.iter_mut().zip(&range).zip(&mut changes) {
+        let material = &mut base.material;
+        let normals = material.normal_map.map(|(image, _)| image);
+        let Some(first) = material.texture.or(normals) else { continue };
+        let sizes = |index: usize| [textures[index].width as usize, textures[index].height as usize];
+        let (own, other) = (sizes(first), sizes(normals.unwrap_or(first)));
+        let along = |k: usize| Change::new(base.wrap[k], range[k], own[k], other[k]);
+        let (Some(u), Some(v)) = (along(0), along(1)) else {
+            left += 1;
+            continue;
+        };
+        *change = [u, v];
+        if *change == [Change::Nothing; 2] {
+            continue;
+        }
+        let mut changed = |index: usize| {
+            *known.entry((index, *change)).or_insert_with(|| {
+                textures.push(Arc::new(apply(&textures[index], *change)));
+                textures.len() - 1
+            })
+        };
+        material.texture = material.texture.map(&mut changed);
+        material.normal_map = material.normal_map.map(|(image, scale)| (changed(image), scale));
+    }
+    for (uv, material) in uvs.iter_mut().zip(&parts.materials_of) {
+        if let Some([u, v]) = changes.get(*material as usize) {
+            *uv = [u.coordinate(uv[0]), v.coordinate(uv[1])];
+        }
+    }
+    left
+}
+
+fn apply(texture: &Texture, [u, v]: [Change; 2]) -> Texture {
+    let (width, height) = (texture.width as usize, texture.height as usize);
+    let (columns, rows) = (u.side(width), v.side(height));
+    let row = |y: &usize| {
+        let row = &texture.srgba8[y * width..(y + 1) * width];
+        columns.iter().map(|x| row[*x]).collect::<Vec<_>>()
+    };
+    let srgba8 = rows.iter().flat_map(row).collect();
+    Texture { width: columns.len() as u32, height: rows.len() as u32, srgba8 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::materials::Material;
+
+    /// Levels of a row of four texels, with the colours of the places that `wrap` says.
+    fn truth(wrap: Wrap, u: f64) -> f64 {
+        let level = |i: i64| {
+            let inside = match wrap {
+                Wrap::Repeat => i.rem_euclid(4),
+                Wrap::Clamp => i.clamp(0, 3),
+                Wrap::Mirror => {
+                    if i.rem_euclid(8) < 4 {
+                        i.rem_euclid(8)
+                    } else {
+                        7 - i.rem_euclid(8)
+                    }
+                }
+            };
+            [10.0, 200.0, 60.0, 120.0][inside as usize] / 255.0
+        };
+        let x = u * 4.0 - 0.5;
+        let share = x - x.floor();
+        level(x.floor() as i64) * (1.0 - share) + level(x.floor() as i64 + 1) * share
+    }
+
+    #[test]
+    fn textures_are_continued_as_they_say() {
+        let row = [10, 200, 60, 120].map(|v| [v; 4]);
+        let srgba8: Vec<[u8; 4]> = (0..8).flat_map(|_| row).collect();
+        for (wrap, range) in [
+            (Wrap::Repeat, [-3.0, 4.0]),
+            (Wrap::Clamp, [0.0, 1.0]),
+            (Wrap::Clamp, [-0.2, 1.1]),
+            (Wrap::Mirror, [-2.0, 3.0]),
+            (Wrap::Mirror, [0.0, 1.0]),
+            (Wrap::Clamp, [0.3, 0.4]),
+        ] {
+            // A normal map of twice the width beside it, which is continued alike.
+            let normals = (0..64).map(|i| row[i % 8 / 2]).collect();
+            let mut textures = vec![
+                Arc::new(Texture { width: 4, height: 8, srgba8: srgba8.clone() }),
+                Arc::new(Texture { width: 8, height: 8, srgba8: normals }),
+            ];
+            let uvs: Vec<[f32; 2]> =
+                (0..=100).map(|i| [range[0] + (range[1] - range[0]) * i as f32 / 100.0, 0.5]).collect();
+            let mut parts = Parts { uvs: Some(uvs.clone()), materials_of: vec![0; uvs.len()], ..Parts::default() };
+            let material = Material { texture: Some(0), normal_map: Some((1, 1.0)), ..Material::WHITE };
+            let mut materials = [BaseColor { material, transform: None, set: 0, wrap: [wrap, Wrap::Repeat] }];
+            assert_eq!(resolve(&mut parts, &mut materials, &mut textures), 0);
+            let [base] = &materials;
+            let shown = &textures[base.material.texture.unwrap()];
+            let mapped = &textures[base.material.normal_map.unwrap().0];
+            for ([u, _], uv) in uvs.iter().zip(parts.uvs.as_ref().unwrap()) {
+                let [r, ..] = shown.sample_numbers(*uv);
+                let expected = truth(wrap, f64::from(*u));
+                assert!((f64::from(r) - expected).abs() < 1e-5, "{wrap:?} {u}: {r}, expected {expected}");
+                let apart = f64::from(mapped.sample_numbers(*uv)[0]) - expected;
+                assert!(apart.abs() < 0.38, "{wrap:?} {u}: normals {apart}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_lies_far_beyond_an_edge_is_left_and_counted() {
+        let texture = || Arc::new(Texture { width: 4, height: 4, srgba8: vec![[9; 4]; 16] });
+        for (range, left) in [([-9.0, 0.5], 1), ([0.0, f32::MAX], 1), ([0.5, 0.5], 0), ([f32::NAN, f32::NAN], 0)] {
+            let uvs = vec![[range[0], 0.5], [range[1], 0.5]];
+            let mut parts = Parts { uvs: Some(uvs.clone()), materials_of: vec![0, 0], ..Parts::default() };
+            let material = Material { texture: Some(0), ..Material::WHITE };
+            let mut materials = [BaseColor { material, transform: None, set: 0, wrap: [Wrap::Clamp; 2] }];
+            let mut textures = vec![texture()];
+            assert_eq!(resolve(&mut parts, &mut materials, &mut textures), left, "{range:?}");
+            assert_eq!(textures.len(), 1);
+            assert_eq!(format!("{:?}", parts.uvs.unwrap()), format!("{uvs:?}"));
+        }
+    }
+}

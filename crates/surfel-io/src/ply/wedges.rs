@@ -1,0 +1,76 @@
+//! Texture coordinates of faces' corners, as MeshLab writes them: vertices are split where corners differ.
+
+use super::table::Lists;
+use std::collections::HashMap;
+use std::sync::Arc;
+use surfel_model::{AlphaMode, Mesh, MeshMaterial, Texture, TriangleMaterials};
+
+/// What the corners of a mesh's triangles, made as fans of its polygons, show.
+pub(super) struct Wedges {
+    /// Of each triangle, its corners' coordinates, v downwards; `None` of polygons without.
+    coordinates: Vec<Option<[[f32; 2]; 3]>>,
+    /// The texture of each.
+    textures: Vec<u32>,
+}
+
+impl Wedges {
+    /// Of polygons with their coordinates and textures, of which there may be fewer.
+    pub(super) fn new(corners: &Lists<u32>, coordinates: &Lists<f32>, textures: Option<&[f64]>) -> Self {
+        let mut wedges = Self { coordinates: Vec::new(), textures: Vec::new() };
+        for (face, (polygon, uvs)) in corners.iter().zip(coordinates.iter()).enumerate() {
+            let is_whole = uvs.len() == 2 * polygon.len();
+            let texture = textures.map_or(0.0, |all| all.get(face).copied().unwrap_or(-1.0));
+            // PLY has v upwards, as OpenGL; the model has it downwards, as images.
+            let at = |k: usize| [uvs[2 * k], 1.0 - uvs[2 * k + 1]];
+            for k in 2..polygon.len() {
+                wedges.coordinates.push(is_whole.then(|| [at(0), at(k - 1), at(k)]));
+                wedges.textures.push(if (0.0..1e9).contains(&texture) { texture as u32 } else { u32::MAX });
+            }
+        }
+        wedges
+    }
+
+    /// Gives a mesh, whose first triangles these are of, its textures. Vertices of corners that differ are there once
+    /// for each. One whose triangles have no such vertex stays as it is.
+    pub(super) fn split(&self, mesh: &mut Mesh, textures: &[Option<Arc<Texture>>]) {
+        if mesh.triangles.iter().flatten().any(|i| *i as usize >= mesh.positions.len()) {
+            return;
+        }
+        let mut known: HashMap<(u32, u32, [u32; 2]), u32> = HashMap::with_capacity(mesh.positions.len());
+        let (mut sources, mut uvs) = (Vec::new(), Vec::new());
+        let mut of_triangle = Vec::with_capacity(mesh.triangles.len());
+        for (i, triangle) in mesh.triangles.iter_mut().enumerate() {
+            let shown = self.coordinates.get(i).copied().flatten();
+            let texture = self.textures.get(i).filter(|t| shown.is_some() && (**t as usize) < textures.len());
+            let texture = texture.map_or(textures.len() as u32, |t| *t);
+            let shown = shown.unwrap_or_default();
+            for (vertex, uv) in triangle.iter_mut().zip(shown) {
+                *vertex = *known.entry((*vertex, texture, uv.map(f32::to_bits))).or_insert_with(|| {
+                    sources.push(*vertex);
+                    uvs.push(uv);
+                    sources.len() as u32 - 1
+                });
+            }
+            of_triangle.push(texture);
+        }
+        mesh.positions = mesh.positions.select(&sources);
+        let of = |i: &u32| *i as usize;
+        mesh.normals = mesh.normals.as_ref().map(|all| sources.iter().map(|i| all[of(i)]).collect());
+        mesh.colors = mesh.colors.as_ref().map(|all| sources.iter().map(|i| all[of(i)]).collect());
+        mesh.alphas = mesh.alphas.as_ref().map(|all| sources.iter().map(|i| all[of(i)]).collect());
+        mesh.uvs = Some(uvs);
+        match textures {
+            [one] if of_triangle.iter().all(|t| *t == 0) => mesh.texture.clone_from(one),
+            _ => {
+                let material = |texture: &Option<Arc<Texture>>| MeshMaterial {
+                    texture: texture.clone(),
+                    alpha: AlphaMode::Blend,
+                    normal_map: None,
+                };
+                // The last one is for what has none.
+                let materials = textures.iter().chain([&None]).map(material).collect();
+                mesh.materials = Some(TriangleMaterials { materials, of_triangle });
+            }
+        }
+    }
+}
