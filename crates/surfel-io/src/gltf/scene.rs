@@ -254,8 +254,9 @@ impl Gathered {
             let Materials { mut all, mut textures } = self.materials;
             let left = wrap::resolve(&mut self.parts, &mut all, &mut textures);
             if left > 0 {
-                context
-                    .note(format!("repeated the textures of {left} materials that end far inside of their surfaces"));
+                context.note(format!(
+                    "repeated the textures of {left} materials, whose surfaces go far beyond their textures' edges"
+                ));
             }
             let materials: Vec<Material> = all.into_iter().map(|base| base.material).collect();
             return context.parts(self.parts, &materials, &textures);

@@ -1,7 +1,7 @@
 //! Textures that don't repeat: brought into a form that may be read as if they did, as all textures are.
 //!
-//! A mirrored one gets its mirror images beside it. One that ends at its edge gets as much of the edge's colour around
-//! it as the surface shows, and a texel that the edge is blended with.
+//! A mirrored one gets its mirror images beside it. Of one that ends at its edge, that part is made which surfaces
+//! show, with what lies beyond the edge, and a texel more that the outermost are blended with.
 
 use super::materials::BaseColor;
 use crate::materials::Parts;
@@ -10,8 +10,9 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_model::Texture;
 
-/// Texels that may be added to a side, over its own: mirror images take as many.
-const MOST_ADDED: usize = 1;
+/// Texels of a texture that is made of another one, over that one's; and of a small one, whatever it is made of.
+const MOST_TEXELS: usize = 4;
+const FEW_TEXELS: usize = 1 << 22;
 
 /// What lies beyond a texture's edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -41,16 +42,17 @@ enum Change {
     #[default]
     Nothing,
     Mirrored,
-    /// Texels on either end, of so many in the whole.
-    Padded {
-        texels: usize,
-        of: usize,
+    /// The texels from one to before another, of so many, those beyond the edges included.
+    Shown {
+        first: i64,
+        end: i64,
+        of: i64,
     },
 }
 
 impl Change {
     /// For a texture of so many texels along a side, beside one of `other`, that surfaces show between two coordinates;
-    /// `None` if too much lies beyond its edges.
+    /// `None` if these are far apart.
     fn new(wrap: Wrap, [least, largest]: [f32; 2], size: usize, other: usize) -> Option<Self> {
         let (least, largest, texels) = (f64::from(least), f64::from(largest), size as f64);
         let half = 0.5 / texels;
@@ -61,32 +63,41 @@ impl Change {
         if wrap == Wrap::Mirror && (least < 0.0 || largest > 1.0) {
             return Some(Self::Mirrored);
         }
-        // A whole number of the other's texels, too.
-        let step = size / gcd(size, other);
-        let beyond = (-least).max(largest - 1.0).max(0.0) * texels;
-        let needed = (beyond.ceil() as usize).saturating_add(1).checked_next_multiple_of(step)?;
-        (needed <= MOST_ADDED * size.max(2) / 2).then_some(Self::Padded { texels: needed, of: size })
+        if least.abs().max(largest.abs()) * texels > FEW_TEXELS as f64 {
+            return None;
+        }
+        // Whole numbers of the other's texels, too, and one more, which the outermost are blended with.
+        let step = (size / gcd(size, other)) as i64;
+        let first = ((least * texels).floor() as i64 - 1).div_euclid(step) * step;
+        let end = -((-(largest * texels).ceil() as i64 - 1).div_euclid(step) * step);
+        Some(Self::Shown { first, end, of: size as i64 })
     }
 
     fn coordinate(self, u: f32) -> f32 {
         match self {
             Self::Nothing => u,
             Self::Mirrored => 0.5 * u,
-            Self::Padded { texels, of } => {
-                let (texels, of) = (texels as f64, of as f64);
-                ((f64::from(u) * of + texels) / (of + 2.0 * texels)) as f32
-            }
+            Self::Shown { first, end, of } => ((f64::from(u) * of as f64 - first as f64) / (end - first) as f64) as f32,
         }
     }
 
-    /// The size of a side, and the texel that is shown at each.
+    /// How many texels a side has then.
+    fn length(self, size: usize) -> usize {
+        match self {
+            Self::Nothing => size,
+            Self::Mirrored => 2 * size,
+            Self::Shown { first, end, of } => ((end - first) * size as i64 / of) as usize,
+        }
+    }
+
+    /// The texel that each of them shows.
     fn side(self, size: usize) -> Vec<usize> {
         match self {
             Self::Nothing => (0..size).collect(),
             Self::Mirrored => (0..size).chain((0..size).rev()).collect(),
-            Self::Padded { texels, of } => {
-                let texels = texels * size / of;
-                (0..size + 2 * texels).map(|i| i.saturating_sub(texels).min(size - 1)).collect()
+            Self::Shown { first, of, .. } => {
+                let first = first * size as i64 / of;
+                (0..self.length(size)).map(|i| (first + i as i64).clamp(0, size as i64 - 1) as usize).collect()
             }
         }
     }
@@ -117,7 +128,12 @@ pub(super) fn resolve(parts: &mut Parts, materials: &mut [BaseColor], textures: 
         let sizes = |index: usize| [textures[index].width as usize, textures[index].height as usize];
         let (own, other) = (sizes(first), sizes(normals.unwrap_or(first)));
         let along = |k: usize| Change::new(base.wrap[k], range[k], own[k], other[k]);
-        let (Some(u), Some(v)) = (along(0), along(1)) else {
+        let is_small = |[u, v]: [Change; 2]| {
+            let texels = |[width, height]: [usize; 2]| u.length(width).saturating_mul(v.length(height));
+            let most = |[width, height]: [usize; 2]| (MOST_TEXELS * width * height).max(FEW_TEXELS);
+            texels(own) <= most(own) && texels(other) <= most(other)
+        };
+        let Some([u, v]) = along(0).zip(along(1)).map(<[Change; 2]>::from).filter(|both| is_small(*both)) else {
             left += 1;
             continue;
         };
@@ -187,6 +203,9 @@ mod tests {
             (Wrap::Repeat, [-3.0, 4.0]),
             (Wrap::Clamp, [0.0, 1.0]),
             (Wrap::Clamp, [-0.2, 1.1]),
+            (Wrap::Clamp, [-2.0, 3.0]),
+            (Wrap::Clamp, [1.3, 2.3]),
+            (Wrap::Mirror, [0.5, 1.0]),
             (Wrap::Mirror, [-2.0, 3.0]),
             (Wrap::Mirror, [0.0, 1.0]),
             (Wrap::Clamp, [0.3, 0.4]),
@@ -219,7 +238,9 @@ mod tests {
     #[test]
     fn what_lies_far_beyond_an_edge_is_left_and_counted() {
         let texture = || Arc::new(Texture { width: 4, height: 4, srgba8: vec![[9; 4]; 16] });
-        for (range, left) in [([-9.0, 0.5], 1), ([0.0, f32::MAX], 1), ([0.5, 0.5], 0), ([f32::NAN, f32::NAN], 0)] {
+        for (range, left) in
+            [([-9e6, 0.5], 1), ([0.0, f32::MAX], 1), ([-9e5, 9e5], 1), ([0.5, 0.5], 0), ([f32::NAN, f32::NAN], 0)]
+        {
             let uvs = vec![[range[0], 0.5], [range[1], 0.5]];
             let mut parts = Parts { uvs: Some(uvs.clone()), materials_of: vec![0, 0], ..Parts::default() };
             let material = Material { texture: Some(0), ..Material::WHITE };
