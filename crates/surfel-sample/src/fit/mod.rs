@@ -34,6 +34,8 @@ const NORMAL_CHANGE: f64 = 0.25;
 /// How far beyond the colours under a splat its own may go, as a share of their range: sharp peaks take a quarter to a
 /// third. Without this bound fits ripple where a surface is flat, some splats away from an edge.
 const BEYOND: f64 = 0.35;
+/// What a channel varies by under a splat to count in that: less is no step of 8 bits.
+const VARIES: f64 = 1e-3;
 /// Normals end at a thirtieth of a degree.
 const NORMAL_STOP: Stop = Stop { residual: 5e-4, steps: 100 };
 /// Root mean square of a normal's components, of what their blend lacks, that is worth a fit: half a degree.
@@ -237,16 +239,24 @@ fn ranges<'a, const N: usize>(values: impl Iterator<Item = &'a [f32; N]>) -> Bou
 }
 
 /// What may be added to a present value: within the range, not far beyond the samples' `local` one, and nothing always.
+/// All channels that vary go beyond by one share of what they vary by, since one that stops alone changes the hue.
 fn within<const N: usize>(range: &Bounds, local: &[[f32; 2]; N], present: &[f32; N]) -> Bounds {
+    let local = |c: usize| local[c].map(f64::from);
+    let varies = (0..N.min(3)).filter(|&c| local(c)[1] - local(c)[0] > VARIES);
+    let (mut below, mut above) = (BEYOND, BEYOND);
+    for c in varies {
+        let ([least, largest], [low, high]) = (local(c), range[c]);
+        let span = largest - least;
+        (below, above) = (below.min((least - low) / span), above.min((high - largest) / span));
+    }
     std::array::from_fn(|c| {
         if c >= N.min(3) {
             return [0.0; 2];
         }
-        let [least, largest] = local[c].map(f64::from);
-        let beyond = BEYOND * (largest - least).max(0.0);
-        let present = f64::from(present[c]);
-        let low = range[c][0].max(least - beyond).min(present);
-        let high = range[c][1].min(largest + beyond).max(present);
+        let ([least, largest], present) = (local(c), f64::from(present[c]));
+        let span = (largest - least).max(0.0);
+        let low = range[c][0].max(least - below * span).min(present);
+        let high = range[c][1].min(largest + above * span).max(present);
         if least <= largest { [low - present, high - present] } else { [0.0; 2] }
     })
 }

@@ -161,6 +161,23 @@ fn no_step_within_the_bounds_improves_a_fit() {
 }
 
 #[test]
+fn channels_go_beyond_the_texture_by_one_share_that_keeps_its_hue() {
+    let bounds = |local: [[f32; 2]; 3], present: [f32; 3]| within(&[[0.0, 1.0]; 4], &local, &present);
+    // Black on rose: no red is left above, and nothing below.
+    let rose = bounds([[0.0, 1.0], [0.0, 0.8], [0.0, 0.75]], [0.5, 0.4, 0.3]);
+    let expected = [[-0.5, 0.5], [-0.4, 0.4], [-0.3, 0.45], [0.0; 2]];
+    assert!(rose.as_flattened().iter().zip(expected.as_flattened()).all(|(b, e)| (b - e).abs() < 1e-6), "{rose:?}");
+    // Green has a fifth of its range left above, blue doesn't vary.
+    let some = bounds([[0.5, 0.6], [0.4, 0.9], [1.0, 1.0]], [0.5, 0.5, 1.0]);
+    let expected = [[-0.035, 0.12], [-0.275, 0.5], [0.0, 0.0], [0.0; 2]];
+    assert!(some.as_flattened().iter().zip(expected.as_flattened()).all(|(b, e)| (b - e).abs() < 1e-6), "{some:?}");
+    // A present value beyond them may stay.
+    assert_eq!(bounds([[0.2, 0.4]; 3], [0.9; 3])[0][1], 0.0);
+    // No sample at all.
+    assert_eq!(bounds([[f32::INFINITY, f32::NEG_INFINITY]; 3], [0.5; 3]), [[0.0; 2]; 4]);
+}
+
+#[test]
 fn normal_equations_are_the_sums_over_all_pairs() {
     let mesh = textured(12, sines);
     let cloud = jittered(&mesh, 12, 1.42);
