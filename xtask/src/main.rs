@@ -114,6 +114,19 @@ fn cargo(root: &Path) -> Command {
     command
 }
 
+/// The cargo that runs us, for tests. Where nothing of ours is compiled yet it doesn't keep what the next change would
+/// compile faster by: that takes half as long again.
+fn cargo_for_tests(root: &Path) -> Command {
+    let mut command = cargo(root);
+    let kept = std::fs::read_dir(python::target(root).join("debug").join("incremental"));
+    let is_ours = |name: &std::ffi::OsStr| name.to_string_lossy().starts_with("surfel");
+    let was_compiled = kept.is_ok_and(|kept| kept.flatten().any(|entry| is_ours(&entry.file_name())));
+    if !was_compiled && std::env::var_os("CARGO_INCREMENTAL").is_none() {
+        command.env("CARGO_INCREMENTAL", "0");
+    }
+    command
+}
+
 /// Whether the environment forbids skipping `what`.
 fn required(what: &str) -> bool {
     std::env::var("SURFEL_REQUIRE").is_ok_and(|list| list.split(',').any(|word| word.trim() == what))

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::{FEATURES, cargo};
+use crate::{FEATURES, cargo_for_tests};
 
 /// The package's folder.
 const PACKAGE: &str = "crates/surfel-python";
@@ -82,7 +82,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
 /// Builds the extension module where Python looks for it, out of what the Rust tests have built: with their features,
 /// which by itself it doesn't have, so that everything would be built once more.
 fn build(root: &Path) -> bool {
-    let mut command = cargo(root);
+    let mut command = cargo_for_tests(root);
     command.args(["build", "--quiet", "--workspace", "--lib", "--tests", "--features", FEATURES, "--locked"]);
     // As maturin does: Python itself isn't linked.
     command.env("PYO3_BUILD_EXTENSION_MODULE", "1");
@@ -139,7 +139,7 @@ pub(crate) fn wheel(root: &Path) -> bool {
     passed
 }
 
-fn target(root: &Path) -> PathBuf {
+pub(crate) fn target(root: &Path) -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |folder| root.join(folder))
 }
 

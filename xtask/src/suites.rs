@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
 use crate::python::Tested;
-use crate::{FEATURES, cargo, python, required, vulkan};
+use crate::{FEATURES, cargo_for_tests, python, required, vulkan};
 
 /// Backends whose tests need a driver.
 const GPU_BACKENDS: &str = "wgpu,ash";
@@ -60,7 +60,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
 fn run_cargo(root: &Path, require_gpu: bool) -> std::io::Result<(Summary, bool)> {
     // One pipe for both streams: cargo names a suite on stderr before the suite reports on stdout.
     let (reader, writer) = std::io::pipe()?;
-    let mut command = cargo(root);
+    let mut command = cargo_for_tests(root);
     command.args(["test", "--workspace", "--features", FEATURES, "--locked", "--no-fail-fast"]);
     // A test that had nothing to work on says so and passes.
     command.args(["--", "--show-output"]);

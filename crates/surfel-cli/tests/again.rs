@@ -1,6 +1,6 @@
 //! What images carry, and `surfel again`.
 
-mod common;
+use crate::common;
 
 use common::{Folder, ball, cube, points, scene};
 use serde_json::{Value, json};

@@ -1,6 +1,6 @@
 //! Attributes: which points count, and what splats are coloured by.
 
-mod common;
+use crate::common;
 
 use common::{Folder, cube, scene};
 use serde_json::json;

@@ -1,6 +1,6 @@
 //! Every exit code, messages of at most four lines, and nothing left behind by failed runs.
 
-mod common;
+use crate::common;
 
 use common::{Folder, ball, cube, scene};
 use std::process::Command;

@@ -1,6 +1,6 @@
 //! Files of trained Gaussians: told from the file, asked for, refused.
 
-mod common;
+use crate::common;
 
 use common::{Folder, ball, scene};
 use serde_json::json;

@@ -1,7 +1,7 @@
 //! What other people's scripts and files rely on, statement by statement: settings by flag, the scene file's keys and
 //! defaults, the PLY profile's forms of the same splats.
 
-mod common;
+use crate::common;
 
 use common::{Folder, cube, points, scene};
 use serde_json::{Value, json};

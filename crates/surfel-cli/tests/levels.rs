@@ -1,6 +1,6 @@
 //! Points by levels: written as COPC, and drawn as far as a view needs them.
 
-mod common;
+use crate::common;
 
 use common::{Folder, las_at};
 

@@ -1,6 +1,6 @@
 //! What a command draws and where it goes: JPEG, an image for each input, stdin, the image of `surfel FILE` alone.
 
-mod common;
+use crate::common;
 
 use common::{Folder, ball, cube, points, scene};
 

@@ -1,6 +1,6 @@
 //! Pieces of a job: frames, shards and tiles, `stitch`, `serve` and `jobs`.
 
-mod common;
+use crate::common;
 
 use common::{Folder, Run, ball, las_at};
 use std::io::{BufRead, BufReader, Write};

@@ -1,6 +1,6 @@
 //! Planes of what is nearest, in EXR and NPZ files.
 
-mod common;
+use crate::common;
 
 use common::{Folder, cube};
 use std::collections::BTreeMap;

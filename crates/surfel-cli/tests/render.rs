@@ -1,6 +1,6 @@
 //! What `render` writes, and which of flag, scene file, preset and default wins.
 
-mod common;
+use crate::common;
 
 use common::{Folder, ball, cube, points, scene};
 use serde_json::Value;

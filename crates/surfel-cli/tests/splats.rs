@@ -1,6 +1,6 @@
 //! How files become splats: the flags that `render` and `convert` share, and `convert` of scene files.
 
-mod common;
+use crate::common;
 
 use common::{Folder, ball, cube, points, scene};
 use serde_json::json;

@@ -1,7 +1,7 @@
 //! Strangers' files: what they refer to stays in their folder, what they cost is bounded. And nothing half written
 //! stays.
 
-mod common;
+use crate::common;
 
 use common::{Folder, cube};
 use std::time::Duration;

@@ -1,6 +1,6 @@
 //! `compare`, `info` and `convert`.
 
-mod common;
+use crate::common;
 
 use common::{Folder, ball, cube, points};
 

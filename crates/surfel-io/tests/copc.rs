@@ -2,7 +2,7 @@
 
 #![cfg(all(feature = "las", feature = "laz"))]
 
-mod support;
+use crate::support;
 
 use ::las::{Point, Reader};
 use glam::DVec3;

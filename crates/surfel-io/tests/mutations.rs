@@ -17,7 +17,7 @@
     feature = "webp"
 ))]
 
-mod support;
+use crate::support;
 
 use std::path::Path;
 use std::time::{Duration, Instant};

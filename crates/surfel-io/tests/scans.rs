@@ -2,7 +2,7 @@
 
 #![cfg(all(feature = "las", feature = "laz", feature = "e57"))]
 
-mod support;
+use crate::support;
 
 use ::las::point::Format as LasFormat;
 use e57::{Record, RecordDataType, RecordName, RecordValue};

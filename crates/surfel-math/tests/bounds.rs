@@ -1,6 +1,6 @@
 //! Boxes against exact arithmetic: nothing outside, nothing wasted; and where the published form breaks.
 
-mod common;
+use crate::common;
 
 use common::{Exact, Q, Random, Spec, UHD, q, ray_coordinate, reach, single_splat};
 use proptest::prelude::*;

@@ -1,7 +1,7 @@
 //! Clip curves and lines against exact arithmetic, against the region that they are defined to remove, and through
 //! footprints.
 
-mod common;
+use crate::common;
 
 use common::{Exact, Q, Random, Spec, UHD, int, q, reach, single_splat};
 use num_traits::Signed;

@@ -1,6 +1,6 @@
 //! Depth of fragments and the visibility tolerance against the rendering model's own words.
 
-mod common;
+use crate::common;
 
 use common::{Random, Spec, UHD, dvec, reach, single_splat, v3};
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! The filters against their definitions: cover a pixel, continuous, about the projected ellipse and nothing else.
 
-mod common;
+use crate::common;
 
 use common::{Random, Spec, UHD, dvec, reach, single_splat, v3};
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! The mapping in f32 against exact arithmetic, and against the form with absolute pixel coordinates.
 
-mod common;
+use crate::common;
 
 use common::{Exact, Random, Spec, UHD, int, q, ray_coordinate, reach, single_splat, to_f64};
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! Splats around the eye and through z_near: boxes and the exact mapping against sampled rays.
 
-mod common;
+use crate::common;
 
 use common::{Random, dvec, v3};
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! The building blocks: product differences, singular values, directions.
 
-mod common;
+use crate::common;
 
 use common::{Random, q, to_f64};
 use num_traits::Signed;

@@ -1,6 +1,6 @@
 //! The interior weight against its definition, spelled out by brute force.
 
-mod common;
+use crate::common;
 
 use common::Lcg;
 use glam::{DVec3, Vec3};

@@ -1,6 +1,6 @@
 //! Splats made of meshes leave no hole, and hardly hang over creases.
 
-mod common;
+use crate::common;
 
 use common::{Lcg, coverage, keeps};
 use glam::{DVec3, Vec3};

@@ -1,6 +1,6 @@
 //! Splats made of points leave no hole in the surface that the points were taken from.
 
-mod common;
+use crate::common;
 
 use common::{Coverage, Lcg, coverage, points};
 use glam::DVec3;

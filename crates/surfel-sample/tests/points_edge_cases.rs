@@ -1,6 +1,6 @@
 //! Small, degenerate and hostile clouds; normals; outliers; determinism.
 
-mod common;
+use crate::common;
 
 use common::{Lcg, points};
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! Clipped splats of meshes: what they keep lies on the mesh, and nothing of the mesh is missing.
 
-mod common;
+use crate::common;
 
 use glam::{DVec3, Vec3};
 use surfel_math::V2;

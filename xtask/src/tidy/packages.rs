@@ -22,6 +22,31 @@ pub(super) fn check(root: &Path, files: &[PathBuf]) -> Vec<String> {
         if !names(&architecture, &package) {
             problems.push(format!("{page}: doesn't name {package}, expected a paragraph on every package"));
         }
+        problems.extend(check_tests(root, manifest, &text, files));
+    }
+    problems
+}
+
+/// Integration tests of a package are one binary, since each links all that the package needs; cargo finds no others
+/// then, so one that is no module of it would never run.
+fn check_tests(root: &Path, manifest: &Path, text: &str, files: &[PathBuf]) -> Vec<String> {
+    let folder = manifest.with_file_name("tests");
+    let in_folder = |file: &&PathBuf| file.parent() == Some(&folder) && file.extension().is_some_and(|e| e == "rs");
+    let tests: Vec<_> = files.iter().filter(in_folder).collect();
+    if tests.len() < 2 {
+        return Vec::new();
+    }
+    let main = std::fs::read_to_string(root.join(folder.join("main.rs"))).unwrap_or_default();
+    let module = |file: &Path| format!("mod {};", file.file_stem().unwrap_or_default().to_string_lossy());
+    let forgotten = |file: &&&PathBuf| !file.ends_with("main.rs") && !main.lines().any(|line| line == module(file));
+    let mut problems: Vec<_> = tests
+        .iter()
+        .filter(forgotten)
+        .map(|file| format!("{}: no module of {}/main.rs, so it never runs", file.display(), folder.display()))
+        .collect();
+    if !text.lines().any(|line| line == "autotests = false") {
+        let name = manifest.display();
+        problems.push(format!("{name}: no 'autotests = false', expected where tests/ has several files"));
     }
     problems
 }

@@ -55,6 +55,21 @@ fn tree_finds_manifests_and_packages_that_break_rules() {
 }
 
 #[test]
+fn tree_finds_tests_that_would_never_run() {
+    let tree = Folder::new("tests");
+    tree.write("crates/surfel-a/Cargo.toml", MANIFEST);
+    tree.write("docs/architecture.md", "surfel-a\n");
+    tree.write("crates/surfel-a/tests/one.rs", "//! One.\n");
+    assert_eq!(problems(&tree.0), [""; 0]);
+    tree.write("crates/surfel-a/tests/main.rs", "//! Both.\n\nmod one;\n");
+    tree.write("crates/surfel-a/tests/two.rs", "//! Two.\n");
+    let problems = problems(&tree.0);
+    assert_eq!(problems.len(), 2, "{problems:?}");
+    assert!(problems[0].contains("tests/two.rs: no module of crates/surfel-a/tests/main.rs"), "{problems:?}");
+    assert!(problems[1].contains("crates/surfel-a/Cargo.toml: no 'autotests = false'"), "{problems:?}");
+}
+
+#[test]
 fn tree_finds_files_that_are_too_large_and_a_tree_that_is_not_there() {
     let tree = Folder::new("large");
     tree.write("data/a.bin", vec![0; MAX_FILE_BYTES as usize]);

@@ -1,18 +1,21 @@
 //! Runs the program on small inputs in a folder of its own.
 
-#![allow(dead_code, unreachable_pub, missing_docs, reason = "each test program uses a part of this")]
+#![allow(dead_code, unreachable_pub, missing_docs, reason = "backends that are left out use a part of this")]
 
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A folder that is removed afterwards.
 pub struct Folder(PathBuf);
 
 impl Folder {
     pub fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("surfel-cli-{}-{name}", std::process::id()));
+        static MADE: AtomicUsize = AtomicUsize::new(0);
+        let (process, made) = (std::process::id(), MADE.fetch_add(1, Ordering::Relaxed));
+        let path = std::env::temp_dir().join(format!("surfel-cli-{process}-{made}-{name}"));
         let _ = fs::remove_dir_all(&path);
         fs::create_dir_all(&path).unwrap();
         Self(path)

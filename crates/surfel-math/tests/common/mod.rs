@@ -1,5 +1,4 @@
 //! Random splats whose coordinates are f32, and exact arithmetic on them.
-#![allow(dead_code, reason = "each test uses a part")]
 
 use glam::DVec3;
 use num_bigint::BigInt;

@@ -1,0 +1,16 @@
+//! The program's tests, in one binary: each links all that the program does.
+
+mod again;
+mod attributes;
+mod common;
+mod exit_codes;
+mod gaussians;
+mod interface;
+mod levels;
+mod output_images;
+mod pieces;
+mod planes;
+mod render;
+mod splats;
+mod strangers;
+mod tools;

@@ -1,0 +1,16 @@
+//! Tests of readers and writers.
+
+mod atomic;
+mod copc;
+mod formats;
+mod gaussian_formats;
+mod gltf;
+mod images;
+mod left_out;
+mod mutations;
+mod octree;
+mod ply;
+mod point_formats;
+mod scans;
+mod support;
+mod tilesets;

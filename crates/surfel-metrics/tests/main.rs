@@ -1,0 +1,4 @@
+//! Measures against published values.
+
+mod compare;
+mod flip_published;

@@ -1,0 +1,9 @@
+//! The facade as its callers use it.
+
+mod facades;
+mod interface;
+mod level_pops;
+mod orientation;
+mod ortho;
+mod swap;
+mod whites;

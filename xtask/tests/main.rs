@@ -1,0 +1,4 @@
+//! The workspace's own rules.
+
+mod dependencies;
+mod imports;
