@@ -5,6 +5,7 @@ use crate::content::{Content, LoadOptions};
 use crate::error::{Fault, Problem};
 use crate::files::{self, Siblings};
 use crate::images::texture::TextureDecoder;
+use crate::words::counted;
 use std::sync::Arc;
 use surfel_model::{CloudData, Mesh, OnInvalid, PointCloud, SplatCloud};
 
@@ -49,7 +50,7 @@ impl<'a> Context<'a> {
         points.check_columns()?;
         let dropped = points.drop_non_finite();
         if dropped > 0 {
-            self.note(format!("dropped {dropped} points whose coordinates are not finite"));
+            self.note(format!("dropped {} whose coordinates are not finite", counted(dropped as u64, "points")));
         }
         Ok(Content::Points(points))
     }

@@ -8,6 +8,7 @@ use crate::crs::Crs;
 use crate::error::{Fault, Problem, quote};
 use crate::rows::KeptRows;
 use crate::survey::{NORMAL_NAMES, Scalar, Source, SparseColumn, extent_words, one_line};
+use crate::words::counted;
 use ::e57::{E57Reader, PointCloud as Scan, Record, RecordDataType, RecordName, RecordValue};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use std::collections::BTreeMap;
@@ -476,14 +477,14 @@ pub(crate) fn read(source: &mut dyn Source, context: &mut Context<'_>) -> Result
     let crs = reader.coordinate_metadata().map(crs_of).unwrap_or_default();
     cloud.comments = crs.comments();
     if invalid > 0 {
-        notes.push(format!("left out {invalid} points that are flagged as invalid"));
+        notes.push(format!("left out {} flagged as invalid", counted(invalid, "points")));
     }
     if colorless > 0 {
-        notes.push(format!("{colorless} points have no colour: they are white"));
+        notes.push(format!("{} without a colour: white", counted(colorless, "points")));
     }
     let images = reader.images().len();
     if images > 0 {
-        notes.push(format!("left out its {images} images"));
+        notes.push(format!("left out {}", counted(images as u64, "images")));
     }
     let by = reader.library_version().map(|v| format!(" by {}", quote(v))).unwrap_or_default();
     let bounds = cloud.bounds().map_or_else(Default::default, |(lo, hi)| extent_words(hi - lo));

@@ -82,6 +82,7 @@ mod survey;
 #[cfg(feature = "gltf")]
 mod tileset;
 mod wkt;
+mod words;
 #[cfg(any(feature = "gaussians", feature = "npy"))]
 mod zip;
 
@@ -110,3 +111,4 @@ pub use load::{Loaded, load, load_bytes, names_geometry};
 pub use octree::{save_octree, write_octree};
 pub use ply::encoding::PlyEncoding;
 pub use ply::write::{save_splat_ply, write_splat_ply};
+pub use words::counted;

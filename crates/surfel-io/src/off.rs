@@ -6,6 +6,7 @@ use crate::columns::measured_positions;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
+use crate::words::counted;
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, Mesh, PointCloud};
 
@@ -124,7 +125,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         }
     }
     if skipped > 0 {
-        context.note(format!("skipped {skipped} faces with fewer than 3 corners"));
+        context.note(format!("skipped {} with fewer than 3 corners", counted(skipped as u64, "faces")));
     }
     if colored {
         context.note("ignored the colours of faces".into());

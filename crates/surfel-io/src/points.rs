@@ -8,6 +8,7 @@ use crate::error::{Fault, Location, Problem, list, quote};
 use crate::point_columns::{self, Named, Roles, Source};
 use crate::rows::KeptRows;
 use crate::strided::{NumberType, Strided};
+use crate::words::counted;
 
 /// Most columns of a file.
 const MAX_COLUMNS: usize = 64;
@@ -120,7 +121,7 @@ impl Table {
 pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result<Content, Fault> {
     let dialect = Dialect::of(&bytes[..bytes.len().min(1 << 20)]);
     let mut comments = Vec::new();
-    let (mut header, mut counted) = (None, 0_u64);
+    let (mut header, mut said) = (None, 0_u64);
     let (mut incomplete, mut first_incomplete) = (0_usize, 0);
     let mut table = Table::default();
     let mut row: Vec<f64> = Vec::with_capacity(MAX_COLUMNS);
@@ -167,7 +168,7 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
         }
         // A PTS file has the number of points before each scan.
         if row.len() == 1 && (pts || table.width == 0) {
-            counted = counted.saturating_add(row[0].max(0.0) as u64);
+            said = said.saturating_add(row[0].max(0.0) as u64);
             continue;
         }
         if table.width == 0 {
@@ -194,11 +195,11 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
         context.note("took commas as decimal points: blanks or semicolons divide the columns".into());
     }
     if incomplete > 0 {
-        let rows = if incomplete == 1 { "1 row".to_owned() } else { format!("{incomplete} rows") };
+        let rows = counted(incomplete as u64, "rows");
         context.note(format!("left out {rows} with an empty cell, the first in line {first_incomplete}"));
     }
-    if counted > 0 && counted != table.rows() as u64 {
-        context.note(format!("the file says that it has {counted} points, and has {}", table.rows()));
+    if said > 0 && said != table.rows() as u64 {
+        context.note(format!("the file says that it has {}, and has {}", counted(said, "points"), table.rows()));
     }
     let named = header.as_ref().map(Vec::len);
     let header = header.filter(|names: &Vec<String>| names.len() == table.width);
@@ -319,7 +320,10 @@ pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Conten
         return Err(Problem::new("holds no point").expected("scans of points that aren't all 0 0 0").into());
     }
     if no_return > 0 {
-        context.note(format!("left out {no_return} points at 0 0 0: the scanner got no return there"));
+        context.note(format!(
+            "left out {} at 0 0 0: the scanner got no return there",
+            counted(no_return as u64, "points")
+        ));
     }
     let names = ["x", "y", "z", "intensity", "red", "green", "blue"].iter().take(table.width - 1);
     let names = names.map(|n| (*n).to_owned()).chain(["scan".to_owned()]).collect();

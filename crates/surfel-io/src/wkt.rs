@@ -315,7 +315,8 @@ fn add_geographic(keys: &mut Keys, system: &Node<'_>, degrees: impl Fn(f64, f64)
         inverse_flattening => keys.double(2059, inverse_flattening),
     }
     if let Some(shift) = datum.part(&["TOWGS84"]) {
-        let numbers: Vec<f64> = (0..shift.values.len().min(7)).filter_map(|i| shift.number(i)).collect();
+        // A datum with a part of its shift would be another one.
+        let numbers = (0..shift.values.len().min(7)).map(|i| shift.number(i)).collect::<Option<Vec<_>>>()?;
         keys.keys.push([2062, 34_736, numbers.len() as u16, keys.doubles.len() as u16]);
         keys.doubles.extend(numbers);
     }
@@ -401,6 +402,7 @@ mod tests {
         let keys = projected_keys(&own).unwrap();
         let found = [2048, 2051, 2058, 2061, 2062].map(|key| value(&keys, key).unwrap());
         assert_eq!(found, ["32767", "32767", "[6378137.0]", "[2.5]", "[1.0, 2.0, 3.0]"]);
+        assert!(projected_keys(&own.replace("[1,2,3]", "[1,two,3]")).is_none());
     }
 
     #[test]

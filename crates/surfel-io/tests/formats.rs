@@ -117,7 +117,7 @@ fn obj_indices_of_every_form() {
 #[test]
 fn obj_without_texture_keeps_its_vertices_as_they_are() {
     let loaded = load(Format::Obj, "# made by hand\nv 0.1 0 0 1 0.5 0\nv 1 0 0\nv 1 1 0\nv 9 9 9\nf 3 2 1\nf 1 2\n");
-    assert_eq!(loaded.notes, ["skipped 1 faces with fewer than 3 corners"]);
+    assert_eq!(loaded.notes, ["skipped 1 face with fewer than 3 corners"]);
     let m = mesh(loaded);
     assert_eq!((m.positions.len(), &m.triangles[..]), (4, &[[2, 1, 0]][..]));
     // Every decimal is kept, though not in f32: to 48 bits.

@@ -320,7 +320,7 @@ fn splat_comment_cannot_smuggle_in_header_lines() {
 fn points_keep_normals_and_extras_and_drop_what_is_nowhere() {
     let text = ascii("float x,float y,float z,float nx,float ny,float nz,int label", "1 2 3 0 0 1 5\nnan 0 0 0 0 1 6");
     let loaded = load(text);
-    assert_eq!(loaded.notes, ["dropped 1 points whose coordinates are not finite"]);
+    assert_eq!(loaded.notes, ["dropped 1 point whose coordinates are not finite"]);
     assert_eq!(loaded.attributes, ["position", "normal", "label"]);
     let cloud = points(loaded);
     assert_eq!(cloud.len(), 1);
@@ -363,7 +363,7 @@ fn mesh_polygons_become_fans_and_attributes_stay() {
                 blue\nelement face 3\nproperty uchar flags\nproperty list uchar int vertex_index\nend_header\n0 0 0 0 \
                 0 255 0 0\n1 0 0 1 0 255 0 0\n1 1 0 1 1 255 0 0\n0 1 0 0 1 255 0 0\n9 4 0 1 2 3\n9 2 0 1\n9 3 3 2 1\n";
     let loaded = load(text);
-    assert_eq!(loaded.notes, ["skipped 1 faces with fewer than 3 corners"]);
+    assert_eq!(loaded.notes, ["skipped 1 face with fewer than 3 corners"]);
     let m = mesh(loaded);
     assert_eq!(m.triangles, [[0, 1, 2], [0, 2, 3], [3, 2, 1]]);
     assert_eq!(m.uvs.unwrap()[2], [1.0, 0.0]);

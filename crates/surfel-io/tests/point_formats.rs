@@ -104,7 +104,7 @@ fn pcd_is_the_same_in_each_encoding() {
     for bytes in three_pcds() {
         let loaded = load("a", &bytes);
         assert_eq!((loaded.format, loaded.up), (Format::Pcd, Up::PlusZ));
-        assert_eq!(loaded.notes, ["dropped 1 points whose coordinates are not finite"]);
+        assert_eq!(loaded.notes, ["dropped 1 point whose coordinates are not finite"]);
         assert_eq!(loaded.attributes.join(" "), "position normal colour intensity label");
         let cloud = points(loaded);
         assert_eq!(places(&cloud), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
@@ -672,7 +672,7 @@ fn off_of_every_kind() {
     let cloud = points(load("a", "NOFF\n1 0 0\n1 2 3 0 0 2\n"));
     assert_eq!((cloud.positions.get(0), cloud.normals.unwrap().get(0)), (DVec3::new(1.0, 2.0, 3.0), DVec3::Z * 2.0));
     let notes = load("a", "OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 255 0 0\n2 0 1\n").notes;
-    assert_eq!(notes, ["skipped 1 faces with fewer than 3 corners", "ignored the colours of faces"]);
+    assert_eq!(notes, ["skipped 1 face with fewer than 3 corners", "ignored the colours of faces"]);
     for (text, expected) in [
         ("OFF\n99999999999 0 0\n0 0 0\n", "ends within its vertices"),
         ("OFF\n1 99999999999 0\n0 0 0\n", "ends within its faces"),

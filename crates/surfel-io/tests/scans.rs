@@ -85,7 +85,7 @@ fn every_format_of_points_is_read_to_the_step_plain_and_compressed() {
             let says = |what: &str| assert!(notes.contains(what), "{what}: {notes}");
             says(&format!("{name} of point format {format} by 'surfel\\'s test': {} points, ", points.len()));
             says("no CRS");
-            says(&format!("left out {} points that are flagged as withheld", 3000 - points.len()));
+            says(&format!("left out {} points flagged as withheld", 3000 - points.len()));
         }
     }
 }
@@ -371,7 +371,7 @@ fn scans_of_e57_have_their_poses_colours_and_columns() {
     assert_eq!(points.viewpoint, None);
     assert!(points.comments.iter().any(|c| c == "crs EPSG:25832"), "{:?}", points.comments);
     let notes = loaded.notes.join("\n");
-    for what in ["in 2 scans", "left out 8 points that are flagged as invalid", "40 points have no colour", "'Zone'"] {
+    for what in ["in 2 scans", "left out 8 points flagged as invalid", "40 points without a colour", "'Zone'"] {
         assert!(notes.contains(what), "{what}: {notes}");
     }
 }

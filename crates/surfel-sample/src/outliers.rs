@@ -11,7 +11,7 @@
 
 use crate::nearest::{Search, distance2};
 use crate::parallel::map_each;
-use crate::radii::median_of;
+use crate::radii::{ISOLATED, usual};
 use crate::sorted::SortedPoints;
 use crate::{NoProgress, Progress, SampleError};
 use glam::DVec3;
@@ -21,12 +21,6 @@ use surfel_model::PointCloud;
 const NEIGHBOURS: usize = 8;
 /// Distinct points below which no one is an outlier.
 const LEAST_POINTS: usize = 2 * NEIGHBOURS;
-/// Standard deviations of the logarithm of distance, of its normal part.
-const DEVIATIONS: f64 = 3.5;
-/// Standard deviations of a normal distribution that the median absolute deviation is.
-const MAD: f64 = 0.674_489_75;
-/// No limit is less than this times the median: borders and tufts of what is even otherwise stay.
-const LEAST_RATIO: f64 = 8.0;
 /// Median distances from the middle beyond which a point is one in any case: a grid that holds it has no cells for
 /// the others.
 const FARTHEST: f64 = 1e4;
@@ -54,13 +48,13 @@ pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool
     let sorted = SortedPoints::new(near.len(), |i| position(near[i] as usize))?;
     if sorted.len() >= LEAST_POINTS {
         let distances = distances(&sorted);
-        let limit = limit(&distances);
+        let limit = usual(distances.len(), |i| distances[i]).map_or(f64::INFINITY, |usual| usual.most);
         let least = distances.iter().copied().fold(f32::INFINITY, f32::min);
         let is_alone = |search: &mut Search<'_>, slot: usize| {
             let own = f64::from(distances[slot]);
-            let closer = |other: &&u32| own > LEAST_RATIO * f64::from(distances[**other as usize]);
+            let closer = |other: &&u32| own > ISOLATED * f64::from(distances[**other as usize]);
             own > limit
-                || own > LEAST_RATIO * f64::from(least)
+                || own > ISOLATED * f64::from(least)
                     && search.nearest(slot, NEIGHBOURS, 0.0).0.iter().filter(closer).count() > NEIGHBOURS / 2
         };
         let alone = map_each(sorted.len(), &NoProgress, || Search::new(&sorted), is_alone);
@@ -95,13 +89,4 @@ fn distances(points: &SortedPoints) -> Vec<f32> {
         (near.iter().map(distance).sum::<f64>() / near.len() as f64) as f32
     };
     map_each(points.len(), &NoProgress, || Search::new(points), mean)
-}
-
-/// The distance above which a point is an outlier by the first rule.
-fn limit(distances: &[f32]) -> f64 {
-    let Some(median) = median_of(distances.len(), |i| distances[i]).map(f64::from) else { return f64::INFINITY };
-    // Zero counts, too.
-    let deviation = |i: usize| ((f64::from(distances[i]) / median).ln().abs() as f32).max(f32::MIN_POSITIVE);
-    let spread = median_of(distances.len(), deviation).map_or(0.0, f64::from) / MAD;
-    median * (DEVIATIONS * spread).exp().max(LEAST_RATIO)
 }

@@ -12,8 +12,8 @@ use crate::eigen::symmetric2;
 use crate::nearest::{Search, distance2};
 use crate::normals::{WIDE, wider};
 use crate::orient::Oriented;
-use crate::parallel::{for_chunks, map_tasks};
-use crate::progress::Progress;
+use crate::parallel::{for_chunks, map_each, map_tasks};
+use crate::progress::{NoProgress, Progress};
 use crate::sorted::{RUN, SortedPoints};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::collections::HashMap;
@@ -43,8 +43,13 @@ const BELIEVED_WIDE: f32 = 0.55;
 /// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
 const AGREE: f32 = 0.5;
 const STEEPEST: f32 = 0.866;
-/// A point is isolated when its spacing is this many times the median of its neighbours' spacings.
-const ISOLATED: f64 = 8.0;
+/// A point is isolated when its spacing is this many times that of more than half of its neighbours, or of the cloud
+/// where [`DEVIATIONS`] are less: borders and tufts of what is even otherwise stay.
+pub(crate) const ISOLATED: f64 = 8.0;
+/// Standard deviations of the logarithm of spacing, of its normal part, beyond which a point is isolated.
+const DEVIATIONS: f64 = 3.5;
+/// Standard deviations of a normal distribution that the median absolute deviation is.
+const MAD: f64 = 0.674_489_75;
 /// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
 const RING: usize = 6;
 
@@ -180,10 +185,17 @@ pub(crate) fn sizes(
         }
         progress.advance(sizes.len() as u64);
     });
-    let typical = median_of(count, |i| all[i].spacing).filter(|s| *s > 0.0).map_or(fallback, f64::from);
+    let usual = usual(count, |i| all[i].spacing).unwrap_or(Usual { median: fallback, most: f64::INFINITY });
+    // Strays that are each other's neighbours aren't isolated among these, and yet no surface; sparse parts of one are.
+    let wide: Vec<u32> = (0..count as u32).filter(|i| f64::from(all[*i as usize].spacing) > usual.most).collect();
+    let block = || Block::new(points, oriented, degree, known, ellipses);
+    let scattered = map_each(wide.len(), &NoProgress, block, |block, i| block.is_scattered(wide[i] as usize));
+    for (slot, _) in wide.iter().zip(scattered).filter(|(_, scattered)| *scattered) {
+        all[*slot as usize].form.0 |= Form::ISOLATED;
+    }
     let stretched = all.iter().filter(|s| s.form.ellipse().is_some()).count();
     let is_stretched = stretched > 0 && stretched as f64 >= STRETCHED_SHARE * count as f64;
-    Sizes { all, typical, stretched: if is_stretched { stretched } else { 0 } }
+    Sizes { all, typical: usual.median, stretched: if is_stretched { stretched } else { 0 } }
 }
 
 /// Measures of one point's cell, in steps.
@@ -220,6 +232,8 @@ struct Block<'a> {
     search: Search<'a>,
     cell: Cell,
     offsets: [Vec2; MOST_IN_CELL],
+    /// How many neighbours the cell was built among.
+    taking_part: usize,
     /// The run, the slots of other points that are neighbours of its own, in ascending order, and the neighbours of
     /// them all, own ones first.
     own: Range<usize>,
@@ -247,6 +261,7 @@ impl<'a> Block<'a> {
             search: Search::new(points),
             cell: Cell::default(),
             offsets: [Vec2::ZERO; MOST_IN_CELL],
+            taking_part: 0,
             own: 0..0,
             halo: Vec::new(),
             rows: Vec::new(),
@@ -340,10 +355,18 @@ impl<'a> Block<'a> {
                 count += usize::from(takes_part[i]);
             }
         }
+        self.taking_part = count;
         self.cell.build(&self.offsets[..count]);
         // Where half of the neighbours are another sheet's, the farthest of this one's would be farther.
         let share = count as f32 / near.len() as f32;
         (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit)
+    }
+
+    /// Whether more than a quarter of the neighbours of `slot` are on no surface with it.
+    fn is_scattered(&mut self, slot: usize) -> bool {
+        let near = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2).0.to_vec();
+        self.build(slot, &near, BELIEVED);
+        4 * self.taking_part < 3 * near.len()
     }
 
     /// Builds the cell of `slot`, among more neighbours when those of its row don't close it: whether it is closed,
@@ -533,6 +556,25 @@ impl Smooth {
 pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     let middle = values.len().checked_sub(1)? / 2;
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// The middle of positive values, and the largest that aren't outliers: [`ISOLATED`] times it and more are, if their
+/// logarithm is off it by more than [`DEVIATIONS`], as the median absolute deviation tells them.
+pub(crate) struct Usual {
+    median: f64,
+    pub(crate) most: f64,
+}
+
+/// What is usual of these values; `None` where none is positive.
+pub(crate) fn usual(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<Usual> {
+    let median = median_of(count, &value).map(f64::from)?;
+    let deviation = |i: usize| match value(i) {
+        // One that is in the middle counts, too.
+        v if v > 0.0 => ((f64::from(v) / median).ln().abs() as f32).max(f32::MIN_POSITIVE),
+        _ => 0.0,
+    };
+    let spread = median_of(count, deviation).map_or(0.0, f64::from) / MAD;
+    Some(Usual { median, most: median * (DEVIATIONS * spread).exp().max(ISOLATED) })
 }
 
 /// The lower median of those of 0..`count` whose value is greater than 0, without a copy of them all.

@@ -112,6 +112,30 @@ fn orientation_of_a_sheet_is_up_or_toward_the_viewpoint() {
 }
 
 #[test]
+fn strays_beside_strays_get_no_large_radius_and_sparse_parts_of_a_surface_do() {
+    let mut random = Lcg(17);
+    let surface: Vec<DVec3> = (0..20_000).map(|_| random.sphere()).collect();
+    let strays = (0..300).map(|_| 3.0 * (DVec3::new(random.unit(), random.unit(), random.unit()) - 0.5));
+    let strays: Vec<DVec3> = strays.filter(|p| (p.length() - 1.0).abs() > 0.2).collect();
+    let positions = [surface.clone(), strays.clone()].concat();
+    let (cloud, report) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
+    let large = |i: &usize| cloud.radius_max(*i) > 4.0 * report.median_radius;
+    let found = (surface.len()..positions.len()).filter(large).count();
+    // A few lie in a plane with their neighbours by chance.
+    assert!(found * 25 < strays.len(), "{found} of {} strays are large", strays.len());
+    assert!(report.isolated * 10 > strays.len() * 9, "{} isolated", report.isolated);
+    // A plane of which one half has a 400th of the other's density stays closed.
+    let half = |count: usize, x: f64, random: &mut Lcg| -> Vec<DVec3> {
+        (0..count).map(|_| DVec3::new(x + random.unit(), random.unit(), 0.0)).collect()
+    };
+    let positions = [half(80_000, 0.0, &mut random), half(200, 1.0, &mut random)].concat();
+    let (cloud, report) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
+    let large = (80_000..80_200).filter(|i| cloud.radius_max(*i) > 8.0 * report.median_radius).count();
+    // Those beside the other half are isolated.
+    assert!(large > 170, "{large} of 200 cover their part");
+}
+
+#[test]
 fn isolated_points_get_no_large_radius() {
     let mut positions = disk(2000, 9);
     positions.extend([DVec3::new(0.5, 0.5, 3.0), DVec3::new(9.0, 0.0, 0.0)]);

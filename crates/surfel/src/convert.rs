@@ -346,7 +346,10 @@ fn sharpen(
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
     notes.push(match report.clipped {
         0 => format!("no edge of {angle} degrees or more is found in the points, nothing is clipped"),
-        clipped => format!("{clipped} splats clipped along edges, {} of them at corners", report.corners),
+        clipped => {
+            let clipped = counted(clipped as u64, "splats");
+            format!("{clipped} clipped along edges, {} of them at corners", report.corners)
+        }
     });
     Ok(cloud)
 }

@@ -3,6 +3,7 @@
 use crate::load::io_options;
 use crate::render_options::SplatOptions;
 use crate::values::Part;
+use crate::words::counted;
 use crate::{Error, LoadOptions, memory};
 use glam::{DAffine3, Vec3};
 use rayon::prelude::*;
@@ -511,7 +512,10 @@ pub struct CopcRequest {
 
 /// What was written, in words.
 pub fn summary(report: &CopcReport) -> String {
-    format!("{} points in {} nodes of {} levels", report.points, report.nodes, report.levels)
+    let [points, nodes, levels] =
+        [(report.points, "points"), (report.nodes as u64, "nodes"), (report.levels as u64, "levels")]
+            .map(|(n, what)| counted(n, what));
+    format!("{points} in {nodes} of {levels}")
 }
 
 /// Refuses what can't be said of a file of points by levels, or of a share of one: how they become splats, and text;

@@ -1,5 +1,7 @@
 //! Numbers as messages say them.
 
+pub use surfel_io::counted;
+
 /// Three significant digits; beyond 1e±5 with a power of ten.
 pub fn number(value: f64) -> String {
     match value.abs() {
@@ -17,15 +19,6 @@ pub fn number(value: f64) -> String {
 pub fn shortest(value: f64) -> String {
     let narrow = value as f32;
     if f64::from(narrow) == value { format!("{narrow:?}") } else { format!("{value:?}") }
-}
-
-/// A count of things: `1 point`, `2 points`, of their plural.
-pub fn counted(count: u64, plural: &str) -> String {
-    match (count, plural) {
-        (1, "vertices") => "1 vertex".to_owned(),
-        (1, _) => format!("1 {}", plural.strip_suffix('s').unwrap_or(plural)),
-        _ => format!("{count} {plural}"),
-    }
 }
 
 #[cfg(test)]
@@ -60,12 +53,5 @@ mod tests {
         assert_eq!(shortest(0.001_808), "0.001808");
         assert_eq!(shortest(431_234.567), "431234.567");
         assert_eq!((shortest(1.0), shortest(f64::from(1e38_f32))), ("1.0".to_owned(), "1e38".to_owned()));
-    }
-
-    #[test]
-    fn one_thing_is_singular() {
-        assert_eq!(counted(1, "splats"), "1 splat");
-        assert_eq!(counted(1, "vertices"), "1 vertex");
-        assert_eq!((counted(0, "points"), counted(2, "points")), ("0 points".to_owned(), "2 points".to_owned()));
     }
 }

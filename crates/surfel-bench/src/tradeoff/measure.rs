@@ -2,8 +2,12 @@
 
 use std::time::Instant;
 
-use glam::Vec3;
-use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Preset, Renderer, Settings, Stats, View};
+use glam::{DAffine3, Vec3};
+use surfel::model::{Cull, Geometry, Object, Shader};
+use surfel::{
+    Backend, BackendOptions, BackendScene, Camera, Frame, Material, Planes, Preset, Renderer, Scene, Settings, Stats,
+    View,
+};
 use surfel_metrics::{CompareOptions, Image, MetricsError, compare};
 
 use super::figures::{Error, Figures, Row, SubjectFacts};
@@ -48,6 +52,29 @@ struct Ready {
     ms: Vec<f64>,
 }
 
+/// A geometry alone, its back faces culled, by a shader that needs no light; and the median of so many frames' times.
+pub(super) fn draw_alone(
+    backends: &mut Backends,
+    geometry: &Geometry,
+    camera: &Camera,
+    shader: Shader,
+    runs: usize,
+) -> Result<(Vec<[f32; 4]>, f64), Failure> {
+    let material = Material { cull: Cull::Back, ..Material::default() };
+    let object = Object { geometry: geometry.clone(), world_from_object: DAffine3::IDENTITY, material };
+    let scene = Scene { objects: vec![object], ..Scene::default() };
+    let resident = backends.wide.upload(&scene)?;
+    let settings = Settings::default().with_shader(shader);
+    let image = backends.wide.render(&resident, camera, &settings)?.color().to_vec();
+    let mut ms = Vec::new();
+    for _ in 0..runs {
+        let start = Instant::now();
+        backends.wide.render(&resident, camera, &settings)?;
+        ms.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+    Ok((image, crate::report::median(&ms)))
+}
+
 /// How much is measured.
 #[derive(Clone, Copy)]
 pub(crate) struct Pace {
@@ -71,7 +98,7 @@ pub(crate) fn subject(
         Only::Clips => subject.clips,
         Only::Transparent => subject.transparent,
         Only::Graphics => !on_cpu,
-        Only::Lit => subject.settings.shader == surfel::model::Shader::Phong,
+        Only::Lit => subject.settings.shader == Shader::Phong,
     };
     let exact = backends.reference.upload(&subject.scene)?;
     let scenes = [backends.wide.upload(&subject.scene)?, backends.narrow.upload(&subject.scene)?];

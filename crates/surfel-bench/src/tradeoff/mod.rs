@@ -10,6 +10,7 @@ mod measure;
 mod normals;
 mod page;
 mod planes;
+mod scans;
 mod subjects;
 mod textures;
 mod truth;
@@ -101,6 +102,7 @@ pub(crate) struct Findings {
     pub planes: Table,
     pub formulas: Table,
     pub textures: Table,
+    pub scans: Table,
     pub normals: Table,
     /// Other backends, with what their knobs do to fidelity.
     pub others: Vec<(BackendFacts, Table)>,
@@ -143,6 +145,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let planes = planes::table(&mut backends, runs, size)?;
     let (formulas, normals) = (formulas::table()?, normals::table());
     let textures = textures::table(&mut backends, size)?;
+    let scans = scans::table(&mut backends, runs, size)?;
     drop(backends);
     for name in others {
         match measure::Backends::start(name, arguments.adapter.clone()) {
@@ -154,7 +157,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let values = verdict::values(&figures);
     let others = figures.others.iter().map(|other| (other.backend.clone(), verdict::fidelity(other))).collect();
     figures.seconds = Some(start.elapsed().as_secs_f64());
-    let findings = Findings { values, features, planes, formulas, textures, normals, others, figures };
+    let findings = Findings { values, features, planes, formulas, textures, scans, normals, others, figures };
     for (title, table) in tables(&findings) {
         println!("{title}\n\n{}", table.text());
     }
@@ -225,6 +228,7 @@ fn tables(findings: &Findings) -> Vec<(String, Table)> {
         ("Planes".to_owned(), findings.planes.clone()),
         ("Formulas".to_owned(), findings.formulas.clone()),
         ("Textures".to_owned(), findings.textures.clone()),
+        ("Splats of points".to_owned(), findings.scans.clone()),
         ("Normals".to_owned(), findings.normals.clone()),
     ];
     for (backend, table) in &findings.others {

@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::Vec3;
-use surfel::model::{Cull, Geometry, Mesh, Object, TextureSampling};
+use surfel::model::{Geometry, Mesh, Shader, TextureSampling};
 use surfel::sample::{MeshMethod, MeshOptions, fit_to_mesh, splats_from_mesh};
-use surfel::{Camera, Material, NoProgress, Scene, Settings};
+use surfel::{Camera, NoProgress};
 use surfel_bench::page::Table;
 use surfel_metrics::{CompareOptions, Image, compare};
 
-use super::measure::Backends;
+use super::measure::{Backends, draw_alone};
 use super::subjects;
 use crate::{Failure, clouds};
 
@@ -65,8 +65,9 @@ pub(crate) fn table(backends: &mut Backends, size: u32) -> Result<Table, Failure
             let (cloud, _) = fit_to_mesh(cloud, &mesh, sampling, &NoProgress)?;
             let all = start.elapsed();
             let geometry = Geometry::from(cloud);
-            let [rmse, flip] = errors(&draw(backends, &geometry, &close)?, &close_truth, size)?;
-            let [far, _] = errors(&draw(backends, &geometry, &whole)?, &whole_truth, size)?;
+            let [rmse, flip] =
+                errors(&draw_alone(backends, &geometry, &close, Shader::Unlit, 0)?.0, &close_truth, size)?;
+            let [far, _] = errors(&draw_alone(backends, &geometry, &whole, Shader::Unlit, 0)?.0, &whole_truth, size)?;
             table.rows.push(vec![
                 name.to_owned(),
                 sampling.name().to_owned(),
@@ -81,20 +82,11 @@ pub(crate) fn table(backends: &mut Backends, size: u32) -> Result<Table, Failure
     Ok(table)
 }
 
-/// The colours alone, unlit.
-fn draw(backends: &mut Backends, geometry: &Geometry, camera: &Camera) -> Result<Vec<[f32; 4]>, Failure> {
-    let material = Material { cull: Cull::Back, ..Material::default() };
-    let object = Object { geometry: geometry.clone(), world_from_object: glam::DAffine3::IDENTITY, material };
-    let scene = Scene { objects: vec![object], ..Scene::default() };
-    let resident = backends.wide.upload(&scene)?;
-    Ok(backends.wide.render(&resident, camera, &Settings::default())?.color().to_vec())
-}
-
 /// The polygons, averaged over each pixel.
 fn truth(backends: &mut Backends, mesh: &Mesh, camera: &Camera) -> Result<Vec<[f32; 4]>, Failure> {
     let [width, height] = camera.size;
     let fine = Camera { size: [width * SAMPLES, height * SAMPLES], ..camera.clone() };
-    let fine = draw(backends, &Geometry::Mesh(Arc::new(mesh.clone())), &fine)?;
+    let fine = draw_alone(backends, &Geometry::Mesh(Arc::new(mesh.clone())), &fine, Shader::Unlit, 0)?.0;
     let pixel = |i: u32| {
         let mut sum = [0.0; 4];
         for k in 0..SAMPLES * SAMPLES {
@@ -108,7 +100,7 @@ fn truth(backends: &mut Backends, mesh: &Mesh, camera: &Camera) -> Result<Vec<[f
 }
 
 /// RMSE and FLIP.
-fn errors(image: &[[f32; 4]], truth: &[[f32; 4]], size: u32) -> Result<[f64; 2], Failure> {
+pub(super) fn errors(image: &[[f32; 4]], truth: &[[f32; 4]], size: u32) -> Result<[f64; 2], Failure> {
     let of = |pixels| Image::new(size, size, pixels);
     let found = compare(&of(truth.as_flattened())?, &of(image.as_flattened())?, &CompareOptions::default())?;
     Ok([found.rmse, found.flip_mean.unwrap_or(f64::NAN)])

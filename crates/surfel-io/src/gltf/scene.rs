@@ -15,6 +15,7 @@ use crate::context::Context;
 use crate::error::{Fault, Problem};
 use crate::gathered_points::{GatheredPoints, PointsPart};
 use crate::materials::{Material, Parts};
+use crate::words::counted;
 use glam::DAffine3;
 use gltf::mesh::Mode;
 use gltf::{Node, Primitive, Semantic};
@@ -249,7 +250,11 @@ impl Gathered {
         let (points, splats) = (self.points.positions.len(), self.splats.positions.len());
         if !self.parts.triangles.is_empty() {
             if points + splats > 0 {
-                context.note(format!("ignored {points} points and {splats} Gaussian splats beside the mesh"));
+                context.note(format!(
+                    "ignored {} and {} beside the mesh",
+                    counted(points as u64, "points"),
+                    counted(splats as u64, "Gaussian splats")
+                ));
             }
             let Materials { mut all, mut textures } = self.materials;
             let left = wrap::resolve(&mut self.parts, &mut all, &mut textures);
@@ -263,7 +268,7 @@ impl Gathered {
         }
         if splats > 0 {
             if points > 0 {
-                context.note(format!("ignored {points} points beside the Gaussian splats"));
+                context.note(format!("ignored {} beside the Gaussian splats", counted(points as u64, "points")));
             }
             return self.splats.finish(context);
         }

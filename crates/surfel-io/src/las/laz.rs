@@ -5,6 +5,7 @@ use super::header::Header;
 use super::{Sink, field, unreadable};
 use crate::error::{Location, Problem};
 use crate::survey::Source;
+use crate::words::counted;
 use ::laz::laszip::{ChunkTable, ChunkTableEntry};
 use ::laz::{DecompressionSelection, LasZipDecompressor, LasZipError, LazItemRecordBuilder, LazItemType, LazVlr};
 use std::io::{self, BufReader, Cursor, Read, Seek, SeekFrom};
@@ -225,7 +226,7 @@ fn read_chunks(
     };
     if said < certain || said > there {
         let took = if said == 0 { certain } else { said.min(there) };
-        header.notes.push(format!("the header says {said} points, the file holds {there}: took {took}"));
+        header.notes.push(format!("the header says {}, the file holds {there}: took {took}", counted(said, "points")));
         header.count = took;
     }
     let mut left = header.count;

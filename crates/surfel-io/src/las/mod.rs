@@ -16,6 +16,7 @@ use crate::context::Context;
 use crate::error::{Fault, Problem};
 use crate::format::Format;
 use crate::survey::{Source, extent_words};
+use crate::words::counted;
 use header::Header;
 use records::Columns;
 use std::fs::File;
@@ -138,7 +139,7 @@ fn finish(
     points.comments.push(format!("las_scale {}", triple(header.scale)));
     points.comments.push(format!("las_offset {}", triple(header.offset)));
     if withheld > 0 {
-        notes.push(format!("left out {withheld} points that are flagged as withheld"));
+        notes.push(format!("left out {} flagged as withheld", counted(withheld, "points")));
     }
     if matches!(header.format, 4 | 5 | 9 | 10) {
         notes.push("left out its waveforms".into());
@@ -177,9 +178,13 @@ fn read_plain(source: &mut dyn Source, header: &mut Header, sink: &mut dyn Sink)
         said => said.min(there),
     };
     if said != count {
-        header.notes.push(format!("the header says {said} points, the file holds {there}: took {count}"));
+        header.notes.push(format!("the header says {}, the file holds {there}: took {count}", counted(said, "points")));
     } else if there > said + said / 1000 + 1000 {
-        header.notes.push(format!("the header says {said} points: left out what follows, room for {}", there - said));
+        header.notes.push(format!(
+            "the header says {}: left out what follows, room for {}",
+            counted(said, "points"),
+            there - said
+        ));
     }
     sink.start(header, count as usize);
     source.seek(SeekFrom::Start(header.start)).map_err(unreadable)?;

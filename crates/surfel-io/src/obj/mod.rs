@@ -12,6 +12,7 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
 use crate::materials::Parts;
+use crate::words::counted;
 use glam::DVec3;
 use std::collections::HashMap;
 use surfel_model::PointCloud;
@@ -201,7 +202,7 @@ impl Obj {
             }
         }
         if skipped > 0 {
-            context.note(format!("skipped {skipped} faces with fewer than 3 corners"));
+            context.note(format!("skipped {} with fewer than 3 corners", counted(skipped as u64, "faces")));
         }
         context.parts(parts, &materials, &textures)
     }

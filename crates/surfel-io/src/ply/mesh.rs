@@ -9,6 +9,7 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, list};
 use crate::images::texture;
+use crate::words::counted;
 use std::sync::Arc;
 use surfel_model::Mesh;
 
@@ -101,7 +102,7 @@ fn fan(faces: &Lists<u32>, triangles: &mut Vec<[u32; 3]>, context: &mut Context<
         }
     }
     if skipped > 0 {
-        context.note(format!("skipped {skipped} faces with fewer than 3 corners"));
+        context.note(format!("skipped {} with fewer than 3 corners", counted(skipped as u64, "faces")));
     }
 }
 

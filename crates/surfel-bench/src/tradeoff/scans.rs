@@ -1,0 +1,114 @@
+//! What it costs to make splats of points, and how near they come to the surface: `--max-points`, `--radius-scale`,
+//! `--outliers`.
+
+use std::time::Instant;
+
+use surfel::model::{Column3, Geometry, PointCloud, Shader};
+use surfel::sample::{PointOptions, outliers, splats_from_points};
+use surfel::{NoProgress, SplatCloud};
+use surfel_bench::page::Table;
+
+use super::measure::{Backends, draw_alone};
+use super::{subjects, textures};
+use crate::{Failure, clouds};
+
+/// Points of the ball.
+const POINTS: usize = 200_000;
+/// One point of so many is a stray, anywhere in a box about the ball.
+const STRAY: usize = 500;
+/// How far points are off the surface, in their spacings.
+const NOISE: f64 = 0.2;
+
+struct Row {
+    option: &'static str,
+    /// Of the points.
+    share: f64,
+    radius_scale: f64,
+    drops: bool,
+}
+
+const ROWS: [Row; 8] = [
+    row("none", 1.0, 1.0, false),
+    row("--outliers drop", 1.0, 1.0, true),
+    row("--max-points, half of them", 0.5, 1.0, false),
+    row("--max-points, a tenth", 0.1, 1.0, false),
+    row("--max-points, a hundredth", 0.01, 1.0, false),
+    row("--radius-scale 0.6", 1.0, 0.6, false),
+    row("--radius-scale 0.8", 1.0, 0.8, false),
+    row("--radius-scale 1.5", 1.0, 1.5, false),
+];
+
+const fn row(option: &'static str, share: f64, radius_scale: f64, drops: bool) -> Row {
+    Row { option, share, radius_scale, drops }
+}
+
+/// Every option, from points to image.
+pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<Table, Failure> {
+    let head = ["option", "splats", "ms to make", "ms a frame", "RMSE", "RMSE of normals", "holes"];
+    let mut table = Table::new(&head);
+    let camera = subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, size);
+    let mesh = Geometry::from(clouds::bumpy_mesh(360));
+    let shaders = [Shader::Unlit, Shader::Normal];
+    let mut truths = Vec::new();
+    for shader in shaders {
+        truths.push(draw_alone(backends, &mesh, &camera, shader, 0)?.0);
+    }
+    let points = scan()?;
+    for Row { option, share, radius_scale, drops } in ROWS {
+        let start = Instant::now();
+        let cloud = made(points.clone(), share, radius_scale, drops)?;
+        let made_ms = start.elapsed().as_secs_f64() * 1e3;
+        let (splats, geometry) = (cloud.len(), Geometry::from(cloud));
+        let mut errors = Vec::new();
+        let (mut frame_ms, mut holes) = (0.0, 0);
+        for (shader, truth) in shaders.into_iter().zip(&truths) {
+            let (image, ms) = draw_alone(backends, &geometry, &camera, shader, runs)?;
+            errors.push(textures::errors(&image, truth, size)?[0]);
+            if shader == Shader::Unlit {
+                frame_ms = ms;
+                holes = image.iter().zip(truth).filter(|(found, truth)| truth[3] > 0.0 && found[3] == 0.0).count();
+            }
+        }
+        table.rows.push(vec![
+            option.to_owned(),
+            splats.to_string(),
+            format!("{made_ms:.0}"),
+            format!("{frame_ms:.2}"),
+            format!("{:.4}", errors[0]),
+            format!("{:.4}", errors[1]),
+            holes.to_string(),
+        ]);
+    }
+    Ok(table)
+}
+
+/// Points of the ball, off it by noise, and strays, without normals.
+fn scan() -> Result<PointCloud, Failure> {
+    let cloud = clouds::ball(POINTS)?;
+    let spacing = (4.0 * std::f64::consts::PI / POINTS as f64).sqrt();
+    let mut random = clouds::Random(7);
+    let mut even = || 2.0 * random.next() - 1.0;
+    let place = |i: usize| {
+        let place = if i.is_multiple_of(STRAY) {
+            glam::DVec3::new(even(), even(), even()) * 1.5
+        } else {
+            // As wide as a normal distribution of one.
+            cloud.center(i) + cloud.normal(i) * (NOISE * spacing * 3f64.sqrt() * even())
+        };
+        place.as_vec3()
+    };
+    let positions = Column3::from_f32((0..POINTS).map(place).collect());
+    Ok(PointCloud { positions, colors: cloud.data().colors.clone(), ..PointCloud::default() })
+}
+
+fn made(mut points: PointCloud, share: f64, radius_scale: f64, drops: bool) -> Result<SplatCloud, Failure> {
+    if drops {
+        let keep: Vec<bool> = outliers(&points, &NoProgress)?.iter().map(|alone| !alone).collect();
+        points.retain(&keep);
+    }
+    if share < 1.0 {
+        points.thin((share * points.len() as f64) as usize);
+    }
+    let options = PointOptions { radius_scale, ..PointOptions::default() };
+    Ok(splats_from_points(&points, &options, &NoProgress)?.0)
+}
