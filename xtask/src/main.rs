@@ -115,7 +115,7 @@ fn cargo(root: &Path) -> Command {
 }
 
 /// The cargo that runs us, for tests. Where nothing of ours is compiled yet it doesn't keep what the next change would
-/// compile faster by: that takes half as long again.
+/// compile faster by: that takes up to half as long again.
 fn cargo_for_tests(root: &Path) -> Command {
     let mut command = cargo(root);
     let kept = std::fs::read_dir(python::target(root).join("debug").join("incremental"));

@@ -53,8 +53,8 @@ pub struct PointReport {
     /// How many of these are left out, because there are more in their place, to 2⁻³⁰ of the extent, than the options
     /// want.
     pub left_out: usize,
-    /// Points that are much farther from their neighbours than these from each other. Their radii are no larger than
-    /// the cloud's typical one.
+    /// Points that are much farther from their neighbours than these from each other; or than is usual in the cloud,
+    /// where too many of these are on no surface with them. Their radii are no larger than the cloud's typical one.
     pub isolated: usize,
     /// Splats that are ellipses with an axis ratio above 1.5; 0 when the cloud came out as disks.
     pub ellipses: usize,

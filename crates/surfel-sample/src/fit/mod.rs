@@ -34,7 +34,7 @@ const NORMAL_CHANGE: f64 = 0.25;
 /// How far beyond the colours under a splat its own may go, as a share of their range: sharp peaks take a quarter to a
 /// third. Without this bound fits ripple where a surface is flat, some splats away from an edge.
 const BEYOND: f64 = 0.35;
-/// What a channel varies by under a splat to count in that: less is no step of 8 bits.
+/// What a channel varies by under a splat to count in that: a quarter of a 255th of linear light.
 const VARIES: f64 = 1e-3;
 /// Normals end at a thirtieth of a degree.
 const NORMAL_STOP: Stop = Stop { residual: 5e-4, steps: 100 };
