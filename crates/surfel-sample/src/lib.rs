@@ -39,6 +39,7 @@ mod radii;
 mod sharp;
 mod sorted;
 mod tree;
+mod usual;
 
 pub use error::SampleError;
 pub use fit::{FitReport, PointFitReport, fit_point_colors, fit_to_mesh};

@@ -11,6 +11,7 @@ use crate::normals::{WIDE, estimate, wider};
 use crate::parallel::{for_chunks, map_tasks};
 use crate::progress::Progress;
 use crate::sorted::{RUN, SortedPoints};
+use crate::usual::usual;
 use glam::{DVec3, Vec3};
 
 /// Points of a task, and of the smaller problem that comes of it.
@@ -22,6 +23,8 @@ const STRONG: f32 = 0.95;
 const WEAK: f32 = 0.25;
 /// Points of a small patch.
 const SMALL: u32 = 16;
+/// A point whose neighbours all are this many times nearer to each other than it is to them doesn't join them at first.
+const ALONE: f32 = 3.0;
 /// Neighbours that a first look at strong edges takes.
 const NEAREST: usize = 8;
 
@@ -96,12 +99,24 @@ pub(crate) fn normals(
 /// How the normals at two points lie to each other: from 1, the same side, to −1, opposite ones; near 0 it's unknown.
 #[inline]
 fn relation(points: &SortedPoints, (a, n): (usize, Vec3), (b, m): (usize, Vec3)) -> f32 {
-    let (p, q) = (points.at(a), points.at(b));
-    let d = Vec3::new((q[0] - p[0]) as f32, (q[1] - p[1]) as f32, (q[2] - p[2]) as f32);
+    let d = offset(points, a, b);
     let scale = 1.0 / d.length_squared();
     let (above, other) = (n.dot(d), m.dot(d));
     let mirrored = n.dot(m) - 2.0 * above * other * scale;
     mirrored * (1.0 - (above * above).max(other * other) * scale)
+}
+
+/// The vector between two points, in steps.
+#[inline]
+fn offset(points: &SortedPoints, a: usize, b: usize) -> Vec3 {
+    let (p, q) = (points.at(a), points.at(b));
+    Vec3::new((q[0] - p[0]) as f32, (q[1] - p[1]) as f32, (q[2] - p[2]) as f32)
+}
+
+/// Whether point `b` has all its neighbours far nearer than `a`, which then may be a stray.
+#[inline]
+fn is_alone(points: &SortedPoints, a: usize, (b, of_b): (usize, Oriented)) -> bool {
+    offset(points, a, b).length_squared() > ALONE * ALONE * of_b.farthest2
 }
 
 /// Union-find whose elements know their sign relative to their root.
@@ -235,8 +250,10 @@ impl Patches {
         let count = oriented.len();
         let degree = rows.len() / count;
         let mut sets = SignedSets::new(vec![1; count]);
-        let relate =
-            |i: usize, j: usize| relation(points, (first + i, oriented[i].normal), (first + j, oriented[j].normal));
+        let relate = |i: usize, j: usize| {
+            (!is_alone(points, first + i, (first + j, oriented[j])))
+                .then(|| relation(points, (first + i, oriented[i].normal), (first + j, oriented[j].normal)))
+        };
         let row = |i: usize| &rows[i * degree..(i + 1) * degree];
         for i in 0..count {
             for j in row(i).iter().take(NEAREST) {
@@ -244,8 +261,7 @@ impl Patches {
                 if j >= count || sets.parent[i] == sets.parent[j] {
                     continue;
                 }
-                let relation = relate(i, j);
-                if relation.abs() >= STRONG {
+                if let Some(relation) = relate(i, j).filter(|r| r.abs() >= STRONG) {
                     sets.join(i as u32, j as u32, relation < 0.0);
                 }
             }
@@ -258,7 +274,7 @@ impl Patches {
                 if j >= count {
                     edges.push([(first + i) as u32, *slot]);
                 } else if sets.find(i as u32).0 != sets.find(j as u32).0 {
-                    left.push(Vote::new(i as u32, j as u32, relate(i, j), false));
+                    left.extend(relate(i, j).map(|relation| Vote::new(i as u32, j as u32, relation, false)));
                 }
             }
         }
@@ -327,7 +343,9 @@ fn orient(
     let votes = map_tasks(atlas.blocks.len(), |i| {
         let (block, first) = (&atlas.blocks[i], atlas.first[i]);
         let inside = block.votes.iter().map(|v| Vote { patches: v.patches.map(|p| p + first), ..*v });
-        let across = block.edges.iter().map(|[a, b]| atlas.vote(points, all, *a as usize, *b as usize));
+        let across = block.edges.iter().map(|e| e.map(|slot| slot as usize));
+        let across = across.filter(|[a, b]| !is_alone(points, *a, (*b, all[*b])));
+        let across = across.map(|[a, b]| atlas.vote(points, all, a, b));
         summed(inside.chain(across).collect())
     });
     atlas.blocks.iter_mut().for_each(|b| b.edges = Vec::new());
@@ -349,7 +367,7 @@ fn orient(
     });
 }
 
-/// Joins sets that no edge joins (scan lines far from each other) where a wider look reaches.
+/// Joins sets that no edge joins (scan lines far from each other, strays) where a wider look reaches.
 fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &Atlas, sets: &mut SignedSets) {
     let roots: Vec<u32> = (0..sets.parent.len() as u32).map(|p| sets.find(p).0).collect();
     // The largest set is found by the others: looking from it would cost far more.
@@ -391,7 +409,7 @@ struct Evidence {
     given: i64,
     up: f64,
     count: f64,
-    /// The farthest point in each direction: how far, and its slot.
+    /// The farthest point in each direction that is no stray: how far, and its slot.
     extremes: [(f64, u32); 14],
 }
 
@@ -411,6 +429,9 @@ fn signs(
     up: DVec3,
 ) -> Vec<bool> {
     let directions = directions();
+    // Strays lie outermost, and say nothing about a surface.
+    let farthest = |slot: usize| all[slot].farthest2.sqrt();
+    let most = usual(all.len(), farthest).map_or(f64::INFINITY, |usual| usual.most(2.0));
     let found = map_tasks(atlas.blocks.len(), |i| {
         let block = &atlas.blocks[i];
         let mut evidence = vec![Evidence::default(); block.sizes.len()];
@@ -420,6 +441,9 @@ fn signs(
             e.given += if given(slot) == Vec3::ZERO { 0 } else { sign as i64 };
             e.up += sign * all[slot].normal.as_dvec3().dot(up);
             e.count += 1.0;
+            if f64::from(farthest(slot)) > most {
+                continue;
+            }
             let p = points.point(slot);
             for (extreme, d) in e.extremes.iter_mut().zip(&directions) {
                 let height = p.dot(*d);
@@ -444,7 +468,10 @@ fn signs(
         }
     }
     let outward = |e: &Evidence| -> f64 {
-        let vote = |((_, slot), d): (&(f64, u32), &DVec3)| {
+        let vote = |((height, slot), d): (&(f64, u32), &DVec3)| {
+            if *height == f64::NEG_INFINITY {
+                return 0.0;
+            }
             let (patch, flipped) = atlas.of(*slot as usize);
             let sign = if flipped ^ roots[patch as usize].1 { -1.0 } else { 1.0 };
             sign * all[*slot as usize].normal.as_dvec3().dot(*d)
@@ -521,5 +548,44 @@ mod tests {
             outward.push(DVec3::Z * side);
         }
         assert!(wrong(&positions, &outward) < 0.1, "sheets: {}", wrong(&positions, &outward));
+    }
+
+    /// Points in the unit ball, moved to the unit sphere.
+    fn sphere(random: &mut Random, count: usize) -> Vec<DVec3> {
+        let mut within = || DVec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
+        let mut on = || std::iter::repeat_with(&mut within).find(|p| p.length() < 1.0).unwrap_or(DVec3::Z).normalize();
+        (0..count).map(|_| on()).collect()
+    }
+
+    #[test]
+    fn strays_around_a_surface_dont_turn_it() {
+        let mut random = Random::new(17);
+        for one_in in [500, 66, 20] {
+            let mut positions = sphere(&mut random, 20_000);
+            let mut outward = positions.clone();
+            for _ in 0..positions.len() / one_in {
+                positions.push(DVec3::new(random.unit(), random.unit(), random.unit()) * 4.0 - 2.0);
+                // Either side of a stray is right.
+                outward.push(DVec3::ZERO);
+            }
+            let wrong = wrong(&positions, &outward);
+            assert!(wrong < 0.1, "one in {one_in}: {wrong} %");
+        }
+    }
+
+    #[test]
+    fn dense_and_sparse_parts_of_a_surface_agree() {
+        let mut random = Random::new(18);
+        for times in [10, 100, 1000] {
+            // One half of a sphere has so many times the density of the other.
+            let mut positions = sphere(&mut random, 40_000);
+            let mut left = 0;
+            positions.retain(|p| {
+                left += usize::from(p.x < 0.0);
+                p.x >= 0.0 || left % times == 0
+            });
+            let wrong = wrong(&positions, &positions);
+            assert!(wrong < 0.1, "{times}: {wrong} %");
+        }
     }
 }

@@ -11,8 +11,8 @@
 
 use crate::nearest::{Search, distance2};
 use crate::parallel::map_each;
-use crate::radii::{ISOLATED, usual};
 use crate::sorted::SortedPoints;
+use crate::usual::{ISOLATED, usual};
 use crate::{NoProgress, Progress, SampleError};
 use glam::DVec3;
 use surfel_model::PointCloud;
@@ -48,7 +48,7 @@ pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool
     let sorted = SortedPoints::new(near.len(), |i| position(near[i] as usize))?;
     if sorted.len() >= LEAST_POINTS {
         let distances = distances(&sorted);
-        let limit = usual(distances.len(), |i| distances[i]).map_or(f64::INFINITY, |usual| usual.most);
+        let limit = usual(distances.len(), |i| distances[i]).map_or(f64::INFINITY, |usual| usual.most(ISOLATED));
         let least = distances.iter().copied().fold(f32::INFINITY, f32::min);
         let is_alone = |search: &mut Search<'_>, slot: usize| {
             let own = f64::from(distances[slot]);

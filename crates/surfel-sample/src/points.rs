@@ -5,7 +5,7 @@ use crate::parallel::map_each;
 use crate::radii::{self, Sizes, Spacing};
 use crate::sorted::SortedPoints;
 use crate::{NoProgress, PointOptions, PointReport, Progress, SampleError};
-use crate::{assemble, interior, orient};
+use crate::{assemble, interior, orient, usual};
 use glam::{DVec3, Vec3};
 use std::borrow::Cow;
 use surfel_math::basis::{orthonormal, unit};
@@ -72,7 +72,7 @@ pub fn splats_from_points(
     let input = |i: usize| kept.as_ref().map_or(i, |k| k[i] as usize);
     report.splats = source.len();
     report.median_radius =
-        radii::median_of(report.splats, |i| assemble::radius32(sizes.radius(made.slot(input(i))) * scale))
+        usual::median_of(report.splats, |i| assemble::radius32(sizes.radius(made.slot(input(i))) * scale))
             .map_or(0.0, f64::from);
     report.ellipses = sizes.stretched;
     let shape = made.shape(report.splats, &input);

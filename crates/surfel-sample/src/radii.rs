@@ -12,9 +12,10 @@ use crate::eigen::symmetric2;
 use crate::nearest::{Search, distance2};
 use crate::normals::{WIDE, wider};
 use crate::orient::Oriented;
-use crate::parallel::{for_chunks, map_each, map_tasks};
+use crate::parallel::{for_chunks, map_each};
 use crate::progress::{NoProgress, Progress};
 use crate::sorted::{RUN, SortedPoints};
+use crate::usual::{ISOLATED, usual};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::collections::HashMap;
 use std::ops::Range;
@@ -43,13 +44,6 @@ const BELIEVED_WIDE: f32 = 0.55;
 /// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
 const AGREE: f32 = 0.5;
 const STEEPEST: f32 = 0.866;
-/// A point is isolated when its spacing is this many times that of more than half of its neighbours, or of the cloud
-/// where [`DEVIATIONS`] are less: borders and tufts of what is even otherwise stay.
-pub(crate) const ISOLATED: f64 = 8.0;
-/// Standard deviations of the logarithm of spacing, of its normal part, beyond which a point is isolated.
-const DEVIATIONS: f64 = 3.5;
-/// Standard deviations of a normal distribution that the median absolute deviation is.
-const MAD: f64 = 0.674_489_75;
 /// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
 const RING: usize = 6;
 
@@ -185,9 +179,11 @@ pub(crate) fn sizes(
         }
         progress.advance(sizes.len() as u64);
     });
-    let usual = usual(count, |i| all[i].spacing).unwrap_or(Usual { median: fallback, most: f64::INFINITY });
+    let usual = usual(count, |i| all[i].spacing);
+    let typical = usual.as_ref().map_or(fallback, |u| u.median);
+    let most = usual.map_or(f64::INFINITY, |u| u.most(ISOLATED));
     // Strays that are each other's neighbours aren't isolated among these, and yet no surface; sparse parts of one are.
-    let wide: Vec<u32> = (0..count as u32).filter(|i| f64::from(all[*i as usize].spacing) > usual.most).collect();
+    let wide: Vec<u32> = (0..count as u32).filter(|i| f64::from(all[*i as usize].spacing) > most).collect();
     let block = || Block::new(points, oriented, degree, known, ellipses);
     let scattered = map_each(wide.len(), &NoProgress, block, |block, i| block.is_scattered(wide[i] as usize));
     for (slot, _) in wide.iter().zip(scattered).filter(|(_, scattered)| *scattered) {
@@ -195,7 +191,7 @@ pub(crate) fn sizes(
     }
     let stretched = all.iter().filter(|s| s.form.ellipse().is_some()).count();
     let is_stretched = stretched > 0 && stretched as f64 >= STRETCHED_SHARE * count as f64;
-    Sizes { all, typical: usual.median, stretched: if is_stretched { stretched } else { 0 } }
+    Sizes { all, typical, stretched: if is_stretched { stretched } else { 0 } }
 }
 
 /// Measures of one point's cell, in steps.
@@ -558,69 +554,20 @@ pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The middle of positive values, and the largest that aren't outliers: [`ISOLATED`] times it and more are, if their
-/// logarithm is off it by more than [`DEVIATIONS`], as the median absolute deviation tells them.
-pub(crate) struct Usual {
-    median: f64,
-    pub(crate) most: f64,
-}
-
-/// What is usual of these values; `None` where none is positive.
-pub(crate) fn usual(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<Usual> {
-    let median = median_of(count, &value).map(f64::from)?;
-    let deviation = |i: usize| match value(i) {
-        // One that is in the middle counts, too.
-        v if v > 0.0 => ((f64::from(v) / median).ln().abs() as f32).max(f32::MIN_POSITIVE),
-        _ => 0.0,
-    };
-    let spread = median_of(count, deviation).map_or(0.0, f64::from) / MAD;
-    Some(Usual { median, most: median * (DEVIATIONS * spread).exp().max(ISOLATED) })
-}
-
-/// The lower median of those of 0..`count` whose value is greater than 0, without a copy of them all.
-pub(crate) fn median_of(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<f32> {
-    /// Bits of a positive number that tell its bin.
-    const SHIFT: u32 = 16;
-    const BINS: usize = 1 << (31 - SHIFT);
-    let tasks = count.div_ceil(1 << 14).clamp(1, 32);
-    let range = |task: usize| task * count / tasks..(task + 1) * count / tasks;
-    let parts = map_tasks(tasks, |task| {
-        let mut bins = vec![0_usize; BINS];
-        for v in range(task).map(&value).filter(|v| *v > 0.0) {
-            bins[(v.to_bits() >> SHIFT) as usize] += 1;
-        }
-        bins
-    });
-    let bins: Vec<usize> = (0..BINS).map(|b| parts.iter().map(|p| p[b]).sum()).collect();
-    let mut middle = bins.iter().sum::<usize>().checked_sub(1)? / 2;
-    let bin = bins.iter().position(|n| {
-        let is_here = middle < *n;
-        middle -= if is_here { 0 } else { *n };
-        is_here
-    })?;
-    let here = |v: &f32| *v > 0.0 && (v.to_bits() >> SHIFT) as usize == bin;
-    let mut values = map_tasks(tasks, |task| range(task).map(&value).filter(here).collect::<Vec<f32>>()).concat();
-    Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn medians_without_a_copy_are_those_of_sorted_values() {
+    fn medians_of_few_areas_are_those_of_sorted_values() {
         let mut random = crate::mesh::random::Random::new(9);
-        for count in [0, 1, 2, 17, 40_001] {
+        for count in [0, 1, 2, 17, 60] {
             let values: Vec<f32> = (0..count).map(|_| (random.unit() * 3.0 - 0.5).powi(3) as f32).collect();
+            let mut smooth = Smooth::default();
+            values.iter().for_each(|area| smooth.add(&Summary { area: *area, ..Summary::default() }));
             let mut sorted: Vec<f32> = values.iter().copied().filter(|v| *v > 0.0).collect();
             sorted.sort_by(f32::total_cmp);
-            let expected = sorted.len().checked_sub(1).map(|last| sorted[last / 2]);
-            assert_eq!(median_of(count, |i| values[i]), expected);
-            let mut smooth = Smooth::default();
-            values.iter().take(60).for_each(|area| smooth.add(&Summary { area: *area, ..Summary::default() }));
-            let mut first: Vec<f32> = values.iter().take(60).copied().filter(|v| *v > 0.0).collect();
-            first.sort_by(f32::total_cmp);
-            assert_eq!(smooth.median(), first.len().checked_sub(1).map(|last| first[last / 2]));
+            assert_eq!(smooth.median(), sorted.len().checked_sub(1).map(|last| sorted[last / 2]));
         }
     }
 

@@ -116,7 +116,8 @@ fn strays_beside_strays_get_no_large_radius_and_sparse_parts_of_a_surface_do() {
     let mut random = Lcg(17);
     let surface: Vec<DVec3> = (0..20_000).map(|_| random.sphere()).collect();
     let strays = (0..300).map(|_| 3.0 * (DVec3::new(random.unit(), random.unit(), random.unit()) - 0.5));
-    let strays: Vec<DVec3> = strays.filter(|p| (p.length() - 1.0).abs() > 0.2).collect();
+    // The sixth neighbour of a point of the surface is .035 away; beyond eight times that points are isolated.
+    let strays: Vec<DVec3> = strays.filter(|p| (p.length() - 1.0).abs() > 0.3).collect();
     let positions = [surface.clone(), strays.clone()].concat();
     let (cloud, report) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
     let large = |i: &usize| cloud.radius_max(*i) > 4.0 * report.median_radius;

@@ -1,0 +1,80 @@
+//! The middle of many values, and how large is still usual.
+
+use crate::parallel::map_tasks;
+
+/// A point is isolated when its spacing is this many times that of more than half of its neighbours, or of the cloud
+/// where [`DEVIATIONS`] are less: borders and tufts of what is even otherwise stay.
+pub(crate) const ISOLATED: f64 = 8.0;
+/// Standard deviations of the logarithm of spacing, of its normal part, beyond which a point is isolated.
+const DEVIATIONS: f64 = 3.5;
+/// Standard deviations of a normal distribution that the median absolute deviation is.
+const MAD: f64 = 0.674_489_75;
+
+/// The middle of positive values, and how far they are spread about it.
+pub(crate) struct Usual {
+    pub(crate) median: f64,
+    /// The standard deviation of logarithms, as the median absolute deviation tells it.
+    spread: f64,
+}
+
+impl Usual {
+    /// The largest value that is no outlier: those beyond it are more than [`DEVIATIONS`] off, and at least this many
+    /// times the median.
+    pub(crate) fn most(&self, times: f64) -> f64 {
+        self.median * (DEVIATIONS * self.spread).exp().max(times)
+    }
+}
+
+/// What is usual of these values; `None` where none is positive.
+pub(crate) fn usual(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<Usual> {
+    let median = median_of(count, &value).map(f64::from)?;
+    let deviation = |i: usize| match value(i) {
+        // One that is in the middle counts, too.
+        v if v > 0.0 => ((f64::from(v) / median).ln().abs() as f32).max(f32::MIN_POSITIVE),
+        _ => 0.0,
+    };
+    Some(Usual { median, spread: median_of(count, deviation).map_or(0.0, f64::from) / MAD })
+}
+
+/// The lower median of those of 0..`count` whose value is greater than 0, without a copy of them all.
+pub(crate) fn median_of(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<f32> {
+    /// Bits of a positive number that tell its bin.
+    const SHIFT: u32 = 16;
+    const BINS: usize = 1 << (31 - SHIFT);
+    let tasks = count.div_ceil(1 << 14).clamp(1, 32);
+    let range = |task: usize| task * count / tasks..(task + 1) * count / tasks;
+    let parts = map_tasks(tasks, |task| {
+        let mut bins = vec![0_usize; BINS];
+        for v in range(task).map(&value).filter(|v| *v > 0.0) {
+            bins[(v.to_bits() >> SHIFT) as usize] += 1;
+        }
+        bins
+    });
+    let bins: Vec<usize> = (0..BINS).map(|b| parts.iter().map(|p| p[b]).sum()).collect();
+    let mut middle = bins.iter().sum::<usize>().checked_sub(1)? / 2;
+    let bin = bins.iter().position(|n| {
+        let is_here = middle < *n;
+        middle -= if is_here { 0 } else { *n };
+        is_here
+    })?;
+    let here = |v: &f32| *v > 0.0 && (v.to_bits() >> SHIFT) as usize == bin;
+    let mut values = map_tasks(tasks, |task| range(task).map(&value).filter(here).collect::<Vec<f32>>()).concat();
+    Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_without_a_copy_are_those_of_sorted_values() {
+        let mut random = crate::mesh::random::Random::new(9);
+        for count in [0, 1, 2, 17, 40_001] {
+            let values: Vec<f32> = (0..count).map(|_| (random.unit() * 3.0 - 0.5).powi(3) as f32).collect();
+            let mut sorted: Vec<f32> = values.iter().copied().filter(|v| *v > 0.0).collect();
+            sorted.sort_by(f32::total_cmp);
+            let expected = sorted.len().checked_sub(1).map(|last| sorted[last / 2]);
+            assert_eq!(median_of(count, |i| values[i]), expected);
+        }
+    }
+}
