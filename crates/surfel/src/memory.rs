@@ -12,16 +12,35 @@ pub(crate) const KNOWN_BYTES: u64 = 100;
 /// What the machine's own needs leave.
 const SHARE: f64 = 0.6;
 
-/// Bytes that are used where nobody says how many: 60 % of the machine's memory, or of what its control group may use;
-/// `None` where that isn't known.
+/// Bytes that are used where nobody says how many: 60 % of the machine's memory, or of what the process's control
+/// groups (a container's, a batch job's) may use; `None` where that isn't known.
 pub fn default_budget() -> Option<u64> {
     let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
         let kib = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
         kib.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib << 10)
     });
-    let group = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|text| text.trim().parse().ok());
+    let groups = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+    let group = group_limit(Path::new("/sys/fs/cgroup"), &groups);
     let bytes = machine.into_iter().chain(group).min()?;
     Some((bytes as f64 * SHARE) as u64)
+}
+
+/// The least of the limits of these control groups, as `/proc/self/cgroup` has them, and of the groups around them, of
+/// either version (cgroups(7)).
+fn group_limit(mounted: &Path, groups: &str) -> Option<u64> {
+    let limits = groups.lines().flat_map(|line| {
+        let mut fields = line.splitn(3, ':').skip(1);
+        let (controllers, path) = (fields.next().unwrap_or(""), fields.next().unwrap_or("/"));
+        let (folder, name) = match controllers.split(',').find(|c| c.is_empty() || *c == "memory") {
+            Some("") => (mounted.to_path_buf(), "memory.max"),
+            Some(_) => (mounted.join("memory"), "memory.limit_in_bytes"),
+            None => return Vec::new(),
+        };
+        // In a container the path may be the host's, and only the outermost folder be there.
+        let around = Path::new(path.trim_start_matches('/')).ancestors();
+        around.map(|group| folder.join(group).join(name)).collect()
+    });
+    limits.filter_map(|file| std::fs::read_to_string(file).ok()?.trim().parse().ok()).min()
 }
 
 pub(crate) fn gigabytes(bytes: u64) -> f64 {
@@ -78,6 +97,29 @@ mod tests {
         let error = checked(1_000_001, 300_000_000).unwrap_err().to_string();
         assert!(error.contains("0.3 GB") && error.contains("surfel convert") && error.contains("--memory"), "{error}");
         assert!(checked(u64::MAX, u64::MAX).is_ok());
+    }
+
+    #[test]
+    fn groups_and_those_around_them_limit_memory() {
+        let folder = std::env::temp_dir().join(format!("surfel-groups-{}", std::process::id()));
+        let write = |file: &str, text: &str| {
+            let file = folder.join(file);
+            std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+            std::fs::write(file, text).unwrap();
+        };
+        let limit = |groups: &str| group_limit(&folder, groups);
+        assert_eq!(limit("0::/job/step\n"), None);
+        write("job/step/memory.max", "max\n");
+        write("job/memory.max", "3000\n");
+        assert_eq!(limit("0::/job/step\n"), Some(3000));
+        write("memory.max", "2000\n");
+        assert_eq!(limit("0::/of/the/host\n"), Some(2000));
+        write("memory/job/memory.limit_in_bytes", "1000\n");
+        write("memory/memory.limit_in_bytes", "9223372036854771712\n");
+        assert_eq!(limit("9:cpu,cpuacct:/job\n4:memory:/job\n"), Some(1000));
+        assert_eq!(limit("4:memory:/other\n"), Some(9_223_372_036_854_771_712));
+        assert_eq!((limit(""), limit("::")), (None, Some(2000)));
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[cfg(target_os = "linux")]
