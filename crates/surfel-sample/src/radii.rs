@@ -44,6 +44,9 @@ const BELIEVED_WIDE: f32 = 0.55;
 /// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
 const AGREE: f32 = 0.5;
 const STEEPEST: f32 = 0.866;
+/// Mean squared sine of the angle between a tangent plane and neighbours (18°) beyond which these are scattered: of
+/// strays beside strays, whose normals may agree by chance, it is 0.17 and more, of sparse parts of scans below 0.05.
+const ROUGH: f32 = 0.1;
 /// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
 const RING: usize = 6;
 
@@ -358,11 +361,18 @@ impl<'a> Block<'a> {
         (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit)
     }
 
-    /// Whether more than a quarter of the neighbours of `slot` are on no surface with it.
+    /// Whether more than a quarter of the neighbours of `slot` are on no surface with it, or they are on no plane.
     fn is_scattered(&mut self, slot: usize) -> bool {
         let near = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2).0.to_vec();
         self.build(slot, &near, BELIEVED);
-        4 * self.taking_part < 3 * near.len()
+        let (p, n) = (self.points.at(slot), self.oriented[slot].normal);
+        let sine2 = |j: &u32| {
+            let q = self.points.at(*j as usize);
+            let d = Vec3::from_array([0, 1, 2].map(|k| (q[k] - p[k]) as f32));
+            d.dot(n).powi(2) / d.length_squared()
+        };
+        let is_rough = near.iter().map(sine2).sum::<f32>() > ROUGH * near.len() as f32;
+        is_rough || 4 * self.taking_part < 3 * near.len()
     }
 
     /// Builds the cell of `slot`, among more neighbours when those of its row don't close it: whether it is closed,
