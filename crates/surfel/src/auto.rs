@@ -1,7 +1,7 @@
 //! A scene for files that come without one: camera, lights and settings that show any data well.
 
 use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice, frame_camera};
-use crate::framing::{UpReason, Upright, upright};
+use crate::framing::{UpConvention, UpReason, Upright, upright};
 use crate::patches::Patches;
 use crate::scene::ObjectFacts;
 use crate::scene::{LoadedObjects, ObjectNote, assemble, load_bare_objects, load_scene, read_scene_file};
@@ -123,7 +123,7 @@ pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
 pub fn auto_up(loaded: &LoadedObjects) -> Upright {
     let known = loaded.facts.iter().find_map(|facts| Some(Upright { up: facts.up, reason: facts.up_reason? }));
     known.unwrap_or_else(|| match loaded.facts.first() {
-        Some(first) => upright(&loaded.objects, first.points),
+        Some(first) => upright(&loaded.objects, UpConvention::of(first.points, first.up)),
         None => Upright { up: Up::PlusY, reason: UpReason::Convention },
     })
 }

@@ -1,8 +1,9 @@
 //! From points and meshes to splats, as the options say, and what there is to tell about it.
 
+use crate::framing::{self, UpConvention};
 use crate::load::{Conversion, UnusedOption};
 use crate::words::{counted, number};
-use crate::{Error, LoadOptions, framing, levels, memory};
+use crate::{Error, LoadOptions, levels, memory};
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;
@@ -117,11 +118,11 @@ pub(crate) fn chosen_splats(
 }
 
 /// The axis that the shape of splats says is up; the splats are given back.
-pub(crate) fn upright(cloud: SplatCloud, points: bool) -> (SplatCloud, Up) {
+pub(crate) fn upright(cloud: SplatCloud, convention: UpConvention) -> (SplatCloud, Up) {
     let cloud = Arc::new(cloud);
     let geometry = Geometry::Splats(cloud.clone());
     let object = Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() };
-    let up = framing::upright(std::slice::from_ref(&object), points).up;
+    let up = framing::upright(std::slice::from_ref(&object), convention).up;
     drop(object);
     (Arc::unwrap_or_clone(cloud), up)
 }

@@ -1,7 +1,7 @@
 //! Where to look from: a camera that shows all of a scene, as large as the image allows.
 
 use crate::patches::Patches;
-pub use crate::upright::{UpReason, Upright};
+pub use crate::upright::{UpConvention, UpReason, Upright};
 use crate::{upright, viewpoint};
 use glam::{DQuat, DVec3};
 use std::fmt;
@@ -411,14 +411,14 @@ pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f6
     (first.is_finite() && last.is_finite()).then_some((first, last))
 }
 
-/// Which axis is up in objects whose files don't say it, by their shape; `points`: they are points without polygons.
+/// Which axis is up in objects whose files don't say it, by their shape.
 ///
 /// The evidence is of map coordinates (two of 1e5 to 3e7 m, the third of at most 1e4 m: the third is up); of a base
 /// that they stand on steadily, but not on the opposite side; of ground, a thin height field; and of a mirror plane, in
-/// which up lies. Without evidence points are +z, everything else +y. Only coordinate axes are considered, and negative
-/// ones and x only if much speaks for them. At most 20,000 splats or triangles are looked at, always the same.
-pub fn upright(objects: &[Object], points: bool) -> Upright {
-    upright::upright(Patches::of(objects).as_ref(), points)
+/// which up lies. Without evidence the convention decides. Only coordinate axes are considered, and negative ones and x
+/// only if much speaks for them. At most 20,000 splats or triangles are looked at, always the same.
+pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
+    upright::upright(Patches::of(objects).as_ref(), convention)
 }
 
 /// The view that shows most of objects: of twelve around them, 30° apart and 20° above, the one with the largest

@@ -46,6 +46,7 @@ pub mod compare;
 mod convert;
 mod error;
 pub mod framing;
+mod front;
 pub mod info;
 pub mod labels;
 mod level_store;

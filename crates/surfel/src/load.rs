@@ -1,7 +1,7 @@
 //! From a file to splats: splats as they are, points and meshes converted.
 
 use crate::coloring::{self, ColorBy, Colored, Coloring};
-use crate::framing::UpReason;
+use crate::framing::{UpConvention, UpReason};
 use crate::levels::{self, LevelReport, Levels};
 use crate::{Error, LevelStore, convert, labels, memory};
 use std::borrow::Cow;
@@ -412,7 +412,7 @@ pub(crate) fn splats_of(
         let mut axis = certain.unwrap_or(loaded.up);
         if certain.is_none() && attribute.eq_ignore_ascii_case("height") {
             let points = matches!(conversion, Conversion::Points(_));
-            (cloud, axis) = convert::upright(cloud, points);
+            (cloud, axis) = convert::upright(cloud, UpConvention::of(points, loaded.up));
         }
         let by = ColorBy { attribute, map: options.colormap, range: options.range, up: axis.vector() };
         match coloring::color(&mut cloud, &by)? {
@@ -461,8 +461,8 @@ fn not_splats(path: &Path) -> Error {
     Error::Unsuitable { path: path.to_path_buf(), problem }
 }
 
-/// Why a file's up axis is known: it says it, or its format does. `None` for OBJ, OFF, PLY, Draco, PCD and columns of
-/// numbers, which come with any axis up.
+/// Why a file's up axis is known: it says it, or its format does. `None` for OBJ, STL, OFF, PLY, Draco, PCD and
+/// columns of numbers, which come with any axis up.
 pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
     if loaded.content.own_up().is_some() {
         return Some(UpReason::Stated);
@@ -472,6 +472,7 @@ pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
         loaded.format,
         Format::Ply
             | Format::Obj
+            | Format::Stl
             | Format::Off
             | Format::Drc
             | Format::Xyz

@@ -55,6 +55,53 @@ pub struct Upright {
     pub reason: UpReason,
 }
 
+/// Which way up files of a kind mostly are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum UpConvention {
+    /// Meshes and splats: mostly +y, +z nearly as often.
+    Meshes,
+    /// Points: +z, +y less often.
+    Points,
+    /// STL: +z, as printers have it; +y where what it holds clearly lies then.
+    Stl,
+}
+
+impl UpConvention {
+    /// That of a file that held points or not, in a format with this default.
+    pub fn of(points: bool, default: Up) -> Self {
+        match (points, default) {
+            (true, _) => Self::Points,
+            // Of the meshes' formats it is STL that has +z.
+            (false, Up::PlusZ) => Self::Stl,
+            (false, _) => Self::Meshes,
+        }
+    }
+
+    /// What each axis must bring to win over the convention, in the order of [`Up::ALL`].
+    const fn costs(self) -> [f64; 6] {
+        match self {
+            Self::Meshes => [0.6, 0.9, 0.0, 0.7, 0.2, 0.7],
+            Self::Points => [0.6, 0.9, 0.2, 0.7, 0.0, 0.7],
+            Self::Stl => [f64::INFINITY, f64::INFINITY, 0.45, f64::INFINITY, 0.0, f64::INFINITY],
+        }
+    }
+
+    const fn up(self) -> Up {
+        match self {
+            Self::Meshes => Up::PlusY,
+            Self::Points | Self::Stl => Up::PlusZ,
+        }
+    }
+
+    const fn reason(self) -> UpReason {
+        match self {
+            Self::Meshes | Self::Points => UpReason::Convention,
+            Self::Stl => UpReason::Format,
+        }
+    }
+}
+
 /// Map coordinates in metres: UTM, Gauss–Krüger, national grids and Web Mercator away from its origin.
 const MAP: std::ops::RangeInclusive<f64> = 1e5..=3e7;
 /// Heights above the sea, and sizes of scenes that lie on a map, in metres.
@@ -89,37 +136,23 @@ const MIRROR_LEAD: (f64, f64) = (0.03, 0.15);
 const THIN: f64 = 0.3;
 /// The share that it mirrors, at which it begins to be a mirror plane and fully is: of scans, some plane is the best.
 const MIRROR_SHARE: (f64, f64) = (0.7, 0.85);
-/// The share that a mirror plane mirrors, of a body whose gaze is looked for; how much longer than wide such a body is;
-/// where its ends and their tips begin, of its half length; and by how much one is taller, and how far its tip is above
-/// the ground, of its height.
-const MIRRORED: f64 = 0.9;
-const LONGER: f64 = 1.25;
-const END: f64 = 0.4;
-const TIP: f64 = 0.8;
-const HIGHER: f64 = 0.15;
-const CHIN: f64 = 0.35;
 /// Lengths, in the larger of the two widths, from which what tapers at both ends lies.
 const LONG: f64 = 1.75;
-/// What each axis must bring to win over the convention, in the order of [`Up::ALL`].
-const COST_OF_MESHES: [f64; 6] = [0.6, 0.9, 0.0, 0.7, 0.2, 0.7];
-const COST_OF_POINTS: [f64; 6] = [0.6, 0.9, 0.2, 0.7, 0.0, 0.7];
 
 /// The up axis of a scene whose files don't say it. Deterministic; time doesn't grow with the data.
-pub(crate) fn upright(patches: Option<&Patches>, points: bool) -> Upright {
-    let convention = if points { Up::PlusZ } else { Up::PlusY };
-    let nothing = Upright { up: convention, reason: UpReason::Convention };
+pub(crate) fn upright(patches: Option<&Patches>, convention: UpConvention) -> Upright {
+    let nothing = Upright { up: convention.up(), reason: convention.reason() };
     let Some(patches) = patches else { return nothing };
     if let Some(up) = map_height(patches) {
         return Upright { up, reason: UpReason::Georeferenced };
     }
     let shape = Shape::of(patches);
-    let costs = if points { COST_OF_POINTS } else { COST_OF_MESHES };
     let mut best = (f64::NEG_INFINITY, nothing);
-    for (up, cost) in Up::ALL.into_iter().zip(costs) {
+    for (up, cost) in Up::ALL.into_iter().zip(convention.costs()) {
         let evidence = shape.evidence(up);
         let score = evidence.total() - cost;
         if score > best.0 {
-            best = (score, Upright { up, reason: shape.reason(evidence) });
+            best = (score, Upright { up, reason: shape.reason(evidence).unwrap_or(nothing.reason) });
         }
     }
     best.1
@@ -136,12 +169,12 @@ fn map_height(patches: &Patches) -> Option<Up> {
     })
 }
 
-fn others(k: usize) -> [usize; 2] {
+pub(crate) fn others(k: usize) -> [usize; 2] {
     [(k + 1) % 3, (k + 2) % 3]
 }
 
 /// The axis of an up direction, 0 to 2.
-fn axis_of(up: Up) -> usize {
+pub(crate) fn axis_of(up: Up) -> usize {
     up.vector().abs().max_position()
 }
 
@@ -162,7 +195,7 @@ impl Evidence {
 
 /// How a shape stands on its lowest points.
 #[derive(Clone, Copy, Debug, Default)]
-struct Standing {
+pub(crate) struct Standing {
     /// Area of the hull of what touches the ground, of the footprint's hull.
     hull: f64,
     /// Share of the footprint that is a level base.
@@ -178,7 +211,7 @@ impl Standing {
     }
 
     /// On feet, tips or a rim rather than on a base.
-    fn is_on_feet(self) -> bool {
+    pub(crate) fn is_on_feet(self) -> bool {
         self.steady * self.hull > 0.25 && self.fill < 0.5 * self.hull
     }
 
@@ -236,21 +269,21 @@ impl Shape {
     }
 
     /// The strongest of what speaks for an axis, or against the others.
-    fn reason(&self, evidence: Evidence) -> UpReason {
+    fn reason(&self, evidence: Evidence) -> Option<UpReason> {
         let against = |f: fn(&Evidence) -> f64| Up::ALL.into_iter().any(|up| f(&self.evidence(up)) < -0.2);
         if evidence.base.max(evidence.ground) > 0.25 {
-            return if evidence.base > evidence.ground { UpReason::Base } else { UpReason::Ground };
+            return Some(if evidence.base > evidence.ground { UpReason::Base } else { UpReason::Ground });
         }
         match (against(|e| e.lying), against(|e| e.mirror)) {
-            (true, _) => UpReason::Lying,
-            (_, true) => UpReason::Mirrored,
-            _ => UpReason::Convention,
+            (true, _) => Some(UpReason::Lying),
+            (_, true) => Some(UpReason::Mirrored),
+            _ => None,
         }
     }
 }
 
 /// 1 where the mirror plane across axis `k` is clearly better than the two others, 0 where it isn't.
-fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
+pub(crate) fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
     let [u, v] = others(k);
     let lead = mirror[k] - mirror[u].max(mirror[v]);
     let share = smoothstep(MIRROR_SHARE.0, MIRROR_SHARE.1, mirror[k]);
@@ -277,7 +310,7 @@ fn base([here, opposite]: [Standing; 2], negative: bool) -> f64 {
 
 /// How a shape stands with this axis up: what touches the ground, how much of it is level, and whether the centroid is
 /// steady over it.
-fn standing(patches: &Patches, up: Up) -> Standing {
+pub(crate) fn standing(patches: &Patches, up: Up) -> Standing {
     let axis = up.vector();
     let [u, v] = others(axis_of(up));
     let flat = |p: DVec3| DVec2::new(p[u], p[v]);
@@ -310,37 +343,6 @@ fn standing(patches: &Patches, up: Up) -> Standing {
     Standing { hull: polygon_area(&support) / area, fill: (count(base) * of_cells / area).min(1.0), steady }
 }
 
-/// Where a body looks that stands on feet, is mirrored from left to right and longer than wide: toward the end at
-/// which it is taller, as animals carry their heads. `None` for everything else.
-pub(crate) fn gaze(patches: &Patches, up: Up) -> Option<DVec3> {
-    let axis = up.vector();
-    if !standing(patches, up).is_on_feet() {
-        return None;
-    }
-    let mirror = mirror(patches);
-    let extent = patches.extent().to_array();
-    let [u, v] = others(axis_of(up));
-    let is_mirror = |k: usize| leads(mirror, extent, k) > 0.5 && mirror[k] > MIRRORED;
-    let along = [(u, v), (v, u)].into_iter().find(|(across, _)| is_mirror(*across));
-    let (across, along) = along?;
-    if extent[along] < LONGER * extent[across] {
-        return None;
-    }
-    let mut forward = DVec3::ZERO;
-    forward[along] = 1.0;
-    let height = extent[axis_of(up)];
-    // Heights above the ground at one end, from this share of the half length on.
-    let heights = |end: f64, from: f64| {
-        let there = patches.all.iter().map(|p| p.position).filter(move |p| p[along] * end > from * 0.5 * extent[along]);
-        there.map(|p| p.dot(axis) / height + 0.5)
-    };
-    let top = |end: f64| heights(end, END).fold(f64::NEG_INFINITY, f64::max);
-    let lead = top(1.0) - top(-1.0);
-    // A head is held up; the tall end of a car goes down to the ground.
-    let chin = heights(lead.signum(), TIP).fold(f64::INFINITY, f64::min);
-    (lead.abs() > HIGHER && chin > CHIN).then_some(forward * lead.signum())
-}
-
 fn smoothstep(a: f64, b: f64, x: f64) -> f64 {
     let t = ((x - a) / (b - a)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
@@ -357,7 +359,7 @@ fn is_ground(patches: &Patches, extent: [f64; 3], k: usize) -> bool {
 }
 
 /// Shares of the surface whose mirror image across the centroid, axis by axis, is surface too, within a cell.
-fn mirror(patches: &Patches) -> [f64; 3] {
+pub(crate) fn mirror(patches: &Patches) -> [f64; 3] {
     // Positions are within 1 of the middle, so within 2 of the centroid.
     const SIDE: usize = 2 * (2 * VOXELS as usize + 2) + 1;
     let voxels = (patches.all.len() as f64 / PATCHES_OF_VOXELS).sqrt().min(VOXELS);

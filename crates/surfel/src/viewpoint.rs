@@ -8,8 +8,8 @@
 //! a back that shows little more: what files hold mostly faces the front by convention.
 
 use crate::framing::{ViewAngles, ViewAxes};
+use crate::front::front;
 use crate::patches::{Patch, Patches};
-use crate::upright::gaze;
 use glam::{DVec2, DVec3};
 use surfel_model::Up;
 
@@ -48,7 +48,7 @@ pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
         return level;
     }
     let from_front = ViewAxes::turned(level, up);
-    let front = gaze(patches, up).unwrap_or(-from_front.forward);
+    let front = front(patches, up).unwrap_or(-from_front.forward);
     let judge = Judge::new(patches);
     let ring = RING.map(|azimuth_deg| {
         let angles = ViewAngles { azimuth_deg, elevation_deg: ELEVATION_DEG };

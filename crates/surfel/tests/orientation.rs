@@ -2,11 +2,15 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use surfel::framing::{UpReason, ViewAngles, ViewAxes, best_view, upright};
+use surfel::framing::{UpConvention, UpReason, ViewAngles, ViewAxes, best_view, upright};
 use surfel::glam::{DAffine3, DMat3, DVec3, Vec3};
 use surfel::model::{Column3, Geometry, Material, Mesh, Object, OnInvalid, Up};
 use surfel::sample::{MeshMethod, MeshOptions, splats_from_mesh};
 use surfel::{LoadOptions, NoProgress, SplatCloud};
+
+const MESHES: UpConvention = UpConvention::Meshes;
+const POINTS: UpConvention = UpConvention::Points;
+const STL: UpConvention = UpConvention::Stl;
 
 /// Triangles in y-up coordinates.
 #[derive(Default)]
@@ -69,6 +73,16 @@ impl Shape {
         head.ball([0.0, 0.7, 0.0], [0.17, 0.3, 0.17]).block([-0.35, 0.0, -0.3], [0.35, 0.5, 0.3])
     }
 
+    /// A person: feet, legs, a trunk, arms and a head.
+    fn figure() -> Self {
+        let leg = |shape: Self, x: f64| {
+            let foot = shape.block([x - 0.05, 0.0, -0.2], [x + 0.05, 0.06, 0.06]);
+            foot.ball([x, 0.45, 0.0], [0.08, 0.44, 0.09]).ball([3.0 * x, 1.1, 0.0], [0.05, 0.36, 0.05])
+        };
+        let legs = leg(leg(Self::default(), -0.1), 0.1);
+        legs.ball([0.0, 1.15, 0.0], [0.2, 0.36, 0.12]).ball([0.0, 1.63, 0.0], [0.09, 0.13, 0.11])
+    }
+
     /// A calf: four legs, a body along z, and a head held high at −z.
     fn calf() -> Self {
         let leg = |shape: Self, x: f64, z: f64| shape.block([x - 0.06, 0.0, z - 0.06], [x + 0.06, 0.6, z + 0.06]);
@@ -122,14 +136,14 @@ fn standing_things_stand_in_either_convention() {
         [("table", Shape::table()), ("chair", Shape::chair()), ("bust", Shape::bust()), ("calf", Shape::calf())];
     for (name, shape) in &shapes {
         for up in [Up::PlusY, Up::PlusZ] {
-            for points in [false, true] {
-                let found = upright(&[shape.object(turned(up), 8000)], points);
-                assert_eq!((found.up, found.reason), (up, UpReason::Base), "{name}, {up} up, points: {points}");
+            for convention in [MESHES, POINTS] {
+                let found = upright(&[shape.object(turned(up), 8000)], convention);
+                assert_eq!((found.up, found.reason), (up, UpReason::Base), "{name}, {up} up, {convention:?}");
             }
         }
     }
     // What stands clearly on a solid base is believed even where files are hardly ever so.
-    let found = upright(&[Shape::bust().object(turned(Up::MinusZ), 8000)], false);
+    let found = upright(&[Shape::bust().object(turned(Up::MinusZ), 8000)], MESHES);
     assert_eq!((found.up, found.reason), (Up::MinusZ, UpReason::Base));
 }
 
@@ -137,19 +151,19 @@ fn standing_things_stand_in_either_convention() {
 fn ground_lies_level_by_its_coordinates_or_its_shape() {
     let hills = Shape::hills();
     for up in [Up::PlusY, Up::PlusZ] {
-        let found = upright(&[hills.object(turned(up), 8000)], false);
+        let found = upright(&[hills.object(turned(up), 8000)], MESHES);
         assert_eq!((found.up, found.reason), (up, UpReason::Ground), "{up}");
     }
     // UTM: a hundred metres of it, and quite flat.
     let utm = DAffine3::from_translation(DVec3::new(691_600.0, 5_336_400.0, 520.0))
         * DAffine3::from_mat3(DMat3::from_cols(DVec3::X * 50.0, DVec3::Z * 0.1, DVec3::NEG_Y * 50.0));
-    for points in [false, true] {
-        let found = upright(&[hills.object(utm, 8000)], points);
+    for convention in [MESHES, POINTS, STL] {
+        let found = upright(&[hills.object(utm, 8000)], convention);
         assert_eq!((found.up, found.reason), (Up::PlusZ, UpReason::Georeferenced));
     }
     // A drawing in the plane of x and y is none.
     let drawing = Shape::default().grid([1, 1], |u, v| DVec3::new(u, v, 0.0));
-    assert_eq!(upright(&[drawing.object(DAffine3::IDENTITY, 2000)], false).up, Up::PlusY);
+    assert_eq!(upright(&[drawing.object(DAffine3::IDENTITY, 2000)], MESHES).up, Up::PlusY);
 }
 
 #[test]
@@ -158,13 +172,13 @@ fn what_says_nothing_follows_the_convention() {
     let cube = Shape::default().block([0.0; 3], [1.0; 3]).object(DAffine3::IDENTITY, 8000);
     for object in [ball, cube] {
         let objects = [object];
-        let [mesh, points] = [false, true].map(|points| upright(&objects, points));
+        let [mesh, points] = [MESHES, POINTS].map(|convention| upright(&objects, convention));
         assert_eq!((mesh.up, mesh.reason), (Up::PlusY, UpReason::Convention));
         assert_eq!((points.up, points.reason), (Up::PlusZ, UpReason::Convention));
         // Every side of them shows as much: the preferred view, and of a cube a corner.
         assert_eq!(best_view(&objects, Up::PlusY), ViewAngles::ISO);
     }
-    assert_eq!(upright(&[], false).up, Up::PlusY);
+    assert_eq!(upright(&[], MESHES).up, Up::PlusY);
     assert_eq!(best_view(&[], Up::PlusZ), ViewAngles::ISO);
 }
 
@@ -177,7 +191,7 @@ fn off(view: ViewAngles, up: Up, front: DVec3) -> f64 {
 #[test]
 fn spot_shows_its_face() {
     let objects = [spot()];
-    assert_eq!(upright(&objects, false).up, Up::PlusY);
+    assert_eq!(upright(&objects, MESHES).up, Up::PlusY);
     let view = best_view(&objects, Up::PlusY);
     assert!(off(view, Up::PlusY, DVec3::NEG_Z) <= 60.5, "{view}");
     // Its tail would be shown by the view that was always taken.
@@ -190,6 +204,18 @@ fn animals_show_their_head_in_either_convention() {
         let head = turned(up).transform_vector3(DVec3::NEG_Z);
         let view = best_view(&[Shape::calf().object(turned(up), 8000)], up);
         assert!(off(view, up, head) <= 60.5, "{up}: {view}");
+    }
+}
+
+#[test]
+fn seats_show_their_front() {
+    for up in [Up::PlusY, Up::PlusZ] {
+        // Turned around, too: the usual front doesn't decide.
+        for turn in [DMat3::IDENTITY, DMat3::from_rotation_y(std::f64::consts::PI)] {
+            let map = turned(up) * DAffine3::from_mat3(turn);
+            let view = best_view(&[Shape::chair().object(map, 8000)], up);
+            assert!(off(view, up, map.transform_vector3(DVec3::Z)) <= 60.5, "{up}: {view}");
+        }
     }
 }
 
@@ -212,10 +238,26 @@ fn fish_lie_along_their_length() {
     let fish = Shape::default().ball([0.0; 3], [0.22, 0.3, 1.0]);
     let fish = fin(fin(fish, [-0.02, 0.2, -0.2], [0.02, 0.75, 0.2]), [-0.02, -0.2, 0.95], [0.02, 0.7, 1.2]);
     let (along_y, along_z) = (DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y), DMat3::IDENTITY);
-    let found = |map: DMat3, points| upright(&[fish.object(DAffine3::from_mat3(map), 8000)], points);
-    assert_eq!(found(along_y, false).up, Up::PlusZ);
-    assert_eq!(found(along_z, true).up, Up::PlusY);
-    assert_eq!(found(along_z, true).reason, UpReason::Lying);
+    let found = |map: DMat3, usual| upright(&[fish.object(DAffine3::from_mat3(map), 8000)], usual);
+    assert_eq!(found(along_y, MESHES).up, Up::PlusZ);
+    assert_eq!(found(along_z, POINTS).up, Up::PlusY);
+    assert_eq!(found(along_z, POINTS).reason, UpReason::Lying);
+    assert_eq!((found(along_z, STL).up, found(along_z, STL).reason), (Up::PlusY, UpReason::Lying));
+}
+
+#[test]
+fn stl_stands_as_printers_have_it() {
+    let rocket = Shape::default()
+        .ball([0.0, 1.5, 0.0], [0.2, 1.5, 0.2])
+        .block([-0.6, 0.1, -0.02], [0.6, 0.7, 0.02])
+        .block([-0.02, 0.1, -0.6], [0.02, 0.7, 0.6]);
+    let ball = Shape::default().ball([0.0; 3], [1.0; 3]);
+    for (name, shape) in [("rocket", rocket), ("figure", Shape::figure()), ("ball", ball)] {
+        let found = upright(&[shape.object(turned(Up::PlusZ), 8000)], STL);
+        assert_eq!(found.up, Up::PlusZ, "{name}: {}", found.reason);
+    }
+    // Games' models are y up in STL, too.
+    assert_eq!(upright(&[Shape::table().object(turned(Up::PlusY), 8000)], STL).up, Up::PlusY);
 }
 
 /// Every centre moved by up to a thousandth of the diagonal along each axis.
@@ -240,12 +282,12 @@ fn small_changes_change_neither() {
         let Geometry::Splats(cloud) = &original.geometry else { panic!("made of splats") };
         let (up, view) = {
             let objects = [original.clone()];
-            let found = upright(&objects, false);
+            let found = upright(&objects, MESHES);
             (found, best_view(&objects, found.up))
         };
         for seed in 0..4 {
             let objects = [object(shaken(cloud, seed))];
-            assert_eq!(upright(&objects, false), up);
+            assert_eq!(upright(&objects, MESHES), up);
             assert_eq!(best_view(&objects, up.up), view, "seed {seed}");
         }
     }
