@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use surfel_io::IoError;
 use surfel_model::{Camera, SceneFile};
@@ -26,6 +26,13 @@ pub const DRAWN_KEY: &str = "surfel:drawn";
 /// Keyword of the inputs and their hashes.
 pub const INPUTS_KEY: &str = "surfel:inputs";
 
+/// Bytes of the largest file that is hashed whole. To read a larger one, of which an image by levels needs a part, would
+/// take longer than the image.
+const WHOLE_BYTES: u64 = 256 << 20;
+/// Parts of a larger file that are hashed, the first at its beginning, the last at its end, and the bytes of each.
+const PARTS: u64 = 64;
+const PART_BYTES: u64 = 1 << 20;
+
 /// A file that an image is made of.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Input {
@@ -38,11 +45,12 @@ pub struct Input {
 /// What a file holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Content {
-    /// Size in bytes and SHA-256 in hexadecimal digits.
+    /// Size in bytes and SHA-256.
     Known {
         /// Bytes.
         bytes: u64,
-        /// Digits.
+        /// Hexadecimal digits; of a file beyond 256 MiB after `parts:`, which are those of 64 parts of 1 MiB, evenly
+        /// apart from its beginning to its end.
         sha256: String,
     },
     /// A pipe, which is read but once.
@@ -72,34 +80,47 @@ pub fn inputs(file: &SceneFile, beside: &BTreeSet<PathBuf>, stdin: Option<&[u8]>
 /// # Errors
 /// [`Error::Io`] if it can't be read.
 pub fn content(path: &Path, stdin: Option<&[u8]>) -> Result<Content, Error> {
-    let mut hash = Sha256::new();
-    let bytes = if is_stdin(path) {
+    if is_stdin(path) {
         let Some(bytes) = stdin else { return Ok(Content::Unknown) };
-        hash.update(bytes);
-        bytes.len() as u64
-    } else {
-        let failed = |source| IoError::System { path: path.to_path_buf(), action: "read it", source };
-        let metadata = match path.metadata() {
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Content::Missing),
-            metadata => metadata.map_err(failed)?,
-        };
-        // To open a pipe that nobody writes to would wait forever.
-        if !metadata.is_file() {
-            return Ok(Content::Unknown);
-        }
-        let mut file = File::open(path).map_err(failed)?;
-        let (mut size, mut block) = (0, vec![0; 1 << 20]);
-        loop {
-            let n = file.read(&mut block).map_err(failed)?;
-            if n == 0 {
-                break size;
-            }
-            hash.update(&block[..n]);
-            size += n as u64;
-        }
+        return Ok(Content::Known { bytes: bytes.len() as u64, sha256: digits(Sha256::new_with_prefix(bytes)) });
+    }
+    let failed = |source| IoError::System { path: path.to_path_buf(), action: "read it", source };
+    let metadata = match path.metadata() {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Content::Missing),
+        metadata => metadata.map_err(failed)?,
     };
-    let sha256 = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    // To open a pipe that nobody writes to would wait forever.
+    if !metadata.is_file() {
+        return Ok(Content::Unknown);
+    }
+    let bytes = metadata.len();
+    let sha256 = File::open(path).and_then(|file| hash(file, bytes)).map_err(failed)?;
     Ok(Content::Known { bytes, sha256 })
+}
+
+/// What [`Content::Known`] says of a file of so many bytes.
+fn hash(mut file: impl Read + Seek, bytes: u64) -> std::io::Result<String> {
+    let mut hash = Sha256::new();
+    let mut block = vec![0; PART_BYTES as usize];
+    if bytes <= WHOLE_BYTES {
+        loop {
+            match file.read(&mut block)? {
+                0 => return Ok(digits(hash)),
+                n => hash.update(&block[..n]),
+            }
+        }
+    }
+    let last = bytes - PART_BYTES;
+    for part in 0..PARTS {
+        file.seek(SeekFrom::Start(part * last / (PARTS - 1)))?;
+        file.read_exact(&mut block)?;
+        hash.update(&block);
+    }
+    Ok(format!("parts:{}", digits(hash)))
+}
+
+fn digits(hash: Sha256) -> String {
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// How a camera's image is drawn, beside its scene: flags of `render` by their long names. What is said of the file's
@@ -215,5 +236,52 @@ mod tests {
         let digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         assert_eq!(found, Content::Known { bytes: 3, sha256: digest.to_owned() });
         assert_eq!(content(&path, None).unwrap(), Content::Missing);
+    }
+
+    /// Zeros but for one byte, which counts what is read.
+    struct Large {
+        at: u64,
+        one: u64,
+        read: u64,
+    }
+
+    impl Read for Large {
+        fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+            buffer.fill(0);
+            if let Some(byte) = self.one.checked_sub(self.at).and_then(|i| buffer.get_mut(i as usize)) {
+                *byte = 1;
+            }
+            self.at += buffer.len() as u64;
+            self.read += buffer.len() as u64;
+            Ok(buffer.len())
+        }
+    }
+
+    impl Seek for Large {
+        fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+            let SeekFrom::Start(at) = to else { panic!("{to:?}") };
+            self.at = at;
+            Ok(at)
+        }
+    }
+
+    #[test]
+    fn large_file_is_told_by_its_parts() {
+        let bytes = WHOLE_BYTES + 12_345;
+        let mut read = 0;
+        let mut of = |one: u64| {
+            let mut file = Large { at: 0, one, read: 0 };
+            let text = hash(&mut file, bytes).unwrap();
+            read = file.read;
+            text
+        };
+        let zeros = of(u64::MAX);
+        assert!(zeros.strip_prefix("parts:").is_some_and(|digits| digits.len() == 64), "{zeros}");
+        let inner = 30 * (bytes - PART_BYTES) / (PARTS - 1) + 17;
+        for told in [0, PART_BYTES - 1, inner, bytes - 1, bytes - PART_BYTES] {
+            assert_ne!(of(told), zeros, "byte {told}");
+        }
+        assert_eq!(of(PART_BYTES), zeros, "between parts");
+        assert_eq!(read, PARTS * PART_BYTES);
     }
 }
