@@ -26,8 +26,8 @@ pub const DRAWN_KEY: &str = "surfel:drawn";
 /// Keyword of the inputs and their hashes.
 pub const INPUTS_KEY: &str = "surfel:inputs";
 
-/// Bytes of the largest file that is hashed whole. To read a larger one, of which an image by levels needs a part, would
-/// take longer than the image.
+/// Bytes of the largest file that is hashed whole. To read all of a larger one, of which an image by levels needs a
+/// part, would take longer than the image.
 const WHOLE_BYTES: u64 = 256 << 20;
 /// Parts of a larger file that are hashed, the first at its beginning, the last at its end, and the bytes of each.
 const PARTS: u64 = 64;
