@@ -3,6 +3,7 @@
 mod alternate;
 mod clouds;
 mod compare;
+mod growth;
 mod machine;
 mod measure;
 mod prepare;
@@ -121,6 +122,8 @@ enum Command {
     Scale(scale::Arguments),
     /// What it costs to make splats of points.
     Prepare(prepare::Arguments),
+    /// How levels of points grow, as a chart.
+    Growth(growth::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -138,6 +141,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Tradeoff(arguments)) => return tradeoff::run(arguments),
         Some(Command::Scale(arguments)) => return scale::run(arguments),
         Some(Command::Prepare(arguments)) => return prepare::run(arguments),
+        Some(Command::Growth(arguments)) => return growth::run(arguments),
         None => {}
     }
     if let Some([a, b]) = arguments.compare.as_deref() {
