@@ -15,6 +15,11 @@ const END: f64 = 0.4;
 const TIP: f64 = 0.8;
 const HIGHER: f64 = 0.15;
 const CHIN: f64 = 0.35;
+/// How much longer than wide a body with a tail is, where the tail begins, of the half length, and how high and wide it
+/// is at most, of the body.
+const SLENDER: f64 = 2.0;
+const TAIL: f64 = 0.6;
+const THIN_TAIL: f64 = 0.3;
 /// Above which height there is a backrest alone, of the whole; where it begins, of the half length; and how high a seat
 /// is at least, in its lengths.
 const BACKREST: f64 = 0.65;
@@ -33,7 +38,9 @@ pub(crate) fn front(patches: &Patches, up: Up) -> Option<DVec3> {
     let body = Body { patches, up: up.vector(), height: extent[axis_of(up)] };
     let (forward, length) = (DVec3::AXES[along], extent[along]);
     let is_long = length > LONGER * extent[across];
-    body.backrest(forward, length).or_else(|| if is_long { body.head(forward, length) } else { None })
+    body.backrest(forward, length)
+        .or_else(|| if is_long { body.head(forward, length) } else { None })
+        .or_else(|| body.tail(forward, length, DVec3::AXES[across]))
 }
 
 /// What stands there.
@@ -71,5 +78,24 @@ impl Body<'_> {
         // A head is held up; the tall end of a car goes down to the ground.
         let chin = self.heights(end, length, TIP).fold(f64::INFINITY, f64::min);
         (lead.abs() > HIGHER && chin > CHIN).then_some(end)
+    }
+
+    /// Away from the end that is thin, where the other isn't.
+    fn tail(&self, forward: DVec3, length: f64, across: DVec3) -> Option<DVec3> {
+        let span = |of: &dyn Fn(&Patch) -> f64, end: Option<DVec3>| {
+            let is_there = |p: &&Patch| end.is_none_or(|end| p.position.dot(end) > TAIL * 0.5 * length);
+            let values = self.patches.all.iter().filter(is_there).map(of);
+            let (least, most) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+            most - least
+        };
+        let (height, width) = (|p: &Patch| self.height(p), |p: &Patch| p.position.dot(across));
+        let whole = span(&width, None);
+        let is_thin = |end| span(&height, Some(end)) < THIN_TAIL && span(&width, Some(end)) < THIN_TAIL * whole;
+        let is_slender = length > (SLENDER * whole).max(self.height);
+        match [forward, -forward].map(is_thin) {
+            [true, false] if is_slender => Some(-forward),
+            [false, true] if is_slender => Some(forward),
+            _ => None,
+        }
     }
 }

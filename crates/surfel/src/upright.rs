@@ -23,7 +23,7 @@ pub enum UpReason {
     Base,
     /// It spreads out as ground does.
     Ground,
-    /// It is long and tapers at both ends, so it lies.
+    /// It is long and tapers at both ends, or a plate, so it lies.
     Lying,
     /// It is mirror-symmetric from left to right.
     Mirrored,
@@ -39,7 +39,7 @@ impl fmt::Display for UpReason {
             Self::Georeferenced => "by its map coordinates",
             Self::Base => "it stands on a base",
             Self::Ground => "it spreads out as ground does",
-            Self::Lying => "it lies along its length",
+            Self::Lying => "otherwise it would fall over",
             Self::Mirrored => "left and right are mirrored",
             Self::Convention => "nothing in the data says it, this is most common",
         })
@@ -138,6 +138,9 @@ const THIN: f64 = 0.3;
 const MIRROR_SHARE: (f64, f64) = (0.7, 0.85);
 /// Lengths, in the larger of the two widths, from which what tapers at both ends lies.
 const LONG: f64 = 1.75;
+/// How well something rests that falls over, at most, and what lies on either face, at least.
+const FALLS: f64 = 0.15;
+const LIES: f64 = 1.0;
 
 /// The up axis of a scene whose files don't say it. Deterministic; time doesn't grow with the data.
 pub(crate) fn upright(patches: Option<&Patches>, convention: UpConvention) -> Upright {
@@ -146,7 +149,7 @@ pub(crate) fn upright(patches: Option<&Patches>, convention: UpConvention) -> Up
     if let Some(up) = map_height(patches) {
         return Upright { up, reason: UpReason::Georeferenced };
     }
-    let shape = Shape::of(patches);
+    let shape = Shape::of(patches, convention);
     let mut best = (f64::NEG_INFINITY, nothing);
     for (up, cost) in Up::ALL.into_iter().zip(convention.costs()) {
         let evidence = shape.evidence(up);
@@ -234,10 +237,12 @@ struct Shape {
     ground: [bool; 3],
     /// Sums of the normals, axis by axis: negative where the surface faces down.
     facing: DVec3,
+    /// What has two large faces was made lying, as printers and mills make it; elsewhere it may hang on a wall.
+    plates_lie: bool,
 }
 
 impl Shape {
-    fn of(patches: &Patches) -> Self {
+    fn of(patches: &Patches, convention: UpConvention) -> Self {
         let extent = patches.extent().to_array();
         Self {
             standing: Up::ALL.map(|up| standing(patches, up)),
@@ -245,6 +250,7 @@ impl Shape {
             extent,
             ground: [0, 1, 2].map(|k| is_ground(patches, extent, k)),
             facing: patches.mean(|p| p.normal),
+            plates_lie: convention == UpConvention::Stl,
         }
     }
 
@@ -253,15 +259,20 @@ impl Shape {
         let [here, opposite] = [up as usize, up as usize ^ 1].map(|i| self.standing[i]);
         let [u, v] = others(k);
         let negative = up.vector()[k] < 0.0;
-        let tapers = here.rest().max(opposite.rest()) < 0.15;
+        let falls = here.rest().max(opposite.rest()) < FALLS;
         let long = self.extent[k] > LONG * self.extent[u].max(self.extent[v]);
         let mirrored_across = self.leads(u).max(self.leads(v)) > 0.5;
         Evidence {
             base: base([here, opposite], negative),
             ground: if self.ground[k] && !negative && self.facing[k] >= 0.0 { GROUND_WEIGHT } else { 0.0 },
             mirror: -MIRROR_WEIGHT * self.leads(k),
-            lying: if long && tapers && mirrored_across { -LYING_WEIGHT } else { 0.0 },
+            lying: if falls && (long && mirrored_across || self.is_plate()) { -LYING_WEIGHT } else { 0.0 },
         }
+    }
+
+    fn is_plate(&self) -> bool {
+        let lies = |sides: &[Standing]| sides.iter().all(|side| side.rest() > LIES);
+        self.plates_lie && self.standing.chunks(2).any(lies)
     }
 
     fn leads(&self, k: usize) -> f64 {

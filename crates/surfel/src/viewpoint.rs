@@ -10,6 +10,7 @@
 use crate::framing::{ViewAngles, ViewAxes};
 use crate::front::front;
 use crate::patches::{Patch, Patches};
+use crate::upright::{axis_of, others};
 use glam::{DVec2, DVec3};
 use surfel_model::Up;
 
@@ -25,12 +26,16 @@ const RING: [f64; 12] = [30.0, 330.0, 60.0, 300.0, 0.0, 90.0, 270.0, 150.0, 210.
 /// Elevation of the ring, and of a view that is tried above its best.
 const ELEVATION_DEG: f64 = ViewAngles::ISO.elevation_deg;
 const HIGH_DEG: f64 = 40.0;
+/// Elevation of the ring about what is flat: its height over its smaller width is less.
+const FLAT_DEG: f64 = 50.0;
+const FLAT: f64 = 0.22;
 /// What views of the front win over those straight at the back is twice this; entropy and curvature weigh ½ each, in
 /// those of the best view. Within this cosine, views are of the front alike.
 const FRONT_WEIGHT: f64 = 0.2;
 const FRONT_COS: f64 = 0.8;
-/// What a view from high above must show more.
+/// What a view from high above must show more, and one straight at the front, the back or a side.
 const HIGH_COST: f64 = 0.1;
+const STRAIGHT_COST: f64 = 0.05;
 /// Views whose scores differ by less are equally good: the preferred one is taken.
 const TIE: f64 = 0.03;
 /// Share of visible surface that faces away over the whole ring, from which facing means nothing.
@@ -50,8 +55,9 @@ pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
     let from_front = ViewAxes::turned(level, up);
     let front = front(patches, up).unwrap_or(-from_front.forward);
     let judge = Judge::new(patches);
+    let is_flat = is_flat(patches, up);
     let ring = RING.map(|azimuth_deg| {
-        let angles = ViewAngles { azimuth_deg, elevation_deg: ELEVATION_DEG };
+        let angles = ViewAngles { azimuth_deg, elevation_deg: if is_flat { FLAT_DEG } else { ELEVATION_DEG } };
         (angles, judge.look(&ViewAxes::turned(angles, up)))
     });
     let sum = |f: fn(&Seen) -> f64| ring.iter().map(|(_, seen)| f(seen)).sum::<f64>();
@@ -62,8 +68,10 @@ pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
     let score = |angles: ViewAngles, seen: &Seen| {
         let level = ViewAxes::turned(ViewAngles { elevation_deg: 0.0, ..angles }, up).forward;
         let shown = shown(seen);
+        let straight = if angles.azimuth_deg % 90.0 == 0.0 { STRAIGHT_COST } else { 0.0 };
         0.5 * (shown.entropy / entropy + shown.curvature / curvature)
             + FRONT_WEIGHT * (-level.dot(front)).min(FRONT_COS)
+            - straight
     };
     let mut chosen = (f64::NEG_INFINITY, ViewAngles::ISO);
     for (angles, seen) in &ring {
@@ -72,9 +80,19 @@ pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
             chosen = (score, *angles);
         }
     }
+    if is_flat {
+        return chosen.1;
+    }
     let high = ViewAngles { elevation_deg: HIGH_DEG, ..chosen.1 };
     let from_high = score(high, &judge.look(&ViewAxes::turned(high, up)));
     if from_high - HIGH_COST > chosen.0 { high } else { chosen.1 }
+}
+
+/// True of what lies low: from little above it would be a line.
+fn is_flat(patches: &Patches, up: Up) -> bool {
+    let extent = patches.extent();
+    let [u, v] = others(axis_of(up));
+    extent[axis_of(up)] < FLAT * extent[u].min(extent[v])
 }
 
 /// True of what a depth camera saw that looks along z, at the origin or far away: from elsewhere it is torn.

@@ -91,6 +91,15 @@ impl Shape {
         calf.ball([0.0, 0.75, 0.0], [0.3, 0.3, 0.75]).ball([0.0, 1.25, -0.75], [0.2, 0.22, 0.3])
     }
 
+    /// A bull: four legs, a body along z, a head held low at -z, and a tail.
+    fn bull() -> Self {
+        let leg = |shape: Self, x: f64, z: f64| shape.block([x - 0.06, 0.0, z - 0.06], [x + 0.06, 0.6, z + 0.06]);
+        let legs = [(-0.2, -0.5), (0.2, -0.5), (-0.2, 0.5), (0.2, 0.5)];
+        let bull = legs.into_iter().fold(Self::default(), |s, (x, z)| leg(s, x, z));
+        let bull = bull.ball([0.0, 0.75, 0.0], [0.3, 0.3, 0.75]).ball([0.0, 0.75, -0.85], [0.2, 0.25, 0.3]);
+        bull.block([-0.03, 0.85, 0.6], [0.03, 0.91, 1.3])
+    }
+
     /// Hills of a height of 0.2 over a square with sides of 2.
     fn hills() -> Self {
         let height = |x: f64, z: f64| 0.06 * (3.0 * x).sin() * (2.0 * z + 1.0).cos() + 0.04 * (7.0 * x + 4.0 * z).sin();
@@ -202,9 +211,20 @@ fn spot_shows_its_face() {
 fn animals_show_their_head_in_either_convention() {
     for up in [Up::PlusY, Up::PlusZ] {
         let head = turned(up).transform_vector3(DVec3::NEG_Z);
-        let view = best_view(&[Shape::calf().object(turned(up), 8000)], up);
-        assert!(off(view, up, head) <= 60.5, "{up}: {view}");
+        for animal in [Shape::calf(), Shape::bull()] {
+            let view = best_view(&[animal.object(turned(up), 8000)], up);
+            assert!(off(view, up, head) <= 60.5, "{up}: {view}");
+        }
     }
+}
+
+#[test]
+fn what_lies_low_is_seen_from_above() {
+    let elevation_deg = |shape: Shape| best_view(&[shape.object(DAffine3::IDENTITY, 8000)], Up::PlusY).elevation_deg;
+    assert_eq!(elevation_deg(Shape::hills()), 50.0);
+    assert_eq!(elevation_deg(Shape::default().block([0.0; 3], [3.0, 0.1, 1.0])), 50.0);
+    assert!(elevation_deg(Shape::default().block([0.0; 3], [3.0, 0.5, 1.0])) < 50.0);
+    assert_eq!(elevation_deg(Shape::bust()), 20.0);
 }
 
 #[test]
@@ -258,6 +278,17 @@ fn stl_stands_as_printers_have_it() {
     }
     // Games' models are y up in STL, too.
     assert_eq!(upright(&[Shape::table().object(turned(Up::PlusY), 8000)], STL).up, Up::PlusY);
+}
+
+#[test]
+fn plates_lie_in_stl_and_hang_elsewhere() {
+    let plate = |[x, y, z]: [f64; 3]| [Shape::default().block([0.0; 3], [x, y, z]).object(DAffine3::IDENTITY, 8000)];
+    let found = upright(&plate([1.0, 0.02, 1.0]), STL);
+    assert_eq!((found.up, found.reason), (Up::PlusY, UpReason::Lying));
+    assert_eq!(upright(&plate([1.0, 1.0, 0.02]), STL).up, Up::PlusZ);
+    // A wall stands, and so does a picture.
+    assert_eq!(upright(&plate([1.0, 0.15, 1.0]), STL).up, Up::PlusZ);
+    assert_eq!(upright(&plate([1.0, 1.0, 0.02]), MESHES).up, Up::PlusY);
 }
 
 /// Every centre moved by up to a thousandth of the diagonal along each axis.
