@@ -422,13 +422,13 @@ pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
 }
 
 /// The view that shows most of objects: of twelve around them, 30° apart and 20° above, the one with the largest
-/// viewpoint entropy and visible curvature, or the same from 40° above if that shows clearly more; of what is lower than
-/// 0.22 of its smaller width, of twelve 50° above.
+/// viewpoint entropy and visible curvature, or the same from 40° above if that shows clearly more; of what is lower
+/// than 0.22 of its smaller width, of twelve 50° above.
 ///
 /// Three-quarter views win over slightly better straight ones, and views of the front over those of the back. The front
 /// is that of [`NamedView::Front`], or of a mirror-symmetric body that stands on feet where it is taller, opposite to
-/// its tail, and away from its backrest. At most 20,000 splats or
-/// triangles are looked at, always the same; of objects with less than 24 it is [`ViewAngles::ISO`].
+/// its tail, and away from its backrest. At most 20,000 splats or triangles are looked at, always the same; of objects
+/// with less than 24 it is [`ViewAngles::ISO`].
 pub fn best_view(objects: &[Object], up: Up) -> ViewAngles {
     viewpoint::best_view(Patches::of(objects).as_ref(), up)
 }
