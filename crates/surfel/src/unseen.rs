@@ -8,11 +8,12 @@ use surfel_render::Frame;
 /// Smallest extent and largest coordinate whose squares f32 holds, in object units.
 const SQUARED_IN_F32: [f64; 2] = [1e-18, 1e18];
 
-/// sRGB-encoded levels of 255 by which a pixel differs from the background and still isn't seen.
-const UNSEEN: u8 = 4;
+/// sRGB-encoded levels of 255 by which a pixel differs from the background and still isn't seen: one of a few strays in
+/// an otherwise white image.
+const UNSEEN: u8 = 8;
 
 /// True if no pixel of `frame`, whose plane is that of linear colours or that of 8 bits, differs from the background's
-/// colour (linear RGB and straight alpha) by more than 4 levels of 255.
+/// colour (linear RGB and straight alpha) by more than 8 levels of 255.
 pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
     let background = [r * a, g * a, b * a, a].map(|c| c as f32);
     let encoded = encode_rgba8(background);
