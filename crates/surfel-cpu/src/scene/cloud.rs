@@ -17,8 +17,8 @@ pub(crate) const CHUNK: usize = CHUNK_SPLATS;
 
 /// Chunks that one task stores, and tasks between which what they stored is put together: as many more splats are in
 /// memory twice.
-const TASK: usize = 32;
-const WAVE: usize = 32;
+const TASK: usize = 8;
+const WAVE: usize = 64;
 
 const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
 
@@ -229,8 +229,13 @@ impl StoredObject {
     }
 
     fn push_chunk(&mut self, cloud: &SplatCloud, space: ChunkSpace, members: &[u32]) {
-        let centers: Vec<DVec3> = members.iter().map(|&i| cloud.center(i as usize)).collect();
-        let cone = Cone::about(members.iter().map(|&i| cloud.normal(i as usize)));
+        let splats = members.iter().map(|&i| i as usize).map(|i| BoundedSplat {
+            center: cloud.center(i) - space.origin,
+            radius: cloud.radius_max(i),
+            normal: cloud.normal(i),
+        });
+        let mut splats: Vec<BoundedSplat> = splats.collect();
+        let cone = Cone::about(splats.iter().map(|splat| splat.normal));
         let (mut radius, mut half, mut area) = (0.0f64, DVec3::ZERO, 0.0);
         let first = self.centers.len();
         let member = members.first().copied().unwrap_or_default();
@@ -238,19 +243,18 @@ impl StoredObject {
         // The last splat fills the lanes up; setup ignores what lies past `count`.
         for slot in 0..members.len().next_multiple_of(LANES) {
             let k = slot.min(members.len() - 1);
-            let i = members[k] as usize;
-            self.centers.push((centers[k] - space.origin).as_vec3(), space.center);
-            let from_origin = centers[k] - space.origin;
-            radius = radius.max(from_origin.length() + cloud.radius_max(i));
-            let (s, t) = cloud.axes(i);
-            half = half.max(from_origin.abs() + (s * s + t * t).map(f64::sqrt));
+            let (i, splat) = (members[k] as usize, &splats[k]);
+            self.centers.push(splat.center.as_vec3(), space.center);
             if slot == k {
+                let (s, t) = cloud.axes(i);
+                radius = radius.max(splat.center.length() + splat.radius);
+                half = half.max(splat.center.abs() + (s * s + t * t).map(f64::sqrt));
                 area += PI * s.cross(t).length();
             }
             match &mut self.shape {
                 StoredShape::Disks { normals, radii } => {
-                    normals.push(cloud.normal(i).as_vec3());
-                    radii.push(cloud.radius_max(i) as f32, space.radius);
+                    normals.push(splat.normal.as_vec3());
+                    radii.push(splat.radius as f32, space.radius);
                 }
                 StoredShape::Ellipses { s, t } => {
                     let (a, b) = stored_axes(cloud, i);
@@ -279,13 +283,8 @@ impl StoredObject {
             chunk.radius = radius * (1.0 + 1e-4);
             chunk.half = half + DVec3::splat(radius * 1e-4);
             chunk.area = area;
-            let bounded = members.iter().zip(&centers).map(|(&i, center)| BoundedSplat {
-                center: center - space.origin,
-                radius: cloud.radius_max(i as usize) + radius * 1e-4,
-                normal: cloud.normal(i as usize),
-            });
-            let bounded: Vec<_> = bounded.collect();
-            self.groups.push(Groups::of(chunk, &bounded));
+            splats.iter_mut().for_each(|splat| splat.radius += radius * 1e-4);
+            self.groups.push(Groups::of(chunk, &splats));
         }
     }
 
