@@ -209,6 +209,23 @@ mod tests {
     }
 
     #[test]
+    fn chunks_cut_at_once_are_those_cut_one_by_one() {
+        // Jumps of 600 radii come sooner and later after one another, and between them are full chunks.
+        let jumps = [1, 700, 701, 956, 4000, 4300, 9000];
+        let before = |i: usize| jumps.iter().filter(|jump| **jump <= i).count() as f32;
+        let centers = (0..12_000).map(|i| Vec3::new(600.0 * before(i), 0.01 * i as f32, 0.0)).collect();
+        let cloud = cloud(centers, vec![1.0; 12_000]);
+        let order: Vec<u32> = (0..12_000).collect();
+        let (mut rest, mut expected) = (&order[..], Vec::new());
+        while !rest.is_empty() {
+            expected.push(chunk_length(&cloud, rest, Storage::F32));
+            rest = &rest[expected[expected.len() - 1]..];
+        }
+        assert_eq!(lengths(&cloud, Storage::F32), expected);
+        assert!(expected.starts_with(&[1, 256, 256, 187, 1, 255]), "{:?}", &expected[..6]);
+    }
+
+    #[test]
     fn chunk_stores_principal_axes_of_skewed_ellipses_and_others_as_they_are() {
         let skewed = (Vec3::X, Vec3::new(1.5, 1e-3, 0.0));
         let (s, t): (Vec<Vec3>, Vec<Vec3>) = [skewed, (Vec3::X, Vec3::new(0.1, 0.5, 0.0))].into_iter().unzip();
