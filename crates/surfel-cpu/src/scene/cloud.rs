@@ -20,6 +20,9 @@ pub(crate) const CHUNK: usize = CHUNK_SPLATS;
 const TASK: usize = 8;
 const WAVE: usize = 64;
 
+/// Splats of a part of an order that is given back alone, at least.
+const LEAST_PART: usize = 1 << 20;
+
 const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
 
 /// Extent and orientation of the splats.
@@ -154,30 +157,38 @@ impl StoredObject {
         let padded = cloud.len() + cloud.len() / LANES;
         let mut stored = Self::empty(cloud, place, storage, padded);
         let mut rows = cloud.data().rows.as_ref().map(|rows| (rows, Vec::with_capacity(padded)));
-        for order in parts {
-            let mut chunks = chunks(cloud, &order, storage);
-            loop {
-                let wave: Vec<_> = chunks.by_ref().take(WAVE * TASK).collect();
-                if wave.is_empty() {
-                    break;
-                }
-                if let Some((rows, of_slots)) = &mut rows {
-                    for (_, members) in &wave {
-                        of_slots.extend(members.iter().map(|&i| rows[i as usize]));
-                        of_slots.resize(of_slots.len().next_multiple_of(LANES), u32::MAX);
+        for mut order in parts {
+            while !order.is_empty() {
+                // What is used up of an order is given back while the columns grow.
+                let (mut used, part) = (0, (order.len() / 4).max(LEAST_PART));
+                let mut chunks = chunks(cloud, &order, storage);
+                while used < part {
+                    let wave: Vec<_> = chunks.by_ref().take(WAVE * TASK).collect();
+                    if wave.is_empty() {
+                        break;
                     }
+                    used += wave.iter().map(|(_, members)| members.len()).sum::<usize>();
+                    if let Some((rows, of_slots)) = &mut rows {
+                        for (_, members) in &wave {
+                            of_slots.extend(members.iter().map(|&i| rows[i as usize]));
+                            of_slots.resize(of_slots.len().next_multiple_of(LANES), u32::MAX);
+                        }
+                    }
+                    if stored.clips.is_some() {
+                        wave.iter().for_each(|(space, members)| stored.push_chunk(cloud, *space, members));
+                        continue;
+                    }
+                    let part_of = |task: &[(ChunkSpace, &[u32])]| {
+                        let mut part = Self::empty(cloud, place, storage, TASK * CHUNK);
+                        task.iter().for_each(|(space, members)| part.push_chunk(cloud, *space, members));
+                        part
+                    };
+                    let parts: Vec<Self> = wave.par_chunks(TASK).map(part_of).collect();
+                    parts.into_iter().for_each(|part| stored.append(part));
                 }
-                if stored.clips.is_some() {
-                    wave.iter().for_each(|(space, members)| stored.push_chunk(cloud, *space, members));
-                    continue;
-                }
-                let part_of = |task: &[(ChunkSpace, &[u32])]| {
-                    let mut part = Self::empty(cloud, place, storage, TASK * CHUNK);
-                    task.iter().for_each(|(space, members)| part.push_chunk(cloud, *space, members));
-                    part
-                };
-                let parts: Vec<Self> = wave.par_chunks(TASK).map(part_of).collect();
-                parts.into_iter().for_each(|part| stored.append(part));
+                drop(chunks);
+                order.drain(..used);
+                order.shrink_to_fit();
             }
         }
         stored.rows = rows.map(|(_, of_slots)| of_slots.into());
