@@ -211,12 +211,12 @@ impl<'a> Session<'a> {
         };
         if !args.progressive {
             let resolved = resolve(source, &pictures, args, &self.stdin, console)?;
-            return self.draw_scene(&resolved, Detail::Full, label);
+            return self.draw_scene(resolved, Detail::Full, label);
         }
         self.check_progressive(label)?;
         let (mut drawn, stdin) = (Drawn::default(), Rc::clone(&self.stdin));
         resolve_progressively(source, &pictures, args, &stdin, console, &mut |resolved, detail| {
-            drawn = self.draw_scene(&resolved, detail, label)?;
+            drawn = self.draw_scene(resolved, detail, label)?;
             Ok(())
         })?;
         Ok(drawn)
@@ -241,7 +241,7 @@ impl<'a> Session<'a> {
     }
 
     /// Draws a scene that is there, all frames of it.
-    fn draw_scene(&mut self, resolved: &Resolved, detail: Detail, label: &Path) -> Result<Drawn, Failure> {
+    fn draw_scene(&mut self, resolved: Resolved, detail: Detail, label: &Path) -> Result<Drawn, Failure> {
         let (args, console) = (self.args, self.console);
         camera::view(&resolved.file.camera, &options::render(args)?)?;
         if args.print_scene && detail == Detail::Full {
@@ -268,7 +268,7 @@ impl<'a> Session<'a> {
     fn draw_by(
         &self,
         backend: &mut Backend,
-        resolved: &Resolved,
+        mut resolved: Resolved,
         detail: Detail,
         planes: Planes,
         label: &Path,
@@ -285,7 +285,9 @@ impl<'a> Session<'a> {
         if let Some(output) = &self.output {
             pictures.iter().try_for_each(|(_, path)| output.check(*path))?;
         }
-        let mut job = Job { args, console, planes, runs: Vec::new(), frame: Frame::default(), scene: None };
+        let last_upload = pictures.len() == 1 && !args.verify;
+        let (runs, frame) = (Vec::new(), Frame::default());
+        let mut job = Job { args, console, planes, last_upload, runs, frame, scene: None, why_blank: None };
         let (mut carried, mut files, mut blank) = (None, Vec::new(), 0);
         let frames = pictures.len() as u32;
         for (index, path) in pictures {
@@ -293,7 +295,7 @@ impl<'a> Session<'a> {
                 Some((_, camera)) => (camera::with_near(camera.clone(), &resolved.scene), None),
                 None => resolved.turned(index, args.frames.unwrap_or(1)),
             };
-            job.render(backend, resolved, detail, &camera, moved.as_ref())?;
+            job.render(backend, &mut resolved, detail, &camera, moved.as_ref())?;
             if detail == Detail::Coarse {
                 if let (Some(output), Some(path)) = (&self.output, path) {
                     // What would repeat it is that of the full picture, which takes its place.
@@ -328,19 +330,20 @@ impl<'a> Session<'a> {
         // A part of a picture may well show nothing.
         if blank > 0 && args.tile.is_none() && args.region.is_none() {
             let of_all = if frames > 1 { format!(" in {blank} of {frames} pictures") } else { String::new() };
-            console.note(&format!("nothing is seen{of_all}: {}", unseen::why_blank(&resolved.scene)));
+            let why = job.why_blank.unwrap_or_else(|| unseen::why_blank(&resolved.scene));
+            console.note(&format!("nothing is seen{of_all}: {why}"));
         }
         let verified = if args.verify {
             let view = camera::view(&resolved.file.camera, &options::render(args)?)?;
             let drawn = (backend.info().backend, &job.frame);
-            let promised = promised(args, resolved);
+            let promised = promised(args, &resolved);
             Some(verify(&resolved.file.settings, promised, &resolved.scene, &view, self.threads, drawn)?)
         } else {
             None
         };
         let stats = args.stats.then(|| {
             let size = [job.frame.width(), job.frame.height()];
-            let mut stats = stats::json(&job.runs, backend.info(), size, frames, promised(args, resolved));
+            let mut stats = stats::json(&job.runs, backend.info(), size, frames, promised(args, &resolved));
             if let Some(verified) = &verified {
                 stats["verify"] = verified.json();
             }
@@ -541,9 +544,13 @@ struct Job<'a> {
     args: &'a RenderArgs,
     console: &'a Console,
     planes: Planes,
+    /// Nothing but the backend needs the scene once it is uploaded.
+    last_upload: bool,
     runs: Vec<Stats>,
     frame: Frame,
     scene: Option<BackendScene>,
+    /// What to say of a picture on which nothing is seen, where the scene is given up.
+    why_blank: Option<&'static str>,
 }
 
 impl Job<'_> {
@@ -562,7 +569,7 @@ impl Job<'_> {
     fn render(
         &mut self,
         backend: &mut Backend,
-        resolved: &Resolved,
+        resolved: &mut Resolved,
         detail: Detail,
         camera: &Camera,
         moved: Option<&Scene>,
@@ -571,7 +578,14 @@ impl Job<'_> {
         let resident = match (self.scene.take(), moved) {
             (_, Some(moved)) => self.upload(backend, moved)?,
             (Some(resident), None) => resident,
-            (None, None) => self.upload(backend, &resolved.scene)?,
+            (None, None) => {
+                let resident = self.upload(backend, &resolved.scene)?;
+                if self.last_upload {
+                    self.why_blank = Some(unseen::why_blank(&resolved.scene));
+                    resolved.scene.objects = Vec::new();
+                }
+                resident
+            }
         };
         let settings = &resolved.file.settings;
         let bar = self.console.progress();

@@ -3,6 +3,8 @@
 
 use crate::{ClipPolicy, SplatCloud};
 use glam::{DVec3, Vec3};
+#[cfg(feature = "rayon")]
+use rayon::prelude::*;
 use surfel_math::V3;
 use surfel_math::basis::{principal_axes, unit};
 use surfel_math::quantise::{folded, quantised, unfolded};
@@ -28,6 +30,9 @@ pub const CHUNK_SPLATS: usize = 256;
 /// radius, which moves a weight by 7e-5 (2.4 times as much at cutoff 2). Neighbours on a surface are far below it;
 /// splats of very different size, and strays, get chunks of their own.
 const MAX_EXTENT_RADII: f64 = 512.0;
+
+/// Most chunks that are cut at once: what is read of them is mostly in a cache when they are stored.
+const MOST_AHEAD: usize = 512;
 
 /// Largest radius of a quantised chunk in its smallest.
 const MAX_RADII: f64 = 16.0;
@@ -68,12 +73,26 @@ pub fn chunks<'a>(
     order: &'a [u32],
     storage: Storage,
 ) -> impl Iterator<Item = (ChunkSpace, &'a [u32])> {
-    let mut rest = order;
-    std::iter::from_fn(move || {
-        let (members, after) = rest.split_at(chunk_length(cloud, rest, storage));
-        rest = after;
-        (!members.is_empty()).then(|| (ChunkSpace::of(cloud, members), members))
-    })
+    let chunk = move |rest: &'a [u32]| {
+        let members = &rest[..chunk_length(cloud, rest, storage)];
+        (ChunkSpace::of(cloud, members), members)
+    };
+    let (mut rest, mut ahead) = (order, 1);
+    let batch = move || {
+        // Where a chunk begins depends on those before it. Mostly all are full: so many are cut at once as if they
+        // were, and what follows a shorter one is cut again.
+        let starts: Vec<&[u32]> = (0..rest.len()).step_by(CHUNK_SPLATS).take(ahead).map(|at| &rest[at..]).collect();
+        #[cfg(feature = "rayon")]
+        let mut found: Vec<_> = starts.into_par_iter().map(chunk).collect();
+        #[cfg(not(feature = "rayon"))]
+        let mut found: Vec<_> = starts.into_iter().map(chunk).collect();
+        let full = found.iter().take_while(|(_, members)| members.len() == CHUNK_SPLATS).count();
+        ahead = if full + 1 < found.len() { full + 1 } else { (2 * ahead).min(MOST_AHEAD) };
+        found.truncate(full + 1);
+        rest = &rest[found.iter().map(|(_, members)| members.len()).sum()..];
+        (!found.is_empty()).then_some(found)
+    };
+    std::iter::from_fn(batch).flatten()
 }
 
 /// How many of the splats, in order, make the next chunk.
@@ -187,6 +206,23 @@ mod tests {
         let space = ChunkSpace::of(&far, &[0, 1]);
         assert_eq!(space, ChunkSpace { origin: DVec3::X * 0.5, center: 0.5, color: 0.0, radius: 1.0 });
         assert!(lengths(&cloud(Vec::new(), Vec::new()), Storage::F32).is_empty());
+    }
+
+    #[test]
+    fn chunks_cut_at_once_are_those_cut_one_by_one() {
+        // Jumps of 600 radii come sooner and later after one another, and between them are full chunks.
+        let jumps = [1, 700, 701, 956, 4000, 4300, 9000];
+        let before = |i: usize| jumps.iter().filter(|jump| **jump <= i).count() as f32;
+        let centers = (0..12_000).map(|i| Vec3::new(600.0 * before(i), 0.01 * i as f32, 0.0)).collect();
+        let cloud = cloud(centers, vec![1.0; 12_000]);
+        let order: Vec<u32> = (0..12_000).collect();
+        let (mut rest, mut expected) = (&order[..], Vec::new());
+        while !rest.is_empty() {
+            expected.push(chunk_length(&cloud, rest, Storage::F32));
+            rest = &rest[expected[expected.len() - 1]..];
+        }
+        assert_eq!(lengths(&cloud, Storage::F32), expected);
+        assert!(expected.starts_with(&[1, 256, 256, 187, 1, 255]), "{:?}", &expected[..6]);
     }
 
     #[test]

@@ -252,6 +252,18 @@ pub struct SplatCloud {
     data: CloudData,
 }
 
+/// The index of the first splat that breaks the rules.
+fn first_invalid(data: &CloudData) -> Option<usize> {
+    let is_invalid = |i: &usize| data.problem(*i).is_some();
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        (0..data.centers.len()).into_par_iter().with_min_len(1 << 14).find_first(is_invalid)
+    }
+    #[cfg(not(feature = "rayon"))]
+    (0..data.centers.len()).find(is_invalid)
+}
+
 /// What a program does about invalid splats that it made itself.
 const ADVICE: &str = "correct them, or have SplatCloud::new drop them by OnInvalid::Drop";
 
@@ -407,7 +419,7 @@ impl SplatCloud {
         let total = data.centers.len();
         let mut repaired = Repaired::default();
         let mut keep = Vec::new();
-        for i in 0..total {
+        for i in first_invalid(&data).map_or(total..total, |first| first..total) {
             if let Some(problem) = data.problem(i) {
                 if repaired.first.is_none() {
                     keep = vec![true; total];
@@ -478,6 +490,7 @@ impl SplatCloud {
     }
 
     /// Half-axes of splat `i` in object space. A disk's are an arbitrary orthogonal pair with s × t along its normal.
+    #[inline]
     pub fn axes(&self, i: usize) -> (DVec3, DVec3) {
         match &self.data.shape {
             Shape::Ellipses { s, t } => (s.get(i), t.get(i)),
@@ -490,6 +503,7 @@ impl SplatCloud {
     }
 
     /// Unit outward normal of splat `i` in object space.
+    #[inline]
     pub fn normal(&self, i: usize) -> DVec3 {
         match &self.data.shape {
             Shape::Disks { normals, .. } => surfel_math::basis::unit(normals.get(i)),
@@ -518,6 +532,7 @@ impl SplatCloud {
     }
 
     /// Larger semi-axis of splat `i`: the largest singular value of [s t].
+    #[inline]
     pub fn radius_max(&self, i: usize) -> f64 {
         match &self.data.shape {
             Shape::Disks { radii, .. } => f64::from(radii[i]),

@@ -13,13 +13,22 @@ impl SplatCloud {
     }
 }
 
+/// Points of a task.
+#[cfg(feature = "rayon")]
+const BLOCK: usize = 1 << 14;
+
 /// Indices of `n` points in Morton order; equal codes stay in index order.
 pub(crate) fn order(n: usize, position: impl Fn(usize) -> DVec3 + Sync) -> Vec<u32> {
-    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for i in 0..n {
-        let p = position(i);
-        (min, max) = (min.min(p), max.max(p));
-    }
+    let bounds = |range: std::ops::Range<usize>| {
+        range.map(&position).fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)))
+    };
+    #[cfg(feature = "rayon")]
+    let (min, max) = (0..n.div_ceil(BLOCK))
+        .into_par_iter()
+        .map(|block| bounds(block * BLOCK..n.min((block + 1) * BLOCK)))
+        .reduce(|| bounds(0..0), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+    #[cfg(not(feature = "rayon"))]
+    let (min, max) = bounds(0..n);
     let extent = (max - min).max_element();
     let scale = if extent > 0.0 { 2_097_151.0 / extent } else { 0.0 };
     let keyed = |i: usize| {
@@ -30,15 +39,15 @@ pub(crate) fn order(n: usize, position: impl Fn(usize) -> DVec3 + Sync) -> Vec<u
     let keyed = {
         let mut keyed: Vec<(u64, u32)> = (0..n).into_par_iter().map(keyed).collect();
         keyed.par_sort_unstable();
-        keyed
+        keyed.into_par_iter()
     };
     #[cfg(not(feature = "rayon"))]
     let keyed = {
         let mut keyed: Vec<(u64, u32)> = (0..n).map(keyed).collect();
         keyed.sort_unstable();
-        keyed
+        keyed.into_iter()
     };
-    keyed.into_iter().map(|(_, i)| i).collect()
+    keyed.map(|(_, i)| i).collect()
 }
 
 /// Spreads the low 21 bits of `x` to every third bit.

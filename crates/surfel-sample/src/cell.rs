@@ -9,30 +9,56 @@ use glam::Vec2;
 pub(crate) const MOST_IN_CELL: usize = 64;
 /// Corners of a square and one more for each neighbour.
 const MOST_CORNERS: usize = MOST_IN_CELL + 5;
+/// Corners that are computed side by side, and room for a whole number of them.
+const LANES: usize = 8;
+const ROOM: usize = MOST_CORNERS.next_multiple_of(LANES);
 
-/// A corner, and whether the edge that starts there is a bisector.
-#[derive(Clone, Copy, Debug, Default)]
-struct Corner {
-    at: Vec2,
-    is_bisector: bool,
+/// Corners counter-clockwise, as columns; zeros, which nothing cuts off, fill the last lanes up.
+#[derive(Clone, Debug)]
+struct Corners {
+    x: [f32; ROOM],
+    y: [f32; ROOM],
+    /// Whether the edge that starts there is a bisector.
+    is_bisector: [bool; ROOM],
+}
+
+impl Corners {
+    const NONE: Self = Self { x: [0.0; ROOM], y: [0.0; ROOM], is_bisector: [false; ROOM] };
+
+    #[inline]
+    fn at(&self, i: usize) -> Vec2 {
+        Vec2::new(self.x[i], self.y[i])
+    }
+
+    #[inline]
+    fn set(&mut self, i: usize, at: Vec2, is_bisector: bool) {
+        (self.x[i], self.y[i], self.is_bisector[i]) = (at.x, at.y, is_bisector);
+    }
+
+    /// Fills up what follows the last of `len` corners.
+    #[inline]
+    fn fill(&mut self, len: usize) {
+        for i in len..len.next_multiple_of(LANES) {
+            (self.x[i], self.y[i]) = (0.0, 0.0);
+        }
+    }
 }
 
 /// A convex polygon around the origin, clipped by bisectors. Kept between cells.
 #[derive(Clone, Debug)]
 pub(crate) struct Cell {
-    /// Corners counter-clockwise, and room for those that a clip leaves.
-    buffers: [[Corner; MOST_CORNERS]; 2],
+    /// Its corners, and room for those that a clip leaves.
+    buffers: [Corners; 2],
     /// Which of the two they are in.
     current: usize,
     len: usize,
     /// How far each corner is beyond a bisector.
-    beyond: [f32; MOST_CORNERS],
+    beyond: [f32; ROOM],
 }
 
 impl Default for Cell {
     fn default() -> Self {
-        let buffers = [[Corner::default(); MOST_CORNERS]; 2];
-        Self { buffers, current: 0, len: 0, beyond: [0.0; MOST_CORNERS] }
+        Self { buffers: [Corners::NONE; 2], current: 0, len: 0, beyond: [0.0; ROOM] }
     }
 }
 
@@ -42,9 +68,10 @@ impl Cell {
     pub(crate) fn build(&mut self, neighbours: &[Vec2]) {
         self.current = 0;
         self.len = 4;
-        for (corner, (x, y)) in self.buffers[0].iter_mut().zip([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) {
-            *corner = Corner { at: Vec2::new(x, y), is_bisector: false };
+        for (i, (x, y)) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].into_iter().enumerate() {
+            self.buffers[0].set(i, Vec2::new(x, y), false);
         }
+        self.buffers[0].fill(4);
         let mut reach2 = 2.0;
         for n in neighbours {
             let square = n.length_squared();
@@ -53,14 +80,36 @@ impl Cell {
                 break;
             }
             if self.clip(*n, 0.5 * square) {
-                reach2 = self.polygon().iter().map(|c| c.at.length_squared()).fold(0.0, f32::max);
+                reach2 = self.reach2();
             }
         }
     }
 
+    /// Square of the distance of the farthest corner.
     #[inline]
-    fn polygon(&self) -> &[Corner] {
-        &self.buffers[self.current][..self.len]
+    fn reach2(&self) -> f32 {
+        let Corners { x, y, .. } = self.corners_now();
+        let (xs, ys) = (x.as_chunks::<LANES>().0, y.as_chunks::<LANES>().0);
+        let mut farthest = [0.0_f32; LANES];
+        for (x, y) in xs.iter().zip(ys).take(self.len.div_ceil(LANES)) {
+            for i in 0..LANES {
+                let square = x[i] * x[i] + y[i] * y[i];
+                farthest[i] = if square > farthest[i] { square } else { farthest[i] };
+            }
+        }
+        farthest.into_iter().fold(0.0, f32::max)
+    }
+
+    #[inline]
+    fn corners_now(&self) -> &Corners {
+        &self.buffers[self.current]
+    }
+
+    /// Each corner, and whether the edge that starts there is a bisector.
+    #[inline]
+    fn polygon(&self) -> impl DoubleEndedIterator<Item = (Vec2, bool)> + Clone {
+        let corners = self.corners_now();
+        (0..self.len).map(|i| (corners.at(i), corners.is_bisector[i]))
     }
 
     /// Cuts off the part that is nearer to `n` than to the origin; `half` is half of its square. False if there is no
@@ -73,43 +122,46 @@ impl Cell {
         let len = self.len;
         let [a, b] = &mut self.buffers;
         let (from, to) = if self.current == 0 { (&*a, b) } else { (&*b, a) };
-        let mut is_cut = false;
-        for (b, c) in self.beyond[..len].iter_mut().zip(from) {
-            *b = c.at.dot(n) - half;
-            is_cut |= *b > 0.0;
+        let lanes = from.x.as_chunks::<LANES>().0.iter().zip(from.y.as_chunks::<LANES>().0);
+        let lanes = lanes.zip(self.beyond.as_chunks_mut::<LANES>().0).take(len.div_ceil(LANES));
+        let mut is_cut = [false; LANES];
+        for ((x, y), beyond) in lanes {
+            for i in 0..LANES {
+                beyond[i] = x[i] * n.x + y[i] * n.y - half;
+                is_cut[i] |= beyond[i] > 0.0;
+            }
         }
-        if !is_cut {
+        if is_cut == [false; LANES] {
             return false;
         }
         let mut kept = 0;
         for i in 0..len {
             let next = if i + 1 == len { 0 } else { i + 1 };
             let (da, db) = (self.beyond[i], self.beyond[next]);
-            if da <= 0.0 {
-                to[kept] = from[i];
-                kept += 1;
-            }
+            // What isn't kept is written over.
+            to.set(kept, from.at(i), from.is_bisector[i]);
+            kept += usize::from(da <= 0.0);
             if (da <= 0.0) != (db <= 0.0) {
-                let at = from[i].at + (from[next].at - from[i].at) * (da / (da - db));
+                let at = from.at(i) + (from.at(next) - from.at(i)) * (da / (da - db));
                 // Leaving, the bisector begins; entering, the edge goes on.
-                to[kept] = Corner { at, is_bisector: da <= 0.0 || from[i].is_bisector };
+                to.set(kept, at, da <= 0.0 || from.is_bisector[i]);
                 kept += 1;
             }
         }
+        to.fill(kept);
         (self.len, self.current) = (kept, 1 - self.current);
         true
     }
 
     /// True when bisectors bound the cell all around.
     pub(crate) fn is_closed(&self) -> bool {
-        self.polygon().iter().all(|c| c.is_bisector)
+        self.corners_now().is_bisector[..self.len].iter().all(|is_bisector| *is_bisector)
     }
 
     /// Corners where two bisectors meet.
     pub(crate) fn corners(&self) -> impl Iterator<Item = Vec2> {
-        let all = self.polygon();
-        let before = all.last().into_iter().chain(all);
-        all.iter().zip(before).filter(|(c, before)| c.is_bisector && before.is_bisector).map(|(c, _)| c.at)
+        let before = self.polygon().next_back().into_iter().chain(self.polygon());
+        self.polygon().zip(before).filter(|(c, before)| c.1 && before.1).map(|(c, _)| c.0)
     }
 
     /// Distance of the farthest of [`Cell::corners`], 0 when there is none.
@@ -120,9 +172,8 @@ impl Cell {
     /// Area, and the second moments xx, xy, yy about the centroid divided by the area.
     pub(crate) fn moments(&self) -> (f32, [f32; 3]) {
         let (mut area, mut first, mut second) = (0.0, Vec2::ZERO, [0.0; 3]);
-        let all = self.polygon();
-        for (i, corner) in all.iter().enumerate() {
-            let (a, b) = (corner.at, all[if i + 1 == all.len() { 0 } else { i + 1 }].at);
+        for i in 0..self.len {
+            let (a, b) = (self.corners_now().at(i), self.corners_now().at(if i + 1 == self.len { 0 } else { i + 1 }));
             let double = a.perp_dot(b);
             area += 0.5 * double;
             first += (a + b) * (double / 6.0);

@@ -12,6 +12,9 @@ const PROBES: usize = 4096;
 /// Splats summed by one task. Fixed, so that the order of summation doesn't depend on the number of threads.
 const CHUNK: usize = 1 << 14;
 
+/// Splats from which on those that are near no probe are sifted out first.
+const LEAST_SIFTED: usize = 16 * PROBES;
+
 /// A line along a splat's normal through the middle of one quarter of it.
 struct Probe {
     at: DVec3,
@@ -36,6 +39,7 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     let reach: Vec<f64> = probes.iter().map(|p| p.reach).collect();
     let tree = KdTree::new(&places);
     let largest = tree.largest_below(&reach);
+    let nearby = if count < LEAST_SIFTED { None } else { Nearby::of(&places, &reach) };
 
     let partial = map_tasks(count.div_ceil(CHUNK), |chunk| {
         let mut sums = vec![0.0; probes.len()];
@@ -43,6 +47,9 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
             // Relative to the origin: adding it would cost digits.
             let center = cloud.data().centers.get(j);
             let radius = cloud.radius_max(j);
+            if nearby.as_ref().is_some_and(|nearby| !nearby.may_meet(center, radius)) {
+                continue;
+            }
             tree.near(center, radius, &largest, &mut |slot| {
                 let probe = tree.index(slot);
                 sums[probe] += weight(cloud, j, center, radius, &probes[probe]);
@@ -56,6 +63,62 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     }
     let mut sums: Vec<f64> = of.into_iter().map(|probe| sums[probe]).collect();
     crate::radii::median(&mut sums).filter(|w| w.is_finite() && *w > 0.0)
+}
+
+/// The cells of a grid that splats near probes are in: most splats of a large cloud are near none.
+struct Nearby {
+    /// Side of a cell, and the largest radius of splats that this is for.
+    side: f64,
+    /// A bit a cell, by a hash.
+    cells: Vec<u64>,
+}
+
+impl Nearby {
+    /// Bits of a hash: 512 KiB of cells, of which some 500,000 are near probes.
+    const BITS: u32 = 22;
+    /// Most cells along a probe's reach: about five are usual.
+    const MOST_ALONG: i64 = 16;
+
+    /// Of probes at these places with this reach; `None` where they are too uneven for one grid.
+    fn of(places: &[DVec3], reach: &[f64]) -> Option<Self> {
+        let side = 1.5 * crate::radii::median(&mut reach.to_vec())?;
+        let mut nearby = Self { side, cells: vec![0; 1 << (Self::BITS - 6)] };
+        for (place, reach) in places.iter().zip(reach) {
+            // What rounding takes away, and more.
+            let apart = (reach + side) * (1.0 + 1e-6) + place.abs().max_element() * 1e-15;
+            let [lo, hi] = [nearby.cell(*place - apart), nearby.cell(*place + apart)];
+            if (0..3).any(|k| hi[k].saturating_sub(lo[k]) > Self::MOST_ALONG) {
+                return None;
+            }
+            for z in lo[2]..=hi[2] {
+                for y in lo[1]..=hi[1] {
+                    for x in lo[0]..=hi[0] {
+                        let bit = Self::bit([x, y, z]);
+                        nearby.cells[bit >> 6] |= 1 << (bit & 63);
+                    }
+                }
+            }
+        }
+        Some(nearby)
+    }
+
+    fn cell(&self, p: DVec3) -> [i64; 3] {
+        (p / self.side).floor().to_array().map(|c| c as i64)
+    }
+
+    fn bit(cell: [i64; 3]) -> usize {
+        // Odd numbers with their bits well mixed, as multiplicative hashes have them (Knuth, TAOCP 3, §6.4).
+        const FACTORS: [u64; 3] = [0x9e37_79b9_7f4a_7c15, 0xc2b2_ae3d_27d4_eb4f, 0x1656_67b1_9e37_79f9];
+        let mixed = cell.iter().zip(FACTORS).fold(0_u64, |h, (c, f)| (h ^ *c as u64).wrapping_mul(f).rotate_left(29));
+        (mixed.wrapping_mul(FACTORS[0]) >> (64 - Self::BITS)) as usize
+    }
+
+    /// False for a splat that no probe's line meets.
+    #[inline]
+    fn may_meet(&self, center: DVec3, radius: f64) -> bool {
+        let bit = Self::bit(self.cell(center));
+        radius > self.side || self.cells[bit >> 6] >> (bit & 63) & 1 == 1
+    }
 }
 
 /// The different ones of `probes`, and which of them each is: of many splats in one place all would sum the same.
@@ -116,6 +179,29 @@ fn weight(cloud: &SplatCloud, j: usize, center: DVec3, radius: f64, probe: &Prob
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn splats_that_are_sifted_out_meet_no_probe() {
+        let mut random = crate::mesh::random::Random::new(11);
+        for offset in [0.0, 1e7, -3e12] {
+            let mut at = || DVec3::new(random.unit(), random.unit(), 0.1 * random.unit()) + offset;
+            let places: Vec<DVec3> = (0..300).map(|_| at()).collect();
+            let centers: Vec<DVec3> = (0..20_000).map(|_| at()).collect();
+            let reach: Vec<f64> = (0..300).map(|_| 0.004 * (0.5 + 2.0 * random.unit())).collect();
+            let nearby = Nearby::of(&places, &reach).unwrap();
+            let mut kept = 0;
+            for center in centers {
+                let radius = 0.004 * (0.5 + 2.0 * random.unit());
+                kept += usize::from(nearby.may_meet(center, radius));
+                let meets = places.iter().zip(&reach).any(|(p, r)| (*p - center).length() <= r + radius);
+                assert!(!meets || nearby.may_meet(center, radius), "{center} {radius}");
+            }
+            // At 3e12 steps of coordinates are 5e-4, and all else is as elsewhere.
+            assert!(kept < 10_000, "{offset}: {kept}");
+        }
+        // Of lengths too different for a grid there is none.
+        assert!(Nearby::of(&[DVec3::ZERO; 3], &[1.0, 1.0, 100.0]).is_none());
+    }
 
     #[test]
     fn splats_in_one_place_are_probed_once() {

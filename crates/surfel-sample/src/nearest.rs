@@ -104,15 +104,29 @@ impl<'a> Search<'a> {
         (&self.slots[..count], farthest2)
     }
 
-    /// Looks among the leaf's candidates; false where they are too many or too few.
-    fn near_leaf(&mut self, slot: usize, q: [i32; 3], count: usize, guess2: f32) -> bool {
-        let leaf = slot / LEAF;
+    /// Gathers what the queries of a leaf need, if that is the points within a squared distance.
+    pub(crate) fn expect(&mut self, leaf: usize, reach2: f32) {
+        self.enter(leaf);
+        if reach2 > 0.0 && self.points.len() > MOST {
+            // Those at this very distance, however it is rounded, and a step at least.
+            self.gather((reach2 * 1.000_01).max(4.0));
+        }
+    }
+
+    /// Goes on to another leaf.
+    fn enter(&mut self, leaf: usize) {
         if leaf != self.leaf {
             if self.largest2 > 0.0 {
                 self.typical2 = self.largest2;
             }
             (self.leaf, self.complete2, self.last, self.largest2) = (leaf, -1.0, None, 0.0);
         }
+    }
+
+    /// Looks among the leaf's candidates; false where they are too many or too few.
+    fn near_leaf(&mut self, slot: usize, q: [i32; 3], count: usize, guess2: f32) -> bool {
+        let leaf = slot / LEAF;
+        self.enter(leaf);
         let (mut sure2, mut near2) = (f32::INFINITY, guess2);
         if let Some((p, farthest2, n)) = self.last
             && n >= count

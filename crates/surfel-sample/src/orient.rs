@@ -13,6 +13,8 @@ use crate::progress::Progress;
 use crate::sorted::{RUN, SortedPoints};
 use crate::usual::usual;
 use glam::{DVec3, Vec3};
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 /// Points of a task, and of the smaller problem that comes of it.
 const BLOCK: usize = RUN;
@@ -62,9 +64,17 @@ pub(crate) fn normals(
     progress.stage("normals", count as u64);
     let given = |slot: usize| given.map_or(Vec3::ZERO, |g| g[slot]);
     let mut all = vec![Oriented::default(); count];
-    let mut blocks: Vec<(&mut [Oriented], Patches)> = all.chunks_mut(BLOCK).map(|b| (b, Patches::default())).collect();
+    let mut labels = vec![0; count];
+    let blocks = count.div_ceil(BLOCK);
+    let mut blocks: Vec<Block> = all
+        .chunks_mut(BLOCK)
+        .zip(labels.chunks_mut(BLOCK))
+        .zip(vec![Patches::default(); blocks])
+        .map(|((oriented, labels), patches)| Block { oriented, labels, patches })
+        .collect();
+    let edges = Mutex::new(Vec::new());
     for_chunks(&mut blocks, 1, &|i, block| {
-        let (oriented, patches) = &mut block[0];
+        let Block { oriented, labels, patches } = &mut block[0];
         let mut search = Search::new(points);
         let mut rows = Vec::with_capacity(oriented.len() * degree);
         for (slot, o) in (i * BLOCK..).zip(oriented.iter_mut()) {
@@ -83,17 +93,25 @@ pub(crate) fn normals(
             }
         }
         if let Outside::Outward { .. } = outside {
-            *patches = Patches::new(points, i * BLOCK, oriented, &rows);
+            *patches = Patches::new(points, i * BLOCK, oriented, &rows, labels, &edges);
         }
         progress.advance(oriented.len() as u64);
     });
-    let patches: Vec<Patches> = blocks.into_iter().map(|b| b.1).collect();
+    let patches: Vec<Patches> = blocks.into_iter().map(|block| block.patches).collect();
     if let Outside::Outward { up } = outside {
         progress.stage("orientation", 1);
-        orient(points, &mut all, &given, patches, up);
+        let edges = edges.into_inner().unwrap_or_else(PoisonError::into_inner);
+        orient(points, &mut all, &given, (labels, patches, edges), up);
         progress.advance(1);
     }
     all
+}
+
+/// What a task works out.
+struct Block<'a> {
+    oriented: &'a mut [Oriented],
+    labels: &'a mut [u16],
+    patches: Patches,
 }
 
 /// How the normals at two points lie to each other: from 1, the same side, to −1, opposite ones; near 0 it's unknown.
@@ -199,6 +217,8 @@ fn summed(mut votes: Vec<Vote>) -> Vec<Vote> {
         }
         is_same
     });
+    // One a pair is left of one an edge.
+    votes.shrink_to_fit();
     votes
 }
 
@@ -230,23 +250,31 @@ fn join_by(mut votes: Vec<Vote>, sets: &mut SignedSets, counts: impl Fn(&Vote, &
     }
 }
 
-/// The patches of a block.
+/// The patches of a block. What is one a point or one an edge is in columns of all blocks: many small pieces of memory
+/// would not be given back when they are freed.
 #[derive(Clone, Debug, Default)]
 struct Patches {
-    /// The patch of each point, with [`Patches::FLIPPED`] where its normal is flipped against it.
-    of: Vec<u16>,
     /// Their numbers of points.
     sizes: Vec<u32>,
     /// Between patches of the block.
     votes: Vec<Vote>,
-    /// From points of the block to points of others.
-    edges: Vec<[u32; 2]>,
+    /// Edges from points of the block to points of others, among all such.
+    edges: Range<usize>,
 }
 
-impl Patches {
-    const FLIPPED: u16 = 1 << 15;
+/// Of a point's label: its normal is flipped against its patch.
+const FLIPPED: u16 = 1 << 15;
 
-    fn new(points: &SortedPoints, first: usize, oriented: &[Oriented], rows: &[u32]) -> Self {
+impl Patches {
+    /// Tells each point's patch in `labels`, and appends the edges to other blocks to those of `all_edges`.
+    fn new(
+        points: &SortedPoints,
+        first: usize,
+        oriented: &[Oriented],
+        rows: &[u32],
+        labels: &mut [u16],
+        all_edges: &Mutex<Vec<[u32; 2]>>,
+    ) -> Self {
         let count = oriented.len();
         let degree = rows.len() / count;
         let mut sets = SignedSets::new(vec![1; count]);
@@ -284,30 +312,33 @@ impl Patches {
         });
         let mut numbers = vec![u32::MAX; count];
         let mut sizes = Vec::new();
-        let of: Vec<u16> = (0..count as u32)
-            .map(|i| {
-                let (root, flipped) = sets.find(i);
-                let number = &mut numbers[root as usize];
-                if *number == u32::MAX {
-                    *number = sizes.len() as u32;
-                    sizes.push(sets.sizes[root as usize]);
-                }
-                *number as u16 | if flipped { Self::FLIPPED } else { 0 }
-            })
-            .collect();
-        let patch = |i: u32| (u32::from(of[i as usize] & !Self::FLIPPED), of[i as usize] & Self::FLIPPED != 0);
+        for (i, label) in (0..).zip(labels.iter_mut()) {
+            let (root, flipped) = sets.find(i);
+            let number = &mut numbers[root as usize];
+            if *number == u32::MAX {
+                *number = sizes.len() as u32;
+                sizes.push(sets.sizes[root as usize]);
+            }
+            *label = *number as u16 | if flipped { FLIPPED } else { 0 };
+        }
+        let patch = |i: u32| (u32::from(labels[i as usize] & !FLIPPED), labels[i as usize] & FLIPPED != 0);
         let between = left.iter().map(|v| {
             let ((a, fa), (b, fb)) = (patch(v.patches[0]), patch(v.patches[1]));
             Vote { count: v.count, ..Vote::new(a, b, v.sum, fa ^ fb) }
         });
         let votes = between.collect();
-        Self { of, sizes, votes, edges }
+        let mut all_edges = all_edges.lock().unwrap_or_else(PoisonError::into_inner);
+        let from = all_edges.len();
+        all_edges.extend_from_slice(&edges);
+        Self { sizes, votes, edges: from..all_edges.len() }
     }
 }
 
 /// All blocks' patches, numbered on.
 struct Atlas {
     blocks: Vec<Patches>,
+    /// The patch of each point in its block, with [`FLIPPED`].
+    labels: Vec<u16>,
     /// The first patch of each block.
     first: Vec<u32>,
 }
@@ -315,8 +346,8 @@ struct Atlas {
 impl Atlas {
     /// The patch of a slot, and whether it is flipped against it.
     fn of(&self, slot: usize) -> (u32, bool) {
-        let label = self.blocks[slot / BLOCK].of[slot % BLOCK];
-        (self.first[slot / BLOCK] + u32::from(label & !Patches::FLIPPED), label & Patches::FLIPPED != 0)
+        let label = self.labels[slot];
+        (self.first[slot / BLOCK] + u32::from(label & !FLIPPED), label & FLIPPED != 0)
     }
 
     fn vote(&self, points: &SortedPoints, all: &[Oriented], a: usize, b: usize) -> Vote {
@@ -329,7 +360,7 @@ fn orient(
     points: &SortedPoints,
     all: &mut [Oriented],
     given: &(impl Fn(usize) -> Vec3 + Sync),
-    blocks: Vec<Patches>,
+    (labels, blocks, edges): (Vec<u16>, Vec<Patches>, Vec<[u32; 2]>),
     up: DVec3,
 ) {
     let mut first = Vec::with_capacity(blocks.len());
@@ -339,16 +370,16 @@ fn orient(
         sizes.extend_from_slice(&block.sizes);
     }
     let mut sets = SignedSets::new(sizes);
-    let mut atlas = Atlas { blocks, first };
+    let atlas = Atlas { blocks, labels, first };
     let votes = map_tasks(atlas.blocks.len(), |i| {
         let (block, first) = (&atlas.blocks[i], atlas.first[i]);
         let inside = block.votes.iter().map(|v| Vote { patches: v.patches.map(|p| p + first), ..*v });
-        let across = block.edges.iter().map(|e| e.map(|slot| slot as usize));
+        let across = edges[block.edges.clone()].iter().map(|e| e.map(|slot| slot as usize));
         let across = across.filter(|[a, b]| !is_alone(points, *a, (*b, all[*b])));
         let across = across.map(|[a, b]| atlas.vote(points, all, a, b));
         summed(inside.chain(across).collect())
     });
-    atlas.blocks.iter_mut().for_each(|b| b.edges = Vec::new());
+    drop(edges);
     join_by(votes.concat(), &mut sets, |_, _| true);
     if sets.count > 1 {
         bridge(points, all, &atlas, &mut sets);
@@ -377,7 +408,7 @@ fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &Atlas, sets: &mut Sig
     let votes = map_tasks(atlas.blocks.len(), |i| {
         let mut search = Search::new(points);
         let mut votes = Vec::new();
-        for slot in i * BLOCK..i * BLOCK + atlas.blocks[i].of.len() {
+        for slot in i * BLOCK..points.len().min((i + 1) * BLOCK) {
             if root(slot) == largest {
                 continue;
             }
@@ -435,9 +466,9 @@ fn signs(
     let found = map_tasks(atlas.blocks.len(), |i| {
         let block = &atlas.blocks[i];
         let mut evidence = vec![Evidence::default(); block.sizes.len()];
-        for (slot, label) in (i * BLOCK..).zip(&block.of) {
-            let e = &mut evidence[usize::from(label & !Patches::FLIPPED)];
-            let sign = if label & Patches::FLIPPED == 0 { 1.0 } else { -1.0 };
+        for (slot, label) in (i * BLOCK..).zip(&atlas.labels[i * BLOCK..points.len().min((i + 1) * BLOCK)]) {
+            let e = &mut evidence[usize::from(label & !FLIPPED)];
+            let sign = if label & FLIPPED == 0 { 1.0 } else { -1.0 };
             e.given += if given(slot) == Vec3::ZERO { 0 } else { sign as i64 };
             e.up += sign * all[slot].normal.as_dvec3().dot(up);
             e.count += 1.0;

@@ -50,10 +50,11 @@ pub fn splats_from_points(
     let oriented = complete_normals(points, &given, &sorted, degree, options, progress);
     let lone = Spacing::Unknown(LONE_RADIUS / radii::DENSITY / sorted.step);
     let sizes = radii::sizes(&sorted, &oriented, degree, lone, options.ellipses, progress);
-    let (slot_of, slots, scale) = (sorted.slots(), sorted.len(), sorted.step * options.radius_scale);
-    drop(sorted);
+    let isolated = (0..sorted.len()).filter(|slot| sizes.is_isolated(*slot));
+    report.isolated = isolated.map(|slot| sorted.inputs(slot).len()).sum();
+    let (slots, scale) = (sorted.len(), sorted.step * options.radius_scale);
+    let slot_of = sorted.into_slots();
 
-    report.isolated = slot_of.iter().filter(|s| sizes.is_isolated(**s as usize)).count();
     let mut source = Cow::Borrowed(points);
     let mut kept: Option<Vec<u32>> = None;
     if report.duplicates >= options.coincident.max(1) {
@@ -68,15 +69,10 @@ pub fn splats_from_points(
         source.to_mut().retain(&keep);
         kept = Some((0..points.len() as u32).filter(|i| keep[*i as usize]).collect());
     }
-    let made = Made { slot_of: &slot_of, oriented: &oriented, sizes: &sizes, given: &given, scale };
-    let input = |i: usize| kept.as_ref().map_or(i, |k| k[i] as usize);
     report.splats = source.len();
-    report.median_radius =
-        usual::median_of(report.splats, |i| assemble::radius32(sizes.radius(made.slot(input(i))) * scale))
-            .map_or(0.0, f64::from);
     report.ellipses = sizes.stretched;
-    let shape = made.shape(report.splats, &input);
-    drop((slot_of, oriented, sizes, kept));
+    let made = Made { slot_of, kept, oriented, given, scale };
+    let shape = made.shape(sizes, &mut report);
 
     let source = source.into_owned();
     let data = CloudData {
@@ -139,43 +135,49 @@ fn complete_normals(
     orient::normals(sorted, degree, known.as_deref(), outside, progress)
 }
 
-/// What there is to know about each slot.
+/// What there is to know about each splat but its size.
 struct Made<'a> {
-    slot_of: &'a [u32],
-    oriented: &'a [Oriented],
-    sizes: &'a Sizes,
-    given: &'a GivenNormals<'a>,
+    slot_of: Vec<u32>,
+    /// The index in the input of each splat; `None` where they are the same.
+    kept: Option<Vec<u32>>,
+    oriented: Vec<Oriented>,
+    given: GivenNormals<'a>,
     /// Object units of a step, times what radii are to be multiplied by.
     scale: f64,
 }
 
 impl Made<'_> {
-    fn slot(&self, input: usize) -> usize {
-        self.slot_of[input] as usize
+    /// The index in the input of splat `i`, and its slot.
+    fn place(&self, i: usize) -> (usize, usize) {
+        let input = self.kept.as_ref().map_or(i, |kept| kept[i] as usize);
+        (input, self.slot_of[input] as usize)
     }
 
-    /// The shape column of `count` points, of which `input` says their index in the input.
-    fn shape(&self, count: usize, input: &(impl Fn(usize) -> usize + Sync)) -> Shape {
-        if self.sizes.stretched == 0 {
+    /// The shape column of all splats. Sizes are given up before their normals are laid out beside the radii.
+    fn shape(self, sizes: Sizes, report: &mut PointReport) -> Shape {
+        let count = report.splats;
+        let radius = |i: usize| assemble::radius32(sizes.radius(self.place(i).1) * self.scale);
+        if sizes.stretched == 0 {
+            let radii = map_each(count, &NoProgress, || (), |(), i| radius(i));
+            drop(sizes);
+            report.median_radius = usual::median_of(count, |i| radii[i]).map_or(0.0, f64::from);
             let normal = |i: usize| {
-                let own = self.oriented[self.slot(input(i))].normal;
+                let (input, slot) = self.place(i);
                 // A given normal may be too short for f32, or too long.
-                let given = self.given.get(input(i)).map(DVec3::as_vec3);
-                given.filter(|n| n.is_finite() && *n != Vec3::ZERO).unwrap_or(own)
+                let given = self.given.get(input).map(DVec3::as_vec3);
+                given.filter(|n| n.is_finite() && *n != Vec3::ZERO).unwrap_or(self.oriented[slot].normal)
             };
-            let radius = |i: usize| assemble::radius32(self.sizes.radius(self.slot(input(i))) * self.scale);
-            return Shape::Disks {
-                normals: Column3::from_f32(map_each(count, &NoProgress, || (), |(), i| normal(i))),
-                radii: map_each(count, &NoProgress, || (), |(), i| radius(i)),
-            };
+            let normals = Column3::from_f32(map_each(count, &NoProgress, || (), |(), i| normal(i)));
+            return Shape::Disks { normals, radii };
         }
+        report.median_radius = usual::median_of(count, radius).map_or(0.0, f64::from);
         let axes = |i: usize| {
-            let slot = self.slot(input(i));
+            let (input, slot) = self.place(i);
             let own = self.oriented[slot].normal.as_dvec3();
-            let (s, t) = self.sizes.axes(slot, own);
+            let (s, t) = sizes.axes(slot, own);
             let (s, t) = (s * self.scale, t * self.scale);
             // Coincident points share a slot, but not always a normal.
-            let normal = self.given.get(input(i)).map_or(own, unit);
+            let normal = self.given.get(input).map_or(own, unit);
             match normal.dot(own) {
                 same if same > 0.999 => (s, t),
                 opposite if opposite < -0.999 => (s, -t),

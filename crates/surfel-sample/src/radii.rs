@@ -14,11 +14,12 @@ use crate::normals::{WIDE, wider};
 use crate::orient::Oriented;
 use crate::parallel::{for_chunks, map_each};
 use crate::progress::{NoProgress, Progress};
-use crate::sorted::{RUN, SortedPoints};
+use crate::sorted::{LEAF, RUN, SortedPoints};
 use crate::usual::{ISOLATED, usual};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::collections::HashMap;
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 /// Radius over the square root of the area per point.
 pub(crate) const DENSITY: f64 = 1.65;
@@ -60,60 +61,83 @@ const LANES: usize = 16;
 #[derive(Debug)]
 pub(crate) struct Sizes {
     all: Vec<Size>,
+    /// Of each slot, where the cloud is stretched.
+    ellipses: Vec<Ellipse>,
     /// The spacing of the cloud.
     typical: f64,
     /// Splats that are not circles, where the cloud is stretched, else 0.
     pub(crate) stretched: usize,
 }
 
-/// A size as one point's neighbourhood suggests it.
+/// A size as one point's neighbourhood suggests it. Flags are signs of what is never negative: a cloud has as many of
+/// these as points.
 #[derive(Clone, Copy, Debug, Default)]
 struct Size {
-    /// Radius of a disk; 0 where there is no neighbour.
+    /// Radius of a disk, 0 where there is no neighbour; negative where the point is isolated.
     radius: f32,
-    /// √ of the area per point.
+    /// √ of the area per point; negative where neither the point nor any neighbour is surrounded: a few stray points
+    /// are not, and they must not become large.
     spacing: f32,
-    /// √ of the product of an ellipse's half-axes.
-    mean: f32,
-    form: Form,
 }
 
-/// What else there is to a size, in 32 bits.
-#[derive(Clone, Copy, Debug, Default)]
-struct Form(u32);
+impl Size {
+    fn new(radius: f32, spacing: f32, is_isolated: bool, is_loose: bool) -> Self {
+        let signed = |value: f32, flag: bool| if flag { -value } else { value };
+        Self { radius: signed(radius, is_isolated), spacing: signed(spacing, is_loose) }
+    }
 
-impl Form {
-    const ISOLATED: u32 = 1 << 31;
-    /// Neither it nor any neighbour is surrounded: a few stray points are, and they must not become large.
-    const LOOSE: u32 = 1 << 30;
-    /// Steps of the angle's and the ratio's 15 bits.
+    fn radius(self) -> f32 {
+        self.radius.abs()
+    }
+
+    fn spacing(self) -> f32 {
+        self.spacing.abs()
+    }
+
+    fn is_isolated(self) -> bool {
+        self.radius.is_sign_negative()
+    }
+
+    fn is_loose(self) -> bool {
+        self.spacing.is_sign_negative()
+    }
+}
+
+/// The ellipse that suits a point better than its disk, in 64 bits; a ratio of 0 where none does.
+#[derive(Clone, Copy, Debug, Default)]
+struct Ellipse {
+    /// √ of the product of the half-axes.
+    mean: f32,
+    /// Steps of the long axis's angle in the normal's tangent frame, up to half a turn.
+    angle: u16,
+    /// Steps of its length over the short one's.
+    ratio: u16,
+}
+
+impl Ellipse {
+    /// Steps of half a turn, and of the largest ratio.
     const STEPS: f64 = 32_767.0;
 
-    fn new(is_isolated: bool, is_loose: bool, ellipse: Option<(f64, f64)>) -> Self {
-        let flags = (u32::from(is_isolated) * Self::ISOLATED) | (u32::from(is_loose) * Self::LOOSE);
-        // The long axis's angle in the normal's tangent frame, up to half a turn; and its length over the short one's.
-        let packed = ellipse.map_or(0, |(angle, ratio)| {
-            let turn = (angle / std::f64::consts::PI).rem_euclid(1.0);
-            ((ratio / MOST_STRETCHED * Self::STEPS).round() as u32) << 15 | (turn * Self::STEPS).round() as u32
-        });
-        Self(flags | packed)
+    fn new(mean: f32, angle: f64, ratio: f64) -> Self {
+        let turn = (angle / std::f64::consts::PI).rem_euclid(1.0);
+        let ratio = (ratio / MOST_STRETCHED * Self::STEPS).round() as u16;
+        Self { mean, angle: (turn * Self::STEPS).round() as u16, ratio }
     }
 
-    fn is(self, flag: u32) -> bool {
-        self.0 & flag != 0
+    fn angle(self) -> f64 {
+        f64::from(self.angle) / Self::STEPS * std::f64::consts::PI
     }
 
-    fn ellipse(self) -> Option<(f64, f64)> {
-        let ratio = self.0 >> 15 & 0x7fff;
-        let angle = f64::from(self.0 & 0x7fff) / Self::STEPS * std::f64::consts::PI;
-        (ratio > 0).then_some((angle, f64::from(ratio) / Self::STEPS * MOST_STRETCHED))
+    fn ratio(self) -> f64 {
+        f64::from(self.ratio) / Self::STEPS * MOST_STRETCHED
     }
 }
 
 impl Sizes {
     /// Radius of a disk of this slot, kept within what suits the cloud.
-    fn bounded(&self, own: f64, size: &Size) -> f64 {
-        match (own > 0.0, size.form.is(Form::ISOLATED), size.form.is(Form::LOOSE)) {
+    fn bounded(&self, own: f32, size: Size) -> f64 {
+        let own = f64::from(own);
+        match (own > 0.0, size.is_isolated(), size.is_loose()) {
             (false, ..) => DENSITY * self.typical,
             (true, true, _) => own.min(DENSITY * self.typical),
             (true, false, true) => own.min(LARGEST * DENSITY * self.typical),
@@ -121,32 +145,37 @@ impl Sizes {
         }
     }
 
+    /// The ellipse of this slot, if it has one.
+    fn ellipse(&self, slot: usize) -> Option<Ellipse> {
+        self.ellipses.get(slot).copied().filter(|ellipse| ellipse.ratio > 0)
+    }
+
     pub(crate) fn is_isolated(&self, slot: usize) -> bool {
-        self.all[slot].form.is(Form::ISOLATED)
+        self.all[slot].is_isolated()
     }
 
     /// The larger half-axis.
     pub(crate) fn radius(&self, slot: usize) -> f64 {
-        let size = &self.all[slot];
-        match size.form.ellipse().filter(|_| self.stretched > 0) {
-            Some((_, ratio)) => self.bounded(f64::from(size.mean), size) * ratio.sqrt(),
-            None => self.bounded(f64::from(size.radius), size),
+        let size = self.all[slot];
+        match self.ellipse(slot) {
+            Some(ellipse) => self.bounded(ellipse.mean, size) * ellipse.ratio().sqrt(),
+            None => self.bounded(size.radius(), size),
         }
     }
 
     /// Half-axes (s, t), s × t along the unit `normal`.
     pub(crate) fn axes(&self, slot: usize, normal: DVec3) -> (DVec3, DVec3) {
-        let size = &self.all[slot];
+        let size = self.all[slot];
         let (u, v) = tangents(normal.as_vec3());
         let (u, v) = (u.as_dvec3(), v.as_dvec3());
-        let Some((angle, ratio)) = size.form.ellipse().filter(|_| self.stretched > 0) else {
-            let radius = self.bounded(f64::from(size.radius), size);
+        let Some(ellipse) = self.ellipse(slot) else {
+            let radius = self.bounded(size.radius(), size);
             return (u * radius, v * radius);
         };
-        let (mean, direction) = (self.bounded(f64::from(size.mean), size), DVec2::from_angle(angle));
+        let (mean, direction) = (self.bounded(ellipse.mean, size), DVec2::from_angle(ellipse.angle()));
         let s = u * direction.x + v * direction.y;
         let t = v * direction.x - u * direction.y;
-        (s * (mean * ratio.sqrt()), t * (mean / ratio.sqrt()))
+        (s * (mean * ellipse.ratio().sqrt()), t * (mean / ellipse.ratio().sqrt()))
     }
 }
 
@@ -159,13 +188,13 @@ pub(crate) enum Spacing {
     Known(f64),
 }
 
-/// Measures sizes from the `degree` nearest of each point (one of `oriented` a slot); ellipses only if `ellipses`.
+/// Measures sizes from the `degree` nearest of each point (one of `oriented` a slot); ellipses only if they are wanted.
 pub(crate) fn sizes(
     points: &SortedPoints,
     oriented: &[Oriented],
     degree: usize,
     spacing: Spacing,
-    ellipses: bool,
+    ellipses_wanted: bool,
     progress: &dyn Progress,
 ) -> Sizes {
     let (Spacing::Unknown(fallback) | Spacing::Known(fallback)) = spacing;
@@ -173,28 +202,38 @@ pub(crate) fn sizes(
     let count = points.len();
     progress.stage("radii", count as u64);
     let mut all = vec![Size::default(); count];
+    // Of few slots, mostly: all of them are told only where the cloud is stretched.
+    let ellipses = Mutex::new(Vec::new());
     let degree = degree.min(count - 1);
     for_chunks(&mut all, BLOCK, &|first, sizes| {
-        let mut block = Block::new(points, oriented, degree, known, ellipses);
+        let mut block = Block::new(points, oriented, degree, known, ellipses_wanted);
         block.measure(first..first + sizes.len());
+        let mut found = Vec::new();
         for (i, size) in sizes.iter_mut().enumerate() {
-            *size = block.size(i);
+            let ellipse;
+            (*size, ellipse) = block.size(i);
+            found.extend(ellipse.map(|ellipse| ((first + i) as u32, ellipse)));
         }
+        ellipses.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(&found);
         progress.advance(sizes.len() as u64);
     });
-    let usual = usual(count, |i| all[i].spacing);
+    let usual = usual(count, |i| all[i].spacing());
     let typical = usual.as_ref().map_or(fallback, |u| u.median);
     let most = usual.map_or(f64::INFINITY, |u| u.most(ISOLATED));
     // Strays that are each other's neighbours aren't isolated among these, and yet no surface; sparse parts of one are.
-    let wide: Vec<u32> = (0..count as u32).filter(|i| f64::from(all[*i as usize].spacing) > most).collect();
-    let block = || Block::new(points, oriented, degree, known, ellipses);
+    let wide: Vec<u32> = (0..count as u32).filter(|i| f64::from(all[*i as usize].spacing()) > most).collect();
+    let block = || Block::new(points, oriented, degree, known, ellipses_wanted);
     let scattered = map_each(wide.len(), &NoProgress, block, |block, i| block.is_scattered(wide[i] as usize));
     for (slot, _) in wide.iter().zip(scattered).filter(|(_, scattered)| *scattered) {
-        all[*slot as usize].form.0 |= Form::ISOLATED;
+        all[*slot as usize].radius = -all[*slot as usize].radius();
     }
-    let stretched = all.iter().filter(|s| s.form.ellipse().is_some()).count();
-    let is_stretched = stretched > 0 && stretched as f64 >= STRETCHED_SHARE * count as f64;
-    Sizes { all, typical, stretched: if is_stretched { stretched } else { 0 } }
+    let found = ellipses.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let is_stretched = !found.is_empty() && found.len() as f64 >= STRETCHED_SHARE * count as f64;
+    let mut ellipses = vec![Ellipse::default(); if is_stretched { count } else { 0 }];
+    for (slot, ellipse) in found.iter().filter(|_| is_stretched) {
+        ellipses[*slot as usize] = *ellipse;
+    }
+    Sizes { all, ellipses, typical, stretched: if is_stretched { found.len() } else { 0 } }
 }
 
 /// Measures of one point's cell, in steps.
@@ -229,6 +268,8 @@ struct Block<'a> {
     known: Option<f32>,
     ellipses: bool,
     search: Search<'a>,
+    /// The leaf of the last row.
+    leaf: usize,
     cell: Cell,
     offsets: [Vec2; MOST_IN_CELL],
     /// How many neighbours the cell was built among.
@@ -258,6 +299,7 @@ impl<'a> Block<'a> {
             known,
             ellipses,
             search: Search::new(points),
+            leaf: usize::MAX,
             cell: Cell::default(),
             offsets: [Vec2::ZERO; MOST_IN_CELL],
             taking_part: 0,
@@ -271,18 +313,13 @@ impl<'a> Block<'a> {
 
     /// Builds the cells.
     fn measure(&mut self, own: Range<usize>) {
-        for slot in own.clone() {
-            let (near, _) = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2);
-            self.rows.extend_from_slice(near);
-        }
+        own.clone().for_each(|slot| self.add_row(slot));
         self.halo.extend(self.rows.iter().filter(|j| !own.contains(&(**j as usize))));
         self.halo.sort_unstable();
         self.halo.dedup();
-        for slot in &self.halo {
-            let slot = *slot as usize;
-            let (near, _) = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2);
-            self.rows.extend_from_slice(near);
-        }
+        let halo = std::mem::take(&mut self.halo);
+        halo.iter().for_each(|slot| self.add_row(*slot as usize));
+        self.halo = halo;
         let rows = std::mem::take(&mut self.rows);
         for i in 0..own.len() + self.halo.len() {
             let slot = if i < own.len() { own.start + i } else { self.halo[i - own.len()] as usize };
@@ -290,6 +327,18 @@ impl<'a> Block<'a> {
             self.summaries.push(summary);
         }
         (self.rows, self.own) = (rows, own);
+    }
+
+    /// Finds the neighbours of a slot.
+    fn add_row(&mut self, slot: usize) {
+        let leaf = slot / LEAF;
+        if leaf != self.leaf {
+            self.leaf = leaf;
+            let of_leaf = &self.oriented[self.points.leaf(leaf)];
+            self.search.expect(leaf, of_leaf.iter().map(|o| o.farthest2).fold(0.0, f32::max));
+        }
+        let (near, _) = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2);
+        self.rows.extend_from_slice(near);
     }
 
     #[inline]
@@ -421,7 +470,7 @@ impl<'a> Block<'a> {
     }
 
     /// The size of the point at place `i` of the run.
-    fn size(&mut self, i: usize) -> Size {
+    fn size(&mut self, i: usize) -> (Size, Option<Ellipse>) {
         let slot = self.own.start + i;
         let rows = std::mem::take(&mut self.rows);
         let near = &rows[i * self.degree..(i + 1) * self.degree];
@@ -430,7 +479,7 @@ impl<'a> Block<'a> {
         size
     }
 
-    fn size_among(&mut self, slot: usize, near: &[u32]) -> Size {
+    fn size_among(&mut self, slot: usize, near: &[u32]) -> (Size, Option<Ellipse>) {
         let own = self.summaries[slot - self.own.start];
         let mut smooth = Smooth::default();
         let mut wider_spaced = 0;
@@ -458,16 +507,15 @@ impl<'a> Block<'a> {
             let p = self.points.at(slot);
             let near =
                 near.iter().take(2).map(|j| distance2(self.points.at(*j as usize), p)).fold(0.0, f32::max).sqrt();
-            let form = Form::new(is_isolated, true, None);
-            return Size { radius: DENSITY as f32 * near, spacing: near, mean: 0.0, form };
+            return (Size::new(DENSITY as f32 * near, near, is_isolated, true), None);
         };
         let spacing = self.known.unwrap_or(area.sqrt());
         let density = DENSITY as f32 * spacing;
         let largest = if own.area > 0.0 { LARGEST } else { LARGEST_AT_BORDER } as f32 * density;
         let bounded = |reach: f32| (COVER as f32 * reach).clamp(density, largest);
         let ellipse = if self.ellipses { self.ellipse(slot, near, own.is_wide, &smooth.moments) } else { None };
-        let (mean, axis) = ellipse.map_or((0.0, None), |(angle, ratio, reach)| (bounded(reach), Some((angle, ratio))));
-        Size { radius: bounded(own.reach), spacing, mean, form: Form::new(is_isolated, false, axis) }
+        let ellipse = ellipse.map(|(angle, ratio, reach)| Ellipse::new(bounded(reach), angle, ratio));
+        (Size::new(bounded(own.reach), spacing, is_isolated, false), ellipse)
     }
 
     /// Angle and axis ratio of the ellipse with these moments, where it is stretched, and how far the cell reaches
@@ -582,15 +630,20 @@ mod tests {
     }
 
     #[test]
-    fn forms_keep_angle_and_ratio_to_a_ten_thousandth() {
-        for (angle, ratio) in [(-1.5, 1.6), (0.0, 16.0), (0.3, 2.0), (1.57, 7.7)] {
-            let form = Form::new(true, false, Some((angle, ratio)));
-            assert!(form.is(Form::ISOLATED) && !form.is(Form::LOOSE));
-            let (found, other) = form.ellipse().unwrap();
-            // Half a turn is the same ellipse.
-            let turn = ((found - angle) / std::f64::consts::PI + 0.5).rem_euclid(1.0) - 0.5;
-            assert!(turn.abs() < 3e-5 && (other - ratio).abs() < 3e-4, "{angle} {ratio}: {found} {other}");
+    fn sizes_keep_their_flags_and_ellipses_their_axes_to_a_ten_thousandth() {
+        for (isolated, loose) in [(false, false), (true, false), (false, true), (true, true)] {
+            let size = Size::new(2.0, 0.0, isolated, loose);
+            assert_eq!(
+                (size.radius(), size.spacing(), size.is_isolated(), size.is_loose()),
+                (2.0, 0.0, isolated, loose)
+            );
         }
-        assert!(Form::new(false, true, None).ellipse().is_none());
+        for (angle, ratio) in [(-1.5, 1.6), (0.0, 16.0), (0.3, 2.0), (1.57, 7.7)] {
+            let ellipse = Ellipse::new(3.0, angle, ratio);
+            // Half a turn is the same ellipse.
+            let turn = ((ellipse.angle() - angle) / std::f64::consts::PI + 0.5).rem_euclid(1.0) - 0.5;
+            assert!(turn.abs() < 3e-5 && (ellipse.ratio() - ratio).abs() < 3e-4, "{angle} {ratio}: {ellipse:?}");
+        }
+        assert_eq!(size_of::<Size>() + size_of::<Ellipse>(), 16);
     }
 }

@@ -143,18 +143,14 @@ impl SortedPoints {
             chunk.iter_mut().zip(&keyed[first..]).for_each(|(o, k)| *o = k.1);
         });
         drop(keyed);
-        let column = |axis: usize| {
-            let mut column = vec![0_i32; total];
-            for_chunks(&mut column, CHUNK, &|first, chunk| {
-                let place = |i: &u32| {
-                    let p = position(*i as usize)[axis];
-                    ((p - center[axis]) / half * REACH).round() as i32
-                };
-                chunk.iter_mut().zip(&order[first..]).for_each(|(c, i)| *c = place(i));
-            });
-            column
-        };
-        let (mut x, mut y, mut z) = (column(0), column(1), column(2));
+        let (mut x, mut y, mut z) = (vec![0_i32; total], vec![0_i32; total], vec![0_i32; total]);
+        let columns = x.chunks_mut(CHUNK).zip(y.chunks_mut(CHUNK)).zip(z.chunks_mut(CHUNK)).zip(order.chunks(CHUNK));
+        for_chunks(&mut columns.collect::<Vec<_>>(), 1, &|_, columns| {
+            let (((x, y), z), order) = &mut columns[0];
+            for (i, input) in order.iter().enumerate() {
+                [x[i], y[i], z[i]] = fixed(*input as usize);
+            }
+        });
         let starts = distinct(&mut x, &mut y, &mut z);
         let (order, starts) = reordered(order, starts, &compact(&mut x, &mut y, &mut z));
         let levels = levels(&x, &y, &z);
@@ -167,6 +163,7 @@ impl SortedPoints {
     }
 
     /// Number of points given.
+    #[cfg(test)]
     pub(crate) fn total(&self) -> usize {
         self.order.len()
     }
@@ -186,22 +183,20 @@ impl SortedPoints {
     /// Indices of the input points at `slot`, ascending; at least one.
     #[inline]
     pub(crate) fn inputs(&self, slot: usize) -> &[u32] {
-        if self.starts.is_empty() {
-            &self.order[slot..=slot]
-        } else {
-            &self.order[self.starts[slot] as usize..self.starts[slot + 1] as usize]
-        }
+        inputs(&self.order, &self.starts, slot)
     }
 
     /// The slot of each input point.
+    #[cfg(any(test, feature = "sharp"))]
     pub(crate) fn slots(&self) -> Vec<u32> {
-        let slots: Vec<AtomicU32> = (0..self.total()).map(|_| AtomicU32::new(0)).collect();
-        map_tasks(self.len().div_ceil(CHUNK), |task| {
-            for slot in task * CHUNK..self.len().min((task + 1) * CHUNK) {
-                self.inputs(slot).iter().for_each(|i| slots[*i as usize].store(slot as u32, Ordering::Relaxed));
-            }
-        });
-        slots.into_iter().map(AtomicU32::into_inner).collect()
+        slots(&self.order, &self.starts)
+    }
+
+    /// As [`Self::slots`], without the points from then on.
+    pub(crate) fn into_slots(self) -> Vec<u32> {
+        let Self { x, y, z, order, starts, levels, .. } = self;
+        drop((x, y, z, levels));
+        slots(&order, &starts)
     }
 
     /// Boxes of leaves, of groups of leaves, and so on up to one.
@@ -218,6 +213,25 @@ impl SortedPoints {
     pub(crate) fn leaf(&self, index: usize) -> std::ops::Range<usize> {
         index * LEAF..((index + 1) * LEAF).min(self.len())
     }
+}
+
+#[inline]
+fn inputs<'a>(order: &'a [u32], starts: &[u32], slot: usize) -> &'a [u32] {
+    match starts.is_empty() {
+        true => &order[slot..=slot],
+        false => &order[starts[slot] as usize..starts[slot + 1] as usize],
+    }
+}
+
+fn slots(order: &[u32], starts: &[u32]) -> Vec<u32> {
+    let count = if starts.is_empty() { order.len() } else { starts.len() - 1 };
+    let slots: Vec<AtomicU32> = (0..order.len()).map(|_| AtomicU32::new(0)).collect();
+    map_tasks(count.div_ceil(CHUNK), |task| {
+        for slot in task * CHUNK..count.min((task + 1) * CHUNK) {
+            inputs(order, starts, slot).iter().for_each(|i| slots[*i as usize].store(slot as u32, Ordering::Relaxed));
+        }
+    });
+    slots.into_iter().map(AtomicU32::into_inner).collect()
 }
 
 /// Corners of the points' box.

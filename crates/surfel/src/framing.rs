@@ -4,7 +4,9 @@ use crate::patches::Patches;
 pub use crate::upright::{UpConvention, UpReason, Upright};
 use crate::{upright, viewpoint};
 use glam::{DQuat, DVec3};
+use rayon::prelude::*;
 use std::fmt;
+use std::ops::Range;
 use surfel_math::V2;
 use surfel_math::basis::unit;
 use surfel_math::clip::Clip;
@@ -173,6 +175,7 @@ pub struct FrameOptions {
 const TURNS: u32 = 24;
 
 /// Least value over the scene of a linear function of position, for each of several functions.
+#[derive(Clone)]
 struct Support {
     /// Gradients, and their lengths.
     directions: Vec<(DVec3, f64)>,
@@ -183,6 +186,20 @@ impl Support {
     fn new(directions: Vec<DVec3>) -> Self {
         let least = vec![f64::INFINITY; directions.len()];
         Self { directions: directions.into_iter().map(|g| (g, g.length())).collect(), least }
+    }
+
+    /// Of the splats for which `at` gives a position.
+    fn of(scene: &Scene, directions: Vec<DVec3>, at: impl Fn(DVec3) -> Option<DVec3> + Sync) -> Self {
+        let add = |support: &mut Self, p: DVec3, splat: &Extent| {
+            if let Some(p) = at(p) {
+                support.add(p, splat);
+            }
+        };
+        let join = |mut a: Self, b: Self| {
+            a.least.iter_mut().zip(b.least).for_each(|(a, b)| *a = a.min(b));
+            a
+        };
+        gathered(scene, &Self::new(directions), add, join)
     }
 
     /// Adds a splat at `p`.
@@ -209,57 +226,84 @@ struct Extent<'a> {
 
 const POINT: Extent = Extent { reach: 0.0, axes: &|| (DVec3::ZERO, DVec3::ZERO) };
 
-/// Calls `f` with centre and extent of every splat, in world space; with none for vertices of meshes, and for points on
-/// the outline of what a clip keeps.
-fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, &Extent)) {
-    for object in &scene.objects {
-        let m = object.world_from_object;
-        // No vector gets longer than this many times: the 2-norm is at most √ of the 1-norm times the ∞-norm. And a
-        // little more, for what rounding adds.
-        let columns = m.matrix3.to_cols_array_2d().map(|c| c.map(f64::abs));
-        let of_column = columns.map(|c| c.iter().sum::<f64>()).into_iter().fold(0.0, f64::max);
-        let of_row = (0..3).map(|k| columns.iter().map(|c| c[k]).sum::<f64>()).fold(0.0, f64::max);
-        let growth = (of_column * of_row).sqrt() * (1.0 + 1e-9);
-        let mut splat = |cloud: &SplatCloud, i: usize| {
-            let p = m.transform_point3(cloud.center(i));
-            let axes = || {
-                let (s, t) = cloud.axes(i);
-                (m.transform_vector3(s), m.transform_vector3(t))
-            };
-            match cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, ClipPolicy::Exact)) {
-                Some(clip) => {
-                    let (s, t) = axes();
-                    outline(&clip).for_each(|d| f(p + s * d.x + t * d.y, &POINT));
-                }
-                None => {
-                    let reach = match &cloud.data().shape {
-                        Shape::Disks { radii, .. } => f64::from(radii[i]),
-                        Shape::Ellipses { s, t } => (s.get(i).length_squared() + t.get(i).length_squared()).sqrt(),
-                    };
-                    f(p, &Extent { reach: reach * growth, axes: &axes });
-                }
-            }
+/// Calls `f` with centre and extent of splats of an object, in world space; with none for vertices of a mesh, and for
+/// points on the outline of what a clip keeps. `range` is of splats, or of vertices; of octrees all are taken with the
+/// first.
+fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &Extent)) {
+    let m = object.world_from_object;
+    // No vector gets longer than this many times: the 2-norm is at most √ of the 1-norm times the ∞-norm. And a little
+    // more, for what rounding adds.
+    let columns = m.matrix3.to_cols_array_2d().map(|c| c.map(f64::abs));
+    let of_column = columns.map(|c| c.iter().sum::<f64>()).into_iter().fold(0.0, f64::max);
+    let of_row = (0..3).map(|k| columns.iter().map(|c| c[k]).sum::<f64>()).fold(0.0, f64::max);
+    let growth = (of_column * of_row).sqrt() * (1.0 + 1e-9);
+    let mut splat = |cloud: &SplatCloud, i: usize| {
+        let p = m.transform_point3(cloud.center(i));
+        let axes = || {
+            let (s, t) = cloud.axes(i);
+            (m.transform_vector3(s), m.transform_vector3(t))
         };
-        match &object.geometry {
-            Geometry::Splats(cloud) => (0..cloud.len()).for_each(|i| splat(cloud, i)),
-            Geometry::Gaussians(gaussians) => {
-                for i in (0..gaussians.len()).filter(|i| gaussians.data().opacities[*i] >= GaussianCloud::FAINT) {
-                    let (s, t) = gaussians.ellipse(i);
-                    let axes = || (m.transform_vector3(s), m.transform_vector3(t));
-                    let reach = (s.length_squared() + t.length_squared()).sqrt() * growth;
-                    f(m.transform_point3(gaussians.center(i)), &Extent { reach, axes: &axes });
-                }
+        match cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, ClipPolicy::Exact)) {
+            Some(clip) => {
+                let (s, t) = axes();
+                outline(&clip).for_each(|d| f(p + s * d.x + t * d.y, &POINT));
             }
-            Geometry::Octree(octree) => {
-                octree.finest().flatten().for_each(|i| splat(octree.cloud(), i as usize));
+            None => {
+                let reach = match &cloud.data().shape {
+                    Shape::Disks { radii, .. } => f64::from(radii[i]),
+                    Shape::Ellipses { s, t } => (s.get(i).length_squared() + t.get(i).length_squared()).sqrt(),
+                };
+                f(p, &Extent { reach: reach * growth, axes: &axes });
             }
-            Geometry::Mesh(mesh) => {
-                for i in 0..mesh.positions.len() {
-                    f(m.transform_point3(mesh.origin + mesh.positions.get(i)), &POINT);
-                }
+        }
+    };
+    match &object.geometry {
+        Geometry::Splats(cloud) => range.for_each(|i| splat(cloud, i)),
+        Geometry::Gaussians(gaussians) => {
+            for i in range.filter(|i| gaussians.data().opacities[*i] >= GaussianCloud::FAINT) {
+                let (s, t) = gaussians.ellipse(i);
+                let axes = || (m.transform_vector3(s), m.transform_vector3(t));
+                let reach = (s.length_squared() + t.length_squared()).sqrt() * growth;
+                f(m.transform_point3(gaussians.center(i)), &Extent { reach, axes: &axes });
+            }
+        }
+        Geometry::Octree(octree) if range.start == 0 => {
+            octree.finest().flatten().for_each(|i| splat(octree.cloud(), i as usize));
+        }
+        Geometry::Octree(_) => {}
+        Geometry::Mesh(mesh) => {
+            for i in range {
+                f(m.transform_point3(mesh.origin + mesh.positions.get(i)), &POINT);
             }
         }
     }
+}
+
+/// Calls `f` with all of a scene.
+fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, &Extent)) {
+    scene.objects.iter().for_each(|object| for_each_of(object, 0..object.geometry.len(), &mut f));
+}
+
+/// What `add` makes of all of a scene, part by part on all threads; what the parts give, which begin with `none`, goes
+/// to `join` in their order.
+fn gathered<T: Clone + Send + Sync>(
+    scene: &Scene,
+    none: &T,
+    add: impl Fn(&mut T, DVec3, &Extent) + Sync,
+    join: impl Fn(T, T) -> T,
+) -> T {
+    const PART: usize = 1 << 15;
+    let part = |object: &Object, range: Range<usize>| {
+        let mut found = none.clone();
+        for_each_of(object, range, &mut |p, splat| add(&mut found, p, splat));
+        found
+    };
+    let of_object = |object: &Object| {
+        let count = object.geometry.len();
+        let parts = (0..count.div_ceil(PART)).into_par_iter();
+        parts.map(|i| part(object, i * PART..count.min((i + 1) * PART))).collect::<Vec<T>>()
+    };
+    scene.objects.iter().flat_map(of_object).fold(none.clone(), join)
 }
 
 /// Points (u, v) just outside of what a clip keeps: on rays from the centre, a step beyond the farthest that is kept,
@@ -276,19 +320,21 @@ fn outline(clip: &Clip<f64>) -> impl Iterator<Item = V2<f64>> + '_ {
     })
 }
 
-fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool) -> Option<(DVec3, DVec3)> {
-    let mut bounds: Option<(DVec3, DVec3)> = None;
-    for_each_splat(scene, |p, splat| {
+fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool + Sync) -> Option<(DVec3, DVec3)> {
+    let add = |bounds: &mut Option<(DVec3, DVec3)>, p: DVec3, splat: &Extent| {
         let is_inside =
             |(lo, hi): (DVec3, DVec3)| (p - splat.reach).cmpge(lo).all() && (p + splat.reach).cmple(hi).all();
         if keep(p) && !bounds.is_some_and(is_inside) {
             let (s, t) = (splat.axes)();
             let e = (s * s + t * t).map(f64::sqrt);
             let (lo, hi) = bounds.unwrap_or((p - e, p + e));
-            bounds = Some((lo.min(p - e), hi.max(p + e)));
+            *bounds = Some((lo.min(p - e), hi.max(p + e)));
         }
-    });
-    bounds.filter(|(lo, hi)| lo.is_finite() && hi.is_finite())
+    };
+    let join = |a: Option<(DVec3, DVec3)>, b: Option<(DVec3, DVec3)>| {
+        a.zip(b).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).or(a).or(b)
+    };
+    gathered(scene, &None, add, join).filter(|(lo, hi)| lo.is_finite() && hi.is_finite())
 }
 
 /// A sphere about the scene without its stray points: at most 1 splat in 200, each four times as far out as the
@@ -342,7 +388,7 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     let all = bounds(scene, |_| true)?;
     let (middle, radius) = trimmed(scene, all);
     let keep = |p: DVec3| p.distance(middle) <= radius;
-    let (lo, hi) = bounds(scene, keep)?;
+    let (lo, hi) = if radius.is_finite() { bounds(scene, keep)? } else { all };
     let center = (lo + hi) * 0.5;
     let ViewAxes { right, up, forward } = options.axes;
     let [w, h] = options.size.map(f64::from);
@@ -362,12 +408,8 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
         }
         None => vec![DQuat::IDENTITY],
     };
-    let mut support = Support::new(rotations.iter().flat_map(|r| local.map(|g| *r * g)).collect());
-    for_each_splat(scene, |p, splat| {
-        if keep(p) {
-            support.add(p - center, splat);
-        }
-    });
+    let directions = rotations.iter().flat_map(|r| local.map(|g| *r * g)).collect();
+    let support = Support::of(scene, directions, |p| keep(p).then(|| p - center));
     let mut least = [f64::INFINITY; 6];
     for values in support.least.chunks_exact(6) {
         least.iter_mut().zip(values).for_each(|(l, v)| *l = l.min(*v));
@@ -399,14 +441,15 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
 
 /// The middle of the scene's bounds, without stray points, as [`frame_camera`] centres it; `None` without objects.
 pub fn scene_center(scene: &Scene) -> Option<DVec3> {
-    let (middle, radius) = trimmed(scene, bounds(scene, |_| true)?);
-    bounds(scene, |p| p.distance(middle) <= radius).map(|(lo, hi)| (lo + hi) * 0.5)
+    let all = bounds(scene, |_| true)?;
+    let (middle, radius) = trimmed(scene, all);
+    let kept = if radius.is_finite() { bounds(scene, |p| p.distance(middle) <= radius) } else { Some(all) };
+    kept.map(|(lo, hi)| (lo + hi) * 0.5)
 }
 
 /// Least and largest planar depth of the scene from `eye` along the unit vector `forward`; `None` without objects.
 pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f64)> {
-    let mut support = Support::new(vec![forward, -forward]);
-    for_each_splat(scene, |p, splat| support.add(p - eye, splat));
+    let support = Support::of(scene, vec![forward, -forward], |p| Some(p - eye));
     let (first, last) = (support.least[0], -support.least[1]);
     (first.is_finite() && last.is_finite()).then_some((first, last))
 }

@@ -4,7 +4,7 @@ use crate::Error;
 use std::path::Path;
 
 /// Bytes that a point takes at most until it is drawn: read, its neighbours found, made a splat, and put into the
-/// backend's scene. On the CPU backend 81 of plain coordinates and 117 of LAZ with colours and times were measured, of
+/// backend's scene. On the CPU backend 62 of plain coordinates and 117 of LAZ with colours and times were measured, of
 /// 10 million each; more columns take more.
 pub(crate) const PREPARED_BYTES: u64 = 200;
 /// The same of a point whose file says its normal and radius.

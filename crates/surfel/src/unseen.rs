@@ -1,6 +1,7 @@
 //! Pictures on which nothing is seen, and what to do about them.
 
 use glam::DVec3;
+use rayon::prelude::*;
 use surfel_math::srgb::encode_rgba8;
 use surfel_model::{Geometry, Scene};
 use surfel_render::Frame;
@@ -33,7 +34,15 @@ pub fn why_blank(scene: &Scene) -> &'static str {
     if !scene.objects.is_empty() && scene.objects.iter().all(|object| invisible(&object.geometry)) {
         return "all splats have an alpha of 0 (--transparency off draws them opaque)";
     }
-    let bounds = |geometry: &Geometry| if let Geometry::Splats(cloud) = geometry { cloud.bounds() } else { None };
+    let bounds = |geometry: &Geometry| {
+        let Geometry::Splats(cloud) = geometry else { return None };
+        let around = |i| {
+            let (center, radius) = (cloud.center(i), cloud.radius_max(i));
+            (center - radius, center + radius)
+        };
+        let splats = (0..cloud.len()).into_par_iter().with_min_len(1 << 14).map(around);
+        splats.reduce_with(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    };
     let [least, most] = SQUARED_IN_F32;
     let overflows =
         |(lo, hi): (DVec3, DVec3)| (hi - lo).max_element() < least || lo.abs().max(hi.abs()).max_element() > most;

@@ -17,8 +17,11 @@ pub(crate) const CHUNK: usize = CHUNK_SPLATS;
 
 /// Chunks that one task stores, and tasks between which what they stored is put together: as many more splats are in
 /// memory twice.
-const TASK: usize = 32;
-const WAVE: usize = 32;
+const TASK: usize = 8;
+const WAVE: usize = 64;
+
+/// Splats of a part of an order that is given back alone, at least.
+const LEAST_PART: usize = 1 << 20;
 
 const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
 
@@ -154,30 +157,38 @@ impl StoredObject {
         let padded = cloud.len() + cloud.len() / LANES;
         let mut stored = Self::empty(cloud, place, storage, padded);
         let mut rows = cloud.data().rows.as_ref().map(|rows| (rows, Vec::with_capacity(padded)));
-        for order in parts {
-            let mut chunks = chunks(cloud, &order, storage);
-            loop {
-                let wave: Vec<_> = chunks.by_ref().take(WAVE * TASK).collect();
-                if wave.is_empty() {
-                    break;
-                }
-                if let Some((rows, of_slots)) = &mut rows {
-                    for (_, members) in &wave {
-                        of_slots.extend(members.iter().map(|&i| rows[i as usize]));
-                        of_slots.resize(of_slots.len().next_multiple_of(LANES), u32::MAX);
+        for mut order in parts {
+            while !order.is_empty() {
+                // What is used up of an order is given back while the columns grow.
+                let (mut used, part) = (0, (order.len() / 4).max(LEAST_PART));
+                let mut chunks = chunks(cloud, &order, storage);
+                while used < part {
+                    let wave: Vec<_> = chunks.by_ref().take(WAVE * TASK).collect();
+                    if wave.is_empty() {
+                        break;
                     }
+                    used += wave.iter().map(|(_, members)| members.len()).sum::<usize>();
+                    if let Some((rows, of_slots)) = &mut rows {
+                        for (_, members) in &wave {
+                            of_slots.extend(members.iter().map(|&i| rows[i as usize]));
+                            of_slots.resize(of_slots.len().next_multiple_of(LANES), u32::MAX);
+                        }
+                    }
+                    if stored.clips.is_some() {
+                        wave.iter().for_each(|(space, members)| stored.push_chunk(cloud, *space, members));
+                        continue;
+                    }
+                    let part_of = |task: &[(ChunkSpace, &[u32])]| {
+                        let mut part = Self::empty(cloud, place, storage, TASK * CHUNK);
+                        task.iter().for_each(|(space, members)| part.push_chunk(cloud, *space, members));
+                        part
+                    };
+                    let parts: Vec<Self> = wave.par_chunks(TASK).map(part_of).collect();
+                    parts.into_iter().for_each(|part| stored.append(part));
                 }
-                if stored.clips.is_some() {
-                    wave.iter().for_each(|(space, members)| stored.push_chunk(cloud, *space, members));
-                    continue;
-                }
-                let part_of = |task: &[(ChunkSpace, &[u32])]| {
-                    let mut part = Self::empty(cloud, place, storage, TASK * CHUNK);
-                    task.iter().for_each(|(space, members)| part.push_chunk(cloud, *space, members));
-                    part
-                };
-                let parts: Vec<Self> = wave.par_chunks(TASK).map(part_of).collect();
-                parts.into_iter().for_each(|part| stored.append(part));
+                drop(chunks);
+                order.drain(..used);
+                order.shrink_to_fit();
             }
         }
         stored.rows = rows.map(|(_, of_slots)| of_slots.into());
@@ -229,8 +240,13 @@ impl StoredObject {
     }
 
     fn push_chunk(&mut self, cloud: &SplatCloud, space: ChunkSpace, members: &[u32]) {
-        let centers: Vec<DVec3> = members.iter().map(|&i| cloud.center(i as usize)).collect();
-        let cone = Cone::about(members.iter().map(|&i| cloud.normal(i as usize)));
+        let splats = members.iter().map(|&i| i as usize).map(|i| BoundedSplat {
+            center: cloud.center(i) - space.origin,
+            radius: cloud.radius_max(i),
+            normal: cloud.normal(i),
+        });
+        let mut splats: Vec<BoundedSplat> = splats.collect();
+        let cone = Cone::about(splats.iter().map(|splat| splat.normal));
         let (mut radius, mut half, mut area) = (0.0f64, DVec3::ZERO, 0.0);
         let first = self.centers.len();
         let member = members.first().copied().unwrap_or_default();
@@ -238,19 +254,18 @@ impl StoredObject {
         // The last splat fills the lanes up; setup ignores what lies past `count`.
         for slot in 0..members.len().next_multiple_of(LANES) {
             let k = slot.min(members.len() - 1);
-            let i = members[k] as usize;
-            self.centers.push((centers[k] - space.origin).as_vec3(), space.center);
-            let from_origin = centers[k] - space.origin;
-            radius = radius.max(from_origin.length() + cloud.radius_max(i));
-            let (s, t) = cloud.axes(i);
-            half = half.max(from_origin.abs() + (s * s + t * t).map(f64::sqrt));
+            let (i, splat) = (members[k] as usize, &splats[k]);
+            self.centers.push(splat.center.as_vec3(), space.center);
             if slot == k {
+                let (s, t) = cloud.axes(i);
+                radius = radius.max(splat.center.length() + splat.radius);
+                half = half.max(splat.center.abs() + (s * s + t * t).map(f64::sqrt));
                 area += PI * s.cross(t).length();
             }
             match &mut self.shape {
                 StoredShape::Disks { normals, radii } => {
-                    normals.push(cloud.normal(i).as_vec3());
-                    radii.push(cloud.radius_max(i) as f32, space.radius);
+                    normals.push(splat.normal.as_vec3());
+                    radii.push(splat.radius as f32, space.radius);
                 }
                 StoredShape::Ellipses { s, t } => {
                     let (a, b) = stored_axes(cloud, i);
@@ -279,13 +294,8 @@ impl StoredObject {
             chunk.radius = radius * (1.0 + 1e-4);
             chunk.half = half + DVec3::splat(radius * 1e-4);
             chunk.area = area;
-            let bounded = members.iter().zip(&centers).map(|(&i, center)| BoundedSplat {
-                center: center - space.origin,
-                radius: cloud.radius_max(i as usize) + radius * 1e-4,
-                normal: cloud.normal(i as usize),
-            });
-            let bounded: Vec<_> = bounded.collect();
-            self.groups.push(Groups::of(chunk, &bounded));
+            splats.iter_mut().for_each(|splat| splat.radius += radius * 1e-4);
+            self.groups.push(Groups::of(chunk, &splats));
         }
     }
 
