@@ -318,14 +318,14 @@ fn upper_one_of_two_complete_surfaces_is_the_model() {
     }
     for (name, [ours, of_first, means, largest, tin]) in all_found {
         assert!(ours.gaps == 0.0 && ours.flat_rmse < means.flat_rmse, "{name}");
-        // Splats of points that stray by more than their radii cover holes in part.
+        // Points that stray by more than their spacing are no surface.
         if name != "far straying canopy" {
-            assert!(ours.rmse < means.rmse && ours.rmse < largest.rmse && ours.rmse < 2.0 * of_first.rmse, "{name}");
+            assert!(ours.rmse < means.rmse && ours.rmse < largest.rmse && ours.rmse < 1.25 * of_first.rmse, "{name}");
+            // The triangulation is told which of the lower points are seen, which says where holes are; some 5 %.
+            assert!(ours.rmse < 1.08 * tin.rmse && of_first.rmse < 1.12 * tin.rmse, "{name}");
         }
-        // Where points lie anywhere, a few of the lower ones are seen through chance holes of the upper ones.
         if name.starts_with("deck") {
-            assert!(ours.rmse < 0.5 * means.rmse && ours.rmse < 1.75 * tin.rmse, "{name}");
-            assert!(ours.edge_m < largest.edge_m, "{name}");
+            assert!(ours.rmse < 0.95 * tin.rmse && ours.edge_m < tin.edge_m, "{name}");
         }
     }
 }

@@ -6,7 +6,7 @@
 
 use super::grid::Grid;
 use super::layout::Layout;
-use super::sides::{Near, Sides};
+use super::sides::{Edge, Near, Sides};
 use super::source::splats_kept;
 use crate::{Backend, Error};
 use glam::{DAffine3, DMat3, DVec3};
@@ -74,7 +74,7 @@ pub(crate) fn draw(
     let mut behind = None;
     if keep.iter().any(|keep| keep.contains(&true)) {
         let within = layout.drawn(block, layout.halo);
-        // What lies beneath a complete surface shows nowhere.
+        // What lies beneath a surface shows nowhere.
         let sides = Sides::new(clouds.iter().map(|cloud| &**cloud), within, |cloud, i| keep[cloud][i] = false);
         let mut hidden = Vec::new();
         for (cloud, keep) in clouds.iter().zip(&keep) {
@@ -243,32 +243,49 @@ impl Behind<'_> {
         if !square.pixels().any(|pixel| is_between(&pixel)) {
             return;
         }
-        let [left, top] = self.left_top;
-        let at = |x: f64, y: f64| [left + x * surface.gsd, top - y * surface.gsd];
+        let at = |x: f64, y: f64| self.place(surface, [x, y]);
         let middle = |s: Square| {
             let half = |first: usize, length: usize| first as f64 + 0.5 * length as f64;
             at(half(s.left, s.width), half(s.top, s.height))
         };
-        let [x, y] = middle(square);
-        for part in square.parts(self.sides.square_px(x, y, surface.gsd)) {
+        let mut edge_of = |part: Square| {
             let between = || part.pixels().filter(is_between);
             let count = between().count();
-            if count == 0 {
-                continue;
-            }
             let height = |frame: &Frame| {
                 let depths = between().map(|(x, y)| f64::from(frame.depth()[y * side + x]));
                 surface.view.eye.z - depths.sum::<f64>() / count as f64
             };
             let [x, y] = middle(part);
-            let edge = self.sides.edge(x, y, height(first), height(second), near);
-            for (px, py) in between() {
+            if count > 0 { self.sides.edge(x, y, height(first), height(second), near) } else { None }
+        };
+        let mut set = |part: Square, edge: Option<Edge>| {
+            let [x, y] = middle(part);
+            for (px, py) in part.pixels().filter(is_between) {
                 let i = py * side + px;
                 let by_weight = if first.weight()[i] < second.weight()[i] { 0.0 } else { 1.0 };
                 let [of_x, of_y] = at(px as f64 + 0.5, py as f64 + 0.5);
                 each(px, py, edge.map_or(by_weight, |edge| edge.share(of_x - x, of_y - y) as f32));
             }
+        };
+        let px_of = |s: Square, found: Option<Edge>| {
+            let [x, y] = middle(s);
+            self.sides.square_px(x, y, surface.gsd, found)
+        };
+        for part in square.parts(px_of(square, None)) {
+            let edge = edge_of(part);
+            let px = px_of(part, edge);
+            if px >= part.width.max(part.height) {
+                set(part, edge);
+            } else {
+                part.parts(px).for_each(|smaller| set(smaller, edge_of(smaller)));
+            }
         }
+    }
+
+    /// x and y of a place in the image.
+    fn place(&self, surface: &Surface<'_>, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [left, top] = self.left_top;
+        [left + x * surface.gsd, top - y * surface.gsd]
     }
 }
 

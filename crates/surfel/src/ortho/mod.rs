@@ -7,6 +7,7 @@
 mod block;
 mod grid;
 mod layout;
+mod outline;
 mod request;
 mod sides;
 mod source;

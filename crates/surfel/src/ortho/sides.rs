@@ -6,8 +6,10 @@
 //! weights. The wider they reach, the better a straight edge is known, and the more of what is small is lost: so the
 //! widest is taken whose function has the points on their own sides.
 //!
-//! Points that lie beneath a complete surface, as a road under a bridge, say nothing of edges: they are left out.
+//! Points beneath a surface, as of a road under a bridge, say nothing of its edges: the upper points alone tell these
+//! (`outline.rs`).
 
+use super::outline::{Outline, WINDOW};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
 
@@ -26,24 +28,18 @@ const LEVEL: f64 = 2e-3;
 /// Side of a square of pixels that share one function, at most, over the splats' radius. It changes a surface model's
 /// RMSE by 1 %.
 const SQUARE: f64 = 0.8;
+/// The same where the upper points alone tell the edge, whose function isn't linear.
+const OUTLINE_SQUARE: f64 = 0.4;
 /// Most points that a cell has on average.
 const CELL_POINTS: f64 = 2.0;
 /// Most points that one pixel is told by, but for a row of cells more.
 const MOST_POINTS: usize = 1024;
 /// Most cells of a side.
 const MOST_CELLS: f64 = 4096.0;
-/// Directions, and how many in a row without a higher splat's point leave a point open to above. Fewer than half of
-/// them: of a point beside a straight edge half of all are empty.
-const DIRECTIONS: u32 = 64;
-const OPEN: u32 = 31;
-/// How far a point covers others, in radii of its own: less than 2 spacings, so that pits two points wide stay.
-const COVER: f64 = 1.2;
-/// Radii of a point within which others may cover it: those of larger splats don't.
-const COVER_REACH: f64 = 2.0;
-/// Times that points most of whose neighbours at their height are covered are taken to be, too: where few points lie
-/// around one, chance leaves a direction open.
-const VOTES: usize = 2;
-
+/// Chance from which on a point counts as beneath a surface, and from which on it shows that the lower surface goes on
+/// there, if upper points enclose it: in a pit two points wide of a single surface, they enclose none.
+const BENEATH: f64 = 0.5;
+const WELL_BENEATH: f64 = 0.97;
 #[derive(Clone, Copy)]
 struct Point {
     at: [f64; 2],
@@ -59,6 +55,8 @@ pub(crate) struct Sides {
     points: Vec<Point>,
     /// Index of each cell's first point, and the number of points.
     starts: Vec<u32>,
+    /// Which points are beneath a surface.
+    beneath: Vec<bool>,
     least: [f64; 2],
     cell: f64,
     cells: [usize; 2],
@@ -67,12 +65,12 @@ pub(crate) struct Sides {
 }
 
 impl Sides {
-    /// Of the splats within `bounds` (least x and y, then largest), but for those that others cover: of these `covered`
-    /// tells the cloud and the splat.
+    /// Of the splats within `bounds` (least x and y, then largest); `beneath` is told the cloud and the splat of those
+    /// that are beneath a surface.
     pub(crate) fn new<'a>(
         clouds: impl Iterator<Item = &'a SplatCloud>,
         bounds: [f64; 4],
-        mut covered: impl FnMut(usize, usize),
+        mut beneath: impl FnMut(usize, usize),
     ) -> Self {
         let [x0, y0, x1, y1] = bounds;
         let within = |p: &Point| p.at[0] >= x0 && p.at[0] <= x1 && p.at[1] >= y0 && p.at[1] <= y1;
@@ -85,25 +83,22 @@ impl Sides {
             };
             points.par_extend((0..cloud.len()).into_par_iter().with_min_len(4096).map(point).filter(within));
         }
-        let all = Self::sorted(points, bounds);
-        let is_covered = all.covered();
-        if !is_covered.contains(&true) {
-            return all;
-        }
-        let (mut open, told) = (Vec::with_capacity(all.points.len()), all.points.iter().zip(&is_covered));
-        told.for_each(|(p, is_covered)| match is_covered {
-            true => covered(p.cloud as usize, p.splat as usize),
-            false => open.push(*p),
-        });
-        Self::sorted(open, bounds)
+        let mut all = Self::sorted(points, bounds);
+        all.beneath = all.all_beneath();
+        let told = all.points.iter().zip(&all.beneath).filter(|(_, is_beneath)| **is_beneath);
+        told.for_each(|(p, _)| beneath(p.cloud as usize, p.splat as usize));
+        all
     }
 
     fn sorted(points: Vec<Point>, [x0, y0, x1, y1]: [f64; 4]) -> Self {
         let [width, height] = [x1 - x0, y1 - y0];
         let even = (width * height * CELL_POINTS / points.len().max(1) as f64).sqrt();
-        let cell = even.max(width.max(height) / MOST_CELLS);
+        // Points that leave most of the bounds empty lie denser than that.
+        let mean_radius = points.iter().map(|p| f64::from(p.radius)).sum::<f64>() / points.len().max(1) as f64;
+        let cell = even.min(mean_radius).max(width.max(height) / MOST_CELLS);
         let cells = [width, height].map(|side| (side / cell).floor() as usize + 1);
-        let mut all = Self { points, starts: Vec::new(), least: [x0, y0], cell, cells, reach: 0.0 };
+        let (starts, beneath) = (Vec::new(), Vec::new());
+        let mut all = Self { points, starts, beneath, least: [x0, y0], cell, cells, reach: 0.0 };
         all.reach = all.points.iter().fold(0.0, |most, p| f64::max(most, REACH * f64::from(p.radius)));
         let of_point = |p: &Point| all.cell_of(1, p.at[1]) * cells[0] + all.cell_of(0, p.at[0]);
         let keys: Vec<usize> = all.points.iter().map(of_point).collect();
@@ -123,41 +118,47 @@ impl Sides {
         all
     }
 
-    /// Which points others cover: those whose splats reach over them, higher by more than their radii, are all around.
-    fn covered(&self) -> Vec<bool> {
-        let is_covered = |q: &Point| {
-            let half = COVER_REACH * f64::from(q.radius);
-            let mut seen = 0_u64;
-            for p in self.around(q.at[0], q.at[1], half).filter(|p| p.z > q.z + p.radius) {
-                let [dx, dy] = [p.at[0] - q.at[0], p.at[1] - q.at[1]];
-                let squared = dx * dx + dy * dy;
-                if squared < half * half && squared < (COVER * f64::from(p.radius)).powi(2) {
-                    let turns = dy.atan2(dx) / std::f64::consts::TAU + 0.5;
-                    seen |= 1 << ((turns * f64::from(DIRECTIONS)) as u32 % DIRECTIONS);
-                }
-            }
-            longest_run(!seen) < OPEN
+    /// Which points are beneath a surface: those that likely are, near to some that are with hardly a doubt.
+    fn all_beneath(&self) -> Vec<bool> {
+        let chance = |q: &Point| {
+            let is_above = |p: &Point| p.z > q.z + p.radius;
+            self.outline(q.at[0], q.at[1], q.radius.into(), is_above).map_or((0.0, false), |(outline, window)| {
+                let chance = outline.chance(window).share(0.0, 0.0);
+                (chance as f32, chance > WELL_BENEATH && outline.encloses())
+            })
         };
-        let mut covered: Vec<bool> = self.points.par_iter().with_min_len(1024).map(is_covered).collect();
-        for _ in 0..VOTES {
-            let voted = (0..self.points.len()).into_par_iter().with_min_len(1024);
-            covered = voted.map(|i| covered[i] || self.is_among(i, &covered)).collect();
-        }
-        covered
+        let chances: Vec<(f32, bool)> = self.points.par_iter().with_min_len(1024).map(chance).collect();
+        let goes_on = |i: usize| {
+            let q = &self.points[i];
+            let half = WINDOW * f64::from(q.radius);
+            let is_near = |k: &usize| {
+                let p = &self.points[*k];
+                let squared = (p.at[0] - q.at[0]).powi(2) + (p.at[1] - q.at[1]).powi(2);
+                squared < half * half && (p.z - q.z).abs() < q.radius
+            };
+            let mut near = self.indices_around(q.at[0], q.at[1], half).filter(is_near);
+            near.any(|k| chances[k].1)
+        };
+        let is_beneath = |i: usize| f64::from(chances[i].0) > BENEATH && goes_on(i);
+        (0..self.points.len()).into_par_iter().with_min_len(1024).map(is_beneath).collect()
     }
 
-    /// True of a point most of whose neighbours at its height are covered.
-    fn is_among(&self, i: usize, covered: &[bool]) -> bool {
-        let q = self.points[i];
-        let (mut all, mut of_them) = (0, 0);
-        for k in self.indices_around(q.at[0], q.at[1], q.radius.into()).filter(|k| *k != i) {
-            let p = self.points[k];
-            let squared = (p.at[0] - q.at[0]).powi(2) + (p.at[1] - q.at[1]).powi(2);
-            if squared < f64::from(q.radius).powi(2) && (p.z - q.z).abs() < q.radius {
-                (all, of_them) = (all + 1, of_them + usize::from(covered[k]));
-            }
+    /// Those of certain points that are in a window about (x, y), where splats have about this radius, and the window;
+    /// `None` if none of them is near.
+    fn outline(&self, x: f64, y: f64, radius: f64, is_above: impl Fn(&Point) -> bool) -> Option<(Outline, f64)> {
+        let within = |reach: f64| {
+            let from_here = self.around(x, y, reach).map(move |p| (p, [p.at[0] - x, p.at[1] - y]));
+            from_here.filter(move |(_, [dx, dy])| dx * dx + dy * dy < reach * reach)
+        };
+        if !within(WINDOW * radius).any(|(p, _)| is_above(p)) {
+            return None;
         }
-        2 * of_them > all
+        let add = |(sum, n), (p, _): (&Point, _)| (sum + f64::from(p.radius).powi(-2), n + 1.0);
+        let (sum, count): (f64, f64) = within(WINDOW * radius).fold((0.0, 0.0), add);
+        let window = WINDOW * (count / sum).sqrt();
+        let mut outline = Outline::new();
+        within(window).filter(|(p, _)| is_above(p)).for_each(|(_, at)| outline.add(at.map(|d| d / window)));
+        Some((outline, window))
     }
 
     fn cell_of(&self, axis: usize, value: f64) -> usize {
@@ -203,9 +204,11 @@ impl Sides {
         Some((count / sum).sqrt())
     }
 
-    /// Pixels, `gsd` apart, along the side of a square about (x, y) that one edge does for: 4, 2 or 1.
-    pub(crate) fn square_px(&self, x: f64, y: f64, gsd: f64) -> usize {
-        let most = self.radius_at(x, y).unwrap_or(0.0) * SQUARE;
+    /// Pixels, `gsd` apart, along the side of a square about (x, y) that one edge does for: 4, 2 or 1. `found` is an
+    /// edge there, where one is known.
+    pub(crate) fn square_px(&self, x: f64, y: f64, gsd: f64, found: Option<Edge>) -> usize {
+        let over_radius = if found.is_some_and(|edge| edge.is_logistic) { OUTLINE_SQUARE } else { SQUARE };
+        let most = self.radius_at(x, y).unwrap_or(0.0) * over_radius;
         [4, 2].into_iter().find(|px| *px as f64 * gsd <= most).unwrap_or(1)
     }
 
@@ -216,21 +219,33 @@ impl Sides {
         let reach = SCALES[0] * REACH * radius;
         near.clear();
         let (mut above, mut below) = (false, false);
-        for p in self.around(x, y, reach) {
+        let window = WINDOW * radius;
+        let mut goes_on = false;
+        for i in self.indices_around(x, y, reach) {
+            let p = &self.points[i];
             let [dx, dy] = [p.at[0] - x, p.at[1] - y];
-            if dx * dx + dy * dy < reach * reach {
+            let squared = dx * dx + dy * dy;
+            if squared < reach * reach {
                 let is_above = f64::from(p.z) > middle;
+                if self.beneath[i] && !is_above {
+                    goes_on |= squared < window * window;
+                    continue;
+                }
                 (above, below) = (above | is_above, below | !is_above);
                 near.push(dx, dy, if is_above { 1.0 } else { -1.0 });
             }
         }
+        if goes_on {
+            let outline = self.outline(x, y, radius, |p| f64::from(p.z) > middle);
+            return Some(outline.map_or(Edge::constant(0.0), |(outline, window)| outline.chance(window)));
+        }
         if !(above && below) {
-            return (above || below).then_some(Edge { value: if above { 0.5 } else { -0.5 }, slopes: [0.0; 2] });
+            return (above || below).then_some(Edge::constant(if above { 1.0 } else { 0.0 }));
         }
         let mut found = None;
         for scale in SCALES {
             let Some([value, along_x, along_y]) = near.fit((scale * radius).powi(2)) else { continue };
-            found = Some(Edge { value, slopes: [along_x, along_y] }.times(STEEPNESS * scale));
+            found = Some(Edge::linear([value, along_x, along_y].map(|v| STEEPNESS * scale * v)));
             let [wrong, all] = near.wrong([value, along_x, along_y]);
             if wrong <= WRONG * all {
                 break;
@@ -240,35 +255,33 @@ impl Sides {
     }
 }
 
-/// A linear function of the place: ½ and more on the upper surface, −½ and less on the lower one.
+/// The share of the upper surface as a function of the place: of a linear one.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Edge {
     value: f64,
     slopes: [f64; 2],
+    /// The logistic function of it; else ½ is added to it.
+    is_logistic: bool,
 }
 
 impl Edge {
-    fn times(self, factor: f64) -> Self {
-        Self { value: factor * self.value, slopes: self.slopes.map(|slope| factor * slope) }
+    fn linear([value, along_x, along_y]: [f64; 3]) -> Self {
+        Self { value, slopes: [along_x, along_y], is_logistic: false }
     }
 
-    /// Share of the upper surface so far from the place that the edge was asked for.
+    pub(crate) fn logistic(value: f64, slopes: [f64; 2]) -> Self {
+        Self { value, slopes, is_logistic: true }
+    }
+
+    pub(crate) fn constant(share: f64) -> Self {
+        Self::linear([share - 0.5, 0.0, 0.0])
+    }
+
+    /// The share so far from the place that the edge was asked for.
     pub(crate) fn share(&self, dx: f64, dy: f64) -> f64 {
-        (0.5 + self.value + self.slopes[0] * dx + self.slopes[1] * dy).clamp(0.0, 1.0)
+        let linear = self.value + self.slopes[0] * dx + self.slopes[1] * dy;
+        if self.is_logistic { 1.0 / (1.0 + (-linear).exp()) } else { (0.5 + linear).clamp(0.0, 1.0) }
     }
-}
-
-/// The longest run of ones of a number whose ends meet.
-fn longest_run(mut ones: u64) -> u32 {
-    if ones == u64::MAX {
-        return DIRECTIONS;
-    }
-    let mut length = 0;
-    while ones != 0 {
-        ones &= ones.rotate_left(1);
-        length += 1;
-    }
-    length
 }
 
 /// Numbers that are computed at a time.
@@ -432,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn points_beneath_a_complete_surface_are_covered_and_those_in_pits_are_not() {
+    fn points_under_a_complete_surface_are_beneath_it_and_those_in_pits_are_not() {
         let covered_of = |points: &[DVec3]| {
             let (mut covered, bounds) = (vec![false; points.len()], [-10.0, -10.0, 10.0, 10.0]);
             Sides::new([cloud(points, 0.8)].iter(), bounds, |_, i| covered[i] = true);
@@ -456,18 +469,20 @@ mod tests {
     }
 
     #[test]
+    fn every_point_counts_where_most_of_the_bounds_is_empty() {
+        let points = step(0.0, 3.0);
+        let sides = Sides::new([cloud(&points, 0.8)].iter(), [-2000.0, -2000.0, 2000.0, 2000.0], |_, _| ());
+        let near = sides.around(0.0, 0.0, 2.0).filter(|p| p.at.iter().all(|v| v.abs() < 2.0)).count();
+        assert_eq!(near, 64);
+    }
+
+    #[test]
     fn weights_are_those_of_a_gaussian() {
         for i in 0..1000 {
             let squared = f64::from(i) * 0.03;
             let exact = if squared < REACH * REACH * 4.0 { (-squared / 8.0).exp() } else { 0.0 };
             assert!((weight(squared, 4.0) - exact).abs() <= 6e-5 * exact, "{squared}");
         }
-    }
-
-    #[test]
-    fn runs_of_ones_go_on_at_the_ends() {
-        let runs = [(0, 0), (u64::MAX, 64), (1, 1), (1 << 63 | 0b11, 3), (0b1101, 2), (!1, 63), (!(1 << 40 | 1), 39)];
-        assert!(runs.iter().all(|(ones, length)| longest_run(*ones) == *length));
     }
 
     #[test]

@@ -1,0 +1,201 @@
+//! How likely a place is beneath a surface, by that surface's points alone.
+//!
+//! Where the lower of two surfaces goes on beneath the upper one, as a road under a bridge or the ground under a tree,
+//! its points say nothing of where the upper one ends, and the upper points leave chance holes. So every edge that the
+//! surface may have in a window around the place is weighed: parabolas of 32 directions, 5 curvatures and any offset.
+//! An edge is possible if all upper points lie inside of it, and points as dense as the upper ones leave the rest of
+//! the window empty with a likelihood of exp(density × rest) (a Poisson process). The chance is the share of those that
+//! have the place inside: a mean over all that may be has the least mean square error. A hole that fits into a window
+//! is none.
+
+use super::sides::Edge;
+use std::sync::LazyLock;
+
+/// Radius of the window, over that of the splats in it: wide enough that chance leaves no half of it empty, and
+/// narrow enough that a hole in a canopy doesn't fit into it.
+pub(crate) const WINDOW: f64 = 1.8;
+/// Points of a window that lie inside of the surface, over π: a splat's radius is 1.65 spacings (`surfel-sample`).
+const DENSITY: f64 = (1.65 * WINDOW) * (1.65 * WINDOW);
+const DIRECTIONS: usize = 32;
+/// Curvatures of edges in windows, up to 1 over the splats' radius, and how often each is taken to occur: straight
+/// edges more often, for decks; much more often, canopies lose.
+const CURVATURES: [(f32, f64); 5] = [(0.0, 2.0), (-1.8, 1.0), (-0.9, 1.0), (0.9, 1.0), (1.8, 1.0)];
+/// Largest offset of an edge from the middle of its window, in windows, where no edge is left in it; and steps of one.
+const FARTHEST: f64 = 2.0;
+const STEPS: f64 = 64.0;
+/// Strips in which the area inside of an edge is summed.
+const STRIPS: usize = 256;
+
+/// Likelihoods of one edge and of all farther ones, by steps of their offset, of each curvature.
+struct Likelihoods([Vec<[f64; 2]>; CURVATURES.len()]);
+
+static LIKELIHOODS: LazyLock<Likelihoods> = LazyLock::new(|| {
+    Likelihoods(CURVATURES.map(|(curvature, frequency)| {
+        let area = |offset: f64| {
+            let strip = |i: usize| {
+                let across = (2.0 * (i as f64 + 0.5) / STRIPS as f64) - 1.0;
+                let half = (1.0 - across * across).sqrt();
+                (offset + 0.5 * f64::from(curvature) * across * across + half).clamp(0.0, 2.0 * half)
+            };
+            (0..STRIPS).map(strip).sum::<f64>() * 2.0 / STRIPS as f64
+        };
+        let last = (2.0 * FARTHEST * STEPS) as usize;
+        let own = |i: usize| frequency * (-DENSITY * area(i as f64 / STEPS - FARTHEST)).exp();
+        let mut all = vec![[own(last), 0.0]; last + 1];
+        for i in (0..last).rev() {
+            let own = own(i);
+            all[i] = [own, all[i + 1][1] + 0.5 * (own + all[i + 1][0]) / STEPS];
+        }
+        all
+    }))
+});
+
+impl Likelihoods {
+    /// Those of an edge of this curvature and offset, and of all farther ones.
+    fn at(&self, curvature: usize, offset: f64) -> [f64; 2] {
+        let all = &self.0[curvature];
+        let step = ((offset + FARTHEST) * STEPS).clamp(0.0, (all.len() - 1) as f64);
+        let below = (step as usize).min(all.len() - 2);
+        let share = step - below as f64;
+        [0, 1].map(|k| all[below][k] + share * (all[below + 1][k] - all[below][k]))
+    }
+}
+
+/// Unit vectors, at 32 angles.
+static UNITS: LazyLock<[[f32; DIRECTIONS]; 2]> = LazyLock::new(|| {
+    let angle = |i: usize| i as f64 * std::f64::consts::TAU / DIRECTIONS as f64;
+    [std::array::from_fn(|i| angle(i).cos() as f32), std::array::from_fn(|i| angle(i).sin() as f32)]
+});
+
+/// Radius within which points enclose a place, in windows: less than 2 spacings, so that pits two points wide stay.
+const ENCLOSING: f64 = 1.2 / WINDOW;
+/// Least offset, in windows, of the points that do.
+const ENCLOSED: f32 = 0.01;
+
+/// The upper points in a window.
+pub(crate) struct Outline {
+    /// Largest offset of the points that are near enough to enclose the place.
+    near: [f32; DIRECTIONS],
+    /// Least offset of an edge that has all points inside.
+    least: [[f32; DIRECTIONS]; CURVATURES.len()],
+    is_empty: bool,
+}
+
+impl Outline {
+    pub(crate) fn new() -> Self {
+        Self {
+            near: [f32::NEG_INFINITY; DIRECTIONS],
+            least: [[f32::NEG_INFINITY; DIRECTIONS]; CURVATURES.len()],
+            is_empty: true,
+        }
+    }
+
+    /// A point of the upper surface, from the place, in windows.
+    pub(crate) fn add(&mut self, [x, y]: [f64; 2]) {
+        let is_near = x * x + y * y < ENCLOSING * ENCLOSING;
+        let (x, y) = (x as f32, y as f32);
+        self.is_empty = false;
+        let [cos, sin] = &*UNITS;
+        let (mut along, mut half_squared) = ([0.0; DIRECTIONS], [0.0; DIRECTIONS]);
+        for k in 0..DIRECTIONS {
+            along[k] = x * cos[k] + y * sin[k];
+            let across = y * cos[k] - x * sin[k];
+            half_squared[k] = 0.5 * across * across;
+        }
+        if is_near {
+            self.near.iter_mut().zip(along).for_each(|(near, along)| *near = near.max(along));
+        }
+        for (least, (curvature, _)) in self.least.iter_mut().zip(CURVATURES) {
+            for k in 0..DIRECTIONS {
+                let offset = along[k] - curvature * half_squared[k];
+                least[k] = if offset > least[k] { offset } else { least[k] };
+            }
+        }
+    }
+
+    /// True if near points lie on all sides of the place.
+    pub(crate) fn encloses(&self) -> bool {
+        self.near.iter().all(|offset| *offset > ENCLOSED)
+    }
+
+    /// The chance that the place is inside, as a function of the place; `window` is that of the points.
+    pub(crate) fn chance(&self, window: f64) -> Edge {
+        if self.is_empty {
+            return Edge::constant(0.0);
+        }
+        let (table, [cos, sin]) = (&*LIKELIHOODS, &*UNITS);
+        // Of edges with the place inside, and of others: their likelihoods, and the derivatives of these by x and y.
+        let (mut inside, mut outside) = ([0.0; 3], [0.0; 3]);
+        for (curvature, least) in self.least.iter().enumerate() {
+            let at_place = table.at(curvature, 0.0)[1];
+            for (k, &least) in least.iter().enumerate() {
+                let [own, farther] = table.at(curvature, least.into());
+                let (sums, gained) = if least > 0.0 {
+                    (&mut inside, farther)
+                } else {
+                    inside[0] += at_place;
+                    (&mut outside, farther - at_place)
+                };
+                sums[0] += gained;
+                sums[1] += own * f64::from(cos[k]);
+                sums[2] += own * f64::from(sin[k]);
+            }
+        }
+        if outside[0] <= 0.0 {
+            return Edge::constant(1.0);
+        }
+        let slope = |k: usize| (inside[k] / inside[0] - outside[k] / outside[0]) / window;
+        Edge::logistic((inside[0] / outside[0]).ln(), [slope(1), slope(2)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The chance at (x, y) of points on a grid of spacing 1, those that are `kept`.
+    fn chance(x: f64, y: f64, kept: impl Fn(f64, f64) -> bool) -> Edge {
+        let window = 1.65 * WINDOW;
+        let mut outline = Outline::new();
+        for i in 0..1600 {
+            let [px, py] = [i % 40, i / 40].map(|i| f64::from(i) - 19.5);
+            let at = [(px - x) / window, (py - y) / window];
+            if kept(px, py) && at[0] * at[0] + at[1] * at[1] < 1.0 {
+                outline.add(at);
+            }
+        }
+        outline.chance(window)
+    }
+
+    #[test]
+    fn edges_lie_outside_of_the_outermost_points() {
+        for angle in [0.0, 0.3, 0.7, 1.2] {
+            let (sin, cos) = f64::sin_cos(angle);
+            let of = |d: f64| chance(d * cos, d * sin, |x, y| x * cos + y * sin < 0.0).share(0.0, 0.0);
+            // By the function's mean over places: where a step of the same content is.
+            let content: f64 = (-40..40).map(|i| 0.1 * of(0.1 * (f64::from(i) + 0.5))).sum();
+            assert!((3.6..4.3).contains(&content), "{angle}: {content}");
+            assert!(of(-1.5) > 0.95 && of(1.5) < 0.02, "{angle}: {} {}", of(-1.5), of(1.5));
+        }
+    }
+
+    #[test]
+    fn holes_are_open_and_chance_gaps_are_not() {
+        let hole = |radius: f64| chance(0.1, 0.2, |x, y| x.hypot(y) > radius).share(0.0, 0.0);
+        // 4 and 32 points are missing.
+        assert!(hole(1.0) > 0.5 && hole(3.2) < 0.02, "{} {}", hole(1.0), hole(3.2));
+        assert!(chance(0.0, 0.0, |_, _| true).share(0.0, 0.0) > 0.999);
+        assert!(chance(0.0, 0.0, |_, _| false).share(0.0, 0.0) == 0.0);
+    }
+
+    #[test]
+    fn slopes_are_the_derivatives() {
+        let of = |x: f64, y: f64| chance(x, y, |x, y| x + 0.3 * y < 0.0);
+        let (here, d) = (of(0.1, 0.05), 0.02);
+        for [dx, dy] in [[d, 0.0], [0.0, d], [-d, 0.0]] {
+            let (told, found) = (here.share(dx, dy), of(0.1 + dx, 0.05 + dy).share(0.0, 0.0));
+            // The window moves, too, and with it the area that is counted.
+            assert!((told - found).abs() < 0.02, "{told} {found}");
+        }
+    }
+}
