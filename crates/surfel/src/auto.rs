@@ -24,6 +24,8 @@ const FILL: f64 = 0.9;
 const LAYERS: u32 = 4;
 /// Depth tolerance of flat parts and sharp splats, in radii: those lie in the surface, and need next to none to blend.
 const FLAT_TOLERANCE: f64 = 0.1;
+/// Depth tolerance of splats as fine as their mesh, in radii: what lies closer behind a surface shines through it.
+const FINE_TOLERANCE: f64 = 0.3;
 /// Ambient light of automatic scenes, linear RGB: shadows stay readable.
 const AMBIENT: [f64; 3] = [0.13, 0.135, 0.145];
 
@@ -111,11 +113,16 @@ pub fn auto_composite(loaded: &LoadedObjects, paths: &[&Path], settings: Setting
 }
 
 /// The depth tolerance for files that came without a scene, where it isn't the default: objects of flat parts, as
-/// buildings are, and sharp splats need next to none, and the default would let a floor shine through the wall that it
-/// ends at.
+/// buildings are, and sharp splats need next to none, splats as fine as their mesh little. The default would let a
+/// floor shine through the wall that it ends at, and skin through eyebrows.
 pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
-    let flat = !loaded.facts.is_empty() && loaded.facts.iter().all(|facts| facts.flat);
-    flat.then_some(DepthTolerance::Relative(FLAT_TOLERANCE))
+    let needed = loaded.facts.iter().map(|facts| match facts {
+        ObjectFacts { flat: true, .. } => Some(FLAT_TOLERANCE),
+        ObjectFacts { fine: true, .. } => Some(FINE_TOLERANCE),
+        _ => None,
+    });
+    let largest = needed.reduce(|a, b| Some(a?.max(b?)));
+    largest.flatten().map(DepthTolerance::Relative)
 }
 
 /// Which axis is up in objects that came without a scene file, and why: the first file that says it or whose format
@@ -303,16 +310,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_objects_that_are_flat_all_over_are_drawn_with_less_tolerance() {
-        let facts = |flat| ObjectFacts { flat, ..ObjectFacts::default() };
-        let of = |all: &[bool]| {
-            auto_depth_tolerance(&LoadedObjects {
-                facts: all.iter().map(|&flat| facts(flat)).collect(),
-                ..LoadedObjects::default()
-            })
+    fn the_object_that_needs_most_depth_tolerance_decides() {
+        let any = ObjectFacts::default();
+        let [flat, fine] = [ObjectFacts { flat: true, ..any }, ObjectFacts { fine: true, ..any }];
+        let of = |all: &[ObjectFacts]| {
+            auto_depth_tolerance(&LoadedObjects { facts: all.to_vec(), ..LoadedObjects::default() })
         };
-        assert_eq!((of(&[]), of(&[true, false])), (None, None));
-        assert_eq!(of(&[true, true]), Some(DepthTolerance::Relative(0.1)));
+        assert_eq!((of(&[]), of(&[flat, any]), of(&[any, fine])), (None, None, None));
+        assert_eq!(of(&[flat, flat]), Some(DepthTolerance::Relative(0.1)));
+        assert_eq!(of(&[flat, fine]), Some(DepthTolerance::Relative(0.3)));
     }
 
     #[test]

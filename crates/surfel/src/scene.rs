@@ -65,6 +65,8 @@ pub struct ObjectFacts {
     pub closed: bool,
     /// Where its splats overlap they hardly stand apart: they were made of a mesh of flat parts, or clipped by `sharp`.
     pub flat: bool,
+    /// They stand apart by little: there are at least as many as the mesh that they were made of has triangles.
+    pub fine: bool,
     /// Of its file, coarse levels were read only ([`refine_objects`]).
     pub partial: bool,
     /// Its file has more points than were asked for at most.
@@ -83,6 +85,7 @@ impl Default for ObjectFacts {
             colored: false,
             closed: false,
             flat: false,
+            fine: false,
             partial: false,
             thinned: false,
             transparent: false,
@@ -242,12 +245,11 @@ pub fn load_objects(
                             Geometry::Octree(octree) => octree.cloud().is_transparent(),
                             Geometry::Mesh(_) | Geometry::Gaussians(_) => false,
                         };
-                        let flat = match &geometry {
-                            Geometry::Splats(cloud) => {
-                                cloud.data().comments.iter().any(|c| c == surfel_sample::FLAT_PARTS)
-                            }
+                        let says = |comment: &str| match &geometry {
+                            Geometry::Splats(cloud) => cloud.data().comments.iter().any(|c| c == comment),
                             _ => false,
                         };
+                        let (flat, fine) = (says(surfel_sample::FLAT_PARTS), says(surfel_sample::FINE_SPLATS));
                         let partial = levels.is_some();
                         let facts = ObjectFacts {
                             up,
@@ -255,6 +257,7 @@ pub fn load_objects(
                             points,
                             closed,
                             flat,
+                            fine,
                             partial,
                             thinned,
                             transparent,

@@ -190,7 +190,8 @@ fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>) {
                 }
             }
             b"d" => entry.alpha = fraction().unwrap_or(1.0),
-            b"Tr" => entry.alpha = 1.0 - fraction().unwrap_or(0.0),
+            // MeshLab and its like write the opacity there, and nobody stores what can't be seen.
+            b"Tr" => entry.alpha = fraction().map(|tr| 1.0 - tr).filter(|alpha| *alpha > 0.0).unwrap_or(1.0),
             b"map_Kd" => entry.map = Some(path_of(&rest, folder)),
             b"map_d" => entry.opacity_map = Some(path_of(&rest, folder)),
             // `norm` says what it is; where both are there, the other may be heights.

@@ -11,6 +11,10 @@ pub const CLOSED_MESH: &str = "covers a closed mesh";
 /// `sharp`.
 pub const FLAT_PARTS: &str = "made of flat parts";
 
+/// Comment of a cloud spread over a mesh, of other than flat parts, that has no more triangles than there are splats:
+/// where these overlap they stand apart by little of their radii.
+pub const FINE_SPLATS: &str = "as fine as their mesh";
+
 /// Share of a mesh's edges that may be walked twice the same way where its triangles are wound alike: scans and exports
 /// have a few bad triangles.
 const MISWOUND: f64 = 0.01;

@@ -22,7 +22,7 @@ mod vertices;
 use crate::{Progress, SampleError, interior};
 use surfel_model::{CloudData, Mesh, OnInvalid, SplatCloud};
 
-pub use closed::{CLOSED_MESH, FLAT_PARTS, is_closed, is_oriented, turn_outward};
+pub use closed::{CLOSED_MESH, FINE_SPLATS, FLAT_PARTS, is_closed, is_oriented, turn_outward};
 pub use detail::Detail;
 pub use octree::{OctreeOptions, octree_from_mesh};
 pub use options::{MeshMethod, MeshOptions, MeshReport};
@@ -110,9 +110,12 @@ fn finish(
 ) -> Result<(SplatCloud, MeshReport), SampleError> {
     let oriented = is_oriented(mesh);
     let mut comments = mesh.comments.clone();
-    comments.retain(|comment| comment != FLAT_PARTS);
+    comments.retain(|comment| comment != FLAT_PARTS && comment != FINE_SPLATS);
+    let fine = matches!(report.method, MeshMethod::Count(_)) && data.centers.len() >= mesh.triangles.len();
     if report.flat {
         comments.push(FLAT_PARTS.into());
+    } else if fine {
+        comments.push(FINE_SPLATS.into());
     }
     let data = CloudData { up: mesh.up, comments, oriented, ..data };
     let (mut cloud, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
