@@ -294,6 +294,18 @@ fn obj_opacity_maps_are_the_alpha_of_textures() {
 }
 
 #[test]
+fn obj_transparency_of_1_is_what_programs_write_for_opaque() {
+    let folder = Folder::new("transparency");
+    let shape = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n";
+    for (words, alpha) in [("Tr 0.25", 0.75), ("Tr 1", 1.0), ("Tr 1.0\nd 1", 1.0), ("Tr 0", 1.0), ("d 0.5", 0.5)] {
+        folder.write("a.mtl", format!("newmtl m\nKd 1 0 0\n{words}\n"));
+        let path = folder.write("a.obj", format!("mtllib a.mtl\n{shape}"));
+        let mesh = mesh(load_file(&path, &LoadOptions::default()).unwrap());
+        assert_eq!(mesh.alphas.map_or(1.0, |alphas| alphas[0]), alpha, "{words}");
+    }
+}
+
+#[test]
 fn obj_normal_maps_are_read_by_what_they_hold() {
     let folder = Folder::new("normals");
     let shape = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.5\nusemtl m\nf 1/1 2/1 3/1\n";

@@ -252,16 +252,20 @@ pub struct SplatCloud {
     data: CloudData,
 }
 
+/// Splats of a task, and from how many on they are checked side by side: fewer are no reason to start threads.
+#[cfg(feature = "rayon")]
+const CHECKED_TOGETHER: usize = 1 << 14;
+
 /// The index of the first splat that breaks the rules.
 fn first_invalid(data: &CloudData) -> Option<usize> {
+    let count = data.centers.len();
     let is_invalid = |i: &usize| data.problem(*i).is_some();
     #[cfg(feature = "rayon")]
-    {
+    if count > CHECKED_TOGETHER {
         use rayon::prelude::*;
-        (0..data.centers.len()).into_par_iter().with_min_len(1 << 14).find_first(is_invalid)
+        return (0..count).into_par_iter().with_min_len(CHECKED_TOGETHER).find_first(is_invalid);
     }
-    #[cfg(not(feature = "rayon"))]
-    (0..data.centers.len()).find(is_invalid)
+    (0..count).find(is_invalid)
 }
 
 /// What a program does about invalid splats that it made itself.

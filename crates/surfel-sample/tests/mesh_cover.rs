@@ -7,7 +7,9 @@ use glam::{DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use surfel_model::{Column3, Mesh, Shape, SplatCloud, Texture};
-use surfel_sample::{MeshMethod, MeshOptions, NoProgress, SampleError, points_from_mesh, splats_from_mesh};
+use surfel_sample::{
+    FINE_SPLATS, FLAT_PARTS, MeshMethod, MeshOptions, NoProgress, SampleError, points_from_mesh, splats_from_mesh,
+};
 
 fn mesh(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
     Mesh { positions: Column3::from_f64(positions), triangles, ..Mesh::default() }
@@ -273,6 +275,25 @@ fn split_doubles(mesh: &Mesh) -> usize {
             first.is_some_and(|f| normals[f] != normals[i]) && twin
         })
         .count()
+}
+
+#[test]
+fn splats_say_how_little_they_stand_apart() {
+    let flat = globe(16);
+    let unit = (0..flat.positions.len()).map(|i| flat.positions.get(i).normalize().as_vec3().to_array());
+    let smooth = Mesh { normals: Some(unit.collect()), ..flat.clone() };
+    let said = |mesh: &Mesh, method| {
+        let comments = sampled(mesh, method).data().comments.clone();
+        [FLAT_PARTS, FINE_SPLATS].map(|what| comments.iter().any(|comment| comment == what))
+    };
+    let triangles = smooth.triangles.len();
+    assert_eq!(said(&flat, MeshMethod::Count(2 * triangles)), [true, false]);
+    assert_eq!(said(&smooth, MeshMethod::Count(2 * triangles)), [false, true]);
+    assert_eq!(said(&smooth, MeshMethod::Count(triangles / 2)), [false, false]);
+    assert_eq!(said(&smooth, MeshMethod::PerVertex), [false, false]);
+    // Of splats made anew the mesh's own comment says nothing.
+    let told = Mesh { comments: vec![FINE_SPLATS.into()], ..smooth };
+    assert_eq!(said(&told, MeshMethod::Count(triangles / 2)), [false, false]);
 }
 
 #[test]
