@@ -170,7 +170,8 @@ fn measured_radii(
     let oriented: Vec<Oriented> =
         (0..points.len()).map(|slot| Oriented { normal: normal(slot), farthest2: 0.0 }).collect();
     let sizes = radii::sizes(&points, &oriented, 16, Spacing::Known(spacing / points.step), false, progress);
-    Ok(points.slots().iter().map(|s| sizes.radius(*s as usize) * points.step).collect())
+    let step = points.step;
+    Ok(points.into_slots().into_iter().map(|slot| sizes.radius(slot as usize) * step).collect())
 }
 
 /// `count` samples.
