@@ -24,6 +24,12 @@ pub(crate) fn run(root: &Path) -> bool {
         }),
         // As it is built without being asked for more: without GPU backends.
         step("default program", &|| command(cargo(root).args(["check", "--package", "surfel-cli", "--locked"]))),
+        // As others take it: with what it has by default, and with as little as can be.
+        step("default library", &|| command(cargo(root).args(["check", "--package", "surfel", "--locked"]))),
+        step("smallest library", &|| {
+            let arguments = ["check", "--package", "surfel", "--no-default-features", "--features", "cpu", "--locked"];
+            command(cargo(root).args(arguments))
+        }),
         step("doc", &|| {
             let arguments = ["doc", "--workspace", "--no-deps", "--locked"];
             command(cargo(root).args(arguments).env("RUSTDOCFLAGS", "-D warnings"))

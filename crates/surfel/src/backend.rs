@@ -8,6 +8,9 @@ use surfel_render::{
     unsupported,
 };
 
+#[cfg(not(any(feature = "cpu", feature = "wgpu", feature = "ash", feature = "reference")))]
+compile_error!("surfel draws by a backend: build it with one at least of its features cpu, wgpu, ash and reference");
+
 /// Names of backends, fastest first; `reference` is last.
 const NAMES: [&str; 4] = ["ash", "wgpu", "cpu", "reference"];
 /// Those that this program has.
@@ -367,6 +370,7 @@ fn elsewhere(backend: &Backend) -> RenderError {
     RenderError::Backend { backend: backend.info().backend, message }
 }
 
+#[cfg(any(feature = "cpu", feature = "reference"))]
 fn check_adapter(info: &RendererInfo, options: &BackendOptions) -> Result<(), BackendError> {
     match &options.adapter {
         Some(wanted) if !info.adapter.to_lowercase().contains(&wanted.to_lowercase()) => {
