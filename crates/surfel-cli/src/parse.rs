@@ -10,6 +10,7 @@ use std::ffi::OsString;
 ///
 /// Errors (and help) are printed; then there is only the exit code.
 pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Cli, u8> {
+    join_edge_aa(&mut arguments);
     let words: Vec<String> = arguments.iter().skip(1).map(|a| a.to_string_lossy().into_owned()).collect();
     let bare = insert_render(&mut arguments, &words);
     let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e))?;
@@ -32,6 +33,17 @@ fn said_bare(mut cli: Cli, bare: bool) -> Cli {
         args.bare = bare;
     }
     cli
+}
+
+/// `--edge-aa samples` is `--edge-aa=samples`. What else follows the flag, which may stand alone, is an input.
+fn join_edge_aa(arguments: &mut Vec<OsString>) {
+    let end = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
+    let is_value = |word: &OsString| ["on", "off", "samples"].iter().any(|value| word == value);
+    if let Some(at) = arguments[..end].windows(2).position(|pair| pair[0] == "--edge-aa" && is_value(&pair[1])) {
+        let value = arguments.remove(at + 1);
+        arguments[at].push("=");
+        arguments[at].push(value);
+    }
 }
 
 /// `surfel INPUT …` is `surfel render INPUT …`: where the first word after global flags is no command. Says
@@ -85,6 +97,21 @@ fn complain(error: &clap::Error) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn edge_aa_takes_the_value_that_follows_it() {
+        let joined = |line: &str| {
+            let mut arguments: Vec<OsString> = line.split(' ').map(Into::into).collect();
+            join_edge_aa(&mut arguments);
+            arguments.join(" ".as_ref()).into_string().unwrap()
+        };
+        assert_eq!(joined("surfel a.ply --edge-aa samples -o x.png"), "surfel a.ply --edge-aa=samples -o x.png");
+        for whole in
+            ["surfel --edge-aa a.ply", "surfel --edge-aa=off on", "surfel a.ply --edge-aa", "surfel -- --edge-aa on"]
+        {
+            assert_eq!(joined(whole), whole);
+        }
+    }
 
     #[test]
     fn bare_form_gets_its_render() {
