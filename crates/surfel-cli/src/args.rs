@@ -314,9 +314,9 @@ pub(crate) struct SplatArgs {
     #[arg(long, value_name = "LO,HI", value_parser = values::range, allow_hyphen_values = true,
         help_heading = "Splats")]
     pub(crate) range: Option<[f64; 2]>,
-    /// Write the colours of --color-by with their values as an image of its own.
-    #[arg(long, value_name = "FILE.png", help_heading = "Splats")]
-    pub(crate) colorbar: Option<PathBuf>,
+    /// Write the colours of --color-by with their values as an image of its own: OUT-colorbar.png without a name.
+    #[arg(long, num_args = 0..=1, require_equals = true, value_name = "FILE.png", help_heading = "Splats")]
+    pub(crate) colorbar: Option<Option<PathBuf>>,
     /// Only points and splats within this box, in the file's coordinates.
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = values::crop, allow_hyphen_values = true,
         help_heading = "Splats")]

@@ -31,7 +31,7 @@ pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsStrin
     let Some((name, given)) = matches.subcommand() else { return Ok(Vec::new()) };
     let Some(command) = grammar.find_subcommand(name) else { return Ok(Vec::new()) };
     let find = |command: &clap::Command, key: &str| {
-        command.get_arguments().find(|a| a.get_long() == Some(key)).map(|a| (a.get_id().clone(), !takes_value(a)))
+        command.get_arguments().find(|a| a.get_long() == Some(key)).map(|a| (a.get_id().clone(), kind_of(a)))
     };
     let on_command_line = |key: &str| {
         let argument = find(command, key).or_else(|| find(&grammar, key));
@@ -48,7 +48,7 @@ pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsStrin
             || GROUPS.iter().any(|g| g.contains(&key.as_str()) && g.iter().any(|other| on_command_line(other)));
         match find(command, &key).or_else(|| find(&grammar, &key)) {
             Some(_) if silenced => {}
-            Some((_, is_switch)) => extra.extend(argument(&key, value, is_switch).map_err(&wrong)?),
+            Some((_, kind)) => extra.extend(argument(&key, value, kind).map_err(&wrong)?),
             None if grammar.get_subcommands().any(|s| find(s, &key).is_some()) => {}
             None => return Err(wrong(format!("has the unknown key '{key}', expected long flag names without dashes"))),
         }
@@ -56,11 +56,25 @@ pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsStrin
     Ok(extra)
 }
 
-fn takes_value(argument: &clap::Arg) -> bool {
-    argument.get_action().takes_values()
+/// What a flag takes: nothing, a value, or a free text that may be left out.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Switch,
+    Valued,
+    MayStandAlone,
 }
 
-fn argument(key: &str, value: &Value, is_switch: bool) -> Result<Option<OsString>, String> {
+fn kind_of(argument: &clap::Arg) -> Kind {
+    let may_stand_alone = argument.get_num_args().is_some_and(|count| count.min_values() == 0);
+    match argument.get_action().takes_values() {
+        false => Kind::Switch,
+        true if may_stand_alone && argument.get_possible_values().is_empty() => Kind::MayStandAlone,
+        true => Kind::Valued,
+    }
+}
+
+fn argument(key: &str, value: &Value, kind: Kind) -> Result<Option<OsString>, String> {
+    let is_switch = kind == Kind::Switch;
     let scalar = |value: &Value| match value {
         Value::String(s) => Some(s.clone()),
         Value::Integer(i) => Some(i.to_string()),
@@ -69,7 +83,7 @@ fn argument(key: &str, value: &Value, is_switch: bool) -> Result<Option<OsString
     };
     let wrong = || format!("has {key} = {value}, expected {}", if is_switch { "true or false" } else { "its value" });
     let text = match value {
-        Value::Boolean(on) if is_switch => return Ok(on.then(|| format!("--{key}").into())),
+        Value::Boolean(on) if kind != Kind::Valued => return Ok(on.then(|| format!("--{key}").into())),
         Value::Boolean(on) => (if *on { "on" } else { "off" }).to_owned(),
         _ if is_switch => return Err(wrong()),
         Value::Array(values) => {

@@ -30,19 +30,18 @@ pub(crate) fn run(args: &InfoArgs, console: &Console) -> Result<(), Failure> {
 
 fn text(facts: &Value) -> String {
     let string = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-    let list = |value: &Value| value.as_array().into_iter().flatten().map(string).collect::<Vec<_>>().join(", ");
     let coordinate = |value: &Value| value.as_f64().map_or_else(|| string(value), shortest);
     let point = |value: &Value| value.as_array().into_iter().flatten().map(coordinate).collect::<Vec<_>>().join(", ");
-    let counts = facts["counts"].as_object().into_iter().flatten();
-    let counts: Vec<String> = counts.map(|(name, n)| counted(n.as_u64().unwrap_or(0), name)).collect();
+    let counts = ["splats", "points", "vertices", "triangles", "nodes", "transitions"];
+    let counts = counts.into_iter().filter_map(|name| Some(counted(facts[name].as_u64()?, name)));
     let mut lines = vec![
         ("file", format!("{} ({}, {} bytes)", string(&facts["file"]), string(&facts["format"]), facts["file_bytes"])),
-        ("holds", counts.join(", ")),
+        ("holds", counts.collect::<Vec<_>>().join(", ")),
         ("up", format!("{} ({})", string(&facts["up"]), string(&facts["up_reason"]))),
-        ("attributes", list(&facts["attributes"])),
+        ("attributes", attributes(facts).map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ")),
     ];
-    if let Some(bounds) = facts["bounds"].as_object() {
-        lines.push(("bounds", format!("({}) to ({})", point(&bounds["min"]), point(&bounds["max"]))));
+    if let Some([lo, hi]) = facts["bounds"].as_array().map(Vec::as_slice) {
+        lines.push(("bounds", format!("({}) to ({})", point(lo), point(hi))));
     }
     if let Some(r) = facts["radii"].as_object() {
         let number = |key: &str| r[key].as_f64().map_or_else(|| string(&r[key]), words::number);
@@ -60,13 +59,19 @@ fn text(facts: &Value) -> String {
     lines.into_iter().map(|(name, value)| format!("{name:<16} {value}\n")).collect()
 }
 
+fn attributes(facts: &Value) -> impl Iterator<Item = (&String, &Value)> {
+    facts["attributes"].as_object().into_iter().flatten()
+}
+
 /// Columns, classes and the coordinate reference system.
 fn attribute_lines(facts: &Value) -> Vec<(&'static str, String)> {
     let list = |key: &str| facts[key].as_array().into_iter().flatten();
     let string = |value: &Value| value.as_str().unwrap_or_default().to_owned();
     let mut lines = Vec::new();
-    for c in list("columns") {
-        lines.push(("column", format!("{}: {}, {} to {}", string(&c["name"]), string(&c["type"]), c["min"], c["max"])));
+    for (name, column) in attributes(facts) {
+        if let Some(kind) = column["type"].as_str() {
+            lines.push(("column", format!("{name}: {kind}, {} to {}", column["min"], column["max"])));
+        }
     }
     for c in list("classes") {
         lines.push(("class", format!("{} ({}): {}", c["class"], string(&c["name"]), c["count"])));

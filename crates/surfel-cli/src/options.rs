@@ -76,7 +76,7 @@ pub(crate) fn splats(args: &SplatArgs, force: bool) -> Result<SplatOptions, Fail
     };
     options.cull = args.cull;
     options.memory = args.memory;
-    options.colorbar.clone_from(&args.colorbar);
+    options.colorbar = args.colorbar.clone().flatten();
     options.force = force;
     for value in &args.texture {
         options.add_texture(value.clone()).map_err(|e| Failure::usage(format!("--texture {e}")))?;

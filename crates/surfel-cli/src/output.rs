@@ -23,6 +23,20 @@ impl Format {
     }
 }
 
+/// What `{input}` stands for.
+fn stem_of(input: &Path) -> String {
+    let input = if is_stdin(input) { Path::new("stdin") } else { input };
+    input.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+/// A name that may have `{input}` in it, of an input.
+pub(crate) fn of_input(name: &Path, input: &Path) -> PathBuf {
+    match name.to_str() {
+        Some(text) if text.contains("{input}") => text.replace("{input}", &stem_of(input)).into(),
+        _ => name.to_path_buf(),
+    }
+}
+
 /// What `-o` says.
 #[derive(Clone, Debug)]
 pub(crate) struct Output {
@@ -86,8 +100,7 @@ impl Output {
 
     /// The file of a frame, which `camera` is the name of; `None`: stdout.
     pub(crate) fn path(&self, backend: &str, frame: u32, camera: &str, input: &Path) -> Option<PathBuf> {
-        let input = if is_stdin(input) { Path::new("stdin") } else { input };
-        let stem = input.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+        let stem = stem_of(input);
         let frame = format!("{frame:04}");
         // In one go, so that an input called "{frame}" stays what it is.
         let mut rest = self.template.as_deref()?;

@@ -1,49 +1,87 @@
 //! From the command line and the configuration file to what is asked for.
 
 use crate::args::{Cli, Command, command};
-use crate::{config, console};
+use crate::failure::Failure;
+use crate::{config, console, render};
 use clap::FromArgMatches;
 use clap::error::ErrorKind;
 use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 
 /// Parses a command line: the bare form gets its `render`, and the configuration file its say.
 ///
 /// Errors (and help) are printed; then there is only the exit code.
 pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Cli, u8> {
-    join_edge_aa(&mut arguments);
+    join_values(&mut arguments);
     let words: Vec<String> = arguments.iter().skip(1).map(|a| a.to_string_lossy().into_owned()).collect();
     let bare = insert_render(&mut arguments, &words);
     let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e))?;
     let cli = Cli::from_arg_matches(&matches).map_err(|e| complain(&e))?;
-    let Some(path) = &cli.config else { return Ok(said_bare(cli, bare)) };
-    let extra = config::arguments(path, &matches).map_err(|failure| {
-        console::error(failure.message());
-        failure.code()
-    })?;
+    let Some(path) = &cli.config else { return completed(cli, bare) };
+    let extra = config::arguments(path, &matches).map_err(|failure| tell(&failure))?;
     let end = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
     arguments.splice(end..end, extra);
     let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e))?;
     let cli = Cli::from_arg_matches(&matches).map_err(|e| complain(&e))?;
-    Ok(said_bare(cli, bare))
+    completed(cli, bare)
 }
 
-/// Tells `render` whether the command line left its name out.
-fn said_bare(mut cli: Cli, bare: bool) -> Cli {
+/// Tells `render` whether the command line left its name out, and names what hasn't got a name.
+fn completed(mut cli: Cli, bare: bool) -> Result<Cli, u8> {
     if let Command::Render(args) = &mut cli.command {
         args.bare = bare;
     }
-    cli
+    name_color_bar(&mut cli).map_err(|failure| tell(&failure))?;
+    Ok(cli)
 }
 
-/// `--edge-aa samples` is `--edge-aa=samples`. What else follows the flag, which may stand alone, is an input.
-fn join_edge_aa(arguments: &mut Vec<OsString>) {
-    let end = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
-    let is_value = |word: &OsString| ["on", "off", "samples"].iter().any(|value| word == value);
-    if let Some(at) = arguments[..end].windows(2).position(|pair| pair[0] == "--edge-aa" && is_value(&pair[1])) {
-        let value = arguments.remove(at + 1);
-        arguments[at].push("=");
-        arguments[at].push(value);
+fn tell(failure: &Failure) -> u8 {
+    console::error(failure.message());
+    failure.code()
+}
+
+/// `--edge-aa samples` is `--edge-aa=samples`, `--colorbar BAR.png` is `--colorbar=BAR.png`. What else follows these
+/// flags, which may stand alone, is an input.
+fn join_values(arguments: &mut Vec<OsString>) {
+    for flag in ["--edge-aa", "--colorbar"] {
+        let is_value = |word: &OsString| match flag {
+            "--edge-aa" => ["on", "off", "samples"].iter().any(|value| word == value),
+            _ => Path::new(word).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")),
+        };
+        let end = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
+        if let Some(at) = arguments[..end].windows(2).position(|pair| pair[0] == flag && is_value(&pair[1])) {
+            let value = arguments.remove(at + 1);
+            arguments[at].push("=");
+            arguments[at].push(value);
+        }
     }
+}
+
+/// Names the colour bar that is asked for without a name, after OUT: beside OUT.png it is OUT-colorbar.png.
+fn name_color_bar(cli: &mut Cli) -> Result<(), Failure> {
+    let (splats, output) = match &mut cli.command {
+        Command::Render(args) => {
+            let drawn = args.output.clone().or_else(|| render::default_output(args));
+            (&mut args.splats, drawn)
+        }
+        Command::Convert(args) => (&mut args.splats, Some(args.output.clone())),
+        Command::Ortho(args) => (&mut args.splats, Some(args.output.clone())),
+        _ => return Ok(()),
+    };
+    let Some(name) = splats.colorbar.as_mut().filter(|name| name.is_none()) else { return Ok(()) };
+    let Some(output) = output.filter(|output| output.as_os_str() != "-") else {
+        return Err(Failure::usage("--colorbar: there is no OUT to name it after, expected --colorbar=FILE.png"));
+    };
+    *name = Some(color_bar_beside(&output));
+    Ok(())
+}
+
+/// The name of the colour bar of an image: one for all frames and cameras of an input.
+fn color_bar_beside(output: &Path) -> PathBuf {
+    let stem = output.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = ["{frame}", "{name}", "{backend}"].iter().fold(stem, |stem, placeholder| stem.replace(placeholder, ""));
+    let stem = stem.trim_matches(['-', '_', '.', ' ']);
+    output.with_file_name(if stem.is_empty() { "colorbar.png".to_owned() } else { format!("{stem}-colorbar.png") })
 }
 
 /// `surfel INPUT …` is `surfel render INPUT …`: where the first word after global flags is no command. Says
@@ -99,18 +137,33 @@ mod tests {
     use super::*;
 
     #[test]
-    fn edge_aa_takes_the_value_that_follows_it() {
+    fn flags_that_may_stand_alone_take_the_value_that_follows_them() {
         let joined = |line: &str| {
             let mut arguments: Vec<OsString> = line.split(' ').map(Into::into).collect();
-            join_edge_aa(&mut arguments);
+            join_values(&mut arguments);
             arguments.join(" ".as_ref()).into_string().unwrap()
         };
         assert_eq!(joined("surfel a.ply --edge-aa samples -o x.png"), "surfel a.ply --edge-aa=samples -o x.png");
-        for whole in
-            ["surfel --edge-aa a.ply", "surfel --edge-aa=off on", "surfel a.ply --edge-aa", "surfel -- --edge-aa on"]
-        {
+        assert_eq!(joined("surfel --colorbar b.PNG a.ply"), "surfel --colorbar=b.PNG a.ply");
+        for whole in [
+            "surfel --edge-aa a.ply",
+            "surfel --edge-aa=off on",
+            "surfel a.ply --edge-aa",
+            "surfel -- --edge-aa on",
+            "surfel --colorbar a.ply",
+            "surfel --colorbar -o b.png",
+        ] {
             assert_eq!(joined(whole), whole);
         }
+    }
+
+    #[test]
+    fn color_bars_are_named_after_the_image() {
+        let named = |output: &str| color_bar_beside(Path::new(output)).to_string_lossy().replace('\\', "/");
+        assert_eq!(named("out/a.png"), "out/a-colorbar.png");
+        assert_eq!(named("{input}.png"), "{input}-colorbar.png");
+        assert_eq!(named("out/turn-{frame}.exr"), "out/turn-colorbar.png");
+        assert_eq!(named("out/{name}.exr"), "out/colorbar.png");
     }
 
     #[test]

@@ -51,7 +51,7 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Resul
 }
 
 /// The image of `surfel INPUT` alone: INPUT's name with .png, in the current folder.
-fn default_output(args: &RenderArgs) -> Option<PathBuf> {
+pub(crate) fn default_output(args: &RenderArgs) -> Option<PathBuf> {
     let wanted = args.bare && !args.print_scene && !args.stats && !args.verify;
     (wanted && args.inputs.len() == 1).then(|| "{input}.png".into())
 }

@@ -3,9 +3,9 @@
 use crate::args::RenderArgs;
 use crate::console::Console;
 use crate::failure::Failure;
-use crate::options;
 use crate::stdin::{Stdin, is_stdin};
-use std::path::PathBuf;
+use crate::{options, output};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel::progressive::{self, Detail};
 use surfel::request::{Pictures, Request};
@@ -70,7 +70,11 @@ type Asked = (Request, Option<Arc<[u8]>>);
 
 /// Reads the request.
 pub(crate) fn request(source: Source, pictures: &Pictures, args: &RenderArgs, stdin: &Stdin) -> Result<Asked, Failure> {
-    let request = Request::new(source, pictures, &options::render(args)?)?;
+    let mut said = options::render(args)?;
+    if let (Some(bar), Source::Geometry(paths)) = (&mut said.splats.colorbar, &source) {
+        *bar = output::of_input(bar, paths.first().map_or(Path::new(""), PathBuf::as_path));
+    }
+    let request = Request::new(source, pictures, &said)?;
     let from_stdin = request.objects().iter().flat_map(|o| [&o.splats, &o.mesh]).flatten().any(|path| is_stdin(path));
     let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };
     Ok((request, bytes))

@@ -101,7 +101,7 @@ fn flags_of_surfaces_and_other_files_beside_make_surfaces_of_gaussians() {
     assert_eq!(f.image("over.exr").color, f.image("same.exr").color);
     assert_ne!(f.image("over.exr").color, f.image("surface.exr").color);
     f.run("convert flat.ply -o splats.ply").code(0);
-    assert_eq!(f.run("info splats.ply --json").code(0).json()["counts"], json!({"splats": 4}));
+    assert_eq!(f.run("info splats.ply --json").code(0).json()["splats"], 4);
 }
 
 #[test]

@@ -1,8 +1,10 @@
-//! What is said about a cloud's named columns: their types and ranges, how many points each class has, and
+//! What is said about a file's attributes: types and ranges, how many points each class has, and
 //! the coordinate reference system.
 
+use glam::DVec3;
 use serde_json::{Value, json};
-use surfel_model::ExtraColumn;
+use surfel_io::Content;
+use surfel_model::{CloudData, Column3, ExtraColumn, Mesh, Shape};
 
 /// Names of the classes of LAS 1.4 R15, table 17; those of older versions where it reserves them (8 and 12).
 const ASPRS_CLASSES: [&str; 23] = [
@@ -35,14 +37,96 @@ fn class_name(class: usize) -> &'static str {
     ASPRS_CLASSES.get(class).copied().unwrap_or(if class < 64 { "reserved" } else { "user-defined" })
 }
 
-/// Name, type and range of each column.
-pub(crate) fn columns(extras: &[ExtraColumn]) -> Value {
-    let column = |extra: &ExtraColumn| {
-        let range = extra.values.range();
-        json!({ "name": extra.name.escape_debug().to_string(), "type": extra.values.type_name(),
-                "min": range.map(|r| r.0), "max": range.map(|r| r.1) })
-    };
-    extras.iter().map(column).collect()
+/// Type and range of a column.
+pub(crate) fn column(extra: &ExtraColumn) -> Value {
+    let range = extra.values.range();
+    json!({ "type": extra.values.type_name(), "min": range.map(|r| r.0), "max": range.map(|r| r.1) })
+}
+
+/// Range of an attribute that the format knows, by its name in [`surfel_io::Loaded::attributes`]: a number, or one of
+/// each component; null for what has no order, such as a texture.
+pub(crate) fn range(content: &Content, name: &str) -> Value {
+    match content {
+        Content::Splats(cloud) => of_splats(cloud.data(), name),
+        Content::Points(points) => match name {
+            "position" => of_column(points.origin, Some(&points.positions)),
+            "normal" => of_column(DVec3::ZERO, points.normals.as_ref()),
+            "colour" => of_rows(points.colors.as_deref()),
+            "alpha" => of_numbers(points.alphas.as_deref()),
+            _ => nothing(),
+        },
+        Content::Mesh(mesh) => of_mesh(mesh, name),
+        Content::Octree(octree) => of_mesh(octree.mesh(), name),
+        Content::Gaussians(gaussians) => {
+            let data = gaussians.data();
+            match name {
+                "position" => of_column(data.origin, Some(&data.centers)),
+                "standard deviations" => of_rows(Some(&data.sigmas)),
+                "rotation" => of_rows(Some(&data.rotations)),
+                "opacity" => of_numbers(Some(&data.opacities)),
+                _ => nothing(),
+            }
+        }
+    }
+}
+
+fn of_splats(data: &CloudData, name: &str) -> Value {
+    match (name, &data.shape) {
+        ("position", _) => of_column(data.origin, Some(&data.centers)),
+        ("normal", Shape::Disks { normals, .. }) => of_column(DVec3::ZERO, Some(normals)),
+        ("radius", Shape::Disks { radii, .. }) => of_numbers(Some(radii)),
+        ("half-axes", Shape::Ellipses { s, t }) => {
+            let lengths = [s, t].into_iter().flat_map(|axis| (0..axis.len()).map(|i| axis.get(i).length()));
+            spread(lengths.map(|length| [length])).map_or_else(nothing, |(lo, hi)| limits(lo[0], hi[0]))
+        }
+        ("shading normal", _) => of_column(DVec3::ZERO, data.shading_normals.as_ref()),
+        ("colour", _) => of_rows(data.colors.as_deref()),
+        ("alpha", _) => of_numbers(data.alphas.as_deref()),
+        ("interior weight", _) => data.interior_weight.map_or_else(nothing, |weight| limits(weight, weight)),
+        _ => nothing(),
+    }
+}
+
+fn of_mesh(mesh: &Mesh, name: &str) -> Value {
+    match name {
+        "position" => of_column(mesh.origin, Some(&mesh.positions)),
+        "normal" => of_rows(mesh.normals.as_deref()),
+        "colour" => of_rows(mesh.colors.as_deref()),
+        "alpha" => of_numbers(mesh.alphas.as_deref()),
+        "texture coordinates" => of_rows(mesh.uvs.as_deref()),
+        _ => nothing(),
+    }
+}
+
+fn of_column(origin: DVec3, column: Option<&Column3>) -> Value {
+    let rows = column.into_iter().flat_map(|column| (0..column.len()).map(|i| (origin + column.get(i)).to_array()));
+    spread(rows).map_or_else(nothing, |(lo, hi)| limits(lo.to_vec(), hi.to_vec()))
+}
+
+fn of_rows<const N: usize>(rows: Option<&[[f32; N]]>) -> Value {
+    let rows = rows.into_iter().flatten().map(|row| row.map(f64::from));
+    spread(rows).map_or_else(nothing, |(lo, hi)| limits(lo.to_vec(), hi.to_vec()))
+}
+
+fn of_numbers(numbers: Option<&[f32]>) -> Value {
+    let rows = numbers.into_iter().flatten().map(|number| [f64::from(*number)]);
+    spread(rows).map_or_else(nothing, |(lo, hi)| limits(lo[0], hi[0]))
+}
+
+/// The least and the largest of each component, of rows whose numbers are all finite.
+fn spread<const N: usize>(rows: impl Iterator<Item = [f64; N]>) -> Option<([f64; N], [f64; N])> {
+    rows.filter(|row| row.iter().all(|v| v.is_finite())).fold(None, |found, row| {
+        let (lo, hi) = found.unwrap_or((row, row));
+        Some((std::array::from_fn(|k| lo[k].min(row[k])), std::array::from_fn(|k| hi[k].max(row[k]))))
+    })
+}
+
+fn limits(lo: impl Into<Value>, hi: impl Into<Value>) -> Value {
+    json!({ "min": lo.into(), "max": hi.into() })
+}
+
+fn nothing() -> Value {
+    json!({ "min": null, "max": null })
 }
 
 /// How many points each class has that has any, by the column "classification".

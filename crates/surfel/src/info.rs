@@ -43,8 +43,9 @@ impl Radii {
     }
 }
 
-/// What a file holds, without converting all of it, as the object that `surfel info --json` prints: format, counts,
-/// bounds, up axis, attributes and their ranges, estimated radii, memory, notes. `stdin` is what the name `-` stands
+/// What a file holds, without converting all of it, as the object that `surfel info --json` prints: format, counts
+/// (`points`, `splats`, `vertices`, `triangles`, …), `bounds` (the least and the largest coordinates), up axis,
+/// attributes and their ranges, estimated radii, memory, notes. `stdin` is what the name `-` stands
 /// for.
 ///
 /// # Errors
@@ -73,36 +74,39 @@ fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
         "file_bytes": file_bytes,
         "up": loaded.up.name(),
         "up_reason": reason,
-        "attributes": loaded.attributes,
         "notes": loaded.notes,
     });
     let (kind, counts, bounds, radii, memory, interior_weight) = match &loaded.content {
         Content::Splats(cloud) => {
             let radii = Radii::of((0..cloud.len()).map(|i| cloud.radius_max(i)).collect(), "given");
-            let counts = json!({ "splats": cloud.len() });
+            let counts = vec![("splats", cloud.len())];
             ("splats", counts, cloud.bounds(), radii, cloud.bytes(), cloud.data().interior_weight)
         }
         Content::Points(points) => {
-            let counts = json!({ "points": points.len() });
+            let counts = vec![("points", points.len())];
             ("points", counts, points.bounds(), radii_of_points(points), bytes_of_points(points), None)
         }
         Content::Octree(octree) => {
             let (cloud, mesh) = (octree.cloud(), octree.mesh());
             let radii = Radii::of((0..cloud.len()).map(|i| cloud.radius_max(i)).collect(), "given");
-            let counts = json!({ "splats": cloud.len(), "vertices": mesh.positions.len(),
-                "triangles": mesh.triangles.len(), "nodes": octree.nodes().len(),
-                "transitions": octree.transitions().len() });
+            let counts = vec![
+                ("splats", cloud.len()),
+                ("vertices", mesh.positions.len()),
+                ("triangles", mesh.triangles.len()),
+                ("nodes", octree.nodes().len()),
+                ("transitions", octree.transitions().len()),
+            ];
             let bounds = bounds(mesh.origin, &mesh.positions);
             let bytes = octree.bytes() + bytes_of_mesh(mesh);
             ("octree", counts, bounds, radii, bytes, cloud.data().interior_weight)
         }
         Content::Gaussians(gaussians) => {
-            let counts = json!({ "splats": gaussians.len() });
+            let counts = vec![("splats", gaussians.len())];
             let bounds = bounds(gaussians.data().origin, &gaussians.data().centers);
             ("Gaussians", counts, bounds, None, gaussians.bytes(), None)
         }
         Content::Mesh(mesh) => {
-            let counts = json!({ "vertices": mesh.positions.len(), "triangles": mesh.triangles.len() });
+            let counts = vec![("vertices", mesh.positions.len()), ("triangles", mesh.triangles.len())];
             let bounds = bounds(mesh.origin, &mesh.positions);
             ("mesh", counts, bounds, radii_of_mesh(mesh), bytes_of_mesh(mesh), None)
         }
@@ -112,12 +116,16 @@ fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
         Content::Points(points) => (points.extras.as_slice(), points.comments.as_slice()),
         _ => (&[][..], &[][..]),
     };
-    facts["columns"] = attributes::columns(extras);
+    // The names of columns come last, in their order.
+    let (known, named) = loaded.attributes.split_at(loaded.attributes.len().saturating_sub(extras.len()));
+    let columns = named.iter().cloned().zip(extras.iter().map(attributes::column));
+    let known = known.iter().map(|name| (name.clone(), attributes::range(&loaded.content, name)));
+    facts["attributes"] = Value::Object(columns.chain(known).collect());
     facts["classes"] = attributes::classes(extras);
     facts["crs"] = attributes::crs(comments);
     facts["kind"] = json!(kind);
-    facts["counts"] = counts;
-    facts["bounds"] = bounds.map_or(Value::Null, |(lo, hi)| json!({ "min": lo.to_array(), "max": hi.to_array() }));
+    counts.into_iter().for_each(|(name, count)| facts[name] = json!(count));
+    facts["bounds"] = bounds.map_or(Value::Null, |(lo, hi)| json!([lo.to_array(), hi.to_array()]));
     facts["radii"] = radii.map_or(Value::Null, |r| {
         json!({ "median": json_number(r.median), "min": json_number(r.min), "max": json_number(r.max),
                 "estimated": r.how != "given", "how": r.how })
