@@ -406,3 +406,35 @@ fn shares_of_a_conversion_are_put_together() {
     folder.run("convert a-0000.shard -o x.shard --shard 0/2").fails(3, "can't be shared out");
     assert!(!folder.names().iter().any(|name| name.starts_with('x') || name.ends_with(".resume")));
 }
+
+#[test]
+fn info_by_blocks_is_that_of_all_points() {
+    let folder = Folder::new("levels-info");
+    let mut bytes = las(400);
+    // Classes and user data that are zero in the blocks before, a class 0 after others, colours of 8 bits.
+    for (i, record) in bytes[375..].chunks_exact_mut(36).enumerate() {
+        record[16] = if i % 7 == 0 { 0 } else { (i / 60_000) as u8 };
+        record[17] = u8::from(i == 159_999);
+        (30..36).filter(|at| at % 2 == 1).for_each(|at| record[at] = 0);
+    }
+    folder.write("in.las", bytes);
+    folder.run("convert in.las -o in.copc.laz").code(0);
+    for file in ["in.las", "in.copc.laz"] {
+        // Bytes on stdin are in memory anyway.
+        let mut whole = folder.run_in("", "info - --json", &folder.read(file)).code(0).json();
+        let mut blocks = folder.run(&format!("info {file} --json")).code(0).json();
+        assert!(whole["attributes"]["user_data"].is_object() && whole["classes"].as_array().unwrap().len() == 3);
+        for side in ["median", "min", "max"] {
+            let [a, b] = [&mut whole, &mut blocks].map(|facts| facts["radii"][side].take().as_f64().unwrap());
+            // Positions are rounded to f32 from another origin: by 2^-24 of 60 m, of a spacing of 0.1 m.
+            assert!((a / b - 1.0).abs() < 1e-4, "{file}, {side}: {a} {b}");
+        }
+        for facts in [&mut whole, &mut blocks] {
+            // The same, by another origin.
+            ["memory_bytes", "file"].iter().for_each(|key| drop(facts[key].take()));
+            let place = [facts["bounds"].take(), facts["attributes"]["position"].take()].map(|v| v.to_string());
+            assert!(place.iter().all(|text| text.contains("600000.0") && text.contains("5000039.95")), "{place:?}");
+        }
+        assert_eq!(whole, blocks);
+    }
+}

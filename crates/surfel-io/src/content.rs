@@ -50,7 +50,7 @@ impl Content {
 
     /// The attributes in words: "position", "normal", "colour", … and the names of those that Surfel doesn't
     /// interpret.
-    pub(crate) fn attributes(&self) -> Vec<String> {
+    pub fn attributes(&self) -> Vec<String> {
         let mut found = vec!["position".to_owned()];
         let mut add = |there: bool, name: &str| {
             if there {

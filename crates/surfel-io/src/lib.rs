@@ -107,7 +107,7 @@ pub use images::{read_image, read_image_bytes};
 pub use las::copc;
 #[cfg(feature = "las")]
 pub use las::survey_points;
-pub use load::{Loaded, load, load_bytes, names_geometry};
+pub use load::{Loaded, PointSurvey, load, load_bytes, names_geometry, survey};
 pub use octree::{save_octree, write_octree};
 pub use ply::encoding::PlyEncoding;
 pub use ply::write::{save_splat_ply, write_splat_ply};

@@ -33,10 +33,11 @@ use crate::tileset;
 use crate::{octree, ply, scene_file};
 #[cfg(feature = "gaussians")]
 use crate::{sog, splat_rows, spz};
+use glam::DVec3;
 use std::fs::File;
 use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
-use surfel_model::Up;
+use surfel_model::{PointCloud, Up};
 
 /// A loaded file.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,6 +81,47 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     let bytes = files::read(path, files::MAX_BYTES)?;
     let read = |context: &mut Context<'_>| read_bytes(&bytes, Format::from_extension(path), path, context);
     run(read, path, Siblings::of(path, options.allow_outside), options)
+}
+
+/// What a file of points says of all of them, when they were read block by block.
+#[derive(Clone, Debug)]
+pub struct PointSurvey {
+    /// The file, its content a cloud without points. `attributes` are empty.
+    pub loaded: Loaded,
+    /// Ends of the positions.
+    pub bounds: Option<(DVec3, DVec3)>,
+    /// The least and the largest of each component of the colours, linear RGB.
+    pub colors: Option<([f32; 3], [f32; 3])>,
+}
+
+/// Hands the points of a LAS, LAZ or COPC file to `each`, block after block, without colours and rows: a column that is
+/// zero in all of a block isn't there. In the same memory, however many they are. `None` for other files.
+///
+/// # Errors
+/// As [`load`].
+#[cfg_attr(not(feature = "las"), expect(unused_variables, unused_mut, reason = "there are no other such formats"))]
+pub fn survey(
+    path: &Path,
+    options: &LoadOptions,
+    each: &mut dyn FnMut(PointCloud),
+) -> Result<Option<PointSurvey>, IoError> {
+    let Some((format, mut file)) = survey_file(path).filter(|(format, _)| *format != Format::E57) else {
+        return Ok(None);
+    };
+    #[cfg(not(feature = "las"))]
+    return Ok(None);
+    #[cfg(feature = "las")]
+    {
+        let mut found = None;
+        let read = |context: &mut Context<'_>| {
+            let las::blocks::Blocks { cloud, bounds, colors } = las::blocks::read(&mut file, format, each, context)?;
+            found = Some((bounds, colors));
+            Ok((format, Content::Points(cloud)))
+        };
+        let mut loaded = run(read, path, Siblings::None, options)?;
+        loaded.attributes = Vec::new();
+        Ok(found.map(|(bounds, colors)| PointSurvey { loaded, bounds, colors }))
+    }
 }
 
 /// A regular file of a format that is read here and there, so that its bytes needn't be in memory.

@@ -2,7 +2,7 @@
 //! the coordinate reference system.
 
 use glam::DVec3;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use surfel_io::Content;
 use surfel_model::{CloudData, Column3, ExtraColumn, Mesh, Shape};
 
@@ -38,14 +38,14 @@ fn class_name(class: usize) -> &'static str {
 }
 
 /// Type and range of a column.
-pub(crate) fn column(extra: &ExtraColumn) -> Value {
+fn column(extra: &ExtraColumn) -> Value {
     let range = extra.values.range();
     json!({ "type": extra.values.type_name(), "min": range.map(|r| r.0), "max": range.map(|r| r.1) })
 }
 
 /// Range of an attribute that the format knows, by its name in [`surfel_io::Loaded::attributes`]: a number, or one of
 /// each component; null for what has no order, such as a texture.
-pub(crate) fn range(content: &Content, name: &str) -> Value {
+fn range(content: &Content, name: &str) -> Value {
     match content {
         Content::Splats(cloud) => of_splats(cloud.data(), name),
         Content::Points(points) => match name {
@@ -121,7 +121,7 @@ fn spread<const N: usize>(rows: impl Iterator<Item = [f64; N]>) -> Option<([f64;
     })
 }
 
-fn limits(lo: impl Into<Value>, hi: impl Into<Value>) -> Value {
+pub(crate) fn limits(lo: impl Into<Value>, hi: impl Into<Value>) -> Value {
     json!({ "min": lo.into(), "max": hi.into() })
 }
 
@@ -129,9 +129,36 @@ fn nothing() -> Value {
     json!({ "min": null, "max": null })
 }
 
-/// How many points each class has that has any, by the column "classification".
-pub(crate) fn classes(extras: &[ExtraColumn]) -> Value {
-    let Some(extra) = extras.iter().find(|e| e.name == "classification") else { return Value::Null };
+/// Widens a range to hold another one, or zero.
+pub(crate) fn widen(range: &mut Value, other: Option<&Value>) {
+    let zero = json!(0.0);
+    let Some(sides) = range.as_object_mut() else { return };
+    for (side, pick) in [("min", f64::min as fn(f64, f64) -> f64), ("max", f64::max)] {
+        let other = other.map_or(&zero, |other| &other[side]);
+        let wider = |own: &Value, other: &Value| match (own.as_f64(), other.as_f64()) {
+            (Some(own), Some(other)) => json!(pick(own, other)),
+            (None, Some(other)) => json!(other),
+            _ => own.clone(),
+        };
+        let widened = match sides[side].as_array() {
+            Some(own) => own.iter().enumerate().map(|(k, own)| wider(own, other.get(k).unwrap_or(other))).collect(),
+            None => wider(&sides[side], other),
+        };
+        sides[side] = widened;
+    }
+}
+
+/// Ranges of a cloud's attributes by name; columns have types, too.
+pub(crate) fn ranges(content: &Content, names: &[String], extras: &[ExtraColumn]) -> Map<String, Value> {
+    // The names of columns come last, in their order.
+    let (known, named) = names.split_at(names.len().saturating_sub(extras.len()));
+    let columns = named.iter().cloned().zip(extras.iter().map(column));
+    columns.chain(known.iter().map(|name| (name.clone(), range(content, name)))).collect()
+}
+
+/// How many points each class has, by the column "classification".
+pub(crate) fn class_counts(extras: &[ExtraColumn]) -> Option<[u64; 256]> {
+    let extra = extras.iter().find(|e| e.name == "classification")?;
     let mut counts = [0_u64; 256];
     for i in 0..extra.values.len() {
         let class = extra.values.get(i);
@@ -139,6 +166,11 @@ pub(crate) fn classes(extras: &[ExtraColumn]) -> Value {
             counts[class as usize] += 1;
         }
     }
+    Some(counts)
+}
+
+/// The classes that have any points.
+pub(crate) fn classes(counts: &[u64; 256]) -> Value {
     let found = counts.iter().enumerate().filter(|(_, n)| **n > 0);
     found.map(|(class, n)| json!({ "class": class, "name": class_name(class), "count": n })).collect()
 }

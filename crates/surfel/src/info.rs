@@ -6,6 +6,7 @@ use crate::framing::UpReason;
 use crate::load::up_reason;
 use crate::paths::is_stdin;
 use crate::scene::is_scene_file;
+use crate::survey::{Survey, survey};
 use crate::values::json_number;
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -22,13 +23,13 @@ use surfel_sample::{MeshMethod, MeshOptions, PointOptions};
 /// Points up to which radii are estimated from all of them.
 const ALL: usize = 12_000;
 /// Places where the radii of larger clouds are estimated.
-const PATCHES: usize = 16;
+pub(crate) const PATCHES: usize = 16;
 /// Points around each place that are converted, and those nearest to it whose radii count: the others lie near the
 /// patch's rim, where neighbours are missing.
-const PATCH: (usize, usize) = (600, 200);
+pub(crate) const PATCH: (usize, usize) = (600, 200);
 
 /// Splat radii, in object units.
-struct Radii {
+pub(crate) struct Radii {
     median: f64,
     min: f64,
     max: f64,
@@ -36,7 +37,7 @@ struct Radii {
 }
 
 impl Radii {
-    fn of(mut radii: Vec<f64>, how: &'static str) -> Option<Self> {
+    pub(crate) fn of(mut radii: Vec<f64>, how: &'static str) -> Option<Self> {
         radii.sort_unstable_by(f64::total_cmp);
         let (min, max) = (*radii.first()?, *radii.last()?);
         Some(Self { median: *radii.get(radii.len() / 2)?, min, max, how })
@@ -46,7 +47,7 @@ impl Radii {
 /// What a file holds, without converting all of it, as the object that `surfel info --json` prints: format, counts
 /// (`points`, `splats`, `vertices`, `triangles`, …), `bounds` (the least and the largest coordinates), up axis,
 /// attributes and their ranges, estimated radii, memory, notes. `stdin` is what the name `-` stands
-/// for.
+/// for. LAS, LAZ and COPC files are read block after block, twice, in the same memory whatever their size.
 ///
 /// # Errors
 /// [`Error::Io`] if it can't be read or is damaged, [`Error::Unsuitable`] for a scene file.
@@ -55,11 +56,45 @@ pub fn info(path: &Path, options: &LoadOptions, stdin: Option<&[u8]>) -> Result<
         let what = "is a scene file, expected splats, points or a mesh: surfel render SCENE --print-scene shows it";
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem: what.to_owned() });
     }
+    let file_bytes = |path: &Path| std::fs::metadata(path).map(|m| m.len()).unwrap_or(0);
     let (loaded, file_bytes) = match stdin.filter(|_| is_stdin(path)) {
         Some(bytes) => (surfel_io::load_bytes(bytes, None, Path::new("stdin"), options)?, bytes.len() as u64),
-        None => (surfel_io::load(path, options)?, std::fs::metadata(path).map(|m| m.len()).unwrap_or(0)),
+        None => match survey_of_many(path, options)? {
+            Some(survey) => return Ok(facts_of_survey(path, survey, file_bytes(path))),
+            None => (surfel_io::load(path, options)?, file_bytes(path)),
+        },
     };
     Ok(facts(path, &loaded, file_bytes))
+}
+
+/// What a file of many points holds, if its format is read by blocks.
+fn survey_of_many(path: &Path, options: &LoadOptions) -> Result<Option<Survey>, Error> {
+    match surfel_io::survey_points(path) {
+        Some((count, _)) if count > ALL as u64 => survey(path, count, options),
+        _ => Ok(None),
+    }
+}
+
+fn facts_of_survey(path: &Path, survey: Survey, file_bytes: u64) -> Value {
+    let mut facts = facts(path, &survey.read.loaded, file_bytes);
+    facts["points"] = json!(survey.points);
+    facts["bounds"] = bounds_json(survey.read.bounds);
+    facts["attributes"] = survey.attributes;
+    facts["classes"] = survey.classes;
+    facts["radii"] = radii_json(survey.radii);
+    facts["memory_bytes"] = json!(survey.bytes);
+    facts
+}
+
+fn bounds_json(bounds: Option<(DVec3, DVec3)>) -> Value {
+    bounds.map_or(Value::Null, |(lo, hi)| json!([lo.to_array(), hi.to_array()]))
+}
+
+fn radii_json(radii: Option<Radii>) -> Value {
+    radii.map_or(Value::Null, |r| {
+        json!({ "median": json_number(r.median), "min": json_number(r.min), "max": json_number(r.max),
+                "estimated": r.how != "given", "how": r.how })
+    })
 }
 
 fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
@@ -116,20 +151,13 @@ fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
         Content::Points(points) => (points.extras.as_slice(), points.comments.as_slice()),
         _ => (&[][..], &[][..]),
     };
-    // The names of columns come last, in their order.
-    let (known, named) = loaded.attributes.split_at(loaded.attributes.len().saturating_sub(extras.len()));
-    let columns = named.iter().cloned().zip(extras.iter().map(attributes::column));
-    let known = known.iter().map(|name| (name.clone(), attributes::range(&loaded.content, name)));
-    facts["attributes"] = Value::Object(columns.chain(known).collect());
-    facts["classes"] = attributes::classes(extras);
+    facts["attributes"] = Value::Object(attributes::ranges(&loaded.content, &loaded.attributes, extras));
+    facts["classes"] = attributes::class_counts(extras).map_or(Value::Null, |counts| attributes::classes(&counts));
     facts["crs"] = attributes::crs(comments);
     facts["kind"] = json!(kind);
     counts.into_iter().for_each(|(name, count)| facts[name] = json!(count));
-    facts["bounds"] = bounds.map_or(Value::Null, |(lo, hi)| json!([lo.to_array(), hi.to_array()]));
-    facts["radii"] = radii.map_or(Value::Null, |r| {
-        json!({ "median": json_number(r.median), "min": json_number(r.min), "max": json_number(r.max),
-                "estimated": r.how != "given", "how": r.how })
-    });
+    facts["bounds"] = bounds_json(bounds);
+    facts["radii"] = radii_json(radii);
     facts["memory_bytes"] = json!(memory);
     facts["interior_weight"] = json!(interior_weight);
     #[cfg(feature = "sharp")]
@@ -149,7 +177,7 @@ fn bounds(origin: DVec3, positions: &Column3) -> Option<(DVec3, DVec3)> {
     }))
 }
 
-fn bytes_of_points(p: &PointCloud) -> usize {
+pub(crate) fn bytes_of_points(p: &PointCloud) -> usize {
     p.positions.bytes()
         + p.normals.as_ref().map_or(0, Column3::bytes)
         + p.colors.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
@@ -178,14 +206,21 @@ fn radii_of(cloud: &SplatCloud, count: usize) -> impl Iterator<Item = f64> {
     (0..count.min(cloud.len())).map(|i| cloud.radius_max(i))
 }
 
+/// Radii that the first `count` of points get.
+fn radii_among(points: &PointCloud, count: usize) -> Vec<f64> {
+    let made = surfel_sample::splats_from_points(points, &PointOptions::default(), &NoProgress);
+    made.map(|(cloud, ..)| radii_of(&cloud, count).collect()).unwrap_or_default()
+}
+
+/// Radii of what is nearest to a place, among the points about it, the nearest first.
+pub(crate) fn radii_of_patch(near: &PointCloud) -> Vec<f64> {
+    radii_among(near, PATCH.1)
+}
+
 /// Radii that a render would give the points: of all of them, or of patches of a large cloud.
 fn radii_of_points(points: &PointCloud) -> Option<Radii> {
-    let convert = |points: &PointCloud| {
-        surfel_sample::splats_from_points(points, &PointOptions::default(), &NoProgress).ok().map(|made| made.0)
-    };
     if points.len() <= ALL {
-        let cloud = convert(points)?;
-        return Radii::of(radii_of(&cloud, cloud.len()).collect(), "estimated from neighbours");
+        return Radii::of(radii_among(points, points.len()), "estimated from neighbours");
     }
     let positions = points.positions.high();
     let mut radii = Vec::new();
@@ -203,7 +238,7 @@ fn radii_of_points(points: &PointCloud) -> Option<Radii> {
             normals: points.normals.as_ref().map(|n| n.select(&indices)),
             ..PointCloud::default()
         };
-        radii.extend(convert(&local).iter().flat_map(|cloud| radii_of(cloud, PATCH.1)));
+        radii.extend(radii_of_patch(&local));
     }
     Radii::of(radii, "estimated from neighbours, on a sample of the points")
 }

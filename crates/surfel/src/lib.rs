@@ -65,6 +65,7 @@ pub mod request;
 pub mod scene;
 pub mod splat_file;
 pub mod splats;
+mod survey;
 pub mod unseen;
 mod upright;
 pub mod values;

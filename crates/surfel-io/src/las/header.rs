@@ -10,7 +10,7 @@ use std::io::{self, SeekFrom};
 const MAX_RECORD_BYTES: u64 = 1 << 20;
 
 /// What the header and the records say.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Header {
     /// Minor version: 4 of "1.4".
     pub(super) minor: u8,
@@ -97,6 +97,15 @@ fn read_some(source: &mut dyn Source, bytes: &mut [u8]) -> io::Result<usize> {
 }
 
 impl Header {
+    /// What its points' cloud keeps as comments.
+    pub(super) fn comments(&self) -> Vec<String> {
+        let triple = |v: DVec3| format!("{} {} {}", v.x, v.y, v.z);
+        let mut comments = self.crs.comments();
+        comments.push(format!("las_scale {}", triple(self.scale)));
+        comments.push(format!("las_offset {}", triple(self.offset)));
+        comments
+    }
+
     pub(super) fn read(source: &mut dyn Source, file_bytes: u64) -> Result<Self, Problem> {
         let mut bytes = [0; 375];
         source.seek(SeekFrom::Start(0)).map_err(super::unreadable)?;

@@ -4,6 +4,7 @@
 //! The file is read in blocks, never by its header's counts alone, and isn't held in memory. Compressed chunks are
 //! decoded by the crate `laz`, as many at a time as there are threads.
 
+pub(crate) mod blocks;
 #[cfg(feature = "laz")]
 pub mod copc;
 mod header;
@@ -17,6 +18,7 @@ use crate::error::{Fault, Problem};
 use crate::format::Format;
 use crate::survey::{Source, extent_words};
 use crate::words::counted;
+use glam::DVec3;
 use header::Header;
 use records::Columns;
 use std::fs::File;
@@ -118,26 +120,47 @@ pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Contex
 /// The points read, and what there is to tell of them; `of` is how many the file has, where they are not all.
 fn finish(
     columns: Option<Columns>,
-    mut header: Header,
+    header: Header,
     format: Format,
     of: Option<u64>,
     context: &mut Context<'_>,
 ) -> Result<Content, Fault> {
     let columns = columns.unwrap_or_else(|| Columns::new(&header, 0));
-    if columns.len() == 0 {
-        let what = match columns.withheld {
+    let (count, withheld) = (columns.len(), columns.withheld);
+    let (mut points, has_8_bit_colors) = columns.finish(&header);
+    points.comments = header.comments();
+    let (bounds, has_colors) = (points.bounds(), points.colors.is_some());
+    tell(header, format, Told { count, of, withheld, bounds, has_colors, has_8_bit_colors }, context)?;
+    context.points(points)
+}
+
+/// What is said about the points that were read.
+#[derive(Default)]
+struct Told {
+    count: usize,
+    /// How many the file has, where they are not all.
+    of: Option<u64>,
+    withheld: u64,
+    bounds: Option<(DVec3, DVec3)>,
+    has_colors: bool,
+    /// Those count to 255 instead of 65535.
+    has_8_bit_colors: bool,
+}
+
+/// Notes about the points read; an error if there are none.
+fn tell(mut header: Header, format: Format, told: Told, context: &mut Context<'_>) -> Result<(), Problem> {
+    let Told { count, of, withheld, bounds, has_colors, has_8_bit_colors } = told;
+    if count == 0 {
+        let what = match withheld {
             0 => "holds no point".to_owned(),
             n => format!("holds no point but {n} that are flagged as withheld"),
         };
-        return Err(Problem::new(what).expected("at least one").into());
+        return Err(Problem::new(what).expected("at least one"));
     }
-    let withheld = columns.withheld;
     let mut notes = std::mem::take(&mut header.notes);
-    let mut points = columns.finish(&header, &mut notes);
-    points.comments = header.crs.comments();
-    let triple = |v: glam::DVec3| format!("{} {} {}", v.x, v.y, v.z);
-    points.comments.push(format!("las_scale {}", triple(header.scale)));
-    points.comments.push(format!("las_offset {}", triple(header.offset)));
+    if has_8_bit_colors {
+        notes.push("its colours count to 255 instead of 65535: taken as 8 bits".into());
+    }
     if withheld > 0 {
         notes.push(format!("left out {} flagged as withheld", counted(withheld, "points")));
     }
@@ -148,24 +171,22 @@ fn finish(
         "" => String::new(),
         name => format!(" by {}", crate::error::quote(name)),
     };
-    let bounds = points.bounds();
     notes.extend(bounds.and_then(|bounds| header.crs.degrees_note(bounds, Some(header.scale))));
     let extent = bounds.map_or_else(Default::default, |(lo, hi)| hi - lo);
     let version = match format {
         Format::Las => format!("LAS 1.{}", header.minor),
         packed => format!("{packed} (LAS 1.{})", header.minor),
     };
-    let colors = if points.colors.is_some() { "" } else { ", no colours" };
+    let colors = if has_colors { "" } else { ", no colours" };
     context.note(format!(
-        "{version} of point format {}{by}: {}{} points, {}, {}{colors}",
+        "{version} of point format {}{by}: {count}{} points, {}, {}{colors}",
         header.format,
-        points.len(),
         of.map_or_else(String::new, |all| format!(" of {all}")),
         extent_words(extent),
         header.crs.words(),
     ));
     notes.into_iter().for_each(|note| context.note(note));
-    context.points(points)
+    Ok(())
 }
 
 /// Points as they are, in blocks.

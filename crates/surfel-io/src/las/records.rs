@@ -190,19 +190,20 @@ impl Columns {
         );
     }
 
-    /// The points, and what there is to tell.
-    pub(super) fn finish(self, header: &Header, notes: &mut Vec<String>) -> PointCloud {
+    /// Keeps no colours: says where in a record they are.
+    pub(super) fn leave_out_colors(&mut self) -> Option<usize> {
+        self.colors.take().map(|(at, _)| at)
+    }
+
+    /// The points, and whether their colours count to 255 instead of 65535.
+    pub(super) fn finish(self, header: &Header) -> (PointCloud, bool) {
         let (origin, positions) = on_grid(self.grid, header.scale, header.offset);
-        let colors = self.colors.and_then(|(_, colors)| colors.finish()).map(|(colors, eight)| {
-            if eight {
-                notes.push("its colours count to 255 instead of 65535: taken as 8 bits".into());
-            }
-            colors
-        });
+        let (colors, have_8_bits) = self.colors.and_then(|(_, colors)| colors.finish()).unzip();
         let mut extras: Vec<ExtraColumn> = self.extras.into_iter().filter_map(Gather::finish).collect();
         let normals = take_normals(&mut extras);
         let rows = self.rows.finish();
-        PointCloud { origin, positions, normals, colors, rows, extras, ..PointCloud::default() }
+        let points = PointCloud { origin, positions, normals, colors, rows, extras, ..PointCloud::default() };
+        (points, have_8_bits.unwrap_or(false))
     }
 }
 
