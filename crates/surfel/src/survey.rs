@@ -32,7 +32,12 @@ pub(crate) fn survey(path: &Path, count: u64, options: &LoadOptions) -> Result<O
     surfel_io::survey(path, options, &mut |cloud| patches.iter_mut().for_each(|patch| patch.add(&cloud)))?;
     let radii = patches.into_iter().flat_map(|patch| radii_of_patch(&patch.cloud()));
     let radii = Radii::of(radii.collect(), "estimated from neighbours, on a sample of the points");
+    if let Some((lo, hi)) = read.bounds {
+        let exact = attributes::limits(lo.to_array().to_vec(), hi.to_array().to_vec());
+        whole.attributes.insert("position".to_owned(), exact);
+    }
     if let Some((lo, hi)) = read.colors {
+        whole.bytes += whole.points * size_of::<[f32; 3]>();
         whole.attributes.insert("colour".to_owned(), attributes::limits(lo.to_vec(), hi.to_vec()));
     }
     let classes = whole.classes.map_or(Value::Null, |counts| attributes::classes(&counts));

@@ -49,8 +49,11 @@ impl Sink for BlockSink<'_> {
             let (low, high) = self.levels.get_or_insert((rgb, rgb));
             (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(rgb[k]), high[k].max(rgb[k])));
         }
+        let Some((low, high)) = columns.ends() else { return Ok(()) };
+        // As the file has them, before f32 rounds them; a scale may be negative.
+        let at = |p: [i32; 3]| DVec3::new(p[0].into(), p[1].into(), p[2].into()) * header.scale + header.offset;
+        let (low, high) = (at(low).min(at(high)), at(low).max(at(high)));
         let (cloud, _) = columns.finish(header);
-        let Some((low, high)) = cloud.bounds() else { return Ok(()) };
         let (l, h) = self.told.bounds.unwrap_or((low, high));
         self.told.bounds = Some((l.min(low), h.max(high)));
         self.told.count += cloud.len();

@@ -190,6 +190,14 @@ impl Columns {
         );
     }
 
+    /// Ends of the points' coordinates, in steps of the header's scale.
+    pub(super) fn ends(&self) -> Option<([i32; 3], [i32; 3])> {
+        let first = *self.grid.first()?;
+        Some(self.grid.iter().fold((first, first), |(low, high), p| {
+            ([0, 1, 2].map(|k| low[k].min(p[k])), [0, 1, 2].map(|k| high[k].max(p[k])))
+        }))
+    }
+
     /// Keeps no colours: says where in a record they are.
     pub(super) fn leave_out_colors(&mut self) -> Option<usize> {
         self.colors.take().map(|(at, _)| at)
