@@ -18,11 +18,21 @@ pub struct PointOptions {
     pub coincident: usize,
     /// Makes elliptical splats where the sampling is anisotropic (scan lines); default true.
     pub ellipses: bool,
+    /// Makes splats level (their normals are +z) where a point has no normal and its neighbours lie in no surface, as
+    /// those of leaves: seen from above, they close. Default false.
+    pub level_where_scattered: bool,
 }
 
 impl Default for PointOptions {
     fn default() -> Self {
-        Self { radius_scale: 1.0, neighbours: 16, viewpoint: None, coincident: usize::MAX, ellipses: true }
+        Self {
+            radius_scale: 1.0,
+            neighbours: 16,
+            viewpoint: None,
+            coincident: usize::MAX,
+            ellipses: true,
+            level_where_scattered: false,
+        }
     }
 }
 
@@ -56,6 +66,8 @@ pub struct PointReport {
     /// Points that are much farther from their neighbours than these from each other; or than is usual in the cloud,
     /// where too many of these are on no surface with them. Their radii are no larger than the cloud's typical one.
     pub isolated: usize,
+    /// Which splats are level because their points lie in no surface, in ascending order, where the options ask for it.
+    pub level: Vec<u32>,
     /// Splats that are ellipses with an axis ratio above 1.5; 0 when the cloud came out as disks.
     pub ellipses: usize,
     /// Median of the larger semi-axes, in object units.

@@ -30,12 +30,30 @@ const ALONE: f32 = 3.0;
 /// Neighbours that a first look at strong edges takes.
 const NEAREST: usize = 8;
 
-/// A point's normal, and the squared distance of the farthest of its neighbours in steps; 0 where it isn't known.
+/// A point's normal, and the squared distance of the farthest of its neighbours.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Oriented {
     /// Of unit length.
     pub(crate) normal: Vec3,
-    pub(crate) farthest2: f32,
+    /// That distance, negative where the splat is level: a cloud has as many of these as points.
+    farthest2: f32,
+}
+
+impl Oriented {
+    /// A point whose neighbours aren't known.
+    pub(crate) fn alone(normal: Vec3) -> Self {
+        Self { normal, farthest2: 0.0 }
+    }
+
+    /// In steps; 0 where it isn't known.
+    pub(crate) fn farthest2(self) -> f32 {
+        self.farthest2.abs()
+    }
+
+    /// True of a point whose neighbours lie in no surface, so that its normal is up.
+    pub(crate) fn is_level(self) -> bool {
+        self.farthest2 < 0.0
+    }
 }
 
 /// Which way estimated normals point.
@@ -52,12 +70,15 @@ pub(crate) enum Outside {
 
 /// A unit normal for each slot: the one in `given` where that isn't zero, else estimated from the `degree` nearest.
 ///
+/// `level_where_scattered` makes the latter up where these neighbours lie in no surface.
+///
 /// Given normals stay, and their majority decides for what is connected with them.
 pub(crate) fn normals(
     points: &SortedPoints,
     degree: usize,
     given: Option<&[Vec3]>,
     outside: Outside,
+    level_where_scattered: bool,
     progress: &dyn Progress,
 ) -> Vec<Oriented> {
     let count = points.len();
@@ -89,6 +110,9 @@ pub(crate) fn normals(
                     && o.normal.as_dvec3().dot(viewpoint - points.point(slot)) < 0.0
                 {
                     o.normal = -o.normal;
+                }
+                if level_where_scattered && is_rough(points, (slot, o.normal), &rows[from..]) {
+                    *o = Oriented { normal: Vec3::Z, farthest2: -farthest2 };
                 }
             }
         }
@@ -131,10 +155,23 @@ fn offset(points: &SortedPoints, a: usize, b: usize) -> Vec3 {
     Vec3::new((q[0] - p[0]) as f32, (q[1] - p[1]) as f32, (q[2] - p[2]) as f32)
 }
 
+/// Mean squared sine of the angle between a tangent plane and neighbours (18°) beyond which these are scattered: of
+/// strays beside strays, whose normals may agree by chance, it is 0.17 and more, of sparse parts of scans below 0.05.
+const ROUGH: f32 = 0.1;
+
+/// Whether neighbours of a point, which has this normal, lie in no surface.
+pub(crate) fn is_rough(points: &SortedPoints, (slot, normal): (usize, Vec3), near: &[u32]) -> bool {
+    let sine2 = |j: &u32| {
+        let d = offset(points, slot, *j as usize);
+        d.dot(normal).powi(2) / d.length_squared()
+    };
+    near.iter().map(sine2).sum::<f32>() > ROUGH * near.len() as f32
+}
+
 /// Whether point `b` has all its neighbours far nearer than `a`, which then may be a stray.
 #[inline]
 fn is_alone(points: &SortedPoints, a: usize, (b, of_b): (usize, Oriented)) -> bool {
-    offset(points, a, b).length_squared() > ALONE * ALONE * of_b.farthest2
+    offset(points, a, b).length_squared() > ALONE * ALONE * of_b.farthest2()
 }
 
 /// Union-find whose elements know their sign relative to their root.
@@ -412,7 +449,7 @@ fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &Atlas, sets: &mut Sig
             if root(slot) == largest {
                 continue;
             }
-            let (wide, _) = search.nearest(slot, WIDE, wider(all[slot].farthest2, 16));
+            let (wide, _) = search.nearest(slot, WIDE, wider(all[slot].farthest2(), 16));
             let other = wide.iter().filter(|j| root(**j as usize) != root(slot));
             votes.extend(other.map(|j| atlas.vote(points, all, slot, *j as usize)));
         }
@@ -461,7 +498,7 @@ fn signs(
 ) -> Vec<bool> {
     let directions = directions();
     // Strays lie outermost, and say nothing about a surface.
-    let farthest = |slot: usize| all[slot].farthest2.sqrt();
+    let farthest = |slot: usize| all[slot].farthest2().sqrt();
     let most = usual(all.len(), farthest).map_or(f64::INFINITY, |usual| usual.most(2.0));
     let found = map_tasks(atlas.blocks.len(), |i| {
         let block = &atlas.blocks[i];
@@ -548,7 +585,7 @@ mod tests {
     /// Wrong signs against `outward`, in percent.
     fn wrong(positions: &[DVec3], outward: &[DVec3]) -> f64 {
         let points = SortedPoints::new(positions.len(), |i| positions[i]).unwrap();
-        let all = normals(&points, 16, None, Outside::Outward { up: DVec3::Z }, &NoProgress);
+        let all = normals(&points, 16, None, Outside::Outward { up: DVec3::Z }, false, &NoProgress);
         let is_wrong = |slot: &usize| {
             let exact = outward[points.inputs(*slot)[0] as usize];
             all[*slot].normal.as_dvec3().dot(exact) < 0.0

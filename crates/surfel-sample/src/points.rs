@@ -72,6 +72,10 @@ pub fn splats_from_points(
     report.splats = source.len();
     report.ellipses = sizes.stretched;
     let made = Made { slot_of, kept, oriented, given, scale };
+    if options.level_where_scattered {
+        let is_level = |i: &u32| made.oriented[made.place(*i as usize).1].is_level();
+        report.level = (0..report.splats as u32).filter(is_level).collect();
+    }
     let shape = made.shape(sizes, &mut report);
 
     let source = source.into_owned();
@@ -126,13 +130,13 @@ fn complete_normals(
         map_each(sorted.len(), &NoProgress, || (), |(), slot| normal(slot))
     });
     if let Some(known) = known.as_ref().filter(|k| k.iter().all(|n| *n != Vec3::ZERO)) {
-        return known.iter().map(|normal| Oriented { normal: *normal, farthest2: 0.0 }).collect();
+        return known.iter().copied().map(Oriented::alone).collect();
     }
     let outside = match options.viewpoint.or(points.viewpoint) {
         Some(v) => Outside::Toward((v - points.origin - sorted.center) / sorted.step),
         None => Outside::Outward { up: points.up.map_or(DVec3::Z, Up::vector) },
     };
-    orient::normals(sorted, degree, known.as_deref(), outside, progress)
+    orient::normals(sorted, degree, known.as_deref(), outside, options.level_where_scattered, progress)
 }
 
 /// What there is to know about each splat but its size.

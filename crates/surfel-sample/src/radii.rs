@@ -11,7 +11,7 @@ use crate::cell::{Cell, MOST_IN_CELL};
 use crate::eigen::symmetric2;
 use crate::nearest::{Search, distance2};
 use crate::normals::{WIDE, wider};
-use crate::orient::Oriented;
+use crate::orient::{Oriented, is_rough};
 use crate::parallel::{for_chunks, map_each};
 use crate::progress::{NoProgress, Progress};
 use crate::sorted::{LEAF, RUN, SortedPoints};
@@ -45,9 +45,6 @@ const BELIEVED_WIDE: f32 = 0.55;
 /// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
 const AGREE: f32 = 0.5;
 const STEEPEST: f32 = 0.866;
-/// Mean squared sine of the angle between a tangent plane and neighbours (18°) beyond which these are scattered: of
-/// strays beside strays, whose normals may agree by chance, it is 0.17 and more, of sparse parts of scans below 0.05.
-const ROUGH: f32 = 0.1;
 /// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
 const RING: usize = 6;
 
@@ -335,9 +332,9 @@ impl<'a> Block<'a> {
         if leaf != self.leaf {
             self.leaf = leaf;
             let of_leaf = &self.oriented[self.points.leaf(leaf)];
-            self.search.expect(leaf, of_leaf.iter().map(|o| o.farthest2).fold(0.0, f32::max));
+            self.search.expect(leaf, of_leaf.iter().map(|o| o.farthest2()).fold(0.0, f32::max));
         }
-        let (near, _) = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2);
+        let (near, _) = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2());
         self.rows.extend_from_slice(near);
     }
 
@@ -354,7 +351,7 @@ impl<'a> Block<'a> {
         if let Some(known) = self.far.get(&slot) {
             return *known;
         }
-        let (near, _) = self.search.nearest(slot as usize, self.degree, self.oriented[slot as usize].farthest2);
+        let (near, _) = self.search.nearest(slot as usize, self.degree, self.oriented[slot as usize].farthest2());
         let near = near.to_vec();
         let summary = self.summary(slot as usize, &near);
         self.far.insert(slot, summary);
@@ -370,11 +367,11 @@ impl<'a> Block<'a> {
     }
 
     /// Builds the cell of `slot` among `near`, unrolled into its tangent plane: directions are projected, distances
-    /// are kept, as on the surface itself. Lengths are in units of the farthest one's distance, which is returned.
-    /// True if it is closed, with corners within the `believed` share of that distance.
+    /// are kept, as on the surface itself, but where there is none. Lengths are in units of the farthest one's
+    /// distance, which is returned. True if it is closed, with corners within the `believed` share of that distance.
     fn build(&mut self, slot: usize, near: &[u32], believed: f32) -> (bool, f32) {
         let (p, n) = (self.points.at(slot), self.oriented[slot].normal);
-        let (u, v) = tangents(n);
+        let ((u, v), is_level) = (tangents(n), self.oriented[slot].is_level());
         let Some(last) = near.last() else { return (false, 0.0) };
         let limit2 = distance2(self.points.at(*last as usize), p);
         let limit = limit2.sqrt();
@@ -395,8 +392,9 @@ impl<'a> Block<'a> {
                 let flat = [x * u.x + y * u.y + z * u.z, x * v.x + y * v.y + z * v.z];
                 let scale = (square / ((flat[0] * flat[0] + flat[1] * flat[1]) * limit2)).sqrt();
                 let facing = m[0][i] * n.x + m[1][i] * n.y + m[2][i] * n.z;
+                let scale = if is_level { limit.recip() } else { scale };
                 (at[0][i], at[1][i]) = (flat[0] * scale, flat[1] * scale);
-                takes_part[i] = (above * above <= STEEPEST * STEEPEST * square) & (facing >= AGREE);
+                takes_part[i] = is_level | (above * above <= STEEPEST * STEEPEST * square) & (facing >= AGREE);
             }
             for i in 0..part.len() {
                 self.offsets[count] = Vec2::new(at[0][i], at[1][i]);
@@ -412,15 +410,9 @@ impl<'a> Block<'a> {
 
     /// Whether more than a quarter of the neighbours of `slot` are on no surface with it, or they are on no plane.
     fn is_scattered(&mut self, slot: usize) -> bool {
-        let near = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2).0.to_vec();
+        let near = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2()).0.to_vec();
         self.build(slot, &near, BELIEVED);
-        let (p, n) = (self.points.at(slot), self.oriented[slot].normal);
-        let sine2 = |j: &u32| {
-            let q = self.points.at(*j as usize);
-            let d = Vec3::from_array([0, 1, 2].map(|k| (q[k] - p[k]) as f32));
-            d.dot(n).powi(2) / d.length_squared()
-        };
-        let is_rough = near.iter().map(sine2).sum::<f32>() > ROUGH * near.len() as f32;
+        let is_rough = is_rough(self.points, (slot, self.oriented[slot].normal), &near);
         is_rough || 4 * self.taking_part < 3 * near.len()
     }
 
@@ -543,7 +535,7 @@ impl<'a> Block<'a> {
         }
         let ratio = ratio.min(MOST_STRETCHED);
         let unit = if is_wide {
-            let wide = self.wide(slot, self.oriented[slot].farthest2.sqrt());
+            let wide = self.wide(slot, self.oriented[slot].farthest2().sqrt());
             self.build(slot, &wide, BELIEVED_WIDE).1
         } else {
             self.build(slot, near, BELIEVED).1

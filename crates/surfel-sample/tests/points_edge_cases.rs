@@ -271,3 +271,29 @@ fn normals_of_exact_scan_lines_come_from_the_lines_beside() {
     let (cloud, report) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
     assert!((0..4000).all(|i| cloud.normal(i).dot(turn * DVec3::Z) > 0.999), "{report:?}");
 }
+
+#[test]
+fn scattered_points_are_level_where_asked_and_close_from_above() {
+    // Flat ground with noise for x < 0, a crown as deep as wide beside it, 400 points a square unit.
+    let mut random = Lcg(7);
+    let mut at = |x: f64, depth: f64| DVec3::new(x + random.unit(), random.unit(), depth * random.unit());
+    let positions: Vec<DVec3> = (0..800).map(|i| if i < 400 { at(-1.5, 0.01) } else { at(0.5, 0.3) }).collect();
+    let asked = PointOptions { level_where_scattered: true, viewpoint: Some(DVec3::Z * 1e3), ..Default::default() };
+    let (cloud, report) = splats_from_points(&points(&positions, None), &asked, &NoProgress).unwrap();
+    let of_ground = report.level.iter().filter(|i| **i < 400).count();
+    assert!(of_ground < 8 && report.level.len() > 380, "{of_ground} of {}", report.level.len());
+    for i in &report.level {
+        assert_eq!(cloud.normal(*i as usize), DVec3::Z, "{i}");
+    }
+    // From above no hole is left, and radii are those of points that lie in the plane, or some larger.
+    let leaves = 400..800;
+    for k in 0..400 {
+        let (x, y) = (0.6 + 0.04 * f64::from(k % 20), 0.1 + 0.04 * f64::from(k / 20));
+        let covers = |i: usize| (cloud.center(i) - DVec3::new(x, y, cloud.center(i).z)).length() < cloud.radius_max(i);
+        assert!(leaves.clone().any(covers), "{x} {y}");
+    }
+    let mean = leaves.map(|i| cloud.radius_max(i)).sum::<f64>() / 400.0;
+    assert!((1.65 * 0.05..1.4 * 1.65 * 0.05).contains(&mean), "{mean}");
+    let (_, report) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
+    assert!(report.level.is_empty());
+}

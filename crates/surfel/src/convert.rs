@@ -211,10 +211,10 @@ pub(crate) fn points(
     }
 }
 
-/// Splats of points that are chosen, whose estimated normals point to `viewpoint`, if there is one.
+/// Splats of points that are chosen; seen from a place far `above` alone, if there is one.
 pub(crate) fn splats_of_points(
     points: &PointCloud,
-    viewpoint: Option<DVec3>,
+    above: Option<DVec3>,
     path: &Path,
     options: &LoadOptions,
     notes: &mut Vec<String>,
@@ -224,8 +224,9 @@ pub(crate) fn splats_of_points(
     memory::check(path, points.len() as u64, memory::PREPARED_BYTES, options.memory, remedy)?;
     let point_options = PointOptions {
         radius_scale: options.radius_scale,
-        viewpoint,
+        viewpoint: above,
         coincident: if options.all_points { usize::MAX } else { COINCIDENT },
+        level_where_scattered: above.is_some(),
         ..PointOptions::default()
     };
     let made = surfel_sample::splats_from_points(points, &point_options, progress);

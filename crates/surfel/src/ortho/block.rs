@@ -42,6 +42,14 @@ pub(crate) struct BlockPixels {
     pub(crate) normal: Vec<[f32; 3]>,
 }
 
+/// What is drawn in a block.
+#[derive(Default)]
+pub(crate) struct BlockSplats {
+    pub(crate) clouds: Vec<SplatCloud>,
+    /// Which splats of the last cloud are made of points that lie in no surface; empty if it wasn't made of points.
+    pub(crate) leaves: Vec<bool>,
+}
+
 /// Memory that one block leaves to the next.
 #[derive(Default)]
 pub(crate) struct Frames {
@@ -49,9 +57,9 @@ pub(crate) struct Frames {
     behind: Frame,
 }
 
-/// Draws the clouds of a block.
+/// Draws a block.
 pub(crate) fn draw(
-    clouds: Vec<SplatCloud>,
+    splats: BlockSplats,
     grid: &Grid,
     layout: &Layout,
     block: [i64; 2],
@@ -59,6 +67,7 @@ pub(crate) fn draw(
     backend: &mut Backend,
     frames: &mut Frames,
 ) -> Result<BlockPixels, Error> {
+    let BlockSplats { clouds, leaves } = splats;
     let view = view(&clouds, grid, layout, block);
     let planes = Planes::COLOR.with_depth(true).with_weight(true).with_normal(normals);
     let settings = Settings::default();
@@ -74,8 +83,20 @@ pub(crate) fn draw(
     let mut behind = None;
     if keep.iter().any(|keep| keep.contains(&true)) {
         let within = layout.drawn(block, layout.halo);
-        // What lies beneath a surface shows nowhere.
-        let sides = Sides::new(clouds.iter().map(|cloud| &**cloud), within, |cloud, i| keep[cloud][i] = false);
+        // What surely lies beneath a surface shows nowhere.
+        let is_leaf = |cloud: usize, i: usize| cloud + 1 == clouds.len() && leaves.get(i).is_some_and(|leaf| *leaf);
+        let of_block = clouds.iter().map(|cloud| &**cloud);
+        let sides = Sides::new(of_block, is_leaf, within, |cloud, i| keep[cloud][i] = false);
+        // Leaves are no surface: the lower ones of a crown belong to what its upper ones show.
+        for (cloud, keep) in clouds.iter().zip(&mut keep) {
+            let is_behind = |(i, keep): (usize, &mut bool)| {
+                if *keep {
+                    let p = cloud.center(i);
+                    *keep = !sides.is_among_leaves([p.x, p.y], p.z as f32, cloud.radius_max(i));
+                }
+            };
+            keep.par_iter_mut().enumerate().with_min_len(1024).for_each(is_behind);
+        }
         let mut hidden = Vec::new();
         for (cloud, keep) in clouds.iter().zip(&keep) {
             hidden.extend(splats_kept(cloud, keep)?.map(Arc::new));

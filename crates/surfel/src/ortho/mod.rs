@@ -13,9 +13,9 @@ mod sides;
 mod source;
 
 use crate::coloring::{self, ColorBy, ColorScale, Colored, Coloring};
-use crate::load::UnusedOption;
+use crate::load::{Conversion, UnusedOption};
 use crate::{Backend, Error, LoadOptions, LoadedCloud};
-use block::{BlockPixels, Frames};
+use block::{BlockPixels, BlockSplats, Frames};
 use glam::DVec3;
 use grid::Grid;
 use layout::Layout;
@@ -24,7 +24,7 @@ use source::{Gathered, Holds, Source, Told, splats_within};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use surfel_io::{Crs, GeoImage, GeoSamples, GeoTiles, IoError, write_geotiffs};
-use surfel_model::{Colormap, ExtraColumn, ModelError, SplatCloud};
+use surfel_model::{Colormap, ExtraColumn, ModelError};
 use surfel_sample::{NoProgress, Progress};
 
 /// Bytes of points that stay in memory between blocks; those of other files are loaded again.
@@ -264,13 +264,13 @@ impl Ortho {
         let mut frames = Frames::default();
         for (time, block) in blocks.into_iter().enumerate() {
             let start = Instant::now();
-            let clouds = self.clouds_of(block, time as u64 + 1)?;
+            let splats = self.splats_of(block, time as u64 + 1)?;
             stats.preparing += start.elapsed();
-            if !clouds.is_empty() {
-                stats.splats += clouds.iter().map(|cloud| cloud.len() as u64).sum::<u64>();
+            if !splats.clouds.is_empty() {
+                stats.splats += splats.clouds.iter().map(|cloud| cloud.len() as u64).sum::<u64>();
                 let start = Instant::now();
                 let (grid, layout) = (&self.grid, &self.layout);
-                let pixels = block::draw(clouds, grid, layout, block, wanted.normals, backend, &mut frames)?;
+                let pixels = block::draw(splats, grid, layout, block, wanted.normals, backend, &mut frames)?;
                 stats.drawing += start.elapsed();
                 let start = Instant::now();
                 stats.covered += self.write_block(&pixels, block, wanted, tiles)?;
@@ -287,11 +287,12 @@ impl Ortho {
     }
 
     /// The splats of a block and of what is around it.
-    fn clouds_of(&mut self, block: [i64; 2], time: u64) -> Result<Vec<SplatCloud>, Error> {
+    fn splats_of(&mut self, block: [i64; 2], time: u64) -> Result<BlockSplats, Error> {
         let Self { sources, layout, options, color_by, .. } = self;
         let within = layout.drawn(block, layout.halo);
         let column = color_by.as_ref().and_then(|by| by.column.as_deref());
-        let (mut clouds, mut gathered, mut path) = (Vec::new(), Gathered::default(), None);
+        let mut splats = BlockSplats::default();
+        let (mut gathered, mut path) = (Gathered::default(), None);
         for k in 0..sources.len() {
             if !sources[k].meets(within) {
                 continue;
@@ -308,7 +309,7 @@ impl Ortho {
                     points.gather(within, layout, &mut gathered);
                     path = path.or_else(|| Some(own.clone()));
                 }
-                Holds::Splats(cloud) => clouds.extend(splats_within(cloud, within)?),
+                Holds::Splats(cloud) => splats.clouds.extend(splats_within(cloud, within)?),
             }
         }
         let points = gathered.finish(column);
@@ -318,14 +319,18 @@ impl Ortho {
             let above = 0.5 * (lo + hi) + DVec3::Z * VIEWPOINT_SIDES * side;
             let (load, progress) = (&options.load, &NoProgress);
             let made = crate::convert::splats_of_points(&points, Some(above), &path, load, &mut Vec::new(), progress)?;
-            let mut cloud = made.0;
+            let (mut cloud, made) = made;
+            splats.leaves = vec![false; cloud.len()];
+            if let Conversion::Points(report) = made {
+                report.level.iter().for_each(|i| splats.leaves[*i as usize] = true);
+            }
             if let Some(by) = color_by {
                 let by = ColorBy { attribute: &by.attribute, map: by.map, range: by.range, up: DVec3::Z };
                 coloring::color(&mut cloud, &by)?;
             }
-            clouds.push(cloud);
+            splats.clouds.push(cloud);
         }
-        Ok(clouds)
+        Ok(splats)
     }
 
     /// Writes what of a block is inside of the image, and says how many pixels of that show something.

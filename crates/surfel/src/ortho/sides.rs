@@ -9,7 +9,7 @@
 //! Points beneath a surface, as of a road under a bridge, say nothing of its edges: the upper points alone tell these
 //! (`outline.rs`).
 
-use super::outline::{Outline, WINDOW};
+use super::outline::{self, WINDOW};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
 
@@ -38,8 +38,12 @@ const MOST_POINTS: usize = 1024;
 const MOST_CELLS: f64 = 4096.0;
 /// Chance from which on a point counts as beneath a surface, and from which on it shows that the lower surface goes on
 /// there, if upper points enclose it: in a pit two points wide of a single surface, they enclose none.
-const BENEATH: f64 = 0.5;
-const WELL_BENEATH: f64 = 0.97;
+const BENEATH: f32 = 0.5;
+const WELL_BENEATH: f32 = 0.97;
+/// Largest gap in a layer of leaves, over the splats' radius: of leaves whose heights stray by two spacings, gaps of
+/// one radius are common, of two rare.
+const LINKED: f64 = 3.0;
+
 #[derive(Clone, Copy)]
 struct Point {
     at: [f64; 2],
@@ -48,6 +52,8 @@ struct Point {
     /// Which cloud's splat it is, and which of them.
     cloud: u32,
     splat: u32,
+    /// Whether it lies in no surface.
+    is_leaf: bool,
 }
 
 /// The centres of a block's splats, sorted into square cells.
@@ -65,10 +71,12 @@ pub(crate) struct Sides {
 }
 
 impl Sides {
-    /// Of the splats within `bounds` (least x and y, then largest); `beneath` is told the cloud and the splat of those
-    /// that are beneath a surface.
+    /// Of the splats within `bounds` (least x and y, then largest); `is_leaf` says which of a cloud's
+    /// splats lie in no surface, and `beneath` is told the cloud and the splat of those
+    /// that surely are beneath a surface.
     pub(crate) fn new<'a>(
         clouds: impl Iterator<Item = &'a SplatCloud>,
+        is_leaf: impl Fn(usize, usize) -> bool + Sync,
         bounds: [f64; 4],
         mut beneath: impl FnMut(usize, usize),
     ) -> Self {
@@ -79,14 +87,16 @@ impl Sides {
             let point = |i: usize| {
                 let center = cloud.center(i);
                 let radius = cloud.radius_max(i) as f32;
-                Point { at: [center.x, center.y], z: center.z as f32, radius, cloud: k, splat: i as u32 }
+                let is_leaf = is_leaf(k as usize, i);
+                Point { at: [center.x, center.y], z: center.z as f32, radius, cloud: k, splat: i as u32, is_leaf }
             };
             points.par_extend((0..cloud.len()).into_par_iter().with_min_len(4096).map(point).filter(within));
         }
         let mut all = Self::sorted(points, bounds);
-        all.beneath = all.all_beneath();
-        let told = all.points.iter().zip(&all.beneath).filter(|(_, is_beneath)| **is_beneath);
+        let chances = all.all_beneath();
+        let told = all.points.iter().zip(&chances).filter(|(_, chance)| **chance > WELL_BENEATH);
         told.for_each(|(p, _)| beneath(p.cloud as usize, p.splat as usize));
+        all.beneath = chances.iter().map(|chance| *chance > 0.0).collect();
         all
     }
 
@@ -118,13 +128,14 @@ impl Sides {
         all
     }
 
-    /// Which points are beneath a surface: those that likely are, near to some that are with hardly a doubt.
-    fn all_beneath(&self) -> Vec<bool> {
+    /// The chance that a point is beneath a surface, if that is likely and it is near to some that are with hardly a
+    /// doubt; else 0.
+    fn all_beneath(&self) -> Vec<f32> {
         let chance = |q: &Point| {
             let is_above = |p: &Point| p.z > q.z + p.radius;
-            self.outline(q.at[0], q.at[1], q.radius.into(), is_above).map_or((0.0, false), |(outline, window)| {
-                let chance = outline.chance(window).share(0.0, 0.0);
-                (chance as f32, chance > WELL_BENEATH && outline.encloses())
+            self.chance(q.at[0], q.at[1], q.radius.into(), is_above).map_or((0.0, false), |(edge, encloses)| {
+                let chance = edge.share(0.0, 0.0) as f32;
+                (chance, chance > WELL_BENEATH && encloses)
             })
         };
         let chances: Vec<(f32, bool)> = self.points.par_iter().with_min_len(1024).map(chance).collect();
@@ -139,13 +150,29 @@ impl Sides {
             let mut near = self.indices_around(q.at[0], q.at[1], half).filter(is_near);
             near.any(|k| chances[k].1)
         };
-        let is_beneath = |i: usize| f64::from(chances[i].0) > BENEATH && goes_on(i);
-        (0..self.points.len()).into_par_iter().with_min_len(1024).map(is_beneath).collect()
+        let beneath = |i: usize| if chances[i].0 > BENEATH && goes_on(i) { chances[i].0 } else { 0.0 };
+        (0..self.points.len()).into_par_iter().with_min_len(1024).map(beneath).collect()
     }
 
-    /// Those of certain points that are in a window about (x, y), where splats have about this radius, and the window;
-    /// `None` if none of them is near.
-    fn outline(&self, x: f64, y: f64, radius: f64, is_above: impl Fn(&Point) -> bool) -> Option<(Outline, f64)> {
+    /// Whether height z, at a place where splats have about this radius, is within a layer of leaves: most points above
+    /// it are leaves', and no gap between them is larger than `LINKED` radii.
+    pub(crate) fn is_among_leaves(&self, [x, y]: [f64; 2], z: f32, radius: f64) -> bool {
+        let half = WINDOW * radius;
+        let is_near = |p: &&Point| (p.at[0] - x).powi(2) + (p.at[1] - y).powi(2) < half * half && p.z > z;
+        let above = || self.around(x, y, half).filter(is_near);
+        let leaves = above().filter(|p| p.is_leaf).count();
+        if 2 * leaves <= above().count() {
+            return false;
+        }
+        let mut heights: Vec<f32> = above().map(|p| p.z).collect();
+        heights.push(z);
+        heights.sort_by(f32::total_cmp);
+        heights.windows(2).all(|pair| f64::from(pair[1] - pair[0]) <= LINKED * radius)
+    }
+
+    /// The chance that (x, y), where splats have about this radius, is beneath the surface of certain points, and
+    /// whether near ones enclose it; `None` if none of them is near.
+    fn chance(&self, x: f64, y: f64, radius: f64, is_above: impl Fn(&Point) -> bool) -> Option<(Edge, bool)> {
         let within = |reach: f64| {
             let from_here = self.around(x, y, reach).map(move |p| (p, [p.at[0] - x, p.at[1] - y]));
             from_here.filter(move |(_, [dx, dy])| dx * dx + dy * dy < reach * reach)
@@ -156,9 +183,9 @@ impl Sides {
         let add = |(sum, n), (p, _): (&Point, _)| (sum + f64::from(p.radius).powi(-2), n + 1.0);
         let (sum, count): (f64, f64) = within(WINDOW * radius).fold((0.0, 0.0), add);
         let window = WINDOW * (count / sum).sqrt();
-        let mut outline = Outline::new();
-        within(window).filter(|(p, _)| is_above(p)).for_each(|(_, at)| outline.add(at.map(|d| d / window)));
-        Some((outline, window))
+        let is_above = &is_above;
+        let around = |reach: f64| within(reach).filter(move |(p, _)| is_above(p)).map(|(_, from_here)| from_here);
+        Some(outline::chance(window, around))
     }
 
     fn cell_of(&self, axis: usize, value: f64) -> usize {
@@ -236,8 +263,8 @@ impl Sides {
             }
         }
         if goes_on {
-            let outline = self.outline(x, y, radius, |p| f64::from(p.z) > middle);
-            return Some(outline.map_or(Edge::constant(0.0), |(outline, window)| outline.chance(window)));
+            let found = self.chance(x, y, radius, |p| f64::from(p.z) > middle);
+            return Some(found.map_or(Edge::constant(0.0), |(edge, _)| edge));
         }
         if !(above && below) {
             return (above || below).then_some(Edge::constant(if above { 1.0 } else { 0.0 }));
@@ -387,7 +414,7 @@ mod tests {
     }
 
     fn sides(points: &[DVec3], radius: f32) -> Sides {
-        Sides::new([cloud(points, radius)].iter(), [-10.0, -10.0, 10.0, 10.0], |_, _| ())
+        Sides::new([cloud(points, radius)].iter(), |_, _| false, [-10.0, -10.0, 10.0, 10.0], |_, _| ())
     }
 
     /// Points of a grid of 0.5, as high as `roof` left of an edge through the origin of this direction.
@@ -448,7 +475,7 @@ mod tests {
     fn points_under_a_complete_surface_are_beneath_it_and_those_in_pits_are_not() {
         let covered_of = |points: &[DVec3]| {
             let (mut covered, bounds) = (vec![false; points.len()], [-10.0, -10.0, 10.0, 10.0]);
-            Sides::new([cloud(points, 0.8)].iter(), bounds, |_, i| covered[i] = true);
+            Sides::new([cloud(points, 0.8)].iter(), |_, _| false, bounds, |_, i| covered[i] = true);
             covered
         };
         let ground = step(0.0, 0.0);
@@ -469,9 +496,28 @@ mod tests {
     }
 
     #[test]
+    fn lower_leaves_of_a_crown_are_among_leaves_and_what_is_under_roofs_is_not() {
+        // Points whose heights stray over 2 m from 5 m on, and the ground; as leaves and as a thing in layers.
+        let crown =
+            step(0.0, 0.0).into_iter().zip(0..).map(|(p, i)| p + (5.0 + 0.1 * f64::from(i * 7 % 21)) * DVec3::Z);
+        let points: Vec<DVec3> = step(0.0, 0.0).into_iter().chain(crown).collect();
+        let of = |z: f32, is_leaf: bool| {
+            let sides = Sides::new(
+                [cloud(&points, 0.8)].iter(),
+                |_, i| is_leaf && i >= 1600,
+                [-10.0, -10.0, 10.0, 10.0],
+                |_, _| (),
+            );
+            sides.is_among_leaves([0.1, 0.2], z, 0.8)
+        };
+        assert!(of(5.0, true) && of(3.0, true) && !of(0.0, true) && !of(5.0, false));
+    }
+
+    #[test]
     fn every_point_counts_where_most_of_the_bounds_is_empty() {
         let points = step(0.0, 3.0);
-        let sides = Sides::new([cloud(&points, 0.8)].iter(), [-2000.0, -2000.0, 2000.0, 2000.0], |_, _| ());
+        let sides =
+            Sides::new([cloud(&points, 0.8)].iter(), |_, _| false, [-2000.0, -2000.0, 2000.0, 2000.0], |_, _| ());
         let near = sides.around(0.0, 0.0, 2.0).filter(|p| p.at.iter().all(|v| v.abs() < 2.0)).count();
         assert_eq!(near, 64);
     }
@@ -489,7 +535,12 @@ mod tests {
     fn points_elsewhere_change_no_share() {
         let near = step(0.4, 3.0);
         let far: Vec<DVec3> = (0..500).map(|i| DVec3::new(9.0 + 1e-3 * f64::from(i), 9.5, 1.0)).collect();
-        let all = Sides::new([cloud(&near, 0.8), cloud(&far, 0.1)].iter(), [-10.0, -10.0, 10.0, 10.0], |_, _| ());
+        let all = Sides::new(
+            [cloud(&near, 0.8), cloud(&far, 0.1)].iter(),
+            |_, _| false,
+            [-10.0, -10.0, 10.0, 10.0],
+            |_, _| (),
+        );
         let alone = sides(&near, 0.8);
         for i in 0..200 {
             let (x, y) = (f64::from(i % 20) * 0.2 - 2.0, f64::from(i / 20) * 0.4 - 2.0);
