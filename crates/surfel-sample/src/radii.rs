@@ -4,8 +4,10 @@
 //! [`DENSITY`] times the square root of the local area per point, for which Σw is about 3.7 (the renderer's kernel
 //! exp(−2ρ²) integrates to 0.432·π·r²). The *covering* rule closes the surface where the sampling is uneven: a
 //! splat reaches past the farthest corner of its own Voronoi cell in the tangent plane, because a plane whose cells
-//! are all covered has no holes. Where cells are stretched alike over a neighbourhood (scan lines), the same two
-//! rules are applied after the affine map that makes them round, and the splat is an ellipse.
+//! are all covered has no holes. Both hold for points of a surface, whose neighbours have closed cells; where few have,
+//! such as in far returns of a sweep, a disk is no larger than the distance of the nearest suggests. Where cells are
+//! stretched alike over a neighbourhood (scan lines), the same two rules are applied after the affine map that makes
+//! them round, and the splat is an ellipse.
 
 use crate::cell::{Cell, MOST_IN_CELL};
 use crate::eigen::symmetric2;
@@ -17,7 +19,6 @@ use crate::progress::{NoProgress, Progress};
 use crate::sorted::{LEAF, RUN, SortedPoints};
 use crate::usual::{ISOLATED, usual};
 use glam::{DVec2, DVec3, Vec2, Vec3};
-use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
@@ -25,7 +26,7 @@ use std::sync::{Mutex, PoisonError};
 pub(crate) const DENSITY: f64 = 1.65;
 /// Radius over the reach of the Voronoi cell: what curvature and tilted neighbours may take away, and a weight of
 /// exp(−2/1.15²) = 0.22 instead of exp(−2) = 0.14 at the corner, times the three or more splats that meet there.
-const COVER: f64 = 1.15;
+pub(crate) const COVER: f64 = 1.15;
 /// No radius exceeds this times that of the density rule: beyond it a gap is one of the scan, not of the sampling.
 const LARGEST: f64 = 2.5;
 /// Radius over the reach at a border, where the corners of a cell may lie far outside the surface.
@@ -45,6 +46,9 @@ const BELIEVED_WIDE: f32 = 0.55;
 /// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
 const AGREE: f32 = 0.5;
 const STEEPEST: f32 = 0.866;
+/// A point is part of a surface where one in this many has a closed cell, of itself and its neighbours of its side: of
+/// 17 at a straight border some 10, in a square's corner 7.
+const SURROUNDED: usize = 3;
 /// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
 const RING: usize = 6;
 
@@ -277,8 +281,6 @@ struct Block<'a> {
     halo: Vec<u32>,
     rows: Vec<u32>,
     summaries: Vec<Summary>,
-    /// Those of points farther away, where a wider look takes them.
-    far: HashMap<u32, Summary>,
 }
 
 impl<'a> Block<'a> {
@@ -304,7 +306,6 @@ impl<'a> Block<'a> {
             halo: Vec::new(),
             rows: Vec::new(),
             summaries: Vec::new(),
-            far: HashMap::new(),
         }
     }
 
@@ -341,21 +342,6 @@ impl<'a> Block<'a> {
     #[inline]
     fn same_side(&self, a: usize, b: usize) -> bool {
         self.oriented[a].normal.dot(self.oriented[b].normal) >= AGREE
-    }
-
-    /// The summary of a slot, which was measured or is now.
-    fn summary_of(&mut self, slot: u32) -> Summary {
-        if let Some(known) = self.measured(slot) {
-            return *known;
-        }
-        if let Some(known) = self.far.get(&slot) {
-            return *known;
-        }
-        let (near, _) = self.search.nearest(slot as usize, self.degree, self.oriented[slot as usize].farthest2());
-        let near = near.to_vec();
-        let summary = self.summary(slot as usize, &near);
-        self.far.insert(slot, summary);
-        summary
     }
 
     #[inline]
@@ -474,28 +460,22 @@ impl<'a> Block<'a> {
     fn size_among(&mut self, slot: usize, near: &[u32]) -> (Size, Option<Ellipse>) {
         let own = self.summaries[slot - self.own.start];
         let mut smooth = Smooth::default();
-        let mut wider_spaced = 0;
+        let (mut wider_spaced, mut together) = (0, 1);
         for j in near {
             let Some(other) = self.measured(*j) else { continue };
             wider_spaced += usize::from(ISOLATED as f32 * other.spacing < own.spacing);
-            if other.area > 0.0 && self.same_side(slot, *j as usize) {
+            if self.same_side(slot, *j as usize) {
+                together += 1;
                 smooth.add(other);
             }
         }
         // More than half of the neighbours are that much closer to each other.
         let is_isolated = self.degree >= RING && wider_spaced > (near.len() - 1) / 2;
         smooth.add(&own);
-        if smooth.len == 0 && self.points.len() > near.len() + 1 {
-            let wide = self.wide(slot, own.spacing * 2.0);
-            for j in wide.iter() {
-                let other = self.summary_of(*j);
-                if other.area > 0.0 && self.same_side(slot, *j as usize) {
-                    smooth.add(&other);
-                }
-            }
-        }
-        let Some(area) = smooth.median() else {
-            // Nothing is surrounded here: a line, a pair, a sliver. Its neighbours' distances are all there is.
+        let is_surface = SURROUNDED * smooth.len >= together;
+        let Some(area) = smooth.median().filter(|_| is_surface) else {
+            // Little is surrounded here: a line, a pair, a sliver, a tuft of far returns, whose few cells close by
+            // chance, through gaps. The nearest neighbours' distances are all there is.
             let p = self.points.at(slot);
             let near =
                 near.iter().take(2).map(|j| distance2(self.points.at(*j as usize), p)).fold(0.0, f32::max).sqrt();

@@ -169,6 +169,17 @@ fn stratified_samples_cover_too() {
 }
 
 #[test]
+fn per_vertex_covers_triangles_longer_than_vertices_are_apart() {
+    // A strip of one row of quads, 5 wide, whose vertices are 1 apart along it.
+    let positions: Vec<DVec3> =
+        (0..2 * 41).map(|i| DVec3::new(f64::from(i / 2), 5.0 * f64::from(i % 2), 0.0)).collect();
+    let strip =
+        mesh(&positions, (0..40).map(|i| 2 * i).flat_map(|i| [[i, i + 2, i + 1], [i + 1, i + 2, i + 3]]).collect());
+    let c = coverage(&sampled(&strip, MeshMethod::PerVertex), &places(&strip, 50_000));
+    assert_eq!(c.holes, 0, "{c:?}");
+}
+
+#[test]
 fn per_face_and_per_vertex_cover_a_globe() {
     let globe = globe(40);
     for method in [MeshMethod::PerFace, MeshMethod::PerVertex] {

@@ -137,6 +137,20 @@ fn strays_beside_strays_get_no_large_radius_and_sparse_parts_of_a_surface_do() {
 }
 
 #[test]
+fn far_returns_in_short_columns_dont_become_a_wall() {
+    // A scanned disk, and beyond it seven columns of three returns, seven times as far from each other as these.
+    let mut positions = disk(2000, 9);
+    positions.extend((0..21).map(|i| DVec3::new(9.0 + 0.2 * f64::from(i / 3), 0.0, 0.03 * f64::from(i % 3))));
+    let normals: Vec<DVec3> = (0..2021).map(|i| if i < 2000 { DVec3::Z } else { DVec3::Y }).collect();
+    let points = points(&positions, Some(&normals));
+    let (splats, _) = splats_from_points(&points, &PointOptions::default(), &NoProgress).unwrap();
+    for i in 2000..2021 {
+        // 1.65 times the distance of the second nearest, at most.
+        assert!(splats.radius_max(i) < 1.7 * 0.06, "{}", splats.radius_max(i));
+    }
+}
+
+#[test]
 fn isolated_points_get_no_large_radius() {
     let mut positions = disk(2000, 9);
     positions.extend([DVec3::new(0.5, 0.5, 3.0), DVec3::new(9.0, 0.0, 0.0)]);

@@ -138,6 +138,10 @@ const THIN: f64 = 0.3;
 const MIRROR_SHARE: (f64, f64) = (0.7, 0.85);
 /// Lengths, in the larger of the two widths, from which what tapers at both ends lies.
 const LONG: f64 = 1.75;
+/// Tenths of a length that its middle is, and the share of its cross-section there that tapered ends have at most: the
+/// ends of a post are as thick as its middle, within what an arm or a lamp adds.
+const MIDDLE: std::ops::Range<usize> = 2..8;
+const TAPERED: f64 = 0.5;
 /// How well something rests that falls over, at most, and what lies on either face, at least.
 const FALLS: f64 = 0.15;
 const LIES: f64 = 1.0;
@@ -233,6 +237,8 @@ struct Shape {
     mirror: [f64; 3],
     /// Lengths along the axes.
     extent: [f64; 3],
+    /// Whether it is thinner at both ends than in its middle, axis by axis.
+    tapers: [bool; 3],
     /// Evidence of ground, axis by axis.
     ground: [bool; 3],
     /// Sums of the normals, axis by axis: negative where the surface faces down.
@@ -248,6 +254,7 @@ impl Shape {
             standing: Up::ALL.map(|up| standing(patches, up)),
             mirror: mirror(patches),
             extent,
+            tapers: [0, 1, 2].map(|k| tapers(patches, k)),
             ground: [0, 1, 2].map(|k| is_ground(patches, extent, k)),
             facing: patches.mean(|p| p.normal),
             plates_lie: convention == UpConvention::Stl,
@@ -260,7 +267,7 @@ impl Shape {
         let [u, v] = others(k);
         let negative = up.vector()[k] < 0.0;
         let falls = here.rest().max(opposite.rest()) < FALLS;
-        let long = self.extent[k] > LONG * self.extent[u].max(self.extent[v]);
+        let long = self.extent[k] > LONG * self.extent[u].max(self.extent[v]) && self.tapers[k];
         let mirrored_across = self.leads(u).max(self.leads(v)) > 0.5;
         Evidence {
             base: base([here, opposite], negative),
@@ -367,6 +374,29 @@ fn is_ground(patches: &Patches, extent: [f64; 3], k: usize) -> bool {
         areas.sum::<f64>() / patches.area
     };
     extent[k] < GROUND.1 * extent[u].min(extent[v]) && share(GROUND.0) > 0.85 && share(0.999) < 0.5
+}
+
+/// Thinner at both ends than in the middle along axis `k`, as fish are and posts aren't.
+fn tapers(patches: &Patches, k: usize) -> bool {
+    let [u, v] = others(k);
+    let lowest = patches.all.iter().map(|p| p.position[k]).fold(f64::INFINITY, f64::min);
+    let tenths = 10.0 / patches.extent()[k].max(f64::MIN_POSITIVE);
+    // Of area, position and its products.
+    let mut sums = [[0.0; 6]; 10];
+    for p in &patches.all {
+        let (x, y) = (p.position[u], p.position[v]);
+        let tenth = (((p.position[k] - lowest) * tenths) as usize).min(9);
+        sums[tenth].iter_mut().zip([1.0, x, y, x * x, x * y, y * y]).for_each(|(sum, m)| *sum += p.area * m);
+    }
+    let section = |[area, x, y, xx, xy, yy]: [f64; 6]| {
+        let [x, y, xx, xy, yy] = [x, y, xx, xy, yy].map(|sum| sum / area.max(f64::MIN_POSITIVE));
+        ((xx - x * x) * (yy - y * y) - (xy - x * y).powi(2)).max(0.0).sqrt()
+    };
+    let sections = sums.map(section);
+    let mut middle = sections[MIDDLE].to_vec();
+    middle.sort_unstable_by(f64::total_cmp);
+    let middle = middle[middle.len() / 2];
+    sections[0].max(sections[9]) < TAPERED * middle
 }
 
 /// Shares of the surface whose mirror image across the centroid, axis by axis, is surface too, within a cell.

@@ -266,6 +266,19 @@ fn fish_lie_along_their_length() {
 }
 
 #[test]
+fn posts_stand() {
+    // A thin post with an arm and a crossbar, as thick below as above: it has no base, and one clear mirror plane.
+    let post = Shape::default()
+        .block([-0.05, 0.0, -0.05], [0.05, 6.0, 0.05])
+        .block([-1.2, 3.9, -0.1], [0.0, 4.1, 0.1])
+        .block([-0.01, 4.6, -0.5], [0.01, 4.7, 0.5]);
+    for (up, usual) in [(Up::PlusY, MESHES), (Up::PlusZ, POINTS), (Up::PlusZ, STL)] {
+        let found = upright(&[post.object(turned(up), 8000)], usual);
+        assert_eq!(found.up, up, "{usual:?}: {}", found.reason);
+    }
+}
+
+#[test]
 fn stl_stands_as_printers_have_it() {
     let rocket = Shape::default()
         .ball([0.0, 1.5, 0.0], [0.2, 1.5, 0.2])

@@ -41,8 +41,8 @@ pub use vertices::points_from_mesh;
 ///
 /// - [`MeshMethod::PerFace`]: the Steiner circumellipse of each triangle, s and t its principal half-axes, s × t
 ///   outward, clipped; without normals of the mesh's own it shades flat.
-/// - [`MeshMethod::PerVertex`]: [`points_from_mesh`], then radii from the local spacing as for points, unclipped. A
-///   splat lies in the mean plane of the triangles at its vertex.
+/// - [`MeshMethod::PerVertex`]: [`points_from_mesh`], then radii from the local spacing as for points, unclipped, and
+///   as large as closes the triangles about a vertex. A splat lies in the mean plane of these.
 /// - [`MeshMethod::Count`]: exactly that many samples. Up to a million of them are blue noise (weighted sample
 ///   elimination), more are stratified. Also clipped where triangles large enough to have three splats to themselves
 ///   meet at 15° to 40°, so that disks stand out of the surface by at most 0.15 of the distance between them. Where

@@ -3,13 +3,16 @@
 use super::closed::is_oriented;
 use super::geometry::{Geometry, SAME_NORMAL};
 use super::options::{MeshMethod, MeshOptions, MeshReport};
+use crate::radii::COVER;
 use crate::{PointOptions, Progress, SampleError, assemble, points};
 use glam::DVec3;
 use surfel_math::basis::unit;
-use surfel_model::{CloudData, Column3, Mesh, OnInvalid, PointCloud, SplatCloud};
+use surfel_model::{CloudData, Column3, Mesh, OnInvalid, PointCloud, Shape, SplatCloud};
 
 /// Cosine of the angle, 60°, up to which normals in one place are those of one surface.
 const AGREE: f64 = 0.5;
+/// How many times as large a disk may become that closes the triangles about it: long ones would hang over borders.
+const MOST_GROWN: f64 = 2.0;
 
 /// The vertices of a mesh as points, with its own normals or angle-weighted ones, and the colours of its texture and
 /// vertices. Vertices in the same place whose normals agree within 60° (texture seams) become one point; vertices
@@ -105,6 +108,7 @@ pub(crate) fn splats(
         points.normals = Some(assemble::normals32(&plane_normals(&geometry, &weld, &sources, shading)));
     }
     let (mut cloud, found) = points::splats_from_points(&points, &point_options, progress)?;
+    cloud = cover_triangles(cloud, &geometry, &weld, &sources, options.radius_scale)?;
     if let Some(shading) = shading {
         let of = |i: usize| Some(unit(shading.get(i))).filter(|n| *n != DVec3::ZERO).unwrap_or(cloud.normal(i));
         let normals: Vec<DVec3> = (0..cloud.len()).map(of).collect();
@@ -127,6 +131,66 @@ pub(crate) fn splats(
         interior_weight: found.interior_weight,
     };
     Ok((cloud, report))
+}
+
+/// Enlarges disks that leave holes in the triangles about their vertex: points alone don't say that large triangles
+/// beside small ones, or a face narrower than a neighbourhood, are surface. Each disk reaches past what is nearest to
+/// its vertex of every triangle there, so that a triangle's three cover it.
+fn cover_triangles(
+    cloud: SplatCloud,
+    geometry: &Geometry,
+    weld: &[u32],
+    sources: &[u32],
+    scale: f64,
+) -> Result<SplatCloud, SampleError> {
+    let mut point_of: Vec<Option<u32>> = vec![None; weld.len()];
+    for (point, source) in sources.iter().enumerate() {
+        point_of[*source as usize] = Some(point as u32);
+    }
+    let mut grown: Vec<(usize, f64)> = Vec::new();
+    for (face, t) in geometry.mesh.triangles.iter().enumerate().filter(|(face, _)| geometry.areas[*face] > 0.0) {
+        let corners = t.map(|i| geometry.positions[i as usize]);
+        for k in 0..3 {
+            let [p, q, r] = [k, (k + 1) % 3, (k + 2) % 3].map(|i| corners[i]);
+            let Some(i) = point_of[t[k] as usize].or(point_of[weld[t[k] as usize] as usize]) else { continue };
+            let (i, margin) = (i as usize, COVER * scale);
+            // What is nearest to a corner is no farther from it than the longer of its edges.
+            let may_grow = margin * margin * (q - p).length_squared().max((r - p).length_squared())
+                > cloud.radius_max(i) * cloud.radius_max(i);
+            if may_grow && geometry.normals[face].dot(cloud.normal(i)) >= AGREE {
+                grown.push((i, margin * reach(q - p, r - p)));
+            }
+        }
+    }
+    let mut data = cloud.into_data();
+    if let Shape::Disks { radii, .. } = &mut data.shape {
+        let own = radii.clone();
+        for (i, reach) in grown {
+            radii[i] = radii[i].max(reach.min(MOST_GROWN * f64::from(own[i])) as f32);
+        }
+    }
+    Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
+}
+
+/// How far from a triangle's corner at the origin it goes on being the nearest of the corners.
+fn reach(a: DVec3, b: DVec3) -> f64 {
+    let beyond = |x: DVec3, corner: DVec3| x.dot(corner) - 0.5 * corner.length_squared();
+    let mut nearest = vec![DVec3::ZERO, a, b];
+    for corner in [a, b] {
+        let mut kept = Vec::with_capacity(5);
+        for (i, x) in nearest.iter().enumerate() {
+            let next = nearest[(i + 1) % nearest.len()];
+            let (here, there) = (beyond(*x, corner), beyond(next, corner));
+            if here <= 0.0 {
+                kept.push(*x);
+            }
+            if (here <= 0.0) != (there <= 0.0) {
+                kept.push(x.lerp(next, here / (here - there)));
+            }
+        }
+        nearest = kept;
+    }
+    nearest.iter().map(|x| x.length()).fold(0.0, f64::max)
 }
 
 /// Unit normals of the planes that splats at some vertices lie in: those of the faces that meet there, weighted by
