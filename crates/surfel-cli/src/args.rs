@@ -366,8 +366,8 @@ pub(crate) struct AgainArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct ConvertArgs {
-    /// Points, a mesh or splats; - is stdin. With -o OUT.copc.laz: any number of LAS, LAZ and COPC files, or all that
-    /// --shard wrote of them.
+    /// Points, a mesh or splats; - is stdin. With -o OUT.copc.laz: any number of files of points (LAS, LAZ, COPC, PLY,
+    /// PCD, NPY, XYZ), or all that --shard wrote of them.
     #[arg(value_name = "INPUT")]
     pub(crate) input: PathBuf,
     /// More files, for -o OUT.copc.laz.

@@ -1,13 +1,15 @@
 //! Lines, words and numbers of text formats, from bytes that may be anything.
 
+use crate::bytes::Bytes;
+use crate::error::{Fault, Location, Problem};
+use std::io::{BufRead, Read};
+
 /// Splits bytes into lines at LF, CRLF or lone CR, and counts them from 1.
-#[cfg(any(feature = "obj", feature = "off", feature = "pcd", feature = "points", feature = "stl", test))]
 pub(crate) struct Lines<'a> {
     rest: &'a [u8],
     number: usize,
 }
 
-#[cfg(any(feature = "obj", feature = "off", feature = "pcd", feature = "points", feature = "stl", test))]
 impl<'a> Lines<'a> {
     pub(crate) fn new(bytes: &'a [u8]) -> Self {
         Self { rest: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), number: 0 }
@@ -20,7 +22,6 @@ impl<'a> Lines<'a> {
     }
 }
 
-#[cfg(any(feature = "obj", feature = "off", feature = "pcd", feature = "points", feature = "stl", test))]
 impl<'a> Iterator for Lines<'a> {
     type Item = (usize, &'a [u8]);
 
@@ -39,8 +40,40 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
+/// Longest line of a file that is read line by line, in bytes.
+const MAX_LINE_BYTES: usize = 1 << 24;
+
+/// Hands over the lines of a text, with their numbers from 1, as [`Lines`] divides it. Of a file only some are in
+/// memory at a time.
+pub(crate) fn each_line(
+    bytes: Bytes<'_>,
+    each: &mut dyn FnMut(usize, &[u8]) -> Result<(), Fault>,
+) -> Result<(), Fault> {
+    if let Bytes::Memory(bytes) = bytes {
+        return Lines::new(bytes).try_for_each(|(number, line)| each(number, line));
+    }
+    let (mut reader, mut text, mut before) = (bytes.reader(), Vec::new(), 0);
+    loop {
+        // Whole lines, whose end shows whether it is one sign or two.
+        let most = (MAX_LINE_BYTES - text.len()) as u64;
+        let read = (&mut reader).take(most).read_until(b'\n', &mut text).unwrap_or(0);
+        if read == 0 {
+            return Ok(());
+        }
+        if text.len() == MAX_LINE_BYTES {
+            let problem = Problem::new(format!("has a line of more than {MAX_LINE_BYTES} bytes"));
+            return Err(problem.at(Location::Line(before + 1)).expected("a line for each point").into());
+        }
+        let mut lines = if before == 0 { Lines::new(&text) } else { Lines { rest: &text, number: before } };
+        for (number, line) in lines.by_ref() {
+            each(number, line)?;
+        }
+        before = lines.number;
+        text.clear();
+    }
+}
+
 /// Words of a line, separated by blanks.
-#[cfg(any(feature = "obj", feature = "off", feature = "pcd", feature = "stl"))]
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty())
 }

@@ -19,10 +19,21 @@ pub(crate) struct OpenFile {
 impl OpenFile {
     /// The file at `path`; `None` if it can't be opened, isn't regular or is larger than any that is loaded.
     pub(crate) fn open(path: &Path) -> Option<Self> {
+        Self::open_any(path).filter(|file| file.length as u64 <= MAX_BYTES)
+    }
+
+    /// The same of any size.
+    pub(crate) fn open_any(path: &Path) -> Option<Self> {
         let file = File::open(path).ok()?;
-        let metadata = file.metadata().ok().filter(|m| m.is_file() && m.len() <= MAX_BYTES)?;
+        let metadata = file.metadata().ok().filter(|m| m.is_file())?;
         let length = usize::try_from(metadata.len()).ok()?;
         Some(Self { file: Mutex::new(file), length, failure: OnceLock::new() })
+    }
+
+    /// A file that is open and has so many bytes.
+    #[cfg(feature = "laz")]
+    pub(crate) fn of(file: File, length: usize) -> Self {
+        Self { file: Mutex::new(file), length, failure: OnceLock::new() }
     }
 
     /// All of it.
@@ -33,6 +44,12 @@ impl OpenFile {
     /// Why a part of it could not be read, if that happened. What was read since then is of no use.
     pub(crate) fn failure(self) -> Option<io::Error> {
         self.failure.into_inner()
+    }
+
+    /// As [`Self::failure`], of one that stays open.
+    #[cfg(feature = "laz")]
+    pub(crate) fn failed(&self) -> Option<io::Error> {
+        self.failure.get().map(|error| io::Error::new(error.kind(), error.to_string()))
     }
 
     /// Fills `out` with what is at `start`, or notes that this failed.
@@ -113,36 +130,34 @@ impl<'a> Bytes<'a> {
     }
 
     /// Reads them in order.
-    #[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd"))]
     pub(crate) fn reader(self) -> impl io::BufRead {
         io::BufReader::with_capacity(1 << 18, Reader { bytes: self, position: 0 })
     }
 
     /// The shortest part of a file that holds all `parts` of it, and where in it each begins; `None` if it is longer
     /// than they are together, so that they are better read one by one.
-    pub(crate) fn hull<const K: usize>(parts: [Self; K]) -> Option<(Self, [usize; K])> {
+    pub(crate) fn hull(parts: &[Self]) -> Option<(Self, Vec<usize>)> {
         let Self::File { file, start, .. } = *parts.first()? else { return None };
         let (mut first, mut end, mut total) = (start, start, 0_usize);
         for part in parts {
-            let Self::File { file: of, start, length } = part else { return None };
+            let Self::File { file: of, start, length } = *part else { return None };
             if !std::ptr::eq(of, file) {
                 return None;
             }
             (first, end, total) = (first.min(start), end.max(start + length), total.saturating_add(length));
         }
-        let starts = parts.map(|part| if let Self::File { start, .. } = part { start - first } else { 0 });
+        let starts = parts.iter().map(|part| if let Self::File { start, .. } = part { start - first } else { 0 });
+        let starts = starts.collect();
         (end - first <= total).then_some((Self::File { file, start: first, length: end - first }, starts))
     }
 }
 
 /// Bytes, and how many of them have been read.
-#[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd"))]
 struct Reader<'a> {
     bytes: Bytes<'a>,
     position: usize,
 }
 
-#[cfg(any(feature = "gaussians", feature = "npy", feature = "pcd"))]
 impl Read for Reader<'_> {
     fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
         let now = out.len().min(self.bytes.len() - self.position);
@@ -180,9 +195,9 @@ mod tests {
         assert_eq!(there.at_most(300, 1).len(), 0);
         // Interleaved columns are read at once, others apart.
         let part = |range| there.part(range).unwrap();
-        let (hull, starts) = Bytes::hull([part(4..104), part(0..100), part(8..108)]).unwrap();
-        assert_eq!((hull.read().into_owned(), starts), (content[..108].to_vec(), [4, 0, 8]));
-        assert!(Bytes::hull([part(0..10), part(50..60)]).is_none());
+        let (hull, starts) = Bytes::hull(&[part(4..104), part(0..100), part(8..108)]).unwrap();
+        assert_eq!((hull.read().into_owned(), starts), (content[..108].to_vec(), vec![4, 0, 8]));
+        assert!(Bytes::hull(&[part(0..10), part(50..60)]).is_none());
         // What is cut off meanwhile is told.
         std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(50).unwrap();
         assert_eq!(there.part(0..50).unwrap().read(), &content[..50]);

@@ -115,7 +115,15 @@ pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
 }
 
 /// True if f32 holds measured points between these: at 32 times the extent it still resolves 1/500,000 of it.
-#[cfg(any(feature = "gltf", feature = "npy", feature = "obj", feature = "off", feature = "pcd", feature = "points"))]
+#[cfg(any(
+    feature = "gltf",
+    feature = "laz",
+    feature = "npy",
+    feature = "obj",
+    feature = "off",
+    feature = "pcd",
+    feature = "points"
+))]
 pub(crate) fn f32_is_enough(min: DVec3, max: DVec3) -> bool {
     min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element()
 }

@@ -162,6 +162,12 @@ impl From<Problem> for Fault {
     }
 }
 
+/// A temporary file can't be written, or, which never happens, memory.
+#[cfg_attr(not(any(feature = "pcd", feature = "points", feature = "laz")), allow(dead_code))]
+pub(crate) fn unwritable(error: std::io::Error) -> Problem {
+    Problem::new(format!("can't be unpacked to a temporary file: {error}"))
+}
+
 impl From<ModelError> for Fault {
     fn from(error: ModelError) -> Self {
         Self::Model(error)

@@ -25,6 +25,8 @@ pub mod atomic;
 mod bytes;
 pub mod cameras;
 mod color;
+#[cfg(feature = "laz")]
+mod column_file;
 mod columns;
 mod content;
 mod context;
@@ -62,7 +64,7 @@ mod off;
 #[cfg(feature = "pcd")]
 mod pcd;
 mod ply;
-#[cfg(any(feature = "npy", feature = "pcd", feature = "points"))]
+#[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
 mod point_columns;
 #[cfg(feature = "points")]
 mod points;

@@ -68,22 +68,34 @@ struct Array<'a> {
 /// Reads one array.
 pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let array = parse(bytes)?;
-    note_left_out(&array.left_out, context);
-    let mut columns = Vec::new();
-    let by_axis = columns_of("", &array, &mut columns)?;
-    if columns.first().is_none_or(|c| c.values.len() == 0) {
-        return Err(Problem::new("holds no point").expected("an array of N×3 numbers or more").into());
-    }
-    let roles = if by_axis {
-        guess(&mut columns, &array, context)?
-    } else {
-        Roles::by_name(columns.iter().map(|c| c.name.as_str())).ok_or_else(|| no_position(&columns))?
-    };
+    let (columns, roles) = columns(&array, context)?;
     let mut content = point_columns::build(columns, &roles, Source::Typed, Vec::new(), context)?;
     if let ([rows, columns, _], false) = (&array.shape[..], array.fortran) {
         depth_image::recognise(&mut content, [*columns, *rows], context);
     }
     Ok(content)
+}
+
+/// The columns of an array, and what they are.
+fn columns<'a>(array: &Array<'a>, context: &mut Context<'_>) -> Result<(Vec<Named<'a>>, Roles), Fault> {
+    note_left_out(&array.left_out, context);
+    let mut columns = Vec::new();
+    let by_axis = columns_of("", array, &mut columns)?;
+    if columns.first().is_none_or(|c| c.values.len() == 0) {
+        return Err(Problem::new("holds no point").expected("an array of N×3 numbers or more").into());
+    }
+    let roles = if by_axis {
+        guess(&mut columns, array, context)?
+    } else {
+        Roles::by_name(columns.iter().map(|c| c.name.as_str())).ok_or_else(|| no_position(&columns))?
+    };
+    Ok((columns, roles))
+}
+
+/// The same of a file that is read block by block.
+#[cfg(feature = "laz")]
+pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, context: &mut Context<'_>) -> Result<(Vec<Named<'a>>, Roles), Fault> {
+    columns(&parse(bytes)?, context)
 }
 
 /// Reads an archive of arrays.

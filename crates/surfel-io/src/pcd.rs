@@ -1,15 +1,15 @@
 //! PCD, the Point Cloud Library's files: text, binary, and binary compressed by LZF.
 
-use crate::ascii::{Lines, number, number_f32, words};
+use crate::ascii::{Lines, each_line, number, number_f32, words};
 use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
 use crate::depth_image;
-use crate::error::{Fault, Location, Problem, list, quote};
+use crate::error::{Fault, Location, Problem, list, quote, unwritable};
 use crate::point_columns::{self, Named, Roles, Source};
 use crate::strided::{NumberType, Strided};
 use glam::DVec3;
-use std::io::Read;
+use std::io::{self, Read, Write};
 use surfel_model::Up;
 
 /// Longest header, in bytes.
@@ -55,35 +55,120 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let head = bytes.at_most(0, MAX_HEADER_BYTES);
     let header = parse_header(&head)?;
-    let body = || bytes.at_most(header.start, usize::MAX);
-    let place = |what: String| {
-        Problem::new(what).help("copy or export the file again: it is incomplete, or its header counts too many")
+    let mut unpacked = Vec::new();
+    let data = match unpack(&header, bytes, &mut unpacked)? {
+        true => Bytes::Memory(&unpacked),
+        false => rows_in(&header, bytes)?,
     };
-    let too_large = || place(format!("its header counts {} points, more than there can be", header.points));
+    let (columns, roles) = columns(&header, data, context)?;
+    let (comments, upright_sensor) = sensor(&header, context);
+    let mut content = point_columns::build(columns, &roles, Source::Typed, comments, context)?;
+    if let Some(image) = header.image {
+        depth_image::recognise(&mut content, image, context);
+    }
+    if let (Content::Points(points), Some(_)) = (&mut content, upright_sensor) {
+        (points.up, points.viewpoint) = (Some(Up::MinusY), upright_sensor);
+    }
+    Ok(content)
+}
+
+/// A file's header, for what reads its points block by block.
+#[cfg(feature = "laz")]
+pub(crate) struct Table<'a>(Header<'a>);
+
+#[cfg(feature = "laz")]
+impl<'a> Table<'a> {
+    /// Most bytes of a file that its header is in.
+    pub(crate) const HEAD_BYTES: usize = MAX_HEADER_BYTES;
+
+    pub(crate) fn of(head: &'a [u8]) -> Result<Self, Fault> {
+        parse_header(head).map(Self)
+    }
+
+    pub(crate) fn points(&self) -> usize {
+        self.0.points
+    }
+
+    /// Least bytes that the points take.
+    pub(crate) fn least_bytes(&self) -> usize {
+        let point = match self.0.encoding {
+            // A number and what parts it from the next.
+            Encoding::Text => {
+                self.0.fields.iter().fold(0, |sum, field| field.count.saturating_mul(2).saturating_add(sum))
+            }
+            Encoding::Binary => self.0.point_bytes,
+            Encoding::Compressed => self.0.point_bytes / LZF_EXPANSION,
+        };
+        self.0.points.saturating_mul(point)
+    }
+
+    /// Which axis is up, if the sensor's pose says it.
+    pub(crate) fn up(&self, context: &mut Context<'_>) -> Option<Up> {
+        sensor(&self.0, context).1.map(|_| Up::MinusY)
+    }
+
+    /// Writes the points as binary ones, field by field if they were compressed; false where they are binary.
+    pub(crate) fn unpack(&self, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
+        unpack(&self.0, bytes, out)
+    }
+
+    /// The columns of points that are unpacked, or in the file.
+    pub(crate) fn columns<'b>(
+        &self,
+        bytes: Bytes<'b>,
+        is_unpacked: bool,
+        context: &mut Context<'_>,
+    ) -> Result<(Vec<Named<'b>>, Roles), Fault> {
+        columns(&self.0, if is_unpacked { bytes } else { rows_in(&self.0, bytes)? }, context)
+    }
+}
+
+fn incomplete(what: String) -> Problem {
+    Problem::new(what).help("copy or export the file again: it is incomplete, or its header counts too many")
+}
+
+fn too_large(header: &Header<'_>) -> Problem {
+    incomplete(format!("its header counts {} points, more than there can be", header.points))
+}
+
+/// Bytes of all points, of which there is one.
+fn size(header: &Header<'_>) -> Result<usize, Fault> {
     if header.points == 0 {
         return Err(Problem::new("holds no point").expected("POINTS of at least 1").into());
     }
-    let size = header.points.checked_mul(header.point_bytes).ok_or_else(too_large)?;
-    let unpacked;
-    let (data, by_field) = match header.encoding {
+    Ok(header.points.checked_mul(header.point_bytes).ok_or_else(|| too_large(header))?)
+}
+
+/// Writes text or compressed points as binary ones, compressed ones field by field; false where they are binary.
+fn unpack(header: &Header<'_>, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
+    let size = size(header)?;
+    match header.encoding {
         Encoding::Text => {
-            unpacked = read_text(&header, &body())?;
-            (Bytes::Memory(&unpacked), false)
+            let body = bytes.part(header.start..bytes.len()).unwrap_or(Bytes::Memory(&[]));
+            read_text(header, body, out)?;
         }
-        Encoding::Binary => {
-            let data =
-                header.start.checked_add(size).and_then(|end| bytes.part(header.start..end)).ok_or_else(|| {
-                    let whole = (bytes.len() - header.start) / header.point_bytes;
-                    place(format!("the file ends within point {whole} of {}", header.points))
-                        .at(Location::Byte(bytes.len()))
-                })?;
-            (data, false)
-        }
-        Encoding::Compressed => {
-            unpacked = decompress(&header, bytes, size)?;
-            (Bytes::Memory(&unpacked), true)
-        }
-    };
+        Encoding::Binary => return Ok(false),
+        Encoding::Compressed => decompress(header, bytes, size, out)?,
+    }
+    Ok(true)
+}
+
+/// Binary points where they lie.
+fn rows_in<'a>(header: &Header<'_>, bytes: Bytes<'a>) -> Result<Bytes<'a>, Fault> {
+    let end = header.start.checked_add(size(header)?);
+    Ok(end.and_then(|end| bytes.part(header.start..end)).ok_or_else(|| {
+        let whole = (bytes.len() - header.start) / header.point_bytes;
+        incomplete(format!("the file ends within point {whole} of {}", header.points)).at(Location::Byte(bytes.len()))
+    })?)
+}
+
+/// The columns of binary points, and what they are.
+fn columns<'a>(
+    header: &Header<'_>,
+    data: Bytes<'a>,
+    context: &mut Context<'_>,
+) -> Result<(Vec<Named<'a>>, Roles), Fault> {
+    let by_field = header.encoding == Encoding::Compressed;
     let mut columns = Vec::new();
     let (mut offset, mut left_out) = (0, Vec::new());
     for field in &header.fields {
@@ -102,7 +187,7 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
         for i in 0..field.count {
             let name = if field.count == 1 { field.name.to_owned() } else { format!("{}_{i}", field.name) };
             let values = Strided::new(data, start + i * n, stride, header.points, field.kind, false);
-            columns.push(Named { name, values: values.ok_or_else(too_large)? });
+            columns.push(Named { name, values: values.ok_or_else(|| too_large(header))? });
         }
     }
     if !left_out.is_empty() {
@@ -113,6 +198,11 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
         let names: Vec<&str> = header.fields.iter().map(|f| f.name).collect();
         Problem::new(format!("its points have no position: the fields are {}", list(&names))).expected("fields x y z")
     })?;
+    Ok((columns, roles))
+}
+
+/// What the sensor's pose says, as a comment; and where it is, if -y is up in its points.
+fn sensor(header: &Header<'_>, context: &mut Context<'_>) -> (Vec<String>, Option<DVec3>) {
     let (mut comments, mut upright_sensor) = (Vec::new(), None);
     if let Some(viewpoint) = header.viewpoint {
         let pose: Vec<Option<f64>> = viewpoint.split_ascii_whitespace().map(|w| number(w.as_bytes())).collect();
@@ -128,14 +218,7 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
             ));
         }
     }
-    let mut content = point_columns::build(columns, &roles, Source::Typed, comments, context)?;
-    if let Some(image) = header.image {
-        depth_image::recognise(&mut content, image, context);
-    }
-    if let (Content::Points(points), Some(_)) = (&mut content, upright_sensor) {
-        (points.up, points.viewpoint) = (Some(Up::MinusY), upright_sensor);
-    }
-    Ok(content)
+    (comments, upright_sensor)
 }
 
 /// Parses the header at the start of `bytes`, the file's first ones.
@@ -228,19 +311,16 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
     Ok(Header { fields, points, image, viewpoint, encoding, point_bytes, line, start })
 }
 
-/// Points as text, in the form of binary ones.
-fn read_text(header: &Header<'_>, body: &[u8]) -> Result<Vec<u8>, Fault> {
-    let mut data = Vec::new();
-    let mut rows = 0;
-    for (line, text) in Lines::new(body) {
+/// Writes points as text in the form of binary ones.
+fn read_text(header: &Header<'_>, body: Bytes<'_>, out: &mut dyn Write) -> Result<(), Fault> {
+    let (mut rows, mut data) = (0, Vec::new());
+    each_line(body, &mut |line, text| {
         let mut words = words(text).peekable();
-        if words.peek().is_none_or(|w| w.starts_with(b"#")) {
-            continue;
-        }
-        if rows == header.points {
-            break;
+        if rows == header.points || words.peek().is_none_or(|w| w.starts_with(b"#")) {
+            return Ok(());
         }
         let at = Location::Line(header.line + line);
+        data.clear();
         for field in &header.fields {
             for _ in 0..field.count {
                 let Some(word) = words.next() else {
@@ -259,12 +339,13 @@ fn read_text(header: &Header<'_>, body: &[u8]) -> Result<Vec<u8>, Fault> {
             return Err(problem.expected("as many as the header's FIELDS and COUNT say").into());
         }
         rows += 1;
-    }
+        Ok(out.write_all(&data).map_err(unwritable)?)
+    })?;
     if rows < header.points {
         let problem = Problem::new(format!("the file ends after {rows} of {} points", header.points));
         return Err(problem.help("copy or export the file again: it is incomplete").into());
     }
-    Ok(data)
+    Ok(())
 }
 
 /// Appends a printed number as the field's type has it.
@@ -291,8 +372,8 @@ fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
     Some(())
 }
 
-/// Points compressed by LZF: two sizes, then the stream.
-fn decompress(header: &Header<'_>, bytes: Bytes<'_>, size: usize) -> Result<Vec<u8>, Fault> {
+/// Unpacks points compressed by LZF: two sizes, then the stream.
+fn decompress(header: &Header<'_>, bytes: Bytes<'_>, size: usize, out: &mut dyn Write) -> Result<(), Fault> {
     let wrong = |what: String| {
         Problem::new(what).at(Location::Byte(header.start)).help("copy or export the file again: it is damaged")
     };
@@ -310,33 +391,43 @@ fn decompress(header: &Header<'_>, bytes: Bytes<'_>, size: usize) -> Result<Vec<
         let what = format!("{packed} bytes of compressed points can't become {} points of {size} bytes", header.points);
         return Err(wrong(what).into());
     }
-    lzf(stream.reader(), size).ok_or_else(|| wrong("its compressed points are damaged".into()).into())
+    let damaged = || Fault::from(wrong("its compressed points are damaged".into()));
+    lzf(stream.reader(), size, out).map_err(unwritable)?.ok_or_else(damaged)
 }
 
-/// Decompresses exactly `size` bytes, which have been checked against the stream's length; `None` if it is damaged.
+/// Writes exactly `size` bytes, which have been checked against the stream's length; `None` if it is damaged.
 ///
 /// A byte below 32 stands for as many literals and one. Others begin a reference: 3 bits of length, or 7 and another
 /// byte of it, and 13 bits of distance.
-fn lzf(mut stream: impl Read, size: usize) -> Option<Vec<u8>> {
-    let mut out = Vec::with_capacity(size);
-    let mut byte = [0];
-    while stream.read(&mut byte).ok()? == 1 {
+fn lzf(mut stream: impl Read, size: usize, sink: &mut dyn Write) -> io::Result<Option<()>> {
+    const FARTHEST: usize = 1 << 13;
+    let mut out = Vec::with_capacity(size.min(64 * FARTHEST));
+    let (mut byte, mut written) = ([0], 0);
+    while stream.read(&mut byte)? == 1 {
         let control = usize::from(byte[0]);
-        let start = out.len();
+        if out.len() > 32 * FARTHEST {
+            // References reach no farther back.
+            let done = out.len() - FARTHEST;
+            sink.write_all(&out[..done])?;
+            out.drain(..done);
+            written += done;
+        }
+        let (start, left) = (out.len(), size - written - out.len());
         if control < 32 {
-            if start + control + 1 > size {
-                return None;
+            if control + 1 > left {
+                return Ok(None);
             }
             out.resize(start + control + 1, 0);
-            stream.read_exact(&mut out[start..]).ok()?;
+            if stream.read_exact(&mut out[start..]).is_err() {
+                return Ok(None);
+            }
         } else {
             let mut next = || stream.read_exact(&mut byte).ok().map(|()| usize::from(byte[0]));
-            let length = 2 + if control >> 5 == 7 { 7 + next()? } else { control >> 5 };
-            let distance = 1 + ((control & 31) << 8 | next()?);
-            let from = start.checked_sub(distance)?;
-            if start + length > size {
-                return None;
-            }
+            let more = if control >> 5 == 7 { next() } else { Some(0) };
+            let (Some(more), Some(last)) = (more, next()) else { return Ok(None) };
+            let (length, distance) = (2 + (control >> 5) + more, 1 + ((control & 31) << 8 | last));
+            let from = start.checked_sub(distance).filter(|_| length <= left);
+            let Some(from) = from else { return Ok(None) };
             if distance >= length {
                 out.extend_from_within(from..from + length);
             } else {
@@ -347,5 +438,6 @@ fn lzf(mut stream: impl Read, size: usize) -> Option<Vec<u8>> {
             }
         }
     }
-    (out.len() == size).then_some(out)
+    sink.write_all(&out)?;
+    Ok((written + out.len() == size).then_some(()))
 }

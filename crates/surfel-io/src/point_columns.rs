@@ -61,10 +61,10 @@ pub(crate) struct Roles {
     pub(crate) position: [usize; 3],
     pub(crate) color: Option<[usize; 3]>,
     /// Red, green and blue in the bits of one number, and whether it has an alpha.
-    packed_color: Option<(usize, bool)>,
+    pub(crate) packed_color: Option<(usize, bool)>,
     pub(crate) normal: Option<[usize; 3]>,
-    alpha: Option<usize>,
-    radius: Option<usize>,
+    pub(crate) alpha: Option<usize>,
+    pub(crate) radius: Option<usize>,
 }
 
 impl Roles {

@@ -1,14 +1,15 @@
 //! Points as columns of printed numbers: XYZ, TXT, CSV, ASC and PTS; and PTX, whose scans have poses.
 
-use crate::ascii::{Lines, number};
+use crate::ascii::{Lines, each_line, number};
 use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
-use crate::error::{Fault, Location, Problem, list, quote};
+use crate::error::{Fault, Location, Problem, list, quote, unwritable};
 use crate::point_columns::{self, Named, Roles, Source};
 use crate::rows::KeptRows;
 use crate::strided::{NumberType, Strided};
 use crate::words::counted;
+use std::io::Write;
 
 /// Most columns of a file.
 const MAX_COLUMNS: usize = 64;
@@ -93,50 +94,84 @@ fn is_comment(line: &[u8]) -> bool {
     line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//")
 }
 
-/// Numbers in rows of the same width, each as the 8 bytes of an `f64`.
+/// Numbers in rows of the same width, each as the 8 bytes of an `f64`, and what was told of them.
 #[derive(Default)]
-struct Table {
-    data: Vec<u8>,
+pub(crate) struct Table {
     width: usize,
+    rows: usize,
+    names: Option<Vec<String>>,
+    comments: Vec<String>,
 }
 
 impl Table {
-    fn push(&mut self, row: &[f64]) {
-        row.iter().for_each(|v| self.data.extend(v.to_le_bytes()));
+    fn push(&mut self, row: &[f64], data: &mut dyn Write) -> Result<(), Fault> {
+        let mut bytes = [0; 8 * (MAX_COLUMNS + 1)];
+        bytes.as_chunks_mut().0.iter_mut().zip(row).for_each(|(bytes, v)| *bytes = v.to_le_bytes());
+        self.rows += 1;
+        Ok(data.write_all(&bytes[..8 * row.len()]).map_err(unwritable)?)
     }
 
-    fn rows(&self) -> usize {
-        self.data.len() / (8 * self.width.max(1))
-    }
-
-    fn columns(&self, names: Option<Vec<String>>) -> Vec<Named<'_>> {
+    /// The columns of the rows, which are `data`, by these names.
+    fn named<'a>(&self, names: Option<Vec<String>>, data: Bytes<'a>) -> Vec<Named<'a>> {
         let mut names = names.unwrap_or_default();
         names.resize(self.width, String::new());
-        let (stride, rows) = (8 * self.width, self.rows());
-        let column = |i: usize| Strided::new(Bytes::Memory(&self.data), 8 * i, stride, rows, NumberType::F64, false);
+        let (stride, rows) = (8 * self.width, self.rows);
+        let column = |i: usize| Strided::new(data, 8 * i, stride, rows, NumberType::F64, false);
         names.into_iter().enumerate().filter_map(|(i, name)| Some(Named { name, values: column(i)? })).collect()
+    }
+
+    /// The columns of the rows, which are `data`, and what they are.
+    pub(crate) fn columns<'a>(&self, data: Bytes<'a>, context: &mut Context<'_>) -> (Vec<Named<'a>>, Roles) {
+        let named = self.names.as_ref().map(Vec::len);
+        let header = self.names.clone().filter(|names: &Vec<String>| names.len() == self.width);
+        let roles = header.as_ref().and_then(|names| Roles::by_name(names.iter().map(String::as_str)));
+        let mut columns = self.named(header, data);
+        let roles = roles.unwrap_or_else(|| {
+            columns.iter_mut().for_each(|c| c.name.clear());
+            let roles = Roles::by_content(&mut columns);
+            if self.width > 3 {
+                let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
+                let why =
+                    named.map_or_else(|| "no first line names them".into(), |n| format!("the line of names has {n}"));
+                context.note(format!("took the columns as {}: {why}", list(&names)));
+            }
+            roles
+        });
+        (columns, roles)
     }
 }
 
 pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result<Content, Fault> {
-    let dialect = Dialect::of(&bytes[..bytes.len().min(1 << 20)]);
-    let mut comments = Vec::new();
-    let (mut header, mut said) = (None, 0_u64);
+    let mut data = Vec::new();
+    let mut table = unpack(Bytes::Memory(bytes), pts, &mut data, context)?;
+    let (columns, roles) = table.columns(Bytes::Memory(&data), context);
+    point_columns::build(columns, &roles, Source::Text, std::mem::take(&mut table.comments), context)
+}
+
+/// Writes the numbers of all points to `data`.
+pub(crate) fn unpack(
+    bytes: Bytes<'_>,
+    pts: bool,
+    data: &mut dyn Write,
+    context: &mut Context<'_>,
+) -> Result<Table, Fault> {
+    let dialect = Dialect::of(&bytes.at_most(0, 1 << 20));
+    let mut said = 0_u64;
     let (mut incomplete, mut first_incomplete) = (0_usize, 0);
     let mut table = Table::default();
     let mut row: Vec<f64> = Vec::with_capacity(MAX_COLUMNS);
-    for (line_number, line) in Lines::new(bytes) {
+    each_line(bytes, &mut |line_number, line| {
         if is_comment(line) {
-            if table.width == 0 && comments.len() < 1000 {
+            if table.width == 0 && table.comments.len() < 1000 {
                 let text = String::from_utf8_lossy(line.trim_ascii());
                 let text = text.trim_start_matches(['#', '/']).trim();
                 // The last comment before the points that names columns, names theirs.
-                header = names(text.as_bytes(), dialect).or(header);
+                table.names = names(text.as_bytes(), dialect).or(table.names.take());
                 if !text.is_empty() {
-                    comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
+                    table.comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
                 }
             }
-            continue;
+            return Ok(());
         }
         let at = Location::Line(line_number);
         row.clear();
@@ -153,23 +188,23 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
         }
         if let Some(word) = bad {
             if table.width == 0 {
-                header = Some(names(line, dialect).ok_or_else(|| {
+                table.names = Some(names(line, dialect).ok_or_else(|| {
                     let found = format!("found {} where points were expected", quote(word));
                     Problem::new(found).at(at).expected("x y z [intensity] [r g b] [nx ny nz], as numbers")
                 })?);
-                continue;
+                return Ok(());
             }
             return Err(Problem::new(format!("found {}", quote(word))).at(at).expected("a number").into());
         }
         if row.len() < table.width && dialect.has_empty_cell(line) {
             first_incomplete = if incomplete == 0 { line_number } else { first_incomplete };
             incomplete += 1;
-            continue;
+            return Ok(());
         }
         // A PTS file has the number of points before each scan.
         if row.len() == 1 && (pts || table.width == 0) {
             said = said.saturating_add(row[0].max(0.0) as u64);
-            continue;
+            return Ok(());
         }
         if table.width == 0 {
             table.width = row.len();
@@ -186,8 +221,8 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
             }
             return Err(problem.expected(format!("{}, as in the lines before", table.width)).into());
         }
-        table.push(&row);
-    }
+        table.push(&row, data)
+    })?;
     if table.width == 0 {
         return Err(Problem::new("holds no point").expected("lines of x y z [intensity] [r g b] [nx ny nz]").into());
     }
@@ -198,24 +233,10 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
         let rows = counted(incomplete as u64, "rows");
         context.note(format!("left out {rows} with an empty cell, the first in line {first_incomplete}"));
     }
-    if said > 0 && said != table.rows() as u64 {
-        context.note(format!("the file says that it has {}, and has {}", counted(said, "points"), table.rows()));
+    if said > 0 && said != table.rows as u64 {
+        context.note(format!("the file says that it has {}, and has {}", counted(said, "points"), table.rows));
     }
-    let named = header.as_ref().map(Vec::len);
-    let header = header.filter(|names: &Vec<String>| names.len() == table.width);
-    let roles = header.as_ref().and_then(|names| Roles::by_name(names.iter().map(String::as_str)));
-    let mut columns = table.columns(header);
-    let roles = roles.unwrap_or_else(|| {
-        columns.iter_mut().for_each(|c| c.name.clear());
-        let roles = Roles::by_content(&mut columns);
-        if table.width > 3 {
-            let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
-            let why = named.map_or_else(|| "no first line names them".into(), |n| format!("the line of names has {n}"));
-            context.note(format!("took the columns as {}: {why}", list(&names)));
-        }
-        roles
-    });
-    point_columns::build(columns, &roles, Source::Text, comments, context)
+    Ok(table)
 }
 
 /// The names of columns that a line gives, if these include a position.
@@ -247,7 +268,7 @@ pub(crate) fn looks_like_ptx(head: &[u8]) -> bool {
 /// Reads scans, each with its rows and columns and the pose of its scanner, by which its points are moved.
 pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let mut lines = Lines::new(bytes).filter(|(_, line)| !line.trim_ascii().is_empty());
-    let mut table = Table::default();
+    let (mut table, mut data) = (Table::default(), Vec::new());
     let (mut scans, mut no_return) = (0_u32, 0_usize);
     let (mut row, mut rows) = (Vec::with_capacity(8), KeptRows::default());
     let read_row = |line: (usize, &[u8]), row: &mut Vec<f64>, expected: &[usize], what: &str| {
@@ -312,7 +333,7 @@ pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Conten
                 let problem = Problem::new(format!("found {} numbers", row.len() - 1)).at(Location::Line(line.0));
                 return Err(problem.expected(format!("{}, as in the lines before", table.width - 1)).into());
             }
-            table.push(&row);
+            table.push(&row, &mut data)?;
         }
         scans += 1;
     }
@@ -327,7 +348,7 @@ pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Conten
     }
     let names = ["x", "y", "z", "intensity", "red", "green", "blue"].iter().take(table.width - 1);
     let names = names.map(|n| (*n).to_owned()).chain(["scan".to_owned()]).collect();
-    let mut columns = table.columns(Some(names));
+    let mut columns = table.named(Some(names), Bytes::Memory(&data));
     let roles = Roles::by_name(columns.iter().map(|c| c.name.as_str())).unwrap_or_default();
     if scans == 1 {
         columns.pop();

@@ -57,34 +57,57 @@ pub(crate) struct Strided<'a> {
     big_endian: bool,
 }
 
+/// Where a column is, in a file that is open or isn't.
+#[cfg(feature = "laz")]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place {
+    offset: usize,
+    stride: usize,
+    rows: usize,
+    pub(crate) kind: NumberType,
+    big_endian: bool,
+}
+
+#[cfg(feature = "laz")]
+impl Place {
+    /// The column in the file's bytes, if it is there.
+    pub(crate) fn of(self, bytes: Bytes<'_>) -> Option<Strided<'_>> {
+        Strided::new(bytes, self.offset, self.stride, self.rows, self.kind, self.big_endian)
+    }
+}
+
 /// Bytes and rows of columns that are in memory at a time, in each thread.
 const BLOCK_BYTES: usize = 1 << 18;
 const BLOCK_ROWS: usize = 1 << 14;
 
 /// Some rows of K columns as `f64`, and where they are made.
 struct Block<const K: usize> {
-    bytes: [Vec<u8>; K],
+    bytes: Vec<u8>,
     numbers: [Vec<f64>; K],
+}
+
+/// Reads rows that the columns have as `numbers`, which are as many, by way of `bytes`.
+pub(crate) fn read_rows(columns: &[Strided<'_>], rows: Range<usize>, bytes: &mut Vec<u8>, numbers: &mut [Vec<f64>]) {
+    let Some(parts) = columns.iter().map(|c| c.part(rows.clone())).collect::<Option<Vec<_>>>() else { return };
+    if let Some((hull, starts)) = Bytes::hull(&parts) {
+        let bytes = hull.read_into(bytes);
+        let decoded = columns.iter().zip(starts).zip(numbers);
+        decoded.for_each(|((column, start), numbers)| column.decode(&bytes[start..], rows.len(), numbers));
+        return;
+    }
+    for ((column, part), numbers) in columns.iter().zip(parts).zip(numbers) {
+        column.decode(part.read_into(bytes), rows.len(), numbers);
+    }
 }
 
 impl<const K: usize> Block<K> {
     fn new() -> Self {
-        Self { bytes: [const { Vec::new() }; K], numbers: [const { Vec::new() }; K] }
+        Self { bytes: Vec::new(), numbers: [const { Vec::new() }; K] }
     }
 
     /// Reads rows that the columns have.
     fn read(&mut self, columns: &[Strided<'_>; K], rows: Range<usize>) {
-        let Some(parts) = columns.iter().map(|c| c.part(rows.clone())).collect::<Option<Vec<_>>>() else { return };
-        let Ok(parts) = <[Bytes<'_>; K]>::try_from(parts) else { return };
-        let mut decode = |k: usize, bytes: &[u8]| columns[k].decode(bytes, rows.len(), &mut self.numbers[k]);
-        if let Some((hull, starts)) = Bytes::hull(parts) {
-            let bytes = hull.read_into(&mut self.bytes[0]);
-            starts.into_iter().enumerate().for_each(|(k, start)| decode(k, &bytes[start..]));
-        } else {
-            for (k, part) in parts.into_iter().enumerate() {
-                decode(k, part.read_into(&mut self.bytes[k]));
-            }
-        }
+        read_rows(columns, rows, &mut self.bytes, &mut self.numbers);
     }
 
     fn row(&self, row: usize) -> [f64; K] {
@@ -93,7 +116,7 @@ impl<const K: usize> Block<K> {
 }
 
 /// How many rows of these columns make a block.
-fn block_rows(columns: &[Strided<'_>]) -> usize {
+pub(crate) fn block_rows(columns: &[Strided<'_>]) -> usize {
     let stride = columns.iter().map(|c| c.stride).max().unwrap_or(1);
     (BLOCK_BYTES / stride.max(1)).clamp(1, BLOCK_ROWS)
 }
@@ -190,6 +213,14 @@ impl<'a> Strided<'a> {
 
     pub(crate) fn len(&self) -> usize {
         self.rows
+    }
+
+    /// Where it is in its file; `None` of one in memory.
+    #[cfg(feature = "laz")]
+    pub(crate) fn place(&self) -> Option<Place> {
+        let Bytes::File { start, .. } = self.bytes else { return None };
+        let Self { stride, rows, kind, big_endian, .. } = *self;
+        Some(Place { offset: start, stride, rows, kind, big_endian })
     }
 
     pub(crate) fn kind(&self) -> NumberType {

@@ -144,7 +144,8 @@ fn inputs_that_do_not_go_together_or_are_damaged_leave_nothing() {
     refused(&las_bytes(4, 6, 0, true, 0..9), "points of format 6");
     refused(&las_bytes(4, 7, 2, true, 0..9), "extra bytes");
     refused(&good[..good.len() / 2], "cut off");
-    refused(b"ply\n", "is no LAS");
+    refused(b"ply\n", "does not end");
+    refused(b"solid\n", "holds nothing that can be written as COPC");
     let mut scaled = good.clone();
     scaled[131..139].copy_from_slice(&0.01_f64.to_le_bytes());
     refused(&scaled, "coordinate scale");

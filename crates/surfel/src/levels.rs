@@ -553,7 +553,7 @@ pub fn check_shard(output: &Path, shard: Option<Part>) -> Result<(), Error> {
     }
 }
 
-/// Writes LAS, LAZ and COPC files as one COPC file ([`surfel_io::copc::save_copc`]), whose points have normals and
+/// Writes files of points as one COPC file ([`surfel_io::copc::save_copc`]), whose points have normals and
 /// radii besides, so that views of it are drawn at once; or a share of it, or puts shares together.
 ///
 /// # Errors
@@ -565,7 +565,7 @@ pub fn save_copc(
     progress: &dyn Progress,
 ) -> Result<CopcReport, Error> {
     if let Some(bytes) = request.memory.filter(|bytes| *bytes < LEAST_MEMORY) {
-        let problem = format!("--memory {bytes}: writing by levels takes at least {LEAST_MEMORY} bytes (1G)");
+        let problem = format!("--memory {bytes}: writing by levels takes at least {LEAST_MEMORY} bytes (200M)");
         return Err(Error::Usage(problem));
     }
     let options = CopcOptions {

@@ -337,6 +337,13 @@ pub(crate) fn read_needed(
     let Some((copc, note)) = by_levels else { return Err(too_large) };
     let (mut loaded, report) = levels::read(path, copc.path(), options)?.ok_or(too_large)?;
     loaded.notes.insert(0, note);
+    if let Some((format, up, is_said)) = surfel_io::copc::up_of_columns(path) {
+        // LAS has z up; a file that was something else is seen as that.
+        (loaded.format, loaded.up) = (format, up);
+        if let (Content::Points(points), true) = (&mut loaded.content, is_said) {
+            points.up = Some(up);
+        }
+    }
     Ok(partly((loaded, report)))
 }
 

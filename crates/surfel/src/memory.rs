@@ -71,7 +71,7 @@ pub(crate) fn check(
     let fewer = format!("draw at most {} points (--max-points)", budget / point_bytes);
     let remedy = match remedy {
         Remedy::Levels => {
-            "write it by levels (surfel convert FILE -o FILE.copc.laz, with 1G at least) and draw that".to_owned()
+            "write it by levels (surfel convert FILE -o FILE.copc.laz, with 200M at least) and draw that".to_owned()
         }
         Remedy::Fewer => fewer,
         Remedy::Points => format!("{fewer}, or write them as LAZ, which can be drawn by levels"),

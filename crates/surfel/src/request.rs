@@ -253,8 +253,8 @@ impl Request {
         Self { pictures, ..self }
     }
 
-    /// Whether the points of a LAS, LAZ or COPC file don't fit into memory all at once, so that each picture needs its
-    /// own choice of levels.
+    /// Whether the points of a file don't fit into memory all at once, so that each picture needs its own choice of
+    /// levels.
     pub fn exceeds_memory(&self) -> bool {
         let options = self.load_options(None);
         let exceeds = |object: &ObjectFile| {

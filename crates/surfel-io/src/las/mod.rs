@@ -89,13 +89,17 @@ fn read_records(
     Err(Problem::not_built("LAZ", "laz"))
 }
 
-/// How many points a LAS, LAZ or COPC file has, as its header says, and whether they have radii of splats, as Surfel
-/// adds them; `None` for other files, and for those whose header can't be right.
+/// How many points a file has that can be written by levels, as its header says, and whether they have radii of splats,
+/// as Surfel adds them to LAS; `None` for other files, and for those whose header can't be right. Of text it is an
+/// estimate.
 pub fn survey_points(path: &Path) -> Option<(u64, bool)> {
     let mut file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|m| m.is_file()))?;
     let mut head = Vec::new();
     (&mut file).take(512).read_to_end(&mut head).ok()?;
     if !matches!(Format::of_survey(&head), Some(Format::Las | Format::Laz | Format::Copc)) {
+        #[cfg(feature = "laz")]
+        return crate::column_file::survey(path).map(|survey| (survey.points, false));
+        #[cfg(not(feature = "laz"))]
         return None;
     }
     let file_bytes = file.seek(SeekFrom::End(0)).ok()?;

@@ -339,7 +339,7 @@ fn read_rows<'a>(
 }
 
 /// The type as columns of numbers have it.
-fn number_type(kind: ScalarType) -> NumberType {
+pub(super) fn number_type(kind: ScalarType) -> NumberType {
     match kind {
         ScalarType::I8 => NumberType::I8,
         ScalarType::U8 => NumberType::U8,
@@ -431,6 +431,27 @@ fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault
     let length = bytes[start..].iter().position(u8::is_ascii_whitespace).unwrap_or(bytes.len() - start);
     cursor.position = start + length;
     Ok(&bytes[start..start + length])
+}
+
+/// Appends a printed number of this type as its bytes, little endian.
+#[cfg(feature = "laz")]
+pub(super) fn push_word(kind: ScalarType, word: &[u8], out: &mut Vec<u8>) -> Option<()> {
+    macro_rules! push {
+        ($t:ty) => {
+            out.extend_from_slice(&<$t as Scalar>::parse(word)?.to_le_bytes())
+        };
+    }
+    match kind {
+        ScalarType::I8 => push!(i8),
+        ScalarType::U8 => push!(u8),
+        ScalarType::I16 => push!(i16),
+        ScalarType::U16 => push!(u16),
+        ScalarType::I32 => push!(i32),
+        ScalarType::U32 => push!(u32),
+        ScalarType::F32 => push!(f32),
+        ScalarType::F64 => push!(f64),
+    }
+    Some(())
 }
 
 fn parse_word<T: Scalar>(cursor: &Cursor<'_>, word: &[u8]) -> Result<T, Fault> {

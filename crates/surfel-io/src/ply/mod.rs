@@ -7,6 +7,8 @@ pub(crate) mod encoding;
 mod gaussians;
 mod header;
 mod mesh;
+#[cfg(feature = "laz")]
+pub(crate) mod points;
 mod splats;
 mod table;
 mod wedges;

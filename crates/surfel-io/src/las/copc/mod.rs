@@ -17,6 +17,16 @@ pub use write::{
     CopcOptions, CopcReport, LEAST_MEMORY, PointSplat, Prepare, resume_folder, save_copc, save_temporary_copc,
 };
 
+use crate::format::Format;
+use std::path::Path;
+use surfel_model::Up;
+
+/// The format of a file that can be written by levels and isn't LAS, which axis is up in it, and whether it says so.
+pub fn up_of_columns(path: &Path) -> Option<(Format, Up, bool)> {
+    let survey = crate::column_file::survey(path)?;
+    Some((survey.format, survey.up.unwrap_or(survey.format.default_up(false)), survey.up.is_some()))
+}
+
 /// Bytes of the record with the octree's place, and of its entries in the hierarchy.
 const INFO_BYTES: usize = 160;
 const ENTRY_BYTES: usize = 32;

@@ -11,7 +11,7 @@ use std::path::Path;
 /// Bytes of a list that are written at a time.
 const BLOCK_BYTES: usize = 256 << 10;
 /// Bytes of all lists that are held in memory.
-const HELD_BYTES: usize = 64 << 20;
+const HELD_BYTES: usize = 32 << 20;
 
 /// A file without a name in `folder`.
 pub(super) fn unnamed(folder: &Path) -> io::Result<File> {
@@ -73,7 +73,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
 
     /// Brings all records to the disk, and says where they are.
     pub(super) fn stored(&mut self) -> io::Result<Index<K>> {
-        (0..self.lists.len()).try_for_each(|at| self.write(at))?;
+        self.flush()?;
         self.file.sync_data()?;
         let mut lists: Vec<(K, usize)> = self.index.iter().map(|(key, at)| (*key, *at)).collect();
         lists.sort_unstable_by_key(|(_, at)| *at);
@@ -97,7 +97,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         if list.held.len() >= BLOCK_BYTES {
             self.write(at)?;
         } else if self.held >= HELD_BYTES {
-            (0..self.lists.len()).try_for_each(|at| self.write(at))?;
+            self.flush()?;
         }
         Ok(())
     }
@@ -116,6 +116,11 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         Ok(())
     }
 
+    /// Leaves nothing in memory.
+    pub(super) fn flush(&mut self) -> io::Result<()> {
+        (0..self.lists.len()).try_for_each(|at| self.write(at))
+    }
+
     /// How many lists there are.
     pub(super) fn count(&self) -> usize {
         self.index.len()
@@ -123,7 +128,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
 
     /// Gives lists other keys; those that get the same become one.
     pub(super) fn merge(&mut self, key: impl Fn(K) -> K) -> io::Result<()> {
-        (0..self.lists.len()).try_for_each(|at| self.write(at))?;
+        self.flush()?;
         let mut old: Vec<(K, usize)> = std::mem::take(&mut self.index).into_iter().collect();
         old.sort_unstable_by_key(|(_, at)| *at);
         let mut lists = std::mem::take(&mut self.lists);

@@ -1,5 +1,6 @@
 //! Files that are written as one: what they share, and the records that are copied.
 
+use super::column_input::ColumnInput;
 use crate::error::{IoError, Location, Problem, READ};
 use crate::format::Format;
 use crate::las::copc::output::Record;
@@ -26,11 +27,38 @@ pub(super) struct Input {
     /// Ends of its points' coordinates from the first input's offset, as its header says; zeros for what is no number.
     pub(super) low: [f64; 3],
     pub(super) high: [f64; 3],
+    /// What makes records of it, where it has none itself.
+    columns: Option<ColumnInput>,
 }
 
 impl Input {
+    /// It once more, to be read again.
+    pub(super) fn again(&self) -> Result<Self, Stop> {
+        match &self.columns {
+            None => Ok(open(&self.path)?.0),
+            Some(columns) => Ok(Self::of_columns(&self.path, self.file_bytes, columns.clone())),
+        }
+    }
+
+    fn of_columns(path: &Path, file_bytes: u64, columns: ColumnInput) -> Self {
+        let (path, header) = (path.to_path_buf(), columns.header());
+        Self { path, file_bytes, header, shift: [0; 3], low: [0.0; 3], high: [0.0; 3], columns: Some(columns) }
+    }
+
+    /// The variable length records that are copied.
+    pub(super) fn records(&self, raw: &[u8]) -> Result<Vec<Record>, Stop> {
+        if let Some(columns) = &self.columns {
+            return Ok(columns.records());
+        }
+        let (.., mut file) = open(&self.path)?;
+        raw_records(&mut file, raw, self.file_bytes).map_err(|problem| invalid(&self.path, problem))
+    }
+
     /// Hands its points to `sink`.
     pub(super) fn read(&mut self, sink: &mut dyn Sink) -> Result<(), Stop> {
+        if let Some(columns) = &self.columns {
+            return columns.read(&self.path, sink);
+        }
         let system = |source| Stop::Input(IoError::System { path: self.path.clone(), action: READ, source });
         // Thousands of inputs aren't open at once.
         let mut file = File::open(&self.path).map_err(system)?;
@@ -61,16 +89,53 @@ pub(super) fn invalid(path: &Path, problem: Problem) -> Stop {
     Stop::Input(IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) })
 }
 
-/// An input with its header's first 375 bytes, and the file.
-pub(super) fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
+/// Inputs in their order, each with its header's first 375 bytes. What has to be unpacked is, to `folder`.
+pub(super) fn open_all(
+    paths: &[PathBuf],
+    folder: &Path,
+    progress: &dyn Fn(&'static str, u64, u64),
+) -> Result<Vec<(Input, Vec<u8>)>, Stop> {
+    let mut opened = Vec::with_capacity(paths.len());
+    for path in paths {
+        let system = |source| Stop::Input(IoError::System { path: path.to_path_buf(), action: READ, source });
+        let file_bytes = std::fs::metadata(path).map_err(system)?.len();
+        let columns = if is_las(path)? { None } else { ColumnInput::open(path, folder, progress)? };
+        opened.push(match columns {
+            Some(columns) => (Input::of_columns(path, file_bytes, columns), Vec::new()),
+            None => {
+                let (input, raw, _) = open(path)?;
+                (input, raw)
+            }
+        });
+    }
+    ColumnInput::agree(&mut opened.iter_mut().filter_map(|(input, _)| input.columns.as_mut()).collect::<Vec<_>>());
+    for (input, raw) in &mut opened {
+        if let Some(columns) = &input.columns {
+            (input.header, *raw) = (columns.header(), columns.raw_header());
+        }
+    }
+    Ok(opened)
+}
+
+fn is_las(path: &Path) -> Result<bool, Stop> {
     let system = |source| Stop::Input(IoError::System { path: path.to_path_buf(), action: READ, source });
+    let mut head = Vec::new();
+    File::open(path).map_err(system)?.take(512).read_to_end(&mut head).map_err(system)?;
+    Ok(matches!(Format::of_survey(&head), Some(Format::Las | Format::Laz | Format::Copc)))
+}
+
+/// An input that has records, with its header's first 375 bytes, and the file.
+fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
+    let system = |source| Stop::Input(IoError::System { path: path.to_path_buf(), action: READ, source });
+    if !is_las(path)? {
+        let problem = Problem::new("holds nothing that can be written as COPC").expected(
+            "points alone, without radii or faces, as LAS, LAZ, COPC, PLY, PCD, NPY or columns of text (XYZ, CSV, PTS)",
+        );
+        return Err(invalid(path, problem));
+    }
     let mut file = File::open(path).map_err(system)?;
     let mut raw = Vec::new();
     (&mut file).take(512).read_to_end(&mut raw).map_err(system)?;
-    if !matches!(Format::of_survey(&raw), Some(Format::Las | Format::Laz | Format::Copc)) {
-        let problem = Problem::new("is no LAS, LAZ or COPC file").expected("one: only these are written as COPC");
-        return Err(invalid(path, problem));
-    }
     raw.truncate(375);
     let file_bytes = file.seek(SeekFrom::End(0)).map_err(system)?;
     let header = Header::read(&mut file, file_bytes).map_err(|problem| invalid(path, problem))?;
@@ -78,8 +143,8 @@ pub(super) fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
     let own = usize::from(u16::from_le_bytes(field(&raw, 94)));
     raw.truncate(own.max(227));
     raw.resize(375, 0);
-    let input = Input { path: path.to_path_buf(), file_bytes, header, shift: [0; 3], low: [0.0; 3], high: [0.0; 3] };
-    Ok((input, raw, file))
+    let (path, shift, low, high) = (path.to_path_buf(), [0; 3], [0.0; 3], [0.0; 3]);
+    Ok((Input { path, file_bytes, header, shift, low, high, columns: None }, raw, file))
 }
 
 /// Steps from an offset to another one.
@@ -121,7 +186,7 @@ pub(super) fn check_alike(first: &Input, other: &Input) -> Result<(), Problem> {
 }
 
 /// The variable length records that are copied; extended ones become ordinary ones where they are short enough.
-pub(super) fn raw_records(source: &mut dyn Source, raw: &[u8], file_bytes: u64) -> Result<Vec<Record>, Problem> {
+fn raw_records(source: &mut dyn Source, raw: &[u8], file_bytes: u64) -> Result<Vec<Record>, Problem> {
     let u32_at = |at: usize| u32::from_le_bytes(field(raw, at));
     let start = u64::from(u32_at(96));
     let mut found = Vec::new();
@@ -136,7 +201,7 @@ pub(super) fn raw_records(source: &mut dyn Source, raw: &[u8], file_bytes: u64) 
     Ok(found)
 }
 
-pub(super) fn read_list(
+fn read_list(
     source: &mut dyn Source,
     (mut at, end): (u64, u64),
     count: u32,

@@ -1,9 +1,10 @@
-//! LAS, LAZ and COPC files as one COPC file, in memory that doesn't grow with them.
+//! Files of points as one COPC file, in memory that doesn't grow with them.
 //!
 //! Points are sorted into cells of a grid in a temporary file, those beside a cell's border also into its neighbours'
 //! margins. Some cells at a time are then read back, their points get splats and levels, and nodes become chunks in a
 //! second such file, of which the output is put together at the end.
 
+mod column_input;
 mod extra_bytes;
 mod grid;
 mod inputs;
@@ -25,7 +26,7 @@ use ::laz::LazVlr;
 use extra_bytes::descriptions;
 use glam::DVec3;
 use grid::{Cells, Frame, Grid, in_reach};
-use inputs::{Input, Stop, check_alike, invalid, open, raw_records, shift};
+use inputs::{Input, Stop, check_alike, invalid, open_all, shift};
 use parts::{Loaded, Made, Maker, Packed, is_withheld, packed, position};
 use rayon::prelude::*;
 use resume::{Kept, Manifest};
@@ -55,15 +56,15 @@ struct Limits {
 }
 
 /// Bytes of a point that is in memory, with its normal and radius, and of what else there is.
-const HELD_POINT_BYTES: u64 = 350;
-const OTHER_BYTES: u64 = 256 << 20;
+const HELD_POINT_BYTES: u64 = 160;
+const OTHER_BYTES: u64 = 64 << 20;
 /// Bytes that writing takes: those of one part.
-pub const LEAST_MEMORY: u64 = 1 << 30;
+pub const LEAST_MEMORY: u64 = 200 << 20;
 
 impl Limits {
     /// What fits into so many bytes. Only how many parts are made at once depends on it, not what is written.
     fn new(memory: u64) -> Self {
-        let (cell_points, most_points) = (1_000_000, 2_000_000);
+        let (cell_points, most_points) = (1_000_000, 1_000_000);
         let useful = cell_points * rayon::current_num_threads() as u64;
         let room = memory.saturating_sub(OTHER_BYTES) / HELD_POINT_BYTES;
         let held_points = room.min(useful).max(most_points);
@@ -103,7 +104,8 @@ pub struct CopcOptions {
 
 /// Writes the points of LAS, LAZ and COPC files as one COPC file, each point once, with all that its record says: what
 /// was format 0 to 5 becomes 6 or 7, and waveforms are left out. Inputs must agree in scale, in whole steps between
-/// their offsets, in the format's columns, in extra bytes and in the coordinate reference system.
+/// their offsets, in the format's columns, in extra bytes and in the coordinate reference system. Points of PLY, PCD,
+/// NPY and text get records, whose steps are a power of two, the same for all inputs.
 ///
 /// Each point also gets, as extra bytes, the mean colour of the points that it stands for at its level; with `prepare`
 /// its radius, its normal and the mean normal too, which is called for some parts of the cloud at once, each with the
@@ -330,13 +332,11 @@ impl<'a> Writer<'a> {
         progress: &'a dyn Fn(&'static str, u64, u64),
         limits: Limits,
     ) -> Result<Self, Stop> {
-        let opened = paths.iter().map(|path| open(path).map(|(input, raw, _)| (input, raw, path)));
-        let mut opened = opened.collect::<Result<Vec<_>, Stop>>()?;
-        let Some((first, raw, path)) = opened.first_mut() else {
+        let opened = open_all(paths, folder, progress)?;
+        let Some((first, raw)) = opened.first() else {
             return Err(Stop::Disk(io::Error::other("no input is given")));
         };
-        let (.., mut file) = open(path)?;
-        let records = raw_records(&mut file, raw, first.file_bytes).map_err(|e| invalid(path, e))?;
+        let records = first.records(raw)?;
         let format = records::target(first.header.format);
         let after = POINT_BYTES[usize::from(first.header.format)];
         let extra = &first.header.extra;
@@ -367,11 +367,12 @@ impl<'a> Writer<'a> {
         let mut notes = Vec::new();
         let (mut low, mut high, mut count) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0_u64);
         let mut inputs: Vec<Input> = Vec::with_capacity(opened.len());
-        for (mut input, raw, path) in opened {
+        for (mut input, raw) in opened {
             if let Some(first) = inputs.first() {
-                check_alike(first, &input).map_err(|problem| invalid(path, problem))?;
+                check_alike(first, &input).map_err(|problem| invalid(&input.path, problem))?;
             }
-            input.shift = shift(scale, offset, input.header.offset).map_err(|problem| invalid(path, problem))?;
+            let shifted = shift(scale, offset, input.header.offset);
+            input.shift = shifted.map_err(|problem| invalid(&input.path, problem))?;
             for k in 0..3 {
                 // As the header says; points outside of that only make the octree grow.
                 let ends = [179, 187].map(|at| f64::from_le_bytes(field(&raw, at + 16 * k)));
@@ -531,6 +532,9 @@ impl<'a> Writer<'a> {
         }
         let mut sorted = std::mem::replace(&mut self.spill, Spill::new(&self.folder)?);
         let mut margins = std::mem::replace(&mut self.margins, Spill::new(&self.folder)?);
+        // Memory is the parts' from here on.
+        sorted.flush()?;
+        margins.flush()?;
         let count = parts.len();
         for (i, (code, cells)) in parts.into_iter().enumerate().skip(self.parts_built) {
             let points = counts[&(frame.depth, code)];

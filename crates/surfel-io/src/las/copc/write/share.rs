@@ -4,7 +4,7 @@
 //! one node above them are put together in the parts' order. So a file doesn't depend on where stretches end.
 
 use super::grid::{Cells, Frame, Grid};
-use super::inputs::{Input, Stop, open};
+use super::inputs::{Input, Stop};
 use crate::error::Problem;
 use crate::las::copc::build::LEAF_POINTS;
 use crate::las::copc::octants::code;
@@ -197,7 +197,7 @@ impl Share {
             if (0..3).any(|k| to[k] + self.off[k] < low[k] || from[k] - self.off[k] >= low[k] + side) {
                 continue;
             }
-            let (mut again, ..) = open(&input.path)?;
+            let mut again = input.again()?;
             let (input_bytes, shift) = (again.header.record_bytes, input.shift);
             let mut counter = Counter { grid: self.grid, low, side, input_bytes, shift, found };
             let read = again.read(&mut counter);

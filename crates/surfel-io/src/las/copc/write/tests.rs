@@ -65,8 +65,8 @@ fn file_does_not_depend_on_how_many_parts_are_made_at_once() {
     let one_by_one = written(0);
     assert!(written(60_000) == one_by_one && written(u64::MAX) == one_by_one);
     std::fs::remove_dir_all(&folder).unwrap();
-    assert_eq!(Limits::new(0).held_points, 2_000_000);
-    assert!(Limits::new(1 << 40).held_points >= 2_000_000);
+    assert_eq!(Limits::new(0).held_points, 1_000_000);
+    assert!(Limits::new(1 << 40).held_points >= 1_000_000);
 }
 
 /// Normal and radius of each point of hills of `side`² points, half a metre apart and 100 m wide at least, by the

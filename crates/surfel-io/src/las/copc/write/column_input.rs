@@ -1,0 +1,766 @@
+//! Points of files of columns as records of LAS: PLY, PCD, NPY and text.
+//!
+//! Coordinates become whole steps of a power of two from an offset, the same for all inputs: the coarsest that loses
+//! nothing, or, where coordinates have finer parts, the finest that 2³⁰ of reach to the farthest point. So numbers of
+//! f32 keep every bit, unless they are less than 1/64 of the farthest; others move by half a step, 2⁻³⁰ of the farthest
+//! at most.
+
+use super::extra_bytes::description;
+use super::inputs::{Stop, invalid};
+use crate::color::nearest_16_bit;
+use crate::column_file::ColumnFile;
+use crate::columns::f32_is_enough;
+use crate::crs::Crs;
+use crate::error::{IoError, Problem};
+use crate::las::Sink;
+use crate::las::copc::output::Record;
+use crate::las::copc::{LEVEL_COLORS, LEVEL_NORMALS, NORMALS, RADIUS};
+use crate::las::header::{ExtraField, Header, POINT_BYTES};
+use crate::strided::{NumberType, Strided, block_rows, read_rows};
+use crate::words::counted;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Steps between the offset and the farthest point, as a power of two.
+const STEP_BITS: i32 = 30;
+
+/// What the numbers of a column are.
+#[derive(Clone, Copy, Debug)]
+struct Range {
+    least: f64,
+    most: f64,
+    whole: bool,
+}
+
+impl Range {
+    fn add(&mut self, value: f64) {
+        if value.is_finite() {
+            (self.least, self.most) = (self.least.min(value), self.most.max(value));
+            self.whole &= value.fract() == 0.0;
+        } else {
+            self.whole = false;
+        }
+    }
+
+    fn join(&mut self, other: &Self) {
+        (self.least, self.most) = (self.least.min(other.least), self.most.max(other.most));
+        self.whole &= other.whole;
+    }
+}
+
+/// What all numbers of a file are.
+#[derive(Clone, Debug)]
+struct Measured {
+    /// Points whose coordinates are finite.
+    count: u64,
+    /// Those of these points' coordinates.
+    position: [Range; 3],
+    /// The least power of two that is in a coordinate.
+    finest: i32,
+    /// Those of all points' columns.
+    columns: Vec<Range>,
+}
+
+impl Measured {
+    fn none(columns: usize) -> Self {
+        let none = Range { least: f64::INFINITY, most: f64::NEG_INFINITY, whole: true };
+        Self { count: 0, position: [none; 3], finest: i32::MAX, columns: vec![none; columns] }
+    }
+
+    /// The least and the greatest coordinates.
+    fn ends(&self) -> [DVec3; 2] {
+        [0, 1].map(|end| DVec3::from(self.position.map(|r| if end == 0 { r.least } else { r.most })))
+    }
+
+    fn join(mut self, other: &Self) -> Self {
+        self.count = self.count.saturating_add(other.count);
+        self.finest = self.finest.min(other.finest);
+        self.position.iter_mut().zip(&other.position).for_each(|(a, b)| a.join(b));
+        self.columns.iter_mut().zip(&other.columns).for_each(|(a, b)| a.join(b));
+        self
+    }
+}
+
+/// The power of two of the last bit of a number; large for zero.
+fn last_bit(value: f64) -> i32 {
+    let bits = value.to_bits();
+    let (exponent, fraction) = ((bits >> 52 & 0x7ff) as i32, bits & ((1 << 52) - 1));
+    match (exponent, fraction) {
+        (0, 0) => i32::MAX,
+        (0, _) => fraction.trailing_zeros() as i32 - 1074,
+        _ => (fraction | 1 << 52).trailing_zeros() as i32 + exponent - 1075,
+    }
+}
+
+/// A power of two that a number is less than; that of the least number for zero.
+fn power_above(value: f64) -> i32 {
+    ((value.to_bits() >> 52 & 0x7ff) as i32 - 1022).max(-1021)
+}
+
+/// Where in a record a column's numbers go, and as what type of the standard.
+#[derive(Clone, Debug)]
+struct Extra {
+    column: usize,
+    at: usize,
+    kind: u8,
+}
+
+/// How colours are stored.
+#[derive(Clone, Copy, Debug)]
+enum Colors {
+    /// As levels from 0 to this.
+    Levels([usize; 3], f64),
+    /// As linear light.
+    Linear([usize; 3]),
+    /// As 8 bits each in a number of 32.
+    Packed(usize),
+}
+
+/// A file of columns as a LAS file.
+#[derive(Clone, Debug)]
+pub(super) struct ColumnInput {
+    file: Arc<ColumnFile>,
+    measured: Measured,
+    colors: Option<Colors>,
+    intensity: Option<usize>,
+    extra: Vec<Extra>,
+    names: Vec<String>,
+    scale: f64,
+    offset: DVec3,
+    /// Coordinates are those of f32, as where all is read at once.
+    rounds: bool,
+}
+
+impl ColumnInput {
+    /// A file of columns, measured; `None` of other files. What has to be unpacked is, to `folder`.
+    pub(super) fn open(
+        path: &Path,
+        folder: &Path,
+        progress: &dyn Fn(&'static str, u64, u64),
+    ) -> Result<Option<Self>, IoError> {
+        let Some(file) = ColumnFile::open(path, folder)? else { return Ok(None) };
+        let measured = file.with(path, |columns| measure(&file, columns, progress))?;
+        let (extra, names) = (Vec::new(), Vec::new());
+        let (scale, offset, rounds) = (1.0, DVec3::ZERO, false);
+        let file = Arc::new(file);
+        Ok(Some(Self { file, measured, colors: None, intensity: None, extra, names, scale, offset, rounds }))
+    }
+
+    /// Gives inputs that are written as one the same steps, and the same columns as far as they have them.
+    pub(super) fn agree(inputs: &mut [&mut Self]) {
+        let Some(first) = inputs.first() else { return };
+        let none = Measured::none(first.measured.columns.len());
+        let all = inputs.iter().fold(none, |all, input| all.join(&input.measured));
+        let (scale, offset) = steps(&all);
+        let [low, high] = all.ends();
+        for input in inputs {
+            (input.scale, input.offset) = (scale, offset);
+            input.rounds = !input.file.has_linear_floats() && f32_is_enough(low, high);
+            input.lay_out(&all);
+        }
+    }
+
+    /// Decides where columns go, by what is in those of all inputs.
+    fn lay_out(&mut self, all: &Measured) {
+        let file = self.file.clone();
+        let (roles, kind) = (&file.roles, |i: usize| file.places[i].kind);
+        let largest = |set: [usize; 3]| set.iter().fold(0.0, |most: f64, i| most.max(all.columns[*i].most));
+        let whole = |set: [usize; 3]| set.iter().all(|i| all.columns[*i].whole);
+        let are = |set: [usize; 3], fits: fn(NumberType) -> bool| set.iter().all(|i| fits(kind(*i)));
+        self.colors = roles.color.map(|set| match largest(set) {
+            _ if are(set, |kind| kind == NumberType::U8) => Colors::Levels(set, 255.0),
+            most if file.has_linear_floats() => match () {
+                () if are(set, |kind| kind == NumberType::U16) => Colors::Levels(set, 65_535.0),
+                () if are(set, NumberType::is_integer) => Colors::Levels(set, 255.0),
+                // Whole numbers beyond any light are levels, as where all is read at once.
+                () if most > 8.0 && whole(set) => Colors::Levels(set, if most <= 255.0 { 255.0 } else { 65_535.0 }),
+                () => Colors::Linear(set),
+            },
+            most if most <= 1.0 && !are(set, NumberType::is_integer) => Colors::Levels(set, 1.0),
+            most if most <= 255.0 => Colors::Levels(set, 255.0),
+            _ => Colors::Levels(set, 65_535.0),
+        });
+        let packed = roles.packed_color.map(|(i, _)| i);
+        self.colors = self.colors.or(packed.map(Colors::Packed));
+        let used = |i: usize| {
+            let is_in = |set: Option<[usize; 3]>| set.is_some_and(|set| set.contains(&i));
+            roles.position.contains(&i) || is_in(roles.color) || is_in(roles.normal) || packed == Some(i)
+        };
+        let is_intensity = |i: &usize| {
+            let Range { least, most, whole } = all.columns[*i];
+            !used(*i) && file.names[*i].eq_ignore_ascii_case("intensity") && whole && least >= 0.0 && most <= 65_535.0
+        };
+        self.intensity = (0..file.names.len()).find(is_intensity);
+        let mut at = POINT_BYTES[usize::from(self.format())];
+        let (mut extra, mut names) = (Vec::new(), Vec::new());
+        let mut add = |column: usize, name: String, kind: u8| {
+            extra.push(Extra { column, at, kind });
+            names.push(name);
+            at += ExtraField::bytes(kind);
+        };
+        for (column, name) in roles.normal.into_iter().flatten().zip(NORMALS) {
+            add(column, name.to_owned(), 9);
+        }
+        let is_own = |name: &str| {
+            [RADIUS].iter().chain(&NORMALS).chain(&LEVEL_COLORS).chain(&LEVEL_NORMALS).any(|own| *own == name)
+        };
+        for (i, name) in file.names.iter().enumerate() {
+            let name: String = name.chars().filter(char::is_ascii_graphic).take(31).collect();
+            if used(i) || self.intensity == Some(i) || is_own(&name) {
+                continue;
+            }
+            let name = if name.is_empty() { format!("column_{}", i + 1) } else { name };
+            let kind = match kind(i) {
+                NumberType::U8 => 1,
+                NumberType::I8 => 2,
+                NumberType::U16 => 3,
+                NumberType::I16 => 4,
+                NumberType::U32 => 5,
+                NumberType::I32 => 6,
+                NumberType::U64 => 7,
+                NumberType::I64 => 8,
+                NumberType::F16 | NumberType::F32 => 9,
+                // Printed numbers, as where all is read at once.
+                NumberType::F64 if file.is_text() && all.columns[i].most < f64::from(1 << 24) => 9,
+                NumberType::F64 => 10,
+            };
+            add(i, name, kind);
+        }
+        (self.extra, self.names) = (extra, names);
+    }
+
+    fn format(&self) -> u8 {
+        if self.colors.is_some() { 7 } else { 6 }
+    }
+
+    fn record_bytes(&self) -> usize {
+        let after = self.extra.last().map(|extra| extra.at + ExtraField::bytes(extra.kind));
+        after.unwrap_or(POINT_BYTES[usize::from(self.format())])
+    }
+
+    /// The header that a LAS file would have.
+    pub(super) fn header(&self) -> Header {
+        let start = POINT_BYTES[usize::from(self.format())];
+        let extra = self.extra.iter().zip(&self.names);
+        let extra = extra.map(|(extra, name)| ExtraField {
+            name: name.clone(),
+            kind: extra.kind,
+            at: extra.at - start,
+            scaled: None,
+        });
+        let left_out = self.file.rows as u64 - self.measured.count;
+        let dropped = || format!("dropped {} whose coordinates are not finite", counted(left_out, "points"));
+        Header {
+            minor: 4,
+            software: String::new(),
+            format: self.format(),
+            compressed: false,
+            record_bytes: self.record_bytes(),
+            start: 0,
+            end: 0,
+            count: self.measured.count,
+            scale: DVec3::splat(self.scale),
+            offset: self.offset,
+            crs: Crs::default(),
+            extra: extra.collect(),
+            laszip: None,
+            notes: self.file.notes.iter().cloned().chain((left_out > 0).then(dropped)).collect(),
+        }
+    }
+
+    /// The first 375 bytes of one, as far as they say where points are.
+    pub(super) fn raw_header(&self) -> Vec<u8> {
+        let mut raw = vec![0; 375];
+        for (k, range) in self.measured.position.iter().enumerate() {
+            for (at, end) in [(179, range.most), (187, range.least)] {
+                raw[at + 16 * k..at + 16 * k + 8].copy_from_slice(&end.to_le_bytes());
+            }
+        }
+        raw
+    }
+
+    /// The records that describe its extra bytes.
+    pub(super) fn records(&self) -> Vec<Record> {
+        let described = self.extra.iter().zip(&self.names);
+        let described = described.flat_map(|(e, name)| description(name, e.kind, "", false));
+        let described: Vec<u8> = described.collect();
+        if described.is_empty() { Vec::new() } else { vec![Record::new("LASF_Spec", 4, described)] }
+    }
+
+    /// Hands its points to `sink`.
+    pub(super) fn read(&self, path: &Path, sink: &mut dyn Sink) -> Result<(), Stop> {
+        let read = self.file.with(path, |columns| self.read_columns(columns, sink))?;
+        read.map_err(|problem| invalid(path, problem))
+    }
+
+    fn read_columns(&self, columns: &[Strided<'_>], sink: &mut dyn Sink) -> Result<(), Problem> {
+        let (rows, block) = (self.file.rows, block_rows(columns));
+        let blocks: Vec<usize> = (0..rows).step_by(block).collect();
+        for some in blocks.chunks(2 * rayon::current_num_threads()) {
+            let made = some.par_iter().map_init(
+                || (Vec::new(), vec![Vec::new(); columns.len()]),
+                |(bytes, numbers), start| {
+                    let end = rows.min(start + block);
+                    read_rows(columns, *start..end, bytes, numbers);
+                    self.block(end - start, numbers)
+                },
+            );
+            let made: Vec<Vec<u8>> = made.collect();
+            made.into_iter().try_for_each(|mut records| sink.append(&mut records))?;
+        }
+        Ok(())
+    }
+
+    /// The records of some rows whose coordinates are finite.
+    fn block(&self, rows: usize, numbers: &[Vec<f64>]) -> Vec<u8> {
+        let size = self.record_bytes();
+        let mut records = Vec::with_capacity(rows * size);
+        let (position, per_unit) = (self.file.roles.position, 1.0 / self.scale);
+        for row in 0..rows {
+            let mut at = DVec3::from(position.map(|i| numbers[i][row]));
+            if self.rounds {
+                at = at.as_vec3().as_dvec3();
+            }
+            if !at.is_finite() {
+                continue;
+            }
+            let start = records.len();
+            records.resize(start + size, 0);
+            let record = &mut records[start..];
+            let mut put = |at: usize, bytes: &[u8]| record[at..at + bytes.len()].copy_from_slice(bytes);
+            let steps = ((at - self.offset) * per_unit).round();
+            steps.to_array().iter().enumerate().for_each(|(k, v)| put(4 * k, &(*v as i32).to_le_bytes()));
+            if let Some(i) = self.intensity {
+                put(12, &(numbers[i][row] as u16).to_le_bytes());
+            }
+            // The first return of one.
+            put(14, &[0x11]);
+            if let Some(colors) = self.colors {
+                let levels = levels(colors, |i| numbers[i][row]);
+                levels.iter().enumerate().for_each(|(k, level)| put(30 + 2 * k, &level.to_le_bytes()));
+            }
+            for Extra { column, at, kind } in &self.extra {
+                let value = numbers[*column][row];
+                match kind {
+                    1 => put(*at, &(value as u8).to_le_bytes()),
+                    2 => put(*at, &(value as i8).to_le_bytes()),
+                    3 => put(*at, &(value as u16).to_le_bytes()),
+                    4 => put(*at, &(value as i16).to_le_bytes()),
+                    5 => put(*at, &(value as u32).to_le_bytes()),
+                    6 => put(*at, &(value as i32).to_le_bytes()),
+                    7 => put(*at, &(value as u64).to_le_bytes()),
+                    8 => put(*at, &(value as i64).to_le_bytes()),
+                    9 => put(*at, &(value as f32).to_le_bytes()),
+                    _ => put(*at, &value.to_le_bytes()),
+                }
+            }
+        }
+        records
+    }
+}
+
+/// sRGB-encoded colours that count to 65535.
+fn levels(colors: Colors, number: impl Fn(usize) -> f64) -> [u16; 3] {
+    match colors {
+        Colors::Levels(set, most) => set.map(|i| (number(i) / most * 65_535.0 + 0.5).clamp(0.0, 65_535.0) as u16),
+        Colors::Linear(set) => set.map(|i| nearest_16_bit(number(i) as f32)),
+        Colors::Packed(i) => [16, 8, 0].map(|shift| (number(i) as u32 >> shift & 255) as u16 * 257),
+    }
+}
+
+/// The steps of coordinates, and what they are counted from.
+fn steps(all: &Measured) -> (f64, DVec3) {
+    let [low, high] = all.ends();
+    let most = low.abs().max(high.abs()).max_element();
+    if all.count == 0 || most == 0.0 {
+        return (1.0, DVec3::ZERO);
+    }
+    // A multiple of a power of two that the extent is less than, so that differences from it are exact.
+    let extent = power_above((high - low).max_element().max(most * 2f64.powi(-50)));
+    let is_far = most * 0.25 > 2f64.powi(extent);
+    let (mut offset, mut finest) = (DVec3::ZERO, all.finest);
+    if is_far {
+        offset = (0.5 * (low + high) / 2f64.powi(extent)).round() * 2f64.powi(extent);
+        finest = finest.min(extent);
+    }
+    let farthest = power_above((low - offset).abs().max((high - offset).abs()).max_element());
+    // A scale whose inverse and square are numbers, too.
+    (2f64.powi((farthest - STEP_BITS).max(finest).clamp(-500, 1000)), offset)
+}
+
+fn measure(file: &ColumnFile, columns: &[Strided<'_>], progress: &dyn Fn(&'static str, u64, u64)) -> Measured {
+    let (rows, block) = (file.rows, block_rows(columns));
+    let blocks: Vec<usize> = (0..rows).step_by(block).collect();
+    let none = Measured::none(columns.len());
+    let mut all = none.clone();
+    for some in blocks.chunks(64 * rayon::current_num_threads()) {
+        let measured = some.par_iter().map_init(
+            || (Vec::new(), vec![Vec::new(); columns.len()]),
+            |(bytes, numbers), start| {
+                let end = rows.min(start + block);
+                read_rows(columns, *start..end, bytes, numbers);
+                let mut found = none.clone();
+                for row in 0..end - start {
+                    let at = file.roles.position.map(|i| numbers[i][row]);
+                    if at.iter().all(|v| v.is_finite()) {
+                        found.count += 1;
+                        found.position.iter_mut().zip(at).for_each(|(range, v)| range.add(v));
+                        found.finest = at.iter().fold(found.finest, |finest, v| finest.min(last_bit(*v)));
+                    }
+                }
+                found
+                    .columns
+                    .iter_mut()
+                    .zip(numbers.iter())
+                    .for_each(|(range, v)| v.iter().for_each(|v| range.add(*v)));
+                found
+            },
+        );
+        let measured: Vec<Measured> = measured.collect();
+        all = measured.iter().fold(all, Measured::join);
+        progress("measuring points", rows.min(some[some.len() - 1] + block) as u64, rows as u64);
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{CopcOptions, Limits, save};
+    use super::*;
+    use crate::{Content, LoadOptions};
+    use std::path::PathBuf;
+    use surfel_model::PointCloud;
+
+    /// x y z, red green blue, nx ny nz, and the number of each of some points of a bumpy sheet.
+    type Row = ([f32; 3], [u8; 3], [f32; 3], u32);
+
+    fn rows(count: u32) -> Vec<Row> {
+        let row = |i: u32| {
+            let [u, v] = [i % 300, i / 300].map(|v| v as f32 / 300.0 - 0.3);
+            let at = [u * 40.0, v * 40.0, (u * 9.0).sin() + (i % 7) as f32 * 1e-4];
+            let color = [i % 256, i / 256 % 256, 200].map(|c| c as u8);
+            (at, color, [0.6, 0.0, if i % 2 == 0 { 0.8 } else { -0.8 }], i)
+        };
+        (0..count).map(row).collect()
+    }
+
+    fn ply(rows: &[Row], format: &str) -> Vec<u8> {
+        let properties = "property float x\nproperty float y\nproperty float z\nproperty uchar red\n\
+             property uchar green\nproperty uchar blue\nproperty float nx\nproperty float ny\nproperty float nz\n\
+             property uint number\n";
+        let count = rows.len();
+        let head = format!("ply\nformat {format} 1.0\nelement vertex {count}\n{properties}end_header\n");
+        let mut bytes = head.into_bytes();
+        let is_big = format == "binary_big_endian";
+        for (at, color, normal, number) in rows {
+            if format == "ascii" {
+                bytes.extend_from_slice(line(&(*at, *color, *normal, *number)).as_bytes());
+                continue;
+            }
+            let mut put = |little: [u8; 4]| {
+                bytes.extend(if is_big { [little[3], little[2], little[1], little[0]] } else { little })
+            };
+            at.iter().for_each(|v| put(v.to_le_bytes()));
+            bytes.extend_from_slice(color);
+            let mut put = |little: [u8; 4]| {
+                bytes.extend(if is_big { [little[3], little[2], little[1], little[0]] } else { little })
+            };
+            normal.iter().for_each(|v| put(v.to_le_bytes()));
+            put(number.to_le_bytes());
+        }
+        bytes
+    }
+
+    fn line((at, color, normal, number): &Row) -> String {
+        let [x, y, z] = at;
+        let [r, g, b] = color;
+        let [nx, ny, nz] = normal;
+        format!("{x} {y} {z} {r} {g} {b} {nx} {ny} {nz} {number}\n")
+    }
+
+    fn pcd(rows: &[Row], data: &str) -> Vec<u8> {
+        let count = rows.len();
+        let names = "x y z red green blue nx ny nz number";
+        let mut bytes = format!(
+            "# .PCD v0.7\nVERSION 0.7\nFIELDS {names}\nSIZE 4 4 4 1 1 1 4 4 4 4\nTYPE F F F U U U F F F U\n\
+             COUNT 1 1 1 1 1 1 1 1 1 1\nWIDTH {count}\nHEIGHT 1\nPOINTS {count}\nDATA {data}\n"
+        )
+        .into_bytes();
+        match data {
+            "ascii" => rows.iter().for_each(|row| bytes.extend_from_slice(line(row).as_bytes())),
+            "binary" => {
+                for (at, color, normal, number) in rows {
+                    at.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+                    bytes.extend_from_slice(color);
+                    normal.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+                    bytes.extend(number.to_le_bytes());
+                }
+            }
+            _ => {
+                let mut fields = Vec::new();
+                (0..3).for_each(|k| rows.iter().for_each(|row| fields.extend(row.0[k].to_le_bytes())));
+                (0..3).for_each(|k| rows.iter().for_each(|row| fields.push(row.1[k])));
+                (0..3).for_each(|k| rows.iter().for_each(|row| fields.extend(row.2[k].to_le_bytes())));
+                rows.iter().for_each(|row| fields.extend(row.3.to_le_bytes()));
+                // Runs of literals, and one byte again where it comes again and again.
+                let mut packed = Vec::new();
+                for part in fields.chunks(32) {
+                    match part.iter().all(|b| *b == part[0]) && part.len() == 32 {
+                        true => packed.extend_from_slice(&[0, part[0], 0xe0, 31 - 9, 0]),
+                        false => {
+                            packed.push(part.len() as u8 - 1);
+                            packed.extend_from_slice(part);
+                        }
+                    }
+                }
+                bytes.extend((packed.len() as u32).to_le_bytes());
+                bytes.extend((fields.len() as u32).to_le_bytes());
+                bytes.extend(packed);
+            }
+        }
+        bytes
+    }
+
+    fn npy(rows: &[Row]) -> Vec<u8> {
+        let fields = "[('x','<f4'),('y','<f4'),('z','<f4'),('red','u1'),('green','u1'),('blue','u1'),('nx','<f4'),\
+             ('ny','<f4'),('nz','<f4'),('number','<u4')]";
+        let dict = format!("{{'descr': {fields}, 'fortran_order': False, 'shape': ({},)}}\n", rows.len());
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((dict.len() as u16).to_le_bytes());
+        bytes.extend(dict.into_bytes());
+        let binary = pcd(rows, "binary");
+        bytes.extend_from_slice(&binary[binary.len() - 31 * rows.len()..]);
+        bytes
+    }
+
+    fn xyz(rows: &[Row]) -> Vec<u8> {
+        let text: String = rows.iter().map(line).collect();
+        format!("x y z red green blue nx ny nz number\n{text}").into_bytes()
+    }
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("surfel-columns-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 0, resume: false, shard: None };
+    const LARGE: Limits =
+        Limits { cell_points: 20_000, most_cells: 1 << 18, most_points: 30_000, held_points: u64::MAX, kept_bytes: 0 };
+
+    fn written(input: &Path, limits: Limits) -> Result<(Vec<u8>, Vec<String>), IoError> {
+        let output = input.with_extension("copc.laz");
+        let report = save(&[input.to_path_buf()], &output, &OVER, None, &|_, _, _| (), limits)?;
+        Ok((std::fs::read(output).unwrap(), report.notes))
+    }
+
+    fn loaded(bytes: &[u8]) -> PointCloud {
+        let name = Path::new("a.laz");
+        match crate::load_bytes(bytes, None, name, &LoadOptions::default()).unwrap().content {
+            Content::Points(points) => points,
+            _ => panic!("no points"),
+        }
+    }
+
+    fn number(points: &PointCloud, i: usize) -> usize {
+        points.extras.iter().find(|e| e.name == "number").unwrap().values.get(i) as usize
+    }
+
+    #[test]
+    fn points_of_every_format_are_the_same_whatever_fits_into_memory() {
+        let (folder, rows) = (folder("formats"), rows(70_000));
+        let files = [
+            ("little.ply", ply(&rows, "binary_little_endian")),
+            ("big.ply", ply(&rows, "binary_big_endian")),
+            ("text.ply", ply(&rows, "ascii")),
+            ("text.pcd", pcd(&rows, "ascii")),
+            ("rows.pcd", pcd(&rows, "binary")),
+            ("packed.pcd", pcd(&rows, "binary_compressed")),
+            ("rows.npy", npy(&rows)),
+            ("text.xyz", xyz(&rows)),
+        ];
+        let mut first: Option<Vec<u8>> = None;
+        for (name, bytes) in files {
+            let input = folder.join(name);
+            std::fs::write(&input, bytes).unwrap();
+            assert_eq!(crate::survey_points(&input).map(|(points, _)| points.abs_diff(70_000) < 7_000), Some(true));
+            let (one_by_one, notes) = written(&input, Limits { held_points: 0, ..LARGE }).unwrap();
+            assert!(written(&input, LARGE).unwrap().0 == one_by_one, "{name}");
+            assert!(notes.is_empty(), "{name}: {notes:?}");
+            let points = loaded(&one_by_one);
+            assert_eq!(points.len(), rows.len());
+            let (colors, normals) = (points.colors.as_ref().unwrap(), points.normals.as_ref().unwrap());
+            for i in 0..points.len() {
+                let (at, color, normal, _) = rows[number(&points, i)];
+                let far = at.map(|v| v.abs() >= 32.0 / 128.0);
+                let found = (points.origin + points.positions.get(i)).to_array();
+                for k in 0..3 {
+                    let off = (found[k] - f64::from(at[k])).abs();
+                    // Steps of 2⁵⁻³⁰, and none is lost of what is far enough from 0.
+                    assert!(off <= if far[k] { 0.0 } else { 2f64.powi(-26) }, "{name} {i}: {off}");
+                }
+                assert_eq!(colors[i], color.map(|c| crate::color::linear_of_8_bit()[usize::from(c)]), "{name}");
+                assert_eq!(normals.get(i).as_vec3().to_array(), normal, "{name}");
+            }
+            // Printed numbers are stored as f32, all others with their own types.
+            match name {
+                "text.xyz" => {}
+                _ => assert!(*first.get_or_insert_with(|| one_by_one.clone()) == one_by_one, "{name}"),
+            }
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn inputs_share_their_steps() {
+        let (folder, rows) = (folder("inputs"), rows(30_000));
+        let whole = folder.join("whole.ply");
+        std::fs::write(&whole, ply(&rows, "binary_little_endian")).unwrap();
+        let inputs = [folder.join("a.ply"), folder.join("b.pcd")];
+        std::fs::write(&inputs[0], ply(&rows[..10_000], "binary_little_endian")).unwrap();
+        std::fs::write(&inputs[1], pcd(&rows[10_000..], "ascii")).unwrap();
+        let output = folder.join("out.copc.laz");
+        save(&inputs, &output, &OVER, None, &|_, _, _| (), LARGE).unwrap();
+        assert!(std::fs::read(&output).unwrap() == written(&whole, LARGE).unwrap().0);
+        // Shares are of the same steps, too.
+        let share = |index: u32| {
+            let output = folder.join(format!("{index}.shard"));
+            let options = CopcOptions { shard: Some([index, 2]), ..OVER };
+            save(&inputs, &output, &options, None, &|_, _, _| (), LARGE).unwrap();
+            output
+        };
+        let shares = [share(0), share(1)];
+        let merged = folder.join("merged.copc.laz");
+        super::super::save_copc(&shares, &merged, &OVER, None, &|_, _, _| ()).unwrap();
+        assert!(std::fs::read(&merged).unwrap() == std::fs::read(&output).unwrap());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn points_without_a_place_are_left_out_and_headers_that_lie_are_refused() {
+        let (folder, mut rows) = (folder("wrong"), rows(1000));
+        rows[3].0[1] = f32::NAN;
+        rows[5].0[2] = f32::INFINITY;
+        let input = folder.join("a.ply");
+        std::fs::write(&input, ply(&rows, "binary_little_endian")).unwrap();
+        let (bytes, notes) = written(&input, LARGE).unwrap();
+        assert_eq!((loaded(&bytes).len(), notes.len()), (998, 1));
+        assert!(notes[0].contains("dropped 2 points"), "{notes:?}");
+        let whole = ply(&rows, "binary_little_endian");
+        let replaced = |bytes: &[u8], from: &str, to: &str| {
+            let at = bytes.windows(from.len()).position(|w| w == from.as_bytes()).unwrap();
+            [&bytes[..at], to.as_bytes(), &bytes[at + from.len()..]].concat()
+        };
+        let most = u64::MAX.to_string();
+        for (name, bytes, says) in [
+            ("cut.ply", whole[..whole.len() - 1].to_vec(), "number 999 of 1000"),
+            ("lie.ply", replaced(&whole, "vertex 1000", &format!("vertex {most}")), "the file ends"),
+            ("text.ply", replaced(&ply(&rows, "ascii"), "vertex 1000", "vertex 1001"), "number 1000 of 1001"),
+            (
+                "face.ply",
+                replaced(&whole, "end_header", "element face 1\nproperty int a\nend_header"),
+                "without radii or faces",
+            ),
+            ("radius.ply", replaced(&whole, "uint number", "float radius"), "without radii or faces"),
+            (
+                "lie.pcd",
+                replaced(&pcd(&rows, "binary"), "POINTS 1000", &format!("POINTS {most}")),
+                "more than there can be",
+            ),
+            ("cut.pcd", replaced(&pcd(&rows, "binary_compressed"), "POINTS 1000", "POINTS 900000000"), "can't become"),
+            ("cut.npy", replaced(&npy(&rows), "(1000,)", "(9999,)"), "incomplete"),
+            ("word.xyz", replaced(&xyz(&rows), "0.6 0 -0.8", "0.6 o -0.8"), "line 3"),
+            ("none.xyz", b"# nothing\n".to_vec(), "can be written as COPC"),
+        ] {
+            let input = folder.join(name);
+            std::fs::write(&input, bytes).unwrap();
+            let error = written(&input, LARGE).unwrap_err().to_string();
+            assert!(error.contains(says) && error.contains(name), "{name}: {error}");
+            if name.starts_with("lie") {
+                assert_eq!(crate::survey_points(&input), None, "{name}");
+            }
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn damaged_files_are_written_or_refused() {
+        let (folder, rows) = (folder("damaged"), rows(40));
+        let files = [
+            ("a.ply", ply(&rows, "binary_big_endian")),
+            ("b.ply", ply(&rows, "ascii")),
+            ("a.pcd", pcd(&rows, "ascii")),
+            ("b.pcd", pcd(&rows, "binary")),
+            ("c.pcd", pcd(&rows, "binary_compressed")),
+            ("a.npy", npy(&rows)),
+            ("a.xyz", xyz(&rows)),
+        ];
+        let mut random = 5_u64;
+        let mut next = |below: usize| {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (random >> 33) as usize % below
+        };
+        let (mut written_files, mut refused) = (0, 0);
+        for (name, whole) in files {
+            let input = folder.join(name);
+            for _ in 0..150 {
+                let mut bytes = whole.clone();
+                for _ in 0..1 + next(3) {
+                    // Mostly in the header; digits make other counts.
+                    let below = if next(4) == 0 { bytes.len() } else { bytes.len().min(400) };
+                    let at = next(below);
+                    bytes[at] = if bytes[at].is_ascii_digit() { b'0' + next(10) as u8 } else { next(256) as u8 };
+                }
+                if next(5) == 0 {
+                    bytes.truncate(next(bytes.len()));
+                }
+                std::fs::write(&input, bytes).unwrap();
+                crate::survey_points(&input);
+                match written(&input, LARGE) {
+                    Ok(_) => written_files += 1,
+                    Err(_) => refused += 1,
+                }
+            }
+        }
+        assert!(written_files > 100 && refused > 100, "{written_files} {refused}");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn steps_are_the_coarsest_that_lose_nothing_or_the_finest_that_reach() {
+        let steps_of = |points: &[[f64; 3]]| {
+            let mut all = Measured::none(0);
+            for at in points {
+                all.count += 1;
+                all.position.iter_mut().zip(at).for_each(|(range, v)| range.add(*v));
+                all.finest = at.iter().fold(all.finest, |finest, v| finest.min(last_bit(*v)));
+            }
+            let (scale, offset) = steps(&all);
+            for at in points {
+                let steps = ((DVec3::from(*at) - offset) / scale).round();
+                assert!(steps.abs().max_element() <= 2f64.powi(STEP_BITS), "{at:?} {scale} {offset}");
+                let off = (steps * scale + offset - DVec3::from(*at)).abs().max_element();
+                let farthest = points.iter().map(|p| (DVec3::from(*p) - offset).abs().max_element());
+                let most = farthest.fold(0.0, f64::max) * 2f64.powi(-STEP_BITS);
+                assert!(off <= most.max(2f64.powi(-501)), "{at:?} {scale} {offset}: {off}");
+            }
+            (scale, offset)
+        };
+        assert_eq!(steps_of(&[[0.0; 3]]), (1.0, DVec3::ZERO));
+        assert_eq!(steps_of(&[[1.0, 2.5, -3.0], [4.0, 0.0, 0.0]]), (0.5, DVec3::ZERO));
+        assert_eq!(steps_of(&[[0.1, 0.2, 0.3], [1.0, 1.5, -1.9]]).0, 2f64.powi(1 - STEP_BITS));
+        // Numbers of f32 far away have no finer parts; of f64 they do.
+        let far = [637_012.25, 4_851_233.125, 312.0];
+        let (scale, offset) = steps_of(&[far.map(|v| f64::from(v as f32)), [637_512.0, 4_851_733.5, 300.0]]);
+        assert!(scale >= 2f64.powi(-5) && offset != DVec3::ZERO, "{scale} {offset}");
+        let (scale, offset) = steps_of(&[far.map(|v| v + 0.001), [637_512.0, 4_851_733.5, 300.0]]);
+        assert_eq!(scale, 2f64.powi(9 - STEP_BITS));
+        assert!((offset - DVec3::from(far)).abs().max_element() < 1024.0);
+        for at in [1e-300, 5e-324, 1e300] {
+            steps_of(&[[at, 0.0, 0.0], [-at, at, 0.0]]);
+            steps_of(&[[at; 3]]);
+        }
+    }
+}
