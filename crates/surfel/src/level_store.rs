@@ -234,7 +234,10 @@ mod tests {
         let (found, notes) = resolved(&request(&input, memory, &store), eye).unwrap();
         assert!(notes.iter().any(|note| note.contains("written by levels first")), "{notes:?}");
         let (expected, _) = resolved(&request(&converted, memory, &Arc::default()), eye).unwrap();
-        assert!(cloud(&found).len() < count as usize && cloud(&found) == cloud(&expected));
+        assert!(cloud(&found).len() < count as usize);
+        // But for what the file says is up, which COPC can't.
+        let [found, expected] = [&found, &expected].map(|resolved| cloud(resolved).data());
+        assert!((&found.centers, &found.shape) == (&expected.centers, &expected.shape));
         let options = LoadOptions::default().with_memory(Some(12 << 20)).with_levels(Some(levels::Levels::Overview));
         let loaded = crate::load(&input, &options.with_level_store(Some(store)), &NoProgress).unwrap();
         assert_eq!((loaded.format, loaded.up), (surfel_io::Format::Ply, surfel_model::Up::MinusY));
