@@ -214,34 +214,6 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
-    #[test]
-    fn columns_that_do_not_fit_are_drawn_as_their_conversion_and_seen_as_what_they_are() {
-        let folder = folder("store-columns");
-        let (input, converted) = (folder.join("in.ply"), folder.join("out.copc.laz"));
-        let count = SIDE * SIDE;
-        let properties = "property float x\nproperty float y\nproperty float z";
-        let head =
-            format!("ply\nformat binary_little_endian 1.0\ncomment up -y\nelement vertex {count}\n{properties}\n");
-        let mut bytes = (head + "end_header\n").into_bytes();
-        for i in 0..count {
-            let [x, y] = [i % SIDE, i / SIDE].map(|v| v as f32 * 0.1);
-            [x, y, 3.0 * (x * 0.2).sin() * (y * 0.17).cos()].iter().for_each(|v| bytes.extend(v.to_le_bytes()));
-        }
-        fs::write(&input, bytes).unwrap();
-        levels::save_copc(std::slice::from_ref(&input), &converted, &CopcRequest::default(), &NoProgress).unwrap();
-        let (memory, eye) = ("12M", [20.0, -150.0, 80.0]);
-        let store = Arc::new(LevelStore { least_memory: 0, ..LevelStore::default() });
-        let (found, notes) = resolved(&request(&input, memory, &store), eye).unwrap();
-        assert!(notes.iter().any(|note| note.contains("written by levels first")), "{notes:?}");
-        let (expected, _) = resolved(&request(&converted, memory, &Arc::default()), eye).unwrap();
-        assert!(cloud(&found).len() < count as usize && cloud(&found) == cloud(&expected));
-        let options = LoadOptions::default().with_memory(Some(12 << 20)).with_levels(Some(levels::Levels::Overview));
-        let loaded = crate::load(&input, &options.with_level_store(Some(store)), &NoProgress).unwrap();
-        assert_eq!((loaded.format, loaded.up), (surfel_io::Format::Ply, surfel_model::Up::MinusY));
-        assert_eq!(loaded.up_reason, Some(crate::framing::UpReason::Stated));
-        fs::remove_dir_all(&folder).unwrap();
-    }
-
     /// Meets another of its kind: each waits in its first stage for the other to get there, or for a while.
     struct Meeting<'a>(&'a (Mutex<usize>, std::sync::Condvar), std::sync::atomic::AtomicBool);
 
