@@ -47,7 +47,7 @@ const MAX_LINE_BYTES: usize = 1 << 24;
 /// memory at a time.
 pub(crate) fn each_line(
     bytes: Bytes<'_>,
-    each: &mut dyn FnMut(usize, &[u8]) -> Result<(), Fault>,
+    mut each: impl FnMut(usize, &[u8]) -> Result<(), Fault>,
 ) -> Result<(), Fault> {
     if let Bytes::Memory(bytes) = bytes {
         return Lines::new(bytes).try_for_each(|(number, line)| each(number, line));

@@ -25,7 +25,7 @@ impl OpenFile {
     /// The same of any size.
     pub(crate) fn open_any(path: &Path) -> Option<Self> {
         let file = File::open(path).ok()?;
-        let metadata = file.metadata().ok().filter(|m| m.is_file())?;
+        let metadata = file.metadata().ok().filter(std::fs::Metadata::is_file)?;
         let length = usize::try_from(metadata.len()).ok()?;
         Some(Self { file: Mutex::new(file), length, failure: OnceLock::new() })
     }

@@ -314,7 +314,7 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
 /// Writes points as text in the form of binary ones.
 fn read_text(header: &Header<'_>, body: Bytes<'_>, out: &mut dyn Write) -> Result<(), Fault> {
     let (mut rows, mut data) = (0, Vec::new());
-    each_line(body, &mut |line, text| {
+    each_line(body, |line, text| {
         let mut words = words(text).peekable();
         if rows == header.points || words.peek().is_none_or(|w| w.starts_with(b"#")) {
             return Ok(());

@@ -160,7 +160,7 @@ pub(crate) fn unpack(
     let (mut incomplete, mut first_incomplete) = (0_usize, 0);
     let mut table = Table::default();
     let mut row: Vec<f64> = Vec::with_capacity(MAX_COLUMNS);
-    each_line(bytes, &mut |line_number, line| {
+    each_line(bytes, |line_number, line| {
         if is_comment(line) {
             if table.width == 0 && table.comments.len() < 1000 {
                 let text = String::from_utf8_lossy(line.trim_ascii());

@@ -91,7 +91,7 @@ impl Vertices {
         let properties = &self.vertices().properties;
         let (mut rows, mut row) = (0, Vec::new());
         let body = bytes.part(self.start..bytes.len()).unwrap_or(Bytes::Memory(&[]));
-        each_line(body, &mut |line, text| {
+        each_line(body, |line, text| {
             let mut words = words(text).peekable();
             if rows == self.points() || words.peek().is_none() {
                 return Ok(());

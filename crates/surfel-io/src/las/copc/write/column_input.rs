@@ -318,6 +318,7 @@ impl ColumnInput {
         let size = self.record_bytes();
         let mut records = Vec::with_capacity(rows * size);
         let (position, per_unit) = (self.file.roles.position, 1.0 / self.scale);
+        #[allow(clippy::needless_range_loop, reason = "a row is one of each column's numbers")]
         for row in 0..rows {
             let mut at = DVec3::from(position.map(|i| numbers[i][row]));
             if self.rounds {
@@ -402,6 +403,7 @@ fn measure(file: &ColumnFile, columns: &[Strided<'_>], progress: &dyn Fn(&'stati
                 let end = rows.min(start + block);
                 read_rows(columns, *start..end, bytes, numbers);
                 let mut found = none.clone();
+                #[allow(clippy::needless_range_loop, reason = "a row is one of each column's numbers")]
                 for row in 0..end - start {
                     let at = file.roles.position.map(|i| numbers[i][row]);
                     if at.iter().all(|v| v.is_finite()) {
@@ -441,7 +443,7 @@ mod tests {
             let [u, v] = [i % 300, i / 300].map(|v| v as f32 / 300.0 - 0.3);
             let at = [u * 40.0, v * 40.0, (u * 9.0).sin() + (i % 7) as f32 * 1e-4];
             let color = [i % 256, i / 256 % 256, 200].map(|c| c as u8);
-            (at, color, [0.6, 0.0, if i % 2 == 0 { 0.8 } else { -0.8 }], i)
+            (at, color, [0.6, 0.0, if i.is_multiple_of(2) { 0.8 } else { -0.8 }], i)
         };
         (0..count).map(row).collect()
     }
@@ -460,12 +462,12 @@ mod tests {
                 continue;
             }
             let mut put = |little: [u8; 4]| {
-                bytes.extend(if is_big { [little[3], little[2], little[1], little[0]] } else { little })
+                bytes.extend(if is_big { [little[3], little[2], little[1], little[0]] } else { little });
             };
             at.iter().for_each(|v| put(v.to_le_bytes()));
             bytes.extend_from_slice(color);
             let mut put = |little: [u8; 4]| {
-                bytes.extend(if is_big { [little[3], little[2], little[1], little[0]] } else { little })
+                bytes.extend(if is_big { [little[3], little[2], little[1], little[0]] } else { little });
             };
             normal.iter().for_each(|v| put(v.to_le_bytes()));
             put(number.to_le_bytes());
