@@ -18,8 +18,8 @@ use tiff::tags::Tag;
 
 /// Side of a tile in pixels.
 const TILE: u32 = 256;
-/// Deflate's level: higher ones take twice the time for a few per cent.
-const LEVEL: u32 = 3;
+/// Deflate's level: 3 makes heights 6 % smaller, and writing them takes 1.7 times as long.
+const LEVEL: u32 = 1;
 /// Raw bytes from which a file is a BigTIFF: deflate adds less than one byte in a thousand.
 const BIG_FROM: u64 = 4_200_000_000;
 
