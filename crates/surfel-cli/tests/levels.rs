@@ -441,3 +441,24 @@ fn info_by_blocks_is_that_of_all_points() {
         assert_eq!(whole, blocks);
     }
 }
+
+#[test]
+fn columns_of_different_files_are_told_apart_by_name() {
+    let folder = Folder::new("levels-columns");
+    let file = |names: &str, row: fn(u32, u32) -> String| {
+        let rows: String = (0..400).map(|i| row(i % 20, i / 20)).collect();
+        format!("{names}\n{rows}")
+    };
+    folder.write("plain.csv", file("x,y,z", |x, y| format!("{x},{y},0\n")));
+    folder.write("a.csv", file("x,y,z,red,green,blue", |x, y| format!("{x},{y},0,9,8,7\n")));
+    folder.write("b.csv", file("red,green,blue,x,y,z", |x, y| format!("9,8,7,{x},{y},2000\n")));
+    // More columns than the first file has.
+    folder.run("convert plain.csv a.csv -o c.copc.laz").fails(3, "a.csv: has points of format 7");
+    for inputs in ["a.csv b.csv", "b.csv a.csv"] {
+        folder.run(&format!("convert {inputs} -o c.copc.laz --force")).code(0);
+        let facts = folder.run("info c.copc.laz --json").code(0).json();
+        let colour = &facts["attributes"]["colour"]["max"];
+        // sRGB 9 of 255, in linear light.
+        assert!((colour[0].as_f64().unwrap() - 0.00273).abs() < 1e-5, "{inputs}: {facts}");
+    }
+}

@@ -20,6 +20,7 @@ use crate::strided::{NumberType, Strided, block_rows, read_rows};
 use crate::words::counted;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -150,24 +151,31 @@ impl ColumnInput {
 
     /// Gives inputs that are written as one the same steps, and the same columns as far as they have them.
     pub(super) fn agree(inputs: &mut [&mut Self]) {
-        let Some(first) = inputs.first() else { return };
-        let none = Measured::none(first.measured.columns.len());
-        let all = inputs.iter().fold(none, |all, input| all.join(&input.measured));
+        let mut all = Measured::none(0);
+        // Of the columns of a name, wherever they stand in their file.
+        let mut by_name: BTreeMap<String, Range> = BTreeMap::new();
+        for input in inputs.iter() {
+            all = all.join(&input.measured);
+            for (name, range) in input.file.names.iter().zip(&input.measured.columns) {
+                by_name.entry(name.clone()).and_modify(|known| known.join(range)).or_insert(*range);
+            }
+        }
         let (scale, offset) = steps(&all);
         let [low, high] = all.ends();
         for input in inputs {
             (input.scale, input.offset) = (scale, offset);
             input.rounds = !input.file.has_linear_floats() && f32_is_enough(low, high);
-            input.lay_out(&all);
+            let ranges: Vec<Range> = input.file.names.iter().map(|name| by_name[name]).collect();
+            input.lay_out(&ranges);
         }
     }
 
     /// Decides where columns go, by what is in those of all inputs.
-    fn lay_out(&mut self, all: &Measured) {
+    fn lay_out(&mut self, ranges: &[Range]) {
         let file = self.file.clone();
         let (roles, kind) = (&file.roles, |i: usize| file.places[i].kind);
-        let largest = |set: [usize; 3]| set.iter().fold(0.0, |most: f64, i| most.max(all.columns[*i].most));
-        let whole = |set: [usize; 3]| set.iter().all(|i| all.columns[*i].whole);
+        let largest = |set: [usize; 3]| set.iter().fold(0.0, |most: f64, i| most.max(ranges[*i].most));
+        let whole = |set: [usize; 3]| set.iter().all(|i| ranges[*i].whole);
         let are = |set: [usize; 3], fits: fn(NumberType) -> bool| set.iter().all(|i| fits(kind(*i)));
         self.colors = roles.color.map(|set| match largest(set) {
             _ if are(set, |kind| kind == NumberType::U8) => Colors::Levels(set, 255.0),
@@ -189,7 +197,7 @@ impl ColumnInput {
             roles.position.contains(&i) || is_in(roles.color) || is_in(roles.normal) || packed == Some(i)
         };
         let is_intensity = |i: &usize| {
-            let Range { least, most, whole } = all.columns[*i];
+            let Range { least, most, whole } = ranges[*i];
             !used(*i) && file.names[*i].eq_ignore_ascii_case("intensity") && whole && least >= 0.0 && most <= 65_535.0
         };
         self.intensity = (0..file.names.len()).find(is_intensity);
@@ -223,7 +231,7 @@ impl ColumnInput {
                 NumberType::I64 => 8,
                 NumberType::F16 | NumberType::F32 => 9,
                 // Printed numbers, as where all is read at once.
-                NumberType::F64 if file.is_text() && all.columns[i].most < f64::from(1 << 24) => 9,
+                NumberType::F64 if file.is_text() && ranges[i].most < f64::from(1 << 24) => 9,
                 NumberType::F64 => 10,
             };
             add(i, name, kind);
