@@ -23,6 +23,7 @@ mod eigen;
 mod error;
 mod fit;
 mod interior;
+mod lanes;
 mod mesh;
 mod nearest;
 #[cfg(feature = "sharp")]

@@ -1,15 +1,14 @@
 //! Exact nearest neighbours of points in Morton order: all that lie near a leaf are gathered once, side by side, and
 //! each of the leaf's points then looks at them by SIMD.
 
-use crate::sorted::{Bounds, LEAF, SortedPoints};
+use crate::lanes::{LANES, compress, numbers, rank};
+use crate::sorted::{Bounds, FAN, LEAF, SortedPoints};
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16};
+use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16, u32x16};
 
-/// Lanes of a step.
-const LANES: usize = 16;
 /// Candidates beyond which a search by itself is faster.
 const MOST: usize = 2048;
-/// Room for those, a leaf that goes beyond them, and a last step.
+/// Room for those, a leaf that goes beyond them, and what a last step writes.
 const ROOM: usize = MOST + 2 * LEAF;
 /// How often a leaf's candidates are gathered for one query, before it searches by itself.
 const MOST_GATHERED: usize = 8;
@@ -17,6 +16,8 @@ const MOST_GATHERED: usize = 8;
 const LIKELY: f32 = 1.5;
 /// Survivors beyond which the farther ones are dropped before those that stay are ranked.
 const RANKED: usize = 96;
+/// Levels of boxes at most, eight together.
+const MOST_LEVELS: usize = 10;
 /// Most neighbours that are looked for.
 pub(crate) const MOST_NEIGHBOURS: usize = 128;
 
@@ -43,6 +44,7 @@ struct Survivors {
     distances2: Vec<f32>,
     /// Places among the candidates.
     places: Vec<u32>,
+    ranks: Vec<u32>,
     keys: Vec<u64>,
 }
 
@@ -62,11 +64,10 @@ pub(crate) struct Search<'a> {
     /// Largest squared distance of a farthest neighbour in the leaf before, over the number of neighbours.
     typical2: f32,
     largest2: f32,
-    stack: Vec<(usize, usize)>,
-    leaves: Vec<usize>,
     survivors: Survivors,
-    found: [u64; MOST_NEIGHBOURS],
+    /// What was found last, and the squared distances.
     slots: [u32; MOST_NEIGHBOURS],
+    distances2: [f32; MOST_NEIGHBOURS],
 }
 
 impl<'a> Search<'a> {
@@ -80,11 +81,9 @@ impl<'a> Search<'a> {
             last: None,
             typical2: 0.0,
             largest2: 0.0,
-            stack: Vec::new(),
-            leaves: Vec::new(),
             survivors: Survivors::default(),
-            found: [0; MOST_NEIGHBOURS],
             slots: [0; MOST_NEIGHBOURS],
+            distances2: [0.0; MOST_NEIGHBOURS],
         }
     }
 
@@ -98,7 +97,7 @@ impl<'a> Search<'a> {
         let q = self.points.at(slot);
         let found = self.near_leaf(slot, q, count, guess2) || self.alone(q, count);
         debug_assert!(found);
-        let farthest2 = f32::from_bits((self.found[count - 1] >> 32) as u32);
+        let farthest2 = self.distances2[count - 1];
         self.last = Some((q, farthest2, count));
         self.largest2 = self.largest2.max(farthest2 / count as f32);
         (&self.slots[..count], farthest2)
@@ -140,7 +139,7 @@ impl<'a> Search<'a> {
         }
         let mut want2 = if guess2 > 0.0 { guess2 } else { self.typical2 * count as f32 };
         if want2 <= 0.0 {
-            let b = &self.points.levels()[0][leaf];
+            let b = self.points.bounds(leaf);
             want2 = distance2(b.lo, b.hi) * 0.25;
         }
         // What is looked at first; all candidates, where that is too little.
@@ -158,10 +157,7 @@ impl<'a> Search<'a> {
                 continue;
             }
             let bound2 = sure2.min(self.complete2).min(first2);
-            if scan(self.level, &self.candidates, q, bound2, count, &mut self.survivors, &mut self.found) {
-                for (slot, key) in self.slots[..count].iter_mut().zip(&self.found) {
-                    *slot = self.candidates.slots[*key as u32 as usize];
-                }
+            if self.scan(q, bound2, count) {
                 return true;
             }
             if first2 >= self.complete2 {
@@ -177,144 +173,157 @@ impl<'a> Search<'a> {
         self.complete2 = -1.0;
         // f32 squares are within 2⁻²² of exact.
         let reach = (f64::from(reach2).sqrt() * 1.000_001 + 1.0).min(f64::from(i32::MAX)) as i32;
-        let levels = self.points.levels();
-        let region = levels[0][self.leaf].grown(reach);
-        self.stack.clear();
-        self.leaves.clear();
-        self.stack.push((levels.len() - 1, 0));
-        while let Some((level, index)) = self.stack.pop() {
-            if level > 0 {
-                // The first child on top, so that candidates come in the order of their slots.
-                let children = self.points.children(level, index).rev();
-                self.stack.extend(children.filter(|i| levels[level - 1][*i].meets(&region)).map(|i| (level - 1, i)));
-            } else if levels[0][index].meets(&region) {
-                self.leaves.push(index);
-            }
-        }
-        let (points, leaves, candidates) = (self.points, &self.leaves, &mut self.candidates);
+        let (points, candidates) = (self.points, &mut self.candidates);
+        let region = points.bounds(self.leaf).grown(reach);
         for column in [&mut candidates.x, &mut candidates.y, &mut candidates.z] {
             column.resize(ROOM, 0);
         }
         candidates.slots.resize(ROOM, 0);
-        if !dispatch!(self.level, simd => collect_by(simd, points, leaves, &region, candidates)) {
+        if !dispatch!(self.level, simd => collect_by(simd, points, &region, candidates)) {
             return false;
         }
         self.complete2 = reach2;
         true
     }
 
+    /// The `count` nearest candidates within a squared distance, nearest first; false if there are fewer.
+    fn scan(&mut self, q: [i32; 3], bound2: f32, count: usize) -> bool {
+        let (candidates, survivors) = (&self.candidates, &mut self.survivors);
+        survivors.distances2.resize(ROOM, 0.0);
+        survivors.places.resize(ROOM, 0);
+        survivors.ranks.resize(RANKED, 0);
+        let n = dispatch!(self.level, simd => scan_by(simd, candidates, q, bound2, survivors));
+        if n < count {
+            return false;
+        }
+        let Survivors { distances2, places, ranks, keys } = survivors;
+        if n <= RANKED {
+            for ((d2, place), rank) in distances2.iter().zip(&*places).zip(&*ranks).take(n) {
+                // Also of those beyond `count`: to write them costs less than to guess which they are.
+                let rank = *rank as usize % MOST_NEIGHBOURS;
+                (self.slots[rank], self.distances2[rank]) = (candidates.slots[*place as usize], *d2);
+            }
+            return true;
+        }
+        keys.clear();
+        keys.extend(distances2.iter().zip(&*places).take(n).map(|(d2, place)| key(*d2, *place)));
+        keys.select_nth_unstable(count - 1);
+        keys[..count].sort_unstable();
+        for (key, (slot, d2)) in keys.iter().zip(self.slots.iter_mut().zip(&mut self.distances2)).take(count) {
+            (*slot, *d2) = (candidates.slots[*key as u32 as usize], f32::from_bits((key >> 32) as u32));
+        }
+        true
+    }
+
     /// Looks by itself, from the top of the tree.
     fn alone(&mut self, q: [i32; 3], count: usize) -> bool {
         let levels = self.points.levels();
-        let mut n = 0;
+        let mut found: Vec<u64> = Vec::with_capacity(count + 1);
         let mut farthest2 = f32::INFINITY;
         // Rounding up to two units in the last place may make a box look farther than a point in it.
         const SLACK: f32 = 0.999_999;
-        let mut stack: Vec<(f32, usize, usize)> = vec![(0.0, levels.len() - 1, 0)];
+        let mut stack: Vec<(f32, usize, usize)> = Vec::new();
+        let push = |stack: &mut Vec<(f32, usize, usize)>, level: usize, group: usize| {
+            let from = stack.len();
+            let boxes = (0..FAN).map(|i| (levels[level][group].get(i), group * FAN + i));
+            let boxes = boxes.filter(|(b, _)| b.lo[0] <= b.hi[0]);
+            stack.extend(boxes.map(|(b, index)| (b.distance2(q), level, index)));
+            // The nearest on top.
+            stack[from..].sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.2.cmp(&a.2)));
+        };
+        push(&mut stack, levels.len() - 1, 0);
         while let Some((distance, level, index)) = stack.pop() {
-            if n == count && distance * SLACK > farthest2 {
+            if distance * SLACK > farthest2 {
                 continue;
             }
             if level > 0 {
-                let from = stack.len();
-                stack.extend(
-                    self.points.children(level, index).map(|i| (levels[level - 1][i].distance2(q), level - 1, i)),
-                );
-                // The nearest on top.
-                stack[from..].sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.2.cmp(&a.2)));
+                push(&mut stack, level - 1, index);
                 continue;
             }
             for slot in self.points.leaf(index) {
                 let d = distance2(self.points.at(slot), q);
-                let key = u64::from(d.to_bits()) << 32 | slot as u64;
-                if d == 0.0 || (n == count && key >= self.found[count - 1]) {
+                let key = key(d, slot as u32);
+                if d == 0.0 || (found.len() == count && found.last().is_some_and(|last| key >= *last)) {
                     continue;
                 }
-                let mut at = if n == count { count - 1 } else { n };
-                n = (n + 1).min(count);
-                while at > 0 && self.found[at - 1] > key {
-                    self.found[at] = self.found[at - 1];
-                    at -= 1;
-                }
-                self.found[at] = key;
-                if n == count {
-                    farthest2 = f32::from_bits((self.found[count - 1] >> 32) as u32);
+                found.insert(found.partition_point(|other| *other < key), key);
+                found.truncate(count);
+                if let Some(last) = found.get(count - 1) {
+                    farthest2 = f32::from_bits((last >> 32) as u32);
                 }
             }
         }
-        for (slot, key) in self.slots[..n].iter_mut().zip(&self.found) {
-            *slot = *key as u32;
+        for (key, (slot, d2)) in found.iter().zip(self.slots.iter_mut().zip(&mut self.distances2)) {
+            (*slot, *d2) = (*key as u32, f32::from_bits((key >> 32) as u32));
         }
-        n == count
+        found.len() == count
     }
 }
 
-/// Collects the points of `leaves` that are in `region`; false if there are too many.
+/// Collects the points in `region`, in the order of their slots; false if there are too many.
 #[inline(always)]
-fn collect_by<S: Simd>(
-    simd: S,
-    points: &SortedPoints,
-    leaves: &[usize],
-    region: &Bounds,
-    candidates: &mut Candidates,
-) -> bool {
-    let c = candidates;
-    c.count = 0;
-    for leaf in leaves {
-        if c.count > MOST {
+fn collect_by<S: Simd>(simd: S, points: &SortedPoints, region: &Bounds, candidates: &mut Candidates) -> bool {
+    let levels = points.levels();
+    candidates.count = 0;
+    // Of each level the group that is looked at, and a bit for each of its boxes that is still to come.
+    let (mut groups, mut left) = ([0; MOST_LEVELS], [0; MOST_LEVELS]);
+    let top = levels.len() - 1;
+    let mut level = top;
+    left[top] = levels[top][0].meeting(simd, region);
+    loop {
+        if left[level] == 0 {
+            if level == top {
+                return candidates.count <= MOST;
+            }
+            level += 1;
+            continue;
+        }
+        let index = groups[level] * FAN + left[level].trailing_zeros() as usize;
+        left[level] &= left[level] - 1;
+        if level > 0 {
+            level -= 1;
+            (groups[level], left[level]) = (index, levels[level][index].meeting(simd, region));
+        } else if candidates.count > MOST {
             return false;
-        }
-        let range = points.leaf(*leaf);
-        let (xs, ys, zs) = (&points.x[range.clone()], &points.y[range.clone()], &points.z[range.clone()]);
-        let first = range.start as u32;
-        let (x_steps, y_steps, z_steps) =
-            (xs.as_chunks::<LANES>().0, ys.as_chunks::<LANES>().0, zs.as_chunks::<LANES>().0);
-        for step in 0..x_steps.len().min(y_steps.len()).min(z_steps.len()) {
-            let x = within(simd, &x_steps[step], region.lo[0], region.hi[0]);
-            let y = within(simd, &y_steps[step], region.lo[1], region.hi[1]);
-            let z = within(simd, &z_steps[step], region.lo[2], region.hi[2]);
-            let mut bits = (x & y & z).to_bitmask() as u32;
-            while bits != 0 {
-                let i = bits.trailing_zeros() as usize % LANES;
-                let n = c.count;
-                (c.x[n], c.y[n], c.z[n]) = (x_steps[step][i], y_steps[step][i], z_steps[step][i]);
-                c.slots[n] = first + (step * LANES + i) as u32;
-                c.count += 1;
-                bits &= bits - 1;
-            }
-        }
-        for i in xs.len() / LANES * LANES..xs.len() {
-            let p = [xs[i], ys[i], zs[i]];
-            if region.meets(&Bounds { lo: p, hi: p }) {
-                let n = c.count;
-                (c.x[n], c.y[n], c.z[n], c.slots[n]) = (p[0], p[1], p[2], first + i as u32);
-                c.count += 1;
-            }
+        } else {
+            collect_leaf(simd, points, index, region, candidates);
         }
     }
-    c.count <= MOST
+}
+
+/// Collects those points of a leaf that are in `region`.
+#[inline(always)]
+fn collect_leaf<S: Simd>(simd: S, points: &SortedPoints, leaf: usize, region: &Bounds, candidates: &mut Candidates) {
+    let c = candidates;
+    let range = points.leaf(leaf);
+    let (xs, ys, zs) = (&points.x[range.clone()], &points.y[range.clone()], &points.z[range.clone()]);
+    let first = range.start as u32;
+    let (x_steps, y_steps, z_steps) = (xs.as_chunks::<LANES>().0, ys.as_chunks::<LANES>().0, zs.as_chunks::<LANES>().0);
+    for step in 0..x_steps.len().min(y_steps.len()).min(z_steps.len()) {
+        let (x, x_in) = within(simd, &x_steps[step], region.lo[0], region.hi[0]);
+        let (y, y_in) = within(simd, &y_steps[step], region.lo[1], region.hi[1]);
+        let (z, z_in) = within(simd, &z_steps[step], region.lo[2], region.hi[2]);
+        let is_in = x_in & y_in & z_in;
+        compress(x, is_in, &mut c.x, c.count);
+        compress(y, is_in, &mut c.y, c.count);
+        compress(z, is_in, &mut c.z, c.count);
+        compress(numbers(simd, first + (step * LANES) as u32), is_in, &mut c.slots, c.count);
+        c.count += is_in.to_bitmask().count_ones() as usize;
+    }
+    for i in xs.len() / LANES * LANES..xs.len() {
+        let p = [xs[i], ys[i], zs[i]];
+        if region.contains(p) {
+            let n = c.count;
+            (c.x[n], c.y[n], c.z[n], c.slots[n]) = (p[0], p[1], p[2], first + i as u32);
+            c.count += 1;
+        }
+    }
 }
 
 #[inline(always)]
-fn within<S: Simd>(simd: S, coordinates: &[i32; LANES], lo: i32, hi: i32) -> mask32x16<S> {
+fn within<S: Simd>(simd: S, coordinates: &[i32; LANES], lo: i32, hi: i32) -> (i32x16<S>, mask32x16<S>) {
     let c = i32x16::load_array_ref(simd, coordinates);
-    c.simd_ge(i32x16::splat(simd, lo)) & c.simd_le(i32x16::splat(simd, hi))
-}
-
-/// The `count` nearest candidates within a squared distance as keys, nearest first: the bits of the distance above
-/// the candidate's index. False if there are fewer.
-fn scan(
-    level: Level,
-    candidates: &Candidates,
-    q: [i32; 3],
-    bound2: f32,
-    count: usize,
-    survivors: &mut Survivors,
-    found: &mut [u64; MOST_NEIGHBOURS],
-) -> bool {
-    survivors.distances2.resize(ROOM, 0.0);
-    survivors.places.resize(ROOM, 0);
-    dispatch!(level, simd => scan_by(simd, candidates, q, bound2, count, survivors, found))
+    (c, c.simd_ge(i32x16::splat(simd, lo)) & c.simd_le(i32x16::splat(simd, hi)))
 }
 
 #[inline(always)]
@@ -322,23 +331,15 @@ fn difference<S: Simd>(simd: S, coordinates: &[i32; LANES], from: i32x16<S>) -> 
     (i32x16::load_array_ref(simd, coordinates) - from).to_float()
 }
 
+/// The candidates within a squared distance, and, unless they are too many, the rank of each: how many there are.
 #[inline(always)]
-fn scan_by<S: Simd>(
-    simd: S,
-    candidates: &Candidates,
-    q: [i32; 3],
-    bound2: f32,
-    count: usize,
-    survivors: &mut Survivors,
-    found: &mut [u64; MOST_NEIGHBOURS],
-) -> bool {
+fn scan_by<S: Simd>(simd: S, candidates: &Candidates, q: [i32; 3], bound2: f32, survivors: &mut Survivors) -> usize {
     // No closure: those aren't inlined into SIMD code.
     let (qx, qy, qz) = (i32x16::splat(simd, q[0]), i32x16::splat(simd, q[1]), i32x16::splat(simd, q[2]));
     let (bound, zero) = (f32x16::splat(simd, bound2), f32x16::splat(simd, 0.0));
     let c = candidates;
     let (xs, ys, zs) = (c.x.as_chunks::<LANES>().0, c.y.as_chunks::<LANES>().0, c.z.as_chunks::<LANES>().0);
     let steps = c.count.div_ceil(LANES).min(xs.len()).min(ys.len()).min(zs.len());
-    let (distances2, places) = (&mut survivors.distances2[..ROOM], &mut survivors.places[..ROOM]);
     let mut n = 0;
     for step in 0..steps {
         let first = step * LANES;
@@ -346,54 +347,17 @@ fn scan_by<S: Simd>(
         let y = difference(simd, &ys[step], qy);
         let z = difference(simd, &zs[step], qz);
         let d2 = x * x + y * y + z * z;
-        let near = d2.simd_le(bound) & d2.simd_gt(zero);
-        let mut bits = near.to_bitmask() as u32;
-        if c.count - first < LANES {
-            bits &= (1 << (c.count - first)) - 1;
-        }
-        if bits == 0 {
-            continue;
-        }
-        let d2 = d2.to_array();
-        while bits != 0 {
-            let i = bits.trailing_zeros() as usize % LANES;
-            (distances2[n], places[n]) = (d2[i], (first + i) as u32);
-            n += 1;
-            bits &= bits - 1;
-        }
+        let place = numbers(simd, first as u32);
+        let is_one = place.simd_lt(u32x16::splat(simd, c.count as u32));
+        let near = d2.simd_le(bound) & d2.simd_gt(zero) & is_one;
+        compress(d2, near, &mut survivors.distances2, n);
+        compress(place, near, &mut survivors.places, n);
+        n += near.to_bitmask().count_ones() as usize;
     }
-    if n < count {
-        return false;
+    if n <= RANKED {
+        rank(simd, &mut survivors.distances2, n, &mut survivors.ranks);
     }
-    if n > RANKED {
-        let keys = &mut survivors.keys;
-        keys.clear();
-        for i in 0..n {
-            keys.push(key(distances2[i], places[i]));
-        }
-        keys.select_nth_unstable(count - 1);
-        keys[..count].sort_unstable();
-        found[..count].copy_from_slice(&keys[..count]);
-        return true;
-    }
-    // Each one's rank is the number of nearer ones, and of equal ones before it: no branch to guess wrong.
-    distances2[n..n.next_multiple_of(LANES)].fill(f32::INFINITY);
-    let groups = distances2[..n.next_multiple_of(LANES)].as_chunks::<LANES>().0;
-    for i in 0..n {
-        let own = f32x16::splat(simd, distances2[i]);
-        let mut rank = 0;
-        for (g, group) in groups.iter().enumerate() {
-            let other = f32x16::load_array_ref(simd, group);
-            let nearer = other.simd_lt(own).to_bitmask() as u32;
-            let as_near = other.simd_le(own).to_bitmask() as u32;
-            let before = (1_u32 << i.saturating_sub(g * LANES).min(LANES)) - 1;
-            rank += (nearer | (as_near & before)).count_ones() as usize;
-        }
-        if rank < count {
-            found[rank] = key(distances2[i], places[i]);
-        }
-    }
-    true
+    n
 }
 
 #[inline(always)]

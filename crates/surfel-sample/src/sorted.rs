@@ -2,6 +2,8 @@
 
 use crate::SampleError;
 use crate::parallel::{for_chunks, map_tasks};
+use fearless_simd::prelude::*;
+use fearless_simd::{i32x8, mask32x8};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -11,7 +13,7 @@ pub(crate) const LEAF: usize = 32;
 /// Points of a run: a power of two of leaves.
 pub(crate) const RUN: usize = 128 * LEAF;
 /// Boxes that one of the next level holds.
-const FAN: usize = 8;
+pub(crate) const FAN: usize = 8;
 /// Coordinates reach this far to either side of the middle: differences of two fit an i32.
 const REACH: f64 = 1_073_741_823.0;
 /// Points of a task.
@@ -37,14 +39,16 @@ impl Bounds {
         Self { lo: [x.0, y.0, z.0], hi: [x.1, y.1, z.1] }
     }
 
-    /// This box and what is within `distance` of it along each axis.
+    /// This box and what is within `distance` of it along each axis, as far as points reach.
     pub(crate) fn grown(&self, distance: i32) -> Self {
-        Self { lo: self.lo.map(|c| c.saturating_sub(distance)), hi: self.hi.map(|c| c.saturating_add(distance)) }
+        const MOST: i32 = REACH as i32;
+        let lo = self.lo.map(|c| c.saturating_sub(distance).max(-MOST));
+        Self { lo, hi: self.hi.map(|c| c.saturating_add(distance).min(MOST)) }
     }
 
     #[inline]
-    pub(crate) fn meets(&self, other: &Self) -> bool {
-        (0..3).all(|k| self.lo[k] <= other.hi[k] && other.lo[k] <= self.hi[k])
+    pub(crate) fn contains(&self, p: [i32; 3]) -> bool {
+        (0..3).all(|k| self.lo[k] <= p[k] && p[k] <= self.hi[k])
     }
 
     /// Squared distance of `p`, 0 inside.
@@ -56,6 +60,41 @@ impl Bounds {
         };
         let [x, y, z] = [along(0), along(1), along(2)];
         x * x + y * y + z * z
+    }
+}
+
+/// What one box of the next level holds, side by side; the places after the last box hold nothing and meet nothing.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Boxes {
+    lo: [[i32; FAN]; 3],
+    hi: [[i32; FAN]; 3],
+}
+
+impl Boxes {
+    fn new(boxes: &[Bounds]) -> Self {
+        let mut all = Self { lo: [[i32::MAX; FAN]; 3], hi: [[i32::MIN; FAN]; 3] };
+        for (i, b) in boxes.iter().enumerate() {
+            for k in 0..3 {
+                (all.lo[k][i], all.hi[k][i]) = (b.lo[k], b.hi[k]);
+            }
+        }
+        all
+    }
+
+    #[inline]
+    pub(crate) fn get(&self, i: usize) -> Bounds {
+        Bounds { lo: self.lo.map(|c| c[i]), hi: self.hi.map(|c| c[i]) }
+    }
+
+    /// A bit for each box that meets `region`.
+    #[inline(always)]
+    pub(crate) fn meeting<S: Simd>(&self, simd: S, region: &Bounds) -> u32 {
+        let mut meets = mask32x8::splat(simd, true);
+        for k in 0..3 {
+            meets &= i32x8::load_array_ref(simd, &self.lo[k]).simd_le(i32x8::splat(simd, region.hi[k]));
+            meets &= i32x8::load_array_ref(simd, &self.hi[k]).simd_ge(i32x8::splat(simd, region.lo[k]));
+        }
+        meets.to_bitmask() as u32
     }
 }
 
@@ -73,8 +112,8 @@ pub(crate) struct SortedPoints {
     order: Vec<u32>,
     /// Where each slot's indices start in `order`, and the end of the last; empty where no points coincide.
     starts: Vec<u32>,
-    /// Boxes of leaves, of groups of leaves, and so on up to one.
-    levels: Vec<Vec<Bounds>>,
+    /// Boxes of leaves, of groups of leaves, and so on, [`FAN`] together, up to where one group holds all.
+    levels: Vec<Vec<Boxes>>,
     /// The middle, in object coordinates.
     pub(crate) center: DVec3,
     /// Object units of a step.
@@ -199,14 +238,16 @@ impl SortedPoints {
         slots(&order, &starts)
     }
 
-    /// Boxes of leaves, of groups of leaves, and so on up to one.
-    pub(crate) fn levels(&self) -> &[Vec<Bounds>] {
+    /// Boxes of leaves, of groups of leaves, and so on, [`FAN`] together: what is below box `i` is group `i` of the
+    /// level below.
+    pub(crate) fn levels(&self) -> &[Vec<Boxes>] {
         &self.levels
     }
 
-    /// The children of a box.
-    pub(crate) fn children(&self, level: usize, index: usize) -> std::ops::Range<usize> {
-        index * FAN..((index + 1) * FAN).min(self.levels[level - 1].len())
+    /// The box of a leaf.
+    #[inline]
+    pub(crate) fn bounds(&self, leaf: usize) -> Bounds {
+        self.levels[0][leaf / FAN].get(leaf % FAN)
     }
 
     /// The slots of a leaf.
@@ -326,9 +367,9 @@ fn reordered(order: Vec<u32>, starts: Vec<u32>, from: &[u32]) -> (Vec<u32>, Vec<
     (new, new_starts)
 }
 
-fn levels(x: &[i32], y: &[i32], z: &[i32]) -> Vec<Vec<Bounds>> {
-    let mut leaves = vec![Bounds::default(); x.len().div_ceil(LEAF)];
-    for_chunks(&mut leaves, CHUNK / LEAF, &|first, chunk| {
+fn levels(x: &[i32], y: &[i32], z: &[i32]) -> Vec<Vec<Boxes>> {
+    let mut boxes = vec![Bounds::default(); x.len().div_ceil(LEAF)];
+    for_chunks(&mut boxes, CHUNK / LEAF, &|first, chunk| {
         for (i, bounds) in (first..).zip(chunk) {
             for s in i * LEAF..x.len().min((i + 1) * LEAF) {
                 let p = [x[s], y[s], z[s]];
@@ -336,12 +377,14 @@ fn levels(x: &[i32], y: &[i32], z: &[i32]) -> Vec<Vec<Bounds>> {
             }
         }
     });
-    let mut levels = vec![leaves];
-    while let Some(below) = levels.last().filter(|l| l.len() > 1) {
-        let group = |boxes: &[Bounds]| boxes.iter().fold(Bounds::default(), Bounds::with);
-        levels.push(below.chunks(FAN).map(group).collect());
+    let mut levels = Vec::new();
+    loop {
+        levels.push(boxes.chunks(FAN).map(Boxes::new).collect());
+        if boxes.len() <= FAN {
+            return levels;
+        }
+        boxes = boxes.chunks(FAN).map(|group| group.iter().fold(Bounds::default(), Bounds::with)).collect();
     }
-    levels
 }
 
 #[cfg(test)]
@@ -403,8 +446,8 @@ mod tests {
         // Of so many points on a tenth of the steps few coincide, and leaves are as small as if they were alone.
         let alone = of(&positions[..3000]);
         let side = |points: &SortedPoints| {
-            let leaves = &points.levels()[0][..90];
-            leaves.iter().map(|b| f64::from(b.hi[0] - b.lo[0]) * points.step).sum::<f64>()
+            let leaves = (0..90).map(|leaf| points.bounds(leaf));
+            leaves.map(|b| f64::from(b.hi[0] - b.lo[0]) * points.step).sum::<f64>()
         };
         assert!(points.len() > 2900 && side(&points) < 1.2 * side(&alone), "{} {}", side(&points), side(&alone));
     }
@@ -416,16 +459,35 @@ mod tests {
             (0..5000).map(|_| DVec3::new(random.unit(), random.unit(), random.unit())).collect();
         let points = of(&positions);
         assert_eq!(points.levels().last().unwrap().len(), 1);
-        for (level, boxes) in points.levels().iter().enumerate().skip(1) {
-            for (i, b) in boxes.iter().enumerate() {
-                assert!(points.children(level, i).all(|c| {
-                    let child = &points.levels()[level - 1][c];
-                    (0..3).all(|k| b.lo[k] <= child.lo[k] && child.hi[k] <= b.hi[k])
-                }));
+        for [below, level] in points.levels().array_windows() {
+            for (i, group) in below.iter().enumerate() {
+                let b = level[i / FAN].get(i % FAN);
+                // What is not there holds nothing, lo above hi.
+                let children = (0..FAN).map(|c| group.get(c)).filter(|c| c.lo[0] <= c.hi[0]);
+                assert!(children.clone().count() > 0);
+                assert!(children.into_iter().all(|c| (0..3).all(|k| b.lo[k] <= c.lo[k] && c.hi[k] <= b.hi[k])));
             }
         }
-        for (i, b) in points.levels()[0].iter().enumerate() {
-            assert!(points.leaf(i).all(|s| b.distance2(points.at(s)) == 0.0));
+        for leaf in 0..points.len().div_ceil(LEAF) {
+            assert!(points.leaf(leaf).all(|s| points.bounds(leaf).distance2(points.at(s)) == 0.0));
+        }
+    }
+
+    #[test]
+    fn boxes_side_by_side_meet_what_each_one_meets() {
+        let mut random = Random::new(5);
+        let mut corner = || [(); 3].map(|()| (random.unit() * 20.0) as i32 - 10);
+        let mut bounds = || {
+            let (a, b) = (corner(), corner());
+            Bounds::default().with(&Bounds { lo: a, hi: a }).with(&Bounds { lo: b, hi: b })
+        };
+        for count in (1..=FAN).chain([FAN; 20]) {
+            let (boxes, region): (Vec<Bounds>, Bounds) = ((0..count).map(|_| bounds()).collect(), bounds());
+            let meets = |b: &Bounds| (0..3).all(|k| b.lo[k] <= region.hi[k] && region.lo[k] <= b.hi[k]);
+            let expected: u32 = boxes.iter().enumerate().map(|(i, b)| u32::from(meets(b)) << i).sum();
+            let group = Boxes::new(&boxes);
+            let met = fearless_simd::dispatch!(fearless_simd::Level::new(), simd => group.meeting(simd, &region));
+            assert_eq!(met, expected, "{boxes:?} {region:?}");
         }
     }
 }

@@ -1,0 +1,96 @@
+//! Sixteen numbers side by side: those of some lanes moved together, and the order of a few.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{f32x16, mask32x16, u32x16};
+
+/// Lanes of a step.
+pub(crate) const LANES: usize = 16;
+
+/// 0 to 15.
+const NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
+/// Numbers from `first` on.
+#[inline(always)]
+pub(crate) fn numbers<S: Simd>(simd: S, first: u32) -> u32x16<S> {
+    u32x16::load_array(simd, NUMBERS) + u32x16::splat(simd, first)
+}
+
+/// Writes the lanes that are `kept` to `to` from place `at` on, and any numbers after them, up to a step.
+#[inline(always)]
+pub(crate) fn compress<S: Simd, T: SimdElement, V>(values: V, kept: mask32x16<S>, to: &mut [T], at: usize)
+where
+    V: SimdBase<S, Element = T, Array = [T; LANES], Mask = mask32x16<S>>,
+{
+    if let Some(to) = to[at..].first_chunk_mut() {
+        values.compress(kept).store_array(to);
+    }
+}
+
+/// How many of the first `n` values come before each of them: smaller ones, and equal ones before it. Both slices have
+/// room for whole steps; what is there beyond `n` is written over.
+#[inline(always)]
+pub(crate) fn rank<S: Simd>(simd: S, values: &mut [f32], n: usize, ranks: &mut [u32]) {
+    let room = n.next_multiple_of(LANES);
+    values[n..room].fill(f32::INFINITY);
+    let (groups, ranks) = (values[..room].as_chunks::<LANES>().0, ranks[..room].as_chunks_mut::<LANES>().0);
+    let one = u32x16::splat(simd, 1);
+    for (g, to) in ranks.iter_mut().enumerate() {
+        let own = f32x16::load_array_ref(simd, &groups[g]);
+        let mut rank = u32x16::splat(simd, 0);
+        for (h, group) in groups.iter().enumerate() {
+            for i in 0..LANES.min(n - h * LANES) {
+                let other = f32x16::splat(simd, group[i]);
+                let is_before = if h < g {
+                    other.simd_le(own)
+                } else if h > g {
+                    other.simd_lt(own)
+                } else {
+                    let is_earlier = numbers(simd, 0).simd_gt(u32x16::splat(simd, i as u32));
+                    other.simd_lt(own) | (other.simd_le(own) & is_earlier)
+                };
+                rank = is_before.select(rank + one, rank);
+            }
+        }
+        rank.store_array(to);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::random::Random;
+    use fearless_simd::{Level, dispatch};
+
+    #[test]
+    fn ranks_are_places_in_sorted_order_with_ties_in_their_own() {
+        let mut random = Random::new(6);
+        for n in [0, 1, 15, 16, 17, 40, 96] {
+            for levels in [1.0, 5.0, 1e9] {
+                let values: Vec<f32> = (0..n).map(|_| (random.unit() * levels).floor() as f32).collect();
+                let mut room = values.clone();
+                room.resize(96, -1.0);
+                let mut ranks = vec![0; 96];
+                dispatch!(Level::new(), simd => rank(simd, &mut room, n, &mut ranks));
+                let mut order: Vec<usize> = (0..n).collect();
+                order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+                assert!(order.iter().enumerate().all(|(rank, i)| ranks[*i] as usize == rank), "{n} {levels}");
+            }
+        }
+    }
+
+    #[test]
+    fn kept_lanes_move_together_behind_what_is_there() {
+        for bits in [0_u32, 1, 0x8000, 0xffff, 0x5a0f] {
+            let mut to = [100_u32; 40];
+            dispatch!(Level::new(), simd => {
+                let kept = (numbers(simd, 0).simd_lt(u32x16::splat(simd, 16)), bits);
+                let wanted = NUMBERS.map(|i| bits >> i & 1);
+                let kept = kept.0 & u32x16::load_array(simd, wanted).simd_gt(u32x16::splat(simd, 0));
+                compress(numbers(simd, 7), kept, &mut to, 5);
+            });
+            let expected: Vec<u32> = (0..16).filter(|i| bits >> i & 1 == 1).map(|i| 7 + i).collect();
+            assert_eq!(to[5..5 + expected.len()], expected);
+            assert!(to[..5].iter().chain(&to[21..]).all(|v| *v == 100), "{to:?}");
+        }
+    }
+}
