@@ -3,165 +3,128 @@
 //! A surface closes where every splat covers its own cell, so the cell's farthest corner is the least radius that
 //! can work, and its second moments say how the sampling is stretched.
 
+use crate::lanes::{LANES, numbers};
+use fearless_simd::prelude::*;
+use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::Vec2;
 
 /// Neighbours that a cell is built among at most.
 pub(crate) const MOST_IN_CELL: usize = 64;
 /// Corners of a square and one more for each neighbour.
 const MOST_CORNERS: usize = MOST_IN_CELL + 5;
-/// Corners that are computed side by side, and room for a whole number of them.
-const LANES: usize = 8;
-const ROOM: usize = MOST_CORNERS.next_multiple_of(LANES);
 
-/// Corners counter-clockwise, as columns; zeros, which nothing cuts off, fill the last lanes up.
+/// A convex polygon around the origin, clipped by bisectors. Kept between cells.
 #[derive(Clone, Debug)]
-struct Corners {
-    x: [f32; ROOM],
-    y: [f32; ROOM],
-    /// Whether the edge that starts there is a bisector.
-    is_bisector: [bool; ROOM],
+pub(crate) struct Cell {
+    /// Corners counter-clockwise, as columns.
+    x: [f32; MOST_CORNERS],
+    y: [f32; MOST_CORNERS],
+    /// A bit for each corner where a bisector starts.
+    bisectors: u128,
+    len: usize,
 }
 
-impl Corners {
-    const NONE: Self = Self { x: [0.0; ROOM], y: [0.0; ROOM], is_bisector: [false; ROOM] };
+impl Default for Cell {
+    fn default() -> Self {
+        Self { x: [0.0; MOST_CORNERS], y: [0.0; MOST_CORNERS], bisectors: 0, len: 0 }
+    }
+}
+
+impl Cell {
+    /// The cell of the origin among at most [`MOST_IN_CELL`] neighbours at (x, y), nearest first, within a square of
+    /// half-width 1.
+    #[inline(always)]
+    pub(crate) fn build<S: Simd>(&mut self, simd: S, x: &[f32], y: &[f32]) {
+        let mut few = Few::square(simd);
+        let mut reach2 = 2.0;
+        for (i, (nx, ny)) in x.iter().zip(y).enumerate() {
+            let square = nx * nx + ny * ny;
+            // Neither this bisector nor any later one reaches the cell.
+            if square >= 4.0 * reach2 {
+                break;
+            }
+            match few.clip(simd, [*nx, *ny], 0.5 * square) {
+                Clip::Missed => {}
+                Clip::Cut(left) => {
+                    few = left;
+                    reach2 = few.reach2();
+                }
+                Clip::Other => {
+                    self.store(&few);
+                    return self.clip_by_all(&x[i..], &y[i..]);
+                }
+            }
+        }
+        self.store(&few);
+    }
+
+    #[inline(always)]
+    fn store<S: Simd>(&mut self, few: &Few<S>) {
+        if let (Some(x), Some(y)) = (self.x.first_chunk_mut(), self.y.first_chunk_mut()) {
+            few.x.store_array(x);
+            few.y.store_array(y);
+        }
+        (self.bisectors, self.len) = (u128::from(few.bisectors), few.len);
+    }
 
     #[inline]
     fn at(&self, i: usize) -> Vec2 {
         Vec2::new(self.x[i], self.y[i])
     }
 
-    #[inline]
-    fn set(&mut self, i: usize, at: Vec2, is_bisector: bool) {
-        (self.x[i], self.y[i], self.is_bisector[i]) = (at.x, at.y, is_bisector);
-    }
-
-    /// Fills up what follows the last of `len` corners.
-    #[inline]
-    fn fill(&mut self, len: usize) {
-        for i in len..len.next_multiple_of(LANES) {
-            (self.x[i], self.y[i]) = (0.0, 0.0);
+    fn clip_by_all(&mut self, x: &[f32], y: &[f32]) {
+        for (x, y) in x.iter().zip(y) {
+            let n = Vec2::new(*x, *y);
+            self.clip(n, 0.5 * n.length_squared());
         }
     }
-}
 
-/// A convex polygon around the origin, clipped by bisectors. Kept between cells.
-#[derive(Clone, Debug)]
-pub(crate) struct Cell {
-    /// Its corners, and room for those that a clip leaves.
-    buffers: [Corners; 2],
-    /// Which of the two they are in.
-    current: usize,
-    len: usize,
-    /// How far each corner is beyond a bisector.
-    beyond: [f32; ROOM],
-}
-
-impl Default for Cell {
-    fn default() -> Self {
-        Self { buffers: [Corners::NONE; 2], current: 0, len: 0, beyond: [0.0; ROOM] }
-    }
-}
-
-impl Cell {
-    /// The cell of the origin among at most [`MOST_IN_CELL`] `neighbours`, nearest first, within a square of
-    /// half-width 1.
-    pub(crate) fn build(&mut self, neighbours: &[Vec2]) {
-        self.current = 0;
-        self.len = 4;
-        for (i, (x, y)) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].into_iter().enumerate() {
-            self.buffers[0].set(i, Vec2::new(x, y), false);
+    /// Cuts off the part that is nearer to `n` than to the origin; `half` is half of its square. Any number of corners,
+    /// one by one.
+    fn clip(&mut self, n: Vec2, half: f32) {
+        let from = self.clone();
+        let beyond = |i: usize| from.x[i] * n.x + from.y[i] * n.y - half;
+        if half == 0.0 || from.len == MOST_CORNERS || (0..from.len).all(|i| beyond(i) <= 0.0) {
+            return;
         }
-        self.buffers[0].fill(4);
-        let mut reach2 = 2.0;
-        for n in neighbours {
-            let square = n.length_squared();
-            // Neither this bisector nor any later one reaches the cell.
-            if square >= 4.0 * reach2 {
-                break;
+        (self.bisectors, self.len) = (0, 0);
+        for i in 0..from.len {
+            let next = if i + 1 == from.len { 0 } else { i + 1 };
+            let (da, db) = (beyond(i), beyond(next));
+            let is_bisector = from.bisectors >> i & 1 == 1;
+            if da <= 0.0 {
+                self.push(from.at(i), is_bisector);
             }
-            if self.clip(*n, 0.5 * square) {
-                reach2 = self.reach2();
-            }
-        }
-    }
-
-    /// Square of the distance of the farthest corner.
-    #[inline]
-    fn reach2(&self) -> f32 {
-        let Corners { x, y, .. } = self.corners_now();
-        let (xs, ys) = (x.as_chunks::<LANES>().0, y.as_chunks::<LANES>().0);
-        let mut farthest = [0.0_f32; LANES];
-        for (x, y) in xs.iter().zip(ys).take(self.len.div_ceil(LANES)) {
-            for i in 0..LANES {
-                let square = x[i] * x[i] + y[i] * y[i];
-                farthest[i] = if square > farthest[i] { square } else { farthest[i] };
-            }
-        }
-        farthest.into_iter().fold(0.0, f32::max)
-    }
-
-    #[inline]
-    fn corners_now(&self) -> &Corners {
-        &self.buffers[self.current]
-    }
-
-    /// Each corner, and whether the edge that starts there is a bisector.
-    #[inline]
-    fn polygon(&self) -> impl DoubleEndedIterator<Item = (Vec2, bool)> + Clone {
-        let corners = self.corners_now();
-        (0..self.len).map(|i| (corners.at(i), corners.is_bisector[i]))
-    }
-
-    /// Cuts off the part that is nearer to `n` than to the origin; `half` is half of its square. False if there is no
-    /// such part.
-    #[inline]
-    fn clip(&mut self, n: Vec2, half: f32) -> bool {
-        if half == 0.0 || self.len == MOST_CORNERS {
-            return false;
-        }
-        let len = self.len;
-        let [a, b] = &mut self.buffers;
-        let (from, to) = if self.current == 0 { (&*a, b) } else { (&*b, a) };
-        let lanes = from.x.as_chunks::<LANES>().0.iter().zip(from.y.as_chunks::<LANES>().0);
-        let lanes = lanes.zip(self.beyond.as_chunks_mut::<LANES>().0).take(len.div_ceil(LANES));
-        let mut is_cut = [false; LANES];
-        for ((x, y), beyond) in lanes {
-            for i in 0..LANES {
-                beyond[i] = x[i] * n.x + y[i] * n.y - half;
-                is_cut[i] |= beyond[i] > 0.0;
-            }
-        }
-        if is_cut == [false; LANES] {
-            return false;
-        }
-        let mut kept = 0;
-        for i in 0..len {
-            let next = if i + 1 == len { 0 } else { i + 1 };
-            let (da, db) = (self.beyond[i], self.beyond[next]);
-            // What isn't kept is written over.
-            to.set(kept, from.at(i), from.is_bisector[i]);
-            kept += usize::from(da <= 0.0);
             if (da <= 0.0) != (db <= 0.0) {
-                let at = from.at(i) + (from.at(next) - from.at(i)) * (da / (da - db));
                 // Leaving, the bisector begins; entering, the edge goes on.
-                to.set(kept, at, da <= 0.0 || from.is_bisector[i]);
-                kept += 1;
+                let crossing = from.at(i) + (from.at(next) - from.at(i)) * (da / (da - db));
+                self.push(crossing, da <= 0.0 || is_bisector);
             }
         }
-        to.fill(kept);
-        (self.len, self.current) = (kept, 1 - self.current);
-        true
+    }
+
+    fn push(&mut self, at: Vec2, is_bisector: bool) {
+        (self.x[self.len], self.y[self.len]) = (at.x, at.y);
+        self.bisectors |= u128::from(is_bisector) << self.len;
+        self.len += 1;
     }
 
     /// True when bisectors bound the cell all around.
     pub(crate) fn is_closed(&self) -> bool {
-        self.corners_now().is_bisector[..self.len].iter().all(|is_bisector| *is_bisector)
+        self.bisectors == (1 << self.len) - 1
     }
 
     /// Corners where two bisectors meet.
     pub(crate) fn corners(&self) -> impl Iterator<Item = Vec2> {
-        let before = self.polygon().next_back().into_iter().chain(self.polygon());
-        self.polygon().zip(before).filter(|(c, before)| c.1 && before.1).map(|(c, _)| c.0)
+        let mut both = match self.len {
+            0 => 0,
+            len => self.bisectors & (self.bisectors << 1 | self.bisectors >> (len - 1)),
+        };
+        std::iter::from_fn(move || {
+            let lowest = (both != 0).then(|| self.at(both.trailing_zeros() as usize));
+            both &= both.wrapping_sub(1);
+            lowest
+        })
     }
 
     /// Distance of the farthest of [`Cell::corners`], 0 when there is none.
@@ -173,7 +136,7 @@ impl Cell {
     pub(crate) fn moments(&self) -> (f32, [f32; 3]) {
         let (mut area, mut first, mut second) = (0.0, Vec2::ZERO, [0.0; 3]);
         for i in 0..self.len {
-            let (a, b) = (self.corners_now().at(i), self.corners_now().at(if i + 1 == self.len { 0 } else { i + 1 }));
+            let (a, b) = (self.at(i), self.at(if i + 1 == self.len { 0 } else { i + 1 }));
             let double = a.perp_dot(b);
             area += 0.5 * double;
             first += (a + b) * (double / 6.0);
@@ -190,9 +153,108 @@ impl Cell {
     }
 }
 
+/// A polygon of at most as many corners as there are lanes; those beyond the last repeat the first.
+#[derive(Clone, Copy)]
+struct Few<S: Simd> {
+    x: f32x16<S>,
+    y: f32x16<S>,
+    bisectors: u32,
+    len: usize,
+}
+
+/// What becomes of a polygon.
+enum Clip<S: Simd> {
+    /// The bisector doesn't meet it.
+    Missed,
+    Cut(Few<S>),
+    /// It gets more corners than there are lanes, or rounding has bent it.
+    Other,
+}
+
+impl<S: Simd> Few<S> {
+    #[inline(always)]
+    fn square(simd: S) -> Self {
+        let (mut x, mut y) = ([-1.0; LANES], [-1.0; LANES]);
+        (x[1], x[2], y[2], y[3]) = (1.0, 1.0, 1.0, 1.0);
+        let [x, y] = [x, y].map(|c| f32x16::load_array(simd, c));
+        Self { x, y, bisectors: 0, len: 4 }
+    }
+
+    /// Square of the distance of the farthest corner.
+    #[inline(always)]
+    fn reach2(&self) -> f32 {
+        (self.x * self.x + self.y * self.y).reduce_max()
+    }
+
+    /// As [`Cell::clip`], to the same bits: corners stay in lanes, where none is waited for.
+    #[inline(always)]
+    fn clip(&self, simd: S, n: [f32; 2], half: f32) -> Clip<S> {
+        let Self { x, y, bisectors, len } = *self;
+        let beyond = x * n[0] + y * n[1] - half;
+        let all = u32::MAX >> (32 - len);
+        let out = beyond.simd_gt(f32x16::splat(simd, 0.0)).to_bitmask() as u32 & all;
+        if out == 0 || half == 0.0 {
+            return Clip::Missed;
+        }
+        // What is cut off is one run of corners: its first one, and the first one after it.
+        let after_out = (out << 1 | out >> (len - 1)) & all;
+        let (first, after) = (out & !after_out, after_out & !out);
+        let kept = len - out.count_ones() as usize;
+        if first.count_ones() != 1 || kept + 2 > LANES {
+            return Clip::Other;
+        }
+        let (first, after) = (first.trailing_zeros(), after.trailing_zeros());
+        let after = if after == 0 { len as u32 } else { after };
+        // Edges that cross the bisector, and the places of these crossings among what is kept, whose order stays.
+        let crossed = out ^ (out >> 1 | (out & 1) << (len - 1));
+        let is_around = (first == 0 || first > after) && after < len as u32;
+        let below = |bit: u32| bisectors & ((1 << bit) - 1);
+        let (leaves, enters, stays) = if is_around {
+            (kept as u32 + 1, 0, (bisectors >> after & ((1 << kept) - 1)) << 1)
+        } else {
+            (first, first + 1, below(first) | (bisectors >> after) << (first + 2))
+        };
+        let places = 1 << leaves | 1 << enters;
+        // Leaving, the bisector begins; entering, the edge goes on.
+        let bisectors = stays | 1 << leaves | (bisectors >> (after - 1) & 1) << enters;
+
+        let (x_next, y_next) = (x.slide::<1>(x), y.slide::<1>(y));
+        let share = beyond / (beyond - beyond.slide::<1>(beyond));
+        let bits = |bits: u32| mask32x16::from_bitmask(simd, u64::from(bits));
+        let (crossed, places, kept_in) = (bits(crossed), bits(places), bits(all & !out));
+        let is_one = numbers(simd, 0).simd_lt(u32x16::splat(simd, kept as u32 + 2));
+        let x = merge(x, kept_in, x + (x_next - x) * share, crossed, places, is_one);
+        let y = merge(y, kept_in, y + (y_next - y) * share, crossed, places, is_one);
+        Clip::Cut(Self { x, y, bisectors, len: kept + 2 })
+    }
+}
+
+/// The lanes that are `kept` of `old` and, at `places` among them, those of `new` that are `taken`. What is not `used`
+/// repeats the first.
+#[inline(always)]
+fn merge<S: Simd>(
+    old: f32x16<S>,
+    kept: mask32x16<S>,
+    new: f32x16<S>,
+    taken: mask32x16<S>,
+    places: mask32x16<S>,
+    used: mask32x16<S>,
+) -> f32x16<S> {
+    let (old, new) = (old.compress(kept).expand(!places), new.compress(taken).expand(places));
+    let merged = places.select(new, old);
+    used.select(merged, f32x16::splat(merged.token(), merged[0]))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::random::Random;
+    use fearless_simd::{Level, dispatch};
+
+    fn build(cell: &mut Cell, neighbours: &[Vec2]) {
+        let (x, y): (Vec<f32>, Vec<f32>) = neighbours.iter().map(|n| (n.x, n.y)).unzip();
+        dispatch!(Level::new(), simd => cell.build(simd, &x, &y));
+    }
 
     fn grid(width: f32, height: f32) -> Vec<Vec2> {
         let mut all = Vec::new();
@@ -208,7 +270,7 @@ mod tests {
     #[test]
     fn cell_of_a_grid_is_its_rectangle() {
         let mut cell = Cell::default();
-        cell.build(&grid(0.1, 0.4));
+        build(&mut cell, &grid(0.1, 0.4));
         assert!(cell.is_closed());
         let (area, [xx, xy, yy]) = cell.moments();
         // A rectangle's variances are side² / 12. Tolerances are 1e-6 of what is measured: some ten roundings of f32.
@@ -222,7 +284,7 @@ mod tests {
     fn cell_at_a_border_is_open_but_knows_its_inner_corners() {
         let mut cell = Cell::default();
         let inner: Vec<Vec2> = grid(0.1, 0.1).into_iter().filter(|p| p.x <= 0.0).collect();
-        cell.build(&inner);
+        build(&mut cell, &inner);
         assert!(!cell.is_closed());
         // A diagonal neighbour's bisector may touch a corner and leave it there twice.
         let mut corners: Vec<Vec2> = cell.corners().collect();
@@ -237,10 +299,35 @@ mod tests {
     fn cells_among_the_most_neighbours_on_a_circle_have_a_corner_for_each() {
         let at = |i: usize| Vec2::from_angle(i as f32 / MOST_IN_CELL as f32 * std::f32::consts::TAU) * 0.5;
         let mut cell = Cell::default();
-        cell.build(&(0..MOST_IN_CELL).map(at).collect::<Vec<_>>());
+        build(&mut cell, &(0..MOST_IN_CELL).map(at).collect::<Vec<_>>());
         assert!(cell.is_closed());
         // The bisectors of a regular polygon: a disk of radius ¼, but for its corners.
         let radius = 0.25 / (std::f32::consts::PI / MOST_IN_CELL as f32).cos();
         assert!((cell.reach() - radius).abs() < 1e-6 && cell.corners().count() >= MOST_IN_CELL);
+    }
+
+    #[test]
+    fn clips_by_lanes_are_those_made_corner_by_corner() {
+        let mut random = Random::new(12);
+        let corners = |cell: &Cell| {
+            let bits = |i| [cell.x[i], cell.y[i]].map(f32::to_bits);
+            ((0..cell.len).map(bits).collect::<Vec<_>>(), cell.bisectors)
+        };
+        for spread in [0.05, 0.5, 0.95] {
+            for _ in 0..300 {
+                let mut near: Vec<Vec2> = (0..24)
+                    .map(|_| Vec2::from_angle(6.4 * random.unit() as f32) * (1.0 - spread * random.unit() as f32))
+                    .collect();
+                near.sort_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+                let (mut lanes, mut plain) = (Cell::default(), Cell::default());
+                build(&mut plain, &[]);
+                for (i, n) in near.iter().enumerate() {
+                    build(&mut lanes, &near[..=i]);
+                    plain.clip(*n, 0.5 * n.length_squared());
+                    assert_eq!(corners(&lanes), corners(&plain));
+                }
+                assert!(lanes.len > 2);
+            }
+        }
     }
 }

@@ -38,8 +38,8 @@ pub(crate) fn rank<S: Simd>(simd: S, values: &mut [f32], n: usize, ranks: &mut [
         let own = f32x16::load_array_ref(simd, &groups[g]);
         let mut rank = u32x16::splat(simd, 0);
         for (h, group) in groups.iter().enumerate() {
-            for i in 0..LANES.min(n - h * LANES) {
-                let other = f32x16::splat(simd, group[i]);
+            for (i, other) in group.iter().enumerate().take(n - h * LANES) {
+                let other = f32x16::splat(simd, *other);
                 let is_before = if h < g {
                     other.simd_le(own)
                 } else if h > g {

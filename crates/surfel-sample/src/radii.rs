@@ -11,6 +11,7 @@
 
 use crate::cell::{Cell, MOST_IN_CELL};
 use crate::eigen::symmetric2;
+use crate::lanes::{LANES, compress, numbers, rank};
 use crate::nearest::{Search, distance2};
 use crate::normals::{WIDE, wider};
 use crate::orient::{Oriented, is_rough};
@@ -18,6 +19,8 @@ use crate::parallel::{for_chunks, map_each};
 use crate::progress::{NoProgress, Progress};
 use crate::sorted::{LEAF, RUN, SortedPoints};
 use crate::usual::{ISOLATED, usual};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x16, u32x16};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -55,9 +58,6 @@ const RING: usize = 6;
 /// Points of a task. What lies around them is measured too, and again by its own task: of random points
 /// on a surface, about a tenth.
 const BLOCK: usize = 2 * RUN;
-/// Numbers that are computed side by side.
-const LANES: usize = 16;
-
 /// Sizes in steps, one a slot.
 #[derive(Debug)]
 pub(crate) struct Sizes {
@@ -272,7 +272,8 @@ struct Block<'a> {
     /// The leaf of the last row.
     leaf: usize,
     cell: Cell,
-    offsets: [Vec2; MOST_IN_CELL],
+    /// Of neighbours, x and y.
+    offsets: [[f32; MOST_IN_CELL + LANES]; 2],
     /// How many neighbours the cell was built among.
     taking_part: usize,
     /// The run, the slots of other points that are neighbours of its own, in ascending order, and the neighbours of
@@ -300,7 +301,7 @@ impl<'a> Block<'a> {
             search: Search::new(points),
             leaf: usize::MAX,
             cell: Cell::default(),
-            offsets: [Vec2::ZERO; MOST_IN_CELL],
+            offsets: [[0.0; MOST_IN_CELL + LANES]; 2],
             taking_part: 0,
             own: 0..0,
             halo: Vec::new(),
@@ -356,42 +357,15 @@ impl<'a> Block<'a> {
     /// are kept, as on the surface itself, but where there is none. Lengths are in units of the farthest one's
     /// distance, which is returned. True if it is closed, with corners within the `believed` share of that distance.
     fn build(&mut self, slot: usize, near: &[u32], believed: f32) -> (bool, f32) {
-        let (p, n) = (self.points.at(slot), self.oriented[slot].normal);
-        let ((u, v), is_level) = (tangents(n), self.oriented[slot].is_level());
         let Some(last) = near.last() else { return (false, 0.0) };
-        let limit2 = distance2(self.points.at(*last as usize), p);
-        let limit = limit2.sqrt();
-        let mut count = 0;
-        for part in near.chunks(LANES) {
-            let (mut d, mut m) = ([[0.0_f32; LANES]; 3], [[0.0_f32; LANES]; 3]);
-            for (i, j) in part.iter().enumerate() {
-                let (q, o) = (self.points.at(*j as usize), self.oriented[*j as usize].normal);
-                for k in 0..3 {
-                    (d[k][i], m[k][i]) = ((q[k] - p[k]) as f32, o[k]);
-                }
-            }
-            let (mut at, mut takes_part) = ([[0.0_f32; LANES]; 2], [false; LANES]);
-            for i in 0..LANES {
-                let [x, y, z] = [d[0][i], d[1][i], d[2][i]];
-                let square = x * x + y * y + z * z;
-                let above = x * n.x + y * n.y + z * n.z;
-                let flat = [x * u.x + y * u.y + z * u.z, x * v.x + y * v.y + z * v.z];
-                let scale = (square / ((flat[0] * flat[0] + flat[1] * flat[1]) * limit2)).sqrt();
-                let facing = m[0][i] * n.x + m[1][i] * n.y + m[2][i] * n.z;
-                let scale = if is_level { limit.recip() } else { scale };
-                (at[0][i], at[1][i]) = (flat[0] * scale, flat[1] * scale);
-                takes_part[i] = is_level | (above * above <= STEEPEST * STEEPEST * square) & (facing >= AGREE);
-            }
-            for i in 0..part.len() {
-                self.offsets[count] = Vec2::new(at[0][i], at[1][i]);
-                count += usize::from(takes_part[i]);
-            }
-        }
+        let limit2 = distance2(self.points.at(*last as usize), self.points.at(slot));
+        let (points, oriented, cell) = (self.points, self.oriented, &mut self.cell);
+        let unrolled = (points, oriented, slot, limit2);
+        let count = dispatch!(Level::new(), simd => build_by(simd, unrolled, near, &mut self.offsets, cell));
         self.taking_part = count;
-        self.cell.build(&self.offsets[..count]);
         // Where half of the neighbours are another sheet's, the farthest of this one's would be farther.
         let share = count as f32 / near.len() as f32;
-        (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit)
+        (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit2.sqrt())
     }
 
     /// Whether more than a quarter of the neighbours of `slot` are on no surface with it, or they are on no plane.
@@ -527,6 +501,58 @@ impl<'a> Block<'a> {
     }
 }
 
+/// Builds the cell of a slot among `near`, the farthest of which has squared distance `limit2`: how many take part.
+#[inline(always)]
+fn build_by<S: Simd>(
+    simd: S,
+    (points, oriented, slot, limit2): (&SortedPoints, &[Oriented], usize, f32),
+    near: &[u32],
+    offsets: &mut [[f32; MOST_IN_CELL + LANES]; 2],
+    cell: &mut Cell,
+) -> usize {
+    let (p, n) = (points.at(slot), oriented[slot].normal);
+    let ((u, v), is_level) = (tangents(n), oriented[slot].is_level());
+    let level_scale = f32x16::splat(simd, limit2.sqrt().recip());
+    let mut count = 0;
+    for part in near.chunks(LANES) {
+        let (mut d, mut m) = ([[0.0_f32; LANES]; 3], [[0.0_f32; LANES]; 3]);
+        for (i, j) in part.iter().enumerate() {
+            let (q, o) = (points.at(*j as usize), oriented[*j as usize].normal);
+            for k in 0..3 {
+                (d[k][i], m[k][i]) = ((q[k] - p[k]) as f32, o[k]);
+            }
+        }
+        let d = d.map(|c| f32x16::load_array(simd, c));
+        let m = m.map(|c| f32x16::load_array(simd, c));
+        let square = dot(d, d);
+        let above = along(d, n);
+        let flat = [along(d, u), along(d, v)];
+        let scale = (square / ((flat[0] * flat[0] + flat[1] * flat[1]) * limit2)).sqrt();
+        let is_one = numbers(simd, 0).simd_lt(u32x16::splat(simd, part.len() as u32));
+        let (scale, takes_part) = if is_level {
+            (level_scale, is_one)
+        } else {
+            let is_flat = (above * above).simd_le(square * (STEEPEST * STEEPEST));
+            (scale, is_one & is_flat & along(m, n).simd_ge(AGREE))
+        };
+        compress(flat[0] * scale, takes_part, &mut offsets[0], count);
+        compress(flat[1] * scale, takes_part, &mut offsets[1], count);
+        count += takes_part.to_bitmask().count_ones() as usize;
+    }
+    cell.build(simd, &offsets[0][..count], &offsets[1][..count]);
+    count
+}
+
+#[inline(always)]
+fn dot<S: Simd>(a: [f32x16<S>; 3], b: [f32x16<S>; 3]) -> f32x16<S> {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn along<S: Simd>(a: [f32x16<S>; 3], n: Vec3) -> f32x16<S> {
+    a[0] * n.x + a[1] * n.y + a[2] * n.z
+}
+
 struct WideRow {
     slots: [u32; WIDE],
     len: usize,
@@ -542,14 +568,17 @@ impl std::ops::Deref for WideRow {
 
 /// Areas and the sum of the moments of closed cells.
 struct Smooth {
-    areas: [f32; MOST_IN_CELL + 1],
+    areas: [f32; MOST_AREAS],
     len: usize,
     moments: [f32; 6],
 }
 
+/// Those of a cell and its neighbours, in whole steps.
+const MOST_AREAS: usize = MOST_IN_CELL + LANES;
+
 impl Default for Smooth {
     fn default() -> Self {
-        Self { areas: [0.0; MOST_IN_CELL + 1], len: 0, moments: [0.0; 6] }
+        Self { areas: [0.0; MOST_AREAS], len: 0, moments: [0.0; 6] }
     }
 }
 
@@ -563,18 +592,12 @@ impl Smooth {
         }
     }
 
-    /// The lower median of the areas: the one with as many smaller ones, by counting, which guesses no branch wrong.
-    fn median(&self) -> Option<f32> {
-        let areas = &self.areas[..self.len];
-        let middle = areas.len().checked_sub(1)? / 2;
-        areas.iter().copied().find(|a| {
-            let (mut smaller, mut equal) = (0, 0);
-            for other in areas {
-                smaller += usize::from(other < a);
-                equal += usize::from(other == a);
-            }
-            (smaller..smaller + equal).contains(&middle)
-        })
+    /// The lower median of the areas: the one with as many smaller ones.
+    fn median(&mut self) -> Option<f32> {
+        let middle = self.len.checked_sub(1)? / 2;
+        let mut ranks = [0; MOST_AREAS];
+        dispatch!(Level::new(), simd => rank(simd, &mut self.areas, self.len, &mut ranks));
+        self.areas.iter().zip(ranks).take(self.len).find(|(_, rank)| *rank as usize == middle).map(|(area, _)| *area)
     }
 }
 

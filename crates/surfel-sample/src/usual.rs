@@ -27,13 +27,14 @@ impl Usual {
 
 /// What is usual of these values; `None` where none is positive.
 pub(crate) fn usual(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<Usual> {
-    let median = median_of(count, &value).map(f64::from)?;
-    let deviation = |i: usize| match value(i) {
-        // One that is in the middle counts, too.
-        v if v > 0.0 => ((f64::from(v) / median).ln().abs() as f32).max(f32::MIN_POSITIVE),
+    let median = median_of(count, &value)?;
+    // Of how many times more or less than the middle, whose order is that of their logarithms.
+    let times = |i: usize| match value(i) {
+        v if v > 0.0 => (v / median).max(median / v),
         _ => 0.0,
     };
-    Some(Usual { median, spread: median_of(count, deviation).map_or(0.0, f64::from) / MAD })
+    let spread = median_of(count, times).map_or(0.0, |times| f64::from(times).ln()) / MAD;
+    Some(Usual { median: f64::from(median), spread })
 }
 
 /// The lower median of those of 0..`count` whose value is greater than 0, without a copy of them all.
