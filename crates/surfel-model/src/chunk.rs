@@ -31,8 +31,8 @@ pub const CHUNK_SPLATS: usize = 256;
 /// splats of very different size, and strays, get chunks of their own.
 const MAX_EXTENT_RADII: f64 = 512.0;
 
-/// Most chunks that are cut at once: what is read of them is mostly in a cache when they are stored.
-const MOST_AHEAD: usize = 512;
+/// Most chunks that are cut at once, for each thread: what is read of them is in its cache when they are stored.
+const MOST_AHEAD: usize = 16;
 
 /// Largest radius of a quantised chunk in its smallest.
 const MAX_RADII: f64 = 16.0;
@@ -77,6 +77,10 @@ pub fn chunks<'a>(
         let members = &rest[..chunk_length(cloud, rest, storage)];
         (ChunkSpace::of(cloud, members), members)
     };
+    #[cfg(feature = "rayon")]
+    let most_ahead = MOST_AHEAD * rayon::current_num_threads();
+    #[cfg(not(feature = "rayon"))]
+    let most_ahead = MOST_AHEAD;
     let (mut rest, mut ahead) = (order, 1);
     let batch = move || {
         // Where a chunk begins depends on those before it. Mostly all are full: so many are cut at once as if they
@@ -87,7 +91,7 @@ pub fn chunks<'a>(
         #[cfg(not(feature = "rayon"))]
         let mut found: Vec<_> = starts.into_iter().map(chunk).collect();
         let full = found.iter().take_while(|(_, members)| members.len() == CHUNK_SPLATS).count();
-        ahead = if full + 1 < found.len() { full + 1 } else { (2 * ahead).min(MOST_AHEAD) };
+        ahead = if full + 1 < found.len() { full + 1 } else { (2 * ahead).min(most_ahead) };
         found.truncate(full + 1);
         rest = &rest[found.iter().map(|(_, members)| members.len()).sum()..];
         (!found.is_empty()).then_some(found)

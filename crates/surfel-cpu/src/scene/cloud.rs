@@ -15,10 +15,10 @@ use surfel_model::{Material, Object, Octree, Shape, SplatCloud};
 /// Most splats of a chunk.
 pub(crate) const CHUNK: usize = CHUNK_SPLATS;
 
-/// Chunks that one task stores, and tasks between which what they stored is put together: as many more splats are in
-/// memory twice.
+/// Chunks that one task stores, and tasks a thread between which what they stored is put together: as many more splats
+/// are in memory twice, and what was read to cut them into chunks is still in the thread's cache.
 const TASK: usize = 8;
-const WAVE: usize = 64;
+const WAVE: usize = 2;
 
 /// Splats of a part of an order that is given back alone, at least.
 const LEAST_PART: usize = 1 << 20;
@@ -155,6 +155,7 @@ impl StoredObject {
         parts: impl Iterator<Item = Vec<u32>>,
     ) -> Self {
         let padded = cloud.len() + cloud.len() / LANES;
+        let wave = TASK * WAVE * rayon::current_num_threads();
         let mut stored = Self::empty(cloud, place, storage, padded);
         let mut rows = cloud.data().rows.as_ref().map(|rows| (rows, Vec::with_capacity(padded)));
         for mut order in parts {
@@ -163,7 +164,7 @@ impl StoredObject {
                 let (mut used, part) = (0, (order.len() / 4).max(LEAST_PART));
                 let mut chunks = chunks(cloud, &order, storage);
                 while used < part {
-                    let wave: Vec<_> = chunks.by_ref().take(WAVE * TASK).collect();
+                    let wave: Vec<_> = chunks.by_ref().take(wave).collect();
                     if wave.is_empty() {
                         break;
                     }
