@@ -13,7 +13,7 @@
 //! Work runs in whatever rayon pool the caller installed; results don't depend on the number of threads.
 //!
 //! Points are sorted along a Morton curve and prepared in blocks, whose neighbours come from what lies near a leaf of
-//! 32 points, gathered once for all of them. The search is our own rather than a crate's: it never allocates in a
+//! 16 points, gathered once for all of them. The search is our own rather than a crate's: it never allocates in a
 //! query, breaks ties of equal distance in a fixed order, takes any number of coincident points, and is several times
 //! as fast. A small k-d tree serves where the queries aren't the points themselves.
 
