@@ -1,8 +1,9 @@
-//! Which way things look that have a front: animals and seats.
+//! Which way things look that have a front: animals, seats and figures on two feet.
 
 use crate::patches::{Patch, Patches};
 use crate::upright::{axis_of, leads, mirror, others, standing};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
+use std::collections::BTreeMap;
 use surfel_model::Up;
 
 /// The share that a mirror plane mirrors, of animals and seats.
@@ -26,8 +27,24 @@ const BACKREST: f64 = 0.65;
 const BEHIND: f64 = 0.3;
 const SEAT: f64 = 0.75;
 
+/// Of a figure's height: up to where its soles are, from where to where its shins are above them, how far apart patches
+/// of one foot are at most, how long a foot is at most, and how far toes reach forward at least.
+const SOLES: f64 = 0.05;
+const SHINS: (f64, f64) = (0.08, 0.16);
+const TOGETHER: f64 = 0.02;
+const LONGEST_FOOT: f64 = 0.22;
+const TOES: f64 = 0.015;
+/// The share of what touches the ground that both feet are at least, and each of them; and the fewest patches there.
+const FEET: (f64, f64) = (0.9, 0.1);
+const FEWEST: usize = 20;
+
 /// The level unit vector toward which it looks; `None` where the shape doesn't say it.
 pub(crate) fn front(patches: &Patches, up: Up) -> Option<DVec3> {
+    front_of_body(patches, up).or_else(|| toes(patches, up))
+}
+
+/// Of animals and seats.
+fn front_of_body(patches: &Patches, up: Up) -> Option<DVec3> {
     if !standing(patches, up).is_on_feet() {
         return None;
     }
@@ -98,4 +115,84 @@ impl Body<'_> {
             _ => None,
         }
     }
+}
+
+/// What lies level: its bounds, and how many patches it has.
+#[derive(Clone, Copy)]
+struct Spot {
+    low: DVec2,
+    high: DVec2,
+    count: usize,
+}
+
+impl Spot {
+    const NONE: Self = Self { low: DVec2::INFINITY, high: DVec2::NEG_INFINITY, count: 0 };
+
+    fn with(self, o: Self) -> Self {
+        Self { low: self.low.min(o.low), high: self.high.max(o.high), count: self.count + o.count }
+    }
+
+    fn of(points: impl Iterator<Item = DVec2>) -> Self {
+        points.fold(Self::NONE, |spot, p| spot.with(Self { low: p, high: p, count: 1 }))
+    }
+
+    fn has(&self, p: DVec2, around: f64) -> bool {
+        p.cmpge(self.low - around).all() && p.cmple(self.high + around).all()
+    }
+
+    fn middle(&self) -> DVec2 {
+        0.5 * (self.low + self.high)
+    }
+}
+
+/// Where the toes of a figure point that stands on two feet: these reach farther forward of the shins than heels back.
+fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
+    let [u, v] = others(axis_of(up));
+    let body = Body { patches, up: up.vector(), height: patches.extent()[axis_of(up)] };
+    let level = |p: DVec3| DVec2::new(p[u], p[v]) / body.height;
+    let between = |low: f64, high: f64| {
+        let there = patches.all.iter().filter(|p| (low..high).contains(&body.height(p)));
+        there.map(|p| level(p.position)).collect::<Vec<_>>()
+    };
+    let (soles, shins) = (between(0.0, SOLES), between(SHINS.0, SHINS.1));
+    let total = soles.len() as f64;
+    let feet = spots(&soles).into_iter().filter(|foot| foot.count as f64 > FEET.1 * total);
+    let [left, right] = feet.collect::<Vec<_>>().try_into().ok()?;
+    let both = left.with(right);
+    let is_most = soles.len() >= FEWEST && both.count as f64 > FEET.0 * total;
+    if !is_most || !both.has(level(patches.centroid), 0.0) {
+        return None;
+    }
+    let forward = |foot: Spot| {
+        let shin = Spot::of(shins.iter().copied().filter(|p| foot.has(*p, SOLES)));
+        let is_foot = (foot.high - foot.low).max_element() < LONGEST_FOOT && shin.count > 0;
+        is_foot.then(|| foot.middle() - shin.middle())
+    };
+    let forward = 0.5 * (forward(left)? + forward(right)?);
+    let toward = DVec3::AXES[u] * forward.x + DVec3::AXES[v] * forward.y;
+    (forward.length() > TOES).then(|| toward.normalize())
+}
+
+/// Points that lie together, each with those of the cells around its own.
+fn spots(points: &[DVec2]) -> Vec<Spot> {
+    let mut cells = BTreeMap::new();
+    for &p in points {
+        let cell = p.to_array().map(|c| (c / TOGETHER).floor() as i64);
+        let spot = cells.entry(cell).or_insert(Spot::NONE);
+        *spot = spot.with(Spot { low: p, high: p, count: 1 });
+    }
+    let mut all = Vec::new();
+    while let Some((cell, mut spot)) = cells.pop_first() {
+        let mut left = vec![cell];
+        while let Some([x, y]) = left.pop() {
+            for next in (-1..=1).flat_map(|j| (-1..=1).map(move |i| [x + i, y + j])) {
+                if let Some(found) = cells.remove(&next) {
+                    spot = spot.with(found);
+                    left.push(next);
+                }
+            }
+        }
+        all.push(spot);
+    }
+    all
 }

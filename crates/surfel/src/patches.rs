@@ -1,7 +1,8 @@
 //! A small sample of a scene's surface, on which up and view are judged: its cost doesn't grow with the data.
 
 use glam::DVec3;
-use surfel_model::{Geometry, Object};
+use surfel_math::{gaussian, srgb};
+use surfel_model::{GaussianCloud, Geometry, Object};
 
 /// Patches that a sample has at most.
 pub(crate) const MOST: usize = 20_000;
@@ -24,6 +25,8 @@ pub(crate) struct Patch {
     pub(crate) area: f64,
     /// Linear RGB.
     pub(crate) color: [f32; 3],
+    /// Whether the normal says which side is outside: that of a Gaussian is either of two.
+    pub(crate) has_sides: bool,
 }
 
 /// A sample of a scene's surface, without stray points.
@@ -128,13 +131,14 @@ impl Patches {
 fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all: &mut Vec<Patch>) {
     let m = object.world_from_object;
     let flip = if m.matrix3.determinant() < 0.0 { -1.0 } else { 1.0 };
+    let has_sides = !matches!(object.geometry, Geometry::Gaussians(_));
     let mut add = |p: DVec3, s: DVec3, t: DVec3, color: [f32; 3]| {
         let (s, t) = (m.transform_vector3(s), m.transform_vector3(t));
         let cross = s.cross(t);
         let area = cross.length();
         if area > 0.0 {
             let (position, normal) = (m.transform_point3(p), cross * (flip / area));
-            all.push(Patch { position, normal, axes: [s * growth, t * growth], area, color });
+            all.push(Patch { position, normal, axes: [s * growth, t * growth], area, color, has_sides });
         }
     };
     match &object.geometry {
@@ -147,7 +151,7 @@ fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all:
         Geometry::Gaussians(gaussians) => {
             for i in numbers {
                 let (s, t) = gaussians.ellipse(i);
-                add(gaussians.center(i), s, t, [0.5; 3]);
+                add(gaussians.center(i), s, t, color_of(gaussians, i));
             }
         }
         Geometry::Octree(octree) => {
@@ -167,4 +171,11 @@ fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all:
             }
         }
     }
+}
+
+/// The colour of a Gaussian from all sides, by its constant harmonic.
+fn color_of(gaussians: &GaussianCloud, i: usize) -> [f32; 3] {
+    let constant = gaussians.coefficients(i).get(..1).unwrap_or_default();
+    let color = gaussian::color(constant, [0.0; 3]);
+    color.map(|c| if gaussians.data().linear_colors { c } else { srgb::decode(c) } as f32)
 }

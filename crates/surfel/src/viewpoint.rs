@@ -152,7 +152,8 @@ impl<'a> Judge<'a> {
         let mut counts = vec![[0u32; 2]; self.cells.len()];
         let mut seen = Seen::default();
         for number in draw(self.patches, axes) {
-            let facing = self.patches.all[number].normal.dot(axes.forward) <= 0.0;
+            let patch = &self.patches.all[number];
+            let facing = !patch.has_sides || patch.normal.dot(axes.forward) <= 0.0;
             let count = &mut counts[self.cells[number] as usize];
             count[0] += 1;
             seen.all.curvature += self.curvature[number];
@@ -187,7 +188,8 @@ fn cell(patch: &Patch) -> u64 {
     (index(place, 8) * 54 + direction) * 64 + index(color, 4)
 }
 
-/// How much the normals around each patch differ: 1 − the length of their mean.
+/// How much the normals around each patch differ: 1 − the length of their mean. Those of either sign say nothing of it:
+/// their patches count alike.
 fn curvature(patches: &Patches) -> Vec<f64> {
     const SIDE: usize = 2 * CURVATURE_CELLS as usize + 3;
     let index = |p: DVec3| {
@@ -201,6 +203,9 @@ fn curvature(patches: &Patches) -> Vec<f64> {
         sums[index(p.position)].iter_mut().zip(added).for_each(|(s, v)| *s += v);
     }
     let around = |p: &Patch| {
+        if !p.has_sides {
+            return 1.0;
+        }
         let middle = index(p.position);
         let mut sum = [0.0f32; 4];
         for z in [middle - SIDE * SIDE, middle, middle + SIDE * SIDE] {

@@ -3,8 +3,10 @@
 use std::path::Path;
 use std::sync::Arc;
 use surfel::framing::{UpConvention, UpReason, ViewAngles, ViewAxes, best_view, upright};
-use surfel::glam::{DAffine3, DMat3, DVec3, Vec3};
-use surfel::model::{Column3, Geometry, Material, Mesh, Object, OnInvalid, Up};
+use surfel::glam::{DAffine3, DMat3, DVec3, Quat, Vec3};
+use surfel::model::{
+    Column3, GaussianCloud, GaussianData, GaussianKind, Geometry, Material, Mesh, Object, OnInvalid, Up,
+};
 use surfel::sample::{MeshMethod, MeshOptions, splats_from_mesh};
 use surfel::{LoadOptions, NoProgress, SplatCloud};
 
@@ -237,6 +239,70 @@ fn seats_show_their_front() {
             assert!(off(view, up, map.transform_vector3(DVec3::Z)) <= 60.5, "{up}: {view}");
         }
     }
+}
+
+/// A figure that looks toward +x, by its feet alone.
+fn figure() -> Shape {
+    let limb = |shape: Shape, z: f64| {
+        let shape = shape.block([-0.06, 0.0, z - 0.05], [0.2, 0.08, z + 0.05]);
+        shape.block([-0.05, 0.08, z - 0.04], [0.05, 0.9, z + 0.04])
+    };
+    let body = Shape::default().block([-0.1, 0.9, -0.22], [0.1, 1.5, 0.22]);
+    limb(limb(body, -0.13), 0.13).ball([0.0, 1.66, 0.0], [0.14; 3])
+}
+
+#[test]
+fn figures_on_two_feet_are_seen_from_where_their_toes_point() {
+    for up in [Up::PlusY, Up::PlusZ] {
+        for degrees in [0.0f64, 90.0, 180.0, 270.0] {
+            let map = turned(up) * DAffine3::from_mat3(DMat3::from_rotation_y(degrees.to_radians()));
+            let view = best_view(&[figure().object(map, 20_000)], up);
+            assert!(off(view, up, map.transform_vector3(DVec3::X)) <= 60.5, "{up}, {degrees}: {view}");
+        }
+    }
+    // Two runners are no feet: which way they reach changes nothing.
+    let runner = |shape: Shape, z: f64| {
+        let shape = shape.block([-0.1, 0.0, z - 0.05], [0.8, 0.04, z + 0.05]);
+        shape.block([-0.1, 0.04, z - 0.05], [0.0, 1.0, z + 0.05])
+    };
+    let bench = runner(runner(Shape::default(), -0.5), 0.5).block([-0.1, 0.9, -0.5], [0.8, 1.0, 0.5]);
+    for degrees in [90.0f64, -90.0] {
+        let map = DAffine3::from_rotation_y(degrees.to_radians());
+        let view = best_view(&[bench.object(map, 20_000)], Up::PlusY);
+        assert!(off(view, Up::PlusY, DVec3::Z) <= 60.5, "{degrees}: {view}");
+    }
+}
+
+#[test]
+fn gaussians_show_their_colourful_side_whichever_way_they_face() {
+    // A ball that is grey but for where it faces −x; axes of all Gaussians face −z.
+    let most = 4000u32;
+    let at = |i: u32| {
+        let height = 1.0 - 2.0 * (f64::from(i) + 0.5) / f64::from(most);
+        let (sin, cos) = (2.4 * f64::from(i)).sin_cos();
+        DVec3::new(cos, 0.0, sin) * (1.0 - height * height).sqrt() + DVec3::Y * height
+    };
+    let axis = |i: u32| (at(i) * -at(i).z.signum()).as_vec3();
+    let color = |i: u32| [0, 1, 2].map(|c| if at(i).x < 0.0 { f32::from(u8::from(i * 7 % 11 > 3 * c)) } else { 0.0 });
+    let view = |color: &dyn Fn(u32) -> [f32; 3]| {
+        let data = GaussianData {
+            origin: DVec3::ZERO,
+            centers: Column3::from_f32((0..most).map(|i| at(i).as_vec3()).collect()),
+            kind: GaussianKind::Flat,
+            sigmas: vec![[0.02, 0.02, 0.0]; most as usize],
+            rotations: (0..most).map(|i| Quat::from_rotation_arc(Vec3::Z, axis(i)).to_array()).collect(),
+            opacities: vec![0.9; most as usize],
+            degree: 0,
+            harmonics: (0..most).map(color).collect(),
+            linear_colors: false,
+            up: None,
+        };
+        let cloud = GaussianCloud::new(data, OnInvalid::Refuse).unwrap().0;
+        let (geometry, world_from_object) = (Geometry::Gaussians(Arc::new(cloud)), DAffine3::IDENTITY);
+        best_view(&[Object { geometry, world_from_object, material: Material::default() }], Up::PlusY)
+    };
+    assert_eq!(view(&|_| [0.0; 3]), ViewAngles::ISO);
+    assert!(off(view(&color), Up::PlusY, DVec3::NEG_X) <= 60.5);
 }
 
 #[test]
