@@ -1,5 +1,7 @@
 //! Lines, words and numbers of text formats, from bytes that may be anything.
 
+#![cfg_attr(not(all(feature = "laz", feature = "pcd", feature = "points")), allow(dead_code))]
+
 use crate::bytes::Bytes;
 use crate::error::{Fault, Location, Problem};
 use std::io::{BufRead, Read};

@@ -131,7 +131,12 @@ impl<'a> Bytes<'a> {
 
     /// Reads them in order.
     pub(crate) fn reader(self) -> impl io::BufRead {
-        io::BufReader::with_capacity(1 << 18, Reader { bytes: self, position: 0 })
+        io::BufReader::with_capacity(1 << 18, self.source())
+    }
+
+    /// Reads them here and there.
+    pub(crate) fn source(self) -> Reader<'a> {
+        Reader { bytes: self, position: 0 }
     }
 
     /// The shortest part of a file that holds all `parts` of it, and where in it each begins; `None` if it is longer
@@ -152,17 +157,30 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// Bytes, and how many of them have been read.
-struct Reader<'a> {
+/// Bytes, and where among them it is read next.
+pub(crate) struct Reader<'a> {
     bytes: Bytes<'a>,
     position: usize,
 }
 
+impl Seek for Reader<'_> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let at = match to {
+            SeekFrom::Start(at) => usize::try_from(at).ok(),
+            SeekFrom::End(by) => self.bytes.len().checked_add_signed(by as isize),
+            SeekFrom::Current(by) => self.position.checked_add_signed(by as isize),
+        };
+        self.position = at.ok_or(io::ErrorKind::InvalidInput)?;
+        Ok(self.position as u64)
+    }
+}
+
 impl Read for Reader<'_> {
     fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        let now = out.len().min(self.bytes.len() - self.position);
+        let now = out.len().min(self.bytes.len().saturating_sub(self.position));
         let end = self.position + now;
         match self.bytes {
+            _ if now == 0 => {}
             Bytes::Memory(bytes) => out[..now].copy_from_slice(&bytes[self.position..end]),
             Bytes::File { file, start, .. } => file.fill(start + self.position, &mut out[..now]),
         }
@@ -198,6 +216,16 @@ mod tests {
         let (hull, starts) = Bytes::hull(&[part(4..104), part(0..100), part(8..108)]).unwrap();
         assert_eq!((hull.read().into_owned(), starts), (content[..108].to_vec(), vec![4, 0, 8]));
         assert!(Bytes::hull(&[part(0..10), part(50..60)]).is_none());
+        for bytes in [memory, there] {
+            let (mut source, mut found) = (bytes.source(), [0; 4]);
+            for (to, at) in [(SeekFrom::Start(7), 7), (SeekFrom::Current(-1), 10), (SeekFrom::End(-4), 196)] {
+                assert_eq!(source.seek(to).unwrap(), at);
+                source.read_exact(&mut found).unwrap();
+                assert_eq!(found, content[at as usize..][..4]);
+            }
+            assert_eq!((source.seek(SeekFrom::Start(999)).unwrap(), source.read(&mut found).unwrap()), (999, 0));
+            assert!(source.seek(SeekFrom::Current(-1000)).is_err());
+        }
         // What is cut off meanwhile is told.
         std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(50).unwrap();
         assert_eq!(there.part(0..50).unwrap().read(), &content[..50]);

@@ -1,15 +1,24 @@
 //! Files whose points are columns of numbers, read block by block, so that there may be more of them than fit into
-//! memory: PLY, PCD, NPY and text. Text and compressed points become binary ones first, in a file without a name.
+//! memory: PLY, PCD, NPY, NPZ, E57, PTX and text, also compressed by gzip. Text and what is compressed become binary
+//! points first, in a file without a name.
+
+#![cfg_attr(
+    not(all(feature = "e57", feature = "npy", feature = "pcd", feature = "points")),
+    allow(unused, reason = "some parts are those of one format")
+)]
 
 use crate::bytes::{Bytes, OpenFile};
 use crate::content::LoadOptions;
 use crate::context::Context;
-use crate::error::{Fault, IoError, Problem, READ};
-use crate::files::Siblings;
+use crate::crs::Crs;
+use crate::error::{Fault, IoError, Problem, READ, unwritable};
+use crate::files::{Siblings, most_unpacked};
 use crate::format::Format;
+use crate::gzip;
 use crate::ply;
 use crate::point_columns::{Named, Roles};
 use crate::strided::{NumberType, Place, Strided};
+use glam::DVec3;
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -31,6 +40,9 @@ pub(crate) struct ColumnFile {
     pub(crate) roles: Roles,
     pub(crate) rows: usize,
     pub(crate) notes: Vec<String>,
+    /// Where the one scanner stood that all points were seen from.
+    pub(crate) viewpoint: Option<DVec3>,
+    pub(crate) crs: Crs,
     /// Where the columns are, if not in the file itself.
     unpacked: Option<Arc<OpenFile>>,
 }
@@ -44,37 +56,6 @@ pub(crate) struct Survey {
     pub(crate) up: Option<Up>,
 }
 
-/// A header that is parsed.
-enum Head<'a> {
-    Ply(ply::points::Vertices),
-    #[cfg(feature = "pcd")]
-    Pcd(crate::pcd::Table<'a>),
-    #[cfg(feature = "npy")]
-    Npy,
-    #[cfg(feature = "points")]
-    Text {
-        pts: bool,
-    },
-    #[allow(dead_code)]
-    Never(&'a ()),
-}
-
-impl<'a> Head<'a> {
-    /// `None` of a file of another format, or of one that holds anything but points.
-    fn of(format: Option<Format>, bytes: Bytes<'_>, head: &'a [u8]) -> Result<Option<Self>, Fault> {
-        Ok(match format {
-            Some(Format::Ply) => ply::points::Vertices::of(bytes)?.map(Self::Ply),
-            #[cfg(feature = "pcd")]
-            Some(Format::Pcd) => Some(Self::Pcd(crate::pcd::Table::of(head)?)),
-            #[cfg(feature = "npy")]
-            Some(Format::Npy) => Some(Self::Npy),
-            #[cfg(feature = "points")]
-            Some(Format::Xyz | Format::Pts) => Some(Self::Text { pts: format == Some(Format::Pts) }),
-            _ => None,
-        })
-    }
-}
-
 /// The format by the file's first bytes, and by its name where it is text.
 fn format_of(path: &Path, head: &[u8]) -> Option<Format> {
     let format = Format::from_signature(head, None).ok()?;
@@ -82,12 +63,12 @@ fn format_of(path: &Path, head: &[u8]) -> Option<Format> {
     let format = format.or(crate::pcd::looks_like(&head[..head.len().min(4096)]).then_some(Format::Pcd));
     #[cfg(feature = "points")]
     let format = format.or_else(|| {
+        if crate::points::looks_like_ptx(head) {
+            return Some(Format::Ptx);
+        }
         let named = Format::from_extension(path).filter(|f| matches!(f, Format::Xyz | Format::Pts))?;
-        let is_other = crate::gzip::is_gzip(head) || crate::points::looks_like_ptx(head);
-        (!is_other && crate::points::looks_like(head)).then_some(named)
+        crate::points::looks_like(head).then_some(named)
     });
-    #[cfg(not(feature = "points"))]
-    let _ = path;
     format
 }
 
@@ -106,33 +87,43 @@ fn context(options: &LoadOptions) -> Context<'_> {
     Context::new(options, Siblings::None)
 }
 
-/// True of points with normals and radii: those are splats.
-fn are_splats(roles: &Roles) -> bool {
-    roles.radius.is_some() && roles.normal.is_some()
-}
-
 /// What the start of such a file says; `None` of others, and of those whose header can't be right.
 pub(crate) fn survey(path: &Path) -> Option<Survey> {
     let file = OpenFile::open_any(path)?;
     let bytes = file.bytes();
+    if !gzip::is_gzip(&bytes.at_most(0, 2)) {
+        return survey_of(path, bytes, [bytes.len() as u64; 2]);
+    }
+    let (head, all) = gzip::head(bytes, 4 * HEAD_BYTES);
+    survey_of(path, Bytes::Memory(&head), [all, most_unpacked(bytes.len())])
+}
+
+/// The same of a file, or of the start of one that is compressed, by how many bytes there are, about and at most.
+fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2]) -> Option<Survey> {
     let head = head_of(bytes);
     let format = format_of(path, &head)?;
-    let options = LoadOptions::default();
-    let mut context = context(&options);
-    let (points, least_bytes, up) = match Head::of(Some(format), bytes, &head).ok()?? {
-        Head::Ply(vertices) => (vertices.points(), vertices.least_bytes(), vertices.up()),
-        #[cfg(feature = "pcd")]
-        Head::Pcd(table) => (table.points() as u64, table.least_bytes() as u64, table.up(&mut context)),
-        #[cfg(feature = "npy")]
-        Head::Npy => {
-            let (columns, roles) = crate::npy::columns_in(bytes, &mut context).ok()?;
-            if are_splats(&roles) {
-                return None;
-            }
-            (columns.first()?.values.len() as u64, 0, None)
+    let (points, least_bytes, up) = match format {
+        Format::Ply => {
+            let vertices = ply::points::Vertices::of(bytes).ok()??;
+            (vertices.points(), vertices.least_bytes(), vertices.up())
         }
+        #[cfg(feature = "pcd")]
+        Format::Pcd => {
+            let table = crate::pcd::Table::of(&head).ok()?;
+            let up = table.up(&mut context(&LoadOptions::default()));
+            (table.points() as u64, table.least_bytes() as u64, up)
+        }
+        #[cfg(feature = "npy")]
+        Format::Npy => {
+            let (points, least_bytes) = crate::npy::survey(bytes)?;
+            (points, least_bytes, None)
+        }
+        #[cfg(feature = "npy")]
+        Format::Npz => (crate::npy::Members::of(bytes).ok()?.survey()?, 0, None),
+        #[cfg(feature = "e57")]
+        Format::E57 => (crate::e57::survey(&mut bytes.source()).ok()?, 0, None),
         #[cfg(feature = "points")]
-        Head::Text { .. } => {
+        Format::Xyz | Format::Pts | Format::Ptx => {
             // By lines at its start, in its middle and at its end.
             let places = [0, bytes.len() / 2, bytes.len().saturating_sub(HEAD_BYTES)];
             let (mut seen, mut lines) = (0, 1);
@@ -140,65 +131,90 @@ pub(crate) fn survey(path: &Path) -> Option<Survey> {
                 seen += part.len();
                 lines += part.iter().filter(|b| **b == b'\n').count();
             }
-            ((bytes.len() as f64 * lines as f64 / seen as f64) as u64, 0, None)
+            ((all as f64 * lines as f64 / seen as f64) as u64, 0, None)
         }
-        Head::Never(()) => return None,
+        _ => return None,
     };
-    (points > 0 && least_bytes <= bytes.len() as u64).then_some(Survey { format, points, up })
+    (points > 0 && least_bytes <= most).then_some(Survey { format, points, up })
 }
 
 impl ColumnFile {
     /// A file of points; `None` of any other. What has to be unpacked is, to a file in `folder`.
     pub(crate) fn open(path: &Path, folder: &Path) -> Result<Option<Self>, IoError> {
         let Some(file) = OpenFile::open_any(path) else { return Ok(None) };
-        let opened = Self::of(path, &file, folder).map_err(|fault| fault.of(path))?;
+        let opened = Self::of_any(path, file.bytes(), folder).map_err(|fault| fault.of(path))?;
         let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
         file.failure().map_or(Ok(opened), |source| Err(system(source)))
     }
 
-    fn of(path: &Path, file: &OpenFile, folder: &Path) -> Result<Option<Self>, Fault> {
-        let bytes = file.bytes();
+    fn of_any(path: &Path, bytes: Bytes<'_>, folder: &Path) -> Result<Option<Self>, Fault> {
+        if !gzip::is_gzip(&bytes.at_most(0, 2)) {
+            return Self::of(path, bytes, folder);
+        }
+        if format_of(path, &gzip::head(bytes, 4 * HEAD_BYTES).0).is_none() {
+            return Ok(None);
+        }
+        let mut out = Unnamed::new(folder);
+        gzip::unpack(bytes, &mut out)?;
+        let opened = Self::of(path, out.written()?, folder)?;
+        let inside = out.finished.map(Arc::new);
+        Ok(opened.map(|opened| Self { unpacked: opened.unpacked.or(inside), ..opened }))
+    }
+
+    fn of(path: &Path, bytes: Bytes<'_>, folder: &Path) -> Result<Option<Self>, Fault> {
         let head = head_of(bytes);
         let Some(format) = format_of(path, &head) else { return Ok(None) };
         let options = LoadOptions::default();
         let mut context = context(&options);
-        let Some(parsed) = Head::of(Some(format), bytes, &head)? else { return Ok(None) };
-        let mut out = Unnamed { folder, file: None, bytes: 0 };
-        #[cfg(feature = "points")]
-        let mut table = crate::points::Table::default();
-        let is_unpacked = match &parsed {
-            Head::Ply(vertices) => vertices.unpack(bytes, &mut out)?,
-            #[cfg(feature = "pcd")]
-            Head::Pcd(header) => header.unpack(bytes, &mut out)?,
-            #[cfg(feature = "points")]
-            Head::Text { pts } => {
-                table = crate::points::unpack(bytes, *pts, &mut out, &mut context)?;
-                true
+        let mut out = Unnamed::new(folder);
+        // What E57 alone says.
+        let (mut viewpoint, mut crs) = (None, Crs::default());
+        let (columns, mut roles) = match format {
+            Format::Ply => {
+                let Some(vertices) = ply::points::Vertices::of(bytes)? else { return Ok(None) };
+                let is_unpacked = vertices.unpack(bytes, &mut out)?;
+                vertices.columns(if is_unpacked { out.written()? } else { bytes }, is_unpacked)?
             }
-            _ => false,
-        };
-        let unpacked = out.finish().map_err(crate::error::unwritable)?.filter(|_| is_unpacked).map(Arc::new);
-        let data = unpacked.as_ref().map_or(bytes, |file| file.bytes());
-        let (columns, roles) = match &parsed {
-            Head::Ply(vertices) => vertices.columns(data, is_unpacked)?,
             #[cfg(feature = "pcd")]
-            Head::Pcd(header) => header.columns(data, is_unpacked, &mut context)?,
+            Format::Pcd => {
+                let table = crate::pcd::Table::of(&head)?;
+                let is_unpacked = table.unpack(bytes, &mut out)?;
+                table.columns(if is_unpacked { out.written()? } else { bytes }, is_unpacked, &mut context)?
+            }
             #[cfg(feature = "npy")]
-            Head::Npy => crate::npy::columns_in(data, &mut context)?,
+            Format::Npy => crate::npy::columns_in(bytes, &mut context)?,
+            #[cfg(feature = "npy")]
+            Format::Npz => {
+                let members = crate::npy::Members::of(bytes)?;
+                let unpacked = if members.unpack(&mut out)? { Some(out.written()?) } else { None };
+                let Some(found) = members.columns(unpacked, &mut context)? else { return Ok(None) };
+                found
+            }
+            #[cfg(feature = "e57")]
+            Format::E57 => {
+                let table = crate::e57::unpack(&mut bytes.source(), &mut out, &mut context.notes)?;
+                (viewpoint, crs) = (table.viewpoint, table.crs.clone());
+                table.columns(out.written()?)
+            }
             #[cfg(feature = "points")]
-            Head::Text { .. } => table.columns(data, &mut context),
-            Head::Never(()) => return Ok(None),
+            Format::Xyz | Format::Pts | Format::Ptx => {
+                let table = match format {
+                    Format::Ptx => crate::points::unpack_ptx(bytes, &mut out, None, &mut context)?,
+                    _ => crate::points::unpack(bytes, format == Format::Pts, &mut out, &mut context)?,
+                };
+                table.columns(out.written()?, &mut context)
+            }
+            _ => return Ok(None),
         };
-        if are_splats(&roles) || columns.len() > MAX_COLUMNS {
+        if roles.are_splats() || columns.len() > MAX_COLUMNS {
             return Ok(None);
         }
         let places = columns.iter().map(|c| c.values.place()).collect::<Option<Vec<Place>>>();
         let rows = columns.first().map_or(0, |c| c.values.len());
-        let (Some(places), true) = (places, rows > 0) else {
+        let (Some(mut places), true) = (places, rows > 0) else {
             return Err(Problem::new("holds no point").expected("at least one").into());
         };
         let names = columns.into_iter().map(|Named { name, .. }| name).collect();
-        let (mut places, mut roles) = (places, roles);
         roles.packed_color = roles.packed_color.filter(|(i, _)| {
             let is_four_bytes = matches!(places[*i].kind, NumberType::I32 | NumberType::U32 | NumberType::F32);
             if is_four_bytes {
@@ -206,17 +222,19 @@ impl ColumnFile {
             }
             is_four_bytes
         });
-        Ok(Some(Self { format, names, places, roles, rows, notes: context.notes, unpacked }))
+        let unpacked = out.finished.map(Arc::new);
+        Ok(Some(Self { format, names, places, roles, rows, notes: context.notes, viewpoint, crs, unpacked }))
     }
 
-    /// Colours that are floats are linear, as in a PLY file; elsewhere they are sRGB-encoded.
-    pub(crate) fn has_linear_floats(&self) -> bool {
-        self.format == Format::Ply
+    /// True where types say what colours count to, floats to 1 as linear light, and coordinates keep their digits, as
+    /// in a PLY file and in what is made of E57. Elsewhere colours are sRGB-encoded and count to what they need.
+    pub(crate) fn is_typed(&self) -> bool {
+        matches!(self.format, Format::Ply | Format::E57)
     }
 
     /// True of printed numbers.
     pub(crate) fn is_text(&self) -> bool {
-        matches!(self.format, Format::Xyz | Format::Pts)
+        matches!(self.format, Format::Xyz | Format::Pts | Format::Ptx)
     }
 
     /// Hands over the columns of the file at `path`, which is the one that was opened.
@@ -245,13 +263,19 @@ struct Unnamed<'a> {
     folder: &'a Path,
     file: Option<BufWriter<File>>,
     bytes: usize,
+    finished: Option<OpenFile>,
 }
 
-impl Unnamed<'_> {
-    fn finish(self) -> io::Result<Option<OpenFile>> {
-        let Some(file) = self.file else { return Ok(None) };
-        let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
-        Ok(Some(OpenFile::of(file, self.bytes)))
+impl<'a> Unnamed<'a> {
+    fn new(folder: &'a Path) -> Self {
+        Self { folder, file: None, bytes: 0, finished: None }
+    }
+
+    /// All that was written.
+    fn written(&mut self) -> Result<Bytes<'_>, Problem> {
+        let Some(file) = self.file.take() else { return Ok(Bytes::Memory(&[])) };
+        let file = file.into_inner().map_err(|error| unwritable(error.into_error()))?;
+        Ok(self.finished.insert(OpenFile::of(file, self.bytes)).bytes())
     }
 }
 

@@ -1,10 +1,10 @@
 //! Reading whole files without trusting their size, and the files that a file refers to.
 
-use crate::error::{Fault, IoError, Problem, READ};
+use crate::error::{Fault, IoError, Problem, READ, unwritable};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 
@@ -24,6 +24,24 @@ pub(crate) fn most_unpacked(bytes: usize) -> u64 {
 /// What [`most_unpacked`] is, in words.
 pub(crate) fn most_unpacked_in_words() -> String {
     format!("at most {} MiB and {UNPACKED_TIMES} times the file's size", UNPACKED_BYTES >> 20)
+}
+
+/// Hands over what a decoder makes, `most` bytes at most: how many these were, and why it ended early, if it did.
+///
+/// # Errors
+/// [`Problem`] if `out` takes no more.
+pub(crate) fn pour(reader: impl Read, most: u64, out: &mut dyn Write) -> Result<(u64, Option<io::Error>), Problem> {
+    let (mut reader, mut buffer, mut poured) = (reader.take(most), vec![0; 1 << 16], 0);
+    loop {
+        let count = match reader.read(&mut buffer) {
+            Ok(0) => return Ok((poured, None)),
+            Ok(count) => count,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Err(error) => return Ok((poured, Some(error))),
+        };
+        out.write_all(&buffer[..count]).map_err(unwritable)?;
+        poured += count as u64;
+    }
 }
 
 /// The whole of a file of at most `limit` bytes, or of a pipe.

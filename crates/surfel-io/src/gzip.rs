@@ -1,30 +1,44 @@
 //! Files wrapped by gzip: what is inside is what is loaded.
 
+use crate::bytes::Bytes;
 use crate::error::Problem;
-use crate::files::{most_unpacked, most_unpacked_in_words};
+use crate::files::{most_unpacked, most_unpacked_in_words, pour};
 use flate2::bufread::MultiGzDecoder;
-use std::io::Read;
+use std::io::{self, Write};
 
 pub(crate) fn is_gzip(bytes: &[u8]) -> bool {
     bytes.starts_with(b"\x1f\x8b")
 }
 
-/// The whole of what a gzip file holds, its members end to end.
-pub(crate) fn decompress(bytes: &[u8]) -> Result<Vec<u8>, Problem> {
+/// Writes the whole of what a gzip file holds, its members end to end.
+pub(crate) fn unpack(bytes: Bytes<'_>, out: &mut dyn Write) -> Result<(), Problem> {
     let limit = most_unpacked(bytes.len());
-    let mut content = Vec::new();
-    MultiGzDecoder::new(bytes).take(limit + 1).read_to_end(&mut content).map_err(|why| {
-        let problem = if why.kind() == std::io::ErrorKind::UnexpectedEof {
-            Problem::new(format!("the gzip file ends too early, after {} bytes of its content", content.len()))
+    let (unpacked, failed) = pour(MultiGzDecoder::new(bytes.reader()), limit + 1, out)?;
+    if let Some(why) = failed {
+        let problem = if why.kind() == io::ErrorKind::UnexpectedEof {
+            Problem::new(format!("the gzip file ends too early, after {unpacked} bytes of its content"))
         } else {
             Problem::new(format!("is a damaged gzip file: {why}"))
         };
-        problem.help("copy or download the file again: it is incomplete or damaged")
-    })?;
-    if content.len() as u64 > limit {
+        return Err(problem.help("copy or download the file again: it is incomplete or damaged"));
+    }
+    if unpacked > limit {
         return Err(Problem::new(format!("holds more than {limit} bytes, compressed by gzip to {}", bytes.len()))
             .expected(most_unpacked_in_words())
             .help("unpack it first"));
     }
-    Ok(content)
+    Ok(())
+}
+
+/// The first bytes that a gzip file holds, and about how many there are: as many as its start says that a byte becomes.
+#[cfg(feature = "laz")]
+pub(crate) fn head(bytes: Bytes<'_>, most: usize) -> (Vec<u8>, u64) {
+    let mut reader = bytes.source();
+    let mut decoder = MultiGzDecoder::new(io::BufReader::with_capacity(1 << 12, &mut reader));
+    let mut head = Vec::new();
+    let _ = pour(&mut decoder, most as u64, &mut head);
+    drop(decoder);
+    let taken = io::Seek::stream_position(&mut reader).unwrap_or(0).max(1);
+    let all = head.len() as f64 * (bytes.len() as f64 / taken as f64);
+    (head, all as u64)
 }

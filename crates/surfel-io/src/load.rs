@@ -186,8 +186,12 @@ fn read_bytes(
     if bytes.is_empty() {
         return Err(Problem::new("is empty").into());
     }
-    let unpacked = if gzip::is_gzip(bytes) { Some(gzip::decompress(bytes)?) } else { None };
-    let bytes = unpacked.as_deref().unwrap_or(bytes);
+    let mut unpacked = Vec::new();
+    let is_packed = gzip::is_gzip(bytes);
+    if is_packed {
+        gzip::unpack(Bytes::Memory(bytes), &mut unpacked)?;
+    }
+    let bytes = if is_packed { &unpacked } else { bytes };
     let as_text = matches!(hint, None | Some(Format::Xyz | Format::Pts));
     let decoded = if as_text { ascii::utf8_of_utf16(bytes) } else { None };
     let bytes = decoded.as_deref().unwrap_or(bytes);
@@ -334,14 +338,7 @@ where
 {
     match format {
         #[cfg(feature = "e57")]
-        Format::E57 => {
-            // As in `las`: what the crate takes for granted, a damaged file may not hold.
-            let read = std::panic::AssertUnwindSafe(|| e57::read(source, context));
-            std::panic::catch_unwind(read).unwrap_or_else(|_| {
-                let problem = Problem::new("is damaged: its packets or its XML make no sense");
-                Err(problem.help("copy the file again").into())
-            })
-        }
+        Format::E57 => e57::read(source, context),
         #[cfg(not(feature = "e57"))]
         Format::E57 => Err(Problem::not_built(format.name(), "e57").into()),
         #[cfg(feature = "las")]

@@ -8,10 +8,12 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::depth_image;
 use crate::error::{Fault, Location, Problem, list, quote};
+use crate::files::pour;
 use crate::point_columns::{self, Named, Roles, Source};
 use crate::strided::{NumberType, Strided, combined};
-use crate::zip::Archive;
+use crate::zip::{Archive, Content as Member};
 use glam::Vec3;
+use std::io::Write;
 use surfel_model::Mesh;
 
 /// First bytes of a `.npy` file.
@@ -65,6 +67,15 @@ struct Array<'a> {
     left_out: Vec<String>,
 }
 
+impl Array<'_> {
+    /// Bytes of all elements, if they can be counted.
+    fn bytes(&self) -> Option<usize> {
+        // Empty axes hide overflows of the others.
+        self.shape.iter().try_fold(1_usize, |n, &axis| n.checked_mul(axis.max(1)))?;
+        self.shape.iter().try_fold(self.item_bytes, |n, &axis| n.checked_mul(axis))
+    }
+}
+
 /// Reads one array.
 pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let array = parse(bytes)?;
@@ -98,19 +109,136 @@ pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, context: &mut Context<'_>) -> Res
     columns(&parse(bytes)?, context)
 }
 
+/// How many points an array has, and the bytes that it takes, by its file's start; `None` of splats.
+#[cfg(feature = "laz")]
+pub(crate) fn survey(head: Bytes<'_>) -> Option<(u64, u64)> {
+    let array = header_of(head).ok()?;
+    let (parts, by_axis) = parts("", &array).ok()?;
+    let roles = Roles::by_name(parts.iter().map(|part| part.name.as_str()));
+    let are_points = by_axis || roles.is_some_and(|roles| !roles.are_splats());
+    Some((parts.first()?.rows as u64, array.bytes()? as u64)).filter(|_| are_points)
+}
+
+/// The arrays of an archive.
+pub(crate) struct Members<'a>(Vec<(String, Member<'a>)>);
+
+impl<'a> Members<'a> {
+    pub(crate) fn of(bytes: Bytes<'a>) -> Result<Self, Fault> {
+        let mut archive = Archive::of(bytes)?;
+        let names: Vec<_> = archive.names().collect();
+        let arrays = names.iter().enumerate().filter_map(|(i, name)| Some((i, name.strip_suffix(".npy")?)));
+        let opened = arrays.map(|(index, name)| Ok((name.to_owned(), archive.open(index)?)));
+        Ok(Self(opened.collect::<Result<_, Fault>>()?))
+    }
+
+    /// Writes them one after the other; false where they are in the file as they are.
+    pub(crate) fn unpack(&self, out: &mut dyn Write) -> Result<bool, Fault> {
+        if self.0.iter().all(|(_, content)| matches!(content, Member::Stored(_))) {
+            return Ok(false);
+        }
+        for (_, content) in &self.0 {
+            match content {
+                Member::Stored(bytes) => drop(pour(bytes.reader(), u64::MAX, out)?),
+                Member::Deflated(packed) => packed.unpack(out)?,
+            }
+        }
+        Ok(true)
+    }
+
+    /// Their names and bytes, in `unpacked` if they are.
+    fn files<'s, 'b>(&'s self, unpacked: Option<Bytes<'b>>) -> Vec<(&'s str, Bytes<'b>)>
+    where
+        'a: 'b,
+    {
+        let mut at = 0;
+        let file = |(name, content): &'s (String, Member<'a>)| {
+            let start = at;
+            at += content.len();
+            let stored = if let Member::Stored(bytes) = content { Some(*bytes) } else { None };
+            let bytes = unpacked.map_or(stored, |unpacked| unpacked.part(start..at));
+            Some((name.as_str(), bytes?))
+        };
+        self.0.iter().filter_map(file).collect()
+    }
+
+    /// The columns of the points, in `unpacked` if they are; `None` of a mesh.
+    #[cfg(feature = "laz")]
+    pub(crate) fn columns<'b>(
+        &self,
+        unpacked: Option<Bytes<'b>>,
+        context: &mut Context<'_>,
+    ) -> Result<Option<(Vec<Named<'b>>, Roles)>, Fault>
+    where
+        'a: 'b,
+    {
+        let (columns, roles, triangles) = archive_columns(&self.files(unpacked), context)?;
+        Ok(triangles.is_none().then_some((columns, roles)))
+    }
+
+    /// How many points there are, by the starts of the arrays; `None` of splats and meshes.
+    #[cfg(feature = "laz")]
+    pub(crate) fn survey(&self) -> Option<u64> {
+        const HEAD_BYTES: usize = 1 << 12;
+        const MOST_ARRAYS: usize = 1000;
+        if self.0.len() > MOST_ARRAYS {
+            return None;
+        }
+        let head = |content: &Member<'a>| match content {
+            Member::Stored(bytes) => bytes.at_most(0, HEAD_BYTES).into_owned(),
+            Member::Deflated(packed) => packed.head(HEAD_BYTES),
+        };
+        let heads: Vec<Vec<u8>> = self.0.iter().map(|(_, content)| head(content)).collect();
+        let mut arrays = Vec::new();
+        for ((name, content), head) in self.0.iter().zip(&heads) {
+            let array = header_of(Bytes::Memory(head)).ok();
+            arrays.extend(array.filter(|a| a.bytes().is_some_and(|n| n <= content.len())).map(|a| (name.as_str(), a)));
+        }
+        let (name, array) = &arrays[main_array(&arrays)?];
+        let (main, _) = parts(if array.shape.len() > 1 { "" } else { name }, array).ok()?;
+        let others = arrays.iter().filter_map(|(name, array)| Some(parts(name, array).ok()?.0)).flatten();
+        let names: Vec<String> = ["x", "y", "z"].map(str::to_owned).into_iter().chain(others.map(|p| p.name)).collect();
+        let are_splats = Roles::by_name(names.iter().map(String::as_str)).is_some_and(|roles| roles.are_splats());
+        let is_mesh = arrays.iter().any(|(name, _)| is_triangles(name));
+        Some(main.first()?.rows as u64).filter(|_| !are_splats && !is_mesh)
+    }
+}
+
 /// Reads an archive of arrays.
 pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
-    let mut archive = Archive::of(bytes)?;
-    let names: Vec<_> = archive.names().collect();
-    let mut files = Vec::new();
-    for (index, name) in names.iter().enumerate() {
-        if let Some(name) = name.strip_suffix(".npy") {
-            files.push((name, archive.open(index)?));
-        }
+    let (members, mut unpacked) = (Members::of(bytes)?, Vec::new());
+    let is_unpacked = members.unpack(&mut unpacked)?;
+    let files = members.files(is_unpacked.then_some(Bytes::Memory(&unpacked)));
+    let (columns, roles, triangles) = archive_columns(&files, context)?;
+    match triangles {
+        Some(array) => mesh(columns, &roles, &array, context),
+        None => point_columns::build(columns, &roles, Source::Typed, Vec::new(), context),
     }
+}
+
+/// Which of some arrays holds the positions, or their x.
+fn main_array(arrays: &[(&str, Array<'_>)]) -> Option<usize> {
+    let find = |names: &[&str]| {
+        names
+            .iter()
+            .find_map(|n| arrays.iter().position(|(name, a)| name.eq_ignore_ascii_case(n) && !a.shape.is_empty()))
+    };
+    let main = find(&POSITIONS).or_else(|| arrays.iter().position(|(n, _)| n.eq_ignore_ascii_case("x")));
+    main.or_else(|| {
+        let is_likely =
+            |(name, array): &(&str, Array<'_>)| matches!(array.shape[..], [_, 3..=16]) && !is_triangles(name);
+        let mut likely = (0..arrays.len()).filter(|&i| is_likely(&arrays[i]));
+        likely.next().filter(|_| likely.next().is_none())
+    })
+}
+
+/// The columns of the points of some arrays, what they are, and the triangles of a mesh among them.
+fn archive_columns<'a>(
+    files: &[(&str, Bytes<'a>)],
+    context: &mut Context<'_>,
+) -> Result<(Vec<Named<'a>>, Roles, Option<Array<'a>>), Fault> {
     let (mut arrays, mut ignored, mut first_fault) = (Vec::new(), Vec::new(), None);
-    for (name, content) in &files {
-        match parse(content.bytes()) {
+    for (name, bytes) in files {
+        match parse(*bytes) {
             Ok(array) => arrays.push((*name, array)),
             // Texts and Python's objects, mostly; the numbers beside them are of use.
             Err(fault) => {
@@ -119,18 +247,7 @@ pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Resul
             }
         }
     }
-    let find = |names: &[&str]| {
-        names
-            .iter()
-            .find_map(|n| arrays.iter().position(|(name, a)| name.eq_ignore_ascii_case(n) && !a.shape.is_empty()))
-    };
-    let main = find(&POSITIONS).or_else(|| arrays.iter().position(|(n, _)| n.eq_ignore_ascii_case("x")));
-    let main = main.or_else(|| {
-        let is_likely =
-            |(name, array): &(&str, Array<'_>)| matches!(array.shape[..], [_, 3..=16]) && !is_triangles(name);
-        let mut likely = (0..arrays.len()).filter(|&i| is_likely(&arrays[i]));
-        likely.next().filter(|_| likely.next().is_none())
-    });
+    let main = main_array(&arrays);
     let Some(main) = main else {
         if let Some(fault) = first_fault {
             return Err(fault);
@@ -160,7 +277,7 @@ pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Resul
             continue;
         }
         if is_triangles(name) && matches!(array.shape[..], [_, 3]) && array.plain {
-            triangles = Some(array);
+            triangles = Some(i);
             continue;
         }
         let per_point = columns_of(name, array, &mut columns).is_ok()
@@ -176,10 +293,7 @@ pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Resul
         context.note(format!("ignored the arrays {what}: they don't hold numbers, as many as there are points"));
     }
     let roles = Roles::by_name(columns.iter().map(|c| c.name.as_str())).ok_or_else(|| no_position(&columns))?;
-    match triangles {
-        Some(array) => mesh(columns, &roles, array, context),
-        None => point_columns::build(columns, &roles, Source::Typed, Vec::new(), context),
-    }
+    Ok((columns, roles, triangles.map(|i| arrays.swap_remove(i).1)))
 }
 
 fn mesh(
@@ -235,24 +349,45 @@ fn guess(columns: &mut [Named<'_>], array: &Array<'_>, context: &mut Context<'_>
     Ok(roles)
 }
 
+/// One column of an array.
+struct Part<'f> {
+    name: String,
+    offset: usize,
+    stride: usize,
+    rows: usize,
+    field: &'f Field,
+}
+
 /// Splits an array into columns; true if these go by their place and not by name.
 fn columns_of<'a>(array_name: &str, array: &Array<'a>, columns: &mut Vec<Named<'a>>) -> Result<bool, Fault> {
-    let total: usize = array.shape.iter().product();
-    let column = |offset, stride, rows, field: &Field| {
-        Strided::new(array.data, offset, stride, rows, field.kind, field.big_endian)
-            .ok_or_else(|| Fault::from(Problem::new("the array's numbers lie outside of the file")))
-    };
-    let positions = POSITIONS.iter().any(|p| array_name.eq_ignore_ascii_case(p)) || array_name.is_empty();
-    let [ref field] = array.fields[..] else {
-        for field in &array.fields {
-            push_field(field, total, array, columns, &column)?;
-        }
-        return Ok(false);
-    };
-    if !array.plain {
-        push_field(field, total, array, columns, &column)?;
-        return Ok(false);
+    let (parts, by_axis) = parts(array_name, array)?;
+    for Part { name, offset, stride, rows, field } in parts {
+        let offset = if rows == 0 { 0 } else { offset };
+        let values = Strided::new(array.data, offset, stride, rows, field.kind, field.big_endian);
+        let values = values.ok_or_else(|| Problem::new("the array's numbers lie outside of the file"))?;
+        columns.push(Named { name, values });
     }
+    Ok(by_axis)
+}
+
+/// The columns that an array is split into.
+fn parts<'f>(array_name: &str, array: &'f Array<'_>) -> Result<(Vec<Part<'f>>, bool), Fault> {
+    let total: usize = array.shape.iter().product();
+    let positions = POSITIONS.iter().any(|p| array_name.eq_ignore_ascii_case(p)) || array_name.is_empty();
+    let field = match &array.fields[..] {
+        [field] if array.plain => field,
+        fields => {
+            let part = |field: &'f Field, i: usize, name| {
+                let offset = field.offset + i * field.kind.bytes();
+                Part { name, offset, stride: array.item_bytes, rows: total, field }
+            };
+            let parts = |field: &'f Field| {
+                let names = expanded(&field.name, field.count.min(MAX_COLUMNS));
+                names.into_iter().enumerate().map(move |(i, name)| part(field, i, name))
+            };
+            return Ok((fields.iter().flat_map(parts).collect(), false));
+        }
+    };
     let n = field.kind.bytes();
     let (rows, width, transposed) = match array.shape[..] {
         [] | [_] => (total, 1, false),
@@ -268,25 +403,11 @@ fn columns_of<'a>(array_name: &str, array: &Array<'a>, columns: &mut Vec<Named<'
     let together = array.fortran == transposed;
     let unnamed = positions && (width > 1 || array_name.is_empty());
     let names = if unnamed { vec![String::new(); width] } else { expanded(array_name, width) };
-    for (i, name) in names.into_iter().enumerate() {
+    let part = |(i, name)| {
         let (offset, stride) = if together { (i * n, width * n) } else { (i * rows * n, n) };
-        columns.push(Named { name, values: column(if rows == 0 { 0 } else { offset }, stride, rows, field)? });
-    }
-    Ok(unnamed)
-}
-
-fn push_field<'a>(
-    field: &Field,
-    rows: usize,
-    array: &Array<'a>,
-    columns: &mut Vec<Named<'a>>,
-    column: &impl Fn(usize, usize, usize, &Field) -> Result<Strided<'a>, Fault>,
-) -> Result<(), Fault> {
-    for (i, name) in expanded(&field.name, field.count.min(MAX_COLUMNS)).into_iter().enumerate() {
-        let offset = if rows == 0 { 0 } else { field.offset + i * field.kind.bytes() };
-        columns.push(Named { name, values: column(offset, array.item_bytes, rows, field)? });
-    }
-    Ok(())
+        Part { name, offset, stride, rows, field }
+    };
+    Ok((names.into_iter().enumerate().map(part).collect(), unnamed))
 }
 
 /// Names of the numbers of a field or array: `normals` of three are nx, ny and nz.
@@ -305,6 +426,18 @@ fn expanded(name: &str, count: usize) -> Vec<String> {
 }
 
 fn parse(bytes: Bytes<'_>) -> Result<Array<'_>, Fault> {
+    let array = header_of(bytes)?;
+    if array.bytes().is_none_or(|n| n > array.data.len()) {
+        let shape: Vec<String> = array.shape.iter().map(usize::to_string).collect();
+        let (found, shape, item) = (array.data.len(), shape.join("×"), array.item_bytes);
+        let what = format!("the file has {found} bytes for an array of {shape} elements of {item} bytes");
+        return Err(Problem::new(what).help("copy or save the file again: it is incomplete").into());
+    }
+    Ok(array)
+}
+
+/// An array as its header says; whether its data are all there isn't checked.
+fn header_of(bytes: Bytes<'_>) -> Result<Array<'_>, Fault> {
     let wrong = |what: String| Problem::new(what).help("save it again by numpy.save");
     let cut = || wrong("the array's header ends too early".into());
     let head = bytes.at_most(0, SIGNATURE.len() + 6);
@@ -349,15 +482,8 @@ fn parse(bytes: Bytes<'_>) -> Result<Array<'_>, Fault> {
         Some(Literal::List(fields)) => add_fields(&mut array, fields).ok_or_else(unreadable)?,
         _ => return Err(unreadable()),
     }
-    let total = array.shape.iter().try_fold(array.item_bytes, |n, &axis| n.checked_mul(axis));
-    // Empty axes hide overflows of the others.
-    let product = array.shape.iter().try_fold(1_usize, |n, &axis| n.checked_mul(axis.max(1)));
-    if product.is_none() || total.is_none_or(|n| n > data.len()) {
-        let shape: Vec<String> = array.shape.iter().map(usize::to_string).collect();
-        let shape = shape.join("×");
-        let what =
-            format!("the file has {} bytes for an array of {shape} elements of {} bytes", data.len(), array.item_bytes);
-        return Err(Problem::new(what).help("copy or save the file again: it is incomplete").into());
+    if array.bytes().is_none() {
+        return Err(unreadable());
     }
     Ok(array)
 }

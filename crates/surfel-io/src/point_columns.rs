@@ -120,6 +120,12 @@ impl Roles {
         roles
     }
 
+    /// True of points with normals and radii: those are splats.
+    #[cfg(feature = "laz")]
+    pub(crate) fn are_splats(&self) -> bool {
+        self.radius.is_some() && self.normal.is_some()
+    }
+
     /// Gives position, normal and colour their usual names.
     fn name(&self, columns: &mut [Named<'_>]) {
         let sets = [(Some(self.position), ["x", "y", "z"]), (self.color, COLORS[0]), (self.normal, NORMALS[0])];

@@ -98,6 +98,8 @@ fn is_comment(line: &[u8]) -> bool {
 #[derive(Default)]
 pub(crate) struct Table {
     width: usize,
+    /// Numbers at the end of a row that are no column.
+    hidden: usize,
     rows: usize,
     names: Option<Vec<String>>,
     comments: Vec<String>,
@@ -117,6 +119,7 @@ impl Table {
         names.resize(self.width, String::new());
         let (stride, rows) = (8 * self.width, self.rows);
         let column = |i: usize| Strided::new(data, 8 * i, stride, rows, NumberType::F64, false);
+        names.truncate(self.width - self.hidden);
         names.into_iter().enumerate().filter_map(|(i, name)| Some(Named { name, values: column(i)? })).collect()
     }
 
@@ -267,93 +270,103 @@ pub(crate) fn looks_like_ptx(head: &[u8]) -> bool {
 
 /// Reads scans, each with its rows and columns and the pose of its scanner, by which its points are moved.
 pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
-    let mut lines = Lines::new(bytes).filter(|(_, line)| !line.trim_ascii().is_empty());
-    let (mut table, mut data) = (Table::default(), Vec::new());
-    let (mut scans, mut no_return) = (0_u32, 0_usize);
-    let (mut row, mut rows) = (Vec::with_capacity(8), KeptRows::default());
-    let read_row = |line: (usize, &[u8]), row: &mut Vec<f64>, expected: &[usize], what: &str| {
+    let (mut data, mut rows) = (Vec::new(), KeptRows::default());
+    let table = unpack_ptx(Bytes::Memory(bytes), &mut data, Some(&mut rows), context)?;
+    let (columns, roles) = table.columns(Bytes::Memory(&data), context);
+    let mut content = point_columns::build(columns, &roles, Source::Text, Vec::new(), context)?;
+    rows.give(&mut content);
+    Ok(content)
+}
+
+/// Lines of a scan before its points: two counts, the scanner's pose, and the matrix, which has that, too.
+const SCAN_LINES: [(usize, &str); 10] = {
+    let (count, pose, matrix) =
+        ((1, "the scan's columns and rows"), (3, "the scanner's pose"), (4, "the scan's matrix"));
+    [count, count, pose, pose, pose, pose, matrix, matrix, matrix, matrix]
+};
+
+/// Writes the numbers of all points of a PTX file to `data`, and which of its points these are to `kept`.
+pub(crate) fn unpack_ptx(
+    bytes: Bytes<'_>,
+    data: &mut dyn Write,
+    mut kept: Option<&mut KeptRows>,
+    context: &mut Context<'_>,
+) -> Result<Table, Fault> {
+    let mut table = Table::default();
+    let (mut scans, mut no_return) = (0_u32, 0_u64);
+    // Lines of the scan so far, before its points, and how many of these are left.
+    let (mut lines, mut counts, mut matrix, mut left) = (0, [0_u64; 2], [[0.0; 4]; 4], 0);
+    let mut row: Vec<f64> = Vec::with_capacity(9);
+    each_line(bytes, |line_number, line| {
+        if line.trim_ascii().is_empty() {
+            return Ok(());
+        }
+        let at = Location::Line(line_number);
+        let (expected, what) = match SCAN_LINES.get(lines) {
+            Some((count, what)) => (std::slice::from_ref(count), *what),
+            None => (&[3, 4, 7][..], "x y z intensity red green blue"),
+        };
         row.clear();
-        let at = Location::Line(line.0);
-        for word in Dialect::Points.words(line.1).take(8) {
+        for word in Dialect::Points.words(line).take(8) {
             row.push(number(word).ok_or_else(|| {
                 Problem::new(format!("found {}", quote(word))).at(at).expected(format!("a number of {what}"))
             })?);
         }
-        if expected.contains(&row.len()) {
-            return Ok(());
+        if !expected.contains(&row.len()) {
+            let expected: Vec<String> = expected.iter().map(usize::to_string).collect();
+            let problem = Problem::new(format!("found {} numbers", row.len())).at(at);
+            return Err(problem.expected(format!("{} of {what}", expected.join(" or "))).into());
         }
-        let expected: Vec<String> = expected.iter().map(usize::to_string).collect();
-        let problem = Problem::new(format!("found {} numbers", row.len())).at(at);
-        Err(Fault::from(problem.expected(format!("{} of {what}", expected.join(" or ")))))
-    };
-    while let Some(first) = lines.next() {
-        let mut next = |what: &str| {
-            lines.next().ok_or_else(|| {
-                let problem = Problem::new(format!("the file ends within {what} of scan {}", scans + 1));
-                Fault::from(problem.help("copy or export the file again: it is incomplete"))
-            })
-        };
-        let mut counts = [0_u64; 2];
-        let mut line = first;
-        for (i, count) in counts.iter_mut().enumerate() {
-            if i > 0 {
-                line = next("the counts")?;
+        if lines < SCAN_LINES.len() {
+            match lines {
+                0 | 1 => counts[lines] = row[0].max(0.0) as u64,
+                6.. => matrix[lines - 6].copy_from_slice(&row),
+                // The scanner's own place and axes are in the matrix, too.
+                _ => {}
             }
-            read_row(line, &mut row, &[1], "the scan's columns and rows")?;
-            *count = row[0].max(0.0) as u64;
-        }
-        // The scanner's own place and axes are in the matrix, too.
-        for _ in 0..4 {
-            read_row(next("the pose")?, &mut row, &[3], "the scanner's pose")?;
-        }
-        let mut matrix = [[0.0; 4]; 4];
-        for line in &mut matrix {
-            read_row(next("the matrix")?, &mut row, &[4], "the scan's matrix")?;
-            line.copy_from_slice(&row[..4]);
-        }
-        for _ in 0..counts[0].saturating_mul(counts[1]) {
-            let line = next("the points")?;
-            read_row(line, &mut row, &[3, 4, 7], "x y z intensity red green blue")?;
+            (lines, left) = (lines + 1, counts[0].saturating_mul(counts[1]));
+        } else {
+            left -= 1;
             let p = [row[0], row[1], row[2]];
             if p == [0.0; 3] {
                 no_return += 1;
-                rows.skip();
-                continue;
+                kept.iter_mut().for_each(|kept| kept.skip());
+            } else {
+                kept.iter_mut().for_each(|kept| kept.keep());
+                // Points are rows that are multiplied by the matrix from the right.
+                let moved: [f64; 3] =
+                    std::array::from_fn(|k| (0..3).map(|j| p[j] * matrix[j][k]).sum::<f64>() + matrix[3][k]);
+                row[..3].copy_from_slice(&moved);
+                row.push(scans.into());
+                if table.width == 0 {
+                    table.width = row.len();
+                }
+                if table.width != row.len() {
+                    let problem = Problem::new(format!("found {} numbers", row.len() - 1)).at(at);
+                    return Err(problem.expected(format!("{}, as in the lines before", table.width - 1)).into());
+                }
+                table.push(&row, data)?;
             }
-            rows.keep();
-            // Points are rows that are multiplied by the matrix from the right.
-            let moved: [f64; 3] =
-                std::array::from_fn(|k| (0..3).map(|j| p[j] * matrix[j][k]).sum::<f64>() + matrix[3][k]);
-            row[..3].copy_from_slice(&moved);
-            row.push(scans.into());
-            if table.width == 0 {
-                table.width = row.len();
-            }
-            if table.width != row.len() {
-                let problem = Problem::new(format!("found {} numbers", row.len() - 1)).at(Location::Line(line.0));
-                return Err(problem.expected(format!("{}, as in the lines before", table.width - 1)).into());
-            }
-            table.push(&row, &mut data)?;
         }
-        scans += 1;
+        if lines == SCAN_LINES.len() && left == 0 {
+            (scans, lines) = (scans + 1, 0);
+        }
+        Ok(())
+    })?;
+    if lines > 0 {
+        let part = SCAN_LINES.get(lines).map_or("the points", |(_, what)| what);
+        let problem = Problem::new(format!("the file ends within {part} of scan {}", scans + 1));
+        return Err(problem.help("copy or export the file again: it is incomplete").into());
     }
     if table.width == 0 {
         return Err(Problem::new("holds no point").expected("scans of points that aren't all 0 0 0").into());
     }
     if no_return > 0 {
-        context.note(format!(
-            "left out {} at 0 0 0: the scanner got no return there",
-            counted(no_return as u64, "points")
-        ));
+        let points = counted(no_return, "points");
+        context.note(format!("left out {points} at 0 0 0: the scanner got no return there"));
     }
     let names = ["x", "y", "z", "intensity", "red", "green", "blue"].iter().take(table.width - 1);
-    let names = names.map(|n| (*n).to_owned()).chain(["scan".to_owned()]).collect();
-    let mut columns = table.named(Some(names), Bytes::Memory(&data));
-    let roles = Roles::by_name(columns.iter().map(|c| c.name.as_str())).unwrap_or_default();
-    if scans == 1 {
-        columns.pop();
-    }
-    let mut content = point_columns::build(columns, &roles, Source::Text, Vec::new(), context)?;
-    rows.give(&mut content);
-    Ok(content)
+    table.names = Some(names.map(|n| (*n).to_owned()).chain(["scan".to_owned()]).collect());
+    table.hidden = usize::from(scans == 1);
+    Ok(table)
 }

@@ -1,6 +1,6 @@
 //! Which rows of a file its points are, where a reader leaves some out.
 
-#![cfg_attr(not(any(feature = "las", feature = "e57", feature = "points")), allow(dead_code))]
+#![cfg_attr(not(all(feature = "las", feature = "e57", feature = "points")), allow(dead_code))]
 
 use crate::content::Content;
 
@@ -26,12 +26,6 @@ impl KeptRows {
     pub(crate) fn skip(&mut self) {
         self.rows.get_or_insert_with(|| (0..self.read).collect());
         self.read = self.read.saturating_add(1);
-    }
-
-    /// Rows so far, those that are left out, too.
-    #[cfg(feature = "e57")]
-    pub(crate) fn read(&self) -> u32 {
-        self.read
     }
 
     /// The rows, if some were left out.

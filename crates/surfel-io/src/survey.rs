@@ -1,6 +1,8 @@
 //! What the formats of surveyors share: reading a file bit by bit, columns that cost nothing while they say nothing,
 //! and colours of 8 or 16 bits.
 
+#![cfg_attr(not(feature = "las"), allow(dead_code))]
+
 use crate::color::{exact_8_bit, linear_of_8_bit, linear_of_16_bit};
 use std::io::{Read, Seek};
 use surfel_model::{ExtraColumn, ExtraValues};

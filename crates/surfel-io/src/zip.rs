@@ -1,17 +1,20 @@
 //! The members of ZIP files, stored or deflated, by the directory at the file's end.
 
-#![cfg_attr(not(feature = "gaussians"), allow(dead_code))]
+#![cfg_attr(not(all(feature = "gaussians", feature = "npy")), allow(dead_code))]
 
 use crate::bytes::Bytes;
 use crate::error::{Fault, Problem, quote};
-use crate::files::{most_unpacked, most_unpacked_in_words};
+use crate::files::{most_unpacked, most_unpacked_in_words, pour};
 use flate2::read::DeflateDecoder;
 #[cfg(feature = "gaussians")]
 use std::borrow::Cow;
-use std::io::Read;
+use std::io::Write;
 
 /// Most bytes that deflate makes of one.
 const DEFLATE_EXPANSION: u64 = 1032;
+/// Most bytes of a directory: those of 100,000 members.
+const DIRECTORY_BYTES: usize = 1 << 24;
+
 /// A ZIP file's directory.
 pub(crate) struct Archive<'a> {
     bytes: Bytes<'a>,
@@ -30,18 +33,45 @@ struct Member {
     start: u64,
 }
 
-/// What a member holds: as it is stored, or unpacked.
+/// A member's bytes in the file.
 pub(crate) enum Content<'a> {
     Stored(Bytes<'a>),
-    Inflated(Vec<u8>),
+    Deflated(Deflated<'a>),
 }
 
 impl Content<'_> {
-    pub(crate) fn bytes(&self) -> Bytes<'_> {
+    /// Bytes that it holds.
+    pub(crate) fn len(&self) -> usize {
         match self {
-            Self::Stored(bytes) => *bytes,
-            Self::Inflated(bytes) => Bytes::Memory(bytes),
+            Self::Stored(bytes) => bytes.len(),
+            Self::Deflated(packed) => packed.whole as usize,
         }
+    }
+}
+
+/// A member that has to be inflated.
+pub(crate) struct Deflated<'a> {
+    bytes: Bytes<'a>,
+    name: String,
+    whole: u64,
+}
+
+impl Deflated<'_> {
+    /// Writes the whole of what it holds.
+    pub(crate) fn unpack(&self, out: &mut dyn Write) -> Result<(), Fault> {
+        let (unpacked, failed) = pour(DeflateDecoder::new(self.bytes.reader()), self.whole + 1, out)?;
+        if failed.is_some() || unpacked != self.whole {
+            return Err(damaged(format!("{} in the ZIP file is damaged", self.name)));
+        }
+        Ok(())
+    }
+
+    /// Its first bytes.
+    #[cfg(feature = "laz")]
+    pub(crate) fn head(&self, most: usize) -> Vec<u8> {
+        let mut head = Vec::new();
+        let _ = pour(DeflateDecoder::new(self.bytes.reader()), most as u64, &mut head);
+        head
     }
 }
 
@@ -82,11 +112,15 @@ impl<'a> Archive<'a> {
     pub(crate) fn read(&mut self, index: usize) -> Result<Cow<'a, [u8]>, Fault> {
         Ok(match self.open(index)? {
             Content::Stored(bytes) => bytes.read(),
-            Content::Inflated(bytes) => bytes.into(),
+            Content::Deflated(packed) => {
+                let mut content = Vec::new();
+                packed.unpack(&mut content)?;
+                content.into()
+            }
         })
     }
 
-    /// What the member of this index holds.
+    /// Where what the member of this index holds is.
     pub(crate) fn open(&mut self, index: usize) -> Result<Content<'a>, Fault> {
         let member = self.members.get(index).ok_or_else(|| damaged("the ZIP file lacks a member"))?;
         let name = quote(&member.name);
@@ -103,12 +137,7 @@ impl<'a> Archive<'a> {
                     return Err(Problem::new(what).expected(most_unpacked_in_words()).help("unpack it first").into());
                 }
                 self.budget -= member.whole;
-                let mut content = Vec::new();
-                let read = DeflateDecoder::new(data.reader()).take(member.whole + 1).read_to_end(&mut content);
-                if read.is_err() || content.len() as u64 != member.whole {
-                    return Err(damaged(format!("{name} in the ZIP file is damaged")));
-                }
-                Ok(Content::Inflated(content))
+                Ok(Content::Deflated(Deflated { bytes: data, name, whole: member.whole }))
             }
             method => {
                 let problem = Problem::new(format!("{name} in the ZIP file is compressed by method {method}"));
@@ -147,7 +176,7 @@ fn directory(bytes: Bytes<'_>) -> Option<Vec<Member>> {
             (count, start) = (u64_at(&larger, 32)?, u64_at(&larger, 48)?);
         }
     }
-    let all = bytes.at_most(usize::try_from(start).ok()?, usize::MAX);
+    let all = bytes.at_most(usize::try_from(start).ok()?, DIRECTORY_BYTES);
     let mut rest = &all[..];
     let mut members = Vec::new();
     for _ in 0..count {

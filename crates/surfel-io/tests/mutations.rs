@@ -350,6 +350,40 @@ fn mutations_of_scans() {
 }
 
 #[test]
+fn mutations_of_what_is_written_by_levels() {
+    use flate2::{Compression, write::GzEncoder};
+    use std::io::Write;
+    use surfel_io::copc::{CopcOptions, save_copc};
+    let folder = std::env::temp_dir().join(format!("surfel-mutations-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let options = CopcOptions { overwrite: true, ..CopcOptions::default() };
+    let write = |name: &str, bytes: &[u8]| {
+        let (input, output) = (folder.join(name), folder.join("out.copc.laz"));
+        std::fs::write(&input, bytes).unwrap();
+        surfel_io::survey_points(&input);
+        if let Err(error) = save_copc(&[input], &output, &options, None, &|_, _, _| ()) {
+            let text = error.to_string();
+            let printable = text.chars().all(|c| c == '\n' || !c.is_control());
+            assert!(text.lines().count() <= 4 && printable && text.contains(name), "{text:?}");
+        }
+    };
+    damage(&[support::small_e57()], 400, |bytes| write("a.e57", &support::seal(bytes.to_vec())));
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 6), }\n";
+    let npy = [b"\x93NUMPY\x01\0", &[header.len() as u8, 0][..], header.as_bytes(), &[63; 48]].concat();
+    damage(&[zip(&[("points.npy", &npy)])], 400, |bytes| write("a.npz", bytes));
+    let scan = "2\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n5 6 7 1\n1 2 3 0.5\n0 0 0 0.5\n";
+    damage(&[scan.as_bytes().to_vec()], 400, |bytes| write("a.ptx", bytes));
+    let gzip = |content: &[u8]| {
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+        encoder.write_all(content).unwrap();
+        encoder.finish().unwrap()
+    };
+    damage(&[gzip(scan.as_bytes())], 400, |bytes| write("a.ptx.gz", bytes));
+    damage(&ply_seeds()[..1], 400, |bytes| write("a.ply.gz", &gzip(bytes)));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
 fn mutations_of_images() {
     let n = 12 * 9;
     let planes = Planes {

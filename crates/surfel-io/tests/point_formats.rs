@@ -524,6 +524,72 @@ fn gzip_is_unwrapped_and_content_decides() {
     refused("a.gz", gzip(&gzip(b"1 2 3\n")), "in no format");
 }
 
+#[cfg(all(feature = "laz", feature = "e57"))]
+#[test]
+fn npz_ptx_and_gzip_are_written_by_levels_as_they_are_read() {
+    use crate::support::same_by_levels;
+    let rows: Vec<[f32; 3]> = (0..3000).map(|i: u16| [f32::from(i) * 0.5, f32::from(i % 60), 0.25]).collect();
+    let shape = |width: usize| format!("(3000, {width})");
+    let xyz = npy("'<f4'", "False", &shape(3), &le(rows.as_flattened()));
+    let colors = npy("'|u1'", "False", &shape(3), &(0..9000).map(|i| (i % 251) as u8).collect::<Vec<u8>>());
+    let label: Vec<u8> = (0..3000_i64).flat_map(|i| (i * 7).to_le_bytes()).collect();
+    let label = npy("'<i8'", "False", "(3000,)", &label);
+    let title = npy("'<U5'", "False", "()", &[0; 20]);
+    let members = [("title.npy", title), ("points.npy", xyz.clone()), ("colors.npy", colors), ("label.npy", label)];
+    let line = |(i, [x, y, z]): (usize, &[f32; 3])| format!("{x} {y} {z} {i} 1 2 3\n");
+    let text: String = rows.iter().enumerate().map(line).collect();
+    let scan = PTX[..PTX.find("1 0 0 0.5").unwrap()].replace("2\n2\n", "3001\n1\n");
+    let ptx = format!("{scan}{text}0 0 0 0.5 0 0 0\n{PTX}");
+    let named = format!("x y z number red green blue\n{text}");
+    let ply = format!(
+        "ply\nformat ascii 1.0\nelement vertex 3000\nproperty float x\nproperty float y\nproperty float z\nproperty \
+         int number\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n{text}"
+    );
+    let numbers: Vec<f32> = rows.iter().enumerate().flat_map(|(i, [x, y, z])| [*x, *y, *z, i as f32]).collect();
+    let npy = npy("'<f4'", "False", &shape(4), &le(&numbers));
+    let binary = pcd("x y z number", "4 4 4 4", "F F F F", 3000, "binary", &le(&numbers));
+    for (name, bytes, key, count) in [
+        ("stored.npz", zip(&members, false, b""), "label", 3000),
+        ("deflated.npz", zip(&members, true, b""), "label", 3000),
+        ("a.npz.gz", gzip(&zip(&members, true, b"")), "label", 3000),
+        ("a.ptx", ptx.clone().into_bytes(), "intensity", 3003),
+        ("a.ptx.gz", gzip(ptx.as_bytes()), "intensity", 3003),
+        ("a.ply.gz", gzip(ply.as_bytes()), "number", 3000),
+        ("a.xyz.gz", gzip(named.as_bytes()), "number", 3000),
+        ("two.xyz.gz", [gzip(&named.as_bytes()[..2000]), gzip(&named.as_bytes()[2000..])].concat(), "number", 3000),
+        ("a.npy.gz", gzip(&npy), "intensity", 3000),
+        ("a.pcd.gz", gzip(&binary), "number", 3000),
+    ] {
+        let (all, ..) = same_by_levels(name, &bytes, (key, 0.0), None).unwrap();
+        assert_eq!(all.points.len(), count, "{name}");
+        let path = std::env::temp_dir().join(format!("surfel-survey-{}-{name}", std::process::id()));
+        std::fs::write(&path, &bytes).unwrap();
+        let surveyed = surfel_io::survey_points(&path).map(|(points, _)| points);
+        std::fs::remove_file(&path).unwrap();
+        // What has no header is estimated, from the first bytes where it is compressed.
+        assert!(surveyed.unwrap().abs_diff(3000) < 600, "{name}: {surveyed:?}");
+    }
+    let refused = |name: &str, bytes: &[u8], expected: &str| {
+        let error = same_by_levels(name, bytes, ("", 0.0), None).map(|_| ()).unwrap_err();
+        assert!(error.contains(expected) && error.contains(name), "{error}\nexpected: {expected}");
+    };
+    let whole = gzip(named.as_bytes());
+    refused("a.xyz.gz", &whole[..whole.len() - 9], "ends too early");
+    refused("a.xyz.gz", &gzip(&[named.as_bytes(), &vec![b'\n'; 80 << 20]].concat()), "compressed by gzip to");
+    refused("a.ptx", &ptx.as_bytes()[..ptx.len() - "0 0 1 0 0 0 255\n".len()], "ends within the points of scan 2");
+    let mut damaged = zip(&members, true, b"");
+    damaged[100] ^= 255;
+    refused("a.npz", &damaged, "damaged");
+    let face = ("faces.npy", npy_of_faces());
+    let mesh = [members[1].clone(), face];
+    refused("mesh.npz", &zip(&mesh, true, b""), "without radii or faces");
+}
+
+#[cfg(all(feature = "laz", feature = "e57"))]
+fn npy_of_faces() -> Vec<u8> {
+    npy("'|i1'", "False", "(1, 3)", &[0, 1, 2])
+}
+
 #[test]
 fn text_headers_of_other_programs_are_obeyed() {
     for (text, attributes) in [

@@ -403,6 +403,104 @@ fn single_scan_of_e57_says_where_its_scanner_stood_and_far_points_keep_their_dig
     assert_eq!(points.comments, ["crs EPSG:2056"]);
 }
 
+/// Two scans of 3000 points by their time: turned by its pose, in steps of a millimetre, with bytes as colours and some
+/// points flagged as invalid; and by angles, with colours that count to 1000. Where the first's points are, too.
+fn two_scans() -> (Vec<Scan>, impl Fn(usize) -> DVec3) {
+    let double = || RecordDataType::Double { min: None, max: None };
+    let coordinate = || RecordDataType::ScaledInteger { min: -100_000, max: 100_000, scale: 0.001, offset: 0.5 };
+    let level = || RecordDataType::Integer { min: 0, max: 1000 };
+    let names = |names: [RecordName; 3], kind: &dyn Fn() -> RecordDataType| names.map(|n| record(n, kind()));
+    let xyz = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
+    let angles = [RecordName::SphericalRange, RecordName::SphericalAzimuth, RecordName::SphericalElevation];
+    let rgb = [RecordName::ColorRed, RecordName::ColorGreen, RecordName::ColorBlue];
+    let normal = ["normalX", "normalY", "normalZ"];
+    let normal = normal.map(|n| RecordName::Unknown { namespace: "nor".into(), name: n.into() });
+    let mut first = names(xyz, &coordinate).to_vec();
+    first.push(Record::CARTESIAN_INVALID_STATE);
+    first.extend([Record::COLOR_RED_U8, Record::COLOR_GREEN_U8, Record::COLOR_BLUE_U8, Record::INTENSITY_U16]);
+    first.push(record(RecordName::TimeStamp, double()));
+    let mut second = names(angles, &double).to_vec();
+    second.extend(names(rgb, &level));
+    second.extend(names(normal, &|| RecordDataType::Single { min: None, max: None }));
+    second.push(record(RecordName::TimeStamp, double()));
+    let place = |i: usize| [1, 2, 3].map(|salt| (hash(i, salt) % 200_000) as i64 - 100_000);
+    let row = move |i: usize| {
+        let mut row = place(i).map(RecordValue::ScaledInteger).to_vec();
+        row.push(RecordValue::Integer(i64::from(i % 7 == 6) * 2));
+        row.extend([4, 5, 6].map(|salt| RecordValue::Integer((hash(i, salt) % 256) as i64)));
+        row.extend([RecordValue::Integer(i as i64 % 60_000), RecordValue::Double(i as f64 + 0.25)]);
+        row
+    };
+    let rotation = e57::Quaternion { w: 0.5_f64.sqrt(), x: 0.0, y: 0.0, z: 0.5_f64.sqrt() };
+    let pose =
+        |rotation, [x, y, z]: [f64; 3]| Some(e57::Transform { rotation, translation: e57::Translation { x, y, z } });
+    let first = Scan { prototype: first, rows: (0..3000).map(row).collect(), pose: pose(rotation, [4e5, 5e6, 100.0]) };
+    let row = |i: usize| {
+        let unit = |salt| hash(i, salt) as f64 * 2f64.powi(-64);
+        let mut row = [10.0 + 90.0 * unit(1), 6.0 * unit(2) - 3.0, unit(3)].map(RecordValue::Double).to_vec();
+        row.extend([4, 5, 6].map(|salt| RecordValue::Integer((hash(i, salt) % 1001) as i64)));
+        row.extend([0.0, 0.6, 0.8].map(RecordValue::Single));
+        row.push(RecordValue::Double(i as f64 + 0.25));
+        row
+    };
+    let same = e57::Quaternion { w: 1.0, x: 0.0, y: 0.0, z: 0.0 };
+    let second = Scan { prototype: second, rows: (3000..6000).map(row).collect(), pose: pose(same, [4e5, 5e6, 0.0]) };
+    let truth = move |i: usize| {
+        let [x, y, z] = place(i).map(|v| v as f64 * 0.001 + 0.5);
+        DVec3::new(4e5 - y, 5e6 + x, 100.0 + z)
+    };
+    (vec![first, second], truth)
+}
+
+#[test]
+fn e57_is_written_by_levels_as_it_is_read() {
+    let (scans, truth) = two_scans();
+    let bytes = e57_file(Some("PROJCS[\"Zone\",AUTHORITY[\"EPSG\",\"25832\"]]"), &scans);
+    // Read at once, places are certain to a tenth of a millimetre.
+    let (all, levels, notes) = support::same_by_levels("scans.e57", &bytes, ("time_stamp", 1e-4), None).unwrap();
+    assert_eq!(levels.points.len(), 6000 - 3000 / 7);
+    for (at, i) in (0..3000).filter(|i| i % 7 != 6).enumerate() {
+        // A step: 2⁻³⁰ of 256 m, half the octree's side; and the pose's rounding.
+        let off = levels.place(at).distance(truth(i));
+        assert!(off < 2.0 * 256.0 * 2f64.powi(-30), "{i}: {off}");
+    }
+    assert!(all.points.normals.is_some() && all.points.extras.iter().any(|e| e.name == "scan"));
+    assert_eq!(levels.points.comments[0], all.points.comments[0]);
+    assert!(notes.iter().any(|n| n.contains("left out 428 points flagged as invalid")), "{notes:?}");
+
+    // The first alone has bytes as colours and no scan to tell; rows and columns say that it is one of a scanner.
+    let (mut scans, _) = two_scans();
+    let mut first = scans.swap_remove(0);
+    first.prototype.push(record(RecordName::RowIndex, RecordDataType::Integer { min: 0, max: 100 }));
+    first.prototype.push(record(RecordName::ColumnIndex, RecordDataType::Integer { min: 0, max: 100 }));
+    first.rows.iter_mut().for_each(|row| row.extend([3, 4].map(RecordValue::Integer)));
+    let bytes = e57_file(Some("EPSG:25832"), &[first]);
+    let splats = |points: &PointCloud| {
+        assert_eq!(points.viewpoint, Some(DVec3::new(4e5, 5e6, 100.0)));
+        Ok(vec![surfel_io::copc::PointSplat { normal: [0.0, 0.6, 0.8], radius: 0.123 }; points.len()])
+    };
+    let (_, levels, notes) = support::same_by_levels("scan.e57", &bytes, ("time_stamp", 1e-4), Some(&splats)).unwrap();
+    assert!(!levels.points.extras.iter().any(|e| e.name == "scan"));
+    assert!(notes.iter().any(|n| n.contains("left out its system")), "{notes:?}");
+}
+
+#[test]
+fn damaged_e57_is_refused_by_levels_as_when_read() {
+    let (scans, _) = two_scans();
+    let good = e57_file(None, &scans);
+    for (at, what) in [(4000, "scan 1, 3000 points"), (200_000, "scan 2, 3000 points"), (good.len() - 900, "no E57")] {
+        let mut wrong = good.clone();
+        wrong[at] ^= 1;
+        let by_levels = support::same_by_levels("a.e57", &wrong, ("time_stamp", 0.0), None).map(|_| ()).unwrap_err();
+        let at_once = try_read(&wrong).unwrap_err();
+        let said = |error: &str| error.split_once(": ").unwrap().1.to_owned();
+        assert_eq!(said(&by_levels), said(&at_once));
+        assert!(by_levels.contains(what) && by_levels.contains("a.e57"), "{by_levels}");
+    }
+    let error = support::same_by_levels("a.e57", &e57_file(None, &[]), ("", 0.0), None).map(|_| ()).unwrap_err();
+    assert!(error.contains("no point"), "{error}");
+}
+
 #[test]
 fn damaged_e57_is_refused_in_one_sentence() {
     let good = support::small_e57();

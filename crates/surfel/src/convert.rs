@@ -197,18 +197,16 @@ pub(crate) fn points(
     let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes, progress)?;
     let radii = levels::Radii::take(&mut points);
     // Radii close the surface of all points only.
-    match radii.splats(&points, options.radius_scale).filter(|_| !is_thinned) {
-        Some(made) => {
-            let (cloud, report) = made?;
-            notes.push(format!(
-                "a point cloud: {}, normals and radii (median {}) as the file has them",
-                counted(report.splats as u64, "splats"),
-                number(report.median_radius)
-            ));
-            finished((cloud, true), report, path, options, notes, progress)
-        }
-        None => splats_of_points(&points, None, path, options, notes, progress),
+    if is_thinned || !radii.are_known(&points) {
+        return splats_of_points(&points, None, path, options, notes, progress);
     }
+    let (cloud, report) = radii.splats(points, options.radius_scale)?;
+    notes.push(format!(
+        "a point cloud: {}, normals and radii (median {}) as the file has them",
+        counted(report.splats as u64, "splats"),
+        number(report.median_radius)
+    ));
+    finished((cloud, true), report, path, options, notes, progress)
 }
 
 /// Splats of points that are chosen; seen from a place far `above` alone, if there is one.

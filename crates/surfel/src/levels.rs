@@ -94,13 +94,19 @@ pub(crate) fn chosen<'a>(path: &Path, options: &'a LoadOptions) -> Option<&'a Le
 
 /// Reads what the options say of a COPC file, which is `path` or was made of it; `None` where they say all, or it is
 /// another file.
-pub(crate) fn read(path: &Path, copc: &Path, options: &LoadOptions) -> Result<Option<(Loaded, LevelReport)>, Error> {
+pub(crate) fn read(
+    path: &Path,
+    copc_path: &Path,
+    options: &LoadOptions,
+) -> Result<Option<(Loaded, LevelReport)>, Error> {
     let Some(levels) = chosen(path, options) else { return Ok(None) };
-    let Some(copc) = Copc::open(copc).or_else(|error| if copc.is_file() { Err(error) } else { Ok(None) })? else {
-        return Ok(None);
-    };
-    let budget = options.memory.or_else(memory::default_budget);
-    let fitting = budget.map_or(u64::MAX, |bytes| bytes / memory::KNOWN_BYTES);
+    let opened = Copc::open(copc_path).or_else(|error| if copc_path.is_file() { Err(error) } else { Ok(None) });
+    let Some(copc) = opened? else { return Ok(None) };
+    // Of a file that has just been written, not all memory is there.
+    let left = options.level_store.as_ref().filter(|_| path != copc_path).map_or(0, |store| store.left_bytes());
+    let budget = options.memory.or_else(memory::default_budget).map(|bytes| bytes.saturating_sub(left));
+    let point_bytes = if copc.has_colors() { memory::KNOWN_COLORED_BYTES } else { memory::KNOWN_BYTES };
+    let fitting = budget.map_or(u64::MAX, |bytes| bytes / point_bytes);
     let most = options.max_points.map_or(DEFAULT_MOST_POINTS.min(fitting), |most| most as u64);
     let mut fade = None;
     let (nodes, error_px, is_limited) = match levels {
@@ -131,8 +137,8 @@ pub(crate) fn read(path: &Path, copc: &Path, options: &LoadOptions) -> Result<Op
         error_px: fade.as_ref().filter(|_| cut.fades).map_or(error_px, |fade| fade.error_px),
         is_limited,
     };
-    memory::check(path, report.points[0], memory::KNOWN_BYTES, options.memory, memory::Remedy::Fewer)?;
-    let room = budget.map(|all| all - report.points[0] * memory::KNOWN_BYTES);
+    memory::check(path, report.points[0], point_bytes, options.memory, memory::Remedy::Fewer)?;
+    let room = budget.map(|all| all.saturating_sub(report.points[0] * point_bytes));
     let copc = copc.with_cache(options.level_store.as_ref().and_then(|store| store.nodes(room)));
     // What chooses points may be any column.
     let has_choice = !options.classes.is_empty() || options.returns.is_some() || options.condition.is_some();
@@ -406,41 +412,51 @@ impl Radii {
         Self(radii)
     }
 
-    /// Splats as the file has them: normals and radii; `None` where it lacks them.
+    /// True if the file has normals and radii.
+    pub(crate) fn are_known(&self, points: &PointCloud) -> bool {
+        points.normals.is_some() && self.0.iter().flatten().any(is_known)
+    }
+
+    /// Splats as the file has them, in the points' memory.
     pub(crate) fn splats(
-        &self,
-        points: &PointCloud,
+        self,
+        points: PointCloud,
         scale: f64,
-    ) -> Option<Result<(SplatCloud, PointReport), surfel_model::ModelError>> {
-        let (radii, normals) = (self.0.as_ref()?, points.normals.as_ref()?);
-        let known = |radius: &f32| *radius > 0.0 && radius.is_finite();
-        let mut sorted: Vec<f32> = radii.iter().copied().filter(known).collect();
-        let middle = sorted.len().checked_sub(1)? / 2;
-        let median = *sorted.select_nth_unstable_by(middle, f32::total_cmp).1;
-        let radii = radii.iter().map(|r| if known(r) { *r } else { median } * scale as f32).collect();
+    ) -> Result<(SplatCloud, PointReport), surfel_model::ModelError> {
+        let radii = self.0.unwrap_or_default();
+        let mut sorted: Vec<f32> = radii.iter().copied().filter(is_known).collect();
+        let middle = sorted.len().saturating_sub(1) / 2;
+        let median = if sorted.is_empty() { 0.0 } else { *sorted.select_nth_unstable_by(middle, f32::total_cmp).1 };
+        drop(sorted);
+        let radii = radii.into_iter().map(|r| if is_known(&r) { r } else { median } * scale as f32).collect();
+        let normals = points.normals.unwrap_or_default();
         let up = |n: Vec3| if n.is_finite() && n != Vec3::ZERO { n } else { Vec3::Z };
         let normals = Column3::from_f32((0..normals.len()).map(|i| up(normals.get(i).as_vec3())).collect());
         let data = CloudData {
-            colors: points.colors.clone(),
-            alphas: points.alphas.clone(),
+            colors: points.colors,
+            alphas: points.alphas,
             up: points.up,
-            extras: points.extras.clone(),
-            comments: points.comments.clone(),
-            ..CloudData::new(points.origin, points.positions.clone(), Shape::Disks { normals, radii })
+            extras: points.extras,
+            comments: points.comments,
+            ..CloudData::new(points.origin, points.positions, Shape::Disks { normals, radii })
         };
-        Some(SplatCloud::new(data, OnInvalid::Refuse).map(|(mut splats, _)| {
-            let mut report = PointReport::default();
-            (report.splats, report.normals_given) = (splats.len(), splats.len());
-            report.median_radius = f64::from(median) * scale;
-            // Splats of levels are made larger first.
-            let is_level = splats.data().extras.iter().any(|e| e.name == SPACING);
-            report.interior_weight = if is_level { None } else { surfel_sample::interior_weight(&splats) };
-            if let Some(weight) = report.interior_weight {
-                splats.set_interior_weight(weight);
-            }
-            (splats, report)
-        }))
+        let (mut splats, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
+        let mut report = PointReport::default();
+        (report.splats, report.normals_given) = (splats.len(), splats.len());
+        report.median_radius = f64::from(median) * scale;
+        // Splats of levels are made larger first.
+        let is_level = splats.data().extras.iter().any(|e| e.name == SPACING);
+        report.interior_weight = if is_level { None } else { surfel_sample::interior_weight(&splats) };
+        if let Some(weight) = report.interior_weight {
+            splats.set_interior_weight(weight);
+        }
+        Ok((splats, report))
     }
+}
+
+/// True of a radius that was found.
+fn is_known(radius: &f32) -> bool {
+    *radius > 0.0 && radius.is_finite()
 }
 
 fn take_f32(extras: &mut Vec<ExtraColumn>, name: &str) -> Option<Vec<f32>> {

@@ -4,6 +4,8 @@
 //! The file is read in blocks, never by its header's counts alone, and isn't held in memory. Compressed chunks are
 //! decoded by the crate `laz`, as many at a time as there are threads.
 
+#![cfg_attr(not(feature = "laz"), allow(unused, unreachable_pub))]
+
 pub(crate) mod blocks;
 #[cfg(feature = "laz")]
 pub mod copc;
@@ -83,8 +85,6 @@ fn read_records(
             Err(problem.help("copy the file again"))
         })
     }
-    #[cfg(not(feature = "laz"))]
-    let _ = repair;
     #[cfg(not(feature = "laz"))]
     Err(Problem::not_built("LAZ", "laz"))
 }

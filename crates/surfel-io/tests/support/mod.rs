@@ -5,6 +5,10 @@
 use ::las::{Builder, Color, Point, Transform, Vector, Vlr, Writer, point::Classification, point::Format};
 use e57::{E57Writer, Record, RecordDataType, RecordName, RecordValue, Transform as Pose};
 use std::io::Cursor;
+use std::path::PathBuf;
+use surfel_io::copc::{CopcOptions, Prepare, save_copc};
+use surfel_io::{Content, LoadOptions, load};
+use surfel_model::PointCloud;
 
 /// Origin of the grid, and its step.
 pub const OFFSET: [f64; 3] = [637_000.0, 4_851_000.0, -20.0];
@@ -97,6 +101,7 @@ pub fn e57_file(crs: Option<&str>, scans: &[Scan]) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let mut writer = E57Writer::new(&mut bytes, "{file}").unwrap();
     writer.set_coordinate_metadata(crs.map(str::to_owned));
+    writer.register_extension(e57::Extension::new("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")).unwrap();
     for scan in scans {
         let mut points = writer.add_pointcloud("{scan}", scan.prototype.clone()).unwrap();
         points.set_transform(scan.pose.clone());
@@ -167,4 +172,65 @@ pub fn small_e57() -> Vec<u8> {
         }),
     };
     e57_file(Some("PROJCS[\"Zone\",AUTHORITY[\"EPSG\",\"25832\"]]"), &[flat, round])
+}
+
+/// The points of a file, in the order of a column that tells them apart.
+pub struct Ordered {
+    pub points: PointCloud,
+    order: Vec<usize>,
+}
+
+impl Ordered {
+    fn load(path: &PathBuf, key: &str) -> Result<Self, String> {
+        let Content::Points(points) = load(path, &LoadOptions::default()).map_err(|e| e.to_string())?.content else {
+            panic!("{path:?} holds no points")
+        };
+        let column = &points.extras.iter().find(|e| e.name == key).unwrap().values;
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        order.sort_by(|a, b| column.get(*a).total_cmp(&column.get(*b)));
+        Ok(Self { points, order })
+    }
+
+    pub fn place(&self, i: usize) -> glam::DVec3 {
+        self.points.origin + self.points.positions.get(self.order[i])
+    }
+}
+
+/// Writes a file by levels, and compares all that its points are with what is read at once: places to `metres`, all
+/// else exactly, but for colours, which become 16 bits. Both are handed back, with the notes of writing.
+pub fn same_by_levels(
+    name: &str,
+    bytes: &[u8],
+    (key, metres): (&str, f64),
+    prepare: Option<Prepare<'_>>,
+) -> Result<(Ordered, Ordered, Vec<String>), String> {
+    let folder = std::env::temp_dir().join(format!("surfel-by-levels-{}-{name}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let (input, output) = (folder.join(name), folder.join("out.copc.laz"));
+    std::fs::write(&input, bytes).unwrap();
+    let written = save_copc(std::slice::from_ref(&input), &output, &CopcOptions::default(), prepare, &|_, _, _| ());
+    let read = written
+        .map_err(|e| e.to_string())
+        .and_then(|report| Ok((Ordered::load(&input, key)?, Ordered::load(&output, key)?, report.notes)));
+    std::fs::remove_dir_all(&folder).unwrap();
+    let (all, levels, notes) = read?;
+    assert_eq!(all.points.len(), levels.points.len(), "{name}");
+    for i in 0..all.points.len() {
+        let off = all.place(i).distance(levels.place(i));
+        assert!(off <= metres, "{name}, point {i}: {off}");
+        let (a, b) = (all.order[i], levels.order[i]);
+        if let Some(colors) = &all.points.colors {
+            let encoded = |c: [f32; 3]| c.map(|v| surfel_math::srgb::encode(f64::from(v)));
+            let (x, y) = (encoded(colors[a]), encoded(levels.points.colors.as_ref().unwrap()[b]));
+            assert!((0..3).all(|k| (x[k] - y[k]).abs() < 0.6 / 65_535.0), "{name}, point {i}: {x:?} {y:?}");
+        }
+        if let Some(normals) = &all.points.normals {
+            assert_eq!(normals.get(a), levels.points.normals.as_ref().unwrap().get(b), "{name}, point {i}");
+        }
+        for extra in &all.points.extras {
+            let found = levels.points.extras.iter().find(|e| e.name == extra.name);
+            assert_eq!(found.map(|e| e.values.get(b)), Some(extra.values.get(a)), "{name}, {}, point {i}", extra.name);
+        }
+    }
+    Ok((all, levels, notes))
 }

@@ -51,6 +51,7 @@ pub struct Copc {
     file: Arc<FileState>,
     cache: Option<Arc<NodeCache>>,
     header_points: u64,
+    has_colors: bool,
     center: DVec3,
     half: f64,
     spacing: f64,
@@ -127,7 +128,8 @@ impl Copc {
         let nodes = pages.read(file, root)?;
         let modified = file.metadata().and_then(|metadata| metadata.modified()).ok();
         let file = Arc::new(FileState { path: path.to_path_buf(), bytes: file_bytes, modified });
-        Ok(Self { file, cache: None, header_points: header.count, center, half, spacing, nodes })
+        let has_colors = header.format >= 7;
+        Ok(Self { file, cache: None, header_points: header.count, has_colors, center, half, spacing, nodes })
     }
 
     /// The same with nodes that stay decoded there, whoever else uses them.
@@ -144,6 +146,11 @@ impl Copc {
     /// Points of all nodes.
     pub fn points(&self) -> u64 {
         self.nodes.iter().map(|node| node.points).sum()
+    }
+
+    /// True if its points have colours.
+    pub fn has_colors(&self) -> bool {
+        self.has_colors
     }
 
     /// Points as the header says.

@@ -1,4 +1,4 @@
-//! Points of files of columns as records of LAS: PLY, PCD, NPY and text.
+//! Points of files of columns as records of LAS: PLY, PCD, NPY, NPZ, E57, PTX and text.
 //!
 //! Coordinates become whole steps of a power of two from an offset, the same for all inputs: the coarsest that loses
 //! nothing, or, where coordinates have finer parts, the finest that 2³⁰ of reach to the farthest point. So numbers of
@@ -164,7 +164,7 @@ impl ColumnInput {
         let [low, high] = all.ends();
         for input in inputs {
             (input.scale, input.offset) = (scale, offset);
-            input.rounds = !input.file.has_linear_floats() && f32_is_enough(low, high);
+            input.rounds = !input.file.is_typed() && f32_is_enough(low, high);
             let ranges: Vec<Range> = input.file.names.iter().map(|name| by_name[name]).collect();
             input.lay_out(&ranges);
         }
@@ -179,7 +179,7 @@ impl ColumnInput {
         let are = |set: [usize; 3], fits: fn(NumberType) -> bool| set.iter().all(|i| fits(kind(*i)));
         self.colors = roles.color.map(|set| match largest(set) {
             _ if are(set, |kind| kind == NumberType::U8) => Colors::Levels(set, 255.0),
-            most if file.has_linear_floats() => match () {
+            most if file.is_typed() => match () {
                 () if are(set, |kind| kind == NumberType::U16) => Colors::Levels(set, 65_535.0),
                 () if are(set, NumberType::is_integer) => Colors::Levels(set, 255.0),
                 // Whole numbers beyond any light are levels, as where all is read at once.
@@ -260,6 +260,10 @@ impl ColumnInput {
         });
         let left_out = self.file.rows as u64 - self.measured.count;
         let dropped = || format!("dropped {} whose coordinates are not finite", counted(left_out, "points"));
+        let crs = &self.file.crs;
+        let unsaid = || format!("left out its system, {}: COPC takes well-known text alone", crs.words());
+        let is_unsaid = *crs != Crs::default() && self.wkt().is_none();
+        let notes = self.file.notes.iter().cloned();
         Header {
             minor: 4,
             software: String::new(),
@@ -271,10 +275,10 @@ impl ColumnInput {
             count: self.measured.count,
             scale: DVec3::splat(self.scale),
             offset: self.offset,
-            crs: Crs::default(),
+            crs: Crs { wkt: self.wkt().cloned(), ..Crs::default() },
             extra: extra.collect(),
             laszip: None,
-            notes: self.file.notes.iter().cloned().chain((left_out > 0).then(dropped)).collect(),
+            notes: notes.chain((left_out > 0).then(dropped)).chain(is_unsaid.then(unsaid)).collect(),
         }
     }
 
@@ -289,12 +293,24 @@ impl ColumnInput {
         raw
     }
 
-    /// The records that describe its extra bytes.
+    /// The records that describe its extra bytes and its coordinate reference system.
     pub(super) fn records(&self) -> Vec<Record> {
         let described = self.extra.iter().zip(&self.names);
         let described = described.flat_map(|(e, name)| description(name, e.kind, "", false));
         let described: Vec<u8> = described.collect();
-        if described.is_empty() { Vec::new() } else { vec![Record::new("LASF_Spec", 4, described)] }
+        let described = (!described.is_empty()).then(|| Record::new("LASF_Spec", 4, described));
+        let wkt = self.wkt().map(|wkt| Record::new("LASF_Projection", 2112, [wkt.as_bytes(), &[0]].concat()));
+        described.into_iter().chain(wkt).collect()
+    }
+
+    /// The well-known text of its system, if a record can hold it.
+    fn wkt(&self) -> Option<&String> {
+        self.file.crs.wkt.as_ref().filter(|wkt| wkt.len() < usize::from(u16::MAX))
+    }
+
+    /// Where the one scanner stood that all its points were seen from.
+    pub(super) fn viewpoint(&self) -> Option<DVec3> {
+        self.file.viewpoint
     }
 
     /// Hands its points to `sink`.

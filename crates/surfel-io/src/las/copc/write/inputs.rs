@@ -54,6 +54,11 @@ impl Input {
         raw_records(&mut file, raw, self.file_bytes).map_err(|problem| invalid(&self.path, problem))
     }
 
+    /// Where the one scanner stood that all its points were seen from.
+    pub(super) fn viewpoint(&self) -> Option<DVec3> {
+        self.columns.as_ref()?.viewpoint()
+    }
+
     /// Hands its points to `sink`.
     pub(super) fn read(&mut self, sink: &mut dyn Sink) -> Result<(), Stop> {
         if let Some(columns) = &self.columns {
@@ -129,7 +134,8 @@ fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
     let system = |source| Stop::Input(IoError::System { path: path.to_path_buf(), action: READ, source });
     if !is_las(path)? {
         let problem = Problem::new("holds nothing that can be written as COPC").expected(
-            "points alone, without radii or faces, as LAS, LAZ, COPC, PLY, PCD, NPY or columns of text (XYZ, CSV, PTS)",
+            "points alone, without radii or faces, as LAS, LAZ, COPC, E57, PLY, PCD, NPY, NPZ, PTX or columns of text \
+             (XYZ, CSV, PTS)",
         );
         return Err(invalid(path, problem));
     }

@@ -104,8 +104,8 @@ pub struct CopcOptions {
 
 /// Writes the points of LAS, LAZ and COPC files as one COPC file, each point once, with all that its record says: what
 /// was format 0 to 5 becomes 6 or 7, and waveforms are left out. Inputs must agree in scale, in whole steps between
-/// their offsets, in the format's columns, in extra bytes and in the coordinate reference system. Points of PLY, PCD,
-/// NPY and text get records, whose steps are a power of two, the same for all inputs.
+/// their offsets, in the format's columns, in extra bytes and in the coordinate reference system. Points of E57, PLY,
+/// PCD, NPY, NPZ, PTX and text get records, whose steps are a power of two, the same for all inputs.
 ///
 /// Each point also gets, as extra bytes, the mean colour of the points that it stands for at its level; with `prepare`
 /// its radius, its normal and the mean normal too, which is called for some parts of the cloud at once, each with the
@@ -296,6 +296,8 @@ struct Writer<'a> {
     sorted_bytes: usize,
     /// Normals of the inputs: where they are, and of which type.
     normals: Option<[(usize, u8, f64, f64); 3]>,
+    /// Where the one scanner stood that all points were seen from.
+    viewpoint: Option<DVec3>,
     /// Extra bytes of Surfel have normals.
     adds_normals: bool,
     grid: Grid,
@@ -424,6 +426,7 @@ impl<'a> Writer<'a> {
             template,
             sorted_bytes,
             normals,
+            viewpoint: if let [input] = &inputs[..] { input.viewpoint() } else { None },
             adds_normals,
             grid,
             spill: Spill::of(file(resume::POINTS, sorted.points.end)?, sorted.points),
@@ -688,9 +691,9 @@ impl<'a> Writer<'a> {
     }
 
     fn maker(&self) -> Maker<'_> {
-        let Self { prepare, template, sorted_bytes, normals, adds_normals, grid, laz, .. } = self;
-        let (sorted_bytes, normals, adds_normals) = (*sorted_bytes, *normals, *adds_normals);
-        Maker { prepare: *prepare, template, sorted_bytes, normals, adds_normals, grid: *grid, laz }
+        let Self { prepare, template, sorted_bytes, normals, viewpoint, adds_normals, grid, laz, .. } = self;
+        let (sorted_bytes, normals, viewpoint, adds_normals) = (*sorted_bytes, *normals, *viewpoint, *adds_normals);
+        Maker { prepare: *prepare, template, sorted_bytes, normals, viewpoint, adds_normals, grid: *grid, laz }
     }
 
     fn compress(&mut self, nodes: Vec<((u32, u64), Vec<u8>)>) -> io::Result<()> {

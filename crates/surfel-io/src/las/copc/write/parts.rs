@@ -48,6 +48,7 @@ pub(super) struct Maker<'a> {
     pub(super) template: &'a Template,
     pub(super) sorted_bytes: usize,
     pub(super) normals: Option<[(usize, u8, f64, f64); 3]>,
+    pub(super) viewpoint: Option<DVec3>,
     pub(super) adds_normals: bool,
     pub(super) grid: Grid,
     pub(super) laz: &'a LazVlr,
@@ -101,7 +102,7 @@ impl Maker<'_> {
             let of = |r: &[u8]| fields.map(|(at, kind, scale, offset)| value_of(kind)(&r[at..]) * scale + offset);
             Column3::from_f32(kept().map(|r| DVec3::from(of(r)).as_vec3()).collect())
         });
-        let cloud = PointCloud { origin, positions, normals, ..PointCloud::default() };
+        let cloud = PointCloud { origin, positions, normals, viewpoint: self.viewpoint, ..PointCloud::default() };
         let made = if cloud.is_empty() { Vec::new() } else { prepare(&cloud).map_err(io::Error::other)? };
         if made.len() != cloud.len() {
             return Err(io::Error::other("a part of the cloud has fewer splats than points"));

@@ -1,0 +1,205 @@
+//! What the values of a scan mean: which of its records are coordinates, colours, normals and columns, and its pose.
+
+use crate::survey::{NORMAL_NAMES, plain_name};
+use ::e57::{PointCloud as Scan, Record, RecordDataType, RecordName, RecordValue};
+use glam::{DMat3, DQuat, DVec3, Vec3};
+
+/// The name of the column that an attribute becomes; `None` for those that become something else.
+fn column_name(name: &RecordName) -> Option<String> {
+    Some(match name {
+        RecordName::Intensity => "intensity".into(),
+        RecordName::RowIndex => "row_index".into(),
+        RecordName::ColumnIndex => "column_index".into(),
+        RecordName::ReturnCount => "return_count".into(),
+        RecordName::ReturnIndex => "return_index".into(),
+        RecordName::TimeStamp => "time_stamp".into(),
+        RecordName::Unknown { name, .. } if !NORMAL_NAMES.contains(&plain_name(name).as_str()) => name.clone(),
+        _ => return None,
+    })
+}
+
+/// A value as a number.
+fn number(value: &RecordValue, kind: &RecordDataType) -> f64 {
+    match (value, kind) {
+        (RecordValue::Single(v), _) => f64::from(*v),
+        (RecordValue::Double(v), _) => *v,
+        (RecordValue::ScaledInteger(v), RecordDataType::ScaledInteger { scale, offset, .. }) => {
+            *v as f64 * scale + offset
+        }
+        (RecordValue::ScaledInteger(v) | RecordValue::Integer(v), _) => *v as f64,
+    }
+}
+
+/// Bits of a value in the file.
+fn bits(kind: &RecordDataType) -> u32 {
+    match *kind {
+        RecordDataType::Single { .. } => 32,
+        RecordDataType::Double { .. } => 64,
+        RecordDataType::ScaledInteger { min, max, .. } | RecordDataType::Integer { min, max } => {
+            64 - max.abs_diff(min).leading_zeros()
+        }
+    }
+}
+
+/// The least and largest of a channel of colour.
+fn color_range(scan: &Scan, record: &Record, channel: usize) -> Option<(f64, f64)> {
+    let limits = scan.color_limits.as_ref().and_then(|l| {
+        let (min, max) = match channel {
+            0 => (&l.red_min, &l.red_max),
+            1 => (&l.green_min, &l.green_max),
+            _ => (&l.blue_min, &l.blue_max),
+        };
+        Some((number(min.as_ref()?, &record.data_type), number(max.as_ref()?, &record.data_type)))
+    });
+    let of_type = || match record.data_type {
+        RecordDataType::Single { min, max } => Some((min?.into(), max?.into())),
+        RecordDataType::Double { min, max } => Some((min?, max?)),
+        RecordDataType::ScaledInteger { min, max, scale, offset } => {
+            Some((min as f64 * scale + offset, max as f64 * scale + offset))
+        }
+        RecordDataType::Integer { min, max } => Some((min as f64, max as f64)),
+    };
+    let fine = |(min, max): &(f64, f64)| (max - min).is_finite() && max - min > 0.0 && max - min < 1e12;
+    limits.filter(fine).or_else(|| of_type().filter(fine))
+}
+
+/// Records of red, green and blue, and the range of each.
+pub(super) type ColorRecords = ([usize; 3], [(f64, f64); 3]);
+
+/// How one scan's values become points.
+pub(super) struct Layout<'a> {
+    pub(super) scan: &'a Scan,
+    pub(super) index: u32,
+    /// Records of x y z, or of range, azimuth and elevation.
+    position: [usize; 3],
+    spherical: bool,
+    invalid: Option<usize>,
+    pub(super) color: Option<ColorRecords>,
+    color_invalid: Option<usize>,
+    pub(super) normal: Option<[usize; 3]>,
+    /// Records that become columns, with the one that says that they are invalid.
+    pub(super) extras: Vec<(String, usize, Option<usize>)>,
+    rotation: DMat3,
+    translation: DVec3,
+}
+
+impl<'a> Layout<'a> {
+    /// `None` if the scan has no coordinates.
+    pub(super) fn new(scan: &'a Scan, index: u32, notes: &mut Vec<String>) -> Option<Self> {
+        let at = |name: &RecordName| scan.prototype.iter().position(|r| r.name == *name);
+        let triple = |names: [RecordName; 3]| -> Option<[usize; 3]> {
+            let [a, b, c] = names;
+            Some([at(&a)?, at(&b)?, at(&c)?])
+        };
+        let xyz = triple([RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ]);
+        let angles = [RecordName::SphericalRange, RecordName::SphericalAzimuth, RecordName::SphericalElevation];
+        let (position, spherical) = match xyz {
+            Some(xyz) => (xyz, false),
+            None => (triple(angles)?, true),
+        };
+        let state = if spherical { RecordName::SphericalInvalidState } else { RecordName::CartesianInvalidState };
+        let color = triple([RecordName::ColorRed, RecordName::ColorGreen, RecordName::ColorBlue]).map(|at| {
+            let mut assumed = false;
+            let ranges = [0, 1, 2].map(|k| {
+                color_range(scan, &scan.prototype[at[k]], k).unwrap_or_else(|| {
+                    assumed = true;
+                    (0.0, 255.0)
+                })
+            });
+            if assumed {
+                notes.push("took the colours as from 0 to 255: the file says no limits".into());
+            }
+            (at, ranges)
+        });
+        let named = |wanted: &str| {
+            let is = |r: &Record| matches!(&r.name, RecordName::Unknown { name, .. } if plain_name(name) == wanted);
+            scan.prototype.iter().position(is)
+        };
+        let normal = named("normalx").zip(named("normaly")).zip(named("normalz")).map(|((x, y), z)| [x, y, z]);
+        let mut extras = Vec::new();
+        for (i, record) in scan.prototype.iter().enumerate() {
+            let Some(name) = column_name(&record.name) else { continue };
+            let invalid = match record.name {
+                RecordName::Intensity => at(&RecordName::IsIntensityInvalid),
+                RecordName::TimeStamp => at(&RecordName::IsTimeStampInvalid),
+                _ => None,
+            };
+            extras.push((name, i, invalid));
+        }
+        let pose = scan.transform.clone().unwrap_or_default();
+        let (q, t) = (pose.rotation, pose.translation);
+        let rotation = DQuat::from_xyzw(q.x, q.y, q.z, q.w);
+        let turned = rotation.is_finite() && rotation.length() > 1e-9;
+        if !turned {
+            notes.push(format!("scan {} has no valid rotation: it is left unturned", index + 1));
+        }
+        let rotation = if turned { DMat3::from_quat(rotation.normalize()) } else { DMat3::IDENTITY };
+        Some(Self {
+            scan,
+            index,
+            position,
+            spherical,
+            invalid: at(&state),
+            color,
+            color_invalid: at(&RecordName::IsColorInvalid),
+            normal,
+            extras,
+            rotation,
+            translation: DVec3::new(t.x, t.y, t.z),
+        })
+    }
+
+    pub(super) fn bits_per_point(&self) -> u64 {
+        self.scan.prototype.iter().map(|r| u64::from(bits(&r.data_type))).sum()
+    }
+
+    /// A point's value.
+    pub(super) fn value(&self, row: &[RecordValue], i: usize) -> f64 {
+        number(&row[i], &self.scan.prototype[i].data_type)
+    }
+
+    fn is_flagged(&self, row: &[RecordValue], i: Option<usize>) -> bool {
+        i.is_some_and(|i| self.value(row, i) != 0.0)
+    }
+
+    /// False of points that are flagged as invalid.
+    pub(super) fn is_valid(&self, row: &[RecordValue]) -> bool {
+        !self.is_flagged(row, self.invalid)
+    }
+
+    /// Where a point is, with the pose applied.
+    pub(super) fn place(&self, row: &[RecordValue]) -> DVec3 {
+        let [a, b, c] = self.position.map(|i| self.value(row, i));
+        let local = if self.spherical {
+            let (azimuth, elevation) = (b.sin_cos(), c.sin_cos());
+            a * DVec3::new(elevation.1 * azimuth.1, elevation.1 * azimuth.0, elevation.0)
+        } else {
+            DVec3::new(a, b, c)
+        };
+        self.rotation * local + self.translation
+    }
+
+    /// A point's normal; zero if it has none.
+    pub(super) fn normal(&self, row: &[RecordValue]) -> Vec3 {
+        let turned = |n: [usize; 3]| (self.rotation * DVec3::from(n.map(|i| self.value(row, i)))).as_vec3();
+        self.normal.map_or(Vec3::ZERO, turned)
+    }
+
+    /// A point's levels of red, green and blue, in the layout's ranges; `None` if it has no colour.
+    pub(super) fn levels(&self, row: &[RecordValue]) -> Option<[f64; 3]> {
+        let (at, _) = self.color.filter(|_| !self.is_flagged(row, self.color_invalid))?;
+        Some(at.map(|i| self.value(row, i)))
+    }
+
+    /// A point's value of a column; 0 if it has none, or an invalid one.
+    pub(super) fn extra(&self, row: &[RecordValue], (_, at, invalid): &(String, usize, Option<usize>)) -> f64 {
+        if self.is_flagged(row, *invalid) { 0.0 } else { self.value(row, *at) }
+    }
+
+    /// Where its scanner stood, if it is the scan of one.
+    pub(super) fn viewpoint(&self) -> Option<DVec3> {
+        let stands = self.spherical || self.scan.has_spherical() || self.scan.has_row_column();
+        // It shows in rows and columns, or in angles.
+        Some(self.translation).filter(|at| stands && at.is_finite())
+    }
+}

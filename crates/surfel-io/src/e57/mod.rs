@@ -1,0 +1,431 @@
+//! E57 (ASTM E2807): the scans of a file with their poses applied, one after the other. The crate `e57` reads pages,
+//! packets and bits, on a thread of its own; what its values mean is told here.
+
+#[cfg(feature = "laz")]
+mod columns;
+mod layout;
+
+#[cfg(feature = "laz")]
+pub(crate) use columns::{survey, unpack};
+
+use crate::color::{linear_of_8_bit, linear_of_16_bit, linear_of_unit};
+use crate::content::Content;
+use crate::context::Context;
+use crate::crs::Crs;
+use crate::error::{Fault, Problem, quote};
+use crate::rows::KeptRows;
+use crate::strided::NumberType;
+use crate::survey::{Scalar, Source, SparseColumn, extent_words, one_line};
+use crate::words::counted;
+use ::e57::{E57Reader, PointCloud as Scan, RecordDataType, RecordValue};
+use glam::{DVec3, Vec3};
+use layout::Layout;
+use std::collections::BTreeMap;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc;
+use surfel_model::{Column3, ExtraColumn, PointCloud};
+
+/// Points that the reading thread hands over at a time, and how many times it may be ahead.
+const BATCH: (usize, usize) = (8192, 4);
+/// What positions are certain to, in metres: finer than any scanner is. What f32 rounds away is kept where the farthest
+/// point is so far that it would be more than a quarter of this.
+const CERTAIN_M: f64 = 1e-4;
+
+/// Seeks within what is buffered already: the crate seeks to each page before it reads it. The end is that of the last
+/// whole page, if the file is to be repaired.
+struct Pages<R> {
+    reader: BufReader<R>,
+    end: Option<u64>,
+}
+
+impl<R: Read + Seek> Pages<R> {
+    fn new(mut source: R, file_bytes: u64, repair: bool) -> io::Result<Self> {
+        let mut size = [0; 8];
+        if repair && source.seek(SeekFrom::Start(40)).is_ok() && source.read_exact(&mut size).is_ok() {
+            let size = u64::from_le_bytes(size).max(1);
+            source.seek(SeekFrom::Start(0))?;
+            let reader = BufReader::with_capacity(1 << 16, source);
+            return Ok(Self { reader, end: Some(file_bytes / size * size) });
+        }
+        source.seek(SeekFrom::Start(0))?;
+        Ok(Self { reader: BufReader::with_capacity(1 << 16, source), end: None })
+    }
+}
+
+impl<R: Read + Seek> Read for Pages<R> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.reader.read(bytes)
+    }
+}
+
+impl<R: Read + Seek> Seek for Pages<R> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let to = match (to, self.end) {
+            (SeekFrom::Start(to), _) => to,
+            (SeekFrom::End(0), Some(end)) => end,
+            _ => return self.reader.seek(to),
+        };
+        let at = self.reader.stream_position()?;
+        self.reader.seek_relative(to.wrapping_sub(at) as i64)?;
+        Ok(to)
+    }
+}
+
+fn problem(what: impl std::fmt::Display) -> Problem {
+    let what: String = one_line(what.to_string().as_bytes()).chars().take(300).collect();
+    Problem::new(format!("is no E57 that can be read: {what}")).help("the file is cut off or damaged: copy it again")
+}
+
+/// A column of one of the types that a prototype asks for.
+enum Typed {
+    U8(SparseColumn<u8>),
+    U16(SparseColumn<u16>),
+    I32(SparseColumn<i32>),
+    F32(SparseColumn<f32>),
+    F64(SparseColumn<f64>),
+}
+
+impl Typed {
+    fn new(kind: NumberType) -> Self {
+        match kind {
+            NumberType::U8 => Self::U8(SparseColumn::default()),
+            NumberType::U16 => Self::U16(SparseColumn::default()),
+            NumberType::I32 => Self::I32(SparseColumn::default()),
+            NumberType::F32 => Self::F32(SparseColumn::default()),
+            _ => Self::F64(SparseColumn::default()),
+        }
+    }
+
+    fn append(&mut self, expected: usize, values: &[f64]) {
+        fn all<T: Scalar>(column: &mut SparseColumn<T>, expected: usize, values: &[f64], to: fn(f64) -> T) {
+            column.append(values.len(), expected, values.iter().map(|v| to(*v)));
+        }
+        match self {
+            Self::U8(c) => all(c, expected, values, |v| v as u8),
+            Self::U16(c) => all(c, expected, values, |v| v as u16),
+            Self::I32(c) => all(c, expected, values, |v| v as i32),
+            Self::F32(c) => all(c, expected, values, |v| v as f32),
+            Self::F64(c) => all(c, expected, values, |v| v),
+        }
+    }
+
+    fn finish(self, name: String) -> Option<ExtraColumn> {
+        match self {
+            Self::U8(c) => c.finish(name),
+            Self::U16(c) => c.finish(name),
+            Self::I32(c) => c.finish(name),
+            Self::F32(c) => c.finish(name),
+            Self::F64(c) => c.finish(name),
+        }
+    }
+}
+
+/// The points read so far.
+#[derive(Default)]
+struct Points {
+    /// How many there will be at most.
+    expected: usize,
+    origin: Option<DVec3>,
+    high: Vec<Vec3>,
+    low: Option<Vec<Vec3>>,
+    normals: Option<Vec<Vec3>>,
+    colors: Option<Vec<[f32; 3]>>,
+    extras: BTreeMap<String, Typed>,
+    scans: Option<SparseColumn<u32>>,
+    kept: KeptRows,
+    invalid: u64,
+    colorless: u64,
+}
+
+impl Points {
+    /// Appends a batch: the values of a point after the other.
+    fn append(&mut self, layout: &Layout<'_>, batch: &[RecordValue]) {
+        let all = batch.chunks_exact(layout.scan.prototype.len());
+        let rows: Vec<&[RecordValue]> = all.clone().filter(|row| layout.is_valid(row)).collect();
+        self.invalid += (all.len() - rows.len()) as u64;
+        all.for_each(|row| if layout.is_valid(row) { self.kept.keep() } else { self.kept.skip() });
+        let world: Vec<DVec3> = rows.iter().map(|row| layout.place(row)).collect();
+        self.place(&world);
+        if let Some(normals) = &mut self.normals {
+            normals.extend(rows.iter().map(|row| layout.normal(row)));
+        }
+        if let Some(colors) = &mut self.colors {
+            let ranges = layout.color.map_or([(0.0, 255.0); 3], |(_, ranges)| ranges);
+            let decode = ranges.map(decoder);
+            colors.extend(rows.iter().map(|row| {
+                let levels = layout.levels(row);
+                self.colorless += u64::from(levels.is_none());
+                levels.map_or([1.0; 3], |levels| std::array::from_fn(|k| decode[k](levels[k], ranges[k])))
+            }));
+        }
+        let mut values = Vec::with_capacity(rows.len());
+        for (name, column) in &mut self.extras {
+            values.clear();
+            match layout.extras.iter().find(|(n, ..)| n == name) {
+                Some(extra) => values.extend(rows.iter().map(|row| layout.extra(row, extra))),
+                None => values.resize(rows.len(), 0.0),
+            }
+            column.append(self.expected, &values);
+        }
+        if let Some(scans) = &mut self.scans {
+            scans.append(rows.len(), self.expected, std::iter::repeat_n(layout.index, rows.len()));
+        }
+    }
+
+    fn place(&mut self, world: &[DVec3]) {
+        let origin = *self.origin.get_or_insert_with(|| {
+            let (min, max) = world
+                .iter()
+                .filter(|p| p.is_finite())
+                .fold((DVec3::MAX, DVec3::MIN), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+            if min.x <= max.x { Column3::origin_of(min, max) } else { DVec3::ZERO }
+        });
+        let finite = world.iter().map(|p| (*p - origin).abs().max_element()).filter(|d| d.is_finite());
+        if self.low.is_none() && finite.fold(0.0, f64::max) * 2f64.powi(-24) > CERTAIN_M / 4.0 {
+            self.low = Some(vec![Vec3::ZERO; self.high.len()]);
+        }
+        self.high.extend(world.iter().map(|p| (*p - origin).as_vec3()));
+        if let Some(low) = &mut self.low {
+            low.extend(world.iter().map(|p| {
+                let offset = *p - origin;
+                let rest = (offset - offset.as_vec3().as_dvec3()).as_vec3();
+                if rest.is_finite() { rest } else { Vec3::ZERO }
+            }));
+        }
+    }
+
+    fn finish(self) -> PointCloud {
+        let mut extras: Vec<ExtraColumn> = Vec::new();
+        extras.extend(self.scans.and_then(|scans| scans.finish("scan".into())));
+        extras.extend(self.extras.into_iter().filter_map(|(name, column)| column.finish(name)));
+        PointCloud {
+            origin: self.origin.unwrap_or_default(),
+            positions: Column3::from_parts(self.high, self.low),
+            normals: self.normals.map(Column3::from_f32),
+            colors: self.colors,
+            rows: self.kept.finish(),
+            extras,
+            ..PointCloud::default()
+        }
+    }
+}
+
+/// A level as a linear value: by a table where levels count to 255 or 65535.
+fn decoder(range: (f64, f64)) -> fn(f64, (f64, f64)) -> f32 {
+    if range == (0.0, 255.0) {
+        |v, _| linear_of_8_bit()[v.round().clamp(0.0, 255.0) as usize]
+    } else if range == (0.0, 65_535.0) {
+        |v, _| linear_of_16_bit()[v.round().clamp(0.0, 65_535.0) as usize]
+    } else {
+        |v, (min, max)| linear_of_unit((v - min) / (max - min))
+    }
+}
+
+/// A file that is open: what it says of its scans.
+struct File<'a> {
+    reader: E57Reader<Pages<&'a mut dyn Source>>,
+    scans: Vec<Scan>,
+    bytes: u64,
+}
+
+impl<'a> File<'a> {
+    fn open(source: &'a mut dyn Source, repair: bool) -> Result<Self, Fault> {
+        let bytes = source.seek(SeekFrom::End(0)).map_err(problem)?;
+        let pages = Pages::new(source, bytes, repair).map_err(problem)?;
+        let reader = E57Reader::new(pages).map_err(problem)?;
+        let scans = reader.pointclouds();
+        Ok(Self { reader, scans, bytes })
+    }
+
+    fn crs(&self) -> Crs {
+        self.reader.coordinate_metadata().map(crs_of).unwrap_or_default()
+    }
+
+    /// What the values of the scans with points mean.
+    fn layouts<'s>(&self, scans: &'s [Scan], notes: &mut Vec<String>) -> Result<Vec<Layout<'s>>, Fault> {
+        let mut layouts = Vec::new();
+        for (i, scan) in scans.iter().enumerate().filter(|(_, scan)| scan.records > 0) {
+            match Layout::new(scan, i as u32, notes) {
+                Some(layout) if layout.bits_per_point() > 0 => layouts.push(layout),
+                _ => notes.push(format!("left out scan {}, which has no coordinates", i + 1)),
+            }
+        }
+        notes.dedup();
+        if layouts.is_empty() {
+            let images = self.reader.images().len();
+            let what = format!("is an E57 file of {} scans and {images} images, and no point", scans.len());
+            return Err(Problem::new(what).expected("points").into());
+        }
+        Ok(layouts)
+    }
+
+    /// Most points that a scan can have.
+    fn most_points(&self, layout: &Layout<'_>) -> u64 {
+        layout.scan.records.min(self.bytes * 8 / layout.bits_per_point())
+    }
+
+    /// Hands the values of each scan's points to `each`, a batch after the other; with `repair` as far as they go, and
+    /// a note says so.
+    fn read(
+        &mut self,
+        layouts: &[Layout<'_>],
+        repair: bool,
+        notes: &mut Vec<String>,
+        mut each: impl FnMut(&Layout<'_>, &[RecordValue]) -> Result<(), Problem>,
+    ) -> Result<(), Fault> {
+        for layout in layouts {
+            let (scan, all) = (layout.index + 1, layout.scan.records);
+            let mut read = 0;
+            let end = read_scan(&mut self.reader, layout, &mut |batch| {
+                read += batch.len() / layout.scan.prototype.len();
+                each(layout, batch)
+            })?;
+            match end {
+                Err(error) if repair => {
+                    let why = one_line(error.to_string().as_bytes());
+                    let why: String = why.chars().take(200).collect();
+                    notes.push(format!("scan {scan} is damaged: took {read} of its {all} points ({why})"));
+                }
+                end => end.map_err(|error| {
+                    problem(format!("scan {scan}, {all} points: {error} after {read}"))
+                        .help("copy the file again; --repair takes the points before the damage")
+                })?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes what was left out.
+    fn note_left_out(&self, invalid: u64, colorless: u64, notes: &mut Vec<String>) {
+        if invalid > 0 {
+            notes.push(format!("left out {} flagged as invalid", counted(invalid, "points")));
+        }
+        if colorless > 0 {
+            notes.push(format!("{} without a colour: white", counted(colorless, "points")));
+        }
+        let images = self.reader.images().len();
+        if images > 0 {
+            notes.push(format!("left out {}", counted(images as u64, "images")));
+        }
+    }
+}
+
+/// The names of all scans' columns, and the smallest type that holds all values.
+fn columns(layouts: &[Layout<'_>]) -> BTreeMap<String, NumberType> {
+    let mut columns: BTreeMap<String, NumberType> = BTreeMap::new();
+    for layout in layouts {
+        for (name, at, _) in &layout.extras {
+            let kind = match layout.scan.prototype[*at].data_type {
+                RecordDataType::Single { .. } => NumberType::F32,
+                RecordDataType::Integer { min: 0.., max: ..=255 } => NumberType::U8,
+                RecordDataType::Integer { min: 0.., max: ..=65_535 } => NumberType::U16,
+                RecordDataType::Integer { min: -2_147_483_648.., max: ..=2_147_483_647 } => NumberType::I32,
+                _ => NumberType::F64,
+            };
+            let known = *columns.get(name).unwrap_or(&kind);
+            columns.insert(name.clone(), if known == kind { kind } else { NumberType::F64 });
+        }
+    }
+    columns
+}
+
+/// Says that all points are flagged.
+fn none_valid(invalid: u64) -> Problem {
+    Problem::new(format!("holds no point but {invalid} that are flagged as invalid")).expected("at least one")
+}
+
+/// Runs what reads a file: what the crate takes for granted, a damaged one may not hold.
+fn guarded<T>(read: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
+        let problem = Problem::new("is damaged: its packets or its XML make no sense");
+        Err(problem.help("copy the file again").into())
+    })
+}
+
+pub(crate) fn read(source: &mut dyn Source, context: &mut Context<'_>) -> Result<Content, Fault> {
+    guarded(|| read_scans(source, context))
+}
+
+fn read_scans(source: &mut dyn Source, context: &mut Context<'_>) -> Result<Content, Fault> {
+    let mut file = File::open(source, context.options.repair)?;
+    let (scans, mut notes) = (std::mem::take(&mut file.scans), Vec::new());
+    let layouts = file.layouts(&scans, &mut notes)?;
+    let expected = layouts.iter().map(|l| file.most_points(l)).fold(0, u64::saturating_add);
+    let mut points = Points { expected: expected.min(file.bytes * 8) as usize, ..Points::default() };
+    points.normals = layouts.iter().any(|l| l.normal.is_some()).then(Vec::new);
+    points.colors = layouts.iter().any(|l| l.color.is_some()).then(Vec::new);
+    points.scans = (layouts.len() > 1).then(SparseColumn::default);
+    points.extras = columns(&layouts).into_iter().map(|(name, kind)| (name, Typed::new(kind))).collect();
+    file.read(&layouts, context.options.repair, &mut notes, |layout, batch| {
+        points.append(layout, batch);
+        Ok(())
+    })?;
+    let (invalid, colorless) = (points.invalid, points.colorless);
+    let mut cloud = points.finish();
+    if cloud.is_empty() {
+        return Err(none_valid(invalid).into());
+    }
+    cloud.viewpoint = if let [layout] = &layouts[..] { layout.viewpoint() } else { None };
+    let crs = file.crs();
+    cloud.comments = crs.comments();
+    file.note_left_out(invalid, colorless, &mut notes);
+    let by = file.reader.library_version().map(|v| format!(" by {}", quote(v))).unwrap_or_default();
+    let bounds = cloud.bounds().map_or_else(Default::default, |(lo, hi)| extent_words(hi - lo));
+    let scans = match layouts.len() {
+        1 => "one scan".to_owned(),
+        n => format!("{n} scans"),
+    };
+    let colors = if cloud.colors.is_some() { "" } else { ", no colours" };
+    context.note(format!("E57{by}: {} points in {scans}, {bounds} m, {}{colors}", cloud.len(), crs.words()));
+    notes.into_iter().for_each(|note| context.note(note));
+    context.points(cloud)
+}
+
+fn crs_of(text: &str) -> Crs {
+    let text = one_line(text.as_bytes());
+    let code = text.strip_prefix("EPSG:").or_else(|| text.strip_prefix("epsg:")).and_then(|code| code.parse().ok());
+    Crs { wkt: (code.is_none() && text.contains('[')).then_some(text), code, ..Crs::default() }
+}
+
+/// Reads a scan as far as it goes, by batches of values: on a thread of its own, as the crate's work takes as long as
+/// ours.
+///
+/// # Errors
+/// [`Problem`] if `each` takes no more.
+fn read_scan<R: Read + Seek + Send>(
+    reader: &mut E57Reader<R>,
+    layout: &Layout<'_>,
+    each: &mut dyn FnMut(&[RecordValue]) -> Result<(), Problem>,
+) -> Result<Result<(), ::e57::Error>, Problem> {
+    let width = layout.scan.prototype.len();
+    let rows = match reader.pointcloud_raw(layout.scan) {
+        Ok(rows) => rows,
+        Err(error) => return Ok(Err(error)),
+    };
+    let (send, receive) = mpsc::sync_channel::<Vec<RecordValue>>(BATCH.1);
+    std::thread::scope(|scope| {
+        let reading = scope.spawn(move || {
+            let new = || Vec::with_capacity(BATCH.0 * width);
+            let mut batch = new();
+            let mut end = Ok(());
+            for row in rows {
+                match row {
+                    Ok(row) => batch.extend(row),
+                    Err(error) => {
+                        end = Err(error);
+                        break;
+                    }
+                }
+                if batch.len() >= BATCH.0 * width && send.send(std::mem::replace(&mut batch, new())).is_err() {
+                    return Ok(());
+                }
+            }
+            let _ = send.send(batch);
+            end
+        });
+        let taken = receive.into_iter().try_for_each(|batch| each(&batch));
+        let end = reading.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        taken.map(|()| end)
+    })
+}
