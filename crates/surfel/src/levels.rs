@@ -12,8 +12,8 @@ use std::sync::Arc;
 use surfel_io::atomic::Temporary;
 pub use surfel_io::copc::resume_folder;
 use surfel_io::copc::{
-    Copc, CopcNode, CopcOptions, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, NodeColumns, PointSplat,
-    RADIUS, save_temporary_copc,
+    Copc, CopcNode, CopcOptions, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, LevelValues, NodeColumns,
+    PointSplat, RADIUS, save_temporary_copc,
 };
 use surfel_io::{Content, Loaded};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Outliers, PointCloud, Shape, SplatCloud};
@@ -38,8 +38,8 @@ const LEAST_GROWN: f64 = 0.05;
 /// Fewer points than these make no surface of their own.
 const LEAST_POINTS: usize = 16;
 
-/// Columns that live until splats are made: how far apart points are where finer ones are missing, else 0; and the
-/// radius over that which a splat will have once its level has come in.
+/// Columns that live until splats are made: how far apart points are where finer ones are missing, else 0; and, where
+/// the file states no radii, the radius over that which a splat will have once its level has come in.
 const SPACING: &str = "surfel_level_spacing";
 const GROWTH: &str = "surfel_level_growth";
 
@@ -124,7 +124,10 @@ pub(crate) fn read(path: &Path, copc: &Path, options: &LoadOptions) -> Result<Op
     let chosen = || nodes.iter().map(|i| &all[*i as usize]);
     let cut = match levels {
         Levels::Overview => Cut::default(),
-        Levels::Views { .. } => Cut::new(&copc, &nodes, fade.as_ref()),
+        Levels::Views { .. } => {
+            let keeps = options.level_store.as_ref().is_some_and(|store| store.keeps_nodes());
+            Cut::new(&copc, &nodes, fade.as_ref(), keeps)
+        }
     };
     let report = LevelReport {
         points: [chosen().map(|n| n.points).sum(), copc.points()],
@@ -140,7 +143,10 @@ pub(crate) fn read(path: &Path, copc: &Path, options: &LoadOptions) -> Result<Op
     let has_choice = !options.classes.is_empty() || options.returns.is_some() || options.condition.is_some();
     let has_values = options.color_by.is_some() || options.label.is_some();
     let is_partial = *levels != Levels::Overview && (!report.is_whole() || cut.fades);
-    let columns = if has_choice || has_values { NodeColumns::All } else { NodeColumns::Splats(&cut.is_level) };
+    let columns = match has_choice || has_values {
+        true => NodeColumns::All,
+        false => NodeColumns::Splats(if is_partial { &cut.values } else { &[] }),
+    };
     let mut found = copc.points_of(&nodes, columns, &io_options(options))?;
     if let Content::Points(points) = &mut found.loaded.content {
         if options.rows || options.label.is_some() {
@@ -246,8 +252,8 @@ impl Fade {
 #[derive(Default)]
 struct Cut {
     is_chosen: Vec<bool>,
-    /// Some children aren't chosen, or come in: its points stand for theirs.
-    is_level: Vec<bool>,
+    /// Where some children aren't chosen, or come in, its points stand for theirs; and for themselves, if some are.
+    values: Vec<LevelValues>,
     /// All of it is drawn as if there were no levels, and all nodes below.
     is_complete: Vec<bool>,
     /// Some nodes chosen come in.
@@ -255,7 +261,8 @@ struct Cut {
 }
 
 impl Cut {
-    fn new(copc: &Copc, chosen: &[u32], fade: Option<&Fade>) -> Self {
+    /// With all that nodes need in later choices if it `keeps` them.
+    fn new(copc: &Copc, chosen: &[u32], fade: Option<&Fade>, keeps: bool) -> Self {
         let all = copc.nodes();
         let mut is_chosen = vec![false; all.len()];
         chosen.iter().for_each(|i| is_chosen[*i as usize] = true);
@@ -264,12 +271,21 @@ impl Cut {
         chosen.iter().for_each(|i| is_done[*i as usize] = done(i));
         let fades = chosen.iter().any(|i| !is_done[*i as usize] && all[*i as usize].points > 0);
         let missing = |node: &CopcNode| node.children.clone().any(|child| !is_done[child as usize]);
-        let is_level: Vec<bool> = all.iter().map(missing).collect();
+        // The first points say whether there are colours and normals at all.
+        let first = chosen.iter().map(|i| &all[*i as usize]).find(|node| node.points > 0).map_or(0, |node| node.level);
+        let value =
+            |node: &CopcNode| match (missing(node), node.children.clone().any(|child| is_chosen[child as usize])) {
+                (false, _) => LevelValues::Without,
+                (true, false) if node.level > first && !keeps => LevelValues::Alone,
+                (true, _) => LevelValues::With,
+            };
+        let values: Vec<LevelValues> = all.iter().map(value).collect();
         let mut is_complete = is_done;
         for (i, node) in all.iter().enumerate().rev() {
-            is_complete[i] &= !is_level[i] && node.children.clone().all(|child| is_complete[child as usize]);
+            is_complete[i] &=
+                values[i] == LevelValues::Without && node.children.clone().all(|child| is_complete[child as usize]);
         }
-        Self { is_chosen, is_level, is_complete, fades }
+        Self { is_chosen, values, is_complete, fades }
     }
 }
 
@@ -321,6 +337,7 @@ fn mark_of(
 /// level, if the file has them; leaves out those that have not come in.
 fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[usize]), points: &mut PointCloud) {
     let all = copc.nodes();
+    let spacings: Vec<f64> = (0..=all.last().map_or(0, |node| node.level)).map(|level| copc.spacing(level)).collect();
     let (origin, positions) = (points.origin, &points.positions);
     let mut marks = vec![Mark { spacing: 0.0, share: 0.0, growth: 1.0 }; points.len()];
     let (mut rest, mut start) = (&mut marks[..], 0);
@@ -336,9 +353,10 @@ fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[
     parts.into_par_iter().for_each(|(node, start, marks)| {
         for (i, mark) in marks.iter_mut().enumerate() {
             let at = origin + positions.get(start + i);
+            let finest = copc.cell_of(at);
             let mut deepest = node;
             let is_missing = loop {
-                let cell = copc.cell_of(at, all[deepest].level + 1);
+                let cell = Copc::cell_above(finest, all[deepest].level + 1);
                 let mut children = all[deepest].children.clone();
                 match children.find(|c| all[*c as usize].cell == cell) {
                     // No finer point is near.
@@ -349,16 +367,20 @@ fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[
             };
             let levels = (all[node].level, all[deepest].level, is_missing);
             let errors = fade.map(|fade| fade.errors(fade.magnification.at(at)));
-            *mark = mark_of(levels, errors, |level| copc.spacing(level));
+            *mark = mark_of(levels, errors, |level| spacings[level as usize]);
+            // Where there are no finer points, what stands for them is the point itself.
+            if cut.values[node] == LevelValues::Alone && mark.share == 0.0 {
+                mark.share = 1.0;
+            }
         }
     });
-    let mut add = |name: &str, values: Vec<f32>| {
-        points.extras.push(ExtraColumn { name: name.into(), values: ExtraValues::F32(values) });
-    };
-    add(SPACING, marks.iter().map(|mark| mark.spacing).collect());
-    if marks.iter().any(|mark| mark.growth < 1.0) {
-        add(GROWTH, marks.iter().map(|mark| mark.growth).collect());
+    let mut columns = vec![(SPACING, marks.iter().map(|mark| mark.spacing).collect())];
+    match points.extras.iter_mut().find(|e| e.name == RADIUS).map(|e| &mut e.values) {
+        Some(ExtraValues::F32(radii)) => radii.iter_mut().zip(&marks).for_each(|(radius, mark)| *radius *= mark.growth),
+        _ => columns.push((GROWTH, marks.iter().map(|mark| mark.growth).collect())),
     }
+    let column = |(name, values): (&str, _)| ExtraColumn { name: name.into(), values: ExtraValues::F32(values) };
+    points.extras.extend(columns.into_iter().map(column));
     if marks.iter().any(|mark| mark.share < 0.0) {
         points.retain(&marks.iter().map(|mark| mark.share >= 0.0).collect::<Vec<_>>());
         marks.retain(|mark| mark.share >= 0.0);
