@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel::model::Camera;
+use surfel::model::{Camera, Geometry};
 use surfel::render::{Frame, Planes, Renderer, SceneSummary, View};
 use surfel::request::{Pictures, RenderOptions, Request, Resolved, Source};
 use surfel::{Backend, BackendOptions, LevelStore, NoProgress, levels};
@@ -276,6 +276,29 @@ fn levels_chosen_for_every_picture_do_not_pop() {
         popping.surface.within(0.999) > MOST_POP && popping.outline.within(0.999) > MOST_OUTLINE_POP,
         "{popping:?}"
     );
+}
+
+/// Of nodes that are kept more is read, for pictures to come.
+#[test]
+fn levels_are_the_same_whether_nodes_are_kept() {
+    let (_folder, path) = hills(Colors::Fields, true);
+    let cloud = |store: LevelStore, step: u32| {
+        let resolved = chosen(&path, &flown(step, ABOVE), &Arc::new(store), Some(1.0), 1).0;
+        match &resolved.scene.objects[0].geometry {
+            Geometry::Splats(cloud) => cloud.clone(),
+            _ => panic!("no splats"),
+        }
+    };
+    for step in [0, STEPS / 3, STEPS] {
+        let [kept, read] = [LevelStore::keeping_nodes(), LevelStore::default()].map(|store| cloud(store, step));
+        assert_eq!((kept.len(), &kept.data().centers), (read.len(), &read.data().centers));
+        for i in 0..kept.len() {
+            let [a, b] = [&kept, &read].map(|cloud| cloud.data().colors.as_ref().unwrap()[i]);
+            // Rounding of a blend, and of a mean of one point.
+            assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-4), "{i} at {step}: {a:?} {b:?}");
+            assert!((kept.normal(i) - read.normal(i)).length() < 1e-5, "{i} at {step}");
+        }
+    }
 }
 
 /// Whole patches whose estimated normals turn around are left to others: they are at borders.
