@@ -115,7 +115,7 @@ fn nodes_hold_what_is_in_their_cubes_and_the_file_is_the_same_for_any_number_of_
             let p = points.origin + points.positions.get(k);
             // A step is what the cube's own rounding may be off by.
             assert!(((p - center).abs() - half).max_element() <= STEP, "{p} {center} {half}");
-            assert_eq!(copc.cell_of(p + DVec3::splat(1e-4), node.level), node.cell);
+            assert_eq!(Copc::cell_above(copc.cell_of(p + DVec3::splat(1e-4)), node.level), node.cell);
         }
     }
     // All at once they are as one by one, and as the plain reader has them, which knows nothing of nodes.

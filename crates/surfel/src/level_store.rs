@@ -54,6 +54,11 @@ impl LevelStore {
         self.least_memory / 3
     }
 
+    /// True if decoded nodes are kept.
+    pub(crate) fn keeps_nodes(&self) -> bool {
+        self.nodes.is_some()
+    }
+
     /// The nodes that are kept, of which there will be no more than `room_bytes`.
     pub(crate) fn nodes(&self, room_bytes: Option<u64>) -> Option<Arc<NodeCache>> {
         let nodes = self.nodes.as_ref()?;

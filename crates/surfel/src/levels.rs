@@ -12,8 +12,8 @@ use std::sync::Arc;
 use surfel_io::atomic::Temporary;
 pub use surfel_io::copc::resume_folder;
 use surfel_io::copc::{
-    Copc, CopcNode, CopcOptions, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, NodeColumns, PointSplat,
-    RADIUS, save_temporary_copc,
+    Copc, CopcNode, CopcOptions, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, LevelValues, NodeColumns,
+    PointSplat, RADIUS, save_temporary_copc,
 };
 use surfel_io::{Content, Loaded};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Outliers, PointCloud, Shape, SplatCloud};
@@ -38,8 +38,10 @@ const LEAST_GROWN: f64 = 0.05;
 /// Fewer points than these make no surface of their own.
 const LEAST_POINTS: usize = 16;
 
-/// A column that lives until splats are made: how far apart points are where finer ones are missing, else 0.
+/// Columns that live until splats are made: how far apart points are where finer ones are missing, else 0; and, where
+/// the file states no radii, the radius over that which a splat will have once its level has come in.
 const SPACING: &str = "surfel_level_spacing";
+const GROWTH: &str = "surfel_level_growth";
 
 /// What is read of a COPC file.
 #[derive(Clone, Debug, PartialEq)]
@@ -128,7 +130,10 @@ pub(crate) fn read(
     let chosen = || nodes.iter().map(|i| &all[*i as usize]);
     let cut = match levels {
         Levels::Overview => Cut::default(),
-        Levels::Views { .. } => Cut::new(&copc, &nodes, fade.as_ref()),
+        Levels::Views { .. } => {
+            let keeps = options.level_store.as_ref().is_some_and(|store| store.keeps_nodes());
+            Cut::new(&copc, &nodes, fade.as_ref(), keeps)
+        }
     };
     let report = LevelReport {
         points: [chosen().map(|n| n.points).sum(), copc.points()],
@@ -144,7 +149,10 @@ pub(crate) fn read(
     let has_choice = !options.classes.is_empty() || options.returns.is_some() || options.condition.is_some();
     let has_values = options.color_by.is_some() || options.label.is_some();
     let is_partial = *levels != Levels::Overview && (!report.is_whole() || cut.fades);
-    let columns = if has_choice || has_values { NodeColumns::All } else { NodeColumns::Splats(&cut.is_level) };
+    let columns = match has_choice || has_values {
+        true => NodeColumns::All,
+        false => NodeColumns::Splats(if is_partial { &cut.values } else { &[] }),
+    };
     let mut found = copc.points_of(&nodes, columns, &io_options(options))?;
     if let Content::Points(points) = &mut found.loaded.content {
         if options.rows || options.label.is_some() {
@@ -224,8 +232,9 @@ fn level_node(copc: &Copc, node: &CopcNode) -> LevelNode {
 }
 
 /// How points of a level come in while a view comes nearer, so that nothing pops: from where splats of the level above
-/// measure the error to where they measure √2 of it, each grows, from a moment of its own on; radii of those that are
-/// there shrink to the level's meanwhile, so that what is drawn closes.
+/// measure the error to where they measure √2 of it, the area of each grows evenly from nothing to its own. Areas of
+/// those that are there shrink evenly to the level's, a quarter, meanwhile: of a surface a level has four times the
+/// points of all above it, so that what covers it stays as much, and the new ones' share of it grows evenly too.
 struct Fade {
     magnification: Magnification,
     error_px: f64,
@@ -249,8 +258,8 @@ impl Fade {
 #[derive(Default)]
 struct Cut {
     is_chosen: Vec<bool>,
-    /// Some children aren't chosen, or come in: its points stand for theirs.
-    is_level: Vec<bool>,
+    /// Where some children aren't chosen, or come in, its points stand for theirs; and for themselves, if some are.
+    values: Vec<LevelValues>,
     /// All of it is drawn as if there were no levels, and all nodes below.
     is_complete: Vec<bool>,
     /// Some nodes chosen come in.
@@ -258,7 +267,8 @@ struct Cut {
 }
 
 impl Cut {
-    fn new(copc: &Copc, chosen: &[u32], fade: Option<&Fade>) -> Self {
+    /// With all that nodes need in later choices if it `keeps` them.
+    fn new(copc: &Copc, chosen: &[u32], fade: Option<&Fade>, keeps: bool) -> Self {
         let all = copc.nodes();
         let mut is_chosen = vec![false; all.len()];
         chosen.iter().for_each(|i| is_chosen[*i as usize] = true);
@@ -267,12 +277,21 @@ impl Cut {
         chosen.iter().for_each(|i| is_done[*i as usize] = done(i));
         let fades = chosen.iter().any(|i| !is_done[*i as usize] && all[*i as usize].points > 0);
         let missing = |node: &CopcNode| node.children.clone().any(|child| !is_done[child as usize]);
-        let is_level: Vec<bool> = all.iter().map(missing).collect();
+        // The first points say whether there are colours and normals at all.
+        let first = chosen.iter().map(|i| &all[*i as usize]).find(|node| node.points > 0).map_or(0, |node| node.level);
+        let value =
+            |node: &CopcNode| match (missing(node), node.children.clone().any(|child| is_chosen[child as usize])) {
+                (false, _) => LevelValues::Without,
+                (true, false) if node.level > first && !keeps => LevelValues::Alone,
+                (true, _) => LevelValues::With,
+            };
+        let values: Vec<LevelValues> = all.iter().map(value).collect();
         let mut is_complete = is_done;
         for (i, node) in all.iter().enumerate().rev() {
-            is_complete[i] &= !is_level[i] && node.children.clone().all(|child| is_complete[child as usize]);
+            is_complete[i] &=
+                values[i] == LevelValues::Without && node.children.clone().all(|child| is_complete[child as usize]);
         }
-        Self { is_chosen, is_level, is_complete, fades }
+        Self { is_chosen, values, is_complete, fades }
     }
 }
 
@@ -289,12 +308,10 @@ struct Mark {
 }
 
 /// That of a point of `level`, where the nodes chosen end at level `deepest`, and more are there if `is_missing`. A
-/// splat that closes a level whose points are 1 apart measures so many `errors`, if it fades; `rank` in [0, 1) is its
-/// turn.
+/// splat that closes a level whose points are 1 apart measures so many `errors`, if it fades.
 fn mark_of(
     (level, mut deepest, mut is_missing): (u32, u32, bool),
     errors: Option<f64>,
-    rank: f64,
     spacing: impl Fn(u32) -> f64,
 ) -> Mark {
     let above = |of: u32| errors.map_or(f64::INFINITY, |errors| errors * spacing(of - 1));
@@ -302,38 +319,31 @@ fn mark_of(
     while deepest > 0 && above(deepest) <= 1.0 {
         (deepest, is_missing) = (deepest - 1, true);
     }
-    // From 0, where a level begins to come in, to 1, where radii are its own.
+    // From 0, where a level begins to come in, to 1, where areas are its own.
     let fading = if deepest == 0 { 1.0 } else { (above(deepest).log2() / FADE_OCTAVES).min(1.0) };
-    let grown = if level == deepest && level > 0 { (fading - 0.2 * rank) / 0.75 } else { f64::INFINITY };
-    let is_drawn = level <= deepest && grown > 0.0;
+    let is_new = level == deepest && fading < 1.0;
     let share = match deepest.checked_sub(level) {
-        _ if !is_drawn => -1.0,
+        None => -1.0,
         Some(0) => f64::from(u8::from(is_missing)),
         Some(1) => 1.0 - fading,
         _ => 0.0,
     };
-    let spacing = match is_missing {
-        true => spacing(deepest) * (1.0 - fading).exp2(),
-        // To nothing, once all are there.
-        false if deepest > 0 => spacing(deepest - 1) * (-fading).exp2().min(2.0 - 2.0 * fading),
-        false => 0.0,
+    let growth = if is_new { fading.sqrt().max(LEAST_GROWN) } else { 1.0 };
+    let own = if is_missing { spacing(deepest) } else { 0.0 };
+    let spacing = match deepest {
+        0 => own,
+        _ if is_new => own * growth,
+        // The areas go to the level's own evenly, to nothing where it is the last.
+        _ => (own * own * fading + spacing(deepest - 1).powi(2) * (1.0 - fading)).sqrt(),
     };
-    Mark { spacing: spacing as f32, share: share as f32, growth: grown.sqrt().clamp(LEAST_GROWN, 1.0) as f32 }
-}
-
-/// A number in [0, 1) for a point of a node, always the same.
-fn rank(node: usize, point: usize) -> f64 {
-    // SplitMix64.
-    let mut bits = ((node as u64) << 32 | point as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    bits = (bits ^ bits >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    bits = (bits ^ bits >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-    ((bits ^ bits >> 31) >> 11) as f64 / (1_u64 << 53) as f64
+    Mark { spacing: spacing as f32, share: share as f32, growth: growth as f32 }
 }
 
 /// Gives points the distance between points where finer ones are missing, and there the colours and normals of their
 /// level, if the file has them; leaves out those that have not come in.
 fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[usize]), points: &mut PointCloud) {
     let all = copc.nodes();
+    let spacings: Vec<f64> = (0..=all.last().map_or(0, |node| node.level)).map(|level| copc.spacing(level)).collect();
     let (origin, positions) = (points.origin, &points.positions);
     let mut marks = vec![Mark { spacing: 0.0, share: 0.0, growth: 1.0 }; points.len()];
     let (mut rest, mut start) = (&mut marks[..], 0);
@@ -349,9 +359,10 @@ fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[
     parts.into_par_iter().for_each(|(node, start, marks)| {
         for (i, mark) in marks.iter_mut().enumerate() {
             let at = origin + positions.get(start + i);
+            let finest = copc.cell_of(at);
             let mut deepest = node;
             let is_missing = loop {
-                let cell = copc.cell_of(at, all[deepest].level + 1);
+                let cell = Copc::cell_above(finest, all[deepest].level + 1);
                 let mut children = all[deepest].children.clone();
                 match children.find(|c| all[*c as usize].cell == cell) {
                     // No finer point is near.
@@ -362,14 +373,20 @@ fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[
             };
             let levels = (all[node].level, all[deepest].level, is_missing);
             let errors = fade.map(|fade| fade.errors(fade.magnification.at(at)));
-            *mark = mark_of(levels, errors, rank(node, i), |level| copc.spacing(level));
+            *mark = mark_of(levels, errors, |level| spacings[level as usize]);
+            // Where there are no finer points, what stands for them is the point itself.
+            if cut.values[node] == LevelValues::Alone && mark.share == 0.0 {
+                mark.share = 1.0;
+            }
         }
     });
-    let spacing = marks.iter().map(|mark| mark.spacing * mark.growth).collect();
-    if let Some(ExtraValues::F32(radii)) = points.extras.iter_mut().find(|e| e.name == RADIUS).map(|e| &mut e.values) {
-        radii.iter_mut().zip(&marks).for_each(|(radius, mark)| *radius *= mark.growth);
+    let mut columns = vec![(SPACING, marks.iter().map(|mark| mark.spacing).collect())];
+    match points.extras.iter_mut().find(|e| e.name == RADIUS).map(|e| &mut e.values) {
+        Some(ExtraValues::F32(radii)) => radii.iter_mut().zip(&marks).for_each(|(radius, mark)| *radius *= mark.growth),
+        _ => columns.push((GROWTH, marks.iter().map(|mark| mark.growth).collect())),
     }
-    points.extras.push(ExtraColumn { name: SPACING.into(), values: ExtraValues::F32(spacing) });
+    let column = |(name, values): (&str, _)| ExtraColumn { name: name.into(), values: ExtraValues::F32(values) };
+    points.extras.extend(columns.into_iter().map(column));
     if marks.iter().any(|mark| mark.share < 0.0) {
         points.retain(&marks.iter().map(|mark| mark.share >= 0.0).collect::<Vec<_>>());
         marks.retain(|mark| mark.share >= 0.0);
@@ -476,9 +493,10 @@ pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<Sp
     }
     let mut data = cloud.into_data();
     let spacing = take_f32(&mut data.extras, SPACING).unwrap_or_default();
+    let growth = take_f32(&mut data.extras, GROWTH).unwrap_or_default();
     let closing = |radius: f32, i: usize| {
-        let apart = spacing.get(i).copied().unwrap_or(0.0);
-        let grown = CLOSING * apart;
+        let radius = radius * growth.get(i).copied().unwrap_or(1.0);
+        let grown = CLOSING * spacing.get(i).copied().unwrap_or(0.0);
         radius.max(if stated { grown } else { grown.min(MOST_GROWN * radius) })
     };
     match &mut data.shape {
@@ -654,57 +672,54 @@ mod tests {
         const FINEST: u32 = 4;
         let spacing = |level: u32| (-f64::from(level)).exp2();
         for extra in [0, 1] {
-            for (level, rank) in [(0, 0.0), (1, 0.0), (2, 0.3), (3, 0.999), (4, 0.5), (4, 0.999)] {
+            for level in 0..=FINEST {
                 let mut before: Option<Mark> = None;
                 let mut errors = 0.3;
                 while errors < 40.0 {
                     // What is chosen somewhere about, at the least and more.
                     let needed = (0..FINEST).take_while(|above| errors * spacing(*above) > 1.0).count() as u32;
                     let deepest = (needed + extra).min(FINEST);
-                    let mark = mark_of((level.min(deepest), deepest, deepest < FINEST), Some(errors), rank, spacing);
+                    let of =
+                        |level: u32, deepest: u32| mark_of((level, deepest, deepest < FINEST), Some(errors), spacing);
                     if level > needed {
-                        // Not chosen, or not yet come in; a level that isn't there is another's point.
-                        let mark = mark_of((level, deepest.max(level), level < FINEST), Some(errors), rank, spacing);
-                        assert!(mark.share < 0.0, "{level} at {errors}");
-                    }
-                    if level <= needed {
+                        // Not chosen, or not yet come in.
+                        assert!(of(level, deepest.max(level)).share < 0.0, "{level} at {errors}");
+                    } else {
+                        let mark = of(level, deepest);
+                        // Never larger than the error.
                         let size_px = f64::from(mark.spacing) * errors;
-                        // Never larger than the error, nor smaller than a level needs.
                         assert!(size_px <= 1.0 + 1e-6, "{level} at {errors}: {size_px}");
-                        assert!(needed == FINEST || size_px > 0.7 || errors < 1.0);
-                        let last = before.unwrap_or(mark);
-                        assert!(
-                            (mark.spacing - last.spacing).abs() < 0.02 * spacing(needed) as f32,
-                            "{level} {errors}"
-                        );
-                        if last.share >= 0.0 {
-                            assert!((mark.growth - last.growth).abs() < 0.06, "{level} {errors}");
-                            assert!(mark.share >= 0.0 && (mark.share - last.share).abs() < 0.01, "{level} {errors}");
+                        // Areas: of half an octave a step is 0.003, of splats that come in with 1/400.
+                        let nothing = Mark { growth: 0.0, spacing: 0.0, ..mark };
+                        let last = before.unwrap_or(if level == 0 { mark } else { nothing });
+                        let grown = (mark.growth.powi(2) - last.growth.powi(2)).abs();
+                        let apart =
+                            (mark.spacing.powi(2) - last.spacing.powi(2)).abs() / spacing(needed).powi(2) as f32;
+                        assert!(grown < 0.006 && (level == 0 || apart < 0.013), "{level} at {errors}: {grown} {apart}");
+                        assert!(mark.share >= 0.0 && (mark.share - last.share).abs() < 0.01, "{level} at {errors}");
+                        if (1..FINEST).contains(&needed) {
+                            // One of those there and three new ones cover what four do that are the level's own.
+                            let [old, new] = [needed - 1, needed].map(|level| of(level, deepest).spacing.powi(2));
+                            let covered = (old + 3.0 * new) / (4.0 * spacing(needed).powi(2) as f32);
+                            let fades = of(needed, deepest).growth < 1.0;
+                            assert!(
+                                if fades { (covered - 1.0).abs() < 0.01 } else { old == new },
+                                "{errors}: {covered}"
+                            );
                         }
                         before = Some(mark);
                     }
                     errors *= 1.001;
                 }
-                let done = mark_of((level, FINEST, false), Some(errors), rank, spacing);
+                let done = mark_of((level, FINEST, false), Some(errors), spacing);
                 assert!(done == Mark { spacing: 0.0, share: 0.0, growth: 1.0 } && before == Some(done), "{level}");
             }
         }
         // Pictures that share a choice draw what is chosen.
-        let shared = |level, deepest, is_missing| mark_of((level, deepest, is_missing), None, 0.9, spacing);
+        let shared = |level, deepest, is_missing| mark_of((level, deepest, is_missing), None, spacing);
         assert_eq!([shared(2, 2, true).spacing, shared(2, 2, true).share], [0.25, 1.0]);
         assert_eq!([shared(1, 2, true).spacing, shared(1, 2, true).share], [0.25, 0.0]);
         assert_eq!([shared(1, 2, false).spacing, shared(1, 2, false).share], [0.0, 0.0]);
-    }
-
-    #[test]
-    fn ranks_are_spread_evenly() {
-        let ranks: Vec<f64> = (0..20).flat_map(|node| (0..5000).map(move |i| rank(node, i))).collect();
-        // Of 100,000 numbers, five deviations.
-        for part in 0..10 {
-            let (low, high) = (f64::from(part) / 10.0, f64::from(part + 1) / 10.0);
-            let within = ranks.iter().filter(|rank| (low..high).contains(*rank)).count() as f64;
-            assert!((within - 1e4).abs() < 5.0 * (1e5_f64 * 0.1 * 0.9).sqrt(), "{low}: {within}");
-        }
     }
 
     #[test]
@@ -712,15 +727,16 @@ mod tests {
         let cloud = || {
             let centers = Column3::from_f32(vec![Vec3::ZERO, Vec3::X]);
             let normals = Column3::from_f32(vec![Vec3::Z; 2]);
-            let spacing = ExtraColumn { name: SPACING.into(), values: ExtraValues::F32(vec![1.0, 0.0]) };
+            let column = |name: &str, values| ExtraColumn { name: name.into(), values: ExtraValues::F32(values) };
+            let extras = vec![column(SPACING, vec![1.0, 0.0]), column(GROWTH, vec![1.0, 0.5])];
             let shape = Shape::Disks { normals, radii: vec![0.1; 2] };
-            let data = CloudData { extras: vec![spacing], ..CloudData::new(glam::DVec3::ZERO, centers, shape) };
+            let data = CloudData { extras, ..CloudData::new(glam::DVec3::ZERO, centers, shape) };
             SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
         };
         // As stated, of all points; and as found among those that were read.
         for (stated, radius) in [(true, CLOSING), (false, MOST_GROWN * 0.1)] {
             let closed = close(cloud(), false, stated).unwrap();
-            assert_eq!([0, 1].map(|i| closed.radius_max(i) as f32), [radius, 0.1]);
+            assert_eq!([0, 1].map(|i| closed.radius_max(i) as f32), [radius, 0.05]);
         }
     }
 }

@@ -3,12 +3,22 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel::model::Camera;
+use surfel::model::{Camera, Geometry};
+use surfel::render::{Frame, Planes, Renderer, SceneSummary, View};
 use surfel::request::{Pictures, RenderOptions, Request, Resolved, Source};
 use surfel::{Backend, BackendOptions, LevelStore, NoProgress, levels};
 
-/// Hills of `side`² points 0.1 apart, in millimetres, with fields of 5 m and grain in colour, as LAS of format 7.
-fn las(side: u32) -> Vec<u8> {
+/// What the land's colours are like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Colors {
+    /// Waves of 17 m, 17 pixels at the start, and as high as those of the mesh octree's ball.
+    Waves,
+    /// Fields of 5 m whose colours step by 0.4 at their borders, and 0.2 of grain from point to point.
+    Fields,
+}
+
+/// Hills of `side`² points 0.1 apart, in millimetres, as LAS of format 7.
+fn las(side: u32, colors: Colors) -> Vec<u8> {
     let mut bytes = vec![0; 375];
     bytes[..4].copy_from_slice(b"LASF");
     bytes[24..26].copy_from_slice(&[1, 4]);
@@ -34,30 +44,56 @@ fn las(side: u32) -> Vec<u8> {
         [x, y, z].iter().for_each(|v| bytes.extend_from_slice(&((v * 1000.0).round() as i32).to_le_bytes()));
         bytes.extend_from_slice(&[0, 0, 0x11, 0, 2, 0, 0, 0, 0, 0]);
         bytes.extend_from_slice(&[0; 8]);
-        let field = (x / 5.0).floor() as i64 + (y / 5.0).floor() as i64;
         let grain = 0.8 + 0.4 * next();
-        let tone = |on: bool| (if on { 45_000.0 } else { 12_000.0 } * grain) as u16;
-        let color = [tone(field % 2 == 0), (30_000.0 * grain) as u16, tone(field % 3 == 0)];
+        let color = match colors {
+            Colors::Waves => [x, y, x + y].map(|v| {
+                let linear = 0.5 + 0.4 * (v * std::f64::consts::TAU / 17.0).sin();
+                (65_535.0 * surfel::math::srgb::encode(linear)) as u16
+            }),
+            Colors::Fields => {
+                let field = (x / 5.0).floor() as i64 + (y / 5.0).floor() as i64;
+                let tone = |on: bool| (if on { 45_000.0 } else { 12_000.0 } * grain) as u16;
+                [tone(field % 2 == 0), (30_000.0 * grain) as u16, tone(field % 3 == 0)]
+            }
+        };
         color.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
     }
     bytes
 }
 
-/// Steps of the flight.
+/// Steps of a flight, to half the distance.
 const STEPS: u32 = 24;
+/// Points along a side of the land, and pixels along a picture's: at the start half of the points are left out.
+const SIDE: u32 = 600;
+const SIZE: u32 = 48;
+/// Rises of a flight, in radians: one that sees the whole land from above, and one that sees hills behind hills.
+const ABOVE: f64 = 0.7;
+const SLANTED: f64 = 0.15;
 
-/// Most that a change of levels may change a picture, root mean square: as of the octree of a mesh.
+/// Most that a change of levels may change a picture, root mean square: as of the octree of a mesh. Measured: 0.0044.
 const POP_RMSE: f64 = 0.005;
+/// Most that it may change a pixel of a smooth surface in colours like those of the octree's ball: less than half of
+/// what its octree may. Measured: 0.0122.
+const POP: f64 = 0.0135;
+/// The same where colours step from point to point. A kernel ends where its weight is e⁻² of its middle's: as radii
+/// shrink a splat leaves a pixel with that part of the weights' sum, 1.25, and may differ from the rest by 0.5: 0.054.
+/// Measured: 0.047.
+const STEP_POP: f64 = 0.054;
+/// Most for all but a thousandth of these pixels, and of those at borders and ridges. Measured: 0.0256, 0.0209.
+const MOST_POP: f64 = 0.026;
+const MOST_OUTLINE_POP: f64 = 0.022;
+/// Second difference of the depths of three pixels in a row, over the middle one, from which on they are two surfaces.
+const MOST_BENT: f32 = 0.02;
 
 /// Toward the middle of the land, and about it: each step as large a share of the distance as the last.
-fn flown(step: f64, size: u32, side: u32) -> Camera {
-    let (share, width) = (step / f64::from(STEPS), f64::from(side) * 0.1);
+fn flown(step: u32, rise: f64) -> Camera {
+    let (share, width) = (f64::from(step) / f64::from(STEPS), f64::from(SIDE) * 0.1);
     let distance = 1.2 * width * 0.5_f64.powf(share);
-    let (turn, rise) = (0.3 * share, 0.7_f64);
+    let turn = 0.3 * share;
     let target = [0.5 * width, 0.5 * width, 0.0];
     let away = [rise.cos() * turn.cos(), rise.cos() * turn.sin(), rise.sin()];
     let eye = [0, 1, 2].map(|k| target[k] + distance * away[k]);
-    Camera::perspective(eye, target, 40.0, [size, size]).with_up([0.0, 0.0, 1.0])
+    Camera::perspective(eye, target, 40.0, [SIZE, SIZE]).with_up([0.0, 0.0, 1.0])
 }
 
 fn chosen(
@@ -68,6 +104,7 @@ fn chosen(
     views: usize,
 ) -> (Resolved, bool) {
     let mut options = RenderOptions::default();
+    options.set("background", "transparent").unwrap();
     match error_px {
         Some(error_px) => options.set("lod-error", &error_px.to_string()).unwrap(),
         None => options.set("all-levels", "on").unwrap(),
@@ -81,34 +118,67 @@ fn chosen(
     (asked.resolve(loaded, &NoProgress, &mut note).unwrap(), by_levels)
 }
 
-/// Largest difference of colour in pixels that are covered in both, and the root mean square.
-fn difference(a: &[[f32; 4]], b: &[[f32; 4]]) -> (f64, f64) {
-    let (mut most, mut sum, mut pixels) = (0.0_f64, 0.0, 0);
-    for (a, b) in a.iter().zip(b).filter(|(a, b)| a[3] > 0.999 && b[3] > 0.999) {
-        for k in 0..3 {
-            let apart = f64::from((a[k] - b[k]).abs());
-            (most, sum) = (most.max(apart), sum + apart * apart);
-        }
-        pixels += 3;
-    }
-    (most, (sum / f64::from(pixels.max(1))).sqrt())
+/// Pixels of one smooth surface: covered as those around them are, and with a depth that steps nowhere among them.
+fn smooth(frame: &Frame) -> Vec<bool> {
+    let (size, z) = (SIZE as usize, frame.depth());
+    let bend = |i: usize, by: usize| (z[i - by] - 2.0 * z[i] + z[i + by]).abs() / z[i];
+    let is_smooth = |i: &usize| {
+        let (x, y) = (i % size, i / size);
+        let around = || [0, 1, 2].into_iter().flat_map(|dy| [0, 1, 2].map(|dx| (y + dy - 1) * size + x + dx - 1));
+        (2..size - 2).contains(&x)
+            && (2..size - 2).contains(&y)
+            && around().all(|j| [1, size].iter().all(|by| bend(j, *by) < MOST_BENT))
+    };
+    (0..z.len()).map(|i| is_smooth(&i)).collect()
 }
 
-/// The largest of a flight.
+/// Change of colour of each pixel that is covered in both.
+fn changes(a: &Frame, b: &Frame) -> Vec<f64> {
+    let covered = |c: &[f32; 4]| c[3] > 0.999;
+    let change = |(a, b): (&[f32; 4], &[f32; 4])| match covered(a) && covered(b) {
+        true => (0..3).map(|k| f64::from((a[k] - b[k]).abs())).fold(0.0, f64::max),
+        false => 0.0,
+    };
+    a.color().iter().zip(b.color()).map(change).collect()
+}
+
+/// Root mean square difference of colour in pixels that are covered in both.
+fn rmse(a: &Frame, b: &Frame) -> f64 {
+    let both = || a.color().iter().zip(b.color()).filter(|(a, b)| a[3] > 0.999 && b[3] > 0.999);
+    let sum: f64 = both().flat_map(|(a, b)| [0, 1, 2].map(|k| f64::from(a[k] - b[k]).powi(2))).sum();
+    (sum / (3 * both().count().max(1)) as f64).sqrt()
+}
+
+/// Changes of pixels, sorted.
+#[derive(Default)]
+struct Changes(Vec<f64>);
+
+impl Changes {
+    /// The change that so large a share of the pixels stays within; 1 for the largest.
+    fn within(&self, share: f64) -> f64 {
+        self.0[(share * (self.0.len() - 1) as f64) as usize]
+    }
+}
+
+impl std::fmt::Debug for Changes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let shares = [0.5, 0.9, 0.99, 0.999, 1.0].map(|share| format!("{share}: {:.4}", self.within(share)));
+        write!(f, "{} ({})", self.0.len(), shares.join(", "))
+    }
+}
+
+/// What the choice of a flight alone changes: a picture beside the same view of the points chosen for the step before.
 #[derive(Debug, Default)]
 struct Flight {
     /// Pictures that are drawn by levels.
     by_levels: u32,
-    /// What the choice alone changes: a picture beside the same view of the points chosen for the step before; of a
-    /// pixel, and root mean square.
-    pop: [f64; 2],
-    /// From a picture to the next.
-    step: [f64; 2],
-    /// The same of all points.
-    step_of_all: [f64; 2],
-    /// By how much a step is larger than that of all points.
-    excess: [f64; 2],
-    /// Root mean square beside all points.
+    /// Pixels of smooth surfaces.
+    surface: Changes,
+    /// All others that are covered in both: at borders and ridges.
+    outline: Changes,
+    /// The largest change of a picture, root mean square.
+    rmse: f64,
+    /// The largest root mean square difference from all points.
     error: f64,
     /// Pixels that all points cover and levels don't.
     bare: usize,
@@ -116,38 +186,47 @@ struct Flight {
     splats: u64,
 }
 
-fn fly(path: &Path, size: u32, side: u32, error_px: f64, views: usize) -> Flight {
+impl Flight {
+    /// True if every picture is drawn by levels, and covers what all points do.
+    fn is_whole(&self) -> bool {
+        self.by_levels == STEPS && self.bare == 0
+    }
+}
+
+/// A flight at splats of 1 px; each picture is of so many views that share a choice.
+fn fly(path: &Path, rise: f64, views: usize) -> Flight {
     let store = Arc::new(LevelStore::keeping_nodes());
     let mut backend = Backend::by_name("cpu", &BackendOptions::default()).unwrap();
-    let mut draw = |resolved: &Resolved, camera: &Camera| -> Vec<[f32; 4]> {
-        let scene = backend.upload(&resolved.scene).unwrap();
-        backend.render(&scene, camera, &resolved.file.settings).unwrap().color().to_vec()
-    };
-    let camera = |step| flown(f64::from(step), size, side);
-    let all = chosen(path, &camera(0), &store, None, 1).0;
-    let mut before = chosen(path, &camera(0), &store, Some(error_px), views).0;
-    let mut shown = [draw(&before, &camera(0)), draw(&all, &camera(0))];
+    let first = flown(0, rise);
+    let [all, start] =
+        [(None, 1), (Some(1.0), views)].map(|(error_px, views)| chosen(path, &first, &store, error_px, views).0);
+    let whole = backend.upload(&all.scene).unwrap();
+    let mut before = backend.upload(&start.scene).unwrap();
     let mut flight = Flight::default();
-    let most = |of: &mut [f64; 2], (most, rmse): (f64, f64)| *of = [of[0].max(most), of[1].max(rmse)];
     for step in 1..=STEPS {
-        let camera = camera(step);
-        let (after, by_levels) = chosen(path, &camera, &store, Some(error_px), views);
-        let next = [draw(&after, &camera), draw(&all, &camera)];
+        let camera = flown(step, rise);
+        let (resolved, by_levels) = chosen(path, &camera, &store, Some(1.0), views);
+        let after = backend.upload(&resolved.scene).unwrap();
+        let view = View::new(&camera).unwrap();
+        let [old, new, all] = [&before, &after, &whole].map(|scene| {
+            let mut frame = Frame::default();
+            backend.render_into(scene, &view, &resolved.file.settings, Planes::ALL, &mut frame).unwrap();
+            frame
+        });
         flight.by_levels += u32::from(by_levels);
-        most(&mut flight.pop, difference(&next[0], &draw(&before, &camera)));
-        let [own, of_all] = [0, 1].map(|i| difference(&shown[i], &next[i]));
-        most(&mut flight.step, own);
-        most(&mut flight.step_of_all, of_all);
-        most(&mut flight.excess, (own.0 - of_all.0, own.1 - of_all.1));
-        flight.error = flight.error.max(difference(&next[0], &next[1]).1);
-        let inside = |i: usize| {
-            let near = [0, 1, size as usize];
-            near.iter().all(|d| i >= *d && next[1][i - d][3] == 1.0 && next[1].get(i + d).is_none_or(|c| c[3] == 1.0))
-        };
-        flight.bare += (0..next[0].len()).filter(|i| inside(*i) && next[0][*i][3] < 0.99).count();
-        flight.splats += surfel::render::SceneSummary::of(&after.scene).splats;
-        (before, shown) = (after, next);
+        let [a, b, c] = [&old, &new, &all].map(smooth);
+        for (i, change) in changes(&old, &new).into_iter().enumerate() {
+            let of = if a[i] && b[i] && c[i] { &mut flight.surface } else { &mut flight.outline };
+            of.0.push(change);
+        }
+        flight.rmse = flight.rmse.max(rmse(&old, &new));
+        flight.error = flight.error.max(rmse(&new, &all));
+        flight.bare += (0..c.len()).filter(|i| c[*i] && new.depth()[*i].is_infinite()).count();
+        flight.splats += SceneSummary::of(&resolved.scene).splats;
+        before = after;
     }
+    flight.surface.0.sort_by(f64::total_cmp);
+    flight.outline.0.sort_by(f64::total_cmp);
     flight
 }
 
@@ -159,26 +238,75 @@ impl Drop for Folder {
     }
 }
 
-/// Hills by levels.
-fn hills(side: u32) -> (Folder, PathBuf) {
-    let folder = Folder(std::env::temp_dir().join(format!("surfel-level-pops-{}", std::process::id())));
+/// Hills by levels, with the splats' normals and radii or, as other programs write them, without.
+fn hills(colors: Colors, has_splats: bool) -> (Folder, PathBuf) {
+    let name = format!("surfel-level-pops-{colors:?}-{has_splats}-{}", std::process::id());
+    let folder = Folder(std::env::temp_dir().join(name));
     std::fs::create_dir_all(&folder.0).unwrap();
     let (input, path) = (folder.0.join("in.las"), folder.0.join("out.copc.laz"));
-    std::fs::write(&input, las(side)).unwrap();
-    levels::save_copc(&[input], &path, &levels::CopcRequest::default(), &NoProgress).unwrap();
+    std::fs::write(&input, las(SIDE, colors)).unwrap();
+    if has_splats {
+        levels::save_copc(&[input], &path, &levels::CopcRequest::default(), &NoProgress).unwrap();
+    } else {
+        surfel_io::copc::save_copc(&[input], &path, &Default::default(), None, &|_, _, _| ()).unwrap();
+    }
     (folder, path)
 }
 
 #[test]
 fn levels_chosen_for_every_picture_do_not_pop() {
-    let var = |name: &str, other: u32| std::env::var(name).map_or(other, |v| v.parse().unwrap());
-    let (side, size) = (var("SIDE", 400), var("SIZE", 96));
-    let (_folder, path) = hills(side);
-    let fading = fly(&path, size, side, 1.0, 1);
-    println!("{fading:?}");
-    assert!(fading.by_levels == STEPS && fading.bare == 0 && fading.pop[1] < POP_RMSE, "{fading:?}");
+    let (_folder, path) = hills(Colors::Waves, true);
+    let waves = fly(&path, ABOVE, 1);
+    println!("waves: {waves:?}");
+    assert!(waves.is_whole() && waves.surface.within(1.0) < POP && waves.rmse < POP_RMSE, "{waves:?}");
+    let (_folder, path) = hills(Colors::Fields, true);
+    for rise in [ABOVE, SLANTED] {
+        let fields = fly(&path, rise, 1);
+        println!("{rise}: {fields:?}");
+        assert!(fields.is_whole() && fields.rmse < POP_RMSE, "{fields:?}");
+        assert!(fields.surface.within(1.0) < STEP_POP && fields.surface.within(0.999) < MOST_POP, "{fields:?}");
+        // A pixel there shows one of two surfaces, so that its largest change is as much as they differ.
+        assert!(fields.outline.within(0.999) < MOST_OUTLINE_POP, "{fields:?}");
+    }
     // What would pop does: pictures that share a choice don't fade, not even two of the same.
-    let popping = fly(&path, size, side, 1.0, 2);
+    let popping = fly(&path, ABOVE, 2);
     println!("without: {popping:?}");
-    assert!(popping.pop[1] > POP_RMSE, "{popping:?}");
+    assert!(popping.rmse > POP_RMSE && popping.surface.within(1.0) > STEP_POP, "{popping:?}");
+    assert!(
+        popping.surface.within(0.999) > MOST_POP && popping.outline.within(0.999) > MOST_OUTLINE_POP,
+        "{popping:?}"
+    );
+}
+
+/// Of nodes that are kept more is read, for pictures to come.
+#[test]
+fn levels_are_the_same_whether_nodes_are_kept() {
+    let (_folder, path) = hills(Colors::Fields, true);
+    let cloud = |store: LevelStore, step: u32| {
+        let resolved = chosen(&path, &flown(step, ABOVE), &Arc::new(store), Some(1.0), 1).0;
+        match &resolved.scene.objects[0].geometry {
+            Geometry::Splats(cloud) => cloud.clone(),
+            _ => panic!("no splats"),
+        }
+    };
+    for step in [0, STEPS / 3, STEPS] {
+        let [kept, read] = [LevelStore::keeping_nodes(), LevelStore::default()].map(|store| cloud(store, step));
+        assert_eq!((kept.len(), &kept.data().centers), (read.len(), &read.data().centers));
+        for i in 0..kept.len() {
+            let [a, b] = [&kept, &read].map(|cloud| cloud.data().colors.as_ref().unwrap()[i]);
+            // Rounding of a blend, and of a mean of one point.
+            assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-4), "{i} at {step}: {a:?} {b:?}");
+            assert!((kept.normal(i) - read.normal(i)).length() < 1e-5, "{i} at {step}");
+        }
+    }
+}
+
+/// Whole patches whose estimated normals turn around are left to others: they are at borders.
+#[test]
+fn levels_of_estimated_splats_do_not_pop() {
+    let (_folder, path) = hills(Colors::Fields, false);
+    let fields = fly(&path, ABOVE, 1);
+    println!("{fields:?}");
+    assert!(fields.is_whole(), "{fields:?}");
+    assert!(fields.surface.within(1.0) < STEP_POP && fields.surface.within(0.999) < MOST_POP, "{fields:?}");
 }

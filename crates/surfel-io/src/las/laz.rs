@@ -8,7 +8,9 @@ use crate::survey::Source;
 use crate::words::counted;
 use ::laz::laszip::{ChunkTable, ChunkTableEntry};
 use ::laz::{DecompressionSelection, LasZipDecompressor, LasZipError, LazItemRecordBuilder, LazItemType, LazVlr};
+use std::collections::BTreeMap;
 use std::io::{self, BufReader, Cursor, Read, Seek, SeekFrom};
+use std::ops::Range;
 
 /// Most bytes that points may take once they are decoded: this and this many times the file's own. Real scans take
 /// some 4 to 20 times as many, grids of equal points up to thousands.
@@ -387,28 +389,39 @@ pub(super) fn chunk_points(
     if is_layered(vlr) { check_layers(source, at, bytes, vlr, size).map(Some) } else { Ok(None) }
 }
 
-/// Takes layers of extra bytes, those marked, out of the chunk that begins at `start` and is the last, so that nobody
-/// decodes them: all its points have zeros there. Its layers are known to be within it ([`chunk_points`]).
-pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, is_left_out: &[bool]) {
+/// Takes layers of colours, where `colors` says so, and of extra bytes, those marked, out of the chunk that begins at
+/// `start` and is the last, so that nobody decodes them: all its points have zeros there. Its layers are known to be
+/// within it ([`chunk_points`]).
+pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, colors: bool, extra: &[bool]) {
+    if !is_layered(vlr) {
+        return;
+    }
+    // The layers that are left out, and where the first point, which is as it is, has what they are of.
+    let mut left_out: BTreeMap<usize, Range<usize>> = BTreeMap::new();
     let (mut layers, mut at) = (0, start);
-    let mut extra = None;
     for item in vlr.items() {
-        if matches!(item.item_type(), LazItemType::Byte14(_)) {
-            extra = Some((layers, at));
+        match item.item_type() {
+            LazItemType::RGB14 | LazItemType::RGBNIR14 if colors => {
+                left_out.insert(layers, at..at + 6);
+            }
+            LazItemType::Byte14(_) => {
+                let marked = (0..).zip(extra).filter(|(_, is_left_out)| **is_left_out);
+                left_out.extend(marked.map(|(i, _)| (layers + i, at + i..at + i + 1)));
+            }
+            _ => {}
         }
         layers += layers_of(item.item_type());
         at += usize::from(item.size());
     }
-    let (Some((first, first_at)), true) = (extra, is_layered(vlr)) else { return };
     let sizes_at = at + 4;
     let mut from = sizes_at + 4 * layers;
     let mut to = from;
     for layer in 0..layers {
         let size_at = sizes_at + 4 * layer;
         let bytes = u32::from_le_bytes(field(packed, size_at)) as usize;
-        if layer.checked_sub(first).is_some_and(|i| is_left_out.get(i) == Some(&true)) {
+        if let Some(of_first) = left_out.get(&layer) {
             packed[size_at..size_at + 4].fill(0);
-            packed[first_at + layer - first] = 0;
+            packed[of_first.clone()].fill(0);
         } else {
             packed.copy_within(from..from + bytes, to);
             to += bytes;

@@ -1,5 +1,6 @@
 //! Nodes of COPC files that stay decoded.
 
+use super::hierarchy::LevelValues;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -27,9 +28,7 @@ pub(super) enum Decoded {
     /// All.
     All,
     /// What splats are made of.
-    Points,
-    /// With the colours and normals of their level.
-    Level,
+    Splats(LevelValues),
 }
 
 /// A node: its file, where in it, and what is decoded.
@@ -116,13 +115,15 @@ impl Kept {
 mod tests {
     use super::*;
 
+    const POINTS: Decoded = Decoded::Splats(LevelValues::Without);
+
     #[test]
     fn nodes_used_last_stay_and_no_more_than_the_limit() {
         let cache = NodeCache::default();
         let state = |bytes| Arc::new(FileState { path: "a".into(), bytes, modified: None });
         let file = state(9);
-        let add = |at: u64, len: usize| cache.add(&file, at, Decoded::Points, (&vec![at as u8; len], 1));
-        let has = |at: u64| cache.get(&file, at, Decoded::Points).is_some_and(|r| r.iter().all(|v| *v == at as u8));
+        let add = |at: u64, len: usize| cache.add(&file, at, POINTS, (&vec![at as u8; len], 1));
+        let has = |at: u64| cache.get(&file, at, POINTS).is_some_and(|r| r.iter().all(|v| *v == at as u8));
         add(1, 10);
         assert!(!has(1), "nothing is kept without a limit");
         cache.limit(30);
@@ -138,7 +139,7 @@ mod tests {
         cache.limit(12);
         assert!(has(4) && !has(3) && cache.bytes() == 12);
         // Another file of that name, and other columns, are others.
-        assert!(cache.get(&state(10), 4, Decoded::Points).is_none());
+        assert!(cache.get(&state(10), 4, POINTS).is_none());
         assert!(cache.get(&file, 4, Decoded::All).is_none());
         cache.limit(0);
         assert!(cache.bytes() == 0 && cache.lock().order.is_empty() && cache.lock().nodes.is_empty());

@@ -6,7 +6,7 @@ use super::super::records::Columns;
 use super::super::{field, finish, unreadable};
 use super::cache::{Decoded, FileState, NodeCache};
 use super::octants::{cell, code};
-use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES, LEVEL_COLORS, LEVEL_NORMALS};
+use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES, LEVEL_COLORS, LEVEL_NORMALS, NORMALS};
 use crate::content::{Content, LoadOptions};
 use crate::error::{IoError, Location, Problem, READ};
 use crate::format::Format;
@@ -63,9 +63,21 @@ pub struct Copc {
 pub enum NodeColumns<'a> {
     /// All.
     All,
-    /// What splats are made of: positions, colours, normals, and what else the extra bytes hold; the colours and
-    /// normals of their level only of nodes marked by their index, zeros of others.
-    Splats(&'a [bool]),
+    /// What splats are made of: positions, colours, normals, and what else the extra bytes hold; of each node, by its
+    /// index, with these colours and normals. What isn't read is zero.
+    Splats(&'a [LevelValues]),
+}
+
+/// Which colours and normals of a node's points are read: a point's own, and those of its level.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum LevelValues {
+    /// Its own.
+    #[default]
+    Without,
+    /// Both.
+    With,
+    /// Those of its level; its own where the file has no others.
+    Alone,
 }
 
 impl NodeColumns<'_> {
@@ -73,8 +85,7 @@ impl NodeColumns<'_> {
     fn of(self, node: u32) -> Decoded {
         match self {
             Self::All => Decoded::All,
-            Self::Splats(is_level) if is_level.get(node as usize) == Some(&true) => Decoded::Level,
-            Self::Splats(_) => Decoded::Points,
+            Self::Splats(values) => Decoded::Splats(values.get(node as usize).copied().unwrap_or_default()),
         }
     }
 }
@@ -170,11 +181,17 @@ impl Copc {
         (corner + DVec3::from(node.cell.map(|c| 2.0 * f64::from(c) + 1.0)) * half, half)
     }
 
-    /// The octant of `level` that a point is in, object units; those outside of the cube are in the next.
-    pub fn cell_of(&self, point: DVec3, level: u32) -> [u32; 3] {
-        let cells = f64::from(level).exp2();
+    /// The octant of the finest level there may be that a point is in, object units; those outside of the cube are in
+    /// the next. [`Self::cell_above`] gives those around it.
+    pub fn cell_of(&self, point: DVec3) -> [u32; 3] {
+        let cells = f64::from(1_u32 << MAX_LEVEL);
         let at = (point - (self.center - self.half)) / (2.0 * self.half) * cells;
         at.to_array().map(|v| v.floor().clamp(0.0, cells - 1.0) as u32)
+    }
+
+    /// The octant of `level` around one of [`Self::cell_of`].
+    pub fn cell_above(cell: [u32; 3], level: u32) -> [u32; 3] {
+        cell.map(|c| c >> MAX_LEVEL.saturating_sub(level))
     }
 
     /// The row of the first point of each node, as its file stores them one after another.
@@ -239,7 +256,11 @@ impl Copc {
             NodeColumns::All => (Columns::new(header, count as usize), DecompressionSelection::all()),
             NodeColumns::Splats(_) => (Columns::of_splats(header, count as usize), of_splats()),
         };
-        let is_of_level = level_bytes(header);
+        let is_of_level = marked_bytes(header, [LEVEL_COLORS, LEVEL_NORMALS].as_flattened());
+        // Those of a level stand for its own.
+        let [has_colors, has_normals] = [LEVEL_COLORS, LEVEL_NORMALS]
+            .map(|names| names.iter().all(|name| header.extra.iter().any(|e| e.name == *name)));
+        let is_own = marked_bytes(header, if has_normals { &NORMALS } else { &[] });
         let kept = |(node, decoded): &(&CopcNode, Decoded)| {
             let records = self.cache.as_ref()?.get(&self.file, node.at, *decoded)?;
             (records.len() as u64 == node.points * size).then_some(records)
@@ -265,8 +286,10 @@ impl Copc {
                 packed.resize(start + node.bytes as usize, 0);
                 source.seek(SeekFrom::Start(node.at)).map_err(unreadable)?;
                 source.read_exact(&mut packed[start..]).map_err(unreadable)?;
-                if *decoded == Decoded::Points {
-                    leave_out(&mut packed, start, &vlr, &is_of_level);
+                match decoded {
+                    Decoded::Splats(LevelValues::Without) => leave_out(&mut packed, start, &vlr, false, &is_of_level),
+                    Decoded::Splats(LevelValues::Alone) => leave_out(&mut packed, start, &vlr, has_colors, &is_own),
+                    Decoded::Splats(LevelValues::With) | Decoded::All => {}
                 }
                 chunks.push((node.points, (packed.len() - start) as u64));
             }
@@ -296,15 +319,15 @@ impl Copc {
     }
 }
 
-/// Which of the extra bytes are values of a level.
-fn level_bytes(header: &Header) -> Vec<bool> {
+/// Which of the extra bytes are of these names.
+fn marked_bytes(header: &Header, names: &[&str]) -> Vec<bool> {
     let extra_bytes = header.record_bytes - POINT_BYTES[usize::from(header.format)];
-    let mut is_of_level = vec![false; extra_bytes];
-    for extra in header.extra.iter().filter(|e| LEVEL_COLORS.iter().chain(&LEVEL_NORMALS).any(|name| e.name == *name)) {
+    let mut is_marked = vec![false; extra_bytes];
+    for extra in header.extra.iter().filter(|e| names.contains(&e.name.as_str())) {
         let end = extra_bytes.min(extra.at + ExtraField::bytes(extra.kind));
-        is_of_level[extra.at.min(end)..end].fill(true);
+        is_marked[extra.at.min(end)..end].fill(true);
     }
-    is_of_level
+    is_marked
 }
 
 /// Checks that a node has as many points as the hierarchy says.

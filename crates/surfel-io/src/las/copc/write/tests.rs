@@ -1,6 +1,6 @@
 //! Files don't depend on how their parts are made.
 
-use super::super::{Copc, LEVEL_NORMALS, NodeColumns};
+use super::super::{Copc, LEVEL_COLORS, LEVEL_NORMALS, LevelValues, NodeColumns};
 use super::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use surfel_model::PointCloud;
@@ -23,6 +23,18 @@ fn las_of(points: &[[i32; 3]]) -> Vec<u8> {
         at.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
         bytes.extend_from_slice(&[0; 10]);
         bytes.extend_from_slice(&(i as f64).to_le_bytes());
+    }
+    bytes
+}
+
+/// The same in format 7: each point has a colour of its own.
+fn colored(las: &[u8]) -> Vec<u8> {
+    let mut bytes = las[..375].to_vec();
+    bytes[104] = 7;
+    bytes[105..107].copy_from_slice(&36_u16.to_le_bytes());
+    for record in las[375..].chunks_exact(30) {
+        bytes.extend_from_slice(record);
+        bytes.extend(record[..6].iter().map(|v| v | 1));
     }
     bytes
 }
@@ -534,7 +546,7 @@ fn values_of_levels_are_read_of_the_nodes_that_want_them() {
     let folder = std::env::temp_dir().join(format!("surfel-copc-level-values-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let (input, output) = (folder.join("in.las"), folder.join("out.copc.laz"));
-    std::fs::write(&input, las(150_000)).unwrap();
+    std::fs::write(&input, colored(&las(150_000))).unwrap();
     let prepare = |cloud: &PointCloud| {
         let splat = |i: usize| {
             let at = cloud.positions.get(i);
@@ -548,8 +560,8 @@ fn values_of_levels_are_read_of_the_nodes_that_want_them() {
     save(&[input], &output, &OVER, Some(&prepare), &|_, _, _| (), limits).unwrap();
     let copc = Copc::open(&output).unwrap().unwrap();
     let nodes: Vec<u32> = (0..copc.nodes().len() as u32).collect();
-    let read = |is_level: &[bool]| {
-        let found = copc.points_of(&nodes, NodeColumns::Splats(is_level), &crate::LoadOptions::default()).unwrap();
+    let read = |values: &[LevelValues]| {
+        let found = copc.points_of(&nodes, NodeColumns::Splats(values), &crate::LoadOptions::default()).unwrap();
         let crate::Content::Points(points) = found.loaded.content else { panic!("no points") };
         (points, found.ends)
     };
@@ -557,23 +569,32 @@ fn values_of_levels_are_read_of_the_nodes_that_want_them() {
         points.extras.iter().find(|e| e.name == name).map_or(0.0, |e| e.values.get(i))
     };
     let marked = 3;
-    let one: Vec<bool> = nodes.iter().map(|i| *i == marked).collect();
-    let ((whole, ends), (some, _), (none, _)) = (read(&vec![true; nodes.len()]), read(&one), read(&[]));
+    let one = |value: LevelValues| {
+        let values = nodes.iter().map(|i| if *i == marked { value } else { LevelValues::Without });
+        read(&values.collect::<Vec<_>>()).0
+    };
+    let (whole, ends) = read(&vec![LevelValues::With; nodes.len()]);
     let of_marked = ends[marked as usize - 1]..ends[marked as usize];
     assert!(nodes.len() > 5 && !of_marked.is_empty());
-    for (points, has_levels) in [(&some, true), (&none, false)] {
-        assert!(points.positions == whole.positions && points.normals == whole.normals);
+    for value in [LevelValues::With, LevelValues::Alone, LevelValues::Without] {
+        let points = one(value);
+        assert!(points.positions == whole.positions);
         let mut seen = 0;
         for i in 0..whole.len() {
-            assert_eq!(values(points, RADIUS, i), values(&whole, RADIUS, i));
-            for name in LEVEL_NORMALS {
-                let wanted = has_levels && of_marked.contains(&i);
+            let is_left_out = value == LevelValues::Alone && of_marked.contains(&i);
+            let own =
+                |points: &PointCloud| (points.normals.as_ref().unwrap().get(i), points.colors.as_ref().unwrap()[i]);
+            let expected = if is_left_out { (DVec3::ZERO, [0.0; 3]) } else { own(&whole) };
+            assert_eq!(own(&points), expected, "{value:?} of {i}");
+            assert_eq!(values(&points, RADIUS, i), values(&whole, RADIUS, i));
+            for name in LEVEL_NORMALS.iter().chain(&LEVEL_COLORS) {
+                let wanted = value != LevelValues::Without && of_marked.contains(&i);
                 let expected = if wanted { values(&whole, name, i) } else { 0.0 };
-                assert_eq!(values(points, name, i), expected, "{name} of {i}");
+                assert_eq!(values(&points, name, i), expected, "{name} of {i}");
                 seen += u32::from(wanted && expected != 0.0);
             }
         }
-        assert_eq!(seen > 0, has_levels);
+        assert_eq!(seen > 0, value != LevelValues::Without);
     }
     std::fs::remove_dir_all(&folder).unwrap();
 }
