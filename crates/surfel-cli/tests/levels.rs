@@ -116,8 +116,8 @@ fn points_that_do_not_fit_into_memory_are_refused_with_what_to_do() {
     for (command, expected) in [
         ("render in.las --memory 512K", "surfel convert"),
         ("render in.las --memory 100K --max-points 513", "0.0 GB of memory at 200 bytes"),
-        ("render out.copc.laz --memory 100K", "at most 1024 points (--max-points)"),
-        ("render out.copc.laz --memory 100K --all-levels", "at most 1024 points (--max-points)"),
+        ("render out.copc.laz --memory 100K", "at most 682 points (--max-points)"),
+        ("render out.copc.laz --memory 100K --all-levels", "at most 682 points (--max-points)"),
         ("render in.xyz --memory 1K", "has 6 points to draw"),
         ("render in.las --memory 1K --every 2", "has 1800 points to draw"),
     ] {

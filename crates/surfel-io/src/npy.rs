@@ -428,12 +428,16 @@ fn expanded(name: &str, count: usize) -> Vec<String> {
 fn parse(bytes: Bytes<'_>) -> Result<Array<'_>, Fault> {
     let array = header_of(bytes)?;
     if array.bytes().is_none_or(|n| n > array.data.len()) {
-        let shape: Vec<String> = array.shape.iter().map(usize::to_string).collect();
-        let (found, shape, item) = (array.data.len(), shape.join("×"), array.item_bytes);
-        let what = format!("the file has {found} bytes for an array of {shape} elements of {item} bytes");
-        return Err(Problem::new(what).help("copy or save the file again: it is incomplete").into());
+        return Err(too_few_bytes(&array));
     }
     Ok(array)
+}
+
+fn too_few_bytes(array: &Array<'_>) -> Fault {
+    let shape: Vec<String> = array.shape.iter().map(usize::to_string).collect();
+    let (found, shape, item) = (array.data.len(), shape.join("×"), array.item_bytes);
+    let what = format!("the file has {found} bytes for an array of {shape} elements of {item} bytes");
+    Problem::new(what).help("copy or save the file again: it is incomplete").into()
 }
 
 /// An array as its header says; whether its data are all there isn't checked.
@@ -483,7 +487,7 @@ fn header_of(bytes: Bytes<'_>) -> Result<Array<'_>, Fault> {
         _ => return Err(unreadable()),
     }
     if array.bytes().is_none() {
-        return Err(unreadable());
+        return Err(too_few_bytes(&array));
     }
     Ok(array)
 }
