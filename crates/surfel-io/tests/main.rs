@@ -8,6 +8,7 @@ mod gltf;
 mod images;
 mod left_out;
 mod mutations;
+mod numpy;
 mod octree;
 mod ply;
 mod point_formats;

@@ -12,13 +12,15 @@ use glam::Vec2;
 pub(crate) const MOST_IN_CELL: usize = 64;
 /// Corners of a square and one more for each neighbour.
 const MOST_CORNERS: usize = MOST_IN_CELL + 5;
+/// Room for half as many more: where rounding has bent a polygon, each corner that is cut off alone leaves two.
+const ROOM: usize = MOST_CORNERS + MOST_CORNERS / 2;
 
 /// A convex polygon around the origin, clipped by bisectors. Kept between cells.
 #[derive(Clone, Debug)]
 pub(crate) struct Cell {
     /// Corners counter-clockwise, as columns.
-    x: [f32; MOST_CORNERS],
-    y: [f32; MOST_CORNERS],
+    x: [f32; ROOM],
+    y: [f32; ROOM],
     /// A bit for each corner where a bisector starts.
     bisectors: u128,
     len: usize,
@@ -26,7 +28,7 @@ pub(crate) struct Cell {
 
 impl Default for Cell {
     fn default() -> Self {
-        Self { x: [0.0; MOST_CORNERS], y: [0.0; MOST_CORNERS], bisectors: 0, len: 0 }
+        Self { x: [0.0; ROOM], y: [0.0; ROOM], bisectors: 0, len: 0 }
     }
 }
 
@@ -84,7 +86,7 @@ impl Cell {
     fn clip(&mut self, n: Vec2, half: f32) {
         let from = self.clone();
         let beyond = |i: usize| from.x[i] * n.x + from.y[i] * n.y - half;
-        if half == 0.0 || from.len == MOST_CORNERS || (0..from.len).all(|i| beyond(i) <= 0.0) {
+        if half == 0.0 || from.len >= MOST_CORNERS || (0..from.len).all(|i| beyond(i) <= 0.0) {
             return;
         }
         (self.bisectors, self.len) = (0, 0);
@@ -248,12 +250,17 @@ fn merge<S: Simd>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lanes::levels;
     use crate::mesh::random::Random;
     use fearless_simd::{Level, dispatch};
 
     fn build(cell: &mut Cell, neighbours: &[Vec2]) {
+        build_by(Level::new(), cell, neighbours);
+    }
+
+    fn build_by(level: Level, cell: &mut Cell, neighbours: &[Vec2]) {
         let (x, y): (Vec<f32>, Vec<f32>) = neighbours.iter().map(|n| (n.x, n.y)).unzip();
-        dispatch!(Level::new(), simd => cell.build(simd, &x, &y));
+        dispatch!(level, simd => cell.build(simd, &x, &y));
     }
 
     fn grid(width: f32, height: f32) -> Vec<Vec2> {
@@ -322,12 +329,27 @@ mod tests {
                 let (mut lanes, mut plain) = (Cell::default(), Cell::default());
                 build(&mut plain, &[]);
                 for (i, n) in near.iter().enumerate() {
-                    build(&mut lanes, &near[..=i]);
                     plain.clip(*n, 0.5 * n.length_squared());
-                    assert_eq!(corners(&lanes), corners(&plain));
+                    for level in levels() {
+                        build_by(level, &mut lanes, &near[..=i]);
+                        assert_eq!(corners(&lanes), corners(&plain), "{level:?}");
+                    }
                 }
                 assert!(lanes.len > 2);
             }
         }
+    }
+
+    #[test]
+    fn bent_polygons_of_the_most_corners_have_room() {
+        // Every other corner is beyond the bisector.
+        let mut cell = Cell { len: MOST_CORNERS - 1, ..Cell::default() };
+        for i in 0..cell.len {
+            (cell.x[i], cell.y[i]) = (if i % 2 == 0 { 1.0 } else { -1.0 }, i as f32);
+        }
+        cell.clip(Vec2::X, 0.5);
+        assert_eq!(cell.len, MOST_CORNERS - 1 + (MOST_CORNERS - 1) / 2);
+        cell.clip(Vec2::X, 0.25);
+        assert_eq!(cell.len, MOST_CORNERS - 1 + (MOST_CORNERS - 1) / 2);
     }
 }

@@ -55,37 +55,50 @@ pub(crate) fn rank<S: Simd>(simd: S, values: &mut [f32], n: usize, ranks: &mut [
     }
 }
 
+/// The best instructions of this machine, and those that others have.
+#[cfg(test)]
+pub(crate) fn levels() -> Vec<fearless_simd::Level> {
+    use fearless_simd::Level;
+    let best = Level::new();
+    #[cfg(target_arch = "x86_64")]
+    let others =
+        [best.as_avx2().map(Level::Avx2), best.as_sse4_2().map(Level::Sse4_2), best.as_sse2().map(Level::Sse2)];
+    #[cfg(not(target_arch = "x86_64"))]
+    let others = [];
+    others.into_iter().flatten().chain([best]).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::mesh::random::Random;
-    use fearless_simd::{Level, dispatch};
+    use fearless_simd::dispatch;
 
     #[test]
     fn ranks_are_places_in_sorted_order_with_ties_in_their_own() {
         let mut random = Random::new(6);
         for n in [0, 1, 15, 16, 17, 40, 96] {
-            for levels in [1.0, 5.0, 1e9] {
-                let values: Vec<f32> = (0..n).map(|_| (random.unit() * levels).floor() as f32).collect();
-                let mut room = values.clone();
-                room.resize(96, -1.0);
-                let mut ranks = vec![0; 96];
-                dispatch!(Level::new(), simd => rank(simd, &mut room, n, &mut ranks));
+            for different in [1.0, 5.0, 1e9] {
+                let values: Vec<f32> = (0..n).map(|_| (random.unit() * different).floor() as f32).collect();
                 let mut order: Vec<usize> = (0..n).collect();
                 order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
-                assert!(order.iter().enumerate().all(|(rank, i)| ranks[*i] as usize == rank), "{n} {levels}");
+                for level in levels() {
+                    let (mut room, mut ranks) = (values.clone(), vec![0; 96]);
+                    room.resize(96, -1.0);
+                    dispatch!(level, simd => rank(simd, &mut room, n, &mut ranks));
+                    assert!(order.iter().enumerate().all(|(rank, i)| ranks[*i] as usize == rank), "{n} {level:?}");
+                }
             }
         }
     }
 
     #[test]
     fn kept_lanes_move_together_behind_what_is_there() {
-        for bits in [0_u32, 1, 0x8000, 0xffff, 0x5a0f] {
+        let all = [0_u32, 1, 0x8000, 0xffff, 0x5a0f];
+        for (bits, level) in all.into_iter().flat_map(|bits| levels().into_iter().map(move |level| (bits, level))) {
             let mut to = [100_u32; 40];
-            dispatch!(Level::new(), simd => {
-                let kept = (numbers(simd, 0).simd_lt(u32x16::splat(simd, 16)), bits);
-                let wanted = NUMBERS.map(|i| bits >> i & 1);
-                let kept = kept.0 & u32x16::load_array(simd, wanted).simd_gt(u32x16::splat(simd, 0));
+            dispatch!(level, simd => {
+                let kept = mask32x16::from_bitmask(simd, u64::from(bits));
                 compress(numbers(simd, 7), kept, &mut to, 5);
             });
             let expected: Vec<u32> = (0..16).filter(|i| bits >> i & 1 == 1).map(|i| 7 + i).collect();

@@ -368,6 +368,7 @@ fn key(distance2: f32, place: u32) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lanes::levels;
     use crate::mesh::random::Random;
     use glam::DVec3;
 
@@ -382,8 +383,8 @@ mod tests {
 
     fn check(name: &str, positions: &[DVec3], step: usize) {
         let points = SortedPoints::new(positions.len(), |i| positions[i]).unwrap();
-        let mut search = Search::new(&points);
-        for count in [1, 16, 48, MOST_NEIGHBOURS] {
+        for (level, count) in levels().into_iter().flat_map(|l| [1, 16, 48, MOST_NEIGHBOURS].map(|count| (l, count))) {
+            let mut search = Search { level, ..Search::new(&points) };
             for slot in (0..points.len()).step_by(step) {
                 let expected = brute_force(&points, slot, count);
                 let (found, farthest2) = search.nearest(slot, count, 0.0);
