@@ -1,5 +1,6 @@
 //! A scene for files that come without one: camera, lights and settings that show any data well.
 
+use crate::closed;
 use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice, frame_camera};
 use crate::framing::{UpConvention, UpReason, Upright, upright};
 use crate::patches::Patches;
@@ -9,8 +10,8 @@ use crate::{Error, LoadOptions};
 use glam::DVec3;
 use std::path::Path;
 use surfel_model::{
-    Camera, Composite, ConvertOptions, Cull, DepthTolerance, Light, Material, ObjectFile, Scene, SceneFile, Settings,
-    Shader, Transparency, Up,
+    Camera, Composite, ConvertOptions, Cull, DepthTolerance, Geometry, Light, Material, Object, ObjectFile, Scene,
+    SceneFile, Settings, Shader, Transparency, Up,
 };
 use surfel_render::Preset;
 use surfel_sample::Progress;
@@ -161,8 +162,8 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
     };
     let mut objects = objects;
     let whites = Whites::of(loaded);
-    for (object, facts) in objects.iter_mut().zip(&loaded.facts) {
-        object.material = material(facts, whites.exposure());
+    for ((object, facts), drawn) in objects.iter_mut().zip(&loaded.facts).zip(&loaded.objects) {
+        object.material = material(facts, hides_its_back(facts, drawn), whites.exposure());
     }
     Ok(SceneFile {
         up: Some(up),
@@ -228,12 +229,20 @@ impl Whites {
     }
 }
 
+/// True of splats that cover a closed surface from outside: as their file or mesh says, or as clouds look.
+fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
+    let is_cloud = matches!(object.geometry, Geometry::Splats(_)) && !facts.mesh;
+    let is_judged = is_cloud && !facts.partial && !facts.transparent;
+    let looks_closed = || Patches::of(std::slice::from_ref(object)).is_some_and(|patches| closed::is_closed(&patches));
+    facts.closed || is_judged && looks_closed()
+}
+
 /// Colours are shown as bright as they are, and white ones a little darker; what has none is white by definition, and
 /// shown as light grey clay, which leaves room for highlights.
 ///
-/// The hidden side of a closed mesh is left out: its splats reach a little past the silhouette and would fringe it.
-fn material(facts: &ObjectFacts, exposure: f64) -> Material {
-    let cull = if facts.closed { Cull::Back } else { Cull::None };
+/// The back of what closes is left out: its splats reach a little past the silhouette and would fringe it.
+fn material(facts: &ObjectFacts, hides_its_back: bool, exposure: f64) -> Material {
+    let cull = if hides_its_back { Cull::Back } else { Cull::None };
     if facts.colored {
         let (ambient, diffuse) = (1.3 * exposure, 0.95 * exposure);
         Material { ambient, diffuse, specular: 0.06 * exposure, shininess: 24.0, cull, ..Material::default() }

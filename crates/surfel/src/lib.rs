@@ -41,6 +41,7 @@ mod attributes;
 mod auto;
 pub mod backend;
 pub mod camera;
+mod closed;
 pub mod coloring;
 pub mod compare;
 mod convert;

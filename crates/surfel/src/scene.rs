@@ -59,9 +59,11 @@ pub struct ObjectFacts {
     pub up_reason: Option<UpReason>,
     /// Its file held points, without extent or polygons.
     pub points: bool,
+    /// Its file held a mesh, whose edges say whether it is closed.
+    pub mesh: bool,
     /// It has colours.
     pub colored: bool,
-    /// Its splats cover a closed mesh from outside.
+    /// Its file or its mesh says that its splats cover a closed surface from outside.
     pub closed: bool,
     /// Where its splats overlap they hardly stand apart: they were made of a mesh of flat parts, or clipped by `sharp`.
     pub flat: bool,
@@ -82,6 +84,7 @@ impl Default for ObjectFacts {
             up: Up::PlusY,
             up_reason: None,
             points: false,
+            mesh: false,
             colored: false,
             closed: false,
             flat: false,
@@ -239,6 +242,7 @@ pub fn load_objects(
                         loaded.beside.extend(beside);
                         loaded.colorings.extend(coloring.map(|coloring| (path.clone(), coloring)));
                         let points = matches!(conversion, Conversion::Points(_));
+                        let mesh = !points && !matches!(conversion, Conversion::None);
                         let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
                         let transparent = match &geometry {
                             Geometry::Splats(cloud) => cloud.is_transparent() && !gaussian,
@@ -255,6 +259,7 @@ pub fn load_objects(
                             up,
                             up_reason,
                             points,
+                            mesh,
                             closed,
                             flat,
                             fine,

@@ -15,7 +15,7 @@ use glam::{DVec2, DVec3};
 use surfel_model::Up;
 
 /// Side of a thumbnail in pixels.
-const SIDE: usize = 64;
+pub(crate) const SIDE: usize = 64;
 /// Patches that a thumbnail is drawn of, at most.
 const DRAWN: usize = 8000;
 /// Cells along a half diagonal: those of entropy, and those in which curvature is measured.
@@ -151,8 +151,11 @@ impl<'a> Judge<'a> {
     fn look(&self, axes: &ViewAxes) -> Seen {
         let mut counts = vec![[0u32; 2]; self.cells.len()];
         let mut seen = Seen::default();
-        for number in draw(self.patches, axes) {
-            let patch = &self.patches.all[number];
+        let all = &self.patches.all;
+        let step = all.len().div_ceil(DRAWN);
+        let drawn = all.iter().enumerate().step_by(step.max(1));
+        for (_, number) in draw(drawn, (step as f64).sqrt(), axes) {
+            let Some(patch) = all.get(number) else { continue };
             let facing = !patch.has_sides || patch.normal.dot(axes.forward) <= 0.0;
             let count = &mut counts[self.cells[number] as usize];
             count[0] += 1;
@@ -221,15 +224,18 @@ fn curvature(patches: &Patches) -> Vec<f64> {
     patches.all.iter().map(around).collect()
 }
 
-/// Draws patches as ellipses, the nearest in front, by parallel projection, 1 being half the image; returns the numbers
-/// of those that are seen, one a pixel.
-fn draw(patches: &Patches, axes: &ViewAxes) -> Vec<usize> {
+/// Draws numbered patches as ellipses, their radii times `growth`, the nearest in front, by parallel projection, 1
+/// being half the image; returns the depth and the number of what is seen, row by row: +∞ and the largest number where
+/// nothing is.
+pub(crate) fn draw<'a>(
+    patches: impl Iterator<Item = (usize, &'a Patch)>,
+    growth: f64,
+    axes: &ViewAxes,
+) -> Vec<(f64, usize)> {
     let mut pixels = vec![(f64::INFINITY, usize::MAX); SIDE * SIDE];
-    let step = patches.all.len().div_ceil(DRAWN);
-    let growth = (step as f64).sqrt();
     let scale = 0.5 * SIDE as f64;
     let to_image = |v: DVec3| DVec2::new(v.dot(axes.right), -v.dot(axes.up)) * scale;
-    for (number, patch) in patches.all.iter().enumerate().step_by(step) {
+    for (number, patch) in patches {
         let center = to_image(patch.position) + DVec2::splat(scale);
         let [s, t] = patch.axes.map(|axis| to_image(axis * growth));
         let inverse = 1.0 / s.perp_dot(t);
@@ -250,5 +256,5 @@ fn draw(patches: &Patches, axes: &ViewAxes) -> Vec<usize> {
             }
         }
     }
-    pixels.into_iter().map(|(_, number)| number).filter(|n| *n != usize::MAX).collect()
+    pixels
 }

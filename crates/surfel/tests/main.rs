@@ -1,5 +1,6 @@
 //! The facade as its callers use it.
 
+mod closed;
 mod facades;
 mod interface;
 mod level_pops;

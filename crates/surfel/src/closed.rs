@@ -1,0 +1,175 @@
+//! Whether a cloud closes around what it was taken of, so that nobody sees the inner side of its surface.
+
+use crate::framing::ViewAxes;
+use crate::patches::{Patch, Patches};
+use crate::viewpoint::{SIDE, draw};
+use glam::DVec3;
+
+/// Cosine of the angle between a view's direction and a normal beyond which surface faces away for certain: at rims
+/// normals of the far side turn little past the edge.
+const AWAY: f64 = 0.35;
+/// Largest share of what a view shows that faces away, of a surface that closes: disks of the far side reach past rims,
+/// those of a bunny of 2,000 points by 0.08. Of open surfaces, some view shows a third or more.
+const RIMS: f64 = 0.1;
+/// Largest share of what a view shows that faces away elsewhere than at rims.
+const HOLES: f64 = 0.001;
+/// Depth over length across the view up to which a surface is even, not a rim: at [`AWAY`] it is 2.7.
+const STEEPEST: f64 = 3.0;
+/// What patches that don't face away are grown by: between those that happen to be taken there are gaps.
+const GROWN: f64 = 2.0;
+
+/// True of a cloud that looks the same, but for its rims, without its inner side, whichever way it is looked at: along
+/// the axes and the diagonals of a cube. Estimated normals that point inward somewhere would leave a hole there.
+pub(crate) fn is_closed(patches: &Patches) -> bool {
+    // Of the 27 places in a grid of three, those in the middle of faces and at corners.
+    let all = (0..27).map(|i| DVec3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)) - 1.0);
+    let mut directions = all.filter(|d| [1.0, 3.0].contains(&d.length_squared()));
+    let reach_px = reach_px(patches);
+    directions.all(|forward| {
+        let (away, holes) = inner_side(patches, reach_px, forward.normalize());
+        away <= RIMS && holes <= HOLES
+    })
+}
+
+/// The share of what is seen along a direction that faces away and hides what doesn't, and of that what lies elsewhere
+/// than at rims: where nothing around, as far as disks reach, lies much farther away.
+fn inner_side(patches: &Patches, reach_px: isize, forward: DVec3) -> (f64, f64) {
+    let (right, up) = forward.any_orthonormal_pair();
+    let axes = ViewAxes { right, up, forward };
+    let facing = |p: &Patch| p.normal.dot(forward);
+    let numbered = || patches.all.iter().enumerate();
+    let all = draw(numbered(), 1.0, &axes);
+    let outer = draw(numbered().filter(|(_, p)| facing(p) <= 0.0), GROWN, &axes);
+    let step = STEEPEST * reach_px as f64 * 2.0 / SIDE as f64;
+    let side = SIDE as isize;
+    let (mut seen, mut away, mut holes) = (0, 0, 0);
+    for (pixel, (depth, number)) in all.iter().enumerate() {
+        let Some(patch) = patches.all.get(*number) else { continue };
+        seen += 1;
+        if facing(patch) <= AWAY || outer[pixel].0 - depth <= step {
+            continue;
+        }
+        away += 1;
+        let (x, y) = (pixel as isize % side, pixel as isize / side);
+        let at = |x: isize, y: isize| match (0..side).contains(&x) && (0..side).contains(&y) {
+            true => all[(y * side + x) as usize].0,
+            false => f64::INFINITY,
+        };
+        let mut around = (-reach_px..=reach_px).flat_map(|j| (-reach_px..=reach_px).map(move |i| (i, j)));
+        let is_rim = around.any(|(i, j)| at(x + i, y + j) - depth > step);
+        holes += usize::from(!is_rim);
+    }
+    let share = |count: usize| count as f64 / seen.max(1) as f64;
+    (share(away), share(holes))
+}
+
+/// How far patches reach past a rim as they are drawn, in pixels.
+fn reach_px(patches: &Patches) -> isize {
+    let mut radii: Vec<f64> = patches.all.iter().map(|p| p.axes[0].length().max(p.axes[1].length())).collect();
+    let half = radii.len() / 2;
+    let median = radii.select_nth_unstable_by(half, f64::total_cmp).1;
+    1 + (*median * 0.5 * SIDE as f64).ceil() as isize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DAffine3, Vec3};
+    use std::f64::consts::{PI, TAU};
+    use std::sync::Arc;
+    use surfel_model::{Geometry, Material, Object, SplatCloud};
+
+    /// Disks about points with normals.
+    fn is_closed_of(splats: &[(DVec3, DVec3)], radius: f64) -> bool {
+        is_closed_at(splats, radius, DAffine3::IDENTITY)
+    }
+
+    fn is_closed_at(splats: &[(DVec3, DVec3)], radius: f64, world_from_object: DAffine3) -> bool {
+        let positions: Vec<Vec3> = splats.iter().map(|(p, _)| p.as_vec3()).collect();
+        let normals: Vec<Vec3> = splats.iter().map(|(_, n)| n.as_vec3()).collect();
+        let cloud = SplatCloud::disks(&positions, &normals, &vec![radius as f32; splats.len()]).unwrap();
+        let geometry = Geometry::Splats(Arc::new(cloud));
+        let object = Object { geometry, world_from_object, material: Material::default() };
+        is_closed(&Patches::of(&[object]).unwrap())
+    }
+
+    /// Points spread evenly over a unit ball.
+    fn ball(count: usize) -> Vec<(DVec3, DVec3)> {
+        let golden = PI * (3.0 - 5f64.sqrt());
+        let point = |i: usize| {
+            let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
+            let (sin, cos) = (golden * i as f64 % TAU).sin_cos();
+            let p = DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z);
+            (p, p)
+        };
+        (0..count).map(point).collect()
+    }
+
+    /// A radius of disks that cover a ball of so many points.
+    fn radius(count: usize) -> f64 {
+        1.5 * (4.0 * PI / count as f64).sqrt()
+    }
+
+    /// Two opposite sides of a unit cube each, for all its axes in turn, `side` by `side` points each.
+    fn sides(axes: &[usize], side: usize, thickness: f64) -> Vec<(DVec3, DVec3)> {
+        let at = |i: usize| (i as f64 + 0.5) / side as f64 - 0.5;
+        let mut splats = Vec::new();
+        for &axis in axes {
+            for i in 0..side * side {
+                for sign in [-0.5, 0.5] {
+                    let mut p = DVec3::ZERO;
+                    p[axis] = sign;
+                    p[(axis + 1) % 3] = at(i % side);
+                    p[(axis + 2) % 3] = at(i / side);
+                    let mut normal = DVec3::ZERO;
+                    normal[axis] = sign.signum();
+                    splats.push((p * DVec3::new(1.0, 1.0, thickness), normal));
+                }
+            }
+        }
+        splats
+    }
+
+    #[test]
+    fn what_covers_a_body_is_closed_whatever_its_size_place_and_detail() {
+        for count in [100, 1000, 8000, 30_000] {
+            assert!(is_closed_of(&ball(count), radius(count)), "{count}");
+        }
+        for (scale, offset) in [(1e-12, 0.0), (1e12, 0.0), (1.0, 1e9), (-1.0, 3.0)] {
+            let matrix = DAffine3::from_scale(DVec3::splat(scale));
+            let matrix = DAffine3::from_translation(DVec3::splat(offset)) * matrix;
+            assert!(is_closed_at(&ball(8000), radius(8000), matrix), "{scale} {offset}");
+        }
+        assert!(is_closed_of(&sides(&[0, 1, 2], 40, 1.0), 1.0 / 40.0));
+        assert!(is_closed_of(&sides(&[0, 1, 2], 40, 0.1), 1.0 / 40.0));
+    }
+
+    #[test]
+    fn what_is_open_anywhere_is_not_closed() {
+        let ball = ball(8000);
+        let without = |share: f64| -> Vec<_> {
+            ball.iter().copied().filter(|(p, _)| p.dot(DVec3::new(0.48, 0.6, 0.64)) < 1.0 - 2.0 * share).collect()
+        };
+        for share in [0.5, 0.1, 0.01] {
+            assert!(!is_closed_of(&without(share), radius(8000)), "{share}");
+        }
+        // A sheet, and a box without lids.
+        let sheet: Vec<_> = sides(&[2], 60, 0.0).into_iter().step_by(2).collect();
+        assert!(!is_closed_of(&sheet, 1.0 / 60.0));
+        assert!(!is_closed_of(&sides(&[0, 1], 40, 1.0), 1.0 / 40.0));
+        // A room, as it is seen from inside.
+        let inward: Vec<_> = ball.iter().map(|(p, n)| (*p, -*n)).collect();
+        assert!(!is_closed_of(&inward, radius(8000)));
+    }
+
+    #[test]
+    fn normals_that_point_inward_somewhere_keep_a_cloud_open() {
+        let turned = |share: f64| -> Vec<_> {
+            let turn = |(p, n): (DVec3, DVec3)| (p, if p.z < 1.0 - 2.0 * share { n } else { -n });
+            ball(8000).into_iter().map(turn).collect()
+        };
+        for share in [0.3, 0.03, 0.01] {
+            assert!(!is_closed_of(&turned(share), radius(8000)), "{share}");
+        }
+    }
+}
