@@ -15,7 +15,7 @@ use glam::{DVec2, DVec3};
 use surfel_model::Up;
 
 /// Side of a thumbnail in pixels.
-pub(crate) const SIDE: usize = 64;
+const SIDE: usize = 64;
 /// Patches that a thumbnail is drawn of, at most.
 const DRAWN: usize = 8000;
 /// Cells along a half diagonal: those of entropy, and those in which curvature is measured.
@@ -154,7 +154,7 @@ impl<'a> Judge<'a> {
         let all = &self.patches.all;
         let step = all.len().div_ceil(DRAWN);
         let drawn = all.iter().enumerate().step_by(step.max(1));
-        for (_, number) in draw(drawn, (step as f64).sqrt(), axes) {
+        for (_, number) in draw(drawn, (step as f64).sqrt(), axes, SIDE) {
             let Some(patch) = all.get(number) else { continue };
             let facing = !patch.has_sides || patch.normal.dot(axes.forward) <= 0.0;
             let count = &mut counts[self.cells[number] as usize];
@@ -225,15 +225,16 @@ fn curvature(patches: &Patches) -> Vec<f64> {
 }
 
 /// Draws numbered patches as ellipses, their radii times `growth`, the nearest in front, by parallel projection, 1
-/// being half the image; returns the depth and the number of what is seen, row by row: +∞ and the largest number where
-/// nothing is.
+/// being half the image of `side` by `side` pixels; returns the depth and the number of what is seen, row by row: +∞
+/// and the largest number where nothing is.
 pub(crate) fn draw<'a>(
     patches: impl Iterator<Item = (usize, &'a Patch)>,
     growth: f64,
     axes: &ViewAxes,
+    side: usize,
 ) -> Vec<(f64, usize)> {
-    let mut pixels = vec![(f64::INFINITY, usize::MAX); SIDE * SIDE];
-    let scale = 0.5 * SIDE as f64;
+    let mut pixels = vec![(f64::INFINITY, usize::MAX); side * side];
+    let scale = 0.5 * side as f64;
     let to_image = |v: DVec3| DVec2::new(v.dot(axes.right), -v.dot(axes.up)) * scale;
     for (number, patch) in patches {
         let center = to_image(patch.position) + DVec2::splat(scale);
@@ -242,14 +243,14 @@ pub(crate) fn draw<'a>(
         // Half a pixel more, so that edge-on patches are seen too.
         let reach = (s * s + t * t).map(f64::sqrt).max(DVec2::splat(0.5));
         let depth = patch.position.dot(axes.forward);
-        let pixel = |v: f64| (v.max(0.0) as usize).min(SIDE);
+        let pixel = |v: f64| (v.max(0.0) as usize).min(side);
         let [x0, y0] = (center - reach).to_array().map(pixel);
         let [x1, y1] = (center + reach).to_array().map(|v| pixel(v + 1.0));
         for y in y0..y1 {
             for x in x0..x1 {
                 let d = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - center;
                 let (u, v) = (d.perp_dot(t) * inverse, s.perp_dot(d) * inverse);
-                let found = &mut pixels[y * SIDE + x];
+                let found = &mut pixels[y * side + x];
                 if depth < found.0 && (u * u + v * v <= 1.0 || d.abs().max_element() <= 0.5) {
                     *found = (depth, number);
                 }
