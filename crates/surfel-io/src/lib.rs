@@ -68,6 +68,7 @@ mod ply;
 mod point_columns;
 #[cfg(feature = "points")]
 mod points;
+mod polygons;
 mod rows;
 pub mod scene_file;
 #[cfg(feature = "gaussians")]

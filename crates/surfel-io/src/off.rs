@@ -6,6 +6,7 @@ use crate::columns::measured_positions;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
+use crate::polygons::Cutter;
 use crate::words::counted;
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, Mesh, PointCloud};
@@ -99,6 +100,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         })?;
     }
     let (mut triangles, mut skipped, mut colored) = (Vec::new(), 0_usize, false);
+    let mut cutter = Cutter::default();
     for _ in 0..face_count as u64 {
         let line = lines.next().ok_or_else(|| incomplete("faces"))?;
         numbers(line, &mut row)?;
@@ -117,12 +119,9 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
             let problem = Problem::new(format!("the face {} has a corner out of range", quote(line.1.trim_ascii())));
             problem.at(Location::Line(line.0)).expected(format!("indices from 0 to {}", vertex_count - 1.0))
         })?;
-        match polygon[..] {
-            [first, ref middle @ ..] if middle.len() >= 2 => {
-                triangles.extend(middle.windows(2).map(|w| [first, w[0], w[1]]));
-            }
-            _ => skipped += 1,
-        }
+        let cut = cutter.cut(&polygon, |i| vertices.positions.get(i as usize).copied());
+        triangles.extend(cut.iter().map(|t| t.map(|place| polygon[place as usize])));
+        skipped += usize::from(corners < 3);
     }
     if skipped > 0 {
         context.note(format!("skipped {} with fewer than 3 corners", counted(skipped as u64, "faces")));

@@ -115,6 +115,22 @@ fn obj_indices_of_every_form() {
 }
 
 #[test]
+fn concave_polygons_are_cut_within_their_outline() {
+    // A door in a wall, seen from its first corner through the opening.
+    let corners = ["0 0 0", "2 0 0", "2 0 2", "3 0 2", "3 0 0", "8 0 0", "8 0 3", "0 0 3"];
+    let obj: String = corners.iter().map(|c| format!("v {c}\n")).collect::<String>() + "f 1 2 3 4 5 6 7 8\n";
+    let off = format!("OFF\n8 1 0\n{}\n8 0 1 2 3 4 5 6 7\n", corners.join("\n"));
+    for m in [mesh(load(Format::Obj, obj)), mesh(load(Format::Off, off))] {
+        let area = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|i| m.positions.get(i as usize));
+            0.5 * (b - a).cross(c - a).length()
+        };
+        assert_eq!(m.triangles.iter().map(area).sum::<f64>(), 22.0, "{:?}", m.triangles);
+        assert_eq!(m.triangles.len(), 6);
+    }
+}
+
+#[test]
 fn obj_without_texture_keeps_its_vertices_as_they_are() {
     let loaded = load(Format::Obj, "# made by hand\nv 0.1 0 0 1 0.5 0\nv 1 0 0\nv 1 1 0\nv 9 9 9\nf 3 2 1\nf 1 2\n");
     assert_eq!(loaded.notes, ["skipped 1 face with fewer than 3 corners"]);

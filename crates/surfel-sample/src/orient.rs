@@ -471,6 +471,9 @@ fn directions() -> [DVec3; 14] {
     all
 }
 
+/// Votes below which a set is a sheet: a valley whose sides rise by 10° gets so many from below.
+const SHEET: f64 = 2.0;
+
 /// What the points of a patch, or of a set of patches, say about its sign.
 #[derive(Clone)]
 struct Evidence {
@@ -554,9 +557,10 @@ fn signs(
             return e.given < 0;
         }
         // A closed surface gets close to 14 votes, a sheet about none: its extreme points look the same from both
-        // sides. Then up decides, and where that says nothing either (a wall), whatever outward says.
+        // sides, and of a shallow valley from below. Then up decides, and where that says nothing either (a wall),
+        // whatever outward says.
         let outward = outward(e);
-        let is_undecided = outward.abs() < 1.0 && e.up.abs() > 0.01 * e.count;
+        let is_undecided = outward.abs() < SHEET && e.up.abs() > 0.01 * e.count;
         if is_undecided { e.up < 0.0 } else { outward < 0.0 }
     };
     sets.iter().map(flip).collect()

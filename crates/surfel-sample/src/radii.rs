@@ -248,8 +248,20 @@ struct Summary {
     spacing: f32,
     /// Whether more neighbours than the row's closed it.
     is_wide: bool,
+    /// Whether more than a quarter of the row's neighbours are on no surface with the point.
+    is_scattered: bool,
     /// Second moments of a closed cell about its centroid: xx xy xz yy yz zz in space.
     moments: [f32; 6],
+}
+
+/// How a cell was built.
+struct Found {
+    is_closed: bool,
+    /// Of its lengths.
+    unit: f32,
+    /// As in [`Summary`].
+    is_wide: bool,
+    is_scattered: bool,
 }
 
 /// Unit tangents of a unit normal, as `surfel_math::basis::orthonormal` has them.
@@ -376,21 +388,21 @@ impl<'a> Block<'a> {
         is_rough || 4 * self.taking_part < 3 * near.len()
     }
 
-    /// Builds the cell of `slot`, among more neighbours when those of its row don't close it: whether it is closed,
-    /// the unit of its lengths, and whether it took more.
-    fn best_cell(&mut self, slot: usize, near: &[u32]) -> (bool, f32, bool) {
+    /// Builds the cell of `slot`, among more neighbours when those of its row don't close it.
+    fn best_cell(&mut self, slot: usize, near: &[u32]) -> Found {
         let (is_closed, unit) = self.build(slot, near, BELIEVED);
+        let found = Found { is_closed, unit, is_wide: false, is_scattered: 4 * self.taking_part < 3 * near.len() };
         if is_closed || self.points.len() <= near.len() + 1 {
-            return (is_closed, unit, false);
+            return found;
         }
         let wide = self.wide(slot, unit);
         let (is_closed, wide_unit) = self.build(slot, &wide, BELIEVED_WIDE);
         if is_closed {
-            return (true, wide_unit, true);
+            return Found { is_closed, unit: wide_unit, is_wide: true, ..found };
         }
         // At a border the wider view only adds slivers along it.
         self.build(slot, near, BELIEVED);
-        (false, unit, false)
+        found
     }
 
     /// More neighbours than a row has, the farthest of which is this far.
@@ -404,10 +416,10 @@ impl<'a> Block<'a> {
     fn summary(&mut self, slot: usize, near: &[u32]) -> Summary {
         let Some(&ring) = near.get(RING - 1).or(near.last()) else { return Summary::default() };
         let spacing = distance2(self.points.at(ring as usize), self.points.at(slot)).sqrt();
-        let (is_closed, unit, is_wide) = self.best_cell(slot, near);
+        let Found { is_closed, unit, is_wide, is_scattered } = self.best_cell(slot, near);
         let reach = self.cell.reach() * unit;
         if !is_closed {
-            return Summary { reach, spacing, is_wide, ..Summary::default() };
+            return Summary { reach, spacing, is_wide, is_scattered, ..Summary::default() };
         }
         let (area, [xx, xy, yy]) = self.cell.moments();
         let square = unit * unit;
@@ -418,7 +430,7 @@ impl<'a> Block<'a> {
                 |i: usize, j: usize| square * (xx * u[i] * u[j] + xy * (u[i] * v[j] + v[i] * u[j]) + yy * v[i] * v[j]);
             moments = [at(0, 0), at(0, 1), at(0, 2), at(1, 1), at(1, 2), at(2, 2)];
         }
-        Summary { area: area * square, reach, spacing, is_wide, moments }
+        Summary { area: area * square, reach, spacing, is_wide, is_scattered, moments }
     }
 
     /// The size of the point at place `i` of the run.
@@ -459,9 +471,14 @@ impl<'a> Block<'a> {
         let density = DENSITY as f32 * spacing;
         let largest = if own.area > 0.0 { LARGEST } else { LARGEST_AT_BORDER } as f32 * density;
         let bounded = |reach: f32| (COVER as f32 * reach).clamp(density, largest);
-        let ellipse = if self.ellipses { self.ellipse(slot, near, own.is_wide, &smooth.moments) } else { None };
+        // Leaves, strays and thin edges lie in no surface, and the few cells that close there are too large.
+        let is_scattered = self.known.is_none() && own.is_scattered;
+        let ellipse =
+            if self.ellipses && !is_scattered { self.ellipse(slot, near, own.is_wide, &smooth.moments) } else { None };
         let ellipse = ellipse.map(|(angle, ratio, reach)| Ellipse::new(bounded(reach), angle, ratio));
-        (Size::new(bounded(own.reach), spacing, is_isolated, false), ellipse)
+        let is_open = self.known.is_none() && own.area == 0.0;
+        let most = if is_open || is_scattered { DENSITY as f32 * own.spacing } else { f32::INFINITY };
+        (Size::new(bounded(own.reach).min(most), spacing, is_isolated, false), ellipse)
     }
 
     /// Angle and axis ratio of the ellipse with these moments, where it is stretched, and how far the cell reaches

@@ -4,6 +4,7 @@ use crate::coloring::{self, ColorBy, Colored, Coloring};
 use crate::framing::{UpConvention, UpReason};
 use crate::levels::{self, LevelReport, Levels};
 use crate::{Error, LevelStore, convert, labels, memory};
+use glam::DVec3;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -468,8 +469,11 @@ fn not_splats(path: &Path) -> Error {
     Error::Unsuitable { path: path.to_path_buf(), problem }
 }
 
+/// Length in metres below which what an E57 file holds is a thing, not a place.
+const THING_M: f64 = 1.0;
+
 /// Why a file's up axis is known: it says it, or its format does. `None` for OBJ, STL, OFF, PLY, Draco, PCD and
-/// columns of numbers, which come with any axis up.
+/// columns of numbers, which come with any axis up, and for E57 files of a thing that no scanner stood before.
 pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
     if loaded.content.own_up().is_some() {
         return Some(UpReason::Stated);
@@ -487,8 +491,23 @@ pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
             | Format::Npy
             | Format::Npz
             | Format::Surfel
-    );
+    ) || is_thing(loaded);
     (!is_any || loaded.up == Up::MinusY).then_some(UpReason::Format)
+}
+
+/// Whether an E57 file holds something small without a scanner's place, which other programs export as they have it:
+/// scanners of places stand upright.
+fn is_thing(loaded: &Loaded) -> bool {
+    let Content::Points(points) = &loaded.content else { return false };
+    let is_of_one = points.viewpoint.is_none() && points.extras.iter().all(|extra| extra.name != "scan");
+    let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    loaded.format == Format::E57
+        && is_of_one
+        && (0..points.len()).all(|i| {
+            let p = points.positions.get(i);
+            (lo, hi) = (lo.min(p), hi.max(p));
+            (hi - lo).max_element() < THING_M
+        })
 }
 
 /// A file's polygons.

@@ -126,6 +126,10 @@ const TABLE: f64 = 0.85;
 /// Ground faces up within 60° and is this thin, of its smaller width; and no more than half of it is quite level, as
 /// drawings are.
 const GROUND: (f64, f64) = (0.5, 0.35);
+/// The share of a surface that is ground, at least: trees face all ways.
+const GROUND_SHARE: f64 = 0.75;
+/// The cosine of how far ground leans at most: 30°.
+const LEANING: f64 = 0.866;
 /// What evidence weighs against a base, whose best is 1.5: hull and half the fill of its footprint.
 const GROUND_WEIGHT: f64 = 0.8;
 const MIRROR_WEIGHT: f64 = 0.8;
@@ -255,7 +259,7 @@ impl Shape {
             mirror: mirror(patches),
             extent,
             tapers: [0, 1, 2].map(|k| tapers(patches, k)),
-            ground: [0, 1, 2].map(|k| is_ground(patches, extent, k)),
+            ground: [0, 1, 2].map(|k| is_ground(patches, k)),
             facing: patches.mean(|p| p.normal),
             plates_lie: convention == UpConvention::Stl,
         }
@@ -366,14 +370,28 @@ fn smoothstep(a: f64, b: f64, x: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// The surface is a thin height field over this axis, and not a drawing in its plane.
-fn is_ground(patches: &Patches, extent: [f64; 3], k: usize) -> bool {
-    let [u, v] = others(k);
+/// The surface is a thin height field over this axis, or over one that leans from it as hillsides do, and not a drawing
+/// in its plane.
+fn is_ground(patches: &Patches, k: usize) -> bool {
+    let axis = DVec3::AXES[k];
+    let leaning = patches.mean(|p| p.normal * p.normal[k].signum()).normalize_or(axis);
+    spreads_across(patches, axis) || leaning[k] > LEANING && spreads_across(patches, leaning)
+}
+
+/// Whether the surface is a thin height field in this direction, and not a drawing in its plane.
+fn spreads_across(patches: &Patches, direction: DVec3) -> bool {
+    let (u, v) = direction.any_orthonormal_pair();
+    let extent = |d: DVec3| {
+        let along = patches.all.iter().map(|p| p.position.dot(d));
+        let (lo, hi) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)));
+        hi - lo
+    };
     let share = |least: f64| {
-        let areas = patches.all.iter().filter(|p| p.normal[k].abs() > least).map(|p| p.area);
+        let areas = patches.all.iter().filter(|p| p.normal.dot(direction).abs() > least).map(|p| p.area);
         areas.sum::<f64>() / patches.area
     };
-    extent[k] < GROUND.1 * extent[u].min(extent[v]) && share(GROUND.0) > 0.85 && share(0.999) < 0.5
+    let is_thin = extent(direction) < GROUND.1 * extent(u).min(extent(v));
+    is_thin && share(GROUND.0) > GROUND_SHARE && share(0.999) < 0.5
 }
 
 /// Thinner at both ends than in the middle along axis `k`, as fish are and posts aren't.

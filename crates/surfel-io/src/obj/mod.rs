@@ -12,6 +12,7 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
 use crate::materials::Parts;
+use crate::polygons::Cutter;
 use crate::words::counted;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -190,16 +191,13 @@ impl Obj {
         } else {
             self.split(has_uvs, has_normals, &mut parts, &mut indices);
         }
-        let (mut rest, mut skipped) = (indices.as_slice(), 0);
+        let (mut rest, mut skipped, mut cutter) = (indices.as_slice(), 0, Cutter::default());
         for &count in &self.faces {
             let (face, after) = rest.split_at(rest.len().min(count as usize));
             rest = after;
-            match face {
-                [first, middle @ ..] if middle.len() >= 2 => {
-                    parts.triangles.extend(middle.windows(2).map(|w| [*first, w[0], w[1]]));
-                }
-                _ => skipped += 1,
-            }
+            let triangles = cutter.cut(face, |i| parts.positions.get(i as usize).copied());
+            parts.triangles.extend(triangles.iter().map(|t| t.map(|place| face[place as usize])));
+            skipped += usize::from(face.len() < 3);
         }
         if skipped > 0 {
             context.note(format!("skipped {} with fewer than 3 corners", counted(skipped as u64, "faces")));

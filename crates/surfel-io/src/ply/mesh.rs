@@ -9,9 +9,11 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, list};
 use crate::images::texture;
+use crate::polygons::Cutter;
 use crate::words::counted;
+use glam::DVec3;
 use std::sync::Arc;
-use surfel_model::Mesh;
+use surfel_model::{Column3, Mesh};
 
 /// Polygons, and where their corners are in textures.
 pub(super) struct Faces {
@@ -59,9 +61,9 @@ pub(super) fn build(
     let mut triangles = Vec::new();
     let mut wedges = None;
     if let Some(faces) = &faces {
-        fan(&faces.corners, &mut triangles, context);
-        let coordinates = faces.coordinates.as_ref();
-        wedges = coordinates.map(|lists| Wedges::new(&faces.corners, lists, faces.textures.as_deref()));
+        cut(&faces.corners, &positions, &mut triangles, context);
+        let of = |lists| Wedges::new((&faces.corners, &positions), lists, faces.textures.as_deref());
+        wedges = faces.coordinates.as_ref().map(of);
     }
     if let Some(strips) = strips {
         unroll(&strips, &mut triangles);
@@ -88,22 +90,24 @@ fn to_arrays([x, y, z]: [Vec<f32>; 3]) -> Vec<[f32; 3]> {
     x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
 }
 
-/// Polygons as fans about their first corner.
-fn fan(faces: &Lists<u32>, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) {
+/// Triangles of polygons.
+fn cut(faces: &Lists<u32>, positions: &Column3, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) {
     // Every item beyond a polygon's second makes a triangle, so this is exact.
     triangles.reserve(faces.lengths.iter().map(|&n| (n as usize).saturating_sub(2)).sum());
-    let mut skipped = 0;
+    let (mut skipped, mut cutter) = (0, Cutter::default());
     for polygon in faces.iter() {
-        match polygon {
-            [first, middle @ ..] if middle.len() >= 2 => {
-                triangles.extend(middle.windows(2).map(|w| [*first, w[0], w[1]]));
-            }
-            _ => skipped += 1,
-        }
+        let cut = cutter.cut(polygon, |i| place(positions, i));
+        triangles.extend(cut.iter().map(|t| t.map(|corner| polygon[corner as usize])));
+        skipped += usize::from(polygon.len() < 3);
     }
     if skipped > 0 {
         context.note(format!("skipped {} with fewer than 3 corners", counted(skipped as u64, "faces")));
     }
+}
+
+/// Where a vertex is, if there is one.
+pub(super) fn place(positions: &Column3, i: u32) -> Option<DVec3> {
+    ((i as usize) < positions.len()).then(|| positions.get(i as usize))
 }
 
 /// Strips, in which −1 begins a new one. Triangles without area only steer the strip.

@@ -1,11 +1,13 @@
 //! Texture coordinates of faces' corners, as MeshLab writes them: vertices are split where corners differ.
 
+use super::mesh::place;
 use super::table::Lists;
+use crate::polygons::Cutter;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_model::{AlphaMode, Mesh, MeshMaterial, Texture, TriangleMaterials};
+use surfel_model::{AlphaMode, Column3, Mesh, MeshMaterial, Texture, TriangleMaterials};
 
-/// What the corners of a mesh's triangles, made as fans of its polygons, show.
+/// What the corners of a mesh's triangles, cut from its polygons, show.
 pub(super) struct Wedges {
     /// Of each triangle, its corners' coordinates, v downwards; `None` of polygons without.
     coordinates: Vec<Option<[[f32; 2]; 3]>>,
@@ -14,16 +16,21 @@ pub(super) struct Wedges {
 }
 
 impl Wedges {
-    /// Of polygons with their coordinates and textures, of which there may be fewer.
-    pub(super) fn new(corners: &Lists<u32>, coordinates: &Lists<f32>, textures: Option<&[f64]>) -> Self {
+    /// Of polygons among these positions, with their coordinates and textures, of which there may be fewer.
+    pub(super) fn new(
+        (corners, positions): (&Lists<u32>, &Column3),
+        coordinates: &Lists<f32>,
+        textures: Option<&[f64]>,
+    ) -> Self {
         let mut wedges = Self { coordinates: Vec::new(), textures: Vec::new() };
+        let mut cutter = Cutter::default();
         for (face, (polygon, uvs)) in corners.iter().zip(coordinates.iter()).enumerate() {
             let is_whole = uvs.len() == 2 * polygon.len();
             let texture = textures.map_or(0.0, |all| all.get(face).copied().unwrap_or(-1.0));
             // PLY has v upwards, as OpenGL; the model has it downwards, as images.
             let at = |k: usize| [uvs[2 * k], 1.0 - uvs[2 * k + 1]];
-            for k in 2..polygon.len() {
-                wedges.coordinates.push(is_whole.then(|| [at(0), at(k - 1), at(k)]));
+            for triangle in cutter.cut(polygon, |i| place(positions, i)) {
+                wedges.coordinates.push(is_whole.then(|| triangle.map(|corner| at(corner as usize))));
                 wedges.textures.push(if (0.0..1e9).contains(&texture) { texture as u32 } else { u32::MAX });
             }
         }
