@@ -70,15 +70,7 @@ pub(crate) struct WideColors {
 
 impl WideColors {
     pub(crate) fn append(&mut self, expected: usize, levels: impl Iterator<Item = [u16; 3]> + Clone) {
-        let largest = levels.clone().flatten().max().unwrap_or(0);
-        self.any |= largest > 0;
-        if largest > 255 && !self.wide {
-            self.wide = true;
-            let table = linear_of_16_bit();
-            for c in self.linear.iter_mut().flatten() {
-                *c = table[usize::from(exact_8_bit(*c).unwrap_or(0))];
-            }
-        }
+        self.see(levels.clone());
         if self.linear.is_empty() {
             self.linear.reserve_exact(expected);
         }
@@ -88,6 +80,19 @@ impl WideColors {
         } else {
             let table = linear_of_8_bit();
             self.linear.extend(levels.map(|rgb| rgb.map(|c| table[usize::from(c)])));
+        }
+    }
+
+    /// Knows these colours, of points that aren't kept: how far those that are count doesn't depend on that.
+    pub(crate) fn see(&mut self, levels: impl Iterator<Item = [u16; 3]>) {
+        let largest = levels.flatten().max().unwrap_or(0);
+        self.any |= largest > 0;
+        if largest > 255 && !self.wide {
+            self.wide = true;
+            let table = linear_of_16_bit();
+            for c in self.linear.iter_mut().flatten() {
+                *c = table[usize::from(exact_8_bit(*c).unwrap_or(0))];
+            }
         }
     }
 

@@ -8,7 +8,7 @@ use ::las::{Point, Reader};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use support::{OFFSET, STEP, las_file, vlr};
-use surfel_io::copc::{Copc, CopcOptions, NodeColumns, PointSplat, Prepare, save_copc};
+use surfel_io::copc::{Copc, CopcOptions, Keeps, NodeColumns, PointSplat, Prepare, save_copc};
 use surfel_io::{Content, LoadOptions, load};
 use surfel_model::PointCloud;
 
@@ -124,6 +124,40 @@ fn nodes_hold_what_is_in_their_cubes_and_the_file_is_the_same_for_any_number_of_
     assert_eq!((points.len(), whole.ends.last()), (seen, Some(&seen)));
     let plain = load(&output, &LoadOptions::default()).unwrap();
     assert_eq!(plain.content, whole.loaded.content);
+}
+
+#[test]
+fn points_that_are_not_kept_change_nothing_of_those_that_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = written(folder.path(), &[las_bytes(4, 7, 0, true, 0..COUNT)], true);
+    let copc = Copc::open(&output).unwrap().unwrap();
+    assert!(copc.has_splats());
+    let all: Vec<u32> = (0..copc.nodes().len() as u32).collect();
+    let read = |keeps: Option<Keeps<'_>>| {
+        let columns = NodeColumns::Splats(&[]);
+        let found = copc.kept_points_of(&all, (columns, keeps), &LoadOptions::default()).unwrap();
+        let Content::Points(points) = found.loaded.content else { panic!() };
+        (points, found.ends)
+    };
+    let (whole, ends) = read(None);
+    let is_kept = |at: DVec3| at.x < OFFSET[0] + 7.02;
+    let (some, some_ends) = read(Some(&|level, at, radius| {
+        assert!((radius - 0.123).abs() < 1e-6 && level < 20);
+        is_kept(at)
+    }));
+    let at = |points: &PointCloud, i: usize| points.origin + points.positions.get(i);
+    let kept: Vec<usize> = (0..whole.len()).filter(|i| is_kept(at(&whole, *i))).collect();
+    assert!(some.len() == kept.len() && some.len() < COUNT / 4, "{}", some.len());
+    for (i, j) in kept.iter().enumerate() {
+        assert!((at(&some, i) - at(&whole, *j)).length() < 0.1 * STEP);
+        assert_eq!(some.colors.as_ref().unwrap()[i], whole.colors.as_ref().unwrap()[*j]);
+        assert_eq!(some.normals.as_ref().unwrap().get(i), whole.normals.as_ref().unwrap().get(*j));
+    }
+    let expected: Vec<usize> = ends.iter().map(|end| kept.partition_point(|i| i < end)).collect();
+    assert_eq!(some_ends, expected);
+    // A file is never without points.
+    let first = ends.iter().find(|end| **end > 0).unwrap();
+    assert_eq!(read(Some(&|_, _, _| false)).0.len(), *first);
 }
 
 #[test]

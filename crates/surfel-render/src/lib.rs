@@ -27,7 +27,9 @@ pub use background::Background;
 pub use error::RenderError;
 pub use frame::{Frame, FramePlanes, Identity, Planes, PlanesMut};
 pub use gaussians::GaussianView;
-pub use lod::{LevelNode, LevelSelection, Magnification, Selection, select, select_levels};
+pub use lod::{
+    FADE_OCTAVES, LevelEnd, LevelNode, LevelSelection, Magnification, Selection, Sight, select, select_levels,
+};
 pub use plan::{
     Attributes, ChosenParts, FramePlan, Pass, SAMPLES_SIDE, SplatFilter, needs_interior_weight, plan, unsupported,
 };

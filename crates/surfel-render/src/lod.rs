@@ -1,7 +1,12 @@
 //! Which parts of an octree a view needs, as splats or as polygons (§6, after G06 §5.2), and which levels of points.
 
+mod enough;
+mod sight;
+
 use crate::View;
+use enough::Enough;
 use glam::{DAffine3, DVec3};
+pub use sight::Sight;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::ops::Range;
@@ -101,6 +106,10 @@ fn cover(nodes: &[OctreeNode], root: u32, drawn: &mut [Drawn]) {
     }
 }
 
+/// How far outside of a view parts are still drawn, in pixels: a filter reaches a pixel or so past a splat's own
+/// extent.
+const MARGIN_PX: f64 = 2.0;
+
 /// A view of an object.
 struct Eye<'a> {
     world_from_object: &'a DAffine3,
@@ -154,17 +163,16 @@ impl<'a> Eye<'a> {
 
     /// False if no part of a sphere can show.
     fn sees(&self, center: DVec3, radius: f64) -> bool {
-        self.sees_around(center, radius, |_| 0.0)
+        self.sees_around((center, radius), MARGIN_PX, |_| 0.0)
     }
 
-    /// False if nothing can show that is within a radius of a body, which reaches so far from its centre along a
-    /// direction in view space.
-    fn sees_around(&self, center: DVec3, radius: f64, reach: impl Fn(DVec3) -> f64) -> bool {
+    /// False if nothing can show that is within a radius, and so many pixels, of a body, which reaches so far from its
+    /// centre along a direction in view space.
+    fn sees_around(&self, (center, radius): (DVec3, f64), margin_px: f64, reach: impl Fn(DVec3) -> f64) -> bool {
         let (p, radius) = (self.at(center), radius * self.scale);
         let projection = &self.view.projection;
         let depth = radius + reach(DVec3::Z);
-        // A filter reaches a pixel or so past a splat's own extent.
-        let margin = radius + 2.0 * self.pixel_size(p.z + depth);
+        let margin = radius + margin_px * self.pixel_size(p.z + depth);
         if p.z + depth < projection.near || p.z - depth > projection.far() {
             return false;
         }
@@ -276,15 +284,33 @@ pub struct LevelSelection {
     pub points: u64,
     /// The largest such radius, in pixels, where finer nodes are missing that are in sight.
     pub error_px: f64,
+    /// Why it may be larger than what was asked for.
+    pub end: LevelEnd,
 }
+
+/// What ends a choice of levels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LevelEnd {
+    /// All splats are as small as they are asked to be.
+    #[default]
+    Error,
+    /// There are as many points as there may be.
+    Points,
+    /// There are so many points a pixel that more would hardly show.
+    Enough,
+}
+
+/// How much nearer a view comes, as a power of two, while a level comes in: a longer way changes less from one picture
+/// to the next, and draws larger splats.
+pub const FADE_OCTAVES: f64 = 0.5;
 
 /// How far outside of a view nodes are still drawn, in radii of the level above: so that the splats at its rim have
 /// their neighbours.
 const RIM: f64 = 4.0;
 
 /// Chooses the nodes that views need: the root, and of each node chosen whose splats are larger than `error_px`, where
-/// they are nearest, the parts in sight. What is largest comes first, until there are `most_points`; the root is always
-/// drawn.
+/// they are nearest, the parts in sight. What is largest comes first, until there are `most_points`, or as many as show
+/// ([`LevelEnd::Enough`]); the root is always drawn.
 pub fn select_levels(
     nodes: &[LevelNode],
     world_from_object: &DAffine3,
@@ -299,19 +325,21 @@ pub fn select_levels(
         let size_px = |eye: &Eye<'_>| {
             let reach = |direction| eye.cube_reach(node.half, direction);
             let nearest = eye.at(node.center).z - reach(DVec3::Z);
-            eye.sees_around(node.center, RIM * coarser, reach).then(|| eye.size_at(nearest, coarser))
+            eye.sees_around((node.center, RIM * coarser), MARGIN_PX, reach).then(|| eye.size_at(nearest, coarser))
         };
         eyes.iter().filter_map(size_px).fold(0.0, f64::max)
     };
-    let mut selection = LevelSelection::default();
+    let (mut selection, mut sizes) = (LevelSelection::default(), Vec::new());
     let mut open = BinaryHeap::from([Wanted { size_px: f64::INFINITY, node: 0 }]);
-    while let Some(Wanted { size_px, node: i }) = open.pop() {
-        let Some(node) = nodes.get(i as usize) else { continue };
-        if !selection.nodes.is_empty() && selection.points.saturating_add(node.points) > most_points {
-            selection.error_px = size_px;
+    while let Some(next) = open.pop() {
+        let Some(node) = nodes.get(next.node as usize) else { continue };
+        if !sizes.is_empty() && selection.points.saturating_add(node.points) > most_points {
+            (selection.error_px, selection.end) = (next.size_px, LevelEnd::Points);
+            open.push(next);
             break;
         }
-        selection.nodes.push(i);
+        selection.nodes.push(next.node);
+        sizes.push((next.size_px, node));
         selection.points = selection.points.saturating_add(node.points);
         for child in node.children.clone() {
             let size_px = nodes.get(child as usize).map_or(0.0, without);
@@ -321,6 +349,16 @@ pub fn select_levels(
                 selection.error_px = selection.error_px.max(size_px);
             }
         }
+    }
+    let least_px = if selection.end == LevelEnd::Points { selection.error_px } else { error_px };
+    let left = open.into_sorted_vec().into_iter().rev();
+    sizes.extend(left.filter_map(|wanted| Some((wanted.size_px, nodes.get(wanted.node as usize)?))));
+    if let Some(enough_px) = Enough::error_px(&eyes, &sizes, (error_px, least_px)) {
+        // None is smaller than its parts.
+        let taken = sizes.partition_point(|(size_px, _)| *size_px > enough_px);
+        selection.nodes.truncate(taken);
+        selection.points = sizes[..taken].iter().fold(0, |sum, (_, node)| node.points.saturating_add(sum));
+        (selection.error_px, selection.end) = (enough_px, LevelEnd::Enough);
     }
     selection.nodes.sort_unstable();
     selection
@@ -477,7 +515,7 @@ mod tests {
                 // A depth's rounding is that of the near plane times its distance over it, 40 over 0.01.
                 assert!((found / exact(z) - 1.0).abs() < 1e-13 * 4000.0, "{round}: {found} {}", exact(z));
             }
-            let sees = eye.sees_around(center, 0.0, |direction| eye.cube_reach(half, direction));
+            let sees = eye.sees_around((center, 0.0), MARGIN_PX, |direction| eye.cube_reach(half, direction));
             let projection = &view.projection;
             let shows = (0..500).any(|_| {
                 let p = at([(); 3].map(|()| next(-1.0, 1.0)));

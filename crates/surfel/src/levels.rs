@@ -5,19 +5,21 @@ use crate::render_options::SplatOptions;
 use crate::values::Part;
 use crate::words::counted;
 use crate::{Error, LoadOptions, memory};
-use glam::{DAffine3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::atomic::Temporary;
 pub use surfel_io::copc::resume_folder;
 use surfel_io::copc::{
-    Copc, CopcNode, CopcOptions, CopcReport, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, LevelValues, NodeColumns,
-    PointSplat, RADIUS, save_temporary_copc,
+    Copc, CopcNode, CopcOptions, CopcReport, Keeps, LEAST_MEMORY, LEVEL_COLORS, LEVEL_NORMALS, LevelValues,
+    NodeColumns, PointSplat, RADIUS, save_temporary_copc,
 };
 use surfel_io::{Content, Loaded};
-use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Outliers, PointCloud, Shape, SplatCloud};
-use surfel_render::{LevelNode, Magnification, View, select_levels};
+use surfel_model::{
+    CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Outliers, PointCloud, PointColors, Shape, SplatCloud,
+};
+use surfel_render::{FADE_OCTAVES, LevelEnd, LevelNode, Magnification, Sight, View, select_levels};
 use surfel_sample::{PointOptions, PointReport, Progress};
 
 /// Most points of an overview.
@@ -30,9 +32,6 @@ const CLOSING: f32 = std::f32::consts::SQRT_2;
 /// A level's distance says nothing where the points read are nearer to one another than this part of it. Radii that a
 /// file states are of all its points, and say nothing of a level's.
 const MOST_GROWN: f32 = 4.0;
-/// How much nearer a view comes, as a power of two, while a level comes in: a longer way changes less from one picture
-/// to the next, and draws larger splats.
-const FADE_OCTAVES: f64 = 0.5;
 /// The radius over its later one that a splat comes in with: by its area it counts for 1/400.
 const LEAST_GROWN: f64 = 0.05;
 /// Fewer points than these make no surface of their own.
@@ -57,7 +56,29 @@ pub enum Levels {
         world_from_object: DAffine3,
         /// Finer points are left out where splats are at most so large, in pixels.
         error_px: f64,
+        /// Points whose splats are out of sight by more than so many pixels are left out, if the file states radii and
+        /// normals and nothing but their pictures is asked for; `None`: none is.
+        sight_px: Option<f64>,
     },
+}
+
+/// What is seen of files by levels.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// Those of one picture, or of all pictures of a film, so that nothing changes between them.
+    pub views: &'a [View],
+    /// As [`Levels::Views`] has it.
+    pub error_px: f64,
+    /// As [`Levels::Views`] has it.
+    pub sight_px: Option<f64>,
+}
+
+impl Seen<'_> {
+    /// Of an object whose points are there.
+    pub(crate) fn levels(&self, world_from_object: DAffine3) -> Levels {
+        let Self { views, error_px, sight_px } = *self;
+        Levels::Views { views: views.into(), world_from_object, error_px, sight_px }
+    }
 }
 
 /// What was read of a COPC file.
@@ -71,8 +92,8 @@ pub struct LevelReport {
     pub bytes: [u64; 2],
     /// Largest radius of a splat, in pixels, where finer points in sight are missing; 0 for an overview.
     pub error_px: f64,
-    /// The number of points ended the choice, not the size of splats.
-    pub is_limited: bool,
+    /// What ended the choice.
+    pub end: LevelEnd,
 }
 
 impl LevelReport {
@@ -111,9 +132,9 @@ pub(crate) fn read(
     let fitting = budget.map_or(u64::MAX, |bytes| bytes / point_bytes);
     let most = options.max_points.map_or(DEFAULT_MOST_POINTS.min(fitting), |most| most as u64);
     let mut fade = None;
-    let (nodes, error_px, is_limited) = match levels {
-        Levels::Overview => (overview(copc.nodes()), 0.0, false),
-        Levels::Views { views, world_from_object, error_px } => {
+    let (nodes, error_px, end) = match levels {
+        Levels::Overview => (overview(copc.nodes()), 0.0, LevelEnd::Error),
+        Levels::Views { views, world_from_object, error_px, .. } => {
             let nodes: Vec<LevelNode> = copc.nodes().iter().map(|node| level_node(&copc, node)).collect();
             // A level begins to come in before it is due, and is there as much later.
             let from_px = if views.len() == 1 { error_px * (-0.5 * FADE_OCTAVES).exp2() } else { *error_px };
@@ -123,7 +144,7 @@ pub(crate) fn read(
                 let magnification = Magnification::new(world_from_object, view);
                 fade = Some(Fade { magnification, error_px: from_px.max(found.error_px) });
             }
-            (found.nodes, found.error_px, found.error_px > from_px)
+            (found.nodes, found.error_px, found.end)
         }
     };
     let all = copc.nodes();
@@ -140,7 +161,7 @@ pub(crate) fn read(
         nodes: [nodes.len(), all.len()],
         bytes: [chosen().map(|n| n.bytes).sum(), all.iter().map(|n| n.bytes).sum()],
         error_px: fade.as_ref().filter(|_| cut.fades).map_or(error_px, |fade| fade.error_px),
-        is_limited,
+        end,
     };
     memory::check(path, report.points[0], point_bytes, options.memory, memory::Remedy::Fewer)?;
     let room = budget.map(|all| all.saturating_sub(report.points[0] * point_bytes));
@@ -153,7 +174,16 @@ pub(crate) fn read(
         true => NodeColumns::All,
         false => NodeColumns::Splats(if is_partial { &cut.values } else { &[] }),
     };
-    let mut found = copc.points_of(&nodes, columns, &io_options(options))?;
+    // Of more than there may be, some are left out evenly.
+    let is_thinned = options.max_points.is_some_and(|most| report.points[0] > most as u64);
+    let sight = sight(levels, &copc, options).filter(|_| columns != NodeColumns::All && !is_thinned);
+    let shows = |level: u32, center: DVec3, radius: f64| {
+        // Finer points may be missing.
+        let reach = (radius * options.radius_scale).max(f64::from(CLOSING) * copc.spacing(level));
+        !is_known(&(radius as f32)) || sight.as_ref().is_none_or(|sight| sight.shows(center, reach))
+    };
+    let keeps = sight.is_some().then_some(&shows as Keeps<'_>);
+    let mut found = copc.kept_points_of(&nodes, (columns, keeps), &io_options(options))?;
     if let Content::Points(points) = &mut found.loaded.content {
         if options.rows || options.label.is_some() {
             points.rows = Some(rows(&copc, &nodes, points, path)?);
@@ -171,6 +201,16 @@ pub(crate) fn read(
         found.loaded.notes.push(note(&report, limit));
     }
     Ok(Some((found.loaded, report)))
+}
+
+/// What decides which points are kept, where those out of sight change nothing: neither what is found of others, nor
+/// which rows these are.
+fn sight<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) -> Option<Sight<'a>> {
+    let Levels::Views { views, world_from_object, sight_px: Some(margin_px), .. } = levels else { return None };
+    let is_of_all = options.interior_weight || options.sharp || options.colors != PointColors::AsIs;
+    let has_rows = options.rows || options.label.is_some() || options.chooses_points();
+    let is_alone = copc.has_splats() && !is_of_all && !has_rows;
+    is_alone.then(|| Sight::new(world_from_object, views, *margin_px))
 }
 
 /// Rows in the file of points that were read of these nodes, which know their rows among all that was read.
@@ -200,10 +240,11 @@ fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Ve
 /// What a view left out, and what to do to have it.
 fn note(report: &LevelReport, limit: &str) -> String {
     let mebibytes = report.bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
-    let error_px = report.error_px;
-    let why = match report.is_limited {
-        true => format!("{limit} at splats of {error_px:.1} px"),
-        false => format!("splats of {error_px:.2} px at most; --lod-error draws finer ones"),
+    let (error_px, finer) = (report.error_px, "--lod-error draws finer ones");
+    let why = match report.end {
+        LevelEnd::Points => format!("{limit} at splats of {error_px:.1} px"),
+        LevelEnd::Enough => format!("more than 5 points a pixel at splats of {error_px:.2} px; {finer}"),
+        LevelEnd::Error => format!("splats of {error_px:.2} px at most; {finer}"),
     };
     format!(
         "drawn by levels: {} of {} nodes, {:.1} of {:.1} MiB read ({why}; --all-levels draws all points)",
@@ -659,7 +700,7 @@ fn by_stages<T>(progress: &dyn Progress, write: impl FnOnce(&dyn Fn(&'static str
 
 /// Where the points of an object are; for [`Levels::Views`].
 pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> Levels {
-    Levels::Views { views: views.into(), world_from_object, error_px }
+    Seen { views, error_px, sight_px: None }.levels(world_from_object)
 }
 
 #[cfg(test)]

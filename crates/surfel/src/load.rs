@@ -175,7 +175,7 @@ impl LoadOptions {
 
 impl LoadOptions {
     /// Whether a part of the points is asked for: a place, classes, returns, attributes.
-    fn chooses_points(&self) -> bool {
+    pub(crate) fn chooses_points(&self) -> bool {
         self.crop.is_some()
             || !self.classes.is_empty()
             || self.returns.is_some()

@@ -5,7 +5,7 @@ pub use crate::render_options::{RenderOptions, SplatOptions};
 
 use crate::framing::{self, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
-use crate::levels::Levels;
+use crate::levels::{Levels, Seen};
 use crate::load::check_size;
 use crate::paths::{self, absolute, display, is_stdin};
 use crate::scene::{
@@ -23,7 +23,7 @@ use surfel_model::{
     Camera, Composite, Geometry, Light, MOST_LOD_ERROR_PX, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings,
     Shader, Up,
 };
-use surfel_render::{Preset, View};
+use surfel_render::{Preset, Sight, View};
 use surfel_sample::Progress;
 
 /// What an image is of.
@@ -370,8 +370,11 @@ impl Request {
     ) -> Result<LoadedObjects, Error> {
         if is_partial(&loaded) && self.pictures != Pictures::Any {
             let views = self.pictures.views(&file.camera, turntable, &self.options)?;
-            let seen = (&views[..], file.settings.lod_error_px);
-            refine_objects(&mut loaded, &self.objects, &self.base, &self.load_options(None), seen, progress)?;
+            // What is out of sight may cast a shadow into it.
+            let casts_shadows = file.lights.iter().flatten().any(Light::casts_shadow);
+            let sight_px = (!casts_shadows).then(|| Sight::margin_px(&file.settings));
+            let seen = Seen { views: &views, error_px: file.settings.lod_error_px, sight_px };
+            refine_objects(&mut loaded, &self.objects, &self.base, &self.load_options(None), &seen, progress)?;
             tell(&loaded, &self.options, note)?;
         }
         Ok(loaded)

@@ -8,7 +8,7 @@ pub use crate::load::{STDIN, UnusedOption, up_reason};
 
 use crate::coloring::Coloring;
 use crate::framing::UpReason;
-use crate::levels::Levels;
+use crate::levels::Seen;
 use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of};
 use crate::{Conversion, Error, LoadOptions, LoadedCloud, convert};
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,7 +18,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, IoError, Loaded};
 use surfel_model::{GaussianCloud, Geometry, Matcap, Object, ObjectFile, Scene, SceneFile, Shader, Up};
-use surfel_render::View;
 use surfel_sample::Progress;
 
 /// Largest scene file that is read, in bytes: far above any real one.
@@ -304,8 +303,7 @@ pub fn load_objects(
     Ok(loaded)
 }
 
-/// Reads what views need of the objects whose files were read in part, [`Levels::Overview`]: `views` are those of one
-/// picture, or of all pictures of a film, so that nothing changes between them.
+/// Reads what views need of the objects whose files were read in part, [`Levels::Overview`].
 ///
 /// # Errors
 /// As [`load_objects`].
@@ -314,14 +312,14 @@ pub fn refine_objects(
     objects: &[ObjectFile],
     base_dir: &Path,
     options: &LoadOptions,
-    (views, error_px): (&[View], f64),
+    seen: &Seen<'_>,
     progress: &dyn Progress,
 ) -> Result<(), Error> {
     let named = objects.iter().filter(|o| o.splats.is_some() || o.mesh.is_some());
     let partial: Vec<(usize, &ObjectFile)> =
         named.enumerate().filter(|(i, _)| loaded.facts.get(*i).is_some_and(|f| f.partial)).collect();
     for (i, object) in partial {
-        let levels = Levels::Views { views: views.into(), world_from_object: object.world_from_object()?, error_px };
+        let levels = seen.levels(object.world_from_object()?);
         let options = options.clone().with_levels(Some(levels));
         let mut finer = load_objects(std::slice::from_ref(object), base_dir, &options, progress)?;
         let (Some(new), Some(facts)) = (finer.objects.pop(), finer.facts.pop()) else { continue };

@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use surfel::model::{Camera, Geometry};
 use surfel::render::{Frame, Planes, Renderer, SceneSummary, View};
 use surfel::request::{Pictures, RenderOptions, Request, Resolved, Source};
@@ -10,7 +11,7 @@ use surfel::{Backend, BackendOptions, LevelStore, NoProgress, levels};
 
 /// What the land's colours are like.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Colors {
+pub(crate) enum Colors {
     /// Waves of 17 m, 17 pixels at the start, and as high as those of the mesh octree's ball.
     Waves,
     /// Fields of 5 m whose colours step by 0.4 at their borders, and 0.2 of grain from point to point.
@@ -230,7 +231,7 @@ fn fly(path: &Path, rise: f64, views: usize) -> Flight {
     flight
 }
 
-struct Folder(PathBuf);
+pub(crate) struct Folder(pub(crate) PathBuf);
 
 impl Drop for Folder {
     fn drop(&mut self) {
@@ -239,8 +240,10 @@ impl Drop for Folder {
 }
 
 /// Hills by levels, with the splats' normals and radii or, as other programs write them, without.
-fn hills(colors: Colors, has_splats: bool) -> (Folder, PathBuf) {
-    let name = format!("surfel-level-pops-{colors:?}-{has_splats}-{}", std::process::id());
+pub(crate) fn hills(colors: Colors, has_splats: bool) -> (Folder, PathBuf) {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let number = COUNT.fetch_add(1, Ordering::Relaxed);
+    let name = format!("surfel-level-pops-{number}-{}", std::process::id());
     let folder = Folder(std::env::temp_dir().join(name));
     std::fs::create_dir_all(&folder.0).unwrap();
     let (input, path) = (folder.0.join("in.las"), folder.0.join("out.copc.laz"));

@@ -6,5 +6,6 @@ mod interface;
 mod level_pops;
 mod orientation;
 mod ortho;
+mod out_of_sight;
 mod swap;
 mod whites;

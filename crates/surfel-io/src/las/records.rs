@@ -190,6 +190,22 @@ impl Columns {
         );
     }
 
+    /// Appends those of whole records that `keeps` says, and knows the others' colours ([`WideColors::see`]).
+    pub(super) fn append_kept(&mut self, records: &mut [u8], keeps: impl Fn(&[u8]) -> bool + Sync + Send) {
+        let (size, bit) = (self.record_bytes, self.withheld_bit);
+        let is_kept: Vec<bool> = records.par_chunks_exact(size).map(keeps).collect();
+        if let Some((at, colors)) = &mut self.colors {
+            let shown = records.chunks_exact(size).filter(|r| r[15] & bit == 0);
+            colors.see(shown.map(|r| [0, 1, 2].map(|k| u16::from_le_bytes(field(r, *at + 2 * k)))));
+        }
+        let mut end = 0;
+        for (i, _) in is_kept.iter().enumerate().filter(|(_, is_kept)| **is_kept) {
+            records.copy_within(i * size..(i + 1) * size, end);
+            end += size;
+        }
+        self.append(&mut records[..end]);
+    }
+
     /// Ends of the points' coordinates, in steps of the header's scale.
     pub(super) fn ends(&self) -> Option<([i32; 3], [i32; 3])> {
         let first = *self.grid.first()?;

@@ -2,11 +2,11 @@
 
 use super::super::header::{ExtraField, Header, POINT_BYTES};
 use super::super::laz::{checked_vlr, chunk_points, decode_some, leave_out, of_splats};
-use super::super::records::Columns;
+use super::super::records::{Columns, value_of};
 use super::super::{field, finish, unreadable};
 use super::cache::{Decoded, FileState, NodeCache};
 use super::octants::{cell, code};
-use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES, LEVEL_COLORS, LEVEL_NORMALS, NORMALS};
+use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES, LEVEL_COLORS, LEVEL_NORMALS, NORMALS, RADIUS};
 use crate::content::{Content, LoadOptions};
 use crate::error::{IoError, Location, Problem, READ};
 use crate::format::Format;
@@ -52,6 +52,7 @@ pub struct Copc {
     cache: Option<Arc<NodeCache>>,
     header_points: u64,
     has_colors: bool,
+    has_splats: bool,
     center: DVec3,
     half: f64,
     spacing: f64,
@@ -89,6 +90,10 @@ impl NodeColumns<'_> {
         }
     }
 }
+
+/// Which points are kept of those that are read: by their nodes' level, where they are, and their radii as the file
+/// states them, 0 where it doesn't.
+pub type Keeps<'a> = &'a (dyn Fn(u32, DVec3, f64) -> bool + Sync);
 
 /// The points of some nodes.
 #[derive(Clone, Debug)]
@@ -140,7 +145,10 @@ impl Copc {
         let modified = file.metadata().and_then(|metadata| metadata.modified()).ok();
         let file = Arc::new(FileState { path: path.to_path_buf(), bytes: file_bytes, modified });
         let has_colors = header.format >= 7;
-        Ok(Self { file, cache: None, header_points: header.count, has_colors, center, half, spacing, nodes })
+        let has = |name: &str| header.extra.iter().any(|extra| extra.name == name);
+        let has_splats = has(RADIUS) && NORMALS.iter().all(|name| has(name));
+        let header_points = header.count;
+        Ok(Self { file, cache: None, header_points, has_colors, has_splats, center, half, spacing, nodes })
     }
 
     /// The same with nodes that stay decoded there, whoever else uses them.
@@ -162,6 +170,11 @@ impl Copc {
     /// True if its points have colours.
     pub fn has_colors(&self) -> bool {
         self.has_colors
+    }
+
+    /// True if it states the radii and normals of its points.
+    pub fn has_splats(&self) -> bool {
+        self.has_splats
     }
 
     /// Points as the header says.
@@ -216,6 +229,20 @@ impl Copc {
         columns: NodeColumns<'_>,
         options: &LoadOptions,
     ) -> Result<NodePoints, IoError> {
+        self.kept_points_of(nodes, (columns, None), options)
+    }
+
+    /// The same less those that aren't kept, which take no memory once their node is decoded. Of nodes none of which
+    /// has a point to keep, the first keeps all. Rows are those among the points kept.
+    ///
+    /// # Errors
+    /// As [`Self::points_of`].
+    pub fn kept_points_of(
+        &self,
+        nodes: &[u32],
+        (columns, keeps): (NodeColumns<'_>, Option<Keeps<'_>>),
+        options: &LoadOptions,
+    ) -> Result<NodePoints, IoError> {
         let mut ends = Vec::with_capacity(nodes.len());
         let node = |i: &u32| Some((self.nodes.get(*i as usize)?, columns.of(*i)));
         let nodes: Vec<(&CopcNode, Decoded)> = nodes.iter().filter_map(node).collect();
@@ -225,7 +252,8 @@ impl Copc {
         let loaded = load::run_plain(
             |context| {
                 let mut header = Header::read(&mut file, self.file.bytes)?;
-                let read = AssertUnwindSafe(|| self.read_nodes(&mut file, &mut header, &nodes, columns, &mut ends));
+                let read =
+                    AssertUnwindSafe(|| self.read_nodes(&mut file, &mut header, &nodes, (columns, keeps), &mut ends));
                 let columns = catch_unwind(read).unwrap_or_else(|_| {
                     let problem = Problem::new("is damaged: its compressed points make no sense");
                     Err(problem.help("copy the file again"))
@@ -246,7 +274,7 @@ impl Copc {
         source: &mut dyn Source,
         header: &mut Header,
         nodes: &[(&CopcNode, Decoded)],
-        wanted: NodeColumns<'_>,
+        (wanted, keeps): (NodeColumns<'_>, Option<Keeps<'_>>),
         ends: &mut Vec<usize>,
     ) -> Result<Columns, Problem> {
         let (vlr, _) = checked_vlr(header)?;
@@ -301,14 +329,18 @@ impl Copc {
             })?;
             let mut at = 0;
             for ((node, decoded), found) in now.iter().zip(&found) {
+                let mut append = |records: &mut [u8]| match keeps {
+                    Some(keeps) => append_kept(&mut columns, header, (node.level, keeps), records),
+                    None => columns.append(records),
+                };
                 if let Some(records) = found {
-                    columns.append(&mut records.to_vec());
+                    append(&mut records.to_vec());
                 } else {
                     let end = at + (node.points * size) as usize;
                     if let Some(cache) = self.cache.as_ref().filter(|_| node.points > 0) {
                         cache.add(&self.file, node.at, *decoded, (&bytes[at..end], node.bytes));
                     }
-                    columns.append(&mut bytes[at..end]);
+                    append(&mut bytes[at..end]);
                     at = end;
                 }
                 ends.push(columns.len());
@@ -316,6 +348,24 @@ impl Copc {
             rest = after;
         }
         Ok(columns)
+    }
+}
+
+/// Appends those of a node's points that are kept; all, while none is.
+fn append_kept(columns: &mut Columns, header: &Header, (level, keeps): (u32, Keeps<'_>), records: &mut [u8]) {
+    let stated = header.extra.iter().find(|extra| extra.name == RADIUS);
+    let radius_at = stated.map(|extra| (POINT_BYTES[usize::from(header.format)] + extra.at, value_of(extra.kind)));
+    let [scale, offset] = stated.and_then(|extra| extra.scaled).map_or([1.0, 0.0], |(scale, offset)| [scale, offset]);
+    let is_kept = |record: &[u8]| {
+        let steps = [0, 4, 8].map(|at| f64::from(i32::from_le_bytes(field(record, at))));
+        let radius = radius_at.map_or(0.0, |(at, value)| value(&record[at..]) * scale + offset);
+        keeps(level, DVec3::from(steps) * header.scale + header.offset, radius)
+    };
+    let is_first = columns.len() == 0 && !records.chunks_exact(header.record_bytes).any(is_kept);
+    if is_first {
+        columns.append(records);
+    } else {
+        columns.append_kept(records, is_kept);
     }
 }
 

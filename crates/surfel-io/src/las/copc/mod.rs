@@ -12,7 +12,7 @@ mod write;
 
 pub use super::RADIUS;
 pub use cache::{FileState, NodeCache};
-pub use hierarchy::{Copc, CopcNode, LevelValues, NodeColumns, NodePoints};
+pub use hierarchy::{Copc, CopcNode, Keeps, LevelValues, NodeColumns, NodePoints};
 pub use write::{
     CopcOptions, CopcReport, LEAST_MEMORY, PointSplat, Prepare, resume_folder, save_copc, save_temporary_copc,
 };

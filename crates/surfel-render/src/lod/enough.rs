@@ -1,0 +1,241 @@
+//! When a choice of levels may end before its splats are as small as they are asked to be.
+
+use super::{Eye, FADE_OCTAVES, LevelNode};
+use glam::DVec3;
+use std::ops::Range;
+
+/// Points a pixel from which on a picture hardly changes with more: of so many each has little of its colour.
+const POINTS_A_PIXEL: u64 = 5;
+/// Fewer points than these are quickly read, so that none are left out.
+const LEAST_POINTS: u64 = 1_000_000;
+/// Most of the error that is asked for that splats may have where finer points are left out: a level more.
+const MOST_ERRORS: f64 = 2.0;
+/// Largest share of the picture that they may be left out of with that error, and with none. The rest is as fine as it
+/// is asked to be, or as its file.
+const LEFT_OUT: [f64; 2] = [0.25, 0.375];
+/// Cells along each side of a picture, by which that share is measured.
+const CELLS: usize = 64;
+
+/// Errors between one octave and the next that are tried.
+const STEPS: i32 = 64;
+
+/// Finds whether a picture has enough points although some of its splats are larger than they are asked to be.
+///
+/// Where a surface is seen at a slant, as land is toward the horizon, a splat's size says little of how many points a
+/// pixel has: land at 1/16 of its area has 16 times as many. A choice ends once it has [`POINTS_A_PIXEL`] for each
+/// pixel of its views, and [`LEAST_POINTS`], if splats are at most [`MOST_ERRORS`] times too large, and that in at most
+/// a quarter of the views; in more of them less, so that the error changes evenly ([`LEFT_OUT`]). As the largest splats
+/// are refined first, what is left out is what is farthest. Where a choice ends, levels come in ([`FADE_OCTAVES`]), so
+/// that a node that has not counts as left out.
+///
+/// Nothing but the nodes and the views decides, so that a picture is the same for any threads and caches. The numbers
+/// are those of land seen at a slant: beside all that is asked for FLIP is 0.002 there, of half the points.
+pub(super) struct Enough<'a> {
+    eyes: &'a [Eye<'a>],
+    /// Nodes that are wanted, and what splats measure without each; the largest first.
+    wanted: &'a [(f64, &'a LevelNode)],
+    /// How many of those that are left out, or have not come in, may show in each cell of each view.
+    left_out: Vec<u32>,
+    /// Cells where any may.
+    cells: usize,
+}
+
+impl<'a> Enough<'a> {
+    /// The error that ends a choice of nodes that are wanted for an error, the largest first, if that is
+    /// enough and more than `least_px`.
+    pub(super) fn error_px(
+        eyes: &'a [Eye<'a>],
+        wanted: &'a [(f64, &'a LevelNode)],
+        (error_px, least_px): (f64, f64),
+    ) -> Option<f64> {
+        let pixels: u64 = eyes.iter().map(|eye| eye.view.size.map(u64::from)).map(|[w, h]| w.saturating_mul(h)).sum();
+        let least_points = pixels.saturating_mul(POINTS_A_PIXEL).max(LEAST_POINTS);
+        let all = wanted.iter().fold(0_u64, |sum, (_, node)| sum.saturating_add(node.points));
+        if all < least_points {
+            return None;
+        }
+        let mut enough = Self { eyes, wanted, left_out: vec![0; eyes.len() * CELLS * CELLS], cells: 0 };
+        let (mut taken, mut in_place, mut points) = (0, 0, 0_u64);
+        let is_above = |i: usize, size_px: f64| wanted.get(i).is_some_and(|(size, _)| *size > size_px);
+        let most_px = MOST_ERRORS * error_px;
+        while is_above(in_place, most_px * FADE_OCTAVES.exp2()) {
+            in_place += 1;
+        }
+        (in_place..wanted.len()).for_each(|i| enough.leave_out(i));
+        for step in 0..STEPS {
+            let size_px = most_px * (-f64::from(step) / f64::from(STEPS)).exp2();
+            while is_above(in_place, size_px * FADE_OCTAVES.exp2()) {
+                enough.put(in_place);
+                in_place += 1;
+            }
+            while is_above(taken, size_px) {
+                points = points.saturating_add(wanted[taken].1.points);
+                taken += 1;
+            }
+            if size_px <= least_px || enough.cells == 0 {
+                break;
+            }
+            if points >= least_points && size_px <= error_px * enough.most_errors() {
+                return Some(size_px);
+            }
+        }
+        None
+    }
+
+    /// How much too large splats may be in the part of the views where nodes are left out.
+    fn most_errors(&self) -> f64 {
+        let share = self.cells as f64 / self.left_out.len() as f64;
+        let least = (LEFT_OUT[1] - share) / (LEFT_OUT[1] - LEFT_OUT[0]);
+        1.0 + least.min(1.0) * (MOST_ERRORS - 1.0)
+    }
+
+    /// Leaves a node out.
+    fn leave_out(&mut self, wanted: usize) {
+        for cell in cells_of(self.eyes, self.wanted[wanted].1) {
+            self.left_out[cell] += 1;
+            self.cells += usize::from(self.left_out[cell] == 1);
+        }
+    }
+
+    /// Puts a node in that has been left out.
+    fn put(&mut self, wanted: usize) {
+        for cell in cells_of(self.eyes, self.wanted[wanted].1) {
+            self.left_out[cell] -= 1;
+            self.cells -= usize::from(self.left_out[cell] == 0);
+        }
+    }
+}
+
+/// Cells of all views that a node may show in.
+fn cells_of(eyes: &[Eye<'_>], node: &LevelNode) -> impl Iterator<Item = usize> {
+    let of_view = |(i, eye): (usize, &Eye<'_>)| {
+        let [columns, rows] = cells_in_view(eye, node);
+        rows.flat_map(move |row| columns.clone().map(move |column| (i * CELLS + row) * CELLS + column))
+    };
+    eyes.iter().enumerate().flat_map(of_view)
+}
+
+/// Columns and rows of cells that hold what shows of a node's cube: all, where a part of it is before the near plane.
+fn cells_in_view(eye: &Eye<'_>, node: &LevelNode) -> [Range<usize>; 2] {
+    let projection = &eye.view.projection;
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for corner in 0..8 {
+        let side = |k: u32| if corner >> k & 1 == 1 { node.half } else { -node.half };
+        let at = eye.at(node.center + DVec3::new(side(0), side(1), side(2)));
+        let is_near = at.z < projection.near;
+        let depth = if projection.is_perspective() { at.z } else { 1.0 };
+        for k in 0..2 {
+            let px = at[k] / depth * projection.focal_px[k] + projection.principal_px[k];
+            low[k] = if is_near { f64::NEG_INFINITY } else { low[k].min(px) };
+            high[k] = if is_near { f64::INFINITY } else { high[k].max(px) };
+        }
+    }
+    [0, 1].map(|k| {
+        let cell = |px: f64| px / f64::from(eye.view.size[k]) * CELLS as f64;
+        // Numbers beyond end at those of their type.
+        let (start, end) = (cell(low[k]).floor() as usize, cell(high[k]).ceil() as usize);
+        start.min(CELLS)..end.min(CELLS)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{LevelEnd, LevelSelection, select_levels};
+    use super::*;
+    use crate::View;
+    use glam::DAffine3;
+    use surfel_model::Camera;
+
+    const LEVELS: u32 = 7;
+
+    /// A plane of 1024 x 1024 cells of 1 in levels of nodes, whose points are a 64th of a node's side apart.
+    fn plane(points: u64) -> Vec<LevelNode> {
+        let mut nodes = Vec::new();
+        for level in 0..LEVELS {
+            let (cells, side) = (1_u32 << level, 1024.0 / f64::from(1_u32 << level));
+            let first = nodes.len() as u32 + cells * cells;
+            for i in 0..cells * cells {
+                let bit = |k: u32, shift: u32| (i >> (2 * k + shift) & 1) << k;
+                let at = |shift| (0..level).map(|k| bit(k, shift)).sum::<u32>();
+                let middle = |c: u32| (f64::from(c) + 0.5) * side - 512.0;
+                let children = if level + 1 == LEVELS { 0..0 } else { first + 4 * i..first + 4 * i + 4 };
+                let center = DVec3::new(middle(at(0)), middle(at(1)), 0.0);
+                let splat_radius = std::f64::consts::SQRT_2 * side / 64.0;
+                nodes.push(LevelNode { center, half: side / 2.0, splat_radius, points, children });
+            }
+        }
+        nodes
+    }
+
+    fn slanted(height: f64, size: u32) -> View {
+        let camera = Camera::perspective([-500.0, -90.0, height], [-410.0, -45.0, 0.0], 45.0, [size, size]);
+        View::new(&camera.with_up([0.0, 0.0, 1.0])).unwrap()
+    }
+
+    fn chosen(nodes: &[LevelNode], view: &View, error_px: f64) -> LevelSelection {
+        select_levels(nodes, &DAffine3::IDENTITY, std::slice::from_ref(view), error_px, 1 << 40)
+    }
+
+    #[test]
+    fn slant_ends_early_within_twice_the_error() {
+        let (nodes, view) = (plane(4096), slanted(30.0, 400));
+        let found = chosen(&nodes, &view, 1.0);
+        assert!(found.end == LevelEnd::Enough && found.points >= LEAST_POINTS, "{found:?}");
+        assert!(found.error_px > 1.0 && found.error_px <= MOST_ERRORS);
+        // Of fewer points in the same nodes none is left out.
+        let all = chosen(&plane(1024), &view, 1.0);
+        assert!(all.end == LevelEnd::Error && all.error_px <= 1.0 && all.nodes.len() > found.nodes.len());
+        assert!(found.nodes.iter().all(|i| all.nodes.contains(i)));
+        // A larger picture takes 5 a pixel.
+        let points = chosen(&nodes, &slanted(30.0, 700), 1.0).points;
+        assert!(points >= POINTS_A_PIXEL * 700 * 700, "{points}");
+    }
+
+    /// Wherever a surface faces the eye, a splat that is too large shows.
+    #[test]
+    fn nothing_is_left_out_of_most_of_a_picture() {
+        let camera = Camera::perspective([0.0, 0.0, 300.0], [0.0; 3], 45.0, [400, 400]).with_up([0.0, 1.0, 0.0]);
+        let view = View::new(&camera).unwrap();
+        for error_px in [0.4, 0.6, 1.0, 1.5, 2.0] {
+            let found = chosen(&plane(1 << 16), &view, error_px);
+            assert!(found.points > LEAST_POINTS && found.end == LevelEnd::Error, "{error_px}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn error_changes_little_from_one_view_to_the_next() {
+        let nodes = plane(4096);
+        let (mut last, mut ends, mut largest) = (None, [0; 2], 0.0_f64);
+        for step in 0..400 {
+            let found = chosen(&nodes, &slanted(600.0 * 0.99_f64.powi(step), 400), 1.0);
+            ends[usize::from(found.end == LevelEnd::Enough)] += 1;
+            let error_px = found.error_px.max(1.0);
+            let change = last.map_or(0.0, |last: f64| (error_px / last).log2().abs());
+            (last, largest) = (Some(error_px), largest.max(change));
+        }
+
+        assert!(ends[0] > 20 && ends[1] > 20 && largest < 0.125, "{ends:?} {largest}");
+    }
+
+    #[test]
+    fn cells_are_those_that_a_node_shows_in() {
+        let nodes = plane(1);
+        for view in [slanted(30.0, 400), slanted(300.0, 640)] {
+            let eye = Eye::new(&DAffine3::IDENTITY, surfel_model::Cull::None, &view);
+            for node in &nodes[1..] {
+                let [columns, rows] = cells_in_view(&eye, node);
+                for step in 0..81 {
+                    let at = [step % 9, step / 9].map(|v| f64::from(v) / 4.0 - 1.0);
+                    let p = eye.at(node.center + node.half * DVec3::new(at[0], at[1], 0.0));
+                    let pixel = |k: usize| p[k] / p.z * view.projection.focal_px[k] + view.projection.principal_px[k];
+                    let cell = |k: usize| pixel(k) / f64::from(view.size[k]) * CELLS as f64;
+                    let shows = p.z >= view.projection.near && [0, 1].iter().all(|k| (0.0..64.0).contains(&cell(*k)));
+                    let [column, row] = [0, 1].map(|k| cell(k) as usize);
+                    // On a border it is in both.
+                    let is_in = columns.contains(&column) || columns.end == column;
+                    assert!(!shows || is_in && (rows.contains(&row) || rows.end == row), "{node:?}");
+                }
+            }
+        }
+    }
+}
