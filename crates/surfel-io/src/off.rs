@@ -104,6 +104,11 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     for _ in 0..face_count as u64 {
         let line = lines.next().ok_or_else(|| incomplete("faces"))?;
         numbers(line, &mut row)?;
+        // Some programs break faces into lines.
+        while row.first().is_some_and(|corners| *corners > (row.len() - 1) as f64) {
+            let Some(more) = lines.next() else { break };
+            add_numbers(more, &mut row)?;
+        }
         let corners = row.first().copied().filter(|n| *n >= 0.0 && *n <= (row.len() - 1) as f64 && n.fract() == 0.0);
         let Some(corners) = corners.map(|n| n as usize) else {
             let problem = Problem::new(format!("found the face {}", quote(line.1.trim_ascii())));
@@ -157,8 +162,13 @@ fn finish(vertices: Vertices, triangles: Vec<[u32; 3]>, context: &mut Context<'_
 }
 
 /// All numbers of a line.
-fn numbers((number_of_line, line): (usize, &[u8]), row: &mut Vec<f64>) -> Result<(), Fault> {
+fn numbers(line: (usize, &[u8]), row: &mut Vec<f64>) -> Result<(), Fault> {
     row.clear();
+    add_numbers(line, row)
+}
+
+/// Appends a line's numbers.
+fn add_numbers((number_of_line, line): (usize, &[u8]), row: &mut Vec<f64>) -> Result<(), Fault> {
     for word in words(line) {
         row.push(number(word).ok_or_else(|| {
             Problem::new(format!("found {}", quote(word))).at(Location::Line(number_of_line)).expected("a number")

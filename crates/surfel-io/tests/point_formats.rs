@@ -523,6 +523,8 @@ fn off_of_every_kind() {
         Content::Mesh(mesh) => mesh,
         other => panic!("{other:?}"),
     };
+    let broken = mesh("OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0\n1 2\n\n3\n3 0 1 2\n");
+    assert_eq!(broken.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 2]]);
     let square = "4 1 4\n0 0 0\n1 0 0 # a corner\n\n1 1 0\n0 1 0\n4 0 1 2 3\n";
     for head in ["OFF\n", "# a\nOFF ", "OFF"] {
         let m = mesh(&format!("{head}{square}"));

@@ -469,11 +469,12 @@ fn not_splats(path: &Path) -> Error {
     Error::Unsuitable { path: path.to_path_buf(), problem }
 }
 
-/// Length in metres below which what an E57 file holds is a thing, not a place.
+/// Length in metres below which what an E57 or PTS file holds is a thing, not a place.
 const THING_M: f64 = 1.0;
 
 /// Why a file's up axis is known: it says it, or its format does. `None` for OBJ, STL, OFF, PLY, Draco, PCD and
-/// columns of numbers, which come with any axis up, and for E57 files of a thing that no scanner stood before.
+/// columns of numbers, which come with any axis up, and for E57 and PTS files of a thing that no scanner stood
+/// before.
 pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
     if loaded.content.own_up().is_some() {
         return Some(UpReason::Stated);
@@ -495,13 +496,13 @@ pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
     (!is_any || loaded.up == Up::MinusY).then_some(UpReason::Format)
 }
 
-/// Whether an E57 file holds something small without a scanner's place, which other programs export as they have it:
-/// scanners of places stand upright.
+/// Whether an E57 or PTS file holds something small without a scanner's place, which other programs export as they have
+/// it: scanners of places stand upright.
 fn is_thing(loaded: &Loaded) -> bool {
     let Content::Points(points) = &loaded.content else { return false };
     let is_of_one = points.viewpoint.is_none() && points.extras.iter().all(|extra| extra.name != "scan");
     let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    loaded.format == Format::E57
+    matches!(loaded.format, Format::E57 | Format::Pts)
         && is_of_one
         && (0..points.len()).all(|i| {
             let p = points.positions.get(i);

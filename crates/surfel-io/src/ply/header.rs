@@ -113,7 +113,8 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, Fault> {
         };
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         match words[..] {
-            [] => {}
+            // Blender 2.4 names itself without the word comment.
+            [] | ["Created", "by", ..] => {}
             ["end_header"] => break,
             ["format", name, version] => encoding = Some(parse_format(name, version).map_err(|p| p.at(at))?),
             ["element", name, count] => {
@@ -261,6 +262,12 @@ mod tests {
             assert_eq!(header.comments, [" a b"]);
             assert_eq!(header.elements[0].count, 2);
         }
+    }
+
+    #[test]
+    fn blender_names_itself_without_the_word_comment() {
+        let header = parse(b"ply\nformat ascii 1.0\nCreated by Blender3D 247\nelement vertex 2\nend_header\n").unwrap();
+        assert_eq!(header.elements[0].count, 2);
     }
 
     #[test]
