@@ -5,8 +5,8 @@
 //! exp(−2ρ²) integrates to 0.432·π·r²). The *covering* rule closes the surface where the sampling is uneven: a
 //! splat reaches past the farthest corner of its own Voronoi cell in the tangent plane, because a plane whose cells
 //! are all covered has no holes. Both hold for points of a surface, whose neighbours have closed cells; where few have,
-//! such as in far returns of a sweep, a disk is no larger than the distance of the nearest suggests, and where a point's
-//! own cell is open or its neighbours lie in other planes, than that of the sixth does. Where cells are stretched alike
+//! such as in far returns of a sweep, a disk is no larger than the distance of the nearest suggests, and where its own
+//! cell is open or its neighbours lie in other planes, than that of the sixth does. Where cells are stretched alike
 //! over a neighbourhood (scan lines), the same two rules are applied after the affine map that makes them round, and
 //! the splat is an ellipse.
 
