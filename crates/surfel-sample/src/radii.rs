@@ -5,9 +5,10 @@
 //! exp(−2ρ²) integrates to 0.432·π·r²). The *covering* rule closes the surface where the sampling is uneven: a
 //! splat reaches past the farthest corner of its own Voronoi cell in the tangent plane, because a plane whose cells
 //! are all covered has no holes. Both hold for points of a surface, whose neighbours have closed cells; where few have,
-//! such as in far returns of a sweep, a disk is no larger than the distance of the nearest suggests. Where cells are
-//! stretched alike over a neighbourhood (scan lines), the same two rules are applied after the affine map that makes
-//! them round, and the splat is an ellipse.
+//! such as in far returns of a sweep, a disk is no larger than the distance of the nearest suggests, and where its own
+//! cell is open or its neighbours lie in other planes, than that of the sixth does. Where cells are stretched alike
+//! over a neighbourhood (scan lines), the same two rules are applied after the affine map that makes them round, and
+//! the splat is an ellipse.
 
 use crate::cell::{Cell, MOST_IN_CELL};
 use crate::eigen::symmetric2;
@@ -248,7 +249,7 @@ struct Summary {
     spacing: f32,
     /// Whether more neighbours than the row's closed it.
     is_wide: bool,
-    /// Whether more than a quarter of the row's neighbours are on no surface with the point.
+    /// Whether more than a quarter of the row's neighbours are on no surface with the point, on either side.
     is_scattered: bool,
     /// Second moments of a closed cell about its centroid: xx xy xz yy yz zz in space.
     moments: [f32; 6],
@@ -286,8 +287,9 @@ struct Block<'a> {
     cell: Cell,
     /// Of neighbours, x and y.
     offsets: [[f32; MOST_IN_CELL + LANES]; 2],
-    /// How many neighbours the cell was built among.
+    /// How many neighbours the cell was built among, and how many are on a surface with its point, on either side.
     taking_part: usize,
+    on_surface: usize,
     /// The run, the slots of other points that are neighbours of its own, in ascending order, and the neighbours of
     /// them all, own ones first.
     own: Range<usize>,
@@ -315,6 +317,7 @@ impl<'a> Block<'a> {
             cell: Cell::default(),
             offsets: [[0.0; MOST_IN_CELL + LANES]; 2],
             taking_part: 0,
+            on_surface: 0,
             own: 0..0,
             halo: Vec::new(),
             rows: Vec::new(),
@@ -373,8 +376,9 @@ impl<'a> Block<'a> {
         let limit2 = distance2(self.points.at(*last as usize), self.points.at(slot));
         let (points, oriented, cell) = (self.points, self.oriented, &mut self.cell);
         let unrolled = (points, oriented, slot, limit2);
-        let count = dispatch!(Level::new(), simd => build_by(simd, unrolled, near, &mut self.offsets, cell));
-        self.taking_part = count;
+        let counts = dispatch!(Level::new(), simd => build_by(simd, unrolled, near, &mut self.offsets, cell));
+        let (count, on_surface) = counts;
+        (self.taking_part, self.on_surface) = (count, on_surface);
         // Where half of the neighbours are another sheet's, the farthest of this one's would be farther.
         let share = count as f32 / near.len() as f32;
         (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit2.sqrt())
@@ -391,7 +395,7 @@ impl<'a> Block<'a> {
     /// Builds the cell of `slot`, among more neighbours when those of its row don't close it.
     fn best_cell(&mut self, slot: usize, near: &[u32]) -> Found {
         let (is_closed, unit) = self.build(slot, near, BELIEVED);
-        let found = Found { is_closed, unit, is_wide: false, is_scattered: 4 * self.taking_part < 3 * near.len() };
+        let found = Found { is_closed, unit, is_wide: false, is_scattered: 4 * self.on_surface < 3 * near.len() };
         if is_closed || self.points.len() <= near.len() + 1 {
             return found;
         }
@@ -518,7 +522,8 @@ impl<'a> Block<'a> {
     }
 }
 
-/// Builds the cell of a slot among `near`, the farthest of which has squared distance `limit2`: how many take part.
+/// Builds the cell of a slot among `near`, the farthest of which has squared distance `limit2`: how many take part, and
+/// how many would if normals had no sign.
 #[inline(always)]
 fn build_by<S: Simd>(
     simd: S,
@@ -526,11 +531,11 @@ fn build_by<S: Simd>(
     near: &[u32],
     offsets: &mut [[f32; MOST_IN_CELL + LANES]; 2],
     cell: &mut Cell,
-) -> usize {
+) -> (usize, usize) {
     let (p, n) = (points.at(slot), oriented[slot].normal);
     let ((u, v), is_level) = (tangents(n), oriented[slot].is_level());
     let level_scale = f32x16::splat(simd, limit2.sqrt().recip());
-    let mut count = 0;
+    let (mut count, mut on_surface) = (0, 0);
     for part in near.chunks(LANES) {
         let (mut d, mut m) = ([[0.0_f32; LANES]; 3], [[0.0_f32; LANES]; 3]);
         for (i, j) in part.iter().enumerate() {
@@ -546,18 +551,20 @@ fn build_by<S: Simd>(
         let flat = [along(d, u), along(d, v)];
         let scale = (square / ((flat[0] * flat[0] + flat[1] * flat[1]) * limit2)).sqrt();
         let is_one = numbers(simd, 0).simd_lt(u32x16::splat(simd, part.len() as u32));
-        let (scale, takes_part) = if is_level {
-            (level_scale, is_one)
+        let (scale, takes_part, either_side) = if is_level {
+            (level_scale, is_one, is_one)
         } else {
-            let is_flat = (above * above).simd_le(square * (STEEPEST * STEEPEST));
-            (scale, is_one & is_flat & along(m, n).simd_ge(AGREE))
+            let is_flat = is_one & (above * above).simd_le(square * (STEEPEST * STEEPEST));
+            let agree = along(m, n);
+            (scale, is_flat & agree.simd_ge(AGREE), is_flat & agree.abs().simd_ge(AGREE))
         };
+        on_surface += either_side.to_bitmask().count_ones() as usize;
         compress(flat[0] * scale, takes_part, &mut offsets[0], count);
         compress(flat[1] * scale, takes_part, &mut offsets[1], count);
         count += takes_part.to_bitmask().count_ones() as usize;
     }
     cell.build(simd, &offsets[0][..count], &offsets[1][..count]);
-    count
+    (count, on_surface)
 }
 
 #[inline(always)]

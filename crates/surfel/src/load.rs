@@ -553,3 +553,29 @@ pub(crate) fn load_mesh(
     let problem = format!("holds {found}, expected triangles for an object's \"mesh\": give it as \"splats\"");
     Err(Error::Unsuitable { path: path.to_path_buf(), problem })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_things_in_e57_stand_as_their_shape_says() {
+        let file = |text: &str, viewpoint: Option<DVec3>| {
+            let name = Path::new("t.xyz");
+            let options = surfel_io::LoadOptions::default();
+            let mut loaded = surfel_io::load_bytes(text.as_bytes(), Some(Format::Xyz), name, &options).unwrap();
+            loaded.format = Format::E57;
+            if let Content::Points(points) = &mut loaded.content {
+                points.viewpoint = viewpoint;
+            }
+            loaded
+        };
+        // Far from the origin as well as near.
+        let (bunny, room) = ("7 8 9\n7.1 8.9 9.2\n", "7 8 9\n7.1 9.1 9.2\n");
+        assert_eq!(up_reason(&file(bunny, None)), None);
+        assert_eq!(up_reason(&file(room, None)), Some(UpReason::Format));
+        assert_eq!(up_reason(&file(bunny, Some(DVec3::ZERO))), Some(UpReason::Format), "a scanner stood there");
+        let scans = "x y z scan\n7 8 9 0\n7.1 8.2 9.2 1\n";
+        assert_eq!(up_reason(&file(scans, None)), Some(UpReason::Format), "several scans");
+    }
+}

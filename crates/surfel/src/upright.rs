@@ -126,8 +126,6 @@ const TABLE: f64 = 0.85;
 /// Ground faces up within 60° and is this thin, of its smaller width; and no more than half of it is quite level, as
 /// drawings are.
 const GROUND: (f64, f64) = (0.5, 0.35);
-/// The share of a surface that is ground, at least: trees face all ways.
-const GROUND_SHARE: f64 = 0.75;
 /// The cosine of how far ground leans at most: 30°.
 const LEANING: f64 = 0.866;
 /// What evidence weighs against a base, whose best is 1.5: hull and half the fill of its footprint.
@@ -374,7 +372,8 @@ fn smoothstep(a: f64, b: f64, x: f64) -> f64 {
 /// in its plane.
 fn is_ground(patches: &Patches, k: usize) -> bool {
     let axis = DVec3::AXES[k];
-    let leaning = patches.mean(|p| p.normal * p.normal[k].signum()).normalize_or(axis);
+    // Either side counts, and what stands upright says nothing.
+    let leaning = patches.mean(|p| p.normal * p.normal[k]).normalize_or(axis);
     spreads_across(patches, axis) || leaning[k] > LEANING && spreads_across(patches, leaning)
 }
 
@@ -391,7 +390,7 @@ fn spreads_across(patches: &Patches, direction: DVec3) -> bool {
         areas.sum::<f64>() / patches.area
     };
     let is_thin = extent(direction) < GROUND.1 * extent(u).min(extent(v));
-    is_thin && share(GROUND.0) > GROUND_SHARE && share(0.999) < 0.5
+    is_thin && share(GROUND.0) > 0.85 && share(0.999) < 0.5
 }
 
 /// Thinner at both ends than in the middle along axis `k`, as fish are and posts aren't.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use surfel::framing::{UpConvention, UpReason, ViewAngles, ViewAxes, best_view, upright};
+use surfel::framing::{UpConvention, UpReason, Upright, ViewAngles, ViewAxes, best_view, upright};
 use surfel::glam::{DAffine3, DMat3, DVec3, Quat, Vec3};
 use surfel::model::{
     Column3, GaussianCloud, GaussianData, GaussianKind, Geometry, Material, Mesh, Object, OnInvalid, Up,
@@ -164,6 +164,16 @@ fn ground_lies_level_by_its_coordinates_or_its_shape() {
     for up in [Up::PlusY, Up::PlusZ] {
         let found = upright(&[hills.object(turned(up), 8000)], MESHES);
         assert_eq!((found.up, found.reason), (up, UpReason::Ground), "{up}");
+    }
+    // A hillside, but no roof.
+    for (angle, is_ground) in [(10.0_f64, true), (18.0, true), (28.0, true), (36.0, false)] {
+        for up in [Up::PlusY, Up::PlusZ] {
+            for axis in [DVec3::X, DVec3::Z, DVec3::new(0.8, 0.0, -0.6)] {
+                let lean = DAffine3::from_axis_angle(axis, angle.to_radians());
+                let found = upright(&[hills.object(turned(up) * lean, 8000)], MESHES);
+                assert_eq!(found == Upright { up, reason: UpReason::Ground }, is_ground, "{angle} {axis} {found:?}");
+            }
+        }
     }
     // UTM: a hundred metres of it, and quite flat.
     let utm = DAffine3::from_translation(DVec3::new(691_600.0, 5_336_400.0, 520.0))
