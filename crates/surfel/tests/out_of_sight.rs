@@ -8,13 +8,13 @@ use surfel::render::{Frame, Planes, Renderer};
 use surfel::request::{Pictures, RenderOptions, Request, Resolved, Source};
 use surfel::{Backend, BackendOptions, NoProgress};
 
-/// A scene of the hills in low light, in a folder with their file, as a camera down in a valley sees them.
+/// A scene of the hills in low light, in a folder with their file, as a camera that looks down into a valley sees them.
 fn resolved(folder: &Path, projection: &str, shadow: bool) -> Resolved {
     let scene = format!(
         r#"{{
             "up": "+z",
-            "camera": {{ "eye": [24, 20, 6], "target": [31, 27, 0], "up": [0, 0, 1],
-                         "projection": {projection}, "near": 0.1, "size": [96, 64] }},
+            "camera": {{ "eye": [36, 11, 5], "target": [39.3, 18.5, -3], "up": [0, 0, 1],
+                         "projection": {projection}, "near": 0.1, "far": 100, "size": [96, 64] }},
             "background": [1, 1, 1, 1],
             "ambient": [0.1, 0.1, 0.1],
             "lights": [{{ "directional": {{ "direction": [1, 0.1, -0.15], "color": [1, 1, 1], "shadow": {shadow} }} }}],
