@@ -142,7 +142,8 @@ fn points_that_are_not_kept_change_nothing_of_those_that_are() {
     let (whole, ends) = read(None);
     let is_kept = |at: DVec3| at.x < OFFSET[0] + 7.02;
     let (some, some_ends) = read(Some(&|level, at, radius| {
-        assert!((radius - 0.123).abs() < 1e-6 && level < 20);
+        // Not that of points that are withheld.
+        assert!((radius == 0.0 || (0.123..0.1245).contains(&radius)) && level < 20, "{radius} {level}");
         is_kept(at)
     }));
     let at = |points: &PointCloud, i: usize| points.origin + points.positions.get(i);

@@ -771,7 +771,7 @@ mod tests {
             let column = |name: &str, values| ExtraColumn { name: name.into(), values: ExtraValues::F32(values) };
             let extras = vec![column(SPACING, vec![1.0, 0.0]), column(GROWTH, vec![1.0, 0.5])];
             let shape = Shape::Disks { normals, radii: vec![0.1; 2] };
-            let data = CloudData { extras, ..CloudData::new(glam::DVec3::ZERO, centers, shape) };
+            let data = CloudData { extras, ..CloudData::new(DVec3::ZERO, centers, shape) };
             SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
         };
         // As stated, of all points; and as found among those that were read.

@@ -8,17 +8,18 @@ use surfel::render::{Frame, Planes, Renderer};
 use surfel::request::{Pictures, RenderOptions, Request, Resolved, Source};
 use surfel::{Backend, BackendOptions, NoProgress};
 
-/// A scene of the hills in low light, in a folder with their file, as a camera down in a valley sees them.
+/// A scene of the hills in low light, in a folder with their file, as a camera that looks down into a valley sees them.
 fn resolved(folder: &Path, projection: &str, shadow: bool) -> Resolved {
     let scene = format!(
         r#"{{
             "up": "+z",
-            "camera": {{ "eye": [24, 20, 6], "target": [31, 27, 0], "up": [0, 0, 1],
-                         "projection": {projection}, "near": 0.1, "size": [96, 64] }},
+            "camera": {{ "eye": [36, 11, 5], "target": [39.3, 18.5, -3], "up": [0, 0, 1],
+                         "projection": {projection}, "near": 0.1, "far": 100, "size": [96, 64] }},
             "background": [1, 1, 1, 1],
-            "ambient": [0.1, 0.1, 0.1],
+            "ambient": [0, 0, 0],
             "lights": [{{ "directional": {{ "direction": [1, 0.1, -0.15], "color": [1, 1, 1], "shadow": {shadow} }} }}],
-            "objects": [{{ "splats": "out.copc.laz" }}]
+            "objects": [{{ "splats": "out.copc.laz" }}],
+            "settings": {{ "shader": "phong" }}
         }}"#
     );
     let path = folder.join("scene.json");
@@ -109,5 +110,5 @@ fn points_out_of_sight_that_cast_shadows_into_it_are_kept() {
     let without = with_splats_of(&all.scene, &shown.scene);
     let [with, without] = [&all.scene, &without].map(|scene| drawn("cpu", scene, &all));
     let light = |frame: &Frame| frame.color().iter().map(|c| f64::from(c[1])).sum::<f64>();
-    assert!(light(&with) < 0.8 * light(&without), "{} {}", light(&with), light(&without));
+    assert!(light(&with) < 0.5 * light(&without), "{} {}", light(&with), light(&without));
 }

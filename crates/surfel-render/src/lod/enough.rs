@@ -180,7 +180,7 @@ mod tests {
     fn slant_ends_early_within_twice_the_error() {
         let (nodes, view) = (plane(4096), slanted(30.0, 400));
         let found = chosen(&nodes, &view, 1.0);
-        assert!(found.end == LevelEnd::Enough && found.points >= LEAST_POINTS, "{found:?}");
+        assert!(found.end == LevelEnd::Enough && found.points >= 1_000_000, "{found:?}");
         assert!(found.error_px > 1.0 && found.error_px <= MOST_ERRORS);
         // Of fewer points in the same nodes none is left out.
         let all = chosen(&plane(1024), &view, 1.0);
@@ -188,7 +188,7 @@ mod tests {
         assert!(found.nodes.iter().all(|i| all.nodes.contains(i)));
         // A larger picture takes 5 a pixel.
         let points = chosen(&nodes, &slanted(30.0, 700), 1.0).points;
-        assert!(points >= POINTS_A_PIXEL * 700 * 700, "{points}");
+        assert!(points >= 5 * 700 * 700, "{points}");
     }
 
     /// Wherever a surface faces the eye, a splat that is too large shows.
