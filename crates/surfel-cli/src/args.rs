@@ -290,8 +290,8 @@ pub(crate) struct SplatArgs {
     /// COPC is written in pieces that do.
     #[arg(long, help_heading = "Splats", value_name = "SIZE", value_parser = values::memory)]
     pub(crate) memory: Option<u64>,
-    /// Leave out splats that face away, or none; by default those of closed meshes. `convert` notes in the file that
-    /// its splats cover a closed mesh, or doesn't.
+    /// Leave out splats that face away, or none; by default those of closed meshes and clouds. `convert` notes it
+    /// in the file.
     #[arg(long, help_heading = "Splats", value_parser = values::cull())]
     pub(crate) cull: Option<Cull>,
     /// Clip splats along creases: few ones with sharp edges for a mesh, one a point where points show edges.

@@ -21,7 +21,7 @@ fn render_takes_what_convert_takes_and_draws_what_it_would_write() {
         ("p.xyz", "--max-points 120"),
         ("p.xyz", "--radius-scale 1.5 --sharp"),
         ("a.ply", "--radius-scale 1.5"),
-        ("a.ply", "--cull back"),
+        ("a.ply", "--cull none"),
     ]
     .iter()
     .enumerate()

@@ -231,8 +231,8 @@ impl Whites {
 
 /// True of splats that cover a closed surface from outside: as their file or mesh says, or as clouds look.
 fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
-    let is_cloud = matches!(object.geometry, Geometry::Splats(_)) && !facts.mesh;
-    let is_judged = is_cloud && !facts.partial && !facts.transparent;
+    let is_cloud = matches!(object.geometry, Geometry::Splats(_));
+    let is_judged = is_cloud && !facts.sides_known && !facts.partial && !facts.transparent;
     let looks_closed = || Patches::of(std::slice::from_ref(object)).is_some_and(|patches| closed::is_closed(&patches));
     facts.closed || is_judged && looks_closed()
 }

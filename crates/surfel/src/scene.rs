@@ -58,8 +58,8 @@ pub struct ObjectFacts {
     pub up_reason: Option<UpReason>,
     /// Its file held points, without extent or polygons.
     pub points: bool,
-    /// Its file held a mesh, whose edges say whether it is closed.
-    pub mesh: bool,
+    /// Its file says whether its splats cover a closed surface from outside: by a mesh's edges or a comment.
+    pub sides_known: bool,
     /// It has colours.
     pub colored: bool,
     /// Its file or its mesh says that its splats cover a closed surface from outside.
@@ -83,7 +83,7 @@ impl Default for ObjectFacts {
             up: Up::PlusY,
             up_reason: None,
             points: false,
-            mesh: false,
+            sides_known: false,
             colored: false,
             closed: false,
             flat: false,
@@ -241,7 +241,6 @@ pub fn load_objects(
                         loaded.beside.extend(beside);
                         loaded.colorings.extend(coloring.map(|coloring| (path.clone(), coloring)));
                         let points = matches!(conversion, Conversion::Points(_));
-                        let mesh = !points && !matches!(conversion, Conversion::None);
                         let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
                         let transparent = match &geometry {
                             Geometry::Splats(cloud) => cloud.is_transparent() && !gaussian,
@@ -252,13 +251,15 @@ pub fn load_objects(
                             Geometry::Splats(cloud) => cloud.data().comments.iter().any(|c| c == comment),
                             _ => false,
                         };
+                        let of_mesh = !points && !matches!(conversion, Conversion::None);
+                        let sides_known = of_mesh || closed || says(surfel_sample::BOTH_SIDES);
                         let (flat, fine) = (says(surfel_sample::FLAT_PARTS), says(surfel_sample::FINE_SPLATS));
                         let partial = levels.is_some();
                         let facts = ObjectFacts {
                             up,
                             up_reason,
                             points,
-                            mesh,
+                            sides_known,
                             closed,
                             flat,
                             fine,

@@ -3,11 +3,11 @@
 use crate::paths::display;
 use crate::render_options::SplatOptions;
 use crate::words::{counted, number};
-use crate::{Error, LoadOptions, LoadedCloud, load, splats};
+use crate::{Conversion, Error, LoadOptions, LoadedCloud, load, splats};
 use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{ConvertOptions, Cull, OnInvalid, Shape, SplatCloud, Up};
-use surfel_sample::{CLOSED_MESH, Progress};
+use surfel_sample::{BOTH_SIDES, CLOSED_MESH, Progress};
 
 /// A file that is to become splats.
 #[derive(Clone, Debug)]
@@ -54,25 +54,28 @@ impl ConvertRequest<'_> {
         let unused: Vec<_> = loaded.unused.into_iter().map(|option| (self.path.to_path_buf(), option)).collect();
         splats::check_used(self.options, &unused, note)?;
         splats::write_color_bar(self.options, loaded.coloring.iter().map(|coloring| (self.path, coloring)), note)?;
+        let of_mesh = !matches!(loaded.conversion, Conversion::None | Conversion::Points(_));
         let mut cloud = loaded.cloud;
         // PLY's own default needs no words.
         if loaded.up != Up::PlusY || cloud.data().up.is_some() {
             cloud.set_up(loaded.up);
         }
-        match self.options.cull {
-            Some(cull) => culled(cloud, cull),
-            None => Ok(cloud),
+        match (self.options.cull, loaded.closed) {
+            (Some(cull), _) => culled(cloud, cull),
+            (None, true) => culled(cloud, Cull::Back),
+            // A mesh's edges say that it is open; of splats nothing does.
+            (None, false) if of_mesh => culled(cloud, Cull::None),
+            (None, false) => Ok(cloud),
         }
     }
 }
 
-/// Splats with the comment that lets their backs be left out, or without it.
+/// Splats with the comment that lets their backs be left out, or the one that keeps them.
 fn culled(cloud: SplatCloud, cull: Cull) -> Result<SplatCloud, Error> {
     let mut data = cloud.into_data();
-    data.comments.retain(|comment| comment != CLOSED_MESH);
-    if cull == Cull::Back {
-        data.comments.push(CLOSED_MESH.to_owned());
-    }
+    data.comments.retain(|comment| comment != CLOSED_MESH && comment != BOTH_SIDES);
+    let comment = if cull == Cull::Back { CLOSED_MESH } else { BOTH_SIDES };
+    data.comments.push(comment.to_owned());
     Ok(SplatCloud::new(data, OnInvalid::Refuse).map_err(Error::from)?.0)
 }
 

@@ -40,10 +40,10 @@ fn the_back_is_left_out_of_what_closes_alone() {
 #[test]
 fn what_a_file_says_of_its_splats_decides() {
     let with = |facts: ObjectFacts| LoadedObjects { facts: vec![facts], ..ball_up_to(2.0) };
-    let of_mesh = ObjectFacts { mesh: true, ..ObjectFacts::default() };
+    let known = ObjectFacts { sides_known: true, ..ObjectFacts::default() };
     let partial = ObjectFacts { partial: true, ..ObjectFacts::default() };
     let transparent = ObjectFacts { transparent: true, ..ObjectFacts::default() };
-    for facts in [of_mesh, partial, transparent] {
+    for facts in [known, partial, transparent] {
         assert_eq!(cull_of(&with(facts)), Cull::None);
     }
     let closed = ObjectFacts { closed: true, ..ObjectFacts::default() };

@@ -7,6 +7,9 @@ use surfel_model::Mesh;
 /// Comment of a cloud that covers a closed mesh from outside, so that none of its splats is seen from behind.
 pub const CLOSED_MESH: &str = "covers a closed mesh";
 
+/// Comment of a cloud whose backs are wanted, whatever it looks like.
+pub const BOTH_SIDES: &str = "shows both sides";
+
 /// Comment of a cloud whose splats hardly stand apart where they overlap: those of a mesh of flat parts, or clipped by
 /// `sharp`.
 pub const FLAT_PARTS: &str = "made of flat parts";

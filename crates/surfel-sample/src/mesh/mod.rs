@@ -22,7 +22,7 @@ mod vertices;
 use crate::{Progress, SampleError, interior};
 use surfel_model::{CloudData, Mesh, OnInvalid, SplatCloud};
 
-pub use closed::{CLOSED_MESH, FINE_SPLATS, FLAT_PARTS, is_closed, is_oriented, turn_outward};
+pub use closed::{BOTH_SIDES, CLOSED_MESH, FINE_SPLATS, FLAT_PARTS, is_closed, is_oriented, turn_outward};
 pub use detail::Detail;
 pub use octree::{OctreeOptions, octree_from_mesh};
 pub use options::{MeshMethod, MeshOptions, MeshReport};
