@@ -13,19 +13,26 @@ const MOST: usize = 20_000;
 /// them a little.
 const LINEAR: f64 = 0.99;
 
-/// Says of points that come row by row what their camera knew, if they are its depth image in its own axes, x right,
-/// y down and z ahead: −y is up, and the camera is at the origin.
+/// Says of points that come row by row what their camera knew, if they are its depth image in its own axes, with the
+/// camera at the origin: x right, y down and z ahead, so that −y is up, or as OpenGL has it y up and z back.
 pub(crate) fn recognise(content: &mut Content, [columns, rows]: [usize; 2], context: &mut Context<'_>) {
     let Content::Points(points) = content else { return };
-    if points.up.is_none() && points.viewpoint.is_none() && is_depth_image(points, [columns, rows]) {
-        points.up = Some(Up::MinusY);
-        points.viewpoint = Some(DVec3::ZERO);
-        context.note(format!("its {columns}×{rows} points are a camera's depth image: -y is up, the camera at 0,0,0"));
+    if points.up.is_some() || points.viewpoint.is_some() {
+        return;
+    }
+    for (up, ahead, name) in [(Up::MinusY, 1.0, "-y"), (Up::PlusY, -1.0, "+y")] {
+        if is_depth_image(points, [columns, rows], ahead) {
+            (points.up, points.viewpoint) = (Some(up), Some(DVec3::ZERO));
+            let size = format!("{columns}×{rows}");
+            context.note(format!("its {size} points are a camera's depth image: {name} is up, the camera at 0,0,0"));
+            return;
+        }
     }
 }
 
-/// True if the slopes of the points are those of the pixels of a pinhole camera at the origin that looks along z.
-fn is_depth_image(points: &PointCloud, [columns, rows]: [usize; 2]) -> bool {
+/// True if the slopes of the points are those of the pixels of a pinhole camera at the origin that looks along z,
+/// y down, or, `ahead` being −1 in place of 1, along −z, y up.
+fn is_depth_image(points: &PointCloud, [columns, rows]: [usize; 2], ahead: f64) -> bool {
     // Where points without a depth are left out already, the others know their rows.
     let place = |i: usize| points.rows.as_ref().map_or(i, |rows| rows[i] as usize);
     let count = points.len().checked_sub(1).map_or(0, |last| place(last) + 1);
@@ -40,7 +47,7 @@ fn is_depth_image(points: &PointCloud, [columns, rows]: [usize; 2]) -> bool {
     let step = (step..).find(|step| gcd(*step, columns) == 1).unwrap_or(1);
     let mut seen = Vec::new();
     for i in (0..points.len()).step_by(step) {
-        let p = points.origin + points.positions.get(i);
+        let p = (points.origin + points.positions.get(i)) * DVec3::new(1.0, ahead, ahead);
         if !p.is_finite() || p == DVec3::ZERO {
             continue;
         }
@@ -94,10 +101,10 @@ mod tests {
 
     #[test]
     fn pixels_of_a_camera_in_its_axes_are_told_from_others() {
-        assert!(is_depth_image(&image(|p| p), SIZE));
+        assert!(is_depth_image(&image(|p| p), SIZE, 1.0));
         let mut dropped = image(|p| p);
-        assert!(dropped.drop_non_finite() > 400 && is_depth_image(&dropped, SIZE));
-        assert!(!is_depth_image(&dropped, [SIZE[0] - 1, SIZE[1] + 2]));
+        assert!(dropped.drop_non_finite() > 400 && is_depth_image(&dropped, SIZE, 1.0));
+        assert!(!is_depth_image(&dropped, [SIZE[0] - 1, SIZE[1] + 2], 1.0));
         let tells: [fn(DVec3) -> DVec3; 5] = [
             |p| DVec3::new(p.z, -p.x, -p.y),
             |p| DVec3::new(p.x, -p.y, -p.z),
@@ -106,14 +113,18 @@ mod tests {
             |p| p + DVec3::new(0.0, 4.0 * p.z * p.z, 0.0),
         ];
         for (i, turned) in tells.into_iter().enumerate() {
-            assert!(!is_depth_image(&image(turned), SIZE), "{i}");
+            assert!(!is_depth_image(&image(turned), SIZE, 1.0), "{i}");
         }
+        let as_opengl = image(|p| DVec3::new(p.x, -p.y, -p.z));
+        assert!(is_depth_image(&as_opengl, SIZE, -1.0));
+        assert!(!is_depth_image(&image(|p| p), SIZE, -1.0));
+        assert!(!is_depth_image(&image(|p| DVec3::new(p.x, p.y, -p.z)), SIZE, -1.0));
         // In another order, or not an image.
-        assert!(!is_depth_image(&image(|p| p), [SIZE[1], SIZE[0]]));
-        assert!(!is_depth_image(&image(|p| p), [SIZE[0] * SIZE[1], 1]));
-        assert!(!is_depth_image(&image(|p| p), [SIZE[0], SIZE[1] + 1]));
-        assert!(!is_depth_image(&image(|_| DVec3::NAN), SIZE));
-        assert!(!is_depth_image(&image(|_| DVec3::ZERO), SIZE));
-        assert!(!is_depth_image(&image(|_| DVec3::Z), SIZE));
+        assert!(!is_depth_image(&image(|p| p), [SIZE[1], SIZE[0]], 1.0));
+        assert!(!is_depth_image(&image(|p| p), [SIZE[0] * SIZE[1], 1], 1.0));
+        assert!(!is_depth_image(&image(|p| p), [SIZE[0], SIZE[1] + 1], 1.0));
+        assert!(!is_depth_image(&image(|_| DVec3::NAN), SIZE, 1.0));
+        assert!(!is_depth_image(&image(|_| DVec3::ZERO), SIZE, 1.0));
+        assert!(!is_depth_image(&image(|_| DVec3::Z), SIZE, 1.0));
     }
 }

@@ -49,7 +49,12 @@ const SEEN: f64 = 0.95;
 pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
     let Some(patches) = patches else { return ViewAngles::ISO };
     let level = ViewAngles { azimuth_deg: 0.0, elevation_deg: 0.0 };
-    if up == Up::MinusY && is_seen_along_z(patches) {
+    let ahead = match up {
+        Up::MinusY => DVec3::Z,
+        Up::PlusY => DVec3::NEG_Z,
+        _ => DVec3::ZERO,
+    };
+    if is_seen_along(ahead, patches) {
         return level;
     }
     let from_front = ViewAxes::turned(level, up);
@@ -95,12 +100,13 @@ fn is_flat(patches: &Patches, up: Up) -> bool {
     extent[axis_of(up)] < FLAT * extent[u].min(extent[v])
 }
 
-/// True of what a depth camera saw that looks along z, at the origin or far away: from elsewhere it is torn.
-fn is_seen_along_z(patches: &Patches) -> bool {
+/// True of what a depth camera saw that looks along ±z, at the origin or far away, from elsewhere it is torn; so are
+/// reliefs and drawings. Never along zero.
+fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
     let is_seen = |p: &&Patch| {
         let at = patches.middle + p.position * patches.scale;
-        let is_before_origin = at.x.abs().max(at.y.abs()) < WIDEST * at.z;
-        p.normal.dot(if is_before_origin { at } else { DVec3::Z }) < 0.0
+        let is_before_origin = at.x.abs().max(at.y.abs()) < WIDEST * at.dot(ahead);
+        p.normal.dot(if is_before_origin { at } else { ahead }) < 0.0
     };
     patches.all.iter().filter(is_seen).count() as f64 > SEEN * patches.all.len() as f64
 }

@@ -149,7 +149,8 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, Fault> {
         Problem::new("the PLY header has no format line")
             .expected("'format ascii 1.0', 'format binary_little_endian 1.0' or 'format binary_big_endian 1.0'")
     })?;
-    for element in &header.elements {
+    for element in &mut header.elements {
+        call_diffuse_colors_colors(element);
         let mut names: Vec<&str> = element.properties.iter().map(|p| p.name.as_str()).collect();
         names.sort_unstable();
         if let Some(pair) = names.windows(2).find(|w| w[0] == w[1]) {
@@ -174,6 +175,18 @@ fn parse_format(name: &str, version: &str) -> Result<PlyEncoding, Problem> {
     match version {
         "1.0" => Ok(encoding),
         _ => Err(Problem::new(format!("the PLY version is {}", quote(version))).expected("1.0")),
+    }
+}
+
+/// PMVS and older tools call colours by the part of the material that they are.
+fn call_diffuse_colors_colors(element: &mut ElementDef) {
+    const NAMES: [&str; 3] = ["red", "green", "blue"];
+    let has = |name: &str| element.properties.iter().any(|p| p.name == name);
+    if NAMES.iter().all(|name| has(&format!("diffuse_{name}")) && !has(name)) {
+        for property in &mut element.properties {
+            let name = property.name.strip_prefix("diffuse_").filter(|name| NAMES.contains(name)).map(str::to_owned);
+            property.name = name.unwrap_or_else(|| std::mem::take(&mut property.name));
+        }
     }
 }
 
@@ -262,6 +275,20 @@ mod tests {
             assert_eq!(header.comments, [" a b"]);
             assert_eq!(header.elements[0].count, 2);
         }
+    }
+
+    #[test]
+    fn diffuse_colors_are_colors_where_there_are_no_others() {
+        let named = |names: &[&str]| -> Vec<String> {
+            let properties: String = names.iter().map(|name| format!("property uchar {name}\n")).collect();
+            let text = format!("ply\nformat ascii 1.0\nelement vertex 2\n{properties}end_header\n");
+            parse(text.as_bytes()).unwrap().elements[0].properties.iter().map(|p| p.name.clone()).collect()
+        };
+        let diffuse = ["diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_x"];
+        assert_eq!(named(&diffuse), ["red", "green", "blue", "diffuse_x"]);
+        assert_eq!(named(&diffuse[1..]), diffuse[1..]);
+        let both = ["red", "diffuse_red", "diffuse_green", "diffuse_blue"];
+        assert_eq!(named(&both), both);
     }
 
     #[test]
