@@ -450,6 +450,12 @@ fn depth_images_are_seen_from_their_camera() {
     assert_eq!((image.up, image.up_reason), (Up::MinusY, Some(UpReason::Stated)));
     assert!((0..image.cloud.len()).all(|i| image.cloud.normal(i).dot(image.cloud.center(i)) < 0.0));
     assert_eq!(view(image.cloud, image.up), level);
+    // The same in OpenGL's axes.
+    let back: Vec<_> = points.iter().map(|p| DVec3::new(p.x, -p.y, -p.z)).collect();
+    let opengl = loaded("opengl.pcd", [64, 48], identity, &back);
+    assert_eq!((opengl.up, opengl.up_reason), (Up::PlusY, Some(UpReason::Stated)));
+    assert!((0..opengl.cloud.len()).all(|i| opengl.cloud.normal(i).dot(opengl.cloud.center(i)) < 0.0));
+    assert_eq!(view(opengl.cloud, opengl.up), level);
     // Points alone tell nothing of a camera, but a sensor's pose does, upside down.
     let alone = loaded("alone.pcd", [64 * 48, 1], identity, &points);
     assert_eq!(alone.up_reason, None);
