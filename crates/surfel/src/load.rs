@@ -559,7 +559,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn small_things_in_e57_stand_as_their_shape_says() {
+    fn small_things_in_e57_and_pts_stand_as_their_shape_says() {
         let file = |text: &str, viewpoint: Option<DVec3>| {
             let name = Path::new("t.xyz");
             let options = surfel_io::LoadOptions::default();
@@ -573,6 +573,8 @@ mod tests {
         // Far from the origin as well as near.
         let (bunny, room) = ("7 8 9\n7.1 8.9 9.2\n", "7 8 9\n7.1 9.1 9.2\n");
         assert_eq!(up_reason(&file(bunny, None)), None);
+        let points = |text: &str| Loaded { format: Format::Pts, ..file(text, None) };
+        assert_eq!([bunny, room].map(|text| up_reason(&points(text))), [None, Some(UpReason::Format)]);
         assert_eq!(up_reason(&file(room, None)), Some(UpReason::Format));
         assert_eq!(up_reason(&file(bunny, Some(DVec3::ZERO))), Some(UpReason::Format), "a scanner stood there");
         let scans = "x y z scan\n7 8 9 0\n7.1 8.2 9.2 1\n";

@@ -104,7 +104,7 @@ pub struct RenderOptions {
 pub struct SplatOptions {
     /// All but the others here, by the names of a scene file's `convert`.
     pub convert: ConvertOptions,
-    /// Splats that face away are left out, or none; `None`: those of closed meshes.
+    /// Splats that face away are left out, or none; `None`: those of what closes.
     pub cull: Option<Cull>,
     /// Image of the colours of values to write.
     pub colorbar: Option<PathBuf>,

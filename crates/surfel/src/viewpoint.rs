@@ -100,8 +100,8 @@ fn is_flat(patches: &Patches, up: Up) -> bool {
     extent[axis_of(up)] < FLAT * extent[u].min(extent[v])
 }
 
-/// True of what a depth camera saw that looks along ±z, at the origin or far away, from elsewhere it is torn; so are
-/// reliefs and drawings. Never along zero.
+/// True of what a depth camera saw that looks this way, along z or back, at the origin or far away: from elsewhere it
+/// is torn. Reliefs and drawings count too. Along zero nothing does.
 fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
     let is_seen = |p: &&Patch| {
         let at = patches.middle + p.position * patches.scale;
