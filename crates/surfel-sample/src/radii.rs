@@ -4,9 +4,10 @@
 //! [`DENSITY`] times the square root of the local area per point, for which Σw is about 3.7 (the renderer's kernel
 //! exp(−2ρ²) integrates to 0.432·π·r²). The *covering* rule closes the surface where the sampling is uneven: a
 //! splat reaches past the farthest corner of its own Voronoi cell in the tangent plane, because a plane whose cells
-//! are all covered has no holes. Both hold for points of a surface, whose neighbours have closed cells; where few have,
+//! are all covered has no holes. Where the surface turns within the first rule's radius, the second alone holds, for a
+//! disk there would stick out. Both hold for points of a surface, whose neighbours have closed cells; where few have,
 //! such as in far returns of a sweep, a disk is no larger than the distance of the nearest suggests, and where its own
-//! cell is open or its neighbours lie in other planes, than that of the sixth does. Where cells are stretched alike
+//! cell is open or its neighbours lie in other planes, than that of the fourth does. Where cells are stretched alike
 //! over a neighbourhood (scan lines), the same two rules are applied after the affine map that makes them round, and
 //! the splat is an ellipse.
 
@@ -19,6 +20,7 @@ use crate::orient::{Oriented, is_rough};
 use crate::parallel::{for_chunks, map_each};
 use crate::progress::{NoProgress, Progress};
 use crate::sorted::{LEAF, RUN, SortedPoints};
+use crate::tree::{KdTree, Nearest};
 use crate::usual::{ISOLATED, usual};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, u32x16};
@@ -31,6 +33,17 @@ pub(crate) const DENSITY: f64 = 1.65;
 /// Radius over the reach of the Voronoi cell: what curvature and tilted neighbours may take away, and a weight of
 /// exp(−2/1.15²) = 0.22 instead of exp(−2) = 0.14 at the corner, times the three or more splats that meet there.
 pub(crate) const COVER: f64 = 1.15;
+/// Where a surface turns within the radius of the density rule by so many radians (root mean square, over the nearest
+/// neighbours), a disk would stick out past the outline. It ends there, but not before it covers its cell, nor before
+/// this radius over the square root of the area per point.
+const FLAT: f32 = 0.7;
+const LEAST: f64 = 1.0;
+/// A point is sparse whose spacing is this many times that of the cloud. Where fewer than so many of these are within
+/// so many times its spacing, of some 80 in a surface and 40 at its border, they are a tuft, such as a few returns of a
+/// spire: no more is known of a surface there than of strays.
+const SPARSE: f64 = 2.0;
+const TUFT: usize = 24;
+const TUFT_REACH: f64 = 5.0;
 /// No radius exceeds this times that of the density rule: beyond it a gap is one of the scan, not of the sampling.
 const LARGEST: f64 = 2.5;
 /// Radius over the reach at a border, where the corners of a cell may lie far outside the surface.
@@ -50,11 +63,16 @@ const BELIEVED_WIDE: f32 = 0.55;
 /// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
 const AGREE: f32 = 0.5;
 const STEEPEST: f32 = 0.866;
+/// Where these leave a cell open, the surface may go on around a crease or a limb. What lies there bounds the cell, so
+/// that its disk ends with the surface: all but the back, whose normals are more than 120° off.
+const TURNS_AWAY: f32 = -0.5;
 /// A point is part of a surface where one in this many has a closed cell, of itself and its neighbours of its side: of
 /// 17 at a straight border some 10, in a square's corner 7.
 const SURROUNDED: usize = 3;
 /// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
 const RING: usize = 6;
+/// The one whose distance sizes what no cell does: as many as surround it in a grid.
+const GRID: usize = 4;
 
 /// Points of a task. What lies around them is measured too, and again by its own task: of random points
 /// on a surface, about a tenth.
@@ -235,7 +253,38 @@ pub(crate) fn sizes(
     for (slot, ellipse) in found.iter().filter(|_| is_stretched) {
         ellipses[*slot as usize] = *ellipse;
     }
+    for slot in tufts(points, &all, typical) {
+        all[slot].radius = (DENSITY * typical) as f32;
+        if let Some(ellipse) = ellipses.get_mut(slot) {
+            *ellipse = Ellipse::default();
+        }
+    }
     Sizes { all, ellipses, typical, stretched: if is_stretched { found.len() } else { 0 } }
+}
+
+/// Slots of points that are sparse and few: fewer than [`TUFT`] are as sparse as one about it. A sparse part of a
+/// surface has more, of which its border has half.
+fn tufts(points: &SortedPoints, all: &[Size], typical: f64) -> Vec<usize> {
+    let is_sparse = |size: &Size, least: f64| f64::from(size.spacing()) > least * typical;
+    let sparse: Vec<u32> = (0..all.len() as u32).filter(|i| is_sparse(&all[*i as usize], SPARSE)).collect();
+    let tree = KdTree::new(&sparse.iter().map(|i| points.point(*i as usize)).collect::<Vec<_>>());
+    let is_large = |slot: &usize| {
+        let size = all[*slot];
+        !size.is_isolated() && !size.is_loose() && f64::from(size.radius()) > LARGEST * DENSITY * typical
+    };
+    let large: Vec<usize> = sparse.into_iter().map(|i| i as usize).filter(is_large).collect();
+    let is_tuft = map_each(
+        large.len(),
+        &NoProgress,
+        || (),
+        |(), i| {
+            let about = f64::from(all[large[i]].spacing()) * TUFT_REACH;
+            let mut found = Nearest::within(TUFT, about);
+            tree.nearest(points.point(large[i]), &mut found);
+            found.items().len() < TUFT
+        },
+    );
+    large.into_iter().zip(is_tuft).filter(|(_, is_tuft)| *is_tuft).map(|(slot, _)| slot).collect()
 }
 
 /// Measures of one point's cell, in steps.
@@ -245,14 +294,27 @@ struct Summary {
     area: f32,
     /// Distance of the farthest corner, 0 when there is none.
     reach: f32,
-    /// Distance to the sixth neighbour.
+    /// Distances of the sixth neighbour and of the fourth.
     spacing: f32,
-    /// Whether more neighbours than the row's closed it.
-    is_wide: bool,
+    fourth: f32,
+    /// Which neighbours closed it, if any did.
+    among: Among,
     /// Whether more than a quarter of the row's neighbours are on no surface with the point, on either side.
     is_scattered: bool,
     /// Second moments of a closed cell about its centroid: xx xy xz yy yz zz in space.
     moments: [f32; 6],
+}
+
+/// What neighbours a cell is built among.
+#[derive(Clone, Copy, Default, PartialEq)]
+enum Among {
+    /// Those of its row on its side.
+    #[default]
+    Side,
+    /// All of its row but those on the other side.
+    Around,
+    /// More, on its side.
+    Wide,
 }
 
 /// How a cell was built.
@@ -261,7 +323,7 @@ struct Found {
     /// Of its lengths.
     unit: f32,
     /// As in [`Summary`].
-    is_wide: bool,
+    among: Among,
     is_scattered: bool,
 }
 
@@ -368,14 +430,20 @@ impl<'a> Block<'a> {
         self.halo.binary_search(&slot).ok().map(|i| &self.summaries[self.own.len() + i])
     }
 
-    /// Builds the cell of `slot` among `near`, unrolled into its tangent plane: directions are projected, distances
-    /// are kept, as on the surface itself, but where there is none. Lengths are in units of the farthest one's
-    /// distance, which is returned. True if it is closed, with corners within the `believed` share of that distance.
-    fn build(&mut self, slot: usize, near: &[u32], believed: f32) -> (bool, f32) {
+    /// Builds the cell of `slot` among those of `near` that are in question, unrolled into its tangent plane:
+    /// directions are projected, distances are kept, as on the surface itself, but where there is none. Lengths are in
+    /// units of the farthest one's distance, which is returned. True if it is closed, with corners within the believed
+    /// share of that distance.
+    fn build(&mut self, slot: usize, near: &[u32], among: Among) -> (bool, f32) {
+        let (agree, believed) = match among {
+            Among::Side => (AGREE, BELIEVED),
+            Among::Around => (TURNS_AWAY, BELIEVED),
+            Among::Wide => (AGREE, BELIEVED_WIDE),
+        };
         let Some(last) = near.last() else { return (false, 0.0) };
         let limit2 = distance2(self.points.at(*last as usize), self.points.at(slot));
         let (points, oriented, cell) = (self.points, self.oriented, &mut self.cell);
-        let unrolled = (points, oriented, slot, limit2);
+        let unrolled = (points, oriented, slot, limit2, agree);
         let counts = dispatch!(Level::new(), simd => build_by(simd, unrolled, near, &mut self.offsets, cell));
         let (count, on_surface) = counts;
         (self.taking_part, self.on_surface) = (count, on_surface);
@@ -387,25 +455,28 @@ impl<'a> Block<'a> {
     /// Whether more than a quarter of the neighbours of `slot` are on no surface with it, or they are on no plane.
     fn is_scattered(&mut self, slot: usize) -> bool {
         let near = self.search.nearest(slot, self.degree, self.oriented[slot].farthest2()).0.to_vec();
-        self.build(slot, &near, BELIEVED);
+        self.build(slot, &near, Among::Side);
         let is_rough = is_rough(self.points, (slot, self.oriented[slot].normal), &near);
         is_rough || 4 * self.taking_part < 3 * near.len()
     }
 
-    /// Builds the cell of `slot`, among more neighbours when those of its row don't close it.
+    /// Builds the cell of `slot`, among other neighbours when those of its row on its side don't close it.
     fn best_cell(&mut self, slot: usize, near: &[u32]) -> Found {
-        let (is_closed, unit) = self.build(slot, near, BELIEVED);
-        let found = Found { is_closed, unit, is_wide: false, is_scattered: 4 * self.on_surface < 3 * near.len() };
+        let (is_closed, unit) = self.build(slot, near, Among::Side);
+        let found = Found { is_closed, unit, among: Among::Side, is_scattered: 4 * self.on_surface < 3 * near.len() };
         if is_closed || self.points.len() <= near.len() + 1 {
             return found;
         }
+        if self.build(slot, near, Among::Around).0 {
+            return Found { is_closed: true, among: Among::Around, ..found };
+        }
         let wide = self.wide(slot, unit);
-        let (is_closed, wide_unit) = self.build(slot, &wide, BELIEVED_WIDE);
+        let (is_closed, wide_unit) = self.build(slot, &wide, Among::Wide);
         if is_closed {
-            return Found { is_closed, unit: wide_unit, is_wide: true, ..found };
+            return Found { is_closed, unit: wide_unit, among: Among::Wide, ..found };
         }
         // At a border the wider view only adds slivers along it.
-        self.build(slot, near, BELIEVED);
+        self.build(slot, near, Among::Side);
         found
     }
 
@@ -418,12 +489,16 @@ impl<'a> Block<'a> {
     }
 
     fn summary(&mut self, slot: usize, near: &[u32]) -> Summary {
-        let Some(&ring) = near.get(RING - 1).or(near.last()) else { return Summary::default() };
-        let spacing = distance2(self.points.at(ring as usize), self.points.at(slot)).sqrt();
-        let Found { is_closed, unit, is_wide, is_scattered } = self.best_cell(slot, near);
+        let Some(last) = near.last() else { return Summary::default() };
+        let distance = |count: usize| {
+            let other = near.get(count - 1).unwrap_or(last);
+            distance2(self.points.at(*other as usize), self.points.at(slot)).sqrt()
+        };
+        let (spacing, fourth) = (distance(RING), distance(GRID));
+        let Found { is_closed, unit, among, is_scattered } = self.best_cell(slot, near);
         let reach = self.cell.reach() * unit;
         if !is_closed {
-            return Summary { reach, spacing, is_wide, is_scattered, ..Summary::default() };
+            return Summary { reach, spacing, fourth, among, is_scattered, ..Summary::default() };
         }
         let (area, [xx, xy, yy]) = self.cell.moments();
         let square = unit * unit;
@@ -434,7 +509,7 @@ impl<'a> Block<'a> {
                 |i: usize, j: usize| square * (xx * u[i] * u[j] + xy * (u[i] * v[j] + v[i] * u[j]) + yy * v[i] * v[j]);
             moments = [at(0, 0), at(0, 1), at(0, 2), at(1, 1), at(1, 2), at(2, 2)];
         }
-        Summary { area: area * square, reach, spacing, is_wide, is_scattered, moments }
+        Summary { area: area * square, reach, spacing, fourth, among, is_scattered, moments }
     }
 
     /// The size of the point at place `i` of the run.
@@ -474,20 +549,39 @@ impl<'a> Block<'a> {
         let spacing = self.known.unwrap_or(area.sqrt());
         let density = DENSITY as f32 * spacing;
         let largest = if own.area > 0.0 { LARGEST } else { LARGEST_AT_BORDER } as f32 * density;
-        let bounded = |reach: f32| (COVER as f32 * reach).clamp(density, largest);
+        let least = match self.known {
+            None => self.flat_reach(slot, near).clamp(LEAST as f32 * spacing, density),
+            Some(_) => density,
+        };
+        let bounded = |reach: f32| (COVER as f32 * reach).clamp(least, largest);
         // Leaves, strays and thin edges lie in no surface, and the few cells that close there are too large.
         let is_scattered = self.known.is_none() && own.is_scattered;
         let ellipse =
-            if self.ellipses && !is_scattered { self.ellipse(slot, near, own.is_wide, &smooth.moments) } else { None };
+            if self.ellipses && !is_scattered { self.ellipse(slot, near, own.among, &smooth.moments) } else { None };
         let ellipse = ellipse.map(|(angle, ratio, reach)| Ellipse::new(bounded(reach), angle, ratio));
         let is_open = self.known.is_none() && own.area == 0.0;
-        let most = if is_open || is_scattered { DENSITY as f32 * own.spacing } else { f32::INFINITY };
+        let most = if is_open || is_scattered { DENSITY as f32 * own.fourth } else { f32::INFINITY };
         (Size::new(bounded(own.reach).min(most), spacing, is_isolated, false), ellipse)
+    }
+
+    /// How far the surface goes on along the tangent plane of a point: where it has turned by [`FLAT`] on average, as
+    /// the normals of the nearest tell.
+    fn flat_reach(&self, slot: usize, near: &[u32]) -> f32 {
+        let (p, n) = (self.points.at(slot), self.oriented[slot].normal);
+        let (mut turns, mut squares) = (0.0, 0.0);
+        for j in near.iter().take(RING) {
+            let cosine = n.dot(self.oriented[*j as usize].normal);
+            if cosine >= TURNS_AWAY {
+                turns += 2.0 * (1.0 - cosine);
+                squares += distance2(self.points.at(*j as usize), p);
+            }
+        }
+        if turns > 0.0 { FLAT * (squares / turns).sqrt() } else { f32::INFINITY }
     }
 
     /// Angle and axis ratio of the ellipse with these moments, where it is stretched, and how far the cell reaches
     /// once it is made round.
-    fn ellipse(&mut self, slot: usize, near: &[u32], is_wide: bool, m: &[f32; 6]) -> Option<(f64, f64, f32)> {
+    fn ellipse(&mut self, slot: usize, near: &[u32], among: Among, m: &[f32; 6]) -> Option<(f64, f64, f32)> {
         let (u, v) = tangents(self.oriented[slot].normal);
         let along = |a: Vec3, b: Vec3| {
             f64::from(
@@ -509,11 +603,12 @@ impl<'a> Block<'a> {
             return None;
         }
         let ratio = ratio.min(MOST_STRETCHED);
-        let unit = if is_wide {
-            let wide = self.wide(slot, self.oriented[slot].farthest2().sqrt());
-            self.build(slot, &wide, BELIEVED_WIDE).1
-        } else {
-            self.build(slot, near, BELIEVED).1
+        let unit = match among {
+            Among::Wide => {
+                let wide = self.wide(slot, self.oriented[slot].farthest2().sqrt());
+                self.build(slot, &wide, among).1
+            }
+            _ => self.build(slot, near, among).1,
         };
         let (direction, root) = (direction.as_vec2(), ratio.sqrt() as f32);
         let round = |c: Vec2| Vec2::new(c.dot(direction) / root, c.dot(direction.perp()) * root);
@@ -522,12 +617,12 @@ impl<'a> Block<'a> {
     }
 }
 
-/// Builds the cell of a slot among `near`, the farthest of which has squared distance `limit2`: how many take part, and
-/// how many would if normals had no sign.
+/// Builds the cell of a slot among `near`, the farthest of which has squared distance `limit2`, and whose normals agree
+/// by the cosine `least`: how many take part, and how many would if normals had no sign.
 #[inline(always)]
 fn build_by<S: Simd>(
     simd: S,
-    (points, oriented, slot, limit2): (&SortedPoints, &[Oriented], usize, f32),
+    (points, oriented, slot, limit2, least): (&SortedPoints, &[Oriented], usize, f32, f32),
     near: &[u32],
     offsets: &mut [[f32; MOST_IN_CELL + LANES]; 2],
     cell: &mut Cell,
@@ -556,7 +651,7 @@ fn build_by<S: Simd>(
         } else {
             let is_flat = is_one & (above * above).simd_le(square * (STEEPEST * STEEPEST));
             let agree = along(m, n);
-            (scale, is_flat & agree.simd_ge(AGREE), is_flat & agree.abs().simd_ge(AGREE))
+            (scale, is_flat & agree.simd_ge(least), is_flat & agree.abs().simd_ge(AGREE))
         };
         on_surface += either_side.to_bitmask().count_ones() as usize;
         compress(flat[0] * scale, takes_part, &mut offsets[0], count);

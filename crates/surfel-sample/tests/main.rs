@@ -6,5 +6,6 @@ mod mesh_cover;
 mod normal_maps;
 mod points_cover;
 mod points_edge_cases;
+mod points_outlines;
 #[cfg(feature = "sharp")]
 mod sharp;

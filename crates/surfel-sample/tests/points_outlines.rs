@@ -1,0 +1,80 @@
+//! Disks of points end where the surface does.
+
+use crate::common;
+
+use common::{Lcg, coverage, points};
+use glam::DVec3;
+use surfel_model::SplatCloud;
+use surfel_sample::{NoProgress, PointOptions, splats_from_points};
+
+fn splats(positions: &[DVec3], normals: &[DVec3]) -> SplatCloud {
+    splats_from_points(&points(positions, Some(normals)), &PointOptions::default(), &NoProgress).unwrap().0
+}
+
+fn radii(cloud: &SplatCloud) -> Vec<f64> {
+    (0..cloud.len()).map(|i| cloud.radius_max(i)).collect()
+}
+
+/// The value that this share of all is below.
+fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values[((values.len() - 1) as f64 * share) as usize]
+}
+
+#[test]
+fn disks_of_thin_limbs_dont_stick_out() {
+    // Rods of radius 1, 40 long, whose points are 1 apart: six about each.
+    let mut random = Lcg(5);
+    let mut at = |margin: f64| {
+        let (angle, along) = (std::f64::consts::TAU * random.unit(), margin + (40.0 - 2.0 * margin) * random.unit());
+        let normal = DVec3::new(angle.cos(), angle.sin(), 0.0);
+        (normal + DVec3::Z * along, normal)
+    };
+    let count = (40.0 * std::f64::consts::TAU) as usize;
+    let (positions, normals): (Vec<DVec3>, Vec<DVec3>) = (0..count).map(|_| at(0.0)).unzip();
+    let places: Vec<(DVec3, DVec3)> = (0..5000).map(|_| at(3.0)).collect();
+    let cloud = splats(&positions, &normals);
+    let (radii, holes) = (radii(&cloud), coverage(&cloud, &places).holes);
+    // How far a disk's rim is out of the rod: by the density rule alone, of 1.65, 0.93 at the middle one.
+    let out = |share| quantile(radii.iter().map(|r| (1.0 + r * r).sqrt() - 1.0), share);
+    let (middle, most) = (out(0.5), out(0.95));
+    assert!(middle < 0.75 && most < 1.5, "{middle} {most}");
+    assert_eq!(holes, 0);
+}
+
+#[test]
+fn disks_beside_a_crease_end_near_it() {
+    // Two sides of a box that meet at x = 0: random points, 0.02 apart. By the density rule alone, radii are 1.65 times
+    // that.
+    let mut random = Lcg(6);
+    let (mut positions, mut normals) = (Vec::new(), Vec::new());
+    for _ in 0..2500 {
+        let (u, v) = (random.unit(), random.unit());
+        positions.extend([DVec3::new(-u, v, 0.0), DVec3::new(0.0, v, -u)]);
+        normals.extend([DVec3::Z, DVec3::X]);
+    }
+    let radii = radii(&splats(&positions, &normals));
+    let beside = |i: &usize| {
+        let p = positions[*i];
+        p.x.abs().max(p.z.abs()) < 0.02 && (0.1..0.9).contains(&p.y)
+    };
+    let radius = |share| quantile((0..radii.len()).filter(beside).map(|i| radii[i] / 0.02), share);
+    assert!(radius(0.5) < 1.3 && radius(0.95) < 1.85, "{} {}", radius(0.5), radius(0.95));
+}
+
+#[test]
+fn few_returns_far_from_each_other_stay_small() {
+    // Ground whose points are 0.01 apart, and above it a piece of a wall with twenty, 0.06 apart, and one with a
+    // thousand.
+    let mut random = Lcg(7);
+    let mut positions: Vec<DVec3> = (0..10_000).map(|_| DVec3::new(random.unit(), random.unit(), 0.0)).collect();
+    for (y, width, height, count) in [(0.5, 0.3, 0.24, 20), (2.0, 3.0, 1.2, 1000)] {
+        positions.extend((0..count).map(|_| DVec3::new(width * random.unit(), y, 0.3 + height * random.unit())));
+    }
+    let normals: Vec<DVec3> = (0..positions.len()).map(|i| if i < 10_000 { DVec3::Z } else { DVec3::Y }).collect();
+    let radii = radii(&splats(&positions, &normals));
+    let (few, many) = radii[10_000..].split_at(20);
+    let (largest, usual) = (quantile(few.iter().copied(), 1.0), quantile(many.iter().copied(), 0.05));
+    assert!(largest < 0.03 && usual > 0.06, "{largest} {usual}");
+}
