@@ -3,15 +3,15 @@
 use crate::closed;
 use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice, frame_camera};
 use crate::framing::{UpConvention, UpReason, Upright, upright};
+use crate::lights::lights_of;
 use crate::patches::Patches;
 use crate::scene::ObjectFacts;
 use crate::scene::{LoadedObjects, ObjectNote, assemble, load_bare_objects, load_scene, read_scene_file};
 use crate::{Error, LoadOptions};
-use glam::DVec3;
 use std::path::Path;
 use surfel_model::{
-    Camera, Composite, ConvertOptions, Cull, DepthTolerance, Geometry, Light, Material, Object, ObjectFile, Scene,
-    SceneFile, Settings, Shader, Transparency, Up,
+    Camera, Composite, ConvertOptions, Cull, DepthTolerance, Geometry, Material, Object, ObjectFile, Scene, SceneFile,
+    Settings, Shader, Transparency, Up,
 };
 use surfel_render::Preset;
 use surfel_sample::Progress;
@@ -78,21 +78,6 @@ impl Default for AutoOptions {
             turning: false,
         }
     }
-}
-
-/// Three lights that stay with the camera: a key light from the upper left in front, a soft fill from the right, and
-/// a rim light from behind that lifts the outline off the background.
-pub fn studio_lights(camera: &Camera) -> Vec<Light> {
-    let ViewAxes { right, up, forward } = ViewAxes::of(camera);
-    let light = |toward: DVec3, color: [f64; 3]| {
-        let travels = -(right * toward.x + up * toward.y - forward * toward.z).normalize();
-        Light::Directional { direction: travels.into(), color, shadow: false }
-    };
-    vec![
-        light(DVec3::new(-0.55, 0.7, 0.9), [0.82, 0.81, 0.79]),
-        light(DVec3::new(0.9, 0.1, 0.7), [0.15, 0.16, 0.17]),
-        light(DVec3::new(0.5, 0.6, -0.8), [0.22, 0.22, 0.24]),
-    ]
 }
 
 /// How the transparent splats of files that came without a scene are drawn, and a note that says so; `None` where there
@@ -167,7 +152,7 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
     }
     Ok(SceneFile {
         up: Some(up),
-        lights: Some(studio_lights(&camera)),
+        lights: Some(lights_of(&camera, loaded)),
         camera,
         background: options.background.unwrap_or_else(|| whites.background(options.settings.shader)),
         ambient: AMBIENT,

@@ -52,6 +52,7 @@ pub mod info;
 pub mod labels;
 mod level_store;
 pub mod levels;
+mod lights;
 mod load;
 pub mod memory;
 pub mod metadata;

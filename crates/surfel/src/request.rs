@@ -6,12 +6,13 @@ pub use crate::render_options::{RenderOptions, SplatOptions};
 use crate::framing::{self, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
 use crate::levels::{Levels, Seen};
+use crate::lights::lights_of;
 use crate::load::check_size;
 use crate::paths::{self, absolute, display, is_stdin};
 use crate::scene::{
     AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_composite, auto_depth_tolerance, auto_scene,
     auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap, load_objects,
-    parse_scene_file, read_scene_file, refine_objects, studio_lights,
+    parse_scene_file, read_scene_file, refine_objects,
 };
 use crate::{Error, LevelStore, LoadOptions, camera, splats};
 use glam::DVec3;
@@ -475,7 +476,7 @@ impl Request {
         camera::apply_flags(&mut file.camera, &objects_only, up, own_near, options);
         camera::view(&file.camera, options)?;
         // The lights belong to the camera, wherever the options have put it.
-        let lights = studio_lights(&file.camera);
+        let lights = lights_of(&file.camera, &loaded);
         file.lights = match (options.cameras, options.shadows) {
             // One for all cameras, so that the scene stays as it is: the light along the view.
             (true, _) => None,

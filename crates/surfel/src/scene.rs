@@ -2,8 +2,9 @@
 
 pub use crate::auto::{
     AutoOptions, DEFAULT_SIZE, auto_composite, auto_depth_tolerance, auto_scene, auto_transparency, auto_up,
-    bare_object, is_scene_file, studio_lights,
+    bare_object, is_scene_file,
 };
+pub use crate::lights::studio_lights;
 pub use crate::load::{STDIN, UnusedOption, up_reason};
 
 use crate::coloring::Coloring;

@@ -40,7 +40,7 @@ impl fmt::Display for UpReason {
             Self::Base => "it stands on a base",
             Self::Ground => "it spreads out as ground does",
             Self::Lying => "otherwise it would fall over",
-            Self::Mirrored => "left and right are mirrored",
+            Self::Mirrored => "its left and right sides are alike",
             Self::Convention => "nothing in the data says it, this is most common",
         })
     }

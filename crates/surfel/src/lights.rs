@@ -1,0 +1,89 @@
+//! The lights of scenes that come without any.
+
+use crate::framing::ViewAxes;
+use crate::patches::Patches;
+use crate::scene::LoadedObjects;
+use glam::DVec3;
+use surfel_model::{Camera, Light};
+
+/// Where the key light comes from, along the camera's right, up and backward directions, and its linear RGB.
+const KEY: (DVec3, [f64; 3]) = (DVec3::new(-0.55, 0.7, 0.9), [0.82, 0.81, 0.79]);
+/// The same of a soft fill, and of a rim light.
+const FILL: (DVec3, [f64; 3]) = (DVec3::new(0.9, 0.1, 0.7), [0.15, 0.16, 0.17]);
+const RIM: (DVec3, [f64; 3]) = (DVec3::new(0.5, 0.6, -0.8), [0.22, 0.22, 0.24]);
+/// Length of the mean normal from which a surface begins to face one way as a whole, and fully does: normals spread
+/// over 30° have a mean of 0.93.
+const FACES_ONE_WAY: (f64, f64) = (0.9, 0.96);
+/// Cosine of the angle from the surface's normal at which the key light rakes: 60°, 30° above the surface.
+const RAKING: f64 = 0.5;
+/// How much stronger a raking light is at most.
+const STRONGEST: f64 = 1.4;
+
+/// Three lights that stay with the camera: a key light from the upper left in front, a soft fill from the right, and
+/// a rim light from behind that lifts the outline off the background.
+pub fn studio_lights(camera: &Camera) -> Vec<Light> {
+    lights(camera, |key| (key, 1.0))
+}
+
+/// [`studio_lights`], whose key light rakes over objects without colours that face one way as a whole, such as ground,
+/// walls and reliefs: in a light from the front slopes differ little from what is level. Colours show them, and often
+/// hold light already.
+pub(crate) fn lights_of(camera: &Camera, loaded: &LoadedObjects) -> Vec<Light> {
+    if loaded.facts.iter().any(|facts| facts.colored) {
+        return studio_lights(camera);
+    }
+    let facing = Patches::of(&loaded.objects).map_or(DVec3::ZERO, |patches| patches.mean(|p| p.normal));
+    lights(camera, |key| raking(key, facing))
+}
+
+/// The three lights, the direction and strength of the key light by `key`, of unit vectors toward it.
+fn lights(camera: &Camera, key: impl Fn(DVec3) -> (DVec3, f64)) -> Vec<Light> {
+    let ViewAxes { right, up, forward } = ViewAxes::of(camera);
+    let toward = |(from, _): (DVec3, [f64; 3])| (right * from.x + up * from.y - forward * from.z).normalize();
+    let light =
+        |toward: DVec3, color: [f64; 3]| Light::Directional { direction: (-toward).into(), color, shadow: false };
+    let (key, strength) = key(toward(KEY));
+    vec![light(key, KEY.1.map(|c| c * strength)), light(toward(FILL), FILL.1), light(toward(RIM), RIM.1)]
+}
+
+/// The direction toward a light at `toward` after it is lowered over a surface whose mean unit normal is `facing`, and
+/// how much stronger it is then, so that what is level stays nearly as bright.
+fn raking(toward: DVec3, facing: DVec3) -> (DVec3, f64) {
+    let share = ((facing.length() - FACES_ONE_WAY.0) / (FACES_ONE_WAY.1 - FACES_ONE_WAY.0)).clamp(0.0, 1.0);
+    let normal = facing.normalize_or_zero();
+    // Either side of a surface is seen, by light from that side.
+    let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };
+    let from = normal.dot(toward);
+    let along = (toward - normal * from).normalize_or_zero();
+    if share == 0.0 || from <= RAKING || along == DVec3::ZERO {
+        return (toward, 1.0);
+    }
+    let to = from + (RAKING - from) * share;
+    (normal * to + along * (1.0 - to * to).sqrt(), (from / to).min(STRONGEST))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn key_light_rakes_over_what_faces_one_way_alone() {
+        let key = DVec3::new(0.3, 0.1, 0.9).normalize();
+        // Ground, seen from above and from below.
+        for normal in [DVec3::Z, DVec3::NEG_Z] {
+            let (toward, strength) = raking(key, normal);
+            assert!((toward.z - RAKING).abs() < 1e-12 && (toward.length() - 1.0).abs() < 1e-12, "{toward}");
+            // It comes from the same quarter, and level ground gets as much light, up to the strongest.
+            assert!((toward.x / toward.y - 3.0).abs() < 1e-9 && strength == STRONGEST, "{toward} {strength}");
+        }
+        // Half of the way, from between.
+        let (toward, strength) = raking(key, DVec3::Z * 0.93);
+        assert!((toward.z - 0.5 * (key.z + RAKING)).abs() < 1e-9, "{toward}");
+        assert!((strength * toward.z - key.z).abs() < 1e-9, "{strength}");
+        // Bodies, what is lit from the side, and straight from above.
+        let grazing = DVec3::new(0.9, 0.0, 0.3).normalize();
+        for (key, facing) in [(key, DVec3::Z * 0.9), (key, DVec3::ZERO), (grazing, DVec3::Z), (DVec3::Z, DVec3::Z)] {
+            assert_eq!(raking(key, facing), (key, 1.0));
+        }
+    }
+}
