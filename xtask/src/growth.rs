@@ -9,7 +9,7 @@ Usage: cargo xtask growth FOLDER MILLIONS...
 
 Generates so many million points as LAZ tiles in FOLDER, converts them to COPC, and draws 1024x1024 pixels of all of it
 and of a place near by; prints a table. The first view's file is not in the system's cache. A million points take some
-100 MB of disk while they are converted. Needs GNU time as /usr/bin/time, and dd.";
+65 MB of disk while they are converted. Needs GNU time as /usr/bin/time, and dd.";
 
 const TITLES: &str = "\
 | million points | LAZ, MB | COPC, MB | to COPC, s | CPU, s | peak, MB | whole view, cold, s | warm, s | CPU, s \
