@@ -137,7 +137,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
         let why: String = e.to_string().chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();
         Problem::new(format!("can't be read as OpenEXR: {why}")).help(help)
     };
-    let meta = MetaData::read_from_buffered(bytes, false).map_err(problem)?;
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(problem)?;
     let header = meta.headers.iter().find(|h| !h.deep);
     let header =
         header.ok_or_else(|| Problem::new("has no flat image").expected("an OpenEXR part without deep data"))?;

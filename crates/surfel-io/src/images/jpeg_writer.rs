@@ -3,7 +3,7 @@
 use super::planes::PlanesView;
 use crate::atomic;
 use crate::error::IoError;
-use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType, SamplingFactor, rgb_to_ycbcr};
 use std::io::{self, Write};
 use std::path::Path;
 use surfel_math::srgb::nearest_8_bit;
@@ -45,12 +45,43 @@ pub fn write_jpeg(out: &mut dyn Write, planes: &PlanesView<'_>, options: &JpegOp
     if !(1..=100).contains(&options.quality) {
         return Err(invalid(format!("a JPEG's quality is {}, expected 1 to 100", options.quality)));
     }
-    let data: Vec<u8> = color.iter().flat_map(|&c| to_rgb(c, options.background)).collect();
+    let [width, height] = [side(planes.width)?, side(planes.height)?];
     let mut encoder = Encoder::new(out, options.quality);
     // Halved chroma would smear the edges of coloured things, which are sharp here.
     encoder.set_sampling_factor(SamplingFactor::F_1_1);
-    let written = encoder.encode(&data, side(planes.width)?, side(planes.height)?, ColorType::Rgb);
+    let written = encoder.encode_image(Blended { color, background: options.background, width, height });
     written.map_err(io::Error::other)
+}
+
+/// What is written. [`Encoder::encode`] would be compiled for eight more kinds of images.
+struct Blended<'a> {
+    color: &'a [[f32; 4]],
+    background: [f32; 3],
+    width: u16,
+    height: u16,
+}
+
+impl ImageBuffer for Blended<'_> {
+    fn get_jpeg_color_type(&self) -> JpegColorType {
+        JpegColorType::Ycbcr
+    }
+
+    fn width(&self) -> u16 {
+        self.width
+    }
+
+    fn height(&self) -> u16 {
+        self.height
+    }
+
+    fn fill_buffers(&self, y: u16, buffers: &mut [Vec<u8>; 4]) {
+        let width = usize::from(self.width);
+        for color in self.color.iter().skip(usize::from(y) * width).take(width) {
+            let [r, g, b] = to_rgb(*color, self.background);
+            let (luma, blue, red) = rgb_to_ycbcr(r, g, b);
+            buffers.iter_mut().zip([luma, blue, red]).for_each(|(buffer, value)| buffer.push(value));
+        }
+    }
 }
 
 /// As [`write_jpeg`], to a file that appears whole or not at all.
