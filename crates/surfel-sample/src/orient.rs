@@ -68,6 +68,16 @@ pub(crate) enum Outside {
     },
 }
 
+impl Outside {
+    /// The unit direction of it from a place, in steps, where no surface is.
+    pub(crate) fn at(self, place: DVec3) -> DVec3 {
+        match self {
+            Self::Toward(viewpoint) => (viewpoint - place).normalize_or(DVec3::Z),
+            Self::Outward { up } => up,
+        }
+    }
+}
+
 /// A unit normal for each slot: the one in `given` where that isn't zero, else estimated from the `degree` nearest.
 ///
 /// `level_where_scattered` makes the latter up where these neighbours lie in no surface.

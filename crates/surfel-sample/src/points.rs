@@ -17,10 +17,11 @@ const LONE_RADIUS: f64 = 1.0;
 /// Makes a splat of each point.
 ///
 /// Normals that are there (finite, not zero) are kept; others are estimated from neighbours and oriented as
-/// [`PointOptions::viewpoint`] says. Radii come from the local spacing, so that the surface closes; where sampling is
-/// stretched (scan lines) splats are ellipses, and the whole cloud then is [`Shape::Ellipses`]. Order, origin,
-/// colours, alphas, extras, up and comments carry over, and the cloud's `interior_weight` is set. It is declared
-/// oriented if no normal is given: estimated ones all point out of the same surface.
+/// [`PointOptions::viewpoint`] says; isolated points face it, or up: their neighbours are on no surface with them.
+/// Radii come from the local spacing, so that the surface closes; where sampling is stretched (scan lines) splats are
+/// ellipses, and the whole cloud then is [`Shape::Ellipses`]. Order, origin, colours, alphas, extras, up and comments
+/// carry over, and the cloud's `interior_weight` is set. It is declared oriented if no normal is given: estimated ones
+/// all point out of the same surface.
 ///
 /// Coincident points get the same splat. A single point, or points that all coincide, get a radius of 1.
 ///
@@ -47,11 +48,20 @@ pub fn splats_from_points(
     report.normals_given = given.count();
     report.normals_estimated = points.len() - report.normals_given;
     let degree = options.neighbours.min(sorted.len() - 1);
-    let oriented = complete_normals(points, &given, &sorted, degree, options, progress);
+    let outside = match options.viewpoint.or(points.viewpoint) {
+        Some(v) => Outside::Toward((v - points.origin - sorted.center) / sorted.step),
+        None => Outside::Outward { up: points.up.map_or(DVec3::Z, Up::vector) },
+    };
+    let mut oriented = complete_normals(&given, &sorted, degree, (outside, options.level_where_scattered), progress);
     let lone = Spacing::Unknown(LONE_RADIUS / radii::DENSITY / sorted.step);
     let sizes = radii::sizes(&sorted, &oriented, degree, lone, options.ellipses, progress);
-    let isolated = (0..sorted.len()).filter(|slot| sizes.is_isolated(*slot));
-    report.isolated = isolated.map(|slot| sorted.inputs(slot).len()).sum();
+    for slot in (0..sorted.len()).filter(|slot| sizes.is_isolated(*slot)) {
+        let inputs = sorted.inputs(slot);
+        report.isolated += inputs.len();
+        if inputs.iter().all(|i| given.get(*i as usize).is_none()) {
+            oriented[slot].normal = outside.at(sorted.point(slot)).as_vec3();
+        }
+    }
     let (slots, scale) = (sorted.len(), sorted.step * options.radius_scale);
     let slot_of = sorted.into_slots();
 
@@ -115,11 +125,10 @@ impl GivenNormals<'_> {
 
 /// A unit normal for each slot: given where one of its points has one, else estimated and oriented.
 fn complete_normals(
-    points: &PointCloud,
     given: &GivenNormals,
     sorted: &SortedPoints,
     degree: usize,
-    options: &PointOptions,
+    (outside, level_where_scattered): (Outside, bool),
     progress: &dyn Progress,
 ) -> Vec<Oriented> {
     let known = given.0.map(|_| {
@@ -132,11 +141,7 @@ fn complete_normals(
     if let Some(known) = known.as_ref().filter(|k| k.iter().all(|n| *n != Vec3::ZERO)) {
         return known.iter().copied().map(Oriented::alone).collect();
     }
-    let outside = match options.viewpoint.or(points.viewpoint) {
-        Some(v) => Outside::Toward((v - points.origin - sorted.center) / sorted.step),
-        None => Outside::Outward { up: points.up.map_or(DVec3::Z, Up::vector) },
-    };
-    orient::normals(sorted, degree, known.as_deref(), outside, options.level_where_scattered, progress)
+    orient::normals(sorted, degree, known.as_deref(), outside, level_where_scattered, progress)
 }
 
 /// What there is to know about each splat but its size.

@@ -192,7 +192,13 @@ fn isolated_points_get_no_large_radius() {
     assert_eq!((report.isolated, splats.len()), (2, 2002));
     for i in [2000, 2001] {
         assert!(splats.radius_max(i) < 1.5 * report.median_radius, "{}", splats.radius_max(i));
+        assert_eq!(splats.normal(i), DVec3::Z);
     }
+    // They face what sees them.
+    let options = PointOptions { viewpoint: Some(DVec3::new(0.5, 0.5, 9.0)), ..PointOptions::default() };
+    let (splats, _) = splats_from_points(&points(&positions, None), &options, &NoProgress).unwrap();
+    let toward = (DVec3::new(0.5, 0.5, 9.0) - positions[2001]).normalize();
+    assert!((splats.normal(2001) - toward).length() < 1e-6, "{}", splats.normal(2001));
 }
 
 /// Rows of those that are outliers.

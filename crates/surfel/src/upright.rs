@@ -135,7 +135,7 @@ const LYING_WEIGHT: f64 = 0.6;
 /// By how much the best mirror plane begins to be better than the next, and fully is; and the length across it below
 /// which every shape is its own mirror image, as cells go.
 const MIRROR_LEAD: (f64, f64) = (0.03, 0.15);
-const THIN: f64 = 0.3;
+const THIN: f64 = 0.33;
 /// The share that it mirrors, at which it begins to be a mirror plane and fully is: of scans, some plane is the best.
 const MIRROR_SHARE: (f64, f64) = (0.7, 0.85);
 /// Lengths, in the larger of the two widths, from which what tapers at both ends lies.
