@@ -265,25 +265,23 @@ pub(crate) fn sizes(
 /// Slots of points that are sparse and few: fewer than [`TUFT`] are as sparse as one about it. A sparse part of a
 /// surface has more, of which its border has half.
 fn tufts(points: &SortedPoints, all: &[Size], typical: f64) -> Vec<usize> {
-    let is_sparse = |size: &Size, least: f64| f64::from(size.spacing()) > least * typical;
-    let sparse: Vec<u32> = (0..all.len() as u32).filter(|i| is_sparse(&all[*i as usize], SPARSE)).collect();
-    let tree = KdTree::new(&sparse.iter().map(|i| points.point(*i as usize)).collect::<Vec<_>>());
-    let is_large = |slot: &usize| {
-        let size = all[*slot];
+    let is_sparse = |slot: usize| f64::from(all[slot].spacing()) > SPARSE * typical;
+    let is_large = |slot: usize| {
+        let size = all[slot];
         !size.is_isolated() && !size.is_loose() && f64::from(size.radius()) > LARGEST * DENSITY * typical
     };
-    let large: Vec<usize> = sparse.into_iter().map(|i| i as usize).filter(is_large).collect();
-    let is_tuft = map_each(
-        large.len(),
-        &NoProgress,
-        || (),
-        |(), i| {
-            let about = f64::from(all[large[i]].spacing()) * TUFT_REACH;
-            let mut found = Nearest::within(TUFT, about);
-            tree.nearest(points.point(large[i]), &mut found);
-            found.items().len() < TUFT
-        },
-    );
+    let large: Vec<usize> = (0..all.len()).filter(|slot| is_sparse(*slot) && is_large(*slot)).collect();
+    if large.is_empty() {
+        return large;
+    }
+    let sparse: Vec<DVec3> = (0..all.len()).filter(|slot| is_sparse(*slot)).map(|slot| points.point(slot)).collect();
+    let tree = KdTree::new(&sparse);
+    let tuft_at = |slot: usize| {
+        let mut found = Nearest::within(TUFT, f64::from(all[slot].spacing()) * TUFT_REACH);
+        tree.nearest(points.point(slot), &mut found);
+        found.items().len() < TUFT
+    };
+    let is_tuft = map_each(large.len(), &NoProgress, || (), |(), i| tuft_at(large[i]));
     large.into_iter().zip(is_tuft).filter(|(_, is_tuft)| *is_tuft).map(|(slot, _)| slot).collect()
 }
 
