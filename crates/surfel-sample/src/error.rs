@@ -69,6 +69,13 @@ impl SampleError {
         if found > MAX_ELEMENTS { Err(Self::TooMany { what, found, limit: MAX_ELEMENTS }) } else { Ok(()) }
     }
 
+    pub(crate) fn check_splats(count: usize) -> Result<(), Self> {
+        if count == 0 {
+            return Err(Self::option("the number of splats", count, "at least 1"));
+        }
+        Self::check_count("splats", count)
+    }
+
     pub(crate) fn check_scale(radius_scale: f64) -> Result<(), Self> {
         if radius_scale > 0.0 && radius_scale <= 1e6 {
             Ok(())

@@ -336,7 +336,43 @@ fn degenerate_meshes_are_refused_or_skipped_with_a_reason() {
 #[test]
 fn auto_chooses_by_density() {
     assert_eq!(MeshOptions::auto(&globe(240)).method, MeshMethod::PerVertex);
-    let MeshMethod::Count(count) = MeshOptions::auto(&globe(24)).method else { panic!("a coarse globe is sampled") };
+    let MeshMethod::Adaptive(count) = MeshOptions::auto(&globe(24)).method else { panic!("a coarse globe is sampled") };
     // 4π / (2·2/1024)² = 823,550, capped.
     assert_eq!(count, 500_000);
+}
+
+#[test]
+fn adaptive_is_closer_on_thin_parts_alone_and_leaves_no_hole() {
+    const COUNT: usize = 60_000;
+    // A ball, and a needle beside it.
+    let (ball, needle) = (globe(48), globe(96));
+    let mut positions: Vec<DVec3> = (0..ball.positions.len()).map(|i| ball.positions.get(i)).collect();
+    let first = positions.len() as u32;
+    let thin = DVec3::new(0.03, 0.03, 1.0);
+    positions.extend((0..needle.positions.len()).map(|i| needle.positions.get(i) * thin + DVec3::X * 1.2));
+    let mut triangles = ball.triangles.clone();
+    triangles.extend(needle.triangles.iter().map(|t| t.map(|i| i + first)));
+    let both = mesh(&positions, triangles);
+
+    let (cloud, report) = splats_from_mesh(&both, &MeshOptions::new(MeshMethod::Adaptive(COUNT)), &NoProgress).unwrap();
+    let c = coverage(&cloud, &places(&both, 200_000));
+    let is_thin = |i: &usize| cloud.center(*i).x > 1.1;
+    let on_needle = (0..cloud.len()).filter(is_thin).count();
+    // Of the middle half of the needle, whose curvature is nearly 1 over its radius.
+    let middle = (0..cloud.len()).filter(is_thin).filter(|i| cloud.center(*i).z.abs() < 0.5);
+    let rim_px = |i: usize| cloud.radius_max(i).powi(2) / (2.0 * 0.03) / 2.23 * 1024.0;
+    let largest = middle.map(rim_px).fold(0.0, f64::max);
+    let even = sampled(&both, MeshMethod::Count(COUNT));
+    let even_on_needle = (0..COUNT).filter(|i| even.center(*i).x > 1.1).count();
+    println!("{c:?}, {on_needle} on the needle, {even_on_needle} even ones, {largest} px, {report:?}");
+    assert_eq!(c.holes, 0);
+    // As many on the ball, within what grading adds; a radius may be 1.2 of what density asks for.
+    let on_ball = cloud.len() - on_needle;
+    assert!(on_ball.abs_diff(COUNT - even_on_needle) < COUNT / 100, "{on_ball}");
+    assert!(on_needle > 5 * even_on_needle && largest < 1.2 * 1.2 / 3.0, "{on_needle}, {largest} px");
+
+    // What is flat is spread evenly.
+    let spread = |method| sampled(&cube(), method).into_data().centers;
+    assert_eq!(spread(MeshMethod::Adaptive(2000)), spread(MeshMethod::Count(2000)));
+    assert!(splats_from_mesh(&cube(), &MeshOptions::new(MeshMethod::Adaptive(0)), &NoProgress).is_err());
 }

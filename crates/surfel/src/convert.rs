@@ -28,7 +28,7 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
     let rows = points || holds == "splats";
     // What is one splat a vertex of a mesh is one splat a point of points.
     let (method, fits) = match options.method {
-        Some(MeshMethod::Count(_) | MeshMethod::Detail) => ("splats", mesh),
+        Some(MeshMethod::Count(_) | MeshMethod::Adaptive(_) | MeshMethod::Detail) => ("splats", mesh),
         Some(MeshMethod::PerFace) => ("per_face", mesh),
         Some(MeshMethod::PerVertex) => ("per_vertex", mesh || points),
         None => ("", true),
@@ -316,7 +316,8 @@ pub(crate) fn mesh(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
     let method = options.method.unwrap_or_else(|| MeshOptions::auto(mesh).method);
-    let is_spread = !options.sharp && matches!(method, MeshMethod::Count(_) | MeshMethod::Detail);
+    let is_spread =
+        !options.sharp && matches!(method, MeshMethod::Count(_) | MeshMethod::Adaptive(_) | MeshMethod::Detail);
     if mesh.has_normal_maps() && !is_spread {
         notes
             .push("left out the normal maps: they shade splats that are spread over the mesh, as --splats does".into());
@@ -440,7 +441,7 @@ fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
     let how = match report.method {
         MeshMethod::PerFace => "one a face",
         MeshMethod::PerVertex => "one a vertex",
-        MeshMethod::Count(_) | MeshMethod::Detail => "spread over the surface",
+        MeshMethod::Count(_) | MeshMethod::Adaptive(_) | MeshMethod::Detail => "spread over the surface",
     };
     let closer = report.detail.is_some_and(|detail| detail.splats < detail.shape.max(detail.colors));
     let how = if closer { "closer together where colours vary" } else { how };

@@ -247,7 +247,7 @@ fn radii_of_points(points: &PointCloud) -> Option<Radii> {
 fn radii_of_mesh(mesh: &Mesh) -> Option<Radii> {
     let options = MeshOptions::auto(mesh);
     match options.method {
-        MeshMethod::Count(count) => {
+        MeshMethod::Adaptive(count) => {
             let few = count.min(4000);
             let options = MeshOptions { method: MeshMethod::Count(few), ..options };
             let (cloud, _) = surfel_sample::splats_from_mesh(mesh, &options, &NoProgress).ok()?;

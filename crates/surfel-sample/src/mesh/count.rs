@@ -52,10 +52,7 @@ pub(crate) fn splats_and_faces(
     report: &mut MeshReport,
     progress: &dyn Progress,
 ) -> Result<(CloudData, Vec<u32>), SampleError> {
-    if count == 0 {
-        return Err(SampleError::option("the number of splats", count, "at least 1"));
-    }
-    SampleError::check_count("splats", count)?;
+    SampleError::check_splats(count)?;
     let geometry = Geometry::new(mesh);
     let area = geometry.total_area();
     if area <= 0.0 || !area.is_finite() {

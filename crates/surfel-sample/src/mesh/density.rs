@@ -1,4 +1,4 @@
-//! The distance between splats over a mesh: one everywhere, or smaller where its colours vary.
+//! The distance between splats over a mesh: one everywhere, or smaller where its colours vary or it bends.
 
 use super::geometry::Geometry;
 use super::parts::{Parts, Sample};
@@ -9,6 +9,8 @@ use surfel_math::basis::orthonormal;
 
 /// Parts that a mesh is divided into, over its faces, at most.
 const MOST_PARTS: usize = 1 << 18;
+/// That of one that bends: where it does, faces are small already.
+const MOST_BENT: usize = 1 << 15;
 /// Parts along the largest distance between splats.
 const FINENESS: f64 = 4.0;
 /// Samples along each side of the square whose colours are looked at, half as wide as splats are apart at most, and how
@@ -74,8 +76,31 @@ impl Density {
             range[usize::from(is_too_coarse(middle.exp()))] = middle;
         }
         let price = range[0].exp();
-        let mut spacing: Vec<f64> = each.iter().map(|part| sides[part.choice(price, &splats)]).collect();
-        grade(geometry, &parts, &mut spacing);
+        let spacing: Vec<f64> = each.iter().map(|part| sides[part.choice(price, &splats)]).collect();
+        let spacing = Neighbours::new(geometry, &parts).graded(spacing);
+        Self { parts, spacing, coarsest, is_even: false }
+    }
+
+    /// `coarsest` at most, and smaller where the surface bends: by what distance is asked for where the mean square of
+    /// the curvature is so large, which is given for each face.
+    pub(crate) fn where_bent(
+        geometry: &Geometry,
+        coarsest: f64,
+        squares: &[f64],
+        asked: &(dyn Fn(f64) -> f64 + Sync),
+    ) -> Self {
+        let parts = Parts::new(geometry, coarsest / FINENESS, MOST_BENT);
+        let near = Neighbours::new(geometry, &parts);
+        let of = |part: usize| {
+            let (mut sum, mut total) = (0.0, 0.0);
+            for (_, other) in &near.of[part] {
+                let area = parts.area(geometry, *other as usize);
+                sum += area * squares[parts.face(*other as usize)];
+                total += area;
+            }
+            if total > 0.0 { asked(sum / total).min(coarsest) } else { coarsest }
+        };
+        let spacing = near.graded(map_each(parts.len(), &NoProgress, || (), |(), part| of(part)));
         Self { parts, spacing, coarsest, is_even: false }
     }
 
@@ -189,29 +214,43 @@ fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] 
     })
 }
 
-/// Lessens distances until none grows faster than [`GRADE`] from a part to its neighbours.
-fn grade(geometry: &Geometry, parts: &Parts, spacing: &mut Vec<f64>) {
-    let middle = |part: usize| parts.place(part, [1.0 / 3.0; 3]).place(geometry);
-    let middles: Vec<_> = (0..parts.len()).map(middle).collect();
-    let tree = KdTree::new(&middles);
-    let near: Vec<Vec<(f64, u32)>> = map_each(
-        parts.len(),
-        &NoProgress,
-        || Nearest::within(NEIGHBOURS, f64::INFINITY),
-        |found, part| {
-            tree.nearest(middles[part], found);
-            found.items().iter().map(|(square, slot)| (square.sqrt(), tree.index(*slot as usize) as u32)).collect()
-        },
-    );
-    for _ in 0..SWEEPS {
-        let least = |part: usize| {
-            let reached = near[part].iter().map(|(distance, other)| spacing[*other as usize] + GRADE * distance);
-            reached.fold(spacing[part], f64::min)
-        };
-        let next: Vec<f64> = (0..parts.len()).map(least).collect();
-        if next == *spacing {
-            return;
+/// The parts about each part, itself among them.
+struct Neighbours {
+    /// Distances and numbers.
+    of: Vec<Vec<(f64, u32)>>,
+}
+
+impl Neighbours {
+    fn new(geometry: &Geometry, parts: &Parts) -> Self {
+        let middle = |part: usize| parts.place(part, [1.0 / 3.0; 3]).place(geometry);
+        let middles: Vec<_> = (0..parts.len()).map(middle).collect();
+        let tree = KdTree::new(&middles);
+        let of = map_each(
+            parts.len(),
+            &NoProgress,
+            || Nearest::within(NEIGHBOURS, f64::INFINITY),
+            |found, part| {
+                tree.nearest(middles[part], found);
+                let number = |slot: u32| tree.index(slot as usize) as u32;
+                found.items().iter().map(|(square, slot)| (square.sqrt(), number(*slot))).collect()
+            },
+        );
+        Self { of }
+    }
+
+    /// Lessens distances until none grows faster than [`GRADE`] from a part to its neighbours.
+    fn graded(&self, mut spacing: Vec<f64>) -> Vec<f64> {
+        for _ in 0..SWEEPS {
+            let least = |part: usize| {
+                let reached = self.of[part].iter().map(|(distance, other)| spacing[*other as usize] + GRADE * distance);
+                reached.fold(spacing[part], f64::min)
+            };
+            let next: Vec<f64> = (0..spacing.len()).map(least).collect();
+            if next == spacing {
+                break;
+            }
+            spacing = next;
         }
-        *spacing = next;
+        spacing
     }
 }

@@ -10,6 +10,12 @@ use surfel_math::basis::orthonormal;
 
 /// Largest distance of a splat's rim from the surface, as a share of the extent: half a pixel of 1024.
 const RIM: f64 = 0.5 / 1024.0;
+/// That of any disk where splats are closer together because the surface bends, which are the thin parts of a shape:
+/// what stands out of a finger frays its outline. Splats there are no closer than this share of the distance elsewhere.
+const THIN_RIM: f64 = 1.0 / 3.0 / 1024.0;
+const FINEST: f64 = 0.25;
+/// Share of all splats that bends must ask for more of, to be closer there.
+const FEW_MORE: f64 = 0.002;
 /// Root mean square, in linear light and over the surface, of what colours vary by within the square that a splat
 /// stands for.
 const VARIATION: f64 = 0.03;
@@ -42,9 +48,10 @@ impl Detail {
     pub(crate) fn new(geometry: &Geometry) -> (Self, Density) {
         let area = geometry.total_area();
         let splats = |spacing: f64| (area / (spacing * spacing)).min(SPLATS.1);
-        // A rim at radius r of a surface of curvature κ is r²κ/2 away from it.
-        let radius = (2.0 * RIM * geometry.extent / curvature(geometry)).sqrt();
-        let shape = splats(radius / radii::DENSITY) as usize;
+        let squares = squared_curvatures(geometry);
+        let sum: f64 = geometry.areas.iter().zip(&squares).map(|(a, of)| a * of.iter().sum::<f64>()).sum();
+        let mean = sum / (3.0 * area);
+        let shape = splats(asked(RIM * geometry.extent, mean)) as usize;
         let colors = if geometry.is_painted() { colors(geometry, area) } else { 0 };
         let least = (shape as f64).clamp(SPLATS.0, SPLATS.1);
         let even = least.max(colors as f64).min(SPLATS.1);
@@ -59,16 +66,43 @@ impl Detail {
     }
 }
 
-/// Root mean square over the surface of how fast its normal turns, radians a unit of length; creases don't count.
-fn curvature(geometry: &Geometry) -> f64 {
+/// How far apart splats are to be that stand out by `rim` where the square of the curvature is this: at radius r of
+/// a surface of curvature κ a rim is r²κ/2 away from it.
+fn asked(rim: f64, squared_curvature: f64) -> f64 {
+    (2.0 * rim / squared_curvature.sqrt()).sqrt() / radii::DENSITY
+}
+
+/// As far apart as `count` splats would be, and closer where disks would stand out of the bent surface by more than a
+/// third of a pixel of an image of 1024²; with how many there are.
+pub(crate) fn adaptive(geometry: &Geometry, count: usize) -> (usize, Density) {
+    let spacing = (geometry.total_area() / count as f64).sqrt();
+    // It may bend one way only.
+    let squares: Vec<f64> = squared_curvatures(geometry).iter().map(|of| of[0].max(of[1]).max(of[2])).collect();
+    let asked = |squared: f64| asked(THIN_RIM * geometry.extent, squared).max(FINEST * spacing);
+    let more = |face: usize| geometry.areas[face] * (asked(squares[face]).powi(-2) - spacing.powi(-2)).max(0.0);
+    let more: f64 = (0..squares.len()).map(more).sum();
+    if more > FEW_MORE * count as f64 {
+        let density = Density::where_bent(geometry, spacing, &squares, &asked);
+        let splats = density.splats(geometry).iter().sum::<f64>().ceil();
+        if splats < MOST_UNEVEN {
+            return (splats as usize, density);
+        }
+    }
+    (count, Density::even(geometry, spacing))
+}
+
+/// The squares of how fast the normal of each face turns, radians a unit of length, along its edges; creases don't
+/// count.
+fn squared_curvatures(geometry: &Geometry) -> Vec<[f64; 3]> {
     let normals = geometry.smooth().corner_normals;
     let squared = |face: usize| {
         let (p, n) = (geometry.corners(face), &normals[face]);
-        let edge = |i: usize, j: usize| n[i].distance_squared(n[j]) / p[i].distance_squared(p[j]);
-        geometry.areas[face] * (edge(0, 1) + edge(1, 2) + edge(2, 0)) / 3.0
+        [(0, 1), (1, 2), (2, 0)].map(|(i, j)| {
+            let square = n[i].distance_squared(n[j]) / p[i].distance_squared(p[j]);
+            if geometry.areas[face] > 0.0 { square } else { 0.0 }
+        })
     };
-    let sum: f64 = (0..geometry.areas.len()).filter(|face| geometry.areas[*face] > 0.0).map(squared).sum();
-    (sum / geometry.total_area()).sqrt()
+    (0..geometry.areas.len()).map(squared).collect()
 }
 
 /// Splats whose squares vary by [`VARIATION`].

@@ -50,6 +50,7 @@ pub use vertices::points_from_mesh;
 ///   between splats it reaches over the edge, since few of those have a splat. Where no splat covers a place beside an
 ///   edge, seen from up to 50° off its normal, one is moved there that its neighbours stand in for: at most a sixteenth
 ///   of all, and none of more than a million or of radii that are scaled down.
+/// - [`MeshMethod::Adaptive`]: that many where it is nearly flat, closer together on thin parts.
 /// - [`MeshMethod::Detail`]: as many samples as [`Detail`] says; closer where colours vary, if that makes them fewer.
 ///
 /// # Errors
@@ -84,14 +85,21 @@ pub fn splats_from_mesh(
         median_radius: 0.0,
         interior_weight: None,
     };
-    if options.method == MeshMethod::Detail {
+    if matches!(options.method, MeshMethod::Detail | MeshMethod::Adaptive(_)) {
         let geometry = geometry::Geometry::new(mesh);
         if geometry.total_area() <= 0.0 {
             return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
         }
-        let (detail, density) = Detail::new(&geometry);
-        (report.method, report.detail) = (MeshMethod::Count(detail.splats), Some(detail));
-        let data = count::splats(&geometry, &density, detail.splats, options.radius_scale, &mut report, progress)?;
+        let (count, density) = if let MeshMethod::Adaptive(count) = options.method {
+            SampleError::check_splats(count)?;
+            detail::adaptive(&geometry, count)
+        } else {
+            let (detail, density) = Detail::new(&geometry);
+            report.detail = Some(detail);
+            (detail.splats, density)
+        };
+        report.method = MeshMethod::Count(count);
+        let data = count::splats(&geometry, &density, count, options.radius_scale, &mut report, progress)?;
         return finish(mesh, data, report, progress);
     }
     let data = match report.method {

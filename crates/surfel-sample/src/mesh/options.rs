@@ -13,6 +13,9 @@ pub enum MeshMethod {
     PerVertex,
     /// This many samples, spread evenly over the surface.
     Count(usize),
+    /// This many samples where they are spread evenly, but closer together, and so more of them, where disks would stand
+    /// out of the bent surface by more than a third of a pixel of an image of 1024².
+    Adaptive(usize),
     /// As many samples as shape and colours ask for ([`Detail`]).
     Detail,
 }
@@ -64,7 +67,8 @@ impl MeshOptions {
     }
 
     /// The options where none are given. A mesh that is dense (above 50,000 vertices), even and without
-    /// a texture: its vertices. Any other: samples about 2 px apart in an image of 1024², 20,000 to 500,000 of them.
+    /// a texture: its vertices. Any other: samples about 2 px apart in an image of 1024², 20,000 to 500,000 of them, and
+    /// more where it bends.
     /// One without triangles or area: its vertices.
     pub fn auto(mesh: &Mesh) -> Self {
         let bad = |i: &u32| *i as usize >= mesh.positions.len();
@@ -81,6 +85,6 @@ impl MeshOptions {
             return Self::new(MeshMethod::PerVertex);
         }
         let count = (area / (SPACING * extent).powi(2)).clamp(AUTOMATIC.0, AUTOMATIC.1);
-        Self::new(MeshMethod::Count(count as usize))
+        Self::new(MeshMethod::Adaptive(count as usize))
     }
 }
