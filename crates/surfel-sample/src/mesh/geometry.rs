@@ -9,6 +9,11 @@ use surfel_model::{AlphaMode, Mesh};
 
 /// Cosine of the crease angle, 40°: faces that meet at a larger one don't share a smooth normal.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
+/// Cosine of 60°, from which a crease needs no others; edges that a line of smaller ones has, at least, and the share of
+/// the extent that one edge is a line from.
+const SHARP_COS: f64 = 0.5;
+const LINE: usize = 8;
+const LONG: f64 = 1.0 / 16.0;
 /// Cosine of a fiftieth of a degree: normals that differ by less are one.
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 6e-8;
 /// Cosine of 15°: splats on faces that meet at less don't stand out by half the distance between them.
@@ -182,7 +187,8 @@ impl<'a> Geometry<'a> {
     /// Smooth unit normals of every corner, the edges that are creases or open, and the parts that these divide.
     ///
     /// Where the mesh has vertex normals, they are the answer. Else normals are averaged over the corners of a
-    /// vertex, weighted by angle (Thürmer and Wüthrich 1998), across edges of at most 40° only.
+    /// vertex, weighted by angle (Thürmer and Wüthrich 1998), across edges of at most 40° only, or 60° where no line of
+    /// them goes on.
     pub(crate) fn smooth(&self) -> Smooth {
         let smooth = self.smooth_corners(&self.weld());
         let Some(given) = &self.mesh.normals else { return smooth };
@@ -212,18 +218,25 @@ impl<'a> Geometry<'a> {
         let mut regions: Vec<u32> = (0..self.areas.len() as u32).collect();
         let (mut borders, mut feature_edges) = (Vec::new(), 0);
         let normal = |side: &Side| self.normals[side.corner as usize / 3];
-        for edge in sides.chunk_by(|a, b| (a.lo, a.hi) == (b.lo, b.hi)) {
+        // The corner where one face's edge starts is where the other's ends.
+        let mut share_normals = |a: &Side, b: &Side| {
+            join(&mut group, a.corner, next(b.corner));
+            join(&mut group, next(a.corner), b.corner);
+        };
+        let is_line = self.lines(&sides);
+        for edge in edges(&sides) {
             match edge {
                 [a, b] if a.forward != b.forward && self.is_smooth(a, b) => {
-                    // The corner where one face's edge starts is where the other's ends.
-                    join(&mut group, a.corner, next(b.corner));
-                    join(&mut group, next(a.corner), b.corner);
+                    share_normals(a, b);
                     join(&mut regions, a.corner / 3, b.corner / 3);
                     if normal(a).dot(normal(b)) < BENT_COS {
                         borders.extend([self.border(a, Some(b), Kind::Bend), self.border(b, Some(a), Kind::Bend)]);
                     }
                 }
                 [a, b] => {
+                    if a.forward != b.forward && self.cos(a, b) >= SHARP_COS && !is_line(a) {
+                        share_normals(a, b);
+                    }
                     borders.extend([self.border(a, Some(b), Kind::Crease), self.border(b, Some(a), Kind::Crease)]);
                     feature_edges += 1;
                 }
@@ -252,6 +265,28 @@ impl<'a> Geometry<'a> {
         Smooth { corner_normals, feature_edges, borders, regions }
     }
 
+    /// Whether an edge at which splats end belongs to a line of such edges, as creases do: one that closes, has at least
+    /// [`LINE`] of them, or a long one. Few and short ones are where a coarse mesh bends most.
+    fn lines(&self, sides: &[Side]) -> impl Fn(&Side) -> bool {
+        let mut group: Vec<u32> = (0..self.positions.len() as u32).collect();
+        let is_feature = |edge: &&[Side]| !matches!(edge, [a, b] if a.forward != b.forward && self.is_smooth(a, b));
+        let features: Vec<&[Side]> = edges(sides).filter(is_feature).collect();
+        features.iter().for_each(|edge| join(&mut group, edge[0].lo, edge[0].hi));
+        let root: Vec<u32> = (0..group.len() as u32).map(|vertex| find(&mut group, vertex)).collect();
+        let (mut edges, mut vertices, mut is_long) =
+            (vec![0; root.len()], vec![0; root.len()], vec![false; root.len()]);
+        root.iter().for_each(|root| vertices[*root as usize] += 1);
+        for edge in features {
+            let [lo, hi] = [edge[0].lo, edge[0].hi].map(|vertex| vertex as usize);
+            let root = root[lo] as usize;
+            edges[root] += 1;
+            is_long[root] |= self.positions[lo].distance(self.positions[hi]) > LONG * self.extent;
+        }
+        // A tree has one edge less than vertices.
+        let is_line = move |root: usize| edges[root] >= vertices[root].min(LINE) || is_long[root];
+        move |side: &Side| is_line(root[side.lo as usize] as usize)
+    }
+
     /// An edge as its face sees it, `across` the other one there.
     fn border(&self, side: &Side, across: Option<&Side>, kind: Kind) -> Border {
         let corners = self.corners(side.corner as usize / 3);
@@ -261,7 +296,12 @@ impl<'a> Geometry<'a> {
     }
 
     fn is_smooth(&self, a: &Side, b: &Side) -> bool {
-        self.normals[a.corner as usize / 3].dot(self.normals[b.corner as usize / 3]) >= CREASE_COS
+        self.cos(a, b) >= CREASE_COS
+    }
+
+    /// Of the angle between two faces' normals.
+    fn cos(&self, a: &Side, b: &Side) -> f64 {
+        self.normals[a.corner as usize / 3].dot(self.normals[b.corner as usize / 3])
     }
 
     /// Unit normals of the vertices, averaged over all their faces by angle and over vertices in the same place;
@@ -416,6 +456,11 @@ impl<'a> Geometry<'a> {
     }
 }
 
+/// The sides of each edge, of all in order.
+fn edges(sides: &[Side]) -> impl Iterator<Item = &[Side]> {
+    sides.chunk_by(|a, b| (a.lo, a.hi) == (b.lo, b.hi))
+}
+
 /// The next corner of the same face.
 fn next(corner: u32) -> u32 {
     if corner % 3 == 2 { corner - 2 } else { corner + 1 }
@@ -432,4 +477,44 @@ fn find(group: &mut [u32], mut i: u32) -> u32 {
 fn join(group: &mut [u32], a: u32, b: u32) {
     let (a, b) = (find(group, a), find(group, b));
     group[a.max(b) as usize] = a.min(b);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::Column3;
+
+    /// A sheet of `cells` squares along each side, flat but for a ridge of `edges` edges in its middle, which falls off
+    /// by `slope` to both sides; true where the ridge's edges have one normal.
+    fn is_smooth_over_ridge(cells: u32, edges: u32, slope: f64) -> bool {
+        let (middle, first) = (cells / 2, (cells - edges) / 2);
+        let is_ridge = |i: u32, j: u32| i == middle && (first..=first + edges).contains(&j);
+        let places = (0..=cells).flat_map(|j| (0..=cells).map(move |i| (i, j)));
+        let place = |(i, j)| DVec3::new(f64::from(i), f64::from(j), if is_ridge(i, j) { slope } else { 0.0 });
+        let positions: Vec<DVec3> = places.map(place).collect();
+        let at = |i: u32, j: u32| j * (cells + 1) + i;
+        let squares = (0..cells).flat_map(|j| (0..cells).map(move |i| (i, j)));
+        let square = |(i, j)| {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        };
+        let triangles: Vec<[u32; 3]> = squares.flat_map(square).collect();
+        let mesh = Mesh { positions: Column3::from_f64(&positions), triangles, ..Mesh::default() };
+        let smooth = Geometry::new(&mesh).smooth();
+        assert!(smooth.borders.iter().filter(|b| b.kind == Kind::Crease).count() >= 2 * edges as usize);
+        let ridge = at(middle, first + edges / 2);
+        let corners = mesh.triangles.iter().zip(&smooth.corner_normals);
+        let normals = corners.flat_map(|(t, n)| (0..3).filter(|k| t[*k] == ridge).map(|k| n[k]).collect::<Vec<_>>());
+        normals.collect::<Vec<_>>().windows(2).all(|n| n[0].distance(n[1]) < 1e-9)
+    }
+
+    #[test]
+    fn a_few_short_edges_are_no_crease_unless_they_are_sharp() {
+        // Slopes of 0.47 meet at 50°, those of 0.8 at 77°.
+        for (cells, edges, slope, smooth) in
+            [(40, 2, 0.47, true), (40, 4, 0.47, true), (40, 12, 0.47, false), (40, 2, 0.8, false), (8, 2, 0.47, false)]
+        {
+            assert_eq!(is_smooth_over_ridge(cells, edges, slope), smooth, "{cells} {edges} {slope}");
+        }
+    }
 }
