@@ -432,11 +432,57 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
         }
     };
     let z = if z_first - z > 1e-6 * size { z } else { z_first - 1e-3 * size };
-    let eye = center + right * x + up * y + forward * z;
+    let mut eye = center + right * x + up * y + forward * z;
+    if matches!(projection, Projection::Perspective { .. }) && options.turning.is_none() {
+        eye = centred(scene, eye, &options.axes, keep);
+    }
     let target = eye + forward * (0.5 * (z_first + z_last) - z).max(1e-3 * size);
     let far = matches!(projection, Projection::Orthographic { .. }).then(|| z_last - z + size);
     let near = 0.5 * (z_first - z);
     Some(Camera { eye: eye.into(), target: target.into(), up: up.into(), projection, near, far, size: options.size })
+}
+
+/// What reaches farthest to one side of an image: how far, as a tangent, and at what depth.
+#[derive(Clone, Copy)]
+struct Reach {
+    tangent: f64,
+    depth: f64,
+}
+
+/// The place beside `eye` from which what is kept of a scene has as much room on one side of the image as on the other,
+/// and above as below. Planes that meet at the eye leave that to the two sides alone that limit its distance.
+fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: impl Fn(DVec3) -> bool + Sync) -> DVec3 {
+    let ViewAxes { right, up, forward } = *axes;
+    let across = [-right, right, -up, up];
+    let add = |reach: &mut [Reach; 4], p: DVec3, splat: &Extent| {
+        let q = p - eye;
+        let depth = q.dot(forward);
+        if !keep(p) || depth <= splat.reach {
+            return;
+        }
+        for (direction, farthest) in across.into_iter().zip(reach) {
+            let tangent = q.dot(direction) / depth;
+            // Most splats are too far inside to matter.
+            if tangent + splat.reach * (1.0 + tangent.abs()) / depth <= farthest.tangent {
+                continue;
+            }
+            // The plane through eye and centre, and how far an ellipse p + u·s + v·t reaches beyond it.
+            let beyond = direction - forward * tangent;
+            let (s, t) = (splat.axes)();
+            let tangent = tangent + beyond.dot(s).hypot(beyond.dot(t)) / depth;
+            if tangent > farthest.tangent {
+                *farthest = Reach { tangent, depth };
+            }
+        }
+    };
+    let farther = |a: Reach, b: Reach| if b.tangent > a.tangent { b } else { a };
+    let join = |a: [Reach; 4], b: [Reach; 4]| std::array::from_fn(|k| farther(a[k], b[k]));
+    let none = [Reach { tangent: f64::NEG_INFINITY, depth: 1.0 }; 4];
+    let [left, on_right, below, above] = gathered(scene, &none, add, join);
+    // By a step aside everything moves the other way, the nearer the farther.
+    let step = |a: Reach, b: Reach| (b.tangent - a.tangent) / (1.0 / a.depth + 1.0 / b.depth);
+    let moved = eye + right * step(left, on_right) + up * step(below, above);
+    if moved.is_finite() { moved } else { eye }
 }
 
 /// The middle of the scene's bounds, without stray points, as [`frame_camera`] centres it; `None` without objects.
@@ -466,7 +512,7 @@ pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
 
 /// The view that shows most of objects: of twelve around them, 30° apart and 20° above, the one with the largest
 /// viewpoint entropy and visible curvature, or the same from 40° above if that shows clearly more; of what is lower
-/// than 0.22 of its smaller width, of twelve 50° above.
+/// than 0.4 of its smaller width, of twelve 40° above, and than 0.22 of it, 50° above.
 ///
 /// Three-quarter views win over slightly better straight ones, and views of the front over those of the back. The front
 /// is that of [`NamedView::Front`], or of a mirror-symmetric body that stands on feet where it is taller, opposite to

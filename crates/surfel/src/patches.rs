@@ -27,6 +27,8 @@ pub(crate) struct Patch {
     pub(crate) color: [f32; 3],
     /// Whether the normal says which side is outside: that of a Gaussian is either of two.
     pub(crate) has_sides: bool,
+    /// Whether the normal comes from a file, rather than from the points about.
+    pub(crate) is_given: bool,
 }
 
 /// A sample of a scene's surface, without stray points.
@@ -132,13 +134,17 @@ fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all:
     let m = object.world_from_object;
     let flip = if m.matrix3.determinant() < 0.0 { -1.0 } else { 1.0 };
     let has_sides = !matches!(object.geometry, Geometry::Gaussians(_));
+    let is_given = match &object.geometry {
+        Geometry::Splats(cloud) => !cloud.data().oriented,
+        _ => false,
+    };
     let mut add = |p: DVec3, s: DVec3, t: DVec3, color: [f32; 3]| {
         let (s, t) = (m.transform_vector3(s), m.transform_vector3(t));
         let cross = s.cross(t);
         let area = cross.length();
         if area > 0.0 {
             let (position, normal) = (m.transform_point3(p), cross * (flip / area));
-            all.push(Patch { position, normal, axes: [s * growth, t * growth], area, color, has_sides });
+            all.push(Patch { position, normal, axes: [s * growth, t * growth], area, color, has_sides, is_given });
         }
     };
     match &object.geometry {

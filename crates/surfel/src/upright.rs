@@ -4,7 +4,7 @@
 //! judge the planes that a shape can stand on by static stability, symmetry and support. Here the planes are the six
 //! that face a coordinate axis, since files are tilted by nothing else: y and z are mistaken for each other.
 
-use crate::patches::Patches;
+use crate::patches::{Patch, Patches};
 use glam::{DVec2, DVec3};
 use std::fmt;
 use surfel_model::Up;
@@ -23,6 +23,8 @@ pub enum UpReason {
     Base,
     /// It spreads out as ground does.
     Ground,
+    /// By the points' own normals, what lies lowest faces this way.
+    Floor,
     /// It is long and tapers at both ends, or a plate, so it lies.
     Lying,
     /// It is mirror-symmetric from left to right.
@@ -39,6 +41,7 @@ impl fmt::Display for UpReason {
             Self::Georeferenced => "by its map coordinates",
             Self::Base => "it stands on a base",
             Self::Ground => "it spreads out as ground does",
+            Self::Floor => "by its normals a floor faces that way",
             Self::Lying => "otherwise it would fall over",
             Self::Mirrored => "its left and right sides are alike",
             Self::Convention => "nothing in the data says it, this is most common",
@@ -130,6 +133,15 @@ const GROUND: (f64, f64) = (0.5, 0.35);
 const LEANING: f64 = 0.866;
 /// What evidence weighs against a base, whose best is 1.5: hull and half the fill of its footprint.
 const GROUND_WEIGHT: f64 = 0.8;
+const FLOOR_WEIGHT: f64 = 1.2;
+/// Share of the surface that is a floor, from which it begins to be one and is; the cosine up to which it leans, and how
+/// high it lies, of the whole.
+const FLOOR: (f64, f64) = (0.08, 0.16);
+const FLOOR_COS: f64 = 0.9;
+const LOW: f64 = 0.25;
+/// The share of something thin that faces up, from which it begins to be ground and is, and what may face down.
+const ABOVE: (f64, f64) = (0.5, 0.7);
+const BELOW: f64 = 0.05;
 const MIRROR_WEIGHT: f64 = 0.8;
 const LYING_WEIGHT: f64 = 0.6;
 /// By how much the best mirror plane begins to be better than the next, and fully is; and the length across it below
@@ -192,13 +204,14 @@ pub(crate) fn axis_of(up: Up) -> usize {
 struct Evidence {
     base: f64,
     ground: f64,
+    floor: f64,
     mirror: f64,
     lying: f64,
 }
 
 impl Evidence {
     fn total(&self) -> f64 {
-        self.base + self.ground + self.mirror + self.lying
+        self.base + self.ground.max(self.floor) + self.mirror + self.lying
     }
 }
 
@@ -243,6 +256,8 @@ struct Shape {
     tapers: [bool; 3],
     /// Evidence of ground, axis by axis.
     ground: [bool; 3],
+    /// Evidence of a floor, with each of [`Up::ALL`] up, in points with normals of their own.
+    floor: [f64; 6],
     /// Sums of the normals, axis by axis: negative where the surface faces down.
     facing: DVec3,
     /// What has two large faces was made lying, as printers and mills make it; elsewhere it may hang on a wall.
@@ -252,12 +267,14 @@ struct Shape {
 impl Shape {
     fn of(patches: &Patches, convention: UpConvention) -> Self {
         let extent = patches.extent().to_array();
+        let is_points = convention == UpConvention::Points && patches.all.iter().all(|p| p.is_given);
         Self {
             standing: Up::ALL.map(|up| standing(patches, up)),
             mirror: mirror(patches),
             extent,
             tapers: [0, 1, 2].map(|k| tapers(patches, k)),
             ground: [0, 1, 2].map(|k| is_ground(patches, k)),
+            floor: if is_points { floors(patches) } else { [0.0; 6] },
             facing: patches.mean(|p| p.normal),
             plates_lie: convention == UpConvention::Stl,
         }
@@ -274,6 +291,7 @@ impl Shape {
         Evidence {
             base: base([here, opposite], negative),
             ground: if self.ground[k] && !negative && self.facing[k] >= 0.0 { GROUND_WEIGHT } else { 0.0 },
+            floor: FLOOR_WEIGHT * self.floor[up as usize],
             mirror: -MIRROR_WEIGHT * self.leads(k),
             lying: if falls && (long && mirrored_across || self.is_plate()) { -LYING_WEIGHT } else { 0.0 },
         }
@@ -291,8 +309,11 @@ impl Shape {
     /// The strongest of what speaks for an axis, or against the others.
     fn reason(&self, evidence: Evidence) -> Option<UpReason> {
         let against = |f: fn(&Evidence) -> f64| Up::ALL.into_iter().any(|up| f(&self.evidence(up)) < -0.2);
-        if evidence.base.max(evidence.ground) > 0.25 {
-            return Some(if evidence.base > evidence.ground { UpReason::Base } else { UpReason::Ground });
+        let reasons =
+            [(evidence.floor, UpReason::Floor), (evidence.ground, UpReason::Ground), (evidence.base, UpReason::Base)];
+        let strongest = reasons.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((_, reason)) = strongest.filter(|(weight, _)| *weight > 0.25) {
+            return Some(reason);
         }
         match (against(|e| e.lying), against(|e| e.mirror)) {
             (true, _) => Some(UpReason::Lying),
@@ -366,6 +387,29 @@ pub(crate) fn standing(patches: &Patches, up: Up) -> Standing {
 fn smoothstep(a: f64, b: f64, x: f64) -> f64 {
     let t = ((x - a) / (b - a)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
+}
+
+/// What speaks, 0 to 1, for a floor that faces each of [`Up::ALL`]: a good share of the surface does, none of it below
+/// the rest of what is there; or it is thin, and most of it faces more or less that way, hardly any the other. Walls
+/// look like floors, so it is only of what axes are up in files of points, and once.
+fn floors(patches: &Patches) -> [f64; 6] {
+    let share =
+        |is: &dyn Fn(&Patch) -> bool| patches.all.iter().filter(|p| is(p)).map(|p| p.area).sum::<f64>() / patches.area;
+    let extent = patches.extent();
+    let of = |up: Up| {
+        let (axis, k) = (up.vector(), axis_of(up));
+        let [u, v] = others(k);
+        let low = patches.all.iter().map(|p| p.position.dot(axis)).fold(f64::INFINITY, f64::min) + LOW * extent[k];
+        let floor = share(&|p| p.normal.dot(axis) > FLOOR_COS && p.position.dot(axis) < low);
+        let is_thin = extent[k] < GROUND.1 * extent[u].min(extent[v]);
+        let above = share(&|p| p.normal.dot(axis) > GROUND.0);
+        let below = share(&|p| p.normal.dot(axis) < -GROUND.0);
+        let ground = if is_thin && below < BELOW { smoothstep(ABOVE.0, ABOVE.1, above) } else { 0.0 };
+        smoothstep(FLOOR.0, FLOOR.1, floor).max(ground)
+    };
+    let found = Up::ALL.map(|up| if matches!(up, Up::PlusY | Up::MinusY | Up::PlusZ) { of(up) } else { 0.0 });
+    let sum: f64 = found.iter().sum();
+    found.map(|one| (2.0 * one - sum).max(0.0))
 }
 
 /// The surface is a thin height field over this axis, or over one that leans from it as hillsides do, and not a drawing

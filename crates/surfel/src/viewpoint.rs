@@ -26,9 +26,11 @@ const RING: [f64; 12] = [30.0, 330.0, 60.0, 300.0, 0.0, 90.0, 270.0, 150.0, 210.
 /// Elevation of the ring, and of a view that is tried above its best.
 const ELEVATION_DEG: f64 = ViewAngles::ISO.elevation_deg;
 const HIGH_DEG: f64 = 40.0;
-/// Elevation of the ring about what is flat: its height over its smaller width is less.
+/// Elevation of the ring about what is flat or low: its height over its smaller width is less.
 const FLAT_DEG: f64 = 50.0;
 const FLAT: f64 = 0.22;
+const LOW_DEG: f64 = HIGH_DEG;
+const LOW: f64 = 0.4;
 /// What views of the front win over those straight at the back is twice this; entropy and curvature weigh ½ each, in
 /// those of the best view. Within this cosine, views are of the front alike.
 const FRONT_WEIGHT: f64 = 0.2;
@@ -60,9 +62,9 @@ pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
     let from_front = ViewAxes::turned(level, up);
     let front = front(patches, up).unwrap_or(-from_front.forward);
     let judge = Judge::new(patches);
-    let is_flat = is_flat(patches, up);
+    let elevation_deg = elevation(patches, up);
     let ring = RING.map(|azimuth_deg| {
-        let angles = ViewAngles { azimuth_deg, elevation_deg: if is_flat { FLAT_DEG } else { ELEVATION_DEG } };
+        let angles = ViewAngles { azimuth_deg, elevation_deg };
         (angles, judge.look(&ViewAxes::turned(angles, up)))
     });
     let sum = |f: fn(&Seen) -> f64| ring.iter().map(|(_, seen)| f(seen)).sum::<f64>();
@@ -85,7 +87,7 @@ pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
             chosen = (score, *angles);
         }
     }
-    if is_flat {
+    if elevation_deg > ELEVATION_DEG {
         return chosen.1;
     }
     let high = ViewAngles { elevation_deg: HIGH_DEG, ..chosen.1 };
@@ -93,11 +95,16 @@ pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
     if from_high - HIGH_COST > chosen.0 { high } else { chosen.1 }
 }
 
-/// True of what lies low: from little above it would be a line.
-fn is_flat(patches: &Patches, up: Up) -> bool {
+/// How far above the horizon the ring is, in degrees: what lies low would be a line, or hide behind its own rim.
+fn elevation(patches: &Patches, up: Up) -> f64 {
     let extent = patches.extent();
     let [u, v] = others(axis_of(up));
-    extent[axis_of(up)] < FLAT * extent[u].min(extent[v])
+    let height = extent[axis_of(up)] / extent[u].min(extent[v]);
+    match height {
+        _ if height < FLAT => FLAT_DEG,
+        _ if height < LOW => LOW_DEG,
+        _ => ELEVATION_DEG,
+    }
 }
 
 /// True of what a depth camera saw that looks this way, along z or back, at the origin or far away: from elsewhere it
