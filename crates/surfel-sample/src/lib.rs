@@ -22,6 +22,7 @@ mod cell;
 mod eigen;
 mod error;
 mod fit;
+mod foliage;
 mod interior;
 mod lanes;
 mod mesh;

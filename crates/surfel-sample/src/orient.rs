@@ -27,8 +27,8 @@ const WEAK: f32 = 0.25;
 const SMALL: u32 = 16;
 /// A point whose neighbours all are this many times nearer to each other than it is to them doesn't join them at first.
 const ALONE: f32 = 3.0;
-/// Neighbours that a first look at strong edges takes.
-const NEAREST: usize = 8;
+/// Neighbours that a first look at strong edges takes, and one at whether normals agree.
+pub(crate) const NEAREST: usize = 8;
 
 /// A point's normal, and the squared distance of the farthest of its neighbours.
 #[derive(Clone, Copy, Debug, Default)]
@@ -176,6 +176,17 @@ pub(crate) fn is_rough(points: &SortedPoints, (slot, normal): (usize, Vec3), nea
         d.dot(normal).powi(2) / d.length_squared()
     };
     near.iter().map(sine2).sum::<f32>() > ROUGH * near.len() as f32
+}
+
+/// Mean over `near` of how their normals lie to that of a point, mirrored to its place: 1 of a smooth surface, however
+/// thin a limb it is, and near 0 where normals point anywhere.
+pub(crate) fn coherence(points: &SortedPoints, oriented: &[Oriented], slot: usize, near: &[u32]) -> f32 {
+    let n = oriented[slot].normal;
+    let mirrored = |j: &u32| {
+        let (d, m) = (offset(points, slot, *j as usize), oriented[*j as usize].normal);
+        n.dot(m) - 2.0 * n.dot(d) * m.dot(d) / d.length_squared()
+    };
+    near.iter().map(mirrored).sum::<f32>() / near.len() as f32
 }
 
 /// Whether point `b` has all its neighbours far nearer than `a`, which then may be a stray.

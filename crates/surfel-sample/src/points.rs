@@ -5,7 +5,7 @@ use crate::parallel::map_each;
 use crate::radii::{self, Sizes, Spacing};
 use crate::sorted::SortedPoints;
 use crate::{NoProgress, PointOptions, PointReport, Progress, SampleError};
-use crate::{assemble, interior, orient, usual};
+use crate::{assemble, foliage, interior, orient, usual};
 use glam::{DVec3, Vec3};
 use std::borrow::Cow;
 use surfel_math::basis::{orthonormal, unit};
@@ -18,6 +18,7 @@ const LONE_RADIUS: f64 = 1.0;
 ///
 /// Normals that are there (finite, not zero) are kept; others are estimated from neighbours and oriented as
 /// [`PointOptions::viewpoint`] says; isolated points face it, or up: their neighbours are on no surface with them.
+/// Those among foliage, where neighbours lie in no surface either, face away from the middle of what is around them.
 /// Radii come from the local spacing, so that the surface closes; where sampling is stretched (scan lines) splats are
 /// ellipses, and the whole cloud then is [`Shape::Ellipses`]. Order, origin, colours, alphas, extras, up and comments
 /// carry over, and the cloud's `interior_weight` is set. It is declared oriented if no normal is given: estimated ones
@@ -54,7 +55,11 @@ pub fn splats_from_points(
     };
     let mut oriented = complete_normals(&given, &sorted, degree, (outside, options.level_where_scattered), progress);
     let lone = Spacing::Unknown(LONE_RADIUS / radii::DENSITY / sorted.step);
-    let sizes = radii::sizes(&sorted, &oriented, degree, lone, options.ellipses, progress);
+    let mut sizes = radii::sizes(&sorted, &oriented, degree, lone, options.ellipses, progress);
+    if !options.level_where_scattered {
+        let is_given = |slot: usize| sorted.inputs(slot).iter().any(|i| given.get(*i as usize).is_some());
+        foliage::soften(&sorted, &mut oriented, &mut sizes, is_given, outside);
+    }
     for slot in (0..sorted.len()).filter(|slot| sizes.is_isolated(*slot)) {
         let inputs = sorted.inputs(slot);
         report.isolated += inputs.len();

@@ -16,7 +16,7 @@ use crate::eigen::symmetric2;
 use crate::lanes::{LANES, compress, numbers, rank};
 use crate::nearest::{Search, distance2};
 use crate::normals::{WIDE, wider};
-use crate::orient::{Oriented, is_rough};
+use crate::orient::{NEAREST, Oriented, coherence, is_rough};
 use crate::parallel::{for_chunks, map_each};
 use crate::progress::{NoProgress, Progress};
 use crate::sorted::{LEAF, RUN, SortedPoints};
@@ -69,6 +69,9 @@ const TURNS_AWAY: f32 = -0.5;
 /// A point is part of a surface where one in this many has a closed cell, of itself and its neighbours of its side: of
 /// 17 at a straight border some 10, in a square's corner 7.
 const SURROUNDED: usize = 3;
+/// Where neighbours lie in no plane, and the normals of the nearest agree by less, they are on no surface: of leaves
+/// half of them agree by 0.5 at most, of limbs so thin that neighbours go around them by more than 0.8.
+const COHERENT: f32 = 0.6;
 /// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
 const RING: usize = 6;
 /// The one whose distance sizes what no cell does: as many as surround it in a grid.
@@ -84,9 +87,11 @@ pub(crate) struct Sizes {
     /// Of each slot, where the cloud is stretched.
     ellipses: Vec<Ellipse>,
     /// The spacing of the cloud.
-    typical: f64,
+    pub(crate) typical: f64,
     /// Splats that are not circles, where the cloud is stretched, else 0.
     pub(crate) stretched: usize,
+    /// Slots of points that lie in no surface with their neighbours, in ascending order.
+    pub(crate) tangled: Vec<u32>,
 }
 
 /// A size as one point's neighbourhood suggests it. Flags are signs of what is never negative: a cloud has as many of
@@ -170,6 +175,16 @@ impl Sizes {
         self.ellipses.get(slot).copied().filter(|ellipse| ellipse.ratio > 0)
     }
 
+    /// Makes the splat of a slot a disk, no larger than this.
+    pub(crate) fn limit(&mut self, slot: usize, radius: f64) {
+        let own = self.all[slot];
+        let radius = (radius as f32).min(self.bounded(own.radius(), own) as f32);
+        self.all[slot] = Size::new(radius, own.spacing(), own.is_isolated(), own.is_loose());
+        if let Some(ellipse) = self.ellipses.get_mut(slot) {
+            *ellipse = Ellipse::default();
+        }
+    }
+
     pub(crate) fn is_isolated(&self, slot: usize) -> bool {
         self.all[slot].is_isolated()
     }
@@ -224,16 +239,21 @@ pub(crate) fn sizes(
     let mut all = vec![Size::default(); count];
     // Of few slots, mostly: all of them are told only where the cloud is stretched.
     let ellipses = Mutex::new(Vec::new());
+    let tangled = Mutex::new(Vec::new());
     let degree = degree.min(count - 1);
     for_chunks(&mut all, BLOCK, &|first, sizes| {
         let mut block = Block::new(points, oriented, degree, known, ellipses_wanted);
         block.measure(first..first + sizes.len());
-        let mut found = Vec::new();
+        let (mut found, mut in_none) = (Vec::new(), Vec::new());
         for (i, size) in sizes.iter_mut().enumerate() {
             let ellipse;
             (*size, ellipse) = block.size(i);
             found.extend(ellipse.map(|ellipse| ((first + i) as u32, ellipse)));
+            if block.is_tangled(i) {
+                in_none.push((first + i) as u32);
+            }
         }
+        tangled.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(&in_none);
         ellipses.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(&found);
         progress.advance(sizes.len() as u64);
     });
@@ -259,7 +279,9 @@ pub(crate) fn sizes(
             *ellipse = Ellipse::default();
         }
     }
-    Sizes { all, ellipses, typical, stretched: if is_stretched { found.len() } else { 0 } }
+    let mut tangled = tangled.into_inner().unwrap_or_else(PoisonError::into_inner);
+    tangled.sort_unstable();
+    Sizes { all, ellipses, typical, stretched: if is_stretched { found.len() } else { 0 }, tangled }
 }
 
 /// Slots of points that are sparse and few: fewer than [`TUFT`] are as sparse as one about it. A sparse part of a
@@ -518,6 +540,14 @@ impl<'a> Block<'a> {
         let size = self.size_among(slot, near);
         self.rows = rows;
         size
+    }
+
+    /// Whether the point at place `i` of the run lies in no surface with its neighbours.
+    fn is_tangled(&self, i: usize) -> bool {
+        let slot = self.own.start + i;
+        let near = &self.rows[i * self.degree..(i + 1) * self.degree];
+        is_rough(self.points, (slot, self.oriented[slot].normal), near)
+            && coherence(self.points, self.oriented, slot, &near[..near.len().min(NEAREST)]) < COHERENT
     }
 
     fn size_among(&mut self, slot: usize, near: &[u32]) -> (Size, Option<Ellipse>) {

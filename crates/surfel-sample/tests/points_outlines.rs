@@ -78,3 +78,64 @@ fn few_returns_far_from_each_other_stay_small() {
     let (largest, usual) = (quantile(few.iter().copied(), 1.0), quantile(many.iter().copied(), 0.05));
     assert!(largest < 0.03 && usual > 0.06, "{largest} {usual}");
 }
+
+/// `count` points all over a ball of radius 1.
+fn crown(random: &mut Lcg, count: usize) -> Vec<DVec3> {
+    let mut all = Vec::with_capacity(count);
+    while all.len() < count {
+        let p = DVec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
+        if p.length() < 1.0 {
+            all.push(p);
+        }
+    }
+    all
+}
+
+#[test]
+fn leaves_are_shaded_as_the_crown_that_they_make() {
+    let mut random = Lcg(8);
+    let estimated = |positions: &[DVec3]| {
+        splats_from_points(&points(positions, None), &PointOptions::default(), &NoProgress).unwrap().0
+    };
+    // A crown of 3000 leaves above ground whose points are 0.05 apart.
+    let leaves = crown(&mut random, 3000);
+    let ground = (0..14_400).map(|_| DVec3::new(6.0 * random.unit() - 3.0, 6.0 * random.unit() - 3.0, -2.5));
+    let positions: Vec<DVec3> = leaves.iter().copied().chain(ground).collect();
+    let cloud = estimated(&positions);
+    let outer: Vec<usize> = (0..3000).filter(|i| leaves[*i].length() > 0.8).collect();
+    let outward =
+        outer.iter().filter(|i| cloud.normal(**i).dot(leaves[**i].normalize() + 0.5 * DVec3::Z) > 0.0).count();
+    let upward = (0..3000).filter(|i| cloud.normal(*i).z > 0.0).count();
+    let largest = radii(&cloud)[..3000].iter().copied().fold(0.0, f64::max);
+    println!("{outward} of {} outer ones, {upward} of 3000 upward, largest {largest}", outer.len());
+    assert!(outward as f64 > 0.83 * outer.len() as f64 && upward > 2750, "{outward} {upward}");
+    assert!(largest < 2.0 * 1.65 * 0.05 * 1.1, "{largest}");
+    let ground_is_up = (3000..cloud.len()).all(|i| cloud.normal(i).z > 0.9);
+    assert!(ground_is_up);
+
+    // Surfaces are none of it: a sheet with noise of half its spacing, and a rod with six points about it.
+    let mut normal_of = |sheet: bool| {
+        let mut shake = || (random.unit() + random.unit() + random.unit() - 1.5) * 0.03;
+        let at = |i: u32| {
+            let (u, v) = (f64::from(i % 60) * 0.05, f64::from(i / 60) * 0.05);
+            let angle = f64::from(i) * 2.399_963;
+            if sheet { DVec3::new(u, v, 0.0) } else { DVec3::new(angle.cos(), angle.sin(), f64::from(i) / 6.3) }
+        };
+        let positions: Vec<DVec3> =
+            (0..2400).map(at).map(|p| if sheet { p + DVec3::new(shake(), shake(), shake()) } else { p }).collect();
+        let cloud = estimated(&positions);
+        (cloud, positions)
+    };
+    let (sheet, _) = normal_of(true);
+    let tilted = quantile((0..2400).map(|i| sheet.normal(i).z.abs().acos().to_degrees()), 0.95);
+    let (rod, positions) = normal_of(false);
+    let off = quantile(
+        (60..2340).map(|i| {
+            let outward = DVec3::new(positions[i].x, positions[i].y, 0.0);
+            rod.normal(i).dot(outward).clamp(-1.0, 1.0).acos().to_degrees()
+        }),
+        0.95,
+    );
+    println!("sheet {tilted}°, rod {off}°");
+    assert!(tilted < 30.0 && off < 25.0, "{tilted} {off}");
+}

@@ -171,6 +171,9 @@ pub struct FrameOptions {
     pub turning: Option<DVec3>,
 }
 
+/// What is centred to this share of half the image's height, to a pixel of 1000, or after so many steps.
+const CENTRED: f64 = 0.002;
+const STEPS: usize = 4;
 /// Angles at which a turning scene must fit.
 const TURNS: u32 = 24;
 
@@ -434,7 +437,14 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     let z = if z_first - z > 1e-6 * size { z } else { z_first - 1e-3 * size };
     let mut eye = center + right * x + up * y + forward * z;
     if matches!(projection, Projection::Perspective { .. }) && options.turning.is_none() {
-        eye = centred(scene, eye, &options.axes, keep);
+        let enough = CENTRED * slope / fill;
+        for _ in 0..STEPS {
+            let (moved, off) = centred(scene, eye, &options.axes, &keep);
+            eye = moved;
+            if off < enough {
+                break;
+            }
+        }
     }
     let target = eye + forward * (0.5 * (z_first + z_last) - z).max(1e-3 * size);
     let far = matches!(projection, Projection::Orthographic { .. }).then(|| z_last - z + size);
@@ -450,8 +460,9 @@ struct Reach {
 }
 
 /// The place beside `eye` from which what is kept of a scene has as much room on one side of the image as on the other,
-/// and above as below. Planes that meet at the eye leave that to the two sides alone that limit its distance.
-fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: impl Fn(DVec3) -> bool + Sync) -> DVec3 {
+/// and above as below, nearly: as if what reaches farthest stayed the same. With it how far it was off, as a tangent.
+/// Planes that meet at the eye leave that to the two sides alone that limit its distance.
+fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) -> bool + Sync)) -> (DVec3, f64) {
     let ViewAxes { right, up, forward } = *axes;
     let across = [-right, right, -up, up];
     let add = |reach: &mut [Reach; 4], p: DVec3, splat: &Extent| {
@@ -482,7 +493,8 @@ fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: impl Fn(DVec3) -> b
     // By a step aside everything moves the other way, the nearer the farther.
     let step = |a: Reach, b: Reach| (b.tangent - a.tangent) / (1.0 / a.depth + 1.0 / b.depth);
     let moved = eye + right * step(left, on_right) + up * step(below, above);
-    if moved.is_finite() { moved } else { eye }
+    let off = (on_right.tangent - left.tangent).abs().max((above.tangent - below.tangent).abs());
+    if moved.is_finite() { (moved, off) } else { (eye, 0.0) }
 }
 
 /// The middle of the scene's bounds, without stray points, as [`frame_camera`] centres it; `None` without objects.

@@ -134,8 +134,8 @@ const LEANING: f64 = 0.866;
 /// What evidence weighs against a base, whose best is 1.5: hull and half the fill of its footprint.
 const GROUND_WEIGHT: f64 = 0.8;
 const FLOOR_WEIGHT: f64 = 1.2;
-/// Share of the surface that is a floor, from which it begins to be one and is; the cosine up to which it leans, and how
-/// high it lies, of the whole.
+/// Share of the surface that is a floor, from which it begins to be one and is; the cosine up to which it leans, and
+/// how high it lies, of the whole.
 const FLOOR: (f64, f64) = (0.08, 0.16);
 const FLOOR_COS: f64 = 0.9;
 const LOW: f64 = 0.25;
@@ -289,7 +289,8 @@ impl Shape {
         let long = self.extent[k] > LONG * self.extent[u].max(self.extent[v]) && self.tapers[k];
         let mirrored_across = self.leads(u).max(self.leads(v)) > 0.5;
         Evidence {
-            base: base([here, opposite], negative),
+            // The walls above a floor look like bases.
+            base: base([here, opposite], negative) * (1.0 - self.floor.into_iter().fold(0.0, f64::max)),
             ground: if self.ground[k] && !negative && self.facing[k] >= 0.0 { GROUND_WEIGHT } else { 0.0 },
             floor: FLOOR_WEIGHT * self.floor[up as usize],
             mirror: -MIRROR_WEIGHT * self.leads(k),
@@ -389,9 +390,9 @@ fn smoothstep(a: f64, b: f64, x: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// What speaks, 0 to 1, for a floor that faces each of [`Up::ALL`]: a good share of the surface does, none of it below
-/// the rest of what is there; or it is thin, and most of it faces more or less that way, hardly any the other. Walls
-/// look like floors, so it is only of what axes are up in files of points, and once.
+/// What speaks, 0 to 1, for a floor that faces each of [`Up::ALL`]: a good share of the surface does, low in
+/// it; or it is thin, and most of it faces more or less that way, hardly any the other. Only of the axes that are up in
+/// files of points, since walls look like floors, and less where another one has such evidence too.
 fn floors(patches: &Patches) -> [f64; 6] {
     let share =
         |is: &dyn Fn(&Patch) -> bool| patches.all.iter().filter(|p| is(p)).map(|p| p.area).sum::<f64>() / patches.area;

@@ -9,8 +9,8 @@ use surfel_model::{AlphaMode, Mesh};
 
 /// Cosine of the crease angle, 40°: faces that meet at a larger one don't share a smooth normal.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
-/// Cosine of 60°, from which a crease needs no others; edges that a line of smaller ones has, at least, and the share of
-/// the extent that one edge is a line from.
+/// Cosine of 60°, from which a crease needs no others; edges that a line of smaller ones has, at least, and the share
+/// of the extent from which one edge is a line.
 const SHARP_COS: f64 = 0.5;
 const LINE: usize = 8;
 const LONG: f64 = 1.0 / 16.0;
@@ -265,8 +265,8 @@ impl<'a> Geometry<'a> {
         Smooth { corner_normals, feature_edges, borders, regions }
     }
 
-    /// Whether an edge at which splats end belongs to a line of such edges, as creases do: one that closes, has at least
-    /// [`LINE`] of them, or a long one. Few and short ones are where a coarse mesh bends most.
+    /// Whether an edge at which splats end belongs to a line of such edges, as creases do: one that closes, has at
+    /// least [`LINE`] of them, or a long one. Few and short ones are where a coarse mesh bends most.
     fn lines(&self, sides: &[Side]) -> impl Fn(&Side) -> bool {
         let mut group: Vec<u32> = (0..self.positions.len() as u32).collect();
         let is_feature = |edge: &&[Side]| !matches!(edge, [a, b] if a.forward != b.forward && self.is_smooth(a, b));

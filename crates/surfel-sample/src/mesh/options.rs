@@ -13,8 +13,8 @@ pub enum MeshMethod {
     PerVertex,
     /// This many samples, spread evenly over the surface.
     Count(usize),
-    /// This many samples where they are spread evenly, but closer together, and so more of them, where disks would stand
-    /// out of the bent surface by more than a third of a pixel of an image of 1024².
+    /// This many samples where they are spread evenly, but closer together, and so more of them, where disks would
+    /// stand out of the bent surface by more than a third of a pixel of an image of 1024².
     Adaptive(usize),
     /// As many samples as shape and colours ask for ([`Detail`]).
     Detail,
@@ -67,9 +67,8 @@ impl MeshOptions {
     }
 
     /// The options where none are given. A mesh that is dense (above 50,000 vertices), even and without
-    /// a texture: its vertices. Any other: samples about 2 px apart in an image of 1024², 20,000 to 500,000 of them, and
-    /// more where it bends.
-    /// One without triangles or area: its vertices.
+    /// a texture: its vertices. Any other: samples about 2 px apart in an image of 1024², 20,000 to 500,000 of them,
+    /// and more where it bends. One without triangles or area: its vertices.
     pub fn auto(mesh: &Mesh) -> Self {
         let bad = |i: &u32| *i as usize >= mesh.positions.len();
         if mesh.triangles.is_empty() || mesh.triangles.iter().flatten().any(bad) {

@@ -1,0 +1,71 @@
+//! Splats of points that lie in no surface, such as those of leaves.
+
+use crate::eigen::smallest3;
+use crate::nearest::Search;
+use crate::normals::{WIDE, covariance, wider};
+use crate::orient::{Oriented, Outside};
+use crate::parallel::map_each;
+use crate::progress::NoProgress;
+use crate::radii::{DENSITY, Sizes};
+use crate::sorted::SortedPoints;
+use glam::{DVec3, Vec3};
+
+/// Share of the neighbours that lie in no surface themselves, from which a point is among foliage; of one whose disk is
+/// large less is enough, here and below.
+const AMONG: [f64; 2] = [0.4, 0.25];
+/// Share of the variance of these neighbours that is across the plane which fits them best, at least; of a ball it is a
+/// third, of noise as large as the spacing of a plane's points a tenth.
+const THICK: [f64; 2] = [0.08, 0.04];
+/// How much of a normal is the direction that such points are seen from, over the distance of their neighbours.
+const OUTSIDE: f64 = 0.5;
+/// Radius of a disk in no surface, at most, and that beyond which a disk in a surface is looked at, in those that the
+/// density rule gives where points are as far apart as is typical.
+const MOST: f64 = 1.3;
+const LARGE: f64 = 2.0;
+
+/// Gives points among foliage normals of the crown that they are part of: away from the middle of what is around them,
+/// and some toward the outside. Those of planes through leaves point anywhere. Their disks reach to the fourth
+/// neighbour, no farther than the disks of a surface with as many points: what is between leaves isn't known.
+pub(crate) fn soften(
+    points: &SortedPoints,
+    oriented: &mut [Oriented],
+    sizes: &mut Sizes,
+    is_given: impl Fn(usize) -> bool,
+    outside: Outside,
+) {
+    let usual = DENSITY * sizes.typical;
+    let mut is_tangled = vec![false; points.len()];
+    sizes.tangled.iter().for_each(|slot| is_tangled[*slot as usize] = true);
+    let is_large = |slot: usize| sizes.radius(slot) > LARGE * usual;
+    let candidates: Vec<u32> =
+        (0..points.len() as u32).filter(|i| is_tangled[*i as usize] || is_large(*i as usize)).collect();
+    let crown = |search: &mut Search, slot: usize| -> Option<(Vec3, f64)> {
+        let (near, _) = search.nearest(slot, WIDE, wider(oriented[slot].farthest2(), 16));
+        let near = near.to_vec();
+        let among = near.iter().filter(|j| is_tangled[**j as usize]).count() as f64;
+        let (variances, _) = smallest3(covariance(points, slot, &near));
+        let sum = variances.iter().sum::<f64>();
+        let least = usize::from(is_large(slot));
+        if among < AMONG[least] * near.len() as f64 || variances[0] < THICK[least] * sum {
+            return None;
+        }
+        let p = points.point(slot);
+        let middle = near.iter().map(|j| points.point(*j as usize)).sum::<DVec3>() / near.len() as f64;
+        let (toward, spread) = (outside.at(p), (sum / near.len() as f64).sqrt());
+        let normal = (p - middle + toward * (OUTSIDE * spread)).normalize_or(toward);
+        let fourth = near.get(3).map_or(f64::INFINITY, |j| points.point(*j as usize).distance(p));
+        Some((normal.as_vec3(), fourth.min(usual)))
+    };
+    let block = || Search::new(points);
+    let found = map_each(candidates.len(), &NoProgress, block, |search, i| crown(search, candidates[i] as usize));
+    for (slot, found) in candidates.iter().map(|slot| *slot as usize).zip(found) {
+        if let Some((normal, radius)) = found {
+            if !is_given(slot) {
+                oriented[slot].normal = normal;
+            }
+            sizes.limit(slot, radius);
+        } else if is_tangled[slot] {
+            sizes.limit(slot, MOST * usual);
+        }
+    }
+}
