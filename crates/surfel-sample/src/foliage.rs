@@ -3,7 +3,7 @@
 use crate::eigen::smallest3;
 use crate::nearest::Search;
 use crate::normals::{WIDE, covariance, wider};
-use crate::orient::{Oriented, Outside};
+use crate::orient::{NEAREST, Oriented, Outside};
 use crate::parallel::map_each;
 use crate::progress::NoProgress;
 use crate::radii::{DENSITY, Sizes};
@@ -37,9 +37,8 @@ pub(crate) fn soften(
     let mut is_tangled = vec![false; points.len()];
     sizes.tangled.iter().for_each(|slot| is_tangled[*slot as usize] = true);
     let is_large = |slot: usize| sizes.radius(slot) > LARGE * usual;
-    let candidates: Vec<u32> =
-        (0..points.len() as u32).filter(|i| is_tangled[*i as usize] || is_large(*i as usize)).collect();
-    let crown = |search: &mut Search, slot: usize| -> Option<(Vec3, f64)> {
+    let mut is_candidate: Vec<bool> = (0..points.len()).map(|slot| is_tangled[slot] || is_large(slot)).collect();
+    let crown = |search: &mut Search, slot: usize| -> Option<Leaf> {
         let (near, _) = search.nearest(slot, WIDE, wider(oriented[slot].farthest2(), 16));
         let near = near.to_vec();
         let among = near.iter().filter(|j| is_tangled[**j as usize]).count() as f64;
@@ -52,20 +51,42 @@ pub(crate) fn soften(
         let p = points.point(slot);
         let middle = near.iter().map(|j| points.point(*j as usize)).sum::<DVec3>() / near.len() as f64;
         let (toward, spread) = (outside.at(p), (sum / near.len() as f64).sqrt());
-        let normal = (p - middle + toward * (OUTSIDE * spread)).normalize_or(toward);
-        let fourth = near.get(3).map_or(f64::INFINITY, |j| points.point(*j as usize).distance(p));
-        Some((normal.as_vec3(), fourth.min(usual)))
+        let normal = (p - middle + toward * (OUTSIDE * spread)).normalize_or(toward).as_vec3();
+        let radius = near.get(3).map_or(usual, |j| points.point(*j as usize).distance(p).min(usual));
+        let nearest = std::array::from_fn(|k| near.get(k).map_or(slot as u32, |j| *j));
+        Some(Leaf { normal, radius, nearest })
     };
-    let block = || Search::new(points);
-    let found = map_each(candidates.len(), &NoProgress, block, |search, i| crown(search, candidates[i] as usize));
-    for (slot, found) in candidates.iter().map(|slot| *slot as usize).zip(found) {
-        if let Some((normal, radius)) = found {
+    let all = |slots: Vec<u32>| -> Vec<(u32, Option<Leaf>)> {
+        let block = || Search::new(points);
+        let found = map_each(slots.len(), &NoProgress, block, |search, i| crown(search, slots[i] as usize));
+        slots.into_iter().zip(found).collect()
+    };
+    let first = all((0..points.len() as u32).filter(|slot| is_candidate[*slot as usize]).collect());
+    // Some leaves lie in one plane by chance.
+    let mut beside = Vec::new();
+    for slot in first.iter().filter_map(|(_, leaf)| leaf.as_ref()).flat_map(|leaf| leaf.nearest) {
+        if !std::mem::replace(&mut is_candidate[slot as usize], true) {
+            beside.push(slot);
+        }
+    }
+    let beside = all(beside);
+    for (slot, leaf) in first.into_iter().chain(beside) {
+        let slot = slot as usize;
+        if let Some(leaf) = leaf {
             if !is_given(slot) {
-                oriented[slot].normal = normal;
+                oriented[slot].normal = leaf.normal;
             }
-            sizes.limit(slot, radius);
+            sizes.limit(slot, leaf.radius);
         } else if is_tangled[slot] {
             sizes.limit(slot, MOST * usual);
         }
     }
+}
+
+/// A point among foliage: its normal, how large its disk is at most, and the nearest others.
+#[derive(Clone)]
+struct Leaf {
+    normal: Vec3,
+    radius: f64,
+    nearest: [u32; NEAREST],
 }

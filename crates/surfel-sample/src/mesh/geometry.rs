@@ -9,11 +9,13 @@ use surfel_model::{AlphaMode, Mesh};
 
 /// Cosine of the crease angle, 40°: faces that meet at a larger one don't share a smooth normal.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
-/// Cosine of 60°, from which a crease needs no others; edges that a line of smaller ones has, at least, and the share
+/// Cosine of 80°, from which a crease needs no others; edges that a line of smaller ones has, at least, and the share
 /// of the extent from which one edge is a line.
-const SHARP_COS: f64 = 0.5;
+const SHARP_COS: f64 = 0.173_648_177_666_930;
 const LINE: usize = 8;
 const LONG: f64 = 1.0 / 16.0;
+/// How many times as much a crease bends as the surface beside it, at least.
+const CLEAR: f64 = 2.5;
 /// Cosine of a fiftieth of a degree: normals that differ by less are one.
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 6e-8;
 /// Cosine of 15°: splats on faces that meet at less don't stand out by half the distance between them.
@@ -187,8 +189,8 @@ impl<'a> Geometry<'a> {
     /// Smooth unit normals of every corner, the edges that are creases or open, and the parts that these divide.
     ///
     /// Where the mesh has vertex normals, they are the answer. Else normals are averaged over the corners of a
-    /// vertex, weighted by angle (Thürmer and Wüthrich 1998), across edges of at most 40° only, or 60° where no line of
-    /// them goes on.
+    /// vertex, weighted by angle (Thürmer and Wüthrich 1998), across edges of at most 40° only, and across those
+    /// of up to 80° where few others go on from there, or the edges beside them bend by 0.4 as much.
     pub(crate) fn smooth(&self) -> Smooth {
         let smooth = self.smooth_corners(&self.weld());
         let Some(given) = &self.mesh.normals else { return smooth };
@@ -224,6 +226,14 @@ impl<'a> Geometry<'a> {
             join(&mut group, next(a.corner), b.corner);
         };
         let is_line = self.lines(&sides);
+        let mut cosines = vec![1.0; 3 * self.areas.len()];
+        for edge in edges(&sides) {
+            if let [a, b] = edge {
+                for side in [a, b] {
+                    cosines[side.corner as usize] = self.cos(a, b);
+                }
+            }
+        }
         for edge in edges(&sides) {
             match edge {
                 [a, b] if a.forward != b.forward && self.is_smooth(a, b) => {
@@ -234,7 +244,8 @@ impl<'a> Geometry<'a> {
                     }
                 }
                 [a, b] => {
-                    if a.forward != b.forward && self.cos(a, b) >= SHARP_COS && !is_line(a) {
+                    let is_short = self.cos(a, b) >= SHARP_COS && !is_line(a);
+                    if a.forward != b.forward && (is_short || !self.is_clear(a, b, &cosines)) {
                         share_normals(a, b);
                     }
                     borders.extend([self.border(a, Some(b), Kind::Crease), self.border(b, Some(a), Kind::Crease)]);
@@ -285,6 +296,16 @@ impl<'a> Geometry<'a> {
         // A tree has one edge less than vertices.
         let is_line = move |root: usize| edges[root] >= vertices[root].min(LINE) || is_long[root];
         move |side: &Side| is_line(root[side.lo as usize] as usize)
+    }
+
+    /// Whether the surface between two faces bends at least [`CLEAR`] times as much as at their other edges, as at a
+    /// crease. Where a coarse mesh bends most, some of its edges are above the crease angle, and the next are not.
+    fn is_clear(&self, a: &Side, b: &Side, cosines: &[f64]) -> bool {
+        let others = [a, b].into_iter().flat_map(|side| [next(side.corner), next(next(side.corner))]);
+        // Creases themselves say nothing of what is beside them.
+        let bends = others.map(|corner| cosines[corner as usize]).filter(|cosine| *cosine >= CREASE_COS);
+        let most = bends.fold(1.0, f64::min);
+        self.cos(a, b).acos() >= CLEAR * most.acos()
     }
 
     /// An edge as its face sees it, `across` the other one there.
@@ -508,11 +529,49 @@ mod tests {
         normals.collect::<Vec<_>>().windows(2).all(|n| n[0].distance(n[1]) < 1e-9)
     }
 
+    /// A strip that turns by these angles from one facet to the next; true where its middle edges have one normal.
+    fn is_smooth_over_middle(turns_deg: &[f64]) -> bool {
+        const ROWS: u32 = 20;
+        let (mut at, mut angle) = (DVec2::ZERO, 0.0_f64);
+        let mut profile = vec![at];
+        for turn in turns_deg.iter().chain([&0.0]) {
+            at += DVec2::from_angle(angle);
+            profile.push(at);
+            angle += turn.to_radians();
+        }
+        let count = profile.len() as u32;
+        let row = |j: u32| profile.iter().map(move |p| DVec3::new(p.x, f64::from(j), p.y));
+        let positions: Vec<DVec3> = (0..=ROWS).flat_map(row).collect();
+        let squares = (0..ROWS).flat_map(|j| (0..count - 1).map(move |i| j * count + i));
+        let triangles: Vec<[u32; 3]> =
+            squares.flat_map(|a| [[a, a + 1, a + 1 + count], [a, a + 1 + count, a + count]]).collect();
+        let mesh = Mesh { positions: Column3::from_f64(&positions), triangles, ..Mesh::default() };
+        let smooth = Geometry::new(&mesh).smooth();
+        let middle = ROWS / 2 * count + count / 2;
+        let corners = mesh.triangles.iter().zip(&smooth.corner_normals);
+        let normals = corners.flat_map(|(t, n)| (0..3).filter(|k| t[*k] == middle).map(|k| n[k]).collect::<Vec<_>>());
+        normals.collect::<Vec<_>>().windows(2).all(|n| n[0].distance(n[1]) < 1e-9)
+    }
+
+    #[test]
+    fn an_edge_is_no_crease_where_the_surface_beside_it_bends_nearly_as_much() {
+        for (turns, smooth) in [
+            ([30.0, 44.0, 36.0], true),
+            ([10.0, 44.0, 12.0], false),
+            ([30.0, 95.0, 36.0], false),
+            ([30.0, 39.0, 36.0], true),
+            // As of a prism with eight sides.
+            ([45.0, 45.0, 45.0], false),
+        ] {
+            assert_eq!(is_smooth_over_middle(&turns), smooth, "{turns:?}");
+        }
+    }
+
     #[test]
     fn a_few_short_edges_are_no_crease_unless_they_are_sharp() {
-        // Slopes of 0.47 meet at 50°, those of 0.8 at 77°.
+        // Slopes of 0.47 meet at 50°, those of 1 at 90°.
         for (cells, edges, slope, smooth) in
-            [(40, 2, 0.47, true), (40, 4, 0.47, true), (40, 12, 0.47, false), (40, 2, 0.8, false), (8, 2, 0.47, false)]
+            [(40, 2, 0.47, true), (40, 4, 0.47, true), (40, 12, 0.47, false), (40, 2, 1.0, false), (8, 2, 0.47, false)]
         {
             assert_eq!(is_smooth_over_ridge(cells, edges, slope), smooth, "{cells} {edges} {slope}");
         }
