@@ -9,12 +9,13 @@ use surfel_model::{AlphaMode, Mesh};
 
 /// Cosine of the crease angle, 40°: faces that meet at a larger one don't share a smooth normal.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
-/// Cosine of 80°, from which a crease needs no others; edges that a line of smaller ones has, at least, and the share
-/// of the extent from which one edge is a line.
+/// Cosine of 80°, from which an edge is a crease whatever is beside it.
 const SHARP_COS: f64 = 0.173_648_177_666_930;
+/// Edges that a line of smaller ones has, at least, and the share of the extent from which one edge is a line.
 const LINE: usize = 8;
 const LONG: f64 = 1.0 / 16.0;
-/// How many times as much a crease bends as the surface beside it, at least.
+/// How many times as much a crease bends as the surface beside it, at least: where a coarse mesh bends most, some of
+/// its edges are above the crease angle, and the next are not.
 const CLEAR: f64 = 2.5;
 /// Cosine of a fiftieth of a degree: normals that differ by less are one.
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 6e-8;
@@ -226,14 +227,7 @@ impl<'a> Geometry<'a> {
             join(&mut group, next(a.corner), b.corner);
         };
         let is_line = self.lines(&sides);
-        let mut cosines = vec![1.0; 3 * self.areas.len()];
-        for edge in edges(&sides) {
-            if let [a, b] = edge {
-                for side in [a, b] {
-                    cosines[side.corner as usize] = self.cos(a, b);
-                }
-            }
-        }
+        let least = self.least_cosines(&sides);
         for edge in edges(&sides) {
             match edge {
                 [a, b] if a.forward != b.forward && self.is_smooth(a, b) => {
@@ -244,8 +238,10 @@ impl<'a> Geometry<'a> {
                     }
                 }
                 [a, b] => {
-                    let is_short = self.cos(a, b) >= SHARP_COS && !is_line(a);
-                    if a.forward != b.forward && (is_short || !self.is_clear(a, b, &cosines)) {
+                    // A crease bends clearly more than what is beside it, and goes on.
+                    let beside = [a, b].map(|side| least[side.corner as usize / 3]).into_iter().fold(1.0, f64::min);
+                    let is_crease = || is_line(a) && self.cos(a, b).acos() >= CLEAR * beside.acos();
+                    if a.forward != b.forward && self.cos(a, b) >= SHARP_COS && !is_crease() {
                         share_normals(a, b);
                     }
                     borders.extend([self.border(a, Some(b), Kind::Crease), self.border(b, Some(a), Kind::Crease)]);
@@ -298,14 +294,21 @@ impl<'a> Geometry<'a> {
         move |side: &Side| is_line(root[side.lo as usize] as usize)
     }
 
-    /// Whether the surface between two faces bends at least [`CLEAR`] times as much as at their other edges, as at a
-    /// crease. Where a coarse mesh bends most, some of its edges are above the crease angle, and the next are not.
-    fn is_clear(&self, a: &Side, b: &Side, cosines: &[f64]) -> bool {
-        let others = [a, b].into_iter().flat_map(|side| [next(side.corner), next(next(side.corner))]);
-        // Creases themselves say nothing of what is beside them.
-        let bends = others.map(|corner| cosines[corner as usize]).filter(|cosine| *cosine >= CREASE_COS);
-        let most = bends.fold(1.0, f64::min);
-        self.cos(a, b).acos() >= CLEAR * most.acos()
+    /// The least cosine of the angles at which the surface bends at smooth edges, of each face and those beside it.
+    fn least_cosines(&self, sides: &[Side]) -> Vec<f64> {
+        let bends = || {
+            edges(sides).filter_map(|edge| match edge {
+                [a, b] if self.is_smooth(a, b) => Some(([a, b].map(|side| side.corner as usize / 3), self.cos(a, b))),
+                _ => None,
+            })
+        };
+        let mut own = vec![1.0_f64; self.areas.len()];
+        bends().for_each(|(faces, cosine)| faces.into_iter().for_each(|face| own[face] = own[face].min(cosine)));
+        let mut all = own.clone();
+        for ([a, b], _) in bends() {
+            (all[a], all[b]) = (all[a].min(own[b]), all[b].min(own[a]));
+        }
+        all
     }
 
     /// An edge as its face sees it, `across` the other one there.
@@ -505,13 +508,17 @@ mod tests {
     use super::*;
     use surfel_model::Column3;
 
-    /// A sheet of `cells` squares along each side, flat but for a ridge of `edges` edges in its middle, which falls off
-    /// by `slope` to both sides; true where the ridge's edges have one normal.
+    /// A roof of `cells` squares along each side that falls off by `slope` to both sides and is blunt, but for a ridge
+    /// of `edges` edges in its middle; true where these have one normal.
     fn is_smooth_over_ridge(cells: u32, edges: u32, slope: f64) -> bool {
         let (middle, first) = (cells / 2, (cells - edges) / 2);
         let is_ridge = |i: u32, j: u32| i == middle && (first..=first + edges).contains(&j);
         let places = (0..=cells).flat_map(|j| (0..=cells).map(move |i| (i, j)));
-        let place = |(i, j)| DVec3::new(f64::from(i), f64::from(j), if is_ridge(i, j) { slope } else { 0.0 });
+        let height = |i: u32, j: u32| match i.abs_diff(middle) {
+            0 if !is_ridge(i, j) => -0.9,
+            far => -f64::from(far),
+        };
+        let place = |(i, j)| DVec3::new(f64::from(i), f64::from(j), slope * height(i, j));
         let positions: Vec<DVec3> = places.map(place).collect();
         let at = |i: u32, j: u32| j * (cells + 1) + i;
         let squares = (0..cells).flat_map(|j| (0..cells).map(move |i| (i, j)));
@@ -571,7 +578,7 @@ mod tests {
     fn a_few_short_edges_are_no_crease_unless_they_are_sharp() {
         // Slopes of 0.47 meet at 50°, those of 1 at 90°.
         for (cells, edges, slope, smooth) in
-            [(40, 2, 0.47, true), (40, 4, 0.47, true), (40, 12, 0.47, false), (40, 2, 1.0, false), (8, 2, 0.47, false)]
+            [(40, 2, 0.47, true), (40, 4, 0.47, true), (40, 12, 0.47, false), (40, 2, 1.0, false), (8, 4, 0.47, false)]
         {
             assert_eq!(is_smooth_over_ridge(cells, edges, slope), smooth, "{cells} {edges} {slope}");
         }
