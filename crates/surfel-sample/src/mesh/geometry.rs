@@ -17,6 +17,8 @@ const LONG: f64 = 1.0 / 16.0;
 /// How many times as much a crease bends as the surface beside it, at least: where a coarse mesh bends most, some of
 /// its edges are above the crease angle, and the next are not.
 const CLEAR: f64 = 2.5;
+/// Share of the surface from which two faces are a plane.
+const GOOD_SHARE: f64 = 1.0 / 200.0;
 /// Cosine of a fiftieth of a degree: normals that differ by less are one.
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 6e-8;
 /// Cosine of 15°: splats on faces that meet at less don't stand out by half the distance between them.
@@ -191,7 +193,8 @@ impl<'a> Geometry<'a> {
     ///
     /// Where the mesh has vertex normals, they are the answer. Else normals are averaged over the corners of a
     /// vertex, weighted by angle (Thürmer and Wüthrich 1998), across edges of at most 40° only, and across those
-    /// of up to 80° where few others go on from there, or the edges beside them bend by 0.4 as much.
+    /// of up to 80° where they bend by less than 2.5 times as much as what is beside them (but for planes of several
+    /// faces), or few others go on from there.
     pub(crate) fn smooth(&self) -> Smooth {
         let smooth = self.smooth_corners(&self.weld());
         let Some(given) = &self.mesh.normals else { return smooth };
@@ -227,7 +230,7 @@ impl<'a> Geometry<'a> {
             join(&mut group, next(a.corner), b.corner);
         };
         let is_line = self.lines(&sides);
-        let least = self.least_cosines(&sides);
+        let (least, planar) = (self.least_cosines(&sides), self.planar(&sides));
         for edge in edges(&sides) {
             match edge {
                 [a, b] if a.forward != b.forward && self.is_smooth(a, b) => {
@@ -238,9 +241,10 @@ impl<'a> Geometry<'a> {
                     }
                 }
                 [a, b] => {
-                    // A crease bends clearly more than what is beside it, and goes on.
                     let beside = [a, b].map(|side| least[side.corner as usize / 3]).into_iter().fold(1.0, f64::min);
-                    let is_crease = || is_line(a) && self.cos(a, b).acos() >= CLEAR * beside.acos();
+                    let is_planar = [a, b].iter().any(|side| planar[side.corner as usize / 3]);
+                    let is_clear = || self.cos(a, b).acos() >= CLEAR * beside.acos();
+                    let is_crease = || is_line(a) && (is_planar || is_clear());
                     if a.forward != b.forward && self.cos(a, b) >= SHARP_COS && !is_crease() {
                         share_normals(a, b);
                     }
@@ -292,6 +296,28 @@ impl<'a> Geometry<'a> {
         // A tree has one edge less than vertices.
         let is_line = move |root: usize| edges[root] >= vertices[root].min(LINE) || is_long[root];
         move |side: &Side| is_line(root[side.lo as usize] as usize)
+    }
+
+    /// Which faces lie in one plane with one next to them, and with two or as a good share of the surface, as those of
+    /// what was constructed do: normals that are shared across its edges would turn all over it.
+    fn planar(&self, sides: &[Side]) -> Vec<bool> {
+        let mut group: Vec<u32> = (0..self.areas.len() as u32).collect();
+        for edge in edges(sides) {
+            if let [a, b] = edge
+                && self.cos(a, b) >= SAME_NORMAL
+            {
+                join(&mut group, a.corner / 3, b.corner / 3);
+            }
+        }
+        let root: Vec<u32> = (0..group.len() as u32).map(|face| find(&mut group, face)).collect();
+        let mut of = vec![(0, 0.0); root.len()];
+        for (root, area) in root.iter().zip(&self.areas) {
+            let (faces, sum) = &mut of[*root as usize];
+            (*faces, *sum) = (*faces + 1, *sum + area);
+        }
+        let large = GOOD_SHARE * self.total_area();
+        let is_plane = |(faces, area): (u32, f64)| faces > 2 || faces == 2 && area > large;
+        root.into_iter().map(|root| is_plane(of[root as usize])).collect()
     }
 
     /// The least cosine of the angles at which the surface bends at smooth edges, of each face and those beside it.
@@ -536,8 +562,9 @@ mod tests {
         normals.collect::<Vec<_>>().windows(2).all(|n| n[0].distance(n[1]) < 1e-9)
     }
 
-    /// A strip that turns by these angles from one facet to the next; true where its middle edges have one normal.
-    fn is_smooth_over_middle(turns_deg: &[f64]) -> bool {
+    /// A strip that turns by these angles from one facet to the next, each plane or `uneven` by so much; true where its
+    /// middle edges have one normal.
+    fn is_smooth_over_middle(turns_deg: &[f64], uneven: f64) -> bool {
         const ROWS: u32 = 20;
         let (mut at, mut angle) = (DVec2::ZERO, 0.0_f64);
         let mut profile = vec![at];
@@ -547,7 +574,10 @@ mod tests {
             angle += turn.to_radians();
         }
         let count = profile.len() as u32;
-        let row = |j: u32| profile.iter().map(move |p| DVec3::new(p.x, f64::from(j), p.y));
+        let row = |j: u32| {
+            let shaken = move |i: usize| uneven * f64::from((31 * i as u32 + 17 * j) * (i as u32 + 3 * j + 1) % 11);
+            profile.iter().enumerate().map(move |(i, p)| DVec3::new(p.x, f64::from(j), p.y + shaken(i)))
+        };
         let positions: Vec<DVec3> = (0..=ROWS).flat_map(row).collect();
         let squares = (0..ROWS).flat_map(|j| (0..count - 1).map(move |i| j * count + i));
         let triangles: Vec<[u32; 3]> =
@@ -562,15 +592,17 @@ mod tests {
 
     #[test]
     fn an_edge_is_no_crease_where_the_surface_beside_it_bends_nearly_as_much() {
-        for (turns, smooth) in [
-            ([30.0, 44.0, 36.0], true),
-            ([10.0, 44.0, 12.0], false),
-            ([30.0, 95.0, 36.0], false),
-            ([30.0, 39.0, 36.0], true),
+        for (turns, uneven, smooth) in [
+            ([30.0, 44.0, 36.0], 0.005, true),
+            ([30.0, 39.0, 36.0], 0.005, true),
+            ([10.0, 44.0, 12.0], 0.005, false),
+            ([30.0, 95.0, 36.0], 0.005, false),
             // As of a prism with eight sides.
-            ([45.0, 45.0, 45.0], false),
+            ([45.0, 45.0, 45.0], 0.0, false),
+            // As of a bevel between planes.
+            ([30.0, 44.0, 36.0], 0.0, false),
         ] {
-            assert_eq!(is_smooth_over_middle(&turns), smooth, "{turns:?}");
+            assert_eq!(is_smooth_over_middle(&turns, uneven), smooth, "{turns:?} {uneven}");
         }
     }
 
