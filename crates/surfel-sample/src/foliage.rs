@@ -37,7 +37,8 @@ pub(crate) fn soften(
     let mut is_tangled = vec![false; points.len()];
     sizes.tangled.iter().for_each(|slot| is_tangled[*slot as usize] = true);
     let is_large = |slot: usize| sizes.radius(slot) > LARGE * usual;
-    let mut is_candidate: Vec<bool> = (0..points.len()).map(|slot| is_tangled[slot] || is_large(slot)).collect();
+    let mut is_candidate: Vec<bool> =
+        (0..points.len()).map(|slot| !is_given(slot) && (is_tangled[slot] || is_large(slot))).collect();
     let crown = |search: &mut Search, slot: usize| -> Option<Leaf> {
         let (near, _) = search.nearest(slot, WIDE, wider(oriented[slot].farthest2(), 16));
         let near = near.to_vec();
@@ -65,7 +66,7 @@ pub(crate) fn soften(
     // Some leaves lie in one plane by chance.
     let mut beside = Vec::new();
     for slot in first.iter().filter_map(|(_, leaf)| leaf.as_ref()).flat_map(|leaf| leaf.nearest) {
-        if !std::mem::replace(&mut is_candidate[slot as usize], true) {
+        if !is_given(slot as usize) && !std::mem::replace(&mut is_candidate[slot as usize], true) {
             beside.push(slot);
         }
     }
@@ -73,9 +74,7 @@ pub(crate) fn soften(
     for (slot, leaf) in first.into_iter().chain(beside) {
         let slot = slot as usize;
         if let Some(leaf) = leaf {
-            if !is_given(slot) {
-                oriented[slot].normal = leaf.normal;
-            }
+            oriented[slot].normal = leaf.normal;
             sizes.limit(slot, leaf.radius);
         } else if is_tangled[slot] {
             sizes.limit(slot, MOST * usual);

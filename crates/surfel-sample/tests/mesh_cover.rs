@@ -371,6 +371,13 @@ fn adaptive_is_closer_on_thin_parts_alone_and_leaves_no_hole() {
     assert!(on_ball.abs_diff(COUNT - even_on_needle) < COUNT / 100, "{on_ball}");
     assert!(on_needle > 5 * even_on_needle && largest < 1.2 * 1.2 / 3.0, "{on_needle}, {largest} px");
 
+    // Whatever the unit of length is.
+    for scale in [1e15, 1e-15] {
+        let scaled: Vec<DVec3> = positions.iter().map(|p| *p * scale).collect();
+        let count = sampled(&mesh(&scaled, both.triangles.clone()), MeshMethod::Adaptive(COUNT)).len();
+        assert!(count.abs_diff(cloud.len()) < cloud.len() / 100, "{scale}: {count}");
+    }
+
     // What is flat is spread evenly.
     let spread = |method| sampled(&cube(), method).into_data().centers;
     assert_eq!(spread(MeshMethod::Adaptive(2000)), spread(MeshMethod::Count(2000)));

@@ -113,6 +113,14 @@ fn leaves_are_shaded_as_the_crown_that_they_make() {
     let ground_is_up = (3000..cloud.len()).all(|i| cloud.normal(i).z > 0.9);
     assert!(ground_is_up);
 
+    // Whatever the unit of length is, and far from the origin.
+    for (scale, origin) in [(1e15, 0.0), (1e-15, 0.0), (1.0, 1e6)] {
+        let moved: Vec<DVec3> = positions.iter().map(|p| *p * scale + DVec3::splat(origin)).collect();
+        let other = estimated(&moved);
+        let same = (0..3000).filter(|i| other.normal(*i).dot(cloud.normal(*i)) > 0.99).count();
+        assert!(same > 2950, "{scale} {origin}: {same}");
+    }
+
     // Surfaces are none of it: a sheet with noise of half its spacing, and a rod with six points about it.
     let mut normal_of = |sheet: bool| {
         let mut shake = || (random.unit() + random.unit() + random.unit() - 1.5) * 0.03;

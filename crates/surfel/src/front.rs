@@ -27,10 +27,11 @@ const BACKREST: f64 = 0.65;
 const BEHIND: f64 = 0.3;
 const SEAT: f64 = 0.75;
 
-/// Of a figure's height: up to where its soles are, from where to where its shins are above them, how far apart patches
-/// of one foot are at most, how long a foot is at most, and how far toes reach forward at least.
-const SOLES: f64 = 0.05;
-const SHINS: (f64, f64) = (0.08, 0.16);
+/// Where the feet of a figure are that stands, or is in mid-step.
+const STANDING: Stance = Stance { soles: 0.05, shins: (0.08, 0.16), off: 0.0 };
+const STEPPING: Stance = Stance { soles: 0.11, shins: (0.14, 0.24), off: 0.35 };
+/// Of its height: how far apart patches of one foot are at most, how long a foot is at most, and how far toes reach
+/// forward at least.
 const TOGETHER: f64 = 0.02;
 const LONGEST_FOOT: f64 = 0.22;
 const TOES: f64 = 0.015;
@@ -118,7 +119,7 @@ impl Body<'_> {
 }
 
 /// What lies level: its bounds, and how many patches it has.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Spot {
     low: DVec2,
     high: DVec2,
@@ -145,30 +146,64 @@ impl Spot {
     }
 }
 
+/// How a figure is on its feet, of its height.
+struct Stance {
+    /// Up to where its soles are, and from where to where its shins are above them.
+    soles: f64,
+    shins: (f64, f64),
+    /// How far its middle is from above its feet, at most.
+    off: f64,
+}
+
+impl Stance {
+    /// What stands on the ground, each with a good share of what does; with how many patches that is of all there.
+    fn feet(&self, figure: &Figure) -> (Vec<Spot>, usize) {
+        let soles = figure.between(0.0, self.soles);
+        let least = FEET.1 * soles.len() as f64;
+        (spots(&soles).into_iter().filter(|foot| foot.count as f64 > least).collect(), soles.len())
+    }
+}
+
+/// A shape that may be a figure on two feet; lengths are in its heights.
+struct Figure<'a> {
+    body: Body<'a>,
+    /// The level axes.
+    axes: [usize; 2],
+}
+
+impl Figure<'_> {
+    fn level(&self, p: DVec3) -> DVec2 {
+        DVec2::new(p[self.axes[0]], p[self.axes[1]]) / self.body.height
+    }
+
+    /// Places of patches that are so high above the ground.
+    fn between(&self, low: f64, high: f64) -> Vec<DVec2> {
+        let there = self.body.patches.all.iter().filter(|p| (low..high).contains(&self.body.height(p)));
+        there.map(|p| self.level(p.position)).collect()
+    }
+}
+
 /// Where the toes of a figure point that stands on two feet: these reach farther forward of the shins than heels back.
 fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
-    let [u, v] = others(axis_of(up));
     let body = Body { patches, up: up.vector(), height: patches.extent()[axis_of(up)] };
-    let level = |p: DVec3| DVec2::new(p[u], p[v]) / body.height;
-    let between = |low: f64, high: f64| {
-        let there = patches.all.iter().filter(|p| (low..high).contains(&body.height(p)));
-        there.map(|p| level(p.position)).collect::<Vec<_>>()
-    };
-    let (soles, shins) = (between(0.0, SOLES), between(SHINS.0, SHINS.1));
-    let total = soles.len() as f64;
-    let feet = spots(&soles).into_iter().filter(|foot| foot.count as f64 > FEET.1 * total);
-    let [left, right] = feet.collect::<Vec<_>>().try_into().ok()?;
+    let figure = Figure { body, axes: others(axis_of(up)) };
+    // In mid-step one foot is on the ground.
+    let stance = if STANDING.feet(&figure).0.len() == 1 { STEPPING } else { STANDING };
+    let (feet, total) = stance.feet(&figure);
+    let [left, right] = feet.try_into().ok()?;
     let both = left.with(right);
-    let is_most = soles.len() >= FEWEST && both.count as f64 > FEET.0 * total;
-    if !is_most || !both.has(level(patches.centroid), 0.0) {
+    let is_most = total >= FEWEST && both.count as f64 > FEET.0 * total as f64;
+    if !is_most || !both.has(figure.level(patches.centroid), stance.off) {
         return None;
     }
+    let shins = figure.between(stance.shins.0, stance.shins.1);
     let forward = |foot: Spot| {
-        let shin = Spot::of(shins.iter().copied().filter(|p| foot.has(*p, SOLES)));
+        let shin = Spot::of(shins.iter().copied().filter(|p| foot.has(*p, stance.soles)));
         let is_foot = (foot.high - foot.low).max_element() < LONGEST_FOOT && shin.count > 0;
         is_foot.then(|| foot.middle() - shin.middle())
     };
     let forward = 0.5 * (forward(left)? + forward(right)?);
+    let [u, v] = figure.axes;
     let toward = DVec3::AXES[u] * forward.x + DVec3::AXES[v] * forward.y;
     (forward.length() > TOES).then(|| toward.normalize())
 }

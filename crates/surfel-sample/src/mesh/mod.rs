@@ -35,7 +35,7 @@ pub use vertices::points_from_mesh;
 /// ([`is_oriented`]).
 ///
 /// A splat lies in the plane of its triangle, which decides what side of it is seen; the mesh's own normals, or
-/// angle-weighted ones that don't average across creases above 40°, are its shading normal where they differ from the
+/// angle-weighted ones that don't average across creases, are its shading normal where they differ from the
 /// plane's. Lines clip it (rendering model §7) where its smooth part of the surface ends: at creases above 40°, at open
 /// edges, and where more than two triangles meet. A mesh without such edges has no clip columns.
 ///
