@@ -16,6 +16,10 @@ const AMONG: [f64; 2] = [0.4, 0.25];
 /// Share of the variance of these neighbours that is across the plane which fits them best, at least; of a ball it is a
 /// third, of noise as large as the spacing of a plane's points a tenth.
 const THICK: [f64; 2] = [0.08, 0.04];
+/// Share of all points that lie in no surface, from which each point is looked at.
+const FOREST: f64 = 0.25;
+/// Cosine of how far disks of the ground of such a cloud lean at most.
+const STEEP: f64 = 0.5;
 /// How much of a normal is the direction that such points are seen from, over the distance of their neighbours.
 const OUTSIDE: f64 = 0.5;
 /// Radius of a disk in no surface, at most, and that beyond which a disk in a surface is looked at, in those that the
@@ -37,8 +41,9 @@ pub(crate) fn soften(
     let mut is_tangled = vec![false; points.len()];
     sizes.tangled.iter().for_each(|slot| is_tangled[*slot as usize] = true);
     let is_large = |slot: usize| sizes.radius(slot) > LARGE * usual;
-    let mut is_candidate: Vec<bool> =
-        (0..points.len()).map(|slot| !is_given(slot) && (is_tangled[slot] || is_large(slot))).collect();
+    let is_forest = sizes.tangled.len() as f64 > FOREST * points.len() as f64;
+    let is_suspect = |slot: usize| is_forest || is_tangled[slot] || is_large(slot);
+    let mut is_candidate: Vec<bool> = (0..points.len()).map(|slot| !is_given(slot) && is_suspect(slot)).collect();
     let crown = |search: &mut Search, slot: usize| -> Option<Leaf> {
         let (near, _) = search.nearest(slot, WIDE, wider(oriented[slot].farthest2(), 16));
         let near = near.to_vec();
@@ -71,12 +76,14 @@ pub(crate) fn soften(
         }
     }
     let beside = all(beside);
+    // In a forest there are no walls, but trunks.
+    let is_steep = |normal: Vec3, slot: usize| normal.as_dvec3().dot(outside.at(points.point(slot))).abs() < STEEP;
     for (slot, leaf) in first.into_iter().chain(beside) {
         let slot = slot as usize;
         if let Some(leaf) = leaf {
             oriented[slot].normal = leaf.normal;
             sizes.limit(slot, leaf.radius);
-        } else if is_tangled[slot] {
+        } else if is_tangled[slot] || is_forest && is_steep(oriented[slot].normal, slot) {
             sizes.limit(slot, MOST * usual);
         }
     }
