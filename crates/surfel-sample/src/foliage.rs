@@ -11,7 +11,7 @@ use crate::sorted::SortedPoints;
 use glam::{DVec3, Vec3};
 
 /// Share of the neighbours that lie in no surface themselves, from which a point is among foliage; of one whose disk is
-/// large less is enough, here and below.
+/// large, and in a forest, less is enough, here and below.
 const AMONG: [f64; 2] = [0.4, 0.25];
 /// Share of the variance of these neighbours that is across the plane which fits them best, at least; of a ball it is a
 /// third, of noise as large as the spacing of a plane's points a tenth.
@@ -50,7 +50,7 @@ pub(crate) fn soften(
         let among = near.iter().filter(|j| is_tangled[**j as usize]).count() as f64;
         let (variances, _) = smallest3(covariance(points, slot, &near));
         let sum = variances.iter().sum::<f64>();
-        let least = usize::from(is_large(slot));
+        let least = usize::from(is_forest || is_large(slot));
         if among < AMONG[least] * near.len() as f64 || variances[0] < THICK[least] * sum {
             return None;
         }
