@@ -16,7 +16,7 @@ const AMONG: [f64; 2] = [0.4, 0.25];
 /// Share of the variance of these neighbours that is across the plane which fits them best, at least; of a ball it is a
 /// third, of noise as large as the spacing of a plane's points a tenth.
 const THICK: [f64; 2] = [0.08, 0.04];
-/// Share of all points that lie in no surface, from which each point is looked at.
+/// Share of all points that lie in no surface, from which each point is looked at: a forest.
 const FOREST: f64 = 0.25;
 /// Cosine of how far disks of the ground of such a cloud lean at most.
 const STEEP: f64 = 0.5;
@@ -27,9 +27,10 @@ const OUTSIDE: f64 = 0.5;
 const MOST: f64 = 1.3;
 const LARGE: f64 = 2.0;
 
-/// Gives points among foliage normals of the crown that they are part of: away from the middle of what is around them,
-/// and some toward the outside. Those of planes through leaves point anywhere. Their disks reach to the fourth
-/// neighbour, no farther than the disks of a surface with as many points: what is between leaves isn't known.
+/// Gives points among foliage that have no normals of their own those of the crown that they are part of: away from
+/// the middle of what is around them, and some toward the outside. Those of planes through leaves point anywhere. Their
+/// disks reach to the fourth neighbour, no farther than the disks of a surface with as many points: what is between
+/// leaves isn't known.
 pub(crate) fn soften(
     points: &SortedPoints,
     oriented: &mut [Oriented],
@@ -46,9 +47,8 @@ pub(crate) fn soften(
     let mut is_candidate: Vec<bool> = (0..points.len()).map(|slot| !is_given(slot) && is_suspect(slot)).collect();
     let crown = |search: &mut Search, slot: usize| -> Option<Leaf> {
         let (near, _) = search.nearest(slot, WIDE, wider(oriented[slot].farthest2(), 16));
-        let near = near.to_vec();
         let among = near.iter().filter(|j| is_tangled[**j as usize]).count() as f64;
-        let (variances, _) = smallest3(covariance(points, slot, &near));
+        let (variances, _) = smallest3(covariance(points, slot, near));
         let sum = variances.iter().sum::<f64>();
         let least = usize::from(is_forest || is_large(slot));
         if among < AMONG[least] * near.len() as f64 || variances[0] < THICK[least] * sum {

@@ -2,7 +2,7 @@
 
 use crate::orient::{Oriented, Outside};
 use crate::parallel::map_each;
-use crate::radii::{self, Sizes, Spacing};
+use crate::radii::{self, Sizes, Spacing, Wanted};
 use crate::sorted::SortedPoints;
 use crate::{NoProgress, PointOptions, PointReport, Progress, SampleError};
 use crate::{assemble, foliage, interior, orient, usual};
@@ -55,8 +55,10 @@ pub fn splats_from_points(
     };
     let mut oriented = complete_normals(&given, &sorted, degree, (outside, options.level_where_scattered), progress);
     let lone = Spacing::Unknown(LONE_RADIUS / radii::DENSITY / sorted.step);
-    let mut sizes = radii::sizes(&sorted, &oriented, degree, lone, options.ellipses, progress);
-    if !options.level_where_scattered {
+    let is_seen_around = report.normals_estimated > 0 && !options.level_where_scattered;
+    let wanted = Wanted { ellipses: options.ellipses, tangled: is_seen_around };
+    let mut sizes = radii::sizes(&sorted, &oriented, degree, lone, wanted, progress);
+    if is_seen_around {
         let is_given = |slot: usize| sorted.inputs(slot).iter().any(|i| given.get(*i as usize).is_some());
         foliage::soften(&sorted, &mut oriented, &mut sizes, is_given, outside);
     }

@@ -90,7 +90,7 @@ pub(crate) struct Sizes {
     pub(crate) typical: f64,
     /// Splats that are not circles, where the cloud is stretched, else 0.
     pub(crate) stretched: usize,
-    /// Slots of points that lie in no surface with their neighbours, in ascending order.
+    /// Slots of points that lie in no surface with their neighbours, in ascending order; none if not wanted.
     pub(crate) tangled: Vec<u32>,
 }
 
@@ -180,8 +180,9 @@ impl Sizes {
         let own = self.all[slot];
         let radius = (radius as f32).min(self.bounded(own.radius(), own) as f32);
         self.all[slot] = Size::new(radius, own.spacing(), own.is_isolated(), own.is_loose());
-        if let Some(ellipse) = self.ellipses.get_mut(slot) {
-            *ellipse = Ellipse::default();
+        if self.ellipse(slot).is_some() {
+            self.ellipses[slot] = Ellipse::default();
+            self.stretched -= 1;
         }
     }
 
@@ -223,13 +224,21 @@ pub(crate) enum Spacing {
     Known(f64),
 }
 
-/// Measures sizes from the `degree` nearest of each point (one of `oriented` a slot); ellipses only if they are wanted.
+/// What is measured besides radii, if it is wanted.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Wanted {
+    pub(crate) ellipses: bool,
+    /// Which points lie in no surface.
+    pub(crate) tangled: bool,
+}
+
+/// Measures sizes from the `degree` nearest of each point (one of `oriented` a slot).
 pub(crate) fn sizes(
     points: &SortedPoints,
     oriented: &[Oriented],
     degree: usize,
     spacing: Spacing,
-    ellipses_wanted: bool,
+    wanted: Wanted,
     progress: &dyn Progress,
 ) -> Sizes {
     let (Spacing::Unknown(fallback) | Spacing::Known(fallback)) = spacing;
@@ -242,14 +251,14 @@ pub(crate) fn sizes(
     let tangled = Mutex::new(Vec::new());
     let degree = degree.min(count - 1);
     for_chunks(&mut all, BLOCK, &|first, sizes| {
-        let mut block = Block::new(points, oriented, degree, known, ellipses_wanted);
+        let mut block = Block::new(points, oriented, degree, known, wanted.ellipses);
         block.measure(first..first + sizes.len());
         let (mut found, mut in_none) = (Vec::new(), Vec::new());
         for (i, size) in sizes.iter_mut().enumerate() {
             let ellipse;
             (*size, ellipse) = block.size(i);
             found.extend(ellipse.map(|ellipse| ((first + i) as u32, ellipse)));
-            if block.is_tangled(i) {
+            if wanted.tangled && block.is_tangled(i) {
                 in_none.push((first + i) as u32);
             }
         }
@@ -262,7 +271,7 @@ pub(crate) fn sizes(
     let most = usual.map_or(f64::INFINITY, |u| u.most(ISOLATED));
     // Strays that are each other's neighbours aren't isolated among these, and yet no surface; sparse parts of one are.
     let wide: Vec<u32> = (0..count as u32).filter(|i| f64::from(all[*i as usize].spacing()) > most).collect();
-    let block = || Block::new(points, oriented, degree, known, ellipses_wanted);
+    let block = || Block::new(points, oriented, degree, known, wanted.ellipses);
     let scattered = map_each(wide.len(), &NoProgress, block, |block, i| block.is_scattered(wide[i] as usize));
     for (slot, _) in wide.iter().zip(scattered).filter(|(_, scattered)| *scattered) {
         all[*slot as usize].radius = -all[*slot as usize].radius();

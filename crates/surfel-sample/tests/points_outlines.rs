@@ -147,3 +147,33 @@ fn leaves_are_shaded_as_the_crown_that_they_make() {
     println!("sheet {tilted}°, rod {off}°");
     assert!(tilted < 30.0 && off < 25.0, "{tilted} {off}");
 }
+
+#[test]
+fn what_stands_in_a_forest_is_small_and_its_ground_closes() {
+    // Ground whose points are 0.05 apart, but 0.2 at one end; 16 crowns above it, and a plate of few returns that
+    // stands. The scanner is above.
+    let mut random = Lcg(9);
+    let mut positions = Vec::new();
+    for i in 0..16 {
+        let middle = DVec3::new(f64::from(i % 4) * 2.0 + 1.0, f64::from(i / 4) * 2.0 + 1.0, 2.0);
+        positions.extend(crown(&mut random, 1200).iter().map(|p| *p * 0.9 + middle));
+    }
+    let leaves = positions.len();
+    positions.extend((0..25_600).map(|_| DVec3::new(8.0 * random.unit(), 8.0 * random.unit(), 0.0)));
+    let sparse = positions.len();
+    positions.extend((0..800).map(|_| DVec3::new(8.0 + 4.0 * random.unit(), 8.0 * random.unit(), 0.0)));
+    let plate = positions.len();
+    positions.extend((0..60).map(|_| DVec3::new(9.0, 3.0 + 2.0 * random.unit(), 1.0 + 1.5 * random.unit())));
+    let above = PointOptions { viewpoint: Some(DVec3::new(6.0, 4.0, 1e3)), ..PointOptions::default() };
+    let cloud = splats_from_points(&points(&positions, None), &above, &NoProgress).unwrap().0;
+    let radii = radii(&cloud);
+    let upward = (0..leaves).filter(|i| cloud.normal(*i).z > 0.0).count() as f64 / leaves as f64;
+    let [steep, far] = [&radii[plate..], &radii[sparse..plate]].map(|radii| quantile(radii.iter().copied(), 0.5));
+    // But for where the spacing changes.
+    let mut place = || DVec3::new(0.3 + 11.0 * random.unit(), 0.3 + 7.4 * random.unit(), 0.0);
+    let ground = (0..4000).map(|_| (place(), DVec3::Z)).filter(|(p, _)| (p.x - 8.1).abs() > 0.4);
+    let places: Vec<(DVec3, DVec3)> = ground.collect();
+    let holes = coverage(&cloud, &places).holes;
+    println!("{upward} upward, {steep} on the plate, {far} on sparse ground, {holes} holes");
+    assert!(upward > 0.95 && steep < 0.15 && far > 0.15 && holes == 0, "{upward} {steep} {far} {holes}");
+}

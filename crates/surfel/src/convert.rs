@@ -28,9 +28,9 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
     let rows = points || holds == "splats";
     // What is one splat a vertex of a mesh is one splat a point of points.
     let (method, fits) = match options.method {
-        Some(MeshMethod::Count(_) | MeshMethod::Adaptive(_) | MeshMethod::Detail) => ("splats", mesh),
         Some(MeshMethod::PerFace) => ("per_face", mesh),
         Some(MeshMethod::PerVertex) => ("per_vertex", mesh || points),
+        Some(_) => ("splats", mesh),
         None => ("", true),
     };
     let given = [
@@ -316,8 +316,7 @@ pub(crate) fn mesh(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
     let method = options.method.unwrap_or_else(|| MeshOptions::auto(mesh).method);
-    let is_spread =
-        !options.sharp && matches!(method, MeshMethod::Count(_) | MeshMethod::Adaptive(_) | MeshMethod::Detail);
+    let is_spread = !options.sharp && method.is_spread();
     if mesh.has_normal_maps() && !is_spread {
         notes
             .push("left out the normal maps: they shade splats that are spread over the mesh, as --splats does".into());
@@ -441,7 +440,7 @@ fn mesh_note(mesh: &Mesh, report: &MeshReport) -> String {
     let how = match report.method {
         MeshMethod::PerFace => "one a face",
         MeshMethod::PerVertex => "one a vertex",
-        MeshMethod::Count(_) | MeshMethod::Adaptive(_) | MeshMethod::Detail => "spread over the surface",
+        _ => "spread over the surface",
     };
     let closer = report.detail.is_some_and(|detail| detail.splats < detail.shape.max(detail.colors));
     let how = if closer { "closer together where colours vary" } else { how };

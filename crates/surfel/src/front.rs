@@ -119,7 +119,7 @@ impl Body<'_> {
 }
 
 /// What lies level: its bounds, and how many patches it has.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 struct Spot {
     low: DVec2,
     high: DVec2,

@@ -12,7 +12,7 @@ use super::random::Random;
 use super::see_through;
 use crate::orient::Oriented;
 use crate::parallel::map_each;
-use crate::radii::Spacing;
+use crate::radii::{Spacing, Wanted};
 use crate::sorted::SortedPoints;
 use crate::tree::{KdTree, Nearest};
 use crate::{Progress, SampleError, assemble, radii};
@@ -59,23 +59,24 @@ pub(crate) fn splats_and_faces(
         return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
     }
     let density = Density::even(&geometry, (area / count as f64).sqrt());
-    spread(&geometry, &density, (count, is_cut, radius_scale), report, progress)
+    spread((&geometry, geometry.smooth()), &density, (count, is_cut, radius_scale), report, progress)
 }
 
 /// `count` splats, as far apart as `density` says: so many that they are.
 pub(crate) fn splats(
     geometry: &Geometry,
+    smooth: Smooth,
     density: &Density,
     count: usize,
     radius_scale: f64,
     report: &mut MeshReport,
     progress: &dyn Progress,
 ) -> Result<CloudData, SampleError> {
-    spread(geometry, density, (count, &|_| false, radius_scale), report, progress).map(|(data, _)| data)
+    spread((geometry, smooth), density, (count, &|_| false, radius_scale), report, progress).map(|(data, _)| data)
 }
 
 fn spread(
-    geometry: &Geometry,
+    (geometry, smooth): (&Geometry, Smooth),
     density: &Density,
     (count, is_cut, radius_scale): (usize, &dyn Fn(u32) -> bool, f64),
     report: &mut MeshReport,
@@ -83,7 +84,7 @@ fn spread(
 ) -> Result<(CloudData, Vec<u32>), SampleError> {
     let mesh = geometry.mesh;
     (report.degenerate, report.repeated) = (geometry.degenerate(), geometry.repeated);
-    let Smooth { corner_normals, feature_edges, mut borders, regions } = geometry.smooth();
+    let Smooth { corner_normals, feature_edges, mut borders, regions } = smooth;
     borders.iter_mut().filter(|b| b.kind == Kind::Open && is_cut(b.corner)).for_each(|b| b.kind = Kind::Cut);
     report.feature_edges = feature_edges;
 
@@ -165,7 +166,8 @@ fn measured_radii(
     let points = SortedPoints::new(positions.len(), |i| positions[i])?;
     let normal = |slot: usize| planes[points.inputs(slot)[0] as usize].as_vec3();
     let oriented: Vec<Oriented> = (0..points.len()).map(|slot| Oriented::alone(normal(slot))).collect();
-    let sizes = radii::sizes(&points, &oriented, 16, Spacing::Known(spacing / points.step), false, progress);
+    let sizes =
+        radii::sizes(&points, &oriented, 16, Spacing::Known(spacing / points.step), Wanted::default(), progress);
     let step = points.step;
     Ok(points.into_slots().into_iter().map(|slot| sizes.radius(slot as usize) * step).collect())
 }

@@ -2,7 +2,7 @@
 
 use super::count::stratified;
 use super::density::Density;
-use super::geometry::Geometry;
+use super::geometry::{Geometry, Smooth};
 use crate::parallel::map_each;
 use crate::progress::NoProgress;
 use crate::radii;
@@ -45,10 +45,10 @@ pub struct Detail {
 
 impl Detail {
     /// With how far apart splats are to be.
-    pub(crate) fn new(geometry: &Geometry) -> (Self, Density) {
+    pub(crate) fn new(geometry: &Geometry, smooth: &Smooth) -> (Self, Density) {
         let area = geometry.total_area();
         let splats = |spacing: f64| (area / (spacing * spacing)).min(SPLATS.1);
-        let squares = squared_curvatures(geometry);
+        let squares = squared_curvatures(geometry, smooth);
         let sum: f64 = geometry.areas.iter().zip(&squares).map(|(a, of)| a * of.iter().sum::<f64>()).sum();
         let mean = sum / (3.0 * area);
         let shape = splats(asked(RIM * geometry.extent, mean)) as usize;
@@ -74,10 +74,10 @@ fn asked(rim: f64, squared_curvature: f64) -> f64 {
 
 /// As far apart as `count` splats would be, and closer where disks would stand out of the bent surface by more than a
 /// third of a pixel of an image of 1024²; with how many there are.
-pub(crate) fn adaptive(geometry: &Geometry, count: usize) -> (usize, Density) {
+pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (usize, Density) {
     let spacing = (geometry.total_area() / count as f64).sqrt();
     // It may bend one way only.
-    let squares: Vec<f64> = squared_curvatures(geometry).iter().map(|of| of[0].max(of[1]).max(of[2])).collect();
+    let squares: Vec<f64> = squared_curvatures(geometry, smooth).iter().map(|of| of[0].max(of[1]).max(of[2])).collect();
     let asked = |squared: f64| asked(THIN_RIM * geometry.extent, squared).max(FINEST * spacing);
     let more = |face: usize| geometry.areas[face] * (asked(squares[face]).powi(-2) - spacing.powi(-2)).max(0.0);
     let more: f64 = (0..squares.len()).map(more).sum();
@@ -93,10 +93,9 @@ pub(crate) fn adaptive(geometry: &Geometry, count: usize) -> (usize, Density) {
 
 /// The squares of how fast the normal of each face turns, radians a unit of length, along its edges; creases don't
 /// count.
-fn squared_curvatures(geometry: &Geometry) -> Vec<[f64; 3]> {
-    let normals = geometry.smooth().corner_normals;
+fn squared_curvatures(geometry: &Geometry, smooth: &Smooth) -> Vec<[f64; 3]> {
     let squared = |face: usize| {
-        let (p, n) = (geometry.corners(face), &normals[face]);
+        let (p, n) = (geometry.corners(face), &smooth.corner_normals[face]);
         [(0, 1), (1, 2), (2, 0)].map(|(i, j)| {
             let square = n[i].distance_squared(n[j]) / p[i].distance_squared(p[j]);
             if geometry.areas[face] > 0.0 { square } else { 0.0 }
@@ -214,7 +213,7 @@ mod tests {
     fn splats_are_closer_where_colours_vary_and_leave_no_gap() {
         let mesh = square(stripes);
         let geometry = Geometry::new(&mesh);
-        let (detail, density) = Detail::new(&geometry);
+        let (detail, density) = Detail::new(&geometry, &geometry.smooth());
         assert!(detail.shape == 0 && 2 * detail.splats < detail.colors, "{detail:?}");
         let (cloud, report) = splats_from_mesh(&mesh, &MeshOptions::new(MeshMethod::Detail), &NoProgress).unwrap();
         assert_eq!((cloud.len(), report.detail), (detail.splats, Some(detail)));
@@ -249,7 +248,7 @@ mod tests {
         let none = square(|_, _| 0.5);
         for (mesh, painted) in [(all, true), (none, false)] {
             let geometry = Geometry::new(&mesh);
-            let (detail, density) = Detail::new(&geometry);
+            let (detail, density) = Detail::new(&geometry, &geometry.smooth());
             assert!(density.is_even(), "{detail:?}");
             assert_eq!(detail.splats, detail.colors.max(5000));
             assert_eq!(detail.colors > 5000, painted, "{detail:?}");

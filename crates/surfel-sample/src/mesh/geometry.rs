@@ -1,24 +1,16 @@
 //! A mesh's faces, welded vertices and smooth normals, in f64 relative to its origin.
 
+use super::creases::Creases;
 use crate::parallel::map_each;
 use crate::progress::NoProgress;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
+use std::cell::LazyCell;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{AlphaMode, Mesh};
 
 /// Cosine of the crease angle, 40°: faces that meet at a larger one don't share a smooth normal.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
-/// Cosine of 80°, from which an edge is a crease whatever is beside it.
-const SHARP_COS: f64 = 0.173_648_177_666_930;
-/// Edges that a line of smaller ones has, at least, and the share of the extent from which one edge is a line.
-const LINE: usize = 8;
-const LONG: f64 = 1.0 / 16.0;
-/// How many times as much a crease bends as the surface beside it, at least: where a coarse mesh bends most, some of
-/// its edges are above the crease angle, and the next are not.
-const CLEAR: f64 = 2.5;
-/// Share of the surface from which two faces are a plane.
-const GOOD_SHARE: f64 = 1.0 / 200.0;
 /// Cosine of a fiftieth of a degree: normals that differ by less are one.
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 6e-8;
 /// Cosine of 15°: splats on faces that meet at less don't stand out by half the distance between them.
@@ -47,13 +39,19 @@ pub(crate) struct Geometry<'a> {
 
 /// An edge of the surface between welded vertices, seen from one of its faces.
 #[derive(Clone, Copy)]
-struct Side {
-    lo: u32,
-    hi: u32,
+pub(super) struct Side {
+    pub(super) lo: u32,
+    pub(super) hi: u32,
     /// The corner (3·face + 0..3) that the edge starts at, in the face's own order.
     corner: u32,
     /// The face runs from `lo` to `hi`.
-    forward: bool,
+    pub(super) forward: bool,
+}
+
+impl Side {
+    pub(super) fn face(&self) -> usize {
+        self.corner as usize / 3
+    }
 }
 
 /// Why a splat ends at an edge.
@@ -192,9 +190,8 @@ impl<'a> Geometry<'a> {
     /// Smooth unit normals of every corner, the edges that are creases or open, and the parts that these divide.
     ///
     /// Where the mesh has vertex normals, they are the answer. Else normals are averaged over the corners of a
-    /// vertex, weighted by angle (Thürmer and Wüthrich 1998), across edges of at most 40° only, and across those
-    /// of up to 80° where they bend by less than 2.5 times as much as what is beside them (but for planes of several
-    /// faces), or few others go on from there.
+    /// vertex, weighted by angle (Thürmer and Wüthrich 1998), across edges of at most 40° and others that are no
+    /// [`Creases`].
     pub(crate) fn smooth(&self) -> Smooth {
         let smooth = self.smooth_corners(&self.weld());
         let Some(given) = &self.mesh.normals else { return smooth };
@@ -229,8 +226,8 @@ impl<'a> Geometry<'a> {
             join(&mut group, a.corner, next(b.corner));
             join(&mut group, next(a.corner), b.corner);
         };
-        let is_line = self.lines(&sides);
-        let (least, planar) = (self.least_cosines(&sides), self.planar(&sides));
+        // Normals of the mesh's own go before those that are shared here.
+        let creases = self.mesh.normals.is_none().then(|| LazyCell::new(|| Creases::new(self, &sides)));
         for edge in edges(&sides) {
             match edge {
                 [a, b] if a.forward != b.forward && self.is_smooth(a, b) => {
@@ -241,11 +238,7 @@ impl<'a> Geometry<'a> {
                     }
                 }
                 [a, b] => {
-                    let beside = [a, b].map(|side| least[side.corner as usize / 3]).into_iter().fold(1.0, f64::min);
-                    let is_planar = [a, b].iter().any(|side| planar[side.corner as usize / 3]);
-                    let is_clear = || self.cos(a, b).acos() >= CLEAR * beside.acos();
-                    let is_crease = || is_line(a) && (is_planar || is_clear());
-                    if a.forward != b.forward && self.cos(a, b) >= SHARP_COS && !is_crease() {
+                    if a.forward != b.forward && creases.as_ref().is_some_and(|creases| !creases.divide(self, a, b)) {
                         share_normals(a, b);
                     }
                     borders.extend([self.border(a, Some(b), Kind::Crease), self.border(b, Some(a), Kind::Crease)]);
@@ -276,67 +269,6 @@ impl<'a> Geometry<'a> {
         Smooth { corner_normals, feature_edges, borders, regions }
     }
 
-    /// Whether an edge at which splats end belongs to a line of such edges, as creases do: one that closes, has at
-    /// least [`LINE`] of them, or a long one. Few and short ones are where a coarse mesh bends most.
-    fn lines(&self, sides: &[Side]) -> impl Fn(&Side) -> bool {
-        let mut group: Vec<u32> = (0..self.positions.len() as u32).collect();
-        let is_feature = |edge: &&[Side]| !matches!(edge, [a, b] if a.forward != b.forward && self.is_smooth(a, b));
-        let features: Vec<&[Side]> = edges(sides).filter(is_feature).collect();
-        features.iter().for_each(|edge| join(&mut group, edge[0].lo, edge[0].hi));
-        let root: Vec<u32> = (0..group.len() as u32).map(|vertex| find(&mut group, vertex)).collect();
-        let (mut edges, mut vertices, mut is_long) =
-            (vec![0; root.len()], vec![0; root.len()], vec![false; root.len()]);
-        root.iter().for_each(|root| vertices[*root as usize] += 1);
-        for edge in features {
-            let [lo, hi] = [edge[0].lo, edge[0].hi].map(|vertex| vertex as usize);
-            let root = root[lo] as usize;
-            edges[root] += 1;
-            is_long[root] |= self.positions[lo].distance(self.positions[hi]) > LONG * self.extent;
-        }
-        // A tree has one edge less than vertices.
-        let is_line = move |root: usize| edges[root] >= vertices[root].min(LINE) || is_long[root];
-        move |side: &Side| is_line(root[side.lo as usize] as usize)
-    }
-
-    /// Which faces lie in one plane with one next to them, and with two or as a good share of the surface, as those of
-    /// what was constructed do: normals that are shared across its edges would turn all over it.
-    fn planar(&self, sides: &[Side]) -> Vec<bool> {
-        let mut group: Vec<u32> = (0..self.areas.len() as u32).collect();
-        for edge in edges(sides) {
-            if let [a, b] = edge
-                && self.cos(a, b) >= SAME_NORMAL
-            {
-                join(&mut group, a.corner / 3, b.corner / 3);
-            }
-        }
-        let root: Vec<u32> = (0..group.len() as u32).map(|face| find(&mut group, face)).collect();
-        let mut of = vec![(0, 0.0); root.len()];
-        for (root, area) in root.iter().zip(&self.areas) {
-            let (faces, sum) = &mut of[*root as usize];
-            (*faces, *sum) = (*faces + 1, *sum + area);
-        }
-        let large = GOOD_SHARE * self.total_area();
-        let is_plane = |(faces, area): (u32, f64)| faces > 2 || faces == 2 && area > large;
-        root.into_iter().map(|root| is_plane(of[root as usize])).collect()
-    }
-
-    /// The least cosine of the angles at which the surface bends at smooth edges, of each face and those beside it.
-    fn least_cosines(&self, sides: &[Side]) -> Vec<f64> {
-        let bends = || {
-            edges(sides).filter_map(|edge| match edge {
-                [a, b] if self.is_smooth(a, b) => Some(([a, b].map(|side| side.corner as usize / 3), self.cos(a, b))),
-                _ => None,
-            })
-        };
-        let mut own = vec![1.0_f64; self.areas.len()];
-        bends().for_each(|(faces, cosine)| faces.into_iter().for_each(|face| own[face] = own[face].min(cosine)));
-        let mut all = own.clone();
-        for ([a, b], _) in bends() {
-            (all[a], all[b]) = (all[a].min(own[b]), all[b].min(own[a]));
-        }
-        all
-    }
-
     /// An edge as its face sees it, `across` the other one there.
     fn border(&self, side: &Side, across: Option<&Side>, kind: Kind) -> Border {
         let corners = self.corners(side.corner as usize / 3);
@@ -345,13 +277,13 @@ impl<'a> Geometry<'a> {
         Border { ends: [corners[k], corners[(k + 1) % 3]], corner: side.corner, across, kind }
     }
 
-    fn is_smooth(&self, a: &Side, b: &Side) -> bool {
+    pub(super) fn is_smooth(&self, a: &Side, b: &Side) -> bool {
         self.cos(a, b) >= CREASE_COS
     }
 
     /// Of the angle between two faces' normals.
-    fn cos(&self, a: &Side, b: &Side) -> f64 {
-        self.normals[a.corner as usize / 3].dot(self.normals[b.corner as usize / 3])
+    pub(super) fn cos(&self, a: &Side, b: &Side) -> f64 {
+        self.normals[a.face()].dot(self.normals[b.face()])
     }
 
     /// Unit normals of the vertices, averaged over all their faces by angle and over vertices in the same place;
@@ -507,7 +439,7 @@ impl<'a> Geometry<'a> {
 }
 
 /// The sides of each edge, of all in order.
-fn edges(sides: &[Side]) -> impl Iterator<Item = &[Side]> {
+pub(super) fn edges(sides: &[Side]) -> impl Iterator<Item = &[Side]> {
     sides.chunk_by(|a, b| (a.lo, a.hi) == (b.lo, b.hi))
 }
 
@@ -516,7 +448,7 @@ fn next(corner: u32) -> u32 {
     if corner % 3 == 2 { corner - 2 } else { corner + 1 }
 }
 
-fn find(group: &mut [u32], mut i: u32) -> u32 {
+pub(super) fn find(group: &mut [u32], mut i: u32) -> u32 {
     while group[i as usize] != i {
         group[i as usize] = group[group[i as usize] as usize];
         i = group[i as usize];
@@ -524,95 +456,7 @@ fn find(group: &mut [u32], mut i: u32) -> u32 {
     i
 }
 
-fn join(group: &mut [u32], a: u32, b: u32) {
+pub(super) fn join(group: &mut [u32], a: u32, b: u32) {
     let (a, b) = (find(group, a), find(group, b));
     group[a.max(b) as usize] = a.min(b);
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use surfel_model::Column3;
-
-    /// A roof of `cells` squares along each side that falls off by `slope` to both sides and is blunt, but for a ridge
-    /// of `edges` edges in its middle; true where these have one normal.
-    fn is_smooth_over_ridge(cells: u32, edges: u32, slope: f64) -> bool {
-        let (middle, first) = (cells / 2, (cells - edges) / 2);
-        let is_ridge = |i: u32, j: u32| i == middle && (first..=first + edges).contains(&j);
-        let places = (0..=cells).flat_map(|j| (0..=cells).map(move |i| (i, j)));
-        let height = |i: u32, j: u32| match i.abs_diff(middle) {
-            0 if !is_ridge(i, j) => -0.9,
-            far => -f64::from(far),
-        };
-        let place = |(i, j)| DVec3::new(f64::from(i), f64::from(j), slope * height(i, j));
-        let positions: Vec<DVec3> = places.map(place).collect();
-        let at = |i: u32, j: u32| j * (cells + 1) + i;
-        let squares = (0..cells).flat_map(|j| (0..cells).map(move |i| (i, j)));
-        let square = |(i, j)| {
-            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            [[a, b, c], [a, c, d]]
-        };
-        let triangles: Vec<[u32; 3]> = squares.flat_map(square).collect();
-        let mesh = Mesh { positions: Column3::from_f64(&positions), triangles, ..Mesh::default() };
-        let smooth = Geometry::new(&mesh).smooth();
-        assert!(smooth.borders.iter().filter(|b| b.kind == Kind::Crease).count() >= 2 * edges as usize);
-        let ridge = at(middle, first + edges / 2);
-        let corners = mesh.triangles.iter().zip(&smooth.corner_normals);
-        let normals = corners.flat_map(|(t, n)| (0..3).filter(|k| t[*k] == ridge).map(|k| n[k]).collect::<Vec<_>>());
-        normals.collect::<Vec<_>>().windows(2).all(|n| n[0].distance(n[1]) < 1e-9)
-    }
-
-    /// A strip that turns by these angles from one facet to the next, each plane or `uneven` by so much; true where its
-    /// middle edges have one normal.
-    fn is_smooth_over_middle(turns_deg: &[f64], uneven: f64) -> bool {
-        const ROWS: u32 = 20;
-        let (mut at, mut angle) = (DVec2::ZERO, 0.0_f64);
-        let mut profile = vec![at];
-        for turn in turns_deg.iter().chain([&0.0]) {
-            at += DVec2::from_angle(angle);
-            profile.push(at);
-            angle += turn.to_radians();
-        }
-        let count = profile.len() as u32;
-        let row = |j: u32| {
-            let shaken = move |i: usize| uneven * f64::from((31 * i as u32 + 17 * j) * (i as u32 + 3 * j + 1) % 11);
-            profile.iter().enumerate().map(move |(i, p)| DVec3::new(p.x, f64::from(j), p.y + shaken(i)))
-        };
-        let positions: Vec<DVec3> = (0..=ROWS).flat_map(row).collect();
-        let squares = (0..ROWS).flat_map(|j| (0..count - 1).map(move |i| j * count + i));
-        let triangles: Vec<[u32; 3]> =
-            squares.flat_map(|a| [[a, a + 1, a + 1 + count], [a, a + 1 + count, a + count]]).collect();
-        let mesh = Mesh { positions: Column3::from_f64(&positions), triangles, ..Mesh::default() };
-        let smooth = Geometry::new(&mesh).smooth();
-        let middle = ROWS / 2 * count + count / 2;
-        let corners = mesh.triangles.iter().zip(&smooth.corner_normals);
-        let normals = corners.flat_map(|(t, n)| (0..3).filter(|k| t[*k] == middle).map(|k| n[k]).collect::<Vec<_>>());
-        normals.collect::<Vec<_>>().windows(2).all(|n| n[0].distance(n[1]) < 1e-9)
-    }
-
-    #[test]
-    fn an_edge_is_no_crease_where_the_surface_beside_it_bends_nearly_as_much() {
-        for (turns, uneven, smooth) in [
-            ([30.0, 44.0, 36.0], 0.005, true),
-            ([30.0, 39.0, 36.0], 0.005, true),
-            ([10.0, 44.0, 12.0], 0.005, false),
-            ([30.0, 95.0, 36.0], 0.005, false),
-            // As of a prism with eight sides.
-            ([45.0, 45.0, 45.0], 0.0, false),
-            // As of a bevel between planes.
-            ([30.0, 44.0, 36.0], 0.0, false),
-        ] {
-            assert_eq!(is_smooth_over_middle(&turns, uneven), smooth, "{turns:?} {uneven}");
-        }
-    }
-
-    #[test]
-    fn a_few_short_edges_are_no_crease_unless_they_are_sharp() {
-        // Slopes of 0.47 meet at 50°, those of 1 at 90°.
-        for (cells, edges, slope, smooth) in
-            [(40, 2, 0.47, true), (40, 4, 0.47, true), (40, 12, 0.47, false), (40, 2, 1.0, false), (8, 4, 0.47, false)]
-        {
-            assert_eq!(is_smooth_over_ridge(cells, edges, slope), smooth, "{cells} {edges} {slope}");
-        }
-    }
 }

@@ -3,6 +3,7 @@
 mod borders;
 mod closed;
 pub(crate) mod count;
+mod creases;
 mod density;
 mod detail;
 mod eliminate;
@@ -90,16 +91,17 @@ pub fn splats_from_mesh(
         if geometry.total_area() <= 0.0 {
             return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
         }
+        let smooth = geometry.smooth();
         let (count, density) = if let MeshMethod::Adaptive(count) = options.method {
             SampleError::check_splats(count)?;
-            detail::adaptive(&geometry, count)
+            detail::adaptive(&geometry, &smooth, count)
         } else {
-            let (detail, density) = Detail::new(&geometry);
+            let (detail, density) = Detail::new(&geometry, &smooth);
             report.detail = Some(detail);
             (detail.splats, density)
         };
         report.method = MeshMethod::Count(count);
-        let data = count::splats(&geometry, &density, count, options.radius_scale, &mut report, progress)?;
+        let data = count::splats(&geometry, smooth, &density, count, options.radius_scale, &mut report, progress)?;
         return finish(mesh, data, report, progress);
     }
     let data = match report.method {

@@ -20,6 +20,13 @@ pub enum MeshMethod {
     Detail,
 }
 
+impl MeshMethod {
+    /// True of samples that are spread over the surface.
+    pub fn is_spread(self) -> bool {
+        matches!(self, Self::Count(_) | Self::Adaptive(_) | Self::Detail)
+    }
+}
+
 /// How a mesh becomes splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshOptions {
