@@ -318,7 +318,14 @@ fn what_lies_low_is_seen_from_above() {
     let elevation_deg = |shape: Shape| best_view(&[shape.object(DAffine3::IDENTITY, 8000)], Up::PlusY).elevation_deg;
     assert_eq!(elevation_deg(Shape::hills()), 50.0);
     assert_eq!(elevation_deg(Shape::default().block([0.0; 3], [3.0, 0.1, 1.0])), 50.0);
-    assert_eq!(elevation_deg(Shape::default().block([0.0; 3], [3.0, 0.35, 1.0])), 40.0);
+    // Whose sides show as much: posts, four by four.
+    let posts = (0..16).fold(Shape::default(), |shape, i| {
+        let (x, z) = (f64::from(i % 4) / 4.0, f64::from(i / 4) / 4.0);
+        shape.block([x, 0.0, z], [x + 0.025, 0.28, z + 0.025])
+    });
+    assert_eq!(elevation_deg(posts), 40.0);
+    let pebble = |height: f64| Shape::default().ball([0.0; 3], [1.0, 0.5 * height, 0.5]);
+    assert_eq!([0.2, 0.35, 0.45].map(|height| elevation_deg(pebble(height))), [50.0, 40.0, 20.0]);
     assert_eq!(elevation_deg(Shape::bust()), 20.0);
 }
 
