@@ -194,8 +194,8 @@ impl Support {
     /// Of the splats for which `at` gives a position.
     fn of(scene: &Scene, directions: Vec<DVec3>, at: impl Fn(DVec3) -> Option<DVec3> + Sync) -> Self {
         let add = |support: &mut Self, p: DVec3, splat: &Extent| {
-            if let Some(p) = at(p) {
-                support.add(p, splat);
+            if at(p).is_none_or(|p| support.may_grow(p, splat)) {
+                splat.parts(p, &mut |p, part| at(p).into_iter().for_each(|p| support.add(p, part)));
             }
         };
         let join = |mut a: Self, b: Self| {
@@ -203,6 +203,12 @@ impl Support {
             a
         };
         gathered(scene, &Self::new(directions), add, join)
+    }
+
+    /// Whether a splat at `p` may reach farther than what was added.
+    fn may_grow(&self, p: DVec3, splat: &Extent) -> bool {
+        let mut all = self.directions.iter().zip(&self.least);
+        all.any(|((g, length), least)| g.dot(p) - length * splat.reach < *least)
     }
 
     /// Adds a splat at `p`.
@@ -225,13 +231,28 @@ struct Extent<'a> {
     reach: f64,
     /// Its half-axes; zero for what is a point.
     axes: &'a dyn Fn() -> (DVec3, DVec3),
+    /// Points on the outline of what a clip keeps, which count in its place. To find them takes longer than all else:
+    /// only where the splat may matter.
+    outline: Option<&'a Outline<'a>>,
 }
 
-const POINT: Extent = Extent { reach: 0.0, axes: &|| (DVec3::ZERO, DVec3::ZERO) };
+/// Calls a function with points.
+type Outline<'a> = dyn Fn(&mut dyn FnMut(DVec3)) + 'a;
 
-/// Calls `f` with centre and extent of splats of an object, in world space; with none for vertices of a mesh, and for
-/// points on the outline of what a clip keeps. `range` is of splats, or of vertices; of octrees all are taken with the
-/// first.
+const POINT: Extent = Extent { reach: 0.0, axes: &|| (DVec3::ZERO, DVec3::ZERO), outline: None };
+
+impl Extent<'_> {
+    /// Calls a function with what the splat at `p` is made of: itself, or the points of its outline.
+    fn parts(&self, p: DVec3, f: &mut dyn FnMut(DVec3, &Extent)) {
+        match self.outline {
+            Some(outline) => outline(&mut |q| f(q, &POINT)),
+            None => f(p, self),
+        }
+    }
+}
+
+/// Calls `f` with centre and extent of splats of an object, in world space; with none for vertices of a mesh. `range`
+/// is of splats, or of vertices; of octrees all are taken with the first.
 fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &Extent)) {
     let m = object.world_from_object;
     // No vector gets longer than this many times: the 2-norm is at most √ of the 1-norm times the ∞-norm. And a little
@@ -246,18 +267,19 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
             let (s, t) = cloud.axes(i);
             (m.transform_vector3(s), m.transform_vector3(t))
         };
+        let reach = match &cloud.data().shape {
+            Shape::Disks { radii, .. } => f64::from(radii[i]),
+            Shape::Ellipses { s, t } => (s.get(i).length_squared() + t.get(i).length_squared()).sqrt(),
+        };
         match cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, ClipPolicy::Exact)) {
             Some(clip) => {
-                let (s, t) = axes();
-                outline(&clip).for_each(|d| f(p + s * d.x + t * d.y, &POINT));
-            }
-            None => {
-                let reach = match &cloud.data().shape {
-                    Shape::Disks { radii, .. } => f64::from(radii[i]),
-                    Shape::Ellipses { s, t } => (s.get(i).length_squared() + t.get(i).length_squared()).sqrt(),
+                let outline = |f: &mut dyn FnMut(DVec3)| {
+                    let (s, t) = axes();
+                    outline(&clip).for_each(|d| f(p + s * d.x + t * d.y));
                 };
-                f(p, &Extent { reach: reach * growth, axes: &axes });
+                f(p, &Extent { reach: reach * growth * OUTSIDE, axes: &axes, outline: Some(&outline) });
             }
+            None => f(p, &Extent { reach: reach * growth, axes: &axes, outline: None }),
         }
     };
     match &object.geometry {
@@ -267,7 +289,7 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
                 let (s, t) = gaussians.ellipse(i);
                 let axes = || (m.transform_vector3(s), m.transform_vector3(t));
                 let reach = (s.length_squared() + t.length_squared()).sqrt() * growth;
-                f(m.transform_point3(gaussians.center(i)), &Extent { reach, axes: &axes });
+                f(m.transform_point3(gaussians.center(i)), &Extent { reach, axes: &axes, outline: None });
             }
         }
         Geometry::Octree(octree) if range.start == 0 => {
@@ -309,6 +331,9 @@ fn gathered<T: Clone + Send + Sync>(
     scene.objects.iter().flat_map(of_object).fold(none.clone(), join)
 }
 
+/// How far such points are outside of an ellipse, at most.
+const OUTSIDE: f64 = 1.02;
+
 /// Points (u, v) just outside of what a clip keeps: on rays from the centre, a step beyond the farthest that is kept,
 /// moved out by what lies between two rays. A clip that keeps nothing has none.
 fn outline(clip: &Clip<f64>) -> impl Iterator<Item = V2<f64>> + '_ {
@@ -327,12 +352,17 @@ fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool + Sync) -> Option<(DVec3, 
     let add = |bounds: &mut Option<(DVec3, DVec3)>, p: DVec3, splat: &Extent| {
         let is_inside =
             |(lo, hi): (DVec3, DVec3)| (p - splat.reach).cmpge(lo).all() && (p + splat.reach).cmple(hi).all();
-        if keep(p) && !bounds.is_some_and(is_inside) {
-            let (s, t) = (splat.axes)();
-            let e = (s * s + t * t).map(f64::sqrt);
-            let (lo, hi) = bounds.unwrap_or((p - e, p + e));
-            *bounds = Some((lo.min(p - e), hi.max(p + e)));
+        if bounds.is_some_and(is_inside) {
+            return;
         }
+        splat.parts(p, &mut |p, part| {
+            if keep(p) {
+                let (s, t) = (part.axes)();
+                let e = (s * s + t * t).map(f64::sqrt);
+                let (lo, hi) = bounds.unwrap_or((p - e, p + e));
+                *bounds = Some((lo.min(p - e), hi.max(p + e)));
+            }
+        });
     };
     let join = |a: Option<(DVec3, DVec3)>, b: Option<(DVec3, DVec3)>| {
         a.zip(b).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).or(a).or(b)
@@ -465,25 +495,37 @@ struct Reach {
 fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) -> bool + Sync)) -> (DVec3, f64) {
     let ViewAxes { right, up, forward } = *axes;
     let across = [-right, right, -up, up];
-    let add = |reach: &mut [Reach; 4], p: DVec3, splat: &Extent| {
+    // How far at most, for most splats are too far inside to matter.
+    let most = |direction: DVec3, q: DVec3, splat: &Extent| {
+        let tangent = q.dot(direction) / q.dot(forward);
+        tangent + splat.reach * (1.0 + tangent.abs()) / q.dot(forward)
+    };
+    let add_part = |reach: &mut [Reach; 4], p: DVec3, part: &Extent| {
         let q = p - eye;
         let depth = q.dot(forward);
-        if !keep(p) || depth <= splat.reach {
+        if !keep(p) || depth <= part.reach {
             return;
         }
         for (direction, farthest) in across.into_iter().zip(reach) {
-            let tangent = q.dot(direction) / depth;
-            // Most splats are too far inside to matter.
-            if tangent + splat.reach * (1.0 + tangent.abs()) / depth <= farthest.tangent {
+            if most(direction, q, part) <= farthest.tangent {
                 continue;
             }
             // The plane through eye and centre, and how far an ellipse p + u·s + v·t reaches beyond it.
-            let beyond = direction - forward * tangent;
-            let (s, t) = (splat.axes)();
+            let tangent = q.dot(direction) / depth;
+            let (beyond, (s, t)) = (direction - forward * tangent, (part.axes)());
             let tangent = tangent + beyond.dot(s).hypot(beyond.dot(t)) / depth;
             if tangent > farthest.tangent {
                 *farthest = Reach { tangent, depth };
             }
+        }
+    };
+    let add = |reach: &mut [Reach; 4], p: DVec3, splat: &Extent| {
+        let q = p - eye;
+        let mut all = across.into_iter().zip(&*reach);
+        if q.dot(forward) <= splat.reach
+            || all.any(|(direction, farthest)| most(direction, q, splat) > farthest.tangent)
+        {
+            splat.parts(p, &mut |p, part| add_part(reach, p, part));
         }
     };
     let farther = |a: Reach, b: Reach| if b.tangent > a.tangent { b } else { a };

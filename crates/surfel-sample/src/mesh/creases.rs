@@ -86,7 +86,7 @@ fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
 fn least_cosines(geometry: &Geometry, sides: &[Side]) -> Vec<f64> {
     let bends = || {
         edges(sides).filter_map(|edge| match edge {
-            [a, b] if geometry.is_smooth(a, b) => Some(([a, b].map(|side| side.face()), geometry.cos(a, b))),
+            [a, b] if geometry.is_smooth(a, b) => Some(([a.face(), b.face()], geometry.cos(a, b))),
             _ => None,
         })
     };
