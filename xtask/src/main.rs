@@ -34,7 +34,7 @@ Commands:
   ci      Everything that must pass before a change is merged: formatting, clippy, the program
           with its default features, docs, tests, tidy, and cargo-deny where it is installed
   tidy    Cheap checks of the tree: sizes of files, lengths of lines, leftovers, machine paths,
-          manifests, words and paths of pages, packages missing from docs/architecture.md
+          manifests, tense and paths of pages, packages missing from docs/architecture.md
   conformance [OPTIONS]
           Hold the backends against the reference and print a table; --report FILE writes a page
           with images, --random N draws random scenes, --help says more
